@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the configuration says about BLE Mesh (`ble_mesh.*`, `presence.*`); defaults are the
+// contract's.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace slamgw::ble {
+
+enum class Protocol : std::uint8_t { nordic_serial, cobs };
+enum class FlowControl : std::uint8_t { automatic, none, rts_cts };
+enum class OnOffModel : std::uint8_t { generic, simple };
+enum class CobsContent : std::uint8_t { positions, lien };
+
+struct ProvisioningSettings {
+  bool enabled = true;
+  std::vector<std::string> uuid_prefixes;  ///< hex, any case
+  std::optional<std::string> static_oob;   ///< secret: never logged
+};
+
+struct WillSettings {
+  std::string topic;  ///< `{id}` stands for the robot
+  std::string message;
+};
+
+struct Settings {
+  bool enabled = false;
+  std::string device = "auto";  ///< a path, or `auto`
+  Protocol protocol = Protocol::nordic_serial;
+  unsigned baud_rate = 115200;
+  FlowControl flow_control = FlowControl::automatic;
+  std::uint16_t address = 0x0001;  ///< the gateway's unicast address
+  std::uint8_t ttl = 4;            ///< 0, 2-127
+  std::vector<std::uint16_t> groups = {0xc002, 0xc003, 0xc004};
+  std::string min_com_type = "adv";
+  std::string sensor_update_type = "update";
+  std::string pos_cmd_type = "cmd";
+  OnOffModel on_off_model = OnOffModel::generic;
+  ProvisioningSettings provisioning;
+  std::optional<WillSettings> will;
+  CobsContent cobs_content = CobsContent::positions;
+  std::optional<std::string> robot_id;
+  std::chrono::seconds offline_after{30};  ///< `presence.offline_after_s`
+};
+
+}  // namespace slamgw::ble

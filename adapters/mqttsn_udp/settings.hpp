@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the configuration says about MQTT-SN (`mqttsn.*`); defaults are the contract's.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace slamgw::mqttsn {
+
+struct PredefinedTopic {
+  std::uint16_t id = 0;  ///< 1..65534
+  std::string name;
+  std::optional<std::string> client_id;  ///< nothing: for every client
+};
+
+enum class WhenFull : std::uint8_t { silent, reject };
+
+struct Settings {
+  bool enabled = true;
+  std::vector<std::string> listen = {"[::]:47193"};
+  std::string interface;                                   ///< empty: any
+  std::optional<std::string> multicast_group = "ff03::1";  ///< nothing: no multicast
+  std::uint8_t gateway_id = 1;                             ///< 1-255
+  std::chrono::seconds advertise_interval{900};            ///< T_ADV, at most 65535 s
+  std::vector<PredefinedTopic> predefined_topics;
+  bool allow_unconnected_publish = false;  ///< QoS -1
+  std::size_t max_clients = 10000;
+  std::size_t max_sleeping_messages = 64;
+  double keep_alive_tolerance = 1.5;
+  std::chrono::seconds retry_interval{10};  ///< T_retry
+  unsigned retry_count = 3;                 ///< N_retry
+  WhenFull when_full = WhenFull::silent;
+  bool revive_lost = true;  ///< R113
+  bool forwarders = true;
+  bool disconnect_unknown = true;
+};
+
+}  // namespace slamgw::mqttsn

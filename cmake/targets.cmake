@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: Apache-2.0
+# One call for each kind of target, so that all share the same flags.
+
+add_library(slamgw_flags INTERFACE)
+target_compile_features(slamgw_flags INTERFACE cxx_std_20)
+target_compile_options(slamgw_flags INTERFACE -Wall -Wextra -Wshadow -Wconversion -Wnon-virtual-dtor -Wold-style-cast
+                                              -Woverloaded-virtual)
+if(SLAMGW_WERROR)
+  target_compile_options(slamgw_flags INTERFACE -Werror)
+endif()
+target_include_directories(slamgw_flags INTERFACE "${PROJECT_SOURCE_DIR}")
+
+# slamgw_library(name SOURCES a.cpp ... DEPENDS target ...)
+function(slamgw_library name)
+  cmake_parse_arguments(arg "" "" "SOURCES;DEPENDS" ${ARGN})
+  add_library(${name} STATIC ${arg_SOURCES})
+  target_link_libraries(${name} PUBLIC slamgw_flags ${arg_DEPENDS})
+endfunction()
+
+# slamgw_program(name SOURCES a.cpp ... DEPENDS target ...): ends in <build>/bin
+function(slamgw_program name)
+  cmake_parse_arguments(arg "" "" "SOURCES;DEPENDS" ${ARGN})
+  add_executable(${name} ${arg_SOURCES})
+  target_link_libraries(${name} PRIVATE slamgw_flags ${arg_DEPENDS})
+  set_target_properties(${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY "${PROJECT_BINARY_DIR}/bin")
+  install(TARGETS ${name})
+endfunction()
+
+# slamgw_test(name SOURCES a.cpp ... DEPENDS target ... [LABEL pure|io|e2e] [TIMEOUT s]): each TEST becomes a ctest
+function(slamgw_test name)
+  cmake_parse_arguments(arg "" "LABEL;TIMEOUT" "SOURCES;DEPENDS" ${ARGN})
+  if(NOT BUILD_TESTING)
+    return()
+  endif()
+  if(NOT arg_LABEL)
+    set(arg_LABEL pure)
+  endif()
+  if(NOT arg_TIMEOUT)
+    set(arg_TIMEOUT 60)
+  endif()
+  add_executable(${name} ${arg_SOURCES})
+  target_link_libraries(${name} PRIVATE slamgw_flags ${arg_DEPENDS} GTest::gtest GTest::gtest_main)
+  gtest_discover_tests(${name} DISCOVERY_MODE PRE_TEST DISCOVERY_TIMEOUT 60
+                       PROPERTIES LABELS "${arg_LABEL}" TIMEOUT ${arg_TIMEOUT})
+endfunction()
+
+# slamgw_fuzz(name SOURCES a.cpp DEPENDS target ...): a libFuzzer program, in the fuzz preset only
+function(slamgw_fuzz name)
+  cmake_parse_arguments(arg "" "" "SOURCES;DEPENDS" ${ARGN})
+  if(SLAMGW_FUZZ)
+    add_executable(${name} ${arg_SOURCES})
+    target_link_libraries(${name} PRIVATE slamgw_flags ${arg_DEPENDS})
+    target_link_options(${name} PRIVATE -fsanitize=fuzzer)
+    set_target_properties(${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY "${PROJECT_BINARY_DIR}/bin")
+  endif()
+endfunction()

@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: Apache-2.0
+// The whole configuration as one value. Each module owns its settings; this only gathers them.
+// Parsing: parse.hpp.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "adapters/ble_mesh_usb_cdc/settings.hpp"
+#include "adapters/mqttsn_udp/settings.hpp"
+#include "daemon/core/robot_names.hpp"
+#include "daemon/core/update_payload.hpp"
+#include "daemon/operations/log_settings.hpp"
+#include "daemon/upstream/settings.hpp"
+
+namespace slamgw {
+
+struct TopicSettings {
+  std::string prefix = "ntnu-slam";
+  std::vector<std::string> extra_publish;
+  std::vector<std::string> extra_subscribe;
+};
+
+struct Config {
+  std::string gateway_id;  ///< the host name unless set
+  BrokerSettings broker;
+  TopicSettings topics;
+  UpdateMode update_mode = UpdateMode::positions;  ///< `payload.update`
+  std::vector<RobotName> robots;
+  ble::Settings ble_mesh;
+  mqttsn::Settings mqttsn;
+  StoreSettings store;
+  LogSettings log;
+  std::string control_socket = "/run/slam-gateway/control.sock";
+};
+
+}  // namespace slamgw

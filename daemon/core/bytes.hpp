@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: Apache-2.0
+// Reading and writing bytes with explicit byte order. The reader never reads past its end: the
+// first short read makes it fail for good, so a decoder reads all its fields and asks once at the
+// end.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace slamgw {
+
+using Bytes = std::vector<std::uint8_t>;
+using ByteView = std::span<const std::uint8_t>;
+
+/// The same octets seen as text (no check of the encoding) and back.
+std::string_view as_text(ByteView bytes);
+ByteView as_bytes(std::string_view text);
+Bytes to_bytes(std::string_view text);
+std::string to_hex(ByteView bytes);
+
+/// Sticky-failure reader. After a failed read every value is 0 or empty and `ok()` is false.
+class ByteReader {
+ public:
+  explicit ByteReader(ByteView bytes) : rest_(bytes) {}
+
+  std::uint8_t read_u8();
+  std::uint16_t read_u16_be();
+  std::uint16_t read_u16_le();
+  std::int16_t read_i16_le();
+  std::uint32_t read_u32_le();
+  /// The next `count` octets, as a view into the input.
+  ByteView read(std::size_t count);
+  /// Everything that is left; never fails.
+  ByteView read_rest();
+
+  std::size_t remaining() const { return rest_.size(); }
+  bool ok() const { return ok_; }
+  /// True when every octet was read and none was missing.
+  bool at_end() const { return ok_ && rest_.empty(); }
+
+ private:
+  ByteView rest_;
+  bool ok_ = true;
+};
+
+/// Appends to a buffer of its own.
+class ByteWriter {
+ public:
+  ByteWriter& write_u8(std::uint8_t value);
+  ByteWriter& write_u16_be(std::uint16_t value);
+  ByteWriter& write_u16_le(std::uint16_t value);
+  ByteWriter& write_i16_le(std::int16_t value);
+  ByteWriter& write_u32_le(std::uint32_t value);
+  ByteWriter& write(ByteView bytes);
+  ByteWriter& write(std::string_view text);
+
+  std::size_t size() const { return bytes_.size(); }
+  const Bytes& bytes() const { return bytes_; }
+  Bytes take() { return std::move(bytes_); }
+
+ private:
+  Bytes bytes_;
+};
+
+}  // namespace slamgw

@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/core/messages.hpp"
+
+namespace slamgw {
+
+std::string_view to_string(Mesh mesh) { return mesh == Mesh::ble ? "ble" : "thread"; }
+
+std::string_view to_string(Presence presence) {
+  switch (presence) {
+    case Presence::online: return "online";
+    case Presence::asleep: return "asleep";
+    case Presence::offline: return "offline";
+  }
+  return "offline";
+}
+
+std::string_view to_string(CommandResult result) {
+  switch (result) {
+    case CommandResult::delivered: return "delivered";
+    case CommandResult::timeout: return "timeout";
+    case CommandResult::refused: return "refused";
+    case CommandResult::superseded: return "superseded";
+  }
+  return "refused";
+}
+
+}  // namespace slamgw

@@ -1,0 +1,124 @@
+// SPDX-License-Identifier: Apache-2.0
+// What travels between the meshes, the core and the broker: plain values. The receipt
+// (ARCHITECTURE.md, "The receipt") is the handle of the acknowledgement that a mesh owes a robot;
+// nothing is acknowledged before its receipt has fired.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <string_view>
+#include <variant>
+#include <vector>
+
+#include "daemon/core/bytes.hpp"
+#include "daemon/core/time.hpp"
+
+namespace slamgw {
+
+enum class Mesh : std::uint8_t { ble, thread };
+std::string_view to_string(Mesh mesh);
+
+/// MQTT's levels of delivery. MQTT-SN's "QoS -1" comes up as at_most_once.
+enum class Qos : std::uint8_t { at_most_once = 0, at_least_once = 1, exactly_once = 2 };
+
+/// The acknowledgement owed for one message. `id` is chosen by the mesh's machine, unique within
+/// that mesh for the life of the process; 0 means that nobody waits for an acknowledgement.
+struct Receipt {
+  Mesh mesh = Mesh::thread;
+  std::uint64_t id = 0;
+  bool is_owed() const { return id != 0; }
+  bool operator==(const Receipt&) const = default;
+};
+
+/// How a receipt fires. `refused`: there is no room; the robot must not be acknowledged and keeps
+/// its message.
+enum class ReceiptOutcome : std::uint8_t { safe, refused };
+
+/// Up: what a robot said. `topic` is the full topic name (`<prefix>/robot/<robot>/<type>`, or one
+/// that `topics.extra_publish` allows); the mesh's machine has already made sure that this robot
+/// may use it.
+struct Report {
+  Mesh mesh = Mesh::thread;
+  std::string robot;
+  std::string topic;
+  Bytes payload;
+  Qos qos = Qos::at_most_once;
+  bool retain = false;
+  Receipt receipt;
+};
+
+/// An MQTT message, in either direction.
+struct BrokerMessage {
+  std::string topic;
+  Bytes payload;
+  Qos qos = Qos::at_most_once;
+  bool retain = false;
+};
+
+enum class Presence : std::uint8_t { online, asleep, offline };
+std::string_view to_string(Presence presence);
+
+/// A robot came, slept or went on one mesh. `address` is for people: `[fd00::1]:47193`, `0x0100`.
+struct PresenceChange {
+  Mesh mesh = Mesh::thread;
+  std::string robot;
+  Presence presence = Presence::online;
+  std::string address;
+};
+
+/// A mesh wants broker messages that match `filter` (or no longer). Counted by the core: one
+/// subscription at the broker however many ask. Answered by `on_subscribe_result(filter, granted)`.
+struct SubscribeRequest {
+  Mesh mesh = Mesh::thread;
+  std::string filter;
+  Qos qos = Qos::at_most_once;
+};
+struct UnsubscribeRequest {
+  Mesh mesh = Mesh::thread;
+  std::string filter;
+};
+
+enum class CommandResult : std::uint8_t { delivered, timeout, refused, superseded };
+std::string_view to_string(CommandResult result);
+
+/// Down: how one command (a message under `<prefix>/server/<robot>/<type>`) ended. Exactly one for
+/// each command.
+struct CommandOutcome {
+  Mesh mesh = Mesh::thread;
+  std::string robot;
+  std::string type;
+  CommandResult result = CommandResult::delivered;
+  std::chrono::milliseconds after{0};
+  std::string why;  ///< empty when delivered
+};
+
+/// The mesh's own link (the serial board, the UDP sockets) came up or went down; `detail` is for
+/// `status` and the log.
+struct LinkChange {
+  Mesh mesh = Mesh::thread;
+  bool is_up = false;
+  std::string detail;
+};
+
+enum class Severity : std::uint8_t { debug, info, notice, warning, error };
+
+/// Something an operator should read. Pure code makes the text, shells write it. Never holds keys,
+/// passwords or OOB data.
+struct Notice {
+  Severity severity = Severity::info;
+  std::string text;
+  std::string robot;  ///< may be empty
+};
+
+/// What a mesh's machine tells the core.
+using MeshEvent = std::variant<Report, PresenceChange, SubscribeRequest, UnsubscribeRequest,
+                               CommandOutcome, LinkChange, Notice>;
+
+/// A named counter for `stats` and `slam-gatewayctl status`; names are snake_case and stable.
+struct Counter {
+  std::string_view name;
+  std::uint64_t value = 0;
+};
+using Counters = std::vector<Counter>;
+
+}  // namespace slamgw

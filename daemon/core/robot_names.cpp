@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/core/robot_names.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <charconv>
+#include <utility>
+
+namespace slamgw {
+namespace {
+
+constexpr std::string_view default_ble_prefix = "ble-";
+
+std::optional<std::uint16_t> parse_default_ble_id(std::string_view id) {
+  if (id.size() != default_ble_prefix.size() + 4 || !id.starts_with(default_ble_prefix))
+    return std::nullopt;
+  const std::string_view digits = id.substr(default_ble_prefix.size());
+  std::uint16_t address = 0;
+  const auto [end, error] =
+      std::from_chars(digits.data(), digits.data() + digits.size(), address, 16);
+  if (error != std::errc{} || end != digits.data() + digits.size()) return std::nullopt;
+  return address;
+}
+
+}  // namespace
+
+RobotNames::RobotNames(std::vector<RobotName> names) : names_(std::move(names)) {
+  for (const RobotName& name : names_) {
+    if (name.ble_address) by_ble_.emplace(*name.ble_address, name.id);
+    if (name.mqttsn_client_id) by_client_.emplace(*name.mqttsn_client_id, name.id);
+  }
+}
+
+std::string RobotNames::of_ble(std::uint16_t address) const {
+  const auto known = by_ble_.find(address);
+  return known != by_ble_.end() ? known->second
+                                : fmt::format("{}{:04x}", default_ble_prefix, address);
+}
+
+std::optional<std::string> RobotNames::of_client(std::string_view client_id) const {
+  if (const auto known = by_client_.find(client_id); known != by_client_.end())
+    return known->second;
+  const bool is_taken = std::any_of(names_.begin(), names_.end(), [&](const RobotName& name) {
+    return name.id == client_id && name.mqttsn_client_id;
+  });
+  if (is_taken) return std::nullopt;
+  return std::string(client_id);
+}
+
+std::optional<std::uint16_t> RobotNames::ble_address_of(std::string_view id) const {
+  for (const RobotName& name : names_) {
+    if (name.id == id) return name.ble_address;
+  }
+  const auto address = parse_default_ble_id(id);
+  return address && !by_ble_.contains(*address) ? address : std::nullopt;
+}
+
+}  // namespace slamgw

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+// Which robot an address on a mesh is: what `robots` in the configuration says, else the defaults
+// of the contract. Immutable.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace slamgw {
+
+/// One entry of `robots`: a fixed name, and the addresses it goes by on either mesh.
+struct RobotName {
+  std::string id;
+  std::optional<std::uint16_t> ble_address;     ///< unicast address, 0x0001-0x7fff
+  std::optional<std::string> mqttsn_client_id;  ///< compared whole
+};
+
+class RobotNames {
+ public:
+  explicit RobotNames(std::vector<RobotName> names = {});
+
+  /// `robots`' id for this unicast address, else `ble-<4 hex digits>`.
+  std::string of_ble(std::uint16_t address) const;
+  /// `robots`' id for this client id, else the client id itself. Nothing when `robots` gives that
+  /// name to another client id: a device speaks only for itself.
+  std::optional<std::string> of_client(std::string_view client_id) const;
+  /// The unicast address that goes by this id, also for `ble-<4 hex digits>`.
+  std::optional<std::uint16_t> ble_address_of(std::string_view id) const;
+  const std::vector<RobotName>& configured() const { return names_; }
+
+ private:
+  std::vector<RobotName> names_;
+  std::map<std::uint16_t, std::string> by_ble_;
+  std::map<std::string, std::string, std::less<>> by_client_;
+};
+
+}  // namespace slamgw

@@ -1,0 +1,164 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/core/topic_scheme.hpp"
+
+#include <algorithm>
+#include <utility>
+
+#include "daemon/core/utf8.hpp"
+
+namespace slamgw {
+namespace {
+
+constexpr std::size_t max_level_bytes = 64;
+constexpr std::size_t max_topic_bytes = 65535;  // MQTT's two-octet length
+
+/// The level up to the next `/`; `rest` is what follows it, or nothing at the last level.
+struct Split {
+  std::string_view level;
+  std::optional<std::string_view> rest;
+};
+
+Split first_level(std::string_view topic) {
+  const std::size_t slash = topic.find('/');
+  if (slash == std::string_view::npos) return {topic, std::nullopt};
+  return {topic.substr(0, slash), topic.substr(slash + 1)};
+}
+
+bool is_topic_text(std::string_view text) {
+  return !text.empty() && text.size() <= max_topic_bytes &&
+         text.find('\0') == std::string_view::npos && is_utf8(text);
+}
+
+std::optional<TopicScheme::RobotAndType> parse_below(std::string_view root,
+                                                     std::string_view topic) {
+  if (!topic.starts_with(root)) return std::nullopt;
+  const Split robot = first_level(topic.substr(root.size()));
+  if (!robot.rest || !is_valid_level(robot.level) || !is_valid_level(*robot.rest))
+    return std::nullopt;
+  return TopicScheme::RobotAndType{robot.level, *robot.rest};
+}
+
+std::string with_client_id(std::string filter, std::string_view client_id) {
+  for (std::size_t at = filter.find("%c"); at != std::string::npos;
+       at = filter.find("%c", at + client_id.size())) {
+    filter.replace(at, 2, client_id);
+  }
+  return filter;
+}
+
+/// True when every topic that `inner` can match is matched by `outer`.
+bool filter_covers(std::string_view outer, std::string_view inner) {
+  while (true) {
+    const Split o = first_level(outer);
+    const Split i = first_level(inner);
+    if (o.level == "#") return true;
+    if (i.level == "#" || (o.level != "+" && o.level != i.level)) return false;
+    if (!o.rest && !i.rest) return true;
+    if (o.rest == "#" && !i.rest) return true;  // "a/#" also matches "a"
+    if (!o.rest || !i.rest) return false;
+    outer = *o.rest;
+    inner = *i.rest;
+  }
+}
+
+}  // namespace
+
+bool is_valid_level(std::string_view level) {
+  if (level.empty() || level.size() > max_level_bytes || !is_utf8(level)) return false;
+  return std::none_of(level.begin(), level.end(), [](char c) {
+    const auto octet = static_cast<unsigned char>(c);
+    return octet < 0x20 || octet == 0x7f || c == '+' || c == '#' || c == '/';
+  });
+}
+
+bool has_wildcard(std::string_view filter) {
+  return filter.find_first_of("+#") != std::string_view::npos;
+}
+
+bool is_valid_topic_name(std::string_view topic) {
+  return is_topic_text(topic) && !has_wildcard(topic);
+}
+
+bool is_valid_filter(std::string_view filter) {
+  if (!is_topic_text(filter)) return false;
+  for (std::optional<std::string_view> rest = filter; rest;) {
+    const Split split = first_level(*rest);
+    if (has_wildcard(split.level) && split.level != "+" && split.level != "#") return false;
+    if (split.level == "#" && split.rest) return false;
+    rest = split.rest;
+  }
+  return true;
+}
+
+bool filter_matches(std::string_view filter, std::string_view topic) {
+  if (topic.starts_with('$') && (filter.starts_with('+') || filter.starts_with('#'))) return false;
+  return filter_covers(filter, topic);
+}
+
+TopicScheme::TopicScheme(std::string prefix, std::string gateway_id)
+    : robot_root_(prefix + "/robot/"),
+      command_root_(prefix + "/server/"),
+      gateway_root_(std::move(prefix) + "/gateway/" + std::move(gateway_id) + "/") {}
+
+std::string TopicScheme::robot_topic(std::string_view robot, std::string_view type) const {
+  return robot_root_ + std::string(robot) + "/" + std::string(type);
+}
+
+std::string TopicScheme::command_topic(std::string_view robot, std::string_view type) const {
+  return command_root_ + std::string(robot) + "/" + std::string(type);
+}
+
+std::string TopicScheme::command_filter(std::string_view robot) const {
+  return command_topic(robot, "+");
+}
+
+std::optional<TopicScheme::RobotAndType> TopicScheme::parse_robot_topic(
+    std::string_view topic) const {
+  return parse_below(robot_root_, topic);
+}
+
+std::optional<TopicScheme::RobotAndType> TopicScheme::parse_command_topic(
+    std::string_view topic) const {
+  return parse_below(command_root_, topic);
+}
+
+std::string TopicScheme::presence_topic(std::string_view robot) const {
+  return gateway_root_ + "robots/" + std::string(robot);
+}
+
+std::string TopicScheme::outcome_topic(std::string_view robot) const {
+  return gateway_root_ + "commands/" + std::string(robot);
+}
+
+std::string TopicScheme::rejected_topic(std::string_view robot, std::string_view type) const {
+  return gateway_root_ + "rejected/" + std::string(robot) + "/" + std::string(type);
+}
+
+TopicPolicy::TopicPolicy(TopicScheme scheme, std::vector<std::string> extra_publish,
+                         std::vector<std::string> extra_subscribe)
+    : scheme_(std::move(scheme)),
+      extra_publish_(std::move(extra_publish)),
+      extra_subscribe_(std::move(extra_subscribe)) {}
+
+bool TopicPolicy::may_publish(std::string_view client_id, std::string_view robot,
+                              std::string_view topic) const {
+  const auto own = scheme_.parse_robot_topic(topic);
+  if (own && own->robot == robot) return true;
+  return std::any_of(extra_publish_.begin(), extra_publish_.end(), [&](const std::string& filter) {
+    return filter_matches(with_client_id(filter, client_id), topic);
+  });
+}
+
+bool TopicPolicy::may_subscribe(std::string_view client_id, std::string_view robot,
+                                std::string_view filter) const {
+  const std::string own_commands = scheme_.command_root() + std::string(robot) + "/";
+  if (filter.size() > own_commands.size() && filter.starts_with(own_commands)) return true;
+  if (filter.size() > scheme_.robot_root().size() && filter.starts_with(scheme_.robot_root()))
+    return true;
+  return std::any_of(extra_subscribe_.begin(), extra_subscribe_.end(),
+                     [&](const std::string& extra) {
+                       return filter_covers(with_client_id(extra, client_id), filter);
+                     });
+}
+
+}  // namespace slamgw

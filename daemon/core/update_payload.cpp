@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/core/update_payload.hpp"
+
+#include <fmt/format.h>
+
+#include <iterator>
+
+namespace slamgw {
+namespace {
+
+constexpr std::size_t pair_bytes = 4;
+constexpr std::size_t max_obstacles = 4;
+
+Position read_position(ByteReader& reader) {
+  const std::int16_t x = reader.read_i16_le();
+  const std::int16_t y = reader.read_i16_le();
+  return {x, y};
+}
+
+}  // namespace
+
+Result<Update, UpdateError> parse_update(ByteView payload) {
+  const std::size_t pairs = payload.size() / pair_bytes;
+  const std::size_t stray_bytes = payload.size() % pair_bytes;
+  if (pairs < 1 || pairs > 1 + max_obstacles || stray_bytes > 1) return UpdateError::bad_size;
+
+  ByteReader reader(payload);
+  Update update{read_position(reader), {}};
+  while (update.obstacles.size() + 1 < pairs) update.obstacles.push_back(read_position(reader));
+  return update;
+}
+
+Bytes encode_positions(const Update& update) {
+  ByteWriter writer;
+  writer.write_i16_le(update.robot.x_cm).write_i16_le(update.robot.y_cm);
+  for (const Position& obstacle : update.obstacles) {
+    writer.write_i16_le(obstacle.x_cm).write_i16_le(obstacle.y_cm);
+  }
+  return writer.take();
+}
+
+std::string encode_json(const Update& update) {
+  std::string json;
+  auto out = std::back_inserter(json);
+  fmt::format_to(out, R"({{"x":{},"y":{},"obstacles":[)", update.robot.x_cm, update.robot.y_cm);
+  std::string_view separator;
+  for (const Position& obstacle : update.obstacles) {
+    fmt::format_to(out, R"({}{{"x":{},"y":{}}})", separator, obstacle.x_cm, obstacle.y_cm);
+    separator = ",";
+  }
+  return json + "]}";
+}
+
+}  // namespace slamgw

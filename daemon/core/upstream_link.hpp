@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+// The border between the outbox and an MQTT client. Two implementations: PahoUpstream and the fake
+// in tests/support.
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include "daemon/core/messages.hpp"
+
+namespace slamgw {
+
+/// Told by the link what happened; always on the loop's thread, never from inside a call to the
+/// link.
+class UpstreamListener {
+ public:
+  virtual ~UpstreamListener() = default;
+  /// Connected. `session_present`: the broker still knows our subscriptions. `receive_maximum`: how
+  /// many unacknowledged publishes it takes (65535 when it does not say).
+  virtual void on_link_up(bool session_present, std::uint16_t receive_maximum) = 0;
+  /// Connection lost or refused; `why` names the reason in words. May repeat while attempts fail.
+  virtual void on_link_down(const std::string& why) = 0;
+  /// `sequence` was acknowledged by the broker (QoS 0: handed to the network).
+  virtual void on_published(std::uint64_t sequence) = 0;
+  /// `sequence` was not taken: to be published again when the link is up.
+  virtual void on_publish_failed(std::uint64_t sequence) = 0;
+  virtual void on_subscribe_result(const std::string& filter, bool granted) = 0;
+  virtual void on_message(BrokerMessage message) = 0;
+};
+
+/// An MQTT client. Calls never block; between on_link_up and on_link_down only.
+class UpstreamLink {
+ public:
+  virtual ~UpstreamLink() = default;
+  virtual void publish(std::uint64_t sequence, const BrokerMessage& message) = 0;
+  virtual void subscribe(const std::string& filter, Qos qos) = 0;
+  virtual void unsubscribe(const std::string& filter) = 0;
+};
+
+}  // namespace slamgw

@@ -1,0 +1,18 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the configuration says about logging (`log.*`); defaults are the contract's.
+#pragma once
+
+#include <cstdint>
+
+#include "daemon/core/messages.hpp"
+
+namespace slamgw {
+
+enum class TrafficLog : std::uint8_t { all, sampled, off };
+
+struct LogSettings {
+  Severity level = Severity::info;
+  TrafficLog traffic = TrafficLog::sampled;
+};
+
+}  // namespace slamgw

@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the configuration says about the broker and the store (`broker.*`, `store.*`); defaults are
+// the contract's.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <optional>
+#include <string>
+
+namespace slamgw {
+
+struct Credentials {
+  std::string username;
+  std::string password;  ///< secret: never logged, never printed
+};
+
+struct BrokerSettings {
+  std::string host = "127.0.0.1";  ///< a name or an address; IPv6 without brackets
+  std::uint16_t port = 1883;
+  bool tls = false;       ///< `mqtts://`
+  std::string client_id;  ///< `slam-gateway-<gateway.id>` unless set
+  std::optional<std::string>
+      credentials_file;  ///< nothing: the systemd credential `broker`, if there is one
+  std::optional<Credentials> credentials;  ///< what that file says
+  std::optional<std::string> ca_file;
+  std::optional<std::string> certificate_file;
+  std::optional<std::string> key_file;
+  std::chrono::seconds keep_alive{30};
+  std::size_t max_inflight = 16;
+};
+
+struct StoreSettings {
+  std::string directory = "/var/lib/slam-gateway";
+  std::uint64_t max_bytes = 268435456;
+};
+
+}  // namespace slamgw
