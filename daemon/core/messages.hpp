@@ -66,8 +66,13 @@ struct PresenceChange {
   std::string address;
 };
 
-/// A mesh wants broker messages that match `filter` (or no longer). Counted by the core: one
-/// subscription at the broker however many ask. Answered by `on_subscribe_result(filter, granted)`.
+/// A mesh wants broker messages that match `filter`: one for each new subscriber, also when another
+/// already holds the same filter, because each request makes the broker send its retained messages
+/// for that filter again (they carry `retain`; fresh messages do not, so a machine gives retained
+/// ones only to subscribers that still wait for them). The core keeps one subscription at the
+/// broker for both meshes. Answered by `on_subscribe_result(filter, granted)`: by the broker, or by
+/// the core at once while the broker is away. UnsubscribeRequest when the mesh's last subscriber
+/// has gone.
 struct SubscribeRequest {
   Mesh mesh = Mesh::thread;
   std::string filter;
