@@ -45,6 +45,7 @@ struct Report {
   Qos qos = Qos::at_most_once;
   bool retain = false;
   Receipt receipt;
+  bool is_will = false;  ///< said on the robot's behalf: no sign of life
 };
 
 /// An MQTT message, in either direction.

@@ -1,0 +1,198 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/core/gateway.hpp"
+
+#include <fmt/chrono.h>
+#include <fmt/format.h>
+
+#include <nlohmann/json.hpp>
+#include <utility>
+
+#include "daemon/core/normalizer.hpp"
+#include "daemon/core/result.hpp"
+
+namespace slamgw {
+namespace {
+
+using Json = nlohmann::ordered_json;  // keys in the order of the contract
+
+Json presence_json(const Robot& robot) {
+  const MeshPresence& presence = robot.presence();
+  return {{"state", to_string(presence.presence)},
+          {"mesh", to_string(robot.mesh())},
+          {"address", presence.address},
+          {"since", to_iso8601(presence.since)},
+          {"last_seen", to_iso8601(robot.last_seen)}};
+}
+
+Json outcome_json(const CommandOutcome& outcome) {
+  return {{"type", outcome.type},
+          {"outcome", to_string(outcome.result)},
+          {"after_ms", outcome.after.count()},
+          {"why", outcome.why}};
+}
+
+}  // namespace
+
+std::string to_iso8601(WallTime time) {
+  const auto seconds = std::chrono::floor<std::chrono::seconds>(time);
+  return fmt::format("{:%Y-%m-%dT%H:%M:%SZ}",
+                     fmt::gmtime(std::chrono::system_clock::to_time_t(seconds)));
+}
+
+Gateway::Gateway(TopicScheme scheme, Settings settings)
+    : scheme_(std::move(scheme)), settings_(std::move(settings)) {}
+
+void Gateway::on_mesh_event(MeshEvent event, const Now& now) {
+  std::visit([&](auto& what) { handle(std::move(what), now); }, event);
+}
+
+void Gateway::handle(Report report, const Now& now) {
+  Robot* robot = registry_.on_report(report, now);
+  const auto own = scheme_.parse_robot_topic(report.topic);
+  const std::string type(own ? own->type : std::string_view{report.topic});
+
+  Normalized normalized = normalize(own ? own->type : std::string_view{}, std::move(report.payload),
+                                    settings_.update_mode);
+  if (normalized.is_rejected) {
+    reject(report, type, robot, std::move(normalized.payload), now);
+    return;
+  }
+  ++traffic_.up;
+  actions_.push(TrafficEvent{Direction::up, report.mesh, report.robot, type, report.topic,
+                             normalized.payload, report.qos, std::move(normalized.update),
+                             now.wall});
+  actions_.push(
+      Upload{{std::move(report.topic), std::move(normalized.payload), report.qos, report.retain},
+             report.receipt});
+}
+
+void Gateway::reject(const Report& report, std::string_view type, Robot* robot, Bytes payload,
+                     const Now& now) {
+  ++traffic_.rejected;
+  const auto due = robot ? robot->rejected_burst.on_event(now.mono) : std::nullopt;
+  if (due) {
+    actions_.push(Notice{
+        Severity::warning,
+        fmt::format("{} {}: {} bytes are no `update` (4 + 4n or 4 + 4n + 1, n = 0..4), published "
+                    "under rejected/ as they came{}",
+                    to_string(report.mesh), report.robot, payload.size(),
+                    *due > 1 ? fmt::format("; {} like it since the last line", *due) : ""),
+        report.robot});
+  }
+  actions_.push(Upload{
+      {scheme_.rejected_topic(report.robot, type), std::move(payload), report.qos, report.retain},
+      report.receipt});
+}
+
+void Gateway::handle(PresenceChange change, const Now& now) {
+  const Robot* robot = registry_.on_presence(change, now);
+  if (robot) announce(change.robot, *robot);
+  actions_.push(Notice{Severity::info,
+                       fmt::format("{} {} is {} at {}", to_string(change.mesh), change.robot,
+                                   to_string(change.presence), change.address),
+                       change.robot});
+}
+
+void Gateway::handle(SubscribeRequest request, const Now&) {
+  const Qos qos = subscriptions_.add(request.mesh, request.filter, request.qos);
+  if (!is_broker_up_) {  // taken now, subscribed as soon as the broker is there
+    actions_.push(AnswerSubscribe{request.mesh, std::move(request.filter), true});
+    return;
+  }
+  subscriptions_.await(request.mesh, request.filter);
+  actions_.push(SubscribeAtBroker{std::move(request.filter), qos});
+}
+
+void Gateway::handle(UnsubscribeRequest request, const Now&) {
+  const bool was_last = subscriptions_.remove(request.mesh, request.filter);
+  if (was_last && is_broker_up_) actions_.push(UnsubscribeAtBroker{std::move(request.filter)});
+}
+
+void Gateway::handle(CommandOutcome outcome, const Now&) {
+  const bool is_delivered = outcome.result == CommandResult::delivered;
+  actions_.push(Notice{is_delivered ? Severity::info : Severity::warning,
+                       fmt::format("{} {} {} {} after {} ms{}{}", to_string(outcome.mesh),
+                                   outcome.robot, outcome.type, to_string(outcome.result),
+                                   outcome.after.count(), is_delivered ? "" : ": ", outcome.why),
+                       outcome.robot});
+  actions_.push(Upload{{scheme_.outcome_topic(outcome.robot),
+                        to_bytes(outcome_json(outcome).dump()), Qos::at_least_once, false},
+                       {}});
+}
+
+void Gateway::handle(LinkChange change, const Now&) {
+  LinkState& link = mesh_links_[static_cast<std::size_t>(change.mesh)];
+  const bool is_news = link.is_up != change.is_up || link.detail != change.detail;
+  link = {change.is_up, change.detail};
+  if (!is_news) return;
+  actions_.push(Notice{change.is_up ? Severity::notice : Severity::warning,
+                       fmt::format("{} link {}: {}", to_string(change.mesh),
+                                   change.is_up ? "up" : "down", change.detail),
+                       {}});
+}
+
+void Gateway::handle(Notice notice, const Now&) { actions_.push(std::move(notice)); }
+
+void Gateway::on_broker_message(BrokerMessage message, const Now& now) {
+  const auto command = scheme_.parse_command_topic(message.topic);
+  ++traffic_.down;
+  if (command) {
+    const std::string robot_id(command->robot);
+    const Robot* robot = registry_.find(robot_id);
+    registry_.on_command(robot_id);
+    actions_.push(TrafficEvent{Direction::down, robot ? std::optional(robot->mesh()) : std::nullopt,
+                               robot_id, std::string(command->type), message.topic, message.payload,
+                               message.qos, std::nullopt, now.wall});
+    // A robot with an address on both meshes gets a command once, where it can be reached.
+    const bool is_only_on_thread =
+        robot && robot->is_reachable_on(Mesh::thread) && !robot->is_reachable_on(Mesh::ble);
+    if (!is_only_on_thread) actions_.push(DeliverToMesh{Mesh::ble, message});
+  }
+  actions_.push(DeliverToMesh{Mesh::thread, std::move(message)});
+}
+
+void Gateway::on_broker_link(bool is_up, const Now&) {
+  is_broker_up_ = is_up;
+  if (!is_up) {
+    for (auto& [mesh, filter] : subscriptions_.stop_waiting()) {
+      actions_.push(AnswerSubscribe{mesh, std::move(filter), true});
+    }
+    return;
+  }
+  for (const auto& [filter, wanted] : subscriptions_.wanted()) {
+    actions_.push(SubscribeAtBroker{filter, wanted.qos});
+  }
+  publish_retained(scheme_.state_topic(), Json{{"state", "online"},
+                                               {"version", settings_.version},
+                                               {"since", to_iso8601(settings_.started)}}
+                                              .dump());
+  for (const auto& [id, robot] : registry_.robots()) announce(id, robot);
+}
+
+void Gateway::on_subscribe_result(const std::string& filter, bool granted) {
+  for (const Mesh mesh : subscriptions_.answered(filter)) {
+    actions_.push(AnswerSubscribe{mesh, filter, granted});
+  }
+  if (granted) return;
+  subscriptions_.forget(filter);
+  actions_.push(Notice{Severity::warning,
+                       fmt::format("the broker refuses the subscription {}: check its access "
+                                   "control list for this gateway's user",
+                                   filter),
+                       {}});
+}
+
+void Gateway::on_stop() {
+  publish_retained(scheme_.state_topic(), Json{{"state", "offline"}}.dump());
+}
+
+void Gateway::announce(const std::string& id, const Robot& robot) {
+  // While the broker is away nothing is queued: everything is said again when it comes.
+  if (is_broker_up_) publish_retained(scheme_.presence_topic(id), presence_json(robot).dump());
+}
+
+void Gateway::publish_retained(std::string topic, std::string payload) {
+  actions_.push(Upload{{std::move(topic), to_bytes(payload), Qos::at_least_once, true}, {}});
+}
+
+}  // namespace slamgw

@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: Apache-2.0
+// The middle of everything: takes what the meshes and the broker say, leaves what is to be done
+// about it. Pure; knows no mesh's protocol and no MQTT client. The application drains its actions.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <variant>
+
+#include "daemon/core/messages.hpp"
+#include "daemon/core/protocol_machine.hpp"
+#include "daemon/core/robot_registry.hpp"
+#include "daemon/core/subscription_table.hpp"
+#include "daemon/core/topic_scheme.hpp"
+#include "daemon/core/traffic_event.hpp"
+#include "daemon/core/update_payload.hpp"
+
+namespace slamgw {
+
+/// Give it to the outbox; the receipt fires from there.
+struct Upload {
+  BrokerMessage message;
+  Receipt receipt;
+};
+struct SubscribeAtBroker {
+  std::string filter;
+  Qos qos = Qos::at_most_once;
+};
+struct UnsubscribeAtBroker {
+  std::string filter;
+};
+struct DeliverToMesh {
+  Mesh mesh = Mesh::thread;
+  BrokerMessage message;
+};
+struct AnswerSubscribe {
+  Mesh mesh = Mesh::thread;
+  std::string filter;
+  bool granted = false;
+};
+
+using GatewayAction = std::variant<Upload, SubscribeAtBroker, UnsubscribeAtBroker, DeliverToMesh,
+                                   AnswerSubscribe, TrafficEvent, Notice>;
+
+class Gateway {
+ public:
+  struct Settings {
+    std::string version;
+    UpdateMode update_mode = UpdateMode::positions;
+    WallTime started{};  ///< "since" in `state`
+  };
+  struct Traffic {
+    std::uint64_t up = 0;        ///< robots' messages that went to the outbox
+    std::uint64_t down = 0;      ///< broker messages that were given to a mesh
+    std::uint64_t rejected = 0;  ///< payloads that `payload.update` could not read
+  };
+
+  Gateway(TopicScheme scheme, Settings settings);
+
+  void on_mesh_event(MeshEvent event, const Now& now);
+  void on_broker_message(BrokerMessage message, const Now& now);
+  /// Up: subscribes everything again, says `online` and every robot's presence again (a broker
+  /// without persistence has forgotten them). Down: answers what still waits for the broker.
+  void on_broker_link(bool is_up, const Now& now);
+  void on_subscribe_result(const std::string& filter, bool granted);
+  /// The daemon ends in order: says `offline`, as the last will would.
+  void on_stop();
+
+  std::optional<GatewayAction> next_action() { return actions_.pop(); }
+
+  const RobotRegistry& registry() const { return registry_; }
+  const Traffic& traffic() const { return traffic_; }
+  struct LinkState {
+    bool is_up = false;
+    std::string detail;
+  };
+  const LinkState& mesh_link(Mesh mesh) const {
+    return mesh_links_[static_cast<std::size_t>(mesh)];
+  }
+
+ private:
+  void handle(Report report, const Now& now);
+  void handle(PresenceChange change, const Now& now);
+  void handle(SubscribeRequest request, const Now& now);
+  void handle(UnsubscribeRequest request, const Now& now);
+  void handle(CommandOutcome outcome, const Now& now);
+  void handle(LinkChange change, const Now& now);
+  void handle(Notice notice, const Now& now);
+  void reject(const Report& report, std::string_view type, Robot* robot, Bytes payload,
+              const Now& now);
+  void announce(const std::string& id, const Robot& robot);
+  void publish_retained(std::string topic, std::string payload);
+
+  TopicScheme scheme_;
+  Settings settings_;
+  RobotRegistry registry_;
+  SubscriptionTable subscriptions_;
+  Traffic traffic_;
+  LinkState mesh_links_[2];
+  bool is_broker_up_ = false;
+  ActionQueue<GatewayAction> actions_;
+};
+
+/// `2026-11-21T06:31:07Z`, as every time in our topics.
+std::string to_iso8601(WallTime time);
+
+}  // namespace slamgw

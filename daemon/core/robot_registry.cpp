@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/core/robot_registry.hpp"
+
+namespace slamgw {
+namespace {
+
+constexpr std::chrono::seconds rate_window{5};
+
+std::size_t index_of(Mesh mesh) { return static_cast<std::size_t>(mesh); }
+
+}  // namespace
+
+void RateMeter::on_message(TimePoint now) {
+  if (now - window_start_ >= rate_window) {
+    in_previous_ = now - window_start_ < 2 * rate_window ? in_window_ : 0;
+    in_window_ = 0;
+    window_start_ = now;
+  }
+  ++in_window_;
+}
+
+double RateMeter::per_second(TimePoint now) const {
+  const auto age = now - window_start_;
+  if (age >= 2 * rate_window) return 0;
+  const std::chrono::duration<double> covered = rate_window + age;
+  return (in_previous_ + in_window_) / covered.count();
+}
+
+Mesh Robot::mesh() const {
+  for (const Presence wanted : {Presence::online, Presence::asleep}) {
+    for (const Mesh mesh : {last_mesh, Mesh::ble, Mesh::thread}) {
+      const MeshPresence& there = on_mesh[index_of(mesh)];
+      if (there.is_known && there.presence == wanted) return mesh;
+    }
+  }
+  return last_mesh;
+}
+
+bool Robot::is_reachable_on(Mesh mesh) const {
+  const MeshPresence& there = on_mesh[index_of(mesh)];
+  return there.is_known && there.presence != Presence::offline;
+}
+
+Robot* RobotRegistry::find_or_add(const std::string& robot) {
+  const auto known = robots_.find(robot);
+  if (known != robots_.end()) return &known->second;
+  if (robots_.size() >= max_robots) {
+    ++untracked_;
+    return nullptr;
+  }
+  return &robots_[robot];
+}
+
+Robot* RobotRegistry::on_presence(const PresenceChange& change, const Now& now) {
+  Robot* robot = find_or_add(change.robot);
+  if (!robot) return nullptr;
+  MeshPresence& there = robot->on_mesh[index_of(change.mesh)];
+  there = {true, change.presence, change.address, now.wall};
+  robot->last_mesh = change.mesh;
+  if (change.presence != Presence::offline) robot->last_seen = now.wall;
+  return robot;
+}
+
+Robot* RobotRegistry::on_report(const Report& report, const Now& now) {
+  Robot* robot = find_or_add(report.robot);
+  if (!robot) return nullptr;
+  if (report.is_will) return robot;
+  ++robot->messages_up;
+  robot->rate.on_message(now.mono);
+  robot->last_seen = now.wall;
+  robot->last_mesh = report.mesh;
+  return robot;
+}
+
+void RobotRegistry::on_command(const std::string& robot) {
+  const auto known = robots_.find(robot);
+  if (known != robots_.end()) ++known->second.messages_down;
+}
+
+const Robot* RobotRegistry::find(const std::string& robot) const {
+  const auto known = robots_.find(robot);
+  return known != robots_.end() ? &known->second : nullptr;
+}
+
+}  // namespace slamgw

@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: Apache-2.0
+// What is known about each robot: where it is, when it was last heard, how much it says. Values
+// only; the gateway decides what to publish from it.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <string>
+
+#include "daemon/core/burst.hpp"
+#include "daemon/core/messages.hpp"
+
+namespace slamgw {
+
+/// Messages per second over the last five to ten seconds.
+class RateMeter {
+ public:
+  void on_message(TimePoint now);
+  double per_second(TimePoint now) const;
+
+ private:
+  TimePoint window_start_{};
+  std::uint32_t in_window_ = 0;
+  std::uint32_t in_previous_ = 0;
+};
+
+/// One robot's life on one mesh.
+struct MeshPresence {
+  bool is_known = false;
+  Presence presence = Presence::offline;
+  std::string address;
+  WallTime since{};
+};
+
+struct Robot {
+  std::array<MeshPresence, 2> on_mesh;  ///< indexed by Mesh
+  Mesh last_mesh = Mesh::thread;        ///< where it last came, went or spoke
+  WallTime last_seen{};
+  std::uint64_t messages_up = 0;
+  std::uint64_t messages_down = 0;
+  RateMeter rate;
+  Burst rejected_burst;
+
+  /// The mesh that speaks for it: one where it is online, else asleep, else the last one.
+  Mesh mesh() const;
+  const MeshPresence& presence() const { return on_mesh[static_cast<std::size_t>(mesh())]; }
+  bool is_reachable_on(Mesh mesh) const;
+};
+
+class RobotRegistry {
+ public:
+  /// A robot beyond this many is not tracked (its messages still pass); twice the default of
+  /// `mqttsn.max_clients`.
+  static constexpr std::size_t max_robots = 20000;
+
+  /// The robot after the change; nothing when there is no room for it.
+  Robot* on_presence(const PresenceChange& change, const Now& now);
+  Robot* on_report(const Report& report, const Now& now);
+  void on_command(const std::string& robot);
+
+  const Robot* find(const std::string& robot) const;
+  const std::map<std::string, Robot>& robots() const { return robots_; }
+  std::uint64_t untracked() const { return untracked_; }
+
+ private:
+  Robot* find_or_add(const std::string& robot);
+
+  std::map<std::string, Robot> robots_;
+  std::uint64_t untracked_ = 0;
+};
+
+}  // namespace slamgw
