@@ -33,7 +33,7 @@ class UpstreamListener {
 class UpstreamLink {
  public:
   virtual ~UpstreamLink() = default;
-  virtual void publish(std::uint64_t sequence, const BrokerMessage& message) = 0;
+  virtual void publish(std::uint64_t sequence, BrokerMessage message) = 0;
   virtual void subscribe(const std::string& filter, Qos qos) = 0;
   virtual void unsubscribe(const std::string& filter) = 0;
 };

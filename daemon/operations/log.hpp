@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: Apache-2.0
+// The daemon's log: spdlog with one sink, the journal (structured fields) under systemd, else
+// stderr. The only global of the daemon. Used by shells on the loop's thread; pure code leaves
+// Notices instead.
+#pragma once
+
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "daemon/core/messages.hpp"
+
+namespace slamgw {
+
+/// A journal field: name upper case, as documented in the manual. Shown only by the journal sink.
+struct LogField {
+  std::string_view name;
+  std::string value;
+};
+using LogFields = std::vector<LogField>;
+
+/// Chooses the sink and sets the level below which nothing is written. May be called again
+/// (reload).
+void configure_log(Severity level);
+bool is_logged(Severity severity);
+/// One event, one line: control characters in `text` are escaped, whoever they came from.
+void log_event(Severity severity, std::string_view text, const LogFields& fields = {});
+void log_notice(const Notice& notice);
+
+std::string_view to_string(Severity severity);
+
+}  // namespace slamgw

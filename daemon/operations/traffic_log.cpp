@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/operations/traffic_log.hpp"
+
+#include <fmt/format.h>
+
+#include <chrono>
+
+namespace slamgw {
+namespace {
+
+std::string_view mesh_name(const TrafficEvent& event) {
+  return event.mesh ? to_string(*event.mesh) : "-";
+}
+
+std::string content(const TrafficEvent& event) {
+  if (!event.update) return fmt::format("{} bytes", event.payload.size());
+  return fmt::format("x={} y={} obstacles={}", event.update->robot.x_cm, event.update->robot.y_cm,
+                     event.update->obstacles.size());
+}
+
+}  // namespace
+
+std::optional<std::uint64_t> TrafficSampler::on_traffic(const TrafficEvent& event, TimePoint now) {
+  switch (mode_) {
+    case TrafficLog::off: return std::nullopt;
+    case TrafficLog::all: return 1;
+    case TrafficLog::sampled: break;
+  }
+  std::string stream = event.robot + '/' + event.type;
+  if (event.direction == Direction::down) stream += '/';
+  if (streams_.size() >= max_streams && !streams_.contains(stream)) stream.clear();
+  return streams_.try_emplace(std::move(stream), std::chrono::seconds{1})
+      .first->second.on_event(now);
+}
+
+std::string traffic_text(const TrafficEvent& event, std::uint64_t stands_for) {
+  std::string text = fmt::format("{}{} {} {} {}", event.direction == Direction::down ? "to " : "",
+                                 mesh_name(event), event.robot, event.type, content(event));
+  if (stands_for > 1) text += fmt::format(" ({} messages)", stands_for);
+  return text;
+}
+
+LogFields traffic_fields(const TrafficEvent& event) {
+  LogFields fields{{"ROBOT_ID", event.robot},
+                   {"MESSAGE_TYPE", event.type},
+                   {"TOPIC", event.topic},
+                   {"PAYLOAD_BYTES", std::to_string(event.payload.size())},
+                   {"DIRECTION", event.direction == Direction::up ? "up" : "down"},
+                   {"QOS", std::to_string(static_cast<int>(event.qos))}};
+  if (event.mesh) fields.push_back({"MESH", std::string(to_string(*event.mesh))});
+  if (event.update) {
+    fields.push_back({"X_CM", std::to_string(event.update->robot.x_cm)});
+    fields.push_back({"Y_CM", std::to_string(event.update->robot.y_cm)});
+  }
+  return fields;
+}
+
+}  // namespace slamgw

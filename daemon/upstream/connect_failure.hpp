@@ -1,0 +1,17 @@
+// SPDX-License-Identifier: Apache-2.0
+// Words for the ways in which a broker refuses: Paho gives a number, an operator needs a sentence.
+#pragma once
+
+#include <string>
+
+namespace slamgw {
+
+/// `code` is an MQTT 5 reason code (0x80 and up) or an MQTT 3.1.1 CONNACK return code (1-5); 0 when
+/// the broker did not answer (Paho does not tell why).
+std::string explain_connect_failure(int code, bool is_tls);
+bool is_version_refusal(int code);
+bool is_not_authorised(int code);
+/// Words for an MQTT 5 PUBACK or PUBREC reason code.
+std::string explain_publish_refusal(int reason_code);
+
+}  // namespace slamgw

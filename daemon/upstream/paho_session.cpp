@@ -1,0 +1,269 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/upstream/paho_session.hpp"
+
+#include <fmt/format.h>
+
+#include <boost/asio/post.hpp>
+#include <utility>
+
+#include "daemon/upstream/connect_failure.hpp"
+
+namespace slamgw {
+namespace {
+
+constexpr int refusal_codes_from = 0x80;
+constexpr std::chrono::seconds connect_timeout{10};
+constexpr std::chrono::milliseconds goodbye_timeout{500};
+
+int reason_of(const mqtt::token& token) { return static_cast<int>(token.get_reason_code()); }
+
+// Sequence numbers travel through Paho as the user context of a token.
+void* as_context(std::uint64_t sequence) { return reinterpret_cast<void*>(sequence); }
+std::uint64_t sequence_of(const mqtt::token& token) {
+  return reinterpret_cast<std::uint64_t>(token.get_user_context());
+}
+
+std::string server_uri(const BrokerSettings& settings) {
+  const bool is_ipv6 = settings.host.find(':') != std::string::npos;
+  const std::string host = is_ipv6 ? "[" + settings.host + "]" : settings.host;
+  return fmt::format("{}://{}:{}", settings.tls ? "ssl" : "tcp", host, settings.port);
+}
+
+std::uint16_t receive_maximum_of(const mqtt::token& token) {
+  constexpr std::uint16_t unlimited = 65535;
+  const mqtt::connect_response response = token.get_connect_response();
+  const mqtt::properties& properties = response.get_properties();
+  if (!properties.contains(mqtt::property::RECEIVE_MAXIMUM)) return unlimited;
+  return mqtt::get<std::uint16_t>(properties, mqtt::property::RECEIVE_MAXIMUM);
+}
+
+}  // namespace
+
+// The three listeners run on Paho's threads. They hold the session by reference: it destroys the
+// client, which ends all callbacks, before itself.
+class PahoSession::ConnectListener final : public mqtt::iaction_listener {
+ public:
+  explicit ConnectListener(PahoSession& session) : session_(session) {}
+
+  void on_success(const mqtt::token& token) override {
+    const std::uint16_t receive_maximum =
+        session_.version_ == MqttVersion::v5 ? receive_maximum_of(token) : std::uint16_t{65535};
+    const bool session_present = token.get_connect_response().is_session_present();
+    session_.post_to_loop([=, &session = session_](PahoSessionListener& listener) {
+      if (std::exchange(session.has_answered_, true)) return;
+      listener.on_connected(session_present, receive_maximum);
+    });
+  }
+
+  void on_failure(const mqtt::token& token) override {
+    session_.report_failure(reason_of(token), token.get_return_code());
+  }
+
+ private:
+  PahoSession& session_;
+};
+
+class PahoSession::PublishListener final : public mqtt::iaction_listener {
+ public:
+  explicit PublishListener(PahoSession& session) : session_(session) {}
+
+  void on_success(const mqtt::token& token) override { finish(token, reason_of(token)); }
+
+  void on_failure(const mqtt::token& token) override {
+    if (reason_of(token) >= refusal_codes_from) {
+      finish(token, reason_of(token));
+      return;
+    }
+    session_.post_to_loop([rc = token.get_return_code()](PahoSessionListener& listener) {
+      listener.on_lost(fmt::format("a publish failed (Paho {})", rc));
+    });
+  }
+
+ private:
+  void finish(const mqtt::token& token, int reason) {
+    session_.post_to_loop([sequence = sequence_of(token), reason](PahoSessionListener& listener) {
+      if (reason < refusal_codes_from) return listener.on_published(sequence);
+      listener.on_publish_refused(sequence, explain_publish_refusal(reason));
+    });
+  }
+
+  PahoSession& session_;
+};
+
+class PahoSession::SubscribeListener final : public mqtt::iaction_listener {
+ public:
+  explicit SubscribeListener(PahoSession& session) : session_(session) {}
+  void on_success(const mqtt::token& token) override { finish(token, true); }
+  void on_failure(const mqtt::token& token) override { finish(token, false); }
+
+ private:
+  void finish(const mqtt::token& token, bool granted) {
+    const mqtt::const_string_collection_ptr topics = token.get_topics();
+    if (token.get_type() != mqtt::token::SUBSCRIBE || !topics || topics->empty()) return;
+    session_.post_to_loop([filter = (*topics)[0], granted](PahoSessionListener& listener) {
+      listener.on_subscribe_result(filter, granted);
+    });
+  }
+
+  PahoSession& session_;
+};
+
+PahoSession::PahoSession(boost::asio::io_context& io, boost::asio::thread_pool& lane,
+                         const BrokerSettings& settings, MqttVersion version, LastWill will,
+                         PahoSessionListener& listener)
+    : io_(io),
+      lane_(lane),
+      settings_(settings),
+      version_(version),
+      will_(std::move(will)),
+      listener_(listener),
+      connect_listener_(std::make_unique<ConnectListener>(*this)),
+      publish_listener_(std::make_unique<PublishListener>(*this)),
+      subscribe_listener_(std::make_unique<SubscribeListener>(*this)) {}
+
+PahoSession::~PahoSession() = default;
+
+void PahoSession::post_to_loop(std::function<void(PahoSessionListener&)> event) {
+  boost::asio::post(io_, [self = shared_from_this(), event = std::move(event)] {
+    if (!self->is_abandoned_) event(self->listener_);
+  });
+}
+
+void PahoSession::post_to_lane(std::function<void(PahoSession&)> work) {
+  boost::asio::post(lane_, [self = shared_from_this(), work = std::move(work)] { work(*self); });
+}
+
+void PahoSession::connect() {
+  post_to_lane([](PahoSession& session) { session.open(); });
+}
+
+void PahoSession::open() {
+  try {
+    client_ = std::make_unique<mqtt::async_client>(
+        server_uri(settings_), settings_.client_id,
+        mqtt::create_options(static_cast<int>(version_), max_buffered_in_paho), nullptr);
+    client_->set_callback(*this);  // before connect: later it can deadlock
+    connect_options_ = make_connect_options();
+    connect_token_ = client_->connect(connect_options_, nullptr, *connect_listener_);
+  } catch (const mqtt::exception& error) {
+    report_failure(0, error.get_return_code());
+  }
+}
+
+mqtt::connect_options PahoSession::make_connect_options() {
+  mqtt::connect_options options;
+  options.set_mqtt_version(static_cast<int>(version_));
+  if (version_ == MqttVersion::v5) {
+    options.set_clean_start(true);
+  } else {
+    options.set_clean_session(true);
+  }
+  options.set_keep_alive_interval(settings_.keep_alive);
+  options.set_connect_timeout(connect_timeout);
+  options.set_automatic_reconnect(false);
+  if (settings_.credentials) {
+    options.set_user_name(settings_.credentials->username);
+    options.set_password(settings_.credentials->password);
+  }
+  options.set_will(mqtt::will_options(will_.topic, will_.payload, 1, true));
+  if (settings_.tls) {
+    set_tls_options();
+    options.set_ssl(tls_options_);
+  }
+  return options;
+}
+
+void PahoSession::set_tls_options() {
+  tls_options_.set_verify(true);  // the host name too; Paho's default is not to look
+  tls_options_.set_enable_server_cert_auth(true);
+  tls_options_.set_ssl_version(MQTT_SSL_VERSION_TLS_1_2);
+  if (settings_.ca_file) tls_options_.set_trust_store(*settings_.ca_file);
+  if (settings_.certificate_file) tls_options_.set_key_store(*settings_.certificate_file);
+  if (settings_.key_file) tls_options_.set_private_key(*settings_.key_file);
+}
+
+void PahoSession::report_failure(int code, int paho_code) {
+  // Paho returns the code of an MQTT 3.1.1 CONNACK (1-5) as its own, and its own errors as negative
+  // numbers.
+  const int answer = code != 0 ? code : (paho_code > 0 ? paho_code : 0);
+  ConnectFailure failure{answer, explain_connect_failure(answer, settings_.tls),
+                         is_version_refusal(answer), is_not_authorised(answer)};
+  post_to_loop([this, failure = std::move(failure)](PahoSessionListener& listener) {
+    if (std::exchange(has_answered_, true)) return;
+    listener.on_connect_failed(failure);
+  });
+}
+
+void PahoSession::publish(std::uint64_t sequence, BrokerMessage message) {
+  post_to_lane([sequence, message = std::move(message)](PahoSession& session) {
+    try {
+      session.client_->publish(message.topic, message.payload.data(), message.payload.size(),
+                               static_cast<int>(message.qos), message.retain, as_context(sequence),
+                               *session.publish_listener_);
+    } catch (const mqtt::exception& error) {
+      session.connection_lost(fmt::format("a publish failed (Paho {})", error.get_return_code()));
+    }
+  });
+}
+
+void PahoSession::subscribe(std::string filter, Qos qos) {
+  post_to_lane([filter = std::move(filter), qos](PahoSession& session) {
+    try {
+      session.client_->subscribe(filter, static_cast<int>(qos), nullptr,
+                                 *session.subscribe_listener_);
+    } catch (const mqtt::exception& error) {
+      session.connection_lost(fmt::format("a subscribe failed (Paho {})", error.get_return_code()));
+    }
+  });
+}
+
+void PahoSession::unsubscribe(std::string filter) {
+  post_to_lane([filter = std::move(filter)](PahoSession& session) {
+    try {
+      session.client_->unsubscribe(filter, nullptr, *session.subscribe_listener_);
+    } catch (const mqtt::exception&) {
+      // the connection is going; the next one does not have the subscription
+    }
+  });
+}
+
+void PahoSession::abandon(bool is_orderly) {
+  is_abandoned_ = true;
+  post_to_lane([is_orderly](PahoSession& session) { session.close(is_orderly); });
+}
+
+void PahoSession::close(bool is_orderly) {
+  if (!client_) return;
+  try {
+    if (is_orderly) {
+      disconnect_token_ = client_->disconnect(goodbye_timeout);
+      disconnect_token_->wait_for(2 * goodbye_timeout);
+    }
+  } catch (const mqtt::exception&) {
+    // it was not connected
+  }
+  client_.reset();
+}
+
+void PahoSession::connection_lost(const std::string& cause) {
+  post_to_loop([cause](PahoSessionListener& listener) {
+    listener.on_lost(cause.empty() ? "connection lost" : "connection lost: " + cause);
+  });
+}
+
+void PahoSession::message_arrived(mqtt::const_message_ptr message) {
+  if (inbound_waiting_ >= max_inbound_waiting) {
+    ++inbound_dropped_;
+    return;
+  }
+  ++inbound_waiting_;
+  const auto& payload = message->get_payload();
+  BrokerMessage arrived{message->get_topic(), to_bytes(payload),
+                        static_cast<Qos>(message->get_qos()), message->is_retained()};
+  post_to_loop([this, arrived = std::move(arrived)](PahoSessionListener& listener) {
+    --inbound_waiting_;
+    listener.on_message(arrived);
+  });
+}
+
+}  // namespace slamgw

@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: Apache-2.0
+// The broker link: one PahoSession at a time, reconnected for ever with back-off (Paho's own
+// automatic reconnect is mute), MQTT 5 with fallback to 3.1.1. Knows nothing of robots; the outbox
+// decides what is published again.
+#pragma once
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <boost/asio/thread_pool.hpp>
+#include <memory>
+#include <random>
+#include <string>
+
+#include "daemon/core/upstream_link.hpp"
+#include "daemon/upstream/backoff.hpp"
+#include "daemon/upstream/paho_session.hpp"
+
+namespace slamgw {
+
+class PahoUpstream final : public UpstreamLink, public PahoSessionListener {
+ public:
+  PahoUpstream(boost::asio::io_context& io, BrokerSettings settings, LastWill will,
+               UpstreamListener& listener);
+  ~PahoUpstream() override;
+
+  void start();
+  /// Orderly: what was published before is written, then DISCONNECT. Blocks up to about a second;
+  /// nothing comes after it.
+  void stop();
+
+  void publish(std::uint64_t sequence, BrokerMessage message) override;
+  void subscribe(const std::string& filter, Qos qos) override;
+  void unsubscribe(const std::string& filter) override;
+
+  MqttVersion version() const { return version_; }
+
+ private:
+  void connect();
+  void reconnect_later(const std::string& why);
+  void drop_session(bool is_orderly);
+
+  void on_connected(bool session_present, std::uint16_t receive_maximum) override;
+  void on_connect_failed(ConnectFailure failure) override;
+  void on_lost(std::string cause) override;
+  void on_published(std::uint64_t sequence) override;
+  void on_publish_refused(std::uint64_t sequence, std::string why) override;
+  void on_subscribe_result(const std::string& filter, bool granted) override;
+  void on_message(BrokerMessage message) override;
+
+  boost::asio::io_context& io_;
+  boost::asio::thread_pool lane_{1};
+  const BrokerSettings settings_;
+  const LastWill will_;
+  UpstreamListener& listener_;
+  boost::asio::steady_timer reconnect_timer_;
+  Backoff backoff_;
+  std::minstd_rand random_;
+  MqttVersion version_ = MqttVersion::v5;
+  std::shared_ptr<PahoSession> session_;
+  bool is_up_ = false;
+};
+
+}  // namespace slamgw
