@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/core/robot_names.hpp"
+
+#include <gtest/gtest.h>
+
+namespace slamgw {
+namespace {
+
+const RobotNames names({{"NRF_5", 0x0100, "nrf-five"}, {"NRF_6", 0x0101, std::nullopt}});
+
+TEST(RobotNames, NamesConfiguredRobotsOnBothMeshes) {
+  EXPECT_EQ(names.of_ble(0x0100), "NRF_5");
+  EXPECT_EQ(names.of_client("nrf-five"), "NRF_5");
+  EXPECT_EQ(names.ble_address_of("NRF_6"), 0x0101);
+}
+
+TEST(RobotNames, NamesOthersByTheirAddress) {
+  EXPECT_EQ(names.of_ble(0x01ab), "ble-01ab");
+  EXPECT_EQ(names.of_client("robot1"), "robot1");
+  EXPECT_EQ(names.ble_address_of("ble-01ab"), 0x01ab);
+}
+
+TEST(RobotNames, ComparesClientIdsWhole) {
+  EXPECT_EQ(names.of_client("nrf-fiv"), "nrf-fiv");
+  EXPECT_EQ(names.of_client("nrf-five0"), "nrf-five0");
+}
+
+TEST(RobotNames, GivesNobodyTheNameOfAnotherClient) {
+  EXPECT_EQ(names.of_client("NRF_5"), std::nullopt);
+  EXPECT_EQ(names.of_client("NRF_6"), "NRF_6") << "that name has no client id of its own";
+}
+
+TEST(RobotNames, FindsNoAddressForWhatIsNoBleRobot) {
+  EXPECT_EQ(names.ble_address_of("robot1"), std::nullopt);
+  EXPECT_EQ(names.ble_address_of("ble-zzzz"), std::nullopt);
+  EXPECT_EQ(names.ble_address_of("ble-01a"), std::nullopt);
+  EXPECT_EQ(names.ble_address_of("ble-0100"), std::nullopt) << "0x0100 goes by NRF_5";
+}
+
+}  // namespace
+}  // namespace slamgw

@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/core/robot_registry.hpp"
+
+#include <gtest/gtest.h>
+
+namespace slamgw {
+namespace {
+
+using namespace std::chrono_literals;
+
+Report report_of(const std::string& robot, Mesh mesh) {
+  Report report;
+  report.robot = robot;
+  report.mesh = mesh;
+  return report;
+}
+
+TEST(RateMeter, MeasuresASteadyRateAndForgetsIt) {
+  RateMeter meter;
+  TimePoint now{1h};
+  for (int i = 0; i < 100; ++i) meter.on_message(now += 200ms);
+  EXPECT_NEAR(meter.per_second(now), 5.0, 0.5);
+  EXPECT_EQ(meter.per_second(now + 20s), 0.0);
+}
+
+TEST(RobotRegistry, SpeaksForTheMeshWhereARobotIsOnline) {
+  RobotRegistry registry;
+  registry.on_presence({Mesh::ble, "a", Presence::online, "0x0100"}, {});
+  registry.on_presence({Mesh::thread, "a", Presence::online, "[::1]:5"}, {});
+  registry.on_presence({Mesh::thread, "a", Presence::offline, "[::1]:5"}, {});
+  const Robot* robot = registry.find("a");
+  ASSERT_TRUE(robot);
+  EXPECT_EQ(robot->mesh(), Mesh::ble);
+  EXPECT_EQ(robot->presence().address, "0x0100");
+  EXPECT_TRUE(robot->is_reachable_on(Mesh::ble));
+  EXPECT_FALSE(robot->is_reachable_on(Mesh::thread));
+}
+
+TEST(RobotRegistry, NamesTheLastMeshOfARobotThatIsGone) {
+  RobotRegistry registry;
+  registry.on_presence({Mesh::ble, "a", Presence::offline, "0x0100"}, {});
+  registry.on_presence({Mesh::thread, "a", Presence::offline, "[::1]:5"}, {});
+  EXPECT_EQ(registry.find("a")->mesh(), Mesh::thread);
+}
+
+TEST(RobotRegistry, AWillIsNoSignOfLife) {
+  RobotRegistry registry;
+  const Now early{TimePoint{1s}, WallTime{100s}};
+  const Now late{TimePoint{61s}, WallTime{160s}};
+  registry.on_report(report_of("a", Mesh::thread), early);
+  Report will = report_of("a", Mesh::thread);
+  will.is_will = true;
+  registry.on_report(will, late);
+  registry.on_presence({Mesh::thread, "a", Presence::offline, ""}, late);
+  EXPECT_EQ(registry.find("a")->last_seen, early.wall);
+  EXPECT_EQ(registry.find("a")->messages_up, 1u);
+}
+
+TEST(RobotRegistry, TracksABoundedNumberAndCountsTheRest) {
+  RobotRegistry registry;
+  for (std::size_t i = 0; i < RobotRegistry::max_robots; ++i) {
+    ASSERT_TRUE(registry.on_report(report_of("r" + std::to_string(i), Mesh::thread), {}));
+  }
+  EXPECT_FALSE(registry.on_report(report_of("one more", Mesh::thread), {}));
+  EXPECT_EQ(registry.untracked(), 1u);
+  EXPECT_TRUE(registry.on_report(report_of("r0", Mesh::thread), {})) << "known ones still count";
+}
+
+}  // namespace
+}  // namespace slamgw
