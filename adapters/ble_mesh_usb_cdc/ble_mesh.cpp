@@ -1,0 +1,249 @@
+// SPDX-License-Identifier: Apache-2.0
+// Inputs, presence and the way down; the way up is in ble_mesh_uplink.cpp.
+#include "adapters/ble_mesh_usb_cdc/ble_mesh.hpp"
+
+#include <fmt/format.h>
+
+namespace slamgw::ble {
+namespace {
+
+std::string with_id(std::string text, std::string_view id) {
+  constexpr std::string_view mark = "{id}";
+  for (std::size_t at = text.find(mark); at != std::string::npos;
+       at = text.find(mark, at + id.size()))
+    text.replace(at, mark.size(), id);
+  return text;
+}
+
+}  // namespace
+
+BleMesh::BleMesh(Settings settings, TopicScheme topics, RobotNames names,
+                 std::optional<MeshKeys> keys, std::uint64_t seed)
+    : settings_(std::move(settings)),
+      topics_(std::move(topics)),
+      names_(std::move(names)),
+      link_({{settings_.address, settings_.groups}, settings_.ttl}, keys, seed) {
+  for (const RobotName& name : names_.configured()) {
+    if (name.ble_address)
+      robots_.try_emplace(*name.ble_address, *name.ble_address, name.id, settings_.ttl);
+  }
+}
+
+void BleMesh::on_start() {
+  for (const auto& [address, robot] : robots_) subscribe(robot);
+}
+
+void BleMesh::on_port_open(TimePoint now) {
+  link_.on_port_open(now);
+  settle(now);
+}
+
+void BleMesh::on_port_closed(const std::string& why, TimePoint now) {
+  link_.on_port_closed(why, now);
+  settle(now);
+}
+
+void BleMesh::on_bytes(ByteView bytes, TimePoint now) {
+  link_.on_bytes(bytes, now);
+  settle(now);
+}
+
+void BleMesh::on_keys(const MeshKeys& keys, TimePoint now) {
+  link_.on_keys(keys, now);
+  settle(now);
+}
+
+void BleMesh::on_keys_failed(const std::string& why, TimePoint now) {
+  link_.on_keys_failed(why, now);
+  settle(now);
+}
+
+// --- The link ------------------------------------------------------------------------------------
+
+void BleMesh::settle(TimePoint now) {
+  while (auto action = link_.next_action()) on_link_action(std::move(*action), now);
+}
+
+void BleMesh::on_link_action(LinkAction action, TimePoint now) {
+  std::visit(overloaded{
+                 [&](WriteSerial& write) { actions_.push(std::move(write)); },
+                 [&](ReopenPort& reopen) { actions_.push(reopen); },
+                 [&](GenerateKeys& generate) { actions_.push(generate); },
+                 [&](LinkIsUp& up) {
+                   emit(LinkChange{Mesh::ble, true, std::move(up.detail)});
+                 },
+                 [&](LinkIsDown& down) { on_link_down(down.why, now); },
+                 [&](SendRefused& refused) {
+                   const auto robot = robots_.find(refused.destination);
+                   if (robot != robots_.end()) robot->second.commands.on_send_refused(refused.why);
+                 },
+                 [&](MessageReceived& message) { on_message(message, now); },
+                 [&](Heartbeat& heartbeat) {
+                   if (Robot* robot = robot_at(heartbeat.source, now)) on_heard(*robot, now);
+                 },
+                 [&](Notice& notice) { emit(std::move(notice)); },
+             },
+             action);
+}
+
+void BleMesh::on_link_down(const std::string& why, TimePoint now) {
+  down_reason_ = why;
+  emit(LinkChange{Mesh::ble, false, why});
+  for (auto& [address, robot] : robots_)
+    conclude(robot, robot.commands.refuse_all("the BLE link went down: " + why, now));
+}
+
+void BleMesh::send(const Robot& robot, Bytes access, bool is_urgent, TimePoint now) {
+  if (!link_.send({robot.address, robot.appkey_handle, std::move(access), is_urgent}, now))
+    ++counters_.sends_dropped;  // repeated by us (a command) or asked for again (a STATUS)
+}
+
+// --- Who is there --------------------------------------------------------------------------------
+
+Robot* BleMesh::robot_at(std::uint16_t address, TimePoint now) {
+  const auto known = robots_.find(address);
+  if (known != robots_.end()) return &known->second;
+  if (robots_.size() >= max_robots) {
+    if (const auto count = full_burst_.on_event(now))
+      emit(Notice{Severity::warning,
+                  fmt::format("{} message(s) from robots beyond the {} that the BLE mesh has room "
+                              "for were ignored",
+                              *count, max_robots),
+                  {}});
+    return nullptr;
+  }
+  return &robots_.try_emplace(address, address, names_.of_ble(address), settings_.ttl)
+              .first->second;
+}
+
+void BleMesh::on_heard(Robot& robot, TimePoint now) {
+  robot.last_heard = now;
+  if (std::exchange(robot.is_online, true)) return;
+  robot.retained_given.clear();
+  emit(PresenceChange{Mesh::ble, robot.id, Presence::online,
+                      fmt::format("0x{:04x}", robot.address)});
+  subscribe(robot);  // makes the broker send what is retained for it again
+}
+
+void BleMesh::on_silent(Robot& robot) {
+  robot.is_online = false;
+  emit(PresenceChange{Mesh::ble, robot.id, Presence::offline,
+                      fmt::format("0x{:04x}", robot.address)});
+  if (!settings_.will) return;
+  emit(Report{.mesh = Mesh::ble,
+              .robot = robot.id,
+              .topic = with_id(settings_.will->topic, robot.id),
+              .payload = to_bytes(settings_.will->message),
+              .qos = Qos::at_least_once,
+              .retain = false,
+              .receipt = {Mesh::ble, 0}});
+}
+
+void BleMesh::subscribe(const Robot& robot) {
+  emit(SubscribeRequest{Mesh::ble, topics_.command_filter(robot.id), Qos::at_least_once});
+}
+
+void BleMesh::on_subscribe_result(const std::string& filter, bool granted) {
+  for (auto& [address, robot] : robots_) {
+    if (topics_.command_filter(robot.id) == filter) robot.is_subscribed = granted;
+  }
+}
+
+void BleMesh::on_broker_link(bool is_up) {
+  if (!is_up) return;
+  for (auto& [address, robot] : robots_) {
+    if (!std::exchange(robot.is_subscribed, true)) subscribe(robot);
+  }
+}
+
+// --- Down ----------------------------------------------------------------------------------------
+
+void BleMesh::on_broker_message(const BrokerMessage& message, TimePoint now) {
+  const auto target = topics_.parse_command_topic(message.topic);
+  if (!target) return;
+  const auto address = names_.ble_address_of(target->robot);
+  const auto found = address ? robots_.find(*address) : robots_.end();
+  if (found == robots_.end()) return;  // not ours: it may be on the other mesh
+  Robot& robot = found->second;
+  if (message.retain && !may_take_retained(robot, message)) return;
+
+  const auto refuse = [&](std::string why) {
+    conclude(robot, {{std::string(target->type), CommandResult::refused, {}, std::move(why)}});
+  };
+  if (!link_.is_up()) return refuse("the BLE link is down: " + down_reason_);
+  auto command = make_command(settings_, target->type, message.payload, ++last_tid_);
+  if (!command.has_value()) return refuse(command.error().why);
+  conclude(robot, robot.commands.add(std::move(*command), now));
+  transmit_due(robot, now);
+  settle(now);
+}
+
+bool BleMesh::may_take_retained(Robot& robot, const BrokerMessage& message) {
+  if (!robot.is_online || robot.retained_given.size() >= max_retained) return false;
+  return robot.retained_given.insert(message.topic).second;
+}
+
+void BleMesh::transmit_due(Robot& robot, TimePoint now) {
+  if (auto access = robot.commands.next_transmission(now))
+    send(robot, std::move(*access), false, now);
+}
+
+void BleMesh::conclude(const Robot& robot, EndedCommands ended) {
+  for (EndedCommand& command : ended) {
+    ++counters_.commands[static_cast<std::size_t>(command.result)];
+    emit(CommandOutcome{Mesh::ble, robot.id, std::move(command.type), command.result, command.after,
+                        std::move(command.why)});
+  }
+}
+
+// --- Time ----------------------------------------------------------------------------------------
+
+std::optional<TimePoint> BleMesh::deadline() const {
+  std::optional<TimePoint> next = link_.deadline();
+  for (const auto& [address, robot] : robots_) {
+    next = earlier(next, robot.commands.deadline());
+    if (robot.is_online) next = earlier(next, robot.last_heard + settings_.offline_after);
+  }
+  return next;
+}
+
+void BleMesh::on_deadline(TimePoint now) {
+  link_.on_deadline(now);
+  for (auto& [address, robot] : robots_) {
+    conclude(robot, robot.commands.on_deadline(now));
+    transmit_due(robot, now);
+    if (robot.is_online && now >= robot.last_heard + settings_.offline_after) on_silent(robot);
+  }
+  settle(now);
+}
+
+Counters BleMesh::counters() const {
+  const LinkCounters& link = link_.counters();
+  std::uint64_t online = 0;
+  for (const auto& [address, robot] : robots_) online += robot.is_online ? 1 : 0;
+  const auto commands = [&](CommandResult result) {
+    return counters_.commands[static_cast<std::size_t>(result)];
+  };
+  return {{"robots_online", online},
+          {"reports", counters_.reports},
+          {"repeats", counters_.repeats},
+          {"rejected", counters_.rejected},
+          {"unknown_opcodes", counters_.unknown_opcodes},
+          {"statuses_sent", counters_.statuses_sent},
+          {"commands_delivered", commands(CommandResult::delivered)},
+          {"commands_timeout", commands(CommandResult::timeout)},
+          {"commands_refused", commands(CommandResult::refused)},
+          {"commands_superseded", commands(CommandResult::superseded)},
+          {"sends_dropped", counters_.sends_dropped},
+          {"sent", link.sent},
+          {"send_refused", link.send_refused},
+          {"tx_complete", link.tx_complete},
+          {"board_drops", link.board_drops},
+          {"board_restarts", link.restarts},
+          {"resyncs", link.resyncs},
+          {"command_timeouts", link.command_timeouts},
+          {"malformed_events", link.malformed_events},
+          {"other_events", link.other_events}};
+}
+
+}  // namespace slamgw::ble

@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: Apache-2.0
+// The robots on the BLE mesh: what they say becomes reports with receipts, what the broker says
+// becomes repeated commands, and who is heard is online. Stands on BoardLink for the serial board;
+// no I/O, no clock. Called by BleMeshAdapter, which drains its actions after each input.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <string>
+#include <utility>
+#include <variant>
+
+#include "adapters/ble_mesh_usb_cdc/nordic_serial/board_link.hpp"
+#include "adapters/ble_mesh_usb_cdc/robot.hpp"
+#include "adapters/ble_mesh_usb_cdc/settings.hpp"
+#include "daemon/core/burst.hpp"
+#include "daemon/core/messages.hpp"
+#include "daemon/core/protocol_machine.hpp"
+#include "daemon/core/robot_names.hpp"
+#include "daemon/core/topic_scheme.hpp"
+
+namespace slamgw::ble {
+
+using MeshAction = std::variant<WriteSerial, ReopenPort, GenerateKeys, MeshEvent>;
+
+class BleMesh {
+ public:
+  /// Six times what the stock board's replay list holds; more is not a mesh this board can hear.
+  static constexpr std::size_t max_robots = 256;
+  /// Retained topics for one robot.
+  static constexpr std::size_t max_retained = 32;
+
+  /// `keys`: of this gateway's mesh.json, if there is one. `seed` makes Echo nonces.
+  BleMesh(Settings settings, TopicScheme topics, RobotNames names, std::optional<MeshKeys> keys,
+          std::uint64_t seed);
+
+  /// Subscribes for the robots that the configuration names.
+  void on_start();
+  void on_port_open(TimePoint now);
+  void on_port_closed(const std::string& why, TimePoint now);
+  void on_bytes(ByteView bytes, TimePoint now);
+  void on_keys(const MeshKeys& keys, TimePoint now);
+  void on_keys_failed(const std::string& why, TimePoint now);
+
+  void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now);
+  void on_broker_message(const BrokerMessage& message, TimePoint now);
+  void on_subscribe_result(const std::string& filter, bool granted);
+  void on_broker_link(bool is_up);
+
+  std::optional<MeshAction> next_action() { return actions_.pop(); }
+  std::optional<TimePoint> deadline() const;
+  void on_deadline(TimePoint now);
+  Counters counters() const;
+
+ private:
+  struct MeshCounters {
+    std::uint64_t reports = 0;
+    std::uint64_t repeats = 0;
+    std::uint64_t rejected = 0;
+    std::uint64_t unknown_opcodes = 0;
+    std::uint64_t statuses_sent = 0;
+    std::uint64_t sends_dropped = 0;
+    std::array<std::uint64_t, 4> commands{};  ///< by CommandResult
+  };
+
+  void settle(TimePoint now);
+  void on_link_action(LinkAction action, TimePoint now);
+  void on_link_down(const std::string& why, TimePoint now);
+
+  void on_message(const MessageReceived& message, TimePoint now);
+  void on_vendor_message(Robot& robot, VendorMessage kind, const MessageReceived& message,
+                         ByteView params, TimePoint now);
+  void on_set(Robot& robot, VendorModel model, const MessageReceived& message, ByteView params,
+              TimePoint now);
+  void report(const Robot& robot, VendorModel model, ByteView params, std::uint64_t receipt_id);
+  void send_status(const Robot& robot, VendorModel model, TimePoint now);
+  void reject(std::uint16_t source, std::string_view why, TimePoint now);
+
+  Robot* robot_at(std::uint16_t address, TimePoint now);
+  void on_heard(Robot& robot, TimePoint now);
+  void on_silent(Robot& robot);
+  void subscribe(const Robot& robot);
+
+  bool may_take_retained(Robot& robot, const BrokerMessage& message);
+  void transmit_due(Robot& robot, TimePoint now);
+  void conclude(const Robot& robot, EndedCommands ended);
+  void send(const Robot& robot, Bytes access, bool is_urgent, TimePoint now);
+  const std::string& type_of(VendorModel model) const;
+  void emit(MeshEvent event) { actions_.push(std::move(event)); }
+
+  Settings settings_;
+  TopicScheme topics_;
+  RobotNames names_;
+  BoardLink link_;
+  std::string down_reason_ = "not started";
+  ActionQueue<MeshAction> actions_;
+  std::map<std::uint16_t, Robot> robots_;
+  /// Receipt -> the inbox that waits for it; at most three for each robot.
+  std::map<std::uint64_t, std::pair<std::uint16_t, VendorModel>> open_receipts_;
+  std::uint64_t last_receipt_ = 0;
+  std::uint8_t last_tid_ = 0;
+  Burst reject_burst_;
+  Burst full_burst_;
+  MeshCounters counters_;
+};
+
+}  // namespace slamgw::ble

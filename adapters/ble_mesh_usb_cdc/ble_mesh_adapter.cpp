@@ -1,0 +1,198 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "adapters/ble_mesh_usb_cdc/ble_mesh_adapter.hpp"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <boost/asio/buffer.hpp>
+#include <boost/asio/error.hpp>
+#include <boost/asio/write.hpp>
+#include <random>
+#include <utility>
+
+namespace slamgw::ble {
+namespace {
+
+namespace asio = boost::asio;
+
+std::uint64_t random_seed() {
+  std::random_device device;
+  return std::uint64_t{device()} << 32 | device();
+}
+
+/// The keys that `file` holds; `problem` says why they can't be used.
+std::optional<MeshKeys> load_keys(const MeshFile& file, std::string& problem) {
+  const auto loaded = file.load();
+  if (!loaded.has_value()) {
+    problem = loaded.error().why;
+    return std::nullopt;
+  }
+  if (!loaded->has_value()) return std::nullopt;
+  return (*loaded)->keys;
+}
+
+}  // namespace
+
+BleMeshAdapter::BleMeshAdapter(asio::io_context& io, Settings settings, TopicScheme topics,
+                               RobotNames names, std::string store_directory,
+                               MeshListener& listener)
+    : settings_(std::move(settings)),
+      file_(store_directory),
+      listener_(listener),
+      mesh_(settings_, std::move(topics), std::move(names), load_keys(file_, file_problem_),
+            random_seed()),
+      driver_(io, mesh_, [this](MeshAction& action) { perform(action); }),
+      timer_(io) {}
+
+void BleMeshAdapter::start() {
+  is_stopped_ = false;
+  std::string problem = file_problem_;
+  if (settings_.protocol == Protocol::cobs)
+    problem = "ble_mesh.protocol \"cobs\" is not available in this version: the BLE mesh stays off";
+  if (!problem.empty()) {
+    listener_.on_mesh_event(Notice{Severity::error, problem, {}});
+    listener_.on_mesh_event(LinkChange{Mesh::ble, false, problem});
+    return;
+  }
+  driver_.input([](BleMesh& mesh, TimePoint) { mesh.on_start(); });
+  open_after(Duration::zero());
+}
+
+void BleMeshAdapter::stop() {
+  is_stopped_ = true;
+  driver_.stop();
+  timer_.cancel();
+  close_port();
+}
+
+void BleMeshAdapter::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome) {
+  driver_.input([&](BleMesh& mesh, TimePoint now) { mesh.on_receipt(receipt_id, outcome, now); });
+}
+
+void BleMeshAdapter::on_broker_message(const BrokerMessage& message) {
+  driver_.input([&](BleMesh& mesh, TimePoint now) { mesh.on_broker_message(message, now); });
+}
+
+void BleMeshAdapter::on_subscribe_result(const std::string& filter, bool granted) {
+  driver_.input([&](BleMesh& mesh, TimePoint) { mesh.on_subscribe_result(filter, granted); });
+}
+
+void BleMeshAdapter::on_broker_link(bool is_up) {
+  driver_.input([&](BleMesh& mesh, TimePoint) { mesh.on_broker_link(is_up); });
+}
+
+Counters BleMeshAdapter::counters() const { return mesh_.counters(); }
+
+void BleMeshAdapter::perform(MeshAction& action) {
+  if (is_stopped_) return;
+  std::visit(overloaded{
+                 [this](WriteSerial& serial) { write(serial.bytes); },
+                 [this](ReopenPort& reopen) {
+                   close_port();
+                   open_after(reopen.after);
+                 },
+                 [this](GenerateKeys&) { generate_keys(); },
+                 [this](MeshEvent& event) { listener_.on_mesh_event(std::move(event)); },
+             },
+             action);
+}
+
+void BleMeshAdapter::generate_keys() {
+  const auto keys = generate_random_keys();
+  const std::string problem = keys ? file_.create({*keys}) : "no randomness for the mesh's keys";
+  driver_.input([&](BleMesh& mesh, TimePoint now) {
+    if (problem.empty()) {
+      mesh.on_keys(*keys, now);
+    } else {
+      mesh.on_keys_failed(problem, now);
+    }
+  });
+}
+
+// --- The port ------------------------------------------------------------------------------------
+
+void BleMeshAdapter::open_after(Duration delay) {
+  timer_.expires_after(delay);
+  timer_.async_wait([this](boost::system::error_code error) {
+    if (!error && !is_stopped_) open_port();
+  });
+}
+
+void BleMeshAdapter::open_port() {
+  auto opened = SerialPort::open(settings_);
+  if (!opened.has_value()) return on_port_failed(opened.error().why);
+  port_ = std::move(*opened);
+  // Nordic's USB firmware delivers what an earlier reader left behind unless DTR was off for a bit.
+  port_->set_dtr(false);
+  timer_.expires_after(dtr_off_time);
+  timer_.async_wait([this](boost::system::error_code error) {
+    if (!error && !is_stopped_) on_dtr_rested();
+  });
+}
+
+void BleMeshAdapter::on_dtr_rested() {
+  port_->flush_input();
+  port_->set_dtr(true);
+  const int descriptor = ::dup(port_->descriptor());  // the stream closes its own
+  if (descriptor < 0) return on_port_failed(port_->path() + " can't be used: too many open files");
+  stream_.emplace(timer_.get_executor(), descriptor);
+  ++generation_;
+  open_delay_ = first_open_delay;
+  read();
+  driver_.input([](BleMesh& mesh, TimePoint now) { mesh.on_port_open(now); });
+}
+
+void BleMeshAdapter::close_port() {
+  timer_.cancel();
+  if (port_) port_->set_dtr(false);
+  stream_.reset();
+  port_.reset();
+  unwritten_.clear();
+  writing_.clear();
+  ++generation_;
+}
+
+void BleMeshAdapter::on_port_failed(const std::string& why) {
+  close_port();
+  open_after(open_delay_);
+  open_delay_ = std::min(open_delay_ * 2, max_open_delay);
+  driver_.input([&](BleMesh& mesh, TimePoint now) { mesh.on_port_closed(why, now); });
+}
+
+void BleMeshAdapter::read() {
+  const auto on_read = [this, generation = generation_](boost::system::error_code error,
+                                                        std::size_t count) {
+    if (error == asio::error::operation_aborted || generation != generation_) return;
+    if (error) return on_port_failed("the serial board is gone (" + error.message() + ")");
+    driver_.input([&](BleMesh& mesh, TimePoint now) {
+      mesh.on_bytes(ByteView(read_buffer_).first(count), now);
+    });
+    if (generation == generation_) read();
+  };
+  stream_->async_read_some(asio::buffer(read_buffer_), on_read);
+}
+
+void BleMeshAdapter::write(const Bytes& bytes) {
+  if (!stream_) return;
+  if (unwritten_.size() + bytes.size() > max_unwritten)
+    return on_port_failed("the serial board takes no data: check ble_mesh.flow_control");
+  unwritten_.insert(unwritten_.end(), bytes.begin(), bytes.end());
+  if (writing_.empty()) write_next();
+}
+
+void BleMeshAdapter::write_next() {
+  const std::size_t count = std::min(unwritten_.size(), port_->max_write_bytes());
+  const auto end = unwritten_.begin() + static_cast<std::ptrdiff_t>(count);
+  writing_.assign(unwritten_.begin(), end);
+  unwritten_.erase(unwritten_.begin(), end);
+  if (writing_.empty()) return;
+  const auto on_written = [this, generation = generation_](boost::system::error_code error,
+                                                           std::size_t) {
+    if (error == asio::error::operation_aborted || generation != generation_) return;
+    if (error) return on_port_failed("writing to the serial board failed: " + error.message());
+    write_next();
+  };
+  asio::async_write(*stream_, asio::buffer(writing_), on_written);
+}
+
+}  // namespace slamgw::ble

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+// Which address handles the board has given out. Handles are indexes into a table of 32 in the
+// board's flash, shared by subscriptions and publications; publications that were not used for
+// longest make room. Called by StartUp and BoardLink.
+#pragma once
+
+#include <cstdint>
+#include <list>
+#include <optional>
+#include <set>
+
+namespace slamgw::ble {
+
+class AddressBook {
+ public:
+  /// The stock firmware's table of group and unicast addresses.
+  static constexpr std::size_t max_addresses = 32;
+
+  struct Publication {
+    std::uint16_t address = 0;
+    std::uint16_t handle = 0;
+  };
+
+  void add_subscription(std::uint16_t address) { subscriptions_.insert(address); }
+  bool is_subscribed(std::uint16_t address) const { return subscriptions_.contains(address); }
+
+  void add_publication(Publication publication);
+  /// The handle to send to `address` with; marks it as just used.
+  std::optional<std::uint16_t> publication_handle(std::uint16_t address);
+  /// The board no longer knows this handle.
+  void forget_publication(std::uint16_t address);
+  bool is_full() const { return subscriptions_.size() + publications_.size() >= max_addresses; }
+  /// Takes out the publication that was not used for longest.
+  std::optional<Publication> take_least_recent();
+
+ private:
+  std::set<std::uint16_t> subscriptions_;
+  std::list<Publication> publications_;  ///< most recently used first
+};
+
+}  // namespace slamgw::ble

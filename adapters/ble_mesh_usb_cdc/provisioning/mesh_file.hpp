@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: Apache-2.0
+// `<store.directory>/mesh.json` on disk: readable by its owner only, replaced atomically. Blocks
+// for one fsync, once in the life of a mesh. Called by BleMeshAdapter.
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
+#include "adapters/ble_mesh_usb_cdc/refusal.hpp"
+#include "daemon/core/result.hpp"
+
+namespace slamgw::ble {
+
+class MeshFile {
+ public:
+  explicit MeshFile(const std::string& directory) : path_(directory + "/mesh.json") {}
+
+  /// Nothing when there is no file. The error is a sentence for the operator; a file that can't be
+  /// read must not be replaced, because the mesh is lost with its keys.
+  Result<std::optional<NodeDatabase>, Refusal> load() const;
+  /// An error message, or empty when the file is safely on disk. Never replaces an existing file.
+  std::string create(const NodeDatabase& database) const;
+
+  const std::string& path() const { return path_; }
+
+ private:
+  std::string path_;
+};
+
+/// Fresh random keys; nothing when the system has no randomness to give.
+std::optional<MeshKeys> generate_random_keys();
+
+}  // namespace slamgw::ble
