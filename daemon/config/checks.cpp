@@ -1,0 +1,139 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/config/checks.hpp"
+
+#include <fmt/format.h>
+#include <sys/un.h>
+
+#include <tuple>
+
+namespace slamgw {
+namespace {
+
+/// Reports the second and later ones of the same value. `what` completes "is ... already".
+template <class T>
+class Unique {
+ public:
+  Unique(const Located& located, std::string what) : located_(located), what_(std::move(what)) {}
+
+  void add(const T& value, const std::string& key) {
+    const auto [first, is_new] = first_.emplace(value, key);
+    if (!is_new)
+      located_.problem(
+          key, fmt::format("is {} of {} already; each once is allowed", what_, first->second));
+  }
+
+ private:
+  const Located& located_;
+  std::string what_;
+  std::map<T, std::string> first_;
+};
+
+void require(const Located& located, const std::string& group, std::string_view key) {
+  const std::string path = fmt::format("{}.{}", group, key);
+  if (!located.is_set(path))
+    located.problem(path, fmt::format("is missing; \"{}\" is needed", key));
+}
+
+void check_robots(const Located& located) {
+  Unique<std::string> ids(located, "the id");
+  Unique<std::uint16_t> addresses(located, "the address");
+  Unique<std::string> client_ids(located, "the client id");
+  const Config& config = located.config;
+  if (config.ble_mesh.enabled) addresses.add(config.ble_mesh.address, "ble_mesh.address");
+  for (std::size_t i = 0; i < config.robots.size(); ++i) {
+    const RobotName& robot = config.robots[i];
+    const std::string path = fmt::format("robots[{}]", i);
+    require(located, path, "id");
+    if (!robot.id.empty()) ids.add(robot.id, path + ".id");
+    if (robot.ble_address) addresses.add(*robot.ble_address, path + ".ble_address");
+    if (robot.mqttsn_client_id) client_ids.add(*robot.mqttsn_client_id, path + ".mqttsn_client_id");
+    if (!located.is_set(path + ".ble_address") && !located.is_set(path + ".mqttsn_client_id"))
+      located.problem(path,
+                      "has no address; \"ble_address\", \"mqttsn_client_id\" or both are "
+                      "needed");
+  }
+}
+
+void check_predefined_topics(const Located& located) {
+  using Scope = std::pair<std::optional<std::string>, std::uint16_t>;
+  Unique<Scope> ids(located, "the id");
+  const auto& topics = located.config.mqttsn.predefined_topics;
+  for (std::size_t i = 0; i < topics.size(); ++i) {
+    const std::string path = fmt::format("mqttsn.predefined_topics[{}]", i);
+    require(located, path, "id");
+    require(located, path, "name");
+    if (topics[i].id != 0) ids.add({topics[i].client_id, topics[i].id}, path + ".id");
+  }
+}
+
+void check_ble_mesh(const Located& located) {
+  const ble::Settings& ble = located.config.ble_mesh;
+  if (ble.will) {
+    require(located, "ble_mesh.will", "topic");
+    require(located, "ble_mesh.will", "message");
+  }
+  if (ble.pos_cmd_type == "run")
+    located.problem("ble_mesh.types.pos_cmd",
+                    "\"run\" is the type of on/off commands; any other type is allowed");
+  const bool is_positions_stream =
+      ble.protocol == ble::Protocol::cobs && ble.cobs_content == ble::CobsContent::positions;
+  if (is_positions_stream && !located.is_set("ble_mesh.robot_id"))
+    located.problem("ble_mesh.robot_id",
+                    "is missing: this stream does not say whose positions it carries; with "
+                    "\"protocol\": \"cobs\" and \"cobs_content\": \"positions\" a robot's id is "
+                    "needed");
+}
+
+void check_mqttsn(const Located& located) {
+  const mqttsn::Settings& mqttsn = located.config.mqttsn;
+  if (mqttsn.enabled && mqttsn.listen.empty())
+    located.problem("mqttsn.listen",
+                    "is empty; at least one address, or \"enabled\": false, is needed");
+}
+
+void check_tls_keys(const Located& located) {
+  const BrokerSettings& broker = located.config.broker;
+  for (const auto& [key, file] : {std::pair{"ca_file", &broker.ca_file},
+                                  std::pair{"certificate_file", &broker.certificate_file},
+                                  std::pair{"key_file", &broker.key_file}}) {
+    if (*file && !broker.tls)
+      located.problem(fmt::format("broker.tls.{}", key),
+                      "has no effect without TLS; a broker.uri with mqtts:// is needed");
+  }
+  if (broker.certificate_file.has_value() == broker.key_file.has_value()) return;
+  located.problem(broker.key_file ? "broker.tls.key_file" : "broker.tls.certificate_file",
+                  "stands alone; certificate_file and key_file are allowed only together");
+}
+
+void check_control_socket(const Located& located) {
+  constexpr std::size_t longest = sizeof(sockaddr_un::sun_path) - 1;
+  if (located.config.control_socket.size() > longest)
+    located.problem("control.socket",
+                    fmt::format("is too long for a socket; {} bytes are allowed", longest));
+}
+
+}  // namespace
+
+int Located::line_of(std::string key) const {
+  while (true) {
+    if (const auto found = lines.find(key); found != lines.end()) return found->second;
+    const std::size_t dot = key.rfind('.');
+    if (dot == std::string::npos) return 1;
+    key.resize(dot);
+  }
+}
+
+void Located::problem(const std::string& key, std::string text) const {
+  context.problems.push_back({context.file, line_of(key), key, std::move(text)});
+}
+
+void check_relations(const Located& located) {
+  check_robots(located);
+  check_predefined_topics(located);
+  check_ble_mesh(located);
+  check_mqttsn(located);
+  check_tls_keys(located);
+  check_control_socket(located);
+}
+
+}  // namespace slamgw

@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: Apache-2.0
+// What can be wrong between keys, each of them being right by itself. Called by the parser after
+// all keys are read.
+#pragma once
+
+#include <map>
+#include <string>
+
+#include "daemon/config/config.hpp"
+#include "daemon/config/value.hpp"
+
+namespace slamgw {
+
+/// The configuration as read so far, and where its keys stand.
+struct Located {
+  const Config& config;
+  const std::map<std::string, int>& lines;
+  FileContext& context;
+
+  bool is_set(const std::string& key) const { return lines.contains(key); }
+  /// The line of a key, or of the nearest group above it that the file has.
+  int line_of(std::string key) const;
+  void problem(const std::string& key, std::string text) const;
+};
+
+void check_relations(const Located& located);
+
+}  // namespace slamgw

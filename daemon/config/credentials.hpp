@@ -1,0 +1,15 @@
+// SPDX-License-Identifier: Apache-2.0
+// The broker's user name and password: from the file that `broker.credentials_file` names, else
+// from the systemd credential `broker`. Neither ever shows in a problem.
+#pragma once
+
+#include "daemon/config/checks.hpp"
+#include "daemon/config/files.hpp"
+#include "daemon/config/parse.hpp"
+
+namespace slamgw {
+
+void read_credentials(const Located& located, BrokerSettings& broker,
+                      const Surroundings& surroundings, const Files& files);
+
+}  // namespace slamgw

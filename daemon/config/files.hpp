@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the configuration needs of the world outside its text. One real implementation
+// (system_files.hpp) and the fake in tests/config.
+#pragma once
+
+#include <string>
+
+#include "daemon/core/result.hpp"
+
+namespace slamgw {
+
+struct FileText {
+  std::string text;
+  unsigned mode = 0;  ///< permission bits, 0777
+};
+
+struct FileError {
+  bool is_missing = false;
+  std::string text;  ///< "No such file or directory"
+};
+
+class Files {
+ public:
+  virtual ~Files() = default;
+  /// The whole of a regular file of at most 1 MiB.
+  virtual Result<FileText, FileError> read(const std::string& path) const = 0;
+  /// Why this PEM text is no certificate (chain), no usable private key; empty when it is one.
+  virtual std::string certificate_fault(const std::string& pem) const = 0;
+  virtual std::string key_fault(const std::string& pem) const = 0;
+  /// Whether the key belongs to the first certificate. Both have been found good.
+  virtual bool key_matches(const std::string& certificate_pem,
+                           const std::string& key_pem) const = 0;
+};
+
+}  // namespace slamgw

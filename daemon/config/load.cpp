@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/config/load.hpp"
+
+#include <unistd.h>
+
+#include <array>
+#include <cstdlib>
+
+#include "daemon/config/system_files.hpp"
+
+namespace slamgw {
+namespace {
+
+Surroundings read_surroundings() {
+  std::array<char, 256> name{};  // POSIX's longest host name and a NUL
+  if (gethostname(name.data(), name.size() - 1) != 0) name[0] = '\0';
+  const char* credentials = std::getenv("CREDENTIALS_DIRECTORY");
+  return {name.data(), credentials == nullptr ? "" : credentials};
+}
+
+}  // namespace
+
+ParseResult load_config(const std::string& path) {
+  const SystemFiles files;
+  const auto file = files.read(path);
+  if (file) return parse_config(file->text, path, read_surroundings(), files);
+  std::string text = "cannot be read: " + file.error().text + "; a readable file is needed";
+  if (file.error().is_missing) text += ", create it with: slam-gatewayd --print-config > " + path;
+  ParseResult result;
+  result.problems.push_back({path, 1, "file", std::move(text)});
+  return result;
+}
+
+}  // namespace slamgw

@@ -1,0 +1,15 @@
+// SPDX-License-Identifier: Apache-2.0
+// Reads the configuration file of this host, with all files that it names. Called by main, at
+// start, for --check-config and on SIGHUP. Opens nothing but those files.
+#pragma once
+
+#include <string>
+
+#include "daemon/config/parse.hpp"
+
+namespace slamgw {
+
+/// Never throws for what is in the files; an unreadable file is a problem like any other.
+ParseResult load_config(const std::string& path);
+
+}  // namespace slamgw

@@ -1,0 +1,156 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/config/located_json.hpp"
+
+#include <iterator>
+#include <map>
+#include <utility>
+
+#include "daemon/config/syntax_words.hpp"
+
+namespace slamgw {
+namespace {
+
+constexpr std::size_t max_depth = 16;  // the configuration needs 4
+
+/// Input for the lexer that leaves behind the line of the last character read: a number ends only
+/// with the character after it, which is still on its line.
+class LineIterator {
+ public:
+  using iterator_category = std::input_iterator_tag;
+  using value_type = char;
+  using difference_type = std::ptrdiff_t;
+  using pointer = const char*;
+  using reference = char;
+
+  LineIterator(const char* at, int* line_read) : at_(at), line_read_(line_read) {}
+
+  char operator*() const {
+    *line_read_ = line_;
+    return *at_;
+  }
+  LineIterator& operator++() {
+    if (*at_++ == '\n') ++line_;
+    return *this;
+  }
+  bool operator==(const LineIterator& other) const { return at_ == other.at_; }
+  bool operator!=(const LineIterator& other) const { return at_ != other.at_; }
+
+ private:
+  const char* at_;
+  int* line_read_;
+  int line_ = 1;
+};
+
+/// SAX events into a tree. Pointers in `open_` stay valid: only the innermost open node grows.
+class TreeBuilder : public nlohmann::json_sax<nlohmann::json> {
+ public:
+  TreeBuilder(LocatedJson& out, const std::string& file, const int& line)
+      : out_(out), file_(file), line_(line) {}
+
+  bool null() override { return add(nullptr); }
+  bool boolean(bool value) override { return add(value); }
+  bool number_integer(number_integer_t value) override { return add(value); }
+  bool number_unsigned(number_unsigned_t value) override { return add(value); }
+  bool number_float(number_float_t value, const string_t&) override { return add(value); }
+  bool string(string_t& value) override { return add(std::move(value)); }
+  bool binary(binary_t&) override { return false; }  // JSON text has none
+  bool start_object(std::size_t) override { return open(nlohmann::json::object()); }
+  bool start_array(std::size_t) override { return open(nlohmann::json::array()); }
+  bool end_object() override { return close(); }
+  bool end_array() override { return close(); }
+
+  bool key(string_t& name) override {
+    key_ = name;
+    key_line_ = line_;
+    return true;
+  }
+
+  bool parse_error(std::size_t, const std::string&, const nlohmann::detail::exception& e) override {
+    return fail(syntax_words(e.what()));
+  }
+
+ private:
+  bool add(nlohmann::json value) {
+    place(std::move(value));
+    return true;
+  }
+
+  bool open(nlohmann::json value) {
+    if (open_.size() == max_depth) return fail("nested too deeply; 16 levels are allowed");
+    open_.push_back(&place(std::move(value)));
+    return true;
+  }
+
+  bool close() {
+    drop_repeated_keys(*open_.back());
+    open_.pop_back();
+    return true;
+  }
+
+  JsonNode& place(nlohmann::json value) {
+    const int line = key_line_ > 0 ? std::exchange(key_line_, 0) : line_;
+    JsonNode node{std::exchange(key_, {}), line, std::move(value), {}};
+    if (open_.empty()) return out_.root = std::move(node);
+    return open_.back()->children.emplace_back(std::move(node));
+  }
+
+  void drop_repeated_keys(JsonNode& object) {
+    if (!object.value.is_object()) return;
+    std::map<std::string, int> lines;
+    std::vector<JsonNode> kept;
+    for (JsonNode& child : object.children) {
+      const auto [first, is_new] = lines.emplace(child.key, child.line);
+      if (is_new) {
+        kept.push_back(std::move(child));
+      } else {
+        out_.problems.push_back({file_, child.line, path() + child.key,
+                                 "is already set in line " + std::to_string(first->second) +
+                                     "; each key once is allowed"});
+      }
+    }
+    object.children = std::move(kept);
+  }
+
+  /// Of the innermost open object, with its dot.
+  std::string path() const {
+    std::string result;
+    for (std::size_t i = 1; i < open_.size(); ++i) {
+      const JsonNode& parent = *open_[i - 1];
+      if (parent.value.is_array()) {
+        if (!result.empty()) result.pop_back();
+        result += "[" + std::to_string(parent.children.size() - 1) + "].";
+      } else {
+        result += open_[i]->key + ".";
+      }
+    }
+    return result;
+  }
+
+  bool fail(std::string words) {
+    out_.problems = {{file_, line_, "syntax", std::move(words)}};
+    return false;
+  }
+
+  LocatedJson& out_;
+  const std::string& file_;
+  const int& line_;
+  std::vector<JsonNode*> open_;
+  std::string key_;
+  int key_line_ = 0;
+};
+
+}  // namespace
+
+LocatedJson read_located_json(std::string_view text, const std::string& file) {
+  LocatedJson result;
+  int line = 1;
+  TreeBuilder builder(result, file, line);
+  const char* end = text.data() + text.size();
+  result.is_complete =
+      nlohmann::json::sax_parse(LineIterator(text.data(), &line), LineIterator(end, &line),
+                                &builder, nlohmann::json::input_format_t::json,
+                                true /* nothing after the value */, true /* with comments */);
+  return result;
+}
+
+}  // namespace slamgw

@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: Apache-2.0
+// JSON with `//` and `/* */` comments, read into a tree that knows each value's line. Knows no key
+// of the configuration; used for it and for the credentials file.
+#pragma once
+
+#include <nlohmann/json.hpp>
+#include <string>
+#include <string_view>
+#include <variant>
+#include <vector>
+
+#include "daemon/config/problem.hpp"
+
+namespace slamgw {
+
+/// A value and where it stands. Members of an object and elements of an array are in `children`, in
+/// the file's order; `value` is then an empty object or array.
+struct JsonNode {
+  std::string key;  ///< empty for the root and for elements of an array
+  int line = 1;     ///< of the key where there is one
+  nlohmann::json value;
+  std::vector<JsonNode> children;
+};
+
+/// Reads one document. A syntax error is the only problem then, and the tree is unusable; a key
+/// that appears twice is a problem beside which the tree holds the first.
+struct LocatedJson {
+  JsonNode root;
+  bool is_complete = false;
+  Problems problems;
+};
+LocatedJson read_located_json(std::string_view text, const std::string& file);
+
+}  // namespace slamgw

@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: Apache-2.0
+// What texts in the configuration have to look like. Pure functions on strings, used by the
+// schema's rows.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <string_view>
+
+namespace slamgw {
+
+bool is_gateway_id(std::string_view text);    ///< `[A-Za-z0-9_-]{1,32}`
+bool is_client_id(std::string_view text);     ///< 1-255 octets of UTF-8, no control characters
+bool is_topic_prefix(std::string_view text);  ///< levels that are not empty, no leading `$`
+bool is_any_text(std::string_view text);
+bool is_uuid_prefix(std::string_view text);  ///< 1-32 hex digits
+bool is_static_oob(std::string_view text);   ///< 32 hex digits
+bool is_interface_name(std::string_view text);
+bool is_listen_address(
+    std::string_view text);  ///< `0.0.0.0:47193`, `[::]:47193`, `[fe80::1%wpan0]:0`
+bool is_multicast_group(std::string_view text);  ///< an IPv4 or IPv6 multicast address
+
+/// A host name as a gateway id: what does not fit becomes `-`; `gateway` when nothing is left.
+std::string gateway_id_of_host(std::string_view host_name);
+
+struct BrokerUri {
+  std::string host;  ///< IPv6 without brackets
+  std::uint16_t port = 0;
+  bool tls = false;
+};
+/// `mqtt://host[:port]` or `mqtts://host[:port]`; nothing when it is neither.
+std::optional<BrokerUri> parse_broker_uri(std::string_view uri);
+
+}  // namespace slamgw

@@ -1,0 +1,269 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/config/schema.hpp"
+
+#include <algorithm>
+#include <array>
+
+#include "daemon/config/rules.hpp"
+#include "daemon/core/topic_scheme.hpp"
+
+namespace slamgw {
+namespace {
+
+constexpr std::uint64_t day_s = 86400;
+constexpr std::uint64_t max_u16 = 65535;
+constexpr std::uint64_t tebibyte = 1ULL << 40;
+constexpr std::string_view level_words =
+    "a text of 1-64 bytes without + # / and control characters";
+constexpr std::string_view client_id_words = "a text of 1-255 bytes without control characters";
+constexpr std::string_view filter_words =
+    "an MQTT filter, + only as a whole level, # only as the last";
+constexpr std::string_view topic_words = "a topic name without wildcards";
+
+// The parts of the table, a function for each group of keys.
+
+void read_broker_uri(Value value, Config& config) {
+  const auto* text = value.node().value.get_ptr<const std::string*>();
+  if (text != nullptr && text->find('@') != std::string::npos) {
+    value.problem(  // never shown: it may hold a password
+        "a user name or password in the URI is not allowed; allowed: mqtt://HOST[:PORT], and the "
+        "user in the file that broker.credentials_file names");
+    return;
+  }
+  const auto uri = text == nullptr ? std::nullopt : parse_broker_uri(*text);
+  if (!uri) return value.not_allowed("mqtt://HOST[:PORT] or mqtts://HOST[:PORT], IPv6 in [ ]");
+  config.broker.host = uri->host;
+  config.broker.port = uri->port;
+  config.broker.tls = uri->tls;
+}
+
+void read_groups(Value value, Config& config) {
+  auto& groups = config.ble_mesh.groups;
+  if (value.node().value.is_array()) groups.clear();
+  value.list(
+      [&groups](Value item) {
+        std::uint16_t group = 0;
+        item.address(group, 0xc000, 0xfeff);
+        if (group == 0) return;
+        if (std::find(groups.begin(), groups.end(), group) != groups.end())
+          item.problem("is in this list already; each entry once is allowed");
+        groups.push_back(group);
+      },
+      "group addresses");
+}
+
+/// 1 is not allowed by Mesh Profile section 3.4.4.5: such a message is never relayed, as with 0.
+void read_ttl(Value value, Config& config) {
+  const nlohmann::json& json = value.node().value;
+  const std::uint64_t ttl = json.is_number_unsigned() ? json.get<std::uint64_t>() : 1;
+  if (ttl > 127 || ttl == 1) return value.not_allowed("0 or a whole number from 2 to 127");
+  config.ble_mesh.ttl = static_cast<std::uint8_t>(ttl);
+}
+
+constexpr auto common_keys = std::to_array<SchemaKey>({
+    {"gateway.id",
+     [](Value v, Config& c) {
+       v.text(c.gateway_id, is_gateway_id, "1-32 letters, digits, - and _");
+     }},
+    {"broker.uri", read_broker_uri},
+    {"broker.client_id",
+     [](Value v, Config& c) { v.text(c.broker.client_id, is_client_id, client_id_words); }},
+    {"broker.credentials_file", [](Value v, Config& c) { v.file_path(c.broker.credentials_file); }},
+    {"broker.tls.ca_file", [](Value v, Config& c) { v.file_path(c.broker.ca_file); }},
+    {"broker.tls.certificate_file",
+     [](Value v, Config& c) { v.file_path(c.broker.certificate_file); }},
+    {"broker.tls.key_file", [](Value v, Config& c) { v.file_path(c.broker.key_file); }},
+    {"broker.keep_alive_s",
+     [](Value v, Config& c) { v.seconds(c.broker.keep_alive, 1, max_u16); }},
+    {"broker.max_inflight",
+     [](Value v, Config& c) { v.integer(c.broker.max_inflight, 1, 1000); }},
+    {"topics.prefix",
+     [](Value v, Config& c) {
+       v.text(c.topics.prefix, is_topic_prefix,
+              "topic levels without wildcards, not empty, no / at either end, no $ in front");
+     }},
+    {"topics.extra_publish",
+     [](Value v, Config& c) { v.texts(c.topics.extra_publish, is_valid_filter, filter_words); }},
+    {"topics.extra_subscribe",
+     [](Value v, Config& c) { v.texts(c.topics.extra_subscribe, is_valid_filter, filter_words); }},
+    {"payload.update",
+     [](Value v, Config& c) {
+       v.one_of(c.update_mode, {{"positions", UpdateMode::positions},
+                                {"json", UpdateMode::json},
+                                {"raw", UpdateMode::raw}});
+     }},
+    {"presence.offline_after_s",
+     [](Value v, Config& c) { v.seconds(c.ble_mesh.offline_after, 1, day_s); }},
+    {"robots[]", [](Value, Config& c) { c.robots.emplace_back(); }},
+    {"robots[].id",
+     [](Value v, Config& c) { v.text(c.robots.back().id, is_valid_level, level_words); }},
+    {"robots[].ble_address",
+     [](Value v, Config& c) {
+       if (v.is_null()) return;
+       std::uint16_t address = 0;
+       v.address(address, 0x0001, 0x7fff);
+       if (address != 0) c.robots.back().ble_address = address;
+     }},
+    {"robots[].mqttsn_client_id",
+     [](Value v, Config& c) {
+       v.text(c.robots.back().mqttsn_client_id, is_client_id, client_id_words);
+     }},
+    {"store.directory", [](Value v, Config& c) { v.file_path(c.store.directory); }},
+    {"store.max_bytes", [](Value v, Config& c) { v.integer(c.store.max_bytes, 1, tebibyte); }},
+    {"log.level",
+     [](Value v, Config& c) {
+       v.one_of(c.log.level, {{"debug", Severity::debug},
+                              {"info", Severity::info},
+                              {"notice", Severity::notice},
+                              {"warning", Severity::warning},
+                              {"error", Severity::error}});
+     }},
+    {"log.traffic",
+     [](Value v, Config& c) {
+       v.one_of(c.log.traffic, {{"all", TrafficLog::all},
+                                {"sampled", TrafficLog::sampled},
+                                {"off", TrafficLog::off}});
+     }},
+    {"control.socket", [](Value v, Config& c) { v.file_path(c.control_socket); }},
+});
+
+constexpr auto ble_mesh_keys = std::to_array<SchemaKey>({
+    {"ble_mesh.enabled", [](Value v, Config& c) { v.boolean(c.ble_mesh.enabled); }},
+    {"ble_mesh.device", [](Value v, Config& c) { v.file_path(c.ble_mesh.device, "auto"); }},
+    {"ble_mesh.protocol",
+     [](Value v, Config& c) {
+       v.one_of(c.ble_mesh.protocol, {{"nordic-serial", ble::Protocol::nordic_serial},
+                                      {"cobs", ble::Protocol::cobs}});
+     }},
+    {"ble_mesh.baud_rate",
+     [](Value v, Config& c) { v.integer(c.ble_mesh.baud_rate, 1200, 4000000); }},
+    {"ble_mesh.flow_control",
+     [](Value v, Config& c) {
+       v.one_of(c.ble_mesh.flow_control, {{"auto", ble::FlowControl::automatic},
+                                          {"none", ble::FlowControl::none},
+                                          {"rts_cts", ble::FlowControl::rts_cts}});
+     }},
+    {"ble_mesh.address", [](Value v, Config& c) { v.address(c.ble_mesh.address, 0x0001, 0x7fff); }},
+    {"ble_mesh.ttl", read_ttl},
+    {"ble_mesh.groups", read_groups},
+    {"ble_mesh.types.min_com",
+     [](Value v, Config& c) { v.text(c.ble_mesh.min_com_type, is_valid_level, level_words); }},
+    {"ble_mesh.types.sensor_update",
+     [](Value v, Config& c) {
+       v.text(c.ble_mesh.sensor_update_type, is_valid_level, level_words);
+     }},
+    {"ble_mesh.types.pos_cmd",
+     [](Value v, Config& c) { v.text(c.ble_mesh.pos_cmd_type, is_valid_level, level_words); }},
+    {"ble_mesh.on_off_model",
+     [](Value v, Config& c) {
+       v.one_of(c.ble_mesh.on_off_model, {{"generic", ble::OnOffModel::generic},
+                                          {"simple", ble::OnOffModel::simple}});
+     }},
+    {"ble_mesh.provisioning.enabled",
+     [](Value v, Config& c) { v.boolean(c.ble_mesh.provisioning.enabled); }},
+    {"ble_mesh.provisioning.uuid_prefixes",
+     [](Value v, Config& c) {
+       v.texts(c.ble_mesh.provisioning.uuid_prefixes, is_uuid_prefix, "1-32 hex digits");
+     }},
+    {"ble_mesh.provisioning.static_oob",
+     [](Value v, Config& c) {
+       v.secret(c.ble_mesh.provisioning.static_oob, is_static_oob, "32 hex digits");
+     }},
+    {"ble_mesh.will",
+     [](Value v, Config& c) {
+       if (!v.is_null()) c.ble_mesh.will.emplace();
+     }},
+    {"ble_mesh.will.topic",
+     [](Value v, Config& c) { v.text(c.ble_mesh.will->topic, is_valid_topic_name, topic_words); }},
+    {"ble_mesh.will.message",
+     [](Value v, Config& c) { v.text(c.ble_mesh.will->message, is_any_text, "a text"); }},
+    {"ble_mesh.cobs_content",
+     [](Value v, Config& c) {
+       v.one_of(c.ble_mesh.cobs_content, {{"positions", ble::CobsContent::positions},
+                                          {"lien", ble::CobsContent::lien}});
+     }},
+    {"ble_mesh.robot_id",
+     [](Value v, Config& c) { v.text(c.ble_mesh.robot_id, is_valid_level, level_words); }},
+});
+
+constexpr auto mqttsn_keys = std::to_array<SchemaKey>({
+    {"mqttsn.enabled", [](Value v, Config& c) { v.boolean(c.mqttsn.enabled); }},
+    {"mqttsn.listen",
+     [](Value v, Config& c) {
+       v.texts(c.mqttsn.listen, is_listen_address, "\"[IPv6]:PORT\" or \"IPv4:PORT\"");
+     }},
+    {"mqttsn.interface",
+     [](Value v, Config& c) {
+       std::optional<std::string> name;
+       v.text(name, is_interface_name, "the name of a network interface");
+       c.mqttsn.interface = name.value_or("");
+     }},
+    {"mqttsn.multicast_group",
+     [](Value v, Config& c) {
+       v.text(c.mqttsn.multicast_group, is_multicast_group,
+              "an IPv6 or IPv4 multicast address without a port");
+     }},
+    {"mqttsn.gateway_id", [](Value v, Config& c) { v.integer(c.mqttsn.gateway_id, 1, 255); }},
+    {"mqttsn.advertise_interval_s",
+     [](Value v, Config& c) { v.seconds(c.mqttsn.advertise_interval, 1, max_u16); }},
+    {"mqttsn.predefined_topics[]",
+     [](Value, Config& c) { c.mqttsn.predefined_topics.emplace_back(); }},
+    {"mqttsn.predefined_topics[].id",
+     [](Value v, Config& c) { v.integer(c.mqttsn.predefined_topics.back().id, 1, 65534); }},
+    {"mqttsn.predefined_topics[].name",
+     [](Value v, Config& c) {
+       v.text(c.mqttsn.predefined_topics.back().name, is_valid_topic_name, topic_words);
+     }},
+    {"mqttsn.predefined_topics[].client_id",
+     [](Value v, Config& c) {
+       v.text(c.mqttsn.predefined_topics.back().client_id, is_client_id, client_id_words);
+     }},
+    {"mqttsn.allow_unconnected_publish",
+     [](Value v, Config& c) { v.boolean(c.mqttsn.allow_unconnected_publish); }},
+    {"mqttsn.max_clients", [](Value v, Config& c) { v.integer(c.mqttsn.max_clients, 1, 1000000); }},
+    {"mqttsn.max_sleeping_messages",
+     [](Value v, Config& c) { v.integer(c.mqttsn.max_sleeping_messages, 1, max_u16); }},
+    {"mqttsn.keep_alive_tolerance",
+     [](Value v, Config& c) { v.number(c.mqttsn.keep_alive_tolerance, 1.0, 100.0); }},
+    {"mqttsn.retry_interval_s",
+     [](Value v, Config& c) { v.seconds(c.mqttsn.retry_interval, 1, 3600); }},
+    {"mqttsn.retry_count", [](Value v, Config& c) { v.integer(c.mqttsn.retry_count, 0, 100); }},
+    {"mqttsn.when_full",
+     [](Value v, Config& c) {
+       v.one_of(c.mqttsn.when_full, {{"silent", mqttsn::WhenFull::silent},
+                                     {"reject", mqttsn::WhenFull::reject}});
+     }},
+    {"mqttsn.revive_lost", [](Value v, Config& c) { v.boolean(c.mqttsn.revive_lost); }},
+    {"mqttsn.forwarders", [](Value v, Config& c) { v.boolean(c.mqttsn.forwarders); }},
+    {"mqttsn.disconnect_unknown",
+     [](Value v, Config& c) { v.boolean(c.mqttsn.disconnect_unknown); }},
+});
+
+constexpr std::size_t key_count = common_keys.size() + ble_mesh_keys.size() + mqttsn_keys.size();
+
+constexpr std::array<SchemaKey, key_count> all_keys = [] {
+  std::array<SchemaKey, key_count> keys{};
+  auto end = std::copy(common_keys.begin(), common_keys.end(), keys.begin());
+  end = std::copy(ble_mesh_keys.begin(), ble_mesh_keys.end(), end);
+  std::copy(mqttsn_keys.begin(), mqttsn_keys.end(), end);
+  return keys;
+}();
+
+}  // namespace
+
+std::span<const SchemaKey> schema() { return all_keys; }
+
+const SchemaKey* find_key(std::string_view path) {
+  const auto found = std::find_if(all_keys.begin(), all_keys.end(),
+                                  [path](const SchemaKey& key) { return key.path == path; });
+  return found == all_keys.end() ? nullptr : &*found;
+}
+
+bool is_group(std::string_view path) {
+  return std::any_of(all_keys.begin(), all_keys.end(), [path](const SchemaKey& key) {
+    return key.path.size() > path.size() && key.path.starts_with(path) &&
+           key.path[path.size()] == '.';
+  });
+}
+
+}  // namespace slamgw

@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+// Every key of the configuration in one table: its path and how its value gets into Config. The
+// parser walks it, suggestions and the test of config/gateway.json's completeness read it. A new
+// key is a new row here, a setting in its module and a line in config/gateway.json.
+#pragma once
+
+#include <span>
+#include <string>
+#include <string_view>
+
+#include "daemon/config/config.hpp"
+#include "daemon/config/value.hpp"
+
+namespace slamgw {
+
+/// `robots[]` stands for each element of the list `robots`; its row comes before those of its
+/// members and appends the element.
+struct SchemaKey {
+  std::string_view path;
+  void (*read)(Value value, Config& config);
+};
+
+std::span<const SchemaKey> schema();
+const SchemaKey* find_key(std::string_view path);
+/// A group (`broker.tls`) or a list of groups (`robots[]`): something that has keys below it.
+bool is_group(std::string_view path);
+/// What to say of an unknown key: the known one that looks most like it (a misspelt neighbour, or
+/// the same name elsewhere), and when none is close, all of its group.
+std::string suggestion(std::string_view unknown_path);
+
+}  // namespace slamgw

@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: Apache-2.0
+// suggestion() of schema.hpp: which known key a misspelt one was meant to be.
+#include <algorithm>
+#include <limits>
+#include <set>
+#include <utility>
+#include <vector>
+
+#include "daemon/config/schema.hpp"
+
+namespace slamgw {
+namespace {
+
+/// A key of the same name in another group beats a neighbour that needs this many more edits.
+constexpr std::size_t elsewhere_penalty = 3;
+/// Longer names are no slips of the finger; also bounds the work.
+constexpr std::size_t longest_compared = 64;
+
+struct Split {
+  std::string_view parent;
+  std::string_view name;
+};
+
+Split split_path(std::string_view path) {
+  const std::size_t dot = path.rfind('.');
+  if (dot == std::string_view::npos) return {{}, path};
+  return {path.substr(0, dot), path.substr(dot + 1)};
+}
+
+/// `mqtt_sn`, `mqtt-sn` and `MqttSn` are all meant as `mqttsn`; units at the end count.
+std::string plain(std::string_view name) {
+  std::string result;
+  for (const char c : name.substr(0, longest_compared)) {
+    if (c == '_' || c == '-' || c == '[' || c == ']') continue;
+    result += c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
+  }
+  return result;
+}
+
+/// Levenshtein's distance.
+std::size_t distance(std::string_view a, std::string_view b) {
+  std::vector<std::size_t> row(b.size() + 1);
+  for (std::size_t j = 0; j <= b.size(); ++j) row[j] = j;
+  for (std::size_t i = 1; i <= a.size(); ++i) {
+    std::size_t diagonal = std::exchange(row[0], i);
+    for (std::size_t j = 1; j <= b.size(); ++j) {
+      const std::size_t changed = diagonal + (a[i - 1] == b[j - 1] ? 0 : 1);
+      diagonal = row[j];
+      row[j] = std::min({changed, row[j] + 1, row[j - 1] + 1});
+    }
+  }
+  return row.back();
+}
+
+/// All keys and all groups above them.
+std::set<std::string_view> known_paths() {
+  std::set<std::string_view> paths;
+  for (const SchemaKey& key : schema())
+    for (std::string_view path = key.path; !path.empty(); path = split_path(path).parent)
+      paths.insert(path);
+  return paths;
+}
+
+std::string shown(std::string_view path) {
+  return std::string(path.ends_with("[]") ? path.substr(0, path.size() - 2) : path);
+}
+
+/// ` Known in broker: client_id, uri`
+std::string known_beside(std::string_view unknown_parent) {
+  std::string names;
+  for (const std::string_view path : known_paths()) {
+    const Split known = split_path(path);
+    if (known.parent == unknown_parent) names += (names.empty() ? "" : ", ") + shown(known.name);
+  }
+  const std::string group(unknown_parent.empty() ? "the file" : unknown_parent);
+  return " Known in " + group + ": " + names;
+}
+
+}  // namespace
+
+std::string suggestion(std::string_view unknown_path) {
+  const Split unknown = split_path(unknown_path);
+  const std::string name = plain(unknown.name);
+  std::string_view best;
+  std::size_t best_score = std::numeric_limits<std::size_t>::max();
+  for (const std::string_view path : known_paths()) {
+    const Split known = split_path(path);
+    const std::size_t score = distance(name, plain(known.name)) +
+                              (known.parent == unknown.parent ? 0 : elsewhere_penalty);
+    if (score < best_score) {
+      best_score = score;
+      best = path;
+    }
+  }
+  // With half of the name to be changed it is a guess.
+  const bool is_close = 2 * distance(name, plain(split_path(best).name)) < name.size();
+  return "did you mean " + shown(best) + "?" + (is_close ? "" : known_beside(unknown.parent));
+}
+
+}  // namespace slamgw

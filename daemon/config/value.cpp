@@ -1,0 +1,165 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/config/value.hpp"
+
+#include <fmt/format.h>
+
+#include <charconv>
+#include <filesystem>
+
+namespace slamgw {
+namespace {
+
+constexpr std::size_t longest_echo = 40;
+
+/// What the value is, for "... is not allowed". Text is shown short and quoted as JSON.
+std::string description(const nlohmann::json& value) {
+  switch (value.type()) {
+    case nlohmann::json::value_t::object: return "a group in braces";
+    case nlohmann::json::value_t::array: return "a list";
+    case nlohmann::json::value_t::string:
+      if (value.get_ref<const std::string&>().empty()) return "an empty text";
+      if (value.get_ref<const std::string&>().size() > longest_echo) return "this text";
+      return value.dump();
+    case nlohmann::json::value_t::null:
+    case nlohmann::json::value_t::boolean:
+    case nlohmann::json::value_t::number_integer:
+    case nlohmann::json::value_t::number_unsigned:
+    case nlohmann::json::value_t::number_float: return value.dump();
+    case nlohmann::json::value_t::binary:
+    case nlohmann::json::value_t::discarded: break;  // never in a parsed text
+  }
+  return "this";
+}
+
+bool is_path(std::string_view text) {
+  return !text.empty() && text.find('\0') == std::string_view::npos;
+}
+
+std::optional<unsigned> parse_hex(std::string_view text) {
+  if (!text.starts_with("0x") && !text.starts_with("0X")) return std::nullopt;
+  text.remove_prefix(2);
+  unsigned number = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number, 16);
+  if (error != std::errc{} || end != text.data() + text.size()) return std::nullopt;
+  return number;
+}
+
+}  // namespace
+
+void Value::boolean(bool& out) {
+  if (node_.value.is_boolean()) {
+    out = node_.value.get<bool>();
+  } else {
+    not_allowed("true or false");
+  }
+}
+
+void Value::number(double& out, double min, double max) {
+  const bool is_number = node_.value.is_number();
+  const double number = is_number ? node_.value.get<double>() : 0;
+  if (is_number && number >= min && number <= max) {
+    out = number;
+  } else {
+    not_allowed(fmt::format("a number from {} to {}", min, max));
+  }
+}
+
+void Value::seconds(std::chrono::seconds& out, std::uint64_t min, std::uint64_t max) {
+  if (const auto number = whole_number(min, max)) out = std::chrono::seconds(*number);
+}
+
+void Value::text(std::string& out, TextRule rule, std::string_view allowed) {
+  if (string() != nullptr && rule(*string())) {
+    out = *string();
+  } else {
+    not_allowed(allowed);
+  }
+}
+
+void Value::text(std::optional<std::string>& out, TextRule rule, std::string_view allowed) {
+  if (is_null()) {
+    out.reset();
+    return;
+  }
+  std::string read;
+  const std::size_t problems_before = context_.problems.size();
+  text(read, rule, fmt::format("{}, or null", allowed));
+  if (context_.problems.size() == problems_before) out = std::move(read);
+}
+
+void Value::secret(std::optional<std::string>& out, TextRule rule, std::string_view allowed) {
+  if (is_null()) {
+    out.reset();
+  } else if (string() != nullptr && rule(*string())) {
+    out = *string();
+  } else {
+    problem(fmt::format("this value (not shown: it is secret) is not allowed; allowed: {}, or null",
+                        allowed));
+  }
+}
+
+void Value::file_path(std::string& out, std::string_view keyword) {
+  if (string() == nullptr || !is_path(*string())) {
+    not_allowed(keyword.empty() ? "the path of a file" : fmt::format("a path, or \"{}\"", keyword));
+  } else {
+    out = *string() == keyword ? *string() : absolute(*string());
+  }
+}
+
+void Value::file_path(std::optional<std::string>& out) {
+  text(out, is_path, "the path of a file");
+  if (out) out = absolute(*out);
+}
+
+void Value::address(std::uint16_t& out, std::uint16_t min, std::uint16_t max) {
+  std::optional<std::uint64_t> number;
+  if (node_.value.is_number_unsigned()) number = node_.value.get<std::uint64_t>();
+  if (string() != nullptr) number = parse_hex(*string());
+  if (number && *number >= min && *number <= max) {
+    out = static_cast<std::uint16_t>(*number);
+  } else {
+    not_allowed(fmt::format("an address from \"{:#06x}\" to \"{:#06x}\"", min, max));
+  }
+}
+
+void Value::list(const std::function<void(Value)>& each, std::string_view allowed) {
+  if (!node_.value.is_array()) return not_allowed(fmt::format("a list [...] of {}", allowed));
+  for (std::size_t i = 0; i < node_.children.size(); ++i)
+    each(Value(node_.children[i], fmt::format("{}[{}]", path_, i), context_));
+}
+
+void Value::texts(std::vector<std::string>& out, TextRule rule, std::string_view allowed) {
+  if (node_.value.is_array()) out.clear();
+  list(
+      [&](Value item) {
+        std::string read;
+        item.text(read, rule, allowed);
+        if (!read.empty() && std::find(out.begin(), out.end(), read) != out.end())
+          item.problem("is in this list already; each entry once is allowed");
+        out.push_back(std::move(read));
+      },
+      allowed);
+}
+
+void Value::not_allowed(std::string_view allowed) {
+  problem(fmt::format("{} is not allowed; allowed: {}", description(node_.value), allowed));
+}
+
+void Value::problem(std::string text) {
+  context_.problems.push_back({context_.file, node_.line, path_, std::move(text)});
+}
+
+std::optional<std::uint64_t> Value::whole_number(std::uint64_t min, std::uint64_t max) {
+  if (node_.value.is_number_unsigned()) {
+    const auto number = node_.value.get<std::uint64_t>();
+    if (number >= min && number <= max) return number;
+  }
+  not_allowed(fmt::format("a whole number from {} to {}", min, max));
+  return std::nullopt;
+}
+
+std::string Value::absolute(const std::string& path) const {
+  return (std::filesystem::path(context_.directory) / path).lexically_normal().string();
+}
+
+}  // namespace slamgw

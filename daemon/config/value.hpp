@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: Apache-2.0
+// One value of the configuration on its way into a setting: checks its type and range and reports
+// what is wrong together with what is allowed. The schema's rows are written in its terms.
+#pragma once
+
+#include <algorithm>
+#include <chrono>
+#include <concepts>
+#include <cstdint>
+#include <functional>
+#include <initializer_list>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "daemon/config/located_json.hpp"
+
+namespace slamgw {
+
+/// What all values of one file share.
+struct FileContext {
+  std::string file;
+  std::string directory;  ///< of the file: relative paths start here; may be empty
+  Problems problems;
+};
+
+/// A setting changes only when the value is good.
+class Value {
+ public:
+  using TextRule = bool (*)(std::string_view);
+
+  Value(const JsonNode& node, std::string path, FileContext& context)
+      : node_(node), path_(std::move(path)), context_(context) {}
+
+  bool is_null() const { return node_.value.is_null(); }
+  const std::string& path() const { return path_; }
+  const JsonNode& node() const { return node_; }
+
+  void boolean(bool& out);
+  void number(double& out, double min, double max);
+  void seconds(std::chrono::seconds& out, std::uint64_t min, std::uint64_t max);
+  /// `allowed` completes "allowed: ".
+  void text(std::string& out, TextRule rule, std::string_view allowed);
+  /// `null` is the same as leaving the key out.
+  void text(std::optional<std::string>& out, TextRule rule, std::string_view allowed);
+  /// Like `text`, but the value never shows in a problem.
+  void secret(std::optional<std::string>& out, TextRule rule, std::string_view allowed);
+  /// Relative paths become relative to the file; `keyword` stays as it is.
+  void file_path(std::string& out, std::string_view keyword = {});
+  void file_path(std::optional<std::string>& out);
+  /// A mesh address: a number, or text like "0x0100".
+  void address(std::uint16_t& out, std::uint16_t min, std::uint16_t max);
+  void list(const std::function<void(Value)>& each, std::string_view allowed);
+  void texts(std::vector<std::string>& out, TextRule rule, std::string_view allowed);
+
+  template <std::unsigned_integral T>
+  void integer(T& out, std::uint64_t min, std::uint64_t max) {
+    if (const auto number = whole_number(min, max)) out = static_cast<T>(*number);
+  }
+
+  template <class E>
+  void one_of(E& out, std::initializer_list<std::pair<std::string_view, E>> names) {
+    const auto found = std::find_if(names.begin(), names.end(), [this](const auto& name) {
+      return node_.value.is_string() && node_.value.get_ref<const std::string&>() == name.first;
+    });
+    if (found != names.end()) {
+      out = found->second;
+      return;
+    }
+    std::string allowed;
+    for (const auto& [name, value] : names)
+      allowed += (allowed.empty() ? "\"" : ", \"") + std::string(name) + "\"";
+    not_allowed(allowed);
+  }
+
+  /// Reports "<what the value is>; allowed: <allowed>".
+  void not_allowed(std::string_view allowed);
+  void problem(std::string text);
+
+ private:
+  std::optional<std::uint64_t> whole_number(std::uint64_t min, std::uint64_t max);
+  const std::string* string() const { return node_.value.get_ptr<const std::string*>(); }
+  std::string absolute(const std::string& path) const;
+
+  const JsonNode& node_;
+  std::string path_;
+  FileContext& context_;
+};
+
+}  // namespace slamgw

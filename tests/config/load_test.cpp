@@ -1,0 +1,152 @@
+// SPDX-License-Identifier: Apache-2.0
+// Configuration from this host's disk, with real modes and real certificates.
+#include "daemon/config/load.hpp"
+
+#include <gtest/gtest.h>
+#include <openssl/bio.h>
+#include <openssl/evp.h>
+#include <openssl/pem.h>
+#include <openssl/x509.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <memory>
+
+namespace slamgw::test {
+namespace {
+
+std::string pem_of(const std::function<void(BIO*)>& write) {
+  BIO* memory = BIO_new(BIO_s_mem());
+  write(memory);
+  char* text = nullptr;
+  const long size = BIO_get_mem_data(memory, &text);
+  std::string result(text, static_cast<std::size_t>(size));
+  BIO_free(memory);
+  return result;
+}
+
+struct Identity {
+  std::string certificate;
+  std::string key;
+  std::string encrypted_key;
+};
+
+/// A new key and a certificate of its own.
+Identity make_identity() {
+  EVP_PKEY* key = EVP_EC_gen("P-256");
+  X509* certificate = X509_new();
+  X509_gmtime_adj(X509_getm_notBefore(certificate), 0);
+  X509_gmtime_adj(X509_getm_notAfter(certificate), 3600);
+  X509_set_pubkey(certificate, key);
+  X509_sign(certificate, key, EVP_sha256());
+  Identity identity;
+  identity.certificate = pem_of([&](BIO* out) { PEM_write_bio_X509(out, certificate); });
+  identity.key = pem_of(
+      [&](BIO* out) { PEM_write_bio_PrivateKey(out, key, nullptr, nullptr, 0, nullptr, nullptr); });
+  identity.encrypted_key = pem_of([&](BIO* out) {
+    unsigned char phrase[] = "phrase";
+    PEM_write_bio_PrivateKey(out, key, EVP_aes_128_cbc(), phrase, 6, nullptr, nullptr);
+  });
+  X509_free(certificate);
+  EVP_PKEY_free(key);
+  return identity;
+}
+
+class LoadConfig : public testing::Test {
+ protected:
+  LoadConfig() {
+    std::string name = std::filesystem::temp_directory_path() / "slamgw-config-XXXXXX";
+    directory_ = mkdtemp(name.data());
+    unsetenv("CREDENTIALS_DIRECTORY");
+  }
+  ~LoadConfig() override {
+    unsetenv("CREDENTIALS_DIRECTORY");
+    std::filesystem::remove_all(directory_);
+  }
+
+  std::string write(const std::string& name, const std::string& text, mode_t mode = 0600) {
+    const std::string path = directory_ / name;
+    std::ofstream(path) << text;
+    chmod(path.c_str(), mode);
+    return path;
+  }
+
+  /// The problems of a configuration, without this test's directory, joined by line ends.
+  std::string problems_of(const std::string& text) {
+    std::string result;
+    for (const Problem& problem : load_config(write("gateway.json", text)).problems)
+      result += to_string(problem) + "\n";
+    const std::string prefix = directory_.string() + "/";
+    for (std::size_t at = result.find(prefix); at != result.npos; at = result.find(prefix))
+      result.erase(at, prefix.size());
+    return result;
+  }
+
+  std::filesystem::path directory_;
+};
+
+TEST_F(LoadConfig, SaysHowToMakeAMissingFile) {
+  const std::string path = directory_ / "gone.json";
+  const Problems problems = load_config(path).problems;
+  ASSERT_EQ(problems.size(), 1U);
+  EXPECT_EQ(to_string(problems[0]),
+            path +
+                ":1: file: cannot be read: No such file or directory; a readable file is "
+                "needed, create it with: slam-gatewayd --print-config > " +
+                path);
+}
+
+TEST_F(LoadConfig, RefusesWhatIsNoFileOrTooLarge) {
+  EXPECT_NE(load_config(directory_).problems.at(0).text.find("not a regular file"),
+            std::string::npos);
+  const std::string large = write("large.json", std::string((1 << 20) + 1, ' '));
+  EXPECT_NE(load_config(large).problems.at(0).text.find("larger than 1 MiB"), std::string::npos);
+}
+
+TEST_F(LoadConfig, RefusesCredentialsThatOthersCanRead) {
+  const std::string text = R"({"broker": {"credentials_file": "c.json"}})";
+  write("c.json", R"({"username": "u", "password": "p"})", 0604);
+  EXPECT_EQ(
+      problems_of(text),
+      "gateway.json:1: broker.credentials_file: c.json can be read or changed by others (mode "
+      "0604); type: chmod o= c.json\n");
+  write("c.json", R"({"username": "u", "password": "p"})", 0640);
+  EXPECT_EQ(problems_of(text), "");
+}
+
+TEST_F(LoadConfig, TakesSystemdsCredential) {
+  write("broker", R"({"username": "from systemd", "password": "p"})", 0444);
+  setenv("CREDENTIALS_DIRECTORY", directory_.c_str(), 1);
+  const ParseResult result = load_config(write("gateway.json", "{}"));
+  ASSERT_TRUE(result.config.broker.credentials);
+  EXPECT_EQ(result.config.broker.credentials->username, "from systemd");
+}
+
+TEST_F(LoadConfig, ChecksCertificatesAndKeys) {
+  const Identity own = make_identity();
+  const Identity other = make_identity();
+  const std::string text = R"({"broker": {"uri": "mqtts://h", "tls": {"ca_file": "ca",
+      "certificate_file": "cert", "key_file": "key"}}})";
+  write("ca", own.certificate + other.certificate);
+  write("cert", own.certificate);
+  write("key", own.key);
+  EXPECT_EQ(problems_of(text), "");
+  write("key", other.key);
+  EXPECT_NE(problems_of(text).find("key_file: does not belong"), std::string::npos);
+  write("key", own.encrypted_key);
+  EXPECT_NE(problems_of(text).find("key holds a private key with a pass phrase"),
+            std::string::npos);
+  write("key", own.certificate);
+  EXPECT_NE(problems_of(text).find("key holds no private key"), std::string::npos);
+  write("ca", "");
+  EXPECT_NE(problems_of(text).find("ca holds no certificate"), std::string::npos);
+  write("ca", own.certificate + other.certificate.substr(0, 200));
+  EXPECT_NE(problems_of(text).find("ca holds a broken certificate"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace slamgw::test

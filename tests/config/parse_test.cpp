@@ -1,0 +1,131 @@
+// SPDX-License-Identifier: Apache-2.0
+// What good configurations become.
+#include "daemon/config/parse.hpp"
+
+#include <gtest/gtest.h>
+
+#include "tests/config/fake_files.hpp"
+
+namespace slamgw::test {
+namespace {
+
+struct Parsed : ParseResult {
+  explicit Parsed(std::string_view text, Surroundings here = {"pi", ""}, FakeFiles files = {},
+                  const std::string& file = "/etc/slam-gateway/gateway.json")
+      : ParseResult(parse_config(text, file, here, files)) {
+    for (const Problem& problem : problems) lines_of_problems += to_string(problem) + "\n";
+  }
+  std::string lines_of_problems;
+};
+
+TEST(ParseConfig, NamesTheGatewayAfterItsHost) {
+  EXPECT_EQ(Parsed("{}", {"pi", ""}).config.gateway_id, "pi");
+  EXPECT_EQ(Parsed("{}", {"pi 4.örtlich", ""}).config.gateway_id, "pi-4---rtlich");
+  EXPECT_EQ(Parsed("{}", {std::string(40, 'a'), ""}).config.gateway_id, std::string(32, 'a'));
+  EXPECT_EQ(Parsed("{}", {"", ""}).config.gateway_id, "gateway");
+  EXPECT_EQ(Parsed(R"({"gateway": {"id": "g1"}})").config.broker.client_id, "slam-gateway-g1");
+}
+
+TEST(ParseConfig, ReadsTheBrokersUri) {
+  const auto broker = [](const std::string& uri) {
+    const Parsed parsed(R"({"broker": {"uri": ")" + uri + "\"}}");
+    EXPECT_EQ(parsed.lines_of_problems, "");
+    return parsed.config.broker.host + " " + std::to_string(parsed.config.broker.port) +
+           (parsed.config.broker.tls ? " tls" : "");
+  };
+  EXPECT_EQ(broker("mqtt://broker.lab"), "broker.lab 1883");
+  EXPECT_EQ(broker("mqtts://broker.lab"), "broker.lab 8883 tls");
+  EXPECT_EQ(broker("mqtt://10.0.0.1:1"), "10.0.0.1 1");
+  EXPECT_EQ(broker("mqtt://[::1]"), "::1 1883");
+  EXPECT_EQ(broker("mqtts://[fd00::1]:65535"), "fd00::1 65535 tls");
+}
+
+TEST(ParseConfig, ReadsAddressesAsTextOrNumbers) {
+  const Parsed parsed(R"({"ble_mesh": {"address": "0x7FFF", "groups": [49152, "0xfeff"]},
+      "robots": [{"id": "a", "ble_address": 256}, {"id": "b", "ble_address": "0x101"}]})");
+  EXPECT_EQ(parsed.lines_of_problems, "");
+  EXPECT_EQ(parsed.config.ble_mesh.address, 0x7fff);
+  EXPECT_EQ(parsed.config.ble_mesh.groups, (std::vector<std::uint16_t>{0xc000, 0xfeff}));
+  EXPECT_EQ(parsed.config.robots.at(0).ble_address, 0x0100);
+  EXPECT_EQ(parsed.config.robots.at(1).ble_address, 0x0101);
+}
+
+TEST(ParseConfig, ReadsWhatHasNoDefault) {
+  const Parsed parsed(R"({"mqttsn": {"multicast_group": null, "interface": "wpan0",
+        "listen": ["0.0.0.0:0", "[fe80::1%wpan0]:47193"],
+        "predefined_topics": [{"id": 7, "name": "a/b"}, {"id": 7, "name": "c", "client_id": "x"}]},
+      "ble_mesh": {"will": {"topic": "lost/{id}", "message": "m"}, "robot_id": "r",
+        "protocol": "cobs", "provisioning": {"static_oob": "00112233445566778899aabbccddeeff"}},
+      "topics": {"extra_publish": ["lab/%c/#"], "prefix": "a/b"}})");
+  EXPECT_EQ(parsed.lines_of_problems, "");
+  EXPECT_EQ(parsed.config.mqttsn.multicast_group, std::nullopt);
+  EXPECT_EQ(parsed.config.mqttsn.interface, "wpan0");
+  EXPECT_EQ(parsed.config.mqttsn.listen.size(), 2U);
+  EXPECT_EQ(parsed.config.mqttsn.predefined_topics.at(1).client_id, "x");
+  EXPECT_EQ(parsed.config.ble_mesh.will->topic, "lost/{id}");
+  EXPECT_EQ(parsed.config.ble_mesh.provisioning.static_oob, "00112233445566778899aabbccddeeff");
+  EXPECT_EQ(parsed.config.topics.prefix, "a/b");
+}
+
+TEST(ParseConfig, TakesNullForWhatIsNotSet) {
+  const Parsed parsed(R"({"broker": {"credentials_file": null, "tls": {"ca_file": null}},
+      "ble_mesh": {"will": null, "robot_id": null}, "mqttsn": {"interface": null},
+      "robots": [{"id": "a", "ble_address": null, "mqttsn_client_id": "c"}]})");
+  EXPECT_EQ(parsed.lines_of_problems, "");
+  EXPECT_FALSE(parsed.config.ble_mesh.will);
+  EXPECT_FALSE(parsed.config.robots.at(0).ble_address);
+}
+
+TEST(ParseConfig, TakesBothKindsOfComments) {
+  const Parsed parsed("// a\n/* b\n*/ {\"log\": /* c */ {\"level\": \"error\"}} // d");
+  EXPECT_EQ(parsed.lines_of_problems, "");
+  EXPECT_EQ(parsed.config.log.level, Severity::error);
+  EXPECT_EQ(parsed.lines.at("log.level"), 3);
+}
+
+TEST(ParseConfig, StartsRelativePathsAtTheFile) {
+  const std::string text = R"({"store": {"directory": "store"}, "control": {"socket": "../c.sock"},
+      "ble_mesh": {"device": "dev/board"}})";
+  const Parsed parsed(text);
+  EXPECT_EQ(parsed.config.store.directory, "/etc/slam-gateway/store");
+  EXPECT_EQ(parsed.config.control_socket, "/etc/c.sock");
+  EXPECT_EQ(parsed.config.ble_mesh.device, "/etc/slam-gateway/dev/board");
+  EXPECT_EQ(Parsed(text, {}, {}, "g.json").config.store.directory, "store");
+  EXPECT_EQ(Parsed(R"({"ble_mesh": {"device": "auto"}})").config.ble_mesh.device, "auto");
+}
+
+TEST(ParseConfig, ReadsCredentialsBesideTheFile) {
+  FakeFiles files;
+  files.files["/etc/slam-gateway/c.json"] = {R"({"username": "u", "password": ""})", 0640};
+  const Parsed parsed(R"({"broker": {"credentials_file": "c.json"}})", {"pi", "/run/creds"}, files);
+  EXPECT_EQ(parsed.lines_of_problems, "");
+  ASSERT_TRUE(parsed.config.broker.credentials);
+  EXPECT_EQ(parsed.config.broker.credentials->username, "u");
+}
+
+TEST(ParseConfig, FallsBackToTheSystemdCredential) {
+  FakeFiles files;
+  EXPECT_FALSE(Parsed("{}", {"pi", "/run/creds"}, files).config.broker.credentials);
+  files.files["/run/creds/broker"] = {R"({"username": "u", "password": "p"})", 0444};
+  const Parsed parsed("{}", {"pi", "/run/creds"}, files);
+  EXPECT_EQ(parsed.lines_of_problems, "");
+  ASSERT_TRUE(parsed.config.broker.credentials);
+  EXPECT_EQ(parsed.config.broker.credentials->password, "p");
+  EXPECT_FALSE(Parsed("{}", {"pi", ""}, files).config.broker.credentials);
+}
+
+TEST(ParseConfig, WarnsOfWhatThisVersionCannotDo) {
+  const Parsed parsed(R"({"ble_mesh": {"enabled": true,
+        "provisioning": {"enabled": true, "uuid_prefixes": ["AB"]}},
+      "store": {"max_bytes": 5, "directory": "/var/lib/slam-gateway"}})");
+  EXPECT_EQ(parsed.lines_of_problems, "");
+  std::vector<std::string> keys;
+  for (const Problem& warning : parsed.warnings) keys.push_back(warning.key);
+  EXPECT_EQ(keys,
+            (std::vector<std::string>{"ble_mesh.provisioning.enabled",
+                                      "ble_mesh.provisioning.uuid_prefixes", "store.max_bytes"}));
+  EXPECT_TRUE(Parsed(R"({"ble_mesh": {"enabled": true}})").warnings.empty());
+}
+
+}  // namespace
+}  // namespace slamgw::test

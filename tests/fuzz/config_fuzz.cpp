@@ -1,0 +1,14 @@
+// SPDX-License-Identifier: Apache-2.0
+// Any text as the configuration, and as the credentials that it names: problems, never a crash.
+#include "daemon/config/parse.hpp"
+#include "tests/config/fake_files.hpp"
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  const std::string text(slamgw::as_text({data, size}));
+  slamgw::test::FakeFiles files;
+  files.files["/run/creds/broker"] = {text, 0600};
+  const auto result = slamgw::parse_config(text, "gateway.json", {"host", "/run/creds"}, files);
+  for (const slamgw::Problem& problem : result.problems)
+    if (slamgw::to_string(problem).find('\n') != std::string::npos) __builtin_trap();
+  return 0;
+}
