@@ -1,0 +1,226 @@
+// SPDX-License-Identifier: Apache-2.0
+// PahoUpstream against a real Mosquitto.
+#include "daemon/upstream/paho_upstream.hpp"
+
+#include <gtest/gtest.h>
+
+#include <array>
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/write.hpp>
+#include <map>
+#include <set>
+
+#include "tests/support/eventually.hpp"
+#include "tests/support/free_port.hpp"
+#include "tests/support/mosquitto.hpp"
+
+namespace slamgw {
+namespace {
+
+using test::eventually;
+using test::Mosquitto;
+using test::Subscriber;
+
+/// Remembers what the link said.
+struct RecordingListener final : UpstreamListener {
+  void on_link_up(bool, std::uint16_t maximum) override {
+    ++ups;
+    receive_maximum = maximum;
+    is_up = true;
+  }
+  void on_link_down(const std::string& why) override {
+    reasons.push_back(why);
+    is_up = false;
+  }
+  void on_published(std::uint64_t sequence) override { published.insert(sequence); }
+  void on_publish_refused(std::uint64_t sequence, const std::string& why) override {
+    refused[sequence] = why;
+  }
+  void on_subscribe_result(const std::string& filter, bool granted) override {
+    subscribed[filter] = granted;
+  }
+  void on_message(BrokerMessage message) override { messages.push_back(std::move(message)); }
+
+  int ups = 0;
+  bool is_up = false;
+  std::uint16_t receive_maximum = 0;
+  std::vector<std::string> reasons;
+  std::set<std::uint64_t> published;
+  std::map<std::uint64_t, std::string> refused;
+  std::map<std::string, bool> subscribed;
+  std::vector<BrokerMessage> messages;
+};
+
+struct Link {
+  explicit Link(std::uint16_t port, std::optional<Credentials> credentials = {}) {
+    BrokerSettings settings;
+    settings.port = port;
+    settings.client_id = "slam-gateway-test";
+    settings.credentials = std::move(credentials);
+    upstream = std::make_unique<PahoUpstream>(
+        io, settings, LastWill{"gw/state", R"({"state":"offline"})"}, listener);
+    upstream->start();
+  }
+  bool sees(const std::function<bool()>& condition) { return eventually(io, condition); }
+  bool comes_up() {
+    return sees([this] { return listener.is_up; });
+  }
+
+  boost::asio::io_context io;
+  RecordingListener listener;
+  std::unique_ptr<PahoUpstream> upstream;
+};
+
+TEST(PahoUpstream, PublishesAtEachQosAndSaysWhenTheBrokerHasIt) {
+  Mosquitto broker;
+  Subscriber subscriber(broker, "t/#", "%t %q %r %p");
+  Link link(broker.port());
+  ASSERT_TRUE(link.comes_up());
+  EXPECT_EQ(link.upstream->version(), MqttVersion::v5);
+  EXPECT_EQ(link.listener.receive_maximum, 20) << "Mosquitto's default";
+  for (std::uint64_t qos = 0; qos <= 2; ++qos) {
+    link.upstream->publish(
+        qos + 1, {"t/" + std::to_string(qos), to_bytes("hello"), static_cast<Qos>(qos), false});
+  }
+  EXPECT_TRUE(link.sees([&] { return link.listener.published.size() == 3; }));
+  EXPECT_TRUE(eventually([&] { return subscriber.lines().size() == 3; }));
+}
+
+TEST(PahoUpstream, ReceivesWhatItSubscribedTo) {
+  Mosquitto broker;
+  test::mosquitto_publish(broker, {"-r", "-t", "down/kept", "-m", "old"});
+  Link link(broker.port());
+  ASSERT_TRUE(link.comes_up());
+  link.upstream->subscribe("down/#", Qos::at_least_once);
+  ASSERT_TRUE(link.sees([&] { return link.listener.messages.size() == 1; }));
+  EXPECT_TRUE(link.listener.subscribed["down/#"]);
+  EXPECT_TRUE(link.listener.messages[0].retain);
+
+  link.upstream->subscribe("down/#", Qos::at_least_once);
+  ASSERT_TRUE(link.sees([&] { return link.listener.messages.size() == 2; }))
+      << "a repeated subscription brings retained messages again";
+
+  test::mosquitto_publish(broker, {"-q", "1", "-t", "down/new", "-m", "x"});
+  ASSERT_TRUE(link.sees([&] { return link.listener.messages.size() == 3; }));
+  EXPECT_FALSE(link.listener.messages[2].retain);
+  EXPECT_EQ(link.listener.messages[2].topic, "down/new");
+
+  link.upstream->unsubscribe("down/#");
+  link.upstream->subscribe("other", Qos::at_least_once);
+  ASSERT_TRUE(link.sees([&] { return link.listener.subscribed.contains("other"); }));
+  test::mosquitto_publish(broker, {"-t", "down/new", "-m", "unheard"});
+  test::mosquitto_publish(broker, {"-t", "other", "-m", "heard"});
+  ASSERT_TRUE(link.sees([&] { return link.listener.messages.size() == 4; }));
+  EXPECT_EQ(link.listener.messages[3].topic, "other");
+}
+
+TEST(PahoUpstream, ComesBackAfterTheBrokerWasKilled) {
+  Mosquitto broker;
+  Link link(broker.port());
+  ASSERT_TRUE(link.comes_up());
+  broker.kill();
+  ASSERT_TRUE(link.sees([&] { return !link.listener.is_up; }));
+  broker.start();
+  ASSERT_TRUE(link.comes_up());
+  EXPECT_EQ(link.listener.ups, 2);
+  link.upstream->publish(9, {"t", to_bytes("again"), Qos::at_least_once, false});
+  EXPECT_TRUE(link.sees([&] { return link.listener.published.contains(9); }));
+}
+
+TEST(PahoUpstream, WaitsForABrokerThatIsNotThereYet) {
+  const std::uint16_t port = test::free_tcp_port();
+  Link link(port);
+  ASSERT_TRUE(link.sees([&] { return link.listener.reasons.size() >= 2; })) << "keeps trying";
+  EXPECT_EQ(link.listener.reasons[0], "no connection: nothing answers there");
+}
+
+TEST(PahoUpstream, SaysThatThePasswordIsWrongAndNeverWhichOneItIs) {
+  Mosquitto broker({}, "gw", "right");
+  Link link(broker.port(), Credentials{"gw", "s3cret-but-wrong"});
+  ASSERT_TRUE(link.sees([&] { return link.listener.reasons.size() >= 2; }));
+  EXPECT_NE(link.listener.reasons[0].find("authorise"), std::string::npos)
+      << link.listener.reasons[0];
+  EXPECT_NE(link.listener.reasons[0].find("'gw'"), std::string::npos) << link.listener.reasons[0];
+  EXPECT_EQ(link.listener.reasons[0].find("s3cret"), std::string::npos);
+
+  Link right(broker.port(), Credentials{"gw", "right"});
+  EXPECT_TRUE(right.comes_up());
+}
+
+/// A broker from before MQTT 5, as far as CONNECT: it answers level 5 with return code 1 and level
+/// 4 with 0.
+class OldBroker {
+ public:
+  explicit OldBroker(boost::asio::io_context& io)
+      : acceptor_(io, {boost::asio::ip::address_v4::loopback(), 0}) {
+    accept();
+  }
+  std::uint16_t port() const { return acceptor_.local_endpoint().port(); }
+  std::vector<int> levels;
+
+ private:
+  using tcp = boost::asio::ip::tcp;
+  void accept() {
+    acceptor_.async_accept([this](boost::system::error_code error, tcp::socket socket) {
+      if (error) return;
+      connections_.push_back(std::make_unique<tcp::socket>(std::move(socket)));
+      tcp::socket& connection = *connections_.back();
+      connection.async_read_some(
+          boost::asio::buffer(buffer_), [&](boost::system::error_code, std::size_t) {
+            constexpr std::size_t level_at = 8;  // MQTT 3.1.1 section 3.1.2.2
+            levels.push_back(buffer_[level_at]);
+            const std::uint8_t code = levels.back() == 4 ? 0 : 1;
+            const std::array<std::uint8_t, 4> connack{0x20, 0x02, 0x00, code};
+            boost::asio::write(connection, boost::asio::buffer(connack));
+            if (code != 0) connection.close();
+          });
+      accept();
+    });
+  }
+
+  tcp::acceptor acceptor_;
+  std::array<std::uint8_t, 512> buffer_{};
+  std::vector<std::unique_ptr<tcp::socket>> connections_;
+};
+
+TEST(PahoUpstream, FallsBackToMqtt311ForAnOldBroker) {
+  boost::asio::io_context broker_io;
+  OldBroker broker(broker_io);
+  Link link(broker.port());
+  ASSERT_TRUE(link.sees([&] {
+    broker_io.poll();
+    return link.listener.is_up;
+  }));
+  EXPECT_EQ(broker.levels, (std::vector<int>{5, 4}));
+  EXPECT_EQ(link.upstream->version(), MqttVersion::v3_1_1);
+  EXPECT_EQ(link.listener.receive_maximum, 65535);
+  EXPECT_TRUE(link.listener.reasons.empty()) << "an operator need not know";
+}
+
+TEST(PahoUpstream, LeavesTheBrokerItsLastWill) {
+  Mosquitto broker;
+  Subscriber subscriber(broker, "gw/state", "%r %p");
+  auto link = std::make_unique<Link>(broker.port());
+  ASSERT_TRUE(link->comes_up());
+  // A second client with the same id pushes the first out: not an orderly end.
+  Link other(broker.port());
+  ASSERT_TRUE(other.comes_up());
+  ASSERT_TRUE(eventually([&] { return subscriber.lines().size() == 1; }));
+  EXPECT_EQ(subscriber.lines()[0], R"(0 {"state":"offline"})");
+}
+
+TEST(PahoUpstream, AnOrderlyStopPublishesNoWillAndLosesNothing) {
+  Mosquitto broker;
+  Subscriber subscriber(broker, "#", "%t");
+  Link link(broker.port());
+  ASSERT_TRUE(link.comes_up());
+  link.upstream->publish(1, {"last", to_bytes("x"), Qos::at_least_once, false});
+  link.upstream->stop();
+  ASSERT_TRUE(eventually([&] { return !subscriber.lines().empty(); }));
+  test::mosquitto_publish(broker, {"-t", "after", "-m", "x"});
+  ASSERT_TRUE(eventually([&] { return subscriber.lines().back() == "after"; }));
+  EXPECT_EQ(subscriber.lines(), (std::vector<std::string>{"last", "after"}));
+}
+
+}  // namespace
+}  // namespace slamgw

@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: Apache-2.0
+// A program started by a test; killed with its object.
+#pragma once
+
+#include <sys/types.h>
+
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace slamgw::test {
+
+class ChildProcess {
+ public:
+  /// Starts `arguments[0]` (searched in PATH); standard output and error go to these files, or
+  /// nowhere when empty.
+  explicit ChildProcess(const std::vector<std::string>& arguments, const std::string& out = {},
+                        const std::string& err = {});
+  ~ChildProcess();
+  ChildProcess(const ChildProcess&) = delete;
+  ChildProcess& operator=(const ChildProcess&) = delete;
+
+  void send_signal(int signal);
+  bool is_running();
+  /// Exit status once it has ended (128 + signal when killed); waits up to the test's patience,
+  /// else nothing.
+  std::optional<int> wait();
+  pid_t pid() const { return pid_; }
+
+ private:
+  pid_t pid_ = -1;
+  std::optional<int> status_;
+};
+
+}  // namespace slamgw::test

@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/support/mosquitto.hpp"
+
+#include <fmt/format.h>
+#include <signal.h>
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/tcp.hpp>
+#include <sstream>
+#include <stdexcept>
+
+#include "tests/support/eventually.hpp"
+#include "tests/support/free_port.hpp"
+
+namespace slamgw::test {
+namespace {
+
+bool accepts_connections(std::uint16_t port) {
+  boost::asio::io_context io;
+  boost::asio::ip::tcp::socket socket(io);
+  boost::system::error_code error;
+  socket.connect({boost::asio::ip::address_v4::loopback(), port}, error);
+  return !error;
+}
+
+void run(const std::vector<std::string>& arguments) {
+  ChildProcess process(arguments);
+  if (process.wait() != 0) throw std::runtime_error(arguments[0] + " failed");
+}
+
+}  // namespace
+
+Mosquitto::Mosquitto(std::string extra_configuration, const std::string& user,
+                     const std::string& password)
+    : port_(free_tcp_port()) {
+  std::string configuration = fmt::format(
+      "listener {} 127.0.0.1\nallow_anonymous {}\nset_tcp_nodelay true\nmax_queued_messages "
+      "0\n{}\n",
+      port_, user.empty(), extra_configuration);
+  if (!user.empty()) {
+    run({"mosquitto_passwd", "-b", "-c", directory_ / "passwords", user, password});
+    configuration += fmt::format("password_file {}\n", directory_ / "passwords");
+  }
+  // Root's Mosquitto becomes the user of this name, which must be able to read the password file.
+  configuration += "user root\n";
+  write_file(directory_ / "mosquitto.conf", configuration);
+  start();
+}
+
+void Mosquitto::start() {
+  process_ = std::make_unique<ChildProcess>(
+      std::vector<std::string>{"mosquitto", "-c", directory_ / "mosquitto.conf"}, std::string(),
+      directory_ / "log");
+  if (!eventually([this] { return accepts_connections(port_) || !process_->is_running(); }) ||
+      !process_->is_running()) {
+    throw std::runtime_error("mosquitto does not start: " + read_file(directory_ / "log"));
+  }
+}
+
+void Mosquitto::kill() { process_.reset(); }
+
+std::string Mosquitto::uri() const { return fmt::format("mqtt://127.0.0.1:{}", port_); }
+
+Subscriber::Subscriber(const Mosquitto& broker, const std::string& filter,
+                       const std::string& format) {
+  // -d says when the subscription stands; its lines are told apart by how they begin.
+  process_ = std::make_unique<ChildProcess>(
+      std::vector<std::string>{"stdbuf", "-oL", "mosquitto_sub", "-d", "-h", "127.0.0.1", "-p",
+                               std::to_string(broker.port()), "-q", "1", "-t", filter, "-F",
+                               "MSG " + format},
+      directory_ / "out", directory_ / "err");
+  if (!eventually(
+          [this] { return read_file(directory_ / "out").find("SUBACK") != std::string::npos; })) {
+    throw std::runtime_error("mosquitto_sub does not subscribe: " + read_file(directory_ / "err"));
+  }
+}
+
+std::vector<std::string> Subscriber::lines() const {
+  std::vector<std::string> lines;
+  std::istringstream text(read_file(directory_ / "out"));
+  for (std::string line; std::getline(text, line);) {
+    if (line.starts_with("MSG ")) lines.push_back(line.substr(4));
+  }
+  return lines;
+}
+
+void mosquitto_publish(const Mosquitto& broker, const std::vector<std::string>& arguments) {
+  std::vector<std::string> command{"mosquitto_pub", "-h", "127.0.0.1", "-p",
+                                   std::to_string(broker.port())};
+  command.insert(command.end(), arguments.begin(), arguments.end());
+  run(command);
+}
+
+}  // namespace slamgw::test
