@@ -1,0 +1,119 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "ctl/command_line.hpp"
+
+#include <CLI/CLI.hpp>
+#include <iostream>
+
+#include "ctl/payload.hpp"
+
+namespace slamgw::ctl {
+namespace {
+
+constexpr int exit_arguments = 2;
+
+struct Arguments {
+  Order order;
+  std::string robot;
+  std::string type;
+  std::string payload;
+  bool is_hex = false;
+  std::string uuid;
+};
+
+/// A payload like "-5,7" is no option: from there on nothing is.
+std::vector<std::string> with_payload_marked(int argc, const char* const* argv) {
+  std::vector<std::string> arguments(argv + 1, argv + argc);
+  const auto is_negative = [](const std::string& text) {
+    return text.size() > 1 && text[0] == '-' && text[1] >= '0' && text[1] <= '9';
+  };
+  const auto at = std::find_if(arguments.begin(), arguments.end(), is_negative);
+  if (at == arguments.end()) return arguments;
+  std::string payload = *at;
+  arguments.erase(at);
+  arguments.insert(arguments.end(), {"--", std::move(payload)});
+  return arguments;
+}
+
+void add_commands(CLI::App& app, Arguments& a) {
+  app.add_subcommand("status", "Links, robots, messages, store and memory")->callback([&a] {
+    a.order.request["command"] = "status";
+  });
+  app.add_subcommand("robots", "A row for each robot")->callback([&a] {
+    a.order.answer = Answer::robots;
+    a.order.request["command"] = "robots";
+  });
+  CLI::App* watch = app.add_subcommand("watch", "Robot traffic as it flows, until Ctrl-C");
+  watch->add_option("--robot", a.robot, "Only this robot");
+  watch->add_option("--type", a.type, "Only messages of this type");
+  watch->callback([&a] {
+    a.order.answer = Answer::watch;
+    a.order.request["command"] = "watch";
+    if (!a.robot.empty()) a.order.request["robot"] = a.robot;
+    if (!a.type.empty()) a.order.request["type"] = a.type;
+  });
+}
+
+void add_send(CLI::App& app, Arguments& a) {
+  CLI::App* send = app.add_subcommand("send", "Send a command to a robot and tell its outcome");
+  send->add_option("ROBOT", a.robot, "The robot's id")->required();
+  send->add_option("TYPE", a.type, "cmd, run, or any other type")->required();
+  send->add_option("PAYLOAD", a.payload, "Text; for cmd: X,Y in cm")->required();
+  send->add_flag("--hex", a.is_hex, "PAYLOAD is pairs of hex digits");
+  send->callback([&a] {
+    const auto payload = parse_payload(a.type, a.payload, a.is_hex);
+    if (!payload) throw CLI::ValidationError("PAYLOAD", payload.error());
+    a.order.answer = Answer::outcome;
+    a.order.request = {{"command", "send"},
+                       {"robot", a.robot},
+                       {"type", a.type},
+                       {"payload_hex", to_hex(*payload)}};
+  });
+}
+
+void add_ble(CLI::App& app, Arguments& a) {
+  CLI::App* ble = app.add_subcommand("ble", "Robots of the BLE mesh");
+  ble->require_subcommand(1);
+  const auto ask = [&a](const std::string& command) {
+    return [&a, command] {
+      a.order.answer = Answer::text;
+      a.order.request["command"] = "ble " + command;
+      if (!a.robot.empty()) a.order.request["robot"] = a.robot;
+      if (!a.uuid.empty()) a.order.request["uuid"] = a.uuid;
+    };
+  };
+  ble->add_subcommand("scan", "New robots in reach")->callback(ask("scan"));
+  CLI::App* provision = ble->add_subcommand("provision", "Take a new robot into the mesh");
+  provision->add_option("UUID", a.uuid, "As `ble scan` shows it")->required();
+  provision->add_option("--id", a.robot, "The robot's name from then on")->required();
+  provision->callback(ask("provision"));
+  ble->add_subcommand("nodes", "Robots in the mesh")->callback(ask("nodes"));
+  CLI::App* remove = ble->add_subcommand("remove", "Put a robot out of the mesh");
+  remove->add_option("ROBOT", a.robot, "The robot's id")->required();
+  remove->callback(ask("remove"));
+}
+
+}  // namespace
+
+std::variant<Order, Exit> parse_command_line(int argc, const char* const* argv) {
+  Arguments arguments;
+  CLI::App app("Asks and directs the running slam-gatewayd", "slam-gatewayctl");
+  app.add_option("--socket", arguments.order.socket, "The daemon's control socket")
+      ->capture_default_str();
+  app.add_flag("--json", arguments.order.json, "One JSON document (watch: one a line)");
+  app.set_version_flag("--version", "slam-gatewayctl " SLAMGW_VERSION);
+  app.fallthrough();
+  app.require_subcommand(1);
+  add_commands(app, arguments);
+  add_send(app, arguments);
+  add_ble(app, arguments);
+  try {
+    std::vector<std::string> words = with_payload_marked(argc, argv);
+    std::reverse(words.begin(), words.end());  // as CLI11 wants them
+    app.parse(words);
+  } catch (const CLI::ParseError& error) {
+    return Exit{app.exit(error) == 0 ? 0 : exit_arguments};
+  }
+  return arguments.order;
+}
+
+}  // namespace slamgw::ctl

@@ -1,0 +1,113 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "ctl/connection.hpp"
+
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <sys/time.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <cstring>
+#include <utility>
+
+#include "daemon/control/wire.hpp"
+
+namespace slamgw::ctl {
+namespace {
+
+/// Far above any answer: 10 000 robots are 3 MB.
+constexpr std::size_t max_line_bytes = std::size_t{64} << 20;
+
+[[noreturn]] void fail_to_connect(const std::string& path, int error) {
+  struct stat status {};
+  const bool is_there = stat(path.c_str(), &status) == 0;
+  if (error == ENOENT)
+    throw Failure("slam-gatewayd is not running: there is no " + path +
+                  "; start it with: systemctl start slam-gateway");
+  if (error == EACCES)
+    throw Failure("no permission for " + path +
+                  ": join the group slam-gateway (adduser USER slam-gateway, then log in again)");
+  if (is_there && !S_ISSOCK(status.st_mode))
+    throw Failure(path + " is no socket; name the one that control.socket says with --socket");
+  if (error == ECONNREFUSED)
+    throw Failure("slam-gatewayd is not running: nobody answers at " + path +
+                  "; start it with: systemctl start slam-gateway");
+  throw Failure(path + ": " + std::strerror(error));
+}
+
+void set_patience(int socket, std::chrono::seconds patience) {
+  timeval limit{};
+  limit.tv_sec = patience.count();
+  setsockopt(socket, SOL_SOCKET, SO_RCVTIMEO, &limit, sizeof limit);
+  setsockopt(socket, SOL_SOCKET, SO_SNDTIMEO, &limit, sizeof limit);
+}
+
+}  // namespace
+
+Connection::Connection(std::string path) : path_(std::move(path)) {
+  sockaddr_un address{};
+  address.sun_family = AF_UNIX;
+  if (path_.size() >= sizeof address.sun_path) throw Failure(path_ + " is too long for a socket");
+  std::memcpy(address.sun_path, path_.data(), path_.size());
+  socket_ = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  if (socket_ < 0) throw Failure(std::strerror(errno));
+  set_patience(socket_, std::chrono::seconds(10));
+  if (connect(socket_, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0) return;
+  const int error = errno;
+  close(socket_);
+  fail_to_connect(path_, error);
+}
+
+Connection::~Connection() { close(socket_); }
+
+nlohmann::json Connection::ask(const nlohmann::json& request, std::chrono::seconds patience) {
+  set_patience(socket_, patience);
+  send(control::to_line(request));
+  nlohmann::json answer = receive();
+  if (const auto error = answer.find("error"); error != answer.end() && error->is_string())
+    throw Failure(error->get<std::string>());
+  if (!answer.contains("result"))
+    throw Failure(path_ + " does not answer like slam-gatewayd; is it the right socket?");
+  return std::move(answer["result"]);
+}
+
+nlohmann::json Connection::next_event() {
+  set_patience(socket_, std::chrono::seconds(0));  // for ever
+  nlohmann::json line = receive();
+  if (!line.contains("event")) throw Failure(path_ + " does not answer like slam-gatewayd");
+  return std::move(line["event"]);
+}
+
+void Connection::send(const std::string& text) {
+  for (std::size_t sent = 0; sent < text.size();) {
+    const ssize_t count = ::send(socket_, text.data() + sent, text.size() - sent, MSG_NOSIGNAL);
+    if (count < 0 && errno == EINTR) continue;
+    if (count < 0) return;  // hung up: its reason, if it gave one, is there to be received
+    sent += static_cast<std::size_t>(count);
+  }
+}
+
+nlohmann::json Connection::receive() {
+  std::array<char, 65536> chunk{};
+  std::size_t end = input_.find('\n');
+  while (end == std::string::npos) {
+    const ssize_t count = recv(socket_, chunk.data(), chunk.size(), 0);
+    if (count < 0 && errno == EINTR) continue;
+    if (count < 0 && (errno == EAGAIN || errno == EWOULDBLOCK))
+      throw Failure("slam-gatewayd does not answer at " + path_);
+    if (count <= 0) throw Failure("slam-gatewayd hung up: it ended, or this client was too slow");
+    const std::size_t before = input_.size();
+    input_.append(chunk.data(), static_cast<std::size_t>(count));
+    if (input_.size() > max_line_bytes) throw Failure(path_ + " sends no line; wrong socket?");
+    end = input_.find('\n', before);
+  }
+  nlohmann::json line = nlohmann::json::parse(input_.substr(0, end), nullptr, false);
+  input_.erase(0, end + 1);
+  if (!line.is_object())
+    throw Failure(path_ + " does not answer like slam-gatewayd; is it the right socket?");
+  return line;
+}
+
+}  // namespace slamgw::ctl

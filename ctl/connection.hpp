@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+// The daemon's control socket as slam-gatewayctl sees it: blocking lines of JSON, and failures in
+// words that say what to do.
+#pragma once
+
+#include <chrono>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <stdexcept>
+#include <string>
+
+namespace slamgw::ctl {
+
+/// Ends the program with status 1 and this text.
+struct Failure : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+
+class Connection {
+ public:
+  explicit Connection(std::string path);
+  ~Connection();
+  Connection(const Connection&) = delete;
+  Connection& operator=(const Connection&) = delete;
+
+  /// Sends a request and gives its `result`. An `error`, silence for so long, and anything that is
+  /// not the daemon's language are Failures.
+  nlohmann::json ask(const nlohmann::json& request, std::chrono::seconds patience);
+  /// The next event of a watch, however long it takes. A Failure when the daemon hangs up.
+  nlohmann::json next_event();
+
+ private:
+  void send(const std::string& text);
+  nlohmann::json receive();
+
+  std::string path_;
+  int socket_ = -1;
+  std::string input_;
+};
+
+}  // namespace slamgw::ctl

@@ -1,0 +1,158 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "ctl/show.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <vector>
+
+#include "ctl/text.hpp"
+
+namespace slamgw::ctl {
+namespace {
+
+using nlohmann::json;
+
+constexpr std::size_t screen_columns = 80;
+
+// ---- the table of robots
+
+enum Column : std::size_t { id, mesh, address, state, seen, messages, rate, rssi, queue, count };
+using Row = std::array<std::string, Column::count>;
+
+Row robot_row(const json& robot, std::chrono::system_clock::time_point now) {
+  const auto signal = robot.find("rssi_dbm");
+  const bool has_signal = signal != robot.end() && signal->is_number();
+  return {text_at(robot, "id"),
+          text_at(robot, "mesh"),
+          text_at(robot, "address"),
+          text_at(robot, "state"),
+          show_age(text_at(robot, "last_seen"), now),
+          fmt::format("{}", count_at(robot, "messages")),
+          fmt::format("{:.1f}", number_at(robot, "rate_hz")),
+          has_signal ? fmt::format("{}", signal->get<int>()) : "-",
+          fmt::format("{}", count_at(robot, "queue"))};
+}
+
+/// Ids keep their start and addresses their end, where they differ.
+std::array<std::size_t, Column::count> fit(const std::vector<Row>& rows) {
+  std::array<std::size_t, Column::count> widths{};
+  for (const Row& row : rows)
+    for (std::size_t i = 0; i < row.size(); ++i) widths[i] = std::max(widths[i], columns(row[i]));
+  std::size_t total = Column::count - 1;
+  for (const std::size_t width : widths) total += width;
+  while (total > screen_columns) {
+    std::size_t& widest = widths[id] > widths[address] ? widths[id] : widths[address];
+    if (widest <= 4) break;
+    --widest;
+    --total;
+  }
+  return widths;
+}
+
+std::string payload_text(const json& event) {
+  if (const json& update = group_at(event, "update"); !update.empty()) {
+    std::string text =
+        fmt::format("x={} y={} obstacles=", number_at(update, "x"), number_at(update, "y"));
+    const auto obstacles = update.find("obstacles");
+    if (obstacles == update.end() || obstacles->empty()) return text + "none";
+    std::string separator;
+    for (const json& obstacle : *obstacles) {
+      text += fmt::format("{}{},{}", separator, number_at(obstacle, "x"), number_at(obstacle, "y"));
+      separator = ";";
+    }
+    return text;
+  }
+  if (const json& cmd = group_at(event, "cmd"); !cmd.empty())
+    return fmt::format("x={} y={}", number_at(cmd, "x"), number_at(cmd, "y"));
+  if (event.contains("text")) return "'" + text_at(event, "text") + "'";
+  return text_at(event, "payload_hex");
+}
+
+}  // namespace
+
+std::string Show::status(const json& status) const {
+  const json& broker = group_at(status, "broker");
+  const json& meshes = group_at(status, "meshes");
+  const json& robots = group_at(status, "robots");
+  const json& traffic = group_at(status, "messages");
+  const json& store = group_at(status, "store");
+  std::string out =
+      fmt::format("slam-gatewayd {}, gateway {}, up {}, {} memory\n", text_at(status, "version"),
+                  text_at(status, "gateway"), show_seconds(count_at(status, "uptime_s")),
+                  show_bytes(count_at(status, "memory_rss_bytes")));
+  const std::string state = text_at(broker, "state");
+  const std::string why = text_at(broker, "why");
+  out += fmt::format("Broker    {} {} since {}\n", paint(state, pad(state, 8)),
+                     text_at(broker, "uri"), text_at(broker, "since"));
+  if (!why.empty() && state != "up") out += fmt::format("                   {}\n", why);
+  out += mesh_line("BLE", group_at(meshes, "ble"));
+  out += mesh_line("Thread", group_at(meshes, "thread"));
+  out += fmt::format("Robots    {} online, {} asleep, {} offline ({} known)\n",
+                     count_at(robots, "online"), count_at(robots, "asleep"),
+                     count_at(robots, "offline"), count_at(robots, "known"));
+  out +=
+      fmt::format("Messages  {} in, {} out, {} dropped, {} stored, {} rejected\n",
+                  count_at(traffic, "up"), count_at(traffic, "down"), count_at(traffic, "dropped"),
+                  count_at(traffic, "stored"), count_at(traffic, "rejected"));
+  out +=
+      fmt::format("Store     {} messages, {} of {}\n", count_at(store, "depth"),
+                  show_bytes(count_at(store, "bytes")), show_bytes(count_at(store, "max_bytes")));
+  return out;
+}
+
+std::string Show::mesh_line(const std::string& name, const json& mesh) const {
+  const std::string state = text_at(mesh, "state");
+  const std::string detail = text_at(mesh, "detail");
+  return pad(name, 10) + paint(state, detail.empty() ? state : pad(state, 9)) + detail + "\n";
+}
+
+std::string Show::robots(const json& robots) const {
+  std::vector<Row> rows{
+      {"ROBOT", "MESH", "ADDRESS", "STATE", "SEEN", "MESSAGES", "HZ", "RSSI", "QUEUE"}};
+  for (const json& robot : robots) rows.push_back(robot_row(robot, now_));
+  if (rows.size() == 1) return "no robot has been heard yet\n";
+  const auto widths = fit(rows);
+  std::string out;
+  for (const Row& row : rows) {
+    const bool is_head = &row == &rows.front();
+    std::string line = pad(cut_end(row[id], widths[id]), widths[id]);
+    line += " " + pad(row[mesh], widths[mesh]);
+    line += " " + pad(cut_start(row[address], widths[address]), widths[address]);
+    const std::string padded = pad(row[state], widths[state]);
+    line += " " + (is_head ? padded : paint(row[state], padded));
+    for (const Column column : {seen, messages, rate, rssi, queue})
+      line += " " + pad_left(row[column], widths[column]);
+    out += line + "\n";
+  }
+  return out;
+}
+
+std::string Show::event(const json& event) const {
+  const std::string time = text_at(event, "time");
+  const std::string mesh_name = text_at(event, "mesh");
+  return fmt::format("{} {} {} {} {}  {}\n", time.size() > 11 ? time.substr(11) : time,
+                     pad(text_at(event, "direction"), 4),
+                     pad(mesh_name.empty() ? "-" : mesh_name, 6), pad(text_at(event, "robot"), 12),
+                     pad(text_at(event, "type"), 6), payload_text(event));
+}
+
+std::string Show::outcome(const json& outcome) const {
+  const std::string result = text_at(outcome, "outcome");
+  const std::string why = text_at(outcome, "why");
+  return fmt::format("{} after {} ms{}{}\n", paint(result, result), count_at(outcome, "after_ms"),
+                     why.empty() ? "" : ": ", why);
+}
+
+std::string Show::paint(std::string_view state, std::string text) const {
+  if (!with_colour_) return text;
+  const auto is = [state](std::string_view name) { return state == name; };
+  std::string_view colour;
+  if (is("up") || is("online") || is("delivered")) colour = "32";
+  if (is("asleep") || is("superseded")) colour = "33";
+  if (is("down") || is("offline") || is("timeout") || is("refused")) colour = "31";
+  return colour.empty() ? text : fmt::format("\033[{}m{}\033[0m", colour, text);
+}
+
+}  // namespace slamgw::ctl

@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: Apache-2.0
+// The daemon's answers as text for people: at most 80 columns, colour only where asked for. Pure;
+// what is missing in an answer is left out, what could move the cursor is made harmless.
+#pragma once
+
+#include <chrono>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <string_view>
+
+namespace slamgw::ctl {
+
+/// Text ends with a line end.
+class Show {
+ public:
+  Show(bool with_colour, std::chrono::system_clock::time_point now)
+      : with_colour_(with_colour), now_(now) {}
+
+  std::string status(const nlohmann::json& status) const;
+  std::string robots(const nlohmann::json& robots) const;
+  std::string event(const nlohmann::json& event) const;
+  std::string outcome(const nlohmann::json& outcome) const;
+
+ private:
+  /// Green for what is well, red for what is not, yellow between.
+  std::string paint(std::string_view state, std::string text) const;
+  std::string mesh_line(const std::string& name, const nlohmann::json& mesh) const;
+
+  bool with_colour_;
+  std::chrono::system_clock::time_point now_;
+};
+
+}  // namespace slamgw::ctl

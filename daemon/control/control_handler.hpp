@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the control socket asks of the daemon. Implemented by App, and by a fake in tests. Traffic
+// for `watch` goes the other way, as TrafficEvent (daemon/core/traffic_event.hpp), through
+// ControlServer::publish_traffic.
+#pragma once
+
+#include <functional>
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "daemon/core/bytes.hpp"
+
+namespace slamgw {
+
+class ControlHandler {
+ public:
+  virtual ~ControlHandler() = default;
+  virtual nlohmann::json status() = 0;
+  /// An array, a row per robot.
+  virtual nlohmann::json robots() = 0;
+  /// A command downlink. `done` is called once, now or later, with `{"outcome", "after_ms",
+  /// "why"}`.
+  virtual void send(const std::string& robot, const std::string& type, Bytes payload,
+                    std::function<void(nlohmann::json)> done) = 0;
+};
+
+}  // namespace slamgw

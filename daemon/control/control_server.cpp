@@ -1,0 +1,152 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/control/control_server.hpp"
+
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <boost/asio/error.hpp>
+#include <boost/asio/write.hpp>
+#include <cerrno>
+#include <cstring>
+#include <filesystem>
+#include <stdexcept>
+#include <system_error>
+#include <utility>
+
+namespace slamgw {
+
+namespace asio = boost::asio;
+using boost::asio::local::stream_protocol;
+using boost::system::error_code;
+
+namespace {
+
+constexpr mode_t socket_mode = 0660;  // the group of the service's user may use it
+constexpr std::chrono::seconds accept_retry{1};
+
+[[noreturn]] void fail(const std::string& path, const std::string& why) {
+  throw std::runtime_error("control socket " + path + ": " + why + "; see control.socket");
+}
+
+void make_directory(const std::string& path) {
+  const auto directory = std::filesystem::path(path).parent_path();
+  std::error_code error;
+  if (!directory.empty()) std::filesystem::create_directories(directory, error);
+  if (error) fail(path, "its directory can't be made: " + error.message());
+}
+
+/// Removes a socket that nobody listens at. Whatever else is there is somebody's.
+void remove_stale(asio::io_context& io, const std::string& path) {
+  struct stat status {};
+  if (lstat(path.c_str(), &status) != 0) return;
+  if (!S_ISSOCK(status.st_mode)) fail(path, "something that is no socket is in its place");
+  stream_protocol::socket probe(io);
+  error_code error;
+  probe.open();
+  probe.non_blocking(true);  // a living daemon with a full backlog must not hold us up
+  probe.connect(stream_protocol::endpoint(path), error);
+  if (!error || error == asio::error::would_block || error == asio::error::try_again)
+    fail(path, "another slam-gatewayd answers there");
+  if (error == asio::error::connection_refused) unlink(path.c_str());
+}
+
+}  // namespace
+
+ControlServer::ControlServer(asio::io_context& io, std::string path, ControlHandler& handler,
+                             ControlLimits limits)
+    : io_(io),
+      acceptor_(io),
+      retry_timer_(io),
+      path_(std::move(path)),
+      handler_(handler),
+      limits_(limits) {}
+
+ControlServer::~ControlServer() { stop(); }
+
+void ControlServer::start() {
+  make_directory(path_);
+  remove_stale(io_, path_);
+  acceptor_.open(stream_protocol());
+  // Before bind() makes the file: at no time may others open it.
+  fchmod(acceptor_.native_handle(), socket_mode);
+  error_code error;
+  acceptor_.bind(stream_protocol::endpoint(path_), error);
+  if (error) {
+    acceptor_.close();
+    fail(path_, "can't be made: " + error.message());
+  }
+  chmod(path_.c_str(), socket_mode);  // what the umask took
+  acceptor_.listen();
+  accept();
+}
+
+void ControlServer::stop() {
+  alive_.reset();
+  for (const auto& session : std::exchange(sessions_, {})) session->close();
+  retry_timer_.cancel();
+  if (!acceptor_.is_open()) return;
+  error_code ignored;
+  acceptor_.close(ignored);
+  unlink(path_.c_str());
+}
+
+bool ControlServer::has_watchers() const {
+  return std::any_of(sessions_.begin(), sessions_.end(),
+                     [](const auto& session) { return session->is_watching(); });
+}
+
+void ControlServer::publish_traffic(const TrafficEvent& event) {
+  std::string line;
+  const auto sessions = sessions_;  // a session that is cut off leaves the list
+  for (const auto& session : sessions) {
+    if (!session->wants(event)) continue;
+    if (line.empty()) line = control::event_line(event);
+    session->offer(line);
+  }
+}
+
+Counters ControlServer::counters() const {
+  return {{"clients", counters_.clients},
+          {"clients_refused", counters_.clients_refused},
+          {"watchers_dropped", counters_.watchers_dropped},
+          {"bad_requests", counters_.bad_requests}};
+}
+
+void ControlServer::accept() {
+  acceptor_.async_accept(
+      [this, alive = std::weak_ptr(alive_)](error_code error, ControlSession::Socket socket) {
+        if (!alive.expired()) on_accept(error, std::move(socket));
+      });
+}
+
+void ControlServer::on_accept(error_code error, ControlSession::Socket socket) {
+  if (!error) {
+    admit(std::move(socket));
+    return accept();
+  }
+  // Out of file descriptors, most likely: the waiting client would make this spin.
+  retry_timer_.expires_after(accept_retry);
+  retry_timer_.async_wait([this, alive = std::weak_ptr(alive_)](error_code) {
+    if (!alive.expired()) accept();
+  });
+}
+
+void ControlServer::admit(ControlSession::Socket socket) {
+  if (sessions_.size() >= limits_.clients) {
+    ++counters_.clients_refused;
+    error_code ignored;  // a few bytes into an empty buffer: never blocks, and may be lost
+    socket.non_blocking(true, ignored);
+    asio::write(socket, asio::buffer(control::error_line("too many clients")), ignored);
+    return;
+  }
+  ++counters_.clients;
+  auto session = std::make_shared<ControlSession>(
+      std::move(socket), limits_, counters_, handler_, [this](ControlSession& ended) {
+        std::erase_if(sessions_, [&ended](const auto& each) { return each.get() == &ended; });
+      });
+  sessions_.push_back(session);
+  session->start();
+}
+
+}  // namespace slamgw

@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+// The Unix socket that slam-gatewayctl talks to: accepts clients and hands traffic to those that
+// watch. What they ask is answered by the ControlHandler. On the loop's thread only; a slow or
+// silent client costs bounded memory and never time.
+#pragma once
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/local/stream_protocol.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "daemon/control/control_handler.hpp"
+#include "daemon/control/control_session.hpp"
+#include "daemon/core/messages.hpp"
+#include "daemon/core/traffic_event.hpp"
+
+namespace slamgw {
+
+class ControlServer {
+ public:
+  /// `handler` must outlive the server.
+  ControlServer(boost::asio::io_context& io, std::string path, ControlHandler& handler,
+                ControlLimits limits = {});
+  /// As stop().
+  ~ControlServer();
+  ControlServer(const ControlServer&) = delete;
+  ControlServer& operator=(const ControlServer&) = delete;
+
+  /// Takes the place of a socket left over by a daemon that has died. Throws std::runtime_error
+  /// with what to mend: another daemon answers there, the directory can't be written, ...
+  void start();
+  /// Ends all clients and removes the socket. The handler is not called any more.
+  void stop();
+
+  bool has_watchers() const;
+  void publish_traffic(const TrafficEvent& event);
+  Counters counters() const;
+
+ private:
+  void accept();
+  void on_accept(boost::system::error_code error, ControlSession::Socket socket);
+  void admit(ControlSession::Socket socket);
+
+  boost::asio::io_context& io_;
+  boost::asio::local::stream_protocol::acceptor acceptor_;
+  boost::asio::steady_timer retry_timer_;
+  std::string path_;
+  ControlHandler& handler_;
+  const ControlLimits limits_;
+  ControlCounters counters_;
+  std::vector<std::shared_ptr<ControlSession>> sessions_;
+  /// Gone with stop(): a completion that was under way already must not touch the server.
+  std::shared_ptr<const int> alive_ = std::make_shared<int>();
+};
+
+}  // namespace slamgw

@@ -1,0 +1,144 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/control/control_session.hpp"
+
+#include <boost/asio/buffer.hpp>
+#include <boost/asio/error.hpp>
+#include <boost/asio/read_until.hpp>
+#include <boost/asio/write.hpp>
+#include <utility>
+
+namespace slamgw {
+
+namespace asio = boost::asio;
+using boost::system::error_code;
+
+ControlSession::ControlSession(Socket socket, const ControlLimits& limits,
+                               ControlCounters& counters, ControlHandler& handler,
+                               std::function<void(ControlSession&)> on_end)
+    : socket_(std::move(socket)),
+      idle_timer_(socket_.get_executor()),
+      limits_(limits),
+      counters_(counters),
+      handler_(handler),
+      on_end_(std::move(on_end)) {}
+
+void ControlSession::start() { read_line(); }
+
+void ControlSession::close() {
+  is_closed_ = true;
+  error_code ignored;
+  socket_.close(ignored);
+  idle_timer_.cancel();
+}
+
+bool ControlSession::wants(const TrafficEvent& event) const {
+  return watch_ && (!watch_->robot || *watch_->robot == event.robot) &&
+         (!watch_->type || *watch_->type == event.type);
+}
+
+void ControlSession::offer(const std::string& line) {
+  if (writing_.size() + waiting_.size() + line.size() > limits_.queued_bytes) {
+    ++counters_.watchers_dropped;
+    return end();
+  }
+  waiting_ += line;
+  write_waiting();
+}
+
+void ControlSession::read_line() {
+  arm_idle_timer();
+  asio::async_read_until(socket_, asio::dynamic_buffer(input_, limits_.request_bytes), '\n',
+                         [self = shared_from_this()](error_code error, std::size_t size) {
+                           if (!self->is_closed_) self->on_line(error, size);
+                         });
+}
+
+void ControlSession::on_line(error_code error, std::size_t size) {
+  if (error == asio::error::not_found) {
+    ++counters_.bad_requests;
+    ends_after_answer_ = true;
+    return answer(control::error_line("the request is longer than " +
+                                      std::to_string(limits_.request_bytes) + " bytes"));
+  }
+  if (error) return end();
+  const std::string line = input_.substr(0, size - 1);
+  input_.erase(0, size);
+  arm_idle_timer();
+  handle(line);
+  // The next request is read when this one's answer is written, so that answers can't pile up. A
+  // watcher is read on: that is how its end shows.
+  if (watch_ && !is_closed_) read_line();
+}
+
+void ControlSession::handle(const std::string& line) {
+  auto request = control::parse_request(line);
+  if (!request) {
+    ++counters_.bad_requests;
+    return answer(control::error_line(request.error()));
+  }
+  std::visit([this](auto& known) { perform(known); }, *request);
+}
+
+void ControlSession::perform(const control::StatusRequest&) {
+  answer(control::result_line(handler_.status()));
+}
+
+void ControlSession::perform(const control::RobotsRequest&) {
+  answer(control::result_line(handler_.robots()));
+}
+
+void ControlSession::perform(const control::WatchRequest& request) {
+  answer(control::result_line("watching"));
+  watch_ = request;
+}
+
+void ControlSession::perform(control::SendRequest& request) {
+  handler_.send(request.robot, request.type, std::move(request.payload),
+                [self = weak_from_this()](const nlohmann::json& outcome) {
+                  const auto session = self.lock();
+                  if (session && !session->is_closed_)
+                    session->answer(control::result_line(outcome));
+                });
+}
+
+void ControlSession::answer(const std::string& line) {
+  if (watch_) return offer(line);  // asked while watching: within the same bound
+  arm_idle_timer();
+  waiting_ += line;
+  write_waiting();
+}
+
+void ControlSession::write_waiting() {
+  if (!writing_.empty() || waiting_.empty()) return;
+  writing_ = std::exchange(waiting_, {});
+  asio::async_write(socket_, asio::buffer(writing_),
+                    [self = shared_from_this()](error_code error, std::size_t) {
+                      if (!self->is_closed_) self->on_written(error);
+                    });
+}
+
+void ControlSession::on_written(error_code error) {
+  writing_.clear();
+  if (error) return end();
+  if (!waiting_.empty()) return write_waiting();
+  if (ends_after_answer_) return end();
+  if (!watch_) read_line();
+}
+
+void ControlSession::arm_idle_timer() {
+  if (watch_) {
+    idle_timer_.cancel();
+    return;
+  }
+  idle_timer_.expires_after(limits_.idle);
+  idle_timer_.async_wait([self = shared_from_this()](error_code error) {
+    if (!error && !self->is_closed_ && !self->watch_) self->end();
+  });
+}
+
+void ControlSession::end() {
+  close();
+  on_end_(*this);
+}
+
+}  // namespace slamgw

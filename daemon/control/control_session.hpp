@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: Apache-2.0
+// One client of the control socket: its requests one after the other, its answers, and as a watcher
+// its events. Made and held by ControlServer; keeps itself alive while operations are under way and
+// is silent after close().
+#pragma once
+
+#include <boost/asio/local/stream_protocol.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <chrono>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "daemon/control/control_handler.hpp"
+#include "daemon/control/wire.hpp"
+
+namespace slamgw {
+
+struct ControlLimits {
+  std::size_t clients = 32;
+  std::size_t request_bytes = std::size_t{64} * 1024;  ///< a line longer than this ends its client
+  /// What may wait for a watcher; beyond it the watcher is cut off.
+  std::size_t queued_bytes = std::size_t{1024} * 1024;
+  /// A client that does not watch, silent or unanswered for this long, is cut off.
+  std::chrono::milliseconds idle{60000};
+};
+
+struct ControlCounters {
+  std::uint64_t clients = 0;
+  std::uint64_t clients_refused = 0;
+  std::uint64_t watchers_dropped = 0;
+  std::uint64_t bad_requests = 0;
+};
+
+class ControlSession : public std::enable_shared_from_this<ControlSession> {
+ public:
+  using Socket = boost::asio::local::stream_protocol::socket;
+
+  /// `on_end` is called once, when the client has gone or was cut off; not for close().
+  ControlSession(Socket socket, const ControlLimits& limits, ControlCounters& counters,
+                 ControlHandler& handler, std::function<void(ControlSession&)> on_end);
+
+  void start();
+  void close();
+  bool wants(const TrafficEvent& event) const;
+  bool is_watching() const { return watch_.has_value(); }
+  /// Queues a line for a watcher, or ends it when too much waits already.
+  void offer(const std::string& line);
+
+ private:
+  void read_line();
+  void on_line(boost::system::error_code error, std::size_t size);
+  void handle(const std::string& line);
+  void perform(const control::StatusRequest& request);
+  void perform(const control::RobotsRequest& request);
+  void perform(const control::WatchRequest& request);
+  void perform(control::SendRequest& request);
+  void answer(const std::string& line);
+  void on_written(boost::system::error_code error);
+  void write_waiting();
+  void arm_idle_timer();
+  void end();
+
+  Socket socket_;
+  boost::asio::steady_timer idle_timer_;
+  const ControlLimits& limits_;
+  ControlCounters& counters_;
+  ControlHandler& handler_;
+  std::function<void(ControlSession&)> on_end_;
+
+  std::string input_;
+  std::string writing_;  // with the kernel now
+  std::string waiting_;  // to be written after it
+  std::optional<control::WatchRequest> watch_;
+  bool ends_after_answer_ = false;
+  bool is_closed_ = false;
+};
+
+}  // namespace slamgw

@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/control/wire.hpp"
+
+#include <fmt/format.h>
+
+#include "daemon/core/gateway.hpp"
+#include "daemon/core/utf8.hpp"
+
+namespace slamgw::control {
+namespace {
+
+using nlohmann::json;
+
+std::optional<std::string> text_of(const json& request, const char* key) {
+  const auto found = request.find(key);
+  if (found == request.end() || !found->is_string()) return std::nullopt;
+  return found->get<std::string>();
+}
+
+std::optional<int> hex_digit(char c) {
+  if (c >= '0' && c <= '9') return c - '0';
+  if (c >= 'a' && c <= 'f') return c - 'a' + 10;
+  if (c >= 'A' && c <= 'F') return c - 'A' + 10;
+  return std::nullopt;
+}
+
+Result<Request, std::string> parse_send(const json& request) {
+  const auto robot = text_of(request, "robot");
+  const auto type = text_of(request, "type");
+  const auto payload_hex = text_of(request, "payload_hex");
+  const auto payload = payload_hex ? parse_hex(*payload_hex) : std::nullopt;
+  if (!robot || !type || !payload) {
+    return std::string("send needs the texts robot, type and payload_hex (pairs of hex digits)");
+  }
+  return Request(SendRequest{*robot, *type, *payload});
+}
+
+/// An `update` as the core read it, the thesis's command (two int16), text.
+void add_readable(json& out, const TrafficEvent& event) {
+  if (event.update) out["update"] = json::parse(encode_json(*event.update));
+  if (event.type == "cmd" && event.payload.size() == 4) {
+    ByteReader reader(event.payload);
+    out["cmd"]["x"] = reader.read_i16_le();
+    out["cmd"]["y"] = reader.read_i16_le();
+  }
+  const std::string_view text = as_text(event.payload);
+  if (is_printable(text)) out["text"] = text;
+}
+
+}  // namespace
+
+Result<Request, std::string> parse_request(std::string_view line) {
+  const json request = json::parse(line, nullptr, false);
+  const auto command = request.is_object() ? text_of(request, "command") : std::nullopt;
+  if (!command) return std::string("a request is a line like {\"command\": \"status\"}");
+  if (*command == "status") return Request(StatusRequest{});
+  if (*command == "robots") return Request(RobotsRequest{});
+  if (*command == "send") return parse_send(request);
+  if (*command == "watch")
+    return Request(WatchRequest{text_of(request, "robot"), text_of(request, "type")});
+  if (command->starts_with("ble ")) {
+    return fmt::format("{} is not available in this version", *command);
+  }
+  return fmt::format("unknown command '{}'; there are status, robots, watch, send", *command);
+}
+
+std::string result_line(const json& result) { return to_line({{"result", result}}); }
+std::string error_line(std::string_view text) { return to_line({{"error", text}}); }
+std::string event_line(const TrafficEvent& event) { return to_line({{"event", to_json(event)}}); }
+
+std::string to_line(const json& json) {
+  return json.dump(-1, ' ', false, json::error_handler_t::replace) + "\n";
+}
+
+json to_json(const TrafficEvent& event) {
+  json out{{"time", to_iso8601(event.wall)},
+           {"direction", event.direction == Direction::up ? "up" : "down"},
+           {"mesh", nullptr},
+           {"robot", event.robot},
+           {"type", event.type},
+           {"topic", event.topic},
+           {"qos", static_cast<int>(event.qos)},
+           {"payload_hex", to_hex(event.payload)}};
+  if (event.mesh) out["mesh"] = to_string(*event.mesh);
+  add_readable(out, event);
+  return out;
+}
+
+std::optional<Bytes> parse_hex(std::string_view text) {
+  if (text.size() % 2 != 0) return std::nullopt;
+  Bytes bytes;
+  for (std::size_t i = 0; i < text.size(); i += 2) {
+    const auto high = hex_digit(text[i]);
+    const auto low = hex_digit(text[i + 1]);
+    if (!high || !low) return std::nullopt;
+    bytes.push_back(static_cast<std::uint8_t>(*high << 4 | *low));
+  }
+  return bytes;
+}
+
+bool is_printable(std::string_view text) {
+  if (!is_utf8(text)) return false;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    const auto octet = static_cast<unsigned char>(text[i]);
+    if (octet < 0x20 || octet == 0x7f) return false;
+    // U+0080 to U+009F, which some terminals obey like escape sequences
+    if (octet == 0xc2 && static_cast<unsigned char>(text[i + 1]) < 0xa0) return false;
+  }
+  return true;
+}
+
+}  // namespace slamgw::control

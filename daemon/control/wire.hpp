@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+// The control socket's language: a line of JSON each way. Pure; spoken by ControlServer and
+// slam-gatewayctl.
+//
+//   request   {"command": "status" | "robots"}
+//             {"command": "watch", "robot": optional, "type": optional}
+//             {"command": "send", "robot": "...", "type": "...", "payload_hex": "..."}
+//   answer    {"result": ...} or {"error": "text"}
+//   watch     after its answer, {"event": {...}} for each message until the connection ends
+#pragma once
+
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <variant>
+
+#include "daemon/core/bytes.hpp"
+#include "daemon/core/result.hpp"
+#include "daemon/core/traffic_event.hpp"
+
+namespace slamgw::control {
+
+struct StatusRequest {};
+struct RobotsRequest {};
+/// Nothing: any robot, any type.
+struct WatchRequest {
+  std::optional<std::string> robot;
+  std::optional<std::string> type;
+};
+struct SendRequest {
+  std::string robot;
+  std::string type;
+  Bytes payload;
+};
+using Request = std::variant<StatusRequest, RobotsRequest, WatchRequest, SendRequest>;
+
+/// A request, or what is wrong with it in words.
+Result<Request, std::string> parse_request(std::string_view line);
+
+/// With its line end. Text that is not UTF-8 is mended, not refused.
+std::string result_line(const nlohmann::json& result);
+std::string error_line(std::string_view text);
+std::string event_line(const TrafficEvent& event);
+std::string to_line(const nlohmann::json& json);
+
+/// `time`, `direction`, `mesh` or null, `robot`, `type`, `topic`, `qos`, `payload_hex`, and as far
+/// as it can be read: `update`, `cmd` (x and y), `text`.
+nlohmann::json to_json(const TrafficEvent& event);
+
+/// Hex digits in pairs, any case; nothing when it is anything else.
+std::optional<Bytes> parse_hex(std::string_view text);
+/// UTF-8 without control characters: safe to show on a terminal.
+bool is_printable(std::string_view text);
+
+}  // namespace slamgw::control

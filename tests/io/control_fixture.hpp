@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: Apache-2.0
+// A control server on a socket of its own with a handler that remembers, for the tests of both ends
+// of the socket.
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "daemon/control/control_server.hpp"
+#include "tests/support/eventually.hpp"
+#include "tests/support/temp_dir.hpp"
+
+namespace slamgw::test {
+
+class FakeHandler : public ControlHandler {
+ public:
+  struct Sent {
+    std::string robot;
+    std::string type;
+    Bytes payload;
+    std::function<void(nlohmann::json)> done;
+  };
+
+  nlohmann::json status_answer = {{"version", "1.2.3"}};
+  nlohmann::json robots_answer = nlohmann::json::array();
+  std::vector<Sent> sent;
+
+  nlohmann::json status() override { return status_answer; }
+  nlohmann::json robots() override { return robots_answer; }
+  void send(const std::string& robot, const std::string& type, Bytes payload,
+            std::function<void(nlohmann::json)> done) override {
+    sent.push_back({robot, type, std::move(payload), std::move(done)});
+  }
+};
+
+class ControlTest : public testing::Test {
+ protected:
+  bool wait_until(const std::function<bool()>& condition) { return eventually(io, condition); }
+  std::uint64_t counter(std::string_view name) const {
+    for (const Counter& each : server->counters())
+      if (each.name == name) return each.value;
+    return 0;
+  }
+  void make_server(ControlLimits limits = {}) {
+    server.reset();
+    server = std::make_unique<ControlServer>(io, path, handler, limits);
+  }
+  void start(ControlLimits limits = {}) {
+    make_server(limits);
+    server->start();
+  }
+
+  TempDir directory;
+  std::string path = directory / "control.sock";
+  boost::asio::io_context io;
+  FakeHandler handler;
+  std::unique_ptr<ControlServer> server;
+};
+
+}  // namespace slamgw::test

@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: Apache-2.0
+// The pure halves of the control socket: its language and slam-gatewayctl's texts.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "ctl/payload.hpp"
+#include "ctl/show.hpp"
+#include "ctl/text.hpp"
+#include "daemon/control/wire.hpp"
+
+namespace slamgw::test {
+namespace {
+
+using nlohmann::json;
+
+const auto noon = std::chrono::system_clock::from_time_t(43200);  // 1970-01-01T12:00:00Z
+
+TEST(ControlWire, TellsWhatIsWrongWithARequest) {
+  const auto error = [](std::string_view line) {
+    const auto request = control::parse_request(line);
+    return request ? std::string("none") : request.error();
+  };
+  EXPECT_EQ(error(R"({"command": "status"})"), "none");
+  EXPECT_EQ(error(R"({"command": "send", "robot": "r", "type": "t", "payload_hex": "0aFF"})"),
+            "none");
+  for (const std::string_view line : {"", "[]", "{}", "{\"command\": 5}", "\xff", "[[[[[["})
+    EXPECT_EQ(error(line), "a request is a line like {\"command\": \"status\"}") << line;
+  EXPECT_EQ(error(R"({"command": "stop"})"),
+            "unknown command 'stop'; there are status, robots, watch, send");
+  EXPECT_EQ(error(R"({"command": "ble scan"})"), "ble scan is not available in this version");
+  for (const std::string_view hex : {"0", "0g", "0 ", "5x"})
+    EXPECT_NE(error(R"({"command": "send", "robot": "r", "type": "t", "payload_hex": ")" +
+                    std::string(hex) + "\"}"),
+              "none");
+}
+
+TEST(ControlWire, MendsTextThatIsNotUtf8) {
+  EXPECT_EQ(json::parse(control::error_line("a\xff")), json({{"error", "a\ufffd"}}));
+}
+
+TEST(ControlWire, TakesOnlyHarmlessTextForPrintable) {
+  EXPECT_TRUE(control::is_printable("Grüße 🤖"));
+  EXPECT_TRUE(control::is_printable(""));
+  for (const std::string_view text : {"a\n", "\x1b[2J", "\x7f", "\xc2\x9b", "\xff", "\xc2"})
+    EXPECT_FALSE(control::is_printable(text));
+}
+
+TEST(CtlPayload, SaysWhatIsAllowed) {
+  EXPECT_EQ(*ctl::parse_payload("cmd", "+1,-1", false), (Bytes{1, 0, 0xff, 0xff}));
+  EXPECT_EQ(*ctl::parse_payload("other", "1,2", false), to_bytes("1,2"));
+  for (const std::string_view text : {"", ",", "1,", "1;2", "1, 2", "32768,0", "--1,0", "0x1,0"})
+    EXPECT_NE(ctl::parse_payload("cmd", text, false).error().find("X,Y"), std::string::npos);
+  EXPECT_NE(ctl::parse_payload("cmd", "1,2", true).error().find("hex"), std::string::npos);
+}
+
+TEST(CtlText, CutsAndPadsByCharacters) {
+  EXPECT_EQ(ctl::columns("äöü"), 3U);
+  EXPECT_EQ(ctl::cut_end("äöüx", 3), "äö~");
+  EXPECT_EQ(ctl::cut_start("xäöü", 3), "~öü");
+  EXPECT_EQ(ctl::cut_end("äöü", 3), "äöü");
+  EXPECT_EQ(ctl::pad("ä", 3), "ä  ");
+  EXPECT_EQ(ctl::pad_left("ä", 3), "  ä");
+}
+
+TEST(CtlText, ShowsUnitsThatPeopleRead) {
+  EXPECT_EQ(ctl::show_bytes(1023), "1023 B");
+  EXPECT_EQ(ctl::show_bytes(1536), "1.5 KiB");
+  EXPECT_EQ(ctl::show_bytes(268435456), "256.0 MiB");
+  EXPECT_EQ(ctl::show_seconds(59), "59 s");
+  EXPECT_EQ(ctl::show_seconds(3599), "59 min 59 s");
+  EXPECT_EQ(ctl::show_seconds(7260), "2 h 1 min");
+  EXPECT_EQ(ctl::show_age("1970-01-01T11:59:30Z", noon), "30s");
+  EXPECT_EQ(ctl::show_age("1970-01-01T11:00:00Z", noon), "1h");
+  EXPECT_EQ(ctl::show_age("1970-01-01T13:00:00Z", noon), "0s");  // a clock that was set back
+  EXPECT_EQ(ctl::show_age("never", noon), "");
+}
+
+TEST(CtlShow, ColoursOnlyWhereAskedFor) {
+  const json outcome = {{"outcome", "delivered"}, {"after_ms", 1}};
+  EXPECT_EQ(ctl::Show(false, noon).outcome(outcome), "delivered after 1 ms\n");
+  EXPECT_EQ(ctl::Show(true, noon).outcome(outcome), "\033[32mdelivered\033[0m after 1 ms\n");
+}
+
+TEST(CtlShow, LetsNothingThroughToTheTerminal) {
+  const json robots = {{{"id", "r\033[2J"}, {"address", "\u009b1m"}, {"state", "x\n"}}};
+  const std::string shown = ctl::Show(false, noon).robots(robots);
+  EXPECT_NE(shown.find("r?[2J"), std::string::npos) << shown;
+  EXPECT_EQ(shown.find('\033'), std::string::npos);
+  EXPECT_EQ(shown.find("\u009b"), std::string::npos);
+  EXPECT_EQ(std::count(shown.begin(), shown.end(), '\n'), 2);
+}
+
+TEST(CtlShow, SurvivesAnswersOfAnyShape) {
+  for (const std::string_view text :
+       {"null", "5", "[]", "[1]", "{}", R"({"broker": 5})",
+        R"([{"id": 5, "rate_hz": "x", "messages": -1}])", R"({"update": {"obstacles": [5]}})"}) {
+    const json answer = json::parse(text);
+    const ctl::Show show(false, noon);
+    EXPECT_TRUE(show.status(answer).ends_with('\n'));
+    EXPECT_TRUE(show.robots(answer).ends_with('\n'));
+    EXPECT_TRUE(show.event(answer).ends_with('\n'));
+    EXPECT_TRUE(show.outcome(answer).ends_with('\n'));
+  }
+}
+
+}  // namespace
+}  // namespace slamgw::test
