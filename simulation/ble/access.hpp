@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the robots and the board both know of Bluetooth Mesh: addresses, the access messages that
+// robots use, and how long messages take (Nordic's nRF5 SDK for Mesh 3.1.0). Pure values.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+
+#include "simulation/bytes.hpp"
+#include "simulation/time.hpp"
+
+namespace slamgw::sim::ble {
+
+using Address = std::uint16_t;
+
+constexpr Address kFirstRobot = 0x0100;  ///< robot n has 0x0100 + n - 1
+constexpr Address kMinComGroup = 0xc002;
+constexpr Address kSensorUpdateGroup = 0xc003;
+constexpr Address kPosCmdGroup = 0xc004;
+constexpr std::uint8_t kDefaultTtl = 4;
+
+constexpr bool is_unicast(Address address) { return address >= 0x0001 && address <= 0x7fff; }
+constexpr bool is_group(Address address) { return address >= 0xc000; }
+
+/// Vendor opcodes of the thesis (company 0x0059) and of Nordic's Simple OnOff; the octet that comes
+/// before `59 00`.
+enum class Vendor : std::uint8_t {
+  simple_on_off_set = 0xc1,
+  simple_on_off_get = 0xc2,
+  simple_on_off_set_unreliable = 0xc3,
+  simple_on_off_status = 0xc4,
+  min_com_set = 0xc5,
+  min_com_get = 0xc6,
+  min_com_set_unreliable = 0xc7,
+  min_com_status = 0xc8,
+  sensor_update_set = 0xc9,
+  sensor_update_get = 0xca,
+  sensor_update_set_unreliable = 0xcb,
+  sensor_update_status = 0xcc,
+  pos_cmd_set = 0xcd,
+  pos_cmd_get = 0xce,
+  pos_cmd_set_unreliable = 0xcf,
+  pos_cmd_status = 0xd0,
+};
+
+/// Generic OnOff, two octets, big-endian on air.
+constexpr std::uint16_t kOnOffGet = 0x8201;
+constexpr std::uint16_t kOnOffSet = 0x8202;
+constexpr std::uint16_t kOnOffSetUnacknowledged = 0x8203;
+constexpr std::uint16_t kOnOffStatus = 0x8204;
+
+/// `op 59 00` and the parameters.
+Bytes vendor_message(Vendor opcode, ByteView parameters);
+/// The opcode octet of a message of company 0x0059.
+std::optional<Vendor> vendor_opcode(ByteView message);
+/// The opcode of a two-octet message.
+std::optional<std::uint16_t> two_octet_opcode(ByteView message);
+
+/// An access message on the air. `ttl` as sent.
+struct MeshMessage {
+  Address source = 0;
+  Address destination = 0;
+  std::uint8_t ttl = kDefaultTtl;
+  Bytes payload;  ///< opcode and parameters
+};
+
+/// 1 up to 11 octets of access payload, else 12 octets each, with the 4-octet TransMIC.
+std::size_t segment_count(std::size_t payload_octets);
+/// How long a segmented message occupies its sender: a group 5 x 500 ms, a unicast address one
+/// acknowledgement delay, 150 + 50 x TTL ms.
+Duration segmented_session(Address destination, std::uint8_t ttl);
+/// How long until a segmented message to a silent unicast address has failed: 5 x (500 + 50 x TTL).
+Duration failed_session(std::uint8_t ttl);
+/// First repeat of a reliable message: 200 ms + 20 ms x TTL (+ 20 ms x segments when segmented).
+Duration reliable_interval(std::uint8_t ttl, std::size_t payload_octets);
+
+}  // namespace slamgw::sim::ble

@@ -1,0 +1,199 @@
+// SPDX-License-Identifier: Apache-2.0
+// The board's life, frames and radio; what the commands do is in board_commands.cpp and
+// board_mesh_commands.cpp.
+#include "simulation/ble/board.hpp"
+
+#include <algorithm>
+
+namespace slamgw::sim::ble {
+namespace {
+
+// Events (reference: Nordic's serial_evt documentation)
+constexpr std::uint8_t kDeviceStarted = 0x81;
+constexpr std::uint8_t kEchoResponse = 0x82;
+constexpr std::uint8_t kCommandResponse = 0x84;
+constexpr std::uint8_t kProvLinkClosed = 0xc2;
+constexpr std::uint8_t kReceivedUnicast = 0xd0;
+constexpr std::uint8_t kReceivedSubscription = 0xd1;
+constexpr std::uint8_t kTxComplete = 0xd2;
+
+// Commands that do not end in a Command Response
+constexpr std::uint8_t kEcho = 0x02;
+constexpr std::uint8_t kRadioReset = 0x0e;
+
+constexpr std::size_t kMaxEventData = 235;
+constexpr Key kFactoryUuid{0x5c, 0x1a, 0x6e, 0x00, 0x11, 0x22, 0x33, 0x44,
+                           0x55, 0x66, 0x77, 0x88, 0x99, 0xaa, 0xbb, 0x01};
+
+bool is_setup_command(std::uint8_t opcode) { return opcode >= 0x90 && opcode <= 0xaa; }
+
+}  // namespace
+
+Board::Board(BoardSettings settings) : settings_(settings), uuid_(kFactoryUuid) {}
+
+void Board::configure(const Key& net_key, const Key& app_key) {
+  subnets_.add(0, 0, net_key);
+  appkeys_.add(0, 0, app_key);
+  local_start_ = 0x0001;
+  local_count_ = 1;
+  for (const Address group : {kMinComGroup, kSensorUpdateGroup, kPosCmdGroup}) {
+    addresses_.add_subscription(group);
+  }
+}
+
+/// The stock example starts the mesh by itself.
+void Board::on_power_up(TimePoint) {
+  is_enabled_ = true;
+  send_to_host({kDeviceStarted, 0x02, 0x00, 0xfe});
+}
+
+void Board::reboot(TimePoint now) {
+  is_enabled_ = false;
+  is_scanning_ = false;
+  uuid_ = kFactoryUuid;
+  link_timeouts_.clear();
+  tokens_.clear();
+  sessions_.clear();
+  heard_.clear();
+  last_token_ = 0;
+  dropped_ = 0;
+  to_host_.clear();
+  to_host_octets_ = 0;
+  to_air_.clear();
+  boots_at_ = now + kRebootTime;
+}
+
+void Board::on_host_bytes(ByteView bytes, TimePoint now) {
+  for (const std::uint8_t octet : bytes) {
+    if (boots_at_) return;  // nobody listens
+    if (partial_.empty() && octet == 0) {
+      respond(0x00, {Status::invalid_length, {}});
+      continue;
+    }
+    partial_.push_back(octet);
+    if (partial_.size() < 1 + std::size_t{partial_[0]}) continue;
+    const Bytes packet(partial_.begin() + 1, partial_.end());
+    partial_.clear();
+    on_packet(packet, now);
+  }
+}
+
+void Board::on_packet(ByteView packet, TimePoint now) {
+  const std::uint8_t opcode = packet[0];
+  const ByteView params = packet.subspan(1);
+  if (is_setup_command(opcode)) last_setup_ = now;
+  if (opcode == kEcho) {
+    Bytes event{kEchoResponse};
+    put(event, params);
+    return send_to_host(std::move(event));
+  }
+  if (opcode >= 0x60 && opcode <= 0x6f) return on_provisioning(opcode, params, now);
+  if (opcode == kRadioReset && params.empty()) return reboot(now);
+  if (opcode == kRadioReset) return respond(opcode, {Status::invalid_length, {}});
+  const Command* command = find_command(opcode);
+  if (command == nullptr) return respond(opcode, {Status::command_unknown, {}});
+  if (params.size() < command->min_params || params.size() > command->max_params) {
+    return respond(opcode, {Status::invalid_length, {}});
+  }
+  respond(opcode, (this->*command->run)(params, now));
+}
+
+void Board::respond(std::uint8_t opcode, const Reply& reply) {
+  Bytes event{kCommandResponse, opcode, static_cast<std::uint8_t>(reply.status)};
+  if (reply.status == Status::success) put(event, reply.data);
+  send_to_host(std::move(event));
+}
+
+void Board::send_to_host(Bytes opcode_and_params) {
+  Bytes packet{static_cast<std::uint8_t>(opcode_and_params.size())};
+  put(packet, opcode_and_params);
+  if (to_host_octets_ + packet.size() > kTransmitBuffer) {
+    ++dropped_;
+    return;
+  }
+  to_host_octets_ += packet.size();
+  to_host_.push_back(std::move(packet));
+}
+
+std::optional<Bytes> Board::next_host_packet() {
+  if (to_host_.empty()) return std::nullopt;
+  Bytes packet = std::move(to_host_.front());
+  to_host_.pop_front();
+  to_host_octets_ -= packet.size();
+  return packet;
+}
+
+std::optional<MeshMessage> Board::next_transmission() {
+  if (to_air_.empty()) return std::nullopt;
+  MeshMessage message = std::move(to_air_.front());
+  to_air_.pop_front();
+  return message;
+}
+
+bool Board::hears(Address destination) const {
+  if (boots_at_ || !is_enabled_ || !appkeys_.primary()) return false;
+  if (is_group(destination)) return addresses_.subscription(destination).has_value();
+  return local_count_ > 0 && destination >= local_start_ &&
+         destination < local_start_ + local_count_;
+}
+
+bool Board::is_ready_for(Address destination, TimePoint now) const {
+  constexpr std::chrono::milliseconds kSettled{500};
+  return hears(destination) && last_setup_ && now - *last_setup_ >= kSettled;
+}
+
+void Board::on_radio(const Reception& reception) {
+  const MeshMessage& message = reception.message;
+  if (!hears(message.destination)) return;
+  if (heard_.size() >= kReplayList && !heard_.contains(message.source)) return;
+  heard_.insert(message.source);
+
+  const bool is_to_us = is_unicast(message.destination);
+  const Handle appkey = *appkeys_.primary();
+  const std::size_t octets = std::min(message.payload.size(), kMaxEventData);
+  Bytes event{is_to_us ? kReceivedUnicast : kReceivedSubscription};
+  put_u16_le(event, message.source);
+  put_u16_le(event, is_to_us ? message.destination : *addresses_.subscription(message.destination));
+  put_u16_le(event, appkey);
+  put_u16_le(event, appkeys_.find(appkey)->subnet);
+  put_u8(event, reception.ttl);
+  put_u8(event, 0x01);  // random static address, least significant octet first
+  put_u16_le(event, message.source);
+  put(event, Bytes{0xf9, 0x0b, 0x6e, 0xc1});
+  put_u8(event, static_cast<std::uint8_t>(reception.rssi_dbm));
+  put_u16_le(event, static_cast<std::uint16_t>(message.payload.size()));
+  put(event, ByteView(message.payload).first(octets));
+  send_to_host(std::move(event));
+}
+
+std::optional<TimePoint> Board::deadline() const {
+  std::optional<TimePoint> next = boots_at_;
+  for (const auto& [token, due] : tokens_) next = first_of(next, due);
+  for (const auto& [context, due] : link_timeouts_) next = first_of(next, due);
+  return next;
+}
+
+void Board::on_deadline(TimePoint now) {
+  if (boots_at_ && *boots_at_ <= now) {
+    boots_at_.reset();
+    partial_.clear();
+    on_power_up(now);
+  }
+  for (auto it = tokens_.begin(); it != tokens_.end();) {
+    if (it->second > now) {
+      ++it;
+      continue;
+    }
+    Bytes event{kTxComplete};
+    put_u32_le(event, it->first);
+    send_to_host(std::move(event));
+    it = tokens_.erase(it);
+  }
+  std::erase_if(link_timeouts_, [&](const auto& link) {
+    if (link.second > now) return false;
+    send_to_host({kProvLinkClosed, link.first, 0x01});  // 01: time-out
+    return true;
+  });
+}
+
+}  // namespace slamgw::sim::ble

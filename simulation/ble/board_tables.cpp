@@ -1,0 +1,117 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "simulation/ble/board_tables.hpp"
+
+#include <utility>
+
+namespace slamgw::sim::ble {
+
+Added KeyTable::add(std::uint16_t index, Handle subnet, const Key& key) {
+  std::optional<std::size_t> free;
+  for (std::size_t i = slots_.size(); i-- > 0;) {
+    if (!slots_[i]) {
+      free = i;
+    } else if (slots_[i]->index == index) {
+      const bool is_same = slots_[i]->key == key && slots_[i]->subnet == subnet;
+      return {is_same ? Status::internal : Status::rejected};
+    }
+  }
+  if (!free) return {Status::rejected};
+  slots_[*free] = Slot{index, subnet, key};
+  return {Status::success, static_cast<Handle>(first_handle_ + *free)};
+}
+
+const KeyTable::Slot* KeyTable::find(Handle handle) const {
+  const std::size_t i = static_cast<std::size_t>(handle) - first_handle_;
+  if (handle < first_handle_ || i >= slots_.size() || !slots_[i]) return nullptr;
+  return &*slots_[i];
+}
+
+KeyTable::Slot* KeyTable::find(Handle handle) {
+  return const_cast<Slot*>(std::as_const(*this).find(handle));
+}
+
+bool KeyTable::remove(Handle handle) {
+  if (find(handle) == nullptr) return false;
+  slots_[static_cast<std::size_t>(handle - first_handle_)].reset();
+  return true;
+}
+
+void KeyTable::remove_of_subnet(Handle subnet) {
+  for (auto& slot : slots_) {
+    if (slot && slot->subnet == subnet) slot.reset();
+  }
+}
+
+std::optional<Handle> KeyTable::primary() const {
+  std::optional<Handle> first;
+  for (std::size_t i = slots_.size(); i-- > 0;) {
+    if (!slots_[i]) continue;
+    first = static_cast<Handle>(first_handle_ + i);
+    if (slots_[i]->index == 0) return first;
+  }
+  return first;
+}
+
+std::vector<std::uint16_t> KeyTable::indexes() const {
+  std::vector<std::uint16_t> out;
+  for (const auto& slot : slots_) {
+    if (slot) out.push_back(slot->index);
+  }
+  return out;
+}
+
+std::vector<std::uint16_t> KeyTable::indexes_of_subnet(Handle subnet) const {
+  std::vector<std::uint16_t> out;
+  for (const auto& slot : slots_) {
+    if (slot && slot->subnet == subnet) out.push_back(slot->index);
+  }
+  return out;
+}
+
+Added AddressTable::add(Address address, unsigned Slot::*count) {
+  std::optional<std::size_t> free;
+  for (std::size_t i = kCapacity; i-- > 0;) {
+    if (!slots_[i]) {
+      free = i;
+    } else if (slots_[i]->address == address) {
+      ++(*slots_[i].*count);
+      return {Status::success, static_cast<Handle>(i)};
+    }
+  }
+  if (!free) return {Status::rejected};
+  slots_[*free] = Slot{address};
+  ++(*slots_[*free].*count);
+  return {Status::success, static_cast<Handle>(*free)};
+}
+
+Status AddressTable::remove(Handle handle, unsigned Slot::*count) {
+  if (handle >= kCapacity || !slots_[handle]) return Status::rejected;
+  Slot& slot = *slots_[handle];
+  if (slot.*count == 0) return Status::rejected;
+  --(slot.*count);
+  if (slot.subscriptions == 0 && slot.publications == 0) slots_[handle].reset();
+  return Status::success;
+}
+
+const AddressTable::Slot* AddressTable::find(Handle handle) const {
+  return handle < kCapacity && slots_[handle] ? &*slots_[handle] : nullptr;
+}
+
+std::optional<Handle> AddressTable::subscription(Address address) const {
+  for (std::size_t i = 0; i < kCapacity; ++i) {
+    if (slots_[i] && slots_[i]->address == address && slots_[i]->subscriptions > 0) {
+      return static_cast<Handle>(i);
+    }
+  }
+  return std::nullopt;
+}
+
+std::vector<Handle> AddressTable::handles() const {
+  std::vector<Handle> out;
+  for (std::size_t i = 0; i < kCapacity; ++i) {
+    if (slots_[i]) out.push_back(static_cast<Handle>(i));
+  }
+  return out;
+}
+
+}  // namespace slamgw::sim::ble

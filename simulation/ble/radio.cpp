@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "simulation/ble/radio.hpp"
+
+#include <algorithm>
+
+namespace slamgw::sim::ble {
+
+bool Radio::transmit(MeshMessage message, TimePoint now) {
+  const bool is_lost = random_.chance(settings_.loss);
+  const auto rssi_dbm = static_cast<std::int8_t>(-55 - static_cast<int>(random_.below(20)));
+  // Relays forward only TTL 2 and above (Mesh Profile 3.4.5.2).
+  const bool is_too_far = settings_.hops > 1 && message.ttl < settings_.hops;
+  if (is_lost || is_too_far || in_flight_.size() >= kMaxInFlight) return false;
+
+  const auto segments = static_cast<unsigned>(segment_count(message.payload.size()));
+  TimePoint& last = last_arrival_[{message.source, message.destination}];
+  last = std::max(last, now + kHopTime * settings_.hops + kSegmentTime * (segments - 1));
+  const auto ttl = static_cast<std::uint8_t>(message.ttl - (settings_.hops - 1));
+  in_flight_.emplace(last, Reception{std::move(message), ttl, rssi_dbm});
+  return true;
+}
+
+std::optional<TimePoint> Radio::next_arrival() const {
+  if (in_flight_.empty()) return std::nullopt;
+  return in_flight_.begin()->first;
+}
+
+std::optional<Reception> Radio::take(TimePoint now) {
+  if (in_flight_.empty() || in_flight_.begin()->first > now) return std::nullopt;
+  Reception first = std::move(in_flight_.begin()->second);
+  in_flight_.erase(in_flight_.begin());
+  return first;
+}
+
+}  // namespace slamgw::sim::ble

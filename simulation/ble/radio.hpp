@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+// The air between the board and its robots: latency per hop and segment, and losses from a seed.
+// Messages from one node to another keep their order.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <utility>
+
+#include "simulation/ble/board.hpp"
+#include "simulation/random.hpp"
+
+namespace slamgw::sim::ble {
+
+struct RadioSettings {
+  double loss = 0;    ///< of each message, both ways
+  unsigned hops = 1;  ///< between each robot and the board; relays take 1 off the TTL each
+};
+
+class Radio {
+ public:
+  static constexpr std::chrono::milliseconds kHopTime{10};
+  static constexpr std::chrono::milliseconds kSegmentTime{10};  ///< each segment after the first
+  static constexpr std::size_t kMaxInFlight = 10000;            ///< beyond it messages are lost
+
+  Radio(RadioSettings settings, Random random) : settings_(settings), random_(random) {}
+
+  /// False when the message is lost on its way.
+  bool transmit(MeshMessage message, TimePoint now);
+  std::optional<TimePoint> next_arrival() const;
+  /// The first message that has arrived by `now`.
+  std::optional<Reception> take(TimePoint now);
+  bool is_silent() const { return in_flight_.empty(); }
+
+ private:
+  RadioSettings settings_;
+  Random random_;
+  std::multimap<TimePoint, Reception> in_flight_;
+  std::map<std::pair<Address, Address>, TimePoint> last_arrival_;
+};
+
+}  // namespace slamgw::sim::ble

@@ -1,0 +1,204 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "simulation/ble/robot.hpp"
+
+#include <algorithm>
+
+namespace slamgw::sim::ble {
+namespace {
+
+/// How often a robot looks again while the board is not ready, or its way is blocked.
+constexpr std::chrono::milliseconds kLookAgain{20};
+
+/// Health Current Status: test 0, company 0x0059, no fault.
+Bytes healthy_status() { return {0x04, 0x00, 0x59, 0x00}; }
+
+/// Nordic's pattern for STATUS is one state octet.
+Bytes status_message(Vendor status) { return vendor_message(status, Bytes{0x00}); }
+
+}  // namespace
+
+Robot::Robot(RobotSettings settings, RobotBody body)
+    : settings_(std::move(settings)), body_(std::move(body)) {}
+
+/// Robots are switched on one after the other.
+void Robot::on_start(TimePoint now) {
+  const unsigned number = settings_.address - kFirstRobot;
+  next_update_ = now + std::chrono::milliseconds{7 * number % 200};
+  next_health_ = now + kHealthInterval + std::chrono::milliseconds{37 * number % 1000};
+}
+
+std::optional<Robot::Outgoing> Robot::next_transmission() {
+  if (outbox_.empty()) return std::nullopt;
+  Outgoing first = std::move(outbox_.front());
+  outbox_.pop_front();
+  return first;
+}
+
+TimePoint Robot::deadline() const {
+  const bool has_more = !settings_.messages || produced_ < *settings_.messages;
+  TimePoint next = next_health_;
+  if (has_more) next = std::min(next, next_update_);
+  if (reliable_) next = std::min({next, reliable_->repeat_at, reliable_->gives_up_at});
+  return next;
+}
+
+void Robot::on_deadline(Gateway gateway, TimePoint now) {
+  if (next_health_ <= now) {
+    next_health_ = now + kHealthInterval;
+    if (gateway.address != 0) {
+      transmit({settings_.address, gateway.address, settings_.ttl, healthy_status()}, now);
+    }
+  }
+  if (reliable_) repeat(now);
+  if (next_update_ <= now) produce(gateway, now);
+}
+
+void Robot::produce(Gateway gateway, TimePoint now) {
+  if (settings_.messages && produced_ >= *settings_.messages) return;
+  const bool is_blocked =
+      reliable_.has_value() || (settings_.has_segment_timing && segmented_until_ > now);
+  const bool pauses = settings_.messages || !has_introduced_itself_;
+  if (!gateway.is_ready || (is_blocked && pauses)) {
+    next_update_ = now + kLookAgain;
+    return;
+  }
+  next_update_ = std::max(next_update_ + settings_.period, now);
+  if (!has_introduced_itself_) {
+    has_introduced_itself_ = true;
+    return publish(false, body_.introduction(), gateway, now);
+  }
+  ++produced_;
+  const Bytes update = body_.next_update();
+  if (is_blocked) {
+    ++tally_.lost;  // the access layer refuses it, and the thesis's robots do not keep it
+  } else {
+    publish(true, update, gateway, now);
+  }
+}
+
+void Robot::publish(bool is_update, const Bytes& parameters, Gateway gateway, TimePoint now) {
+  const Vendor set = is_update ? Vendor::sensor_update_set : Vendor::min_com_set;
+  const Vendor set_unreliable =
+      is_update ? Vendor::sensor_update_set_unreliable : Vendor::min_com_set_unreliable;
+  const Vendor status = is_update ? Vendor::sensor_update_status : Vendor::min_com_status;
+  const Address group = is_update ? kSensorUpdateGroup : kMinComGroup;
+  const MeshMessage message{
+      settings_.address, settings_.is_unicast ? gateway.address : group, settings_.ttl,
+      vendor_message(settings_.is_acknowledged ? set : set_unreliable, parameters)};
+  if (is_update) ++tally_.sent;
+  if (settings_.is_acknowledged) {
+    const Duration interval = reliable_interval(settings_.ttl, message.payload.size());
+    reliable_ =
+        Reliable{message, status, is_update, interval * 2, now + interval, now + kReliableTimeout};
+  }
+  transmit(message, now);
+  outbox_.back().is_unacknowledged_update = is_update && !settings_.is_acknowledged;
+}
+
+/// Repeats come 1, 2, 4, 8 ... intervals after the first transmission.
+void Robot::repeat(TimePoint now) {
+  if (reliable_->gives_up_at <= now) {
+    if (reliable_->is_update) ++tally_.lost;
+    reliable_.reset();
+    return;
+  }
+  if (reliable_->repeat_at > now) return;
+  const TimePoint first = reliable_->gives_up_at - kReliableTimeout;
+  reliable_->repeat_at = first + reliable_->interval;
+  reliable_->interval *= 2;
+  if (may_transmit(reliable_->message, now)) transmit(reliable_->message, now);
+}
+
+bool Robot::may_transmit(const MeshMessage& message, TimePoint now) const {
+  return !settings_.has_segment_timing || segment_count(message.payload.size()) == 1 ||
+         segmented_until_ <= now;
+}
+
+void Robot::transmit(const MeshMessage& message, TimePoint now) {
+  if (settings_.has_segment_timing && segment_count(message.payload.size()) > 1) {
+    segmented_until_ = now + segmented_session(message.destination, message.ttl);
+  }
+  outbox_.push_back({message, false});
+}
+
+void Robot::on_message(const MeshMessage& message, TimePoint now) {
+  if (message.destination != settings_.address) return;
+  if (const std::optional<Vendor> opcode = vendor_opcode(message.payload)) {
+    return on_vendor(*opcode, message, now);
+  }
+  const std::optional<std::uint16_t> opcode = two_octet_opcode(message.payload);
+  if (!opcode) return;
+  const ByteView parameters = ByteView(message.payload).subspan(2);
+  if (*opcode == kOnOffGet) answer(message, {0x82, 0x04, static_cast<std::uint8_t>(is_on_)});
+  if (*opcode == kOnOffSet || *opcode == kOnOffSetUnacknowledged) {
+    on_on_off(message, parameters, false, *opcode == kOnOffSet, now);
+  }
+}
+
+void Robot::on_vendor(Vendor opcode, const MeshMessage& message, TimePoint now) {
+  const ByteView parameters = ByteView(message.payload).subspan(3);
+  switch (opcode) {
+    case Vendor::simple_on_off_set:
+    case Vendor::simple_on_off_set_unreliable:
+      return on_on_off(message, parameters, true, opcode == Vendor::simple_on_off_set, now);
+    case Vendor::simple_on_off_get:
+      return answer(message, vendor_message(Vendor::simple_on_off_status,
+                                            Bytes{static_cast<std::uint8_t>(is_on_)}));
+    case Vendor::pos_cmd_set:
+    case Vendor::pos_cmd_set_unreliable:
+      ++tally_.commands_received;
+      if (settings_.obeys && parameters.size() == 4) {
+        body_.head_for(get_i16_le(parameters, 0), get_i16_le(parameters, 2));
+      }
+      if (opcode == Vendor::pos_cmd_set_unreliable) return;
+      [[fallthrough]];
+    case Vendor::pos_cmd_get: return answer(message, status_message(Vendor::pos_cmd_status));
+    case Vendor::min_com_set:
+    case Vendor::min_com_set_unreliable:
+      ++tally_.commands_received;
+      if (opcode == Vendor::min_com_set_unreliable) return;
+      [[fallthrough]];
+    case Vendor::min_com_get: return answer(message, status_message(Vendor::min_com_status));
+    case Vendor::min_com_status:
+    case Vendor::sensor_update_status:
+      if (!reliable_ || reliable_->status != opcode) return;
+      if (reliable_->is_update) ++tally_.acknowledged;
+      reliable_.reset();
+      return;
+    case Vendor::simple_on_off_status:
+    case Vendor::sensor_update_set:
+    case Vendor::sensor_update_get:
+    case Vendor::sensor_update_set_unreliable:
+    case Vendor::pos_cmd_status: return;
+  }
+}
+
+void Robot::on_on_off(const MeshMessage& message, ByteView parameters, bool is_simple,
+                      bool wants_status, TimePoint now) {
+  if (parameters.size() < 2 || parameters[0] > 1) return;
+  const Transaction current{message.source, parameters[1], now};
+  const bool is_repeat = last_transaction_ && last_transaction_->source == current.source &&
+                         last_transaction_->tid == current.tid &&
+                         now - last_transaction_->at < kSameTransaction;
+  if (!is_repeat) {
+    last_transaction_ = current;
+    ++tally_.commands_received;
+    is_on_ = parameters[0] == 1;
+    if (settings_.obeys) body_.set_running(is_on_);
+  }
+  if (!wants_status) return;
+  const auto state = static_cast<std::uint8_t>(is_on_);
+  answer(message, is_simple ? vendor_message(Vendor::simple_on_off_status, Bytes{state})
+                            : Bytes{0x82, 0x04, state});
+}
+
+void Robot::answer(const MeshMessage& request, Bytes payload) {
+  outbox_.push_back(
+      {{settings_.address, request.source, settings_.ttl, std::move(payload)}, false});
+}
+
+bool Robot::has_sent_everything() const {
+  return settings_.messages && produced_ >= *settings_.messages && !reliable_;
+}
+
+}  // namespace slamgw::sim::ble

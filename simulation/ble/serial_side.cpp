@@ -1,0 +1,199 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "simulation/ble/serial_side.hpp"
+
+#include <fmt/core.h>
+#include <unistd.h>
+
+#include <array>
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/posix/stream_descriptor.hpp>
+#include <boost/asio/signal_set.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <cerrno>
+#include <system_error>
+
+#include "simulation/ble/network.hpp"
+#include "simulation/ble/pseudo_terminal.hpp"
+
+namespace slamgw::sim::ble {
+namespace {
+
+namespace asio = boost::asio;
+using boost::system::error_code;
+
+constexpr int kNoTerminal = 1;
+constexpr std::chrono::seconds kProgressInterval{10};
+constexpr std::chrono::seconds kHouseInterval{1};
+constexpr std::chrono::milliseconds kDrainStep{100};
+constexpr int kDrainSteps = 50;  // the host gets 5 s to read what is left
+
+class SerialSide {
+ public:
+  explicit SerialSide(const BleOptions& options);
+  int run();
+
+ private:
+  void pump();
+  void flush_to_host();
+  void wait_writable();
+  void read_from_host();
+  void look_after_host();
+  void report_progress();
+  void finish_when_done();
+  void drain(int steps_left, int quiet_steps);
+
+  const BleOptions& options_;
+  asio::io_context io_;
+  PseudoTerminal terminal_;
+  asio::posix::stream_descriptor master_;
+  asio::signal_set signals_{io_, SIGINT, SIGTERM};
+  asio::steady_timer next_event_{io_};
+  asio::steady_timer house_{io_};
+  asio::steady_timer progress_{io_};
+  asio::steady_timer end_{io_};
+  Network network_;
+  Bytes to_host_;  ///< what is left of the packet that is being written
+  bool is_waiting_writable_ = false;
+  bool is_ending_ = false;
+};
+
+SerialSide::SerialSide(const BleOptions& options)
+    : options_(options),
+      terminal_(options.tty),
+      master_(io_, dup(terminal_.master())),
+      network_(options) {}
+
+int SerialSide::run() {
+  fmt::print(stderr, "serial board at {} ({}), {} robots behind it\n", options_.tty,
+             terminal_.slave_name(), options_.common.robots);
+  if (options_.common.robots > Board::kReplayList) {
+    fmt::print(stderr, "the board's replay list has {} places: it hears no more robots than that\n",
+               Board::kReplayList);
+  }
+  signals_.async_wait([this](error_code error, int) {
+    if (!error) io_.stop();
+  });
+  network_.on_start(std::chrono::steady_clock::now());
+  read_from_host();
+  look_after_host();
+  report_progress();
+  pump();
+  io_.run();
+
+  std::vector<std::pair<std::string, Tally>> tallies;
+  unsigned number = 0;
+  for (const Robot& robot : network_.robots()) {
+    tallies.emplace_back(options_.common.id_of(++number), robot.tally());
+  }
+  fmt::print("{}\n", to_json(tallies));
+  return 0;
+}
+
+void SerialSide::pump() {
+  flush_to_host();
+  while (network_.deadline() <= std::chrono::steady_clock::now()) {
+    network_.on_deadline(std::chrono::steady_clock::now());
+    flush_to_host();
+  }
+  finish_when_done();
+  next_event_.expires_at(network_.deadline());
+  next_event_.async_wait([this](error_code error) {
+    if (!error) pump();
+  });
+}
+
+/// Packets leave the board's transmit buffer only when the pty takes them: a host that does not
+/// read makes it overflow, as on the real one.
+void SerialSide::flush_to_host() {
+  while (!is_waiting_writable_) {
+    if (to_host_.empty()) {
+      std::optional<Bytes> packet = network_.next_host_packet();
+      if (!packet) return;
+      to_host_ = std::move(*packet);
+    }
+    const ssize_t written = ::write(terminal_.master(), to_host_.data(), to_host_.size());
+    if (written < 0 && errno == EINTR) continue;
+    if (written < 0) return wait_writable();
+    to_host_.erase(to_host_.begin(), to_host_.begin() + written);
+  }
+}
+
+void SerialSide::wait_writable() {
+  is_waiting_writable_ = true;
+  master_.async_wait(asio::posix::stream_descriptor::wait_write, [this](error_code error) {
+    if (error) return;
+    is_waiting_writable_ = false;
+    flush_to_host();
+  });
+}
+
+void SerialSide::read_from_host() {
+  master_.async_wait(asio::posix::stream_descriptor::wait_read, [this](error_code error) {
+    if (error) return;
+    std::array<std::uint8_t, 4096> buffer;
+    const ssize_t octets = ::read(terminal_.master(), buffer.data(), buffer.size());
+    if (octets > 0) {
+      network_.on_host_bytes(ByteView(buffer).first(static_cast<std::size_t>(octets)),
+                             std::chrono::steady_clock::now());
+      pump();
+    }
+    read_from_host();
+  });
+}
+
+void SerialSide::look_after_host() {
+  terminal_.allow_next_host();
+  house_.expires_after(kHouseInterval);
+  house_.async_wait([this](error_code error) {
+    if (!error) look_after_host();
+  });
+}
+
+void SerialSide::report_progress() {
+  progress_.expires_after(kProgressInterval);
+  progress_.async_wait([this](error_code error) {
+    if (error) return;
+    std::uint64_t sent = 0;
+    for (const Robot& robot : network_.robots()) sent += robot.tally().sent;
+    if (network_.has_begun()) {
+      fmt::print(stderr, "{} updates sent\n", sent);
+    } else {
+      fmt::print(stderr, "waiting for a host to set up the board\n");
+    }
+    report_progress();
+  });
+}
+
+void SerialSide::finish_when_done() {
+  if (is_ending_ || !network_.has_sent_everything()) return;
+  is_ending_ = true;
+  end_.expires_after(options_.common.linger());
+  end_.async_wait([this](error_code error) {
+    if (!error) drain(kDrainSteps, 0);
+  });
+}
+
+/// Closing the pty throws away what the host has not read: ends when that was nothing, three looks
+/// in a row.
+void SerialSide::drain(int steps_left, int quiet_steps) {
+  const bool is_quiet = terminal_.unread_octets() == 0 && to_host_.empty();
+  quiet_steps = is_quiet ? quiet_steps + 1 : 0;
+  if (quiet_steps >= 3 || steps_left == 0) return io_.stop();
+  end_.expires_after(kDrainStep);
+  end_.async_wait([this, steps_left, quiet_steps](error_code error) {
+    if (!error) drain(steps_left - 1, quiet_steps);
+  });
+}
+
+}  // namespace
+
+int run_serial_side(const BleOptions& options) {
+  try {
+    return SerialSide(options).run();
+  } catch (const std::system_error& error) {
+    fmt::print(stderr, "slam-gateway-sim: {}\n", error.what());
+    return kNoTerminal;
+  }
+}
+
+}  // namespace slamgw::sim::ble

@@ -1,0 +1,170 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <fmt/core.h>
+
+#include <CLI/CLI.hpp>
+#include <cctype>
+
+#include "simulation/options.hpp"
+
+namespace slamgw::sim {
+namespace {
+
+constexpr int kWrongArguments = 2;
+constexpr std::size_t kMaxClientId = 23;  // MQTT-SN 1.2 section 5.3.1
+
+void add_common(CLI::App& app, RobotOptions& options) {
+  app.add_option("--robots", options.robots, "How many robots")
+      ->check(CLI::Range(1U, 10000U))
+      ->capture_default_str();
+  app.add_option("--rate", options.rate_hz, "Updates per second and robot")
+      ->check(CLI::Range(0.001, 1000.0))
+      ->capture_default_str();
+  app.add_option("--messages", options.messages,
+                 "Updates per robot, then end (0: until SIGINT or SIGTERM)")
+      ->capture_default_str();
+  app.add_option("--seed", options.seed, "Same seed, same robots, same payloads")
+      ->capture_default_str();
+  app.add_option("--id-prefix", options.id_prefix, "Robots are called <prefix>1, <prefix>2, ...")
+      ->capture_default_str();
+  app.add_option("--loss", options.loss, "Part of the radio messages that is lost, each way")
+      ->check(CLI::Range(0.0, 1.0))
+      ->capture_default_str();
+  app.add_flag("--obey", options.obeys, "Let commands steer the robots (changes their payloads)");
+  app.add_option("--linger-s", options.linger_s, "Stay this long after the last update")
+      ->check(CLI::Range(0.0, 86400.0))
+      ->capture_default_str();
+}
+
+void add_thread(CLI::App& app, ThreadOptions& options, std::string& gateway) {
+  app.add_option("--gateway", gateway, "The MQTT-SN gateway: HOST:PORT or [ADDRESS]:PORT")
+      ->required();
+  add_common(app, options.common);
+  app.add_option("--qos", options.qos, "QoS of what robots publish")
+      ->check(CLI::Range(0U, 2U))
+      ->capture_default_str();
+  app.add_option("--topic-prefix", options.topic_prefix, "First level(s) of the topic tree")
+      ->capture_default_str();
+  app.add_option("--duplicate", options.duplicate, "Part of the datagrams that arrives twice")
+      ->check(CLI::Range(0.0, 1.0))
+      ->capture_default_str();
+  app.add_option("--reorder", options.reorder, "Part of the datagrams that is overtaken")
+      ->check(CLI::Range(0.0, 1.0))
+      ->capture_default_str();
+  app.add_option("--delay-ms", options.delay_ms, "Delay of each datagram, each way")
+      ->check(CLI::Range(0U, 60000U))
+      ->capture_default_str();
+  app.add_option("--give-up-s", options.give_up_s,
+                 "Exit with status 1 when no robot got connected in this time (0: never)")
+      ->check(CLI::Range(0.0, 86400.0))
+      ->capture_default_str();
+}
+
+struct BleTexts {
+  std::string net_key = "000102030405060708090a0b0c0d0e0f";
+  std::string app_key = "101112131415161718191a1b1c1d1e1f";
+  bool is_unprovisioned = false;
+};
+
+void add_ble(CLI::App& app, BleOptions& options, BleTexts& texts) {
+  app.add_option("--tty", options.tty, "Where to put the board's serial port (a symbolic link)")
+      ->required();
+  add_common(app, options.common);
+  app.add_option("--hops", options.hops, "Radio hops between each robot and the board")
+      ->check(CLI::Range(1U, 126U))
+      ->capture_default_str();
+  app.add_flag("--acknowledged", options.is_acknowledged, "Robots use acknowledged messages (SET)");
+  app.add_flag("--unprovisioned", texts.is_unprovisioned, "Robots wait to be provisioned");
+  app.add_flag("--unicast", options.is_unicast,
+               "Robots publish to the board's unicast address instead of groups");
+  app.add_flag("--segment-timing", options.has_segment_timing,
+               "Segmented messages occupy their sender as long as on air");
+  app.add_flag("--configured", options.is_configured,
+               "The board starts as an earlier session left it: keys, address 0x0001, groups");
+  app.add_option("--net-key", texts.net_key, "With --configured: network key, 32 hex digits")
+      ->capture_default_str();
+  app.add_option("--app-key", texts.app_key, "With --configured: application key, 32 hex digits")
+      ->capture_default_str();
+}
+
+/// Throws CLI::ValidationError, as all checks below.
+Bytes parse_key(const std::string& option, const std::string& hex) {
+  const bool is_hex = hex.size() == 32 && std::all_of(hex.begin(), hex.end(), [](unsigned char c) {
+                        return std::isxdigit(c) != 0;
+                      });
+  if (!is_hex) throw CLI::ValidationError(option, "32 hex digits are needed");
+  Bytes key;
+  for (std::size_t i = 0; i < hex.size(); i += 2) {
+    key.push_back(static_cast<std::uint8_t>(std::stoul(hex.substr(i, 2), nullptr, 16)));
+  }
+  return key;
+}
+
+void check_common(const RobotOptions& options) {
+  const std::string& prefix = options.id_prefix;
+  const bool is_level = std::none_of(prefix.begin(), prefix.end(), [](unsigned char c) {
+    return c <= ' ' || c == 0x7f || c == '+' || c == '#' || c == '/';
+  });
+  if (!is_level) {
+    throw CLI::ValidationError("--id-prefix", "no spaces, control characters, '+', '#' or '/'");
+  }
+  if (options.id_of(options.robots).size() > kMaxClientId) {
+    throw CLI::ValidationError("--id-prefix", "ids must not be longer than 23 characters");
+  }
+}
+
+void split_gateway(const std::string& gateway, ThreadOptions& options) {
+  const std::size_t colon = gateway.rfind(':');
+  if (colon == std::string::npos) throw CLI::ValidationError("--gateway", "HOST:PORT is needed");
+  options.host = gateway.substr(0, colon);
+  options.port = gateway.substr(colon + 1);
+  const bool has_brackets =
+      options.host.size() > 2 && options.host.front() == '[' && options.host.back() == ']';
+  if (has_brackets) options.host = options.host.substr(1, options.host.size() - 2);
+  const bool is_number = !options.port.empty() && options.port.size() <= 5 &&
+                         options.port.find_first_not_of("0123456789") == std::string::npos;
+  if (!is_number || std::stoul(options.port) == 0 || std::stoul(options.port) > 65535) {
+    throw CLI::ValidationError("--gateway", "the port must be a number from 1 to 65535");
+  }
+  if (options.host.empty() || (!has_brackets && options.host.find(':') != std::string::npos)) {
+    throw CLI::ValidationError("--gateway", "HOST:PORT is needed; IPv6 addresses in brackets");
+  }
+}
+
+BleOptions finish_ble(BleOptions options, const BleTexts& texts) {
+  check_common(options.common);
+  if (texts.is_unprovisioned) {
+    throw CLI::ValidationError("--unprovisioned is not available in this version");
+  }
+  options.net_key = parse_key("--net-key", texts.net_key);
+  options.app_key = parse_key("--app-key", texts.app_key);
+  return options;
+}
+
+}  // namespace
+
+CommandLine parse_command_line(int argc, const char* const* argv) {
+  CLI::App app{"Simulated robots on a simulated mesh, for people without hardware."};
+  app.require_subcommand(1);
+  ThreadOptions thread;
+  std::string gateway;
+  add_thread(*app.add_subcommand("thread", "Robots on Thread, as MQTT-SN clients"), thread,
+             gateway);
+  BleOptions ble;
+  BleTexts texts;
+  add_ble(*app.add_subcommand("ble", "A Nordic serial board with robots on BLE Mesh behind it"),
+          ble, texts);
+  try {
+    app.parse(argc, argv);
+    if (app.got_subcommand("ble")) return finish_ble(ble, texts);
+    check_common(thread.common);
+    split_gateway(gateway, thread);
+    return thread;
+  } catch (const CLI::ParseError& error) {
+    if (error.get_exit_code() == 0) return app.exit(error);
+    fmt::print(stderr, "slam-gateway-sim: {}\nRun with --help for more information.\n",
+               error.what());
+    return kWrongArguments;
+  }
+}
+
+}  // namespace slamgw::sim

@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the command line can ask for. Names, defaults and ranges are a promise to users
+// (README.md); the two sides read these structs, only command_line.cpp fills them.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <variant>
+
+#include "simulation/bytes.hpp"
+#include "simulation/time.hpp"
+
+namespace slamgw::sim {
+
+/// Means the same on either mesh.
+struct RobotOptions {
+  unsigned robots = 3;
+  double rate_hz = 5;
+  std::uint64_t messages = 0;  ///< updates per robot; 0: until SIGINT or SIGTERM
+  std::uint64_t seed = 1;
+  std::string id_prefix = "robot";
+  double loss = 0;  ///< 0..1
+  bool obeys = false;
+  double linger_s = 0;  ///< after the last update, for late commands
+
+  std::string id_of(unsigned number) const { return id_prefix + std::to_string(number); }
+  std::optional<std::uint64_t> limit() const {
+    return messages == 0 ? std::nullopt : std::optional(messages);
+  }
+  Duration period() const {
+    return std::chrono::duration_cast<Duration>(std::chrono::duration<double>(1 / rate_hz));
+  }
+  Duration linger() const {
+    return std::chrono::duration_cast<Duration>(std::chrono::duration<double>(linger_s));
+  }
+};
+
+struct ThreadOptions {
+  RobotOptions common;
+  std::string host;
+  std::string port;
+  unsigned qos = 1;
+  std::string topic_prefix = "ntnu-slam";
+  double duplicate = 0;
+  double reorder = 0;
+  unsigned delay_ms = 0;
+  double give_up_s = 60;  ///< exit 1 when no robot is connected by then; 0: never
+};
+
+struct BleOptions {
+  RobotOptions common;
+  std::string tty;
+  unsigned hops = 1;
+  bool is_acknowledged = false;
+  bool is_unicast = false;
+  bool has_segment_timing = false;
+  bool is_configured = false;
+  Bytes net_key;  ///< 16 octets
+  Bytes app_key;  ///< 16 octets
+};
+
+/// What to simulate, or how the program ends at once (`--help`, wrong arguments).
+using CommandLine = std::variant<ThreadOptions, BleOptions, int>;
+
+/// Prints what it has to say; status 0 after `--help`, 2 for wrong arguments.
+CommandLine parse_command_line(int argc, const char* const* argv);
+
+}  // namespace slamgw::sim

@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+// What one robot counted, and the JSON object that the program ends with.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace slamgw::sim {
+
+/// `update` messages only; a robot's first `adv` is not counted.
+struct Tally {
+  std::uint64_t sent = 0;          ///< given to the mesh at least once
+  std::uint64_t acknowledged = 0;  ///< PUBACK, PUBCOMP or STATUS seen; stays 0 where there is none
+  std::uint64_t lost =
+      0;  ///< given up, refused by a full queue, or, unacknowledged, dropped by --loss
+  std::uint64_t commands_received = 0;
+
+  bool operator==(const Tally&) const = default;
+};
+
+/// One line:
+/// `{"robots":{"<id>":{...}},"sent":..,"acknowledged":..,"lost":..,"commands_received":..}`
+std::string to_json(const std::vector<std::pair<std::string, Tally>>& robots);
+
+}  // namespace slamgw::sim

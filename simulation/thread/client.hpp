@@ -1,0 +1,141 @@
+// SPDX-License-Identifier: Apache-2.0
+// One Thread robot: the MQTT-SN client of Nordic's nRF5 SDK as the thesis's robots use it, with its
+// timing and its quirks. No socket and no clock: after every input the caller sends what
+// `next_datagram()` gives and calls `on_deadline` when `deadline()` has passed.
+//
+// Quirks kept: retransmission after 8 s, twice, byte-identical, DUP never set; at most 4 requests
+// outstanding; return codes 02 and 03 are ignored, so that the request runs into its time-out; a
+// CONNACK 01 strands the robot; command topics are known by their REGACK only; any inbound PUBLISH
+// above QoS 0 gets a PUBACK; PINGREQ always names the client; an unasked DISCONNECT and a PINGREQ
+// from the gateway are ignored.
+// Kinder than the original: MsgId wraps at 65535 instead of sticking at 1; registrations that timed
+// out are tried again; after a ping time-out the robot searches again; it does not wait for ever
+// for the reply to its DISCONNECT.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "simulation/robot_body.hpp"
+#include "simulation/tally.hpp"
+#include "simulation/thread/packet.hpp"
+#include "simulation/time.hpp"
+
+namespace slamgw::sim::sn {
+
+constexpr std::chrono::seconds kRetransmission{8};
+constexpr unsigned kTransmissions = 3;       // the first and two repeats
+constexpr std::size_t kMaxOutstanding = 4;   // Nordic's queue
+constexpr std::size_t kMaxApplication = 25;  // the robots' FIFO of 512 bytes (thesis 6.2.2)
+constexpr std::chrono::seconds kKeepAlive{60};
+constexpr std::chrono::seconds kSearchTime{5};
+constexpr std::chrono::seconds kGoodbyeTime{3};
+
+struct ClientSettings {
+  std::string client_id;
+  std::string topic_prefix = "ntnu-slam";
+  unsigned qos = 1;
+  std::optional<std::uint64_t> messages;  ///< updates to send; nothing: no end
+  Duration period = std::chrono::milliseconds{200};
+  Duration start_delay{0};  ///< the client's random wait before SEARCHGW
+  bool obeys = false;       ///< commands steer the robot
+};
+
+class Client {
+ public:
+  /// `is_unacknowledged_update`: losing it loses an update that nothing repeats (QoS 0).
+  struct Outgoing {
+    Bytes datagram;
+    bool is_unacknowledged_update = false;
+  };
+
+  Client(ClientSettings settings, RobotBody body);
+
+  void on_start(TimePoint now);
+  void on_datagram(ByteView datagram, TimePoint now);
+  void on_deadline(TimePoint now);
+  /// Says goodbye; `is_finished()` once the gateway has answered, or has not for 3 s.
+  void on_stop(TimePoint now);
+  /// An unacknowledged update was dropped on purpose.
+  void on_update_dropped() { ++tally_.lost; }
+
+  std::optional<TimePoint> deadline() const;
+  std::optional<Outgoing> next_datagram();
+
+  /// All `messages` are sent and, above QoS 0, acknowledged or given up. True for a stranded robot
+  /// too: it will never send again.
+  bool has_sent_everything() const;
+  bool is_finished() const { return state_ == State::finished; }
+  bool is_stranded() const { return state_ == State::stranded; }
+  bool was_connected() const { return was_connected_; }
+  const Tally& tally() const { return tally_; }
+  const std::string& id() const { return settings_.client_id; }
+
+ private:
+  enum class State { waiting, searching, connecting, active, stranded, disconnecting, finished };
+  enum class Kind { register_topic, subscribe, publish, release };
+  enum Topic : std::uint8_t { adv, update, cmd, run, topic_count };
+
+  struct Setup {
+    Kind kind;
+    Topic topic;
+  };
+  struct Message {
+    Topic topic;
+    Bytes payload;
+  };
+  struct Request {
+    Kind kind;
+    Topic topic;
+    std::uint16_t msg_id;
+    Bytes datagram;
+    TimePoint due;
+    unsigned sends = 1;
+  };
+
+  void search(TimePoint now);
+  void begin_connect(TimePoint now);
+  void on_connack(std::uint8_t return_code, TimePoint now);
+  void on_answer(const Packet& packet, TimePoint now);
+  bool answers(Type answer, Kind request) const;
+  void on_pubrec(const Packet& packet, TimePoint now);
+  void on_publish(const Packet& packet);
+  void on_command(Topic topic, ByteView payload);
+
+  void on_handshake_deadline(TimePoint now);
+  void repeat_requests(TimePoint now);
+  void give_up(const Request& request);
+  void ping(TimePoint now);
+  void produce(TimePoint now);
+  void fill(TimePoint now);
+  void start_setup(Setup setup, TimePoint now);
+  void start_publish(TimePoint now);
+
+  std::string topic_name(Topic topic) const;
+  std::uint16_t next_msg_id();
+  std::vector<Request>::iterator find_request(std::uint16_t msg_id);
+  void send(Bytes datagram) { outbox_.push_back({std::move(datagram), false}); }
+
+  ClientSettings settings_;
+  RobotBody body_;
+  State state_ = State::waiting;
+  bool was_connected_ = false;
+  TimePoint handshake_due_{};  ///< SEARCHGW, CONNECT or the reply to DISCONNECT
+  unsigned connect_sends_ = 0;
+  TimePoint ping_due_{};
+  unsigned ping_sends_ = 0;
+  std::optional<TimePoint> next_update_;  ///< nothing until the topics are registered
+  std::uint64_t produced_ = 0;
+  std::uint16_t last_msg_id_ = 0;
+  std::optional<std::uint16_t> topic_ids_[topic_count];
+  std::deque<Setup> setup_;           ///< registrations not yet sent; at most 6
+  std::deque<Message> application_;   ///< at most kMaxApplication
+  std::vector<Request> outstanding_;  ///< at most kMaxOutstanding
+  std::deque<Outgoing> outbox_;
+  Tally tally_;
+};
+
+}  // namespace slamgw::sim::sn

@@ -1,0 +1,177 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "simulation/thread/fleet.hpp"
+
+#include <fmt/core.h>
+#include <sys/resource.h>
+
+#include <boost/asio/signal_set.hpp>
+#include <deque>
+
+#include "simulation/thread/robot_socket.hpp"
+
+namespace slamgw::sim::sn {
+namespace {
+
+namespace asio = boost::asio;
+using boost::system::error_code;
+
+constexpr int kUnreachable = 1;
+constexpr unsigned kMaxSearchDelayMs = 2000;  // Nordic's random wait before SEARCHGW
+constexpr std::chrono::seconds kProgressInterval{10};
+
+/// A socket for each robot: the usual soft limit of 1024 descriptors is too low for 1000 robots.
+void raise_descriptor_limit() {
+  rlimit limit{};
+  if (getrlimit(RLIMIT_NOFILE, &limit) != 0) return;
+  limit.rlim_cur = limit.rlim_max;
+  setrlimit(RLIMIT_NOFILE, &limit);
+}
+
+class Fleet {
+ public:
+  Fleet(const ThreadOptions& options, const asio::ip::udp::endpoint& gateway);
+  int run();
+
+ private:
+  void add_robot(unsigned number, const asio::ip::udp::endpoint& gateway);
+  void on_change(RobotSocket& robot);
+  void on_all_done();
+  void stop_all();
+  void report_progress();
+  void give_up_unless_connected();
+  std::size_t count_connected() const;
+
+  const ThreadOptions& options_;
+  asio::io_context io_;
+  asio::signal_set signals_{io_, SIGINT, SIGTERM};
+  asio::steady_timer linger_{io_};
+  asio::steady_timer progress_{io_};
+  asio::steady_timer patience_{io_};
+  std::deque<RobotSocket> robots_;
+  std::size_t done_ = 0;
+  std::size_t finished_ = 0;
+  bool is_stopping_ = false;
+};
+
+Fleet::Fleet(const ThreadOptions& options, const asio::ip::udp::endpoint& gateway)
+    : options_(options) {
+  for (unsigned number = 1; number <= options.common.robots; ++number) add_robot(number, gateway);
+}
+
+void Fleet::add_robot(unsigned number, const asio::ip::udp::endpoint& gateway) {
+  const RobotOptions& common = options_.common;
+  // A small fleet starts at once; a large one takes Nordic's two seconds.
+  const unsigned spread_ms = std::min(kMaxSearchDelayMs, 2 * common.robots);
+  ClientSettings settings;
+  settings.client_id = common.id_of(number);
+  settings.topic_prefix = options_.topic_prefix;
+  settings.qos = options_.qos;
+  settings.messages = common.limit();
+  settings.period = common.period();
+  settings.start_delay =
+      std::chrono::milliseconds{Random(common.seed, number, Random::Use::start).below(spread_ms)};
+  settings.obeys = common.obeys;
+  const ImpairmentSettings radio{common.loss, options_.duplicate, options_.reorder,
+                                 std::chrono::milliseconds{options_.delay_ms}};
+  robots_.emplace_back(io_, gateway, Client(settings, RobotBody(common.seed, number)),
+                       Impairment(radio, Random(common.seed, number, Random::Use::uplink)),
+                       Impairment(radio, Random(common.seed, number, Random::Use::downlink)),
+                       [this](RobotSocket& robot) { on_change(robot); });
+}
+
+int Fleet::run() {
+  signals_.async_wait([this](error_code error, int) {
+    if (error) return;
+    signals_.clear();  // a second signal ends the program at once
+    stop_all();
+  });
+  for (RobotSocket& robot : robots_) robot.start();
+  report_progress();
+  if (options_.give_up_s > 0) give_up_unless_connected();
+  io_.run();
+
+  std::vector<std::pair<std::string, Tally>> tallies;
+  for (const RobotSocket& robot : robots_) {
+    tallies.emplace_back(robot.client().id(), robot.client().tally());
+  }
+  fmt::print("{}\n", to_json(tallies));
+  if (count_connected() > 0) return 0;
+  fmt::print(stderr, "slam-gateway-sim: no robot got connected to the gateway at {} port {}\n",
+             options_.host, options_.port);
+  return kUnreachable;
+}
+
+void Fleet::on_change(RobotSocket& robot) {
+  if (!robot.is_counted_done && robot.client().has_sent_everything()) {
+    robot.is_counted_done = true;
+    if (robot.client().is_stranded()) {
+      fmt::print(stderr, "{}: stranded by CONNACK 01, as Nordic's client would be\n",
+                 robot.client().id());
+    }
+    if (++done_ == robots_.size()) on_all_done();
+  }
+  if (!robot.is_counted_finished && robot.client().is_finished()) {
+    robot.is_counted_finished = true;
+    if (++finished_ == robots_.size()) io_.stop();
+  }
+}
+
+void Fleet::on_all_done() {
+  if (is_stopping_) return;
+  linger_.expires_after(options_.common.linger());
+  linger_.async_wait([this](error_code error) {
+    if (!error) stop_all();
+  });
+}
+
+void Fleet::stop_all() {
+  if (std::exchange(is_stopping_, true)) return;
+  for (RobotSocket& robot : robots_) robot.stop();
+}
+
+void Fleet::report_progress() {
+  progress_.expires_after(kProgressInterval);
+  progress_.async_wait([this](error_code error) {
+    if (error) return;
+    std::uint64_t sent = 0;
+    for (const RobotSocket& robot : robots_) sent += robot.client().tally().sent;
+    fmt::print(stderr, "{} of {} robots have been connected, {} updates sent\n", count_connected(),
+               robots_.size(), sent);
+    report_progress();
+  });
+}
+
+void Fleet::give_up_unless_connected() {
+  patience_.expires_after(
+      std::chrono::duration_cast<Duration>(std::chrono::duration<double>(options_.give_up_s)));
+  patience_.async_wait([this](error_code error) {
+    if (!error && count_connected() == 0) stop_all();
+  });
+}
+
+std::size_t Fleet::count_connected() const {
+  return static_cast<std::size_t>(
+      std::count_if(robots_.begin(), robots_.end(),
+                    [](const RobotSocket& robot) { return robot.client().was_connected(); }));
+}
+
+}  // namespace
+
+int run_fleet(const ThreadOptions& options) {
+  raise_descriptor_limit();
+  asio::io_context io;
+  error_code error;
+  const auto found = asio::ip::udp::resolver(io).resolve(options.host, options.port, error);
+  if (error || found.empty()) {
+    fmt::print(stderr, "slam-gateway-sim: {} is not known: {}\n", options.host, error.message());
+    return kUnreachable;
+  }
+  try {
+    return Fleet(options, found.begin()->endpoint()).run();
+  } catch (const boost::system::system_error& failure) {
+    fmt::print(stderr, "slam-gateway-sim: {}\n", failure.what());
+    return kUnreachable;
+  }
+}
+
+}  // namespace slamgw::sim::sn

@@ -1,0 +1,114 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "simulation/thread/robot_socket.hpp"
+
+#include <array>
+#include <boost/asio/buffer.hpp>
+#include <memory>
+#include <utility>
+
+namespace slamgw::sim::sn {
+
+using boost::asio::ip::udp;
+using boost::system::error_code;
+
+RobotSocket::RobotSocket(boost::asio::io_context& io, const udp::endpoint& gateway, Client client,
+                         Impairment uplink, Impairment downlink,
+                         std::function<void(RobotSocket&)> on_change)
+    : io_(io),
+      socket_(io, gateway.protocol()),
+      timer_(io),
+      client_(std::move(client)),
+      uplink_(std::move(uplink)),
+      downlink_(std::move(downlink)),
+      on_change_(std::move(on_change)) {
+  socket_.connect(gateway);
+  socket_.non_blocking(true);
+}
+
+void RobotSocket::start() {
+  wait_readable();
+  input([](Client& client, TimePoint now) { client.on_start(now); });
+}
+
+void RobotSocket::stop() {
+  input([](Client& client, TimePoint now) { client.on_stop(now); });
+}
+
+template <class Change>
+void RobotSocket::input(Change&& change) {
+  change(client_, std::chrono::steady_clock::now());
+  while (auto outgoing = client_.next_datagram()) send(std::move(*outgoing));
+  arm_timer();
+  on_change_(*this);
+}
+
+void RobotSocket::arm_timer() {
+  const std::optional<TimePoint> next = client_.deadline();
+  if (!next) {
+    timer_.expires_at(TimePoint::min());
+    return;
+  }
+  if (timer_.expiry() == *next) return;  // already waiting for it
+  timer_.expires_at(*next);
+  timer_.async_wait([this](error_code error) {
+    if (error) return;
+    timer_.expires_at(TimePoint::min());
+    input([](Client& client, TimePoint now) { client.on_deadline(now); });
+  });
+}
+
+void RobotSocket::send(Client::Outgoing outgoing) {
+  const std::vector<Duration> copies = uplink_.next_fate();
+  if (copies.empty() && outgoing.is_unacknowledged_update) client_.on_update_dropped();
+  for (const Duration delay : copies) {
+    if (delay == Duration::zero()) {
+      transmit(outgoing.datagram);
+    } else {
+      later(delay, [this, datagram = outgoing.datagram] { transmit(datagram); });
+    }
+  }
+}
+
+/// An error means what a lost datagram means: the client repeats.
+void RobotSocket::transmit(const Bytes& datagram) {
+  error_code ignored;
+  socket_.send(boost::asio::buffer(datagram), 0, ignored);
+}
+
+void RobotSocket::wait_readable() {
+  socket_.async_wait(udp::socket::wait_read, [this](error_code error) {
+    if (error) return;
+    read_all();
+    wait_readable();
+  });
+}
+
+void RobotSocket::read_all() {
+  std::array<std::uint8_t, 2048> buffer;
+  for (;;) {
+    error_code error;
+    const std::size_t size = socket_.receive(boost::asio::buffer(buffer), 0, error);
+    if (error == boost::asio::error::connection_refused) continue;  // nobody listens there yet
+    if (error) return;
+    const Bytes datagram(buffer.begin(), buffer.begin() + static_cast<std::ptrdiff_t>(size));
+    for (const Duration delay : downlink_.next_fate()) {
+      const auto deliver = [this, datagram] {
+        input([&](Client& client, TimePoint now) { client.on_datagram(datagram, now); });
+      };
+      if (delay == Duration::zero()) {
+        deliver();
+      } else {
+        later(delay, deliver);
+      }
+    }
+  }
+}
+
+void RobotSocket::later(Duration delay, std::function<void()> what) {
+  auto timer = std::make_shared<boost::asio::steady_timer>(io_, delay);
+  timer->async_wait([timer, what = std::move(what)](error_code error) {
+    if (!error) what();
+  });
+}
+
+}  // namespace slamgw::sim::sn
