@@ -4,19 +4,9 @@
 
 #include <fmt/format.h>
 
+#include "adapters/ble_mesh_usb_cdc/will.hpp"
+
 namespace slamgw::ble {
-namespace {
-
-std::string with_id(std::string text, std::string_view id) {
-  constexpr std::string_view mark = "{id}";
-  for (std::size_t at = text.find(mark); at != std::string::npos;
-       at = text.find(mark, at + id.size()))
-    text.replace(at, mark.size(), id);
-  return text;
-}
-
-}  // namespace
-
 BleMesh::BleMesh(Settings settings, TopicScheme topics, RobotNames names,
                  std::optional<MeshKeys> keys, std::uint64_t seed)
     : settings_(std::move(settings)),
@@ -129,14 +119,7 @@ void BleMesh::on_silent(Robot& robot) {
   robot.is_online = false;
   emit(PresenceChange{Mesh::ble, robot.id, Presence::offline,
                       fmt::format("0x{:04x}", robot.address)});
-  if (!settings_.will) return;
-  emit(Report{.mesh = Mesh::ble,
-              .robot = robot.id,
-              .topic = with_id(settings_.will->topic, robot.id),
-              .payload = to_bytes(settings_.will->message),
-              .qos = Qos::at_least_once,
-              .retain = false,
-              .receipt = {Mesh::ble, 0}});
+  if (settings_.will) emit(will_report(*settings_.will, robot.id));
 }
 
 void BleMesh::subscribe(const Robot& robot) {

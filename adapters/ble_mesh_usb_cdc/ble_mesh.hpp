@@ -9,8 +9,8 @@
 #include <optional>
 #include <string>
 #include <utility>
-#include <variant>
 
+#include "adapters/ble_mesh_usb_cdc/mesh_machine.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic_serial/board_link.hpp"
 #include "adapters/ble_mesh_usb_cdc/robot.hpp"
 #include "adapters/ble_mesh_usb_cdc/settings.hpp"
@@ -22,9 +22,7 @@
 
 namespace slamgw::ble {
 
-using MeshAction = std::variant<WriteSerial, ReopenPort, GenerateKeys, MeshEvent>;
-
-class BleMesh {
+class BleMesh final : public MeshMachine {
  public:
   /// Six times what the stock board's replay list holds; more is not a mesh this board can hear.
   static constexpr std::size_t max_robots = 256;
@@ -35,23 +33,22 @@ class BleMesh {
   BleMesh(Settings settings, TopicScheme topics, RobotNames names, std::optional<MeshKeys> keys,
           std::uint64_t seed);
 
-  /// Subscribes for the robots that the configuration names.
-  void on_start();
-  void on_port_open(TimePoint now);
-  void on_port_closed(const std::string& why, TimePoint now);
-  void on_bytes(ByteView bytes, TimePoint now);
-  void on_keys(const MeshKeys& keys, TimePoint now);
-  void on_keys_failed(const std::string& why, TimePoint now);
+  void on_start() override;
+  void on_port_open(TimePoint now) override;
+  void on_port_closed(const std::string& why, TimePoint now) override;
+  void on_bytes(ByteView bytes, TimePoint now) override;
+  void on_keys(const MeshKeys& keys, TimePoint now) override;
+  void on_keys_failed(const std::string& why, TimePoint now) override;
 
-  void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now);
-  void on_broker_message(const BrokerMessage& message, TimePoint now);
-  void on_subscribe_result(const std::string& filter, bool granted);
-  void on_broker_link(bool is_up);
+  void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now) override;
+  void on_broker_message(const BrokerMessage& message, TimePoint now) override;
+  void on_subscribe_result(const std::string& filter, bool granted) override;
+  void on_broker_link(bool is_up) override;
 
-  std::optional<MeshAction> next_action() { return actions_.pop(); }
-  std::optional<TimePoint> deadline() const;
-  void on_deadline(TimePoint now);
-  Counters counters() const;
+  std::optional<MeshAction> next_action() override { return actions_.pop(); }
+  std::optional<TimePoint> deadline() const override;
+  void on_deadline(TimePoint now) override;
+  Counters counters() const override;
 
  private:
   struct MeshCounters {

@@ -10,6 +10,9 @@
 #include <random>
 #include <utility>
 
+#include "adapters/ble_mesh_usb_cdc/ble_mesh.hpp"
+#include "adapters/ble_mesh_usb_cdc/cobs/cobs_mesh.hpp"
+
 namespace slamgw::ble {
 namespace {
 
@@ -20,15 +23,23 @@ std::uint64_t random_seed() {
   return std::uint64_t{device()} << 32 | device();
 }
 
-/// The keys that `file` holds; `problem` says why they can't be used.
-std::optional<MeshKeys> load_keys(const MeshFile& file, std::string& problem) {
-  const auto loaded = file.load();
-  if (!loaded.has_value()) {
-    problem = loaded.error().why;
-    return std::nullopt;
+/// The machine for `settings.protocol`; `problem` says why it must stay off.
+std::unique_ptr<MeshMachine> make_machine(const Settings& settings, TopicScheme topics,
+                                          RobotNames names, const MeshFile& file,
+                                          std::string& problem) {
+  if (settings.protocol == Protocol::cobs) {
+    if (settings.cobs_content == CobsContent::positions && !settings.robot_id)
+      problem = "ble_mesh.robot_id is not set: positions do not say whose they are";
+    return std::make_unique<CobsMesh>(settings, std::move(topics), std::move(names));
   }
-  if (!loaded->has_value()) return std::nullopt;
-  return (*loaded)->keys;
+  std::optional<MeshKeys> keys;
+  if (const auto loaded = file.load(); !loaded.has_value()) {
+    problem = loaded.error().why;
+  } else if (loaded->has_value()) {
+    keys = (*loaded)->keys;
+  }
+  return std::make_unique<BleMesh>(settings, std::move(topics), std::move(names), keys,
+                                   random_seed());
 }
 
 }  // namespace
@@ -39,22 +50,18 @@ BleMeshAdapter::BleMeshAdapter(asio::io_context& io, Settings settings, TopicSch
     : settings_(std::move(settings)),
       file_(store_directory),
       listener_(listener),
-      mesh_(settings_, std::move(topics), std::move(names), load_keys(file_, file_problem_),
-            random_seed()),
-      driver_(io, mesh_, [this](MeshAction& action) { perform(action); }),
+      mesh_(make_machine(settings_, std::move(topics), std::move(names), file_, problem_)),
+      driver_(io, *mesh_, [this](MeshAction& action) { perform(action); }),
       timer_(io) {}
 
 void BleMeshAdapter::start() {
   is_stopped_ = false;
-  std::string problem = file_problem_;
-  if (settings_.protocol == Protocol::cobs)
-    problem = "ble_mesh.protocol \"cobs\" is not available in this version: the BLE mesh stays off";
-  if (!problem.empty()) {
-    listener_.on_mesh_event(Notice{Severity::error, problem, {}});
-    listener_.on_mesh_event(LinkChange{Mesh::ble, false, problem});
+  if (!problem_.empty()) {
+    listener_.on_mesh_event(Notice{Severity::error, problem_, {}});
+    listener_.on_mesh_event(LinkChange{Mesh::ble, false, problem_});
     return;
   }
-  driver_.input([](BleMesh& mesh, TimePoint) { mesh.on_start(); });
+  driver_.input([](MeshMachine& mesh, TimePoint) { mesh.on_start(); });
   open_after(Duration::zero());
 }
 
@@ -66,22 +73,23 @@ void BleMeshAdapter::stop() {
 }
 
 void BleMeshAdapter::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome) {
-  driver_.input([&](BleMesh& mesh, TimePoint now) { mesh.on_receipt(receipt_id, outcome, now); });
+  driver_.input(
+      [&](MeshMachine& mesh, TimePoint now) { mesh.on_receipt(receipt_id, outcome, now); });
 }
 
 void BleMeshAdapter::on_broker_message(const BrokerMessage& message) {
-  driver_.input([&](BleMesh& mesh, TimePoint now) { mesh.on_broker_message(message, now); });
+  driver_.input([&](MeshMachine& mesh, TimePoint now) { mesh.on_broker_message(message, now); });
 }
 
 void BleMeshAdapter::on_subscribe_result(const std::string& filter, bool granted) {
-  driver_.input([&](BleMesh& mesh, TimePoint) { mesh.on_subscribe_result(filter, granted); });
+  driver_.input([&](MeshMachine& mesh, TimePoint) { mesh.on_subscribe_result(filter, granted); });
 }
 
 void BleMeshAdapter::on_broker_link(bool is_up) {
-  driver_.input([&](BleMesh& mesh, TimePoint) { mesh.on_broker_link(is_up); });
+  driver_.input([&](MeshMachine& mesh, TimePoint) { mesh.on_broker_link(is_up); });
 }
 
-Counters BleMeshAdapter::counters() const { return mesh_.counters(); }
+Counters BleMeshAdapter::counters() const { return mesh_->counters(); }
 
 void BleMeshAdapter::perform(MeshAction& action) {
   if (is_stopped_) return;
@@ -100,7 +108,7 @@ void BleMeshAdapter::perform(MeshAction& action) {
 void BleMeshAdapter::generate_keys() {
   const auto keys = generate_random_keys();
   const std::string problem = keys ? file_.create({*keys}) : "no randomness for the mesh's keys";
-  driver_.input([&](BleMesh& mesh, TimePoint now) {
+  driver_.input([&](MeshMachine& mesh, TimePoint now) {
     if (problem.empty()) {
       mesh.on_keys(*keys, now);
     } else {
@@ -139,7 +147,7 @@ void BleMeshAdapter::on_dtr_rested() {
   ++generation_;
   open_delay_ = first_open_delay;
   read();
-  driver_.input([](BleMesh& mesh, TimePoint now) { mesh.on_port_open(now); });
+  driver_.input([](MeshMachine& mesh, TimePoint now) { mesh.on_port_open(now); });
 }
 
 void BleMeshAdapter::close_port() {
@@ -156,7 +164,7 @@ void BleMeshAdapter::on_port_failed(const std::string& why) {
   close_port();
   open_after(open_delay_);
   open_delay_ = std::min(open_delay_ * 2, max_open_delay);
-  driver_.input([&](BleMesh& mesh, TimePoint now) { mesh.on_port_closed(why, now); });
+  driver_.input([&](MeshMachine& mesh, TimePoint now) { mesh.on_port_closed(why, now); });
 }
 
 void BleMeshAdapter::read() {
@@ -164,7 +172,7 @@ void BleMeshAdapter::read() {
                                                         std::size_t count) {
     if (error == asio::error::operation_aborted || generation != generation_) return;
     if (error) return on_port_failed("the serial board is gone (" + error.message() + ")");
-    driver_.input([&](BleMesh& mesh, TimePoint now) {
+    driver_.input([&](MeshMachine& mesh, TimePoint now) {
       mesh.on_bytes(ByteView(read_buffer_).first(count), now);
     });
     if (generation == generation_) read();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The I/O shell of the BLE mesh: one serial port, opened again and again until it is there, and
-// BleMesh behind it. A missing board is a state, not a failure. Loop's thread only.
+// BleMesh or CobsMesh behind it. A missing board is a state, not a failure. Loop's thread only.
 #pragma once
 
 #include <array>
@@ -11,10 +11,12 @@
 #include <optional>
 #include <string>
 
-#include "adapters/ble_mesh_usb_cdc/ble_mesh.hpp"
+#include "adapters/ble_mesh_usb_cdc/mesh_machine.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/mesh_file.hpp"
 #include "adapters/ble_mesh_usb_cdc/serial_port.hpp"
 #include "daemon/core/adapter.hpp"
+#include "daemon/core/robot_names.hpp"
+#include "daemon/core/topic_scheme.hpp"
 #include "daemon/runtime/machine_driver.hpp"
 
 namespace slamgw::ble {
@@ -57,10 +59,10 @@ class BleMeshAdapter final : public MeshAdapter {
 
   Settings settings_;
   MeshFile file_;
-  std::string file_problem_;  ///< why `mesh.json` can't be used; empty when it can
+  std::string problem_;  ///< why the mesh stays off; empty when it does not
   MeshListener& listener_;
-  BleMesh mesh_;
-  MachineDriver<BleMesh> driver_;
+  std::unique_ptr<MeshMachine> mesh_;
+  MachineDriver<MeshMachine> driver_;
   boost::asio::steady_timer timer_;  ///< the next attempt to open, or the rest of DTR
   std::unique_ptr<SerialPort> port_;
   std::optional<Stream> stream_;

@@ -234,6 +234,26 @@ TEST_F(BleMeshAdapterTest, SaysWhenKeysCannotBeStoredAndLeavesTheBoardAlone) {
   EXPECT_TRUE(board.subnets.empty());
 }
 
+TEST_F(BleMeshAdapterTest, HearsPositionsFromABoardThatOnlyStreams) {
+  settings.protocol = Protocol::cobs;
+  settings.robot_id = "nr1";
+  make_adapter();
+  plug();
+  adapter->start();
+  ASSERT_TRUE(eventually([&] { return listener.is_up(); }));
+  plugged->say(hex("00 02 0a 03 ec ff 01 00"));
+  ASSERT_TRUE(eventually([&] { return !listener.all<Report>().empty(); }));
+  EXPECT_EQ(listener.all<Report>()[0].topic, "ntnu-slam/robot/nr1/update");
+  EXPECT_TRUE(board.commands.empty()) << "nothing is written to such a board";
+}
+
+TEST_F(BleMeshAdapterTest, StaysOffWhenNobodySaysWhosePositionsTheyAre) {
+  settings.protocol = Protocol::cobs;
+  make_adapter();
+  adapter->start();
+  EXPECT_TRUE(listener.has_notice("ble_mesh.robot_id"));
+}
+
 TEST_F(BleMeshAdapterTest, SaysNothingAfterStop) {
   plug();
   adapter->start();

@@ -11,6 +11,7 @@
 #include <string>
 #include <variant>
 
+#include "adapters/ble_mesh_usb_cdc/mesh_machine.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic_serial/frame.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic_serial/resync.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic_serial/start_up.hpp"
@@ -19,16 +20,6 @@
 
 namespace slamgw::ble {
 
-/// To the port, in order.
-struct WriteSerial {
-  Bytes bytes;
-};
-/// Close the port, wait, open it again; answered by on_port_open or on_port_closed.
-struct ReopenPort {
-  Duration after{};
-};
-/// Make keys for a new mesh and store them; answered by on_keys or on_keys_failed.
-struct GenerateKeys {};
 struct LinkIsUp {
   std::string detail;
 };

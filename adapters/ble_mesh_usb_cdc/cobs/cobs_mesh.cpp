@@ -1,0 +1,214 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "adapters/ble_mesh_usb_cdc/cobs/cobs_mesh.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <utility>
+
+#include "adapters/ble_mesh_usb_cdc/will.hpp"
+
+namespace slamgw::ble {
+namespace {
+
+constexpr std::uint8_t only_peer = 0;  // with positions
+constexpr std::size_t position_bytes = 4;
+
+}  // namespace
+
+CobsMesh::CobsMesh(Settings settings, TopicScheme topics, RobotNames names)
+    : settings_(std::move(settings)), topics_(std::move(topics)), names_(std::move(names)) {
+  switch (settings_.cobs_content) {
+    case CobsContent::positions:
+      peers_[only_peer] = Peer{.id = settings_.robot_id.value_or(""), .address = "serial"};
+      break;
+    case CobsContent::lien:
+      for (const RobotName& name : names_.configured())
+        if (name.ble_address && *name.ble_address <= 0xff)
+          lien_peer(static_cast<std::uint8_t>(*name.ble_address));
+      break;
+  }
+}
+
+void CobsMesh::on_start() {
+  for (const auto& [address, peer] : peers_) subscribe(peer);
+}
+
+void CobsMesh::on_port_open(TimePoint) {
+  splitter_.reset();
+  if (std::exchange(is_up_, true)) return;
+  down_reason_.clear();
+  emit(LinkChange{Mesh::ble, true, "listening for COBS frames"});
+}
+
+void CobsMesh::on_port_closed(const std::string& why, TimePoint) {
+  is_up_ = false;
+  if (std::exchange(down_reason_, why) == why) return;
+  emit(LinkChange{Mesh::ble, false, why});
+  emit(Notice{Severity::warning, why, {}});
+}
+
+// --- Up ------------------------------------------------------------------------------------------
+
+void CobsMesh::on_bytes(ByteView bytes, TimePoint now) {
+  const std::uint64_t oversize_before = splitter_.oversize();
+  for (const Bytes& frame : splitter_.on_bytes(bytes)) on_frame(frame, now);
+  if (splitter_.oversize() != oversize_before) reject("it is too long", now);
+}
+
+void CobsMesh::on_frame(const Bytes& encoded, TimePoint now) {
+  const auto decoded = decode_cobs(encoded);
+  if (!decoded.has_value()) return reject("it is no COBS frame", now);
+  switch (settings_.cobs_content) {
+    case CobsContent::positions: {
+      Peer& peer = peers_.at(only_peer);
+      on_heard(peer, now);
+      report(peer, settings_.sensor_update_type, *decoded, 0);
+      break;
+    }
+    case CobsContent::lien: {
+      const auto frame = decode_lien_frame(*decoded);
+      if (!frame.has_value()) return reject("its CRC-8 or protocol is wrong", now);
+      on_lien_frame(*frame, now);
+      break;
+    }
+  }
+}
+
+void CobsMesh::on_lien_frame(const LienFrame& frame, TimePoint now) {
+  if (frame.destination != lien_server_address || frame.source == lien_server_address) return;
+  Peer& peer = lien_peer(frame.source);
+  on_heard(peer, now);
+  if (frame.protocol == LienProtocol::simple) {
+    if (const auto message = peer.connection.on_simple(frame.data))
+      on_lien_message(peer, *message, 0);
+    return;
+  }
+  const LienConnection::ArqOutcome outcome = peer.connection.on_arq(frame.data);
+  if (outcome.is_new_connection) open_receipts_.erase(std::exchange(peer.open_receipt, 0));
+  if (outcome.reply) reply(frame.source, *outcome.reply);
+  if (!outcome.message) return;
+  peer.open_receipt = ++last_receipt_;
+  open_receipts_.emplace(peer.open_receipt, frame.source);
+  on_lien_message(peer, *outcome.message, peer.open_receipt);
+}
+
+void CobsMesh::on_lien_message(Peer& peer, ByteView message, std::uint64_t receipt_id) {
+  // The position alone is what servers know as an update; heading and distances follow below.
+  if (message.front() == lien_update_message && message.size() > position_bytes)
+    report(peer, settings_.sensor_update_type, message.subspan(1, position_bytes), 0);
+  // The type octet stays in: a message of 4n octets would be read as coordinates by old servers.
+  const auto known = lien_type_name(message.front());
+  report(peer, known ? std::string(*known) : fmt::format("lien_{}", message.front()), message,
+         receipt_id);
+}
+
+void CobsMesh::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint) {
+  const auto open = open_receipts_.find(receipt_id);
+  if (open == open_receipts_.end()) return;
+  const std::uint8_t address = open->second;
+  open_receipts_.erase(open);
+  Peer& peer = peers_.at(address);
+  peer.open_receipt = 0;
+  switch (outcome) {
+    case ReceiptOutcome::safe: reply(address, peer.connection.on_safe()); break;
+    case ReceiptOutcome::refused: peer.connection.on_refused(); break;
+  }
+}
+
+void CobsMesh::reply(std::uint8_t address, const Bytes& data) {
+  if (!is_up_) return;  // the robot asks again
+  actions_.push(
+      WriteSerial{encode_lien_frame({address, lien_server_address, LienProtocol::arq, data})});
+}
+
+void CobsMesh::report(const Peer& peer, std::string_view type, ByteView payload,
+                      std::uint64_t receipt_id) {
+  ++reports_;
+  emit(Report{.mesh = Mesh::ble,
+              .robot = peer.id,
+              .topic = topics_.robot_topic(peer.id, type),
+              .payload = {payload.begin(), payload.end()},
+              .qos = Qos::at_least_once,
+              .retain = false,
+              .receipt = {Mesh::ble, receipt_id}});
+}
+
+void CobsMesh::reject(std::string_view why, TimePoint now) {
+  ++rejected_;
+  if (const auto count = reject_burst_.on_event(now))
+    emit(Notice{
+        Severity::warning,
+        fmt::format("{} frame(s) from the serial line rejected, the last because {}", *count, why),
+        {}});
+}
+
+// --- Who is there --------------------------------------------------------------------------------
+
+CobsMesh::Peer& CobsMesh::lien_peer(std::uint8_t address) {
+  const auto [peer, is_new] = peers_.try_emplace(address);
+  if (is_new) {
+    peer->second.id = names_.of_ble(address);
+    peer->second.address = fmt::format("0x{:04x}", address);
+  }
+  return peer->second;
+}
+
+void CobsMesh::on_heard(Peer& peer, TimePoint now) {
+  peer.last_heard = now;
+  if (std::exchange(peer.is_online, true)) return;
+  emit(PresenceChange{Mesh::ble, peer.id, Presence::online, peer.address});
+  subscribe(peer);
+}
+
+void CobsMesh::subscribe(const Peer& peer) {
+  emit(SubscribeRequest{Mesh::ble, topics_.command_filter(peer.id), Qos::at_least_once});
+}
+
+void CobsMesh::on_subscribe_result(const std::string& filter, bool granted) {
+  for (auto& [address, peer] : peers_)
+    if (topics_.command_filter(peer.id) == filter) peer.is_subscribed = granted;
+}
+
+void CobsMesh::on_broker_link(bool is_up) {
+  if (!is_up) return;
+  for (auto& [address, peer] : peers_)
+    if (!std::exchange(peer.is_subscribed, true)) subscribe(peer);
+}
+
+void CobsMesh::on_broker_message(const BrokerMessage& message, TimePoint) {
+  const auto target = topics_.parse_command_topic(message.topic);
+  if (!target) return;
+  const bool is_ours = std::ranges::any_of(
+      peers_, [&](const auto& entry) { return entry.second.id == target->robot; });
+  if (!is_ours) return;
+  emit(CommandOutcome{Mesh::ble, std::string(target->robot), std::string(target->type),
+                      CommandResult::refused, std::chrono::milliseconds{0},
+                      "not supported by this link (ble_mesh.protocol is \"cobs\")"});
+}
+
+std::optional<TimePoint> CobsMesh::deadline() const {
+  std::optional<TimePoint> next;
+  for (const auto& [address, peer] : peers_)
+    if (peer.is_online) next = earlier(next, peer.last_heard + settings_.offline_after);
+  return next;
+}
+
+void CobsMesh::on_deadline(TimePoint now) {
+  for (auto& [address, peer] : peers_) {
+    if (!peer.is_online || now < peer.last_heard + settings_.offline_after) continue;
+    peer.is_online = false;
+    emit(PresenceChange{Mesh::ble, peer.id, Presence::offline, peer.address});
+    if (settings_.will) emit(will_report(*settings_.will, peer.id));
+  }
+}
+
+Counters CobsMesh::counters() const {
+  const auto online =
+      std::ranges::count_if(peers_, [](const auto& entry) { return entry.second.is_online; });
+  return {{"robots_online", static_cast<std::uint64_t>(online)},
+          {"reports", reports_},
+          {"rejected", rejected_}};
+}
+
+}  // namespace slamgw::ble

@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: Apache-2.0
+// Boards that only stream COBS frames: the thesis's positions, which carry no source and belong to
+// one configured robot, or the older robots' frames with an address (lien_frame.hpp). There is no
+// way to command a robot on such a link. Called by BleMeshAdapter.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <string>
+
+#include "adapters/ble_mesh_usb_cdc/cobs/cobs.hpp"
+#include "adapters/ble_mesh_usb_cdc/cobs/lien_connection.hpp"
+#include "adapters/ble_mesh_usb_cdc/cobs/lien_frame.hpp"
+#include "adapters/ble_mesh_usb_cdc/mesh_machine.hpp"
+#include "adapters/ble_mesh_usb_cdc/settings.hpp"
+#include "daemon/core/burst.hpp"
+#include "daemon/core/robot_names.hpp"
+#include "daemon/core/topic_scheme.hpp"
+
+namespace slamgw::ble {
+
+class CobsMesh final : public MeshMachine {
+ public:
+  /// With positions `settings.robot_id` is set.
+  CobsMesh(Settings settings, TopicScheme topics, RobotNames names);
+
+  void on_start() override;
+  void on_port_open(TimePoint now) override;
+  void on_port_closed(const std::string& why, TimePoint now) override;
+  void on_bytes(ByteView bytes, TimePoint now) override;
+  void on_keys(const MeshKeys&, TimePoint) override {}  // never asked for
+  void on_keys_failed(const std::string&, TimePoint) override {}
+
+  void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now) override;
+  /// Answered with the outcome "refused" when the robot is on this link.
+  void on_broker_message(const BrokerMessage& message, TimePoint now) override;
+  void on_subscribe_result(const std::string& filter, bool granted) override;
+  void on_broker_link(bool is_up) override;
+
+  std::optional<MeshAction> next_action() override { return actions_.pop(); }
+  std::optional<TimePoint> deadline() const override;
+  void on_deadline(TimePoint now) override;
+  Counters counters() const override;
+
+ private:
+  /// A robot. Keyed by its Lien address, of which there are 255; with positions there is one.
+  struct Peer {
+    std::string id;
+    std::string address;  ///< for people
+    bool is_online = false;
+    TimePoint last_heard{};
+    bool is_subscribed = true;  ///< false: the broker said no, to be asked again
+    LienConnection connection = {};
+    std::uint64_t open_receipt = 0;  ///< 0: none
+  };
+
+  void on_frame(const Bytes& encoded, TimePoint now);
+  void on_lien_frame(const LienFrame& frame, TimePoint now);
+  void on_lien_message(Peer& peer, ByteView message, std::uint64_t receipt_id);
+  Peer& lien_peer(std::uint8_t address);
+  void on_heard(Peer& peer, TimePoint now);
+  void reply(std::uint8_t address, const Bytes& data);
+  void report(const Peer& peer, std::string_view type, ByteView payload, std::uint64_t receipt_id);
+  void reject(std::string_view why, TimePoint now);
+  void subscribe(const Peer& peer);
+  void emit(MeshEvent event) { actions_.push(std::move(event)); }
+
+  Settings settings_;
+  TopicScheme topics_;
+  RobotNames names_;
+  ActionQueue<MeshAction> actions_;
+  CobsSplitter splitter_;
+  bool is_up_ = false;
+  std::string down_reason_;
+  std::map<std::uint8_t, Peer> peers_;
+  std::map<std::uint64_t, std::uint8_t> open_receipts_;  ///< at most one for each peer
+  std::uint64_t last_receipt_ = 0;
+  std::uint64_t reports_ = 0;
+  std::uint64_t rejected_ = 0;
+  Burst reject_burst_;
+};
+
+}  // namespace slamgw::ble

@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: Apache-2.0
+// What BleMeshAdapter drives: one of two protocols on the serial port, BleMesh (Nordic's serial
+// protocol) or CobsMesh (streams of COBS frames). The contract of protocol_machine.hpp.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <variant>
+
+#include "adapters/ble_mesh_usb_cdc/nordic_serial/commands.hpp"
+#include "daemon/core/messages.hpp"
+#include "daemon/core/protocol_machine.hpp"
+
+namespace slamgw::ble {
+
+/// To the port, in order.
+struct WriteSerial {
+  Bytes bytes;
+};
+/// Close the port, wait, open it again; answered by on_port_open or on_port_closed.
+struct ReopenPort {
+  Duration after{};
+};
+/// Make keys for a new mesh and store them; answered by on_keys or on_keys_failed.
+struct GenerateKeys {};
+
+using MeshAction = std::variant<WriteSerial, ReopenPort, GenerateKeys, MeshEvent>;
+
+class MeshMachine {
+ public:
+  virtual ~MeshMachine() = default;
+
+  /// Before anything else; subscribes for the robots that the configuration names.
+  virtual void on_start() = 0;
+  virtual void on_port_open(TimePoint now) = 0;
+  /// Also when an attempt to open it failed.
+  virtual void on_port_closed(const std::string& why, TimePoint now) = 0;
+  virtual void on_bytes(ByteView bytes, TimePoint now) = 0;
+  virtual void on_keys(const MeshKeys& keys, TimePoint now) = 0;
+  virtual void on_keys_failed(const std::string& why, TimePoint now) = 0;
+
+  virtual void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now) = 0;
+  virtual void on_broker_message(const BrokerMessage& message, TimePoint now) = 0;
+  virtual void on_subscribe_result(const std::string& filter, bool granted) = 0;
+  virtual void on_broker_link(bool is_up) = 0;
+
+  virtual std::optional<MeshAction> next_action() = 0;
+  virtual std::optional<TimePoint> deadline() const = 0;
+  virtual void on_deadline(TimePoint now) = 0;
+  virtual Counters counters() const = 0;
+};
+
+}  // namespace slamgw::ble
