@@ -10,6 +10,7 @@
 #include <map>
 #include <set>
 
+#include "tests/support/certificates.hpp"
 #include "tests/support/eventually.hpp"
 #include "tests/support/free_port.hpp"
 #include "tests/support/mosquitto.hpp"
@@ -51,12 +52,18 @@ struct RecordingListener final : UpstreamListener {
   std::vector<BrokerMessage> messages;
 };
 
+BrokerSettings settings_for(std::uint16_t port, std::optional<Credentials> credentials = {}) {
+  BrokerSettings settings;
+  settings.port = port;
+  settings.client_id = "slam-gateway-test";
+  settings.credentials = std::move(credentials);
+  return settings;
+}
+
 struct Link {
-  explicit Link(std::uint16_t port, std::optional<Credentials> credentials = {}) {
-    BrokerSettings settings;
-    settings.port = port;
-    settings.client_id = "slam-gateway-test";
-    settings.credentials = std::move(credentials);
+  explicit Link(std::uint16_t port, std::optional<Credentials> credentials = {})
+      : Link(settings_for(port, std::move(credentials))) {}
+  explicit Link(const BrokerSettings& settings) {
     upstream = std::make_unique<PahoUpstream>(
         io, settings, LastWill{"gw/state", R"({"state":"offline"})"}, listener);
     upstream->start();
@@ -195,6 +202,31 @@ TEST(PahoUpstream, FallsBackToMqtt311ForAnOldBroker) {
   EXPECT_EQ(link.upstream->version(), MqttVersion::v3_1_1);
   EXPECT_EQ(link.listener.receive_maximum, 65535);
   EXPECT_TRUE(link.listener.reasons.empty()) << "an operator need not know";
+}
+
+TEST(PahoUpstream, ChecksTheBrokersCertificateAndItsName) {
+  const test::Certificates right("localhost");
+  const test::Certificates stranger("localhost");
+  const std::uint16_t tls_port = test::free_tcp_port();
+  Mosquitto broker("listener " + std::to_string(tls_port) + " 127.0.0.1\ncertfile " +
+                   right.certificate() + "\nkeyfile " + right.key());
+  BrokerSettings settings = settings_for(tls_port);
+  settings.tls = true;
+  settings.host = "localhost";
+  settings.ca_file = right.ca();
+  Link good(settings);
+  EXPECT_TRUE(good.comes_up());
+
+  settings.host = "127.0.0.1";  // the certificate is for "localhost"
+  Link wrong_name(settings);
+  settings.host = "localhost";
+  settings.ca_file = stranger.ca();
+  Link wrong_authority(settings);
+  for (Link* bad : {&wrong_name, &wrong_authority}) {
+    ASSERT_TRUE(bad->sees([&] { return !bad->listener.reasons.empty(); }));
+    EXPECT_NE(bad->listener.reasons[0].find("TLS"), std::string::npos) << bad->listener.reasons[0];
+    EXPECT_EQ(bad->listener.ups, 0);
+  }
 }
 
 TEST(PahoUpstream, LeavesTheBrokerItsLastWill) {
