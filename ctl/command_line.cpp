@@ -2,7 +2,9 @@
 #include "ctl/command_line.hpp"
 
 #include <CLI/CLI.hpp>
-#include <iostream>
+#include <algorithm>
+#include <string>
+#include <vector>
 
 #include "ctl/payload.hpp"
 
@@ -20,18 +22,19 @@ struct Arguments {
   std::string uuid;
 };
 
-/// A payload like "-5,7" is no option: from there on nothing is.
+/// A payload like "-5,7" is no option; CLI11 is told so by a "--" before it.
 std::vector<std::string> with_payload_marked(int argc, const char* const* argv) {
-  std::vector<std::string> arguments(argv + 1, argv + argc);
-  const auto is_negative = [](const std::string& text) {
-    return text.size() > 1 && text[0] == '-' && text[1] >= '0' && text[1] <= '9';
+  std::vector<std::string> words(argv + 1, argv + argc);
+  const auto send = std::find(words.begin(), words.end(), "send");
+  if (send == words.end() || std::find(send, words.end(), "--") != words.end()) return words;
+  const auto is_negative = [](const std::string& word) {
+    return word.size() > 1 && word[0] == '-' && word[1] >= '0' && word[1] <= '9';
   };
-  const auto at = std::find_if(arguments.begin(), arguments.end(), is_negative);
-  if (at == arguments.end()) return arguments;
-  std::string payload = *at;
-  arguments.erase(at);
-  arguments.insert(arguments.end(), {"--", std::move(payload)});
-  return arguments;
+  const auto payload = std::find_if(send, words.end(), is_negative);
+  if (payload == words.end()) return words;
+  std::rotate(payload, payload + 1, words.end());
+  words.insert(words.end() - 1, "--");
+  return words;
 }
 
 void add_commands(CLI::App& app, Arguments& a) {

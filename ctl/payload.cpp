@@ -23,7 +23,7 @@ Result<Bytes, std::string> parse_payload(std::string_view type, std::string_view
                                          bool is_hex) {
   if (is_hex) {
     auto bytes = control::parse_hex(text);
-    if (!bytes) return std::string("with --hex, PAYLOAD is pairs of hex digits, like 0a00ecff");
+    if (!bytes) return std::string("with --hex it is pairs of hex digits, like 0a00ecff");
     return std::move(*bytes);
   }
   if (type != "cmd") return to_bytes(text);
@@ -32,7 +32,7 @@ Result<Bytes, std::string> parse_payload(std::string_view type, std::string_view
   const auto y = comma == text.npos ? std::nullopt : parse_coordinate(text.substr(comma + 1));
   if (!x || !y) {
     return std::string(
-        "for cmd, PAYLOAD is X,Y (each -32768 to 32767 cm), like 120,-33; other bytes with --hex");
+        "for cmd it is X,Y (each -32768 to 32767 cm), like 120,-33; other bytes with --hex");
   }
   return ByteWriter().write_i16_le(*x).write_i16_le(*y).take();
 }

@@ -180,6 +180,8 @@ TEST_F(ControlProgramIo, SendsPayloadsOfAllKinds) {
   };
   EXPECT_EQ(payload_of({"r1", "cmd", "120,-33"}), "7800dfff");
   EXPECT_EQ(payload_of({"r1", "cmd", "-32768,32767"}), "0080ff7f");
+  EXPECT_EQ(payload_of({"r1", "cmd", "--", "-1,0"}), "ffff0000");
+  EXPECT_EQ(payload_of({"r1", "any", "-1"}), "2d31");
   EXPECT_EQ(payload_of({"r1", "run", "start"}), "7374617274");
   EXPECT_EQ(payload_of({"r1", "cmd", "--hex", "00FF"}), "00ff");
   EXPECT_EQ(payload_of({"--hex", "r1", "any", ""}), "");
@@ -189,7 +191,7 @@ TEST_F(ControlProgramIo, SendsPayloadsOfAllKinds) {
 
 TEST_F(ControlProgramIo, FailsWhenACommandWasNotDelivered) {
   start();
-  const Ended result = send({"r1", "run", "1", "--json"},
+  const Ended result = send({"r1", "cmd", "-1,-1", "--json"},
                             {{"outcome", "timeout"}, {"after_ms", 30000}, {"why", "silent"}});
   EXPECT_EQ(result.status, 1);
   EXPECT_EQ(json::parse(result.out)["why"], "silent");
