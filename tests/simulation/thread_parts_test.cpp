@@ -1,0 +1,87 @@
+// SPDX-License-Identifier: Apache-2.0
+// The small parts: the bad radio of the Thread side, the command line, the summary.
+#include <gtest/gtest.h>
+
+#include "simulation/options.hpp"
+#include "simulation/tally.hpp"
+#include "simulation/thread/impairment.hpp"
+
+namespace slamgw::sim {
+namespace {
+
+using std::chrono::milliseconds;
+
+CommandLine parse(std::vector<const char*> arguments) {
+  arguments.insert(arguments.begin(), "slam-gateway-sim");
+  return parse_command_line(static_cast<int>(arguments.size()), arguments.data());
+}
+
+TEST(Impairment, LosesAndDoublesAboutAsManyAsAsked) {
+  sn::Impairment radio({0.2, 0.1, 0, milliseconds{5}}, Random(1, 1, Random::Use::uplink));
+  int lost = 0;
+  int doubled = 0;
+  for (int i = 0; i < 10000; ++i) {
+    const auto copies = radio.next_fate();
+    if (copies.empty()) ++lost;
+    if (copies.size() == 2) ++doubled;
+    for (const Duration delay : copies) ASSERT_EQ(delay, milliseconds{5});
+  }
+  EXPECT_NEAR(lost, 2000, 150);
+  EXPECT_NEAR(doubled, 800, 100);
+}
+
+TEST(Impairment, HoldsSomeBackSoThatOthersOvertake) {
+  sn::Impairment radio({0, 0, 0.5, milliseconds{0}}, Random(1, 1, Random::Use::uplink));
+  int held = 0;
+  for (int i = 0; i < 1000; ++i) held += radio.next_fate().at(0) >= milliseconds{5} ? 1 : 0;
+  EXPECT_NEAR(held, 500, 80);
+}
+
+TEST(CommandLine, HasTheDocumentedDefaults) {
+  const auto thread = std::get<ThreadOptions>(parse({"thread", "--gateway", "[::1]:47193"}));
+  EXPECT_EQ(thread.host, "::1");
+  EXPECT_EQ(thread.port, "47193");
+  EXPECT_EQ(thread.common.robots, 3U);
+  EXPECT_EQ(thread.common.period(), milliseconds{200});
+  EXPECT_EQ(thread.common.limit(), std::nullopt);
+  EXPECT_EQ(thread.common.seed, 1U);
+  EXPECT_EQ(thread.common.id_of(3), "robot3");
+  EXPECT_EQ(thread.qos, 1U);
+  const auto ble = std::get<BleOptions>(parse({"ble", "--tty", "/tmp/board"}));
+  EXPECT_EQ(ble.tty, "/tmp/board");
+  EXPECT_EQ(ble.hops, 1U);
+  EXPECT_FALSE(ble.is_acknowledged);
+}
+
+TEST(CommandLine, EndsWithTwoForWrongArguments) {
+  const std::vector<std::vector<const char*>> wrong = {
+      {},
+      {"ble"},
+      {"thread", "--gateway", "host"},
+      {"thread", "--gateway", "host:0"},
+      {"thread", "--gateway", "::1:47193"},
+      {"thread", "--gateway", "host:1", "--qos", "3"},
+      {"thread", "--gateway", "host:1", "--loss", "1.5"},
+      {"thread", "--gateway", "host:1", "--id-prefix", "a/b"},
+      {"thread", "--gateway", "host:1", "--id-prefix", "much-too-long-for-mqttsn"},
+      {"ble", "--tty", "/tmp/board", "--unprovisioned"},
+      {"ble", "--tty", "/tmp/board", "--net-key", "00"},
+      {"ble", "--tty", "/tmp/board", "--qos", "1"},
+  };
+  for (const auto& arguments : wrong) {
+    const CommandLine result = parse(arguments);
+    ASSERT_TRUE(std::holds_alternative<int>(result));
+    EXPECT_EQ(std::get<int>(result), 2);
+  }
+  EXPECT_EQ(std::get<int>(parse({"--help"})), 0);
+}
+
+TEST(Tally, EndsAsOneJsonLine) {
+  EXPECT_EQ(to_json({{"robot1", {5, 4, 1, 2}}, {"robot2", {1, 0, 0, 0}}}),
+            R"({"robots":{"robot1":{"sent":5,"acknowledged":4,"lost":1,"commands_received":2},)"
+            R"("robot2":{"sent":1,"acknowledged":0,"lost":0,"commands_received":0}},)"
+            R"("sent":6,"acknowledged":4,"lost":1,"commands_received":2})");
+}
+
+}  // namespace
+}  // namespace slamgw::sim
