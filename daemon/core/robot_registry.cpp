@@ -48,15 +48,18 @@ Robot* RobotRegistry::find_or_add(const std::string& robot) {
     ++untracked_;
     return nullptr;
   }
+  ++counts_[static_cast<std::size_t>(Presence::offline)];
   return &robots_[robot];
 }
 
 Robot* RobotRegistry::on_presence(const PresenceChange& change, const Now& now) {
   Robot* robot = find_or_add(change.robot);
   if (!robot) return nullptr;
+  --counts_[static_cast<std::size_t>(robot->presence().presence)];
   MeshPresence& there = robot->on_mesh[index_of(change.mesh)];
   there = {true, change.presence, change.address, now.wall};
   robot->last_mesh = change.mesh;
+  ++counts_[static_cast<std::size_t>(robot->presence().presence)];
   if (change.presence != Presence::offline) robot->last_seen = now.wall;
   return robot;
 }

@@ -62,12 +62,15 @@ class RobotRegistry {
 
   const Robot* find(const std::string& robot) const;
   const std::map<std::string, Robot>& robots() const { return robots_; }
+  /// How many robots are online, asleep, offline (all meshes considered).
+  std::size_t count(Presence presence) const { return counts_[static_cast<std::size_t>(presence)]; }
   std::uint64_t untracked() const { return untracked_; }
 
  private:
   Robot* find_or_add(const std::string& robot);
 
   std::map<std::string, Robot> robots_;
+  std::array<std::size_t, 3> counts_{};  // by Presence
   std::uint64_t untracked_ = 0;
 };
 

@@ -43,6 +43,20 @@ TEST(RobotRegistry, NamesTheLastMeshOfARobotThatIsGone) {
   EXPECT_EQ(registry.find("a")->mesh(), Mesh::thread);
 }
 
+TEST(RobotRegistry, CountsRobotsByTheirPresenceOnAllMeshes) {
+  RobotRegistry registry;
+  registry.on_report(report_of("heard", Mesh::thread), {});
+  registry.on_presence({Mesh::ble, "a", Presence::online, ""}, {});
+  registry.on_presence({Mesh::thread, "a", Presence::offline, ""}, {});
+  registry.on_presence({Mesh::thread, "b", Presence::asleep, ""}, {});
+  EXPECT_EQ(registry.count(Presence::online), 1u);
+  EXPECT_EQ(registry.count(Presence::asleep), 1u);
+  EXPECT_EQ(registry.count(Presence::offline), 1u);
+  registry.on_presence({Mesh::ble, "a", Presence::offline, ""}, {});
+  EXPECT_EQ(registry.count(Presence::online), 0u);
+  EXPECT_EQ(registry.count(Presence::offline), 2u);
+}
+
 TEST(RobotRegistry, AWillIsNoSignOfLife) {
   RobotRegistry registry;
   const Now early{TimePoint{1s}, WallTime{100s}};
