@@ -61,11 +61,13 @@ void BleMesh::on_set(Robot& robot, VendorModel model, const MessageReceived& mes
     case RepeatFilter::Verdict::repeat_open: ++counters_.repeats; return;
     case RepeatFilter::Verdict::repeat_answered:
       ++counters_.repeats;
+      inbox.filter.on_answered(now);
       return send_status(robot, model, now);
     case RepeatFilter::Verdict::fresh: break;
   }
   // A receipt still open here is of a SET that the robot has given up. Answering that one late
-  // would acknowledge this one, so it is forgotten.
+  // would acknowledge this one, so it is forgotten, and so is a STATUS that still waits.
+  link_.withdraw(robot.address, encode_status(model));
   open_receipts_.erase(inbox.open_receipt);
   inbox.open_receipt = ++last_receipt_;
   open_receipts_.emplace(inbox.open_receipt, std::pair(robot.address, model));
@@ -82,7 +84,7 @@ void BleMesh::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimeP
   inbox.open_receipt = 0;
   switch (outcome) {
     case ReceiptOutcome::safe:
-      inbox.filter.on_answered();
+      inbox.filter.on_answered(now);
       send_status(robot, model, now);
       break;
     case ReceiptOutcome::refused: inbox.filter.on_refused(); break;

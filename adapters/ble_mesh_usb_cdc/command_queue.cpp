@@ -77,7 +77,9 @@ EndedCommands CommandQueue::refuse_all(const std::string& why, TimePoint now) {
 std::optional<Bytes> CommandQueue::next_transmission(TimePoint now) {
   if (outstanding_) {
     if (now < outstanding_->first_sent + outstanding_->next_offset) return std::nullopt;
-    outstanding_->next_offset *= 2;
+    // Several times after a long pause: what was missed is not sent in a burst.
+    while (now >= outstanding_->first_sent + outstanding_->next_offset)
+      outstanding_->next_offset *= 2;
     return outstanding_->entry.command.access;
   }
   if (waiting_.empty()) return std::nullopt;

@@ -15,7 +15,10 @@ RepeatFilter::Verdict RepeatFilter::on_set(ByteView payload, Duration interval, 
   const bool is_repeat =
       state_ != State::idle && is_equal && (is_on_schedule(interval, now) || state_ == State::open);
   last_heard_ = now;
-  if (is_repeat) return state_ == State::open ? Verdict::repeat_open : Verdict::repeat_answered;
+  if (is_repeat) {
+    const bool has_crossed = now - last_answered_ < crossing_time;
+    return state_ == State::open || has_crossed ? Verdict::repeat_open : Verdict::repeat_answered;
+  }
   state_ = State::open;
   payload_.assign(payload.begin(), payload.end());
   first_heard_ = now;
@@ -24,8 +27,9 @@ RepeatFilter::Verdict RepeatFilter::on_set(ByteView payload, Duration interval, 
   return Verdict::fresh;
 }
 
-void RepeatFilter::on_answered() {
-  if (state_ == State::open) state_ = State::answered;
+void RepeatFilter::on_answered(TimePoint now) {
+  state_ = State::answered;
+  last_answered_ = now;
 }
 
 bool RepeatFilter::is_on_schedule(Duration interval, TimePoint now) {

@@ -12,6 +12,9 @@
 // that was acknowledged must not be lost. Known error: with a copy *and* a STATUS lost the gap is
 // not on the schedule and the message goes up twice; a robot that stands still and happens to send
 // every iv loses some of its equal updates.
+//
+// A STATUS does not say which SET it is for. A repeat that was on its way when the STATUS left is
+// therefore not answered: a second STATUS could meet the robot's next SET and acknowledge that.
 #pragma once
 
 #include <cstdint>
@@ -27,17 +30,19 @@ class RepeatFilter {
   static constexpr Duration tolerance = std::chrono::milliseconds{50};
   /// Reliable publish gives up after at most this long.
   static constexpr Duration longest_exchange = std::chrono::seconds{60};
+  /// How long a repeat and a STATUS can take to cross: a few hops.
+  static constexpr Duration crossing_time = std::chrono::milliseconds{60};
 
   enum class Verdict : std::uint8_t {
     fresh,            ///< goes up; the filter is open from now on
-    repeat_open,      ///< its receipt has not fired: nothing to do
+    repeat_open,      ///< its receipt has not fired, or its STATUS is on its way: nothing to do
     repeat_answered,  ///< its STATUS was lost: answer again
   };
 
   /// `interval`: the robot's iv for this message.
   Verdict on_set(ByteView payload, Duration interval, TimePoint now);
-  /// The STATUS for the open message is on its way.
-  void on_answered();
+  /// A STATUS for the last message is on its way.
+  void on_answered(TimePoint now);
   /// The open message was not taken: the next copy goes up again.
   void on_refused() { state_ = State::idle; }
 
@@ -50,6 +55,7 @@ class RepeatFilter {
   Bytes payload_;
   TimePoint first_heard_{};
   TimePoint last_heard_{};
+  TimePoint last_answered_{};
   int doublings_ = 0;    ///< of the gap, as far as seen
   int single_gaps_ = 0;  ///< gaps of one iv: there are at most two
 };

@@ -192,19 +192,60 @@ TEST(BoardLink, GoesDownWhenACommandIsNeverAnswered) {
   EXPECT_FALSE(rig.reopens.empty());
 }
 
-TEST(BoardLink, StartsUpWhicheverAnswerIsLost) {
+/// Starts up a fresh board again and again; `fail` strikes after 0, 1, 2 ... commands.
+template <class Fail>
+void for_each_step(Fail fail) {
   MeshRig whole;
   whole.start();
   const std::size_t steps = whole.board.commands.size();
   ASSERT_GT(steps, 10u);
   for (std::size_t step = 0; step < steps; ++step) {
+    SCOPED_TRACE(step);
     MeshRig rig;
-    rig.board.ignore_command_number = step;
-    rig.start();
-    rig.run_for(10s);
-    EXPECT_TRUE(rig.is_up()) << "lost answer " << step;
+    rig.open();
+    while (rig.board.commands.size() < step) rig.run_for(1ms);
+    fail(rig);
+    rig.run_for(60s);
+    EXPECT_TRUE(rig.is_up());
     EXPECT_EQ(rig.board.subnets.size(), 1u);
+    EXPECT_EQ(rig.board.appkeys.size(), 1u);
+    EXPECT_EQ(rig.board.addresses.size(), 3u);
   }
+}
+
+TEST(BoardLink, StartsUpWhicheverAnswerIsLost) {
+  for_each_step([](MeshRig& rig) { rig.board.ignore_command_number = rig.board.commands.size(); });
+}
+
+TEST(BoardLink, StartsUpWhereverTheBoardFallsSilentForAWhile) {
+  for_each_step([](MeshRig& rig) {
+    rig.board.is_silent = true;
+    rig.run_for(20s);
+    EXPECT_FALSE(rig.is_up() && rig.all<LinkChange>().size() == 1u);
+    rig.board.is_silent = false;
+  });
+}
+
+TEST(BoardLink, StartsUpWhereverTheBoardRestarts) {
+  for_each_step([](MeshRig& rig) { rig.say(rig.board.restart()); });
+}
+
+TEST(BoardLink, StartsUpWhereverThePortIsLost) {
+  for_each_step([](MeshRig& rig) {
+    rig.mesh.on_port_closed("unplugged", rig.now);
+    rig.run_for(1s);
+    rig.open();
+  });
+}
+
+TEST(BoardLink, StartsUpWhicheverAnswerIsTorn) {
+  for_each_step([](MeshRig& rig) {
+    rig.spoil = [&rig](Bytes& transfer) {
+      if (transfer.size() < 2 || transfer[1] != 0x84) return;
+      transfer.pop_back();
+      rig.spoil = nullptr;
+    };
+  });
 }
 
 TEST(BoardLink, CountsWhatTheBoardDropped) {

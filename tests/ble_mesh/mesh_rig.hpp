@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <deque>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -109,8 +110,15 @@ class MeshRig {
     });
   }
 
+  /// From the board, like its answers; `say` is at once.
+  void deliver_later(Bytes bytes) {
+    if (spoil) spoil(bytes);
+    if (!bytes.empty()) in_flight_.push_back({now + latency, std::move(bytes)});
+  }
+
   TimePoint now{};
   FakeBoard board;
+  std::function<void(Bytes&)> spoil;  ///< what the serial line does to a transfer, either way
   BleMesh mesh;
   std::vector<MeshEvent> events;
   std::vector<Duration> reopens;
@@ -128,8 +136,8 @@ class MeshRig {
     while (auto action = mesh.next_action()) {
       std::visit(overloaded{
                      [&](WriteSerial& write) {
-                       const Bytes answer = board.on_bytes(write.bytes);
-                       if (!answer.empty()) in_flight_.push_back({now + latency, answer});
+                       if (spoil) spoil(write.bytes);
+                       deliver_later(board.on_bytes(write.bytes));
                      },
                      [&](ReopenPort& reopen) {
                        reopens.push_back(reopen.after);

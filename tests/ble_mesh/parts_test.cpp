@@ -79,7 +79,7 @@ int count_fresh(std::initializer_list<std::chrono::milliseconds> times) {
   for (const auto time : times) {
     if (filter.on_set(hex("0a 00"), 280ms, TimePoint{} + time) == RepeatFilter::Verdict::fresh)
       ++fresh;
-    filter.on_answered();
+    filter.on_answered(TimePoint{} + time);
   }
   return fresh;
 }
@@ -106,6 +106,16 @@ TEST(RepeatFilter, WhileOpenEveryEqualSetIsARepeat) {
   EXPECT_EQ(filter.on_set(hex("01"), 280ms, TimePoint{} + 200ms),
             RepeatFilter::Verdict::repeat_open);
   EXPECT_EQ(filter.on_set(hex("02"), 280ms, TimePoint{} + 280ms), RepeatFilter::Verdict::fresh);
+}
+
+TEST(RepeatFilter, ARepeatThatCrossedItsStatusIsNotAnswered) {
+  RepeatFilter filter;
+  EXPECT_EQ(filter.on_set(hex("01"), 280ms, TimePoint{}), RepeatFilter::Verdict::fresh);
+  filter.on_answered(TimePoint{} + 260ms);
+  EXPECT_EQ(filter.on_set(hex("01"), 280ms, TimePoint{} + 280ms),
+            RepeatFilter::Verdict::repeat_open);
+  EXPECT_EQ(filter.on_set(hex("01"), 280ms, TimePoint{} + 560ms),
+            RepeatFilter::Verdict::repeat_answered);
 }
 
 TEST(RepeatFilter, TheFirstMessageMayBeEmpty) {

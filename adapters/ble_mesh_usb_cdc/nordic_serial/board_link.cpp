@@ -28,10 +28,17 @@ void BoardLink::on_port_closed(const std::string& why, TimePoint) {
 }
 
 bool BoardLink::send(Outgoing message, TimePoint now) {
+  if (message.is_urgent) withdraw(message.destination, message.payload);
   if (!is_up_ || urgent_.size() + normal_.size() >= max_queued) return false;
   (message.is_urgent ? urgent_ : normal_).push_back(std::move(message));
   send_next(now);
   return true;
+}
+
+void BoardLink::withdraw(std::uint16_t destination, const Bytes& payload) {
+  std::erase_if(urgent_, [&](const Outgoing& message) {
+    return message.destination == destination && message.payload == payload;
+  });
 }
 
 // --- Getting in step -----------------------------------------------------------------------------

@@ -86,8 +86,11 @@ class BoardLink {
   void on_keys_failed(const std::string& why, TimePoint now);
 
   bool is_up() const { return is_up_; }
-  /// False when it was not taken: the link is down or the queue full.
+  /// False when it was not taken: the link is down or the queue full. An urgent message that is
+  /// already waiting is not queued twice.
   bool send(Outgoing message, TimePoint now);
+  /// Takes an urgent message back if it still waits.
+  void withdraw(std::uint16_t destination, const Bytes& payload);
 
   std::optional<TimePoint> deadline() const;
   void on_deadline(TimePoint now);

@@ -1,0 +1,88 @@
+// SPDX-License-Identifier: Apache-2.0
+// Turns a fuzzer's octets into inputs of BleMesh; also checks the outcomes of its commands.
+#pragma once
+
+#include <algorithm>
+#include <string>
+
+#include "adapters/ble_mesh_usb_cdc/ble_mesh.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic_serial/frame.hpp"
+
+namespace slamgw::ble {
+
+class MeshInputs {
+ public:
+  MeshInputs() { mesh_.on_start(); }
+
+  void apply(std::uint8_t verb, std::uint8_t argument, ByteView octets) {
+    switch (verb % 9) {
+      case 0: mesh_.on_bytes(octets, now_); break;
+      case 1: now_ += std::chrono::milliseconds{10} * argument; break;
+      case 2: mesh_.on_port_open(now_); break;
+      case 3: mesh_.on_port_closed("closed", now_); break;
+      case 4: mesh_.on_receipt(argument, ReceiptOutcome{argument % 2 == 0}, now_); break;
+      case 5: command(argument, octets); break;
+      case 6: answer(argument < 128 ? 0 : argument, octets); break;
+      case 7: message(argument, octets); break;
+      case 8: mesh_.on_broker_link(argument % 2 == 0); break;
+    }
+    mesh_.on_deadline(now_);
+    drain();
+  }
+
+  /// Nothing is due that was not done, and no command has ended twice.
+  bool is_settled() const {
+    const auto due = mesh_.deadline();
+    return (!due || *due > now_) && ended_ <= asked_;
+  }
+
+ private:
+  void command(std::uint8_t argument, ByteView octets) {
+    const std::string types[] = {"cmd", "run", "x"};
+    ++asked_;
+    mesh_.on_broker_message(
+        {"p/server/nr1/" + types[argument % 3], Bytes(octets.begin(), octets.end()),
+         Qos::at_least_once, argument >= 128},
+        now_);
+  }
+
+  /// The board's response to the command in flight.
+  void answer(std::uint8_t status, ByteView data) {
+    const Bytes params = ByteWriter{}.write_u8(last_command_).write_u8(status).write(data).take();
+    if (params.size() <= max_frame_params) mesh_.on_bytes(encode_frame(0x84, params), now_);
+  }
+
+  void message(std::uint8_t source, ByteView payload) {
+    ByteWriter event;
+    event.write_u16_le(source).write_u16_le(1).write_u32_le(0).write_u8(4);
+    for (int i = 0; i < 8; ++i) event.write_u8(0);
+    event.write_u16_le(static_cast<std::uint16_t>(payload.size())).write(payload);
+    if (event.size() <= max_frame_params) mesh_.on_bytes(encode_frame(0xd0, event.bytes()), now_);
+  }
+
+  void drain() {
+    Bytes echo;
+    while (auto action = mesh_.next_action()) {
+      if (auto* write = std::get_if<WriteSerial>(&*action)) {
+        if (write->bytes[0] == 9 && write->bytes[1] == 2) echo = write->bytes;
+        last_command_ = write->bytes[1];
+      }
+      if (std::holds_alternative<GenerateKeys>(*action)) mesh_.on_keys({}, now_);
+      auto* event = std::get_if<MeshEvent>(&*action);
+      if (event != nullptr && std::holds_alternative<CommandOutcome>(*event)) ++ended_;
+    }
+    if (echo.empty()) return;
+    echo[1] = 0x82;
+    mesh_.on_bytes(echo, now_);
+    drain();
+  }
+
+  BleMesh mesh_{Settings{}, TopicScheme("p", "g"), RobotNames({{"nr1", 0x0010, {}}}), MeshKeys{},
+                1};
+  TimePoint now_{};
+  std::uint8_t last_command_ = 0;
+  std::uint64_t asked_ = 0;
+  std::uint64_t ended_ = 0;
+};
+
+}  // namespace slamgw::ble
