@@ -17,13 +17,16 @@ function(slamgw_library name)
   target_link_libraries(${name} PUBLIC slamgw_flags ${arg_DEPENDS})
 endfunction()
 
-# slamgw_program(name SOURCES a.cpp ... DEPENDS target ...): ends in <build>/bin
+# slamgw_program(name SOURCES a.cpp ... DEPENDS target ... [DESTINATION dir]): ends in <build>/bin, installed in bin or dir
 function(slamgw_program name)
-  cmake_parse_arguments(arg "" "" "SOURCES;DEPENDS" ${ARGN})
+  cmake_parse_arguments(arg "" "DESTINATION" "SOURCES;DEPENDS" ${ARGN})
+  if(NOT arg_DESTINATION)
+    set(arg_DESTINATION "${CMAKE_INSTALL_BINDIR}")
+  endif()
   add_executable(${name} ${arg_SOURCES})
   target_link_libraries(${name} PRIVATE slamgw_flags ${arg_DEPENDS})
   set_target_properties(${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY "${PROJECT_BINARY_DIR}/bin")
-  install(TARGETS ${name})
+  install(TARGETS ${name} DESTINATION "${arg_DESTINATION}")
 endfunction()
 
 # slamgw_test(name SOURCES a.cpp ... DEPENDS target ... [LABEL pure|io|e2e] [TIMEOUT s]): each TEST becomes a ctest
