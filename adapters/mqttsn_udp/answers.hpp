@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: Apache-2.0
+// Answers to REGISTER, SUBSCRIBE and UNSUBSCRIBE, in the order of their requests (R64): behind a
+// SUBACK that waits for the broker, later answers wait too.
+#pragma once
+
+#include "adapters/mqttsn_udp/context.hpp"
+
+namespace slamgw::mqttsn {
+
+class Answers {
+ public:
+  explicit Answers(Context& context) : context_(context) {}
+
+  /// False when too many answers wait: the request should be ignored, its sender repeats it.
+  bool has_room(const ClientSession& session) const;
+  void answer(ClientSession& session, Packet packet);
+  /// Keeps a place for the answer to the SUBSCRIBE `msg_id`; a number that names the place.
+  std::uint64_t hold(ClientSession& session, std::uint16_t msg_id);
+  bool is_held(const ClientSession& session, std::uint16_t msg_id) const;
+  /// Nothing happens when the place is gone (the session was cleaned since).
+  void release(ClientSession& session, std::uint64_t ticket, Packet packet);
+
+ private:
+  Context& context_;
+  std::uint64_t last_ticket_ = 0;
+};
+
+}  // namespace slamgw::mqttsn

@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+// What all concerns of the gateway share: the configuration, the sessions, and the ways out.
+// Decides nothing about the protocol.
+#pragma once
+
+#include <set>
+#include <string>
+#include <vector>
+
+#include "adapters/mqttsn_udp/actions.hpp"
+#include "adapters/mqttsn_udp/client_table.hpp"
+#include "adapters/mqttsn_udp/packet.hpp"
+#include "adapters/mqttsn_udp/predefined_topics.hpp"
+#include "adapters/mqttsn_udp/settings.hpp"
+#include "adapters/mqttsn_udp/tally.hpp"
+#include "daemon/core/protocol_machine.hpp"
+#include "daemon/core/robot_names.hpp"
+#include "daemon/core/topic_scheme.hpp"
+
+namespace slamgw::mqttsn {
+
+class Context {
+ public:
+  Context(Settings settings_, TopicPolicy policy_, RobotNames names_);
+
+  const Settings settings;
+  const TopicPolicy policy;
+  const RobotNames names;
+  const PredefinedTopics predefined;
+  ClientTable clients;
+  Tally tally;
+
+  /// To where the client was last heard; nothing when it has no address.
+  void send(const ClientSession& session, const Packet& packet);
+  /// `radius` only matters behind a forwarder (R140).
+  void send(const Peer& to, const LocalAddress& from, const Packet& packet,
+            std::uint8_t radius = 0);
+  /// Whether the network carries a message of `octets` (with the 1-octet Length) to this client
+  /// (R8).
+  bool fits(const ClientSession& session, std::size_t octets) const;
+  void send_multicast(const Packet& packet);
+  void emit(MeshEvent event) { actions_.push(std::move(event)); }
+  std::optional<Action> next_action() { return actions_.pop(); }
+
+  /// Something that must survive a restart has changed.
+  void set_dirty(const ClientSession& session) { dirty_.insert(session.client_id); }
+  std::vector<std::string> take_dirty();
+
+  bool is_full_silent() const { return settings.when_full == WhenFull::silent; }
+
+ private:
+  ActionQueue<Action> actions_;
+  std::set<std::string> dirty_;  // bounded by the clients between two calls of take_dirty
+};
+
+}  // namespace slamgw::mqttsn

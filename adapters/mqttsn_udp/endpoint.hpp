@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: Apache-2.0
+// Where a datagram came from and where it arrived: plain values that the machine keeps and
+// compares, and the shell turns into socket addresses. IPv4 addresses are IPv4-mapped
+// (::ffff:a.b.c.d).
+#pragma once
+
+#include <array>
+#include <compare>
+#include <cstdint>
+#include <string>
+
+namespace slamgw::mqttsn {
+
+using IpAddress = std::array<std::uint8_t, 16>;
+
+/// The other side.
+struct Endpoint {
+  IpAddress address{};
+  std::uint16_t port = 0;
+  std::uint32_t scope_id = 0;  ///< of link-local addresses, else 0
+  auto operator<=>(const Endpoint&) const = default;
+};
+
+/// Our side: an answer leaves from the address and socket that the request came to (R17).
+struct LocalAddress {
+  IpAddress address{};          ///< all zero: the kernel chooses
+  std::uint32_t interface = 0;  ///< index; 0: any
+  std::uint8_t socket = 0;      ///< which of `mqttsn.listen`
+  auto operator<=>(const LocalAddress&) const = default;
+};
+
+/// A client's transport address: behind a forwarder it includes the wireless node id (R139).
+struct Peer {
+  Endpoint endpoint;
+  std::string node_id;  ///< empty: not encapsulated
+  auto operator<=>(const Peer&) const = default;
+};
+
+struct PeerHash {
+  std::size_t operator()(const Peer& peer) const;
+};
+
+/// `[fd00::1]:47193`, `192.0.2.7:47193`, with `via <node id in hex>` behind a forwarder.
+std::string to_string(const Peer& peer);
+
+}  // namespace slamgw::mqttsn

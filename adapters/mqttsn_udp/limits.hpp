@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: Apache-2.0
+// The bounds of the machine that are no configuration keys, each with its reason.
+#pragma once
+
+#include <chrono>
+#include <cstddef>
+
+#include "daemon/core/time.hpp"
+
+namespace slamgw::mqttsn::limits {
+
+/// Thread carries IPv6 packets of 1280 octets, less 48 of IPv6 and UDP headers (R8, R9).
+constexpr std::size_t max_datagram_octets = 1232;
+/// Topic ids of one client. A server that listens to a few hundred robots fits.
+constexpr std::size_t max_topics_per_client = 1024;
+constexpr std::size_t max_subscriptions_per_client = 128;
+/// SUBACKs that wait for the broker, and answers that wait behind them to keep their order.
+constexpr std::size_t max_pending_answers = 32;
+/// Messages waiting for an active client (a sleeping one: `mqttsn.max_sleeping_messages`).
+constexpr std::size_t max_queued_messages = 256;
+constexpr std::size_t max_queued_octets = 256 * 1024;
+/// QoS 1 and 2 messages of one client that are not yet safe; Nordic's client has four.
+constexpr std::size_t max_open_receipts = 64;
+/// QoS 2 exchanges of one client between PUBLISH and PUBREL.
+constexpr std::size_t max_inbound_qos2 = 64;
+/// Remembered QoS 1 messages of one client: 30 a second for `repeat_window`, with room.
+constexpr std::size_t max_repeats = 1024;
+/// Nordic's client repeats after 8 and 16 s, others after 10 and 20 (R76).
+constexpr std::chrono::seconds repeat_window{25};
+/// Will handshakes at one time; the only state that strangers can make (R10).
+constexpr std::size_t max_handshakes = 1024;
+/// A stored session may make room for another client after so long without a word.
+constexpr std::chrono::hours min_absence{24};
+/// T_WAIT, "more than 5 minutes": how long a client that said "congestion" is left alone.
+constexpr std::chrono::seconds t_wait{310};
+/// Supervision of a client that gave Duration 0 (R38).
+constexpr std::chrono::seconds max_supervision{3600};
+/// Retained messages of a new subscription come right behind the broker's SUBACK.
+constexpr std::chrono::seconds retained_wait{10};
+constexpr std::size_t max_retained_per_wait = 1024;
+/// Promise 6 of the contract.
+constexpr std::chrono::seconds command_patience{30};
+constexpr std::size_t max_tracked_commands = 65536;
+/// The broker sends the copies for overlapping filters back to back (R103).
+constexpr std::chrono::milliseconds copy_window{100};
+constexpr std::size_t max_remembered_copies = 256;
+/// Answers to one stranger, and to all: a burst, then so many a second (R21, R39).
+constexpr unsigned stranger_burst = 20;
+constexpr unsigned stranger_per_second = 5;
+constexpr unsigned strangers_burst = 2000;
+constexpr unsigned strangers_per_second = 1000;
+
+}  // namespace slamgw::mqttsn::limits

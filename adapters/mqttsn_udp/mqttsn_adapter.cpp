@@ -1,0 +1,143 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "adapters/mqttsn_udp/mqttsn_adapter.hpp"
+
+#include <fmt/format.h>
+
+#include <utility>
+
+#include "adapters/mqttsn_udp/interface_addresses.hpp"
+
+namespace slamgw::mqttsn {
+namespace {
+
+namespace asio = boost::asio;
+
+/// How soon an interface that has come back is joined again.
+constexpr std::chrono::seconds join_interval{10};
+
+}  // namespace
+
+MqttsnAdapter::MqttsnAdapter(asio::io_context& io, Settings settings, TopicPolicy policy,
+                             RobotNames names, MeshListener& listener)
+    : settings_(std::move(settings)),
+      listener_(listener),
+      io_(io),
+      gateway_(settings_, std::move(policy), std::move(names)),
+      driver_(io, gateway_, [this](Action& action) { perform(action); }),
+      join_timer_(io) {}
+
+void MqttsnAdapter::start() {
+  std::string where;
+  for (const std::string& listen : settings_.listen) {
+    const auto index = static_cast<std::uint8_t>(sockets_.size());
+    sockets_.push_back(std::make_unique<UdpSocket>(io_, listen, settings_.interface));
+    sockets_.back()->start(
+        [this, index](const UdpSocket::Datagram& datagram) { on_datagram(index, datagram); });
+    where += fmt::format("{}{}", where.empty() ? "" : ", ", listen);
+  }
+  if (settings_.multicast_group) join_regularly();
+  listener_.on_mesh_event(LinkChange{Mesh::thread, true, "UDP " + where});
+  driver_.input([](SnGateway&, TimePoint) {});  // what restored sessions have to say
+}
+
+/// No goodbye: clients are to notice nothing of a restart.
+void MqttsnAdapter::stop() {
+  driver_.stop();
+  join_timer_.cancel();
+  for (const auto& socket : sockets_) socket->close();
+}
+
+void MqttsnAdapter::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome) {
+  driver_.input(
+      [&](SnGateway& gateway, TimePoint now) { gateway.on_receipt(receipt_id, outcome, now); });
+}
+
+void MqttsnAdapter::on_broker_message(const BrokerMessage& message) {
+  driver_.input(
+      [&](SnGateway& gateway, TimePoint now) { gateway.on_broker_message(message, now); });
+}
+
+void MqttsnAdapter::on_subscribe_result(const std::string& filter, bool granted) {
+  driver_.input([&](SnGateway& gateway, TimePoint now) {
+    gateway.on_subscribe_result(filter, granted, now);
+  });
+}
+
+void MqttsnAdapter::on_broker_link(bool is_up) {
+  driver_.input([&](SnGateway& gateway, TimePoint now) { gateway.on_broker_link(is_up, now); });
+}
+
+Counters MqttsnAdapter::counters() const {
+  Counters counters = gateway_.counters();
+  std::uint64_t dropped = 0;
+  for (const auto& socket : sockets_) dropped += socket->kernel_drops();
+  counters.push_back({"kernel_drops", dropped});
+  counters.push_back({"truncated", truncated_});
+  counters.push_back({"sends_failed", sends_failed_});
+  return counters;
+}
+
+std::vector<std::uint16_t> MqttsnAdapter::bound_ports() const {
+  std::vector<std::uint16_t> ports;
+  for (const auto& socket : sockets_) ports.push_back(socket->port());
+  return ports;
+}
+
+bool MqttsnAdapter::restore(const SessionSnapshot& snapshot) {
+  return gateway_.restore(snapshot, read_clocks().mono);
+}
+
+void MqttsnAdapter::on_datagram(std::uint8_t socket, const UdpSocket::Datagram& datagram) {
+  if (datagram.is_truncated) ++truncated_;  // too long for the machine too, which counts it
+  LocalAddress to{datagram.to, datagram.interface, socket};
+  if (is_multicast(datagram.to)) {
+    const auto source =
+        choose_source(addresses_of_interface(datagram.interface), datagram.from.address);
+    to.address = source.value_or(IpAddress{});
+  }
+  driver_.input([&](SnGateway& gateway, TimePoint now) {
+    gateway.on_datagram(datagram.from, to, datagram.bytes, now);
+  });
+}
+
+void MqttsnAdapter::perform(Action& action) {
+  std::visit([this](auto& what) { perform(what); }, action);
+}
+
+void MqttsnAdapter::perform(SendDatagram& action) {
+  const bool is_known = action.from.socket < sockets_.size();  // restored ones may be of old times
+  UdpSocket& socket = *sockets_[is_known ? action.from.socket : 0];
+  bool is_sent =
+      is_known && socket.send(action.to, action.from.address, action.from.interface, action.bytes);
+  if (!is_sent) is_sent = socket.send(action.to, IpAddress{}, 0, action.bytes);
+  if (!is_sent) ++sends_failed_;
+}
+
+void MqttsnAdapter::perform(SendMulticast& action) {
+  const auto group = asio::ip::make_address(*settings_.multicast_group);
+  for (const auto& socket : sockets_) {
+    if (socket->is_ipv6() != group.is_v6()) continue;
+    const Endpoint to = from_asio({group, socket->port()});
+    for (const std::uint32_t interface : multicast_interfaces(settings_.interface))
+      socket->send(to, IpAddress{}, interface, action.bytes);
+  }
+}
+
+void MqttsnAdapter::perform(MeshEvent& event) { listener_.on_mesh_event(std::move(event)); }
+
+void MqttsnAdapter::join_regularly() {
+  join_groups();
+  join_timer_.expires_after(join_interval);
+  join_timer_.async_wait([this](boost::system::error_code error) {
+    if (!error) join_regularly();
+  });
+}
+
+void MqttsnAdapter::join_groups() {
+  const auto group = asio::ip::make_address(*settings_.multicast_group);
+  for (const std::uint32_t interface : multicast_interfaces(settings_.interface)) {
+    for (const auto& socket : sockets_) socket->join(group, interface);
+  }
+}
+
+}  // namespace slamgw::mqttsn

@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+// The I/O shell of MQTT-SN: UDP sockets, multicast and one timer around SnGateway. Decides nothing
+// about the protocol.
+#pragma once
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "adapters/mqttsn_udp/sn_gateway.hpp"
+#include "adapters/mqttsn_udp/udp_socket.hpp"
+#include "daemon/core/adapter.hpp"
+#include "daemon/runtime/machine_driver.hpp"
+
+namespace slamgw::mqttsn {
+
+class MqttsnAdapter final : public MeshAdapter {
+ public:
+  MqttsnAdapter(boost::asio::io_context& io, Settings settings, TopicPolicy policy,
+                RobotNames names, MeshListener& listener);
+
+  void start() override;
+  void stop() override;
+  void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome) override;
+  void on_broker_message(const BrokerMessage& message) override;
+  void on_subscribe_result(const std::string& filter, bool granted) override;
+  void on_broker_link(bool is_up) override;
+  Counters counters() const override;
+
+  /// In the order of `mqttsn.listen`, after start().
+  std::vector<std::uint16_t> bound_ports() const;
+  SnGateway::ClientCounts client_counts() const { return gateway_.client_counts(); }
+  std::size_t queued_for(const std::string& robot) const { return gateway_.queued_for(robot); }
+
+  /// Sessions that outlive the daemon; `restore` before start().
+  std::vector<std::string> take_dirty_sessions() { return gateway_.take_dirty(); }
+  std::optional<SessionSnapshot> snapshot(const std::string& client_id) const {
+    return gateway_.snapshot(client_id);
+  }
+  bool restore(const SessionSnapshot& snapshot);
+
+ private:
+  void on_datagram(std::uint8_t socket, const UdpSocket::Datagram& datagram);
+  void perform(Action& action);
+  void perform(SendDatagram& action);
+  void perform(SendMulticast& action);
+  void perform(MeshEvent& event);
+  /// Interfaces come and go; what is joined already stays joined (R19).
+  void join_regularly();
+  void join_groups();
+
+  const Settings settings_;
+  MeshListener& listener_;
+  boost::asio::io_context& io_;
+  SnGateway gateway_;
+  MachineDriver<SnGateway> driver_;
+  std::vector<std::unique_ptr<UdpSocket>> sockets_;
+  boost::asio::steady_timer join_timer_;
+  std::uint64_t sends_failed_ = 0;
+  std::uint64_t truncated_ = 0;
+};
+
+}  // namespace slamgw::mqttsn

@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "adapters/mqttsn_udp/session_snapshot.hpp"
+
+#include <algorithm>
+
+#include "adapters/mqttsn_udp/limits.hpp"
+
+namespace slamgw::mqttsn {
+namespace {
+
+using Stage = InFlight::Stage;
+
+MessageSnapshot to_snapshot(const Outgoing& waiting) {
+  return {*waiting.message, waiting.qos, waiting.topic_id_type, waiting.predefined_id, 0, false};
+}
+
+void add_messages(const Delivery& delivery, std::vector<MessageSnapshot>& messages) {
+  if (delivery.in_flight && delivery.in_flight->what.qos != Qos::at_most_once) {
+    const InFlight& in_flight = *delivery.in_flight;
+    messages.push_back(to_snapshot(in_flight.what));
+    if (in_flight.stage != Stage::registering) messages.back().msg_id = in_flight.msg_id;
+    messages.back().is_released = in_flight.stage == Stage::released;
+  }
+  for (const Outgoing& waiting : delivery.queue) {
+    if (waiting.qos != Qos::at_most_once) messages.push_back(to_snapshot(waiting));
+  }
+}
+
+Outgoing to_outgoing(const MessageSnapshot& snapshot) {
+  Outgoing outgoing;
+  outgoing.message = std::make_shared<const BrokerMessage>(snapshot.message);
+  outgoing.qos = snapshot.qos;
+  outgoing.topic_id_type = snapshot.topic_id_type;
+  outgoing.predefined_id = snapshot.predefined_id;
+  return outgoing;
+}
+
+/// The id under which the message was sent: topics keep theirs, so it is the same as before.
+std::uint16_t topic_id(ClientSession& session, const Outgoing& what) {
+  if (what.topic_id_type == TopicIdType::predefined) return what.predefined_id;
+  if (what.topic_id_type == TopicIdType::normal)
+    return session.topics.assign(what.message->topic).value_or(0);
+  const std::string& name = what.message->topic;
+  return name.size() == 2 ? static_cast<std::uint16_t>(static_cast<unsigned char>(name[0]) << 8 |
+                                                       static_cast<unsigned char>(name[1]))
+                          : std::uint16_t{0};
+}
+
+void restore_messages(const SessionSnapshot& snapshot, ClientSession& session) {
+  Delivery& delivery = session.delivery;
+  delivery.last_msg_id = snapshot.last_msg_id;
+  for (const MessageSnapshot& message : snapshot.messages) {
+    Outgoing outgoing = to_outgoing(message);
+    if (message.msg_id != 0 && !delivery.in_flight) {
+      const std::uint16_t id = topic_id(session, outgoing);
+      const Stage stage = message.is_released ? Stage::released : Stage::published;
+      delivery.in_flight = InFlight{std::move(outgoing), stage, message.msg_id, id, true};
+    } else {
+      delivery.queued_octets += outgoing.octets();
+      delivery.queue.push_back(std::move(outgoing));
+    }
+  }
+}
+
+}  // namespace
+
+SessionSnapshot to_snapshot(const ClientSession& session) {
+  SessionSnapshot out;
+  out.client_id = session.client_id;
+  out.robot = session.robot;
+  out.state = session.state == ClientState::awake ? ClientState::asleep : session.state;
+  out.peer = session.peer;
+  out.local = session.local;
+  out.is_clean = session.is_clean;
+  out.keep_alive = session.keep_alive;
+  out.sleep_duration = session.sleep_duration;
+  out.will = session.will;
+  out.topics = session.topics.topics();
+  for (const auto& [filter, s] : session.subscriptions)
+    out.subscriptions.push_back({filter, s.qos, s.topic_id_type, s.topic_id});
+  add_messages(session.delivery, out.messages);
+  for (const auto& [msg_id, inbound] : session.inbound_qos2) {
+    if (inbound.receipt_id == 0) out.inbound_qos2.emplace_back(msg_id, inbound.fingerprint);
+  }
+  out.last_msg_id = session.delivery.last_msg_id;
+  return out;
+}
+
+void apply(const SessionSnapshot& snapshot, ClientSession& session, TimePoint now) {
+  session.state = snapshot.state;
+  session.local = snapshot.local;
+  session.is_clean = snapshot.is_clean;
+  session.keep_alive = snapshot.keep_alive;
+  session.sleep_duration = snapshot.sleep_duration;
+  session.last_heard = now;
+  session.will = snapshot.will;
+  for (const TopicTable::Topic& topic : snapshot.topics) {
+    if (const auto id = session.topics.assign(topic.name))
+      session.topics.set_told(*id, topic.is_told);
+  }
+  for (const SubscriptionSnapshot& s : snapshot.subscriptions) {
+    Subscription subscription;
+    subscription.qos = s.qos;
+    subscription.topic_id_type = s.topic_id_type;
+    subscription.topic_id = s.topic_id;
+    session.subscriptions.emplace(s.filter, std::move(subscription));
+  }
+  for (const auto& [msg_id, mark] : snapshot.inbound_qos2) session.inbound_qos2[msg_id] = {mark, 0};
+  restore_messages(snapshot, session);
+}
+
+}  // namespace slamgw::mqttsn

@@ -1,0 +1,104 @@
+// SPDX-License-Identifier: Apache-2.0
+// Wiring, time and what does not come from clients. Their messages are in sn_gateway_receive.cpp.
+#include "adapters/mqttsn_udp/sn_gateway.hpp"
+
+#include <utility>
+
+#include "adapters/mqttsn_udp/limits.hpp"
+
+namespace slamgw::mqttsn {
+
+SnGateway::SnGateway(Settings settings, TopicPolicy policy, RobotNames names)
+    : context_(std::move(settings), std::move(policy), std::move(names)),
+      answers_(context_),
+      subscriptions_(context_, answers_),
+      commands_(context_),
+      downlink_(context_, subscriptions_, commands_),
+      fan_out_(context_, subscriptions_, downlink_, commands_),
+      uplink_(context_),
+      wills_(context_),
+      lifecycle_(context_, subscriptions_, downlink_, uplink_, wills_),
+      connecting_(context_, lifecycle_, downlink_, wills_),
+      discovery_(context_, guard_) {}
+
+void SnGateway::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint) {
+  uplink_.on_receipt(receipt_id, outcome);
+}
+
+void SnGateway::on_broker_message(const BrokerMessage& message, TimePoint now) {
+  fan_out_.on_broker_message(message, now);
+}
+
+void SnGateway::on_subscribe_result(const std::string& filter, bool granted, TimePoint now) {
+  ClientSession* session = subscriptions_.on_subscribe_result(filter, granted, now);
+  if (!session) return;
+  if (!granted) downlink_.drop_unwanted(*session, now);
+  downlink_.pump(*session, now);
+}
+
+void SnGateway::on_broker_link(bool is_up, TimePoint now) {
+  subscriptions_.on_broker_link(is_up, now);
+  discovery_.on_broker_link(is_up, now);
+}
+
+void SnGateway::on_deadline(TimePoint now) {
+  discovery_.on_deadline(now);
+  connecting_.on_deadline(now);
+  while (ClientSession* session = context_.clients.pop_due(now)) lifecycle_.on_time(*session, now);
+  commands_.on_deadline(now);
+}
+
+std::optional<TimePoint> SnGateway::deadline() const {
+  return earlier(earlier(discovery_.deadline(), connecting_.deadline()),
+                 earlier(context_.clients.earliest(), commands_.deadline()));
+}
+
+SnGateway::ClientCounts SnGateway::client_counts() const {
+  ClientCounts counts;
+  for (const auto& [id, session] : context_.clients.all()) {
+    switch (session->state) {
+      case ClientState::active: ++counts.active; break;
+      case ClientState::asleep:
+      case ClientState::awake: ++counts.asleep; break;
+      case ClientState::disconnected: ++counts.disconnected; break;
+      case ClientState::lost: ++counts.lost; break;
+    }
+  }
+  return counts;
+}
+
+std::size_t SnGateway::queued_for(const std::string& robot) const {
+  const ClientSession* session = context_.clients.find_robot(robot);
+  if (!session) return 0;
+  return session->delivery.queue.size() + (session->delivery.in_flight ? 1 : 0);
+}
+
+std::optional<SessionSnapshot> SnGateway::snapshot(const std::string& client_id) const {
+  const ClientSession* session = context_.clients.find(client_id);
+  if (!session) return std::nullopt;
+  return to_snapshot(*session);
+}
+
+bool SnGateway::restore(const SessionSnapshot& snapshot, TimePoint now) {
+  const bool is_same_robot = context_.names.of_client(snapshot.client_id) == snapshot.robot;
+  if (!is_same_robot || context_.clients.is_full() || context_.clients.find(snapshot.client_id))
+    return false;
+  ClientSession& session = context_.clients.create(snapshot.client_id, snapshot.robot);
+  apply(snapshot, session, now);
+  if (snapshot.peer) context_.clients.bind(session, *snapshot.peer, snapshot.local);
+  subscriptions_.restore(session);
+  switch (session.state) {
+    case ClientState::active: lifecycle_.tell_presence(session, Presence::online); break;
+    case ClientState::awake:
+    case ClientState::asleep: lifecycle_.tell_presence(session, Presence::asleep); break;
+    case ClientState::disconnected:
+    case ClientState::lost:
+      context_.clients.set_evictable(session, now + limits::min_absence);
+      break;
+  }
+  lifecycle_.schedule(session);
+  downlink_.pump(session, now);
+  return true;
+}
+
+}  // namespace slamgw::mqttsn

@@ -1,0 +1,90 @@
+// SPDX-License-Identifier: Apache-2.0
+// The MQTT-SN 1.2 gateway as a pure machine: datagrams, receipts, broker messages and time in,
+// actions out (daemon/core/protocol_machine.hpp). Aggregating: all clients share one broker
+// connection. Routes each message to the class of its concern; MqttsnAdapter is its shell.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "adapters/mqttsn_udp/connecting.hpp"
+#include "adapters/mqttsn_udp/discovery.hpp"
+#include "adapters/mqttsn_udp/fan_out.hpp"
+#include "adapters/mqttsn_udp/session_snapshot.hpp"
+
+namespace slamgw::mqttsn {
+
+class SnGateway {
+ public:
+  SnGateway(Settings settings, TopicPolicy policy, RobotNames names);
+  SnGateway(const SnGateway&) = delete;
+  SnGateway& operator=(const SnGateway&) = delete;
+
+  void on_datagram(const Endpoint& from, const LocalAddress& to, ByteView bytes, TimePoint now);
+  void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now);
+  void on_broker_message(const BrokerMessage& message, TimePoint now);
+  void on_subscribe_result(const std::string& filter, bool granted, TimePoint now);
+  void on_broker_link(bool is_up, TimePoint now);
+  void on_deadline(TimePoint now);
+  std::optional<TimePoint> deadline() const;
+  std::optional<Action> next_action() { return context_.next_action(); }
+
+  Counters counters() const { return context_.tally.counters(); }
+  struct ClientCounts {
+    std::size_t active = 0;
+    std::size_t asleep = 0;  ///< awake ones too
+    std::size_t disconnected = 0;
+    std::size_t lost = 0;
+  };
+  /// For status; looks at every client.
+  ClientCounts client_counts() const;
+  /// Messages waiting for this robot, the one in flight included.
+  std::size_t queued_for(const std::string& robot) const;
+
+  /// The clients whose sessions have changed since the last call, or ended.
+  std::vector<std::string> take_dirty() { return context_.take_dirty(); }
+  /// Nothing: there is no such session any more.
+  std::optional<SessionSnapshot> snapshot(const std::string& client_id) const;
+  /// Before the first datagram. The client goes on as if nothing had happened. False when it can't
+  /// be taken (known already, no room, or another name for the client by now).
+  bool restore(const SessionSnapshot& snapshot, TimePoint now);
+
+ private:
+  /// One message and where it came from.
+  struct Arrival {
+    Peer peer;
+    LocalAddress local;
+    std::uint64_t fingerprint;  ///< of its octets
+    TimePoint now;
+  };
+
+  void receive(const Arrival& arrival, Packet packet);
+  bool receive_in_handshake(const Arrival& arrival, Packet& packet);
+  void receive_from_client(const Arrival& arrival, Packet packet);
+  void receive_pingreq(const Arrival& arrival, const Pingreq& pingreq);
+  void receive_disconnect(const Arrival& arrival, const Disconnect& disconnect);
+  ClientSession* session_of(const Arrival& arrival);
+  ClientSession* pinging_session(const Arrival& arrival, const Pingreq& pingreq);
+  void move_to(ClientSession& session, const Arrival& arrival);
+  bool revive(ClientSession& session, TimePoint now);
+  void handle(ClientSession& session, Packet& packet, TimePoint now);
+  void register_topic(ClientSession& session, const Register& request);
+  void on_stranger(const Arrival& arrival, bool is_answered);
+  void on_malformed(const Endpoint& from, TimePoint now);
+
+  Context context_;
+  Answers answers_;
+  Subscriptions subscriptions_;
+  CommandWatch commands_;
+  Downlink downlink_;
+  FanOut fan_out_;
+  Uplink uplink_;
+  Wills wills_;
+  Lifecycle lifecycle_;
+  Connecting connecting_;
+  FloodGuard guard_;
+  Discovery discovery_;
+  Burst malformed_;
+};
+
+}  // namespace slamgw::mqttsn

@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: Apache-2.0
+// SUBSCRIBE and UNSUBSCRIBE (MQTT-SN 1.2 section 6.9): who has which filter, what the broker is
+// asked for, and who still waits for retained messages. Delivery is Downlink's.
+#pragma once
+
+#include <deque>
+#include <string>
+#include <unordered_map>
+
+#include "adapters/mqttsn_udp/answers.hpp"
+#include "adapters/mqttsn_udp/context.hpp"
+#include "adapters/mqttsn_udp/filter_tree.hpp"
+
+namespace slamgw::mqttsn {
+
+class Subscriptions {
+ public:
+  Subscriptions(Context& context, Answers& answers) : context_(context), answers_(answers) {}
+
+  void on_subscribe(ClientSession& session, const Subscribe& request, TimePoint now);
+  void on_unsubscribe(ClientSession& session, const Unsubscribe& request);
+  /// The broker's answer to the oldest open request for `filter`; the session that it was for.
+  ClientSession* on_subscribe_result(const std::string& filter, bool granted, TimePoint now);
+
+  /// Retained messages of what was subscribed meanwhile come once the broker is back.
+  void on_broker_link(bool is_up, TimePoint now);
+
+  FilterTree::Matches match(const std::string& topic) const { return tree_.match(topic); }
+  bool is_wanted(const ClientSession& session, const std::string& topic) const;
+  void drop(ClientSession& session, const std::string& filter);
+  void drop_all(ClientSession& session);
+  /// Asks the broker for the subscriptions of a session that comes back from the store.
+  void restore(ClientSession& session);
+
+ private:
+  struct Wish {
+    std::string filter;
+    std::uint16_t topic_id = 0;
+  };
+  struct Open {
+    std::weak_ptr<ClientSession> session;  // empty for restored subscriptions
+    std::uint64_t ticket = 0;
+    Suback answer;
+  };
+
+  /// What the client means by the request, or why it can't have it.
+  Result<Wish, ReturnCode> read(ClientSession& session, const Subscribe& request);
+  const std::string* name(const ClientSession& session, TopicIdType type, std::uint16_t topic_id,
+                          const std::string& topic_name, std::string& storage) const;
+  void refuse(ClientSession& session, const Subscribe& request, ReturnCode code);
+  bool is_repetition(const ClientSession& session, const Subscribe& request,
+                     const std::string& filter, TimePoint now) const;
+  void ask_broker(ClientSession& session, const std::string& filter, Qos qos, Suback answer);
+  void begin_retained_wait(ClientSession& session, const std::string& filter, TimePoint now);
+  void settle_open(const std::string& filter);
+  void notice_refusal(ClientSession& session, const std::string& filter);
+
+  Context& context_;
+  Answers& answers_;
+  FilterTree tree_;
+  std::unordered_map<std::string, std::deque<Open>> open_;  // bounded by max_pending_answers each
+  bool is_broker_up_ = false;
+  std::vector<std::pair<std::weak_ptr<ClientSession>, std::string>> waiting_for_broker_;
+};
+
+}  // namespace slamgw::mqttsn

@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+// PUBLISH from clients (MQTT-SN 1.2 section 6.6): up as a Report with a receipt; acknowledged when
+// the receipt fires, never before. Repetitions go up once (R75, R76).
+#pragma once
+
+#include <unordered_map>
+
+#include "adapters/mqttsn_udp/context.hpp"
+
+namespace slamgw::mqttsn {
+
+class Uplink {
+ public:
+  explicit Uplink(Context& context) : context_(context) {}
+
+  void on_publish(ClientSession& session, Publish publish, TimePoint now);
+  void on_pubrel(ClientSession& session, const Pubrel& pubrel);
+  /// QoS -1: from anywhere, `session` may be null; never answered (R81).
+  void on_unconnected_publish(const ClientSession* session, Publish publish);
+  /// Unknown receipts (of a session that is gone) are ignored.
+  void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome);
+  /// By the topic policy; a refusal is counted, and said once for each device.
+  bool may_publish(ClientSession& session, const std::string& topic);
+  /// A new session: MsgIds start again.
+  void forget(ClientSession& session);
+
+ private:
+  struct Open {
+    std::weak_ptr<ClientSession> session;
+    Qos qos;
+    std::uint16_t topic_id;
+    std::uint16_t msg_id;
+  };
+
+  Result<std::string, ReturnCode> topic_of(ClientSession& session, const Publish& publish);
+  void publish_once(ClientSession& session, Publish publish, std::string topic, TimePoint now);
+  void publish_exactly_once(ClientSession& session, Publish publish, std::string topic);
+  /// Sends it up, the receipt open; its id.
+  std::uint64_t report(ClientSession& session, Publish publish, std::string topic);
+  void on_safe(ClientSession& session, std::uint64_t receipt_id, const Open& open);
+  void on_refused(ClientSession& session, std::uint64_t receipt_id, const Open& open);
+  void refuse(ClientSession& session, const Publish& publish, ReturnCode code);
+
+  Context& context_;
+  std::uint64_t last_receipt_ = 0;
+  std::unordered_map<std::uint64_t, Open> open_;  // bounded by max_open_receipts for each client
+};
+
+}  // namespace slamgw::mqttsn

@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "adapters/mqttsn_udp/wills.hpp"
+
+#include <utility>
+
+namespace slamgw::mqttsn {
+
+bool Wills::is_allowed(std::string_view client_id, std::string_view robot, const std::string& topic,
+                       WireQos qos) const {
+  return qos != WireQos::minus_one && is_valid_topic_name(topic) &&
+         context_.policy.may_publish(client_id, robot, topic);
+}
+
+void Wills::on_willtopicupd(ClientSession& session, const WillTopicUpd& update) {
+  ReturnCode code = ReturnCode::accepted;
+  if (update.topic.empty()) {
+    session.will.reset();
+  } else if (!is_allowed(session.client_id, session.robot, update.topic, update.qos)) {
+    code = ReturnCode::not_supported;
+  } else {
+    if (!session.will) session.will.emplace();
+    session.will->topic = update.topic;
+    session.will->qos = static_cast<Qos>(update.qos);
+    session.will->retain = update.retain;
+  }
+  context_.set_dirty(session);
+  context_.send(session, WillTopicResp{code});
+}
+
+void Wills::on_willmsgupd(ClientSession& session, WillMsgUpd update) {
+  if (!session.will) return context_.send(session, WillMsgResp{ReturnCode::not_supported});
+  session.will->message = std::move(update.message);
+  context_.set_dirty(session);
+  context_.send(session, WillMsgResp{ReturnCode::accepted});
+}
+
+void Wills::publish(const ClientSession& session) {
+  if (!session.will) return;
+  const Will& will = *session.will;
+  context_.emit(Report{Mesh::thread, session.robot, will.topic, will.message, will.qos, will.retain,
+                       Receipt{Mesh::thread, 0}, true});
+}
+
+}  // namespace slamgw::mqttsn

@@ -1,0 +1,171 @@
+// SPDX-License-Identifier: Apache-2.0
+// The shell with real UDP on loopback: answers come back from where they were asked, floods and
+// oversized datagrams harm nothing, broken sockets are told in words.
+#include "adapters/mqttsn_udp/mqttsn_adapter.hpp"
+
+#include <gtest/gtest.h>
+
+#include <boost/asio/ip/udp.hpp>
+
+#include "adapters/mqttsn_udp/interface_addresses.hpp"
+#include "tests/mqttsn/describe.hpp"
+#include "tests/support/eventually.hpp"
+
+namespace slamgw::mqttsn {
+namespace {
+
+using boost::asio::ip::udp;
+using test::eventually;
+
+/// The application's part: grants every subscription and makes every report safe at once.
+class FakeCore final : public MeshListener {
+ public:
+  void on_mesh_event(MeshEvent event) override {
+    if (auto* request = std::get_if<SubscribeRequest>(&event))
+      adapter->on_subscribe_result(request->filter, true);
+    if (auto* report = std::get_if<Report>(&event)) {
+      reports.push_back(*report);
+      if (report->receipt.is_owed()) adapter->on_receipt(report->receipt.id, ReceiptOutcome::safe);
+    }
+    if (auto* link = std::get_if<LinkChange>(&event)) links.push_back(*link);
+  }
+  MeshAdapter* adapter = nullptr;
+  std::vector<Report> reports;
+  std::vector<LinkChange> links;
+};
+
+class UdpRig {
+ public:
+  explicit UdpRig(std::vector<std::string> listen, Settings settings = {})
+      : adapter(io, with(std::move(settings), std::move(listen)),
+                TopicPolicy(TopicScheme("ntnu-slam", "gw"), {}, {}), RobotNames(), core) {
+    core.adapter = &adapter;
+    adapter.start();
+    adapter.on_broker_link(true);
+  }
+  ~UdpRig() { adapter.stop(); }
+
+  static Settings with(Settings settings, std::vector<std::string> listen) {
+    settings.listen = std::move(listen);
+    settings.multicast_group.reset();
+    return settings;
+  }
+
+  boost::asio::io_context io;
+  FakeCore core;
+  MqttsnAdapter adapter;
+};
+
+/// A connected socket, as many clients use: the kernel drops answers from any other address (R17).
+class UdpClient {
+ public:
+  UdpClient(UdpRig& rig, const std::string& address, std::size_t index = 0)
+      : rig_(rig), socket_(rig.io) {
+    const udp::endpoint to(boost::asio::ip::make_address(address),
+                           rig.adapter.bound_ports().at(index));
+    socket_.connect(to);
+    socket_.non_blocking(true);
+  }
+  void send(const Packet& packet) { socket_.send(boost::asio::buffer(encode(packet))); }
+  void send_octets(const Bytes& octets) { socket_.send(boost::asio::buffer(octets)); }
+  std::string receive() {
+    Bytes buffer(2000);
+    std::size_t size = 0;
+    const bool came = eventually(rig_.io, [&] {
+      boost::system::error_code error;
+      size = socket_.receive(boost::asio::buffer(buffer), 0, error);
+      return !error;
+    });
+    return came ? describe_octets(ByteView(buffer).first(size)) : "nothing";
+  }
+
+ private:
+  UdpRig& rig_;
+  udp::socket socket_;
+};
+
+TEST(MqttsnAdapter, R17_AnswersFromTheAddressThatWasAsked) {
+  UdpRig rig({"0.0.0.0:0", "[::]:0"});
+  const std::pair<const char*, std::size_t> ways[] = {
+      {"127.0.0.1", 0}, {"127.0.0.5", 0}, {"127.0.0.9", 1}, {"::1", 1}};
+  for (const auto& [address, index] : ways) {
+    UdpClient client(rig, address, index);
+    client.send(SearchGw{1});
+    EXPECT_EQ(client.receive(), "GWINFO gw=1 address=") << address;
+  }
+}
+
+TEST(MqttsnAdapter, R22_ListensWhereConfigurationSays) {
+  UdpRig rig({"127.0.0.1:0", "[::1]:0"});
+  ASSERT_EQ(rig.adapter.bound_ports().size(), 2U);
+  EXPECT_NE(rig.adapter.bound_ports()[0], 0);
+  UdpClient v4(rig, "127.0.0.1", 0);
+  UdpClient v6(rig, "::1", 1);
+  v4.send(Connect{false, true, 1, 60, "four"});
+  v6.send(Connect{false, true, 1, 60, "six"});
+  EXPECT_EQ(v4.receive(), "CONNACK code=0");
+  EXPECT_EQ(v6.receive(), "CONNACK code=0");
+  EXPECT_EQ(rig.adapter.client_counts().active, 2U);
+}
+
+TEST(MqttsnAdapter, CarriesARobotsMessageUpAndACommandDown) {
+  UdpRig rig({"127.0.0.1:0"});
+  UdpClient robot(rig, "127.0.0.1");
+  robot.send(Connect{false, true, 1, 60, "r1"});
+  EXPECT_EQ(robot.receive(), "CONNACK code=0");
+  robot.send(Register{0, 1, "ntnu-slam/robot/r1/adv"});
+  EXPECT_EQ(robot.receive(), "REGACK id=1 msg=1 code=0");
+  Subscribe subscribe;
+  subscribe.msg_id = 2;
+  subscribe.topic_name = "ntnu-slam/server/r1/cmd";
+  robot.send(subscribe);
+  EXPECT_EQ(robot.receive(), "SUBACK qos=0 id=2 msg=2 code=0");
+  robot.send(Publish{false, WireQos::one, false, TopicIdType::normal, 1, 3, to_bytes("x")});
+  EXPECT_EQ(robot.receive(), "PUBACK id=1 msg=3 code=0");
+  ASSERT_EQ(rig.core.reports.size(), 1U);
+  rig.adapter.on_broker_message({"ntnu-slam/server/r1/cmd", to_bytes("y"), Qos{}, false});
+  EXPECT_EQ(robot.receive(), "PUBLISH dup=0 qos=0 retain=0 normal id=2 msg=0 data=79");
+}
+
+TEST(MqttsnAdapter, R9_NoticesOversizedDatagramsAndGoesOn) {
+  UdpRig rig({"127.0.0.1:0"});
+  UdpClient client(rig, "127.0.0.1");
+  client.send_octets(Bytes(65507, 0x0c));
+  client.send_octets(Bytes(1233, 0x0c));
+  client.send(SearchGw{0});
+  EXPECT_EQ(client.receive(), "GWINFO gw=1 address=");
+  std::map<std::string_view, std::uint64_t> counters;
+  for (const Counter& counter : rig.adapter.counters()) counters[counter.name] = counter.value;
+  EXPECT_EQ(counters["oversized"], 2U);
+  EXPECT_EQ(counters["truncated"], 1U);
+}
+
+TEST(MqttsnAdapter, SaysInWordsWhatItCannotListenTo) {
+  boost::asio::io_context io;
+  udp::socket other(io, {boost::asio::ip::address_v4::loopback(), 0});
+  const std::string taken = "127.0.0.1:" + std::to_string(other.local_endpoint().port());
+  for (const std::string& listen : {taken, std::string("nonsense"), std::string("[::1:5")}) {
+    FakeCore core;
+    MqttsnAdapter adapter(io, UdpRig::with({}, {listen}),
+                          TopicPolicy(TopicScheme("ntnu-slam", "gw"), {}, {}), RobotNames(), core);
+    try {
+      adapter.start();
+      ADD_FAILURE() << listen;
+    } catch (const std::runtime_error& error) {
+      EXPECT_NE(std::string(error.what()).find(listen), std::string::npos) << error.what();
+    }
+  }
+}
+
+TEST(InterfaceAddresses, R16_NeverAnswersFromAThreadLocator) {
+  const IpAddress rloc = {0xfd, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0xff, 0xfe, 0, 0x44, 0};
+  const IpAddress eid = {0xfd, 0, 0, 0, 0, 0, 0, 1, 0x12, 0x34, 0x56, 0x78, 1, 2, 3, 4};
+  const IpAddress link_local = {0xfe, 0x80, 0, 0, 0, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8};
+  const IpAddress robot = {0xfd, 0, 0, 0, 0, 0, 0, 1, 9, 9, 9, 9, 9, 9, 9, 9};
+  EXPECT_EQ(choose_source({rloc, link_local, eid}, robot), eid);
+  EXPECT_EQ(choose_source({rloc, eid, link_local}, link_local), link_local);
+  EXPECT_EQ(choose_source({rloc}, robot), std::nullopt);
+}
+
+}  // namespace
+}  // namespace slamgw::mqttsn
