@@ -2,28 +2,34 @@
 #include "adapters/ble_mesh_usb_cdc/repeat_filter.hpp"
 
 #include <algorithm>
+#include <array>
+#include <chrono>
 
 namespace slamgw::ble {
 namespace {
 
-constexpr int max_doublings = 8;  // 256 times the shortest interval, 200 ms, is nearly 60 s
+/// When each copy is sent, in intervals after the first; 256 of the shortest are nearly 60 s.
+constexpr std::array<int, 10> schedule{0, 1, 2, 4, 8, 16, 32, 64, 128, 256};
+constexpr std::uint32_t any_copy = (1U << schedule.size()) - 1;
+constexpr std::size_t max_lost = 2;
+constexpr std::uint32_t first_heard_copies = (1U << (max_lost + 1)) - 1;
 
 }  // namespace
 
 RepeatFilter::Verdict RepeatFilter::on_set(ByteView payload, Duration interval, TimePoint now) {
-  const bool is_equal = std::ranges::equal(payload, payload_);
-  const bool is_repeat =
-      state_ != State::idle && is_equal && (is_on_schedule(interval, now) || state_ == State::open);
+  const Copies fitting = fitting_copies(interval, now);
+  const bool is_equal = state_ != State::idle && std::ranges::equal(payload, payload_);
+  const bool is_repeat = is_equal && (state_ == State::open || fitting != 0);
   last_heard_ = now;
   if (is_repeat) {
+    last_copy_ = fitting != 0 ? fitting : any_copy;
     const bool has_crossed = now - last_answered_ < crossing_time;
     return state_ == State::open || has_crossed ? Verdict::repeat_open : Verdict::repeat_answered;
   }
   state_ = State::open;
   payload_.assign(payload.begin(), payload.end());
   first_heard_ = now;
-  doublings_ = 0;
-  single_gaps_ = 0;
+  last_copy_ = first_heard_copies;
   return Verdict::fresh;
 }
 
@@ -32,17 +38,19 @@ void RepeatFilter::on_answered(TimePoint now) {
   last_answered_ = now;
 }
 
-bool RepeatFilter::is_on_schedule(Duration interval, TimePoint now) {
-  if (now - first_heard_ > longest_exchange) return false;
+RepeatFilter::Copies RepeatFilter::fitting_copies(Duration interval, TimePoint now) const {
+  if (now - first_heard_ > longest_exchange) return 0;
   const Duration gap = now - last_heard_;
-  for (int doublings = doublings_; doublings <= max_doublings; ++doublings) {
-    const Duration expected = interval * (1 << doublings);
-    if (gap < expected - tolerance || gap > expected + tolerance) continue;
-    if (doublings == 0 && ++single_gaps_ > 2) return false;
-    doublings_ = doublings == 0 ? 0 : doublings + 1;
-    return true;
+  Copies fitting = 0;
+  for (std::size_t last = 0; last < schedule.size(); ++last) {
+    if ((last_copy_ >> last & 1U) == 0) continue;
+    const std::size_t end = std::min(last + max_lost + 2, schedule.size());
+    for (std::size_t next = last + 1; next < end; ++next) {
+      const Duration expected = interval * (schedule[next] - schedule[last]);
+      if (std::chrono::abs(gap - expected) < tolerance) fitting |= 1U << next;
+    }
   }
-  return false;
+  return fitting;
 }
 
 }  // namespace slamgw::ble

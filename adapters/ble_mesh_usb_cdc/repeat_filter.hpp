@@ -5,13 +5,13 @@
 //
 // While a SET is open (not answered), the robot refuses to send another: an equal one is a repeat.
 // After the STATUS was sent, an equal SET is either a repeat (the STATUS was lost or crossed it) or
-// a new message of a robot that stands still. Repeats keep to reliable publish's schedule, so the
-// gaps between copies are iv, iv, 2iv, 4iv ...; updates come at the robot's own period, 200 ms in
-// the thesis, which is 80 ms off the nearest gap. An equal SET on the schedule is taken for a
-// repeat (answered again, goes up once); off the schedule it is taken for new, because a message
-// that was acknowledged must not be lost. Known error: with a copy *and* a STATUS lost the gap is
-// not on the schedule and the message goes up twice; a robot that stands still and happens to send
-// every iv loses some of its equal updates.
+// a new message of a robot that stands still. Copies keep to reliable publish's schedule, 0, iv,
+// 2iv, 4iv, 8iv ... after the first; updates come at the robot's own period, 200 ms in the thesis,
+// which is 80 ms off the nearest gap between copies. An equal SET whose distance from the last copy
+// fits the schedule, with up to two copies lost before and between, is taken for a repeat (answered
+// again, goes up once); any other is taken for new, because a message that was acknowledged must
+// not be lost. Known errors: relays that delay by more than `tolerance` make a repeat look new, and
+// a robot that stands still and happens to send every iv loses some of its equal updates.
 //
 // A STATUS does not say which SET it is for. A repeat that was on its way when the STATUS left is
 // therefore not answered: a second STATUS could meet the robot's next SET and acknowledge that.
@@ -26,8 +26,9 @@ namespace slamgw::ble {
 
 class RepeatFilter {
  public:
-  /// Jitter of relays and of the serial line, well below the 80 ms above.
-  static constexpr Duration tolerance = std::chrono::milliseconds{50};
+  /// Jitter of relays and of the serial line; below the distance of any usual period (100, 200,
+  /// 250, 500 ms, 1 s, 2 s) from the gaps at TTL 4.
+  static constexpr Duration tolerance = std::chrono::milliseconds{30};
   /// Reliable publish gives up after at most this long.
   static constexpr Duration longest_exchange = std::chrono::seconds{60};
   /// How long a repeat and a STATUS can take to cross: a few hops.
@@ -49,15 +50,17 @@ class RepeatFilter {
  private:
   enum class State : std::uint8_t { idle, open, answered };
 
-  bool is_on_schedule(Duration interval, TimePoint now);
+  /// A set of copies, the first transmission in bit 0.
+  using Copies = std::uint32_t;
+
+  Copies fitting_copies(Duration interval, TimePoint now) const;
 
   State state_ = State::idle;
   Bytes payload_;
   TimePoint first_heard_{};
   TimePoint last_heard_{};
   TimePoint last_answered_{};
-  int doublings_ = 0;    ///< of the gap, as far as seen
-  int single_gaps_ = 0;  ///< gaps of one iv: there are at most two
+  Copies last_copy_ = 0;  ///< which copies the one heard last can have been
 };
 
 }  // namespace slamgw::ble

@@ -48,6 +48,16 @@ std::string configure(sp_port* port, const Settings& settings, bool is_jlink) {
   return is_configured ? std::string() : last_serial_error();
 }
 
+/// libserialport leaves VMIN at 0, with which an empty read returns 0 octets even where it should
+/// say "try again"; Asio takes that for the end of the stream.
+bool let_empty_reads_wait(int descriptor) {
+  termios attributes{};
+  if (::tcgetattr(descriptor, &attributes) != 0) return false;
+  attributes.c_cc[VMIN] = 1;
+  attributes.c_cc[VTIME] = 0;
+  return ::tcsetattr(descriptor, TCSANOW, &attributes) == 0;
+}
+
 /// A terminal that is no serial port: raw bytes, nothing else to set. -1 with errno on failure.
 int open_plain(const std::string& path) {
   const int descriptor = ::open(path.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
@@ -116,6 +126,8 @@ Result<std::unique_ptr<SerialPort>, Refusal> SerialPort::open(const Settings& se
   std::unique_ptr<SerialPort> opened(new SerialPort(path, port, descriptor, is_jlink));
   if (const std::string why = configure(port, settings, is_jlink); !why.empty())
     return Refusal{fmt::format("{} can't be configured: {}", path, why)};
+  if (!let_empty_reads_wait(descriptor))
+    return Refusal{fmt::format("{} can't be configured: {}", path, std::strerror(errno))};
   return opened;
 }
 

@@ -87,12 +87,18 @@ int count_fresh(std::initializer_list<std::chrono::milliseconds> times) {
 TEST(RepeatFilter, KnowsTheWholeScheduleOfRepeats) {
   EXPECT_EQ(count_fresh({0ms, 280ms, 560ms, 1120ms, 2240ms, 4480ms, 8960ms}), 1);
   EXPECT_EQ(count_fresh({280ms, 560ms, 1120ms, 2240ms}), 1) << "the first copy was lost";
-  EXPECT_EQ(count_fresh({0ms, 310ms, 550ms, 1140ms}), 1) << "with jitter";
+  EXPECT_EQ(count_fresh({0ms, 295ms, 555ms, 1140ms}), 1) << "with jitter";
+  EXPECT_EQ(count_fresh({0ms, 560ms, 1120ms, 2240ms}), 1) << "the second was lost";
+  EXPECT_EQ(count_fresh({280ms, 1120ms, 2240ms}), 1) << "the first and the third were lost";
+  EXPECT_EQ(count_fresh({0ms, 1120ms, 8960ms}), 1) << "two were lost in a row, twice";
 }
 
 TEST(RepeatFilter, LetsEqualUpdatesAtTheRobotsOwnPeriodThrough) {
   EXPECT_EQ(count_fresh({0ms, 200ms, 400ms, 600ms, 800ms}), 5);
   EXPECT_EQ(count_fresh({0ms, 1000ms, 2000ms, 3000ms}), 4);
+  EXPECT_EQ(count_fresh({0ms, 250ms, 500ms, 750ms}), 4);
+  EXPECT_EQ(count_fresh({0ms, 500ms, 1000ms, 1500ms}), 4);
+  EXPECT_EQ(count_fresh({0ms, 2000ms, 4000ms}), 3);
   EXPECT_EQ(count_fresh({0ms, 280ms, 400ms, 600ms}), 3) << "one STATUS lost, then new ones";
 }
 
