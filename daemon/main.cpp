@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: Apache-2.0
+// slam-gatewayd: arguments to configuration to App::run; failures to exit codes.
+#include <CLI/CLI.hpp>
+#include <cstdio>
+#include <exception>
+#include <iostream>
+
+#include "daemon/app.hpp"
+#include "daemon/config/default_config.hpp"
+#include "daemon/config/load.hpp"
+#include "daemon/operations/log.hpp"
+
+namespace {
+
+constexpr int exit_failed = 1;
+constexpr int exit_arguments = 2;
+constexpr int exit_configuration = 78;  // EX_CONFIG
+
+struct Arguments {
+  std::string config_file = "/etc/slam-gateway/gateway.json";
+  bool check_config = false;
+  bool print_config = false;
+};
+
+void print(const slamgw::Problems& problems, std::ostream& out) {
+  for (const slamgw::Problem& problem : problems) out << to_string(problem) << '\n';
+}
+
+int check_config(const slamgw::ParseResult& result) {
+  print(result.problems, std::cout);
+  print(result.warnings, std::cerr);
+  if (!result.problems.empty()) return exit_configuration;
+  std::cout << "OK\n";
+  return 0;
+}
+
+int run(const slamgw::ParseResult& result, const std::string& config_file) {
+  slamgw::configure_log(result.config.log.level);
+  for (const slamgw::Problem& warning : result.warnings) {
+    log_event(slamgw::Severity::warning, to_string(warning));
+  }
+  try {
+    slamgw::App(result.config, config_file).run();
+    return 0;
+  } catch (const std::exception& error) {
+    log_event(slamgw::Severity::error, error.what());
+    return exit_failed;
+  }
+}
+
+int start(const Arguments& arguments) {
+  if (arguments.print_config) {
+    std::cout << slamgw::default_config_text;
+    return 0;
+  }
+  const slamgw::ParseResult result = slamgw::load_config(arguments.config_file);
+  if (arguments.check_config) return check_config(result);
+  print(result.problems, std::cerr);
+  return result.problems.empty() ? run(result, arguments.config_file) : exit_configuration;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App cli("Gateway between radio meshes of robots and MQTT", "slam-gatewayd");
+  Arguments arguments;
+  cli.add_option("--config", arguments.config_file, "Configuration file")->capture_default_str();
+  cli.add_flag("--check-config", arguments.check_config, "Check the configuration and exit");
+  cli.add_flag("--print-config", arguments.print_config, "Print the default configuration");
+  cli.set_version_flag("--version", "slam-gatewayd " SLAMGW_VERSION);
+  try {
+    cli.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return cli.exit(error) == 0 ? 0 : exit_arguments;
+  }
+  return start(arguments);
+}

@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the log says about the broker link: each change and each new reason at once, the same reason
+// again only summed up.
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "daemon/core/burst.hpp"
+#include "daemon/core/messages.hpp"
+
+namespace slamgw {
+
+class LinkLog {
+ public:
+  explicit LinkLog(std::string uri) : uri_(std::move(uri)) {}
+
+  Notice on_up(const std::string& detail, const Now& now);
+  /// Nothing when there is nothing new to say.
+  std::optional<Notice> on_down(const std::string& why, const Now& now);
+
+  bool is_up() const { return is_up_; }
+  WallTime since() const { return since_; }
+  const std::string& uri() const { return uri_; }
+  const std::string& why() const { return why_; }  ///< empty while up
+
+ private:
+  static constexpr std::chrono::seconds summary_interval{60};
+
+  std::string uri_;
+  bool is_up_ = false;
+  WallTime since_{};
+  std::string why_;
+  Burst same_reason_{summary_interval};
+};
+
+}  // namespace slamgw

@@ -1,0 +1,129 @@
+// SPDX-License-Identifier: Apache-2.0
+// Bad input and absent peers: each has a clear log line and a defined behaviour; the daemon goes
+// on.
+#include <fcntl.h>
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <unistd.h>
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/udp.hpp>
+
+#include "tests/e2e/gateway_process.hpp"
+#include "tests/support/eventually.hpp"
+#include "tests/support/free_port.hpp"
+#include "tests/support/mosquitto.hpp"
+
+namespace slamgw::test {
+namespace {
+
+using nlohmann::json;
+
+/// User and system time used so far, in clock ticks (proc(5)).
+long cpu_ticks(pid_t pid) {
+  std::istringstream text(read_file("/proc/" + std::to_string(pid) + "/stat"));
+  std::string field;
+  for (int i = 1; i < 14; ++i) text >> field;
+  long user = 0;
+  long system = 0;
+  text >> user >> system;
+  return user + system;
+}
+
+TEST(Trouble, ABrokerThatIsDownAtStartIsWaitedForAndNothingAcknowledgedIsLost) {
+  Mosquitto broker;
+  broker.kill();
+  GatewayProcess gateway(json{{"broker", {{"uri", broker.uri()}}}});
+  ASSERT_TRUE(eventually([&] { return gateway.logs("is not reached"); })) << gateway.log();
+  SimulatorProcess simulator({"thread", "--gateway", gateway.mqttsn_address(), "--robots", "2",
+                              "--messages", "5", "--rate", "20"});
+  ASSERT_TRUE(eventually([&] { return gateway.logs("robot2 is online"); })) << gateway.log();
+
+  broker.start();
+  Subscriber subscriber(broker, "ntnu-slam/robot/#");
+  const json report = simulator.report();
+  EXPECT_EQ(report["lost"], 0) << report;
+  EXPECT_EQ(report["acknowledged"], report["sent"]) << report;
+  EXPECT_TRUE(gateway.logs("connected (MQTT 5)"));
+}
+
+TEST(Trouble, AWrongPasswordIsNamedWithoutBeingShown) {
+  Mosquitto broker({}, "gw", "right");
+  const TempDir directory;
+  write_file(directory / "credentials.json", R"({"username":"gw","password":"wr0ng-secret"})",
+             0600);
+  GatewayProcess gateway(json{
+      {"broker", {{"uri", broker.uri()}, {"credentials_file", directory / "credentials.json"}}}});
+  ASSERT_TRUE(eventually([&] { return gateway.logs("does not authorise"); })) << gateway.log();
+  EXPECT_TRUE(gateway.logs("credentials.json")) << "says which file to mend";
+  EXPECT_FALSE(gateway.logs("wr0ng-secret"));
+  EXPECT_TRUE(gateway.process().is_running());
+}
+
+TEST(Trouble, AMissingTtyIsAState) {
+  Mosquitto broker;
+  GatewayProcess gateway(
+      json{{"broker", {{"uri", broker.uri()}}}, {"ble_mesh", {{"enabled", true}}}});
+  ASSERT_TRUE(eventually([&] { return gateway.logs(gateway.tty()); })) << gateway.log();
+  ASSERT_TRUE(eventually([&] {
+    const json status = gateway.ctl({"status"});
+    return status.is_object() && status["meshes"]["ble"]["state"] == "down" &&
+           status["meshes"]["thread"]["state"] == "up";
+  })) << gateway.log();
+
+  SimulatorProcess board({"ble", "--tty", gateway.tty(), "--robots", "1"});
+  ASSERT_TRUE(eventually([&] { return gateway.logs("ble-0100 update"); })) << gateway.log();
+}
+
+TEST(Trouble, AnUnpluggedBoardIsTakenUpAgain) {
+  Mosquitto broker;
+  GatewayProcess gateway(
+      json{{"broker", {{"uri", broker.uri()}}}, {"ble_mesh", {{"enabled", true}}}});
+  const std::vector<std::string> arguments{"ble", "--tty", gateway.tty(), "--robots", "1"};
+  {
+    SimulatorProcess board(arguments);
+    ASSERT_TRUE(eventually([&] { return gateway.logs("ble-0100 update"); })) << gateway.log();
+    board.process().send_signal(SIGKILL);
+  }
+  ASSERT_TRUE(eventually([&] { return gateway.logs("ble link down"); })) << gateway.log();
+  unlink(gateway.tty().c_str());
+  Subscriber subscriber(broker, "ntnu-slam/robot/ble-0100/update");
+  SimulatorProcess board(arguments);
+  EXPECT_TRUE(eventually([&] { return !subscriber.lines().empty(); })) << gateway.log();
+}
+
+TEST(Trouble, DatagramsThatAreNoMqttSnAreCountedAndHarmNobody) {
+  Mosquitto broker;
+  GatewayProcess gateway(json{{"broker", {{"uri", broker.uri()}}}});
+  ASSERT_TRUE(eventually([&] { return gateway.logs("connected (MQTT 5)"); })) << gateway.log();
+  using boost::asio::ip::udp;
+  boost::asio::io_context io;
+  udp::socket socket(io, udp::endpoint(udp::v4(), 0));
+  const std::string address = gateway.mqttsn_address();
+  const udp::endpoint target(
+      boost::asio::ip::address_v4::loopback(),
+      static_cast<std::uint16_t>(std::stoi(address.substr(address.find(':') + 1))));
+  constexpr int sent = 200;
+  for (int i = 0; i < sent; ++i) {
+    const std::string junk(static_cast<std::size_t>(i * 7 % 1400), static_cast<char>(i));
+    socket.send_to(boost::asio::buffer(junk), target);
+  }
+  SimulatorProcess simulator({"thread", "--gateway", address, "--robots", "1", "--messages", "3"});
+  EXPECT_EQ(simulator.report()["lost"], 0) << gateway.log();
+  const json counters = gateway.ctl({"status"})["meshes"]["thread"]["counters"];
+  EXPECT_GT(counters["malformed"], sent / 2) << counters;
+}
+
+TEST(Trouble, NothingSpinsWhileEverythingIsAway) {
+  GatewayProcess gateway(
+      json{{"broker", {{"uri", "mqtt://127.0.0.1:" + std::to_string(free_tcp_port())}}},
+           {"ble_mesh", {{"enabled", true}}}});
+  ASSERT_TRUE(eventually([&] { return gateway.logs("is not reached"); })) << gateway.log();
+  const long before = cpu_ticks(gateway.process().pid());
+  sleep(2);  // the measure itself: what two idle seconds cost
+  const long used = cpu_ticks(gateway.process().pid()) - before;
+  EXPECT_LT(used, sysconf(_SC_CLK_TCK)) << "half a core while idle";
+}
+
+}  // namespace
+}  // namespace slamgw::test
