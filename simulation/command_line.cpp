@@ -9,8 +9,8 @@
 namespace slamgw::sim {
 namespace {
 
-constexpr int kWrongArguments = 2;
-constexpr std::size_t kMaxClientId = 23;  // MQTT-SN 1.2 section 5.3.1
+constexpr int wrong_arguments = 2;
+constexpr std::size_t max_client_id = 23;  // MQTT-SN 1.2 section 5.3.1
 
 void add_common(CLI::App& app, RobotOptions& options) {
   app.add_option("--robots", options.robots, "How many robots")
@@ -107,7 +107,7 @@ void check_common(const RobotOptions& options) {
   if (!is_level) {
     throw CLI::ValidationError("--id-prefix", "no spaces, control characters, '+', '#' or '/'");
   }
-  if (options.id_of(options.robots).size() > kMaxClientId) {
+  if (options.id_of(options.robots).size() > max_client_id) {
     throw CLI::ValidationError("--id-prefix", "ids must not be longer than 23 characters");
   }
 }
@@ -144,6 +144,7 @@ BleOptions finish_ble(BleOptions options, const BleTexts& texts) {
 
 CommandLine parse_command_line(int argc, const char* const* argv) {
   CLI::App app{"Simulated robots on a simulated mesh, for people without hardware."};
+  app.set_version_flag("--version", "slam-gateway-sim " SLAMGW_VERSION);
   app.require_subcommand(1);
   ThreadOptions thread;
   std::string gateway;
@@ -163,7 +164,7 @@ CommandLine parse_command_line(int argc, const char* const* argv) {
     if (error.get_exit_code() == 0) return app.exit(error);
     fmt::print(stderr, "slam-gateway-sim: {}\nRun with --help for more information.\n",
                error.what());
-    return kWrongArguments;
+    return wrong_arguments;
   }
 }
 

@@ -13,11 +13,11 @@ namespace slamgw::sim::ble {
 
 using Address = std::uint16_t;
 
-constexpr Address kFirstRobot = 0x0100;  ///< robot n has 0x0100 + n - 1
-constexpr Address kMinComGroup = 0xc002;
-constexpr Address kSensorUpdateGroup = 0xc003;
-constexpr Address kPosCmdGroup = 0xc004;
-constexpr std::uint8_t kDefaultTtl = 4;
+constexpr Address first_robot = 0x0100;  ///< robot n has 0x0100 + n - 1
+constexpr Address min_com_group = 0xc002;
+constexpr Address sensor_update_group = 0xc003;
+constexpr Address pos_cmd_group = 0xc004;
+constexpr std::uint8_t default_ttl = 4;
 
 constexpr bool is_unicast(Address address) { return address >= 0x0001 && address <= 0x7fff; }
 constexpr bool is_group(Address address) { return address >= 0xc000; }
@@ -44,10 +44,10 @@ enum class Vendor : std::uint8_t {
 };
 
 /// Generic OnOff, two octets, big-endian on air.
-constexpr std::uint16_t kOnOffGet = 0x8201;
-constexpr std::uint16_t kOnOffSet = 0x8202;
-constexpr std::uint16_t kOnOffSetUnacknowledged = 0x8203;
-constexpr std::uint16_t kOnOffStatus = 0x8204;
+constexpr std::uint16_t on_off_get = 0x8201;
+constexpr std::uint16_t on_off_set = 0x8202;
+constexpr std::uint16_t on_off_set_unacknowledged = 0x8203;
+constexpr std::uint16_t on_off_status = 0x8204;
 
 /// `op 59 00` and the parameters.
 Bytes vendor_message(Vendor opcode, ByteView parameters);
@@ -60,7 +60,7 @@ std::optional<std::uint16_t> two_octet_opcode(ByteView message);
 struct MeshMessage {
   Address source = 0;
   Address destination = 0;
-  std::uint8_t ttl = kDefaultTtl;
+  std::uint8_t ttl = default_ttl;
   Bytes payload;  ///< opcode and parameters
 };
 

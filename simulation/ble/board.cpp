@@ -9,34 +9,34 @@ namespace slamgw::sim::ble {
 namespace {
 
 // Events (reference: Nordic's serial_evt documentation)
-constexpr std::uint8_t kDeviceStarted = 0x81;
-constexpr std::uint8_t kEchoResponse = 0x82;
-constexpr std::uint8_t kCommandResponse = 0x84;
-constexpr std::uint8_t kProvLinkClosed = 0xc2;
-constexpr std::uint8_t kReceivedUnicast = 0xd0;
-constexpr std::uint8_t kReceivedSubscription = 0xd1;
-constexpr std::uint8_t kTxComplete = 0xd2;
+constexpr std::uint8_t device_started = 0x81;
+constexpr std::uint8_t echo_response = 0x82;
+constexpr std::uint8_t command_response = 0x84;
+constexpr std::uint8_t prov_link_closed = 0xc2;
+constexpr std::uint8_t received_unicast = 0xd0;
+constexpr std::uint8_t received_subscription = 0xd1;
+constexpr std::uint8_t tx_complete = 0xd2;
 
 // Commands that do not end in a Command Response
-constexpr std::uint8_t kEcho = 0x02;
-constexpr std::uint8_t kRadioReset = 0x0e;
+constexpr std::uint8_t echo = 0x02;
+constexpr std::uint8_t radio_reset = 0x0e;
 
-constexpr std::size_t kMaxEventData = 235;
-constexpr Key kFactoryUuid{0x5c, 0x1a, 0x6e, 0x00, 0x11, 0x22, 0x33, 0x44,
+constexpr std::size_t max_event_data = 235;
+constexpr Key factory_uuid{0x5c, 0x1a, 0x6e, 0x00, 0x11, 0x22, 0x33, 0x44,
                            0x55, 0x66, 0x77, 0x88, 0x99, 0xaa, 0xbb, 0x01};
 
 bool is_setup_command(std::uint8_t opcode) { return opcode >= 0x90 && opcode <= 0xaa; }
 
 }  // namespace
 
-Board::Board(BoardSettings settings) : settings_(settings), uuid_(kFactoryUuid) {}
+Board::Board(BoardSettings settings) : settings_(settings), uuid_(factory_uuid) {}
 
 void Board::configure(const Key& net_key, const Key& app_key) {
   subnets_.add(0, 0, net_key);
   appkeys_.add(0, 0, app_key);
   local_start_ = 0x0001;
   local_count_ = 1;
-  for (const Address group : {kMinComGroup, kSensorUpdateGroup, kPosCmdGroup}) {
+  for (const Address group : {min_com_group, sensor_update_group, pos_cmd_group}) {
     addresses_.add_subscription(group);
   }
 }
@@ -44,13 +44,13 @@ void Board::configure(const Key& net_key, const Key& app_key) {
 /// The stock example starts the mesh by itself.
 void Board::on_power_up(TimePoint) {
   is_enabled_ = true;
-  send_to_host({kDeviceStarted, 0x02, 0x00, 0xfe});
+  send_to_host({device_started, 0x02, 0x00, 0xfe});
 }
 
 void Board::reboot(TimePoint now) {
   is_enabled_ = false;
   is_scanning_ = false;
-  uuid_ = kFactoryUuid;
+  uuid_ = factory_uuid;
   link_timeouts_.clear();
   tokens_.clear();
   sessions_.clear();
@@ -60,7 +60,7 @@ void Board::reboot(TimePoint now) {
   to_host_.clear();
   to_host_octets_ = 0;
   to_air_.clear();
-  boots_at_ = now + kRebootTime;
+  boots_at_ = now + reboot_time;
 }
 
 void Board::on_host_bytes(ByteView bytes, TimePoint now) {
@@ -82,14 +82,14 @@ void Board::on_packet(ByteView packet, TimePoint now) {
   const std::uint8_t opcode = packet[0];
   const ByteView params = packet.subspan(1);
   if (is_setup_command(opcode)) last_setup_ = now;
-  if (opcode == kEcho) {
-    Bytes event{kEchoResponse};
+  if (opcode == echo) {
+    Bytes event{echo_response};
     put(event, params);
     return send_to_host(std::move(event));
   }
   if (opcode >= 0x60 && opcode <= 0x6f) return on_provisioning(opcode, params, now);
-  if (opcode == kRadioReset && params.empty()) return reboot(now);
-  if (opcode == kRadioReset) return respond(opcode, {Status::invalid_length, {}});
+  if (opcode == radio_reset && params.empty()) return reboot(now);
+  if (opcode == radio_reset) return respond(opcode, {Status::invalid_length, {}});
   const Command* command = find_command(opcode);
   if (command == nullptr) return respond(opcode, {Status::command_unknown, {}});
   if (params.size() < command->min_params || params.size() > command->max_params) {
@@ -99,7 +99,7 @@ void Board::on_packet(ByteView packet, TimePoint now) {
 }
 
 void Board::respond(std::uint8_t opcode, const Reply& reply) {
-  Bytes event{kCommandResponse, opcode, static_cast<std::uint8_t>(reply.status)};
+  Bytes event{command_response, opcode, static_cast<std::uint8_t>(reply.status)};
   if (reply.status == Status::success) put(event, reply.data);
   send_to_host(std::move(event));
 }
@@ -107,7 +107,7 @@ void Board::respond(std::uint8_t opcode, const Reply& reply) {
 void Board::send_to_host(Bytes opcode_and_params) {
   Bytes packet{static_cast<std::uint8_t>(opcode_and_params.size())};
   put(packet, opcode_and_params);
-  if (to_host_octets_ + packet.size() > kTransmitBuffer) {
+  if (to_host_octets_ + packet.size() > transmit_buffer) {
     ++dropped_;
     return;
   }
@@ -138,20 +138,20 @@ bool Board::hears(Address destination) const {
 }
 
 bool Board::is_ready_for(Address destination, TimePoint now) const {
-  constexpr std::chrono::milliseconds kSettled{500};
-  return hears(destination) && last_setup_ && now - *last_setup_ >= kSettled;
+  constexpr std::chrono::milliseconds settled{500};
+  return hears(destination) && last_setup_ && now - *last_setup_ >= settled;
 }
 
 void Board::on_radio(const Reception& reception) {
   const MeshMessage& message = reception.message;
   if (!hears(message.destination)) return;
-  if (heard_.size() >= kReplayList && !heard_.contains(message.source)) return;
+  if (heard_.size() >= replay_list && !heard_.contains(message.source)) return;
   heard_.insert(message.source);
 
   const bool is_to_us = is_unicast(message.destination);
   const Handle appkey = *appkeys_.primary();
-  const std::size_t octets = std::min(message.payload.size(), kMaxEventData);
-  Bytes event{is_to_us ? kReceivedUnicast : kReceivedSubscription};
+  const std::size_t octets = std::min(message.payload.size(), max_event_data);
+  Bytes event{is_to_us ? received_unicast : received_subscription};
   put_u16_le(event, message.source);
   put_u16_le(event, is_to_us ? message.destination : *addresses_.subscription(message.destination));
   put_u16_le(event, appkey);
@@ -184,14 +184,14 @@ void Board::on_deadline(TimePoint now) {
       ++it;
       continue;
     }
-    Bytes event{kTxComplete};
+    Bytes event{tx_complete};
     put_u32_le(event, it->first);
     send_to_host(std::move(event));
     it = tokens_.erase(it);
   }
   std::erase_if(link_timeouts_, [&](const auto& link) {
     if (link.second > now) return false;
-    send_to_host({kProvLinkClosed, link.first, 0x01});  // 01: time-out
+    send_to_host({prov_link_closed, link.first, 0x01});  // 01: time-out
     return true;
   });
 }

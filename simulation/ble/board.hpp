@@ -18,7 +18,7 @@
 namespace slamgw::sim::ble {
 
 struct BoardSettings {
-  unsigned robots = 0;              ///< reachable at kFirstRobot ...
+  unsigned robots = 0;              ///< reachable at first_robot ...
   bool has_segment_timing = false;  ///< segmented messages occupy the board as long as on air
 };
 
@@ -31,10 +31,10 @@ struct Reception {
 
 class Board {
  public:
-  static constexpr std::size_t kTransmitBuffer = 2 * 256;  ///< octets towards the host
-  static constexpr std::size_t kReplayList = 40;           ///< sources that can be heard
-  static constexpr std::size_t kSegmentedSessions = 4;
-  static constexpr std::chrono::milliseconds kRebootTime{100};
+  static constexpr std::size_t transmit_buffer = 2 * 256;  ///< octets towards the host
+  static constexpr std::size_t replay_list = 40;           ///< sources that can be heard
+  static constexpr std::size_t segmented_sessions = 4;
+  static constexpr std::chrono::milliseconds reboot_time{100};
 
   explicit Board(BoardSettings settings);
 
@@ -133,7 +133,7 @@ class Board {
   bool is_scanning_ = false;
   Key uuid_{};
   std::map<std::uint8_t, TimePoint> link_timeouts_;  ///< provisioning contexts 0 and 1
-  std::map<std::uint32_t, TimePoint> tokens_;        ///< TX Complete is due; at most kMaxTokens
+  std::map<std::uint32_t, TimePoint> tokens_;        ///< TX Complete is due; at most max_tokens
   std::deque<Session> sessions_;
   std::set<Address> heard_;
   std::uint32_t last_token_ = 0;

@@ -8,9 +8,9 @@
 namespace slamgw::sim::ble {
 namespace {
 
-constexpr std::uint16_t kSerialVersion = 10;
-constexpr std::uint16_t kMaxKeyIndex = 0x0fff;
-constexpr std::chrono::seconds kLinkTime{60};
+constexpr std::uint16_t serial_version_number = 10;
+constexpr std::uint16_t max_key_index = 0x0fff;
+constexpr std::chrono::seconds link_time{60};
 
 Key key_at(ByteView params, std::size_t offset) {
   Key key{};
@@ -27,7 +27,7 @@ Bytes u16(std::uint16_t value) {
 }  // namespace
 
 const Board::Command* Board::find_command(std::uint8_t opcode) {
-  static constexpr Command kCommands[] = {
+  static constexpr Command command_table[] = {
       {0x09, 0, 0, &Board::serial_version},
       {0x14, 0, 0, &Board::housekeeping_get},
       {0x15, 0, 0, &Board::housekeeping_clear},
@@ -62,9 +62,9 @@ const Board::Command* Board::find_command(std::uint8_t opcode) {
       {0xab, 10, 254, &Board::packet_send},
       {0xac, 0, 0, &Board::state_clear},
   };
-  const auto* found = std::find_if(std::begin(kCommands), std::end(kCommands),
+  const auto* found = std::find_if(std::begin(command_table), std::end(command_table),
                                    [&](const Command& c) { return c.opcode == opcode; });
-  return found == std::end(kCommands) ? nullptr : found;
+  return found == std::end(command_table) ? nullptr : found;
 }
 
 /// No length checks here, and unknown opcodes of this range get no reply at all. No device waits to
@@ -82,7 +82,7 @@ void Board::on_provisioning(std::uint8_t opcode, ByteView params, TimePoint now)
     case 0x63:  // Provision
       if (context > 1) return respond(opcode, {Status::invalid_data, {}});
       if (link_timeouts_.contains(context)) return respond(opcode, {Status::invalid_state, {}});
-      link_timeouts_[context] = now + kLinkTime;
+      link_timeouts_[context] = now + link_time;
       return respond(opcode, {Status::success, {context}});
     case 0x64:  // Listen
     case 0x69:  // Keypair Set
@@ -97,7 +97,7 @@ void Board::on_provisioning(std::uint8_t opcode, ByteView params, TimePoint now)
 }
 
 Board::Reply Board::serial_version(ByteView, TimePoint) {
-  return {Status::success, u16(kSerialVersion)};
+  return {Status::success, u16(serial_version_number)};
 }
 
 Board::Reply Board::housekeeping_get(ByteView, TimePoint) {
@@ -137,7 +137,7 @@ Board::Reply Board::disable(ByteView, TimePoint) {
 
 Board::Reply Board::subnet_add(ByteView params, TimePoint) {
   const std::uint16_t index = get_u16_le(params, 0);
-  if (index > kMaxKeyIndex) return {Status::invalid_parameter, {}};
+  if (index > max_key_index) return {Status::invalid_parameter, {}};
   const Added added = subnets_.add(index, 0, key_at(params, 2));
   return {added.status, u16(added.handle)};
 }
@@ -171,7 +171,7 @@ Board::Reply Board::subnet_count_max(ByteView, TimePoint) {
 Board::Reply Board::appkey_add(ByteView params, TimePoint) {
   const std::uint16_t index = get_u16_le(params, 0);
   const Handle subnet = get_u16_le(params, 2);
-  if (index > kMaxKeyIndex) return {Status::invalid_parameter, {}};
+  if (index > max_key_index) return {Status::invalid_parameter, {}};
   if (subnets_.find(subnet) == nullptr) return {Status::rejected, {}};
   const Added added = appkeys_.add(index, subnet, key_at(params, 4));
   return {added.status, u16(added.handle)};

@@ -7,19 +7,19 @@
 namespace slamgw::sim::ble {
 namespace {
 
-constexpr std::uint16_t kVirtualAddresses = 8;
-constexpr std::size_t kMaxTokens = 64;  // the transport's queue; beyond it Packet Send is rejected
-constexpr std::uint8_t kMaxTtl = 127;
-constexpr std::chrono::milliseconds kSegmentTime{10};
+constexpr std::uint16_t virtual_addresses = 8;
+constexpr std::size_t max_tokens = 64;  // the transport's queue; beyond it Packet Send is rejected
+constexpr std::uint8_t max_ttl = 127;
+constexpr std::chrono::milliseconds segment_time{10};
 
 // Packet Send's parameters
-constexpr std::size_t kAppkeyAt = 0;
-constexpr std::size_t kSourceAt = 2;
-constexpr std::size_t kDestinationAt = 4;
-constexpr std::size_t kTtlAt = 6;
-constexpr std::size_t kForceSegmentedAt = 7;
-constexpr std::size_t kTransmicAt = 8;
-constexpr std::size_t kDataAt = 10;
+constexpr std::size_t appkey_at = 0;
+constexpr std::size_t source_at = 2;
+constexpr std::size_t destination_at = 4;
+constexpr std::size_t ttl_at = 6;
+constexpr std::size_t force_segmented_at = 7;
+constexpr std::size_t transmic_at = 8;
+constexpr std::size_t data_at = 10;
 
 enum class AddressType : std::uint8_t { invalid = 0, unicast = 1, virtual_label = 2, group = 3 };
 
@@ -92,47 +92,47 @@ Board::Reply Board::address_get_all(ByteView, TimePoint) {
 }
 
 Board::Reply Board::nonvirtual_count_max(ByteView, TimePoint) {
-  return {Status::success, u16(AddressTable::kCapacity)};
+  return {Status::success, u16(AddressTable::max_capacity)};
 }
 
 Board::Reply Board::virtual_count_max(ByteView, TimePoint) {
-  return {Status::success, u16(kVirtualAddresses)};
+  return {Status::success, u16(virtual_addresses)};
 }
 
 bool Board::can_reach(Address destination) const {
   return is_group(destination) ||
-         (destination >= kFirstRobot && destination < kFirstRobot + settings_.robots);
+         (destination >= first_robot && destination < first_robot + settings_.robots);
 }
 
 Status Board::check_packet_send(ByteView params) const {
-  const Address source = get_u16_le(params, kSourceAt);
+  const Address source = get_u16_le(params, source_at);
   if (source < local_start_ || source >= local_start_ + local_count_) return Status::invalid_data;
-  if (addresses_.find(get_u16_le(params, kDestinationAt)) == nullptr) return Status::rejected;
-  if (params[kTtlAt] > kMaxTtl || params[kTransmicAt] > 1) return Status::invalid_parameter;
-  if (params.size() == kDataAt) return Status::invalid_length;
+  if (addresses_.find(get_u16_le(params, destination_at)) == nullptr) return Status::rejected;
+  if (params[ttl_at] > max_ttl || params[transmic_at] > 1) return Status::invalid_parameter;
+  if (params.size() == data_at) return Status::invalid_length;
   return is_enabled_ ? Status::success : Status::invalid_state;
 }
 
 Board::Reply Board::packet_send(ByteView params, TimePoint now) {
-  const Handle key = get_u16_le(params, kAppkeyAt);
+  const Handle key = get_u16_le(params, appkey_at);
   const Status status = check_packet_send(params);
   if (status != Status::success) return {status, {}};
   if (appkeys_.find(key) == nullptr && devkeys_.find(key) == nullptr) return {Status::rejected, {}};
 
-  const ByteView data = params.subspan(kDataAt);
-  const Address destination = addresses_.find(get_u16_le(params, kDestinationAt))->address;
-  const std::uint8_t ttl = params[kTtlAt];
-  const bool is_segmented = segment_count(data.size()) > 1 || params[kForceSegmentedAt] != 0;
+  const ByteView data = params.subspan(data_at);
+  const Address destination = addresses_.find(get_u16_le(params, destination_at))->address;
+  const std::uint8_t ttl = params[ttl_at];
+  const bool is_segmented = segment_count(data.size()) > 1 || params[force_segmented_at] != 0;
   std::erase_if(sessions_, [&](const Session& session) { return session.until <= now; });
   const bool is_busy =
       is_segmented && std::any_of(sessions_.begin(), sessions_.end(), [&](const Session& session) {
         return session.destination == destination;  // Mesh Profile 3.6.4.1
       });
   if (is_busy) return {Status::invalid_state, {}};
-  if (is_segmented && sessions_.size() >= kSegmentedSessions) return {Status::rejected, {}};
-  if (tokens_.size() >= kMaxTokens) return {Status::rejected, {}};
+  if (is_segmented && sessions_.size() >= segmented_sessions) return {Status::rejected, {}};
+  if (tokens_.size() >= max_tokens) return {Status::rejected, {}};
 
-  Duration duration = kSegmentTime * static_cast<int>(segment_count(data.size()));
+  Duration duration = segment_time * static_cast<int>(segment_count(data.size()));
   if (is_segmented && settings_.has_segment_timing) duration = segmented_session(destination, ttl);
   const bool fails = is_segmented && !can_reach(destination);
   if (fails) duration = failed_session(ttl);
@@ -142,7 +142,7 @@ Board::Reply Board::packet_send(ByteView params, TimePoint now) {
   // Device keys protect configuration messages, which these robots do not take.
   if (appkeys_.find(key) != nullptr) {
     to_air_.push_back(
-        {get_u16_le(params, kSourceAt), destination, ttl, Bytes(data.begin(), data.end())});
+        {get_u16_le(params, source_at), destination, ttl, Bytes(data.begin(), data.end())});
   }
   Bytes reply;
   put_u32_le(reply, token);

@@ -70,7 +70,7 @@ std::vector<std::uint16_t> KeyTable::indexes_of_subnet(Handle subnet) const {
 
 Added AddressTable::add(Address address, unsigned Slot::*count) {
   std::optional<std::size_t> free;
-  for (std::size_t i = kCapacity; i-- > 0;) {
+  for (std::size_t i = max_capacity; i-- > 0;) {
     if (!slots_[i]) {
       free = i;
     } else if (slots_[i]->address == address) {
@@ -85,7 +85,7 @@ Added AddressTable::add(Address address, unsigned Slot::*count) {
 }
 
 Status AddressTable::remove(Handle handle, unsigned Slot::*count) {
-  if (handle >= kCapacity || !slots_[handle]) return Status::rejected;
+  if (handle >= max_capacity || !slots_[handle]) return Status::rejected;
   Slot& slot = *slots_[handle];
   if (slot.*count == 0) return Status::rejected;
   --(slot.*count);
@@ -94,11 +94,11 @@ Status AddressTable::remove(Handle handle, unsigned Slot::*count) {
 }
 
 const AddressTable::Slot* AddressTable::find(Handle handle) const {
-  return handle < kCapacity && slots_[handle] ? &*slots_[handle] : nullptr;
+  return handle < max_capacity && slots_[handle] ? &*slots_[handle] : nullptr;
 }
 
 std::optional<Handle> AddressTable::subscription(Address address) const {
-  for (std::size_t i = 0; i < kCapacity; ++i) {
+  for (std::size_t i = 0; i < max_capacity; ++i) {
     if (slots_[i] && slots_[i]->address == address && slots_[i]->subscriptions > 0) {
       return static_cast<Handle>(i);
     }
@@ -108,7 +108,7 @@ std::optional<Handle> AddressTable::subscription(Address address) const {
 
 std::vector<Handle> AddressTable::handles() const {
   std::vector<Handle> out;
-  for (std::size_t i = 0; i < kCapacity; ++i) {
+  for (std::size_t i = 0; i < max_capacity; ++i) {
     if (slots_[i]) out.push_back(static_cast<Handle>(i));
   }
   return out;

@@ -70,7 +70,7 @@ class AddressTable {
     unsigned subscriptions = 0;
     unsigned publications = 0;
   };
-  static constexpr std::size_t kCapacity = 32;
+  static constexpr std::size_t max_capacity = 32;
 
   Added add_subscription(Address address) { return add(address, &Slot::subscriptions); }
   Added add_publication(Address address) { return add(address, &Slot::publications); }
@@ -86,7 +86,7 @@ class AddressTable {
   Added add(Address address, unsigned Slot::*count);
   Status remove(Handle handle, unsigned Slot::*count);
 
-  std::array<std::optional<Slot>, kCapacity> slots_;
+  std::array<std::optional<Slot>, max_capacity> slots_;
 };
 
 }  // namespace slamgw::sim::ble

@@ -14,8 +14,8 @@ Key to_key(const Bytes& octets) {
 
 RobotSettings settings_of(const BleOptions& options, unsigned number) {
   RobotSettings settings;
-  settings.address = static_cast<Address>(kFirstRobot + number - 1);
-  settings.ttl = static_cast<std::uint8_t>(std::max<unsigned>(kDefaultTtl, options.hops));
+  settings.address = static_cast<Address>(first_robot + number - 1);
+  settings.ttl = static_cast<std::uint8_t>(std::max<unsigned>(default_ttl, options.hops));
   settings.is_acknowledged = options.is_acknowledged;
   settings.is_unicast = options.is_unicast;
   settings.has_segment_timing = options.has_segment_timing;
@@ -76,8 +76,8 @@ Robot::Gateway Network::gateway_for(const Robot& robot, TimePoint now) {
 
 void Network::deliver(const Reception& reception, TimePoint now) {
   const MeshMessage& message = reception.message;
-  const auto index = static_cast<std::size_t>(message.destination - kFirstRobot);
-  const bool is_for_robot = message.destination >= kFirstRobot && index < robots_.size();
+  const auto index = static_cast<std::size_t>(message.destination - first_robot);
+  const bool is_for_robot = message.destination >= first_robot && index < robots_.size();
   if (is_for_robot) {
     robots_[index].on_message(message, now);
   } else if (message.source != board_.local_address()) {

@@ -10,11 +10,11 @@ bool Radio::transmit(MeshMessage message, TimePoint now) {
   const auto rssi_dbm = static_cast<std::int8_t>(-55 - static_cast<int>(random_.below(20)));
   // Relays forward only TTL 2 and above (Mesh Profile 3.4.5.2).
   const bool is_too_far = settings_.hops > 1 && message.ttl < settings_.hops;
-  if (is_lost || is_too_far || in_flight_.size() >= kMaxInFlight) return false;
+  if (is_lost || is_too_far || in_flight_.size() >= max_in_flight) return false;
 
   const auto segments = static_cast<unsigned>(segment_count(message.payload.size()));
   TimePoint& last = last_arrival_[{message.source, message.destination}];
-  last = std::max(last, now + kHopTime * settings_.hops + kSegmentTime * (segments - 1));
+  last = std::max(last, now + hop_time * settings_.hops + segment_time * (segments - 1));
   const auto ttl = static_cast<std::uint8_t>(message.ttl - (settings_.hops - 1));
   in_flight_.emplace(last, Reception{std::move(message), ttl, rssi_dbm});
   return true;

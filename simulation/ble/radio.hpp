@@ -20,9 +20,9 @@ struct RadioSettings {
 
 class Radio {
  public:
-  static constexpr std::chrono::milliseconds kHopTime{10};
-  static constexpr std::chrono::milliseconds kSegmentTime{10};  ///< each segment after the first
-  static constexpr std::size_t kMaxInFlight = 10000;            ///< beyond it messages are lost
+  static constexpr std::chrono::milliseconds hop_time{10};
+  static constexpr std::chrono::milliseconds segment_time{10};  ///< each segment after the first
+  static constexpr std::size_t max_in_flight = 10000;           ///< beyond it messages are lost
 
   Radio(RadioSettings settings, Random random) : settings_(settings), random_(random) {}
 

@@ -7,7 +7,7 @@ namespace slamgw::sim::ble {
 namespace {
 
 /// How often a robot looks again while the board is not ready, or its way is blocked.
-constexpr std::chrono::milliseconds kLookAgain{20};
+constexpr std::chrono::milliseconds look_again{20};
 
 /// Health Current Status: test 0, company 0x0059, no fault.
 Bytes healthy_status() { return {0x04, 0x00, 0x59, 0x00}; }
@@ -22,9 +22,9 @@ Robot::Robot(RobotSettings settings, RobotBody body)
 
 /// Robots are switched on one after the other.
 void Robot::on_start(TimePoint now) {
-  const unsigned number = settings_.address - kFirstRobot;
+  const unsigned number = settings_.address - first_robot;
   next_update_ = now + std::chrono::milliseconds{7 * number % 200};
-  next_health_ = now + kHealthInterval + std::chrono::milliseconds{37 * number % 1000};
+  next_health_ = now + health_interval + std::chrono::milliseconds{37 * number % 1000};
 }
 
 std::optional<Robot::Outgoing> Robot::next_transmission() {
@@ -44,7 +44,7 @@ TimePoint Robot::deadline() const {
 
 void Robot::on_deadline(Gateway gateway, TimePoint now) {
   if (next_health_ <= now) {
-    next_health_ = now + kHealthInterval;
+    next_health_ = now + health_interval;
     if (gateway.address != 0) {
       transmit({settings_.address, gateway.address, settings_.ttl, healthy_status()}, now);
     }
@@ -59,7 +59,7 @@ void Robot::produce(Gateway gateway, TimePoint now) {
       reliable_.has_value() || (settings_.has_segment_timing && segmented_until_ > now);
   const bool pauses = settings_.messages || !has_introduced_itself_;
   if (!gateway.is_ready || (is_blocked && pauses)) {
-    next_update_ = now + kLookAgain;
+    next_update_ = now + look_again;
     return;
   }
   next_update_ = std::max(next_update_ + settings_.period, now);
@@ -81,7 +81,7 @@ void Robot::publish(bool is_update, const Bytes& parameters, Gateway gateway, Ti
   const Vendor set_unreliable =
       is_update ? Vendor::sensor_update_set_unreliable : Vendor::min_com_set_unreliable;
   const Vendor status = is_update ? Vendor::sensor_update_status : Vendor::min_com_status;
-  const Address group = is_update ? kSensorUpdateGroup : kMinComGroup;
+  const Address group = is_update ? sensor_update_group : min_com_group;
   const MeshMessage message{
       settings_.address, settings_.is_unicast ? gateway.address : group, settings_.ttl,
       vendor_message(settings_.is_acknowledged ? set : set_unreliable, parameters)};
@@ -89,7 +89,7 @@ void Robot::publish(bool is_update, const Bytes& parameters, Gateway gateway, Ti
   if (settings_.is_acknowledged) {
     const Duration interval = reliable_interval(settings_.ttl, message.payload.size());
     reliable_ =
-        Reliable{message, status, is_update, interval * 2, now + interval, now + kReliableTimeout};
+        Reliable{message, status, is_update, interval * 2, now + interval, now + reliable_timeout};
   }
   transmit(message, now);
   outbox_.back().is_unacknowledged_update = is_update && !settings_.is_acknowledged;
@@ -103,7 +103,7 @@ void Robot::repeat(TimePoint now) {
     return;
   }
   if (reliable_->repeat_at > now) return;
-  const TimePoint first = reliable_->gives_up_at - kReliableTimeout;
+  const TimePoint first = reliable_->gives_up_at - reliable_timeout;
   reliable_->repeat_at = first + reliable_->interval;
   reliable_->interval *= 2;
   if (may_transmit(reliable_->message, now)) transmit(reliable_->message, now);
@@ -129,9 +129,9 @@ void Robot::on_message(const MeshMessage& message, TimePoint now) {
   const std::optional<std::uint16_t> opcode = two_octet_opcode(message.payload);
   if (!opcode) return;
   const ByteView parameters = ByteView(message.payload).subspan(2);
-  if (*opcode == kOnOffGet) answer(message, {0x82, 0x04, static_cast<std::uint8_t>(is_on_)});
-  if (*opcode == kOnOffSet || *opcode == kOnOffSetUnacknowledged) {
-    on_on_off(message, parameters, false, *opcode == kOnOffSet, now);
+  if (*opcode == on_off_get) answer(message, {0x82, 0x04, static_cast<std::uint8_t>(is_on_)});
+  if (*opcode == on_off_set || *opcode == on_off_set_unacknowledged) {
+    on_on_off(message, parameters, false, *opcode == on_off_set, now);
   }
 }
 
@@ -179,7 +179,7 @@ void Robot::on_on_off(const MeshMessage& message, ByteView parameters, bool is_s
   const Transaction current{message.source, parameters[1], now};
   const bool is_repeat = last_transaction_ && last_transaction_->source == current.source &&
                          last_transaction_->tid == current.tid &&
-                         now - last_transaction_->at < kSameTransaction;
+                         now - last_transaction_->at < same_transaction;
   if (!is_repeat) {
     last_transaction_ = current;
     ++tally_.commands_received;

@@ -13,13 +13,13 @@
 
 namespace slamgw::sim::ble {
 
-constexpr std::chrono::seconds kReliableTimeout{60};
-constexpr std::chrono::seconds kHealthInterval{10};
-constexpr std::chrono::seconds kSameTransaction{6};  ///< Generic OnOff: same TID, same command
+constexpr std::chrono::seconds reliable_timeout{60};
+constexpr std::chrono::seconds health_interval{10};
+constexpr std::chrono::seconds same_transaction{6};  ///< Generic OnOff: same TID, same command
 
 struct RobotSettings {
-  Address address = kFirstRobot;
-  std::uint8_t ttl = kDefaultTtl;
+  Address address = first_robot;
+  std::uint8_t ttl = default_ttl;
   bool is_acknowledged = false;  ///< SET with repeats until STATUS, else SET_UNRELIABLE
   bool is_unicast = false;       ///< publishes to the gateway instead of to groups
   bool has_segment_timing = false;
@@ -44,7 +44,7 @@ class Robot {
 
   /// The address that this robot's updates go to.
   Address update_destination(Address gateway) const {
-    return settings_.is_unicast ? gateway : kSensorUpdateGroup;
+    return settings_.is_unicast ? gateway : sensor_update_group;
   }
 
   void on_start(TimePoint now);

@@ -21,11 +21,11 @@ namespace {
 namespace asio = boost::asio;
 using boost::system::error_code;
 
-constexpr int kNoTerminal = 1;
-constexpr std::chrono::seconds kProgressInterval{10};
-constexpr std::chrono::seconds kHouseInterval{1};
-constexpr std::chrono::milliseconds kDrainStep{100};
-constexpr int kDrainSteps = 50;  // the host gets 5 s to read what is left
+constexpr int no_terminal = 1;
+constexpr std::chrono::seconds progress_interval{10};
+constexpr std::chrono::seconds house_interval{1};
+constexpr std::chrono::milliseconds drain_step{100};
+constexpr int drain_steps = 50;  // the host gets 5 s to read what is left
 
 class SerialSide {
  public:
@@ -66,9 +66,9 @@ SerialSide::SerialSide(const BleOptions& options)
 int SerialSide::run() {
   fmt::print(stderr, "serial board at {} ({}), {} robots behind it\n", options_.tty,
              terminal_.slave_name(), options_.common.robots);
-  if (options_.common.robots > Board::kReplayList) {
+  if (options_.common.robots > Board::replay_list) {
     fmt::print(stderr, "the board's replay list has {} places: it hears no more robots than that\n",
-               Board::kReplayList);
+               Board::replay_list);
   }
   signals_.async_wait([this](error_code error, int) {
     if (!error) io_.stop();
@@ -143,14 +143,14 @@ void SerialSide::read_from_host() {
 
 void SerialSide::look_after_host() {
   terminal_.allow_next_host();
-  house_.expires_after(kHouseInterval);
+  house_.expires_after(house_interval);
   house_.async_wait([this](error_code error) {
     if (!error) look_after_host();
   });
 }
 
 void SerialSide::report_progress() {
-  progress_.expires_after(kProgressInterval);
+  progress_.expires_after(progress_interval);
   progress_.async_wait([this](error_code error) {
     if (error) return;
     std::uint64_t sent = 0;
@@ -169,7 +169,7 @@ void SerialSide::finish_when_done() {
   is_ending_ = true;
   end_.expires_after(options_.common.linger());
   end_.async_wait([this](error_code error) {
-    if (!error) drain(kDrainSteps, 0);
+    if (!error) drain(drain_steps, 0);
   });
 }
 
@@ -179,7 +179,7 @@ void SerialSide::drain(int steps_left, int quiet_steps) {
   const bool is_quiet = terminal_.unread_octets() == 0 && to_host_.empty();
   quiet_steps = is_quiet ? quiet_steps + 1 : 0;
   if (quiet_steps >= 3 || steps_left == 0) return io_.stop();
-  end_.expires_after(kDrainStep);
+  end_.expires_after(drain_step);
   end_.async_wait([this, steps_left, quiet_steps](error_code error) {
     if (!error) drain(steps_left - 1, quiet_steps);
   });
@@ -192,7 +192,7 @@ int run_serial_side(const BleOptions& options) {
     return SerialSide(options).run();
   } catch (const std::system_error& error) {
     fmt::print(stderr, "slam-gateway-sim: {}\n", error.what());
-    return kNoTerminal;
+    return no_terminal;
   }
 }
 

@@ -7,8 +7,8 @@
 namespace slamgw::sim::sn {
 namespace {
 
-constexpr std::string_view kWillMessage = "Disconnected";
-constexpr auto kKeepAliveSeconds = static_cast<std::uint16_t>(kKeepAlive.count());
+constexpr std::string_view will_message = "Disconnected";
+constexpr auto keep_alive_seconds = static_cast<std::uint16_t>(keep_alive.count());
 
 bool is_stop_word(std::string_view word) {
   return word == "0" || word == "off" || word == "pause" || word == "stop";
@@ -61,13 +61,13 @@ void Client::on_handshake_deadline(TimePoint now) {
     case State::waiting:
     case State::searching: search(now); return;
     case State::connecting:
-      if (connect_sends_ >= kTransmissions) {
+      if (connect_sends_ >= transmissions) {
         search(now);
         return;
       }
-      send(connect(settings_.client_id, kKeepAliveSeconds, kFlagWill | kFlagCleanSession));
+      send(connect(settings_.client_id, keep_alive_seconds, flag_will | flag_clean_session));
       ++connect_sends_;
-      handshake_due_ = now + kRetransmission;
+      handshake_due_ = now + retransmission_interval;
       return;
     case State::disconnecting: state_ = State::finished; return;
     case State::active:
@@ -81,7 +81,7 @@ void Client::search(TimePoint now) {
   setup_.clear();
   state_ = State::searching;
   send(searchgw(1));
-  handshake_due_ = now + kSearchTime;
+  handshake_due_ = now + search_time;
 }
 
 void Client::begin_connect(TimePoint now) {
@@ -91,11 +91,11 @@ void Client::begin_connect(TimePoint now) {
 }
 
 void Client::on_connack(std::uint8_t return_code, TimePoint now) {
-  if (return_code == kCongestion) state_ = State::stranded;
-  if (return_code != kAccepted) return;  // only logged; CONNECT is repeated until it times out
+  if (return_code == congestion) state_ = State::stranded;
+  if (return_code != accepted) return;  // only logged; CONNECT is repeated until it times out
   state_ = State::active;
   was_connected_ = true;
-  ping_due_ = now + kKeepAlive;
+  ping_due_ = now + keep_alive;
   ping_sends_ = 0;
   std::fill(std::begin(topic_ids_), std::end(topic_ids_), std::nullopt);
   for (const Topic topic : {adv, update, cmd, run}) setup_.push_back({Kind::register_topic, topic});
@@ -116,7 +116,7 @@ void Client::on_datagram(ByteView datagram, TimePoint now) {
   }
   if (state_ == State::connecting) {
     if (packet->type == Type::willtopicreq) send(willtopic(topic_name(topic_count), 0));
-    if (packet->type == Type::willmsgreq) send(willmsg(kWillMessage));
+    if (packet->type == Type::willmsgreq) send(willmsg(will_message));
     if (packet->type == Type::connack) on_connack(packet->return_code, now);
   } else if (state_ == State::active) {
     on_answer(*packet, now);
@@ -126,21 +126,21 @@ void Client::on_datagram(ByteView datagram, TimePoint now) {
 
 void Client::on_answer(const Packet& packet, TimePoint now) {
   if (packet.type == Type::pingresp) {
-    ping_due_ = now + kKeepAlive;
+    ping_due_ = now + keep_alive;
     ping_sends_ = 0;
     return;
   }
   if (packet.type == Type::publish) return on_publish(packet);
   if (packet.type == Type::register_topic) {
-    return send(regack(packet.topic_id, packet.msg_id, kAccepted));
+    return send(regack(packet.topic_id, packet.msg_id, accepted));
   }
   if (packet.type == Type::pubrec) return on_pubrec(packet, now);
   const auto request = find_request(packet.msg_id);
   if (request == outstanding_.end() || !answers(packet.type, request->kind)) return;
   const bool is_setup = request->kind == Kind::register_topic || request->kind == Kind::subscribe;
-  if (packet.return_code == kCongestion && !is_setup) {
+  if (packet.return_code == congestion && !is_setup) {
     give_up(*request);  // Nordic's client forgets the message
-  } else if (packet.return_code != kAccepted) {
+  } else if (packet.return_code != accepted) {
     return;  // only logged: the request stays and runs into its time-out
   } else if (packet.type == Type::regack) {
     topic_ids_[request->topic] = packet.topic_id;
@@ -166,12 +166,12 @@ void Client::on_pubrec(const Packet& packet, TimePoint now) {
   if (request == outstanding_.end() || request->kind != Kind::publish) return;
   request->kind = Kind::release;
   request->datagram = qos2_step(Type::pubrel, packet.msg_id);
-  request->due = now + kRetransmission;
+  request->due = now + retransmission_interval;
   request->sends = 1;
 }
 
 void Client::on_publish(const Packet& packet) {
-  if (packet.qos() != 0) send(puback(packet.topic_id, packet.msg_id, kAccepted));
+  if (packet.qos() != 0) send(puback(packet.topic_id, packet.msg_id, accepted));
   for (const Topic topic : {cmd, run}) {
     if (topic_ids_[topic] == packet.topic_id) on_command(topic, packet.payload);
   }
@@ -190,10 +190,10 @@ void Client::repeat_requests(TimePoint now) {
   for (auto request = outstanding_.begin(); request != outstanding_.end();) {
     if (request->due > now) {
       ++request;
-    } else if (request->sends < kTransmissions) {
+    } else if (request->sends < transmissions) {
       send(request->datagram);
       ++request->sends;
-      request->due = now + kRetransmission;
+      request->due = now + retransmission_interval;
       ++request;
     } else {
       give_up(*request);
@@ -214,14 +214,14 @@ void Client::give_up(const Request& request) {
 }
 
 void Client::ping(TimePoint now) {
-  if (ping_sends_ >= kTransmissions) return search(now);
+  if (ping_sends_ >= transmissions) return search(now);
   send(pingreq(settings_.client_id));
   ++ping_sends_;
-  ping_due_ = now + kRetransmission;
+  ping_due_ = now + retransmission_interval;
 }
 
 void Client::produce(TimePoint now) {
-  const bool is_full = application_.size() >= kMaxApplication;
+  const bool is_full = application_.size() >= max_application;
   if (settings_.messages && produced_ >= *settings_.messages) {
     next_update_.reset();
     return;
@@ -239,14 +239,14 @@ void Client::produce(TimePoint now) {
 
 void Client::fill(TimePoint now) {
   if (state_ != State::active) return;
-  while (outstanding_.size() < kMaxOutstanding && !setup_.empty()) {
+  while (outstanding_.size() < max_outstanding && !setup_.empty()) {
     const Setup setup = setup_.front();
     setup_.pop_front();
     start_setup(setup, now);
   }
   if (!topic_ids_[adv] || !topic_ids_[update]) return;
   if (!next_update_ && produced_ == 0) next_update_ = now;
-  while (!application_.empty() && (settings_.qos == 0 || outstanding_.size() < kMaxOutstanding)) {
+  while (!application_.empty() && (settings_.qos == 0 || outstanding_.size() < max_outstanding)) {
     start_publish(now);
   }
 }
@@ -258,7 +258,7 @@ void Client::start_setup(Setup setup, TimePoint now) {
                                                       : subscribe(1, msg_id, name);
   send(datagram);
   outstanding_.push_back(
-      {setup.kind, setup.topic, msg_id, std::move(datagram), now + kRetransmission});
+      {setup.kind, setup.topic, msg_id, std::move(datagram), now + retransmission_interval});
 }
 
 void Client::start_publish(TimePoint now) {
@@ -271,7 +271,7 @@ void Client::start_publish(TimePoint now) {
   if (is_update) ++tally_.sent;
   if (settings_.qos == 0) return;
   outstanding_.push_back(
-      {Kind::publish, message.topic, msg_id, std::move(datagram), now + kRetransmission});
+      {Kind::publish, message.topic, msg_id, std::move(datagram), now + retransmission_interval});
 }
 
 void Client::on_stop(TimePoint now) {
@@ -279,7 +279,7 @@ void Client::on_stop(TimePoint now) {
   state_ = has_session ? State::disconnecting : State::finished;
   if (!has_session) return;
   send(disconnect());
-  handshake_due_ = now + kGoodbyeTime;
+  handshake_due_ = now + goodbye_time;
 }
 
 bool Client::has_sent_everything() const {
@@ -293,10 +293,10 @@ bool Client::has_sent_everything() const {
 /// `topic_count` names the will's topic: outside `update`, because old servers would draw its 12
 /// octets as positions.
 std::string Client::topic_name(Topic topic) const {
-  static constexpr std::string_view kNames[] = {"adv", "update", "cmd", "run", "will"};
+  static constexpr std::string_view name_list[] = {"adv", "update", "cmd", "run", "will"};
   const std::string_view branch = topic == cmd || topic == run ? "/server/" : "/robot/";
   return settings_.topic_prefix + std::string(branch) + settings_.client_id + "/" +
-         std::string(kNames[topic]);
+         std::string(name_list[topic]);
 }
 
 /// One counter for all requests; skips 0 and what is outstanding.

@@ -26,13 +26,13 @@
 
 namespace slamgw::sim::sn {
 
-constexpr std::chrono::seconds kRetransmission{8};
-constexpr unsigned kTransmissions = 3;       // the first and two repeats
-constexpr std::size_t kMaxOutstanding = 4;   // Nordic's queue
-constexpr std::size_t kMaxApplication = 25;  // the robots' FIFO of 512 bytes (thesis 6.2.2)
-constexpr std::chrono::seconds kKeepAlive{60};
-constexpr std::chrono::seconds kSearchTime{5};
-constexpr std::chrono::seconds kGoodbyeTime{3};
+constexpr std::chrono::seconds retransmission_interval{8};
+constexpr unsigned transmissions = 3;        // the first and two repeats
+constexpr std::size_t max_outstanding = 4;   // Nordic's queue
+constexpr std::size_t max_application = 25;  // the robots' FIFO of 512 bytes (thesis 6.2.2)
+constexpr std::chrono::seconds keep_alive{60};
+constexpr std::chrono::seconds search_time{5};
+constexpr std::chrono::seconds goodbye_time{3};
 
 struct ClientSettings {
   std::string client_id;
@@ -132,8 +132,8 @@ class Client {
   std::uint16_t last_msg_id_ = 0;
   std::optional<std::uint16_t> topic_ids_[topic_count];
   std::deque<Setup> setup_;           ///< registrations not yet sent; at most 6
-  std::deque<Message> application_;   ///< at most kMaxApplication
-  std::vector<Request> outstanding_;  ///< at most kMaxOutstanding
+  std::deque<Message> application_;   ///< at most max_application
+  std::vector<Request> outstanding_;  ///< at most max_outstanding
   std::deque<Outgoing> outbox_;
   Tally tally_;
 };

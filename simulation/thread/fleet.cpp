@@ -15,9 +15,9 @@ namespace {
 namespace asio = boost::asio;
 using boost::system::error_code;
 
-constexpr int kUnreachable = 1;
-constexpr unsigned kMaxSearchDelayMs = 2000;  // Nordic's random wait before SEARCHGW
-constexpr std::chrono::seconds kProgressInterval{10};
+constexpr int unreachable = 1;
+constexpr unsigned max_search_delay_ms = 2000;  // Nordic's random wait before SEARCHGW
+constexpr std::chrono::seconds progress_interval{10};
 
 /// A socket for each robot: the usual soft limit of 1024 descriptors is too low for 1000 robots.
 void raise_descriptor_limit() {
@@ -61,7 +61,7 @@ Fleet::Fleet(const ThreadOptions& options, const asio::ip::udp::endpoint& gatewa
 void Fleet::add_robot(unsigned number, const asio::ip::udp::endpoint& gateway) {
   const RobotOptions& common = options_.common;
   // A small fleet starts at once; a large one takes Nordic's two seconds.
-  const unsigned spread_ms = std::min(kMaxSearchDelayMs, 2 * common.robots);
+  const unsigned spread_ms = std::min(max_search_delay_ms, 2 * common.robots);
   ClientSettings settings;
   settings.client_id = common.id_of(number);
   settings.topic_prefix = options_.topic_prefix;
@@ -98,7 +98,7 @@ int Fleet::run() {
   if (count_connected() > 0) return 0;
   fmt::print(stderr, "slam-gateway-sim: no robot got connected to the gateway at {} port {}\n",
              options_.host, options_.port);
-  return kUnreachable;
+  return unreachable;
 }
 
 void Fleet::on_change(RobotSocket& robot) {
@@ -130,7 +130,7 @@ void Fleet::stop_all() {
 }
 
 void Fleet::report_progress() {
-  progress_.expires_after(kProgressInterval);
+  progress_.expires_after(progress_interval);
   progress_.async_wait([this](error_code error) {
     if (error) return;
     std::uint64_t sent = 0;
@@ -164,13 +164,13 @@ int run_fleet(const ThreadOptions& options) {
   const auto found = asio::ip::udp::resolver(io).resolve(options.host, options.port, error);
   if (error || found.empty()) {
     fmt::print(stderr, "slam-gateway-sim: {} is not known: {}\n", options.host, error.message());
-    return kUnreachable;
+    return unreachable;
   }
   try {
     return Fleet(options, found.begin()->endpoint()).run();
   } catch (const boost::system::system_error& failure) {
     fmt::print(stderr, "slam-gateway-sim: {}\n", failure.what());
-    return kUnreachable;
+    return unreachable;
   }
 }
 

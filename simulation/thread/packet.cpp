@@ -19,7 +19,7 @@ Bytes finish(Type type, const Bytes& variable) {
   return out;
 }
 
-std::uint8_t qos_flags(unsigned qos) { return static_cast<std::uint8_t>(qos << 5 & kMaskQos); }
+std::uint8_t qos_flags(unsigned qos) { return static_cast<std::uint8_t>(qos << 5 & mask_qos); }
 
 /// TopicId, MsgId, ReturnCode: the body of REGACK and PUBACK.
 Bytes ids_and_code(std::uint16_t topic_id, std::uint16_t msg_id, std::uint8_t return_code) {

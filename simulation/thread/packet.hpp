@@ -36,15 +36,15 @@ enum class Type : std::uint8_t {
 };
 
 // Flags octet
-constexpr std::uint8_t kFlagDup = 0x80;
-constexpr std::uint8_t kFlagWill = 0x08;
-constexpr std::uint8_t kFlagCleanSession = 0x04;
-constexpr std::uint8_t kMaskQos = 0x60;
-constexpr std::uint8_t kMaskTopicIdType = 0x03;
+constexpr std::uint8_t flag_dup = 0x80;
+constexpr std::uint8_t flag_will = 0x08;
+constexpr std::uint8_t flag_clean_session = 0x04;
+constexpr std::uint8_t mask_qos = 0x60;
+constexpr std::uint8_t mask_topic_id_type = 0x03;
 
 /// Return codes; anything above is a rejection too.
-constexpr std::uint8_t kAccepted = 0x00;
-constexpr std::uint8_t kCongestion = 0x01;
+constexpr std::uint8_t accepted = 0x00;
+constexpr std::uint8_t congestion = 0x01;
 
 Bytes searchgw(std::uint8_t radius);
 Bytes connect(std::string_view client_id, std::uint16_t keep_alive_s, std::uint8_t flags);
@@ -71,7 +71,7 @@ struct Packet {
   std::uint8_t return_code = 0;
   ByteView payload;  ///< PUBLISH: data; REGISTER: topic name. A view into the datagram
 
-  unsigned qos() const { return (flags & kMaskQos) >> 5; }
+  unsigned qos() const { return (flags & mask_qos) >> 5; }
 };
 
 /// Nothing for what no gateway sends: wrong length, unknown type, client-only types.

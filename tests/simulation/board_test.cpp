@@ -14,8 +14,9 @@ namespace {
 using std::chrono::milliseconds;
 using std::chrono::seconds;
 
-const char* const kSubnetAdd = "13 92 00 00 00 01 02 03 04 05 06 07 08 09 0a 0b 0c 0d 0e 0f";
-const char* const kAppkeyAdd = "15 97 00 00 00 00 10 11 12 13 14 15 16 17 18 19 1a 1b 1c 1d 1e 1f";
+const char* const cmd_subnet_add = "13 92 00 00 00 01 02 03 04 05 06 07 08 09 0a 0b 0c 0d 0e 0f";
+const char* const cmd_appkey_add =
+    "15 97 00 00 00 00 10 11 12 13 14 15 16 17 18 19 1a 1b 1c 1d 1e 1f";
 
 class BoardTest : public ::testing::Test {
  protected:
@@ -44,7 +45,7 @@ class BoardTest : public ::testing::Test {
   }
   /// Keys, address 0x0001, 0xc002-0xc004 as handles 0-2, robot 0x0100 as handle 3.
   void set_up() {
-    for (const char* command : {kSubnetAdd, kAppkeyAdd, "05 9f 01 00 01 00", "03 a1 02 c0",
+    for (const char* command : {cmd_subnet_add, cmd_appkey_add, "05 9f 01 00 01 00", "03 a1 02 c0",
                                 "03 a1 03 c0", "03 a1 04 c0", "03 a4 00 01"}) {
       exchange(command);
     }
@@ -117,18 +118,18 @@ TEST_F(BoardTest, StartsTheMeshItself) {
 }
 
 TEST_F(BoardTest, KeepsSubnetsAndAppkeys) {
-  EXPECT_EQ(exchange(kAppkeyAdd), "03 84 97 8e");  // no such subnet
-  EXPECT_EQ(exchange(kSubnetAdd), "05 84 92 00 00 00");
-  EXPECT_EQ(exchange(kSubnetAdd), "03 84 92 81");  // the same key again
+  EXPECT_EQ(exchange(cmd_appkey_add), "03 84 97 8e");  // no such subnet
+  EXPECT_EQ(exchange(cmd_subnet_add), "05 84 92 00 00 00");
+  EXPECT_EQ(exchange(cmd_subnet_add), "03 84 92 81");  // the same key again
   EXPECT_EQ(exchange("13 92 00 00 ff 01 02 03 04 05 06 07 08 09 0a 0b 0c 0d 0e 0f"), "03 84 92 8e");
   EXPECT_EQ(exchange("12 92 00 00 00 01 02 03 04 05 06 07 08 09 0a 0b 0c 0d 0e"), "03 84 92 84");
   EXPECT_EQ(exchange("01 95"), "05 84 95 00 00 00");
-  EXPECT_EQ(exchange(kAppkeyAdd), "05 84 97 00 00 00");
-  EXPECT_EQ(exchange(kAppkeyAdd), "03 84 97 81");
+  EXPECT_EQ(exchange(cmd_appkey_add), "05 84 97 00 00 00");
+  EXPECT_EQ(exchange(cmd_appkey_add), "03 84 97 81");
   EXPECT_EQ(exchange("03 9a 00 00"), "07 84 9a 00 00 00 00 00");
   EXPECT_EQ(exchange("03 9a 05 00"), "03 84 9a 8e");
   for (std::uint8_t index = 1; index <= 8; ++index) {
-    Bytes add = hex(kSubnetAdd);
+    Bytes add = hex(cmd_subnet_add);
     add[2] = index;
     const bool has_room = index < 8;
     EXPECT_EQ(exchange(add), has_room ? "05 84 92 00 0" + std::to_string(index) + " 00"
@@ -141,7 +142,7 @@ TEST_F(BoardTest, KeepsSubnetsAndAppkeys) {
 }
 
 TEST_F(BoardTest, CountsDevkeyHandlesFromEight) {
-  exchange(kSubnetAdd);
+  exchange(cmd_subnet_add);
   Bytes add = hex("15 9c 00 01 00 00 00 01 02 03 04 05 06 07 08 09 0a 0b 0c 0d 0e 0f");
   EXPECT_EQ(exchange(add), "05 84 9c 00 08 00");
   EXPECT_EQ(exchange(add), "03 84 9c 81");
@@ -229,7 +230,7 @@ TEST_F(BoardTest, NeverCompletesASegmentedMessageToNobody) {
 
 TEST_F(BoardTest, ReportsGroupMessagesByHandleAndItsOwnByAddress) {
   set_up();
-  receive(0x0100, kSensorUpdateGroup, "c9 59 00 0a 00 ec ff 64 00 2c 01 00");
+  receive(0x0100, sensor_update_group, "c9 59 00 0a 00 ec ff 64 00 2c 01 00");
   EXPECT_EQ(drain(),
             "20 d1 00 01 01 00 00 00 00 00 08 01 00 01 f9 0b 6e c1 c4 0c 00 c9 59 00 0a 00 ec ff "
             "64 00 2c 01 00");
@@ -242,26 +243,26 @@ TEST_F(BoardTest, ReportsGroupMessagesByHandleAndItsOwnByAddress) {
 
 TEST_F(BoardTest, HearsNothingWithoutKeyOrWhileDisabled) {
   exchange("03 a1 03 c0");
-  EXPECT_FALSE(board_.hears(kSensorUpdateGroup));
-  exchange(kSubnetAdd);
-  exchange(kAppkeyAdd);
-  EXPECT_TRUE(board_.hears(kSensorUpdateGroup));
-  EXPECT_FALSE(board_.is_ready_for(kSensorUpdateGroup, now_));
-  EXPECT_TRUE(board_.is_ready_for(kSensorUpdateGroup, now_ + milliseconds{500}));
+  EXPECT_FALSE(board_.hears(sensor_update_group));
+  exchange(cmd_subnet_add);
+  exchange(cmd_appkey_add);
+  EXPECT_TRUE(board_.hears(sensor_update_group));
+  EXPECT_FALSE(board_.is_ready_for(sensor_update_group, now_));
+  EXPECT_TRUE(board_.is_ready_for(sensor_update_group, now_ + milliseconds{500}));
   exchange("01 91");
-  EXPECT_FALSE(board_.hears(kSensorUpdateGroup));
+  EXPECT_FALSE(board_.hears(sensor_update_group));
 }
 
 TEST_F(BoardTest, DropsSilentlyWhenNobodyReadsAndCountsIt) {
   set_up();
-  for (int i = 0; i < 20; ++i) receive(0x0100, kSensorUpdateGroup, "cb 59 00 0a 00 ec ff 00");
+  for (int i = 0; i < 20; ++i) receive(0x0100, sensor_update_group, "cb 59 00 0a 00 ec ff 00");
   std::size_t octets = 0;
   int events = 0;
   while (auto packet = board_.next_host_packet()) {
     octets += packet->size();
     ++events;
   }
-  EXPECT_LE(octets, Board::kTransmitBuffer);
+  EXPECT_LE(octets, Board::transmit_buffer);
   EXPECT_EQ(exchange("01 14"),
             to_hex(Bytes{7, 0x84, 0x14, 0, static_cast<std::uint8_t>(20 - events), 0, 0, 0}));
   EXPECT_EQ(exchange("01 15"), "03 84 15 00");
@@ -273,18 +274,18 @@ TEST_F(BoardTest, ForgetsItsMemoryButNotItsTablesOnReset) {
   exchange("01 61");
   EXPECT_EQ(exchange("01 0e"), "");
   EXPECT_EQ(exchange("03 02 68 69"), "");  // still booting
-  EXPECT_EQ(pass(Board::kRebootTime), "04 81 02 00 fe");
+  EXPECT_EQ(pass(Board::reboot_time), "04 81 02 00 fe");
   EXPECT_EQ(exchange("01 61"), "03 84 61 00");
   EXPECT_EQ(exchange("01 a0"), "07 84 a0 00 01 00 01 00");
   EXPECT_EQ(exchange("01 a8"), "0b 84 a8 00 00 00 01 00 02 00 03 00");
-  EXPECT_TRUE(board_.hears(kSensorUpdateGroup));
+  EXPECT_TRUE(board_.hears(sensor_update_group));
 }
 
 TEST_F(BoardTest, HearsOnlyFortySources) {
   set_up();
   int heard = 0;
   for (Address source = 0x0100; source < 0x0100 + 45; ++source) {
-    receive(source, kSensorUpdateGroup, "cb 59 00 0a 00 ec ff 00");
+    receive(source, sensor_update_group, "cb 59 00 0a 00 ec ff 00");
     if (!drain().empty()) ++heard;
   }
   EXPECT_EQ(heard, 40);
@@ -294,7 +295,7 @@ TEST_F(BoardTest, CanStartConfigured) {
   board_.configure(Key{1}, Key{2});
   EXPECT_EQ(exchange("01 a0"), "07 84 a0 00 01 00 01 00");
   EXPECT_EQ(exchange("01 a8"), "09 84 a8 00 00 00 01 00 02 00");
-  EXPECT_EQ(exchange(kSubnetAdd), "03 84 92 8e");  // another key than its own
+  EXPECT_EQ(exchange(cmd_subnet_add), "03 84 92 8e");  // another key than its own
 }
 
 }  // namespace

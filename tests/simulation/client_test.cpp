@@ -110,7 +110,7 @@ TEST_F(ClientTest, RefusesGatewayZeroAndSearchesOn) {
   take();
   receive("03 02 00");
   EXPECT_TRUE(take().empty());
-  pass(kSearchTime);
+  pass(search_time);
   EXPECT_EQ(to_hex(take().at(0)), "03 01 01");
 }
 
@@ -221,7 +221,7 @@ TEST_F(ClientTest, CompletesQos2OnPubcompOnly) {
     receive(qos2_step(Type::pubrec, msg_id));
     EXPECT_EQ(take().at(0), qos2_step(Type::pubrel, msg_id));
     EXPECT_FALSE(client_->has_sent_everything());
-    pass(kRetransmission);
+    pass(retransmission_interval);
     EXPECT_EQ(take(Type::pubrel).at(0), qos2_step(Type::pubrel, msg_id));
     receive(qos2_step(Type::pubcomp, msg_id));
   }
@@ -235,7 +235,7 @@ TEST_F(ClientTest, ForgetsAMessageThatMeetsCongestion) {
   pass(milliseconds{100});
   const std::vector<Bytes> publishes = take(Type::publish);
   ASSERT_EQ(publishes.size(), 2U);
-  for (const Bytes& p : publishes) receive(puback(get_u16_be(p, 3), get_u16_be(p, 5), kCongestion));
+  for (const Bytes& p : publishes) receive(puback(get_u16_be(p, 3), get_u16_be(p, 5), congestion));
   EXPECT_EQ(client_->tally(), (Tally{1, 0, 1, 0}));
   pass(seconds{30});
   EXPECT_TRUE(take(Type::publish).empty());
@@ -294,7 +294,7 @@ TEST_F(ClientTest, DoesNotWaitForEverForTheGoodbye) {
   begin();
   connect_client();
   client_->on_stop(now_);
-  pass(kGoodbyeTime);
+  pass(goodbye_time);
   EXPECT_TRUE(client_->is_finished());
 }
 

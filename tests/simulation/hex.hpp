@@ -22,12 +22,12 @@ inline Bytes hex(std::string_view text) {
 }
 
 inline std::string to_hex(ByteView bytes) {
-  static constexpr char kDigits[] = "0123456789abcdef";
+  static constexpr char hex_digits[] = "0123456789abcdef";
   std::string out;
   for (const std::uint8_t octet : bytes) {
     if (!out.empty()) out += ' ';
-    out += kDigits[octet >> 4];
-    out += kDigits[octet & 15];
+    out += hex_digits[octet >> 4];
+    out += hex_digits[octet & 15];
   }
   return out;
 }

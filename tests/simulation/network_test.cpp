@@ -47,7 +47,7 @@ class NetworkTest : public ::testing::Test {
   /// Publication handles 2.. belong to the robots 0x0100 ..
   void acknowledge(Address source, const Bytes& payload) {
     Bytes send = hex("0e ab 00 00 01 00 00 00 04 00 00 00 00 59 00");
-    send[6] = static_cast<std::uint8_t>(source - kFirstRobot + 2);
+    send[6] = static_cast<std::uint8_t>(source - first_robot + 2);
     send[12] = static_cast<std::uint8_t>(payload[0] + 3);
     network_->on_host_bytes(send, now_);
   }
@@ -142,7 +142,7 @@ TEST_F(NetworkTest, TakesOneOffTheTtlForEachRelay) {
   begin(far);
   set_up();
   run(seconds{5});
-  EXPECT_EQ(last_ttl_, kDefaultTtl - 2);
+  EXPECT_EQ(last_ttl_, default_ttl - 2);
 }
 
 TEST_F(NetworkTest, PublishesToTheGatewaysAddressWhenAsked) {

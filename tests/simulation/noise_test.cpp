@@ -63,7 +63,7 @@ TEST(Network, SurvivesRandomBytesFromTheHost) {
       }
       std::size_t octets = 0;
       while (auto to_host = network.next_host_packet()) octets += to_host->size();
-      ASSERT_LE(octets, ble::Board::kTransmitBuffer);
+      ASSERT_LE(octets, ble::Board::transmit_buffer);
     }
   }
 }

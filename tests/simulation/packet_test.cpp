@@ -15,8 +15,8 @@ std::string_view text(ByteView bytes) {
 
 TEST(Packet, WritesTheSpecificationsBytes) {
   EXPECT_EQ(to_hex(searchgw(1)), "03 01 01");
-  EXPECT_EQ(to_hex(connect("NRF_5", 60, kFlagCleanSession)), "0b 04 04 01 00 3c 4e 52 46 5f 35");
-  EXPECT_EQ(to_hex(connect("r1", 60, kFlagCleanSession | kFlagWill)), "08 04 0c 01 00 3c 72 31");
+  EXPECT_EQ(to_hex(connect("NRF_5", 60, flag_clean_session)), "0b 04 04 01 00 3c 4e 52 46 5f 35");
+  EXPECT_EQ(to_hex(connect("r1", 60, flag_clean_session | flag_will)), "08 04 0c 01 00 3c 72 31");
   EXPECT_EQ(to_hex(willtopic("w/1", 0)), "06 07 00 77 2f 31");
   EXPECT_EQ(to_hex(willmsg("dead")), "06 09 64 65 61 64");
   EXPECT_EQ(to_hex(register_topic(1, "a/b")), "09 0a 00 00 00 01 61 2f 62");
@@ -43,7 +43,7 @@ TEST(Packet, UsesTheLongLengthFrom256Octets) {
 TEST(Packet, ReadsWhatGatewaysSend) {
   EXPECT_EQ(decode(hex("03 02 01"))->gateway_id, 1);
   EXPECT_EQ(decode(hex("08 02 01 04 0a 00 00 01"))->gateway_id, 1);
-  EXPECT_EQ(decode(hex("03 05 01"))->return_code, kCongestion);
+  EXPECT_EQ(decode(hex("03 05 01"))->return_code, congestion);
   EXPECT_EQ(decode(hex("02 06"))->type, Type::willtopicreq);
   EXPECT_EQ(decode(hex("02 08"))->type, Type::willmsgreq);
   const Bytes register_bytes = hex("09 0a 00 05 12 34 61 2f 62");

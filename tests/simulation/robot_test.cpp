@@ -38,7 +38,7 @@ class RobotTest : public ::testing::Test {
     }
   }
   /// A message from the gateway; the robot's answer, or "".
-  std::string ask(std::string_view payload, Address destination = kFirstRobot) {
+  std::string ask(std::string_view payload, Address destination = first_robot) {
     sent_.clear();
     robot_->on_message({0x0001, destination, 4, hex(payload)}, now_);
     collect();
@@ -60,8 +60,8 @@ TEST_F(RobotTest, IntroducesItselfThenPublishesToItsGroups) {
   pass(seconds{1});
   ASSERT_EQ(sent_.size(), 3U);
   EXPECT_EQ(to_hex(sent_[0].message.payload), "c7 59 00 01 00 0d 12 09 06");
-  EXPECT_EQ(sent_[0].message.destination, kMinComGroup);
-  EXPECT_EQ(sent_[1].message.destination, kSensorUpdateGroup);
+  EXPECT_EQ(sent_[0].message.destination, min_com_group);
+  EXPECT_EQ(sent_[1].message.destination, sensor_update_group);
   RobotBody body(1, 1);
   EXPECT_EQ(sent_[1].message.payload,
             vendor_message(Vendor::sensor_update_set_unreliable, body.next_update()));
@@ -111,7 +111,7 @@ TEST_F(RobotTest, CompletesOnTheRightStatusSentToItsOwnAddress) {
   ask("cc 59 00 00");  // not the status it waits for
   pass(milliseconds{299});
   EXPECT_EQ(to_hex(ByteView(sent_.at(0).message.payload).first(1)), "c5");
-  ask("c8 59 00 00", kMinComGroup);
+  ask("c8 59 00 00", min_com_group);
   ask("c8 59 00 00");
   pass(milliseconds{220});
   EXPECT_EQ(sent_.at(0).message.payload[0], 0xc9);
@@ -152,7 +152,7 @@ TEST_F(RobotTest, SwitchesOncePerTransaction) {
   EXPECT_EQ(ask("c1 59 00 00 09"), "c4 59 00 00");
   EXPECT_EQ(ask("c3 59 00 01 0a"), "");
   EXPECT_EQ(ask("c2 59 00"), "c4 59 00 01");
-  now_ += kSameTransaction;
+  now_ += same_transaction;
   EXPECT_EQ(ask("c3 59 00 01 0a"), "");  // too late to be a repeat
   EXPECT_EQ(robot_->tally().commands_received, 5U);
 }
@@ -186,7 +186,7 @@ TEST(Access, CountsSegmentsAndTimes) {
                                                        {20, 2}, {21, 3}, {24, 3}, {380, 32}};
   for (const auto& [octets, segments] : sizes) EXPECT_EQ(segment_count(octets), segments);
   EXPECT_EQ(segmented_session(0x0001, 4), milliseconds{350});
-  EXPECT_EQ(segmented_session(kSensorUpdateGroup, 4), milliseconds{2500});
+  EXPECT_EQ(segmented_session(sensor_update_group, 4), milliseconds{2500});
   EXPECT_EQ(reliable_interval(4, 11), milliseconds{280});
   EXPECT_EQ(reliable_interval(30, 11), milliseconds{800});
   EXPECT_EQ(reliable_interval(4, 12), milliseconds{320});
