@@ -59,9 +59,7 @@ void BleMesh::on_link_action(LinkAction action, TimePoint now) {
                  [&](WriteSerial& write) { actions_.push(std::move(write)); },
                  [&](ReopenPort& reopen) { actions_.push(reopen); },
                  [&](GenerateKeys& generate) { actions_.push(generate); },
-                 [&](LinkIsUp& up) {
-                   emit(LinkChange{Mesh::ble, true, std::move(up.detail)});
-                 },
+                 [&](LinkIsUp& up) { on_link_up(std::move(up.detail)); },
                  [&](LinkIsDown& down) { on_link_down(down.why, now); },
                  [&](SendRefused& refused) {
                    const auto robot = robots_.find(refused.destination);
@@ -74,6 +72,12 @@ void BleMesh::on_link_action(LinkAction action, TimePoint now) {
                  [&](Notice& notice) { emit(std::move(notice)); },
              },
              action);
+}
+
+void BleMesh::on_link_up(std::string detail) {
+  emit(LinkChange{Mesh::ble, true, std::move(detail)});
+  for (const auto& [address, robot] : robots_)
+    if (robot.is_online) subscribe(robot);  // for retained messages that came while it was down
 }
 
 void BleMesh::on_link_down(const std::string& why, TimePoint now) {
@@ -162,7 +166,8 @@ void BleMesh::on_broker_message(const BrokerMessage& message, TimePoint now) {
 }
 
 bool BleMesh::may_take_retained(Robot& robot, const BrokerMessage& message) {
-  if (!robot.is_online || robot.retained_given.size() >= max_retained) return false;
+  if (!robot.is_online || !link_.is_up() || robot.retained_given.size() >= max_retained)
+    return false;
   return robot.retained_given.insert(message.topic).second;
 }
 

@@ -63,6 +63,7 @@ class BleMesh final : public MeshMachine {
 
   void settle(TimePoint now);
   void on_link_action(LinkAction action, TimePoint now);
+  void on_link_up(std::string detail);
   void on_link_down(const std::string& why, TimePoint now);
 
   void on_message(const MessageReceived& message, TimePoint now);

@@ -28,8 +28,9 @@ void BleMesh::on_message(const MessageReceived& message, TimePoint now) {
   if (!access.has_value()) return reject(message.source, "it has no valid opcode", now);
 
   robot->highest_ttl = std::max(robot->highest_ttl, message.ttl);
-  robot->appkey_handle = message.appkey_handle;
   if (const auto kind = vendor_message_of(access->opcode)) {
+    // Not from others: configuration messages come with a device key, which only answers those.
+    robot->appkey_handle = message.appkey_handle;
     on_vendor_message(*robot, *kind, message, access->params, now);
   } else if (access->opcode == generic_on_off_status || access->opcode == simple_on_off_status) {
     conclude(*robot, robot->commands.on_status(access->opcode, now));

@@ -29,7 +29,7 @@ struct Robot {
   bool is_online = false;
   TimePoint last_heard{};
   std::uint8_t highest_ttl = 0;                ///< on arrival; the robot sends with at least this
-  std::optional<std::uint16_t> appkey_handle;  ///< of its last message
+  std::optional<std::uint16_t> appkey_handle;  ///< of its last vendor message
   std::array<Inbox, vendor_model_count> inboxes;
   CommandQueue commands;
   /// Topics whose retained message it got since it came online; at most BleMesh::max_retained.

@@ -168,6 +168,31 @@ TEST_F(Downlink, RetainedCommandsReachARobotOnceEachTimeItComesOnline) {
   }
 }
 
+TEST_F(Downlink, RetainedCommandsWaitForTheLink) {
+  rig.hear(robot, "04 00 59 00");
+  rig.say(rig.board.restart());
+  rig.command("nr1/x", to_bytes("1"), true);
+  EXPECT_TRUE(outcomes().empty());
+  const std::size_t before = rig.all<SubscribeRequest>().size();
+  rig.run_for(1s);
+  ASSERT_EQ(rig.all<SubscribeRequest>().size(), before + 1) << "makes the broker send it again";
+  rig.command("nr1/x", to_bytes("1"), true);
+  EXPECT_EQ(sent().size(), 1u);
+}
+
+TEST_F(Downlink, UsesTheApplicationKeyThatTheRobotUses) {
+  rig.board.appkeys.emplace_back(std::uint16_t{1}, Bytes(16, 0x33));
+  Bytes update = rig.board.message(robot, hex("cb 59 00 01"));
+  update[6] = 1;  // application key handle
+  rig.say(update);
+  Bytes configuration = rig.board.message(robot, hex("80 03 00"));
+  configuration[6] = 8;  // a device key
+  rig.say(configuration);
+  rig.command("nr1/x", to_bytes("1"));
+  EXPECT_EQ(sent().size(), 1u);
+  EXPECT_EQ(rig.board.sent.back().appkey_handle, 1);
+}
+
 TEST_F(Downlink, AnswersToRobotsOvertakeCommands) {
   rig.hear(robot, "ca 59 00");
   rig.run_for(20ms);

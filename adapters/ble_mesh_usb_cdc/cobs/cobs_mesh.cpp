@@ -45,7 +45,6 @@ void CobsMesh::on_port_closed(const std::string& why, TimePoint) {
   is_up_ = false;
   if (std::exchange(down_reason_, why) == why) return;
   emit(LinkChange{Mesh::ble, false, why});
-  emit(Notice{Severity::warning, why, {}});
 }
 
 // --- Up ------------------------------------------------------------------------------------------

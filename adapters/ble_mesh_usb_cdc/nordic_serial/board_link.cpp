@@ -24,7 +24,6 @@ void BoardLink::on_port_closed(const std::string& why, TimePoint) {
   stage_ = Stage::closed;
   in_flight_.reset();
   go_down(why);
-  say_once(Severity::warning, why);
 }
 
 bool BoardLink::send(Outgoing message, TimePoint now) {
@@ -153,10 +152,12 @@ void BoardLink::on_frame(const Bytes& frame, TimePoint now) {
       *event);
 }
 
-void BoardLink::on_event(DeviceStarted&, TimePoint now) {
+void BoardLink::on_event(DeviceStarted& event, TimePoint now) {
   // Everything the board held in RAM is void, and its answer to what was in flight with it.
   ++counters_.restarts;
-  if (is_up_) go_down("the serial board restarted");
+  if (is_up_)
+    go_down(event.hardware_error == 0 ? "the serial board restarted"
+                                      : "the serial board restarted after its processor locked up");
   dropped_events_ = 0;
   begin_start_up(now);
 }
@@ -294,7 +295,7 @@ void BoardLink::on_deadline(TimePoint now) {
   if (stage_ == Stage::closed) return;
   if (stage_ == Stage::resyncing) {
     if (auto bytes = resync_.on_deadline(now)) actions_.push(WriteSerial{std::move(*bytes)});
-    if (resync_.state() == Resync::State::failed) give_up(explain_silence(), now);
+    if (resync_.state() == Resync::State::failed) on_silence();
     return;
   }
   decoder_.on_deadline(now);
@@ -308,29 +309,27 @@ void BoardLink::on_command_timeout(TimePoint now) {
   ++counters_.command_timeouts;
   if (++consecutive_timeouts_ < max_consecutive_timeouts) return begin_resync(now);
   consecutive_timeouts_ = 0;
-  give_up(fmt::format("the serial board answers Echo but not command 0x{:02x}: does its firmware "
-                      "have Nordic's mesh commands?",
-                      in_flight_->opcode),
-          now);
+  give_up(fmt::format("the serial board answers Echo but not command 0x{:02x}", in_flight_->opcode),
+          "does its firmware have Nordic's mesh commands?");
 }
 
-void BoardLink::give_up(const std::string& why, TimePoint) {
+void BoardLink::give_up(const std::string& why, const std::string& what_to_check) {
   stage_ = Stage::closed;
   in_flight_.reset();
   go_down(why);
-  say_once(Severity::warning, why);
+  say_once(Severity::warning, why + ": " + what_to_check);
   actions_.push(ReopenPort{reopen_delay_});
   reopen_delay_ = std::min(reopen_delay_ * 2, max_reopen_delay);
 }
 
-std::string BoardLink::explain_silence() const {
+void BoardLink::on_silence() {
   if (resync_.octets_seen() == 0)
-    return "the device answers nothing: is it Nordic's serial board and powered? Check the cable, "
-           "ble_mesh.device, ble_mesh.flow_control, and that no other program (ModemManager) uses "
-           "it";
-  return "the device sends something, but not Nordic's serial protocol: is it the right device? "
-         "Check ble_mesh.device, ble_mesh.baud_rate, and ble_mesh.protocol (firmware that only "
-         "streams positions needs \"cobs\")";
+    return give_up("the serial board answers nothing",
+                   "is it Nordic's serial board and powered? Check the cable, ble_mesh.device, "
+                   "ble_mesh.flow_control, and that no other program (ModemManager) uses it");
+  give_up("the device sends something, but not Nordic's serial protocol",
+          "is it the right device? Check ble_mesh.device, ble_mesh.baud_rate, and "
+          "ble_mesh.protocol (firmware that only streams positions needs \"cobs\")");
 }
 
 void BoardLink::go_down(const std::string& why) {

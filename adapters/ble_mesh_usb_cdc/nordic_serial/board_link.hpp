@@ -122,10 +122,10 @@ class BoardLink {
   void issue(Bytes command, std::uint16_t destination, TimePoint now);
   void send_next(TimePoint now);
   std::deque<Outgoing>& next_queue();
-  void give_up(const std::string& why, TimePoint now);
+  void on_silence();
+  void give_up(const std::string& why, const std::string& what_to_check);
   void go_down(const std::string& why);
   void say_once(Severity severity, const std::string& text);
-  std::string explain_silence() const;
 
   LinkSettings settings_;
   std::optional<MeshKeys> keys_;
