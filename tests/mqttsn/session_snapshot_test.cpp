@@ -1,0 +1,131 @@
+// SPDX-License-Identifier: Apache-2.0
+// Sessions that outlive the daemon: a second gateway made from the first one's snapshots.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "tests/mqttsn/sn_rig.hpp"
+
+namespace slamgw::mqttsn {
+namespace {
+
+const std::string own_topic = "ntnu-slam/robot/r1/adv";
+
+/// What a store would have: all that was dirty, read at once.
+void save(SnRig& rig, std::map<std::string, SessionSnapshot>& store) {
+  for (const std::string& id : rig.gateway.take_dirty()) {
+    if (auto snapshot = rig.gateway.snapshot(id)) {
+      store[id] = std::move(*snapshot);
+    } else {
+      store.erase(id);
+    }
+  }
+}
+
+void restart(SnRig& before, SnRig& after) {
+  std::map<std::string, SessionSnapshot> store;
+  save(before, store);
+  after.now = before.now;
+  for (const auto& [id, snapshot] : store) EXPECT_TRUE(after.gateway.restore(snapshot, after.now));
+  after.broker_link(true);  // drains what restoring left
+}
+
+TEST(SnGateway, R47_GoesOnAfterARestartAsIfNothingHadHappened) {
+  SnRig before;
+  before.send(1, Connect{true, true, 1, 60, "r1"});
+  before.send(1, WillTopic{WireQos::one, true, "ntnu-slam/robot/r1/gone"});
+  before.send(1, WillMsg{to_bytes("bye")});
+  const auto id = before.register_topic(1, own_topic);
+  before.subscribe(1, "a/x", 1);
+  SnRig after;
+  restart(before, after);
+  ASSERT_EQ(after.subscribes.size(), 1U);
+  EXPECT_EQ(after.subscribes[0].filter, "a/x");
+  EXPECT_EQ(after.presence.at(0).presence, Presence::online);
+  EXPECT_TRUE(after.is_silent(1));
+  after.publish(1, id, 1, 7);
+  ASSERT_EQ(after.reports.size(), 1U);
+  EXPECT_EQ(after.reports[0].topic, own_topic);
+  after.broker("a/x", "down", 0);
+  EXPECT_EQ(after.last_to(1), "PUBLISH dup=0 qos=0 retain=0 normal id=2 msg=0 data=646f776e");
+  after.pass_s(100);
+  ASSERT_EQ(after.reports.size(), 2U);
+  EXPECT_TRUE(after.reports[1].is_will);
+  EXPECT_EQ(after.reports[1].payload, to_bytes("bye"));
+}
+
+TEST(SnGateway, R47_DeliversAfterARestartWhatWasInFlightAndWhatWaited) {
+  SnRig before;
+  before.connect(1, "r1", false);
+  before.subscribe(1, "a/x", 2);
+  before.broker("a/x", "1", 2);
+  before.broker("a/x", "2", 1);
+  before.broker("a/x", "lost", 0);
+  before.send(1, Pubrec{1});
+  SnRig after;
+  restart(before, after);
+  EXPECT_EQ(after.sent_to(1), Lines{"PUBREL msg=1"});
+  after.send(1, Pubcomp{1});
+  EXPECT_EQ(after.sent_to(1), Lines{"PUBLISH dup=0 qos=1 retain=0 normal id=1 msg=2 data=32"});
+  after.send(1, Puback{1, 2, ReturnCode::accepted});
+  EXPECT_EQ(after.gateway.queued_for("r1"), 0U);
+}
+
+TEST(SnGateway, R47_RemembersExactlyOnceOverARestart) {
+  SnRig before;
+  before.connect(1, "r1", false);
+  const auto id = before.register_topic(1, own_topic);
+  before.publish(1, id, 2, 7);
+  before.receipt(before.reports.at(0).receipt.id);
+  SnRig after;
+  restart(before, after);
+  after.publish(1, id, 2, 7);
+  EXPECT_TRUE(after.reports.empty());
+  EXPECT_EQ(after.last_to(1), "PUBREC msg=7");
+}
+
+TEST(SnGateway, R47_RestoresSleepersAndTheDisconnected) {
+  SnRig before;
+  before.connect(1, "r1");
+  before.subscribe(1, "a/x", 1);
+  before.sleep(1, 100);
+  before.broker("a/x", "1", 1);
+  before.connect(2, "r2", false);
+  before.send(2, Disconnect{});
+  SnRig after;
+  restart(before, after);
+  EXPECT_EQ(after.gateway.client_counts().asleep, 1U);
+  EXPECT_EQ(after.gateway.client_counts().disconnected, 1U);
+  EXPECT_TRUE(after.is_silent(1));
+  after.send(1, Pingreq{"r1"});
+  EXPECT_EQ(after.sent_to(1).size(), 1U);
+}
+
+TEST(SnGateway, NamesOnlyTheSessionsThatChanged) {
+  SnRig rig;
+  rig.connect(1, "r1");
+  rig.connect(2, "r2");
+  EXPECT_EQ(rig.gateway.take_dirty(), (Lines{"r1", "r2"}));
+  rig.send(1, Pingreq{});
+  EXPECT_TRUE(rig.gateway.take_dirty().empty());
+  rig.register_topic(2, "ntnu-slam/robot/r2/adv");
+  EXPECT_EQ(rig.gateway.take_dirty(), Lines{"r2"});
+  rig.send(1, Disconnect{});
+  EXPECT_EQ(rig.gateway.take_dirty(), Lines{"r1"});
+  EXPECT_FALSE(rig.gateway.snapshot("r1")) << "a clean session is gone";
+}
+
+TEST(SnGateway, DoesNotRestoreWhatNoLongerFits) {
+  SnRig before;
+  before.connect(1, "r1");
+  const auto snapshot = before.gateway.snapshot("r1");
+  ASSERT_TRUE(snapshot);
+  SnRig renamed({}, {{"tank", {}, "r1"}});
+  EXPECT_FALSE(renamed.gateway.restore(*snapshot, renamed.now)) << "another name by now";
+  SnRig twice;
+  EXPECT_TRUE(twice.gateway.restore(*snapshot, twice.now));
+  EXPECT_FALSE(twice.gateway.restore(*snapshot, twice.now));
+}
+
+}  // namespace
+}  // namespace slamgw::mqttsn
