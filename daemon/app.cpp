@@ -193,7 +193,9 @@ void App::perform(Upload& action) {
   });
 }
 
-void App::perform(SubscribeAtBroker& action) { upstream_.subscribe(action.filter, action.qos); }
+void App::perform(SubscribeAtBroker& action) {
+  upstream_.subscribe(action.filter, action.qos, action.id);
+}
 
 void App::perform(UnsubscribeAtBroker& action) { upstream_.unsubscribe(action.filter); }
 
@@ -274,9 +276,9 @@ void App::on_subscribe_result(const std::string& filter, bool granted) {
   drive([&](Gateway& gateway, const Now&) { gateway.on_subscribe_result(filter, granted); });
 }
 
-void App::on_message(BrokerMessage message) {
+void App::on_message(BrokerMessage message, std::vector<std::uint32_t> subscriptions) {
   drive([&](Gateway& gateway, const Now& now) {
-    gateway.on_broker_message(std::move(message), now);
+    gateway.on_broker_message(std::move(message), subscriptions, now);
   });
 }
 

@@ -69,7 +69,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   void on_published(std::uint64_t sequence) override;
   void on_publish_refused(std::uint64_t sequence, const std::string& why) override;
   void on_subscribe_result(const std::string& filter, bool granted) override;
-  void on_message(BrokerMessage message) override;
+  void on_message(BrokerMessage message, std::vector<std::uint32_t> subscriptions) override;
 
   ServiceState service_state() const;
   nlohmann::json status() override;

@@ -119,7 +119,8 @@ void App::send(const std::string& robot, const std::string& type, Bytes payload,
   if (!pending_sends_.add(robot, type, done, read_clocks().mono)) {
     return done(outcome_json("refused", 0, "too many commands wait for their outcome"));
   }
-  on_message({scheme_.command_topic(robot, type), std::move(payload), Qos::at_least_once, false});
+  on_message({scheme_.command_topic(robot, type), std::move(payload), Qos::at_least_once, false},
+             {});
 }
 
 }  // namespace slamgw

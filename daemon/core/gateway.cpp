@@ -94,13 +94,13 @@ void Gateway::handle(PresenceChange change, const Now& now) {
 }
 
 void Gateway::handle(SubscribeRequest request, const Now&) {
-  const Qos qos = subscriptions_.add(request.mesh, request.filter, request.qos);
+  const auto& wanted = subscriptions_.add(request.mesh, request.filter, request.qos);
   if (!is_broker_up_) {  // taken now, subscribed as soon as the broker is there
     actions_.push(AnswerSubscribe{request.mesh, std::move(request.filter), true});
     return;
   }
   subscriptions_.await(request.mesh, request.filter);
-  actions_.push(SubscribeAtBroker{std::move(request.filter), qos});
+  actions_.push(SubscribeAtBroker{std::move(request.filter), wanted.qos, wanted.id});
 }
 
 void Gateway::handle(UnsubscribeRequest request, const Now&) {
@@ -133,7 +133,10 @@ void Gateway::handle(LinkChange change, const Now&) {
 
 void Gateway::handle(Notice notice, const Now&) { actions_.push(std::move(notice)); }
 
-void Gateway::on_broker_message(BrokerMessage message, const Now& now) {
+void Gateway::on_broker_message(BrokerMessage message,
+                                std::span<const SubscriptionId> subscriptions, const Now& now) {
+  // Retained messages come for the subscription that asked for them only.
+  if (!message.retain && !subscriptions_.is_copy_to_take(message.topic, subscriptions)) return;
   const auto command = scheme_.parse_command_topic(message.topic);
   ++traffic_.down;
   if (command) {
@@ -154,13 +157,13 @@ void Gateway::on_broker_message(BrokerMessage message, const Now& now) {
 void Gateway::on_broker_link(bool is_up, const Now&) {
   is_broker_up_ = is_up;
   if (!is_up) {
-    for (auto& [mesh, filter] : subscriptions_.stop_waiting()) {
+    for (auto& [mesh, filter] : subscriptions_.on_broker_gone()) {
       actions_.push(AnswerSubscribe{mesh, std::move(filter), true});
     }
     return;
   }
   for (const auto& [filter, wanted] : subscriptions_.wanted()) {
-    actions_.push(SubscribeAtBroker{filter, wanted.qos});
+    actions_.push(SubscribeAtBroker{filter, wanted.qos, wanted.id});
   }
   publish_retained(scheme_.state_topic(), Json{{"state", "online"},
                                                {"version", settings_.version},
@@ -170,11 +173,10 @@ void Gateway::on_broker_link(bool is_up, const Now&) {
 }
 
 void Gateway::on_subscribe_result(const std::string& filter, bool granted) {
-  for (const Mesh mesh : subscriptions_.answered(filter)) {
+  for (const Mesh mesh : subscriptions_.on_answer(filter, granted)) {
     actions_.push(AnswerSubscribe{mesh, filter, granted});
   }
   if (granted) return;
-  subscriptions_.forget(filter);
   actions_.push(Notice{Severity::warning,
                        fmt::format("the broker refuses the subscription {}: check its access "
                                    "control list for this gateway's user",

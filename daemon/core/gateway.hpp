@@ -25,6 +25,7 @@ struct Upload {
 struct SubscribeAtBroker {
   std::string filter;
   Qos qos = Qos::at_most_once;
+  SubscriptionId id = 0;
 };
 struct UnsubscribeAtBroker {
   std::string filter;
@@ -58,7 +59,9 @@ class Gateway {
   Gateway(TopicScheme scheme, Settings settings);
 
   void on_mesh_event(MeshEvent event, const Now& now);
-  void on_broker_message(BrokerMessage message, const Now& now);
+  /// `subscriptions`: which of ours this copy is for, where the broker says it (MQTT 5).
+  void on_broker_message(BrokerMessage message, std::span<const SubscriptionId> subscriptions,
+                         const Now& now);
   /// Up: subscribes everything again, says `online` and every robot's presence again (a broker
   /// without persistence has forgotten them). Down: answers what still waits for the broker.
   void on_broker_link(bool is_up, const Now& now);

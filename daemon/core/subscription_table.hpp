@@ -1,44 +1,60 @@
 // SPDX-License-Identifier: Apache-2.0
 // Who wants which filter, so that the broker sees one subscription for both meshes (MQTT-SN 1.2
-// section 4.2, R101).
+// section 4.2, R101), and which of the copies that the broker sends for overlapping subscriptions
+// is the one to take (R103).
 #pragma once
 
+#include <cstdint>
 #include <map>
+#include <span>
 #include <string>
 #include <vector>
 
 #include "daemon/core/messages.hpp"
+#include "daemon/core/topic_tree.hpp"
 
 namespace slamgw {
 
+/// MQTT 5 section 3.8.2.1.2: tells which of our subscriptions a message is for. From 1; 0 is none.
+using SubscriptionId = std::uint32_t;
+
 class SubscriptionTable {
  public:
-  /// Returns the QoS to subscribe with at the broker: the highest that anybody asked for.
-  Qos add(Mesh mesh, const std::string& filter, Qos qos);
+  struct Wanted {
+    SubscriptionId id = 0;        ///< the same for the life of the filter
+    Qos qos = Qos::at_most_once;  ///< the highest that anybody asked for
+    bool by_mesh[2] = {false, false};
+    unsigned waiting[2] = {0, 0};
+  };
+
+  const Wanted& add(Mesh mesh, const std::string& filter, Qos qos);
   /// True when nobody wants the filter any more.
   bool remove(Mesh mesh, const std::string& filter);
-  /// The broker refused it: nobody has it any more.
-  void forget(const std::string& filter) { wanted_.erase(filter); }
+  const std::map<std::string, Wanted>& wanted() const { return wanted_; }
 
   /// `mesh` waits for the broker's answer about `filter`.
   void await(Mesh mesh, const std::string& filter);
-  /// One mesh for each answer that was waited for; they wait no longer.
-  std::vector<Mesh> answered(const std::string& filter);
+  /// The broker has answered: one mesh for each answer that was waited for. A refused filter is
+  /// forgotten.
+  std::vector<Mesh> on_answer(const std::string& filter, bool granted);
   struct Waiting {
     Mesh mesh;
     std::string filter;
   };
-  std::vector<Waiting> stop_waiting();
+  /// The broker is gone, and with it all subscriptions there: those who waited.
+  std::vector<Waiting> on_broker_gone();
 
-  struct Wanted {
-    Qos qos = Qos::at_most_once;
-    bool by_mesh[2] = {false, false};
-    unsigned waiting[2] = {0, 0};
-  };
-  const std::map<std::string, Wanted>& wanted() const { return wanted_; }
+  /// A message that matches several of our subscriptions comes once for each, one after the other.
+  /// Exactly one copy is to be taken: that of the lowest id among the subscriptions that stand.
+  /// `ids` is empty when the broker names none (MQTT 3.1.1).
+  bool is_copy_to_take(std::string_view topic, std::span<const SubscriptionId> ids) const;
 
  private:
+  void forget(std::map<std::string, Wanted>::iterator wanted);
+
   std::map<std::string, Wanted> wanted_;
+  TopicTree<SubscriptionId> standing_;  // at the broker
+  SubscriptionId last_id_ = 0;
 };
 
 }  // namespace slamgw

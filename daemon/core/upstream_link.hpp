@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <string>
+#include <vector>
 
 #include "daemon/core/messages.hpp"
 
@@ -26,7 +27,8 @@ class UpstreamListener {
   /// reported by on_link_down.)
   virtual void on_publish_refused(std::uint64_t sequence, const std::string& why) = 0;
   virtual void on_subscribe_result(const std::string& filter, bool granted) = 0;
-  virtual void on_message(BrokerMessage message) = 0;
+  /// `subscriptions`: the ids of our subscriptions that it came for; empty with MQTT 3.1.1.
+  virtual void on_message(BrokerMessage message, std::vector<std::uint32_t> subscriptions) = 0;
 };
 
 /// An MQTT client. Calls never block; between on_link_up and on_link_down only.
@@ -34,7 +36,8 @@ class UpstreamLink {
  public:
   virtual ~UpstreamLink() = default;
   virtual void publish(std::uint64_t sequence, BrokerMessage message) = 0;
-  virtual void subscribe(const std::string& filter, Qos qos) = 0;
+  /// `id` comes back with each message for this subscription (MQTT 5).
+  virtual void subscribe(const std::string& filter, Qos qos, std::uint32_t id) = 0;
   virtual void unsubscribe(const std::string& filter) = 0;
 };
 

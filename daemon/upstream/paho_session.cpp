@@ -37,6 +37,16 @@ std::uint16_t receive_maximum_of(const mqtt::token& token) {
   return mqtt::get<std::uint16_t>(properties, mqtt::property::RECEIVE_MAXIMUM);
 }
 
+std::vector<std::uint32_t> subscriptions_of(const mqtt::message& message) {
+  std::vector<std::uint32_t> ids;
+  const mqtt::properties& properties = message.get_properties();
+  const std::size_t count = properties.count(mqtt::property::SUBSCRIPTION_IDENTIFIER);
+  for (std::size_t i = 0; i < count; ++i) {
+    ids.push_back(mqtt::get<std::uint32_t>(properties, mqtt::property::SUBSCRIPTION_IDENTIFIER, i));
+  }
+  return ids;
+}
+
 }  // namespace
 
 // The three listeners run on Paho's threads. They hold the session by reference: it destroys the
@@ -206,11 +216,16 @@ void PahoSession::publish(std::uint64_t sequence, BrokerMessage message) {
   });
 }
 
-void PahoSession::subscribe(std::string filter, Qos qos) {
-  post_to_lane([filter = std::move(filter), qos](PahoSession& session) {
+void PahoSession::subscribe(std::string filter, Qos qos, std::uint32_t id) {
+  post_to_lane([filter = std::move(filter), qos, id](PahoSession& session) {
     try {
+      mqtt::properties properties;
+      if (session.version_ == MqttVersion::v5) {
+        properties.add({mqtt::property::SUBSCRIPTION_IDENTIFIER, static_cast<std::int32_t>(id)});
+      }
       session.client_->subscribe(filter, static_cast<int>(qos), nullptr,
-                                 *session.subscribe_listener_);
+                                 *session.subscribe_listener_, mqtt::subscribe_options(),
+                                 properties);
     } catch (const mqtt::exception& error) {
       session.connection_lost(fmt::format("a subscribe failed (Paho {})", error.get_return_code()));
     }
@@ -260,9 +275,10 @@ void PahoSession::message_arrived(mqtt::const_message_ptr message) {
   const auto& payload = message->get_payload();
   BrokerMessage arrived{message->get_topic(), to_bytes(payload),
                         static_cast<Qos>(message->get_qos()), message->is_retained()};
-  post_to_loop([this, arrived = std::move(arrived)](PahoSessionListener& listener) {
+  post_to_loop([this, arrived = std::move(arrived),
+                ids = subscriptions_of(*message)](PahoSessionListener& listener) {
     --inbound_waiting_;
-    listener.on_message(arrived);
+    listener.on_message(arrived, ids);
   });
 }
 

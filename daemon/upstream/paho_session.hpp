@@ -13,6 +13,7 @@
 #include <functional>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "daemon/core/messages.hpp"
 #include "daemon/upstream/settings.hpp"
@@ -45,7 +46,7 @@ class PahoSessionListener {
   virtual void on_published(std::uint64_t sequence) = 0;
   virtual void on_publish_refused(std::uint64_t sequence, std::string why) = 0;
   virtual void on_subscribe_result(const std::string& filter, bool granted) = 0;
-  virtual void on_message(BrokerMessage message) = 0;
+  virtual void on_message(BrokerMessage message, std::vector<std::uint32_t> subscriptions) = 0;
 };
 
 class PahoSession final : public std::enable_shared_from_this<PahoSession>, private mqtt::callback {
@@ -64,7 +65,7 @@ class PahoSession final : public std::enable_shared_from_this<PahoSession>, priv
   // On the loop's thread:
   void connect();
   void publish(std::uint64_t sequence, BrokerMessage message);
-  void subscribe(std::string filter, Qos qos);
+  void subscribe(std::string filter, Qos qos, std::uint32_t id);
   void unsubscribe(std::string filter);
   /// No more events; the connection is closed and destroyed on the lane, with a DISCONNECT when
   /// `is_orderly`.

@@ -89,14 +89,16 @@ void PahoUpstream::on_subscribe_result(const std::string& filter, bool granted) 
   listener_.on_subscribe_result(filter, granted);
 }
 
-void PahoUpstream::on_message(BrokerMessage message) { listener_.on_message(std::move(message)); }
+void PahoUpstream::on_message(BrokerMessage message, std::vector<std::uint32_t> subscriptions) {
+  listener_.on_message(std::move(message), std::move(subscriptions));
+}
 
 void PahoUpstream::publish(std::uint64_t sequence, BrokerMessage message) {
   if (is_up_) session_->publish(sequence, std::move(message));
 }
 
-void PahoUpstream::subscribe(const std::string& filter, Qos qos) {
-  if (is_up_) session_->subscribe(filter, qos);
+void PahoUpstream::subscribe(const std::string& filter, Qos qos, std::uint32_t id) {
+  if (is_up_) session_->subscribe(filter, qos, id);
 }
 
 void PahoUpstream::unsubscribe(const std::string& filter) {

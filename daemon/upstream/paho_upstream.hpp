@@ -29,7 +29,7 @@ class PahoUpstream final : public UpstreamLink, public PahoSessionListener {
   void stop();
 
   void publish(std::uint64_t sequence, BrokerMessage message) override;
-  void subscribe(const std::string& filter, Qos qos) override;
+  void subscribe(const std::string& filter, Qos qos, std::uint32_t id) override;
   void unsubscribe(const std::string& filter) override;
 
   MqttVersion version() const { return version_; }
@@ -45,7 +45,7 @@ class PahoUpstream final : public UpstreamLink, public PahoSessionListener {
   void on_published(std::uint64_t sequence) override;
   void on_publish_refused(std::uint64_t sequence, std::string why) override;
   void on_subscribe_result(const std::string& filter, bool granted) override;
-  void on_message(BrokerMessage message) override;
+  void on_message(BrokerMessage message, std::vector<std::uint32_t> subscriptions) override;
 
   boost::asio::io_context& io_;
   boost::asio::thread_pool lane_{1};

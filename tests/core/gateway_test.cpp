@@ -149,13 +149,32 @@ TEST_F(GatewayTest, EndsASubscriptionWithTheLastMeshThatWantsIt) {
 
 TEST_F(GatewayTest, GivesACommandToBothMeshesUnlessTheRobotIsOnThreadOnly) {
   const BrokerMessage cmd{"ntnu-slam/server/a/cmd", {1, 2, 3, 4}, Qos::at_least_once, false};
-  gateway.on_broker_message(cmd, now);
+  gateway.on_broker_message(cmd, {}, now);
   EXPECT_EQ(drain<DeliverToMesh>().size(), 2u);
   say(PresenceChange{Mesh::thread, "a", Presence::online, "x"});
-  gateway.on_broker_message(cmd, now);
+  gateway.on_broker_message(cmd, {}, now);
   const auto deliveries = drain<DeliverToMesh>();
   ASSERT_EQ(deliveries.size(), 1u);
   EXPECT_EQ(deliveries[0].mesh, Mesh::thread);
+}
+
+TEST_F(GatewayTest, TakesOneCopyOfAMessageForOverlappingSubscriptions) {
+  broker_comes();
+  for (const char* filter : {"ntnu-slam/server/a/+", "ntnu-slam/server/a/cmd"}) {
+    say(SubscribeRequest{Mesh::thread, filter, Qos::at_least_once});
+    gateway.on_subscribe_result(filter, true);
+  }
+  const auto subscriptions = drain<SubscribeAtBroker>();
+  ASSERT_EQ(subscriptions.size(), 2u);
+  const BrokerMessage cmd{"ntnu-slam/server/a/cmd", {1, 2, 3, 4}, Qos::at_least_once, false};
+  for (const SubscribeAtBroker& subscription : subscriptions) {
+    gateway.on_broker_message(cmd, std::vector{subscription.id}, now);
+  }
+  EXPECT_EQ(drain<DeliverToMesh>().size(), 2u) << "one for each mesh";
+  BrokerMessage retained = cmd;
+  retained.retain = true;
+  gateway.on_broker_message(retained, std::vector{subscriptions[1].id}, now);
+  EXPECT_EQ(drain<DeliverToMesh>().size(), 2u) << "retained ones come for one subscription only";
 }
 
 TEST_F(GatewayTest, ReportsHowACommandEnded) {

@@ -30,16 +30,16 @@ long cpu_ticks(pid_t pid) {
   return user + system;
 }
 
-TEST(Trouble, ABrokerThatIsDownAtStartIsWaitedForAndNothingAcknowledgedIsLost) {
+TEST(Trouble, ABrokerThatIsDownAtStartIsWaitedFor) {
   Mosquitto broker;
   broker.kill();
   GatewayProcess gateway(json{{"broker", {{"uri", broker.uri()}}}});
   ASSERT_TRUE(eventually([&] { return gateway.logs("is not reached"); })) << gateway.log();
   SimulatorProcess simulator({"thread", "--gateway", gateway.mqttsn_address(), "--robots", "2",
                               "--messages", "5", "--rate", "20"});
-  ASSERT_TRUE(eventually([&] { return gateway.logs("robot2 is online"); })) << gateway.log();
 
-  broker.start();
+  broker.start();  // until now no SEARCHGW was answered
+
   Subscriber subscriber(broker, "ntnu-slam/robot/#");
   const json report = simulator.report();
   EXPECT_EQ(report["lost"], 0) << report;

@@ -40,7 +40,10 @@ struct RecordingListener final : UpstreamListener {
   void on_subscribe_result(const std::string& filter, bool granted) override {
     subscribed[filter] = granted;
   }
-  void on_message(BrokerMessage message) override { messages.push_back(std::move(message)); }
+  void on_message(BrokerMessage message, std::vector<std::uint32_t> ids) override {
+    messages.push_back(std::move(message));
+    subscriptions.push_back(std::move(ids));
+  }
 
   int ups = 0;
   bool is_up = false;
@@ -50,6 +53,7 @@ struct RecordingListener final : UpstreamListener {
   std::map<std::uint64_t, std::string> refused;
   std::map<std::string, bool> subscribed;
   std::vector<BrokerMessage> messages;
+  std::vector<std::vector<std::uint32_t>> subscriptions;  // of each message
 };
 
 BrokerSettings settings_for(std::uint16_t port, std::optional<Credentials> credentials = {}) {
@@ -98,12 +102,12 @@ TEST(PahoUpstream, ReceivesWhatItSubscribedTo) {
   test::mosquitto_publish(broker, {"-r", "-t", "down/kept", "-m", "old"});
   Link link(broker.port());
   ASSERT_TRUE(link.comes_up());
-  link.upstream->subscribe("down/#", Qos::at_least_once);
+  link.upstream->subscribe("down/#", Qos::at_least_once, 1);
   ASSERT_TRUE(link.sees([&] { return link.listener.messages.size() == 1; }));
   EXPECT_TRUE(link.listener.subscribed["down/#"]);
   EXPECT_TRUE(link.listener.messages[0].retain);
 
-  link.upstream->subscribe("down/#", Qos::at_least_once);
+  link.upstream->subscribe("down/#", Qos::at_least_once, 1);
   ASSERT_TRUE(link.sees([&] { return link.listener.messages.size() == 2; }))
       << "a repeated subscription brings retained messages again";
 
@@ -113,12 +117,26 @@ TEST(PahoUpstream, ReceivesWhatItSubscribedTo) {
   EXPECT_EQ(link.listener.messages[2].topic, "down/new");
 
   link.upstream->unsubscribe("down/#");
-  link.upstream->subscribe("other", Qos::at_least_once);
+  link.upstream->subscribe("other", Qos::at_least_once, 1);
   ASSERT_TRUE(link.sees([&] { return link.listener.subscribed.contains("other"); }));
   test::mosquitto_publish(broker, {"-t", "down/new", "-m", "unheard"});
   test::mosquitto_publish(broker, {"-t", "other", "-m", "heard"});
   ASSERT_TRUE(link.sees([&] { return link.listener.messages.size() == 4; }));
   EXPECT_EQ(link.listener.messages[3].topic, "other");
+}
+
+TEST(PahoUpstream, TellsTheCopiesForOverlappingSubscriptionsApart) {
+  Mosquitto broker;
+  Link link(broker.port());
+  ASSERT_TRUE(link.comes_up());
+  link.upstream->subscribe("down/+", Qos::at_least_once, 7);
+  link.upstream->subscribe("down/cmd", Qos::at_least_once, 8);
+  ASSERT_TRUE(link.sees([&] { return link.listener.subscribed.size() == 2; }));
+  test::mosquitto_publish(broker, {"-q", "1", "-t", "down/cmd", "-m", "x"});
+  ASSERT_TRUE(link.sees([&] { return link.listener.messages.size() == 2; }));
+  std::set<std::vector<std::uint32_t>> ids(link.listener.subscriptions.begin(),
+                                           link.listener.subscriptions.end());
+  EXPECT_EQ(ids, (std::set<std::vector<std::uint32_t>>{{7}, {8}}));
 }
 
 TEST(PahoUpstream, ComesBackAfterTheBrokerWasKilled) {

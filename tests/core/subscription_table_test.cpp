@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/core/subscription_table.hpp"
+
+#include <gtest/gtest.h>
+
+namespace slamgw {
+namespace {
+
+class SubscriptionTableTest : public testing::Test {
+ protected:
+  SubscriptionId subscribe(const std::string& filter) {
+    const SubscriptionId id = table.add(Mesh::thread, filter, Qos::at_least_once).id;
+    table.on_answer(filter, true);
+    return id;
+  }
+  bool takes(const std::string& topic, std::vector<SubscriptionId> ids) {
+    return table.is_copy_to_take(topic, ids);
+  }
+
+  SubscriptionTable table;
+};
+
+TEST_F(SubscriptionTableTest, KeepsOneIdForTheLifeOfAFilter) {
+  const SubscriptionId first = table.add(Mesh::ble, "f", Qos::at_most_once).id;
+  EXPECT_NE(first, 0u);
+  EXPECT_EQ(table.add(Mesh::thread, "f", Qos::at_least_once).id, first);
+  EXPECT_EQ(table.wanted().at("f").qos, Qos::at_least_once);
+  EXPECT_NE(table.add(Mesh::thread, "g", Qos::at_most_once).id, first);
+}
+
+TEST_F(SubscriptionTableTest, TakesOneOfTheCopiesForOverlappingFilters) {
+  const SubscriptionId any = subscribe("server/a/+");
+  const SubscriptionId exact = subscribe("server/a/cmd");
+  EXPECT_TRUE(takes("server/a/cmd", {any}));
+  EXPECT_FALSE(takes("server/a/cmd", {exact}));
+  EXPECT_TRUE(takes("server/a/cmd", {exact, any})) << "a broker may send one copy for both";
+  EXPECT_TRUE(takes("server/a/run", {any}));
+}
+
+TEST_F(SubscriptionTableTest, TakesTheOtherCopyWhileASubscriptionDoesNotStandYet) {
+  const SubscriptionId early = table.add(Mesh::ble, "server/a/+", Qos::at_least_once).id;
+  const SubscriptionId late = subscribe("server/a/cmd");
+  EXPECT_TRUE(takes("server/a/cmd", {late})) << "the broker does not send the other copy yet";
+  table.on_answer("server/a/+", true);
+  EXPECT_FALSE(takes("server/a/cmd", {late}));
+  EXPECT_TRUE(takes("server/a/cmd", {early}));
+}
+
+TEST_F(SubscriptionTableTest, TakesEveryMessageOfABrokerThatNamesNoSubscription) {
+  subscribe("server/a/+");
+  subscribe("server/a/cmd");
+  EXPECT_TRUE(takes("server/a/cmd", {}));
+}
+
+TEST_F(SubscriptionTableTest, LetsTheOthersStandInForAFilterThatHasGone) {
+  subscribe("server/a/+");
+  const SubscriptionId exact = subscribe("server/a/cmd");
+  table.remove(Mesh::thread, "server/a/+");
+  EXPECT_TRUE(takes("server/a/cmd", {exact}));
+}
+
+TEST_F(SubscriptionTableTest, ForgetsWhatStoodAtABrokerThatHasGone) {
+  subscribe("server/a/+");
+  const SubscriptionId exact = subscribe("server/a/cmd");
+  table.await(Mesh::ble, "server/a/+");
+  const auto waiting = table.on_broker_gone();
+  ASSERT_EQ(waiting.size(), 1u);
+  EXPECT_EQ(waiting[0].filter, "server/a/+");
+  table.on_answer("server/a/cmd", true);
+  EXPECT_TRUE(takes("server/a/cmd", {exact})) << "the other is not subscribed again yet";
+}
+
+TEST_F(SubscriptionTableTest, ForgetsAFilterThatTheBrokerRefuses) {
+  table.add(Mesh::ble, "f", Qos::at_least_once);
+  table.await(Mesh::ble, "f");
+  EXPECT_EQ(table.on_answer("f", false), std::vector<Mesh>{Mesh::ble});
+  EXPECT_TRUE(table.wanted().empty());
+}
+
+}  // namespace
+}  // namespace slamgw
