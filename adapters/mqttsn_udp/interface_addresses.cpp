@@ -90,7 +90,8 @@ std::vector<std::uint32_t> multicast_interfaces(const std::string& name) {
   std::vector<std::uint32_t> indices;
   const Interfaces all = read_interfaces();
   for (const ifaddrs* i = all.get(); i; i = i->ifa_next) {
-    const bool is_usable = (i->ifa_flags & IFF_UP) != 0 && (i->ifa_flags & IFF_MULTICAST) != 0;
+    const bool is_usable =
+        (i->ifa_flags & IFF_UP) != 0 && (i->ifa_flags & (IFF_MULTICAST | IFF_LOOPBACK)) != 0;
     if (!is_usable || (!name.empty() && name != i->ifa_name)) continue;
     const std::uint32_t index = if_nametoindex(i->ifa_name);
     if (index != 0 && std::find(indices.begin(), indices.end(), index) == indices.end())

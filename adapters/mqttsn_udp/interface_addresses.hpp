@@ -24,7 +24,8 @@ std::optional<IpAddress> choose_source(const std::vector<IpAddress>& candidates,
                                        const IpAddress& from);
 
 std::vector<IpAddress> addresses_of_interface(std::uint32_t interface);
-/// Indices of the interfaces that are up and know multicast; only `name` unless it is empty.
+/// Indices of the interfaces that are up and know multicast, and of loopback; only `name` unless it
+/// is empty.
 std::vector<std::uint32_t> multicast_interfaces(const std::string& name);
 
 }  // namespace slamgw::mqttsn

@@ -24,6 +24,7 @@ std::uint64_t never_0(std::uint64_t hash) { return hash == 0 ? 1 : hash; }
 
 std::uint64_t fingerprint(const Publish& publish) {
   std::uint64_t hash = mix(fnv_offset, static_cast<std::uint8_t>(publish.topic_id_type));
+  hash = mix(hash, static_cast<std::uint8_t>(publish.qos));
   hash = mix(hash, static_cast<std::uint8_t>(publish.retain));
   hash = mix(hash, static_cast<std::uint8_t>(publish.topic_id >> 8));
   hash = mix(hash, static_cast<std::uint8_t>(publish.topic_id & 0xff));

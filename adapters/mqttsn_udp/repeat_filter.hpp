@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Recognises the repetition of a QoS 1 message by client, MsgId, topic and payload within a window,
-// whether DUP is set or not (R76): common clients repeat without DUP, some count MsgIds badly, and
-// robots send steps that must not count twice. MsgId alone is never enough.
+// Recognises the repetition of a QoS 1 message (and of a QoS 2 message that is complete) by client,
+// MsgId, topic and payload within a window, whether DUP is set or not (R76): common clients repeat
+// without DUP, some count MsgIds badly, and robots send steps that must not count twice. MsgId
+// alone is never enough.
 #pragma once
 
 #include <cstdint>
@@ -12,7 +13,7 @@
 
 namespace slamgw::mqttsn {
 
-/// FNV-1a over topic id, its type and the payload; not over DUP and MsgId. Never 0.
+/// FNV-1a over topic id, its type, QoS, retain and the payload; not over DUP and MsgId. Never 0.
 std::uint64_t fingerprint(const Publish& publish);
 std::uint64_t fingerprint(ByteView bytes);
 

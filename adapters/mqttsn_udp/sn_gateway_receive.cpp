@@ -126,7 +126,7 @@ void SnGateway::handle(ClientSession& session, Packet& packet, TimePoint now) {
                  [&](Publish& p) { uplink_.on_publish(session, std::move(p), now); },
                  [&](const Puback& p) { downlink_.on_puback(session, p, now); },
                  [&](const Pubrec& p) { downlink_.on_pubrec(session, p, now); },
-                 [&](const Pubrel& p) { uplink_.on_pubrel(session, p); },
+                 [&](const Pubrel& p) { uplink_.on_pubrel(session, p, now); },
                  [&](const Pubcomp& p) { downlink_.on_pubcomp(session, p, now); },
                  [&](const Subscribe& p) { subscriptions_.on_subscribe(session, p, now); },
                  [&](const Unsubscribe& p) {

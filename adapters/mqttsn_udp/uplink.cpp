@@ -20,14 +20,17 @@ void Uplink::on_publish(ClientSession& session, Publish publish, TimePoint now) 
                                   std::move(publish.payload), Qos::at_most_once, publish.retain,
                                   Receipt{Mesh::thread, 0}});
     case WireQos::one: return publish_once(session, std::move(publish), std::move(*topic), now);
-    case WireQos::two: return publish_exactly_once(session, std::move(publish), std::move(*topic));
+    case WireQos::two:
+      return publish_exactly_once(session, std::move(publish), std::move(*topic), now);
   }
 }
 
-/// A PUBREL is always answered: the client must be able to end its exchange (R75).
-void Uplink::on_pubrel(ClientSession& session, const Pubrel& pubrel) {
+/// A PUBREL is always answered: the client must be able to end its exchange (R75). A copy of the
+/// PUBLISH that the network delivers after it is still known for a while (R137).
+void Uplink::on_pubrel(ClientSession& session, const Pubrel& pubrel, TimePoint now) {
   const auto found = session.inbound_qos2.find(pubrel.msg_id);
   if (found != session.inbound_qos2.end() && found->second.receipt_id == 0) {
+    session.repeats.add({found->second.fingerprint, now, 0, 0, pubrel.msg_id});
     session.inbound_qos2.erase(found);
     context_.set_dirty(session);
   }
@@ -114,12 +117,15 @@ void Uplink::publish_once(ClientSession& session, Publish publish, std::string t
   report(session, std::move(publish), std::move(topic));
 }
 
-void Uplink::publish_exactly_once(ClientSession& session, Publish publish, std::string topic) {
+void Uplink::publish_exactly_once(ClientSession& session, Publish publish, std::string topic,
+                                  TimePoint now) {
   const std::uint64_t mark = fingerprint(publish);
   const auto known = session.inbound_qos2.find(publish.msg_id);
-  if (known != session.inbound_qos2.end() && known->second.fingerprint == mark) {
+  const bool is_open = known != session.inbound_qos2.end() && known->second.fingerprint == mark;
+  if (is_open || session.repeats.find(publish.msg_id, mark, now)) {
     context_.tally.count(Count::repeats_suppressed);
-    if (known->second.receipt_id == 0) context_.send(session, Pubrec{publish.msg_id});
+    const bool is_safe = !is_open || known->second.receipt_id == 0;
+    if (is_safe) context_.send(session, Pubrec{publish.msg_id});
     return;
   }
   const bool is_full = session.open_receipts >= limits::max_open_receipts ||
@@ -132,7 +138,7 @@ void Uplink::publish_exactly_once(ClientSession& session, Publish publish, std::
   report(session, std::move(publish), std::move(topic));
 }
 
-std::uint64_t Uplink::report(ClientSession& session, Publish publish, std::string topic) {
+void Uplink::report(ClientSession& session, Publish publish, std::string topic) {
   const auto qos = static_cast<Qos>(publish.qos);
   const std::uint64_t id = ++last_receipt_;
   open_[id] = {context_.clients.weak(session), qos, publish.topic_id, publish.msg_id};
@@ -140,7 +146,6 @@ std::uint64_t Uplink::report(ClientSession& session, Publish publish, std::strin
   context_.tally.count(Count::published_up);
   context_.emit(Report{Mesh::thread, session.robot, std::move(topic), std::move(publish.payload),
                        qos, publish.retain, Receipt{Mesh::thread, id}});
-  return id;
 }
 
 void Uplink::on_safe(ClientSession& session, std::uint64_t receipt_id, const Open& open) {

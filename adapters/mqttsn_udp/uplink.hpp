@@ -14,7 +14,7 @@ class Uplink {
   explicit Uplink(Context& context) : context_(context) {}
 
   void on_publish(ClientSession& session, Publish publish, TimePoint now);
-  void on_pubrel(ClientSession& session, const Pubrel& pubrel);
+  void on_pubrel(ClientSession& session, const Pubrel& pubrel, TimePoint now);
   /// QoS -1: from anywhere, `session` may be null; never answered (R81).
   void on_unconnected_publish(const ClientSession* session, Publish publish);
   /// Unknown receipts (of a session that is gone) are ignored.
@@ -34,9 +34,10 @@ class Uplink {
 
   Result<std::string, ReturnCode> topic_of(ClientSession& session, const Publish& publish);
   void publish_once(ClientSession& session, Publish publish, std::string topic, TimePoint now);
-  void publish_exactly_once(ClientSession& session, Publish publish, std::string topic);
-  /// Sends it up, the receipt open; its id.
-  std::uint64_t report(ClientSession& session, Publish publish, std::string topic);
+  void publish_exactly_once(ClientSession& session, Publish publish, std::string topic,
+                            TimePoint now);
+  /// Sends it up under the next receipt id.
+  void report(ClientSession& session, Publish publish, std::string topic);
   void on_safe(ClientSession& session, std::uint64_t receipt_id, const Open& open);
   void on_refused(ClientSession& session, std::uint64_t receipt_id, const Open& open);
   void refuse(ClientSession& session, const Publish& publish, ReturnCode code);

@@ -5,6 +5,7 @@
 
 #include <gtest/gtest.h>
 
+#include <boost/asio/ip/multicast.hpp>
 #include <boost/asio/ip/udp.hpp>
 
 #include "adapters/mqttsn_udp/interface_addresses.hpp"
@@ -138,6 +139,36 @@ TEST(MqttsnAdapter, R9_NoticesOversizedDatagramsAndGoesOn) {
   for (const Counter& counter : rig.adapter.counters()) counters[counter.name] = counter.value;
   EXPECT_EQ(counters["oversized"], 2U);
   EXPECT_EQ(counters["truncated"], 1U);
+}
+
+TEST(MqttsnAdapter, R19_HearsSearchesByMulticastOnItsInterface) {
+  boost::asio::io_context io;
+  FakeCore core;
+  Settings settings;
+  settings.listen = {"0.0.0.0:0"};
+  settings.interface = "lo";
+  settings.multicast_group = "239.9.9.9";
+  MqttsnAdapter adapter(io, settings, TopicPolicy(TopicScheme("ntnu-slam", "gw"), {}, {}),
+                        RobotNames(), core);
+  adapter.start();
+  adapter.on_broker_link(true);
+  const auto loopback = boost::asio::ip::address_v4::loopback();
+  udp::socket client(io, {loopback, 0});
+  client.set_option(boost::asio::ip::multicast::outbound_interface(loopback));
+  client.non_blocking(true);
+  const udp::endpoint group(boost::asio::ip::make_address("239.9.9.9"), adapter.bound_ports()[0]);
+  client.send_to(boost::asio::buffer(encode(SearchGw{1})), group);
+  Bytes answer(100);
+  udp::endpoint from;
+  std::size_t size = 0;
+  ASSERT_TRUE(eventually(io, [&] {
+    boost::system::error_code error;
+    size = client.receive_from(boost::asio::buffer(answer), from, 0, error);
+    return !error;
+  }));
+  EXPECT_EQ(describe_octets(ByteView(answer).first(size)), "GWINFO gw=1 address=");
+  EXPECT_EQ(from.address(), loopback);
+  adapter.stop();
 }
 
 TEST(MqttsnAdapter, SaysInWordsWhatItCannotListenTo) {
