@@ -19,10 +19,11 @@ class TopicTree {
   /// The filter's value; a new one when it has none.
   Value& operator[](std::string_view filter) {
     Node* node = &root_;
-    for (std::optional<std::string_view> rest = filter; rest;) {
-      auto& next = node->children[std::string(take_level(rest))];
+    for (Level level = Level::first_of(filter);; level = level.next()) {
+      auto& next = node->children[std::string(level.text)];
       if (!next) next = std::make_unique<Node>();
       node = next.get();
+      if (level.is_last) break;
     }
     if (!node->value) node->value.emplace();
     return *node->value;
@@ -31,14 +32,14 @@ class TopicTree {
   /// Nothing when the filter has no value.
   Value* find(std::string_view filter) {
     Node* node = &root_;
-    for (std::optional<std::string_view> rest = filter; rest;) {
-      node = child(*node, take_level(rest));
+    for (Level level = Level::first_of(filter);; level = level.next()) {
+      node = child(*node, level.text);
       if (!node) return nullptr;
+      if (level.is_last) return node->value ? &*node->value : nullptr;
     }
-    return node->value ? &*node->value : nullptr;
   }
 
-  void erase(std::string_view filter) { erase_below(root_, filter); }
+  void erase(std::string_view filter) { erase_below(root_, Level::first_of(filter)); }
   void clear() { root_ = Node{}; }
 
   /// Calls `visit(const Value&)` for each filter that matches (MQTT 3.1.1 section 4.7, `$...`
@@ -46,7 +47,7 @@ class TopicTree {
   template <class Visit>
   void match(std::string_view topic, Visit&& visit) const {
     const bool is_hidden = topic.starts_with('$');  // from a leading wildcard
-    match_below(root_, topic, is_hidden, visit);
+    match_below(root_, Level::first_of(topic), is_hidden, visit);
   }
 
  private:
@@ -55,30 +56,32 @@ class TopicTree {
     std::optional<Value> value;
   };
 
-  /// The first level of `rest`, which becomes what follows it, or nothing behind the last.
-  static std::string_view take_level(std::optional<std::string_view>& rest) {
-    const std::size_t slash = rest->find('/');
-    const std::string_view level = rest->substr(0, slash);
-    if (slash == std::string_view::npos) {
-      rest.reset();
-    } else {
-      rest->remove_prefix(slash + 1);
+  /// One level of a topic or filter, and what follows it.
+  struct Level {
+    std::string_view text;
+    std::string_view rest;
+    bool is_last = true;
+
+    static Level first_of(std::string_view topic) {
+      const std::size_t slash = topic.find('/');
+      if (slash == std::string_view::npos) return {topic, {}, true};
+      return {topic.substr(0, slash), topic.substr(slash + 1), false};
     }
-    return level;
-  }
+    Level next() const { return first_of(rest); }
+  };
 
   static Node* child(const Node& node, std::string_view level) {
     const auto found = node.children.find(level);
     return found == node.children.end() ? nullptr : found->second.get();
   }
 
-  static void erase_below(Node& node, std::optional<std::string_view> rest) {
-    const auto next = node.children.find(take_level(rest));
+  static void erase_below(Node& node, const Level& level) {
+    const auto next = node.children.find(level.text);
     if (next == node.children.end()) return;
-    if (rest) {
-      erase_below(*next->second, rest);
-    } else {
+    if (level.is_last) {
       next->second->value.reset();
+    } else {
+      erase_below(*next->second, level.next());
     }
     if (!next->second->value && next->second->children.empty()) node.children.erase(next);
   }
@@ -89,18 +92,16 @@ class TopicTree {
   }
 
   template <class Visit>
-  static void match_below(const Node& node, std::optional<std::string_view> rest, bool is_hidden,
-                          Visit& visit) {
-    const std::string_view level = take_level(rest);
+  static void match_below(const Node& node, const Level& level, bool is_hidden, Visit& visit) {
     if (!is_hidden) visit_value(child(node, "#"), visit);
-    for (const Node* next : {child(node, level), is_hidden ? nullptr : child(node, "+")}) {
+    for (const Node* next : {child(node, level.text), is_hidden ? nullptr : child(node, "+")}) {
       if (!next) continue;
-      if (rest) {
-        match_below(*next, rest, false, visit);
-      } else {
-        visit_value(next, visit);
-        visit_value(child(*next, "#"), visit);  // "a/#" also matches "a"
+      if (!level.is_last) {
+        match_below(*next, level.next(), false, visit);
+        continue;
       }
+      visit_value(next, visit);
+      visit_value(child(*next, "#"), visit);  // "a/#" also matches "a"
     }
   }
 
