@@ -31,7 +31,7 @@ struct Will {
 /// A new subscriber gets the retained messages that the broker sends because of it, each topic once
 /// (R102).
 struct RetainedWait {
-  std::optional<TimePoint> until;  ///< nothing: the broker has not answered yet
+  std::optional<TimePoint> until{};  ///< nothing: the broker has not answered yet, or is away
   std::set<std::string, std::less<>> seen;
 };
 
@@ -70,6 +70,7 @@ struct InFlight {
   Stage stage = Stage::published;
   std::uint16_t msg_id = 0;
   std::uint16_t topic_id = 0;
+  std::uint16_t resumed_msg_id = 0;     ///< while registering: the PUBLISH goes on under this id
   bool was_sent = false;                ///< the PUBLISH once left: from now on with DUP
   unsigned repeats = 0;                 ///< since the last sign of life
   std::optional<TimePoint> retry_at{};  ///< nothing: it rests until the client is heard

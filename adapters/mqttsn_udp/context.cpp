@@ -38,6 +38,10 @@ void Context::send_multicast(const Packet& packet) {
   actions_.push(SendMulticast{encode(packet)});
 }
 
+void Context::set_dirty(const ClientSession& session) {
+  if (dirty_.size() < limits::max_dirty) dirty_.insert(session.client_id);
+}
+
 std::vector<std::string> Context::take_dirty() {
   std::vector<std::string> ids(dirty_.begin(), dirty_.end());
   dirty_.clear();

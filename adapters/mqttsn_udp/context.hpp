@@ -43,14 +43,14 @@ class Context {
   std::optional<Action> next_action() { return actions_.pop(); }
 
   /// Something that must survive a restart has changed.
-  void set_dirty(const ClientSession& session) { dirty_.insert(session.client_id); }
+  void set_dirty(const ClientSession& session);
   std::vector<std::string> take_dirty();
 
   bool is_full_silent() const { return settings.when_full == WhenFull::silent; }
 
  private:
   ActionQueue<Action> actions_;
-  std::set<std::string> dirty_;  // bounded by the clients between two calls of take_dirty
+  std::set<std::string> dirty_;  // at most max_dirty
 };
 
 }  // namespace slamgw::mqttsn

@@ -28,7 +28,7 @@ void Downlink::enqueue(ClientSession& session, Outgoing outgoing, TimePoint now)
 void Downlink::pump(ClientSession& session, TimePoint now) {
   Delivery& delivery = session.delivery;
   if (may_send(session) && delivery.in_flight && !delivery.in_flight->retry_at)
-    transmit(session, now);
+    resume(session, now);
   while (may_send(session) && !delivery.in_flight && !delivery.queue.empty())
     start_next(session, now);
   finish_wake(session, now);
@@ -83,6 +83,20 @@ void Downlink::publish(ClientSession& session, Outgoing outgoing, std::uint16_t 
   finish(session, CommandResult::delivered, "", now);
 }
 
+/// What rested goes on; a PUBLISH whose id the client may have forgotten behind a REGISTER (R48).
+void Downlink::resume(ClientSession& session, TimePoint now) {
+  InFlight& in_flight = *session.delivery.in_flight;
+  const bool needs_register = in_flight.stage == Stage::published &&
+                              in_flight.what.topic_id_type == TopicIdType::normal &&
+                              !session.topics.is_told(in_flight.topic_id);
+  if (needs_register) {
+    in_flight.stage = Stage::registering;
+    in_flight.resumed_msg_id = in_flight.msg_id;
+    in_flight.msg_id = next_msg_id(session.delivery);
+  }
+  transmit(session, now);
+}
+
 void Downlink::transmit(ClientSession& session, TimePoint now) {
   InFlight& in_flight = *session.delivery.in_flight;
   context_.send(session, packet_in_flight(session));
@@ -126,13 +140,17 @@ void Downlink::rest(ClientSession& session) {
   Delivery& delivery = session.delivery;
   delivery.is_stalled = false;
   if (!delivery.in_flight) return;
-  if (delivery.in_flight->stage == Stage::registering) {
+  InFlight& in_flight = *delivery.in_flight;
+  in_flight.retry_at.reset();
+  in_flight.repeats = 0;
+  if (in_flight.stage != Stage::registering) return;
+  if (in_flight.resumed_msg_id != 0) {
+    in_flight.stage = Stage::published;
+    in_flight.msg_id = std::exchange(in_flight.resumed_msg_id, std::uint16_t{0});
+  } else {
     push_front(delivery, std::move(delivery.in_flight->what));
     delivery.in_flight.reset();
-    return;
   }
-  delivery.in_flight->retry_at.reset();
-  delivery.in_flight->repeats = 0;
 }
 
 void Downlink::drop_all(ClientSession& session, const std::string& why, TimePoint now) {

@@ -48,6 +48,7 @@ class Downlink {
   void start_next(ClientSession& session, TimePoint now);
   std::optional<std::uint16_t> topic_id(ClientSession& session, const Outgoing& outgoing);
   void publish(ClientSession& session, Outgoing outgoing, std::uint16_t topic_id, TimePoint now);
+  void resume(ClientSession& session, TimePoint now);
   void transmit(ClientSession& session, TimePoint now);
   Packet packet_in_flight(const ClientSession& session) const;
   void finish_wake(ClientSession& session, TimePoint now);

@@ -22,12 +22,20 @@ void Downlink::on_regack(ClientSession& session, const Regack& regack, TimePoint
   Delivery& delivery = session.delivery;
   if (!is_open(delivery, Stage::registering, regack.msg_id)) return;  // R68
   if (regack.code == ReturnCode::congestion) return pause(session, now);
-  const std::uint16_t topic_id = delivery.in_flight->topic_id;
-  Outgoing what = std::move(delivery.in_flight->what);
-  delivery.in_flight.reset();
-  if (regack.code == ReturnCode::accepted) {
+  InFlight& in_flight = *delivery.in_flight;
+  const std::uint16_t topic_id = in_flight.topic_id;
+  const bool is_told = regack.code == ReturnCode::accepted;
+  if (is_told) {
     session.topics.set_told(topic_id, true);
     context_.set_dirty(session);
+  }
+  if (is_told && in_flight.resumed_msg_id != 0) {
+    rest(session);  // the PUBLISH again, under its old id
+    return transmit(session, now);
+  }
+  Outgoing what = std::move(in_flight.what);
+  delivery.in_flight.reset();
+  if (is_told) {
     return publish(session, std::move(what), topic_id, now);
   }
   const std::string topic = what.message->topic;

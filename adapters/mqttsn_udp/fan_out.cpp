@@ -12,18 +12,6 @@ namespace {
 
 using Match = FilterTree::Match;
 
-/// True once for each topic while the subscription waits for retained messages.
-bool takes_retained(Subscription& subscription, const std::string& topic, TimePoint now) {
-  std::optional<RetainedWait>& wait = subscription.retained_wait;
-  if (!wait) return false;
-  if (wait->until && *wait->until < now) {
-    wait.reset();
-    return false;
-  }
-  if (wait->seen.size() >= limits::max_retained_per_wait) return false;
-  return wait->seen.insert(topic).second;
-}
-
 /// The best match of each session, in the order of their first CONNECT.
 void keep_best(std::vector<Match>& matches) {
   const auto is_better = [](const Match& a, const Match& b) {
@@ -43,7 +31,7 @@ void FanOut::on_broker_message(const BrokerMessage& message, TimePoint now) {
   FilterTree::Matches matches = subscriptions_.match(message.topic);
   if (message.retain) {
     std::erase_if(matches.all, [&](const Match& match) {
-      return !takes_retained(*match.subscription, message.topic, now);
+      return !subscriptions_.takes_retained(*match.subscription, message.topic, now);
     });
   } else if (matches.filters > 1 && copies_.is_copy(message, matches.filters, now)) {
     return context_.tally.count(Count::copies_dropped);

@@ -14,6 +14,10 @@ constexpr std::size_t max_datagram_octets = 1232;
 /// Topic ids of one client. A server that listens to a few hundred robots fits.
 constexpr std::size_t max_topics_per_client = 1024;
 constexpr std::size_t max_subscriptions_per_client = 128;
+/// Levels of a filter, so that one datagram can't make a thousand tree nodes.
+constexpr std::size_t max_filter_levels = 64;
+/// SUBSCRIBEs for one filter that the broker has not answered: a whole fleet, twice.
+constexpr std::size_t max_open_per_filter = 20000;
 /// SUBACKs that wait for the broker, and answers that wait behind them to keep their order.
 constexpr std::size_t max_pending_answers = 32;
 /// Messages waiting for an active client (a sleeping one: `mqttsn.max_sleeping_messages`).
@@ -33,6 +37,8 @@ constexpr std::size_t max_handshakes = 1024;
 constexpr std::chrono::hours min_absence{24};
 /// T_WAIT, "more than 5 minutes": how long a client that said "congestion" is left alone.
 constexpr std::chrono::seconds t_wait{310};
+/// Changed sessions that nobody has asked for.
+constexpr std::size_t max_dirty = 65536;
 /// Supervision of a client that gave Duration 0 (R38).
 constexpr std::chrono::seconds max_supervision{3600};
 /// Retained messages of a new subscription come right behind the broker's SUBACK.

@@ -18,7 +18,8 @@ void add_messages(const Delivery& delivery, std::vector<MessageSnapshot>& messag
   if (delivery.in_flight && delivery.in_flight->what.qos != Qos::at_most_once) {
     const InFlight& in_flight = *delivery.in_flight;
     messages.push_back(to_snapshot(in_flight.what));
-    if (in_flight.stage != Stage::registering) messages.back().msg_id = in_flight.msg_id;
+    messages.back().msg_id =
+        in_flight.stage == Stage::registering ? in_flight.resumed_msg_id : in_flight.msg_id;
     messages.back().is_released = in_flight.stage == Stage::released;
   }
   for (const Outgoing& waiting : delivery.queue) {

@@ -15,6 +15,8 @@ void Subscriptions::on_subscribe(ClientSession& session, const Subscribe& reques
   const Result<Wish, ReturnCode> wish = read(session, request);
   if (!wish) return refuse(session, request, wish.error());
   const std::string& filter = wish->filter;
+  const auto open = open_.find(filter);
+  if (open != open_.end() && open->second.size() >= limits::max_open_per_filter) return;
   const Suback answer{request.qos, wish->topic_id, request.msg_id, ReturnCode::accepted};
   if (is_repetition(session, request, filter, now)) return answers_.answer(session, answer);
 
@@ -50,7 +52,8 @@ ClientSession* Subscriptions::on_subscribe_result(const std::string& filter, boo
   const auto subscription = session->subscriptions.find(filter);
   if (granted && subscription != session->subscriptions.end()) {
     subscription->second.granted_at = now;
-    begin_retained_wait(*session, filter, now);
+    std::optional<RetainedWait>& wait = subscription->second.retained_wait;
+    if (wait && broker_up_since_) wait->until = now + limits::retained_wait;
   } else if (!granted) {
     open.answer = {WireQos::zero, 0, open.answer.msg_id, ReturnCode::not_supported};
     drop(*session, filter);
@@ -59,25 +62,27 @@ ClientSession* Subscriptions::on_subscribe_result(const std::string& filter, boo
   return session.get();
 }
 
-void Subscriptions::begin_retained_wait(ClientSession& session, const std::string& filter,
-                                        TimePoint now) {
-  std::optional<RetainedWait>& wait = session.subscriptions.find(filter)->second.retained_wait;
-  if (!wait) return;
-  if (is_broker_up_) {
-    wait->until = now + limits::retained_wait;
-  } else {
-    waiting_for_broker_.emplace_back(context_.clients.weak(session), filter);
+void Subscriptions::on_broker_link(bool is_up, TimePoint now) {
+  if (!is_up) {
+    broker_up_since_.reset();
+  } else if (!broker_up_since_) {
+    broker_up_since_ = now;
   }
 }
 
-void Subscriptions::on_broker_link(bool is_up, TimePoint now) {
-  is_broker_up_ = is_up;
-  if (!is_up) return;
-  for (const auto& [weak, filter] : std::exchange(waiting_for_broker_, {})) {
-    const auto session = weak.lock();
-    if (session && session->subscriptions.contains(filter))
-      begin_retained_wait(*session, filter, now);
+/// What was subscribed while the broker was away gets its retained messages once it is back.
+bool Subscriptions::takes_retained(Subscription& subscription, const std::string& topic,
+                                   TimePoint now) const {
+  std::optional<RetainedWait>& wait = subscription.retained_wait;
+  if (!wait) return false;
+  if (!wait->until && subscription.granted_at && broker_up_since_)
+    wait->until = std::max(*subscription.granted_at, *broker_up_since_) + limits::retained_wait;
+  if (wait->until && *wait->until < now) {
+    wait.reset();
+    return false;
   }
+  if (wait->seen.size() >= limits::max_retained_per_wait) return false;
+  return wait->seen.insert(topic).second;
 }
 
 bool Subscriptions::is_wanted(const ClientSession& session, const std::string& topic) const {
@@ -116,7 +121,10 @@ Result<Subscriptions::Wish, ReturnCode> Subscriptions::read(ClientSession& sessi
   const std::string* filter =
       name(session, request.topic_id_type, request.topic_id, request.topic_name, storage);
   if (!filter) return ReturnCode::invalid_topic_id;
-  if (!is_valid_filter(*filter)) return ReturnCode::not_supported;
+  const auto slashes = std::count(filter->begin(), filter->end(), '/');
+  const bool is_sane =
+      is_valid_filter(*filter) && static_cast<std::size_t>(slashes) < limits::max_filter_levels;
+  if (!is_sane) return ReturnCode::not_supported;
   if (!context_.policy.may_subscribe(session.client_id, session.robot, *filter)) {
     notice_refusal(session, *filter);
     return ReturnCode::not_supported;

@@ -22,8 +22,10 @@ class Subscriptions {
   /// The broker's answer to the oldest open request for `filter`; the session that it was for.
   ClientSession* on_subscribe_result(const std::string& filter, bool granted, TimePoint now);
 
-  /// Retained messages of what was subscribed meanwhile come once the broker is back.
   void on_broker_link(bool is_up, TimePoint now);
+  /// Whether this retained message is one that the subscription still waits for; true once for each
+  /// topic (R102).
+  bool takes_retained(Subscription& subscription, const std::string& topic, TimePoint now) const;
 
   FilterTree::Matches match(const std::string& topic) const { return tree_.match(topic); }
   bool is_wanted(const ClientSession& session, const std::string& topic) const;
@@ -51,7 +53,6 @@ class Subscriptions {
   bool is_repetition(const ClientSession& session, const Subscribe& request,
                      const std::string& filter, TimePoint now) const;
   void ask_broker(ClientSession& session, const std::string& filter, Qos qos, Suback answer);
-  void begin_retained_wait(ClientSession& session, const std::string& filter, TimePoint now);
   void settle_open(const std::string& filter);
   void notice_refusal(ClientSession& session, const std::string& filter);
 
@@ -59,8 +60,7 @@ class Subscriptions {
   Answers& answers_;
   FilterTree tree_;
   std::unordered_map<std::string, std::deque<Open>> open_;  // bounded by max_pending_answers each
-  bool is_broker_up_ = false;
-  std::vector<std::pair<std::weak_ptr<ClientSession>, std::string>> waiting_for_broker_;
+  std::optional<TimePoint> broker_up_since_;
 };
 
 }  // namespace slamgw::mqttsn

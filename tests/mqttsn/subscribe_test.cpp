@@ -53,8 +53,9 @@ TEST(SnGateway, R96_TakesPredefinedIdsAndShortNames) {
 TEST(SnGateway, R97_RefusesInvalidFiltersAndQos) {
   SnRig rig;
   rig.connect(1, "r1");
-  for (const std::string& filter : {std::string("a+"), std::string("#/a"), std::string("a/\0", 3),
-                                    std::string("a/\xff"), std::string("not/allowed")}) {
+  for (const std::string& filter :
+       {std::string("a+"), std::string("#/a"), std::string("a/\0", 3), std::string("a/\xff"),
+        std::string("not/allowed"), "a/" + std::string(64, '/')}) {
     rig.send(1, by_name(filter, 7));
     EXPECT_EQ(rig.last_to(1), "SUBACK qos=0 id=0 msg=7 code=3") << filter;
   }

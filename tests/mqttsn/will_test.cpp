@@ -103,6 +103,25 @@ TEST(SnGateway, R48_TellsIdsAgainAfterAResumedSessionAndTakesTheOldOnes) {
   EXPECT_EQ(rig.reports[0].topic, first_will);
 }
 
+TEST(SnGateway, R48_RegistersBeforeItRepeatsWhatWasInFlight) {
+  SnRig rig;
+  rig.connect(1, "r1", false);
+  rig.subscribe(1, "a/x", 2);
+  rig.broker("a/x", "hi", 2);
+  rig.connect(1, "r1", false);
+  rig.send(1, Regack{1, 2, ReturnCode::accepted});
+  EXPECT_EQ(rig.sent_to(1), Lines{"PUBLISH dup=1 qos=2 retain=0 normal id=1 msg=1 data=6869"})
+      << "under its old MsgId, or it would count twice";
+  rig.sleep(1);
+  rig.send(1, Connect{false, false, 1, 60, "r1"});
+  EXPECT_EQ(rig.sent_to(1), (Lines{"CONNACK code=0", "REGISTER id=1 msg=3 topic=a/x"}));
+  rig.sleep(1);  // while it registers
+  rig.send(1, Pingreq{"r1"});
+  rig.sent_to(1);
+  rig.send(1, Regack{1, 4, ReturnCode::accepted});
+  EXPECT_EQ(rig.sent_to(1), Lines{"PUBLISH dup=1 qos=2 retain=0 normal id=1 msg=1 data=6869"});
+}
+
 TEST(SnGateway, R49_PlainDisconnectPublishesNoWill) {
   SnRig rig;
   connect_with(rig, first_will, true);

@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: Apache-2.0
+// Octets as a sequence of inputs to the gateway's machine, with its invariants looked at after
+// each: for the fuzzer, and for a short random run among the tests.
+#pragma once
+
+#include <vector>
+
+#include "adapters/mqttsn_udp/sn_gateway.hpp"
+
+namespace slamgw::mqttsn {
+
+class FuzzLife {
+ public:
+  FuzzLife();
+
+  /// Inputs are: kind 1, argument 1, and for some a length 1 and so many octets. False when an
+  /// invariant broke.
+  bool run(ByteView script);
+
+ private:
+  void one_input(ByteReader& in);
+  void datagram(std::uint8_t from, ByteView octets);
+  void broker_message(std::uint8_t argument, ByteView payload);
+  bool drain();
+  bool is_sound(const SendDatagram& sent) const;
+  bool holds() const;
+
+  SnGateway gateway_;
+  TimePoint now_{std::chrono::hours(1)};
+  std::vector<std::uint64_t> owed_;
+  std::vector<std::string> asked_;
+};
+
+}  // namespace slamgw::mqttsn
