@@ -63,6 +63,8 @@ std::optional<IpAddress> choose_source(const std::vector<IpAddress>& candidates,
   return best;
 }
 
+std::uint32_t interface_index(const std::string& name) { return if_nametoindex(name.c_str()); }
+
 std::vector<IpAddress> addresses_of_interface(std::uint32_t interface) {
   std::vector<IpAddress> addresses;
   const Interfaces all = read_interfaces();

@@ -23,6 +23,8 @@ bool is_link_local(const IpAddress& address);
 std::optional<IpAddress> choose_source(const std::vector<IpAddress>& candidates,
                                        const IpAddress& from);
 
+/// 0: there is no such interface (now).
+std::uint32_t interface_index(const std::string& name);
 std::vector<IpAddress> addresses_of_interface(std::uint32_t interface);
 /// Indices of the interfaces that are up and know multicast, and of loopback; only `name` unless it
 /// is empty.

@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <stdexcept>
 #include <utility>
 
 #include "adapters/mqttsn_udp/interface_addresses.hpp"
@@ -12,8 +13,8 @@ namespace {
 
 namespace asio = boost::asio;
 
-/// How soon an interface that has come back is joined again.
-constexpr std::chrono::seconds join_interval{10};
+/// How soon an interface that has come back is used again.
+constexpr std::chrono::seconds watch_interval{10};
 
 }  // namespace
 
@@ -24,27 +25,41 @@ MqttsnAdapter::MqttsnAdapter(asio::io_context& io, Settings settings, TopicPolic
       io_(io),
       gateway_(settings_, std::move(policy), std::move(names)),
       driver_(io, gateway_, [this](Action& action) { perform(action); }),
-      join_timer_(io) {}
+      watch_timer_(io) {}
 
 void MqttsnAdapter::start() {
-  std::string where;
-  for (const std::string& listen : settings_.listen) {
-    const auto index = static_cast<std::uint8_t>(sockets_.size());
-    sockets_.push_back(std::make_unique<UdpSocket>(io_, listen, settings_.interface));
-    sockets_.back()->start(
-        [this, index](const UdpSocket::Datagram& datagram) { on_datagram(index, datagram); });
-    where += fmt::format("{}{}", where.empty() ? "" : ", ", listen);
+  interface_index_ = interface_index(settings_.interface);
+  if (settings_.interface.empty() || interface_index_ != 0) {
+    open();
+  } else {
+    tell_link(false, fmt::format("there is no interface {} yet", settings_.interface));
   }
-  if (settings_.multicast_group) join_regularly();
-  listener_.on_mesh_event(LinkChange{Mesh::thread, true, "UDP " + where});
+  watch_interfaces();
   driver_.input([](SnGateway&, TimePoint) {});  // what restored sessions have to say
 }
 
 /// No goodbye: clients are to notice nothing of a restart.
 void MqttsnAdapter::stop() {
   driver_.stop();
-  join_timer_.cancel();
+  watch_timer_.cancel();
+  close();
+}
+
+void MqttsnAdapter::open() {
+  std::string where;
+  for (const std::string& listen : settings_.listen) {
+    const auto index = static_cast<std::uint8_t>(sockets_.size());
+    sockets_.push_back(std::make_shared<UdpSocket>(io_, listen, settings_.interface));
+    sockets_.back()->start(
+        [this, index](const UdpSocket::Datagram& datagram) { on_datagram(index, datagram); });
+    where += fmt::format("{}{}", where.empty() ? "" : ", ", listen);
+  }
+  tell_link(true, "UDP " + where);
+}
+
+void MqttsnAdapter::close() {
   for (const auto& socket : sockets_) socket->close();
+  sockets_.clear();
 }
 
 void MqttsnAdapter::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome) {
@@ -105,6 +120,10 @@ void MqttsnAdapter::perform(Action& action) {
 }
 
 void MqttsnAdapter::perform(SendDatagram& action) {
+  if (sockets_.empty()) {
+    ++sends_failed_;
+    return;
+  }
   const bool is_known = action.from.socket < sockets_.size();  // restored ones may be of old times
   UdpSocket& socket = *sockets_[is_known ? action.from.socket : 0];
   bool is_sent =
@@ -125,12 +144,29 @@ void MqttsnAdapter::perform(SendMulticast& action) {
 
 void MqttsnAdapter::perform(MeshEvent& event) { listener_.on_mesh_event(std::move(event)); }
 
-void MqttsnAdapter::join_regularly() {
-  join_groups();
-  join_timer_.expires_after(join_interval);
-  join_timer_.async_wait([this](boost::system::error_code error) {
-    if (!error) join_regularly();
+void MqttsnAdapter::watch_interfaces() {
+  if (!settings_.interface.empty()) follow_interface();
+  if (settings_.multicast_group) join_groups();
+  watch_timer_.expires_after(watch_interval);
+  watch_timer_.async_wait([this](boost::system::error_code error) {
+    if (!error) watch_interfaces();
   });
+}
+
+/// A socket is bound to an interface by its index: one that was made anew needs new sockets.
+void MqttsnAdapter::follow_interface() {
+  const std::uint32_t index = interface_index(settings_.interface);
+  if (index == interface_index_ && (index == 0 || !sockets_.empty())) return;
+  interface_index_ = index;
+  close();
+  if (index == 0)
+    return tell_link(false, fmt::format("interface {} has gone", settings_.interface));
+  try {
+    open();
+  } catch (const std::runtime_error& error) {
+    close();
+    tell_link(false, error.what());
+  }
 }
 
 void MqttsnAdapter::join_groups() {
@@ -138,6 +174,10 @@ void MqttsnAdapter::join_groups() {
   for (const std::uint32_t interface : multicast_interfaces(settings_.interface)) {
     for (const auto& socket : sockets_) socket->join(group, interface);
   }
+}
+
+void MqttsnAdapter::tell_link(bool is_up, std::string detail) {
+  listener_.on_mesh_event(LinkChange{Mesh::thread, is_up, std::move(detail)});
 }
 
 }  // namespace slamgw::mqttsn

@@ -47,17 +47,22 @@ class MqttsnAdapter final : public MeshAdapter {
   void perform(SendDatagram& action);
   void perform(SendMulticast& action);
   void perform(MeshEvent& event);
-  /// Interfaces come and go; what is joined already stays joined (R19).
-  void join_regularly();
+  void open();
+  void close();
+  /// Interfaces come and go, also that of `mqttsn.interface`; what is joined stays joined (R19).
+  void watch_interfaces();
+  void follow_interface();
   void join_groups();
+  void tell_link(bool is_up, std::string detail);
 
   const Settings settings_;
   MeshListener& listener_;
   boost::asio::io_context& io_;
   SnGateway gateway_;
   MachineDriver<SnGateway> driver_;
-  std::vector<std::unique_ptr<UdpSocket>> sockets_;
-  boost::asio::steady_timer join_timer_;
+  std::vector<std::shared_ptr<UdpSocket>> sockets_;  // none while the interface is away
+  std::uint32_t interface_index_ = 0;
+  boost::asio::steady_timer watch_timer_;
   std::uint64_t sends_failed_ = 0;
   std::uint64_t truncated_ = 0;
 };

@@ -179,12 +179,13 @@ void UdpSocket::close() {
 }
 
 void UdpSocket::wait() {
-  socket_.async_wait(udp::socket::wait_read, [this](boost::system::error_code error) {
-    if (error || !socket_.is_open()) return;
-    for (int i = 0; i < max_datagrams_per_wake_up && receive_one(); ++i) {
-    }
-    if (socket_.is_open()) wait();
-  });
+  socket_.async_wait(udp::socket::wait_read,
+                     [this, alive = shared_from_this()](boost::system::error_code error) {
+                       if (error || !socket_.is_open()) return;
+                       for (int i = 0; i < max_datagrams_per_wake_up && receive_one(); ++i) {
+                       }
+                       if (socket_.is_open()) wait();
+                     });
 }
 
 /// False when nothing is waiting. Errors of earlier sends (a port unreachable) come up here too and

@@ -7,6 +7,7 @@
 #include <boost/asio/ip/udp.hpp>
 #include <boost/asio/ip/v6_only.hpp>
 #include <functional>
+#include <memory>
 #include <string>
 
 #include "adapters/mqttsn_udp/endpoint.hpp"
@@ -14,7 +15,8 @@
 
 namespace slamgw::mqttsn {
 
-class UdpSocket {
+/// Owned by shared_ptr: a wait that is under way keeps it alive.
+class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
  public:
   /// `is_truncated`: the datagram was longer than the buffer; `bytes` is its beginning.
   struct Datagram {

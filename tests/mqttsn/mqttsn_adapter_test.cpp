@@ -171,6 +171,22 @@ TEST(MqttsnAdapter, R19_HearsSearchesByMulticastOnItsInterface) {
   adapter.stop();
 }
 
+TEST(MqttsnAdapter, R19_WaitsForAnInterfaceThatIsNotThereYet) {
+  boost::asio::io_context io;
+  FakeCore core;
+  Settings settings = UdpRig::with({}, {"127.0.0.1:0"});
+  settings.interface = "nowhere0";
+  MqttsnAdapter adapter(io, settings, TopicPolicy(TopicScheme("ntnu-slam", "gw"), {}, {}),
+                        RobotNames(), core);
+  adapter.start();
+  ASSERT_EQ(core.links.size(), 1U);
+  EXPECT_FALSE(core.links[0].is_up);
+  EXPECT_NE(core.links[0].detail.find("nowhere0"), std::string::npos);
+  adapter.on_broker_link(true);
+  EXPECT_TRUE(adapter.bound_ports().empty());
+  adapter.stop();
+}
+
 TEST(MqttsnAdapter, SaysInWordsWhatItCannotListenTo) {
   boost::asio::io_context io;
   udp::socket other(io, {boost::asio::ip::address_v4::loopback(), 0});
