@@ -49,6 +49,7 @@ macro(slamgw_need_module target module package)
 endmacro()
 
 slamgw_need_module(SERIALPORT libserialport libserialport-dev)
+slamgw_need_module(SQLITE3 sqlite3 libsqlite3-dev)
 slamgw_need_module(SYSTEMD libsystemd libsystemd-dev)
 if(BUILD_TESTING)
   slamgw_need_package(GTest libgtest-dev)

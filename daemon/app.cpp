@@ -51,11 +51,17 @@ App::App(Config config, std::string config_file)
       stop_timer_(io_),
       notifier_(io_, [this] { return service_state(); }),
       gateway_(scheme_, {SLAMGW_VERSION, config_.update_mode, started_.wall}),
-      outbox_(config_.broker.max_inflight),
+      outbox_(config_.broker.max_inflight, config_.store.max_bytes),
       outbox_driver_(io_, outbox_,
                      [this](OutboxAction& action) {
                        std::visit([this](auto& what) { perform(what); }, action);
                      }),
+      store_(io_, config_.store,
+             [this](StoreEvent event) {
+               outbox_driver_.input([&](Outbox& outbox, TimePoint now) {
+                 outbox.on_store_event(std::move(event), now);
+               });
+             }),
       upstream_(io_, config_.broker, {scheme_.state_topic(), R"({"state":"offline"})"}, *this),
       broker_log_(broker_uri(config_.broker)),
       sampler_(config_.log.traffic) {}
@@ -66,6 +72,7 @@ void App::run() {
   log_event(Severity::notice, fmt::format("slam-gatewayd {} starts as gateway '{}'", SLAMGW_VERSION,
                                           config_.gateway_id));
   make_store_directory(config_.store.directory);
+  store_.start();
   wait_for_signal();
   start_control();
   start_meshes();
@@ -140,19 +147,22 @@ void App::stop() {
   for (auto& adapter : meshes_) {
     if (adapter) adapter->stop();
   }
-  drive([](Gateway& gateway, const Now&) { gateway.on_stop(); });
+  // While the broker is away its last will has said the same.
+  if (broker_log_.is_up()) drive([](Gateway& gateway, const Now&) { gateway.on_stop(); });
+  outbox_driver_.input([](Outbox& outbox, TimePoint now) { outbox.on_stop(now); });
   stop_when_flushed(read_clocks().mono + flush_patience);
 }
 
 void App::stop_when_flushed(TimePoint give_up_at) {
-  const bool is_done = outbox_.depth() == 0 || !broker_log_.is_up();
-  if (is_done || read_clocks().mono >= give_up_at) {
-    if (outbox_.depth() > 0) {
+  if (outbox_.is_settled() || read_clocks().mono >= give_up_at) {
+    if (outbox_.unsaved() > 0) {
       log_event(Severity::warning,
-                fmt::format("{} messages were not with the broker yet", outbox_.depth()));
+                fmt::format("{} messages are neither with the broker nor in the store",
+                            outbox_.unsaved()));
     }
     outbox_driver_.stop();
     upstream_.stop();
+    store_.stop();
     io_.stop();
     return;
   }
@@ -227,9 +237,9 @@ void App::perform(FireReceipt& action) {
   }
 }
 
-void App::perform(KeepInStore& action) { store_.keep(action.sequence, action.message); }
+void App::perform(WriteToStore& action) { store_.ask(std::move(action)); }
 
-void App::perform(ForgetInStore& action) { store_.forget(action.sequence); }
+void App::perform(LoadFromStore& action) { store_.ask(action); }
 
 void App::on_mesh_event(MeshEvent event) {
   if (const auto* outcome = std::get_if<CommandOutcome>(&event)) {
@@ -248,9 +258,10 @@ void App::tell_meshes_about_broker(bool is_up) {
 void App::on_link_up(bool, std::uint16_t receive_maximum) {
   const std::string version = upstream_.version() == MqttVersion::v5 ? "MQTT 5" : "MQTT 3.1.1";
   log_notice(broker_log_.on_up(version, read_clocks()));
-  tell_meshes_about_broker(true);
+  // The outbox first: else what the gateway says about itself would go to the disk on its way.
   outbox_driver_.input(
       [&](Outbox& outbox, TimePoint now) { outbox.on_link_up(receive_maximum, now); });
+  tell_meshes_about_broker(true);
 }
 
 void App::on_link_down(const std::string& why) {

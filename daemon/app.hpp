@@ -20,9 +20,9 @@
 #include "daemon/operations/traffic_log.hpp"
 #include "daemon/pending_sends.hpp"
 #include "daemon/runtime/machine_driver.hpp"
-#include "daemon/upstream/message_store.hpp"
 #include "daemon/upstream/outbox.hpp"
 #include "daemon/upstream/paho_upstream.hpp"
+#include "daemon/upstream/sqlite_store.hpp"
 
 namespace slamgw {
 
@@ -57,8 +57,8 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   void perform(Notice& notice);
   void perform(PublishAtBroker& action);
   void perform(FireReceipt& action);
-  void perform(KeepInStore& action);
-  void perform(ForgetInStore& action);
+  void perform(WriteToStore& action);
+  void perform(LoadFromStore& action);
   MeshAdapter* mesh(Mesh mesh) const { return meshes_[static_cast<std::size_t>(mesh)].get(); }
   void tell_meshes_about_broker(bool is_up);
 
@@ -91,7 +91,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   bool is_draining_ = false;
   Outbox outbox_;
   MachineDriver<Outbox> outbox_driver_;
-  VolatileStore store_;
+  SqliteStore store_;
   PahoUpstream upstream_;
   LinkLog broker_log_;
   std::unique_ptr<MeshAdapter> meshes_[2];  // by Mesh; nothing when not enabled

@@ -41,6 +41,28 @@ json count_robots(const RobotRegistry& registry) {
           {"untracked", registry.untracked()}};
 }
 
+std::string_view to_string(Backlog::State state) {
+  switch (state) {
+    case Backlog::State::opening: return "opening";
+    case Backlog::State::absent: return "absent";
+    case Backlog::State::working: return "working";
+    case Backlog::State::failing: return "failing";
+  }
+  return "absent";
+}
+
+json store_json(const Outbox& outbox, const StoreSettings& settings, TimePoint now) {
+  const Backlog& backlog = outbox.backlog();
+  const auto age = now - backlog.oldest().value_or(now);
+  return {{"state", to_string(backlog.state())},
+          {"depth", backlog.rows()},
+          {"bytes", backlog.bytes()},
+          {"max_bytes", settings.max_bytes},
+          {"full", backlog.is_full()},
+          {"oldest_age_s", std::chrono::duration_cast<std::chrono::seconds>(age).count()},
+          {"failures", outbox.statistics().store_failures}};
+}
+
 json robot_json(const std::string& id, const Robot& robot, TimePoint now) {
   const MeshPresence& presence = robot.presence();
   return {{"id", id},
@@ -90,9 +112,10 @@ json App::status() {
             {"dropped", sent.dropped},
             {"refused", sent.refused},
             {"rejected", gateway_.traffic().rejected},
-            {"stored", 0}}},
-          {"store",
-           {{"depth", outbox_.depth()},
+            {"stored", outbox_.backlog().stored_total()}}},
+          {"store", store_json(outbox_, config_.store, now.mono)},
+          {"queue",
+           {{"depth", outbox_.unsaved()},
             {"bytes", outbox_.queued_bytes()},
             {"max_bytes", Outbox::max_queued_bytes}}},
           {"control", counters_json(control_ ? control_->counters() : Counters{})},

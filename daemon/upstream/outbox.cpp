@@ -1,31 +1,94 @@
 // SPDX-License-Identifier: Apache-2.0
+// Publishing: where each message waits, the window, acknowledgements. The dealings with the store
+// are in outbox_store.cpp.
 #include "daemon/upstream/outbox.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
+#include <iterator>
 #include <utility>
 
 namespace slamgw {
 
-std::size_t Outbox::Entry::cost() const {
-  return message.topic.size() + message.payload.size() + message_overhead_bytes;
-}
-
 void Outbox::submit(BrokerMessage message, Receipt receipt, TimePoint now) {
-  Entry entry{next_sequence_++, std::move(message), receipt, now};
-  if (queued_bytes_ + entry.cost() > max_queued_bytes) {
-    refuse(entry);
+  Entry entry;
+  entry.order = next_order_++;
+  entry.message = std::move(message);
+  entry.receipt = receipt;
+  entry.submitted = now;
+  queued_bytes_ += entry.cost();
+  if (queued_bytes_ > max_queued_bytes) {
+    refuse(entry, now);
     return;
   }
-  queued_bytes_ += entry.cost();
-  if (!is_up_) keep(entry);
-  if (!is_up_ && entry.is_unacknowledged() && !expiry_check_) {
-    expiry_check_ = now + max_unacknowledged_age;
-  }
-  waiting_.push_back(std::move(entry));
-  publish_waiting();
+  place(std::move(entry), now);
+  proceed(now);
 }
 
-void Outbox::refuse(const Entry& entry) {
+/// Decides where a message that is only in memory waits. `is_overdue`: the broker is too slow for
+/// it.
+void Outbox::place(Entry entry, TimePoint now, bool is_overdue) {
+  const bool is_behind = backlog_.is_ahead_of(entry.message.topic);
+  if (entry.is_unacknowledged()) {
+    if (!expiry_check_) expiry_check_ = entry.submitted + max_unacknowledged_age;
+  } else if (backlog_.can_keep() && (!is_up_ || is_stalled_ || is_behind || is_overdue)) {
+    if (backlog_.keep(entry)) return;
+    const bool may_wait_for_broker = is_up_ && !is_stalled_ && !is_behind;
+    if (!may_wait_for_broker) {
+      refuse(entry, now);
+      return;
+    }
+  }
+  if (!entry.is_unacknowledged() && !overdue_check_) overdue_check_ = now + broker_patience;
+  if (is_behind) {
+    backlog_.queue_behind(std::move(entry));
+  } else {
+    waiting_.push_back(std::move(entry));
+  }
+}
+
+/// The circumstances have changed: everything that waits in memory finds its place anew, in the
+/// order of submission. QoS 0 that waited for nothing still does, unless something that came before
+/// it on its topic has just gone to the store, or back to it (`moved`).
+void Outbox::place_all_again(Entries returned, TimePoint now, bool is_overdue, Slots moved) {
+  Entries behind = backlog_.take_behind();
+  std::move(behind.begin(), behind.end(), std::back_inserter(returned));
+  std::stable_sort(returned.begin(), returned.end(),
+                   [](const Entry& a, const Entry& b) { return a.order < b.order; });
+  Entries fresh = std::exchange(waiting_, {});
+  while (!fresh.empty() || !returned.empty()) {
+    const bool is_fresh =
+        returned.empty() || (!fresh.empty() && fresh.front().order < returned.front().order);
+    Entries& source = is_fresh ? fresh : returned;
+    Entry entry = std::move(source.front());
+    source.pop_front();
+    const std::size_t slot = TopicCounts::slot(entry.message.topic);
+    if (is_fresh && entry.is_unacknowledged() && !moved.contains(slot)) {
+      waiting_.push_back(std::move(entry));
+      continue;
+    }
+    const std::size_t waiting_before = waiting_.size();
+    place(std::move(entry), now, is_overdue);
+    if (waiting_.size() == waiting_before) moved.insert(slot);
+  }
+}
+
+void Outbox::refuse(const Entry& entry, TimePoint now) {
+  queued_bytes_ -= entry.cost();
+  if (const auto count = full_burst_.on_event(now); count && backlog_.is_full()) {
+    actions_.push(Notice{
+        Severity::warning,
+        fmt::format("the store is full ({} bytes, store.max_bytes {}): {} new messages are not "
+                    "acknowledged; robots keep them",
+                    backlog_.bytes(), store_max_bytes_, *count),
+        {}});
+  } else if (count) {
+    actions_.push(Notice{Severity::warning,
+                         fmt::format("{} messages refused: {} MiB wait in memory for the broker",
+                                     *count, max_queued_bytes >> 20),
+                         {}});
+  }
   if (!entry.receipt.is_owed()) {
     ++statistics_.dropped;
     return;
@@ -34,109 +97,175 @@ void Outbox::refuse(const Entry& entry) {
   actions_.push(FireReceipt{entry.receipt, ReceiptOutcome::refused});
 }
 
-void Outbox::keep(Entry& entry) {
-  if (entry.is_unacknowledged() || entry.is_kept) return;
-  entry.is_kept = true;
-  actions_.push(KeepInStore{entry.sequence, entry.message});
-}
-
 void Outbox::on_link_up(std::uint16_t receive_maximum, TimePoint now) {
   is_up_ = true;
   const std::size_t broker_window = receive_maximum > 1 ? receive_maximum - 1u : 1u;
   effective_window_ = std::min(window_, broker_window);
+  progress_ = now;
+  overdue_check_ = now + broker_patience;
   expire_unacknowledged(now);
-  publish_waiting();
+  proceed(now);
 }
 
 void Outbox::on_link_down(TimePoint now) {
-  is_up_ = false;
-  acknowledged_in_flight_ = 0;
-  unacknowledged_in_flight_ = 0;
-  for (auto entry = in_flight_.rbegin(); entry != in_flight_.rend(); ++entry) {
-    if (entry->is_unacknowledged()) {
+  if (!is_up_) return;
+  is_up_ = is_stalled_ = false;
+  acknowledged_in_flight_ = backlog_in_flight_ = unacknowledged_in_flight_ = 0;
+  Entries returned;
+  Slots moved;
+  for (Entry& entry : in_flight_) {
+    if (entry.row != 0) moved.insert(TopicCounts::slot(entry.message.topic));
+    if (entry.is_unacknowledged()) {
       ++statistics_.dropped;
-      queued_bytes_ -= entry->cost();
+      queued_bytes_ -= entry.cost();
+    } else if (entry.is_stored) {
+      backlog_.give_back(std::move(entry));
+    } else if (entry.is_being_copied()) {
+      backlog_.adopt(std::move(entry));
     } else {
-      waiting_.push_front(std::move(*entry));
+      returned.push_back(std::move(entry));
     }
   }
   in_flight_.clear();
-  for (Entry& entry : waiting_) keep(entry);
+  place_all_again(std::move(returned), now, false, std::move(moved));
   expire_unacknowledged(now);
+  proceed(now);
 }
 
-std::size_t& Outbox::in_flight_of(const Entry& entry) {
-  return entry.is_unacknowledged() ? unacknowledged_in_flight_ : acknowledged_in_flight_;
+void Outbox::proceed(TimePoint now) {
+  while (publish_next(now)) {
+  }
+  if (auto write = backlog_.next_write(now)) actions_.push(std::move(*write));
+  if (is_up_) {
+    if (auto load = backlog_.next_load()) actions_.push(*load);
+  }
 }
 
-void Outbox::publish_waiting() {
-  while (is_up_ && !waiting_.empty()) {
-    Entry& first = waiting_.front();
-    const std::size_t room =
-        first.is_unacknowledged() ? max_unacknowledged_in_flight : effective_window_;
-    if (in_flight_of(first) >= room) return;
-    ++in_flight_of(first);
-    actions_.push(PublishAtBroker{first.sequence, first.message});
-    in_flight_.push_back(std::move(first));
+bool Outbox::publish_next(TimePoint now) {
+  if (!is_up_ || backlog_.state() == Backlog::State::opening) return false;
+  const Entry* const stored = is_stopping_ ? nullptr : backlog_.next();
+  const bool is_stored_ready = stored && has_room_for(*stored);
+  const bool is_fresh_ready = !waiting_.empty() && has_room_for(waiting_.front());
+  if (!is_stored_ready && !is_fresh_ready) return false;
+  was_backlog_last_ = is_stored_ready && (!is_fresh_ready || is_backlogs_turn());
+  if (was_backlog_last_) {
+    publish(backlog_.take_next(), now);
+  } else {
+    publish(std::move(waiting_.front()), now);
     waiting_.pop_front();
   }
+  return true;
 }
 
-void Outbox::on_published(std::uint64_t sequence, TimePoint) {
-  finish(sequence, ReceiptOutcome::safe);
+bool Outbox::has_room_for(const Entry& entry) const {
+  return entry.is_unacknowledged() ? unacknowledged_in_flight_ < max_unacknowledged_in_flight
+                                   : acknowledged_in_flight_ < effective_window_;
 }
 
-void Outbox::on_publish_refused(std::uint64_t sequence, TimePoint) {
-  finish(sequence, ReceiptOutcome::refused);
+/// While both could go, each has half of the window.
+bool Outbox::is_backlogs_turn() const {
+  const std::size_t fresh_in_flight = acknowledged_in_flight_ - backlog_in_flight_;
+  if (backlog_in_flight_ != fresh_in_flight) return backlog_in_flight_ < fresh_in_flight;
+  return !was_backlog_last_;
 }
 
-void Outbox::finish(std::uint64_t sequence, ReceiptOutcome outcome) {
-  const auto entry = std::find_if(in_flight_.begin(), in_flight_.end(),
-                                  [&](const Entry& e) { return e.sequence == sequence; });
-  if (entry == in_flight_.end()) return;  // from before a reconnect
-  --in_flight_of(*entry);
-  queued_bytes_ -= entry->cost();
+void Outbox::publish(Entry entry, TimePoint now) {
+  entry.sequence = next_sequence_++;
+  if (entry.is_unacknowledged()) {
+    ++unacknowledged_in_flight_;
+  } else if (acknowledged_in_flight_++ == 0) {
+    progress_ = now;
+  }
+  if (entry.is_from_backlog) ++backlog_in_flight_;
+  actions_.push(PublishAtBroker{entry.sequence, entry.message});
+  in_flight_.push_back(std::move(entry));
+}
+
+void Outbox::on_published(std::uint64_t sequence, TimePoint now) {
+  finish(sequence, ReceiptOutcome::safe, now);
+}
+
+void Outbox::on_publish_refused(std::uint64_t sequence, TimePoint now) {
+  finish(sequence, ReceiptOutcome::refused, now);
+}
+
+void Outbox::finish(std::uint64_t sequence, ReceiptOutcome outcome, TimePoint now) {
+  const auto entry =
+      std::lower_bound(in_flight_.begin(), in_flight_.end(), sequence,
+                       [](const Entry& e, std::uint64_t wanted) { return e.sequence < wanted; });
+  if (entry == in_flight_.end() || entry->sequence != sequence) return;  // before a reconnect
+  count_out(*entry);
+  if (!entry->is_unacknowledged()) {
+    progress_ = now;
+    is_stalled_ = false;
+  }
   ++(outcome == ReceiptOutcome::safe ? statistics_.published : statistics_.refused);
   if (entry->receipt.is_owed()) actions_.push(FireReceipt{entry->receipt, outcome});
-  if (entry->is_kept) actions_.push(ForgetInStore{sequence});
+  if (entry->row != 0) backlog_.forget(*entry, now);
   in_flight_.erase(entry);
-  publish_waiting();
+  proceed(now);
 }
 
-void Outbox::on_stored(std::uint64_t sequence) {
-  for (std::deque<Entry>* queue : {&waiting_, &in_flight_}) {
-    const auto entry =
-        std::lower_bound(queue->begin(), queue->end(), sequence,
-                         [](const Entry& e, std::uint64_t wanted) { return e.sequence < wanted; });
-    if (entry == queue->end() || entry->sequence != sequence) continue;
-    const Receipt receipt = std::exchange(entry->receipt, Receipt{});
-    if (receipt.is_owed()) actions_.push(FireReceipt{receipt, ReceiptOutcome::safe});
+void Outbox::count_out(const Entry& entry) {
+  if (!entry.is_stored) queued_bytes_ -= entry.cost();
+  if (entry.is_unacknowledged()) {
+    --unacknowledged_in_flight_;
+    return;
   }
+  --acknowledged_in_flight_;
+  if (entry.is_from_backlog) --backlog_in_flight_;
 }
 
 void Outbox::on_deadline(TimePoint now) {
   if (expiry_check_ && now >= *expiry_check_) expire_unacknowledged(now);
+  if (backlog_.on_deadline(now)) {
+    overdue_check_ = now;
+    place_all_again({}, now);
+  }
+  if (overdue_check_ && now >= *overdue_check_) check_overdue(now);
+  if (stop_check_ && now >= *stop_check_) {
+    stop_check_.reset();
+    save_all(now);
+  }
+  proceed(now);
+}
+
+std::optional<TimePoint> Outbox::deadline() const {
+  return earlier(earlier(expiry_check_, overdue_check_), earlier(stop_check_, backlog_.deadline()));
 }
 
 void Outbox::expire_unacknowledged(TimePoint now) {
   std::optional<TimePoint> oldest_left;
-  std::erase_if(waiting_, [&](const Entry& entry) {
+  const auto is_too_old = [&](const Entry& entry) {
     if (!entry.is_unacknowledged()) return false;
-    const bool is_too_old = now - entry.submitted >= max_unacknowledged_age;
-    if (is_too_old) {
+    if (now - entry.submitted >= max_unacknowledged_age) {
       ++statistics_.dropped;
       queued_bytes_ -= entry.cost();
-    } else if (!oldest_left) {
-      oldest_left = entry.submitted;
+      return true;
     }
-    return is_too_old;
-  });
+    oldest_left = std::min(oldest_left.value_or(entry.submitted), entry.submitted);
+    return false;
+  };
+  std::erase_if(waiting_, is_too_old);
+  backlog_.drop_behind(is_too_old);
   // At most one look at the whole queue each second, however closely the messages followed each
   // other.
   expiry_check_.reset();
-  if (oldest_left && !is_up_) {
+  if (oldest_left) {
     expiry_check_ = std::max(*oldest_left + max_unacknowledged_age, now + std::chrono::seconds{1});
   }
+}
+
+std::size_t Outbox::unsaved() const {
+  std::size_t count = waiting_.size() + backlog_.behind() + backlog_.unsaved();
+  for (const Entry& entry : in_flight_) count += entry.is_stored ? 0 : 1;
+  return count;
+}
+
+std::size_t Outbox::depth() const {
+  std::size_t count = waiting_.size() + backlog_.behind() + backlog_.rows();
+  for (const Entry& entry : in_flight_) count += entry.row != 0 ? 0 : 1;
+  return count;
 }
 
 }  // namespace slamgw

@@ -1,16 +1,26 @@
 // SPDX-License-Identifier: Apache-2.0
-// What waits for the broker, in order, and the receipts that fire when it is there. Pure: the
-// application performs the actions. One queue for all robots keeps the order per robot and topic;
-// the window bounds what is under way.
+// What waits for the broker, in order, and the receipts that fire when the broker or the disk has
+// it. Pure: the application performs the actions. Decides what is published when and what goes to
+// the store; what is in the store is the Backlog's.
+//
+// A message of QoS 1 or 2 goes straight to the broker while that is there and quick. It goes to the
+// store while the broker is away or slow, and while an older message of its topic is in the store:
+// so the order per topic holds, and fresh messages of other topics pass a backlog.
 #pragma once
 
 #include <cstdint>
 #include <deque>
 #include <optional>
+#include <unordered_set>
 #include <variant>
 
+#include "daemon/core/burst.hpp"
 #include "daemon/core/messages.hpp"
 #include "daemon/core/protocol_machine.hpp"
+#include "daemon/upstream/backlog.hpp"
+#include "daemon/upstream/message_store.hpp"
+#include "daemon/upstream/outbox_entry.hpp"
+#include "daemon/upstream/settings.hpp"
 
 namespace slamgw {
 
@@ -22,37 +32,36 @@ struct FireReceipt {
   Receipt receipt;
   ReceiptOutcome outcome = ReceiptOutcome::safe;
 };
-/// For the MessageStore: the broker is away and a robot waits for this message's acknowledgement.
-struct KeepInStore {
-  std::uint64_t sequence = 0;
-  BrokerMessage message;
-};
-struct ForgetInStore {
-  std::uint64_t sequence = 0;
-};
 
-using OutboxAction = std::variant<PublishAtBroker, FireReceipt, KeepInStore, ForgetInStore>;
+using OutboxAction =
+    std::variant<PublishAtBroker, FireReceipt, WriteToStore, LoadFromStore, Notice>;
 
 class Outbox {
  public:
-  /// Memory bound for all that waits; beyond it acknowledged messages are refused and others
+  /// Bound of what is only in memory; beyond it acknowledged messages are refused and others
   /// dropped. 64 MiB is minutes of a thousand robots and little on a Pi.
   static constexpr std::size_t max_queued_bytes = 64u << 20;
-  /// What one queued message costs besides topic and payload.
-  static constexpr std::size_t message_overhead_bytes = 160;
-  /// QoS 0 handed to the client and not yet written; keeps Paho's buffer (256) from overflowing.
+  /// QoS 0 handed to the client and not yet written; keeps Paho's buffer (512) from overflowing.
   static constexpr std::size_t max_unacknowledged_in_flight = 64;
   /// Contract, promise 5: QoS 0 is never queued behind an outage for longer.
   static constexpr std::chrono::seconds max_unacknowledged_age{10};
+  /// A broker that has not acknowledged a message for so long is slow: what is only in memory goes
+  /// to the store, and robots need not wait for the broker.
+  static constexpr std::chrono::seconds broker_patience{2};
+  /// An orderly end gives the broker so long; then what is left goes to the store.
+  static constexpr std::chrono::seconds stop_patience{1};
 
   struct Statistics {
     std::uint64_t published = 0;  ///< the broker has them
     std::uint64_t dropped = 0;    ///< QoS 0 too old, without room, or lost with the link
     std::uint64_t refused = 0;    ///< no room, or the broker will never take them
+    std::uint64_t store_failures = 0;
   };
 
-  /// `window`: QoS 1 and 2 messages under way at once (`broker.max_inflight`).
-  explicit Outbox(std::size_t window) : window_(window) {}
+  /// `window`: QoS 1 and 2 messages under way at once (`broker.max_inflight`); `store_max_bytes`:
+  /// `store.max_bytes`. Nothing is published before the first StoreOpened or StoreAbsent.
+  Outbox(std::size_t window, std::uint64_t store_max_bytes)
+      : window_(window), store_max_bytes_(store_max_bytes), backlog_(store_max_bytes) {}
 
   void submit(BrokerMessage message, Receipt receipt, TimePoint now);
   /// `receive_maximum` as the broker says it; one slot is left free for MQTT 5 flow control.
@@ -63,47 +72,83 @@ class Outbox {
   void on_published(std::uint64_t sequence, TimePoint now);
   /// The broker will never take it (MQTT 5: not authorised, payload refused).
   void on_publish_refused(std::uint64_t sequence, TimePoint now);
-  /// The store has made it durable.
-  void on_stored(std::uint64_t sequence);
+  void on_store_event(StoreEvent event, TimePoint now);
+  /// The daemon ends: the backlog stays where it is, what is only in memory goes to the broker or
+  /// the store. The shell goes on until is_settled(), or as long as it can wait.
+  void on_stop(TimePoint now);
 
   std::optional<OutboxAction> next_action() { return actions_.pop(); }
-  std::optional<TimePoint> deadline() const { return expiry_check_; }
+  std::optional<TimePoint> deadline() const;
   void on_deadline(TimePoint now);
 
-  std::size_t depth() const { return waiting_.size() + in_flight_.size(); }
+  /// All that the broker does not have, in memory and on disk.
+  std::size_t depth() const;
+  /// What is only in memory.
+  std::size_t unsaved() const;
   std::size_t queued_bytes() const { return queued_bytes_; }
+  /// Nothing is under way to the broker or the disk, nor could be.
+  bool is_settled() const;
   const Statistics& statistics() const { return statistics_; }
+  const Backlog& backlog() const { return backlog_; }
 
  private:
-  struct Entry {
-    std::uint64_t sequence = 0;
-    BrokerMessage message;
-    Receipt receipt;
-    TimePoint submitted{};
-    bool is_kept = false;  ///< KeepInStore was asked for
+  using Entry = OutboxEntry;
+  using Entries = std::deque<Entry>;
+  using Slots = std::unordered_set<std::size_t>;  // TopicCounts::slot
 
-    bool is_unacknowledged() const { return message.qos == Qos::at_most_once; }
-    std::size_t cost() const;
-  };
+  void handle(StoreOpened& opened, TimePoint now);
+  void handle(StoreAbsent&, TimePoint now);
+  void handle(StoreWritten&, TimePoint now);
+  void handle(StoreWriteFailed& failed, TimePoint now);
+  void handle(StoreLoaded& loaded, TimePoint now);
+  void handle(StoreLoadFailed& failed, TimePoint now);
+  void handle(Notice& notice, TimePoint) { actions_.push(std::move(notice)); }
+  void begin_anew(Entries in_memory, TimePoint now);
+  void report_store_failure(const std::string& why, TimePoint now);
+  void make_safe(Entry& entry);
 
-  void refuse(const Entry& entry);
-  void keep(Entry& entry);
-  void publish_waiting();
+  void place(Entry entry, TimePoint now, bool is_overdue = false);
+  void place_all_again(Entries returned, TimePoint now, bool is_overdue = false, Slots moved = {});
+  void refuse(const Entry& entry, TimePoint now);
+  void check_overdue(TimePoint now);
+  void save_all(TimePoint now);
+  std::optional<TimePoint> oldest_unsaved() const;
+
+  void proceed(TimePoint now);
+  bool publish_next(TimePoint now);
+  bool has_room_for(const Entry& entry) const;
+  bool is_backlogs_turn() const;
+  void publish(Entry entry, TimePoint now);
+  void finish(std::uint64_t sequence, ReceiptOutcome outcome, TimePoint now);
+  void count_out(const Entry& entry);
   void expire_unacknowledged(TimePoint now);
-  std::size_t& in_flight_of(const Entry& entry);
-  void finish(std::uint64_t sequence, ReceiptOutcome outcome);
 
   std::size_t window_;
+  std::uint64_t store_max_bytes_;
   std::size_t effective_window_ = 0;
   bool is_up_ = false;
+  bool is_stalled_ = false;  // overdue messages and no acknowledgement: all that is fresh is stored
+  bool is_stopping_ = false;
+  std::uint64_t next_order_ = 1;
   std::uint64_t next_sequence_ = 1;
-  std::deque<Entry> waiting_;    // sequences rise
-  std::deque<Entry> in_flight_;  // sequences rise, all below those waiting
+
+  Backlog backlog_;
+  Entries waiting_;    // fresh, behind nothing; order rises
+  Entries in_flight_;  // sequences rise
   std::size_t acknowledged_in_flight_ = 0;
+  std::size_t backlog_in_flight_ = 0;
   std::size_t unacknowledged_in_flight_ = 0;
+  bool was_backlog_last_ = false;
+  TimePoint progress_{};  // the last acknowledgement, or when there was nothing to acknowledge
   std::size_t queued_bytes_ = 0;
-  std::optional<TimePoint> expiry_check_;  // while the link is down and QoS 0 waits
+
+  std::optional<TimePoint> expiry_check_;   // while QoS 0 waits
+  std::optional<TimePoint> overdue_check_;  // while something unsaved waits or is in flight
+  std::optional<TimePoint> stop_check_;
   Statistics statistics_;
+  Burst full_burst_;
+  Burst failure_burst_;
+  bool has_store_failed_ = false;
   ActionQueue<OutboxAction> actions_;
 };
 

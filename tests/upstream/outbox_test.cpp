@@ -1,62 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
+// The outbox with a broker that comes and goes; the store only where it shows. More of the store in
+// outbox_store_test.cpp.
 #include "daemon/upstream/outbox.hpp"
 
 #include <gtest/gtest.h>
 
-#include <map>
-#include <set>
 #include <string>
 #include <vector>
+
+#include "tests/upstream/outbox_rig.hpp"
 
 namespace slamgw {
 namespace {
 
 using namespace std::chrono_literals;
 
-/// A broker and a store with a state that tests read.
-class OutboxTest : public testing::Test {
- protected:
-  void submit(const std::string& topic, std::uint64_t receipt, Qos qos = Qos::at_least_once) {
-    outbox.submit({topic, to_bytes("payload"), qos, false}, {Mesh::thread, receipt}, now);
-    drain();
-  }
-
-  void drain() {
-    while (auto action = outbox.next_action()) std::visit([this](auto& a) { perform(a); }, *action);
-  }
-  void perform(PublishAtBroker& publish) {
-    under_way.push_back(publish.sequence);
-    published_topics.push_back(publish.message.topic);
-  }
-  void perform(FireReceipt& fire) { fired[fire.receipt.id].push_back(fire.outcome); }
-  void perform(KeepInStore& keep) { EXPECT_TRUE(store.insert(keep.sequence).second); }
-  void perform(ForgetInStore& forget) { EXPECT_EQ(store.erase(forget.sequence), 1u); }
-
-  void link_up(std::uint16_t receive_maximum = 65535) {
-    outbox.on_link_up(receive_maximum, now);
-    drain();
-  }
-  void link_down() {
-    under_way.clear();
-    outbox.on_link_down(now);
-    drain();
-  }
-  void acknowledge_first() {
-    outbox.on_published(under_way.front(), now);
-    under_way.erase(under_way.begin());
-    drain();
-  }
-  bool has_fired(std::uint64_t receipt, ReceiptOutcome outcome) {
-    return fired[receipt] == std::vector{outcome};
-  }
-
-  TimePoint now{1h};
-  Outbox outbox{16};
-  std::vector<std::uint64_t> under_way;
-  std::vector<std::string> published_topics;
-  std::map<std::uint64_t, std::vector<ReceiptOutcome>> fired;
-  std::set<std::uint64_t> store;
-};
+class OutboxTest : public testing::Test, public test::OutboxRig {};
 
 TEST_F(OutboxTest, FiresAReceiptOnlyWhenTheBrokerHasTheMessage) {
   link_up();
@@ -64,8 +23,8 @@ TEST_F(OutboxTest, FiresAReceiptOnlyWhenTheBrokerHasTheMessage) {
   EXPECT_TRUE(fired.empty());
   acknowledge_first();
   EXPECT_TRUE(has_fired(1, ReceiptOutcome::safe));
-  EXPECT_EQ(outbox.depth(), 0u);
-  EXPECT_EQ(outbox.queued_bytes(), 0u);
+  EXPECT_EQ(outbox->depth(), 0u);
+  EXPECT_EQ(outbox->queued_bytes(), 0u);
 }
 
 TEST_F(OutboxTest, KeepsTheWindowAndTheOrder) {
@@ -76,9 +35,9 @@ TEST_F(OutboxTest, KeepsTheWindowAndTheOrder) {
     submit(expected.back(), static_cast<std::uint64_t>(i) + 1);
     EXPECT_LE(under_way.size(), 16u);
   }
-  while (!under_way.empty()) acknowledge_first();
+  acknowledge_all();
   EXPECT_EQ(published_topics, expected);
-  EXPECT_EQ(outbox.statistics().published, 40u);
+  EXPECT_EQ(outbox->statistics().published, 40u);
 }
 
 TEST_F(OutboxTest, RespectsTheBrokersReceiveMaximum) {
@@ -87,15 +46,28 @@ TEST_F(OutboxTest, RespectsTheBrokersReceiveMaximum) {
   EXPECT_EQ(under_way.size(), 4u) << "one slot is left free";
 }
 
-TEST_F(OutboxTest, PublishesAgainInOrderWhatWasUnderWay) {
+TEST_F(OutboxTest, PublishesNothingBeforeItKnowsWhatTheStoreHolds) {
+  outbox = std::make_unique<Outbox>(window, max_bytes);
+  link_up();
+  submit("t", 1);
+  submit("t", 0, Qos::at_most_once);
+  EXPECT_TRUE(under_way.empty());
+  outbox->on_store_event(StoreAbsent{}, now);
+  drain();
+  EXPECT_EQ(under_way.size(), 2u);
+}
+
+TEST_F(OutboxTest, WithoutAStorePublishesAgainInOrderWhatWasUnderWay) {
+  outbox->on_store_event(StoreAbsent{}, now);
   link_up();
   for (std::uint64_t i = 1; i <= 20; ++i) submit("t" + std::to_string(i), i);
   acknowledge_first();
   link_down();
   EXPECT_EQ(fired.size(), 1u) << "a lost link acknowledges nothing";
+  EXPECT_FALSE(store.is_asked());
   published_topics.clear();
   link_up();
-  while (!under_way.empty()) acknowledge_first();
+  acknowledge_all();
   ASSERT_EQ(published_topics.size(), 19u);
   EXPECT_EQ(published_topics.front(), "t2");
   EXPECT_EQ(published_topics.back(), "t20");
@@ -105,90 +77,115 @@ TEST_F(OutboxTest, PublishesAgainInOrderWhatWasUnderWay) {
 TEST_F(OutboxTest, IgnoresAnswersFromBeforeAReconnect) {
   link_up();
   submit("t", 1);
-  const std::uint64_t old = under_way.front();
+  const std::uint64_t old = under_way.front().sequence;
   link_down();
-  outbox.on_published(old, now);
+  outbox->on_published(old, now);
   drain();
   EXPECT_TRUE(fired.empty()) << "the broker may not have it: it is published again";
-  EXPECT_EQ(outbox.depth(), 1u);
+  EXPECT_EQ(outbox->depth(), 1u);
 }
 
 TEST_F(OutboxTest, AsksTheStoreWhileTheBrokerIsAwayAndFiresOnCommit) {
   submit("t", 1);
-  ASSERT_EQ(store.size(), 1u);
+  EXPECT_TRUE(store.is_asked());
   EXPECT_TRUE(fired.empty());
-  outbox.on_stored(*store.begin());
-  drain();
+  serve_store();
   EXPECT_TRUE(has_fired(1, ReceiptOutcome::safe));
-  link_up();
-  acknowledge_first();
+  EXPECT_EQ(outbox->queued_bytes(), 0u) << "what is safely stored is not in memory";
+  settle();
   EXPECT_TRUE(has_fired(1, ReceiptOutcome::safe)) << "and never again";
-  EXPECT_TRUE(store.empty());
+  EXPECT_EQ(received_of("t"), std::vector<std::string>{"1"});
+  EXPECT_TRUE(store.rows.empty());
 }
 
 TEST_F(OutboxTest, TouchesNoStoreWhileTheBrokerIsThere) {
   link_up();
-  submit("t", 1);
-  acknowledge_first();
-  EXPECT_TRUE(store.empty());
-  submit("t", 2);
+  for (std::uint64_t i = 1; i <= 1000; ++i) {
+    submit("t" + std::to_string(i % 7), i);
+    pass(100ms);
+    acknowledge_all();
+  }
+  EXPECT_FALSE(store.is_asked());
+  submit("t", 2000);
   link_down();
-  EXPECT_EQ(store.size(), 1u) << "what was under way is kept when the link goes";
+  EXPECT_TRUE(store.is_asked()) << "what was under way is kept when the link goes";
 }
 
 TEST_F(OutboxTest, KeepsUnacknowledgedMessagesNoLongerThanTenSeconds) {
   submit("old", 0, Qos::at_most_once);
-  now += 6s;
+  pass(6s);
   submit("young", 0, Qos::at_most_once);
-  submit("kept", 1);
-  now += 4s;
-  ASSERT_TRUE(outbox.deadline());
-  EXPECT_LE(*outbox.deadline(), now);
-  outbox.on_deadline(now);
+  pass(4s);
+  EXPECT_EQ(outbox->statistics().dropped, 1u);
   link_up();
-  EXPECT_EQ(published_topics, (std::vector<std::string>{"young", "kept"}));
-  EXPECT_EQ(outbox.statistics().dropped, 1u);
+  EXPECT_EQ(published_topics, std::vector<std::string>{"young"});
+  EXPECT_FALSE(store.is_asked());
 }
 
 TEST_F(OutboxTest, DeadlineAlwaysLiesAheadAfterItWasServed) {
   for (int i = 0; i < 50; ++i) {
     submit("t", 0, Qos::at_most_once);
-    now += 500ms;
-    if (outbox.deadline() && *outbox.deadline() <= now) {
-      outbox.on_deadline(now);
-      EXPECT_TRUE(!outbox.deadline() || *outbox.deadline() > now);
-    }
+    pass(500ms);  // looks at the deadline
   }
-  EXPECT_LE(outbox.depth(), 24u);
+  EXPECT_LE(outbox->depth(), 24u);
 }
 
 TEST_F(OutboxTest, DropsUnacknowledgedMessagesThatWereUnderWay) {
   link_up();
   submit("t", 0, Qos::at_most_once);
   link_down();
-  EXPECT_EQ(outbox.statistics().dropped, 1u);
-  EXPECT_EQ(outbox.depth(), 0u);
+  EXPECT_EQ(outbox->statistics().dropped, 1u);
+  EXPECT_EQ(outbox->depth(), 0u);
 }
 
 TEST_F(OutboxTest, RefusesWhatItHasNoRoomForAndAcknowledgesNothing) {
-  const Bytes large(1 << 20, 0);
-  for (std::uint64_t i = 1; i <= 80; ++i) {
-    outbox.submit({"t", large, Qos::at_least_once, false}, {Mesh::thread, i}, now);
-    drain();
+  for (std::uint64_t i = 1; i <= 80; ++i) {  // and the store does not answer
+    submit_bytes("t", Bytes(1 << 20, 0), i);
   }
-  EXPECT_LE(outbox.queued_bytes(), Outbox::max_queued_bytes);
+  EXPECT_LE(outbox->queued_bytes(), Outbox::max_queued_bytes);
   EXPECT_TRUE(has_fired(80, ReceiptOutcome::refused));
-  EXPECT_FALSE(fired.contains(1)) << "what is queued still waits for the broker";
-  EXPECT_EQ(outbox.statistics().refused, 80u - outbox.depth());
+  EXPECT_FALSE(fired.contains(1)) << "what is queued still waits for broker or store";
+  EXPECT_EQ(outbox->statistics().refused, 80u - outbox->depth());
+  EXPECT_EQ(notices.size(), 1u) << "said once";
 }
 
 TEST_F(OutboxTest, RefusesTheReceiptOfWhatTheBrokerWillNeverTake) {
   link_up();
   submit("t", 1);
-  outbox.on_publish_refused(under_way.front(), now);
+  outbox->on_publish_refused(under_way.front().sequence, now);
   drain();
   EXPECT_TRUE(has_fired(1, ReceiptOutcome::refused));
-  EXPECT_EQ(outbox.depth(), 0u);
+  EXPECT_EQ(outbox->depth(), 0u);
+}
+
+TEST_F(OutboxTest, SettlesWhenItStopsAndLeavesTheBacklogOnDisk) {
+  for (std::uint64_t i = 1; i <= 100; ++i) submit("old", i);
+  while (serve_store()) {
+  }
+  link_up();
+  serve_store();
+  submit("fresh", 200);
+  outbox->on_stop(now);
+  drain();
+  EXPECT_FALSE(outbox->is_settled());
+  acknowledge_all();
+  while (serve_store()) {
+  }
+  EXPECT_TRUE(outbox->is_settled());
+  EXPECT_EQ(store.rows.size() + received_of("old").size(), 100u) << "and no row twice";
+  EXPECT_EQ(received_of("fresh").size(), 1u);
+}
+
+TEST_F(OutboxTest, WhenItStopsBeforeASilentBrokerStoresWhatIsInMemory) {
+  link_up();
+  for (std::uint64_t i = 1; i <= 20; ++i) submit("t", i);
+  outbox->on_stop(now);
+  drain();
+  pass(Outbox::stop_patience);
+  while (serve_store()) {
+  }
+  EXPECT_EQ(store.rows.size(), 20u);
+  EXPECT_EQ(fired.size(), 20u);
 }
 
 }  // namespace

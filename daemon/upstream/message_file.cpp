@@ -1,0 +1,166 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/upstream/message_file.hpp"
+
+#include <fmt/format.h>
+#include <sqlite3.h>
+
+#include <algorithm>
+#include <chrono>
+
+namespace slamgw {
+namespace {
+
+/// A file larger than this is given back to the file system when its last message has gone.
+constexpr std::int64_t pages_kept_when_empty = 64;
+/// Room for a transaction that keeps before it forgets, and for the table's own pages.
+constexpr std::uint64_t slack_bytes = 4u << 20;
+
+std::int64_t wall_ms() {
+  const auto now = std::chrono::system_clock::now().time_since_epoch();
+  return std::chrono::duration_cast<std::chrono::milliseconds>(now).count();
+}
+
+/// Time since `stored_at`; a clock that was set back makes nothing younger than now.
+Duration age_of(std::int64_t stored_at, std::int64_t now) {
+  return std::chrono::milliseconds{std::max<std::int64_t>(0, now - stored_at)};
+}
+
+/// Nothing is written before we know that the file is ours and sound. True when it is still empty.
+bool check(SqliteDatabase& database) {
+  const std::int64_t found = database.query_number("PRAGMA user_version");
+  if (found > MessageFile::version) {
+    throw ForeignFile(
+        fmt::format("it was written by a newer version (format {}, this one knows {})", found,
+                    MessageFile::version));
+  }
+  if (found == 0) {
+    if (database.query_number("SELECT count(*) FROM sqlite_master") == 0) return true;
+    throw ForeignFile("it is some other program's database");
+  }
+  const std::string answer = database.query_text("PRAGMA quick_check(1)");
+  if (answer != "ok") throw SqliteError(SQLITE_CORRUPT, answer);
+  const std::int64_t columns = database.query_number(
+      "SELECT count(*) FROM pragma_table_info('messages') WHERE name IN "
+      "('row', 'topic', 'payload', 'qos', 'retain', 'stored_at')");
+  if (columns != 6) throw SqliteError(SQLITE_CORRUPT, "the table of messages is not there");
+  return false;
+}
+
+void create_table(SqliteDatabase& database) {
+  SqliteTransaction transaction(database);
+  database.execute(
+      "CREATE TABLE messages(row INTEGER PRIMARY KEY, topic TEXT NOT NULL, payload BLOB NOT NULL, "
+      "qos INTEGER NOT NULL, retain INTEGER NOT NULL, stored_at INTEGER NOT NULL)");
+  database.execute(fmt::format("PRAGMA user_version = {}", MessageFile::version).c_str());
+  transaction.commit();
+}
+
+SqliteDatabase open(const std::string& path, std::uint64_t max_bytes) {
+  SqliteDatabase database(path, MessageFile::busy_wait_ms);
+  database.keep_log_on_close(true);
+  database.execute("PRAGMA locking_mode = EXCLUSIVE");
+  const bool is_empty = check(database);
+  database.keep_log_on_close(false);
+
+  if (is_empty) database.execute(fmt::format("PRAGMA page_size = {}", store_page_bytes).c_str());
+  if (database.query_text("PRAGMA journal_mode = WAL") != "wal") {
+    throw SqliteError(SQLITE_IOERR, "the file system does not allow a write-ahead log");
+  }
+  database.execute("PRAGMA synchronous = FULL");
+  database.execute("PRAGMA temp_store = MEMORY");
+  const std::uint64_t pages = (max_bytes + slack_bytes) / store_page_bytes;
+  const std::uint64_t log_pages = std::clamp<std::uint64_t>(pages / 16, 64, 1000);
+  database.execute(fmt::format("PRAGMA max_page_count = {}; PRAGMA wal_autocheckpoint = {}; "
+                               "PRAGMA journal_size_limit = {}",
+                               pages, log_pages, log_pages * store_page_bytes)
+                       .c_str());
+  if (is_empty) create_table(database);
+  return database;
+}
+
+/// A statement that reads must not keep its transaction, whatever happens.
+struct ResetAtEnd {
+  SqliteStatement& statement;
+  ~ResetAtEnd() { statement.reset(); }
+};
+
+}  // namespace
+
+MessageFile::MessageFile(const std::string& path, std::uint64_t max_bytes)
+    : database_(open(path, max_bytes)),
+      insert_(database_.prepare("INSERT INTO messages(row, topic, payload, qos, retain, stored_at) "
+                                "VALUES(?, ?, ?, ?, ?, ?)")),
+      erase_(database_.prepare("DELETE FROM messages WHERE row = ?")),
+      select_(database_.prepare("SELECT row, topic, payload, qos, retain, stored_at FROM messages "
+                                "WHERE row > ? ORDER BY row LIMIT ?")) {}
+
+StoreOpened MessageFile::summary() {
+  StoreOpened opened;
+  const std::int64_t now = wall_ms();
+  // SQLite tells a blob's length without reading it.
+  SqliteStatement rows =
+      database_.prepare("SELECT row, topic, length(payload), stored_at FROM messages ORDER BY row");
+  while (rows.step()) {
+    const std::string_view topic = rows.text(1);
+    opened.last_row = static_cast<std::uint64_t>(rows.number(0));
+    opened.bytes += stored_cost(topic.size(), static_cast<std::size_t>(rows.number(2)));
+    opened.topics.add(topic);
+    if (opened.count++ == 0) opened.oldest_age = age_of(rows.number(3), now);
+  }
+  return opened;
+}
+
+void MessageFile::write(const WriteToStore& write) {
+  const std::int64_t now = wall_ms();
+  SqliteTransaction transaction(database_);
+  for (const StoredMessage& stored : write.keep) {
+    insert_.bind(1, static_cast<std::int64_t>(stored.row))
+        .bind(2, std::string_view(stored.message.topic))
+        .bind(3, ByteView(stored.message.payload))
+        .bind(4, static_cast<std::int64_t>(stored.message.qos))
+        .bind(5, std::int64_t{stored.message.retain})
+        .bind(6, now)
+        .run();
+  }
+  for (const std::uint64_t row : write.forget) {
+    erase_.bind(1, static_cast<std::int64_t>(row)).run();
+  }
+  transaction.commit();
+  if (!write.forget.empty()) shrink_when_empty();
+}
+
+void MessageFile::shrink_when_empty() {
+  try {
+    if (database_.query_number("SELECT EXISTS(SELECT 1 FROM messages)") != 0) return;
+    if (database_.query_number("PRAGMA page_count") <= pages_kept_when_empty) return;
+    database_.execute("VACUUM");
+    database_.query_number("PRAGMA wal_checkpoint(TRUNCATE)");
+  } catch (const SqliteError&) {
+    // What was asked is done; a damaged file shows itself at the next request.
+  }
+}
+
+StoreLoaded MessageFile::load(const LoadFromStore& load) {
+  const std::int64_t now = wall_ms();
+  StoreLoaded loaded;
+  const ResetAtEnd at_end{select_};
+  select_.reset();
+  select_.bind(1, static_cast<std::int64_t>(load.after))
+      .bind(2, static_cast<std::int64_t>(load.max_messages));
+  std::size_t bytes = 0;
+  while (bytes < load.max_bytes && select_.step()) {
+    StoredMessage stored;
+    stored.row = static_cast<std::uint64_t>(select_.number(0));
+    stored.message.topic = select_.text(1);
+    const ByteView payload = select_.bytes(2);
+    stored.message.payload.assign(payload.begin(), payload.end());
+    stored.message.qos = select_.number(3) == 2 ? Qos::exactly_once : Qos::at_least_once;
+    stored.message.retain = select_.number(4) != 0;
+    stored.age = age_of(select_.number(5), now);
+    bytes += stored.message.topic.size() + stored.message.payload.size();
+    loaded.messages.push_back(std::move(stored));
+  }
+  return loaded;
+}
+
+}  // namespace slamgw

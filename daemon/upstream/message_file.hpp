@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: Apache-2.0
+// `messages.db`: undelivered messages in one SQLite table, readable with the sqlite3 command while
+// the daemon does not run. Blocks; used on SqliteStore's thread only.
+//
+//   messages(row INTEGER PRIMARY KEY, topic TEXT, payload BLOB, qos, retain, stored_at)
+//
+// Write-ahead log with full synchronisation: a commit is durable. `user_version` is 1; the file is
+// locked for one process. `stored_at`: milliseconds since 1970, for people and ages.
+#pragma once
+
+#include <cstdint>
+#include <stdexcept>
+#include <string>
+
+#include "daemon/upstream/message_store.hpp"
+#include "daemon/upstream/sqlite.hpp"
+
+namespace slamgw {
+
+/// The file is not ours to change; what() says why.
+class ForeignFile : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+class MessageFile {
+ public:
+  static constexpr int version = 1;
+  /// How long a predecessor that is still closing is waited for.
+  static constexpr int busy_wait_ms = 3000;
+
+  /// Opens an existing file of ours, or makes an empty one ours. `max_bytes` (and a transaction
+  /// more) bounds it; the log beside it stays within a few MiB. Throws SqliteError and ForeignFile.
+  MessageFile(const std::string& path, std::uint64_t max_bytes);
+
+  /// Looks at every row once.
+  StoreOpened summary();
+  void write(const WriteToStore& write);
+  StoreLoaded load(const LoadFromStore& load);
+
+ private:
+  void shrink_when_empty();
+
+  SqliteDatabase database_;
+  SqliteStatement insert_;
+  SqliteStatement erase_;
+  SqliteStatement select_;
+};
+
+}  // namespace slamgw

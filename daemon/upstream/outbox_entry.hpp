@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+// One message on its way to the broker, as the outbox and the backlog hand it to each other.
+#pragma once
+
+#include <cstdint>
+
+#include "daemon/core/messages.hpp"
+
+namespace slamgw {
+
+struct OutboxEntry {
+  /// What one message in memory costs besides topic and payload.
+  static constexpr std::size_t overhead_bytes = 160;
+
+  std::uint64_t order = 0;     ///< rises as messages are submitted; 0: read from the store
+  std::uint64_t sequence = 0;  ///< of its present publication
+  BrokerMessage message;
+  Receipt receipt;
+  TimePoint submitted{};
+  std::uint64_t row = 0;         ///< in the store; 0: not handed to it
+  bool is_stored = false;        ///< `row` is durable
+  bool is_from_backlog = false;  ///< read from the store
+
+  bool is_unacknowledged() const { return message.qos == Qos::at_most_once; }
+  /// Under way to the broker and to the disk at once.
+  bool is_being_copied() const { return row != 0 && !is_stored; }
+  std::size_t cost() const {
+    return message.topic.size() + message.payload.size() + overhead_bytes;
+  }
+};
+
+}  // namespace slamgw

@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: Apache-2.0
+// SQLite's C API with owners and exceptions: a database and its statements. Used by MessageFile
+// only, on one thread.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <string_view>
+
+#include "daemon/core/bytes.hpp"
+
+struct sqlite3;
+struct sqlite3_stmt;
+
+namespace slamgw {
+
+class SqliteError : public std::runtime_error {
+ public:
+  SqliteError(int code, const std::string& text) : std::runtime_error(text), code_(code) {}
+  /// A primary result code (SQLITE_FULL, SQLITE_CORRUPT, ...).
+  int code() const { return code_; }
+  /// The file is no database, or a damaged one.
+  bool is_corrupt() const;
+  /// Another process has it open.
+  bool is_locked() const;
+
+ private:
+  int code_;
+};
+
+/// A prepared statement. Parameters and columns are counted from 1 and from 0, as SQLite counts
+/// them. All members throw SqliteError.
+class SqliteStatement {
+ public:
+  SqliteStatement(sqlite3* database, const char* sql);
+
+  /// Values must outlive the next step().
+  SqliteStatement& bind(int parameter, std::int64_t value);
+  SqliteStatement& bind(int parameter, std::string_view text);
+  SqliteStatement& bind(int parameter, ByteView bytes);
+  /// True when there is a row.
+  bool step();
+  /// Runs a statement without rows and makes it ready for the next time.
+  void run();
+  void reset();
+
+  std::int64_t number(int column) const;
+  std::string_view text(int column) const;  ///< valid until the next step() or reset()
+  ByteView bytes(int column) const;         ///< the same
+
+ private:
+  struct Finalize {
+    void operator()(sqlite3_stmt* statement) const;
+  };
+  void check(int result) const;
+  std::unique_ptr<sqlite3_stmt, Finalize> statement_;
+};
+
+class SqliteDatabase {
+ public:
+  /// An existing file, which may be empty. `busy_wait_ms`: how long another process is waited for.
+  SqliteDatabase(const std::string& path, int busy_wait_ms);
+
+  void execute(const char* sql);
+  std::int64_t query_number(const char* sql);
+  std::string query_text(const char* sql);
+  SqliteStatement prepare(const char* sql) { return {database_.get(), sql}; }
+  /// Leaves the write-ahead log as it is when this closes, so that nothing at all changes.
+  void keep_log_on_close(bool keep);
+
+ private:
+  struct Close {
+    void operator()(sqlite3* database) const;
+  };
+  std::unique_ptr<sqlite3, Close> database_;
+};
+
+/// Rolls back unless commit() was reached.
+class SqliteTransaction {
+ public:
+  explicit SqliteTransaction(SqliteDatabase& database);
+  ~SqliteTransaction();
+  SqliteTransaction(const SqliteTransaction&) = delete;
+  SqliteTransaction& operator=(const SqliteTransaction&) = delete;
+  void commit();
+
+ private:
+  SqliteDatabase& database_;
+  bool is_committed_ = false;
+};
+
+}  // namespace slamgw
