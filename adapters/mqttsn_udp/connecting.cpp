@@ -44,7 +44,7 @@ void Connecting::on_willtopic(const Peer& peer, const WillTopic& will, TimePoint
     const Attempt done = take(peer);
     return complete(peer, done, std::nullopt, now);
   }
-  if (!wills_.is_allowed(attempt.connect.client_id, attempt.robot, will.topic, will.qos)) {
+  if (!wills_.is_allowed(attempt.connect.client_id, attempt.robot, will.topic, will.qos, now)) {
     const Attempt done = take(peer);
     return refuse(peer, done.local, ReturnCode::not_supported);
   }

@@ -133,7 +133,7 @@ void SnGateway::handle(ClientSession& session, Packet& packet, TimePoint now) {
                    subscriptions_.on_unsubscribe(session, p);
                    downlink_.drop_unwanted(session, now);
                  },
-                 [&](const WillTopicUpd& p) { wills_.on_willtopicupd(session, p); },
+                 [&](const WillTopicUpd& p) { wills_.on_willtopicupd(session, p, now); },
                  [&](WillMsgUpd& p) { wills_.on_willmsgupd(session, std::move(p)); },
                  [](const auto&) {},  // PINGRESP: a sign of life, no more (R108)
              },

@@ -1,21 +1,32 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "adapters/mqttsn_udp/wills.hpp"
 
+#include <fmt/format.h>
+
 #include <utility>
 
 namespace slamgw::mqttsn {
 
-bool Wills::is_allowed(std::string_view client_id, std::string_view robot, const std::string& topic,
-                       WireQos qos) const {
-  return qos != WireQos::minus_one && is_valid_topic_name(topic) &&
-         context_.policy.may_publish(client_id, robot, topic);
+bool Wills::is_allowed(const std::string& client_id, const std::string& robot,
+                       const std::string& topic, WireQos qos, TimePoint now) {
+  if (qos == WireQos::minus_one || !is_valid_topic_name(topic)) return false;
+  if (context_.policy.may_publish(client_id, robot, topic)) return true;
+  context_.tally.count(Count::topics_refused);
+  if (const auto times = refused_.on_event(now)) {
+    context_.emit(Notice{Severity::notice,
+                         fmt::format("{} may not have a will on '{}': a matching filter in "
+                                     "topics.extra_publish would allow it ({} such wills)",
+                                     robot, topic, *times),
+                         robot});
+  }
+  return false;
 }
 
-void Wills::on_willtopicupd(ClientSession& session, const WillTopicUpd& update) {
+void Wills::on_willtopicupd(ClientSession& session, const WillTopicUpd& update, TimePoint now) {
   ReturnCode code = ReturnCode::accepted;
   if (update.topic.empty()) {
     session.will.reset();
-  } else if (!is_allowed(session.client_id, session.robot, update.topic, update.qos)) {
+  } else if (!is_allowed(session.client_id, session.robot, update.topic, update.qos, now)) {
     code = ReturnCode::not_supported;
   } else {
     if (!session.will) session.will.emplace();
