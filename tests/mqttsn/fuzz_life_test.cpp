@@ -28,7 +28,8 @@ TEST(SnGateway, R10_HoldsItsInvariantsInRandomLives) {
       script.insert(script.end(), {octet(), octet()});
       const std::uint8_t size = octet() % 12;
       script.push_back(size);
-      for (int j = 0; j < size; ++j) script.push_back(random() % 2 ? octet() % 32 : octet());
+      for (int j = 0; j < size; ++j)
+        script.push_back(static_cast<std::uint8_t>(random() % 2 ? octet() % 32 : octet()));
     }
     FuzzLife one;
     ASSERT_TRUE(one.run(script)) << to_hex(script);
