@@ -21,7 +21,8 @@ Report will_report(const WillSettings& will, std::string_view robot) {
           .payload = to_bytes(will.message),
           .qos = Qos::at_least_once,
           .retain = false,
-          .receipt = {Mesh::ble, 0}};
+          .receipt = {Mesh::ble, 0},
+          .is_will = true};
 }
 
 }  // namespace slamgw::ble

@@ -15,8 +15,6 @@ struct Row {
 
 constexpr std::string_view provisioning_text =
     "robots are not taken in by this version; provision them with another tool";
-constexpr std::string_view store_text =
-    "has no effect: undelivered messages are kept in memory only in this version";
 
 constexpr std::array rows = {
     Row{"ble_mesh.provisioning.enabled",
@@ -32,10 +30,6 @@ constexpr std::array rows = {
           return c.ble_mesh.enabled && c.ble_mesh.provisioning.static_oob.has_value();
         },
         provisioning_text},
-    Row{"store.directory",
-        [](const Config& c) { return c.store.directory != StoreSettings().directory; }, store_text},
-    Row{"store.max_bytes",
-        [](const Config& c) { return c.store.max_bytes != StoreSettings().max_bytes; }, store_text},
 };
 
 }  // namespace

@@ -58,13 +58,10 @@ std::deque<Backlog::Saving>::iterator Backlog::find(std::deque<Saving>& queue, s
 }
 
 void Backlog::adopt(OutboxEntry being_copied) {
-  std::deque<Saving>* queue = &writing_;
   auto copy = find(writing_, being_copied.row);
-  if (copy == writing_.end()) {
-    queue = &saving_;
-    copy = find(saving_, being_copied.row);
-  }
-  assert(copy != queue->end());
+  const bool is_being_written = copy != writing_.end();
+  if (!is_being_written) copy = find(saving_, being_copied.row);
+  assert(is_being_written || copy != saving_.end());
   ahead_.erase(being_copied.row);
   topics_.add(being_copied.message.topic);
   *copy = {std::move(being_copied), false};

@@ -116,14 +116,12 @@ TEST(ParseConfig, FallsBackToTheSystemdCredential) {
 
 TEST(ParseConfig, WarnsOfWhatThisVersionCannotDo) {
   const Parsed parsed(R"({"ble_mesh": {"enabled": true,
-        "provisioning": {"enabled": true, "uuid_prefixes": ["AB"]}},
-      "store": {"max_bytes": 5, "directory": "/var/lib/slam-gateway"}})");
+        "provisioning": {"enabled": true, "uuid_prefixes": ["AB"]}}})");
   EXPECT_EQ(parsed.lines_of_problems, "");
   std::vector<std::string> keys;
   for (const Problem& warning : parsed.warnings) keys.push_back(warning.key);
-  EXPECT_EQ(keys,
-            (std::vector<std::string>{"ble_mesh.provisioning.enabled",
-                                      "ble_mesh.provisioning.uuid_prefixes", "store.max_bytes"}));
+  EXPECT_EQ(keys, (std::vector<std::string>{"ble_mesh.provisioning.enabled",
+                                            "ble_mesh.provisioning.uuid_prefixes"}));
   EXPECT_TRUE(Parsed(R"({"ble_mesh": {"enabled": true}})").warnings.empty());
 }
 
