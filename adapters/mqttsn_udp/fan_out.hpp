@@ -3,26 +3,9 @@
 // (R87, R103), retained ones only to those that wait for them (R102).
 #pragma once
 
-#include <deque>
-
 #include "adapters/mqttsn_udp/downlink.hpp"
 
 namespace slamgw::mqttsn {
-
-/// The broker sends one copy for each of our filters that match; the machine wants one. Identical
-/// messages that follow within `copy_window` are copies, at most one for each further filter.
-class CopyFilter {
- public:
-  bool is_copy(const BrokerMessage& message, std::size_t filters, TimePoint now);
-
- private:
-  struct Seen {
-    std::uint64_t fingerprint;
-    TimePoint until;
-    std::size_t copies_left;
-  };
-  std::deque<Seen> seen_;
-};
 
 class FanOut {
  public:
@@ -39,7 +22,6 @@ class FanOut {
   Subscriptions& subscriptions_;
   Downlink& downlink_;
   CommandWatch& commands_;
-  CopyFilter copies_;
 };
 
 }  // namespace slamgw::mqttsn

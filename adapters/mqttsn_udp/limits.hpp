@@ -47,9 +47,6 @@ constexpr std::size_t max_retained_per_wait = 1024;
 /// Promise 6 of the contract.
 constexpr std::chrono::seconds command_patience{30};
 constexpr std::size_t max_tracked_commands = 65536;
-/// The broker sends the copies for overlapping filters back to back (R103).
-constexpr std::chrono::milliseconds copy_window{100};
-constexpr std::size_t max_remembered_copies = 256;
 /// Answers to one stranger, and to all: a burst, then so many a second (R21, R39).
 constexpr unsigned stranger_burst = 20;
 constexpr unsigned stranger_per_second = 5;

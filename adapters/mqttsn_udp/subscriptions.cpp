@@ -25,7 +25,7 @@ void Subscriptions::on_subscribe(ClientSession& session, const Subscribe& reques
   const auto qos = static_cast<Qos>(request.qos);
   subscription = {qos,          request.topic_id_type, wish->topic_id, request.msg_id,
                   std::nullopt, RetainedWait{}};
-  if (is_new) tree_.add(filter, {&session, &subscription});
+  if (is_new) subscribers_[filter].push_back({&session, &subscription});
   if (request.topic_id_type == TopicIdType::normal) session.topics.set_told(wish->topic_id, true);
   context_.set_dirty(session);
   ask_broker(session, filter, qos, answer);
@@ -85,6 +85,14 @@ bool Subscriptions::takes_retained(Subscription& subscription, const std::string
   return wait->seen.insert(topic).second;
 }
 
+std::vector<Subscriptions::Match> Subscriptions::match(const std::string& topic) const {
+  std::vector<Match> found;
+  subscribers_.match(topic, [&](const std::vector<Match>& subscribers) {
+    found.insert(found.end(), subscribers.begin(), subscribers.end());
+  });
+  return found;
+}
+
 bool Subscriptions::is_wanted(const ClientSession& session, const std::string& topic) const {
   return std::any_of(session.subscriptions.begin(), session.subscriptions.end(),
                      [&](const auto& entry) { return filter_matches(entry.first, topic); });
@@ -92,12 +100,20 @@ bool Subscriptions::is_wanted(const ClientSession& session, const std::string& t
 
 void Subscriptions::drop(ClientSession& session, const std::string& filter) {
   if (!session.subscriptions.contains(filter)) return;
-  const bool was_last = tree_.remove(filter, session);
+  const bool was_last = remove_subscriber(filter, session);
   session.subscriptions.erase(filter);
   context_.set_dirty(session);
   if (!was_last) return;
   context_.emit(UnsubscribeRequest{Mesh::thread, filter});
   settle_open(filter);
+}
+
+bool Subscriptions::remove_subscriber(const std::string& filter, const ClientSession& session) {
+  std::vector<Match>& subscribers = subscribers_[filter];
+  std::erase_if(subscribers, [&](const Match& match) { return match.session == &session; });
+  if (!subscribers.empty()) return false;
+  subscribers_.erase(filter);
+  return true;
 }
 
 void Subscriptions::drop_all(ClientSession& session) {
@@ -107,7 +123,7 @@ void Subscriptions::drop_all(ClientSession& session) {
 
 void Subscriptions::restore(ClientSession& session) {
   for (auto& [filter, subscription] : session.subscriptions) {
-    tree_.add(filter, {&session, &subscription});
+    subscribers_[filter].push_back({&session, &subscription});
     open_[filter].push_back({});
     context_.emit(SubscribeRequest{Mesh::thread, filter, subscription.qos});
   }

@@ -6,15 +6,22 @@
 #include <deque>
 #include <string>
 #include <unordered_map>
+#include <vector>
 
 #include "adapters/mqttsn_udp/answers.hpp"
 #include "adapters/mqttsn_udp/context.hpp"
-#include "adapters/mqttsn_udp/filter_tree.hpp"
+#include "daemon/core/topic_tree.hpp"
 
 namespace slamgw::mqttsn {
 
 class Subscriptions {
  public:
+  /// One subscription that matches; `subscription` lives in `session`.
+  struct Match {
+    ClientSession* session = nullptr;
+    Subscription* subscription = nullptr;
+  };
+
   Subscriptions(Context& context, Answers& answers) : context_(context), answers_(answers) {}
 
   void on_subscribe(ClientSession& session, const Subscribe& request, TimePoint now);
@@ -27,7 +34,8 @@ class Subscriptions {
   /// topic (R102).
   bool takes_retained(Subscription& subscription, const std::string& topic, TimePoint now) const;
 
-  FilterTree::Matches match(const std::string& topic) const { return tree_.match(topic); }
+  /// Whoever has a filter that matches, once for each filter.
+  std::vector<Match> match(const std::string& topic) const;
   bool is_wanted(const ClientSession& session, const std::string& topic) const;
   void drop(ClientSession& session, const std::string& filter);
   void drop_all(ClientSession& session);
@@ -53,12 +61,14 @@ class Subscriptions {
   bool is_repetition(const ClientSession& session, const Subscribe& request,
                      const std::string& filter, TimePoint now) const;
   void ask_broker(ClientSession& session, const std::string& filter, Qos qos, Suback answer);
+  /// True when nobody has the filter any more.
+  bool remove_subscriber(const std::string& filter, const ClientSession& session);
   void settle_open(const std::string& filter);
   void notice_refusal(ClientSession& session, const std::string& filter);
 
   Context& context_;
   Answers& answers_;
-  FilterTree tree_;
+  TopicTree<std::vector<Match>> subscribers_;
   std::unordered_map<std::string, std::deque<Open>> open_;  // bounded by max_pending_answers each
   std::optional<TimePoint> broker_up_since_;
 };

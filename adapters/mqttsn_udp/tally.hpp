@@ -34,8 +34,7 @@ enum class Count : std::uint8_t {
   deliveries_given_up,  ///< no acknowledgement after N_retry
   queue_dropped,        ///< a client's queue was full
   too_large_down,       ///< R8
-  copies_dropped,       ///< second copies for overlapping filters (R103)
-  last_ = copies_dropped,
+  last_ = too_large_down,
 };
 
 class Tally {

@@ -136,7 +136,7 @@ void Gateway::handle(Notice notice, const Now&) { actions_.push(std::move(notice
 void Gateway::on_broker_message(BrokerMessage message,
                                 std::span<const SubscriptionId> subscriptions, const Now& now) {
   // Retained messages come for the subscription that asked for them only.
-  if (!message.retain && !subscriptions_.is_copy_to_take(message.topic, subscriptions)) return;
+  if (!message.retain && !subscriptions_.is_copy_to_take(message, subscriptions)) return;
   const auto command = scheme_.parse_command_topic(message.topic);
   ++traffic_.down;
   if (command) {

@@ -24,7 +24,7 @@ std::vector<Mesh> take_waiting(SubscriptionTable::Wanted& wanted) {
 const SubscriptionTable::Wanted& SubscriptionTable::add(Mesh mesh, const std::string& filter,
                                                         Qos qos) {
   Wanted& wanted = wanted_[filter];
-  if (wanted.id == 0) wanted.id = last_id_ = last_id_ % largest_id + 1;
+  if (wanted.id == 0) used_ids_.insert(wanted.id = make_id(filter));
   wanted.by_mesh[index_of(mesh)] = true;
   wanted.qos = std::max(wanted.qos, qos);
   return wanted;
@@ -41,6 +41,7 @@ bool SubscriptionTable::remove(Mesh mesh, const std::string& filter) {
 
 void SubscriptionTable::forget(std::map<std::string, Wanted>::iterator wanted) {
   standing_.erase(wanted->first);
+  used_ids_.erase(wanted->second.id);
   wanted_.erase(wanted);
 }
 
@@ -54,7 +55,7 @@ std::vector<Mesh> SubscriptionTable::on_answer(const std::string& filter, bool g
   if (known == wanted_.end()) return {};  // not wanted any more
   std::vector<Mesh> meshes = take_waiting(known->second);
   if (granted) {
-    standing_[filter] = known->second.id;
+    standing_[filter] = {known->second.id, known->second.qos};
   } else {
     forget(known);
   }
@@ -70,15 +71,42 @@ std::vector<SubscriptionTable::Waiting> SubscriptionTable::on_broker_gone() {
   return waiting;
 }
 
-bool SubscriptionTable::is_copy_to_take(std::string_view topic,
-                                        std::span<const SubscriptionId> ids) const {
-  if (ids.empty()) return true;
-  SubscriptionId lowest = 0;
-  standing_.match(topic, [&](SubscriptionId id) {
-    if (lowest == 0 || id < lowest) lowest = id;
+/// From the filter (FNV-1a): messages that the broker kept for us while we restarted come with the
+/// id that their subscription had then.
+SubscriptionId SubscriptionTable::make_id(std::string_view filter) const {
+  std::uint32_t hash = 2166136261U;
+  for (const char c : filter) hash = (hash ^ static_cast<unsigned char>(c)) * 16777619U;
+  SubscriptionId id = hash % largest_id + 1;
+  while (used_ids_.contains(id)) id = id % largest_id + 1;
+  return id;
+}
+
+bool SubscriptionTable::is_copy_to_take(const BrokerMessage& message,
+                                        std::span<const SubscriptionId> ids) {
+  Standing best;
+  std::size_t copies = 0;
+  standing_.match(message.topic, [&](const Standing& standing) {
+    const bool is_better =
+        standing.qos == best.qos ? standing.id < best.id : standing.qos > best.qos;
+    if (best.id == 0 || is_better) best = standing;
+    ++copies;
   });
+  if (ids.empty()) return copies < 2 || is_first_in_row(message, copies);
   // No subscription stands yet when the message has overtaken its SUBACK.
-  return lowest == 0 || std::find(ids.begin(), ids.end(), lowest) != ids.end();
+  return best.id == 0 || std::find(ids.begin(), ids.end(), best.id) != ids.end();
+}
+
+/// Copies may differ in QoS: each comes at that of its subscription.
+bool SubscriptionTable::is_first_in_row(const BrokerMessage& message, std::size_t copies) {
+  const bool is_copy = copies_to_come_ > 0 && message.topic == repeated_.topic &&
+                       message.payload == repeated_.payload;
+  if (is_copy) {
+    --copies_to_come_;
+    return false;
+  }
+  repeated_ = message;
+  copies_to_come_ = copies - 1;
+  return true;
 }
 
 }  // namespace slamgw

@@ -6,6 +6,7 @@
 
 #include <cstdint>
 #include <map>
+#include <set>
 #include <span>
 #include <string>
 #include <vector>
@@ -21,7 +22,7 @@ using SubscriptionId = std::uint32_t;
 class SubscriptionTable {
  public:
   struct Wanted {
-    SubscriptionId id = 0;        ///< the same for the life of the filter
+    SubscriptionId id = 0;        ///< made from the filter: the same after a restart
     Qos qos = Qos::at_most_once;  ///< the highest that anybody asked for
     bool by_mesh[2] = {false, false};
     unsigned waiting[2] = {0, 0};
@@ -45,16 +46,28 @@ class SubscriptionTable {
   std::vector<Waiting> on_broker_gone();
 
   /// A message that matches several of our subscriptions comes once for each, one after the other.
-  /// Exactly one copy is to be taken: that of the lowest id among the subscriptions that stand.
-  /// `ids` is empty when the broker names none (MQTT 3.1.1).
-  bool is_copy_to_take(std::string_view topic, std::span<const SubscriptionId> ids) const;
+  /// Exactly one copy is to be taken: that of the highest QoS, and then of the lowest id, among the
+  /// subscriptions that stand.
+  /// Where the broker names no `ids` (MQTT 3.1.1), the first of as many equal messages in a row as
+  /// there are such subscriptions. Not for retained messages: they come for one subscription each.
+  bool is_copy_to_take(const BrokerMessage& message, std::span<const SubscriptionId> ids);
 
  private:
+  struct Standing {
+    SubscriptionId id = 0;
+    Qos qos = Qos::at_most_once;
+  };
+
   void forget(std::map<std::string, Wanted>::iterator wanted);
+  SubscriptionId make_id(std::string_view filter) const;
+  bool is_first_in_row(const BrokerMessage& message, std::size_t copies);
 
   std::map<std::string, Wanted> wanted_;
-  TopicTree<SubscriptionId> standing_;  // at the broker
-  SubscriptionId last_id_ = 0;
+  TopicTree<Standing> standing_;  // at the broker
+  std::set<SubscriptionId> used_ids_;
+  /// The last message that had copies and no id, and how many of them are still to come.
+  BrokerMessage repeated_;
+  std::size_t copies_to_come_ = 0;
 };
 
 }  // namespace slamgw

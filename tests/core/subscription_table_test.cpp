@@ -14,7 +14,7 @@ class SubscriptionTableTest : public testing::Test {
     return id;
   }
   bool takes(const std::string& topic, std::vector<SubscriptionId> ids) {
-    return table.is_copy_to_take(topic, ids);
+    return table.is_copy_to_take({topic, to_bytes("hi"), Qos::at_least_once, false}, ids);
   }
 
   SubscriptionTable table;
@@ -28,27 +28,53 @@ TEST_F(SubscriptionTableTest, KeepsOneIdForTheLifeOfAFilter) {
   EXPECT_NE(table.add(Mesh::thread, "g", Qos::at_most_once).id, first);
 }
 
-TEST_F(SubscriptionTableTest, TakesOneOfTheCopiesForOverlappingFilters) {
+TEST_F(SubscriptionTableTest, R103_TakesOneOfTheCopiesForOverlappingFilters) {
   const SubscriptionId any = subscribe("server/a/+");
   const SubscriptionId exact = subscribe("server/a/cmd");
-  EXPECT_TRUE(takes("server/a/cmd", {any}));
-  EXPECT_FALSE(takes("server/a/cmd", {exact}));
+  EXPECT_NE(takes("server/a/cmd", {any}), takes("server/a/cmd", {exact}));
   EXPECT_TRUE(takes("server/a/cmd", {exact, any})) << "a broker may send one copy for both";
   EXPECT_TRUE(takes("server/a/run", {any}));
 }
 
-TEST_F(SubscriptionTableTest, TakesTheOtherCopyWhileASubscriptionDoesNotStandYet) {
-  const SubscriptionId early = table.add(Mesh::ble, "server/a/+", Qos::at_least_once).id;
-  const SubscriptionId late = subscribe("server/a/cmd");
-  EXPECT_TRUE(takes("server/a/cmd", {late})) << "the broker does not send the other copy yet";
-  table.on_answer("server/a/+", true);
-  EXPECT_FALSE(takes("server/a/cmd", {late}));
-  EXPECT_TRUE(takes("server/a/cmd", {early}));
+TEST_F(SubscriptionTableTest, TakesTheCopyOfTheHighestQos) {
+  const SubscriptionId exact = subscribe("server/a/cmd");
+  for (const std::string filter : {"server/a/+", "server/#", "#"}) {
+    const SubscriptionId fleeting = table.add(Mesh::thread, filter, Qos::at_most_once).id;
+    table.on_answer(filter, true);
+    EXPECT_FALSE(takes("server/a/cmd", {fleeting})) << filter;
+  }
+  EXPECT_TRUE(takes("server/a/cmd", {exact}));
 }
 
-TEST_F(SubscriptionTableTest, TakesEveryMessageOfABrokerThatNamesNoSubscription) {
+TEST_F(SubscriptionTableTest, GivesAFilterTheSameIdAfterARestart) {
+  const SubscriptionId id = subscribe("server/a/cmd");
+  SubscriptionTable restarted;
+  restarted.add(Mesh::thread, "server/b/cmd", Qos::at_least_once);
+  EXPECT_EQ(restarted.add(Mesh::thread, "server/a/cmd", Qos::at_least_once).id, id);
+}
+
+TEST_F(SubscriptionTableTest, TakesTheOtherCopyWhileASubscriptionDoesNotStandYet) {
+  const SubscriptionId asked = table.add(Mesh::ble, "server/a/+", Qos::at_least_once).id;
+  const SubscriptionId standing = subscribe("server/a/cmd");
+  EXPECT_TRUE(takes("server/a/cmd", {standing})) << "the broker does not send the other copy yet";
+  table.on_answer("server/a/+", true);
+  EXPECT_NE(takes("server/a/cmd", {standing}), takes("server/a/cmd", {asked}));
+}
+
+TEST_F(SubscriptionTableTest, R103_CountsCopiesOfABrokerThatNamesNoSubscription) {
   subscribe("server/a/+");
+  EXPECT_TRUE(takes("server/a/cmd", {}));
+  EXPECT_TRUE(takes("server/a/cmd", {})) << "one subscription: the same again is another message";
   subscribe("server/a/cmd");
+  subscribe("server/#");
+  for (int message = 0; message < 2; ++message) {
+    EXPECT_TRUE(takes("server/a/cmd", {})) << message;
+    EXPECT_FALSE(takes("server/a/cmd", {})) << message;
+    EXPECT_FALSE(takes("server/a/cmd", {})) << message;
+  }
+  EXPECT_TRUE(takes("server/a/cmd", {}));
+  EXPECT_TRUE(takes("server/a/run", {})) << "another message ends the row";
+  EXPECT_FALSE(takes("server/a/run", {}));
   EXPECT_TRUE(takes("server/a/cmd", {}));
 }
 
