@@ -13,7 +13,9 @@ namespace {
 
 namespace asio = boost::asio;
 
-/// How soon an interface that has come back is used again.
+/// After the kernel says that an interface has changed: more will have changed by then.
+constexpr std::chrono::milliseconds change_settles{100};
+/// Where the kernel does not say; and it may drop what it says.
 constexpr std::chrono::seconds watch_interval{10};
 
 }  // namespace
@@ -25,6 +27,7 @@ MqttsnAdapter::MqttsnAdapter(asio::io_context& io, Settings settings, TopicPolic
       io_(io),
       gateway_(settings_, std::move(policy), std::move(names)),
       driver_(io, gateway_, [this](Action& action) { perform(action); }),
+      interface_watch_(std::make_shared<InterfaceWatch>(io)),
       watch_timer_(io) {}
 
 void MqttsnAdapter::start() {
@@ -34,6 +37,7 @@ void MqttsnAdapter::start() {
   } else {
     tell_link(false, fmt::format("there is no interface {} yet", settings_.interface));
   }
+  interface_watch_->start([this] { look_at_interfaces_in(change_settles); });
   watch_interfaces();
   driver_.input([](SnGateway&, TimePoint) {});  // what restored sessions have to say
 }
@@ -41,6 +45,7 @@ void MqttsnAdapter::start() {
 /// No goodbye: clients are to notice nothing of a restart.
 void MqttsnAdapter::stop() {
   driver_.stop();
+  interface_watch_->stop();
   watch_timer_.cancel();
   close();
 }
@@ -135,7 +140,7 @@ void MqttsnAdapter::perform(SendDatagram& action) {
 void MqttsnAdapter::perform(SendMulticast& action) {
   const auto group = asio::ip::make_address(*settings_.multicast_group);
   for (const auto& socket : sockets_) {
-    if (socket->is_ipv6() != group.is_v6()) continue;
+    if (!socket->can_reach(group)) continue;
     const Endpoint to = from_asio({group, socket->port()});
     for (const std::uint32_t interface : multicast_interfaces(settings_.interface))
       socket->send(to, IpAddress{}, interface, action.bytes);
@@ -147,7 +152,12 @@ void MqttsnAdapter::perform(MeshEvent& event) { listener_.on_mesh_event(std::mov
 void MqttsnAdapter::watch_interfaces() {
   if (!settings_.interface.empty()) follow_interface();
   if (settings_.multicast_group) join_groups();
-  watch_timer_.expires_after(watch_interval);
+  look_at_interfaces_in(watch_interval);
+}
+
+/// In place of the look that was planned.
+void MqttsnAdapter::look_at_interfaces_in(Duration delay) {
+  watch_timer_.expires_after(delay);
   watch_timer_.async_wait([this](boost::system::error_code error) {
     if (!error) watch_interfaces();
   });

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "adapters/mqttsn_udp/interface_watch.hpp"
 #include "adapters/mqttsn_udp/sn_gateway.hpp"
 #include "adapters/mqttsn_udp/udp_socket.hpp"
 #include "daemon/core/adapter.hpp"
@@ -51,6 +52,7 @@ class MqttsnAdapter final : public MeshAdapter {
   void close();
   /// Interfaces come and go, also that of `mqttsn.interface`; what is joined stays joined (R19).
   void watch_interfaces();
+  void look_at_interfaces_in(Duration delay);
   void follow_interface();
   void join_groups();
   void tell_link(bool is_up, std::string detail);
@@ -62,6 +64,7 @@ class MqttsnAdapter final : public MeshAdapter {
   MachineDriver<SnGateway> driver_;
   std::vector<std::shared_ptr<UdpSocket>> sockets_;  // none while the interface is away
   std::uint32_t interface_index_ = 0;
+  std::shared_ptr<InterfaceWatch> interface_watch_;
   boost::asio::steady_timer watch_timer_;
   std::uint64_t sends_failed_ = 0;
   std::uint64_t truncated_ = 0;

@@ -138,8 +138,8 @@ void UdpSocket::open(const udp::endpoint& endpoint, const std::string& interface
   is_ipv6_ = endpoint.address().is_v6();
   socket_.open(endpoint.protocol());
   if (is_ipv6_) {
-    const bool takes_ipv4_too = endpoint.address().is_unspecified();
-    socket_.set_option(asio::ip::v6_only(!takes_ipv4_too));
+    takes_ipv4_too_ = endpoint.address().is_unspecified();
+    socket_.set_option(asio::ip::v6_only(!takes_ipv4_too_));
   }
   set_options(interface);
   socket_.bind(endpoint);
@@ -157,8 +157,9 @@ void UdpSocket::set_options(const std::string& interface) {
     set_flag(descriptor, IPPROTO_IPV6, IPV6_MULTICAST_LOOP, 1);
   } else {
     set_flag(descriptor, IPPROTO_IP, IP_PKTINFO, 1);
-    set_flag(descriptor, IPPROTO_IP, IP_MULTICAST_TTL, multicast_hops);
   }
+  if (!is_ipv6_ || takes_ipv4_too_)
+    set_flag(descriptor, IPPROTO_IP, IP_MULTICAST_TTL, multicast_hops);
   if (interface.empty()) return;
   if (setsockopt(descriptor, SOL_SOCKET, SO_BINDTODEVICE, interface.data(),
                  static_cast<socklen_t>(interface.size())) != 0) {
@@ -230,15 +231,18 @@ bool UdpSocket::send(const Endpoint& to, const IpAddress& from, std::uint32_t in
   header.msg_iovlen = 1;
   if (from != IpAddress{} || interface != 0) {
     header.msg_control = control;
-    write_source(header, is_ipv6_, from, interface);
+    // Towards IPv4 also "any source" must be an IPv4 address.
+    const bool is_ipv4 = target.address().is_v4() || target.address().to_v6().is_v4_mapped();
+    const bool is_any = is_ipv4 && from == IpAddress{};
+    write_source(header, is_ipv6_, is_any ? mapped(in_addr{}) : from, interface);
   }
   return sendmsg(socket_.native_handle(), &header, MSG_DONTWAIT | MSG_NOSIGNAL) >= 0;
 }
 
 bool UdpSocket::join(const asio::ip::address& group, std::uint32_t interface) {
-  if (group.is_v6() != is_ipv6_) return false;
+  if (!can_reach(group)) return false;
   int result = 0;
-  if (is_ipv6_) {
+  if (group.is_v6()) {
     ipv6_mreq request{};
     const auto octets = group.to_v6().to_bytes();
     std::memcpy(&request.ipv6mr_multiaddr, octets.data(), octets.size());

@@ -43,7 +43,10 @@ class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
   bool join(const boost::asio::ip::address& group, std::uint32_t interface);
 
   std::uint16_t port() const { return port_; }
-  bool is_ipv6() const { return is_ipv6_; }
+  /// A socket on `[::]` reaches IPv4 too.
+  bool can_reach(const boost::asio::ip::address& group) const {
+    return group.is_v6() ? is_ipv6_ : !is_ipv6_ || takes_ipv4_too_;
+  }
   /// Datagrams that the kernel had to drop because we were too slow.
   std::uint32_t kernel_drops() const { return kernel_drops_; }
 
@@ -55,6 +58,7 @@ class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
 
   boost::asio::ip::udp::socket socket_;
   bool is_ipv6_ = false;
+  bool takes_ipv4_too_ = false;
   std::uint16_t port_ = 0;
   std::uint32_t kernel_drops_ = 0;
   Bytes buffer_;

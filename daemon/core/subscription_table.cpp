@@ -83,9 +83,9 @@ SubscriptionId SubscriptionTable::make_id(std::string_view filter) const {
 
 bool SubscriptionTable::is_copy_to_take(const BrokerMessage& message,
                                         std::span<const SubscriptionId> ids) {
-  Standing best;
+  StandingSubscription best;
   std::size_t copies = 0;
-  standing_.match(message.topic, [&](const Standing& standing) {
+  standing_.match(message.topic, [&](const StandingSubscription& standing) {
     const bool is_better =
         standing.qos == best.qos ? standing.id < best.id : standing.qos > best.qos;
     if (best.id == 0 || is_better) best = standing;

@@ -19,6 +19,12 @@ namespace slamgw {
 /// MQTT 5 section 3.8.2.1.2: tells which of our subscriptions a message is for. From 1; 0 is none.
 using SubscriptionId = std::uint32_t;
 
+/// A subscription as the broker has it.
+struct StandingSubscription {
+  SubscriptionId id = 0;
+  Qos qos = Qos::at_most_once;
+};
+
 class SubscriptionTable {
  public:
   struct Wanted {
@@ -53,17 +59,12 @@ class SubscriptionTable {
   bool is_copy_to_take(const BrokerMessage& message, std::span<const SubscriptionId> ids);
 
  private:
-  struct Standing {
-    SubscriptionId id = 0;
-    Qos qos = Qos::at_most_once;
-  };
-
   void forget(std::map<std::string, Wanted>::iterator wanted);
   SubscriptionId make_id(std::string_view filter) const;
   bool is_first_in_row(const BrokerMessage& message, std::size_t copies);
 
   std::map<std::string, Wanted> wanted_;
-  TopicTree<Standing> standing_;  // at the broker
+  TopicTree<StandingSubscription> standing_;  // at the broker
   std::set<SubscriptionId> used_ids_;
   /// The last message that had copies and no id, and how many of them are still to come.
   BrokerMessage repeated_;

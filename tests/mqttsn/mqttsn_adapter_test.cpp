@@ -9,81 +9,12 @@
 #include <boost/asio/ip/udp.hpp>
 
 #include "adapters/mqttsn_udp/interface_addresses.hpp"
-#include "tests/mqttsn/describe.hpp"
-#include "tests/support/eventually.hpp"
+#include "tests/mqttsn/udp_rig.hpp"
 
 namespace slamgw::mqttsn {
 namespace {
 
 using boost::asio::ip::udp;
-using test::eventually;
-
-/// The application's part: grants every subscription and makes every report safe at once.
-class FakeCore final : public MeshListener {
- public:
-  void on_mesh_event(MeshEvent event) override {
-    if (auto* request = std::get_if<SubscribeRequest>(&event))
-      adapter->on_subscribe_result(request->filter, true);
-    if (auto* report = std::get_if<Report>(&event)) {
-      reports.push_back(*report);
-      if (report->receipt.is_owed()) adapter->on_receipt(report->receipt.id, ReceiptOutcome::safe);
-    }
-    if (auto* link = std::get_if<LinkChange>(&event)) links.push_back(*link);
-  }
-  MeshAdapter* adapter = nullptr;
-  std::vector<Report> reports;
-  std::vector<LinkChange> links;
-};
-
-class UdpRig {
- public:
-  explicit UdpRig(std::vector<std::string> listen, Settings settings = {})
-      : adapter(io, with(std::move(settings), std::move(listen)),
-                TopicPolicy(TopicScheme("ntnu-slam", "gw"), {}, {}), RobotNames(), core) {
-    core.adapter = &adapter;
-    adapter.start();
-    adapter.on_broker_link(true);
-  }
-  ~UdpRig() { adapter.stop(); }
-
-  static Settings with(Settings settings, std::vector<std::string> listen) {
-    settings.listen = std::move(listen);
-    settings.multicast_group.reset();
-    return settings;
-  }
-
-  boost::asio::io_context io;
-  FakeCore core;
-  MqttsnAdapter adapter;
-};
-
-/// A connected socket, as many clients use: the kernel drops answers from any other address (R17).
-class UdpClient {
- public:
-  UdpClient(UdpRig& rig, const std::string& address, std::size_t index = 0)
-      : rig_(rig), socket_(rig.io) {
-    const udp::endpoint to(boost::asio::ip::make_address(address),
-                           rig.adapter.bound_ports().at(index));
-    socket_.connect(to);
-    socket_.non_blocking(true);
-  }
-  void send(const Packet& packet) { socket_.send(boost::asio::buffer(encode(packet))); }
-  void send_octets(const Bytes& octets) { socket_.send(boost::asio::buffer(octets)); }
-  std::string receive() {
-    Bytes buffer(2000);
-    std::size_t size = 0;
-    const bool came = eventually(rig_.io, [&] {
-      boost::system::error_code error;
-      size = socket_.receive(boost::asio::buffer(buffer), 0, error);
-      return !error;
-    });
-    return came ? describe_octets(ByteView(buffer).first(size)) : "nothing";
-  }
-
- private:
-  UdpRig& rig_;
-  udp::socket socket_;
-};
 
 TEST(MqttsnAdapter, R17_AnswersFromTheAddressThatWasAsked) {
   UdpRig rig({"0.0.0.0:0", "[::]:0"});
@@ -158,15 +89,8 @@ TEST(MqttsnAdapter, R19_HearsSearchesByMulticastOnItsInterface) {
   client.non_blocking(true);
   const udp::endpoint group(boost::asio::ip::make_address("239.9.9.9"), adapter.bound_ports()[0]);
   client.send_to(boost::asio::buffer(encode(SearchGw{1})), group);
-  Bytes answer(100);
   udp::endpoint from;
-  std::size_t size = 0;
-  ASSERT_TRUE(eventually(io, [&] {
-    boost::system::error_code error;
-    size = client.receive_from(boost::asio::buffer(answer), from, 0, error);
-    return !error;
-  }));
-  EXPECT_EQ(describe_octets(ByteView(answer).first(size)), "GWINFO gw=1 address=");
+  EXPECT_EQ(receive(io, client, &from), "GWINFO gw=1 address=");
   EXPECT_EQ(from.address(), loopback);
   adapter.stop();
 }
