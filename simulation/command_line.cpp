@@ -35,12 +35,38 @@ void add_common(CLI::App& app, RobotOptions& options) {
       ->capture_default_str();
 }
 
+/// What the client does beside publishing.
+void add_life(CLI::App& app, ThreadOptions& options) {
+  app.add_option("--keep-alive", options.keep_alive_s, "Seconds between PINGREQs")
+      ->check(CLI::Range(1U, 65535U))
+      ->capture_default_str();
+  app.add_flag("--clean,!--no-clean", options.is_clean,
+               "Begin with a clean session; --no-clean: with what the gateway has kept");
+  app.add_option("--sleep", options.sleep_s,
+                 "Sleep this many seconds at a time, waking early enough for repeats (0: never)")
+      ->check(CLI::Range(0U, 65535U))
+      ->capture_default_str();
+  app.add_option("--roam", options.roam_s, "Move to a new UDP port each so many seconds (0: never)")
+      ->check(CLI::Range(0.0, 86400.0))
+      ->capture_default_str();
+  app.add_option("--will-updates", options.will_updates_s,
+                 "Change the will each so many seconds (0: never)")
+      ->check(CLI::Range(0.0, 86400.0))
+      ->capture_default_str();
+  app.add_option("--vanish", options.vanish,
+                 "Part of the robots that ends without DISCONNECT, so that their wills appear")
+      ->check(CLI::Range(0.0, 1.0))
+      ->capture_default_str();
+}
+
 void add_thread(CLI::App& app, ThreadOptions& options, std::string& gateway) {
   app.add_option("--gateway", gateway, "The MQTT-SN gateway: HOST:PORT or [ADDRESS]:PORT")
       ->required();
   add_common(app, options.common);
-  app.add_option("--qos", options.qos, "QoS of what robots publish")
-      ->check(CLI::Range(0U, 2U))
+  app.add_option(
+         "--qos", options.qos,
+         "QoS of what robots publish; -1: without a session, robot n on pre-defined topic n")
+      ->check(CLI::Range(-1, 2))
       ->capture_default_str();
   app.add_option("--topic-prefix", options.topic_prefix, "First level(s) of the topic tree")
       ->capture_default_str();
@@ -53,6 +79,7 @@ void add_thread(CLI::App& app, ThreadOptions& options, std::string& gateway) {
   app.add_option("--delay-ms", options.delay_ms, "Delay of each datagram, each way")
       ->check(CLI::Range(0U, 60000U))
       ->capture_default_str();
+  add_life(app, options);
   app.add_option("--give-up-s", options.give_up_s,
                  "Exit with status 1 when no robot got connected in this time (0: never)")
       ->check(CLI::Range(0.0, 86400.0))

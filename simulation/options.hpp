@@ -41,12 +41,18 @@ struct ThreadOptions {
   RobotOptions common;
   std::string host;
   std::string port;
-  unsigned qos = 1;
+  int qos = 1;  ///< -1: without a session, on pre-defined topic ids
   std::string topic_prefix = "ntnu-slam";
   double duplicate = 0;
   double reorder = 0;
   unsigned delay_ms = 0;
-  double give_up_s = 60;  ///< exit 1 when no robot is connected by then; 0: never
+  unsigned keep_alive_s = 60;
+  bool is_clean = true;
+  unsigned sleep_s = 0;       ///< 0: robots stay awake
+  double roam_s = 0;          ///< 0: robots keep their addresses
+  double will_updates_s = 0;  ///< 0: robots keep their wills
+  double vanish = 0;          ///< part of the robots
+  double give_up_s = 60;      ///< exit 1 when no robot is connected by then; 0: never
 };
 
 struct BleOptions {

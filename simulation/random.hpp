@@ -11,7 +11,14 @@ namespace slamgw::sim {
 class Random {
  public:
   /// What a stream of numbers is used for; streams of one seed don't disturb each other.
-  enum class Use : std::uint64_t { body = 1, uplink = 2, downlink = 3, radio = 4, start = 5 };
+  enum class Use : std::uint64_t {
+    body = 1,
+    uplink = 2,
+    downlink = 3,
+    radio = 4,
+    start = 5,
+    roam = 6
+  };
 
   Random(std::uint64_t seed, std::uint64_t number, Use use) : state_(seed) {
     state_ = next() ^ (number * 0xd1342543de82ef95ULL);

@@ -6,27 +6,34 @@
 namespace slamgw::sim {
 namespace {
 
-void add(nlohmann::ordered_json& to, const Tally& tally) {
+/// `total` decides which of the rarer fields there are.
+void add(nlohmann::ordered_json& to, const Tally& tally, const Tally& total) {
   to["sent"] = tally.sent;
   to["acknowledged"] = tally.acknowledged;
   to["lost"] = tally.lost;
   to["commands_received"] = tally.commands_received;
+  if (total.roamed > 0) to["roamed"] = tally.roamed;
+  if (total.wakes > 0) to["wakes"] = tally.wakes;
+  if (total.will_updates > 0) to["will_updates"] = tally.will_updates;
 }
 
 }  // namespace
 
 std::string to_json(const std::vector<std::pair<std::string, Tally>>& robots) {
-  nlohmann::ordered_json document;
-  document["robots"] = nlohmann::ordered_json::object();
   Tally total;
   for (const auto& [id, tally] : robots) {
-    add(document["robots"][id], tally);
     total.sent += tally.sent;
     total.acknowledged += tally.acknowledged;
     total.lost += tally.lost;
     total.commands_received += tally.commands_received;
+    total.roamed += tally.roamed;
+    total.wakes += tally.wakes;
+    total.will_updates += tally.will_updates;
   }
-  add(document, total);
+  nlohmann::ordered_json document;
+  document["robots"] = nlohmann::ordered_json::object();
+  for (const auto& [id, tally] : robots) add(document["robots"][id], tally, total);
+  add(document, total, total);
   return document.dump();
 }
 

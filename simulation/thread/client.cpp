@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+// The session of a client: finding the gateway, connecting, sleeping, coming back, leaving.
 #include "simulation/thread/client.hpp"
 
 #include <algorithm>
@@ -8,20 +9,15 @@ namespace slamgw::sim::sn {
 namespace {
 
 constexpr std::string_view will_message = "Disconnected";
-constexpr auto keep_alive_seconds = static_cast<std::uint16_t>(keep_alive.count());
-
-bool is_stop_word(std::string_view word) {
-  return word == "0" || word == "off" || word == "pause" || word == "stop";
-}
 
 }  // namespace
 
 Client::Client(ClientSettings settings, RobotBody body)
     : settings_(std::move(settings)), body_(std::move(body)) {
-  application_.push_back({adv, body_.introduction()});
+  if (settings_.qos >= 0) application_.push_back({adv, body_.introduction()});
 }
 
-void Client::on_start(TimePoint now) { handshake_due_ = now + settings_.start_delay; }
+void Client::on_start(TimePoint now) { state_due_ = now + settings_.start_delay; }
 
 std::optional<Client::Outgoing> Client::next_datagram() {
   if (outbox_.empty()) return std::nullopt;
@@ -35,45 +31,75 @@ std::optional<TimePoint> Client::deadline() const {
     case State::waiting:
     case State::searching:
     case State::connecting:
-    case State::disconnecting: return handshake_due_;
+    case State::disconnecting: return state_due_;
+    case State::falling_asleep:
+    case State::asleep:
+    case State::awake:
+    case State::resuming: return first_of(state_due_, next_update_);
+    case State::unconnected: return next_update_;
     case State::stranded:
     case State::finished: return std::nullopt;
     case State::active: break;
   }
-  std::optional<TimePoint> next = first_of(ping_due_, next_update_);
+  std::optional<TimePoint> next = first_of(ping_due_, first_of(next_update_, next_will_update_));
   for (const Request& request : outstanding_) next = first_of(next, request.due);
   return next;
 }
 
 void Client::on_deadline(TimePoint now) {
+  const bool is_producing = has_session() || state_ == State::unconnected;
+  if (is_producing && next_update_ && *next_update_ <= now) produce(now);
+  if (state_ == State::unconnected) return publish_unconnected();
   if (state_ == State::active) {
     if (ping_due_ <= now) ping(now);
     repeat_requests(now);
-    if (next_update_ && *next_update_ <= now) produce(now);
+    plan_will_update(now);
     fill(now);
-  } else if (handshake_due_ <= now) {
-    on_handshake_deadline(now);
+  } else if (state_due_ <= now) {
+    on_state_deadline(now);
   }
 }
 
-void Client::on_handshake_deadline(TimePoint now) {
+void Client::on_state_deadline(TimePoint now) {
   switch (state_) {
     case State::waiting:
-    case State::searching: search(now); return;
-    case State::connecting:
-      if (connect_sends_ >= transmissions) {
-        search(now);
+      if (settings_.qos < 0) {
+        state_ = State::unconnected;
+        next_update_ = now;
         return;
       }
-      send(connect(settings_.client_id, keep_alive_seconds, flag_will | flag_clean_session));
-      ++connect_sends_;
-      handshake_due_ = now + retransmission_interval;
-      return;
+      return search(now);
+    case State::searching: return search(now);
+    case State::connecting:
+    case State::falling_asleep:
+    case State::awake:
+    case State::resuming: return repeat_state_request(now);
+    case State::asleep: ++tally_.wakes; return begin(State::awake, now);
     case State::disconnecting: state_ = State::finished; return;
+    case State::unconnected:
     case State::active:
     case State::stranded:
     case State::finished: return;
   }
+}
+
+/// The gateway holds state for it, as far as it knows.
+bool Client::has_session() const {
+  switch (state_) {
+    case State::active:
+    case State::falling_asleep:
+    case State::asleep:
+    case State::awake:
+    case State::resuming: return true;
+    case State::waiting:
+    case State::unconnected:
+    case State::searching:
+    case State::connecting:
+    case State::stranded:
+    case State::disconnecting:
+    case State::finished: return false;
+  }
+  return false;
 }
 
 void Client::search(TimePoint now) {
@@ -81,205 +107,144 @@ void Client::search(TimePoint now) {
   setup_.clear();
   state_ = State::searching;
   send(searchgw(1));
-  handshake_due_ = now + search_time;
+  state_due_ = now + search_time;
 }
 
-void Client::begin_connect(TimePoint now) {
-  state_ = State::connecting;
-  connect_sends_ = 0;
-  on_handshake_deadline(now);
+void Client::begin(State state, TimePoint now) {
+  state_ = state;
+  state_sends_ = 0;
+  repeat_state_request(now);
+}
+
+/// Three times without an answer: the gateway is gone or does not know it any more.
+void Client::repeat_state_request(TimePoint now) {
+  if (state_sends_ >= transmissions) return search(now);
+  send(state_request());
+  ++state_sends_;
+  state_due_ = now + state_interval();
+}
+
+Bytes Client::state_request() const {
+  const auto keep_alive_s = static_cast<std::uint16_t>(settings_.keep_alive.count());
+  switch (state_) {
+    case State::falling_asleep:
+      return disconnect(static_cast<std::uint16_t>(settings_.sleep.count()));
+    case State::awake: return pingreq(settings_.client_id);
+    case State::resuming: return connect(settings_.client_id, keep_alive_s, 0);  // section 6.14
+    case State::waiting:
+    case State::unconnected:
+    case State::searching:
+    case State::connecting:
+    case State::active:
+    case State::asleep:
+    case State::stranded:
+    case State::disconnecting:
+    case State::finished: break;
+  }
+  const std::uint8_t clean = settings_.is_clean ? flag_clean_session : std::uint8_t{0};
+  return connect(settings_.client_id, keep_alive_s, static_cast<std::uint8_t>(flag_will | clean));
+}
+
+/// A sleeping robot wakes after 4/5 of its duration and has the rest for three tries, within the
+/// tolerance of section 7.2.
+Duration Client::state_interval() const {
+  if (state_ == State::connecting || settings_.sleep.count() == 0) return retransmission_interval;
+  return std::min<Duration>(retransmission_interval, Duration(settings_.sleep) / 5);
+}
+
+void Client::fall_asleep(TimePoint now) {
+  state_ = State::asleep;
+  state_due_ = now + Duration(settings_.sleep) * 4 / 5;
 }
 
 void Client::on_connack(std::uint8_t return_code, TimePoint now) {
   if (return_code == congestion) state_ = State::stranded;
   if (return_code != accepted) return;  // only logged; CONNECT is repeated until it times out
-  state_ = State::active;
+  const bool is_resumed = std::exchange(state_, State::active) == State::resuming;
   was_connected_ = true;
-  ping_due_ = now + keep_alive;
+  ping_due_ = now + settings_.keep_alive;
   ping_sends_ = 0;
+  is_resumed ? resume_session(now) : start_session(now);
+}
+
+void Client::start_session(TimePoint now) {
   std::fill(std::begin(topic_ids_), std::end(topic_ids_), std::nullopt);
   for (const Topic topic : {adv, update, cmd, run}) setup_.push_back({Kind::register_topic, topic});
   for (const Topic topic : {cmd, run}) setup_.push_back({Kind::subscribe, topic});
+  if (settings_.will_interval > Duration::zero()) next_will_update_ = now + settings_.will_interval;
+}
+
+/// Topic ids stay; what was not answered at the old address is said again at once.
+void Client::resume_session(TimePoint now) {
+  for (Request& request : outstanding_) {
+    request.due = now;
+    request.sends = 0;
+  }
+  repeat_requests(now);
 }
 
 void Client::on_datagram(ByteView datagram, TimePoint now) {
   const std::optional<Packet> packet = decode(datagram);
   if (!packet) return;
-  if (state_ == State::disconnecting) {
-    if (packet->type == Type::disconnect) state_ = State::finished;
-    return;
-  }
-  if (state_ == State::searching) {
-    // Gateway id 0 makes Nordic's connect fail; the address in GWINFO is ignored.
-    if (packet->type == Type::gwinfo && packet->gateway_id != 0) begin_connect(now);
-    return;
-  }
-  if (state_ == State::connecting) {
-    if (packet->type == Type::willtopicreq) send(willtopic(topic_name(topic_count), 0));
-    if (packet->type == Type::willmsgreq) send(willmsg(will_message));
-    if (packet->type == Type::connack) on_connack(packet->return_code, now);
-  } else if (state_ == State::active) {
-    on_answer(*packet, now);
+  const bool is_disconnect = packet->type == Type::disconnect;
+  switch (state_) {
+    case State::searching:
+      // Gateway id 0 makes Nordic's connect fail; the address in GWINFO is ignored.
+      if (packet->type == Type::gwinfo && packet->gateway_id != 0) begin(State::connecting, now);
+      break;
+    case State::connecting: on_will_request(*packet); [[fallthrough]];
+    case State::resuming:
+      if (packet->type == Type::connack) on_connack(packet->return_code, now);
+      break;
+    case State::active: on_active(*packet, now); break;
+    case State::falling_asleep:
+      if (!on_gateway_request(*packet) && is_disconnect) fall_asleep(now);
+      break;
+    case State::awake: on_awake(*packet, now); break;
+    case State::disconnecting:
+      if (is_disconnect) state_ = State::finished;
+      break;
+    case State::waiting:
+    case State::unconnected:
+    case State::asleep:  // its radio is off
+    case State::stranded:
+    case State::finished: return;
   }
   if (state_ == State::active) fill(now);
 }
 
-void Client::on_answer(const Packet& packet, TimePoint now) {
-  if (packet.type == Type::pingresp) {
-    ping_due_ = now + keep_alive;
-    ping_sends_ = 0;
-    return;
-  }
-  if (packet.type == Type::publish) return on_publish(packet);
-  if (packet.type == Type::register_topic) {
-    return send(regack(packet.topic_id, packet.msg_id, accepted));
-  }
-  if (packet.type == Type::pubrec) return on_pubrec(packet, now);
-  const auto request = find_request(packet.msg_id);
-  if (request == outstanding_.end() || !answers(packet.type, request->kind)) return;
-  const bool is_setup = request->kind == Kind::register_topic || request->kind == Kind::subscribe;
-  if (packet.return_code == congestion && !is_setup) {
-    give_up(*request);  // Nordic's client forgets the message
-  } else if (packet.return_code != accepted) {
-    return;  // only logged: the request stays and runs into its time-out
-  } else if (packet.type == Type::regack) {
-    topic_ids_[request->topic] = packet.topic_id;
-  } else if (request->topic == update && !is_setup) {
-    ++tally_.acknowledged;
-  }
-  outstanding_.erase(request);
+void Client::on_will_request(const Packet& packet) {
+  if (packet.type == Type::willtopicreq) send(willtopic(topic_name(will), 0));
+  if (packet.type == Type::willmsgreq) send(willmsg(will_message));
 }
 
-bool Client::answers(Type answer, Kind request) const {
-  switch (request) {
-    case Kind::register_topic: return answer == Type::regack;
-    case Kind::subscribe: return answer == Type::suback;
-    case Kind::publish: return answer == Type::puback;
-    case Kind::release: return answer == Type::pubcomp;
-  }
-  return false;
+void Client::on_active(const Packet& packet, TimePoint now) {
+  if (packet.type == Type::disconnect && settings_.resumes) return begin(State::resuming, now);
+  const bool is_unknown_topic =
+      packet.type == Type::puback && packet.return_code == invalid_topic_id;
+  if (is_unknown_topic && settings_.resumes) return search(now);  // its session is gone
+  if (!on_gateway_request(packet)) on_answer(packet, now);
 }
 
-void Client::on_pubrec(const Packet& packet, TimePoint now) {
-  send(qos2_step(Type::pubrel, packet.msg_id));  // also for an unknown MsgId: a PUBREL got lost
-  const auto request = find_request(packet.msg_id);
-  if (request == outstanding_.end() || request->kind != Kind::publish) return;
-  request->kind = Kind::release;
-  request->datagram = qos2_step(Type::pubrel, packet.msg_id);
-  request->due = now + retransmission_interval;
-  request->sends = 1;
-}
-
-void Client::on_publish(const Packet& packet) {
-  if (packet.qos() != 0) send(puback(packet.topic_id, packet.msg_id, accepted));
-  for (const Topic topic : {cmd, run}) {
-    if (topic_ids_[topic] == packet.topic_id) on_command(topic, packet.payload);
+/// PINGRESP ends what the gateway has kept; the robot goes on to publish, or back to sleep.
+void Client::on_awake(const Packet& packet, TimePoint now) {
+  if (on_gateway_request(packet)) {
+    state_sends_ = 1;  // the gateway is there: patience anew
+    state_due_ = now + state_interval();
+  } else if (packet.type == Type::disconnect) {
+    search(now);  // the gateway does not know it any more
+  } else if (packet.type == Type::pingresp) {
+    application_.empty() ? fall_asleep(now) : begin(State::resuming, now);
   }
 }
 
-void Client::on_command(Topic topic, ByteView payload) {
-  ++tally_.commands_received;
-  if (!settings_.obeys) return;
-  if (topic == cmd && payload.size() == 4) {
-    body_.head_for(get_i16_le(payload, 0), get_i16_le(payload, 2));
-  }
-  if (topic == run) body_.set_running(!is_stop_word(std::string(payload.begin(), payload.end())));
-}
-
-void Client::repeat_requests(TimePoint now) {
-  for (auto request = outstanding_.begin(); request != outstanding_.end();) {
-    if (request->due > now) {
-      ++request;
-    } else if (request->sends < transmissions) {
-      send(request->datagram);
-      ++request->sends;
-      request->due = now + retransmission_interval;
-      ++request;
-    } else {
-      give_up(*request);
-      request = outstanding_.erase(request);
-    }
-  }
-}
-
-void Client::give_up(const Request& request) {
-  switch (request.kind) {
-    case Kind::register_topic:
-    case Kind::subscribe: setup_.push_back({request.kind, request.topic}); return;
-    case Kind::publish:
-    case Kind::release:
-      if (request.topic == update) ++tally_.lost;
-      return;
-  }
-}
-
-void Client::ping(TimePoint now) {
-  if (ping_sends_ >= transmissions) return search(now);
-  send(pingreq(settings_.client_id));
-  ++ping_sends_;
-  ping_due_ = now + retransmission_interval;
-}
-
-void Client::produce(TimePoint now) {
-  const bool is_full = application_.size() >= max_application;
-  if (settings_.messages && produced_ >= *settings_.messages) {
-    next_update_.reset();
-    return;
-  }
-  *next_update_ = std::max(*next_update_ + settings_.period, now);
-  if (is_full && settings_.messages) return;  // nothing may be lost: the robot pauses
-  ++produced_;
-  Bytes payload = body_.next_update();
-  if (is_full) {
-    ++tally_.lost;
-  } else {
-    application_.push_back({update, std::move(payload)});
-  }
-}
-
-void Client::fill(TimePoint now) {
-  if (state_ != State::active) return;
-  while (outstanding_.size() < max_outstanding && !setup_.empty()) {
-    const Setup setup = setup_.front();
-    setup_.pop_front();
-    start_setup(setup, now);
-  }
-  if (!topic_ids_[adv] || !topic_ids_[update]) return;
-  if (!next_update_ && produced_ == 0) next_update_ = now;
-  while (!application_.empty() && (settings_.qos == 0 || outstanding_.size() < max_outstanding)) {
-    start_publish(now);
-  }
-}
-
-void Client::start_setup(Setup setup, TimePoint now) {
-  const std::uint16_t msg_id = next_msg_id();
-  const std::string name = topic_name(setup.topic);
-  Bytes datagram = setup.kind == Kind::register_topic ? register_topic(msg_id, name)
-                                                      : subscribe(1, msg_id, name);
-  send(datagram);
-  outstanding_.push_back(
-      {setup.kind, setup.topic, msg_id, std::move(datagram), now + retransmission_interval});
-}
-
-void Client::start_publish(TimePoint now) {
-  const Message message = std::move(application_.front());
-  application_.pop_front();
-  const bool is_update = message.topic == update;
-  const std::uint16_t msg_id = settings_.qos == 0 ? std::uint16_t{0} : next_msg_id();
-  Bytes datagram = publish(settings_.qos, *topic_ids_[message.topic], msg_id, message.payload);
-  outbox_.push_back({datagram, is_update && settings_.qos == 0});
-  if (is_update) ++tally_.sent;
-  if (settings_.qos == 0) return;
-  outstanding_.push_back(
-      {Kind::publish, message.topic, msg_id, std::move(datagram), now + retransmission_interval});
-}
-
+/// A robot that vanishes says nothing; others wait for the answer to their DISCONNECT.
 void Client::on_stop(TimePoint now) {
-  const bool has_session = state_ == State::active;
-  state_ = has_session ? State::disconnecting : State::finished;
-  if (!has_session) return;
+  const bool is_polite = has_session() && !settings_.vanishes;
+  state_ = is_polite ? State::disconnecting : State::finished;
+  if (!is_polite) return;
   send(disconnect());
-  handshake_due_ = now + goodbye_time;
+  state_due_ = now + goodbye_time;
 }
 
 bool Client::has_sent_everything() const {
@@ -288,28 +253,6 @@ bool Client::has_sent_everything() const {
   return std::none_of(outstanding_.begin(), outstanding_.end(), [](const Request& request) {
     return request.kind == Kind::publish || request.kind == Kind::release;
   });
-}
-
-/// `topic_count` names the will's topic: outside `update`, because old servers would draw its 12
-/// octets as positions.
-std::string Client::topic_name(Topic topic) const {
-  static constexpr std::string_view name_list[] = {"adv", "update", "cmd", "run", "will"};
-  const std::string_view branch = topic == cmd || topic == run ? "/server/" : "/robot/";
-  return settings_.topic_prefix + std::string(branch) + settings_.client_id + "/" +
-         std::string(name_list[topic]);
-}
-
-/// One counter for all requests; skips 0 and what is outstanding.
-std::uint16_t Client::next_msg_id() {
-  do {
-    ++last_msg_id_;
-  } while (last_msg_id_ == 0 || find_request(last_msg_id_) != outstanding_.end());
-  return last_msg_id_;
-}
-
-std::vector<Client::Request>::iterator Client::find_request(std::uint16_t msg_id) {
-  return std::find_if(outstanding_.begin(), outstanding_.end(),
-                      [&](const Request& request) { return request.msg_id == msg_id; });
 }
 
 }  // namespace slamgw::sim::sn

@@ -11,6 +11,8 @@
 // Kinder than the original: MsgId wraps at 65535 instead of sticking at 1; registrations that timed
 // out are tried again; after a ping time-out the robot searches again; it does not wait for ever
 // for the reply to its DISCONNECT.
+// On request it does what Nordic's client leaves to the application or can't do: sleep (section
+// 6.14), take up its session from a new address, change its will, publish without a session.
 #pragma once
 
 #include <cstdint>
@@ -30,18 +32,24 @@ constexpr std::chrono::seconds retransmission_interval{8};
 constexpr unsigned transmissions = 3;        // the first and two repeats
 constexpr std::size_t max_outstanding = 4;   // Nordic's queue
 constexpr std::size_t max_application = 25;  // the robots' FIFO of 512 bytes (thesis 6.2.2)
-constexpr std::chrono::seconds keep_alive{60};
 constexpr std::chrono::seconds search_time{5};
 constexpr std::chrono::seconds goodbye_time{3};
 
 struct ClientSettings {
   std::string client_id;
   std::string topic_prefix = "ntnu-slam";
-  unsigned qos = 1;
+  int qos = 1;                            ///< -1: on `predefined_id`, without ever connecting
   std::optional<std::uint64_t> messages;  ///< updates to send; nothing: no end
   Duration period = std::chrono::milliseconds{200};
   Duration start_delay{0};  ///< the client's random wait before SEARCHGW
   bool obeys = false;       ///< commands steer the robot
+  std::chrono::seconds keep_alive{60};
+  bool is_clean = true;           ///< CleanSession of the CONNECT that begins a session
+  std::chrono::seconds sleep{0};  ///< duration in DISCONNECT; 0: it never sleeps
+  Duration will_interval{0};      ///< between changes of the will; 0: none
+  bool resumes = false;   ///< takes up its session when told DISCONNECT; Nordic's client does not
+  bool vanishes = false;  ///< ends without DISCONNECT
+  std::uint16_t predefined_id = 0;  ///< of the topic `update`, for QoS -1
 };
 
 class Client {
@@ -59,6 +67,8 @@ class Client {
   void on_deadline(TimePoint now);
   /// Says goodbye; `is_finished()` once the gateway has answered, or has not for 3 s.
   void on_stop(TimePoint now);
+  /// The robot has a new address, which it does not tell the gateway by itself.
+  void on_moved() { ++tally_.roamed; }
   /// An unacknowledged update was dropped on purpose.
   void on_update_dropped() { ++tally_.lost; }
 
@@ -75,9 +85,23 @@ class Client {
   const std::string& id() const { return settings_.client_id; }
 
  private:
-  enum class State { waiting, searching, connecting, active, stranded, disconnecting, finished };
-  enum class Kind { register_topic, subscribe, publish, release };
-  enum Topic : std::uint8_t { adv, update, cmd, run, topic_count };
+  enum class State {
+    waiting,
+    unconnected,  ///< QoS -1
+    searching,
+    connecting,
+    active,
+    falling_asleep,
+    asleep,
+    awake,
+    resuming,  ///< CONNECT without CleanSession: from sleep or a new address
+    stranded,
+    disconnecting,
+    finished
+  };
+  enum class Kind { register_topic, subscribe, publish, release, will_topic, will_message };
+  enum Topic : std::uint8_t { adv, update, cmd, run, will, will_updated };
+  static constexpr std::size_t registered_topics = 4;  // adv .. run
 
   struct Setup {
     Kind kind;
@@ -96,23 +120,42 @@ class Client {
     unsigned sends = 1;
   };
 
+  // client.cpp: the session
+  bool has_session() const;
   void search(TimePoint now);
-  void begin_connect(TimePoint now);
+  void begin(State state, TimePoint now);
+  Bytes state_request() const;
+  void repeat_state_request(TimePoint now);
+  Duration state_interval() const;
+  void fall_asleep(TimePoint now);
+  void on_state_deadline(TimePoint now);
+  void on_will_request(const Packet& packet);
   void on_connack(std::uint8_t return_code, TimePoint now);
+  void start_session(TimePoint now);
+  void resume_session(TimePoint now);
+  void on_active(const Packet& packet, TimePoint now);
+  void on_awake(const Packet& packet, TimePoint now);
+
+  // client_requests.cpp: what it asks and says in its session
+  bool on_gateway_request(const Packet& packet);
   void on_answer(const Packet& packet, TimePoint now);
   bool answers(Type answer, Kind request) const;
+  void finish(const Request& request, std::uint16_t topic_id);
   void on_pubrec(const Packet& packet, TimePoint now);
   void on_publish(const Packet& packet);
+  void on_register(const Packet& packet);
   void on_command(Topic topic, ByteView payload);
 
-  void on_handshake_deadline(TimePoint now);
   void repeat_requests(TimePoint now);
   void give_up(const Request& request);
   void ping(TimePoint now);
   void produce(TimePoint now);
   void fill(TimePoint now);
+  void plan_will_update(TimePoint now);
   void start_setup(Setup setup, TimePoint now);
+  Bytes setup_request(const Setup& setup, std::uint16_t msg_id) const;
   void start_publish(TimePoint now);
+  void publish_unconnected();
 
   std::string topic_name(Topic topic) const;
   std::uint16_t next_msg_id();
@@ -123,15 +166,16 @@ class Client {
   RobotBody body_;
   State state_ = State::waiting;
   bool was_connected_ = false;
-  TimePoint handshake_due_{};  ///< SEARCHGW, CONNECT or the reply to DISCONNECT
-  unsigned connect_sends_ = 0;
+  TimePoint state_due_{};  ///< when to repeat the request of this state, or to leave it
+  unsigned state_sends_ = 0;
   TimePoint ping_due_{};
   unsigned ping_sends_ = 0;
   std::optional<TimePoint> next_update_;  ///< nothing until the topics are registered
   std::uint64_t produced_ = 0;
   std::uint16_t last_msg_id_ = 0;
-  std::optional<std::uint16_t> topic_ids_[topic_count];
-  std::deque<Setup> setup_;           ///< registrations not yet sent; at most 6
+  std::optional<TimePoint> next_will_update_;
+  std::optional<std::uint16_t> topic_ids_[registered_topics];
+  std::deque<Setup> setup_;           ///< not yet sent; at most 6, and one for the will
   std::deque<Message> application_;   ///< at most max_application
   std::vector<Request> outstanding_;  ///< at most max_outstanding
   std::deque<Outgoing> outbox_;

@@ -5,6 +5,7 @@
 #include <sys/resource.h>
 
 #include <boost/asio/signal_set.hpp>
+#include <cmath>
 #include <deque>
 
 #include "simulation/thread/robot_socket.hpp"
@@ -27,12 +28,22 @@ void raise_descriptor_limit() {
   setrlimit(RLIMIT_NOFILE, &limit);
 }
 
+Duration to_duration(double seconds) {
+  return std::chrono::duration_cast<Duration>(std::chrono::duration<double>(seconds));
+}
+
+/// Spreads `part` of the robots evenly over their numbers.
+bool is_among(unsigned number, double part) {
+  return std::floor(number * part) > std::floor((number - 1) * part);
+}
+
 class Fleet {
  public:
   Fleet(const ThreadOptions& options, const asio::ip::udp::endpoint& gateway);
   int run();
 
  private:
+  ClientSettings settings_of(unsigned number) const;
   void add_robot(unsigned number, const asio::ip::udp::endpoint& gateway);
   void on_change(RobotSocket& robot);
   void on_all_done();
@@ -58,7 +69,7 @@ Fleet::Fleet(const ThreadOptions& options, const asio::ip::udp::endpoint& gatewa
   for (unsigned number = 1; number <= options.common.robots; ++number) add_robot(number, gateway);
 }
 
-void Fleet::add_robot(unsigned number, const asio::ip::udp::endpoint& gateway) {
+ClientSettings Fleet::settings_of(unsigned number) const {
   const RobotOptions& common = options_.common;
   // A small fleet starts at once; a large one takes Nordic's two seconds.
   const unsigned spread_ms = std::min(max_search_delay_ms, 2 * common.robots);
@@ -71,12 +82,28 @@ void Fleet::add_robot(unsigned number, const asio::ip::udp::endpoint& gateway) {
   settings.start_delay =
       std::chrono::milliseconds{Random(common.seed, number, Random::Use::start).below(spread_ms)};
   settings.obeys = common.obeys;
-  const ImpairmentSettings radio{common.loss, options_.duplicate, options_.reorder,
+  settings.keep_alive = std::chrono::seconds{options_.keep_alive_s};
+  settings.is_clean = options_.is_clean;
+  settings.sleep = std::chrono::seconds{options_.sleep_s};
+  settings.will_interval = to_duration(options_.will_updates_s);
+  settings.resumes = options_.sleep_s > 0 || options_.roam_s > 0;
+  settings.vanishes = is_among(number, options_.vanish);
+  settings.predefined_id = static_cast<std::uint16_t>(number);
+  return settings;
+}
+
+void Fleet::add_robot(unsigned number, const asio::ip::udp::endpoint& gateway) {
+  const std::uint64_t seed = options_.common.seed;
+  const ImpairmentSettings radio{options_.common.loss, options_.duplicate, options_.reorder,
                                  std::chrono::milliseconds{options_.delay_ms}};
-  robots_.emplace_back(io_, gateway, Client(settings, RobotBody(common.seed, number)),
-                       Impairment(radio, Random(common.seed, number, Random::Use::uplink)),
-                       Impairment(radio, Random(common.seed, number, Random::Use::downlink)),
+  robots_.emplace_back(io_, gateway, Client(settings_of(number), RobotBody(seed, number)),
+                       Impairment(radio, Random(seed, number, Random::Use::uplink)),
+                       Impairment(radio, Random(seed, number, Random::Use::downlink)),
                        [this](RobotSocket& robot) { on_change(robot); });
+  if (options_.roam_s == 0) return;
+  // Not all at once.
+  const double first_s = options_.roam_s * Random(seed, number, Random::Use::roam).unit();
+  robots_.back().roam(to_duration(first_s), to_duration(options_.roam_s));
 }
 
 int Fleet::run() {
@@ -87,7 +114,8 @@ int Fleet::run() {
   });
   for (RobotSocket& robot : robots_) robot.start();
   report_progress();
-  if (options_.give_up_s > 0) give_up_unless_connected();
+  const bool is_connecting = options_.qos >= 0;
+  if (is_connecting && options_.give_up_s > 0) give_up_unless_connected();
   io_.run();
 
   std::vector<std::pair<std::string, Tally>> tallies;
@@ -95,7 +123,7 @@ int Fleet::run() {
     tallies.emplace_back(robot.client().id(), robot.client().tally());
   }
   fmt::print("{}\n", to_json(tallies));
-  if (count_connected() > 0) return 0;
+  if (!is_connecting || count_connected() > 0) return 0;
   fmt::print(stderr, "slam-gateway-sim: no robot got connected to the gateway at {} port {}\n",
              options_.host, options_.port);
   return unreachable;
@@ -142,8 +170,7 @@ void Fleet::report_progress() {
 }
 
 void Fleet::give_up_unless_connected() {
-  patience_.expires_after(
-      std::chrono::duration_cast<Duration>(std::chrono::duration<double>(options_.give_up_s)));
+  patience_.expires_after(to_duration(options_.give_up_s));
   patience_.async_wait([this](error_code error) {
     if (!error && count_connected() == 0) stop_all();
   });

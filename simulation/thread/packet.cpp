@@ -62,6 +62,16 @@ Bytes willmsg(std::string_view message) {
   return finish(Type::willmsg, Bytes(message.begin(), message.end()));
 }
 
+Bytes willtopicupd(std::string_view topic, unsigned qos) {
+  Bytes body{qos_flags(qos)};
+  put(body, topic);
+  return finish(Type::willtopicupd, body);
+}
+
+Bytes willmsgupd(std::string_view message) {
+  return finish(Type::willmsgupd, Bytes(message.begin(), message.end()));
+}
+
 Bytes register_topic(std::uint16_t msg_id, std::string_view topic) {
   Bytes body{0x00, 0x00};
   put_u16_be(body, msg_id);
@@ -77,6 +87,14 @@ Bytes publish(unsigned qos, std::uint16_t topic_id, std::uint16_t msg_id, ByteVi
   Bytes body{qos_flags(qos)};
   put_u16_be(body, topic_id);
   put_u16_be(body, msg_id);
+  put(body, payload);
+  return finish(Type::publish, body);
+}
+
+Bytes publish_unconnected(std::uint16_t predefined_id, ByteView payload) {
+  Bytes body{mask_qos | topic_id_predefined};
+  put_u16_be(body, predefined_id);
+  put_u16_be(body, 0);
   put(body, payload);
   return finish(Type::publish, body);
 }
@@ -104,6 +122,12 @@ Bytes pingreq(std::string_view client_id) {
 
 Bytes disconnect() { return finish(Type::disconnect, {}); }
 
+Bytes disconnect(std::uint16_t duration_s) {
+  Bytes body;
+  put_u16_be(body, duration_s);
+  return finish(Type::disconnect, body);
+}
+
 std::optional<Packet> decode(ByteView datagram) {
   const std::optional<ByteView> message = strip_length(datagram);
   if (!message) return std::nullopt;
@@ -116,6 +140,8 @@ std::optional<Packet> decode(ByteView datagram) {
       packet.gateway_id = body[0];
       return packet;
     case Type::connack:
+    case Type::willtopicresp:
+    case Type::willmsgresp:
       if (body.size() != 1) return std::nullopt;
       packet.return_code = body[0];
       return packet;
@@ -164,7 +190,9 @@ std::optional<Packet> decode(ByteView datagram) {
     case Type::connect:
     case Type::willtopic:
     case Type::willmsg:
-    case Type::subscribe: return std::nullopt;
+    case Type::subscribe:
+    case Type::willtopicupd:
+    case Type::willmsgupd: return std::nullopt;
   }
   return std::nullopt;
 }

@@ -3,7 +3,6 @@
 
 #include <array>
 #include <boost/asio/buffer.hpp>
-#include <memory>
 #include <utility>
 
 namespace slamgw::sim::sn {
@@ -11,18 +10,34 @@ namespace slamgw::sim::sn {
 using boost::asio::ip::udp;
 using boost::system::error_code;
 
+namespace {
+
+/// An error means what a lost datagram means: the client repeats.
+void transmit(udp::socket& socket, const Bytes& datagram) {
+  error_code ignored;
+  socket.send(boost::asio::buffer(datagram), 0, ignored);
+}
+
+}  // namespace
+
 RobotSocket::RobotSocket(boost::asio::io_context& io, const udp::endpoint& gateway, Client client,
                          Impairment uplink, Impairment downlink,
                          std::function<void(RobotSocket&)> on_change)
     : io_(io),
-      socket_(io, gateway.protocol()),
+      gateway_(gateway),
+      socket_(open()),
       timer_(io),
+      roam_timer_(io),
       client_(std::move(client)),
       uplink_(std::move(uplink)),
       downlink_(std::move(downlink)),
-      on_change_(std::move(on_change)) {
-  socket_.connect(gateway);
-  socket_.non_blocking(true);
+      on_change_(std::move(on_change)) {}
+
+std::shared_ptr<udp::socket> RobotSocket::open() {
+  auto socket = std::make_shared<udp::socket>(io_, gateway_.protocol());
+  socket->connect(gateway_);
+  socket->non_blocking(true);
+  return socket;
 }
 
 void RobotSocket::start() {
@@ -32,6 +47,22 @@ void RobotSocket::start() {
 
 void RobotSocket::stop() {
   input([](Client& client, TimePoint now) { client.on_stop(now); });
+}
+
+void RobotSocket::roam(Duration first, Duration interval) {
+  roam_timer_.expires_after(first);
+  roam_timer_.async_wait([this, interval](error_code error) {
+    if (error || client_.is_finished()) return;
+    move();
+    roam(interval, interval);
+  });
+}
+
+void RobotSocket::move() {
+  socket_->cancel();
+  socket_ = open();
+  wait_readable();
+  input([](Client& client, TimePoint) { client.on_moved(); });
 }
 
 template <class Change>
@@ -62,21 +93,15 @@ void RobotSocket::send(Client::Outgoing outgoing) {
   if (copies.empty() && outgoing.is_unacknowledged_update) client_.on_update_dropped();
   for (const Duration delay : copies) {
     if (delay == Duration::zero()) {
-      transmit(outgoing.datagram);
+      transmit(*socket_, outgoing.datagram);
     } else {
-      later(delay, [this, datagram = outgoing.datagram] { transmit(datagram); });
+      later(delay, [from = socket_, datagram = outgoing.datagram] { transmit(*from, datagram); });
     }
   }
 }
 
-/// An error means what a lost datagram means: the client repeats.
-void RobotSocket::transmit(const Bytes& datagram) {
-  error_code ignored;
-  socket_.send(boost::asio::buffer(datagram), 0, ignored);
-}
-
 void RobotSocket::wait_readable() {
-  socket_.async_wait(udp::socket::wait_read, [this](error_code error) {
+  socket_->async_wait(udp::socket::wait_read, [this](error_code error) {
     if (error) return;
     read_all();
     wait_readable();
@@ -87,7 +112,7 @@ void RobotSocket::read_all() {
   std::array<std::uint8_t, 2048> buffer;
   for (;;) {
     error_code error;
-    const std::size_t size = socket_.receive(boost::asio::buffer(buffer), 0, error);
+    const std::size_t size = socket_->receive(boost::asio::buffer(buffer), 0, error);
     if (error == boost::asio::error::connection_refused) continue;  // nobody listens there yet
     if (error) return;
     const Bytes datagram(buffer.begin(), buffer.begin() + static_cast<std::ptrdiff_t>(size));

@@ -7,6 +7,7 @@
 #include <boost/asio/ip/udp.hpp>
 #include <boost/asio/steady_timer.hpp>
 #include <functional>
+#include <memory>
 
 #include "simulation/thread/client.hpp"
 #include "simulation/thread/impairment.hpp"
@@ -23,6 +24,9 @@ class RobotSocket {
 
   void start();
   void stop();
+  /// Changes the robot's address (its UDP port) after `first` and then each `interval`. What is
+  /// delayed on its way from the old address still arrives from there; answers sent there are lost.
+  void roam(Duration first, Duration interval);
   const Client& client() const { return client_; }
 
   bool is_counted_done = false;  ///< the fleet's notes
@@ -32,15 +36,18 @@ class RobotSocket {
   template <class Change>
   void input(Change&& change);
   void arm_timer();
+  std::shared_ptr<boost::asio::ip::udp::socket> open();
+  void move();
   void send(Client::Outgoing outgoing);
-  void transmit(const Bytes& datagram);
   void wait_readable();
   void read_all();
   void later(Duration delay, std::function<void()> what);
 
   boost::asio::io_context& io_;
-  boost::asio::ip::udp::socket socket_;
+  boost::asio::ip::udp::endpoint gateway_;
+  std::shared_ptr<boost::asio::ip::udp::socket> socket_;  ///< shared with what is delayed on it
   boost::asio::steady_timer timer_;
+  boost::asio::steady_timer roam_timer_;
   Client client_;
   Impairment uplink_;
   Impairment downlink_;

@@ -32,6 +32,10 @@ TEST(Packet, WritesTheSpecificationsBytes) {
   EXPECT_EQ(to_hex(subscribe(1, 10, "a/b")), "08 12 20 00 0a 61 2f 62");
   EXPECT_EQ(to_hex(pingreq("NRF_5")), "07 16 4e 52 46 5f 35");
   EXPECT_EQ(to_hex(disconnect()), "02 18");
+  EXPECT_EQ(to_hex(disconnect(300)), "04 18 01 2c");
+  EXPECT_EQ(to_hex(publish_unconnected(7, hex("6869"))), "09 0c 61 00 07 00 00 68 69");
+  EXPECT_EQ(to_hex(willtopicupd("w/2", 1)), "06 1a 20 77 2f 32");
+  EXPECT_EQ(to_hex(willmsgupd("gone")), "06 1c 67 6f 6e 65");
 }
 
 TEST(Packet, UsesTheLongLengthFrom256Octets) {
@@ -44,6 +48,8 @@ TEST(Packet, ReadsWhatGatewaysSend) {
   EXPECT_EQ(decode(hex("03 02 01"))->gateway_id, 1);
   EXPECT_EQ(decode(hex("08 02 01 04 0a 00 00 01"))->gateway_id, 1);
   EXPECT_EQ(decode(hex("03 05 01"))->return_code, congestion);
+  EXPECT_EQ(decode(hex("03 1b 00"))->type, Type::willtopicresp);
+  EXPECT_EQ(decode(hex("03 1d 03"))->return_code, 3);
   EXPECT_EQ(decode(hex("02 06"))->type, Type::willtopicreq);
   EXPECT_EQ(decode(hex("02 08"))->type, Type::willmsgreq);
   const Bytes register_bytes = hex("09 0a 00 05 12 34 61 2f 62");
@@ -65,9 +71,27 @@ TEST(Packet, ReadsWhatGatewaysSend) {
 }
 
 TEST(Packet, RefusesWhatIsNoMessage) {
-  for (const char* bad : {"", "00", "01", "01 00", "01 00 03", "02", "03 16", "02 16 00", "02 05",
-                          "04 05 00 00", "06 0d 00 05 00 01", "05 0c 00 00 05", "03 17 00",
-                          "04 18 00 00", "02 03", "02 ff", "03 01 01", "08 04 04 01 00 3c 72 31"}) {
+  for (const char* bad : {"",
+                          "00",
+                          "01",
+                          "01 00",
+                          "01 00 03",
+                          "02",
+                          "03 16",
+                          "02 16 00",
+                          "02 05",
+                          "04 05 00 00",
+                          "06 0d 00 05 00 01",
+                          "05 0c 00 00 05",
+                          "03 17 00",
+                          "04 18 00 00",
+                          "02 03",
+                          "02 ff",
+                          "02 1b",
+                          "04 1d 00 00",
+                          "06 1c 67 6f 6e 65",
+                          "03 01 01",
+                          "08 04 04 01 00 3c 72 31"}) {
     EXPECT_FALSE(decode(hex(bad)).has_value()) << bad;
   }
 }

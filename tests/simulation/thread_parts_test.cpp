@@ -46,11 +46,27 @@ TEST(CommandLine, HasTheDocumentedDefaults) {
   EXPECT_EQ(thread.common.limit(), std::nullopt);
   EXPECT_EQ(thread.common.seed, 1U);
   EXPECT_EQ(thread.common.id_of(3), "robot3");
-  EXPECT_EQ(thread.qos, 1U);
+  EXPECT_EQ(thread.qos, 1);
+  EXPECT_TRUE(thread.is_clean);
+  EXPECT_EQ(thread.keep_alive_s, 60U);
+  EXPECT_EQ(thread.sleep_s, 0U);
   const auto ble = std::get<BleOptions>(parse({"ble", "--tty", "/tmp/board"}));
   EXPECT_EQ(ble.tty, "/tmp/board");
   EXPECT_EQ(ble.hops, 1U);
   EXPECT_FALSE(ble.is_acknowledged);
+}
+
+TEST(CommandLine, TakesTheKindsOfThreadClients) {
+  const auto thread = std::get<ThreadOptions>(
+      parse({"thread", "--gateway", "host:1", "--sleep", "30", "--roam", "2.5", "--will-updates",
+             "10", "--vanish", "0.5", "--no-clean", "--qos", "-1", "--keep-alive", "5"}));
+  EXPECT_EQ(thread.sleep_s, 30U);
+  EXPECT_EQ(thread.roam_s, 2.5);
+  EXPECT_EQ(thread.will_updates_s, 10);
+  EXPECT_EQ(thread.vanish, 0.5);
+  EXPECT_FALSE(thread.is_clean);
+  EXPECT_EQ(thread.qos, -1);
+  EXPECT_EQ(thread.keep_alive_s, 5U);
 }
 
 TEST(CommandLine, EndsWithTwoForWrongArguments) {
@@ -61,6 +77,9 @@ TEST(CommandLine, EndsWithTwoForWrongArguments) {
       {"thread", "--gateway", "host:0"},
       {"thread", "--gateway", "::1:47193"},
       {"thread", "--gateway", "host:1", "--qos", "3"},
+      {"thread", "--gateway", "host:1", "--qos", "-2"},
+      {"thread", "--gateway", "host:1", "--vanish", "2"},
+      {"thread", "--gateway", "host:1", "--sleep", "70000"},
       {"thread", "--gateway", "host:1", "--loss", "1.5"},
       {"thread", "--gateway", "host:1", "--id-prefix", "a/b"},
       {"thread", "--gateway", "host:1", "--id-prefix", "much-too-long-for-mqttsn"},
@@ -77,6 +96,13 @@ TEST(CommandLine, EndsWithTwoForWrongArguments) {
 }
 
 TEST(Tally, EndsAsOneJsonLine) {
+  Tally life;
+  life.wakes = 3;
+  EXPECT_EQ(
+      to_json({{"a", {}}, {"b", life}}),
+      R"({"robots":{"a":{"sent":0,"acknowledged":0,"lost":0,"commands_received":0,"wakes":0},)"
+      R"("b":{"sent":0,"acknowledged":0,"lost":0,"commands_received":0,"wakes":3}},)"
+      R"("sent":0,"acknowledged":0,"lost":0,"commands_received":0,"wakes":3})");
   EXPECT_EQ(to_json({{"robot1", {5, 4, 1, 2}}, {"robot2", {1, 0, 0, 0}}}),
             R"({"robots":{"robot1":{"sent":5,"acknowledged":4,"lost":1,"commands_received":2},)"
             R"("robot2":{"sent":1,"acknowledged":0,"lost":0,"commands_received":0}},)"

@@ -1,0 +1,263 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a client asks and says in its session, and how it answers the gateway.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <utility>
+
+#include "simulation/thread/client.hpp"
+
+namespace slamgw::sim::sn {
+namespace {
+
+constexpr unsigned will_update_qos = 1;  // Nordic's WILLTOPICUPD
+
+bool is_stop_word(std::string_view word) {
+  return word == "0" || word == "off" || word == "pause" || word == "stop";
+}
+
+}  // namespace
+
+/// True for what the gateway begins by itself in a session; it is answered.
+bool Client::on_gateway_request(const Packet& packet) {
+  if (packet.type == Type::publish) {
+    on_publish(packet);
+  } else if (packet.type == Type::register_topic) {
+    on_register(packet);
+  } else {
+    return false;
+  }
+  return true;
+}
+
+void Client::on_answer(const Packet& packet, TimePoint now) {
+  if (packet.type == Type::pingresp) {
+    ping_due_ = now + settings_.keep_alive;
+    ping_sends_ = 0;
+    return;
+  }
+  if (packet.type == Type::pubrec) return on_pubrec(packet, now);
+  const auto request = find_request(packet.msg_id);
+  if (request == outstanding_.end() || !answers(packet.type, request->kind)) return;
+  const bool is_message = request->kind == Kind::publish || request->kind == Kind::release;
+  if (packet.return_code == congestion && is_message) {
+    give_up(*request);  // Nordic's client forgets the message
+  } else if (packet.return_code != accepted) {
+    return;  // only logged: the request stays and runs into its time-out
+  } else {
+    finish(*request, packet.topic_id);
+  }
+  outstanding_.erase(request);
+}
+
+bool Client::answers(Type answer, Kind request) const {
+  switch (request) {
+    case Kind::register_topic: return answer == Type::regack;
+    case Kind::subscribe: return answer == Type::suback;
+    case Kind::publish: return answer == Type::puback;
+    case Kind::release: return answer == Type::pubcomp;
+    case Kind::will_topic: return answer == Type::willtopicresp;
+    case Kind::will_message: return answer == Type::willmsgresp;
+  }
+  return false;
+}
+
+void Client::finish(const Request& request, std::uint16_t topic_id) {
+  switch (request.kind) {
+    case Kind::register_topic: topic_ids_[request.topic] = topic_id; return;
+    case Kind::subscribe: return;
+    case Kind::publish:
+    case Kind::release:
+      if (request.topic == update) ++tally_.acknowledged;
+      return;
+    case Kind::will_topic: setup_.push_front({Kind::will_message, will_updated}); return;
+    case Kind::will_message: ++tally_.will_updates; return;
+  }
+}
+
+void Client::on_pubrec(const Packet& packet, TimePoint now) {
+  send(qos2_step(Type::pubrel, packet.msg_id));  // also for an unknown MsgId: a PUBREL got lost
+  const auto request = find_request(packet.msg_id);
+  if (request == outstanding_.end() || request->kind != Kind::publish) return;
+  request->kind = Kind::release;
+  request->datagram = qos2_step(Type::pubrel, packet.msg_id);
+  request->due = now + retransmission_interval;
+  request->sends = 1;
+}
+
+void Client::on_publish(const Packet& packet) {
+  if (packet.qos() != 0) send(puback(packet.topic_id, packet.msg_id, accepted));
+  for (const Topic topic : {cmd, run}) {
+    if (topic_ids_[topic] == packet.topic_id) on_command(topic, packet.payload);
+  }
+}
+
+/// Nordic's client ignores what it is told here; one that takes up sessions can't (section 6.10).
+void Client::on_register(const Packet& packet) {
+  send(regack(packet.topic_id, packet.msg_id, accepted));
+  if (!settings_.resumes) return;
+  const std::string name(packet.payload.begin(), packet.payload.end());
+  for (const Topic topic : {cmd, run}) {
+    if (topic_name(topic) == name) topic_ids_[topic] = packet.topic_id;
+  }
+}
+
+void Client::on_command(Topic topic, ByteView payload) {
+  ++tally_.commands_received;
+  if (!settings_.obeys) return;
+  if (topic == cmd && payload.size() == 4) {
+    body_.head_for(get_i16_le(payload, 0), get_i16_le(payload, 2));
+  }
+  if (topic == run) body_.set_running(!is_stop_word(std::string(payload.begin(), payload.end())));
+}
+
+void Client::repeat_requests(TimePoint now) {
+  for (auto request = outstanding_.begin(); request != outstanding_.end();) {
+    if (request->due > now) {
+      ++request;
+    } else if (request->sends < transmissions) {
+      send(request->datagram);
+      ++request->sends;
+      request->due = now + retransmission_interval;
+      ++request;
+    } else {
+      give_up(*request);
+      request = outstanding_.erase(request);
+    }
+  }
+}
+
+void Client::give_up(const Request& request) {
+  switch (request.kind) {
+    case Kind::register_topic:
+    case Kind::subscribe: setup_.push_back({request.kind, request.topic}); return;
+    case Kind::publish:
+    case Kind::release:
+      if (request.topic == update) ++tally_.lost;
+      return;
+    case Kind::will_topic:
+    case Kind::will_message: return;  // the next change says it all again
+  }
+}
+
+void Client::ping(TimePoint now) {
+  if (ping_sends_ >= transmissions) return search(now);
+  send(pingreq(settings_.client_id));
+  ++ping_sends_;
+  ping_due_ = now + retransmission_interval;
+}
+
+void Client::produce(TimePoint now) {
+  const bool is_full = application_.size() >= max_application;
+  if (settings_.messages && produced_ >= *settings_.messages) {
+    next_update_.reset();
+    return;
+  }
+  *next_update_ = std::max(*next_update_ + settings_.period, now);
+  if (is_full && settings_.messages) return;  // nothing may be lost: the robot pauses
+  ++produced_;
+  Bytes payload = body_.next_update();
+  if (is_full) {
+    ++tally_.lost;
+  } else {
+    application_.push_back({update, std::move(payload)});
+  }
+}
+
+void Client::fill(TimePoint now) {
+  if (state_ != State::active) return;
+  while (outstanding_.size() < max_outstanding && !setup_.empty()) {
+    const Setup setup = setup_.front();
+    setup_.pop_front();
+    start_setup(setup, now);
+  }
+  if (!topic_ids_[adv] || !topic_ids_[update]) return;
+  if (!next_update_ && produced_ == 0) next_update_ = now;
+  while (!application_.empty() && (settings_.qos == 0 || outstanding_.size() < max_outstanding)) {
+    start_publish(now);
+  }
+  const bool is_idle = setup_.empty() && outstanding_.empty() && application_.empty();
+  if (is_idle && settings_.sleep.count() > 0) begin(State::falling_asleep, now);
+}
+
+/// One change at a time: WILLTOPICRESP and WILLMSGRESP have no MsgId.
+void Client::plan_will_update(TimePoint now) {
+  if (!next_will_update_ || *next_will_update_ > now) return;
+  *next_will_update_ = now + settings_.will_interval;
+  const auto is_of_will = [](const auto& one) {
+    return one.kind == Kind::will_topic || one.kind == Kind::will_message;
+  };
+  if (std::any_of(setup_.begin(), setup_.end(), is_of_will) ||
+      std::any_of(outstanding_.begin(), outstanding_.end(), is_of_will)) {
+    return;
+  }
+  setup_.push_back({Kind::will_topic, will_updated});
+}
+
+void Client::start_setup(Setup setup, TimePoint now) {
+  const bool has_msg_id = setup.kind == Kind::register_topic || setup.kind == Kind::subscribe;
+  const std::uint16_t msg_id = has_msg_id ? next_msg_id() : std::uint16_t{0};
+  Bytes datagram = setup_request(setup, msg_id);
+  send(datagram);
+  outstanding_.push_back(
+      {setup.kind, setup.topic, msg_id, std::move(datagram), now + retransmission_interval});
+}
+
+Bytes Client::setup_request(const Setup& setup, std::uint16_t msg_id) const {
+  switch (setup.kind) {
+    case Kind::register_topic: return register_topic(msg_id, topic_name(setup.topic));
+    case Kind::subscribe: return subscribe(1, msg_id, topic_name(setup.topic));
+    case Kind::will_topic: return willtopicupd(topic_name(setup.topic), will_update_qos);
+    case Kind::will_message:
+      return willmsgupd(fmt::format("Disconnected after {}", tally_.will_updates + 1));
+    case Kind::publish:
+    case Kind::release: break;
+  }
+  return {};
+}
+
+void Client::start_publish(TimePoint now) {
+  const Message message = std::move(application_.front());
+  application_.pop_front();
+  const bool is_update = message.topic == update;
+  const auto qos = static_cast<unsigned>(settings_.qos);
+  const std::uint16_t msg_id = qos == 0 ? std::uint16_t{0} : next_msg_id();
+  Bytes datagram = publish(qos, *topic_ids_[message.topic], msg_id, message.payload);
+  outbox_.push_back({datagram, is_update && qos == 0});
+  if (is_update) ++tally_.sent;
+  if (qos == 0) return;
+  outstanding_.push_back(
+      {Kind::publish, message.topic, msg_id, std::move(datagram), now + retransmission_interval});
+}
+
+void Client::publish_unconnected() {
+  for (; !application_.empty(); application_.pop_front()) {
+    const Bytes& payload = application_.front().payload;
+    outbox_.push_back({sn::publish_unconnected(settings_.predefined_id, payload), true});
+    ++tally_.sent;
+  }
+}
+
+/// The wills are outside `update`, because old servers would draw their octets as positions.
+std::string Client::topic_name(Topic topic) const {
+  static constexpr std::string_view name_list[] = {"adv", "update", "cmd",
+                                                   "run", "will",   "will-updated"};
+  const std::string_view branch = topic == cmd || topic == run ? "/server/" : "/robot/";
+  return settings_.topic_prefix + std::string(branch) + settings_.client_id + "/" +
+         std::string(name_list[topic]);
+}
+
+/// One counter for all requests; skips 0 and what is outstanding.
+std::uint16_t Client::next_msg_id() {
+  do {
+    ++last_msg_id_;
+  } while (last_msg_id_ == 0 || find_request(last_msg_id_) != outstanding_.end());
+  return last_msg_id_;
+}
+
+std::vector<Client::Request>::iterator Client::find_request(std::uint16_t msg_id) {
+  return std::find_if(outstanding_.begin(), outstanding_.end(),
+                      [&](const Request& request) { return request.msg_id == msg_id; });
+}
+
+}  // namespace slamgw::sim::sn
