@@ -69,6 +69,14 @@ void BleMesh::on_link_action(LinkAction action, TimePoint now) {
                  [&](Heartbeat& heartbeat) {
                    if (Robot* robot = robot_at(heartbeat.source, now)) on_heard(*robot, now);
                  },
+                 [&](IvUpdate& update) {
+                   emit(Notice{Severity::info,
+                               fmt::format("the mesh's IV index is {}", update.iv_index),
+                               {}});
+                 },
+                 [](ProvisioningEvent&) {},
+                 [](CommandEnded&) {},
+                 [](BoardCleared&) {},
                  [&](Notice& notice) { emit(std::move(notice)); },
              },
              action);

@@ -33,8 +33,21 @@ struct SendRefused {
   std::string why;
 };
 
+/// How the command that was given to `BoardLink::command` ended.
+struct CommandEnded {
+  std::uint8_t opcode = 0;
+  Status status = Status::success;
+  Bytes data;              ///< empty unless `status` is success
+  bool is_repeat = false;  ///< its first answer was lost: the board may have done it then
+};
+/// How `BoardLink::clear_board` ended.
+struct BoardCleared {
+  Status status = Status::success;
+};
+
 using LinkAction = std::variant<WriteSerial, ReopenPort, GenerateKeys, LinkIsUp, LinkIsDown,
-                                SendRefused, MessageReceived, Heartbeat, Notice>;
+                                SendRefused, MessageReceived, Heartbeat, IvUpdate,
+                                ProvisioningEvent, CommandEnded, BoardCleared, Notice>;
 
 /// One access message to send. Urgent ones (acknowledgements) overtake the others.
 struct Outgoing {
@@ -91,6 +104,16 @@ class BoardLink {
   bool send(Outgoing message, TimePoint now);
   /// Takes an urgent message back if it still waits.
   void withdraw(std::uint16_t destination, const Bytes& payload);
+  /// One complete command, ended by CommandEnded; nothing comes when the link goes down. False when
+  /// it was not taken: the link is down or an earlier one is still under way. When its answer is
+  /// lost it is sent again.
+  bool command(Bytes frame, TimePoint now);
+  /// State Clear: the board forgets keys, addresses and sequence numbers and is started up anew.
+  /// Only on an operator's word. False when there is no board that could be cleared.
+  bool clear_board(TimePoint now);
+  /// The mesh's keys are others than before; starts the board up with them.
+  void change_keys(const MeshKeys& keys, TimePoint now);
+  std::uint16_t subnet_handle() const { return subnet_handle_; }
 
   std::optional<TimePoint> deadline() const;
   void on_deadline(TimePoint now);
@@ -104,6 +127,7 @@ class BoardLink {
     std::uint8_t opcode = 0;
     TimePoint deadline{};
     std::uint16_t destination = 0;  ///< of the message it is for, if any
+    bool is_command = false;        ///< `command_`
   };
 
   void begin_resync(TimePoint now);
@@ -114,6 +138,8 @@ class BoardLink {
   void on_event(DeviceStarted& event, TimePoint now);
   void on_event(CommandResponse& event, TimePoint now);
   void on_response(const CommandResponse& response, const InFlight& command, TimePoint now);
+  void on_command_ended(const CommandResponse& response);
+  void on_board_cleared(Status status, TimePoint now);
   void on_publication_added(const CommandResponse& response, std::uint16_t address, TimePoint now);
   void on_sent(const CommandResponse& response, std::uint16_t destination);
   void on_drop_counter(std::uint32_t total, TimePoint now);
@@ -121,6 +147,8 @@ class BoardLink {
 
   void issue(Bytes command, std::uint16_t destination, TimePoint now);
   void send_next(TimePoint now);
+  bool issue_clear(TimePoint now);
+  void send_message(std::deque<Outgoing>& queue, TimePoint now);
   std::deque<Outgoing>& next_queue();
   void on_silence();
   void give_up(const std::string& why, const std::string& what_to_check);
@@ -143,7 +171,11 @@ class BoardLink {
   TimePoint retry_at_{};  ///< while refused
   TimePoint poll_at_{};   ///< while running
   AddressBook addresses_;
+  std::uint16_t subnet_handle_ = 0;
   std::uint16_t appkey_handle_ = 0;
+  std::optional<Bytes> command_;  ///< until its answer is there
+  bool is_command_repeated_ = false;
+  bool is_clear_wanted_ = false;
   std::optional<std::uint32_t> dropped_events_;
   std::deque<Outgoing> urgent_;
   std::deque<Outgoing> normal_;

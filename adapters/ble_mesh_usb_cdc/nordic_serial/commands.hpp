@@ -14,13 +14,26 @@ namespace slamgw::ble {
 enum class CommandOpcode : std::uint8_t {
   echo = 0x02,
   serial_version_get = 0x09,
+  radio_reset = 0x0e,  ///< no response: the board restarts and says so (0x81)
   housekeeping_get = 0x14,
   uuid_get = 0x54,
+  scan_start = 0x61,
+  scan_stop = 0x62,
+  provision = 0x63,
+  oob_use = 0x66,
+  auth_data = 0x67,
+  ecdh_secret = 0x68,
+  keypair_set = 0x69,
+  capabilities_set = 0x6a,
   enable = 0x90,
   subnet_add = 0x92,
   subnet_get_all = 0x95,
   appkey_add = 0x97,
   appkey_get_all = 0x9a,
+  appkey_count_max_get = 0x9b,
+  devkey_add = 0x9c,
+  devkey_delete = 0x9d,
+  devkey_count_max_get = 0x9e,
   local_unicast_set = 0x9f,
   local_unicast_get = 0xa0,
   subscription_add = 0xa1,
@@ -29,9 +42,12 @@ enum class CommandOpcode : std::uint8_t {
   address_get = 0xa7,
   address_get_all = 0xa8,
   packet_send = 0xab,
+  state_clear = 0xac,  ///< also resets the sequence numbers: on an operator's word only
 };
 
 using Key = std::array<std::uint8_t, 16>;
+/// Of a device, most significant octet first.
+using Uuid = std::array<std::uint8_t, 16>;
 
 /// The secrets of one mesh. Never printed, never in a Notice.
 struct MeshKeys {

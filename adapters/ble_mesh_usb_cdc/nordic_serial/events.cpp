@@ -79,6 +79,11 @@ EventResult decode_event(ByteView frame) {
     case 0xd3: return decode_number<IvUpdate>(params);
     case 0xd8: return decode_heartbeat(params);
   }
+  if (is_provisioning_event(opcode)) {
+    auto event = decode_provisioning_event(frame);
+    if (!event.has_value()) return event.error();
+    return Event{std::move(*event)};
+  }
   return Event{OtherEvent{opcode}};
 }
 

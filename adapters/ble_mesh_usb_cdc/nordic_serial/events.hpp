@@ -9,6 +9,7 @@
 #include <variant>
 
 #include "adapters/ble_mesh_usb_cdc/decode_error.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic_serial/provisioning_events.hpp"
 #include "daemon/core/bytes.hpp"
 #include "daemon/core/result.hpp"
 
@@ -80,13 +81,13 @@ struct Heartbeat {
   std::uint16_t source = 0;
 };
 
-/// Any other opcode; its parameters may hold keys (0xc5) and are not kept.
+/// Any other opcode; its parameters are not kept.
 struct OtherEvent {
   std::uint8_t opcode = 0;
 };
 
 using Event = std::variant<DeviceStarted, EchoResponse, CommandResponse, MessageReceived,
-                           TxComplete, IvUpdate, Heartbeat, OtherEvent>;
+                           TxComplete, IvUpdate, Heartbeat, ProvisioningEvent, OtherEvent>;
 
 /// `frame` is opcode and parameters, as FrameDecoder leaves them.
 Result<Event, DecodeError> decode_event(ByteView frame);

@@ -46,6 +46,7 @@ class StartUp {
 
   /// When done:
   AddressBook take_addresses() { return std::move(addresses_); }
+  std::uint16_t subnet_handle() const { return subnet_handle_; }
   std::uint16_t appkey_handle() const { return appkey_handle_; }
   /// Events that the board has dropped since its reset, if it says.
   std::optional<std::uint32_t> dropped_events() const { return dropped_events_; }
