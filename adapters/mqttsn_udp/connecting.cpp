@@ -6,6 +6,15 @@
 #include "adapters/mqttsn_udp/limits.hpp"
 
 namespace slamgw::mqttsn {
+namespace {
+
+/// What a CONNECT without CleanSession takes up: a session that was to be kept, or any that still
+/// goes on, as of a robot that wakes or has a new address (section 6.14, R36, R125).
+bool can_resume(const ClientSession& session) {
+  return !session.is_clean || session.is_connected();
+}
+
+}  // namespace
 
 void Connecting::on_connect(const Peer& peer, const LocalAddress& local, const Connect& connect,
                             std::uint64_t fingerprint, TimePoint now) {
@@ -25,7 +34,7 @@ void Connecting::on_connect(const Peer& peer, const LocalAddress& local, const C
   if (is_open(peer)) take(peer);
   const ClientSession* known = context_.clients.find(connect.client_id);
   std::optional<Will> kept;
-  if (known && !known->is_clean && !connect.clean_session) kept = known->will;  // R45
+  if (known && can_resume(*known) && !connect.clean_session) kept = known->will;  // R45
   complete(peer, attempt, std::move(kept), now);
 }
 
@@ -116,7 +125,7 @@ void Connecting::complete(const Peer& peer, const Attempt& attempt, std::optiona
     if (!lifecycle_.make_room(now)) return refuse_for_room(peer, attempt.local);
     session = &context_.clients.create(connect.client_id, attempt.robot);
   }
-  if (connect.clean_session || session->is_clean) {
+  if (connect.clean_session || !can_resume(*session)) {
     lifecycle_.clean(*session, now);
   } else {
     session->topics.set_all_untold();  // R48

@@ -192,6 +192,23 @@ TEST(SnGateway, R36_FollowsAClientToANewAddress) {
   EXPECT_EQ(rig.presence.back().address, "[fd00::2]:47193");
 }
 
+TEST(SnGateway, R36_KeepsACleanSessionThatMovesButNotOneThatIsOver) {
+  SnRig rig;
+  rig.connect(1, "r1", true);
+  rig.subscribe(1, "a/x");
+  rig.connect(2, "r1", false);
+  rig.broker("a/x");
+  EXPECT_FALSE(rig.is_silent(2));
+
+  SnRig lost;
+  lost.connect(1, "r1", true);
+  lost.subscribe(1, "a/x");
+  lost.pass_s(91);
+  lost.connect(2, "r1", false);
+  lost.broker("a/x");
+  EXPECT_TRUE(lost.is_silent(2));
+}
+
 TEST(SnGateway, R37_GivesAnAddressToItsLatestClient) {
   SnRig rig;
   rig.send(1, with_will("a"));

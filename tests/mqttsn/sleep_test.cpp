@@ -199,6 +199,24 @@ TEST(SnGateway, R125_DeliversTheBufferOnConnectOrDiscardsIt) {
   EXPECT_EQ(clean.gateway.queued_for("r1"), 0U);
 }
 
+TEST(SnGateway, R125_WakesARobotThatBeganWithACleanSession) {
+  SnRig rig;
+  rig.send(1, Connect{true, true, 1, 60, "r1"});
+  rig.send(1, WillTopic{WireQos::zero, false, "ntnu-slam/robot/r1/gone"});
+  rig.send(1, WillMsg{});
+  const auto up = rig.register_topic(1, "ntnu-slam/robot/r1/update");
+  rig.subscribe(1, "a/x");
+  rig.sleep(1);
+  rig.broker("a/x", "1", 1);
+  rig.sent_to(1);
+  rig.send(2, Connect{false, false, 1, 60, "r1"});
+  EXPECT_EQ(rig.sent_to(2), (Lines{"CONNACK code=0", "REGISTER id=2 msg=1 topic=a/x"}));
+  rig.publish(2, up, 0, 0);
+  EXPECT_EQ(rig.reports.size(), 1U) << "it knows its topics";
+  rig.pass_s(200);
+  EXPECT_EQ(rig.reports.back().topic, "ntnu-slam/robot/r1/gone") << "and has its will";
+}
+
 TEST(SnGateway, R126_TakesANewDurationOrAPlainDisconnectInSleep) {
   SleepRig rig(false);
   rig.pass_s(100);
