@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// The small pure parts: access opcodes, vendor models, on/off, the repeat filter, the node
-// database, the choice of a device.
+// The small pure parts: access opcodes, vendor models, on/off, the repeat filter, the
+// choice of a device.
 #include <gtest/gtest.h>
 
 #include "adapters/ble_mesh_usb_cdc/access/on_off.hpp"
 #include "adapters/ble_mesh_usb_cdc/access/vendor_models.hpp"
 #include "adapters/ble_mesh_usb_cdc/device_choice.hpp"
-#include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
 #include "adapters/ble_mesh_usb_cdc/reliable_publish.hpp"
 #include "adapters/ble_mesh_usb_cdc/repeat_filter.hpp"
 #include "tests/ble_mesh/hex.hpp"
@@ -127,28 +126,6 @@ TEST(RepeatFilter, ARepeatThatCrossedItsStatusIsNotAnswered) {
 TEST(RepeatFilter, TheFirstMessageMayBeEmpty) {
   RepeatFilter filter;
   EXPECT_EQ(filter.on_set({}, 280ms, TimePoint{}), RepeatFilter::Verdict::fresh);
-}
-
-TEST(NodeDatabase, SurvivesTheFile) {
-  NodeDatabase database;
-  database.keys.net_key.fill(0xa1);
-  database.keys.app_key.fill(0x0b);
-  const auto again = decode_node_database(encode_node_database(database));
-  ASSERT_TRUE(again.has_value());
-  EXPECT_EQ(again->keys, database.keys);
-}
-
-TEST(NodeDatabase, RefusesEveryDamage) {
-  const std::string whole = encode_node_database({});
-  for (std::size_t size = 0; size + 2 < whole.size(); ++size)
-    EXPECT_FALSE(decode_node_database(whole.substr(0, size)).has_value()) << size;
-  for (const std::string_view text :
-       {"[]", "null", "{}", R"({"version":2})", R"({"version":1,"net_key":1,"app_key":2})",
-        R"({"version":1,"net_key":"zz","app_key":""})"})
-    EXPECT_FALSE(decode_node_database(text).has_value()) << text;
-  std::string bad_digit = whole;
-  bad_digit[bad_digit.find("0000")] = 'g';
-  EXPECT_FALSE(decode_node_database(bad_digit).has_value());
 }
 
 UsbPort usb(std::string path, std::uint16_t vendor, std::uint16_t product) {

@@ -12,6 +12,8 @@
 #include <fstream>
 #include <iterator>
 
+#include "adapters/ble_mesh_usb_cdc/provisioning/mesh_json.hpp"
+
 namespace slamgw::ble {
 namespace {
 
@@ -68,25 +70,36 @@ Result<std::optional<NodeDatabase>, Refusal> MeshFile::load() const {
 }
 
 std::string MeshFile::create(const NodeDatabase& database) const {
+  // link() instead of rename(): it fails when the file has appeared meanwhile.
+  return write(database, [](const char* from, const char* to) { return ::link(from, to); });
+}
+
+std::string MeshFile::replace(const NodeDatabase& database) const {
+  return write(database, [](const char* from, const char* to) { return ::rename(from, to); });
+}
+
+std::string MeshFile::write(const NodeDatabase& database,
+                            int (*put_in_place)(const char*, const char*)) const {
   const std::string temporary = path_ + ".new";
   const std::string directory = std::filesystem::path(path_).parent_path();
   if (!write_file(temporary, encode_node_database(database)))
     return fmt::format("the mesh's keys can't be stored in {}: {}", temporary, last_error());
-  // link() instead of rename(): it fails when the file has appeared meanwhile.
-  const bool is_linked = ::link(temporary.c_str(), path_.c_str()) == 0;
-  const std::string why = is_linked ? std::string() : last_error();
+  const bool is_there = put_in_place(temporary.c_str(), path_.c_str()) == 0;
+  const std::string why = is_there ? std::string() : last_error();
   ::unlink(temporary.c_str());
-  if (!is_linked) return fmt::format("the mesh's keys can't be stored in {}: {}", path_, why);
+  if (!is_there) return fmt::format("the mesh's keys can't be stored in {}: {}", path_, why);
   if (!sync_directory(directory))
     return fmt::format("{} can't be made safe on disk: {}", directory, last_error());
   return {};
 }
 
+bool fill_random(std::span<std::uint8_t> octets) {
+  return RAND_bytes(octets.data(), static_cast<int>(octets.size())) == 1;
+}
+
 std::optional<MeshKeys> generate_random_keys() {
   MeshKeys keys;
-  if (RAND_bytes(keys.net_key.data(), static_cast<int>(keys.net_key.size())) != 1 ||
-      RAND_bytes(keys.app_key.data(), static_cast<int>(keys.app_key.size())) != 1)
-    return std::nullopt;
+  if (!fill_random(keys.net_key) || !fill_random(keys.app_key)) return std::nullopt;
   return keys;
 }
 

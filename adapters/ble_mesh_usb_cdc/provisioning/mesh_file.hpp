@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// `<store.directory>/mesh.json` on disk: readable by its owner only, replaced atomically. Blocks
-// for one fsync, once in the life of a mesh. Called by BleMeshAdapter.
+// `<store.directory>/mesh.json` on disk: readable by its owner only, replaced atomically. Writing
+// blocks until it is on disk, so BleMeshAdapter writes from a thread of its own.
 #pragma once
 
+#include <cstdint>
 #include <optional>
+#include <span>
 #include <string>
 
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
@@ -21,13 +23,20 @@ class MeshFile {
   Result<std::optional<NodeDatabase>, Refusal> load() const;
   /// An error message, or empty when the file is safely on disk. Never replaces an existing file.
   std::string create(const NodeDatabase& database) const;
+  /// The same for a mesh that goes on.
+  std::string replace(const NodeDatabase& database) const;
 
   const std::string& path() const { return path_; }
 
  private:
+  std::string write(const NodeDatabase& database,
+                    int (*put_in_place)(const char*, const char*)) const;
+
   std::string path_;
 };
 
+/// A RandomSource: the system's.
+bool fill_random(std::span<std::uint8_t> octets);
 /// Fresh random keys; nothing when the system has no randomness to give.
 std::optional<MeshKeys> generate_random_keys();
 

@@ -1,47 +1,56 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
 
-#include <charconv>
-#include <nlohmann/json.hpp>
-#include <optional>
+#include <algorithm>
 
 namespace slamgw::ble {
-namespace {
 
-constexpr int format_version = 1;
-
-std::optional<Key> read_key(const nlohmann::json& json, const char* name) {
-  const auto member = json.find(name);
-  if (member == json.end() || !member->is_string()) return std::nullopt;
-  const auto& digits = member->get_ref<const std::string&>();
-  Key key;
-  if (digits.size() != key.size() * 2) return std::nullopt;
-  for (std::size_t i = 0; i < key.size(); ++i) {
-    const char* const first = digits.data() + 2 * i;
-    const auto [end, error] = std::from_chars(first, first + 2, key[i], 16);
-    if (error != std::errc{} || end != first + 2) return std::nullopt;
+std::string_view to_string(NodeState state) {
+  switch (state) {
+    case NodeState::reserved: return "reserved";
+    case NodeState::provisioned: return "provisioned";
+    case NodeState::configured: return "configured";
   }
-  return key;
+  return "reserved";
 }
 
-}  // namespace
-
-std::string encode_node_database(const NodeDatabase& database) {
-  const nlohmann::ordered_json json = {{"version", format_version},
-                                       {"net_key", to_hex(database.keys.net_key)},
-                                       {"app_key", to_hex(database.keys.app_key)}};
-  return json.dump(2) + "\n";
+const Node* NodeDatabase::find(const Uuid& uuid) const {
+  const auto found = std::ranges::find(nodes, uuid, &Node::uuid);
+  return found == nodes.end() ? nullptr : &*found;
 }
 
-Result<NodeDatabase, DecodeError> decode_node_database(std::string_view text) {
-  const auto json = nlohmann::json::parse(text, nullptr, false);
-  if (!json.is_object()) return DecodeError::bad_value;
-  const auto version = json.find("version");
-  if (version == json.end() || *version != format_version) return DecodeError::bad_value;
-  const auto net_key = read_key(json, "net_key");
-  const auto app_key = read_key(json, "app_key");
-  if (!net_key || !app_key) return DecodeError::bad_value;
-  return NodeDatabase{{*net_key, *app_key}};
+Node* NodeDatabase::find(const Uuid& uuid) {
+  const auto found = std::ranges::find(nodes, uuid, &Node::uuid);
+  return found == nodes.end() ? nullptr : &*found;
+}
+
+const Node* NodeDatabase::find_address(std::uint16_t address) const {
+  const auto found =
+      std::ranges::find_if(nodes, [&](const Node& node) { return node.has_address(address); });
+  return found == nodes.end() ? nullptr : &*found;
+}
+
+Node* NodeDatabase::find_address(std::uint16_t address) {
+  const auto found =
+      std::ranges::find_if(nodes, [&](const Node& node) { return node.has_address(address); });
+  return found == nodes.end() ? nullptr : &*found;
+}
+
+bool NodeDatabase::was_removed(const Uuid& uuid) const {
+  return std::ranges::find(removed, uuid, &RemovedNode::uuid) != removed.end();
+}
+
+void NodeDatabase::remove(const Uuid& uuid) {
+  const Node* node = find(uuid);
+  if (node == nullptr) return;
+  forget_removed(uuid);
+  if (removed.size() >= max_removed) removed.erase(removed.begin());
+  removed.push_back({uuid, node->address, node->elements});
+  std::erase_if(nodes, [&](const Node& other) { return other.uuid == uuid; });
+}
+
+void NodeDatabase::forget_removed(const Uuid& uuid) {
+  std::erase_if(removed, [&](const RemovedNode& node) { return node.uuid == uuid; });
 }
 
 }  // namespace slamgw::ble

@@ -1,24 +1,70 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the gateway must not lose about its BLE mesh: its keys. Kept as JSON in `mesh.json` in the
-// store directory. Pure; mesh_file.hpp reads and writes the file. Never logged.
+// What the gateway must not lose about its BLE mesh: keys, addresses, who has them. Values and
+// lookups only; mesh_json.hpp gives them their form in `mesh.json`, mesh_file.hpp their place on
+// disk. Holds secrets: never printed, never in a Notice.
 #pragma once
 
+#include <cstdint>
+#include <optional>
 #include <string>
-#include <string_view>
+#include <vector>
 
-#include "adapters/ble_mesh_usb_cdc/decode_error.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic_serial/commands.hpp"
-#include "daemon/core/result.hpp"
 
 namespace slamgw::ble {
 
-struct NodeDatabase {
-  MeshKeys keys;
+/// How far a robot has come on its way into the mesh.
+enum class NodeState : std::uint8_t {
+  reserved,     ///< has an address; whether it took it is not known
+  provisioned,  ///< its device key is known
+  configured,   ///< has been told everything that it needs
+};
+std::string_view to_string(NodeState state);
+
+struct Node {
+  Uuid uuid{};
+  std::uint16_t address = 0;  ///< unicast, of the first element
+  std::uint8_t elements = 1;  ///< their addresses follow each other
+  NodeState state = NodeState::reserved;
+  Key device_key{};                 ///< means nothing while `reserved`
+  std::string name;                 ///< given by an operator; may be empty
+  std::optional<std::uint8_t> ttl;  ///< that it was told to publish with
+
+  bool has_address(std::uint16_t other) const {
+    return other >= address && other - address < elements;
+  }
 };
 
-/// `{"version": 1, "net_key": "<32 hex digits>", "app_key": "<32 hex digits>"}`
-std::string encode_node_database(const NodeDatabase& database);
-/// Members that this version does not know are ignored; another `version` is an error.
-Result<NodeDatabase, DecodeError> decode_node_database(std::string_view text);
+/// A node that was put out of the mesh. Its address is handed out again after all others, and it is
+/// taken in again only by hand.
+struct RemovedNode {
+  Uuid uuid{};
+  std::uint16_t address = 0;
+  std::uint8_t elements = 1;
+};
+
+struct NodeDatabase {
+  /// As many as BleMesh has room for; a stock board hears 40 (its replay list).
+  static constexpr std::size_t max_nodes = 256;
+  /// The oldest are forgotten beyond it; `next_address` then still keeps their addresses back.
+  static constexpr std::size_t max_removed = 256;
+
+  MeshKeys keys;
+  std::uint32_t iv_index = 0;
+  std::uint16_t next_address = 0x0100;    ///< none from here up has been handed out in order
+  std::vector<Node> nodes = {};           ///< in the order in which they came
+  std::vector<RemovedNode> removed = {};  ///< oldest first
+
+  Node* find(const Uuid& uuid);
+  const Node* find(const Uuid& uuid) const;
+  /// The node that has this address on any of its elements.
+  Node* find_address(std::uint16_t address);
+  const Node* find_address(std::uint16_t address) const;
+  bool was_removed(const Uuid& uuid) const;
+  /// Takes the node out and remembers that.
+  void remove(const Uuid& uuid);
+  /// It is welcome again.
+  void forget_removed(const Uuid& uuid);
+};
 
 }  // namespace slamgw::ble

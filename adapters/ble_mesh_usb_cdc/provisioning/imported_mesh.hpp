@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+// An existing network brought in by an operator: the database of Nordic's Python tool
+// (interactive_pyaci), of mesh apps that write the same members (Mesh CDB), or another gateway's
+// mesh.json. Secrets stay out of what is refused. Called for `slam-gatewayctl ble import`.
+#pragma once
+
+#include <optional>
+#include <string_view>
+
+#include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
+#include "adapters/ble_mesh_usb_cdc/refusal.hpp"
+#include "daemon/core/result.hpp"
+
+namespace slamgw::ble {
+
+/// Network key 0 and application key 0 become the mesh's. Nodes that have an application key count
+/// as configured and are left as they are.
+Result<NodeDatabase, Refusal> decode_imported_mesh(std::string_view text);
+
+/// The imported mesh, with what is known already: `own` is the mesh that there is, if any. Another
+/// network than that, and addresses that two nodes or a node and the gateway share, are refused.
+Result<NodeDatabase, Refusal> merge_imported_mesh(const std::optional<NodeDatabase>& own,
+                                                  NodeDatabase imported,
+                                                  std::uint16_t gateway_address);
+
+}  // namespace slamgw::ble

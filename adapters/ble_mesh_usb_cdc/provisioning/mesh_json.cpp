@@ -1,0 +1,131 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "adapters/ble_mesh_usb_cdc/provisioning/mesh_json.hpp"
+
+#include <fmt/format.h>
+
+#include <nlohmann/json.hpp>
+
+#include "adapters/ble_mesh_usb_cdc/provisioning/address_plan.hpp"
+#include "adapters/ble_mesh_usb_cdc/provisioning/json_fields.hpp"
+#include "daemon/core/topic_scheme.hpp"
+
+namespace slamgw::ble {
+namespace {
+
+using Json = nlohmann::json;
+using OrderedJson = nlohmann::ordered_json;
+
+constexpr std::uint32_t keys_only_version = 1;
+constexpr std::uint32_t format_version = 2;
+constexpr std::uint32_t max_elements = 255;
+constexpr std::uint32_t max_ttl = 127;
+
+std::string address_text(std::uint16_t address) { return fmt::format("0x{:04x}", address); }
+
+OrderedJson node_json(const Node& node) {
+  OrderedJson json = {{"uuid", to_hex(node.uuid)},
+                      {"address", address_text(node.address)},
+                      {"elements", node.elements}};
+  if (!node.name.empty()) json["name"] = node.name;
+  json["state"] = to_string(node.state);
+  if (node.state != NodeState::reserved) json["device_key"] = to_hex(node.device_key);
+  if (node.ttl) json["ttl"] = *node.ttl;
+  return json;
+}
+
+std::optional<NodeState> read_state(const Json& json) {
+  const auto text = read_text(json, "state");
+  for (const NodeState state : {NodeState::reserved, NodeState::provisioned, NodeState::configured})
+    if (text == to_string(state)) return state;
+  return std::nullopt;
+}
+
+std::optional<Node> read_node(const Json& json) {
+  const auto uuid = read_octets(json, "uuid");
+  const auto address = read_unicast(json, "address");
+  const auto elements = read_count(json, "elements", max_elements);
+  const auto state = read_state(json);
+  if (!uuid || !address || !elements || *elements == 0 || !state) return std::nullopt;
+  Node node{*uuid, *address, static_cast<std::uint8_t>(*elements), *state, {}, {}, {}};
+  node.name = read_text(json, "name").value_or("");
+  if (!node.name.empty() && !is_valid_level(node.name)) return std::nullopt;
+  const auto device_key = read_octets(json, "device_key");
+  if (!device_key && node.state != NodeState::reserved) return std::nullopt;
+  node.device_key = device_key.value_or(Key{});
+  if (const auto ttl = read_count(json, "ttl", max_ttl)) node.ttl = static_cast<std::uint8_t>(*ttl);
+  return node;
+}
+
+bool read_nodes(const Json& json, NodeDatabase& database) {
+  const auto* nodes = read_array(json, "nodes");
+  if (nodes == nullptr || nodes->size() > NodeDatabase::max_nodes) return false;
+  for (const auto& member : *nodes) {
+    const auto node = read_node(member);
+    if (!node || database.find(node->uuid) ||
+        !is_address_free(database, node->address, node->elements, {}, node->uuid))
+      return false;
+    database.nodes.push_back(*node);
+  }
+  return true;
+}
+
+bool read_removed(const Json& json, NodeDatabase& database) {
+  const auto* removed = read_array(json, "removed");
+  if (removed == nullptr || removed->size() > NodeDatabase::max_removed) return false;
+  for (const auto& member : *removed) {
+    const auto uuid = read_octets(member, "uuid");
+    const auto address = read_unicast(member, "address");
+    const auto elements = read_count(member, "elements", max_elements);
+    if (!uuid || !address || !elements) return false;
+    database.removed.push_back({*uuid, *address, static_cast<std::uint8_t>(*elements)});
+  }
+  return true;
+}
+
+}  // namespace
+
+std::string encode_node_database(const NodeDatabase& database) {
+  OrderedJson json = {{"version", format_version},
+                      {"net_key", to_hex(database.keys.net_key)},
+                      {"app_key", to_hex(database.keys.app_key)},
+                      {"iv_index", database.iv_index},
+                      {"next_address", address_text(database.next_address)},
+                      {"nodes", OrderedJson::array()},
+                      {"removed", OrderedJson::array()}};
+  for (const Node& node : database.nodes) json["nodes"].push_back(node_json(node));
+  for (const RemovedNode& node : database.removed) {
+    json["removed"].push_back({{"uuid", to_hex(node.uuid)},
+                               {"address", address_text(node.address)},
+                               {"elements", node.elements}});
+  }
+  return json.dump(2) + "\n";
+}
+
+Result<NodeDatabase, DecodeError> decode_node_database(std::string_view text) {
+  const Json json = Json::parse(text, nullptr, false);
+  if (!json.is_object()) return DecodeError::bad_value;
+  const auto version = read_count(json, "version", format_version);
+  const auto net_key = read_octets(json, "net_key");
+  const auto app_key = read_octets(json, "app_key");
+  if (!version || *version < keys_only_version || !net_key || !app_key)
+    return DecodeError::bad_value;
+  NodeDatabase database;
+  database.keys = {*net_key, *app_key};
+  if (*version == keys_only_version) return database;
+  const auto iv_index = read_count(json, "iv_index", UINT32_MAX);
+  const auto next_address = read_text(json, "next_address");
+  if (!iv_index || !next_address || !read_nodes(json, database) || !read_removed(json, database))
+    return DecodeError::bad_value;
+  database.iv_index = *iv_index;
+  // One past the last address when all were handed out.
+  if (*next_address == address_text(last_unicast_address + 1)) {
+    database.next_address = last_unicast_address + 1;
+  } else {
+    const auto address = read_unicast(json, "next_address");
+    if (!address) return DecodeError::bad_value;
+    database.next_address = *address;
+  }
+  return database;
+}
+
+}  // namespace slamgw::ble

@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: Apache-2.0
+// `mesh.json`, version 2:
+//
+//   {"version": 2, "net_key": KEY, "app_key": KEY, "iv_index": NUMBER, "next_address": "0x0101",
+//    "nodes": [{"uuid": UUID, "address": "0x0100", "elements": 1, "name": TEXT or absent,
+//               "state": "reserved" | "provisioned" | "configured",
+//               "device_key": KEY unless reserved, "ttl": NUMBER or absent}],
+//    "removed": [{"uuid": UUID, "address": "0x0107", "elements": 1}]}
+//
+// KEY and UUID are 32 hex digits. Version 1 held the two keys only and is still read. Called by
+// MeshFile and for imports.
+#pragma once
+
+#include <string>
+#include <string_view>
+
+#include "adapters/ble_mesh_usb_cdc/decode_error.hpp"
+#include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
+#include "daemon/core/result.hpp"
+
+namespace slamgw::ble {
+
+std::string encode_node_database(const NodeDatabase& database);
+/// Members that this version does not know are ignored; another `version`, addresses or UUIDs that
+/// are there twice, and a member that is not what it should be are errors.
+Result<NodeDatabase, DecodeError> decode_node_database(std::string_view text);
+
+}  // namespace slamgw::ble
