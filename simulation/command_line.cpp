@@ -10,7 +10,8 @@ namespace slamgw::sim {
 namespace {
 
 constexpr int wrong_arguments = 2;
-constexpr std::size_t max_client_id = 23;  // MQTT-SN 1.2 section 5.3.1
+constexpr std::size_t max_client_id = 23;    // MQTT-SN 1.2 section 5.3.1
+constexpr std::size_t max_uuid_prefix = 12;  // leaves room for the seed and the robot's number
 
 void add_common(CLI::App& app, RobotOptions& options) {
   app.add_option("--robots", options.robots, "How many robots")
@@ -89,7 +90,8 @@ void add_thread(CLI::App& app, ThreadOptions& options, std::string& gateway) {
 struct BleTexts {
   std::string net_key = "000102030405060708090a0b0c0d0e0f";
   std::string app_key = "101112131415161718191a1b1c1d1e1f";
-  bool is_unprovisioned = false;
+  std::string uuid_prefix = "736c616d";
+  std::string static_oob;
 };
 
 void add_ble(CLI::App& app, BleOptions& options, BleTexts& texts) {
@@ -100,7 +102,12 @@ void add_ble(CLI::App& app, BleOptions& options, BleTexts& texts) {
       ->check(CLI::Range(1U, 126U))
       ->capture_default_str();
   app.add_flag("--acknowledged", options.is_acknowledged, "Robots use acknowledged messages (SET)");
-  app.add_flag("--unprovisioned", texts.is_unprovisioned, "Robots wait to be provisioned");
+  app.add_flag("--unprovisioned", options.is_unprovisioned, "Robots wait to be provisioned");
+  app.add_option("--uuid-prefix", texts.uuid_prefix,
+                 "With --unprovisioned: how the robots' UUIDs begin, up to 24 hex digits")
+      ->capture_default_str();
+  app.add_option("--static-oob", texts.static_oob,
+                 "With --unprovisioned: the robots demand this OOB value, 32 hex digits");
   app.add_flag("--unicast", options.is_unicast,
                "Robots publish to the board's unicast address instead of groups");
   app.add_flag("--segment-timing", options.has_segment_timing,
@@ -114,16 +121,21 @@ void add_ble(CLI::App& app, BleOptions& options, BleTexts& texts) {
 }
 
 /// Throws CLI::ValidationError, as all checks below.
-Bytes parse_key(const std::string& option, const std::string& hex) {
-  const bool is_hex = hex.size() == 32 && std::all_of(hex.begin(), hex.end(), [](unsigned char c) {
-                        return std::isxdigit(c) != 0;
-                      });
-  if (!is_hex) throw CLI::ValidationError(option, "32 hex digits are needed");
+Bytes parse_hex(const std::string& option, const std::string& hex) {
+  const bool is_hex =
+      hex.size() % 2 == 0 &&
+      std::all_of(hex.begin(), hex.end(), [](unsigned char c) { return std::isxdigit(c) != 0; });
+  if (!is_hex) throw CLI::ValidationError(option, "pairs of hex digits are needed");
   Bytes key;
   for (std::size_t i = 0; i < hex.size(); i += 2) {
     key.push_back(static_cast<std::uint8_t>(std::stoul(hex.substr(i, 2), nullptr, 16)));
   }
   return key;
+}
+
+Bytes parse_key(const std::string& option, const std::string& hex) {
+  if (hex.size() != 32) throw CLI::ValidationError(option, "32 hex digits are needed");
+  return parse_hex(option, hex);
 }
 
 void check_common(const RobotOptions& options) {
@@ -159,11 +171,13 @@ void split_gateway(const std::string& gateway, ThreadOptions& options) {
 
 BleOptions finish_ble(BleOptions options, const BleTexts& texts) {
   check_common(options.common);
-  if (texts.is_unprovisioned) {
-    throw CLI::ValidationError("--unprovisioned is not available in this version");
-  }
   options.net_key = parse_key("--net-key", texts.net_key);
   options.app_key = parse_key("--app-key", texts.app_key);
+  options.uuid_prefix = parse_hex("--uuid-prefix", texts.uuid_prefix);
+  if (options.uuid_prefix.size() > max_uuid_prefix) {
+    throw CLI::ValidationError("--uuid-prefix", "at most 24 hex digits");
+  }
+  if (!texts.static_oob.empty()) options.static_oob = parse_key("--static-oob", texts.static_oob);
   return options;
 }
 

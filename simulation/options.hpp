@@ -65,6 +65,9 @@ struct BleOptions {
   bool is_configured = false;
   Bytes net_key;  ///< 16 octets
   Bytes app_key;  ///< 16 octets
+  bool is_unprovisioned = false;
+  Bytes uuid_prefix;  ///< at most 12 octets
+  Bytes static_oob;   ///< 16 octets, or none
 };
 
 /// What to simulate, or how the program ends at once (`--help`, wrong arguments).

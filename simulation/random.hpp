@@ -17,7 +17,10 @@ class Random {
     downlink = 3,
     radio = 4,
     start = 5,
-    roam = 6
+    roam = 6,
+    uuid = 7,
+    provisioning = 8,
+    pb_adv = 9,
   };
 
   Random(std::uint64_t seed, std::uint64_t number, Use use) : state_(seed) {

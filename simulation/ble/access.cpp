@@ -31,7 +31,15 @@ Duration segmented_session(Address destination, std::uint8_t ttl) {
   return is_unicast(destination) ? milliseconds{150 + 50 * ttl} : milliseconds{2500};
 }
 
-Duration failed_session(std::uint8_t ttl) { return 5 * milliseconds{500 + 50 * ttl}; }
+Duration retry_interval(std::uint8_t ttl) { return milliseconds{500 + 50 * ttl}; }
+
+Duration failed_session(std::uint8_t ttl) { return segmented_transmissions * retry_interval(ttl); }
+
+std::uint32_t sequence_numbers(Address destination, std::size_t payload_octets, bool is_segmented) {
+  if (!is_segmented) return 1;
+  const auto segments = static_cast<std::uint32_t>(segment_count(payload_octets));
+  return is_unicast(destination) ? segments : segments * segmented_transmissions;
+}
 
 Duration reliable_interval(std::uint8_t ttl, std::size_t payload_octets) {
   const std::size_t segments = segment_count(payload_octets);

@@ -3,6 +3,7 @@
 // robots use, and how long messages take (Nordic's nRF5 SDK for Mesh 3.1.0). Pure values.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <optional>
 
@@ -12,8 +13,9 @@
 namespace slamgw::sim::ble {
 
 using Address = std::uint16_t;
+using Key = std::array<std::uint8_t, 16>;
 
-constexpr Address first_robot = 0x0100;  ///< robot n has 0x0100 + n - 1
+constexpr Address first_robot = 0x0100;  ///< robot n has 0x0100 + n - 1 until provisioned otherwise
 constexpr Address min_com_group = 0xc002;
 constexpr Address sensor_update_group = 0xc003;
 constexpr Address pos_cmd_group = 0xc004;
@@ -56,20 +58,37 @@ std::optional<Vendor> vendor_opcode(ByteView message);
 /// The opcode of a two-octet message.
 std::optional<std::uint16_t> two_octet_opcode(ByteView message);
 
+/// Who has not both keys does not understand the message.
+struct Encryption {
+  Key net_key{};
+  Key key{};
+  bool is_device_key = false;  ///< else an application key
+};
+
 /// An access message on the air. `ttl` as sent.
 struct MeshMessage {
   Address source = 0;
   Address destination = 0;
   std::uint8_t ttl = default_ttl;
-  Bytes payload;  ///< opcode and parameters
+  Bytes payload;               ///< opcode and parameters
+  std::uint32_t sequence = 0;  ///< of the first segment; replays are told by it
+  /// Nothing: the keys that the board has, whatever they are.
+  std::optional<Encryption> encryption{};
 };
+
+/// How many sequence numbers a message uses up: one for each segment and transmission; those to a
+/// group are sent five times.
+std::uint32_t sequence_numbers(Address destination, std::size_t payload_octets, bool is_segmented);
 
 /// 1 up to 11 octets of access payload, else 12 octets each, with the 4-octet TransMIC.
 std::size_t segment_count(std::size_t payload_octets);
 /// How long a segmented message occupies its sender: a group 5 x 500 ms, a unicast address one
 /// acknowledgement delay, 150 + 50 x TTL ms.
 Duration segmented_session(Address destination, std::uint8_t ttl);
-/// How long until a segmented message to a silent unicast address has failed: 5 x (500 + 50 x TTL).
+/// Between two transmissions of a segmented message to a unicast address: 500 + 50 x TTL ms.
+Duration retry_interval(std::uint8_t ttl);
+constexpr int segmented_transmissions = 5;
+/// How long until a segmented message to a silent unicast address has failed.
 Duration failed_session(std::uint8_t ttl);
 /// First repeat of a reliable message: 200 ms + 20 ms x TTL (+ 20 ms x segments when segmented).
 Duration reliable_interval(std::uint8_t ttl, std::size_t payload_octets);

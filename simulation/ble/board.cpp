@@ -12,7 +12,6 @@ namespace {
 constexpr std::uint8_t device_started = 0x81;
 constexpr std::uint8_t echo_response = 0x82;
 constexpr std::uint8_t command_response = 0x84;
-constexpr std::uint8_t prov_link_closed = 0xc2;
 constexpr std::uint8_t received_unicast = 0xd0;
 constexpr std::uint8_t received_subscription = 0xd1;
 constexpr std::uint8_t tx_complete = 0xd2;
@@ -29,15 +28,15 @@ bool is_setup_command(std::uint8_t opcode) { return opcode >= 0x90 && opcode <= 
 
 }  // namespace
 
-Board::Board(BoardSettings settings) : settings_(settings), uuid_(factory_uuid) {}
+Board::Board(Random random) : uuid_(factory_uuid), provisioner_(random) {}
 
 void Board::configure(const Key& net_key, const Key& app_key) {
-  subnets_.add(0, 0, net_key);
-  appkeys_.add(0, 0, app_key);
-  local_start_ = 0x0001;
-  local_count_ = 1;
+  flash_.subnets.add(0, 0, net_key);
+  flash_.appkeys.add(0, 0, app_key);
+  flash_.local_start = 0x0001;
+  flash_.local_count = 1;
   for (const Address group : {min_com_group, sensor_update_group, pos_cmd_group}) {
-    addresses_.add_subscription(group);
+    flash_.addresses.add_subscription(group);
   }
 }
 
@@ -47,20 +46,25 @@ void Board::on_power_up(TimePoint) {
   send_to_host({device_started, 0x02, 0x00, 0xfe});
 }
 
-void Board::reboot(TimePoint now) {
+void Board::restore(BoardFlash flash) {
+  flash_ = std::move(flash);
+  next_sequence_ = flash_.reserved_sequence;
+}
+
+void Board::reboot(TimePoint now, Duration downtime) {
   is_enabled_ = false;
-  is_scanning_ = false;
   uuid_ = factory_uuid;
-  link_timeouts_.clear();
+  provisioner_.reset();
   tokens_.clear();
   sessions_.clear();
   heard_.clear();
+  next_sequence_ = flash_.reserved_sequence;
   last_token_ = 0;
   dropped_ = 0;
   to_host_.clear();
   to_host_octets_ = 0;
   to_air_.clear();
-  boots_at_ = now + reboot_time;
+  boots_at_ = now + downtime;
 }
 
 void Board::on_host_bytes(ByteView bytes, TimePoint now) {
@@ -98,6 +102,17 @@ void Board::on_packet(ByteView packet, TimePoint now) {
   respond(opcode, (this->*command->run)(params, now));
 }
 
+void Board::on_provisioning(std::uint8_t opcode, ByteView params, TimePoint now) {
+  if (const std::optional<Reply> reply = provisioner_.on_command(opcode, params, now)) {
+    respond(opcode, *reply);
+  }
+  forward_events();
+}
+
+void Board::forward_events() {
+  while (auto event = provisioner_.next_event()) send_to_host(std::move(*event));
+}
+
 void Board::respond(std::uint8_t opcode, const Reply& reply) {
   Bytes event{command_response, opcode, static_cast<std::uint8_t>(reply.status)};
   if (reply.status == Status::success) put(event, reply.data);
@@ -123,18 +138,22 @@ std::optional<Bytes> Board::next_host_packet() {
   return packet;
 }
 
-std::optional<MeshMessage> Board::next_transmission() {
+std::optional<Board::Transmission> Board::next_transmission() {
   if (to_air_.empty()) return std::nullopt;
-  MeshMessage message = std::move(to_air_.front());
+  Transmission first = std::move(to_air_.front());
   to_air_.pop_front();
-  return message;
+  return first;
 }
 
 bool Board::hears(Address destination) const {
-  if (boots_at_ || !is_enabled_ || !appkeys_.primary()) return false;
-  if (is_group(destination)) return addresses_.subscription(destination).has_value();
-  return local_count_ > 0 && destination >= local_start_ &&
-         destination < local_start_ + local_count_;
+  return listens_to(destination) && flash_.appkeys.primary();
+}
+
+bool Board::listens_to(Address destination) const {
+  if (boots_at_ || !is_enabled_) return false;
+  if (is_group(destination)) return flash_.addresses.subscription(destination).has_value();
+  return flash_.local_count > 0 && destination >= flash_.local_start &&
+         destination < flash_.local_start + flash_.local_count;
 }
 
 bool Board::is_ready_for(Address destination, TimePoint now) const {
@@ -142,20 +161,50 @@ bool Board::is_ready_for(Address destination, TimePoint now) const {
   return hears(destination) && last_setup_ && now - *last_setup_ >= settled;
 }
 
+/// Device keys belong to their owner's address, as far as messages that come are concerned.
+std::optional<Board::Handles> Board::decrypt(const MeshMessage& message) const {
+  if (!message.encryption) {
+    const std::optional<Handle> key = flash_.appkeys.primary();
+    if (!key) return std::nullopt;
+    return Handles{*key, flash_.appkeys.find(*key)->subnet};
+  }
+  const std::optional<Handle> subnet = flash_.subnets.find_key(message.encryption->net_key, 0);
+  if (!subnet) return std::nullopt;
+  const KeyTable& keys = message.encryption->is_device_key ? flash_.devkeys : flash_.appkeys;
+  const std::optional<Handle> key = keys.find_key(message.encryption->key, *subnet);
+  if (!key) return std::nullopt;
+  if (message.encryption->is_device_key && keys.find(*key)->index != message.source) {
+    return std::nullopt;
+  }
+  return Handles{*key, *subnet};
+}
+
+void Board::on_beacon(const Beacon& beacon) {
+  if (boots_at_) return;
+  provisioner_.on_beacon(beacon);
+  forward_events();
+}
+
+void Board::on_link_signal(const LinkSignal& signal, TimePoint now) {
+  if (boots_at_) return;
+  provisioner_.on_link_signal(signal, now);
+  forward_events();
+}
+
 void Board::on_radio(const Reception& reception) {
   const MeshMessage& message = reception.message;
-  if (!hears(message.destination)) return;
-  if (heard_.size() >= replay_list && !heard_.contains(message.source)) return;
-  heard_.insert(message.source);
+  if (!listens_to(message.destination)) return;
+  const std::optional<Handles> handles = decrypt(message);
+  if (!handles || !heard_.accept(message.source, message.sequence)) return;
 
   const bool is_to_us = is_unicast(message.destination);
-  const Handle appkey = *appkeys_.primary();
   const std::size_t octets = std::min(message.payload.size(), max_event_data);
   Bytes event{is_to_us ? received_unicast : received_subscription};
   put_u16_le(event, message.source);
-  put_u16_le(event, is_to_us ? message.destination : *addresses_.subscription(message.destination));
-  put_u16_le(event, appkey);
-  put_u16_le(event, appkeys_.find(appkey)->subnet);
+  put_u16_le(event,
+             is_to_us ? message.destination : *flash_.addresses.subscription(message.destination));
+  put_u16_le(event, handles->key);
+  put_u16_le(event, handles->subnet);
   put_u8(event, reception.ttl);
   put_u8(event, 0x01);  // random static address, least significant octet first
   put_u16_le(event, message.source);
@@ -167,9 +216,8 @@ void Board::on_radio(const Reception& reception) {
 }
 
 std::optional<TimePoint> Board::deadline() const {
-  std::optional<TimePoint> next = boots_at_;
+  std::optional<TimePoint> next = first_of(boots_at_, provisioner_.deadline());
   for (const auto& [token, due] : tokens_) next = first_of(next, due);
-  for (const auto& [context, due] : link_timeouts_) next = first_of(next, due);
   return next;
 }
 
@@ -184,16 +232,25 @@ void Board::on_deadline(TimePoint now) {
       ++it;
       continue;
     }
-    Bytes event{tx_complete};
-    put_u32_le(event, it->first);
-    send_to_host(std::move(event));
+    send_tx_complete(it->first);
     it = tokens_.erase(it);
   }
-  std::erase_if(link_timeouts_, [&](const auto& link) {
-    if (link.second > now) return false;
-    send_to_host({prov_link_closed, link.first, 0x01});  // 01: time-out
-    return true;
-  });
+  provisioner_.on_deadline(now);
+  forward_events();
+}
+
+void Board::send_tx_complete(std::uint32_t token) {
+  Bytes event{tx_complete};
+  put_u32_le(event, token);
+  send_to_host(std::move(event));
+}
+
+void Board::on_transfer_ended(std::uint64_t transfer, bool is_acknowledged) {
+  const auto session = std::find_if(sessions_.begin(), sessions_.end(),
+                                    [&](const Session& s) { return s.transfer == transfer; });
+  if (session == sessions_.end()) return;  // the board has rebooted since
+  if (is_acknowledged) send_tx_complete(session->token);
+  sessions_.erase(session);
 }
 
 }  // namespace slamgw::sim::ble

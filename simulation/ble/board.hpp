@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Nordic's serial firmware (nRF5 SDK for Mesh 3.1.0, stock serial example) as its host sees it:
 // frames `len op params` in, responses and events out, tables with handles, every status code where
-// the real one gives it. No port and no clock: BleNetwork feeds it and carries what it transmits.
+// the real one gives it. No port and no clock: Network feeds it and carries what it transmits.
 //
 // Not simulated, answered as unknown (82): beacons, DFU, virtual addresses, the host-side access
 // layer (0xe0-0xfd), and what 3.1.0 itself does not implement.
@@ -11,16 +11,12 @@
 #include <deque>
 #include <map>
 #include <optional>
-#include <set>
 
 #include "simulation/ble/board_tables.hpp"
+#include "simulation/ble/provisioner.hpp"
+#include "simulation/ble/replay_list.hpp"
 
 namespace slamgw::sim::ble {
-
-struct BoardSettings {
-  unsigned robots = 0;              ///< reachable at first_robot ...
-  bool has_segment_timing = false;  ///< segmented messages occupy the board as long as on air
-};
 
 /// A message as it reaches the board's radio.
 struct Reception {
@@ -32,38 +28,50 @@ struct Reception {
 class Board {
  public:
   static constexpr std::size_t transmit_buffer = 2 * 256;  ///< octets towards the host
-  static constexpr std::size_t replay_list = 40;           ///< sources that can be heard
   static constexpr std::size_t segmented_sessions = 4;
   static constexpr std::chrono::milliseconds reboot_time{100};
 
-  explicit Board(BoardSettings settings);
+  /// What the board gives to the radio. Of a segmented message it waits for the end.
+  struct Transmission {
+    MeshMessage message;
+    std::optional<std::uint64_t> transfer;  ///< for `on_transfer_ended`
+  };
+
+  explicit Board(Random random);
 
   /// As an earlier session left it: key index 0 of both kinds, address 0x0001, the three groups.
   void configure(const Key& net_key, const Key& app_key);
 
   void on_power_up(TimePoint now);
+  /// Its RAM is void; it starts after `downtime`.
+  void reboot(TimePoint now, Duration downtime = reboot_time);
   void on_host_bytes(ByteView bytes, TimePoint now);
   void on_radio(const Reception& reception);
+  void on_beacon(const Beacon& beacon);
+  void on_link_signal(const LinkSignal& signal, TimePoint now);
+  /// A failed transfer shows to the host only by what does not come.
+  void on_transfer_ended(std::uint64_t transfer, bool is_acknowledged);
   void on_deadline(TimePoint now);
   std::optional<TimePoint> deadline() const;
 
   /// The next packet for the host. What is not fetched fills the transmit buffer; when that is
   /// full, responses and events are dropped, which only command 0x14 tells.
   std::optional<Bytes> next_host_packet();
-  std::optional<MeshMessage> next_transmission();
+  std::optional<Transmission> next_transmission();
+  std::optional<LinkSignal> next_link_signal() { return provisioner_.next_link_signal(); }
 
-  /// A message to this address would become an event.
+  /// A message to this address with the board's application key would become an event.
   bool hears(Address destination) const;
   /// The board can hear, and its host has configured nothing for half a second: a robot may speak.
   bool is_ready_for(Address destination, TimePoint now) const;
   /// The gateway's unicast address; 0 while it has none.
-  Address local_address() const { return local_start_; }
+  Address local_address() const { return flash_.local_start; }
+
+  const BoardFlash& flash() const { return flash_; }
+  /// Before power-up.
+  void restore(BoardFlash flash);
 
  private:
-  struct Reply {
-    Status status = Status::success;
-    Bytes data;
-  };
   struct Command {
     std::uint8_t opcode;
     std::uint8_t min_params;
@@ -71,14 +79,22 @@ class Board {
     Reply (Board::*run)(ByteView params, TimePoint now);
   };
   struct Session {
+    std::uint64_t transfer;
+    std::uint32_t token;
     Address destination;
-    TimePoint until;
+  };
+  struct Handles {
+    Handle key;
+    Handle subnet;
   };
 
   static const Command* find_command(std::uint8_t opcode);
   void on_packet(ByteView packet, TimePoint now);
-  void reboot(TimePoint now);
   void on_provisioning(std::uint8_t opcode, ByteView params, TimePoint now);
+  void forward_events();
+  bool listens_to(Address destination) const;
+  std::optional<Handles> decrypt(const MeshMessage& message) const;
+  void send_tx_complete(std::uint32_t token);
   void send_to_host(Bytes opcode_and_params);
   void respond(std::uint8_t opcode, const Reply& reply);
 
@@ -117,32 +133,27 @@ class Board {
   Reply state_clear(ByteView, TimePoint);
 
   Status check_packet_send(ByteView params) const;
-  bool can_reach(Address destination) const;
+  std::optional<Encryption> encryption_of(Handle handle) const;
+  std::uint32_t take_sequence(std::uint32_t count);
 
-  BoardSettings settings_;
-  // Kept over a reset
-  KeyTable subnets_{8, 0};
-  KeyTable appkeys_{8, 0};
-  KeyTable devkeys_{10, 8};  // handles follow those of the application keys
-  AddressTable addresses_;
-  Address local_start_ = 0;
-  std::uint16_t local_count_ = 0;
+  BoardFlash flash_;
+  std::uint64_t last_transfer_ = 0;  ///< outlives a reset, so that old transfers don't end new ones
   // Void after a reset
   std::optional<TimePoint> boots_at_;
   bool is_enabled_ = false;
-  bool is_scanning_ = false;
   Key uuid_{};
-  std::map<std::uint8_t, TimePoint> link_timeouts_;  ///< provisioning contexts 0 and 1
-  std::map<std::uint32_t, TimePoint> tokens_;        ///< TX Complete is due; at most max_tokens
+  Provisioner provisioner_;
+  std::map<std::uint32_t, TimePoint> tokens_;  ///< TX Complete is due; at most max_tokens
   std::deque<Session> sessions_;
-  std::set<Address> heard_;
+  ReplayList heard_;
+  std::uint32_t next_sequence_ = 0;
   std::uint32_t last_token_ = 0;
   std::uint32_t dropped_ = 0;
   std::optional<TimePoint> last_setup_;  ///< the host's last command that changes or reads tables
   Bytes partial_;                        ///< a packet that has begun: length octet first
   std::deque<Bytes> to_host_;
   std::size_t to_host_octets_ = 0;
-  std::deque<MeshMessage> to_air_;
+  std::deque<Transmission> to_air_;
 };
 
 }  // namespace slamgw::sim::ble

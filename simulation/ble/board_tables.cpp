@@ -30,6 +30,28 @@ KeyTable::Slot* KeyTable::find(Handle handle) {
   return const_cast<Slot*>(std::as_const(*this).find(handle));
 }
 
+bool KeyTable::restore(Handle handle, const Slot& slot) {
+  if (handle < first_handle_ || handle - first_handle_ >= capacity()) return false;
+  slots_[static_cast<std::size_t>(handle - first_handle_)] = slot;
+  return true;
+}
+
+std::vector<Handle> KeyTable::handles() const {
+  std::vector<Handle> out;
+  for (std::size_t i = 0; i < slots_.size(); ++i) {
+    if (slots_[i]) out.push_back(static_cast<Handle>(first_handle_ + i));
+  }
+  return out;
+}
+
+std::optional<Handle> KeyTable::find_key(const Key& key, Handle subnet) const {
+  for (const Handle handle : handles()) {
+    const Slot* slot = find(handle);
+    if (slot->key == key && slot->subnet == subnet) return handle;
+  }
+  return std::nullopt;
+}
+
 bool KeyTable::remove(Handle handle) {
   if (find(handle) == nullptr) return false;
   slots_[static_cast<std::size_t>(handle - first_handle_)].reset();
@@ -95,6 +117,12 @@ Status AddressTable::remove(Handle handle, unsigned Slot::*count) {
 
 const AddressTable::Slot* AddressTable::find(Handle handle) const {
   return handle < max_capacity && slots_[handle] ? &*slots_[handle] : nullptr;
+}
+
+bool AddressTable::restore(Handle handle, const Slot& slot) {
+  if (handle >= max_capacity) return false;
+  slots_[handle] = slot;
+  return true;
 }
 
 std::optional<Handle> AddressTable::subscription(Address address) const {

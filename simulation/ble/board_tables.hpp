@@ -9,22 +9,11 @@
 #include <vector>
 
 #include "simulation/ble/access.hpp"
+#include "simulation/ble/reply.hpp"
 
 namespace slamgw::sim::ble {
 
-enum class Status : std::uint8_t {
-  success = 0x00,
-  internal = 0x81,
-  command_unknown = 0x82,
-  invalid_state = 0x83,
-  invalid_length = 0x84,
-  invalid_parameter = 0x85,
-  invalid_data = 0x87,
-  rejected = 0x8e,
-};
-
 using Handle = std::uint16_t;
-using Key = std::array<std::uint8_t, 16>;
 
 struct Added {
   Status status = Status::success;
@@ -46,10 +35,15 @@ class KeyTable {
   /// The index exists with the same key: `internal` (so the firmware reports it); with another key,
   /// or no room: `rejected`.
   Added add(std::uint16_t index, Handle subnet, const Key& key);
+  /// Into its place again, from a state file; false when there is no such place.
+  bool restore(Handle handle, const Slot& slot);
   bool remove(Handle handle);
   void remove_of_subnet(Handle subnet);
   Slot* find(Handle handle);
   const Slot* find(Handle handle) const;
+  std::vector<Handle> handles() const;
+  /// The entry with this key, on this subnet.
+  std::optional<Handle> find_key(const Key& key, Handle subnet) const;
   /// The first used handle; the one of key index 0 if there is one.
   std::optional<Handle> primary() const;
   std::vector<std::uint16_t> indexes() const;
@@ -78,6 +72,8 @@ class AddressTable {
   Status remove_publication(Handle handle) { return remove(handle, &Slot::publications); }
 
   const Slot* find(Handle handle) const;
+  /// Into its place again, from a state file; false when there is no such place.
+  bool restore(Handle handle, const Slot& slot);
   /// The handle under which messages to this group arrive.
   std::optional<Handle> subscription(Address address) const;
   std::vector<Handle> handles() const;
@@ -87,6 +83,17 @@ class AddressTable {
   Status remove(Handle handle, unsigned Slot::*count);
 
   std::array<std::optional<Slot>, max_capacity> slots_;
+};
+
+/// What the board keeps over a reset.
+struct BoardFlash {
+  KeyTable subnets{8, 0};
+  KeyTable appkeys{8, 0};
+  KeyTable devkeys{10, 8};  ///< handles follow those of the application keys
+  AddressTable addresses;
+  Address local_start = 0;
+  std::uint16_t local_count = 0;
+  std::uint32_t reserved_sequence = 0;  ///< numbers below may have been used
 };
 
 }  // namespace slamgw::sim::ble

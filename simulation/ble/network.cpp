@@ -6,18 +6,25 @@
 namespace slamgw::sim::ble {
 namespace {
 
+using Use = Random::Use;
+
 Key to_key(const Bytes& octets) {
   Key key{};
   std::copy_n(octets.begin(), std::min(octets.size(), key.size()), key.begin());
   return key;
 }
 
-RobotSettings settings_of(const BleOptions& options, unsigned number) {
+std::uint8_t ttl_of(const BleOptions& options) {
+  return static_cast<std::uint8_t>(std::max<unsigned>(default_ttl, options.hops));
+}
+
+RobotSettings robot_settings(const BleOptions& options, unsigned number) {
   RobotSettings settings;
-  settings.address = static_cast<Address>(first_robot + number - 1);
-  settings.ttl = static_cast<std::uint8_t>(std::max<unsigned>(default_ttl, options.hops));
+  settings.address =
+      options.is_unprovisioned ? Address{0} : static_cast<Address>(first_robot + number - 1);
+  settings.number = number;
+  settings.ttl = ttl_of(options);
   settings.is_acknowledged = options.is_acknowledged;
-  settings.is_unicast = options.is_unicast;
   settings.has_segment_timing = options.has_segment_timing;
   settings.obeys = options.common.obeys;
   settings.messages = options.common.limit();
@@ -25,20 +32,52 @@ RobotSettings settings_of(const BleOptions& options, unsigned number) {
   return settings;
 }
 
+/// The prefix, octets that depend on the seed, and the robot's number in the last two.
+Key make_uuid(const BleOptions& options, unsigned number) {
+  Random random(options.common.seed, 0, Use::uuid);
+  Key uuid = random_key(random);
+  std::copy(options.uuid_prefix.begin(), options.uuid_prefix.end(), uuid.begin());
+  uuid[14] = static_cast<std::uint8_t>(number >> 8);
+  uuid[15] = static_cast<std::uint8_t>(number & 0xff);
+  return uuid;
+}
+
+Node::Settings node_settings(const BleOptions& options, unsigned number) {
+  Node::Settings settings;
+  settings.uuid = make_uuid(options, number);
+  settings.number = number;
+  if (!options.static_oob.empty()) settings.static_oob = to_key(options.static_oob);
+  if (!options.is_unprovisioned) {
+    settings.fixed_address = static_cast<Address>(first_robot + number - 1);
+  }
+  return settings;
+}
+
 }  // namespace
 
 Network::Network(const BleOptions& options)
-    : board_({options.common.robots, options.has_segment_timing}),
-      radio_({options.common.loss, options.hops},
-             Random(options.common.seed, 0, Random::Use::radio)) {
+    : options_(options),
+      board_(Random(options.common.seed, 0, Use::provisioning)),
+      radio_({options.common.loss, options.hops}, Random(options.common.seed, 0, Use::radio)),
+      pb_adv_(options.common.loss, Random(options.common.seed, 0, Use::pb_adv)) {
   if (options.is_configured) board_.configure(to_key(options.net_key), to_key(options.app_key));
   for (unsigned number = 1; number <= options.common.robots; ++number) {
-    robots_.emplace_back(settings_of(options, number), RobotBody(options.common.seed, number));
+    robots_.emplace_back(robot_settings(options, number), RobotBody(options.common.seed, number));
+    nodes_.emplace_back(node_settings(options, number),
+                        Random(options.common.seed, number, Use::provisioning));
   }
+}
+
+void Network::restore_node(unsigned number, NodeConfiguration configuration,
+                           std::uint32_t next_sequence) {
+  if (number == 0 || number > nodes_.size()) return;
+  nodes_[number - 1].restore(std::move(configuration), next_sequence);
+  robots_[number - 1].set_address(nodes_[number - 1].address());
 }
 
 void Network::on_start(TimePoint now) {
   board_.on_power_up(now);
+  for (Node& node : nodes_) node.on_start(now);
   for (Robot& robot : robots_) robot.on_start(now);
 }
 
@@ -47,52 +86,156 @@ void Network::on_host_bytes(ByteView bytes, TimePoint now) {
   carry(now);
 }
 
+void Network::reboot_board(TimePoint now, Duration downtime) { board_.reboot(now, downtime); }
+
 TimePoint Network::deadline() const {
   std::optional<TimePoint> next = first_of(radio_.next_arrival(), board_.deadline());
+  next = first_of(next, pb_adv_.next_arrival());
+  if (!transfers_.empty()) next = first_of(next, transfers_.begin()->first);
+  for (const Node& node : nodes_) next = first_of(next, node.deadline());
   for (const Robot& robot : robots_) next = first_of(next, robot.deadline());
   return next.value_or(TimePoint::max());
 }
 
 void Network::on_deadline(TimePoint now) {
-  if (std::optional<Reception> reception = radio_.take(now)) {
-    deliver(*reception, now);
-  } else if (const auto due = board_.deadline(); due && *due <= now) {
-    board_.on_deadline(now);
-  } else {
-    const auto first = std::min_element(
-        robots_.begin(), robots_.end(),
-        [](const Robot& a, const Robot& b) { return a.deadline() < b.deadline(); });
-    if (first == robots_.end() || first->deadline() > now) return;
-    first->on_deadline(gateway_for(*first, now), now);
+  if (!run_air(now)) {
+    if (const auto due = board_.deadline(); due && *due <= now) {
+      board_.on_deadline(now);
+    } else if (!run_nodes(now)) {
+      run_robots(now);
+    }
   }
   carry(now);
 }
 
-Robot::Gateway Network::gateway_for(const Robot& robot, TimePoint now) {
-  const Address destination = robot.update_destination(board_.local_address());
-  if (!has_begun_) has_begun_ = board_.is_ready_for(destination, now);
-  return {has_begun_ && board_.hears(destination), board_.local_address()};
+bool Network::run_air(TimePoint now) {
+  if (std::optional<Reception> reception = radio_.take(now)) {
+    deliver(*reception, now);
+    return true;
+  }
+  if (std::optional<PbAdv::Arrival> arrival = pb_adv_.take(now)) {
+    deliver(*arrival, now);
+    return true;
+  }
+  if (transfers_.empty() || transfers_.begin()->first > now) return false;
+  const Transfer ended = transfers_.begin()->second;
+  transfers_.erase(transfers_.begin());
+  board_.on_transfer_ended(ended.id, ended.is_acknowledged);
+  return true;
 }
 
+bool Network::run_nodes(TimePoint now) {
+  for (Node& node : nodes_) {
+    if (!node.deadline() || *node.deadline() > now) continue;
+    node.on_deadline(now);
+    const std::optional<Key> uuid = node.next_beacon();
+    if (uuid && !radio_.loses_beacon()) {
+      const auto number = static_cast<std::uint16_t>(node.number());
+      board_.on_beacon({*uuid, number, radio_.rssi_dbm(number)});
+    }
+    return true;
+  }
+  return false;
+}
+
+void Network::run_robots(TimePoint now) {
+  const auto first =
+      std::min_element(robots_.begin(), robots_.end(),
+                       [](const Robot& a, const Robot& b) { return a.deadline() < b.deadline(); });
+  if (first == robots_.end() || first->deadline() > now) return;
+  first->on_deadline(publications_of(static_cast<std::size_t>(first - robots_.begin()), now), now);
+}
+
+bool Network::is_heard(Address destination, TimePoint now) {
+  if (!has_begun_) has_begun_ = board_.is_ready_for(destination, now);
+  return has_begun_ && board_.hears(destination);
+}
+
+/// A robot's updates wait for the board to hear them, so that a run with --messages is complete.
+Robot::Publications Network::publications_of(std::size_t index, TimePoint now) {
+  if (!options_.is_unprovisioned) return fixed_publications(now);
+  Robot::Publications publications = nodes_[index].publications(now);
+  for (auto* to : {&publications.min_com, &publications.sensor_update}) {
+    if (*to && !is_heard((*to)->address, now)) to->reset();
+  }
+  return publications;
+}
+
+Robot::Publications Network::fixed_publications(TimePoint now) {
+  const Address gateway = board_.local_address();
+  const std::uint8_t ttl = ttl_of(options_);
+  Robot::Publications publications;
+  if (is_heard(options_.is_unicast ? gateway : sensor_update_group, now)) {
+    publications.min_com = {options_.is_unicast ? gateway : min_com_group, ttl, {}};
+    publications.sensor_update = {options_.is_unicast ? gateway : sensor_update_group, ttl, {}};
+  }
+  if (gateway != 0) publications.health = {gateway, ttl, health_interval};
+  return publications;
+}
+
+/// Robots and board hear each other; robots don't listen to robots.
 void Network::deliver(const Reception& reception, TimePoint now) {
   const MeshMessage& message = reception.message;
-  const auto index = static_cast<std::size_t>(message.destination - first_robot);
-  const bool is_for_robot = message.destination >= first_robot && index < robots_.size();
-  if (is_for_robot) {
-    robots_[index].on_message(message, now);
-  } else if (message.source != board_.local_address()) {
-    board_.on_radio(reception);
+  if (message.source != board_.local_address()) return board_.on_radio(reception);
+  for (std::size_t i = 0; i < nodes_.size(); ++i) {
+    if (nodes_[i].on_message(message, now)) robots_[i].on_message(message, now);
+  }
+}
+
+void Network::deliver(const PbAdv::Arrival& arrival, TimePoint now) {
+  if (arrival.is_to_board) return board_.on_link_signal(arrival.signal, now);
+  for (Node& node : nodes_) {
+    if (node.takes(arrival.signal)) return node.on_link_signal(arrival.signal, now);
   }
 }
 
 void Network::carry(TimePoint now) {
-  while (auto message = board_.next_transmission()) radio_.transmit(std::move(*message), now);
-  for (Robot& robot : robots_) {
-    while (auto outgoing = robot.next_transmission()) {
-      const bool is_on_its_way = radio_.transmit(std::move(outgoing->message), now);
-      if (!is_on_its_way && outgoing->is_unacknowledged_update) robot.on_update_dropped();
+  while (auto transmission = board_.next_transmission()) {
+    if (transmission->transfer) {
+      begin_transfer(*transmission, now);
+    } else {
+      radio_.transmit(std::move(transmission->message), now);
     }
   }
+  while (auto signal = board_.next_link_signal()) pb_adv_.transmit(false, std::move(*signal), now);
+  for (std::size_t i = 0; i < nodes_.size(); ++i) carry_of_robot(i, now);
+}
+
+void Network::carry_of_robot(std::size_t index, TimePoint now) {
+  Node& node = nodes_[index];
+  Robot& robot = robots_[index];
+  while (auto signal = node.next_link_signal()) pb_adv_.transmit(true, std::move(*signal), now);
+  while (auto answer = node.next_answer()) radio_.transmit(std::move(*answer), now);
+  while (auto outgoing = robot.next_transmission()) {
+    const bool is_on_its_way =
+        node.prepare(outgoing->message) && radio_.transmit(std::move(outgoing->message), now);
+    if (!is_on_its_way && outgoing->is_unacknowledged_update) robot.on_update_dropped();
+  }
+  robot.set_address(node.address());
+}
+
+bool Network::can_reach(const MeshMessage& message) const {
+  return std::any_of(nodes_.begin(), nodes_.end(),
+                     [&](const Node& node) { return node.reaches(message); });
+}
+
+/// To a unicast address segments are repeated until they are acknowledged, or the transfer fails;
+/// to a group they are repeated blindly.
+void Network::begin_transfer(const Board::Transmission& transmission, TimePoint now) {
+  const MeshMessage& message = transmission.message;
+  Duration duration = Radio::segment_time * static_cast<int>(segment_count(message.payload.size()));
+  if (options_.has_segment_timing) duration = segmented_session(message.destination, message.ttl);
+  bool is_acknowledged = !is_unicast(message.destination);
+  if (!is_unicast(message.destination)) radio_.transmit(message, now);
+  const int transmissions =
+      is_unicast(message.destination) && can_reach(message) ? segmented_transmissions : 0;
+  for (int i = 0; i < transmissions && !is_acknowledged; ++i) {
+    const Duration repeats = retry_interval(message.ttl) * i;
+    is_acknowledged = radio_.transmit(message, now + repeats);
+    if (is_acknowledged) duration += repeats;
+  }
+  if (!is_acknowledged) duration = failed_session(message.ttl);
+  transfers_.emplace(now + duration, Transfer{*transmission.transfer, is_acknowledged});
 }
 
 bool Network::has_sent_everything() const {

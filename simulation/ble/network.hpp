@@ -4,10 +4,13 @@
 // passed. SerialSide puts it behind a pty; tests run it on a virtual clock.
 #pragma once
 
+#include <map>
 #include <optional>
 #include <vector>
 
 #include "simulation/ble/board.hpp"
+#include "simulation/ble/node.hpp"
+#include "simulation/ble/pb_adv.hpp"
 #include "simulation/ble/radio.hpp"
 #include "simulation/ble/robot.hpp"
 #include "simulation/options.hpp"
@@ -24,21 +27,48 @@ class Network {
   void on_deadline(TimePoint now);
   TimePoint deadline() const;
   std::optional<Bytes> next_host_packet() { return board_.next_host_packet(); }
+  /// The board restarts, without power for `downtime`; the robots go on.
+  void reboot_board(TimePoint now, Duration downtime = Board::reboot_time);
 
   /// All updates are sent, acknowledged where asked for, and nothing is in the air.
   bool has_sent_everything() const;
   bool has_begun() const { return has_begun_; }
-  /// In the order of the robots' numbers.
+  /// In the order of the robots' numbers, as `nodes()`.
   const std::vector<Robot>& robots() const { return robots_; }
+  const std::vector<Node>& nodes() const { return nodes_; }
+  const Board& board() const { return board_; }
+
+  /// Before the start, from a state file.
+  void restore_board(BoardFlash flash) { board_.restore(std::move(flash)); }
+  void restore_node(unsigned number, NodeConfiguration configuration, std::uint32_t next_sequence);
 
  private:
-  void carry(TimePoint now);
-  void deliver(const Reception& reception, TimePoint now);
-  Robot::Gateway gateway_for(const Robot& robot, TimePoint now);
+  /// A segmented message of the board that is under way.
+  struct Transfer {
+    std::uint64_t id;
+    bool is_acknowledged;
+  };
 
+  bool run_air(TimePoint now);
+  bool run_nodes(TimePoint now);
+  void run_robots(TimePoint now);
+  void carry(TimePoint now);
+  void carry_of_robot(std::size_t index, TimePoint now);
+  void deliver(const Reception& reception, TimePoint now);
+  void deliver(const PbAdv::Arrival& arrival, TimePoint now);
+  void begin_transfer(const Board::Transmission& transmission, TimePoint now);
+  bool can_reach(const MeshMessage& message) const;
+  Robot::Publications publications_of(std::size_t index, TimePoint now);
+  Robot::Publications fixed_publications(TimePoint now);
+  bool is_heard(Address destination, TimePoint now);
+
+  BleOptions options_;
   Board board_;
   Radio radio_;
+  PbAdv pb_adv_;
   std::vector<Robot> robots_;
+  std::vector<Node> nodes_;  ///< the mesh stacks of `robots_`
+  std::multimap<TimePoint, Transfer> transfers_;
   bool has_begun_ = false;  ///< the board was ready once; from then on only hearing counts
 };
 

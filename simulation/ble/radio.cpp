@@ -2,12 +2,13 @@
 #include "simulation/ble/radio.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 namespace slamgw::sim::ble {
 
 bool Radio::transmit(MeshMessage message, TimePoint now) {
-  const bool is_lost = random_.chance(settings_.loss);
-  const auto rssi_dbm = static_cast<std::int8_t>(-55 - static_cast<int>(random_.below(20)));
+  const bool is_lost = random_.chance(1 - std::pow(1 - settings_.loss, settings_.hops));
+  const std::int8_t rssi = rssi_dbm(message.source);
   // Relays forward only TTL 2 and above (Mesh Profile 3.4.5.2).
   const bool is_too_far = settings_.hops > 1 && message.ttl < settings_.hops;
   if (is_lost || is_too_far || in_flight_.size() >= max_in_flight) return false;
@@ -16,8 +17,13 @@ bool Radio::transmit(MeshMessage message, TimePoint now) {
   TimePoint& last = last_arrival_[{message.source, message.destination}];
   last = std::max(last, now + hop_time * settings_.hops + segment_time * (segments - 1));
   const auto ttl = static_cast<std::uint8_t>(message.ttl - (settings_.hops - 1));
-  in_flight_.emplace(last, Reception{std::move(message), ttl, rssi_dbm});
+  in_flight_.emplace(last, Reception{std::move(message), ttl, rssi});
   return true;
+}
+
+std::int8_t Radio::rssi_dbm(Address transmitter) {
+  const int level = -50 - transmitter * 7 % 30;
+  return static_cast<std::int8_t>(level + 3 - static_cast<int>(random_.below(7)));
 }
 
 std::optional<TimePoint> Radio::next_arrival() const {

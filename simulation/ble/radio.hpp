@@ -14,7 +14,7 @@
 namespace slamgw::sim::ble {
 
 struct RadioSettings {
-  double loss = 0;    ///< of each message, both ways
+  double loss = 0;    ///< of each message on each hop, both ways
   unsigned hops = 1;  ///< between each robot and the board; relays take 1 off the TTL each
 };
 
@@ -31,6 +31,9 @@ class Radio {
   std::optional<TimePoint> next_arrival() const;
   /// The first message that has arrived by `now`.
   std::optional<Reception> take(TimePoint now);
+  bool loses_beacon() { return random_.chance(settings_.loss); }
+  /// Each transmitter has its place, and so its own level, which flickers by 3 dB.
+  std::int8_t rssi_dbm(Address transmitter);
   bool is_silent() const { return in_flight_.empty(); }
 
  private:

@@ -22,7 +22,7 @@ Robot::Robot(RobotSettings settings, RobotBody body)
 
 /// Robots are switched on one after the other.
 void Robot::on_start(TimePoint now) {
-  const unsigned number = settings_.address - first_robot;
+  const unsigned number = settings_.number - 1;
   next_update_ = now + std::chrono::milliseconds{7 * number % 200};
   next_health_ = now + health_interval + std::chrono::milliseconds{37 * number % 1000};
 }
@@ -42,52 +42,55 @@ TimePoint Robot::deadline() const {
   return next;
 }
 
-void Robot::on_deadline(Gateway gateway, TimePoint now) {
-  if (next_health_ <= now) {
-    next_health_ = now + health_interval;
-    if (gateway.address != 0) {
-      transmit({settings_.address, gateway.address, settings_.ttl, healthy_status()}, now);
-    }
-  }
+void Robot::on_deadline(const Publications& publications, TimePoint now) {
+  if (next_health_ <= now) publish_health(publications.health, now);
   if (reliable_) repeat(now);
-  if (next_update_ <= now) produce(gateway, now);
+  if (next_update_ <= now) produce(publications, now);
 }
 
-void Robot::produce(Gateway gateway, TimePoint now) {
+void Robot::publish_health(const std::optional<Publication>& to, TimePoint now) {
+  const bool is_periodic = to && to->period > Duration{};
+  next_health_ = now + (is_periodic ? to->period : Duration{health_interval});
+  if (is_periodic) {
+    transmit({settings_.address, to->address, to->ttl, healthy_status()}, now);
+  }
+}
+
+void Robot::produce(const Publications& publications, TimePoint now) {
   if (settings_.messages && produced_ >= *settings_.messages) return;
   const bool is_blocked =
       reliable_.has_value() || (settings_.has_segment_timing && segmented_until_ > now);
-  const bool pauses = settings_.messages || !has_introduced_itself_;
-  if (!gateway.is_ready || (is_blocked && pauses)) {
+  const bool introduces = !has_introduced_itself_ && publications.min_com;
+  const bool pauses = settings_.messages || introduces;
+  if ((!introduces && !publications.sensor_update) || (is_blocked && pauses)) {
     next_update_ = now + look_again;
     return;
   }
   next_update_ = std::max(next_update_ + settings_.period, now);
-  if (!has_introduced_itself_) {
+  if (introduces) {
     has_introduced_itself_ = true;
-    return publish(false, body_.introduction(), gateway, now);
+    return publish(false, body_.introduction(), *publications.min_com, now);
   }
   ++produced_;
   const Bytes update = body_.next_update();
   if (is_blocked) {
     ++tally_.lost;  // the access layer refuses it, and the thesis's robots do not keep it
   } else {
-    publish(true, update, gateway, now);
+    publish(true, update, *publications.sensor_update, now);
   }
 }
 
-void Robot::publish(bool is_update, const Bytes& parameters, Gateway gateway, TimePoint now) {
+void Robot::publish(bool is_update, const Bytes& parameters, const Publication& to, TimePoint now) {
   const Vendor set = is_update ? Vendor::sensor_update_set : Vendor::min_com_set;
   const Vendor set_unreliable =
       is_update ? Vendor::sensor_update_set_unreliable : Vendor::min_com_set_unreliable;
   const Vendor status = is_update ? Vendor::sensor_update_status : Vendor::min_com_status;
-  const Address group = is_update ? sensor_update_group : min_com_group;
   const MeshMessage message{
-      settings_.address, settings_.is_unicast ? gateway.address : group, settings_.ttl,
+      settings_.address, to.address, to.ttl,
       vendor_message(settings_.is_acknowledged ? set : set_unreliable, parameters)};
   if (is_update) ++tally_.sent;
   if (settings_.is_acknowledged) {
-    const Duration interval = reliable_interval(settings_.ttl, message.payload.size());
+    const Duration interval = reliable_interval(to.ttl, message.payload.size());
     reliable_ =
         Reliable{message, status, is_update, interval * 2, now + interval, now + reliable_timeout};
   }
@@ -122,7 +125,6 @@ void Robot::transmit(const MeshMessage& message, TimePoint now) {
 }
 
 void Robot::on_message(const MeshMessage& message, TimePoint now) {
-  if (message.destination != settings_.address) return;
   if (const std::optional<Vendor> opcode = vendor_opcode(message.payload)) {
     return on_vendor(*opcode, message, now);
   }
@@ -161,6 +163,7 @@ void Robot::on_vendor(Vendor opcode, const MeshMessage& message, TimePoint now) 
     case Vendor::min_com_get: return answer(message, status_message(Vendor::min_com_status));
     case Vendor::min_com_status:
     case Vendor::sensor_update_status:
+      if (!is_unicast(message.destination)) return;  // Nordic's reliable publish wants it so
       if (!reliable_ || reliable_->status != opcode) return;
       if (reliable_->is_update) ++tally_.acknowledged;
       reliable_.reset();
@@ -193,8 +196,9 @@ void Robot::on_on_off(const MeshMessage& message, ByteView parameters, bool is_s
 }
 
 void Robot::answer(const MeshMessage& request, Bytes payload) {
-  outbox_.push_back(
-      {{settings_.address, request.source, settings_.ttl, std::move(payload)}, false});
+  MeshMessage message{settings_.address, request.source, settings_.ttl, std::move(payload)};
+  message.encryption = request.encryption;
+  outbox_.push_back({std::move(message), false});
 }
 
 bool Robot::has_sent_everything() const {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // One robot on BLE Mesh: three vendor models, an on/off server and a health server. No radio and no
-// clock: BleNetwork carries what it transmits and tells it whether the board can hear.
+// clock: Network carries what it transmits and tells it whether the board can hear.
 #pragma once
 
 #include <cstdint>
@@ -18,10 +18,10 @@ constexpr std::chrono::seconds health_interval{10};
 constexpr std::chrono::seconds same_transaction{6};  ///< Generic OnOff: same TID, same command
 
 struct RobotSettings {
-  Address address = first_robot;
+  Address address = first_robot;  ///< 0 until provisioned
+  unsigned number = 1;            ///< from 1
   std::uint8_t ttl = default_ttl;
   bool is_acknowledged = false;  ///< SET with repeats until STATUS, else SET_UNRELIABLE
-  bool is_unicast = false;       ///< publishes to the gateway instead of to groups
   bool has_segment_timing = false;
   bool obeys = false;
   std::optional<std::uint64_t> messages;  ///< updates to send; nothing: no end
@@ -34,27 +34,31 @@ class Robot {
     MeshMessage message;
     bool is_unacknowledged_update = false;
   };
-  /// What the robot can know of the gateway: nothing while it is not ready.
-  struct Gateway {
-    bool is_ready = false;  ///< to hear this robot's updates
-    Address address = 0;    ///< 0: none yet
+  struct Publication {
+    Address address = 0;
+    std::uint8_t ttl = default_ttl;
+    Duration period{};  ///< of models that publish by themselves; 0: they don't
+  };
+  /// Where the robot's models publish to; one that has nothing here is silent.
+  struct Publications {
+    std::optional<Publication> min_com;
+    std::optional<Publication> sensor_update;
+    std::optional<Publication> health;
   };
 
   Robot(RobotSettings settings, RobotBody body);
 
-  /// The address that this robot's updates go to.
-  Address update_destination(Address gateway) const {
-    return settings_.is_unicast ? gateway : sensor_update_group;
-  }
-
   void on_start(TimePoint now);
-  void on_deadline(Gateway gateway, TimePoint now);
+  void on_deadline(const Publications& publications, TimePoint now);
+  /// A message that the mesh stack has decrypted and found addressed to this robot.
   void on_message(const MeshMessage& message, TimePoint now);
   /// An unacknowledged update got lost on the air.
   void on_update_dropped() { ++tally_.lost; }
   TimePoint deadline() const;
   std::optional<Outgoing> next_transmission();
 
+  /// Its stack has joined a mesh; 0: has left it.
+  void set_address(Address address) { settings_.address = address; }
   bool has_sent_everything() const;
   const Tally& tally() const { return tally_; }
 
@@ -69,8 +73,9 @@ class Robot {
     TimePoint gives_up_at;
   };
 
-  void produce(Gateway gateway, TimePoint now);
-  void publish(bool is_update, const Bytes& parameters, Gateway gateway, TimePoint now);
+  void publish_health(const std::optional<Publication>& to, TimePoint now);
+  void produce(const Publications& publications, TimePoint now);
+  void publish(bool is_update, const Bytes& parameters, const Publication& to, TimePoint now);
   void repeat(TimePoint now);
   void transmit(const MeshMessage& message, TimePoint now);
   bool may_transmit(const MeshMessage& message, TimePoint now) const;

@@ -66,9 +66,9 @@ SerialSide::SerialSide(const BleOptions& options)
 int SerialSide::run() {
   fmt::print(stderr, "serial board at {} ({}), {} robots behind it\n", options_.tty,
              terminal_.slave_name(), options_.common.robots);
-  if (options_.common.robots > Board::replay_list) {
+  if (options_.common.robots > ReplayList::capacity) {
     fmt::print(stderr, "the board's replay list has {} places: it hears no more robots than that\n",
-               Board::replay_list);
+               ReplayList::capacity);
   }
   signals_.async_wait([this](error_code error, int) {
     if (!error) io_.stop();

@@ -51,15 +51,16 @@ class BoardTest : public ::testing::Test {
     }
   }
   void receive(Address source, Address destination, std::string_view payload) {
-    board_.on_radio({{source, destination, 8, hex(payload)}, 8, -60});
+    board_.on_radio({{source, destination, 8, hex(payload), ++sequence_}, 8, -60});
   }
 
   TimePoint now_{seconds{1000}};
-  Board board_{BoardSettings{3, false}};
+  std::uint32_t sequence_ = 0;
+  Board board_{Random(1, 0, Random::Use::provisioning)};
 };
 
 TEST_F(BoardTest, SaysThatItStarted) {
-  Board fresh{BoardSettings{}};
+  Board fresh{Random(1, 0, Random::Use::provisioning)};
   fresh.on_power_up(now_);
   EXPECT_EQ(to_hex(*fresh.next_host_packet()), "04 81 02 00 fe");
 }
@@ -107,6 +108,7 @@ TEST_F(BoardTest, IsSilentToUnknownProvisioningCommands) {
   EXPECT_EQ(exchange("01 61"), "03 84 61 00");
   EXPECT_EQ(exchange("01 61"), "03 84 61 83");
   EXPECT_EQ(exchange("01 62"), "03 84 62 00");
+  EXPECT_EQ(exchange("01 62"), "03 84 62 83");
   EXPECT_EQ(exchange("05 66 07 00 00 00"), "03 84 66 87");
 }
 
@@ -191,11 +193,11 @@ TEST_F(BoardTest, SendsAndTellsTheTokenTwice) {
   set_up();
   const char* send = "12 ab 00 00 01 00 03 00 08 00 00 00 cd 59 00 0a 00 ec ff";
   EXPECT_EQ(exchange(send), "07 84 ab 00 01 00 00 00");
-  const auto message = board_.next_transmission();
-  EXPECT_EQ(message->source, 0x0001);
-  EXPECT_EQ(message->destination, 0x0100);
-  EXPECT_EQ(message->ttl, 8);
-  EXPECT_EQ(to_hex(message->payload), "cd 59 00 0a 00 ec ff");
+  const MeshMessage message = board_.next_transmission()->message;
+  EXPECT_EQ(message.source, 0x0001);
+  EXPECT_EQ(message.destination, 0x0100);
+  EXPECT_EQ(message.ttl, 8);
+  EXPECT_EQ(to_hex(message.payload), "cd 59 00 0a 00 ec ff");
   EXPECT_EQ(pass(milliseconds{10}), "05 d2 01 00 00 00");
 }
 
@@ -216,16 +218,15 @@ TEST_F(BoardTest, SendsOneSegmentedMessageToADestinationAtATime) {
   const char* segmented = "17 ab 00 00 01 00 03 00 08 00 00 00 c5 59 00 01 02 03 04 05 06 07 08 09";
   EXPECT_EQ(exchange(segmented), "07 84 ab 00 01 00 00 00");
   EXPECT_EQ(exchange(segmented), "03 84 ab 83");
-  EXPECT_EQ(pass(milliseconds{20}), "05 d2 01 00 00 00");
+  const std::uint64_t first = *board_.next_transmission()->transfer;
+  board_.on_transfer_ended(first, true);
+  EXPECT_EQ(drain(), "05 d2 01 00 00 00");
   EXPECT_EQ(exchange(segmented), "07 84 ab 00 02 00 00 00");
-}
-
-TEST_F(BoardTest, NeverCompletesASegmentedMessageToNobody) {
-  set_up();
-  exchange("03 a4 77 07");  // handle 4: no robot has this address
-  EXPECT_EQ(exchange("17 ab 00 00 01 00 04 00 04 00 00 00 c5 59 00 01 02 03 04 05 06 07 08 09"),
-            "07 84 ab 00 01 00 00 00");
-  EXPECT_EQ(pass(seconds{60}), "");
+  board_.on_transfer_ended(first, true);  // long over
+  EXPECT_EQ(exchange(segmented), "03 84 ab 83");
+  board_.on_transfer_ended(*board_.next_transmission()->transfer, false);
+  EXPECT_EQ(drain(), "");  // a failure shows by what does not come
+  EXPECT_EQ(exchange(segmented), "07 84 ab 00 03 00 00 00");
 }
 
 TEST_F(BoardTest, ReportsGroupMessagesByHandleAndItsOwnByAddress) {

@@ -23,11 +23,16 @@ class RobotTest : public ::testing::Test {
     robot_.emplace(settings, RobotBody(1, 1));
     robot_->on_start(now_);
   }
-  void pass(Duration time, Robot::Gateway gateway = {true, 0x0001}) {
+  static Robot::Publications groups() {
+    return {Robot::Publication{min_com_group, default_ttl, {}},
+            Robot::Publication{sensor_update_group, default_ttl, {}},
+            Robot::Publication{0x0001, default_ttl, health_interval}};
+  }
+  void pass(Duration time, const Robot::Publications& publications = groups()) {
     const TimePoint end = now_ + time;
     while (robot_->deadline() <= end) {
       now_ = std::max(now_, robot_->deadline());
-      robot_->on_deadline(gateway, now_);
+      robot_->on_deadline(publications, now_);
       collect();
     }
     now_ = end;
@@ -72,7 +77,7 @@ TEST_F(RobotTest, IntroducesItselfThenPublishesToItsGroups) {
 
 TEST_F(RobotTest, WaitsUntilTheBoardCanHear) {
   begin({});
-  pass(seconds{5}, {false, 0});
+  pass(seconds{5}, {});
   EXPECT_TRUE(sent_.empty());
   pass(milliseconds{20});
   EXPECT_EQ(sent_.size(), 1U);

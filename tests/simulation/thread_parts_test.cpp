@@ -83,7 +83,9 @@ TEST(CommandLine, EndsWithTwoForWrongArguments) {
       {"thread", "--gateway", "host:1", "--loss", "1.5"},
       {"thread", "--gateway", "host:1", "--id-prefix", "a/b"},
       {"thread", "--gateway", "host:1", "--id-prefix", "much-too-long-for-mqttsn"},
-      {"ble", "--tty", "/tmp/board", "--unprovisioned"},
+      {"ble", "--tty", "/tmp/board", "--unprovisioned", "--static-oob", "00"},
+      {"ble", "--tty", "/tmp/board", "--uuid-prefix", "0"},
+      {"ble", "--tty", "/tmp/board", "--uuid-prefix", "00112233445566778899aabbcc"},
       {"ble", "--tty", "/tmp/board", "--net-key", "00"},
       {"ble", "--tty", "/tmp/board", "--qos", "1"},
   };

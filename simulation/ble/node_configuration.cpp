@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "simulation/ble/node_configuration.hpp"
+
+#include <algorithm>
+#include <utility>
+
+namespace slamgw::sim::ble {
+
+std::vector<Model> NodeConfiguration::factory_models() {
+  std::vector<Model> models;
+  for (const ModelId id :
+       {configuration_server, health_server, generic_on_off_server, simple_on_off_server,
+        min_com_client, min_com_server, sensor_update_client, pos_cmd_client, pos_cmd_server}) {
+    models.push_back({id, {}});
+  }
+  return models;
+}
+
+const Model* NodeConfiguration::find_model(ModelId id) const {
+  const auto found = std::find_if(models.begin(), models.end(),
+                                  [&](const Model& model) { return model.id == id; });
+  return found == models.end() ? nullptr : &*found;
+}
+
+Model* NodeConfiguration::find_model(ModelId id) {
+  return const_cast<Model*>(std::as_const(*this).find_model(id));
+}
+
+const AppKey* NodeConfiguration::find_app_key(std::uint16_t index) const {
+  const auto found = std::find_if(app_keys.begin(), app_keys.end(),
+                                  [&](const AppKey& key) { return key.index == index; });
+  return found == app_keys.end() ? nullptr : &*found;
+}
+
+Duration publish_period(std::uint8_t octet) {
+  using std::chrono::milliseconds;
+  static constexpr milliseconds resolutions[] = {milliseconds{100}, milliseconds{1000},
+                                                 milliseconds{10000}, milliseconds{600000}};
+  return resolutions[octet >> 6] * (octet & 0x3f);
+}
+
+}  // namespace slamgw::sim::ble

@@ -1,0 +1,83 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a robot's mesh stack keeps in its flash (Mesh Profile 1.0 section 4.2): keys, models, their
+// bindings, publications and subscriptions. Plain values; ConfigServer changes them, Node obeys
+// them.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "simulation/ble/provisioning_pdu.hpp"
+
+namespace slamgw::sim::ble {
+
+struct ModelId {
+  static constexpr std::uint16_t sig = 0xffff;  ///< company of the Bluetooth SIG's own models
+
+  std::uint16_t company = sig;
+  std::uint16_t id = 0;
+
+  bool operator==(const ModelId&) const = default;
+};
+
+constexpr std::uint16_t nordic = 0x0059;
+constexpr ModelId configuration_server{ModelId::sig, 0x0000};
+constexpr ModelId health_server{ModelId::sig, 0x0002};
+constexpr ModelId generic_on_off_server{ModelId::sig, 0x1000};
+constexpr ModelId simple_on_off_server{nordic, 0x0000};
+constexpr ModelId min_com_client{nordic, 0x0004};
+constexpr ModelId min_com_server{nordic, 0x0005};
+constexpr ModelId sensor_update_client{nordic, 0x0006};
+constexpr ModelId pos_cmd_client{nordic, 0x0008};
+constexpr ModelId pos_cmd_server{nordic, 0x0009};
+
+struct ModelPublication {
+  Address address = 0;
+  std::uint16_t app_key_index = 0;
+  bool has_friendship_credential = false;
+  std::uint8_t ttl = 0;
+  std::uint8_t period = 0;      ///< steps and resolution as on air (section 4.2.2.2)
+  std::uint8_t retransmit = 0;  ///< kept, not obeyed
+
+  bool operator==(const ModelPublication&) const = default;
+};
+
+struct Model {
+  ModelId id;
+  std::vector<std::uint16_t> bindings;  ///< application key indexes
+  ModelPublication publication{};       ///< address 0: none
+  std::vector<Address> subscriptions{};
+
+  bool operator==(const Model&) const = default;
+};
+
+struct AppKey {
+  std::uint16_t index = 0;
+  Key key{};
+
+  bool operator==(const AppKey&) const = default;
+};
+
+struct NodeConfiguration {
+  static constexpr std::size_t max_app_keys = 8;
+  static constexpr std::size_t max_subscriptions = 8;  ///< of one model
+
+  std::optional<ProvisioningData> network;  ///< nothing: not provisioned
+  Key device_key{};
+  std::vector<AppKey> app_keys;
+  std::vector<Model> models = factory_models();
+
+  static std::vector<Model> factory_models();
+  Model* find_model(ModelId id);
+  const Model* find_model(ModelId id) const;
+  const AppKey* find_app_key(std::uint16_t index) const;
+
+  bool operator==(const NodeConfiguration&) const = default;
+};
+
+/// The period of section 4.2.2.2; 0: not periodic.
+Duration publish_period(std::uint8_t octet);
+
+}  // namespace slamgw::sim::ble
