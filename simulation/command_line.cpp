@@ -81,6 +81,15 @@ void add_thread(CLI::App& app, ThreadOptions& options, std::string& gateway) {
       ->check(CLI::Range(0U, 60000U))
       ->capture_default_str();
   add_life(app, options);
+  app.add_option("--retry", options.retry_s, "Seconds until a request is repeated")
+      ->check(CLI::Range(0.01, 3600.0))
+      ->capture_default_str();
+  app.add_option("--outstanding", options.outstanding,
+                 "Requests without an answer at one time; the specification has 1")
+      ->check(CLI::Range(1U, 4U))
+      ->capture_default_str();
+  app.add_option("--record", options.record,
+                 "Write each update sent and each acknowledged into this file");
   app.add_option("--give-up-s", options.give_up_s,
                  "Exit with status 1 when no robot got connected in this time (0: never)")
       ->check(CLI::Range(0.0, 86400.0))

@@ -52,7 +52,10 @@ struct ThreadOptions {
   double roam_s = 0;          ///< 0: robots keep their addresses
   double will_updates_s = 0;  ///< 0: robots keep their wills
   double vanish = 0;          ///< part of the robots
-  double give_up_s = 60;      ///< exit 1 when no robot is connected by then; 0: never
+  double retry_s = 8;
+  unsigned outstanding = 4;
+  std::string record;     ///< a file, or nothing
+  double give_up_s = 60;  ///< exit 1 when no robot is connected by then; 0: never
 };
 
 struct BleOptions {

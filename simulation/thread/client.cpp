@@ -26,6 +26,13 @@ std::optional<Client::Outgoing> Client::next_datagram() {
   return first;
 }
 
+std::optional<Client::Event> Client::next_event() {
+  if (events_.empty()) return std::nullopt;
+  Event first = std::move(events_.front());
+  events_.pop_front();
+  return first;
+}
+
 std::optional<TimePoint> Client::deadline() const {
   switch (state_) {
     case State::waiting:
@@ -107,7 +114,7 @@ void Client::search(TimePoint now) {
   setup_.clear();
   state_ = State::searching;
   send(searchgw(1));
-  state_due_ = now + search_time;
+  state_due_ = now + std::min<Duration>(search_time, settings_.retry_interval);
 }
 
 void Client::begin(State state, TimePoint now) {
@@ -148,8 +155,8 @@ Bytes Client::state_request() const {
 /// A sleeping robot wakes after 4/5 of its duration and has the rest for three tries, within the
 /// tolerance of section 7.2.
 Duration Client::state_interval() const {
-  if (state_ == State::connecting || settings_.sleep.count() == 0) return retransmission_interval;
-  return std::min<Duration>(retransmission_interval, Duration(settings_.sleep) / 5);
+  if (state_ == State::connecting || settings_.sleep.count() == 0) return settings_.retry_interval;
+  return std::min<Duration>(settings_.retry_interval, Duration(settings_.sleep) / 5);
 }
 
 void Client::fall_asleep(TimePoint now) {

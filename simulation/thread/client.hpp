@@ -30,7 +30,7 @@ namespace slamgw::sim::sn {
 
 constexpr std::chrono::seconds retransmission_interval{8};
 constexpr unsigned transmissions = 3;        // the first and two repeats
-constexpr std::size_t max_outstanding = 4;   // Nordic's queue
+constexpr std::size_t max_outstanding = 4;   // Nordic's queue; the specification has 1
 constexpr std::size_t max_application = 25;  // the robots' FIFO of 512 bytes (thesis 6.2.2)
 constexpr std::chrono::seconds search_time{5};
 constexpr std::chrono::seconds goodbye_time{3};
@@ -49,6 +49,9 @@ struct ClientSettings {
   Duration will_interval{0};      ///< between changes of the will; 0: none
   bool resumes = false;   ///< takes up its session when told DISCONNECT; Nordic's client does not
   bool vanishes = false;  ///< ends without DISCONNECT
+  Duration retry_interval = retransmission_interval;
+  std::size_t outstanding = max_outstanding;
+  bool is_recorded = false;         ///< leaves `Event`s
   std::uint16_t predefined_id = 0;  ///< of the topic `update`, for QoS -1
 };
 
@@ -58,6 +61,13 @@ class Client {
   struct Outgoing {
     Bytes datagram;
     bool is_unacknowledged_update = false;
+  };
+
+  /// Something that happened to an update, for who checks what arrives.
+  struct Event {
+    bool is_acknowledged;  ///< else it was sent, for the first time
+    std::uint64_t number;  ///< counts the robot's updates from 1
+    Bytes payload;         ///< of what was sent; else empty
   };
 
   Client(ClientSettings settings, RobotBody body);
@@ -74,6 +84,7 @@ class Client {
 
   std::optional<TimePoint> deadline() const;
   std::optional<Outgoing> next_datagram();
+  std::optional<Event> next_event();
 
   /// All `messages` are sent and, above QoS 0, acknowledged or given up. True for a stranded robot
   /// too: it will never send again.
@@ -110,6 +121,7 @@ class Client {
   struct Message {
     Topic topic;
     Bytes payload;
+    std::uint64_t number = 0;  ///< of an update
   };
   struct Request {
     Kind kind;
@@ -118,6 +130,7 @@ class Client {
     Bytes datagram;
     TimePoint due;
     unsigned sends = 1;
+    std::uint64_t number = 0;  ///< of an update
   };
 
   // client.cpp: the session
@@ -160,6 +173,7 @@ class Client {
   std::string topic_name(Topic topic) const;
   std::uint16_t next_msg_id();
   std::vector<Request>::iterator find_request(std::uint16_t msg_id);
+  void record(bool is_acknowledged, std::uint64_t number, Bytes payload);
   void send(Bytes datagram) { outbox_.push_back({std::move(datagram), false}); }
 
   ClientSettings settings_;
@@ -177,8 +191,9 @@ class Client {
   std::optional<std::uint16_t> topic_ids_[registered_topics];
   std::deque<Setup> setup_;           ///< not yet sent; at most 6, and one for the will
   std::deque<Message> application_;   ///< at most max_application
-  std::vector<Request> outstanding_;  ///< at most max_outstanding
+  std::vector<Request> outstanding_;  ///< at most `settings_.outstanding`
   std::deque<Outgoing> outbox_;
+  std::deque<Event> events_;
   Tally tally_;
 };
 

@@ -68,8 +68,9 @@ void Client::finish(const Request& request, std::uint16_t topic_id) {
     case Kind::subscribe: return;
     case Kind::publish:
     case Kind::release:
-      if (request.topic == update) ++tally_.acknowledged;
-      return;
+      if (request.topic != update) return;
+      ++tally_.acknowledged;
+      return record(true, request.number, {});
     case Kind::will_topic: setup_.push_front({Kind::will_message, will_updated}); return;
     case Kind::will_message: ++tally_.will_updates; return;
   }
@@ -81,7 +82,7 @@ void Client::on_pubrec(const Packet& packet, TimePoint now) {
   if (request == outstanding_.end() || request->kind != Kind::publish) return;
   request->kind = Kind::release;
   request->datagram = qos2_step(Type::pubrel, packet.msg_id);
-  request->due = now + retransmission_interval;
+  request->due = now + settings_.retry_interval;
   request->sends = 1;
 }
 
@@ -118,7 +119,7 @@ void Client::repeat_requests(TimePoint now) {
     } else if (request->sends < transmissions) {
       send(request->datagram);
       ++request->sends;
-      request->due = now + retransmission_interval;
+      request->due = now + settings_.retry_interval;
       ++request;
     } else {
       give_up(*request);
@@ -144,7 +145,7 @@ void Client::ping(TimePoint now) {
   if (ping_sends_ >= transmissions) return search(now);
   send(pingreq(settings_.client_id));
   ++ping_sends_;
-  ping_due_ = now + retransmission_interval;
+  ping_due_ = now + settings_.retry_interval;
 }
 
 void Client::produce(TimePoint now) {
@@ -160,20 +161,21 @@ void Client::produce(TimePoint now) {
   if (is_full) {
     ++tally_.lost;
   } else {
-    application_.push_back({update, std::move(payload)});
+    application_.push_back({update, std::move(payload), produced_});
   }
 }
 
 void Client::fill(TimePoint now) {
   if (state_ != State::active) return;
-  while (outstanding_.size() < max_outstanding && !setup_.empty()) {
+  while (outstanding_.size() < settings_.outstanding && !setup_.empty()) {
     const Setup setup = setup_.front();
     setup_.pop_front();
     start_setup(setup, now);
   }
   if (!topic_ids_[adv] || !topic_ids_[update]) return;
   if (!next_update_ && produced_ == 0) next_update_ = now;
-  while (!application_.empty() && (settings_.qos == 0 || outstanding_.size() < max_outstanding)) {
+  while (!application_.empty() &&
+         (settings_.qos == 0 || outstanding_.size() < settings_.outstanding)) {
     start_publish(now);
   }
   const bool is_idle = setup_.empty() && outstanding_.empty() && application_.empty();
@@ -200,7 +202,7 @@ void Client::start_setup(Setup setup, TimePoint now) {
   Bytes datagram = setup_request(setup, msg_id);
   send(datagram);
   outstanding_.push_back(
-      {setup.kind, setup.topic, msg_id, std::move(datagram), now + retransmission_interval});
+      {setup.kind, setup.topic, msg_id, std::move(datagram), now + settings_.retry_interval});
 }
 
 Bytes Client::setup_request(const Setup& setup, std::uint16_t msg_id) const {
@@ -217,25 +219,33 @@ Bytes Client::setup_request(const Setup& setup, std::uint16_t msg_id) const {
 }
 
 void Client::start_publish(TimePoint now) {
-  const Message message = std::move(application_.front());
+  Message message = std::move(application_.front());
   application_.pop_front();
   const bool is_update = message.topic == update;
   const auto qos = static_cast<unsigned>(settings_.qos);
   const std::uint16_t msg_id = qos == 0 ? std::uint16_t{0} : next_msg_id();
   Bytes datagram = publish(qos, *topic_ids_[message.topic], msg_id, message.payload);
   outbox_.push_back({datagram, is_update && qos == 0});
-  if (is_update) ++tally_.sent;
+  if (is_update) {
+    ++tally_.sent;
+    record(false, message.number, std::move(message.payload));
+  }
   if (qos == 0) return;
-  outstanding_.push_back(
-      {Kind::publish, message.topic, msg_id, std::move(datagram), now + retransmission_interval});
+  outstanding_.push_back({Kind::publish, message.topic, msg_id, std::move(datagram),
+                          now + settings_.retry_interval, 1, message.number});
 }
 
 void Client::publish_unconnected() {
   for (; !application_.empty(); application_.pop_front()) {
-    const Bytes& payload = application_.front().payload;
-    outbox_.push_back({sn::publish_unconnected(settings_.predefined_id, payload), true});
+    Message& message = application_.front();
+    outbox_.push_back({sn::publish_unconnected(settings_.predefined_id, message.payload), true});
     ++tally_.sent;
+    record(false, message.number, std::move(message.payload));
   }
+}
+
+void Client::record(bool is_acknowledged, std::uint64_t number, Bytes payload) {
+  if (settings_.is_recorded) events_.push_back({is_acknowledged, number, std::move(payload)});
 }
 
 /// The wills are outside `update`, because old servers would draw their octets as positions.

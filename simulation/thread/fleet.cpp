@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulation/thread/fleet.hpp"
 
-#include <fmt/core.h>
+#include <fmt/format.h>
 #include <sys/resource.h>
 
 #include <boost/asio/signal_set.hpp>
 #include <cmath>
 #include <deque>
+#include <fstream>
+#include <stdexcept>
 
 #include "simulation/thread/robot_socket.hpp"
 
@@ -46,6 +48,7 @@ class Fleet {
   ClientSettings settings_of(unsigned number) const;
   void add_robot(unsigned number, const asio::ip::udp::endpoint& gateway);
   void on_change(RobotSocket& robot);
+  void record(RobotSocket& robot);
   void on_all_done();
   void stop_all();
   void report_progress();
@@ -59,6 +62,7 @@ class Fleet {
   asio::steady_timer progress_{io_};
   asio::steady_timer patience_{io_};
   std::deque<RobotSocket> robots_;
+  std::ofstream record_;
   std::size_t done_ = 0;
   std::size_t finished_ = 0;
   bool is_stopping_ = false;
@@ -66,6 +70,10 @@ class Fleet {
 
 Fleet::Fleet(const ThreadOptions& options, const asio::ip::udp::endpoint& gateway)
     : options_(options) {
+  if (!options.record.empty()) {
+    record_.open(options.record);
+    if (!record_) throw std::runtime_error(options.record + " can't be written");
+  }
   for (unsigned number = 1; number <= options.common.robots; ++number) add_robot(number, gateway);
 }
 
@@ -88,6 +96,9 @@ ClientSettings Fleet::settings_of(unsigned number) const {
   settings.will_interval = to_duration(options_.will_updates_s);
   settings.resumes = options_.sleep_s > 0 || options_.roam_s > 0;
   settings.vanishes = is_among(number, options_.vanish);
+  settings.retry_interval = to_duration(options_.retry_s);
+  settings.outstanding = options_.outstanding;
+  settings.is_recorded = !options_.record.empty();
   settings.predefined_id = static_cast<std::uint16_t>(number);
   return settings;
 }
@@ -129,7 +140,17 @@ int Fleet::run() {
   return unreachable;
 }
 
+void Fleet::record(RobotSocket& robot) {
+  while (const auto event = robot.next_event()) {
+    record_ << (event->is_acknowledged ? "acknowledged " : "sent ") << robot.client().id() << ' '
+            << event->number;
+    if (!event->is_acknowledged) record_ << fmt::format(" {:02x}", fmt::join(event->payload, ""));
+    record_ << '\n';
+  }
+}
+
 void Fleet::on_change(RobotSocket& robot) {
+  record(robot);
   if (!robot.is_counted_done && robot.client().has_sent_everything()) {
     robot.is_counted_done = true;
     if (robot.client().is_stranded()) {
@@ -195,7 +216,7 @@ int run_fleet(const ThreadOptions& options) {
   }
   try {
     return Fleet(options, found.begin()->endpoint()).run();
-  } catch (const boost::system::system_error& failure) {
+  } catch (const std::runtime_error& failure) {  // a socket, or the record
     fmt::print(stderr, "slam-gateway-sim: {}\n", failure.what());
     return unreachable;
   }

@@ -212,7 +212,7 @@ TEST(SnGateway, R125_WakesARobotThatBeganWithACleanSession) {
   rig.send(2, Connect{false, false, 1, 60, "r1"});
   EXPECT_EQ(rig.sent_to(2), (Lines{"CONNACK code=0", "REGISTER id=2 msg=1 topic=a/x"}));
   rig.publish(2, up, 0, 0);
-  EXPECT_EQ(rig.reports.size(), 1U) << "it knows its topics";
+  ASSERT_EQ(rig.reports.size(), 1U) << "it knows its topics";
   rig.pass_s(200);
   EXPECT_EQ(rig.reports.back().topic, "ntnu-slam/robot/r1/gone") << "and has its will";
 }

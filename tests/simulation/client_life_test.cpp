@@ -193,6 +193,38 @@ TEST_F(LifeTest, HasOneChangeOfItsWillOpenAtATime) {
   EXPECT_EQ(take(Type::willtopicupd).size(), 2U) << "repeats, no second change";
 }
 
+TEST_F(LifeTest, HasOneRequestOutstandingWhenAskedTo) {
+  settings_.outstanding = 1;
+  settings_.retry_interval = seconds{1};
+  begin(1, 3);
+  connect_client();
+  EXPECT_EQ(take().size(), 1U);
+  pass(seconds{1});
+  EXPECT_EQ(take().size(), 1U) << "the same again";
+}
+
+TEST_F(LifeTest, RecordsUpdatesAndTheirAcknowledgements) {
+  settings_.is_recorded = true;
+  begin(1, 2);
+  connect_client();
+  register_topics();
+  pass(milliseconds{200});
+  const std::vector<Bytes> publishes = take(Type::publish);
+  ASSERT_EQ(publishes.size(), 3U);
+  acknowledge_all({publishes[0], publishes[2]});
+  RobotBody body(1, 1);
+  for (const std::uint64_t number : {1U, 2U}) {
+    const auto event = client_->next_event();
+    EXPECT_FALSE(event->is_acknowledged);
+    EXPECT_EQ(event->number, number);
+    EXPECT_EQ(event->payload, body.next_update());
+  }
+  const auto acknowledged = client_->next_event();
+  EXPECT_TRUE(acknowledged->is_acknowledged);
+  EXPECT_EQ(acknowledged->number, 2U);
+  EXPECT_FALSE(client_->next_event().has_value()) << "the other update was not acknowledged";
+}
+
 TEST_F(LifeTest, VanishesWithoutAWord) {
   settings_.vanishes = true;
   settle();
