@@ -62,6 +62,7 @@ App::App(Config config, std::string config_file)
                  outbox.on_store_event(std::move(event), now);
                });
              }),
+      session_store_(io_, config_.store.directory, [this](Notice notice) { perform(notice); }),
       upstream_(io_, config_.broker, {scheme_.state_topic(), R"({"state":"offline"})"}, *this),
       broker_log_(broker_uri(config_.broker)),
       sampler_(config_.log.traffic) {}
@@ -88,7 +89,7 @@ void App::start_meshes() {
   if (config_.mqttsn.enabled) {
     TopicPolicy policy(scheme_, config_.topics.extra_publish, config_.topics.extra_subscribe);
     meshes_[static_cast<std::size_t>(Mesh::thread)] = std::make_unique<mqttsn::MqttsnAdapter>(
-        io_, config_.mqttsn, std::move(policy), names, *this);
+        io_, config_.mqttsn, std::move(policy), names, *this, &session_store_);
   }
   if (config_.ble_mesh.enabled) {
     meshes_[static_cast<std::size_t>(Mesh::ble)] = std::make_unique<ble::BleMeshAdapter>(
@@ -145,7 +146,7 @@ void App::stop() {
   stats_timer_.cancel();
   control_.reset();
   for (auto& adapter : meshes_) {
-    if (adapter) adapter->stop();
+    if (adapter) adapter->stop_listening();
   }
   // While the broker is away its last will has said the same.
   if (broker_log_.is_up()) drive([](Gateway& gateway, const Now&) { gateway.on_stop(); });
@@ -160,9 +161,13 @@ void App::stop_when_flushed(TimePoint give_up_at) {
                 fmt::format("{} messages are neither with the broker nor in the store",
                             outbox_.unsaved()));
     }
+    for (auto& adapter : meshes_) {
+      if (adapter) adapter->stop();
+    }
     outbox_driver_.stop();
     upstream_.stop();
     store_.stop();
+    session_store_.stop();
     io_.stop();
     return;
   }

@@ -20,6 +20,7 @@
 #include "daemon/operations/traffic_log.hpp"
 #include "daemon/pending_sends.hpp"
 #include "daemon/runtime/machine_driver.hpp"
+#include "daemon/store/sqlite_session_store.hpp"
 #include "daemon/upstream/outbox.hpp"
 #include "daemon/upstream/paho_upstream.hpp"
 #include "daemon/upstream/sqlite_store.hpp"
@@ -92,6 +93,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   Outbox outbox_;
   MachineDriver<Outbox> outbox_driver_;
   SqliteStore store_;
+  SqliteSessionStore session_store_;
   PahoUpstream upstream_;
   LinkLog broker_log_;
   std::unique_ptr<MeshAdapter> meshes_[2];  // by Mesh; nothing when not enabled

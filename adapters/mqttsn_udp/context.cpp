@@ -42,9 +42,10 @@ void Context::set_dirty(const ClientSession& session) {
   if (dirty_.size() < limits::max_dirty) dirty_.insert(session.client_id);
 }
 
-std::vector<std::string> Context::take_dirty() {
-  std::vector<std::string> ids(dirty_.begin(), dirty_.end());
-  dirty_.clear();
+std::vector<std::string> Context::take_dirty(std::size_t max) {
+  std::vector<std::string> ids;
+  while (!dirty_.empty() && ids.size() < max)
+    ids.push_back(std::move(dirty_.extract(dirty_.begin()).value()));
   return ids;
 }
 

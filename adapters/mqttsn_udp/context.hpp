@@ -44,7 +44,9 @@ class Context {
 
   /// Something that must survive a restart has changed.
   void set_dirty(const ClientSession& session);
-  std::vector<std::string> take_dirty();
+  bool has_dirty() const { return !dirty_.empty(); }
+  /// At most `max`.
+  std::vector<std::string> take_dirty(std::size_t max);
 
   bool is_full_silent() const { return settings.when_full == WhenFull::silent; }
 

@@ -21,16 +21,30 @@ constexpr std::chrono::seconds watch_interval{10};
 }  // namespace
 
 MqttsnAdapter::MqttsnAdapter(asio::io_context& io, Settings settings, TopicPolicy policy,
-                             RobotNames names, MeshListener& listener)
+                             RobotNames names, MeshListener& listener, SessionStore* sessions)
     : settings_(std::move(settings)),
       listener_(listener),
       io_(io),
       gateway_(settings_, std::move(policy), std::move(names)),
       driver_(io, gateway_, [this](Action& action) { perform(action); }),
       interface_watch_(std::make_shared<InterfaceWatch>(io)),
-      watch_timer_(io) {}
+      watch_timer_(io) {
+  if (sessions) keeper_.emplace(io, gateway_, *sessions);
+}
+
+/// Each input may change sessions; what time alone changes shows in an event (perform).
+template <class Change>
+void MqttsnAdapter::input(Change&& change) {
+  driver_.input(std::forward<Change>(change));
+  if (keeper_) keeper_->look();
+}
 
 void MqttsnAdapter::start() {
+  if (keeper_) {
+    const SessionKeeper::Restored restored = keeper_->restore(read_clocks().mono);
+    if (!restored.text.empty())
+      listener_.on_mesh_event(Notice{restored.severity, restored.text, {}});
+  }
   interface_index_ = interface_index(settings_.interface);
   if (settings_.interface.empty() || interface_index_ != 0) {
     open();
@@ -39,12 +53,17 @@ void MqttsnAdapter::start() {
   }
   interface_watch_->start([this] { look_at_interfaces_in(change_settles); });
   watch_interfaces();
-  driver_.input([](SnGateway&, TimePoint) {});  // what restored sessions have to say
+  input([](SnGateway&, TimePoint) {});  // what restored sessions have to say
+}
+
+void MqttsnAdapter::stop_listening() {
+  for (const auto& socket : sockets_) socket->stop_receiving();
 }
 
 /// No goodbye: clients are to notice nothing of a restart.
 void MqttsnAdapter::stop() {
   driver_.stop();
+  if (keeper_) keeper_->stop();
   interface_watch_->stop();
   watch_timer_.cancel();
   close();
@@ -68,23 +87,21 @@ void MqttsnAdapter::close() {
 }
 
 void MqttsnAdapter::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome) {
-  driver_.input(
-      [&](SnGateway& gateway, TimePoint now) { gateway.on_receipt(receipt_id, outcome, now); });
+  input([&](SnGateway& gateway, TimePoint now) { gateway.on_receipt(receipt_id, outcome, now); });
 }
 
 void MqttsnAdapter::on_broker_message(const BrokerMessage& message) {
-  driver_.input(
-      [&](SnGateway& gateway, TimePoint now) { gateway.on_broker_message(message, now); });
+  input([&](SnGateway& gateway, TimePoint now) { gateway.on_broker_message(message, now); });
 }
 
 void MqttsnAdapter::on_subscribe_result(const std::string& filter, bool granted) {
-  driver_.input([&](SnGateway& gateway, TimePoint now) {
+  input([&](SnGateway& gateway, TimePoint now) {
     gateway.on_subscribe_result(filter, granted, now);
   });
 }
 
 void MqttsnAdapter::on_broker_link(bool is_up) {
-  driver_.input([&](SnGateway& gateway, TimePoint now) { gateway.on_broker_link(is_up, now); });
+  input([&](SnGateway& gateway, TimePoint now) { gateway.on_broker_link(is_up, now); });
 }
 
 Counters MqttsnAdapter::counters() const {
@@ -103,10 +120,6 @@ std::vector<std::uint16_t> MqttsnAdapter::bound_ports() const {
   return ports;
 }
 
-bool MqttsnAdapter::restore(const SessionSnapshot& snapshot) {
-  return gateway_.restore(snapshot, read_clocks().mono);
-}
-
 void MqttsnAdapter::on_datagram(std::uint8_t socket, const UdpSocket::Datagram& datagram) {
   if (datagram.is_truncated) ++truncated_;  // too long for the machine too, which counts it
   LocalAddress to{datagram.to, datagram.interface, socket};
@@ -115,7 +128,7 @@ void MqttsnAdapter::on_datagram(std::uint8_t socket, const UdpSocket::Datagram& 
         choose_source(addresses_of_interface(datagram.interface), datagram.from.address);
     to.address = source.value_or(IpAddress{});
   }
-  driver_.input([&](SnGateway& gateway, TimePoint now) {
+  input([&](SnGateway& gateway, TimePoint now) {
     gateway.on_datagram(datagram.from, to, datagram.bytes, now);
   });
 }
@@ -147,7 +160,10 @@ void MqttsnAdapter::perform(SendMulticast& action) {
   }
 }
 
-void MqttsnAdapter::perform(MeshEvent& event) { listener_.on_mesh_event(std::move(event)); }
+void MqttsnAdapter::perform(MeshEvent& event) {
+  listener_.on_mesh_event(std::move(event));
+  if (keeper_) keeper_->look();
+}
 
 void MqttsnAdapter::watch_interfaces() {
   if (!settings_.interface.empty()) follow_interface();

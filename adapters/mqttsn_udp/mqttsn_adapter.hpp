@@ -6,10 +6,12 @@
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/steady_timer.hpp>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "adapters/mqttsn_udp/interface_watch.hpp"
+#include "adapters/mqttsn_udp/session_keeper.hpp"
 #include "adapters/mqttsn_udp/sn_gateway.hpp"
 #include "adapters/mqttsn_udp/udp_socket.hpp"
 #include "daemon/core/adapter.hpp"
@@ -19,10 +21,12 @@ namespace slamgw::mqttsn {
 
 class MqttsnAdapter final : public MeshAdapter {
  public:
+  /// `sessions` may be null: none outlives the daemon then. It and `listener` outlive the adapter.
   MqttsnAdapter(boost::asio::io_context& io, Settings settings, TopicPolicy policy,
-                RobotNames names, MeshListener& listener);
+                RobotNames names, MeshListener& listener, SessionStore* sessions = nullptr);
 
   void start() override;
+  void stop_listening() override;
   void stop() override;
   void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome) override;
   void on_broker_message(const BrokerMessage& message) override;
@@ -35,14 +39,9 @@ class MqttsnAdapter final : public MeshAdapter {
   SnGateway::ClientCounts client_counts() const { return gateway_.client_counts(); }
   std::size_t queued_for(const std::string& robot) const { return gateway_.queued_for(robot); }
 
-  /// Sessions that outlive the daemon; `restore` before start().
-  std::vector<std::string> take_dirty_sessions() { return gateway_.take_dirty(); }
-  std::optional<SessionSnapshot> snapshot(const std::string& client_id) const {
-    return gateway_.snapshot(client_id);
-  }
-  bool restore(const SessionSnapshot& snapshot);
-
  private:
+  template <class Change>
+  void input(Change&& change);
   void on_datagram(std::uint8_t socket, const UdpSocket::Datagram& datagram);
   void perform(Action& action);
   void perform(SendDatagram& action);
@@ -62,6 +61,7 @@ class MqttsnAdapter final : public MeshAdapter {
   boost::asio::io_context& io_;
   SnGateway gateway_;
   MachineDriver<SnGateway> driver_;
+  std::optional<SessionKeeper> keeper_;
   std::vector<std::shared_ptr<UdpSocket>> sockets_;  // none while the interface is away
   std::uint32_t interface_index_ = 0;
   std::shared_ptr<InterfaceWatch> interface_watch_;

@@ -35,6 +35,8 @@ class RepeatFilter {
   /// Forgets it: its repetition is a new message.
   std::optional<Entry> on_refused(std::uint64_t receipt_id);
   void clear() { entries_.clear(); }
+  /// Oldest first; some may be older than the window.
+  const std::deque<Entry>& entries() const { return entries_; }
 
  private:
   std::deque<Entry>::iterator find_receipt(std::uint64_t receipt_id);

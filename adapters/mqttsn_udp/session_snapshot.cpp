@@ -65,7 +65,7 @@ void restore_messages(const SessionSnapshot& snapshot, ClientSession& session) {
 
 }  // namespace
 
-SessionSnapshot to_snapshot(const ClientSession& session) {
+SessionSnapshot to_snapshot(const ClientSession& session, TimePoint now) {
   SessionSnapshot out;
   out.client_id = session.client_id;
   out.robot = session.robot;
@@ -82,6 +82,11 @@ SessionSnapshot to_snapshot(const ClientSession& session) {
   add_messages(session.delivery, out.messages);
   for (const auto& [msg_id, inbound] : session.inbound_qos2) {
     if (inbound.receipt_id == 0) out.inbound_qos2.emplace_back(msg_id, inbound.fingerprint);
+  }
+  for (const RepeatFilter::Entry& entry : session.repeats.entries()) {
+    const auto age = std::chrono::duration_cast<std::chrono::milliseconds>(now - entry.came);
+    if (entry.receipt_id == 0 && age <= limits::repeat_window)
+      out.repeats.push_back({entry.msg_id, entry.topic_id, entry.fingerprint, age});
   }
   out.last_msg_id = session.delivery.last_msg_id;
   return out;
@@ -106,6 +111,8 @@ void apply(const SessionSnapshot& snapshot, ClientSession& session, TimePoint no
     subscription.topic_id = s.topic_id;
     session.subscriptions.emplace(s.filter, std::move(subscription));
   }
+  for (const RepeatSnapshot& repeat : snapshot.repeats)
+    session.repeats.add({repeat.fingerprint, now - repeat.age, 0, repeat.topic_id, repeat.msg_id});
   for (const auto& [msg_id, mark] : snapshot.inbound_qos2) session.inbound_qos2[msg_id] = {mark, 0};
   restore_messages(snapshot, session);
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What of a session survives a restart of the daemon (R47, contract section 6, promise 7), as
 // values that a store can write. Not: acknowledgements owed for messages that were not safe yet
-// (the robot repeats them), and the window of R76.
+// (the robot repeats them).
 #pragma once
 
 #include <string>
@@ -29,6 +29,14 @@ struct MessageSnapshot {
   bool is_released = false;  ///< QoS 2: PUBREC came, PUBREL is due
 };
 
+/// A message that was acknowledged lately: its repetition is none of the core's concern (R76).
+struct RepeatSnapshot {
+  std::uint16_t msg_id = 0;
+  std::uint16_t topic_id = 0;
+  std::uint64_t fingerprint = 0;
+  std::chrono::milliseconds age{0};  ///< when the snapshot was taken
+};
+
 struct SessionSnapshot {
   std::string client_id;
   std::string robot;
@@ -43,10 +51,11 @@ struct SessionSnapshot {
   std::vector<SubscriptionSnapshot> subscriptions;
   std::vector<MessageSnapshot> messages;
   std::vector<std::pair<std::uint16_t, std::uint64_t>> inbound_qos2;  ///< MsgId, fingerprint
+  std::vector<RepeatSnapshot> repeats;                                ///< oldest first
   std::uint16_t last_msg_id = 0;
 };
 
-SessionSnapshot to_snapshot(const ClientSession& session);
+SessionSnapshot to_snapshot(const ClientSession& session, TimePoint now);
 /// Fills a fresh session; its binding, timers and broker subscriptions are the caller's.
 void apply(const SessionSnapshot& snapshot, ClientSession& session, TimePoint now);
 

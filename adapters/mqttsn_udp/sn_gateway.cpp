@@ -73,10 +73,15 @@ std::size_t SnGateway::queued_for(const std::string& robot) const {
   return session->delivery.queue.size() + (session->delivery.in_flight ? 1 : 0);
 }
 
-std::optional<SessionSnapshot> SnGateway::snapshot(const std::string& client_id) const {
+void SnGateway::set_all_dirty() {
+  for (const auto& [id, session] : context_.clients.all()) context_.set_dirty(*session);
+}
+
+std::optional<SessionSnapshot> SnGateway::snapshot(const std::string& client_id,
+                                                   TimePoint now) const {
   const ClientSession* session = context_.clients.find(client_id);
   if (!session) return std::nullopt;
-  return to_snapshot(*session);
+  return to_snapshot(*session, now);
 }
 
 bool SnGateway::restore(const SessionSnapshot& snapshot, TimePoint now) {

@@ -41,10 +41,14 @@ class SnGateway {
   /// Messages waiting for this robot, the one in flight included.
   std::size_t queued_for(const std::string& robot) const;
 
-  /// The clients whose sessions have changed since the last call, or ended.
-  std::vector<std::string> take_dirty() { return context_.take_dirty(); }
+  /// The clients whose sessions have changed or ended and were not taken yet, at most `max`.
+  std::vector<std::string> take_dirty(std::size_t max) { return context_.take_dirty(max); }
+  bool has_dirty() const { return context_.has_dirty(); }
+  /// All sessions are to be taken again, for what changes too often to be marked each time (the
+  /// window of R76).
+  void set_all_dirty();
   /// Nothing: there is no such session any more.
-  std::optional<SessionSnapshot> snapshot(const std::string& client_id) const;
+  std::optional<SessionSnapshot> snapshot(const std::string& client_id, TimePoint now) const;
   /// Before the first datagram. The client goes on as if nothing had happened. False when it can't
   /// be taken (known already, no room, or another name for the client by now).
   bool restore(const SessionSnapshot& snapshot, TimePoint now);

@@ -122,6 +122,10 @@ void Subscriptions::drop_all(ClientSession& session) {
 }
 
 void Subscriptions::restore(ClientSession& session) {
+  std::erase_if(session.subscriptions, [&](const auto& entry) {
+    return !is_valid_filter(entry.first) ||
+           !context_.policy.may_subscribe(session.client_id, session.robot, entry.first);
+  });
   for (auto& [filter, subscription] : session.subscriptions) {
     subscribers_[filter].push_back({&session, &subscription});
     open_[filter].push_back({});

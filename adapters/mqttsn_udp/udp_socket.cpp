@@ -173,6 +173,8 @@ void UdpSocket::start(Receive receive) {
   wait();
 }
 
+void UdpSocket::stop_receiving() { receive_ = nullptr; }
+
 void UdpSocket::close() {
   boost::system::error_code ignored;
   socket_.close(ignored);
@@ -181,17 +183,17 @@ void UdpSocket::close() {
 void UdpSocket::wait() {
   socket_.async_wait(udp::socket::wait_read,
                      [this, alive = shared_from_this()](boost::system::error_code error) {
-                       if (error || !socket_.is_open()) return;
+                       if (error || !socket_.is_open() || !receive_) return;
                        for (int i = 0; i < max_datagrams_per_wake_up && receive_one(); ++i) {
                        }
-                       if (socket_.is_open()) wait();
+                       if (socket_.is_open() && receive_) wait();
                      });
 }
 
 /// False when nothing is waiting. Errors of earlier sends (a port unreachable) come up here too and
 /// mean nothing for a server.
 bool UdpSocket::receive_one() {
-  if (!socket_.is_open()) return false;
+  if (!socket_.is_open() || !receive_) return false;
   sockaddr_storage from{};
   alignas(cmsghdr) std::uint8_t control[control_octets];
   iovec part{buffer_.data(), buffer_.size()};

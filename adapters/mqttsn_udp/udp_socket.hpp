@@ -35,6 +35,8 @@ class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
   /// From now on `receive` is called for each datagram, a bounded number each time the loop comes
   /// by. It may call `send`.
   void start(Receive receive);
+  /// `send` still works.
+  void stop_receiving();
   void close();
 
   /// Never blocks: what the kernel does not take is lost, as datagrams are. False then.
@@ -62,7 +64,7 @@ class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
   std::uint16_t port_ = 0;
   std::uint32_t kernel_drops_ = 0;
   Bytes buffer_;
-  Receive receive_;
+  Receive receive_;  ///< empty: nothing is received
 };
 
 /// Conversions, for the shell and its tests.

@@ -26,6 +26,9 @@ class MeshAdapter {
   /// Opens its sockets or port and keeps them open from then on, retrying by itself. Throws
   /// std::runtime_error only for what an operator must mend (an address in use).
   virtual void start() = 0;
+  /// The daemon is about to end: hears nothing new where it can be avoided, but still acknowledges
+  /// what it has heard.
+  virtual void stop_listening() {}
   /// Orderly end: says goodbye where the protocol has one, closes everything. No events after it
   /// returns.
   virtual void stop() = 0;

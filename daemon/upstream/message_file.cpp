@@ -2,10 +2,11 @@
 #include "daemon/upstream/message_file.hpp"
 
 #include <fmt/format.h>
-#include <sqlite3.h>
 
 #include <algorithm>
 #include <chrono>
+
+#include "daemon/store/store_file.hpp"
 
 namespace slamgw {
 namespace {
@@ -25,56 +26,24 @@ Duration age_of(std::int64_t stored_at, std::int64_t now) {
   return std::chrono::milliseconds{std::max<std::int64_t>(0, now - stored_at)};
 }
 
-/// Nothing is written before we know that the file is ours and sound. True when it is still empty.
-bool check(SqliteDatabase& database) {
-  const std::int64_t found = database.query_number("PRAGMA user_version");
-  if (found > MessageFile::version) {
-    throw ForeignFile(
-        fmt::format("it was written by a newer version (format {}, this one knows {})", found,
-                    MessageFile::version));
-  }
-  if (found == 0) {
-    if (database.query_number("SELECT count(*) FROM sqlite_master") == 0) return true;
-    throw ForeignFile("it is some other program's database");
-  }
-  const std::string answer = database.query_text("PRAGMA quick_check(1)");
-  if (answer != "ok") throw SqliteError(SQLITE_CORRUPT, answer);
-  const std::int64_t columns = database.query_number(
-      "SELECT count(*) FROM pragma_table_info('messages') WHERE name IN "
-      "('row', 'topic', 'payload', 'qos', 'retain', 'stored_at')");
-  if (columns != 6) throw SqliteError(SQLITE_CORRUPT, "the table of messages is not there");
-  return false;
-}
-
-void create_table(SqliteDatabase& database) {
-  SqliteTransaction transaction(database);
-  database.execute(
-      "CREATE TABLE messages(row INTEGER PRIMARY KEY, topic TEXT NOT NULL, payload BLOB NOT NULL, "
-      "qos INTEGER NOT NULL, retain INTEGER NOT NULL, stored_at INTEGER NOT NULL)");
-  database.execute(fmt::format("PRAGMA user_version = {}", MessageFile::version).c_str());
-  transaction.commit();
-}
+constexpr StoreFormat format{
+    MessageFile::version,
+    "CREATE TABLE messages(row INTEGER PRIMARY KEY, topic TEXT NOT NULL, payload BLOB NOT NULL, "
+    "qos INTEGER NOT NULL, retain INTEGER NOT NULL, stored_at INTEGER NOT NULL)",
+    "messages",
+    "'row', 'topic', 'payload', 'qos', 'retain', 'stored_at'",
+    6,
+    store_page_bytes};
 
 SqliteDatabase open(const std::string& path, std::uint64_t max_bytes) {
-  SqliteDatabase database(path, MessageFile::busy_wait_ms);
-  database.keep_log_on_close(true);
-  database.execute("PRAGMA locking_mode = EXCLUSIVE");
-  const bool is_empty = check(database);
-  database.keep_log_on_close(false);
-
-  if (is_empty) database.execute(fmt::format("PRAGMA page_size = {}", store_page_bytes).c_str());
-  if (database.query_text("PRAGMA journal_mode = WAL") != "wal") {
-    throw SqliteError(SQLITE_IOERR, "the file system does not allow a write-ahead log");
-  }
+  SqliteDatabase database = open_store_file(path, format);
   database.execute("PRAGMA synchronous = FULL");
-  database.execute("PRAGMA temp_store = MEMORY");
   const std::uint64_t pages = (max_bytes + slack_bytes) / store_page_bytes;
   const std::uint64_t log_pages = std::clamp<std::uint64_t>(pages / 16, 64, 1000);
   database.execute(fmt::format("PRAGMA max_page_count = {}; PRAGMA wal_autocheckpoint = {}; "
                                "PRAGMA journal_size_limit = {}",
                                pages, log_pages, log_pages * store_page_bytes)
                        .c_str());
-  if (is_empty) create_table(database);
   return database;
 }
 

@@ -9,25 +9,16 @@
 #pragma once
 
 #include <cstdint>
-#include <stdexcept>
 #include <string>
 
+#include "daemon/store/sqlite.hpp"
 #include "daemon/upstream/message_store.hpp"
-#include "daemon/upstream/sqlite.hpp"
 
 namespace slamgw {
-
-/// The file is not ours to change; what() says why.
-class ForeignFile : public std::runtime_error {
- public:
-  using std::runtime_error::runtime_error;
-};
 
 class MessageFile {
  public:
   static constexpr int version = 1;
-  /// How long a predecessor that is still closing is waited for.
-  static constexpr int busy_wait_ms = 3000;
 
   /// Opens an existing file of ours, or makes an empty one ours. `max_bytes` (and a transaction
   /// more) bounds it; the log beside it stays within a few MiB. Throws SqliteError and ForeignFile.

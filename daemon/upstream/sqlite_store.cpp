@@ -1,48 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/upstream/sqlite_store.hpp"
 
-#include <fcntl.h>
-#include <fmt/chrono.h>
 #include <fmt/format.h>
-#include <sys/stat.h>
-#include <unistd.h>
 
 #include <boost/asio/post.hpp>
 #include <cassert>
-#include <cerrno>
-#include <cstring>
-#include <filesystem>
 #include <utility>
 
+#include "daemon/store/store_file.hpp"
+
 namespace slamgw {
-namespace {
-
-[[noreturn]] void fail(const std::string& what) {
-  throw std::runtime_error(fmt::format("{}: {}", what, std::strerror(errno)));
-}
-
-void make_directory(const std::string& directory) {
-  std::error_code error;
-  std::filesystem::create_directories(std::filesystem::path(directory).parent_path(), error);
-  if (mkdir(directory.c_str(), 0700) != 0 && errno != EEXIST) fail(directory);
-}
-
-/// SQLite would make it readable for everybody; its log takes over the mode. The directory is
-/// synchronised, so that a new file survives a power cut.
-void make_file(const std::string& directory, const std::string& path) {
-  const int file = ::open(path.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
-  if (file < 0) {
-    if (errno != EEXIST) fail(path);
-    return;
-  }
-  close(file);
-  const int entry = ::open(directory.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  if (entry < 0) return;
-  fsync(entry);
-  close(entry);
-}
-
-}  // namespace
 
 SqliteStore::SqliteStore(boost::asio::io_context& io, StoreSettings settings,
                          std::function<void(StoreEvent)> on_event)
@@ -146,8 +113,7 @@ void SqliteStore::open() {
 }
 
 void SqliteStore::try_to_open() {
-  make_directory(settings_.directory);
-  make_file(settings_.directory, path_);
+  make_store_file(settings_.directory, path_);
   file_.emplace(path_, settings_.max_bytes);
   StoreOpened opened;
   try {
@@ -156,7 +122,6 @@ void SqliteStore::try_to_open() {
     file_.reset();
     throw;
   }
-  chmod(path_.c_str(), 0600);
   if (!std::exchange(why_absent_, {}).empty()) {
     post(Notice{Severity::notice, fmt::format("the store {} could be opened now", path_), {}});
   }
@@ -181,13 +146,7 @@ void SqliteStore::go_without(const std::string& why) {
 
 void SqliteStore::move_aside(const std::string& why) {
   file_.reset();
-  const auto now =
-      std::chrono::time_point_cast<std::chrono::seconds>(std::chrono::system_clock::now());
-  const std::string aside = fmt::format("{}.corrupt-{:%Y%m%dT%H%M%SZ}", path_, fmt::gmtime(now));
-  for (const char* const part : {"-wal", "-shm", ""}) {
-    std::error_code ignored;  // the log need not exist; what cannot be moved cannot be opened
-    std::filesystem::rename(path_ + part, aside + part, ignored);
-  }
+  const std::string aside = move_store_file_aside(path_);
   post(
       Notice{Severity::error,
              fmt::format("the store {} is damaged ({}): moved to {} and begun anew; messages in it "

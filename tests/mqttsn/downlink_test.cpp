@@ -121,11 +121,11 @@ TEST(SnGateway, R90_NumbersItsMessagesForEachClientWithoutZero) {
   DownlinkRig before;
   before.connect(2, "r2");
   before.subscribe(2, "a/x", 1);
-  auto worn = *before.gateway.snapshot("r1");
+  auto worn = *before.gateway.snapshot("r1", before.now);
   worn.last_msg_id = 65534;
   SnRig rig;
   ASSERT_TRUE(rig.gateway.restore(worn, rig.now));
-  ASSERT_TRUE(rig.gateway.restore(*before.gateway.snapshot("r2"), rig.now));
+  ASSERT_TRUE(rig.gateway.restore(*before.gateway.snapshot("r2", before.now), rig.now));
   for (const std::uint16_t msg_id : {std::uint16_t{65535}, std::uint16_t{1}, std::uint16_t{2}}) {
     rig.broker("a/x", "x", 1);
     EXPECT_NE(rig.last_to(1).find("msg=" + std::to_string(msg_id) + " "), std::string::npos);

@@ -76,7 +76,7 @@ class Walk {
         launch({arrival.n, true, encode(answer)});
       return;
     }
-    const auto before = rig_.gateway.snapshot(clients_[arrival.n].id());
+    const auto before = rig_.gateway.snapshot(clients_[arrival.n].id(), rig_.now);
     const bool sleeps = before && before->state == ClientState::asleep;  // or is awake for a while
     const Packet packet = *decode(arrival.octets);
     if (std::holds_alternative<Pingreq>(packet) || std::holds_alternative<Connect>(packet))

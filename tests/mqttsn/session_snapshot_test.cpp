@@ -4,6 +4,7 @@
 
 #include <algorithm>
 
+#include "adapters/mqttsn_udp/session_codec.hpp"
 #include "tests/mqttsn/sn_rig.hpp"
 
 namespace slamgw::mqttsn {
@@ -12,10 +13,10 @@ namespace {
 const std::string own_topic = "ntnu-slam/robot/r1/adv";
 
 /// What a store would have: all that was dirty, read at once.
-void save(SnRig& rig, std::map<std::string, SessionSnapshot>& store) {
-  for (const std::string& id : rig.gateway.take_dirty()) {
-    if (auto snapshot = rig.gateway.snapshot(id)) {
-      store[id] = std::move(*snapshot);
+void save(SnRig& rig, std::map<std::string, Bytes>& store) {
+  for (const std::string& id : rig.gateway.take_dirty(1000)) {
+    if (const auto snapshot = rig.gateway.snapshot(id, rig.now)) {
+      store[id] = encode_session(*snapshot);
     } else {
       store.erase(id);
     }
@@ -23,10 +24,14 @@ void save(SnRig& rig, std::map<std::string, SessionSnapshot>& store) {
 }
 
 void restart(SnRig& before, SnRig& after) {
-  std::map<std::string, SessionSnapshot> store;
+  std::map<std::string, Bytes> store;
   save(before, store);
   after.now = before.now;
-  for (const auto& [id, snapshot] : store) EXPECT_TRUE(after.gateway.restore(snapshot, after.now));
+  for (const auto& [id, content] : store) {
+    const auto snapshot = decode_session(content);
+    ASSERT_TRUE(snapshot) << id;
+    EXPECT_TRUE(after.gateway.restore(*snapshot, after.now));
+  }
   after.broker_link(true);  // drains what restoring left
 }
 
@@ -84,6 +89,24 @@ TEST(SnGateway, R47_RemembersExactlyOnceOverARestart) {
   EXPECT_EQ(after.last_to(1), "PUBREC msg=7");
 }
 
+TEST(SnGateway, R76_KnowsRepetitionsOverARestart) {
+  SnRig before;
+  before.connect(1, "r1");
+  const auto id = before.register_topic(1, own_topic);
+  before.publish(1, id, 1, 7, "step");
+  before.publish(1, id, 1, 8, "not safe yet");
+  before.receipt(before.reports.at(0).receipt.id);
+  before.pass_s(2);
+  before.gateway.set_all_dirty();
+  SnRig after;
+  restart(before, after);
+  after.publish(1, id, 1, 7, "step");
+  EXPECT_TRUE(after.reports.empty());
+  EXPECT_EQ(after.last_to(1), "PUBACK id=1 msg=7 code=0");
+  after.publish(1, id, 1, 8, "not safe yet");
+  EXPECT_EQ(after.reports.size(), 1U);
+}
+
 TEST(SnGateway, R47_RestoresSleepersAndTheDisconnected) {
   SnRig before;
   before.connect(1, "r1");
@@ -105,20 +128,72 @@ TEST(SnGateway, NamesOnlyTheSessionsThatChanged) {
   SnRig rig;
   rig.connect(1, "r1");
   rig.connect(2, "r2");
-  EXPECT_EQ(rig.gateway.take_dirty(), (Lines{"r1", "r2"}));
+  EXPECT_EQ(rig.gateway.take_dirty(1000), (Lines{"r1", "r2"}));
   rig.send(1, Pingreq{});
-  EXPECT_TRUE(rig.gateway.take_dirty().empty());
+  EXPECT_TRUE(rig.gateway.take_dirty(1000).empty());
   rig.register_topic(2, "ntnu-slam/robot/r2/adv");
-  EXPECT_EQ(rig.gateway.take_dirty(), Lines{"r2"});
+  EXPECT_EQ(rig.gateway.take_dirty(1000), Lines{"r2"});
   rig.send(1, Disconnect{});
-  EXPECT_EQ(rig.gateway.take_dirty(), Lines{"r1"});
-  EXPECT_FALSE(rig.gateway.snapshot("r1")) << "a clean session is gone";
+  EXPECT_EQ(rig.gateway.take_dirty(1000), Lines{"r1"});
+  EXPECT_FALSE(rig.gateway.snapshot("r1", TimePoint{})) << "a clean session is gone";
+}
+
+TEST(SnGateway, TakesSomeOfTheChangedSessionsAtATime) {
+  SnRig rig;
+  for (unsigned n = 0; n < 5; ++n) rig.connect(n, "r" + std::to_string(n));
+  EXPECT_EQ(rig.gateway.take_dirty(3).size(), 3U);
+  EXPECT_TRUE(rig.gateway.has_dirty());
+  EXPECT_EQ(rig.gateway.take_dirty(3).size(), 2U);
+  EXPECT_FALSE(rig.gateway.has_dirty());
+}
+
+/// Whatever became of the octets, restoring them harms nothing.
+TEST(SessionCodec, SurvivesDamage) {
+  SnRig before;
+  before.send(1, Connect{true, false, 1, 60, "r1"});
+  before.send(1, WillTopic{WireQos::one, true, "ntnu-slam/robot/r1/gone"});
+  before.send(1, WillMsg{to_bytes("bye")});
+  before.register_topic(1, own_topic);
+  before.subscribe(1, "a/x", 2);
+  before.broker("a/x", "1", 2);
+  before.broker("a/x", "2", 2);
+  const Bytes sound = encode_session(*before.gateway.snapshot("r1", before.now));
+  ASSERT_TRUE(decode_session(sound));
+  std::size_t restored = 0;
+  for (std::size_t at = 0; at < sound.size(); ++at) {
+    EXPECT_FALSE(decode_session(ByteView(sound).first(at))) << at;
+    for (const std::uint8_t mask : std::initializer_list<std::uint8_t>{0x01, 0x10, 0x80, 0xff}) {
+      Bytes damaged = sound;
+      damaged[at] ^= mask;
+      const auto snapshot = decode_session(damaged);
+      if (!snapshot) continue;
+      SnRig after;
+      restored += after.gateway.restore(*snapshot, after.now) ? 1 : 0;
+      after.broker_link(true);
+      after.send(1, Pingreq{"r1"});
+      after.pass_s(200);
+    }
+  }
+  EXPECT_GT(restored, 0U);
+}
+
+TEST(SnGateway, RestoresNoSubscriptionThatIsNotAllowedAnyMore) {
+  SnRig before;
+  before.connect(1, "r1");
+  before.subscribe(1, "a/x", 1);
+  auto snapshot = *before.gateway.snapshot("r1", before.now);
+  snapshot.subscriptions.push_back({"ntnu-slam/server/r2/cmd", Qos::at_least_once, {}, 9});
+  SnRig after;
+  EXPECT_TRUE(after.gateway.restore(snapshot, after.now));
+  after.broker_link(true);
+  ASSERT_EQ(after.subscribes.size(), 1U);
+  EXPECT_EQ(after.subscribes[0].filter, "a/x");
 }
 
 TEST(SnGateway, DoesNotRestoreWhatNoLongerFits) {
   SnRig before;
   before.connect(1, "r1");
-  const auto snapshot = before.gateway.snapshot("r1");
+  const auto snapshot = before.gateway.snapshot("r1", TimePoint{});
   ASSERT_TRUE(snapshot);
   SnRig renamed({}, {{"tank", {}, "r1"}});
   EXPECT_FALSE(renamed.gateway.restore(*snapshot, renamed.now)) << "another name by now";

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "daemon/upstream/sqlite.hpp"
+#include "daemon/store/sqlite.hpp"
 
 #include <sqlite3.h>
 
