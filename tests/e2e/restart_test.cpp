@@ -1,0 +1,131 @@
+// SPDX-License-Identifier: Apache-2.0
+// Restarts and crashes that MQTT-SN devices do not notice (contract section 6, promise 7). The
+// device here speaks with the simulator's codec, which shares nothing with the daemon's.
+#include <gtest/gtest.h>
+#include <signal.h>
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/udp.hpp>
+
+#include "simulation/thread/packet.hpp"
+#include "tests/e2e/gateway_process.hpp"
+#include "tests/support/eventually.hpp"
+#include "tests/support/mosquitto.hpp"
+
+namespace slamgw::test {
+namespace {
+
+using boost::asio::ip::udp;
+using nlohmann::json;
+using sim::sn::Type;
+
+/// One robot on the Thread mesh, by hand.
+class Device {
+ public:
+  explicit Device(const std::string& gateway) : socket_(io_, udp::v4()) {
+    const std::size_t colon = gateway.rfind(':');
+    socket_.connect({boost::asio::ip::make_address(gateway.substr(0, colon)),
+                     static_cast<std::uint16_t>(std::stoi(gateway.substr(colon + 1)))});
+    socket_.non_blocking(true);
+  }
+
+  void send(const std::vector<std::uint8_t>& octets) {
+    boost::system::error_code refused;  // while no daemon listens
+    socket_.send(boost::asio::buffer(octets), 0, refused);
+  }
+  /// The next message; its type must be `type`.
+  sim::sn::Packet expect(Type type) {
+    std::optional<sim::sn::Packet> packet;
+    const bool has_come = eventually([&] {
+      boost::system::error_code error;
+      const std::size_t size = socket_.receive(boost::asio::buffer(buffer_), 0, error);
+      if (error) return false;
+      packet = sim::sn::decode({buffer_.data(), size});
+      return true;
+    });
+    EXPECT_TRUE(has_come) << "no answer";
+    EXPECT_TRUE(packet && packet->type == type) << (packet ? int(packet->type) : -1);
+    return packet.value_or(sim::sn::Packet{});
+  }
+  /// Sends again until answered, as devices do while the gateway is away.
+  sim::sn::Packet insist(const std::vector<std::uint8_t>& octets, Type type) {
+    std::size_t size = 0;
+    eventually([&] {
+      send(octets);
+      boost::system::error_code error;
+      return eventually(
+          [&] { return (size = socket_.receive(boost::asio::buffer(buffer_), 0, error)) > 0; },
+          std::chrono::milliseconds(300));
+    });
+    const auto packet = sim::sn::decode({buffer_.data(), size});
+    EXPECT_TRUE(packet && packet->type == type);
+    return packet.value_or(sim::sn::Packet{});
+  }
+  bool is_silent() {
+    boost::system::error_code error;
+    return socket_.receive(boost::asio::buffer(buffer_), 0, error) == 0;
+  }
+
+ private:
+  boost::asio::io_context io_;
+  udp::socket socket_;
+  std::array<std::uint8_t, 2000> buffer_{};
+};
+
+class Restart : public testing::TestWithParam<int> {
+ protected:
+  void connect() {
+    device.insist(sim::sn::connect("r1", 60, sim::sn::flag_will | sim::sn::flag_clean_session),
+                  Type::willtopicreq);
+    device.send(sim::sn::willtopic("ntnu-slam/robot/r1/gone", 0));
+    device.expect(Type::willmsgreq);
+    device.send(sim::sn::willmsg("bye"));
+    EXPECT_EQ(device.expect(Type::connack).return_code, 0);
+    device.send(sim::sn::register_topic(1, "ntnu-slam/robot/r1/adv"));
+    topic_id = device.expect(Type::regack).topic_id;
+    device.send(sim::sn::subscribe(1, 2, "ntnu-slam/server/r1/cmd"));
+    EXPECT_EQ(device.expect(Type::suback).return_code, 0);
+  }
+  bool is_on_disk() {
+    return eventually([&] {
+      return read_file(gateway / "store/sessions.db-wal").find("server/r1/cmd") !=
+             std::string::npos;
+    });
+  }
+  /// The daemon ends as the parameter says, and another one takes its place.
+  void restart() {
+    gateway.process().send_signal(GetParam());
+    ASSERT_TRUE(eventually([&] { return !gateway.process().is_running(); }));
+    gateway.start();
+  }
+
+  Mosquitto broker;
+  GatewayProcess gateway{json{{"broker", {{"uri", broker.uri()}}}}};
+  Device device{gateway.mqttsn_address()};
+  std::uint16_t topic_id = 0;
+};
+
+TEST_P(Restart, IsNotNoticedByADevice) {
+  Subscriber subscriber(broker, "ntnu-slam/robot/r1/#");
+  connect();
+  ASSERT_TRUE(is_on_disk()) << gateway.log();
+  restart();
+  const std::vector<std::uint8_t> payload{'a', 'f', 't', 'e', 'r'};
+  const auto answer = device.insist(sim::sn::publish(1, topic_id, 3, payload), Type::puback);
+  EXPECT_EQ(answer.return_code, 0);
+  EXPECT_EQ(answer.topic_id, topic_id);
+  EXPECT_TRUE(eventually([&] { return !subscriber.lines().empty(); }));
+  EXPECT_EQ(subscriber.lines(), std::vector<std::string>{"ntnu-slam/robot/r1/adv 6166746572"})
+      << "no will: it was never lost";
+  mosquitto_publish(broker, {"-q", "1", "-t", "ntnu-slam/server/r1/cmd", "-m", "go"});
+  EXPECT_EQ(device.expect(Type::publish).payload.size(), 2U);
+  EXPECT_TRUE(device.is_silent());
+  EXPECT_TRUE(gateway.logs("1 MQTT-SN sessions go on")) << gateway.log();
+}
+
+INSTANTIATE_TEST_SUITE_P(After, Restart, testing::Values(SIGTERM, SIGKILL), [](const auto& how) {
+  return how.param == SIGTERM ? "Sigterm" : "Sigkill";
+});
+
+}  // namespace
+}  // namespace slamgw::test
