@@ -117,6 +117,9 @@ void add_ble(CLI::App& app, BleOptions& options, BleTexts& texts) {
       ->capture_default_str();
   app.add_option("--static-oob", texts.static_oob,
                  "With --unprovisioned: the robots demand this OOB value, 32 hex digits");
+  app.add_flag("--heartbeats", options.has_heartbeats,
+               "Heartbeat events each 10 s, as firmware 4.0 and later has them");
+  app.add_option("--state", options.state, "Keep the flash of board and robots in this file");
   app.add_flag("--unicast", options.is_unicast,
                "Robots publish to the board's unicast address instead of groups");
   app.add_flag("--segment-timing", options.has_segment_timing,

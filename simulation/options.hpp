@@ -71,6 +71,8 @@ struct BleOptions {
   bool is_unprovisioned = false;
   Bytes uuid_prefix;  ///< at most 12 octets
   Bytes static_oob;   ///< 16 octets, or none
+  bool has_heartbeats = false;
+  std::string state;  ///< a file, or none
 };
 
 /// What to simulate, or how the program ends at once (`--help`, wrong arguments).

@@ -15,11 +15,13 @@ constexpr std::uint8_t command_response = 0x84;
 constexpr std::uint8_t received_unicast = 0xd0;
 constexpr std::uint8_t received_subscription = 0xd1;
 constexpr std::uint8_t tx_complete = 0xd2;
+constexpr std::uint8_t heartbeat_received = 0xd8;
 
 // Commands that do not end in a Command Response
 constexpr std::uint8_t echo = 0x02;
 constexpr std::uint8_t radio_reset = 0x0e;
 
+constexpr std::uint16_t relay_feature = 0x0001;
 constexpr std::size_t max_event_data = 235;
 constexpr Key factory_uuid{0x5c, 0x1a, 0x6e, 0x00, 0x11, 0x22, 0x33, 0x44,
                            0x55, 0x66, 0x77, 0x88, 0x99, 0xaa, 0xbb, 0x01};
@@ -183,6 +185,14 @@ void Board::on_beacon(const Beacon& beacon) {
   if (boots_at_) return;
   provisioner_.on_beacon(beacon);
   forward_events();
+}
+
+void Board::on_heartbeat(Address source, std::uint8_t initial_ttl, std::uint8_t hops) {
+  if (!listens_to(flash_.local_start)) return;
+  Bytes event{heartbeat_received, initial_ttl, hops};
+  put_u16_le(event, relay_feature);
+  put_u16_le(event, source);
+  send_to_host(std::move(event));
 }
 
 void Board::on_link_signal(const LinkSignal& signal, TimePoint now) {

@@ -48,6 +48,8 @@ class Board {
   void on_host_bytes(ByteView bytes, TimePoint now);
   void on_radio(const Reception& reception);
   void on_beacon(const Beacon& beacon);
+  /// Only firmware 4.0 and later tells its host.
+  void on_heartbeat(Address source, std::uint8_t initial_ttl, std::uint8_t hops);
   void on_link_signal(const LinkSignal& signal, TimePoint now);
   /// A failed transfer shows to the host only by what does not come.
   void on_transfer_ended(std::uint64_t transfer, bool is_acknowledged);

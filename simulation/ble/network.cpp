@@ -79,6 +79,7 @@ void Network::on_start(TimePoint now) {
   board_.on_power_up(now);
   for (Node& node : nodes_) node.on_start(now);
   for (Robot& robot : robots_) robot.on_start(now);
+  if (options_.has_heartbeats) next_heartbeats_ = now + heartbeat_interval;
 }
 
 void Network::on_host_bytes(ByteView bytes, TimePoint now) {
@@ -90,7 +91,7 @@ void Network::reboot_board(TimePoint now, Duration downtime) { board_.reboot(now
 
 TimePoint Network::deadline() const {
   std::optional<TimePoint> next = first_of(radio_.next_arrival(), board_.deadline());
-  next = first_of(next, pb_adv_.next_arrival());
+  next = first_of(first_of(next, pb_adv_.next_arrival()), next_heartbeats_);
   if (!transfers_.empty()) next = first_of(next, transfers_.begin()->first);
   for (const Node& node : nodes_) next = first_of(next, node.deadline());
   for (const Robot& robot : robots_) next = first_of(next, robot.deadline());
@@ -101,7 +102,7 @@ void Network::on_deadline(TimePoint now) {
   if (!run_air(now)) {
     if (const auto due = board_.deadline(); due && *due <= now) {
       board_.on_deadline(now);
-    } else if (!run_nodes(now)) {
+    } else if (!run_nodes(now) && !run_heartbeats(now)) {
       run_robots(now);
     }
   }
@@ -136,6 +137,17 @@ bool Network::run_nodes(TimePoint now) {
     return true;
   }
   return false;
+}
+
+/// All robots' at once: as many as the board can hear fit into its transmit buffer.
+bool Network::run_heartbeats(TimePoint now) {
+  if (!next_heartbeats_ || *next_heartbeats_ > now) return false;
+  next_heartbeats_ = now + heartbeat_interval;
+  for (const Node& node : nodes_) {
+    if (node.address() == 0 || radio_.loses_message()) continue;
+    board_.on_heartbeat(node.address(), ttl_of(options_), static_cast<std::uint8_t>(options_.hops));
+  }
+  return true;
 }
 
 void Network::run_robots(TimePoint now) {

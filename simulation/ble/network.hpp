@@ -19,6 +19,8 @@ namespace slamgw::sim::ble {
 
 class Network {
  public:
+  static constexpr std::chrono::seconds heartbeat_interval{10};
+
   explicit Network(const BleOptions& options);
 
   void on_start(TimePoint now);
@@ -51,6 +53,7 @@ class Network {
 
   bool run_air(TimePoint now);
   bool run_nodes(TimePoint now);
+  bool run_heartbeats(TimePoint now);
   void run_robots(TimePoint now);
   void carry(TimePoint now);
   void carry_of_robot(std::size_t index, TimePoint now);
@@ -69,6 +72,7 @@ class Network {
   std::vector<Robot> robots_;
   std::vector<Node> nodes_;  ///< the mesh stacks of `robots_`
   std::multimap<TimePoint, Transfer> transfers_;
+  std::optional<TimePoint> next_heartbeats_;
   bool has_begun_ = false;  ///< the board was ready once; from then on only hearing counts
 };
 

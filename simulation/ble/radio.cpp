@@ -7,7 +7,7 @@
 namespace slamgw::sim::ble {
 
 bool Radio::transmit(MeshMessage message, TimePoint now) {
-  const bool is_lost = random_.chance(1 - std::pow(1 - settings_.loss, settings_.hops));
+  const bool is_lost = loses_message();
   const std::int8_t rssi = rssi_dbm(message.source);
   // Relays forward only TTL 2 and above (Mesh Profile 3.4.5.2).
   const bool is_too_far = settings_.hops > 1 && message.ttl < settings_.hops;
@@ -19,6 +19,10 @@ bool Radio::transmit(MeshMessage message, TimePoint now) {
   const auto ttl = static_cast<std::uint8_t>(message.ttl - (settings_.hops - 1));
   in_flight_.emplace(last, Reception{std::move(message), ttl, rssi});
   return true;
+}
+
+bool Radio::loses_message() {
+  return random_.chance(1 - std::pow(1 - settings_.loss, settings_.hops));
 }
 
 std::int8_t Radio::rssi_dbm(Address transmitter) {

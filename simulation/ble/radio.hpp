@@ -32,6 +32,8 @@ class Radio {
   /// The first message that has arrived by `now`.
   std::optional<Reception> take(TimePoint now);
   bool loses_beacon() { return random_.chance(settings_.loss); }
+  /// On one of the hops.
+  bool loses_message();
   /// Each transmitter has its place, and so its own level, which flickers by 3 dB.
   std::int8_t rssi_dbm(Address transmitter);
   bool is_silent() const { return in_flight_.empty(); }

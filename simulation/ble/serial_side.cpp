@@ -10,10 +10,12 @@
 #include <boost/asio/signal_set.hpp>
 #include <boost/asio/steady_timer.hpp>
 #include <cerrno>
-#include <system_error>
+#include <csignal>
+#include <stdexcept>
 
 #include "simulation/ble/network.hpp"
 #include "simulation/ble/pseudo_terminal.hpp"
+#include "simulation/ble/state_file.hpp"
 
 namespace slamgw::sim::ble {
 namespace {
@@ -24,6 +26,7 @@ using boost::system::error_code;
 constexpr int no_terminal = 1;
 constexpr std::chrono::seconds progress_interval{10};
 constexpr std::chrono::seconds house_interval{1};
+constexpr std::chrono::seconds unplugged_time{2};
 constexpr std::chrono::milliseconds drain_step{100};
 constexpr int drain_steps = 50;  // the host gets 5 s to read what is left
 
@@ -37,22 +40,32 @@ class SerialSide {
   void flush_to_host();
   void wait_writable();
   void read_from_host();
-  void look_after_host();
+  void wait_signal();
+  void on_signal(int signal);
+  void restart_board();
+  void unplug_board();
+  void plug_in_board();
+  void keep_house();
+  void save_state();
   void report_progress();
   void finish_when_done();
   void drain(int steps_left, int quiet_steps);
 
   const BleOptions& options_;
   asio::io_context io_;
-  PseudoTerminal terminal_;
+  std::optional<PseudoTerminal> terminal_;  ///< nothing while the board is unplugged
   asio::posix::stream_descriptor master_;
-  asio::signal_set signals_{io_, SIGINT, SIGTERM};
+  asio::signal_set signals_{io_, SIGINT, SIGTERM, SIGUSR1};
   asio::steady_timer next_event_{io_};
+  asio::steady_timer plug_{io_};
   asio::steady_timer house_{io_};
   asio::steady_timer progress_{io_};
   asio::steady_timer end_{io_};
   Network network_;
-  Bytes to_host_;  ///< what is left of the packet that is being written
+  std::string saved_state_;
+  Bytes to_host_;      ///< what is left of the packet that is being written
+  Bytes last_packet_;  ///< the one before
+  unsigned restarts_ = 0;
   bool is_waiting_writable_ = false;
   bool is_ending_ = false;
 };
@@ -60,25 +73,33 @@ class SerialSide {
 SerialSide::SerialSide(const BleOptions& options)
     : options_(options),
       terminal_(options.tty),
-      master_(io_, dup(terminal_.master())),
-      network_(options) {}
+      master_(io_, dup(terminal_->master())),
+      network_(options) {
+  signals_.add(SIGUSR2);
+  if (options.state.empty()) return;
+  saved_state_ = read_state(options.state);
+  try {
+    if (!saved_state_.empty()) restore_state(network_, saved_state_);
+  } catch (const std::runtime_error& error) {
+    throw std::runtime_error(options.state + ": " + error.what());
+  }
+}
 
 int SerialSide::run() {
   fmt::print(stderr, "serial board at {} ({}), {} robots behind it\n", options_.tty,
-             terminal_.slave_name(), options_.common.robots);
+             terminal_->slave_name(), options_.common.robots);
   if (options_.common.robots > ReplayList::capacity) {
     fmt::print(stderr, "the board's replay list has {} places: it hears no more robots than that\n",
                ReplayList::capacity);
   }
-  signals_.async_wait([this](error_code error, int) {
-    if (!error) io_.stop();
-  });
+  wait_signal();
   network_.on_start(std::chrono::steady_clock::now());
   read_from_host();
-  look_after_host();
+  keep_house();
   report_progress();
   pump();
   io_.run();
+  save_state();
 
   std::vector<std::pair<std::string, Tally>> tallies;
   unsigned number = 0;
@@ -87,6 +108,55 @@ int SerialSide::run() {
   }
   fmt::print("{}\n", to_json(tallies));
   return 0;
+}
+
+void SerialSide::wait_signal() {
+  signals_.async_wait([this](error_code error, int signal) {
+    if (error) return;
+    on_signal(signal);
+    wait_signal();
+  });
+}
+
+void SerialSide::on_signal(int signal) {
+  if (signal == SIGUSR1) return restart_board();
+  if (signal == SIGUSR2) return unplug_board();
+  io_.stop();
+}
+
+/// Every other restart hits the board in the middle of an event: what it says first is then taken
+/// for the rest of that event.
+void SerialSide::restart_board() {
+  fmt::print(stderr, "the board restarts\n");
+  const bool is_torn = ++restarts_ % 2 == 0 && terminal_ && to_host_.empty();
+  if (is_torn && ::write(terminal_->master(), last_packet_.data(), last_packet_.size() / 2) < 0) {
+    fmt::print(stderr, "the host reads nothing\n");
+  }
+  to_host_.clear();
+  network_.reboot_board(std::chrono::steady_clock::now());
+  pump();
+}
+
+void SerialSide::unplug_board() {
+  if (!terminal_) return;
+  fmt::print(stderr, "the board is unplugged for {} s\n", unplugged_time.count());
+  master_.close();
+  terminal_.reset();
+  to_host_.clear();
+  is_waiting_writable_ = false;
+  network_.reboot_board(std::chrono::steady_clock::now(), unplugged_time + Board::reboot_time);
+  plug_.expires_after(unplugged_time);
+  plug_.async_wait([this](error_code error) {
+    if (!error) plug_in_board();
+  });
+  pump();
+}
+
+void SerialSide::plug_in_board() {
+  terminal_.emplace(options_.tty);
+  master_.assign(dup(terminal_->master()));
+  fmt::print(stderr, "the board is back at {} ({})\n", options_.tty, terminal_->slave_name());
+  read_from_host();
 }
 
 void SerialSide::pump() {
@@ -105,13 +175,14 @@ void SerialSide::pump() {
 /// Packets leave the board's transmit buffer only when the pty takes them: a host that does not
 /// read makes it overflow, as on the real one.
 void SerialSide::flush_to_host() {
-  while (!is_waiting_writable_) {
+  while (terminal_ && !is_waiting_writable_) {
     if (to_host_.empty()) {
       std::optional<Bytes> packet = network_.next_host_packet();
       if (!packet) return;
       to_host_ = std::move(*packet);
+      last_packet_ = to_host_;
     }
-    const ssize_t written = ::write(terminal_.master(), to_host_.data(), to_host_.size());
+    const ssize_t written = ::write(terminal_->master(), to_host_.data(), to_host_.size());
     if (written < 0 && errno == EINTR) continue;
     if (written < 0) return wait_writable();
     to_host_.erase(to_host_.begin(), to_host_.begin() + written);
@@ -131,7 +202,7 @@ void SerialSide::read_from_host() {
   master_.async_wait(asio::posix::stream_descriptor::wait_read, [this](error_code error) {
     if (error) return;
     std::array<std::uint8_t, 4096> buffer;
-    const ssize_t octets = ::read(terminal_.master(), buffer.data(), buffer.size());
+    const ssize_t octets = ::read(terminal_->master(), buffer.data(), buffer.size());
     if (octets > 0) {
       network_.on_host_bytes(ByteView(buffer).first(static_cast<std::size_t>(octets)),
                              std::chrono::steady_clock::now());
@@ -141,12 +212,21 @@ void SerialSide::read_from_host() {
   });
 }
 
-void SerialSide::look_after_host() {
-  terminal_.allow_next_host();
+void SerialSide::keep_house() {
+  if (terminal_) terminal_->allow_next_host();
+  save_state();
   house_.expires_after(house_interval);
   house_.async_wait([this](error_code error) {
-    if (!error) look_after_host();
+    if (!error) keep_house();
   });
+}
+
+void SerialSide::save_state() {
+  if (options_.state.empty()) return;
+  std::string state = state_of(network_);
+  if (state == saved_state_) return;
+  write_state(options_.state, state);
+  saved_state_ = std::move(state);
 }
 
 void SerialSide::report_progress() {
@@ -176,7 +256,7 @@ void SerialSide::finish_when_done() {
 /// Closing the pty throws away what the host has not read: ends when that was nothing, three looks
 /// in a row.
 void SerialSide::drain(int steps_left, int quiet_steps) {
-  const bool is_quiet = terminal_.unread_octets() == 0 && to_host_.empty();
+  const bool is_quiet = !terminal_ || (terminal_->unread_octets() == 0 && to_host_.empty());
   quiet_steps = is_quiet ? quiet_steps + 1 : 0;
   if (quiet_steps >= 3 || steps_left == 0) return io_.stop();
   end_.expires_after(drain_step);
@@ -190,7 +270,7 @@ void SerialSide::drain(int steps_left, int quiet_steps) {
 int run_serial_side(const BleOptions& options) {
   try {
     return SerialSide(options).run();
-  } catch (const std::system_error& error) {
+  } catch (const std::runtime_error& error) {  // system errors, too
     fmt::print(stderr, "slam-gateway-sim: {}\n", error.what());
     return no_terminal;
   }

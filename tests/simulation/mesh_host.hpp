@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "simulation/ble/network.hpp"
+#include "simulation/ble/state_file.hpp"
 #include "tests/simulation/hex.hpp"
 #include "tests/simulation/host_ecdh.hpp"
 
@@ -19,7 +20,8 @@ class MeshHost {
   static constexpr const char* net_key = "000102030405060708090a0b0c0d0e0f";
   static constexpr const char* app_key = "101112131415161718191a1b1c1d1e1f";
 
-  explicit MeshHost(const BleOptions& options) : network_(options) {
+  explicit MeshHost(const BleOptions& options, const std::string& state = "") : network_(options) {
+    if (!state.empty()) restore_state(network_, state);
     network_.on_start(now_);
     fetch();
   }

@@ -167,6 +167,50 @@ TEST_F(NetworkTest, WaitsForAHostEvenWhenConfigured) {
   EXPECT_EQ(said_by(0x0100), expected(1, 5));
 }
 
+TEST_F(NetworkTest, RobotsGoOnAfterTheBoardsRestart) {
+  begin(options(50));
+  set_up();
+  run(seconds{3});
+  network_->reboot_board(now_, seconds{2});
+  run(seconds{60});
+  EXPECT_TRUE(network_->has_sent_everything());
+  const std::vector<Bytes> said = said_by(0x0100);
+  EXPECT_GE(said.size(), 50U);  // but for what was in the air
+  EXPECT_EQ(said.back(), expected(1, 50).back());
+}
+
+TEST_F(NetworkTest, LosesOnEachHop) {
+  BleOptions lossy = options(300);
+  lossy.common.loss = 0.1;
+  lossy.hops = 4;
+  begin(lossy);
+  set_up();
+  run(seconds{120});
+  std::uint64_t lost = 0;
+  for (const Robot& robot : network_->robots()) lost += robot.tally().lost;
+  EXPECT_NEAR(static_cast<double>(lost), 900 * (1 - 0.9 * 0.9 * 0.9 * 0.9), 60);
+}
+
+TEST_F(NetworkTest, TellsHeartbeatsWhenAsked) {
+  BleOptions beating = options(1);
+  beating.has_heartbeats = true;
+  beating.hops = 3;
+  begin(beating);
+  set_up();
+  const TimePoint end = now_ + seconds{25};
+  int heartbeats = 0;
+  while (network_->deadline() <= end) {
+    now_ = std::max(now_, network_->deadline());
+    network_->on_deadline(now_);
+    while (auto packet = network_->next_host_packet()) {
+      if ((*packet)[1] != 0xd8) continue;
+      EXPECT_EQ(to_hex(*packet).substr(0, 17), "07 d8 04 03 01 00");
+      ++heartbeats;
+    }
+  }
+  EXPECT_EQ(heartbeats, 6);
+}
+
 TEST_F(NetworkTest, DeliversCommandsToTheRobot) {
   begin(options(0));
   set_up();

@@ -2,6 +2,8 @@
 // Random bytes into every machine of the simulator: nothing crashes, everything stays bounded.
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 #include "simulation/ble/network.hpp"
 #include "simulation/thread/client.hpp"
 
@@ -37,6 +39,41 @@ TEST(Client, SurvivesRandomDatagrams) {
       int answers = 0;
       while (client.next_datagram()) ++answers;
       ASSERT_LE(answers, 40);
+    }
+  }
+}
+
+TEST(Network, SurvivesRandomProvisioningCommands) {
+  Random random(7, 0, Random::Use::radio);
+  TimePoint now{std::chrono::seconds{1}};
+  BleOptions options;
+  options.is_unprovisioned = true;
+  options.is_configured = true;
+  options.net_key = Bytes(16, 1);
+  options.app_key = Bytes(16, 2);
+  for (int round = 0; round < 5; ++round) {
+    ble::Network network(options);
+    network.on_start(now);
+    Bytes uuid(16);
+    for (int i = 0; i < 1000; ++i) {
+      now += milliseconds{50};
+      Bytes packet = noise(random, 60);
+      packet.resize(packet.size() + 20);
+      packet[0] = static_cast<std::uint8_t>(packet.size() - 1);
+      packet[1] = static_cast<std::uint8_t>(0x61 + random.below(10));
+      packet[2] &= 1;
+      if (packet[1] == 0x66) packet[3] = packet[5] = 0;
+      if (packet[1] == 0x63) std::copy(uuid.begin(), uuid.end(), packet.begin() + 3);
+      network.on_host_bytes(packet, now);
+      for (int events = 0; network.deadline() <= now && events < 100; ++events) {
+        network.on_deadline(now);
+      }
+      std::size_t octets = 0;
+      while (auto to_host = network.next_host_packet()) {
+        octets += to_host->size();
+        if ((*to_host)[1] == 0xc0) std::copy_n(to_host->begin() + 2, 16, uuid.begin());
+      }
+      ASSERT_LE(octets, ble::Board::transmit_buffer);
     }
   }
 }

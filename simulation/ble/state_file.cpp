@@ -1,0 +1,214 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "simulation/ble/state_file.hpp"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <nlohmann/json.hpp>
+#include <stdexcept>
+#include <system_error>
+
+namespace slamgw::sim::ble {
+namespace {
+
+using nlohmann::json;
+
+constexpr std::uint32_t sequence_block = 8192;
+
+std::string to_hex(const Key& key) { return fmt::format("{:02x}", fmt::join(key, "")); }
+
+Key key_from(const json& from) {
+  const std::string text = from.get<std::string>();
+  Key key{};
+  const bool is_hex = text.size() == 2 * key.size() &&
+                      text.find_first_not_of("0123456789abcdef") == std::string::npos;
+  if (!is_hex) throw std::runtime_error("a key is not 32 hex digits");
+  for (std::size_t i = 0; i < key.size(); ++i) {
+    key[i] = static_cast<std::uint8_t>(std::stoul(text.substr(2 * i, 2), nullptr, 16));
+  }
+  return key;
+}
+
+KeyTable::Slot key_slot(const json& from) {
+  return {from.at("index").get<std::uint16_t>(), from.at("subnet").get<Handle>(),
+          key_from(from.at("key"))};
+}
+
+json to_json(const KeyTable& table) {
+  json out = json::array();
+  for (const Handle handle : table.handles()) {
+    const KeyTable::Slot* slot = table.find(handle);
+    out.push_back({{"handle", handle},
+                   {"index", slot->index},
+                   {"subnet", slot->subnet},
+                   {"key", to_hex(slot->key)}});
+  }
+  return out;
+}
+
+void restore(KeyTable& table, const json& from) {
+  for (const json& slot : from) {
+    if (!table.restore(slot.at("handle").get<Handle>(), key_slot(slot))) {
+      throw std::runtime_error("a key handle is out of range");
+    }
+  }
+}
+
+json to_json(const AddressTable& table) {
+  json out = json::array();
+  for (const Handle handle : table.handles()) {
+    const AddressTable::Slot* slot = table.find(handle);
+    out.push_back({{"handle", handle},
+                   {"address", slot->address},
+                   {"subscriptions", slot->subscriptions},
+                   {"publications", slot->publications}});
+  }
+  return out;
+}
+
+void restore(AddressTable& table, const json& from) {
+  for (const json& slot : from) {
+    const AddressTable::Slot restored{slot.at("address").get<Address>(),
+                                      slot.at("subscriptions").get<unsigned>(),
+                                      slot.at("publications").get<unsigned>()};
+    if (!table.restore(slot.at("handle").get<Handle>(), restored)) {
+      throw std::runtime_error("an address handle is out of range");
+    }
+  }
+}
+
+json to_json(const BoardFlash& flash) {
+  return {{"start", flash.local_start},           {"count", flash.local_count},
+          {"sequence", flash.reserved_sequence},  {"subnets", to_json(flash.subnets)},
+          {"appkeys", to_json(flash.appkeys)},    {"devkeys", to_json(flash.devkeys)},
+          {"addresses", to_json(flash.addresses)}};
+}
+
+BoardFlash flash_from(const json& from) {
+  BoardFlash flash;
+  flash.local_start = from.at("start").get<Address>();
+  flash.local_count = from.at("count").get<std::uint16_t>();
+  flash.reserved_sequence = from.at("sequence").get<std::uint32_t>();
+  restore(flash.subnets, from.at("subnets"));
+  restore(flash.appkeys, from.at("appkeys"));
+  restore(flash.devkeys, from.at("devkeys"));
+  restore(flash.addresses, from.at("addresses"));
+  for (const KeyTable* keys : {&flash.appkeys, &flash.devkeys}) {
+    for (const Handle handle : keys->handles()) {
+      if (flash.subnets.find(keys->find(handle)->subnet) == nullptr) {
+        throw std::runtime_error("a key is of no subnet");
+      }
+    }
+  }
+  return flash;
+}
+
+json to_json(const Model& model) {
+  const ModelPublication& to = model.publication;
+  return {{"company", model.id.company},
+          {"id", model.id.id},
+          {"bindings", model.bindings},
+          {"subscriptions", model.subscriptions},
+          {"publication",
+           {to.address, to.app_key_index, to.has_friendship_credential ? 1 : 0, to.ttl, to.period,
+            to.retransmit}}};
+}
+
+void restore(NodeConfiguration& configuration, const json& from) {
+  Model* model = configuration.find_model(
+      {from.at("company").get<std::uint16_t>(), from.at("id").get<std::uint16_t>()});
+  if (model == nullptr) throw std::runtime_error("an unknown model");
+  model->bindings = from.at("bindings").get<std::vector<std::uint16_t>>();
+  model->subscriptions = from.at("subscriptions").get<std::vector<Address>>();
+  const json& to = from.at("publication");
+  model->publication = {to.at(0).get<Address>(),      to.at(1).get<std::uint16_t>(),
+                        to.at(2).get<int>() != 0,     to.at(3).get<std::uint8_t>(),
+                        to.at(4).get<std::uint8_t>(), to.at(5).get<std::uint8_t>()};
+}
+
+json to_json(const Node& node) {
+  const NodeConfiguration& configuration = node.configuration();
+  const std::uint32_t blocks = (node.next_sequence() + sequence_block / 2) / sequence_block + 1;
+  json out{{"number", node.number()}, {"sequence", blocks * sequence_block}};
+  if (!configuration.network) return out;
+  const ProvisioningData& network = *configuration.network;
+  out["net_key"] = to_hex(network.net_key);
+  out["net_key_index"] = network.net_key_index;
+  out["flags"] = network.flags;
+  out["iv_index"] = network.iv_index;
+  out["address"] = network.address;
+  out["device_key"] = to_hex(configuration.device_key);
+  out["app_keys"] = json::array();
+  for (const AppKey& key : configuration.app_keys) {
+    out["app_keys"].push_back({{"index", key.index}, {"key", to_hex(key.key)}});
+  }
+  for (const Model& model : configuration.models) out["models"].push_back(to_json(model));
+  return out;
+}
+
+NodeConfiguration configuration_from(const json& from) {
+  NodeConfiguration configuration;
+  if (!from.contains("net_key")) return configuration;
+  configuration.network =
+      ProvisioningData{key_from(from.at("net_key")), from.at("net_key_index").get<std::uint16_t>(),
+                       from.at("flags").get<std::uint8_t>(),
+                       from.at("iv_index").get<std::uint32_t>(), from.at("address").get<Address>()};
+  configuration.device_key = key_from(from.at("device_key"));
+  for (const json& key : from.at("app_keys")) {
+    configuration.app_keys.push_back(
+        {key.at("index").get<std::uint16_t>(), key_from(key.at("key"))});
+  }
+  for (const json& model : from.at("models")) restore(configuration, model);
+  return configuration;
+}
+
+[[noreturn]] void fail(const std::string& what) {
+  throw std::system_error(errno, std::generic_category(), what);
+}
+
+}  // namespace
+
+std::string state_of(const Network& network) {
+  json out{{"board", to_json(network.board().flash())}, {"nodes", json::array()}};
+  for (const Node& node : network.nodes()) out["nodes"].push_back(to_json(node));
+  return out.dump(1) + "\n";
+}
+
+void restore_state(Network& network, const std::string& text) {
+  try {
+    const json from = json::parse(text);
+    network.restore_board(flash_from(from.at("board")));
+    for (const json& node : from.at("nodes")) {
+      network.restore_node(node.at("number").get<unsigned>(), configuration_from(node),
+                           node.at("sequence").get<std::uint32_t>());
+    }
+  } catch (const json::exception& error) {
+    throw std::runtime_error(error.what());
+  }
+}
+
+std::string read_state(const std::string& path) {
+  std::error_code error;
+  if (!std::filesystem::exists(path, error)) return "";
+  std::ifstream file(path);
+  if (!file) fail("cannot read " + path);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+void write_state(const std::string& path, const std::string& text) {
+  const std::string fresh = path + ".new";
+  const int file = ::open(fresh.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
+  if (file < 0) fail("cannot write " + fresh);
+  const ssize_t written = ::write(file, text.data(), text.size());
+  const bool is_whole = written == static_cast<ssize_t>(text.size());
+  if (::close(file) != 0 || !is_whole) fail("cannot write " + fresh);
+  if (::rename(fresh.c_str(), path.c_str()) != 0) fail("cannot write " + path);
+}
+
+}  // namespace slamgw::sim::ble
