@@ -70,6 +70,14 @@ void Connecting::on_willmsg(const Peer& peer, WillMsg will, TimePoint now) {
   complete(peer, done, done.will, now);
 }
 
+void Connecting::on_late_willmsg(const ClientSession& session, const WillMsg& will, TimePoint now) {
+  const bool is_repetition = session.connect_fingerprint != 0 && session.will &&
+                             session.will->message == will.message &&
+                             now - session.connected_at <= limits::repeat_window;
+  if (!is_repetition) return context_.tally.count(Count::unexpected);
+  context_.send(session, Connack{ReturnCode::accepted});
+}
+
 void Connecting::abandon(const Peer& peer) {
   const Attempt attempt = take(peer);
   context_.send(peer, attempt.local, Disconnect{});

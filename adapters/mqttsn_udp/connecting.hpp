@@ -20,6 +20,8 @@ class Connecting {
   /// These only while a handshake is open. WILLMSG before WILLTOPIC ends it (R29).
   void on_willtopic(const Peer& peer, const WillTopic& will, TimePoint now);
   void on_willmsg(const Peer& peer, WillMsg will, TimePoint now);
+  /// After the handshake: its CONNACK was lost when nothing else was heard since.
+  void on_late_willmsg(const ClientSession& session, const WillMsg& will, TimePoint now);
   /// The attempt is forgotten, answered by DISCONNECT (R29).
   void abandon(const Peer& peer);
 

@@ -96,7 +96,9 @@ bool SnGateway::receive_in_handshake(const Arrival& arrival, Packet& packet) {
 void SnGateway::receive_from_client(const Arrival& arrival, Packet packet) {
   ClientSession* session = session_of(arrival);
   if (!session) return on_stranger(arrival, !is_silent_from_strangers(packet));
-  if (is_one_of<WillTopic, WillMsg>(packet))  // of a handshake that is over
+  if (const auto* will = std::get_if<WillMsg>(&packet))
+    return connecting_.on_late_willmsg(*session, *will, arrival.now);
+  if (std::holds_alternative<WillTopic>(packet))  // of a handshake that is over
     return context_.tally.count(Count::unexpected);
   lifecycle_.on_heard(*session, arrival.now);
   session->local = arrival.local;
