@@ -206,7 +206,7 @@ void Network::carry(TimePoint now) {
     if (transmission->transfer) {
       begin_transfer(*transmission, now);
     } else {
-      radio_.transmit(std::move(transmission->message), now);
+      transmit(false, transmission->message, now);
     }
   }
   while (auto signal = board_.next_link_signal()) pb_adv_.transmit(false, std::move(*signal), now);
@@ -217,10 +217,16 @@ void Network::carry_of_robot(std::size_t index, TimePoint now) {
   Node& node = nodes_[index];
   Robot& robot = robots_[index];
   while (auto signal = node.next_link_signal()) pb_adv_.transmit(true, std::move(*signal), now);
-  while (auto answer = node.next_answer()) radio_.transmit(std::move(*answer), now);
+  while (auto answer = node.next_answer()) {
+    if (segment_count(answer->payload.size()) > 1) {
+      transmit_until_acknowledged(true, *answer, now);
+    } else {
+      transmit(true, *answer, now);
+    }
+  }
   while (auto outgoing = robot.next_transmission()) {
     const bool is_on_its_way =
-        node.prepare(outgoing->message) && radio_.transmit(std::move(outgoing->message), now);
+        node.prepare(outgoing->message) && transmit(true, outgoing->message, now);
     if (!is_on_its_way && outgoing->is_unacknowledged_update) robot.on_update_dropped();
   }
   robot.set_address(node.address());
@@ -231,22 +237,36 @@ bool Network::can_reach(const MeshMessage& message) const {
                      [&](const Node& node) { return node.reaches(message); });
 }
 
-/// To a unicast address segments are repeated until they are acknowledged, or the transfer fails;
-/// to a group they are repeated blindly.
+bool Network::transmit(bool is_to_board, const MeshMessage& message, TimePoint now) {
+  return radio_.transmit(message, is_to_board ? board_.local_address() : message.destination, now);
+}
+
+/// To a unicast address segments are repeated until they are acknowledged: the time that the
+/// repeats took, or nothing when the message has failed.
+std::optional<Duration> Network::transmit_until_acknowledged(bool is_to_board,
+                                                             const MeshMessage& message,
+                                                             TimePoint now) {
+  for (int i = 0; i < segmented_transmissions; ++i) {
+    const Duration repeats = retry_interval(message.ttl) * i;
+    if (transmit(is_to_board, message, now + repeats)) return repeats;
+  }
+  return std::nullopt;
+}
+
+/// To a group segments are repeated blindly.
 void Network::begin_transfer(const Board::Transmission& transmission, TimePoint now) {
   const MeshMessage& message = transmission.message;
   Duration duration = Radio::segment_time * static_cast<int>(segment_count(message.payload.size()));
   if (options_.has_segment_timing) duration = segmented_session(message.destination, message.ttl);
-  bool is_acknowledged = !is_unicast(message.destination);
-  if (!is_unicast(message.destination)) radio_.transmit(message, now);
-  const int transmissions =
-      is_unicast(message.destination) && can_reach(message) ? segmented_transmissions : 0;
-  for (int i = 0; i < transmissions && !is_acknowledged; ++i) {
-    const Duration repeats = retry_interval(message.ttl) * i;
-    is_acknowledged = radio_.transmit(message, now + repeats);
-    if (is_acknowledged) duration += repeats;
+  bool is_acknowledged = true;
+  if (!is_unicast(message.destination)) {
+    transmit(false, message, now);
+  } else {
+    std::optional<Duration> repeats;
+    if (can_reach(message)) repeats = transmit_until_acknowledged(false, message, now);
+    is_acknowledged = repeats.has_value();
+    duration = repeats ? duration + *repeats : failed_session(message.ttl);
   }
-  if (!is_acknowledged) duration = failed_session(message.ttl);
   transfers_.emplace(now + duration, Transfer{*transmission.transfer, is_acknowledged});
 }
 

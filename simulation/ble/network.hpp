@@ -61,6 +61,9 @@ class Network {
   void deliver(const PbAdv::Arrival& arrival, TimePoint now);
   void begin_transfer(const Board::Transmission& transmission, TimePoint now);
   bool can_reach(const MeshMessage& message) const;
+  bool transmit(bool is_to_board, const MeshMessage& message, TimePoint now);
+  std::optional<Duration> transmit_until_acknowledged(bool is_to_board, const MeshMessage& message,
+                                                      TimePoint now);
   Robot::Publications publications_of(std::size_t index, TimePoint now);
   Robot::Publications fixed_publications(TimePoint now);
   bool is_heard(Address destination, TimePoint now);

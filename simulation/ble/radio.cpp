@@ -6,7 +6,7 @@
 
 namespace slamgw::sim::ble {
 
-bool Radio::transmit(MeshMessage message, TimePoint now) {
+bool Radio::transmit(MeshMessage message, Address receiver, TimePoint now) {
   const bool is_lost = loses_message();
   const std::int8_t rssi = rssi_dbm(message.source);
   // Relays forward only TTL 2 and above (Mesh Profile 3.4.5.2).
@@ -14,7 +14,7 @@ bool Radio::transmit(MeshMessage message, TimePoint now) {
   if (is_lost || is_too_far || in_flight_.size() >= max_in_flight) return false;
 
   const auto segments = static_cast<unsigned>(segment_count(message.payload.size()));
-  TimePoint& last = last_arrival_[{message.source, message.destination}];
+  TimePoint& last = last_arrival_[{message.source, receiver}];
   last = std::max(last, now + hop_time * settings_.hops + segment_time * (segments - 1));
   const auto ttl = static_cast<std::uint8_t>(message.ttl - (settings_.hops - 1));
   in_flight_.emplace(last, Reception{std::move(message), ttl, rssi});

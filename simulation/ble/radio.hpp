@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The air between the board and its robots: latency per hop and segment, and losses from a seed.
-// Messages from one node to another keep their order.
+// Messages from one node to another keep their order, whatever address they are sent to: replay
+// protection would take what is overtaken for a replay.
 #pragma once
 
 #include <cstdint>
@@ -26,8 +27,8 @@ class Radio {
 
   Radio(RadioSettings settings, Random random) : settings_(settings), random_(random) {}
 
-  /// False when the message is lost on its way.
-  bool transmit(MeshMessage message, TimePoint now);
+  /// False when the message is lost on its way. `receiver` tells the order that is kept.
+  bool transmit(MeshMessage message, Address receiver, TimePoint now);
   std::optional<TimePoint> next_arrival() const;
   /// The first message that has arrived by `now`.
   std::optional<Reception> take(TimePoint now);
@@ -42,7 +43,7 @@ class Radio {
   RadioSettings settings_;
   Random random_;
   std::multimap<TimePoint, Reception> in_flight_;
-  std::map<std::pair<Address, Address>, TimePoint> last_arrival_;
+  std::map<std::pair<Address, Address>, TimePoint> last_arrival_;  ///< by source and receiver
 };
 
 }  // namespace slamgw::sim::ble

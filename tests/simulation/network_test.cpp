@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <map>
 
 #include "tests/simulation/hex.hpp"
@@ -165,6 +166,23 @@ TEST_F(NetworkTest, WaitsForAHostEvenWhenConfigured) {
   tell("01 a8");
   run(seconds{5});
   EXPECT_EQ(said_by(0x0100), expected(1, 5));
+}
+
+TEST_F(NetworkTest, LosesNothingToReplayProtectionWhenMessagesAreOfManyKinds) {
+  BleOptions busy = options(200);
+  busy.common.rate_hz = 50;
+  begin(busy);
+  set_up();
+  for (int i = 0; i < 400; ++i) {
+    tell("12 ab 00 00 01 00 02 00 04 00 00 00 cd 59 00 0a 00 ec ff");  // answered at once
+    run(milliseconds{13});
+    now_ += milliseconds{13};
+  }
+  run(seconds{10});
+  ASSERT_TRUE(network_->has_sent_everything());
+  EXPECT_EQ(std::count_if(heard_[0x0100].begin(), heard_[0x0100].end(),
+                          [](const Bytes& payload) { return payload[0] == 0xcb; }),
+            200);
 }
 
 TEST_F(NetworkTest, RobotsGoOnAfterTheBoardsRestart) {
