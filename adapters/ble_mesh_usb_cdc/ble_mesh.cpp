@@ -7,12 +7,21 @@
 #include "adapters/ble_mesh_usb_cdc/will.hpp"
 
 namespace slamgw::ble {
+namespace {
+
+std::optional<MeshKeys> keys_of(const std::optional<NodeDatabase>& database) {
+  return database ? std::optional(database->keys) : std::nullopt;
+}
+
+}  // namespace
+
 BleMesh::BleMesh(Settings settings, TopicScheme topics, RobotNames names,
-                 std::optional<MeshKeys> keys, std::uint64_t seed)
+                 std::optional<NodeDatabase> database, RandomSource random, std::uint64_t seed)
     : settings_(std::move(settings)),
       topics_(std::move(topics)),
       names_(std::move(names)),
-      link_({{settings_.address, settings_.groups}, settings_.ttl}, keys, seed) {
+      link_({{settings_.address, settings_.groups}, settings_.ttl}, keys_of(database), seed),
+      provisioner_(settings_, names_, std::move(database), std::move(random)) {
   for (const RobotName& name : names_.configured()) {
     if (name.ble_address)
       robots_.try_emplace(*name.ble_address, *name.ble_address, name.id, settings_.ttl);
@@ -20,6 +29,7 @@ BleMesh::BleMesh(Settings settings, TopicScheme topics, RobotNames names,
 }
 
 void BleMesh::on_start() {
+  follow_nodes(TimePoint{});
   for (const auto& [address, robot] : robots_) subscribe(robot);
 }
 
@@ -39,6 +49,7 @@ void BleMesh::on_bytes(ByteView bytes, TimePoint now) {
 }
 
 void BleMesh::on_keys(const MeshKeys& keys, TimePoint now) {
+  provisioner_.on_new_mesh(keys);
   link_.on_keys(keys, now);
   settle(now);
 }
@@ -51,41 +62,57 @@ void BleMesh::on_keys_failed(const std::string& why, TimePoint now) {
 // --- The link ------------------------------------------------------------------------------------
 
 void BleMesh::settle(TimePoint now) {
-  while (auto action = link_.next_action()) on_link_action(std::move(*action), now);
+  while (true) {
+    if (auto from_link = link_.next_action()) {
+      on_link_action(std::move(*from_link), now);
+    } else if (auto from_provisioner = provisioner_.next_action()) {
+      on_provisioner_action(std::move(*from_provisioner), now);
+    } else {
+      return;
+    }
+  }
 }
 
 void BleMesh::on_link_action(LinkAction action, TimePoint now) {
-  std::visit(overloaded{
-                 [&](WriteSerial& write) { actions_.push(std::move(write)); },
-                 [&](ReopenPort& reopen) { actions_.push(reopen); },
-                 [&](GenerateKeys& generate) { actions_.push(generate); },
-                 [&](LinkIsUp& up) { on_link_up(std::move(up.detail)); },
-                 [&](LinkIsDown& down) { on_link_down(down.why, now); },
-                 [&](SendRefused& refused) {
-                   const auto robot = robots_.find(refused.destination);
-                   if (robot != robots_.end()) robot->second.commands.on_send_refused(refused.why);
-                 },
-                 [&](MessageReceived& message) { on_message(message, now); },
-                 [&](Heartbeat& heartbeat) {
-                   if (Robot* robot = robot_at(heartbeat.source, now)) on_heard(*robot, now);
-                 },
-                 [&](IvUpdate& update) {
-                   emit(Notice{Severity::info,
-                               fmt::format("the mesh's IV index is {}", update.iv_index),
-                               {}});
-                 },
-                 [](ProvisioningEvent&) {},
-                 [](CommandEnded&) {},
-                 [](BoardCleared&) {},
-                 [&](Notice& notice) { emit(std::move(notice)); },
-             },
-             action);
+  std::visit(
+      overloaded{
+          [&](WriteSerial& write) { actions_.push(std::move(write)); },
+          [&](ReopenPort& reopen) { actions_.push(reopen); },
+          [&](GenerateKeys& generate) { actions_.push(generate); },
+          [&](LinkIsUp& up) { on_link_up(std::move(up.detail), now); },
+          [&](LinkIsDown& down) { on_link_down(down.why, now); },
+          [&](SendRefused& refused) {
+            const auto robot = robots_.find(refused.destination);
+            if (robot != robots_.end()) robot->second.commands.on_send_refused(refused.why);
+            provisioner_.on_send_refused(refused.destination, refused.why, now);
+          },
+          [&](MessageReceived& message) { on_message(message, now); },
+          [&](Heartbeat& heartbeat) {
+            if (Robot* robot = robot_at(heartbeat.source, now)) on_heard(*robot, now);
+          },
+          [&](IvUpdate& update) {
+            emit(Notice{
+                Severity::info, fmt::format("the mesh's IV index is {}", update.iv_index), {}});
+            provisioner_.on_iv_index(update.iv_index, now);
+          },
+          [&](ProvisioningEvent& event) { provisioner_.on_event(event, now); },
+          [&](CommandEnded& ended) { provisioner_.on_command_ended(ended, now); },
+          [&](BoardCleared& cleared) {
+            provisioner_.on_board_cleared(cleared.status == Status::success,
+                                          std::string(to_string(cleared.status)), now);
+          },
+          [&](Notice& notice) { emit(std::move(notice)); },
+      },
+      action);
 }
 
-void BleMesh::on_link_up(std::string detail) {
+void BleMesh::on_link_up(std::string detail, TimePoint now) {
   emit(LinkChange{Mesh::ble, true, std::move(detail)});
-  for (const auto& [address, robot] : robots_)
+  for (auto& [address, robot] : robots_) {
     if (robot.is_online) subscribe(robot);  // for retained messages that came while it was down
+    if (robot.is_node) robot.await(now);
+  }
+  provisioner_.on_link_up(link_.subnet_handle(), now);
 }
 
 void BleMesh::on_link_down(const std::string& why, TimePoint now) {
@@ -93,16 +120,19 @@ void BleMesh::on_link_down(const std::string& why, TimePoint now) {
   emit(LinkChange{Mesh::ble, false, why});
   for (auto& [address, robot] : robots_)
     conclude(robot, robot.commands.refuse_all("the BLE link went down: " + why, now));
+  provisioner_.on_link_down(why, now);
 }
 
-void BleMesh::send(const Robot& robot, Bytes access, bool is_urgent, TimePoint now) {
-  if (!link_.send({robot.address, robot.appkey_handle, std::move(access), is_urgent}, now))
+void BleMesh::send(const Robot& robot, std::uint16_t element, Bytes access, bool is_urgent,
+                   TimePoint now) {
+  if (!link_.send({element, robot.appkey_handle, std::move(access), is_urgent}, now))
     ++counters_.sends_dropped;  // repeated by us (a command) or asked for again (a STATUS)
 }
 
 // --- Who is there --------------------------------------------------------------------------------
 
-Robot* BleMesh::robot_at(std::uint16_t address, TimePoint now) {
+Robot* BleMesh::robot_at(std::uint16_t source, TimePoint now) {
+  const std::uint16_t address = primary_of(source);
   const auto known = robots_.find(address);
   if (known != robots_.end()) return &known->second;
   if (robots_.size() >= max_robots) {
@@ -114,24 +144,42 @@ Robot* BleMesh::robot_at(std::uint16_t address, TimePoint now) {
                   {}});
     return nullptr;
   }
-  return &robots_.try_emplace(address, address, names_.of_ble(address), settings_.ttl)
+  return &robots_.try_emplace(address, address, provisioner_.id_of(address), settings_.ttl)
               .first->second;
 }
 
+Robot* BleMesh::robot_called(std::string_view id) {
+  for (auto& [address, robot] : robots_)
+    if (robot.id == id) return &robot;
+  return nullptr;
+}
+
+std::size_t BleMesh::queued(std::string_view id) const {
+  for (const auto& [address, robot] : robots_)
+    if (robot.id == id) return robot.commands.size();
+  return 0;
+}
+
 void BleMesh::on_heard(Robot& robot, TimePoint now) {
+  provisioner_.on_heard(robot.address, now);
   robot.last_heard = now;
+  robot.is_awaited = false;
   if (std::exchange(robot.is_online, true)) return;
   robot.retained_given.clear();
-  emit(PresenceChange{Mesh::ble, robot.id, Presence::online,
-                      fmt::format("0x{:04x}", robot.address)});
+  announce(robot, Presence::online);
   subscribe(robot);  // makes the broker send what is retained for it again
 }
 
+void BleMesh::announce(Robot& robot, Presence presence) {
+  robot.is_announced = true;
+  emit(PresenceChange{Mesh::ble, robot.id, presence, fmt::format("0x{:04x}", robot.address)});
+}
+
 void BleMesh::on_silent(Robot& robot) {
-  robot.is_online = false;
-  emit(PresenceChange{Mesh::ble, robot.id, Presence::offline,
-                      fmt::format("0x{:04x}", robot.address)});
-  if (settings_.will) emit(will_report(*settings_.will, robot.id));
+  robot.is_awaited = false;
+  const bool was_online = std::exchange(robot.is_online, false);
+  announce(robot, Presence::offline);
+  if (settings_.will && was_online) emit(will_report(*settings_.will, robot.id));
 }
 
 void BleMesh::subscribe(const Robot& robot) {
@@ -156,10 +204,9 @@ void BleMesh::on_broker_link(bool is_up) {
 void BleMesh::on_broker_message(const BrokerMessage& message, TimePoint now) {
   const auto target = topics_.parse_command_topic(message.topic);
   if (!target) return;
-  const auto address = names_.ble_address_of(target->robot);
-  const auto found = address ? robots_.find(*address) : robots_.end();
-  if (found == robots_.end()) return;  // not ours: it may be on the other mesh
-  Robot& robot = found->second;
+  Robot* const found = robot_called(target->robot);
+  if (found == nullptr) return;  // not ours: it may be on the other mesh
+  Robot& robot = *found;
   if (message.retain && !may_take_retained(robot, message)) return;
 
   const auto refuse = [&](std::string why) {
@@ -181,7 +228,7 @@ bool BleMesh::may_take_retained(Robot& robot, const BrokerMessage& message) {
 
 void BleMesh::transmit_due(Robot& robot, TimePoint now) {
   if (auto access = robot.commands.next_transmission(now))
-    send(robot, std::move(*access), false, now);
+    send(robot, robot.address, std::move(*access), false, now);
 }
 
 void BleMesh::conclude(const Robot& robot, EndedCommands ended) {
@@ -195,20 +242,21 @@ void BleMesh::conclude(const Robot& robot, EndedCommands ended) {
 // --- Time ----------------------------------------------------------------------------------------
 
 std::optional<TimePoint> BleMesh::deadline() const {
-  std::optional<TimePoint> next = link_.deadline();
+  std::optional<TimePoint> next = earlier(link_.deadline(), provisioner_.deadline());
   for (const auto& [address, robot] : robots_) {
     next = earlier(next, robot.commands.deadline());
-    if (robot.is_online) next = earlier(next, robot.last_heard + settings_.offline_after);
+    if (robot.is_expected()) next = earlier(next, robot.last_heard + settings_.offline_after);
   }
   return next;
 }
 
 void BleMesh::on_deadline(TimePoint now) {
   link_.on_deadline(now);
+  provisioner_.on_deadline(now);
   for (auto& [address, robot] : robots_) {
     conclude(robot, robot.commands.on_deadline(now));
     transmit_due(robot, now);
-    if (robot.is_online && now >= robot.last_heard + settings_.offline_after) on_silent(robot);
+    if (robot.is_expected() && now >= robot.last_heard + settings_.offline_after) on_silent(robot);
   }
   settle(now);
 }

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The robots on the BLE mesh: what they say becomes reports with receipts, what the broker says
-// becomes repeated commands, and who is heard is online. Stands on BoardLink for the serial board;
-// no I/O, no clock. Called by BleMeshAdapter, which drains its actions after each input.
+// becomes repeated commands, and who is heard is online. Stands on BoardLink for the serial board
+// and lets Provisioner take robots in through it; no I/O, no clock. Called by BleMeshAdapter, which
+// drains its actions after each input.
 #pragma once
 
 #include <cstdint>
@@ -12,6 +13,7 @@
 
 #include "adapters/ble_mesh_usb_cdc/mesh_machine.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic_serial/board_link.hpp"
+#include "adapters/ble_mesh_usb_cdc/provisioning/provisioner.hpp"
 #include "adapters/ble_mesh_usb_cdc/robot.hpp"
 #include "adapters/ble_mesh_usb_cdc/settings.hpp"
 #include "daemon/core/burst.hpp"
@@ -29,9 +31,10 @@ class BleMesh final : public MeshMachine {
   /// Retained topics for one robot.
   static constexpr std::size_t max_retained = 32;
 
-  /// `keys`: of this gateway's mesh.json, if there is one. `seed` makes Echo nonces.
-  BleMesh(Settings settings, TopicScheme topics, RobotNames names, std::optional<MeshKeys> keys,
-          std::uint64_t seed);
+  /// `database`: this gateway's mesh.json, if there is one. `random` makes the keys for new robots,
+  /// `seed` Echo nonces.
+  BleMesh(Settings settings, TopicScheme topics, RobotNames names,
+          std::optional<NodeDatabase> database, RandomSource random, std::uint64_t seed);
 
   void on_start() override;
   void on_port_open(TimePoint now) override;
@@ -39,6 +42,8 @@ class BleMesh final : public MeshMachine {
   void on_bytes(ByteView bytes, TimePoint now) override;
   void on_keys(const MeshKeys& keys, TimePoint now) override;
   void on_keys_failed(const std::string& why, TimePoint now) override;
+  void on_stored(const std::string& problem, TimePoint now) override;
+  void on_order(std::uint64_t id, MeshOrder order, TimePoint now) override;
 
   void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now) override;
   void on_broker_message(const BrokerMessage& message, TimePoint now) override;
@@ -49,6 +54,8 @@ class BleMesh final : public MeshMachine {
   std::optional<TimePoint> deadline() const override;
   void on_deadline(TimePoint now) override;
   Counters counters() const override;
+  /// Commands that wait for this robot or are on their way to it.
+  std::size_t queued(std::string_view robot) const;
 
  private:
   struct MeshCounters {
@@ -63,27 +70,37 @@ class BleMesh final : public MeshMachine {
 
   void settle(TimePoint now);
   void on_link_action(LinkAction action, TimePoint now);
-  void on_link_up(std::string detail);
+  void on_link_up(std::string detail, TimePoint now);
   void on_link_down(const std::string& why, TimePoint now);
+
+  // ble_mesh_members.cpp: who belongs to the mesh
+  void on_provisioner_action(ProvisionerAction action, TimePoint now);
+  void follow_nodes(TimePoint now);
+  void add_node(const Node& node);
+  void take_out(Robot& robot, TimePoint now);
+  std::uint16_t primary_of(std::uint16_t address) const;
 
   void on_message(const MessageReceived& message, TimePoint now);
   void on_vendor_message(Robot& robot, VendorMessage kind, const MessageReceived& message,
                          ByteView params, TimePoint now);
   void on_set(Robot& robot, VendorModel model, const MessageReceived& message, ByteView params,
               TimePoint now);
-  void report(const Robot& robot, VendorModel model, ByteView params, std::uint64_t receipt_id);
-  void send_status(const Robot& robot, VendorModel model, TimePoint now);
+  void report(const Robot& robot, VendorModel model, const MessageReceived& message,
+              ByteView params, std::uint64_t receipt_id);
+  void send_status(const Robot& robot, std::uint16_t element, VendorModel model, TimePoint now);
   void reject(std::uint16_t source, std::string_view why, TimePoint now);
 
   Robot* robot_at(std::uint16_t address, TimePoint now);
+  Robot* robot_called(std::string_view id);
   void on_heard(Robot& robot, TimePoint now);
   void on_silent(Robot& robot);
+  void announce(Robot& robot, Presence presence);
   void subscribe(const Robot& robot);
 
   bool may_take_retained(Robot& robot, const BrokerMessage& message);
   void transmit_due(Robot& robot, TimePoint now);
   void conclude(const Robot& robot, EndedCommands ended);
-  void send(const Robot& robot, Bytes access, bool is_urgent, TimePoint now);
+  void send(const Robot& robot, std::uint16_t element, Bytes access, bool is_urgent, TimePoint now);
   const std::string& type_of(VendorModel model) const;
   void emit(MeshEvent event) { actions_.push(std::move(event)); }
 
@@ -91,6 +108,7 @@ class BleMesh final : public MeshMachine {
   TopicScheme topics_;
   RobotNames names_;
   BoardLink link_;
+  Provisioner provisioner_;
   std::string down_reason_ = "not started";
   ActionQueue<MeshAction> actions_;
   std::map<std::uint16_t, Robot> robots_;

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <boost/asio/buffer.hpp>
 #include <boost/asio/error.hpp>
+#include <boost/asio/post.hpp>
 #include <boost/asio/write.hpp>
 #include <random>
 #include <utility>
@@ -32,14 +33,14 @@ std::unique_ptr<MeshMachine> make_machine(const Settings& settings, TopicScheme 
       problem = "ble_mesh.robot_id is not set: positions do not say whose they are";
     return std::make_unique<CobsMesh>(settings, std::move(topics), std::move(names));
   }
-  std::optional<MeshKeys> keys;
+  std::optional<NodeDatabase> database;
   if (const auto loaded = file.load(); !loaded.has_value()) {
     problem = loaded.error().why;
-  } else if (loaded->has_value()) {
-    keys = (*loaded)->keys;
+  } else {
+    database = *loaded;
   }
-  return std::make_unique<BleMesh>(settings, std::move(topics), std::move(names), keys,
-                                   random_seed());
+  return std::make_unique<BleMesh>(settings, std::move(topics), std::move(names),
+                                   std::move(database), fill_random, random_seed());
 }
 
 }  // namespace
@@ -51,6 +52,7 @@ BleMeshAdapter::BleMeshAdapter(asio::io_context& io, Settings settings, TopicSch
       file_(store_directory),
       listener_(listener),
       mesh_(make_machine(settings_, std::move(topics), std::move(names), file_, problem_)),
+      robots_(dynamic_cast<const BleMesh*>(mesh_.get())),
       driver_(io, *mesh_, [this](MeshAction& action) { perform(action); }),
       timer_(io) {}
 
@@ -70,6 +72,8 @@ void BleMeshAdapter::stop() {
   driver_.stop();
   timer_.cancel();
   close_port();
+  orders_.clear();
+  disk_.join();  // what the mesh has changed last belongs on disk
 }
 
 void BleMeshAdapter::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome) {
@@ -91,6 +95,27 @@ void BleMeshAdapter::on_broker_link(bool is_up) {
 
 Counters BleMeshAdapter::counters() const { return mesh_->counters(); }
 
+std::size_t BleMeshAdapter::queued_for(const std::string& robot) const {
+  return robots_ ? robots_->queued(robot) : 0;
+}
+
+void BleMeshAdapter::manage(MeshOrder order, OrderDone done) {
+  if (is_stopped_) return done({{}, "slam-gatewayd ends"});
+  if (!problem_.empty()) return done({{}, problem_});
+  const std::uint64_t id = ++last_order_;
+  orders_.emplace(id, std::move(done));
+  driver_.input(
+      [&](MeshMachine& mesh, TimePoint now) { mesh.on_order(id, std::move(order), now); });
+}
+
+void BleMeshAdapter::end_order(OrderEnded& ended) {
+  const auto waiting = orders_.find(ended.id);
+  if (waiting == orders_.end()) return;
+  const OrderDone done = std::move(waiting->second);
+  orders_.erase(waiting);
+  done(std::move(ended.answer));
+}
+
 void BleMeshAdapter::perform(MeshAction& action) {
   if (is_stopped_) return;
   std::visit(overloaded{
@@ -100,6 +125,8 @@ void BleMeshAdapter::perform(MeshAction& action) {
                    open_after(reopen.after);
                  },
                  [this](GenerateKeys&) { generate_keys(); },
+                 [this](StoreMesh& mesh) { store(std::move(mesh.database)); },
+                 [this](OrderEnded& ended) { end_order(ended); },
                  [this](MeshEvent& event) { listener_.on_mesh_event(std::move(event)); },
              },
              action);
@@ -114,6 +141,16 @@ void BleMeshAdapter::generate_keys() {
     } else {
       mesh.on_keys_failed(problem, now);
     }
+  });
+}
+
+void BleMeshAdapter::store(NodeDatabase database) {
+  asio::post(disk_, [this, database = std::move(database), loop = timer_.get_executor()] {
+    std::string problem = file_.replace(database);
+    asio::post(loop, [this, problem = std::move(problem), alive = std::weak_ptr(alive_)] {
+      if (alive.expired() || is_stopped_) return;
+      driver_.input([&](MeshMachine& mesh, TimePoint now) { mesh.on_stored(problem, now); });
+    });
   });
 }
 

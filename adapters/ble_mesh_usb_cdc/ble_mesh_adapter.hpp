@@ -7,6 +7,8 @@
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/posix/stream_descriptor.hpp>
 #include <boost/asio/steady_timer.hpp>
+#include <boost/asio/thread_pool.hpp>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
@@ -20,6 +22,8 @@
 #include "daemon/runtime/machine_driver.hpp"
 
 namespace slamgw::ble {
+
+class BleMesh;
 
 class BleMeshAdapter final : public MeshAdapter {
  public:
@@ -41,12 +45,18 @@ class BleMeshAdapter final : public MeshAdapter {
   void on_subscribe_result(const std::string& filter, bool granted) override;
   void on_broker_link(bool is_up) override;
   Counters counters() const override;
+  std::size_t queued_for(const std::string& robot) const override;
+  /// What operators order about the mesh and its robots; `done` is called once, now or later, and
+  /// never after stop().
+  void manage(MeshOrder order, OrderDone done);
 
  private:
   using Stream = boost::asio::posix::stream_descriptor;
 
   void perform(MeshAction& action);
   void generate_keys();
+  void store(NodeDatabase database);
+  void end_order(OrderEnded& ended);
 
   void open_after(Duration delay);
   void open_port();
@@ -62,6 +72,7 @@ class BleMeshAdapter final : public MeshAdapter {
   std::string problem_;  ///< why the mesh stays off; empty when it does not
   MeshListener& listener_;
   std::unique_ptr<MeshMachine> mesh_;
+  const BleMesh* robots_ = nullptr;  ///< `mesh_`, with protocol nordic-serial
   MachineDriver<MeshMachine> driver_;
   boost::asio::steady_timer timer_;  ///< the next attempt to open, or the rest of DTR
   std::unique_ptr<SerialPort> port_;
@@ -72,6 +83,11 @@ class BleMeshAdapter final : public MeshAdapter {
   Bytes unwritten_;
   Bytes writing_;  ///< alive until its async_write ends
   bool is_stopped_ = true;
+  std::map<std::uint64_t, OrderDone> orders_;
+  std::uint64_t last_order_ = 0;
+  /// Gone with the adapter: a completion that was under way must not touch it.
+  std::shared_ptr<const int> alive_ = std::make_shared<int>();
+  boost::asio::thread_pool disk_{1};  ///< writes mesh.json; last, so that it ends first
 };
 
 }  // namespace slamgw::ble

@@ -11,7 +11,6 @@
 namespace slamgw::ble {
 namespace {
 
-constexpr std::uint16_t last_unicast_address = 0x7fff;
 constexpr Opcode health_current_status = 0x04;
 
 }  // namespace
@@ -22,6 +21,7 @@ void BleMesh::on_message(const MessageReceived& message, TimePoint now) {
   Robot* robot = robot_at(message.source, now);
   if (robot == nullptr) return;
   on_heard(*robot, now);
+  if (provisioner_.on_message(message, now)) return settle(now);
   if (message.actual_length > message.payload.size())
     return reject(message.source, "the serial board cut it short", now);
   const auto access = decode_access(message.payload);
@@ -44,8 +44,8 @@ void BleMesh::on_vendor_message(Robot& robot, VendorMessage kind, const MessageR
                                 ByteView params, TimePoint now) {
   switch (kind.kind) {
     case MessageKind::set: on_set(robot, kind.model, message, params, now); break;
-    case MessageKind::set_unreliable: report(robot, kind.model, params, 0); break;
-    case MessageKind::get: send_status(robot, kind.model, now); break;
+    case MessageKind::set_unreliable: report(robot, kind.model, message, params, 0); break;
+    case MessageKind::get: send_status(robot, message.source, kind.model, now); break;
     case MessageKind::status:
       conclude(robot, robot.commands.on_status(opcode_of(kind), now));
       transmit_due(robot, now);
@@ -63,16 +63,17 @@ void BleMesh::on_set(Robot& robot, VendorModel model, const MessageReceived& mes
     case RepeatFilter::Verdict::repeat_answered:
       ++counters_.repeats;
       inbox.filter.on_answered(now);
-      return send_status(robot, model, now);
+      return send_status(robot, message.source, model, now);
     case RepeatFilter::Verdict::fresh: break;
   }
   // A receipt still open here is of a SET that the robot has given up. Answering that one late
   // would acknowledge this one, so it is forgotten, and so is a STATUS that still waits.
-  link_.withdraw(robot.address, encode_status(model));
+  link_.withdraw(message.source, encode_status(model));
   open_receipts_.erase(inbox.open_receipt);
   inbox.open_receipt = ++last_receipt_;
+  inbox.element = message.source;
   open_receipts_.emplace(inbox.open_receipt, std::pair(robot.address, model));
-  report(robot, model, params, inbox.open_receipt);
+  report(robot, model, message, params, inbox.open_receipt);
 }
 
 void BleMesh::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now) {
@@ -80,21 +81,21 @@ void BleMesh::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimeP
   if (open == open_receipts_.end()) return;
   const auto [address, model] = open->second;
   open_receipts_.erase(open);
-  Robot& robot = robots_.at(address);  // robots are never forgotten
+  Robot& robot = robots_.at(address);  // its receipts go with it
   Inbox& inbox = robot.inboxes[static_cast<std::size_t>(model)];
   inbox.open_receipt = 0;
   switch (outcome) {
     case ReceiptOutcome::safe:
       inbox.filter.on_answered(now);
-      send_status(robot, model, now);
+      send_status(robot, inbox.element, model, now);
       break;
     case ReceiptOutcome::refused: inbox.filter.on_refused(); break;
   }
   settle(now);
 }
 
-void BleMesh::report(const Robot& robot, VendorModel model, ByteView params,
-                     std::uint64_t receipt_id) {
+void BleMesh::report(const Robot& robot, VendorModel model, const MessageReceived& message,
+                     ByteView params, std::uint64_t receipt_id) {
   ++counters_.reports;
   emit(Report{.mesh = Mesh::ble,
               .robot = robot.id,
@@ -102,12 +103,15 @@ void BleMesh::report(const Robot& robot, VendorModel model, ByteView params,
               .payload = {params.begin(), params.end()},
               .qos = Qos::at_least_once,
               .retain = false,
-              .receipt = {Mesh::ble, receipt_id}});
+              .receipt = {Mesh::ble, receipt_id},
+              .is_will = false,
+              .radio = RadioFacts{message.rssi_dbm, robot.hops(message.ttl)}});
 }
 
-void BleMesh::send_status(const Robot& robot, VendorModel model, TimePoint now) {
+void BleMesh::send_status(const Robot& robot, std::uint16_t element, VendorModel model,
+                          TimePoint now) {
   ++counters_.statuses_sent;
-  send(robot, encode_status(model), true, now);
+  send(robot, element, encode_status(model), true, now);
 }
 
 void BleMesh::reject(std::uint16_t source, std::string_view why, TimePoint now) {

@@ -7,7 +7,8 @@
 #include <string>
 #include <variant>
 
-#include "adapters/ble_mesh_usb_cdc/nordic_serial/commands.hpp"
+#include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
+#include "daemon/core/mesh_order.hpp"
 #include "daemon/core/messages.hpp"
 #include "daemon/core/protocol_machine.hpp"
 
@@ -24,7 +25,18 @@ struct ReopenPort {
 /// Make keys for a new mesh and store them; answered by on_keys or on_keys_failed.
 struct GenerateKeys {};
 
-using MeshAction = std::variant<WriteSerial, ReopenPort, GenerateKeys, MeshEvent>;
+/// Put the mesh's database on disk; answered by on_stored. Holds secrets.
+struct StoreMesh {
+  NodeDatabase database;
+};
+/// An operator's order has ended; once for each.
+struct OrderEnded {
+  std::uint64_t id = 0;
+  OrderAnswer answer;
+};
+
+using MeshAction =
+    std::variant<WriteSerial, ReopenPort, GenerateKeys, StoreMesh, OrderEnded, MeshEvent>;
 
 class MeshMachine {
  public:
@@ -38,6 +50,10 @@ class MeshMachine {
   virtual void on_bytes(ByteView bytes, TimePoint now) = 0;
   virtual void on_keys(const MeshKeys& keys, TimePoint now) = 0;
   virtual void on_keys_failed(const std::string& why, TimePoint now) = 0;
+  /// `problem` is empty when the database is on disk.
+  virtual void on_stored(const std::string& problem, TimePoint now) = 0;
+  /// `id` comes back in OrderEnded.
+  virtual void on_order(std::uint64_t id, MeshOrder order, TimePoint now) = 0;
 
   virtual void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now) = 0;
   virtual void on_broker_message(const BrokerMessage& message, TimePoint now) = 0;

@@ -44,6 +44,8 @@ class MeshAdapter {
   virtual void on_broker_link(bool is_up) = 0;
 
   virtual Counters counters() const = 0;
+  /// Commands that wait for this robot or are on their way to it, as far as the mesh knows.
+  virtual std::size_t queued_for(const std::string&) const { return 0; }
 };
 
 }  // namespace slamgw

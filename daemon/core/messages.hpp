@@ -5,6 +5,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <variant>
@@ -34,6 +35,12 @@ struct Receipt {
 /// its message.
 enum class ReceiptOutcome : std::uint8_t { safe, refused };
 
+/// What a mesh knows about the way that a message came.
+struct RadioFacts {
+  int rssi_dbm = 0;                  ///< of the last hop
+  std::optional<std::uint8_t> hops;  ///< relays on the way; nothing where it can't be told
+};
+
 /// Up: what a robot said. `topic` is the full topic name (`<prefix>/robot/<robot>/<type>`, or one
 /// that `topics.extra_publish` allows); the mesh's machine has already made sure that this robot
 /// may use it.
@@ -46,6 +53,7 @@ struct Report {
   bool retain = false;
   Receipt receipt;
   bool is_will = false;  ///< said on the robot's behalf: no sign of life
+  std::optional<RadioFacts> radio = {};
 };
 
 /// An MQTT message, in either direction.

@@ -72,6 +72,7 @@ Robot* RobotRegistry::on_report(const Report& report, const Now& now) {
   robot->rate.on_message(now.mono);
   robot->last_seen = now.wall;
   robot->last_mesh = report.mesh;
+  robot->radio = report.radio;
   return robot;
 }
 

@@ -41,6 +41,7 @@ struct Robot {
   std::uint64_t messages_up = 0;
   std::uint64_t messages_down = 0;
   RateMeter rate;
+  std::optional<RadioFacts> radio;  ///< of its last message
   Burst rejected_burst;
 
   /// The mesh that speaks for it: one where it is online, else asleep, else the last one.

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <deque>
 #include <functional>
+#include <random>
 #include <string>
 #include <vector>
 
@@ -22,13 +23,28 @@ inline MeshKeys test_keys() {
   return keys;
 }
 
+inline NodeDatabase test_database() {
+  NodeDatabase database;
+  database.keys = test_keys();
+  return database;
+}
+
+/// Different octets each time, the same in each test.
+inline RandomSource test_random() {
+  return [random = std::mt19937_64(3)](std::span<std::uint8_t> octets) mutable {
+    for (std::uint8_t& octet : octets) octet = static_cast<std::uint8_t>(random());
+    return true;
+  };
+}
+
 class MeshRig {
  public:
   static constexpr Duration latency = std::chrono::milliseconds{3};
 
-  explicit MeshRig(Settings settings = {}, std::optional<MeshKeys> keys = test_keys(),
+  explicit MeshRig(Settings settings = {}, std::optional<NodeDatabase> database = test_database(),
                    RobotNames names = RobotNames({{"nr1", 0x0100, {}}}))
-      : mesh(std::move(settings), TopicScheme("ntnu-slam", "gw"), std::move(names), keys, 7) {}
+      : mesh(std::move(settings), TopicScheme("ntnu-slam", "gw"), std::move(names),
+             std::move(database), test_random(), 7) {}
 
   /// Opens the port; the link is up some time later.
   void open() {
@@ -125,6 +141,10 @@ class MeshRig {
   int key_requests = 0;
   bool answers_key_requests = true;
   bool reopens_port = true;
+  std::vector<NodeDatabase> stored;
+  bool answers_stores = true;
+  std::string store_problem;
+  std::vector<OrderAnswer> answers;
 
  private:
   struct Delivery {
@@ -149,6 +169,11 @@ class MeshRig {
                        ++key_requests;
                        if (answers_key_requests) mesh.on_keys(test_keys(), now);
                      },
+                     [&](StoreMesh& store) {
+                       stored.push_back(std::move(store.database));
+                       if (answers_stores) mesh.on_stored(store_problem, now);
+                     },
+                     [&](OrderEnded& ended) { answers.push_back(std::move(ended.answer)); },
                      [&](MeshEvent& event) { events.push_back(std::move(event)); },
                  },
                  *action);

@@ -31,7 +31,7 @@ struct WalkRobot {
 
 class Walk {
  public:
-  explicit Walk(std::uint64_t seed) : random(seed), rig(Settings{}, test_keys()) {
+  explicit Walk(std::uint64_t seed) : random(seed), rig(Settings{}, test_database()) {
     for (std::uint16_t address = 0x0100; address < 0x0103; ++address)
       robots.push_back({.address = address});
     rig.start();

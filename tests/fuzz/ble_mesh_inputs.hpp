@@ -77,7 +77,14 @@ class MeshInputs {
     drain();
   }
 
-  BleMesh mesh_{Settings{}, TopicScheme("p", "g"), RobotNames({{"nr1", 0x0010, {}}}), MeshKeys{},
+  BleMesh mesh_{Settings{},
+                TopicScheme("p", "g"),
+                RobotNames({{"nr1", 0x0010, {}}}),
+                NodeDatabase{},
+                [](std::span<std::uint8_t> octets) {
+                  std::ranges::fill(octets, std::uint8_t{1});
+                  return true;
+                },
                 1};
   TimePoint now_{};
   std::uint8_t last_command_ = 0;

@@ -47,6 +47,11 @@ void CobsMesh::on_port_closed(const std::string& why, TimePoint) {
   emit(LinkChange{Mesh::ble, false, why});
 }
 
+void CobsMesh::on_order(std::uint64_t id, MeshOrder, TimePoint) {
+  actions_.push(OrderEnded{
+      id, {{}, "not supported by this link: ble_mesh.protocol is \"cobs\", which has no mesh"}});
+}
+
 // --- Up ------------------------------------------------------------------------------------------
 
 void CobsMesh::on_bytes(ByteView bytes, TimePoint now) {

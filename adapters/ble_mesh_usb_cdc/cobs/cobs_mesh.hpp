@@ -31,6 +31,8 @@ class CobsMesh final : public MeshMachine {
   void on_bytes(ByteView bytes, TimePoint now) override;
   void on_keys(const MeshKeys&, TimePoint) override {}  // never asked for
   void on_keys_failed(const std::string&, TimePoint) override {}
+  void on_stored(const std::string&, TimePoint) override {}
+  void on_order(std::uint64_t id, MeshOrder order, TimePoint now) override;
 
   void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now) override;
   /// Answered with the outcome "refused" when the robot is on this link.

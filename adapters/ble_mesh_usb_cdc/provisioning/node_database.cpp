@@ -40,17 +40,22 @@ bool NodeDatabase::was_removed(const Uuid& uuid) const {
   return std::ranges::find(removed, uuid, &RemovedNode::uuid) != removed.end();
 }
 
-void NodeDatabase::remove(const Uuid& uuid) {
+void NodeDatabase::remove(Uuid uuid) {
   const Node* node = find(uuid);
   if (node == nullptr) return;
-  forget_removed(uuid);
-  if (removed.size() >= max_removed) removed.erase(removed.begin());
-  removed.push_back({uuid, node->address, node->elements});
+  retire(node->address, node->elements, uuid);
   std::erase_if(nodes, [&](const Node& other) { return other.uuid == uuid; });
 }
 
+void NodeDatabase::retire(std::uint16_t address, std::uint8_t elements, const Uuid& uuid) {
+  forget_removed(uuid);
+  if (removed.size() >= max_removed) removed.erase(removed.begin());
+  removed.push_back({uuid, address, elements});
+}
+
 void NodeDatabase::forget_removed(const Uuid& uuid) {
-  std::erase_if(removed, [&](const RemovedNode& node) { return node.uuid == uuid; });
+  for (RemovedNode& node : removed)
+    if (node.uuid == uuid) node.uuid = Uuid{};
 }
 
 }  // namespace slamgw::ble

@@ -38,7 +38,7 @@ struct Node {
 /// A node that was put out of the mesh. Its address is handed out again after all others, and it is
 /// taken in again only by hand.
 struct RemovedNode {
-  Uuid uuid{};
+  Uuid uuid{};  ///< zeros: welcome again
   std::uint16_t address = 0;
   std::uint8_t elements = 1;
 };
@@ -62,8 +62,10 @@ struct NodeDatabase {
   const Node* find_address(std::uint16_t address) const;
   bool was_removed(const Uuid& uuid) const;
   /// Takes the node out and remembers that.
-  void remove(const Uuid& uuid);
-  /// It is welcome again.
+  void remove(Uuid uuid);
+  /// Its address is used again after all others. `uuid`: not taken in by itself; zeros for none.
+  void retire(std::uint16_t address, std::uint8_t elements, const Uuid& uuid);
+  /// The device is welcome again; its address stays retired.
   void forget_removed(const Uuid& uuid);
 };
 

@@ -1,0 +1,116 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "adapters/ble_mesh_usb_cdc/access/config_messages.hpp"
+
+#include <fmt/format.h>
+
+#include <array>
+
+namespace slamgw::ble {
+namespace {
+
+constexpr Opcode appkey_add = 0x00;
+constexpr Opcode model_publication_set = 0x03;
+constexpr Opcode composition_data_get = 0x8008;
+constexpr Opcode model_subscription_add = 0x801b;
+constexpr Opcode model_app_bind = 0x803d;
+constexpr Opcode node_reset = 0x8049;
+constexpr std::uint16_t app_key_index = 0;
+constexpr std::size_t composition_head_bytes = 10;  // company, product, version, CRPL, features
+
+}  // namespace
+
+std::string to_string(const ModelId& model) {
+  if (model.company) return fmt::format("0x{:04x}:0x{:04x}", *model.company, model.number);
+  return fmt::format("0x{:04x}", model.number);
+}
+
+Bytes encode_model_id(const ModelId& model) {
+  ByteWriter out;
+  if (model.company) out.write_u16_le(*model.company);
+  return out.write_u16_le(model.number).take();
+}
+
+Result<Composition, DecodeError> decode_composition(ByteView params) {
+  ByteReader reader(params);
+  if (reader.read_u8() != 0) return DecodeError::bad_value;
+  reader.read(composition_head_bytes);
+  Composition composition;
+  while (reader.ok() && reader.remaining() > 0) {
+    reader.read_u16_le();  // location
+    const std::uint8_t sig_models = reader.read_u8();
+    const std::uint8_t vendor_models = reader.read_u8();
+    std::vector<ModelId> models;
+    for (int i = 0; i < sig_models && reader.ok(); ++i)
+      models.push_back({{}, reader.read_u16_le()});
+    for (int i = 0; i < vendor_models && reader.ok(); ++i) {
+      const std::uint16_t company = reader.read_u16_le();
+      models.push_back({company, reader.read_u16_le()});
+    }
+    composition.push_back(std::move(models));
+  }
+  if (!reader.ok() || composition.empty()) return DecodeError::too_short;
+  return composition;
+}
+
+Bytes encode_composition_data_get() {
+  return encode_access(composition_data_get, std::array<std::uint8_t, 1>{0});
+}
+
+Bytes encode_appkey_add_message(const Key& app_key) {
+  const std::array<std::uint8_t, 3> key_indexes{};  // two of 12 bits each
+  return encode_access(appkey_add, ByteWriter{}.write(key_indexes).write(app_key).bytes());
+}
+
+Bytes encode_model_app_bind(std::uint16_t element, const ModelId& model) {
+  return encode_access(model_app_bind, ByteWriter{}
+                                           .write_u16_le(element)
+                                           .write_u16_le(app_key_index)
+                                           .write(encode_model_id(model))
+                                           .bytes());
+}
+
+Bytes encode_model_publication_set(const Publication& publication) {
+  return encode_access(model_publication_set,
+                       ByteWriter{}
+                           .write_u16_le(publication.element)
+                           .write_u16_le(publication.address)
+                           .write_u16_le(app_key_index)  // and no friendship credentials
+                           .write_u8(publication.ttl)
+                           .write_u8(publication.period)
+                           .write_u8(0)  // no retransmission
+                           .write(encode_model_id(publication.model))
+                           .bytes());
+}
+
+Bytes encode_model_subscription_add(std::uint16_t element, std::uint16_t group,
+                                    const ModelId& model) {
+  return encode_access(
+      model_subscription_add,
+      ByteWriter{}.write_u16_le(element).write_u16_le(group).write(encode_model_id(model)).bytes());
+}
+
+Bytes encode_node_reset() { return encode_access(node_reset, {}); }
+
+std::string_view config_status_text(std::uint8_t status) {
+  constexpr std::array<std::string_view, 0x12> texts{"success",
+                                                     "invalid address",
+                                                     "invalid model",
+                                                     "invalid application key index",
+                                                     "invalid network key index",
+                                                     "insufficient resources",
+                                                     "key index already stored, with another key",
+                                                     "invalid publish parameters",
+                                                     "not a subscribe model",
+                                                     "storage failure",
+                                                     "feature not supported",
+                                                     "cannot update",
+                                                     "cannot remove",
+                                                     "cannot bind",
+                                                     "temporarily unable to change state",
+                                                     "cannot set",
+                                                     "unspecified error",
+                                                     "invalid binding"};
+  return status < texts.size() ? texts[status] : "unlisted status";
+}
+
+}  // namespace slamgw::ble

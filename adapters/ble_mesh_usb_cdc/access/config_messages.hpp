@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+// The configuration messages (Mesh Profile 1.0 section 4.3.2) that a new node gets, as access
+// messages with their opcode. Key index 0 of both keys. Numbers are little-endian; a vendor model's
+// company goes before its model number. Called by configuration_plan and NodeConfiguration.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "adapters/ble_mesh_usb_cdc/access/opcode.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic_serial/commands.hpp"
+
+namespace slamgw::ble {
+
+inline constexpr Opcode composition_data_status = 0x02;
+inline constexpr Opcode appkey_status = 0x8003;
+inline constexpr Opcode model_publication_status = 0x8019;
+inline constexpr Opcode model_subscription_status = 0x801f;
+inline constexpr Opcode model_app_status = 0x803e;
+inline constexpr Opcode node_reset_status = 0x804a;
+
+struct ModelId {
+  std::optional<std::uint16_t> company;  ///< nothing: a model of the Bluetooth SIG
+  std::uint16_t number = 0;
+  bool operator==(const ModelId&) const = default;
+};
+/// `0x1000`, `0x0059:0x0006`
+std::string to_string(const ModelId& model);
+Bytes encode_model_id(const ModelId& model);
+
+/// The models of each element, the primary one first.
+using Composition = std::vector<std::vector<ModelId>>;
+/// The parameters of Composition Data Status; page 0 only.
+Result<Composition, DecodeError> decode_composition(ByteView params);
+
+struct Publication {
+  std::uint16_t element = 0;
+  std::uint16_t address = 0;  ///< where to
+  std::uint8_t ttl = 0;
+  std::uint8_t period = 0;  ///< steps, and their resolution in the two upper bits; 0: none
+  ModelId model;
+};
+/// Each 10 s: ten steps of one second.
+inline constexpr std::uint8_t period_10_s = 0x4a;
+
+Bytes encode_composition_data_get();
+Bytes encode_appkey_add_message(const Key& app_key);
+Bytes encode_model_app_bind(std::uint16_t element, const ModelId& model);
+Bytes encode_model_publication_set(const Publication& publication);
+Bytes encode_model_subscription_add(std::uint16_t element, std::uint16_t group,
+                                    const ModelId& model);
+Bytes encode_node_reset();
+
+/// What a status octet of theirs means (Mesh Profile 1.0 table 4.108).
+std::string_view config_status_text(std::uint8_t status);
+
+}  // namespace slamgw::ble

@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: Apache-2.0
+// BleMesh's members: carries between Provisioner and the board, and keeps the robots in step with
+// the database of nodes.
+#include <vector>
+
+#include "adapters/ble_mesh_usb_cdc/ble_mesh.hpp"
+
+namespace slamgw::ble {
+
+void BleMesh::on_stored(const std::string& problem, TimePoint now) {
+  provisioner_.on_stored(problem, now);
+  settle(now);
+}
+
+void BleMesh::on_order(std::uint64_t id, MeshOrder order, TimePoint now) {
+  provisioner_.on_order(id, std::move(order), now);
+  settle(now);
+}
+
+void BleMesh::on_provisioner_action(ProvisionerAction action, TimePoint now) {
+  std::visit(overloaded{
+                 // Not taken means that the link has gone down; Provisioner hears of it next.
+                 [&](BoardCommand& command) { link_.command(std::move(command.frame), now); },
+                 [&](SendUnderDeviceKey& message) {
+                   if (!link_.send({message.address, message.devkey_handle,
+                                    std::move(message.access), false},
+                                   now))
+                     ++counters_.sends_dropped;  // repeated by Provisioner
+                 },
+                 [&](NodesChanged&) { follow_nodes(now); },
+                 [&](UseKeys& use) { link_.change_keys(use.keys, now); },
+                 [&](ClearBoard&) {
+                   if (!link_.clear_board(now))
+                     provisioner_.on_board_cleared(false, "the BLE link is down", now);
+                 },
+                 [&](StoreMesh& store) { actions_.push(std::move(store)); },
+                 [&](OrderEnded& ended) { actions_.push(std::move(ended)); },
+                 [&](Notice& notice) { emit(std::move(notice)); },
+             },
+             action);
+}
+
+void BleMesh::follow_nodes(TimePoint now) {
+  const NodeDatabase* database = provisioner_.database();
+  std::vector<std::uint16_t> gone;
+  for (auto& [address, robot] : robots_) {
+    const Node* node = database ? database->find_address(address) : nullptr;
+    const bool is_node = node != nullptr && node->state != NodeState::reserved;
+    const bool is_the_same = is_node && provisioner_.id_of(address) == robot.id;
+    if ((robot.is_node || is_node) && !is_the_same) gone.push_back(address);
+  }
+  for (const std::uint16_t address : gone) {
+    take_out(robots_.at(address), now);
+    robots_.erase(address);
+  }
+  if (database == nullptr) return;
+  for (const Node& node : database->nodes)
+    if (node.state != NodeState::reserved && robots_.size() < max_robots) add_node(node);
+}
+
+void BleMesh::add_node(const Node& node) {
+  const std::string id = provisioner_.id_of(node.address);
+  const auto [entry, is_new] = robots_.try_emplace(node.address, node.address, id, settings_.ttl);
+  Robot& robot = entry->second;
+  robot.is_node = true;
+  robot.sent_ttl = node.ttl;
+  if (is_new) subscribe(robot);
+}
+
+void BleMesh::take_out(Robot& robot, TimePoint now) {
+  if (robot.is_online) announce(robot, Presence::offline);
+  conclude(robot, robot.commands.refuse_all("the robot was put out of the mesh", now));
+  std::erase_if(open_receipts_,
+                [&](const auto& open) { return open.second.first == robot.address; });
+  emit(UnsubscribeRequest{Mesh::ble, topics_.command_filter(robot.id)});
+}
+
+std::uint16_t BleMesh::primary_of(std::uint16_t address) const {
+  const NodeDatabase* database = provisioner_.database();
+  const Node* node = database ? database->find_address(address) : nullptr;
+  return node && node->state != NodeState::reserved ? node->address : address;
+}
+
+}  // namespace slamgw::ble

@@ -1,0 +1,124 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "adapters/ble_mesh_usb_cdc/provisioning/configuration_plan.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+
+namespace slamgw::ble {
+namespace {
+
+constexpr std::uint16_t nordic = 0x0059;
+constexpr ModelId health_server{{}, 0x0002};
+constexpr ModelId generic_on_off_server{{}, 0x1000};
+constexpr ModelId generic_on_off_client{{}, 0x1001};
+
+/// The thesis's models (5.2.1) and Nordic's Simple OnOff.
+constexpr std::array vendor_clients{ModelId{nordic, 0x0004}, ModelId{nordic, 0x0006},
+                                    ModelId{nordic, 0x0008}, ModelId{nordic, 0x0001}};
+constexpr std::array servers{ModelId{nordic, 0x0005}, ModelId{nordic, 0x0007},
+                             ModelId{nordic, 0x0009}, ModelId{nordic, 0x0000},
+                             generic_on_off_server};
+
+bool is_bound(const ModelId& model) {
+  return model.company == nordic || model == health_server || model == generic_on_off_server ||
+         model == generic_on_off_client;
+}
+
+bool is_one_of(const auto& models, const ModelId& model) {
+  return std::ranges::find(models, model) != models.end();
+}
+
+Bytes number(std::uint16_t value) { return ByteWriter{}.write_u16_le(value).take(); }
+
+bool starts_with(ByteView bytes, const Bytes& head) {
+  return bytes.size() >= head.size() && std::ranges::equal(bytes.first(head.size()), head);
+}
+
+bool ends_with(ByteView bytes, const Bytes& tail) {
+  return bytes.size() >= tail.size() && std::ranges::equal(bytes.last(tail.size()), tail);
+}
+
+ConfigurationStep appkey_step(const Key& app_key) {
+  return {"the application key",
+          encode_appkey_add_message(app_key),
+          appkey_status,
+          true,
+          Bytes(3, 0),
+          {},
+          true};
+}
+
+/// A request about one model; its answer repeats element and model, whatever its status.
+ConfigurationStep model_step(std::string what, Bytes request, Opcode answer, std::uint16_t element,
+                             const ModelId& model) {
+  return {fmt::format("{} of model {}", what, to_string(model)),
+          std::move(request),
+          answer,
+          true,
+          number(element),
+          encode_model_id(model),
+          false};
+}
+
+void add_model(std::vector<ConfigurationStep>& steps, const ConfigurationSettings& settings,
+               std::uint16_t element, const ModelId& model) {
+  steps.push_back(model_step("the key binding", encode_model_app_bind(element, model),
+                             model_app_status, element, model));
+  if (is_one_of(vendor_clients, model) || model == health_server) {
+    const std::uint8_t period = model == health_server ? period_10_s : std::uint8_t{0};
+    const Publication publication{element, settings.gateway_address, settings.ttl, period, model};
+    steps.push_back(model_step("the publication", encode_model_publication_set(publication),
+                               model_publication_status, element, model));
+  }
+  if (!is_one_of(servers, model)) return;
+  for (const std::uint16_t group : settings.groups) {
+    auto step = model_step(fmt::format("the subscription to 0x{:04x}", group),
+                           encode_model_subscription_add(element, group, model),
+                           model_subscription_status, element, model);
+    step.echoed_tail = ByteWriter{}.write_u16_le(group).write(encode_model_id(model)).take();
+    steps.push_back(std::move(step));
+  }
+}
+
+}  // namespace
+
+bool ConfigurationStep::is_answered_by(const AccessMessage& message) const {
+  if (message.opcode != answer) return false;
+  ByteView params = message.params;
+  if (has_status) {
+    if (params.empty()) return false;
+    params = params.subspan(1);
+  }
+  return starts_with(params, echoed_head) && ends_with(params, echoed_tail);
+}
+
+ConfigurationStep composition_step() {
+  return {"the composition data",
+          encode_composition_data_get(),
+          composition_data_status,
+          false,
+          Bytes(1, 0),
+          {},
+          true};
+}
+
+ConfigurationStep node_reset_step() {
+  return {"the node reset", encode_node_reset(), node_reset_status, false, {}, {}, true};
+}
+
+std::vector<ConfigurationStep> plan_configuration(const ConfigurationSettings& settings,
+                                                  std::uint16_t address,
+                                                  const Composition& composition) {
+  std::vector<ConfigurationStep> steps{appkey_step(settings.app_key)};
+  std::uint16_t element = address;
+  for (const auto& models : composition) {
+    for (const ModelId& model : models)
+      if (is_bound(model)) add_model(steps, settings, element, model);
+    ++element;
+  }
+  return steps;
+}
+
+}  // namespace slamgw::ble

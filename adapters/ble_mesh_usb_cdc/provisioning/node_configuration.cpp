@@ -1,0 +1,122 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "adapters/ble_mesh_usb_cdc/provisioning/node_configuration.hpp"
+
+#include <fmt/format.h>
+
+#include <utility>
+
+#include "adapters/ble_mesh_usb_cdc/nordic_serial/provisioning_commands.hpp"
+
+namespace slamgw::ble {
+
+NodeConfiguration::NodeConfiguration(const Node& node, Purpose purpose,
+                                     ConfigurationSettings settings, std::uint16_t subnet_handle)
+    : purpose_(purpose),
+      settings_(std::move(settings)),
+      address_(node.address),
+      device_key_(node.device_key),
+      subnet_handle_(subnet_handle) {
+  steps_.push_back(purpose == Purpose::reset ? node_reset_step() : composition_step());
+}
+
+std::optional<Bytes> NodeConfiguration::command() const {
+  if (stage_ == Stage::adding_key) return encode_devkey_add(address_, subnet_handle_, device_key_);
+  if (stage_ == Stage::deleting_key)
+    return encode_command(CommandOpcode::devkey_delete, devkey_handle_);
+  return std::nullopt;
+}
+
+void NodeConfiguration::on_command_ended(const CommandEnded& ended, TimePoint now) {
+  if (stage_ == Stage::deleting_key) {
+    stage_ = Stage::ended;
+    is_key_table_unclear_ = ended.status != Status::success && !ended.is_repeat;
+    return;
+  }
+  if (stage_ != Stage::adding_key) return;
+  ByteReader data(ended.data);
+  devkey_handle_ = data.read_u16_le();
+  if (ended.status == Status::success && data.ok()) {
+    stage_ = Stage::talking;
+    return begin_step(now);
+  }
+  is_key_table_unclear_ = true;
+  finish(State::failed, fmt::format("the serial board does not take its device key ({})",
+                                    to_string(ended.status)));
+  stage_ = Stage::ended;
+}
+
+void NodeConfiguration::begin_step(TimePoint now) {
+  step_since_ = now;
+  send_at_ = now;
+  sent_ = 0;
+  last_refusal_.clear();
+}
+
+std::optional<Bytes> NodeConfiguration::take_message(TimePoint now) {
+  if (stage_ != Stage::talking || !send_at_ || now < *send_at_) return std::nullopt;
+  send_at_.reset();
+  if (sent_ < repeats.size())
+    send_at_ = now + repeats[sent_] - (sent_ ? repeats[sent_ - 1] : Duration{});
+  ++sent_;
+  return steps_.front().request;
+}
+
+bool NodeConfiguration::on_message(const MessageReceived& message, TimePoint now) {
+  if (stage_ != Stage::talking || message.source != address_ ||
+      message.appkey_handle != devkey_handle_)
+    return false;
+  const auto access = decode_access(message.payload);
+  if (!access.has_value()) return false;
+  if (steps_.front().is_answered_by(*access)) on_answer(*access, now);
+  return true;  // another one is a late answer to an earlier request
+}
+
+void NodeConfiguration::on_answer(const AccessMessage& message, TimePoint now) {
+  const ConfigurationStep step = std::move(steps_.front());
+  steps_.pop_front();
+  if (step.has_status && message.params.front() != 0) {
+    const std::string refusal =
+        fmt::format("{} was refused: {} (0x{:02x})", step.what,
+                    config_status_text(message.params.front()), message.params.front());
+    if (step.is_required) return finish(State::failed, refusal);
+    problem_ += (problem_.empty() ? "" : "; ") + refusal;
+  }
+  if (step.answer == composition_data_status) {
+    const auto composition = decode_composition(message.params);
+    if (!composition.has_value())
+      return finish(State::failed, "its composition data can't be read");
+    for (auto& next : plan_configuration(settings_, address_, *composition))
+      steps_.push_back(std::move(next));
+  }
+  if (steps_.empty()) return finish(State::succeeded, std::exchange(problem_, {}));
+  begin_step(now);
+}
+
+void NodeConfiguration::on_send_refused(const std::string& why, TimePoint now) {
+  if (stage_ != Stage::talking || sent_ == 0) return;
+  last_refusal_ = why;
+  --sent_;
+  send_at_ = now + refused_pause;
+}
+
+std::optional<TimePoint> NodeConfiguration::deadline() const {
+  if (stage_ != Stage::talking) return std::nullopt;
+  return earlier(send_at_, step_since_ + step_time_limit);
+}
+
+void NodeConfiguration::on_deadline(TimePoint now) {
+  if (stage_ != Stage::talking || now < step_since_ + step_time_limit) return;
+  std::string why =
+      fmt::format("no answer to {} in {} s", steps_.front().what,
+                  std::chrono::duration_cast<std::chrono::seconds>(step_time_limit).count());
+  if (!last_refusal_.empty()) why += " (" + last_refusal_ + ")";
+  finish(State::failed, std::move(why));
+}
+
+void NodeConfiguration::finish(State result, std::string problem) {
+  result_ = result;
+  problem_ = std::move(problem);
+  stage_ = Stage::deleting_key;
+}
+
+}  // namespace slamgw::ble

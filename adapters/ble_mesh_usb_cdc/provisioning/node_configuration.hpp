@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: Apache-2.0
+// The conversation with one node under its device key: its configuration, or its reset. The board
+// holds few device keys, so the key is loaded before and deleted after it. Requests go out one
+// after the other, each repeated until its answer comes. Called by Provisioner.
+#pragma once
+
+#include <deque>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "adapters/ble_mesh_usb_cdc/nordic_serial/board_link.hpp"
+#include "adapters/ble_mesh_usb_cdc/provisioning/configuration_plan.hpp"
+#include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
+
+namespace slamgw::ble {
+
+class NodeConfiguration {
+ public:
+  enum class Purpose : std::uint8_t { configure, reset };
+  enum class State : std::uint8_t { running, succeeded, failed };
+
+  /// One request is given up after this long.
+  static constexpr Duration step_time_limit = std::chrono::seconds{20};
+  /// When it is sent again, after the first time.
+  static constexpr std::array<Duration, 4> repeats{std::chrono::milliseconds{1500},
+                                                   std::chrono::seconds{4}, std::chrono::seconds{8},
+                                                   std::chrono::seconds{13}};
+  /// The board was still sending an earlier segmented message to this node.
+  static constexpr Duration refused_pause = std::chrono::milliseconds{150};
+
+  NodeConfiguration(const Node& node, Purpose purpose, ConfigurationSettings settings,
+                    std::uint16_t subnet_handle);
+
+  /// The command that the board should get now, until on_command_ended.
+  std::optional<Bytes> command() const;
+  void on_command_ended(const CommandEnded& ended, TimePoint now);
+  /// What is to be sent to the node now, under `devkey_handle()`.
+  std::optional<Bytes> take_message(TimePoint now);
+  /// True when it is an answer under this node's device key.
+  bool on_message(const MessageReceived& message, TimePoint now);
+  void on_send_refused(const std::string& why, TimePoint now);
+  std::optional<TimePoint> deadline() const;
+  void on_deadline(TimePoint now);
+
+  /// Ended only when the device key is off the board again.
+  State state() const { return stage_ == Stage::ended ? result_ : State::running; }
+  Purpose purpose() const { return purpose_; }
+  std::uint16_t address() const { return address_; }
+  std::uint16_t devkey_handle() const { return devkey_handle_; }
+  /// Why it failed, or which requests the node refused; empty when all went well.
+  const std::string& problem() const { return problem_; }
+  /// The board did not take the device key: its table holds what nobody knows.
+  bool is_key_table_unclear() const { return is_key_table_unclear_; }
+
+ private:
+  enum class Stage : std::uint8_t { adding_key, talking, deleting_key, ended };
+
+  void begin_step(TimePoint now);
+  void on_answer(const AccessMessage& message, TimePoint now);
+  void finish(State result, std::string problem);
+
+  Purpose purpose_;
+  ConfigurationSettings settings_;
+  std::uint16_t address_;
+  Key device_key_;
+  std::uint16_t subnet_handle_;
+  Stage stage_ = Stage::adding_key;
+  State result_ = State::succeeded;
+  std::string problem_;
+  bool is_key_table_unclear_ = false;
+  std::uint16_t devkey_handle_ = 0;
+  std::deque<ConfigurationStep> steps_;  ///< front: the one under way
+  TimePoint step_since_{};
+  std::optional<TimePoint> send_at_;
+  std::size_t sent_ = 0;  ///< times that this step's request was sent
+  std::string last_refusal_;
+};
+
+}  // namespace slamgw::ble

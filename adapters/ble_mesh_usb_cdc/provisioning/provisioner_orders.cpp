@@ -1,0 +1,192 @@
+// SPDX-License-Identifier: Apache-2.0
+// What operators order, and the answers they get. One order at a time; no answer holds a key.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+
+#include "adapters/ble_mesh_usb_cdc/provisioning/imported_mesh.hpp"
+#include "adapters/ble_mesh_usb_cdc/provisioning/provisioner.hpp"
+#include "daemon/core/topic_scheme.hpp"
+
+namespace slamgw::ble {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr std::string_view no_keys =
+    "this gateway does not have the mesh's keys: bring the mesh in with `ble import`";
+constexpr Duration short_order_time_limit = std::chrono::seconds{20};
+
+}  // namespace
+
+void Provisioner::on_order(std::uint64_t id, MeshOrder order, TimePoint now) {
+  if (std::holds_alternative<NodesOrder>(order)) {
+    actions_.push(OrderEnded{id, {nodes_json(), {}}});
+    return;
+  }
+  if (order_) {
+    actions_.push(OrderEnded{id, {{}, "another command for this mesh is still under way"}});
+    return;
+  }
+  order_.emplace();
+  order_->id = id;
+  std::visit(overloaded{
+                 [&](const ScanOrder&) { take_scan(now); },
+                 [&](const ProvisionOrder& what) { take(what, now); },
+                 [](const NodesOrder&) {},
+                 [&](const RemoveOrder& what) { take(what, now); },
+                 [&](const ImportOrder& what) { take(what, now); },
+                 [&](const ResetBoardOrder&) { take_reset(now); },
+             },
+             order);
+  advance(now);
+}
+
+void Provisioner::take_scan(TimePoint now) {
+  order_->kind = OrderKind::scan;
+  order_->due = now + scan_time;
+  if (!is_up_) refuse("the BLE link is down: " + down_reason_);
+}
+
+void Provisioner::take(const ProvisionOrder& wanted, TimePoint now) {
+  const auto uuid = parse_uuid(wanted.uuid);
+  if (!uuid) return refuse("the UUID is not 32 hex digits; `ble scan` shows who is there");
+  if (!is_valid_level(wanted.robot))
+    return refuse("a robot's id is 1 to 64 bytes without + # / and control characters");
+  if (!database()) return refuse(std::string(no_keys));
+  if (!is_up_) return refuse("the BLE link is down: " + down_reason_);
+  for (const Node& node : database()->nodes)
+    if (node.uuid != *uuid && id_of(node.address) == wanted.robot)
+      return refuse(fmt::format("{} is another robot already: UUID {}, address 0x{:04x}",
+                                wanted.robot, to_hex(node.uuid), node.address));
+  const Node* known = database()->find(*uuid);
+  if (known != nullptr && known->state != NodeState::reserved && !candidates_.find(*uuid, now))
+    return refuse(fmt::format("it is in the mesh already, as {}", id_of(known->address)));
+  order_->kind = OrderKind::provision;
+  order_->due = now + search_time_limit;
+  order_->uuid = *uuid;
+  order_->robot = wanted.robot;
+}
+
+void Provisioner::take(const RemoveOrder& wanted, TimePoint now) {
+  if (!database()) return refuse(std::string(no_keys));
+  const auto& nodes = database()->nodes;
+  const auto node = std::ranges::find_if(
+      nodes, [&](const Node& each) { return id_of(each.address) == wanted.robot; });
+  if (node == nodes.end())
+    return refuse(fmt::format("no robot of this mesh is called {}; see `ble nodes`", wanted.robot));
+  order_->kind = OrderKind::remove;
+  order_->due = now + order_time_limit;
+  order_->uuid = node->uuid;
+  order_->is_forced = wanted.is_forced;
+  const bool is_busy =
+      (session_ && session_->uuid() == node->uuid) || (chosen_ && chosen_->uuid == node->uuid);
+  if (is_busy) return refuse("it is just being taken in");
+  if (node->state == NodeState::reserved || (!is_up_ && wanted.is_forced))
+    return on_reset(*node, true, {}, now);
+  if (!is_up_)
+    refuse("the BLE link is down: " + down_reason_ + "; --force forgets the robot all the same");
+}
+
+void Provisioner::take(const ImportOrder& wanted, TimePoint now) {
+  auto imported = decode_imported_mesh(wanted.text);
+  if (!imported.has_value()) return refuse("the file can't be imported: " + imported.error().why);
+  std::optional<NodeDatabase> own;
+  if (database()) own = *database();
+  auto merged = merge_imported_mesh(own, std::move(*imported), settings_.address);
+  if (!merged.has_value()) return refuse("the file can't be imported: " + merged.error().why);
+  if (!ledger_.is_saved()) return refuse("the mesh is just being changed; try again");
+  order_->kind = OrderKind::import_mesh;
+  order_->due = now + order_time_limit;
+  order_->before = std::move(own);
+  strangers_.clear();
+  ledger_.begin(std::move(*merged), false);
+}
+
+void Provisioner::take_reset(TimePoint now) {
+  order_->kind = OrderKind::reset_board;
+  order_->due = now + short_order_time_limit;
+  say(Severity::warning,
+      "an operator has the serial board cleared: its sequence numbers start anew, and robots "
+      "ignore what the gateway says until they have passed the old ones or were restarted");
+  actions_.push(ClearBoard{});
+}
+
+void Provisioner::on_board_cleared(bool is_done, const std::string& why, TimePoint now) {
+  if (is_ordered(OrderKind::reset_board)) {
+    if (is_done) {
+      answer(R"({"cleared":true})");
+    } else {
+      refuse("the serial board was not cleared: " + why);
+    }
+  }
+  advance(now);
+}
+
+void Provisioner::on_order_due(TimePoint now) {
+  switch (order_->kind) {
+    case OrderKind::scan: return answer(scan_json(now));
+    case OrderKind::provision: {
+      const Node* node = database() ? database()->find(order_->uuid) : nullptr;
+      const bool is_under_way = (session_ && session_->uuid() == order_->uuid) ||
+                                (chosen_ && chosen_->uuid == order_->uuid) ||
+                                (node != nullptr && node->state == NodeState::provisioned);
+      if (is_under_way) break;
+      return refuse("it was not heard: is it switched on, in reach, and in no mesh?");
+    }
+    case OrderKind::remove:
+    case OrderKind::import_mesh:
+    case OrderKind::reset_board: break;
+  }
+  refuse("it takes long and goes on by itself; see `ble nodes`");
+}
+
+void Provisioner::answer(std::string json) {
+  actions_.push(OrderEnded{order_->id, {std::move(json), {}}});
+  order_.reset();
+}
+
+void Provisioner::refuse(std::string why) {
+  actions_.push(OrderEnded{order_->id, {{}, std::move(why)}});
+  order_.reset();
+}
+
+std::string Provisioner::scan_json(TimePoint now) const {
+  Json devices = Json::array();
+  for (const Candidate& candidate : candidates_.all(now)) {
+    const Node* node = database() ? database()->find(candidate.uuid) : nullptr;
+    const bool was_removed = database() && database()->was_removed(candidate.uuid);
+    const auto age = std::chrono::duration_cast<std::chrono::seconds>(now - candidate.last_heard);
+    Json device{{"uuid", to_hex(candidate.uuid)},
+                {"rssi_dbm", candidate.rssi_dbm},
+                {"heard_s_ago", age.count()},
+                {"state", was_removed ? "removed"
+                          : node      ? "known"
+                                      : "new"},
+                {"robot", nullptr}};
+    if (node != nullptr) device["robot"] = id_of(node->address);
+    devices.push_back(std::move(device));
+  }
+  return devices.dump();
+}
+
+std::string Provisioner::nodes_json() const {
+  std::string rows;
+  if (database() == nullptr) return "[]";
+  for (const Node& node : database()->nodes) rows += (rows.empty() ? "" : ",") + node_json(node);
+  return "[" + rows + "]";
+}
+
+std::string Provisioner::node_json(const Node& node) const {
+  const auto upkeep = upkeep_.find(node.uuid);
+  return Json{{"robot", id_of(node.address)},
+              {"uuid", to_hex(node.uuid)},
+              {"address", fmt::format("0x{:04x}", node.address)},
+              {"elements", node.elements},
+              {"state", to_string(node.state)},
+              {"problem", upkeep == upkeep_.end() ? "" : upkeep->second.problem}}
+      .dump();
+}
+
+}  // namespace slamgw::ble

@@ -1,0 +1,149 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "adapters/ble_mesh_usb_cdc/provisioning/provisioning_session.hpp"
+
+#include <fmt/format.h>
+
+#include <array>
+#include <utility>
+
+namespace slamgw::ble {
+namespace {
+
+constexpr std::uint8_t static_method = 1;
+constexpr std::uint8_t closed_in_success = 0;
+constexpr std::uint8_t closed_by_timeout = 1;
+constexpr std::size_t max_commands = 4;
+
+/// Mesh Profile 1.0 table 5.38.
+std::string_view error_text(std::uint8_t error) {
+  constexpr std::array<std::string_view, 9> texts{"prohibited",
+                                                  "invalid PDU",
+                                                  "invalid format",
+                                                  "unexpected PDU",
+                                                  "confirmation failed: is the device's static "
+                                                  "OOB ble_mesh.provisioning.static_oob?",
+                                                  "the device is out of resources",
+                                                  "decryption failed",
+                                                  "unexpected error",
+                                                  "the device can't take these addresses"};
+  return error < texts.size() ? texts[error] : "unlisted error";
+}
+
+}  // namespace
+
+ProvisioningSession::ProvisioningSession(Request request, TimePoint now)
+    : request_(std::move(request)), due_(now + wait_limit) {
+  commands_.push_back(encode_keypair_set(request_.key_pair));
+  commands_.push_back(encode_capabilities_set());
+  commands_.push_back(encode_provision(request_.command));
+}
+
+std::optional<Bytes> ProvisioningSession::command() const {
+  if (state_ != State::running || commands_.empty()) return std::nullopt;
+  return commands_.front();
+}
+
+void ProvisioningSession::on_command_ended(const CommandEnded& ended) {
+  if (state_ != State::running || commands_.empty()) return;
+  commands_.pop_front();
+  // The first transmission was carried out, and its answer lost.
+  const bool was_done = ended.is_repeat && ended.status == Status::invalid_state;
+  if (ended.status == Status::success || was_done) return;
+  fail(fmt::format("the serial board answers \"{}\" (0x{:02x}) to command 0x{:02x}",
+                   to_string(ended.status), static_cast<unsigned>(ended.status), ended.opcode));
+}
+
+void ProvisioningSession::on_event(const ProvisioningEvent& event, TimePoint now) {
+  if (state_ != State::running) return;
+  std::visit([&](const auto& what) { on(what, now); }, event);
+}
+
+void ProvisioningSession::on(const ProvisioningLinkOpened& event, TimePoint now) {
+  if (is_ours(event.context) && stage_ == Stage::opening) enter(Stage::awaiting_capabilities, now);
+}
+
+void ProvisioningSession::on(const CapabilitiesReceived& event, TimePoint now) {
+  if (!is_ours(event.context) || stage_ > Stage::awaiting_capabilities) return;
+  if (event.elements == 0) return fail("the device says that it has no element");
+  elements_ = event.elements;
+  static_oob_types_ = event.static_oob_types;
+  enter(Stage::awaiting_addresses, now);
+}
+
+void ProvisioningSession::on_addresses(TimePoint now) {
+  if (!wants_addresses()) return;
+  commands_.push_back(encode_oob_use(request_.command.context,
+                                     uses_static_oob() ? OobMethod::static_data : OobMethod::none));
+  enter(Stage::exchanging, now);
+}
+
+void ProvisioningSession::on(const AuthenticationRequested& event, TimePoint now) {
+  if (!is_ours(event.context) || stage_ != Stage::exchanging || event.method == 0) return;
+  if (event.method != static_method || !uses_static_oob())
+    return fail(fmt::format("the serial board asks for OOB method {}", event.method));
+  if (commands_.size() >= max_commands) return;
+  commands_.push_back(encode_auth_data(request_.command.context, *request_.static_oob));
+  enter(Stage::exchanging, now);
+}
+
+void ProvisioningSession::on(const EcdhRequested& event, TimePoint now) {
+  if (!is_ours(event.context) || stage_ != Stage::exchanging) return;
+  const auto secret = shared_secret(request_.key_pair, event.peer);
+  if (!secret) return fail("the device's public key is no point of the curve");
+  if (commands_.size() >= max_commands) return;
+  commands_.push_back(encode_ecdh_secret(request_.command.context, *secret));
+  enter(Stage::exchanging, now);
+}
+
+void ProvisioningSession::on(const ProvisioningComplete& event, TimePoint now) {
+  if (!is_ours(event.context) || stage_ != Stage::exchanging) return;
+  device_key_ = event.device_key;
+  enter(Stage::closing, now);
+}
+
+void ProvisioningSession::on(const ProvisioningLinkClosed& event, TimePoint) {
+  if (!is_ours(event.context)) return;
+  if (stage_ == Stage::closing) {
+    state_ = State::succeeded;
+  } else if (event.reason == closed_by_timeout) {
+    fail("the provisioning link ended: time-out");
+  } else {
+    fail(event.reason == closed_in_success ? "the provisioning link ended early"
+                                           : "the provisioning link ended: failed");
+  }
+}
+
+void ProvisioningSession::on(const ProvisioningFailed& event, TimePoint) {
+  if (!is_ours(event.context) || stage_ == Stage::closing) return;
+  fail(fmt::format("{} (0x{:02x})", error_text(event.error), event.error));
+}
+
+std::optional<TimePoint> ProvisioningSession::deadline() const {
+  return state_ == State::running ? std::optional(due_) : std::nullopt;
+}
+
+void ProvisioningSession::on_deadline(TimePoint now) {
+  if (state_ != State::running || now < due_) return;
+  switch (stage_) {
+    case Stage::opening: return fail("the device opens no provisioning link");
+    case Stage::awaiting_capabilities: return fail("the device does not answer the invitation");
+    case Stage::awaiting_addresses: return fail("its addresses could not be stored");
+    case Stage::exchanging:
+      return fail(
+          "the exchange of keys did not end; if the device took its address nevertheless, it has "
+          "to be reset by hand");
+    case Stage::closing: state_ = State::succeeded; return;
+  }
+}
+
+void ProvisioningSession::enter(Stage stage, TimePoint now) {
+  stage_ = stage;
+  due_ = now + (stage == Stage::closing ? close_limit : wait_limit);
+}
+
+void ProvisioningSession::fail(std::string why) {
+  state_ = State::failed;
+  failure_ = std::move(why);
+}
+
+}  // namespace slamgw::ble

@@ -1,0 +1,87 @@
+// SPDX-License-Identifier: Apache-2.0
+// One device on its way into the mesh, from the key pair to the end of the provisioning link
+// (Mesh Profile 1.0 section 5.4.1): the board speaks with the device, this answers the board.
+// Nothing here is ever printed. Called by Provisioner.
+#pragma once
+
+#include <deque>
+#include <optional>
+#include <string>
+
+#include "adapters/ble_mesh_usb_cdc/nordic_serial/board_link.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic_serial/provisioning_commands.hpp"
+
+namespace slamgw::ble {
+
+class ProvisioningSession {
+ public:
+  enum class State : std::uint8_t { running, succeeded, failed };
+
+  /// For each thing that is waited for.
+  static constexpr Duration wait_limit = std::chrono::seconds{15};
+  /// For the end of the link once all is done.
+  static constexpr Duration close_limit = std::chrono::seconds{3};
+
+  struct Request {
+    ProvisionCommand command;
+    KeyPair key_pair;
+    std::optional<Key> static_oob;
+  };
+
+  ProvisioningSession(Request request, TimePoint now);
+
+  /// The command that the board should get now, until on_command_ended.
+  std::optional<Bytes> command() const;
+  void on_command_ended(const CommandEnded& ended);
+  void on_event(const ProvisioningEvent& event, TimePoint now);
+  std::optional<TimePoint> deadline() const;
+  void on_deadline(TimePoint now);
+
+  State state() const { return state_; }
+  /// Why it failed, for the operator.
+  const std::string& failure() const { return failure_; }
+  const Uuid& uuid() const { return request_.command.uuid; }
+  /// Known once the device has told its capabilities; 0 before.
+  std::uint8_t elements() const { return elements_; }
+  /// It waits until an address is kept for each element.
+  bool wants_addresses() const {
+    return state_ == State::running && stage_ == Stage::awaiting_addresses;
+  }
+  void on_addresses(TimePoint now);
+  void fail(std::string why);
+  /// There as soon as the device is in the mesh; the link may still have to end.
+  const std::optional<Key>& device_key() const { return device_key_; }
+
+ private:
+  enum class Stage : std::uint8_t {
+    opening,
+    awaiting_capabilities,
+    awaiting_addresses,
+    exchanging,
+    closing
+  };
+
+  void on(const UnprovisionedBeacon&, TimePoint) {}
+  void on(const ProvisioningLinkOpened& event, TimePoint now);
+  void on(const ProvisioningLinkClosed& event, TimePoint now);
+  void on(const CapabilitiesReceived& event, TimePoint now);
+  void on(const AuthenticationRequested& event, TimePoint now);
+  void on(const EcdhRequested& event, TimePoint now);
+  void on(const ProvisioningComplete& event, TimePoint now);
+  void on(const ProvisioningFailed& event, TimePoint now);
+  bool is_ours(std::uint8_t context) const { return context == request_.command.context; }
+  void enter(Stage stage, TimePoint now);
+  bool uses_static_oob() const { return request_.static_oob && (static_oob_types_ & 1) != 0; }
+
+  Request request_;
+  State state_ = State::running;
+  Stage stage_ = Stage::opening;
+  TimePoint due_;
+  std::string failure_;
+  std::uint8_t elements_ = 0;
+  std::uint8_t static_oob_types_ = 0;
+  std::optional<Key> device_key_;
+  std::deque<Bytes> commands_;  ///< at most four: what one device can cause
+};
+
+}  // namespace slamgw::ble
