@@ -174,13 +174,15 @@ Reply Board::appkey_count_max(ByteView, TimePoint) {
   return {Status::success, u16(flash_.appkeys.capacity())};
 }
 
+/// Unlike the other two tables this one refuses a known owner with the same key as well.
 Reply Board::devkey_add(ByteView params, TimePoint) {
   const Address owner = get_u16_le(params, 0);
   const Handle subnet = get_u16_le(params, 2);
   if (!is_unicast(owner)) return {Status::invalid_parameter, {}};
   if (flash_.subnets.find(subnet) == nullptr) return {Status::rejected, {}};
   const Added added = flash_.devkeys.add(owner, subnet, key_at(params, 4));
-  return {added.status, u16(added.handle)};
+  if (added.status != Status::success) return {Status::rejected, {}};
+  return {Status::success, u16(added.handle)};
 }
 
 Reply Board::devkey_delete(ByteView params, TimePoint) {

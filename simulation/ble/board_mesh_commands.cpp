@@ -102,9 +102,10 @@ Reply Board::virtual_count_max(ByteView, TimePoint) {
 
 Status Board::check_packet_send(ByteView params) const {
   const Address source = get_u16_le(params, source_at);
-  if (source < flash_.local_start || source >= flash_.local_start + flash_.local_count)
-    return Status::invalid_data;
   if (flash_.addresses.find(get_u16_le(params, destination_at)) == nullptr) return Status::rejected;
+  if (source < flash_.local_start || source >= flash_.local_start + flash_.local_count) {
+    return Status::invalid_data;
+  }
   if (params[ttl_at] > max_ttl || params[transmic_at] > 1) return Status::invalid_parameter;
   if (params.size() == data_at) return Status::invalid_length;
   return is_enabled_ ? Status::success : Status::invalid_state;
@@ -119,6 +120,7 @@ std::optional<Encryption> Board::encryption_of(Handle handle) const {
 }
 
 Reply Board::packet_send(ByteView params, TimePoint now) {
+  const std::uint32_t token = ++last_token_;  // refused messages use one up, too
   const Status status = check_packet_send(params);
   if (status != Status::success) return {status, {}};
   const std::optional<Encryption> encryption = encryption_of(get_u16_le(params, appkey_at));
@@ -135,7 +137,6 @@ Reply Board::packet_send(ByteView params, TimePoint now) {
   if (is_segmented && sessions_.size() >= segmented_sessions) return {Status::rejected, {}};
   if (tokens_.size() >= max_tokens) return {Status::rejected, {}};
 
-  const std::uint32_t token = ++last_token_;
   std::optional<std::uint64_t> transfer;
   if (is_segmented) {
     transfer = ++last_transfer_;

@@ -205,7 +205,9 @@ std::optional<Bytes> ConfigServer::publication_set(ByteView parameters) {
                                parameters[7],
                                parameters[8]};
   if (publication.address == 0) publication = {};  // stops publishing; all fields read 0 then
-  Bytes out = begin_status(publication_status_op, publish(element, publication, *id));
+  const ConfigStatus status = publish(element, publication, *id);
+  Bytes out = begin_status(publication_status_op, status);
+  if (status != ConfigStatus::success) publication = {};
   put_publication(out, element, publication);
   put_model_id(out, *id);
   return out;

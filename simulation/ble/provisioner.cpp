@@ -79,7 +79,7 @@ Reply Provisioner::provision(ByteView params, TimePoint now) {
   return {Status::success, {id}};
 }
 
-/// Sizes as the firmware wants them: 0 without OOB, 16 for static OOB.
+/// Sizes as the firmware wants them, here and in Auth Data: 0 without OOB, 16 for static OOB.
 Reply Provisioner::oob_use(ByteView params, TimePoint now) {
   const std::uint8_t id = params[0];
   Context& context = contexts_[id];
@@ -119,10 +119,11 @@ Reply Provisioner::ecdh_secret(ByteView params, TimePoint now) {
 Reply Provisioner::auth_data(ByteView params, TimePoint now) {
   const std::uint8_t id = params[0];
   Context& context = contexts_[id];
-  if (context.state != State::auth_data) return {Status::invalid_state, {}};
   const ByteView value = params.subspan(1);
-  std::copy_n(value.begin(), std::min(value.size(), context.auth_value.size()),
-              context.auth_value.begin());
+  const std::size_t wanted_size = context.method == OobMethod::none ? 0 : sizeof(Key);
+  if (value.size() != wanted_size) return {Status::invalid_length, {}};
+  if (context.state != State::auth_data) return {Status::invalid_state, {}};
+  std::copy(value.begin(), value.end(), context.auth_value.begin());
   context.due = now + link_time;
   send_confirmation(id);
   return {Status::success, {id}};

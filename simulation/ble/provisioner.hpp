@@ -33,7 +33,7 @@ class Provisioner {
   void reset();
 
   /// Nothing for unknown opcodes of the range: the firmware does not answer them. Lengths are not
-  /// checked; octets that are missing count as 0.
+  /// checked (but Auth Data's is); octets that are missing count as 0.
   std::optional<Reply> on_command(std::uint8_t opcode, ByteView params, TimePoint now);
   void on_beacon(const Beacon& beacon);
   void on_link_signal(const LinkSignal& signal, TimePoint now);

@@ -66,7 +66,7 @@ TEST_F(ConfigServerTest, BindsKeysToModels) {
 
 TEST_F(ConfigServerTest, SetsPublications) {
   const char* const set = "03 00 01 01 00 00 00 04 00 00 59 00 06 00";
-  EXPECT_EQ(ask(set), "80 19 03 00 01 01 00 00 00 04 00 00 59 00 06 00");
+  EXPECT_EQ(ask(set), "80 19 03 00 01 00 00 00 00 00 00 00 59 00 06 00");
   add_key();
   EXPECT_EQ(ask(set), "80 19 00 00 01 01 00 00 00 04 00 00 59 00 06 00");
   EXPECT_EQ(ask("80 18 00 01 59 00 06 00"), "80 19 00 00 01 01 00 00 00 04 00 00 59 00 06 00");
@@ -76,9 +76,9 @@ TEST_F(ConfigServerTest, SetsPublications) {
   EXPECT_EQ(health, (ModelPublication{0x0001, 0, true, 0xff, 0x4a, 0x05}));
   EXPECT_EQ(publish_period(health.period), std::chrono::seconds{10});
   EXPECT_EQ(ask("03 02 01 01 00 00 00 04 00 00 02 00"),
-            "80 19 01 02 01 01 00 00 00 04 00 00 02 00");
+            "80 19 01 02 01 00 00 00 00 00 00 00 02 00");
   EXPECT_EQ(ask("03 00 01 01 00 00 00 04 00 00 03 00"),
-            "80 19 02 00 01 01 00 00 00 04 00 00 03 00");
+            "80 19 02 00 01 00 00 00 00 00 00 00 03 00");
   EXPECT_EQ(ask("03 00 01 00 00 00 00 04 00 00 59 00 06 00"),
             "80 19 00 00 01 00 00 00 00 00 00 00 59 00 06 00");
   EXPECT_EQ(configuration_.find_model(sensor_update_client)->publication, ModelPublication{});

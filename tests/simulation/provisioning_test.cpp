@@ -130,6 +130,7 @@ TEST_F(StaticOob, IsAskedForAfterTheSecret) {
   EXPECT_EQ(host_.tell("05 66 00 01 00 10"), "04 84 66 00 00");
   const Bytes request = host_.await(0xc7).value();
   EXPECT_EQ(host_.tell("12 67 00 6e6f726469635f6578616d706c655f31"), "03 84 67 83");
+  EXPECT_EQ(host_.tell("11 67 00 6e6f726469635f6578616d706c655f"), "03 84 67 84");
   EXPECT_EQ(host_.answer_ecdh(request), "04 84 68 00 00 | 05 c6 00 01 00 10");
   EXPECT_EQ(host_.tell("12 67 00 6e6f726469635f6578616d706c655f31"), "04 84 67 00 00");
   EXPECT_TRUE(host_.await(0xc5).has_value());
@@ -160,6 +161,7 @@ TEST(Provisioning, GivesEachCommandItsStatus) {
   EXPECT_EQ(host.command(MeshHost::provision_command(1, nobody, 0x0101)), "03 84 63 83");
   EXPECT_EQ(host.tell("05 66 00 00 00 00"), "03 84 66 83");  // out of turn
   EXPECT_EQ(host.tell("02 67 01"), "03 84 67 83");
+  EXPECT_EQ(host.tell("03 67 01 00"), "03 84 67 84");
   EXPECT_EQ(host.tell("02 68 00"), "03 84 68 83");  // lengths are not checked
   EXPECT_EQ(host.tell("02 68 02"), "03 84 68 87");
   EXPECT_EQ(host.tell("02 67 09"), "03 84 67 87");
