@@ -1,0 +1,138 @@
+// SPDX-License-Identifier: Apache-2.0
+// Every kind of Thread robot that the simulator plays, against the daemon and a real Mosquitto:
+// what sleeps, moves, changes its will, vanishes, never connects, and a fleet on a bad radio.
+#include <gtest/gtest.h>
+#include <signal.h>
+
+#include <algorithm>
+#include <filesystem>
+
+#include "tests/e2e/gateway_process.hpp"
+#include "tests/support/eventually.hpp"
+#include "tests/support/mosquitto.hpp"
+
+namespace slamgw::test {
+namespace {
+
+using nlohmann::json;
+
+/// For a daemon that answers searches, which it does not before its broker does.
+std::vector<std::string> thread_arguments(const GatewayProcess& gateway,
+                                          const std::vector<std::string>& options) {
+  EXPECT_TRUE(eventually([&] { return gateway.logs(" connected "); })) << gateway.log();
+  std::vector<std::string> arguments{"thread", "--gateway", gateway.mqttsn_address()};
+  arguments.insert(arguments.end(), options.begin(), options.end());
+  return arguments;
+}
+
+/// tests/e2e/fleet_check: what was acknowledged is upstream, once and in order.
+Finished check_fleet(const std::vector<std::string>& options) {
+  std::vector<std::string> arguments{
+      SLAMGW_FLEET_CHECK, std::filesystem::path(SLAMGW_SIM).parent_path(), "--outstanding", "1"};
+  arguments.insert(arguments.end(), options.begin(), options.end());
+  return run_program(arguments);
+}
+
+std::string state_of(const GatewayProcess& gateway, const std::string& robot) {
+  const json robots = gateway.ctl({"robots"});
+  for (const json& row : robots.is_object() ? robots["robots"] : robots) {
+    if (row["id"] == robot) return row["state"];
+  }
+  return {};
+}
+
+TEST(ThreadFleet, ASleepingRobotGetsACommandOnceWhenItWakes) {
+  Mosquitto broker;
+  GatewayProcess gateway(json{{"broker", {{"uri", broker.uri()}}}});
+  Subscriber outcomes(broker, "ntnu-slam/gateway/test/commands/#", "%p");
+  Subscriber updates(broker, "ntnu-slam/robot/robot1/update");
+  SimulatorProcess simulator(
+      thread_arguments(gateway, {"--robots", "1", "--sleep", "2", "--rate", "0.5"}));
+  ASSERT_TRUE(eventually([&] { return state_of(gateway, "robot1") == "asleep"; })) << gateway.log();
+
+  mosquitto_publish(broker, {"-q", "0", "-t", "ntnu-slam/server/robot1/run", "-m", "stop"});
+  mosquitto_publish(broker, {"-q", "1", "-t", "ntnu-slam/server/robot1/run", "-m", "start"});
+
+  ASSERT_TRUE(eventually([&] { return outcomes.lines().size() == 2; })) << gateway.log();
+  for (const std::string& line : outcomes.lines()) {
+    EXPECT_EQ(json::parse(line)["outcome"], "delivered") << line;
+  }
+  // It wakes before each update, which would bring the commands again.
+  const std::size_t before = updates.lines().size();
+  ASSERT_TRUE(eventually([&] { return updates.lines().size() >= before + 2; })) << gateway.log();
+  simulator.process().send_signal(SIGTERM);
+  const json report = simulator.report();
+  EXPECT_EQ(report["commands_received"], 2) << report;
+  EXPECT_GE(report["wakes"], 2) << report;
+}
+
+TEST(ThreadFleet, SleepingRobotsLoseNothingOnABadRadio) {
+  const Finished check = check_fleet({"--robots", "20", "--sleep", "1", "--messages", "8", "--rate",
+                                      "4", "--loss", "0.05", "--retry", "0.3"});
+  EXPECT_EQ(check.status, 0) << check.out << check.err;
+  EXPECT_NE(check.out.find("\"wakes\""), std::string::npos) << check.out;
+}
+
+TEST(ThreadFleet, RoamingRobotsLoseNothingOnABadRadio) {
+  const Finished check =
+      check_fleet({"--robots", "20", "--roam", "0.9", "--messages", "15", "--rate", "8", "--retry",
+                   "0.35", "--delay-ms", "10", "--reorder", "0.1", "--duplicate", "0.1"});
+  EXPECT_EQ(check.status, 0) << check.out << check.err;
+  EXPECT_NE(check.out.find("\"roamed\""), std::string::npos) << check.out;
+}
+
+TEST(ThreadFleet, ALargerFleetLosesNothingAcknowledgedOnABadRadio) {
+  const Finished check = check_fleet(
+      {"--robots", "100", "--loss", "0.1", "--messages", "4", "--rate", "5", "--retry", "0.5"});
+  EXPECT_EQ(check.status, 0) << check.out << check.err;
+}
+
+TEST(ThreadFleet, OnlyTheVanishedRobotsWillIsPublished) {
+  Mosquitto broker;
+  GatewayProcess gateway(json{{"broker", {{"uri", broker.uri()}}}});
+  Subscriber wills(broker, "ntnu-slam/robot/+/will", "%t %p");
+  SimulatorProcess simulator(thread_arguments(
+      gateway, {"--robots", "2", "--messages", "3", "--keep-alive", "1", "--vanish", "0.5"}));
+  EXPECT_EQ(simulator.report()["lost"], 0);
+  ASSERT_TRUE(eventually([&] { return !wills.lines().empty(); })) << gateway.log();
+  EXPECT_EQ(wills.lines(), std::vector<std::string>{"ntnu-slam/robot/robot2/will Disconnected"});
+}
+
+TEST(ThreadFleet, AChangedWillIsTheOneThatIsPublished) {
+  Mosquitto broker;
+  GatewayProcess gateway(json{{"broker", {{"uri", broker.uri()}}}});
+  Subscriber all(broker, "ntnu-slam/robot/robot1/+", "%t %p");
+  SimulatorProcess simulator(
+      thread_arguments(gateway, {"--robots", "1", "--messages", "6", "--will-updates", "0.3",
+                                 "--keep-alive", "1", "--vanish", "1"}));
+  const json report = simulator.report();
+  const int changes = report.value("will_updates", 0);
+  EXPECT_GE(changes, 1) << report;
+  const auto said = [&](const std::string& line) {
+    const std::vector<std::string> lines = all.lines();
+    return std::find(lines.begin(), lines.end(), line) != lines.end();
+  };
+  // The last change may have arrived without its answer being seen.
+  const std::string will = "ntnu-slam/robot/robot1/will-updated Disconnected after ";
+  EXPECT_TRUE(eventually([&] {
+    return said(will + std::to_string(changes)) || said(will + std::to_string(changes + 1));
+  })) << gateway.log();
+  EXPECT_FALSE(said("ntnu-slam/robot/robot1/will Disconnected"));
+}
+
+TEST(ThreadFleet, RobotsThatNeverConnectAreHeardWhenAllowed) {
+  Mosquitto broker;
+  GatewayProcess gateway(
+      json{{"broker", {{"uri", broker.uri()}}},
+           {"mqttsn",
+            {{"allow_unconnected_publish", true},
+             {"predefined_topics", {{{"id", 1}, {"name", "ntnu-slam/robot/robot1/update"}}}}}}});
+  Subscriber updates(broker, "ntnu-slam/robot/robot1/update");
+  SimulatorProcess simulator(
+      thread_arguments(gateway, {"--robots", "1", "--messages", "5", "--qos", "-1"}));
+  EXPECT_EQ(simulator.report()["sent"], 5);
+  EXPECT_TRUE(eventually([&] { return updates.lines().size() == 5; })) << gateway.log();
+}
+
+}  // namespace
+}  // namespace slamgw::test
