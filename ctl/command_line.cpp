@@ -20,6 +20,8 @@ struct Arguments {
   std::string payload;
   bool is_hex = false;
   std::string uuid;
+  bool is_forced = false;
+  bool is_confirmed = false;
 };
 
 /// A payload like "-5,7" is no option; CLI11 is told so by a "--" before it.
@@ -73,26 +75,52 @@ void add_send(CLI::App& app, Arguments& a) {
   });
 }
 
+/// `remove`, `reset-board`: what can't be undone needs a word more.
+constexpr const char* reset_board_warning =
+    "reset-board makes the serial board forget its keys, addresses and sequence numbers for good. "
+    "The "
+    "daemon gives it the mesh's keys and address again at once, but robots discard what the "
+    "gateway says "
+    "until its sequence numbers have passed the old ones, or until each robot was restarted. Say "
+    "--yes "
+    "if that is what you want";
+
+void add_ble_changes(CLI::App& ble, Arguments& a, const auto& ask) {
+  CLI::App* provision = ble.add_subcommand("provision", "Take a new robot into the mesh");
+  provision->add_option("UUID", a.uuid, "As `ble scan` shows it")->required();
+  provision->add_option("--id", a.robot, "The robot's name from then on")->required();
+  provision->callback(ask("provision", Answer::node));
+  CLI::App* remove = ble.add_subcommand("remove", "Put a robot out of the mesh");
+  remove->add_option("ROBOT", a.robot, "The robot's id")->required();
+  remove->add_flag("--force", a.is_forced, "Forget it even when it does not answer");
+  remove->callback(ask("remove", Answer::node));
+  CLI::App* import = ble.add_subcommand("import", "Bring an existing mesh in");
+  import->add_option("FILE", a.order.file, "Its database: of Nordic's Python tool, or a mesh.json")
+      ->required();
+  import->callback(ask("import", Answer::done));
+  CLI::App* reset = ble.add_subcommand("reset-board", "Clear the serial board and set it up anew");
+  reset->add_flag("--yes", a.is_confirmed, "Robots may ignore the gateway for a while: do it");
+  reset->callback([&a, order = ask("reset-board", Answer::done)] {
+    if (!a.is_confirmed) throw CLI::ValidationError("reset-board", reset_board_warning);
+    order();
+  });
+}
+
 void add_ble(CLI::App& app, Arguments& a) {
   CLI::App* ble = app.add_subcommand("ble", "Robots of the BLE mesh");
   ble->require_subcommand(1);
-  const auto ask = [&a](const std::string& command) {
-    return [&a, command] {
-      a.order.answer = Answer::text;
+  const auto ask = [&a](const std::string& command, Answer answer) {
+    return [&a, command, answer] {
+      a.order.answer = answer;
       a.order.request["command"] = "ble " + command;
       if (!a.robot.empty()) a.order.request["robot"] = a.robot;
       if (!a.uuid.empty()) a.order.request["uuid"] = a.uuid;
+      if (a.is_forced) a.order.request["force"] = true;
     };
   };
-  ble->add_subcommand("scan", "New robots in reach")->callback(ask("scan"));
-  CLI::App* provision = ble->add_subcommand("provision", "Take a new robot into the mesh");
-  provision->add_option("UUID", a.uuid, "As `ble scan` shows it")->required();
-  provision->add_option("--id", a.robot, "The robot's name from then on")->required();
-  provision->callback(ask("provision"));
-  ble->add_subcommand("nodes", "Robots in the mesh")->callback(ask("nodes"));
-  CLI::App* remove = ble->add_subcommand("remove", "Put a robot out of the mesh");
-  remove->add_option("ROBOT", a.robot, "The robot's id")->required();
-  remove->callback(ask("remove"));
+  ble->add_subcommand("scan", "New robots in reach")->callback(ask("scan", Answer::scan));
+  ble->add_subcommand("nodes", "Robots in the mesh")->callback(ask("nodes", Answer::nodes));
+  add_ble_changes(*ble, a, ask);
 }
 
 }  // namespace

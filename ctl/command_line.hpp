@@ -10,13 +10,14 @@
 namespace slamgw::ctl {
 
 /// How the answer is shown.
-enum class Answer : std::uint8_t { status, robots, watch, outcome, text };
+enum class Answer : std::uint8_t { status, robots, watch, outcome, scan, nodes, node, done };
 
 struct Order {
   std::string socket = "/run/slam-gateway/control.sock";
   bool json = false;
   Answer answer = Answer::status;
   nlohmann::json request;
+  std::string file;  ///< whose text goes with the request as `text`; empty: none
 };
 
 struct Exit {

@@ -4,7 +4,9 @@
 #include <unistd.h>
 
 #include <cstdlib>
+#include <fstream>
 #include <iostream>
+#include <iterator>
 
 #include "ctl/command_line.hpp"
 #include "ctl/connection.hpp"
@@ -19,6 +21,8 @@ constexpr int exit_failed = 1;
 constexpr std::chrono::seconds answer_patience{10};
 /// The daemon tells a command's outcome within 30 s, and gives up on it 5 s later.
 constexpr std::chrono::seconds outcome_patience{45};
+/// It ends orders about the mesh within 180 s.
+constexpr std::chrono::seconds order_patience{200};
 
 Show make_show() {
   const bool with_colour = isatty(STDOUT_FILENO) == 1 && std::getenv("NO_COLOR") == nullptr;
@@ -32,15 +36,43 @@ std::string text_of(const Order& order, const nlohmann::json& result) {
     case Answer::robots: return make_show().robots(result);
     case Answer::watch: return make_show().event(result);
     case Answer::outcome: return make_show().outcome(result);
-    case Answer::text: return slamgw::control::to_line(result);
+    case Answer::scan: return make_show().devices(result);
+    case Answer::nodes: return make_show().nodes(result);
+    case Answer::node: return make_show().nodes(nlohmann::json::array({result}));
+    case Answer::done: return make_show().done(result);
   }
   return {};
 }
 
-int run(const Order& order) {
+std::chrono::seconds patience_for(Answer answer) {
+  switch (answer) {
+    case Answer::status:
+    case Answer::robots:
+    case Answer::watch:
+    case Answer::nodes: break;
+    case Answer::outcome: return outcome_patience;
+    case Answer::scan:
+    case Answer::node:
+    case Answer::done: return order_patience;
+  }
+  return answer_patience;
+}
+
+/// As JSON without its white space, if it is JSON: it goes over the socket as one line.
+std::string read_mesh(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  const std::string text{std::istreambuf_iterator<char>(file), {}};
+  if (!file.is_open() || file.bad()) throw Failure(path + " can't be read");
+  const auto json = nlohmann::json::parse(text, nullptr, false);
+  if (json.is_discarded()) throw Failure(path + " is no JSON");
+  return json.dump();
+}
+
+int run(Order order) {
+  if (!order.file.empty()) order.request["text"] = read_mesh(order.file);
   Connection connection(order.socket);
   const bool is_send = order.answer == Answer::outcome;
-  const auto result = connection.ask(order.request, is_send ? outcome_patience : answer_patience);
+  const auto result = connection.ask(order.request, patience_for(order.answer));
   if (order.answer == Answer::watch)
     while (true) std::cout << text_of(order, connection.next_event()) << std::flush;
   std::cout << text_of(order, result);

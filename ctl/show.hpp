@@ -20,6 +20,12 @@ class Show {
   std::string robots(const nlohmann::json& robots) const;
   std::string event(const nlohmann::json& event) const;
   std::string outcome(const nlohmann::json& outcome) const;
+  /// Devices that no mesh has.
+  std::string devices(const nlohmann::json& devices) const;
+  /// Robots of the BLE mesh.
+  std::string nodes(const nlohmann::json& nodes) const;
+  /// What an order came to: its members in words.
+  std::string done(const nlohmann::json& done) const;
 
  private:
   /// Green for what is well, red for what is not, yellow between.

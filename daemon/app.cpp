@@ -92,8 +92,10 @@ void App::start_meshes() {
         io_, config_.mqttsn, std::move(policy), names, *this, &session_store_);
   }
   if (config_.ble_mesh.enabled) {
-    meshes_[static_cast<std::size_t>(Mesh::ble)] = std::make_unique<ble::BleMeshAdapter>(
-        io_, config_.ble_mesh, scheme_, names, config_.store.directory, *this);
+    auto adapter = std::make_unique<ble::BleMeshAdapter>(io_, config_.ble_mesh, scheme_, names,
+                                                         config_.store.directory, *this);
+    ble_ = adapter.get();
+    meshes_[static_cast<std::size_t>(Mesh::ble)] = std::move(adapter);
   }
   if (!mesh(Mesh::thread) && !mesh(Mesh::ble)) {
     log_event(Severity::warning,
@@ -245,6 +247,11 @@ void App::perform(FireReceipt& action) {
 void App::perform(WriteToStore& action) { store_.ask(std::move(action)); }
 
 void App::perform(LoadFromStore& action) { store_.ask(action); }
+
+void App::manage_ble(MeshOrder order, OrderDone done) {
+  if (!ble_) return done({{}, "the BLE mesh is not enabled: set ble_mesh.enabled to true"});
+  ble_->manage(std::move(order), std::move(done));
+}
 
 void App::on_mesh_event(MeshEvent event) {
   if (const auto* outcome = std::get_if<CommandOutcome>(&event)) {

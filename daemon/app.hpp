@@ -27,6 +27,10 @@
 
 namespace slamgw {
 
+namespace ble {
+class BleMeshAdapter;
+}
+
 class App final : public MeshListener, public UpstreamListener, public ControlHandler {
  public:
   /// `config_file` is read again on SIGHUP.
@@ -77,6 +81,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   nlohmann::json robots() override;
   void send(const std::string& robot, const std::string& type, Bytes payload,
             std::function<void(nlohmann::json)> done) override;
+  void manage_ble(MeshOrder order, OrderDone done) override;
 
   Config config_;
   const std::string config_file_;
@@ -97,6 +102,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   PahoUpstream upstream_;
   LinkLog broker_log_;
   std::unique_ptr<MeshAdapter> meshes_[2];  // by Mesh; nothing when not enabled
+  ble::BleMeshAdapter* ble_ = nullptr;      // the one of `meshes_`, for operators' orders
   std::unique_ptr<ControlServer> control_;
   TrafficSampler sampler_;
   PendingSends pending_sends_;

@@ -63,19 +63,23 @@ json store_json(const Outbox& outbox, const StoreSettings& settings, TimePoint n
           {"failures", outbox.statistics().store_failures}};
 }
 
-json robot_json(const std::string& id, const Robot& robot, TimePoint now) {
+json robot_json(const std::string& id, const Robot& robot, std::size_t queued, TimePoint now) {
   const MeshPresence& presence = robot.presence();
-  return {{"id", id},
-          {"mesh", to_string(robot.mesh())},
-          {"address", presence.address},
-          {"state", to_string(presence.presence)},
-          {"since", to_iso8601(presence.since)},
-          {"last_seen", to_iso8601(robot.last_seen)},
-          {"messages", robot.messages_up},
-          {"commands", robot.messages_down},
-          {"rate_hz", robot.rate.per_second(now)},
-          {"rssi_dbm", nullptr},
-          {"queue", 0}};
+  json row{{"id", id},
+           {"mesh", to_string(robot.mesh())},
+           {"address", presence.address},
+           {"state", to_string(presence.presence)},
+           {"since", to_iso8601(presence.since)},
+           {"last_seen", to_iso8601(robot.last_seen)},
+           {"messages", robot.messages_up},
+           {"commands", robot.messages_down},
+           {"rate_hz", robot.rate.per_second(now)},
+           {"rssi_dbm", nullptr},
+           {"hops", nullptr},
+           {"queue", queued}};
+  if (robot.radio) row["rssi_dbm"] = robot.radio->rssi_dbm;
+  if (robot.radio && robot.radio->hops) row["hops"] = *robot.radio->hops;
+  return row;
 }
 
 }  // namespace
@@ -126,7 +130,8 @@ json App::robots() {
   const TimePoint now = read_clocks().mono;
   json rows = json::array();
   for (const auto& [id, robot] : gateway_.registry().robots()) {
-    rows.push_back(robot_json(id, robot, now));
+    const MeshAdapter* adapter = mesh(robot.mesh());
+    rows.push_back(robot_json(id, robot, adapter ? adapter->queued_for(id) : 0, now));
   }
   return rows;
 }

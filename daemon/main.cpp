@@ -28,7 +28,6 @@ void print(const slamgw::Problems& problems, std::ostream& out) {
 
 int check_config(const slamgw::ParseResult& result) {
   print(result.problems, std::cout);
-  print(result.warnings, std::cerr);
   if (!result.problems.empty()) return exit_configuration;
   std::cout << "OK\n";
   return 0;
@@ -36,9 +35,6 @@ int check_config(const slamgw::ParseResult& result) {
 
 int run(const slamgw::ParseResult& result, const std::string& config_file) {
   slamgw::configure_log(result.config.log.level);
-  for (const slamgw::Problem& warning : result.warnings) {
-    log_event(slamgw::Severity::warning, to_string(warning));
-  }
   try {
     slamgw::App(result.config, config_file).run();
     return 0;

@@ -10,7 +10,6 @@
 #include "daemon/config/rules.hpp"
 #include "daemon/config/schema.hpp"
 #include "daemon/config/tls_files.hpp"
-#include "daemon/config/unavailable.hpp"
 #include "daemon/config/value.hpp"
 
 namespace slamgw {
@@ -110,7 +109,6 @@ ParseResult parse_config(std::string_view text, const std::string& file_name,
     check_relations(located);
     read_credentials(located, result.config.broker, surroundings, files);
     check_tls_files(located, files);
-    result.warnings = unavailable_features(located);
   }
   result.problems = std::move(context.problems);
   sort_by_line(result.problems, file_name);

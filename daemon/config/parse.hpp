@@ -22,7 +22,6 @@ struct Surroundings {
 struct ParseResult {
   Config config;      ///< to be used only when there are no problems
   Problems problems;  ///< by line; then those in other files
-  Problems warnings;  ///< see unavailable.hpp
   /// The line of each key, group and list element that the file sets: `robots[0].id`.
   std::map<std::string, int> lines;
 

@@ -9,6 +9,7 @@
 #include <string>
 
 #include "daemon/core/bytes.hpp"
+#include "daemon/core/mesh_order.hpp"
 
 namespace slamgw {
 
@@ -22,6 +23,8 @@ class ControlHandler {
   /// "why"}`.
   virtual void send(const std::string& robot, const std::string& type, Bytes payload,
                     std::function<void(nlohmann::json)> done) = 0;
+  /// What an operator orders about the BLE mesh. `done` is called once, now or minutes later.
+  virtual void manage_ble(MeshOrder order, OrderDone done) = 0;
 };
 
 }  // namespace slamgw

@@ -92,6 +92,14 @@ void ControlSession::perform(const control::WatchRequest& request) {
   watch_ = request;
 }
 
+void ControlSession::perform(MeshOrder& order) {
+  idle_timer_.cancel();
+  handler_.manage_ble(std::move(order), [self = weak_from_this()](const OrderAnswer& done) {
+    const auto session = self.lock();
+    if (session && !session->is_closed_) session->answer(control::order_line(done));
+  });
+}
+
 void ControlSession::perform(control::SendRequest& request) {
   handler_.send(request.robot, request.type, std::move(request.payload),
                 [self = weak_from_this()](const nlohmann::json& outcome) {

@@ -19,10 +19,12 @@ namespace slamgw {
 
 struct ControlLimits {
   std::size_t clients = 32;
-  std::size_t request_bytes = std::size_t{64} * 1024;  ///< a line longer than this ends its client
+  /// A line longer than this ends its client; the database of 256 nodes to import is half of it.
+  std::size_t request_bytes = std::size_t{1024} * 1024;
   /// What may wait for a watcher; beyond it the watcher is cut off.
   std::size_t queued_bytes = std::size_t{1024} * 1024;
-  /// A client that does not watch, silent or unanswered for this long, is cut off.
+  /// A client that does not watch, silent or unanswered for this long, is cut off; but not while an
+  /// order about the BLE mesh is under way.
   std::chrono::milliseconds idle{60000};
 };
 
@@ -56,6 +58,7 @@ class ControlSession : public std::enable_shared_from_this<ControlSession> {
   void perform(const control::RobotsRequest& request);
   void perform(const control::WatchRequest& request);
   void perform(control::SendRequest& request);
+  void perform(MeshOrder& order);
   void answer(const std::string& line);
   void on_written(boost::system::error_code error);
   void write_waiting();

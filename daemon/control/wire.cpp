@@ -35,6 +35,32 @@ Result<Request, std::string> parse_send(const json& request) {
   return Request(SendRequest{*robot, *type, *payload});
 }
 
+Result<Request, std::string> parse_order(const std::string& command, const json& request) {
+  const auto robot = text_of(request, "robot");
+  const auto uuid = text_of(request, "uuid");
+  const auto text = text_of(request, "text");
+  const auto force = request.find("force");
+  if (command == "ble scan") return Request(ScanOrder{});
+  if (command == "ble nodes") return Request(NodesOrder{});
+  if (command == "ble reset-board") return Request(ResetBoardOrder{});
+  if (command == "ble provision") {
+    if (!uuid || !robot) return std::string("ble provision needs the texts uuid and robot");
+    return Request(ProvisionOrder{*uuid, *robot});
+  }
+  if (command == "ble remove") {
+    if (!robot) return std::string("ble remove needs the text robot");
+    return Request(RemoveOrder{*robot, force != request.end() && *force == true});
+  }
+  if (command == "ble import") {
+    if (!text) return std::string("ble import needs the text of the file as text");
+    return Request(ImportOrder{*text});
+  }
+  return fmt::format(
+      "unknown command '{}'; there are ble scan, provision, nodes, remove, import, "
+      "reset-board",
+      command);
+}
+
 /// An `update` as the core read it, the thesis's command (two int16), text.
 void add_readable(json& out, const TrafficEvent& event) {
   if (event.update) out["update"] = json::parse(encode_json(*event.update));
@@ -58,13 +84,16 @@ Result<Request, std::string> parse_request(std::string_view line) {
   if (*command == "send") return parse_send(request);
   if (*command == "watch")
     return Request(WatchRequest{text_of(request, "robot"), text_of(request, "type")});
-  if (command->starts_with("ble ")) {
-    return fmt::format("{} is not available in this version", *command);
-  }
-  return fmt::format("unknown command '{}'; there are status, robots, watch, send", *command);
+  if (command->starts_with("ble ")) return parse_order(*command, request);
+  return fmt::format("unknown command '{}'; there are status, robots, watch, send, ble ...",
+                     *command);
 }
 
 std::string result_line(const json& result) { return to_line({{"result", result}}); }
+std::string order_line(const OrderAnswer& answer) {
+  if (!answer.error.empty()) return error_line(answer.error);
+  return result_line(json::parse(answer.json, nullptr, false));
+}
 std::string error_line(std::string_view text) { return to_line({{"error", text}}); }
 std::string event_line(const TrafficEvent& event) { return to_line({{"event", to_json(event)}}); }
 

@@ -5,6 +5,10 @@
 //   request   {"command": "status" | "robots"}
 //             {"command": "watch", "robot": optional, "type": optional}
 //             {"command": "send", "robot": "...", "type": "...", "payload_hex": "..."}
+//             {"command": "ble scan" | "ble nodes" | "ble reset-board"}
+//             {"command": "ble provision", "uuid": "...", "robot": "..."}
+//             {"command": "ble remove", "robot": "...", "force": optional}
+//             {"command": "ble import", "text": "..."}
 //   answer    {"result": ...} or {"error": "text"}
 //   watch     after its answer, {"event": {...}} for each message until the connection ends
 #pragma once
@@ -16,6 +20,7 @@
 #include <variant>
 
 #include "daemon/core/bytes.hpp"
+#include "daemon/core/mesh_order.hpp"
 #include "daemon/core/result.hpp"
 #include "daemon/core/traffic_event.hpp"
 
@@ -33,13 +38,15 @@ struct SendRequest {
   std::string type;
   Bytes payload;
 };
-using Request = std::variant<StatusRequest, RobotsRequest, WatchRequest, SendRequest>;
+using Request = std::variant<StatusRequest, RobotsRequest, WatchRequest, SendRequest, MeshOrder>;
 
 /// A request, or what is wrong with it in words.
 Result<Request, std::string> parse_request(std::string_view line);
 
 /// With its line end. Text that is not UTF-8 is mended, not refused.
 std::string result_line(const nlohmann::json& result);
+/// Of an order: its JSON document, or its error.
+std::string order_line(const OrderAnswer& answer);
 std::string error_line(std::string_view text);
 std::string event_line(const TrafficEvent& event);
 std::string to_line(const nlohmann::json& json);

@@ -95,7 +95,7 @@ TEST(ProvisioningCommands, HaveTheLengthsOfTheirTables) {
             hex("61 69") + hex(device_private) + hex(device_public));
   EXPECT_EQ(encode_auth_data(1, key_from(0)),
             hex("12 67 01 00 01 02 03 04 05 06 07 08 09 0a 0b 0c 0d 0e 0f"));
-  EXPECT_EQ(encode_oob_use(1, OobMethod::static_data), hex("05 66 01 01 00 00"));
+  EXPECT_EQ(encode_oob_use(1, OobMethod::static_data), hex("05 66 01 01 00 10"));
   EXPECT_EQ(encode_provision({1, {}, {}, 0x01020304, 0x7fff}).size(), 46u);
 }
 

@@ -114,16 +114,5 @@ TEST(ParseConfig, FallsBackToTheSystemdCredential) {
   EXPECT_FALSE(Parsed("{}", {"pi", ""}, files).config.broker.credentials);
 }
 
-TEST(ParseConfig, WarnsOfWhatThisVersionCannotDo) {
-  const Parsed parsed(R"({"ble_mesh": {"enabled": true,
-        "provisioning": {"enabled": true, "uuid_prefixes": ["AB"]}}})");
-  EXPECT_EQ(parsed.lines_of_problems, "");
-  std::vector<std::string> keys;
-  for (const Problem& warning : parsed.warnings) keys.push_back(warning.key);
-  EXPECT_EQ(keys, (std::vector<std::string>{"ble_mesh.provisioning.enabled",
-                                            "ble_mesh.provisioning.uuid_prefixes"}));
-  EXPECT_TRUE(Parsed(R"({"ble_mesh": {"enabled": true}})").warnings.empty());
-}
-
 }  // namespace
 }  // namespace slamgw::test

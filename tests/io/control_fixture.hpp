@@ -7,6 +7,7 @@
 
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -27,13 +28,23 @@ class FakeHandler : public ControlHandler {
 
   nlohmann::json status_answer = {{"version", "1.2.3"}};
   nlohmann::json robots_answer = nlohmann::json::array();
+  struct Ordered {
+    MeshOrder order;
+    OrderDone done;
+  };
   std::vector<Sent> sent;
+  std::vector<Ordered> orders;
+  std::optional<OrderAnswer> order_answer;  ///< given at once when set
 
   nlohmann::json status() override { return status_answer; }
   nlohmann::json robots() override { return robots_answer; }
   void send(const std::string& robot, const std::string& type, Bytes payload,
             std::function<void(nlohmann::json)> done) override {
     sent.push_back({robot, type, std::move(payload), std::move(done)});
+  }
+  void manage_ble(MeshOrder order, OrderDone done) override {
+    orders.push_back({std::move(order), done});
+    if (order_answer) done(*order_answer);
   }
 };
 

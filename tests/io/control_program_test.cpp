@@ -6,53 +6,10 @@
 #include <algorithm>
 #include <sstream>
 
-#include "tests/io/control_fixture.hpp"
-#include "tests/support/child_process.hpp"
+#include "tests/io/control_program_fixture.hpp"
 
 namespace slamgw::test {
 namespace {
-
-using nlohmann::json;
-
-struct Ended {
-  int status = -1;
-  std::string out;
-  std::string err;
-};
-
-class ControlProgramIo : public ControlTest {
- protected:
-  /// Starts slam-gatewayctl with these arguments after its --socket.
-  std::unique_ptr<ChildProcess> launch(std::vector<std::string> arguments,
-                                       std::vector<std::string> prefix = {}) {
-    ++runs_;
-    prefix.insert(prefix.end(), {SLAMGW_CTL, "--socket", path});
-    prefix.insert(prefix.end(), arguments.begin(), arguments.end());
-    return std::make_unique<ChildProcess>(prefix, file("out"), file("err"));
-  }
-  Ended finish(ChildProcess& child) {
-    EXPECT_TRUE(wait_until([&] { return !child.is_running(); }));
-    return {child.wait().value_or(-1), read_file(file("out")), read_file(file("err"))};
-  }
-  Ended run(std::vector<std::string> arguments, std::vector<std::string> prefix = {}) {
-    return finish(*launch(std::move(arguments), std::move(prefix)));
-  }
-  /// `send` with the daemon's answer.
-  Ended send(std::vector<std::string> arguments, const json& outcome) {
-    handler.sent.clear();
-    arguments.insert(arguments.begin(), "send");
-    const auto child = launch(std::move(arguments));
-    EXPECT_TRUE(wait_until([&] { return !handler.sent.empty() || !child->is_running(); }));
-    if (!handler.sent.empty()) handler.sent[0].done(outcome);
-    return finish(*child);
-  }
-  std::string file(const std::string& name) const {
-    return directory / (name + std::to_string(runs_));
-  }
-
-  int runs_ = 0;
-  const json delivered_ = {{"outcome", "delivered"}, {"after_ms", 12}, {"why", ""}};
-};
 
 TEST_F(ControlProgramIo, ShowsTheStatus) {
   start();
@@ -213,6 +170,8 @@ TEST_F(ControlProgramIo, EndsWithTwoForWrongArguments) {
       {"send", "--hex", "r1", "cmd", "0"},
       {"ble"},
       {"ble", "provision", "00"},
+      {"ble", "reset-board"},
+      {"ble", "import"},
   };
   for (const auto& arguments : wrong) {
     const Ended result = run(arguments);
@@ -221,20 +180,6 @@ TEST_F(ControlProgramIo, EndsWithTwoForWrongArguments) {
   }
   EXPECT_EQ(run({"--help"}).status, 0);
   EXPECT_EQ(run({"--version"}).out, "slam-gatewayctl " SLAMGW_VERSION "\n");
-}
-
-TEST_F(ControlProgramIo, SaysWhatTheDaemonCannotDoYet) {
-  start();
-  const std::vector<std::vector<std::string>> all = {{"ble", "scan"},
-                                                     {"ble", "provision", "00", "--id", "r"},
-                                                     {"ble", "nodes"},
-                                                     {"ble", "remove", "r"}};
-  for (const auto& arguments : all) {
-    const Ended result = run(arguments);
-    EXPECT_EQ(result.status, 1);
-    EXPECT_EQ(result.err,
-              "slam-gatewayctl: ble " + arguments[1] + " is not available in this version\n");
-  }
 }
 
 TEST_F(ControlProgramIo, SaysWhyTheDaemonCannotBeReached) {

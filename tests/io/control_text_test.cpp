@@ -27,8 +27,13 @@ TEST(ControlWire, TellsWhatIsWrongWithARequest) {
   for (const std::string_view line : {"", "[]", "{}", "{\"command\": 5}", "\xff", "[[[[[["})
     EXPECT_EQ(error(line), "a request is a line like {\"command\": \"status\"}") << line;
   EXPECT_EQ(error(R"({"command": "stop"})"),
-            "unknown command 'stop'; there are status, robots, watch, send");
-  EXPECT_EQ(error(R"({"command": "ble scan"})"), "ble scan is not available in this version");
+            "unknown command 'stop'; there are status, robots, watch, send, ble ...");
+  EXPECT_EQ(error(R"({"command": "ble scan"})"), "none");
+  EXPECT_EQ(error(R"({"command": "ble dance"})"),
+            "unknown command 'ble dance'; there are ble scan, provision, nodes, remove, import, "
+            "reset-board");
+  for (const std::string_view command : {"provision", "remove", "import"})
+    EXPECT_NE(error(R"({"command": "ble )" + std::string(command) + R"(", "uuid": 5})"), "none");
   for (const std::string_view hex : {"0", "0g", "0 ", "5x"})
     EXPECT_NE(error(R"({"command": "send", "robot": "r", "type": "t", "payload_hex": ")" +
                     std::string(hex) + "\"}"),
@@ -101,6 +106,9 @@ TEST(CtlShow, SurvivesAnswersOfAnyShape) {
     EXPECT_TRUE(show.robots(answer).ends_with('\n'));
     EXPECT_TRUE(show.event(answer).ends_with('\n'));
     EXPECT_TRUE(show.outcome(answer).ends_with('\n'));
+    EXPECT_TRUE(show.devices(answer).ends_with('\n'));
+    EXPECT_TRUE(show.nodes(answer).ends_with('\n'));
+    EXPECT_TRUE(show.done(answer).ends_with('\n'));
   }
 }
 

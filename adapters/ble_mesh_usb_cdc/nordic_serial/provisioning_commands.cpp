@@ -36,8 +36,10 @@ Bytes encode_capabilities_set() {
 }
 
 Bytes encode_oob_use(std::uint8_t context, OobMethod method) {
+  // Static data is as long as a key; only that size is taken.
+  const std::uint8_t size = method == OobMethod::static_data ? sizeof(Key) : 0;
   ByteWriter params;
-  params.write_u8(context).write_u8(static_cast<std::uint8_t>(method)).write_u8(0).write_u8(0);
+  params.write_u8(context).write_u8(static_cast<std::uint8_t>(method)).write_u8(0).write_u8(size);
   return encode(CommandOpcode::oob_use, params);
 }
 

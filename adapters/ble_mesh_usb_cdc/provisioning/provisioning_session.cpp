@@ -49,6 +49,9 @@ void ProvisioningSession::on_command_ended(const CommandEnded& ended) {
   // The first transmission was carried out, and its answer lost.
   const bool was_done = ended.is_repeat && ended.status == Status::invalid_state;
   if (ended.status == Status::success || was_done) return;
+  if (ended.opcode == static_cast<std::uint8_t>(CommandOpcode::provision) &&
+      ended.status == Status::invalid_state)
+    return fail("the serial board is still busy with an earlier provisioning link");
   fail(fmt::format("the serial board answers \"{}\" (0x{:02x}) to command 0x{:02x}",
                    to_string(ended.status), static_cast<unsigned>(ended.status), ended.opcode));
 }
@@ -115,7 +118,11 @@ void ProvisioningSession::on(const ProvisioningLinkClosed& event, TimePoint) {
 
 void ProvisioningSession::on(const ProvisioningFailed& event, TimePoint) {
   if (!is_ours(event.context) || stage_ == Stage::closing) return;
-  fail(fmt::format("{} (0x{:02x})", error_text(event.error), event.error));
+  const bool may_need_oob = (static_oob_types_ & 1) != 0 && !request_.static_oob;
+  fail(fmt::format("{} (0x{:02x}){}", error_text(event.error), event.error,
+                   may_need_oob ? "; the device has static OOB data, and "
+                                  "ble_mesh.provisioning.static_oob is not set"
+                                : ""));
 }
 
 std::optional<TimePoint> ProvisioningSession::deadline() const {

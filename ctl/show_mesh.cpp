@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: Apache-2.0
+// What slam-gatewayctl shows of the BLE mesh; the rest of Show is in show.cpp.
+#include <fmt/format.h>
+
+#include "ctl/show.hpp"
+#include "ctl/text.hpp"
+
+namespace slamgw::ctl {
+
+using nlohmann::json;
+
+std::string Show::devices(const json& devices) const {
+  if (devices.empty()) return "no new robot is in reach\n";
+  std::string out = pad("UUID", 33) + "RSSI SEEN " + pad("STATE", 8) + "ROBOT\n";
+  for (const json& device : devices) {
+    const std::string robot = text_at(device, "robot");
+    out += fmt::format("{} {:>4} {:>3}s {} {}\n", pad(text_at(device, "uuid"), 32),
+                       number_at(device, "rssi_dbm"), count_at(device, "heard_s_ago"),
+                       pad(text_at(device, "state"), 7), robot.empty() ? "-" : robot);
+  }
+  return out;
+}
+
+std::string Show::nodes(const json& nodes) const {
+  if (nodes.empty()) return "no robot is in the mesh yet\n";
+  std::string out =
+      pad("ROBOT", 17) + pad("ADDRESS", 8) + pad("UUID", 33) + pad("STATE", 12) + "\n";
+  for (const json& node : nodes) {
+    const std::string state = text_at(node, "state");
+    const std::string problem = text_at(node, "problem");
+    out += fmt::format("{} {} {} {}\n", pad(cut_end(text_at(node, "robot"), 16), 16),
+                       pad(text_at(node, "address"), 7), pad(text_at(node, "uuid"), 32),
+                       paint(state, state));
+    if (!problem.empty()) out += "  " + problem + "\n";
+  }
+  return out;
+}
+
+std::string Show::done(const json& done) const {
+  if (done.contains("nodes"))
+    return fmt::format("imported: the mesh has {} robots\n", count_at(done, "nodes"));
+  if (done.contains("cleared"))
+    return "the serial board was cleared and is set up anew; robots may ignore the gateway until "
+           "they were restarted\n";
+  return "done\n";
+}
+
+}  // namespace slamgw::ctl
