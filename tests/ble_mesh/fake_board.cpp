@@ -83,8 +83,10 @@ Bytes FakeBoard::execute(std::uint8_t opcode, ByteView params) {
         if (addresses[i]) handles = handles + number(static_cast<std::uint16_t>(i));
       return response(opcode, 0, handles);
     }
+    case 0x0e: return restart();
     case 0xab: return send_packet(reader);
-    default: return response(opcode, 0x82);
+    case 0xac: return clear();
+    default: return devices.execute(opcode, params).value_or(response(opcode, 0x82));
   }
 }
 
@@ -138,27 +140,43 @@ Bytes FakeBoard::send_packet(ByteReader params) {
   const ByteView payload = params.read_rest();
   if (!params.ok()) return response(0xab, 0x84);
   if (source != unicast) return response(0xab, 0x87);
-  if (packet.appkey_handle >= appkeys.size() || handle >= addresses.size() || !addresses[handle])
-    return response(0xab, 0x8e);
+  const bool has_key =
+      packet.appkey_handle < appkeys.size() || devices.device_keys.contains(packet.appkey_handle);
+  if (!has_key || handle >= addresses.size() || !addresses[handle]) return response(0xab, 0x8e);
+  if (busy_sends > 0 && busy_sends-- > 0) return response(0xab, 0x83);
   packet.destination = addresses[handle]->address;
   packet.payload.assign(payload.begin(), payload.end());
   sent.push_back(packet);
   ++token_;
   const Bytes token = ByteWriter{}.write_u32_le(token_).take();
-  return response(0xab, 0, token) + frame(0xd2, token);
+  const Bytes reply = devices.on_access(packet.appkey_handle, packet.destination, packet.payload);
+  const Bytes heard =
+      reply.empty() ? Bytes{} : message(packet.destination, reply, 0, packet.appkey_handle);
+  return response(0xab, 0, token) + frame(0xd2, token) + heard;
+}
+
+Bytes FakeBoard::clear() {
+  unicast = 0;
+  subnets.clear();
+  appkeys.clear();
+  addresses.clear();
+  devices.device_keys.clear();
+  return response(0xac, 0);
 }
 
 Bytes FakeBoard::restart() {
   partial_.clear();
+  devices.on_restart();
   return hex("04 81 02 00 fe");
 }
 
-Bytes FakeBoard::message(std::uint16_t source, ByteView payload, std::uint16_t group) const {
+Bytes FakeBoard::message(std::uint16_t source, ByteView payload, std::uint16_t group,
+                         std::uint16_t key_handle) const {
   return frame(group == 0 ? 0xd0 : 0xd1,
                ByteWriter{}
                    .write_u16_le(source)
                    .write_u16_le(group == 0 ? unicast : handle_of(group).value_or(0))
-                   .write_u16_le(0)
+                   .write_u16_le(key_handle)
                    .write_u16_le(0)
                    .write_u8(4)
                    .write(hex("01 c4 3b f9 0b 6e 01 c9"))

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A serial board with stock firmware, as far as the gateway uses it, written from the protocol's
-// description and sharing no code with the daemon. Bytes in, bytes out; used on virtual time and
-// behind a pseudo-terminal.
+// description and sharing no code with the daemon (its devices borrow the key exchange). Bytes in,
+// bytes out; used on virtual time and behind a pseudo-terminal.
 #pragma once
 
 #include <cstdint>
@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "daemon/core/bytes.hpp"
+#include "tests/ble_mesh/fake_devices.hpp"
 
 namespace slamgw::ble {
 
@@ -42,6 +43,7 @@ class FakeBoard {
   std::uint32_t dropped = 0;
   std::vector<std::uint8_t> commands;  ///< opcodes, in order
   std::vector<SentPacket> sent;
+  FakeDevices devices;  ///< in radio range
 
   // Faults.
   bool is_silent = false;
@@ -51,10 +53,14 @@ class FakeBoard {
 
   /// What the host wrote; returns what the board writes.
   Bytes on_bytes(ByteView bytes);
+  /// Packet Send is refused so often, as while an earlier segmented message is under way.
+  int busy_sends = 0;
+
   /// Loses what RAM held.
   Bytes restart();
   /// The event for an access message from `source`: to the gateway, or to a group's handle.
-  Bytes message(std::uint16_t source, ByteView payload, std::uint16_t group = 0) const;
+  Bytes message(std::uint16_t source, ByteView payload, std::uint16_t group = 0,
+                std::uint16_t key_handle = 0) const;
 
   std::optional<std::uint16_t> handle_of(std::uint16_t address) const;
   std::size_t count(std::uint8_t opcode) const;
@@ -68,6 +74,7 @@ class FakeBoard {
   Bytes remove_address(std::uint8_t opcode, std::uint16_t handle);
   Bytes get_address(std::uint16_t handle) const;
   Bytes send_packet(ByteReader params);
+  Bytes clear();
 
   Bytes partial_;
   std::uint32_t token_ = 0;

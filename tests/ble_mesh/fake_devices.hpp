@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: Apache-2.0
+// Devices behind a FakeBoard that wait to be provisioned and obey their configuration, and the
+// board's half of it. Events and answers come at once; faults are scripted. Written from the
+// protocol's description.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "daemon/core/bytes.hpp"
+
+namespace slamgw::ble {
+
+struct FakeDevice {
+  Bytes uuid;
+  std::uint8_t elements = 1;
+  Bytes static_oob;  ///< empty: it has none
+  Bytes composition;
+
+  std::uint16_t address = 0;  ///< 0: not provisioned
+  Bytes device_key;
+  Bytes app_key;
+  std::vector<std::string> requests;  ///< configuration messages that it carried out, hex
+
+  // Faults.
+  std::set<std::string> deaf_to;                ///< requests that begin so get no answer
+  std::map<std::string, std::uint8_t> refuses;  ///< requests that begin so: status
+};
+
+class FakeDevices {
+ public:
+  std::vector<FakeDevice> devices;
+  bool is_scanning = false;
+  /// Events that the board does not send, the next time each.
+  std::set<std::uint8_t> lost_events;
+  /// At this event the link closes instead (c2, reason 2), once.
+  std::optional<std::uint8_t> closes_at;
+  /// At this event provisioning fails instead (c9, this code; then c2), once.
+  std::optional<std::pair<std::uint8_t, std::uint8_t>> fails_at;
+  /// Device keys that the board holds, by handle.
+  std::map<std::uint16_t, std::pair<std::uint16_t, Bytes>> device_keys;
+  std::size_t max_device_keys = 10;
+  std::size_t most_device_keys = 0;
+  std::uint16_t context_count = 0;  ///< provisioning links that were opened
+
+  /// A device with the thesis's robot models: clients 0x0004 and 0x0006, server 0x0009, on/off,
+  /// health.
+  FakeDevice& add(std::uint8_t number);
+  FakeDevice* at(std::uint16_t address);
+
+  /// A provisioning command; nothing for opcodes of others. The answer's frames.
+  std::optional<Bytes> execute(std::uint8_t opcode, ByteView params);
+  /// An access message under the device key with this handle; what comes back.
+  Bytes on_access(std::uint16_t devkey_handle, std::uint16_t destination, ByteView payload);
+  /// What the devices say while the board scans.
+  Bytes beacons() const;
+  /// The board has lost what was in RAM.
+  void on_restart();
+
+ private:
+  Bytes provision(ByteView params);
+  Bytes event(std::uint8_t opcode, Bytes params);
+  Bytes capabilities();
+  Bytes ecdh_request();
+  Bytes complete(ByteView secret);
+  Bytes add_device_key(ByteView params);
+  Bytes answer(FakeDevice& device, const std::string& request);
+
+  Bytes board_public_;
+  std::uint8_t context_ = 0;
+  FakeDevice* joining_ = nullptr;
+  std::uint16_t joining_address_ = 0;
+};
+
+}  // namespace slamgw::ble
