@@ -1,0 +1,104 @@
+// SPDX-License-Identifier: Apache-2.0
+// A fresh board and new robots: they join the mesh without a command typed, also when the daemon is
+// killed meanwhile, and operators take them in and out by hand.
+#include <gtest/gtest.h>
+#include <signal.h>
+
+#include <set>
+
+#include "tests/e2e/gateway_process.hpp"
+#include "tests/support/eventually.hpp"
+#include "tests/support/mosquitto.hpp"
+
+namespace slamgw::test {
+namespace {
+
+using nlohmann::json;
+
+constexpr int robots = 10;
+/// What an operator waits for ten robots; they usually need a quarter of it.
+constexpr std::chrono::seconds join_limit{60};
+
+json configuration(const Mosquitto& broker, bool is_automatic = true) {
+  return {{"broker", {{"uri", broker.uri()}}},
+          {"ble_mesh", {{"enabled", true}, {"provisioning", {{"enabled", is_automatic}}}}}};
+}
+
+std::vector<std::string> new_robots(const GatewayProcess& gateway, int count) {
+  return {"ble",    "--tty", gateway.tty(), "--unprovisioned", "--robots", std::to_string(count),
+          "--rate", "2"};
+}
+
+bool all_publish(const Subscriber& subscriber, std::size_t count) {
+  std::set<std::string> topics;
+  for (const std::string& line : subscriber.lines()) topics.insert(line.substr(0, line.find(' ')));
+  return topics.size() == count;
+}
+
+std::size_t count_of(const std::string& text, const std::string& what) {
+  std::size_t count = 0;
+  for (auto at = text.find(what); at != std::string::npos; at = text.find(what, at + 1)) ++count;
+  return count;
+}
+
+TEST(NewRobots, JoinByThemselvesAndObey) {
+  Mosquitto broker;
+  Subscriber updates(broker, "ntnu-slam/robot/+/update");
+  GatewayProcess gateway(configuration(broker));
+  SimulatorProcess simulator(new_robots(gateway, robots));
+  ASSERT_TRUE(eventually([&] { return all_publish(updates, robots); }, join_limit))
+      << gateway.log();
+  const json rows = gateway.ctl({"robots"});
+  ASSERT_EQ(rows.size(), static_cast<std::size_t>(robots));
+  for (const json& row : rows) {
+    EXPECT_EQ(row["state"], "online") << row;
+    EXPECT_TRUE(row["rssi_dbm"].is_number()) << row;
+    const std::string id = row["id"];
+    EXPECT_EQ(gateway.ctl({"send", id, "cmd", "10,-20"})["outcome"], "delivered") << id;
+    EXPECT_EQ(gateway.ctl({"send", id, "run", "stop"})["outcome"], "delivered") << id;
+  }
+  const std::string keys = read_file(gateway / "store/mesh.json");
+  const json mesh = json::parse(keys);
+  EXPECT_FALSE(gateway.logs(mesh["net_key"]) || gateway.logs(mesh["nodes"][0]["device_key"]));
+  simulator.process().send_signal(SIGTERM);
+  EXPECT_EQ(simulator.report()["commands_received"], 2 * robots);
+}
+
+TEST(NewRobots, JoinThoughTheDaemonIsKilledMeanwhile) {
+  Mosquitto broker;
+  GatewayProcess gateway(configuration(broker));
+  SimulatorProcess simulator(new_robots(gateway, robots));
+  // Just after a robot's key was stored: one killed between a key and its storing has to be reset
+  // by hand.
+  ASSERT_TRUE(eventually([&] {
+    return count_of(read_file(gateway / "store/mesh.json"), "device_key") >= 3;
+  })) << gateway.log();
+  gateway.process().send_signal(SIGKILL);
+  gateway.process().wait();
+  gateway.start();
+  Subscriber updates(broker, "ntnu-slam/robot/+/update");
+  ASSERT_TRUE(eventually([&] { return all_publish(updates, robots); }, join_limit))
+      << gateway.log() << gateway.ctl({"ble", "nodes"});
+  std::set<std::string> addresses;
+  for (const json& node : gateway.ctl({"ble", "nodes"})) addresses.insert(node["address"]);
+  EXPECT_EQ(addresses.size(), static_cast<std::size_t>(robots));
+}
+
+TEST(NewRobots, ComeAndGoByHand) {
+  Mosquitto broker;
+  GatewayProcess gateway(configuration(broker, false));
+  SimulatorProcess simulator(new_robots(gateway, 2));
+  ASSERT_TRUE(eventually([&] { return gateway.logs("ble link up"); })) << gateway.log();
+  const json found = gateway.ctl({"ble", "scan"});
+  ASSERT_EQ(found.size(), 2u) << found;
+  Subscriber updates(broker, "ntnu-slam/robot/lego-1/update");
+  const json joined = gateway.ctl({"ble", "provision", found[0]["uuid"], "--id", "lego-1"});
+  ASSERT_TRUE(joined.is_object()) << gateway.log();
+  EXPECT_EQ(joined["state"], "configured") << joined;
+  EXPECT_TRUE(eventually([&] { return !updates.lines().empty(); })) << gateway.log();
+  EXPECT_EQ(gateway.ctl({"ble", "remove", "lego-1"})["robot"], "lego-1") << gateway.log();
+  EXPECT_EQ(gateway.ctl({"ble", "nodes"}), json::array());
+}
+
+}  // namespace
+}  // namespace slamgw::test
