@@ -34,6 +34,8 @@ void add_common(CLI::App& app, RobotOptions& options) {
   app.add_option("--linger-s", options.linger_s, "Stay this long after the last update")
       ->check(CLI::Range(0.0, 86400.0))
       ->capture_default_str();
+  app.add_option("--record", options.record,
+                 "Write each update sent and each acknowledged into this file");
 }
 
 /// What the client does beside publishing.
@@ -88,8 +90,6 @@ void add_thread(CLI::App& app, ThreadOptions& options, std::string& gateway) {
                  "Requests without an answer at one time; the specification has 1")
       ->check(CLI::Range(1U, 4U))
       ->capture_default_str();
-  app.add_option("--record", options.record,
-                 "Write each update sent and each acknowledged into this file");
   app.add_option("--give-up-s", options.give_up_s,
                  "Exit with status 1 when no robot got connected in this time (0: never)")
       ->check(CLI::Range(0.0, 86400.0))

@@ -24,6 +24,7 @@ struct RobotOptions {
   double loss = 0;  ///< 0..1
   bool obeys = false;
   double linger_s = 0;  ///< after the last update, for late commands
+  std::string record;   ///< a file, or nothing
 
   std::string id_of(unsigned number) const { return id_prefix + std::to_string(number); }
   std::optional<std::uint64_t> limit() const {
@@ -54,7 +55,6 @@ struct ThreadOptions {
   double vanish = 0;          ///< part of the robots
   double retry_s = 8;
   unsigned outstanding = 4;
-  std::string record;     ///< a file, or nothing
   double give_up_s = 60;  ///< exit 1 when no robot is connected by then; 0: never
 };
 

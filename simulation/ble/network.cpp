@@ -27,6 +27,7 @@ RobotSettings robot_settings(const BleOptions& options, unsigned number) {
   settings.is_acknowledged = options.is_acknowledged;
   settings.has_segment_timing = options.has_segment_timing;
   settings.obeys = options.common.obeys;
+  settings.is_recorded = !options.common.record.empty();
   settings.messages = options.common.limit();
   settings.period = options.common.period();
   return settings;
@@ -85,6 +86,15 @@ void Network::on_start(TimePoint now) {
 void Network::on_host_bytes(ByteView bytes, TimePoint now) {
   board_.on_host_bytes(bytes, now);
   carry(now);
+}
+
+std::optional<std::pair<unsigned, UpdateEvent>> Network::next_event() {
+  unsigned number = 0;
+  for (Robot& robot : robots_) {
+    ++number;
+    if (auto event = robot.next_event()) return std::pair(number, std::move(*event));
+  }
+  return std::nullopt;
 }
 
 void Network::reboot_board(TimePoint now, Duration downtime) { board_.reboot(now, downtime); }

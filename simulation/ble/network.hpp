@@ -29,6 +29,8 @@ class Network {
   void on_deadline(TimePoint now);
   TimePoint deadline() const;
   std::optional<Bytes> next_host_packet() { return board_.next_host_packet(); }
+  /// What has happened to updates, robot by robot: its number (from 1) and the event.
+  std::optional<std::pair<unsigned, UpdateEvent>> next_event();
   /// The board restarts, without power for `downtime`; the robots go on.
   void reboot_board(TimePoint now, Duration downtime = Board::reboot_time);
 

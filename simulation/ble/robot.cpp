@@ -34,6 +34,17 @@ std::optional<Robot::Outgoing> Robot::next_transmission() {
   return first;
 }
 
+std::optional<UpdateEvent> Robot::next_event() {
+  if (events_.empty()) return std::nullopt;
+  UpdateEvent first = std::move(events_.front());
+  events_.pop_front();
+  return first;
+}
+
+void Robot::record(bool is_acknowledged, std::uint64_t number, Bytes payload) {
+  if (settings_.is_recorded) events_.push_back({is_acknowledged, number, std::move(payload)});
+}
+
 TimePoint Robot::deadline() const {
   const bool has_more = !settings_.messages || produced_ < *settings_.messages;
   TimePoint next = next_health_;
@@ -88,11 +99,14 @@ void Robot::publish(bool is_update, const Bytes& parameters, const Publication& 
   const MeshMessage message{
       settings_.address, to.address, to.ttl,
       vendor_message(settings_.is_acknowledged ? set : set_unreliable, parameters)};
-  if (is_update) ++tally_.sent;
+  if (is_update) {
+    ++tally_.sent;
+    record(false, produced_, parameters);
+  }
   if (settings_.is_acknowledged) {
     const Duration interval = reliable_interval(to.ttl, message.payload.size());
-    reliable_ =
-        Reliable{message, status, is_update, interval * 2, now + interval, now + reliable_timeout};
+    reliable_ = Reliable{message,      status,         is_update ? produced_ : 0,
+                         interval * 2, now + interval, now + reliable_timeout};
   }
   transmit(message, now);
   outbox_.back().is_unacknowledged_update = is_update && !settings_.is_acknowledged;
@@ -101,7 +115,7 @@ void Robot::publish(bool is_update, const Bytes& parameters, const Publication& 
 /// Repeats come 1, 2, 4, 8 ... intervals after the first transmission.
 void Robot::repeat(TimePoint now) {
   if (reliable_->gives_up_at <= now) {
-    if (reliable_->is_update) ++tally_.lost;
+    if (reliable_->number > 0) ++tally_.lost;
     reliable_.reset();
     return;
   }
@@ -165,7 +179,10 @@ void Robot::on_vendor(Vendor opcode, const MeshMessage& message, TimePoint now) 
     case Vendor::sensor_update_status:
       if (!is_unicast(message.destination)) return;  // Nordic's reliable publish wants it so
       if (!reliable_ || reliable_->status != opcode) return;
-      if (reliable_->is_update) ++tally_.acknowledged;
+      if (reliable_->number > 0) {
+        ++tally_.acknowledged;
+        record(true, reliable_->number, {});
+      }
       reliable_.reset();
       return;
     case Vendor::simple_on_off_status:

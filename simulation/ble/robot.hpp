@@ -10,6 +10,7 @@
 #include "simulation/ble/access.hpp"
 #include "simulation/robot_body.hpp"
 #include "simulation/tally.hpp"
+#include "simulation/update_record.hpp"
 
 namespace slamgw::sim::ble {
 
@@ -24,6 +25,7 @@ struct RobotSettings {
   bool is_acknowledged = false;  ///< SET with repeats until STATUS, else SET_UNRELIABLE
   bool has_segment_timing = false;
   bool obeys = false;
+  bool is_recorded = false;               ///< leaves events
   std::optional<std::uint64_t> messages;  ///< updates to send; nothing: no end
   Duration period = std::chrono::milliseconds{200};
 };
@@ -56,6 +58,7 @@ class Robot {
   void on_update_dropped() { ++tally_.lost; }
   TimePoint deadline() const;
   std::optional<Outgoing> next_transmission();
+  std::optional<UpdateEvent> next_event();
 
   /// Its stack has joined a mesh; 0: has left it.
   void set_address(Address address) { settings_.address = address; }
@@ -67,7 +70,7 @@ class Robot {
   struct Reliable {
     MeshMessage message;
     Vendor status;
-    bool is_update;
+    std::uint64_t number;  ///< of an update; else 0
     Duration interval;
     TimePoint repeat_at;
     TimePoint gives_up_at;
@@ -75,6 +78,7 @@ class Robot {
 
   void publish_health(const std::optional<Publication>& to, TimePoint now);
   void produce(const Publications& publications, TimePoint now);
+  void record(bool is_acknowledged, std::uint64_t number, Bytes payload);
   void publish(bool is_update, const Bytes& parameters, const Publication& to, TimePoint now);
   void repeat(TimePoint now);
   void transmit(const MeshMessage& message, TimePoint now);
@@ -100,6 +104,7 @@ class Robot {
   };
   std::optional<Transaction> last_transaction_;
   std::deque<Outgoing> outbox_;
+  std::deque<UpdateEvent> events_;
   Tally tally_;
 };
 

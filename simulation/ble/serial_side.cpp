@@ -16,6 +16,7 @@
 #include "simulation/ble/network.hpp"
 #include "simulation/ble/pseudo_terminal.hpp"
 #include "simulation/ble/state_file.hpp"
+#include "simulation/update_record.hpp"
 
 namespace slamgw::sim::ble {
 namespace {
@@ -37,6 +38,7 @@ class SerialSide {
 
  private:
   void pump();
+  void write_record();
   void flush_to_host();
   void wait_writable();
   void read_from_host();
@@ -62,6 +64,7 @@ class SerialSide {
   asio::steady_timer progress_{io_};
   asio::steady_timer end_{io_};
   Network network_;
+  UpdateRecord record_;
   std::string saved_state_;
   Bytes to_host_;      ///< what is left of the packet that is being written
   Bytes last_packet_;  ///< the one before
@@ -74,7 +77,8 @@ SerialSide::SerialSide(const BleOptions& options)
     : options_(options),
       terminal_(options.tty),
       master_(io_, dup(terminal_->master())),
-      network_(options) {
+      network_(options),
+      record_(options.common.record) {
   signals_.add(SIGUSR2);
   if (options.state.empty()) return;
   saved_state_ = read_state(options.state);
@@ -160,9 +164,11 @@ void SerialSide::plug_in_board() {
 }
 
 void SerialSide::pump() {
+  write_record();
   flush_to_host();
   while (network_.deadline() <= std::chrono::steady_clock::now()) {
     network_.on_deadline(std::chrono::steady_clock::now());
+    write_record();
     flush_to_host();
   }
   finish_when_done();
@@ -170,6 +176,12 @@ void SerialSide::pump() {
   next_event_.async_wait([this](error_code error) {
     if (!error) pump();
   });
+}
+
+void SerialSide::write_record() {
+  while (const auto event = network_.next_event()) {
+    record_.write(options_.common.id_of(event->first), event->second);
+  }
 }
 
 /// Packets leave the board's transmit buffer only when the pty takes them: a host that does not

@@ -26,9 +26,9 @@ std::optional<Client::Outgoing> Client::next_datagram() {
   return first;
 }
 
-std::optional<Client::Event> Client::next_event() {
+std::optional<UpdateEvent> Client::next_event() {
   if (events_.empty()) return std::nullopt;
-  Event first = std::move(events_.front());
+  UpdateEvent first = std::move(events_.front());
   events_.pop_front();
   return first;
 }

@@ -25,6 +25,7 @@
 #include "simulation/tally.hpp"
 #include "simulation/thread/packet.hpp"
 #include "simulation/time.hpp"
+#include "simulation/update_record.hpp"
 
 namespace slamgw::sim::sn {
 
@@ -51,7 +52,7 @@ struct ClientSettings {
   bool vanishes = false;  ///< ends without DISCONNECT
   Duration retry_interval = retransmission_interval;
   std::size_t outstanding = max_outstanding;
-  bool is_recorded = false;         ///< leaves `Event`s
+  bool is_recorded = false;         ///< leaves events
   std::uint16_t predefined_id = 0;  ///< of the topic `update`, for QoS -1
 };
 
@@ -61,13 +62,6 @@ class Client {
   struct Outgoing {
     Bytes datagram;
     bool is_unacknowledged_update = false;
-  };
-
-  /// Something that happened to an update, for who checks what arrives.
-  struct Event {
-    bool is_acknowledged;  ///< else it was sent, for the first time
-    std::uint64_t number;  ///< counts the robot's updates from 1
-    Bytes payload;         ///< of what was sent; else empty
   };
 
   Client(ClientSettings settings, RobotBody body);
@@ -84,7 +78,7 @@ class Client {
 
   std::optional<TimePoint> deadline() const;
   std::optional<Outgoing> next_datagram();
-  std::optional<Event> next_event();
+  std::optional<UpdateEvent> next_event();
 
   /// All `messages` are sent and, above QoS 0, acknowledged or given up. True for a stranded robot
   /// too: it will never send again.
@@ -193,7 +187,7 @@ class Client {
   std::deque<Message> application_;   ///< at most max_application
   std::vector<Request> outstanding_;  ///< at most `settings_.outstanding`
   std::deque<Outgoing> outbox_;
-  std::deque<Event> events_;
+  std::deque<UpdateEvent> events_;
   Tally tally_;
 };
 

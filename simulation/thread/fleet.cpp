@@ -7,10 +7,10 @@
 #include <boost/asio/signal_set.hpp>
 #include <cmath>
 #include <deque>
-#include <fstream>
 #include <stdexcept>
 
 #include "simulation/thread/robot_socket.hpp"
+#include "simulation/update_record.hpp"
 
 namespace slamgw::sim::sn {
 namespace {
@@ -48,7 +48,6 @@ class Fleet {
   ClientSettings settings_of(unsigned number) const;
   void add_robot(unsigned number, const asio::ip::udp::endpoint& gateway);
   void on_change(RobotSocket& robot);
-  void record(RobotSocket& robot);
   void on_all_done();
   void stop_all();
   void report_progress();
@@ -62,18 +61,14 @@ class Fleet {
   asio::steady_timer progress_{io_};
   asio::steady_timer patience_{io_};
   std::deque<RobotSocket> robots_;
-  std::ofstream record_;
+  UpdateRecord record_;
   std::size_t done_ = 0;
   std::size_t finished_ = 0;
   bool is_stopping_ = false;
 };
 
 Fleet::Fleet(const ThreadOptions& options, const asio::ip::udp::endpoint& gateway)
-    : options_(options) {
-  if (!options.record.empty()) {
-    record_.open(options.record);
-    if (!record_) throw std::runtime_error(options.record + " can't be written");
-  }
+    : options_(options), record_(options.common.record) {
   for (unsigned number = 1; number <= options.common.robots; ++number) add_robot(number, gateway);
 }
 
@@ -98,7 +93,7 @@ ClientSettings Fleet::settings_of(unsigned number) const {
   settings.vanishes = is_among(number, options_.vanish);
   settings.retry_interval = to_duration(options_.retry_s);
   settings.outstanding = options_.outstanding;
-  settings.is_recorded = !options_.record.empty();
+  settings.is_recorded = !options_.common.record.empty();
   settings.predefined_id = static_cast<std::uint16_t>(number);
   return settings;
 }
@@ -140,17 +135,8 @@ int Fleet::run() {
   return unreachable;
 }
 
-void Fleet::record(RobotSocket& robot) {
-  while (const auto event = robot.next_event()) {
-    record_ << (event->is_acknowledged ? "acknowledged " : "sent ") << robot.client().id() << ' '
-            << event->number;
-    if (!event->is_acknowledged) record_ << fmt::format(" {:02x}", fmt::join(event->payload, ""));
-    record_ << '\n';
-  }
-}
-
 void Fleet::on_change(RobotSocket& robot) {
-  record(robot);
+  while (const auto event = robot.next_event()) record_.write(robot.client().id(), *event);
   if (!robot.is_counted_done && robot.client().has_sent_everything()) {
     robot.is_counted_done = true;
     if (robot.client().is_stranded()) {

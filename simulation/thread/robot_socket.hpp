@@ -28,7 +28,7 @@ class RobotSocket {
   /// delayed on its way from the old address still arrives from there; answers sent there are lost.
   void roam(Duration first, Duration interval);
   const Client& client() const { return client_; }
-  std::optional<Client::Event> next_event() { return client_.next_event(); }
+  std::optional<UpdateEvent> next_event() { return client_.next_event(); }
 
   bool is_counted_done = false;  ///< the fleet's notes
   bool is_counted_finished = false;

@@ -136,6 +136,27 @@ TEST_F(RobotTest, LosesUpdatesBehindAReliableOneUnlessTheyAreCounted) {
   EXPECT_EQ(robot_->tally().lost, 5U);
 }
 
+TEST_F(RobotTest, RecordsUpdatesAndTheirAcknowledgements) {
+  RobotSettings settings;
+  settings.is_acknowledged = settings.is_recorded = true;
+  begin(settings);
+  pass(milliseconds{1});
+  ask("c8 59 00 00");  // of the introduction, which is no update
+  pass(milliseconds{1200});
+  ask("cc 59 00 00");
+  RobotBody body(1, 1);
+  const auto sent = robot_->next_event();
+  ASSERT_TRUE(sent.has_value());
+  EXPECT_FALSE(sent->is_acknowledged);
+  EXPECT_EQ(sent->number, 1U);
+  EXPECT_EQ(sent->payload, body.next_update());
+  const auto acknowledged = robot_->next_event();
+  ASSERT_TRUE(acknowledged.has_value());
+  EXPECT_TRUE(acknowledged->is_acknowledged);
+  EXPECT_EQ(acknowledged->number, 1U);
+  EXPECT_FALSE(robot_->next_event().has_value()) << "what it lost meanwhile was not sent";
+}
+
 TEST_F(RobotTest, AnswersPositionCommands) {
   begin({});
   EXPECT_EQ(ask("cd 59 00 0a 00 ec ff"), "d0 59 00 00");
