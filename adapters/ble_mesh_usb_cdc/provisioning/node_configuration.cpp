@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <utility>
 
 #include "adapters/ble_mesh_usb_cdc/nordic_serial/provisioning_commands.hpp"
@@ -48,16 +49,14 @@ void NodeConfiguration::on_command_ended(const CommandEnded& ended, TimePoint no
 void NodeConfiguration::begin_step(TimePoint now) {
   step_since_ = now;
   send_at_ = now;
-  sent_ = 0;
+  pause_ = segments_of(steps_.front().request.size()) > 1 ? 2 * first_pause : first_pause;
   last_refusal_.clear();
 }
 
 std::optional<Bytes> NodeConfiguration::take_message(TimePoint now) {
-  if (stage_ != Stage::talking || !send_at_ || now < *send_at_) return std::nullopt;
-  send_at_.reset();
-  if (sent_ < repeats.size())
-    send_at_ = now + repeats[sent_] - (sent_ ? repeats[sent_ - 1] : Duration{});
-  ++sent_;
+  if (stage_ != Stage::talking || now < send_at_) return std::nullopt;
+  send_at_ = now + pause_;
+  pause_ *= 2;
   return steps_.front().request;
 }
 
@@ -93,15 +92,15 @@ void NodeConfiguration::on_answer(const AccessMessage& message, TimePoint now) {
 }
 
 void NodeConfiguration::on_send_refused(const std::string& why, TimePoint now) {
-  if (stage_ != Stage::talking || sent_ == 0) return;
+  if (stage_ != Stage::talking) return;
   last_refusal_ = why;
-  --sent_;
+  pause_ = std::max(first_pause, pause_ / 2);  // that one does not count
   send_at_ = now + refused_pause;
 }
 
 std::optional<TimePoint> NodeConfiguration::deadline() const {
   if (stage_ != Stage::talking) return std::nullopt;
-  return earlier(send_at_, step_since_ + step_time_limit);
+  return std::min(send_at_, step_since_ + step_time_limit);
 }
 
 void NodeConfiguration::on_deadline(TimePoint now) {

@@ -22,10 +22,9 @@ class NodeConfiguration {
 
   /// One request is given up after this long.
   static constexpr Duration step_time_limit = std::chrono::seconds{20};
-  /// When it is sent again, after the first time.
-  static constexpr std::array<Duration, 4> repeats{std::chrono::milliseconds{1500},
-                                                   std::chrono::seconds{4}, std::chrono::seconds{8},
-                                                   std::chrono::seconds{13}};
+  /// The pause before it is sent again, doubled each time: after 0.5 s, 1.5 s, 3.5 s ...; twice
+  /// that when it is segmented, because the board repeats the segments by itself.
+  static constexpr Duration first_pause = std::chrono::milliseconds{500};
   /// The board was still sending an earlier segmented message to this node.
   static constexpr Duration refused_pause = std::chrono::milliseconds{150};
 
@@ -72,8 +71,8 @@ class NodeConfiguration {
   std::uint16_t devkey_handle_ = 0;
   std::deque<ConfigurationStep> steps_;  ///< front: the one under way
   TimePoint step_since_{};
-  std::optional<TimePoint> send_at_;
-  std::size_t sent_ = 0;  ///< times that this step's request was sent
+  TimePoint send_at_{};
+  Duration pause_{};  ///< before the next repeat
   std::string last_refusal_;
 };
 
