@@ -15,7 +15,7 @@ class MeshInputs {
   MeshInputs() { mesh_.on_start(); }
 
   void apply(std::uint8_t verb, std::uint8_t argument, ByteView octets) {
-    switch (verb % 9) {
+    switch (verb % 13) {
       case 0: mesh_.on_bytes(octets, now_); break;
       case 1: now_ += std::chrono::milliseconds{10} * argument; break;
       case 2: mesh_.on_port_open(now_); break;
@@ -25,6 +25,10 @@ class MeshInputs {
       case 6: answer(argument < 128 ? 0 : argument, octets); break;
       case 7: message(argument, octets); break;
       case 8: mesh_.on_broker_link(argument % 2 == 0); break;
+      case 9: event(argument, octets); break;
+      case 10: mesh_.on_stored(argument < 128 ? "" : "no space", now_); break;
+      case 11: order(argument, octets); break;
+      case 12: mesh_.on_deadline(now_ += std::chrono::seconds{argument}); break;
     }
     mesh_.on_deadline(now_);
     drain();
@@ -33,7 +37,7 @@ class MeshInputs {
   /// Nothing is due that was not done, and no command has ended twice.
   bool is_settled() const {
     const auto due = mesh_.deadline();
-    return (!due || *due > now_) && ended_ <= asked_;
+    return (!due || *due > now_) && ended_ <= asked_ && answered_ <= ordered_;
   }
 
  private:
@@ -52,6 +56,25 @@ class MeshInputs {
     if (params.size() <= max_frame_params) mesh_.on_bytes(encode_frame(0x84, params), now_);
   }
 
+  /// Of provisioning.
+  void event(std::uint8_t opcode, ByteView params) {
+    if (params.size() <= max_frame_params)
+      mesh_.on_bytes(encode_frame(static_cast<std::uint8_t>(0xc0 | opcode % 16), params), now_);
+  }
+
+  void order(std::uint8_t argument, ByteView octets) {
+    const std::string text(as_text(octets));
+    ++ordered_;
+    switch (argument % 6) {
+      case 0: return mesh_.on_order(ordered_, ScanOrder{}, now_);
+      case 1: return mesh_.on_order(ordered_, ProvisionOrder{std::string(32, '1'), text}, now_);
+      case 2: return mesh_.on_order(ordered_, NodesOrder{}, now_);
+      case 3: return mesh_.on_order(ordered_, RemoveOrder{text, argument >= 128}, now_);
+      case 4: return mesh_.on_order(ordered_, ImportOrder{text}, now_);
+      case 5: return mesh_.on_order(ordered_, ResetBoardOrder{}, now_);
+    }
+  }
+
   void message(std::uint8_t source, ByteView payload) {
     ByteWriter event;
     event.write_u16_le(source).write_u16_le(1).write_u32_le(0).write_u8(4);
@@ -68,6 +91,7 @@ class MeshInputs {
         last_command_ = write->bytes[1];
       }
       if (std::holds_alternative<GenerateKeys>(*action)) mesh_.on_keys({}, now_);
+      if (std::holds_alternative<OrderEnded>(*action)) ++answered_;
       auto* event = std::get_if<MeshEvent>(&*action);
       if (event != nullptr && std::holds_alternative<CommandOutcome>(*event)) ++ended_;
     }
@@ -90,6 +114,8 @@ class MeshInputs {
   std::uint8_t last_command_ = 0;
   std::uint64_t asked_ = 0;
   std::uint64_t ended_ = 0;
+  std::uint64_t ordered_ = 0;
+  std::uint64_t answered_ = 0;
 };
 
 }  // namespace slamgw::ble
