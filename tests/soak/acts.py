@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is broken on purpose. Each act breaks, waits and mends; it returns when the daemon is at the broker again. Used by run.
+
+An act draws its lengths from the run's seed before it begins, so that a seed always makes the same acts in the same order.
+
+How many messages an act may make arrive twice:
+- The connection to the broker ended: what was on its way was perhaps acknowledged, and goes out again. At most the window.
+- kill -9 of the daemon: also rows that were delivered but not yet deleted, at most a batch of them, and for each robot the
+  message whose acknowledgement died with the daemon.
+- The board restarted or was unplugged: for each of its robots a message whose STATUS got lost.
+"""
+import signal
+import time
+
+from world import FLEETS
+
+WINDOW = 16  # broker.max_inflight
+FORGET_BATCH = 256  # Backlog::forget_batch
+LINK_LOST = WINDOW
+DAEMON_KILLED = WINDOW + FORGET_BATCH + sum(FLEETS.values())
+BOARD_LOST = FLEETS["ble"]
+
+
+class Acts:
+    def __init__(self, world, chance, seconds):
+        self.world, self.chance = world, chance
+        self.longest = min(60.0, max(1.5, seconds / 10))  # seconds of an outage
+
+    def choices(self):
+        acts = [self.kill_daemon, self.stop_daemon, self.kill_broker, self.take_broker_away, self.lose_both,
+                self.stall_broker, self.kill_daemon_at_a_stalled_broker, self.unplug_board, self.restart_board]
+        if self.world.can_fill_disk:
+            acts += [self.fill_disk, self.kill_daemon_on_a_full_disk]
+        return acts
+
+    def moment(self):
+        return self.chance.uniform(0, 1.5)
+
+    def outage(self):
+        return self.chance.uniform(1, self.longest)
+
+    def kill_daemon(self):
+        down, world = self.moment(), self.world
+        with world.trouble(f"kill -9 the daemon for {down:.1f} s", DAEMON_KILLED):
+            world.end_daemon(signal.SIGKILL)
+            self.start_daemon_after(down)
+
+    def stop_daemon(self):
+        down, world = self.moment(), self.world
+        with world.trouble(f"SIGTERM the daemon for {down:.1f} s", LINK_LOST + sum(FLEETS.values())):
+            world.end_daemon(signal.SIGTERM)
+            self.start_daemon_after(down)
+
+    def kill_broker(self):
+        down, world = self.moment(), self.world
+        with world.trouble(f"kill -9 the broker for {down:.1f} s", LINK_LOST):
+            world.end_broker(signal.SIGKILL)
+            self.start_broker_after(down)
+
+    def take_broker_away(self):
+        down, world = self.outage(), self.world
+        with world.trouble(f"stop the broker for {down:.1f} s", LINK_LOST):
+            world.end_broker(signal.SIGTERM)
+            self.start_broker_after(down)
+
+    def lose_both(self):
+        before, between, after, world = self.outage() / 2, self.moment(), self.outage() / 2, self.world
+        with world.trouble(f"stop the broker for {before + between + after:.1f} s; kill -9 the daemon meanwhile",
+                           LINK_LOST + DAEMON_KILLED):
+            world.end_broker(signal.SIGTERM)
+            world.pass_time(before)
+            world.end_daemon(signal.SIGKILL)
+            world.pass_time(between)
+            world.start_daemon()
+            self.start_broker_after(after)
+
+    def stall_broker(self):
+        stalled, world = self.outage(), self.world
+        with world.trouble(f"SIGSTOP the broker for {stalled:.1f} s", LINK_LOST):
+            world.pause_broker()
+            world.pass_time(stalled)
+            since = time.time()
+            world.resume_broker()
+            world.wait_for_link(since)
+
+    def kill_daemon_at_a_stalled_broker(self):
+        before, after, world = self.outage() / 2, self.outage() / 2, self.world
+        with world.trouble(f"SIGSTOP the broker for {before + after:.1f} s; kill -9 the daemon meanwhile",
+                           LINK_LOST + DAEMON_KILLED):
+            world.pause_broker()
+            world.pass_time(before)
+            world.end_daemon(signal.SIGKILL)
+            world.start_daemon()
+            world.pass_time(after)
+            since = time.time()
+            world.resume_broker()
+            world.wait_for_daemon_at_broker(since)
+
+    def unplug_board(self):
+        with self.world.trouble("unplug the board for 2 s", BOARD_LOST):
+            self.world.robots["ble"].send(signal.SIGUSR2)
+            self.world.pass_time(2)
+            self.wait_for_board()
+
+    def restart_board(self):
+        with self.world.trouble("restart the board", BOARD_LOST):
+            self.world.robots["ble"].send(signal.SIGUSR1)
+            self.world.pass_time(0.5)
+            self.wait_for_board()
+
+    def fill_disk(self):
+        down, world = self.outage(), self.world
+        with world.trouble(f"fill the disk and stop the broker for {down:.1f} s", LINK_LOST):
+            world.fill_disk()
+            world.end_broker(signal.SIGTERM)
+            world.pass_time(down)
+            world.free_disk()
+            self.start_broker_after(0)
+
+    def kill_daemon_on_a_full_disk(self):
+        before, on_full_disk, after, world = self.outage() / 2, self.outage() / 2, self.moment(), self.world
+        with world.trouble(f"stop the broker for {before + on_full_disk + after:.1f} s, fill the disk, kill -9 the daemon",
+                           LINK_LOST + DAEMON_KILLED):
+            world.end_broker(signal.SIGTERM)
+            world.pass_time(before)
+            world.fill_disk()
+            world.end_daemon(signal.SIGKILL)
+            world.start_daemon()
+            world.pass_time(on_full_disk)
+            world.free_disk()
+            self.start_broker_after(after)
+
+    def start_daemon_after(self, seconds):
+        self.world.pass_time(seconds)
+        since = time.time()
+        self.world.start_daemon()
+        self.world.wait_for_daemon_at_broker(since)
+
+    def start_broker_after(self, seconds):
+        self.world.pass_time(seconds)
+        since = time.time()
+        self.world.start_broker()
+        self.world.wait_for_daemon_at_broker(since)
+
+    def wait_for_board(self):
+        self.world.wait_for("the board", lambda: self.world.status("meshes", "ble", "state") == "up")

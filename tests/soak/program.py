@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A program that the soak runs, breaks and starts again, and a port for it. Used by World."""
+import contextlib
+import random
+import socket
+import subprocess
+
+PATIENCE_S = 120  # nothing here is measured by the clock: only a failure uses this up
+
+
+class Failure(Exception):
+    pass
+
+
+class Program:
+    """A program that ends with this process, whatever happens to that."""
+
+    def __init__(self, directory, name, arguments):
+        self.log = directory / f"{name}.log"
+        self.name, self.arguments = name, ["setpriv", "--pdeathsig", "KILL", *map(str, arguments)]
+        self.process = None
+
+    def start(self):
+        with open(self.log, "ab") as log:
+            self.process = subprocess.Popen(self.arguments, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
+
+    def is_running(self):
+        return self.process is not None and self.process.poll() is None
+
+    def send(self, signal_number):
+        self.process.send_signal(signal_number)
+
+    def end(self, signal_number):
+        """Its exit status; negative: the signal that killed it."""
+        if not self.is_running():
+            raise Failure(f"{self.name} has ended by itself: {self.tail()}")
+        self.send(signal_number)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            return self.process.wait(PATIENCE_S)
+        raise Failure(f"{self.name} does not end")
+
+    def tail(self):
+        return f"status {self.process.poll()}, last lines:\n" + "\n".join(self.log.read_text().splitlines()[-8:])
+
+
+def free_port(kind):
+    """Below the range of ephemeral ports, so that nobody takes it while its owner is away."""
+    while True:
+        port = random.SystemRandom().randrange(20000, 30000)
+        with socket.socket(socket.AF_INET, kind) as probe, contextlib.suppress(OSError):
+            probe.bind(("127.0.0.1", port))
+            return port

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Compares what robots said with what arrived upstream. Pure: lists in, numbers and complaints out. Called by run.
+
+Robots' updates have no number on the wire, but the robots' record has one for each payload, and nearly every payload is said
+only once. So an arrival stands for the number that its robot said it under. The few payloads that a robot said more than once
+(it stood still) are compared by count and not looked at for order.
+
+Missing: acknowledged to the robot, but it arrived less often than it was acknowledged. Never allowed.
+Out of order: it arrived first after something that its robot said later. Never allowed.
+Duplicate: it arrived more often than it was said. Allowed when a trouble that can cause it lies between its being said and the
+    copy's arrival, and in all not more often than those troubles may cause it (Trouble.may_repeat).
+"""
+import collections
+import dataclasses
+
+
+@dataclasses.dataclass
+class Said:
+    robot: str
+    number: int
+    payload: str  # hex, as it goes up
+    at: float
+    acknowledged_at: float | None = None
+
+
+@dataclasses.dataclass
+class Arrival:
+    robot: str
+    payload: str  # hex
+    at: float
+
+
+@dataclasses.dataclass
+class Trouble:
+    begin: float
+    end: float
+    may_repeat: int  # messages that can arrive once more because of it
+
+
+@dataclasses.dataclass
+class Tally:
+    said: int = 0
+    acknowledged: int = 0
+    arrived: int = 0
+    missing: int = 0
+    duplicates: int = 0
+    out_of_order: int = 0
+
+    def __add__(self, other):
+        return Tally(*(a + b for a, b in zip(dataclasses.astuple(self), dataclasses.astuple(other))))
+
+
+def canonical(payload):
+    """What `payload.update` makes of an update: without the robots' stray octet (thesis 6.3)."""
+    return payload[:-2] if len(payload) % 8 == 2 else payload
+
+
+def read_record(lines):
+    """What `slam-gateway-sim --record` writes."""
+    said = {}
+    for line in lines:
+        if not line.endswith("\n"):  # still being written
+            break
+        what, robot, number, *rest = line.split()
+        if what == "sent":
+            said[robot, number] = Said(robot, int(number), canonical(rest[0]), float(rest[1]))
+        else:
+            said[robot, number].acknowledged_at = float(rest[0])
+    return list(said.values())
+
+
+def judge(said, arrivals, troubles):
+    """(a Tally for each robot, complaints)"""
+    said_by, arrived_by = collections.defaultdict(list), collections.defaultdict(list)
+    for one in said:
+        said_by[one.robot].append(one)
+    for one in arrivals:
+        arrived_by[one.robot].append(one)
+    tallies, complaints = {}, []
+    for robot in sorted(said_by.keys() | arrived_by.keys()):
+        tallies[robot] = judge_robot(robot, said_by[robot], arrived_by[robot], troubles, complaints)
+    duplicates = sum(tally.duplicates for tally in tallies.values())
+    allowed = allowed_duplicates(troubles)
+    if duplicates > allowed:
+        complaints.append(f"{duplicates} duplicates, {allowed} can be explained")
+    return tallies, complaints
+
+
+def allowed_duplicates(troubles):
+    return sum(trouble.may_repeat for trouble in troubles)
+
+
+def judge_robot(robot, said, arrivals, troubles, complaints):
+    tally = Tally(said=len(said))
+    said_as, arrived_as = collections.defaultdict(list), collections.defaultdict(list)
+    for one in said:
+        said_as[one.payload].append(one)
+    for one in arrivals:
+        arrived_as[one.payload].append(one.at)
+    for payload in arrived_as.keys() - said_as.keys():
+        complaints.append(f"{robot}: arrived but was never said: {payload}")
+    for payload, ones in said_as.items():
+        times = arrived_as[payload]
+        acknowledged = [one for one in ones if one.acknowledged_at is not None]
+        tally.acknowledged += len(acknowledged)
+        tally.arrived += min(len(times), len(ones))
+        if len(times) < len(acknowledged):
+            tally.missing += len(acknowledged) - len(times)
+            complaints.append(f"{robot}: acknowledged and missing: number {acknowledged[-1].number}, "
+                              f"acknowledged at {acknowledged[-1].acknowledged_at:.3f}: {payload}")
+        for copy_at in times[len(ones):]:
+            tally.duplicates += 1
+            if not any(ones[0].at < trouble.end and trouble.begin < copy_at for trouble in troubles if trouble.may_repeat):
+                complaints.append(f"{robot}: duplicate without a reason: number {ones[0].number}, said at "
+                                  f"{ones[0].at:.3f}, again at {copy_at:.3f}: {payload}")
+    tally.out_of_order = count_out_of_order(robot, said_as, arrivals, complaints)
+    return tally
+
+
+def count_out_of_order(robot, said_as, arrivals, complaints):
+    newest, late, seen = 0, 0, set()
+    for arrival in arrivals:
+        ones = said_as.get(arrival.payload, [])
+        if len(ones) != 1 or arrival.payload in seen:
+            continue
+        seen.add(arrival.payload)
+        if ones[0].number < newest:
+            late += 1
+            complaints.append(f"{robot}: out of order: number {ones[0].number} after {newest}, at {arrival.at:.3f}")
+        newest = max(newest, ones[0].number)
+    return late

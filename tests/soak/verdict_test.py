@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The verdict sees each kind of broken promise. Run as a test (ctest -R Soak.Verdict)."""
+import pathlib
+import sys
+import unittest
+
+sys.path.insert(0, str(pathlib.Path(__file__).parent))
+from verdict import Arrival, Trouble, judge, read_record  # noqa: E402
+
+RECORD = [
+    "sent r1 1 0a00ecff17 10.0\n",
+    "acknowledged r1 1 10.1\n",
+    "sent r1 2 0b00ecff63 11.0\n",
+    "sent r1 3 0c00ecff01 12.0\n",
+    "acknowledged r1 3 12.1\n",
+    "sent r1 4 0d00",  # its line is not complete yet
+]
+FIRST, SECOND, THIRD = "0a00ecff", "0b00ecff", "0c00ecff"
+
+
+def verdict(*arrived, troubles=(), record=RECORD):
+    arrivals = [Arrival("r1", payload, at) for payload, at in arrived]
+    tallies, complaints = judge(read_record(record), arrivals, troubles)
+    return tallies["r1"], complaints
+
+
+class Verdict(unittest.TestCase):
+    def test_all_is_well_when_what_was_acknowledged_arrived(self):
+        tally, complaints = verdict((FIRST, 10.2), (THIRD, 12.2))
+        self.assertEqual(complaints, [])
+        self.assertEqual((tally.said, tally.acknowledged, tally.arrived), (3, 2, 2))
+
+    def test_what_was_acknowledged_must_arrive(self):
+        tally, complaints = verdict((FIRST, 10.2), (SECOND, 11.2))
+        self.assertEqual(tally.missing, 1)
+        self.assertIn("number 3", complaints[0])
+
+    def test_order_is_that_of_first_arrivals(self):
+        tally, complaints = verdict((THIRD, 12.2), (FIRST, 12.3))
+        self.assertEqual(tally.out_of_order, 1)
+        self.assertIn("number 1 after 3", complaints[0])
+        tally, _ = verdict((FIRST, 10.2), (THIRD, 12.2), (FIRST, 12.3), troubles=[Trouble(10, 12, 1)])
+        self.assertEqual(tally.out_of_order, 0)
+
+    def test_a_duplicate_needs_a_trouble_between_its_being_said_and_its_copy(self):
+        arrived = (FIRST, 10.2), (THIRD, 12.2), (THIRD, 13)
+        for trouble in Trouble(10, 11, 1), Trouble(13.5, 14, 1), Trouble(12.3, 12.9, 0):
+            tally, complaints = verdict(*arrived, troubles=[trouble])
+            self.assertEqual(tally.duplicates, 1)
+            self.assertIn("duplicate without a reason: number 3", complaints[0])
+        _, complaints = verdict(*arrived, troubles=[Trouble(12.3, 12.9, 1)])
+        self.assertEqual(complaints, [])
+
+    def test_duplicates_are_bounded(self):
+        _, complaints = verdict((FIRST, 10.2), (FIRST, 10.4), (THIRD, 12.2), (THIRD, 13), troubles=[Trouble(9, 14, 1)])
+        self.assertEqual(complaints, ["2 duplicates, 1 can be explained"])
+
+    def test_what_was_said_twice_is_counted(self):
+        record = RECORD[:5] + ["sent r1 4 0a00ecff18 13.0\n", "acknowledged r1 4 13.1\n"]
+        tally, complaints = verdict((FIRST, 10.2), (THIRD, 12.2), (FIRST, 13.2), record=record)
+        self.assertEqual((tally.arrived, tally.duplicates, complaints), (3, 0, []))
+        tally, _ = verdict((FIRST, 10.2), (THIRD, 12.2), record=record)
+        self.assertEqual(tally.missing, 1)
+
+    def test_nothing_arrives_that_nobody_said(self):
+        _, complaints = verdict((FIRST, 10.2), (THIRD, 12.2), ("ffff", 12.3))
+        self.assertEqual(complaints, ["r1: arrived but was never said: ffff"])
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,246 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Mosquitto, the daemon, robots on both meshes and the subscriber, with verbs to start, end and pause them. Used by acts and
+run. Waits for conditions only, and notices a program that ends unasked."""
+import contextlib
+import json
+import os
+import pathlib
+import random
+import signal
+import socket
+import struct
+import subprocess
+import time
+
+from program import PATIENCE_S, Failure, Program, free_port
+from subscriber import Subscriber
+from verdict import Arrival, Trouble, read_record
+
+PREFIX = "ntnu-slam"
+FLEETS = {"thread1_": 4, "thread2_": 4, "ble": 3}  # prefix of the robots' ids: how many
+FIRST_BLE_ADDRESS = 0x0100
+# A bad radio. One request at a time, as MQTT-SN 1.2 wants it: with more, the radio itself would change the order.
+THREAD_OPTIONS = ("--loss=0.05 --duplicate=0.05 --reorder=0.05 --delay-ms=5 --outstanding=1 --retry=1 --keep-alive=5 "
+                  "--give-up-s=0").split()
+STORE_SIZE = "16m"
+
+
+class World:
+    def __init__(self, bin_directory, directory, seed, has_own_mounts):
+        self.bin, self.directory = pathlib.Path(bin_directory), pathlib.Path(directory)
+        self.begin = time.time()
+        self.troubles, self.commands_sent = [], {fleet: 0 for fleet in FLEETS}
+        self.random = random.Random(seed)  # of the commands; that of the acts is their own
+        self.next_command_at = 0.0
+        self.store = self.directory / "store"
+        self.store.mkdir(mode=0o700)
+        self.can_fill_disk = has_own_mounts and subprocess.run(
+            ["mount", "-t", "tmpfs", "-o", f"size={STORE_SIZE},mode=0700", "store", self.store],
+            stderr=subprocess.DEVNULL).returncode == 0
+        self.broker_port, self.mqttsn_port = free_port(socket.SOCK_STREAM), free_port(socket.SOCK_DGRAM)
+        self.subscriber = Subscriber(self.broker_port, PREFIX)
+        self.broker = Program(self.directory, "broker", ["mosquitto", "-c", self.write_broker_configuration()])
+        self.daemon = Program(self.directory, "daemon",
+                              [self.bin / "slam-gatewayd", "--config", self.write_daemon_configuration()])
+        self.robots = {fleet: Program(self.directory, fleet, [self.bin / "slam-gateway-sim", *arguments, "--seed", seed,
+                                                              "--id-prefix", fleet, "--robots", FLEETS[fleet],
+                                                              "--record", self.directory / f"{fleet}.record"])
+                       for fleet, arguments in self.fleet_arguments().items()}
+        self.is_broker_there = self.is_daemon_wanted = self.are_robots_wanted = False
+
+    def fleet_arguments(self):
+        thread = ["thread", "--gateway", f"127.0.0.1:{self.mqttsn_port}", *THREAD_OPTIONS]
+        return {"thread1_": [*thread, "--qos", 1], "thread2_": [*thread, "--qos", 2],
+                "ble": ["ble", "--tty", self.directory / "board", "--acknowledged", "--rate", 3]}
+
+    def write_broker_configuration(self):
+        path = self.directory / "mosquitto.conf"
+        path.write_text(f"listener {self.broker_port} 127.0.0.1\nallow_anonymous true\nset_tcp_nodelay true\n"
+                        "max_queued_messages 0\nuser root\n")
+        return path
+
+    def write_daemon_configuration(self):
+        path = self.directory / "gateway.json"
+        ble_names = [{"id": f"ble{n}", "ble_address": f"0x{FIRST_BLE_ADDRESS + n - 1:04x}"}
+                     for n in range(1, FLEETS["ble"] + 1)]
+        path.write_text(json.dumps({
+            "gateway": {"id": "soak"},
+            # A short keep-alive, so that a broker that stands still is sometimes given up.
+            "broker": {"uri": f"mqtt://127.0.0.1:{self.broker_port}", "keep_alive_s": 5},
+            "robots": ble_names,
+            "ble_mesh": {"enabled": True, "device": str(self.directory / "board")},
+            "mqttsn": {"listen": [f"127.0.0.1:{self.mqttsn_port}"], "multicast_group": None},
+            "store": {"directory": str(self.store)},
+            "log": {"traffic": "off"},
+            "control": {"socket": str(self.directory / "control.sock")}}, indent=2))
+        return path
+
+    # Time
+
+    def say(self, text):
+        print(f"{time.time() - self.begin:7.1f} s  {text}", flush=True)
+
+    def wait_for(self, what, condition):
+        end = time.monotonic() + PATIENCE_S
+        while not condition():
+            self.check_programs()
+            if time.monotonic() > end:
+                raise Failure(f"{what}: not within {PATIENCE_S} s")
+            time.sleep(0.02)
+
+    def pass_time(self, seconds):
+        end = time.monotonic() + seconds
+        while (left := end - time.monotonic()) > 0:
+            self.check_programs()
+            if self.is_broker_there and time.monotonic() > self.next_command_at:
+                self.next_command_at = time.monotonic() + 1
+                self.send_command(self.random.choice(self.robot_ids()), "cmd",
+                                  struct.pack("<hh", self.random.randint(-60, 60), self.random.randint(-60, 60)))
+            time.sleep(min(0.05, max(left, 0)))
+
+    def check_programs(self):
+        expected = [*self.robots.values()] if self.are_robots_wanted else []
+        expected += [self.daemon] if self.is_daemon_wanted else []
+        expected += [self.broker] if self.is_broker_there else []
+        for program in expected:
+            if not program.is_running():
+                raise Failure(f"{program.name} has ended by itself: {program.tail()}")
+
+    @contextlib.contextmanager
+    def trouble(self, text, may_repeat):
+        """What goes on inside may make so many messages arrive once more."""
+        self.say(text)
+        trouble = Trouble(time.time(), float("inf"), may_repeat)
+        self.troubles.append(trouble)
+        yield
+        trouble.end = time.time()
+
+    # The programs
+
+    def start_daemon(self):
+        self.daemon.start()
+        self.is_daemon_wanted = True
+
+    def end_daemon(self, signal_number):
+        self.is_daemon_wanted = False
+        status = self.daemon.end(signal_number)
+        if signal_number == signal.SIGTERM and status != 0:
+            raise Failure(f"the daemon's orderly end: {self.daemon.tail()}")
+
+    def start_broker(self):
+        """The daemon stands still meanwhile, so that the subscriber is there first."""
+        is_paused = self.daemon.is_running()
+        if is_paused:
+            self.daemon.send(signal.SIGSTOP)
+        self.broker.start()
+        self.is_broker_there = True
+        self.wait_for("the broker", self.accepts_connections)
+        if not self.subscriber.connect():
+            raise Failure("the subscriber's subscription: not within 30 s")
+        if is_paused:
+            self.daemon.send(signal.SIGCONT)
+
+    def end_broker(self, signal_number):
+        self.is_broker_there = False
+        self.broker.end(signal_number)
+        if not self.subscriber.wait_for_end():
+            raise Failure("the subscriber's connection outlives the broker")
+
+    def pause_broker(self):
+        self.is_broker_there = False
+        self.broker.send(signal.SIGSTOP)
+
+    def resume_broker(self):
+        self.broker.send(signal.SIGCONT)
+        self.is_broker_there = True
+
+    def accepts_connections(self):
+        with contextlib.suppress(ConnectionError), socket.create_connection(("127.0.0.1", self.broker_port)):
+            return True
+        return False
+
+    def wait_for_daemon_at_broker(self, since):
+        self.wait_for("the daemon at the broker", lambda: self.subscriber.online_at > since)
+
+    def wait_for_link(self, since):
+        """Its link to the broker stands, be it the old one."""
+        self.wait_for("traffic", lambda: self.status("broker", "state") == "up" and self.subscriber.messages
+                      and self.subscriber.messages[-1][0] > since)
+
+    def start_robots(self):
+        for robots in self.robots.values():
+            robots.start()
+        self.are_robots_wanted = True
+
+    def end_robots(self):
+        self.are_robots_wanted = False
+        for robots in self.robots.values():
+            robots.end(signal.SIGTERM)
+
+    def end_all(self):
+        for program in [*self.robots.values(), self.daemon, self.broker]:
+            if program.is_running():
+                program.send(signal.SIGKILL)
+                program.process.wait()
+        if self.can_fill_disk:
+            subprocess.run(["umount", "--lazy", self.store], check=False)
+
+    # The disk
+
+    def fill_disk(self):
+        with contextlib.suppress(OSError), open(self.store / "filler", "wb", buffering=0) as filler:
+            while filler.write(b"\0" * 4096):
+                pass
+
+    def free_disk(self):
+        os.unlink(self.store / "filler")
+
+    # What is said and heard
+
+    def robot_ids(self):
+        return [f"{fleet}{n}" for fleet, count in FLEETS.items() for n in range(1, count + 1)]
+
+    def send_command(self, robot, kind, payload):
+        result = subprocess.run(["mosquitto_pub", "-h", "127.0.0.1", "-p", str(self.broker_port), "-q", "1", "-s",
+                                 "-t", f"{PREFIX}/server/{robot}/{kind}"], input=payload, timeout=PATIENCE_S, check=False)
+        if result.returncode == 0:
+            self.commands_sent[fleet_of(robot)] += 1
+
+    def status(self, *path):
+        """A field of `slam-gatewayctl status`; None when the daemon does not answer."""
+        result = subprocess.run([self.bin / "slam-gatewayctl", "--socket", self.directory / "control.sock", "--json",
+                                 "status"], capture_output=True, timeout=PATIENCE_S, check=False)
+        if result.returncode != 0:
+            return None
+        field = json.loads(result.stdout)
+        for key in path:
+            field = field[key]
+        return field
+
+    def said(self):
+        said = []
+        for fleet in FLEETS:
+            with contextlib.suppress(FileNotFoundError), open(self.directory / f"{fleet}.record") as record:
+                said += read_record(record)
+        return said
+
+    def arrivals(self):
+        arrivals = []
+        for at, topic, payload in list(self.subscriber.messages):
+            level = topic.split("/")
+            if level[1] == "robot" and level[3] == "update":
+                arrivals.append(Arrival(level[2], payload.hex(), at))
+        return arrivals
+
+    def outcomes(self):
+        """(robot, type, outcome)"""
+        outcomes = []
+        for _, topic, payload in list(self.subscriber.messages):
+            if topic.startswith(f"{PREFIX}/gateway/soak/commands/"):
+                outcome = json.loads(payload)
+                outcomes.append((topic.rsplit("/", 1)[1], outcome["type"], outcome["outcome"]))
+        return outcomes
+
+
+def fleet_of(robot):
+    return next(fleet for fleet in FLEETS if robot.startswith(fleet))
