@@ -21,12 +21,6 @@ constexpr std::chrono::seconds stats_interval{10};  // contract section 4
 constexpr std::chrono::seconds flush_patience{2};
 constexpr std::chrono::milliseconds flush_poll{20};
 
-std::string broker_uri(const BrokerSettings& broker) {
-  const bool is_ipv6 = broker.host.find(':') != std::string::npos;
-  const std::string host = is_ipv6 ? "[" + broker.host + "]" : broker.host;
-  return fmt::format("{}://{}:{}", broker.tls ? "mqtts" : "mqtt", host, broker.port);
-}
-
 /// Packages make it; without one (a demo, a developer) the daemon does, for itself alone.
 void make_store_directory(const std::string& path) {
   namespace fs = std::filesystem;
@@ -40,6 +34,12 @@ void make_store_directory(const std::string& path) {
 }
 
 }  // namespace
+
+std::string broker_uri(const BrokerSettings& broker) {
+  const bool is_ipv6 = broker.host.find(':') != std::string::npos;
+  const std::string host = is_ipv6 ? "[" + broker.host + "]" : broker.host;
+  return fmt::format("{}://{}:{}", broker.tls ? "mqtts" : "mqtt", host, broker.port);
+}
 
 App::App(Config config, std::string config_file)
     : config_(std::move(config)),
@@ -64,6 +64,7 @@ App::App(Config config, std::string config_file)
              }),
       session_store_(io_, config_.store.directory, [this](Notice notice) { perform(notice); }),
       upstream_(io_, config_.broker, {scheme_.state_topic(), R"({"state":"offline"})"}, *this),
+      network_watch_(std::make_shared<InterfaceWatch>(io_)),
       broker_log_(broker_uri(config_.broker)),
       sampler_(config_.log.traffic) {}
 
@@ -77,7 +78,9 @@ void App::run() {
   wait_for_signal();
   start_control();
   start_meshes();
+  upstream_.read_credentials_with([this] { return load_credentials(config_.broker); });
   upstream_.start();
+  network_watch_->start([this] { upstream_.retry_now(); });
   publish_stats_regularly();
   notifier_.ready();
   io_.run();
@@ -128,20 +131,6 @@ void App::wait_for_signal() {
   });
 }
 
-void App::reload() {
-  const ParseResult result = load_config(config_file_);
-  for (const Problem& problem : result.problems) log_event(Severity::error, to_string(problem));
-  if (!result.problems.empty()) {
-    log_event(Severity::error, "the configuration was not changed: mend the file and reload again");
-    return;
-  }
-  config_.log = result.config.log;
-  configure_log(config_.log.level);
-  sampler_ = TrafficSampler(config_.log.traffic);
-  log_event(Severity::notice,
-            "configuration read again: log.* is in force, every other key needs a restart");
-}
-
 void App::stop() {
   notifier_.stopping();
   log_event(Severity::notice, "slam-gatewayd ends");
@@ -167,6 +156,7 @@ void App::stop_when_flushed(TimePoint give_up_at) {
       if (adapter) adapter->stop();
     }
     outbox_driver_.stop();
+    network_watch_->stop();
     upstream_.stop();
     store_.stop();
     session_store_.stop();

@@ -19,6 +19,7 @@
 #include "daemon/operations/service_notifier.hpp"
 #include "daemon/operations/traffic_log.hpp"
 #include "daemon/pending_sends.hpp"
+#include "daemon/runtime/interface_watch.hpp"
 #include "daemon/runtime/machine_driver.hpp"
 #include "daemon/store/sqlite_session_store.hpp"
 #include "daemon/upstream/outbox.hpp"
@@ -30,6 +31,9 @@ namespace slamgw {
 namespace ble {
 class BleMeshAdapter;
 }
+
+/// `mqtt://host:port`, as in the configuration.
+std::string broker_uri(const BrokerSettings& broker);
 
 class App final : public MeshListener, public UpstreamListener, public ControlHandler {
  public:
@@ -46,6 +50,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   void start_control();
   void wait_for_signal();
   void reload();
+  void reload_robots(const Config& wanted);
   void stop();
   void stop_when_flushed(TimePoint give_up_at);
   void publish_stats_regularly();
@@ -100,6 +105,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   SqliteStore store_;
   SqliteSessionStore session_store_;
   PahoUpstream upstream_;
+  std::shared_ptr<InterfaceWatch> network_watch_;
   LinkLog broker_log_;
   std::unique_ptr<MeshAdapter> meshes_[2];  // by Mesh; nothing when not enabled
   ble::BleMeshAdapter* ble_ = nullptr;      // the one of `meshes_`, for operators' orders

@@ -20,11 +20,13 @@ struct ProvisioningSettings {
   bool enabled = true;
   std::vector<std::string> uuid_prefixes;  ///< hex, any case
   std::optional<std::string> static_oob;   ///< secret: never logged
+  bool operator==(const ProvisioningSettings&) const = default;
 };
 
 struct WillSettings {
   std::string topic;  ///< `{id}` stands for the robot
   std::string message;
+  bool operator==(const WillSettings&) const = default;
 };
 
 struct Settings {
@@ -45,6 +47,7 @@ struct Settings {
   CobsContent cobs_content = CobsContent::positions;
   std::optional<std::string> robot_id;
   std::chrono::seconds offline_after{30};  ///< `presence.offline_after_s`
+  bool operator==(const Settings&) const = default;
 };
 
 }  // namespace slamgw::ble

@@ -24,8 +24,8 @@ class Context {
   Context(Settings settings_, TopicPolicy policy_, RobotNames names_);
 
   const Settings settings;
-  const TopicPolicy policy;
-  const RobotNames names;
+  TopicPolicy policy;  ///< these two may change (SnGateway::reconfigure)
+  RobotNames names;
   const PredefinedTopics predefined;
   ClientTable clients;
   Tally tally;

@@ -106,6 +106,11 @@ std::optional<TimePoint> Lifecycle::lost_at(const ClientSession& session) const 
   return session.last_heard + std::chrono::duration_cast<Duration>(allowed);
 }
 
+void Lifecycle::expel(ClientSession& session, TimePoint now) {
+  tell_presence(session, Presence::offline);
+  forget(session, now);
+}
+
 void Lifecycle::forget(ClientSession& session, TimePoint now) {
   clean(session, now);
   context_.set_dirty(session);

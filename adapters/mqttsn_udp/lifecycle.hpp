@@ -30,6 +30,8 @@ class Lifecycle {
   void lose(ClientSession& session, TimePoint now);
   /// Another client speaks from its address now (R37). May end the session.
   void displace(ClientSession& session, TimePoint now);
+  /// Ends the session of a client that may not have it any more.
+  void expel(ClientSession& session, TimePoint now);
   /// As if it had never been connected: subscriptions, will, ids, messages (R42, R43).
   void clean(ClientSession& session, TimePoint now);
   /// A place for a new client, by forgetting the longest gone; false when there is none.

@@ -104,6 +104,12 @@ void MqttsnAdapter::on_broker_link(bool is_up) {
   input([&](SnGateway& gateway, TimePoint now) { gateway.on_broker_link(is_up, now); });
 }
 
+void MqttsnAdapter::reconfigure(TopicPolicy policy, RobotNames names) {
+  input([&](SnGateway& gateway, TimePoint now) {
+    gateway.reconfigure(std::move(policy), std::move(names), now);
+  });
+}
+
 Counters MqttsnAdapter::counters() const {
   Counters counters = gateway_.counters();
   std::uint64_t dropped = 0;

@@ -10,11 +10,11 @@
 #include <string>
 #include <vector>
 
-#include "adapters/mqttsn_udp/interface_watch.hpp"
 #include "adapters/mqttsn_udp/session_keeper.hpp"
 #include "adapters/mqttsn_udp/sn_gateway.hpp"
 #include "adapters/mqttsn_udp/udp_socket.hpp"
 #include "daemon/core/adapter.hpp"
+#include "daemon/runtime/interface_watch.hpp"
 #include "daemon/runtime/machine_driver.hpp"
 
 namespace slamgw::mqttsn {
@@ -33,6 +33,9 @@ class MqttsnAdapter final : public MeshAdapter {
   void on_subscribe_result(const std::string& filter, bool granted) override;
   void on_broker_link(bool is_up) override;
   Counters counters() const override;
+
+  /// `topics.*` and `robots` of the configuration, read again.
+  void reconfigure(TopicPolicy policy, RobotNames names);
 
   /// In the order of `mqttsn.listen`, after start().
   std::vector<std::uint16_t> bound_ports() const;

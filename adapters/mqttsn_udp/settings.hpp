@@ -14,6 +14,7 @@ struct PredefinedTopic {
   std::uint16_t id = 0;  ///< 1..65534
   std::string name;
   std::optional<std::string> client_id;  ///< nothing: for every client
+  bool operator==(const PredefinedTopic&) const = default;
 };
 
 enum class WhenFull : std::uint8_t { silent, reject };
@@ -36,6 +37,7 @@ struct Settings {
   bool revive_lost = true;  ///< R113
   bool forwarders = true;
   bool disconnect_unknown = true;
+  bool operator==(const Settings&) const = default;
 };
 
 }  // namespace slamgw::mqttsn

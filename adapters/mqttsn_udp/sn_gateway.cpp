@@ -53,6 +53,23 @@ std::optional<TimePoint> SnGateway::deadline() const {
                  earlier(context_.clients.earliest(), commands_.deadline()));
 }
 
+void SnGateway::reconfigure(TopicPolicy policy, RobotNames names, TimePoint now) {
+  context_.policy = std::move(policy);
+  context_.names = std::move(names);
+  std::vector<std::string> ids;
+  for (const auto& [id, session] : context_.clients.all()) ids.push_back(id);
+  for (const std::string& id : ids) {
+    ClientSession& session = *context_.clients.find(id);
+    session.was_told_publish_rule = session.was_told_subscribe_rule = false;
+    if (context_.names.of_client(id) == session.robot) {
+      subscriptions_.drop_forbidden(session);
+    } else {
+      if (session.is_connected()) context_.send(session, Disconnect{});
+      lifecycle_.expel(session, now);
+    }
+  }
+}
+
 SnGateway::ClientCounts SnGateway::client_counts() const {
   ClientCounts counts;
   for (const auto& [id, session] : context_.clients.all()) {

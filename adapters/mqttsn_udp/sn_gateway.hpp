@@ -29,6 +29,10 @@ class SnGateway {
   std::optional<TimePoint> deadline() const;
   std::optional<Action> next_action() { return context_.next_action(); }
 
+  /// The configuration was read again. Clients that are called otherwise by now have to connect
+  /// again; subscriptions that are not allowed any more end.
+  void reconfigure(TopicPolicy policy, RobotNames names, TimePoint now);
+
   Counters counters() const { return context_.tally.counters(); }
   struct ClientCounts {
     std::size_t active = 0;

@@ -121,6 +121,15 @@ void Subscriptions::drop_all(ClientSession& session) {
     drop(session, std::string(session.subscriptions.begin()->first));
 }
 
+void Subscriptions::drop_forbidden(ClientSession& session) {
+  std::vector<std::string> forbidden;
+  for (const auto& [filter, subscription] : session.subscriptions) {
+    if (!context_.policy.may_subscribe(session.client_id, session.robot, filter))
+      forbidden.push_back(filter);
+  }
+  for (const std::string& filter : forbidden) drop(session, filter);
+}
+
 void Subscriptions::restore(ClientSession& session) {
   std::erase_if(session.subscriptions, [&](const auto& entry) {
     return !is_valid_filter(entry.first) ||

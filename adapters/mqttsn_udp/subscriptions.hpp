@@ -39,6 +39,8 @@ class Subscriptions {
   bool is_wanted(const ClientSession& session, const std::string& topic) const;
   void drop(ClientSession& session, const std::string& filter);
   void drop_all(ClientSession& session);
+  /// Those that the topic policy does not allow (any more).
+  void drop_forbidden(ClientSession& session);
   /// Asks the broker for the subscriptions of a session that comes back from the store.
   void restore(ClientSession& session);
 

@@ -19,6 +19,7 @@ struct TopicSettings {
   std::string prefix = "ntnu-slam";
   std::vector<std::string> extra_publish;
   std::vector<std::string> extra_subscribe;
+  bool operator==(const TopicSettings&) const = default;
 };
 
 struct Config {

@@ -5,7 +5,9 @@
 
 #include <array>
 #include <cstdlib>
+#include <map>
 
+#include "daemon/config/credentials.hpp"
 #include "daemon/config/system_files.hpp"
 
 namespace slamgw {
@@ -29,6 +31,17 @@ ParseResult load_config(const std::string& path) {
   ParseResult result;
   result.problems.push_back({path, 1, "file", std::move(text)});
   return result;
+}
+
+std::optional<Credentials> load_credentials(const BrokerSettings& broker) {
+  Config config;
+  config.broker = broker;
+  config.broker.credentials.reset();
+  std::map<std::string, int> no_lines;
+  FileContext context;
+  read_credentials(Located{config, no_lines, context}, config.broker, read_surroundings(),
+                   SystemFiles());
+  return context.problems.empty() ? config.broker.credentials : broker.credentials;
 }
 
 }  // namespace slamgw

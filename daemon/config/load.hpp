@@ -3,6 +3,7 @@
 // start, for --check-config and on SIGHUP. Opens nothing but those files.
 #pragma once
 
+#include <optional>
 #include <string>
 
 #include "daemon/config/parse.hpp"
@@ -11,5 +12,8 @@ namespace slamgw {
 
 /// Never throws for what is in the files; an unreadable file is a problem like any other.
 ParseResult load_config(const std::string& path);
+
+/// What the credentials file says by now; what `broker` holds when it can't be used.
+std::optional<Credentials> load_credentials(const BrokerSettings& broker);
 
 }  // namespace slamgw

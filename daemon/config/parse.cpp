@@ -84,6 +84,7 @@ class Reader {
 
 void fill_defaults(Config& config, const Surroundings& surroundings) {
   if (config.gateway_id.empty()) config.gateway_id = gateway_id_of_host(surroundings.host_name);
+  config.broker.gateway_id = config.gateway_id;
   if (config.broker.client_id.empty())
     config.broker.client_id = "slam-gateway-" + config.gateway_id;
 }

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/core/gateway.hpp"
 
-#include <fmt/chrono.h>
 #include <fmt/format.h>
 
 #include <nlohmann/json.hpp>
@@ -33,12 +32,6 @@ Json outcome_json(const CommandOutcome& outcome) {
 
 }  // namespace
 
-std::string to_iso8601(WallTime time) {
-  const auto seconds = std::chrono::floor<std::chrono::seconds>(time);
-  return fmt::format("{:%Y-%m-%dT%H:%M:%SZ}",
-                     fmt::gmtime(std::chrono::system_clock::to_time_t(seconds)));
-}
-
 Gateway::Gateway(TopicScheme scheme, Settings settings)
     : scheme_(std::move(scheme)), settings_(std::move(settings)) {}
 
@@ -61,9 +54,9 @@ void Gateway::handle(Report report, const Now& now) {
   actions_.push(TrafficEvent{Direction::up, report.mesh, report.robot, type, report.topic,
                              normalized.payload, report.qos, std::move(normalized.update),
                              now.wall});
-  actions_.push(
-      Upload{{std::move(report.topic), std::move(normalized.payload), report.qos, report.retain},
-             report.receipt});
+  actions_.push(Upload{{std::move(report.topic), std::move(normalized.payload), report.qos,
+                        report.retain, Provenance{report.mesh, now.wall}},
+                       report.receipt});
 }
 
 void Gateway::reject(const Report& report, std::string_view type, Robot* robot, Bytes payload,
@@ -79,9 +72,9 @@ void Gateway::reject(const Report& report, std::string_view type, Robot* robot, 
                     *due > 1 ? fmt::format("; {} like it since the last line", *due) : ""),
         report.robot});
   }
-  actions_.push(Upload{
-      {scheme_.rejected_topic(report.robot, type), std::move(payload), report.qos, report.retain},
-      report.receipt});
+  actions_.push(Upload{{scheme_.rejected_topic(report.robot, type), std::move(payload), report.qos,
+                        report.retain, Provenance{report.mesh, now.wall}},
+                       report.receipt});
 }
 
 void Gateway::handle(PresenceChange change, const Now& now) {

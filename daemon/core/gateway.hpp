@@ -104,7 +104,4 @@ class Gateway {
   ActionQueue<GatewayAction> actions_;
 };
 
-/// `2026-11-21T06:31:07Z`, as every time in our topics.
-std::string to_iso8601(WallTime time);
-
 }  // namespace slamgw

@@ -56,12 +56,19 @@ struct Report {
   std::optional<RadioFacts> radio = {};
 };
 
+/// Where a robot's message came from, told to whoever asks (MQTT 5 user properties).
+struct Provenance {
+  Mesh mesh = Mesh::thread;
+  WallTime received_at{};
+};
+
 /// An MQTT message, in either direction.
 struct BrokerMessage {
   std::string topic;
   Bytes payload;
   Qos qos = Qos::at_most_once;
   bool retain = false;
+  std::optional<Provenance> provenance{};  ///< of a robot's message on its way up
 };
 
 enum class Presence : std::uint8_t { online, asleep, offline };

@@ -17,6 +17,7 @@ struct RobotName {
   std::string id;
   std::optional<std::uint16_t> ble_address;     ///< unicast address, 0x0001-0x7fff
   std::optional<std::string> mqttsn_client_id;  ///< compared whole
+  bool operator==(const RobotName&) const = default;
 };
 
 class RobotNames {

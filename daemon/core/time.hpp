@@ -4,6 +4,7 @@
 #pragma once
 
 #include <chrono>
+#include <string>
 
 namespace slamgw {
 
@@ -19,5 +20,10 @@ struct Now {
   TimePoint mono{};
   WallTime wall{};
 };
+
+/// `2026-11-21T06:31:07Z`, as every time in our topics.
+std::string to_iso8601(WallTime time);
+/// `2026-11-21T06:31:07.042Z`
+std::string to_iso8601_ms(WallTime time);
 
 }  // namespace slamgw

@@ -14,6 +14,7 @@ namespace slamgw {
 class LinkLog {
  public:
   explicit LinkLog(std::string uri) : uri_(std::move(uri)) {}
+  void rename(std::string uri) { uri_ = std::move(uri); }
 
   Notice on_up(const std::string& detail, const Now& now);
   /// Nothing when there is nothing new to say.

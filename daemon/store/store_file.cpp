@@ -26,6 +26,13 @@ void make_directory(const std::string& directory) {
   if (mkdir(directory.c_str(), 0700) != 0 && errno != EEXIST) fail(directory);
 }
 
+void run_and_set_version(SqliteDatabase& database, const char* statements, int version) {
+  SqliteTransaction transaction(database);
+  database.execute(statements);
+  database.execute(fmt::format("PRAGMA user_version = {}", version).c_str());
+  transaction.commit();
+}
+
 /// True when the file is still empty.
 bool check(SqliteDatabase& database, const StoreFormat& format) {
   const std::int64_t found = database.query_number("PRAGMA user_version");
@@ -39,6 +46,7 @@ bool check(SqliteDatabase& database, const StoreFormat& format) {
   }
   const std::string answer = database.query_text("PRAGMA quick_check(1)");
   if (answer != "ok") throw SqliteError(SQLITE_CORRUPT, answer);
+  if (found < format.version) run_and_set_version(database, format.upgrade, format.version);
   const std::string columns =
       fmt::format("SELECT count(*) FROM pragma_table_info('{}') WHERE name IN ({})", format.table,
                   format.columns);
@@ -46,13 +54,6 @@ bool check(SqliteDatabase& database, const StoreFormat& format) {
     throw SqliteError(SQLITE_CORRUPT, fmt::format("the table {} is not there", format.table));
   }
   return false;
-}
-
-void make_ours(SqliteDatabase& database, const StoreFormat& format) {
-  SqliteTransaction transaction(database);
-  database.execute(format.create);
-  database.execute(fmt::format("PRAGMA user_version = {}", format.version).c_str());
-  transaction.commit();
 }
 
 }  // namespace
@@ -85,7 +86,7 @@ SqliteDatabase open_store_file(const std::string& path, const StoreFormat& forma
     throw SqliteError(SQLITE_IOERR, "the file system does not allow a write-ahead log");
   }
   database.execute("PRAGMA temp_store = MEMORY");
-  if (is_empty) make_ours(database, format);
+  if (is_empty) run_and_set_version(database, format.create, format.version);
   return database;
 }
 

@@ -28,6 +28,7 @@ struct StoreFormat {
   const char* table = "";
   const char* columns = "";  ///< quoted and separated by commas
   int column_count = 0;
+  const char* upgrade = "";         ///< statements from the version before this one
   std::uint32_t page_bytes = 4096;  ///< of a new file
 };
 

@@ -31,6 +31,7 @@ constexpr std::array connect_words{
     Words{0x88, "is not available"},
     Words{0x89, "is busy"},
     Words{0x8a, "has banned this client"},
+    Words{0x8b, "shuts down"},
     Words{0x8c, "refuses the authentication method"},
     Words{0x90, "refuses the last will's topic"},
     Words{0x95, "calls the CONNECT too large"},
@@ -59,13 +60,18 @@ std::string_view find(const std::array<Words, n>& table, int code) {
 
 }  // namespace
 
-std::string explain_connect_failure(int code, bool is_tls) {
+std::string explain_connect_failure(int code) {
   if (const std::string_view words = find(connect_words, code); !words.empty()) {
     return fmt::format("the broker {}", words);
   }
-  if (code != 0) return fmt::format("the broker refuses with code 0x{:02x}", code);
-  return is_tls ? "no connection: nothing answers there, or TLS failed (certificate, host name)"
-                : "no connection: nothing answers there";
+  return fmt::format("the broker refuses with code 0x{:02x}", code);
+}
+
+std::string explain_rival(const std::string& client_id) {
+  return fmt::format(
+      "another client connects as '{}': give each gateway its own gateway.id or "
+      "broker.client_id",
+      client_id);
 }
 
 bool is_version_refusal(int code) { return code == 1 || code == 0x84; }

@@ -6,9 +6,10 @@
 
 namespace slamgw {
 
-/// `code` is an MQTT 5 reason code (0x80 and up) or an MQTT 3.1.1 CONNACK return code (1-5); 0 when
-/// the broker did not answer (Paho does not tell why).
-std::string explain_connect_failure(int code, bool is_tls);
+/// `code` is an MQTT 5 reason code (0x80 and up) or an MQTT 3.1.1 CONNACK return code (1-5).
+std::string explain_connect_failure(int code);
+/// Another client has our id.
+std::string explain_rival(const std::string& client_id);
 bool is_version_refusal(int code);
 bool is_not_authorised(int code);
 /// Words for an MQTT 5 PUBACK or PUBREC reason code.

@@ -29,10 +29,13 @@ Duration age_of(std::int64_t stored_at, std::int64_t now) {
 constexpr StoreFormat format{
     MessageFile::version,
     "CREATE TABLE messages(row INTEGER PRIMARY KEY, topic TEXT NOT NULL, payload BLOB NOT NULL, "
-    "qos INTEGER NOT NULL, retain INTEGER NOT NULL, stored_at INTEGER NOT NULL)",
+    "qos INTEGER NOT NULL, retain INTEGER NOT NULL, stored_at INTEGER NOT NULL, "
+    "mesh INTEGER NOT NULL DEFAULT 0, received_at INTEGER NOT NULL DEFAULT 0)",
     "messages",
-    "'row', 'topic', 'payload', 'qos', 'retain', 'stored_at'",
-    6,
+    "'row', 'topic', 'payload', 'qos', 'retain', 'stored_at', 'mesh', 'received_at'",
+    8,
+    "ALTER TABLE messages ADD COLUMN mesh INTEGER NOT NULL DEFAULT 0; "
+    "ALTER TABLE messages ADD COLUMN received_at INTEGER NOT NULL DEFAULT 0",
     store_page_bytes};
 
 SqliteDatabase open(const std::string& path, std::uint64_t max_bytes) {
@@ -47,6 +50,23 @@ SqliteDatabase open(const std::string& path, std::uint64_t max_bytes) {
   return database;
 }
 
+std::int64_t mesh_number(const BrokerMessage& message) {
+  if (!message.provenance) return 0;
+  return message.provenance->mesh == Mesh::ble ? 1 : 2;
+}
+
+std::int64_t received_ms(const BrokerMessage& message) {
+  if (!message.provenance) return 0;
+  const auto since_1970 = message.provenance->received_at.time_since_epoch();
+  return std::chrono::duration_cast<std::chrono::milliseconds>(since_1970).count();
+}
+
+std::optional<Provenance> provenance_of(std::int64_t mesh, std::int64_t received_at) {
+  if (mesh == 0) return std::nullopt;
+  return Provenance{mesh == 1 ? Mesh::ble : Mesh::thread,
+                    WallTime{std::chrono::milliseconds{received_at}}};
+}
+
 /// A statement that reads must not keep its transaction, whatever happens.
 struct ResetAtEnd {
   SqliteStatement& statement;
@@ -57,11 +77,11 @@ struct ResetAtEnd {
 
 MessageFile::MessageFile(const std::string& path, std::uint64_t max_bytes)
     : database_(open(path, max_bytes)),
-      insert_(database_.prepare("INSERT INTO messages(row, topic, payload, qos, retain, stored_at) "
-                                "VALUES(?, ?, ?, ?, ?, ?)")),
+      insert_(database_.prepare("INSERT INTO messages(row, topic, payload, qos, retain, stored_at, "
+                                "mesh, received_at) VALUES(?, ?, ?, ?, ?, ?, ?, ?)")),
       erase_(database_.prepare("DELETE FROM messages WHERE row = ?")),
-      select_(database_.prepare("SELECT row, topic, payload, qos, retain, stored_at FROM messages "
-                                "WHERE row > ? ORDER BY row LIMIT ?")) {}
+      select_(database_.prepare("SELECT row, topic, payload, qos, retain, stored_at, mesh, "
+                                "received_at FROM messages WHERE row > ? ORDER BY row LIMIT ?")) {}
 
 StoreOpened MessageFile::summary() {
   StoreOpened opened;
@@ -89,6 +109,8 @@ void MessageFile::write(const WriteToStore& write) {
         .bind(4, static_cast<std::int64_t>(stored.message.qos))
         .bind(5, std::int64_t{stored.message.retain})
         .bind(6, now)
+        .bind(7, mesh_number(stored.message))
+        .bind(8, received_ms(stored.message))
         .run();
   }
   for (const std::uint64_t row : write.forget) {
@@ -126,6 +148,7 @@ StoreLoaded MessageFile::load(const LoadFromStore& load) {
     stored.message.qos = select_.number(3) == 2 ? Qos::exactly_once : Qos::at_least_once;
     stored.message.retain = select_.number(4) != 0;
     stored.age = age_of(select_.number(5), now);
+    stored.message.provenance = provenance_of(select_.number(6), select_.number(7));
     bytes += stored.message.topic.size() + stored.message.payload.size();
     loaded.messages.push_back(std::move(stored));
   }

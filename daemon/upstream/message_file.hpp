@@ -2,10 +2,12 @@
 // `messages.db`: undelivered messages in one SQLite table, readable with the sqlite3 command while
 // the daemon does not run. Blocks; used on SqliteStore's thread only.
 //
-//   messages(row INTEGER PRIMARY KEY, topic TEXT, payload BLOB, qos, retain, stored_at)
+//   messages(row INTEGER PRIMARY KEY, topic TEXT, payload BLOB, qos, retain, stored_at, mesh,
+//            received_at)
 //
-// Write-ahead log with full synchronisation: a commit is durable. `user_version` is 1; the file is
-// locked for one process. `stored_at`: milliseconds since 1970, for people and ages.
+// Write-ahead log with full synchronisation: a commit is durable. `user_version` is 2 (1 had no
+// `mesh` and `received_at`); the file is locked for one process. Times: milliseconds since 1970,
+// for people and ages. `mesh`: 0 none, 1 BLE, 2 Thread.
 #pragma once
 
 #include <cstdint>
@@ -18,7 +20,7 @@ namespace slamgw {
 
 class MessageFile {
  public:
-  static constexpr int version = 1;
+  static constexpr int version = 2;
 
   /// Opens an existing file of ours, or makes an empty one ours. `max_bytes` (and a transaction
   /// more) bounds it; the log beside it stays within a few MiB. Throws SqliteError and ForeignFile.

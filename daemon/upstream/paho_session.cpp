@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "daemon/upstream/connect_failure.hpp"
+#include "daemon/upstream/connection_probe.hpp"
 
 namespace slamgw {
 namespace {
@@ -23,30 +24,6 @@ std::uint64_t sequence_of(const mqtt::token& token) {
   return reinterpret_cast<std::uint64_t>(token.get_user_context());
 }
 
-std::string server_uri(const BrokerSettings& settings) {
-  const bool is_ipv6 = settings.host.find(':') != std::string::npos;
-  const std::string host = is_ipv6 ? "[" + settings.host + "]" : settings.host;
-  return fmt::format("{}://{}:{}", settings.tls ? "ssl" : "tcp", host, settings.port);
-}
-
-std::uint16_t receive_maximum_of(const mqtt::token& token) {
-  constexpr std::uint16_t unlimited = 65535;
-  const mqtt::connect_response response = token.get_connect_response();
-  const mqtt::properties& properties = response.get_properties();
-  if (!properties.contains(mqtt::property::RECEIVE_MAXIMUM)) return unlimited;
-  return mqtt::get<std::uint16_t>(properties, mqtt::property::RECEIVE_MAXIMUM);
-}
-
-std::vector<std::uint32_t> subscriptions_of(const mqtt::message& message) {
-  std::vector<std::uint32_t> ids;
-  const mqtt::properties& properties = message.get_properties();
-  const std::size_t count = properties.count(mqtt::property::SUBSCRIPTION_IDENTIFIER);
-  for (std::size_t i = 0; i < count; ++i) {
-    ids.push_back(mqtt::get<std::uint32_t>(properties, mqtt::property::SUBSCRIPTION_IDENTIFIER, i));
-  }
-  return ids;
-}
-
 }  // namespace
 
 // The three listeners run on Paho's threads. They hold the session by reference: it destroys the
@@ -56,8 +33,7 @@ class PahoSession::ConnectListener final : public mqtt::iaction_listener {
   explicit ConnectListener(PahoSession& session) : session_(session) {}
 
   void on_success(const mqtt::token& token) override {
-    const std::uint16_t receive_maximum =
-        session_.version_ == MqttVersion::v5 ? receive_maximum_of(token) : std::uint16_t{65535};
+    const std::uint16_t receive_maximum = receive_maximum_of(token, session_.version_);
     const bool session_present = token.get_connect_response().is_session_present();
     session_.post_to_loop([=, &session = session_](PahoSessionListener& listener) {
       if (std::exchange(session.has_answered_, true)) return;
@@ -84,9 +60,7 @@ class PahoSession::PublishListener final : public mqtt::iaction_listener {
       finish(token, reason_of(token));
       return;
     }
-    session_.post_to_loop([rc = token.get_return_code()](PahoSessionListener& listener) {
-      listener.on_lost(fmt::format("a publish failed (Paho {})", rc));
-    });
+    session_.tell_lost(fmt::format("a publish failed (Paho {})", token.get_return_code()));
   }
 
  private:
@@ -120,12 +94,13 @@ class PahoSession::SubscribeListener final : public mqtt::iaction_listener {
 
 PahoSession::PahoSession(boost::asio::io_context& io, boost::asio::thread_pool& lane,
                          const BrokerSettings& settings, MqttVersion version, LastWill will,
-                         PahoSessionListener& listener)
+                         unsigned attempt, PahoSessionListener& listener)
     : io_(io),
       lane_(lane),
       settings_(settings),
       version_(version),
       will_(std::move(will)),
+      attempt_(attempt),
       listener_(listener),
       connect_listener_(std::make_unique<ConnectListener>(*this)),
       publish_listener_(std::make_unique<PublishListener>(*this)),
@@ -150,21 +125,34 @@ void PahoSession::connect() {
 void PahoSession::open() {
   try {
     client_ = std::make_unique<mqtt::async_client>(
-        server_uri(settings_), settings_.client_id,
+        server_uri(settings_, host_of_attempt()), settings_.client_id,
         mqtt::create_options(static_cast<int>(version_), max_buffered_in_paho), nullptr);
     client_->set_callback(*this);  // before connect: later it can deadlock
-    connect_options_ = make_connect_options();
+    client_->set_disconnected_handler([this](const mqtt::properties&, mqtt::ReasonCode reason) {
+      tell_ended(static_cast<int>(reason));  // connection_lost is not called then
+    });
+    set_connect_options();
     connect_token_ = client_->connect(connect_options_, nullptr, *connect_listener_);
   } catch (const mqtt::exception& error) {
     report_failure(0, error.get_return_code());
   }
 }
 
-mqtt::connect_options PahoSession::make_connect_options() {
-  mqtt::connect_options options;
+/// Paho tries one address of a name only, and an IPv4 one if there is any. TLS needs the name.
+std::string PahoSession::host_of_attempt() const {
+  if (settings_.tls) return settings_.host;
+  const std::vector<std::string> addresses = resolve_host(settings_.host);
+  return addresses.empty() ? settings_.host : addresses[attempt_ % addresses.size()];
+}
+
+/// In place: copies of Paho's options forget or lose their properties.
+void PahoSession::set_connect_options() {
+  mqtt::connect_options& options = connect_options_;
   options.set_mqtt_version(static_cast<int>(version_));
   if (version_ == MqttVersion::v5) {
-    options.set_clean_start(true);
+    options.set_clean_start(false);
+    options.set_properties(mqtt::properties(
+        {{mqtt::property::SESSION_EXPIRY_INTERVAL, std::int32_t{session_expiry_s}}}));
   } else {
     options.set_clean_session(true);
   }
@@ -180,7 +168,6 @@ mqtt::connect_options PahoSession::make_connect_options() {
     set_tls_options();
     options.set_ssl(tls_options_);
   }
-  return options;
 }
 
 void PahoSession::set_tls_options() {
@@ -192,26 +179,30 @@ void PahoSession::set_tls_options() {
   if (settings_.key_file) tls_options_.set_private_key(*settings_.key_file);
 }
 
+/// Where no CONNACK came, looks for the reason: on the lane, for that may take a while.
 void PahoSession::report_failure(int code, int paho_code) {
   // Paho returns the code of an MQTT 3.1.1 CONNACK (1-5) as its own, and its own errors as negative
   // numbers.
   const int answer = code != 0 ? code : (paho_code > 0 ? paho_code : 0);
-  ConnectFailure failure{answer, explain_connect_failure(answer, settings_.tls),
-                         is_version_refusal(answer), is_not_authorised(answer)};
-  post_to_loop([this, failure = std::move(failure)](PahoSessionListener& listener) {
-    if (std::exchange(has_answered_, true)) return;
-    listener.on_connect_failed(failure);
+  post_to_lane([answer](PahoSession& session) {
+    ConnectFailure failure{
+        answer,
+        answer != 0 ? explain_connect_failure(answer) : explain_unreachable(session.settings_),
+        is_version_refusal(answer), is_not_authorised(answer)};
+    session.post_to_loop([&session, failure = std::move(failure)](PahoSessionListener& listener) {
+      if (std::exchange(session.has_answered_, true)) return;
+      listener.on_connect_failed(failure);
+    });
   });
 }
 
 void PahoSession::publish(std::uint64_t sequence, BrokerMessage message) {
   post_to_lane([sequence, message = std::move(message)](PahoSession& session) {
     try {
-      session.client_->publish(message.topic, message.payload.data(), message.payload.size(),
-                               static_cast<int>(message.qos), message.retain, as_context(sequence),
-                               *session.publish_listener_);
+      session.client_->publish(to_paho(message, session.version_, session.settings_.gateway_id),
+                               as_context(sequence), *session.publish_listener_);
     } catch (const mqtt::exception& error) {
-      session.connection_lost(fmt::format("a publish failed (Paho {})", error.get_return_code()));
+      session.tell_lost(fmt::format("a publish failed (Paho {})", error.get_return_code()));
     }
   });
 }
@@ -227,7 +218,7 @@ void PahoSession::subscribe(std::string filter, Qos qos, std::uint32_t id) {
                                  *session.subscribe_listener_, mqtt::subscribe_options(),
                                  properties);
     } catch (const mqtt::exception& error) {
-      session.connection_lost(fmt::format("a subscribe failed (Paho {})", error.get_return_code()));
+      session.tell_lost(fmt::format("a subscribe failed (Paho {})", error.get_return_code()));
     }
   });
 }
@@ -240,6 +231,11 @@ void PahoSession::unsubscribe(std::string filter) {
       // the connection is going; the next one does not have the subscription
     }
   });
+}
+
+void PahoSession::nudge() {
+  // Nobody has this filter: the smallest request that no subscriber can see.
+  unsubscribe("slam-gateway/nudge");
 }
 
 void PahoSession::abandon(bool is_orderly) {
@@ -261,9 +257,17 @@ void PahoSession::close(bool is_orderly) {
 }
 
 void PahoSession::connection_lost(const std::string& cause) {
-  post_to_loop([cause](PahoSessionListener& listener) {
-    listener.on_lost(cause.empty() ? "connection lost" : "connection lost: " + cause);
-  });
+  tell_lost(cause.empty() ? "connection lost" : "connection lost: " + cause);
+}
+
+void PahoSession::tell_lost(std::string why) {
+  post_to_loop([why = std::move(why)](PahoSessionListener& listener) { listener.on_lost(why); });
+}
+
+void PahoSession::tell_ended(int reason) {
+  constexpr int session_taken_over = 0x8e;
+  tell_lost(reason == session_taken_over ? explain_rival(settings_.client_id)
+                                         : explain_connect_failure(reason));
 }
 
 void PahoSession::message_arrived(mqtt::const_message_ptr message) {
@@ -272,10 +276,7 @@ void PahoSession::message_arrived(mqtt::const_message_ptr message) {
     return;
   }
   ++inbound_waiting_;
-  const auto& payload = message->get_payload();
-  BrokerMessage arrived{message->get_topic(), to_bytes(payload),
-                        static_cast<Qos>(message->get_qos()), message->is_retained()};
-  post_to_loop([this, arrived = std::move(arrived),
+  post_to_loop([this, arrived = from_paho(*message),
                 ids = subscriptions_of(*message)](PahoSessionListener& listener) {
     --inbound_waiting_;
     listener.on_message(arrived, ids);

@@ -16,11 +16,10 @@
 #include <vector>
 
 #include "daemon/core/messages.hpp"
+#include "daemon/upstream/paho_message.hpp"
 #include "daemon/upstream/settings.hpp"
 
 namespace slamgw {
-
-enum class MqttVersion : std::uint8_t { v3_1_1 = 4, v5 = 5 };
 
 struct LastWill {
   std::string topic;
@@ -42,7 +41,7 @@ class PahoSessionListener {
   virtual ~PahoSessionListener() = default;
   virtual void on_connected(bool session_present, std::uint16_t receive_maximum) = 0;
   virtual void on_connect_failed(ConnectFailure failure) = 0;
-  virtual void on_lost(std::string cause) = 0;
+  virtual void on_lost(std::string why) = 0;
   virtual void on_published(std::uint64_t sequence) = 0;
   virtual void on_publish_refused(std::uint64_t sequence, std::string why) = 0;
   virtual void on_subscribe_result(const std::string& filter, bool granted) = 0;
@@ -54,11 +53,15 @@ class PahoSession final : public std::enable_shared_from_this<PahoSession>, priv
   /// What waits between Paho's receive thread and the loop; beyond it messages are dropped and
   /// counted.
   static constexpr std::size_t max_inbound_waiting = 10000;
+  /// How long an MQTT 5 broker keeps our subscriptions, and commands that come for them, while we
+  /// are away (a restart, a crash). Not longer: a robot must not obey yesterday's command. MQTT
+  /// 3.1.1 knows no such limit, so there nothing is kept.
+  static constexpr std::uint32_t session_expiry_s = 300;
   /// Cap on Paho's own queue; the outbox's windows stay well below it.
   static constexpr int max_buffered_in_paho = 512;
 
   PahoSession(boost::asio::io_context& io, boost::asio::thread_pool& lane,
-              const BrokerSettings& settings, MqttVersion version, LastWill will,
+              const BrokerSettings& settings, MqttVersion version, LastWill will, unsigned attempt,
               PahoSessionListener& listener);
   ~PahoSession() override;
 
@@ -67,6 +70,8 @@ class PahoSession final : public std::enable_shared_from_this<PahoSession>, priv
   void publish(std::uint64_t sequence, BrokerMessage message);
   void subscribe(std::string filter, Qos qos, std::uint32_t id);
   void unsubscribe(std::string filter);
+  /// Wakes Paho's send thread when it sleeps on something to send: its signals get lost.
+  void nudge();
   /// No more events; the connection is closed and destroyed on the lane, with a DISCONNECT when
   /// `is_orderly`.
   void abandon(bool is_orderly);
@@ -84,19 +89,23 @@ class PahoSession final : public std::enable_shared_from_this<PahoSession>, priv
 
   // On the lane:
   void open();
+  std::string host_of_attempt() const;
   void close(bool is_orderly);
-  mqtt::connect_options make_connect_options();
+  void set_connect_options();
   void set_tls_options();
 
   void post_to_loop(std::function<void(PahoSessionListener&)> event);
   void post_to_lane(std::function<void(PahoSession&)> work);
   void report_failure(int code, int paho_code);
+  void tell_lost(std::string why);
+  void tell_ended(int reason);
 
   boost::asio::io_context& io_;
   boost::asio::thread_pool& lane_;
   const BrokerSettings settings_;
   const MqttVersion version_;
   const LastWill will_;
+  const unsigned attempt_;  ///< a host may have several addresses: each attempt tries the next
   PahoSessionListener& listener_;
   bool is_abandoned_ = false;  // loop only
   bool has_answered_ = false;  // loop only: Paho may report one connect twice

@@ -5,11 +5,18 @@
 
 #include <utility>
 
+#include "daemon/upstream/connect_failure.hpp"
+
 namespace slamgw {
 namespace {
 
 constexpr std::chrono::milliseconds first_wait{500};
 constexpr std::chrono::milliseconds longest_wait{30000};
+/// A connection that lasts so long ends the back-off.
+constexpr std::chrono::seconds stable_after{10};
+constexpr unsigned suspicious_lives = 2;
+/// From a change of the network to its use: addresses and routes come one after the other.
+constexpr std::chrono::milliseconds network_settles{300};
 
 }  // namespace
 
@@ -20,6 +27,7 @@ PahoUpstream::PahoUpstream(boost::asio::io_context& io, BrokerSettings settings,
       will_(std::move(will)),
       listener_(listener),
       reconnect_timer_(io),
+      nudge_timer_(io),
       backoff_(first_wait, longest_wait),
       random_(std::random_device{}()) {}
 
@@ -29,33 +37,61 @@ void PahoUpstream::start() { connect(); }
 
 void PahoUpstream::stop() {
   reconnect_timer_.cancel();
+  nudge_timer_.cancel();
   drop_session(true);
   lane_.join();
 }
 
+void PahoUpstream::reconfigure(const BrokerSettings& settings) {
+  if (settings == settings_) return;
+  settings_ = settings;
+  version_ = MqttVersion::v5;
+  backoff_.reset();
+  const bool was_up = is_up_;
+  drop_session(true);
+  if (was_up) listener_.on_link_down("the configuration has changed");
+  connect_in(Duration::zero());
+}
+
+void PahoUpstream::retry_now() {
+  if (!is_waiting_) return;
+  backoff_.reset();
+  connect_in(network_settles);
+}
+
 void PahoUpstream::connect() {
-  session_ = std::make_shared<PahoSession>(io_, lane_, settings_, version_, will_, *this);
+  is_waiting_ = false;
+  if (read_credentials_) settings_.credentials = read_credentials_();
+  session_ =
+      std::make_shared<PahoSession>(io_, lane_, settings_, version_, will_, attempt_++, *this);
   session_->connect();
+}
+
+void PahoUpstream::connect_in(Duration wait) {
+  is_waiting_ = true;
+  reconnect_timer_.expires_after(wait);
+  reconnect_timer_.async_wait([this](boost::system::error_code error) {
+    if (!error) connect();
+  });
 }
 
 void PahoUpstream::drop_session(bool is_orderly) {
   is_up_ = false;
+  nudge_.clear();
   if (session_) std::exchange(session_, nullptr)->abandon(is_orderly);
 }
 
 void PahoUpstream::reconnect_later(const std::string& why) {
   drop_session(false);
   const double jitter = std::uniform_real_distribution<double>(0, 1)(random_);
-  reconnect_timer_.expires_after(backoff_.next_wait(jitter));
-  reconnect_timer_.async_wait([this](boost::system::error_code error) {
-    if (!error) connect();
-  });
+  connect_in(backoff_.next_wait(jitter));
   listener_.on_link_down(why);
 }
 
 void PahoUpstream::on_connected(bool session_present, std::uint16_t receive_maximum) {
   is_up_ = true;
-  backoff_.reset();
+  attempt_ = 0;
+  up_since_ = std::chrono::steady_clock::now();
   listener_.on_link_up(session_present, receive_maximum);
 }
 
@@ -77,11 +113,24 @@ void PahoUpstream::on_connect_failed(ConnectFailure failure) {
   reconnect_later(failure.text);
 }
 
-void PahoUpstream::on_lost(std::string cause) { reconnect_later(cause); }
+/// Two gateways with one client id throw each other out without end; not every broker says so.
+void PahoUpstream::on_lost(std::string why) {
+  const bool has_lasted = std::chrono::steady_clock::now() - up_since_ >= stable_after;
+  if (has_lasted) backoff_.reset();
+  short_lives_ = has_lasted ? 0 : short_lives_ + 1;
+  if (short_lives_ == suspicious_lives)
+    why += fmt::format(" soon after it came up, again and again; perhaps {}",
+                       explain_rival(settings_.client_id));
+  reconnect_later(why);
+}
 
-void PahoUpstream::on_published(std::uint64_t sequence) { listener_.on_published(sequence); }
+void PahoUpstream::on_published(std::uint64_t sequence) {
+  nudge_.on_acknowledged(std::chrono::steady_clock::now());
+  listener_.on_published(sequence);
+}
 
 void PahoUpstream::on_publish_refused(std::uint64_t sequence, std::string why) {
+  nudge_.on_acknowledged(std::chrono::steady_clock::now());
   listener_.on_publish_refused(sequence, why);
 }
 
@@ -94,7 +143,23 @@ void PahoUpstream::on_message(BrokerMessage message, std::vector<std::uint32_t> 
 }
 
 void PahoUpstream::publish(std::uint64_t sequence, BrokerMessage message) {
-  if (is_up_) session_->publish(sequence, std::move(message));
+  if (!is_up_) return;
+  session_->publish(sequence, std::move(message));
+  nudge_.on_publish(std::chrono::steady_clock::now());
+  if (!is_nudge_armed_) watch_progress();
+}
+
+/// One timer for all messages: at full rate it fires some 40 times a second, idle never.
+void PahoUpstream::watch_progress() {
+  const auto deadline = nudge_.deadline();
+  is_nudge_armed_ = deadline.has_value();
+  if (!deadline) return;
+  nudge_timer_.expires_at(*deadline);
+  nudge_timer_.async_wait([this](boost::system::error_code error) {
+    if (error) return;
+    if (is_up_ && nudge_.take(std::chrono::steady_clock::now())) session_->nudge();
+    watch_progress();
+  });
 }
 
 void PahoUpstream::subscribe(const std::string& filter, Qos qos, std::uint32_t id) {

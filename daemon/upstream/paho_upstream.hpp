@@ -7,13 +7,16 @@
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/steady_timer.hpp>
 #include <boost/asio/thread_pool.hpp>
+#include <functional>
 #include <memory>
+#include <optional>
 #include <random>
 #include <string>
 
 #include "daemon/core/upstream_link.hpp"
 #include "daemon/upstream/backoff.hpp"
 #include "daemon/upstream/paho_session.hpp"
+#include "daemon/upstream/send_nudge.hpp"
 
 namespace slamgw {
 
@@ -23,7 +26,15 @@ class PahoUpstream final : public UpstreamLink, public PahoSessionListener {
                UpstreamListener& listener);
   ~PahoUpstream() override;
 
+  /// Asked before each attempt to connect: what the credentials file says by now. May be empty.
+  using ReadCredentials = std::function<std::optional<Credentials>()>;
+  void read_credentials_with(ReadCredentials read) { read_credentials_ = std::move(read); }
+
   void start();
+  /// The configuration was read again: connects anew when it differs.
+  void reconfigure(const BrokerSettings& settings);
+  /// The network has changed: does not wait out the back-off.
+  void retry_now();
   /// Orderly: what was published before is written, then DISCONNECT. Blocks up to about a second;
   /// nothing comes after it.
   void stop();
@@ -36,12 +47,14 @@ class PahoUpstream final : public UpstreamLink, public PahoSessionListener {
 
  private:
   void connect();
+  void connect_in(Duration wait);
   void reconnect_later(const std::string& why);
   void drop_session(bool is_orderly);
+  void watch_progress();
 
   void on_connected(bool session_present, std::uint16_t receive_maximum) override;
   void on_connect_failed(ConnectFailure failure) override;
-  void on_lost(std::string cause) override;
+  void on_lost(std::string why) override;
   void on_published(std::uint64_t sequence) override;
   void on_publish_refused(std::uint64_t sequence, std::string why) override;
   void on_subscribe_result(const std::string& filter, bool granted) override;
@@ -49,15 +62,23 @@ class PahoUpstream final : public UpstreamLink, public PahoSessionListener {
 
   boost::asio::io_context& io_;
   boost::asio::thread_pool lane_{1};
-  const BrokerSettings settings_;
+  BrokerSettings settings_;
   const LastWill will_;
   UpstreamListener& listener_;
   boost::asio::steady_timer reconnect_timer_;
+  boost::asio::steady_timer nudge_timer_;
   Backoff backoff_;
   std::minstd_rand random_;
   MqttVersion version_ = MqttVersion::v5;
   std::shared_ptr<PahoSession> session_;
   bool is_up_ = false;
+  bool is_waiting_ = false;  ///< for reconnect_timer_
+  unsigned attempt_ = 0;
+  TimePoint up_since_{};
+  unsigned short_lives_ = 0;  ///< connections in a row that did not last
+  ReadCredentials read_credentials_;
+  SendNudge nudge_;
+  bool is_nudge_armed_ = false;
 };
 
 }  // namespace slamgw

@@ -13,13 +13,15 @@ namespace slamgw {
 struct Credentials {
   std::string username;
   std::string password;  ///< secret: never logged, never printed
+  bool operator==(const Credentials&) const = default;
 };
 
 struct BrokerSettings {
   std::string host = "127.0.0.1";  ///< a name or an address; IPv6 without brackets
   std::uint16_t port = 1883;
-  bool tls = false;       ///< `mqtts://`
-  std::string client_id;  ///< `slam-gateway-<gateway.id>` unless set
+  bool tls = false;        ///< `mqtts://`
+  std::string gateway_id;  ///< for the user property `gateway`
+  std::string client_id;   ///< `slam-gateway-<gateway.id>` unless set
   std::optional<std::string>
       credentials_file;  ///< nothing: the systemd credential `broker`, if there is one
   std::optional<Credentials> credentials;  ///< what that file says
@@ -28,11 +30,13 @@ struct BrokerSettings {
   std::optional<std::string> key_file;
   std::chrono::seconds keep_alive{30};
   std::size_t max_inflight = 16;
+  bool operator==(const BrokerSettings&) const = default;
 };
 
 struct StoreSettings {
   std::string directory = "/var/lib/slam-gateway";
   std::uint64_t max_bytes = 268435456;
+  bool operator==(const StoreSettings&) const = default;
 };
 
 }  // namespace slamgw

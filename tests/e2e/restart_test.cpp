@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Restarts and crashes that MQTT-SN devices do not notice (contract section 6, promise 7). The
-// device here speaks with the simulator's codec, which shares nothing with the daemon's.
+// Restarts, crashes and reloads that MQTT-SN devices do not notice (contract section 6, promise 7).
+// The device here speaks with the simulator's codec, which shares nothing with the daemon's.
 #include <gtest/gtest.h>
 #include <signal.h>
 
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/udp.hpp>
+#include <functional>
 
 #include "simulation/thread/packet.hpp"
 #include "tests/e2e/gateway_process.hpp"
@@ -126,6 +127,45 @@ TEST_P(Restart, IsNotNoticedByADevice) {
 INSTANTIATE_TEST_SUITE_P(After, Restart, testing::Values(SIGTERM, SIGKILL), [](const auto& how) {
   return how.param == SIGTERM ? "Sigterm" : "Sigkill";
 });
+
+/// SIGHUP with a configuration changed by `change`.
+void reload(GatewayProcess& gateway, const std::function<void(json&)>& change) {
+  json configuration = json::parse(read_file(gateway / "gateway.json"));
+  change(configuration);
+  write_file(gateway / "gateway.json", configuration.dump(2));
+  gateway.process().send_signal(SIGHUP);
+}
+
+TEST(Reload, TakesABrokerTopicsAndRobotsWithoutDroppingSessions) {
+  Mosquitto first;
+  Mosquitto second;
+  GatewayProcess gateway(json{{"broker", {{"uri", first.uri()}}}});
+  Device device(gateway.mqttsn_address());
+  device.insist(sim::sn::connect("r1", 60, sim::sn::flag_clean_session), Type::connack);
+  device.send(sim::sn::register_topic(1, "ntnu-slam/robot/r1/adv"));
+  const std::uint16_t topic_id = device.expect(Type::regack).topic_id;
+
+  reload(gateway, [&](json& configuration) {
+    configuration["broker"]["uri"] = second.uri();
+    configuration["mqttsn"]["gateway_id"] = 9;
+  });
+
+  Subscriber subscriber(second, "ntnu-slam/robot/r1/adv");
+  ASSERT_TRUE(eventually([&] { return gateway.logs("only a restart changes: mqttsn.*"); }))
+      << gateway.log();
+  EXPECT_EQ(device.insist(sim::sn::publish(1, topic_id, 2, {}), Type::puback).return_code, 0);
+  EXPECT_TRUE(eventually([&] { return subscriber.lines().size() == 1; })) << gateway.log();
+}
+
+TEST(Reload, RefusesABadConfigurationAndKeepsTheOldOne) {
+  Mosquitto broker;
+  GatewayProcess gateway(json{{"broker", {{"uri", broker.uri()}}}});
+  ASSERT_TRUE(eventually([&] { return gateway.logs("connected"); }));
+  reload(gateway, [&](json& configuration) { configuration["broker"]["uri"] = "nonsense"; });
+  ASSERT_TRUE(eventually([&] { return gateway.logs("the configuration was not changed"); }));
+  EXPECT_TRUE(gateway.logs("broker.uri")) << gateway.log();
+  EXPECT_EQ(gateway.ctl({"status"})["broker"]["uri"], broker.uri());
+}
 
 }  // namespace
 }  // namespace slamgw::test

@@ -11,6 +11,7 @@
 #include <fstream>
 #include <memory>
 
+#include "daemon/store/sqlite.hpp"
 #include "tests/support/eventually.hpp"
 #include "tests/support/temp_dir.hpp"
 
@@ -98,6 +99,49 @@ std::vector<std::string> names_in(const std::string& directory) {
     names.push_back(file.path().filename());
   }
   return names;
+}
+
+TEST(SqliteStore, TakesOverTheFileOfThePreviousVersion) {
+  const TempDir directory;
+  {
+    SqliteDatabase file(
+        (write_file(directory / "messages.db", "", 0600), directory / "messages.db"), 0);
+    file.execute(
+        "CREATE TABLE messages(row INTEGER PRIMARY KEY, topic TEXT NOT NULL, payload BLOB NOT "
+        "NULL, qos INTEGER NOT NULL, retain INTEGER NOT NULL, stored_at INTEGER NOT NULL); "
+        "INSERT INTO messages VALUES(7, 'ntnu-slam/robot/r1/adv', x'6869', 1, 0, 1000); "
+        "PRAGMA user_version = 1");
+  }
+  StoreUser user(directory.path());
+  const auto opened = user.await<StoreOpened>();
+  ASSERT_TRUE(opened);
+  EXPECT_EQ(opened->count, 1U);
+  const auto loaded = user.load(0);
+  ASSERT_TRUE(loaded);
+  ASSERT_EQ(loaded->messages.size(), 1U);
+  EXPECT_EQ(loaded->messages[0].message.payload, to_bytes("hi"));
+  EXPECT_FALSE(loaded->messages[0].message.provenance);
+  EXPECT_TRUE(user.keep(8, 1));
+}
+
+TEST(SqliteStore, RemembersWhereAMessageCameFrom) {
+  const TempDir directory;
+  const WallTime received{std::chrono::milliseconds{1700000000123}};
+  {
+    StoreUser user(directory.path());
+    ASSERT_TRUE(user.await<StoreOpened>());
+    WriteToStore write{1, {}, {}};
+    write.keep.push_back({1, StoreUser::message(1, 3), {}});
+    write.keep.back().message.provenance = Provenance{Mesh::ble, received};
+    user.store().ask(std::move(write));
+    ASSERT_TRUE(user.await<StoreWritten>());
+  }
+  StoreUser user(directory.path());
+  ASSERT_TRUE(user.await<StoreOpened>());
+  const auto loaded = user.load(0);
+  ASSERT_TRUE(loaded && loaded->messages.size() == 1 && loaded->messages[0].message.provenance);
+  EXPECT_EQ(loaded->messages[0].message.provenance->mesh, Mesh::ble);
+  EXPECT_EQ(loaded->messages[0].message.provenance->received_at, received);
 }
 
 TEST(SqliteStore, GivesBackAfterAReopenWhatItKept) {
@@ -222,13 +266,14 @@ TEST(SqliteStore, LeavesTheFileOfANewerVersionAlone) {
   write_file(path, "", 0640);
   {
     SqliteDatabase newer(path, 0);
-    newer.execute("CREATE TABLE something(x); PRAGMA user_version = 2");
+    newer.execute("CREATE TABLE something(x); PRAGMA user_version = 99");
   }
   const std::string before = read_file(path);
   {
     StoreUser user(directory.path());
     ASSERT_TRUE(user.await<StoreAbsent>());
-    EXPECT_NE(user.notices().find("newer version (format 2, this one knows 1)"), std::string::npos);
+    EXPECT_NE(user.notices().find("newer version (format 99, this one knows 2)"),
+              std::string::npos);
   }
   EXPECT_EQ(read_file(path), before);
   EXPECT_EQ(names_in(directory.path()), std::vector<std::string>{"messages.db"});

@@ -225,5 +225,27 @@ TEST(SnGateway, R147_NeverLetsOneClientWaitForAnother) {
   EXPECT_EQ(rig.sent_to(2).size(), 3U);
 }
 
+TEST(SnGateway, TakesNewNamesAndRulesWithoutDroppingSessions) {
+  SnRig rig;
+  rig.connect(1, "r1");
+  rig.connect(2, "r2");
+  const auto id = rig.register_topic(1, "ntnu-slam/robot/r1/adv");
+  rig.subscribe(1, "a/x", 0);
+  rig.gateway.reconfigure(TopicPolicy(TopicScheme("ntnu-slam", "gw"), {}, {"b"}),
+                          RobotNames({{"tank", {}, "r2"}}), rig.now);
+  rig.broker_link(true);  // drains
+  EXPECT_EQ(rig.last_to(2), "DISCONNECT plain") << "it is called tank by now";
+  EXPECT_TRUE(rig.is_silent(1));
+  rig.broker("a/x");
+  EXPECT_TRUE(rig.is_silent(1)) << "not allowed any more";
+  rig.subscribe(1, "b", 0);
+  rig.broker("b");
+  EXPECT_EQ(rig.sent_to(1).size(), 1U);
+  rig.publish(1, id, 1, 7);
+  EXPECT_EQ(rig.reports.size(), 1U) << "the session goes on";
+  rig.connect(2, "r2");
+  EXPECT_EQ(rig.presence.back().robot, "tank");
+}
+
 }  // namespace
 }  // namespace slamgw::mqttsn

@@ -62,12 +62,12 @@ void Mosquitto::kill() { process_.reset(); }
 std::string Mosquitto::uri() const { return fmt::format("mqtt://127.0.0.1:{}", port_); }
 
 Subscriber::Subscriber(const Mosquitto& broker, const std::string& filter,
-                       const std::string& format) {
+                       const std::string& format, const std::string& version) {
   // -d says when the subscription stands; its lines are told apart by how they begin.
   process_ = std::make_unique<ChildProcess>(
       std::vector<std::string>{"stdbuf", "-oL", "mosquitto_sub", "-d", "-h", "127.0.0.1", "-p",
-                               std::to_string(broker.port()), "-q", "1", "-t", filter, "-F",
-                               "MSG " + format},
+                               std::to_string(broker.port()), "-V", version, "-q", "1", "-t",
+                               filter, "-F", "MSG " + format},
       directory_ / "out", directory_ / "err");
   if (!eventually(
           [this] { return read_file(directory_ / "out").find("SUBACK") != std::string::npos; })) {

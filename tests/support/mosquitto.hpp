@@ -35,7 +35,7 @@ class Subscriber {
  public:
   /// `format`: mosquitto_sub's -F; the default is topic and payload in hex.
   Subscriber(const Mosquitto& broker, const std::string& filter,
-             const std::string& format = "%t %x");
+             const std::string& format = "%t %x", const std::string& version = "mqttv311");
   std::vector<std::string> lines() const;
 
  private:

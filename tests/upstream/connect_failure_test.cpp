@@ -7,11 +7,9 @@ namespace slamgw {
 namespace {
 
 TEST(ConnectFailure, HasWordsForEveryAnswer) {
-  EXPECT_EQ(explain_connect_failure(0x87, false), "the broker does not authorise this user");
-  EXPECT_EQ(explain_connect_failure(5, false), "the broker does not authorise this user");
-  EXPECT_EQ(explain_connect_failure(0xfe, false), "the broker refuses with code 0xfe");
-  EXPECT_EQ(explain_connect_failure(0, false), "no connection: nothing answers there");
-  EXPECT_NE(explain_connect_failure(0, true).find("certificate"), std::string::npos);
+  EXPECT_EQ(explain_connect_failure(0x87), "the broker does not authorise this user");
+  EXPECT_EQ(explain_connect_failure(5), "the broker does not authorise this user");
+  EXPECT_EQ(explain_connect_failure(0xfe), "the broker refuses with code 0xfe");
 }
 
 TEST(ConnectFailure, TellsWhatToDoDifferentlyNextTime) {

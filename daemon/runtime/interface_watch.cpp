@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "adapters/mqttsn_udp/interface_watch.hpp"
+#include "daemon/runtime/interface_watch.hpp"
 
 #include <linux/netlink.h>
 #include <linux/rtnetlink.h>
@@ -9,7 +9,7 @@
 #include <array>
 #include <utility>
 
-namespace slamgw::mqttsn {
+namespace slamgw {
 
 using boost::asio::posix::stream_descriptor;
 
@@ -54,4 +54,4 @@ void InterfaceWatch::drain() {
   }
 }
 
-}  // namespace slamgw::mqttsn
+}  // namespace slamgw

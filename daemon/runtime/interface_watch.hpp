@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tells when network interfaces or their addresses come, go or change (rtnetlink). What that means
-// is MqttsnAdapter's to find out. Loop's thread only.
+// is for the caller to find out. Loop's thread only.
 #pragma once
 
 #include <boost/asio/io_context.hpp>
@@ -8,7 +8,7 @@
 #include <functional>
 #include <memory>
 
-namespace slamgw::mqttsn {
+namespace slamgw {
 
 class InterfaceWatch : public std::enable_shared_from_this<InterfaceWatch> {
  public:
@@ -27,4 +27,4 @@ class InterfaceWatch : public std::enable_shared_from_this<InterfaceWatch> {
   std::function<void()> on_change_;
 };
 
-}  // namespace slamgw::mqttsn
+}  // namespace slamgw
