@@ -174,6 +174,7 @@ void App::publish_stats_regularly() {
   stats_timer_.async_wait([this](boost::system::error_code error) {
     if (error) return;
     pending_sends_.on_time(read_clocks().mono);
+    drive([](Gateway& gateway, const Now& now) { gateway.on_tick(now); });
     publish_stats();
     publish_stats_regularly();
   });

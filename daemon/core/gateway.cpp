@@ -33,7 +33,9 @@ Json outcome_json(const CommandOutcome& outcome) {
 }  // namespace
 
 Gateway::Gateway(TopicScheme scheme, Settings settings)
-    : scheme_(std::move(scheme)), settings_(std::move(settings)) {}
+    : scheme_(std::move(scheme)),
+      settings_(std::move(settings)),
+      leftovers_(scheme_.presence_topic("+")) {}
 
 void Gateway::on_mesh_event(MeshEvent event, const Now& now) {
   std::visit([&](auto& what) { handle(std::move(what), now); }, event);
@@ -128,6 +130,7 @@ void Gateway::handle(Notice notice, const Now&) { actions_.push(std::move(notice
 
 void Gateway::on_broker_message(BrokerMessage message,
                                 std::span<const SubscriptionId> subscriptions, const Now& now) {
+  if (leftovers_.take(message)) return;
   // Retained messages come for the subscription that asked for them only.
   if (!message.retain && !subscriptions_.is_copy_to_take(message, subscriptions)) return;
   const auto command = scheme_.parse_command_topic(message.topic);
@@ -147,7 +150,7 @@ void Gateway::on_broker_message(BrokerMessage message,
   actions_.push(DeliverToMesh{Mesh::thread, std::move(message)});
 }
 
-void Gateway::on_broker_link(bool is_up, const Now&) {
+void Gateway::on_broker_link(bool is_up, const Now& now) {
   is_broker_up_ = is_up;
   if (!is_up) {
     for (auto& [mesh, filter] : subscriptions_.on_broker_gone()) {
@@ -158,11 +161,31 @@ void Gateway::on_broker_link(bool is_up, const Now&) {
   for (const auto& [filter, wanted] : subscriptions_.wanted()) {
     actions_.push(SubscribeAtBroker{filter, wanted.qos, wanted.id});
   }
+  leftovers_.on_broker_up(now.mono);
+  if (leftovers_.is_looking())
+    actions_.push(SubscribeAtBroker{leftovers_.filter(), Qos::at_least_once, own_subscription});
   publish_retained(scheme_.state_topic(), Json{{"state", "online"},
                                                {"version", settings_.version},
                                                {"since", to_iso8601(settings_.started)}}
                                               .dump());
   for (const auto& [id, robot] : registry_.robots()) announce(id, robot);
+}
+
+/// Whoever was left as online and was not heard since is offline; when exactly it went, nobody
+/// knows.
+void Gateway::on_tick(const Now& now) {
+  if (!is_broker_up_) return;
+  const auto leftovers = leftovers_.finish(now.mono);
+  if (!leftovers) return;
+  actions_.push(UnsubscribeAtBroker{leftovers_.filter()});
+  for (const auto& [id, text] : *leftovers) {
+    if (registry_.find(id)) continue;
+    Json presence = Json::parse(text, nullptr, false);
+    if (!presence.is_object() || presence.value("state", Json{}) == "offline") continue;
+    presence["state"] = "offline";
+    presence["since"] = to_iso8601(now.wall);
+    publish_retained(scheme_.presence_topic(id), presence.dump());
+  }
 }
 
 void Gateway::on_subscribe_result(const std::string& filter, bool granted) {

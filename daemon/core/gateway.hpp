@@ -7,6 +7,7 @@
 #include <string>
 #include <variant>
 
+#include "daemon/core/leftover_robots.hpp"
 #include "daemon/core/messages.hpp"
 #include "daemon/core/protocol_machine.hpp"
 #include "daemon/core/robot_registry.hpp"
@@ -66,6 +67,8 @@ class Gateway {
   /// without persistence has forgotten them). Down: answers what still waits for the broker.
   void on_broker_link(bool is_up, const Now& now);
   void on_subscribe_result(const std::string& filter, bool granted);
+  /// Every few seconds.
+  void on_tick(const Now& now);
   /// The daemon ends in order: says `offline`, as the last will would.
   void on_stop();
 
@@ -98,6 +101,7 @@ class Gateway {
   Settings settings_;
   RobotRegistry registry_;
   SubscriptionTable subscriptions_;
+  LeftoverRobots leftovers_;
   Traffic traffic_;
   LinkState mesh_links_[2];
   bool is_broker_up_ = false;

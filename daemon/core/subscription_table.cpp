@@ -7,7 +7,8 @@
 namespace slamgw {
 namespace {
 
-constexpr SubscriptionId largest_id = 268435455;  // MQTT 5: a variable byte integer
+// MQTT 5: a variable byte integer, of which the largest is taken.
+constexpr SubscriptionId largest_id = own_subscription - 1;
 
 std::size_t index_of(Mesh mesh) { return static_cast<std::size_t>(mesh); }
 

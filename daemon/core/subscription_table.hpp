@@ -18,6 +18,8 @@ namespace slamgw {
 
 /// MQTT 5 section 3.8.2.1.2: tells which of our subscriptions a message is for. From 1; 0 is none.
 using SubscriptionId = std::uint32_t;
+/// For what the gateway itself wants to hear; no filter of a mesh gets it.
+inline constexpr SubscriptionId own_subscription = 268435455;
 
 /// A subscription as the broker has it.
 struct StandingSubscription {

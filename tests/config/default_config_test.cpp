@@ -61,6 +61,7 @@ TEST(DefaultConfig, EmptyConfigurationIsTheSettingsOwnDefaults) {
   Config expected;
   expected.gateway_id = "gateway-1";
   expected.broker.client_id = "slam-gateway-gateway-1";
+  expected.broker.gateway_id = expected.gateway_id;
   const ParseResult empty = parse_config("{}", "gateway.json", here, FakeFiles());
   EXPECT_EQ(describe(empty.config), describe(expected));
 }

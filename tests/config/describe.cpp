@@ -81,10 +81,10 @@ std::string describe_mqttsn(const mqttsn::Settings& settings) {
 }
 
 std::string describe_broker(const BrokerSettings& settings) {
-  const auto& [host, port, tls, client_id, credentials_file, credentials, ca_file, certificate_file,
-               key_file, keep_alive, max_inflight] = settings;
-  return all(host, port, tls, client_id, credentials_file, credentials, ca_file, certificate_file,
-             key_file, keep_alive, max_inflight);
+  const auto& [host, port, tls, gateway_id, client_id, credentials_file, credentials, ca_file,
+               certificate_file, key_file, keep_alive, max_inflight] = settings;
+  return all(host, port, tls, gateway_id, client_id, credentials_file, credentials, ca_file,
+             certificate_file, key_file, keep_alive, max_inflight);
 }
 
 }  // namespace

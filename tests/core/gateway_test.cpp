@@ -107,7 +107,48 @@ TEST_F(GatewayTest, SaysEverythingAgainWhenTheBrokerComesBack) {
   }
   EXPECT_EQ(topics, (std::vector<std::string>{"ntnu-slam/gateway/pi1/state",
                                               "ntnu-slam/gateway/pi1/robots/a"}));
-  EXPECT_EQ(filters, std::vector<std::string>{"ntnu-slam/server/a/cmd"});
+  EXPECT_EQ(filters,
+            (std::vector<std::string>{"ntnu-slam/server/a/cmd", "ntnu-slam/gateway/pi1/robots/+"}));
+}
+
+TEST_F(GatewayTest, CallsRobotsOfAnEarlierLifeOfflineUnlessTheyAreHeard) {
+  gateway.on_broker_link(true, now);
+  const auto asked = drain<SubscribeAtBroker>();
+  ASSERT_EQ(asked.size(), 1u);
+  EXPECT_EQ(asked[0].filter, "ntnu-slam/gateway/pi1/robots/+");
+  const auto kept = [&](const std::string& id, const std::string& state) {
+    const SubscriptionId own[] = {asked[0].id};
+    gateway.on_broker_message(
+        {"ntnu-slam/gateway/pi1/robots/" + id,
+         to_bytes(R"({"state":")" + state + R"(","mesh":"ble","since":"then"})"),
+         Qos::at_least_once, true},
+        own, now);
+  };
+  for (const char* id : {"gone", "heard", "broken\x01"}) kept(id, "online");
+  kept("was", "offline");
+  EXPECT_TRUE(drain<DeliverToMesh>().empty()) << "nobody else's business";
+  say(PresenceChange{Mesh::ble, "heard", Presence::online, "0x0100"});
+  drain<Upload>();
+  gateway.on_tick(now);
+  EXPECT_TRUE(drain<Upload>().empty()) << "too early";
+  now.mono += LeftoverRobots::grace;
+  gateway.on_tick(now);
+  std::vector<std::string> offline;
+  while (auto action = gateway.next_action()) {
+    if (const auto* upload = std::get_if<Upload>(&*action)) {
+      EXPECT_TRUE(upload->message.retain);
+      offline.push_back(
+          upload->message.topic.substr(29) + " " +
+          std::string(upload->message.payload.begin(), upload->message.payload.end()));
+    }
+    if (const auto* end = std::get_if<UnsubscribeAtBroker>(&*action)) {
+      EXPECT_EQ(end->filter, asked[0].filter);
+    }
+  }
+  ASSERT_EQ(offline.size(), 2u);
+  EXPECT_EQ(offline[1], R"(gone {"state":"offline","mesh":"ble","since":"2023-11-14T22:13:20Z"})");
+  gateway.on_tick(now);
+  EXPECT_TRUE(drain<Upload>().empty()) << "once";
 }
 
 TEST_F(GatewayTest, AnswersSubscribersAtOnceWhileTheBrokerIsAway) {

@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/core/leftover_robots.hpp"
+
+#include <string_view>
+#include <utility>
+
+namespace slamgw {
+
+void LeftoverRobots::on_broker_up(TimePoint now) {
+  if (!up_since_) up_since_ = now;
+}
+
+bool LeftoverRobots::take(const BrokerMessage& message) {
+  const std::string_view prefix(filter_.data(), filter_.size() - 1);  // without the "+"
+  if (!is_looking_ || !message.topic.starts_with(prefix)) return false;
+  if (message.retain && !message.payload.empty() && found_.size() < max_robots)
+    found_[message.topic.substr(prefix.size())].assign(message.payload.begin(),
+                                                       message.payload.end());
+  return true;
+}
+
+std::optional<std::vector<LeftoverRobots::Leftover>> LeftoverRobots::finish(TimePoint now) {
+  if (!is_looking_ || !up_since_ || now - *up_since_ < grace) return std::nullopt;
+  is_looking_ = false;
+  std::vector<Leftover> all;
+  for (auto& [robot, presence] : std::exchange(found_, {}))
+    all.push_back({robot, std::move(presence)});
+  return all;
+}
+
+}  // namespace slamgw
