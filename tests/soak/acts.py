@@ -27,8 +27,9 @@ class Acts:
         self.longest = min(60.0, max(1.5, seconds / 10))  # seconds of an outage
 
     def choices(self):
-        acts = [self.kill_daemon, self.stop_daemon, self.kill_broker, self.take_broker_away, self.lose_both,
-                self.stall_broker, self.kill_daemon_at_a_stalled_broker, self.unplug_board, self.restart_board]
+        acts = [self.kill_daemon, self.kill_daemon_again_and_again, self.stop_daemon, self.kill_broker, self.take_broker_away,
+                self.lose_both, self.kill_daemon_as_it_catches_up, self.stall_broker, self.kill_daemon_at_a_stalled_broker,
+                self.unplug_board, self.restart_board]
         if self.world.can_fill_disk:
             acts += [self.fill_disk, self.kill_daemon_on_a_full_disk]
         return acts
@@ -44,6 +45,16 @@ class Acts:
         with world.trouble(f"kill -9 the daemon for {down:.1f} s", DAEMON_KILLED):
             world.end_daemon(signal.SIGKILL)
             self.start_daemon_after(down)
+
+    def kill_daemon_again_and_again(self):
+        moments, world = [self.chance.uniform(0, 0.3) for _ in range(4)], self.world
+        with world.trouble("kill -9 the daemon, and 4 times more as it starts", (len(moments) + 1) * DAEMON_KILLED):
+            for moment in moments:
+                world.end_daemon(signal.SIGKILL)
+                world.start_daemon()
+                world.pass_time(moment)
+            world.end_daemon(signal.SIGKILL)
+            self.start_daemon_after(0)
 
     def stop_daemon(self):
         down, world = self.moment(), self.world
@@ -73,6 +84,15 @@ class Acts:
             world.pass_time(between)
             world.start_daemon()
             self.start_broker_after(after)
+
+    def kill_daemon_as_it_catches_up(self):
+        away, down, world = self.outage(), self.moment(), self.world
+        with world.trouble(f"stop the broker for {away:.1f} s; kill -9 the daemon as it catches up",
+                           LINK_LOST + DAEMON_KILLED):
+            world.end_broker(signal.SIGTERM)
+            self.start_broker_after(away)
+            world.end_daemon(signal.SIGKILL)
+            self.start_daemon_after(down)
 
     def stall_broker(self):
         stalled, world = self.outage(), self.world

@@ -7,8 +7,8 @@ only once. So an arrival stands for the number that its robot said it under. The
 
 Missing: acknowledged to the robot, but it arrived less often than it was acknowledged. Never allowed.
 Out of order: it arrived first after something that its robot said later. Never allowed.
-Duplicate: it arrived more often than it was said. Allowed when a trouble that can cause it lies between its being said and the
-    copy's arrival, and in all not more often than those troubles may cause it (Trouble.may_repeat).
+Duplicate: it arrived more often than it was said. Each needs a reason, a trouble that did not end before it was said and began
+    before the copy arrived; and a trouble is a reason for a bounded number of them (Trouble.may_repeat).
 """
 import collections
 import dataclasses
@@ -35,6 +35,12 @@ class Trouble:
     begin: float
     end: float
     may_repeat: int  # messages that can arrive once more because of it
+
+
+@dataclasses.dataclass
+class Duplicate:
+    said: Said
+    at: float
 
 
 @dataclasses.dataclass
@@ -70,27 +76,31 @@ def read_record(lines):
 
 
 def judge(said, arrivals, troubles):
-    """(a Tally for each robot, complaints)"""
+    """(a Tally for each robot, complaints). The troubles are in the order in which they began."""
     said_by, arrived_by = collections.defaultdict(list), collections.defaultdict(list)
     for one in said:
         said_by[one.robot].append(one)
     for one in arrivals:
         arrived_by[one.robot].append(one)
-    tallies, complaints = {}, []
+    tallies, duplicates, complaints = {}, [], []
     for robot in sorted(said_by.keys() | arrived_by.keys()):
-        tallies[robot] = judge_robot(robot, said_by[robot], arrived_by[robot], troubles, complaints)
-    duplicates = sum(tally.duplicates for tally in tallies.values())
-    allowed = allowed_duplicates(troubles)
-    if duplicates > allowed:
-        complaints.append(f"{duplicates} duplicates, {allowed} can be explained")
+        tallies[robot] = judge_robot(robot, said_by[robot], arrived_by[robot], duplicates, complaints)
+    for one in without_reason(duplicates, troubles):
+        complaints.append(f"{one.said.robot}: duplicate without a reason: number {one.said.number}, said at "
+                          f"{one.said.at:.3f}, again at {one.at:.3f}: {one.said.payload}")
     return tallies, complaints
 
 
-def allowed_duplicates(troubles):
-    return sum(trouble.may_repeat for trouble in troubles)
+def without_reason(duplicates, troubles):
+    """Each trouble takes as many as it may, those first that have the fewest troubles left to take them."""
+    left = sorted(duplicates, key=lambda one: one.at)
+    for trouble in troubles:
+        taken = [one for one in left if one.said.at < trouble.end and trouble.begin < one.at][:trouble.may_repeat]
+        left = [one for one in left if one not in taken]
+    return left
 
 
-def judge_robot(robot, said, arrivals, troubles, complaints):
+def judge_robot(robot, said, arrivals, duplicates, complaints):
     tally = Tally(said=len(said))
     said_as, arrived_as = collections.defaultdict(list), collections.defaultdict(list)
     for one in said:
@@ -108,11 +118,9 @@ def judge_robot(robot, said, arrivals, troubles, complaints):
             tally.missing += len(acknowledged) - len(times)
             complaints.append(f"{robot}: acknowledged and missing: number {acknowledged[-1].number}, "
                               f"acknowledged at {acknowledged[-1].acknowledged_at:.3f}: {payload}")
-        for copy_at in times[len(ones):]:
-            tally.duplicates += 1
-            if not any(ones[0].at < trouble.end and trouble.begin < copy_at for trouble in troubles if trouble.may_repeat):
-                complaints.append(f"{robot}: duplicate without a reason: number {ones[0].number}, said at "
-                                  f"{ones[0].at:.3f}, again at {copy_at:.3f}: {payload}")
+        copies = [Duplicate(ones[0], at) for at in times[len(ones):]]
+        tally.duplicates += len(copies)
+        duplicates += copies
     tally.out_of_order = count_out_of_order(robot, said_as, arrivals, complaints)
     return tally
 
