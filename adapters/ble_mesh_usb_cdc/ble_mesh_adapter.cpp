@@ -137,6 +137,11 @@ void BleMeshAdapter::generate_keys() {
   const std::string problem = keys ? file_.create({*keys}) : "no randomness for the mesh's keys";
   driver_.input([&](MeshMachine& mesh, TimePoint now) {
     if (problem.empty()) {
+      listener_.on_mesh_event(
+          Notice{Severity::notice,
+                 "a new BLE mesh begins: " + file_.path() +
+                     " holds its keys; keep a backup, without them every robot must join anew",
+                 {}});
       mesh.on_keys(*keys, now);
     } else {
       mesh.on_keys_failed(problem, now);

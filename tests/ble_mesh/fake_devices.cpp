@@ -78,9 +78,10 @@ std::optional<Bytes> FakeDevices::execute(std::uint8_t opcode, ByteView params) 
 }
 
 Bytes FakeDevices::provision(ByteView params) {
-  if (is_scanning) return response(0x63, 0x83);
+  if (is_scanning || busy_contexts.contains(params[0])) return response(0x63, 0x83);
   context_ = params[0];
   const Bytes uuid(params.begin() + 1, params.begin() + 17);
+  last_iv_index = ByteReader(params.subspan(35)).read_u32_le();
   joining_address_ = ByteReader(params.subspan(39)).read_u16_le();
   ++context_count;
   const auto found = std::ranges::find_if(devices, [&](const FakeDevice& device) {

@@ -41,10 +41,13 @@ class FakeDevices {
   std::optional<std::uint8_t> closes_at;
   /// At this event provisioning fails instead (c9, this code; then c2), once.
   std::optional<std::pair<std::uint8_t, std::uint8_t>> fails_at;
+  /// Contexts that wait for the end of an earlier link.
+  std::set<std::uint8_t> busy_contexts;
   /// Device keys that the board holds, by handle.
   std::map<std::uint16_t, std::pair<std::uint16_t, Bytes>> device_keys;
   std::size_t max_device_keys = 10;
   std::size_t most_device_keys = 0;
+  std::uint32_t last_iv_index = 0;  ///< that a device was given
   std::uint16_t context_count = 0;  ///< provisioning links that were opened
 
   /// A device with the thesis's robot models: clients 0x0004 and 0x0006, server 0x0009, on/off,

@@ -152,6 +152,25 @@ TEST(Provisioning, WaitsLongerAfterEachFailure) {
   EXPECT_TRUE(rig.has_notice("\"busy\" (0x86) to command 0x63"));
 }
 
+TEST(Provisioning, TakesTheOtherContextWhileOneHangs) {
+  for (const std::uint8_t context : std::initializer_list<std::uint8_t>{0, 1}) {
+    ProvisioningRig rig;
+    rig.add(1);
+    rig.board.devices.busy_contexts = {context};
+    rig.start();
+    EXPECT_TRUE(rig.all_configured(3s)) << int{context};
+  }
+  ProvisioningRig rig;
+  rig.add(1);
+  rig.board.devices.busy_contexts = {0, 1};
+  rig.start();
+  rig.pass(4s);
+  EXPECT_EQ(rig.board.count(0x63), 2u);
+  EXPECT_TRUE(rig.has_notice("still busy with earlier provisioning links"));
+  rig.board.devices.busy_contexts.clear();
+  EXPECT_TRUE(rig.all_configured(10s));
+}
+
 TEST(Provisioning, GoesOnAfterTheBoardRestartsAtAnyMoment) {
   for (int moment = 0; moment < 40; ++moment) {
     ProvisioningRig rig;
@@ -301,6 +320,16 @@ TEST(Provisioning, WarnsWhenTheBoardMayNotHearAllOfThem) {
   rig.start();
   rig.pass(10s);
   EXPECT_TRUE(rig.has_notice("ble-0100 may not be heard"));
+}
+
+TEST(Provisioning, GivesNewRobotsTheIvIndexOfTheMesh) {
+  ProvisioningRig rig;
+  rig.start();
+  rig.say(hex("05 d3 07 00 00 00"));
+  EXPECT_EQ(rig.on_disk().iv_index, 7u);
+  rig.add(1);
+  EXPECT_TRUE(rig.all_configured(10s));
+  EXPECT_EQ(rig.board.devices.last_iv_index, 7u);
 }
 
 TEST(Provisioning, SaysWhenNoAddressIsLeft) {

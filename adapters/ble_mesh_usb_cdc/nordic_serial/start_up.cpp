@@ -113,9 +113,11 @@ void StartUp::on_subnets(const CommandResponse& response) {
   } else if (subnet_indexes_.empty()) {
     state_ = State::needs_keys;
   } else {
-    notice(Severity::notice,
-           "the serial board already holds a network key and no mesh.json exists here: the board "
-           "is used as it is, its keys stay on it");
+    notice(
+        Severity::warning,
+        "the serial board already holds a network key and no mesh.json exists here: the board is "
+        "used as it is, and its robots are heard, but none can be taken in or put out; restore "
+        "mesh.json from a backup, or bring the mesh in with slam-gatewayctl ble import");
     step_ = Step::get_appkeys;
   }
 }

@@ -170,17 +170,19 @@ void Provisioner::write_ledger(TimePoint now) {
 }
 
 void Provisioner::follow_session(TimePoint now) {
-  // Not before the last answer for an earlier session is there, which could be taken for its own.
-  if (chosen_ && !chosen_->needs_restart && ledger_.is_saved() && !in_flight_) begin_session(now);
-  if (!session_) return;
-  session_->on_deadline(now);
-  if (session_->wants_addresses()) keep_addresses(now);
-  if (session_->device_key()) on_joined(now);
-  if (session_->state() == ProvisioningSession::State::succeeded) {
-    session_.reset();
-  } else if (session_->state() == ProvisioningSession::State::failed) {
-    on_session_failed(now);
+  if (session_) {
+    session_->on_deadline(now);
+    if (session_->wants_addresses()) keep_addresses(now);
+    if (session_->device_key()) on_joined(now);
+    if (session_->state() == ProvisioningSession::State::succeeded) {
+      session_.reset();
+    } else if (session_->state() == ProvisioningSession::State::failed) {
+      on_session_failed(now);
+    }
   }
+  // Not before the last answer for an earlier session is there, which could be taken for its own.
+  const bool is_free = !session_ && !in_flight_;
+  if (is_free && chosen_ && !chosen_->needs_restart && ledger_.is_saved()) begin_session(now);
 }
 
 void Provisioner::follow_conversations(TimePoint now) {

@@ -93,7 +93,8 @@ class Provisioner {
   /// A device that has its address and waits for the disk, or for the board's restart.
   struct Chosen {
     Uuid uuid{};
-    bool needs_restart = false;  ///< the board's replay list may know its address
+    bool needs_restart = false;    ///< the board's replay list may know its address
+    bool is_last_context = false;  ///< the board's other context is busy
   };
   /// How things stand with one node, since the daemon started.
   struct Upkeep {
@@ -180,7 +181,8 @@ class Provisioner {
   Candidates candidates_;
   std::optional<Chosen> chosen_;
   std::optional<ProvisioningSession> session_;
-  std::uint8_t context_ = 0;  ///< of the session; the other one next time, as this may hang
+  std::uint8_t context_ = 0;      ///< of the session; the other one next time, as this may hang
+  bool is_last_context_ = false;  ///< of the session
   std::map<std::uint16_t, NodeConfiguration> conversations_;  ///< by address
   std::optional<DeviceKeySweep> sweep_;
   bool is_swept_ = false;

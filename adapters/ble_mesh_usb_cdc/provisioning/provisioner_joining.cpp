@@ -138,6 +138,7 @@ void Provisioner::begin_session(TimePoint now) {
     return;
   }
   context_ = context_ == 0 ? 1 : 0;
+  is_last_context_ = chosen_->is_last_context;
   session_.emplace(ProvisioningSession::Request{{context_, node->uuid, database()->keys.net_key,
                                                  database()->iv_index, node->address},
                                                 *pair,
@@ -206,8 +207,13 @@ void Provisioner::on_session_failed(TimePoint now) {
   const Uuid uuid = session_->uuid();
   const std::string why = session_->failure();
   const bool has_joined = session_->device_key().has_value();
+  const bool may_try_other = session_->is_context_busy() && !is_last_context_;
   session_.reset();
   if (has_joined) return;
+  if (may_try_other) {
+    chosen_ = Chosen{uuid, false, true};
+    return;
+  }
   candidates_.on_failure(uuid, now);
   const Candidate* candidate = candidates_.find(uuid, now);
   const Duration pause = pause_after(candidate ? candidate->failures : 1);

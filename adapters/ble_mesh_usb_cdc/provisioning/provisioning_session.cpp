@@ -50,8 +50,12 @@ void ProvisioningSession::on_command_ended(const CommandEnded& ended) {
   const bool was_done = ended.is_repeat && ended.status == Status::invalid_state;
   if (ended.status == Status::success || was_done) return;
   if (ended.opcode == static_cast<std::uint8_t>(CommandOpcode::provision) &&
-      ended.status == Status::invalid_state)
-    return fail("the serial board is still busy with an earlier provisioning link");
+      ended.status == Status::invalid_state) {
+    is_context_busy_ = true;
+    return fail(
+        "the serial board is still busy with earlier provisioning links, which end by themselves "
+        "within a minute");
+  }
   fail(fmt::format("the serial board answers \"{}\" (0x{:02x}) to command 0x{:02x}",
                    to_string(ended.status), static_cast<unsigned>(ended.status), ended.opcode));
 }

@@ -40,6 +40,8 @@ class ProvisioningSession {
   State state() const { return state_; }
   /// Why it failed, for the operator.
   const std::string& failure() const { return failure_; }
+  /// The board did not even begin: its context still waits for the end of an earlier link.
+  bool is_context_busy() const { return is_context_busy_; }
   const Uuid& uuid() const { return request_.command.uuid; }
   /// Known once the device has told its capabilities; 0 before.
   std::uint8_t elements() const { return elements_; }
@@ -78,6 +80,7 @@ class ProvisioningSession {
   Stage stage_ = Stage::opening;
   TimePoint due_;
   std::string failure_;
+  bool is_context_busy_ = false;
   std::uint8_t elements_ = 0;
   std::uint8_t static_oob_types_ = 0;
   std::optional<Key> device_key_;
