@@ -54,6 +54,7 @@ class BleMesh final : public MeshMachine {
   std::optional<TimePoint> deadline() const override;
   void on_deadline(TimePoint now) override;
   Counters counters() const override;
+  const NodeDatabase* unsaved() const { return provisioner_.unsaved(); }
   /// Commands that wait for this robot or are on their way to it.
   std::size_t queued(std::string_view robot) const;
 

@@ -73,7 +73,9 @@ void BleMeshAdapter::stop() {
   timer_.cancel();
   close_port();
   orders_.clear();
-  disk_.join();  // what the mesh has changed last belongs on disk
+  disk_.join();
+  // What changed while the last write was under way, such as the key of a robot that just joined.
+  if (const NodeDatabase* unsaved = robots_ ? robots_->unsaved() : nullptr) file_.replace(*unsaved);
 }
 
 void BleMeshAdapter::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome) {

@@ -199,6 +199,7 @@ TEST(Provisioning, StoresAddressesBeforeDevicesGetThemAndKeysBeforeTheirUse) {
   rig.pass(2s);
   EXPECT_EQ(rig.board.count(0x63), 1u);
   ASSERT_EQ(rig.stored.size(), 2u);
+  EXPECT_NE(rig.mesh.unsaved(), nullptr) << "an orderly end writes it";
   EXPECT_EQ(rig.stored[1].nodes.at(0).state, NodeState::provisioned);
   EXPECT_EQ(to_hex(rig.stored[1].nodes[0].device_key),
             to_hex(rig.board.devices.devices[0].device_key));
@@ -257,6 +258,8 @@ TEST(Provisioning, FollowsTheNumberOfElements) {
   EXPECT_EQ(rig.board.devices.devices[1].address, 0x0103);
   rig.hear(0x0102, "c9 59 00 01 00 02 00");
   EXPECT_EQ(rig.all<Report>().back().robot, "ble-0100") << "any element is the robot";
+  EXPECT_EQ(rig.all<Report>().back().radio->rssi_dbm, -55);
+  EXPECT_EQ(rig.all<Report>().back().radio->hops, 0) << "it came with the TTL it was told";
   rig.receipt(rig.all<Report>().back().receipt.id);
   rig.run_for(1s);
   EXPECT_EQ(rig.sent_to(0x0102), std::vector<std::string>{"cc590000"});

@@ -76,6 +76,8 @@ class Provisioner {
   void on_order(std::uint64_t id, MeshOrder order, TimePoint now);
 
   const NodeDatabase* database() const { return ledger_.database(); }
+  /// The database when the disk may not have it yet: to be written before the daemon ends.
+  const NodeDatabase* unsaved() const { return ledger_.is_saved() ? nullptr : database(); }
   /// What the robot with this unicast address is called.
   std::string id_of(std::uint16_t address) const;
 
