@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+// The least of an MQTT 3.1.1 client: one connection, QoS 0 and 1, no keep-alive, no reconnecting.
+// It is the floor that the daemon is compared with, and the subscriber of every run.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <string_view>
+
+#include "tests/bench/message.hpp"
+
+namespace slamgw::bench {
+
+class MqttSocket {
+ public:
+  /// Connects to 127.0.0.1 and waits for the CONNACK. Throws std::runtime_error.
+  MqttSocket(std::uint16_t port, std::string_view client_id);
+  ~MqttSocket();
+  MqttSocket(const MqttSocket&) = delete;
+  MqttSocket& operator=(const MqttSocket&) = delete;
+
+  int descriptor() const { return descriptor_; }
+  /// Waits for the SUBACK. Throws std::runtime_error.
+  void subscribe(std::string_view filter, unsigned qos);
+  /// `id` is 0 at QoS 0. Goes out with flush().
+  void publish(std::string_view topic, ByteView payload, unsigned qos, std::uint16_t id);
+  void flush();
+  /// Reads what there is, once. A PUBLISH is acknowledged by itself.
+  void on_readable();
+
+  std::function<void(ByteView payload)> on_message;
+  std::function<void(std::uint16_t id)> on_puback;
+
+ private:
+  void await(std::uint8_t type);
+  std::uint8_t parse_packets();
+  void on_packet(std::uint8_t first, ByteView body);
+  void add_packet(std::uint8_t first, const Bytes& body);
+
+  int descriptor_;
+  Bytes in_;
+  Bytes out_;
+};
+
+}  // namespace slamgw::bench

@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a process has used so far, from /proc.
+#pragma once
+
+#include <sys/types.h>
+
+#include <cstdint>
+
+namespace slamgw::bench {
+
+struct ProcessUsage {
+  double cpu_s = 0;                    ///< user and system, all threads; in steps of 10 ms
+  std::uint64_t context_switches = 0;  ///< voluntary and not, all threads that live
+  std::uint64_t rss_kib = 0;
+};
+
+/// Zeros when there is no such process.
+ProcessUsage usage_of(pid_t process);
+
+}  // namespace slamgw::bench

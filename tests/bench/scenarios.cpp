@@ -1,0 +1,227 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/bench/scenarios.hpp"
+
+#include <fmt/format.h>
+
+#include <thread>
+#include <utility>
+
+#include "tests/bench/raw_sender.hpp"
+#include "tests/bench/swarm.hpp"
+#include "tests/e2e/gateway_process.hpp"
+#include "tests/support/eventually.hpp"
+#include "tests/support/mosquitto.hpp"
+
+namespace slamgw::bench {
+namespace {
+
+using test::eventually;
+
+/// A broker, and the daemon in front of it with nothing but defaults.
+struct World {
+  test::Mosquitto broker;
+  test::GatewayProcess gateway{{{"broker", {{"uri", broker.uri()}}}}};
+
+  World() {
+    if (!eventually([this] { return is_ready(); })) throw std::runtime_error(gateway.log());
+  }
+  bool is_ready() const {
+    auto status = gateway.ctl({"status"});
+    return status.is_object() && status["broker"]["state"] == "up" &&
+           status["meshes"]["thread"]["state"] == "up";
+  }
+  std::uint16_t sn_port() const {
+    const std::string address = gateway.mqttsn_address();
+    return static_cast<std::uint16_t>(std::stoi(address.substr(address.rfind(':') + 1)));
+  }
+  pid_t pid() { return gateway.process().pid(); }
+};
+
+/// Until nothing more follows from what was done before: presence messages, sessions on their way
+/// to the disk. Nothing to measure is going on then, so that 300 ms more do not matter.
+void settle(World& world) {
+  constexpr std::chrono::milliseconds span{300};
+  double last = -1;
+  const bool is_quiet = eventually([&] {
+    const double before = std::exchange(last, usage_of(world.pid()).cpu_s);
+    if (last - before < 0.015) return true;
+    std::this_thread::sleep_for(span);
+    return false;
+  });
+  if (!is_quiet) throw std::runtime_error("the daemon does not come to rest");
+}
+
+/// Side by side: many at once would fill the kernel's receive buffer.
+constexpr std::size_t connects_at_once = 50;
+
+RunResult through_gateway(World& world, const std::string& name, const Load& load) {
+  Run run(name, "gateway", load, world.broker.port());
+  Swarm swarm(world.sn_port(), load.clients, run.poller(), Run::first_sender_token);
+  swarm.connect_all(connects_at_once);
+  settle(world);
+  return run.drive(swarm, world.pid());
+}
+
+RunResult straight(World& world, const std::string& name, const Load& load) {
+  settle(world);
+  Run run(name, "raw", load, world.broker.port());
+  RawSender sender(world.broker.port(), load.clients, run.poller(), Run::first_sender_token);
+  return run.drive(sender, 0);
+}
+
+RunResult by_paho(World& world, const std::string& name, const Load& load) {
+  return Run(name, "paho", load, world.broker.port()).watch_paho();
+}
+
+/// The same load on all three ways, within the same minute.
+struct Round {
+  RunResult gateway, raw, paho;
+
+  Round(World& world, Report& report, const std::string& name, const Load& load)
+      : gateway(through_gateway(world, name, load)),
+        raw(straight(world, name, load)),
+        paho(by_paho(world, name, load)) {
+    for (const RunResult* run : {&gateway, &raw, &paho}) report.add(*run);
+  }
+};
+
+template <class Value>
+double median_of(const std::vector<Round>& rounds, Value&& value) {
+  std::vector<double> values;
+  for (const Round& round : rounds) values.push_back(value(round));
+  return median(std::move(values));
+}
+
+void flat_out(World& world, Report& report, unsigned count, unsigned qos) {
+  Load load;
+  load.clients = 100;
+  load.qos = qos;
+  const std::string name = fmt::format("100 clients flat out, QoS {}", qos);
+  std::vector<Round> rounds;
+  for (unsigned i = 0; i < count; ++i) rounds.emplace_back(world, report, name, load);
+  const auto per_second = [&](RunResult Round::*way) {
+    return median_of(rounds, [&](const Round& round) { return (round.*way).per_second; });
+  };
+  const auto share = [&](RunResult Round::*floor) {
+    return median_of(rounds, [&](const Round& round) {
+      return 100 * round.gateway.per_second / (round.*floor).per_second;
+    });
+  };
+  report.budget_at_least(name + ", throughput of bare Paho C++'s", share(&Round::paho), 85, "%",
+                         fmt::format("{:.0f}/s to {:.0f}/s; of the raw floor's {:.0f}/s: {:.0f} %",
+                                     per_second(&Round::gateway), per_second(&Round::paho),
+                                     per_second(&Round::raw), share(&Round::raw)));
+  const auto cpu = [&](RunResult Round::*way) {
+    return median_of(rounds, [&](const Round& round) { return (round.*way).cpu_us; });
+  };
+  report.budget_at_most(
+      name + ", CPU over bare Paho C++'s",
+      median_of(rounds,
+                [](const Round& round) { return round.gateway.cpu_us - round.paho.cpu_us; }),
+      12, "us/message",
+      fmt::format("{:.1f} us to {:.1f} us", cpu(&Round::gateway), cpu(&Round::paho)));
+}
+
+void fixed_rate(World& world, Report& report, unsigned count) {
+  Load load;
+  load.pace = Pace::fixed_rate;
+  load.clients = 1000;
+  load.per_second = 5000;
+  for (const unsigned qos : {1U, 0U}) {
+    load.qos = qos;
+    const std::string name = fmt::format("1000 clients x 5/s, QoS {}", qos);
+    std::vector<Round> rounds;
+    for (unsigned i = 0; i < count; ++i) rounds.emplace_back(world, report, name, load);
+    if (qos == 0) continue;  // the budgets are for QoS 1
+    const auto added = [&](const std::string& what, double Percentiles::*which, double budget) {
+      const auto of = [&](RunResult Round::*way) {
+        return median_of(rounds, [&](const Round& round) { return (round.*way).latency.*which; });
+      };
+      report.budget_at_most(
+          name + ", latency added to the raw floor's, " + what,
+          median_of(rounds,
+                    [&](const Round& round) {
+                      return round.gateway.latency.*which - round.raw.latency.*which;
+                    }),
+          budget, "ms",
+          fmt::format("{:.3f} ms to {:.3f} ms", of(&Round::gateway), of(&Round::raw)));
+    };
+    added("p50", &Percentiles::p50_ms, 0.15);
+    added("p99", &Percentiles::p99_ms, 0.5);
+  }
+}
+
+/// In a daemon of its own, whose memory nothing before has touched.
+void many_clients(Report& report) {
+  World world;
+  Load load;
+  load.pace = Pace::fixed_rate;
+  load.clients = 10;
+  load.per_second = 5000;
+  load.duration = std::chrono::seconds(8);
+  const RunResult few = through_gateway(world, "10 clients x 500/s, QoS 1", load);
+  report.add(few);
+
+  load.clients = 10000;
+  const double kib_before = static_cast<double>(usage_of(world.pid()).rss_kib);
+  const std::string name = "10 000 clients x 0.5/s, QoS 1";
+  Run run(name, "gateway", load, world.broker.port());
+  Swarm swarm(world.sn_port(), load.clients, run.poller(), Run::first_sender_token);
+  swarm.connect_all(connects_at_once);
+  settle(world);
+  const double kib_idle = static_cast<double>(usage_of(world.pid()).rss_kib);
+  const RunResult many = run.drive(swarm, world.pid());
+  report.add(many);
+  report.budget_at_most(name + ", lost", static_cast<double>(many.lost()), 0, "messages");
+  report.budget_at_most(name + ", RSS", static_cast<double>(many.rss_kib) / 1024, 40, "MiB");
+  report.budget_at_most(name + ", RSS for each idle client", (kib_idle - kib_before) / 10000, 3,
+                        "KiB");
+  report.budget_at_most("CPU per message at 10 000 clients, of that at 10",
+                        many.cpu_us / few.cpu_us, 1.3, "times",
+                        fmt::format("{:.1f} us to {:.1f} us", many.cpu_us, few.cpu_us));
+}
+
+void idle(Report& report) {
+  World world;
+  report.budget_at_most("idle, no clients, RSS",
+                        static_cast<double>(usage_of(world.pid()).rss_kib) / 1024, 12, "MiB");
+  Poller poller;
+  Swarm swarm(world.sn_port(), 1000, poller, 0);
+  swarm.connect_all(1);
+  report.budget_at_most("CONNECT to CONNACK, p50, one at a time",
+                        percentiles_of(swarm.connect_times()).p50_ms, 0.5, "ms");
+  settle(world);
+  const auto begin = Clock::now();
+  const double cpu_before = usage_of(world.pid()).cpu_s;
+  poller.wait(begin + std::chrono::seconds(20), [](std::uint64_t) {});
+  const std::chrono::duration<double> took = Clock::now() - begin;
+  report.budget_at_most("idle, 1000 clients, CPU",
+                        100 * (usage_of(world.pid()).cpu_s - cpu_before) / took.count(), 0.1,
+                        "% of a core");
+}
+
+void burst(Report& report) {
+  World world;
+  Load load;
+  load.pace = Pace::at_once;
+  load.clients = 5000;
+  const RunResult run = through_gateway(world, "5000 datagrams at once, QoS 1", load);
+  report.add(run);
+  report.budget_at_most(run.name + ", lost end to end", static_cast<double>(run.lost()), 0,
+                        "messages", fmt::format("{} repeated by the clients", run.repeats));
+}
+
+}  // namespace
+
+void run_all(Report& report, unsigned rounds) {
+  {
+    World world;
+    for (const unsigned qos : {0U, 1U}) flat_out(world, report, rounds, qos);
+    fixed_rate(world, report, rounds);
+  }
+  many_clients(report);
+  idle(report);
+  burst(report);
+}
+
+}  // namespace slamgw::bench

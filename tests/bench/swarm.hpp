@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+// MQTT-SN clients on loopback, one UDP socket each, at most one QoS 1 message unacknowledged each.
+// Leaner than slam-gateway-sim's robots, whose own cost would be measured with the daemon's.
+#pragma once
+
+#include <deque>
+#include <string>
+#include <vector>
+
+#include "simulation/thread/packet.hpp"
+#include "tests/bench/sender.hpp"
+
+namespace slamgw::bench {
+
+class Swarm final : public Sender {
+ public:
+  /// `poller` tells of client i as token `first_token` + i.
+  Swarm(std::uint16_t gateway_port, std::size_t clients, Poller& poller, std::uint64_t first_token);
+  ~Swarm() override;
+  Swarm(const Swarm&) = delete;
+  Swarm& operator=(const Swarm&) = delete;
+
+  /// CONNECT and REGISTER for all, `at_once` of them side by side. Throws when it does not end.
+  void connect_all(std::size_t at_once);
+  /// From CONNECT to CONNACK, each client, in ns.
+  std::vector<std::int64_t>& connect_times() { return connect_times_; }
+
+  std::optional<std::size_t> free_client() override;
+  void submit(const Message& message, unsigned qos) override;
+  std::size_t unfinished() const override { return unfinished_; }
+  void on_readable(std::uint64_t token) override;
+  void on_tick(Clock::time_point now) override;
+  void flush() override {}
+  std::uint64_t repeats() const override { return repeats_; }
+
+ private:
+  enum class State : std::uint8_t { idle, connecting, registering, ready };
+  struct Client {
+    int descriptor = -1;
+    State state = State::idle;
+    bool is_busy = false;
+    std::uint16_t topic_id = 0;
+    std::uint16_t msg_id = 0;
+    Clock::time_point sent_at{};
+    sim::Bytes unacknowledged;
+    std::deque<Message> waiting;
+  };
+
+  void on_packet(Client& client, std::size_t index, const sim::sn::Packet& packet);
+  void request(Client& client, sim::Bytes datagram);
+  void start_next(Client& client);
+  void transmit(const Client& client, sim::ByteView datagram);
+
+  Poller& poller_;
+  std::uint64_t first_token_;
+  std::vector<Client> clients_;
+  std::vector<std::int64_t> connect_times_;
+  std::size_t ready_ = 0;
+  std::size_t unfinished_ = 0;
+  std::size_t busy_ = 0;
+  std::size_t next_ = 0;
+  std::uint64_t repeats_ = 0;
+};
+
+}  // namespace slamgw::bench
