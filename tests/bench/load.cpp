@@ -12,8 +12,11 @@ namespace {
 /// On their way to the subscriber at QoS 0, which nobody acknowledges. Less than what the kernel's
 /// default receive buffer holds (about 277 small datagrams), so that nothing has to be lost.
 constexpr std::uint64_t qos0_window = 200;
-/// Nothing has arrived for so long: the rest is lost. Longer than a client's retry interval.
-constexpr std::chrono::seconds silence{3};
+/// Nothing has arrived for so long: the rest is lost. What waits on the daemon's disk takes a
+/// while.
+constexpr std::chrono::seconds silence{10};
+/// The same for flat-out QoS 0, whose window would otherwise stay full of what is lost.
+constexpr std::chrono::seconds qos0_silence{1};
 constexpr std::chrono::milliseconds tick{100};
 
 std::uint32_t next_run_number() {
@@ -92,7 +95,7 @@ void Run::send_flat_out(Sender& sender) {
   std::uint64_t written_off = 0;
   for (auto now = Clock::now(); now < end; now = Clock::now()) {
     if (result_.load.qos == 0) {
-      if (arrivals_.unique() > 0 && now - arrivals_.last() > silence / 3)
+      if (arrivals_.unique() > 0 && now - arrivals_.last() > qos0_silence)
         written_off = result_.sent - arrivals_.unique();
       while (result_.sent - arrivals_.unique() < qos0_window + written_off)
         submit(sender, result_.sent % result_.load.clients, now);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// slam-gateway-bench [--rounds N] [--out FILE]: the built daemon between MQTT-SN clients and a real
-// Mosquitto on loopback, beside two floors. Run by `./dev bench`. Being slow is no failure.
+// slam-gateway-bench [--rounds N] [--only PART] [--out FILE]: the built daemon between MQTT-SN
+// clients and a real Mosquitto on loopback, beside two floors. Run by `./dev bench`. Being slow is
+// no failure.
 #include <fmt/format.h>
 #include <sys/prctl.h>
 #include <sys/resource.h>
@@ -24,15 +25,18 @@ void allow_many_files() {
 int main(int argc, char** argv) {
   CLI::App options("slam-gateway-bench");
   unsigned rounds = 3;
+  std::string only;
   std::string out = "results.json";
   options.add_option("--rounds", rounds, "repetitions; budgets are judged by the median");
   options.add_option("--out", out, "where the results go, as JSON");
+  options.add_option("--only", only, "one part")
+      ->check(CLI::IsMember({"flat_out", "fixed_rate", "many", "idle", "burst"}));
   CLI11_PARSE(options, argc, argv);
   allow_many_files();
   prctl(PR_SET_TIMERSLACK, 1UL);  // waits of a fraction of a millisecond end in time
   try {
     slamgw::bench::Report report;
-    slamgw::bench::run_all(report, std::max(1U, rounds));
+    slamgw::bench::run_scenarios(report, std::max(1U, rounds), only);
     report.write(out);
     fmt::print("\nwritten: {}\n", out);
   } catch (const std::exception& error) {

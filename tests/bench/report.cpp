@@ -84,7 +84,8 @@ void Report::write(const std::string& path) const {
 
 double median(std::vector<double> values) {
   std::sort(values.begin(), values.end());
-  return values.at(values.size() / 2);
+  const std::size_t middle = values.size() / 2;
+  return values.size() % 2 == 1 ? values.at(middle) : (values.at(middle - 1) + values[middle]) / 2;
 }
 
 }  // namespace slamgw::bench

@@ -37,17 +37,21 @@ struct World {
   pid_t pid() { return gateway.process().pid(); }
 };
 
-/// Until nothing more follows from what was done before: presence messages, sessions on their way
-/// to the disk. Nothing to measure is going on then, so that 300 ms more do not matter.
+/// Until what was done before has reached the broker (presence messages, perhaps by way of the
+/// disk) and the processor rests. Nothing is measured meanwhile.
 void settle(World& world) {
   constexpr std::chrono::milliseconds span{300};
+  constexpr std::chrono::seconds limit{120};
   double last = -1;
-  const bool is_quiet = eventually([&] {
-    const double before = std::exchange(last, usage_of(world.pid()).cpu_s);
-    if (last - before < 0.015) return true;
-    std::this_thread::sleep_for(span);
-    return false;
-  });
+  const bool is_quiet = eventually(
+      [&] {
+        std::this_thread::sleep_for(span);
+        const double before = std::exchange(last, usage_of(world.pid()).cpu_s);
+        if (last - before > 0.015) return false;
+        auto status = world.gateway.ctl({"status"});
+        return status.is_object() && status["queue"]["depth"] == 0 && status["store"]["depth"] == 0;
+      },
+      limit);
   if (!is_quiet) throw std::runtime_error("the daemon does not come to rest");
 }
 
@@ -213,15 +217,18 @@ void burst(Report& report) {
 
 }  // namespace
 
-void run_all(Report& report, unsigned rounds) {
-  {
+void run_scenarios(Report& report, unsigned rounds, const std::string& only) {
+  const auto is_wanted = [&](std::string_view name) { return only.empty() || only == name; };
+  if (is_wanted("flat_out") || is_wanted("fixed_rate")) {
     World world;
-    for (const unsigned qos : {0U, 1U}) flat_out(world, report, rounds, qos);
-    fixed_rate(world, report, rounds);
+    if (is_wanted("flat_out")) {
+      for (const unsigned qos : {0U, 1U}) flat_out(world, report, rounds, qos);
+    }
+    if (is_wanted("fixed_rate")) fixed_rate(world, report, rounds);
   }
-  many_clients(report);
-  idle(report);
-  burst(report);
+  if (is_wanted("many")) many_clients(report);
+  if (is_wanted("idle")) idle(report);
+  if (is_wanted("burst")) burst(report);
 }
 
 }  // namespace slamgw::bench

@@ -6,6 +6,7 @@
 
 namespace slamgw::bench {
 
-void run_all(Report& report, unsigned rounds);
+/// `only`: "flat_out", "fixed_rate", "many", "idle" or "burst"; all when empty.
+void run_scenarios(Report& report, unsigned rounds, const std::string& only);
 
 }  // namespace slamgw::bench
