@@ -72,7 +72,7 @@ void Gateway::reject(const Report& report, std::string_view type, Robot* robot, 
                     "under rejected/ as they came{}",
                     to_string(report.mesh), report.robot, payload.size(),
                     *due > 1 ? fmt::format("; {} like it since the last line", *due) : ""),
-        report.robot});
+        report.robot, Occasion::rejected_payload});
   }
   actions_.push(Upload{{scheme_.rejected_topic(report.robot, type), std::move(payload), report.qos,
                         report.retain, Provenance{report.mesh, now.wall}},
@@ -85,7 +85,7 @@ void Gateway::handle(PresenceChange change, const Now& now) {
   actions_.push(Notice{Severity::info,
                        fmt::format("{} {} is {} at {}", to_string(change.mesh), change.robot,
                                    to_string(change.presence), change.address),
-                       change.robot});
+                       change.robot, Occasion::robot_presence});
 }
 
 void Gateway::handle(SubscribeRequest request, const Now&) {
@@ -109,7 +109,7 @@ void Gateway::handle(CommandOutcome outcome, const Now&) {
                        fmt::format("{} {} {} {} after {} ms{}{}", to_string(outcome.mesh),
                                    outcome.robot, outcome.type, to_string(outcome.result),
                                    outcome.after.count(), is_delivered ? "" : ": ", outcome.why),
-                       outcome.robot});
+                       outcome.robot, Occasion::command_outcome, outcome.after});
   actions_.push(Upload{{scheme_.outcome_topic(outcome.robot),
                         to_bytes(outcome_json(outcome).dump()), Qos::at_least_once, false},
                        {}});
@@ -123,7 +123,8 @@ void Gateway::handle(LinkChange change, const Now&) {
   actions_.push(Notice{change.is_up ? Severity::notice : Severity::warning,
                        fmt::format("{} link {}: {}", to_string(change.mesh),
                                    change.is_up ? "up" : "down", change.detail),
-                       {}});
+                       {},
+                       Occasion::mesh_link});
 }
 
 void Gateway::handle(Notice notice, const Now&) { actions_.push(std::move(notice)); }

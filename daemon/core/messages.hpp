@@ -123,12 +123,25 @@ struct LinkChange {
 
 enum class Severity : std::uint8_t { debug, info, notice, warning, error };
 
+/// What a log line is about, for those who look for one kind (the journal's MESSAGE_ID).
+enum class Occasion : std::uint8_t {
+  other,
+  robot_message,  ///< traffic, in either direction
+  robot_presence,
+  command_outcome,
+  rejected_payload,
+  mesh_link,
+  broker_link,
+};
+
 /// Something an operator should read. Pure code makes the text, shells write it. Never holds keys,
 /// passwords or OOB data.
 struct Notice {
   Severity severity = Severity::info;
   std::string text;
   std::string robot;  ///< may be empty
+  Occasion occasion = Occasion::other;
+  std::optional<std::chrono::microseconds> latency{};  ///< of a command, where known
 };
 
 /// What a mesh's machine tells the core.

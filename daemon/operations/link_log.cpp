@@ -11,7 +11,10 @@ Notice LinkLog::on_up(const std::string& detail, const Now& now) {
   is_up_ = true;
   since_ = now.wall;
   why_.clear();
-  return {Severity::notice, fmt::format("broker {} connected ({})", uri_, detail), {}};
+  return {Severity::notice,
+          fmt::format("broker {} connected ({})", uri_, detail),
+          {},
+          Occasion::broker_link};
 }
 
 std::optional<Notice> LinkLog::on_down(const std::string& why, const Now& now) {
@@ -26,7 +29,8 @@ std::optional<Notice> LinkLog::on_down(const std::string& why, const Now& now) {
   const std::string again = is_news ? "" : fmt::format(" ({} attempts)", *attempts);
   return Notice{Severity::warning,
                 fmt::format("broker {} is not reached: {}; trying again{}", uri_, why, again),
-                {}};
+                {},
+                Occasion::broker_link};
 }
 
 }  // namespace slamgw

@@ -11,6 +11,7 @@
 #include <memory>
 
 #include "daemon/operations/journal_sink.hpp"
+#include "daemon/operations/notice_fields.hpp"
 
 namespace slamgw {
 namespace {
@@ -107,8 +108,7 @@ void log_event(Severity severity, std::string_view text, const LogFields& fields
 }
 
 void log_notice(const Notice& notice) {
-  if (notice.robot.empty()) return log_event(notice.severity, notice.text);
-  log_event(notice.severity, notice.text, {{"ROBOT_ID", notice.robot}});
+  log_event(notice.severity, notice.text, notice_fields(notice));
 }
 
 }  // namespace slamgw

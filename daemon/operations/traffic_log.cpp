@@ -5,6 +5,8 @@
 
 #include <chrono>
 
+#include "daemon/operations/notice_fields.hpp"
+
 namespace slamgw {
 namespace {
 
@@ -41,7 +43,8 @@ std::string traffic_text(const TrafficEvent& event, std::uint64_t stands_for) {
 }
 
 LogFields traffic_fields(const TrafficEvent& event) {
-  LogFields fields{{"ROBOT_ID", event.robot},
+  LogFields fields{{"MESSAGE_ID", std::string(message_id_of(Occasion::robot_message))},
+                   {"ROBOT_ID", event.robot},
                    {"MESSAGE_TYPE", event.type},
                    {"TOPIC", event.topic},
                    {"PAYLOAD_BYTES", std::to_string(event.payload.size())},
