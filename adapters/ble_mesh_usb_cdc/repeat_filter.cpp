@@ -11,7 +11,7 @@ namespace {
 /// When each copy is sent, in intervals after the first; 256 of the shortest are nearly 60 s.
 constexpr std::array<int, 10> schedule{0, 1, 2, 4, 8, 16, 32, 64, 128, 256};
 constexpr std::uint32_t any_copy = (1U << schedule.size()) - 1;
-constexpr std::size_t max_lost = 2;
+constexpr std::size_t max_lost = 3;
 constexpr std::uint32_t first_heard_copies = (1U << (max_lost + 1)) - 1;
 
 }  // namespace

@@ -101,7 +101,7 @@ class Walk {
         rig.receipt(report.receipt.id, ReceiptOutcome::refused);
         continue;
       }
-      safe.insert({payload.read_u16_le(), number});
+      safe_twice += safe.insert({payload.read_u16_le(), number}).second ? 0 : 1;
       rig.receipt(report.receipt.id);
     }
   }
@@ -121,6 +121,7 @@ class Walk {
   MeshRig rig;
   std::vector<WalkRobot> robots;
   std::set<std::pair<std::uint16_t, std::uint16_t>> safe;
+  std::size_t safe_twice = 0;  ///< duplicates upstream: what was refused does not count
   std::vector<Report> reports;
   std::map<std::uint16_t, std::size_t> statuses;
   std::size_t next_event = 0;
@@ -157,6 +158,16 @@ TEST(RandomWalk, ALossyRadioLosesNothingThatWasAcknowledged) {
     EXPECT_LT(expect_complete(walk), walk.safe.size() / 10);
     EXPECT_GT(walk.safe.size(), 200u);
   }
+}
+
+/// Three robots at five messages a second, a tenth of all radio messages lost.
+TEST(RandomWalk, AnHourOnALossyRadioLosesNothingAndDoublesNothing) {
+  Walk walk(1);
+  for (int i = 0; i < 50 * 3600; ++i) walk.step();
+  walk.settle();
+  expect_complete(walk);
+  EXPECT_EQ(walk.safe_twice, 0u);
+  EXPECT_GT(walk.safe.size(), 30000u);
 }
 
 TEST(RandomWalk, ABoardThatRestartsAndFallsSilentComesBack) {
