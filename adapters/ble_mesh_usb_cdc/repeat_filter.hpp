@@ -8,10 +8,11 @@
 // a new message of a robot that stands still. Copies keep to reliable publish's schedule, 0, iv,
 // 2iv, 4iv, 8iv ... after the first; updates come at the robot's own period, 200 ms in the thesis,
 // which is 80 ms off the nearest gap between copies. An equal SET whose distance from the last copy
-// fits the schedule, with up to three copies lost before and between, is taken for a repeat (answered
-// again, goes up once); any other is taken for new, because a message that was acknowledged must
-// not be lost. Known errors: relays that delay by more than `tolerance` make a repeat look new, and
-// a robot that stands still and happens to send every iv loses some of its equal updates.
+// fits the schedule, with up to three copies lost before and between, is taken for a repeat
+// (answered again, goes up once); any other is taken for new, because a message that was
+// acknowledged must not be lost. Known errors: relays that delay by more than `tolerance` make a
+// repeat look new, and a robot that stands still and happens to send every iv loses some of its
+// equal updates.
 //
 // A STATUS does not say which SET it is for. A repeat that was on its way when the STATUS left is
 // therefore not answered: a second STATUS could meet the robot's next SET and acknowledge that.
