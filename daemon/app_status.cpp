@@ -75,9 +75,11 @@ json robot_json(const std::string& id, const Robot& robot, std::size_t queued, T
            {"commands", robot.messages_down},
            {"rate_hz", robot.rate.per_second(now)},
            {"rssi_dbm", nullptr},
+           {"ttl", nullptr},
            {"hops", nullptr},
            {"queue", queued}};
   if (robot.radio) row["rssi_dbm"] = robot.radio->rssi_dbm;
+  if (robot.radio) row["ttl"] = robot.radio->ttl;
   if (robot.radio && robot.radio->hops) row["hops"] = *robot.radio->hops;
   return row;
 }

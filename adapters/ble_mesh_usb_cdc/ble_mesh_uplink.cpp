@@ -105,7 +105,7 @@ void BleMesh::report(const Robot& robot, VendorModel model, const MessageReceive
               .retain = false,
               .receipt = {Mesh::ble, receipt_id},
               .is_will = false,
-              .radio = RadioFacts{message.rssi_dbm, robot.hops(message.ttl)}});
+              .radio = RadioFacts{message.rssi_dbm, robot.hops(message.ttl), message.ttl}});
 }
 
 void BleMesh::send_status(const Robot& robot, std::uint16_t element, VendorModel model,

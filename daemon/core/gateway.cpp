@@ -16,11 +16,16 @@ using Json = nlohmann::ordered_json;  // keys in the order of the contract
 
 Json presence_json(const Robot& robot) {
   const MeshPresence& presence = robot.presence();
-  return {{"state", to_string(presence.presence)},
-          {"mesh", to_string(robot.mesh())},
-          {"address", presence.address},
-          {"since", to_iso8601(presence.since)},
-          {"last_seen", to_iso8601(robot.last_seen)}};
+  Json json{{"state", to_string(presence.presence)},
+            {"mesh", to_string(robot.mesh())},
+            {"address", presence.address},
+            {"since", to_iso8601(presence.since)},
+            {"last_seen", to_iso8601(robot.last_seen)}};
+  if (!robot.radio) return json;
+  json["rssi_dbm"] = robot.radio->rssi_dbm;
+  json["ttl"] = robot.radio->ttl;
+  if (robot.radio->hops) json["hops"] = *robot.radio->hops;
+  return json;
 }
 
 Json outcome_json(const CommandOutcome& outcome) {
@@ -42,7 +47,10 @@ void Gateway::on_mesh_event(MeshEvent event, const Now& now) {
 }
 
 void Gateway::handle(Report report, const Now& now) {
+  const Robot* known = registry_.find(report.robot);
+  const bool is_first_by_radio = report.radio && known && !known->radio;
   Robot* robot = registry_.on_report(report, now);
+  if (robot && is_first_by_radio) announce(report.robot, *robot);  // its presence came before
   const auto own = scheme_.parse_robot_topic(report.topic);
   const std::string type(own ? own->type : std::string_view{report.topic});
 

@@ -39,6 +39,7 @@ enum class ReceiptOutcome : std::uint8_t { safe, refused };
 struct RadioFacts {
   int rssi_dbm = 0;                  ///< of the last hop
   std::optional<std::uint8_t> hops;  ///< relays on the way; nothing where it can't be told
+  std::uint8_t ttl = 0;              ///< on arrival
 };
 
 /// Up: what a robot said. `topic` is the full topic name (`<prefix>/robot/<robot>/<type>`, or one

@@ -93,6 +93,22 @@ TEST_F(GatewayTest, PublishesPresenceRetained) {
   EXPECT_EQ(state["since"], "2023-11-14T22:13:20Z");
 }
 
+TEST_F(GatewayTest, AddsWhatTheRadioSaysToPresenceOnce) {
+  broker_comes();
+  say(PresenceChange{Mesh::ble, "a", Presence::online, "0x0100"});
+  drain<Upload>();
+  Report report = update_from("a", {0x0a, 0x00, 0xec, 0xff});
+  report.radio = RadioFacts{-61, 2, 3};
+  say(report);
+  const auto uploads = drain<Upload>();
+  ASSERT_EQ(uploads.size(), 2u);
+  EXPECT_EQ(uploads[0].message.topic, "ntnu-slam/gateway/pi1/robots/a");
+  const std::string text(uploads[0].message.payload.begin(), uploads[0].message.payload.end());
+  EXPECT_NE(text.find(R"("rssi_dbm":-61,"ttl":3,"hops":2)"), std::string::npos) << text;
+  say(report);
+  EXPECT_EQ(drain<Upload>().size(), 1u) << "a changing radio is no news";
+}
+
 TEST_F(GatewayTest, SaysEverythingAgainWhenTheBrokerComesBack) {
   say(PresenceChange{Mesh::thread, "a", Presence::online, "[::1]:1"});
   say(SubscribeRequest{Mesh::thread, "ntnu-slam/server/a/cmd", Qos::at_least_once});
