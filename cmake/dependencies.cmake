@@ -28,13 +28,13 @@ target_include_directories(slamgw_boost SYSTEM INTERFACE "${SLAMGW_BOOST_INCLUDE
 
 slamgw_need_package(fmt libfmt-dev)
 slamgw_need_package(nlohmann_json nlohmann-json3-dev)
+slamgw_need_package(OpenSSL libssl-dev)
 
 if(SLAMGW_FUZZ)
   return() # the pure libraries need nothing else
 endif()
 
 slamgw_need_package(Threads libc6-dev)
-slamgw_need_package(OpenSSL libssl-dev)
 slamgw_need_package(spdlog libspdlog-dev)
 slamgw_need_package(CLI11 libcli11-dev)
 slamgw_need_header(SLAMGW_PAHO_C_INCLUDE MQTTAsync.h libpaho-mqtt-dev)

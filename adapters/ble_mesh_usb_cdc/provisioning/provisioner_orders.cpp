@@ -29,7 +29,7 @@ void Provisioner::on_order(std::uint64_t id, MeshOrder order, TimePoint now) {
     actions_.push(OrderEnded{id, {{}, "another command for this mesh is still under way"}});
     return;
   }
-  order_.emplace();
+  order_ = Order{};
   order_->id = id;
   std::visit(overloaded{
                  [&](const ScanOrder&) { take_scan(now); },
