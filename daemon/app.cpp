@@ -58,7 +58,7 @@ App::App(Config config, std::string config_file)
                      }),
       store_(io_, config_.store,
              [this](StoreEvent event) {
-               outbox_driver_.input([&](Outbox& outbox, TimePoint now) {
+               change_outbox([&](Outbox& outbox, TimePoint now) {
                  outbox.on_store_event(std::move(event), now);
                });
              }),
@@ -139,9 +139,8 @@ void App::stop() {
   for (auto& adapter : meshes_) {
     if (adapter) adapter->stop_listening();
   }
-  // While the broker is away its last will has said the same.
-  if (broker_log_.is_up()) drive([](Gateway& gateway, const Now&) { gateway.on_stop(); });
-  outbox_driver_.input([](Outbox& outbox, TimePoint now) { outbox.on_stop(now); });
+  drive([](Gateway& gateway, const Now&) { gateway.on_stop(); });
+  change_outbox([](Outbox& outbox, TimePoint now) { outbox.on_stop(now); });
   stop_when_flushed(read_clocks().mono + flush_patience);
 }
 
@@ -195,8 +194,15 @@ void App::drive(const std::function<void(Gateway&, const Now&)>& change) {
   is_draining_ = false;
 }
 
+void App::change_outbox(const std::function<void(Outbox&, TimePoint)>& change) {
+  outbox_driver_.input(change);
+  const bool is_full = outbox_.backlog().is_full();
+  if (std::exchange(is_store_full_, is_full) == is_full) return;
+  drive([&](Gateway& gateway, const Now&) { gateway.on_store(is_full); });
+}
+
 void App::perform(Upload& action) {
-  outbox_driver_.input([&](Outbox& outbox, TimePoint now) {
+  change_outbox([&](Outbox& outbox, TimePoint now) {
     outbox.submit(std::move(action.message), action.receipt, now);
   });
 }
@@ -262,8 +268,7 @@ void App::on_link_up(bool, std::uint16_t receive_maximum) {
   const std::string version = upstream_.version() == MqttVersion::v5 ? "MQTT 5" : "MQTT 3.1.1";
   log_notice(broker_log_.on_up(version, read_clocks()));
   // The outbox first: else what the gateway says about itself would go to the disk on its way.
-  outbox_driver_.input(
-      [&](Outbox& outbox, TimePoint now) { outbox.on_link_up(receive_maximum, now); });
+  change_outbox([&](Outbox& outbox, TimePoint now) { outbox.on_link_up(receive_maximum, now); });
   tell_meshes_about_broker(true);
 }
 
@@ -271,19 +276,18 @@ void App::on_link_down(const std::string& why) {
   const bool was_up = broker_log_.is_up();
   if (const auto notice = broker_log_.on_down(why, read_clocks())) log_notice(*notice);
   if (!was_up) return;
-  outbox_driver_.input([](Outbox& outbox, TimePoint now) { outbox.on_link_down(now); });
+  change_outbox([](Outbox& outbox, TimePoint now) { outbox.on_link_down(now); });
   tell_meshes_about_broker(false);
 }
 
 void App::on_published(std::uint64_t sequence) {
-  outbox_driver_.input([&](Outbox& outbox, TimePoint now) { outbox.on_published(sequence, now); });
+  change_outbox([&](Outbox& outbox, TimePoint now) { outbox.on_published(sequence, now); });
 }
 
 void App::on_publish_refused(std::uint64_t sequence, const std::string& why) {
   log_event(Severity::warning,
             fmt::format("the broker refuses a message: {}; check its access control list", why));
-  outbox_driver_.input(
-      [&](Outbox& outbox, TimePoint now) { outbox.on_publish_refused(sequence, now); });
+  change_outbox([&](Outbox& outbox, TimePoint now) { outbox.on_publish_refused(sequence, now); });
 }
 
 void App::on_subscribe_result(const std::string& filter, bool granted) {

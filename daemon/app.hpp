@@ -58,6 +58,9 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
 
   /// Calls `change(gateway, now)` and performs what came of it, also from inside such a call.
   void drive(const std::function<void(Gateway&, const Now&)>& change);
+  /// The same for the outbox, and tells the gateway when its store has become full or has room
+  /// again.
+  void change_outbox(const std::function<void(Outbox&, TimePoint)>& change);
   void perform(Upload& action);
   void perform(SubscribeAtBroker& action);
   void perform(UnsubscribeAtBroker& action);
@@ -100,6 +103,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
 
   Gateway gateway_;
   bool is_draining_ = false;
+  bool is_store_full_ = false;
   Outbox outbox_;
   MachineDriver<Outbox> outbox_driver_;
   SqliteStore store_;

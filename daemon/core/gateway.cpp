@@ -173,10 +173,7 @@ void Gateway::on_broker_link(bool is_up, const Now& now) {
   leftovers_.on_broker_up(now.mono);
   if (leftovers_.is_looking())
     actions_.push(SubscribeAtBroker{leftovers_.filter(), Qos::at_least_once, own_subscription});
-  publish_retained(scheme_.state_topic(), Json{{"state", "online"},
-                                               {"version", settings_.version},
-                                               {"since", to_iso8601(settings_.started)}}
-                                              .dump());
+  tell_state();
   for (const auto& [id, robot] : registry_.robots()) announce(id, robot);
 }
 
@@ -209,8 +206,24 @@ void Gateway::on_subscribe_result(const std::string& filter, bool granted) {
                        {}});
 }
 
+void Gateway::on_store(bool is_full) {
+  if (std::exchange(is_store_full_, is_full) != is_full && is_broker_up_) tell_state();
+}
+
 void Gateway::on_stop() {
-  publish_retained(scheme_.state_topic(), Json{{"state", "offline"}}.dump());
+  is_stopping_ = true;
+  if (is_broker_up_) tell_state();  // else its last will has said the same
+}
+
+/// "offline" also when the broker comes only now: after an orderly end no last will corrects it.
+void Gateway::tell_state() {
+  if (is_stopping_)
+    return publish_retained(scheme_.state_topic(), Json{{"state", "offline"}}.dump());
+  Json state{{"state", "online"},
+             {"version", settings_.version},
+             {"since", to_iso8601(settings_.started)}};
+  if (is_store_full_) state["store"] = "full";
+  publish_retained(scheme_.state_topic(), state.dump());
 }
 
 void Gateway::announce(const std::string& id, const Robot& robot) {

@@ -69,7 +69,9 @@ class Gateway {
   void on_subscribe_result(const std::string& filter, bool granted);
   /// Every few seconds.
   void on_tick(const Now& now);
-  /// The daemon ends in order: says `offline`, as the last will would.
+  /// The store has no room for messages that are acknowledged, or has it again: `state` says so.
+  void on_store(bool is_full);
+  /// The daemon ends in order: from now on `state` is `offline`, as the last will would say.
   void on_stop();
 
   std::optional<GatewayAction> next_action() { return actions_.pop(); }
@@ -95,6 +97,7 @@ class Gateway {
   void reject(const Report& report, std::string_view type, Robot* robot, Bytes payload,
               const Now& now);
   void announce(const std::string& id, const Robot& robot);
+  void tell_state();
   void publish_retained(std::string topic, std::string payload);
 
   TopicScheme scheme_;
@@ -105,6 +108,8 @@ class Gateway {
   Traffic traffic_;
   LinkState mesh_links_[2];
   bool is_broker_up_ = false;
+  bool is_store_full_ = false;
+  bool is_stopping_ = false;
   ActionQueue<GatewayAction> actions_;
 };
 

@@ -243,12 +243,46 @@ TEST_F(GatewayTest, ReportsHowACommandEnded) {
             R"({"type":"cmd","outcome":"timeout","after_ms":30000,"why":"no STATUS"})");
 }
 
+TEST_F(GatewayTest, SaysInItsStateThatTheStoreIsFullAsLongAsItIs) {
+  const auto states = [this] {
+    std::vector<std::string> said;
+    for (const Upload& upload : drain<Upload>()) {
+      EXPECT_EQ(upload.message.topic, "ntnu-slam/gateway/pi1/state");
+      EXPECT_TRUE(upload.message.retain);
+      said.emplace_back(as_text(upload.message.payload));
+    }
+    return said;
+  };
+  gateway.on_store(true);
+  EXPECT_TRUE(states().empty()) << "nobody to tell yet";
+  const std::string online =
+      R"({"state":"online","version":"0.1.0","since":"2023-11-14T22:13:20Z")";
+  gateway.on_broker_link(true, now);
+  EXPECT_EQ(states(), std::vector{online + R"(,"store":"full"})"});
+  gateway.on_store(true);
+  EXPECT_TRUE(states().empty()) << "no news";
+  gateway.on_store(false);
+  EXPECT_EQ(states(), std::vector{online + "}"});
+}
+
 TEST_F(GatewayTest, SaysOfflineWhenItStops) {
+  broker_comes();
   gateway.on_stop();
   const auto uploads = drain<Upload>();
   ASSERT_EQ(uploads.size(), 1u);
   EXPECT_EQ(as_text(uploads[0].message.payload), R"({"state":"offline"})");
   EXPECT_TRUE(uploads[0].message.retain);
+}
+
+TEST_F(GatewayTest, NeverSaysOnlineAgainAfterItHasStopped) {
+  gateway.on_stop();
+  EXPECT_TRUE(drain<Upload>().empty()) << "its last will has said it";
+  gateway.on_broker_link(true, now);  // while it waits for messages to be taken
+  gateway.on_store(true);
+  const auto uploads = drain<Upload>();
+  ASSERT_EQ(uploads.size(), 2u);
+  for (const Upload& upload : uploads)
+    EXPECT_EQ(as_text(upload.message.payload), R"({"state":"offline"})");
 }
 
 }  // namespace

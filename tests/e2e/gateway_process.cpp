@@ -2,6 +2,7 @@
 #include "tests/e2e/gateway_process.hpp"
 
 #include <fmt/format.h>
+#include <signal.h>
 
 #include "tests/support/free_port.hpp"
 
@@ -33,6 +34,13 @@ void GatewayProcess::start() {
   process_ = std::make_unique<ChildProcess>(
       std::vector<std::string>{SLAMGW_DAEMON, "--config", directory_ / "gateway.json"},
       directory_ / "out", directory_ / "log");
+}
+
+void GatewayProcess::reload(const std::function<void(nlohmann::json&)>& change) {
+  auto configuration = nlohmann::json::parse(read_file(directory_ / "gateway.json"));
+  change(configuration);
+  write_file(directory_ / "gateway.json", configuration.dump(2));
+  process_->send_signal(SIGHUP);
 }
 
 std::string GatewayProcess::log() const { return read_file(directory_ / "log"); }

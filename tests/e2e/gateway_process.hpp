@@ -2,6 +2,7 @@
 // The daemon and the simulator as a user runs them: built programs, files, signals.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -24,6 +25,8 @@ class GatewayProcess {
   GatewayProcess& operator=(const GatewayProcess&) = delete;
 
   void start();
+  /// SIGHUP with a configuration changed by `change`.
+  void reload(const std::function<void(nlohmann::json&)>& change);
   std::string log() const;
   bool logs(const std::string& text) const { return log().find(text) != std::string::npos; }
   ChildProcess& process() { return *process_; }

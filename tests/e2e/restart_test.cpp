@@ -6,7 +6,6 @@
 
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/udp.hpp>
-#include <functional>
 
 #include "simulation/thread/packet.hpp"
 #include "tests/e2e/gateway_process.hpp"
@@ -128,14 +127,6 @@ INSTANTIATE_TEST_SUITE_P(After, Restart, testing::Values(SIGTERM, SIGKILL), [](c
   return how.param == SIGTERM ? "Sigterm" : "Sigkill";
 });
 
-/// SIGHUP with a configuration changed by `change`.
-void reload(GatewayProcess& gateway, const std::function<void(json&)>& change) {
-  json configuration = json::parse(read_file(gateway / "gateway.json"));
-  change(configuration);
-  write_file(gateway / "gateway.json", configuration.dump(2));
-  gateway.process().send_signal(SIGHUP);
-}
-
 TEST(Reload, TakesABrokerTopicsAndRobotsWithoutDroppingSessions) {
   Mosquitto first;
   Mosquitto second;
@@ -145,7 +136,7 @@ TEST(Reload, TakesABrokerTopicsAndRobotsWithoutDroppingSessions) {
   device.send(sim::sn::register_topic(1, "ntnu-slam/robot/r1/adv"));
   const std::uint16_t topic_id = device.expect(Type::regack).topic_id;
 
-  reload(gateway, [&](json& configuration) {
+  gateway.reload([&](json& configuration) {
     configuration["broker"]["uri"] = second.uri();
     configuration["mqttsn"]["gateway_id"] = 9;
   });
@@ -161,7 +152,7 @@ TEST(Reload, RefusesABadConfigurationAndKeepsTheOldOne) {
   Mosquitto broker;
   GatewayProcess gateway(json{{"broker", {{"uri", broker.uri()}}}});
   ASSERT_TRUE(eventually([&] { return gateway.logs("connected"); }));
-  reload(gateway, [&](json& configuration) { configuration["broker"]["uri"] = "nonsense"; });
+  gateway.reload([&](json& configuration) { configuration["broker"]["uri"] = "nonsense"; });
   ASSERT_TRUE(eventually([&] { return gateway.logs("the configuration was not changed"); }));
   EXPECT_TRUE(gateway.logs("broker.uri")) << gateway.log();
   EXPECT_EQ(gateway.ctl({"status"})["broker"]["uri"], broker.uri());
