@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Steps: what the package does when it is installed, upgraded, removed and purged, and what it leaves."""
+import glob
+import json
+import pathlib
+import pwd
+import re
+
+from actors import PASSWORDS, WRONG_PASSWORD, Listener, Robots, demand_nothing_lost
+from machine import (BOARD, CONFIG, CREDENTIALS, STATE, demand, install, run, service, status, wait_for,
+                     wait_for_status)
+
+secrets = [*PASSWORDS.values(), WRONG_PASSWORD]  # and the mesh's keys, once they are known
+RECEIVE_LIMIT = pathlib.Path("/proc/sys/net/core/rmem_max")
+
+
+def mode_of(path):
+    return run("stat", "-c", "%U %a", path)
+
+
+def runs_once_installed():
+    """install: the service is active, ready, and tells its status; user, directories and limits are there"""
+    run("systemctl", "stop", "mosquitto")
+    install(*glob.glob("/job/input/debs/*.deb"))
+    demand(service("ActiveState") == "active" and service("SubState") == "running", "the service is not active")
+    demand(service("UnitFileState") == "enabled", "the service is not enabled")
+    wait_for_status("broker down, thread up, 0 robots online")
+    demand(mode_of(STATE) == "slam-gateway 700", f"{STATE}: {mode_of(STATE)}")
+    demand(pwd.getpwnam("slam-gateway").pw_uid < 1000, "the user is no system user")
+    demand("rmem_max = 4194304" in run("systemd-analyze", "cat-config", "sysctl.d"), "the file in sysctl.d is not seen")
+    demand(int(RECEIVE_LIMIT.read_text(encoding="ascii")) >= 4194304 or not is_writable(RECEIVE_LIMIT),
+           "net.core.rmem_max was not raised")
+    return service("StatusText")
+
+
+def is_writable(path):
+    """A container may only read limits that are the whole machine's."""
+    try:
+        with open(path, "w", encoding="ascii"):
+            return True
+    except OSError:
+        return False
+
+
+def is_confined():
+    """confinement: systemd-analyze security says 1.5 or less"""
+    verdict = run("systemd-analyze", "security", "--no-pager", "--threshold=15", "slam-gateway").splitlines()[-1]
+    return re.sub(r"[^ -~]", "", verdict).strip()
+
+
+def mesh_keys():
+    keys = set()
+
+    def collect(value, name=""):
+        if isinstance(value, dict):
+            for key, inner in value.items():
+                collect(inner, key)
+        elif isinstance(value, list):
+            for inner in value:
+                collect(inner, name)
+        elif "key" in name and isinstance(value, str):
+            keys.add(value)
+    collect(json.loads((STATE / "mesh.json").read_text(encoding="utf-8")))
+    return keys
+
+
+def upgrade_keeps_what_is_undelivered():
+    """upgrade: messages stored before it arrive after it; sessions, the mesh and the configuration are kept"""
+    board = Robots("ble", "--robots", 1, "--id-prefix", "ble")
+    listener = Listener()
+    robots = Robots("thread", "--robots", 2, "--id-prefix", "upgrade", "--qos", 2)
+    wait_for_status("ble up")
+    listener.wait_for({"ntnu-slam/robot/upgrade1/update": 5, "ntnu-slam/robot/upgrade2/update": 5})
+    run("systemctl", "stop", "mosquitto")
+    wait_for("stored messages", lambda: status()["store"]["depth"] > 20)
+    keys, config = mesh_keys(), CONFIG.read_text(encoding="utf-8")
+    demand(len(keys) >= 2, "mesh.json has no keys")
+    secrets.extend(keys)
+    process = service("MainPID")
+    install(*glob.glob("/job/input/debs/newer/slam-gateway_*.deb"))
+    version = run("dpkg-query", "-W", "-f", "${Version}", "slam-gateway")
+    demand(version.endswith("+next"), f"version {version}")
+    demand(service("MainPID") not in ("0", process), "the new version does not run")
+    stored = status()["store"]["depth"]
+    demand(stored > 20, f"{stored} messages are stored after the upgrade")
+    demand({"messages.db", "sessions.db", "mesh.json"} <= {file.name for file in STATE.iterdir()}, "files are gone")
+    demand(mesh_keys() >= keys, "the mesh has other keys")
+    demand(CONFIG.read_text(encoding="utf-8") == config, "the operator's configuration was replaced")
+    run("systemctl", "start", "mosquitto")
+    wait_for_status("broker up")
+    run("slam-gatewayctl", "send", "upgrade1", "cmd", "7,8")
+    result = robots.end()
+    demand(result["commands_received"] == 1, f"commands received: {result}")
+    listener.wait_for({f"ntnu-slam/robot/{name}/update": tally["acknowledged"]
+                       for name, tally in result["robots"].items()})
+    wait_for("an empty store", lambda: status()["store"]["depth"] == 0)
+    listener.end()
+    board.end()
+    return f"{stored} messages stored at the upgrade to {version}"
+
+
+def remove_keeps_the_state():
+    """remove: the service is gone; state, configuration and credentials are kept"""
+    run("apt-get", "-y", "-q", "remove", "slam-gateway")
+    demand(service("ActiveState") == "inactive", "the service still runs")
+    demand("47193" not in run("ss", "-lun"), "the port is still taken")
+    for path in (STATE / "mesh.json", STATE / "sessions.db", CONFIG, CREDENTIALS):
+        demand(path.exists(), f"{path} is gone")
+
+
+def purge_takes_everything():
+    """purge: nothing of it is left but the user"""
+    run("dpkg", "--purge", "slam-gateway")
+    for path in (STATE, CONFIG.parent, "/run/slam-gateway", "/usr/share/doc/slam-gateway", "/usr/libexec/slam-gateway",
+                 "/usr/lib/sysctl.d/60-slam-gateway.conf", "/usr/lib/credstore/slam-gateway.broker"):
+        demand(not pathlib.Path(path).exists(), f"{path} is left")
+    left = run("systemctl", "list-units", "--all", "--no-legend", "--plain", "slam-gateway*")
+    demand(not left, f"left with systemd: {left}")
+
+
+def no_secret_is_in_the_journal():
+    """secrets: no password and no key of the mesh was ever written to the journal"""
+    run("journalctl", "--sync")
+    everything = run("journalctl", "--no-pager", "-a", "-o", "export").lower()
+    demand("slam-gatewayd" in everything, "the journal is empty")
+    demand(len(secrets) > 4, "the mesh's keys are not known")
+    demand(not [secret for secret in secrets if secret.lower() in everything], "a secret is in the journal")
+    return f"{len(secrets)} secrets looked for in {len(everything) // 1024} KiB"

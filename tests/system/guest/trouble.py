@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Steps: what systemd and an operator do to the running service - reload, kill, watchdog."""
+import os
+import pathlib
+import signal
+
+from actors import Listener, Robots, demand_nothing_lost, retained
+from machine import (CONFIG, demand, now, restart, run, says, service, wait_for, wait_for_status,
+                     write_config)
+
+DROP_IN = pathlib.Path("/etc/systemd/system/slam-gateway.service.d/system-test.conf")
+
+
+def reload_takes_over_a_good_configuration():
+    """reload: a good configuration is in force, in the same process"""
+    process, since = service("MainPID"), now()
+    write_config(log={"level": "debug"}, mqttsn={"gateway_id": 7})
+    run("systemctl", "reload", "slam-gateway")
+    wait_for("the reload in the journal", lambda: says("configuration read again", *since))
+    demand(says("only a restart changes: mqttsn.*", *since), "what needs a restart is not told")
+    demand(service("MainPID") == process, "it is another process")
+
+
+def reload_refuses_a_bad_configuration():
+    """reload: a bad configuration is refused with file, line and key, and the old one stays in force"""
+    process, since = service("MainPID"), now()
+    CONFIG.write_text('{\n  "brokr": {}\n}\n', encoding="utf-8")
+    run("systemctl", "reload", "slam-gateway", status=1)
+    demand(says("gateway.json:2: brokr", *since), "the journal does not name the problem")
+    # As if somebody sent the signal by hand, past the check that the service makes before it.
+    run("systemctl", "kill", "-s", "HUP", "slam-gateway")
+    wait_for("the refusal", lambda: says("configuration was not changed", *since))
+    demand(service("MainPID") == process, "it is another process")
+    wait_for_status("broker up")
+    write_config()
+    run("systemctl", "reload", "slam-gateway")
+
+
+def kill_goes_unnoticed():
+    """kill -9: systemd starts it again; robots' sessions go on, nothing is lost, and what is retained is right"""
+    listener = Listener()
+    restarts = int(service("NRestarts"))
+    robots = Robots("thread", "--robots", 4, "--id-prefix", "killed", "--messages", 100, "--linger-s", 15)
+    listener.wait_for({"ntnu-slam/robot/killed4/update": 10})
+    since = now()
+    run("systemctl", "kill", "--kill-whom=main", "-s", "KILL", "slam-gateway")
+    wait_for("the restart", lambda: int(service("NRestarts")) > restarts and service("ActiveState") == "active")
+    wait_for_status("broker up")
+    demand(says("4 MQTT-SN sessions go on", *since), "the sessions were not restored")
+    wait_for("the robots' presence", lambda: all(retained(f"robots/killed{n}") == "online" for n in (1, 2, 3, 4)))
+    demand(retained("state") == "online", "the gateway's retained state")
+    run("slam-gatewayctl", "send", "killed3", "cmd", "5,6")  # no robot has connected again
+    result = robots.result()
+    demand_nothing_lost(result)
+    demand(result["commands_received"] == 1, f"commands received: {result}")
+    listener.wait_for({f"ntnu-slam/robot/killed{n}/update": 100 for n in (1, 2, 3, 4)})
+    listener.end()
+    wait_for("the robots' leave", lambda: all(retained(f"robots/killed{n}") == "offline" for n in (1, 2, 3, 4)))
+
+
+def watchdog_restarts_a_stopped_daemon():
+    """watchdog: a daemon that hangs is started again"""
+    DROP_IN.parent.mkdir(exist_ok=True)
+    DROP_IN.write_text("[Service]\nWatchdogSec=2s\nRestartSec=1s\n", encoding="utf-8")
+    run("systemctl", "daemon-reload")
+    restart()
+    wait_for_status("broker up")
+    process, since = int(service("MainPID")), now()
+    os.kill(process, signal.SIGSTOP)
+    wait_for("the watchdog", lambda: says("Watchdog timeout", *since))
+    wait_for("the restart", lambda: service("MainPID") not in ("0", str(process)))
+    wait_for_status("broker up")
+    DROP_IN.unlink()
+    run("systemctl", "daemon-reload")
+    restart()
