@@ -2,6 +2,7 @@
 // SIGHUP: what of the configuration can change while the daemon runs, and words for what can't.
 #include <fmt/format.h>
 
+#include "adapters/ble_mesh_usb_cdc/ble_mesh_adapter.hpp"
 #include "adapters/mqttsn_udp/mqttsn_adapter.hpp"
 #include "daemon/app.hpp"
 #include "daemon/config/load.hpp"
@@ -20,7 +21,6 @@ std::string needs_restart(const Config& now, const Config& wanted) {
   note(now.broker.max_inflight == wanted.broker.max_inflight, "broker.max_inflight");
   note(now.topics.prefix == wanted.topics.prefix, "topics.prefix");
   note(now.update_mode == wanted.update_mode, "payload.update");
-  note(now.robots == wanted.robots || !now.ble_mesh.enabled, "robots (on BLE)");
   note(now.ble_mesh == wanted.ble_mesh, "ble_mesh.* or presence.*");
   note(now.mqttsn == wanted.mqttsn, "mqttsn.*");
   note(now.store == wanted.store, "store.*");
@@ -55,17 +55,19 @@ void App::reload() {
 }
 
 void App::reload_robots(const Config& wanted) {
-  const bool is_same = config_.robots == wanted.robots &&
-                       config_.topics.extra_publish == wanted.topics.extra_publish &&
-                       config_.topics.extra_subscribe == wanted.topics.extra_subscribe;
-  auto* thread = static_cast<mqttsn::MqttsnAdapter*>(mesh(Mesh::thread));
-  if (is_same || !thread) return;
+  const bool has_same_robots = config_.robots == wanted.robots;
+  const bool has_same_topics = config_.topics.extra_publish == wanted.topics.extra_publish &&
+                               config_.topics.extra_subscribe == wanted.topics.extra_subscribe;
   config_.robots = wanted.robots;
   config_.topics.extra_publish = wanted.topics.extra_publish;
   config_.topics.extra_subscribe = wanted.topics.extra_subscribe;
-  thread->reconfigure(
-      TopicPolicy(scheme_, config_.topics.extra_publish, config_.topics.extra_subscribe),
-      RobotNames(config_.robots));
+  auto* thread = static_cast<mqttsn::MqttsnAdapter*>(mesh(Mesh::thread));
+  if (thread && !(has_same_robots && has_same_topics)) {
+    thread->reconfigure(
+        TopicPolicy(scheme_, config_.topics.extra_publish, config_.topics.extra_subscribe),
+        RobotNames(config_.robots));
+  }
+  if (ble_ && !has_same_robots) ble_->reconfigure(RobotNames(config_.robots));
 }
 
 }  // namespace slamgw

@@ -21,16 +21,11 @@ BleMesh::BleMesh(Settings settings, TopicScheme topics, RobotNames names,
       topics_(std::move(topics)),
       names_(std::move(names)),
       link_({{settings_.address, settings_.groups}, settings_.ttl}, keys_of(database), seed),
-      provisioner_(settings_, names_, std::move(database), std::move(random)) {
-  for (const RobotName& name : names_.configured()) {
-    if (name.ble_address)
-      robots_.try_emplace(*name.ble_address, *name.ble_address, name.id, settings_.ttl);
-  }
-}
+      provisioner_(settings_, names_, std::move(database), std::move(random)) {}
 
 void BleMesh::on_start() {
+  add_configured();
   follow_nodes(TimePoint{});
-  for (const auto& [address, robot] : robots_) subscribe(robot);
 }
 
 void BleMesh::on_port_open(TimePoint now) {

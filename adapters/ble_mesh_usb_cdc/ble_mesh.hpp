@@ -44,6 +44,7 @@ class BleMesh final : public MeshMachine {
   void on_keys_failed(const std::string& why, TimePoint now) override;
   void on_stored(const std::string& problem, TimePoint now) override;
   void on_order(std::uint64_t id, MeshOrder order, TimePoint now) override;
+  void on_names(RobotNames names, TimePoint now) override;
 
   void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now) override;
   void on_broker_message(const BrokerMessage& message, TimePoint now) override;
@@ -78,6 +79,9 @@ class BleMesh final : public MeshMachine {
   void on_provisioner_action(ProvisionerAction action, TimePoint now);
   void follow_nodes(TimePoint now);
   void add_node(const Node& node);
+  void add_configured();
+  void leave_name(Robot& robot, const std::string& why, TimePoint now);
+  void take_name(Robot& robot, std::string id);
   void take_out(Robot& robot, TimePoint now);
   std::uint16_t primary_of(std::uint16_t address) const;
 

@@ -101,6 +101,11 @@ std::size_t BleMeshAdapter::queued_for(const std::string& robot) const {
   return robots_ ? robots_->queued(robot) : 0;
 }
 
+void BleMeshAdapter::reconfigure(RobotNames names) {
+  if (is_stopped_ || !problem_.empty()) return;
+  driver_.input([&](MeshMachine& mesh, TimePoint now) { mesh.on_names(std::move(names), now); });
+}
+
 void BleMeshAdapter::manage(MeshOrder order, OrderDone done) {
   if (is_stopped_) return done({{}, "slam-gatewayd ends"});
   if (!problem_.empty()) return done({{}, problem_});

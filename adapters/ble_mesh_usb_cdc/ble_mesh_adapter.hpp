@@ -46,6 +46,8 @@ class BleMeshAdapter final : public MeshAdapter {
   void on_broker_link(bool is_up) override;
   Counters counters() const override;
   std::size_t queued_for(const std::string& robot) const override;
+  /// `robots` of the configuration, read again. Robots stay in the mesh.
+  void reconfigure(RobotNames names);
   /// What operators order about the mesh and its robots; `done` is called once, now or later, and
   /// never after stop().
   void manage(MeshOrder order, OrderDone done);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // BleMesh's members: carries between Provisioner and the board, and keeps the robots in step with
 // the database of nodes.
+#include <algorithm>
 #include <vector>
 
 #include "adapters/ble_mesh_usb_cdc/ble_mesh.hpp"
@@ -68,11 +69,52 @@ void BleMesh::add_node(const Node& node) {
 }
 
 void BleMesh::take_out(Robot& robot, TimePoint now) {
-  if (robot.is_online) announce(robot, Presence::offline);
-  conclude(robot, robot.commands.refuse_all("the robot was put out of the mesh", now));
+  leave_name(robot, "the robot was put out of the mesh", now);
   std::erase_if(open_receipts_,
                 [&](const auto& open) { return open.second.first == robot.address; });
+}
+
+void BleMesh::add_configured() {
+  for (const RobotName& name : names_.configured()) {
+    if (!name.ble_address) continue;
+    const auto [entry, is_new] =
+        robots_.try_emplace(*name.ble_address, *name.ble_address, name.id, settings_.ttl);
+    if (is_new) subscribe(entry->second);
+  }
+}
+
+void BleMesh::on_names(RobotNames names, TimePoint now) {
+  names_ = std::move(names);
+  provisioner_.on_names(names_);
+  std::vector<Robot*> renamed;
+  for (auto& [address, robot] : robots_)
+    if (provisioner_.id_of(address) != robot.id) renamed.push_back(&robot);
+  // All go before any comes: two may have changed their names with each other.
+  for (Robot* robot : renamed) leave_name(*robot, "the robot is called otherwise by now", now);
+  for (Robot* robot : renamed) {
+    const bool was_only_configured = !robot->is_node && !robot->is_announced;
+    if (was_only_configured) {
+      robots_.erase(std::uint16_t{robot->address});
+    } else {
+      take_name(*robot, provisioner_.id_of(robot->address));
+    }
+  }
+  add_configured();
+  settle(now);
+}
+
+void BleMesh::leave_name(Robot& robot, const std::string& why, TimePoint now) {
+  if (robot.is_online) announce(robot, Presence::offline);
+  conclude(robot, robot.commands.refuse_all(why, now));
   emit(UnsubscribeRequest{Mesh::ble, topics_.command_filter(robot.id)});
+}
+
+void BleMesh::take_name(Robot& robot, std::string id) {
+  robot.id = std::move(id);
+  robot.retained_given.clear();
+  robot.is_subscribed = true;
+  subscribe(robot);
+  if (robot.is_online) announce(robot, Presence::online);
 }
 
 std::uint16_t BleMesh::primary_of(std::uint16_t address) const {

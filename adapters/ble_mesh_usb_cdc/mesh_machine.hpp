@@ -11,6 +11,7 @@
 #include "daemon/core/mesh_order.hpp"
 #include "daemon/core/messages.hpp"
 #include "daemon/core/protocol_machine.hpp"
+#include "daemon/core/robot_names.hpp"
 
 namespace slamgw::ble {
 
@@ -54,6 +55,10 @@ class MeshMachine {
   virtual void on_stored(const std::string& problem, TimePoint now) = 0;
   /// `id` comes back in OrderEnded.
   virtual void on_order(std::uint64_t id, MeshOrder order, TimePoint now) = 0;
+
+  /// `robots` of the configuration was read again. A robot that is called otherwise by now goes
+  /// under its old name and comes under the new one; what is owed to it stays owed.
+  virtual void on_names(RobotNames names, TimePoint now) = 0;
 
   virtual void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now) = 0;
   virtual void on_broker_message(const BrokerMessage& message, TimePoint now) = 0;

@@ -203,6 +203,24 @@ TEST_F(CobsMeshTest, BadFramesAreCountedAndSaidOnce) {
   EXPECT_TRUE(all<Report>().empty());
 }
 
+TEST_F(CobsMeshTest, LienRobotsTakeNewNamesWhileTheyTalk) {
+  make(CobsContent::lien);
+  hear("01 02 02 01 01 03 09 1e 00");  // not theirs
+  hear("01 02 02 01 01 03 01 0a 04 ec ff 5a 02 2d 06 14 28 50 5a 26 00");
+  events.clear();
+  mesh->on_names(RobotNames({{"new2", 0x0002, {}}, {"new3", 0x0003, {}}}), now);
+  drain();
+  const auto presence = all<PresenceChange>();
+  ASSERT_EQ(presence.size(), 2u);
+  EXPECT_EQ(presence[0].robot, "old2");
+  EXPECT_EQ(presence[0].presence, Presence::offline);
+  EXPECT_EQ(presence[1].robot, "new2");
+  EXPECT_EQ(presence[1].presence, Presence::online);
+  EXPECT_EQ(all<UnsubscribeRequest>().size(), 1u);
+  EXPECT_EQ(all<SubscribeRequest>().size(), 2u) << "the one that was not heard yet, too";
+  EXPECT_TRUE(all<Report>().empty()) << "it is not dead: no will";
+}
+
 TEST_F(CobsMeshTest, SimpleLienMessagesGoUpByName) {
   make(CobsContent::lien);
   hear("01 02 02 01 01 03 01 0a 04 ec ff 5a 02 2d 06 14 28 50 5a 26 00");

@@ -22,16 +22,22 @@ CobsMesh::CobsMesh(Settings settings, TopicScheme topics, RobotNames names)
     case CobsContent::positions:
       peers_[only_peer] = Peer{.id = settings_.robot_id.value_or(""), .address = "serial"};
       break;
-    case CobsContent::lien:
-      for (const RobotName& name : names_.configured())
-        if (name.ble_address && *name.ble_address <= 0xff)
-          lien_peer(static_cast<std::uint8_t>(*name.ble_address));
-      break;
+    case CobsContent::lien: break;
   }
 }
 
 void CobsMesh::on_start() {
   for (const auto& [address, peer] : peers_) subscribe(peer);
+  add_configured();
+}
+
+void CobsMesh::add_configured() {
+  if (settings_.cobs_content != CobsContent::lien) return;
+  for (const RobotName& name : names_.configured()) {
+    if (!name.ble_address || *name.ble_address > 0xff) continue;
+    const auto address = static_cast<std::uint8_t>(*name.ble_address);
+    if (!peers_.contains(address)) subscribe(lien_peer(address));
+  }
 }
 
 void CobsMesh::on_port_open(TimePoint) {
@@ -50,6 +56,26 @@ void CobsMesh::on_port_closed(const std::string& why, TimePoint) {
 void CobsMesh::on_order(std::uint64_t id, MeshOrder, TimePoint) {
   actions_.push(OrderEnded{
       id, {{}, "not supported by this link: ble_mesh.protocol is \"cobs\", which has no mesh"}});
+}
+
+void CobsMesh::on_names(RobotNames names, TimePoint) {
+  names_ = std::move(names);
+  if (settings_.cobs_content != CobsContent::lien) return;
+  std::vector<Peer*> renamed;
+  for (auto& [address, peer] : peers_) {
+    const std::string id = names_.of_ble(address);
+    if (id == peer.id) continue;
+    if (peer.is_online) emit(PresenceChange{Mesh::ble, peer.id, Presence::offline, peer.address});
+    emit(UnsubscribeRequest{Mesh::ble, topics_.command_filter(peer.id)});
+    peer.id = id;
+    peer.is_subscribed = true;
+    renamed.push_back(&peer);
+  }
+  for (const Peer* peer : renamed) {  // after all have gone: names may have been exchanged
+    subscribe(*peer);
+    if (peer->is_online) emit(PresenceChange{Mesh::ble, peer->id, Presence::online, peer->address});
+  }
+  add_configured();
 }
 
 // --- Up ------------------------------------------------------------------------------------------

@@ -33,6 +33,8 @@ class CobsMesh final : public MeshMachine {
   void on_keys_failed(const std::string&, TimePoint) override {}
   void on_stored(const std::string&, TimePoint) override {}
   void on_order(std::uint64_t id, MeshOrder order, TimePoint now) override;
+  /// With positions the one robot's name is a setting.
+  void on_names(RobotNames names, TimePoint now) override;
 
   void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now) override;
   /// Answered with the outcome "refused" when the robot is on this link.
@@ -60,6 +62,7 @@ class CobsMesh final : public MeshMachine {
   void on_frame(const Bytes& encoded, TimePoint now);
   void on_lien_frame(const LienFrame& frame, TimePoint now);
   void on_lien_message(Peer& peer, ByteView message, std::uint64_t receipt_id);
+  void add_configured();
   Peer& lien_peer(std::uint8_t address);
   void on_heard(Peer& peer, TimePoint now);
   void reply(std::uint8_t address, const Bytes& data);

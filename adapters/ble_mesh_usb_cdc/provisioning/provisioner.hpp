@@ -74,6 +74,8 @@ class Provisioner {
   void on_stored(const std::string& problem, TimePoint now);
   void on_board_cleared(bool is_done, const std::string& why, TimePoint now);
   void on_order(std::uint64_t id, MeshOrder order, TimePoint now);
+  /// What the configuration calls robots by now.
+  void on_names(RobotNames names) { names_ = std::move(names); }
 
   const NodeDatabase* database() const { return ledger_.database(); }
   /// The database when the disk may not have it yet: to be written before the daemon ends.

@@ -1,0 +1,125 @@
+// SPDX-License-Identifier: Apache-2.0
+// SIGHUP: what takes effect at once, what needs a restart and is named, what is refused as a whole.
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "tests/e2e/gateway_process.hpp"
+#include "tests/support/eventually.hpp"
+#include "tests/support/mosquitto.hpp"
+
+namespace slamgw::test {
+namespace {
+
+using nlohmann::json;
+
+json configuration_for(const Mosquitto& broker) { return {{"broker", {{"uri", broker.uri()}}}}; }
+
+TEST(Reload, GivesRobotsOnBothMeshesTheirNewNamesWithoutANewStart) {
+  Mosquitto broker;
+  json configuration = configuration_for(broker);
+  configuration["ble_mesh"]["enabled"] = true;
+  GatewayProcess gateway(configuration);
+  SimulatorProcess board({"ble", "--tty", gateway.tty(), "--robots", "2"});
+  SimulatorProcess robots({"thread", "--gateway", gateway.mqttsn_address(), "--robots", "1",
+                           "--topic-prefix", "ntnu-slam"});
+  ASSERT_TRUE(eventually([&] {
+    return gateway.logs("ble-0100 update") && gateway.logs("ble-0101 update") &&
+           gateway.logs("robot1 update");
+  })) << gateway.log();
+  Subscriber named(broker, "ntnu-slam/robot/lego/update");
+  Subscriber presence(broker, "ntnu-slam/gateway/test/robots/+", "%t %p");
+
+  gateway.reload([](json& wanted) {
+    wanted["robots"] = {{{"id", "lego"}, {"ble_address", "0x0100"}}};
+  });
+
+  EXPECT_TRUE(eventually([&] { return !named.lines().empty(); })) << gateway.log();
+  const auto says = [&](const std::string& robot, const std::string& state) {
+    return eventually([&] {
+      for (const std::string& line : presence.lines()) {
+        const std::size_t space = line.find(' ');
+        if (line.substr(0, space).ends_with("/" + robot) &&
+            json::parse(line.substr(space + 1))["state"] == state)
+          return true;
+      }
+      return false;
+    });
+  };
+  EXPECT_TRUE(says("ble-0100", "offline"));
+  EXPECT_TRUE(says("lego", "online"));
+  EXPECT_FALSE(gateway.logs("only a restart changes")) << gateway.log();
+  EXPECT_FALSE(gateway.logs("ble link down")) << gateway.log();
+  EXPECT_FALSE(gateway.logs("ble-0101 is offline")) << gateway.log();
+  EXPECT_FALSE(gateway.logs("robot1 is offline")) << gateway.log();
+  EXPECT_EQ(gateway.ctl({"send", "lego", "cmd", "10,-20"})["outcome"], "delivered");
+  EXPECT_EQ(gateway.ctl({"send", "robot1", "cmd", "10,-20"})["outcome"], "delivered");
+}
+
+TEST(Reload, NamesAllThatNeedsARestartInOneLine) {
+  Mosquitto broker;
+  GatewayProcess gateway(configuration_for(broker));
+  ASSERT_TRUE(eventually([&] { return gateway.logs("connected"); })) << gateway.log();
+  gateway.reload([](json& wanted) {
+    wanted["gateway"]["id"] = "other";
+    wanted["broker"]["max_inflight"] = 17;
+    wanted["broker"]["keep_alive_s"] = 31;
+    wanted["topics"]["prefix"] = "elsewhere";
+    wanted["payload"]["update"] = "json";
+    wanted["presence"]["offline_after_s"] = 31;
+    wanted["mqttsn"]["retry_count"] = 4;
+    wanted["store"]["max_bytes"] = 1000000;
+    wanted["control"]["socket"] = "/tmp/elsewhere.sock";
+    wanted["log"]["level"] = "debug";
+  });
+  EXPECT_TRUE(eventually([&] {
+    return gateway.logs(
+        "only a restart changes: gateway.id, broker.max_inflight, topics.prefix, payload.update, "
+        "ble_mesh.* or presence.*, mqttsn.*, store.*, control.socket\n");
+  })) << gateway.log();
+  EXPECT_EQ(gateway.ctl({"status"})["gateway"], "test");
+}
+
+TEST(Reload, RefusesABadConfigurationAndKeepsTheOldOne) {
+  Mosquitto broker;
+  GatewayProcess gateway(configuration_for(broker));
+  ASSERT_TRUE(eventually([&] { return gateway.logs("connected"); })) << gateway.log();
+  const std::string open_to_all = gateway / "credentials.json";
+  write_file(open_to_all, R"({"username":"u","password":"p"})", 0644);
+  const auto count_refusals = [&] {
+    int count = 0;
+    const std::string log = gateway.log();
+    const std::string words = "the configuration was not changed";
+    for (auto at = log.find(words); at != log.npos; at = log.find(words, at + 1)) ++count;
+    return count;
+  };
+  int refusals = 0;
+  const auto refuses = [&](const std::function<void(json&)>& change) {
+    const json before = json::parse(read_file(gateway / "gateway.json"));
+    gateway.reload([&](json& wanted) {
+      wanted["log"]["traffic"] = "off";  // good in itself, but all or nothing
+      change(wanted);
+    });
+    ++refusals;
+    EXPECT_TRUE(eventually([&] { return count_refusals() == refusals; })) << gateway.log();
+    write_file(gateway / "gateway.json", before.dump(2));
+  };
+  refuses([](json& wanted) { wanted["broker"]["uri"] = "nonsense"; });
+  refuses([](json& wanted) { wanted["broker"]["urii"] = "mqtt://h:1"; });
+  refuses([&](json& wanted) { wanted["broker"]["credentials_file"] = open_to_all; });
+  refuses([](json& wanted) { wanted["broker"]["credentials_file"] = "/nonexistent"; });
+  refuses([](json& wanted) {
+    wanted["robots"] = {{{"id", "a"}, {"ble_address", "0x0100"}},
+                        {{"id", "b"}, {"ble_address", "0x0100"}}};
+  });
+  EXPECT_TRUE(gateway.logs("broker.uri")) << gateway.log();
+  EXPECT_TRUE(gateway.logs("broker.urii")) << gateway.log();
+  EXPECT_EQ(gateway.ctl({"status"})["broker"]["uri"], broker.uri());
+  EXPECT_EQ(gateway.ctl({"status"})["broker"]["state"], "up");
+  SimulatorProcess robots({"thread", "--gateway", gateway.mqttsn_address(), "--robots", "1"});
+  EXPECT_TRUE(eventually([&] { return gateway.logs("robot1 update"); })) << "log.traffic is as was";
+}
+
+}  // namespace
+}  // namespace slamgw::test
