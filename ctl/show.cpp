@@ -99,6 +99,8 @@ std::string Show::status(const json& status) const {
   out +=
       fmt::format("Store     {} messages, {} of {}\n", count_at(store, "depth"),
                   show_bytes(count_at(store, "bytes")), show_bytes(count_at(store, "max_bytes")));
+  if (const std::string trouble = text_at(store, "why"); !trouble.empty())
+    out += fmt::format("          {} {}\n", paint("down", text_at(store, "state")), trouble);
   return out;
 }
 

@@ -55,6 +55,7 @@ json store_json(const Outbox& outbox, const StoreSettings& settings, TimePoint n
   const Backlog& backlog = outbox.backlog();
   const auto age = now - backlog.oldest().value_or(now);
   return {{"state", to_string(backlog.state())},
+          {"why", outbox.store_trouble()},
           {"depth", backlog.rows()},
           {"bytes", backlog.bytes()},
           {"max_bytes", settings.max_bytes},

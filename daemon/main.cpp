@@ -4,6 +4,7 @@
 #include <cstdio>
 #include <exception>
 #include <iostream>
+#include <string_view>
 
 #include "daemon/app.hpp"
 #include "daemon/config/default_config.hpp"
@@ -22,11 +23,13 @@ struct Arguments {
   bool print_config = false;
 };
 
-void print(const slamgw::Problems& problems, std::ostream& out) {
-  for (const slamgw::Problem& problem : problems) out << to_string(problem) << '\n';
+/// `before`: written in front of each line.
+void print(const slamgw::Problems& problems, std::ostream& out, std::string_view before = {}) {
+  for (const slamgw::Problem& problem : problems) out << before << to_string(problem) << '\n';
 }
 
 int check_config(const slamgw::ParseResult& result) {
+  print(result.warnings, std::cerr, "warning: ");
   print(result.problems, std::cout);
   if (!result.problems.empty()) return exit_configuration;
   std::cout << "OK\n";
@@ -35,6 +38,8 @@ int check_config(const slamgw::ParseResult& result) {
 
 int run(const slamgw::ParseResult& result, const std::string& config_file) {
   slamgw::configure_log(result.config.log.level);
+  for (const slamgw::Problem& warning : result.warnings)
+    log_event(slamgw::Severity::warning, to_string(warning));
   try {
     slamgw::App(result.config, config_file).run();
     return 0;
@@ -51,7 +56,8 @@ int start(const Arguments& arguments) {
   }
   const slamgw::ParseResult result = slamgw::load_config(arguments.config_file);
   if (arguments.check_config) return check_config(result);
-  print(result.problems, std::cerr);
+  // The journal takes a line without a priority (sd-daemon(3)) for information.
+  print(result.problems, std::cerr, slamgw::stderr_is_journal() ? "<3>" : "");
   return result.problems.empty() ? run(result, arguments.config_file) : exit_configuration;
 }
 

@@ -3,13 +3,19 @@
 
 #include <fcntl.h>
 #include <fmt/format.h>
+#include <grp.h>
 #include <libserialport.h>
+#include <pwd.h>
+#include <sys/file.h>
+#include <sys/stat.h>
 #include <termios.h>
 #include <unistd.h>
 
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
+
+#include "adapters/ble_mesh_usb_cdc/open_failure.hpp"
 
 namespace slamgw::ble {
 namespace {
@@ -58,12 +64,13 @@ bool let_empty_reads_wait(int descriptor) {
   return ::tcsetattr(descriptor, TCSANOW, &attributes) == 0;
 }
 
-/// A terminal that is no serial port: raw bytes, nothing else to set. -1 with errno on failure.
+/// A terminal that is no serial port: raw bytes, nothing else to set; locked as libserialport locks
+/// serial ports. -1 with errno on failure.
 int open_plain(const std::string& path) {
   const int descriptor = ::open(path.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
   if (descriptor < 0) return -1;
   termios attributes{};
-  if (::tcgetattr(descriptor, &attributes) == 0) {
+  if (::flock(descriptor, LOCK_EX | LOCK_NB) == 0 && ::tcgetattr(descriptor, &attributes) == 0) {
     ::cfmakeraw(&attributes);
     if (::tcsetattr(descriptor, TCSANOW, &attributes) == 0) return descriptor;
   }
@@ -71,6 +78,20 @@ int open_plain(const std::string& path) {
   ::close(descriptor);
   errno = error;
   return -1;
+}
+
+/// What explain_open_failure needs, as far as the system tells. `error`: errno of the attempt.
+Refusal refuse_open(const std::string& path, int error) {
+  NodeAccess access;
+  struct stat status {};
+  if (::stat(path.c_str(), &status) == 0) {
+    const group* const owner = ::getgrgid(status.st_gid);
+    access.group = owner != nullptr ? owner->gr_name : std::to_string(status.st_gid);
+    access.mode = status.st_mode & 0777u;
+  }
+  const passwd* const user = ::getpwuid(::geteuid());
+  access.process = user != nullptr ? user->pw_name : std::to_string(::geteuid());
+  return Refusal{explain_open_failure(path, error, access)};
 }
 
 struct DeviceNode {
@@ -87,7 +108,10 @@ Result<DeviceNode, Refusal> resolve(const Settings& settings) {
   std::error_code error;
   const std::filesystem::path target = std::filesystem::canonical(settings.device, error);
   if (error)
-    return Refusal{fmt::format("no serial board at {} ({})", settings.device, error.message())};
+    return Refusal{
+        fmt::format("no serial board at {} ({}): plug it in, or set ble_mesh.device to one of "
+                    "/dev/serial/by-id/",
+                    settings.device, error.message())};
   return DeviceNode{target.string()};
 }
 
@@ -111,17 +135,16 @@ Result<std::unique_ptr<SerialPort>, Refusal> SerialPort::open(const Settings& se
   sp_port* port = nullptr;
   if (sp_get_port_by_name(path.c_str(), &port) != SP_OK) {
     const int descriptor = open_plain(path);
-    if (descriptor < 0)
-      return Refusal{fmt::format("{} can't be opened: {}", path, std::strerror(errno))};
+    if (descriptor < 0) return refuse_open(path, errno);
     return std::unique_ptr<SerialPort>(new SerialPort(path, nullptr, descriptor, false));
   }
   const bool is_jlink = describe(port).vendor == jlink_vendor;
   int descriptor = -1;
   if (sp_open(port, SP_MODE_READ_WRITE) != SP_OK ||
       sp_get_port_handle(port, &descriptor) != SP_OK) {
-    const std::string why = last_serial_error();
+    const int error = sp_last_error_code();
     sp_free_port(port);
-    return Refusal{fmt::format("{} can't be opened: {}", path, why)};
+    return refuse_open(path, error);
   }
   std::unique_ptr<SerialPort> opened(new SerialPort(path, port, descriptor, is_jlink));
   if (const std::string why = configure(port, settings, is_jlink); !why.empty())

@@ -17,6 +17,9 @@ namespace asio = boost::asio;
 constexpr std::chrono::milliseconds change_settles{100};
 /// Where the kernel does not say; and it may drop what it says.
 constexpr std::chrono::seconds watch_interval{10};
+constexpr const char* interface_advice =
+    ": the Thread border router makes it, see systemctl status otbr-agent (older ones: wpantund); "
+    "another name goes into mqttsn.interface";
 
 }  // namespace
 
@@ -49,7 +52,7 @@ void MqttsnAdapter::start() {
   if (settings_.interface.empty() || interface_index_ != 0) {
     open();
   } else {
-    tell_link(false, fmt::format("there is no interface {} yet", settings_.interface));
+    tell_link(false, "there is no interface " + settings_.interface + " yet" + interface_advice);
   }
   interface_watch_->start([this] { look_at_interfaces_in(change_settles); });
   watch_interfaces();
@@ -192,7 +195,7 @@ void MqttsnAdapter::follow_interface() {
   interface_index_ = index;
   close();
   if (index == 0)
-    return tell_link(false, fmt::format("interface {} has gone", settings_.interface));
+    return tell_link(false, "interface " + settings_.interface + " has gone" + interface_advice);
   try {
     open();
   } catch (const std::runtime_error& error) {

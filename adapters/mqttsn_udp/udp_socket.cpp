@@ -6,9 +6,11 @@
 #include <sys/socket.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <charconv>
 #include <cstring>
 #include <stdexcept>
+#include <string_view>
 #include <utility>
 
 namespace slamgw::mqttsn {
@@ -26,6 +28,8 @@ constexpr int max_datagrams_per_wake_up = 64;
 /// Radius 0, "the whole network" (R18).
 constexpr int multicast_hops = 16;
 constexpr std::size_t control_octets = 256;
+/// Where Nordic's clients expect their gateway (R22), so that of a border router made for them.
+constexpr unsigned nordic_port = 47193;
 
 udp::endpoint parse_listen(const std::string& listen) {
   const std::size_t colon = listen.rfind(':');
@@ -121,6 +125,23 @@ void write_source(msghdr& header, bool is_ipv6, const IpAddress& from, std::uint
   write_control(header, IPPROTO_IP, IP_PKTINFO, info);
 }
 
+/// What to do about it, where that is known.
+std::string advise(const boost::system::error_code& error, unsigned port) {
+  if (error == asio::error::address_in_use) {
+    const std::string_view whose =
+        port == nordic_port ? " (on Nordic's border routers Paho's: sudo systemctl disable --now "
+                              "paho-mqttsn-gateway)"
+                            : "";
+    return fmt::format(
+        "; another MQTT-SN gateway has the port{}; sudo ss -ulpn 'sport = :{}' shows which", whose,
+        port);
+  }
+  if (error == asio::error::no_permission || error == asio::error::access_denied)
+    return "; ports below 1024 are for root: choose another";
+  if (error.value() == EADDRNOTAVAIL) return "; no interface of this host has this address";
+  return {};
+}
+
 }  // namespace
 
 UdpSocket::UdpSocket(asio::io_context& io, const std::string& listen, const std::string& interface)
@@ -129,8 +150,9 @@ UdpSocket::UdpSocket(asio::io_context& io, const std::string& listen, const std:
   try {
     open(endpoint, interface);
   } catch (const boost::system::system_error& error) {
-    throw std::runtime_error(
-        fmt::format("mqttsn.listen: can't use {}: {}", listen, error.code().message()));
+    throw std::runtime_error(fmt::format("mqttsn.listen: can't use {}: {}{}", listen,
+                                         error.code().message(),
+                                         advise(error.code(), endpoint.port())));
   }
 }
 

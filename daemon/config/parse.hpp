@@ -22,6 +22,7 @@ struct Surroundings {
 struct ParseResult {
   Config config;      ///< to be used only when there are no problems
   Problems problems;  ///< by line; then those in other files
+  Problems warnings;  ///< what works, but somebody should look at
   /// The line of each key, group and list element that the file sets: `robots[0].id`.
   std::map<std::string, int> lines;
 

@@ -41,15 +41,6 @@ class SeverityFlag final : public spdlog::custom_flag_formatter {
   }
 };
 
-/// systemd says in $JOURNAL_STREAM which device and inode the journal's stream has; stderr may have
-/// been redirected since.
-bool stderr_is_journal() {
-  const char* stream = std::getenv("JOURNAL_STREAM");
-  struct stat status {};
-  if (!stream || fstat(2, &status) != 0) return false;
-  return fmt::format("{}:{}", status.st_dev, status.st_ino) == stream;
-}
-
 spdlog::sink_ptr make_sink() {
   if (stderr_is_journal()) return std::make_shared<JournalSink>(context);
   auto sink = std::make_shared<spdlog::sinks::stderr_color_sink_st>();
@@ -74,6 +65,15 @@ std::string escaped(std::string_view text) {
 }
 
 }  // namespace
+
+/// systemd says in $JOURNAL_STREAM which device and inode the journal's stream has; stderr may have
+/// been redirected since.
+bool stderr_is_journal() {
+  const char* stream = std::getenv("JOURNAL_STREAM");
+  struct stat status {};
+  if (!stream || fstat(2, &status) != 0) return false;
+  return fmt::format("{}:{}", status.st_dev, status.st_ino) == stream;
+}
 
 std::string_view to_string(Severity severity) {
   switch (severity) {

@@ -23,6 +23,7 @@ using LogFields = std::vector<LogField>;
 /// Chooses the sink and sets the level below which nothing is written. May be called again
 /// (reload).
 void configure_log(Severity level);
+bool stderr_is_journal();
 bool is_logged(Severity severity);
 /// One event, one line: control characters in `text` are escaped, whoever they came from.
 void log_event(Severity severity, std::string_view text, const LogFields& fields = {});

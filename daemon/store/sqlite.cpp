@@ -7,7 +7,10 @@ namespace slamgw {
 namespace {
 
 [[noreturn]] void fail(sqlite3* database) {
-  throw SqliteError(sqlite3_errcode(database) & 0xff, sqlite3_errmsg(database));
+  const int code = sqlite3_errcode(database) & 0xff;
+  std::string text = sqlite3_errmsg(database);
+  if (code == SQLITE_FULL) text += ": free space there (see df -h)";
+  throw SqliteError(code, text);
 }
 
 }  // namespace

@@ -160,7 +160,11 @@ std::string try_tls(int socket, const BrokerSettings& broker) {
 std::string explain_unreachable(const BrokerSettings& broker) {
   std::string error;
   const Addresses addresses = resolve(broker.host, std::to_string(broker.port), error);
-  if (!addresses) return fmt::format("the name '{}' can't be resolved: {}", broker.host, error);
+  if (!addresses)
+    return fmt::format(
+        "the name '{}' can't be resolved: {}; correct broker.uri, or this host's name service "
+        "(getent hosts {})",
+        broker.host, error, broker.host);
   int last = 0;
   int tried = 0;
   for (const addrinfo* address = addresses.get(); address && tried < max_addresses;

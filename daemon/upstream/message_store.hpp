@@ -50,8 +50,10 @@ struct StoreOpened {
   Duration oldest_age{};
   TopicCounts topics;
 };
-/// There is no store for now; the shell says why in a Notice.
-struct StoreAbsent {};
+/// There is no store for now; the shell has told `why` in a Notice.
+struct StoreAbsent {
+  std::string why;
+};
 struct StoreWritten {};
 struct StoreWriteFailed {
   std::string why;

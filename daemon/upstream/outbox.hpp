@@ -11,6 +11,7 @@
 #include <cstdint>
 #include <deque>
 #include <optional>
+#include <string>
 #include <unordered_set>
 #include <variant>
 
@@ -90,6 +91,8 @@ class Outbox {
   bool is_settled() const;
   const Statistics& statistics() const { return statistics_; }
   const Backlog& backlog() const { return backlog_; }
+  /// Why nothing can be stored; empty while it can.
+  const std::string& store_trouble() const { return store_trouble_; }
 
  private:
   using Entry = OutboxEntry;
@@ -97,7 +100,7 @@ class Outbox {
   using Slots = std::unordered_set<std::size_t>;  // TopicCounts::slot
 
   void handle(StoreOpened& opened, TimePoint now);
-  void handle(StoreAbsent&, TimePoint now);
+  void handle(StoreAbsent& absent, TimePoint now);
   void handle(StoreWritten&, TimePoint now);
   void handle(StoreWriteFailed& failed, TimePoint now);
   void handle(StoreLoaded& loaded, TimePoint now);
@@ -149,6 +152,7 @@ class Outbox {
   Burst full_burst_;
   Burst failure_burst_;
   bool has_store_failed_ = false;
+  std::string store_trouble_;
   ActionQueue<OutboxAction> actions_;
 };
 

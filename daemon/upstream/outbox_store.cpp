@@ -26,10 +26,14 @@ void Outbox::handle(StoreOpened& opened, TimePoint now) {
                          {}});
   }
   has_store_failed_ = false;
+  store_trouble_.clear();
   begin_anew(backlog_.on_opened(std::move(opened), now), now);
 }
 
-void Outbox::handle(StoreAbsent&, TimePoint now) { begin_anew(backlog_.on_absent(now), now); }
+void Outbox::handle(StoreAbsent& absent, TimePoint now) {
+  store_trouble_ = std::move(absent.why);
+  begin_anew(backlog_.on_absent(now), now);
+}
 
 /// `in_memory` and what is in flight are not in this store, whatever they were in before.
 void Outbox::begin_anew(Entries in_memory, TimePoint now) {
@@ -62,6 +66,7 @@ void Outbox::handle(StoreWritten&, TimePoint) {
     entry.is_stored = true;
     make_safe(entry);
   }
+  store_trouble_.clear();
   if (std::exchange(has_store_failed_, false)) {
     actions_.push(Notice{Severity::notice, "the store works again", {}});
   }
@@ -101,6 +106,7 @@ void Outbox::handle(StoreLoadFailed& failed, TimePoint now) {
 void Outbox::report_store_failure(const std::string& why, TimePoint now) {
   ++statistics_.store_failures;
   has_store_failed_ = true;
+  store_trouble_ = "it cannot be " + why;
   if (!failure_burst_.on_event(now)) return;
   actions_.push(Notice{Severity::error,
                        fmt::format("the store cannot be {}; until it can, messages wait in memory "

@@ -18,6 +18,23 @@ constexpr unsigned suspicious_lives = 2;
 /// From a change of the network to its use: addresses and routes come one after the other.
 constexpr std::chrono::milliseconds network_settles{300};
 
+/// Whom the broker has refused, and where that is mended.
+std::string explain_credentials(const BrokerSettings& settings) {
+  if (!settings.credentials)
+    return " (no user name was sent): give one in broker.credentials_file, for the packaged "
+           "service "
+           "in /etc/slam-gateway/credentials.json, and restart";
+  const std::string& user = settings.credentials->username;
+  if (settings.credentials_file)
+    return fmt::format(
+        " (user '{}' from {}): correct that file, or the broker's password for the user", user,
+        *settings.credentials_file);
+  return fmt::format(
+      " (user '{}' from the systemd credential `broker`): correct /etc/slam-gateway/"
+      "credentials.json and restart, or correct the broker's password for the user",
+      user);
+}
+
 }  // namespace
 
 PahoUpstream::PahoUpstream(boost::asio::io_context& io, BrokerSettings settings, LastWill will,
@@ -103,12 +120,7 @@ void PahoUpstream::on_connect_failed(ConnectFailure failure) {
     return;
   }
   if (failure.is_not_authorised) {
-    const std::string credentials =
-        settings_.credentials
-            ? fmt::format("user '{}' from {}", settings_.credentials->username,
-                          settings_.credentials_file.value_or("the systemd credential `broker`"))
-            : "no user name: set broker.credentials_file";
-    failure.text += " (" + credentials + ")";
+    failure.text += explain_credentials(settings_);
   }
   reconnect_later(failure.text);
 }

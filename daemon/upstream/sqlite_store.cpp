@@ -141,7 +141,7 @@ void SqliteStore::go_without(const std::string& why) {
   }
   if (is_known) return;
   ++generation_;
-  post(StoreAbsent{});
+  post(StoreAbsent{why});
 }
 
 void SqliteStore::move_aside(const std::string& why) {

@@ -118,6 +118,23 @@ TEST_F(LoadConfig, RefusesCredentialsThatOthersCanRead) {
   EXPECT_EQ(problems_of(text), "");
 }
 
+TEST_F(LoadConfig, WarnsOfASecretThatOthersCanReadAndGoesOn) {
+  const std::string text =
+      "{\n\"ble_mesh\": {\"provisioning\":\n{\"static_oob\": "
+      "\"00112233445566778899aabbccddeeff\"}}}";
+  const std::string path = write("g.json", text, 0644);
+  const ParseResult result = load_config(path);
+  EXPECT_TRUE(result.problems.empty());
+  ASSERT_EQ(result.warnings.size(), 1U);
+  EXPECT_EQ(to_string(result.warnings[0]),
+            path +
+                ":3: ble_mesh.provisioning.static_oob: is a secret in a file that others can "
+                "read (mode 0644); type: chown root:slam-gateway " +
+                path + " && chmod 640 " + path);
+  EXPECT_TRUE(load_config(write("g.json", text, 0640)).warnings.empty());
+  EXPECT_TRUE(load_config(write("g.json", "{}", 0644)).warnings.empty());
+}
+
 TEST_F(LoadConfig, TakesSystemdsCredential) {
   write("broker", R"({"username": "from systemd", "password": "p"})", 0444);
   setenv("CREDENTIALS_DIRECTORY", directory_.c_str(), 1);

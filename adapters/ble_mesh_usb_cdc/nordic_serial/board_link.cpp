@@ -137,8 +137,7 @@ void BoardLink::on_command_timeout(TimePoint now) {
 void BoardLink::give_up(const std::string& why, const std::string& what_to_check) {
   stage_ = Stage::closed;
   in_flight_.reset();
-  go_down(why);
-  say_once(Severity::warning, why + ": " + what_to_check);
+  go_down(why + ": " + what_to_check);
   actions_.push(ReopenPort{reopen_delay_});
   reopen_delay_ = std::min(reopen_delay_ * 2, max_reopen_delay);
 }
