@@ -18,9 +18,17 @@ def mode_of(path):
     return run("stat", "-c", "%U %a", path)
 
 
+def pretend_small_receive_limit():
+    """The kernel's default. The true limit is the whole machine's: a container can read it only."""
+    limit = pathlib.Path("/run/rmem_max")
+    limit.write_text("212992\n", encoding="ascii")
+    run("mount", "--bind", limit, RECEIVE_LIMIT)
+
+
 def runs_once_installed():
     """install: the service is active, ready, and tells its status; user, directories and limits are there"""
     run("systemctl", "stop", "mosquitto")
+    pretend_small_receive_limit()
     install(*glob.glob("/job/input/debs/*.deb"))
     demand(service("ActiveState") == "active" and service("SubState") == "running", "the service is not active")
     demand(service("UnitFileState") == "enabled", "the service is not enabled")
@@ -28,18 +36,8 @@ def runs_once_installed():
     demand(mode_of(STATE) == "slam-gateway 700", f"{STATE}: {mode_of(STATE)}")
     demand(pwd.getpwnam("slam-gateway").pw_uid < 1000, "the user is no system user")
     demand("rmem_max = 4194304" in run("systemd-analyze", "cat-config", "sysctl.d"), "the file in sysctl.d is not seen")
-    demand(int(RECEIVE_LIMIT.read_text(encoding="ascii")) >= 4194304 or not is_writable(RECEIVE_LIMIT),
-           "net.core.rmem_max was not raised")
+    demand(RECEIVE_LIMIT.read_text(encoding="ascii").strip() == "4194304", "net.core.rmem_max was not raised")
     return service("StatusText")
-
-
-def is_writable(path):
-    """A container may only read limits that are the whole machine's."""
-    try:
-        with open(path, "w", encoding="ascii"):
-            return True
-    except OSError:
-        return False
 
 
 def is_confined():
