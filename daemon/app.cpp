@@ -175,6 +175,7 @@ void App::publish_stats_regularly() {
     pending_sends_.on_time(read_clocks().mono);
     drive([](Gateway& gateway, const Now& now) { gateway.on_tick(now); });
     publish_stats();
+    flush_log();
     publish_stats_regularly();
   });
 }
@@ -224,9 +225,8 @@ void App::perform(AnswerSubscribe& action) {
 void App::perform(TrafficEvent& event) {
   if (control_ && control_->has_watchers()) control_->publish_traffic(event);
   if (!is_logged(Severity::info)) return;
-  if (const auto stands_for = sampler_.on_traffic(event, read_clocks().mono)) {
-    log_event(Severity::info, traffic_text(event, *stands_for), traffic_fields(event));
-  }
+  if (const auto line = sampler_.on_traffic(event, read_clocks().mono))
+    log_event(Severity::info, traffic_text(event, *line), traffic_fields(event));
 }
 
 void App::perform(Notice& notice) { log_notice(notice); }

@@ -2,46 +2,30 @@
 #include "daemon/operations/journal_sink.hpp"
 
 #include <fmt/format.h>
-#include <sys/uio.h>
-#include <syslog.h>
 
-#define SD_JOURNAL_SUPPRESS_LOCATION
-#include <systemd/sd-journal.h>
-
-#include <string>
-#include <vector>
+#include "daemon/operations/journal_entry.hpp"
 
 namespace slamgw {
-namespace {
 
-int priority_of(Severity severity) {
-  switch (severity) {
-    case Severity::debug: return LOG_DEBUG;
-    case Severity::info: return LOG_INFO;
-    case Severity::notice: return LOG_NOTICE;
-    case Severity::warning: return LOG_WARNING;
-    case Severity::error: return LOG_ERR;
-  }
-  return LOG_ERR;
-}
-
-}  // namespace
-
+/// Robot traffic may get lost while the journal is stuck; what changed, and warnings, may not.
 void JournalSink::sink_it_(const spdlog::details::log_msg& message) {
   const std::string_view text(message.payload.data(), message.payload.size());
-  std::vector<std::string> entries{
-      fmt::format("MESSAGE={}", text),
-      fmt::format("PRIORITY={}", priority_of(context_.severity)),
-      "SYSLOG_IDENTIFIER=slam-gatewayd",
-  };
-  if (context_.fields) {
-    for (const LogField& field : *context_.fields) {
-      entries.push_back(fmt::format("{}={}", field.name, field.value));
-    }
-  }
-  std::vector<iovec> vectors;
-  for (std::string& entry : entries) vectors.push_back({entry.data(), entry.size()});
-  sd_journal_sendv(vectors.data(), static_cast<int>(vectors.size()));
+  static const LogFields none;
+  socket_.send(journal_entry(context_.severity, text, context_.fields ? *context_.fields : none),
+               context_.severity >= Severity::notice);
+}
+
+void JournalSink::flush_() {
+  if (!socket_.flush()) return;
+  if (lost_ += socket_.take_lost(); lost_ == 0) return;
+  const auto now = std::chrono::steady_clock::now();
+  if (lost_said_at_ && now - *lost_said_at_ < lost_interval) return;
+  const std::string text =
+      fmt::format("{} log entries are lost: the journal did not take them", lost_);
+  socket_.send(journal_entry(Severity::warning, text, {}), false);
+  if (socket_.take_lost() > 0) return;  // in vain, this time too
+  lost_ = 0;
+  lost_said_at_ = now;
 }
 
 }  // namespace slamgw

@@ -6,6 +6,11 @@
 #include <spdlog/details/null_mutex.h>
 #include <spdlog/sinks/base_sink.h>
 
+#include <chrono>
+#include <optional>
+#include <string>
+
+#include "daemon/operations/journal_socket.hpp"
 #include "daemon/operations/log.hpp"
 
 namespace slamgw {
@@ -18,13 +23,21 @@ struct LogContext {
 
 class JournalSink final : public spdlog::sinks::base_sink<spdlog::details::null_mutex> {
  public:
-  explicit JournalSink(const LogContext& context) : context_(context) {}
+  /// `path`: the journal's socket.
+  explicit JournalSink(const LogContext& context, std::string path = "/run/systemd/journal/socket")
+      : context_(context), socket_(std::move(path)) {}
 
  private:
+  static constexpr std::chrono::seconds lost_interval{1};
+
   void sink_it_(const spdlog::details::log_msg& message) override;
-  void flush_() override {}
+  /// Also now and then from outside: what is kept goes once the journal takes it.
+  void flush_() override;
 
   const LogContext& context_;
+  JournalSocket socket_;
+  std::uint64_t lost_ = 0;  ///< and not said yet
+  std::optional<std::chrono::steady_clock::time_point> lost_said_at_;
 };
 
 }  // namespace slamgw

@@ -107,6 +107,8 @@ void log_event(Severity severity, std::string_view text, const LogFields& fields
   context.fields = nullptr;
 }
 
+void flush_log() { spdlog::default_logger_raw()->flush(); }
+
 void log_notice(const Notice& notice) {
   log_event(notice.severity, notice.text, notice_fields(notice));
 }

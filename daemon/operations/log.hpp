@@ -28,6 +28,8 @@ bool is_logged(Severity severity);
 /// One event, one line: control characters in `text` are escaped, whoever they came from.
 void log_event(Severity severity, std::string_view text, const LogFields& fields = {});
 void log_notice(const Notice& notice);
+/// Every few seconds: what a stuck journal did not take is tried again.
+void flush_log();
 
 std::string_view to_string(Severity severity);
 

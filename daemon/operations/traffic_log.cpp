@@ -3,7 +3,9 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <chrono>
+#include <utility>
 
 #include "daemon/operations/notice_fields.hpp"
 
@@ -22,7 +24,25 @@ std::string content(const TrafficEvent& event) {
 
 }  // namespace
 
-std::optional<std::uint64_t> TrafficSampler::on_traffic(const TrafficEvent& event, TimePoint now) {
+bool LineBudget::take(TimePoint now) {
+  const TimePoint earliest = now - at_once * interval;
+  const TimePoint spent_until = std::max(spent_until_.value_or(earliest), earliest);
+  if (spent_until + interval > now) return false;
+  spent_until_ = spent_until + interval;
+  return true;
+}
+
+std::optional<TrafficLine> TrafficSampler::on_traffic(const TrafficEvent& event, TimePoint now) {
+  const auto of_stream = sample(event, now);
+  if (!of_stream) return std::nullopt;
+  if (!budget_.take(now)) {
+    without_line_ += *of_stream;
+    return std::nullopt;
+  }
+  return TrafficLine{*of_stream, std::exchange(without_line_, 0)};
+}
+
+std::optional<std::uint64_t> TrafficSampler::sample(const TrafficEvent& event, TimePoint now) {
   switch (mode_) {
     case TrafficLog::off: return std::nullopt;
     case TrafficLog::all: return 1;
@@ -35,10 +55,12 @@ std::optional<std::uint64_t> TrafficSampler::on_traffic(const TrafficEvent& even
       .first->second.on_event(now);
 }
 
-std::string traffic_text(const TrafficEvent& event, std::uint64_t stands_for) {
+std::string traffic_text(const TrafficEvent& event, const TrafficLine& line) {
   std::string text = fmt::format("{}{} {} {} {}", event.direction == Direction::down ? "to " : "",
                                  mesh_name(event), event.robot, event.type, content(event));
-  if (stands_for > 1) text += fmt::format(" ({} messages)", stands_for);
+  if (line.of_stream > 1) text += fmt::format(" ({} messages)", line.of_stream);
+  if (line.of_others > 0)
+    text += fmt::format(" (and {} of any robot: too many for lines of their own)", line.of_others);
   return text;
 }
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Robot messages as log lines: `thread NRF_5 update x=120 y=-33 obstacles=2`. Decides which of them
-// are worth a line
-// (`log.traffic`): a journal entry costs a Pi's card more than the message itself.
+// are worth a line (`log.traffic`): a journal entry costs a Pi's card more than the message itself,
+// and journald drops what comes too fast, whatever it is.
 #pragma once
 
 #include <optional>
@@ -15,6 +15,28 @@
 
 namespace slamgw {
 
+/// How many messages a line stands for.
+struct TrafficLine {
+  std::uint64_t of_stream = 1;  ///< this robot's, in this direction, of this type
+  std::uint64_t of_others = 0;  ///< any robot's that had a line of their own if there were fewer
+};
+
+/// Lines in a row, then so many a second: never more than 9 000 in 30 s, where journald takes 10
+/// 000 of a service unless its unit says otherwise (RateLimitBurst= in journald.conf(5)). The rest
+/// is left for what matters.
+class LineBudget {
+ public:
+  static constexpr std::int64_t at_once = 3000;
+  static constexpr std::int64_t per_second = 200;
+
+  /// False when there are too many.
+  bool take(TimePoint now);
+
+ private:
+  static constexpr Duration interval = Duration(std::chrono::seconds{1}) / per_second;
+  std::optional<TimePoint> spent_until_;
+};
+
 /// `sampled`: the first of each robot, direction and type, then at most one a second, which says
 /// how many it stands for.
 class TrafficSampler {
@@ -24,15 +46,19 @@ class TrafficSampler {
 
   explicit TrafficSampler(TrafficLog mode) : mode_(mode) {}
 
-  /// How many messages a line for this one stands for; nothing when there is to be none.
-  std::optional<std::uint64_t> on_traffic(const TrafficEvent& event, TimePoint now);
+  /// What a line for this one stands for; nothing when there is to be none.
+  std::optional<TrafficLine> on_traffic(const TrafficEvent& event, TimePoint now);
 
  private:
+  std::optional<std::uint64_t> sample(const TrafficEvent& event, TimePoint now);
+
   TrafficLog mode_;
+  LineBudget budget_;
+  std::uint64_t without_line_ = 0;
   std::unordered_map<std::string, Burst> streams_;
 };
 
-std::string traffic_text(const TrafficEvent& event, std::uint64_t stands_for);
+std::string traffic_text(const TrafficEvent& event, const TrafficLine& line);
 LogFields traffic_fields(const TrafficEvent& event);
 
 }  // namespace slamgw
