@@ -35,6 +35,17 @@ Json outcome_json(const CommandOutcome& outcome) {
           {"why", outcome.why}};
 }
 
+/// That a newer command took its place is what the contract says, and nothing to look at.
+Severity severity_of(CommandResult result) {
+  switch (result) {
+    case CommandResult::delivered:
+    case CommandResult::superseded: return Severity::info;
+    case CommandResult::timeout:
+    case CommandResult::refused: break;
+  }
+  return Severity::warning;
+}
+
 }  // namespace
 
 Gateway::Gateway(TopicScheme scheme, Settings settings)
@@ -113,7 +124,7 @@ void Gateway::handle(UnsubscribeRequest request, const Now&) {
 
 void Gateway::handle(CommandOutcome outcome, const Now&) {
   const bool is_delivered = outcome.result == CommandResult::delivered;
-  actions_.push(Notice{is_delivered ? Severity::info : Severity::warning,
+  actions_.push(Notice{severity_of(outcome.result),
                        fmt::format("{} {} {} {} after {} ms{}{}", to_string(outcome.mesh),
                                    outcome.robot, outcome.type, to_string(outcome.result),
                                    outcome.after.count(), is_delivered ? "" : ": ", outcome.why),
