@@ -150,7 +150,8 @@ class Outbox {
   std::optional<TimePoint> stop_check_;
   Statistics statistics_;
   Burst full_burst_;
-  Burst failure_burst_;
+  static constexpr std::chrono::minutes failure_interval{1};
+  Burst failure_burst_{failure_interval};
   bool has_store_failed_ = false;
   std::string store_trouble_;
   ActionQueue<OutboxAction> actions_;

@@ -68,6 +68,7 @@ void Outbox::handle(StoreWritten&, TimePoint) {
   }
   store_trouble_.clear();
   if (std::exchange(has_store_failed_, false)) {
+    failure_burst_ = Burst(failure_interval);  // the next failure is news
     actions_.push(Notice{Severity::notice, "the store works again", {}});
   }
 }

@@ -238,6 +238,32 @@ TEST_F(OutboxStoreTest, AFailingStoreIsTriedAgainAndNothingIsAcknowledgedMeanwhi
   EXPECT_EQ(received_of("t"), numbers(1, 100));
 }
 
+TEST_F(OutboxStoreTest, AFailingStoreIsSaidOnceAMinuteAndAnewWhenItFailsAgain) {
+  const auto said = [this] {
+    return std::count_if(notices.begin(), notices.end(), [](const std::string& notice) {
+      return notice.find("cannot be written") != std::string::npos;
+    });
+  };
+  store.is_failing = true;
+  submit("t", 1);
+  for (int i = 0; i < 59; ++i) {
+    serve_all();
+    pass(1s);
+  }
+  EXPECT_EQ(said(), 1);
+  EXPECT_EQ(outbox->store_trouble(), "it cannot be written: no space left on device");
+  store.is_failing = false;
+  for (int i = 0; i < 61; ++i) {
+    pass(1s);
+    serve_all();
+  }
+  EXPECT_EQ(outbox->store_trouble(), "");
+  store.is_failing = true;
+  submit("t", 2);
+  serve_all();
+  EXPECT_EQ(said(), 2) << "not taken for a repetition";
+}
+
 TEST_F(OutboxStoreTest, AStoreThatFailsToWriteStillDrains) {
   store_backlog("t", 1, 600);
   store.is_failing = true;
