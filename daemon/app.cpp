@@ -151,6 +151,7 @@ void App::stop_when_flushed(TimePoint give_up_at) {
                 fmt::format("{} messages are neither with the broker nor in the store",
                             outbox_.unsaved()));
     }
+    log_overdue_lines(TimePoint::max());
     for (auto& adapter : meshes_) {
       if (adapter) adapter->stop();
     }
@@ -175,6 +176,7 @@ void App::publish_stats_regularly() {
     pending_sends_.on_time(read_clocks().mono);
     drive([](Gateway& gateway, const Now& now) { gateway.on_tick(now); });
     publish_stats();
+    log_overdue_lines(read_clocks().mono);
     flush_log();
     publish_stats_regularly();
   });
@@ -225,8 +227,15 @@ void App::perform(AnswerSubscribe& action) {
 void App::perform(TrafficEvent& event) {
   if (control_ && control_->has_watchers()) control_->publish_traffic(event);
   if (!is_logged(Severity::info)) return;
-  if (const auto line = sampler_.on_traffic(event, read_clocks().mono))
-    log_event(Severity::info, traffic_text(event, *line), traffic_fields(event));
+  const auto line = sampler_.on_traffic(event, event.at);
+  if (!line) return;
+  const auto entry = awaited_lines_.add(event, {traffic_text(event, *line), traffic_fields(event)});
+  if (entry) log_event(Severity::info, entry->text, entry->fields);
+}
+
+void App::log_overdue_lines(TimePoint now) {
+  for (const TrafficEntry& entry : awaited_lines_.take_overdue(now))
+    log_event(Severity::info, entry.text, entry.fields);
 }
 
 void App::perform(Notice& notice) { log_notice(notice); }
@@ -236,6 +245,11 @@ void App::perform(PublishAtBroker& action) {
 }
 
 void App::perform(FireReceipt& action) {
+  if (awaited_lines_.has(action.receipt)) {
+    const auto entry =
+        awaited_lines_.on_receipt(action.receipt, action.outcome, read_clocks().mono);
+    log_event(Severity::info, entry.text, entry.fields);
+  }
   if (mesh(action.receipt.mesh)) {
     mesh(action.receipt.mesh)->on_receipt(action.receipt.id, action.outcome);
   }

@@ -55,6 +55,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   void stop_when_flushed(TimePoint give_up_at);
   void publish_stats_regularly();
   void publish_stats();
+  void log_overdue_lines(TimePoint now);
 
   /// Calls `change(gateway, now)` and performs what came of it, also from inside such a call.
   void drive(const std::function<void(Gateway&, const Now&)>& change);
@@ -115,6 +116,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   ble::BleMeshAdapter* ble_ = nullptr;      // the one of `meshes_`, for operators' orders
   std::unique_ptr<ControlServer> control_;
   TrafficSampler sampler_;
+  AwaitedLines awaited_lines_;
   PendingSends pending_sends_;
 };
 

@@ -73,8 +73,8 @@ void Gateway::handle(Report report, const Now& now) {
   }
   ++traffic_.up;
   actions_.push(TrafficEvent{Direction::up, report.mesh, report.robot, type, report.topic,
-                             normalized.payload, report.qos, std::move(normalized.update),
-                             now.wall});
+                             normalized.payload, report.qos, std::move(normalized.update), now.wall,
+                             now.mono, report.receipt});
   actions_.push(Upload{{std::move(report.topic), std::move(normalized.payload), report.qos,
                         report.retain, Provenance{report.mesh, now.wall}},
                        report.receipt});
@@ -161,7 +161,7 @@ void Gateway::on_broker_message(BrokerMessage message,
     registry_.on_command(robot_id);
     actions_.push(TrafficEvent{Direction::down, robot ? std::optional(robot->mesh()) : std::nullopt,
                                robot_id, std::string(command->type), message.topic, message.payload,
-                               message.qos, std::nullopt, now.wall});
+                               message.qos, std::nullopt, now.wall, now.mono});
     // A robot with an address on both meshes gets a command once, where it can be reached.
     const bool is_only_on_thread =
         robot && robot->is_reachable_on(Mesh::thread) && !robot->is_reachable_on(Mesh::ble);

@@ -22,6 +22,8 @@ struct TrafficEvent {
   Qos qos = Qos::at_most_once;
   std::optional<Update> update;  ///< when `type` is `update` and could be read
   WallTime wall{};
+  TimePoint at{};     ///< arrival in the gateway
+  Receipt receipt{};  ///< on its way up: fires when the broker or the disk has it
 };
 
 }  // namespace slamgw

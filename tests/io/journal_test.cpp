@@ -87,6 +87,59 @@ TEST(TrafficText, SaysHowManyItStandsFor) {
             "thread r adv 0 bytes (and 7 of any robot: too many for lines of their own)");
 }
 
+// ---- how long a message took
+
+std::string latency_of(const TrafficEntry& entry) {
+  for (const LogField& field : entry.fields)
+    if (field.name == "LATENCY_US") return field.value;
+  return "none";
+}
+
+class AwaitedLinesTest : public testing::Test {
+ protected:
+  bool is_written_at_once(std::uint64_t receipt, Mesh mesh = Mesh::thread) {
+    TrafficEvent event = message_of("r");
+    event.at = now;
+    event.receipt = {mesh, receipt};
+    return lines.add(event, {"text", {}}).has_value();
+  }
+
+  TimePoint now{1h};
+  AwaitedLines lines;
+};
+
+TEST_F(AwaitedLinesTest, TellHowLongTheAcknowledgementTook) {
+  EXPECT_FALSE(is_written_at_once(1));
+  EXPECT_FALSE(is_written_at_once(1, Mesh::ble));
+  now += 12345us;
+  ASSERT_TRUE(lines.has({Mesh::thread, 1}));
+  EXPECT_EQ(latency_of(lines.on_receipt({Mesh::thread, 1}, ReceiptOutcome::safe, now)), "12345");
+  EXPECT_FALSE(lines.has({Mesh::thread, 1}));
+  EXPECT_EQ(latency_of(lines.on_receipt({Mesh::ble, 1}, ReceiptOutcome::refused, now)), "none");
+}
+
+TEST_F(AwaitedLinesTest, WaitForNothingThatNobodyOwes) {
+  EXPECT_TRUE(is_written_at_once(0));
+  EXPECT_FALSE(lines.has({Mesh::thread, 0}));
+}
+
+TEST_F(AwaitedLinesTest, AreWrittenWithoutItWhenItTakesTooLong) {
+  is_written_at_once(1);
+  now += 4s;
+  is_written_at_once(2);
+  now += 1s;
+  const auto overdue = lines.take_overdue(now);
+  ASSERT_EQ(overdue.size(), 1u);
+  EXPECT_EQ(latency_of(overdue[0]), "none");
+  EXPECT_FALSE(lines.has({Mesh::thread, 1}));
+  EXPECT_TRUE(lines.has({Mesh::thread, 2}));
+}
+
+TEST_F(AwaitedLinesTest, AreNoMoreThanTheirBound) {
+  for (std::uint64_t i = 1; i <= AwaitedLines::max_lines; ++i) EXPECT_FALSE(is_written_at_once(i));
+  EXPECT_TRUE(is_written_at_once(AwaitedLines::max_lines + 1));
+}
+
 // ---- what an entry looks like
 
 TEST(JournalEntry, IsAFieldALine) {
