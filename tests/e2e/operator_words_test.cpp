@@ -8,6 +8,7 @@
 #include <signal.h>
 #include <sys/file.h>
 #include <sys/mount.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <boost/asio/io_context.hpp>
@@ -149,6 +150,22 @@ TEST(OperatorWords, AnotherFirmwareIsToldFromASilentBoard) {
   })) << gateway.log();
   EXPECT_NE(mesh_detail(gateway, "ble").find(what), std::string::npos);
   EXPECT_EQ(count(gateway.log(), what), 1u) << gateway.log();
+}
+
+TEST(OperatorWords, ProblemsOfTheConfigurationAreErrorsInTheJournal) {
+  const TempDir directory;
+  write_file(directory / "gateway.json", R"({"brocker": {}})");
+  write_file(directory / "journal", "");
+  struct stat stream {};
+  ASSERT_EQ(stat((directory / "journal").c_str(), &stream), 0);
+  const std::string name = std::to_string(stream.st_dev) + ":" + std::to_string(stream.st_ino);
+  ChildProcess daemon(
+      {"env", "JOURNAL_STREAM=" + name, SLAMGW_DAEMON, "--config", directory / "gateway.json"}, {},
+      directory / "journal");
+  EXPECT_EQ(daemon.wait(), 78);
+  EXPECT_EQ(
+      read_file(directory / "journal"),
+      "<3>" + directory.path() + "/gateway.json:1: brocker: unknown key; did you mean broker?\n");
 }
 
 TEST(OperatorWords, ATakenPortNamesTheGatewayOfNordicsBorderRouters) {
