@@ -24,8 +24,14 @@ constexpr std::chrono::seconds outcome_patience{45};
 /// It ends orders about the mesh within 180 s.
 constexpr std::chrono::seconds order_patience{200};
 
+/// https://no-color.org: set, and not empty.
+bool is_colour_unwanted() {
+  const char* value = std::getenv("NO_COLOR");
+  return value != nullptr && *value != '\0';
+}
+
 Show make_show() {
-  const bool with_colour = isatty(STDOUT_FILENO) == 1 && std::getenv("NO_COLOR") == nullptr;
+  const bool with_colour = isatty(STDOUT_FILENO) == 1 && !is_colour_unwanted();
   return Show(with_colour, std::chrono::system_clock::now());
 }
 

@@ -11,14 +11,41 @@
 namespace slamgw::ctl {
 namespace {
 
-bool is_continuation(char c) { return (static_cast<unsigned char>(c) & 0xc0) == 0x80; }
+/// One character and where the next one begins. `text` is UTF-8 (text_at sees to it); what is not
+/// counts octet by octet.
+struct Character {
+  char32_t code = 0;
+  std::size_t end = 0;
+};
 
-/// The first octet of the character in this column.
-std::size_t offset_of(std::string_view text, std::size_t column) {
-  std::size_t at = 0;
-  for (; at < text.size(); ++at)
-    if (!is_continuation(text[at]) && column-- == 0) break;
-  return at;
+Character character_at(std::string_view text, std::size_t at) {
+  const auto first = static_cast<unsigned char>(text[at]);
+  const std::size_t size = first >= 0xf0 ? 4 : first >= 0xe0 ? 3 : first >= 0xc0 ? 2 : 1;
+  Character character{size == 1 ? first : first & (0xffU >> (size + 1)), at + 1};
+  while (character.end < std::min(at + size, text.size()))
+    character.code =
+        character.code << 6 | (static_cast<unsigned char>(text[character.end++]) & 0x3fU);
+  return character;
+}
+
+struct Range {
+  char32_t first;
+  char32_t last;
+};
+
+/// What terminals draw over the character before it, and what they draw two columns wide: the large
+/// blocks, good enough for a robot's name.
+constexpr Range zero_wide[] = {{0x300, 0x36f}, {0x200b, 0x200f}, {0xfe00, 0xfe0f}};
+constexpr Range double_wide[] = {{0x1100, 0x115f}, {0x2e80, 0xa4cf},   {0xac00, 0xd7a3},
+                                 {0xf900, 0xfaff}, {0xfe30, 0xfe6f},   {0xff00, 0xff60},
+                                 {0xffe0, 0xffe6}, {0x1f300, 0x1faff}, {0x20000, 0x3fffd}};
+
+std::size_t width_of(char32_t code) {
+  const auto has_code = [code](const Range& range) {
+    return code >= range.first && code <= range.last;
+  };
+  if (std::ranges::any_of(zero_wide, has_code)) return 0;
+  return std::ranges::any_of(double_wide, has_code) ? 2 : 1;
 }
 
 }  // namespace
@@ -52,18 +79,35 @@ const nlohmann::json& group_at(const nlohmann::json& object, const char* key) {
 
 std::size_t columns(std::string_view text) {
   std::size_t count = 0;
-  for (const char c : text) count += is_continuation(c) ? 0 : 1;
+  for (std::size_t at = 0; at < text.size();) {
+    const Character character = character_at(text, at);
+    count += width_of(character.code);
+    at = character.end;
+  }
   return count;
 }
 
 std::string cut_end(const std::string& text, std::size_t width) {
   if (columns(text) <= width) return text;
-  return text.substr(0, offset_of(text, width - 1)) + "~";
+  std::size_t end = 0;
+  for (std::size_t used = 0; end < text.size();) {
+    const Character character = character_at(text, end);
+    if (used += width_of(character.code); used > width - 1) break;
+    end = character.end;
+  }
+  return text.substr(0, end) + "~";
 }
 
 std::string cut_start(const std::string& text, std::size_t width) {
-  if (columns(text) <= width) return text;
-  return "~" + text.substr(offset_of(text, columns(text) - (width - 1)));
+  std::size_t left = columns(text);
+  if (left <= width) return text;
+  std::size_t begin = 0;
+  while (left > width - 1) {
+    const Character character = character_at(text, begin);
+    left -= width_of(character.code);
+    begin = character.end;
+  }
+  return "~" + text.substr(begin);
 }
 
 std::string pad(const std::string& text, std::size_t width) {

@@ -33,6 +33,9 @@ class MqttsnAdapter final : public MeshAdapter {
   void on_subscribe_result(const std::string& filter, bool granted) override;
   void on_broker_link(bool is_up) override;
   Counters counters() const override;
+  std::size_t queued_for(const std::string& robot) const override {
+    return gateway_.queued_for(robot);
+  }
 
   /// `topics.*` and `robots` of the configuration, read again.
   void reconfigure(TopicPolicy policy, RobotNames names);
@@ -40,7 +43,6 @@ class MqttsnAdapter final : public MeshAdapter {
   /// In the order of `mqttsn.listen`, after start().
   std::vector<std::uint16_t> bound_ports() const;
   SnGateway::ClientCounts client_counts() const { return gateway_.client_counts(); }
-  std::size_t queued_for(const std::string& robot) const { return gateway_.queued_for(robot); }
 
  private:
   template <class Change>

@@ -110,6 +110,25 @@ TEST_F(ControlMeshIo, ClearsTheBoardOnlyWhenToldTwice) {
   order_of<ResetBoardOrder>(handler);
 }
 
+TEST_F(ControlMeshIo, GivesOneJsonDocumentForEachOrder) {
+  start();
+  write_file(directory / "mesh.json", "{}");
+  const std::vector<std::pair<std::vector<std::string>, std::string>> orders = {
+      {{"scan"}, "[]"},
+      {{"nodes"}, R"([{"robot":"r1"}])"},
+      {{"provision", "00", "--id", "r1"}, R"({"robot":"r1"})"},
+      {{"remove", "r1"}, R"({"robot":"r1"})"},
+      {{"import", directory / "mesh.json"}, R"({"nodes":3})"},
+      {{"reset-board", "--yes"}, R"({"cleared":true})"}};
+  for (auto [arguments, answer] : orders) {
+    arguments.push_back("--json");
+    const Ended result = order(arguments, {answer, {}});
+    EXPECT_EQ(result.status, 0) << arguments[0] << result.err;
+    EXPECT_EQ(json::parse(result.out, nullptr, false), json::parse(answer)) << arguments[0];
+    EXPECT_EQ(result.err, "");
+  }
+}
+
 TEST_F(ControlMeshIo, WaitsLongerThanASilentClientMay) {
   start({.idle = std::chrono::milliseconds(20)});
   const auto child = launch({"ble", "scan"});

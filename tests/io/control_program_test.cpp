@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The built slam-gatewayctl against a control server: what it prints and how it ends.
+#include <fcntl.h>
+#include <signal.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -68,6 +70,44 @@ TEST_F(ControlProgramIo, ShowsRobotsIn80ColumnsWithoutColour) {
   EXPECT_NE(result.out.find("eeff]:47193 online"), std::string::npos) << result.out;
   EXPECT_NE(result.out.find("12345678"), std::string::npos);
   EXPECT_EQ(result.out.find('\033'), std::string::npos);
+}
+
+TEST_F(ControlProgramIo, ColoursOnATerminalUnlessToldNotTo) {
+  start();
+  handler.status_answer = {{"broker", {{"state", "up"}}}};
+  const int terminal = posix_openpt(O_RDWR | O_NOCTTY | O_NONBLOCK);
+  ASSERT_TRUE(terminal >= 0 && grantpt(terminal) == 0 && unlockpt(terminal) == 0);
+  const auto shown_with = [&](const std::string& no_color) {
+    ChildProcess child({"env", no_color, SLAMGW_CTL, "--socket", path, "status"},
+                       ptsname(terminal));
+    EXPECT_TRUE(wait_until([&] { return !child.is_running(); }));
+    char shown[4096];
+    const ssize_t size = read(terminal, shown, sizeof shown);
+    return std::string(shown, static_cast<std::size_t>(std::max<ssize_t>(size, 0)));
+  };
+  EXPECT_NE(shown_with("NO_COLOR=").find("\033[32mup"), std::string::npos);
+  const std::string plain = shown_with("NO_COLOR=1");
+  EXPECT_NE(plain.find("Broker"), std::string::npos);
+  EXPECT_EQ(plain.find('\033'), std::string::npos) << plain;
+  close(terminal);
+}
+
+TEST_F(ControlProgramIo, AnswersWhileAnotherClientWatchesAndDoesNotRead) {
+  start({.queued_bytes = 4096});
+  const auto stuck = launch({"watch"});
+  ASSERT_TRUE(wait_until([&] { return server->has_watchers(); }));
+  stuck->send_signal(SIGSTOP);
+  TrafficEvent event;
+  event.robot = "r1";
+  event.type = "adv";
+  event.payload = to_bytes(std::string(1000, 'x'));
+  for (int i = 0; i < 10000 && server->has_watchers(); ++i) server->publish_traffic(event);
+  EXPECT_EQ(counter("watchers_dropped"), 1U);
+  const auto one = launch({"status", "--json"});
+  const auto two = launch({"robots", "--json"});
+  EXPECT_EQ(finish(*two).status, 0);
+  EXPECT_TRUE(wait_until([&] { return !one->is_running(); }));
+  EXPECT_EQ(one->wait(), 0);
 }
 
 TEST_F(ControlProgramIo, WatchesDecodedTraffic) {

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <sstream>
 
 #include "ctl/payload.hpp"
 #include "ctl/show.hpp"
@@ -66,6 +67,47 @@ TEST(CtlText, CutsAndPadsByCharacters) {
   EXPECT_EQ(ctl::cut_end("äöü", 3), "äöü");
   EXPECT_EQ(ctl::pad("ä", 3), "ä  ");
   EXPECT_EQ(ctl::pad_left("ä", 3), "  ä");
+}
+
+TEST(CtlText, KnowsHowWideTerminalsDraw) {
+  EXPECT_EQ(ctl::columns("ロボ1"), 5U);
+  EXPECT_EQ(ctl::columns("🤖"), 2U);
+  EXPECT_EQ(ctl::columns("e\u0301"), 1U) << "an accent of its own";
+  EXPECT_EQ(ctl::cut_end("ロボット", 4), "ロ~");
+  EXPECT_EQ(ctl::cut_start("ロボット", 4), "~ト");
+  EXPECT_EQ(ctl::columns("\xe3\x83"), 1U) << "cut short, still harmless";
+}
+
+TEST(CtlShow, FitsTablesInto80Columns) {
+  const std::string shared = "ロボットの名前は六十四オクテットまで";
+  json rows = json::array();
+  for (const std::string& id :
+       {std::string(64, 'x'), shared,
+        std::string("🤖🤖🤖🤖🤖🤖🤖🤖🤖🤖🤖🤖🤖🤖🤖🤖")})
+    rows.push_back({{"id", id},
+                    {"robot", id},
+                    {"mesh", "thread"},
+                    {"address", "[fd11:2233:4455:6677:8899:aabb:ccdd:eeff]:47193"},
+                    {"uuid", std::string(32, 'f')},
+                    {"state", "provisioned"},
+                    {"last_seen", "1970-01-01T11:59:30Z"},
+                    {"messages", 123456789},
+                    {"rate_hz", 1000.0},
+                    {"rssi_dbm", -101},
+                    {"heard_s_ago", 10},
+                    {"queue", 64}});
+  json nodes = rows;
+  for (json& node : nodes) node["address"] = "0x7fff";
+  json devices = rows;
+  for (json& device : devices) device["state"] = "removed";
+  const ctl::Show show(false, noon);
+  for (const std::string& text : {show.robots(rows), show.nodes(nodes), show.devices(devices)}) {
+    std::istringstream lines(text);
+    int count = 0;
+    for (std::string line; std::getline(lines, line); ++count)
+      EXPECT_LE(ctl::columns(line), 80U) << line;
+    EXPECT_EQ(count, 4) << text;
+  }
 }
 
 TEST(CtlText, ShowsUnitsThatPeopleRead) {
