@@ -33,7 +33,8 @@ std::size_t PeerHash::operator()(const Peer& peer) const {
   const std::hash<std::string_view> hash;
   const Endpoint& e = peer.endpoint;
   const std::size_t ports = (std::size_t{e.scope_id} << 16) ^ e.port;
-  return hash(as_text(e.address)) ^ (ports * 0x9e3779b97f4a7c15U) ^ (hash(peer.node_id) << 1);
+  return hash(as_text(e.address)) ^ (ports * static_cast<std::size_t>(0x9e3779b97f4a7c15U)) ^
+         (hash(peer.node_id) << 1);
 }
 
 std::string to_string(const Peer& peer) {
