@@ -41,6 +41,24 @@ std::string broker_uri(const BrokerSettings& broker) {
   return fmt::format("{}://{}:{}", broker.tls ? "mqtts" : "mqtt", host, broker.port);
 }
 
+template <class Change>
+void App::drive(Change&& change) {
+  change(gateway_, read_clocks());
+  if (std::exchange(is_draining_, true)) return;  // the outermost call drains
+  while (auto action = gateway_.next_action()) {
+    std::visit([this](auto& what) { perform(what); }, *action);
+  }
+  is_draining_ = false;
+}
+
+template <class Change>
+void App::change_outbox(Change&& change) {
+  outbox_driver_.input(std::forward<Change>(change));
+  const bool is_full = outbox_.backlog().is_full();
+  if (std::exchange(is_store_full_, is_full) == is_full) return;
+  drive([&](Gateway& gateway, const Now&) { gateway.on_store(is_full); });
+}
+
 App::App(Config config, std::string config_file)
     : config_(std::move(config)),
       config_file_(std::move(config_file)),
@@ -186,22 +204,6 @@ void App::publish_stats() {
   if (!broker_log_.is_up()) return;  // of no use later
   Upload upload{{scheme_.stats_topic(), to_bytes(status().dump()), Qos::at_most_once, false}, {}};
   perform(upload);
-}
-
-void App::drive(const std::function<void(Gateway&, const Now&)>& change) {
-  change(gateway_, read_clocks());
-  if (std::exchange(is_draining_, true)) return;  // the outermost call drains
-  while (auto action = gateway_.next_action()) {
-    std::visit([this](auto& what) { perform(what); }, *action);
-  }
-  is_draining_ = false;
-}
-
-void App::change_outbox(const std::function<void(Outbox&, TimePoint)>& change) {
-  outbox_driver_.input(change);
-  const bool is_full = outbox_.backlog().is_full();
-  if (std::exchange(is_store_full_, is_full) == is_full) return;
-  drive([&](Gateway& gateway, const Now&) { gateway.on_store(is_full); });
 }
 
 void App::perform(Upload& action) {

@@ -58,10 +58,12 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   void log_overdue_lines(TimePoint now);
 
   /// Calls `change(gateway, now)` and performs what came of it, also from inside such a call.
-  void drive(const std::function<void(Gateway&, const Now&)>& change);
+  template <class Change>
+  void drive(Change&& change);
   /// The same for the outbox, and tells the gateway when its store has become full or has room
   /// again.
-  void change_outbox(const std::function<void(Outbox&, TimePoint)>& change);
+  template <class Change>
+  void change_outbox(Change&& change);
   void perform(Upload& action);
   void perform(SubscribeAtBroker& action);
   void perform(UnsubscribeAtBroker& action);

@@ -34,8 +34,9 @@ void Answers::release(ClientSession& session, std::uint64_t ticket, Packet packe
   }
   while (!session.answers.empty() && session.answers.front().packet) {
     context_.send(session, *session.answers.front().packet);
-    session.answers.pop_front();
+    session.answers.erase(session.answers.begin());
   }
+  if (session.answers.empty()) session.answers = {};  // its memory too
 }
 
 }  // namespace slamgw::mqttsn

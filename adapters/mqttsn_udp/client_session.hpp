@@ -3,12 +3,12 @@
 // part is changed by the class of its concern; ClientTable owns the sessions.
 #pragma once
 
-#include <deque>
 #include <map>
 #include <memory>
 #include <optional>
 #include <set>
 #include <string>
+#include <vector>
 
 #include "adapters/mqttsn_udp/endpoint.hpp"
 #include "adapters/mqttsn_udp/packet.hpp"
@@ -77,7 +77,7 @@ struct InFlight {
 };
 
 struct Delivery {
-  std::deque<Outgoing> queue;
+  std::vector<Outgoing> queue;  ///< a std::deque takes 576 octets also when empty
   std::size_t queued_octets = 0;
   std::optional<InFlight> in_flight;
   std::uint16_t last_msg_id = 0;
@@ -121,7 +121,7 @@ struct ClientSession {
   std::optional<Will> will;
   TopicTable topics;
   std::map<std::string, Subscription, std::less<>> subscriptions;
-  std::deque<PendingAnswer> answers;
+  std::vector<PendingAnswer> answers;
   Delivery delivery;
   RepeatFilter repeats;
   std::map<std::uint16_t, InboundQos2> inbound_qos2;

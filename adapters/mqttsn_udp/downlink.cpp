@@ -236,13 +236,14 @@ void Downlink::refuse(const Outgoing& outgoing, std::string why, TimePoint now) 
 
 void Downlink::push_front(Delivery& delivery, Outgoing outgoing) {
   delivery.queued_octets += outgoing.octets();
-  delivery.queue.push_front(std::move(outgoing));
+  delivery.queue.insert(delivery.queue.begin(), std::move(outgoing));
 }
 
 Outgoing Downlink::take(Delivery& delivery, std::size_t index) {
   const auto at = delivery.queue.begin() + static_cast<std::ptrdiff_t>(index);
   Outgoing taken = std::move(*at);
   delivery.queue.erase(at);
+  if (delivery.queue.empty()) delivery.queue = {};  // its memory too
   delivery.queued_octets -= taken.octets();
   return taken;
 }

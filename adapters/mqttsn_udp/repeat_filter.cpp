@@ -35,40 +35,56 @@ std::uint64_t fingerprint(ByteView bytes) { return never_0(mix(fnv_offset, bytes
 
 const RepeatFilter::Entry* RepeatFilter::find(std::uint16_t msg_id, std::uint64_t fingerprint,
                                               TimePoint now) {
-  while (!entries_.empty() && now - entries_.front().came > limits::repeat_window &&
-         entries_.front().receipt_id == 0) {
-    entries_.pop_front();
+  while (size() > 0 && now - entries_[gone_].came > limits::repeat_window &&
+         entries_[gone_].receipt_id == 0) {
+    pop_front();
   }
   const auto same = [&](const Entry& entry) {
     const bool is_fresh = entry.receipt_id != 0 || now - entry.came <= limits::repeat_window;
     return entry.msg_id == msg_id && entry.fingerprint == fingerprint && is_fresh;
   };
-  const auto found = std::find_if(entries_.rbegin(), entries_.rend(), same);
-  return found == entries_.rend() ? nullptr : &*found;
+  const auto end = entries_.rend() - static_cast<std::ptrdiff_t>(gone_);
+  const auto found = std::find_if(entries_.rbegin(), end, same);
+  return found == end ? nullptr : &*found;
 }
 
 void RepeatFilter::add(const Entry& entry) {
-  if (entries_.size() >= limits::max_repeats) entries_.pop_front();
+  if (size() >= limits::max_repeats) pop_front();
   entries_.push_back(entry);
+}
+
+void RepeatFilter::clear() {
+  entries_ = {};
+  gone_ = 0;
+}
+
+/// Removed in halves, so that each entry is moved a bounded number of times.
+void RepeatFilter::pop_front() {
+  ++gone_;
+  if (2 * gone_ < entries_.size()) return;
+  entries_.erase(entries_.begin(), entries_.begin() + static_cast<std::ptrdiff_t>(gone_));
+  entries_.shrink_to_fit();
+  gone_ = 0;
 }
 
 std::optional<RepeatFilter::Entry> RepeatFilter::on_safe(std::uint64_t receipt_id) {
   const auto found = find_receipt(receipt_id);
-  if (found == entries_.end()) return std::nullopt;
+  if (found == entries_.rend()) return std::nullopt;
   found->receipt_id = 0;
   return *found;
 }
 
 std::optional<RepeatFilter::Entry> RepeatFilter::on_refused(std::uint64_t receipt_id) {
   const auto found = find_receipt(receipt_id);
-  if (found == entries_.end()) return std::nullopt;
+  if (found == entries_.rend()) return std::nullopt;
   const Entry entry = *found;
-  entries_.erase(found);
+  entries_.erase(std::next(found).base());
   return entry;
 }
 
-std::deque<RepeatFilter::Entry>::iterator RepeatFilter::find_receipt(std::uint64_t receipt_id) {
-  return std::find_if(entries_.begin(), entries_.end(),
+std::vector<RepeatFilter::Entry>::reverse_iterator RepeatFilter::find_receipt(
+    std::uint64_t receipt_id) {
+  return std::find_if(entries_.rbegin(), entries_.rend(),
                       [&](const Entry& entry) { return entry.receipt_id == receipt_id; });
 }
 

@@ -6,7 +6,8 @@
 #pragma once
 
 #include <cstdint>
-#include <deque>
+#include <span>
+#include <vector>
 
 #include "adapters/mqttsn_udp/packet.hpp"
 #include "daemon/core/time.hpp"
@@ -34,14 +35,19 @@ class RepeatFilter {
   std::optional<Entry> on_safe(std::uint64_t receipt_id);
   /// Forgets it: its repetition is a new message.
   std::optional<Entry> on_refused(std::uint64_t receipt_id);
-  void clear() { entries_.clear(); }
+  void clear();
   /// Oldest first; some may be older than the window.
-  const std::deque<Entry>& entries() const { return entries_; }
+  std::span<const Entry> entries() const { return std::span(entries_).subspan(gone_); }
 
  private:
-  std::deque<Entry>::iterator find_receipt(std::uint64_t receipt_id);
+  std::size_t size() const { return entries_.size() - gone_; }
+  void pop_front();
+  /// entries_.rend() when there is none.
+  std::vector<Entry>::reverse_iterator find_receipt(std::uint64_t receipt_id);
 
-  std::deque<Entry> entries_;  // oldest first
+  // No std::deque: an empty one has 576 octets, for each of thousands of clients.
+  std::vector<Entry> entries_;  // oldest first
+  std::size_t gone_ = 0;        // at the front of entries_, not yet removed
 };
 
 }  // namespace slamgw::mqttsn

@@ -24,7 +24,7 @@ constexpr std::size_t buffer_octets = 2048;
 /// The kernel's default holds some 277 small datagrams; what it grants may be less.
 constexpr int receive_buffer_octets = 4 * 1024 * 1024;
 /// A flood must not keep the loop from everything else.
-constexpr int max_datagrams_per_wake_up = 64;
+constexpr int max_batches_per_wake_up = 4;
 /// Radius 0, "the whole network" (R18).
 constexpr int multicast_hops = 16;
 constexpr std::size_t control_octets = 256;
@@ -144,8 +144,35 @@ std::string advise(const boost::system::error_code& error, unsigned port) {
 
 }  // namespace
 
+/// What one call to the kernel brings: at full rate they come in dozens.
+struct UdpSocket::Batch {
+  static constexpr int size = 16;
+
+  sockaddr_storage from[size];
+  std::uint8_t bytes[size][buffer_octets];
+  alignas(cmsghdr) std::uint8_t control[size][control_octets];
+  iovec parts[size];
+  mmsghdr headers[size];
+
+  mmsghdr* prepare() {
+    for (int i = 0; i < size; ++i) {
+      parts[i] = {bytes[i], buffer_octets};
+      msghdr& header = headers[i].msg_hdr = {};
+      header.msg_name = &from[i];
+      header.msg_namelen = sizeof from[i];
+      header.msg_iov = &parts[i];
+      header.msg_iovlen = 1;
+      header.msg_control = control[i];
+      header.msg_controllen = control_octets;
+    }
+    return headers;
+  }
+};
+
+UdpSocket::~UdpSocket() = default;
+
 UdpSocket::UdpSocket(asio::io_context& io, const std::string& listen, const std::string& interface)
-    : socket_(io), buffer_(buffer_octets) {
+    : socket_(io), batch_(std::make_unique<Batch>()) {
   const udp::endpoint endpoint = parse_listen(listen);
   try {
     open(endpoint, interface);
@@ -206,35 +233,28 @@ void UdpSocket::wait() {
   socket_.async_wait(udp::socket::wait_read,
                      [this, alive = shared_from_this()](boost::system::error_code error) {
                        if (error || !socket_.is_open() || !receive_) return;
-                       for (int i = 0; i < max_datagrams_per_wake_up && receive_one(); ++i) {
+                       for (int i = 0; i < max_batches_per_wake_up && receive_batch(); ++i) {
                        }
                        if (socket_.is_open() && receive_) wait();
                      });
 }
 
-/// False when nothing is waiting. Errors of earlier sends (a port unreachable) come up here too and
-/// mean nothing for a server.
-bool UdpSocket::receive_one() {
+/// False when nothing more is waiting. Errors of earlier sends (a port unreachable) come up here
+/// too and mean nothing for a server.
+bool UdpSocket::receive_batch() {
   if (!socket_.is_open() || !receive_) return false;
-  sockaddr_storage from{};
-  alignas(cmsghdr) std::uint8_t control[control_octets];
-  iovec part{buffer_.data(), buffer_.size()};
-  msghdr header{};
-  header.msg_name = &from;
-  header.msg_namelen = sizeof from;
-  header.msg_iov = &part;
-  header.msg_iovlen = 1;
-  header.msg_control = control;
-  header.msg_controllen = sizeof control;
-  const ssize_t size = recvmsg(socket_.native_handle(), &header, MSG_DONTWAIT);
-  if (size < 0) return errno != EAGAIN && errno != EWOULDBLOCK;
-  Datagram datagram;
-  datagram.from = from_sockaddr(from);
-  datagram.bytes = ByteView(buffer_.data(), static_cast<std::size_t>(size));
-  datagram.is_truncated = (header.msg_flags & MSG_TRUNC) != 0;
-  read_control(header, datagram, kernel_drops_);
-  receive_(datagram);
-  return true;
+  mmsghdr* const headers = batch_->prepare();
+  const int count = recvmmsg(socket_.native_handle(), headers, Batch::size, MSG_DONTWAIT, nullptr);
+  if (count < 0) return errno != EAGAIN && errno != EWOULDBLOCK;
+  for (int i = 0; i < count && receive_; ++i) {
+    Datagram datagram;
+    datagram.from = from_sockaddr(batch_->from[i]);
+    datagram.bytes = ByteView(batch_->bytes[i], headers[i].msg_len);
+    datagram.is_truncated = (headers[i].msg_hdr.msg_flags & MSG_TRUNC) != 0;
+    read_control(headers[i].msg_hdr, datagram, kernel_drops_);
+    receive_(datagram);
+  }
+  return count == Batch::size;
 }
 
 bool UdpSocket::send(const Endpoint& to, const IpAddress& from, std::uint32_t interface,

@@ -31,6 +31,7 @@ class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
   /// Binds at once. `listen` is `ADDRESS:PORT` or `[ADDRESS]:PORT`; `[::]` takes IPv4 too; port 0
   /// is any. `interface` may be empty. Throws std::runtime_error with a sentence for operators.
   UdpSocket(boost::asio::io_context& io, const std::string& listen, const std::string& interface);
+  ~UdpSocket();
 
   /// From now on `receive` is called for each datagram, a bounded number each time the loop comes
   /// by. It may call `send`.
@@ -53,17 +54,19 @@ class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
   std::uint32_t kernel_drops() const { return kernel_drops_; }
 
  private:
+  struct Batch;
+
   void open(const boost::asio::ip::udp::endpoint& endpoint, const std::string& interface);
   void set_options(const std::string& interface);
   void wait();
-  bool receive_one();
+  bool receive_batch();
 
   boost::asio::ip::udp::socket socket_;
   bool is_ipv6_ = false;
   bool takes_ipv4_too_ = false;
   std::uint16_t port_ = 0;
   std::uint32_t kernel_drops_ = 0;
-  Bytes buffer_;
+  std::unique_ptr<Batch> batch_;
   Receive receive_;  ///< empty: nothing is received
 };
 

@@ -46,20 +46,23 @@ class MachineDriver {
   }
 
  private:
+  /// A deadline that moves away, as with each message, leaves the timer as it is: a look too early
+  /// costs less than to set it anew each time.
   void arm() {
     const std::optional<TimePoint> next = machine_.deadline();
-    if (is_stopped_ || next == armed_) return;
+    if (is_stopped_ || !next || (armed_ && *armed_ <= *next)) return;
     armed_ = next;
-    if (!next) {
-      timer_.cancel();
-      return;
-    }
     timer_.expires_at(*next);
     timer_.async_wait([this](boost::system::error_code error) {
-      if (error || is_stopped_) return;
-      armed_.reset();
-      input([](Machine& machine, TimePoint now) { machine.on_deadline(now); });
+      if (!error && !is_stopped_) on_time();
     });
+  }
+
+  void on_time() {
+    armed_.reset();
+    const std::optional<TimePoint> due = machine_.deadline();
+    if (!due || *due > std::chrono::steady_clock::now()) return arm();
+    input([](Machine& machine, TimePoint now) { machine.on_deadline(now); });
   }
 
   Machine& machine_;

@@ -4,32 +4,66 @@
 #include <fmt/format.h>
 #include <mqtt/connect_options.h>
 
+#include <algorithm>
+#include <iterator>
+#include <string_view>
 #include <utility>
 
 namespace slamgw {
 namespace {
 
-mqtt::properties user_properties(const Provenance& provenance, const std::string& gateway_id) {
-  using mqtt::property;
-  mqtt::properties properties;
-  const auto add = [&](const char* name, const std::string& value) {
-    properties.add(property(property::USER_PROPERTY, mqtt::string(name), mqtt::string(value)));
-  };
-  add("mesh", std::string(to_string(provenance.mesh)));
-  add("gateway", gateway_id);
-  add("received_at", to_iso8601_ms(provenance.received_at));
-  return properties;
+MQTTLenString view_of(std::string_view text) {
+  return {static_cast<int>(text.size()), const_cast<char*>(text.data())};  // it is only read
+}
+
+MQTTProperty user_property(std::string_view name, std::string_view value) {
+  MQTTProperty property{};
+  property.identifier = MQTTPROPERTY_CODE_USER_PROPERTY;
+  property.value.data = view_of(name);
+  property.value.value = view_of(value);
+  return property;
+}
+
+/// `received_at` is 24 places to be overwritten.
+mqtt::properties user_properties(Mesh mesh, const std::string& gateway_id) {
+  const std::string received_at = to_iso8601_ms(WallTime{});
+  MQTTProperty list[] = {user_property("mesh", to_string(mesh)),
+                         user_property("gateway", gateway_id),
+                         user_property("received_at", received_at)};
+  MQTTProperties properties = MQTTProperties_initializer;
+  properties.count = static_cast<int>(std::size(list));
+  properties.array = list;
+  return mqtt::properties(properties);  // copies
 }
 
 }  // namespace
 
-mqtt::const_message_ptr to_paho(const BrokerMessage& message, MqttVersion version,
-                                const std::string& gateway_id) {
-  mqtt::properties properties;
-  if (version == MqttVersion::v5 && message.provenance)
-    properties = user_properties(*message.provenance, gateway_id);
-  return mqtt::message::create(message.topic, message.payload.data(), message.payload.size(),
-                               static_cast<int>(message.qos), message.retain, properties);
+PublishForm::PublishForm(MqttVersion version, const std::string& gateway_id) {
+  for (auto& form : forms_) form = std::make_shared<mqtt::message>();
+  if (version != MqttVersion::v5) return;
+  for (const Mesh mesh : {Mesh::ble, Mesh::thread})
+    forms_[static_cast<std::size_t>(mesh)]->set_properties(user_properties(mesh, gateway_id));
+}
+
+mqtt::const_message_ptr PublishForm::fill(const BrokerMessage& message) {
+  const std::size_t index =
+      message.provenance ? static_cast<std::size_t>(message.provenance->mesh) : without_provenance;
+  const std::shared_ptr<mqtt::message>& form = forms_[index];
+  form->set_topic(message.topic);
+  form->set_payload(message.payload.data(), message.payload.size());
+  form->set_qos(static_cast<int>(message.qos));
+  form->set_retained(message.retain);
+  if (message.provenance) write_time(*form, message.provenance->received_at);
+  return form;
+}
+
+void PublishForm::write_time(mqtt::message& form, WallTime time) {
+  const MQTTProperties& properties = form.get_properties().c_struct();
+  if (properties.count == 0) return;
+  const MQTTLenString& place = properties.array[properties.count - 1].value.value;
+  const std::string text = to_iso8601_ms(time);
+  if (static_cast<std::size_t>(place.len) == text.size())
+    std::copy(text.begin(), text.end(), place.data);
 }
 
 BrokerMessage from_paho(const mqtt::message& message) {

@@ -6,6 +6,7 @@
 #include <boost/asio/post.hpp>
 #include <utility>
 
+#include "daemon/upstream/broker_socket.hpp"
 #include "daemon/upstream/connect_failure.hpp"
 #include "daemon/upstream/connection_probe.hpp"
 
@@ -35,6 +36,7 @@ class PahoSession::ConnectListener final : public mqtt::iaction_listener {
   void on_success(const mqtt::token& token) override {
     const std::uint16_t receive_maximum = receive_maximum_of(token, session_.version_);
     const bool session_present = token.get_connect_response().is_session_present();
+    session_.post_to_lane([](PahoSession& session) { send_without_delay(session.settings_.port); });
     session_.post_to_loop([=, &session = session_](PahoSessionListener& listener) {
       if (std::exchange(session.has_answered_, true)) return;
       listener.on_connected(session_present, receive_maximum);
@@ -102,15 +104,19 @@ PahoSession::PahoSession(boost::asio::io_context& io, boost::asio::thread_pool& 
       will_(std::move(will)),
       attempt_(attempt),
       listener_(listener),
+      publish_form_(version, settings.gateway_id),
       connect_listener_(std::make_unique<ConnectListener>(*this)),
       publish_listener_(std::make_unique<PublishListener>(*this)),
       subscribe_listener_(std::make_unique<SubscribeListener>(*this)) {}
 
 PahoSession::~PahoSession() = default;
 
-void PahoSession::post_to_loop(std::function<void(PahoSessionListener&)> event) {
-  boost::asio::post(io_, [self = shared_from_this(), event = std::move(event)] {
-    if (!self->is_abandoned_) event(self->listener_);
+void PahoSession::post_to_loop(Event event) {
+  if (!events_.give(std::move(event))) return;
+  boost::asio::post(io_, [self = shared_from_this()] {
+    for (const Event& happened : self->events_.take()) {
+      if (!self->is_abandoned_) happened(self->listener_);
+    }
   });
 }
 
@@ -197,14 +203,19 @@ void PahoSession::report_failure(int code, int paho_code) {
 }
 
 void PahoSession::publish(std::uint64_t sequence, BrokerMessage message) {
-  post_to_lane([sequence, message = std::move(message)](PahoSession& session) {
-    try {
-      session.client_->publish(to_paho(message, session.version_, session.settings_.gateway_id),
-                               as_context(sequence), *session.publish_listener_);
-    } catch (const mqtt::exception& error) {
-      session.tell_lost(fmt::format("a publish failed (Paho {})", error.get_return_code()));
+  if (!publications_.give({sequence, std::move(message)})) return;
+  post_to_lane([](PahoSession& session) { session.publish_all(); });
+}
+
+void PahoSession::publish_all() {
+  try {
+    for (const Publication& publication : publications_.take()) {
+      client_->publish(publish_form_.fill(publication.message), as_context(publication.sequence),
+                       *publish_listener_);
     }
-  });
+  } catch (const mqtt::exception& error) {
+    tell_lost(fmt::format("a publish failed (Paho {})", error.get_return_code()));
+  }
 }
 
 void PahoSession::subscribe(std::string filter, Qos qos, std::uint32_t id) {

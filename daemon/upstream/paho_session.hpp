@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "daemon/core/messages.hpp"
+#include "daemon/upstream/handover.hpp"
 #include "daemon/upstream/paho_message.hpp"
 #include "daemon/upstream/settings.hpp"
 
@@ -78,6 +79,10 @@ class PahoSession final : public std::enable_shared_from_this<PahoSession>, priv
   std::uint64_t inbound_dropped() const { return inbound_dropped_; }
 
  private:
+  struct Publication {
+    std::uint64_t sequence;
+    BrokerMessage message;
+  };
   class PublishListener;
   class SubscribeListener;
   class ConnectListener;
@@ -94,7 +99,10 @@ class PahoSession final : public std::enable_shared_from_this<PahoSession>, priv
   void set_connect_options();
   void set_tls_options();
 
-  void post_to_loop(std::function<void(PahoSessionListener&)> event);
+  void publish_all();
+
+  using Event = std::function<void(PahoSessionListener&)>;
+  void post_to_loop(Event event);
   void post_to_lane(std::function<void(PahoSession&)> work);
   void report_failure(int code, int paho_code);
   void tell_lost(std::string why);
@@ -107,10 +115,14 @@ class PahoSession final : public std::enable_shared_from_this<PahoSession>, priv
   const LastWill will_;
   const unsigned attempt_;  ///< a host may have several addresses: each attempt tries the next
   PahoSessionListener& listener_;
-  bool is_abandoned_ = false;  // loop only
-  bool has_answered_ = false;  // loop only: Paho may report one connect twice
+  bool is_abandoned_ = false;           // loop only
+  bool has_answered_ = false;           // loop only: Paho may report one connect twice
+  Handover<Event> events_;              // to the loop
+  Handover<Publication> publications_;  // to the lane
   std::atomic<std::size_t> inbound_waiting_{0};
   std::atomic<std::uint64_t> inbound_dropped_{0};
+
+  PublishForm publish_form_;  // lane only
 
   // The tokens and options outlive the client, which is destroyed first.
   mqtt::ssl_options tls_options_;
