@@ -209,6 +209,8 @@ TEST(OperatorWords, AFullDiskIsNamedAndShownInTheStatus) {
     return trouble().find("disk is full: free space there") != std::string::npos;
   })) << trouble();
   EXPECT_EQ(count(gateway.log(), "warning no store: "), 1u) << gateway.log();
+  const Finished shown = run_program({SLAMGW_CTL, "--socket", gateway / "control.sock", "status"});
+  EXPECT_NE(shown.out.find("disk is full: free space there"), std::string::npos) << shown.out;
 
   unlink((store + "/filler").c_str());
   EXPECT_TRUE(eventually([&] { return trouble().empty(); })) << trouble();
