@@ -243,6 +243,32 @@ TEST_F(GatewayTest, ReportsHowACommandEnded) {
             R"({"type":"cmd","outcome":"timeout","after_ms":30000,"why":"no STATUS"})");
 }
 
+TEST_F(GatewayTest, DoesTheSameWhateverTheWallClockSays) {
+  const auto life = [](const std::vector<WallTime>& clock) {
+    Gateway it(TopicScheme("ntnu-slam", "pi1"), {"1", UpdateMode::positions, clock[0]});
+    TimePoint mono{1h};
+    std::string done;
+    for (const WallTime wall : clock) {
+      const Now then{mono += 15s, wall};
+      it.on_broker_link(true, then);
+      it.on_mesh_event(PresenceChange{Mesh::ble, "a", Presence::online, "0x0100"}, then);
+      it.on_mesh_event(update_from("a", {1, 2, 3}), then);
+      it.on_mesh_event(update_from("a", {1, 0, 2, 0}), then);
+      it.on_tick(then);
+      while (auto action = it.next_action()) {
+        done += std::to_string(action->index());
+        if (const auto* upload = std::get_if<Upload>(&*action)) done += upload->message.topic + " ";
+      }
+    }
+    return done + std::to_string(it.registry().find("a")->rate.per_second(mono));
+  };
+  const WallTime boot{10s};  // a board without a clock, before it hears of the time
+  const WallTime present{1'800'000'000s};
+  const std::string steady = life({present, present + 15s, present + 30s, present + 45s});
+  EXPECT_EQ(life({boot, present, present + 15s, present + 30s}), steady);
+  EXPECT_EQ(life({present, boot, WallTime{-10s}, present}), steady);
+}
+
 TEST_F(GatewayTest, SaysInItsStateThatTheStoreIsFullAsLongAsItIs) {
   const auto states = [this] {
     std::vector<std::string> said;
