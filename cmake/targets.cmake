@@ -29,6 +29,8 @@ function(slamgw_program name)
   install(TARGETS ${name} DESTINATION "${arg_DESTINATION}")
 endfunction()
 
+add_custom_target(pure_tests) # builds the tests with the label "pure"
+
 # slamgw_test(name SOURCES a.cpp ... DEPENDS target ... [LABEL pure|io|e2e] [TIMEOUT s]): each TEST becomes a ctest
 function(slamgw_test name)
   cmake_parse_arguments(arg "" "LABEL;TIMEOUT" "SOURCES;DEPENDS" ${ARGN})
@@ -45,6 +47,9 @@ function(slamgw_test name)
   target_link_libraries(${name} PRIVATE slamgw_flags ${arg_DEPENDS} GTest::gtest GTest::gtest_main)
   gtest_discover_tests(${name} DISCOVERY_MODE PRE_TEST DISCOVERY_TIMEOUT 60
                        PROPERTIES LABELS "${arg_LABEL}" TIMEOUT ${arg_TIMEOUT})
+  if(arg_LABEL STREQUAL "pure")
+    add_dependencies(pure_tests ${name})
+  endif()
 endfunction()
 
 # slamgw_fuzz(name SOURCES a.cpp DEPENDS target ...): a libFuzzer program, in the fuzz preset only
