@@ -11,7 +11,7 @@ namespace {
 
 using namespace std::chrono_literals;
 
-constexpr std::string_view acknowledged_update = "c8 59 00 0a 00 ec ff";
+constexpr std::string_view acknowledged_update = "c9 59 00 0a 00 ec ff";
 
 void rename(MeshRig& rig, std::vector<RobotName> names) {
   rig.events.clear();
@@ -49,11 +49,13 @@ TEST(Names, AnAcknowledgementThatIsOwedComesAfterTheChangeToo) {
   MeshRig rig;
   rig.start();
   rig.hear(0x0100, acknowledged_update);
+  ASSERT_EQ(rig.all<Report>().size(), 1u);
   const std::uint64_t receipt = rig.all<Report>().back().receipt.id;
   ASSERT_NE(receipt, 0u);
   rename(rig, {{"nr2", 0x0100, {}}});
   EXPECT_TRUE(rig.sent_to(0x0100).empty());
   rig.receipt(receipt);
+  rig.run_for(100ms);
   EXPECT_EQ(rig.sent_to(0x0100).size(), 1u);
 }
 
