@@ -17,7 +17,13 @@ Percentiles percentiles_of(std::vector<std::int64_t>& latencies_ns) {
 
 void Arrivals::on_payload(ByteView payload, Clock::time_point now) {
   const auto message = from_payload(payload);
-  if (!message || message->run != run_ || message->client >= seen_.size()) return;
+  if (!message) return;
+  if (message->run != run_) {
+    if (others_.count++ == 0) others_.first = now;
+    others_.last = now;
+    return;
+  }
+  if (message->client >= seen_.size()) return;
   std::vector<bool>& seen = seen_[message->client];
   if (message->sequence >= seen.size()) seen.resize(message->sequence + 64);
   if (seen[message->sequence]) {

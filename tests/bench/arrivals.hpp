@@ -23,6 +23,12 @@ class Arrivals {
   std::uint64_t unique() const { return latencies_ns_.size(); }
   std::uint64_t duplicates() const { return duplicates_; }
   Clock::time_point last() const { return last_; }
+  /// Of messages of other runs, such as a backlog.
+  struct Others {
+    std::uint64_t count = 0;
+    Clock::time_point first{}, last{};
+  };
+  const Others& others() const { return others_; }
   Percentiles latencies() { return percentiles_of(latencies_ns_); }
 
  private:
@@ -31,6 +37,7 @@ class Arrivals {
   std::vector<std::int64_t> latencies_ns_;
   std::uint64_t duplicates_ = 0;
   Clock::time_point last_{};
+  Others others_;
 };
 
 }  // namespace slamgw::bench

@@ -90,6 +90,13 @@ RunResult Run::watch_paho() {
   return result_;
 }
 
+bool Run::listen(const std::function<bool(const Arrivals&)>& is_enough,
+                 std::chrono::seconds limit) {
+  const auto end = Clock::now() + limit;
+  while (!is_enough(arrivals_) && Clock::now() < end) turn(nullptr, Clock::now() + tick);
+  return is_enough(arrivals_);
+}
+
 void Run::send_flat_out(Sender& sender) {
   const auto end = Clock::now() + result_.load.duration;
   std::uint64_t written_off = 0;

@@ -4,6 +4,7 @@
 
 #include <sys/types.h>
 
+#include <functional>
 #include <string>
 
 #include "tests/bench/arrivals.hpp"
@@ -55,6 +56,8 @@ class Run {
   RunResult drive(Sender& sender, pid_t process);
   /// The Paho floor: a program that sends the same load by itself.
   RunResult watch_paho();
+  /// Before or after drive(): takes what arrives until `is_enough`, or for `limit`.
+  bool listen(const std::function<bool(const Arrivals&)>& is_enough, std::chrono::seconds limit);
 
  private:
   void send_flat_out(Sender& sender);

@@ -30,7 +30,8 @@ int main(int argc, char** argv) {
   options.add_option("--rounds", rounds, "repetitions; budgets are judged by the median");
   options.add_option("--out", out, "where the results go, as JSON");
   options.add_option("--only", only, "one part")
-      ->check(CLI::IsMember({"flat_out", "fixed_rate", "many", "idle", "burst"}));
+      ->check(CLI::IsMember(std::vector<std::string>(slamgw::bench::part_names.begin(),
+                                                     slamgw::bench::part_names.end())));
   CLI11_PARSE(options, argc, argv);
   allow_many_files();
   prctl(PR_SET_TIMERSLACK, 1UL);  // waits of a fraction of a millisecond end in time

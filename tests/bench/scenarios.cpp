@@ -3,68 +3,15 @@
 
 #include <fmt/format.h>
 
-#include <thread>
 #include <utility>
 
+#include "tests/bench/bounds.hpp"
 #include "tests/bench/raw_sender.hpp"
 #include "tests/bench/swarm.hpp"
-#include "tests/e2e/gateway_process.hpp"
-#include "tests/support/eventually.hpp"
-#include "tests/support/mosquitto.hpp"
+#include "tests/bench/world.hpp"
 
 namespace slamgw::bench {
 namespace {
-
-using test::eventually;
-
-/// A broker, and the daemon in front of it with nothing but defaults.
-struct World {
-  test::Mosquitto broker;
-  test::GatewayProcess gateway{{{"broker", {{"uri", broker.uri()}}}}};
-
-  World() {
-    if (!eventually([this] { return is_ready(); })) throw std::runtime_error(gateway.log());
-  }
-  bool is_ready() const {
-    auto status = gateway.ctl({"status"});
-    return status.is_object() && status["broker"]["state"] == "up" &&
-           status["meshes"]["thread"]["state"] == "up";
-  }
-  std::uint16_t sn_port() const {
-    const std::string address = gateway.mqttsn_address();
-    return static_cast<std::uint16_t>(std::stoi(address.substr(address.rfind(':') + 1)));
-  }
-  pid_t pid() { return gateway.process().pid(); }
-};
-
-/// Until what was done before has reached the broker (presence messages, perhaps by way of the
-/// disk) and the processor rests. Nothing is measured meanwhile.
-void settle(World& world) {
-  constexpr std::chrono::milliseconds span{300};
-  constexpr std::chrono::seconds limit{120};
-  double last = -1;
-  const bool is_quiet = eventually(
-      [&] {
-        std::this_thread::sleep_for(span);
-        const double before = std::exchange(last, usage_of(world.pid()).cpu_s);
-        if (last - before > 0.015) return false;
-        auto status = world.gateway.ctl({"status"});
-        return status.is_object() && status["queue"]["depth"] == 0 && status["store"]["depth"] == 0;
-      },
-      limit);
-  if (!is_quiet) throw std::runtime_error("the daemon does not come to rest");
-}
-
-/// Side by side: many at once would fill the kernel's receive buffer.
-constexpr std::size_t connects_at_once = 50;
-
-RunResult through_gateway(World& world, const std::string& name, const Load& load) {
-  Run run(name, "gateway", load, world.broker.port());
-  Swarm swarm(world.sn_port(), load.clients, run.poller(), Run::first_sender_token);
-  swarm.connect_all(connects_at_once);
-  settle(world);
-  return run.drive(swarm, world.pid());
-}
 
 RunResult straight(World& world, const std::string& name, const Load& load) {
   settle(world);
@@ -229,6 +176,12 @@ void run_scenarios(Report& report, unsigned rounds, const std::string& only) {
   if (is_wanted("many")) many_clients(report);
   if (is_wanted("idle")) idle(report);
   if (is_wanted("burst")) burst(report);
+  if (is_wanted("traffic")) traffic_lines(report, rounds);
+  if (is_wanted("start")) start_to_ready(report);
+  if (is_wanted("backlog")) backlog(report);
+  if (is_wanted("fairness")) fairness(report);
+  if (is_wanted("ble")) ble_link(report);
+  if (only == "memory") memory(report);  // minutes: by its name only
 }
 
 }  // namespace slamgw::bench

@@ -2,11 +2,17 @@
 // What is measured, in which order, and the budgets that it is held against.
 #pragma once
 
+#include <array>
+
 #include "tests/bench/report.hpp"
 
 namespace slamgw::bench {
 
-/// `only`: "flat_out", "fixed_rate", "many", "idle" or "burst"; all when empty.
+inline constexpr std::array part_names{"flat_out", "fixed_rate", "many",  "idle",
+                                       "burst",    "traffic",    "start", "backlog",
+                                       "fairness", "ble",        "memory"};
+
+/// `only`: one of `part_names`; all but `memory` when empty.
 void run_scenarios(Report& report, unsigned rounds, const std::string& only);
 
 }  // namespace slamgw::bench

@@ -33,8 +33,8 @@ int open_socket(std::uint16_t port) {
 }  // namespace
 
 Swarm::Swarm(std::uint16_t gateway_port, std::size_t clients, Poller& poller,
-             std::uint64_t first_token)
-    : poller_(poller), first_token_(first_token), clients_(clients) {
+             std::uint64_t first_token, std::size_t first_client)
+    : poller_(poller), first_token_(first_token), first_client_(first_client), clients_(clients) {
   for (std::size_t i = 0; i < clients; ++i) {
     clients_[i].descriptor = open_socket(gateway_port);
     poller_.add(clients_[i].descriptor, first_token_ + i);
@@ -57,7 +57,7 @@ void Swarm::connect_all(std::size_t at_once) {
     for (; started < clients_.size() && started - ready_ < at_once; ++started) {
       clients_[started].state = State::connecting;
       request(clients_[started],
-              sn::connect(robot_id(started), keep_alive_s, sn::flag_clean_session));
+              sn::connect(robot_id(first_client_ + started), keep_alive_s, sn::flag_clean_session));
     }
     poller_.wait(now + std::chrono::milliseconds(50), [this](std::uint64_t token) {
       if (token >= first_token_) on_readable(token);
@@ -100,7 +100,7 @@ void Swarm::on_packet(Client& client, std::size_t index, const sn::Packet& packe
   if (packet.type == sn::Type::connack && client.state == State::connecting) {
     connect_times_.push_back(to_ns(Clock::now()) - to_ns(client.sent_at));
     client.state = State::registering;
-    request(client, sn::register_topic(++client.msg_id, topic_of(index)));
+    request(client, sn::register_topic(++client.msg_id, topic_of(first_client_ + index)));
   } else if (packet.type == sn::Type::regack && client.state == State::registering && !is_refused) {
     client.topic_id = packet.topic_id;
     client.state = State::ready;

@@ -14,8 +14,10 @@ namespace slamgw::bench {
 
 class Swarm final : public Sender {
  public:
-  /// `poller` tells of client i as token `first_token` + i.
-  Swarm(std::uint16_t gateway_port, std::size_t clients, Poller& poller, std::uint64_t first_token);
+  /// `poller` tells of client i as token `first_token` + i. Their ids begin with that of
+  /// `first_client`.
+  Swarm(std::uint16_t gateway_port, std::size_t clients, Poller& poller, std::uint64_t first_token,
+        std::size_t first_client = 0);
   ~Swarm() override;
   Swarm(const Swarm&) = delete;
   Swarm& operator=(const Swarm&) = delete;
@@ -53,6 +55,7 @@ class Swarm final : public Sender {
 
   Poller& poller_;
   std::uint64_t first_token_;
+  std::size_t first_client_;
   std::vector<Client> clients_;
   std::vector<std::int64_t> connect_times_;
   std::size_t ready_ = 0;

@@ -1,0 +1,18 @@
+// SPDX-License-Identifier: Apache-2.0
+// The parts of the benchmark that need no floor beside them: how the daemon starts, catches up,
+// shares out, and what its links and lines cost.
+#pragma once
+
+#include "tests/bench/report.hpp"
+
+namespace slamgw::bench {
+
+void traffic_lines(Report& report, unsigned rounds);
+void start_to_ready(Report& report);
+void backlog(Report& report);
+void fairness(Report& report);
+void ble_link(Report& report);
+/// A million connects and 100 000 topics; takes minutes.
+void memory(Report& report);
+
+}  // namespace slamgw::bench

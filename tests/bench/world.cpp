@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/bench/world.hpp"
+
+#include <thread>
+#include <utility>
+
+#include "tests/bench/swarm.hpp"
+#include "tests/support/eventually.hpp"
+
+namespace slamgw::bench {
+
+using test::eventually;
+
+namespace {
+
+nlohmann::json with_broker(nlohmann::json configuration, const test::Mosquitto& broker) {
+  configuration["broker"]["uri"] = broker.uri();
+  return configuration;
+}
+
+}  // namespace
+
+World::World(nlohmann::json extra) : gateway(with_broker(std::move(extra), broker)) {
+  const bool is_ready = eventually([this] {
+    auto status = gateway.ctl({"status"});
+    return status.is_object() && status["broker"]["state"] == "up" &&
+           status["meshes"]["thread"]["state"] == "up";
+  });
+  if (!is_ready) throw std::runtime_error(gateway.log());
+}
+
+std::uint16_t World::sn_port() const {
+  const std::string address = gateway.mqttsn_address();
+  return static_cast<std::uint16_t>(std::stoi(address.substr(address.rfind(':') + 1)));
+}
+
+bool World::is_broker_up() const {
+  auto status = gateway.ctl({"status"});
+  return status.is_object() && status["broker"]["state"] == "up";
+}
+
+void settle(World& world) {
+  constexpr std::chrono::milliseconds span{300};
+  constexpr std::chrono::seconds limit{120};
+  double last = -1;
+  const bool is_quiet = eventually(
+      [&] {
+        std::this_thread::sleep_for(span);
+        const double before = std::exchange(last, usage_of(world.pid()).cpu_s);
+        if (last - before > 0.015) return false;
+        auto status = world.gateway.ctl({"status"});
+        return status.is_object() && status["queue"]["depth"] == 0 && status["store"]["depth"] == 0;
+      },
+      limit);
+  if (!is_quiet) throw std::runtime_error("the daemon does not come to rest");
+}
+
+RunResult through_gateway(World& world, const std::string& name, const Load& load) {
+  Run run(name, "gateway", load, world.broker.port());
+  Swarm swarm(world.sn_port(), load.clients, run.poller(), Run::first_sender_token);
+  swarm.connect_all(connects_at_once);
+  settle(world);
+  return run.drive(swarm, world.pid());
+}
+
+}  // namespace slamgw::bench
