@@ -34,6 +34,32 @@ TEST(SendNudge, LeavesASlowBrokerAlone) {
   EXPECT_TRUE(nudge.take(now + milliseconds(25))) << "soon again after progress";
 }
 
+TEST(SendNudge, WaitsShorterForABrokerThatIsQuickAsARule) {
+  SendNudge nudge;
+  TimePoint now{std::chrono::hours(1)};
+  for (int i = 0; i < 100; ++i) {
+    nudge.on_publish(now);
+    nudge.on_publish(now);
+    nudge.on_acknowledged(now += milliseconds(1));
+    nudge.on_acknowledged(now);
+  }
+  nudge.on_publish(now);
+  EXPECT_LT(*nudge.deadline(), now + milliseconds(5));
+  EXPECT_GE(*nudge.deadline(), now + SendNudge::shortest_wait);
+}
+
+TEST(SendNudge, AsksABrokerThatIsFarAwayForNothing) {
+  SendNudge nudge;
+  TimePoint now{std::chrono::hours(1)};
+  for (int i = 0; i < 100; ++i) {
+    nudge.on_publish(now);
+    nudge.on_acknowledged(now += milliseconds(20));
+    EXPECT_FALSE(nudge.take(now));
+  }
+  nudge.on_publish(now);
+  EXPECT_FALSE(nudge.take(now + milliseconds(24)));
+}
+
 TEST(SendNudge, ForgetsALostConnection) {
   SendNudge nudge;
   nudge.on_publish(TimePoint{});
