@@ -21,9 +21,11 @@ std::int64_t wall_ms() {
   return std::chrono::duration_cast<std::chrono::milliseconds>(now).count();
 }
 
-/// Time since `stored_at`; a clock that was set back makes nothing younger than now.
+/// Time since `stored_at`; a clock that was set back makes nothing younger than now, a damaged file
+/// nothing older than the epoch.
 Duration age_of(std::int64_t stored_at, std::int64_t now) {
-  return std::chrono::milliseconds{std::max<std::int64_t>(0, now - stored_at)};
+  return std::chrono::milliseconds{
+      std::max<std::int64_t>(0, now - std::max<std::int64_t>(0, stored_at))};
 }
 
 constexpr StoreFormat format{
