@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/upstream/paho_upstream.hpp"
 
+#include <MQTTAsync.h>
 #include <fmt/format.h>
 
 #include <utility>
@@ -17,6 +18,14 @@ constexpr std::chrono::seconds stable_after{10};
 constexpr unsigned suspicious_lives = 2;
 /// From a change of the network to its use: addresses and routes come one after the other.
 constexpr std::chrono::milliseconds network_settles{300};
+
+/// OpenSSL sets itself up where TLS is used; Paho would have it load all it has in any case, 1.4
+/// MiB.
+void keep_openssl_small() {
+  MQTTAsync_init_options options = MQTTAsync_init_options_initializer;
+  options.do_openssl_init = 0;
+  MQTTAsync_global_init(&options);
+}
 
 /// Whom the broker has refused, and where that is mended.
 std::string explain_credentials(const BrokerSettings& settings) {
@@ -50,7 +59,10 @@ PahoUpstream::PahoUpstream(boost::asio::io_context& io, BrokerSettings settings,
 
 PahoUpstream::~PahoUpstream() { stop(); }
 
-void PahoUpstream::start() { connect(); }
+void PahoUpstream::start() {
+  keep_openssl_small();
+  connect();
+}
 
 void PahoUpstream::stop() {
   reconnect_timer_.cancel();
