@@ -21,7 +21,7 @@ enum class MqttVersion : std::uint8_t { v3_1_1 = 4, v5 = 5 };
 /// Messages as Paho takes them, with the user properties `mesh`, `gateway` and `received_at` where
 /// the version has such and a robot said it. Paho copies what it publishes, so one form is filled
 /// in again for each: making the properties anew would cost more than all the rest, for Paho keeps
-/// a record of each string that it allocates.
+/// a record of each string that it allocates. To be made and destroyed while there is a client.
 class PublishForm {
  public:
   PublishForm(MqttVersion version, const std::string& gateway_id);

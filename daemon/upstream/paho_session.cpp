@@ -104,7 +104,6 @@ PahoSession::PahoSession(boost::asio::io_context& io, boost::asio::thread_pool& 
       will_(std::move(will)),
       attempt_(attempt),
       listener_(listener),
-      publish_form_(version, settings.gateway_id),
       connect_listener_(std::make_unique<ConnectListener>(*this)),
       publish_listener_(std::make_unique<PublishListener>(*this)),
       subscribe_listener_(std::make_unique<SubscribeListener>(*this)) {}
@@ -133,6 +132,7 @@ void PahoSession::open() {
     client_ = std::make_unique<mqtt::async_client>(
         server_uri(settings_, host_of_attempt()), settings_.client_id,
         mqtt::create_options(static_cast<int>(version_), max_buffered_in_paho), nullptr);
+    publish_form_.emplace(version_, settings_.gateway_id);
     client_->set_callback(*this);  // before connect: later it can deadlock
     client_->set_disconnected_handler([this](const mqtt::properties&, mqtt::ReasonCode reason) {
       tell_ended(static_cast<int>(reason));  // connection_lost is not called then
@@ -210,7 +210,7 @@ void PahoSession::publish(std::uint64_t sequence, BrokerMessage message) {
 void PahoSession::publish_all() {
   try {
     for (const Publication& publication : publications_.take()) {
-      client_->publish(publish_form_.fill(publication.message), as_context(publication.sequence),
+      client_->publish(publish_form_->fill(publication.message), as_context(publication.sequence),
                        *publish_listener_);
     }
   } catch (const mqtt::exception& error) {
@@ -264,6 +264,7 @@ void PahoSession::close(bool is_orderly) {
   } catch (const mqtt::exception&) {
     // it was not connected
   }
+  publish_form_.reset();
   client_.reset();
 }
 

@@ -12,6 +12,7 @@
 #include <boost/asio/thread_pool.hpp>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -122,8 +123,6 @@ class PahoSession final : public std::enable_shared_from_this<PahoSession>, priv
   std::atomic<std::size_t> inbound_waiting_{0};
   std::atomic<std::uint64_t> inbound_dropped_{0};
 
-  PublishForm publish_form_;  // lane only
-
   // The tokens and options outlive the client, which is destroyed first.
   mqtt::ssl_options tls_options_;
   mqtt::connect_options connect_options_;
@@ -133,6 +132,9 @@ class PahoSession final : public std::enable_shared_from_this<PahoSession>, priv
   mqtt::token_ptr connect_token_;
   mqtt::token_ptr disconnect_token_;
   std::unique_ptr<mqtt::async_client> client_;  // lane only
+  /// Lane only. Goes before the client: with the last client Paho forgets what it has allocated,
+  /// and does not free it any more.
+  std::optional<PublishForm> publish_form_;
 };
 
 }  // namespace slamgw

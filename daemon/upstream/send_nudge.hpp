@@ -62,7 +62,7 @@ class SendNudge {
   // One message at a time is watched from its publish to its acknowledgement, by counting.
   std::size_t sample_left_ = 0;  ///< acknowledgements until its own; 0: none is watched
   TimePoint sample_begin_{};
-  Duration usual_ = first_wait / patience;  ///< smoothed
+  Duration usual_ = Duration{first_wait} / patience;  ///< smoothed
 };
 
 }  // namespace slamgw

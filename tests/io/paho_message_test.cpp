@@ -3,6 +3,7 @@
 #include "daemon/upstream/paho_message.hpp"
 
 #include <gtest/gtest.h>
+#include <mqtt/async_client.h>
 #include <netinet/tcp.h>
 
 #include <boost/asio/io_context.hpp>
@@ -35,7 +36,13 @@ BrokerMessage message_of(Mesh mesh, WallTime received_at) {
           Provenance{mesh, received_at}};
 }
 
-TEST(PublishForm, SaysOfEachMessageWhereAndWhenItCame) {
+/// Paho frees what it has allocated only while there is a client.
+class PublishFormTest : public testing::Test {
+ private:
+  mqtt::async_client client_{"tcp://127.0.0.1:1", "test"};
+};
+
+TEST_F(PublishFormTest, SaysOfEachMessageWhereAndWhenItCame) {
   PublishForm form(MqttVersion::v5, "pi");
   const WallTime time{1'700'000'000'123ms};
   const auto first = form.fill(message_of(Mesh::ble, time));
@@ -53,7 +60,7 @@ TEST(PublishForm, SaysOfEachMessageWhereAndWhenItCame) {
           {"mesh", "thread"}, {"gateway", "pi"}, {"received_at", "2023-11-14T22:13:21.124Z"}}));
 }
 
-TEST(PublishForm, SaysNothingOfWhatNoRobotSaid) {
+TEST_F(PublishFormTest, SaysNothingOfWhatNoRobotSaid) {
   PublishForm form(MqttVersion::v5, "pi");
   form.fill(message_of(Mesh::ble, WallTime{}));
   const auto own = form.fill({"own", {}, Qos::at_most_once, false, std::nullopt});
@@ -63,7 +70,7 @@ TEST(PublishForm, SaysNothingOfWhatNoRobotSaid) {
   EXPECT_FALSE(own->is_retained());
 }
 
-TEST(PublishForm, HasNoPropertiesInMqtt311) {
+TEST_F(PublishFormTest, HasNoPropertiesInMqtt311) {
   PublishForm form(MqttVersion::v3_1_1, "pi");
   const auto message = form.fill(message_of(Mesh::thread, WallTime{}));
   EXPECT_TRUE(message->get_properties().empty());
