@@ -80,6 +80,8 @@ boot() {
     exec timeout --kill-after=20 "$guest_limit_s" systemd-nspawn "${options[@]}"
   ) </dev/null >"$2/console" 2>&1 || true
   for group in "${groups[@]}"; do
+    # A guest that outlived the time limit: the processes of its own control group, nobody else's.
+    find "$group" -name cgroup.procs -exec cat {} + 2>/dev/null | xargs -r kill -KILL 2>/dev/null || true
     for _ in 1 2 3 4 5; do
       find "$group" -depth -type d -exec rmdir {} \; 2>/dev/null || true
       [ -d "$group" ] || break
