@@ -172,7 +172,7 @@ struct UdpSocket::Batch {
 UdpSocket::~UdpSocket() = default;
 
 UdpSocket::UdpSocket(asio::io_context& io, const std::string& listen, const std::string& interface)
-    : socket_(io), batch_(std::make_unique<Batch>()) {
+    : socket_(io), batch_(std::make_unique_for_overwrite<Batch>()) {
   const udp::endpoint endpoint = parse_listen(listen);
   try {
     open(endpoint, interface);
