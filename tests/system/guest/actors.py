@@ -21,8 +21,8 @@ def set_up_broker():
     """As the shipped example says: its text, the access control list in its comments, users with passwords."""
     example = (EXAMPLES / "mosquitto.example.conf").read_text(encoding="utf-8")
     acl = re.findall(r"^#   (user .*|topic .*)$", example, re.MULTILINE)
-    users = [line.split()[1] for line in acl if line.startswith("user ")]
-    demand(users == list(PASSWORDS), f"the example's access control list is for {users}")
+    named = [line.split()[1] for line in acl if line.startswith("user ")]
+    demand(named == list(PASSWORDS), f"the example's access control list is for {named}")
     pathlib.Path("/etc/mosquitto/conf.d/slam-gateway.conf").write_text(example, encoding="utf-8")
     pathlib.Path("/etc/mosquitto/slam-gateway.acl").write_text("\n".join(acl) + "\n", encoding="utf-8")
     users = "/etc/mosquitto/slam-gateway.passwd"
