@@ -55,7 +55,7 @@ template <class Change>
 void App::change_outbox(Change&& change) {
   outbox_driver_.input(std::forward<Change>(change));
   const bool is_full = outbox_.backlog().is_full();
-  if (std::exchange(is_store_full_, is_full) == is_full) return;
+  if (gateway_.is_store_full() == is_full) return;
   drive([&](Gateway& gateway, const Now&) { gateway.on_store(is_full); });
 }
 

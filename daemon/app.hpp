@@ -106,7 +106,6 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
 
   Gateway gateway_;
   bool is_draining_ = false;
-  bool is_store_full_ = false;
   Outbox outbox_;
   MachineDriver<Outbox> outbox_driver_;
   SqliteStore store_;

@@ -71,6 +71,7 @@ class Gateway {
   void on_tick(const Now& now);
   /// The store has no room for messages that are acknowledged, or has it again: `state` says so.
   void on_store(bool is_full);
+  bool is_store_full() const { return is_store_full_; }
   /// The daemon ends in order: from now on `state` is `offline`, as the last will would say.
   void on_stop();
 

@@ -7,6 +7,7 @@
 
 #include <atomic>
 #include <fstream>
+#include <optional>
 #include <thread>
 
 #include "tests/bench/swarm.hpp"
@@ -101,13 +102,17 @@ class Flood {
     is_over_ = true;
     thread_.join();
   }
-  std::uint64_t sent() const { return 10 * milliseconds_; }
+  double per_second() const {
+    const std::chrono::duration<double> took = Clock::now() - begin_;
+    return 10 * static_cast<double>(milliseconds_) / took.count();
+  }
 
  private:
   Poller poller_;
   Swarm swarm_;
   std::atomic<bool> is_over_ = false;
   std::atomic<std::uint64_t> milliseconds_ = 0;
+  const Clock::time_point begin_ = Clock::now();
   std::thread thread_;
 };
 
@@ -167,8 +172,7 @@ void backlog(Report& report) {
          "no backlog comes");
   RunResult result = run.drive(fresh, world.pid());
   run.listen([](const Arrivals& all) { return all.others().count >= clients * each; }, 30s);
-  Arrivals::Others stored;
-  run.listen([&](const Arrivals& all) { return stored = all.others(), true; }, 0s);
+  const Arrivals::Others& stored = run.arrivals().others();
   report.add(result);
   const std::chrono::duration<double> took = stored.last - stored.first;
   report.budget_at_least("backlog of 20 000 stored messages, drained",
@@ -186,20 +190,15 @@ void fairness(Report& report) {
   load.per_second = 1000;
   const RunResult alone = through_gateway(world, "100 clients x 10/s, alone", load);
   report.add(alone);
-  Run run("100 clients x 10/s, beside a flood", "gateway", load, world.broker.port());
-  Swarm swarm(world.sn_port(), load.clients, run.poller(), Run::first_sender_token);
-  swarm.connect_all(connects_at_once);
-  settle(world);
-  Flood flood(world, load.clients);
-  const auto begin = Clock::now();
-  const RunResult beside = run.drive(swarm, world.pid());
-  const std::chrono::duration<double> took = Clock::now() - begin;
+  std::optional<Flood> flood;
+  const RunResult beside = through_gateway(world, "100 clients x 10/s, beside a flood", load,
+                                           [&] { flood.emplace(world, load.clients); });
   report.add(beside);
   report.budget_at_most(
       "the others' p99 while one client sends 10 000/s",
       beside.latency.p99_ms / alone.latency.p99_ms, 2, "times",
       fmt::format("{:.2f} ms to {:.2f} ms; the one sent {:.0f}/s", beside.latency.p99_ms,
-                  alone.latency.p99_ms, static_cast<double>(flood.sent()) / took.count()));
+                  alone.latency.p99_ms, flood->per_second()));
 }
 
 void ble_link(Report& report) {

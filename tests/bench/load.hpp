@@ -50,6 +50,7 @@ class Run {
 
   Poller& poller() { return poller_; }
   std::uint32_t number() const { return number_; }
+  const Arrivals& arrivals() const { return arrivals_; }
   static constexpr std::uint64_t first_sender_token = 1;
 
   /// `process`: whose use is measured, or 0.

@@ -116,12 +116,9 @@ void many_clients(Report& report) {
   load.clients = 10000;
   const double kib_before = static_cast<double>(usage_of(world.pid()).rss_kib);
   const std::string name = "10 000 clients x 0.5/s, QoS 1";
-  Run run(name, "gateway", load, world.broker.port());
-  Swarm swarm(world.sn_port(), load.clients, run.poller(), Run::first_sender_token);
-  swarm.connect_all(connects_at_once);
-  settle(world);
-  const double kib_idle = static_cast<double>(usage_of(world.pid()).rss_kib);
-  const RunResult many = run.drive(swarm, world.pid());
+  double kib_idle = 0;
+  const RunResult many = through_gateway(
+      world, name, load, [&] { kib_idle = static_cast<double>(usage_of(world.pid()).rss_kib); });
   report.add(many);
   report.budget_at_most(name + ", lost", static_cast<double>(many.lost()), 0, "messages");
   report.budget_at_most(name + ", RSS", static_cast<double>(many.rss_kib) / 1024, 40, "MiB");

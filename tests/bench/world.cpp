@@ -55,11 +55,13 @@ void settle(World& world) {
   if (!is_quiet) throw std::runtime_error("the daemon does not come to rest");
 }
 
-RunResult through_gateway(World& world, const std::string& name, const Load& load) {
+RunResult through_gateway(World& world, const std::string& name, const Load& load,
+                          const std::function<void()>& when_ready) {
   Run run(name, "gateway", load, world.broker.port());
   Swarm swarm(world.sn_port(), load.clients, run.poller(), Run::first_sender_token);
   swarm.connect_all(connects_at_once);
   settle(world);
+  if (when_ready) when_ready();
   return run.drive(swarm, world.pid());
 }
 

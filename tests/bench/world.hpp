@@ -2,6 +2,8 @@
 // What is measured: the built daemon between load and a real Mosquitto, all on loopback.
 #pragma once
 
+#include <functional>
+
 #include "tests/bench/load.hpp"
 #include "tests/e2e/gateway_process.hpp"
 #include "tests/support/mosquitto.hpp"
@@ -27,6 +29,8 @@ void settle(World& world);
 /// Side by side: many at once would fill the kernel's receive buffer.
 constexpr std::size_t connects_at_once = 50;
 
-RunResult through_gateway(World& world, const std::string& name, const Load& load);
+/// `when_ready`: called when all clients are connected and at rest, before the first message.
+RunResult through_gateway(World& world, const std::string& name, const Load& load,
+                          const std::function<void()>& when_ready = {});
 
 }  // namespace slamgw::bench
