@@ -17,8 +17,9 @@ void Outbox::submit(BrokerMessage message, Receipt receipt, TimePoint now) {
   entry.message = std::move(message);
   entry.receipt = receipt;
   entry.submitted = now;
+  const std::size_t flow_bytes = waiting_.bytes_in_flow(entry.message.topic) + entry.cost();
   queued_bytes_ += entry.cost();
-  if (queued_bytes_ > max_queued_bytes) {
+  if (queued_bytes_ + flow_bytes > max_queued_bytes) {
     refuse(entry, now);
     return;
   }
@@ -44,7 +45,7 @@ void Outbox::place(Entry entry, TimePoint now, bool is_overdue) {
   if (is_behind) {
     backlog_.queue_behind(std::move(entry));
   } else {
-    waiting_.push_back(std::move(entry));
+    waiting_.push(std::move(entry));
   }
 }
 
@@ -56,7 +57,7 @@ void Outbox::place_all_again(Entries returned, TimePoint now, bool is_overdue, S
   std::move(behind.begin(), behind.end(), std::back_inserter(returned));
   std::stable_sort(returned.begin(), returned.end(),
                    [](const Entry& a, const Entry& b) { return a.order < b.order; });
-  Entries fresh = std::exchange(waiting_, {});
+  Entries fresh = waiting_.take_all();
   while (!fresh.empty() || !returned.empty()) {
     const bool is_fresh =
         returned.empty() || (!fresh.empty() && fresh.front().order < returned.front().order);
@@ -65,7 +66,7 @@ void Outbox::place_all_again(Entries returned, TimePoint now, bool is_overdue, S
     source.pop_front();
     const std::size_t slot = TopicCounts::slot(entry.message.topic);
     if (is_fresh && entry.is_unacknowledged() && !moved.contains(slot)) {
-      waiting_.push_back(std::move(entry));
+      waiting_.push(std::move(entry));
       continue;
     }
     const std::size_t waiting_before = waiting_.size();
@@ -86,7 +87,7 @@ void Outbox::refuse(const Entry& entry, TimePoint now) {
   } else if (count) {
     actions_.push(Notice{Severity::warning,
                          fmt::format("{} messages refused: {} MiB wait in memory for the broker",
-                                     *count, max_queued_bytes >> 20),
+                                     *count, queued_bytes_ >> 20),
                          {}});
   }
   if (!entry.receipt.is_owed()) {
@@ -151,8 +152,7 @@ bool Outbox::publish_next(TimePoint now) {
   if (was_backlog_last_) {
     publish(backlog_.take_next(), now);
   } else {
-    publish(std::move(waiting_.front()), now);
-    waiting_.pop_front();
+    publish(waiting_.pop(), now);
   }
   return true;
 }
@@ -246,7 +246,7 @@ void Outbox::expire_unacknowledged(TimePoint now) {
     oldest_left = std::min(oldest_left.value_or(entry.submitted), entry.submitted);
     return false;
   };
-  std::erase_if(waiting_, is_too_old);
+  waiting_.erase_if(is_too_old);
   backlog_.drop_behind(is_too_old);
   // At most one look at the whole queue each second, however closely the messages followed each
   // other.

@@ -5,7 +5,8 @@
 //
 // A message of QoS 1 or 2 goes straight to the broker while that is there and quick. It goes to the
 // store while the broker is away or slow, and while an older message of its topic is in the store:
-// so the order per topic holds, and fresh messages of other topics pass a backlog.
+// so the order per topic holds, and fresh messages of other topics pass a backlog. Robots take
+// turns: one that floods waits behind itself, not the others behind it.
 #pragma once
 
 #include <cstdint>
@@ -19,6 +20,7 @@
 #include "daemon/core/messages.hpp"
 #include "daemon/core/protocol_machine.hpp"
 #include "daemon/upstream/backlog.hpp"
+#include "daemon/upstream/fair_queue.hpp"
 #include "daemon/upstream/message_store.hpp"
 #include "daemon/upstream/outbox_entry.hpp"
 #include "daemon/upstream/settings.hpp"
@@ -40,10 +42,12 @@ using OutboxAction =
 class Outbox {
  public:
   /// Bound of what is only in memory; beyond it acknowledged messages are refused and others
-  /// dropped. 64 MiB is minutes of a thousand robots and little on a Pi.
+  /// dropped. 64 MiB is minutes of a thousand robots and little on a Pi. One flow (FairQueue) may
+  /// have as much as it leaves free: half of it alone, less the more the others have.
   static constexpr std::size_t max_queued_bytes = 64u << 20;
-  /// QoS 0 handed to the client and not yet written; keeps Paho's buffer (512) from overflowing.
-  static constexpr std::size_t max_unacknowledged_in_flight = 64;
+  /// QoS 0 handed to the client and not yet written. There nobody takes turns any more, so it is no
+  /// more than what keeps the client busy.
+  static constexpr std::size_t max_unacknowledged_in_flight = 16;
   /// Contract, promise 5: QoS 0 is never queued behind an outage for longer.
   static constexpr std::chrono::seconds max_unacknowledged_age{10};
   /// A broker that has not acknowledged a message for so long is slow: what is only in memory goes
@@ -136,7 +140,7 @@ class Outbox {
   std::uint64_t next_sequence_ = 1;
 
   Backlog backlog_;
-  Entries waiting_;    // fresh, behind nothing; order rises
+  FairQueue waiting_;  // fresh, behind nothing
   Entries in_flight_;  // sequences rise
   std::size_t acknowledged_in_flight_ = 0;
   std::size_t backlog_in_flight_ = 0;

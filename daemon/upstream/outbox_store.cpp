@@ -52,8 +52,8 @@ void Outbox::begin_anew(Entries in_memory, TimePoint now) {
     entry.row = 0;
   }
   // What waits now came after all that this store holds.
-  std::move(waiting_.begin(), waiting_.end(), std::back_inserter(in_memory));
-  waiting_.clear();
+  Entries waited = waiting_.take_all();
+  std::move(waited.begin(), waited.end(), std::back_inserter(in_memory));
   overdue_check_ = now;
   place_all_again(std::move(in_memory), now);
 }
@@ -119,12 +119,11 @@ void Outbox::report_store_failure(const std::string& why, TimePoint now) {
 /// The oldest QoS 1 or 2 message that is neither with the broker nor with the store.
 std::optional<TimePoint> Outbox::oldest_unsaved() const {
   std::optional<TimePoint> oldest;
-  for (const Entries* queue : {&in_flight_, &waiting_}) {
-    const auto first = std::find_if(queue->begin(), queue->end(), [](const Entry& entry) {
-      return !entry.is_unacknowledged() && entry.row == 0;
-    });
-    if (first != queue->end()) oldest = earlier(oldest, first->submitted);
-  }
+  const auto look_at = [&](const Entry& entry) {
+    if (!entry.is_unacknowledged() && entry.row == 0) oldest = earlier(oldest, entry.submitted);
+  };
+  std::for_each(in_flight_.begin(), in_flight_.end(), look_at);
+  waiting_.for_each(look_at);
   return oldest;
 }
 

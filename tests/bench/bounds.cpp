@@ -5,9 +5,7 @@
 #include <sys/socket.h>
 #include <sys/un.h>
 
-#include <atomic>
 #include <fstream>
-#include <optional>
 #include <thread>
 
 #include "tests/bench/swarm.hpp"
@@ -85,37 +83,6 @@ void store(World& world, std::size_t clients, std::uint32_t each) {
   }
 }
 
-/// One client that says 10 000 things a second, from a thread of its own.
-class Flood {
- public:
-  Flood(World& world, std::size_t id) : swarm_(world.sn_port(), 1, poller_, 0, id) {
-    swarm_.connect_all(1);
-    thread_ = std::thread([this] {
-      for (auto due = Clock::now(); !is_over_; due += 1ms) {
-        std::this_thread::sleep_until(due);
-        for (int i = 0; i < 10; ++i) swarm_.submit({to_ns(due), no_run, 0, 0}, 0);
-        ++milliseconds_;
-      }
-    });
-  }
-  ~Flood() {
-    is_over_ = true;
-    thread_.join();
-  }
-  double per_second() const {
-    const std::chrono::duration<double> took = Clock::now() - begin_;
-    return 10 * static_cast<double>(milliseconds_) / took.count();
-  }
-
- private:
-  Poller poller_;
-  Swarm swarm_;
-  std::atomic<bool> is_over_ = false;
-  std::atomic<std::uint64_t> milliseconds_ = 0;
-  const Clock::time_point begin_ = Clock::now();
-  std::thread thread_;
-};
-
 }  // namespace
 
 void traffic_lines(Report& report, unsigned rounds) {
@@ -180,25 +147,6 @@ void backlog(Report& report) {
                          fmt::format("{} arrived", stored.count));
   report.budget_at_most("fresh messages meanwhile, the slowest", result.latency.max_ms, 50, "ms",
                         fmt::format("p99 {:.1f} ms", result.latency.p99_ms));
-}
-
-void fairness(Report& report) {
-  World world;
-  Load load;
-  load.pace = Pace::fixed_rate;
-  load.clients = 100;
-  load.per_second = 1000;
-  const RunResult alone = through_gateway(world, "100 clients x 10/s, alone", load);
-  report.add(alone);
-  std::optional<Flood> flood;
-  const RunResult beside = through_gateway(world, "100 clients x 10/s, beside a flood", load,
-                                           [&] { flood.emplace(world, load.clients); });
-  report.add(beside);
-  report.budget_at_most(
-      "the others' p99 while one client sends 10 000/s",
-      beside.latency.p99_ms / alone.latency.p99_ms, 2, "times",
-      fmt::format("{:.2f} ms to {:.2f} ms; the one sent {:.0f}/s", beside.latency.p99_ms,
-                  alone.latency.p99_ms, flood->per_second()));
 }
 
 void ble_link(Report& report) {

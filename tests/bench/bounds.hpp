@@ -10,7 +10,8 @@ namespace slamgw::bench {
 void traffic_lines(Report& report, unsigned rounds);
 void start_to_ready(Report& report);
 void backlog(Report& report);
-void fairness(Report& report);
+/// What a flood of one client does to the others.
+void fairness(Report& report, unsigned rounds);
 void ble_link(Report& report);
 /// A million connects and 100 000 topics; takes minutes.
 void memory(Report& report);

@@ -6,19 +6,11 @@
 #include <utility>
 
 #include "tests/bench/bounds.hpp"
-#include "tests/bench/raw_sender.hpp"
 #include "tests/bench/swarm.hpp"
 #include "tests/bench/world.hpp"
 
 namespace slamgw::bench {
 namespace {
-
-RunResult straight(World& world, const std::string& name, const Load& load) {
-  settle(world);
-  Run run(name, "raw", load, world.broker.port());
-  RawSender sender(world.broker.port(), load.clients, run.poller(), Run::first_sender_token);
-  return run.drive(sender, 0);
-}
 
 RunResult by_paho(World& world, const std::string& name, const Load& load) {
   return Run(name, "paho", load, world.broker.port()).watch_paho();
@@ -176,7 +168,7 @@ void run_scenarios(Report& report, unsigned rounds, const std::string& only) {
   if (is_wanted("traffic")) traffic_lines(report, rounds);
   if (is_wanted("start")) start_to_ready(report);
   if (is_wanted("backlog")) backlog(report);
-  if (is_wanted("fairness")) fairness(report);
+  if (is_wanted("fairness")) fairness(report, rounds);
   if (is_wanted("ble")) ble_link(report);
   if (only == "memory") memory(report);  // minutes: by its name only
 }

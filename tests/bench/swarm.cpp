@@ -113,7 +113,8 @@ void Swarm::on_packet(Client& client, std::size_t index, const sn::Packet& packe
     --busy_;
     --unfinished_;
     if (!client.waiting.empty()) start_next(client);
-  } else if (packet.type == sn::Type::disconnect) {
+  } else if (packet.type == sn::Type::disconnect && client.state != State::connecting) {
+    // Before the CONNACK it was for a client that had this port before.
     throw std::runtime_error("the gateway has disconnected " + robot_id(index));
   }
 }

@@ -4,6 +4,7 @@
 #include <thread>
 #include <utility>
 
+#include "tests/bench/raw_sender.hpp"
 #include "tests/bench/swarm.hpp"
 #include "tests/support/eventually.hpp"
 
@@ -63,6 +64,15 @@ RunResult through_gateway(World& world, const std::string& name, const Load& loa
   settle(world);
   if (when_ready) when_ready();
   return run.drive(swarm, world.pid());
+}
+
+RunResult straight(World& world, const std::string& name, const Load& load,
+                   const std::function<void()>& when_ready) {
+  settle(world);
+  Run run(name, "raw", load, world.broker.port());
+  RawSender sender(world.broker.port(), load.clients, run.poller(), Run::first_sender_token);
+  if (when_ready) when_ready();
+  return run.drive(sender, 0);
 }
 
 }  // namespace slamgw::bench

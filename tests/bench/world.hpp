@@ -32,5 +32,8 @@ constexpr std::size_t connects_at_once = 50;
 /// `when_ready`: called when all clients are connected and at rest, before the first message.
 RunResult through_gateway(World& world, const std::string& name, const Load& load,
                           const std::function<void()>& when_ready = {});
+/// The raw floor of the same load.
+RunResult straight(World& world, const std::string& name, const Load& load,
+                   const std::function<void()>& when_ready = {});
 
 }  // namespace slamgw::bench
