@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/upstream/broker_socket.hpp"
 
+#include <fcntl.h>
 #include <netinet/in.h>
 #include <netinet/tcp.h>
 #include <sys/socket.h>
+#include <unistd.h>
 
 #include <charconv>
 #include <filesystem>
@@ -24,7 +26,12 @@ std::uint16_t peer_port(int descriptor) {
 
 }  // namespace
 
-void send_without_delay(std::uint16_t broker_port) {
+void BrokerSocket::forget() {
+  const int descriptor = descriptor_.exchange(-1);
+  if (descriptor >= 0) close(descriptor);
+}
+
+void BrokerSocket::adopt(std::uint16_t broker_port) {
   std::error_code error;
   for (const auto& entry : std::filesystem::directory_iterator("/proc/self/fd", error)) {
     const std::string name = entry.path().filename();
@@ -33,7 +40,13 @@ void send_without_delay(std::uint16_t broker_port) {
     if (peer_port(descriptor) != broker_port) continue;
     const int on = 1;
     setsockopt(descriptor, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
+    descriptor_ = fcntl(descriptor, F_DUPFD_CLOEXEC, 0);
+    return;
   }
+}
+
+void BrokerSocket::cork(int on) {
+  if (descriptor_ >= 0) setsockopt(descriptor_, IPPROTO_TCP, TCP_CORK, &on, sizeof on);
 }
 
 }  // namespace slamgw

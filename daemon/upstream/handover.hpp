@@ -12,11 +12,11 @@ namespace slamgw {
 template <class Item>
 class Handover {
  public:
-  /// True when the taker has to be woken; it must take() then.
-  bool give(Item item) {
+  /// How many wait now: at 1 the taker has to be woken, who must take() then.
+  std::size_t give(Item item) {
     const std::lock_guard lock(mutex_);
     items_.push_back(std::move(item));
-    return items_.size() == 1;
+    return items_.size();
   }
 
   std::vector<Item> take() {

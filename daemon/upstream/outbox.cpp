@@ -112,6 +112,7 @@ void Outbox::on_link_down(TimePoint now) {
   if (!is_up_) return;
   is_up_ = is_stalled_ = false;
   acknowledged_in_flight_ = backlog_in_flight_ = unacknowledged_in_flight_ = 0;
+  is_unacknowledged_paused_ = false;
   Entries returned;
   Slots moved;
   for (Entry& entry : in_flight_) {
@@ -158,7 +159,7 @@ bool Outbox::publish_next(TimePoint now) {
 }
 
 bool Outbox::has_room_for(const Entry& entry) const {
-  return entry.is_unacknowledged() ? unacknowledged_in_flight_ < max_unacknowledged_in_flight
+  return entry.is_unacknowledged() ? !is_unacknowledged_paused_
                                    : acknowledged_in_flight_ < effective_window_;
 }
 
@@ -172,7 +173,7 @@ bool Outbox::is_backlogs_turn() const {
 void Outbox::publish(Entry entry, TimePoint now) {
   entry.sequence = next_sequence_++;
   if (entry.is_unacknowledged()) {
-    ++unacknowledged_in_flight_;
+    is_unacknowledged_paused_ = ++unacknowledged_in_flight_ == max_unacknowledged_in_flight;
   } else if (acknowledged_in_flight_++ == 0) {
     progress_ = now;
   }
@@ -209,7 +210,8 @@ void Outbox::finish(std::uint64_t sequence, ReceiptOutcome outcome, TimePoint no
 void Outbox::count_out(const Entry& entry) {
   if (!entry.is_stored) queued_bytes_ -= entry.cost();
   if (entry.is_unacknowledged()) {
-    --unacknowledged_in_flight_;
+    if (--unacknowledged_in_flight_ <= max_unacknowledged_in_flight / 2)
+      is_unacknowledged_paused_ = false;
     return;
   }
   --acknowledged_in_flight_;

@@ -46,8 +46,9 @@ class Outbox {
   /// have as much as it leaves free: half of it alone, less the more the others have.
   static constexpr std::size_t max_queued_bytes = 64u << 20;
   /// QoS 0 handed to the client and not yet written. There nobody takes turns any more, so it is no
-  /// more than what keeps the client busy.
-  static constexpr std::size_t max_unacknowledged_in_flight = 16;
+  /// more than what keeps the client busy. When it is reached, the next follow together as soon as
+  /// half of it is written: each handing over wakes a thread.
+  static constexpr std::size_t max_unacknowledged_in_flight = 32;
   /// Contract, promise 5: QoS 0 is never queued behind an outage for longer.
   static constexpr std::chrono::seconds max_unacknowledged_age{10};
   /// A broker that has not acknowledged a message for so long is slow: what is only in memory goes
@@ -145,6 +146,7 @@ class Outbox {
   std::size_t acknowledged_in_flight_ = 0;
   std::size_t backlog_in_flight_ = 0;
   std::size_t unacknowledged_in_flight_ = 0;
+  bool is_unacknowledged_paused_ = false;  // until half of what was in flight is written
   bool was_backlog_last_ = false;
   TimePoint progress_{};  // the last acknowledgement, or when there was nothing to acknowledge
   std::size_t queued_bytes_ = 0;

@@ -3,10 +3,10 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <boost/asio/post.hpp>
 #include <utility>
 
-#include "daemon/upstream/broker_socket.hpp"
 #include "daemon/upstream/connect_failure.hpp"
 #include "daemon/upstream/connection_probe.hpp"
 
@@ -36,7 +36,8 @@ class PahoSession::ConnectListener final : public mqtt::iaction_listener {
   void on_success(const mqtt::token& token) override {
     const std::uint16_t receive_maximum = receive_maximum_of(token, session_.version_);
     const bool session_present = token.get_connect_response().is_session_present();
-    session_.post_to_lane([](PahoSession& session) { send_without_delay(session.settings_.port); });
+    session_.post_to_lane(
+        [](PahoSession& session) { session.socket_.adopt(session.settings_.port); });
     session_.post_to_loop([=, &session = session_](PahoSessionListener& listener) {
       if (std::exchange(session.has_answered_, true)) return;
       listener.on_connected(session_present, receive_maximum);
@@ -55,7 +56,11 @@ class PahoSession::PublishListener final : public mqtt::iaction_listener {
  public:
   explicit PublishListener(PahoSession& session) : session_(session) {}
 
-  void on_success(const mqtt::token& token) override { finish(token, reason_of(token)); }
+  void on_success(const mqtt::token& token) override {
+    if (token.get_message_id() == 0)  // QoS 0
+      return session_.on_written(sequence_of(token));
+    finish(token, reason_of(token));
+  }
 
   void on_failure(const mqtt::token& token) override {
     if (reason_of(token) >= refusal_codes_from) {
@@ -111,7 +116,7 @@ PahoSession::PahoSession(boost::asio::io_context& io, boost::asio::thread_pool& 
 PahoSession::~PahoSession() = default;
 
 void PahoSession::post_to_loop(Event event) {
-  if (!events_.give(std::move(event))) return;
+  if (events_.give(std::move(event)) != 1) return;
   boost::asio::post(io_, [self = shared_from_this()] {
     for (const Event& happened : self->events_.take()) {
       if (!self->is_abandoned_) happened(self->listener_);
@@ -203,19 +208,35 @@ void PahoSession::report_failure(int code, int paho_code) {
 }
 
 void PahoSession::publish(std::uint64_t sequence, BrokerMessage message) {
-  if (!publications_.give({sequence, std::move(message)})) return;
+  if (publications_.give({sequence, std::move(message)}) != 1) return;
   post_to_lane([](PahoSession& session) { session.publish_all(); });
 }
 
 void PahoSession::publish_all() {
   try {
-    for (const Publication& publication : publications_.take()) {
+    const std::vector<Publication> publications = publications_.take();
+    const auto unacknowledged = static_cast<std::size_t>(
+        std::count_if(publications.begin(), publications.end(),
+                      [](const Publication& p) { return p.message.qos == Qos::at_most_once; }));
+    unwritten_ += unacknowledged;
+    if (unacknowledged > 1) socket_.gather();
+    for (const Publication& publication : publications) {
       client_->publish(publish_form_->fill(publication.message), as_context(publication.sequence),
                        *publish_listener_);
     }
   } catch (const mqtt::exception& error) {
     tell_lost(fmt::format("a publish failed (Paho {})", error.get_return_code()));
   }
+}
+
+void PahoSession::on_written(std::uint64_t sequence) {
+  const std::size_t waiting = written_.give(sequence);
+  const bool is_last = --unwritten_ == 0;
+  if (is_last) socket_.release();
+  if (!is_last && waiting < written_at_once) return;
+  post_to_loop([this](PahoSessionListener& listener) {
+    for (const std::uint64_t written : written_.take()) listener.on_published(written);
+  });
 }
 
 void PahoSession::subscribe(std::string filter, Qos qos, std::uint32_t id) {
@@ -266,6 +287,7 @@ void PahoSession::close(bool is_orderly) {
   }
   publish_form_.reset();
   client_.reset();
+  socket_.forget();  // the next session looks for its own
 }
 
 void PahoSession::connection_lost(const std::string& cause) {

@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "daemon/core/messages.hpp"
+#include "daemon/upstream/broker_socket.hpp"
 #include "daemon/upstream/handover.hpp"
 #include "daemon/upstream/paho_message.hpp"
 #include "daemon/upstream/settings.hpp"
@@ -80,6 +81,10 @@ class PahoSession final : public std::enable_shared_from_this<PahoSession>, priv
   std::uint64_t inbound_dropped() const { return inbound_dropped_; }
 
  private:
+  /// QoS 0 that is written is told to the loop when nothing else is to be written, or in parts of
+  /// so many; half of what the outbox hands over at once, so that it never waits for the rest.
+  static constexpr std::size_t written_at_once = 16;
+
   struct Publication {
     std::uint64_t sequence;
     BrokerMessage message;
@@ -101,6 +106,8 @@ class PahoSession final : public std::enable_shared_from_this<PahoSession>, priv
   void set_tls_options();
 
   void publish_all();
+  // On Paho's threads:
+  void on_written(std::uint64_t sequence);
 
   using Event = std::function<void(PahoSessionListener&)>;
   void post_to_loop(Event event);
@@ -116,10 +123,13 @@ class PahoSession final : public std::enable_shared_from_this<PahoSession>, priv
   const LastWill will_;
   const unsigned attempt_;  ///< a host may have several addresses: each attempt tries the next
   PahoSessionListener& listener_;
-  bool is_abandoned_ = false;           // loop only
-  bool has_answered_ = false;           // loop only: Paho may report one connect twice
-  Handover<Event> events_;              // to the loop
-  Handover<Publication> publications_;  // to the lane
+  bool is_abandoned_ = false;  // loop only
+  bool has_answered_ = false;  // loop only: Paho may report one connect twice
+  Handover<Event> events_;     // to the loop
+  BrokerSocket socket_;
+  Handover<Publication> publications_;     // to the lane
+  std::atomic<std::size_t> unwritten_{0};  // QoS 0 that Paho has
+  Handover<std::uint64_t> written_;        // of them
   std::atomic<std::size_t> inbound_waiting_{0};
   std::atomic<std::uint64_t> inbound_dropped_{0};
 

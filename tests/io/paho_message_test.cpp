@@ -1,22 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// What Paho is given, and what is said to its socket.
+// What Paho is given.
 #include "daemon/upstream/paho_message.hpp"
 
 #include <gtest/gtest.h>
 #include <mqtt/async_client.h>
-#include <netinet/tcp.h>
 
-#include <boost/asio/io_context.hpp>
-#include <boost/asio/ip/tcp.hpp>
 #include <map>
-
-#include "daemon/upstream/broker_socket.hpp"
 
 namespace slamgw {
 namespace {
 
 using namespace std::chrono_literals;
-using boost::asio::ip::tcp;
 
 std::map<std::string, std::string> user_properties(const mqtt::const_message_ptr& message) {
   std::map<std::string, std::string> found;
@@ -75,27 +69,6 @@ TEST_F(PublishFormTest, HasNoPropertiesInMqtt311) {
   const auto message = form.fill(message_of(Mesh::thread, WallTime{}));
   EXPECT_TRUE(message->get_properties().empty());
   EXPECT_EQ(message->get_topic(), "t/thread");
-}
-
-bool sends_without_delay(tcp::socket& socket) {
-  tcp::no_delay option;
-  socket.get_option(option);
-  return option.value();
-}
-
-TEST(BrokerSocket, SendsWithoutDelayToTheBrokersPortOnly) {
-  boost::asio::io_context io;
-  const auto loopback = boost::asio::ip::address_v4::loopback();
-  tcp::acceptor broker(io, {loopback, 0});
-  tcp::acceptor other(io, {loopback, 0});
-  tcp::socket to_broker(io);
-  tcp::socket to_other(io);
-  to_broker.connect(broker.local_endpoint());
-  to_other.connect(other.local_endpoint());
-  ASSERT_FALSE(sends_without_delay(to_broker));
-  send_without_delay(broker.local_endpoint().port());
-  EXPECT_TRUE(sends_without_delay(to_broker));
-  EXPECT_FALSE(sends_without_delay(to_other));
 }
 
 }  // namespace

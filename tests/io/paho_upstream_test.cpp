@@ -38,6 +38,23 @@ TEST(PahoUpstream, PublishesAtEachQosAndSaysWhenTheBrokerHasIt) {
   EXPECT_TRUE(eventually([&] { return subscriber.lines().size() == 3; }));
 }
 
+TEST(PahoUpstream, SaysOfEachOfManyThatItIsWrittenAndKeepsTheirOrder) {
+  Mosquitto broker;
+  Subscriber subscriber(broker, "t", "%p");
+  Link link(broker.port());
+  ASSERT_TRUE(link.comes_up());
+  constexpr std::uint64_t count = 250;  // Paho buffers 512
+  std::vector<std::string> expected;
+  for (std::uint64_t i = 0; i < count; ++i) {
+    expected.push_back(std::to_string(i));
+    const Qos qos = i % 10 == 9 ? Qos::at_least_once : Qos::at_most_once;
+    link.upstream->publish(i, {"t", to_bytes(expected.back()), qos, false});
+  }
+  EXPECT_TRUE(link.sees([&] { return link.listener.published.size() == count; }));
+  EXPECT_TRUE(eventually([&] { return subscriber.lines().size() == count; }));
+  EXPECT_EQ(subscriber.lines(), expected);
+}
+
 TEST(PahoUpstream, ReceivesWhatItSubscribedTo) {
   Mosquitto broker;
   test::mosquitto_publish(broker, {"-r", "-t", "down/kept", "-m", "old"});
