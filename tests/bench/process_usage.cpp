@@ -53,4 +53,11 @@ ProcessUsage usage_of(pid_t process) {
   return usage;
 }
 
+double first_thread_cpu_s(pid_t process) {
+  std::ifstream file(fmt::format("/proc/{0}/task/{0}/schedstat", process));
+  double nanoseconds = 0;
+  file >> nanoseconds;
+  return nanoseconds / 1e9;
+}
+
 }  // namespace slamgw::bench

@@ -16,5 +16,7 @@ struct ProcessUsage {
 
 /// Zeros when there is no such process.
 ProcessUsage usage_of(pid_t process);
+/// Of the thread that main() runs in: the daemon's loop, without the MQTT client's threads.
+double first_thread_cpu_s(pid_t process);
 
 }  // namespace slamgw::bench
