@@ -46,7 +46,7 @@ void App::drive(Change&& change) {
   change(gateway_, read_clocks());
   if (std::exchange(is_draining_, true)) return;  // the outermost call drains
   while (auto action = gateway_.next_action()) {
-    std::visit([this](auto& what) { perform(what); }, *action);
+    std::visit([this](auto& what) { this->perform(what); }, *action);
   }
   is_draining_ = false;
 }

@@ -29,9 +29,10 @@ bool Answers::is_held(const ClientSession& session, std::uint16_t msg_id) const 
 }
 
 void Answers::release(ClientSession& session, std::uint64_t ticket, Packet packet) {
-  for (PendingAnswer& held : session.answers) {
-    if (held.ticket == ticket) held.packet = std::move(packet);
-  }
+  const auto held =
+      std::find_if(session.answers.begin(), session.answers.end(),
+                   [&](const PendingAnswer& answer) { return answer.ticket == ticket; });
+  if (held != session.answers.end()) held->packet = std::move(packet);
   while (!session.answers.empty() && session.answers.front().packet) {
     context_.send(session, *session.answers.front().packet);
     session.answers.erase(session.answers.begin());

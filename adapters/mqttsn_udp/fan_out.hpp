@@ -9,16 +9,12 @@ namespace slamgw::mqttsn {
 
 class FanOut {
  public:
-  FanOut(Context& context, Subscriptions& subscriptions, Downlink& downlink, CommandWatch& commands)
-      : context_(context),
-        subscriptions_(subscriptions),
-        downlink_(downlink),
-        commands_(commands) {}
+  FanOut(Subscriptions& subscriptions, Downlink& downlink, CommandWatch& commands)
+      : subscriptions_(subscriptions), downlink_(downlink), commands_(commands) {}
 
   void on_broker_message(const BrokerMessage& message, TimePoint now);
 
  private:
-  Context& context_;
   Subscriptions& subscriptions_;
   Downlink& downlink_;
   CommandWatch& commands_;

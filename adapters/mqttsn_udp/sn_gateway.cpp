@@ -14,7 +14,7 @@ SnGateway::SnGateway(Settings settings, TopicPolicy policy, RobotNames names)
       subscriptions_(context_, answers_),
       commands_(context_),
       downlink_(context_, subscriptions_, commands_),
-      fan_out_(context_, subscriptions_, downlink_, commands_),
+      fan_out_(subscriptions_, downlink_, commands_),
       uplink_(context_),
       wills_(context_),
       lifecycle_(context_, subscriptions_, downlink_, uplink_, wills_),

@@ -38,7 +38,8 @@ class FairQueue {
   /// Drops those for which `is_dropped(entry)`.
   template <class Predicate>
   void erase_if(Predicate is_dropped) {
-    for (auto& [key, flow] : flows_) {
+    for (auto& known : flows_) {
+      Flow& flow = known.second;
       std::erase_if(flow.entries, [&](const OutboxEntry& entry) {
         if (!is_dropped(entry)) return false;
         flow.bytes -= entry.cost();

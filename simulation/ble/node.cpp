@@ -52,8 +52,8 @@ std::optional<ModelId> receiver_of(ByteView message) {
 
 }  // namespace
 
-Node::Node(Settings settings, Random random)
-    : settings_(std::move(settings)), random_(random), key_pair_(make_key_pair(random_)) {}
+Node::Node(const Settings& settings, Random random)
+    : settings_(settings), random_(random), key_pair_(make_key_pair(random_)) {}
 
 void Node::restore(NodeConfiguration configuration, std::uint32_t next_sequence) {
   configuration_ = std::move(configuration);

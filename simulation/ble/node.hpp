@@ -30,7 +30,7 @@ class Node {
     std::optional<Address> fixed_address;
   };
 
-  Node(Settings settings, Random random);
+  Node(const Settings& settings, Random random);
 
   void on_start(TimePoint now);
   std::optional<TimePoint> deadline() const { return first_of(next_beacon_, link_ends_); }

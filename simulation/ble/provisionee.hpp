@@ -21,8 +21,7 @@ class Provisionee {
     Key device_key{};
   };
 
-  Provisionee(Identity identity, const Key& random)
-      : identity_(std::move(identity)), random_(random) {}
+  Provisionee(const Identity& identity, const Key& random) : identity_(identity), random_(random) {}
 
   /// The answer, if there is one. A wrong or unexpected PDU is answered with Failed, after which
   /// nothing is taken any more.

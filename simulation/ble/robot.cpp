@@ -17,8 +17,8 @@ Bytes status_message(Vendor status) { return vendor_message(status, Bytes{0x00})
 
 }  // namespace
 
-Robot::Robot(RobotSettings settings, RobotBody body)
-    : settings_(std::move(settings)), body_(std::move(body)) {}
+Robot::Robot(const RobotSettings& settings, const RobotBody& body)
+    : settings_(settings), body_(body) {}
 
 /// Robots are switched on one after the other.
 void Robot::on_start(TimePoint now) {

@@ -48,7 +48,7 @@ class Robot {
     std::optional<Publication> health;
   };
 
-  Robot(RobotSettings settings, RobotBody body);
+  Robot(const RobotSettings& settings, const RobotBody& body);
 
   void on_start(TimePoint now);
   void on_deadline(const Publications& publications, TimePoint now);

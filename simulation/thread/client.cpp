@@ -12,8 +12,8 @@ constexpr std::string_view will_message = "Disconnected";
 
 }  // namespace
 
-Client::Client(ClientSettings settings, RobotBody body)
-    : settings_(std::move(settings)), body_(std::move(body)) {
+Client::Client(ClientSettings settings, const RobotBody& body)
+    : settings_(std::move(settings)), body_(body) {
   if (settings_.qos >= 0) application_.push_back({adv, body_.introduction()});
 }
 

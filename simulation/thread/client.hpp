@@ -64,7 +64,7 @@ class Client {
     bool is_unacknowledged_update = false;
   };
 
-  Client(ClientSettings settings, RobotBody body);
+  Client(ClientSettings settings, const RobotBody& body);
 
   void on_start(TimePoint now);
   void on_datagram(ByteView datagram, TimePoint now);

@@ -21,7 +21,7 @@ void transmit(udp::socket& socket, const Bytes& datagram) {
 }  // namespace
 
 RobotSocket::RobotSocket(boost::asio::io_context& io, const udp::endpoint& gateway, Client client,
-                         Impairment uplink, Impairment downlink,
+                         const Impairment& uplink, const Impairment& downlink,
                          std::function<void(RobotSocket&)> on_change)
     : io_(io),
       gateway_(gateway),
@@ -29,8 +29,8 @@ RobotSocket::RobotSocket(boost::asio::io_context& io, const udp::endpoint& gatew
       timer_(io),
       roam_timer_(io),
       client_(std::move(client)),
-      uplink_(std::move(uplink)),
-      downlink_(std::move(downlink)),
+      uplink_(uplink),
+      downlink_(downlink),
       on_change_(std::move(on_change)) {}
 
 std::shared_ptr<udp::socket> RobotSocket::open() {

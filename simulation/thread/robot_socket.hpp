@@ -19,7 +19,7 @@ class RobotSocket {
   /// `on_change` is called after each input to the client. The socket is connected to `gateway`:
   /// answers from any other address are not for this robot (R17).
   RobotSocket(boost::asio::io_context& io, const boost::asio::ip::udp::endpoint& gateway,
-              Client client, Impairment uplink, Impairment downlink,
+              Client client, const Impairment& uplink, const Impairment& downlink,
               std::function<void(RobotSocket&)> on_change);
 
   void start();

@@ -82,7 +82,7 @@ EventResult decode_event(ByteView frame) {
   if (is_provisioning_event(opcode)) {
     auto event = decode_provisioning_event(frame);
     if (!event.has_value()) return event.error();
-    return Event{std::move(*event)};
+    return Event{*event};
   }
   return Event{OtherEvent{opcode}};
 }

@@ -31,8 +31,8 @@ std::string_view error_text(std::uint8_t error) {
 
 }  // namespace
 
-ProvisioningSession::ProvisioningSession(Request request, TimePoint now)
-    : request_(std::move(request)), due_(now + wait_limit) {
+ProvisioningSession::ProvisioningSession(const Request& request, TimePoint now)
+    : request_(request), due_(now + wait_limit) {
   commands_.push_back(encode_keypair_set(request_.key_pair));
   commands_.push_back(encode_capabilities_set());
   commands_.push_back(encode_provision(request_.command));

@@ -28,7 +28,7 @@ class ProvisioningSession {
     std::optional<Key> static_oob;
   };
 
-  ProvisioningSession(Request request, TimePoint now);
+  ProvisioningSession(const Request& request, TimePoint now);
 
   /// The command that the board should get now, until on_command_ended.
   std::optional<Bytes> command() const;
