@@ -3,8 +3,8 @@
 
 #include <algorithm>
 #include <functional>
-#include <iterator>
 #include <utility>
+#include <vector>
 
 namespace slamgw {
 
@@ -44,13 +44,17 @@ OutboxEntry FairQueue::pop() {
 }
 
 std::deque<OutboxEntry> FairQueue::take_all() {
-  std::deque<OutboxEntry> all;
-  for (auto& [key, flow] : flows_)
-    std::move(flow.entries.begin(), flow.entries.end(), std::back_inserter(all));
-  *this = {};
+  std::vector<OutboxEntry*> all;  // entries are large: each is moved once
+  all.reserve(size_);
+  for (auto& [key, flow] : flows_) {
+    for (OutboxEntry& entry : flow.entries) all.push_back(&entry);
+  }
   std::stable_sort(all.begin(), all.end(),
-                   [](const OutboxEntry& a, const OutboxEntry& b) { return a.order < b.order; });
-  return all;
+                   [](const OutboxEntry* a, const OutboxEntry* b) { return a->order < b->order; });
+  std::deque<OutboxEntry> taken;
+  for (OutboxEntry* entry : all) taken.push_back(std::move(*entry));
+  *this = {};
+  return taken;
 }
 
 void FairQueue::forget_empty_flows() {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The parts of the benchmark that need no floor beside them: how the daemon starts, catches up,
+// The parts of the benchmark beside throughput and latency: how the daemon starts, catches up,
 // shares out, and what its links and lines cost.
 #pragma once
 
