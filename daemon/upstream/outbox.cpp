@@ -17,14 +17,21 @@ void Outbox::submit(BrokerMessage message, Receipt receipt, TimePoint now) {
   entry.message = std::move(message);
   entry.receipt = receipt;
   entry.submitted = now;
-  const std::size_t flow_bytes = waiting_.bytes_in_flow(entry.message.topic) + entry.cost();
   queued_bytes_ += entry.cost();
-  if (queued_bytes_ + flow_bytes > max_queued_bytes) {
+  if (!has_memory_for(entry)) {
     refuse(entry, now);
     return;
   }
   place(std::move(entry), now);
   proceed(now);
+}
+
+/// `entry` counts as queued already. No flow has more than all of them together, so below the half
+/// none is looked for.
+bool Outbox::has_memory_for(const Entry& entry) const {
+  if (2 * queued_bytes_ <= max_queued_bytes) return true;
+  const std::size_t flow_bytes = waiting_.bytes_in_flow(entry.message.topic) + entry.cost();
+  return queued_bytes_ + flow_bytes <= max_queued_bytes;
 }
 
 /// Decides where a message that is only in memory waits. `is_overdue`: the broker is too slow for

@@ -124,6 +124,7 @@ class Outbox {
 
   void proceed(TimePoint now);
   bool publish_next(TimePoint now);
+  bool has_memory_for(const Entry& entry) const;
   bool has_room_for(const Entry& entry) const;
   bool is_backlogs_turn() const;
   void publish(Entry entry, TimePoint now);

@@ -14,6 +14,9 @@ struct Percentiles {
 /// Sorts `latencies`. Zeros when there are none.
 Percentiles percentiles_of(std::vector<std::int64_t>& latencies_ns);
 
+/// The run number of messages of no run: see Arrivals::others().
+constexpr std::uint32_t no_run = 0;
+
 class Arrivals {
  public:
   Arrivals(std::uint32_t run, std::size_t clients) : run_(run), seen_(clients) {}

@@ -17,9 +17,6 @@ namespace {
 
 using namespace std::chrono_literals;
 
-/// Of no run: see Arrivals::others().
-constexpr std::uint32_t no_run = 0;
-
 void expect(bool is_so, const std::string& what) {
   if (!is_so) throw std::runtime_error(what);
 }

@@ -15,8 +15,6 @@ namespace slamgw::bench {
 namespace {
 
 constexpr std::size_t others = 100;
-/// Of no run: see Arrivals::others().
-constexpr std::uint32_t no_run = 0;
 
 /// One client at QoS 0, ten messages each millisecond, from a thread of its own.
 class Flood {
@@ -72,12 +70,6 @@ Pair measure(World& world, Report& report, Way way, const MakeFlood& make_flood)
   report.add(alone);
   report.add(beside);
   return {alone.latency.p99_ms, beside.latency.p99_ms, flood->per_second()};
-}
-
-double median_of(const std::vector<Pair>& pairs, double (*value)(const Pair&)) {
-  std::vector<double> values;
-  for (const Pair& pair : pairs) values.push_back(value(pair));
-  return median(std::move(values));
 }
 
 std::string describe(const std::vector<Pair>& pairs) {

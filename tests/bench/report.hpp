@@ -4,6 +4,7 @@
 
 #include <nlohmann/json.hpp>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "tests/bench/load.hpp"
@@ -30,5 +31,12 @@ class Report {
 };
 
 double median(std::vector<double> values);
+/// Of `value(round)` for each.
+template <class Round, class Value>
+double median_of(const std::vector<Round>& rounds, Value&& value) {
+  std::vector<double> values;
+  for (const Round& round : rounds) values.push_back(value(round));
+  return median(std::move(values));
+}
 
 }  // namespace slamgw::bench

@@ -28,13 +28,6 @@ struct Round {
   }
 };
 
-template <class Value>
-double median_of(const std::vector<Round>& rounds, Value&& value) {
-  std::vector<double> values;
-  for (const Round& round : rounds) values.push_back(value(round));
-  return median(std::move(values));
-}
-
 void flat_out(World& world, Report& report, unsigned count, unsigned qos) {
   Load load;
   load.clients = 100;

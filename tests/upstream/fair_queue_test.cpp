@@ -75,6 +75,17 @@ TEST_F(FloodTest, DelaysAnotherRobotByWhatIsUnderWayOnly) {
   EXPECT_EQ(published_topics[1], "robot/2/update");
 }
 
+TEST_F(FloodTest, IsHandedOverInBatchesOnceItIsHeldBack) {
+  link_up();
+  constexpr std::size_t most = Outbox::max_unacknowledged_in_flight;
+  for (std::size_t i = 0; i < 10 * most; ++i) submit("robot/1/update", 0, Qos::at_most_once);
+  ASSERT_EQ(under_way.size(), most);
+  for (std::size_t written = 1; written < most / 2; ++written) acknowledge_first();
+  EXPECT_EQ(under_way.size(), most / 2 + 1) << "nothing came after them yet";
+  acknowledge_first();
+  EXPECT_EQ(under_way.size(), most);
+}
+
 TEST_F(FloodTest, LeavesRoomForOtherRobots) {
   link_up();
   std::uint64_t receipt = 0;

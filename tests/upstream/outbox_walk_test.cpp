@@ -58,7 +58,7 @@ class Walk : public test::OutboxRig {
 
   void say(int count) {
     for (int i = 0; i < count; ++i) {
-      const std::string topic = "t" + std::to_string(below(6));
+      const std::string topic = "r/" + std::to_string(below(3)) + "/" + std::to_string(below(2));
       topics_[++number_] = topic;
       const Qos qos = static_cast<Qos>(below(8) == 0 ? 0 : 1 + below(2));
       const bool is_owed = qos != Qos::at_most_once && below(5) > 0;
