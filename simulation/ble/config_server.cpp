@@ -18,6 +18,8 @@ constexpr std::uint16_t publication_get_op = 0x8018;
 constexpr std::uint16_t publication_status_op = 0x8019;
 constexpr std::uint16_t subscription_add_op = 0x801b;
 constexpr std::uint16_t subscription_delete_op = 0x801c;
+constexpr std::uint16_t subscription_delete_all_op = 0x801d;
+constexpr std::uint16_t subscription_overwrite_op = 0x801e;
 constexpr std::uint16_t subscription_status_op = 0x801f;
 constexpr std::uint16_t model_app_bind_op = 0x803d;
 constexpr std::uint16_t model_app_status_op = 0x803e;
@@ -88,8 +90,11 @@ ConfigServer::Result ConfigServer::on_message(ByteView message) {
     case composition_get_op: return {composition_get(parameters)};
     case publication_set_op: return {publication_set(parameters)};
     case publication_get_op: return {publication_get(parameters)};
-    case subscription_add_op: return {subscription(parameters, true)};
-    case subscription_delete_op: return {subscription(parameters, false)};
+    case subscription_add_op: return {subscription(parameters, SubscriptionChange::add)};
+    case subscription_delete_op: return {subscription(parameters, SubscriptionChange::remove)};
+    case subscription_overwrite_op:
+      return {subscription(parameters, SubscriptionChange::overwrite)};
+    case subscription_delete_all_op: return {subscription_delete_all(parameters)};
     case model_app_bind_op: return {model_app(parameters, true)};
     case model_app_unbind_op: return {model_app(parameters, false)};
     case node_reset_op:
@@ -239,26 +244,25 @@ std::optional<Bytes> ConfigServer::publication_get(ByteView parameters) {
   return out;
 }
 
-std::optional<Bytes> ConfigServer::subscription(ByteView parameters, bool adds) {
+std::optional<Bytes> ConfigServer::subscription(ByteView parameters, SubscriptionChange change) {
   const std::optional<ModelId> id = model_id_at(parameters, 4);
   if (!id) return std::nullopt;
   const Address element = get_u16_le(parameters, 0);
   const Address group = get_u16_le(parameters, 2);
-  Bytes out = begin_status(subscription_status_op, subscribe(element, group, *id, adds));
+  Bytes out = begin_status(subscription_status_op, subscribe(element, group, *id, change));
   put(out, parameters);
   return out;
 }
 
-ConfigStatus ConfigServer::subscribe(Address element, Address group, ModelId id, bool adds) {
+ConfigStatus ConfigServer::subscribe(Address element, Address group, ModelId id,
+                                     SubscriptionChange change) {
   constexpr Address all_nodes = 0xffff;
-  if (!is_element(element) || !is_group(group) || group == all_nodes) {
-    return ConfigStatus::invalid_address;
-  }
-  Model* model = configuration_.find_model(id);
-  if (model == nullptr) return ConfigStatus::invalid_model;
-  if (id == configuration_server) return ConfigStatus::not_a_subscribe_model;
-  std::vector<Address>& groups = model->subscriptions;
-  if (!adds) {
+  if (!is_group(group) || group == all_nodes) return ConfigStatus::invalid_address;
+  const ConfigStatus status = can_subscribe(element, id);
+  if (status != ConfigStatus::success) return status;
+  std::vector<Address>& groups = configuration_.find_model(id)->subscriptions;
+  if (change == SubscriptionChange::overwrite) groups.clear();
+  if (change == SubscriptionChange::remove) {
     std::erase(groups, group);
   } else if (std::find(groups.begin(), groups.end(), group) == groups.end()) {
     if (groups.size() >= NodeConfiguration::max_subscriptions) {
@@ -267,6 +271,26 @@ ConfigStatus ConfigServer::subscribe(Address element, Address group, ModelId id,
     groups.push_back(group);
   }
   return ConfigStatus::success;
+}
+
+/// The status has the unassigned address where the others repeat theirs.
+std::optional<Bytes> ConfigServer::subscription_delete_all(ByteView parameters) {
+  const std::optional<ModelId> id = model_id_at(parameters, 2);
+  if (!id) return std::nullopt;
+  const Address element = get_u16_le(parameters, 0);
+  const ConfigStatus status = can_subscribe(element, *id);
+  if (status == ConfigStatus::success) configuration_.find_model(*id)->subscriptions.clear();
+  Bytes out = begin_status(subscription_status_op, status);
+  put_u16_le(out, element);
+  put_u16_le(out, 0x0000);
+  put_model_id(out, *id);
+  return out;
+}
+
+ConfigStatus ConfigServer::can_subscribe(Address element, ModelId id) const {
+  if (!is_element(element)) return ConfigStatus::invalid_address;
+  if (configuration_.find_model(id) == nullptr) return ConfigStatus::invalid_model;
+  return id == configuration_server ? ConfigStatus::not_a_subscribe_model : ConfigStatus::success;
 }
 
 }  // namespace slamgw::sim::ble

@@ -41,12 +41,15 @@ class ConfigServer {
   std::optional<Bytes> model_app(ByteView parameters, bool binds);
   std::optional<Bytes> publication_set(ByteView parameters);
   std::optional<Bytes> publication_get(ByteView parameters);
-  std::optional<Bytes> subscription(ByteView parameters, bool adds);
+  enum class SubscriptionChange : std::uint8_t { add, remove, overwrite };
+  std::optional<Bytes> subscription(ByteView parameters, SubscriptionChange change);
+  std::optional<Bytes> subscription_delete_all(ByteView parameters);
 
   ConfigStatus store_app_key(std::uint16_t net_index, const AppKey& key);
   ConfigStatus bind(Address element, std::uint16_t app_index, ModelId id, bool binds);
   ConfigStatus publish(Address element, const ModelPublication& publication, ModelId id);
-  ConfigStatus subscribe(Address element, Address group, ModelId id, bool adds);
+  ConfigStatus subscribe(Address element, Address group, ModelId id, SubscriptionChange change);
+  ConfigStatus can_subscribe(Address element, ModelId id) const;
   bool is_element(Address address) const { return address == configuration_.network->address; }
 
   NodeConfiguration& configuration_;

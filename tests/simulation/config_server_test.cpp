@@ -102,6 +102,44 @@ TEST_F(ConfigServerTest, KeepsSubscriptions) {
   EXPECT_EQ(configuration_.find_model(pos_cmd_server)->subscriptions.size(), 7U);
 }
 
+TEST_F(ConfigServerTest, OverwritesSubscriptions) {
+  const std::vector<Address>& groups = configuration_.find_model(pos_cmd_server)->subscriptions;
+  EXPECT_EQ(ask("80 1e 00 01 02 c0 59 00 09 00"), "80 1f 00 00 01 02 c0 59 00 09 00");
+  for (int i = 3; i < 10; ++i) ask("80 1b 00 01 0" + std::to_string(i) + "c0 59 00 09 00");
+  ASSERT_EQ(groups.size(), NodeConfiguration::max_subscriptions);
+  EXPECT_EQ(ask("80 1e 00 01 10 c0 59 00 09 00"), "80 1f 00 00 01 10 c0 59 00 09 00");
+  EXPECT_EQ(groups, std::vector<Address>{0xc010});
+  EXPECT_EQ(ask("80 1e 00 01 11 c0 00 10"), "80 1f 00 00 01 11 c0 00 10");
+  EXPECT_EQ(configuration_.find_model(generic_on_off_server)->subscriptions,
+            std::vector<Address>{0xc011});
+  EXPECT_EQ(ask("80 1e 00 01 00 00 59 00 09 00"), "80 1f 01 00 01 00 00 59 00 09 00");
+  EXPECT_EQ(ask("80 1e 00 01 ff ff 59 00 09 00"), "80 1f 01 00 01 ff ff 59 00 09 00");
+  EXPECT_EQ(ask("80 1e 01 01 04 c0 59 00 09 00"), "80 1f 01 01 01 04 c0 59 00 09 00");
+  EXPECT_EQ(ask("80 1e 00 01 04 c0 59 00 0a 00"), "80 1f 02 00 01 04 c0 59 00 0a 00");
+  EXPECT_EQ(ask("80 1e 00 01 04 c0 00 00"), "80 1f 08 00 01 04 c0 00 00");
+  EXPECT_EQ(ask("80 1e 00 01 04 c0 59"), "");
+  EXPECT_EQ(groups, std::vector<Address>{0xc010});
+}
+
+TEST_F(ConfigServerTest, DeletesAllSubscriptionsOfAModel) {
+  const std::vector<Address>& groups = configuration_.find_model(pos_cmd_server)->subscriptions;
+  for (const char* group : {"02", "03"}) {
+    ask("80 1b 00 01 " + std::string(group) + "c0 59 00 09 00");
+    ask("80 1b 00 01 " + std::string(group) + "c0 00 10");
+  }
+  EXPECT_EQ(ask("80 1d 01 01 59 00 09 00"), "80 1f 01 01 01 00 00 59 00 09 00");
+  EXPECT_EQ(ask("80 1d 00 01 59 00 0a 00"), "80 1f 02 00 01 00 00 59 00 0a 00");
+  EXPECT_EQ(ask("80 1d 00 01 00 00"), "80 1f 08 00 01 00 00 00 00");
+  EXPECT_EQ(ask("80 1d 00 01 02 c0 59 00 09 00"), "");
+  EXPECT_EQ(groups.size(), 2U);
+  EXPECT_EQ(ask("80 1d 00 01 59 00 09 00"), "80 1f 00 00 01 00 00 59 00 09 00");
+  EXPECT_TRUE(groups.empty());
+  EXPECT_EQ(ask("80 1d 00 01 59 00 09 00"), "80 1f 00 00 01 00 00 59 00 09 00");
+  EXPECT_EQ(configuration_.find_model(generic_on_off_server)->subscriptions.size(), 2U);
+  EXPECT_EQ(ask("80 1d 00 01 00 10"), "80 1f 00 00 01 00 00 00 10");
+  EXPECT_TRUE(configuration_.find_model(generic_on_off_server)->subscriptions.empty());
+}
+
 TEST_F(ConfigServerTest, DeletesAKeyWithWhatUsesIt) {
   add_key();
   ask("80 3d 00 01 00 00 59 00 06 00");
