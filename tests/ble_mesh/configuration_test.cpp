@@ -24,6 +24,11 @@ TEST(ConfigMessages, AreWhatNordicsHostScriptWrites) {
             hex("03 00 01 01 00 00 00 04 00 00 59 00 06 00"));
   EXPECT_EQ(encode_model_subscription_add(0x0100, 0xc004, {std::uint16_t{0x0059}, 0x0009}),
             hex("80 1b 00 01 04 c0 59 00 09 00"));
+  EXPECT_EQ(encode_model_subscription_overwrite(0x0100, 0xc004, {{}, 0x1000}),
+            hex("80 1e 00 01 04 c0 00 10"));
+  EXPECT_EQ(encode_model_subscription_delete_all(0x0100, {{}, 0x1000}), hex("80 1d 00 01 00 10"));
+  EXPECT_EQ(encode_model_subscription_delete_all(0x0100, {std::uint16_t{0x0059}, 0x0009}),
+            hex("80 1d 00 01 59 00 09 00"));
   EXPECT_EQ(encode_node_reset(), hex("80 49"));
 }
 
@@ -51,16 +56,16 @@ TEST(Configuration, TellsARobotAllThatItNeeds) {
             (std::vector<std::string>{
                 "800800", "00000000" + app_key, "803d000100000200",
                 "03000101000000044a000200",  // health, each 10 s
-                "803d000100000010", "801b000102c00010", "801b000103c00010", "801b000104c00010",
+                "803d000100000010", "801e000102c00010", "801b000103c00010", "801b000104c00010",
                 "803d000100000110",                                      // on/off server and client
                 "803d0001000059000400", "0300010100000004000059000400",  // min_com client
                 "803d0001000059000600", "0300010100000004000059000600",  // sensor_update client
-                "803d0001000059000900", "801b000102c059000900", "801b000103c059000900",
+                "803d0001000059000900", "801e000102c059000900", "801b000103c059000900",
                 "801b000104c059000900"}));  // pos_cmd server
 }
 
 TEST(Configuration, AsksAgainWhenAnAnswerIsLost) {
-  for (const char* request : {"800800", "00", "803d", "03", "801b"}) {
+  for (const char* request : {"800800", "00", "803d", "03", "801e", "801b"}) {
     ProvisioningRig rig;
     rig.add(1).deaf_to = {request};
     rig.start();
@@ -110,7 +115,7 @@ TEST(Configuration, IsTakenUpAfterARestart) {
 
 TEST(Configuration, NamesWhatARobotRefuses) {
   ProvisioningRig rig;
-  rig.add(1).refuses["801b"] = 0x08;
+  rig.add(1).refuses = {{"801e", 0x08}, {"801b", 0x08}};
   rig.start();
   rig.pass(4s);
   EXPECT_TRUE(
@@ -118,6 +123,64 @@ TEST(Configuration, NamesWhatARobotRefuses) {
                      "subscribe model (0x08)"));
   EXPECT_FALSE(rig.has_notice("is configured"));
   EXPECT_EQ(rig.board.devices.devices[0].requests.size(), 11u) << "the rest is done all the same";
+}
+
+TEST(Configuration, ReplacesTheGroupsThatARobotHad) {
+  for (const bool shares : {false, true}) {
+    ProvisioningRig rig;
+    FakeDevice& device = rig.add(1);
+    device.shares_subscriptions = shares;
+    device.deaf_to = {"803d000100000110"};  // comes after the first model that has groups
+    rig.start();
+    rig.pass(23s);
+    ASSERT_TRUE(rig.has_notice("not configured"));
+    ASSERT_EQ(device.subscriptions.size(), 1u);
+    device.subscriptions.begin()->second.insert(0xc00f);
+    device.deaf_to.clear();
+    ASSERT_TRUE(rig.all_configured(10s));
+    EXPECT_EQ(device.subscriptions.size(), shares ? 1u : 2u);
+    for (const auto& [model, groups] : device.subscriptions)
+      EXPECT_EQ(groups, (std::set<std::uint16_t>{0xc002, 0xc003, 0xc004})) << model;
+  }
+}
+
+TEST(Configuration, AddsGroupsWhereTheyCannotReplaceOthers) {
+  ProvisioningRig rig;
+  rig.add(1).refuses["801e"] = 0x10;
+  rig.start();
+  EXPECT_TRUE(rig.all_configured(5s));
+  EXPECT_FALSE(rig.has_notice("refused"));
+  EXPECT_EQ(rig.board.devices.devices[0].subscriptions.at("00010010").size(), 3u);
+}
+
+Settings without_groups() {
+  Settings settings;
+  settings.groups.clear();
+  return settings;
+}
+
+TEST(Configuration, LeavesARobotNoGroupsWhenThereAreNone) {
+  ProvisioningRig rig(without_groups());
+  rig.add(1);
+  rig.start();
+  EXPECT_TRUE(rig.all_configured(5s));
+  EXPECT_EQ(rig.board.devices.devices[0].requests.back(), "801d000159000900");
+}
+
+TEST(Configuration, TakesAModelThatKnowsNoGroupsForOneWithoutAny) {
+  ProvisioningRig rig(without_groups());
+  rig.add(1).refuses["801d"] = 0x08;
+  rig.start();
+  EXPECT_TRUE(rig.all_configured(5s));
+}
+
+TEST(Configuration, NamesARobotThatKeepsItsGroups) {
+  ProvisioningRig rig(without_groups());
+  rig.add(1).refuses["801d"] = 0x0e;
+  rig.start();
+  rig.pass(5s);
+  EXPECT_TRUE(
+      rig.has_notice("the end of the subscriptions of model 0x1000 was refused: temporarily"));
 }
 
 TEST(Configuration, GivesUpWhenTheRobotHasAnotherKey) {

@@ -131,6 +131,7 @@ Bytes FakeDevices::complete(ByteView secret) {
   if (joining_ == nullptr) return first;  // it failed instead
   device.address = joining_address_;
   device.app_key.clear();
+  device.subscriptions.clear();
   joining_ = nullptr;
   return first + event(0xc2, {context_, 0});
 }
@@ -180,12 +181,30 @@ Bytes FakeDevices::answer(FakeDevice& device, const std::string& request) {
   }
   if (request.starts_with("803d")) return hex("80 3e") + Bytes{status} + from(2, end);
   if (request.starts_with("03")) return hex("80 19") + Bytes{status} + from(1, end);
-  if (request.starts_with("801b")) return hex("80 1f") + Bytes{status} + from(2, end);
+  if (request.starts_with("801b") || request.starts_with("801d") || request.starts_with("801e"))
+    return answer_subscription(device, status, params);
   if (request == "8049") {
     device.address = 0;
+    device.subscriptions.clear();
     return hex("80 4a");
   }
   return {};
+}
+
+/// Model Subscription Add, Delete All (which is told without a group) and Overwrite.
+Bytes FakeDevices::answer_subscription(FakeDevice& device, std::uint8_t status, ByteView request) {
+  const bool adds = request[1] == 0x1b;
+  const bool has_group = request[1] != 0x1d;
+  ByteReader params(request.subspan(2));
+  const std::uint16_t element = params.read_u16_le();
+  const std::uint16_t group = has_group ? params.read_u16_le() : std::uint16_t{0};
+  const ByteView model = params.read_rest();
+  const std::string list = device.shares_subscriptions ? "" : to_hex(number(element) + model);
+  if (status == 0) {
+    if (!adds) device.subscriptions[list].clear();
+    if (has_group) device.subscriptions[list].insert(group);
+  }
+  return hex("80 1f") + Bytes{status} + number(element) + number(group) + model;
 }
 
 Bytes FakeDevices::beacons() const {

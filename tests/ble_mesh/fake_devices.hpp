@@ -25,6 +25,10 @@ struct FakeDevice {
   Bytes device_key;
   Bytes app_key;
   std::vector<std::string> requests;  ///< configuration messages that it carried out, hex
+  /// Groups of each model, by its element and identifier as they are on air, hex.
+  std::map<std::string, std::set<std::uint16_t>> subscriptions;
+
+  bool shares_subscriptions = false;  ///< all models have one list of groups
 
   // Faults.
   std::set<std::string> deaf_to;                ///< requests that begin so get no answer
@@ -72,6 +76,7 @@ class FakeDevices {
   Bytes complete(ByteView secret);
   Bytes add_device_key(ByteView params);
   Bytes answer(FakeDevice& device, const std::string& request);
+  static Bytes answer_subscription(FakeDevice& device, std::uint8_t status, ByteView request);
 
   Bytes board_public_;
   std::uint8_t context_ = 0;

@@ -12,10 +12,19 @@ constexpr Opcode appkey_add = 0x00;
 constexpr Opcode model_publication_set = 0x03;
 constexpr Opcode composition_data_get = 0x8008;
 constexpr Opcode model_subscription_add = 0x801b;
+constexpr Opcode model_subscription_delete_all = 0x801d;
+constexpr Opcode model_subscription_overwrite = 0x801e;
 constexpr Opcode model_app_bind = 0x803d;
 constexpr Opcode node_reset = 0x8049;
 constexpr std::uint16_t app_key_index = 0;
 constexpr std::size_t composition_head_bytes = 10;  // company, product, version, CRPL, features
+
+Bytes encode_subscription(Opcode opcode, std::uint16_t element, std::uint16_t group,
+                          const ModelId& model) {
+  return encode_access(
+      opcode,
+      ByteWriter{}.write_u16_le(element).write_u16_le(group).write(encode_model_id(model)).bytes());
+}
 
 }  // namespace
 
@@ -84,9 +93,17 @@ Bytes encode_model_publication_set(const Publication& publication) {
 
 Bytes encode_model_subscription_add(std::uint16_t element, std::uint16_t group,
                                     const ModelId& model) {
-  return encode_access(
-      model_subscription_add,
-      ByteWriter{}.write_u16_le(element).write_u16_le(group).write(encode_model_id(model)).bytes());
+  return encode_subscription(model_subscription_add, element, group, model);
+}
+
+Bytes encode_model_subscription_overwrite(std::uint16_t element, std::uint16_t group,
+                                          const ModelId& model) {
+  return encode_subscription(model_subscription_overwrite, element, group, model);
+}
+
+Bytes encode_model_subscription_delete_all(std::uint16_t element, const ModelId& model) {
+  return encode_access(model_subscription_delete_all,
+                       ByteWriter{}.write_u16_le(element).write(encode_model_id(model)).bytes());
 }
 
 Bytes encode_node_reset() { return encode_access(node_reset, {}); }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The configuration messages (Mesh Profile 1.0 section 4.3.2) that a new node gets, as access
-// messages with their opcode. Key index 0 of both keys. Numbers are little-endian; a vendor model's
+// The configuration messages (Mesh Profile 1.0 section 4.3.2) that a node gets, as access messages
+// with their opcode. Key index 0 of both keys. Numbers are little-endian; a vendor model's
 // company goes before its model number. Called by configuration_plan and NodeConfiguration.
 #pragma once
 
@@ -50,8 +50,14 @@ Bytes encode_model_app_bind(std::uint16_t element, const ModelId& model);
 Bytes encode_model_publication_set(const Publication& publication);
 Bytes encode_model_subscription_add(std::uint16_t element, std::uint16_t group,
                                     const ModelId& model);
+/// `group` takes the place of all that the model has.
+Bytes encode_model_subscription_overwrite(std::uint16_t element, std::uint16_t group,
+                                          const ModelId& model);
+Bytes encode_model_subscription_delete_all(std::uint16_t element, const ModelId& model);
 Bytes encode_node_reset();
 
+/// A model that knows no groups.
+inline constexpr std::uint8_t not_a_subscribe_model = 0x08;
 /// What a status octet of theirs means (Mesh Profile 1.0 table 4.108).
 std::string_view config_status_text(std::uint8_t status);
 

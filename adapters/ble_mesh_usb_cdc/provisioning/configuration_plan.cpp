@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <array>
+#include <utility>
 
 namespace slamgw::ble {
 namespace {
@@ -62,6 +63,30 @@ ConfigurationStep model_step(std::string what, Bytes request, Opcode answer, std
           false};
 }
 
+/// The groups of the settings and no others. Models may share a list of groups: it is whole again
+/// after each of them.
+void add_subscriptions(std::vector<ConfigurationStep>& steps,
+                       const std::vector<std::uint16_t>& groups, std::uint16_t element,
+                       const ModelId& model) {
+  if (groups.empty()) {
+    auto step = model_step("the end of the subscriptions",
+                           encode_model_subscription_delete_all(element, model),
+                           model_subscription_status, element, model);
+    step.also_done = not_a_subscribe_model;
+    steps.push_back(std::move(step));
+  }
+  for (const std::uint16_t group : groups) {
+    auto step = model_step(fmt::format("the subscription to 0x{:04x}", group),
+                           encode_model_subscription_add(element, group, model),
+                           model_subscription_status, element, model);
+    step.echoed_tail = ByteWriter{}.write_u16_le(group).write(encode_model_id(model)).take();
+    if (group == groups.front())
+      step.when_refused =
+          std::exchange(step.request, encode_model_subscription_overwrite(element, group, model));
+    steps.push_back(std::move(step));
+  }
+}
+
 void add_model(std::vector<ConfigurationStep>& steps, const ConfigurationSettings& settings,
                std::uint16_t element, const ModelId& model) {
   steps.push_back(model_step("the key binding", encode_model_app_bind(element, model),
@@ -72,14 +97,7 @@ void add_model(std::vector<ConfigurationStep>& steps, const ConfigurationSetting
     steps.push_back(model_step("the publication", encode_model_publication_set(publication),
                                model_publication_status, element, model));
   }
-  if (!is_one_of(servers, model)) return;
-  for (const std::uint16_t group : settings.groups) {
-    auto step = model_step(fmt::format("the subscription to 0x{:04x}", group),
-                           encode_model_subscription_add(element, group, model),
-                           model_subscription_status, element, model);
-    step.echoed_tail = ByteWriter{}.write_u16_le(group).write(encode_model_id(model)).take();
-    steps.push_back(std::move(step));
-  }
+  if (is_one_of(servers, model)) add_subscriptions(steps, settings.groups, element, model);
 }
 
 }  // namespace

@@ -71,12 +71,17 @@ bool NodeConfiguration::on_message(const MessageReceived& message, TimePoint now
 }
 
 void NodeConfiguration::on_answer(const AccessMessage& message, TimePoint now) {
-  const ConfigurationStep step = std::move(steps_.front());
+  ConfigurationStep step = std::move(steps_.front());
   steps_.pop_front();
-  if (step.has_status && message.params.front() != 0) {
+  const std::uint8_t status = step.has_status ? message.params.front() : std::uint8_t{0};
+  if (status != 0 && status != step.also_done) {
+    if (!step.when_refused.empty()) {
+      step.request = std::exchange(step.when_refused, {});
+      steps_.push_front(std::move(step));
+      return begin_step(now);
+    }
     const std::string refusal =
-        fmt::format("{} was refused: {} (0x{:02x})", step.what,
-                    config_status_text(message.params.front()), message.params.front());
+        fmt::format("{} was refused: {} (0x{:02x})", step.what, config_status_text(status), status);
     if (step.is_required) return finish(State::failed, refusal);
     problem_ += (problem_.empty() ? "" : "; ") + refusal;
   }
