@@ -65,14 +65,15 @@ RunResult Run::drive(Sender& sender, pid_t process) {
   return result_;
 }
 
-RunResult Run::watch_paho() {
+RunResult Run::watch_paho(bool has_properties) {
   const test::TempDir directory;
   const Load& load = result_.load;
   const auto begin = Clock::now();
-  test::ChildProcess paho({SLAMGW_BENCH_PAHO, std::to_string(broker_port_), std::to_string(number_),
-                           std::to_string(load.clients), std::to_string(load.qos),
-                           std::to_string(load.per_second), std::to_string(load.duration.count())},
-                          directory / "out", directory / "err");
+  test::ChildProcess paho(
+      {SLAMGW_BENCH_PAHO, std::to_string(broker_port_), std::to_string(number_),
+       std::to_string(load.clients), std::to_string(load.qos), std::to_string(load.per_second),
+       std::to_string(load.duration.count()), has_properties ? "properties" : "plain"},
+      directory / "out", directory / "err");
   const double generator_before = usage_of(getpid()).cpu_s;
   while (paho.is_running()) turn(nullptr, Clock::now() + std::chrono::milliseconds(20));
   result_.generator_cpu = (usage_of(getpid()).cpu_s - generator_before) /

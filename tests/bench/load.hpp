@@ -30,7 +30,7 @@ struct Load {
 
 struct RunResult {
   std::string name;
-  std::string way;  ///< "gateway", "raw" or "paho"
+  std::string way;  ///< "gateway", "raw", "paho" or "paho 5"
   Load load;
   std::uint64_t sent = 0, received = 0, duplicates = 0, repeats = 0;
   double per_second = 0;  ///< arrivals, from the first submit to the last arrival
@@ -55,8 +55,9 @@ class Run {
 
   /// `process`: whose use is measured, or 0.
   RunResult drive(Sender& sender, pid_t process);
-  /// The Paho floor: a program that sends the same load by itself.
-  RunResult watch_paho();
+  /// The Paho floor: a program that sends the same load by itself. `has_properties`: by MQTT 5,
+  /// with user properties as the gateway's.
+  RunResult watch_paho(bool has_properties = false);
   /// Before or after drive(): takes what arrives until `is_enough`, or for `limit`.
   bool listen(const std::function<bool(const Arrivals&)>& is_enough, std::chrono::seconds limit);
 

@@ -16,15 +16,21 @@ RunResult by_paho(World& world, const std::string& name, const Load& load) {
   return Run(name, "paho", load, world.broker.port()).watch_paho();
 }
 
-/// The same load on all three ways, within the same minute.
+RunResult by_paho_5(World& world, const std::string& name, const Load& load) {
+  return Run(name, "paho 5", load, world.broker.port()).watch_paho(true);
+}
+
+/// The same load on all ways, within the same minute. `paho_5` sends what the gateway does: with
+/// properties, by MQTT 5; it shows what of our cost is Paho's.
 struct Round {
-  RunResult gateway, raw, paho;
+  RunResult gateway, raw, paho, paho_5;
 
   Round(World& world, Report& report, const std::string& name, const Load& load)
       : gateway(through_gateway(world, name, load)),
         raw(straight(world, name, load)),
-        paho(by_paho(world, name, load)) {
-    for (const RunResult* run : {&gateway, &raw, &paho}) report.add(*run);
+        paho(by_paho(world, name, load)),
+        paho_5(by_paho_5(world, name, load)) {
+    for (const RunResult* run : {&gateway, &raw, &paho, &paho_5}) report.add(*run);
   }
 };
 
@@ -43,10 +49,12 @@ void flat_out(World& world, Report& report, unsigned count, unsigned qos) {
       return 100 * round.gateway.per_second / (round.*floor).per_second;
     });
   };
-  report.budget_at_least(name + ", throughput of bare Paho C++'s", share(&Round::paho), 85, "%",
-                         fmt::format("{:.0f}/s to {:.0f}/s; of the raw floor's {:.0f}/s: {:.0f} %",
-                                     per_second(&Round::gateway), per_second(&Round::paho),
-                                     per_second(&Round::raw), share(&Round::raw)));
+  report.budget_at_least(
+      name + ", throughput of bare Paho C++'s", share(&Round::paho), 85, "%",
+      fmt::format("{:.0f}/s to {:.0f}/s; of the raw floor's {:.0f}/s: {:.0f} %; "
+                  "of Paho's with the same properties, {:.0f}/s: {:.0f} %",
+                  per_second(&Round::gateway), per_second(&Round::paho), per_second(&Round::raw),
+                  share(&Round::raw), per_second(&Round::paho_5), share(&Round::paho_5)));
   const auto cpu = [&](RunResult Round::*way) {
     return median_of(rounds, [&](const Round& round) { return (round.*way).cpu_us; });
   };
@@ -55,7 +63,8 @@ void flat_out(World& world, Report& report, unsigned count, unsigned qos) {
       median_of(rounds,
                 [](const Round& round) { return round.gateway.cpu_us - round.paho.cpu_us; }),
       12, "us/message",
-      fmt::format("{:.1f} us to {:.1f} us", cpu(&Round::gateway), cpu(&Round::paho)));
+      fmt::format("{:.1f} us to {:.1f} us; Paho's with the same properties {:.1f} us",
+                  cpu(&Round::gateway), cpu(&Round::paho), cpu(&Round::paho_5)));
 }
 
 void fixed_rate(World& world, Report& report, unsigned count) {
