@@ -64,7 +64,7 @@ void BleMesh::add_node(const Node& node) {
   const auto [entry, is_new] = robots_.try_emplace(node.address, node.address, id, settings_.ttl);
   Robot& robot = entry->second;
   robot.is_node = true;
-  robot.sent_ttl = node.ttl;
+  robot.sent_ttl = node.sent_ttl();
   if (is_new) subscribe(robot);
 }
 

@@ -37,6 +37,8 @@ NodeDatabase full_database() {
                     node_at(0x0106, 1, NodeState::reserved)};
   database.nodes[0].name = "nr 1";
   database.nodes[0].ttl = 4;
+  database.nodes[0].told = Told{0x0001, {0xc002, 0xfeff}, true};
+  database.nodes[1].told = Told{0x7fff, {}};
   database.removed = {{uuid_of(9), 0x0107, 2}};
   return database;
 }
@@ -55,6 +57,13 @@ TEST(NodeDatabase, SurvivesTheFile) {
   EXPECT_EQ(again->keys, database.keys);
   EXPECT_EQ(again->nodes.at(0).name, "nr 1");
   EXPECT_EQ(again->nodes.at(0).ttl, 4);
+  ASSERT_TRUE(again->nodes.at(0).told && again->nodes.at(1).told);
+  EXPECT_EQ(again->nodes.at(0).told->gateway_address, 0x0001);
+  EXPECT_EQ(again->nodes.at(0).told->groups, (std::vector<std::uint16_t>{0xc002, 0xfeff}));
+  EXPECT_TRUE(again->nodes.at(0).told->is_changing);
+  EXPECT_TRUE(again->nodes.at(1).told->groups.empty());
+  EXPECT_FALSE(again->nodes.at(1).told->is_changing);
+  EXPECT_FALSE(again->nodes.at(2).told);
   EXPECT_EQ(again->nodes.at(0).device_key, database.nodes[0].device_key);
   EXPECT_EQ(again->nodes.at(1).elements, 3);
   EXPECT_EQ(again->nodes.at(2).state, NodeState::reserved);
@@ -69,6 +78,19 @@ TEST(NodeDatabase, ReadsTheFileOfVersionOne) {
   EXPECT_EQ(old->keys.net_key[0], 0x11);
   EXPECT_EQ(old->next_address, 0x0100);
   EXPECT_TRUE(old->nodes.empty());
+}
+
+TEST(NodeDatabase, ReadsNodesOfWhichOnlyTheTtlIsKnown) {
+  const auto old = decode_node_database(
+      R"({"version": 2, "net_key": "11111111111111111111111111111111",
+          "app_key": "22222222222222222222222222222222", "iv_index": 0, "next_address": "0x0101",
+          "nodes": [{"uuid": "33333333333333333333333333333333", "address": "0x0100",
+                     "elements": 1, "state": "configured",
+                     "device_key": "44444444444444444444444444444444", "ttl": 4}],
+          "removed": []})");
+  ASSERT_TRUE(old.has_value());
+  EXPECT_EQ(old->nodes.at(0).sent_ttl(), 4);
+  EXPECT_FALSE(old->nodes.at(0).told);
 }
 
 TEST(NodeDatabase, RefusesEveryDamage) {
@@ -88,6 +110,11 @@ TEST(NodeDatabase, RefusesEveryDamage) {
       {"\"elements\": 3", "\"elements\": 0"},
       {"\"provisioned\"", "\"elsewhere\""},
       {"\"reserved\"", "\"configured\""},  // without a device key
+      {"\"gateway\": \"0x0001\"", "\"gateway\": \"0xc001\""},
+      {"\"0xc002\"", "\"0x7fff\""},  // no group
+      {"\"0xfeff\"", "\"0xff00\""},
+      {"\"0xfeff\"", "1"},
+      {"\"groups\": []", "\"groups\": {}"},
       {"nr 1", "nr/1"},
       {"\"nodes\": [", "\"nodes\": 1, \"x\": ["},
       {"02020202", "00000000"},  // two nodes with one UUID, once the second is replaced as well

@@ -36,10 +36,14 @@ void GatewayProcess::start() {
       directory_ / "out", directory_ / "log");
 }
 
-void GatewayProcess::reload(const std::function<void(nlohmann::json&)>& change) {
+void GatewayProcess::configure(const std::function<void(nlohmann::json&)>& change) {
   auto configuration = nlohmann::json::parse(read_file(directory_ / "gateway.json"));
   change(configuration);
   write_file(directory_ / "gateway.json", configuration.dump(2));
+}
+
+void GatewayProcess::reload(const std::function<void(nlohmann::json&)>& change) {
+  configure(change);
   process_->send_signal(SIGHUP);
 }
 

@@ -25,7 +25,9 @@ class GatewayProcess {
   GatewayProcess& operator=(const GatewayProcess&) = delete;
 
   void start();
-  /// SIGHUP with a configuration changed by `change`.
+  /// Writes a configuration changed by `change`, for the next start.
+  void configure(const std::function<void(nlohmann::json&)>& change);
+  /// SIGHUP with such a configuration.
   void reload(const std::function<void(nlohmann::json&)>& change);
   std::string log() const;
   bool logs(const std::string& text) const { return log().find(text) != std::string::npos; }

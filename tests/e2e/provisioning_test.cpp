@@ -84,6 +84,50 @@ TEST(NewRobots, JoinThoughTheDaemonIsKilledMeanwhile) {
   EXPECT_EQ(addresses.size(), static_cast<std::size_t>(robots));
 }
 
+TEST(NewRobots, AreToldWhenTheSettingsAreOthers) {
+  constexpr std::size_t count = 3;
+  Mosquitto broker;
+  GatewayProcess gateway(configuration(broker));
+  const std::string state_file = gateway / "state.json";
+  std::vector<std::string> arguments = new_robots(gateway, static_cast<int>(count));
+  arguments.insert(arguments.end(), {"--state", state_file});
+  SimulatorProcess simulator(arguments);
+  ASSERT_TRUE(
+      eventually([&] { return count_of(gateway.log(), "is configured") == count; }, join_limit))
+      << gateway.log();
+  gateway.process().send_signal(SIGTERM);
+  gateway.process().wait();
+  gateway.configure([](json& changed) {
+    changed["ble_mesh"]["ttl"] = 8;
+    changed["ble_mesh"]["groups"] = {"0xc002", "0xc005"};
+  });
+  gateway.start();
+  const std::string news = "is configured anew: its TTL is 8; its groups are 0xc002, 0xc005";
+  ASSERT_TRUE(eventually([&] { return count_of(gateway.log(), news) == count; }, join_limit))
+      << gateway.log();
+
+  Subscriber updates(broker, "ntnu-slam/robot/+/update");
+  EXPECT_TRUE(eventually([&] { return all_publish(updates, count); })) << gateway.log();
+  for (const json& node : gateway.ctl({"ble", "nodes"}))
+    EXPECT_TRUE(node["state"] == "configured" && node["problem"] == "") << node;
+  for (const json& row : gateway.ctl({"robots"})) {
+    EXPECT_TRUE(row["ttl"] == 8 && row["hops"] == 0) << row;
+    EXPECT_EQ(gateway.ctl({"send", row["id"], "cmd", "10,-20"})["outcome"], "delivered") << row;
+  }
+  simulator.process().send_signal(SIGTERM);
+  EXPECT_EQ(simulator.report()["commands_received"], count);
+  const json state = json::parse(read_file(state_file));
+  std::size_t subscribed = 0;
+  for (const json& node : state["nodes"]) {
+    for (const json& model : node["models"]) {
+      if (model["subscriptions"].empty()) continue;
+      EXPECT_EQ(model["subscriptions"], (json{0xc002, 0xc005})) << model;
+      ++subscribed;
+    }
+  }
+  EXPECT_GT(subscribed, count);
+}
+
 TEST(NewRobots, ComeAndGoByHand) {
   Mosquitto broker;
   GatewayProcess gateway(configuration(broker, false));

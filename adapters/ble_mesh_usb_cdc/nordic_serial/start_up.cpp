@@ -97,8 +97,8 @@ void StartUp::on_address(const CommandResponse& response) {
   if (count != 0 && address != settings_.address) {
     return refuse(fmt::format(
         "it is configured with unicast address 0x{:04x}, but ble_mesh.address is 0x{:04x}: set "
-        "ble_mesh.address to the board's, or clear the board with Nordic's tools (its sequence "
-        "numbers start anew then and robots ignore it for a while)",
+        "ble_mesh.address to the board's, or give the board the other with slam-gatewayctl ble "
+        "reset-board --yes",
         address, settings_.address));
   }
   step_ = was_fresh_ ? Step::set_address : Step::get_subnets;

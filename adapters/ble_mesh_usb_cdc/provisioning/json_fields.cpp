@@ -10,12 +10,20 @@ namespace slamgw::ble {
 namespace {
 
 constexpr int hexadecimal = 16;
+constexpr std::uint16_t first_group = 0xc000;
+constexpr std::uint16_t last_group = 0xfeff;
+constexpr std::size_t max_groups = last_group - first_group + 1;
 
 template <class T>
 bool parse_hex(std::string_view digits, T& out) {
   const char* const end = digits.data() + digits.size();
   const auto [stop, error] = std::from_chars(digits.data(), end, out, hexadecimal);
   return error == std::errc{} && stop == end;
+}
+
+bool parse_address(std::string_view digits, std::uint16_t& out) {
+  if (digits.starts_with("0x")) digits.remove_prefix(2);
+  return parse_hex(digits, out);
 }
 
 }  // namespace
@@ -35,14 +43,25 @@ std::optional<std::array<std::uint8_t, 16>> read_octets(const nlohmann::json& js
 std::optional<std::uint16_t> read_unicast(const nlohmann::json& json, const char* name) {
   std::uint16_t address = 0;
   if (const auto text = read_text(json, name)) {
-    std::string_view digits = *text;
-    if (digits.starts_with("0x")) digits.remove_prefix(2);
-    if (!parse_hex(digits, address)) return std::nullopt;
+    if (!parse_address(*text, address)) return std::nullopt;
   } else if (const auto number = read_count(json, name, last_unicast_address)) {
     address = static_cast<std::uint16_t>(*number);
   }
   if (address == 0 || address > last_unicast_address) return std::nullopt;
   return address;
+}
+
+std::optional<std::vector<std::uint16_t>> read_groups(const nlohmann::json& json,
+                                                      const char* name) {
+  const auto* list = read_array(json, name);
+  if (list == nullptr || list->size() > max_groups) return std::nullopt;
+  std::vector<std::uint16_t> groups;
+  for (const auto& text : *list) {
+    std::uint16_t& group = groups.emplace_back();
+    if (!text.is_string() || !parse_address(text.get<std::string>(), group)) return std::nullopt;
+    if (group < first_group || group > last_group) return std::nullopt;
+  }
+  return groups;
 }
 
 std::optional<std::string> read_text(const nlohmann::json& json, const char* name) {

@@ -30,6 +30,11 @@ OrderedJson node_json(const Node& node) {
   json["state"] = to_string(node.state);
   if (node.state != NodeState::reserved) json["device_key"] = to_hex(node.device_key);
   if (node.ttl) json["ttl"] = *node.ttl;
+  if (!node.told) return json;
+  json["gateway"] = address_text(node.told->gateway_address);
+  json["groups"] = OrderedJson::array();
+  for (const std::uint16_t group : node.told->groups) json["groups"].push_back(address_text(group));
+  if (node.told->is_changing) json["changing"] = true;
   return json;
 }
 
@@ -40,19 +45,30 @@ std::optional<NodeState> read_state(const Json& json) {
   return std::nullopt;
 }
 
+/// False when it is damaged; without it the node stays as it is.
+bool read_told(const Json& json, Node& node) {
+  if (const auto ttl = read_count(json, "ttl", max_ttl)) node.ttl = static_cast<std::uint8_t>(*ttl);
+  if (!json.contains("gateway") || !json.contains("groups")) return true;
+  const auto gateway_address = read_unicast(json, "gateway");
+  auto groups = read_groups(json, "groups");
+  if (!gateway_address || !groups) return false;
+  node.told = Told{*gateway_address, std::move(*groups), json.value("changing", Json()) == true};
+  return true;
+}
+
 std::optional<Node> read_node(const Json& json) {
   const auto uuid = read_octets(json, "uuid");
   const auto address = read_unicast(json, "address");
   const auto elements = read_count(json, "elements", max_elements);
   const auto state = read_state(json);
   if (!uuid || !address || !elements || *elements == 0 || !state) return std::nullopt;
-  Node node{*uuid, *address, static_cast<std::uint8_t>(*elements), *state, {}, {}, {}};
+  Node node{*uuid, *address, static_cast<std::uint8_t>(*elements), *state, {}, {}, {}, {}};
   node.name = read_text(json, "name").value_or("");
   if (!node.name.empty() && !is_valid_level(node.name)) return std::nullopt;
   const auto device_key = read_octets(json, "device_key");
   if (!device_key && node.state != NodeState::reserved) return std::nullopt;
   node.device_key = device_key.value_or(Key{});
-  if (const auto ttl = read_count(json, "ttl", max_ttl)) node.ttl = static_cast<std::uint8_t>(*ttl);
+  if (!read_told(json, node)) return std::nullopt;
   return node;
 }
 

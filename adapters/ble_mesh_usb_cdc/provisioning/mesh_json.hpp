@@ -4,7 +4,9 @@
 //   {"version": 2, "net_key": KEY, "app_key": KEY, "iv_index": NUMBER, "next_address": "0x0101",
 //    "nodes": [{"uuid": UUID, "address": "0x0100", "elements": 1, "name": TEXT or absent,
 //               "state": "reserved" | "provisioned" | "configured",
-//               "device_key": KEY unless reserved, "ttl": NUMBER or absent}],
+//               "device_key": KEY unless reserved, "ttl": NUMBER or absent,
+//               "gateway": "0x0001" or absent, "groups": ["0xc002"] with "gateway",
+//               "changing": true or absent}],
 //    "removed": [{"uuid": UUID, "address": "0x0107", "elements": 1}]}
 //
 // KEY and UUID are 32 hex digits. Version 1 held the two keys only and is still read. Called by

@@ -21,6 +21,13 @@ enum class NodeState : std::uint8_t {
 };
 std::string_view to_string(NodeState state);
 
+/// What a node was told besides the TTL.
+struct Told {
+  std::uint16_t gateway_address = 0;  ///< where it publishes to
+  std::vector<std::uint16_t> groups;
+  bool is_changing = false;  ///< it is being told otherwise, and may have some of each
+};
+
 struct Node {
   Uuid uuid{};
   std::uint16_t address = 0;  ///< unicast, of the first element
@@ -29,6 +36,12 @@ struct Node {
   Key device_key{};                 ///< means nothing while `reserved`
   std::string name;                 ///< given by an operator; may be empty
   std::optional<std::uint8_t> ttl;  ///< that it was told to publish with
+  std::optional<Told> told;         ///< nothing: by another tool, or before this was kept
+
+  /// Nothing when it is not known.
+  std::optional<std::uint8_t> sent_ttl() const {
+    return told && told->is_changing ? std::nullopt : ttl;
+  }
 
   bool has_address(std::uint16_t other) const {
     return other >= address && other - address < elements;

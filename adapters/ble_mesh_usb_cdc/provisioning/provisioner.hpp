@@ -145,8 +145,12 @@ class Provisioner {
   // provisioner_nodes.cpp: nodes are configured and reset
   void begin_conversations(TimePoint now);
   bool wants_configuration(const Node& node) const;
+  bool is_outdated(const Node& node) const;
+  bool begin_changes();
+  const Node* next_node(TimePoint now);
   void end_conversation(NodeConfiguration conversation, TimePoint now);
   void on_configured(const Node& known);
+  std::string changes_from(const Node& before) const;
   void on_not_configured(const Node& node, const std::string& problem, TimePoint now);
   void on_reset(const Node& node, bool is_done, const std::string& problem, TimePoint now);
   void forget(const Node& node);

@@ -178,6 +178,7 @@ void Provisioner::on_joined(TimePoint now) {
   node.device_key = device_key;
   node.state = NodeState::provisioned;
   node.ttl.reset();
+  node.told.reset();
   candidates_.erase(node.uuid);
   Upkeep& upkeep = upkeep_[node.uuid];
   upkeep = Upkeep{};
