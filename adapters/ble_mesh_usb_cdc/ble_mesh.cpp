@@ -9,6 +9,8 @@
 namespace slamgw::ble {
 namespace {
 
+constexpr const char* gateway_ends = "the gateway ends";
+
 std::optional<MeshKeys> keys_of(const std::optional<NodeDatabase>& database) {
   return database ? std::optional(database->keys) : std::nullopt;
 }
@@ -207,6 +209,7 @@ void BleMesh::on_broker_message(const BrokerMessage& message, TimePoint now) {
   const auto refuse = [&](std::string why) {
     conclude(robot, {{std::string(target->type), CommandResult::refused, {}, std::move(why)}});
   };
+  if (is_stopping_) return refuse(gateway_ends);
   if (!link_.is_up()) return refuse("the BLE link is down: " + down_reason_);
   auto command = make_command(settings_, target->type, message.payload, ++last_tid_);
   if (!command.has_value()) return refuse(command.error().why);
@@ -219,6 +222,12 @@ bool BleMesh::may_take_retained(Robot& robot, const BrokerMessage& message) {
   if (!robot.is_online || !link_.is_up() || robot.retained_given.size() >= max_retained)
     return false;
   return robot.retained_given.insert(message.topic).second;
+}
+
+void BleMesh::on_stop(TimePoint now) {
+  is_stopping_ = true;
+  for (auto& [address, robot] : robots_)
+    conclude(robot, robot.commands.refuse_all(gateway_ends, now));
 }
 
 void BleMesh::transmit_due(Robot& robot, TimePoint now) {

@@ -50,6 +50,7 @@ class BleMesh final : public MeshMachine {
   void on_broker_message(const BrokerMessage& message, TimePoint now) override;
   void on_subscribe_result(const std::string& filter, bool granted) override;
   void on_broker_link(bool is_up) override;
+  void on_stop(TimePoint now) override;
 
   std::optional<MeshAction> next_action() override { return actions_.pop(); }
   std::optional<TimePoint> deadline() const override;
@@ -121,6 +122,7 @@ class BleMesh final : public MeshMachine {
   std::map<std::uint64_t, std::pair<std::uint16_t, VendorModel>> open_receipts_;
   std::uint64_t last_receipt_ = 0;
   std::uint8_t last_tid_ = 0;
+  bool is_stopping_ = false;
   Burst reject_burst_;
   Burst full_burst_;
   MeshCounters counters_;

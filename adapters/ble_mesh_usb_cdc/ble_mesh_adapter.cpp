@@ -67,6 +67,10 @@ void BleMeshAdapter::start() {
   open_after(Duration::zero());
 }
 
+void BleMeshAdapter::stop_listening() {
+  driver_.input([](MeshMachine& mesh, TimePoint now) { mesh.on_stop(now); });
+}
+
 void BleMeshAdapter::stop() {
   is_stopped_ = true;
   driver_.stop();

@@ -39,6 +39,7 @@ class BleMeshAdapter final : public MeshAdapter {
                  RobotNames names, std::string store_directory, MeshListener& listener);
 
   void start() override;
+  void stop_listening() override;
   void stop() override;
   void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome) override;
   void on_broker_message(const BrokerMessage& message) override;

@@ -64,6 +64,9 @@ class MeshMachine {
   virtual void on_broker_message(const BrokerMessage& message, TimePoint now) = 0;
   virtual void on_subscribe_result(const std::string& filter, bool granted) = 0;
   virtual void on_broker_link(bool is_up) = 0;
+  /// The daemon ends: no command is taken or waited for any more. What robots were promised to hear
+  /// is still sent.
+  virtual void on_stop(TimePoint) {}
 
   virtual std::optional<MeshAction> next_action() = 0;
   virtual std::optional<TimePoint> deadline() const = 0;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "adapters/mqttsn_udp/command_watch.hpp"
 
+#include <algorithm>
 #include <utility>
 
 #include "adapters/mqttsn_udp/limits.hpp"
@@ -13,13 +14,24 @@ std::shared_ptr<Command> CommandWatch::begin(const ClientSession& session, const
   if (!parsed || parsed->robot != session.robot) return nullptr;
   auto command = std::make_shared<Command>(
       Command{std::string(parsed->robot), std::string(parsed->type), now, false});
-  while (!open_.empty() && open_.front()->is_reported) open_.pop_front();
-  if (open_.size() >= limits::max_tracked_commands) {  // the oldest can't be watched to its end
-    end(open_.front(), CommandResult::timeout, "too many commands are waiting", now);
-    open_.pop_front();
-  }
+  make_room(now);
   open_.push_back(command);
   return command;
+}
+
+void CommandWatch::adopt(const std::shared_ptr<Command>& command, TimePoint now) {
+  make_room(now);
+  const auto place = std::ranges::upper_bound(open_, command->came, {},
+                                              [](const auto& other) { return other->came; });
+  open_.insert(place, command);
+}
+
+/// The oldest is not watched to its end when there are too many.
+void CommandWatch::make_room(TimePoint now) {
+  while (!open_.empty() && open_.front()->is_reported) open_.pop_front();
+  if (open_.size() < limits::max_tracked_commands) return;
+  end(open_.front(), CommandResult::timeout, "too many commands are waiting", now);
+  open_.pop_front();
 }
 
 void CommandWatch::end(const std::shared_ptr<Command>& command, CommandResult result,
@@ -39,7 +51,8 @@ void CommandWatch::on_deadline(TimePoint now) {
   while (!open_.empty() && open_.front()->came + limits::command_patience <= now) {
     const std::shared_ptr<Command> command = std::move(open_.front());
     open_.pop_front();
-    const ClientSession* session = context_.clients.find_robot(command->robot);
+    ClientSession* session = context_.clients.find_robot(command->robot);
+    if (session) context_.set_dirty(*session);  // after a restart it is not told again
     const bool sleeps = session && session->state == ClientState::asleep;
     end(command, CommandResult::timeout,
         sleeps ? "the robot sleeps; it gets the command when it wakes" : "no acknowledgement", now);

@@ -17,6 +17,8 @@ class CommandWatch {
   /// Null when `topic` is no command for this client's robot.
   std::shared_ptr<Command> begin(const ClientSession& session, const std::string& topic,
                                  TimePoint now);
+  /// From before a restart of the daemon: its outcome is still owed.
+  void adopt(const std::shared_ptr<Command>& command, TimePoint now);
   /// `command` may be null.
   void end(const std::shared_ptr<Command>& command, CommandResult result, std::string why,
            TimePoint now);
@@ -25,6 +27,8 @@ class CommandWatch {
   void on_deadline(TimePoint now);
 
  private:
+  void make_room(TimePoint now);
+
   Context& context_;
   std::deque<std::shared_ptr<Command>> open_;  // in the order they came, so in that of their ends
 };

@@ -61,6 +61,7 @@ void MqttsnAdapter::start() {
 
 void MqttsnAdapter::stop_listening() {
   for (const auto& socket : sockets_) socket->stop_receiving();
+  input([](SnGateway& gateway, TimePoint now) { gateway.on_stop(now); });
 }
 
 /// No goodbye: clients are to notice nothing of a restart.

@@ -65,15 +65,17 @@ SubscriptionSnapshot to_subscription(const Json& json) {
 }
 
 Json to_json(const MessageSnapshot& m) {
-  return {{"topic", m.message.topic},
-          {"payload", binary(m.message.payload)},
-          {"sent_qos", m.message.qos},
-          {"retain", m.message.retain},
-          {"qos", m.qos},
-          {"type", m.topic_id_type},
-          {"predefined", m.predefined_id},
-          {"msg_id", m.msg_id},
-          {"released", m.is_released}};
+  Json json{{"topic", m.message.topic},
+            {"payload", binary(m.message.payload)},
+            {"sent_qos", m.message.qos},
+            {"retain", m.message.retain},
+            {"qos", m.qos},
+            {"type", m.topic_id_type},
+            {"predefined", m.predefined_id},
+            {"msg_id", m.msg_id},
+            {"released", m.is_released}};
+  if (m.command_age) json["command_ms"] = m.command_age->count();
+  return json;
 }
 
 MessageSnapshot to_message(const Json& json) {
@@ -85,6 +87,8 @@ MessageSnapshot to_message(const Json& json) {
   m.predefined_id = json.at("predefined");
   m.msg_id = json.at("msg_id");
   m.is_released = json.at("released");
+  if (json.contains("command_ms"))
+    m.command_age = std::chrono::milliseconds(json.at("command_ms").get<std::uint32_t>());
   return m;
 }
 

@@ -10,29 +10,39 @@ namespace {
 
 using Stage = InFlight::Stage;
 
-MessageSnapshot to_snapshot(const Outgoing& waiting) {
-  return {*waiting.message, waiting.qos, waiting.topic_id_type, waiting.predefined_id, 0, false};
+using std::chrono::milliseconds;
+
+MessageSnapshot to_snapshot(const Outgoing& waiting, TimePoint now) {
+  MessageSnapshot out{*waiting.message,      waiting.qos, waiting.topic_id_type,
+                      waiting.predefined_id, 0,           false};
+  if (waiting.command && !waiting.command->is_reported)
+    out.command_age = std::chrono::duration_cast<milliseconds>(now - waiting.command->came);
+  return out;
 }
 
-void add_messages(const Delivery& delivery, std::vector<MessageSnapshot>& messages) {
+void add_messages(const Delivery& delivery, std::vector<MessageSnapshot>& messages, TimePoint now) {
   if (delivery.in_flight && delivery.in_flight->what.qos != Qos::at_most_once) {
     const InFlight& in_flight = *delivery.in_flight;
-    messages.push_back(to_snapshot(in_flight.what));
+    messages.push_back(to_snapshot(in_flight.what, now));
     messages.back().msg_id =
         in_flight.stage == Stage::registering ? in_flight.resumed_msg_id : in_flight.msg_id;
     messages.back().is_released = in_flight.stage == Stage::released;
   }
   for (const Outgoing& waiting : delivery.queue) {
-    if (waiting.qos != Qos::at_most_once) messages.push_back(to_snapshot(waiting));
+    if (waiting.qos != Qos::at_most_once) messages.push_back(to_snapshot(waiting, now));
   }
 }
 
-Outgoing to_outgoing(const MessageSnapshot& snapshot) {
+Outgoing to_outgoing(const MessageSnapshot& snapshot, const std::string& robot, TimePoint now) {
   Outgoing outgoing;
   outgoing.message = std::make_shared<const BrokerMessage>(snapshot.message);
   outgoing.qos = snapshot.qos;
   outgoing.topic_id_type = snapshot.topic_id_type;
   outgoing.predefined_id = snapshot.predefined_id;
+  if (!snapshot.command_age) return outgoing;
+  const std::string& topic = snapshot.message.topic;
+  outgoing.command = std::make_shared<Command>(
+      Command{robot, topic.substr(topic.rfind('/') + 1), now - *snapshot.command_age, false});
   return outgoing;
 }
 
@@ -47,11 +57,11 @@ std::uint16_t topic_id(ClientSession& session, const Outgoing& what) {
                           : std::uint16_t{0};
 }
 
-void restore_messages(const SessionSnapshot& snapshot, ClientSession& session) {
+void restore_messages(const SessionSnapshot& snapshot, ClientSession& session, TimePoint now) {
   Delivery& delivery = session.delivery;
   delivery.last_msg_id = snapshot.last_msg_id;
   for (const MessageSnapshot& message : snapshot.messages) {
-    Outgoing outgoing = to_outgoing(message);
+    Outgoing outgoing = to_outgoing(message, session.robot, now);
     if (message.msg_id != 0 && !delivery.in_flight) {
       const std::uint16_t id = topic_id(session, outgoing);
       const Stage stage = message.is_released ? Stage::released : Stage::published;
@@ -79,12 +89,12 @@ SessionSnapshot to_snapshot(const ClientSession& session, TimePoint now) {
   out.topics = session.topics.topics();
   for (const auto& [filter, s] : session.subscriptions)
     out.subscriptions.push_back({filter, s.qos, s.topic_id_type, s.topic_id});
-  add_messages(session.delivery, out.messages);
+  add_messages(session.delivery, out.messages, now);
   for (const auto& [msg_id, inbound] : session.inbound_qos2) {
     if (inbound.receipt_id == 0) out.inbound_qos2.emplace_back(msg_id, inbound.fingerprint);
   }
   for (const RepeatFilter::Entry& entry : session.repeats.entries()) {
-    const auto age = std::chrono::duration_cast<std::chrono::milliseconds>(now - entry.came);
+    const auto age = std::chrono::duration_cast<milliseconds>(now - entry.came);
     if (entry.receipt_id == 0 && age <= limits::repeat_window)
       out.repeats.push_back({entry.msg_id, entry.topic_id, entry.fingerprint, age});
   }
@@ -114,7 +124,7 @@ void apply(const SessionSnapshot& snapshot, ClientSession& session, TimePoint no
   for (const RepeatSnapshot& repeat : snapshot.repeats)
     session.repeats.add({repeat.fingerprint, now - repeat.age, 0, repeat.topic_id, repeat.msg_id});
   for (const auto& [msg_id, mark] : snapshot.inbound_qos2) session.inbound_qos2[msg_id] = {mark, 0};
-  restore_messages(snapshot, session);
+  restore_messages(snapshot, session, now);
 }
 
 }  // namespace slamgw::mqttsn

@@ -4,6 +4,8 @@
 // (the robot repeats them).
 #pragma once
 
+#include <chrono>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -27,6 +29,8 @@ struct MessageSnapshot {
   std::uint16_t predefined_id = 0;
   std::uint16_t msg_id = 0;  ///< not 0: it was sent under this id
   bool is_released = false;  ///< QoS 2: PUBREC came, PUBREL is due
+  /// A command whose outcome was not told yet: since when it waits.
+  std::optional<std::chrono::milliseconds> command_age{};
 };
 
 /// A message that was acknowledged lately: its repetition is none of the core's concern (R76).

@@ -90,6 +90,11 @@ std::size_t SnGateway::queued_for(const std::string& robot) const {
   return session->delivery.queue.size() + (session->delivery.in_flight ? 1 : 0);
 }
 
+void SnGateway::on_stop(TimePoint now) {
+  for (const auto& [id, session] : context_.clients.all())
+    downlink_.drop_volatile(*session, "the gateway ends before the robot could take it", now);
+}
+
 void SnGateway::set_all_dirty() {
   for (const auto& [id, session] : context_.clients.all()) context_.set_dirty(*session);
 }
@@ -101,12 +106,21 @@ std::optional<SessionSnapshot> SnGateway::snapshot(const std::string& client_id,
   return to_snapshot(*session, now);
 }
 
+void SnGateway::adopt_commands(const Delivery& delivery, TimePoint now) {
+  const auto adopt = [&](const Outgoing& what) {
+    if (what.command) commands_.adopt(what.command, now);
+  };
+  if (delivery.in_flight) adopt(delivery.in_flight->what);
+  for (const Outgoing& waiting : delivery.queue) adopt(waiting);
+}
+
 bool SnGateway::restore(const SessionSnapshot& snapshot, TimePoint now) {
   const bool is_same_robot = context_.names.of_client(snapshot.client_id) == snapshot.robot;
   if (!is_same_robot || context_.clients.is_full() || context_.clients.find(snapshot.client_id))
     return false;
   ClientSession& session = context_.clients.create(snapshot.client_id, snapshot.robot);
   apply(snapshot, session, now);
+  adopt_commands(session.delivery, now);
   if (snapshot.peer) context_.clients.bind(session, *snapshot.peer, snapshot.local);
   subscriptions_.restore(session);
   switch (session.state) {

@@ -45,6 +45,9 @@ class SnGateway {
   /// Messages waiting for this robot, the one in flight included.
   std::size_t queued_for(const std::string& robot) const;
 
+  /// The daemon ends: what no session keeps and cannot be delivered any more is refused now.
+  void on_stop(TimePoint now);
+
   /// The clients whose sessions have changed or ended and were not taken yet, at most `max`.
   std::vector<std::string> take_dirty(std::size_t max) { return context_.take_dirty(max); }
   bool has_dirty() const { return context_.has_dirty(); }
@@ -58,6 +61,7 @@ class SnGateway {
   bool restore(const SessionSnapshot& snapshot, TimePoint now);
 
  private:
+  void adopt_commands(const Delivery& delivery, TimePoint now);
   /// One message and where it came from.
   struct Arrival {
     Peer peer;

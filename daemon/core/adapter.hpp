@@ -27,7 +27,7 @@ class MeshAdapter {
   /// std::runtime_error only for what an operator must mend (an address in use).
   virtual void start() = 0;
   /// The daemon is about to end: hears nothing new where it can be avoided, but still acknowledges
-  /// what it has heard.
+  /// what it has heard. The outcome of each command that does not outlive the daemon is told now.
   virtual void stop_listening() {}
   /// Orderly end: says goodbye where the protocol has one, closes everything. No events after it
   /// returns.

@@ -206,5 +206,24 @@ TEST_F(Downlink, AnswersToRobotsOvertakeCommands) {
   EXPECT_EQ(rig.board.sent[3].destination, 0x0200);
 }
 
+TEST_F(Downlink, RefusesWhatWaitsAndWhatComesWhenTheGatewayEnds) {
+  rig.command("nr1/cmd", hex("0a 00 ec ff"));
+  rig.command("nr1/run", to_bytes("stop"));
+  rig.run_for(20ms);
+  rig.stop();
+  rig.command("nr1/x", to_bytes("too late"));
+  ASSERT_EQ(outcomes().size(), 3u);
+  for (const CommandOutcome& outcome : outcomes()) {
+    EXPECT_EQ(outcome.result, CommandResult::refused);
+    EXPECT_EQ(outcome.why, "the gateway ends");
+  }
+  rig.hear(robot, "c5 59 00 68 69");  // to be acknowledged
+  const auto reports = rig.all<Report>();
+  ASSERT_EQ(reports.size(), 1u);
+  rig.receipt(reports[0].receipt.id);
+  rig.run_for(20ms);
+  EXPECT_EQ(rig.sent_to(robot).back(), "c8590000") << "robots are still answered";
+}
+
 }  // namespace
 }  // namespace slamgw::ble

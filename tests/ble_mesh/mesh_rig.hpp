@@ -76,6 +76,11 @@ class MeshRig {
     drain();
   }
 
+  void stop() {
+    mesh.on_stop(now);
+    drain();
+  }
+
   void run_for(Duration time) {
     const TimePoint end = now + time;
     drain();

@@ -64,6 +64,26 @@ TEST(NewRobots, JoinByThemselvesAndObey) {
   EXPECT_EQ(simulator.report()["commands_received"], 2 * robots);
 }
 
+TEST(Commands, HaveAnOutcomeWhenTheDaemonEndsBeforeTheRobotAnswers) {
+  Mosquitto broker;
+  Subscriber outcomes(broker, "ntnu-slam/gateway/test/commands/ghost", "%p");
+  json settings = configuration(broker);
+  settings["robots"] = {{{"id", "ghost"}, {"ble_address", "0x0300"}}};
+  GatewayProcess gateway(settings);
+  SimulatorProcess simulator(new_robots(gateway, 1));
+  ASSERT_TRUE(eventually([&] { return gateway.logs("ble link up"); })) << gateway.log();
+  mosquitto_publish(broker, {"-q", "1", "-t", "ntnu-slam/server/ghost/run", "-m", "stop"});
+  ASSERT_TRUE(eventually([&] {
+    const json status = gateway.ctl({"status"});
+    return status["meshes"]["ble"]["counters"]["sent"] > 0;
+  })) << gateway.ctl({"status"});
+  gateway.process().send_signal(SIGTERM);
+  ASSERT_TRUE(eventually([&] { return !outcomes.lines().empty(); })) << gateway.log();
+  const json outcome = json::parse(outcomes.lines()[0]);
+  EXPECT_EQ(outcome["outcome"], "refused");
+  EXPECT_EQ(outcome["why"], "the gateway ends");
+}
+
 TEST(NewRobots, JoinThoughTheDaemonIsKilledMeanwhile) {
   Mosquitto broker;
   GatewayProcess gateway(configuration(broker));

@@ -86,10 +86,9 @@ class Restart : public testing::TestWithParam<int> {
     device.send(sim::sn::subscribe(1, 2, "ntnu-slam/server/r1/cmd"));
     EXPECT_EQ(device.expect(Type::suback).return_code, 0);
   }
-  bool is_on_disk() {
+  bool is_on_disk(const std::string& text) {
     return eventually([&] {
-      return read_file(gateway / "store/sessions.db-wal").find("server/r1/cmd") !=
-             std::string::npos;
+      return read_file(gateway / "store/sessions.db-wal").find(text) != std::string::npos;
     });
   }
   /// The daemon ends as the parameter says, and another one takes its place.
@@ -108,7 +107,7 @@ class Restart : public testing::TestWithParam<int> {
 TEST_P(Restart, IsNotNoticedByADevice) {
   Subscriber subscriber(broker, "ntnu-slam/robot/r1/#");
   connect();
-  ASSERT_TRUE(is_on_disk()) << gateway.log();
+  ASSERT_TRUE(is_on_disk("server/r1/cmd")) << gateway.log();
   restart();
   const std::vector<std::uint8_t> payload{'a', 'f', 't', 'e', 'r'};
   const auto answer = device.insist(sim::sn::publish(1, topic_id, 3, payload), Type::puback);
@@ -121,6 +120,20 @@ TEST_P(Restart, IsNotNoticedByADevice) {
   EXPECT_EQ(device.expect(Type::publish).payload.size(), 2U);
   EXPECT_TRUE(device.is_silent());
   EXPECT_TRUE(gateway.logs("1 MQTT-SN sessions go on")) << gateway.log();
+}
+
+TEST_P(Restart, DoesNotLoseTheOutcomeOfACommand) {
+  Subscriber outcomes(broker, "ntnu-slam/gateway/test/commands/#", "%p");
+  connect();
+  mosquitto_publish(broker, {"-q", "1", "-t", "ntnu-slam/server/r1/cmd", "-m", "slowly"});
+  device.expect(Type::publish);
+  ASSERT_TRUE(is_on_disk("slowly")) << gateway.log();
+  restart();
+  const auto again = device.expect(Type::publish);
+  EXPECT_TRUE(outcomes.lines().empty());
+  device.send(sim::sn::puback(again.topic_id, again.msg_id, 0));
+  ASSERT_TRUE(eventually([&] { return !outcomes.lines().empty(); })) << gateway.log();
+  EXPECT_EQ(json::parse(outcomes.lines()[0])["outcome"], "delivered");
 }
 
 INSTANTIATE_TEST_SUITE_P(After, Restart, testing::Values(SIGTERM, SIGKILL), [](const auto& how) {

@@ -59,6 +59,78 @@ TEST(SnGateway, R47_GoesOnAfterARestartAsIfNothingHadHappened) {
   EXPECT_EQ(after.reports[1].payload, to_bytes("bye"));
 }
 
+const std::string cmd_topic = "ntnu-slam/server/r1/cmd";
+const std::string run_topic = "ntnu-slam/server/r1/run";
+
+/// A `cmd` is in flight and a `run` waits behind it; they came nine seconds ago.
+void leave_two_commands(SnRig& before) {
+  before.connect(1, "r1", false, 6000);
+  before.subscribe(1, cmd_topic, 1);
+  before.subscribe(1, run_topic, 1);
+  before.broker(cmd_topic, "1", 1);
+  before.broker(run_topic, "2", 1);
+  before.pass_s(9);
+  before.gateway.set_all_dirty();
+}
+
+TEST(SnGateway, TellsTheOutcomesOfCommandsThatWereUnderWayAtARestart) {
+  SnRig before, after;
+  leave_two_commands(before);
+  restart(before, after);
+  after.pass_s(1);
+  after.send(1, Puback{1, 1, ReturnCode::accepted});
+  after.send(1, Puback{2, 2, ReturnCode::accepted});
+  ASSERT_EQ(after.outcomes.size(), 2U);
+  EXPECT_EQ(after.outcomes[0].type, "cmd");
+  EXPECT_EQ(after.outcomes[1].type, "run");
+  for (const CommandOutcome& outcome : after.outcomes) {
+    EXPECT_EQ(outcome.robot, "r1");
+    EXPECT_EQ(outcome.result, CommandResult::delivered);
+    EXPECT_EQ(outcome.after, std::chrono::seconds(10));
+  }
+}
+
+TEST(SnGateway, DoesNotGiveACommandMoreTimeBecauseOfARestart) {
+  SnRig before, after;
+  leave_two_commands(before);
+  restart(before, after);
+  after.pass_s(20);
+  EXPECT_TRUE(after.outcomes.empty());
+  after.broker(cmd_topic, "later", 1);
+  after.pass_s(1);
+  ASSERT_EQ(after.outcomes.size(), 2U);
+  EXPECT_EQ(after.outcomes[0].result, CommandResult::timeout);
+  EXPECT_EQ(after.outcomes[0].after, std::chrono::seconds(30));
+  after.pass_s(29);
+  EXPECT_EQ(after.outcomes.size(), 3U) << "in the order in which they came";
+}
+
+TEST(SnGateway, TellsNoOutcomeAgainAfterARestart) {
+  SnRig before, after;
+  leave_two_commands(before);
+  std::map<std::string, Bytes> taken;
+  save(before, taken);
+  before.pass_s(30);
+  EXPECT_EQ(before.outcomes.size(), 2U);
+  restart(before, after);
+  EXPECT_EQ(after.gateway.queued_for("r1"), 2U) << "they are still to be delivered";
+  after.pass_s(60);
+  EXPECT_TRUE(after.outcomes.empty());
+}
+
+TEST(SnGateway, RefusesAtItsEndWhatNoSessionKeeps) {
+  SnRig rig;
+  rig.connect(1, "r1");
+  rig.subscribe(1, cmd_topic, 1);
+  rig.sleep(1, 300);
+  rig.broker(cmd_topic, "kept", 1);
+  rig.broker(cmd_topic, "not kept", 0);
+  rig.stop();
+  ASSERT_EQ(rig.outcomes.size(), 1U);
+  EXPECT_EQ(rig.outcomes[0].result, CommandResult::refused);
+  EXPECT_EQ(rig.gateway.queued_for("r1"), 1U);
+}
+
 TEST(SnGateway, R47_DeliversAfterARestartWhatWasInFlightAndWhatWaited) {
   SnRig before;
   before.connect(1, "r1", false);

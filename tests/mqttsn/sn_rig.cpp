@@ -91,6 +91,11 @@ void SnRig::broker_link(bool is_up) {
   drain();
 }
 
+void SnRig::stop() {
+  gateway.on_stop(now);
+  drain();
+}
+
 void SnRig::pass(Duration time) {
   const TimePoint end = now + time;
   while (gateway.deadline() && *gateway.deadline() <= end) {

@@ -39,6 +39,7 @@ class SnRig {
   void receipt(std::uint64_t id, ReceiptOutcome outcome = ReceiptOutcome::safe);
   void subscribe_result(const std::string& filter, bool granted);
   void broker_link(bool is_up);
+  void stop();
 
   /// Lets time pass, firing each deadline on its way.
   void pass(Duration time);
