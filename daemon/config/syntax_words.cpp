@@ -32,7 +32,7 @@ constexpr std::array rows = {
     Row{"invalid BOM", "", "the file starts with a broken byte order mark; save the file as UTF-8"},
     Row{"unexpected end of input", "while parsing value",
         "the file ends where a value should stand; an empty configuration is {}"},
-    Row{"empty input", "", "the file is empty; an empty configuration is {}"},  // from 3.12 on
+    Row{"empty input", "", "the file is empty; an empty configuration is {}"},  // Debian 13
     Row{"unexpected end of input", "",
         "the file ends too early; close every { with } and every [ with ]"},
     Row{"unexpected '}'", "object key", "a comma before }; remove the comma"},
