@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // slam-gatewayd: arguments to configuration to App::run; failures to exit codes.
+#include <systemd/sd-daemon.h>
+
 #include <CLI/CLI.hpp>
 #include <cstdio>
 #include <exception>
@@ -57,7 +59,7 @@ int start(const Arguments& arguments) {
   const slamgw::ParseResult result = slamgw::load_config(arguments.config_file);
   if (arguments.check_config) return check_config(result);
   // The journal takes a line without a priority (sd-daemon(3)) for information.
-  print(result.problems, std::cerr, slamgw::stderr_is_journal() ? "<3>" : "");
+  print(result.problems, std::cerr, slamgw::stderr_is_journal() ? SD_ERR : "");
   return result.problems.empty() ? run(result, arguments.config_file) : exit_configuration;
 }
 

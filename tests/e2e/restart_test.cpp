@@ -75,6 +75,8 @@ class Device {
 class Restart : public testing::TestWithParam<int> {
  protected:
   void connect() {
+    // Before, a SUBACK does not mean that the broker has the subscription.
+    ASSERT_TRUE(eventually([&] { return gateway.logs(" connected (MQTT"); })) << gateway.log();
     device.insist(sim::sn::connect("r1", 60, sim::sn::flag_will | sim::sn::flag_clean_session),
                   Type::willtopicreq);
     device.send(sim::sn::willtopic("ntnu-slam/robot/r1/gone", 0));

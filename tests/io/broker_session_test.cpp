@@ -67,16 +67,17 @@ boost::asio::ip::tcp::socket rival_of(Link& link, std::uint16_t port) {
 }
 
 TEST(BrokerSession, SuspectsAnotherClientWithItsId) {
-  Mosquitto broker;  // of a version that does not say why it ends a connection
+  Mosquitto broker;  // Debian 12's does not say why it ends a connection
+  const std::string suspicion = "another client connects as 'slam-gateway-test'";
   Link link(broker.port());
   for (std::size_t times = 1; times <= 2; ++times) {
     ASSERT_TRUE(link.comes_up());
     const auto rival = rival_of(link, broker.port());
     ASSERT_TRUE(link.sees([&] { return link.listener.reasons.size() == times; }));
   }
-  EXPECT_EQ(link.listener.reasons[0], "connection lost");
-  EXPECT_NE(link.listener.reasons[1].find("another client connects as 'slam-gateway-test'"),
-            std::string::npos)
+  const std::string& first = link.listener.reasons[0];
+  EXPECT_TRUE(first == "connection lost" || first.starts_with(suspicion)) << first;
+  EXPECT_NE(link.listener.reasons[1].find(suspicion), std::string::npos)
       << link.listener.reasons[1];
 }
 
