@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "adapters/ble_mesh_usb_cdc/ble_mesh_adapter.hpp"
 
+#include <fmt/format.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -39,6 +40,11 @@ std::unique_ptr<MeshMachine> make_machine(const Settings& settings, TopicScheme 
   } else {
     database = *loaded;
   }
+  const Node* const taken = database ? database->find_address(settings.address) : nullptr;
+  if (taken != nullptr)
+    problem = fmt::format(
+        "ble_mesh.address 0x{:04x} is a robot's (UUID {} in mesh.json): choose one that none has",
+        settings.address, to_hex(taken->uuid));
   return std::make_unique<BleMesh>(settings, std::move(topics), std::move(names),
                                    std::move(database), fill_random, random_seed());
 }

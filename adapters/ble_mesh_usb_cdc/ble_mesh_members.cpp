@@ -55,8 +55,10 @@ void BleMesh::follow_nodes(TimePoint now) {
     robots_.erase(address);
   }
   if (database == nullptr) return;
-  for (const Node& node : database->nodes)
-    if (node.state != NodeState::reserved && robots_.size() < max_robots) add_node(node);
+  for (const Node& node : database->nodes) {
+    const bool has_room = robots_.contains(node.address) || robots_.size() < max_robots;
+    if (node.state != NodeState::reserved && has_room) add_node(node);
+  }
 }
 
 void BleMesh::add_node(const Node& node) {

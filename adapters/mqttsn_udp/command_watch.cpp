@@ -37,6 +37,10 @@ void CommandWatch::make_room(TimePoint now) {
 void CommandWatch::end(const std::shared_ptr<Command>& command, CommandResult result,
                        std::string why, TimePoint now) {
   if (!command || std::exchange(command->is_reported, true)) return;
+  // After a restart it is not told again; a delivery has marked its session already.
+  if (const ClientSession* session = context_.clients.find_robot(command->robot);
+      session && result != CommandResult::delivered)
+    context_.set_dirty(*session);
   const auto after = std::chrono::duration_cast<std::chrono::milliseconds>(now - command->came);
   context_.emit(
       CommandOutcome{Mesh::thread, command->robot, command->type, result, after, std::move(why)});
@@ -51,8 +55,7 @@ void CommandWatch::on_deadline(TimePoint now) {
   while (!open_.empty() && open_.front()->came + limits::command_patience <= now) {
     const std::shared_ptr<Command> command = std::move(open_.front());
     open_.pop_front();
-    ClientSession* session = context_.clients.find_robot(command->robot);
-    if (session) context_.set_dirty(*session);  // after a restart it is not told again
+    const ClientSession* session = context_.clients.find_robot(command->robot);
     const bool sleeps = session && session->state == ClientState::asleep;
     end(command, CommandResult::timeout,
         sleeps ? "the robot sleeps; it gets the command when it wakes" : "no acknowledgement", now);

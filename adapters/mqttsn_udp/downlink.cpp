@@ -23,6 +23,7 @@ void Downlink::enqueue(ClientSession& session, Outgoing outgoing, TimePoint now)
   session.delivery.queue.push_back(std::move(outgoing));
   keep_in_bounds(session, now);
   pump(session, now);
+  if (is_stopping_) refuse_unkept(session, now);
 }
 
 void Downlink::pump(ClientSession& session, TimePoint now) {
@@ -167,6 +168,13 @@ void Downlink::drop_volatile(ClientSession& session, const std::string& why, Tim
   drop_if(session, why, now,
           [](const Outgoing& waiting) { return waiting.qos == Qos::at_most_once; });
   keep_in_bounds(session, now);
+}
+
+/// No REGACK comes any more: what waits for one is in the queue again.
+void Downlink::refuse_unkept(ClientSession& session, TimePoint now) {
+  rest(session);
+  drop_if(session, "the gateway ends before the robot could take it", now,
+          [](const Outgoing& waiting) { return waiting.qos == Qos::at_most_once; });
 }
 
 void Downlink::drop_unwanted(ClientSession& session, TimePoint now) {

@@ -37,6 +37,9 @@ class Downlink {
   void drop_all(ClientSession& session, const std::string& why, TimePoint now);
   /// QoS 0 does not outlive the connection.
   void drop_volatile(ClientSession& session, const std::string& why, TimePoint now);
+  /// The daemon ends: from now on what cannot be sent at once and what no session keeps is refused.
+  void on_stop() { is_stopping_ = true; }
+  void refuse_unkept(ClientSession& session, TimePoint now);
   /// What no subscription asks for any more (R104).
   void drop_unwanted(ClientSession& session, TimePoint now);
 
@@ -68,6 +71,7 @@ class Downlink {
   Context& context_;
   Subscriptions& subscriptions_;
   CommandWatch& commands_;
+  bool is_stopping_ = false;
   Burst too_large_;
 };
 

@@ -11,6 +11,18 @@ using Json = nlohmann::json;
 
 constexpr int version = 1;
 
+using std::chrono::milliseconds;
+
+/// Of the monotonic clock; one that its type can't hold becomes the latest that we take.
+TimePoint clock_time(const Json& json) {
+  constexpr std::uint64_t latest_ms = 1'000'000'000'000;  // 31 years after the host's start
+  return TimePoint(milliseconds(std::min(json.get<std::uint64_t>(), latest_ms)));
+}
+
+std::int64_t clock_ms(TimePoint time) {
+  return std::chrono::duration_cast<milliseconds>(time.time_since_epoch()).count();
+}
+
 Json binary(ByteView octets) { return Json::binary(Bytes(octets.begin(), octets.end())); }
 
 Bytes octets(const Json& json) { return json.get_binary(); }
@@ -130,6 +142,7 @@ SessionSnapshot to_session(const Json& json) {
                            std::chrono::milliseconds(repeat.at(3).get<std::uint32_t>())});
   }
   out.last_msg_id = json.at("last_msg_id");
+  if (json.contains("saved_ms")) out.saved_at = clock_time(json.at("saved_ms"));
   return out;
 }
 
@@ -153,6 +166,7 @@ Bytes encode_session(const SessionSnapshot& snapshot) {
             {"repeats", to_array(snapshot.repeats)},
             {"last_msg_id", snapshot.last_msg_id}};
   if (snapshot.peer) json["peer"] = to_json(*snapshot.peer);
+  if (snapshot.saved_at) json["saved_ms"] = clock_ms(*snapshot.saved_at);
   if (snapshot.will) json["will"] = to_json(*snapshot.will);
   return Json::to_cbor(json);
 }

@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "adapters/mqttsn_udp/limits.hpp"
+#include "daemon/core/topic_scheme.hpp"
 
 namespace slamgw::mqttsn {
 namespace {
@@ -33,16 +34,12 @@ void add_messages(const Delivery& delivery, std::vector<MessageSnapshot>& messag
   }
 }
 
-Outgoing to_outgoing(const MessageSnapshot& snapshot, const std::string& robot, TimePoint now) {
+Outgoing to_outgoing(const MessageSnapshot& snapshot) {
   Outgoing outgoing;
   outgoing.message = std::make_shared<const BrokerMessage>(snapshot.message);
   outgoing.qos = snapshot.qos;
   outgoing.topic_id_type = snapshot.topic_id_type;
   outgoing.predefined_id = snapshot.predefined_id;
-  if (!snapshot.command_age) return outgoing;
-  const std::string& topic = snapshot.message.topic;
-  outgoing.command = std::make_shared<Command>(
-      Command{robot, topic.substr(topic.rfind('/') + 1), now - *snapshot.command_age, false});
   return outgoing;
 }
 
@@ -61,7 +58,8 @@ void restore_messages(const SessionSnapshot& snapshot, ClientSession& session, T
   Delivery& delivery = session.delivery;
   delivery.last_msg_id = snapshot.last_msg_id;
   for (const MessageSnapshot& message : snapshot.messages) {
-    Outgoing outgoing = to_outgoing(message, session.robot, now);
+    Outgoing outgoing = to_outgoing(message);
+    outgoing.command = command_of(message, snapshot, now);
     if (message.msg_id != 0 && !delivery.in_flight) {
       const std::uint16_t id = topic_id(session, outgoing);
       const Stage stage = message.is_released ? Stage::released : Stage::published;
@@ -74,6 +72,19 @@ void restore_messages(const SessionSnapshot& snapshot, ClientSession& session, T
 }
 
 }  // namespace
+
+std::shared_ptr<Command> command_of(const MessageSnapshot& message, const SessionSnapshot& snapshot,
+                                    TimePoint now) {
+  const std::string& topic = message.message.topic;
+  const std::string type = topic.substr(topic.rfind('/') + 1);
+  if (!message.command_age || !is_valid_level(type) || !is_valid_level(snapshot.robot))
+    return nullptr;
+  const TimePoint saved_at = snapshot.saved_at.value_or(now);
+  const bool has_rebooted = now < saved_at;
+  const Duration away = has_rebooted ? Duration(limits::command_patience) : now - saved_at;
+  const Duration age = std::min<Duration>(*message.command_age + away, limits::command_patience);
+  return std::make_shared<Command>(Command{snapshot.robot, type, now - age, false});
+}
 
 SessionSnapshot to_snapshot(const ClientSession& session, TimePoint now) {
   SessionSnapshot out;
@@ -99,6 +110,7 @@ SessionSnapshot to_snapshot(const ClientSession& session, TimePoint now) {
       out.repeats.push_back({entry.msg_id, entry.topic_id, entry.fingerprint, age});
   }
   out.last_msg_id = session.delivery.last_msg_id;
+  out.saved_at = now;
   return out;
 }
 

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <chrono>
+#include <memory>
 #include <optional>
 #include <string>
 #include <utility>
@@ -57,7 +58,13 @@ struct SessionSnapshot {
   std::vector<std::pair<std::uint16_t, std::uint64_t>> inbound_qos2;  ///< MsgId, fingerprint
   std::vector<RepeatSnapshot> repeats;                                ///< oldest first
   std::uint16_t last_msg_id = 0;
+  /// When the snapshot was taken. The clock goes on over a restart of the daemon, not of the host.
+  std::optional<TimePoint> saved_at{};
 };
+
+/// A command whose outcome is owed, from what the disk had: checked.
+std::shared_ptr<Command> command_of(const MessageSnapshot& message, const SessionSnapshot& snapshot,
+                                    TimePoint now);
 
 SessionSnapshot to_snapshot(const ClientSession& session, TimePoint now);
 /// Fills a fresh session; its binding, timers and broker subscriptions are the caller's.

@@ -91,8 +91,8 @@ std::size_t SnGateway::queued_for(const std::string& robot) const {
 }
 
 void SnGateway::on_stop(TimePoint now) {
-  for (const auto& [id, session] : context_.clients.all())
-    downlink_.drop_volatile(*session, "the gateway ends before the robot could take it", now);
+  downlink_.on_stop();
+  for (const auto& [id, session] : context_.clients.all()) downlink_.refuse_unkept(*session, now);
 }
 
 void SnGateway::set_all_dirty() {
@@ -114,10 +114,19 @@ void SnGateway::adopt_commands(const Delivery& delivery, TimePoint now) {
   for (const Outgoing& waiting : delivery.queue) adopt(waiting);
 }
 
+void SnGateway::refuse_commands(const SessionSnapshot& snapshot, TimePoint now) {
+  for (const MessageSnapshot& message : snapshot.messages) {
+    commands_.end(command_of(message, snapshot, now), CommandResult::refused,
+                  "the robot's session can't go on", now);
+  }
+}
+
 bool SnGateway::restore(const SessionSnapshot& snapshot, TimePoint now) {
   const bool is_same_robot = context_.names.of_client(snapshot.client_id) == snapshot.robot;
-  if (!is_same_robot || context_.clients.is_full() || context_.clients.find(snapshot.client_id))
+  if (!is_same_robot || context_.clients.is_full() || context_.clients.find(snapshot.client_id)) {
+    refuse_commands(snapshot, now);
     return false;
+  }
   ClientSession& session = context_.clients.create(snapshot.client_id, snapshot.robot);
   apply(snapshot, session, now);
   adopt_commands(session.delivery, now);

@@ -57,11 +57,13 @@ class SnGateway {
   /// Nothing: there is no such session any more.
   std::optional<SessionSnapshot> snapshot(const std::string& client_id, TimePoint now) const;
   /// Before the first datagram. The client goes on as if nothing had happened. False when it can't
-  /// be taken (known already, no room, or another name for the client by now).
+  /// be taken (known already, no room, or another name for the client by now); its commands are
+  /// refused then.
   bool restore(const SessionSnapshot& snapshot, TimePoint now);
 
  private:
   void adopt_commands(const Delivery& delivery, TimePoint now);
+  void refuse_commands(const SessionSnapshot& snapshot, TimePoint now);
   /// One message and where it came from.
   struct Arrival {
     Peer peer;

@@ -211,6 +211,20 @@ TEST_F(BleMeshAdapterTest, StaysOffWithADamagedKeyFileAndKeepsIt) {
   EXPECT_EQ(mesh_file(), "{\"version\": 1, \"net_");
 }
 
+TEST_F(BleMeshAdapterTest, StaysOffWithTheAddressOfARobot) {
+  NodeDatabase database;
+  Node& node = database.nodes.emplace_back();
+  node.address = settings.address;
+  node.state = NodeState::configured;
+  ASSERT_EQ(MeshFile(directory.string()).create(database), "");
+  make_adapter();
+  plug();
+  adapter->start();
+  EXPECT_TRUE(listener.has_notice("ble_mesh.address 0x0001 is a robot's"));
+  io.poll();
+  EXPECT_TRUE(board.commands.empty());
+}
+
 TEST_F(BleMeshAdapterTest, AKeyFileIsNeverReplaced) {
   const MeshFile file(directory.string());
   EXPECT_EQ(file.create({}), "");

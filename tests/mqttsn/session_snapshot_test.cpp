@@ -105,6 +105,48 @@ TEST(SnGateway, DoesNotGiveACommandMoreTimeBecauseOfARestart) {
   EXPECT_EQ(after.outcomes.size(), 3U) << "in the order in which they came";
 }
 
+TEST(SnGateway, CountsTheTimeThatItWasAwayForCommandsToo) {
+  for (const bool is_rebooted : {false, true}) {
+    SnRig before, after;
+    leave_two_commands(before);
+    const auto snapshot = *before.gateway.snapshot("r1", before.now);
+    after.now =
+        is_rebooted ? TimePoint(std::chrono::seconds(70)) : before.now + std::chrono::seconds(15);
+    ASSERT_TRUE(after.gateway.restore(snapshot, after.now));
+    after.pass_s(is_rebooted ? 0 : 5);
+    EXPECT_EQ(after.outcomes.size(), is_rebooted ? 2U : 0U);
+    after.pass_s(1);
+    ASSERT_EQ(after.outcomes.size(), 2U);
+    EXPECT_EQ(after.outcomes[0].result, CommandResult::timeout);
+  }
+}
+
+TEST(SnGateway, RefusesTheCommandsOfASessionThatCannotGoOn) {
+  SnRig before;
+  leave_two_commands(before);
+  const auto snapshot = *before.gateway.snapshot("r1", before.now);
+  SnRig renamed({}, {{"other", {}, "r1"}});
+  EXPECT_FALSE(renamed.gateway.restore(snapshot, before.now));
+  renamed.broker_link(true);  // drains
+  ASSERT_EQ(renamed.outcomes.size(), 2U);
+  EXPECT_EQ(renamed.outcomes[1].robot, "r1");
+  EXPECT_EQ(renamed.outcomes[1].type, "run");
+  EXPECT_EQ(renamed.outcomes[1].result, CommandResult::refused);
+}
+
+TEST(SnGateway, TakesNoCommandFromADamagedRecord) {
+  SnRig before;
+  leave_two_commands(before);
+  auto snapshot = *before.gateway.snapshot("r1", before.now);
+  snapshot.messages[0].message.topic.back() = '\xff';
+  snapshot.messages[1].command_age = std::chrono::hours(1000);
+  SnRig after;
+  ASSERT_TRUE(after.gateway.restore(snapshot, after.now));
+  after.pass_s(60);
+  ASSERT_EQ(after.outcomes.size(), 1U);
+  EXPECT_EQ(after.outcomes[0].after, std::chrono::seconds(30));
+}
+
 TEST(SnGateway, TellsNoOutcomeAgainAfterARestart) {
   SnRig before, after;
   leave_two_commands(before);
@@ -116,6 +158,49 @@ TEST(SnGateway, TellsNoOutcomeAgainAfterARestart) {
   EXPECT_EQ(after.gateway.queued_for("r1"), 2U) << "they are still to be delivered";
   after.pass_s(60);
   EXPECT_TRUE(after.outcomes.empty());
+}
+
+TEST(SnGateway, TellsNoRefusalAgainAfterARestart) {
+  SnRig before, after;
+  before.connect(1, "r1", false, 6000);
+  before.subscribe(1, "ntnu-slam/server/r1/+", 1);
+  before.broker(cmd_topic, "1", 1);
+  std::map<std::string, Bytes> store;
+  save(before, store);
+  const auto asked = before.last_to(1);
+  ASSERT_TRUE(asked.starts_with("REGISTER")) << asked;
+  before.send(1, Regack{1, 1, ReturnCode::not_supported});
+  ASSERT_EQ(before.outcomes.size(), 1U);
+  restart(before, after);
+  after.pass_s(60);
+  EXPECT_TRUE(after.outcomes.empty());
+}
+
+TEST(SnGateway, KeepsAtItsEndWhatASleeperHadQueuedWhileItWasActive) {
+  Settings settings;
+  settings.max_sleeping_messages = 2;
+  SnRig rig(settings);
+  rig.connect(1, "r1");
+  rig.subscribe(1, "a/x", 1);
+  for (int i = 0; i < 10; ++i) rig.broker("a/x", "hi", 1);
+  rig.sleep(1, 300);
+  const auto queued = rig.gateway.queued_for("r1");
+  rig.stop();
+  EXPECT_EQ(rig.gateway.queued_for("r1"), queued);
+  EXPECT_EQ(queued, 10U);
+}
+
+TEST(SnGateway, RefusesAtItsEndWhatWaitsForARegistrationOrComesLater) {
+  SnRig rig;
+  rig.connect(1, "r1");
+  rig.subscribe(1, "ntnu-slam/server/r1/+", 1);
+  rig.broker(cmd_topic, "unregistered", 0);
+  EXPECT_TRUE(rig.outcomes.empty());
+  rig.stop();
+  EXPECT_EQ(rig.outcomes.size(), 1U);
+  rig.broker(run_topic, "too late", 0);
+  ASSERT_EQ(rig.outcomes.size(), 2U);
+  EXPECT_EQ(rig.outcomes[1].result, CommandResult::refused);
 }
 
 TEST(SnGateway, RefusesAtItsEndWhatNoSessionKeeps) {
