@@ -37,8 +37,9 @@ class Downlink {
   void drop_all(ClientSession& session, const std::string& why, TimePoint now);
   /// QoS 0 does not outlive the connection.
   void drop_volatile(ClientSession& session, const std::string& why, TimePoint now);
-  /// The daemon ends: from now on what cannot be sent at once and what no session keeps is refused.
+  /// The daemon ends: from now on refuse_unkept() follows each message.
   void on_stop() { is_stopping_ = true; }
+  /// What could not be sent and no snapshot keeps (QoS 0) is refused; nothing is sent any more.
   void refuse_unkept(ClientSession& session, TimePoint now);
   /// What no subscription asks for any more (R104).
   void drop_unwanted(ClientSession& session, TimePoint now);
