@@ -8,10 +8,10 @@
 #include <iostream>
 #include <string_view>
 
-#include "daemon/app.hpp"
+#include "daemon/app/app.hpp"
 #include "daemon/config/default_config.hpp"
 #include "daemon/config/load.hpp"
-#include "daemon/operations/log.hpp"
+#include "daemon/observability/log.hpp"
 
 namespace {
 

@@ -4,7 +4,7 @@
 
 #include <fmt/format.h>
 
-#include "adapters/ble_mesh_usb_cdc/will.hpp"
+#include "adapters/ble_mesh_usb_cdc/robots/will.hpp"
 
 namespace slamgw::ble {
 namespace {

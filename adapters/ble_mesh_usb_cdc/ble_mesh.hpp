@@ -12,9 +12,9 @@
 #include <utility>
 
 #include "adapters/ble_mesh_usb_cdc/mesh_machine.hpp"
-#include "adapters/ble_mesh_usb_cdc/nordic_serial/board_link.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/board_link.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/provisioner.hpp"
-#include "adapters/ble_mesh_usb_cdc/robot.hpp"
+#include "adapters/ble_mesh_usb_cdc/robots/robot.hpp"
 #include "adapters/ble_mesh_usb_cdc/settings.hpp"
 #include "daemon/core/burst.hpp"
 #include "daemon/core/messages.hpp"

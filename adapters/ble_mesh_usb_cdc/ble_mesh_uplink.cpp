@@ -6,7 +6,7 @@
 
 #include "adapters/ble_mesh_usb_cdc/access/on_off.hpp"
 #include "adapters/ble_mesh_usb_cdc/ble_mesh.hpp"
-#include "adapters/ble_mesh_usb_cdc/reliable_publish.hpp"
+#include "adapters/ble_mesh_usb_cdc/robots/reliable_publish.hpp"
 
 namespace slamgw::ble {
 namespace {

@@ -4,7 +4,7 @@
 
 #include <variant>
 
-#include "adapters/mqttsn_udp/endpoint.hpp"
+#include "adapters/mqttsn_udp/protocol/endpoint.hpp"
 #include "daemon/core/bytes.hpp"
 #include "daemon/core/messages.hpp"
 

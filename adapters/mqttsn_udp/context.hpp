@@ -8,9 +8,9 @@
 #include <vector>
 
 #include "adapters/mqttsn_udp/actions.hpp"
-#include "adapters/mqttsn_udp/client_table.hpp"
-#include "adapters/mqttsn_udp/packet.hpp"
-#include "adapters/mqttsn_udp/predefined_topics.hpp"
+#include "adapters/mqttsn_udp/clients/client_table.hpp"
+#include "adapters/mqttsn_udp/clients/predefined_topics.hpp"
+#include "adapters/mqttsn_udp/protocol/packet.hpp"
 #include "adapters/mqttsn_udp/settings.hpp"
 #include "adapters/mqttsn_udp/tally.hpp"
 #include "daemon/core/protocol_machine.hpp"

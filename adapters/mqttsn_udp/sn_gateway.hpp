@@ -7,10 +7,10 @@
 #include <string>
 #include <vector>
 
-#include "adapters/mqttsn_udp/connecting.hpp"
-#include "adapters/mqttsn_udp/discovery.hpp"
-#include "adapters/mqttsn_udp/fan_out.hpp"
-#include "adapters/mqttsn_udp/session_snapshot.hpp"
+#include "adapters/mqttsn_udp/clients/session_snapshot.hpp"
+#include "adapters/mqttsn_udp/conversations/connecting.hpp"
+#include "adapters/mqttsn_udp/conversations/discovery.hpp"
+#include "adapters/mqttsn_udp/conversations/fan_out.hpp"
 
 namespace slamgw::mqttsn {
 

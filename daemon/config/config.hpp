@@ -10,8 +10,8 @@
 #include "adapters/mqttsn_udp/settings.hpp"
 #include "daemon/core/robot_names.hpp"
 #include "daemon/core/update_payload.hpp"
-#include "daemon/operations/log_settings.hpp"
-#include "daemon/upstream/settings.hpp"
+#include "daemon/mqtt/settings.hpp"
+#include "daemon/observability/log_settings.hpp"
 
 namespace slamgw {
 

@@ -4,12 +4,12 @@
 #include <benchmark/benchmark.h>
 #include <fmt/format.h>
 
-#include "adapters/ble_mesh_usb_cdc/nordic_serial/events.hpp"
-#include "adapters/mqttsn_udp/packet.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/events.hpp"
+#include "adapters/mqttsn_udp/protocol/packet.hpp"
 #include "adapters/mqttsn_udp/sn_gateway.hpp"
 #include "daemon/core/gateway.hpp"
 #include "daemon/core/normalizer.hpp"
-#include "daemon/upstream/outbox.hpp"
+#include "daemon/delivery/outbox.hpp"
 
 namespace slamgw {
 namespace {

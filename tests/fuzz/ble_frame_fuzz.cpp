@@ -4,8 +4,8 @@
 
 #include "adapters/ble_mesh_usb_cdc/cobs/cobs.hpp"
 #include "adapters/ble_mesh_usb_cdc/cobs/lien_frame.hpp"
-#include "adapters/ble_mesh_usb_cdc/nordic_serial/events.hpp"
-#include "adapters/ble_mesh_usb_cdc/nordic_serial/frame.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/events.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/frame.hpp"
 
 using namespace slamgw::ble;
 

@@ -6,7 +6,7 @@
 #include <string>
 
 #include "adapters/ble_mesh_usb_cdc/ble_mesh.hpp"
-#include "adapters/ble_mesh_usb_cdc/nordic_serial/frame.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/frame.hpp"
 
 namespace slamgw::ble {
 

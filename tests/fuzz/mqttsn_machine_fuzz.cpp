@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Any octets as a life of the MQTT-SN gateway: see tests/mqttsn/fuzz_life.hpp for the grammar and
-// the invariants.
-#include "tests/mqttsn/fuzz_life.hpp"
+// Any octets as a life of the MQTT-SN gateway: see tests/mqttsn_udp/fuzz_life.hpp for the grammar
+// and the invariants.
+#include "tests/mqttsn_udp/fuzz_life.hpp"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   slamgw::mqttsn::FuzzLife life;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Any octets as an MQTT-SN message: what can be read can be written, and reads the same again.
-#include "adapters/mqttsn_udp/packet.hpp"
+#include "adapters/mqttsn_udp/protocol/packet.hpp"
 
 using namespace slamgw::mqttsn;
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// MQTT-SN 1.2 messages byte for byte, with their fields as tests/mqttsn/describe.hpp says them.
+// MQTT-SN 1.2 messages byte for byte, with their fields as tests/mqttsn_udp/describe.hpp says them.
 // Lengths and fields were checked against two other decoders (Wireshark's and Eclipse Paho's).
 #pragma once
 

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "adapters/ble_mesh_usb_cdc/access/opcode.hpp"
-#include "adapters/ble_mesh_usb_cdc/nordic_serial/commands.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/commands.hpp"
 
 namespace slamgw::ble {
 

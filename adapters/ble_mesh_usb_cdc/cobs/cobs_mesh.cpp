@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <utility>
 
-#include "adapters/ble_mesh_usb_cdc/will.hpp"
+#include "adapters/ble_mesh_usb_cdc/robots/will.hpp"
 
 namespace slamgw::ble {
 namespace {

@@ -8,7 +8,7 @@
 #include <optional>
 #include <vector>
 
-#include "adapters/ble_mesh_usb_cdc/nordic_serial/provisioning_events.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/provisioning_events.hpp"
 #include "daemon/core/protocol_machine.hpp"
 
 namespace slamgw::ble {

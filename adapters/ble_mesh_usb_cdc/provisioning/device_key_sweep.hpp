@@ -7,7 +7,7 @@
 #include <algorithm>
 #include <optional>
 
-#include "adapters/ble_mesh_usb_cdc/nordic_serial/board_link.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/board_link.hpp"
 
 namespace slamgw::ble {
 

@@ -8,7 +8,7 @@
 #include <optional>
 #include <span>
 
-#include "adapters/ble_mesh_usb_cdc/nordic_serial/provisioning_events.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/provisioning_events.hpp"
 
 namespace slamgw::ble {
 

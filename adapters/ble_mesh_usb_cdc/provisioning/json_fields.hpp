@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "adapters/ble_mesh_usb_cdc/nordic_serial/commands.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/commands.hpp"
 
 namespace slamgw::ble {
 

@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <utility>
 
-#include "adapters/ble_mesh_usb_cdc/nordic_serial/provisioning_commands.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/provisioning_commands.hpp"
 
 namespace slamgw::ble {
 

@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "adapters/ble_mesh_usb_cdc/nordic_serial/board_link.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/board_link.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/configuration_plan.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
 

@@ -10,7 +10,7 @@
 #include <variant>
 
 #include "adapters/ble_mesh_usb_cdc/mesh_machine.hpp"
-#include "adapters/ble_mesh_usb_cdc/nordic_serial/board_link.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/board_link.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/address_plan.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/candidates.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/device_key_sweep.hpp"

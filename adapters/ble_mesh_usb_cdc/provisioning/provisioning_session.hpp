@@ -8,8 +8,8 @@
 #include <optional>
 #include <string>
 
-#include "adapters/ble_mesh_usb_cdc/nordic_serial/board_link.hpp"
-#include "adapters/ble_mesh_usb_cdc/nordic_serial/provisioning_commands.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/board_link.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/provisioning_commands.hpp"
 
 namespace slamgw::ble {
 

@@ -1,0 +1,265 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "adapters/ble_mesh_usb_cdc/io/ble_mesh_adapter.hpp"
+
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <boost/asio/buffer.hpp>
+#include <boost/asio/error.hpp>
+#include <boost/asio/post.hpp>
+#include <boost/asio/write.hpp>
+#include <random>
+#include <utility>
+
+#include "adapters/ble_mesh_usb_cdc/ble_mesh.hpp"
+#include "adapters/ble_mesh_usb_cdc/cobs/cobs_mesh.hpp"
+
+namespace slamgw::ble {
+namespace {
+
+namespace asio = boost::asio;
+
+std::uint64_t random_seed() {
+  std::random_device device;
+  return std::uint64_t{device()} << 32 | device();
+}
+
+/// The machine for `settings.protocol`; `problem` says why it must stay off.
+std::unique_ptr<MeshMachine> make_machine(const Settings& settings, TopicScheme topics,
+                                          RobotNames names, const MeshFile& file,
+                                          std::string& problem) {
+  if (settings.protocol == Protocol::cobs) {
+    if (settings.cobs_content == CobsContent::positions && !settings.robot_id)
+      problem = "ble_mesh.robot_id is not set: positions do not say whose they are";
+    return std::make_unique<CobsMesh>(settings, std::move(topics), std::move(names));
+  }
+  std::optional<NodeDatabase> database;
+  if (const auto loaded = file.load(); !loaded.has_value()) {
+    problem = loaded.error().why;
+  } else {
+    database = *loaded;
+  }
+  const Node* const taken = database ? database->find_address(settings.address) : nullptr;
+  if (taken != nullptr)
+    problem = fmt::format(
+        "ble_mesh.address 0x{:04x} is a robot's (UUID {} in mesh.json): choose one that none has",
+        settings.address, to_hex(taken->uuid));
+  return std::make_unique<BleMesh>(settings, std::move(topics), std::move(names),
+                                   std::move(database), fill_random, random_seed());
+}
+
+}  // namespace
+
+BleMeshAdapter::BleMeshAdapter(asio::io_context& io, Settings settings, TopicScheme topics,
+                               RobotNames names, std::string store_directory,
+                               MeshListener& listener)
+    : settings_(std::move(settings)),
+      file_(store_directory),
+      listener_(listener),
+      mesh_(make_machine(settings_, std::move(topics), std::move(names), file_, problem_)),
+      robots_(dynamic_cast<const BleMesh*>(mesh_.get())),
+      driver_(io, *mesh_, [this](MeshAction& action) { perform(action); }),
+      timer_(io) {}
+
+void BleMeshAdapter::start() {
+  is_stopped_ = false;
+  if (!problem_.empty()) {
+    listener_.on_mesh_event(Notice{Severity::error, problem_, {}});
+    listener_.on_mesh_event(LinkChange{Mesh::ble, false, problem_});
+    return;
+  }
+  driver_.input([](MeshMachine& mesh, TimePoint) { mesh.on_start(); });
+  open_after(Duration::zero());
+}
+
+void BleMeshAdapter::stop_listening() {
+  driver_.input([](MeshMachine& mesh, TimePoint now) { mesh.on_stop(now); });
+}
+
+void BleMeshAdapter::stop() {
+  is_stopped_ = true;
+  driver_.stop();
+  timer_.cancel();
+  close_port();
+  orders_.clear();
+  disk_.join();
+  // What changed while the last write was under way, such as the key of a robot that just joined.
+  if (const NodeDatabase* unsaved = robots_ ? robots_->unsaved() : nullptr) file_.replace(*unsaved);
+}
+
+void BleMeshAdapter::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome) {
+  driver_.input(
+      [&](MeshMachine& mesh, TimePoint now) { mesh.on_receipt(receipt_id, outcome, now); });
+}
+
+void BleMeshAdapter::on_broker_message(const BrokerMessage& message) {
+  driver_.input([&](MeshMachine& mesh, TimePoint now) { mesh.on_broker_message(message, now); });
+}
+
+void BleMeshAdapter::on_subscribe_result(const std::string& filter, bool granted) {
+  driver_.input([&](MeshMachine& mesh, TimePoint) { mesh.on_subscribe_result(filter, granted); });
+}
+
+void BleMeshAdapter::on_broker_link(bool is_up) {
+  driver_.input([&](MeshMachine& mesh, TimePoint) { mesh.on_broker_link(is_up); });
+}
+
+Counters BleMeshAdapter::counters() const { return mesh_->counters(); }
+
+std::size_t BleMeshAdapter::queued_for(const std::string& robot) const {
+  return robots_ ? robots_->queued(robot) : 0;
+}
+
+void BleMeshAdapter::reconfigure(RobotNames names) {
+  if (is_stopped_ || !problem_.empty()) return;
+  driver_.input([&](MeshMachine& mesh, TimePoint now) { mesh.on_names(std::move(names), now); });
+}
+
+void BleMeshAdapter::manage(MeshOrder order, OrderDone done) {
+  if (is_stopped_) return done({{}, "slam-gatewayd ends"});
+  if (!problem_.empty()) return done({{}, problem_});
+  const std::uint64_t id = ++last_order_;
+  orders_.emplace(id, std::move(done));
+  driver_.input(
+      [&](MeshMachine& mesh, TimePoint now) { mesh.on_order(id, std::move(order), now); });
+}
+
+void BleMeshAdapter::end_order(OrderEnded& ended) {
+  const auto waiting = orders_.find(ended.id);
+  if (waiting == orders_.end()) return;
+  const OrderDone done = std::move(waiting->second);
+  orders_.erase(waiting);
+  done(std::move(ended.answer));
+}
+
+void BleMeshAdapter::perform(MeshAction& action) {
+  if (is_stopped_) return;
+  std::visit(overloaded{
+                 [this](WriteSerial& serial) { write(serial.bytes); },
+                 [this](ReopenPort& reopen) {
+                   close_port();
+                   open_after(reopen.after);
+                 },
+                 [this](GenerateKeys&) { generate_keys(); },
+                 [this](StoreMesh& mesh) { store(std::move(mesh.database)); },
+                 [this](OrderEnded& ended) { end_order(ended); },
+                 [this](MeshEvent& event) { listener_.on_mesh_event(std::move(event)); },
+             },
+             action);
+}
+
+void BleMeshAdapter::generate_keys() {
+  const auto keys = generate_random_keys();
+  const std::string problem = keys ? file_.create({*keys}) : "no randomness for the mesh's keys";
+  driver_.input([&](MeshMachine& mesh, TimePoint now) {
+    if (problem.empty()) {
+      listener_.on_mesh_event(
+          Notice{Severity::notice,
+                 "a new BLE mesh begins: " + file_.path() +
+                     " holds its keys; keep a backup, without them every robot must join anew",
+                 {}});
+      mesh.on_keys(*keys, now);
+    } else {
+      mesh.on_keys_failed(problem, now);
+    }
+  });
+}
+
+void BleMeshAdapter::store(NodeDatabase database) {
+  asio::post(disk_, [this, database = std::move(database), loop = timer_.get_executor()] {
+    std::string problem = file_.replace(database);
+    asio::post(loop, [this, problem = std::move(problem), alive = std::weak_ptr(alive_)] {
+      if (alive.expired() || is_stopped_) return;
+      driver_.input([&](MeshMachine& mesh, TimePoint now) { mesh.on_stored(problem, now); });
+    });
+  });
+}
+
+// --- The port ------------------------------------------------------------------------------------
+
+void BleMeshAdapter::open_after(Duration delay) {
+  timer_.expires_after(delay);
+  timer_.async_wait([this](boost::system::error_code error) {
+    if (!error && !is_stopped_) open_port();
+  });
+}
+
+void BleMeshAdapter::open_port() {
+  auto opened = SerialPort::open(settings_);
+  if (!opened.has_value()) return on_port_failed(opened.error().why);
+  port_ = std::move(*opened);
+  // Nordic's USB firmware delivers what an earlier reader left behind unless DTR was off for a bit.
+  port_->set_dtr(false);
+  timer_.expires_after(dtr_off_time);
+  timer_.async_wait([this](boost::system::error_code error) {
+    if (!error && !is_stopped_) on_dtr_rested();
+  });
+}
+
+void BleMeshAdapter::on_dtr_rested() {
+  port_->flush_input();
+  port_->set_dtr(true);
+  const int descriptor = ::dup(port_->descriptor());  // the stream closes its own
+  if (descriptor < 0) return on_port_failed(port_->path() + " can't be used: too many open files");
+  stream_.emplace(timer_.get_executor(), descriptor);
+  ++generation_;
+  open_delay_ = first_open_delay;
+  read();
+  driver_.input([](MeshMachine& mesh, TimePoint now) { mesh.on_port_open(now); });
+}
+
+void BleMeshAdapter::close_port() {
+  timer_.cancel();
+  if (port_) port_->set_dtr(false);
+  stream_.reset();
+  port_.reset();
+  unwritten_.clear();
+  writing_.clear();
+  ++generation_;
+}
+
+void BleMeshAdapter::on_port_failed(const std::string& why) {
+  close_port();
+  open_after(open_delay_);
+  open_delay_ = std::min(open_delay_ * 2, max_open_delay);
+  driver_.input([&](MeshMachine& mesh, TimePoint now) { mesh.on_port_closed(why, now); });
+}
+
+void BleMeshAdapter::read() {
+  const auto on_read = [this, generation = generation_](boost::system::error_code error,
+                                                        std::size_t count) {
+    if (error == asio::error::operation_aborted || generation != generation_) return;
+    if (error) return on_port_failed("the serial board is gone (" + error.message() + ")");
+    driver_.input([&](MeshMachine& mesh, TimePoint now) {
+      mesh.on_bytes(ByteView(read_buffer_).first(count), now);
+    });
+    if (generation == generation_) read();
+  };
+  stream_->async_read_some(asio::buffer(read_buffer_), on_read);
+}
+
+void BleMeshAdapter::write(const Bytes& bytes) {
+  if (!stream_) return;
+  if (unwritten_.size() + bytes.size() > max_unwritten)
+    return on_port_failed("the serial board takes no data: check ble_mesh.flow_control");
+  unwritten_.insert(unwritten_.end(), bytes.begin(), bytes.end());
+  if (writing_.empty()) write_next();
+}
+
+void BleMeshAdapter::write_next() {
+  const std::size_t count = std::min(unwritten_.size(), port_->max_write_bytes());
+  const auto end = unwritten_.begin() + static_cast<std::ptrdiff_t>(count);
+  writing_.assign(unwritten_.begin(), end);
+  unwritten_.erase(unwritten_.begin(), end);
+  if (writing_.empty()) return;
+  const auto on_written = [this, generation = generation_](boost::system::error_code error,
+                                                           std::size_t) {
+    if (error == asio::error::operation_aborted || generation != generation_) return;
+    if (error) return on_port_failed("writing to the serial board failed: " + error.message());
+    write_next();
+  };
+  asio::async_write(*stream_, asio::buffer(writing_), on_written);
+}
+
+}  // namespace slamgw::ble

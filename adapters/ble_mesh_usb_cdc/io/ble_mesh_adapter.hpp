@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: Apache-2.0
+// The I/O shell of the BLE mesh: one serial port, opened again and again until it is there, and
+// BleMesh or CobsMesh behind it. A missing board is a state, not a failure. Loop's thread only.
+#pragma once
+
+#include <array>
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/posix/stream_descriptor.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <boost/asio/thread_pool.hpp>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "adapters/ble_mesh_usb_cdc/io/mesh_file.hpp"
+#include "adapters/ble_mesh_usb_cdc/io/serial_port.hpp"
+#include "adapters/ble_mesh_usb_cdc/mesh_machine.hpp"
+#include "daemon/core/adapter.hpp"
+#include "daemon/core/robot_names.hpp"
+#include "daemon/core/topic_scheme.hpp"
+#include "daemon/runtime/machine_driver.hpp"
+
+namespace slamgw::ble {
+
+class BleMesh;
+
+class BleMeshAdapter final : public MeshAdapter {
+ public:
+  static constexpr Duration dtr_off_time = std::chrono::milliseconds{100};
+  static constexpr Duration first_open_delay = std::chrono::milliseconds{500};
+  static constexpr Duration max_open_delay = std::chrono::seconds{5};
+  /// Octets waiting for a port that does not take them (no flow control, board hung). The board
+  /// link has one command in flight, so more than this means that the port is stuck.
+  static constexpr std::size_t max_unwritten = 16384;
+
+  /// `listener` outlives the adapter. Reads `mesh.json` in `store_directory`.
+  BleMeshAdapter(boost::asio::io_context& io, Settings settings, TopicScheme topics,
+                 RobotNames names, std::string store_directory, MeshListener& listener);
+
+  void start() override;
+  void stop_listening() override;
+  void stop() override;
+  void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome) override;
+  void on_broker_message(const BrokerMessage& message) override;
+  void on_subscribe_result(const std::string& filter, bool granted) override;
+  void on_broker_link(bool is_up) override;
+  Counters counters() const override;
+  std::size_t queued_for(const std::string& robot) const override;
+  /// `robots` of the configuration, read again. Robots stay in the mesh.
+  void reconfigure(RobotNames names);
+  /// What operators order about the mesh and its robots; `done` is called once, now or later, and
+  /// never after stop().
+  void manage(MeshOrder order, OrderDone done);
+
+ private:
+  using Stream = boost::asio::posix::stream_descriptor;
+
+  void perform(MeshAction& action);
+  void generate_keys();
+  void store(NodeDatabase database);
+  void end_order(OrderEnded& ended);
+
+  void open_after(Duration delay);
+  void open_port();
+  void on_dtr_rested();
+  void close_port();
+  void on_port_failed(const std::string& why);
+  void read();
+  void write(const Bytes& bytes);
+  void write_next();
+
+  Settings settings_;
+  MeshFile file_;
+  std::string problem_;  ///< why the mesh stays off; empty when it does not
+  MeshListener& listener_;
+  std::unique_ptr<MeshMachine> mesh_;
+  const BleMesh* robots_ = nullptr;  ///< `mesh_`, with protocol nordic-serial
+  MachineDriver<MeshMachine> driver_;
+  boost::asio::steady_timer timer_;  ///< the next attempt to open, or the rest of DTR
+  std::unique_ptr<SerialPort> port_;
+  std::optional<Stream> stream_;
+  std::uint64_t generation_ = 0;  ///< of `stream_`: late completions of an older one are ignored
+  Duration open_delay_ = first_open_delay;
+  std::array<std::uint8_t, 4096> read_buffer_{};
+  Bytes unwritten_;
+  Bytes writing_;  ///< alive until its async_write ends
+  bool is_stopped_ = true;
+  std::map<std::uint64_t, OrderDone> orders_;
+  std::uint64_t last_order_ = 0;
+  /// Gone with the adapter: a completion that was under way must not touch it.
+  std::shared_ptr<const int> alive_ = std::make_shared<int>();
+  boost::asio::thread_pool disk_{1};  ///< writes mesh.json; last, so that it ends first
+};
+
+}  // namespace slamgw::ble

@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "adapters/ble_mesh_usb_cdc/io/mesh_file.hpp"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <openssl/rand.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+
+#include "adapters/ble_mesh_usb_cdc/provisioning/mesh_json.hpp"
+
+namespace slamgw::ble {
+namespace {
+
+std::string last_error() { return std::strerror(errno); }
+
+bool write_all(int file, std::string_view text) {
+  while (!text.empty()) {
+    const ssize_t written = ::write(file, text.data(), text.size());
+    if (written < 0 && errno == EINTR) continue;
+    if (written <= 0) return false;
+    text.remove_prefix(static_cast<std::size_t>(written));
+  }
+  return true;
+}
+
+/// Writes a new file with mode 0600 and waits until it is on disk.
+bool write_file(const std::string& path, std::string_view text) {
+  const int file = ::open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
+  if (file < 0) return false;
+  const bool is_written = write_all(file, text) && ::fsync(file) == 0;
+  const int error = errno;
+  ::close(file);
+  errno = error;
+  return is_written;
+}
+
+bool sync_directory(const std::string& path) {
+  const int directory = ::open(path.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (directory < 0) return false;
+  const bool is_synced = ::fsync(directory) == 0;
+  ::close(directory);
+  return is_synced;
+}
+
+}  // namespace
+
+Result<std::optional<NodeDatabase>, Refusal> MeshFile::load() const {
+  std::error_code error;
+  const bool is_there = std::filesystem::exists(path_, error);
+  if (!error && !is_there) return std::optional<NodeDatabase>();
+  std::ifstream file(path_, std::ios::binary);
+  const std::string text{std::istreambuf_iterator<char>(file), {}};
+  if (!file.is_open() || file.bad())
+    return Refusal{
+        fmt::format("{} can't be read ({}): the BLE mesh stays off", path_, last_error())};
+  const auto database = decode_node_database(text);
+  if (!database.has_value())
+    return Refusal{fmt::format(
+        "{} is damaged or of another version: the BLE mesh stays off. It holds the mesh's keys: "
+        "restore it from a backup; without it every robot must be provisioned anew (move it away "
+        "to start a new mesh)",
+        path_)};
+  return std::optional(*database);
+}
+
+std::string MeshFile::create(const NodeDatabase& database) const {
+  // link() instead of rename(): it fails when the file has appeared meanwhile.
+  return write(database, [](const char* from, const char* to) { return ::link(from, to); });
+}
+
+std::string MeshFile::replace(const NodeDatabase& database) const {
+  return write(database, [](const char* from, const char* to) { return ::rename(from, to); });
+}
+
+std::string MeshFile::write(const NodeDatabase& database,
+                            int (*put_in_place)(const char*, const char*)) const {
+  const std::string temporary = path_ + ".new";
+  const std::string directory = std::filesystem::path(path_).parent_path();
+  if (!write_file(temporary, encode_node_database(database)))
+    return fmt::format("the mesh's keys can't be stored in {}: {}", temporary, last_error());
+  const bool is_there = put_in_place(temporary.c_str(), path_.c_str()) == 0;
+  const std::string why = is_there ? std::string() : last_error();
+  ::unlink(temporary.c_str());
+  if (!is_there) return fmt::format("the mesh's keys can't be stored in {}: {}", path_, why);
+  if (!sync_directory(directory))
+    return fmt::format("{} can't be made safe on disk: {}", directory, last_error());
+  return {};
+}
+
+bool fill_random(std::span<std::uint8_t> octets) {
+  return RAND_bytes(octets.data(), static_cast<int>(octets.size())) == 1;
+}
+
+std::optional<MeshKeys> generate_random_keys() {
+  MeshKeys keys;
+  if (!fill_random(keys.net_key) || !fill_random(keys.app_key)) return std::nullopt;
+  return keys;
+}
+
+}  // namespace slamgw::ble

@@ -1,0 +1,175 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "adapters/ble_mesh_usb_cdc/io/serial_port.hpp"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <grp.h>
+#include <libserialport.h>
+#include <pwd.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <termios.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <filesystem>
+
+#include "adapters/ble_mesh_usb_cdc/io/open_failure.hpp"
+
+namespace slamgw::ble {
+namespace {
+
+std::string last_serial_error() {
+  char* const text = sp_last_error_message();
+  std::string copy(text);
+  sp_free_error_message(text);
+  return copy;
+}
+
+UsbPort describe(sp_port* port) {
+  UsbPort usb;
+  usb.path = sp_get_port_name(port);
+  int vendor = 0;
+  int product = 0;
+  if (sp_get_port_usb_vid_pid(port, &vendor, &product) == SP_OK) {
+    usb.vendor = static_cast<std::uint16_t>(vendor);
+    usb.product = static_cast<std::uint16_t>(product);
+  }
+  const char* const serial_number = sp_get_port_usb_serial(port);
+  usb.serial_number = serial_number != nullptr ? serial_number : "unknown";
+  return usb;
+}
+
+/// Sets everything; an empty string when it worked.
+std::string configure(sp_port* port, const Settings& settings, bool is_jlink) {
+  const bool has_flow_control = settings.flow_control == FlowControl::rts_cts ||
+                                (settings.flow_control == FlowControl::automatic && is_jlink);
+  const bool is_configured =
+      sp_set_baudrate(port, static_cast<int>(settings.baud_rate)) == SP_OK &&
+      sp_set_bits(port, 8) == SP_OK && sp_set_parity(port, SP_PARITY_NONE) == SP_OK &&
+      sp_set_stopbits(port, 1) == SP_OK &&
+      sp_set_flowcontrol(port, has_flow_control ? SP_FLOWCONTROL_RTSCTS : SP_FLOWCONTROL_NONE) ==
+          SP_OK;
+  return is_configured ? std::string() : last_serial_error();
+}
+
+/// libserialport leaves VMIN at 0, with which an empty read returns 0 octets even where it should
+/// say "try again"; Asio takes that for the end of the stream.
+bool let_empty_reads_wait(int descriptor) {
+  termios attributes{};
+  if (::tcgetattr(descriptor, &attributes) != 0) return false;
+  attributes.c_cc[VMIN] = 1;
+  attributes.c_cc[VTIME] = 0;
+  return ::tcsetattr(descriptor, TCSANOW, &attributes) == 0;
+}
+
+/// A terminal that is no serial port: raw bytes, nothing else to set; locked as libserialport locks
+/// serial ports. -1 with errno on failure.
+int open_plain(const std::string& path) {
+  const int descriptor = ::open(path.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
+  if (descriptor < 0) return -1;
+  termios attributes{};
+  if (::flock(descriptor, LOCK_EX | LOCK_NB) == 0 && ::tcgetattr(descriptor, &attributes) == 0) {
+    ::cfmakeraw(&attributes);
+    if (::tcsetattr(descriptor, TCSANOW, &attributes) == 0) return descriptor;
+  }
+  const int error = errno;
+  ::close(descriptor);
+  errno = error;
+  return -1;
+}
+
+/// What explain_open_failure needs, as far as the system tells. `error`: errno of the attempt.
+Refusal refuse_open(const std::string& path, int error) {
+  NodeAccess access;
+  struct stat status {};
+  if (::stat(path.c_str(), &status) == 0) {
+    const group* const owner = ::getgrgid(status.st_gid);
+    access.group = owner != nullptr ? owner->gr_name : std::to_string(status.st_gid);
+    access.mode = status.st_mode & 0777u;
+  }
+  const passwd* const user = ::getpwuid(::geteuid());
+  access.process = user != nullptr ? user->pw_name : std::to_string(::geteuid());
+  return Refusal{explain_open_failure(path, error, access)};
+}
+
+struct DeviceNode {
+  std::string path;
+};
+
+/// The device node behind a link such as those under /dev/serial/by-id/.
+Result<DeviceNode, Refusal> resolve(const Settings& settings) {
+  if (settings.device == "auto") {
+    const auto chosen = choose_device(list_usb_ports());
+    if (!chosen.has_value()) return chosen.error();
+    return DeviceNode{chosen->path};
+  }
+  std::error_code error;
+  const std::filesystem::path target = std::filesystem::canonical(settings.device, error);
+  if (error)
+    return Refusal{
+        fmt::format("no serial board at {} ({}): plug it in, or set ble_mesh.device to one of "
+                    "/dev/serial/by-id/",
+                    settings.device, error.message())};
+  return DeviceNode{target.string()};
+}
+
+}  // namespace
+
+std::vector<UsbPort> list_usb_ports() {
+  std::vector<UsbPort> usb;
+  sp_port** ports = nullptr;
+  if (sp_list_ports(&ports) != SP_OK) return usb;
+  for (sp_port** port = ports; *port != nullptr; ++port) {
+    if (sp_get_port_transport(*port) == SP_TRANSPORT_USB) usb.push_back(describe(*port));
+  }
+  sp_free_port_list(ports);
+  return usb;
+}
+
+Result<std::unique_ptr<SerialPort>, Refusal> SerialPort::open(const Settings& settings) {
+  const auto node = resolve(settings);
+  if (!node.has_value()) return node.error();
+  const std::string& path = node->path;
+  sp_port* port = nullptr;
+  if (sp_get_port_by_name(path.c_str(), &port) != SP_OK) {
+    const int descriptor = open_plain(path);
+    if (descriptor < 0) return refuse_open(path, errno);
+    return std::unique_ptr<SerialPort>(new SerialPort(path, nullptr, descriptor, false));
+  }
+  const bool is_jlink = describe(port).vendor == jlink_vendor;
+  int descriptor = -1;
+  if (sp_open(port, SP_MODE_READ_WRITE) != SP_OK ||
+      sp_get_port_handle(port, &descriptor) != SP_OK) {
+    const int error = sp_last_error_code();
+    sp_free_port(port);
+    return refuse_open(path, error);
+  }
+  std::unique_ptr<SerialPort> opened(new SerialPort(path, port, descriptor, is_jlink));
+  if (const std::string why = configure(port, settings, is_jlink); !why.empty())
+    return Refusal{fmt::format("{} can't be configured: {}", path, why)};
+  if (!let_empty_reads_wait(descriptor))
+    return Refusal{fmt::format("{} can't be configured: {}", path, std::strerror(errno))};
+  return opened;
+}
+
+SerialPort::SerialPort(std::string path, sp_port* port, int descriptor, bool is_jlink)
+    : path_(std::move(path)), port_(port), descriptor_(descriptor), is_jlink_(is_jlink) {}
+
+SerialPort::~SerialPort() {
+  if (port_ == nullptr) {
+    ::close(descriptor_);
+    return;
+  }
+  sp_close(port_);
+  sp_free_port(port_);
+}
+
+void SerialPort::set_dtr(bool is_on) {
+  if (port_ != nullptr) sp_set_dtr(port_, is_on ? SP_DTR_ON : SP_DTR_OFF);
+}
+
+void SerialPort::flush_input() { ::tcflush(descriptor_, TCIFLUSH); }
+
+}  // namespace slamgw::ble

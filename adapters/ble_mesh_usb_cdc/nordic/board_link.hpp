@@ -1,0 +1,187 @@
+// SPDX-License-Identifier: Apache-2.0
+// The link to one serial board: gets in step with it, starts it up, keeps one command in flight and
+// starts again from the beginning whenever something is lost. Not the mesh: what robots say passes
+// through unread. Called by BleMesh, which drains its actions.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <optional>
+#include <set>
+#include <string>
+#include <variant>
+
+#include "adapters/ble_mesh_usb_cdc/mesh_machine.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/frame.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/resync.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/start_up.hpp"
+#include "daemon/core/burst.hpp"
+#include "daemon/core/protocol_machine.hpp"
+
+namespace slamgw::ble {
+
+struct LinkIsUp {
+  std::string detail;
+};
+/// Also sent while down, when the reason changes.
+struct LinkIsDown {
+  std::string why;
+};
+/// The board did not send to `destination`; the mesh above repeats by its own rules.
+struct SendRefused {
+  std::uint16_t destination = 0;
+  std::string why;
+};
+
+/// How the command that was given to `BoardLink::command` ended.
+struct CommandEnded {
+  std::uint8_t opcode = 0;
+  Status status = Status::success;
+  Bytes data;              ///< empty unless `status` is success
+  bool is_repeat = false;  ///< its first answer was lost: the board may have done it then
+};
+/// How `BoardLink::clear_board` ended.
+struct BoardCleared {
+  Status status = Status::success;
+};
+
+using LinkAction = std::variant<WriteSerial, ReopenPort, GenerateKeys, LinkIsUp, LinkIsDown,
+                                SendRefused, MessageReceived, Heartbeat, IvUpdate,
+                                ProvisioningEvent, CommandEnded, BoardCleared, Notice>;
+
+/// One access message to send. Urgent ones (acknowledgements) overtake the others.
+struct Outgoing {
+  std::uint16_t destination = 0;  ///< unicast
+  std::optional<std::uint16_t> appkey_handle;
+  Bytes payload;  ///< at most max_send_bytes
+  bool is_urgent = false;
+};
+
+struct LinkSettings {
+  BoardSettings board;
+  std::uint8_t ttl = 4;
+};
+
+struct LinkCounters {
+  std::uint64_t resyncs = 0;
+  std::uint64_t restarts = 0;  ///< the board's own, seen by 0x81
+  std::uint64_t command_timeouts = 0;
+  std::uint64_t malformed_events = 0;
+  std::uint64_t other_events = 0;  ///< known to the protocol or not, not used here
+  std::uint64_t board_drops = 0;   ///< events lost inside the board (command 0x14)
+  std::uint64_t sent = 0;
+  std::uint64_t send_refused = 0;
+  std::uint64_t tx_complete = 0;
+};
+
+class BoardLink {
+ public:
+  static constexpr Duration command_time_limit = std::chrono::seconds{2};
+  static constexpr int max_consecutive_timeouts = 3;
+  static constexpr Duration poll_interval = std::chrono::seconds{10};
+  static constexpr Duration first_reopen_delay = std::chrono::milliseconds{500};
+  static constexpr Duration max_reopen_delay = std::chrono::seconds{5};
+  /// How often a board that must not be used is looked at again.
+  static constexpr Duration refusal_interval = std::chrono::seconds{30};
+  /// Messages waiting for the board: 32 take about a second at 115200 baud.
+  static constexpr std::size_t max_queued = 32;
+
+  /// Different notices about one attempt after the other; more are not said until it was up again.
+  static constexpr std::size_t max_said = 16;
+
+  /// `seed` makes the Echo nonces.
+  BoardLink(LinkSettings settings, std::optional<MeshKeys> keys, std::uint64_t seed);
+
+  void on_port_open(TimePoint now);
+  void on_port_closed(const std::string& why, TimePoint now);
+  void on_bytes(ByteView bytes, TimePoint now);
+  void on_keys(const MeshKeys& keys, TimePoint now);
+  void on_keys_failed(const std::string& why, TimePoint now);
+
+  bool is_up() const { return is_up_; }
+  /// False when it was not taken: the link is down or the queue full. An urgent message that is
+  /// already waiting is not queued twice.
+  bool send(Outgoing message, TimePoint now);
+  /// Takes an urgent message back if it still waits.
+  void withdraw(std::uint16_t destination, const Bytes& payload);
+  /// One complete command, ended by CommandEnded; nothing comes when the link goes down. False when
+  /// it was not taken: the link is down or an earlier one is still under way. When its answer is
+  /// lost it is sent again.
+  bool command(Bytes frame, TimePoint now);
+  /// State Clear: the board forgets keys, addresses and sequence numbers and is started up anew.
+  /// Only on an operator's word. False when there is no board that could be cleared.
+  bool clear_board(TimePoint now);
+  /// The mesh's keys are others than before; starts the board up with them.
+  void change_keys(const MeshKeys& keys, TimePoint now);
+  std::uint16_t subnet_handle() const { return subnet_handle_; }
+
+  std::optional<TimePoint> deadline() const;
+  void on_deadline(TimePoint now);
+  std::optional<LinkAction> next_action() { return actions_.pop(); }
+  const LinkCounters& counters() const { return counters_; }
+
+ private:
+  enum class Stage : std::uint8_t { closed, resyncing, starting, awaiting_keys, running, refused };
+
+  struct InFlight {
+    std::uint8_t opcode = 0;
+    TimePoint deadline{};
+    std::uint16_t destination = 0;  ///< of the message it is for, if any
+    bool is_command = false;        ///< `command_`
+  };
+
+  void begin_resync(TimePoint now);
+  void begin_start_up(TimePoint now);
+  void continue_start_up(TimePoint now);
+  void on_started(TimePoint now);
+  void on_frame(const Bytes& frame, TimePoint now);
+  void on_event(DeviceStarted& event, TimePoint now);
+  void on_event(CommandResponse& event, TimePoint now);
+  void on_response(const CommandResponse& response, const InFlight& command, TimePoint now);
+  void on_command_ended(const CommandResponse& response);
+  void on_board_cleared(Status status, TimePoint now);
+  void on_publication_added(const CommandResponse& response, std::uint16_t address, TimePoint now);
+  void on_sent(const CommandResponse& response, std::uint16_t destination);
+  void on_drop_counter(std::uint32_t total, TimePoint now);
+  void on_command_timeout(TimePoint now);
+
+  void issue(Bytes command, std::uint16_t destination, TimePoint now);
+  void send_next(TimePoint now);
+  bool issue_clear(TimePoint now);
+  void send_message(std::deque<Outgoing>& queue, TimePoint now);
+  std::deque<Outgoing>& next_queue();
+  void on_silence();
+  void give_up(const std::string& why, const std::string& what_to_check);
+  void go_down(const std::string& why);
+  void say_once(Severity severity, const std::string& text);
+
+  LinkSettings settings_;
+  std::optional<MeshKeys> keys_;
+  ActionQueue<LinkAction> actions_;
+  Stage stage_ = Stage::closed;
+  bool is_up_ = false;
+  std::string down_reason_;
+  std::set<std::string> said_;  ///< notices since the link last went down
+  FrameDecoder decoder_;
+  Resync resync_;
+  std::optional<StartUp> start_up_;
+  std::optional<InFlight> in_flight_;
+  int consecutive_timeouts_ = 0;
+  Duration reopen_delay_ = first_reopen_delay;
+  TimePoint retry_at_{};  ///< while refused
+  TimePoint poll_at_{};   ///< while running
+  AddressBook addresses_;
+  std::uint16_t subnet_handle_ = 0;
+  std::uint16_t appkey_handle_ = 0;
+  std::optional<Bytes> command_;  ///< until its answer is there
+  bool is_command_repeated_ = false;
+  bool is_clear_wanted_ = false;
+  std::optional<std::uint32_t> dropped_events_;
+  std::deque<Outgoing> urgent_;
+  std::deque<Outgoing> normal_;
+  Burst drop_burst_;
+  Burst malformed_burst_;
+  LinkCounters counters_;
+};
+
+}  // namespace slamgw::ble

@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: Apache-2.0
+// What Nordic's serial board tells its host: one event per frame. Opcodes that the daemon does not
+// use come out as OtherEvent, never as errors; firmware newer than this file must not look broken.
+// Called by BoardLink with what FrameDecoder found.
+#pragma once
+
+#include <cstdint>
+#include <string_view>
+#include <variant>
+
+#include "adapters/ble_mesh_usb_cdc/decode_error.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/provisioning_events.hpp"
+#include "daemon/core/bytes.hpp"
+#include "daemon/core/result.hpp"
+
+namespace slamgw::ble {
+
+/// 0x81, the first event after every reset of the board.
+struct DeviceStarted {
+  std::uint8_t operating_mode = 0;  ///< 0 test, 1 boot loader, 2 application
+  std::uint8_t hardware_error = 0;
+};
+
+/// 0x82
+struct EchoResponse {
+  Bytes payload;
+};
+
+/// The status octet of 0x84; codes outside this list stay as they came.
+enum class Status : std::uint8_t {
+  success = 0x00,
+  unknown_error = 0x80,
+  internal = 0x81,  ///< Subnet and Appkey Add: the index already holds this very key
+  command_unknown = 0x82,
+  invalid_state = 0x83,  ///< Packet Send: a segmented message to there is still in progress
+  invalid_length = 0x84,
+  invalid_parameter = 0x85,
+  busy = 0x86,
+  invalid_data = 0x87,
+  rejected = 0x8e,  ///< table full, unknown handle, or the index holds another key
+  timeout = 0x93,
+  invalid_key_data = 0x98,
+};
+std::string_view to_string(Status status);
+
+/// 0x84. `data` is empty unless `status` is success.
+struct CommandResponse {
+  std::uint8_t opcode = 0;
+  Status status = Status::success;
+  Bytes data;
+};
+
+/// 0xd0 and 0xd1: an access message for a local unicast or a subscribed address.
+struct MessageReceived {
+  std::uint16_t source = 0;
+  std::uint16_t destination = 0;  ///< 0xd0: unicast address; 0xd1: address handle
+  bool is_to_subscription = false;
+  std::uint16_t appkey_handle = 0;
+  std::uint16_t subnet_handle = 0;
+  std::uint8_t ttl = 0;  ///< on arrival
+  std::int8_t rssi_dbm = 0;
+  std::uint16_t actual_length = 0;  ///< more than `payload` holds: the board cut it short
+  Bytes payload;                    ///< opcode first, at most 235 octets
+};
+
+/// 0xd2
+struct TxComplete {
+  std::uint32_t token = 0;
+};
+
+/// 0xd3
+struct IvUpdate {
+  std::uint32_t iv_index = 0;
+};
+
+/// 0xd8, firmware 4.0 and newer.
+struct Heartbeat {
+  std::uint8_t initial_ttl = 0;
+  std::uint8_t hops = 0;
+  std::uint16_t features = 0;
+  std::uint16_t source = 0;
+};
+
+/// Any other opcode; its parameters are not kept.
+struct OtherEvent {
+  std::uint8_t opcode = 0;
+};
+
+using Event = std::variant<DeviceStarted, EchoResponse, CommandResponse, MessageReceived,
+                           TxComplete, IvUpdate, Heartbeat, ProvisioningEvent, OtherEvent>;
+
+/// `frame` is opcode and parameters, as FrameDecoder leaves them.
+Result<Event, DecodeError> decode_event(ByteView frame);
+
+}  // namespace slamgw::ble

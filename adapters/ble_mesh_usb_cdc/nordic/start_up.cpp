@@ -1,0 +1,274 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "adapters/ble_mesh_usb_cdc/nordic/start_up.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cassert>
+#include <utility>
+
+namespace slamgw::ble {
+namespace {
+
+constexpr std::uint16_t key_index = 0;  // of both keys: one mesh, one application
+constexpr std::uint16_t last_unicast_address = 0x7fff;
+
+std::vector<std::uint16_t> read_numbers(ByteReader& data) {
+  std::vector<std::uint16_t> numbers;
+  while (data.remaining() >= 2) numbers.push_back(data.read_u16_le());
+  return numbers;
+}
+
+/// The board lists key indexes in table order, so a handle is its index's place in the list.
+std::optional<std::uint16_t> handle_of(const std::vector<std::uint16_t>& indexes,
+                                       std::uint16_t index) {
+  const auto found = std::find(indexes.begin(), indexes.end(), index);
+  if (found == indexes.end()) return std::nullopt;
+  return static_cast<std::uint16_t>(found - indexes.begin());
+}
+
+}  // namespace
+
+StartUp::StartUp(BoardSettings settings, std::optional<MeshKeys> keys)
+    : settings_(std::move(settings)), keys_(keys) {}
+
+Bytes StartUp::command() const {
+  assert(state_ == State::commanding);
+  switch (step_) {
+    case Step::get_version: return encode_command(CommandOpcode::serial_version_get);
+    case Step::get_uuid: return encode_command(CommandOpcode::uuid_get);
+    case Step::get_dropped_events: return encode_command(CommandOpcode::housekeeping_get);
+    case Step::get_address: return encode_command(CommandOpcode::local_unicast_get);
+    case Step::set_address: return encode_local_unicast_set(settings_.address, 1);
+    case Step::get_subnets: return encode_command(CommandOpcode::subnet_get_all);
+    case Step::add_subnet: return encode_subnet_add(key_index, keys_->net_key);
+    case Step::get_appkeys: return encode_command(CommandOpcode::appkey_get_all, subnet_handle_);
+    case Step::add_appkey: return encode_appkey_add(key_index, subnet_handle_, keys_->app_key);
+    case Step::get_handles: return encode_command(CommandOpcode::address_get_all);
+    case Step::read_handle:
+      return encode_command(CommandOpcode::address_get, unread_handles_.front());
+    case Step::add_group:
+      return encode_command(CommandOpcode::subscription_add, missing_groups_.front());
+    case Step::enable: break;
+  }
+  return encode_command(CommandOpcode::enable);
+}
+
+void StartUp::on_response(const CommandResponse& response) {
+  ByteReader data(response.data);
+  switch (step_) {
+    case Step::get_version: return on_version(response);
+    case Step::get_uuid:
+      if (response.status == Status::success) uuid_ = to_hex(response.data);
+      step_ = Step::get_dropped_events;
+      return;
+    case Step::get_dropped_events:
+      if (response.status == Status::success && data.remaining() == 4)
+        dropped_events_ = data.read_u32_le();
+      step_ = Step::get_address;
+      return;
+    case Step::get_address: return on_address(response);
+    case Step::set_address:
+      if (check(response, true, "taking the gateway's unicast address")) step_ = Step::get_subnets;
+      return;
+    case Step::get_subnets: return on_subnets(response);
+    case Step::add_subnet: return on_subnet_added(response);
+    case Step::get_appkeys: return on_appkeys(response);
+    case Step::add_appkey: return on_appkey_added(response);
+    case Step::get_handles: return on_handles(response);
+    case Step::read_handle: return on_handle_read(response);
+    case Step::add_group: return on_group_added(response);
+    case Step::enable: return on_enabled(response);
+  }
+}
+
+void StartUp::on_version(const CommandResponse& response) {
+  ByteReader data(response.data);
+  if (response.status == Status::success) version_ = data.read_u16_le();
+  step_ = Step::get_uuid;
+}
+
+void StartUp::on_address(const CommandResponse& response) {
+  ByteReader data(response.data);
+  const std::uint16_t address = data.read_u16_le();
+  const std::uint16_t count = data.read_u16_le();
+  if (!check(response, data.at_end(), "telling its unicast address")) return;
+  was_fresh_ = count == 0;
+  if (count != 0 && address != settings_.address) {
+    return refuse(fmt::format(
+        "it is configured with unicast address 0x{:04x}, but ble_mesh.address is 0x{:04x}: set "
+        "ble_mesh.address to the board's, or give the board the other with slam-gatewayctl ble "
+        "reset-board --yes",
+        address, settings_.address));
+  }
+  step_ = was_fresh_ ? Step::set_address : Step::get_subnets;
+}
+
+void StartUp::on_subnets(const CommandResponse& response) {
+  ByteReader data(response.data);
+  subnet_indexes_ = read_numbers(data);
+  if (!check(response, data.at_end(), "listing its network keys")) return;
+  if (keys_) {
+    step_ = Step::add_subnet;
+  } else if (subnet_indexes_.empty()) {
+    state_ = State::needs_keys;
+  } else {
+    notice(
+        Severity::warning,
+        "the serial board already holds a network key and no mesh.json exists here: the board is "
+        "used as it is, and its robots are heard, but none can be taken in or put out; restore "
+        "mesh.json from a backup, or bring the mesh in with slam-gatewayctl ble import");
+    step_ = Step::get_appkeys;
+  }
+}
+
+void StartUp::on_keys(const MeshKeys& keys) {
+  assert(state_ == State::needs_keys);
+  keys_ = keys;
+  state_ = State::commanding;
+  step_ = Step::add_subnet;
+}
+
+void StartUp::on_subnet_added(const CommandResponse& response) {
+  if (response.status == Status::rejected) {
+    return refuse(
+        "it holds another network key than this gateway's mesh.json: it belongs to another mesh; "
+        "attach this mesh's board, or clear the board, or move mesh.json away to use the board "
+        "with its own keys");
+  }
+  const auto listed = handle_of(subnet_indexes_, key_index);
+  if (response.status == Status::internal && listed) {
+    subnet_handle_ = *listed;  // the same key is already there
+  } else {
+    ByteReader data(response.data);
+    subnet_handle_ = data.read_u16_le();
+    if (!check(response, data.at_end(), "taking the network key")) return;
+    if (was_fresh_) {
+      notice(Severity::notice,
+             "the serial board was fresh and got this mesh's address and keys; robots that heard "
+             "an earlier board at this address may ignore it until their replay lists are renewed");
+    }
+  }
+  step_ = Step::get_appkeys;
+}
+
+void StartUp::on_appkeys(const CommandResponse& response) {
+  ByteReader data(response.data);
+  data.read_u16_le();  // the subnet handle that was asked for
+  appkey_indexes_ = read_numbers(data);
+  if (!check(response, data.at_end(), "listing its application keys")) return;
+  if (keys_) {
+    step_ = Step::add_appkey;
+  } else if (appkey_indexes_.empty()) {
+    refuse(
+        "it holds a network key but no application key, and no mesh.json exists here: give it the "
+        "mesh's application key with Nordic's tools");
+  } else {
+    step_ = Step::get_handles;
+  }
+}
+
+void StartUp::on_appkey_added(const CommandResponse& response) {
+  if (response.status == Status::rejected)
+    return refuse("it holds another application key than this gateway's mesh.json");
+  const auto listed = handle_of(appkey_indexes_, key_index);
+  if (response.status == Status::internal && listed) {
+    appkey_handle_ = *listed;
+  } else {
+    ByteReader data(response.data);
+    appkey_handle_ = data.read_u16_le();
+    if (!check(response, data.at_end(), "taking the application key")) return;
+  }
+  step_ = Step::get_handles;
+}
+
+void StartUp::on_handles(const CommandResponse& response) {
+  ByteReader data(response.data);
+  const auto handles = read_numbers(data);
+  if (!check(response, data.at_end(), "listing its address handles")) return;
+  unread_handles_.assign(handles.begin(), handles.end());
+  read_next_handle();
+}
+
+void StartUp::read_next_handle() {
+  if (!unread_handles_.empty()) {
+    step_ = Step::read_handle;
+    return;
+  }
+  for (const std::uint16_t group : settings_.groups) {
+    if (!addresses_.is_subscribed(group)) missing_groups_.push_back(group);
+  }
+  add_next_group();
+}
+
+void StartUp::on_handle_read(const CommandResponse& response) {
+  ByteReader data(response.data);
+  AddressBook::Publication entry;
+  entry.handle = data.read_u16_le();
+  data.read_u8();  // the address type, which the address itself shows
+  const bool is_subscribed = data.read_u8() != 0;
+  entry.address = data.read_u16_le();
+  // A handle that vanished since it was listed is no reason to stop.
+  if (response.status == Status::success && data.ok()) {
+    if (is_subscribed) {
+      addresses_.add_subscription(entry.address);
+    } else if (entry.address <= last_unicast_address) {
+      addresses_.add_publication(entry);
+    }
+  }
+  unread_handles_.pop_front();
+  read_next_handle();
+}
+
+void StartUp::add_next_group() { step_ = missing_groups_.empty() ? Step::enable : Step::add_group; }
+
+void StartUp::on_group_added(const CommandResponse& response) {
+  const std::uint16_t group = missing_groups_.front();
+  if (response.status == Status::success) {
+    addresses_.add_subscription(group);
+  } else {
+    notice(Severity::warning,
+           fmt::format("the serial board does not subscribe to group 0x{:04x} ({}): what robots "
+                       "publish there is not heard",
+                       group, to_string(response.status)));
+  }
+  missing_groups_.pop_front();
+  add_next_group();
+}
+
+void StartUp::on_enabled(const CommandResponse& response) {
+  // Invalid state: already enabled, as the stock firmware does by itself.
+  if (response.status == Status::invalid_state || check(response, true, "enabling the mesh"))
+    state_ = State::done;
+}
+
+bool StartUp::check(const CommandResponse& response, bool is_well_formed, std::string_view what) {
+  if (response.status != Status::success) {
+    refuse(fmt::format("it answers \"{}\" (0x{:02x}) to {} (command 0x{:02x})",
+                       to_string(response.status), static_cast<unsigned>(response.status), what,
+                       response.opcode));
+    return false;
+  }
+  if (!is_well_formed)
+    refuse(
+        fmt::format("its answer to command 0x{:02x} has a wrong length: is its firmware Nordic's "
+                    "serial example?",
+                    response.opcode));
+  return is_well_formed;
+}
+
+void StartUp::refuse(std::string why) {
+  refusal_ = "the serial board can't be used: " + std::move(why);
+  state_ = State::refused;
+}
+
+void StartUp::notice(Severity severity, std::string text) {
+  notices_.push_back({severity, std::move(text), {}});
+}
+
+std::string StartUp::description() const {
+  return fmt::format("serial protocol version {}, board UUID {}", version_,
+                     uuid_.empty() ? "unknown" : uuid_);
+}
+
+}  // namespace slamgw::ble

@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: Apache-2.0
+// What to ask and tell a board that is in step, in an order that is safe whatever state it is in:
+// first read, then add what is missing, and stop rather than change what somebody else configured.
+// Never clears the board (0xac would also reset its sequence numbers, and every robot's replay
+// protection would then discard what the gateway sends). No timing: one command, its response, the
+// next. Called by BoardLink.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "adapters/ble_mesh_usb_cdc/nordic/address_book.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/commands.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/events.hpp"
+#include "daemon/core/messages.hpp"
+
+namespace slamgw::ble {
+
+struct BoardSettings {
+  std::uint16_t address = 0x0001;
+  std::vector<std::uint16_t> groups;
+};
+
+class StartUp {
+ public:
+  enum class State : std::uint8_t { commanding, needs_keys, refused, done };
+
+  /// Without `keys` a board that holds keys is used as it is, and a fresh one asks for some.
+  StartUp(BoardSettings settings, std::optional<MeshKeys> keys);
+
+  State state() const { return state_; }
+  /// While commanding: the frame to send now.
+  Bytes command() const;
+  /// The response to that command.
+  void on_response(const CommandResponse& response);
+  /// While in `needs_keys`.
+  void on_keys(const MeshKeys& keys);
+
+  /// Why it refused, for the operator.
+  const std::string& refusal() const { return refusal_; }
+  /// What the operator should read; empties the list.
+  std::vector<Notice> take_notices() { return std::exchange(notices_, {}); }
+
+  /// When done:
+  AddressBook take_addresses() { return std::move(addresses_); }
+  std::uint16_t subnet_handle() const { return subnet_handle_; }
+  std::uint16_t appkey_handle() const { return appkey_handle_; }
+  /// Events that the board has dropped since its reset, if it says.
+  std::optional<std::uint32_t> dropped_events() const { return dropped_events_; }
+  /// For `status`: protocol version and UUID.
+  std::string description() const;
+
+ private:
+  /// In this order, where no response says otherwise.
+  enum class Step : std::uint8_t {
+    get_version,
+    get_uuid,
+    get_dropped_events,
+    get_address,
+    set_address,
+    get_subnets,
+    add_subnet,
+    get_appkeys,
+    add_appkey,
+    get_handles,
+    read_handle,
+    add_group,
+    enable
+  };
+
+  void on_version(const CommandResponse& response);
+  void on_address(const CommandResponse& response);
+  void on_subnets(const CommandResponse& response);
+  void on_subnet_added(const CommandResponse& response);
+  void on_appkeys(const CommandResponse& response);
+  void on_appkey_added(const CommandResponse& response);
+  void on_handles(const CommandResponse& response);
+  void on_handle_read(const CommandResponse& response);
+  void on_group_added(const CommandResponse& response);
+  void on_enabled(const CommandResponse& response);
+
+  void read_next_handle();
+  void add_next_group();
+  void refuse(std::string why);
+  /// True when `response` is success and its data was read to the end; refuses otherwise.
+  bool check(const CommandResponse& response, bool is_well_formed, std::string_view what);
+  void notice(Severity severity, std::string text);
+
+  BoardSettings settings_;
+  std::optional<MeshKeys> keys_;
+  State state_ = State::commanding;
+  Step step_ = Step::get_version;
+  std::string refusal_;
+  std::vector<Notice> notices_;
+
+  std::uint16_t version_ = 0;
+  std::string uuid_;
+  std::optional<std::uint32_t> dropped_events_;
+  bool was_fresh_ = false;
+  std::vector<std::uint16_t> subnet_indexes_;  ///< in handle order
+  std::vector<std::uint16_t> appkey_indexes_;  ///< in handle order
+  std::uint16_t subnet_handle_ = 0;
+  std::uint16_t appkey_handle_ = 0;
+  std::deque<std::uint16_t> unread_handles_;  ///< front: the one being read
+  std::deque<std::uint16_t> missing_groups_;  ///< front: the one being added
+  AddressBook addresses_;
+};
+
+}  // namespace slamgw::ble

@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "adapters/ble_mesh_usb_cdc/robots/command_queue.hpp"
+
+#include <algorithm>
+#include <utility>
+
+#include "adapters/ble_mesh_usb_cdc/robots/reliable_publish.hpp"
+
+namespace slamgw::ble {
+namespace {
+
+EndedCommand end(const Command& command, TimePoint arrived, TimePoint now, CommandResult result,
+                 std::string why) {
+  return {command.type, result,
+          std::chrono::duration_cast<std::chrono::milliseconds>(now - arrived), std::move(why)};
+}
+
+}  // namespace
+
+EndedCommands CommandQueue::add(Command command, TimePoint now) {
+  EndedCommands ended;
+  const auto older = std::ranges::find_if(waiting_, [&](const Entry& entry) {
+    return command.is_replaceable && entry.command.type == command.type;
+  });
+  if (older != waiting_.end()) {
+    ended.push_back(end(older->command, older->arrived, now, CommandResult::superseded,
+                        "a newer one came before it was sent"));
+    *older = {std::move(command), now};
+  } else if (waiting_.size() >= max_waiting) {
+    ended.push_back(end(command, now, now, CommandResult::refused,
+                        "too many commands are waiting for this robot (at most 16)"));
+  } else {
+    waiting_.push_back({std::move(command), now});
+  }
+  return ended;
+}
+
+EndedCommands CommandQueue::on_status(Opcode status, TimePoint now) {
+  if (!outstanding_ || outstanding_->entry.command.awaited_status != status) return {};
+  const Entry entry = std::move(outstanding_->entry);
+  outstanding_.reset();
+  return {end(entry.command, entry.arrived, now, CommandResult::delivered, {})};
+}
+
+void CommandQueue::on_send_refused(const std::string& why) {
+  if (outstanding_) outstanding_->refusal = why;
+}
+
+EndedCommands CommandQueue::on_deadline(TimePoint now) {
+  EndedCommands ended;
+  const auto is_over = [&](const Entry& entry) { return now >= entry.arrived + time_limit; };
+  if (outstanding_ && is_over(outstanding_->entry)) {
+    ended.push_back(
+        end(outstanding_->entry.command, outstanding_->entry.arrived, now, CommandResult::timeout,
+            outstanding_->refusal.empty() ? "the robot did not answer" : outstanding_->refusal));
+    outstanding_.reset();
+  }
+  std::erase_if(waiting_, [&](const Entry& entry) {
+    if (!is_over(entry)) return false;
+    ended.push_back(end(entry.command, entry.arrived, now, CommandResult::timeout,
+                        "not sent: the robot did not answer an earlier command"));
+    return true;
+  });
+  return ended;
+}
+
+EndedCommands CommandQueue::refuse_all(const std::string& why, TimePoint now) {
+  if (outstanding_) waiting_.push_front(std::move(outstanding_->entry));
+  outstanding_.reset();
+  EndedCommands ended;
+  for (const Entry& entry : waiting_)
+    ended.push_back(end(entry.command, entry.arrived, now, CommandResult::refused, why));
+  waiting_.clear();
+  return ended;
+}
+
+std::optional<Bytes> CommandQueue::next_transmission(TimePoint now) {
+  if (outstanding_) {
+    if (now < outstanding_->first_sent + outstanding_->next_offset) return std::nullopt;
+    // Several times after a long pause: what was missed is not sent in a burst.
+    while (now >= outstanding_->first_sent + outstanding_->next_offset)
+      outstanding_->next_offset *= 2;
+    return outstanding_->entry.command.access;
+  }
+  if (waiting_.empty()) return std::nullopt;
+  const Duration interval = reliable_interval(ttl_, waiting_.front().command.access.size());
+  outstanding_ = Outstanding{std::move(waiting_.front()), now, interval, {}};
+  waiting_.pop_front();
+  return outstanding_->entry.command.access;
+}
+
+std::optional<TimePoint> CommandQueue::deadline() const {
+  if (!outstanding_) return std::nullopt;  // then nothing waits either
+  TimePoint next = std::min(outstanding_->entry.arrived + time_limit,
+                            outstanding_->first_sent + outstanding_->next_offset);
+  for (const Entry& entry : waiting_) next = std::min(next, entry.arrived + time_limit);
+  return next;
+}
+
+}  // namespace slamgw::ble

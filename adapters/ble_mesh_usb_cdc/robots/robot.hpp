@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+// What BleMesh knows about one robot. Plain state; BleMesh holds the rules.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <set>
+#include <string>
+
+#include "adapters/ble_mesh_usb_cdc/access/vendor_models.hpp"
+#include "adapters/ble_mesh_usb_cdc/robots/command_queue.hpp"
+#include "adapters/ble_mesh_usb_cdc/robots/repeat_filter.hpp"
+
+namespace slamgw::ble {
+
+/// Acknowledged messages of one model.
+struct Inbox {
+  RepeatFilter filter;
+  std::uint64_t open_receipt = 0;  ///< 0: none
+  std::uint16_t element = 0;       ///< that the receipt's message came from
+};
+
+struct Robot {
+  Robot(std::uint16_t its_address, std::string its_id, std::uint8_t ttl)
+      : address(its_address), id(std::move(its_id)), commands(ttl) {}
+
+  std::uint16_t address;  ///< unicast
+  std::string id;
+  bool is_node = false;  ///< in the database of nodes
+  bool is_online = false;
+  bool is_announced = false;  ///< somebody was told that it is online or offline
+  bool is_awaited = false;    ///< offline as soon as it is silent for long enough
+  TimePoint last_heard{};
+  std::optional<std::uint8_t> sent_ttl;        ///< that it was told to publish with
+  std::uint8_t highest_ttl = 0;                ///< on arrival; the robot sends with at least this
+  std::optional<std::uint16_t> appkey_handle;  ///< of its last vendor message
+  std::array<Inbox, vendor_model_count> inboxes;
+  CommandQueue commands;
+  /// Topics whose retained message it got since it came online; at most BleMesh::max_retained.
+  std::set<std::string, std::less<>> retained_given;
+  bool is_subscribed = true;  ///< false: the broker said no, to be asked again
+
+  /// How many relays its message came through; nothing when it is not known with which TTL it sent.
+  std::optional<std::uint8_t> hops(std::uint8_t ttl_on_arrival) const {
+    if (!sent_ttl || *sent_ttl < ttl_on_arrival) return std::nullopt;
+    return static_cast<std::uint8_t>(*sent_ttl - ttl_on_arrival);
+  }
+  bool is_expected() const { return is_online || is_awaited; }
+  /// Says that it is offline unless it is heard: what was said before a restart may be wrong.
+  void await(TimePoint now) {
+    if (is_announced) return;
+    is_awaited = true;
+    last_heard = now;
+  }
+};
+
+}  // namespace slamgw::ble

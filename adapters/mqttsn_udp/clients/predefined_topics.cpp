@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "adapters/mqttsn_udp/clients/predefined_topics.hpp"
+
+namespace slamgw::mqttsn {
+
+PredefinedTopics::PredefinedTopics(const std::vector<PredefinedTopic>& topics) {
+  for (const PredefinedTopic& topic : topics)
+    topics_[topic.id].emplace(topic.client_id.value_or(""), topic.name);
+}
+
+const std::string* PredefinedTopics::name_of(std::string_view client_id, std::uint16_t id) const {
+  const auto topic = topics_.find(id);
+  if (topic == topics_.end()) return nullptr;
+  const ByClient& by_client = topic->second;
+  if (const auto own = by_client.find(client_id); own != by_client.end()) return &own->second;
+  const auto common = by_client.find(std::string_view());
+  return common == by_client.end() ? nullptr : &common->second;
+}
+
+std::string short_name(std::uint16_t topic_id) {
+  return {static_cast<char>(topic_id >> 8), static_cast<char>(topic_id & 0xff)};
+}
+
+std::uint16_t short_name_id(std::string_view name) {
+  return static_cast<std::uint16_t>(static_cast<unsigned char>(name[0]) << 8 |
+                                    static_cast<unsigned char>(name[1]));
+}
+
+}  // namespace slamgw::mqttsn

@@ -1,0 +1,142 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "adapters/mqttsn_udp/clients/session_snapshot.hpp"
+
+#include <algorithm>
+
+#include "adapters/mqttsn_udp/limits.hpp"
+#include "daemon/core/topic_scheme.hpp"
+
+namespace slamgw::mqttsn {
+namespace {
+
+using Stage = InFlight::Stage;
+
+using std::chrono::milliseconds;
+
+MessageSnapshot to_snapshot(const Outgoing& waiting, TimePoint now) {
+  MessageSnapshot out{*waiting.message,      waiting.qos, waiting.topic_id_type,
+                      waiting.predefined_id, 0,           false};
+  if (waiting.command && !waiting.command->is_reported)
+    out.command_age = std::chrono::duration_cast<milliseconds>(now - waiting.command->came);
+  return out;
+}
+
+void add_messages(const Delivery& delivery, std::vector<MessageSnapshot>& messages, TimePoint now) {
+  if (delivery.in_flight && delivery.in_flight->what.qos != Qos::at_most_once) {
+    const InFlight& in_flight = *delivery.in_flight;
+    messages.push_back(to_snapshot(in_flight.what, now));
+    messages.back().msg_id =
+        in_flight.stage == Stage::registering ? in_flight.resumed_msg_id : in_flight.msg_id;
+    messages.back().is_released = in_flight.stage == Stage::released;
+  }
+  for (const Outgoing& waiting : delivery.queue) {
+    if (waiting.qos != Qos::at_most_once) messages.push_back(to_snapshot(waiting, now));
+  }
+}
+
+Outgoing to_outgoing(const MessageSnapshot& snapshot) {
+  Outgoing outgoing;
+  outgoing.message = std::make_shared<const BrokerMessage>(snapshot.message);
+  outgoing.qos = snapshot.qos;
+  outgoing.topic_id_type = snapshot.topic_id_type;
+  outgoing.predefined_id = snapshot.predefined_id;
+  return outgoing;
+}
+
+/// The id under which the message was sent: topics keep theirs, so it is the same as before.
+std::uint16_t topic_id(ClientSession& session, const Outgoing& what) {
+  if (what.topic_id_type == TopicIdType::predefined) return what.predefined_id;
+  if (what.topic_id_type == TopicIdType::normal)
+    return session.topics.assign(what.message->topic).value_or(0);
+  const std::string& name = what.message->topic;
+  return name.size() == 2 ? static_cast<std::uint16_t>(static_cast<unsigned char>(name[0]) << 8 |
+                                                       static_cast<unsigned char>(name[1]))
+                          : std::uint16_t{0};
+}
+
+void restore_messages(const SessionSnapshot& snapshot, ClientSession& session, TimePoint now) {
+  Delivery& delivery = session.delivery;
+  delivery.last_msg_id = snapshot.last_msg_id;
+  for (const MessageSnapshot& message : snapshot.messages) {
+    Outgoing outgoing = to_outgoing(message);
+    outgoing.command = command_of(message, snapshot, now);
+    if (message.msg_id != 0 && !delivery.in_flight) {
+      const std::uint16_t id = topic_id(session, outgoing);
+      const Stage stage = message.is_released ? Stage::released : Stage::published;
+      delivery.in_flight = InFlight{std::move(outgoing), stage, message.msg_id, id, true};
+    } else {
+      delivery.queued_octets += outgoing.octets();
+      delivery.queue.push_back(std::move(outgoing));
+    }
+  }
+}
+
+}  // namespace
+
+std::shared_ptr<Command> command_of(const MessageSnapshot& message, const SessionSnapshot& snapshot,
+                                    TimePoint now) {
+  const std::string& topic = message.message.topic;
+  const std::string type = topic.substr(topic.rfind('/') + 1);
+  if (!message.command_age || !is_valid_level(type) || !is_valid_level(snapshot.robot))
+    return nullptr;
+  const TimePoint saved_at = snapshot.saved_at.value_or(now);
+  const bool has_rebooted = now < saved_at;
+  const Duration away = has_rebooted ? Duration(limits::command_patience) : now - saved_at;
+  const Duration age = std::min<Duration>(*message.command_age + away, limits::command_patience);
+  return std::make_shared<Command>(Command{snapshot.robot, type, now - age, false});
+}
+
+SessionSnapshot to_snapshot(const ClientSession& session, TimePoint now) {
+  SessionSnapshot out;
+  out.client_id = session.client_id;
+  out.robot = session.robot;
+  out.state = session.state == ClientState::awake ? ClientState::asleep : session.state;
+  out.peer = session.peer;
+  out.local = session.local;
+  out.is_clean = session.is_clean;
+  out.keep_alive = session.keep_alive;
+  out.sleep_duration = session.sleep_duration;
+  out.will = session.will;
+  out.topics = session.topics.topics();
+  for (const auto& [filter, s] : session.subscriptions)
+    out.subscriptions.push_back({filter, s.qos, s.topic_id_type, s.topic_id});
+  add_messages(session.delivery, out.messages, now);
+  for (const auto& [msg_id, inbound] : session.inbound_qos2) {
+    if (inbound.receipt_id == 0) out.inbound_qos2.emplace_back(msg_id, inbound.fingerprint);
+  }
+  for (const RepeatFilter::Entry& entry : session.repeats.entries()) {
+    const auto age = std::chrono::duration_cast<milliseconds>(now - entry.came);
+    if (entry.receipt_id == 0 && age <= limits::repeat_window)
+      out.repeats.push_back({entry.msg_id, entry.topic_id, entry.fingerprint, age});
+  }
+  out.last_msg_id = session.delivery.last_msg_id;
+  out.saved_at = now;
+  return out;
+}
+
+void apply(const SessionSnapshot& snapshot, ClientSession& session, TimePoint now) {
+  session.state = snapshot.state;
+  session.local = snapshot.local;
+  session.is_clean = snapshot.is_clean;
+  session.keep_alive = snapshot.keep_alive;
+  session.sleep_duration = snapshot.sleep_duration;
+  session.last_heard = now;
+  session.will = snapshot.will;
+  for (const TopicTable::Topic& topic : snapshot.topics) {
+    if (const auto id = session.topics.assign(topic.name))
+      session.topics.set_told(*id, topic.is_told);
+  }
+  for (const SubscriptionSnapshot& s : snapshot.subscriptions) {
+    Subscription subscription;
+    subscription.qos = s.qos;
+    subscription.topic_id_type = s.topic_id_type;
+    subscription.topic_id = s.topic_id;
+    session.subscriptions.emplace(s.filter, std::move(subscription));
+  }
+  for (const RepeatSnapshot& repeat : snapshot.repeats)
+    session.repeats.add({repeat.fingerprint, now - repeat.age, 0, repeat.topic_id, repeat.msg_id});
+  for (const auto& [msg_id, mark] : snapshot.inbound_qos2) session.inbound_qos2[msg_id] = {mark, 0};
+  restore_messages(snapshot, session, now);
+}
+
+}  // namespace slamgw::mqttsn

@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+// What of a session survives a restart of the daemon (R47, contract section 6, promise 7), as
+// values that a store can write. Not: acknowledgements owed for messages that were not safe yet
+// (the robot repeats them).
+#pragma once
+
+#include <chrono>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "adapters/mqttsn_udp/clients/client_session.hpp"
+
+namespace slamgw::mqttsn {
+
+struct SubscriptionSnapshot {
+  std::string filter;
+  Qos qos = Qos::at_most_once;
+  TopicIdType topic_id_type = TopicIdType::normal;
+  std::uint16_t topic_id = 0;
+};
+
+/// An undelivered QoS 1 or 2 message, the one in flight first.
+struct MessageSnapshot {
+  BrokerMessage message;
+  Qos qos = Qos::at_least_once;
+  TopicIdType topic_id_type = TopicIdType::normal;
+  std::uint16_t predefined_id = 0;
+  std::uint16_t msg_id = 0;  ///< not 0: it was sent under this id
+  bool is_released = false;  ///< QoS 2: PUBREC came, PUBREL is due
+  /// A command whose outcome was not told yet: since when it waits.
+  std::optional<std::chrono::milliseconds> command_age{};
+};
+
+/// A message that was acknowledged lately: its repetition is none of the core's concern (R76).
+struct RepeatSnapshot {
+  std::uint16_t msg_id = 0;
+  std::uint16_t topic_id = 0;
+  std::uint64_t fingerprint = 0;
+  std::chrono::milliseconds age{0};  ///< when the snapshot was taken
+};
+
+struct SessionSnapshot {
+  std::string client_id;
+  std::string robot;
+  ClientState state = ClientState::disconnected;  ///< never awake
+  std::optional<Peer> peer;
+  LocalAddress local;
+  bool is_clean = true;
+  std::chrono::seconds keep_alive{0};
+  std::chrono::seconds sleep_duration{0};
+  std::optional<Will> will;
+  std::vector<TopicTable::Topic> topics;  ///< in the order of their ids, from 1
+  std::vector<SubscriptionSnapshot> subscriptions;
+  std::vector<MessageSnapshot> messages;
+  std::vector<std::pair<std::uint16_t, std::uint64_t>> inbound_qos2;  ///< MsgId, fingerprint
+  std::vector<RepeatSnapshot> repeats;                                ///< oldest first
+  std::uint16_t last_msg_id = 0;
+  /// When the snapshot was taken. The clock goes on over a restart of the daemon, not of the host.
+  std::optional<TimePoint> saved_at{};
+};
+
+/// A command whose outcome is owed, from what the disk had: checked.
+std::shared_ptr<Command> command_of(const MessageSnapshot& message, const SessionSnapshot& snapshot,
+                                    TimePoint now);
+
+SessionSnapshot to_snapshot(const ClientSession& session, TimePoint now);
+/// Fills a fresh session; its binding, timers and broker subscriptions are the caller's.
+void apply(const SessionSnapshot& snapshot, ClientSession& session, TimePoint now);
+
+}  // namespace slamgw::mqttsn

@@ -1,0 +1,166 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "adapters/mqttsn_udp/conversations/connecting.hpp"
+
+#include <utility>
+
+#include "adapters/mqttsn_udp/limits.hpp"
+
+namespace slamgw::mqttsn {
+namespace {
+
+/// What a CONNECT without CleanSession takes up: a session that was to be kept, or any that still
+/// goes on, as of a robot that wakes or has a new address (section 6.14, R36, R125).
+bool can_resume(const ClientSession& session) {
+  return !session.is_clean || session.is_connected();
+}
+
+}  // namespace
+
+void Connecting::on_connect(const Peer& peer, const LocalAddress& local, const Connect& connect,
+                            std::uint64_t fingerprint, TimePoint now) {
+  const bool is_supported = connect.protocol == protocol_id && is_valid_level(connect.client_id);
+  auto robot = is_supported ? context_.names.of_client(connect.client_id) : std::nullopt;
+  if (!robot || !is_valid_level(*robot)) return refuse(peer, local, ReturnCode::not_supported);
+  if (is_repetition(peer, connect, fingerprint, now)) {
+    ClientSession& session = *context_.clients.find(peer);
+    lifecycle_.on_heard(session, now);
+    session.connect_fingerprint = fingerprint;
+    return context_.send(session, Connack{ReturnCode::accepted});
+  }
+  const bool is_known = context_.clients.find(connect.client_id) != nullptr;
+  if (!is_known && !context_.clients.has_room(now)) return refuse_for_room(peer, local);
+  Attempt attempt{local, connect, std::move(*robot), fingerprint, Stage::topic, {}, 0, {}};
+  if (connect.will) return begin(peer, std::move(attempt), now);
+  if (is_open(peer)) take(peer);
+  const ClientSession* known = context_.clients.find(connect.client_id);
+  std::optional<Will> kept;
+  if (known && can_resume(*known) && !connect.clean_session) kept = known->will;  // R45
+  complete(peer, attempt, std::move(kept), now);
+}
+
+/// The CONNACK was lost: said again, and nothing that was registered since is wiped (R35).
+bool Connecting::is_repetition(const Peer& peer, const Connect& connect, std::uint64_t fingerprint,
+                               TimePoint now) const {
+  const ClientSession* session = context_.clients.find(peer);
+  return session && session->client_id == connect.client_id &&
+         session->state == ClientState::active && session->connect_fingerprint == fingerprint &&
+         now - session->connected_at <= limits::repeat_window;
+}
+
+void Connecting::on_willtopic(const Peer& peer, const WillTopic& will, TimePoint now) {
+  Attempt& attempt = attempts_.at(peer);
+  if (will.topic.empty()) {  // deletes the stored will; no message is asked for (R25)
+    const Attempt done = take(peer);
+    return complete(peer, done, std::nullopt, now);
+  }
+  if (!wills_.is_allowed(attempt.connect.client_id, attempt.robot, will.topic, will.qos, now)) {
+    const Attempt done = take(peer);
+    return refuse(peer, done.local, ReturnCode::not_supported);
+  }
+  attempt.will = {will.topic, {}, static_cast<Qos>(will.qos), will.retain};
+  attempt.stage = Stage::message;
+  attempt.repeats = 0;
+  prompt(peer, attempt, now);
+}
+
+void Connecting::on_willmsg(const Peer& peer, WillMsg will, TimePoint now) {
+  if (attempts_.at(peer).stage == Stage::topic) return abandon(peer);
+  Attempt done = take(peer);
+  done.will.message = std::move(will.message);
+  complete(peer, done, done.will, now);
+}
+
+void Connecting::on_late_willmsg(const ClientSession& session, const WillMsg& will, TimePoint now) {
+  const bool is_repetition = session.connect_fingerprint != 0 && session.will &&
+                             session.will->message == will.message &&
+                             now - session.connected_at <= limits::repeat_window;
+  if (!is_repetition) return context_.tally.count(Count::unexpected);
+  context_.send(session, Connack{ReturnCode::accepted});
+}
+
+void Connecting::abandon(const Peer& peer) {
+  const Attempt attempt = take(peer);
+  context_.send(peer, attempt.local, Disconnect{});
+}
+
+void Connecting::on_deadline(TimePoint now) {
+  while (const auto peer = timers_.pop_due(now)) {
+    Attempt& attempt = attempts_.at(*peer);
+    attempt.armed.reset();
+    if (attempt.repeats >= context_.settings.retry_count) {  // R27: the client repeats CONNECT
+      context_.tally.count(Count::handshakes_given_up);
+      attempts_.erase(*peer);
+      continue;
+    }
+    ++attempt.repeats;
+    context_.tally.count(Count::retransmitted);
+    prompt(*peer, attempt, now);
+  }
+}
+
+void Connecting::begin(const Peer& peer, Attempt attempt, TimePoint now) {
+  if (is_open(peer)) take(peer);  // R28: from the beginning
+  if (attempts_.size() >= limits::max_handshakes) return refuse_for_room(peer, attempt.local);
+  Attempt& added = attempts_[peer] = std::move(attempt);
+  prompt(peer, added, now);
+}
+
+void Connecting::prompt(const Peer& peer, Attempt& attempt, TimePoint now) {
+  if (attempt.stage == Stage::topic) {
+    context_.send(peer, attempt.local, WillTopicReq{});
+  } else {
+    context_.send(peer, attempt.local, WillMsgReq{});
+  }
+  timers_.disarm(attempt.armed, peer);
+  timers_.arm_by(attempt.armed, peer, now + context_.settings.retry_interval);
+}
+
+Connecting::Attempt Connecting::take(const Peer& peer) {
+  const auto found = attempts_.find(peer);
+  Attempt attempt = std::move(found->second);
+  timers_.disarm(attempt.armed, peer);
+  attempts_.erase(found);
+  return attempt;
+}
+
+void Connecting::complete(const Peer& peer, const Attempt& attempt, std::optional<Will> will,
+                          TimePoint now) {
+  const Connect& connect = attempt.connect;
+  ClientSession* former = context_.clients.find(peer);
+  if (former && former->client_id != connect.client_id) lifecycle_.displace(*former, now);  // R37
+  ClientSession* session = context_.clients.find(connect.client_id);
+  if (!session) {
+    if (!lifecycle_.make_room(now)) return refuse_for_room(peer, attempt.local);
+    session = &context_.clients.create(connect.client_id, attempt.robot);
+  }
+  if (connect.clean_session || !can_resume(*session)) {
+    lifecycle_.clean(*session, now);
+  } else {
+    session->topics.set_all_untold();  // R48
+    session->answers.clear();
+    downlink_.rest(*session);
+  }
+  session->will = std::move(will);
+  session->is_clean = connect.clean_session;
+  session->keep_alive = std::chrono::seconds(connect.duration_s);
+  session->connect_fingerprint = attempt.fingerprint;
+  session->connected_at = now;
+  session->delivery.paused_until.reset();
+  context_.clients.bind(*session, peer, attempt.local);
+  context_.tally.count(Count::connects);
+  context_.send(*session, Connack{ReturnCode::accepted});
+  lifecycle_.activate(*session, now);
+  downlink_.pump(*session, now);
+}
+
+void Connecting::refuse(const Peer& peer, const LocalAddress& local, ReturnCode code) {
+  context_.tally.count(Count::connects_refused);
+  context_.send(peer, local, Connack{code});
+}
+
+void Connecting::refuse_for_room(const Peer& peer, const LocalAddress& local) {
+  if (!context_.is_full_silent()) return refuse(peer, local, ReturnCode::congestion);
+  context_.tally.count(Count::connects_refused);  // silence: the client tries again (R33)
+}
+
+}  // namespace slamgw::mqttsn

@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: Apache-2.0
+// CONNECT and the will handshake (MQTT-SN 1.2 sections 6.2, 6.3): until a handshake is complete no
+// session is touched.
+#pragma once
+
+#include <unordered_map>
+
+#include "adapters/mqttsn_udp/conversations/lifecycle.hpp"
+
+namespace slamgw::mqttsn {
+
+class Connecting {
+ public:
+  Connecting(Context& context, Lifecycle& lifecycle, Downlink& downlink, Wills& wills)
+      : context_(context), lifecycle_(lifecycle), downlink_(downlink), wills_(wills) {}
+
+  void on_connect(const Peer& peer, const LocalAddress& local, const Connect& connect,
+                  std::uint64_t fingerprint, TimePoint now);
+  bool is_open(const Peer& peer) const { return attempts_.contains(peer); }
+  /// These only while a handshake is open. WILLMSG before WILLTOPIC ends it (R29).
+  void on_willtopic(const Peer& peer, const WillTopic& will, TimePoint now);
+  void on_willmsg(const Peer& peer, WillMsg will, TimePoint now);
+  /// After the handshake: its CONNACK was lost when nothing else was heard since.
+  void on_late_willmsg(const ClientSession& session, const WillMsg& will, TimePoint now);
+  /// The attempt is forgotten, answered by DISCONNECT (R29).
+  void abandon(const Peer& peer);
+
+  std::optional<TimePoint> deadline() const { return timers_.earliest(); }
+  void on_deadline(TimePoint now);
+
+ private:
+  enum class Stage : std::uint8_t { topic, message };
+  struct Attempt {
+    LocalAddress local;
+    Connect connect;
+    std::string robot;
+    std::uint64_t fingerprint = 0;
+    Stage stage = Stage::topic;
+    Will will;
+    unsigned repeats = 0;
+    std::optional<TimePoint> armed;
+  };
+
+  bool is_repetition(const Peer& peer, const Connect& connect, std::uint64_t fingerprint,
+                     TimePoint now) const;
+  void begin(const Peer& peer, Attempt attempt, TimePoint now);
+  void prompt(const Peer& peer, Attempt& attempt, TimePoint now);
+  Attempt take(const Peer& peer);
+  void complete(const Peer& peer, const Attempt& attempt, std::optional<Will> will, TimePoint now);
+  void refuse(const Peer& peer, const LocalAddress& local, ReturnCode code);
+  void refuse_for_room(const Peer& peer, const LocalAddress& local);
+
+  Context& context_;
+  Lifecycle& lifecycle_;
+  Downlink& downlink_;
+  Wills& wills_;
+  std::unordered_map<Peer, Attempt, PeerHash> attempts_;  // at most max_handshakes
+  TimerQueue<Peer> timers_;
+};
+
+}  // namespace slamgw::mqttsn

@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "adapters/mqttsn_udp/conversations/discovery.hpp"
+
+namespace slamgw::mqttsn {
+
+/// Unicast to the source: a multicast GWINFO misses clients on other ports, behind routers, and
+/// sleepy ones (R15).
+void Discovery::on_searchgw(const Peer& peer, const LocalAddress& local, const SearchGw& search,
+                            TimePoint now) {
+  if (!is_broker_up_ || !context_.clients.has_room(now)) return;  // R20
+  if (!guard_.may_answer(peer, now)) return context_.tally.count(Count::unanswered);
+  context_.send(peer, local, GwInfo{context_.settings.gateway_id, {}}, search.radius);
+}
+
+void Discovery::on_broker_link(bool is_up, TimePoint now) {
+  const bool has_come = is_up && !is_broker_up_;
+  is_broker_up_ = is_up;
+  if (!is_up) next_advertise_.reset();
+  if (has_come && context_.settings.multicast_group) advertise(now);
+}
+
+void Discovery::on_deadline(TimePoint now) {
+  if (next_advertise_ && *next_advertise_ <= now) advertise(now);
+}
+
+void Discovery::advertise(TimePoint now) {
+  const auto interval = context_.settings.advertise_interval;
+  context_.send_multicast(
+      Advertise{context_.settings.gateway_id, static_cast<std::uint16_t>(interval.count())});
+  next_advertise_ = now + interval;
+}
+
+}  // namespace slamgw::mqttsn

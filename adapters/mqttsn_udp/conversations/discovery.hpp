@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+// ADVERTISE and the answer to SEARCHGW (MQTT-SN 1.2 section 6.1), both only while a client could be
+// served.
+#pragma once
+
+#include "adapters/mqttsn_udp/context.hpp"
+#include "adapters/mqttsn_udp/conversations/flood_guard.hpp"
+
+namespace slamgw::mqttsn {
+
+class Discovery {
+ public:
+  Discovery(Context& context, FloodGuard& guard) : context_(context), guard_(guard) {}
+
+  void on_searchgw(const Peer& peer, const LocalAddress& local, const SearchGw& search,
+                   TimePoint now);
+  /// Up: an ADVERTISE at once (R11, R12).
+  void on_broker_link(bool is_up, TimePoint now);
+  std::optional<TimePoint> deadline() const { return next_advertise_; }
+  void on_deadline(TimePoint now);
+
+ private:
+  void advertise(TimePoint now);
+
+  Context& context_;
+  FloodGuard& guard_;
+  bool is_broker_up_ = false;
+  std::optional<TimePoint> next_advertise_;
+};
+
+}  // namespace slamgw::mqttsn

@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "adapters/mqttsn_udp/conversations/fan_out.hpp"
+
+#include <algorithm>
+#include <memory>
+#include <utility>
+
+namespace slamgw::mqttsn {
+namespace {
+
+using Match = Subscriptions::Match;
+
+/// The best match of each session, in the order of their first CONNECT.
+void keep_best(std::vector<Match>& matches) {
+  const auto is_better = [](const Match& a, const Match& b) {
+    if (a.session->serial != b.session->serial) return a.session->serial < b.session->serial;
+    if (a.subscription->qos != b.subscription->qos)
+      return a.subscription->qos > b.subscription->qos;
+    return a.subscription->topic_id_type > b.subscription->topic_id_type;
+  };
+  std::sort(matches.begin(), matches.end(), is_better);
+  const auto is_same = [](const Match& a, const Match& b) { return a.session == b.session; };
+  matches.erase(std::unique(matches.begin(), matches.end(), is_same), matches.end());
+}
+
+}  // namespace
+
+void FanOut::on_broker_message(const BrokerMessage& message, TimePoint now) {
+  std::vector<Match> matches = subscriptions_.match(message.topic);
+  if (message.retain) {
+    std::erase_if(matches, [&](const Match& match) {
+      return !subscriptions_.takes_retained(*match.subscription, message.topic, now);
+    });
+  }
+  keep_best(matches);
+  if (matches.empty()) return;
+  const auto shared = std::make_shared<const BrokerMessage>(message);
+  for (const auto& [session, subscription] : matches) {
+    Outgoing outgoing;
+    outgoing.message = shared;
+    outgoing.qos = std::min(message.qos, subscription->qos);
+    outgoing.topic_id_type = subscription->topic_id_type;
+    outgoing.predefined_id = subscription->topic_id;
+    outgoing.command = commands_.begin(*session, message.topic, now);
+    downlink_.enqueue(*session, std::move(outgoing), now);
+  }
+}
+
+}  // namespace slamgw::mqttsn

@@ -1,0 +1,135 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "adapters/mqttsn_udp/conversations/lifecycle.hpp"
+
+#include "adapters/mqttsn_udp/limits.hpp"
+
+namespace slamgw::mqttsn {
+
+void Lifecycle::on_heard(ClientSession& session, TimePoint now) {
+  session.last_heard = now;
+  session.connect_fingerprint = 0;
+  downlink_.on_heard(session);
+}
+
+void Lifecycle::activate(ClientSession& session, TimePoint now) {
+  session.state = ClientState::active;
+  session.last_heard = now;
+  context_.clients.set_needed(session);
+  context_.set_dirty(session);
+  tell_presence(session, Presence::online);
+  schedule(session);
+}
+
+void Lifecycle::sleep(ClientSession& session, std::chrono::seconds duration, TimePoint now) {
+  session.state = ClientState::asleep;
+  session.sleep_duration = duration;
+  session.last_heard = now;
+  downlink_.rest(session);
+  context_.set_dirty(session);
+  tell_presence(session, Presence::asleep);
+  schedule(session);
+}
+
+void Lifecycle::disconnect(ClientSession& session, TimePoint now) {
+  tell_presence(session, Presence::offline);
+  if (session.is_clean) return forget(session, now);
+  leave(session, ClientState::disconnected, now);
+}
+
+void Lifecycle::lose(ClientSession& session, TimePoint now) {
+  context_.tally.count(Count::clients_lost);
+  wills_.publish(session);
+  tell_presence(session, Presence::offline);
+  const bool may_come_back = context_.settings.revive_lost && session.peer;
+  if (session.is_clean && !may_come_back) return forget(session, now);
+  leave(session, ClientState::lost, now);
+}
+
+void Lifecycle::displace(ClientSession& session, TimePoint now) {
+  context_.clients.unbind(session);
+  if (session.state == ClientState::active) lose(session, now);
+}
+
+void Lifecycle::clean(ClientSession& session, TimePoint now) {
+  session.answers.clear();
+  subscriptions_.drop_all(session);
+  session.will.reset();
+  session.topics.clear();
+  uplink_.forget(session);
+  downlink_.drop_all(session, "the robot has begun a new session", now);
+}
+
+bool Lifecycle::make_room(TimePoint now) {
+  while (context_.clients.is_full()) {
+    ClientSession* gone = context_.clients.evictable(now);
+    if (!gone) return false;
+    context_.tally.count(Count::clients_evicted);
+    forget(*gone, now);
+  }
+  return true;
+}
+
+void Lifecycle::on_time(ClientSession& session, TimePoint now) {
+  const auto at = lost_at(session);
+  if (at && *at <= now) return lose(session, now);
+  downlink_.on_time(session, now);
+  schedule(session);
+}
+
+void Lifecycle::schedule(ClientSession& session) {
+  if (const auto next = earlier(lost_at(session), downlink_.next_time(session)))
+    context_.clients.wake_by(session, *next);
+}
+
+/// Said once for each change of state or address.
+void Lifecycle::tell_presence(ClientSession& session, Presence presence) {
+  const bool is_same_place = presence == Presence::offline || session.told_peer == session.peer;
+  if (session.told_presence == presence && is_same_place) return;
+  session.told_presence = presence;
+  session.told_peer = session.peer;
+  context_.emit(PresenceChange{Mesh::thread, session.robot, presence,
+                               session.peer ? to_string(*session.peer) : std::string()});
+}
+
+/// An awake client is supervised by the repetitions of what it is sent.
+std::optional<TimePoint> Lifecycle::lost_at(const ClientSession& session) const {
+  std::chrono::seconds duration{0};
+  switch (session.state) {
+    case ClientState::active: duration = session.keep_alive; break;
+    case ClientState::asleep: duration = session.sleep_duration; break;
+    case ClientState::awake:
+    case ClientState::disconnected:
+    case ClientState::lost: return std::nullopt;
+  }
+  if (duration.count() == 0) duration = limits::max_supervision;
+  const std::chrono::duration<double> allowed = duration * context_.settings.keep_alive_tolerance;
+  return session.last_heard + std::chrono::duration_cast<Duration>(allowed);
+}
+
+void Lifecycle::expel(ClientSession& session, TimePoint now) {
+  tell_presence(session, Presence::offline);
+  forget(session, now);
+}
+
+void Lifecycle::forget(ClientSession& session, TimePoint now) {
+  clean(session, now);
+  context_.set_dirty(session);
+  context_.clients.erase(session);
+}
+
+void Lifecycle::leave(ClientSession& session, ClientState state, TimePoint now) {
+  constexpr const char* why = "the robot is not connected";
+  session.state = state;
+  session.answers.clear();
+  downlink_.rest(session);
+  if (session.is_clean) {
+    downlink_.drop_all(session, why, now);
+  } else {
+    downlink_.drop_volatile(session, why, now);
+  }
+  const Duration kept = session.is_clean ? Duration::zero() : Duration(limits::min_absence);
+  context_.clients.set_evictable(session, now + kept);
+  context_.set_dirty(session);
+}
+
+}  // namespace slamgw::mqttsn

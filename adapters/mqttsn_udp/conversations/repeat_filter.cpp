@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "adapters/mqttsn_udp/conversations/repeat_filter.hpp"
+
+#include <algorithm>
+
+#include "adapters/mqttsn_udp/limits.hpp"
+
+namespace slamgw::mqttsn {
+namespace {
+
+constexpr std::uint64_t fnv_offset = 0xcbf29ce484222325U;
+constexpr std::uint64_t fnv_prime = 0x100000001b3U;
+
+std::uint64_t mix(std::uint64_t hash, std::uint8_t octet) { return (hash ^ octet) * fnv_prime; }
+
+std::uint64_t mix(std::uint64_t hash, ByteView octets) {
+  for (const std::uint8_t octet : octets) hash = mix(hash, octet);
+  return hash;
+}
+
+std::uint64_t never_0(std::uint64_t hash) { return hash == 0 ? 1 : hash; }
+
+}  // namespace
+
+std::uint64_t fingerprint(const Publish& publish) {
+  std::uint64_t hash = mix(fnv_offset, static_cast<std::uint8_t>(publish.topic_id_type));
+  hash = mix(hash, static_cast<std::uint8_t>(publish.qos));
+  hash = mix(hash, static_cast<std::uint8_t>(publish.retain));
+  hash = mix(hash, static_cast<std::uint8_t>(publish.topic_id >> 8));
+  hash = mix(hash, static_cast<std::uint8_t>(publish.topic_id & 0xff));
+  return never_0(mix(hash, publish.payload));
+}
+
+std::uint64_t fingerprint(ByteView bytes) { return never_0(mix(fnv_offset, bytes)); }
+
+const RepeatFilter::Entry* RepeatFilter::find(std::uint16_t msg_id, std::uint64_t fingerprint,
+                                              TimePoint now) {
+  while (size() > 0 && now - entries_[gone_].came > limits::repeat_window &&
+         entries_[gone_].receipt_id == 0) {
+    pop_front();
+  }
+  const auto same = [&](const Entry& entry) {
+    const bool is_fresh = entry.receipt_id != 0 || now - entry.came <= limits::repeat_window;
+    return entry.msg_id == msg_id && entry.fingerprint == fingerprint && is_fresh;
+  };
+  const auto end = entries_.rend() - static_cast<std::ptrdiff_t>(gone_);
+  const auto found = std::find_if(entries_.rbegin(), end, same);
+  return found == end ? nullptr : &*found;
+}
+
+void RepeatFilter::add(const Entry& entry) {
+  if (size() >= limits::max_repeats) pop_front();
+  entries_.push_back(entry);
+}
+
+void RepeatFilter::clear() {
+  entries_ = {};
+  gone_ = 0;
+}
+
+/// Removed in halves, so that each entry is moved a bounded number of times.
+void RepeatFilter::pop_front() {
+  ++gone_;
+  if (2 * gone_ < entries_.size()) return;
+  entries_.erase(entries_.begin(), entries_.begin() + static_cast<std::ptrdiff_t>(gone_));
+  entries_.shrink_to_fit();
+  gone_ = 0;
+}
+
+std::optional<RepeatFilter::Entry> RepeatFilter::on_safe(std::uint64_t receipt_id) {
+  const auto found = find_receipt(receipt_id);
+  if (found == entries_.rend()) return std::nullopt;
+  found->receipt_id = 0;
+  return *found;
+}
+
+std::optional<RepeatFilter::Entry> RepeatFilter::on_refused(std::uint64_t receipt_id) {
+  const auto found = find_receipt(receipt_id);
+  if (found == entries_.rend()) return std::nullopt;
+  const Entry entry = *found;
+  entries_.erase(std::next(found).base());
+  return entry;
+}
+
+std::vector<RepeatFilter::Entry>::reverse_iterator RepeatFilter::find_receipt(
+    std::uint64_t receipt_id) {
+  return std::find_if(entries_.rbegin(), entries_.rend(),
+                      [&](const Entry& entry) { return entry.receipt_id == receipt_id; });
+}
+
+}  // namespace slamgw::mqttsn

@@ -1,0 +1,230 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "adapters/mqttsn_udp/conversations/subscriptions.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <utility>
+
+#include "adapters/mqttsn_udp/limits.hpp"
+
+namespace slamgw::mqttsn {
+
+void Subscriptions::on_subscribe(ClientSession& session, const Subscribe& request, TimePoint now) {
+  if (answers_.is_held(session, request.msg_id) || !answers_.has_room(session)) return;
+  const Result<Wish, ReturnCode> wish = read(session, request);
+  if (!wish) return refuse(session, request, wish.error());
+  const std::string& filter = wish->filter;
+  const auto open = open_.find(filter);
+  if (open != open_.end() && open->second.size() >= limits::max_open_per_filter) return;
+  const Suback answer{request.qos, wish->topic_id, request.msg_id, ReturnCode::accepted};
+  if (is_repetition(session, request, filter, now)) return answers_.answer(session, answer);
+
+  const bool is_new = !session.subscriptions.contains(filter);
+  Subscription& subscription = session.subscriptions[filter];
+  const auto qos = static_cast<Qos>(request.qos);
+  subscription = {qos,          request.topic_id_type, wish->topic_id, request.msg_id,
+                  std::nullopt, RetainedWait{}};
+  if (is_new) subscribers_[filter].push_back({&session, &subscription});
+  if (request.topic_id_type == TopicIdType::normal) session.topics.set_told(wish->topic_id, true);
+  context_.set_dirty(session);
+  ask_broker(session, filter, qos, answer);
+}
+
+void Subscriptions::on_unsubscribe(ClientSession& session, const Unsubscribe& request) {
+  if (!answers_.has_room(session)) return;
+  std::string storage;
+  const std::string* filter =
+      name(session, request.topic_id_type, request.topic_id, request.topic_name, storage);
+  answers_.answer(session, Unsuback{request.msg_id});
+  if (filter) drop(session, std::string(*filter));
+}
+
+ClientSession* Subscriptions::on_subscribe_result(const std::string& filter, bool granted,
+                                                  TimePoint now) {
+  const auto waiting = open_.find(filter);
+  if (waiting == open_.end()) return nullptr;
+  Open open = std::move(waiting->second.front());
+  waiting->second.pop_front();
+  if (waiting->second.empty()) open_.erase(waiting);
+  const auto session = open.session.lock();
+  if (!session) return nullptr;
+  const auto subscription = session->subscriptions.find(filter);
+  if (granted && subscription != session->subscriptions.end()) {
+    subscription->second.granted_at = now;
+    std::optional<RetainedWait>& wait = subscription->second.retained_wait;
+    if (wait && broker_up_since_) wait->until = now + limits::retained_wait;
+  } else if (!granted) {
+    open.answer = {WireQos::zero, 0, open.answer.msg_id, ReturnCode::not_supported};
+    drop(*session, filter);
+  }
+  answers_.release(*session, open.ticket, open.answer);
+  return session.get();
+}
+
+void Subscriptions::on_broker_link(bool is_up, TimePoint now) {
+  if (!is_up) {
+    broker_up_since_.reset();
+  } else if (!broker_up_since_) {
+    broker_up_since_ = now;
+  }
+}
+
+/// What was subscribed while the broker was away gets its retained messages once it is back.
+bool Subscriptions::takes_retained(Subscription& subscription, const std::string& topic,
+                                   TimePoint now) const {
+  std::optional<RetainedWait>& wait = subscription.retained_wait;
+  if (!wait) return false;
+  if (!wait->until && subscription.granted_at && broker_up_since_)
+    wait->until = std::max(*subscription.granted_at, *broker_up_since_) + limits::retained_wait;
+  if (wait->until && *wait->until < now) {
+    wait.reset();
+    return false;
+  }
+  if (wait->seen.size() >= limits::max_retained_per_wait) return false;
+  return wait->seen.insert(topic).second;
+}
+
+std::vector<Subscriptions::Match> Subscriptions::match(const std::string& topic) const {
+  std::vector<Match> found;
+  subscribers_.match(topic, [&](const std::vector<Match>& subscribers) {
+    found.insert(found.end(), subscribers.begin(), subscribers.end());
+  });
+  return found;
+}
+
+bool Subscriptions::is_wanted(const ClientSession& session, const std::string& topic) const {
+  return std::any_of(session.subscriptions.begin(), session.subscriptions.end(),
+                     [&](const auto& entry) { return filter_matches(entry.first, topic); });
+}
+
+void Subscriptions::drop(ClientSession& session, const std::string& filter) {
+  if (!session.subscriptions.contains(filter)) return;
+  const bool was_last = remove_subscriber(filter, session);
+  session.subscriptions.erase(filter);
+  context_.set_dirty(session);
+  if (!was_last) return;
+  context_.emit(UnsubscribeRequest{Mesh::thread, filter});
+  settle_open(filter);
+}
+
+bool Subscriptions::remove_subscriber(const std::string& filter, const ClientSession& session) {
+  std::vector<Match>& subscribers = subscribers_[filter];
+  std::erase_if(subscribers, [&](const Match& match) { return match.session == &session; });
+  if (!subscribers.empty()) return false;
+  subscribers_.erase(filter);
+  return true;
+}
+
+void Subscriptions::drop_all(ClientSession& session) {
+  while (!session.subscriptions.empty())
+    drop(session, std::string(session.subscriptions.begin()->first));
+}
+
+void Subscriptions::drop_forbidden(ClientSession& session) {
+  std::vector<std::string> forbidden;
+  for (const auto& [filter, subscription] : session.subscriptions) {
+    if (!context_.policy.may_subscribe(session.client_id, session.robot, filter))
+      forbidden.push_back(filter);
+  }
+  for (const std::string& filter : forbidden) drop(session, filter);
+}
+
+void Subscriptions::restore(ClientSession& session) {
+  std::erase_if(session.subscriptions, [&](const auto& entry) {
+    return !is_valid_filter(entry.first) ||
+           !context_.policy.may_subscribe(session.client_id, session.robot, entry.first);
+  });
+  for (auto& [filter, subscription] : session.subscriptions) {
+    subscribers_[filter].push_back({&session, &subscription});
+    open_[filter].push_back({});
+    context_.emit(SubscribeRequest{Mesh::thread, filter, subscription.qos});
+  }
+}
+
+Result<Subscriptions::Wish, ReturnCode> Subscriptions::read(ClientSession& session,
+                                                            const Subscribe& request) {
+  if (request.qos == WireQos::minus_one || request.topic_id_type == TopicIdType::reserved)
+    return ReturnCode::not_supported;
+  std::string storage;
+  const std::string* filter =
+      name(session, request.topic_id_type, request.topic_id, request.topic_name, storage);
+  if (!filter) return ReturnCode::invalid_topic_id;
+  const auto slashes = std::count(filter->begin(), filter->end(), '/');
+  const bool is_sane =
+      is_valid_filter(*filter) && static_cast<std::size_t>(slashes) < limits::max_filter_levels;
+  if (!is_sane) return ReturnCode::not_supported;
+  if (!context_.policy.may_subscribe(session.client_id, session.robot, *filter)) {
+    notice_refusal(session, *filter);
+    return ReturnCode::not_supported;
+  }
+  const bool is_new = !session.subscriptions.contains(*filter);
+  if (is_new && session.subscriptions.size() >= limits::max_subscriptions_per_client)
+    return ReturnCode::congestion;
+  if (request.topic_id_type == TopicIdType::predefined) return Wish{*filter, request.topic_id};
+  if (request.topic_id_type == TopicIdType::short_name || has_wildcard(*filter))
+    return Wish{*filter, 0};  // R95, R96
+  const auto id = session.topics.assign(*filter);
+  if (!id) return ReturnCode::congestion;
+  return Wish{*filter, *id};
+}
+
+const std::string* Subscriptions::name(const ClientSession& session, TopicIdType type,
+                                       std::uint16_t topic_id, const std::string& topic_name,
+                                       std::string& storage) const {
+  switch (type) {
+    case TopicIdType::normal: return &topic_name;
+    case TopicIdType::predefined: return context_.predefined.name_of(session.client_id, topic_id);
+    case TopicIdType::short_name: storage = short_name(topic_id); return &storage;
+    case TopicIdType::reserved: break;
+  }
+  return nullptr;
+}
+
+void Subscriptions::refuse(ClientSession& session, const Subscribe& request, ReturnCode code) {
+  if (code == ReturnCode::congestion && context_.is_full_silent()) return;
+  answers_.answer(session, Suback{WireQos::zero, 0, request.msg_id, code});
+}
+
+/// A SUBSCRIBE whose SUBACK was lost (R99): nothing new, so no retained messages again.
+bool Subscriptions::is_repetition(const ClientSession& session, const Subscribe& request,
+                                  const std::string& filter, TimePoint now) const {
+  const auto known = session.subscriptions.find(filter);
+  if (known == session.subscriptions.end()) return false;
+  const Subscription& subscription = known->second;
+  return subscription.msg_id == request.msg_id && subscription.granted_at &&
+         subscription.topic_id_type == request.topic_id_type &&
+         subscription.qos == static_cast<Qos>(request.qos) &&
+         now - *subscription.granted_at <= limits::repeat_window;
+}
+
+void Subscriptions::ask_broker(ClientSession& session, const std::string& filter, Qos qos,
+                               Suback answer) {
+  const std::uint64_t ticket = answers_.hold(session, answer.msg_id);
+  open_[filter].push_back({context_.clients.weak(session), ticket, answer});
+  context_.emit(SubscribeRequest{Mesh::thread, filter, qos});
+}
+
+/// Nobody has the filter any more, so no answer is owed to us: what still waits ends here.
+void Subscriptions::settle_open(const std::string& filter) {
+  const auto waiting = open_.find(filter);
+  if (waiting == open_.end()) return;
+  const std::deque<Open> all = std::move(waiting->second);
+  open_.erase(waiting);
+  for (const Open& open : all) {
+    if (const auto session = open.session.lock())
+      answers_.release(*session, open.ticket, open.answer);
+  }
+}
+
+void Subscriptions::notice_refusal(ClientSession& session, const std::string& filter) {
+  context_.tally.count(Count::topics_refused);
+  if (std::exchange(session.was_told_subscribe_rule, true)) return;
+  context_.emit(Notice{Severity::notice,
+                       fmt::format("{} may not subscribe to '{}': a matching filter in "
+                                   "topics.extra_subscribe would allow it",
+                                   session.robot, filter),
+                       session.robot});
+}
+
+}  // namespace slamgw::mqttsn

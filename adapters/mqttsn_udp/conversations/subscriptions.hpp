@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: Apache-2.0
+// SUBSCRIBE and UNSUBSCRIBE (MQTT-SN 1.2 section 6.9): who has which filter, what the broker is
+// asked for, and who still waits for retained messages. Delivery is Downlink's.
+#pragma once
+
+#include <deque>
+#include <string>
+#include <unordered_map>
+#include <vector>
+
+#include "adapters/mqttsn_udp/context.hpp"
+#include "adapters/mqttsn_udp/conversations/answers.hpp"
+#include "daemon/core/topic_tree.hpp"
+
+namespace slamgw::mqttsn {
+
+class Subscriptions {
+ public:
+  /// One subscription that matches; `subscription` lives in `session`.
+  struct Match {
+    ClientSession* session = nullptr;
+    Subscription* subscription = nullptr;
+  };
+
+  Subscriptions(Context& context, Answers& answers) : context_(context), answers_(answers) {}
+
+  void on_subscribe(ClientSession& session, const Subscribe& request, TimePoint now);
+  void on_unsubscribe(ClientSession& session, const Unsubscribe& request);
+  /// The broker's answer to the oldest open request for `filter`; the session that it was for.
+  ClientSession* on_subscribe_result(const std::string& filter, bool granted, TimePoint now);
+
+  void on_broker_link(bool is_up, TimePoint now);
+  /// Whether this retained message is one that the subscription still waits for; true once for each
+  /// topic (R102).
+  bool takes_retained(Subscription& subscription, const std::string& topic, TimePoint now) const;
+
+  /// Whoever has a filter that matches, once for each filter.
+  std::vector<Match> match(const std::string& topic) const;
+  bool is_wanted(const ClientSession& session, const std::string& topic) const;
+  void drop(ClientSession& session, const std::string& filter);
+  void drop_all(ClientSession& session);
+  /// Those that the topic policy does not allow (any more).
+  void drop_forbidden(ClientSession& session);
+  /// Asks the broker for the subscriptions of a session that comes back from the store.
+  void restore(ClientSession& session);
+
+ private:
+  struct Wish {
+    std::string filter;
+    std::uint16_t topic_id = 0;
+  };
+  struct Open {
+    std::weak_ptr<ClientSession> session;  // empty for restored subscriptions
+    std::uint64_t ticket = 0;
+    Suback answer;
+  };
+
+  /// What the client means by the request, or why it can't have it.
+  Result<Wish, ReturnCode> read(ClientSession& session, const Subscribe& request);
+  const std::string* name(const ClientSession& session, TopicIdType type, std::uint16_t topic_id,
+                          const std::string& topic_name, std::string& storage) const;
+  void refuse(ClientSession& session, const Subscribe& request, ReturnCode code);
+  bool is_repetition(const ClientSession& session, const Subscribe& request,
+                     const std::string& filter, TimePoint now) const;
+  void ask_broker(ClientSession& session, const std::string& filter, Qos qos, Suback answer);
+  /// True when nobody has the filter any more.
+  bool remove_subscriber(const std::string& filter, const ClientSession& session);
+  void settle_open(const std::string& filter);
+  void notice_refusal(ClientSession& session, const std::string& filter);
+
+  Context& context_;
+  Answers& answers_;
+  TopicTree<std::vector<Match>> subscribers_;
+  std::unordered_map<std::string, std::deque<Open>> open_;  // bounded by max_pending_answers each
+  std::optional<TimePoint> broker_up_since_;
+};
+
+}  // namespace slamgw::mqttsn

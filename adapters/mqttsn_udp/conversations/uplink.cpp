@@ -1,0 +1,199 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "adapters/mqttsn_udp/conversations/uplink.hpp"
+
+#include <fmt/format.h>
+
+#include <utility>
+
+#include "adapters/mqttsn_udp/limits.hpp"
+
+namespace slamgw::mqttsn {
+
+void Uplink::on_publish(ClientSession& session, Publish publish, TimePoint now) {
+  Result<std::string, ReturnCode> topic = topic_of(session, publish);
+  if (!topic) return refuse(session, publish, topic.error());
+  switch (publish.qos) {
+    case WireQos::zero:
+    case WireQos::minus_one:
+      context_.tally.count(Count::published_up);
+      return context_.emit(Report{Mesh::thread, session.robot, std::move(*topic),
+                                  std::move(publish.payload), Qos::at_most_once, publish.retain,
+                                  Receipt{Mesh::thread, 0}});
+    case WireQos::one: return publish_once(session, std::move(publish), std::move(*topic), now);
+    case WireQos::two:
+      return publish_exactly_once(session, std::move(publish), std::move(*topic), now);
+  }
+}
+
+/// A PUBREL is always answered: the client must be able to end its exchange (R75). A copy of the
+/// PUBLISH that the network delivers after it is still known for a while (R137).
+void Uplink::on_pubrel(ClientSession& session, const Pubrel& pubrel, TimePoint now) {
+  const auto found = session.inbound_qos2.find(pubrel.msg_id);
+  if (found != session.inbound_qos2.end() && found->second.receipt_id == 0) {
+    session.repeats.add({found->second.fingerprint, now, 0, 0, pubrel.msg_id});
+    session.inbound_qos2.erase(found);
+    context_.set_dirty(session);
+  }
+  context_.send(session, Pubcomp{pubrel.msg_id});
+}
+
+void Uplink::on_unconnected_publish(const ClientSession* session, Publish publish) {
+  const std::string client_id = session ? session->client_id : std::string();
+  std::string topic;
+  if (publish.topic_id_type == TopicIdType::predefined) {
+    const std::string* name = context_.predefined.name_of(client_id, publish.topic_id);
+    if (name) topic = *name;
+  } else if (publish.topic_id_type == TopicIdType::short_name) {
+    topic = short_name(publish.topic_id);
+  }
+  const auto parsed = context_.policy.scheme().parse_robot_topic(topic);
+  std::string robot = session ? session->robot : std::string(parsed ? parsed->robot : "");
+  const bool is_allowed = context_.settings.allow_unconnected_publish &&
+                          is_valid_topic_name(topic) &&
+                          context_.policy.may_publish(client_id, robot, topic);
+  if (!is_allowed) return context_.tally.count(Count::unconnected_refused);
+  context_.tally.count(Count::published_up);
+  context_.emit(Report{Mesh::thread, std::move(robot), std::move(topic), std::move(publish.payload),
+                       Qos::at_most_once, publish.retain, Receipt{Mesh::thread, 0}});
+}
+
+void Uplink::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome) {
+  const auto found = open_.find(receipt_id);
+  if (found == open_.end()) return;
+  const Open open = found->second;
+  open_.erase(found);
+  const auto session = open.session.lock();
+  if (!session) return;
+  --session->open_receipts;
+  switch (outcome) {
+    case ReceiptOutcome::safe: return on_safe(*session, receipt_id, open);
+    case ReceiptOutcome::refused: return on_refused(*session, receipt_id, open);
+  }
+}
+
+void Uplink::forget(ClientSession& session) {
+  session.repeats.clear();
+  session.inbound_qos2.clear();
+}
+
+Result<std::string, ReturnCode> Uplink::topic_of(ClientSession& session, const Publish& publish) {
+  std::string topic;
+  switch (publish.topic_id_type) {
+    case TopicIdType::normal:
+    case TopicIdType::predefined: {
+      const std::string* name =
+          publish.topic_id_type == TopicIdType::normal
+              ? session.topics.name_of(publish.topic_id)
+              : context_.predefined.name_of(session.client_id, publish.topic_id);
+      if (!name) {
+        context_.tally.count(Count::unknown_topic_ids);
+        return ReturnCode::invalid_topic_id;
+      }
+      topic = *name;
+      break;
+    }
+    case TopicIdType::short_name: topic = short_name(publish.topic_id); break;
+    case TopicIdType::reserved: return ReturnCode::not_supported;
+  }
+  if (!is_valid_topic_name(topic)) return ReturnCode::not_supported;
+  if (!may_publish(session, topic)) return ReturnCode::not_supported;
+  return topic;
+}
+
+void Uplink::publish_once(ClientSession& session, Publish publish, std::string topic,
+                          TimePoint now) {
+  const std::uint64_t mark = fingerprint(publish);
+  if (const auto* known = session.repeats.find(publish.msg_id, mark, now)) {
+    context_.tally.count(Count::repeats_suppressed);
+    if (known->receipt_id == 0)
+      context_.send(session, Puback{publish.topic_id, publish.msg_id, ReturnCode::accepted});
+    return;
+  }
+  if (session.open_receipts >= limits::max_open_receipts)
+    return refuse(session, publish, ReturnCode::congestion);
+  RepeatFilter::Entry entry{mark, now, 0, publish.topic_id, publish.msg_id};
+  entry.receipt_id = last_receipt_ + 1;
+  session.repeats.add(entry);
+  report(session, std::move(publish), std::move(topic));
+}
+
+void Uplink::publish_exactly_once(ClientSession& session, Publish publish, std::string topic,
+                                  TimePoint now) {
+  const std::uint64_t mark = fingerprint(publish);
+  const auto known = session.inbound_qos2.find(publish.msg_id);
+  const bool is_open = known != session.inbound_qos2.end() && known->second.fingerprint == mark;
+  if (is_open || session.repeats.find(publish.msg_id, mark, now)) {
+    context_.tally.count(Count::repeats_suppressed);
+    const bool is_safe = !is_open || known->second.receipt_id == 0;
+    if (is_safe) context_.send(session, Pubrec{publish.msg_id});
+    return;
+  }
+  const bool is_full = session.open_receipts >= limits::max_open_receipts ||
+                       (known == session.inbound_qos2.end() &&
+                        session.inbound_qos2.size() >= limits::max_inbound_qos2);
+  if (is_full) return refuse(session, publish, ReturnCode::congestion);
+  // Another message under the same MsgId: the client has given up the former.
+  session.inbound_qos2[publish.msg_id] = {mark, last_receipt_ + 1};
+  context_.set_dirty(session);
+  report(session, std::move(publish), std::move(topic));
+}
+
+void Uplink::report(ClientSession& session, Publish publish, std::string topic) {
+  const auto qos = static_cast<Qos>(publish.qos);
+  const std::uint64_t id = ++last_receipt_;
+  open_[id] = {context_.clients.weak(session), qos, publish.topic_id, publish.msg_id};
+  ++session.open_receipts;
+  context_.tally.count(Count::published_up);
+  context_.emit(Report{Mesh::thread, session.robot, std::move(topic), std::move(publish.payload),
+                       qos, publish.retain, Receipt{Mesh::thread, id}});
+}
+
+void Uplink::on_safe(ClientSession& session, std::uint64_t receipt_id, const Open& open) {
+  bool is_known = false;
+  if (open.qos == Qos::at_least_once) {
+    is_known = session.repeats.on_safe(receipt_id).has_value();
+  } else {
+    const auto found = session.inbound_qos2.find(open.msg_id);
+    is_known = found != session.inbound_qos2.end() && found->second.receipt_id == receipt_id;
+    if (is_known) found->second.receipt_id = 0;
+    if (is_known) context_.set_dirty(session);
+  }
+  if (!is_known || !session.is_connected()) return;
+  if (open.qos == Qos::at_least_once) {
+    context_.send(session, Puback{open.topic_id, open.msg_id, ReturnCode::accepted});
+  } else {
+    context_.send(session, Pubrec{open.msg_id});
+  }
+}
+
+/// Not acknowledged, so the robot keeps it; its repetition is a new message.
+void Uplink::on_refused(ClientSession& session, std::uint64_t receipt_id, const Open& open) {
+  context_.tally.count(Count::receipts_refused);
+  const bool was_qos1 = session.repeats.on_refused(receipt_id).has_value();
+  const auto found = session.inbound_qos2.find(open.msg_id);
+  const bool was_qos2 =
+      found != session.inbound_qos2.end() && found->second.receipt_id == receipt_id;
+  if (was_qos2) session.inbound_qos2.erase(found);
+  const bool is_said = (was_qos1 || was_qos2) && !context_.is_full_silent();
+  if (is_said && session.is_connected())
+    context_.send(session, Puback{open.topic_id, open.msg_id, ReturnCode::congestion});
+}
+
+void Uplink::refuse(ClientSession& session, const Publish& publish, ReturnCode code) {
+  if (code == ReturnCode::congestion && context_.is_full_silent()) return;
+  context_.send(session, Puback{publish.topic_id, publish.msg_id, code});
+}
+
+bool Uplink::may_publish(ClientSession& session, const std::string& topic) {
+  if (context_.policy.may_publish(session.client_id, session.robot, topic)) return true;
+  context_.tally.count(Count::topics_refused);
+  if (std::exchange(session.was_told_publish_rule, true)) return false;
+  context_.emit(Notice{Severity::notice,
+                       fmt::format("{} may not publish to '{}': a matching filter in "
+                                   "topics.extra_publish would allow it",
+                                   session.robot, topic),
+                       session.robot});
+  return false;
+}
+
+}  // namespace slamgw::mqttsn

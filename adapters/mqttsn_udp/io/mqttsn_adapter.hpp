@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: Apache-2.0
+// The I/O shell of MQTT-SN: UDP sockets, multicast and one timer around SnGateway. Decides nothing
+// about the protocol.
+#pragma once
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "adapters/mqttsn_udp/io/session_keeper.hpp"
+#include "adapters/mqttsn_udp/io/udp_socket.hpp"
+#include "adapters/mqttsn_udp/sn_gateway.hpp"
+#include "daemon/core/adapter.hpp"
+#include "daemon/runtime/interface_watch.hpp"
+#include "daemon/runtime/machine_driver.hpp"
+
+namespace slamgw::mqttsn {
+
+class MqttsnAdapter final : public MeshAdapter {
+ public:
+  /// `sessions` may be null: none outlives the daemon then. It and `listener` outlive the adapter.
+  MqttsnAdapter(boost::asio::io_context& io, Settings settings, TopicPolicy policy,
+                RobotNames names, MeshListener& listener, SessionStore* sessions = nullptr);
+
+  void start() override;
+  void stop_listening() override;
+  void stop() override;
+  void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome) override;
+  void on_broker_message(const BrokerMessage& message) override;
+  void on_subscribe_result(const std::string& filter, bool granted) override;
+  void on_broker_link(bool is_up) override;
+  Counters counters() const override;
+  std::size_t queued_for(const std::string& robot) const override {
+    return gateway_.queued_for(robot);
+  }
+
+  /// `topics.*` and `robots` of the configuration, read again.
+  void reconfigure(TopicPolicy policy, RobotNames names);
+
+  /// In the order of `mqttsn.listen`, after start().
+  std::vector<std::uint16_t> bound_ports() const;
+  SnGateway::ClientCounts client_counts() const { return gateway_.client_counts(); }
+
+ private:
+  template <class Change>
+  void input(Change&& change);
+  void on_datagram(std::uint8_t socket, const UdpSocket::Datagram& datagram);
+  void perform(Action& action);
+  void perform(SendDatagram& action);
+  void perform(SendMulticast& action);
+  void perform(MeshEvent& event);
+  void open();
+  void close();
+  /// Interfaces come and go, also that of `mqttsn.interface`; what is joined stays joined (R19).
+  void watch_interfaces();
+  void look_at_interfaces_in(Duration delay);
+  void follow_interface();
+  void join_groups();
+  void tell_link(bool is_up, std::string detail);
+
+  const Settings settings_;
+  MeshListener& listener_;
+  boost::asio::io_context& io_;
+  SnGateway gateway_;
+  MachineDriver<SnGateway> driver_;
+  std::optional<SessionKeeper> keeper_;
+  std::vector<std::shared_ptr<UdpSocket>> sockets_;  // none while the interface is away
+  std::uint32_t interface_index_ = 0;
+  std::shared_ptr<InterfaceWatch> interface_watch_;
+  boost::asio::steady_timer watch_timer_;
+  std::uint64_t sends_failed_ = 0;
+  std::uint64_t truncated_ = 0;
+};
+
+}  // namespace slamgw::mqttsn

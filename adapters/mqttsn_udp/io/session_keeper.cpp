@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "adapters/mqttsn_udp/io/session_keeper.hpp"
+
+#include <fmt/format.h>
+
+#include <utility>
+
+#include "adapters/mqttsn_udp/clients/session_codec.hpp"
+
+namespace slamgw::mqttsn {
+
+SessionKeeper::SessionKeeper(boost::asio::io_context& io, SnGateway& gateway, SessionStore& store)
+    : gateway_(gateway), store_(store), timer_(io) {}
+
+SessionKeeper::Restored SessionKeeper::restore(TimePoint now) {
+  std::size_t taken = 0;
+  std::vector<SessionStore::Change> useless;
+  for (const auto& [id, content] : store_.load()) {
+    const auto snapshot = decode_session(content);
+    if (snapshot && gateway_.restore(*snapshot, now)) {
+      ++taken;
+    } else {
+      useless.push_back({id, std::nullopt});
+    }
+  }
+  Restored restored;
+  if (taken > 0) restored.text = fmt::format("{} MQTT-SN sessions go on", taken);
+  if (!useless.empty()) {
+    restored.severity = Severity::warning;
+    restored.text += fmt::format(
+        "{}{} stored MQTT-SN sessions can't go on (another name by now, no room, or "
+        "damaged): these clients have to connect again",
+        taken > 0 ? "; " : "", useless.size());
+    store_.save(std::move(useless));
+  }
+  return restored;
+}
+
+void SessionKeeper::look() {
+  if (is_armed_ || !gateway_.has_dirty()) return;
+  is_armed_ = true;
+  timer_.expires_after(interval);
+  timer_.async_wait([this](boost::system::error_code error) {
+    if (error) return;
+    is_armed_ = false;
+    if (!store_.is_busy()) save_some();
+    look();
+  });
+}
+
+void SessionKeeper::save_some() {
+  const TimePoint now = std::chrono::steady_clock::now();
+  std::vector<SessionStore::Change> changes;
+  for (std::string& id : gateway_.take_dirty(sessions_a_write)) {
+    std::optional<Bytes> content;
+    if (const auto snapshot = gateway_.snapshot(id, now)) content = encode_session(*snapshot);
+    changes.push_back({std::move(id), std::move(content)});
+  }
+  store_.save(std::move(changes));
+}
+
+void SessionKeeper::stop() {
+  timer_.cancel();
+  gateway_.set_all_dirty();
+  while (gateway_.has_dirty()) save_some();
+}
+
+}  // namespace slamgw::mqttsn

@@ -1,0 +1,328 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "adapters/mqttsn_udp/io/udp_socket.hpp"
+
+#include <fmt/format.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <charconv>
+#include <cstring>
+#include <stdexcept>
+#include <string_view>
+#include <utility>
+
+namespace slamgw::mqttsn {
+namespace {
+
+namespace asio = boost::asio;
+using asio::ip::udp;
+
+/// Larger than anything that MQTT-SN carries over a mesh, so that too long is noticed (R9).
+constexpr std::size_t buffer_octets = 2048;
+/// The kernel's default holds some 277 small datagrams; what it grants may be less.
+constexpr int receive_buffer_octets = 4 * 1024 * 1024;
+/// A flood must not keep the loop from everything else.
+constexpr int max_batches_per_wake_up = 4;
+/// Radius 0, "the whole network" (R18).
+constexpr int multicast_hops = 16;
+constexpr std::size_t control_octets = 256;
+/// Where Nordic's clients expect their gateway (R22), so that of a border router made for them.
+constexpr unsigned nordic_port = 47193;
+
+udp::endpoint parse_listen(const std::string& listen) {
+  const std::size_t colon = listen.rfind(':');
+  const auto fail = [&]() {
+    return std::runtime_error(
+        fmt::format("mqttsn.listen: '{}' is not ADDRESS:PORT or [ADDRESS]:PORT", listen));
+  };
+  if (colon == std::string::npos) throw fail();
+  std::string address = listen.substr(0, colon);
+  if (address.starts_with('[') && address.ends_with(']'))
+    address = address.substr(1, address.size() - 2);
+  unsigned port = 0;
+  const char* const end = listen.data() + listen.size();
+  const auto parsed = std::from_chars(listen.data() + colon + 1, end, port);
+  boost::system::error_code error;
+  const auto ip = asio::ip::make_address(address, error);
+  if (error || parsed.ec != std::errc{} || parsed.ptr != end || port > 65535) throw fail();
+  return {ip, static_cast<std::uint16_t>(port)};
+}
+
+void set_flag(int descriptor, int level, int option, int value) {
+  setsockopt(descriptor, level, option, &value, sizeof value);
+}
+
+IpAddress mapped(const in_addr& address) {
+  IpAddress out{};
+  out[10] = out[11] = 0xff;
+  std::memcpy(out.data() + 12, &address, 4);
+  return out;
+}
+
+bool is_mapped(const IpAddress& address) {
+  const IpAddress any = mapped(in_addr{});
+  return std::equal(any.begin(), any.begin() + 12, address.begin());
+}
+
+Endpoint from_sockaddr(const sockaddr_storage& storage) {
+  Endpoint out;
+  if (storage.ss_family == AF_INET) {
+    sockaddr_in v4{};
+    std::memcpy(&v4, &storage, sizeof v4);
+    out.address = mapped(v4.sin_addr);
+    out.port = ntohs(v4.sin_port);
+  } else {
+    sockaddr_in6 v6{};
+    std::memcpy(&v6, &storage, sizeof v6);
+    std::memcpy(out.address.data(), &v6.sin6_addr, 16);
+    out.port = ntohs(v6.sin6_port);
+    out.scope_id = v6.sin6_scope_id;
+  }
+  return out;
+}
+
+/// The address that a datagram came to, from its control messages.
+void read_control(msghdr& header, UdpSocket::Datagram& datagram, std::uint32_t& kernel_drops) {
+  for (cmsghdr* c = CMSG_FIRSTHDR(&header); c; c = CMSG_NXTHDR(&header, c)) {
+    if (c->cmsg_level == IPPROTO_IPV6 && c->cmsg_type == IPV6_PKTINFO) {
+      in6_pktinfo info{};
+      std::memcpy(&info, CMSG_DATA(c), sizeof info);
+      std::memcpy(datagram.to.data(), &info.ipi6_addr, 16);
+      datagram.interface = info.ipi6_ifindex;
+    } else if (c->cmsg_level == IPPROTO_IP && c->cmsg_type == IP_PKTINFO) {
+      in_pktinfo info{};
+      std::memcpy(&info, CMSG_DATA(c), sizeof info);
+      datagram.to = mapped(info.ipi_addr);
+      datagram.interface = static_cast<std::uint32_t>(info.ipi_ifindex);
+    } else if (c->cmsg_level == SOL_SOCKET && c->cmsg_type == SO_RXQ_OVFL) {
+      std::memcpy(&kernel_drops, CMSG_DATA(c), sizeof kernel_drops);
+    }
+  }
+}
+
+template <class Info>
+void write_control(msghdr& header, int level, int type, const Info& info) {
+  header.msg_controllen = CMSG_SPACE(sizeof info);
+  cmsghdr* c = CMSG_FIRSTHDR(&header);
+  c->cmsg_level = level;
+  c->cmsg_type = type;
+  c->cmsg_len = CMSG_LEN(sizeof info);
+  std::memcpy(CMSG_DATA(c), &info, sizeof info);
+}
+
+void write_source(msghdr& header, bool is_ipv6, const IpAddress& from, std::uint32_t interface) {
+  if (is_ipv6) {
+    in6_pktinfo info{};
+    std::memcpy(&info.ipi6_addr, from.data(), 16);
+    info.ipi6_ifindex = interface;
+    return write_control(header, IPPROTO_IPV6, IPV6_PKTINFO, info);
+  }
+  in_pktinfo info{};
+  if (is_mapped(from)) std::memcpy(&info.ipi_spec_dst, from.data() + 12, 4);
+  info.ipi_ifindex = static_cast<int>(interface);
+  write_control(header, IPPROTO_IP, IP_PKTINFO, info);
+}
+
+/// What to do about it, where that is known.
+std::string advise(const boost::system::error_code& error, unsigned port) {
+  if (error == asio::error::address_in_use) {
+    const std::string_view whose =
+        port == nordic_port ? " (on Nordic's border routers Paho's: sudo systemctl disable --now "
+                              "paho-mqttsn-gateway)"
+                            : "";
+    return fmt::format(
+        "; another MQTT-SN gateway has the port{}; sudo ss -ulpn 'sport = :{}' shows which", whose,
+        port);
+  }
+  if (error == asio::error::no_permission || error == asio::error::access_denied)
+    return "; ports below 1024 are for root: choose another";
+  if (error.value() == EADDRNOTAVAIL) return "; no interface of this host has this address";
+  return {};
+}
+
+}  // namespace
+
+/// What one call to the kernel brings: at full rate they come in dozens.
+struct UdpSocket::Batch {
+  static constexpr int size = 16;
+
+  sockaddr_storage from[size];
+  std::uint8_t bytes[size][buffer_octets];
+  alignas(cmsghdr) std::uint8_t control[size][control_octets];
+  iovec parts[size];
+  mmsghdr headers[size];
+
+  mmsghdr* prepare() {
+    for (int i = 0; i < size; ++i) {
+      parts[i] = {bytes[i], buffer_octets};
+      msghdr& header = headers[i].msg_hdr = {};
+      header.msg_name = &from[i];
+      header.msg_namelen = sizeof from[i];
+      header.msg_iov = &parts[i];
+      header.msg_iovlen = 1;
+      header.msg_control = control[i];
+      header.msg_controllen = control_octets;
+    }
+    return headers;
+  }
+};
+
+UdpSocket::~UdpSocket() = default;
+
+UdpSocket::UdpSocket(asio::io_context& io, const std::string& listen, const std::string& interface)
+    : socket_(io), batch_(std::make_unique_for_overwrite<Batch>()) {
+  const udp::endpoint endpoint = parse_listen(listen);
+  try {
+    open(endpoint, interface);
+  } catch (const boost::system::system_error& error) {
+    throw std::runtime_error(fmt::format("mqttsn.listen: can't use {}: {}{}", listen,
+                                         error.code().message(),
+                                         advise(error.code(), endpoint.port())));
+  }
+}
+
+void UdpSocket::open(const udp::endpoint& endpoint, const std::string& interface) {
+  is_ipv6_ = endpoint.address().is_v6();
+  socket_.open(endpoint.protocol());
+  if (is_ipv6_) {
+    takes_ipv4_too_ = endpoint.address().is_unspecified();
+    socket_.set_option(asio::ip::v6_only(!takes_ipv4_too_));
+  }
+  set_options(interface);
+  socket_.bind(endpoint);
+  socket_.non_blocking(true);
+  port_ = socket_.local_endpoint().port();
+}
+
+void UdpSocket::set_options(const std::string& interface) {
+  const int descriptor = socket_.native_handle();
+  set_flag(descriptor, SOL_SOCKET, SO_RCVBUF, receive_buffer_octets);
+  set_flag(descriptor, SOL_SOCKET, SO_RXQ_OVFL, 1);
+  if (is_ipv6_) {
+    set_flag(descriptor, IPPROTO_IPV6, IPV6_RECVPKTINFO, 1);
+    set_flag(descriptor, IPPROTO_IPV6, IPV6_MULTICAST_HOPS, multicast_hops);
+    set_flag(descriptor, IPPROTO_IPV6, IPV6_MULTICAST_LOOP, 1);
+  } else {
+    set_flag(descriptor, IPPROTO_IP, IP_PKTINFO, 1);
+  }
+  if (!is_ipv6_ || takes_ipv4_too_)
+    set_flag(descriptor, IPPROTO_IP, IP_MULTICAST_TTL, multicast_hops);
+  if (interface.empty()) return;
+  if (setsockopt(descriptor, SOL_SOCKET, SO_BINDTODEVICE, interface.data(),
+                 static_cast<socklen_t>(interface.size())) != 0) {
+    throw std::runtime_error(
+        fmt::format("mqttsn.interface: can't bind to '{}': {}", interface, std::strerror(errno)));
+  }
+}
+
+void UdpSocket::start(Receive receive) {
+  receive_ = std::move(receive);
+  wait();
+}
+
+void UdpSocket::stop_receiving() { receive_ = nullptr; }
+
+void UdpSocket::close() {
+  boost::system::error_code ignored;
+  socket_.close(ignored);
+}
+
+void UdpSocket::wait() {
+  socket_.async_wait(udp::socket::wait_read,
+                     [this, alive = shared_from_this()](boost::system::error_code error) {
+                       if (error || !socket_.is_open() || !receive_) return;
+                       for (int i = 0; i < max_batches_per_wake_up && receive_batch(); ++i) {
+                       }
+                       if (socket_.is_open() && receive_) wait();
+                     });
+}
+
+/// False when nothing more is waiting. Errors of earlier sends (a port unreachable) come up here
+/// too and mean nothing for a server.
+bool UdpSocket::receive_batch() {
+  if (!socket_.is_open() || !receive_) return false;
+  mmsghdr* const headers = batch_->prepare();
+  const int count = recvmmsg(socket_.native_handle(), headers, Batch::size, MSG_DONTWAIT, nullptr);
+  if (count < 0) return errno != EAGAIN && errno != EWOULDBLOCK;
+  for (int i = 0; i < count && receive_; ++i) {
+    Datagram datagram;
+    datagram.from = from_sockaddr(batch_->from[i]);
+    datagram.bytes = ByteView(batch_->bytes[i], headers[i].msg_len);
+    datagram.is_truncated = (headers[i].msg_hdr.msg_flags & MSG_TRUNC) != 0;
+    read_control(headers[i].msg_hdr, datagram, kernel_drops_);
+    receive_(datagram);
+  }
+  return count == Batch::size;
+}
+
+bool UdpSocket::send(const Endpoint& to, const IpAddress& from, std::uint32_t interface,
+                     ByteView bytes) {
+  if (!socket_.is_open()) return false;
+  udp::endpoint target = to_asio(to);
+  if (is_ipv6_ && target.address().is_v4()) {
+    target.address(asio::ip::make_address_v6(asio::ip::v4_mapped, target.address().to_v4()));
+  } else if (is_ipv6_ != target.address().is_v6()) {
+    return false;
+  }
+  alignas(cmsghdr) std::uint8_t control[control_octets] = {};
+  iovec part{const_cast<std::uint8_t*>(bytes.data()), bytes.size()};  // sendmsg only reads it
+  msghdr header{};
+  header.msg_name = target.data();
+  header.msg_namelen = static_cast<socklen_t>(target.size());
+  header.msg_iov = &part;
+  header.msg_iovlen = 1;
+  if (from != IpAddress{} || interface != 0) {
+    header.msg_control = control;
+    // Towards IPv4 also "any source" must be an IPv4 address.
+    const bool is_ipv4 = target.address().is_v4() || target.address().to_v6().is_v4_mapped();
+    const bool is_any = is_ipv4 && from == IpAddress{};
+    write_source(header, is_ipv6_, is_any ? mapped(in_addr{}) : from, interface);
+  }
+  return sendmsg(socket_.native_handle(), &header, MSG_DONTWAIT | MSG_NOSIGNAL) >= 0;
+}
+
+bool UdpSocket::join(const asio::ip::address& group, std::uint32_t interface) {
+  if (!can_reach(group)) return false;
+  int result = 0;
+  if (group.is_v6()) {
+    ipv6_mreq request{};
+    const auto octets = group.to_v6().to_bytes();
+    std::memcpy(&request.ipv6mr_multiaddr, octets.data(), octets.size());
+    request.ipv6mr_interface = interface;
+    result = setsockopt(socket_.native_handle(), IPPROTO_IPV6, IPV6_JOIN_GROUP, &request,
+                        sizeof request);
+  } else {
+    ip_mreqn request{};
+    const auto octets = group.to_v4().to_bytes();
+    std::memcpy(&request.imr_multiaddr, octets.data(), octets.size());
+    request.imr_ifindex = static_cast<int>(interface);
+    result = setsockopt(socket_.native_handle(), IPPROTO_IP, IP_ADD_MEMBERSHIP, &request,
+                        sizeof request);
+  }
+  return result == 0 || errno == EADDRINUSE;
+}
+
+udp::endpoint to_asio(const Endpoint& endpoint) {
+  asio::ip::address_v6::bytes_type octets;
+  std::copy(endpoint.address.begin(), endpoint.address.end(), octets.begin());
+  const asio::ip::address_v6 v6(octets, endpoint.scope_id);
+  if (v6.is_v4_mapped()) return {asio::ip::make_address_v4(asio::ip::v4_mapped, v6), endpoint.port};
+  return {v6, endpoint.port};
+}
+
+Endpoint from_asio(const udp::endpoint& endpoint) {
+  const asio::ip::address address = endpoint.address();
+  const asio::ip::address_v6 v6 =
+      address.is_v6() ? address.to_v6()
+                      : asio::ip::make_address_v6(asio::ip::v4_mapped, address.to_v4());
+  Endpoint out;
+  const auto octets = v6.to_bytes();
+  std::copy(octets.begin(), octets.end(), out.address.begin());
+  out.port = endpoint.port();
+  out.scope_id = static_cast<std::uint32_t>(v6.scope_id());
+  return out;
+}
+
+}  // namespace slamgw::mqttsn

@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: Apache-2.0
+// One UDP socket of `mqttsn.listen`: tells for each datagram which local address it came to, and
+// sends from a given local address (R17). I/O shell; knows nothing of MQTT-SN. Loop's thread only.
+#pragma once
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/udp.hpp>
+#include <boost/asio/ip/v6_only.hpp>
+#include <functional>
+#include <memory>
+#include <string>
+
+#include "adapters/mqttsn_udp/protocol/endpoint.hpp"
+#include "daemon/core/bytes.hpp"
+
+namespace slamgw::mqttsn {
+
+/// Owned by shared_ptr: a wait that is under way keeps it alive.
+class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
+ public:
+  /// `is_truncated`: the datagram was longer than the buffer; `bytes` is its beginning.
+  struct Datagram {
+    Endpoint from;
+    IpAddress to{};
+    std::uint32_t interface = 0;
+    ByteView bytes;
+    bool is_truncated = false;
+  };
+  using Receive = std::function<void(const Datagram&)>;
+
+  /// Binds at once. `listen` is `ADDRESS:PORT` or `[ADDRESS]:PORT`; `[::]` takes IPv4 too; port 0
+  /// is any. `interface` may be empty. Throws std::runtime_error with a sentence for operators.
+  UdpSocket(boost::asio::io_context& io, const std::string& listen, const std::string& interface);
+  ~UdpSocket();
+
+  /// From now on `receive` is called for each datagram, a bounded number each time the loop comes
+  /// by. It may call `send`.
+  void start(Receive receive);
+  /// `send` still works.
+  void stop_receiving();
+  void close();
+
+  /// Never blocks: what the kernel does not take is lost, as datagrams are. False then.
+  bool send(const Endpoint& to, const IpAddress& from, std::uint32_t interface, ByteView bytes);
+  /// Joins `group` there; true also when it had been joined before.
+  bool join(const boost::asio::ip::address& group, std::uint32_t interface);
+
+  std::uint16_t port() const { return port_; }
+  /// A socket on `[::]` reaches IPv4 too.
+  bool can_reach(const boost::asio::ip::address& group) const {
+    return group.is_v6() ? is_ipv6_ : !is_ipv6_ || takes_ipv4_too_;
+  }
+  /// Datagrams that the kernel had to drop because we were too slow.
+  std::uint32_t kernel_drops() const { return kernel_drops_; }
+
+ private:
+  struct Batch;
+
+  void open(const boost::asio::ip::udp::endpoint& endpoint, const std::string& interface);
+  void set_options(const std::string& interface);
+  void wait();
+  bool receive_batch();
+
+  boost::asio::ip::udp::socket socket_;
+  bool is_ipv6_ = false;
+  bool takes_ipv4_too_ = false;
+  std::uint16_t port_ = 0;
+  std::uint32_t kernel_drops_ = 0;
+  std::unique_ptr<Batch> batch_;
+  Receive receive_;  ///< empty: nothing is received
+};
+
+/// Conversions, for the shell and its tests.
+boost::asio::ip::udp::endpoint to_asio(const Endpoint& endpoint);
+Endpoint from_asio(const boost::asio::ip::udp::endpoint& endpoint);
+
+}  // namespace slamgw::mqttsn

@@ -1,0 +1,319 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/app/app.hpp"
+
+#include <fmt/format.h>
+
+#include <csignal>
+#include <filesystem>
+#include <stdexcept>
+#include <utility>
+
+#include "adapters/ble_mesh_usb_cdc/io/ble_mesh_adapter.hpp"
+#include "adapters/mqttsn_udp/io/mqttsn_adapter.hpp"
+#include "daemon/config/load.hpp"
+#include "daemon/observability/log.hpp"
+
+namespace slamgw {
+namespace {
+
+constexpr std::chrono::seconds stats_interval{10};  // contract section 4
+/// What an orderly end waits for the broker to take what is queued; well below systemd's patience.
+constexpr std::chrono::seconds flush_patience{2};
+constexpr std::chrono::milliseconds flush_poll{20};
+
+/// Packages make it; without one (a demo, a developer) the daemon does, for itself alone.
+void make_store_directory(const std::string& path) {
+  namespace fs = std::filesystem;
+  std::error_code error;
+  if (fs::is_directory(path, error)) return;
+  if (fs::create_directories(path, error)) fs::permissions(path, fs::perms::owner_all, error);
+  if (!error) return;
+  log_event(Severity::warning,
+            fmt::format("store.directory {} can't be made: {}; nothing will survive a restart",
+                        path, error.message()));
+}
+
+}  // namespace
+
+std::string broker_uri(const BrokerSettings& broker) {
+  const bool is_ipv6 = broker.host.find(':') != std::string::npos;
+  const std::string host = is_ipv6 ? "[" + broker.host + "]" : broker.host;
+  return fmt::format("{}://{}:{}", broker.tls ? "mqtts" : "mqtt", host, broker.port);
+}
+
+template <class Change>
+void App::drive(Change&& change) {
+  change(gateway_, read_clocks());
+  if (std::exchange(is_draining_, true)) return;  // the outermost call drains
+  while (auto action = gateway_.next_action()) {
+    std::visit([this](auto& what) { this->perform(what); }, *action);
+  }
+  is_draining_ = false;
+}
+
+template <class Change>
+void App::change_outbox(Change&& change) {
+  outbox_driver_.input(std::forward<Change>(change));
+  const bool is_full = outbox_.backlog().is_full();
+  if (gateway_.is_store_full() == is_full) return;
+  drive([&](Gateway& gateway, const Now&) { gateway.on_store(is_full); });
+}
+
+App::App(Config config, std::string config_file)
+    : config_(std::move(config)),
+      config_file_(std::move(config_file)),
+      scheme_(config_.topics.prefix, config_.gateway_id),
+      started_(read_clocks()),
+      signals_(io_, SIGTERM, SIGINT, SIGHUP),
+      stats_timer_(io_),
+      stop_timer_(io_),
+      notifier_(io_, [this] { return service_state(); }),
+      gateway_(scheme_, {SLAMGW_VERSION, config_.update_mode, started_.wall}),
+      outbox_(config_.broker.max_inflight, config_.store.max_bytes),
+      outbox_driver_(io_, outbox_,
+                     [this](OutboxAction& action) {
+                       std::visit([this](auto& what) { perform(what); }, action);
+                     }),
+      store_(io_, config_.store,
+             [this](StoreEvent event) {
+               change_outbox([&](Outbox& outbox, TimePoint now) {
+                 outbox.on_store_event(std::move(event), now);
+               });
+             }),
+      session_store_(io_, config_.store.directory, [this](Notice notice) { perform(notice); }),
+      upstream_(io_, config_.broker, {scheme_.state_topic(), R"({"state":"offline"})"}, *this),
+      network_watch_(std::make_shared<InterfaceWatch>(io_)),
+      broker_log_(broker_uri(config_.broker)),
+      sampler_(config_.log.traffic) {}
+
+App::~App() = default;
+
+void App::run() {
+  log_event(Severity::notice, fmt::format("slam-gatewayd {} starts as gateway '{}'", SLAMGW_VERSION,
+                                          config_.gateway_id));
+  make_store_directory(config_.store.directory);
+  store_.start();
+  wait_for_signal();
+  start_control();
+  start_meshes();
+  upstream_.read_credentials_with([this] { return load_credentials(config_.broker); });
+  upstream_.start();
+  network_watch_->start([this] { upstream_.retry_now(); });
+  publish_stats_regularly();
+  notifier_.ready();
+  io_.run();
+  log_event(Severity::notice, "slam-gatewayd has ended in order");
+}
+
+void App::start_meshes() {
+  const RobotNames names(config_.robots);
+  if (config_.mqttsn.enabled) {
+    TopicPolicy policy(scheme_, config_.topics.extra_publish, config_.topics.extra_subscribe);
+    meshes_[static_cast<std::size_t>(Mesh::thread)] = std::make_unique<mqttsn::MqttsnAdapter>(
+        io_, config_.mqttsn, std::move(policy), names, *this, &session_store_);
+  }
+  if (config_.ble_mesh.enabled) {
+    auto adapter = std::make_unique<ble::BleMeshAdapter>(io_, config_.ble_mesh, scheme_, names,
+                                                         config_.store.directory, *this);
+    ble_ = adapter.get();
+    meshes_[static_cast<std::size_t>(Mesh::ble)] = std::move(adapter);
+  }
+  if (!mesh(Mesh::thread) && !mesh(Mesh::ble)) {
+    log_event(Severity::warning,
+              "no mesh is enabled: set mqttsn.enabled or ble_mesh.enabled to true");
+  }
+  for (auto& adapter : meshes_) {
+    if (adapter) adapter->start();
+  }
+}
+
+void App::start_control() {
+  control_ = std::make_unique<ControlServer>(io_, config_.control_socket, *this);
+  try {
+    control_->start();
+  } catch (const std::runtime_error& error) {  // robots come before operators
+    log_event(Severity::warning,
+              fmt::format("control.socket: {}; slam-gatewayctl will not work", error.what()));
+    control_.reset();
+  }
+}
+
+void App::wait_for_signal() {
+  signals_.async_wait([this](boost::system::error_code error, int signal) {
+    if (error) return;
+    if (signal != SIGHUP) return stop();
+    notifier_.reloading();
+    reload();
+    notifier_.ready();
+    wait_for_signal();
+  });
+}
+
+void App::stop() {
+  notifier_.stopping();
+  log_event(Severity::notice, "slam-gatewayd ends");
+  stats_timer_.cancel();
+  control_.reset();
+  for (auto& adapter : meshes_) {
+    if (adapter) adapter->stop_listening();
+  }
+  drive([](Gateway& gateway, const Now&) { gateway.on_stop(); });
+  change_outbox([](Outbox& outbox, TimePoint now) { outbox.on_stop(now); });
+  stop_when_flushed(read_clocks().mono + flush_patience);
+}
+
+void App::stop_when_flushed(TimePoint give_up_at) {
+  if (outbox_.is_settled() || read_clocks().mono >= give_up_at) {
+    if (outbox_.unsaved() > 0) {
+      log_event(Severity::warning,
+                fmt::format("{} messages are neither with the broker nor in the store",
+                            outbox_.unsaved()));
+    }
+    log_overdue_lines(TimePoint::max());
+    for (auto& adapter : meshes_) {
+      if (adapter) adapter->stop();
+    }
+    outbox_driver_.stop();
+    network_watch_->stop();
+    upstream_.stop();
+    store_.stop();
+    session_store_.stop();
+    io_.stop();
+    return;
+  }
+  stop_timer_.expires_after(flush_poll);
+  stop_timer_.async_wait([this, give_up_at](boost::system::error_code error) {
+    if (!error) stop_when_flushed(give_up_at);
+  });
+}
+
+void App::publish_stats_regularly() {
+  stats_timer_.expires_after(stats_interval);
+  stats_timer_.async_wait([this](boost::system::error_code error) {
+    if (error) return;
+    pending_sends_.on_time(read_clocks().mono);
+    drive([](Gateway& gateway, const Now& now) { gateway.on_tick(now); });
+    publish_stats();
+    log_overdue_lines(read_clocks().mono);
+    flush_log();
+    publish_stats_regularly();
+  });
+}
+
+void App::publish_stats() {
+  if (!broker_log_.is_up()) return;  // of no use later
+  Upload upload{{scheme_.stats_topic(), to_bytes(status().dump()), Qos::at_most_once, false}, {}};
+  perform(upload);
+}
+
+void App::perform(Upload& action) {
+  change_outbox([&](Outbox& outbox, TimePoint now) {
+    outbox.submit(std::move(action.message), action.receipt, now);
+  });
+}
+
+void App::perform(SubscribeAtBroker& action) {
+  upstream_.subscribe(action.filter, action.qos, action.id);
+}
+
+void App::perform(UnsubscribeAtBroker& action) { upstream_.unsubscribe(action.filter); }
+
+void App::perform(DeliverToMesh& action) {
+  if (mesh(action.mesh)) mesh(action.mesh)->on_broker_message(action.message);
+}
+
+void App::perform(AnswerSubscribe& action) {
+  if (mesh(action.mesh)) mesh(action.mesh)->on_subscribe_result(action.filter, action.granted);
+}
+
+void App::perform(TrafficEvent& event) {
+  if (control_ && control_->has_watchers()) control_->publish_traffic(event);
+  if (!is_logged(Severity::info)) return;
+  const auto line = sampler_.on_traffic(event, event.at);
+  if (!line) return;
+  const auto entry = awaited_lines_.add(event, {traffic_text(event, *line), traffic_fields(event)});
+  if (entry) log_event(Severity::info, entry->text, entry->fields);
+}
+
+void App::log_overdue_lines(TimePoint now) {
+  for (const TrafficEntry& entry : awaited_lines_.take_overdue(now))
+    log_event(Severity::info, entry.text, entry.fields);
+}
+
+void App::perform(Notice& notice) { log_notice(notice); }
+
+void App::perform(PublishAtBroker& action) {
+  upstream_.publish(action.sequence, std::move(action.message));
+}
+
+void App::perform(FireReceipt& action) {
+  if (awaited_lines_.has(action.receipt)) {
+    const auto entry =
+        awaited_lines_.on_receipt(action.receipt, action.outcome, read_clocks().mono);
+    log_event(Severity::info, entry.text, entry.fields);
+  }
+  if (mesh(action.receipt.mesh)) {
+    mesh(action.receipt.mesh)->on_receipt(action.receipt.id, action.outcome);
+  }
+}
+
+void App::perform(WriteToStore& action) { store_.ask(std::move(action)); }
+
+void App::perform(LoadFromStore& action) { store_.ask(action); }
+
+void App::manage_ble(MeshOrder order, OrderDone done) {
+  if (!ble_) return done({{}, "the BLE mesh is not enabled: set ble_mesh.enabled to true"});
+  ble_->manage(std::move(order), std::move(done));
+}
+
+void App::on_mesh_event(MeshEvent event) {
+  if (const auto* outcome = std::get_if<CommandOutcome>(&event)) {
+    pending_sends_.on_outcome(*outcome);
+  }
+  drive([&](Gateway& gateway, const Now& now) { gateway.on_mesh_event(std::move(event), now); });
+}
+
+void App::tell_meshes_about_broker(bool is_up) {
+  drive([&](Gateway& gateway, const Now& now) { gateway.on_broker_link(is_up, now); });
+  for (auto& adapter : meshes_) {
+    if (adapter) adapter->on_broker_link(is_up);
+  }
+}
+
+void App::on_link_up(bool, std::uint16_t receive_maximum) {
+  const std::string version = upstream_.version() == MqttVersion::v5 ? "MQTT 5" : "MQTT 3.1.1";
+  log_notice(broker_log_.on_up(version, read_clocks()));
+  // The outbox first: else what the gateway says about itself would go to the disk on its way.
+  change_outbox([&](Outbox& outbox, TimePoint now) { outbox.on_link_up(receive_maximum, now); });
+  tell_meshes_about_broker(true);
+}
+
+void App::on_link_down(const std::string& why) {
+  const bool was_up = broker_log_.is_up();
+  if (const auto notice = broker_log_.on_down(why, read_clocks())) log_notice(*notice);
+  if (!was_up) return;
+  change_outbox([](Outbox& outbox, TimePoint now) { outbox.on_link_down(now); });
+  tell_meshes_about_broker(false);
+}
+
+void App::on_published(std::uint64_t sequence) {
+  change_outbox([&](Outbox& outbox, TimePoint now) { outbox.on_published(sequence, now); });
+}
+
+void App::on_publish_refused(std::uint64_t sequence, const std::string& why) {
+  log_event(Severity::warning,
+            fmt::format("the broker refuses a message: {}; check its access control list", why));
+  change_outbox([&](Outbox& outbox, TimePoint now) { outbox.on_publish_refused(sequence, now); });
+}
+
+void App::on_subscribe_result(const std::string& filter, bool granted) {
+  drive([&](Gateway& gateway, const Now&) { gateway.on_subscribe_result(filter, granted); });
+}
+
+void App::on_message(BrokerMessage message, std::vector<std::uint32_t> subscriptions) {
+  drive([&](Gateway& gateway, const Now& now) {
+    gateway.on_broker_message(std::move(message), subscriptions, now);
+  });
+}
+
+}  // namespace slamgw

@@ -1,0 +1,157 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the control socket and the `stats` topic tell; the rest of App is in app.cpp.
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <fstream>
+
+#include "daemon/app/app.hpp"
+
+namespace slamgw {
+namespace {
+
+using nlohmann::json;
+
+std::uint64_t resident_bytes() {
+  std::uint64_t total_pages = 0;
+  std::uint64_t resident_pages = 0;
+  std::ifstream("/proc/self/statm") >> total_pages >> resident_pages;
+  return resident_pages * static_cast<std::uint64_t>(sysconf(_SC_PAGESIZE));
+}
+
+json counters_json(const Counters& counters) {
+  json out = json::object();
+  for (const Counter& counter : counters) out[std::string(counter.name)] = counter.value;
+  return out;
+}
+
+json mesh_json(const MeshAdapter* adapter, const Gateway::LinkState& link) {
+  const char* state = link.is_up ? "up" : "down";
+  return {{"enabled", adapter != nullptr},
+          {"state", adapter ? state : "disabled"},
+          {"detail", link.detail},
+          {"counters", counters_json(adapter ? adapter->counters() : Counters{})}};
+}
+
+json count_robots(const RobotRegistry& registry) {
+  return {{"online", registry.count(Presence::online)},
+          {"asleep", registry.count(Presence::asleep)},
+          {"offline", registry.count(Presence::offline)},
+          {"known", registry.robots().size()},
+          {"untracked", registry.untracked()}};
+}
+
+std::string_view to_string(Backlog::State state) {
+  switch (state) {
+    case Backlog::State::opening: return "opening";
+    case Backlog::State::absent: return "absent";
+    case Backlog::State::working: return "working";
+    case Backlog::State::failing: return "failing";
+  }
+  return "absent";
+}
+
+json store_json(const Outbox& outbox, const StoreSettings& settings, TimePoint now) {
+  const Backlog& backlog = outbox.backlog();
+  const auto age = now - backlog.oldest().value_or(now);
+  return {{"state", to_string(backlog.state())},
+          {"why", outbox.store_trouble()},
+          {"depth", backlog.rows()},
+          {"bytes", backlog.bytes()},
+          {"max_bytes", settings.max_bytes},
+          {"full", backlog.is_full()},
+          {"oldest_age_s", std::chrono::duration_cast<std::chrono::seconds>(age).count()},
+          {"failures", outbox.statistics().store_failures}};
+}
+
+json robot_json(const std::string& id, const Robot& robot, std::size_t queued, TimePoint now) {
+  const MeshPresence& presence = robot.presence();
+  json row{{"id", id},
+           {"mesh", to_string(robot.mesh())},
+           {"address", presence.address},
+           {"state", to_string(presence.presence)},
+           {"since", to_iso8601(presence.since)},
+           {"last_seen", to_iso8601(robot.last_seen)},
+           {"messages", robot.messages_up},
+           {"commands", robot.messages_down},
+           {"rate_hz", robot.rate.per_second(now)},
+           {"rssi_dbm", nullptr},
+           {"ttl", nullptr},
+           {"hops", nullptr},
+           {"queue", queued}};
+  if (robot.radio) row["rssi_dbm"] = robot.radio->rssi_dbm;
+  if (robot.radio) row["ttl"] = robot.radio->ttl;
+  if (robot.radio && robot.radio->hops) row["hops"] = *robot.radio->hops;
+  return row;
+}
+
+}  // namespace
+
+ServiceState App::service_state() const {
+  const auto link = [this](Mesh wanted) {
+    return mesh(wanted) ? std::optional(gateway_.mesh_link(wanted).is_up) : std::nullopt;
+  };
+  return {broker_log_.is_up(), link(Mesh::thread), link(Mesh::ble),
+          gateway_.registry().count(Presence::online),
+          gateway_.traffic().up + gateway_.traffic().down};
+}
+
+json App::status() {
+  const Now now = read_clocks();
+  const auto uptime = std::chrono::duration_cast<std::chrono::seconds>(now.mono - started_.mono);
+  const Outbox::Statistics& sent = outbox_.statistics();
+  return {{"version", SLAMGW_VERSION},
+          {"uptime_s", uptime.count()},
+          {"gateway", config_.gateway_id},
+          {"broker",
+           {{"state", broker_log_.is_up() ? "up" : "down"},
+            {"uri", broker_log_.uri()},
+            {"since", to_iso8601(broker_log_.since())},
+            {"why", broker_log_.why()}}},
+          {"meshes",
+           {{"ble", mesh_json(mesh(Mesh::ble), gateway_.mesh_link(Mesh::ble))},
+            {"thread", mesh_json(mesh(Mesh::thread), gateway_.mesh_link(Mesh::thread))}}},
+          {"robots", count_robots(gateway_.registry())},
+          {"messages",
+           {{"up", gateway_.traffic().up},
+            {"down", gateway_.traffic().down},
+            {"published", sent.published},
+            {"dropped", sent.dropped},
+            {"refused", sent.refused},
+            {"rejected", gateway_.traffic().rejected},
+            {"stored", outbox_.backlog().stored_total()}}},
+          {"store", store_json(outbox_, config_.store, now.mono)},
+          {"queue",
+           {{"depth", outbox_.unsaved()},
+            {"bytes", outbox_.queued_bytes()},
+            {"max_bytes", Outbox::max_queued_bytes}}},
+          {"control", counters_json(control_ ? control_->counters() : Counters{})},
+          {"memory_rss_bytes", resident_bytes()}};
+}
+
+json App::robots() {
+  const TimePoint now = read_clocks().mono;
+  json rows = json::array();
+  for (const auto& [id, robot] : gateway_.registry().robots()) {
+    const MeshAdapter* adapter = mesh(robot.mesh());
+    rows.push_back(robot_json(id, robot, adapter ? adapter->queued_for(id) : 0, now));
+  }
+  return rows;
+}
+
+void App::send(const std::string& robot, const std::string& type, Bytes payload,
+               std::function<void(json)> done) {
+  if (!is_valid_level(robot) || !is_valid_level(type)) {
+    return done(outcome_json("refused", 0, "robot and type are one topic level each"));
+  }
+  if (!gateway_.registry().find(robot)) {
+    return done(outcome_json("refused", 0, fmt::format("no robot '{}' was ever heard", robot)));
+  }
+  if (!pending_sends_.add(robot, type, done, read_clocks().mono)) {
+    return done(outcome_json("refused", 0, "too many commands wait for their outcome"));
+  }
+  on_message({scheme_.command_topic(robot, type), std::move(payload), Qos::at_least_once, false},
+             {});
+}
+
+}  // namespace slamgw

@@ -1,0 +1,332 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/delivery/backlog.hpp"
+
+#include <algorithm>
+#include <cassert>
+#include <iterator>
+#include <utility>
+
+namespace slamgw {
+namespace {
+
+std::uint64_t cost_of(const OutboxEntry& entry) {
+  return stored_cost(entry.message.topic.size(), entry.message.payload.size());
+}
+
+}  // namespace
+
+bool Backlog::reserve(OutboxEntry& entry) {
+  const std::uint64_t cost = cost_of(entry);
+  // Once full, full until a sixteenth is free: else small messages would slip in before a large
+  // one that was refused.
+  if (bytes_ <= max_bytes_ - max_bytes_ / 16) is_full_ = false;
+  if (is_full_ || cost > max_bytes_ || bytes_ > max_bytes_ - cost) {
+    is_full_ = true;
+    return false;
+  }
+  bytes_ += cost;
+  if (rows_++ == 0) oldest_ = entry.submitted;
+  entry.row = ++last_row_;
+  return true;
+}
+
+void Backlog::release(const OutboxEntry& entry) {
+  bytes_ -= cost_of(entry);
+  --rows_;
+  if (bytes_ <= max_bytes_ - max_bytes_ / 16) is_full_ = false;
+}
+
+bool Backlog::keep(OutboxEntry& entry) {
+  if (!reserve(entry)) return false;
+  topics_.add(entry.message.topic);
+  saving_.push_back({std::move(entry), false});
+  return true;
+}
+
+bool Backlog::keep_copy(OutboxEntry& in_flight) {
+  if (!reserve(in_flight)) return false;
+  ahead_.insert(in_flight.row);
+  saving_.push_back({in_flight, true});
+  return true;
+}
+
+std::deque<Backlog::Saving>::iterator Backlog::find(std::deque<Saving>& queue, std::uint64_t row) {
+  const auto found = std::lower_bound(
+      queue.begin(), queue.end(), row,
+      [](const Saving& saving, std::uint64_t wanted) { return saving.entry.row < wanted; });
+  return found != queue.end() && found->entry.row == row ? found : queue.end();
+}
+
+void Backlog::adopt(OutboxEntry being_copied) {
+  auto copy = find(writing_, being_copied.row);
+  const bool is_being_written = copy != writing_.end();
+  if (!is_being_written) copy = find(saving_, being_copied.row);
+  assert(is_being_written || copy != saving_.end());
+  ahead_.erase(being_copied.row);
+  topics_.add(being_copied.message.topic);
+  *copy = {std::move(being_copied), false};
+}
+
+void Backlog::insert_ready(OutboxEntry entry) {
+  const auto after =
+      std::upper_bound(ready_.begin(), ready_.end(), entry.row,
+                       [](std::uint64_t row, const OutboxEntry& other) { return row < other.row; });
+  ready_.insert(after, std::move(entry));
+}
+
+void Backlog::give_back(OutboxEntry stored) {
+  topics_.add(stored.message.topic);
+  stored.is_from_backlog = true;
+  insert_ready(std::move(stored));
+}
+
+void Backlog::abandon_copy(OutboxEntry& in_flight) {
+  release(in_flight);
+  ahead_.erase(in_flight.row);
+  in_flight.row = 0;
+}
+
+void Backlog::forget(const OutboxEntry& entry, TimePoint now) {
+  release(entry);
+  if (const auto unwritten = find(saving_, entry.row); unwritten != saving_.end()) {
+    ahead_.erase(entry.row);
+    saving_.erase(unwritten);
+    return;
+  }
+  forgets_.push_back(entry.row);
+  if (!forget_due_) forget_due_ = now + forget_delay;
+}
+
+void Backlog::queue_behind(OutboxEntry entry) {
+  topics_.add(entry.message.topic);
+  behind_.push_back({std::move(entry), last_row_});
+}
+
+std::deque<OutboxEntry> Backlog::take_behind() {
+  return take_behind_from(std::find_if(behind_.begin(), behind_.end(), [](const Behind& behind) {
+    return !behind.entry.is_unacknowledged();
+  }));
+}
+
+std::deque<OutboxEntry> Backlog::take_behind_from(std::deque<Behind>::iterator first) {
+  std::deque<OutboxEntry> taken;
+  for (auto behind = first; behind != behind_.end(); ++behind) {
+    topics_.remove(behind->entry.message.topic);
+    taken.push_back(std::move(behind->entry));
+  }
+  behind_.erase(first, behind_.end());
+  return taken;
+}
+
+bool Backlog::is_behinds_turn() const {
+  if (behind_.empty()) return false;
+  const std::uint64_t after = behind_.front().after_row;
+  const auto is_passed = [after](const std::deque<Saving>& queue) {
+    return queue.empty() || queue.front().entry.row > after;
+  };
+  if (!is_passed(writing_) || !is_passed(saving_)) return false;
+  if (!ready_.empty()) return ready_.front().row > after;
+  return unloaded_ == 0 || cursor_ >= after;
+}
+
+const OutboxEntry* Backlog::next() const {
+  if (is_behinds_turn()) return &behind_.front().entry;
+  return ready_.empty() ? nullptr : &ready_.front();
+}
+
+OutboxEntry Backlog::take_next() {
+  OutboxEntry next;
+  if (is_behinds_turn()) {
+    next = std::move(behind_.front().entry);
+    behind_.pop_front();
+  } else {
+    next = std::move(ready_.front());
+    ready_.pop_front();
+  }
+  topics_.remove(next.message.topic);
+  return next;
+}
+
+std::deque<OutboxEntry> Backlog::on_opened(StoreOpened opened, TimePoint now) {
+  std::deque<OutboxEntry> in_memory = std::exchange(ready_, {});
+  for (std::deque<Saving>* queue : {&writing_, &saving_}) {
+    for (Saving& saving : *queue) {
+      if (!saving.is_copy) in_memory.push_back(std::move(saving.entry));
+    }
+    queue->clear();
+  }
+  for (Behind& behind : behind_) in_memory.push_back(std::move(behind.entry));
+  behind_.clear();
+  state_ = State::working;
+  ++generation_;
+  bytes_ = opened.bytes;
+  rows_ = opened.count;
+  oldest_ = now - opened.oldest_age;
+  last_row_ = opened.last_row;
+  topics_ = std::move(opened.topics);
+  cursor_ = 0;
+  unloaded_ = opened.count;
+  ahead_.clear();
+  forgets_.clear();
+  forgetting_.clear();
+  forget_due_.reset();
+  is_writing_ = is_loading_ = false;
+  write_retry_.reset();
+  load_retry_.reset();
+  retry_wait_ = first_retry;
+  return in_memory;
+}
+
+std::deque<OutboxEntry> Backlog::on_absent(TimePoint now) {
+  std::deque<OutboxEntry> in_memory = on_opened({}, now);
+  state_ = State::absent;
+  return in_memory;
+}
+
+std::optional<WriteToStore> Backlog::next_write(TimePoint now) {
+  if (state_ != State::working || is_writing_) return std::nullopt;
+  const bool is_forget_due = forgets_.size() >= forget_batch ||
+                             (!forgets_.empty() && is_stopping_) ||
+                             (forget_due_ && now >= *forget_due_);
+  if (saving_.empty() && !is_forget_due) return std::nullopt;
+  WriteToStore write{generation_, {}, {}};
+  std::size_t bytes = 0;
+  while (!saving_.empty() && write.keep.size() < write_messages && bytes < write_bytes) {
+    const OutboxEntry& entry = saving_.front().entry;
+    bytes += entry.cost();
+    write.keep.push_back({entry.row, entry.message, {}});
+    writing_.push_back(std::move(saving_.front()));
+    saving_.pop_front();
+  }
+  forgetting_ = std::exchange(forgets_, {});
+  write.forget = forgetting_;
+  forget_due_.reset();
+  is_writing_ = true;
+  return write;
+}
+
+Backlog::Written Backlog::on_written() {
+  Written written;
+  if (!writing_.empty()) written.up_to_row = writing_.back().entry.row;
+  stored_total_ += writing_.size();
+  for (Saving& saving : writing_) {
+    if (saving.is_copy) continue;
+    ++unloaded_;
+    written.entries.push_back(std::move(saving.entry));
+  }
+  writing_.clear();
+  forgetting_.clear();
+  is_writing_ = false;
+  retry_wait_ = first_retry;
+  return written;
+}
+
+std::deque<OutboxEntry> Backlog::on_write_failed(TimePoint now) {
+  // What waits for a row that there will not be finds its place again with the others.
+  std::deque<Saving>& first_queue = writing_.empty() ? saving_ : writing_;
+  const std::uint64_t first_row =
+      first_queue.empty() ? last_row_ + 1 : first_queue.front().entry.row;
+  std::deque<OutboxEntry> unsaved = take_behind_from(
+      std::lower_bound(behind_.begin(), behind_.end(), first_row,
+                       [](const Behind& b, std::uint64_t row) { return b.after_row < row; }));
+  for (std::deque<Saving>* queue : {&writing_, &saving_}) {
+    for (Saving& saving : *queue) {
+      if (saving.is_copy) continue;  // the outbox abandons it where it is in flight
+      release(saving.entry);
+      topics_.remove(saving.entry.message.topic);
+      saving.entry.row = 0;
+      unsaved.push_back(std::move(saving.entry));
+    }
+    queue->clear();
+  }
+  forgets_.insert(forgets_.begin(), forgetting_.begin(), forgetting_.end());
+  forgetting_.clear();
+  if (!forgets_.empty()) forget_due_ = now;
+  is_writing_ = false;
+  state_ = State::failing;
+  write_retry_ = now + retry_wait_;
+  retry_wait_ = std::min(2 * retry_wait_, longest_retry);
+  return unsaved;
+}
+
+std::optional<LoadFromStore> Backlog::next_load() {
+  const bool is_open = state_ == State::working || state_ == State::failing;
+  if (!is_open || is_loading_ || load_retry_ || is_stopping_) return std::nullopt;
+  if (unloaded_ == 0) {
+    skip_what_is_in_memory();
+    return std::nullopt;
+  }
+  if (ready_.size() > page_messages / 2 || forgets_.size() >= max_unforgotten) return std::nullopt;
+  is_loading_ = true;
+  return LoadFromStore{generation_, cursor_, page_messages, page_bytes};
+}
+
+/// Nothing above the cursor is to be read, so it need not be passed over one by one later.
+void Backlog::skip_what_is_in_memory() {
+  if (!saving_.empty() || !writing_.empty()) return;
+  cursor_ = last_row_;
+  ahead_.clear();
+}
+
+std::size_t Backlog::on_loaded(StoreLoaded loaded, TimePoint now) {
+  is_loading_ = false;
+  if (loaded.messages.empty()) {
+    const std::size_t missing = std::exchange(unloaded_, 0);
+    rows_ -= std::min(rows_, missing);
+    if (rows_ == 0) bytes_ = 0;
+    if (missing > 0) count_topics_again();
+    return missing;
+  }
+  oldest_ = now - loaded.messages.front().age;
+  for (StoredMessage& stored : loaded.messages) {
+    cursor_ = stored.row;
+    if (ahead_.erase(stored.row) > 0) continue;
+    if (unloaded_ > 0) --unloaded_;
+    OutboxEntry entry;
+    entry.message = std::move(stored.message);
+    entry.submitted = now - stored.age;
+    entry.row = stored.row;
+    entry.is_stored = entry.is_from_backlog = true;
+    insert_ready(std::move(entry));
+  }
+  ahead_.erase(ahead_.begin(), ahead_.upper_bound(cursor_));
+  return 0;
+}
+
+void Backlog::count_topics_again() {
+  topics_ = TopicCounts{};
+  for (const OutboxEntry& entry : ready_) topics_.add(entry.message.topic);
+  for (const Behind& behind : behind_) topics_.add(behind.entry.message.topic);
+  for (const std::deque<Saving>* queue : {&writing_, &saving_}) {
+    for (const Saving& saving : *queue) {
+      if (!saving.is_copy) topics_.add(saving.entry.message.topic);
+    }
+  }
+}
+
+void Backlog::on_load_failed(TimePoint now) {
+  is_loading_ = false;
+  load_retry_ = now + first_retry;
+}
+
+std::optional<TimePoint> Backlog::deadline() const {
+  const auto forget = can_keep() && !is_writing_ ? forget_due_ : std::nullopt;
+  return earlier(earlier(write_retry_, load_retry_), forget);
+}
+
+bool Backlog::on_deadline(TimePoint now) {
+  if (load_retry_ && now >= *load_retry_) load_retry_.reset();
+  if (!write_retry_ || now < *write_retry_) return false;
+  write_retry_.reset();
+  state_ = State::working;
+  return true;
+}
+
+std::size_t Backlog::unsaved() const {
+  const auto count = [](const std::deque<Saving>& queue) {
+    return std::count_if(queue.begin(), queue.end(), [](const Saving& s) { return !s.is_copy; });
+  };
+  return static_cast<std::size_t>(count(saving_) + count(writing_));
+}
+
+}  // namespace slamgw

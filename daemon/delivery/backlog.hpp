@@ -1,0 +1,168 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the store holds and is about to hold, and the page of it that is in memory. Decides what is
+// written and loaded next: one write under way at a time, so that everything which comes meanwhile
+// shares the next commit. Pure; part of the outbox, which publishes.
+//
+//   keep() -> saving -> (WriteToStore) -> writing -> (StoreWritten) -> on disk
+//   on disk -> (LoadFromStore, StoreLoaded) -> ready -> take_next() -> in flight -> forget()
+//
+// What may not go to the store (QoS 0) or cannot (it fails) waits behind it in memory and has its
+// turn when every row before it was taken. In flight messages may be copied to the store as well
+// (keep_copy). Their rows may lie ahead of what was read; reading passes over them.
+#pragma once
+
+#include <deque>
+#include <optional>
+#include <set>
+#include <vector>
+
+#include "daemon/core/protocol_machine.hpp"
+#include "daemon/delivery/message_store.hpp"
+#include "daemon/delivery/outbox_entry.hpp"
+
+namespace slamgw {
+
+class Backlog {
+ public:
+  /// One page read back from the store; a new one is asked for when half of it has gone.
+  static constexpr std::size_t page_messages = 256;
+  static constexpr std::size_t page_bytes = 1u << 20;
+  /// One transaction.
+  static constexpr std::size_t write_messages = 4096;
+  static constexpr std::size_t write_bytes = 1u << 20;
+  /// Delivered rows are deleted when so many have come together or the first is so old; what was
+  /// not deleted at a crash is published twice.
+  static constexpr std::size_t forget_batch = 256;
+  static constexpr std::chrono::milliseconds forget_delay{500};
+  /// Delivered rows that a failing store could not delete; beyond it no more are delivered.
+  static constexpr std::size_t max_unforgotten = 65536;
+  static constexpr std::chrono::seconds first_retry{1};
+  static constexpr std::chrono::seconds longest_retry{60};
+
+  enum class State : std::uint8_t { opening, absent, working, failing };
+
+  struct Written {
+    std::deque<OutboxEntry> entries;  ///< safe now, and no longer in memory here
+    std::uint64_t up_to_row = 0;      ///< copies up to this row are safe too
+  };
+
+  explicit Backlog(std::uint64_t max_bytes) : max_bytes_(max_bytes) {}
+
+  State state() const { return state_; }
+  bool can_keep() const { return state_ == State::working; }
+  /// Something of `topic` must reach the broker first.
+  bool is_ahead_of(std::string_view topic) const { return topics_.has(topic); }
+
+  /// Takes `entry` over to be stored. False, and nothing changed, when the store is full.
+  bool keep(OutboxEntry& entry);
+  /// Stores a copy of a message that is in flight. False when the store is full.
+  bool keep_copy(OutboxEntry& in_flight);
+  /// Its publication was lost with the link: a message whose copy is under way, or one that is
+  /// stored.
+  void adopt(OutboxEntry being_copied);
+  void give_back(OutboxEntry stored);
+  /// The copy will not be made: the write failed.
+  void abandon_copy(OutboxEntry& in_flight);
+  /// The broker has it, or will never take it.
+  void forget(const OutboxEntry& entry, TimePoint now);
+
+  /// Waits in memory for its turn after all rows there are now.
+  void queue_behind(OutboxEntry entry);
+  /// The first of them that could be stored now, and all after it; those before keep their turn.
+  std::deque<OutboxEntry> take_behind();
+  /// Drops those of them for which `is_dropped(entry)`.
+  template <class Predicate>
+  void drop_behind(Predicate is_dropped) {
+    std::erase_if(behind_, [&](const Behind& behind) {
+      if (!is_dropped(behind.entry)) return false;
+      topics_.remove(behind.entry.message.topic);
+      return true;
+    });
+  }
+
+  /// What is to be published next; null while nothing is in memory whose turn it is.
+  const OutboxEntry* next() const;
+  OutboxEntry take_next();
+
+  /// What was in memory only because a former store held it: to be stored again.
+  std::deque<OutboxEntry> on_opened(StoreOpened opened, TimePoint now);
+  std::deque<OutboxEntry> on_absent(TimePoint now);
+  Written on_written();
+  /// Everything that waited to be stored, as it was given.
+  std::deque<OutboxEntry> on_write_failed(TimePoint now);
+  /// How many messages the store should have had and does not have.
+  std::size_t on_loaded(StoreLoaded loaded, TimePoint now);
+  void on_load_failed(TimePoint now);
+  /// Delete at once what is delivered, load no more.
+  void on_stop() { is_stopping_ = true; }
+
+  std::optional<WriteToStore> next_write(TimePoint now);
+  std::optional<LoadFromStore> next_load();
+  std::optional<TimePoint> deadline() const;
+  /// True when a failing store is to be tried again.
+  bool on_deadline(TimePoint now);
+
+  /// Rows that are stored or being stored, and what they count against `store.max_bytes`.
+  std::size_t rows() const { return rows_; }
+  std::uint64_t bytes() const { return bytes_; }
+  bool is_full() const { return is_full_; }
+  std::uint64_t stored_total() const { return stored_total_; }
+  /// When the oldest of them was stored (to within the page that was read last).
+  std::optional<TimePoint> oldest() const { return rows_ ? oldest_ : std::nullopt; }
+  std::size_t behind() const { return behind_.size(); }
+  /// Messages on their way to the disk.
+  std::size_t unsaved() const;
+  bool is_settled() const { return unsaved() == 0 && !is_writing_ && forgets_.empty(); }
+
+ private:
+  struct Saving {
+    OutboxEntry entry;
+    bool is_copy = false;
+  };
+
+  struct Behind {
+    OutboxEntry entry;
+    std::uint64_t after_row = 0;
+  };
+
+  bool reserve(OutboxEntry& entry);
+  void release(const OutboxEntry& entry);
+  std::deque<Saving>::iterator find(std::deque<Saving>& queue, std::uint64_t row);
+  bool is_behinds_turn() const;
+  std::deque<OutboxEntry> take_behind_from(std::deque<Behind>::iterator first);
+  void insert_ready(OutboxEntry entry);
+  void count_topics_again();
+  void skip_what_is_in_memory();
+
+  State state_ = State::opening;
+  std::uint64_t generation_ = 0;  // of requests
+  std::uint64_t max_bytes_;
+  std::uint64_t bytes_ = 0;
+  std::size_t rows_ = 0;
+  bool is_full_ = false;
+  std::uint64_t stored_total_ = 0;
+  std::optional<TimePoint> oldest_;
+
+  std::uint64_t last_row_ = 0;
+  TopicCounts topics_;  // of all in saving_, writing_ (no copies), on disk, ready_ and behind_
+  std::deque<Saving> saving_;
+  std::deque<Saving> writing_;
+  std::deque<OutboxEntry> ready_;  // rows rise
+  std::deque<Behind> behind_;      // after_row rises
+
+  std::uint64_t cursor_ = 0;       // read up to this row
+  std::size_t unloaded_ = 0;       // rows above it that are not in ahead_
+  std::set<std::uint64_t> ahead_;  // rows above it whose message is in memory or delivered
+  std::vector<std::uint64_t> forgets_;
+  std::vector<std::uint64_t> forgetting_;  // in the write that is under way
+  std::optional<TimePoint> forget_due_;
+
+  bool is_writing_ = false;
+  bool is_loading_ = false;
+  bool is_stopping_ = false;
+  std::optional<TimePoint> write_retry_;
+  std::optional<TimePoint> load_retry_;
+  std::chrono::seconds retry_wait_ = first_retry;
+};
+
+}  // namespace slamgw

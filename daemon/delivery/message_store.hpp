@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: Apache-2.0
+// The border between the outbox and whatever keeps undelivered messages on disk: two requests, and
+// the events that answer them. SqliteStore is behind it in the daemon, a fake with state in tests.
+// Events come in the order of the requests, on the loop's thread, never from inside a request.
+//
+// `generation`: how many StoreOpened and StoreAbsent the outbox had seen when it asked. A store
+// passes over requests from before its last one without an answer: they meant another file.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "daemon/core/messages.hpp"
+#include "daemon/delivery/topic_counts.hpp"
+
+namespace slamgw {
+
+/// `row` is the outbox's number for a stored message: rows rise in the order of storing, and
+/// messages of one topic are delivered in the order of their rows.
+struct StoredMessage {
+  std::uint64_t row = 0;
+  BrokerMessage message;
+  Duration age{};  ///< since it was stored; only in StoreLoaded
+};
+
+/// One transaction: all of it is durable when StoreWritten comes, nothing of it when
+/// StoreWriteFailed comes. `keep` comes before `forget`; unknown rows in `forget` are no error.
+struct WriteToStore {
+  std::uint64_t generation = 0;
+  std::vector<StoredMessage> keep;
+  std::vector<std::uint64_t> forget;
+};
+/// The first messages with rows above `after`, at most `max_messages` and about `max_bytes`, but
+/// one if there is one.
+struct LoadFromStore {
+  std::uint64_t generation = 0;
+  std::uint64_t after = 0;
+  std::size_t max_messages = 0;
+  std::size_t max_bytes = 0;
+};
+
+/// There is a store and this is what it holds. Comes again when a store had to begin anew (then it
+/// holds nothing), or could be opened after all.
+struct StoreOpened {
+  std::uint64_t last_row = 0;
+  std::size_t count = 0;
+  std::uint64_t bytes = 0;  ///< sum of stored_cost()
+  Duration oldest_age{};
+  TopicCounts topics;
+};
+/// There is no store for now; the shell has told `why` in a Notice.
+struct StoreAbsent {
+  std::string why;
+};
+struct StoreWritten {};
+struct StoreWriteFailed {
+  std::string why;
+};
+/// By rising row; empty when there is none above `after`.
+struct StoreLoaded {
+  std::vector<StoredMessage> messages;
+};
+struct StoreLoadFailed {
+  std::string why;
+};
+using StoreEvent = std::variant<StoreOpened, StoreAbsent, StoreWritten, StoreWriteFailed,
+                                StoreLoaded, StoreLoadFailed, Notice>;
+
+inline constexpr std::size_t store_page_bytes = 4096;
+
+/// What a message takes on disk, as counted against `store.max_bytes`: an upper bound for the pages
+/// of a table in the order of its keys. Small rows share pages that are at least three quarters
+/// full; larger ones are counted in whole pages.
+inline std::uint64_t stored_cost(std::size_t topic_bytes, std::size_t payload_bytes) {
+  constexpr std::size_t row_overhead = 48;
+  constexpr std::size_t small_row = store_page_bytes / 4;
+  const std::size_t row = topic_bytes + payload_bytes + row_overhead;
+  if (row <= small_row) return row + row / 3;
+  return (row / (store_page_bytes - 4) + 1) * store_page_bytes;  // 4: an overflow page's link
+}
+
+}  // namespace slamgw

@@ -1,0 +1,167 @@
+// SPDX-License-Identifier: Apache-2.0
+// What waits for the broker, in order, and the receipts that fire when the broker or the disk has
+// it. Pure: the application performs the actions. Decides what is published when and what goes to
+// the store; what is in the store is the Backlog's.
+//
+// A message of QoS 1 or 2 goes straight to the broker while that is there and quick. It goes to the
+// store while the broker is away or slow, and while an older message of its topic is in the store:
+// so the order per topic holds, and fresh messages of other topics pass a backlog. Robots take
+// turns: one that floods waits behind itself, not the others behind it.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <optional>
+#include <string>
+#include <unordered_set>
+#include <variant>
+
+#include "daemon/core/burst.hpp"
+#include "daemon/core/messages.hpp"
+#include "daemon/core/protocol_machine.hpp"
+#include "daemon/delivery/backlog.hpp"
+#include "daemon/delivery/fair_queue.hpp"
+#include "daemon/delivery/message_store.hpp"
+#include "daemon/delivery/outbox_entry.hpp"
+#include "daemon/mqtt/settings.hpp"
+
+namespace slamgw {
+
+struct PublishAtBroker {
+  std::uint64_t sequence = 0;
+  BrokerMessage message;
+};
+struct FireReceipt {
+  Receipt receipt;
+  ReceiptOutcome outcome = ReceiptOutcome::safe;
+};
+
+using OutboxAction =
+    std::variant<PublishAtBroker, FireReceipt, WriteToStore, LoadFromStore, Notice>;
+
+class Outbox {
+ public:
+  /// Bound of what is only in memory; beyond it acknowledged messages are refused and others
+  /// dropped. 64 MiB is minutes of a thousand robots and little on a Pi. One flow (FairQueue) may
+  /// have as much as it leaves free: half of it alone, less the more the others have.
+  static constexpr std::size_t max_queued_bytes = 64u << 20;
+  /// QoS 0 handed to the client and not yet written. There nobody takes turns any more, so it is no
+  /// more than what keeps the client busy. When it is reached, the next follow together as soon as
+  /// half of it is written: each handing over wakes a thread.
+  static constexpr std::size_t max_unacknowledged_in_flight = 32;
+  /// Contract, promise 5: QoS 0 is never queued behind an outage for longer.
+  static constexpr std::chrono::seconds max_unacknowledged_age{10};
+  /// A broker that has not acknowledged a message for so long is slow: what is only in memory goes
+  /// to the store, and robots need not wait for the broker.
+  static constexpr std::chrono::seconds broker_patience{2};
+  /// An orderly end gives the broker so long; then what is left goes to the store.
+  static constexpr std::chrono::seconds stop_patience{1};
+
+  struct Statistics {
+    std::uint64_t published = 0;  ///< the broker has them
+    std::uint64_t dropped = 0;    ///< QoS 0 too old, without room, or lost with the link
+    std::uint64_t refused = 0;    ///< no room, or the broker will never take them
+    std::uint64_t store_failures = 0;
+  };
+
+  /// `window`: QoS 1 and 2 messages under way at once (`broker.max_inflight`); `store_max_bytes`:
+  /// `store.max_bytes`. Nothing is published before the first StoreOpened or StoreAbsent.
+  Outbox(std::size_t window, std::uint64_t store_max_bytes)
+      : window_(window), store_max_bytes_(store_max_bytes), backlog_(store_max_bytes) {}
+
+  void submit(BrokerMessage message, Receipt receipt, TimePoint now);
+  /// `receive_maximum` as the broker says it; one slot is left free for MQTT 5 flow control.
+  void on_link_up(std::uint16_t receive_maximum, TimePoint now);
+  /// What was under way is published again, in order, when the link is back (QoS 0: counted as
+  /// dropped).
+  void on_link_down(TimePoint now);
+  void on_published(std::uint64_t sequence, TimePoint now);
+  /// The broker will never take it (MQTT 5: not authorised, payload refused).
+  void on_publish_refused(std::uint64_t sequence, TimePoint now);
+  void on_store_event(StoreEvent event, TimePoint now);
+  /// The daemon ends: the backlog stays where it is, what is only in memory goes to the broker or
+  /// the store. The shell goes on until is_settled(), or as long as it can wait.
+  void on_stop(TimePoint now);
+
+  std::optional<OutboxAction> next_action() { return actions_.pop(); }
+  std::optional<TimePoint> deadline() const;
+  void on_deadline(TimePoint now);
+
+  /// All that the broker does not have, in memory and on disk.
+  std::size_t depth() const;
+  /// What is only in memory.
+  std::size_t unsaved() const;
+  std::size_t queued_bytes() const { return queued_bytes_; }
+  /// Nothing is under way to the broker or the disk, nor could be.
+  bool is_settled() const;
+  const Statistics& statistics() const { return statistics_; }
+  const Backlog& backlog() const { return backlog_; }
+  /// Why nothing can be stored; empty while it can.
+  const std::string& store_trouble() const { return store_trouble_; }
+
+ private:
+  using Entry = OutboxEntry;
+  using Entries = std::deque<Entry>;
+  using Slots = std::unordered_set<std::size_t>;  // TopicCounts::slot
+
+  void handle(StoreOpened& opened, TimePoint now);
+  void handle(StoreAbsent& absent, TimePoint now);
+  void handle(StoreWritten&, TimePoint now);
+  void handle(StoreWriteFailed& failed, TimePoint now);
+  void handle(StoreLoaded& loaded, TimePoint now);
+  void handle(StoreLoadFailed& failed, TimePoint now);
+  void handle(Notice& notice, TimePoint) { actions_.push(std::move(notice)); }
+  void begin_anew(Entries in_memory, TimePoint now);
+  void report_store_failure(const std::string& why, TimePoint now);
+  void make_safe(Entry& entry);
+
+  void place(Entry entry, TimePoint now, bool is_overdue = false);
+  void place_all_again(Entries returned, TimePoint now, bool is_overdue = false, Slots moved = {});
+  void refuse(const Entry& entry, TimePoint now);
+  void check_overdue(TimePoint now);
+  void save_all(TimePoint now);
+  std::optional<TimePoint> oldest_unsaved() const;
+
+  void proceed(TimePoint now);
+  bool publish_next(TimePoint now);
+  bool has_memory_for(const Entry& entry) const;
+  bool has_room_for(const Entry& entry) const;
+  bool is_backlogs_turn() const;
+  void publish(Entry entry, TimePoint now);
+  void finish(std::uint64_t sequence, ReceiptOutcome outcome, TimePoint now);
+  void count_out(const Entry& entry);
+  void expire_unacknowledged(TimePoint now);
+
+  std::size_t window_;
+  std::uint64_t store_max_bytes_;
+  std::size_t effective_window_ = 0;
+  bool is_up_ = false;
+  bool is_stalled_ = false;  // overdue messages and no acknowledgement: all that is fresh is stored
+  bool is_stopping_ = false;
+  std::uint64_t next_order_ = 1;
+  std::uint64_t next_sequence_ = 1;
+
+  Backlog backlog_;
+  FairQueue waiting_;  // fresh, behind nothing
+  Entries in_flight_;  // sequences rise
+  std::size_t acknowledged_in_flight_ = 0;
+  std::size_t backlog_in_flight_ = 0;
+  std::size_t unacknowledged_in_flight_ = 0;
+  bool is_unacknowledged_paused_ = false;  // until half of what was in flight is written
+  bool was_backlog_last_ = false;
+  TimePoint progress_{};  // the last acknowledgement, or when there was nothing to acknowledge
+  std::size_t queued_bytes_ = 0;
+
+  std::optional<TimePoint> expiry_check_;   // while QoS 0 waits
+  std::optional<TimePoint> overdue_check_;  // while something unsaved waits or is in flight
+  std::optional<TimePoint> stop_check_;
+  Statistics statistics_;
+  Burst full_burst_;
+  static constexpr std::chrono::minutes failure_interval{1};
+  Burst failure_burst_{failure_interval};
+  bool has_store_failed_ = false;
+  std::string store_trouble_;
+  ActionQueue<OutboxAction> actions_;
+};
+
+}  // namespace slamgw

@@ -1,0 +1,99 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/mqtt/paho_message.hpp"
+
+#include <fmt/format.h>
+#include <mqtt/connect_options.h>
+
+#include <algorithm>
+#include <iterator>
+#include <string_view>
+#include <utility>
+
+namespace slamgw {
+namespace {
+
+MQTTLenString view_of(std::string_view text) {
+  return {static_cast<int>(text.size()), const_cast<char*>(text.data())};  // it is only read
+}
+
+MQTTProperty user_property(std::string_view name, std::string_view value) {
+  MQTTProperty property{};
+  property.identifier = MQTTPROPERTY_CODE_USER_PROPERTY;
+  property.value.data = view_of(name);
+  property.value.value = view_of(value);
+  return property;
+}
+
+/// `received_at` is 24 places to be overwritten.
+mqtt::properties user_properties(Mesh mesh, const std::string& gateway_id) {
+  const std::string received_at = to_iso8601_ms(WallTime{});
+  MQTTProperty list[] = {user_property("mesh", to_string(mesh)),
+                         user_property("gateway", gateway_id),
+                         user_property("received_at", received_at)};
+  MQTTProperties properties = MQTTProperties_initializer;
+  properties.count = static_cast<int>(std::size(list));
+  properties.array = list;
+  return mqtt::properties(properties);  // copies
+}
+
+}  // namespace
+
+PublishForm::PublishForm(MqttVersion version, const std::string& gateway_id) {
+  for (auto& form : forms_) form = std::make_shared<mqtt::message>();
+  if (version != MqttVersion::v5) return;
+  for (const Mesh mesh : {Mesh::ble, Mesh::thread})
+    forms_[static_cast<std::size_t>(mesh)]->set_properties(user_properties(mesh, gateway_id));
+}
+
+mqtt::const_message_ptr PublishForm::fill(const BrokerMessage& message) {
+  const std::size_t index =
+      message.provenance ? static_cast<std::size_t>(message.provenance->mesh) : without_provenance;
+  const std::shared_ptr<mqtt::message>& form = forms_[index];
+  form->set_topic(message.topic);
+  form->set_payload(message.payload.data(), message.payload.size());
+  form->set_qos(static_cast<int>(message.qos));
+  form->set_retained(message.retain);
+  if (message.provenance) write_time(*form, message.provenance->received_at);
+  return form;
+}
+
+void PublishForm::write_time(mqtt::message& form, WallTime time) {
+  const MQTTProperties& properties = form.get_properties().c_struct();
+  if (properties.count == 0) return;
+  const MQTTLenString& place = properties.array[properties.count - 1].value.value;
+  const std::string text = to_iso8601_ms(time);
+  if (static_cast<std::size_t>(place.len) == text.size())
+    std::copy(text.begin(), text.end(), place.data);
+}
+
+BrokerMessage from_paho(const mqtt::message& message) {
+  return {message.get_topic(), to_bytes(message.get_payload()), static_cast<Qos>(message.get_qos()),
+          message.is_retained(), std::nullopt};
+}
+
+std::vector<std::uint32_t> subscriptions_of(const mqtt::message& message) {
+  std::vector<std::uint32_t> ids;
+  const mqtt::properties& properties = message.get_properties();
+  const std::size_t count = properties.count(mqtt::property::SUBSCRIPTION_IDENTIFIER);
+  for (std::size_t i = 0; i < count; ++i) {
+    ids.push_back(mqtt::get<std::uint32_t>(properties, mqtt::property::SUBSCRIPTION_IDENTIFIER, i));
+  }
+  return ids;
+}
+
+std::uint16_t receive_maximum_of(const mqtt::token& token, MqttVersion version) {
+  constexpr std::uint16_t unlimited = 65535;
+  if (version != MqttVersion::v5) return unlimited;
+  const mqtt::connect_response response = token.get_connect_response();
+  const mqtt::properties& properties = response.get_properties();
+  if (!properties.contains(mqtt::property::RECEIVE_MAXIMUM)) return unlimited;
+  return mqtt::get<std::uint16_t>(properties, mqtt::property::RECEIVE_MAXIMUM);
+}
+
+std::string server_uri(const BrokerSettings& settings, const std::string& host) {
+  const bool is_ipv6 = host.find(':') != std::string::npos;
+  return fmt::format("{}://{}:{}", settings.tls ? "ssl" : "tcp", is_ipv6 ? "[" + host + "]" : host,
+                     settings.port);
+}
+
+}  // namespace slamgw

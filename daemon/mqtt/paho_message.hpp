@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: Apache-2.0
+// From our values to Paho's and back. Pure; called by PahoSession.
+#pragma once
+
+#include <mqtt/message.h>
+#include <mqtt/token.h>
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "daemon/core/messages.hpp"
+#include "daemon/mqtt/settings.hpp"
+
+namespace slamgw {
+
+enum class MqttVersion : std::uint8_t { v3_1_1 = 4, v5 = 5 };
+
+/// Messages as Paho takes them, with the user properties `mesh`, `gateway` and `received_at` where
+/// the version has such and a robot said it. Paho copies what it publishes, so one form is filled
+/// in again for each: making the properties anew would cost more than all the rest, for Paho keeps
+/// a record of each string that it allocates. To be made and destroyed while there is a client.
+class PublishForm {
+ public:
+  PublishForm(MqttVersion version, const std::string& gateway_id);
+
+  /// Good until the next call; to be read on the same thread only.
+  mqtt::const_message_ptr fill(const BrokerMessage& message);
+
+ private:
+  static constexpr std::size_t without_provenance = 2;
+  static void write_time(mqtt::message& form, WallTime time);
+
+  std::array<std::shared_ptr<mqtt::message>, 3> forms_;  // by Mesh, and without
+};
+
+BrokerMessage from_paho(const mqtt::message& message);
+/// MQTT 5 section 3.3.2.3.8; empty with MQTT 3.1.1.
+std::vector<std::uint32_t> subscriptions_of(const mqtt::message& message);
+/// Of a CONNACK; 65535 where it names none.
+std::uint16_t receive_maximum_of(const mqtt::token& token, MqttVersion version);
+
+/// `host` is a literal address or a name.
+std::string server_uri(const BrokerSettings& settings, const std::string& host);
+
+}  // namespace slamgw

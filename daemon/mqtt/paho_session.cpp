@@ -1,0 +1,320 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/mqtt/paho_session.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <boost/asio/post.hpp>
+#include <utility>
+
+#include "daemon/mqtt/connect_failure.hpp"
+#include "daemon/mqtt/connection_probe.hpp"
+
+namespace slamgw {
+namespace {
+
+constexpr int refusal_codes_from = 0x80;
+constexpr std::chrono::seconds connect_timeout{10};
+constexpr std::chrono::milliseconds goodbye_timeout{500};
+
+int reason_of(const mqtt::token& token) { return static_cast<int>(token.get_reason_code()); }
+
+// Sequence numbers travel through Paho as the user context of a token.
+void* as_context(std::uint64_t sequence) { return reinterpret_cast<void*>(sequence); }
+std::uint64_t sequence_of(const mqtt::token& token) {
+  return reinterpret_cast<std::uint64_t>(token.get_user_context());
+}
+
+}  // namespace
+
+// The three listeners run on Paho's threads. They hold the session by reference: it destroys the
+// client, which ends all callbacks, before itself.
+class PahoSession::ConnectListener final : public mqtt::iaction_listener {
+ public:
+  explicit ConnectListener(PahoSession& session) : session_(session) {}
+
+  void on_success(const mqtt::token& token) override {
+    const std::uint16_t receive_maximum = receive_maximum_of(token, session_.version_);
+    const bool session_present = token.get_connect_response().is_session_present();
+    session_.post_to_lane(
+        [](PahoSession& session) { session.socket_.adopt(session.settings_.port); });
+    session_.post_to_loop([=, &session = session_](PahoSessionListener& listener) {
+      if (std::exchange(session.has_answered_, true)) return;
+      listener.on_connected(session_present, receive_maximum);
+    });
+  }
+
+  void on_failure(const mqtt::token& token) override {
+    session_.report_failure(reason_of(token), token.get_return_code());
+  }
+
+ private:
+  PahoSession& session_;
+};
+
+class PahoSession::PublishListener final : public mqtt::iaction_listener {
+ public:
+  explicit PublishListener(PahoSession& session) : session_(session) {}
+
+  void on_success(const mqtt::token& token) override {
+    if (token.get_message_id() == 0)  // QoS 0
+      return session_.on_written(sequence_of(token));
+    finish(token, reason_of(token));
+  }
+
+  void on_failure(const mqtt::token& token) override {
+    if (reason_of(token) >= refusal_codes_from) {
+      finish(token, reason_of(token));
+      return;
+    }
+    session_.tell_lost(fmt::format("a publish failed (Paho {})", token.get_return_code()));
+  }
+
+ private:
+  void finish(const mqtt::token& token, int reason) {
+    session_.post_to_loop([sequence = sequence_of(token), reason](PahoSessionListener& listener) {
+      if (reason < refusal_codes_from) return listener.on_published(sequence);
+      listener.on_publish_refused(sequence, explain_publish_refusal(reason));
+    });
+  }
+
+  PahoSession& session_;
+};
+
+class PahoSession::SubscribeListener final : public mqtt::iaction_listener {
+ public:
+  explicit SubscribeListener(PahoSession& session) : session_(session) {}
+  void on_success(const mqtt::token& token) override { finish(token, true); }
+  void on_failure(const mqtt::token& token) override { finish(token, false); }
+
+ private:
+  void finish(const mqtt::token& token, bool granted) {
+    const mqtt::const_string_collection_ptr topics = token.get_topics();
+    if (token.get_type() != mqtt::token::SUBSCRIBE || !topics || topics->empty()) return;
+    session_.post_to_loop([filter = (*topics)[0], granted](PahoSessionListener& listener) {
+      listener.on_subscribe_result(filter, granted);
+    });
+  }
+
+  PahoSession& session_;
+};
+
+PahoSession::PahoSession(boost::asio::io_context& io, boost::asio::thread_pool& lane,
+                         const BrokerSettings& settings, MqttVersion version, LastWill will,
+                         unsigned attempt, PahoSessionListener& listener)
+    : io_(io),
+      lane_(lane),
+      settings_(settings),
+      version_(version),
+      will_(std::move(will)),
+      attempt_(attempt),
+      listener_(listener),
+      connect_listener_(std::make_unique<ConnectListener>(*this)),
+      publish_listener_(std::make_unique<PublishListener>(*this)),
+      subscribe_listener_(std::make_unique<SubscribeListener>(*this)) {}
+
+PahoSession::~PahoSession() = default;
+
+void PahoSession::post_to_loop(Event event) {
+  if (events_.give(std::move(event)) != 1) return;
+  boost::asio::post(io_, [self = shared_from_this()] {
+    for (const Event& happened : self->events_.take()) {
+      if (!self->is_abandoned_) happened(self->listener_);
+    }
+  });
+}
+
+void PahoSession::post_to_lane(std::function<void(PahoSession&)> work) {
+  boost::asio::post(lane_, [self = shared_from_this(), work = std::move(work)] { work(*self); });
+}
+
+void PahoSession::connect() {
+  post_to_lane([](PahoSession& session) { session.open(); });
+}
+
+void PahoSession::open() {
+  try {
+    client_ = std::make_unique<mqtt::async_client>(
+        server_uri(settings_, host_of_attempt()), settings_.client_id,
+        mqtt::create_options(static_cast<int>(version_), max_buffered_in_paho), nullptr);
+    publish_form_.emplace(version_, settings_.gateway_id);
+    client_->set_callback(*this);  // before connect: later it can deadlock
+    client_->set_disconnected_handler([this](const mqtt::properties&, mqtt::ReasonCode reason) {
+      tell_ended(static_cast<int>(reason));  // connection_lost is not called then
+    });
+    set_connect_options();
+    connect_token_ = client_->connect(connect_options_, nullptr, *connect_listener_);
+  } catch (const mqtt::exception& error) {
+    report_failure(0, error.get_return_code());
+  }
+}
+
+/// Paho tries one address of a name only, and an IPv4 one if there is any. TLS needs the name.
+std::string PahoSession::host_of_attempt() const {
+  if (settings_.tls) return settings_.host;
+  const std::vector<std::string> addresses = resolve_host(settings_.host);
+  return addresses.empty() ? settings_.host : addresses[attempt_ % addresses.size()];
+}
+
+/// In place: copies of Paho's options forget or lose their properties.
+void PahoSession::set_connect_options() {
+  mqtt::connect_options& options = connect_options_;
+  options.set_mqtt_version(static_cast<int>(version_));
+  if (version_ == MqttVersion::v5) {
+    options.set_clean_start(false);
+    options.set_properties(mqtt::properties(
+        {{mqtt::property::SESSION_EXPIRY_INTERVAL, std::int32_t{session_expiry_s}}}));
+  } else {
+    options.set_clean_session(true);
+  }
+  options.set_keep_alive_interval(settings_.keep_alive);
+  options.set_connect_timeout(connect_timeout);
+  options.set_automatic_reconnect(false);
+  if (settings_.credentials) {
+    options.set_user_name(settings_.credentials->username);
+    options.set_password(settings_.credentials->password);
+  }
+  options.set_will(mqtt::will_options(will_.topic, will_.payload, 1, true));
+  if (settings_.tls) {
+    set_tls_options();
+    options.set_ssl(tls_options_);
+  }
+}
+
+void PahoSession::set_tls_options() {
+  tls_options_.set_verify(true);  // the host name too; Paho's default is not to look
+  tls_options_.set_enable_server_cert_auth(true);
+  tls_options_.set_ssl_version(MQTT_SSL_VERSION_TLS_1_2);
+  if (settings_.ca_file) tls_options_.set_trust_store(*settings_.ca_file);
+  if (settings_.certificate_file) tls_options_.set_key_store(*settings_.certificate_file);
+  if (settings_.key_file) tls_options_.set_private_key(*settings_.key_file);
+}
+
+/// Where no CONNACK came, looks for the reason: on the lane, for that may take a while.
+void PahoSession::report_failure(int code, int paho_code) {
+  // Paho returns the code of an MQTT 3.1.1 CONNACK (1-5) as its own, and its own errors as negative
+  // numbers.
+  const int answer = code != 0 ? code : (paho_code > 0 ? paho_code : 0);
+  post_to_lane([answer](PahoSession& session) {
+    ConnectFailure failure{
+        answer,
+        answer != 0 ? explain_connect_failure(answer) : explain_unreachable(session.settings_),
+        is_version_refusal(answer), is_not_authorised(answer)};
+    session.post_to_loop([&session, failure = std::move(failure)](PahoSessionListener& listener) {
+      if (std::exchange(session.has_answered_, true)) return;
+      listener.on_connect_failed(failure);
+    });
+  });
+}
+
+void PahoSession::publish(std::uint64_t sequence, BrokerMessage message) {
+  if (publications_.give({sequence, std::move(message)}) != 1) return;
+  post_to_lane([](PahoSession& session) { session.publish_all(); });
+}
+
+void PahoSession::publish_all() {
+  try {
+    const std::vector<Publication> publications = publications_.take();
+    const auto unacknowledged = static_cast<std::size_t>(
+        std::count_if(publications.begin(), publications.end(),
+                      [](const Publication& p) { return p.message.qos == Qos::at_most_once; }));
+    unwritten_ += unacknowledged;
+    if (unacknowledged > 1) socket_.gather();
+    for (const Publication& publication : publications) {
+      client_->publish(publish_form_->fill(publication.message), as_context(publication.sequence),
+                       *publish_listener_);
+    }
+  } catch (const mqtt::exception& error) {
+    tell_lost(fmt::format("a publish failed (Paho {})", error.get_return_code()));
+  }
+}
+
+void PahoSession::on_written(std::uint64_t sequence) {
+  const std::size_t waiting = written_.give(sequence);
+  const bool is_last = --unwritten_ == 0;
+  if (is_last) socket_.release();
+  if (!is_last && waiting < written_at_once) return;
+  post_to_loop([this](PahoSessionListener& listener) {
+    for (const std::uint64_t written : written_.take()) listener.on_published(written);
+  });
+}
+
+void PahoSession::subscribe(std::string filter, Qos qos, std::uint32_t id) {
+  post_to_lane([filter = std::move(filter), qos, id](PahoSession& session) {
+    try {
+      mqtt::properties properties;
+      if (session.version_ == MqttVersion::v5) {
+        properties.add({mqtt::property::SUBSCRIPTION_IDENTIFIER, static_cast<std::int32_t>(id)});
+      }
+      session.client_->subscribe(filter, static_cast<int>(qos), nullptr,
+                                 *session.subscribe_listener_, mqtt::subscribe_options(),
+                                 properties);
+    } catch (const mqtt::exception& error) {
+      session.tell_lost(fmt::format("a subscribe failed (Paho {})", error.get_return_code()));
+    }
+  });
+}
+
+void PahoSession::unsubscribe(std::string filter) {
+  post_to_lane([filter = std::move(filter)](PahoSession& session) {
+    try {
+      session.client_->unsubscribe(filter, nullptr, *session.subscribe_listener_);
+    } catch (const mqtt::exception&) {
+      // the connection is going; the next one does not have the subscription
+    }
+  });
+}
+
+void PahoSession::nudge() {
+  // Nobody has this filter: the smallest request that no subscriber can see.
+  unsubscribe("slam-gateway/nudge");
+}
+
+void PahoSession::abandon(bool is_orderly) {
+  is_abandoned_ = true;
+  post_to_lane([is_orderly](PahoSession& session) { session.close(is_orderly); });
+}
+
+void PahoSession::close(bool is_orderly) {
+  if (!client_) return;
+  try {
+    if (is_orderly) {
+      disconnect_token_ = client_->disconnect(goodbye_timeout);
+      disconnect_token_->wait_for(2 * goodbye_timeout);
+    }
+  } catch (const mqtt::exception&) {
+    // it was not connected
+  }
+  publish_form_.reset();
+  client_.reset();
+  socket_.forget();  // the next session looks for its own
+}
+
+void PahoSession::connection_lost(const std::string& cause) {
+  tell_lost(cause.empty() ? "connection lost" : "connection lost: " + cause);
+}
+
+void PahoSession::tell_lost(std::string why) {
+  post_to_loop([why = std::move(why)](PahoSessionListener& listener) { listener.on_lost(why); });
+}
+
+void PahoSession::tell_ended(int reason) {
+  constexpr int session_taken_over = 0x8e;
+  tell_lost(reason == session_taken_over ? explain_rival(settings_.client_id)
+                                         : explain_connect_failure(reason));
+}
+
+void PahoSession::message_arrived(mqtt::const_message_ptr message) {
+  if (inbound_waiting_ >= max_inbound_waiting) {
+    ++inbound_dropped_;
+    return;
+  }
+  ++inbound_waiting_;
+  post_to_loop([this, arrived = from_paho(*message),
+                ids = subscriptions_of(*message)](PahoSessionListener& listener) {
+    --inbound_waiting_;
+    listener.on_message(arrived, ids);
+  });
+}
+
+}  // namespace slamgw

@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/observability/journal_sink.hpp"
+
+#include <fmt/format.h>
+
+#include "daemon/observability/journal_entry.hpp"
+
+namespace slamgw {
+
+/// Robot traffic may get lost while the journal is stuck; what changed, and warnings, may not.
+void JournalSink::sink_it_(const spdlog::details::log_msg& message) {
+  const std::string_view text(message.payload.data(), message.payload.size());
+  static const LogFields none;
+  socket_.send(journal_entry(context_.severity, text, context_.fields ? *context_.fields : none),
+               context_.severity >= Severity::notice);
+}
+
+void JournalSink::flush_() {
+  if (!socket_.flush()) return;
+  if (lost_ += socket_.take_lost(); lost_ == 0) return;
+  const auto now = std::chrono::steady_clock::now();
+  if (lost_said_at_ && now - *lost_said_at_ < lost_interval) return;
+  const std::string text =
+      fmt::format("{} log entries are lost: the journal did not take them", lost_);
+  socket_.send(journal_entry(Severity::warning, text, {}), false);
+  if (socket_.take_lost() > 0) return;  // in vain, this time too
+  lost_ = 0;
+  lost_said_at_ = now;
+}
+
+}  // namespace slamgw

@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/observability/service_notifier.hpp"
+
+#include <fmt/format.h>
+#include <systemd/sd-daemon.h>
+#include <time.h>
+
+#include <cstdlib>
+#include <utility>
+
+namespace slamgw {
+namespace {
+
+constexpr std::chrono::seconds status_interval{1};
+
+std::optional<std::chrono::microseconds> half_of_watchdog() {
+  std::uint64_t limit_us = 0;
+  if (sd_watchdog_enabled(0, &limit_us) <= 0) return std::nullopt;
+  return std::chrono::microseconds(limit_us / 2);
+}
+
+/// From systemd 253 on, it compares this to the time at which it asked for the reload.
+std::uint64_t monotonic_us() {
+  timespec now{};
+  clock_gettime(CLOCK_MONOTONIC, &now);
+  return static_cast<std::uint64_t>(now.tv_sec) * 1'000'000 +
+         static_cast<std::uint64_t>(now.tv_nsec) / 1'000;
+}
+
+std::string_view word(bool is_up) { return is_up ? "up" : "down"; }
+
+}  // namespace
+
+std::string service_status(const ServiceState& state, std::uint64_t messages_per_second) {
+  std::string text = fmt::format("broker {}", word(state.broker_is_up));
+  if (state.thread_is_up) text += fmt::format(", thread {}", word(*state.thread_is_up));
+  if (state.ble_is_up) text += fmt::format(", ble {}", word(*state.ble_is_up));
+  return text +
+         fmt::format(", {} robots online, {} msg/s", state.robots_online, messages_per_second);
+}
+
+ServiceNotifier::ServiceNotifier(boost::asio::io_context& io, std::function<ServiceState()> state)
+    : watchdog_timer_(io),
+      status_timer_(io),
+      state_(std::move(state)),
+      watchdog_interval_(half_of_watchdog()) {}
+
+void ServiceNotifier::ready() {
+  sd_notify(0, "READY=1");
+  if (std::getenv("NOTIFY_SOCKET") == nullptr || std::exchange(is_running_, true)) return;
+  if (watchdog_interval_) feed_watchdog();
+  tell_status();
+}
+
+void ServiceNotifier::reloading() {
+  sd_notify(0, fmt::format("RELOADING=1\nMONOTONIC_USEC={}", monotonic_us()).c_str());
+}
+
+void ServiceNotifier::stopping() {
+  sd_notify(0, "STOPPING=1");
+  is_running_ = false;
+  watchdog_timer_.cancel();
+  status_timer_.cancel();
+}
+
+void ServiceNotifier::feed_watchdog() {
+  if (!is_running_) return;  // a handler may be queued already when its timer is cancelled
+  sd_notify(0, "WATCHDOG=1");
+  watchdog_timer_.expires_after(*watchdog_interval_);
+  watchdog_timer_.async_wait([this](boost::system::error_code error) {
+    if (!error) feed_watchdog();
+  });
+}
+
+void ServiceNotifier::tell_status() {
+  if (!is_running_) return;
+  const ServiceState state = state_();
+  const std::uint64_t before =
+      std::exchange(messages_before_, state.messages).value_or(state.messages);
+  std::string status = service_status(state, state.messages - before);
+  if (status != told_) {
+    told_ = std::move(status);
+    sd_notify(0, ("STATUS=" + told_).c_str());
+  }
+  status_timer_.expires_after(status_interval);
+  status_timer_.async_wait([this](boost::system::error_code error) {
+    if (!error) tell_status();
+  });
+}
+
+}  // namespace slamgw

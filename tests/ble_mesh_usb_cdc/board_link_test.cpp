@@ -1,0 +1,307 @@
+// SPDX-License-Identifier: Apache-2.0
+// The link to the board, seen through BleMesh: boards in every state, silence, restarts.
+#include <gtest/gtest.h>
+
+#include "tests/ble_mesh_usb_cdc/mesh_rig.hpp"
+
+namespace slamgw::ble {
+namespace {
+
+using namespace std::chrono_literals;
+
+Bytes key(std::uint8_t octet) { return Bytes(16, octet); }
+
+void configure(FakeBoard& board, std::uint16_t address = 0x0001) {
+  board.unicast = address;
+  board.subnets = {{std::uint16_t{0}, key(0x11)}};
+  board.appkeys = {{std::uint16_t{0}, key(0x22)}};
+}
+
+TEST(BoardLink, ConfiguresAFreshBoard) {
+  MeshRig rig;
+  rig.board.is_enabled = false;
+  rig.start();
+  EXPECT_TRUE(rig.is_up());
+  EXPECT_EQ(rig.board.unicast, 0x0001);
+  EXPECT_EQ(rig.board.subnets.at(0).second, key(0x11));
+  EXPECT_EQ(rig.board.appkeys.at(0).second, key(0x22));
+  EXPECT_TRUE(rig.board.is_enabled);
+  for (const std::uint16_t group : Settings{}.groups)
+    EXPECT_TRUE(rig.board.handle_of(group)) << group;
+  EXPECT_TRUE(rig.has_notice("was fresh"));
+}
+
+TEST(BoardLink, UsesABoardThatHasTheSameKeys) {
+  MeshRig rig;
+  configure(rig.board);
+  rig.board.addresses = {FakeBoard::Address{0xc003, true, false},
+                         FakeBoard::Address{0x0100, false, true}};
+  rig.start();
+  EXPECT_TRUE(rig.is_up());
+  EXPECT_EQ(rig.board.count(0xa1), 2u) << "only the missing groups are added";
+  rig.hear(0x0100, "ca 59 00");
+  rig.run_for(100ms);
+  EXPECT_EQ(rig.sent_to(0x0100).size(), 1u);
+  EXPECT_EQ(rig.board.count(0xa4), 0u) << "the handle was on the board";
+}
+
+TEST(BoardLink, AsksForKeysOnlyForAFreshBoard) {
+  MeshRig rig({}, std::nullopt);
+  rig.start();
+  EXPECT_EQ(rig.key_requests, 1);
+  EXPECT_TRUE(rig.is_up());
+  EXPECT_EQ(rig.board.subnets.at(0).second, key(0x11));
+}
+
+TEST(BoardLink, UsesAConfiguredBoardAsItIsWhenNoKeysAreKnown) {
+  MeshRig rig({}, std::nullopt);
+  configure(rig.board);
+  rig.board.subnets[0].second = key(0x77);
+  rig.start();
+  EXPECT_TRUE(rig.is_up());
+  EXPECT_EQ(rig.key_requests, 0);
+  EXPECT_EQ(rig.board.count(0x92) + rig.board.count(0x97), 0u);
+  EXPECT_TRUE(rig.has_notice("used as it is"));
+}
+
+TEST(BoardLink, RefusesABoardOfAnotherMeshAndNeverWipesIt) {
+  MeshRig rig;
+  configure(rig.board);
+  rig.board.subnets[0].second = key(0x77);
+  rig.start();
+  rig.run_for(120s);
+  EXPECT_FALSE(rig.is_up());
+  EXPECT_EQ(rig.count_notices("another network key"), 1);
+  EXPECT_EQ(rig.board.subnets[0].second, key(0x77));
+  EXPECT_EQ(rig.board.count(0xac), 0u);
+  rig.board.subnets[0].second = key(0x11);  // the operator mends it
+  rig.run_for(40s);
+  EXPECT_TRUE(rig.is_up());
+}
+
+TEST(BoardLink, RefusesABoardWithAnotherAddress) {
+  MeshRig rig;
+  configure(rig.board, 0x0042);
+  rig.start();
+  EXPECT_FALSE(rig.is_up());
+  EXPECT_TRUE(rig.has_notice("0x0042"));
+  EXPECT_EQ(rig.board.count(0x9f), 0u);
+}
+
+TEST(BoardLink, RefusesWhenKeysCannotBeStored) {
+  MeshRig rig({}, std::nullopt);
+  rig.answers_key_requests = false;
+  rig.start();
+  rig.mesh.on_keys_failed("disk full", rig.now);
+  rig.run_for(1s);
+  EXPECT_FALSE(rig.is_up());
+  EXPECT_TRUE(rig.has_notice("disk full"));
+  EXPECT_TRUE(rig.board.subnets.empty());
+}
+
+TEST(BoardLink, GetsInStepWithABoardInTheMiddleOfAPacket) {
+  for (const std::string_view torn : {"ff", "ff 02 41", "41 54 0d", "05 02 61"}) {
+    MeshRig rig;
+    rig.board.on_bytes(hex(torn));
+    ASSERT_TRUE(rig.board.is_mid_packet());
+    rig.start();
+    EXPECT_TRUE(rig.is_up()) << torn;
+    EXPECT_EQ(rig.counter("resyncs"), 1u) << torn << ": one attempt is enough";
+  }
+}
+
+TEST(BoardLink, GetsInStepWhileRobotsKeepTalking) {
+  MeshRig rig;
+  configure(rig.board);
+  rig.open();
+  for (int i = 0; i < 40; ++i) {  // never quiet for 300 ms
+    rig.say(rig.board.message(0x0100, hex("cb 59 00 0a 00 ec ff")));
+    rig.run_for(50ms);
+  }
+  EXPECT_TRUE(rig.is_up());
+}
+
+TEST(BoardLink, ReopensThePortWithBackOffWhenBoardStaysSilent) {
+  MeshRig rig;
+  rig.board.is_silent = true;
+  rig.start();
+  rig.run_for(60s);
+  ASSERT_GE(rig.reopens.size(), 5u);
+  EXPECT_EQ(rig.reopens[0], 500ms);
+  EXPECT_EQ(rig.reopens[1], 1s);
+  EXPECT_EQ(rig.reopens.back(), 5s);
+  ASSERT_EQ(rig.all<LinkChange>().size(), 1u) << "the reason did not change";
+  EXPECT_NE(rig.all<LinkChange>()[0].detail.find("answers nothing: "), std::string::npos);
+  EXPECT_EQ(rig.count_notices("answers nothing"), 0) << "said once is enough";
+  rig.board.is_silent = false;
+  rig.run_for(10s);
+  EXPECT_TRUE(rig.is_up());
+}
+
+TEST(BoardLink, SaysWhenTheDeviceIsNoSerialBoard) {
+  MeshRig rig;
+  rig.board.is_silent = true;
+  rig.reopens_port = false;
+  rig.start();
+  rig.say(to_bytes("login: "));
+  rig.run_for(5s);
+  const std::string why = rig.all<LinkChange>().back().detail;
+  EXPECT_NE(why.find("not Nordic's serial protocol: "), std::string::npos) << why;
+  EXPECT_NE(why.find("ble_mesh.device"), std::string::npos) << "what to do: " << why;
+}
+
+TEST(BoardLink, StartsAgainWhenTheBoardRestarts) {
+  MeshRig rig;
+  rig.start();
+  const std::size_t enables = rig.board.count(0x90);
+  rig.say(rig.board.restart());
+  EXPECT_FALSE(rig.is_up());
+  rig.run_for(1s);
+  EXPECT_TRUE(rig.is_up());
+  EXPECT_EQ(rig.board.count(0x90), enables + 1);
+}
+
+TEST(BoardLink, ResynchronisesAfterALostAnswerAndStaysUp) {
+  MeshRig rig;
+  rig.start();
+  rig.board.ignore_command_number = rig.board.commands.size() + 1;  // 0xa4, then the lost 0xab
+  rig.hear(0x0100, "ca 59 00");
+  rig.run_for(10s);
+  EXPECT_TRUE(rig.is_up());
+  EXPECT_EQ(rig.all<LinkChange>().size(), 1u);
+  rig.hear(0x0100, "ca 59 00");
+  rig.run_for(1s);
+  EXPECT_EQ(rig.sent_to(0x0100).size(), 2u);
+}
+
+TEST(BoardLink, ResynchronisesWhenTheBoardLostStep) {
+  MeshRig rig;
+  rig.start();
+  rig.say(hex("03 84 00 84"));
+  rig.run_for(2s);
+  EXPECT_TRUE(rig.is_up());
+  EXPECT_EQ(rig.board.count(0x02), 2u);
+}
+
+TEST(BoardLink, GoesDownWhenACommandIsNeverAnswered) {
+  MeshRig rig;
+  rig.start();
+  rig.board.ignored = {0xab};
+  for (int i = 0; i < 3; ++i) {
+    rig.hear(0x0100, "ca 59 00");
+    rig.run_for(4s);
+  }
+  const auto changes = rig.all<LinkChange>();
+  EXPECT_TRUE(std::ranges::any_of(changes, [](const LinkChange& change) {
+    return change.detail.find("not command 0xab: ") != std::string::npos;
+  }));
+  EXPECT_FALSE(rig.reopens.empty());
+}
+
+/// Starts up a fresh board again and again; `fail` strikes after 0, 1, 2 ... commands.
+template <class Fail>
+void for_each_step(Fail fail) {
+  MeshRig whole;
+  whole.start();
+  const std::size_t steps = whole.board.commands.size();
+  ASSERT_GT(steps, 10u);
+  for (std::size_t step = 0; step < steps; ++step) {
+    SCOPED_TRACE(step);
+    MeshRig rig;
+    rig.open();
+    while (rig.board.commands.size() < step) rig.run_for(1ms);
+    fail(rig);
+    rig.run_for(60s);
+    EXPECT_TRUE(rig.is_up());
+    EXPECT_EQ(rig.board.subnets.size(), 1u);
+    EXPECT_EQ(rig.board.appkeys.size(), 1u);
+    EXPECT_EQ(rig.board.addresses.size(), 3u);
+  }
+}
+
+TEST(BoardLink, StartsUpWhicheverAnswerIsLost) {
+  for_each_step([](MeshRig& rig) { rig.board.ignore_command_number = rig.board.commands.size(); });
+}
+
+TEST(BoardLink, StartsUpWhereverTheBoardFallsSilentForAWhile) {
+  for_each_step([](MeshRig& rig) {
+    rig.board.is_silent = true;
+    rig.run_for(20s);
+    EXPECT_FALSE(rig.is_up() && rig.all<LinkChange>().size() == 1u);
+    rig.board.is_silent = false;
+  });
+}
+
+TEST(BoardLink, StartsUpWhereverTheBoardRestarts) {
+  for_each_step([](MeshRig& rig) { rig.say(rig.board.restart()); });
+}
+
+TEST(BoardLink, StartsUpWhereverThePortIsLost) {
+  for_each_step([](MeshRig& rig) {
+    rig.mesh.on_port_closed("unplugged", rig.now);
+    rig.run_for(1s);
+    rig.open();
+  });
+}
+
+TEST(BoardLink, StartsUpWhicheverAnswerIsTorn) {
+  for_each_step([](MeshRig& rig) {
+    rig.spoil = [&rig](Bytes& transfer) {
+      if (transfer.size() < 2 || transfer[1] != 0x84) return;
+      transfer.pop_back();
+      rig.spoil = nullptr;
+    };
+  });
+}
+
+TEST(BoardLink, CountsWhatTheBoardDropped) {
+  MeshRig rig;
+  rig.board.dropped = 100;  // before our time
+  rig.start();
+  rig.board.dropped = 103;
+  rig.run_for(11s);
+  EXPECT_TRUE(rig.has_notice("dropped 3 event(s)"));
+}
+
+TEST(BoardLink, WarnsWhenAGroupCannotBeHeard) {
+  MeshRig rig;
+  rig.board.status_of[0xa1] = 0x8e;
+  rig.start();
+  EXPECT_TRUE(rig.is_up());
+  EXPECT_TRUE(rig.has_notice("0xc003"));
+}
+
+TEST(BoardLink, MakesRoomInTheBoardsAddressTable) {
+  MeshRig rig;
+  rig.start();
+  for (std::uint16_t robot = 0x0200; robot < 0x0200 + 40; ++robot) {
+    rig.hear(robot, "ca 59 00");
+    rig.run_for(50ms);
+    EXPECT_EQ(rig.sent_to(robot).size(), 1u) << robot;
+  }
+  EXPECT_EQ(rig.board.count(0xa6), 11u);  // 32 less three groups leaves 29 robots
+  EXPECT_TRUE(rig.board.handle_of(0xc003));
+}
+
+TEST(BoardLink, MakesRoomWhenTheTableIsSmallerThanStock) {
+  MeshRig rig;
+  rig.board.max_addresses = 5;
+  rig.start();
+  for (std::uint16_t robot = 0x0200; robot < 0x0205; ++robot) {
+    rig.hear(robot, "ca 59 00");
+    rig.run_for(50ms);
+    EXPECT_EQ(rig.sent_to(robot).size(), 1u) << robot;
+  }
+}
+
+TEST(BoardLink, SaysOnceWhyThePortIsNotThere) {
+  MeshRig rig;
+  for (int i = 0; i < 5; ++i) rig.mesh.on_port_closed("no serial board at /dev/x", rig.now);
+  rig.run_for(1s);
+  rig.start();
+  EXPECT_EQ(rig.all<LinkChange>().size(), 2u);
+  EXPECT_TRUE(rig.is_up());
+}
+
+}  // namespace
+}  // namespace slamgw::ble

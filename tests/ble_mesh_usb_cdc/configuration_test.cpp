@@ -1,0 +1,224 @@
+// SPDX-License-Identifier: Apache-2.0
+// What nodes are told, as bytes and as a conversation that loses messages.
+#include <gtest/gtest.h>
+
+#include "adapters/ble_mesh_usb_cdc/access/config_messages.hpp"
+#include "tests/ble_mesh_usb_cdc/provisioning_rig.hpp"
+
+namespace slamgw::ble {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr ModelId sensor_update_client{std::uint16_t{0x0059}, 0x0006};
+
+TEST(ConfigMessages, AreWhatNordicsHostScriptWrites) {
+  EXPECT_EQ(encode_composition_data_get(), hex("80 08 00"));
+  Key key;
+  key.fill(0x5a);
+  EXPECT_EQ(encode_appkey_add_message(key), hex("00 00 00 00") + Bytes(16, 0x5a));
+  EXPECT_EQ(encode_model_app_bind(0x0100, sensor_update_client),
+            hex("80 3d 00 01 00 00 59 00 06 00"));
+  EXPECT_EQ(encode_model_app_bind(0x0100, {{}, 0x1000}), hex("80 3d 00 01 00 00 00 10"));
+  EXPECT_EQ(encode_model_publication_set({0x0100, 0x0001, 4, 0, sensor_update_client}),
+            hex("03 00 01 01 00 00 00 04 00 00 59 00 06 00"));
+  EXPECT_EQ(encode_model_subscription_add(0x0100, 0xc004, {std::uint16_t{0x0059}, 0x0009}),
+            hex("80 1b 00 01 04 c0 59 00 09 00"));
+  EXPECT_EQ(encode_model_subscription_overwrite(0x0100, 0xc004, {{}, 0x1000}),
+            hex("80 1e 00 01 04 c0 00 10"));
+  EXPECT_EQ(encode_model_subscription_delete_all(0x0100, {{}, 0x1000}), hex("80 1d 00 01 00 10"));
+  EXPECT_EQ(encode_model_subscription_delete_all(0x0100, {std::uint16_t{0x0059}, 0x0009}),
+            hex("80 1d 00 01 59 00 09 00"));
+  EXPECT_EQ(encode_node_reset(), hex("80 49"));
+}
+
+TEST(ConfigMessages, ReadCompositionDataAndItsDamages) {
+  const Bytes whole = hex("00 59 00 01 00 01 00 28 00 03 00 00 00 01 01 00 10 59 00 06 00") +
+                      hex("00 00 00 01 59 00 09 00");
+  const auto composition = decode_composition(whole);
+  ASSERT_TRUE(composition.has_value());
+  ASSERT_EQ(composition->size(), 2u);
+  EXPECT_EQ((*composition)[0], (std::vector<ModelId>{{{}, 0x1000}, sensor_update_client}));
+  EXPECT_EQ((*composition)[1], (std::vector<ModelId>{{std::uint16_t{0x0059}, 0x0009}}));
+  constexpr std::size_t first_element = 21;  // cut there it is a device with one element
+  for (std::size_t size = 0; size < whole.size(); ++size)
+    EXPECT_EQ(decode_composition(ByteView(whole).first(size)).has_value(), size == first_element);
+  EXPECT_FALSE(decode_composition(hex("01 59 00")).has_value()) << "another page";
+}
+
+TEST(Configuration, TellsARobotAllThatItNeeds) {
+  ProvisioningRig rig;
+  const std::string app_key = to_hex(Bytes(16, 0x22));
+  rig.add(1);
+  rig.start();
+  ASSERT_TRUE(rig.all_configured(20s));
+  EXPECT_EQ(rig.board.devices.devices[0].requests,
+            (std::vector<std::string>{
+                "800800", "00000000" + app_key, "803d000100000200",
+                "03000101000000044a000200",  // health, each 10 s
+                "803d000100000010", "801e000102c00010", "801b000103c00010", "801b000104c00010",
+                "803d000100000110",                                      // on/off server and client
+                "803d0001000059000400", "0300010100000004000059000400",  // min_com client
+                "803d0001000059000600", "0300010100000004000059000600",  // sensor_update client
+                "803d0001000059000900", "801e000102c059000900", "801b000103c059000900",
+                "801b000104c059000900"}));  // pos_cmd server
+}
+
+TEST(Configuration, AsksAgainWhenAnAnswerIsLost) {
+  for (const char* request : {"800800", "00", "803d", "03", "801e", "801b"}) {
+    ProvisioningRig rig;
+    rig.add(1).deaf_to = {request};
+    rig.start();
+    rig.pass(5s);
+    rig.board.devices.devices[0].deaf_to.clear();
+    EXPECT_TRUE(rig.all_configured(10s)) << request;
+    EXPECT_FALSE(rig.has_notice("not configured")) << request;
+  }
+}
+
+TEST(Configuration, LeavesARobotHalfConfiguredAndTakesItUpAgain) {
+  ProvisioningRig rig;
+  rig.add(1).deaf_to = {"803d"};
+  rig.start();
+  rig.pass(25s);
+  EXPECT_TRUE(
+      rig.has_notice("ble-0100 is in the mesh but not configured: no answer to the key "
+                     "binding of model 0x0002 in 20 s"));
+  EXPECT_EQ(rig.stored.back().nodes.at(0).state, NodeState::provisioned);
+  EXPECT_TRUE(rig.board.devices.device_keys.empty());
+  rig.board.devices.devices[0].deaf_to.clear();
+  EXPECT_TRUE(rig.all_configured(10s));
+}
+
+TEST(Configuration, IsTakenUpAtOnceWhenTheRobotIsHeardAgain) {
+  ProvisioningRig rig;
+  rig.add(1).deaf_to = {"8008"};
+  rig.start();
+  rig.pass(120s);  // several failures: the next attempt is far
+  rig.board.devices.devices[0].deaf_to.clear();
+  rig.hear(0x0100, "04 00 59 00");
+  EXPECT_TRUE(rig.all_configured(3s));
+}
+
+TEST(Configuration, IsTakenUpAfterARestart) {
+  ProvisioningRig first;
+  first.add(1).deaf_to = {"80"};
+  first.start();
+  first.pass(5s);
+  ProvisioningRig second({}, first.stored.back());
+  second.board = first.board;
+  second.board.devices.devices[0].deaf_to.clear();
+  ASSERT_FALSE(second.board.devices.device_keys.empty()) << "left there by the first";
+  second.start();
+  EXPECT_TRUE(second.all_configured(10s));
+}
+
+TEST(Configuration, NamesWhatARobotRefuses) {
+  ProvisioningRig rig;
+  rig.add(1).refuses = {{"801e", 0x08}, {"801b", 0x08}};
+  rig.start();
+  rig.pass(4s);
+  EXPECT_TRUE(
+      rig.has_notice("the subscription to 0xc002 of model 0x1000 was refused: not a "
+                     "subscribe model (0x08)"));
+  EXPECT_FALSE(rig.has_notice("is configured"));
+  EXPECT_EQ(rig.board.devices.devices[0].requests.size(), 11u) << "the rest is done all the same";
+}
+
+TEST(Configuration, ReplacesTheGroupsThatARobotHad) {
+  for (const bool shares : {false, true}) {
+    ProvisioningRig rig;
+    FakeDevice& device = rig.add(1);
+    device.shares_subscriptions = shares;
+    device.deaf_to = {"803d000100000110"};  // comes after the first model that has groups
+    rig.start();
+    rig.pass(23s);
+    ASSERT_TRUE(rig.has_notice("not configured"));
+    ASSERT_EQ(device.subscriptions.size(), 1u);
+    device.subscriptions.begin()->second.insert(0xc00f);
+    device.deaf_to.clear();
+    ASSERT_TRUE(rig.all_configured(10s));
+    EXPECT_EQ(device.subscriptions.size(), shares ? 1u : 2u);
+    for (const auto& [model, groups] : device.subscriptions)
+      EXPECT_EQ(groups, (std::set<std::uint16_t>{0xc002, 0xc003, 0xc004})) << model;
+  }
+}
+
+TEST(Configuration, AddsGroupsWhereTheyCannotReplaceOthers) {
+  ProvisioningRig rig;
+  rig.add(1).refuses["801e"] = 0x10;
+  rig.start();
+  EXPECT_TRUE(rig.all_configured(5s));
+  EXPECT_FALSE(rig.has_notice("refused"));
+  EXPECT_EQ(rig.board.devices.devices[0].subscriptions.at("00010010").size(), 3u);
+}
+
+Settings without_groups() {
+  Settings settings;
+  settings.groups.clear();
+  return settings;
+}
+
+TEST(Configuration, LeavesARobotNoGroupsWhenThereAreNone) {
+  ProvisioningRig rig(without_groups());
+  rig.add(1);
+  rig.start();
+  EXPECT_TRUE(rig.all_configured(5s));
+  EXPECT_EQ(rig.board.devices.devices[0].requests.back(), "801d000159000900");
+}
+
+TEST(Configuration, TakesAModelThatKnowsNoGroupsForOneWithoutAny) {
+  ProvisioningRig rig(without_groups());
+  rig.add(1).refuses["801d"] = 0x08;
+  rig.start();
+  EXPECT_TRUE(rig.all_configured(5s));
+}
+
+TEST(Configuration, NamesARobotThatKeepsItsGroups) {
+  ProvisioningRig rig(without_groups());
+  rig.add(1).refuses["801d"] = 0x0e;
+  rig.start();
+  rig.pass(5s);
+  EXPECT_TRUE(
+      rig.has_notice("the end of the subscriptions of model 0x1000 was refused: temporarily"));
+}
+
+TEST(Configuration, GivesUpWhenTheRobotHasAnotherKey) {
+  ProvisioningRig rig;
+  rig.add(1).refuses["00"] = 0x06;
+  rig.start();
+  rig.pass(4s);
+  EXPECT_TRUE(rig.has_notice("the application key was refused: key index already stored"));
+  EXPECT_EQ(rig.board.devices.devices[0].requests.size(), 1u);
+}
+
+TEST(Configuration, WaitsWhileTheBoardIsStillSending) {
+  ProvisioningRig rig;
+  rig.add(1);
+  rig.board.busy_sends = 20;
+  rig.start();
+  EXPECT_TRUE(rig.all_configured(10s));
+}
+
+TEST(Configuration, EmptiesATableOfKeysThatNobodyKnows) {
+  ProvisioningRig rig;
+  rig.add(1);
+  for (std::uint16_t handle = 8; handle < 18; ++handle)
+    rig.board.devices.device_keys[handle] = {static_cast<std::uint16_t>(0x0100 + handle - 8), {}};
+  rig.start();
+  EXPECT_TRUE(rig.all_configured(20s));
+}
+
+TEST(Configuration, IgnoresAnswersThatAreNotUnderTheDeviceKey) {
+  ProvisioningRig rig;
+  rig.add(1).deaf_to = {"00"};
+  rig.start();
+  rig.pass(3s);
+  rig.hear(0x0100, "80 03 00 00 00 00");  // under the application key
+  rig.pass(3s);
+  EXPECT_TRUE(rig.board.devices.devices[0].app_key.empty());
+  EXPECT_EQ(rig.board.devices.devices[0].requests.size(), 1u);
+}
+
+}  // namespace
+}  // namespace slamgw::ble

@@ -1,0 +1,224 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/ble_mesh_usb_cdc/fake_devices.hpp"
+
+#include <algorithm>
+
+#include "adapters/ble_mesh_usb_cdc/provisioning/ecdh.hpp"
+#include "tests/ble_mesh_usb_cdc/hex.hpp"
+
+namespace slamgw::ble {
+namespace {
+
+constexpr std::uint16_t first_handle = 8;
+
+Bytes frame(std::uint8_t opcode, const Bytes& params) {
+  return Bytes{static_cast<std::uint8_t>(1 + params.size()), opcode} + params;
+}
+
+Bytes response(std::uint8_t opcode, std::uint8_t status, const Bytes& data = {}) {
+  return frame(0x84, Bytes{opcode, status} + data);
+}
+
+Bytes number(std::uint16_t value) { return ByteWriter{}.write_u16_le(value).take(); }
+
+/// The devices' key pair.
+const KeyPair& device_pair() {
+  static const KeyPair pair = [] {
+    std::array<std::uint8_t, 32> private_key{};
+    private_key.fill(0x42);
+    return *key_pair_of(private_key);
+  }();
+  return pair;
+}
+
+}  // namespace
+
+FakeDevice& FakeDevices::add(std::uint8_t number_of_device) {
+  FakeDevice device;
+  device.uuid = hex("736c616d") + Bytes(12, number_of_device);
+  device.composition = hex("00 59 00 01 00 01 00 28 00 00 00 00 00 04 03") +
+                       hex("00 00 02 00 00 10 01 10 59 00 04 00 59 00 06 00 59 00 09 00");
+  devices.push_back(std::move(device));
+  return devices.back();
+}
+
+FakeDevice* FakeDevices::at(std::uint16_t address) {
+  const auto found = std::ranges::find(devices, address, &FakeDevice::address);
+  return found == devices.end() ? nullptr : &*found;
+}
+
+std::optional<Bytes> FakeDevices::execute(std::uint8_t opcode, ByteView params) {
+  switch (opcode) {
+    case 0x61: is_scanning = true; return response(opcode, 0);
+    case 0x62: is_scanning = false; return response(opcode, 0);
+    case 0x63: return provision(params);
+    case 0x66:
+      if (joining_ == nullptr) return response(opcode, 0x83);
+      return response(opcode, 0, {context_}) +
+             (params[1] == 1 ? event(0xc6, {context_, 1, 0, 16}) : ecdh_request());
+    case 0x67:
+      if (joining_ == nullptr) return response(opcode, 0x83);
+      if (!std::ranges::equal(params.subspan(1), joining_->static_oob))
+        return response(opcode, 0) + event(0xc9, {context_, 4}) + event(0xc2, {context_, 2});
+      return response(opcode, 0, {context_}) + ecdh_request();
+    case 0x68:
+      if (joining_ == nullptr) return response(opcode, 0x83);
+      return response(opcode, 0, {context_}) + complete(params.subspan(1));
+    case 0x69: board_public_.assign(params.begin() + 32, params.end()); return response(opcode, 0);
+    case 0x6a: return response(opcode, 0);
+    case 0x9b: return response(opcode, 0, number(first_handle));
+    case 0x9c: return add_device_key(params);
+    case 0x9d: {
+      const std::uint16_t handle = ByteReader(params).read_u16_le();
+      return response(opcode, device_keys.erase(handle) == 1 ? 0 : 0x8e, number(handle));
+    }
+    case 0x9e: return response(opcode, 0, number(static_cast<std::uint16_t>(max_device_keys)));
+    default: return std::nullopt;
+  }
+}
+
+Bytes FakeDevices::provision(ByteView params) {
+  if (is_scanning || busy_contexts.contains(params[0])) return response(0x63, 0x83);
+  context_ = params[0];
+  const Bytes uuid(params.begin() + 1, params.begin() + 17);
+  last_iv_index = ByteReader(params.subspan(35)).read_u32_le();
+  joining_address_ = ByteReader(params.subspan(39)).read_u16_le();
+  ++context_count;
+  const auto found = std::ranges::find_if(devices, [&](const FakeDevice& device) {
+    return device.uuid == uuid && device.address == 0;
+  });
+  joining_ = found == devices.end() ? nullptr : &*found;
+  const Bytes accepted = response(0x63, 0, {context_});
+  if (joining_ == nullptr) return accepted;
+  return accepted + event(0xc1, {context_}) + capabilities();
+}
+
+Bytes FakeDevices::event(std::uint8_t opcode, Bytes params) {
+  if (closes_at == opcode) {
+    closes_at.reset();
+    joining_ = nullptr;
+    return frame(0xc2, {context_, 2});
+  }
+  if (fails_at && fails_at->first == opcode) {
+    const std::uint8_t code = std::exchange(fails_at, std::nullopt)->second;
+    joining_ = nullptr;
+    return frame(0xc9, {context_, code}) + frame(0xc2, {context_, 2});
+  }
+  if (lost_events.erase(opcode) == 1) return {};
+  return frame(opcode, params);
+}
+
+Bytes FakeDevices::capabilities() {
+  if (joining_ == nullptr) return {};
+  const std::uint8_t oob = joining_->static_oob.empty() ? 0 : 1;
+  return event(0xc3, Bytes{context_, joining_->elements, 0, oob} + Bytes(6, 0));
+}
+
+Bytes FakeDevices::ecdh_request() {
+  return event(0xc7, Bytes{context_} + device_pair().public_key + Bytes(32, 0));
+}
+
+Bytes FakeDevices::complete(ByteView secret) {
+  PublicKey board{};
+  std::copy_n(board_public_.begin(), std::min(board.size(), board_public_.size()), board.begin());
+  const auto expected = shared_secret(device_pair(), board);
+  if (!expected || !std::ranges::equal(*expected, secret))
+    return event(0xc9, {context_, 4}) + event(0xc2, {context_, 2});
+  FakeDevice& device = *joining_;
+  const Bytes done = Bytes{context_} + Bytes(6, 0) + number(joining_address_) + Bytes(2, 0);
+  device.device_key = Bytes(16, static_cast<std::uint8_t>(device.uuid.back() + context_count));
+  const Bytes first = event(0xc5, done + device.device_key + Bytes(16, 0));
+  if (joining_ == nullptr) return first;  // it failed instead
+  device.address = joining_address_;
+  device.app_key.clear();
+  device.subscriptions.clear();
+  joining_ = nullptr;
+  return first + event(0xc2, {context_, 0});
+}
+
+Bytes FakeDevices::add_device_key(ByteView params) {
+  ByteReader reader(params);
+  const std::uint16_t owner = reader.read_u16_le();
+  reader.read_u16_le();  // the subnet
+  const ByteView rest = reader.read_rest();
+  for (const auto& [handle, entry] : device_keys)
+    if (entry.first == owner)
+      return response(0x9c, std::ranges::equal(entry.second, rest) ? 0x81 : 0x8e);
+  if (device_keys.size() >= max_device_keys) return response(0x9c, 0x8e);
+  std::uint16_t handle = first_handle;
+  while (device_keys.contains(handle)) ++handle;
+  device_keys[handle] = {owner, Bytes(rest.begin(), rest.end())};
+  most_device_keys = std::max(most_device_keys, device_keys.size());
+  return response(0x9c, 0, number(handle));
+}
+
+Bytes FakeDevices::on_access(std::uint16_t devkey_handle, std::uint16_t destination,
+                             ByteView payload) {
+  const auto key = device_keys.find(devkey_handle);
+  FakeDevice* device = at(destination);
+  if (key == device_keys.end() || device == nullptr) return {};
+  if (key->second.second != device->device_key) return {};
+  const std::string request = to_hex(payload);
+  for (const std::string& deaf : device->deaf_to)
+    if (request.starts_with(deaf)) return {};
+  return answer(*device, request);
+}
+
+Bytes FakeDevices::answer(FakeDevice& device, const std::string& request) {
+  std::uint8_t status = 0;
+  for (const auto& [start, refusal] : device.refuses)
+    if (request.starts_with(start)) status = refusal;
+  const Bytes params = hex(request);
+  const auto from = [&](std::ptrdiff_t first, std::ptrdiff_t end) {
+    return Bytes(params.begin() + first, params.begin() + end);
+  };
+  const auto end = static_cast<std::ptrdiff_t>(params.size());
+  if (status == 0) device.requests.push_back(request);
+  if (request == "800800") return hex("02") + device.composition;
+  if (request.starts_with("00")) {
+    if (status == 0) device.app_key = from(4, end);
+    return hex("80 03") + Bytes{status} + from(1, 4);
+  }
+  if (request.starts_with("803d")) return hex("80 3e") + Bytes{status} + from(2, end);
+  if (request.starts_with("03")) return hex("80 19") + Bytes{status} + from(1, end);
+  if (request.starts_with("801b") || request.starts_with("801d") || request.starts_with("801e"))
+    return answer_subscription(device, status, params);
+  if (request == "8049") {
+    device.address = 0;
+    device.subscriptions.clear();
+    return hex("80 4a");
+  }
+  return {};
+}
+
+/// Model Subscription Add, Delete All (which is told without a group) and Overwrite.
+Bytes FakeDevices::answer_subscription(FakeDevice& device, std::uint8_t status, ByteView request) {
+  const bool adds = request[1] == 0x1b;
+  const bool has_group = request[1] != 0x1d;
+  ByteReader params(request.subspan(2));
+  const std::uint16_t element = params.read_u16_le();
+  const std::uint16_t group = has_group ? params.read_u16_le() : std::uint16_t{0};
+  const ByteView model = params.read_rest();
+  const std::string list = device.shares_subscriptions ? "" : to_hex(number(element) + model);
+  if (status == 0) {
+    if (!adds) device.subscriptions[list].clear();
+    if (has_group) device.subscriptions[list].insert(group);
+  }
+  return hex("80 1f") + Bytes{status} + number(element) + number(group) + model;
+}
+
+Bytes FakeDevices::beacons() const {
+  Bytes all;
+  if (!is_scanning) return all;
+  for (const FakeDevice& device : devices)
+    if (device.address == 0)
+      all = all + frame(0xc0, device.uuid + hex("c8 00 01 c4 3b f9 0b 6e 01"));
+  return all;
+}
+
+void FakeDevices::on_restart() {
+  is_scanning = false;
+  joining_ = nullptr;
+}
+
+}  // namespace slamgw::ble

@@ -1,0 +1,191 @@
+// SPDX-License-Identifier: Apache-2.0
+// BleMesh wired to a FakeBoard on one virtual clock: what the machine writes reaches the board at
+// once, and what the board answers comes back `latency` later.
+#pragma once
+
+#include <algorithm>
+#include <deque>
+#include <functional>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "adapters/ble_mesh_usb_cdc/ble_mesh.hpp"
+#include "tests/ble_mesh_usb_cdc/fake_board.hpp"
+#include "tests/ble_mesh_usb_cdc/hex.hpp"
+
+namespace slamgw::ble {
+
+inline MeshKeys test_keys() {
+  MeshKeys keys;
+  keys.net_key.fill(0x11);
+  keys.app_key.fill(0x22);
+  return keys;
+}
+
+inline NodeDatabase test_database() {
+  NodeDatabase database;
+  database.keys = test_keys();
+  return database;
+}
+
+/// Different octets each time, the same in each test.
+inline RandomSource test_random() {
+  return [random = std::mt19937_64(3)](std::span<std::uint8_t> octets) mutable {
+    for (std::uint8_t& octet : octets) octet = static_cast<std::uint8_t>(random());
+    return true;
+  };
+}
+
+class MeshRig {
+ public:
+  static constexpr Duration latency = std::chrono::milliseconds{3};
+
+  explicit MeshRig(Settings settings = {}, std::optional<NodeDatabase> database = test_database(),
+                   RobotNames names = RobotNames({{"nr1", 0x0100, {}}}))
+      : mesh(std::move(settings), TopicScheme("ntnu-slam", "gw"), std::move(names),
+             std::move(database), test_random(), 7) {}
+
+  /// Opens the port; the link is up some time later.
+  void open() {
+    mesh.on_port_open(now);
+    drain();
+  }
+  void start() {
+    mesh.on_start();
+    open();
+    run_for(std::chrono::seconds{1});
+  }
+
+  void say(const Bytes& from_board) {
+    mesh.on_bytes(from_board, now);
+    drain();
+  }
+  /// A robot's access message.
+  void hear(std::uint16_t source, std::string_view payload, std::uint16_t group = 0) {
+    say(board.message(source, hex(payload), group));
+  }
+  void receipt(std::uint64_t id, ReceiptOutcome outcome = ReceiptOutcome::safe) {
+    mesh.on_receipt(id, outcome, now);
+    drain();
+  }
+  void command(std::string topic, Bytes payload, bool retain = false) {
+    mesh.on_broker_message(
+        {"ntnu-slam/server/" + std::move(topic), std::move(payload), Qos::at_least_once, retain},
+        now);
+    drain();
+  }
+
+  void stop() {
+    mesh.on_stop(now);
+    drain();
+  }
+
+  void run_for(Duration time) {
+    const TimePoint end = now + time;
+    drain();
+    while (true) {
+      auto next = earlier(mesh.deadline(), end);
+      if (!in_flight_.empty()) next = earlier(next, in_flight_.front().due);
+      now = std::max(now, *next);
+      if (!in_flight_.empty() && in_flight_.front().due <= now) {
+        const Bytes bytes = std::move(in_flight_.front().bytes);
+        in_flight_.pop_front();
+        mesh.on_bytes(bytes, now);
+      } else if (mesh.deadline() && *mesh.deadline() <= now) {
+        mesh.on_deadline(now);
+      } else if (now >= end) {
+        return;
+      }
+      drain();
+    }
+  }
+
+  template <class T>
+  std::vector<T> all() const {
+    std::vector<T> found;
+    for (const MeshEvent& event : events)
+      if (const T* typed = std::get_if<T>(&event)) found.push_back(*typed);
+    return found;
+  }
+  bool is_up() const {
+    const auto changes = all<LinkChange>();
+    return !changes.empty() && changes.back().is_up;
+  }
+  /// Messages that the board sent to `destination`, as hex.
+  std::vector<std::string> sent_to(std::uint16_t destination) const {
+    std::vector<std::string> found;
+    for (const auto& packet : board.sent)
+      if (packet.destination == destination) found.push_back(to_hex(packet.payload));
+    return found;
+  }
+  std::uint64_t counter(std::string_view name) const {
+    for (const Counter& counter : mesh.counters())
+      if (counter.name == name) return counter.value;
+    return ~std::uint64_t{0};
+  }
+  bool has_notice(std::string_view text) const { return count_notices(text) > 0; }
+  std::ptrdiff_t count_notices(std::string_view text) const {
+    return std::ranges::count_if(all<Notice>(), [&](const Notice& notice) {
+      return notice.text.find(text) != std::string::npos;
+    });
+  }
+
+  /// From the board, like its answers; `say` is at once.
+  void deliver_later(Bytes bytes) {
+    if (spoil) spoil(bytes);
+    if (!bytes.empty()) in_flight_.push_back({now + latency, std::move(bytes)});
+  }
+
+  TimePoint now{};
+  FakeBoard board;
+  std::function<void(Bytes&)> spoil;  ///< what the serial line does to a transfer, either way
+  BleMesh mesh;
+  std::vector<MeshEvent> events;
+  std::vector<Duration> reopens;
+  int key_requests = 0;
+  bool answers_key_requests = true;
+  bool reopens_port = true;
+  std::vector<NodeDatabase> stored;
+  bool answers_stores = true;
+  std::string store_problem;
+  std::vector<OrderAnswer> answers;
+
+ private:
+  struct Delivery {
+    TimePoint due{};
+    Bytes bytes;
+  };
+
+  void drain() {
+    while (auto action = mesh.next_action()) {
+      std::visit(overloaded{
+                     [&](WriteSerial& write) {
+                       if (spoil) spoil(write.bytes);
+                       deliver_later(board.on_bytes(write.bytes));
+                     },
+                     [&](ReopenPort& reopen) {
+                       reopens.push_back(reopen.after);
+                       in_flight_.clear();
+                       now += reopen.after;
+                       if (reopens_port) mesh.on_port_open(now);
+                     },
+                     [&](GenerateKeys&) {
+                       ++key_requests;
+                       if (answers_key_requests) mesh.on_keys(test_keys(), now);
+                     },
+                     [&](StoreMesh& store) {
+                       stored.push_back(std::move(store.database));
+                       if (answers_stores) mesh.on_stored(store_problem, now);
+                     },
+                     [&](OrderEnded& ended) { answers.push_back(std::move(ended.answer)); },
+                     [&](MeshEvent& event) { events.push_back(std::move(event)); },
+                 },
+                 *action);
+    }
+  }
+
+  std::deque<Delivery> in_flight_;
+};
+
+}  // namespace slamgw::ble

@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: Apache-2.0
+// `robots` of the configuration read again: robots take their new names while they talk, and lose
+// nothing by it.
+#include <gtest/gtest.h>
+
+#include "tests/ble_mesh_usb_cdc/mesh_rig.hpp"
+#include "tests/ble_mesh_usb_cdc/provisioning_rig.hpp"
+
+namespace slamgw::ble {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr std::string_view acknowledged_update = "c9 59 00 0a 00 ec ff";
+
+void rename(MeshRig& rig, std::vector<RobotName> names) {
+  rig.events.clear();
+  rig.mesh.on_names(RobotNames(std::move(names)), rig.now);
+  rig.run_for(Duration::zero());
+}
+
+/// "name online", in order.
+std::vector<std::string> presence_of(const MeshRig& rig) {
+  std::vector<std::string> told;
+  for (const PresenceChange& change : rig.all<PresenceChange>())
+    told.push_back(change.robot + " " + std::string(to_string(change.presence)));
+  return told;
+}
+
+TEST(Names, ARobotThatTalksGoesUnderItsOldAndComesUnderItsNewName) {
+  MeshRig rig;
+  rig.start();
+  rig.hear(0x0100, "cb 59 00 01 00 02 00");
+  rename(rig, {{"nr2", 0x0100, {}}});
+  EXPECT_EQ(presence_of(rig), (std::vector<std::string>{"nr1 offline", "nr2 online"}));
+  ASSERT_EQ(rig.all<UnsubscribeRequest>().size(), 1u);
+  EXPECT_EQ(rig.all<UnsubscribeRequest>()[0].filter, "ntnu-slam/server/nr1/+");
+  ASSERT_EQ(rig.all<SubscribeRequest>().size(), 1u);
+  EXPECT_EQ(rig.all<SubscribeRequest>()[0].filter, "ntnu-slam/server/nr2/+");
+  rig.hear(0x0100, "cb 59 00 01 00 02 00");
+  EXPECT_EQ(rig.all<Report>().back().topic, "ntnu-slam/robot/nr2/update");
+  rig.command("nr2/cmd", hex("01 00 02 00"));
+  rig.run_for(100ms);
+  EXPECT_EQ(rig.sent_to(0x0100).size(), 1u);
+  EXPECT_TRUE(rig.is_up() || rig.all<LinkChange>().empty()) << "the board was left alone";
+}
+
+TEST(Names, AnAcknowledgementThatIsOwedComesAfterTheChangeToo) {
+  MeshRig rig;
+  rig.start();
+  rig.hear(0x0100, acknowledged_update);
+  ASSERT_EQ(rig.all<Report>().size(), 1u);
+  const std::uint64_t receipt = rig.all<Report>().back().receipt.id;
+  ASSERT_NE(receipt, 0u);
+  rename(rig, {{"nr2", 0x0100, {}}});
+  EXPECT_TRUE(rig.sent_to(0x0100).empty());
+  rig.receipt(receipt);
+  rig.run_for(100ms);
+  EXPECT_EQ(rig.sent_to(0x0100).size(), 1u);
+}
+
+TEST(Names, ACommandUnderTheOldNameEndsWithItsReason) {
+  MeshRig rig;
+  rig.start();
+  rig.hear(0x0100, "cb 59 00 01 00 02 00");
+  rig.command("nr1/cmd", hex("01 00 02 00"));
+  rename(rig, {});
+  ASSERT_EQ(rig.all<CommandOutcome>().size(), 1u);
+  EXPECT_EQ(rig.all<CommandOutcome>()[0].robot, "nr1");
+  EXPECT_EQ(rig.all<CommandOutcome>()[0].result, CommandResult::refused);
+  EXPECT_EQ(presence_of(rig).back(), "ble-0100 online");
+}
+
+TEST(Names, TwoRobotsMayExchangeTheirs) {
+  MeshRig rig({}, test_database(), RobotNames({{"a", 0x0100, {}}, {"b", 0x0101, {}}}));
+  rig.start();
+  rig.hear(0x0100, "cb 59 00 01 00 02 00");
+  rig.hear(0x0101, "cb 59 00 01 00 02 00");
+  rename(rig, {{"b", 0x0100, {}}, {"a", 0x0101, {}}});
+  EXPECT_EQ(presence_of(rig),
+            (std::vector<std::string>{"a offline", "b offline", "b online", "a online"}));
+}
+
+TEST(Names, WhoWasOnlyNamedAndNeverHeardIsForgottenWithItsName) {
+  MeshRig rig;
+  rig.start();
+  for (std::uint16_t address = 0x0200; address < 0x0600; ++address)
+    rename(rig, {{"nr" + std::to_string(address), address, {}}});
+  EXPECT_EQ(rig.all<UnsubscribeRequest>().size(), 1u);
+  EXPECT_EQ(rig.all<SubscribeRequest>().size(), 1u);
+  EXPECT_TRUE(rig.all<PresenceChange>().empty());
+  rename(rig, {});
+  EXPECT_EQ(rig.all<UnsubscribeRequest>().size(), 1u) << "the last one; all before had gone";
+}
+
+TEST(Names, ANodeIsCalledAsTheConfigurationSaysAndStaysANode) {
+  ProvisioningRig rig;
+  rig.add(1);
+  rig.start();
+  ASSERT_TRUE(rig.all_configured(20s));
+  const std::size_t stored = rig.stored.size();
+  rename(rig, {{"lego-1", 0x0100, {}}});
+  rig.order(NodesOrder{});
+  EXPECT_EQ(rig.answer()[0]["robot"], "lego-1") << rig.answer();
+  EXPECT_EQ(rig.answer()[0]["state"], "configured");
+  EXPECT_EQ(rig.stored.size(), stored) << "the mesh is the same";
+  rig.hear(0x0100, "cb 59 00 01 00 02 00");
+  EXPECT_EQ(rig.all<Report>().back().robot, "lego-1");
+}
+
+}  // namespace
+}  // namespace slamgw::ble

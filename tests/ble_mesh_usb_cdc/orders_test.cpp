@@ -1,0 +1,242 @@
+// SPDX-License-Identifier: Apache-2.0
+// What operators order: scan, provision, nodes, remove, import, reset-board.
+#include <gtest/gtest.h>
+
+#include "adapters/ble_mesh_usb_cdc/provisioning/mesh_json.hpp"
+#include "tests/ble_mesh_usb_cdc/provisioning_rig.hpp"
+
+namespace slamgw::ble {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr const char* uuid_1 = "736c616d010101010101010101010101";
+
+Settings by_hand() {
+  Settings settings;
+  settings.provisioning.enabled = false;
+  return settings;
+}
+
+std::string text_of(const nlohmann::json& answer) {
+  return answer.is_string() ? answer.get<std::string>() : answer.dump();
+}
+
+struct JoinedRig : ProvisioningRig {
+  explicit JoinedRig(Settings settings = {}) : ProvisioningRig(std::move(settings)) {
+    add(1);
+    start();
+    if (!all_configured(20s)) ADD_FAILURE() << "the robot did not join";
+  }
+  FakeDevice& device() { return board.devices.devices[0]; }
+};
+
+TEST(Orders, ScanShowsWhoIsThere) {
+  ProvisioningRig rig(by_hand());
+  rig.add(1);
+  rig.start();
+  rig.order(ScanOrder{});
+  rig.pass(9s);
+  EXPECT_TRUE(rig.answer().is_null());
+  rig.pass(2s);
+  ASSERT_EQ(rig.answer().size(), 1u) << rig.answer();
+  EXPECT_EQ(rig.answer()[0]["uuid"], uuid_1);
+  EXPECT_EQ(rig.answer()[0]["rssi_dbm"], -56);
+  EXPECT_EQ(rig.answer()[0]["state"], "new");
+  EXPECT_FALSE(rig.board.devices.is_scanning) << "nobody else wants it";
+}
+
+TEST(Orders, ProvisionNamesTheRobot) {
+  ProvisioningRig rig(by_hand());
+  rig.add(1);
+  rig.start();
+  rig.order(ProvisionOrder{uuid_1, "lego-1"});
+  rig.pass(5s);
+  EXPECT_EQ(rig.answer()["robot"], "lego-1") << rig.answer();
+  EXPECT_EQ(rig.answer()["state"], "configured");
+  rig.hear(0x0100, "cb 59 00 01 00 02 00");
+  EXPECT_EQ(rig.all<Report>().back().topic, "ntnu-slam/robot/lego-1/update");
+  rig.command("lego-1/cmd", hex("01 00 02 00"));
+  EXPECT_EQ(rig.sent_to(0x0100).back(), "cd590001000200");
+  // After a restart, too.
+  ProvisioningRig next(by_hand(), rig.stored.back());
+  next.board = rig.board;
+  next.start();
+  next.hear(0x0100, "cb 59 00 01 00 02 00");
+  EXPECT_EQ(next.all<Report>().back().robot, "lego-1");
+}
+
+TEST(Orders, ProvisionTakesTheConfiguredAddressOfAName) {
+  ProvisioningRig rig(by_hand(), test_database(),
+                      RobotNames({{"nr1", 0x0100, {}}, {"nr7", 0x0700, {}}}));
+  rig.add(1);
+  rig.add(2);
+  rig.start();
+  rig.order(ProvisionOrder{uuid_1, "nr7"});
+  rig.pass(5s);
+  EXPECT_EQ(rig.answer()["address"], "0x0700");
+  rig.order(ProvisionOrder{"736c616d-0202-0202-0202-020202020202", "other"});
+  rig.pass(5s);
+  EXPECT_EQ(rig.answer()["address"], "0x0101") << "0x0100 would call it nr1: " << rig.answer();
+  EXPECT_EQ(rig.answer()["robot"], "other");
+}
+
+TEST(Orders, ProvisionSaysWhatIsWrong) {
+  JoinedRig rig;
+  const auto answer_to = [&](std::string uuid, std::string robot) {
+    rig.order(ProvisionOrder{std::move(uuid), std::move(robot)});
+    return text_of(rig.answer());
+  };
+  EXPECT_NE(answer_to("12", "r").find("32 hex digits"), std::string::npos);
+  EXPECT_NE(answer_to(uuid_1, "a/b").find("1 to 64 bytes"), std::string::npos);
+  EXPECT_NE(answer_to(uuid_1, "r").find("in the mesh already, as ble-0100"), std::string::npos);
+  EXPECT_NE(answer_to(std::string(32, 'a'), "ble-0100").find("is another robot"),
+            std::string::npos);
+  EXPECT_EQ(answer_to(std::string(32, 'a'), "r"), "null") << "it is searched for";
+  rig.order(ScanOrder{});
+  EXPECT_NE(rig.answers.back().error.find("still under way"), std::string::npos);
+  rig.pass(31s);
+  EXPECT_NE(rig.answers.back().error.find("was not heard"), std::string::npos);
+}
+
+TEST(Orders, ProvisionTellsAFailureAndAHalfConfiguredRobot) {
+  ProvisioningRig rig(by_hand());
+  rig.add(1).deaf_to = {"80"};
+  rig.board.devices.closes_at = 0xc7;
+  rig.start();
+  rig.order(ProvisionOrder{uuid_1, "r"});
+  rig.pass(5s);
+  EXPECT_EQ(rig.answer(), "the provisioning link ended: failed");
+  rig.order(ProvisionOrder{uuid_1, "r"});
+  rig.pass(40s);
+  EXPECT_EQ(rig.answer()["state"], "provisioned") << rig.answer();
+  EXPECT_EQ(rig.answer()["problem"], "no answer to the composition data in 20 s");
+}
+
+TEST(Orders, NodesAreListed) {
+  JoinedRig rig;
+  rig.order(NodesOrder{});
+  ASSERT_EQ(rig.answer().size(), 1u);
+  EXPECT_EQ(rig.answer()[0]["robot"], "ble-0100");
+  EXPECT_EQ(rig.answer()[0]["state"], "configured");
+  ProvisioningRig without({}, std::nullopt);
+  without.order(NodesOrder{});
+  EXPECT_EQ(without.answer(), nlohmann::json::array());
+}
+
+TEST(Orders, RemoveResetsTheRobotAndDoesNotTakeItBack) {
+  JoinedRig rig;
+  rig.hear(0x0100, "cb 59 00 01 00 02 00");
+  rig.order(RemoveOrder{"ble-0100"});
+  rig.pass(2s);
+  EXPECT_EQ(rig.answer()["robot"], "ble-0100") << rig.answer();
+  EXPECT_EQ(rig.device().address, 0);
+  EXPECT_TRUE(rig.stored.back().nodes.empty());
+  EXPECT_TRUE(rig.board.devices.device_keys.empty());
+  EXPECT_EQ(rig.all<PresenceChange>().back().presence, Presence::offline);
+  EXPECT_EQ(rig.all<UnsubscribeRequest>().back().filter, "ntnu-slam/server/ble-0100/+");
+  rig.pass(60s);
+  EXPECT_EQ(rig.device().address, 0);
+  rig.order(ProvisionOrder{uuid_1, "again"});
+  rig.pass(10s);
+  EXPECT_EQ(rig.answer()["address"], "0x0101") << rig.answer();
+}
+
+TEST(Orders, RemoveOfASilentRobotNeedsForce) {
+  JoinedRig rig;
+  rig.device().deaf_to = {"8049"};
+  rig.order(RemoveOrder{"ble-0100"});
+  rig.pass(25s);
+  EXPECT_NE(text_of(rig.answer()).find("--force"), std::string::npos) << rig.answer();
+  EXPECT_EQ(rig.stored.back().nodes.size(), 1u);
+  rig.order(RemoveOrder{"ble-0100", true});
+  rig.pass(25s);
+  EXPECT_EQ(rig.answer()["robot"], "ble-0100") << rig.answer();
+  EXPECT_TRUE(rig.stored.back().nodes.empty());
+  rig.order(RemoveOrder{"ble-0100"});
+  EXPECT_NE(text_of(rig.answer()).find("no robot of this mesh"), std::string::npos);
+}
+
+TEST(Orders, ImportBringsAMeshInAndStartsTheBoardWithItsKeys) {
+  NodeDatabase foreign = test_database();
+  foreign.keys.net_key.fill(0x77);
+  Node node;
+  node.uuid.fill(5);
+  node.address = 0x0010;
+  node.state = NodeState::configured;
+  node.name = "old";
+  foreign.nodes = {node};
+  ProvisioningRig rig({}, std::nullopt);
+  rig.board.unicast = 1;
+  rig.board.subnets = {{std::uint16_t{0}, Bytes(16, 0x77)}};
+  rig.board.appkeys = {{std::uint16_t{0}, Bytes(16, 0x22)}};
+  rig.add(1);
+  rig.start();
+  rig.pass(5s);
+  EXPECT_EQ(rig.board.count(0x63), 0u) << "it does not have the mesh's keys";
+  rig.order(ImportOrder{encode_node_database(foreign)});
+  rig.pass(5s);
+  EXPECT_EQ(rig.answer()["nodes"], 1) << rig.answer();
+  EXPECT_TRUE(rig.is_up());
+  rig.pass(5s);
+  EXPECT_EQ(rig.configured(), 2u);
+  rig.hear(0x0010, "cb 59 00 01 00 02 00");
+  EXPECT_EQ(rig.all<Report>().back().robot, "old");
+}
+
+TEST(Orders, ImportRefusesAnotherMeshAndWhatCannotBeStored) {
+  JoinedRig rig;
+  NodeDatabase foreign = test_database();
+  foreign.keys.net_key.fill(0x77);
+  rig.order(ImportOrder{encode_node_database(foreign)});
+  EXPECT_NE(text_of(rig.answer()).find("another mesh already"), std::string::npos);
+  EXPECT_EQ(text_of(rig.answer()).find("7777"), std::string::npos);
+  rig.order(ImportOrder{"{}"});
+  EXPECT_NE(text_of(rig.answer()).find("neither"), std::string::npos);
+  rig.store_problem = "no space";
+  rig.order(ImportOrder{encode_node_database(test_database())});
+  rig.run_for(1s);
+  EXPECT_EQ(rig.answer(), "no space");
+  rig.order(NodesOrder{});
+  EXPECT_EQ(rig.answer().size(), 1u);
+}
+
+TEST(Orders, ResetBoardClearsItAndSetsItUpAgain) {
+  JoinedRig rig;
+  rig.order(ResetBoardOrder{});
+  rig.run_for(2s);
+  EXPECT_EQ(rig.answer()["cleared"], true) << rig.answer();
+  EXPECT_EQ(rig.board.count(0xac), 1u);
+  EXPECT_EQ(rig.board.subnets.at(0).second, Bytes(16, 0x11));
+  EXPECT_TRUE(rig.is_up());
+  EXPECT_TRUE(rig.has_notice("sequence numbers start anew"));
+}
+
+TEST(Orders, ResetBoardTakesABoardOfAnotherMesh) {
+  ProvisioningRig rig;
+  rig.board.unicast = 1;
+  rig.board.subnets = {{std::uint16_t{0}, Bytes(16, 0x77)}};
+  rig.start();
+  ASSERT_FALSE(rig.is_up());
+  rig.order(ResetBoardOrder{});
+  rig.run_for(2s);
+  EXPECT_TRUE(rig.is_up());
+  EXPECT_EQ(rig.board.subnets.at(0).second, Bytes(16, 0x11));
+  ProvisioningRig unplugged;
+  unplugged.order(ResetBoardOrder{});
+  EXPECT_NE(text_of(unplugged.answer()).find("link is down"), std::string::npos);
+}
+
+TEST(Orders, EndWhenTheLinkGoesDown) {
+  ProvisioningRig rig;
+  rig.order(ScanOrder{});
+  EXPECT_NE(text_of(rig.answer()).find("the BLE link is down"), std::string::npos);
+  rig.start();
+  rig.order(ScanOrder{});
+  rig.mesh.on_port_closed("unplugged", rig.now);
+  rig.run_for(1ms);
+  EXPECT_NE(text_of(rig.answer()).find("unplugged"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace slamgw::ble

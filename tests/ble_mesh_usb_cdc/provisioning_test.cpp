@@ -1,0 +1,372 @@
+// SPDX-License-Identifier: Apache-2.0
+// Devices are taken in: each way that it can fail, and what of it survives a crash.
+#include <gtest/gtest.h>
+
+#include "adapters/ble_mesh_usb_cdc/provisioning/mesh_json.hpp"
+#include "tests/ble_mesh_usb_cdc/provisioning_rig.hpp"
+
+namespace slamgw::ble {
+namespace {
+
+using namespace std::chrono_literals;
+
+Settings with_prefixes(std::vector<std::string> prefixes) {
+  Settings settings;
+  settings.provisioning.uuid_prefixes = std::move(prefixes);
+  return settings;
+}
+
+TEST(Provisioning, TakesTenRobotsInAndConfiguresThem) {
+  ProvisioningRig rig;
+  for (std::uint8_t number = 1; number <= 10; ++number) rig.add(number);
+  rig.start();
+  EXPECT_TRUE(rig.all_configured(30s));
+  for (std::uint16_t address = 0x0100; address < 0x010a; ++address) {
+    ASSERT_NE(rig.board.devices.at(address), nullptr) << address;
+    EXPECT_EQ(rig.board.devices.at(address)->app_key, Bytes(16, 0x22));
+  }
+  EXPECT_TRUE(rig.board.devices.device_keys.empty()) << "they are not left on the board";
+  EXPECT_LE(rig.board.devices.most_device_keys, Provisioner::max_conversations);
+  EXPECT_TRUE(rig.board.devices.is_scanning) << "for those that come later";
+}
+
+TEST(Provisioning, TakesRobotsInThatComeLater) {
+  ProvisioningRig rig;
+  rig.start();
+  rig.pass(30s);
+  rig.add(1);
+  EXPECT_TRUE(rig.all_configured(10s));
+}
+
+TEST(Provisioning, LeavesOthersAlone) {
+  ProvisioningRig rig(with_prefixes({"ABCD", "736c616d01"}));
+  rig.add(1);
+  rig.add(2);
+  rig.start();
+  rig.pass(20s);
+  EXPECT_NE(rig.board.devices.devices[0].address, 0);
+  EXPECT_EQ(rig.board.devices.devices[1].address, 0);
+  Settings off;
+  off.provisioning.enabled = false;
+  ProvisioningRig idle(off);
+  idle.add(1);
+  idle.start();
+  idle.pass(20s);
+  EXPECT_EQ(idle.board.count(0x61), 0u);
+}
+
+TEST(Provisioning, GivesTheStaticOobToThoseThatHaveOne) {
+  Settings settings;
+  settings.provisioning.static_oob = "000102030405060708090a0b0c0d0e0f";
+  ProvisioningRig rig(settings);
+  rig.add(1).static_oob = hex("00 01 02 03 04 05 06 07 08 09 0a 0b 0c 0d 0e 0f");
+  rig.add(2);
+  rig.start();
+  EXPECT_TRUE(rig.all_configured(20s));
+  EXPECT_EQ(rig.board.count(0x67), 1u);
+}
+
+TEST(Provisioning, NamesAWrongStaticOobWithoutShowingIt) {
+  Settings settings;
+  settings.provisioning.static_oob = "ffffffffffffffffffffffffffffffff";
+  ProvisioningRig rig(settings);
+  rig.add(1).static_oob = Bytes(16, 7);
+  rig.start();
+  rig.pass(10s);
+  EXPECT_TRUE(rig.has_notice("ble_mesh.provisioning.static_oob"));
+  EXPECT_FALSE(rig.has_notice("ffffffff"));
+}
+
+TEST(Provisioning, GetsOverEachLostAnswer) {
+  ProvisioningRig whole;
+  whole.add(1);
+  whole.start();
+  ASSERT_TRUE(whole.all_configured(20s));
+  const std::size_t commands = whole.board.commands.size();
+  for (std::size_t lost = 0; lost < commands; ++lost) {
+    ProvisioningRig rig;
+    rig.add(1);
+    rig.board.ignore_command_number = lost;
+    rig.start();
+    if (whole.board.commands[lost] == 0x68) {  // what follows it is lost with it: the device key
+      rig.pass(30s);
+      EXPECT_TRUE(rig.has_notice("reset by hand"));
+      rig.reset_lost_devices();
+    }
+    EXPECT_TRUE(rig.all_configured(120s))
+        << "command " << lost << ", opcode " << int{whole.board.commands[lost]};
+  }
+}
+
+TEST(Provisioning, TriesAgainAfterEachLostEvent) {
+  for (const std::uint8_t event : std::initializer_list<std::uint8_t>{0xc1, 0xc2, 0xc3, 0xc7}) {
+    ProvisioningRig rig;
+    rig.add(1);
+    rig.board.devices.lost_events = {event};
+    rig.start();
+    EXPECT_TRUE(rig.all_configured(60s)) << int{event};
+  }
+}
+
+TEST(Provisioning, SaysThatARobotWhoseKeyWasLostMustBeResetByHand) {
+  ProvisioningRig rig;
+  rig.add(1);
+  rig.board.devices.lost_events = {0xc5, 0xc2};
+  rig.start();
+  rig.pass(30s);
+  EXPECT_TRUE(rig.has_notice("reset by hand"));
+  rig.board.devices.devices[0].address = 0;  // which is done
+  EXPECT_TRUE(rig.all_configured(30s));
+  EXPECT_EQ(rig.board.devices.devices[0].address, 0x0100);
+}
+
+TEST(Provisioning, NamesEachFailureAndTakesOthersFirst) {
+  for (const std::uint8_t event : std::initializer_list<std::uint8_t>{0xc1, 0xc3, 0xc7, 0xc5}) {
+    ProvisioningRig rig;
+    rig.add(1);
+    rig.add(2);
+    rig.board.devices.closes_at = event;
+    rig.start();
+    EXPECT_TRUE(rig.all_configured(60s)) << int{event};
+    EXPECT_TRUE(rig.has_notice("was not taken in: the provisioning link ended")) << int{event};
+    EXPECT_EQ(rig.board.devices.devices[0].address, 0x0100) << "it keeps its address";
+    EXPECT_EQ(rig.stored.back().nodes.size(), 2u);
+  }
+  ProvisioningRig rig;
+  rig.add(1);
+  rig.board.devices.fails_at = {0xc7, 0x05};
+  rig.start();
+  EXPECT_TRUE(rig.all_configured(60s));
+  EXPECT_TRUE(rig.has_notice("out of resources (0x05)"));
+}
+
+TEST(Provisioning, WaitsLongerAfterEachFailure) {
+  ProvisioningRig rig;
+  rig.add(1);
+  rig.board.status_of[0x63] = 0x86;
+  rig.start();
+  rig.pass(100s);
+  const auto attempts = rig.board.count(0x63);
+  EXPECT_GE(attempts, 4u);
+  EXPECT_LE(attempts, 6u) << "at about 0, 5, 15, 35, 75 s";
+  EXPECT_TRUE(rig.has_notice("\"busy\" (0x86) to command 0x63"));
+}
+
+TEST(Provisioning, TakesTheOtherContextWhileOneHangs) {
+  for (const std::uint8_t context : std::initializer_list<std::uint8_t>{0, 1}) {
+    ProvisioningRig rig;
+    rig.add(1);
+    rig.board.devices.busy_contexts = {context};
+    rig.start();
+    EXPECT_TRUE(rig.all_configured(3s)) << int{context};
+  }
+  ProvisioningRig rig;
+  rig.add(1);
+  rig.board.devices.busy_contexts = {0, 1};
+  rig.start();
+  rig.pass(4s);
+  EXPECT_EQ(rig.board.count(0x63), 2u);
+  EXPECT_TRUE(rig.has_notice("still busy with earlier provisioning links"));
+  rig.board.devices.busy_contexts.clear();
+  EXPECT_TRUE(rig.all_configured(10s));
+}
+
+TEST(Provisioning, GoesOnAfterTheBoardRestartsAtAnyMoment) {
+  for (int moment = 0; moment < 40; ++moment) {
+    ProvisioningRig rig;
+    rig.add(1);
+    rig.start();
+    while (!rig.board.devices.is_scanning) rig.run_for(1ms);
+    rig.say(rig.board.devices.beacons());
+    rig.run_for(5ms * moment);
+    rig.say(rig.board.restart());
+    rig.pass(2s);
+    rig.reset_lost_devices();  // the key was on its way when the board restarted
+    EXPECT_TRUE(rig.all_configured(120s)) << moment;
+  }
+}
+
+TEST(Provisioning, StoresAddressesBeforeDevicesGetThemAndKeysBeforeTheirUse) {
+  ProvisioningRig rig;
+  rig.add(1);
+  rig.answers_stores = false;  // the disk takes its time
+  rig.start();
+  rig.pass(2s);
+  ASSERT_EQ(rig.stored.size(), 1u);
+  EXPECT_EQ(rig.stored[0].nodes.at(0).address, 0x0100);
+  EXPECT_EQ(rig.board.count(0x63), 0u);
+  rig.mesh.on_stored("", rig.now);
+  rig.pass(2s);
+  EXPECT_EQ(rig.board.count(0x63), 1u);
+  ASSERT_EQ(rig.stored.size(), 2u);
+  EXPECT_NE(rig.mesh.unsaved(), nullptr) << "an orderly end writes it";
+  EXPECT_EQ(rig.stored[1].nodes.at(0).state, NodeState::provisioned);
+  EXPECT_EQ(to_hex(rig.stored[1].nodes[0].device_key),
+            to_hex(rig.board.devices.devices[0].device_key));
+  EXPECT_EQ(rig.board.count(0x9c), 0u);
+  rig.mesh.on_stored("", rig.now);
+  rig.pass(2s);
+  EXPECT_EQ(rig.board.count(0x9c), 1u);
+}
+
+TEST(Provisioning, TakesNobodyInWhileTheDiskIsFull) {
+  ProvisioningRig rig;
+  rig.add(1);
+  rig.store_problem = "mesh.json can't be stored: no space";
+  rig.start();
+  rig.pass(20s);
+  EXPECT_EQ(rig.board.count(0x63), 0u);
+  EXPECT_EQ(rig.count_notices("no space"), 1);
+  rig.store_problem.clear();
+  EXPECT_TRUE(rig.all_configured(20s));
+}
+
+TEST(Provisioning, ACrashAtAnyMomentLosesNoRobotAndNoAddress) {
+  ProvisioningRig whole;
+  whole.add(1);
+  whole.add(2);
+  whole.start();
+  ASSERT_TRUE(whole.all_configured(30s));
+  for (std::size_t crash = 0; crash < whole.stored.size(); ++crash) {
+    ProvisioningRig first;
+    first.add(1);
+    first.add(2);
+    first.start();
+    while (first.stored.size() <= crash) {
+      first.run_for(5ms);
+      if (const Bytes beacons = first.board.devices.beacons(); !beacons.empty()) first.say(beacons);
+    }
+    // Killed as soon as this state was on disk; the board and the devices go on as they are.
+    const auto on_disk = decode_node_database(encode_node_database(first.stored[crash]));
+    ASSERT_TRUE(on_disk.has_value());
+    ProvisioningRig second({}, *on_disk);
+    second.board = first.board;
+    second.start();
+    EXPECT_TRUE(second.all_configured(60s)) << crash;
+    std::set<std::uint16_t> addresses;
+    for (const FakeDevice& device : second.board.devices.devices) addresses.insert(device.address);
+    EXPECT_EQ(addresses, (std::set<std::uint16_t>{0x0100, 0x0101})) << crash;
+  }
+}
+
+TEST(Provisioning, FollowsTheNumberOfElements) {
+  ProvisioningRig rig;
+  rig.add(1).elements = 3;
+  rig.add(2);
+  rig.start();
+  EXPECT_TRUE(rig.all_configured(30s));
+  EXPECT_EQ(rig.board.devices.devices[1].address, 0x0103);
+  rig.hear(0x0102, "c9 59 00 01 00 02 00");
+  EXPECT_EQ(rig.all<Report>().back().robot, "ble-0100") << "any element is the robot";
+  EXPECT_EQ(rig.all<Report>().back().radio->rssi_dbm, -55);
+  EXPECT_EQ(rig.all<Report>().back().radio->hops, 0) << "it came with the TTL it was told";
+  rig.receipt(rig.all<Report>().back().receipt.id);
+  rig.run_for(1s);
+  EXPECT_EQ(rig.sent_to(0x0102), std::vector<std::string>{"cc590000"});
+}
+
+TEST(Provisioning, MovesADeviceWhoseElementsHaveNoRoom) {
+  const RobotNames names({{"a", 0x0200, {}}, {"b", 0x0201, {}}});
+  ProvisioningRig rig({}, test_database(), names);
+  rig.add(1);
+  rig.start();
+  ASSERT_TRUE(rig.all_configured(20s));
+  NodeDatabase database = rig.stored.back();
+  database.nodes[0].address = 0x0201;
+  ProvisioningRig next({}, database, names);
+  next.add(2).elements = 2;  // 0x0200 is free, 0x0201 is not
+  next.start();
+  next.pass(60s);
+  EXPECT_EQ(next.board.devices.devices[0].address, 0x0100);
+  EXPECT_TRUE(next.has_notice("as many addresses in a row"));
+}
+
+TEST(Provisioning, NamesRobotsAsTheConfigurationDoes) {
+  ProvisioningRig rig({}, test_database(), RobotNames({{"one", 0x0200, {}}, {"two", 0x0101, {}}}));
+  for (std::uint8_t number = 1; number <= 3; ++number) rig.add(number);
+  rig.start();
+  EXPECT_TRUE(rig.all_configured(30s));
+  EXPECT_EQ(rig.board.devices.devices[0].address, 0x0200);
+  EXPECT_EQ(rig.board.devices.devices[1].address, 0x0101);
+  EXPECT_EQ(rig.board.devices.devices[2].address, 0x0100);
+  EXPECT_TRUE(rig.has_notice("two is configured"));
+}
+
+TEST(Provisioning, TakesARobotThatWasResetByHandBackUnderItsAddress) {
+  ProvisioningRig rig;
+  rig.add(1);
+  rig.start();
+  ASSERT_TRUE(rig.all_configured(20s));
+  rig.hear(0x0100, "cb 59 00 01 00 02 00");
+  FakeDevice& device = rig.board.devices.devices[0];
+  device.address = 0;
+  device.requests.clear();
+  rig.pass(2s);
+  EXPECT_EQ(device.address, 0) << "the robot may still be there, and somebody use its UUID";
+  rig.pass(20s);
+  EXPECT_EQ(device.address, 0x0100);
+  EXPECT_FALSE(device.requests.empty());
+  EXPECT_EQ(rig.board.count(0x0e), 1u) << "the board's replay list would ignore it";
+}
+
+TEST(Provisioning, WarnsWhenTheBoardMayNotHearAllOfThem) {
+  NodeDatabase database = test_database();
+  for (std::uint16_t i = 0; i < 40; ++i) {
+    Node node;
+    node.uuid.fill(static_cast<std::uint8_t>(i));
+    node.address = static_cast<std::uint16_t>(0x0200 + i);
+    node.state = NodeState::configured;
+    database.nodes.push_back(node);
+  }
+  ProvisioningRig rig({}, database);
+  rig.add(200);
+  rig.start();
+  rig.pass(10s);
+  EXPECT_TRUE(rig.has_notice("ble-0100 may not be heard"));
+}
+
+TEST(Provisioning, GivesNewRobotsTheIvIndexOfTheMesh) {
+  ProvisioningRig rig;
+  rig.start();
+  rig.say(hex("05 d3 07 00 00 00"));
+  EXPECT_EQ(rig.on_disk().iv_index, 7u);
+  rig.add(1);
+  EXPECT_TRUE(rig.all_configured(10s));
+  EXPECT_EQ(rig.board.devices.last_iv_index, 7u);
+}
+
+TEST(Provisioning, SaysWhenNoAddressIsLeft) {
+  NodeDatabase database = test_database();
+  database.next_address = 0x8000;
+  for (std::uint32_t address = 0x0100; address < 0x8000; address += 255) {
+    Node node;
+    node.uuid[0] = static_cast<std::uint8_t>(address);
+    node.uuid[1] = static_cast<std::uint8_t>(address >> 8);
+    node.address = static_cast<std::uint16_t>(address);
+    node.elements = static_cast<std::uint8_t>(std::min(255U, 0x8000U - address));
+    node.state = NodeState::configured;
+    database.nodes.push_back(node);
+  }
+  ProvisioningRig rig({}, database);
+  rig.add(1);
+  rig.start();
+  rig.pass(10s);
+  EXPECT_TRUE(rig.has_notice("no unicast address is left"));
+  EXPECT_EQ(rig.board.count(0x63), 0u);
+}
+
+TEST(Provisioning, NeverShowsAKey) {
+  ProvisioningRig rig;
+  rig.add(1).refuses["80"] = 5;
+  rig.start();
+  rig.pass(20s);
+  rig.order(NodesOrder{});
+  const std::string key = to_hex(rig.board.devices.devices[0].device_key);
+  for (const std::string& secret : {key, std::string(32, '1'), std::string(32, '2')}) {
+    EXPECT_FALSE(rig.has_notice(secret));
+    EXPECT_EQ(rig.answers.back().json.find(secret), std::string::npos);
+  }
+}
+
+}  // namespace
+}  // namespace slamgw::ble

@@ -1,0 +1,150 @@
+// SPDX-License-Identifier: Apache-2.0
+// `slam-gatewayctl ble ...`: what it orders, what it shows, and how long it waits.
+#include "tests/control/control_program_fixture.hpp"
+
+namespace slamgw::test {
+namespace {
+
+template <class T>
+T order_of(const FakeHandler& handler) {
+  if (handler.orders.size() != 1 || !std::holds_alternative<T>(handler.orders[0].order)) {
+    ADD_FAILURE() << handler.orders.size() << " orders, or another one";
+    return {};
+  }
+  return std::get<T>(handler.orders[0].order);
+}
+
+class ControlMeshIo : public ControlProgramIo {
+ protected:
+  Ended order(std::vector<std::string> arguments, OrderAnswer answer) {
+    handler.orders.clear();
+    handler.order_answer = std::move(answer);
+    arguments.insert(arguments.begin(), "ble");
+    return run(std::move(arguments));
+  }
+};
+
+TEST_F(ControlMeshIo, ScansAndShowsWhoIsThere) {
+  start();
+  const OrderAnswer found{
+      R"([{"uuid":"736c616d000000000000000000000001","rssi_dbm":-56,"heard_s_ago":2,"state":"new",
+           "robot":null},
+          {"uuid":"736c616d000000000000000000000002","rssi_dbm":-101,"heard_s_ago":12,
+           "state":"known","robot":"r2"}])",
+      {}};
+  const Ended result = order({"scan"}, found);
+  EXPECT_EQ(result.status, 0) << result.err;
+  EXPECT_EQ(result.out,
+            "UUID                             RSSI SEEN STATE   ROBOT\n"
+            "736c616d000000000000000000000001  -56   2s new     -\n"
+            "736c616d000000000000000000000002 -101  12s known   r2\n");
+  order_of<ScanOrder>(handler);
+  EXPECT_EQ(json::parse(order({"scan", "--json"}, found).out).size(), 2u);
+  EXPECT_EQ(order({"scan"}, {"[]", {}}).out, "no new robot is in reach\n");
+}
+
+TEST_F(ControlMeshIo, TakesARobotInAndNamesIt) {
+  start();
+  const Ended result =
+      order({"provision", "736c616d000000000000000000000001", "--id", "r1"},
+            {R"({"robot":"r1","uuid":"736c616d000000000000000000000001","address":"0x0100",
+           "elements":1,"state":"provisioned","problem":"no answer to the key binding"})",
+             {}});
+  EXPECT_EQ(result.status, 0) << result.err;
+  EXPECT_EQ(result.out,
+            "ROBOT            ADDRESS UUID                             STATE       \n"
+            "r1               0x0100  736c616d000000000000000000000001 provisioned\n"
+            "  no answer to the key binding\n");
+  const auto ordered = order_of<ProvisionOrder>(handler);
+  EXPECT_EQ(ordered.uuid, "736c616d000000000000000000000001");
+  EXPECT_EQ(ordered.robot, "r1");
+}
+
+TEST_F(ControlMeshIo, ListsAndRemovesNodes) {
+  start();
+  EXPECT_EQ(order({"nodes"}, {"[]", {}}).out, "no robot is in the mesh yet\n");
+  order_of<NodesOrder>(handler);
+  EXPECT_EQ(order({"remove", "r1"}, {R"({"robot":"r1"})", {}}).status, 0);
+  EXPECT_EQ(order_of<RemoveOrder>(handler).robot, "r1");
+  EXPECT_FALSE(order_of<RemoveOrder>(handler).is_forced);
+  EXPECT_EQ(order({"remove", "r1", "--force"}, {R"({"robot":"r1"})", {}}).status, 0);
+  EXPECT_TRUE(order_of<RemoveOrder>(handler).is_forced);
+}
+
+TEST_F(ControlMeshIo, SaysWhyAnOrderFailed) {
+  start();
+  const Ended result = order({"remove", "r1"}, {{}, "no robot of this mesh is called r1"});
+  EXPECT_EQ(result.status, 1);
+  EXPECT_EQ(result.err, "slam-gatewayctl: no robot of this mesh is called r1\n");
+}
+
+TEST_F(ControlMeshIo, ImportsAFile) {
+  start();
+  write_file(directory / "mesh.json", "{\n  \"netKeys\": []\n}\n");
+  const Ended result = order({"import", directory / "mesh.json"}, {R"({"nodes":3})", {}});
+  EXPECT_EQ(result.status, 0) << result.err;
+  EXPECT_EQ(result.out, "imported: the mesh has 3 robots\n");
+  EXPECT_EQ(order_of<ImportOrder>(handler).text, R"({"netKeys":[]})");
+  EXPECT_NE(order({"import", directory / "none"}, {}).err.find("can't be read"), std::string::npos);
+  write_file(directory / "text", "no JSON");
+  EXPECT_NE(order({"import", directory / "text"}, {}).err.find("is no JSON"), std::string::npos);
+  EXPECT_TRUE(handler.orders.empty());
+}
+
+TEST_F(ControlMeshIo, ImportsALargeMesh) {
+  start();
+  json large{{"netKeys", json::array()}};
+  large["nodes"] = std::string(300 * 1024, 'x');
+  write_file(directory / "mesh.json", large.dump());
+  EXPECT_EQ(order({"import", directory / "mesh.json"}, {R"({"nodes":3})", {}}).status, 0);
+}
+
+TEST_F(ControlMeshIo, ClearsTheBoardOnlyWhenToldTwice) {
+  start();
+  const Ended asked = order({"reset-board"}, {R"({"cleared":true})", {}});
+  EXPECT_EQ(asked.status, 2);
+  EXPECT_NE(asked.err.find("sequence numbers"), std::string::npos) << asked.err;
+  EXPECT_NE(asked.err.find("--yes"), std::string::npos);
+  EXPECT_TRUE(handler.orders.empty());
+  EXPECT_EQ(order({"reset-board", "--yes"}, {R"({"cleared":true})", {}}).status, 0);
+  order_of<ResetBoardOrder>(handler);
+}
+
+TEST_F(ControlMeshIo, GivesOneJsonDocumentForEachOrder) {
+  start();
+  write_file(directory / "mesh.json", "{}");
+  const std::vector<std::pair<std::vector<std::string>, std::string>> orders = {
+      {{"scan"}, "[]"},
+      {{"nodes"}, R"([{"robot":"r1"}])"},
+      {{"provision", "00", "--id", "r1"}, R"({"robot":"r1"})"},
+      {{"remove", "r1"}, R"({"robot":"r1"})"},
+      {{"import", directory / "mesh.json"}, R"({"nodes":3})"},
+      {{"reset-board", "--yes"}, R"({"cleared":true})"}};
+  for (auto [arguments, answer] : orders) {
+    arguments.push_back("--json");
+    const Ended result = order(arguments, {answer, {}});
+    EXPECT_EQ(result.status, 0) << arguments[0] << result.err;
+    EXPECT_EQ(json::parse(result.out, nullptr, false), json::parse(answer)) << arguments[0];
+    EXPECT_EQ(result.err, "");
+  }
+}
+
+TEST_F(ControlMeshIo, WaitsLongerThanASilentClientMay) {
+  start({.idle = std::chrono::milliseconds(20)});
+  const auto child = launch({"ble", "scan"});
+  ASSERT_TRUE(wait_until([&] { return handler.orders.size() == 1; }));
+  // Another client that is silent meanwhile is cut off, so the time has passed for this one, too.
+  boost::asio::local::stream_protocol::socket silent(io);
+  silent.connect(boost::asio::local::stream_protocol::endpoint(path));
+  bool is_cut_off = false;
+  char octet = 0;
+  silent.async_read_some(
+      boost::asio::buffer(&octet, 1),
+      [&](boost::system::error_code error, std::size_t) { is_cut_off = !!error; });
+  ASSERT_TRUE(wait_until([&] { return is_cut_off; }));
+  handler.orders[0].done({"[]", {}});
+  EXPECT_EQ(finish(*child).out, "no new robot is in reach\n");
+}
+
+}  // namespace
+}  // namespace slamgw::test

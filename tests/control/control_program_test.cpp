@@ -1,0 +1,267 @@
+// SPDX-License-Identifier: Apache-2.0
+// The built slam-gatewayctl against a control server: what it prints and how it ends.
+#include <fcntl.h>
+#include <signal.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <sstream>
+
+#include "tests/control/control_program_fixture.hpp"
+
+namespace slamgw::test {
+namespace {
+
+TEST_F(ControlProgramIo, ShowsTheStatus) {
+  start();
+  handler.status_answer = json::parse(R"({"version": "1.2.3", "gateway": "g1", "uptime_s": 90000,
+      "broker": {"state": "down", "uri": "mqtt://h:1", "since": "T", "why": "refused"},
+      "meshes": {"ble": {"state": "disabled"}, "thread": {"state": "up", "detail": "[::]:47193"}},
+      "robots": {"online": 5, "asleep": 1, "offline": 2, "known": 8},
+      "messages": {"up": 10, "down": 2, "dropped": 3, "stored": 4, "rejected": 5},
+      "store": {"depth": 6, "bytes": 2048, "max_bytes": 1048576},
+      "memory_rss_bytes": 3145728})");
+  const Ended result = run({"status"});
+  EXPECT_EQ(result.status, 0) << result.err;
+  EXPECT_EQ(result.out,
+            "slam-gatewayd 1.2.3, gateway g1, up 1 d 1 h, 3.0 MiB memory\n"
+            "Broker    down     mqtt://h:1 since T\n"
+            "                   refused\n"
+            "BLE       disabled\n"
+            "Thread    up       [::]:47193\n"
+            "Robots    5 online, 1 asleep, 2 offline (8 known)\n"
+            "Messages  10 in, 2 out, 3 dropped, 4 stored, 5 rejected\n"
+            "Store     6 messages, 2.0 KiB of 1.0 MiB\n");
+}
+
+TEST_F(ControlProgramIo, GivesJsonBeforeAndAfterTheCommand) {
+  start();
+  handler.robots_answer.push_back({{"id", "r1"}});
+  for (const auto& arguments :
+       {std::vector<std::string>{"--json", "robots"}, {"robots", "--json"}}) {
+    const Ended result = run(arguments);
+    EXPECT_EQ(result.status, 0) << result.err;
+    EXPECT_EQ(json::parse(result.out), handler.robots_answer);
+  }
+  EXPECT_EQ(json::parse(run({"status", "--json"}).out), handler.status_answer);
+}
+
+TEST_F(ControlProgramIo, ShowsRobotsIn80ColumnsWithoutColour) {
+  start();
+  EXPECT_EQ(run({"robots"}).out, "no robot has been heard yet\n");
+  for (const std::string id : {"r1", "a-robot-with-quite-a-long-name-that-goes-on-and-on"}) {
+    handler.robots_answer.push_back({{"id", id},
+                                     {"mesh", "thread"},
+                                     {"address", "[fd11:2233:4455:6677:8899:aabb:ccdd:eeff]:47193"},
+                                     {"state", "online"},
+                                     {"last_seen", "2020-01-01T00:00:00Z"},
+                                     {"messages", 12345678},
+                                     {"rate_hz", 5.04},
+                                     {"rssi_dbm", nullptr},
+                                     {"queue", 0}});
+  }
+  const Ended result = run({"robots"});
+  EXPECT_EQ(result.status, 0) << result.err;
+  std::istringstream lines(result.out);
+  int count = 0;
+  for (std::string line; std::getline(lines, line); ++count) EXPECT_LE(line.size(), 80U) << line;
+  EXPECT_EQ(count, 3);
+  EXPECT_NE(result.out.find("eeff]:47193 online"), std::string::npos) << result.out;
+  EXPECT_NE(result.out.find("12345678"), std::string::npos);
+  EXPECT_EQ(result.out.find('\033'), std::string::npos);
+}
+
+TEST_F(ControlProgramIo, ColoursOnATerminalUnlessToldNotTo) {
+  start();
+  handler.status_answer = {{"broker", {{"state", "up"}}}};
+  const int terminal = posix_openpt(O_RDWR | O_NOCTTY | O_NONBLOCK);
+  ASSERT_TRUE(terminal >= 0 && grantpt(terminal) == 0 && unlockpt(terminal) == 0);
+  const auto shown_with = [&](const std::string& no_color) {
+    ChildProcess child({"env", no_color, SLAMGW_CTL, "--socket", path, "status"},
+                       ptsname(terminal));
+    EXPECT_TRUE(wait_until([&] { return !child.is_running(); }));
+    char shown[4096];
+    const ssize_t size = read(terminal, shown, sizeof shown);
+    return std::string(shown, static_cast<std::size_t>(std::max<ssize_t>(size, 0)));
+  };
+  EXPECT_NE(shown_with("NO_COLOR=").find("\033[32mup"), std::string::npos);
+  const std::string plain = shown_with("NO_COLOR=1");
+  EXPECT_NE(plain.find("Broker"), std::string::npos);
+  EXPECT_EQ(plain.find('\033'), std::string::npos) << plain;
+  close(terminal);
+}
+
+TEST_F(ControlProgramIo, AnswersWhileAnotherClientWatchesAndDoesNotRead) {
+  start({.queued_bytes = 4096});
+  const auto stuck = launch({"watch"});
+  ASSERT_TRUE(wait_until([&] { return server->has_watchers(); }));
+  stuck->send_signal(SIGSTOP);
+  TrafficEvent event;
+  event.robot = "r1";
+  event.type = "adv";
+  event.payload = to_bytes(std::string(1000, 'x'));
+  for (int i = 0; i < 10000 && server->has_watchers(); ++i) server->publish_traffic(event);
+  EXPECT_EQ(counter("watchers_dropped"), 1U);
+  const auto one = launch({"status", "--json"});
+  const auto two = launch({"robots", "--json"});
+  EXPECT_EQ(finish(*two).status, 0);
+  EXPECT_TRUE(wait_until([&] { return !one->is_running(); }));
+  EXPECT_EQ(one->wait(), 0);
+}
+
+TEST_F(ControlProgramIo, WatchesDecodedTraffic) {
+  start();
+  const auto child = launch({"watch", "--robot", "r1"});
+  ASSERT_TRUE(wait_until([&] { return server->has_watchers(); }));
+  TrafficEvent event;
+  event.mesh = Mesh::ble;
+  event.robot = "r1";
+  event.type = "update";
+  event.update = Update{{10, -20}, {{100, 300}, {-5, 6}}};
+  server->publish_traffic(event);
+  event.update->obstacles.clear();
+  server->publish_traffic(event);
+  event.update.reset();
+  event.direction = Direction::down;
+  event.type = "cmd";
+  event.payload = {0x78, 0x00, 0xdf, 0xff};
+  server->publish_traffic(event);
+  event.type = "run";
+  event.payload = to_bytes("start");
+  server->publish_traffic(event);
+  event.payload = {0xff, 0x00, 0x1b};
+  server->publish_traffic(event);
+  event.robot = "other";
+  server->publish_traffic(event);
+  const auto has_five_lines = [this] {
+    const std::string out = read_file(file("out"));
+    return std::count(out.begin(), out.end(), '\n') >= 5;
+  };
+  EXPECT_TRUE(wait_until(has_five_lines));
+  server->stop();
+  const Ended result = finish(*child);
+  EXPECT_EQ(result.out,
+            "00:00:00Z up   ble    r1           update  x=10 y=-20 obstacles=100,300;-5,6\n"
+            "00:00:00Z up   ble    r1           update  x=10 y=-20 obstacles=none\n"
+            "00:00:00Z down ble    r1           cmd     x=120 y=-33\n"
+            "00:00:00Z down ble    r1           run     'start'\n"
+            "00:00:00Z down ble    r1           run     ff001b\n");
+  EXPECT_EQ(result.status, 1);
+  EXPECT_NE(result.err.find("hung up"), std::string::npos) << result.err;
+}
+
+TEST_F(ControlProgramIo, WatchesAsOneJsonDocumentALine) {
+  start();
+  const auto child = launch({"--json", "watch", "--type", "adv"});
+  ASSERT_TRUE(wait_until([&] { return server->has_watchers(); }));
+  TrafficEvent event;
+  event.robot = "r1";
+  event.type = "adv";
+  event.payload = to_bytes("hi");
+  server->publish_traffic(event);
+  ASSERT_TRUE(wait_until([&] { return read_file(file("out")).ends_with('\n'); }));
+  const json line = json::parse(read_file(file("out")));
+  EXPECT_EQ(line["payload_hex"], "6869");
+  EXPECT_EQ(line["text"], "hi");
+  EXPECT_TRUE(line["mesh"].is_null());
+}
+
+TEST_F(ControlProgramIo, SendsPayloadsOfAllKinds) {
+  start();
+  const auto payload_of = [this](std::vector<std::string> arguments) {
+    const Ended result = send(std::move(arguments), delivered_);
+    EXPECT_EQ(result.status, 0) << result.err;
+    EXPECT_EQ(result.out, "delivered after 12 ms\n");
+    return handler.sent.empty() ? std::string("nothing") : to_hex(handler.sent[0].payload);
+  };
+  EXPECT_EQ(payload_of({"r1", "cmd", "120,-33"}), "7800dfff");
+  EXPECT_EQ(payload_of({"r1", "cmd", "-32768,32767"}), "0080ff7f");
+  EXPECT_EQ(payload_of({"r1", "cmd", "--", "-1,0"}), "ffff0000");
+  EXPECT_EQ(payload_of({"r1", "any", "-1"}), "2d31");
+  EXPECT_EQ(payload_of({"r1", "run", "start"}), "7374617274");
+  EXPECT_EQ(payload_of({"r1", "cmd", "--hex", "00FF"}), "00ff");
+  EXPECT_EQ(payload_of({"--hex", "r1", "any", ""}), "");
+  EXPECT_EQ(handler.sent[0].robot, "r1");
+  EXPECT_EQ(handler.sent[0].type, "any");
+}
+
+TEST_F(ControlProgramIo, FailsWhenACommandWasNotDelivered) {
+  start();
+  const Ended result = send({"r1", "cmd", "-1,-1", "--json"},
+                            {{"outcome", "timeout"}, {"after_ms", 30000}, {"why", "silent"}});
+  EXPECT_EQ(result.status, 1);
+  EXPECT_EQ(json::parse(result.out)["why"], "silent");
+  EXPECT_EQ(
+      send({"r1", "run", "1"}, {{"outcome", "refused"}, {"after_ms", 0}, {"why", "no robot 'r1'"}})
+          .out,
+      "refused after 0 ms: no robot 'r1'\n");
+}
+
+TEST_F(ControlProgramIo, EndsWithTwoForWrongArguments) {
+  const std::vector<std::vector<std::string>> wrong = {
+      {},
+      {"nonsense"},
+      {"status", "--nonsense"},
+      {"send", "r1", "cmd"},
+      {"send", "r1", "cmd", "12"},
+      {"send", "r1", "cmd", "1,40000"},
+      {"send", "r1", "cmd", "1,2,3"},
+      {"send", "--hex", "r1", "cmd", "0"},
+      {"ble"},
+      {"ble", "provision", "00"},
+      {"ble", "reset-board"},
+      {"ble", "import"},
+  };
+  for (const auto& arguments : wrong) {
+    const Ended result = run(arguments);
+    EXPECT_EQ(result.status, 2) << testing::PrintToString(arguments);
+    EXPECT_NE(result.err, "") << testing::PrintToString(arguments);
+  }
+  EXPECT_EQ(run({"--help"}).status, 0);
+  EXPECT_EQ(run({"--version"}).out, "slam-gatewayctl " SLAMGW_VERSION "\n");
+}
+
+TEST_F(ControlProgramIo, SaysWhyTheDaemonCannotBeReached) {
+  Ended result = run({"status"});
+  EXPECT_EQ(result.status, 1);
+  EXPECT_NE(result.err.find("is not running: there is no " + path), std::string::npos);
+  {
+    boost::asio::local::stream_protocol::acceptor dead(
+        io, boost::asio::local::stream_protocol::endpoint(path));
+  }
+  result = run({"status"});
+  EXPECT_EQ(result.status, 1);
+  EXPECT_NE(result.err.find("nobody answers at " + path), std::string::npos) << result.err;
+  path = directory / "file";
+  write_file(path, "");
+  result = run({"robots"});
+  EXPECT_EQ(result.status, 1);
+  EXPECT_NE(result.err.find("is no socket"), std::string::npos) << result.err;
+}
+
+TEST_F(ControlProgramIo, SaysWhichGroupToJoin) {
+  start();
+  chmod(path.c_str(), 0);
+  const std::vector<std::string> as_nobody = {"setpriv", "--reuid=65534", "--regid=65534",
+                                              "--clear-groups"};
+  const Ended result = run({"status"}, geteuid() == 0 ? as_nobody : std::vector<std::string>{});
+  if (result.status == 127 || result.err.find("setpriv") == 0) GTEST_SKIP() << result.err;
+  EXPECT_EQ(result.status, 1);
+  EXPECT_NE(result.err.find("join the group slam-gateway"), std::string::npos) << result.err;
+}
+
+TEST_F(ControlProgramIo, IsNotFooledByAnotherProgramsSocket) {
+  boost::asio::local::stream_protocol::acceptor other(
+      io, boost::asio::local::stream_protocol::endpoint(path));
+  boost::asio::local::stream_protocol::socket peer(io);
+  other.async_accept(peer, [&](boost::system::error_code) {
+    peer.write_some(boost::asio::buffer(std::string("220 hello\n")));
+  });
+  const Ended result = run({"status"});
+  EXPECT_EQ(result.status, 1);
+  EXPECT_NE(result.err.find("does not answer like slam-gatewayd"), std::string::npos) << result.err;
+}
+
+}  // namespace
+}  // namespace slamgw::test

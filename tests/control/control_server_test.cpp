@@ -1,0 +1,259 @@
+// SPDX-License-Identifier: Apache-2.0
+// The control socket from a client's side: well-behaved, slow, silent, greedy and gone.
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <boost/asio/connect.hpp>
+#include <boost/asio/write.hpp>
+#include <filesystem>
+
+#include "tests/control/control_fixture.hpp"
+
+namespace slamgw::test {
+namespace {
+
+using boost::asio::local::stream_protocol;
+using boost::system::error_code;
+using nlohmann::json;
+
+/// A client on the server's own loop: never blocks.
+class Client {
+ public:
+  Client(boost::asio::io_context& io, const std::string& path) : socket_(io) {
+    socket_.connect(stream_protocol::endpoint(path));
+    socket_.non_blocking(true);
+  }
+
+  void write(const std::string& text) {
+    error_code ignored;
+    boost::asio::write(socket_, boost::asio::buffer(text), ignored);
+  }
+  /// Takes in what has come; true once there is a whole line, which `line` then is.
+  bool has_line() {
+    take();
+    const std::size_t end = input_.find('\n');
+    if (end == std::string::npos) return false;
+    line = json::parse(input_.substr(0, end));
+    input_.erase(0, end + 1);
+    return true;
+  }
+  bool is_ended() {
+    take();
+    return is_ended_;
+  }
+  void end_input() { socket_.shutdown(stream_protocol::socket::shutdown_send); }
+
+  json line;
+
+ private:
+  void take() {
+    char chunk[4096];
+    error_code error;
+    for (std::size_t size = 1; size > 0 && !error;) {
+      size = socket_.read_some(boost::asio::buffer(chunk), error);
+      input_.append(chunk, size);
+    }
+    if (error && error != boost::asio::error::would_block) is_ended_ = true;
+  }
+
+  stream_protocol::socket socket_;
+  std::string input_;
+  bool is_ended_ = false;
+};
+
+TrafficEvent event_of(const std::string& robot, const std::string& type) {
+  TrafficEvent event;
+  event.mesh = Mesh::thread;
+  event.robot = robot;
+  event.type = type;
+  event.topic = "ntnu-slam/robot/" + robot + "/" + type;
+  event.payload = to_bytes("hello");
+  return event;
+}
+
+class ControlServerIo : public ControlTest {
+ protected:
+  json ask(Client& client, const std::string& request) {
+    client.write(request + "\n");
+    EXPECT_TRUE(wait_until([&] { return client.has_line(); })) << request;
+    return client.line;
+  }
+};
+
+TEST_F(ControlServerIo, AnswersSeveralClientsSeveralTimes) {
+  start();
+  handler.robots_answer.push_back({{"id", "r1"}});
+  Client one(io, path);
+  Client two(io, path);
+  for (Client* client : {&one, &two, &one}) {
+    EXPECT_EQ(ask(*client, R"({"command": "status"})")["result"]["version"], "1.2.3");
+    EXPECT_EQ(ask(*client, R"({"command": "robots"})")["result"][0]["id"], "r1");
+  }
+}
+
+TEST_F(ControlServerIo, AnswersRequestsThatComeTogetherInOrder) {
+  start();
+  Client client(io, path);
+  client.write("{\"command\": \"status\"}\n{\"command\": \"robots\"}\nnonsense\n");
+  client.end_input();
+  ASSERT_TRUE(wait_until([&] { return client.has_line(); }));
+  EXPECT_TRUE(client.line["result"].is_object());
+  ASSERT_TRUE(wait_until([&] { return client.has_line(); }));
+  EXPECT_TRUE(client.line["result"].is_array());
+  ASSERT_TRUE(wait_until([&] { return client.has_line(); }));
+  EXPECT_TRUE(client.line.contains("error"));
+  EXPECT_TRUE(wait_until([&] { return client.is_ended(); }));
+  EXPECT_EQ(counter("bad_requests"), 1U);
+}
+
+TEST_F(ControlServerIo, TellsACommandsOutcomeWhenItComes) {
+  start();
+  Client client(io, path);
+  client.write(R"({"command": "send", "robot": "r", "type": "cmd", "payload_hex": "0A00ecff"})"
+               "\n");
+  ASSERT_TRUE(wait_until([&] { return handler.sent.size() == 1; }));
+  EXPECT_EQ(handler.sent[0].robot, "r");
+  EXPECT_EQ(handler.sent[0].payload, (Bytes{0x0a, 0x00, 0xec, 0xff}));
+  handler.sent[0].done({{"outcome", "delivered"}});
+  ASSERT_TRUE(wait_until([&] { return client.has_line(); }));
+  EXPECT_EQ(client.line["result"]["outcome"], "delivered");
+}
+
+TEST_F(ControlServerIo, ForgetsAnOutcomeWhoseClientOrServerIsGone) {
+  start({.idle = std::chrono::milliseconds(1)});
+  const std::string request = R"({"command": "send", "robot": "r", "type": "t", "payload_hex": ""})"
+                              "\n";
+  Client client(io, path);
+  client.write(request);
+  ASSERT_TRUE(wait_until([&] { return handler.sent.size() == 1 && client.is_ended(); }));
+  start();
+  Client next(io, path);
+  next.write(request);
+  ASSERT_TRUE(wait_until([&] { return handler.sent.size() == 2; }));
+  server->stop();
+  for (const auto& sent : handler.sent) sent.done({{"outcome", "delivered"}});
+  EXPECT_TRUE(wait_until([&] { return next.is_ended(); }));
+  EXPECT_FALSE(next.has_line());
+}
+
+TEST_F(ControlServerIo, GivesWatchersWhatTheyAskedFor) {
+  start();
+  Client all(io, path);
+  Client some(io, path);
+  EXPECT_FALSE(server->has_watchers());
+  EXPECT_EQ(ask(all, R"({"command": "watch"})")["result"], "watching");
+  ask(some, R"({"command": "watch", "robot": "b", "type": "update"})");
+  EXPECT_TRUE(server->has_watchers());
+  server->publish_traffic(event_of("a", "update"));
+  server->publish_traffic(event_of("b", "adv"));
+  server->publish_traffic(event_of("b", "update"));
+  for (const auto* topic : {"a/update", "b/adv", "b/update"}) {
+    ASSERT_TRUE(wait_until([&] { return all.has_line(); }));
+    EXPECT_EQ(all.line["event"]["topic"], std::string("ntnu-slam/robot/") + topic);
+  }
+  ASSERT_TRUE(wait_until([&] { return some.has_line(); }));
+  EXPECT_EQ(some.line["event"]["type"], "update");
+  EXPECT_EQ(some.line["event"]["text"], "hello");
+  EXPECT_FALSE(some.has_line());
+}
+
+TEST_F(ControlServerIo, NoticesThatAWatcherHasGone) {
+  start();
+  {
+    Client client(io, path);
+    ask(client, R"({"command": "watch"})");
+  }
+  EXPECT_TRUE(wait_until([&] { return !server->has_watchers(); }));
+}
+
+TEST_F(ControlServerIo, CutsOffAWatcherThatDoesNotReadAndKeepsTheOthers) {
+  start({.queued_bytes = 4096});
+  Client stuck(io, path);
+  Client reader(io, path);
+  ask(stuck, R"({"command": "watch"})");
+  ask(reader, R"({"command": "watch"})");
+  // Each of these reaches the reader before the next; only the stuck one's kernel buffer fills.
+  for (int i = 0; i < 100000 && counter("watchers_dropped") == 0; ++i) {
+    server->publish_traffic(event_of("r", "update"));
+    ASSERT_TRUE(wait_until([&] { return reader.has_line(); }));
+  }
+  EXPECT_EQ(counter("watchers_dropped"), 1U);
+  EXPECT_TRUE(server->has_watchers());
+  server->publish_traffic(event_of("r", "last"));
+  EXPECT_TRUE(
+      wait_until([&] { return reader.has_line() && reader.line["event"]["type"] == "last"; }));
+}
+
+TEST_F(ControlServerIo, CutsOffASilentClientButNoWatcher) {
+  start({.idle = std::chrono::milliseconds(20)});
+  Client watcher(io, path);
+  ask(watcher, R"({"command": "watch"})");
+  Client silent(io, path);
+  EXPECT_TRUE(wait_until([&] { return silent.is_ended(); }));
+  EXPECT_TRUE(server->has_watchers());
+  EXPECT_FALSE(watcher.is_ended());
+}
+
+TEST_F(ControlServerIo, RefusesALineThatIsTooLong) {
+  start({.request_bytes = 1024});
+  Client client(io, path);
+  client.write(std::string(2000, 'x'));
+  ASSERT_TRUE(wait_until([&] { return client.has_line(); }));
+  EXPECT_EQ(client.line["error"], "the request is longer than 1024 bytes");
+  EXPECT_TRUE(wait_until([&] { return client.is_ended(); }));
+}
+
+TEST_F(ControlServerIo, RefusesOneClientTooMany) {
+  start({.clients = 1});
+  auto first = std::make_unique<Client>(io, path);
+  ask(*first, R"({"command": "status"})");
+  Client second(io, path);
+  ASSERT_TRUE(wait_until([&] { return second.has_line(); }));
+  EXPECT_EQ(second.line["error"], "too many clients");
+  EXPECT_EQ(counter("clients_refused"), 1U);
+  first.reset();
+  EXPECT_TRUE(wait_until([&] {
+    Client third(io, path);
+    third.write("{\"command\": \"status\"}\n");
+    return wait_until([&] { return third.has_line(); }) && third.line.contains("result");
+  }));
+}
+
+TEST_F(ControlServerIo, MakesASocketForItsGroupOnlyAndRemovesIt) {
+  path = directory / "new/deep/control.sock";
+  start();
+  struct stat status {};
+  ASSERT_EQ(stat(path.c_str(), &status), 0);
+  EXPECT_TRUE(S_ISSOCK(status.st_mode));
+  EXPECT_EQ(status.st_mode & 0777, 0660U);
+  server.reset();
+  EXPECT_FALSE(std::filesystem::exists(path));
+}
+
+TEST_F(ControlServerIo, TakesTheSocketOfADeadDaemonButNotOfALivingOne) {
+  { stream_protocol::acceptor dead(io, stream_protocol::endpoint(path)); }
+  ASSERT_TRUE(std::filesystem::exists(path));
+  start();
+  ControlServer second(io, path, handler);
+  try {
+    second.start();
+    FAIL() << "took a living daemon's socket";
+  } catch (const std::runtime_error& error) {
+    EXPECT_EQ(error.what(), "control socket " + path +
+                                ": another slam-gatewayd answers there; see control.socket");
+  }
+  second.stop();
+  Client client(io, path);
+  EXPECT_TRUE(ask(client, R"({"command": "status"})").contains("result"));
+}
+
+TEST_F(ControlServerIo, LeavesAFileInItsPlaceAlone) {
+  write_file(path, "precious");
+  make_server();
+  EXPECT_THROW(server->start(), std::runtime_error);
+  server.reset();
+  EXPECT_EQ(read_file(path), "precious");
+}
+
+}  // namespace
+}  // namespace slamgw::test

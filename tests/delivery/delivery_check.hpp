@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: Apache-2.0
+// What every run of the outbox must keep, whatever failed on the way: nothing acknowledged is
+// missing, each topic's messages come in order, and only so often as there was a reason.
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <map>
+#include <string>
+
+#include "tests/delivery/outbox_rig.hpp"
+
+namespace slamgw::test {
+
+/// Numbers rise per topic in the order of submission. `interruptions`: lost links and deaths, each
+/// of which may repeat a message once.
+inline void expect_promises_kept(const OutboxRig& rig,
+                                 const std::map<std::uint64_t, std::string>& topic_of_receipt,
+                                 std::size_t interruptions) {
+  std::map<std::string, std::map<std::uint64_t, std::size_t>> times;
+  for (const auto& [topic, messages] : rig.received) {
+    std::uint64_t highest = 0;
+    for (const std::string& text : messages) {
+      const std::uint64_t number = std::strtoull(text.c_str(), nullptr, 10);
+      const std::size_t count = ++times[topic][number];
+      EXPECT_LE(count, 1 + interruptions) << topic << " " << number;
+      if (count > 1) continue;
+      EXPECT_GT(number, highest) << topic << ": out of order";
+      highest = number;
+    }
+  }
+  for (const auto& [receipt, outcomes] : rig.fired) {
+    EXPECT_EQ(outcomes.size(), 1u) << "receipt " << receipt;
+    if (outcomes.front() == ReceiptOutcome::refused) continue;
+    const std::string& topic = topic_of_receipt.at(receipt);
+    EXPECT_TRUE(times[topic].contains(receipt))
+        << topic << " " << receipt << ": acknowledged, lost";
+  }
+}
+
+}  // namespace slamgw::test

@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: Apache-2.0
+// A message store in memory that answers when the test says so, fails when told, and keeps what it
+// durably has when the outbox of one "process" is replaced by the next one's.
+#pragma once
+
+#include <deque>
+#include <map>
+#include <optional>
+#include <variant>
+
+#include "daemon/delivery/message_store.hpp"
+
+namespace slamgw::test {
+
+class FakeStore {
+ public:
+  struct Row {
+    BrokerMessage message;
+    TimePoint stored{};
+  };
+
+  void ask(WriteToStore write) { requests_.push_back(std::move(write)); }
+  void ask(LoadFromStore load) { requests_.push_back(load); }
+  bool is_asked() const { return !requests_.empty(); }
+  /// Requests that were not served die with their process.
+  void on_process_died() { requests_.clear(); }
+
+  StoreOpened open(TimePoint now) {
+    ++generation_;
+    StoreOpened opened;
+    for (const auto& [row, kept] : rows) {
+      opened.last_row = row;
+      ++opened.count;
+      opened.bytes += stored_cost(kept.message.topic.size(), kept.message.payload.size());
+      opened.oldest_age = std::max(opened.oldest_age, now - kept.stored);
+      opened.topics.add(kept.message.topic);
+    }
+    return opened;
+  }
+  StoreAbsent vanish() {
+    ++generation_;
+    return {};
+  }
+  /// A process that begins counts from zero again.
+  void begin_process() { generation_ = 0; }
+
+  /// Serves the first request; nothing when that was from before the last opening.
+  std::optional<StoreEvent> serve(TimePoint now) {
+    auto request = std::move(requests_.front());
+    requests_.pop_front();
+    return std::visit([&](auto& what) { return serve(what, now); }, request);
+  }
+
+  std::map<std::uint64_t, Row> rows;
+  bool is_failing = false;
+  std::size_t fail_countdown = 0;  ///< the n-th write from now fails; 0: none
+  std::size_t commits = 0;
+  std::size_t largest_page = 0;
+
+ private:
+  std::optional<StoreEvent> serve(WriteToStore& write, TimePoint now) {
+    if (write.generation != generation_) return std::nullopt;
+    const bool is_counted_out = fail_countdown > 0 && --fail_countdown == 0;
+    if (is_failing || is_counted_out) return StoreWriteFailed{"no space left on device"};
+    ++commits;
+    for (StoredMessage& stored : write.keep) rows[stored.row] = {std::move(stored.message), now};
+    for (const std::uint64_t row : write.forget) rows.erase(row);
+    return StoreWritten{};
+  }
+  std::optional<StoreEvent> serve(const LoadFromStore& load, TimePoint now) {
+    if (load.generation != generation_) return std::nullopt;
+    StoreLoaded loaded;
+    for (auto row = rows.upper_bound(load.after);
+         row != rows.end() && loaded.messages.size() < load.max_messages; ++row) {
+      loaded.messages.push_back({row->first, row->second.message, now - row->second.stored});
+    }
+    largest_page = std::max(largest_page, loaded.messages.size());
+    return loaded;
+  }
+
+  std::deque<std::variant<WriteToStore, LoadFromStore>> requests_;
+  std::uint64_t generation_ = 0;
+};
+
+}  // namespace slamgw::test

@@ -1,0 +1,157 @@
+// SPDX-License-Identifier: Apache-2.0
+// An outbox between robots, a broker and a store, on a virtual clock: verbs for tests, and what
+// each side has seen. Messages carry their number as payload.
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <deque>
+#include <map>
+#include <memory>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "daemon/delivery/outbox.hpp"
+#include "tests/delivery/fake_store.hpp"
+
+namespace slamgw::test {
+
+class OutboxRig {
+ public:
+  static constexpr std::size_t window = 16;
+
+  explicit OutboxRig(std::uint64_t store_max_bytes = 1u << 28) : max_bytes(store_max_bytes) {
+    start();
+  }
+
+  // The process.
+  void start() {
+    outbox = std::make_unique<Outbox>(window, max_bytes);
+    store.begin_process();
+    tell_store_opened();
+  }
+  /// Everything in memory is gone, and so is what the store was asked and had not done.
+  void die() {
+    store.on_process_died();
+    under_way.clear();
+    is_up = false;
+    outbox.reset();
+  }
+  void tell_store_opened() {
+    outbox->on_store_event(store.open(now), now);
+    drain();
+  }
+
+  // Robots.
+  void submit(const std::string& topic, std::uint64_t receipt, Qos qos = Qos::at_least_once) {
+    submit_bytes(topic, to_bytes(std::to_string(receipt)), receipt, qos);
+  }
+  void submit_bytes(const std::string& topic, Bytes payload, std::uint64_t receipt,
+                    Qos qos = Qos::at_least_once) {
+    outbox->submit({topic, std::move(payload), qos, false}, {Mesh::thread, receipt}, now);
+    drain();
+  }
+  bool has_fired(std::uint64_t receipt, ReceiptOutcome outcome) {
+    return fired[receipt] == std::vector{outcome};
+  }
+
+  // The broker.
+  void link_up(std::uint16_t receive_maximum = 65535) {
+    is_up = true;
+    outbox->on_link_up(receive_maximum, now);
+    drain();
+  }
+  /// The broker has received the first `received_unacknowledged` of what was under way; their
+  /// acknowledgements are lost.
+  void link_down(std::size_t received_unacknowledged = 0) {
+    for (std::size_t i = 0; i < std::min(received_unacknowledged, under_way.size()); ++i) {
+      receive(under_way[i].message);
+    }
+    under_way.clear();
+    is_up = false;
+    outbox->on_link_down(now);
+    drain();
+  }
+  void acknowledge_first() {
+    const PublishAtBroker first = std::move(under_way.front());
+    under_way.pop_front();
+    receive(first.message);
+    outbox->on_published(first.sequence, now);
+    drain();
+  }
+  void acknowledge_all() {
+    while (!under_way.empty()) acknowledge_first();
+  }
+  std::vector<std::string> received_of(const std::string& topic) const {
+    const auto found = received.find(topic);
+    return found == received.end() ? std::vector<std::string>{} : found->second;
+  }
+
+  // The store and time.
+  /// Serves one request, if there is one.
+  bool serve_store() {
+    if (!store.is_asked()) return false;
+    if (auto event = store.serve(now)) {
+      outbox->on_store_event(std::move(*event), now);
+      drain();
+    }
+    return true;
+  }
+  void pass(Duration time) {
+    now += time;
+    const auto due = outbox->deadline();
+    if (!due || *due > now) return;
+    outbox->on_deadline(now);
+    drain();
+    const auto next = outbox->deadline();
+    EXPECT_TRUE(!next || *next > now) << "a deadline that was served comes at once again";
+  }
+  /// A broker and a store that work, for as long as there is something to do.
+  void settle() {
+    if (!is_up) link_up();
+    for (int idle = 0; idle < 200; ++idle) {
+      while (serve_store()) idle = 0;
+      if (!under_way.empty()) idle = 0;
+      acknowledge_all();
+      pass(std::chrono::milliseconds{500});
+    }
+  }
+
+  void drain() {
+    while (auto action = outbox->next_action())
+      std::visit([this](auto& a) { perform(a); }, *action);
+    if (!is_store_quick) return;
+    is_store_quick = false;
+    while (serve_store()) {
+    }
+    is_store_quick = true;
+  }
+
+  TimePoint now{std::chrono::hours{1}};
+  std::uint64_t max_bytes;
+  FakeStore store;
+  bool is_store_quick = false;  ///< it serves at once
+  std::unique_ptr<Outbox> outbox;
+  bool is_up = false;
+  std::deque<PublishAtBroker> under_way;
+  std::vector<std::string> published_topics;
+  std::map<std::string, std::vector<std::string>> received;  ///< by topic, payloads as text
+  std::map<std::uint64_t, std::vector<ReceiptOutcome>> fired;
+  std::vector<std::string> notices;
+
+ private:
+  void receive(const BrokerMessage& message) {
+    received[message.topic].emplace_back(as_text(message.payload));
+  }
+  void perform(PublishAtBroker& publish) {
+    published_topics.push_back(publish.message.topic);
+    under_way.push_back(std::move(publish));
+  }
+  void perform(FireReceipt& fire) { fired[fire.receipt.id].push_back(fire.outcome); }
+  void perform(WriteToStore& write) { store.ask(std::move(write)); }
+  void perform(LoadFromStore& load) { store.ask(load); }
+  void perform(Notice& notice) { notices.push_back(notice.text); }
+};
+
+}  // namespace slamgw::test

@@ -1,0 +1,343 @@
+// SPDX-License-Identifier: Apache-2.0
+// The outbox and its store: outages, slow brokers, a backlog that drains beside fresh traffic, a
+// store that is full, fails or begins anew.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <string>
+#include <vector>
+
+#include "daemon/delivery/outbox.hpp"
+#include "tests/delivery/outbox_rig.hpp"
+
+namespace slamgw {
+namespace {
+
+using namespace std::chrono_literals;
+
+class OutboxStoreTest : public testing::Test, public test::OutboxRig {
+ protected:
+  void serve_all() {
+    while (serve_store()) {
+    }
+  }
+  /// `count` messages of `topic`, safely on disk, numbered from `first`.
+  void store_backlog(const std::string& topic, std::uint64_t first, std::uint64_t count) {
+    for (std::uint64_t i = 0; i < count; ++i) submit(topic, first + i);
+    serve_all();
+  }
+  static std::vector<std::string> numbers(std::uint64_t first, std::uint64_t count) {
+    std::vector<std::string> out;
+    for (std::uint64_t i = 0; i < count; ++i) out.push_back(std::to_string(first + i));
+    return out;
+  }
+  bool is_noticed(std::string_view words) const {
+    return std::any_of(notices.begin(), notices.end(), [&](const std::string& notice) {
+      return notice.find(words) != std::string::npos;
+    });
+  }
+};
+
+TEST_F(OutboxStoreTest, CommitsTogetherWhatCameWhileACommitRan) {
+  for (std::uint64_t i = 1; i <= 500; ++i) submit("t", i);
+  serve_all();
+  EXPECT_EQ(store.commits, 2u) << "the first message, then all that came meanwhile";
+  EXPECT_EQ(store.rows.size(), 500u);
+  EXPECT_EQ(outbox->backlog().stored_total(), 500u);
+}
+
+TEST_F(OutboxStoreTest, StoresQos1And2ThatNobodyWaitsForAndNoQos0) {
+  submit("ble", 0);
+  submit("exactly", 0, Qos::exactly_once);
+  submit("often", 0, Qos::at_most_once);
+  serve_all();
+  EXPECT_EQ(store.rows.size(), 2u);
+  settle();
+  EXPECT_EQ(received_of("ble").size(), 1u);
+  EXPECT_EQ(received_of("exactly").size(), 1u);
+}
+
+TEST_F(OutboxStoreTest, DrainsALongBacklogInOrderAPageAtATime) {
+  store_backlog("a", 1, 1000);
+  store_backlog("b", 5000, 1000);
+  EXPECT_EQ(outbox->queued_bytes(), 0u);
+  settle();
+  EXPECT_EQ(received_of("a"), numbers(1, 1000));
+  EXPECT_EQ(received_of("b"), numbers(5000, 1000));
+  EXPECT_LE(store.largest_page, Backlog::page_messages);
+  EXPECT_TRUE(store.rows.empty());
+  EXPECT_EQ(outbox->depth(), 0u);
+  EXPECT_EQ(outbox->backlog().bytes(), 0u);
+}
+
+TEST_F(OutboxStoreTest, DeletesDeliveredMessagesInBatches) {
+  store_backlog("a", 1, 2000);
+  const std::size_t before = store.commits;
+  settle();
+  EXPECT_LE(store.commits - before, 2000 / Backlog::forget_batch + 3);
+}
+
+TEST_F(OutboxStoreTest, AFreshMessageQueuesBehindItsTopicAndPassesOthers) {
+  store_backlog("a", 1, 1000);
+  link_up();
+  serve_store();  // the first page
+  submit("a", 2000);
+  submit("b", 3000);
+  for (int i = 0; i < 20; ++i) acknowledge_first();
+  EXPECT_EQ(received_of("b").size(), 1u) << "does not wait for another topic's backlog";
+  settle();
+  std::vector<std::string> expected = numbers(1, 1000);
+  expected.push_back("2000");
+  EXPECT_EQ(received_of("a"), expected);
+}
+
+TEST_F(OutboxStoreTest, SharesTheWindowBetweenBacklogAndFresh) {
+  store_backlog("old", 1, 2000);
+  link_up();
+  serve_all();
+  for (std::uint64_t i = 1; i <= 200; ++i) submit("fresh" + std::to_string(i), 10000 + i);
+  published_topics.clear();
+  for (int i = 0; i < 100; ++i) {
+    acknowledge_first();
+    serve_all();
+  }
+  const auto old = std::count(published_topics.begin(), published_topics.end(), "old");
+  EXPECT_NEAR(static_cast<double>(old), 50, 10);
+}
+
+TEST_F(OutboxStoreTest, SharesEvenAWindowOfOne) {
+  store_backlog("old", 1, 100);
+  link_up(2);
+  serve_all();
+  for (std::uint64_t i = 1; i <= 50; ++i) submit("fresh" + std::to_string(i), 10000 + i);
+  published_topics.clear();
+  for (int i = 0; i < 20; ++i) acknowledge_first();
+  EXPECT_EQ(std::count(published_topics.begin(), published_topics.end(), "old"), 10);
+}
+
+TEST_F(OutboxStoreTest, ABrokerThatDoesNotAcknowledgeIsNotWaitedFor) {
+  link_up();
+  for (std::uint64_t i = 1; i <= 40; ++i) submit("t" + std::to_string(i), i);
+  pass(1s);
+  EXPECT_FALSE(store.is_asked());
+  pass(1s);
+  serve_all();
+  EXPECT_EQ(fired.size(), 40u) << "in flight or waiting: all are safe";
+  submit("late", 41);
+  serve_all();
+  EXPECT_TRUE(has_fired(41, ReceiptOutcome::safe)) << "at once while the broker is stalled";
+  EXPECT_EQ(outbox->queued_bytes(), 0u);
+  settle();
+  for (int i = 1; i <= 40; ++i) {
+    EXPECT_EQ(received_of("t" + std::to_string(i)).size(), 1u) << "once, though stored as well";
+  }
+  EXPECT_TRUE(store.rows.empty());
+  submit("after", 42);
+  EXPECT_EQ(under_way.size(), 1u);
+  EXPECT_FALSE(store.is_asked()) << "the broker is quick again";
+}
+
+TEST_F(OutboxStoreTest, ABrokerThatIsSlowerThanTheRobotsIsNotWaitedForEither) {
+  link_up();
+  std::uint64_t number = 0;
+  for (int i = 0; i < 100; ++i) {  // ten come, one is acknowledged, each 100 ms
+    for (int k = 0; k < 10; ++k, ++number) submit("t" + std::to_string(number % 50), number + 1);
+    acknowledge_first();
+    pass(100ms);
+    serve_all();
+  }
+  EXPECT_LT(outbox->unsaved(), 300u) << "about two seconds' worth";
+  settle();
+  EXPECT_EQ(fired.size(), number);
+  std::size_t total = 0;
+  for (const auto& [topic, messages] : received) total += messages.size();
+  EXPECT_EQ(total, number);
+}
+
+TEST_F(OutboxStoreTest, AnUnacknowledgedMessageQueuesBehindItsTopicToo) {
+  store_backlog("t", 1, 3);
+  link_up();
+  submit("t", 0, Qos::at_most_once);
+  EXPECT_TRUE(under_way.empty());
+  settle();
+  EXPECT_EQ(received_of("t"), (std::vector<std::string>{"1", "2", "3", "0"}));
+}
+
+TEST_F(OutboxStoreTest, WhatIsAcknowledgedWhileItIsCopiedIsDeletedAgain) {
+  link_up();
+  submit("t", 1);
+  pass(2s);
+  acknowledge_first();  // and then the copy is written
+  EXPECT_TRUE(has_fired(1, ReceiptOutcome::safe));
+  serve_all();
+  EXPECT_EQ(store.rows.size(), 1u);
+  settle();
+  EXPECT_TRUE(store.rows.empty());
+  EXPECT_EQ(received_of("t").size(), 1u);
+  EXPECT_EQ(outbox->backlog().rows(), 0u);
+}
+
+TEST_F(OutboxStoreTest, WhatIsLostWithTheLinkWhileItIsCopiedComesFromTheStore) {
+  link_up();
+  submit("t", 1);
+  pass(2s);
+  link_down();
+  submit("t", 2);
+  serve_all();
+  EXPECT_EQ(fired.size(), 2u);
+  settle();
+  EXPECT_EQ(received_of("t"), numbers(1, 2));
+}
+
+TEST_F(OutboxStoreTest, AFullStoreRefusesAndSaysSoOnce) {
+  max_bytes = 100 * stored_cost(1, 2);
+  start();
+  is_store_quick = true;
+  for (std::uint64_t i = 10; i <= 99; ++i) submit("t", i);
+  for (std::uint64_t i = 1; i <= 50; ++i) submit("u", 1000 + i);
+  EXPECT_TRUE(outbox->backlog().is_full());
+  EXPECT_LE(outbox->backlog().bytes(), max_bytes);
+  EXPECT_TRUE(has_fired(1050, ReceiptOutcome::refused));
+  EXPECT_EQ(std::count_if(notices.begin(), notices.end(),
+                          [](const auto& n) { return n.find("full") != std::string::npos; }),
+            1);
+  const std::size_t acknowledged = store.rows.size();
+  EXPECT_EQ(outbox->statistics().refused, 140 - acknowledged);
+  submit("ble", 0);
+  EXPECT_EQ(outbox->statistics().dropped, 1u) << "nobody waits for its acknowledgement";
+
+  link_up();
+  submit("other", 5000);
+  EXPECT_EQ(fired.count(5000), 0u) << "what need not be stored goes to the broker";
+  settle();
+  EXPECT_FALSE(outbox->backlog().is_full());
+  EXPECT_EQ(received_of("t").size() + received_of("u").size(), acknowledged);
+  EXPECT_TRUE(has_fired(5000, ReceiptOutcome::safe));
+}
+
+TEST_F(OutboxStoreTest, AFailingStoreIsTriedAgainAndNothingIsAcknowledgedMeanwhile) {
+  store.is_failing = true;
+  for (std::uint64_t i = 1; i <= 100; ++i) submit("t", i);
+  serve_all();
+  for (int i = 0; i < 30; ++i) {
+    pass(1s);
+    serve_all();
+  }
+  EXPECT_TRUE(fired.empty());
+  EXPECT_TRUE(is_noticed("no space left"));
+  EXPECT_GE(outbox->statistics().store_failures, 4u);
+  EXPECT_LE(outbox->statistics().store_failures, 7u) << "with back-off";
+  store.is_failing = false;
+  for (int i = 0; i < 61; ++i) {
+    pass(1s);
+    serve_all();
+  }
+  EXPECT_EQ(fired.size(), 100u);
+  EXPECT_TRUE(is_noticed("works again"));
+  settle();
+  EXPECT_EQ(received_of("t"), numbers(1, 100));
+}
+
+TEST_F(OutboxStoreTest, AFailingStoreIsSaidOnceAMinuteAndAnewWhenItFailsAgain) {
+  const auto said = [this] {
+    return std::count_if(notices.begin(), notices.end(), [](const std::string& notice) {
+      return notice.find("cannot be written") != std::string::npos;
+    });
+  };
+  store.is_failing = true;
+  submit("t", 1);
+  for (int i = 0; i < 59; ++i) {
+    serve_all();
+    pass(1s);
+  }
+  EXPECT_EQ(said(), 1);
+  EXPECT_EQ(outbox->store_trouble(), "it cannot be written: no space left on device");
+  store.is_failing = false;
+  for (int i = 0; i < 61; ++i) {
+    pass(1s);
+    serve_all();
+  }
+  EXPECT_EQ(outbox->store_trouble(), "");
+  store.is_failing = true;
+  submit("t", 2);
+  serve_all();
+  EXPECT_EQ(said(), 2) << "not taken for a repetition";
+}
+
+TEST_F(OutboxStoreTest, AStoreThatFailsToWriteStillDrains) {
+  store_backlog("t", 1, 600);
+  store.is_failing = true;
+  submit("t", 601);
+  submit("u", 1);
+  serve_all();
+  link_up();
+  for (int i = 0; i < 50; ++i) {
+    acknowledge_all();
+    serve_all();
+  }
+  acknowledge_all();
+  EXPECT_EQ(received_of("t"), numbers(1, 601)) << "the last from memory, in its turn";
+  EXPECT_EQ(received_of("u").size(), 1u);
+  EXPECT_EQ(store.rows.size(), 600u) << "not deleted yet";
+  store.is_failing = false;
+  pass(60s);
+  settle();
+  EXPECT_TRUE(store.rows.empty());
+  EXPECT_EQ(received_of("t").size(), 601u);
+}
+
+TEST_F(OutboxStoreTest, AfterARestartTheBacklogComesBeforeFreshMessages) {
+  store_backlog("t", 1, 300);
+  pass(90s);
+  die();
+  start();
+  EXPECT_TRUE(is_noticed("300 undelivered messages are in the store, the oldest 90 s old"));
+  EXPECT_EQ(outbox->depth(), 300u);
+  link_up();
+  submit("t", 301);
+  settle();
+  EXPECT_EQ(received_of("t"), numbers(1, 301));
+}
+
+TEST_F(OutboxStoreTest, AStoreThatBeginsAnewGetsAgainWhatIsInMemory) {
+  store_backlog("t", 1, 5);
+  link_up(3);
+  serve_store();  // two are in flight, three are ready
+  store.rows.clear();
+  submit("t", 6);
+  tell_store_opened();
+  serve_all();
+  link_down();
+  serve_all();
+  EXPECT_EQ(store.rows.size(), 6u) << "they were acknowledged: the new store must have them";
+  die();
+  start();
+  settle();
+  EXPECT_EQ(received_of("t"), numbers(1, 6));
+}
+
+TEST_F(OutboxStoreTest, RowsThatVanishFromTheStoreDoNotBlockTheirTopic) {
+  store_backlog("t", 1, 5);
+  store.rows.clear();
+  link_up();
+  serve_all();
+  EXPECT_TRUE(is_noticed("5 messages that were stored are no longer in the store"));
+  submit("t", 6);
+  EXPECT_EQ(under_way.size(), 1u);
+}
+
+TEST_F(OutboxStoreTest, AStoreThatCannotBeReadIsAskedAgain) {
+  store_backlog("t", 1, 5);
+  link_up();
+  store.on_process_died();  // the answer to the load comes from here
+  outbox->on_store_event(StoreLoadFailed{"input/output error"}, now);
+  drain();
+  EXPECT_TRUE(is_noticed("read: input/output error"));
+  EXPECT_FALSE(store.is_asked());
+  pass(1s);
+  settle();
+  EXPECT_EQ(received_of("t"), numbers(1, 5));
+}
+
+}  // namespace
+}  // namespace slamgw

@@ -1,0 +1,192 @@
+// SPDX-License-Identifier: Apache-2.0
+// The outbox with a broker that comes and goes; the store only where it shows. More of the store in
+// outbox_store_test.cpp.
+#include "daemon/delivery/outbox.hpp"
+
+#include <gtest/gtest.h>
+
+#include <string>
+#include <vector>
+
+#include "tests/delivery/outbox_rig.hpp"
+
+namespace slamgw {
+namespace {
+
+using namespace std::chrono_literals;
+
+class OutboxTest : public testing::Test, public test::OutboxRig {};
+
+TEST_F(OutboxTest, FiresAReceiptOnlyWhenTheBrokerHasTheMessage) {
+  link_up();
+  submit("a", 1);
+  EXPECT_TRUE(fired.empty());
+  acknowledge_first();
+  EXPECT_TRUE(has_fired(1, ReceiptOutcome::safe));
+  EXPECT_EQ(outbox->depth(), 0u);
+  EXPECT_EQ(outbox->queued_bytes(), 0u);
+}
+
+TEST_F(OutboxTest, KeepsTheWindowAndTheOrder) {
+  link_up();
+  std::vector<std::string> expected;
+  for (int i = 0; i < 40; ++i) {
+    expected.push_back("t" + std::to_string(i));
+    submit(expected.back(), static_cast<std::uint64_t>(i) + 1);
+    EXPECT_LE(under_way.size(), 16u);
+  }
+  acknowledge_all();
+  EXPECT_EQ(published_topics, expected);
+  EXPECT_EQ(outbox->statistics().published, 40u);
+}
+
+TEST_F(OutboxTest, RespectsTheBrokersReceiveMaximum) {
+  link_up(5);
+  for (std::uint64_t i = 1; i <= 10; ++i) submit("t", i);
+  EXPECT_EQ(under_way.size(), 4u) << "one slot is left free";
+}
+
+TEST_F(OutboxTest, PublishesNothingBeforeItKnowsWhatTheStoreHolds) {
+  outbox = std::make_unique<Outbox>(window, max_bytes);
+  link_up();
+  submit("t", 1);
+  submit("t", 0, Qos::at_most_once);
+  EXPECT_TRUE(under_way.empty());
+  outbox->on_store_event(StoreAbsent{}, now);
+  drain();
+  EXPECT_EQ(under_way.size(), 2u);
+}
+
+TEST_F(OutboxTest, WithoutAStorePublishesAgainInOrderWhatWasUnderWay) {
+  outbox->on_store_event(StoreAbsent{}, now);
+  link_up();
+  for (std::uint64_t i = 1; i <= 20; ++i) submit("t" + std::to_string(i), i);
+  acknowledge_first();
+  link_down();
+  EXPECT_EQ(fired.size(), 1u) << "a lost link acknowledges nothing";
+  EXPECT_FALSE(store.is_asked());
+  published_topics.clear();
+  link_up();
+  acknowledge_all();
+  ASSERT_EQ(published_topics.size(), 19u);
+  EXPECT_EQ(published_topics.front(), "t2");
+  EXPECT_EQ(published_topics.back(), "t20");
+  EXPECT_EQ(fired.size(), 20u);
+}
+
+TEST_F(OutboxTest, IgnoresAnswersFromBeforeAReconnect) {
+  link_up();
+  submit("t", 1);
+  const std::uint64_t old = under_way.front().sequence;
+  link_down();
+  outbox->on_published(old, now);
+  drain();
+  EXPECT_TRUE(fired.empty()) << "the broker may not have it: it is published again";
+  EXPECT_EQ(outbox->depth(), 1u);
+}
+
+TEST_F(OutboxTest, AsksTheStoreWhileTheBrokerIsAwayAndFiresOnCommit) {
+  submit("t", 1);
+  EXPECT_TRUE(store.is_asked());
+  EXPECT_TRUE(fired.empty());
+  serve_store();
+  EXPECT_TRUE(has_fired(1, ReceiptOutcome::safe));
+  EXPECT_EQ(outbox->queued_bytes(), 0u) << "what is safely stored is not in memory";
+  settle();
+  EXPECT_TRUE(has_fired(1, ReceiptOutcome::safe)) << "and never again";
+  EXPECT_EQ(received_of("t"), std::vector<std::string>{"1"});
+  EXPECT_TRUE(store.rows.empty());
+}
+
+TEST_F(OutboxTest, TouchesNoStoreWhileTheBrokerIsThere) {
+  link_up();
+  for (std::uint64_t i = 1; i <= 1000; ++i) {
+    submit("t" + std::to_string(i % 7), i);
+    pass(100ms);
+    acknowledge_all();
+  }
+  EXPECT_FALSE(store.is_asked());
+  submit("t", 2000);
+  link_down();
+  EXPECT_TRUE(store.is_asked()) << "what was under way is kept when the link goes";
+}
+
+TEST_F(OutboxTest, KeepsUnacknowledgedMessagesNoLongerThanTenSeconds) {
+  submit("old", 0, Qos::at_most_once);
+  pass(6s);
+  submit("young", 0, Qos::at_most_once);
+  pass(4s);
+  EXPECT_EQ(outbox->statistics().dropped, 1u);
+  link_up();
+  EXPECT_EQ(published_topics, std::vector<std::string>{"young"});
+  EXPECT_FALSE(store.is_asked());
+}
+
+TEST_F(OutboxTest, DeadlineAlwaysLiesAheadAfterItWasServed) {
+  for (int i = 0; i < 50; ++i) {
+    submit("t", 0, Qos::at_most_once);
+    pass(500ms);  // looks at the deadline
+  }
+  EXPECT_LE(outbox->depth(), 24u);
+}
+
+TEST_F(OutboxTest, DropsUnacknowledgedMessagesThatWereUnderWay) {
+  link_up();
+  submit("t", 0, Qos::at_most_once);
+  link_down();
+  EXPECT_EQ(outbox->statistics().dropped, 1u);
+  EXPECT_EQ(outbox->depth(), 0u);
+}
+
+TEST_F(OutboxTest, RefusesWhatItHasNoRoomForAndAcknowledgesNothing) {
+  for (std::uint64_t i = 1; i <= 80; ++i) {  // and the store does not answer
+    submit_bytes("t", Bytes(1 << 20, 0), i);
+  }
+  EXPECT_LE(outbox->queued_bytes(), Outbox::max_queued_bytes);
+  EXPECT_TRUE(has_fired(80, ReceiptOutcome::refused));
+  EXPECT_FALSE(fired.contains(1)) << "what is queued still waits for broker or store";
+  EXPECT_EQ(outbox->statistics().refused, 80u - outbox->depth());
+  EXPECT_EQ(notices.size(), 1u) << "said once";
+}
+
+TEST_F(OutboxTest, RefusesTheReceiptOfWhatTheBrokerWillNeverTake) {
+  link_up();
+  submit("t", 1);
+  outbox->on_publish_refused(under_way.front().sequence, now);
+  drain();
+  EXPECT_TRUE(has_fired(1, ReceiptOutcome::refused));
+  EXPECT_EQ(outbox->depth(), 0u);
+}
+
+TEST_F(OutboxTest, SettlesWhenItStopsAndLeavesTheBacklogOnDisk) {
+  for (std::uint64_t i = 1; i <= 100; ++i) submit("old", i);
+  while (serve_store()) {
+  }
+  link_up();
+  serve_store();
+  submit("fresh", 200);
+  outbox->on_stop(now);
+  drain();
+  EXPECT_FALSE(outbox->is_settled());
+  acknowledge_all();
+  while (serve_store()) {
+  }
+  EXPECT_TRUE(outbox->is_settled());
+  EXPECT_EQ(store.rows.size() + received_of("old").size(), 100u) << "and no row twice";
+  EXPECT_EQ(received_of("fresh").size(), 1u);
+}
+
+TEST_F(OutboxTest, WhenItStopsBeforeASilentBrokerStoresWhatIsInMemory) {
+  link_up();
+  for (std::uint64_t i = 1; i <= 20; ++i) submit("t", i);
+  outbox->on_stop(now);
+  drain();
+  pass(Outbox::stop_patience);
+  while (serve_store()) {
+  }
+  EXPECT_EQ(store.rows.size(), 20u);
+  EXPECT_EQ(fired.size(), 20u);
+}
+
+}  // namespace
+}  // namespace slamgw

@@ -1,0 +1,114 @@
+// SPDX-License-Identifier: Apache-2.0
+// Seeded random walks: robots talk, the broker comes, goes and stalls, the store works, fails, is
+// full or late, the process dies. Whatever happens, the promises hold.
+#include <gtest/gtest.h>
+
+#include <random>
+#include <string>
+
+#include "tests/delivery/delivery_check.hpp"
+#include "tests/delivery/outbox_rig.hpp"
+
+namespace slamgw {
+namespace {
+
+using namespace std::chrono_literals;
+
+class Walk : public test::OutboxRig {
+ public:
+  Walk(unsigned seed, std::uint64_t store_max_bytes)
+      : test::OutboxRig(store_max_bytes), random_(seed) {}
+
+  void step() {
+    const int choice = below(100);
+    if (choice < 35) return say(1 + below(4));
+    if (choice < 60) return acknowledge(below(12));
+    if (choice < 80) return serve(below(4));
+    if (choice < 92) return pass(std::chrono::milliseconds{below(900)});
+    if (choice < 95) return toggle_link();
+    if (choice < 97) return say(100 + below(400));
+    if (choice < 98) return pass(3s);
+    if (choice < 99) {
+      store.is_failing = below(3) == 0;
+      return;
+    }
+    if (below(3) == 0) restart();
+  }
+
+  void check_bounds() const {
+    ASSERT_LE(outbox->queued_bytes(), Outbox::max_queued_bytes);
+    ASSERT_LE(outbox->backlog().bytes(), max_bytes);
+    ASSERT_LE(under_way.size(), window + Outbox::max_unacknowledged_in_flight);
+    ASSERT_GE(outbox->depth(), under_way.size());
+  }
+
+  void finish() {
+    store.is_failing = false;
+    pass(60s);
+    settle();
+    test::expect_promises_kept(*this, topics_, interruptions_);
+    EXPECT_EQ(outbox->depth(), 0u);
+    EXPECT_EQ(outbox->queued_bytes(), 0u);
+    EXPECT_EQ(outbox->backlog().bytes(), 0u);
+    EXPECT_TRUE(store.rows.empty());
+  }
+
+ private:
+  int below(int bound) { return std::uniform_int_distribution<int>(0, bound - 1)(random_); }
+
+  void say(int count) {
+    for (int i = 0; i < count; ++i) {
+      const std::string topic = "r/" + std::to_string(below(3)) + "/" + std::to_string(below(2));
+      topics_[++number_] = topic;
+      const Qos qos = static_cast<Qos>(below(8) == 0 ? 0 : 1 + below(2));
+      const bool is_owed = qos != Qos::at_most_once && below(5) > 0;
+      outbox->submit({topic, to_bytes(std::to_string(number_)), qos, false},
+                     {Mesh::thread, is_owed ? number_ : 0}, now);
+      drain();
+    }
+  }
+  void acknowledge(int count) {
+    for (int i = 0; i < count && !under_way.empty(); ++i) acknowledge_first();
+  }
+  void serve(int count) {
+    for (int i = 0; i < count; ++i) serve_store();
+  }
+  void toggle_link() {
+    if (!is_up) return link_up(static_cast<std::uint16_t>(1 + below(40)));
+    ++interruptions_;
+    link_down(static_cast<std::size_t>(below(20)));
+  }
+  void restart() {
+    ++interruptions_;
+    if (store.is_asked() && below(2) == 0) store.serve(now);
+    die();
+    start();
+  }
+
+  std::mt19937 random_;
+  std::uint64_t number_ = 0;
+  std::map<std::uint64_t, std::string> topics_;
+  std::size_t interruptions_ = 0;
+};
+
+void walk(unsigned seed, std::uint64_t store_max_bytes) {
+  SCOPED_TRACE("seed " + std::to_string(seed));
+  Walk walk(seed, store_max_bytes);
+  for (int i = 0; i < 1000; ++i) {
+    walk.step();
+    walk.check_bounds();
+    if (testing::Test::HasFailure()) return;
+  }
+  walk.finish();
+}
+
+TEST(OutboxWalk, KeepsThePromisesWithRoomInTheStore) {
+  for (unsigned seed = 1; seed <= 8 && !testing::Test::HasFailure(); ++seed) walk(seed, 1u << 28);
+}
+
+TEST(OutboxWalk, KeepsThePromisesWithAStoreThatIsOftenFull) {
+  for (unsigned seed = 1; seed <= 8 && !testing::Test::HasFailure(); ++seed) walk(seed, 20000);
+}
+
+}  // namespace
+}  // namespace slamgw

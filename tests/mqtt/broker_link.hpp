@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: Apache-2.0
+// A PahoUpstream with a loop of its own and a listener that remembers.
+#pragma once
+
+#include <map>
+#include <memory>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "daemon/mqtt/paho_upstream.hpp"
+#include "tests/support/eventually.hpp"
+
+namespace slamgw {
+
+/// Remembers what the link said.
+struct RecordingListener final : UpstreamListener {
+  void on_link_up(bool, std::uint16_t maximum) override {
+    ++ups;
+    receive_maximum = maximum;
+    is_up = true;
+  }
+  void on_link_down(const std::string& why) override {
+    reasons.push_back(why);
+    is_up = false;
+  }
+  void on_published(std::uint64_t sequence) override { published.insert(sequence); }
+  void on_publish_refused(std::uint64_t sequence, const std::string& why) override {
+    refused[sequence] = why;
+  }
+  void on_subscribe_result(const std::string& filter, bool granted) override {
+    subscribed[filter] = granted;
+  }
+  void on_message(BrokerMessage message, std::vector<std::uint32_t> ids) override {
+    messages.push_back(std::move(message));
+    subscriptions.push_back(std::move(ids));
+  }
+
+  int ups = 0;
+  bool is_up = false;
+  std::uint16_t receive_maximum = 0;
+  std::vector<std::string> reasons;
+  std::set<std::uint64_t> published;
+  std::map<std::uint64_t, std::string> refused;
+  std::map<std::string, bool> subscribed;
+  std::vector<BrokerMessage> messages;
+  std::vector<std::vector<std::uint32_t>> subscriptions;  // of each message
+};
+
+inline BrokerSettings settings_for(std::uint16_t port,
+                                   std::optional<Credentials> credentials = {}) {
+  BrokerSettings settings;
+  settings.port = port;
+  settings.client_id = "slam-gateway-test";
+  settings.credentials = std::move(credentials);
+  return settings;
+}
+
+struct Link {
+  explicit Link(std::uint16_t port, std::optional<Credentials> credentials = {})
+      : Link(settings_for(port, std::move(credentials))) {}
+  explicit Link(const BrokerSettings& settings, PahoUpstream::ReadCredentials read = {}) {
+    upstream = std::make_unique<PahoUpstream>(
+        io, settings, LastWill{"gw/state", R"({"state":"offline"})"}, listener);
+    upstream->read_credentials_with(std::move(read));
+    upstream->start();
+  }
+  bool sees(const std::function<bool()>& condition) { return test::eventually(io, condition); }
+  bool comes_up() {
+    return sees([this] { return listener.is_up; });
+  }
+
+  boost::asio::io_context io;
+  RecordingListener listener;
+  std::unique_ptr<PahoUpstream> upstream;
+};
+
+}  // namespace slamgw

@@ -1,0 +1,155 @@
+// SPDX-License-Identifier: Apache-2.0
+// What lives longer than one connection to a real Mosquitto: its session, the credentials, the
+// configuration, and a rival with our client id.
+#include <gtest/gtest.h>
+
+#include <array>
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/write.hpp>
+
+#include "daemon/mqtt/connection_probe.hpp"
+#include "tests/mqtt/broker_link.hpp"
+#include "tests/support/free_port.hpp"
+#include "tests/support/mosquitto.hpp"
+
+namespace slamgw {
+namespace {
+
+using test::eventually;
+using test::Mosquitto;
+using test::Subscriber;
+
+void send_command(const Mosquitto& broker, const std::string& payload) {
+  test::mosquitto_publish(broker, {"-q", "1", "-t", "server/r1/cmd", "-m", payload});
+}
+
+TEST(BrokerSession, BringsTheCommandsThatCameWhileTheDaemonRestarted) {
+  Mosquitto broker;
+  {
+    Link link(broker.port());
+    ASSERT_TRUE(link.comes_up());
+    link.upstream->subscribe("server/r1/cmd", Qos::at_least_once, 77);
+    ASSERT_TRUE(link.sees([&] { return link.listener.subscribed.contains("server/r1/cmd"); }));
+    link.upstream->stop();
+  }
+  send_command(broker, "one");
+  send_command(broker, "two");
+  Link link(broker.port());
+  ASSERT_TRUE(link.sees([&] { return link.listener.messages.size() == 2; }));
+  EXPECT_EQ(link.listener.messages[0].payload, to_bytes("one"));
+  EXPECT_EQ(link.listener.messages[1].payload, to_bytes("two"));
+  EXPECT_EQ(link.listener.subscriptions[0], std::vector<std::uint32_t>{77});
+}
+
+TEST(BrokerSession, TellsWhereARobotsMessageCameFrom) {
+  Mosquitto broker;
+  Subscriber subscriber(broker, "t", "%P %p", "mqttv5");
+  BrokerSettings settings = settings_for(broker.port());
+  settings.gateway_id = "lab-1";
+  Link link(settings);
+  ASSERT_TRUE(link.comes_up());
+  const WallTime received{std::chrono::milliseconds{1763700000042}};
+  link.upstream->publish(
+      1, {"t", to_bytes("x"), Qos::at_least_once, false, Provenance{Mesh::ble, received}});
+  ASSERT_TRUE(eventually([&] { return !subscriber.lines().empty(); }));
+  EXPECT_EQ(subscriber.lines()[0], "mesh:ble gateway:lab-1 received_at:2025-11-21T04:40:00.042Z x");
+}
+
+/// Connects with the client id of Link, and stays.
+boost::asio::ip::tcp::socket rival_of(Link& link, std::uint16_t port) {
+  const std::string id = "slam-gateway-test";
+  std::string connect = "\x10" + std::string(1, static_cast<char>(12 + id.size()));
+  connect += std::string("\0\4MQTT\4\2\0\x3c\0", 11) + static_cast<char>(id.size()) + id;
+  boost::asio::ip::tcp::socket socket(link.io);
+  socket.connect({boost::asio::ip::address_v4::loopback(), port});
+  boost::asio::write(socket, boost::asio::buffer(connect));
+  return socket;
+}
+
+TEST(BrokerSession, SuspectsAnotherClientWithItsId) {
+  Mosquitto broker;  // Debian 12's does not say why it ends a connection
+  const std::string suspicion = "another client connects as 'slam-gateway-test'";
+  Link link(broker.port());
+  for (std::size_t times = 1; times <= 2; ++times) {
+    ASSERT_TRUE(link.comes_up());
+    const auto rival = rival_of(link, broker.port());
+    ASSERT_TRUE(link.sees([&] { return link.listener.reasons.size() == times; }));
+  }
+  const std::string& first = link.listener.reasons[0];
+  EXPECT_TRUE(first == "connection lost" || first.starts_with(suspicion)) << first;
+  EXPECT_NE(link.listener.reasons[1].find(suspicion), std::string::npos)
+      << link.listener.reasons[1];
+}
+
+/// A broker that accepts a CONNECT and then says DISCONNECT with a reason (MQTT 5 section 3.14).
+TEST(BrokerSession, SaysWhyTheBrokerEndedIt) {
+  using boost::asio::ip::tcp;
+  boost::asio::io_context io;
+  tcp::acceptor acceptor(io, {boost::asio::ip::address_v4::loopback(), 0});
+  Link link(acceptor.local_endpoint().port());
+  tcp::socket connection = acceptor.accept();
+  std::array<std::uint8_t, 512> connect{};
+  connection.read_some(boost::asio::buffer(connect));
+  boost::asio::write(connection,
+                     boost::asio::buffer(std::array<std::uint8_t, 5>{0x20, 3, 0, 0, 0}));
+  ASSERT_TRUE(link.comes_up());
+  boost::asio::write(connection,
+                     boost::asio::buffer(std::array<std::uint8_t, 4>{0xe0, 2, 0x8e, 0}));
+  connection.shutdown(tcp::socket::shutdown_both);
+  ASSERT_TRUE(link.sees([&] { return !link.listener.reasons.empty(); }));
+  EXPECT_NE(link.listener.reasons[0].find("another client connects as"), std::string::npos)
+      << link.listener.reasons[0];
+}
+
+TEST(BrokerSession, ReadsItsCredentialsAgainForEachAttempt) {
+  Mosquitto broker({}, "gw", "right");
+  std::optional<Credentials> in_file = Credentials{"gw", "wrong"};
+  Link link(settings_for(broker.port(), in_file), [&] { return in_file; });
+  ASSERT_TRUE(link.sees([&] { return !link.listener.reasons.empty(); }));
+  in_file->password = "right";
+  EXPECT_TRUE(link.comes_up());
+}
+
+TEST(BrokerSession, MovesToAnotherBrokerWhenToldTo) {
+  Mosquitto first;
+  Mosquitto second;
+  Link link(first.port());
+  ASSERT_TRUE(link.comes_up());
+  link.upstream->reconfigure(settings_for(first.port()));
+  EXPECT_TRUE(link.listener.is_up) << "nothing has changed";
+  link.upstream->reconfigure(settings_for(second.port()));
+  EXPECT_FALSE(link.listener.is_up);
+  ASSERT_TRUE(link.comes_up());
+  Subscriber subscriber(second, "t");
+  link.upstream->publish(1, {"t", to_bytes("x"), Qos::at_least_once, false});
+  EXPECT_TRUE(eventually([&] { return subscriber.lines().size() == 1; }));
+}
+
+TEST(BrokerSession, TriesEachAddressOfAName) {
+  // "localhost" is ::1 and 127.0.0.1 where there is IPv6: whichever the broker has is found.
+  Mosquitto broker;
+  BrokerSettings settings = settings_for(broker.port());
+  settings.host = "localhost";
+  EXPECT_FALSE(resolve_host("localhost").empty());
+  Link link(settings);
+  EXPECT_TRUE(link.comes_up());
+}
+
+TEST(ConnectionProbe, SaysThatANameIsNotKnown) {
+  BrokerSettings settings = settings_for(1883);
+  settings.host = "no-such-host.invalid";
+  EXPECT_NE(explain_unreachable(settings).find("'no-such-host.invalid' can't be resolved"),
+            std::string::npos)
+      << explain_unreachable(settings);
+}
+
+TEST(ConnectionProbe, SaysThatAPortIsNoTlsPort) {
+  Mosquitto broker;
+  BrokerSettings settings = settings_for(broker.port());
+  settings.tls = true;
+  EXPECT_NE(explain_unreachable(settings).find("TLS port"), std::string::npos)
+      << explain_unreachable(settings);
+}
+
+}  // namespace
+}  // namespace slamgw

@@ -1,0 +1,263 @@
+// SPDX-License-Identifier: Apache-2.0
+// PahoUpstream against a real Mosquitto.
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <array>
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/write.hpp>
+#include <csignal>
+#include <map>
+#include <set>
+
+#include "tests/mqtt/broker_link.hpp"
+#include "tests/support/certificates.hpp"
+#include "tests/support/free_port.hpp"
+#include "tests/support/mosquitto.hpp"
+
+namespace slamgw {
+namespace {
+
+using test::eventually;
+using test::Mosquitto;
+using test::Subscriber;
+
+TEST(PahoUpstream, PublishesAtEachQosAndSaysWhenTheBrokerHasIt) {
+  Mosquitto broker;
+  Subscriber subscriber(broker, "t/#", "%t %q %r %p");
+  Link link(broker.port());
+  ASSERT_TRUE(link.comes_up());
+  EXPECT_EQ(link.upstream->version(), MqttVersion::v5);
+  EXPECT_EQ(link.listener.receive_maximum, 20) << "Mosquitto's default";
+  for (std::uint64_t qos = 0; qos <= 2; ++qos) {
+    link.upstream->publish(
+        qos + 1, {"t/" + std::to_string(qos), to_bytes("hello"), static_cast<Qos>(qos), false});
+  }
+  EXPECT_TRUE(link.sees([&] { return link.listener.published.size() == 3; }));
+  EXPECT_TRUE(eventually([&] { return subscriber.lines().size() == 3; }));
+}
+
+TEST(PahoUpstream, SaysOfEachOfManyThatItIsWrittenAndKeepsTheirOrder) {
+  Mosquitto broker;
+  Subscriber subscriber(broker, "t", "%p");
+  Link link(broker.port());
+  ASSERT_TRUE(link.comes_up());
+  constexpr std::uint64_t count = 250;  // Paho buffers 512
+  std::vector<std::string> expected;
+  for (std::uint64_t i = 0; i < count; ++i) {
+    expected.push_back(std::to_string(i));
+    // Not more than the broker sends to a subscriber at once: others would overtake them there.
+    const Qos qos = i % 20 == 19 ? Qos::at_least_once : Qos::at_most_once;
+    link.upstream->publish(i, {"t", to_bytes(expected.back()), qos, false});
+  }
+  EXPECT_TRUE(link.sees([&] { return link.listener.published.size() == count; }));
+  EXPECT_TRUE(eventually([&] { return subscriber.lines().size() == count; }));
+  EXPECT_EQ(subscriber.lines(), expected);
+}
+
+TEST(PahoUpstream, ReceivesWhatItSubscribedTo) {
+  Mosquitto broker;
+  test::mosquitto_publish(broker, {"-r", "-t", "down/kept", "-m", "old"});
+  Link link(broker.port());
+  ASSERT_TRUE(link.comes_up());
+  link.upstream->subscribe("down/#", Qos::at_least_once, 1);
+  ASSERT_TRUE(link.sees([&] { return link.listener.messages.size() == 1; }));
+  EXPECT_TRUE(link.listener.subscribed["down/#"]);
+  EXPECT_TRUE(link.listener.messages[0].retain);
+
+  link.upstream->subscribe("down/#", Qos::at_least_once, 1);
+  ASSERT_TRUE(link.sees([&] { return link.listener.messages.size() == 2; }))
+      << "a repeated subscription brings retained messages again";
+
+  test::mosquitto_publish(broker, {"-q", "1", "-t", "down/new", "-m", "x"});
+  ASSERT_TRUE(link.sees([&] { return link.listener.messages.size() == 3; }));
+  EXPECT_FALSE(link.listener.messages[2].retain);
+  EXPECT_EQ(link.listener.messages[2].topic, "down/new");
+
+  link.upstream->unsubscribe("down/#");
+  link.upstream->subscribe("other", Qos::at_least_once, 1);
+  ASSERT_TRUE(link.sees([&] { return link.listener.subscribed.contains("other"); }));
+  test::mosquitto_publish(broker, {"-t", "down/new", "-m", "unheard"});
+  test::mosquitto_publish(broker, {"-t", "other", "-m", "heard"});
+  ASSERT_TRUE(link.sees([&] { return link.listener.messages.size() == 4; }));
+  EXPECT_EQ(link.listener.messages[3].topic, "other");
+}
+
+TEST(PahoUpstream, TellsTheCopiesForOverlappingSubscriptionsApart) {
+  Mosquitto broker;
+  Link link(broker.port());
+  ASSERT_TRUE(link.comes_up());
+  link.upstream->subscribe("down/+", Qos::at_least_once, 7);
+  link.upstream->subscribe("down/cmd", Qos::at_least_once, 8);
+  ASSERT_TRUE(link.sees([&] { return link.listener.subscribed.size() == 2; }));
+  test::mosquitto_publish(broker, {"-q", "1", "-t", "down/cmd", "-m", "x"});
+  ASSERT_TRUE(link.sees([&] { return link.listener.messages.size() == 2; }));
+  std::set<std::vector<std::uint32_t>> ids(link.listener.subscriptions.begin(),
+                                           link.listener.subscriptions.end());
+  EXPECT_EQ(ids, (std::set<std::vector<std::uint32_t>>{{7}, {8}}));
+}
+
+TEST(PahoUpstream, ComesBackAfterTheBrokerWasKilled) {
+  Mosquitto broker;
+  Link link(broker.port());
+  ASSERT_TRUE(link.comes_up());
+  broker.kill();
+  ASSERT_TRUE(link.sees([&] { return !link.listener.is_up; }));
+  broker.start();
+  ASSERT_TRUE(link.comes_up());
+  EXPECT_EQ(link.listener.ups, 2);
+  link.upstream->publish(9, {"t", to_bytes("again"), Qos::at_least_once, false});
+  EXPECT_TRUE(link.sees([&] { return link.listener.published.contains(9); }));
+}
+
+TEST(PahoUpstream, WaitsForABrokerThatIsNotThereYet) {
+  const std::uint16_t port = test::free_tcp_port();
+  Link link(port);
+  ASSERT_TRUE(link.sees([&] { return link.listener.reasons.size() >= 2; })) << "keeps trying";
+  EXPECT_NE(link.listener.reasons[0].find("Connection refused"), std::string::npos)
+      << link.listener.reasons[0];
+}
+
+TEST(PahoUpstream, SaysThatThePasswordIsWrongAndNeverWhichOneItIs) {
+  Mosquitto broker({}, "gw", "right");
+  Link link(broker.port(), Credentials{"gw", "s3cret-but-wrong"});
+  ASSERT_TRUE(link.sees([&] { return link.listener.reasons.size() >= 2; }));
+  EXPECT_NE(link.listener.reasons[0].find("authorise"), std::string::npos)
+      << link.listener.reasons[0];
+  EXPECT_NE(link.listener.reasons[0].find("'gw'"), std::string::npos) << link.listener.reasons[0];
+  EXPECT_EQ(link.listener.reasons[0].find("s3cret"), std::string::npos);
+
+  Link right(broker.port(), Credentials{"gw", "right"});
+  EXPECT_TRUE(right.comes_up());
+}
+
+/// A broker from before MQTT 5, as far as CONNECT: it answers level 5 with return code 1 and level
+/// 4 with 0.
+class OldBroker {
+ public:
+  explicit OldBroker(boost::asio::io_context& io)
+      : acceptor_(io, {boost::asio::ip::address_v4::loopback(), 0}) {
+    accept();
+  }
+  std::uint16_t port() const { return acceptor_.local_endpoint().port(); }
+  std::vector<int> levels;
+
+ private:
+  using tcp = boost::asio::ip::tcp;
+  void accept() {
+    acceptor_.async_accept([this](boost::system::error_code error, tcp::socket socket) {
+      if (error) return;
+      connections_.push_back(std::make_unique<tcp::socket>(std::move(socket)));
+      tcp::socket& connection = *connections_.back();
+      connection.async_read_some(
+          boost::asio::buffer(buffer_), [&](boost::system::error_code, std::size_t) {
+            constexpr std::size_t level_at = 8;  // MQTT 3.1.1 section 3.1.2.2
+            levels.push_back(buffer_[level_at]);
+            const std::uint8_t code = levels.back() == 4 ? 0 : 1;
+            const std::array<std::uint8_t, 4> connack{0x20, 0x02, 0x00, code};
+            boost::asio::write(connection, boost::asio::buffer(connack));
+            if (code != 0) connection.close();
+          });
+      accept();
+    });
+  }
+
+  tcp::acceptor acceptor_;
+  std::array<std::uint8_t, 512> buffer_{};
+  std::vector<std::unique_ptr<tcp::socket>> connections_;
+};
+
+TEST(PahoUpstream, FallsBackToMqtt311ForAnOldBroker) {
+  boost::asio::io_context broker_io;
+  OldBroker broker(broker_io);
+  Link link(broker.port());
+  ASSERT_TRUE(link.sees([&] {
+    broker_io.poll();
+    return link.listener.is_up;
+  }));
+  EXPECT_EQ(broker.levels, (std::vector<int>{5, 4}));
+  EXPECT_EQ(link.upstream->version(), MqttVersion::v3_1_1);
+  EXPECT_EQ(link.listener.receive_maximum, 65535);
+  EXPECT_TRUE(link.listener.reasons.empty()) << "an operator need not know";
+}
+
+TEST(PahoUpstream, ChecksTheBrokersCertificateAndItsName) {
+  const test::Certificates right("localhost");
+  const test::Certificates stranger("localhost");
+  const std::uint16_t tls_port = test::free_tcp_port();
+  Mosquitto broker("listener " + std::to_string(tls_port) + " 127.0.0.1\ncertfile " +
+                   right.certificate() + "\nkeyfile " + right.key());
+  BrokerSettings settings = settings_for(tls_port);
+  settings.tls = true;
+  settings.host = "localhost";
+  settings.ca_file = right.ca();
+  Link good(settings);
+  EXPECT_TRUE(good.comes_up());
+
+  settings.host = "127.0.0.1";  // the certificate is for "localhost"
+  Link wrong_name(settings);
+  settings.host = "localhost";
+  settings.ca_file = stranger.ca();
+  Link wrong_authority(settings);
+  const std::pair<Link*, const char*> bad[] = {
+      {&wrong_name, "is not for '127.0.0.1'"},
+      {&wrong_authority, "is not trusted (unable to get local issuer certificate)"}};
+  for (const auto& [link, reason] : bad) {
+    ASSERT_TRUE(link->sees([&, link = link] { return !link->listener.reasons.empty(); }));
+    EXPECT_NE(link->listener.reasons[0].find(reason), std::string::npos)
+        << link->listener.reasons[0];
+    EXPECT_EQ(link->listener.ups, 0);
+  }
+}
+
+TEST(PahoUpstream, SaysThatTheBrokerWantsAClientCertificate) {
+  const test::Certificates right("localhost");
+  const std::uint16_t tls_port = test::free_tcp_port();
+  Mosquitto broker("listener " + std::to_string(tls_port) + " 127.0.0.1\ncertfile " +
+                   right.certificate() + "\nkeyfile " + right.key() + "\ncafile " + right.ca() +
+                   "\nrequire_certificate true");
+  BrokerSettings settings = settings_for(tls_port);
+  settings.tls = true;
+  settings.host = "localhost";
+  settings.ca_file = right.ca();
+  Link without(settings);
+  ASSERT_TRUE(without.sees([&] { return !without.listener.reasons.empty(); }));
+  EXPECT_NE(without.listener.reasons[0].find("broker.tls.certificate_file"), std::string::npos)
+      << without.listener.reasons[0];
+  settings.certificate_file = right.certificate();  // signed by the CA, good enough for a client
+  settings.key_file = right.key();
+  Link with(settings);
+  EXPECT_TRUE(with.comes_up());
+}
+
+TEST(PahoUpstream, LeavesTheBrokerItsLastWill) {
+  Mosquitto broker;
+  Subscriber subscriber(broker, "gw/state", "%r %p");
+  const pid_t child = fork();
+  if (child == 0) {
+    Link link(broker.port());
+    link.comes_up();
+    raise(SIGKILL);
+  }
+  int status = 0;
+  waitpid(child, &status, 0);
+  ASSERT_TRUE(eventually([&] { return subscriber.lines().size() == 1; }));
+  EXPECT_EQ(subscriber.lines()[0], R"(0 {"state":"offline"})");
+}
+
+TEST(PahoUpstream, AnOrderlyStopPublishesNoWillAndLosesNothing) {
+  Mosquitto broker;
+  Subscriber subscriber(broker, "#", "%t");
+  Link link(broker.port());
+  ASSERT_TRUE(link.comes_up());
+  link.upstream->publish(1, {"last", to_bytes("x"), Qos::at_least_once, false});
+  link.upstream->stop();
+  ASSERT_TRUE(eventually([&] { return !subscriber.lines().empty(); }));
+  test::mosquitto_publish(broker, {"-t", "after", "-m", "x"});
+  ASSERT_TRUE(eventually([&] { return subscriber.lines().back() == "after"; }));
+  EXPECT_EQ(subscriber.lines(), (std::vector<std::string>{"last", "after"}));
+}
+
+}  // namespace
+}  // namespace slamgw

@@ -1,0 +1,109 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/mqttsn_udp/fuzz_life.hpp"
+
+#include "adapters/mqttsn_udp/limits.hpp"
+
+namespace slamgw::mqttsn {
+namespace {
+
+constexpr std::size_t max_clients = 3;
+constexpr std::size_t max_sleeping = 4;
+
+Settings small_settings() {
+  Settings settings;
+  settings.max_clients = max_clients;
+  settings.max_sleeping_messages = max_sleeping;
+  settings.allow_unconnected_publish = true;
+  settings.when_full = WhenFull::reject;
+  settings.predefined_topics = {{1, "a/p", {}}, {2, "b", "c"}};
+  return settings;
+}
+
+}  // namespace
+
+FuzzLife::FuzzLife()
+    : gateway_(small_settings(), TopicPolicy(TopicScheme("p", "gw"), {"a", "a/#", "b"}, {"#"}),
+               RobotNames()) {
+  gateway_.on_broker_link(true, now_);
+}
+
+bool FuzzLife::run(ByteView script) {
+  ByteReader in(script);
+  while (in.remaining() > 0) {
+    one_input(in);
+    if (!drain() || !holds()) return false;
+  }
+  return true;
+}
+
+void FuzzLife::one_input(ByteReader& in) {
+  const std::uint8_t kind = in.read_u8() % 8;
+  const std::uint8_t argument = in.read_u8();
+  switch (kind) {
+    case 0: now_ += std::chrono::seconds(argument); break;
+    case 1:
+      if (gateway_.deadline()) now_ = std::max(now_, *gateway_.deadline());
+      gateway_.on_deadline(now_);
+      break;
+    case 2:
+      gateway_.on_receipt(owed_.empty() ? argument : owed_[argument % owed_.size()],
+                          argument % 4 == 0 ? ReceiptOutcome::refused : ReceiptOutcome::safe, now_);
+      break;
+    case 3:
+      gateway_.on_subscribe_result(asked_.empty() ? "a" : asked_[argument % asked_.size()],
+                                   argument % 8 != 0, now_);
+      break;
+    case 4: gateway_.on_broker_link(argument % 2 == 0, now_); break;
+    case 5: broker_message(argument, in.read(in.read_u8())); break;
+    default: datagram(argument, in.read(in.read_u8()));
+  }
+}
+
+/// The message proper: its Length is made to fit, so that more than the decoder is reached.
+void FuzzLife::datagram(std::uint8_t from, ByteView octets) {
+  Endpoint endpoint;
+  endpoint.port = from % 6;
+  ByteWriter message;
+  message.write_u8(static_cast<std::uint8_t>(std::min<std::size_t>(octets.size() + 1, 255)));
+  message.write(octets);
+  gateway_.on_datagram(endpoint, LocalAddress{}, from >= 128 ? octets : message.bytes(), now_);
+}
+
+void FuzzLife::broker_message(std::uint8_t argument, ByteView payload) {
+  static const char* const topics[] = {"a", "a/b", "b", "p/server/c/cmd", "p/robot/c/adv"};
+  gateway_.on_broker_message({topics[argument % 5], Bytes(payload.begin(), payload.end()),
+                              static_cast<Qos>(argument / 5 % 3), argument % 2 == 0},
+                             now_);
+}
+
+bool FuzzLife::drain() {
+  while (auto action = gateway_.next_action()) {
+    if (const auto* sent = std::get_if<SendDatagram>(&*action)) {
+      if (!is_sound(*sent)) return false;
+    } else if (const auto* event = std::get_if<MeshEvent>(&*action)) {
+      if (const auto* report = std::get_if<Report>(event)) {
+        if (!is_valid_topic_name(report->topic)) return false;
+        if (report->receipt.is_owed() && owed_.size() < 256) owed_.push_back(report->receipt.id);
+      }
+      const auto* asked = std::get_if<SubscribeRequest>(event);
+      if (asked && asked_.size() < 256) asked_.push_back(asked->filter);
+    }
+  }
+  return true;
+}
+
+/// Everything that leaves is a message of MQTT-SN 1.2 that the network carries.
+bool FuzzLife::is_sound(const SendDatagram& sent) const {
+  if (sent.bytes.size() > limits::max_datagram_octets) return false;
+  if (!is_encapsulated(sent.bytes)) return decode(sent.bytes).has_value();
+  const auto outer = decode_encapsulation(sent.bytes);
+  return outer && decode(outer->inner).has_value();
+}
+
+bool FuzzLife::holds() const {
+  const auto counts = gateway_.client_counts();
+  return counts.active + counts.asleep + counts.disconnected + counts.lost <= max_clients &&
+         gateway_.queued_for("c") <= limits::max_queued_messages + 1;
+}
+
+}  // namespace slamgw::mqttsn

@@ -1,0 +1,163 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/mqttsn_udp/sn_rig.hpp"
+
+#include <utility>
+
+namespace slamgw::mqttsn {
+
+SnRig::SnRig(Settings settings, std::vector<RobotName> names,
+             std::vector<std::string> extra_publish, std::vector<std::string> extra_subscribe)
+    : gateway(std::move(settings),
+              TopicPolicy(TopicScheme("ntnu-slam", "gw"), std::move(extra_publish),
+                          std::move(extra_subscribe)),
+              RobotNames(std::move(names))) {
+  broker_link(true);
+  multicasts.clear();
+}
+
+Endpoint SnRig::address(unsigned n) {
+  Endpoint endpoint;
+  endpoint.address = {0xfd, 0x00};
+  endpoint.address[14] = static_cast<std::uint8_t>(n >> 8);
+  endpoint.address[15] = static_cast<std::uint8_t>(n);
+  endpoint.port = 47193;
+  return endpoint;
+}
+
+LocalAddress SnRig::local() {
+  LocalAddress local;
+  local.address = {0xfd, 0x00, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0xff, 0xff};
+  return local;
+}
+
+void SnRig::send(unsigned n, const Packet& packet) { send_octets(n, encode(packet)); }
+
+void SnRig::send_octets(unsigned n, ByteView octets) {
+  gateway.on_datagram(address(n), local(), octets, now);
+  drain();
+}
+
+void SnRig::connect(unsigned n, const std::string& id, bool clean, std::uint16_t duration_s) {
+  send(n, Connect{false, clean, protocol_id, duration_s, id});
+  sent_to(n);
+}
+
+std::uint16_t SnRig::register_topic(unsigned n, const std::string& topic) {
+  sent_to(n);
+  send(n, Register{0, ++msg_id_, topic});
+  const SendDatagram& answer = datagrams.back();
+  sent_to(n);
+  return std::get<Regack>(*decode(answer.bytes)).topic_id;
+}
+
+void SnRig::subscribe(unsigned n, const std::string& filter, unsigned qos) {
+  Subscribe request;
+  request.qos = static_cast<WireQos>(qos);
+  request.msg_id = ++msg_id_;
+  request.topic_name = filter;
+  send(n, request);
+  sent_to(n);
+}
+
+void SnRig::sleep(unsigned n, std::uint16_t duration_s) {
+  send(n, Disconnect{duration_s});
+  sent_to(n);
+}
+
+void SnRig::publish(unsigned n, std::uint16_t id, unsigned qos, std::uint16_t msg_id,
+                    const std::string& payload) {
+  send(n, Publish{false, static_cast<WireQos>(qos), false, TopicIdType::normal, id, msg_id,
+                  to_bytes(payload)});
+}
+
+void SnRig::broker(const std::string& topic, const std::string& payload, unsigned qos,
+                   bool retain) {
+  gateway.on_broker_message({topic, to_bytes(payload), static_cast<Qos>(qos), retain}, now);
+  drain();
+}
+
+void SnRig::receipt(std::uint64_t id, ReceiptOutcome outcome) {
+  gateway.on_receipt(id, outcome, now);
+  drain();
+}
+
+void SnRig::subscribe_result(const std::string& filter, bool granted) {
+  gateway.on_subscribe_result(filter, granted, now);
+  drain();
+}
+
+void SnRig::broker_link(bool is_up) {
+  gateway.on_broker_link(is_up, now);
+  drain();
+}
+
+void SnRig::stop() {
+  gateway.on_stop(now);
+  drain();
+}
+
+void SnRig::pass(Duration time) {
+  const TimePoint end = now + time;
+  while (gateway.deadline() && *gateway.deadline() <= end) {
+    now = std::max(now, *gateway.deadline());
+    gateway.on_deadline(now);
+    drain();
+  }
+  now = end;
+}
+
+std::vector<std::string> SnRig::sent_to(unsigned n) {
+  return std::exchange(outbox_[address(n)], {});
+}
+
+std::string SnRig::last_to(unsigned n) {
+  const auto lines = sent_to(n);
+  return lines.empty() ? "nothing" : lines.back();
+}
+
+std::uint64_t SnRig::counter(std::string_view name) const {
+  for (const Counter& counter : gateway.counters()) {
+    if (counter.name == name) return counter.value;
+  }
+  return 0;
+}
+
+void SnRig::drain() {
+  while (auto action = gateway.next_action()) {
+    if (auto* datagram = std::get_if<SendDatagram>(&*action)) {
+      take(*datagram);
+    } else if (auto* multicast = std::get_if<SendMulticast>(&*action)) {
+      multicasts.push_back(describe_octets(multicast->bytes));
+    } else {
+      take(std::get<MeshEvent>(*action));
+    }
+  }
+  while (!to_answer_.empty()) {
+    const std::string filter = std::move(to_answer_.front());
+    to_answer_.pop_front();
+    subscribe_result(filter, true);
+  }
+}
+
+void SnRig::take(SendDatagram& action) {
+  outbox_[action.to].push_back(describe_octets(action.bytes));
+  datagrams.push_back(std::move(action));
+}
+
+void SnRig::take(MeshEvent& event) {
+  std::visit(overloaded{
+                 [&](Report& e) { reports.push_back(std::move(e)); },
+                 [&](PresenceChange& e) { presence.push_back(std::move(e)); },
+                 [&](SubscribeRequest& e) {
+                   if (answers_subscribes) to_answer_.push_back(e.filter);
+                   subscribes.push_back(std::move(e));
+                 },
+                 [&](UnsubscribeRequest& e) { unsubscribes.push_back(std::move(e)); },
+                 [&](CommandOutcome& e) { outcomes.push_back(std::move(e)); },
+                 [](LinkChange&) {},
+                 [&](Notice& e) { notices.push_back(std::move(e)); },
+             },
+             event);
+}
+
+}  // namespace slamgw::mqttsn

@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: Apache-2.0
+// The gateway's machine on a virtual clock with clients that are just addresses: sends octets or
+// packets, collects what comes out as text, and answers subscriptions as the core does.
+#pragma once
+
+#include <deque>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "adapters/mqttsn_udp/sn_gateway.hpp"
+#include "tests/mqttsn_udp/describe.hpp"
+
+namespace slamgw::mqttsn {
+
+class SnRig {
+ public:
+  explicit SnRig(Settings settings = {}, std::vector<RobotName> names = {},
+                 std::vector<std::string> extra_publish = {"w/#", "a/#", "ab"},
+                 std::vector<std::string> extra_subscribe = {"w/#", "a/#", "ab"});
+
+  /// Where client number `n` sends from; the node id of a forwarder after a slash is not part.
+  static Endpoint address(unsigned n);
+  static LocalAddress local();
+
+  // Verbs of clients. All take the number of the address they come from.
+  void send(unsigned n, const Packet& packet);
+  void send_octets(unsigned n, ByteView octets);
+  void connect(unsigned n, const std::string& id, bool clean = true, std::uint16_t duration_s = 60);
+  std::uint16_t register_topic(unsigned n, const std::string& topic);
+  void subscribe(unsigned n, const std::string& filter, unsigned qos = 1);
+  void sleep(unsigned n, std::uint16_t duration_s = 100);
+  void publish(unsigned n, std::uint16_t id, unsigned qos, std::uint16_t msg_id,
+               const std::string& payload = "hi");
+
+  // Verbs of the core.
+  void broker(const std::string& topic, const std::string& payload = "hi", unsigned qos = 0,
+              bool retain = false);
+  void receipt(std::uint64_t id, ReceiptOutcome outcome = ReceiptOutcome::safe);
+  void subscribe_result(const std::string& filter, bool granted);
+  void broker_link(bool is_up);
+  void stop();
+
+  /// Lets time pass, firing each deadline on its way.
+  void pass(Duration time);
+  void pass_s(int seconds) { pass(std::chrono::seconds(seconds)); }
+
+  /// What client `n` was sent since the last call, as text.
+  std::vector<std::string> sent_to(unsigned n);
+  bool is_silent(unsigned n) { return sent_to(n).empty(); }
+  std::string last_to(unsigned n);
+  std::vector<std::string> multicasts;
+  std::vector<SendDatagram> datagrams;  ///< everything, ever
+  std::vector<Report> reports;
+  std::vector<PresenceChange> presence;
+  std::vector<SubscribeRequest> subscribes;
+  std::vector<UnsubscribeRequest> unsubscribes;
+  std::vector<CommandOutcome> outcomes;
+  std::vector<Notice> notices;
+
+  std::uint64_t counter(std::string_view name) const;
+
+  SnGateway gateway;
+  TimePoint now{std::chrono::hours(1)};
+  /// The core answers each SubscribeRequest at once unless this is off.
+  bool answers_subscribes = true;
+
+ private:
+  void drain();
+  void take(SendDatagram& action);
+  void take(MeshEvent& event);
+
+  std::map<Endpoint, std::vector<std::string>> outbox_;
+  std::deque<std::string> to_answer_;
+  std::uint16_t msg_id_ = 1000;
+};
+
+/// One list from several, for comparing.
+using Lines = std::vector<std::string>;
+
+}  // namespace slamgw::mqttsn

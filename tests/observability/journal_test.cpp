@@ -1,0 +1,262 @@
+// SPDX-License-Identifier: Apache-2.0
+// What goes to the journal: which robot messages get a line, how an entry looks, and what happens
+// when the journal takes nothing.
+#include <gtest/gtest.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+#include <cstring>
+#include <stdexcept>
+#include <vector>
+
+#include "daemon/observability/journal_entry.hpp"
+#include "daemon/observability/journal_sink.hpp"
+#include "daemon/observability/traffic_log.hpp"
+#include "tests/support/temp_dir.hpp"
+
+namespace slamgw {
+namespace {
+
+using namespace std::chrono_literals;
+
+TrafficEvent message_of(const std::string& robot) {
+  TrafficEvent event;
+  event.mesh = Mesh::thread;
+  event.robot = robot;
+  event.type = "adv";
+  return event;
+}
+
+// ---- which messages get a line
+
+struct Written {
+  std::uint64_t lines = 0;
+  std::uint64_t stands_for = 0;
+};
+
+/// A thousand messages a second for so long, from so many robots in turn.
+Written written_of_a_flood(TrafficLog mode, int robots, std::chrono::seconds time) {
+  TrafficSampler sampler(mode);
+  Written written;
+  TimePoint now{1h};
+  for (std::int64_t i = 0; i < 1000 * time.count(); ++i, now += 1ms) {
+    const auto line = sampler.on_traffic(message_of("r" + std::to_string(i % robots)), now);
+    if (!line) continue;
+    ++written.lines;
+    written.stands_for += line->of_stream + line->of_others;
+  }
+  return written;
+}
+
+TEST(TrafficSampler, LeavesRoomInJournaldsLimitWhateverTheMode) {
+  for (const auto mode : {TrafficLog::all, TrafficLog::sampled}) {
+    const Written written = written_of_a_flood(mode, 2000, 30s);
+    EXPECT_LE(written.lines, 9000u);
+    EXPECT_GE(written.lines, 8500u) << "no less than it may";
+    EXPECT_GE(written.stands_for, 29900u) << "all but the last few are accounted for";
+    EXPECT_LE(written.stands_for, 30000u);
+  }
+}
+
+TEST(TrafficSampler, WritesAllWhileThereIsRoom) {
+  EXPECT_EQ(written_of_a_flood(TrafficLog::all, 1, 3s).lines, 3000u);
+  EXPECT_EQ(written_of_a_flood(TrafficLog::off, 1, 3s).lines, 0u);
+  EXPECT_LE(written_of_a_flood(TrafficLog::sampled, 1, 3s).lines, 3u);
+}
+
+TEST(TrafficSampler, HasRoomAgainAfterARest) {
+  LineBudget budget;
+  TimePoint now{};
+  int taken = 0;
+  while (budget.take(now)) ++taken;
+  EXPECT_EQ(taken, LineBudget::at_once);
+  now += 1s;
+  for (taken = 0; budget.take(now);) ++taken;
+  EXPECT_EQ(taken, LineBudget::per_second);
+  now += 1h;
+  for (taken = 0; budget.take(now);) ++taken;
+  EXPECT_EQ(taken, LineBudget::at_once);
+}
+
+TEST(TrafficText, SaysHowManyItStandsFor) {
+  const TrafficEvent event = message_of("r");
+  EXPECT_EQ(traffic_text(event, {}), "thread r adv 0 bytes");
+  EXPECT_EQ(traffic_text(event, {3, 0}), "thread r adv 0 bytes (3 messages)");
+  EXPECT_EQ(traffic_text(event, {1, 7}),
+            "thread r adv 0 bytes (and 7 of any robot: too many for lines of their own)");
+}
+
+// ---- how long a message took
+
+std::string latency_of(const TrafficEntry& entry) {
+  for (const LogField& field : entry.fields)
+    if (field.name == "LATENCY_US") return field.value;
+  return "none";
+}
+
+class AwaitedLinesTest : public testing::Test {
+ protected:
+  bool is_written_at_once(std::uint64_t receipt, Mesh mesh = Mesh::thread) {
+    TrafficEvent event = message_of("r");
+    event.at = now;
+    event.receipt = {mesh, receipt};
+    return lines.add(event, {"text", {}}).has_value();
+  }
+
+  TimePoint now{1h};
+  AwaitedLines lines;
+};
+
+TEST_F(AwaitedLinesTest, TellHowLongTheAcknowledgementTook) {
+  EXPECT_FALSE(is_written_at_once(1));
+  EXPECT_FALSE(is_written_at_once(1, Mesh::ble));
+  now += 12345us;
+  ASSERT_TRUE(lines.has({Mesh::thread, 1}));
+  EXPECT_EQ(latency_of(lines.on_receipt({Mesh::thread, 1}, ReceiptOutcome::safe, now)), "12345");
+  EXPECT_FALSE(lines.has({Mesh::thread, 1}));
+  EXPECT_EQ(latency_of(lines.on_receipt({Mesh::ble, 1}, ReceiptOutcome::refused, now)), "none");
+}
+
+TEST_F(AwaitedLinesTest, WaitForNothingThatNobodyOwes) {
+  EXPECT_TRUE(is_written_at_once(0));
+  EXPECT_FALSE(lines.has({Mesh::thread, 0}));
+}
+
+TEST_F(AwaitedLinesTest, AreWrittenWithoutItWhenItTakesTooLong) {
+  is_written_at_once(1);
+  now += 4s;
+  is_written_at_once(2);
+  now += 1s;
+  const auto overdue = lines.take_overdue(now);
+  ASSERT_EQ(overdue.size(), 1u);
+  EXPECT_EQ(latency_of(overdue[0]), "none");
+  EXPECT_FALSE(lines.has({Mesh::thread, 1}));
+  EXPECT_TRUE(lines.has({Mesh::thread, 2}));
+}
+
+TEST_F(AwaitedLinesTest, AreNoMoreThanTheirBound) {
+  for (std::uint64_t i = 1; i <= AwaitedLines::max_lines; ++i) EXPECT_FALSE(is_written_at_once(i));
+  EXPECT_TRUE(is_written_at_once(AwaitedLines::max_lines + 1));
+}
+
+// ---- what an entry looks like
+
+TEST(JournalEntry, IsAFieldALine) {
+  EXPECT_EQ(journal_entry(Severity::warning, "text", {{"ROBOT_ID", "r=1"}}),
+            "MESSAGE=text\nPRIORITY=4\nSYSLOG_IDENTIFIER=slam-gatewayd\nROBOT_ID=r=1\n");
+}
+
+TEST(JournalEntry, GivesTheLengthOfAValueWithLineEnds) {
+  const std::string entry = journal_entry(Severity::info, "", {{"TOPIC", "a\nPRIORITY=0"}});
+  const std::string expected("TOPIC\n\x0c\0\0\0\0\0\0\0a\nPRIORITY=0\n", 6 + 8 + 12 + 1);
+  EXPECT_NE(entry.find(expected), std::string::npos) << "nobody forges a field";
+}
+
+TEST(JournalEntry, HasThePriorityThatJournalctlSelectsBy) {
+  EXPECT_EQ(journal_priority(Severity::debug), 7);
+  EXPECT_EQ(journal_priority(Severity::info), 6);
+  EXPECT_EQ(journal_priority(Severity::notice), 5);
+  EXPECT_EQ(journal_priority(Severity::warning), 4);
+  EXPECT_EQ(journal_priority(Severity::error), 3);
+}
+
+// ---- a journal that takes nothing
+
+/// journald's socket. It reads when it is asked to.
+class Journald {
+ public:
+  explicit Journald(const std::string& path) {
+    unlink(path.c_str());
+    sockaddr_un address{};
+    address.sun_family = AF_UNIX;
+    path.copy(address.sun_path, sizeof address.sun_path - 1);
+    socket_ = socket(AF_UNIX, SOCK_DGRAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
+    const auto* generic = reinterpret_cast<const sockaddr*>(&address);
+    if (bind(socket_, generic, sizeof address) != 0) throw std::runtime_error(std::strerror(errno));
+  }
+  ~Journald() { close(socket_); }
+
+  /// The messages of what has come since, in order.
+  std::vector<std::string> take() {
+    std::vector<std::string> messages;
+    char entry[4096];
+    for (ssize_t size = 0; (size = recv(socket_, entry, sizeof entry, 0)) >= 0;) {
+      const std::string text(entry, static_cast<std::size_t>(size));
+      messages.push_back(text.substr(8, text.find('\n') - 8));
+    }
+    return messages;
+  }
+
+ private:
+  int socket_ = -1;
+};
+
+class JournalSinkIo : public testing::Test {
+ protected:
+  void log(Severity severity, const std::string& text) {
+    context.severity = severity;
+    sink.log(spdlog::details::log_msg("", spdlog::level::info, text));
+    sink.flush();
+  }
+  /// Until the journal takes no more; as with 1 000 messages a second.
+  void flood() {
+    for (int i = 0; i < 20000; ++i) log(Severity::info, "traffic");
+  }
+
+  test::TempDir directory;
+  const std::string path = directory / "journal";
+  Journald journald{path};
+  LogContext context;
+  JournalSink sink{context, path};
+};
+
+TEST_F(JournalSinkIo, KeepsWarningsWhileTheJournalIsStuckAndSaysWhatWasLost) {
+  flood();
+  log(Severity::warning, "first");
+  log(Severity::notice, "second");
+  flood();
+  const std::size_t before = journald.take().size();
+  sink.flush();
+  const auto after = journald.take();
+  ASSERT_EQ(after.size(), 3u);
+  EXPECT_EQ(after[0], "first");
+  EXPECT_EQ(after[1], "second");
+  EXPECT_EQ(after[2], std::to_string(40000 - before) +
+                          " log entries are lost: the journal did not take them");
+  log(Severity::info, "traffic");
+  EXPECT_EQ(journald.take(), std::vector<std::string>{"traffic"}) << "said once";
+}
+
+TEST_F(JournalSinkIo, KeepsNoMoreThanItsBound) {
+  flood();
+  for (int i = 0; i < 10000; ++i) log(Severity::warning, "warning " + std::to_string(i));
+  std::vector<std::string> all = journald.take();
+  std::size_t warnings = 0;
+  do {
+    for (const std::string& message : all) warnings += message.starts_with("warning ") ? 1 : 0;
+    sink.flush();
+    all = journald.take();
+  } while (!all.empty());
+  EXPECT_EQ(warnings, JournalSocket::max_kept);
+}
+
+TEST_F(JournalSinkIo, FindsAJournalThatWasStartedAnew) {
+  unlink(path.c_str());
+  log(Severity::warning, "while it is away");
+  Journald anew(path);
+  log(Severity::info, "next");
+  EXPECT_EQ(anew.take(), (std::vector<std::string>{"while it is away", "next"}));
+}
+
+TEST_F(JournalSinkIo, CountsAnEntryThatIsTooLargeAndGoesOn) {
+  log(Severity::warning, std::string(16 << 20, 'x'));
+  log(Severity::info, "next");
+  const auto messages = journald.take();
+  ASSERT_EQ(messages.size(), 2u);
+  EXPECT_EQ(messages[0], "1 log entries are lost: the journal did not take them");
+  EXPECT_EQ(messages[1], "next");
+}
+
+}  // namespace
+}  // namespace slamgw

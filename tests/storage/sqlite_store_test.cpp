@@ -1,0 +1,348 @@
+// SPDX-License-Identifier: Apache-2.0
+// The store on a real file: what survives, what is refused, and what damage does.
+#include "daemon/storage/sqlite_store.hpp"
+
+#include <gtest/gtest.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+
+#include <csignal>
+#include <filesystem>
+#include <fstream>
+#include <memory>
+
+#include "daemon/storage/sqlite.hpp"
+#include "tests/support/eventually.hpp"
+#include "tests/support/temp_dir.hpp"
+
+namespace slamgw::test {
+namespace {
+
+constexpr std::uint64_t plenty = 1u << 28;
+
+/// One process's store: asks, and keeps what it answered.
+class StoreUser {
+ public:
+  explicit StoreUser(const std::string& directory, std::uint64_t max_bytes = plenty)
+      : store_(io_, {directory, max_bytes},
+               [this](StoreEvent event) { events_.push_back(std::move(event)); }) {
+    store_.start();
+  }
+
+  /// The next event of this kind; null when it does not come. Forgets those before it.
+  template <class Event>
+  std::unique_ptr<Event> await() {
+    std::unique_ptr<Event> found;
+    eventually(io_, [&] {
+      while (!events_.empty() && !found) {
+        note(events_.front());
+        if (auto* event = std::get_if<Event>(&events_.front())) {
+          found = std::make_unique<Event>(std::move(*event));
+        }
+        events_.pop_front();
+      }
+      return found != nullptr;
+    });
+    return found;
+  }
+  bool keep(std::uint64_t first, std::uint64_t count, std::size_t payload_bytes = 10) {
+    WriteToStore write{1, {}, {}};
+    for (std::uint64_t row = first; row < first + count; ++row) {
+      write.keep.push_back({row, message(row, payload_bytes), {}});
+    }
+    store_.ask(std::move(write));
+    return await<StoreWritten>() != nullptr;
+  }
+  bool forget(std::uint64_t first, std::uint64_t count) {
+    WriteToStore write{1, {}, {}};
+    for (std::uint64_t row = first; row < first + count; ++row) write.forget.push_back(row);
+    store_.ask(std::move(write));
+    return await<StoreWritten>() != nullptr;
+  }
+  std::unique_ptr<StoreLoaded> load(std::uint64_t after, std::size_t max_messages = 1000,
+                                    std::size_t max_bytes = 1u << 20) {
+    store_.ask(LoadFromStore{1, after, max_messages, max_bytes});
+    return await<StoreLoaded>();
+  }
+  static BrokerMessage message(std::uint64_t row, std::size_t payload_bytes) {
+    return {"ntnu-slam/robot/r" + std::to_string(row % 3) + "/update", Bytes(payload_bytes, 0x00),
+            row % 2 ? Qos::at_least_once : Qos::exactly_once, row % 5 == 0};
+  }
+  const std::string& notices() const { return notices_; }
+  SqliteStore& store() { return store_; }
+
+ private:
+  void note(const StoreEvent& event) {
+    if (const auto* notice = std::get_if<Notice>(&event)) notices_ += notice->text + "\n";
+  }
+
+  boost::asio::io_context io_;
+  std::deque<StoreEvent> events_;
+  std::string notices_;
+  SqliteStore store_;
+};
+
+mode_t mode_of(const std::string& path) {
+  struct stat status {};
+  return stat(path.c_str(), &status) == 0 ? status.st_mode & 0777 : 0;
+}
+
+std::uintmax_t bytes_in(const std::string& directory) {
+  std::uintmax_t sum = 0;
+  for (const auto& file : std::filesystem::directory_iterator(directory)) sum += file.file_size();
+  return sum;
+}
+
+std::vector<std::string> names_in(const std::string& directory) {
+  std::vector<std::string> names;
+  for (const auto& file : std::filesystem::directory_iterator(directory)) {
+    names.push_back(file.path().filename());
+  }
+  return names;
+}
+
+TEST(SqliteStore, TakesOverTheFileOfThePreviousVersion) {
+  const TempDir directory;
+  {
+    SqliteDatabase file(
+        (write_file(directory / "messages.db", "", 0600), directory / "messages.db"), 0);
+    file.execute(
+        "CREATE TABLE messages(row INTEGER PRIMARY KEY, topic TEXT NOT NULL, payload BLOB NOT "
+        "NULL, qos INTEGER NOT NULL, retain INTEGER NOT NULL, stored_at INTEGER NOT NULL); "
+        "INSERT INTO messages VALUES(7, 'ntnu-slam/robot/r1/adv', x'6869', 1, 0, 1000); "
+        "PRAGMA user_version = 1");
+  }
+  StoreUser user(directory.path());
+  const auto opened = user.await<StoreOpened>();
+  ASSERT_TRUE(opened);
+  EXPECT_EQ(opened->count, 1U);
+  const auto loaded = user.load(0);
+  ASSERT_TRUE(loaded);
+  ASSERT_EQ(loaded->messages.size(), 1U);
+  EXPECT_EQ(loaded->messages[0].message.payload, to_bytes("hi"));
+  EXPECT_FALSE(loaded->messages[0].message.provenance);
+  EXPECT_TRUE(user.keep(8, 1));
+}
+
+TEST(SqliteStore, RemembersWhereAMessageCameFrom) {
+  const TempDir directory;
+  const WallTime received{std::chrono::milliseconds{1700000000123}};
+  {
+    StoreUser user(directory.path());
+    ASSERT_TRUE(user.await<StoreOpened>());
+    WriteToStore write{1, {}, {}};
+    write.keep.push_back({1, StoreUser::message(1, 3), {}});
+    write.keep.back().message.provenance = Provenance{Mesh::ble, received};
+    user.store().ask(std::move(write));
+    ASSERT_TRUE(user.await<StoreWritten>());
+  }
+  StoreUser user(directory.path());
+  ASSERT_TRUE(user.await<StoreOpened>());
+  const auto loaded = user.load(0);
+  ASSERT_TRUE(loaded && loaded->messages.size() == 1 && loaded->messages[0].message.provenance);
+  EXPECT_EQ(loaded->messages[0].message.provenance->mesh, Mesh::ble);
+  EXPECT_EQ(loaded->messages[0].message.provenance->received_at, received);
+}
+
+TEST(SqliteStore, GivesBackAfterAReopenWhatItKept) {
+  const TempDir directory;
+  {
+    StoreUser user(directory.path());
+    ASSERT_TRUE(user.keep(1, 10));
+    ASSERT_TRUE(user.forget(1, 2));
+  }
+  StoreUser user(directory.path());
+  const auto opened = user.await<StoreOpened>();
+  ASSERT_TRUE(opened);
+  EXPECT_EQ(opened->count, 8u);
+  EXPECT_EQ(opened->last_row, 10u);
+  EXPECT_EQ(opened->bytes, 8 * stored_cost(25, 10));
+  EXPECT_TRUE(opened->topics.has("ntnu-slam/robot/r1/update"));
+  const auto loaded = user.load(3);
+  ASSERT_TRUE(loaded);
+  ASSERT_EQ(loaded->messages.size(), 7u);
+  for (std::size_t i = 0; i < 7; ++i) {
+    const StoredMessage& stored = loaded->messages[i];
+    const BrokerMessage expected = StoreUser::message(i + 4, 10);
+    EXPECT_EQ(stored.row, i + 4);
+    EXPECT_EQ(stored.message.topic, expected.topic);
+    EXPECT_EQ(stored.message.payload, expected.payload);
+    EXPECT_EQ(stored.message.qos, expected.qos);
+    EXPECT_EQ(stored.message.retain, expected.retain);
+  }
+}
+
+TEST(SqliteStore, KeepsEmptyPayloadsAndLoadsByPages) {
+  const TempDir directory;
+  StoreUser user(directory.path());
+  ASSERT_TRUE(user.keep(1, 1, 0));
+  ASSERT_TRUE(user.keep(2, 9, 1000));
+  const auto by_count = user.load(0, 4);
+  ASSERT_EQ(by_count->messages.size(), 4u);
+  EXPECT_TRUE(by_count->messages.front().message.payload.empty());
+  EXPECT_EQ(user.load(1, 100, 2000)->messages.size(), 2u);
+  EXPECT_EQ(user.load(1, 100, 1)->messages.size(), 1u) << "one, however large";
+  EXPECT_TRUE(user.load(10)->messages.empty());
+}
+
+TEST(SqliteStore, MakesItsDirectoryAndFileForNobodyElse) {
+  const TempDir directory;
+  const std::string inner = directory / "a/b";
+  StoreUser user(inner);
+  ASSERT_TRUE(user.keep(1, 1));
+  EXPECT_EQ(mode_of(inner), 0700u);
+  EXPECT_EQ(mode_of(inner + "/messages.db"), 0600u);
+  EXPECT_EQ(mode_of(inner + "/messages.db-wal"), 0600u);
+}
+
+TEST(SqliteStore, StaysWithinItsBoundAndGivesTheSpaceBack) {
+  const TempDir directory;
+  const std::uint64_t max_bytes = 4u << 20;
+  StoreUser user(directory.path(), max_bytes);
+  std::uint64_t cost = 0;
+  std::uint64_t rows = 0;
+  const std::size_t sizes[] = {20, 100, 900, 2100, 3000, 5000, 9000};
+  for (std::size_t i = 0; cost + 20 * stored_cost(25, 9000) < max_bytes; ++i) {
+    ASSERT_TRUE(user.keep(rows + 1, 20, sizes[i % 7]));
+    rows += 20;
+    cost += 20 * stored_cost(25, sizes[i % 7]);
+  }
+  const auto database = std::filesystem::file_size(directory / "messages.db");
+  EXPECT_LE(database, max_bytes + 65536) << "stored_cost is an upper bound";
+  EXPECT_LE(bytes_in(directory.path()), max_bytes + (4u << 20)) << "with the log";
+  ASSERT_TRUE(user.forget(1, rows));
+  EXPECT_LT(bytes_in(directory.path()), 1u << 20);
+}
+
+TEST(SqliteStore, ASecondProcessGoesWithoutAndSaysWhy) {
+  const TempDir directory;
+  StoreUser first(directory.path());
+  ASSERT_TRUE(first.await<StoreOpened>());
+  StoreUser second(directory.path());
+  ASSERT_TRUE(second.await<StoreAbsent>());
+  EXPECT_NE(second.notices().find("another process has it open"), std::string::npos);
+  EXPECT_TRUE(first.keep(1, 1)) << "and the first is not disturbed";
+}
+
+TEST(SqliteStore, MovesADamagedFileAsideAndBeginsAnew) {
+  const TempDir directory;
+  write_file(directory / "messages.db", std::string(20000, 'x'));
+  StoreUser user(directory.path());
+  const auto opened = user.await<StoreOpened>();
+  ASSERT_TRUE(opened);
+  EXPECT_EQ(opened->count, 0u);
+  EXPECT_NE(user.notices().find("damaged"), std::string::npos) << user.notices();
+  EXPECT_TRUE(user.keep(1, 1));
+  std::size_t aside = 0;
+  for (const std::string& name : names_in(directory.path())) {
+    if (name.starts_with("messages.db.corrupt-")) ++aside;
+  }
+  EXPECT_EQ(aside, 1u);
+}
+
+TEST(SqliteStore, FindsDamageInThePages) {
+  const TempDir directory;
+  {
+    StoreUser user(directory.path());
+    ASSERT_TRUE(user.keep(1, 2000, 100));
+  }
+  {
+    std::fstream file(directory / "messages.db", std::ios::in | std::ios::out | std::ios::binary);
+    for (int page = 10; page < 30; ++page) {
+      file.seekp(page * 4096);
+      file << std::string(200, '\xff');
+    }
+  }
+  StoreUser user(directory.path());
+  const auto opened = user.await<StoreOpened>();
+  ASSERT_TRUE(opened);
+  EXPECT_EQ(opened->count, 0u);
+  EXPECT_NE(user.notices().find("damaged"), std::string::npos);
+}
+
+TEST(SqliteStore, LeavesTheFileOfANewerVersionAlone) {
+  const TempDir directory;
+  const std::string path = directory / "messages.db";
+  write_file(path, "", 0640);
+  {
+    SqliteDatabase newer(path, 0);
+    newer.execute("CREATE TABLE something(x); PRAGMA user_version = 99");
+  }
+  const std::string before = read_file(path);
+  {
+    StoreUser user(directory.path());
+    ASSERT_TRUE(user.await<StoreAbsent>());
+    EXPECT_NE(user.notices().find("newer version (format 99, this one knows 2)"),
+              std::string::npos);
+  }
+  EXPECT_EQ(read_file(path), before);
+  EXPECT_EQ(names_in(directory.path()), std::vector<std::string>{"messages.db"});
+}
+
+TEST(SqliteStore, LeavesAnotherProgramsDatabaseAlone) {
+  const TempDir directory;
+  write_file(directory / "messages.db", "");
+  SqliteDatabase(directory / "messages.db", 0).execute("CREATE TABLE something(x)");
+  StoreUser user(directory.path());
+  ASSERT_TRUE(user.await<StoreAbsent>());
+  EXPECT_NE(user.notices().find("some other program's"), std::string::npos);
+}
+
+TEST(SqliteStore, GoesWithoutAUsableDirectory) {
+  const TempDir directory;
+  write_file(directory / "file", "");
+  StoreUser user(directory / "file/store");
+  ASSERT_TRUE(user.await<StoreAbsent>());
+  EXPECT_NE(user.notices().find("no store:"), std::string::npos);
+  EXPECT_NE(user.notices().find("Not a directory"), std::string::npos) << user.notices();
+}
+
+TEST(SqliteStore, ReportsADiskThatTakesNoMoreAndWorksWhenItDoesAgain) {
+  const TempDir directory;
+  StoreUser user(directory.path());
+  ASSERT_TRUE(user.keep(1, 1));
+  rlimit before{};
+  getrlimit(RLIMIT_FSIZE, &before);
+  const auto old_handler = std::signal(SIGXFSZ, SIG_IGN);
+  const rlimit small{64 * 1024, before.rlim_max};
+  setrlimit(RLIMIT_FSIZE, &small);
+  WriteToStore write{1, {}, {}};
+  for (std::uint64_t row = 2; row < 200; ++row) {
+    write.keep.push_back({row, StoreUser::message(row, 1000), {}});
+  }
+  user.store().ask(write);
+  const auto failed = user.await<StoreWriteFailed>();
+  setrlimit(RLIMIT_FSIZE, &before);
+  std::signal(SIGXFSZ, old_handler);
+  ASSERT_TRUE(failed);
+  EXPECT_FALSE(failed->why.empty());
+  EXPECT_EQ(user.load(0)->messages.size(), 1u) << "all or nothing";
+  user.store().ask(std::move(write));
+  ASSERT_TRUE(user.await<StoreWritten>());
+  EXPECT_EQ(user.load(0)->messages.size(), 199u);
+}
+
+TEST(SqliteStore, PassesOverRequestsThatMeantAnotherFile) {
+  const TempDir directory;
+  StoreUser user(directory.path());
+  ASSERT_TRUE(user.await<StoreOpened>());
+  user.store().ask(WriteToStore{0, {{7, StoreUser::message(7, 10), {}}}, {}});
+  const auto loaded = user.load(0);
+  ASSERT_TRUE(loaded);
+  EXPECT_TRUE(loaded->messages.empty());
+}
+
+TEST(SqliteStore, DoesWhatWasAskedBeforeItStops) {
+  const TempDir directory;
+  {
+    StoreUser user(directory.path());
+    ASSERT_TRUE(user.await<StoreOpened>());
+    user.store().ask(WriteToStore{1, {{1, StoreUser::message(1, 10), {}}}, {}});
+    user.store().stop();
+  }
+  StoreUser user(directory.path());
+  EXPECT_EQ(user.await<StoreOpened>()->count, 1u);
+}
+
+}  // namespace
+}  // namespace slamgw::test
