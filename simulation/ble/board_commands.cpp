@@ -161,12 +161,14 @@ Reply Board::appkey_delete(ByteView params, TimePoint) {
   return {Status::success, u16(handle)};
 }
 
+/// The network's handle and its keys' indexes; nothing at all, not even the handle, without keys.
 Reply Board::appkey_get_all(ByteView params, TimePoint) {
   const Handle subnet = get_u16_le(params, 0);
   if (flash_.subnets.find(subnet) == nullptr) return {Status::rejected, {}};
+  const std::vector<std::uint16_t> indexes = flash_.appkeys.indexes_of_subnet(subnet);
+  if (indexes.empty()) return {};
   Bytes data = u16(subnet);
-  for (const std::uint16_t index : flash_.appkeys.indexes_of_subnet(subnet))
-    put_u16_le(data, index);
+  for (const std::uint16_t index : indexes) put_u16_le(data, index);
   return {Status::success, data};
 }
 

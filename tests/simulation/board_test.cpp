@@ -143,6 +143,15 @@ TEST_F(BoardTest, KeepsSubnetsAndAppkeys) {
   EXPECT_EQ(exchange("03 9a 00 00"), "03 84 9a 8e");
 }
 
+TEST_F(BoardTest, ListsNoApplicationKeysAsSuccessWithoutData) {
+  exchange(cmd_subnet_add);
+  EXPECT_EQ(exchange("03 9a 00 00"), "03 84 9a 00");
+  exchange(cmd_appkey_add);
+  EXPECT_EQ(exchange("03 9a 00 00"), "07 84 9a 00 00 00 00 00");
+  EXPECT_EQ(exchange("03 99 00 00"), "05 84 99 00 00 00");
+  EXPECT_EQ(exchange("03 9a 00 00"), "03 84 9a 00");
+}
+
 TEST_F(BoardTest, CountsDevkeyHandlesFromEight) {
   exchange(cmd_subnet_add);
   Bytes add = hex("15 9c 00 01 00 00 00 01 02 03 04 05 06 07 08 09 0a 0b 0c 0d 0e 0f");
