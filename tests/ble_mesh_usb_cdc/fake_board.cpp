@@ -67,7 +67,7 @@ Bytes FakeBoard::execute(std::uint8_t opcode, ByteView params) {
       if (reader.read_u16_le() >= subnets.size()) return response(opcode, 0x8e);
       return add_key(appkeys, opcode, index, reader.read_rest());
     }
-    case 0x9a: return response(opcode, 0, number(reader.read_u16_le()) + indexes(appkeys));
+    case 0x9a: return list_appkeys(reader.read_u16_le());
     case 0x9f:
       if (unicast != 0) return response(opcode, 0x8e);
       unicast = reader.read_u16_le();
@@ -96,6 +96,13 @@ Bytes FakeBoard::add_key(std::vector<std::pair<std::uint16_t, Bytes>>& keys, std
     if (known_index == index) return response(opcode, std::ranges::equal(known, key) ? 0x81 : 0x8e);
   keys.emplace_back(index, Bytes(key.begin(), key.end()));
   return response(opcode, 0, number(static_cast<std::uint16_t>(keys.size() - 1)));
+}
+
+Bytes FakeBoard::list_appkeys(std::uint16_t subnet) const {
+  if (subnet >= subnets.size()) return response(0x9a, 0x8e);
+  // As recorded from all releases: success without any data, not even the handle.
+  if (appkeys.empty()) return response(0x9a, 0);
+  return response(0x9a, 0, number(subnet) + indexes(appkeys));
 }
 
 Bytes FakeBoard::add_address(std::uint8_t opcode, std::uint16_t address) {

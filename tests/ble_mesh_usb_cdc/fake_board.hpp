@@ -70,6 +70,7 @@ class FakeBoard {
   Bytes execute(std::uint8_t opcode, ByteView params);
   Bytes add_key(std::vector<std::pair<std::uint16_t, Bytes>>& keys, std::uint8_t opcode,
                 std::uint16_t index, ByteView key);
+  Bytes list_appkeys(std::uint16_t subnet) const;
   Bytes add_address(std::uint8_t opcode, std::uint16_t address);
   Bytes remove_address(std::uint8_t opcode, std::uint16_t handle);
   Bytes get_address(std::uint16_t handle) const;

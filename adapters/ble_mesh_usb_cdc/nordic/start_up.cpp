@@ -63,7 +63,7 @@ void StartUp::on_response(const CommandResponse& response) {
       step_ = Step::get_dropped_events;
       return;
     case Step::get_dropped_events:
-      if (response.status == Status::success && data.remaining() == 4)
+      if (response.status == Status::success && data.remaining() >= 4)
         dropped_events_ = data.read_u32_le();
       step_ = Step::get_address;
       return;
@@ -92,7 +92,7 @@ void StartUp::on_address(const CommandResponse& response) {
   ByteReader data(response.data);
   const std::uint16_t address = data.read_u16_le();
   const std::uint16_t count = data.read_u16_le();
-  if (!check(response, data.at_end(), "telling its unicast address")) return;
+  if (!check(response, data.ok(), "telling its unicast address")) return;
   was_fresh_ = count == 0;
   if (count != 0 && address != settings_.address) {
     return refuse(fmt::format(
@@ -107,7 +107,7 @@ void StartUp::on_address(const CommandResponse& response) {
 void StartUp::on_subnets(const CommandResponse& response) {
   ByteReader data(response.data);
   subnet_indexes_ = read_numbers(data);
-  if (!check(response, data.at_end(), "listing its network keys")) return;
+  if (!check(response, true, "listing its network keys")) return;
   if (keys_) {
     step_ = Step::add_subnet;
   } else if (subnet_indexes_.empty()) {
@@ -142,7 +142,7 @@ void StartUp::on_subnet_added(const CommandResponse& response) {
   } else {
     ByteReader data(response.data);
     subnet_handle_ = data.read_u16_le();
-    if (!check(response, data.at_end(), "taking the network key")) return;
+    if (!check(response, data.ok(), "taking the network key")) return;
     if (was_fresh_) {
       notice(Severity::notice,
              "the serial board was fresh and got this mesh's address and keys; robots that heard "
@@ -154,9 +154,11 @@ void StartUp::on_subnet_added(const CommandResponse& response) {
 
 void StartUp::on_appkeys(const CommandResponse& response) {
   ByteReader data(response.data);
-  data.read_u16_le();  // the subnet handle that was asked for
+  // Without application keys Nordic's firmware sends no data at all; otherwise the list follows the
+  // handle of the subnet.
+  if (data.remaining() >= 2) data.read_u16_le();
   appkey_indexes_ = read_numbers(data);
-  if (!check(response, data.at_end(), "listing its application keys")) return;
+  if (!check(response, true, "listing its application keys")) return;
   if (keys_) {
     step_ = Step::add_appkey;
   } else if (appkey_indexes_.empty()) {
@@ -177,7 +179,7 @@ void StartUp::on_appkey_added(const CommandResponse& response) {
   } else {
     ByteReader data(response.data);
     appkey_handle_ = data.read_u16_le();
-    if (!check(response, data.at_end(), "taking the application key")) return;
+    if (!check(response, data.ok(), "taking the application key")) return;
   }
   step_ = Step::get_handles;
 }
@@ -185,7 +187,7 @@ void StartUp::on_appkey_added(const CommandResponse& response) {
 void StartUp::on_handles(const CommandResponse& response) {
   ByteReader data(response.data);
   const auto handles = read_numbers(data);
-  if (!check(response, data.at_end(), "listing its address handles")) return;
+  if (!check(response, true, "listing its address handles")) return;
   unread_handles_.assign(handles.begin(), handles.end());
   read_next_handle();
 }
@@ -242,19 +244,18 @@ void StartUp::on_enabled(const CommandResponse& response) {
     state_ = State::done;
 }
 
-bool StartUp::check(const CommandResponse& response, bool is_well_formed, std::string_view what) {
+bool StartUp::check(const CommandResponse& response, bool is_complete, std::string_view what) {
   if (response.status != Status::success) {
     refuse(fmt::format("it answers \"{}\" (0x{:02x}) to {} (command 0x{:02x})",
                        to_string(response.status), static_cast<unsigned>(response.status), what,
                        response.opcode));
     return false;
   }
-  if (!is_well_formed)
-    refuse(
-        fmt::format("its answer to command 0x{:02x} has a wrong length: is its firmware Nordic's "
-                    "serial example?",
-                    response.opcode));
-  return is_well_formed;
+  if (!is_complete)
+    refuse(fmt::format(
+        "its answer to command 0x{:02x} is too short: is its firmware Nordic's serial example?",
+        response.opcode));
+  return is_complete;
 }
 
 void StartUp::refuse(std::string why) {

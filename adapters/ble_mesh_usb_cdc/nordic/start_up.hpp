@@ -85,8 +85,9 @@ class StartUp {
   void read_next_handle();
   void add_next_group();
   void refuse(std::string why);
-  /// True when `response` is success and its data was read to the end; refuses otherwise.
-  bool check(const CommandResponse& response, bool is_well_formed, std::string_view what);
+  /// True when `response` is success and holds what it must; refuses otherwise. Octets beyond
+  /// those are ignored: firmware newer than this file may send more.
+  bool check(const CommandResponse& response, bool is_complete, std::string_view what);
   void notice(Severity severity, std::string text);
 
   BoardSettings settings_;
