@@ -189,12 +189,13 @@ std::optional<WriteToStore> Backlog::next_write(TimePoint now) {
                              (!forgets_.empty() && is_stopping_) ||
                              (forget_due_ && now >= *forget_due_);
   if (saving_.empty() && !is_forget_due) return std::nullopt;
-  WriteToStore write{generation_, {}, {}};
+  WriteToStore write;
+  write.generation = generation_;
   std::size_t bytes = 0;
   while (!saving_.empty() && write.keep.size() < write_messages && bytes < write_bytes) {
     const OutboxEntry& entry = saving_.front().entry;
     bytes += entry.cost();
-    write.keep.push_back({entry.row, entry.message, {}});
+    write.keep.push_back({entry.row, entry.message, {}, entry.dead_letter});
     writing_.push_back(std::move(saving_.front()));
     saving_.pop_front();
   }
@@ -258,7 +259,7 @@ std::optional<LoadFromStore> Backlog::next_load() {
   }
   if (ready_.size() > page_messages / 2 || forgets_.size() >= max_unforgotten) return std::nullopt;
   is_loading_ = true;
-  return LoadFromStore{generation_, cursor_, page_messages, page_bytes};
+  return LoadFromStore{generation_, cursor_, page_messages, page_bytes, {}};
 }
 
 /// Nothing above the cursor is to be read, so it need not be passed over one by one later.

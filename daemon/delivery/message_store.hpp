@@ -23,14 +23,38 @@ struct StoredMessage {
   std::uint64_t row = 0;
   BrokerMessage message;
   Duration age{};  ///< since it was stored; only in StoreLoaded
+  /// Kept: the dead letter that it was, which the same transaction removes. 0: it was none.
+  std::uint64_t dead_letter = 0;
+};
+
+/// A stored message becomes a dead letter: it is no longer among the messages and stays on disk,
+/// with its age, until an operator has it sent again or discards it.
+struct SetAside {
+  std::uint64_t row = 0;    ///< stored, or among `keep` of the same request
+  std::string reason;       ///< for people: "topic name invalid"
+  int code = 0;             ///< MQTT 5 reason code of the refusal; 0: there is none
+  std::uint32_t tries = 0;  ///< how often it was published in vain
+};
+
+/// A message that was set aside.
+struct DeadLetter {
+  std::uint64_t id = 0;  ///< the store's number, never 0
+  BrokerMessage message;
+};
+/// What the dead letters take on disk; it counts against `store.max_bytes`.
+struct DeadLetterCounts {
+  std::size_t count = 0;
+  std::uint64_t bytes = 0;  ///< sum of stored_cost()
 };
 
 /// One transaction: all of it is durable when StoreWritten comes, nothing of it when
-/// StoreWriteFailed comes. `keep` comes before `forget`; unknown rows in `forget` are no error.
+/// StoreWriteFailed comes. `keep` comes before the others; unknown rows in `forget` and `set_aside`
+/// are no error.
 struct WriteToStore {
   std::uint64_t generation = 0;
   std::vector<StoredMessage> keep;
   std::vector<std::uint64_t> forget;
+  std::vector<SetAside> set_aside = {};
 };
 /// The first messages with rows above `after`, at most `max_messages` and about `max_bytes`, but
 /// one if there is one.
@@ -39,6 +63,9 @@ struct LoadFromStore {
   std::uint64_t after = 0;
   std::size_t max_messages = 0;
   std::size_t max_bytes = 0;
+  /// Not empty: the messages with these rows, which rise, and no others; `after` has no meaning.
+  /// Rows that are not there are no error; the bounds hold.
+  std::vector<std::uint64_t> rows = {};
 };
 
 /// There is a store and this is what it holds. Comes again when a store had to begin anew (then it
@@ -49,6 +76,7 @@ struct StoreOpened {
   std::uint64_t bytes = 0;  ///< sum of stored_cost()
   Duration oldest_age{};
   TopicCounts topics;
+  DeadLetterCounts dead_letters;
 };
 /// There is no store for now; the shell has told `why` in a Notice.
 struct StoreAbsent {
@@ -65,8 +93,18 @@ struct StoreLoaded {
 struct StoreLoadFailed {
   std::string why;
 };
-using StoreEvent = std::variant<StoreOpened, StoreAbsent, StoreWritten, StoreWriteFailed,
-                                StoreLoaded, StoreLoadFailed, Notice>;
+/// Comes after each change of them: a message was set aside, sent again or discarded.
+struct DeadLettersChanged {
+  DeadLetterCounts dead_letters;
+};
+/// An operator wants these sent again, oldest first, a page at most. They stay dead letters until
+/// the outbox keeps them (StoredMessage::dead_letter); those that it has no room for stay so.
+struct ResendDeadLetters {
+  std::vector<DeadLetter> letters;
+};
+using StoreEvent =
+    std::variant<StoreOpened, StoreAbsent, StoreWritten, StoreWriteFailed, StoreLoaded,
+                 StoreLoadFailed, DeadLettersChanged, ResendDeadLetters, Notice>;
 
 inline constexpr std::size_t store_page_bytes = 4096;
 

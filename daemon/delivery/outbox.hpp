@@ -110,10 +110,13 @@ class Outbox {
   void handle(StoreWriteFailed& failed, TimePoint now);
   void handle(StoreLoaded& loaded, TimePoint now);
   void handle(StoreLoadFailed& failed, TimePoint now);
+  void handle(DeadLettersChanged&, TimePoint) {}
+  void handle(ResendDeadLetters& resend, TimePoint now);
   void handle(Notice& notice, TimePoint) { actions_.push(std::move(notice)); }
   void begin_anew(Entries in_memory, TimePoint now);
   void report_store_failure(const std::string& why, TimePoint now);
   void make_safe(Entry& entry);
+  void drop_dead_letters(Entries& unsaved);
 
   void place(Entry entry, TimePoint now, bool is_overdue = false);
   void place_all_again(Entries returned, TimePoint now, bool is_overdue = false, Slots moved = {});
@@ -151,6 +154,8 @@ class Outbox {
   bool was_backlog_last_ = false;
   TimePoint progress_{};  // the last acknowledgement, or when there was nothing to acknowledge
   std::size_t queued_bytes_ = 0;
+
+  std::unordered_set<std::uint64_t> resending_;  // dead letters on their way to the store
 
   std::optional<TimePoint> expiry_check_;   // while QoS 0 waits
   std::optional<TimePoint> overdue_check_;  // while something unsaved waits or is in flight

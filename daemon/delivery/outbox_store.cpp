@@ -43,6 +43,7 @@ void Outbox::begin_anew(Entries in_memory, TimePoint now) {
     entry.row = 0;
   }
   backlog_in_flight_ = 0;
+  drop_dead_letters(in_memory);
   for (Entry& entry : in_memory) {
     if (entry.is_stored) {
       queued_bytes_ += entry.cost();
@@ -75,6 +76,7 @@ void Outbox::handle(StoreWritten&, TimePoint) {
 
 void Outbox::make_safe(Entry& entry) {
   queued_bytes_ -= entry.cost();
+  if (entry.dead_letter != 0) resending_.erase(entry.dead_letter);
   const Receipt receipt = std::exchange(entry.receipt, Receipt{});
   if (receipt.is_owed()) actions_.push(FireReceipt{receipt, ReceiptOutcome::safe});
 }
@@ -84,6 +86,7 @@ void Outbox::handle(StoreWriteFailed& failed, TimePoint now) {
   for (Entry& entry : in_flight_) {
     if (entry.is_being_copied()) backlog_.abandon_copy(entry);
   }
+  drop_dead_letters(unsaved);
   report_store_failure("written: " + failed.why, now);
   place_all_again(std::move(unsaved), now);
 }
@@ -102,6 +105,31 @@ void Outbox::handle(StoreLoaded& loaded, TimePoint now) {
 void Outbox::handle(StoreLoadFailed& failed, TimePoint now) {
   backlog_.on_load_failed(now);
   report_store_failure("read: " + failed.why, now);
+}
+
+void Outbox::handle(ResendDeadLetters& resend, TimePoint now) {
+  for (DeadLetter& letter : resend.letters) {
+    if (resending_.contains(letter.id)) continue;  // ordered twice
+    Entry entry;
+    entry.order = next_order_++;
+    entry.dead_letter = letter.id;
+    entry.message = std::move(letter.message);
+    entry.submitted = now;
+    const std::size_t cost = entry.cost();
+    if (!backlog_.can_keep() || !backlog_.keep(entry)) return;  // it stays a dead letter
+    queued_bytes_ += cost;
+    resending_.insert(letter.id);
+  }
+}
+
+/// Dead letters that were to be sent again and that the store did not keep are dead letters still.
+void Outbox::drop_dead_letters(Entries& unsaved) {
+  std::erase_if(unsaved, [this](const Entry& entry) {
+    if (entry.dead_letter == 0 || entry.is_stored) return false;
+    queued_bytes_ -= entry.cost();
+    resending_.erase(entry.dead_letter);
+    return true;
+  });
 }
 
 void Outbox::report_store_failure(const std::string& why, TimePoint now) {

@@ -35,6 +35,7 @@ class FakeStore {
       opened.oldest_age = std::max(opened.oldest_age, now - kept.stored);
       opened.topics.add(kept.message.topic);
     }
+    opened.dead_letters = count_dead_letters();
     return opened;
   }
   StoreAbsent vanish() {
@@ -51,7 +52,25 @@ class FakeStore {
     return std::visit([&](auto& what) { return serve(what, now); }, request);
   }
 
+  struct Letter {
+    BrokerMessage message;
+    SetAside why;
+  };
+
+  DeadLetterCounts count_dead_letters() const {
+    DeadLetterCounts counts{dead_letters.size(), 0};
+    for (const auto& [id, letter] : dead_letters)
+      counts.bytes += stored_cost(letter.message.topic.size(), letter.message.payload.size());
+    return counts;
+  }
+  ResendDeadLetters resend_all() const {
+    ResendDeadLetters resend;
+    for (const auto& [id, letter] : dead_letters) resend.letters.push_back({id, letter.message});
+    return resend;
+  }
+
   std::map<std::uint64_t, Row> rows;
+  std::map<std::uint64_t, Letter> dead_letters;
   bool is_failing = false;
   std::size_t fail_countdown = 0;  ///< the n-th write from now fails; 0: none
   std::size_t commits = 0;
@@ -63,13 +82,28 @@ class FakeStore {
     const bool is_counted_out = fail_countdown > 0 && --fail_countdown == 0;
     if (is_failing || is_counted_out) return StoreWriteFailed{"no space left on device"};
     ++commits;
-    for (StoredMessage& stored : write.keep) rows[stored.row] = {std::move(stored.message), now};
+    for (StoredMessage& stored : write.keep) {
+      dead_letters.erase(stored.dead_letter);
+      rows[stored.row] = {std::move(stored.message), now};
+    }
+    for (SetAside& aside : write.set_aside) {
+      const auto row = rows.find(aside.row);
+      if (row == rows.end()) continue;
+      const std::uint64_t id = ++last_letter_;
+      dead_letters[id] = {std::move(row->second.message), std::move(aside)};
+      rows.erase(row);
+    }
     for (const std::uint64_t row : write.forget) rows.erase(row);
     return StoreWritten{};
   }
   std::optional<StoreEvent> serve(const LoadFromStore& load, TimePoint now) {
     if (load.generation != generation_) return std::nullopt;
     StoreLoaded loaded;
+    for (const std::uint64_t wanted : load.rows) {
+      if (const auto row = rows.find(wanted); row != rows.end())
+        loaded.messages.push_back({wanted, row->second.message, now - row->second.stored});
+    }
+    if (!load.rows.empty()) return loaded;
     for (auto row = rows.upper_bound(load.after);
          row != rows.end() && loaded.messages.size() < load.max_messages; ++row) {
       loaded.messages.push_back({row->first, row->second.message, now - row->second.stored});
@@ -80,6 +114,7 @@ class FakeStore {
 
   std::deque<std::variant<WriteToStore, LoadFromStore>> requests_;
   std::uint64_t generation_ = 0;
+  std::uint64_t last_letter_ = 0;
 };
 
 }  // namespace slamgw::test

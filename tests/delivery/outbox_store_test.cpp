@@ -316,6 +316,28 @@ TEST_F(OutboxStoreTest, AStoreThatBeginsAnewGetsAgainWhatIsInMemory) {
   EXPECT_EQ(received_of("t"), numbers(1, 6));
 }
 
+TEST_F(OutboxStoreTest, DeadLettersThatAreSentAgainAreDeliveredAndNoDeadLettersAnyMore) {
+  for (std::uint64_t id = 1; id <= 3; ++id)
+    store.dead_letters[id] = {{"t", to_bytes(std::to_string(id)), Qos::at_least_once, false}, {}};
+  store.is_failing = true;
+  outbox->on_store_event(store.resend_all(), now);
+  drain();
+  serve_all();
+  EXPECT_EQ(store.dead_letters.size(), 3u);
+  EXPECT_EQ(outbox->depth(), 0u) << "an operator who orders it again does not send them twice";
+  EXPECT_EQ(outbox->queued_bytes(), 0u);
+  store.is_failing = false;
+  pass(60s);
+  for (int times = 0; times < 2; ++times) {
+    outbox->on_store_event(store.resend_all(), now);
+    drain();
+  }
+  settle();
+  EXPECT_EQ(received_of("t"), numbers(1, 3));
+  EXPECT_TRUE(store.dead_letters.empty());
+  EXPECT_EQ(outbox->queued_bytes(), 0u);
+}
+
 TEST_F(OutboxStoreTest, RowsThatVanishFromTheStoreDoNotBlockTheirTopic) {
   store_backlog("t", 1, 5);
   store.rows.clear();
