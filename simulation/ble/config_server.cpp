@@ -21,6 +21,10 @@ constexpr std::uint16_t subscription_delete_op = 0x801c;
 constexpr std::uint16_t subscription_delete_all_op = 0x801d;
 constexpr std::uint16_t subscription_overwrite_op = 0x801e;
 constexpr std::uint16_t subscription_status_op = 0x801f;
+constexpr std::uint16_t sig_subscription_get_op = 0x8029;
+constexpr std::uint16_t sig_subscription_list_op = 0x802a;
+constexpr std::uint16_t vendor_subscription_get_op = 0x802b;
+constexpr std::uint16_t vendor_subscription_list_op = 0x802c;
 constexpr std::uint16_t model_app_bind_op = 0x803d;
 constexpr std::uint16_t model_app_status_op = 0x803e;
 constexpr std::uint16_t model_app_unbind_op = 0x803f;
@@ -95,6 +99,8 @@ ConfigServer::Result ConfigServer::on_message(ByteView message) {
     case subscription_overwrite_op:
       return {subscription(parameters, SubscriptionChange::overwrite)};
     case subscription_delete_all_op: return {subscription_delete_all(parameters)};
+    case sig_subscription_get_op: return {subscription_get(parameters, false)};
+    case vendor_subscription_get_op: return {subscription_get(parameters, true)};
     case model_app_bind_op: return {model_app(parameters, true)};
     case model_app_unbind_op: return {model_app(parameters, false)};
     case node_reset_op:
@@ -284,6 +290,18 @@ std::optional<Bytes> ConfigServer::subscription_delete_all(ByteView parameters) 
   put_u16_le(out, element);
   put_u16_le(out, 0x0000);
   put_model_id(out, *id);
+  return out;
+}
+
+std::optional<Bytes> ConfigServer::subscription_get(ByteView parameters, bool is_vendor) const {
+  const std::optional<ModelId> id = model_id_at(parameters, 2);
+  if (!id || (id->company != ModelId::sig) != is_vendor) return std::nullopt;
+  const ConfigStatus status = can_subscribe(get_u16_le(parameters, 0), *id);
+  Bytes out =
+      begin_status(is_vendor ? vendor_subscription_list_op : sig_subscription_list_op, status);
+  put(out, parameters);
+  if (status != ConfigStatus::success) return out;
+  for (const Address group : configuration_.find_model(*id)->subscriptions) put_u16_le(out, group);
   return out;
 }
 

@@ -44,6 +44,7 @@ class ConfigServer {
   enum class SubscriptionChange : std::uint8_t { add, remove, overwrite };
   std::optional<Bytes> subscription(ByteView parameters, SubscriptionChange change);
   std::optional<Bytes> subscription_delete_all(ByteView parameters);
+  std::optional<Bytes> subscription_get(ByteView parameters, bool is_vendor) const;
 
   ConfigStatus store_app_key(std::uint16_t net_index, const AppKey& key);
   ConfigStatus bind(Address element, std::uint16_t app_index, ModelId id, bool binds);

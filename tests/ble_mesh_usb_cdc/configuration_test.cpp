@@ -24,12 +24,35 @@ TEST(ConfigMessages, AreWhatNordicsHostScriptWrites) {
             hex("03 00 01 01 00 00 00 04 00 00 59 00 06 00"));
   EXPECT_EQ(encode_model_subscription_add(0x0100, 0xc004, {std::uint16_t{0x0059}, 0x0009}),
             hex("80 1b 00 01 04 c0 59 00 09 00"));
-  EXPECT_EQ(encode_model_subscription_overwrite(0x0100, 0xc004, {{}, 0x1000}),
-            hex("80 1e 00 01 04 c0 00 10"));
-  EXPECT_EQ(encode_model_subscription_delete_all(0x0100, {{}, 0x1000}), hex("80 1d 00 01 00 10"));
-  EXPECT_EQ(encode_model_subscription_delete_all(0x0100, {std::uint16_t{0x0059}, 0x0009}),
-            hex("80 1d 00 01 59 00 09 00"));
+  EXPECT_EQ(encode_model_subscription_delete(0x0100, 0xc004, {{}, 0x1000}),
+            hex("80 1c 00 01 04 c0 00 10"));
+  EXPECT_EQ(encode_model_subscription_get(0x0100, {{}, 0x1000}), hex("80 29 00 01 00 10"));
+  EXPECT_EQ(encode_model_subscription_get(0x0100, {std::uint16_t{0x0059}, 0x0009}),
+            hex("80 2b 00 01 59 00 09 00"));
   EXPECT_EQ(encode_node_reset(), hex("80 49"));
+}
+
+TEST(ConfigMessages, NeverPublishWithATtlThatStopsNordicsRobots) {
+  for (const int ttl : {127, 128, 200, 254, 255})
+    EXPECT_EQ(encode_model_publication_set(
+                  {0x0100, 0x0001, static_cast<std::uint8_t>(ttl), 0, sensor_update_client}),
+              hex("03 00 01 01 00 00 00 7f 00 00 59 00 06 00"));
+}
+
+/// Recorded from Nordic's configuration server, release 3.1.0; parameters, after the opcode.
+TEST(ConfigMessages, ReadListsOfSubscriptions) {
+  const ModelId vendor{std::uint16_t{0x0059}, 0x0005};
+  using Addresses = std::vector<std::uint16_t>;
+  EXPECT_EQ(decode_subscription_list(hex("00 00 01 59 00 05 00 02 c0 03 c0"), vendor),
+            (Addresses{0xc002, 0xc003}));
+  EXPECT_EQ(decode_subscription_list(hex("00 00 01 59 00 05 00 04 c0 85 89"), vendor),
+            (Addresses{0xc004, 0x8985}));
+  EXPECT_EQ(decode_subscription_list(hex("00 00 01 59 00 05 00"), vendor), Addresses{});
+  EXPECT_EQ(decode_subscription_list(hex("00 00 01 00 10 02 c0"), {{}, 0x1000}), Addresses{0xc002});
+  EXPECT_EQ(decode_subscription_list(hex("08 00 01 02 00"), {{}, 0x0002}), Addresses{});
+  EXPECT_EQ(decode_subscription_list(hex("00 00 01 00 10 02 c0 03"), {{}, 0x1000}),
+            Addresses{0xc002});
+  EXPECT_EQ(decode_subscription_list(hex("00"), vendor), Addresses{});
 }
 
 TEST(ConfigMessages, ReadCompositionDataAndItsDamages) {
@@ -56,16 +79,17 @@ TEST(Configuration, TellsARobotAllThatItNeeds) {
             (std::vector<std::string>{
                 "800800", "00000000" + app_key, "803d000100000200",
                 "03000101000000044a000200",  // health, each 10 s
-                "803d000100000010", "801e000102c00010", "801b000103c00010", "801b000104c00010",
+                "803d000100000010", "802900010010", "801b000102c00010", "801b000103c00010",
+                "801b000104c00010",
                 "803d000100000110",                                      // on/off server and client
                 "803d0001000059000400", "0300010100000004000059000400",  // min_com client
                 "803d0001000059000600", "0300010100000004000059000600",  // sensor_update client
-                "803d0001000059000900", "801e000102c059000900", "801b000103c059000900",
-                "801b000104c059000900"}));  // pos_cmd server
+                "803d0001000059000900", "802b000159000900", "801b000102c059000900",
+                "801b000103c059000900", "801b000104c059000900"}));  // pos_cmd server
 }
 
 TEST(Configuration, AsksAgainWhenAnAnswerIsLost) {
-  for (const char* request : {"800800", "00", "803d", "03", "801e", "801b"}) {
+  for (const char* request : {"800800", "00", "803d", "03", "8029", "802b", "801b"}) {
     ProvisioningRig rig;
     rig.add(1).deaf_to = {request};
     rig.start();
@@ -115,14 +139,14 @@ TEST(Configuration, IsTakenUpAfterARestart) {
 
 TEST(Configuration, NamesWhatARobotRefuses) {
   ProvisioningRig rig;
-  rig.add(1).refuses = {{"801e", 0x08}, {"801b", 0x08}};
+  rig.add(1).refuses = {{"801b", 0x08}};
   rig.start();
   rig.pass(4s);
   EXPECT_TRUE(
       rig.has_notice("the subscription to 0xc002 of model 0x1000 was refused: not a "
                      "subscribe model (0x08)"));
   EXPECT_FALSE(rig.has_notice("is configured"));
-  EXPECT_EQ(rig.board.devices.devices[0].requests.size(), 11u) << "the rest is done all the same";
+  EXPECT_EQ(rig.board.devices.devices[0].requests.size(), 13u) << "the rest is done all the same";
 }
 
 TEST(Configuration, ReplacesTheGroupsThatARobotHad) {
@@ -144,13 +168,38 @@ TEST(Configuration, ReplacesTheGroupsThatARobotHad) {
   }
 }
 
-TEST(Configuration, AddsGroupsWhereTheyCannotReplaceOthers) {
+TEST(Configuration, NeverStopsARobotThatRunsNordicsCode) {
   ProvisioningRig rig;
-  rig.add(1).refuses["801e"] = 0x10;
+  rig.add(1);
   rig.start();
-  EXPECT_TRUE(rig.all_configured(5s));
-  EXPECT_FALSE(rig.has_notice("refused"));
-  EXPECT_EQ(rig.board.devices.devices[0].subscriptions.at("00010010").size(), 3u);
+  ASSERT_TRUE(rig.all_configured(10s));
+  const FakeDevice& device = rig.board.devices.devices[0];
+  EXPECT_FALSE(device.has_stopped);
+  for (const std::string& request : device.requests) {
+    EXPECT_FALSE(request.starts_with("801d")) << "Model Subscription Delete All";
+    EXPECT_FALSE(request.starts_with("801e")) << "Model Subscription Overwrite";
+  }
+}
+
+TEST(Configuration, LeavesVirtualAddressesWhichItCannotName) {
+  ProvisioningRig rig;
+  rig.add(1).subscriptions["00010010"] = {0x8985, 0xc002, 0xc00f};
+  rig.board.devices.devices[0].keeps_subscriptions = true;
+  rig.start();
+  ASSERT_TRUE(rig.all_configured(10s));
+  EXPECT_EQ(rig.board.devices.devices[0].subscriptions.at("00010010"),
+            (std::set<std::uint16_t>{0x8985, 0xc002, 0xc003, 0xc004}));
+}
+
+TEST(Configuration, NamesAListOfSubscriptionsThatIsRefused) {
+  ProvisioningRig rig;
+  rig.add(1).refuses = {{"8029", 0x08}};
+  rig.start();
+  rig.pass(4s);
+  EXPECT_TRUE(
+      rig.has_notice("the list of subscriptions of model 0x1000 was refused: not a subscribe "
+                     "model (0x08)"));
+  EXPECT_FALSE(rig.has_notice("is configured"));
 }
 
 Settings without_groups() {
@@ -164,23 +213,27 @@ TEST(Configuration, LeavesARobotNoGroupsWhenThereAreNone) {
   rig.add(1);
   rig.start();
   EXPECT_TRUE(rig.all_configured(5s));
-  EXPECT_EQ(rig.board.devices.devices[0].requests.back(), "801d000159000900");
+  EXPECT_EQ(rig.board.devices.devices[0].requests.back(), "802b000159000900");
 }
 
 TEST(Configuration, TakesAModelThatKnowsNoGroupsForOneWithoutAny) {
   ProvisioningRig rig(without_groups());
-  rig.add(1).refuses["801d"] = 0x08;
+  rig.add(1).refuses = {{"8029", 0x08}, {"802b", 0x08}};
   rig.start();
   EXPECT_TRUE(rig.all_configured(5s));
 }
 
 TEST(Configuration, NamesARobotThatKeepsItsGroups) {
   ProvisioningRig rig(without_groups());
-  rig.add(1).refuses["801d"] = 0x0e;
+  FakeDevice& device = rig.add(1);
+  device.subscriptions["00010010"] = {0xc00f};
+  device.keeps_subscriptions = true;
+  device.refuses["801c"] = 0x0e;
   rig.start();
   rig.pass(5s);
   EXPECT_TRUE(
-      rig.has_notice("the end of the subscriptions of model 0x1000 was refused: temporarily"));
+      rig.has_notice("the end of the subscription to 0xc00f of model 0x1000 was refused: "
+                     "temporarily"));
 }
 
 TEST(Configuration, GivesUpWhenTheRobotHasAnotherKey) {

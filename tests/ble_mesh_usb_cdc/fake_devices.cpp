@@ -131,7 +131,7 @@ Bytes FakeDevices::complete(ByteView secret) {
   if (joining_ == nullptr) return first;  // it failed instead
   device.address = joining_address_;
   device.app_key.clear();
-  device.subscriptions.clear();
+  if (!device.keeps_subscriptions) device.subscriptions.clear();
   joining_ = nullptr;
   return first + event(0xc2, {context_, 0});
 }
@@ -157,7 +157,7 @@ Bytes FakeDevices::on_access(std::uint16_t devkey_handle, std::uint16_t destinat
   const auto key = device_keys.find(devkey_handle);
   FakeDevice* device = at(destination);
   if (key == device_keys.end() || device == nullptr) return {};
-  if (key->second.second != device->device_key) return {};
+  if (key->second.second != device->device_key || device->has_stopped) return {};
   const std::string request = to_hex(payload);
   for (const std::string& deaf : device->deaf_to)
     if (request.starts_with(deaf)) return {};
@@ -180,9 +180,12 @@ Bytes FakeDevices::answer(FakeDevice& device, const std::string& request) {
     return hex("80 03") + Bytes{status} + from(1, 4);
   }
   if (request.starts_with("803d")) return hex("80 3e") + Bytes{status} + from(2, end);
-  if (request.starts_with("03")) return hex("80 19") + Bytes{status} + from(1, end);
-  if (request.starts_with("801b") || request.starts_with("801d") || request.starts_with("801e"))
+  if (request.starts_with("03")) return answer_publication(device, status, from(1, end));
+  if (request.starts_with("801b") || request.starts_with("801c"))
     return answer_subscription(device, status, params);
+  if (request.starts_with("8029") || request.starts_with("802b"))
+    return answer_list(device, status, params);
+  device.has_stopped = request.starts_with("801d") || request.starts_with("801e");
   if (request == "8049") {
     device.address = 0;
     device.subscriptions.clear();
@@ -191,20 +194,38 @@ Bytes FakeDevices::answer(FakeDevice& device, const std::string& request) {
   return {};
 }
 
-/// Model Subscription Add, Delete All (which is told without a group) and Overwrite.
+/// The period of a model without periodic publication is undefined in Nordic's answer.
+Bytes FakeDevices::answer_publication(FakeDevice& device, std::uint8_t status, Bytes params) {
+  constexpr std::size_t ttl_at = 6;
+  constexpr std::size_t period_at = 7;
+  device.has_stopped = params[ttl_at] > 127 && params[ttl_at] < 255;
+  if (device.has_stopped) return {};
+  const bool is_health_server = params.size() == 11 && params[9] == 0x02;
+  if (!is_health_server) params[period_at] = 0xa7;
+  return hex("80 19") + Bytes{status} + params;
+}
+
+/// Model Subscription Add and Delete.
 Bytes FakeDevices::answer_subscription(FakeDevice& device, std::uint8_t status, ByteView request) {
-  const bool adds = request[1] == 0x1b;
-  const bool has_group = request[1] != 0x1d;
   ByteReader params(request.subspan(2));
   const std::uint16_t element = params.read_u16_le();
-  const std::uint16_t group = has_group ? params.read_u16_le() : std::uint16_t{0};
+  const std::uint16_t group = params.read_u16_le();
   const ByteView model = params.read_rest();
   const std::string list = device.shares_subscriptions ? "" : to_hex(number(element) + model);
-  if (status == 0) {
-    if (!adds) device.subscriptions[list].clear();
-    if (has_group) device.subscriptions[list].insert(group);
-  }
+  if (status == 0 && request[1] == 0x1b) device.subscriptions[list].insert(group);
+  if (status == 0 && request[1] == 0x1c) device.subscriptions[list].erase(group);
   return hex("80 1f") + Bytes{status} + number(element) + number(group) + model;
+}
+
+/// SIG and Vendor Model Subscription Get.
+Bytes FakeDevices::answer_list(const FakeDevice& device, std::uint8_t status, ByteView request) {
+  const ByteView model = request.subspan(2);  // element and model, as they come
+  Bytes answer{0x80, static_cast<std::uint8_t>(request[1] + 1), status};
+  answer = answer + model;
+  const auto list = device.subscriptions.find(device.shares_subscriptions ? "" : to_hex(model));
+  if (status != 0 || list == device.subscriptions.end()) return answer;
+  for (const std::uint16_t group : list->second) answer = answer + number(group);
+  return answer;
 }
 
 Bytes FakeDevices::beacons() const {

@@ -28,7 +28,11 @@ struct FakeDevice {
   /// Groups of each model, by its element and identifier as they are on air, hex.
   std::map<std::string, std::set<std::uint16_t>> subscriptions;
 
+  bool keeps_subscriptions = false;   ///< they outlive provisioning, as with code that has a fault
   bool shares_subscriptions = false;  ///< all models have one list of groups
+  /// As robots that run Nordic's code do: Subscription Delete All and Overwrite (of a model with
+  /// many groups) and a TTL from 128 to 254 stop it on a failed assertion, and it answers no more.
+  bool has_stopped = false;
 
   // Faults.
   std::set<std::string> deaf_to;                ///< requests that begin so get no answer
@@ -76,7 +80,9 @@ class FakeDevices {
   Bytes complete(ByteView secret);
   Bytes add_device_key(ByteView params);
   Bytes answer(FakeDevice& device, const std::string& request);
+  static Bytes answer_publication(FakeDevice& device, std::uint8_t status, Bytes params);
   static Bytes answer_subscription(FakeDevice& device, std::uint8_t status, ByteView request);
+  static Bytes answer_list(const FakeDevice& device, std::uint8_t status, ByteView request);
 
   Bytes board_public_;
   std::uint8_t context_ = 0;

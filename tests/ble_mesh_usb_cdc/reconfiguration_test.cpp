@@ -146,7 +146,7 @@ TEST_F(Reconfiguration, NamesAllThatChanged) {
 
 TEST_F(Reconfiguration, LetsTrafficPassMeanwhile) {
   NextRig next(first, other_groups);
-  next.board.devices.devices[0].deaf_to = {"801e"};
+  next.board.devices.devices[0].deaf_to = {"8029"};
   next.start();
   next.pass(2s);
   ASSERT_GT(next.requests(), 0u);

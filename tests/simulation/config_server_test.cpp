@@ -121,6 +121,19 @@ TEST_F(ConfigServerTest, OverwritesSubscriptions) {
   EXPECT_EQ(groups, std::vector<Address>{0xc010});
 }
 
+/// The answers are those of Nordic's configuration server, release 3.1.0.
+TEST_F(ConfigServerTest, ListsTheSubscriptionsOfAModel) {
+  EXPECT_EQ(ask("80 2b 00 01 59 00 09 00"), "80 2c 00 00 01 59 00 09 00");
+  ask("80 1b 00 01 02 c0 59 00 09 00");
+  ask("80 1b 00 01 03 c0 59 00 09 00");
+  ask("80 1b 00 01 02 c0 00 10");
+  EXPECT_EQ(ask("80 2b 00 01 59 00 09 00"), "80 2c 00 00 01 59 00 09 00 02 c0 03 c0");
+  EXPECT_EQ(ask("80 29 00 01 00 10"), "80 2a 00 00 01 00 10 02 c0");
+  EXPECT_EQ(ask("80 2b 00 01 59 00 77 00"), "80 2c 02 00 01 59 00 77 00");
+  EXPECT_EQ(ask("80 29 00 01 59 00 09 00"), "");
+  EXPECT_EQ(ask("80 2b 00 01 00 10"), "");
+}
+
 TEST_F(ConfigServerTest, DeletesAllSubscriptionsOfAModel) {
   const std::vector<Address>& groups = configuration_.find_model(pos_cmd_server)->subscriptions;
   for (const char* group : {"02", "03"}) {

@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <array>
 
 namespace slamgw::ble {
@@ -12,8 +13,9 @@ constexpr Opcode appkey_add = 0x00;
 constexpr Opcode model_publication_set = 0x03;
 constexpr Opcode composition_data_get = 0x8008;
 constexpr Opcode model_subscription_add = 0x801b;
-constexpr Opcode model_subscription_delete_all = 0x801d;
-constexpr Opcode model_subscription_overwrite = 0x801e;
+constexpr Opcode model_subscription_delete = 0x801c;
+constexpr Opcode sig_model_subscription_get = 0x8029;
+constexpr Opcode vendor_model_subscription_get = 0x802b;
 constexpr Opcode model_app_bind = 0x803d;
 constexpr Opcode node_reset = 0x8049;
 constexpr std::uint16_t app_key_index = 0;
@@ -84,7 +86,7 @@ Bytes encode_model_publication_set(const Publication& publication) {
                            .write_u16_le(publication.element)
                            .write_u16_le(publication.address)
                            .write_u16_le(app_key_index)  // and no friendship credentials
-                           .write_u8(publication.ttl)
+                           .write_u8(std::min(publication.ttl, max_publish_ttl))
                            .write_u8(publication.period)
                            .write_u8(0)  // no retransmission
                            .write(encode_model_id(publication.model))
@@ -96,14 +98,23 @@ Bytes encode_model_subscription_add(std::uint16_t element, std::uint16_t group,
   return encode_subscription(model_subscription_add, element, group, model);
 }
 
-Bytes encode_model_subscription_overwrite(std::uint16_t element, std::uint16_t group,
-                                          const ModelId& model) {
-  return encode_subscription(model_subscription_overwrite, element, group, model);
+Bytes encode_model_subscription_delete(std::uint16_t element, std::uint16_t group,
+                                       const ModelId& model) {
+  return encode_subscription(model_subscription_delete, element, group, model);
 }
 
-Bytes encode_model_subscription_delete_all(std::uint16_t element, const ModelId& model) {
-  return encode_access(model_subscription_delete_all,
+Bytes encode_model_subscription_get(std::uint16_t element, const ModelId& model) {
+  return encode_access(model.company ? vendor_model_subscription_get : sig_model_subscription_get,
                        ByteWriter{}.write_u16_le(element).write(encode_model_id(model)).bytes());
+}
+
+std::vector<std::uint16_t> decode_subscription_list(ByteView params, const ModelId& model) {
+  ByteReader reader(params);
+  reader.read(1 + sizeof(std::uint16_t) + encode_model_id(model).size());  // status and element
+  std::vector<std::uint16_t> addresses;
+  while (reader.ok() && reader.remaining() >= sizeof(std::uint16_t))
+    addresses.push_back(reader.read_u16_le());
+  return addresses;
 }
 
 Bytes encode_node_reset() { return encode_access(node_reset, {}); }

@@ -17,6 +17,8 @@ inline constexpr Opcode composition_data_status = 0x02;
 inline constexpr Opcode appkey_status = 0x8003;
 inline constexpr Opcode model_publication_status = 0x8019;
 inline constexpr Opcode model_subscription_status = 0x801f;
+inline constexpr Opcode sig_model_subscription_list = 0x802a;
+inline constexpr Opcode vendor_model_subscription_list = 0x802c;
 inline constexpr Opcode model_app_status = 0x803e;
 inline constexpr Opcode node_reset_status = 0x804a;
 
@@ -34,11 +36,20 @@ using Composition = std::vector<std::vector<ModelId>>;
 /// The parameters of Composition Data Status; page 0 only.
 Result<Composition, DecodeError> decode_composition(ByteView params);
 
+/// The addresses in SIG or Vendor Model Subscription List, as they stand there: groups, and the
+/// hashes of virtual addresses. `params` are those of an answer that repeats the element and
+/// `model`; an address that is cut short is left out.
+std::vector<std::uint16_t> decode_subscription_list(ByteView params, const ModelId& model);
+
+/// The largest TTL of Mesh Profile 1.0 section 4.2.2.5. Robots that run Nordic's code up to release
+/// 4.2.0 stop on a failed assertion when they are told to publish with 128 to 254.
+inline constexpr std::uint8_t max_publish_ttl = 127;
+
 struct Publication {
   std::uint16_t element = 0;
   std::uint16_t address = 0;  ///< where to
-  std::uint8_t ttl = 0;
-  std::uint8_t period = 0;  ///< steps, and their resolution in the two upper bits; 0: none
+  std::uint8_t ttl = 0;       ///< sent as at most max_publish_ttl
+  std::uint8_t period = 0;    ///< steps, and their resolution in the two upper bits; 0: none
   ModelId model;
 };
 /// Each 10 s: ten steps of one second.
@@ -50,10 +61,10 @@ Bytes encode_model_app_bind(std::uint16_t element, const ModelId& model);
 Bytes encode_model_publication_set(const Publication& publication);
 Bytes encode_model_subscription_add(std::uint16_t element, std::uint16_t group,
                                     const ModelId& model);
-/// `group` takes the place of all that the model has.
-Bytes encode_model_subscription_overwrite(std::uint16_t element, std::uint16_t group,
-                                          const ModelId& model);
-Bytes encode_model_subscription_delete_all(std::uint16_t element, const ModelId& model);
+Bytes encode_model_subscription_delete(std::uint16_t element, std::uint16_t group,
+                                       const ModelId& model);
+/// SIG or Vendor Model Subscription Get.
+Bytes encode_model_subscription_get(std::uint16_t element, const ModelId& model);
 Bytes encode_node_reset();
 
 /// A model that knows no groups.

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <array>
+#include <set>
 #include <utility>
 
 namespace slamgw::ble {
@@ -27,8 +28,8 @@ bool is_bound(const ModelId& model) {
          model == generic_on_off_client;
 }
 
-bool is_one_of(const auto& models, const ModelId& model) {
-  return std::ranges::find(models, model) != models.end();
+bool is_one_of(const auto& list, const auto& value) {
+  return std::ranges::find(list, value) != list.end();
 }
 
 Bytes number(std::uint16_t value) { return ByteWriter{}.write_u16_le(value).take(); }
@@ -63,29 +64,28 @@ ConfigurationStep model_step(std::string what, Bytes request, Opcode answer, std
           false};
 }
 
-/// The groups of the settings and no others. Models may share a list of groups: it is whole again
-/// after each of them.
-void add_subscriptions(std::vector<ConfigurationStep>& steps,
-                       const std::vector<std::uint16_t>& groups, std::uint16_t element,
-                       const ModelId& model) {
-  if (groups.empty()) {
-    auto step = model_step("the end of the subscriptions",
-                           encode_model_subscription_delete_all(element, model),
-                           model_subscription_status, element, model);
-    step.also_done = not_a_subscribe_model;
-    steps.push_back(std::move(step));
-  }
-  for (const std::uint16_t group : groups) {
-    auto step = model_step(fmt::format("the subscription to 0x{:04x}", group),
-                           encode_model_subscription_add(element, group, model),
-                           model_subscription_status, element, model);
-    step.echoed_tail = ByteWriter{}.write_u16_le(group).write(encode_model_id(model)).take();
-    if (group == groups.front())
-      step.when_refused =
-          std::exchange(step.request, encode_model_subscription_overwrite(element, group, model));
-    steps.push_back(std::move(step));
-  }
+/// Asks which groups the model has. One that knows no groups is right when none are wanted.
+ConfigurationStep list_step(const ConfigurationSettings& settings, std::uint16_t element,
+                            const ModelId& model) {
+  auto step = model_step(
+      "the list of subscriptions", encode_model_subscription_get(element, model),
+      model.company ? vendor_model_subscription_list : sig_model_subscription_list, element, model);
+  step.echoed_head =
+      ByteWriter{}.write_u16_le(element).write(std::exchange(step.echoed_tail, {})).take();
+  if (settings.groups.empty()) step.also_done = not_a_subscribe_model;
+  step.lists_groups_of = ModelElement{element, model};
+  return step;
 }
+
+ConfigurationStep group_step(std::string_view what, Bytes request, const ModelElement& of,
+                             std::uint16_t group) {
+  auto step = model_step(fmt::format("{} 0x{:04x}", what, group), std::move(request),
+                         model_subscription_status, of.element, of.model);
+  step.echoed_tail = ByteWriter{}.write_u16_le(group).write(encode_model_id(of.model)).take();
+  return step;
+}
+
+bool is_group(std::uint16_t address) { return address >= 0xc000; }
 
 void add_model(std::vector<ConfigurationStep>& steps, const ConfigurationSettings& settings,
                std::uint16_t element, const ModelId& model) {
@@ -97,7 +97,7 @@ void add_model(std::vector<ConfigurationStep>& steps, const ConfigurationSetting
     steps.push_back(model_step("the publication", encode_model_publication_set(publication),
                                model_publication_status, element, model));
   }
-  if (is_one_of(servers, model)) add_subscriptions(steps, settings.groups, element, model);
+  if (is_one_of(servers, model)) steps.push_back(list_step(settings, element, model));
 }
 
 }  // namespace
@@ -136,6 +136,24 @@ std::vector<ConfigurationStep> plan_configuration(const ConfigurationSettings& s
       if (is_bound(model)) add_model(steps, settings, element, model);
     ++element;
   }
+  return steps;
+}
+
+std::vector<ConfigurationStep> plan_groups(const ConfigurationSettings& settings,
+                                           const ModelElement& of,
+                                           const std::vector<std::uint16_t>& subscribed) {
+  const std::set<std::uint16_t> has(subscribed.begin(), subscribed.end());
+  std::vector<ConfigurationStep> steps;
+  for (const std::uint16_t group : has)  // first, to make room
+    if (is_group(group) && !is_one_of(settings.groups, group))
+      steps.push_back(group_step("the end of the subscription to",
+                                 encode_model_subscription_delete(of.element, group, of.model), of,
+                                 group));
+  for (const std::uint16_t group : settings.groups)
+    if (!has.contains(group))
+      steps.push_back(group_step("the subscription to",
+                                 encode_model_subscription_add(of.element, group, of.model), of,
+                                 group));
   return steps;
 }
 

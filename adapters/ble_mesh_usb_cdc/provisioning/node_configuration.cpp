@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <iterator>
 #include <utility>
 
 #include "adapters/ble_mesh_usb_cdc/nordic/provisioning_commands.hpp"
@@ -71,15 +72,10 @@ bool NodeConfiguration::on_message(const MessageReceived& message, TimePoint now
 }
 
 void NodeConfiguration::on_answer(const AccessMessage& message, TimePoint now) {
-  ConfigurationStep step = std::move(steps_.front());
+  const ConfigurationStep step = std::move(steps_.front());
   steps_.pop_front();
   const std::uint8_t status = step.has_status ? message.params.front() : std::uint8_t{0};
   if (status != 0 && status != step.also_done) {
-    if (!step.when_refused.empty()) {
-      step.request = std::exchange(step.when_refused, {});
-      steps_.push_front(std::move(step));
-      return begin_step(now);
-    }
     const std::string refusal =
         fmt::format("{} was refused: {} (0x{:02x})", step.what, config_status_text(status), status);
     if (step.is_required) return finish(State::failed, refusal);
@@ -91,6 +87,13 @@ void NodeConfiguration::on_answer(const AccessMessage& message, TimePoint now) {
       return finish(State::failed, "its composition data can't be read");
     for (auto& next : plan_configuration(settings_, address_, *composition))
       steps_.push_back(std::move(next));
+  }
+  if (step.lists_groups_of && status == 0) {
+    auto groups =
+        plan_groups(settings_, *step.lists_groups_of,
+                    decode_subscription_list(message.params, step.lists_groups_of->model));
+    steps_.insert(steps_.begin(), std::move_iterator(groups.begin()),
+                  std::move_iterator(groups.end()));
   }
   if (steps_.empty()) return finish(State::succeeded, std::exchange(problem_, {}));
   begin_step(now);
