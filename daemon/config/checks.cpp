@@ -114,17 +114,18 @@ void check_control_socket(const Located& located) {
 
 }  // namespace
 
-int Located::line_of(std::string key) const {
+Place Located::place_of(std::string key) const {
   while (true) {
-    if (const auto found = lines.find(key); found != lines.end()) return found->second;
+    if (const auto found = places.find(key); found != places.end()) return found->second;
     const std::size_t dot = key.rfind('.');
-    if (dot == std::string::npos) return 1;
+    if (dot == std::string::npos) return {context.file, 1};
     key.resize(dot);
   }
 }
 
 void Located::problem(const std::string& key, std::string text) const {
-  context.problems.push_back({context.file, line_of(key), key, std::move(text)});
+  const Place place = place_of(key);
+  context.problems.push_back({place.file, place.line, key, std::move(text)});
 }
 
 void check_relations(const Located& located) {

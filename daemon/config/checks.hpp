@@ -14,12 +14,12 @@ namespace slamgw {
 /// The configuration as read so far, and where its keys stand.
 struct Located {
   const Config& config;
-  const std::map<std::string, int>& lines;
-  FileContext& context;
+  const std::map<std::string, Place>& places;
+  ConfigContext& context;
 
-  bool is_set(const std::string& key) const { return lines.contains(key); }
-  /// The line of a key, or of the nearest group above it that the file has.
-  int line_of(std::string key) const;
+  bool is_set(const std::string& key) const { return places.contains(key); }
+  /// Of a key, or of the nearest group above it that is written somewhere.
+  Place place_of(std::string key) const;
   void problem(const std::string& key, std::string text) const;
 };
 

@@ -21,7 +21,7 @@ class CredentialsReader {
     for (Problem& problem : document.problems) problems_.push_back(std::move(problem));
     if (!document.is_complete) return std::nullopt;
     if (!document.root.value.is_object()) {
-      add(document.root.line, "syntax", "is not a group");
+      add(document.root.place.line, "syntax", "is not a group");
       return std::nullopt;
     }
     Credentials credentials;
@@ -35,11 +35,11 @@ class CredentialsReader {
   void take(const JsonNode& member, Credentials& out) {
     const bool is_username = member.key == "username";
     if (!is_username && member.key != "password")
-      return add(member.line, member.key, "unknown key");
+      return add(member.place.line, member.key, "unknown key");
     (is_username ? has_username_ : has_password_) = true;
     const auto* text = member.value.get_ptr<const std::string*>();
     if (text == nullptr || (is_username && text->empty()))
-      return add(member.line, member.key,
+      return add(member.place.line, member.key,
                  is_username ? "is not a text of at least one character"
                              : "is not a text (not shown: it is secret)");
     (is_username ? out.username : out.password) = *text;
@@ -56,27 +56,77 @@ class CredentialsReader {
   bool has_password_ = false;
 };
 
-}  // namespace
+constexpr std::string_view key_of_file = "broker.credentials_file";
 
-void read_credentials(const Located& located, BrokerSettings& broker,
-                      const Surroundings& surroundings, const Files& files) {
-  const bool is_named = broker.credentials_file.has_value();
-  if (!is_named && surroundings.credentials_directory.empty()) return;
-  const std::string path =
-      is_named ? *broker.credentials_file : surroundings.credentials_directory + "/broker";
+bool is_guarded(const Located& located, const std::string& path, const FileText& file) {
+  if ((file.mode & others) == 0) return true;
+  located.problem(
+      std::string(key_of_file),
+      fmt::format("{} can be read or changed by others (mode {:04o}); type: chmod o= {}", path,
+                  file.mode, path));
+  return false;
+}
+
+void cannot_be_read(const Located& located, const std::string& path, const FileError& error) {
+  located.problem(std::string(key_of_file),
+                  fmt::format("{} cannot be read: {}; a readable file with {} is needed", path,
+                              error.text, shape));
+}
+
+std::optional<Credentials> read_file(const Located& located, const std::string& path,
+                                     const Files& files) {
   const auto file = files.read(path);
   if (!file) {
-    if (!is_named && file.error().is_missing) return;  // the unit may load it or not
-    return located.problem("broker.credentials_file",
-                           fmt::format("{} cannot be read: {}; a readable file with {} is needed",
-                                       path, file.error().text, shape));
+    cannot_be_read(located, path, file.error());
+    return std::nullopt;
   }
-  if (is_named && (file->mode & others) != 0)  // systemd guards its own copies by their directory
-    return located.problem(
-        "broker.credentials_file",
-        fmt::format("{} can be read or changed by others (mode {:04o}); type: chmod o= {}", path,
-                    file->mode, path));
-  broker.credentials = CredentialsReader(path, located.context.problems).read(file->text);
+  if (!is_guarded(located, path, *file)) return std::nullopt;
+  return CredentialsReader(path, located.context.problems).read(file->text);
+}
+
+/// systemd's copy, which its directory guards; problems name the file that it was copied from. The
+/// service's user may read that file only where it is not root's alone.
+std::optional<Credentials> read_credential(const Located& located, const Surroundings& surroundings,
+                                           const Files& files) {
+  const std::string copy = surroundings.credentials_directory + "/broker";
+  const std::string& source = surroundings.credential_source;
+  const auto file = files.read(copy);
+  if (!file) {  // the unit may load it or not
+    if (!file.error().is_missing) cannot_be_read(located, copy, file.error());
+    return std::nullopt;
+  }
+  if (const auto original = source.empty() ? FileError{} : files.read(source);
+      original && !is_guarded(located, source, *original))
+    return std::nullopt;
+  return CredentialsReader(source.empty() ? copy : source, located.context.problems)
+      .read(file->text);
+}
+
+/// What the service will read, checked by somebody who is not the service.
+void check_source(const Located& located, ParseResult& result, const std::string& path,
+                  const Files& files) {
+  const auto file = files.read(path);
+  if (!file && file.error().is_denied) {
+    result.warnings.push_back({path, 1, std::string(key_of_file),
+                               "is not checked: only root may read it; type: sudo slam-gatewayd "
+                               "--check-config"});
+  } else {
+    read_file(located, path, files);
+  }
+}
+
+}  // namespace
+
+void read_credentials(const Located& located, ParseResult& result, const Surroundings& surroundings,
+                      const Files& files) {
+  const std::optional<std::string>& named = result.config.broker.credentials_file;
+  if (named) {
+    result.config.broker.credentials = read_file(located, *named, files);
+  } else if (!surroundings.credentials_directory.empty()) {
+    result.config.broker.credentials = read_credential(located, surroundings, files);
+  } else if (!surroundings.credential_source.empty()) {
+    check_source(located, result, surroundings.credential_source, files);
+  }
 }
 
 }  // namespace slamgw

@@ -9,7 +9,9 @@
 
 namespace slamgw {
 
-void read_credentials(const Located& located, BrokerSettings& broker,
-                      const Surroundings& surroundings, const Files& files);
+/// Sets `result.config.broker.credentials`. What the service will read and this process must not
+/// use (`credential_source` without a credentials directory) is only checked.
+void read_credentials(const Located& located, ParseResult& result, const Surroundings& surroundings,
+                      const Files& files);
 
 }  // namespace slamgw

@@ -16,7 +16,8 @@ struct FileText {
 
 struct FileError {
   bool is_missing = false;
-  std::string text;  ///< "No such file or directory"
+  bool is_denied = false;  ///< this user may not read it
+  std::string text;        ///< "No such file or directory"
 };
 
 class Files {

@@ -4,9 +4,10 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <cstdlib>
-#include <map>
+#include <filesystem>
 
 #include "daemon/config/credentials.hpp"
 #include "daemon/config/system_files.hpp"
@@ -14,53 +15,89 @@
 namespace slamgw {
 namespace {
 
-Surroundings read_surroundings() {
+namespace fs = std::filesystem;
+
+constexpr const char* service_configuration = "/etc/slam-gateway/gateway.json";
+
+/// The file behind `LoadCredential=broker:slam-gateway.broker`, found as systemd.exec(5) finds it.
+std::string credential_source() {
+  for (const char* const store : {"/etc/credstore", "/run/credstore", "/usr/lib/credstore"}) {
+    std::error_code error;
+    const fs::path path = fs::canonical(fs::path(store) / "slam-gateway.broker", error);
+    if (!error) return path.string();
+  }
+  return {};
+}
+
+Surroundings read_surroundings(const std::string& configuration) {
   std::array<char, 256> name{};  // POSIX's longest host name and a NUL
   if (gethostname(name.data(), name.size() - 1) != 0) name[0] = '\0';
   const char* credentials = std::getenv("CREDENTIALS_DIRECTORY");
-  return {name.data(), credentials == nullptr ? "" : credentials};
+  const bool is_services = credentials != nullptr || configuration == service_configuration;
+  return {name.data(), credentials == nullptr ? "" : credentials,
+          is_services ? credential_source() : ""};
 }
 
 /// The one secret that may stand in the configuration itself. Packages ship the file readable by
 /// all.
-void warn_of_readable_secret(ParseResult& result, const std::string& path, unsigned mode) {
+void warn_of_readable_secret(ParseResult& result, const SystemFiles& files) {
   constexpr unsigned others_may_read = 0004;
   constexpr const char* key = "ble_mesh.provisioning.static_oob";
-  if (!result.config.ble_mesh.provisioning.static_oob || (mode & others_may_read) == 0) return;
-  const auto line = result.lines.find(key);
+  const auto place = result.places.find(key);
+  if (!result.config.ble_mesh.provisioning.static_oob || place == result.places.end()) return;
+  const std::string& path = place->second.file;
+  const auto file = files.read(path);
+  if (!file || (file->mode & others_may_read) == 0) return;
   result.warnings.push_back(
-      {path, line == result.lines.end() ? 1 : line->second, key,
+      {path, place->second.line, key,
        fmt::format("is a secret in a file that others can read (mode {:04o}); type: chown "
                    "root:slam-gateway {} && chmod 640 {}",
-                   mode, path, path)});
+                   file->mode, path, path)});
+}
+
+/// `gateway.json` and what lies in `gateway.d/`, in order of name. Backup files of editors and
+/// packages do not end in `.json`.
+std::vector<std::string> paths_of(const std::string& path) {
+  std::vector<std::string> paths{path};
+  std::error_code error;
+  for (const auto& entry : fs::directory_iterator(fs::path(path).replace_extension(".d"), error))
+    if (entry.path().extension() == ".json") paths.push_back(entry.path().string());
+  std::sort(paths.begin() + 1, paths.end());
+  return paths;
 }
 
 }  // namespace
 
 ParseResult load_config(const std::string& path) {
   const SystemFiles files;
-  const auto file = files.read(path);
-  if (file) {
-    ParseResult parsed = parse_config(file->text, path, read_surroundings(), files);
-    warn_of_readable_secret(parsed, path, file->mode);
-    return parsed;
+  std::vector<ConfigFile> parts;
+  Problems problems;
+  for (const std::string& name : paths_of(path)) {
+    const auto file = files.read(name);
+    if (file) {
+      parts.push_back({name, file->text});
+      continue;
+    }
+    std::string text = "cannot be read: " + file.error().text + "; a readable file is needed";
+    if (name == path && file.error().is_missing)
+      text += ", create it with: slam-gatewayd --print-config > " + path;
+    problems.push_back({name, 1, "file", std::move(text)});
   }
-  std::string text = "cannot be read: " + file.error().text + "; a readable file is needed";
-  if (file.error().is_missing) text += ", create it with: slam-gatewayd --print-config > " + path;
   ParseResult result;
-  result.problems.push_back({path, 1, "file", std::move(text)});
+  if (!parts.empty()) result = parse_config(parts, read_surroundings(path), files);
+  result.problems.insert(result.problems.begin(), problems.begin(), problems.end());
+  warn_of_readable_secret(result, files);
   return result;
 }
 
 std::optional<Credentials> load_credentials(const BrokerSettings& broker) {
-  Config config;
-  config.broker = broker;
-  config.broker.credentials.reset();
-  std::map<std::string, int> no_lines;
-  FileContext context;
-  read_credentials(Located{config, no_lines, context}, config.broker, read_surroundings(),
-                   SystemFiles());
-  return context.problems.empty() ? config.broker.credentials : broker.credentials;
+  ParseResult result;
+  result.config.broker = broker;
+  result.config.broker.credentials.reset();
+  ConfigContext context;
+  read_credentials(Located{result.config, result.places, context}, result,
+                   read_surroundings(service_configuration), SystemFiles());
+  return context.problems.empty() ? result.config.broker.credentials : broker.credentials;
 }
 
 }  // namespace slamgw

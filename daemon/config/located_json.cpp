@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/config/located_json.hpp"
 
+#include <algorithm>
 #include <iterator>
 #include <map>
 #include <utility>
@@ -89,7 +90,7 @@ class TreeBuilder : public nlohmann::json_sax<nlohmann::json> {
 
   JsonNode& place(nlohmann::json value) {
     const int line = key_line_ > 0 ? std::exchange(key_line_, 0) : line_;
-    JsonNode node{std::exchange(key_, {}), line, std::move(value), {}};
+    JsonNode node{std::exchange(key_, {}), {file_, line}, std::move(value), {}};
     if (open_.empty()) return out_.root = std::move(node);
     return open_.back()->children.emplace_back(std::move(node));
   }
@@ -99,11 +100,11 @@ class TreeBuilder : public nlohmann::json_sax<nlohmann::json> {
     std::map<std::string, int> lines;
     std::vector<JsonNode> kept;
     for (JsonNode& child : object.children) {
-      const auto [first, is_new] = lines.emplace(child.key, child.line);
+      const auto [first, is_new] = lines.emplace(child.key, child.place.line);
       if (is_new) {
         kept.push_back(std::move(child));
       } else {
-        out_.problems.push_back({file_, child.line, path() + child.key,
+        out_.problems.push_back({file_, child.place.line, path() + child.key,
                                  "is already set in line " + std::to_string(first->second) +
                                      "; each key once is allowed"});
       }
@@ -151,6 +152,22 @@ LocatedJson read_located_json(std::string_view text, const std::string& file) {
                                 &builder, nlohmann::json::input_format_t::json,
                                 true /* nothing after the value */, true /* with comments */);
   return result;
+}
+
+void overlay(JsonNode& base, JsonNode over) {
+  if (!base.value.is_object() || !over.value.is_object()) {
+    base = std::move(over);
+    return;
+  }
+  for (JsonNode& child : over.children) {
+    const auto below = std::find_if(base.children.begin(), base.children.end(),
+                                    [&](const JsonNode& node) { return node.key == child.key; });
+    if (below == base.children.end()) {
+      base.children.push_back(std::move(child));
+    } else {
+      overlay(*below, std::move(child));
+    }
+  }
 }
 
 }  // namespace slamgw

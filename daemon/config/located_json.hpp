@@ -13,11 +13,17 @@
 
 namespace slamgw {
 
+/// Where a key or value stands.
+struct Place {
+  std::string file;
+  int line = 1;  ///< counted from 1
+};
+
 /// A value and where it stands. Members of an object and elements of an array are in `children`, in
 /// the file's order; `value` is then an empty object or array.
 struct JsonNode {
   std::string key;  ///< empty for the root and for elements of an array
-  int line = 1;     ///< of the key where there is one
+  Place place;      ///< of the key where there is one
   nlohmann::json value;
   std::vector<JsonNode> children;
 };
@@ -30,5 +36,9 @@ struct LocatedJson {
   Problems problems;
 };
 LocatedJson read_located_json(std::string_view text, const std::string& file);
+
+/// Lays `over` upon `base` key by key: groups are joined, every other value (a list too) replaces
+/// the one below it.
+void overlay(JsonNode& base, JsonNode over);
 
 }  // namespace slamgw

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/config/parse.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <filesystem>
 
@@ -18,16 +20,10 @@ namespace {
 /// Walks the tree along the schema.
 class Reader {
  public:
-  Reader(Config& config, std::map<std::string, int>& lines, FileContext& context)
-      : config_(config), lines_(lines), context_(context) {}
+  Reader(ParseResult& result, ConfigContext& context, std::span<const RetiredKey> retired)
+      : result_(result), config_(result.config), context_(context), retired_(retired) {}
 
-  void read_root(const JsonNode& root) {
-    if (root.value.is_object()) {
-      read_members(root, {}, {});
-    } else {
-      add_problem(root, "syntax", "the configuration is not a group; write { ... } around it");
-    }
-  }
+  void read_root(const JsonNode& root) { read_members(root, {}, {}); }
 
  private:
   /// `path` is the key as shown (`robots[0].id`), `row` as in the schema (`robots[].id`).
@@ -40,11 +36,12 @@ class Reader {
 
   void read_key(const JsonNode& node, const std::string& path, const std::string& row) {
     if (node.key.find_first_of(".[") != std::string::npos) return report_unknown(node, path, row);
+    if (const RetiredKey* key = find_retired(row)) return read_retired(node, path, *key);
     const SchemaKey* key = find_key(row);
     const bool has_members = is_group(row);
     const bool has_elements = is_group(row + "[]");
     if (key == nullptr && !has_members && !has_elements) return report_unknown(node, path, row);
-    lines_[path] = node.line;
+    result_.places[path] = node.place;
     Value value(node, path, context_);
     if (has_elements) return read_elements(value, row + "[]");
     if (has_members && !node.value.is_object() && !(key != nullptr && value.is_null()))
@@ -56,7 +53,7 @@ class Reader {
   void read_elements(Value list, const std::string& row) {
     list.list(
         [&](Value item) {
-          lines_[item.path()] = item.node().line;
+          result_.places[item.path()] = item.node().place;
           if (!item.node().value.is_object())
             return item.not_allowed("a group of keys in braces { ... }");
           find_key(row)->read(item, config_);
@@ -65,7 +62,29 @@ class Reader {
         "groups { ... }");
   }
 
+  const RetiredKey* find_retired(std::string_view row) const {
+    const auto found = std::find_if(retired_.begin(), retired_.end(),
+                                    [row](const RetiredKey& key) { return key.path == row; });
+    return found == retired_.end() ? nullptr : &*found;
+  }
+
+  /// For one version an older configuration still works; a key under its new name wins.
+  void read_retired(const JsonNode& node, const std::string& path, const RetiredKey& key) {
+    const bool is_renamed = !key.renamed_to.empty();
+    result_.warnings.push_back(
+        {node.place.file, node.place.line, path,
+         is_renamed ? fmt::format("is called {} now; rename it, the next version refuses it",
+                                  key.renamed_to)
+                    : "has no effect any more; remove it, the next version refuses it"});
+    if (is_renamed && !result_.is_set(std::string(key.renamed_to)))
+      read_key(node, std::string(key.renamed_to), std::string(key.renamed_to));
+  }
+
   void report_unknown(const JsonNode& node, const std::string& path, const std::string& row) {
+    if (is_credential(node.key))
+      return add_problem(node, path,
+                         "does not belong in this file, which others may read; put {\"username\": "
+                         "\"...\", \"password\": \"...\"} into credentials.json (mode 0600)");
     if (node.key.find('.') != std::string::npos)
       return add_problem(
           node, path,
@@ -74,12 +93,18 @@ class Reader {
   }
 
   void add_problem(const JsonNode& node, const std::string& path, std::string text) {
-    context_.problems.push_back({context_.file, node.line, path, std::move(text)});
+    context_.problems.push_back({node.place.file, node.place.line, path, std::move(text)});
   }
 
+  static bool is_credential(std::string_view key) {
+    constexpr std::string_view names[] = {"password", "passwd", "pass", "username", "user"};
+    return std::find(std::begin(names), std::end(names), key) != std::end(names);
+  }
+
+  ParseResult& result_;
   Config& config_;
-  std::map<std::string, int>& lines_;
-  FileContext& context_;
+  ConfigContext& context_;
+  std::span<const RetiredKey> retired_;
 };
 
 void fill_defaults(Config& config, const Surroundings& surroundings) {
@@ -89,30 +114,56 @@ void fill_defaults(Config& config, const Surroundings& surroundings) {
     config.broker.client_id = "slam-gateway-" + config.gateway_id;
 }
 
-void sort_by_line(Problems& problems, const std::string& file) {
-  std::stable_sort(problems.begin(), problems.end(), [&file](const Problem& a, const Problem& b) {
-    return std::pair(a.file != file, a.line) < std::pair(b.file != file, b.line);
+/// Files in the order of reading, then those that they name.
+void sort_by_place(Problems& problems, const std::vector<ConfigFile>& parts) {
+  const auto rank = [&parts](const Problem& problem) {
+    return std::find_if(parts.begin(), parts.end(),
+                        [&](const ConfigFile& part) { return part.name == problem.file; }) -
+           parts.begin();
+  };
+  std::stable_sort(problems.begin(), problems.end(), [&rank](const Problem& a, const Problem& b) {
+    return std::pair(rank(a), a.line) < std::pair(rank(b), b.line);
   });
+}
+
+/// All parts as one tree; nothing when one of them is no JSON.
+std::optional<JsonNode> read_tree(const std::vector<ConfigFile>& parts, Problems& problems) {
+  std::optional<JsonNode> tree;
+  bool is_complete = true;
+  for (const ConfigFile& part : parts) {
+    LocatedJson document = read_located_json(part.text, part.name);
+    problems.insert(problems.end(), document.problems.begin(), document.problems.end());
+    is_complete = is_complete && document.is_complete;
+    if (!is_complete) continue;
+    if (!document.root.value.is_object()) {
+      problems.push_back({part.name, document.root.place.line, "syntax",
+                          "the configuration is not a group; write { ... } around it"});
+    } else if (tree) {
+      overlay(*tree, std::move(document.root));
+    } else {
+      tree = std::move(document.root);
+    }
+  }
+  return is_complete ? tree : std::nullopt;
 }
 
 }  // namespace
 
-ParseResult parse_config(std::string_view text, const std::string& file_name,
-                         const Surroundings& surroundings, const Files& files) {
+ParseResult parse_config(const std::vector<ConfigFile>& parts, const Surroundings& surroundings,
+                         const Files& files, std::span<const RetiredKey> retired) {
   ParseResult result;
-  LocatedJson document = read_located_json(text, file_name);
-  FileContext context{file_name, std::filesystem::path(file_name).parent_path().string(),
-                      std::move(document.problems)};
-  if (document.is_complete) {
-    Reader(result.config, result.lines, context).read_root(document.root);
+  const std::string& first = parts.front().name;
+  ConfigContext context{first, std::filesystem::path(first).parent_path().string(), {}};
+  if (const auto tree = read_tree(parts, context.problems)) {
+    Reader(result, context, retired).read_root(*tree);
     fill_defaults(result.config, surroundings);
-    const Located located{result.config, result.lines, context};
+    const Located located{result.config, result.places, context};
     check_relations(located);
-    read_credentials(located, result.config.broker, surroundings, files);
+    read_credentials(located, result, surroundings, files);
     check_tls_files(located, files);
   }
   result.problems = std::move(context.problems);
-  sort_by_line(result.problems, file_name);
+  sort_by_place(result.problems, parts);
   return result;
 }
 

@@ -4,12 +4,15 @@
 #pragma once
 
 #include <map>
+#include <span>
 #include <string>
 #include <string_view>
 
 #include "daemon/config/config.hpp"
 #include "daemon/config/files.hpp"
+#include "daemon/config/located_json.hpp"
 #include "daemon/config/problem.hpp"
+#include "daemon/config/schema.hpp"
 
 namespace slamgw {
 
@@ -17,20 +20,30 @@ namespace slamgw {
 struct Surroundings {
   std::string host_name;
   std::string credentials_directory;  ///< systemd's $CREDENTIALS_DIRECTORY, or empty
+  /// The file that the service's systemd credential `broker` is copied from: the one that an
+  /// operator edits. Empty when there is none, or when another configuration is read.
+  std::string credential_source{};
+};
+
+/// One file of the configuration.
+struct ConfigFile {
+  std::string name;  ///< as problems call it
+  std::string text;
 };
 
 struct ParseResult {
   Config config;      ///< to be used only when there are no problems
-  Problems problems;  ///< by line; then those in other files
+  Problems problems;  ///< by file in the order of reading, and by line
   Problems warnings;  ///< what works, but somebody should look at
-  /// The line of each key, group and list element that the file sets: `robots[0].id`.
-  std::map<std::string, int> lines;
+  /// Where each key, group and list element is set that is set: `robots[0].id`.
+  std::map<std::string, Place> places;
 
-  bool is_set(const std::string& key) const { return lines.contains(key); }
+  bool is_set(const std::string& key) const { return places.contains(key); }
 };
 
-/// `file_name` is how problems call the file; its directory is where relative paths start.
-ParseResult parse_config(std::string_view text, const std::string& file_name,
-                         const Surroundings& surroundings, const Files& files);
+/// `parts`: at least one; later ones win key by key. Relative paths in all of them start at the
+/// directory of the first.
+ParseResult parse_config(const std::vector<ConfigFile>& parts, const Surroundings& surroundings,
+                         const Files& files, std::span<const RetiredKey> retired = retired_keys());
 
 }  // namespace slamgw

@@ -253,6 +253,8 @@ constexpr std::array<SchemaKey, key_count> all_keys = [] {
 
 std::span<const SchemaKey> schema() { return all_keys; }
 
+std::span<const RetiredKey> retired_keys() { return {}; }
+
 const SchemaKey* find_key(std::string_view path) {
   const auto found = std::find_if(all_keys.begin(), all_keys.end(),
                                   [path](const SchemaKey& key) { return key.path == path; });

@@ -37,7 +37,7 @@ using Bio = std::unique_ptr<BIO, Release<BIO_free>>;
 using Certificate = std::unique_ptr<X509, Release<X509_free>>;
 using Key = std::unique_ptr<EVP_PKEY, Release<EVP_PKEY_free>>;
 
-FileError error_now() { return {errno == ENOENT, std::strerror(errno)}; }
+FileError error_now() { return {errno == ENOENT, errno == EACCES, std::strerror(errno)}; }
 
 Bio open_text(const std::string& pem) {
   return Bio(BIO_new_mem_buf(pem.data(), static_cast<int>(pem.size())));
@@ -67,7 +67,7 @@ Result<FileText, FileError> SystemFiles::read(const std::string& path) const {
   if (file.descriptor < 0) return error_now();
   struct stat status {};
   if (fstat(file.descriptor, &status) != 0) return error_now();
-  if (!S_ISREG(status.st_mode)) return FileError{false, "it is not a regular file"};
+  if (!S_ISREG(status.st_mode)) return FileError{false, false, "it is not a regular file"};
   FileText result{{}, status.st_mode & 0777u};
   std::array<char, 4096> chunk{};
   while (true) {
@@ -75,7 +75,8 @@ Result<FileText, FileError> SystemFiles::read(const std::string& path) const {
     if (count < 0) return error_now();
     if (count == 0) return result;
     result.text.append(chunk.data(), static_cast<std::size_t>(count));
-    if (result.text.size() > max_file_bytes) return FileError{false, "it is larger than 1 MiB"};
+    if (result.text.size() > max_file_bytes)
+      return FileError{false, false, "it is larger than 1 MiB"};
   }
 }
 

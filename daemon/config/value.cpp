@@ -146,7 +146,7 @@ void Value::not_allowed(std::string_view allowed) {
 }
 
 void Value::problem(std::string text) {
-  context_.problems.push_back({context_.file, node_.line, path_, std::move(text)});
+  context_.problems.push_back({node_.place.file, node_.place.line, path_, std::move(text)});
 }
 
 std::optional<std::uint64_t> Value::whole_number(std::uint64_t min, std::uint64_t max) {

@@ -19,10 +19,10 @@
 
 namespace slamgw {
 
-/// What all values of one file share.
-struct FileContext {
-  std::string file;
-  std::string directory;  ///< of the file: relative paths start here; may be empty
+/// What all values of one configuration share.
+struct ConfigContext {
+  std::string file;       ///< the first one
+  std::string directory;  ///< of that file: relative paths start here; may be empty
   Problems problems;
 };
 
@@ -31,7 +31,7 @@ class Value {
  public:
   using TextRule = bool (*)(std::string_view);
 
-  Value(const JsonNode& node, std::string path, FileContext& context)
+  Value(const JsonNode& node, std::string path, ConfigContext& context)
       : node_(node), path_(std::move(path)), context_(context) {}
 
   bool is_null() const { return node_.value.is_null(); }
@@ -86,7 +86,7 @@ class Value {
 
   const JsonNode& node_;
   std::string path_;
-  FileContext& context_;
+  ConfigContext& context_;
 };
 
 }  // namespace slamgw

@@ -51,8 +51,9 @@ TEST(DefaultConfig, IsTheShippedFile) {
 }
 
 TEST(DefaultConfig, SaysExactlyTheDefaults) {
-  const ParseResult shipped = parse_config(default_config_text, "gateway.json", here, FakeFiles());
-  const ParseResult empty = parse_config("{}", "gateway.json", here, FakeFiles());
+  const ParseResult shipped =
+      parse_config({{"gateway.json", std::string(default_config_text)}}, here, FakeFiles());
+  const ParseResult empty = parse_config({{"gateway.json", "{}"}}, here, FakeFiles());
   EXPECT_EQ(all_lines(shipped.problems), "");
   EXPECT_EQ(describe(shipped.config), describe(empty.config));
 }
@@ -62,7 +63,7 @@ TEST(DefaultConfig, EmptyConfigurationIsTheSettingsOwnDefaults) {
   expected.gateway_id = "gateway-1";
   expected.broker.client_id = "slam-gateway-gateway-1";
   expected.broker.gateway_id = expected.gateway_id;
-  const ParseResult empty = parse_config("{}", "gateway.json", here, FakeFiles());
+  const ParseResult empty = parse_config({{"gateway.json", "{}"}}, here, FakeFiles());
   EXPECT_EQ(describe(empty.config), describe(expected));
 }
 
@@ -73,10 +74,10 @@ TEST(DefaultConfig, NamesEveryKeyAndItsExamplesAreGood) {
   files.files["client.key"] = {"key 1", 0600};
   std::string text = with_examples();
   text.replace(text.find("\"mqtt://"), 8, "\"mqtts://");  // the examples for TLS need it
-  const ParseResult result = parse_config(text, "gateway.json", here, files);
+  const ParseResult result = parse_config({{"gateway.json", std::string(text)}}, here, files);
   EXPECT_EQ(all_lines(result.problems), "");
   std::map<std::string, int> rows;
-  for (const auto& [path, line] : result.lines) rows[row_of(path)] = line;
+  for (const auto& [path, place] : result.places) rows[row_of(path)] = place.line;
   for (const SchemaKey& key : schema())
     EXPECT_TRUE(rows.contains(std::string(key.path))) << key.path;
 }

@@ -17,7 +17,7 @@ class FakeFiles : public Files {
   Result<FileText, FileError> read(const std::string& path) const override {
     if (const auto error = errors.find(path); error != errors.end()) return error->second;
     const auto file = files.find(path);
-    if (file == files.end()) return FileError{true, "No such file or directory"};
+    if (file == files.end()) return FileError{true, false, "No such file or directory"};
     return file->second;
   }
   std::string certificate_fault(const std::string& pem) const override {

@@ -143,6 +143,43 @@ TEST_F(LoadConfig, TakesSystemdsCredential) {
   EXPECT_EQ(result.config.broker.credentials->username, "from systemd");
 }
 
+TEST_F(LoadConfig, SitesOwnFilesWinKeyByKeyInOrderOfName) {
+  std::filesystem::create_directory(directory_ / "gateway.d");
+  write("gateway.d/10-broker.json", R"({"broker": {"uri": "mqtt://first", "keep_alive_s": 60}})");
+  write("gateway.d/20-broker.json",
+        "// later\n"
+        R"({"broker": {"uri": "mqtt://second"}, "robots": [{"id": "r", "ble_address": 3}]})");
+  write("gateway.d/30-old.json.dpkg-old", "this is no JSON");
+  const ParseResult result = load_config(write("gateway.json", R"({"broker": {"uri": "mqtt://h"},
+      "robots": [{"id": "a", "ble_address": 1}, {"id": "b", "ble_address": 2}]})"));
+  EXPECT_TRUE(result.problems.empty());
+  EXPECT_EQ(result.config.broker.host, "second");
+  EXPECT_EQ(result.config.broker.keep_alive, std::chrono::seconds{60});
+  ASSERT_EQ(result.config.robots.size(), 1U);
+  EXPECT_EQ(result.config.robots[0].id, "r");
+}
+
+TEST_F(LoadConfig, NamesTheFileAndLineOfEachProblem) {
+  std::filesystem::create_directory(directory_ / "gateway.d");
+  write("gateway.d/a.json", "{\n\"log\": {\"level\": \"loud\"}}");
+  write("gateway.d/b.json", "{\n\n\"broker\": {\"url\": 1}}");
+  write("gateway.d/c.json", R"({"robots": [{"id": "a"}]})");
+  const std::string problems = problems_of(R"({"log": {"level": "info", "traffic": "some"}})");
+  EXPECT_TRUE(problems.starts_with("gateway.json:1: log.traffic: ")) << problems;
+  EXPECT_NE(problems.find("\ngateway.d/a.json:2: log.level: "), problems.npos) << problems;
+  EXPECT_NE(problems.find("\ngateway.d/b.json:3: broker.url: "), problems.npos) << problems;
+  EXPECT_NE(problems.find("\ngateway.d/c.json:1: robots[0]: "), problems.npos) << problems;
+  write("gateway.d/b.json", "{");
+  EXPECT_NE(problems_of("{}").find("gateway.d/b.json:1: syntax: "), std::string::npos);
+}
+
+TEST_F(LoadConfig, RelativePathsStartBesideTheMainFile) {
+  std::filesystem::create_directory(directory_ / "gateway.d");
+  write("c.json", R"({"username": "u", "password": "p"})");
+  write("gateway.d/a.json", R"({"broker": {"credentials_file": "c.json"}})");
+  EXPECT_EQ(problems_of("{}"), "");
+}
+
 TEST_F(LoadConfig, ChecksCertificatesAndKeys) {
   const Identity own = make_identity();
   const Identity other = make_identity();

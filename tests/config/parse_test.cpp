@@ -12,7 +12,7 @@ namespace {
 struct Parsed : ParseResult {
   explicit Parsed(std::string_view text, Surroundings here = {"pi", ""}, FakeFiles files = {},
                   const std::string& file = "/etc/slam-gateway/gateway.json")
-      : ParseResult(parse_config(text, file, here, files)) {
+      : ParseResult(parse_config({{file, std::string(text)}}, here, files)) {
     for (const Problem& problem : problems) lines_of_problems += to_string(problem) + "\n";
   }
   std::string lines_of_problems;
@@ -80,7 +80,7 @@ TEST(ParseConfig, TakesBothKindsOfComments) {
   const Parsed parsed("// a\n/* b\n*/ {\"log\": /* c */ {\"level\": \"error\"}} // d");
   EXPECT_EQ(parsed.lines_of_problems, "");
   EXPECT_EQ(parsed.config.log.level, Severity::error);
-  EXPECT_EQ(parsed.lines.at("log.level"), 3);
+  EXPECT_EQ(parsed.places.at("log.level").line, 3);
 }
 
 TEST(ParseConfig, StartsRelativePathsAtTheFile) {
@@ -92,6 +92,52 @@ TEST(ParseConfig, StartsRelativePathsAtTheFile) {
   EXPECT_EQ(parsed.config.ble_mesh.device, "/etc/slam-gateway/dev/board");
   EXPECT_EQ(Parsed(text, {}, {}, "g.json").config.store.directory, "store");
   EXPECT_EQ(Parsed(R"({"ble_mesh": {"device": "auto"}})").config.ble_mesh.device, "auto");
+}
+
+TEST(ParseConfig, NamesTheFileThatTheServicesCredentialIsCopiedFrom) {
+  const std::string source = "/etc/slam-gateway/credentials.json";
+  FakeFiles files;
+  files.files["/run/creds/broker"] = {R"({"username": "u"})", 0400};
+  files.errors[source] = {false, true, "Permission denied"};
+  EXPECT_EQ(Parsed("{}", {"pi", "/run/creds", source}, files).lines_of_problems,
+            source +
+                ":1: password: is missing; allowed: "
+                R"({"username": "...", "password": "..."})"
+                "\n");
+  files.errors.clear();
+  files.files[source] = {R"({"username": "u", "password": "p"})", 0644};
+  EXPECT_NE(Parsed("{}", {"pi", "/run/creds", source}, files)
+                .lines_of_problems.find("type: chmod o= " + source),
+            std::string::npos);
+}
+
+TEST(ParseConfig, ChecksButDoesNotUseWhatOnlyTheServiceReads) {
+  const std::string source = "/etc/slam-gateway/credentials.json";
+  FakeFiles files;
+  files.files[source] = {"{", 0600};
+  EXPECT_TRUE(Parsed("{}", {"pi", "", source}, files).lines_of_problems.starts_with(source));
+  files.files[source] = {R"({"username": "u", "password": "p"})", 0600};
+  const Parsed good("{}", {"pi", "", source}, files);
+  EXPECT_EQ(good.lines_of_problems, "");
+  EXPECT_FALSE(good.config.broker.credentials);
+  files.files.clear();
+  files.errors[source] = {false, true, "Permission denied"};
+  const Parsed denied("{}", {"pi", "", source}, files);
+  EXPECT_EQ(denied.lines_of_problems, "");
+  ASSERT_EQ(denied.warnings.size(), 1U);
+  EXPECT_NE(denied.warnings[0].text.find("sudo slam-gatewayd --check-config"), std::string::npos);
+}
+
+TEST(ParseConfig, WarnsOfKeysThatTheVersionBeforeKnew) {
+  const RetiredKey retired[] = {{"broker.url", "broker.uri"}, {"mqttsn.turbo", ""}};
+  const ParseResult result =
+      parse_config({{"g.json", R"({"broker": {"url": "mqtt://old"}, "mqttsn": {"turbo": 9}})"}},
+                   {"pi", ""}, FakeFiles(), retired);
+  EXPECT_TRUE(result.problems.empty());
+  EXPECT_EQ(result.config.broker.host, "old");
+  ASSERT_EQ(result.warnings.size(), 2U);
+  EXPECT_NE(result.warnings[0].text.find("is called broker.uri now"), std::string::npos);
+  EXPECT_NE(result.warnings[1].text.find("has no effect any more"), std::string::npos);
 }
 
 TEST(ParseConfig, ReadsCredentialsBesideTheFile) {

@@ -19,8 +19,8 @@ Problems problems_of(std::string_view text) {
   files.files["list"] = {"[]", 0600};
   files.files["cert"] = {"certificate 1", 0644};
   files.files["key"] = {"key 2", 0600};
-  files.errors["secret"] = {false, "Permission denied"};
-  return parse_config(text, "g.json", {"pi", ""}, files).problems;
+  files.errors["secret"] = {false, true, "Permission denied"};
+  return parse_config({{"g.json", std::string(text)}}, {"pi", ""}, files).problems;
 }
 
 struct Case {
@@ -89,7 +89,9 @@ INSTANTIATE_TEST_SUITE_P(
         Case{R"({"broker": {"url": 1}})", "g.json:1: broker.url: ", "did you mean broker.uri?"},
         Case{R"({"broker": {"ca_file": "x"}})",
              "g.json:1: broker.ca_file: ", "did you mean broker.tls.ca_file?"},
-        Case{R"({"broker": {"password": "hush"}})", "g.json:1: broker.password: ",
+        Case{R"({"broker": {"password": "hush"}})",
+             "g.json:1: broker.password: ", "into credentials.json (mode 0600)"},
+        Case{R"({"broker": {"pasword_file": "hush"}})", "g.json:1: broker.pasword_file: ",
              "Known in broker: client_id, credentials_file, keep_alive_s, max_inflight, tls, uri"},
         Case{R"({"mqttsn": {"listen": 5}})", "g.json:1: mqttsn.listen: ", "a list [...] of"},
         Case{R"({"uri": "x"})", "g.json:1: uri: ", "did you mean broker.uri?"},

@@ -109,7 +109,7 @@ def remove_keeps_the_state():
 def purge_takes_everything():
     """purge: nothing of it is left but the user"""
     run("dpkg", "--purge", "slam-gateway")
-    for path in (STATE, CONFIG.parent, "/run/slam-gateway", "/usr/share/doc/slam-gateway", "/usr/libexec/slam-gateway",
+    for path in (STATE, CONFIG.parent, "/run/slam-gateway", "/usr/share/doc/slam-gateway",
                  "/usr/lib/sysctl.d/60-slam-gateway.conf", "/usr/lib/credstore/slam-gateway.broker"):
         demand(not pathlib.Path(path).exists(), f"{path} is left")
     left = run("systemctl", "list-units", "--all", "--no-legend", "--plain", "slam-gateway*")
