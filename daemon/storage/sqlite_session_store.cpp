@@ -3,7 +3,7 @@
 
 #include <fmt/format.h>
 
-#include <boost/asio/post.hpp>
+#include <future>
 #include <utility>
 
 #include "daemon/storage/store_file.hpp"
@@ -12,49 +12,68 @@ namespace slamgw {
 
 SqliteSessionStore::SqliteSessionStore(boost::asio::io_context& io, std::string directory,
                                        std::function<void(Notice)> on_notice)
-    : io_(io),
-      directory_(std::move(directory)),
+    : directory_(std::move(directory)),
       path_(directory_ + "/sessions.db"),
-      on_notice_(std::make_shared<std::function<void(Notice)>>(std::move(on_notice))) {}
+      on_notice_(std::move(on_notice)),
+      retry_timer_(io),
+      thread_(io),
+      sync_timer_(thread_.context()) {}
 
 SqliteSessionStore::~SqliteSessionStore() { stop(); }
 
 std::vector<SessionStore::Session> SqliteSessionStore::load() {
-  std::vector<Session> sessions;
-  if (open()) {
-    try {
-      sessions = file_->load();
-    } catch (const SqliteError& error) {
-      move_aside(error.what());
-      open();
-    }
-  }
-  thread_ = std::thread([this] { run(); });
-  return sessions;
+  std::promise<std::vector<Session>> loaded;
+  thread_.run([&] { loaded.set_value(open_and_load()); });
+  return loaded.get_future().get();
 }
 
 void SqliteSessionStore::save(std::vector<Change> changes) {
-  {
-    const std::lock_guard lock(mutex_);
-    for (Change& change : changes) changes_[std::move(change.id)] = std::move(change.content);
-  }
-  wake_.notify_one();
+  for (Change& change : changes) changes_[std::move(change.id)] = std::move(change.content);
+  if (!is_writing_) write_changes();
 }
 
-bool SqliteSessionStore::is_busy() const {
-  const std::lock_guard lock(mutex_);
-  return is_writing_ || !changes_.empty();
-}
+bool SqliteSessionStore::is_busy() const { return is_writing_ || !changes_.empty(); }
 
 void SqliteSessionStore::stop() {
-  if (!thread_.joinable()) return;
-  {
-    const std::lock_guard lock(mutex_);
-    is_stopping_ = true;
+  retry_timer_.cancel();
+  if (!changes_.empty()) write_changes();
+  thread_.run([this] { file_.reset(); });  // synchronises
+  thread_.stop();
+}
+
+/// All that have come together go in one transaction, and as many as come meanwhile in the next.
+void SqliteSessionStore::write_changes() {
+  is_writing_ = true;
+  thread_.run([this, changes = std::exchange(changes_, {})]() mutable {
+    const bool is_written = write(changes);
+    thread_.report([this, is_written, changes = std::move(changes)]() mutable {
+      on_written(is_written, std::move(changes));
+    });
+  });
+}
+
+void SqliteSessionStore::on_written(bool is_written, Changes changes) {
+  if (is_written) {
+    is_writing_ = false;
+    if (!changes_.empty()) write_changes();
+    return;
   }
-  wake_.notify_one();
-  thread_.join();
-  *on_notice_ = nullptr;
+  changes_.merge(std::move(changes));  // newer ones of the same session stay
+  retry_timer_.expires_after(retry_interval);
+  retry_timer_.async_wait([this](boost::system::error_code error) {
+    if (!error) write_changes();
+  });
+}
+
+std::vector<SessionStore::Session> SqliteSessionStore::open_and_load() {
+  if (!open()) return {};
+  try {
+    return file_->load();
+  } catch (const SqliteError& error) {
+    move_aside(error.what());
+    open();
+    return {};
+  }
 }
 
 bool SqliteSessionStore::open() {
@@ -99,39 +118,7 @@ void SqliteSessionStore::fail(const std::string& why) {
 }
 
 void SqliteSessionStore::notice(Severity severity, std::string text) {
-  boost::asio::post(io_, [on_notice = on_notice_, severity, text = std::move(text)]() mutable {
-    if (*on_notice) (*on_notice)({severity, std::move(text), {}});
-  });
-}
-
-void SqliteSessionStore::run() {
-  std::unique_lock lock(mutex_);
-  bool is_synced = true;
-  while (!is_stopping_ || !changes_.empty()) {
-    const auto is_awaited = [this] { return is_stopping_ || !changes_.empty(); };
-    if (is_synced) {
-      wake_.wait(lock, is_awaited);
-    } else if (!wake_.wait_for(lock, sync_interval, is_awaited)) {
-      lock.unlock();
-      sync();
-      lock.lock();
-      is_synced = true;
-      continue;
-    }
-    Changes changes = std::exchange(changes_, {});
-    is_writing_ = true;
-    lock.unlock();
-    const bool is_written = changes.empty() || write(changes);
-    lock.lock();
-    is_writing_ = false;
-    is_synced = false;
-    if (is_written) continue;
-    changes_.merge(std::move(changes));  // newer ones of the same session stay
-    if (is_stopping_) break;
-    wake_.wait_for(lock, retry_interval, [this] { return is_stopping_; });
-  }
-  lock.unlock();
-  file_.reset();  // a clean end synchronises
+  thread_.report([this, severity, what = std::move(text)] { on_notice_({severity, what, {}}); });
 }
 
 bool SqliteSessionStore::write(const Changes& changes) {
@@ -148,10 +135,20 @@ bool SqliteSessionStore::write(const Changes& changes) {
   }
   if (!std::exchange(why_failed_, {}).empty())
     notice(Severity::notice, fmt::format("sessions are kept in {} again", path_));
+  sync_later();
   return true;
 }
 
+void SqliteSessionStore::sync_later() {
+  if (std::exchange(is_sync_due_, true)) return;
+  sync_timer_.expires_after(sync_interval);
+  sync_timer_.async_wait([this](boost::system::error_code error) {
+    if (!error) sync();
+  });
+}
+
 void SqliteSessionStore::sync() {
+  is_sync_due_ = false;
   try {
     if (file_) file_->sync();
   } catch (const SqliteError&) {

@@ -4,19 +4,17 @@
 #pragma once
 
 #include <boost/asio/io_context.hpp>
-#include <condition_variable>
+#include <boost/asio/steady_timer.hpp>
 #include <functional>
 #include <map>
-#include <memory>
-#include <mutex>
 #include <optional>
 #include <string>
-#include <thread>
 #include <vector>
 
 #include "daemon/core/messages.hpp"
 #include "daemon/core/session_store.hpp"
 #include "daemon/storage/session_file.hpp"
+#include "daemon/storage/store_thread.hpp"
 
 namespace slamgw {
 
@@ -41,31 +39,35 @@ class SqliteSessionStore final : public SessionStore {
  private:
   using Changes = std::map<std::string, std::optional<Bytes>>;
 
+  void write_changes();
+  void on_written(bool is_written, Changes changes);
+
+  // On the store's thread:
+  std::vector<Session> open_and_load();
   bool open();
+  bool write(const Changes& changes);
+  void sync_later();
+  void sync();
   void move_aside(const std::string& why);
   void fail(const std::string& why);
   void notice(Severity severity, std::string text);
 
-  // On the store's thread:
-  void run();
-  bool write(const Changes& changes);
-  void sync();
-
-  boost::asio::io_context& io_;
   const std::string directory_;
   const std::string path_;
-  std::shared_ptr<std::function<void(Notice)>> on_notice_;  // loop only; emptied by stop()
+  const std::function<void(Notice)> on_notice_;  // the loop's thread only
 
-  mutable std::mutex mutex_;
-  std::condition_variable wake_;
-  Changes changes_;           // under mutex_; the last of each session
-  bool is_writing_ = false;   // under mutex_
-  bool is_stopping_ = false;  // under mutex_
-  std::thread thread_;
+  // The loop's thread only:
+  Changes changes_;  // the last of each session that is not written and not being written
+  bool is_writing_ = false;
+  boost::asio::steady_timer retry_timer_;
 
-  // Before the thread starts, the loop's; then the thread's only:
+  // The store's thread only:
   std::optional<SessionFile> file_;
-  std::string why_failed_;  // as last said
+  std::string why_failed_;    // as last said
+  bool is_sync_due_ = false;  // something is written since the last sync()
+
+  StoreThread thread_;
+  boost::asio::steady_timer sync_timer_;
 };
 
 }  // namespace slamgw

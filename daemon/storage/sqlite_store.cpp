@@ -3,8 +3,6 @@
 
 #include <fmt/format.h>
 
-#include <boost/asio/post.hpp>
-#include <cassert>
 #include <utility>
 
 #include "daemon/storage/store_file.hpp"
@@ -13,76 +11,46 @@ namespace slamgw {
 
 SqliteStore::SqliteStore(boost::asio::io_context& io, StoreSettings settings,
                          std::function<void(StoreEvent)> on_event)
-    : io_(io),
-      settings_(std::move(settings)),
+    : settings_(std::move(settings)),
       path_(settings_.directory + "/messages.db"),
-      on_event_(std::make_shared<std::function<void(StoreEvent)>>(std::move(on_event))) {}
+      on_event_(std::move(on_event)),
+      thread_(io),
+      reopen_timer_(thread_.context()) {}
 
 SqliteStore::~SqliteStore() { stop(); }
 
 void SqliteStore::start() {
-  thread_ = std::thread([this] { run(); });
+  thread_.run([this] { open(); });
 }
 
 void SqliteStore::stop() {
-  if (!thread_.joinable()) return;
-  {
-    const std::lock_guard lock(mutex_);
-    is_stopping_ = true;
-  }
-  wake_.notify_one();
-  thread_.join();
-  *on_event_ = nullptr;
+  thread_.run([this] { file_.reset(); });
+  thread_.stop();
 }
 
-void SqliteStore::ask_any(Request request) {
-  const std::lock_guard lock(mutex_);
-  assert(requests_.size() < max_requests);
-  requests_.push_back(std::move(request));
-  wake_.notify_one();
+void SqliteStore::ask(WriteToStore write) {
+  thread_.run([this, request = std::move(write)] { serve(request); });
 }
 
-void SqliteStore::run() {
-  open();
-  while (const auto request = next_request()) serve(*request);
-  file_.reset();
+void SqliteStore::ask(LoadFromStore load) {
+  thread_.run([this, load] { serve(load); });
 }
 
-/// Nothing when it is time to end. Meanwhile tries to open the file while there is none.
-std::optional<SqliteStore::Request> SqliteStore::next_request() {
-  std::unique_lock lock(mutex_);
-  const auto is_awaited = [this] { return is_stopping_ || !requests_.empty(); };
-  while (!file_ && !wake_.wait_for(lock, reopen_interval, is_awaited)) {
-    lock.unlock();
-    open();
-    lock.lock();
-  }
-  wake_.wait(lock, is_awaited);
-  if (requests_.empty()) return std::nullopt;
-  Request request = std::move(requests_.front());
-  requests_.pop_front();
-  return request;
-}
-
+template <class Request>
 void SqliteStore::serve(const Request& request) {
-  std::visit(
-      [this](const auto& what) {
-        if (!file_ || what.generation != generation_) return;  // it meant another file
-        try {
-          post(perform(what));
-        } catch (const SqliteError& error) {
-          using What = std::decay_t<decltype(what)>;
-          if constexpr (std::is_same_v<What, WriteToStore>) {
-            post(StoreWriteFailed{error.what()});
-          } else {
-            post(StoreLoadFailed{error.what()});
-          }
-          if (!error.is_corrupt()) return;
-          move_aside(error.what());
-          open();
-        }
-      },
-      request);
+  if (!file_ || request.generation != generation_) return;  // it meant another file
+  try {
+    post(perform(request));
+  } catch (const SqliteError& error) {
+    if constexpr (std::is_same_v<Request, WriteToStore>) {
+      post(StoreWriteFailed{error.what()});
+    } else {
+      post(StoreLoadFailed{error.what()});
+    }
+    if (!error.is_corrupt()) return;
+    move_aside(error.what());
+    open();
+  }
 }
 
 StoreEvent SqliteStore::perform(const WriteToStore& write) {
@@ -110,6 +78,14 @@ void SqliteStore::open() {
   } catch (const std::runtime_error& error) {
     go_without(error.what());
   }
+  if (!file_) try_again_later();
+}
+
+void SqliteStore::try_again_later() {
+  reopen_timer_.expires_after(reopen_interval);
+  reopen_timer_.async_wait([this](boost::system::error_code error) {
+    if (!error) open();
+  });
 }
 
 void SqliteStore::try_to_open() {
@@ -156,9 +132,7 @@ void SqliteStore::move_aside(const std::string& why) {
 }
 
 void SqliteStore::post(StoreEvent event) {
-  boost::asio::post(io_, [on_event = on_event_, event = std::move(event)]() mutable {
-    if (*on_event) (*on_event)(std::move(event));
-  });
+  thread_.report([this, what = std::move(event)]() mutable { on_event_(std::move(what)); });
 }
 
 }  // namespace slamgw

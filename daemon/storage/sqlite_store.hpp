@@ -6,19 +6,15 @@
 #pragma once
 
 #include <boost/asio/io_context.hpp>
-#include <condition_variable>
-#include <deque>
+#include <boost/asio/steady_timer.hpp>
 #include <functional>
-#include <memory>
-#include <mutex>
 #include <optional>
 #include <string>
-#include <thread>
-#include <variant>
 
 #include "daemon/delivery/message_store.hpp"
 #include "daemon/mqtt/settings.hpp"
 #include "daemon/storage/message_file.hpp"
+#include "daemon/storage/store_thread.hpp"
 
 namespace slamgw {
 
@@ -26,8 +22,6 @@ class SqliteStore {
  public:
   /// Between attempts to open the file.
   static constexpr std::chrono::seconds reopen_interval{10};
-  /// The outbox has one write and one load under way; as many more may be from before an opening.
-  static constexpr std::size_t max_requests = 4;
 
   /// `on_event` is called on the loop's thread, never from inside a call, and not after stop().
   SqliteStore(boost::asio::io_context& io, StoreSettings settings,
@@ -40,41 +34,34 @@ class SqliteStore {
   /// Does what was asked before, closes the file, and waits for that: as long as the disk takes.
   void stop();
 
-  void ask(WriteToStore write) { ask_any(std::move(write)); }
-  void ask(LoadFromStore load) { ask_any(load); }
+  /// The outbox has one write and one load under way; as many more may be from before an opening.
+  void ask(WriteToStore write);
+  void ask(LoadFromStore load);
 
  private:
-  using Request = std::variant<WriteToStore, LoadFromStore>;
-
-  void ask_any(Request request);
-
   // On the store's thread:
-  void run();
-  std::optional<Request> next_request();
+  template <class Request>
   void serve(const Request& request);
   StoreEvent perform(const WriteToStore& write);
   StoreEvent perform(const LoadFromStore& load);
   void open();
   void try_to_open();
+  void try_again_later();
   void go_without(const std::string& why);
   void move_aside(const std::string& why);
   void post(StoreEvent event);
 
-  boost::asio::io_context& io_;
   const StoreSettings settings_;
   const std::string path_;
-  std::shared_ptr<std::function<void(StoreEvent)>> on_event_;  // loop only; emptied by stop()
-
-  std::mutex mutex_;
-  std::condition_variable wake_;
-  std::deque<Request> requests_;  // under mutex_
-  bool is_stopping_ = false;      // under mutex_
-  std::thread thread_;
+  const std::function<void(StoreEvent)> on_event_;  // the loop's thread only
 
   // The store's thread only:
   std::optional<MessageFile> file_;
   std::uint64_t generation_ = 0;  // openings and absences so far (message_store.hpp)
   std::string why_absent_;        // as last said
+
+  StoreThread thread_;
+  boost::asio::steady_timer reopen_timer_;
 };
 
 }  // namespace slamgw

@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+// The thread that a store's file lives on: a commit takes as long as the disk takes, and the loop
+// must not wait for it. Jobs run one after the other in the order they were given; what they found
+// goes back to the loop as a report. Owned and used by a store on the loop's thread; only the
+// members that say so are for the store's own thread.
+#pragma once
+
+#include <boost/asio/executor_work_guard.hpp>
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/post.hpp>
+#include <memory>
+#include <thread>
+#include <utility>
+
+namespace slamgw {
+
+class StoreThread {
+ public:
+  explicit StoreThread(boost::asio::io_context& loop);
+  ~StoreThread();
+  StoreThread(const StoreThread&) = delete;
+  StoreThread& operator=(const StoreThread&) = delete;
+
+  /// Runs `job` on the store's thread.
+  template <class Job>
+  void run(Job&& job) {
+    boost::asio::post(context_, std::forward<Job>(job));
+  }
+  /// Runs `report` on the loop's thread; drops it when stop() has come first. For any thread.
+  template <class Report>
+  void report(Report&& report) {
+    boost::asio::post(loop_,
+                      [is_stopped = is_stopped_, what = std::forward<Report>(report)]() mutable {
+                        if (!*is_stopped) what();
+                      });
+  }
+  /// For timers whose handlers run on the store's thread.
+  boost::asio::io_context& context() { return context_; }
+
+  /// Does every job that was given before, and waits for that. Timers are dropped.
+  void stop();
+
+ private:
+  boost::asio::io_context& loop_;
+  boost::asio::io_context context_{1};
+  boost::asio::executor_work_guard<boost::asio::io_context::executor_type> work_;
+  std::shared_ptr<bool> is_stopped_ = std::make_shared<bool>(false);  // the loop's thread only
+  std::thread thread_;
+};
+
+}  // namespace slamgw
