@@ -170,7 +170,7 @@ std::deque<OutboxEntry> Backlog::on_opened(StoreOpened opened, TimePoint now) {
   forgets_.clear();
   forgetting_.clear();
   forget_due_.reset();
-  is_writing_ = is_loading_ = false;
+  is_writing_ = is_loading_ = is_probe_due_ = false;
   write_retry_.reset();
   load_retry_.reset();
   retry_wait_ = first_retry;
@@ -188,7 +188,8 @@ std::optional<WriteToStore> Backlog::next_write(TimePoint now) {
   const bool is_forget_due = forgets_.size() >= forget_batch ||
                              (!forgets_.empty() && is_stopping_) ||
                              (forget_due_ && now >= *forget_due_);
-  if (saving_.empty() && !is_forget_due) return std::nullopt;
+  if (saving_.empty() && !is_forget_due && !is_probe_due_) return std::nullopt;
+  is_probe_due_ = false;
   WriteToStore write;
   write.generation = generation_;
   std::size_t bytes = 0;
@@ -320,6 +321,7 @@ bool Backlog::on_deadline(TimePoint now) {
   if (!write_retry_ || now < *write_retry_) return false;
   write_retry_.reset();
   state_ = State::working;
+  is_probe_due_ = true;
   return true;
 }
 

@@ -160,6 +160,7 @@ class Backlog {
   bool is_writing_ = false;
   bool is_loading_ = false;
   bool is_stopping_ = false;
+  bool is_probe_due_ = false;  // an empty write tells whether a failing store works again
   std::optional<TimePoint> write_retry_;
   std::optional<TimePoint> load_retry_;
   std::chrono::seconds retry_wait_ = first_retry;

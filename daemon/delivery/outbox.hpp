@@ -96,8 +96,10 @@ class Outbox {
   bool is_settled() const;
   const Statistics& statistics() const { return statistics_; }
   const Backlog& backlog() const { return backlog_; }
-  /// Why nothing can be stored; empty while it can.
-  const std::string& store_trouble() const { return store_trouble_; }
+  /// Why nothing can be stored, or read back; empty while it can.
+  const std::string& store_trouble() const {
+    return write_trouble_.empty() ? read_trouble_ : write_trouble_;
+  }
 
  private:
   using Entry = OutboxEntry;
@@ -114,7 +116,8 @@ class Outbox {
   void handle(ResendDeadLetters& resend, TimePoint now);
   void handle(Notice& notice, TimePoint) { actions_.push(std::move(notice)); }
   void begin_anew(Entries in_memory, TimePoint now);
-  void report_store_failure(const std::string& why, TimePoint now);
+  void report_store_failure(std::string& trouble, const std::string& why, TimePoint now);
+  void end_store_trouble(std::string& trouble);
   void make_safe(Entry& entry);
   void drop_dead_letters(Entries& unsaved);
 
@@ -164,8 +167,8 @@ class Outbox {
   Burst full_burst_;
   static constexpr std::chrono::minutes failure_interval{1};
   Burst failure_burst_{failure_interval};
-  bool has_store_failed_ = false;
-  std::string store_trouble_;
+  std::string write_trouble_;  // why nothing can be stored; empty while it can
+  std::string read_trouble_;   // why nothing can be read back
   ActionQueue<OutboxAction> actions_;
 };
 

@@ -25,13 +25,14 @@ void Outbox::handle(StoreOpened& opened, TimePoint now) {
                                      opened.count, age.count()),
                          {}});
   }
-  has_store_failed_ = false;
-  store_trouble_.clear();
+  write_trouble_.clear();
+  read_trouble_.clear();
   begin_anew(backlog_.on_opened(std::move(opened), now), now);
 }
 
 void Outbox::handle(StoreAbsent& absent, TimePoint now) {
-  store_trouble_ = std::move(absent.why);
+  write_trouble_ = std::move(absent.why);
+  read_trouble_.clear();
   begin_anew(backlog_.on_absent(now), now);
 }
 
@@ -67,11 +68,7 @@ void Outbox::handle(StoreWritten&, TimePoint) {
     entry.is_stored = true;
     make_safe(entry);
   }
-  store_trouble_.clear();
-  if (std::exchange(has_store_failed_, false)) {
-    failure_burst_ = Burst(failure_interval);  // the next failure is news
-    actions_.push(Notice{Severity::notice, "the store works again", {}});
-  }
+  end_store_trouble(write_trouble_);
 }
 
 void Outbox::make_safe(Entry& entry) {
@@ -87,11 +84,12 @@ void Outbox::handle(StoreWriteFailed& failed, TimePoint now) {
     if (entry.is_being_copied()) backlog_.abandon_copy(entry);
   }
   drop_dead_letters(unsaved);
-  report_store_failure("written: " + failed.why, now);
+  report_store_failure(write_trouble_, "written: " + failed.why, now);
   place_all_again(std::move(unsaved), now);
 }
 
 void Outbox::handle(StoreLoaded& loaded, TimePoint now) {
+  end_store_trouble(read_trouble_);
   const std::size_t missing = backlog_.on_loaded(std::move(loaded), now);
   if (missing == 0) return;
   actions_.push(Notice{Severity::error,
@@ -104,7 +102,7 @@ void Outbox::handle(StoreLoaded& loaded, TimePoint now) {
 
 void Outbox::handle(StoreLoadFailed& failed, TimePoint now) {
   backlog_.on_load_failed(now);
-  report_store_failure("read: " + failed.why, now);
+  report_store_failure(read_trouble_, "read: " + failed.why, now);
 }
 
 void Outbox::handle(ResendDeadLetters& resend, TimePoint now) {
@@ -132,16 +130,24 @@ void Outbox::drop_dead_letters(Entries& unsaved) {
   });
 }
 
-void Outbox::report_store_failure(const std::string& why, TimePoint now) {
+void Outbox::report_store_failure(std::string& trouble, const std::string& why, TimePoint now) {
   ++statistics_.store_failures;
-  has_store_failed_ = true;
-  store_trouble_ = "it cannot be " + why;
+  trouble = "it cannot be " + why;
   if (!failure_burst_.on_event(now)) return;
   actions_.push(Notice{Severity::error,
                        fmt::format("the store cannot be {}; until it can, messages wait in memory "
                                    "and robots for the broker's acknowledgement",
                                    why),
                        {}});
+}
+
+void Outbox::end_store_trouble(std::string& trouble) {
+  if (trouble.empty()) return;
+  trouble.clear();
+  failure_burst_ = Burst(failure_interval);  // the next failure is news
+  if (store_trouble().empty()) {
+    actions_.push(Notice{Severity::notice, "the store works again", {}});
+  }
 }
 
 /// The oldest QoS 1 or 2 message that is neither with the broker nor with the store.

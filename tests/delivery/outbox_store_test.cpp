@@ -264,6 +264,34 @@ TEST_F(OutboxStoreTest, AFailingStoreIsSaidOnceAMinuteAndAnewWhenItFailsAgain) {
   EXPECT_EQ(said(), 2) << "not taken for a repetition";
 }
 
+TEST_F(OutboxStoreTest, AStoreThatWorksAgainIsSeenWithoutAMessageToStore) {
+  link_up();
+  store.is_failing = true;
+  submit("t", 1);
+  pass(Outbox::broker_patience);
+  serve_all();
+  EXPECT_EQ(outbox->store_trouble(), "it cannot be written: no space left on device");
+  acknowledge_all();
+  store.is_failing = false;
+  for (int i = 0; i < 61; ++i) {
+    pass(1s);
+    serve_all();
+  }
+  EXPECT_EQ(outbox->store_trouble(), "");
+  EXPECT_TRUE(is_noticed("works again"));
+}
+
+TEST_F(OutboxStoreTest, AStoreThatCanBeReadAgainSaysSo) {
+  store_backlog("t", 1, 3);
+  link_up();
+  outbox->on_store_event(StoreLoadFailed{"Input/output error"}, now);
+  drain();
+  EXPECT_EQ(outbox->store_trouble(), "it cannot be read: Input/output error");
+  settle();
+  EXPECT_EQ(outbox->store_trouble(), "");
+  EXPECT_EQ(received_of("t"), numbers(1, 3));
+}
+
 TEST_F(OutboxStoreTest, AStoreThatFailsToWriteStillDrains) {
   store_backlog("t", 1, 600);
   store.is_failing = true;
