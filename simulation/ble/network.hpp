@@ -8,11 +8,11 @@
 #include <optional>
 #include <vector>
 
-#include "simulation/ble/board.hpp"
-#include "simulation/ble/node.hpp"
+#include "simulation/ble/board/board.hpp"
 #include "simulation/ble/pb_adv.hpp"
 #include "simulation/ble/radio.hpp"
-#include "simulation/ble/robot.hpp"
+#include "simulation/ble/robot/node.hpp"
+#include "simulation/ble/robot/robot.hpp"
 #include "simulation/options.hpp"
 
 namespace slamgw::sim::ble {

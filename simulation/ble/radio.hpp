@@ -9,7 +9,7 @@
 #include <optional>
 #include <utility>
 
-#include "simulation/ble/board.hpp"
+#include "simulation/ble/board/board.hpp"
 #include "simulation/random.hpp"
 
 namespace slamgw::sim::ble {

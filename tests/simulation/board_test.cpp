@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The serial board byte for byte: framing as measured on Nordic's code, tables, status codes.
-#include "simulation/ble/board.hpp"
+#include "simulation/ble/board/board.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The robot's configuration server byte for byte.
-#include "simulation/ble/config_server.hpp"
+#include "simulation/ble/robot/config_server.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A robot in the mesh as its configuration makes it: who can configure it, what it publishes and
 // takes, replay protection, and its way back out.
-#include "simulation/ble/node.hpp"
+#include "simulation/ble/robot/node.hpp"
 
 #include <gtest/gtest.h>
 

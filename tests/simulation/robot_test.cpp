@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The BLE robot on a virtual clock: what it publishes, repeats and answers.
-#include "simulation/ble/robot.hpp"
+#include "simulation/ble/robot/robot.hpp"
 
 #include <gtest/gtest.h>
 

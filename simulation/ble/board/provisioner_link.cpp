@@ -3,7 +3,7 @@
 // after both public keys the host is asked for the shared secret, then for the OOB value.
 #include <algorithm>
 
-#include "simulation/ble/provisioner.hpp"
+#include "simulation/ble/board/provisioner.hpp"
 
 namespace slamgw::sim::ble {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "simulation/ble/node.hpp"
+#include "simulation/ble/robot/node.hpp"
 
 #include <algorithm>
 

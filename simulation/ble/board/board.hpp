@@ -12,8 +12,8 @@
 #include <map>
 #include <optional>
 
-#include "simulation/ble/board_tables.hpp"
-#include "simulation/ble/provisioner.hpp"
+#include "simulation/ble/board/board_tables.hpp"
+#include "simulation/ble/board/provisioner.hpp"
 #include "simulation/ble/replay_list.hpp"
 
 namespace slamgw::sim::ble {

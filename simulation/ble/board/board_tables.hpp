@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "simulation/ble/access.hpp"
-#include "simulation/ble/reply.hpp"
+#include "simulation/ble/board/reply.hpp"
 
 namespace slamgw::sim::ble {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "simulation/ble/node_configuration.hpp"
+#include "simulation/ble/robot/node_configuration.hpp"
 
 #include <algorithm>
 #include <utility>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "simulation/ble/board_tables.hpp"
+#include "simulation/ble/board/board_tables.hpp"
 
 #include <utility>
 

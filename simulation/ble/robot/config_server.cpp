@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Formats and numbers: Mesh Profile 1.0 sections 4.2.1, 4.3.1.1, 4.3.2 and 4.3.4.
-#include "simulation/ble/config_server.hpp"
+#include "simulation/ble/robot/config_server.hpp"
 
 #include <algorithm>
 

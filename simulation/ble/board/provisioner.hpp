@@ -9,8 +9,8 @@
 #include <deque>
 #include <optional>
 
+#include "simulation/ble/board/reply.hpp"
 #include "simulation/ble/provisioning_pdu.hpp"
-#include "simulation/ble/reply.hpp"
 
 namespace slamgw::sim::ble {
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The commands; what happens on a link is in provisioner_link.cpp.
-#include "simulation/ble/provisioner.hpp"
+#include "simulation/ble/board/provisioner.hpp"
 
 #include <algorithm>
 #include <utility>

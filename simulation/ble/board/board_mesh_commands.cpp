@@ -2,7 +2,7 @@
 // The board's commands, second half: addresses, Packet Send, State Clear.
 #include <algorithm>
 
-#include "simulation/ble/board.hpp"
+#include "simulation/ble/board/board.hpp"
 
 namespace slamgw::sim::ble {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "simulation/ble/robot.hpp"
+#include "simulation/ble/robot/robot.hpp"
 
 #include <algorithm>
 

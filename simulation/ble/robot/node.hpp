@@ -7,11 +7,11 @@
 #include <deque>
 #include <optional>
 
-#include "simulation/ble/config_server.hpp"
-#include "simulation/ble/provisionee.hpp"
-#include "simulation/ble/provisioner.hpp"
+#include "simulation/ble/board/provisioner.hpp"
 #include "simulation/ble/replay_list.hpp"
-#include "simulation/ble/robot.hpp"
+#include "simulation/ble/robot/config_server.hpp"
+#include "simulation/ble/robot/provisionee.hpp"
+#include "simulation/ble/robot/robot.hpp"
 
 namespace slamgw::sim::ble {
 

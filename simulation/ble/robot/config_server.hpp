@@ -6,7 +6,7 @@
 
 #include <optional>
 
-#include "simulation/ble/node_configuration.hpp"
+#include "simulation/ble/robot/node_configuration.hpp"
 
 namespace slamgw::sim::ble {
 

@@ -3,7 +3,7 @@
 // status codes as in Nordic's serial_cmd documentation and handlers (SDK for Mesh 3.1.0).
 #include <algorithm>
 
-#include "simulation/ble/board.hpp"
+#include "simulation/ble/board/board.hpp"
 
 namespace slamgw::sim::ble {
 namespace {

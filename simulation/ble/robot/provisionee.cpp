@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "simulation/ble/provisionee.hpp"
+#include "simulation/ble/robot/provisionee.hpp"
 
 #include <algorithm>
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The board's life, frames and radio; what the commands do is in board_commands.cpp and
 // board_mesh_commands.cpp.
-#include "simulation/ble/board.hpp"
+#include "simulation/ble/board/board.hpp"
 
 #include <algorithm>
 
