@@ -9,6 +9,7 @@
 #include <unistd.h>
 
 #include <boost/asio/buffer.hpp>
+#include <boost/asio/posix/stream_descriptor.hpp>
 #include <boost/asio/write.hpp>
 #include <filesystem>
 #include <fstream>
@@ -16,6 +17,7 @@
 
 #include "tests/ble_mesh_usb_cdc/fake_board.hpp"
 #include "tests/ble_mesh_usb_cdc/hex.hpp"
+#include "tests/ble_mesh_usb_cdc/slow_port.hpp"
 
 namespace slamgw::ble {
 namespace {
@@ -265,6 +267,22 @@ TEST_F(BleMeshAdapterTest, StaysOffWhenNobodySaysWhosePositionsTheyAre) {
   make_adapter();
   adapter->start();
   EXPECT_TRUE(listener.has_notice("ble_mesh.robot_id"));
+}
+
+TEST_F(BleMeshAdapterTest, StopDoesNotWaitForABoardThatTakesNoData) {
+  const auto gates = std::make_shared<Gates>();
+  adapter =
+      std::make_unique<BleMeshAdapter>(io, settings, TopicScheme("ntnu-slam", "gw"), RobotNames(),
+                                       directory.string(), listener, open_slowly(settings, gates));
+  plug();
+  adapter->start();
+  ASSERT_TRUE(eventually([&] { return listener.is_up(); }));
+  gates->closing.shut();
+  adapter->stop();
+  EXPECT_TRUE(gates->closing.is_holding()) << "stop() came back first";
+  adapter.reset();
+  gates->closing.open();
+  make_adapter();
 }
 
 TEST_F(BleMeshAdapterTest, SaysNothingAfterStop) {

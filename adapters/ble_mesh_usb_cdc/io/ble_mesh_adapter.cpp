@@ -2,13 +2,9 @@
 #include "adapters/ble_mesh_usb_cdc/io/ble_mesh_adapter.hpp"
 
 #include <fmt/format.h>
-#include <unistd.h>
 
 #include <algorithm>
-#include <boost/asio/buffer.hpp>
-#include <boost/asio/error.hpp>
 #include <boost/asio/post.hpp>
-#include <boost/asio/write.hpp>
 #include <random>
 #include <utility>
 
@@ -53,13 +49,24 @@ std::unique_ptr<MeshMachine> make_machine(const Settings& settings, TopicScheme 
 
 BleMeshAdapter::BleMeshAdapter(asio::io_context& io, Settings settings, TopicScheme topics,
                                RobotNames names, std::string store_directory,
-                               MeshListener& listener)
+                               MeshListener& listener, OpenPort open_port)
     : settings_(std::move(settings)),
       file_(store_directory),
       listener_(listener),
       mesh_(make_machine(settings_, std::move(topics), std::move(names), file_, problem_)),
       robots_(dynamic_cast<const BleMesh*>(mesh_.get())),
       driver_(io, *mesh_, [this](MeshAction& action) { perform(action); }),
+      line_(io,
+            open_port ? std::move(open_port)
+                      : [settings = settings_] { return open_serial_port(settings); },
+            {.on_open = [this] { on_port_open(); },
+             .on_bytes =
+                 [this](ByteView bytes) {
+                   driver_.input(
+                       [bytes](MeshMachine& mesh, TimePoint now) { mesh.on_bytes(bytes, now); });
+                 },
+             .on_failed = [this](const std::string& why) { on_port_failed(why); },
+             .on_stuck = [this](const std::string& why) { on_port_closed(why); }}),
       timer_(io) {}
 
 void BleMeshAdapter::start() {
@@ -81,7 +88,7 @@ void BleMeshAdapter::stop() {
   is_stopped_ = true;
   driver_.stop();
   timer_.cancel();
-  close_port();
+  line_.stop();
   orders_.clear();
   disk_.join();
   // What changed while the last write was under way, such as the key of a robot that just joined.
@@ -136,9 +143,9 @@ void BleMeshAdapter::end_order(OrderEnded& ended) {
 void BleMeshAdapter::perform(MeshAction& action) {
   if (is_stopped_) return;
   std::visit(overloaded{
-                 [this](WriteSerial& serial) { write(serial.bytes); },
+                 [this](WriteSerial& serial) { line_.write(serial.bytes); },
                  [this](ReopenPort& reopen) {
-                   close_port();
+                   line_.close();
                    open_after(reopen.after);
                  },
                  [this](GenerateKeys&) { generate_keys(); },
@@ -151,27 +158,39 @@ void BleMeshAdapter::perform(MeshAction& action) {
 
 void BleMeshAdapter::generate_keys() {
   const auto keys = generate_random_keys();
-  const std::string problem = keys ? file_.create({*keys}) : "no randomness for the mesh's keys";
+  write_file(
+      [this, keys] { return keys ? file_.create({*keys}) : "no randomness for the mesh's keys"; },
+      [this, keys](const std::string& problem) { on_keys_stored(keys, problem); });
+}
+
+void BleMeshAdapter::on_keys_stored(const std::optional<MeshKeys>& keys,
+                                    const std::string& problem) {
+  if (problem.empty()) {
+    listener_.on_mesh_event(
+        Notice{Severity::notice,
+               "a new BLE mesh begins: " + file_.path() +
+                   " holds its keys; keep a backup, without them every robot must join anew",
+               {}});
+  }
   driver_.input([&](MeshMachine& mesh, TimePoint now) {
-    if (problem.empty()) {
-      listener_.on_mesh_event(
-          Notice{Severity::notice,
-                 "a new BLE mesh begins: " + file_.path() +
-                     " holds its keys; keep a backup, without them every robot must join anew",
-                 {}});
-      mesh.on_keys(*keys, now);
-    } else {
-      mesh.on_keys_failed(problem, now);
-    }
+    problem.empty() ? mesh.on_keys(*keys, now) : mesh.on_keys_failed(problem, now);
   });
 }
 
 void BleMeshAdapter::store(NodeDatabase database) {
-  asio::post(disk_, [this, database = std::move(database), loop = timer_.get_executor()] {
-    std::string problem = file_.replace(database);
-    asio::post(loop, [this, problem = std::move(problem), alive = std::weak_ptr(alive_)] {
-      if (alive.expired() || is_stopped_) return;
-      driver_.input([&](MeshMachine& mesh, TimePoint now) { mesh.on_stored(problem, now); });
+  write_file(
+      [this, database = std::move(database)] { return file_.replace(database); },
+      [this](const std::string& problem) {
+        driver_.input([&](MeshMachine& mesh, TimePoint now) { mesh.on_stored(problem, now); });
+      });
+}
+
+void BleMeshAdapter::write_file(std::function<std::string()> write,
+                                std::function<void(const std::string&)> done) {
+  asio::post(disk_, [this, write = std::move(write), done = std::move(done),
+                     loop = timer_.get_executor()] {
+    asio::post(loop, [this, problem = write(), done, alive = std::weak_ptr(alive_)] {
+      if (!alive.expired() && !is_stopped_) done(problem);
     });
   });
 }
@@ -181,85 +200,23 @@ void BleMeshAdapter::store(NodeDatabase database) {
 void BleMeshAdapter::open_after(Duration delay) {
   timer_.expires_after(delay);
   timer_.async_wait([this](boost::system::error_code error) {
-    if (!error && !is_stopped_) open_port();
+    if (!error && !is_stopped_) line_.open();
   });
 }
 
-void BleMeshAdapter::open_port() {
-  auto opened = SerialPort::open(settings_);
-  if (!opened.has_value()) return on_port_failed(opened.error().why);
-  port_ = std::move(*opened);
-  // Nordic's USB firmware delivers what an earlier reader left behind unless DTR was off for a bit.
-  port_->set_dtr(false);
-  timer_.expires_after(dtr_off_time);
-  timer_.async_wait([this](boost::system::error_code error) {
-    if (!error && !is_stopped_) on_dtr_rested();
-  });
-}
-
-void BleMeshAdapter::on_dtr_rested() {
-  port_->flush_input();
-  port_->set_dtr(true);
-  const int descriptor = ::dup(port_->descriptor());  // the stream closes its own
-  if (descriptor < 0) return on_port_failed(port_->path() + " can't be used: too many open files");
-  stream_.emplace(timer_.get_executor(), descriptor);
-  ++generation_;
+void BleMeshAdapter::on_port_open() {
   open_delay_ = first_open_delay;
-  read();
   driver_.input([](MeshMachine& mesh, TimePoint now) { mesh.on_port_open(now); });
 }
 
-void BleMeshAdapter::close_port() {
-  timer_.cancel();
-  if (port_) port_->set_dtr(false);
-  stream_.reset();
-  port_.reset();
-  unwritten_.clear();
-  writing_.clear();
-  ++generation_;
-}
-
 void BleMeshAdapter::on_port_failed(const std::string& why) {
-  close_port();
   open_after(open_delay_);
   open_delay_ = std::min(open_delay_ * 2, max_open_delay);
+  on_port_closed(why);
+}
+
+void BleMeshAdapter::on_port_closed(const std::string& why) {
   driver_.input([&](MeshMachine& mesh, TimePoint now) { mesh.on_port_closed(why, now); });
-}
-
-void BleMeshAdapter::read() {
-  const auto on_read = [this, generation = generation_](boost::system::error_code error,
-                                                        std::size_t count) {
-    if (error == asio::error::operation_aborted || generation != generation_) return;
-    if (error) return on_port_failed("the serial board is gone (" + error.message() + ")");
-    driver_.input([&](MeshMachine& mesh, TimePoint now) {
-      mesh.on_bytes(ByteView(read_buffer_).first(count), now);
-    });
-    if (generation == generation_) read();
-  };
-  stream_->async_read_some(asio::buffer(read_buffer_), on_read);
-}
-
-void BleMeshAdapter::write(const Bytes& bytes) {
-  if (!stream_) return;
-  if (unwritten_.size() + bytes.size() > max_unwritten)
-    return on_port_failed("the serial board takes no data: check ble_mesh.flow_control");
-  unwritten_.insert(unwritten_.end(), bytes.begin(), bytes.end());
-  if (writing_.empty()) write_next();
-}
-
-void BleMeshAdapter::write_next() {
-  const std::size_t count = std::min(unwritten_.size(), port_->max_write_bytes());
-  const auto end = unwritten_.begin() + static_cast<std::ptrdiff_t>(count);
-  writing_.assign(unwritten_.begin(), end);
-  unwritten_.erase(unwritten_.begin(), end);
-  if (writing_.empty()) return;
-  const auto on_written = [this, generation = generation_](boost::system::error_code error,
-                                                           std::size_t) {
-    if (error == asio::error::operation_aborted || generation != generation_) return;
-    if (error) return on_port_failed("writing to the serial board failed: " + error.message());
-    write_next();
-  };
-  asio::async_write(*stream_, asio::buffer(writing_), on_written);
 }
 
 }  // namespace slamgw::ble

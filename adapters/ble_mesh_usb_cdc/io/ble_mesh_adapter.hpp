@@ -3,18 +3,17 @@
 // BleMesh or CobsMesh behind it. A missing board is a state, not a failure. Loop's thread only.
 #pragma once
 
-#include <array>
 #include <boost/asio/io_context.hpp>
-#include <boost/asio/posix/stream_descriptor.hpp>
 #include <boost/asio/steady_timer.hpp>
 #include <boost/asio/thread_pool.hpp>
+#include <functional>
 #include <map>
 #include <memory>
 #include <optional>
 #include <string>
 
 #include "adapters/ble_mesh_usb_cdc/io/mesh_file.hpp"
-#include "adapters/ble_mesh_usb_cdc/io/serial_port.hpp"
+#include "adapters/ble_mesh_usb_cdc/io/serial_line.hpp"
 #include "adapters/ble_mesh_usb_cdc/mesh_machine.hpp"
 #include "daemon/core/adapter.hpp"
 #include "daemon/core/robot_names.hpp"
@@ -27,16 +26,14 @@ class BleMesh;
 
 class BleMeshAdapter final : public MeshAdapter {
  public:
-  static constexpr Duration dtr_off_time = std::chrono::milliseconds{100};
   static constexpr Duration first_open_delay = std::chrono::milliseconds{500};
   static constexpr Duration max_open_delay = std::chrono::seconds{5};
-  /// Octets waiting for a port that does not take them (no flow control, board hung). The board
-  /// link has one command in flight, so more than this means that the port is stuck.
-  static constexpr std::size_t max_unwritten = 16384;
 
-  /// `listener` outlives the adapter. Reads `mesh.json` in `store_directory`.
+  /// `listener` outlives the adapter. Reads `mesh.json` in `store_directory`. `open_port` opens the
+  /// serial port in place of open_serial_port; it is called on a thread of its own.
   BleMeshAdapter(boost::asio::io_context& io, Settings settings, TopicScheme topics,
-                 RobotNames names, std::string store_directory, MeshListener& listener);
+                 RobotNames names, std::string store_directory, MeshListener& listener,
+                 OpenPort open_port = {});
 
   void start() override;
   void stop_listening() override;
@@ -54,21 +51,19 @@ class BleMeshAdapter final : public MeshAdapter {
   void manage(MeshOrder order, OrderDone done);
 
  private:
-  using Stream = boost::asio::posix::stream_descriptor;
-
   void perform(MeshAction& action);
   void generate_keys();
+  void on_keys_stored(const std::optional<MeshKeys>& keys, const std::string& problem);
   void store(NodeDatabase database);
+  /// `write` runs on the disk's thread; `done` gets the problem that it returns, on the loop.
+  void write_file(std::function<std::string()> write,
+                  std::function<void(const std::string& problem)> done);
   void end_order(OrderEnded& ended);
 
   void open_after(Duration delay);
-  void open_port();
-  void on_dtr_rested();
-  void close_port();
+  void on_port_open();
   void on_port_failed(const std::string& why);
-  void read();
-  void write(const Bytes& bytes);
-  void write_next();
+  void on_port_closed(const std::string& why);
 
   Settings settings_;
   MeshFile file_;
@@ -77,14 +72,9 @@ class BleMeshAdapter final : public MeshAdapter {
   std::unique_ptr<MeshMachine> mesh_;
   const BleMesh* robots_ = nullptr;  ///< `mesh_`, with protocol nordic-serial
   MachineDriver<MeshMachine> driver_;
-  boost::asio::steady_timer timer_;  ///< the next attempt to open, or the rest of DTR
-  std::unique_ptr<SerialPort> port_;
-  std::optional<Stream> stream_;
-  std::uint64_t generation_ = 0;  ///< of `stream_`: late completions of an older one are ignored
+  SerialLine line_;
+  boost::asio::steady_timer timer_;  ///< the next attempt to open
   Duration open_delay_ = first_open_delay;
-  std::array<std::uint8_t, 4096> read_buffer_{};
-  Bytes unwritten_;
-  Bytes writing_;  ///< alive until its async_write ends
   bool is_stopped_ = true;
   std::map<std::uint64_t, OrderDone> orders_;
   std::uint64_t last_order_ = 0;

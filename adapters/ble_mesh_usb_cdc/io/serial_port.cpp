@@ -11,11 +11,13 @@
 #include <termios.h>
 #include <unistd.h>
 
+#include <array>
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
 
 #include "adapters/ble_mesh_usb_cdc/io/open_failure.hpp"
+#include "adapters/ble_mesh_usb_cdc/refusal.hpp"
 
 namespace slamgw::ble {
 namespace {
@@ -80,19 +82,71 @@ int open_plain(const std::string& path) {
   return -1;
 }
 
+std::string group_name(gid_t id) {
+  std::array<char, 4096> buffer{};
+  group entry{};
+  group* found = nullptr;
+  ::getgrgid_r(id, &entry, buffer.data(), buffer.size(), &found);
+  return found != nullptr ? found->gr_name : std::to_string(id);
+}
+
+std::string user_name(uid_t id) {
+  std::array<char, 4096> buffer{};
+  passwd entry{};
+  passwd* found = nullptr;
+  ::getpwuid_r(id, &entry, buffer.data(), buffer.size(), &found);
+  return found != nullptr ? found->pw_name : std::to_string(id);
+}
+
 /// What explain_open_failure needs, as far as the system tells. `error`: errno of the attempt.
-Refusal refuse_open(const std::string& path, int error) {
+OpenRefusal refuse_open(const std::string& path, int error) {
   NodeAccess access;
   struct stat status {};
   if (::stat(path.c_str(), &status) == 0) {
-    const group* const owner = ::getgrgid(status.st_gid);
-    access.group = owner != nullptr ? owner->gr_name : std::to_string(status.st_gid);
+    access.group = group_name(status.st_gid);
     access.mode = status.st_mode & 0777u;
   }
-  const passwd* const user = ::getpwuid(::geteuid());
-  access.process = user != nullptr ? user->pw_name : std::to_string(::geteuid());
-  return Refusal{explain_open_failure(path, error, access)};
+  access.process = user_name(::geteuid());
+  return OpenRefusal{explain_open_failure(path, error, access), error == EACCES};
 }
+
+OpenRefusal refuse_configuration(const std::string& path, const std::string& why) {
+  return OpenRefusal{fmt::format("{} can't be configured: {}", path, why)};
+}
+
+class Tty final : public SerialPort {
+ public:
+  Tty(sp_port* port, bool is_jlink) : port_(port), is_jlink_(is_jlink) {
+    sp_get_port_handle(port_, &descriptor_);
+  }
+  ~Tty() override {
+    sp_close(port_);
+    sp_free_port(port_);
+  }
+  int descriptor() const override { return descriptor_; }
+  /// J-Link bridges lose octets of longer writes (MBTLE-3878).
+  std::size_t max_write_bytes() const override { return is_jlink_ ? 63 : 4096; }
+  void set_dtr(bool is_on) override { sp_set_dtr(port_, is_on ? SP_DTR_ON : SP_DTR_OFF); }
+  void flush_input() override { ::tcflush(descriptor_, TCIFLUSH); }
+
+ private:
+  sp_port* port_;
+  int descriptor_ = -1;
+  bool is_jlink_;
+};
+
+class PseudoTerminal final : public SerialPort {
+ public:
+  explicit PseudoTerminal(int descriptor) : descriptor_(descriptor) {}
+  ~PseudoTerminal() override { ::close(descriptor_); }
+  int descriptor() const override { return descriptor_; }
+  std::size_t max_write_bytes() const override { return 4096; }
+  void set_dtr(bool) override {}
+  void flush_input() override { ::tcflush(descriptor_, TCIFLUSH); }
+
+ private:
+  int descriptor_;
+};
 
 struct DeviceNode {
   std::string path;
@@ -128,48 +182,28 @@ std::vector<UsbPort> list_usb_ports() {
   return usb;
 }
 
-Result<std::unique_ptr<SerialPort>, Refusal> SerialPort::open(const Settings& settings) {
+Result<std::unique_ptr<SerialPort>, OpenRefusal> open_serial_port(const Settings& settings) {
   const auto node = resolve(settings);
-  if (!node.has_value()) return node.error();
+  if (!node.has_value()) return OpenRefusal{node.error().why};
   const std::string& path = node->path;
   sp_port* port = nullptr;
   if (sp_get_port_by_name(path.c_str(), &port) != SP_OK) {
     const int descriptor = open_plain(path);
     if (descriptor < 0) return refuse_open(path, errno);
-    return std::unique_ptr<SerialPort>(new SerialPort(path, nullptr, descriptor, false));
+    return std::unique_ptr<SerialPort>(std::make_unique<PseudoTerminal>(descriptor));
   }
   const bool is_jlink = describe(port).vendor == jlink_vendor;
-  int descriptor = -1;
-  if (sp_open(port, SP_MODE_READ_WRITE) != SP_OK ||
-      sp_get_port_handle(port, &descriptor) != SP_OK) {
+  if (sp_open(port, SP_MODE_READ_WRITE) != SP_OK) {
     const int error = sp_last_error_code();
     sp_free_port(port);
     return refuse_open(path, error);
   }
-  std::unique_ptr<SerialPort> opened(new SerialPort(path, port, descriptor, is_jlink));
+  auto opened = std::make_unique<Tty>(port, is_jlink);
   if (const std::string why = configure(port, settings, is_jlink); !why.empty())
-    return Refusal{fmt::format("{} can't be configured: {}", path, why)};
-  if (!let_empty_reads_wait(descriptor))
-    return Refusal{fmt::format("{} can't be configured: {}", path, std::strerror(errno))};
-  return opened;
+    return refuse_configuration(path, why);
+  if (!let_empty_reads_wait(opened->descriptor()))
+    return refuse_configuration(path, std::strerror(errno));
+  return std::unique_ptr<SerialPort>(std::move(opened));
 }
-
-SerialPort::SerialPort(std::string path, sp_port* port, int descriptor, bool is_jlink)
-    : path_(std::move(path)), port_(port), descriptor_(descriptor), is_jlink_(is_jlink) {}
-
-SerialPort::~SerialPort() {
-  if (port_ == nullptr) {
-    ::close(descriptor_);
-    return;
-  }
-  sp_close(port_);
-  sp_free_port(port_);
-}
-
-void SerialPort::set_dtr(bool is_on) {
-  if (port_ != nullptr) sp_set_dtr(port_, is_on ? SP_DTR_ON : SP_DTR_OFF);
-}
-
-void SerialPort::flush_input() { ::tcflush(descriptor_, TCIFLUSH); }
 
 }  // namespace slamgw::ble

@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: Apache-2.0
+// The octets of one serial port, for the loop: every call on the tty is made by a thread of its
+// own, because each of them may wait in the kernel (serial_port.hpp). Called by BleMeshAdapter on
+// the loop's thread, where all callbacks come as well.
+#pragma once
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <functional>
+#include <memory>
+#include <string>
+
+#include "adapters/ble_mesh_usb_cdc/io/serial_port.hpp"
+#include "daemon/core/bytes.hpp"
+#include "daemon/core/time.hpp"
+
+namespace slamgw::ble {
+
+class SerialConnection;
+struct SerialReport;
+
+class SerialLine {
+ public:
+  /// Octets waiting for a port that does not take them (no flow control, board hung). The board
+  /// link has one command in flight, so more than this means that the port is stuck.
+  static constexpr std::size_t max_unwritten = 16384;
+  /// Octets read that the loop has not taken yet; the rest waits in the kernel. Six seconds at
+  /// 115200 baud.
+  static constexpr std::size_t max_unread = 65536;
+  /// Nordic's USB firmware delivers what an earlier reader left behind unless DTR was off so long.
+  static constexpr Duration dtr_off_time = std::chrono::milliseconds{100};
+  /// udev gives a new node its group some milliseconds after the node is there.
+  static constexpr Duration permission_grace = std::chrono::seconds{2};
+  static constexpr Duration permission_retry = std::chrono::milliseconds{100};
+  /// Opening or closing that takes longer is told.
+  static constexpr Duration stuck_after = std::chrono::seconds{5};
+  /// `stop` waits so long for the port to close, so that the next program finds it free.
+  static constexpr Duration stop_limit = std::chrono::milliseconds{250};
+
+  struct Callbacks {
+    std::function<void()> on_open;
+    std::function<void(ByteView)> on_bytes;
+    /// It could not be opened, or was lost, or does not take what is written. It is closed.
+    std::function<void(const std::string& why)> on_failed;
+    /// The kernel keeps a call waiting; nothing can be opened until that ends.
+    std::function<void(const std::string& why)> on_stuck;
+  };
+
+  SerialLine(boost::asio::io_context& io, OpenPort open_port, Callbacks callbacks);
+  ~SerialLine() { stop(); }
+
+  /// Now, or as soon as the port that was open before is closed; ends in on_open or on_failed.
+  void open();
+  /// Returns at once, and no callback but on_stuck follows. What was written and fits into the
+  /// kernel's buffer is still handed over.
+  void close();
+  /// Nothing happens while it is not open.
+  void write(ByteView bytes);
+  /// As close, and for good; waits at most `stop_limit`. A port whose closing takes longer is left
+  /// to the end of the process.
+  void stop();
+
+ private:
+  friend class SerialConnection;
+  enum class State : std::uint8_t { closed, opening, open, closing };
+
+  void start();
+  void on_report(SerialReport report);
+  void fail(const std::string& why);
+  void on_thread_ended();
+  void watch(const std::string& what_is_stuck);
+
+  boost::asio::io_context& io_;
+  OpenPort open_port_;
+  Callbacks callbacks_;
+  boost::asio::steady_timer stuck_timer_;
+  State state_ = State::closed;
+  bool is_open_wanted_ = false;                   ///< while closing
+  std::shared_ptr<SerialConnection> connection_;  ///< null while closed
+};
+
+}  // namespace slamgw::ble
