@@ -122,7 +122,8 @@ void SnGateway::refuse_commands(const SessionSnapshot& snapshot, TimePoint now) 
 }
 
 bool SnGateway::restore(const SessionSnapshot& snapshot, TimePoint now) {
-  const bool is_same_robot = context_.names.of_client(snapshot.client_id) == snapshot.robot;
+  const bool is_same_robot = is_valid_level(snapshot.client_id) && is_valid_level(snapshot.robot) &&
+                             context_.names.of_client(snapshot.client_id) == snapshot.robot;
   if (!is_same_robot || context_.clients.is_full() || context_.clients.find(snapshot.client_id)) {
     refuse_commands(snapshot, now);
     return false;

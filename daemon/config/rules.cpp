@@ -87,9 +87,7 @@ bool is_gateway_id(std::string_view text) {
 }
 
 bool is_client_id(std::string_view text) {
-  return !text.empty() && text.size() <= max_client_id && is_utf8(text) &&
-         std::none_of(text.begin(), text.end(),
-                      [](char c) { return static_cast<unsigned char>(c) < 0x20 || c == '\x7f'; });
+  return !text.empty() && text.size() <= max_client_id && is_mqtt_text(text);
 }
 
 bool is_topic_prefix(std::string_view text) {

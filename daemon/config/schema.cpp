@@ -17,8 +17,10 @@ constexpr std::string_view level_words =
     "a text of 1-64 bytes without + # / and control characters";
 constexpr std::string_view client_id_words = "a text of 1-255 bytes without control characters";
 constexpr std::string_view filter_words =
-    "an MQTT filter, + only as a whole level, # only as the last";
-constexpr std::string_view topic_words = "a topic name without wildcards";
+    "an MQTT filter, + only as a whole level, # only as the last, at most 200 levels, no control "
+    "characters";
+constexpr std::string_view topic_words =
+    "a topic name without wildcards and control characters, at most 200 levels";
 
 // The parts of the table, a function for each group of keys.
 

@@ -10,7 +10,8 @@ namespace slamgw {
 namespace {
 
 constexpr std::size_t max_level_bytes = 64;
-constexpr std::size_t max_topic_bytes = 65535;  // MQTT's two-octet length
+/// Mosquitto closes the connection for a topic with more than 201 levels.
+constexpr std::ptrdiff_t max_levels = 200;
 
 /// The level up to the next `/`; `rest` is what follows it, or nothing at the last level.
 struct Split {
@@ -25,8 +26,8 @@ Split first_level(std::string_view topic) {
 }
 
 bool is_topic_text(std::string_view text) {
-  return !text.empty() && text.size() <= max_topic_bytes &&
-         text.find('\0') == std::string_view::npos && is_utf8(text);
+  return !text.empty() && std::count(text.begin(), text.end(), '/') < max_levels &&
+         is_mqtt_text(text);
 }
 
 std::optional<TopicScheme::RobotAndType> parse_below(std::string_view root,
@@ -46,8 +47,10 @@ std::string with_client_id(std::string filter, std::string_view client_id) {
   return filter;
 }
 
-/// True when every topic that `inner` can match is matched by `outer`.
+/// True when every topic that `inner` can match is matched by `outer`. A leading wildcard does not
+/// reach topics that begin with `$` (MQTT 5 section 4.7.2), nor shared subscriptions.
 bool filter_covers(std::string_view outer, std::string_view inner) {
+  if (inner.starts_with('$') && (outer.starts_with('+') || outer.starts_with('#'))) return false;
   while (true) {
     const Split o = first_level(outer);
     const Split i = first_level(inner);
@@ -64,11 +67,8 @@ bool filter_covers(std::string_view outer, std::string_view inner) {
 }  // namespace
 
 bool is_valid_level(std::string_view level) {
-  if (level.empty() || level.size() > max_level_bytes || !is_utf8(level)) return false;
-  return std::none_of(level.begin(), level.end(), [](char c) {
-    const auto octet = static_cast<unsigned char>(c);
-    return octet < 0x20 || octet == 0x7f || c == '+' || c == '#' || c == '/';
-  });
+  return !level.empty() && level.size() <= max_level_bytes && is_mqtt_text(level) &&
+         level.find_first_of("+#/") == std::string_view::npos;
 }
 
 bool has_wildcard(std::string_view filter) {
@@ -91,7 +91,6 @@ bool is_valid_filter(std::string_view filter) {
 }
 
 bool filter_matches(std::string_view filter, std::string_view topic) {
-  if (topic.starts_with('$') && (filter.starts_with('+') || filter.starts_with('#'))) return false;
   return filter_covers(filter, topic);
 }
 

@@ -11,12 +11,13 @@
 
 namespace slamgw {
 
-/// One topic level that can stand for a robot id or a message type: 1-64 octets of UTF-8 without `+
-/// # /` and control characters.
+/// One topic level that can stand for a robot id or a message type: 1-64 octets that every broker
+/// takes (is_mqtt_text), without `+ # /`.
 bool is_valid_level(std::string_view level);
-/// An MQTT topic name: 1-65535 octets of UTF-8 without wildcards and NUL (MQTT 3.1.1 section 4.7).
+/// An MQTT topic name (MQTT 5 section 4.7): not empty, at most 200 levels, without wildcards, and
+/// text that every broker takes (is_mqtt_text).
 bool is_valid_topic_name(std::string_view topic);
-/// An MQTT topic filter, wildcards only where MQTT allows them.
+/// An MQTT topic filter: the same, with wildcards only where MQTT allows them.
 bool is_valid_filter(std::string_view filter);
 bool has_wildcard(std::string_view filter);
 /// MQTT matching, including that a leading wildcard does not match `$…`.

@@ -1,10 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/core/utf8.hpp"
 
+#include <cstddef>
 #include <cstdint>
+#include <optional>
 
 namespace slamgw {
 namespace {
+
+constexpr std::size_t max_mqtt_text_octets = 65535;  // MQTT's two-octet length
 
 struct Lead {
   int continuation_octets;
@@ -20,21 +24,46 @@ bool read_lead(std::uint8_t octet, Lead& lead) {
   return false;
 }
 
+/// Takes the first code point off `rest`, which is not empty; nothing where it is not well formed.
+std::optional<std::uint32_t> take_code_point(std::string_view& rest) {
+  Lead lead{};
+  if (!read_lead(static_cast<std::uint8_t>(rest[0]), lead)) return std::nullopt;
+  const auto length = static_cast<std::size_t>(lead.continuation_octets) + 1;
+  if (rest.size() < length) return std::nullopt;
+  std::uint32_t code_point = lead.bits;
+  for (const char c : rest.substr(1, length - 1)) {
+    const auto octet = static_cast<std::uint8_t>(c);
+    if ((octet & 0xc0) != 0x80) return std::nullopt;
+    code_point = code_point << 6 | (octet & 0x3fu);
+  }
+  const bool is_surrogate = code_point >= 0xd800 && code_point <= 0xdfff;
+  if (code_point < lead.smallest || is_surrogate || code_point > 0x10ffff) return std::nullopt;
+  rest.remove_prefix(length);
+  return code_point;
+}
+
+bool is_control(std::uint32_t code_point) {
+  return code_point <= 0x1f || (code_point >= 0x7f && code_point <= 0x9f);
+}
+
+bool is_non_character(std::uint32_t code_point) {
+  return (code_point >= 0xfdd0 && code_point <= 0xfdef) || (code_point & 0xfffe) == 0xfffe;
+}
+
 }  // namespace
 
 bool is_utf8(std::string_view text) {
-  for (std::size_t at = 0; at < text.size();) {
-    Lead lead{};
-    if (!read_lead(static_cast<std::uint8_t>(text[at++]), lead)) return false;
-    std::uint32_t code_point = lead.bits;
-    for (int i = 0; i < lead.continuation_octets; ++i) {
-      if (at == text.size()) return false;
-      const auto octet = static_cast<std::uint8_t>(text[at++]);
-      if ((octet & 0xc0) != 0x80) return false;
-      code_point = code_point << 6 | (octet & 0x3fu);
-    }
-    const bool is_surrogate = code_point >= 0xd800 && code_point <= 0xdfff;
-    if (code_point < lead.smallest || is_surrogate || code_point > 0x10ffff) return false;
+  while (!text.empty()) {
+    if (!take_code_point(text)) return false;
+  }
+  return true;
+}
+
+bool is_mqtt_text(std::string_view text) {
+  if (text.size() > max_mqtt_text_octets) return false;
+  while (!text.empty()) {
+    const auto code_point = take_code_point(text);
+    if (!code_point || is_control(*code_point) || is_non_character(*code_point)) return false;
   }
   return true;
 }

@@ -8,4 +8,12 @@ namespace slamgw {
 /// Well-formed UTF-8 as of RFC 3629: no overlong forms, no surrogates, nothing above U+10FFFF.
 bool is_utf8(std::string_view text);
 
+/// Text that every broker takes as a string of MQTT: at most 65 535 octets of well-formed UTF-8
+/// without what MQTT 5 section 1.5.4 forbids (U+0000) and without what it advises against: control
+/// characters (U+0001-001F, U+007F-009F) and non-characters (U+FDD0-FDEF, the last two code points
+/// of each plane). A receiver may close the connection because of any of these, and Mosquitto does
+/// for all of them. All robots share one connection, so no such text may reach the broker: every
+/// id, topic and filter is checked with this rule where it enters.
+bool is_mqtt_text(std::string_view text);
+
 }  // namespace slamgw

@@ -59,5 +59,33 @@ TEST(Utf8, RefusesWhatRfc3629Forbids) {
   EXPECT_FALSE(is_utf8("\xf4\x90\x80\x80")) << "above U+10FFFF";
 }
 
+TEST(MqttText, IsWhatNoBrokerClosesTheConnectionFor) {
+  EXPECT_TRUE(is_mqtt_text(""));
+  EXPECT_TRUE(is_mqtt_text("r\xc3\xb8ver"));
+  EXPECT_TRUE(is_mqtt_text("\xc2\xa0")) << "U+00A0";
+  EXPECT_TRUE(is_mqtt_text("\xef\xbb\xbf")) << "U+FEFF is text (MQTT 5 section 1.5.4)";
+  EXPECT_TRUE(is_mqtt_text("\xef\xb7\x8f\xef\xb7\xb0\xef\xbf\xbd")) << "U+FDCF, FDF0, FFFD";
+  EXPECT_TRUE(is_mqtt_text("\xe2\x80\xae")) << "U+202E only looks odd";
+  EXPECT_TRUE(is_mqtt_text(std::string(65535, 'x')));
+}
+
+TEST(MqttText, LacksWhatSomeBrokerClosesTheConnectionFor) {
+  EXPECT_FALSE(is_mqtt_text(std::string_view("a\0b", 3)));
+  EXPECT_FALSE(is_mqtt_text("\x01"));
+  EXPECT_FALSE(is_mqtt_text("\x1f"));
+  EXPECT_FALSE(is_mqtt_text("\x7f"));
+  EXPECT_FALSE(is_mqtt_text("a\xc2\x80")) << "U+0080";
+  EXPECT_FALSE(is_mqtt_text("a\xc2\x85")) << "U+0085";
+  EXPECT_FALSE(is_mqtt_text("a\xc2\x9f")) << "U+009F";
+  EXPECT_FALSE(is_mqtt_text("\xef\xb7\x90")) << "U+FDD0";
+  EXPECT_FALSE(is_mqtt_text("\xef\xb7\xaf")) << "U+FDEF";
+  EXPECT_FALSE(is_mqtt_text("\xef\xbf\xbe")) << "U+FFFE";
+  EXPECT_FALSE(is_mqtt_text("\xef\xbf\xbf")) << "U+FFFF";
+  EXPECT_FALSE(is_mqtt_text("\xf0\x9f\xbf\xbe")) << "U+1FFFE";
+  EXPECT_FALSE(is_mqtt_text("\xf4\x8f\xbf\xbf")) << "U+10FFFF";
+  EXPECT_FALSE(is_mqtt_text("\xed\xa0\x80")) << "surrogate";
+  EXPECT_FALSE(is_mqtt_text(std::string(65536, 'x')));
+}
+
 }  // namespace
 }  // namespace slamgw

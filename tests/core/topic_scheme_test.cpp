@@ -40,7 +40,7 @@ TEST(TopicLevel, IsOneLevelOfAtMost64BytesOfText) {
   for (const std::string& bad :
        {std::string(), std::string(65, 'x'), std::string("a/b"), std::string("a+"),
         std::string("#"), std::string("a\n"), std::string("a\0b", 3), std::string("\x7f"),
-        std::string("\xff")}) {
+        std::string("\xff"), std::string("a\xc2\x85"), std::string("\xef\xbf\xbe")}) {
     EXPECT_FALSE(is_valid_level(bad)) << bad;
   }
 }
@@ -54,6 +54,20 @@ TEST(TopicFilter, AllowsWildcardsOnlyWhereMqttDoes) {
   }
   EXPECT_FALSE(is_valid_topic_name("a/+"));
   EXPECT_FALSE(is_valid_topic_name(std::string_view("a\0b", 3)));
+}
+
+TEST(TopicFilter, RefusesWhatBrokersCloseTheConnectionFor) {
+  std::string levels = "a";
+  for (int i = 1; i < 200; ++i) levels += "/a";
+  EXPECT_TRUE(is_valid_topic_name(levels));
+  EXPECT_TRUE(is_valid_filter(levels));
+  for (const std::string& poison :
+       {levels + "/a", std::string("x/a\xc2\x85"), std::string("x/\xef\xb7\x90"),
+        std::string("x/\xef\xbf\xbf"), std::string("x/\x01"), std::string("\xed\xa0\x80"),
+        std::string(65536, 'x')}) {
+    EXPECT_FALSE(is_valid_topic_name(poison)) << poison;
+    EXPECT_FALSE(is_valid_filter(poison)) << poison;
+  }
 }
 
 TEST(TopicFilter, MatchesAsMqttSays) {
@@ -102,6 +116,15 @@ TEST(TopicPolicy, AllowsWhatTheConfigurationAdds) {
   EXPECT_TRUE(policy.may_subscribe("NRF_5", "five", "lab/+/x"));
   EXPECT_FALSE(policy.may_subscribe("NRF_5", "five", "lab/#")) << "wider than what is allowed";
   EXPECT_FALSE(policy.may_subscribe("NRF_5", "five", "v2/server/+/cmd"));
+}
+
+TEST(TopicPolicy, ReachesTopicsOfTheBrokerOnlyWhereTheyAreNamed) {
+  const TopicPolicy policy(scheme, {"#"}, {"#", "$SYS/broker/uptime"});
+  EXPECT_TRUE(policy.may_subscribe("c", "r", "anything"));
+  EXPECT_TRUE(policy.may_subscribe("c", "r", "$SYS/broker/uptime"));
+  for (const char* bad : {"$SYS/#", "$share/g/x", "$share/x", "$SYS/broker/load"})
+    EXPECT_FALSE(policy.may_subscribe("c", "r", bad)) << bad;
+  EXPECT_FALSE(policy.may_publish("c", "r", "$SYS/x"));
 }
 
 }  // namespace

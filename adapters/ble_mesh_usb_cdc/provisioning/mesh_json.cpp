@@ -64,7 +64,7 @@ std::optional<Node> read_node(const Json& json) {
   if (!uuid || !address || !elements || *elements == 0 || !state) return std::nullopt;
   Node node{*uuid, *address, static_cast<std::uint8_t>(*elements), *state, {}, {}, {}, {}};
   node.name = read_text(json, "name").value_or("");
-  if (!node.name.empty() && !is_valid_level(node.name)) return std::nullopt;
+  if (!is_valid_level(node.name)) node.name.clear();  // goes by its default name
   const auto device_key = read_octets(json, "device_key");
   if (!device_key && node.state != NodeState::reserved) return std::nullopt;
   node.device_key = device_key.value_or(Key{});

@@ -121,7 +121,7 @@ void apply(const SessionSnapshot& snapshot, ClientSession& session, TimePoint no
   session.keep_alive = snapshot.keep_alive;
   session.sleep_duration = snapshot.sleep_duration;
   session.last_heard = now;
-  session.will = snapshot.will;
+  if (snapshot.will && is_valid_topic_name(snapshot.will->topic)) session.will = snapshot.will;
   for (const TopicTable::Topic& topic : snapshot.topics) {
     if (const auto id = session.topics.assign(topic.name))
       session.topics.set_told(*id, topic.is_told);

@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: Apache-2.0
+// One robot on the Thread mesh, by hand: speaks with the simulator's codec, which shares nothing
+// with the daemon's.
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <array>
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/udp.hpp>
+#include <string>
+#include <vector>
+
+#include "simulation/thread/packet.hpp"
+#include "tests/support/eventually.hpp"
+
+namespace slamgw::test {
+
+class Device {
+ public:
+  explicit Device(const std::string& gateway) : socket_(io_, boost::asio::ip::udp::v4()) {
+    const std::size_t colon = gateway.rfind(':');
+    socket_.connect({boost::asio::ip::make_address(gateway.substr(0, colon)),
+                     static_cast<std::uint16_t>(std::stoi(gateway.substr(colon + 1)))});
+    socket_.non_blocking(true);
+  }
+
+  void send(const std::vector<std::uint8_t>& octets) {
+    boost::system::error_code refused;  // while no daemon listens
+    socket_.send(boost::asio::buffer(octets), 0, refused);
+  }
+  /// The next message; its type must be `type`.
+  sim::sn::Packet expect(sim::sn::Type type) {
+    std::optional<sim::sn::Packet> packet;
+    const bool has_come = eventually([&] {
+      boost::system::error_code error;
+      const std::size_t size = socket_.receive(boost::asio::buffer(buffer_), 0, error);
+      if (error) return false;
+      packet = sim::sn::decode({buffer_.data(), size});
+      return true;
+    });
+    EXPECT_TRUE(has_come) << "no answer";
+    EXPECT_TRUE(packet && packet->type == type) << (packet ? int(packet->type) : -1);
+    return packet.value_or(sim::sn::Packet{});
+  }
+  /// Sends again until answered, as devices do while the gateway is away.
+  sim::sn::Packet insist(const std::vector<std::uint8_t>& octets, sim::sn::Type type) {
+    std::size_t size = 0;
+    eventually([&] {
+      send(octets);
+      boost::system::error_code error;
+      return eventually(
+          [&] { return (size = socket_.receive(boost::asio::buffer(buffer_), 0, error)) > 0; },
+          std::chrono::milliseconds(300));
+    });
+    const auto packet = sim::sn::decode({buffer_.data(), size});
+    EXPECT_TRUE(packet && packet->type == type);
+    return packet.value_or(sim::sn::Packet{});
+  }
+  bool is_silent() {
+    boost::system::error_code error;
+    return socket_.receive(boost::asio::buffer(buffer_), 0, error) == 0;
+  }
+
+ private:
+  boost::asio::io_context io_;
+  boost::asio::ip::udp::socket socket_;
+  std::array<std::uint8_t, 2000> buffer_{};
+};
+
+}  // namespace slamgw::test
