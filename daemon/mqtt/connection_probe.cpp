@@ -157,14 +157,14 @@ std::string try_tls(int socket, const BrokerSettings& broker) {
 
 }  // namespace
 
-std::string explain_unreachable(const BrokerSettings& broker) {
+Reachability probe_broker(const BrokerSettings& broker) {
   std::string error;
   const Addresses addresses = resolve(broker.host, std::to_string(broker.port), error);
   if (!addresses)
-    return fmt::format(
-        "the name '{}' can't be resolved: {}; correct broker.uri, or this host's name service "
-        "(getent hosts {})",
-        broker.host, error, broker.host);
+    return {false,
+            fmt::format("the name '{}' can't be resolved: {}; correct broker.uri, or this host's "
+                        "name service (getent hosts {})",
+                        broker.host, error, broker.host)};
   int last = 0;
   int tried = 0;
   for (const addrinfo* address = addresses.get(); address && tried < max_addresses;
@@ -173,15 +173,16 @@ std::string explain_unreachable(const BrokerSettings& broker) {
         ::socket(address->ai_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0));
     last = connect_to(socket, *address);
     if (last != 0) continue;
-    if (!broker.tls) return "the port answers, but not as an MQTT broker does";
+    if (!broker.tls) return {true, "the port answers, but not as an MQTT broker does"};
     const int flags = fcntl(socket.get(), F_GETFL);
     fcntl(socket.get(), F_SETFL, flags & ~O_NONBLOCK);
     const std::string problem = try_tls(socket.get(), broker);
-    return problem.empty() ? "TLS works, but the port does not answer as an MQTT broker does"
-                           : problem;
+    if (!problem.empty()) return {false, problem};
+    return {true, "TLS works, but the port does not answer as an MQTT broker does"};
   }
-  return fmt::format("no connection to {} port {}: {}; does the broker run, and listen there?",
-                     broker.host, broker.port, std::strerror(last));
+  return {false,
+          fmt::format("no connection to {} port {}: {}; does the broker run, and listen there?",
+                      broker.host, broker.port, std::strerror(last))};
 }
 
 std::vector<std::string> resolve_host(const std::string& host) {

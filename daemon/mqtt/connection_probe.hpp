@@ -10,8 +10,11 @@
 
 namespace slamgw {
 
-/// A sentence for the operator: what fails and what to look at.
-std::string explain_unreachable(const BrokerSettings& broker);
+struct Reachability {
+  bool is_reachable = false;  ///< TCP, and TLS where it is used, work
+  std::string text;           ///< for the operator: what fails and what to look at
+};
+Reachability probe_broker(const BrokerSettings& broker);
 
 /// The addresses of the broker's host as literals, in the resolver's order; empty when the name is
 /// not known.

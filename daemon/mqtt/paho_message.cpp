@@ -90,6 +90,15 @@ std::uint16_t receive_maximum_of(const mqtt::token& token, MqttVersion version) 
   return mqtt::get<std::uint16_t>(properties, mqtt::property::RECEIVE_MAXIMUM);
 }
 
+std::optional<int> refusal_of(const mqtt::token& token) {
+  constexpr int first_refusal = 0x80;
+  const mqtt::ReasonCode reason = token.get_reason_code();
+  if (reason != mqtt::ReasonCode::MQTTPP_V3_CODE)
+    return reason >= first_refusal ? std::optional(static_cast<int>(reason)) : std::nullopt;
+  const bool is_refused = token.get_return_code() == first_refusal;
+  return is_refused ? std::optional(first_refusal) : std::nullopt;
+}
+
 std::string server_uri(const BrokerSettings& settings, const std::string& host) {
   const bool is_ipv6 = host.find(':') != std::string::npos;
   return fmt::format("{}://{}:{}", settings.tls ? "ssl" : "tcp", is_ipv6 ? "[" + host + "]" : host,

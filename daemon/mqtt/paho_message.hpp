@@ -8,15 +8,15 @@
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "daemon/core/messages.hpp"
 #include "daemon/mqtt/settings.hpp"
+#include "daemon/mqtt/version_choice.hpp"
 
 namespace slamgw {
-
-enum class MqttVersion : std::uint8_t { v3_1_1 = 4, v5 = 5 };
 
 /// Messages as Paho takes them, with the user properties `mesh`, `gateway` and `received_at` where
 /// the version has such and a robot said it. Paho copies what it publishes, so one form is filled
@@ -41,6 +41,12 @@ BrokerMessage from_paho(const mqtt::message& message);
 std::vector<std::uint32_t> subscriptions_of(const mqtt::message& message);
 /// Of a CONNACK; 65535 where it names none.
 std::uint16_t receive_maximum_of(const mqtt::token& token, MqttVersion version);
+
+/// The reason code (0x80 and up) with which the broker has refused what `token` stands for. Nothing
+/// when it has refused nothing: then the connection is lost, or a request was not made. Paho gives
+/// everything that fails with MQTT 3.1.1 the pseudo code 255 (MQTTPP_V3_CODE), which is no refusal;
+/// of that version only a SUBACK can refuse (with 0x80).
+std::optional<int> refusal_of(const mqtt::token& token);
 
 /// `host` is a literal address or a name.
 std::string server_uri(const BrokerSettings& settings, const std::string& host);

@@ -13,11 +13,17 @@
 namespace slamgw {
 namespace {
 
-constexpr int refusal_codes_from = 0x80;
 constexpr std::chrono::seconds connect_timeout{10};
 constexpr std::chrono::milliseconds goodbye_timeout{500};
 
-int reason_of(const mqtt::token& token) { return static_cast<int>(token.get_reason_code()); }
+/// The code of the CONNACK that refused; 0 when none came. Paho returns that of MQTT 3.1.1 (1-5) as
+/// its own code, and its own errors as negative numbers.
+int connack_code_of(const mqtt::token& token) {
+  const auto reason = token.get_reason_code();
+  if (reason != mqtt::ReasonCode::MQTTPP_V3_CODE && reason != mqtt::ReasonCode::SUCCESS)
+    return static_cast<int>(reason);
+  return std::max(0, token.get_return_code());
+}
 
 // Sequence numbers travel through Paho as the user context of a token.
 void* as_context(std::uint64_t sequence) { return reinterpret_cast<void*>(sequence); }
@@ -45,7 +51,7 @@ class PahoSession::ConnectListener final : public mqtt::iaction_listener {
   }
 
   void on_failure(const mqtt::token& token) override {
-    session_.report_failure(reason_of(token), token.get_return_code());
+    session_.report_failure(connack_code_of(token));
   }
 
  private:
@@ -59,22 +65,19 @@ class PahoSession::PublishListener final : public mqtt::iaction_listener {
   void on_success(const mqtt::token& token) override {
     if (token.get_message_id() == 0)  // QoS 0
       return session_.on_written(sequence_of(token));
-    finish(token, reason_of(token));
+    finish(token, refusal_of(token));
   }
 
   void on_failure(const mqtt::token& token) override {
-    if (reason_of(token) >= refusal_codes_from) {
-      finish(token, reason_of(token));
-      return;
-    }
+    if (const auto refusal = refusal_of(token)) return finish(token, refusal);
     session_.tell_lost(fmt::format("a publish failed (Paho {})", token.get_return_code()));
   }
 
  private:
-  void finish(const mqtt::token& token, int reason) {
-    session_.post_to_loop([sequence = sequence_of(token), reason](PahoSessionListener& listener) {
-      if (reason < refusal_codes_from) return listener.on_published(sequence);
-      listener.on_publish_refused(sequence, explain_publish_refusal(reason));
+  void finish(const mqtt::token& token, std::optional<int> refusal) {
+    session_.post_to_loop([sequence = sequence_of(token), refusal](PahoSessionListener& listener) {
+      if (!refusal) return listener.on_published(sequence);
+      listener.on_publish_refused(sequence, explain_publish_refusal(*refusal));
     });
   }
 
@@ -85,7 +88,9 @@ class PahoSession::SubscribeListener final : public mqtt::iaction_listener {
  public:
   explicit SubscribeListener(PahoSession& session) : session_(session) {}
   void on_success(const mqtt::token& token) override { finish(token, true); }
-  void on_failure(const mqtt::token& token) override { finish(token, false); }
+  void on_failure(const mqtt::token& token) override {
+    if (refusal_of(token)) finish(token, false);  // else the connection is lost, which is told
+  }
 
  private:
   void finish(const mqtt::token& token, bool granted) {
@@ -133,6 +138,7 @@ void PahoSession::connect() {
 }
 
 void PahoSession::open() {
+  opened_ = std::chrono::steady_clock::now();
   try {
     client_ = std::make_unique<mqtt::async_client>(
         server_uri(settings_, host_of_attempt()), settings_.client_id,
@@ -144,8 +150,8 @@ void PahoSession::open() {
     });
     set_connect_options();
     connect_token_ = client_->connect(connect_options_, nullptr, *connect_listener_);
-  } catch (const mqtt::exception& error) {
-    report_failure(0, error.get_return_code());
+  } catch (const mqtt::exception&) {
+    report_failure(0);
   }
 }
 
@@ -190,21 +196,28 @@ void PahoSession::set_tls_options() {
   if (settings_.key_file) tls_options_.set_private_key(*settings_.key_file);
 }
 
-/// Where no CONNACK came, looks for the reason: on the lane, for that may take a while.
-void PahoSession::report_failure(int code, int paho_code) {
-  // Paho returns the code of an MQTT 3.1.1 CONNACK (1-5) as its own, and its own errors as negative
-  // numbers.
-  const int answer = code != 0 ? code : (paho_code > 0 ? paho_code : 0);
-  post_to_lane([answer](PahoSession& session) {
-    ConnectFailure failure{
-        answer,
-        answer != 0 ? explain_connect_failure(answer) : explain_unreachable(session.settings_),
-        is_version_refusal(answer), is_not_authorised(answer)};
-    session.post_to_loop([&session, failure = std::move(failure)](PahoSessionListener& listener) {
+/// `code`: of the CONNACK, or 0. The reason is looked for on the lane, for that may take a while.
+void PahoSession::report_failure(int code) {
+  const bool is_in_time = std::chrono::steady_clock::now() - opened_ < connect_timeout;
+  post_to_lane([code, is_in_time](PahoSession& session) {
+    session.post_to_loop([&session, failure = session.explain_failure(code, is_in_time)](
+                             PahoSessionListener& listener) {
       if (std::exchange(session.has_answered_, true)) return;
       listener.on_connect_failed(failure);
     });
   });
+}
+
+ConnectFailure PahoSession::explain_failure(int code, bool is_in_time) const {
+  if (code != 0) {
+    const auto answer =
+        is_version_refusal(code) ? ConnectAnswer::version_refused : ConnectAnswer::other;
+    return {code, explain_connect_failure(code), answer, is_not_authorised(code)};
+  }
+  Reachability found = probe_broker(settings_);
+  const bool is_closed = found.is_reachable && is_in_time;
+  return {0, std::move(found.text), is_closed ? ConnectAnswer::closed : ConnectAnswer::other,
+          false};
 }
 
 void PahoSession::publish(std::uint64_t sequence, BrokerMessage message) {

@@ -10,6 +10,7 @@
 #include <atomic>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/thread_pool.hpp>
+#include <chrono>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -34,7 +35,7 @@ struct LastWill {
 struct ConnectFailure {
   int code = 0;
   std::string text;
-  bool is_version_refused = false;
+  ConnectAnswer answer = ConnectAnswer::other;
   bool is_not_authorised = false;
 };
 
@@ -112,7 +113,8 @@ class PahoSession final : public std::enable_shared_from_this<PahoSession>, priv
   using Event = std::function<void(PahoSessionListener&)>;
   void post_to_loop(Event event);
   void post_to_lane(std::function<void(PahoSession&)> work);
-  void report_failure(int code, int paho_code);
+  void report_failure(int code);
+  ConnectFailure explain_failure(int code, bool is_in_time) const;
   void tell_lost(std::string why);
   void tell_ended(int reason);
 
@@ -123,6 +125,7 @@ class PahoSession final : public std::enable_shared_from_this<PahoSession>, priv
   const LastWill will_;
   const unsigned attempt_;  ///< a host may have several addresses: each attempt tries the next
   PahoSessionListener& listener_;
+  std::chrono::steady_clock::time_point opened_{};
   bool is_abandoned_ = false;  // loop only
   bool has_answered_ = false;  // loop only: Paho may report one connect twice
   Handover<Event> events_;     // to the loop

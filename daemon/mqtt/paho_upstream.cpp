@@ -74,7 +74,7 @@ void PahoUpstream::stop() {
 void PahoUpstream::reconfigure(const BrokerSettings& settings) {
   if (settings == settings_) return;
   settings_ = settings;
-  version_ = MqttVersion::v5;
+  version_ = {};
   backoff_.reset();
   const bool was_up = is_up_;
   drop_session(true);
@@ -92,7 +92,7 @@ void PahoUpstream::connect() {
   is_waiting_ = false;
   if (read_credentials_) settings_.credentials = read_credentials_();
   session_ =
-      std::make_shared<PahoSession>(io_, lane_, settings_, version_, will_, attempt_++, *this);
+      std::make_shared<PahoSession>(io_, lane_, settings_, version(), will_, attempt_++, *this);
   session_->connect();
 }
 
@@ -125,8 +125,7 @@ void PahoUpstream::on_connected(bool session_present, std::uint16_t receive_maxi
 }
 
 void PahoUpstream::on_connect_failed(ConnectFailure failure) {
-  if (failure.is_version_refused && version_ == MqttVersion::v5) {
-    version_ = MqttVersion::v3_1_1;
+  if (version_.on_failed(failure.answer)) {
     drop_session(false);
     connect();
     return;
@@ -139,6 +138,7 @@ void PahoUpstream::on_connect_failed(ConnectFailure failure) {
 
 /// Two gateways with one client id throw each other out without end; not every broker says so.
 void PahoUpstream::on_lost(std::string why) {
+  version_.on_lost();
   const bool has_lasted = std::chrono::steady_clock::now() - up_since_ >= stable_after;
   if (has_lasted) backoff_.reset();
   short_lives_ = has_lasted ? 0 : short_lives_ + 1;

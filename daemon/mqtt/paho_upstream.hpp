@@ -43,7 +43,7 @@ class PahoUpstream final : public UpstreamLink, public PahoSessionListener {
   void subscribe(const std::string& filter, Qos qos, std::uint32_t id) override;
   void unsubscribe(const std::string& filter) override;
 
-  MqttVersion version() const { return version_; }
+  MqttVersion version() const { return version_.version(); }
 
  private:
   void connect();
@@ -69,7 +69,7 @@ class PahoUpstream final : public UpstreamLink, public PahoSessionListener {
   boost::asio::steady_timer nudge_timer_;
   Backoff backoff_;
   std::minstd_rand random_;
-  MqttVersion version_ = MqttVersion::v5;
+  VersionChoice version_;
   std::shared_ptr<PahoSession> session_;
   bool is_up_ = false;
   bool is_waiting_ = false;  ///< for reconnect_timer_

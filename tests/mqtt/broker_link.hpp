@@ -2,14 +2,19 @@
 // A PahoUpstream with a loop of its own and a listener that remembers.
 #pragma once
 
+#include <gtest/gtest.h>
+
 #include <map>
 #include <memory>
+#include <optional>
 #include <set>
 #include <string>
 #include <vector>
 
 #include "daemon/mqtt/paho_upstream.hpp"
 #include "tests/support/eventually.hpp"
+#include "tests/support/mosquitto.hpp"
+#include "tests/support/mqtt311_proxy.hpp"
 
 namespace slamgw {
 
@@ -54,6 +59,25 @@ inline BrokerSettings settings_for(std::uint16_t port,
   settings.client_id = "slam-gateway-test";
   settings.credentials = std::move(credentials);
   return settings;
+}
+
+/// A real Mosquitto to test a link with: as it is, or as a broker that knows MQTT 3.1.1 only.
+class BrokerOfVersion : public test::Mosquitto {
+ public:
+  explicit BrokerOfVersion(MqttVersion version) {
+    if (version == MqttVersion::v3_1_1) proxy_.emplace(port());
+  }
+  std::uint16_t link_port() const { return proxy_ ? proxy_->port() : port(); }
+
+ private:
+  std::optional<test::Mqtt311Proxy> proxy_;
+};
+
+/// A test of what holds with either version.
+class WithEitherVersion : public testing::TestWithParam<MqttVersion> {};
+inline const auto either_version = testing::Values(MqttVersion::v5, MqttVersion::v3_1_1);
+inline std::string name_of_version(const testing::TestParamInfo<MqttVersion>& version) {
+  return version.param == MqttVersion::v5 ? "Mqtt5" : "Mqtt311";
 }
 
 struct Link {

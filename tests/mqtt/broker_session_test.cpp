@@ -138,17 +138,18 @@ TEST(BrokerSession, TriesEachAddressOfAName) {
 TEST(ConnectionProbe, SaysThatANameIsNotKnown) {
   BrokerSettings settings = settings_for(1883);
   settings.host = "no-such-host.invalid";
-  EXPECT_NE(explain_unreachable(settings).find("'no-such-host.invalid' can't be resolved"),
-            std::string::npos)
-      << explain_unreachable(settings);
+  const Reachability found = probe_broker(settings);
+  EXPECT_NE(found.text.find("'no-such-host.invalid' can't be resolved"), std::string::npos)
+      << found.text;
 }
 
 TEST(ConnectionProbe, SaysThatAPortIsNoTlsPort) {
   Mosquitto broker;
   BrokerSettings settings = settings_for(broker.port());
   settings.tls = true;
-  EXPECT_NE(explain_unreachable(settings).find("TLS port"), std::string::npos)
-      << explain_unreachable(settings);
+  const Reachability found = probe_broker(settings);
+  EXPECT_NE(found.text.find("TLS port"), std::string::npos) << found.text;
+  EXPECT_FALSE(found.is_reachable);
 }
 
 }  // namespace

@@ -4,9 +4,6 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include <array>
-#include <boost/asio/ip/tcp.hpp>
-#include <boost/asio/write.hpp>
 #include <csignal>
 #include <map>
 #include <set>
@@ -23,13 +20,17 @@ using test::eventually;
 using test::Mosquitto;
 using test::Subscriber;
 
-TEST(PahoUpstream, PublishesAtEachQosAndSaysWhenTheBrokerHasIt) {
-  Mosquitto broker;
+using PahoUpstreamOf = WithEitherVersion;
+INSTANTIATE_TEST_SUITE_P(Broker, PahoUpstreamOf, either_version, name_of_version);
+
+TEST_P(PahoUpstreamOf, PublishesAtEachQosAndSaysWhenTheBrokerHasIt) {
+  BrokerOfVersion broker(GetParam());
   Subscriber subscriber(broker, "t/#", "%t %q %r %p");
-  Link link(broker.port());
+  Link link(broker.link_port());
   ASSERT_TRUE(link.comes_up());
-  EXPECT_EQ(link.upstream->version(), MqttVersion::v5);
-  EXPECT_EQ(link.listener.receive_maximum, 20) << "Mosquitto's default";
+  EXPECT_EQ(link.upstream->version(), GetParam());
+  EXPECT_EQ(link.listener.receive_maximum, GetParam() == MqttVersion::v5 ? 20 : 65535)
+      << "Mosquitto's default, and none";
   for (std::uint64_t qos = 0; qos <= 2; ++qos) {
     link.upstream->publish(
         qos + 1, {"t/" + std::to_string(qos), to_bytes("hello"), static_cast<Qos>(qos), false});
@@ -38,10 +39,10 @@ TEST(PahoUpstream, PublishesAtEachQosAndSaysWhenTheBrokerHasIt) {
   EXPECT_TRUE(eventually([&] { return subscriber.lines().size() == 3; }));
 }
 
-TEST(PahoUpstream, SaysOfEachOfManyThatItIsWrittenAndKeepsTheirOrder) {
-  Mosquitto broker;
+TEST_P(PahoUpstreamOf, SaysOfEachOfManyThatItIsWrittenAndKeepsTheirOrder) {
+  BrokerOfVersion broker(GetParam());
   Subscriber subscriber(broker, "t", "%p");
-  Link link(broker.port());
+  Link link(broker.link_port());
   ASSERT_TRUE(link.comes_up());
   constexpr std::uint64_t count = 250;  // Paho buffers 512
   std::vector<std::string> expected;
@@ -56,10 +57,10 @@ TEST(PahoUpstream, SaysOfEachOfManyThatItIsWrittenAndKeepsTheirOrder) {
   EXPECT_EQ(subscriber.lines(), expected);
 }
 
-TEST(PahoUpstream, ReceivesWhatItSubscribedTo) {
-  Mosquitto broker;
+TEST_P(PahoUpstreamOf, ReceivesWhatItSubscribedTo) {
+  BrokerOfVersion broker(GetParam());
   test::mosquitto_publish(broker, {"-r", "-t", "down/kept", "-m", "old"});
-  Link link(broker.port());
+  Link link(broker.link_port());
   ASSERT_TRUE(link.comes_up());
   link.upstream->subscribe("down/#", Qos::at_least_once, 1);
   ASSERT_TRUE(link.sees([&] { return link.listener.messages.size() == 1; }));
@@ -98,9 +99,9 @@ TEST(PahoUpstream, TellsTheCopiesForOverlappingSubscriptionsApart) {
   EXPECT_EQ(ids, (std::set<std::vector<std::uint32_t>>{{7}, {8}}));
 }
 
-TEST(PahoUpstream, ComesBackAfterTheBrokerWasKilled) {
-  Mosquitto broker;
-  Link link(broker.port());
+TEST_P(PahoUpstreamOf, ComesBackAfterTheBrokerWasKilled) {
+  BrokerOfVersion broker(GetParam());
+  Link link(broker.link_port());
   ASSERT_TRUE(link.comes_up());
   broker.kill();
   ASSERT_TRUE(link.sees([&] { return !link.listener.is_up; }));
@@ -109,6 +110,25 @@ TEST(PahoUpstream, ComesBackAfterTheBrokerWasKilled) {
   EXPECT_EQ(link.listener.ups, 2);
   link.upstream->publish(9, {"t", to_bytes("again"), Qos::at_least_once, false});
   EXPECT_TRUE(link.sees([&] { return link.listener.published.contains(9); }));
+}
+
+TEST_P(PahoUpstreamOf, TakesALostConnectionForNoRefusal) {
+  BrokerOfVersion broker(GetParam());
+  Link link(broker.link_port());
+  ASSERT_TRUE(link.comes_up());
+  broker.pause();  // nothing is acknowledged
+  for (std::uint64_t i = 1; i <= 12; ++i) {
+    link.upstream->publish(i, {"t", to_bytes("x"), static_cast<Qos>(1 + i % 2), false});
+  }
+  link.upstream->subscribe("down/#", Qos::at_least_once, 1);
+  broker.kill();
+  ASSERT_TRUE(link.sees([&] { return link.listener.reasons.size() >= 2; }));
+  EXPECT_TRUE(link.listener.refused.empty()) << link.listener.refused.begin()->second;
+  EXPECT_TRUE(link.listener.published.empty());
+  EXPECT_TRUE(link.listener.subscribed.empty()) << "nobody has refused the subscription";
+  for (const std::string& reason : link.listener.reasons) {
+    EXPECT_EQ(reason.find("0xff"), std::string::npos) << reason;
+  }
 }
 
 TEST(PahoUpstream, WaitsForABrokerThatIsNotThereYet) {
@@ -132,54 +152,24 @@ TEST(PahoUpstream, SaysThatThePasswordIsWrongAndNeverWhichOneItIs) {
   EXPECT_TRUE(right.comes_up());
 }
 
-/// A broker from before MQTT 5, as far as CONNECT: it answers level 5 with return code 1 and level
-/// 4 with 0.
-class OldBroker {
- public:
-  explicit OldBroker(boost::asio::io_context& io)
-      : acceptor_(io, {boost::asio::ip::address_v4::loopback(), 0}) {
-    accept();
-  }
-  std::uint16_t port() const { return acceptor_.local_endpoint().port(); }
-  std::vector<int> levels;
-
- private:
-  using tcp = boost::asio::ip::tcp;
-  void accept() {
-    acceptor_.async_accept([this](boost::system::error_code error, tcp::socket socket) {
-      if (error) return;
-      connections_.push_back(std::make_unique<tcp::socket>(std::move(socket)));
-      tcp::socket& connection = *connections_.back();
-      connection.async_read_some(
-          boost::asio::buffer(buffer_), [&](boost::system::error_code, std::size_t) {
-            constexpr std::size_t level_at = 8;  // MQTT 3.1.1 section 3.1.2.2
-            levels.push_back(buffer_[level_at]);
-            const std::uint8_t code = levels.back() == 4 ? 0 : 1;
-            const std::array<std::uint8_t, 4> connack{0x20, 0x02, 0x00, code};
-            boost::asio::write(connection, boost::asio::buffer(connack));
-            if (code != 0) connection.close();
-          });
-      accept();
-    });
-  }
-
-  tcp::acceptor acceptor_;
-  std::array<std::uint8_t, 512> buffer_{};
-  std::vector<std::unique_ptr<tcp::socket>> connections_;
-};
-
-TEST(PahoUpstream, FallsBackToMqtt311ForAnOldBroker) {
-  boost::asio::io_context broker_io;
-  OldBroker broker(broker_io);
-  Link link(broker.port());
-  ASSERT_TRUE(link.sees([&] {
-    broker_io.poll();
-    return link.listener.is_up;
-  }));
-  EXPECT_EQ(broker.levels, (std::vector<int>{5, 4}));
+TEST(PahoUpstream, FallsBackToMqtt311WhereTheBrokerRefusesMqtt5) {
+  Mosquitto broker;
+  test::Mqtt311Proxy old(broker.port());
+  Link link(old.port());
+  ASSERT_TRUE(link.comes_up());
   EXPECT_EQ(link.upstream->version(), MqttVersion::v3_1_1);
-  EXPECT_EQ(link.listener.receive_maximum, 65535);
+  EXPECT_EQ(old.turned_away(), 1u);
   EXPECT_TRUE(link.listener.reasons.empty()) << "an operator need not know";
+}
+
+TEST(PahoUpstream, FallsBackToMqtt311WhereTheBrokerClosesOnMqtt5) {
+  Mosquitto broker;
+  test::Mqtt311Proxy old(broker.port(), test::Mqtt311Proxy::Answer::close);
+  Link link(old.port());
+  ASSERT_TRUE(link.comes_up());
+  EXPECT_EQ(link.upstream->version(), MqttVersion::v3_1_1);
+  link.upstream->publish(1, {"t", to_bytes("x"), Qos::at_least_once, false});
+  EXPECT_TRUE(link.sees([&] { return link.listener.published.contains(1); }));
 }
 
 TEST(PahoUpstream, ChecksTheBrokersCertificateAndItsName) {
@@ -231,12 +221,12 @@ TEST(PahoUpstream, SaysThatTheBrokerWantsAClientCertificate) {
   EXPECT_TRUE(with.comes_up());
 }
 
-TEST(PahoUpstream, LeavesTheBrokerItsLastWill) {
-  Mosquitto broker;
+TEST_P(PahoUpstreamOf, LeavesTheBrokerItsLastWill) {
+  BrokerOfVersion broker(GetParam());
   Subscriber subscriber(broker, "gw/state", "%r %p");
   const pid_t child = fork();
   if (child == 0) {
-    Link link(broker.port());
+    Link link(broker.link_port());
     link.comes_up();
     raise(SIGKILL);
   }
@@ -246,10 +236,10 @@ TEST(PahoUpstream, LeavesTheBrokerItsLastWill) {
   EXPECT_EQ(subscriber.lines()[0], R"(0 {"state":"offline"})");
 }
 
-TEST(PahoUpstream, AnOrderlyStopPublishesNoWillAndLosesNothing) {
-  Mosquitto broker;
+TEST_P(PahoUpstreamOf, AnOrderlyStopPublishesNoWillAndLosesNothing) {
+  BrokerOfVersion broker(GetParam());
   Subscriber subscriber(broker, "#", "%t");
-  Link link(broker.port());
+  Link link(broker.link_port());
   ASSERT_TRUE(link.comes_up());
   link.upstream->publish(1, {"last", to_bytes("x"), Qos::at_least_once, false});
   link.upstream->stop();

@@ -21,6 +21,9 @@ class Mosquitto {
   /// Starts (again) on the same port; returns when it accepts connections.
   void start();
   void kill();
+  /// It stands still, its connections stay open.
+  void pause();
+  void resume();
   std::uint16_t port() const { return port_; }
   std::string uri() const;
 

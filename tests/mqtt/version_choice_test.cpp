@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/mqtt/version_choice.hpp"
+
+#include <gtest/gtest.h>
+
+namespace slamgw {
+namespace {
+
+TEST(VersionChoice, TakesTheOldVersionWhenTheBrokerAsksForIt) {
+  VersionChoice choice;
+  EXPECT_EQ(choice.version(), MqttVersion::v5);
+  EXPECT_TRUE(choice.on_failed(ConnectAnswer::version_refused)) << "at once";
+  EXPECT_EQ(choice.version(), MqttVersion::v3_1_1);
+  EXPECT_FALSE(choice.on_failed(ConnectAnswer::other));
+  choice.on_lost();
+  EXPECT_EQ(choice.version(), MqttVersion::v3_1_1) << "it has said so";
+}
+
+TEST(VersionChoice, ComesBackToTheNewVersionWhenTheBrokerWasReplaced) {
+  VersionChoice choice;
+  choice.on_failed(ConnectAnswer::version_refused);
+  EXPECT_FALSE(choice.on_failed(ConnectAnswer::version_refused)) << "no race between the two";
+  EXPECT_EQ(choice.version(), MqttVersion::v5);
+}
+
+TEST(VersionChoice, TakesASecondSilentClosingForAnOldBroker) {
+  VersionChoice choice;
+  EXPECT_FALSE(choice.on_failed(ConnectAnswer::closed));
+  EXPECT_EQ(choice.version(), MqttVersion::v5) << "a broker that was killed closes too";
+  EXPECT_TRUE(choice.on_failed(ConnectAnswer::closed));
+  EXPECT_EQ(choice.version(), MqttVersion::v3_1_1);
+  EXPECT_FALSE(choice.on_failed(ConnectAnswer::closed));
+  EXPECT_EQ(choice.version(), MqttVersion::v5) << "it was not the version";
+  EXPECT_TRUE(choice.on_failed(ConnectAnswer::closed)) << "in turns, as long as it lasts";
+}
+
+TEST(VersionChoice, CountsClosingsInARowOnly) {
+  VersionChoice choice;
+  choice.on_failed(ConnectAnswer::closed);
+  choice.on_failed(ConnectAnswer::other);
+  EXPECT_FALSE(choice.on_failed(ConnectAnswer::closed));
+}
+
+TEST(VersionChoice, TriesTheNewVersionFirstAfterAGuess) {
+  VersionChoice choice;
+  choice.on_failed(ConnectAnswer::closed);
+  choice.on_failed(ConnectAnswer::closed);
+  choice.on_lost();
+  EXPECT_EQ(choice.version(), MqttVersion::v5);
+  EXPECT_TRUE(choice.on_failed(ConnectAnswer::closed)) << "the guess is confirmed at once";
+}
+
+}  // namespace
+}  // namespace slamgw
