@@ -15,6 +15,8 @@ constexpr int exit_arguments = 2;
 
 struct Arguments {
   Order order;
+  HostTask task;
+  bool is_task = false;
   std::string robot;
   std::string type;
   std::string payload;
@@ -123,9 +125,33 @@ void add_ble(CLI::App& app, Arguments& a) {
   add_ble_changes(*ble, a, ask);
 }
 
+void add_host_tasks(CLI::App& app, Arguments& a) {
+  const auto add = [&app, &a](const char* verb, HostTask::Kind kind, const char* what) {
+    CLI::App* task = app.add_subcommand(verb, what);
+    task->add_option("--config", a.task.configuration, "The daemon's configuration")
+        ->capture_default_str();
+    task->callback([&a, kind] {
+      a.is_task = true;
+      a.task.kind = kind;
+    });
+    return task;
+  };
+  add("doctor", HostTask::Kind::doctor, "The way from radio to broker: what is well, what to do")
+      ->add_option("ROBOT", a.task.robot, "What is known of this robot, and why it is silent");
+  const auto add_with_file = [&](const char* verb, HostTask::Kind kind, const char* what) {
+    add(verb, kind, what)->add_option("FILE", a.task.file, "The archive")->required();
+  };
+  add_with_file("backup", HostTask::Kind::backup,
+                "Configuration, credentials, mesh keys and kept messages into one file");
+  add_with_file("restore", HostTask::Kind::restore,
+                "Bring a backup back, on this host or a new one");
+  add_with_file("report", HostTask::Kind::report,
+                "What somebody who helps wants to see, no secrets");
+}
+
 }  // namespace
 
-std::variant<Order, Exit> parse_command_line(int argc, const char* const* argv) {
+std::variant<Order, HostTask, Exit> parse_command_line(int argc, const char* const* argv) {
   Arguments arguments;
   CLI::App app("Asks and directs the running slam-gatewayd", "slam-gatewayctl");
   app.add_option("--socket", arguments.order.socket, "The daemon's control socket")
@@ -137,6 +163,7 @@ std::variant<Order, Exit> parse_command_line(int argc, const char* const* argv) 
   add_commands(app, arguments);
   add_send(app, arguments);
   add_ble(app, arguments);
+  add_host_tasks(app, arguments);
   try {
     std::vector<std::string> words = with_payload_marked(argc, argv);
     std::reverse(words.begin(), words.end());  // as CLI11 wants them
@@ -144,7 +171,10 @@ std::variant<Order, Exit> parse_command_line(int argc, const char* const* argv) 
   } catch (const CLI::ParseError& error) {
     return Exit{app.exit(error) == 0 ? 0 : exit_arguments};
   }
-  return arguments.order;
+  if (!arguments.is_task) return arguments.order;
+  arguments.task.socket = arguments.order.socket;
+  arguments.task.json = arguments.order.json;
+  return arguments.task;
 }
 
 }  // namespace slamgw::ctl

@@ -20,11 +20,22 @@ struct Order {
   std::string file;  ///< whose text goes with the request as `text`; empty: none
 };
 
+/// What slam-gatewayctl does by itself, on the host that the gateway runs on.
+struct HostTask {
+  enum class Kind : std::uint8_t { backup, restore, report, doctor };
+  Kind kind = Kind::doctor;
+  std::string socket = Order{}.socket;
+  bool json = false;
+  std::string configuration = "/etc/slam-gateway/gateway.json";
+  std::string file;   ///< the archive, but for doctor
+  std::string robot;  ///< of doctor; empty: the whole way
+};
+
 struct Exit {
   int status = 0;
 };
 
 /// Prints help, the version, or what is wrong with the arguments (status 2) itself.
-std::variant<Order, Exit> parse_command_line(int argc, const char* const* argv);
+std::variant<Order, HostTask, Exit> parse_command_line(int argc, const char* const* argv);
 
 }  // namespace slamgw::ctl

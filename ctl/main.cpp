@@ -10,6 +10,9 @@
 
 #include "ctl/command_line.hpp"
 #include "ctl/connection.hpp"
+#include "ctl/host/backup.hpp"
+#include "ctl/host/examination.hpp"
+#include "ctl/host/report.hpp"
 #include "ctl/show.hpp"
 #include "daemon/control/wire.hpp"
 
@@ -85,12 +88,39 @@ int run(Order order) {
   return is_send && result.value("outcome", "") != "delivered" ? exit_failed : 0;
 }
 
+int doctor(const Installation& installation, const HostTask& task) {
+  std::vector<Finding> findings;
+  if (task.robot.empty()) {
+    findings = examine(gather_facts(installation, task.socket));
+  } else {
+    Connection connection(task.socket);
+    findings = examine_robot(task.robot, connection.ask({{"command", "robots"}}, answer_patience),
+                             installation.parsed());
+  }
+  std::cout << (task.json ? slamgw::control::to_line(to_json(findings)) : to_text(findings));
+  return has_problem(findings) ? exit_failed : 0;
+}
+
+int run(const HostTask& task) {
+  const Installation installation(task.configuration);
+  std::string told;
+  switch (task.kind) {
+    case HostTask::Kind::doctor: return doctor(installation, task);
+    case HostTask::Kind::backup: told = backup(installation, task.file); break;
+    case HostTask::Kind::restore: told = restore(installation, task.file); break;
+    case HostTask::Kind::report: told = report(installation, task.socket, task.file); break;
+  }
+  std::cout << (task.json ? slamgw::control::to_line({{"file", task.file}, {"text", told}}) : told);
+  return 0;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
   const auto parsed = parse_command_line(argc, argv);
   if (const auto* exit = std::get_if<Exit>(&parsed)) return exit->status;
   try {
+    if (const auto* task = std::get_if<HostTask>(&parsed)) return run(*task);
     return run(std::get<Order>(parsed));
   } catch (const std::exception& error) {
     std::cout << std::flush;

@@ -55,9 +55,9 @@ void warn_of_readable_secret(ParseResult& result, const SystemFiles& files) {
                    file->mode, path, path)});
 }
 
-/// `gateway.json` and what lies in `gateway.d/`, in order of name. Backup files of editors and
-/// packages do not end in `.json`.
-std::vector<std::string> paths_of(const std::string& path) {
+}  // namespace
+
+std::vector<std::string> configuration_files(const std::string& path) {
   std::vector<std::string> paths{path};
   std::error_code error;
   for (const auto& entry : fs::directory_iterator(fs::path(path).replace_extension(".d"), error))
@@ -66,13 +66,11 @@ std::vector<std::string> paths_of(const std::string& path) {
   return paths;
 }
 
-}  // namespace
-
 ParseResult load_config(const std::string& path) {
   const SystemFiles files;
   std::vector<ConfigFile> parts;
   Problems problems;
-  for (const std::string& name : paths_of(path)) {
+  for (const std::string& name : configuration_files(path)) {
     const auto file = files.read(name);
     if (file) {
       parts.push_back({name, file->text});

@@ -10,6 +10,10 @@
 
 namespace slamgw {
 
+/// `gateway.json` and what lies in `gateway.d/`, in the order of reading. Backup files of editors
+/// and packages do not end in `.json`.
+std::vector<std::string> configuration_files(const std::string& path);
+
 /// Never throws for what is in the files; an unreadable file is a problem like any other.
 ParseResult load_config(const std::string& path);
 

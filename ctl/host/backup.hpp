@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: Apache-2.0
+// `slam-gatewayctl backup` and `restore`: configuration, credentials, the BLE mesh's keys, and the
+// messages and sessions that are kept, in one archive (tar, gzip). The archive holds secrets.
+#pragma once
+
+#include <string>
+
+#include "ctl/host/installation.hpp"
+
+namespace slamgw::ctl {
+
+/// Writes `file` with mode 0600; an existing one is replaced only when the new one is complete. The
+/// service stands still for the moment of copying, because its databases are open. A Failure for
+/// whatever goes wrong. Gives what was done, for people.
+std::string backup(const Installation& installation, const std::string& file);
+
+/// Puts an archive's files where they came from, with the owners that the service needs; what was
+/// there is kept beside it under a name with the time. `installation` says which configuration is
+/// to be replaced.
+std::string restore(const Installation& installation, const std::string& file);
+
+}  // namespace slamgw::ctl

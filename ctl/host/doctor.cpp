@@ -1,0 +1,304 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "ctl/host/doctor.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "ctl/text.hpp"
+#include "daemon/core/robot_names.hpp"
+
+namespace slamgw::ctl {
+namespace {
+
+using nlohmann::json;
+
+/// Below it SQLite soon finds no room for a message.
+constexpr std::uint64_t least_free_bytes = std::uint64_t{64} << 20;
+
+std::string_view to_string(Health health) {
+  switch (health) {
+    case Health::well: return "ok";
+    case Health::warning: return "warning";
+    case Health::problem: return "problem";
+    case Health::unknown: return "unknown";
+  }
+  return "unknown";
+}
+
+class Examination {
+ public:
+  explicit Examination(const HostFacts& facts)
+      : facts_(facts), config_(facts.configuration.config) {}
+
+  std::vector<Finding> run() {
+    configuration();
+    daemon();
+    clock();
+    disk();
+    thread();
+    ble();
+    broker();
+    store();
+    robots();
+    return std::move(findings_);
+  }
+
+ private:
+  void add(std::string step, Health health, std::string detail, std::string remedy = {}) {
+    findings_.push_back({std::move(step), health, std::move(detail), std::move(remedy)});
+  }
+
+  void configuration() {
+    const ParseResult& read = facts_.configuration;
+    for (const Problem& problem : read.problems)
+      add("configuration", Health::problem, slamgw::to_string(problem),
+          "fix that line, then: sudo slam-gatewayd --check-config");
+    for (const Problem& warning : read.warnings)
+      add("configuration", Health::warning, slamgw::to_string(warning));
+    if (read.problems.empty()) add("configuration", Health::well, "read without problems");
+  }
+
+  void daemon() {
+    if (facts_.status.is_null())
+      return add("daemon", Health::problem, facts_.status_failure,
+                 "systemctl status slam-gateway; journalctl -u slam-gateway -n 50");
+    const std::string version = text_at(facts_.status, "version");
+    if (version != facts_.own_version)
+      return add("daemon", Health::warning,
+                 fmt::format("runs version {}, installed is {}", version, facts_.own_version),
+                 "sudo systemctl restart slam-gateway");
+    add("daemon", Health::well,
+        fmt::format("version {}, up for {}", version,
+                    show_seconds(count_at(facts_.status, "uptime_s"))));
+  }
+
+  void clock() {
+    if (!facts_.is_clock_synchronised) return;
+    if (*facts_.is_clock_synchronised) return add("clock", Health::well, "synchronised");
+    add("clock", Health::warning, "is not synchronised: times in topics and logs may be wrong",
+        "timedatectl; a Pi without network time starts in the past");
+  }
+
+  void disk() {
+    const std::string& directory = config_.store.directory;
+    if (!facts_.state_free_bytes)
+      return add("disk", Health::problem, directory + " is not there",
+                 "install -d -o slam-gateway -g slam-gateway -m 700 " + directory);
+    const std::string free =
+        fmt::format("{} free for {}", show_bytes(*facts_.state_free_bytes), directory);
+    if (*facts_.state_free_bytes < least_free_bytes)
+      return add("disk", Health::problem, free, "make room: df -h, journalctl --disk-usage");
+    add("disk", Health::well, free);
+  }
+
+  void thread() {
+    if (!config_.mqttsn.enabled) return add("thread", Health::well, "not enabled (mqttsn.enabled)");
+    const std::string& wanted = config_.mqttsn.interface;
+    const InterfaceFacts* const interface = find_interface(wanted);
+    if (!wanted.empty()) thread_interface(wanted, interface);
+    if (config_.mqttsn.multicast_group && (wanted.empty() || interface)) multicast(wanted);
+    link("thread", "thread");
+    if (facts_.is_search_answered) search();
+  }
+
+  const InterfaceFacts* find_interface(const std::string& name) const {
+    const auto found = std::find_if(facts_.interfaces.begin(), facts_.interfaces.end(),
+                                    [&](const InterfaceFacts& i) { return i.name == name; });
+    return found == facts_.interfaces.end() ? nullptr : &*found;
+  }
+
+  void thread_interface(const std::string& name, const InterfaceFacts* interface) {
+    const char* const remedy =
+        "systemctl status otbr-agent; sudo ot-ctl state (leader, router or child when it is "
+        "attached)";
+    if (!interface)
+      return add("thread: interface", Health::problem, "there is no interface " + name, remedy);
+    if (!interface->is_up)
+      return add("thread: interface", Health::problem, name + " is down", remedy);
+    const auto is_routable = [](const std::string& a) { return !a.starts_with("fe80"); };
+    const auto address =
+        std::find_if(interface->addresses.begin(), interface->addresses.end(), is_routable);
+    if (address == interface->addresses.end())
+      return add("thread: interface", Health::problem,
+                 name + " has no address that robots of the mesh can reach", remedy);
+    add("thread: interface", Health::well, name + " is up, " + *address);
+  }
+
+  void multicast(const std::string& wanted) {
+    const std::string& group = *config_.mqttsn.multicast_group;
+    for (const InterfaceFacts& interface : facts_.interfaces) {
+      const auto& groups = interface.multicast_groups;
+      if ((wanted.empty() || interface.name == wanted) &&
+          std::find(groups.begin(), groups.end(), group) != groups.end())
+        return add("thread: multicast", Health::well,
+                   fmt::format("{} is joined on {}", group, interface.name));
+    }
+    add("thread: multicast", Health::problem,
+        fmt::format("{} is joined on no interface: robots that search find no gateway", group),
+        "ip maddress; mqttsn.interface and mqttsn.multicast_group");
+  }
+
+  void search() {
+    if (*facts_.is_search_answered)
+      return add("thread: search", Health::well, "a search of our own was answered");
+    const bool is_broker_up = text_at(group_at(facts_.status, "broker"), "state") == "up";
+    add("thread: search", is_broker_up ? Health::problem : Health::warning,
+        is_broker_up ? "a search of our own was not answered"
+                     : "searches are not answered while the broker is away",
+        is_broker_up ? "a firewall? sudo nft list ruleset; sudo ss -ulpn 'sport = :47193'" : "");
+  }
+
+  void ble() {
+    if (!config_.ble_mesh.enabled)
+      return add("ble", Health::well, "not enabled (ble_mesh.enabled)");
+    link("ble", "ble: board");
+  }
+
+  void link(const char* mesh, const std::string& step) {
+    if (facts_.status.is_null()) return add(step, Health::unknown, "the daemon does not answer");
+    const json& facts = group_at(group_at(facts_.status, "meshes"), mesh);
+    const std::string state = text_at(facts, "state");
+    const std::string detail = text_at(facts, "detail");
+    if (state == "up") return add(step, Health::well, detail);
+    if (state == "disabled")
+      return add(step, Health::warning, "enabled in the configuration, but not in the daemon",
+                 "sudo systemctl restart slam-gateway");
+    add(step, Health::problem, detail, "/usr/share/doc/slam-gateway/troubleshooting.md");
+  }
+
+  void broker() {
+    if (facts_.status.is_null()) return;
+    const json& broker = group_at(facts_.status, "broker");
+    const std::string state = text_at(broker, "state");
+    const std::string uri = text_at(broker, "uri");
+    const std::string why = text_at(broker, "why");
+    if (state == "up") {
+      add("broker", Health::well, uri + " is connected");
+    } else {
+      add("broker", state == "down" ? Health::problem : Health::warning,
+          fmt::format("{} is {}: {}", uri, state, why),
+          "/usr/share/doc/slam-gateway/troubleshooting.md, broker.md");
+    }
+    for (const json& right : broker.value("rights_missing", json::array()))
+      add("broker: rights", Health::problem, text_at(right, "what"),
+          "the broker's access control list: " + text_at(right, "grant"));
+    if (const auto back = broker.find("round_trip_ms"); back != broker.end() && back->is_number())
+      add("broker: there and back", Health::well,
+          fmt::format("a message of our own came back after {} ms", back->get<double>()));
+  }
+
+  void store() {
+    if (facts_.status.is_null()) return;
+    const json& store = group_at(facts_.status, "store");
+    const std::string state = text_at(store, "state");
+    const auto full = store.find("full");
+    if (full != store.end() && *full == true)
+      add("store", Health::problem, "is full: robots are not acknowledged",
+          "bring the broker back, or raise store.max_bytes");
+    else if (state == "failing" || state == "absent")
+      add("store", Health::problem, fmt::format("{}: {}", state, text_at(store, "why")),
+          "/usr/share/doc/slam-gateway/troubleshooting.md");
+    else
+      add("store", Health::well, fmt::format("{} messages wait", count_at(store, "depth")));
+    if (const std::uint64_t dead = count_at(store, "dead_letters"); dead > 0)
+      add("store: set aside", Health::warning,
+          fmt::format("{} messages that the broker would not take", dead),
+          "slam-gatewayctl store list; then resend or discard");
+  }
+
+  void robots() {
+    if (facts_.status.is_null()) return;
+    const json& robots = group_at(facts_.status, "robots");
+    const std::uint64_t offline = count_at(robots, "offline");
+    add("robots", offline > 0 ? Health::warning : Health::well,
+        fmt::format("{} online, {} asleep, {} offline", count_at(robots, "online"),
+                    count_at(robots, "asleep"), offline),
+        offline > 0 ? "slam-gatewayctl robots; slam-gatewayctl doctor ROBOT" : "");
+  }
+
+  const HostFacts& facts_;
+  const Config& config_;
+  std::vector<Finding> findings_;
+};
+
+std::string addresses_of(const RobotName& robot) {
+  std::string text;
+  if (robot.ble_address) text = fmt::format("ble 0x{:04x}", *robot.ble_address);
+  if (robot.mqttsn_client_id)
+    text +=
+        (text.empty() ? "" : ", ") + fmt::format("MQTT-SN client id '{}'", *robot.mqttsn_client_id);
+  return text;
+}
+
+}  // namespace
+
+std::vector<Finding> examine(const HostFacts& facts) { return Examination(facts).run(); }
+
+std::vector<Finding> examine_robot(const std::string& robot, const json& robots,
+                                   const ParseResult& configuration) {
+  const auto& named = configuration.config.robots;
+  const auto configured = std::find_if(named.begin(), named.end(),
+                                       [&](const RobotName& name) { return name.id == robot; });
+  std::vector<Finding> findings;
+  if (configured != named.end())
+    findings.push_back({"configuration", Health::well, "is " + addresses_of(*configured), {}});
+  const auto row = std::find_if(robots.begin(), robots.end(),
+                                [&](const json& r) { return text_at(r, "id") == robot; });
+  if (row == robots.end()) {
+    findings.push_back(
+        {"heard", Health::problem,
+         fmt::format("no robot '{}' was heard since the daemon started, on either mesh", robot),
+         configured == named.end()
+             ? "slam-gatewayctl robots lists who was; a robot's id is its MQTT-SN client id, "
+               "ble-<address>, or what `robots` in the configuration says"
+             : "is it switched on, in reach, provisioned (slam-gatewayctl ble nodes), and is its "
+               "address or client id as above?"});
+    return findings;
+  }
+  const std::string state = text_at(*row, "state");
+  const std::string why = text_at(*row, "why");
+  findings.push_back({"heard",
+                      Health::well,
+                      fmt::format("last at {} on {} from {}", text_at(*row, "last_seen"),
+                                  text_at(*row, "mesh"), text_at(*row, "address")),
+                      {}});
+  findings.push_back({"state", state == "offline" ? Health::problem : Health::well,
+                      state + " since " + text_at(*row, "since") + (why.empty() ? "" : ": " + why),
+                      state == "offline" ? "journalctl -u slam-gateway ROBOT_ID=" + robot : ""});
+  findings.push_back(
+      {"traffic",
+       Health::well,
+       fmt::format("{} messages up, {} commands down, {} wait for it", count_at(*row, "messages"),
+                   count_at(*row, "commands"), count_at(*row, "queue")),
+       {}});
+  return findings;
+}
+
+json to_json(const std::vector<Finding>& findings) {
+  json list = json::array();
+  for (const Finding& finding : findings)
+    list.push_back({{"step", finding.step},
+                    {"health", to_string(finding.health)},
+                    {"detail", finding.detail},
+                    {"remedy", finding.remedy}});
+  return list;
+}
+
+std::string to_text(const std::vector<Finding>& findings) {
+  std::string text;
+  for (const json& finding : to_json(findings)) {
+    text += fmt::format("{:<8} {}: {}\n", text_at(finding, "health"), text_at(finding, "step"),
+                        text_at(finding, "detail"));
+    if (const std::string remedy = text_at(finding, "remedy"); !remedy.empty())
+      text += fmt::format("{:<8} -> {}\n", "", remedy);
+  }
+  return text;
+}
+
+bool has_problem(const std::vector<Finding>& findings) {
+  return std::any_of(findings.begin(), findings.end(),
+                     [](const Finding& finding) { return finding.health == Health::problem; });
+}
+
+}  // namespace slamgw::ctl

@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+// `slam-gatewayctl doctor`: the way of a message from radio to broker, step by step: what is well,
+// and what to do about the rest. Pure; the facts are gathered by examination.hpp.
+#pragma once
+
+#include <cstdint>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "daemon/config/parse.hpp"
+
+namespace slamgw::ctl {
+
+enum class Health : std::uint8_t { well, warning, problem, unknown };
+
+struct Finding {
+  std::string step;  ///< "broker", "thread: multicast"
+  Health health = Health::well;
+  std::string detail;  ///< what was seen
+  std::string remedy;  ///< what to do; empty when it is well
+};
+
+/// What this host says of one network interface.
+struct InterfaceFacts {
+  std::string name;
+  bool is_up = false;
+  std::vector<std::string> addresses;         ///< numeric, IPv4 and IPv6
+  std::vector<std::string> multicast_groups;  ///< joined by anybody
+};
+
+struct HostFacts {
+  ParseResult configuration;
+  nlohmann::json status;       ///< the daemon's; null when it does not answer
+  std::string status_failure;  ///< why it does not
+  std::string own_version;
+  std::vector<InterfaceFacts> interfaces;
+  std::optional<bool> is_search_answered;  ///< a SEARCHGW of our own; nothing: not tried
+  std::optional<bool> is_clock_synchronised;
+  std::optional<std::uint64_t> state_free_bytes;  ///< where store.directory lies
+};
+
+/// In the order of the way.
+std::vector<Finding> examine(const HostFacts& facts);
+
+/// What is known of one robot and of why it is silent; `robots` is the daemon's answer to `robots`.
+std::vector<Finding> examine_robot(const std::string& robot, const nlohmann::json& robots,
+                                   const ParseResult& configuration);
+
+nlohmann::json to_json(const std::vector<Finding>& findings);
+/// A line for each, the remedy below it.
+std::string to_text(const std::vector<Finding>& findings);
+/// Whether any of them is a problem.
+bool has_problem(const std::vector<Finding>& findings);
+
+}  // namespace slamgw::ctl

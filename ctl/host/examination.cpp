@@ -1,0 +1,162 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "ctl/host/examination.hpp"
+
+#include <arpa/inet.h>
+#include <ifaddrs.h>
+#include <net/if.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <sys/time.h>
+#include <unistd.h>
+
+#include <array>
+#include <charconv>
+#include <chrono>
+#include <cstring>
+#include <fstream>
+#include <map>
+#include <sstream>
+
+#include "ctl/connection.hpp"
+#include "ctl/host/program.hpp"
+
+namespace slamgw::ctl {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::chrono::seconds answer_patience{10};
+constexpr int search_attempts = 3;
+constexpr std::array<std::uint8_t, 3> searchgw{0x03, 0x01, 0x00};  // MQTT-SN 1.2 section 5.4.2
+constexpr std::uint8_t gwinfo_type = 0x02;
+
+std::string numeric(int family, const void* address) {
+  std::array<char, INET6_ADDRSTRLEN> text{};
+  return inet_ntop(family, address, text.data(), text.size()) ? text.data() : "";
+}
+
+/// `/proc/net/igmp6`: index, interface, group as 32 hex digits, ...
+void add_ipv6_groups(std::map<std::string, InterfaceFacts>& interfaces) {
+  std::ifstream file("/proc/net/igmp6");
+  for (std::string line; std::getline(file, line);) {
+    std::istringstream words(line);
+    std::string index, name, digits;
+    if (!(words >> index >> name >> digits) || digits.size() != 2 * sizeof(in6_addr)) continue;
+    in6_addr group{};
+    for (std::size_t i = 0; i < sizeof group; ++i)
+      std::from_chars(&digits[2 * i], &digits[2 * i] + 2, group.s6_addr[i], 16);
+    interfaces[name].multicast_groups.push_back(numeric(AF_INET6, &group));
+  }
+}
+
+/// `/proc/net/igmp`: a line with the interface's name, then indented ones with a group each, as hex
+/// digits of the host's byte order.
+void add_ipv4_groups(std::map<std::string, InterfaceFacts>& interfaces) {
+  std::ifstream file("/proc/net/igmp");
+  std::string name;
+  for (std::string line; std::getline(file, line);) {
+    std::istringstream words(line);
+    std::string first, second;
+    words >> first >> second;
+    if (!line.starts_with('\t')) {
+      name = second;
+      continue;
+    }
+    in_addr group{};
+    const auto [end, error] =
+        std::from_chars(first.data(), first.data() + first.size(), group.s_addr, 16);
+    if (error == std::errc{}) interfaces[name].multicast_groups.push_back(numeric(AF_INET, &group));
+  }
+}
+
+std::vector<InterfaceFacts> read_interfaces() {
+  std::map<std::string, InterfaceFacts> interfaces;
+  ifaddrs* list = nullptr;
+  if (getifaddrs(&list) != 0) return {};
+  for (const ifaddrs* entry = list; entry; entry = entry->ifa_next) {
+    InterfaceFacts& facts = interfaces[entry->ifa_name];
+    facts.is_up = (entry->ifa_flags & IFF_UP) != 0;
+    if (!entry->ifa_addr) continue;
+    if (entry->ifa_addr->sa_family == AF_INET6)
+      facts.addresses.push_back(
+          numeric(AF_INET6, &reinterpret_cast<const sockaddr_in6*>(entry->ifa_addr)->sin6_addr));
+    if (entry->ifa_addr->sa_family == AF_INET)
+      facts.addresses.push_back(
+          numeric(AF_INET, &reinterpret_cast<const sockaddr_in*>(entry->ifa_addr)->sin_addr));
+  }
+  freeifaddrs(list);
+  add_ipv6_groups(interfaces);
+  add_ipv4_groups(interfaces);
+  std::vector<InterfaceFacts> result;
+  for (auto& [name, facts] : interfaces) {
+    facts.name = name;
+    result.push_back(std::move(facts));
+  }
+  return result;
+}
+
+/// The port of the first address that every interface of one family listens on; searches are sent
+/// there over loopback.
+std::optional<sockaddr_in6> search_target(const mqttsn::Settings& settings) {
+  if (!settings.enabled || !settings.interface.empty()) return std::nullopt;
+  for (const std::string& listen : settings.listen) {
+    if (!listen.starts_with("[::]:")) continue;
+    std::uint16_t port = 0;
+    std::from_chars(listen.data() + 5, listen.data() + listen.size(), port);
+    sockaddr_in6 target{};
+    target.sin6_family = AF_INET6;
+    target.sin6_addr = in6addr_loopback;
+    target.sin6_port = htons(port);
+    return target;
+  }
+  return std::nullopt;
+}
+
+std::optional<bool> search(const mqttsn::Settings& settings) {
+  const auto target = search_target(settings);
+  if (!target) return std::nullopt;
+  const int udp = socket(AF_INET6, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  if (udp < 0) return std::nullopt;
+  timeval second{1, 0};
+  setsockopt(udp, SOL_SOCKET, SO_RCVTIMEO, &second, sizeof second);
+  bool is_answered = false;
+  for (int i = 0; i < search_attempts && !is_answered; ++i) {
+    sendto(udp, searchgw.data(), searchgw.size(), 0, reinterpret_cast<const sockaddr*>(&*target),
+           sizeof *target);
+    std::array<std::uint8_t, 64> answer{};
+    const ssize_t size = recv(udp, answer.data(), answer.size(), 0);
+    is_answered = size >= 3 && answer[1] == gwinfo_type;
+  }
+  close(udp);
+  return is_answered;
+}
+
+std::optional<bool> clock_state() {
+  const ProgramResult shown =
+      run_program({"timedatectl", "show", "-p", "NTPSynchronized", "--value"});
+  if (shown.status != 0) return std::nullopt;
+  return shown.output.starts_with("yes");
+}
+
+}  // namespace
+
+HostFacts gather_facts(const Installation& installation, const std::string& socket) {
+  HostFacts facts;
+  facts.configuration = installation.parsed();
+  facts.own_version = SLAMGW_VERSION;
+  try {
+    Connection connection(socket);
+    facts.status = connection.ask({{"command", "status"}}, answer_patience);
+  } catch (const Failure& failure) {
+    facts.status_failure = failure.what();
+  }
+  facts.interfaces = read_interfaces();
+  facts.is_search_answered = search(installation.parsed().config.mqttsn);
+  facts.is_clock_synchronised = clock_state();
+  std::error_code error;
+  const fs::space_info space = fs::space(installation.state(), error);
+  if (!error) facts.state_free_bytes = space.available;
+  return facts;
+}
+
+}  // namespace slamgw::ctl

@@ -1,0 +1,123 @@
+// SPDX-License-Identifier: Apache-2.0
+// A backup brings everything back; an archive from elsewhere writes nothing.
+#include "ctl/host/backup.hpp"
+
+#include <gtest/gtest.h>
+#include <sys/stat.h>
+
+#include <fstream>
+#include <iterator>
+
+#include "ctl/connection.hpp"
+#include "ctl/host/program.hpp"
+#include "ctl/host/report.hpp"
+#include "tests/support/temp_dir.hpp"
+
+namespace slamgw::ctl {
+namespace {
+
+namespace fs = std::filesystem;
+
+class Backup : public testing::Test {
+ protected:
+  Backup() {
+    fs::create_directories(root() / "etc/gateway.d");
+    fs::create_directories(root() / "state");
+    write("etc/gateway.json",
+          R"({"store": {"directory": ")" + (root() / "state").string() + "\"}}");
+    write("etc/gateway.d/site.json", R"({"broker": {"credentials_file": "credentials.json"}})");
+    write("etc/credentials.json", R"({"username": "u", "password": "hush"})");
+    fs::permissions(root() / "etc/credentials.json",
+                    fs::perms::owner_read | fs::perms::owner_write);
+    write("state/mesh.json", "the mesh's keys");
+    write("state/messages.db", "messages");
+  }
+
+  fs::path root() const { return directory_.path(); }
+  std::string archive() const { return root() / "backup.tar.gz"; }
+  Installation installation() const { return Installation(root() / "etc/gateway.json"); }
+  void write(const std::string& name, const std::string& text) {
+    std::ofstream(root() / name) << text;
+  }
+  std::string read(const std::string& name) const {
+    std::ifstream file(root() / name);
+    return {std::istreambuf_iterator<char>(file), {}};
+  }
+  unsigned mode(const std::string& name) const {
+    struct stat status {};
+    stat((root() / name).c_str(), &status);
+    return status.st_mode & 0777U;
+  }
+
+  test::TempDir directory_;
+};
+
+TEST_F(Backup, BringsEverythingBack) {
+  const std::string told = backup(installation(), archive());
+  EXPECT_NE(told.find(archive()), told.npos);
+  EXPECT_EQ(mode("backup.tar.gz"), 0600U);
+  fs::remove_all(root() / "state");
+  fs::remove_all(root() / "etc");
+  restore(installation(), archive());
+  EXPECT_EQ(read("state/mesh.json"), "the mesh's keys");
+  EXPECT_EQ(read("state/messages.db"), "messages");
+  EXPECT_NE(read("etc/credentials.json").find("hush"), std::string::npos);
+  EXPECT_EQ(mode("etc/credentials.json"), 0600U);
+  EXPECT_EQ(mode("state"), 0700U);
+  EXPECT_EQ(installation().state(), root() / "state");
+}
+
+TEST_F(Backup, KeepsWhatARestoreReplaces) {
+  backup(installation(), archive());
+  write("state/messages.db", "newer messages");
+  write("state/messages.db-wal", "newer log");
+  const std::string told = restore(installation(), archive());
+  EXPECT_EQ(read("state/messages.db"), "messages");
+  EXPECT_FALSE(fs::exists(root() / "state/messages.db-wal"));
+  const auto at = told.find((root() / "state").string() + ".before-restore-");
+  ASSERT_NE(at, told.npos);
+  const std::string aside = told.substr(at, told.find(" now", at) - at);
+  EXPECT_EQ(test::read_file(aside + "/messages.db-wal"), "newer log");
+}
+
+TEST_F(Backup, RefusesWhatIsNone) {
+  write("other", "no archive");
+  EXPECT_THROW(restore(installation(), root() / "other"), Failure);
+  EXPECT_THROW(restore(installation(), root() / "missing"), Failure);
+  EXPECT_THROW(backup(installation(), root() / "no/such/directory"), Failure);
+  EXPECT_EQ(read("state/mesh.json"), "the mesh's keys");
+}
+
+TEST_F(Backup, RefusesAnArchiveThatWritesElsewhere) {
+  backup(installation(), archive());
+  fs::create_directories(root() / "evil/tmp");
+  write("evil/tmp/slam-gateway-evil", "x");
+  run_or_fail({"gunzip", archive()});
+  run_or_fail(
+      {"tar", "-rf", root() / "backup.tar", "-C", root() / "evil", "tmp/slam-gateway-evil"});
+  run_or_fail({"gzip", root() / "backup.tar"});
+  EXPECT_THROW(restore(installation(), archive()), Failure);
+  EXPECT_FALSE(fs::exists("/tmp/slam-gateway-evil"));
+}
+
+TEST_F(Backup, ReportHasNoSecret) {
+  write("etc/gateway.d/oob.json",
+        R"({"ble_mesh": {"provisioning": {"static_oob": "00112233445566778899aabbccddeeff"}}})");
+  report(installation(), root() / "no.sock", root() / "report.tar.gz");
+  EXPECT_EQ(mode("report.tar.gz"), 0600U);
+  const std::string text = run_or_fail({"tar", "-xzOf", root() / "report.tar.gz"});
+  EXPECT_NE(text.find("slam-gatewayctl"), text.npos);
+  EXPECT_NE(text.find("(not shown)"), text.npos);
+  EXPECT_EQ(text.find("00112233445566778899aabbccddeeff"), text.npos);
+  EXPECT_EQ(text.find("hush"), text.npos);
+}
+
+TEST(Program, TellsWhatWentWrong) {
+  EXPECT_EQ(run_program({"slam-gateway-no-such-program"}).status, 127);
+  EXPECT_EQ(run_program({"sh", "-c", "echo out; echo err >&2; exit 3"}).output, "out\nerr\n");
+  EXPECT_EQ(run_program({"sh", "-c", "exit 3"}).status, 3);
+  EXPECT_THROW(run_or_fail({"false"}), Failure);
+}
+
+}  // namespace
+}  // namespace slamgw::ctl

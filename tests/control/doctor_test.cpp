@@ -1,0 +1,143 @@
+// SPDX-License-Identifier: Apache-2.0
+// What `slam-gatewayctl doctor` makes of what it is told.
+#include "ctl/host/doctor.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "ctl/host/report.hpp"
+
+namespace slamgw::ctl {
+namespace {
+
+using nlohmann::json;
+
+HostFacts healthy() {
+  HostFacts facts;
+  facts.own_version = "1.0";
+  facts.status = {{"version", "1.0"},
+                  {"uptime_s", 60},
+                  {"broker", {{"state", "up"}, {"uri", "mqtt://h:1883"}, {"why", ""}}},
+                  {"meshes", {{"thread", {{"state", "up"}, {"detail", "UDP [::]:47193"}}}}},
+                  {"robots", {{"online", 2}, {"asleep", 0}, {"offline", 0}}},
+                  {"store", {{"state", "working"}, {"depth", 0}, {"full", false}}}};
+  facts.interfaces = {{"wpan0", true, {"fe80::1", "fd00::1"}, {"ff02::1", "ff03::1"}}};
+  facts.is_search_answered = true;
+  facts.is_clock_synchronised = true;
+  facts.state_free_bytes = std::uint64_t{1} << 30;
+  return facts;
+}
+
+std::string problems_of(const HostFacts& facts) {
+  std::string steps;
+  for (const Finding& finding : examine(facts)) {
+    if (finding.health == Health::well) continue;
+    steps += finding.step + "; ";
+    EXPECT_FALSE(finding.detail.empty()) << finding.step;
+    if (finding.health == Health::problem) {
+      EXPECT_FALSE(finding.remedy.empty()) << finding.step;
+    }
+  }
+  return steps;
+}
+
+TEST(Doctor, FindsNothingWhereAllIsWell) {
+  EXPECT_EQ(problems_of(healthy()), "");
+  EXPECT_FALSE(has_problem(examine(healthy())));
+}
+
+TEST(Doctor, NamesEachStepThatIsBroken) {
+  HostFacts facts = healthy();
+  facts.status = nullptr;
+  facts.status_failure = "slam-gatewayd is not running";
+  EXPECT_EQ(problems_of(facts), "daemon; thread; ");
+
+  facts = healthy();
+  facts.own_version = "1.1";
+  EXPECT_EQ(problems_of(facts), "daemon; ");
+
+  facts = healthy();
+  facts.configuration.config.mqttsn.interface = "wpan1";
+  EXPECT_EQ(problems_of(facts), "thread: interface; ");
+  facts.configuration.config.mqttsn.interface = "wpan0";
+  EXPECT_EQ(problems_of(facts), "");
+  facts.interfaces[0].multicast_groups = {"ff02::1"};
+  EXPECT_EQ(problems_of(facts), "thread: multicast; ");
+  facts.interfaces[0].addresses = {"fe80::1"};
+  EXPECT_EQ(problems_of(facts), "thread: interface; thread: multicast; ");
+  facts.interfaces[0].is_up = false;
+  EXPECT_EQ(problems_of(facts), "thread: interface; thread: multicast; ");
+
+  facts = healthy();
+  facts.is_search_answered = false;
+  EXPECT_EQ(problems_of(facts), "thread: search; ");
+
+  facts = healthy();
+  facts.status["broker"] = {{"state", "down"}, {"uri", "mqtt://h:1883"}, {"why", "refused"}};
+  facts.is_search_answered = false;
+  EXPECT_EQ(problems_of(facts), "thread: search; broker; ");
+
+  facts = healthy();
+  facts.configuration.config.ble_mesh.enabled = true;
+  facts.status["meshes"]["ble"] = {{"state", "down"}, {"detail", "there is no board"}};
+  EXPECT_EQ(problems_of(facts), "ble: board; ");
+
+  facts = healthy();
+  facts.status["store"]["full"] = true;
+  facts.state_free_bytes = 1000;
+  EXPECT_EQ(problems_of(facts), "disk; store; ");
+
+  facts = healthy();
+  facts.status["store"]["dead_letters"] = 3;
+  facts.status["robots"]["offline"] = 1;
+  facts.is_clock_synchronised = false;
+  EXPECT_EQ(problems_of(facts), "clock; store: set aside; robots; ");
+}
+
+TEST(Doctor, TakesAnyAnswerOfTheDaemon) {
+  HostFacts facts = healthy();
+  for (const json& status :
+       {json(5), json::array(), json::object(), json("x"),
+        json{{"broker", 1}, {"store", {{"full", "x"}}}, {"meshes", {{"thread", 2}}}}}) {
+    facts.status = status;
+    EXPECT_FALSE(to_text(examine(facts)).empty());
+  }
+  EXPECT_FALSE(examine_robot("r", json(3), {}).empty());
+}
+
+TEST(Doctor, TellsWhatIsKnownOfOneRobot) {
+  ParseResult configuration;
+  configuration.config.robots = {{"r1", 0x100, std::nullopt}};
+  const json robots = {{{"id", "r1"},
+                        {"mesh", "ble"},
+                        {"address", "0x0100"},
+                        {"state", "offline"},
+                        {"since", "2026-01-01T00:00:00Z"},
+                        {"last_seen", "2026-01-01T00:00:00Z"},
+                        {"why", "not heard for 30 s"},
+                        {"messages", 7}}};
+  const std::string text = to_text(examine_robot("r1", robots, configuration));
+  EXPECT_NE(text.find("ble 0x0100"), text.npos);
+  EXPECT_NE(text.find("offline since 2026-01-01T00:00:00Z: not heard for 30 s"), text.npos);
+  EXPECT_NE(text.find("7 messages up"), text.npos);
+  const auto unknown = examine_robot("r2", robots, configuration);
+  EXPECT_TRUE(has_problem(unknown));
+}
+
+TEST(Report, HidesSecretsAndKeepsTheRest) {
+  const std::string text = without_secrets(R"({// a comment
+      "broker": {"uri": "mqtt://h", "credentials_file": "c.json", "password": "hush"},
+      "list": [{"static_oob": "0011"}, {"Token": 5}],
+      "ble_mesh": {"provisioning": {"static_oob": null}}})");
+  EXPECT_EQ(text.find("hush"), text.npos);
+  EXPECT_EQ(text.find("0011"), text.npos);
+  EXPECT_EQ(text.find(": 5"), text.npos);
+  EXPECT_NE(text.find("mqtt://h"), text.npos);
+  EXPECT_NE(text.find("c.json"), text.npos);
+  EXPECT_NE(text.find("null"), text.npos);
+  EXPECT_EQ(without_secrets("{\"password\": \"hush\"").find("hush"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace slamgw::ctl
