@@ -139,6 +139,7 @@ OutboxEntry Backlog::take_next() {
   if (is_behinds_turn()) {
     next = std::move(behind_.front().entry);
     behind_.pop_front();
+    next.is_from_backlog = true;
   } else {
     next = std::move(ready_.front());
     ready_.pop_front();

@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-// Publishing: where each message waits, the window, acknowledgements. The dealings with the store
-// are in outbox_store.cpp.
 #include "daemon/delivery/outbox.hpp"
 
 #include <fmt/format.h>
@@ -37,6 +35,7 @@ bool Outbox::has_memory_for(const Entry& entry) const {
 /// Decides where a message that is only in memory waits. `is_overdue`: the broker is too slow for
 /// it.
 void Outbox::place(Entry entry, TimePoint now, bool is_overdue) {
+  entry.is_from_backlog = false;
   const bool is_behind = backlog_.is_ahead_of(entry.message.topic);
   if (entry.is_unacknowledged()) {
     if (!expiry_check_) expiry_check_ = entry.submitted + max_unacknowledged_age;
@@ -107,9 +106,7 @@ void Outbox::refuse(const Entry& entry, TimePoint now) {
 
 void Outbox::on_link_up(std::uint16_t receive_maximum, TimePoint now) {
   is_up_ = true;
-  const std::size_t broker_window = receive_maximum > 1 ? receive_maximum - 1u : 1u;
-  effective_window_ = std::min(window_, broker_window);
-  progress_ = now;
+  in_flight_.on_link_up(receive_maximum, now);
   overdue_check_ = now + broker_patience;
   expire_unacknowledged(now);
   proceed(now);
@@ -118,11 +115,9 @@ void Outbox::on_link_up(std::uint16_t receive_maximum, TimePoint now) {
 void Outbox::on_link_down(TimePoint now) {
   if (!is_up_) return;
   is_up_ = is_stalled_ = false;
-  acknowledged_in_flight_ = backlog_in_flight_ = unacknowledged_in_flight_ = 0;
-  is_unacknowledged_paused_ = false;
   Entries returned;
   Slots moved;
-  for (Entry& entry : in_flight_) {
+  for (Entry& entry : in_flight_.take_all()) {
     if (entry.row != 0) moved.insert(TopicCounts::slot(entry.message.topic));
     if (entry.is_unacknowledged()) {
       ++statistics_.dropped;
@@ -135,7 +130,6 @@ void Outbox::on_link_down(TimePoint now) {
       returned.push_back(std::move(entry));
     }
   }
-  in_flight_.clear();
   place_all_again(std::move(returned), now, false, std::move(moved));
   expire_unacknowledged(now);
   proceed(now);
@@ -153,40 +147,18 @@ void Outbox::proceed(TimePoint now) {
 bool Outbox::publish_next(TimePoint now) {
   if (!is_up_ || backlog_.state() == Backlog::State::opening) return false;
   const Entry* const stored = is_stopping_ ? nullptr : backlog_.next();
-  const bool is_stored_ready = stored && has_room_for(*stored);
-  const bool is_fresh_ready = !waiting_.empty() && has_room_for(waiting_.front());
+  const bool is_stored_ready = stored && in_flight_.has_room_for(*stored);
+  const bool is_fresh_ready = !waiting_.empty() && in_flight_.has_room_for(waiting_.front());
   if (!is_stored_ready && !is_fresh_ready) return false;
-  was_backlog_last_ = is_stored_ready && (!is_fresh_ready || is_backlogs_turn());
-  if (was_backlog_last_) {
-    publish(backlog_.take_next(), now);
-  } else {
-    publish(waiting_.pop(), now);
-  }
+  const bool takes_stored = is_stored_ready && (!is_fresh_ready || in_flight_.is_backlogs_turn());
+  publish(takes_stored ? backlog_.take_next() : waiting_.pop(), now);
   return true;
-}
-
-bool Outbox::has_room_for(const Entry& entry) const {
-  return entry.is_unacknowledged() ? !is_unacknowledged_paused_
-                                   : acknowledged_in_flight_ < effective_window_;
-}
-
-/// While both could go, each has half of the window.
-bool Outbox::is_backlogs_turn() const {
-  const std::size_t fresh_in_flight = acknowledged_in_flight_ - backlog_in_flight_;
-  if (backlog_in_flight_ != fresh_in_flight) return backlog_in_flight_ < fresh_in_flight;
-  return !was_backlog_last_;
 }
 
 void Outbox::publish(Entry entry, TimePoint now) {
   entry.sequence = next_sequence_++;
-  if (entry.is_unacknowledged()) {
-    is_unacknowledged_paused_ = ++unacknowledged_in_flight_ == max_unacknowledged_in_flight;
-  } else if (acknowledged_in_flight_++ == 0) {
-    progress_ = now;
-  }
-  if (entry.is_from_backlog) ++backlog_in_flight_;
   actions_.push(PublishAtBroker{entry.sequence, entry.message});
-  in_flight_.push_back(std::move(entry));
+  in_flight_.add(std::move(entry), now);
 }
 
 void Outbox::on_published(std::uint64_t sequence, TimePoint now) {
@@ -198,31 +170,14 @@ void Outbox::on_publish_refused(std::uint64_t sequence, TimePoint now) {
 }
 
 void Outbox::finish(std::uint64_t sequence, ReceiptOutcome outcome, TimePoint now) {
-  const auto entry =
-      std::lower_bound(in_flight_.begin(), in_flight_.end(), sequence,
-                       [](const Entry& e, std::uint64_t wanted) { return e.sequence < wanted; });
-  if (entry == in_flight_.end() || entry->sequence != sequence) return;  // before a reconnect
-  count_out(*entry);
-  if (!entry->is_unacknowledged()) {
-    progress_ = now;
-    is_stalled_ = false;
-  }
+  const std::optional<Entry> entry = in_flight_.take(sequence, now);
+  if (!entry) return;  // from before a reconnect
+  if (!entry->is_stored) queued_bytes_ -= entry->cost();
+  if (!entry->is_unacknowledged()) is_stalled_ = false;
   ++(outcome == ReceiptOutcome::safe ? statistics_.published : statistics_.refused);
   if (entry->receipt.is_owed()) actions_.push(FireReceipt{entry->receipt, outcome});
   if (entry->row != 0) backlog_.forget(*entry, now);
-  in_flight_.erase(entry);
   proceed(now);
-}
-
-void Outbox::count_out(const Entry& entry) {
-  if (!entry.is_stored) queued_bytes_ -= entry.cost();
-  if (entry.is_unacknowledged()) {
-    if (--unacknowledged_in_flight_ <= max_unacknowledged_in_flight / 2)
-      is_unacknowledged_paused_ = false;
-    return;
-  }
-  --acknowledged_in_flight_;
-  if (entry.is_from_backlog) --backlog_in_flight_;
 }
 
 void Outbox::on_deadline(TimePoint now) {
@@ -265,15 +220,206 @@ void Outbox::expire_unacknowledged(TimePoint now) {
   }
 }
 
+// The store: when messages go there, and what its answers mean for receipts and order.
+
+void Outbox::on_store_event(StoreEvent event, TimePoint now) {
+  std::visit([&](auto& what) { handle(what, now); }, event);
+  proceed(now);
+}
+
+void Outbox::handle(StoreOpened& opened, TimePoint now) {
+  if (opened.count > 0) {
+    const auto age = std::chrono::duration_cast<std::chrono::seconds>(opened.oldest_age);
+    actions_.push(Notice{Severity::notice,
+                         fmt::format("{} undelivered messages are in the store, the oldest {} s "
+                                     "old",
+                                     opened.count, age.count()),
+                         {}});
+  }
+  write_trouble_.clear();
+  read_trouble_.clear();
+  begin_anew(backlog_.on_opened(std::move(opened), now), now);
+}
+
+void Outbox::handle(StoreAbsent& absent, TimePoint now) {
+  write_trouble_ = std::move(absent.why);
+  read_trouble_.clear();
+  begin_anew(backlog_.on_absent(now), now);
+}
+
+/// `in_memory` and what is in flight are not in this store, whatever they were in before.
+void Outbox::begin_anew(Entries in_memory, TimePoint now) {
+  for (Entry& entry : in_flight_.entries()) {
+    if (entry.is_stored) queued_bytes_ += entry.cost();
+    entry.is_stored = entry.is_from_backlog = false;
+    entry.row = 0;
+  }
+  in_flight_.forget_backlog();
+  drop_dead_letters(in_memory);
+  for (Entry& entry : in_memory) {
+    if (entry.is_stored) {
+      queued_bytes_ += entry.cost();
+      entry.order = 0;  // older than all that waits in memory
+    }
+    entry.is_stored = entry.is_from_backlog = false;
+    entry.row = 0;
+  }
+  // What waits now came after all that this store holds.
+  Entries waited = waiting_.take_all();
+  std::move(waited.begin(), waited.end(), std::back_inserter(in_memory));
+  overdue_check_ = now;
+  place_all_again(std::move(in_memory), now);
+}
+
+void Outbox::handle(StoreWritten&, TimePoint) {
+  Backlog::Written written = backlog_.on_written();
+  for (Entry& entry : written.entries) make_safe(entry);
+  for (Entry& entry : in_flight_.entries()) {
+    if (!entry.is_being_copied() || entry.row > written.up_to_row) continue;
+    entry.is_stored = true;
+    make_safe(entry);
+  }
+  end_store_trouble(write_trouble_);
+}
+
+void Outbox::make_safe(Entry& entry) {
+  queued_bytes_ -= entry.cost();
+  if (entry.dead_letter != 0) resending_.erase(entry.dead_letter);
+  const Receipt receipt = std::exchange(entry.receipt, Receipt{});
+  if (receipt.is_owed()) actions_.push(FireReceipt{receipt, ReceiptOutcome::safe});
+}
+
+void Outbox::handle(StoreWriteFailed& failed, TimePoint now) {
+  Entries unsaved = backlog_.on_write_failed(now);
+  for (Entry& entry : in_flight_.entries()) {
+    if (entry.is_being_copied()) backlog_.abandon_copy(entry);
+  }
+  drop_dead_letters(unsaved);
+  report_store_failure(write_trouble_, "written: " + failed.why, now);
+  place_all_again(std::move(unsaved), now);
+}
+
+void Outbox::handle(StoreLoaded& loaded, TimePoint now) {
+  end_store_trouble(read_trouble_);
+  const std::size_t missing = backlog_.on_loaded(std::move(loaded), now);
+  if (missing == 0) return;
+  actions_.push(Notice{Severity::error,
+                       fmt::format("{} messages that were stored are no longer in the store: "
+                                   "somebody else has changed its file",
+                                   missing),
+                       {}});
+  place_all_again({}, now);
+}
+
+void Outbox::handle(StoreLoadFailed& failed, TimePoint now) {
+  backlog_.on_load_failed(now);
+  report_store_failure(read_trouble_, "read: " + failed.why, now);
+}
+
+void Outbox::handle(ResendDeadLetters& resend, TimePoint now) {
+  for (DeadLetter& letter : resend.letters) {
+    if (resending_.contains(letter.id)) continue;  // ordered twice
+    Entry entry;
+    entry.order = next_order_++;
+    entry.dead_letter = letter.id;
+    entry.message = std::move(letter.message);
+    entry.submitted = now;
+    const std::size_t cost = entry.cost();
+    if (!backlog_.can_keep() || !backlog_.keep(entry)) return;  // it stays a dead letter
+    queued_bytes_ += cost;
+    resending_.insert(letter.id);
+  }
+}
+
+/// Dead letters that were to be sent again and that the store did not keep are dead letters still.
+void Outbox::drop_dead_letters(Entries& unsaved) {
+  std::erase_if(unsaved, [this](const Entry& entry) {
+    if (entry.dead_letter == 0 || entry.is_stored) return false;
+    queued_bytes_ -= entry.cost();
+    resending_.erase(entry.dead_letter);
+    return true;
+  });
+}
+
+void Outbox::report_store_failure(std::string& trouble, const std::string& why, TimePoint now) {
+  ++statistics_.store_failures;
+  trouble = "it cannot be " + why;
+  if (!failure_burst_.on_event(now)) return;
+  actions_.push(Notice{Severity::error,
+                       fmt::format("the store cannot be {}; until it can, messages wait in memory "
+                                   "and robots for the broker's acknowledgement",
+                                   why),
+                       {}});
+}
+
+void Outbox::end_store_trouble(std::string& trouble) {
+  if (trouble.empty()) return;
+  trouble.clear();
+  failure_burst_ = Burst(failure_interval);  // the next failure is news
+  if (store_trouble().empty()) {
+    actions_.push(Notice{Severity::notice, "the store works again", {}});
+  }
+}
+
+/// The oldest QoS 1 or 2 message that is neither with the broker nor with the store.
+std::optional<TimePoint> Outbox::oldest_unsaved() const {
+  std::optional<TimePoint> oldest;
+  const auto look_at = [&](const Entry& entry) {
+    if (!entry.is_unacknowledged() && entry.row == 0) oldest = earlier(oldest, entry.submitted);
+  };
+  for (const Entry& entry : in_flight_.entries()) look_at(entry);
+  waiting_.for_each(look_at);
+  return oldest;
+}
+
+void Outbox::check_overdue(TimePoint now) {
+  overdue_check_.reset();
+  // While the broker is away everything goes to the store anyway; a store that cannot keep is
+  // looked at again when it can.
+  if (!is_up_ || !backlog_.can_keep()) return;
+  const auto oldest = oldest_unsaved();
+  if (oldest && now - *oldest < broker_patience) {
+    overdue_check_ = *oldest + broker_patience;
+  } else if (oldest) {
+    save_all(now);
+    if (oldest_unsaved()) overdue_check_ = now + broker_patience;  // the store is full
+  }
+}
+
+void Outbox::save_all(TimePoint now) {
+  if (!backlog_.can_keep()) return;
+  is_stalled_ = is_stopping_ || in_flight_.is_stalled(broker_patience, now);
+  for (Entry& entry : in_flight_.entries()) {
+    const bool is_unsaved = !entry.is_unacknowledged() && entry.row == 0;
+    if (is_unsaved && !backlog_.keep_copy(entry)) break;  // full
+  }
+  place_all_again({}, now, true);
+}
+
+void Outbox::on_stop(TimePoint now) {
+  is_stopping_ = true;
+  stop_check_ = now + stop_patience;
+  backlog_.on_stop();
+  proceed(now);
+}
+
+bool Outbox::is_settled() const {
+  if (!in_flight_.empty() || (is_up_ && !waiting_.empty())) return false;
+  if (backlog_.state() == Backlog::State::opening) return waiting_.empty();
+  return backlog_.is_settled() || !backlog_.can_keep();
+}
+
+// What there is.
+
 std::size_t Outbox::unsaved() const {
   std::size_t count = waiting_.size() + backlog_.behind() + backlog_.unsaved();
-  for (const Entry& entry : in_flight_) count += entry.is_stored ? 0 : 1;
+  for (const Entry& entry : in_flight_.entries()) count += entry.is_stored ? 0 : 1;
   return count;
 }
 
 std::size_t Outbox::depth() const {
   std::size_t count = waiting_.size() + backlog_.behind() + backlog_.rows();
-  for (const Entry& entry : in_flight_) count += entry.row != 0 ? 0 : 1;
+  for (const Entry& entry : in_flight_.entries()) count += entry.row != 0 ? 0 : 1;
   return count;
 }
 

@@ -23,6 +23,7 @@
 #include "daemon/delivery/fair_queue.hpp"
 #include "daemon/delivery/message_store.hpp"
 #include "daemon/delivery/outbox_entry.hpp"
+#include "daemon/delivery/publish_window.hpp"
 #include "daemon/mqtt/settings.hpp"
 
 namespace slamgw {
@@ -45,10 +46,6 @@ class Outbox {
   /// dropped. 64 MiB is minutes of a thousand robots and little on a Pi. One flow (FairQueue) may
   /// have as much as it leaves free: half of it alone, less the more the others have.
   static constexpr std::size_t max_queued_bytes = 64u << 20;
-  /// QoS 0 handed to the client and not yet written. There nobody takes turns any more, so it is no
-  /// more than what keeps the client busy. When it is reached, the next follow together as soon as
-  /// half of it is written: each handing over wakes a thread.
-  static constexpr std::size_t max_unacknowledged_in_flight = 32;
   /// Contract, promise 5: QoS 0 is never queued behind an outage for longer.
   static constexpr std::chrono::seconds max_unacknowledged_age{10};
   /// A broker that has not acknowledged a message for so long is slow: what is only in memory goes
@@ -67,7 +64,7 @@ class Outbox {
   /// `window`: QoS 1 and 2 messages under way at once (`broker.max_inflight`); `store_max_bytes`:
   /// `store.max_bytes`. Nothing is published before the first StoreOpened or StoreAbsent.
   Outbox(std::size_t window, std::uint64_t store_max_bytes)
-      : window_(window), store_max_bytes_(store_max_bytes), backlog_(store_max_bytes) {}
+      : store_max_bytes_(store_max_bytes), backlog_(store_max_bytes), in_flight_(window) {}
 
   void submit(BrokerMessage message, Receipt receipt, TimePoint now);
   /// `receive_maximum` as the broker says it; one slot is left free for MQTT 5 flow control.
@@ -131,16 +128,11 @@ class Outbox {
   void proceed(TimePoint now);
   bool publish_next(TimePoint now);
   bool has_memory_for(const Entry& entry) const;
-  bool has_room_for(const Entry& entry) const;
-  bool is_backlogs_turn() const;
   void publish(Entry entry, TimePoint now);
   void finish(std::uint64_t sequence, ReceiptOutcome outcome, TimePoint now);
-  void count_out(const Entry& entry);
   void expire_unacknowledged(TimePoint now);
 
-  std::size_t window_;
   std::uint64_t store_max_bytes_;
-  std::size_t effective_window_ = 0;
   bool is_up_ = false;
   bool is_stalled_ = false;  // overdue messages and no acknowledgement: all that is fresh is stored
   bool is_stopping_ = false;
@@ -149,13 +141,7 @@ class Outbox {
 
   Backlog backlog_;
   FairQueue waiting_;  // fresh, behind nothing
-  Entries in_flight_;  // sequences rise
-  std::size_t acknowledged_in_flight_ = 0;
-  std::size_t backlog_in_flight_ = 0;
-  std::size_t unacknowledged_in_flight_ = 0;
-  bool is_unacknowledged_paused_ = false;  // until half of what was in flight is written
-  bool was_backlog_last_ = false;
-  TimePoint progress_{};  // the last acknowledgement, or when there was nothing to acknowledge
+  PublishWindow in_flight_;
   std::size_t queued_bytes_ = 0;
 
   std::unordered_set<std::uint64_t> resending_;  // dead letters on their way to the store

@@ -20,7 +20,7 @@ struct OutboxEntry {
   std::uint64_t row = 0;          ///< in the store; 0: not handed to it
   std::uint64_t dead_letter = 0;  ///< its number there until it is stored; 0: it is none
   bool is_stored = false;         ///< `row` is durable
-  bool is_from_backlog = false;   ///< read from the store
+  bool is_from_backlog = false;   ///< it takes the turns of the backlog
 
   bool is_unacknowledged() const { return message.qos == Qos::at_most_once; }
   /// Under way to the broker and to the disk at once.

@@ -77,7 +77,7 @@ TEST_F(FloodTest, DelaysAnotherRobotByWhatIsUnderWayOnly) {
 
 TEST_F(FloodTest, IsHandedOverInBatchesOnceItIsHeldBack) {
   link_up();
-  constexpr std::size_t most = Outbox::max_unacknowledged_in_flight;
+  constexpr std::size_t most = PublishWindow::max_unacknowledged;
   for (std::size_t i = 0; i < 10 * most; ++i) submit("robot/1/update", 0, Qos::at_most_once);
   ASSERT_EQ(under_way.size(), most);
   for (std::size_t written = 1; written < most / 2; ++written) acknowledge_first();

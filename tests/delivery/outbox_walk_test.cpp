@@ -38,7 +38,7 @@ class Walk : public test::OutboxRig {
   void check_bounds() const {
     ASSERT_LE(outbox->queued_bytes(), Outbox::max_queued_bytes);
     ASSERT_LE(outbox->backlog().bytes(), max_bytes);
-    ASSERT_LE(under_way.size(), window + Outbox::max_unacknowledged_in_flight);
+    ASSERT_LE(under_way.size(), window + PublishWindow::max_unacknowledged);
     ASSERT_GE(outbox->depth(), under_way.size());
   }
 

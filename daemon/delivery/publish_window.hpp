@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: Apache-2.0
+// The messages that were handed to the broker and are not answered yet. Decides how many may be at
+// once, and whether the backlog or a fresh message is next. Pure; part of the outbox.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <optional>
+
+#include "daemon/delivery/outbox_entry.hpp"
+
+namespace slamgw {
+
+class PublishWindow {
+ public:
+  /// QoS 0 that is handed to the client and not yet written. There nobody takes turns any more, so
+  /// it is no more than what keeps the client busy. When it is reached, the next follow together as
+  /// soon as half of it is written: each handing over wakes a thread.
+  static constexpr std::size_t max_unacknowledged = 32;
+
+  /// `size`: QoS 1 and 2 messages under way at once.
+  explicit PublishWindow(std::size_t size) : size_(size) {}
+
+  /// `receive_maximum` is the broker's; one slot is left free for MQTT 5 flow control.
+  void on_link_up(std::uint16_t receive_maximum, TimePoint now);
+
+  bool has_room_for(const OutboxEntry& entry) const;
+  /// While both could go, each has half of the window.
+  bool is_backlogs_turn() const;
+  /// `entry.sequence` rises from call to call.
+  void add(OutboxEntry entry, TimePoint now);
+  /// Nothing: it was handed over before a reconnect.
+  std::optional<OutboxEntry> take(std::uint64_t sequence, TimePoint now);
+  std::deque<OutboxEntry> take_all();
+  /// By rising sequence. Whoever changes is_from_backlog calls forget_backlog().
+  std::deque<OutboxEntry>& entries() { return entries_; }
+  const std::deque<OutboxEntry>& entries() const { return entries_; }
+  /// None of them is from the backlog any more.
+  void forget_backlog() { from_backlog_ = 0; }
+
+  bool empty() const { return entries_.empty(); }
+  /// The broker owes an acknowledgement and has given none for `patience`.
+  bool is_stalled(Duration patience, TimePoint now) const {
+    return acknowledged_ > 0 && now - progress_ >= patience;
+  }
+
+ private:
+  std::size_t size_;
+  std::size_t effective_size_ = 0;
+  std::deque<OutboxEntry> entries_;
+  std::size_t acknowledged_ = 0;  // QoS 1 and 2
+  std::size_t from_backlog_ = 0;
+  std::size_t unacknowledged_ = 0;         // QoS 0
+  bool is_unacknowledged_paused_ = false;  // until half of it is written
+  bool was_backlog_last_ = false;
+  TimePoint progress_{};  // the last acknowledgement, or when there was nothing to acknowledge
+};
+
+}  // namespace slamgw
