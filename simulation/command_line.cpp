@@ -97,6 +97,7 @@ void add_thread(CLI::App& app, ThreadOptions& options, std::string& gateway) {
 }
 
 struct BleTexts {
+  std::string firmware = "3.1.0";
   std::string net_key = "000102030405060708090a0b0c0d0e0f";
   std::string app_key = "101112131415161718191a1b1c1d1e1f";
   std::string uuid_prefix = "736c616d";
@@ -110,6 +111,10 @@ void add_ble(CLI::App& app, BleOptions& options, BleTexts& texts) {
   app.add_option("--hops", options.hops, "Radio hops between each robot and the board")
       ->check(CLI::Range(1U, 126U))
       ->capture_default_str();
+  app.add_option("--firmware", texts.firmware,
+                 "Release of the nRF5 SDK for Mesh that board and robots run")
+      ->check(CLI::IsMember({"2.2.0", "3.1.0", "5.0.0"}))
+      ->capture_default_str();
   app.add_flag("--acknowledged", options.is_acknowledged, "Robots use acknowledged messages (SET)");
   app.add_flag("--unprovisioned", options.is_unprovisioned, "Robots wait to be provisioned");
   app.add_option("--uuid-prefix", texts.uuid_prefix,
@@ -118,7 +123,7 @@ void add_ble(CLI::App& app, BleOptions& options, BleTexts& texts) {
   app.add_option("--static-oob", texts.static_oob,
                  "With --unprovisioned: the robots demand this OOB value, 32 hex digits");
   app.add_flag("--heartbeats", options.has_heartbeats,
-               "Heartbeat events each 10 s, as firmware 4.0 and later has them");
+               "Heartbeat events each 10 s; with --firmware 5.0.0");
   app.add_option("--state", options.state, "Keep the flash of board and robots in this file");
   app.add_flag("--unicast", options.is_unicast,
                "Robots publish to the board's unicast address instead of groups");
@@ -183,6 +188,10 @@ void split_gateway(const std::string& gateway, ThreadOptions& options) {
 
 BleOptions finish_ble(BleOptions options, const BleTexts& texts) {
   check_common(options.common);
+  options.firmware = ble::find_firmware(texts.firmware);
+  if (options.has_heartbeats && !options.firmware->has_heartbeats) {
+    throw CLI::ValidationError("--heartbeats", "needs --firmware 5.0.0");
+  }
   options.net_key = parse_key("--net-key", texts.net_key);
   options.app_key = parse_key("--app-key", texts.app_key);
   options.uuid_prefix = parse_hex("--uuid-prefix", texts.uuid_prefix);

@@ -9,6 +9,7 @@
 #include <string>
 #include <variant>
 
+#include "simulation/ble/firmware.hpp"
 #include "simulation/bytes.hpp"
 #include "simulation/time.hpp"
 
@@ -61,6 +62,7 @@ struct ThreadOptions {
 struct BleOptions {
   RobotOptions common;
   std::string tty;
+  const ble::Firmware* firmware = &ble::firmware_3_1_0;  ///< of board and robots
   unsigned hops = 1;
   bool is_acknowledged = false;
   bool is_unicast = false;

@@ -19,6 +19,8 @@ constexpr Address first_robot = 0x0100;  ///< robot n has 0x0100 + n - 1 until p
 constexpr Address min_com_group = 0xc002;
 constexpr Address sensor_update_group = 0xc003;
 constexpr Address pos_cmd_group = 0xc004;
+constexpr Address all_proxies = 0xfffc;
+constexpr Address all_nodes = 0xffff;
 constexpr std::uint8_t default_ttl = 4;
 
 constexpr bool is_unicast(Address address) { return address >= 0x0001 && address <= 0x7fff; }

@@ -58,7 +58,7 @@ Node::Settings node_settings(const BleOptions& options, unsigned number) {
 
 Network::Network(const BleOptions& options)
     : options_(options),
-      board_(Random(options.common.seed, 0, Use::provisioning)),
+      board_(*options.firmware, Random(options.common.seed, 0, Use::provisioning)),
       radio_({options.common.loss, options.hops}, Random(options.common.seed, 0, Use::radio)),
       pb_adv_(options.common.loss, Random(options.common.seed, 0, Use::pb_adv)) {
   if (options.is_configured) board_.configure(to_key(options.net_key), to_key(options.app_key));
@@ -77,7 +77,7 @@ void Network::restore_node(unsigned number, NodeConfiguration configuration,
 }
 
 void Network::on_start(TimePoint now) {
-  board_.on_power_up(now);
+  board_.on_power_up();
   for (Node& node : nodes_) node.on_start(now);
   for (Robot& robot : robots_) robot.on_start(now);
   if (options_.has_heartbeats) next_heartbeats_ = now + heartbeat_interval;
@@ -264,7 +264,7 @@ std::optional<Duration> Network::transmit_until_acknowledged(bool is_to_board,
 }
 
 /// To a group segments are repeated blindly.
-void Network::begin_transfer(const Board::Transmission& transmission, TimePoint now) {
+void Network::begin_transfer(const PacketSender::Transmission& transmission, TimePoint now) {
   const MeshMessage& message = transmission.message;
   Duration duration = Radio::segment_time * static_cast<int>(segment_count(message.payload.size()));
   if (options_.has_segment_timing) duration = segmented_session(message.destination, message.ttl);

@@ -61,7 +61,7 @@ class Network {
   void carry_of_robot(std::size_t index, TimePoint now);
   void deliver(const Reception& reception, TimePoint now);
   void deliver(const PbAdv::Arrival& arrival, TimePoint now);
-  void begin_transfer(const Board::Transmission& transmission, TimePoint now);
+  void begin_transfer(const PacketSender::Transmission& transmission, TimePoint now);
   bool can_reach(const MeshMessage& message) const;
   bool transmit(bool is_to_board, const MeshMessage& message, TimePoint now);
   std::optional<Duration> transmit_until_acknowledged(bool is_to_board, const MeshMessage& message,

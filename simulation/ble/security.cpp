@@ -111,6 +111,12 @@ Key k1(ByteView n, const Key& salt, std::string_view p) {
   return k1(n, salt, octets);
 }
 
+Address virtual_address(const Key& label) {
+  static constexpr std::array<std::uint8_t, 4> vtad{'v', 't', 'a', 'd'};
+  const Key hash = aes_cmac(s1(vtad), label);
+  return static_cast<Address>(0x8000 | (get_u16_be(hash, 14) & 0x3fff));
+}
+
 Bytes aes_ccm_encrypt(const Key& key, const Nonce& nonce, ByteView plain) {
   const Cipher cipher(EVP_CIPHER_CTX_new());
   Bytes out(plain.size() + mic_octets);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The cryptography of provisioning: P-256, AES-CMAC, AES-CCM (OpenSSL's libcrypto) and the
-// functions s1 and k1 (Mesh Profile 1.0 section 3.8.2). Octets are in the specification's order,
-// most significant first. Used by the board's provisioner and by the robots.
+// functions s1 and k1 (Mesh Profile 1.0 section 3.8.2), virtual addresses. Octets are in the
+// specification's order, most significant first. Used by the board's provisioner and by the robots.
 #pragma once
 
 #include <array>
@@ -36,6 +36,9 @@ Key s1(ByteView message);
 /// AES-CMAC(AES-CMAC(salt, n), p) (section 3.8.2.5).
 Key k1(ByteView n, const Key& salt, ByteView p);
 Key k1(ByteView n, const Key& salt, std::string_view p);
+
+/// The address of a label UUID (section 3.4.2.3).
+Address virtual_address(const Key& label);
 
 /// With an 8-octet MIC at the end.
 Bytes aes_ccm_encrypt(const Key& key, const Nonce& nonce, ByteView plain);

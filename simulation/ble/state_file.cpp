@@ -36,8 +36,10 @@ Key key_from(const json& from) {
 }
 
 KeyTable::Slot key_slot(const json& from) {
-  return {from.at("index").get<std::uint16_t>(), from.at("subnet").get<Handle>(),
-          key_from(from.at("key"))};
+  KeyTable::Slot slot{from.at("index").get<std::uint16_t>(), from.at("subnet").get<Handle>(),
+                      key_from(from.at("key"))};
+  if (from.contains("new_key")) slot.new_key = key_from(from.at("new_key"));
+  return slot;
 }
 
 json to_json(const KeyTable& table) {
@@ -48,6 +50,7 @@ json to_json(const KeyTable& table) {
                    {"index", slot->index},
                    {"subnet", slot->subnet},
                    {"key", to_hex(slot->key)}});
+    if (slot->new_key) out.back()["new_key"] = to_hex(*slot->new_key);
   }
   return out;
 }
@@ -68,15 +71,17 @@ json to_json(const AddressTable& table) {
                    {"address", slot->address},
                    {"subscriptions", slot->subscriptions},
                    {"publications", slot->publications}});
+    if (slot->label) out.back()["label"] = to_hex(*slot->label);
   }
   return out;
 }
 
 void restore(AddressTable& table, const json& from) {
   for (const json& slot : from) {
-    const AddressTable::Slot restored{slot.at("address").get<Address>(),
-                                      slot.at("subscriptions").get<unsigned>(),
-                                      slot.at("publications").get<unsigned>()};
+    AddressTable::Slot restored{slot.at("address").get<Address>()};
+    restored.subscriptions = slot.at("subscriptions").get<std::uint16_t>();
+    restored.publications = slot.at("publications").get<std::uint16_t>();
+    if (slot.contains("label")) restored.label = key_from(slot.at("label"));
     if (!table.restore(slot.at("handle").get<Handle>(), restored)) {
       throw std::runtime_error("an address handle is out of range");
     }
@@ -99,11 +104,9 @@ BoardFlash flash_from(const json& from) {
   restore(flash.appkeys, from.at("appkeys"));
   restore(flash.devkeys, from.at("devkeys"));
   restore(flash.addresses, from.at("addresses"));
-  for (const KeyTable* keys : {&flash.appkeys, &flash.devkeys}) {
-    for (const Handle handle : keys->handles()) {
-      if (flash.subnets.find(keys->find(handle)->subnet) == nullptr) {
-        throw std::runtime_error("a key is of no subnet");
-      }
+  for (const Handle handle : flash.appkeys.handles()) {
+    if (flash.subnets.find(flash.appkeys.find(handle)->subnet) == nullptr) {
+      throw std::runtime_error("an application key is of no subnet");
     }
   }
   return flash;

@@ -211,6 +211,7 @@ TEST_F(NetworkTest, LosesOnEachHop) {
 
 TEST_F(NetworkTest, TellsHeartbeatsWhenAsked) {
   BleOptions beating = options(1);
+  beating.firmware = &firmware_5_0_0;
   beating.has_heartbeats = true;
   beating.hops = 3;
   begin(beating);

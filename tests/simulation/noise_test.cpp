@@ -73,7 +73,7 @@ TEST(Network, SurvivesRandomProvisioningCommands) {
         octets += to_host->size();
         if ((*to_host)[1] == 0xc0) std::copy_n(to_host->begin() + 2, 16, uuid.begin());
       }
-      ASSERT_LE(octets, ble::Board::transmit_buffer);
+      ASSERT_LE(octets, ble::TransmitBuffer::capacity);
     }
   }
 }
@@ -100,7 +100,7 @@ TEST(Network, SurvivesRandomBytesFromTheHost) {
       }
       std::size_t octets = 0;
       while (auto to_host = network.next_host_packet()) octets += to_host->size();
-      ASSERT_LE(octets, ble::Board::transmit_buffer);
+      ASSERT_LE(octets, ble::TransmitBuffer::capacity);
     }
   }
 }

@@ -131,7 +131,7 @@ TEST_F(StaticOob, IsAskedForAfterTheSecret) {
   const Bytes request = host_.await(0xc7).value();
   EXPECT_EQ(host_.tell("12 67 00 6e6f726469635f6578616d706c655f31"), "03 84 67 83");
   EXPECT_EQ(host_.tell("11 67 00 6e6f726469635f6578616d706c655f"), "03 84 67 84");
-  EXPECT_EQ(host_.answer_ecdh(request), "04 84 68 00 00 | 05 c6 00 01 00 10");
+  EXPECT_EQ(host_.answer_ecdh(request), "05 c6 00 01 00 10 | 04 84 68 00 00");
   EXPECT_EQ(host_.tell("12 67 00 6e6f726469635f6578616d706c655f31"), "04 84 67 00 00");
   EXPECT_TRUE(host_.await(0xc5).has_value());
   EXPECT_EQ(to_hex(host_.await(0xc2).value()), "c2 00 00");

@@ -69,6 +69,14 @@ TEST(CommandLine, TakesTheKindsOfThreadClients) {
   EXPECT_EQ(thread.keep_alive_s, 5U);
 }
 
+TEST(CommandLine, ChoosesTheFirmware) {
+  const auto usual = std::get<BleOptions>(parse({"ble", "--tty", "/tmp/board"}));
+  EXPECT_EQ(usual.firmware->release, "3.1.0");
+  const auto chosen = std::get<BleOptions>(
+      parse({"ble", "--tty", "/tmp/board", "--firmware", "5.0.0", "--heartbeats"}));
+  EXPECT_EQ(chosen.firmware->release, "5.0.0");
+}
+
 TEST(CommandLine, EndsWithTwoForWrongArguments) {
   const std::vector<std::vector<const char*>> wrong = {
       {},
@@ -87,6 +95,8 @@ TEST(CommandLine, EndsWithTwoForWrongArguments) {
       {"ble", "--tty", "/tmp/board", "--uuid-prefix", "0"},
       {"ble", "--tty", "/tmp/board", "--uuid-prefix", "00112233445566778899aabbcc"},
       {"ble", "--tty", "/tmp/board", "--net-key", "00"},
+      {"ble", "--tty", "/tmp/board", "--firmware", "4.0.0"},
+      {"ble", "--tty", "/tmp/board", "--heartbeats"},
       {"ble", "--tty", "/tmp/board", "--qos", "1"},
   };
   for (const auto& arguments : wrong) {

@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-// The board's life, frames and radio; what the commands do is in board_commands.cpp and
-// board_mesh_commands.cpp.
 #include "simulation/ble/board/board.hpp"
 
 #include <algorithm>
@@ -14,23 +12,34 @@ constexpr std::uint8_t echo_response = 0x82;
 constexpr std::uint8_t command_response = 0x84;
 constexpr std::uint8_t received_unicast = 0xd0;
 constexpr std::uint8_t received_subscription = 0xd1;
-constexpr std::uint8_t tx_complete = 0xd2;
 constexpr std::uint8_t heartbeat_received = 0xd8;
 
-// Commands that do not end in a Command Response
+// Commands that the board carries out itself; the first two don't end in a Command Response
 constexpr std::uint8_t echo = 0x02;
 constexpr std::uint8_t radio_reset = 0x0e;
+constexpr std::uint8_t enable = 0x90;
+constexpr std::uint8_t disable = 0x91;
+constexpr std::uint8_t packet_send = 0xab;
+constexpr std::uint8_t clear_state = 0xac;
 
 constexpr std::uint16_t relay_feature = 0x0001;
 constexpr std::size_t max_event_data = 235;
-constexpr Key factory_uuid{0x5c, 0x1a, 0x6e, 0x00, 0x11, 0x22, 0x33, 0x44,
-                           0x55, 0x66, 0x77, 0x88, 0x99, 0xaa, 0xbb, 0x01};
 
 bool is_setup_command(std::uint8_t opcode) { return opcode >= 0x90 && opcode <= 0xaa; }
+bool is_provisioning_command(std::uint8_t opcode) { return opcode >= 0x60 && opcode <= 0x6f; }
+bool has_no_params(std::uint8_t opcode) {
+  return opcode == radio_reset || opcode == enable || opcode == disable || opcode == clear_state;
+}
 
 }  // namespace
 
-Board::Board(Random random) : uuid_(factory_uuid), provisioner_(random) {}
+Board::Board(const Firmware& firmware, Random random)
+    : firmware_(firmware),
+      device_(firmware, flash_, to_host_),
+      keys_(flash_),
+      addresses_(flash_),
+      sender_(firmware, flash_),
+      provisioner_(firmware, random) {}
 
 void Board::configure(const Key& net_key, const Key& app_key) {
   flash_.subnets.add(0, 0, net_key);
@@ -43,29 +52,23 @@ void Board::configure(const Key& net_key, const Key& app_key) {
 }
 
 /// The stock example starts the mesh by itself.
-void Board::on_power_up(TimePoint) {
+void Board::on_power_up() {
   is_enabled_ = true;
-  send_to_host({device_started, 0x02, 0x00, 0xfe});
+  to_host_.push({device_started, 0x02, 0x00, 0xfe});
 }
 
 void Board::restore(BoardFlash flash) {
   flash_ = std::move(flash);
-  next_sequence_ = flash_.reserved_sequence;
+  sender_.reset();
 }
 
 void Board::reboot(TimePoint now, Duration downtime) {
   is_enabled_ = false;
-  uuid_ = factory_uuid;
+  device_.reset();
   provisioner_.reset();
-  tokens_.clear();
-  sessions_.clear();
+  sender_.reset();
   heard_.clear();
-  next_sequence_ = flash_.reserved_sequence;
-  last_token_ = 0;
-  dropped_ = 0;
-  to_host_.clear();
-  to_host_octets_ = 0;
-  to_air_.clear();
+  to_host_.reset();
   boots_at_ = now + downtime;
 }
 
@@ -73,7 +76,7 @@ void Board::on_host_bytes(ByteView bytes, TimePoint now) {
   for (const std::uint8_t octet : bytes) {
     if (boots_at_) return;  // nobody listens
     if (partial_.empty() && octet == 0) {
-      respond(0x00, {Status::invalid_length, {}});
+      respond(0x00, {Status::invalid_length});
       continue;
     }
     partial_.push_back(octet);
@@ -91,60 +94,52 @@ void Board::on_packet(ByteView packet, TimePoint now) {
   if (opcode == echo) {
     Bytes event{echo_response};
     put(event, params);
-    return send_to_host(std::move(event));
+    return to_host_.push(event);
   }
-  if (opcode >= 0x60 && opcode <= 0x6f) return on_provisioning(opcode, params, now);
-  if (opcode == radio_reset && params.empty()) return reboot(now);
-  if (opcode == radio_reset) return respond(opcode, {Status::invalid_length, {}});
-  const Command* command = find_command(opcode);
-  if (command == nullptr) return respond(opcode, {Status::command_unknown, {}});
-  if (params.size() < command->min_params || params.size() > command->max_params) {
-    return respond(opcode, {Status::invalid_length, {}});
-  }
-  respond(opcode, (this->*command->run)(params, now));
+  if (is_provisioning_command(opcode)) return on_provisioning(opcode, params, now);
+  if (has_no_params(opcode) && !params.empty()) return respond(opcode, {Status::invalid_length});
+  if (opcode == radio_reset) return reboot(now);
+  respond(opcode, run_command(opcode, params, now).value_or(Reply{Status::command_unknown}));
+}
+
+std::optional<Reply> Board::run_command(std::uint8_t opcode, ByteView params, TimePoint now) {
+  if (opcode == enable) return set_enabled(true);
+  if (opcode == disable) return set_enabled(false);
+  if (opcode == packet_send) return sender_.send(params, is_enabled_, now);
+  if (opcode == clear_state) return state_clear();
+  if (auto reply = device_.on_command(opcode, params)) return reply;
+  if (auto reply = keys_.on_command(opcode, params)) return reply;
+  return addresses_.on_command(opcode, params);
+}
+
+Reply Board::set_enabled(bool is_enabled) {
+  if (is_enabled_ == is_enabled) return {Status::invalid_state};
+  is_enabled_ = is_enabled;
+  return {};
+}
+
+Reply Board::state_clear() {
+  flash_ = BoardFlash();
+  sender_.on_state_cleared();
+  if (firmware_.clears_replay_list) heard_.clear();
+  return {};
 }
 
 void Board::on_provisioning(std::uint8_t opcode, ByteView params, TimePoint now) {
-  if (const std::optional<Reply> reply = provisioner_.on_command(opcode, params, now)) {
-    respond(opcode, *reply);
-  }
+  const std::optional<Reply> reply = provisioner_.on_command(opcode, params, now);
   forward_events();
+  if (reply) respond(opcode, *reply);
 }
 
 void Board::forward_events() {
-  while (auto event = provisioner_.next_event()) send_to_host(std::move(*event));
+  while (auto event = provisioner_.next_event()) to_host_.push(*event);
+  while (auto event = sender_.next_event()) to_host_.push(*event);
 }
 
 void Board::respond(std::uint8_t opcode, const Reply& reply) {
   Bytes event{command_response, opcode, static_cast<std::uint8_t>(reply.status)};
   if (reply.status == Status::success) put(event, reply.data);
-  send_to_host(std::move(event));
-}
-
-void Board::send_to_host(Bytes opcode_and_params) {
-  Bytes packet{static_cast<std::uint8_t>(opcode_and_params.size())};
-  put(packet, opcode_and_params);
-  if (to_host_octets_ + packet.size() > transmit_buffer) {
-    ++dropped_;
-    return;
-  }
-  to_host_octets_ += packet.size();
-  to_host_.push_back(std::move(packet));
-}
-
-std::optional<Bytes> Board::next_host_packet() {
-  if (to_host_.empty()) return std::nullopt;
-  Bytes packet = std::move(to_host_.front());
-  to_host_.pop_front();
-  to_host_octets_ -= packet.size();
-  return packet;
-}
-
-std::optional<Board::Transmission> Board::next_transmission() {
-  if (to_air_.empty()) return std::nullopt;
-  Transmission first = std::move(to_air_.front());
-  to_air_.pop_front();
-  return first;
+  to_host_.push(event);
 }
 
 bool Board::hears(Address destination) const {
@@ -153,9 +148,8 @@ bool Board::hears(Address destination) const {
 
 bool Board::listens_to(Address destination) const {
   if (boots_at_ || !is_enabled_) return false;
-  if (is_group(destination)) return flash_.addresses.subscription(destination).has_value();
-  return flash_.local_count > 0 && destination >= flash_.local_start &&
-         destination < flash_.local_start + flash_.local_count;
+  if (is_unicast(destination)) return flash_.is_local(destination);
+  return destination != all_proxies && flash_.addresses.subscription(destination).has_value();
 }
 
 bool Board::is_ready_for(Address destination, TimePoint now) const {
@@ -188,16 +182,21 @@ void Board::on_beacon(const Beacon& beacon) {
 }
 
 void Board::on_heartbeat(Address source, std::uint8_t initial_ttl, std::uint8_t hops) {
-  if (!listens_to(flash_.local_start)) return;
+  if (!firmware_.has_heartbeats || !listens_to(flash_.local_start)) return;
   Bytes event{heartbeat_received, initial_ttl, hops};
   put_u16_le(event, relay_feature);
   put_u16_le(event, source);
-  send_to_host(std::move(event));
+  to_host_.push(event);
 }
 
 void Board::on_link_signal(const LinkSignal& signal, TimePoint now) {
   if (boots_at_) return;
   provisioner_.on_link_signal(signal, now);
+  forward_events();
+}
+
+void Board::on_transfer_ended(std::uint64_t transfer, bool is_acknowledged) {
+  sender_.on_transfer_ended(transfer, is_acknowledged);
   forward_events();
 }
 
@@ -222,45 +221,22 @@ void Board::on_radio(const Reception& reception) {
   put_u8(event, static_cast<std::uint8_t>(reception.rssi_dbm));
   put_u16_le(event, static_cast<std::uint16_t>(message.payload.size()));
   put(event, ByteView(message.payload).first(octets));
-  send_to_host(std::move(event));
+  to_host_.push(event);
 }
 
 std::optional<TimePoint> Board::deadline() const {
-  std::optional<TimePoint> next = first_of(boots_at_, provisioner_.deadline());
-  for (const auto& [token, due] : tokens_) next = first_of(next, due);
-  return next;
+  return first_of(first_of(boots_at_, provisioner_.deadline()), sender_.deadline());
 }
 
 void Board::on_deadline(TimePoint now) {
   if (boots_at_ && *boots_at_ <= now) {
     boots_at_.reset();
     partial_.clear();
-    on_power_up(now);
+    on_power_up();
   }
-  for (auto it = tokens_.begin(); it != tokens_.end();) {
-    if (it->second > now) {
-      ++it;
-      continue;
-    }
-    send_tx_complete(it->first);
-    it = tokens_.erase(it);
-  }
+  sender_.on_deadline(now);
   provisioner_.on_deadline(now);
   forward_events();
-}
-
-void Board::send_tx_complete(std::uint32_t token) {
-  Bytes event{tx_complete};
-  put_u32_le(event, token);
-  send_to_host(std::move(event));
-}
-
-void Board::on_transfer_ended(std::uint64_t transfer, bool is_acknowledged) {
-  const auto session = std::find_if(sessions_.begin(), sessions_.end(),
-                                    [&](const Session& s) { return s.transfer == transfer; });
-  if (session == sessions_.end()) return;  // the board has rebooted since
-  if (is_acknowledged) send_tx_complete(session->token);
-  sessions_.erase(session);
 }
 
 }  // namespace slamgw::sim::ble

@@ -1,18 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-// Nordic's serial firmware (nRF5 SDK for Mesh 3.1.0, stock serial example) as its host sees it:
+// Nordic's serial firmware (stock serial example of the nRF5 SDK for Mesh) as its host sees it:
 // frames `len op params` in, responses and events out, tables with handles, every status code where
-// the real one gives it. No port and no clock: Network feeds it and carries what it transmits.
-//
-// Not simulated, answered as unknown (82): beacons, DFU, virtual addresses, the host-side access
-// layer (0xe0-0xfd), and what 3.1.0 itself does not implement.
+// the real one gives it, in each of the releases of firmware.hpp. No port and no clock: Network
+// feeds it and carries what it transmits.
 #pragma once
 
 #include <cstdint>
-#include <deque>
-#include <map>
 #include <optional>
 
-#include "simulation/ble/board/board_tables.hpp"
+#include "simulation/ble/board/address_commands.hpp"
+#include "simulation/ble/board/device_commands.hpp"
+#include "simulation/ble/board/key_commands.hpp"
+#include "simulation/ble/board/packet_sender.hpp"
 #include "simulation/ble/board/provisioner.hpp"
 #include "simulation/ble/replay_list.hpp"
 
@@ -27,22 +26,17 @@ struct Reception {
 
 class Board {
  public:
-  static constexpr std::size_t transmit_buffer = 2 * 256;  ///< octets towards the host
-  static constexpr std::size_t segmented_sessions = 4;
   static constexpr std::chrono::milliseconds reboot_time{100};
 
-  /// What the board gives to the radio. Of a segmented message it waits for the end.
-  struct Transmission {
-    MeshMessage message;
-    std::optional<std::uint64_t> transfer;  ///< for `on_transfer_ended`
-  };
-
-  explicit Board(Random random);
+  /// `firmware` outlives this.
+  Board(const Firmware& firmware, Random random);
+  Board(const Board&) = delete;
+  Board& operator=(const Board&) = delete;
 
   /// As an earlier session left it: key index 0 of both kinds, address 0x0001, the three groups.
   void configure(const Key& net_key, const Key& app_key);
 
-  void on_power_up(TimePoint now);
+  void on_power_up();
   /// Its RAM is void; it starts after `downtime`.
   void reboot(TimePoint now, Duration downtime = reboot_time);
   void on_host_bytes(ByteView bytes, TimePoint now);
@@ -56,10 +50,11 @@ class Board {
   void on_deadline(TimePoint now);
   std::optional<TimePoint> deadline() const;
 
-  /// The next packet for the host. What is not fetched fills the transmit buffer; when that is
-  /// full, responses and events are dropped, which only command 0x14 tells.
-  std::optional<Bytes> next_host_packet();
-  std::optional<Transmission> next_transmission();
+  /// The next packet for the host.
+  std::optional<Bytes> next_host_packet() { return to_host_.pop(); }
+  std::optional<PacketSender::Transmission> next_transmission() {
+    return sender_.next_transmission();
+  }
   std::optional<LinkSignal> next_link_signal() { return provisioner_.next_link_signal(); }
 
   /// A message to this address with the board's application key would become an event.
@@ -74,88 +69,35 @@ class Board {
   void restore(BoardFlash flash);
 
  private:
-  struct Command {
-    std::uint8_t opcode;
-    std::uint8_t min_params;
-    std::uint8_t max_params;
-    Reply (Board::*run)(ByteView params, TimePoint now);
-  };
-  struct Session {
-    std::uint64_t transfer;
-    std::uint32_t token;
-    Address destination;
-  };
   struct Handles {
     Handle key;
     Handle subnet;
   };
 
-  static const Command* find_command(std::uint8_t opcode);
   void on_packet(ByteView packet, TimePoint now);
+  std::optional<Reply> run_command(std::uint8_t opcode, ByteView params, TimePoint now);
+  Reply set_enabled(bool is_enabled);
+  Reply state_clear();
   void on_provisioning(std::uint8_t opcode, ByteView params, TimePoint now);
   void forward_events();
   bool listens_to(Address destination) const;
   std::optional<Handles> decrypt(const MeshMessage& message) const;
-  void send_tx_complete(std::uint32_t token);
-  void send_to_host(Bytes opcode_and_params);
   void respond(std::uint8_t opcode, const Reply& reply);
 
-  Reply serial_version(ByteView, TimePoint);
-  Reply housekeeping_get(ByteView, TimePoint);
-  Reply housekeeping_clear(ByteView, TimePoint);
-  Reply refuse_application(ByteView, TimePoint);
-  Reply uuid_set(ByteView, TimePoint);
-  Reply uuid_get(ByteView, TimePoint);
-  Reply enable(ByteView, TimePoint);
-  Reply disable(ByteView, TimePoint);
-  Reply subnet_add(ByteView, TimePoint);
-  Reply subnet_update(ByteView, TimePoint);
-  Reply subnet_delete(ByteView, TimePoint);
-  Reply subnet_get_all(ByteView, TimePoint);
-  Reply subnet_count_max(ByteView, TimePoint);
-  Reply appkey_add(ByteView, TimePoint);
-  Reply appkey_update(ByteView, TimePoint);
-  Reply appkey_delete(ByteView, TimePoint);
-  Reply appkey_get_all(ByteView, TimePoint);
-  Reply appkey_count_max(ByteView, TimePoint);
-  Reply devkey_add(ByteView, TimePoint);
-  Reply devkey_delete(ByteView, TimePoint);
-  Reply devkey_count_max(ByteView, TimePoint);
-  Reply local_unicast_set(ByteView, TimePoint);
-  Reply local_unicast_get(ByteView, TimePoint);
-  Reply subscription_add(ByteView, TimePoint);
-  Reply subscription_remove(ByteView, TimePoint);
-  Reply publication_add(ByteView, TimePoint);
-  Reply publication_remove(ByteView, TimePoint);
-  Reply address_get(ByteView, TimePoint);
-  Reply address_get_all(ByteView, TimePoint);
-  Reply nonvirtual_count_max(ByteView, TimePoint);
-  Reply virtual_count_max(ByteView, TimePoint);
-  Reply packet_send(ByteView, TimePoint);
-  Reply state_clear(ByteView, TimePoint);
-
-  Status check_packet_send(ByteView params) const;
-  std::optional<Encryption> encryption_of(Handle handle) const;
-  std::uint32_t take_sequence(std::uint32_t count);
-
+  const Firmware& firmware_;
   BoardFlash flash_;
-  std::uint64_t last_transfer_ = 0;  ///< outlives a reset, so that old transfers don't end new ones
   // Void after a reset
   std::optional<TimePoint> boots_at_;
   bool is_enabled_ = false;
-  Key uuid_{};
+  TransmitBuffer to_host_;
+  DeviceCommands device_;
+  KeyCommands keys_;
+  AddressCommands addresses_;
+  PacketSender sender_;
   Provisioner provisioner_;
-  std::map<std::uint32_t, TimePoint> tokens_;  ///< TX Complete is due; at most max_tokens
-  std::deque<Session> sessions_;
   ReplayList heard_;
-  std::uint32_t next_sequence_ = 0;
-  std::uint32_t last_token_ = 0;
-  std::uint32_t dropped_ = 0;
   std::optional<TimePoint> last_setup_;  ///< the host's last command that changes or reads tables
   Bytes partial_;                        ///< a packet that has begun: length octet first
-  std::deque<Bytes> to_host_;
-  std::size_t to_host_octets_ = 0;
-  std::deque<Transmission> to_air_;
 };
 
 }  // namespace slamgw::sim::ble

@@ -262,7 +262,6 @@ std::optional<Bytes> ConfigServer::subscription(ByteView parameters, Subscriptio
 
 ConfigStatus ConfigServer::subscribe(Address element, Address group, ModelId id,
                                      SubscriptionChange change) {
-  constexpr Address all_nodes = 0xffff;
   if (!is_group(group) || group == all_nodes) return ConfigStatus::invalid_address;
   const ConfigStatus status = can_subscribe(element, id);
   if (status != ConfigStatus::success) return status;

@@ -6,7 +6,6 @@
 namespace slamgw::sim::ble {
 namespace {
 
-constexpr Address all_nodes = 0xffff;
 constexpr std::uint8_t use_default_ttl = 0xff;
 constexpr std::uint8_t health_current_status = 0x04;
 

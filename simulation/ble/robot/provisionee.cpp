@@ -53,11 +53,15 @@ std::optional<Bytes> Provisionee::on_expected(Pdu type, ByteView parameters) {
 }
 
 /// Algorithm, public key, method, action and size: the first two must be 0 (table 5.28), action and
-/// size are for kinds of OOB that robots have not.
+/// size are for kinds of OOB that robots have not. Nordic's device takes the static method although
+/// it has not offered it.
 Bytes Provisionee::on_start(ByteView parameters) {
-  const OobMethod method = identity_.static_oob ? OobMethod::static_oob : OobMethod::none;
-  const Bytes wanted{0, 0, static_cast<std::uint8_t>(method), 0, 0};
-  if (!std::equal(wanted.begin(), wanted.end(), parameters.begin())) {
+  const auto method = static_cast<OobMethod>(parameters[2]);
+  const bool is_known = method == OobMethod::none || method == OobMethod::static_oob;
+  const bool lacks_demanded_oob = identity_.static_oob && method != OobMethod::static_oob;
+  const bool is_rest_zero =
+      parameters[0] == 0 && parameters[1] == 0 && parameters[3] == 0 && parameters[4] == 0;
+  if (!is_known || lacks_demanded_oob || !is_rest_zero) {
     return fail(ProvisioningError::invalid_format);
   }
   put(inputs_, parameters);

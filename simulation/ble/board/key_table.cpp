@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "simulation/ble/board/board_tables.hpp"
-
-#include <utility>
+#include "simulation/ble/board/key_table.hpp"
 
 namespace slamgw::sim::ble {
 
@@ -11,8 +9,7 @@ Added KeyTable::add(std::uint16_t index, Handle subnet, const Key& key) {
     if (!slots_[i]) {
       free = i;
     } else if (slots_[i]->index == index) {
-      const bool is_same = slots_[i]->key == key && slots_[i]->subnet == subnet;
-      return {is_same ? Status::internal : Status::rejected};
+      return {slots_[i]->key == key ? Status::internal : Status::rejected};
     }
   }
   if (!free) return {Status::rejected};
@@ -26,8 +23,11 @@ const KeyTable::Slot* KeyTable::find(Handle handle) const {
   return &*slots_[i];
 }
 
-KeyTable::Slot* KeyTable::find(Handle handle) {
-  return const_cast<Slot*>(std::as_const(*this).find(handle));
+Status KeyTable::update(Handle handle, const Key& new_key) {
+  std::optional<Key>& refreshed = slots_[static_cast<std::size_t>(handle - first_handle_)]->new_key;
+  if (refreshed && *refreshed != new_key) return Status::invalid_state;
+  refreshed = new_key;
+  return Status::success;
 }
 
 bool KeyTable::restore(Handle handle, const Slot& slot) {
@@ -47,7 +47,7 @@ std::vector<Handle> KeyTable::handles() const {
 std::optional<Handle> KeyTable::find_key(const Key& key, Handle subnet) const {
   for (const Handle handle : handles()) {
     const Slot* slot = find(handle);
-    if (slot->key == key && slot->subnet == subnet) return handle;
+    if ((slot->key == key || slot->new_key == key) && slot->subnet == subnet) return handle;
   }
   return std::nullopt;
 }
@@ -86,58 +86,6 @@ std::vector<std::uint16_t> KeyTable::indexes_of_subnet(Handle subnet) const {
   std::vector<std::uint16_t> out;
   for (const auto& slot : slots_) {
     if (slot && slot->subnet == subnet) out.push_back(slot->index);
-  }
-  return out;
-}
-
-Added AddressTable::add(Address address, unsigned Slot::*count) {
-  std::optional<std::size_t> free;
-  for (std::size_t i = max_capacity; i-- > 0;) {
-    if (!slots_[i]) {
-      free = i;
-    } else if (slots_[i]->address == address) {
-      ++(*slots_[i].*count);
-      return {Status::success, static_cast<Handle>(i)};
-    }
-  }
-  if (!free) return {Status::rejected};
-  slots_[*free] = Slot{address};
-  ++(*slots_[*free].*count);
-  return {Status::success, static_cast<Handle>(*free)};
-}
-
-Status AddressTable::remove(Handle handle, unsigned Slot::*count) {
-  if (handle >= max_capacity || !slots_[handle]) return Status::rejected;
-  Slot& slot = *slots_[handle];
-  if (slot.*count == 0) return Status::rejected;
-  --(slot.*count);
-  if (slot.subscriptions == 0 && slot.publications == 0) slots_[handle].reset();
-  return Status::success;
-}
-
-const AddressTable::Slot* AddressTable::find(Handle handle) const {
-  return handle < max_capacity && slots_[handle] ? &*slots_[handle] : nullptr;
-}
-
-bool AddressTable::restore(Handle handle, const Slot& slot) {
-  if (handle >= max_capacity) return false;
-  slots_[handle] = slot;
-  return true;
-}
-
-std::optional<Handle> AddressTable::subscription(Address address) const {
-  for (std::size_t i = 0; i < max_capacity; ++i) {
-    if (slots_[i] && slots_[i]->address == address && slots_[i]->subscriptions > 0) {
-      return static_cast<Handle>(i);
-    }
-  }
-  return std::nullopt;
-}
-
-std::vector<Handle> AddressTable::handles() const {
-  std::vector<Handle> out;
-  for (std::size_t i = 0; i < max_capacity; ++i) {
-    if (slots_[i]) out.push_back(static_cast<Handle>(i));
   }
   return out;
 }

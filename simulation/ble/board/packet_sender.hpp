@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+// Packet Send (0xab): its checks, what is given to the radio, and TX Complete (0xd2) for firmware
+// that has it.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <map>
+#include <optional>
+
+#include "simulation/ble/board/board_flash.hpp"
+#include "simulation/ble/board/reply.hpp"
+#include "simulation/ble/firmware.hpp"
+
+namespace slamgw::sim::ble {
+
+class PacketSender {
+ public:
+  static constexpr std::size_t max_segmented = 4;
+  /// The transport's queue; beyond it Packet Send is rejected.
+  static constexpr std::size_t max_unsegmented = 64;
+
+  /// What the board gives to the radio. Of a segmented message it waits for the end.
+  struct Transmission {
+    MeshMessage message;
+    std::optional<std::uint64_t> transfer;  ///< for `on_transfer_ended`
+  };
+
+  /// Both outlive this.
+  PacketSender(const Firmware& firmware, BoardFlash& flash) : firmware_(firmware), flash_(flash) {}
+
+  Reply send(ByteView params, bool is_radio_on, TimePoint now);
+  /// A failed transfer shows to the host only by what does not come.
+  void on_transfer_ended(std::uint64_t transfer, bool is_acknowledged);
+  std::optional<TimePoint> deadline() const;
+  void on_deadline(TimePoint now);
+
+  std::optional<Transmission> next_transmission();
+  /// TX Complete: opcode and parameters.
+  std::optional<Bytes> next_event();
+
+  /// RAM is void, flash is as it is.
+  void reset();
+  /// State Clear begins the sequence number anew: nodes that have heard higher ones from this
+  /// address discard the board's messages until it has passed them.
+  void on_state_cleared() { next_sequence_ = 0; }
+
+ private:
+  struct Segmented {
+    std::uint64_t transfer;
+    std::uint32_t token;
+    Address destination;
+  };
+  struct Request;
+
+  Status check(const Request& request, bool is_radio_on) const;
+  Status check_queue(Address destination, bool is_segmented) const;
+  std::optional<Encryption> encryption_of(Handle handle) const;
+  std::uint32_t take_sequence(std::uint32_t count);
+  void complete(std::uint32_t token);
+
+  const Firmware& firmware_;
+  BoardFlash& flash_;
+  std::uint64_t last_transfer_ = 0;  ///< outlives a reset, so that old transfers don't end new ones
+  std::map<std::uint32_t, TimePoint> unsegmented_;  ///< when each token's message is out
+  std::deque<Segmented> segmented_;
+  std::uint32_t next_sequence_ = 0;
+  std::uint32_t last_token_ = 0;
+  std::deque<Transmission> to_air_;
+  std::deque<Bytes> events_;
+};
+
+}  // namespace slamgw::sim::ble
