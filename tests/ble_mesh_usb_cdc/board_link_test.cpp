@@ -294,6 +294,41 @@ TEST(BoardLink, MakesRoomWhenTheTableIsSmallerThanStock) {
   }
 }
 
+TEST(BoardLink, SpeaksWithFirmwareOfEachVersion) {
+  for (std::uint16_t version = 5; version <= 11; ++version) {
+    SCOPED_TRACE(version);
+    MeshRig rig;
+    rig.board.serial_version = version;
+    rig.start();
+    rig.hear(0x0100, "ca 59 00");
+    rig.run_for(100ms);
+    ASSERT_EQ(rig.sent_to(0x0100).size(), 1u);
+    EXPECT_EQ(rig.sent_to(0x0100)[0], "cc590000");
+  }
+}
+
+TEST(BoardLink, RefusesFirmwareThatIsOlderThanTheProtocol) {
+  MeshRig rig;
+  rig.board.serial_version = 4;
+  rig.start();
+  EXPECT_FALSE(rig.is_up());
+  EXPECT_TRUE(rig.has_notice("version 4 of Nordic's serial protocol"));
+  EXPECT_EQ(rig.board.count(0x9f) + rig.board.count(0x92), 0u) << "it is left as it is";
+}
+
+TEST(BoardLink, SaysWhatOldFirmwareCannotSend) {
+  MeshRig rig;
+  rig.board.serial_version = 6;
+  rig.start();
+  rig.hear(0x0100, "c9 59 00 0a 00 ec ff");
+  rig.command("nr1/hello", Bytes(100, 'x'));
+  rig.run_for(40s);
+  const auto outcomes = rig.all<CommandOutcome>();
+  ASSERT_EQ(outcomes.size(), 1u);
+  EXPECT_NE(outcomes[0].why.find("sends at most 88"), std::string::npos) << outcomes[0].why;
+  EXPECT_TRUE(rig.sent_to(0x0100).empty());
+}
+
 TEST(BoardLink, SaysOnceWhyThePortIsNotThere) {
   MeshRig rig;
   for (int i = 0; i < 5; ++i) rig.mesh.on_port_closed("no serial board at /dev/x", rig.now);

@@ -19,10 +19,11 @@ Key key_from(std::uint8_t first) {
   return key;
 }
 
-Bytes send(std::string_view payload) {
+Bytes send(std::string_view payload, SerialVersion version = SerialVersion::sdk_3_1) {
   const Bytes access = hex(payload);
   return encode_packet_send(
-      {.appkey_handle = 0, .source = 0x0001, .destination_handle = 2, .ttl = 8, .payload = access});
+      {.appkey_handle = 0, .source = 0x0001, .destination_handle = 2, .ttl = 8, .payload = access},
+      version);
 }
 
 TEST(Commands, WithoutParametersAreOneOctet) {
@@ -61,7 +62,26 @@ TEST(Commands, PacketSendCarriesTheAccessMessage) {
   EXPECT_EQ(send("cc 59 00"), hex("0e ab 00 00 01 00 02 00 08 00 00 00 cc 59 00"));
   EXPECT_EQ(send("82 02 01 07"), hex("0f ab 00 00 01 00 02 00 08 00 00 00 82 02 01 07"));
   const Bytes longest(max_send_bytes, 1);
-  EXPECT_EQ(encode_packet_send({.payload = longest}).size(), 256u);
+  EXPECT_EQ(encode_packet_send({.payload = longest}, SerialVersion::sdk_3_1).size(), 256u);
+}
+
+TEST(Commands, PacketSendHasFewerOptionsInOlderFirmware) {
+  EXPECT_EQ(send("cc 59 00", SerialVersion::sdk_3_0),
+            hex("0e ab 00 00 01 00 02 00 08 00 00 00 cc 59 00"));
+  EXPECT_EQ(send("cc 59 00", SerialVersion::sdk_2_2),
+            hex("0d ab 00 00 01 00 02 00 08 00 00 cc 59 00"));
+  EXPECT_EQ(send("cc 59 00", SerialVersion::sdk_2_0),
+            hex("0d ab 00 00 01 00 02 00 08 00 00 cc 59 00"));
+  EXPECT_EQ(send("cc 59 00", SerialVersion::sdk_1_0),
+            hex("0c ab 00 00 01 00 02 00 08 00 cc 59 00"));
+}
+
+TEST(Commands, LongestMessageFitsIntoOlderFirmwaresPackets) {
+  constexpr std::size_t longest_frame = 98 + 1;
+  for (const SerialVersion version : {SerialVersion::sdk_1_0, SerialVersion::sdk_2_0}) {
+    const Bytes longest(send_limit(version), 1);
+    EXPECT_LE(encode_packet_send({.payload = longest}, version).size(), longest_frame);
+  }
 }
 
 TEST(Commands, FramesOfCommandsNotUsedHereAgreeToo) {

@@ -53,7 +53,7 @@ Bytes FakeBoard::execute(std::uint8_t opcode, ByteView params) {
   ByteReader reader(params);
   switch (opcode) {
     case 0x02: return frame(0x82, params);
-    case 0x09: return response(opcode, 0, hex("0a 00"));
+    case 0x09: return response(opcode, 0, number(serial_version));
     case 0x14: return response(opcode, 0, ByteWriter{}.write_u32_le(dropped).bytes());
     case 0x54: return response(opcode, 0, Bytes(16, 0xab));
     case 0x90: return response(opcode, std::exchange(is_enabled, true) ? 0x83 : 0x00);
@@ -143,7 +143,7 @@ Bytes FakeBoard::send_packet(ByteReader params) {
   const std::uint16_t source = params.read_u16_le();
   const std::uint16_t handle = params.read_u16_le();
   packet.ttl = params.read_u8();
-  params.read(3);
+  params.read(serial_version >= 9 ? 3 : serial_version >= 6 ? 2 : 1);
   const ByteView payload = params.read_rest();
   if (!params.ok()) return response(0xab, 0x84);
   if (source != unicast) return response(0xab, 0x87);
@@ -159,6 +159,7 @@ Bytes FakeBoard::send_packet(ByteReader params) {
   const Bytes reply = devices.on_access(packet.appkey_handle, packet.destination, packet.payload);
   const Bytes heard =
       reply.empty() ? Bytes{} : message(packet.destination, reply, 0, packet.appkey_handle);
+  if (serial_version < 10) return response(0xab, 0) + heard;
   return response(0xab, 0, token) + frame(0xd2, token) + heard;
 }
 

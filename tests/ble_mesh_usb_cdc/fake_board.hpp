@@ -37,6 +37,7 @@ class FakeBoard {
   std::vector<std::pair<std::uint16_t, Bytes>> appkeys;
   std::vector<std::optional<Address>> addresses;  ///< place = handle
   std::size_t max_addresses = 32;
+  std::uint16_t serial_version = 10;
 
   // What goes on.
   bool is_enabled = true;  ///< the stock example starts the mesh itself

@@ -66,6 +66,7 @@ void BoardLink::continue_start_up(TimePoint now) {
 void BoardLink::on_started(TimePoint now) {
   stage_ = Stage::running;
   addresses_ = start_up_->take_addresses();
+  version_ = start_up_->version();
   subnet_handle_ = start_up_->subnet_handle();
   appkey_handle_ = start_up_->appkey_handle();
   if (start_up_->dropped_events()) on_drop_counter(*start_up_->dropped_events(), now);

@@ -53,7 +53,7 @@ using LinkAction = std::variant<WriteSerial, ReopenPort, GenerateKeys, LinkIsUp,
 struct Outgoing {
   std::uint16_t destination = 0;  ///< unicast
   std::optional<std::uint16_t> appkey_handle;
-  Bytes payload;  ///< at most max_send_bytes
+  Bytes payload;
   bool is_urgent = false;
 };
 
@@ -100,7 +100,8 @@ class BoardLink {
 
   bool is_up() const { return is_up_; }
   /// False when it was not taken: the link is down or the queue full. An urgent message that is
-  /// already waiting is not queued twice.
+  /// already waiting is not queued twice. What is longer than the firmware sends ends in
+  /// SendRefused.
   bool send(Outgoing message, TimePoint now);
   /// Takes an urgent message back if it still waits.
   void withdraw(std::uint16_t destination, const Bytes& payload);
@@ -142,6 +143,7 @@ class BoardLink {
   void on_board_cleared(Status status, TimePoint now);
   void on_publication_added(const CommandResponse& response, std::uint16_t address, TimePoint now);
   void on_sent(const CommandResponse& response, std::uint16_t destination);
+  void refuse_send(std::uint16_t destination, std::string why);
   void on_drop_counter(std::uint32_t total, TimePoint now);
   void on_command_timeout(TimePoint now);
 
@@ -171,6 +173,7 @@ class BoardLink {
   TimePoint retry_at_{};  ///< while refused
   TimePoint poll_at_{};   ///< while running
   AddressBook addresses_;
+  SerialVersion version_ = SerialVersion::sdk_3_1;
   std::uint16_t subnet_handle_ = 0;
   std::uint16_t appkey_handle_ = 0;
   std::optional<Bytes> command_;  ///< until its answer is there

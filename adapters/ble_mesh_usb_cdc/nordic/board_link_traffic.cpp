@@ -21,6 +21,14 @@ constexpr bool is_opcode(std::uint8_t octet, CommandOpcode opcode) {
 bool BoardLink::send(Outgoing message, TimePoint now) {
   if (message.is_urgent) withdraw(message.destination, message.payload);
   if (!is_up_ || urgent_.size() + normal_.size() >= max_queued) return false;
+  if (message.payload.size() > send_limit(version_)) {
+    refuse_send(
+        message.destination,
+        fmt::format("{} octets are too many: the board's firmware (serial protocol version "
+                    "{}) sends at most {}",
+                    message.payload.size(), static_cast<unsigned>(version_), send_limit(version_)));
+    return true;
+  }
   (message.is_urgent ? urgent_ : normal_).push_back(std::move(message));
   send_next(now);
   return true;
@@ -174,9 +182,8 @@ void BoardLink::on_publication_added(const CommandResponse& response, std::uint1
     if (const auto oldest = addresses_.take_least_recent())
       return issue(encode_command(CommandOpcode::publication_remove, oldest->handle), 0, now);
   }
-  ++counters_.send_refused;
-  actions_.push(SendRefused{address, fmt::format("the board gives no handle for 0x{:04x} ({})",
-                                                 address, to_string(response.status))});
+  refuse_send(address, fmt::format("the board gives no handle for 0x{:04x} ({})", address,
+                                   to_string(response.status)));
   std::erase_if(urgent_, [&](const Outgoing& message) { return message.destination == address; });
   std::erase_if(normal_, [&](const Outgoing& message) { return message.destination == address; });
 }
@@ -186,13 +193,17 @@ void BoardLink::on_sent(const CommandResponse& response, std::uint16_t destinati
     ++counters_.sent;
     return;
   }
-  ++counters_.send_refused;
   if (response.status == Status::rejected) addresses_.forget_publication(destination);
   const std::string why =
       response.status == Status::invalid_state
           ? "an earlier segmented message to this robot is still being sent"
           : fmt::format("the board refuses to send ({})", to_string(response.status));
-  actions_.push(SendRefused{destination, why});
+  refuse_send(destination, why);
+}
+
+void BoardLink::refuse_send(std::uint16_t destination, std::string why) {
+  ++counters_.send_refused;
+  actions_.push(SendRefused{destination, std::move(why)});
 }
 
 void BoardLink::on_drop_counter(std::uint32_t total, TimePoint now) {
@@ -248,7 +259,8 @@ void BoardLink::send_message(std::deque<Outgoing>& queue, TimePoint now) {
                             .source = settings_.board.address,
                             .destination_handle = *handle,
                             .ttl = settings_.ttl,
-                            .payload = message.payload}),
+                            .payload = message.payload},
+                           version_),
         destination, now);
 }
 

@@ -34,15 +34,31 @@ Bytes encode_local_unicast_set(std::uint16_t address, std::uint16_t count) {
                 ByteWriter{}.write_u16_le(address).write_u16_le(count).bytes());
 }
 
-Bytes encode_packet_send(const PacketSend& packet) {
+std::string_view sdk_releases(SerialVersion version) {
+  switch (version) {
+    case SerialVersion::sdk_1_0: return "1.0";
+    case SerialVersion::sdk_2_0: return "2.0 or 2.1";
+    case SerialVersion::sdk_2_2: return "2.2";
+    case SerialVersion::sdk_3_0: return "3.0";
+    case SerialVersion::sdk_3_1: return "3.1 to 5.0";
+  }
+  return {};
+}
+
+std::size_t send_limit(SerialVersion version) {
+  // The packets of 1.0 and 2.0 are short; 2.1 has the same number as 2.0.
+  return version <= SerialVersion::sdk_2_0 ? 88 : max_send_bytes;
+}
+
+Bytes encode_packet_send(const PacketSend& packet, SerialVersion version) {
   ByteWriter params;
   params.write_u16_le(packet.appkey_handle)
       .write_u16_le(packet.source)
       .write_u16_le(packet.destination_handle)
       .write_u8(packet.ttl)
-      .write_u8(0)   // segmented only when the size asks for it
-      .write_u8(0)   // 32-bit TransMIC
-      .write_u8(0);  // master credentials, not friendship
+      .write_u8(0);  // segmented only when the size asks for it; in 1.0: "reliable", no
+  if (version >= SerialVersion::sdk_2_0) params.write_u8(0);  // 32-bit TransMIC
+  if (version >= SerialVersion::sdk_3_0) params.write_u8(0);  // master credentials, not friendship
   return encode(CommandOpcode::packet_send, params.write(packet.payload).bytes());
 }
 

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// The commands of Nordic's serial protocol (API version 10) that the daemon sends, as complete
+// The commands of Nordic's serial protocol (versions 5 to 10) that the daemon sends, as complete
 // frames. Multi-byte numbers are little-endian on the wire, keys most significant octet first. What
 // the board answers: events.hpp. Called by Resync, StartUp and BoardLink.
 #pragma once
 
 #include <array>
 #include <cstdint>
+#include <string_view>
 
 #include "daemon/core/bytes.hpp"
 
@@ -62,9 +63,24 @@ struct PacketSend {
   std::uint16_t source = 0;              ///< a local unicast address
   std::uint16_t destination_handle = 0;  ///< from 0xa4
   std::uint8_t ttl = 0;
-  ByteView payload;  ///< access message, opcode first; at most `max_send_bytes`
+  ByteView payload;  ///< access message, opcode first; at most `send_limit`
 };
+/// Longest access message with current firmware.
 inline constexpr std::size_t max_send_bytes = 244;
+
+/// What the firmware answers to 0x09. Only Packet Send differs between the versions in what the
+/// daemon sends: a layout that is too long puts its last octets before each message on air.
+enum class SerialVersion : std::uint16_t {
+  sdk_1_0 = 5,   ///< nRF5 SDK for Mesh 1.0.x
+  sdk_2_0 = 6,   ///< 2.0.x, 2.1.x
+  sdk_2_2 = 8,   ///< 2.2.0
+  sdk_3_0 = 9,   ///< 3.0.0
+  sdk_3_1 = 10,  ///< 3.1.0 to 5.0.0
+};
+/// The releases of that version in words, such as "2.2"; empty for numbers that none has.
+std::string_view sdk_releases(SerialVersion version);
+/// Longest access message that every firmware of this version sends.
+std::size_t send_limit(SerialVersion version);
 
 /// A command that has no parameters.
 Bytes encode_command(CommandOpcode opcode);
@@ -72,7 +88,7 @@ Bytes encode_echo(ByteView nonce);
 Bytes encode_subnet_add(std::uint16_t index, const Key& key);
 Bytes encode_appkey_add(std::uint16_t index, std::uint16_t subnet_handle, const Key& key);
 Bytes encode_local_unicast_set(std::uint16_t address, std::uint16_t count);
-Bytes encode_packet_send(const PacketSend& packet);
+Bytes encode_packet_send(const PacketSend& packet, SerialVersion version);
 /// The commands whose only parameter is a handle, an address or an index.
 Bytes encode_command(CommandOpcode opcode, std::uint16_t parameter);
 

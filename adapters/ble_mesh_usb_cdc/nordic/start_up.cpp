@@ -84,8 +84,15 @@ void StartUp::on_response(const CommandResponse& response) {
 
 void StartUp::on_version(const CommandResponse& response) {
   ByteReader data(response.data);
-  if (response.status == Status::success) version_ = data.read_u16_le();
+  const SerialVersion version{data.read_u16_le()};
   step_ = Step::get_uuid;
+  if (response.status != Status::success || !data.ok()) return;  // taken for the latest
+  version_ = version;
+  if (version < SerialVersion::sdk_1_0)
+    refuse(
+        fmt::format("its firmware speaks version {} of Nordic's serial protocol, older than that "
+                    "of nRF5 SDK for Mesh 1.0: program the serial example of a newer SDK",
+                    static_cast<unsigned>(version)));
 }
 
 void StartUp::on_address(const CommandResponse& response) {
@@ -268,7 +275,9 @@ void StartUp::notice(Severity severity, std::string text) {
 }
 
 std::string StartUp::description() const {
-  return fmt::format("serial protocol version {}, board UUID {}", version_,
+  const std::string_view releases = sdk_releases(version_);
+  return fmt::format("serial protocol version {}{}, board UUID {}", static_cast<unsigned>(version_),
+                     releases.empty() ? "" : fmt::format(" (nRF5 SDK for Mesh {})", releases),
                      uuid_.empty() ? "unknown" : uuid_);
 }
 

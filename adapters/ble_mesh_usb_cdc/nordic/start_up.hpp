@@ -50,6 +50,7 @@ class StartUp {
   std::uint16_t appkey_handle() const { return appkey_handle_; }
   /// Events that the board has dropped since its reset, if it says.
   std::optional<std::uint32_t> dropped_events() const { return dropped_events_; }
+  SerialVersion version() const { return version_; }
   /// For `status`: protocol version and UUID.
   std::string description() const;
 
@@ -97,7 +98,7 @@ class StartUp {
   std::string refusal_;
   std::vector<Notice> notices_;
 
-  std::uint16_t version_ = 0;
+  SerialVersion version_ = SerialVersion::sdk_3_1;
   std::string uuid_;
   std::optional<std::uint32_t> dropped_events_;
   bool was_fresh_ = false;
