@@ -151,7 +151,7 @@ std::string Show::paint(std::string_view state, std::string text) const {
   if (!with_colour_) return text;
   const auto is = [state](std::string_view name) { return state == name; };
   std::string_view colour;
-  if (is("up") || is("online") || is("delivered") || is("configured")) colour = "32";
+  if (is("up") || is("online") || is("delivered") || is("sent") || is("configured")) colour = "32";
   if (is("asleep") || is("superseded") || is("provisioned")) colour = "33";
   if (is("down") || is("offline") || is("timeout") || is("refused") || is("reserved"))
     colour = "31";

@@ -198,7 +198,7 @@ void BleMesh::on_broker_link(bool is_up) {
 
 // --- Down ----------------------------------------------------------------------------------------
 
-void BleMesh::on_broker_message(const BrokerMessage& message, TimePoint now) {
+void BleMesh::on_broker_message(const BrokerMessage& message, CommandId id, TimePoint now) {
   const auto target = topics_.parse_command_topic(message.topic);
   if (!target) return;
   Robot* const found = robot_called(target->robot);
@@ -207,12 +207,13 @@ void BleMesh::on_broker_message(const BrokerMessage& message, TimePoint now) {
   if (message.retain && !may_take_retained(robot, message)) return;
 
   const auto refuse = [&](std::string why) {
-    conclude(robot, {{std::string(target->type), CommandResult::refused, {}, std::move(why)}});
+    conclude(robot, {{id, std::string(target->type), CommandResult::refused, {}, std::move(why)}});
   };
   if (is_stopping_) return refuse(gateway_ends);
   if (!link_.is_up()) return refuse("the BLE link is down: " + down_reason_);
   auto command = make_command(settings_, target->type, message.payload, ++last_tid_);
   if (!command.has_value()) return refuse(command.error().why);
+  command->id = id;
   conclude(robot, robot.commands.add(std::move(*command), now));
   transmit_due(robot, now);
   settle(now);
@@ -238,8 +239,8 @@ void BleMesh::transmit_due(Robot& robot, TimePoint now) {
 void BleMesh::conclude(const Robot& robot, EndedCommands ended) {
   for (EndedCommand& command : ended) {
     ++counters_.commands[static_cast<std::size_t>(command.result)];
-    emit(CommandOutcome{Mesh::ble, robot.id, std::move(command.type), command.result, command.after,
-                        std::move(command.why)});
+    emit(CommandOutcome{Mesh::ble, command.id, robot.id, std::move(command.type), command.result,
+                        command.after, std::move(command.why)});
   }
 }
 

@@ -47,7 +47,7 @@ class BleMesh final : public MeshMachine {
   void on_names(RobotNames names, TimePoint now) override;
 
   void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now) override;
-  void on_broker_message(const BrokerMessage& message, TimePoint now) override;
+  void on_broker_message(const BrokerMessage& message, CommandId command, TimePoint now) override;
   void on_subscribe_result(const std::string& filter, bool granted) override;
   void on_broker_link(bool is_up) override;
   void on_stop(TimePoint now) override;
@@ -68,7 +68,7 @@ class BleMesh final : public MeshMachine {
     std::uint64_t unknown_opcodes = 0;
     std::uint64_t statuses_sent = 0;
     std::uint64_t sends_dropped = 0;
-    std::array<std::uint64_t, 4> commands{};  ///< by CommandResult
+    std::array<std::uint64_t, command_result_count> commands{};  ///< by CommandResult
   };
 
   void settle(TimePoint now);

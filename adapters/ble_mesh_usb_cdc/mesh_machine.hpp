@@ -61,7 +61,8 @@ class MeshMachine {
   virtual void on_names(RobotNames names, TimePoint now) = 0;
 
   virtual void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now) = 0;
-  virtual void on_broker_message(const BrokerMessage& message, TimePoint now) = 0;
+  virtual void on_broker_message(const BrokerMessage& message, CommandId command,
+                                 TimePoint now) = 0;
   virtual void on_subscribe_result(const std::string& filter, bool granted) = 0;
   virtual void on_broker_link(bool is_up) = 0;
   /// The daemon ends: no command is taken or waited for any more. What robots were promised to hear

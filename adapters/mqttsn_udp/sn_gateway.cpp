@@ -25,8 +25,8 @@ void SnGateway::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, Tim
   uplink_.on_receipt(receipt_id, outcome);
 }
 
-void SnGateway::on_broker_message(const BrokerMessage& message, TimePoint now) {
-  fan_out_.on_broker_message(message, now);
+void SnGateway::on_broker_message(const BrokerMessage& message, CommandId command, TimePoint now) {
+  fan_out_.on_broker_message(message, command, now);
 }
 
 void SnGateway::on_subscribe_result(const std::string& filter, bool granted, TimePoint now) {

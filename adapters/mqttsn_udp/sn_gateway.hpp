@@ -22,7 +22,7 @@ class SnGateway {
 
   void on_datagram(const Endpoint& from, const LocalAddress& to, ByteView bytes, TimePoint now);
   void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now);
-  void on_broker_message(const BrokerMessage& message, TimePoint now);
+  void on_broker_message(const BrokerMessage& message, CommandId command, TimePoint now);
   void on_subscribe_result(const std::string& filter, bool granted, TimePoint now);
   void on_broker_link(bool is_up, TimePoint now);
   void on_deadline(TimePoint now);

@@ -219,12 +219,14 @@ void App::perform(SubscribeAtBroker& action) {
 void App::perform(UnsubscribeAtBroker& action) { upstream_.unsubscribe(action.filter); }
 
 void App::perform(DeliverToMesh& action) {
-  if (mesh(action.mesh)) mesh(action.mesh)->on_broker_message(action.message);
+  if (mesh(action.mesh)) mesh(action.mesh)->on_broker_message(action.message, action.command);
 }
 
 void App::perform(AnswerSubscribe& action) {
   if (mesh(action.mesh)) mesh(action.mesh)->on_subscribe_result(action.filter, action.granted);
 }
+
+void App::perform(CommandOutcome& outcome) { pending_sends_.on_outcome(outcome); }
 
 void App::perform(TrafficEvent& event) {
   if (control_ && control_->has_watchers()) control_->publish_traffic(event);
@@ -261,15 +263,28 @@ void App::perform(WriteToStore& action) { store_.ask(std::move(action)); }
 
 void App::perform(LoadFromStore& action) { store_.ask(action); }
 
+void App::send(const std::string& robot, const std::string& type, Bytes payload,
+               std::function<void(nlohmann::json)> done) {
+  if (!is_valid_level(robot) || !is_valid_level(type)) {
+    return done(outcome_json("refused", 0, "robot and type are one topic level each"));
+  }
+  if (!gateway_.registry().find(robot)) {
+    return done(outcome_json("refused", 0, fmt::format("no robot '{}' was ever heard", robot)));
+  }
+  if (pending_sends_.is_full())
+    return done(outcome_json("refused", 0, "too many commands wait for their outcome"));
+  drive([&](Gateway& gateway, const Now& now) {
+    const CommandId command = gateway.on_operator_command(robot, type, std::move(payload), now);
+    pending_sends_.add(command, done, now.mono);  // before its outcome is performed
+  });
+}
+
 void App::manage_ble(MeshOrder order, OrderDone done) {
   if (!ble_) return done({{}, "the BLE mesh is not enabled: set ble_mesh.enabled to true"});
   ble_->manage(std::move(order), std::move(done));
 }
 
 void App::on_mesh_event(MeshEvent event) {
-  if (const auto* outcome = std::get_if<CommandOutcome>(&event)) {
-    pending_sends_.on_outcome(*outcome);
-  }
   drive([&](Gateway& gateway, const Now& now) { gateway.on_mesh_event(std::move(event), now); });
 }
 

@@ -69,6 +69,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   void perform(UnsubscribeAtBroker& action);
   void perform(DeliverToMesh& action);
   void perform(AnswerSubscribe& action);
+  void perform(CommandOutcome& outcome);
   void perform(TrafficEvent& event);
   void perform(Notice& notice);
   void perform(PublishAtBroker& action);

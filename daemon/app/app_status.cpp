@@ -139,19 +139,4 @@ json App::robots() {
   return rows;
 }
 
-void App::send(const std::string& robot, const std::string& type, Bytes payload,
-               std::function<void(json)> done) {
-  if (!is_valid_level(robot) || !is_valid_level(type)) {
-    return done(outcome_json("refused", 0, "robot and type are one topic level each"));
-  }
-  if (!gateway_.registry().find(robot)) {
-    return done(outcome_json("refused", 0, fmt::format("no robot '{}' was ever heard", robot)));
-  }
-  if (!pending_sends_.add(robot, type, done, read_clocks().mono)) {
-    return done(outcome_json("refused", 0, "too many commands wait for their outcome"));
-  }
-  on_message({scheme_.command_topic(robot, type), std::move(payload), Qos::at_least_once, false},
-             {});
-}
-
 }  // namespace slamgw

@@ -11,16 +11,12 @@ nlohmann::json outcome_json(std::string_view outcome, std::int64_t after_ms,
   return {{"outcome", outcome}, {"after_ms", after_ms}, {"why", why}};
 }
 
-bool PendingSends::add(std::string robot, std::string type, Done done, TimePoint now) {
-  if (waiting_.size() >= max_waiting) return false;
-  waiting_.push_back({std::move(robot), std::move(type), std::move(done), now});
-  return true;
+void PendingSends::add(CommandId command, Done done, TimePoint now) {
+  waiting_.push_back({command, std::move(done), now});
 }
 
 void PendingSends::on_outcome(const CommandOutcome& outcome) {
-  const auto waiting = std::find_if(waiting_.begin(), waiting_.end(), [&](const Waiting& w) {
-    return w.robot == outcome.robot && w.type == outcome.type;
-  });
+  const auto waiting = std::ranges::find(waiting_, outcome.id, &Waiting::command);
   if (waiting == waiting_.end()) return;
   const Done done = std::move(waiting->done);
   waiting_.erase(waiting);

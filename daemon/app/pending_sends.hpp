@@ -18,17 +18,17 @@ class PendingSends {
   /// A little more than what a mesh may take (contract, promise 6).
   static constexpr std::chrono::seconds patience{35};
 
-  /// False, and nothing is kept, when too many wait already.
-  bool add(std::string robot, std::string type, Done done, TimePoint now);
-  /// The oldest that waits for this robot and type has its answer.
+  bool is_full() const { return waiting_.size() >= max_waiting; }
+  /// Not when it is full.
+  void add(CommandId command, Done done, TimePoint now);
+  /// Whoever waits for this command has its answer.
   void on_outcome(const CommandOutcome& outcome);
   /// Gives up on those that nobody answered. To be called now and then.
   void on_time(TimePoint now);
 
  private:
   struct Waiting {
-    std::string robot;
-    std::string type;
+    CommandId command;
     Done done;
     TimePoint since;
   };

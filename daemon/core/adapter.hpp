@@ -35,8 +35,9 @@ class MeshAdapter {
 
   /// The receipt of an earlier Report fires. Called once for each owed receipt.
   virtual void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome) = 0;
-  /// A message that matches one of this mesh's subscriptions.
-  virtual void on_broker_message(const BrokerMessage& message) = 0;
+  /// A message that matches one of this mesh's subscriptions. `command` comes back in the
+  /// CommandOutcome when the message is a command for a robot of this mesh.
+  virtual void on_broker_message(const BrokerMessage& message, CommandId command) = 0;
   /// The broker's answer to an earlier SubscribeRequest, or the core's when it already holds that
   /// subscription.
   virtual void on_subscribe_result(const std::string& filter, bool granted) = 0;

@@ -35,10 +35,11 @@ Json outcome_json(const CommandOutcome& outcome) {
           {"why", outcome.why}};
 }
 
-/// That a newer command took its place is what the contract says, and nothing to look at.
+/// Superseded is normal; no warning.
 Severity severity_of(CommandResult result) {
   switch (result) {
     case CommandResult::delivered:
+    case CommandResult::sent:
     case CommandResult::superseded: return Severity::info;
     case CommandResult::timeout:
     case CommandResult::refused: break;
@@ -123,15 +124,16 @@ void Gateway::handle(UnsubscribeRequest request, const Now&) {
 }
 
 void Gateway::handle(CommandOutcome outcome, const Now&) {
-  const bool is_delivered = outcome.result == CommandResult::delivered;
-  actions_.push(Notice{severity_of(outcome.result),
-                       fmt::format("{} {} {} {} after {} ms{}{}", to_string(outcome.mesh),
-                                   outcome.robot, outcome.type, to_string(outcome.result),
-                                   outcome.after.count(), is_delivered ? "" : ": ", outcome.why),
-                       outcome.robot, Occasion::command_outcome, outcome.after});
+  actions_.push(
+      Notice{severity_of(outcome.result),
+             fmt::format("{} {} {} {} after {} ms{}{}", to_string(outcome.mesh), outcome.robot,
+                         outcome.type, to_string(outcome.result), outcome.after.count(),
+                         outcome.why.empty() ? "" : ": ", outcome.why),
+             outcome.robot, Occasion::command_outcome, outcome.after});
   actions_.push(Upload{{scheme_.outcome_topic(outcome.robot),
                         to_bytes(outcome_json(outcome).dump()), Qos::at_least_once, false},
                        {}});
+  actions_.push(std::move(outcome));
 }
 
 void Gateway::handle(LinkChange change, const Now&) {
@@ -153,9 +155,21 @@ void Gateway::on_broker_message(BrokerMessage message,
   if (leftovers_.take(message)) return;
   // Retained messages come for the subscription that asked for them only.
   if (!message.retain && !subscriptions_.is_copy_to_take(message, subscriptions)) return;
+  deliver(std::move(message), now);
+}
+
+CommandId Gateway::on_operator_command(const std::string& robot, const std::string& type,
+                                       Bytes payload, const Now& now) {
+  return deliver(
+      {scheme_.command_topic(robot, type), std::move(payload), Qos::at_least_once, false}, now);
+}
+
+CommandId Gateway::deliver(BrokerMessage message, const Now& now) {
   const auto command = scheme_.parse_command_topic(message.topic);
   ++traffic_.down;
+  CommandId id = CommandId::none;
   if (command) {
+    id = CommandId{++last_command_};
     const std::string robot_id(command->robot);
     const Robot* robot = registry_.find(robot_id);
     registry_.on_command(robot_id);
@@ -165,9 +179,10 @@ void Gateway::on_broker_message(BrokerMessage message,
     // A robot with an address on both meshes gets a command once, where it can be reached.
     const bool is_only_on_thread =
         robot && robot->is_reachable_on(Mesh::thread) && !robot->is_reachable_on(Mesh::ble);
-    if (!is_only_on_thread) actions_.push(DeliverToMesh{Mesh::ble, message});
+    if (!is_only_on_thread) actions_.push(DeliverToMesh{Mesh::ble, message, id});
   }
-  actions_.push(DeliverToMesh{Mesh::thread, std::move(message)});
+  actions_.push(DeliverToMesh{Mesh::thread, std::move(message), id});
+  return id;
 }
 
 void Gateway::on_broker_link(bool is_up, const Now& now) {

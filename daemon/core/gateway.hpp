@@ -18,7 +18,8 @@
 
 namespace slamgw {
 
-/// Give it to the outbox; the receipt fires from there.
+/// Give it to the outbox; the receipt fires from there. CommandOutcome, as an action: tell whoever
+/// waits for this command.
 struct Upload {
   BrokerMessage message;
   Receipt receipt;
@@ -34,6 +35,7 @@ struct UnsubscribeAtBroker {
 struct DeliverToMesh {
   Mesh mesh = Mesh::thread;
   BrokerMessage message;
+  CommandId command = CommandId::none;  ///< when it is one
 };
 struct AnswerSubscribe {
   Mesh mesh = Mesh::thread;
@@ -42,7 +44,7 @@ struct AnswerSubscribe {
 };
 
 using GatewayAction = std::variant<Upload, SubscribeAtBroker, UnsubscribeAtBroker, DeliverToMesh,
-                                   AnswerSubscribe, TrafficEvent, Notice>;
+                                   AnswerSubscribe, CommandOutcome, TrafficEvent, Notice>;
 
 class Gateway {
  public:
@@ -63,6 +65,9 @@ class Gateway {
   /// `subscriptions`: which of ours this copy is for, where the broker says it (MQTT 5).
   void on_broker_message(BrokerMessage message, std::span<const SubscriptionId> subscriptions,
                          const Now& now);
+  /// A command that an operator sends. The id comes back in a CommandOutcome.
+  CommandId on_operator_command(const std::string& robot, const std::string& type, Bytes payload,
+                                const Now& now);
   /// Up: subscribes everything again, says `online` and every robot's presence again (a broker
   /// without persistence has forgotten them). Down: answers what still waits for the broker.
   void on_broker_link(bool is_up, const Now& now);
@@ -95,6 +100,7 @@ class Gateway {
   void handle(CommandOutcome outcome, const Now& now);
   void handle(LinkChange change, const Now& now);
   void handle(Notice notice, const Now& now);
+  CommandId deliver(BrokerMessage message, const Now& now);
   void reject(const Report& report, std::string_view type, Robot* robot, Bytes payload,
               const Now& now);
   void announce(const std::string& id, const Robot& robot);
@@ -108,6 +114,7 @@ class Gateway {
   LeftoverRobots leftovers_;
   Traffic traffic_;
   LinkState mesh_links_[2];
+  std::uint64_t last_command_ = 0;
   bool is_broker_up_ = false;
   bool is_store_full_ = false;
   bool is_stopping_ = false;

@@ -17,6 +17,7 @@ std::string_view to_string(Presence presence) {
 std::string_view to_string(CommandResult result) {
   switch (result) {
     case CommandResult::delivered: return "delivered";
+    case CommandResult::sent: return "sent";
     case CommandResult::timeout: return "timeout";
     case CommandResult::refused: return "refused";
     case CommandResult::superseded: return "superseded";

@@ -100,18 +100,25 @@ struct UnsubscribeRequest {
   std::string filter;
 };
 
-enum class CommandResult : std::uint8_t { delivered, timeout, refused, superseded };
+/// Names one command (a message under `<prefix>/server/<robot>/<type>`) from its entry to its
+/// outcome. Given by the core, unique for the life of the process. `none`: no command, or one from
+/// before a restart.
+enum class CommandId : std::uint64_t { none = 0 };
+
+/// `sent`: at QoS 0; nobody acknowledges it.
+enum class CommandResult : std::uint8_t { delivered, sent, timeout, refused, superseded };
+inline constexpr std::size_t command_result_count = 5;
 std::string_view to_string(CommandResult result);
 
-/// Down: how one command (a message under `<prefix>/server/<robot>/<type>`) ended. Exactly one for
-/// each command.
+/// Down: how one command ended. Exactly one for each command.
 struct CommandOutcome {
   Mesh mesh = Mesh::thread;
+  CommandId id = CommandId::none;
   std::string robot;
   std::string type;
   CommandResult result = CommandResult::delivered;
   std::chrono::milliseconds after{0};
-  std::string why;  ///< empty when delivered
+  std::string why;  ///< empty when delivered or sent
 };
 
 /// The mesh's own link (the serial board, the UDP sockets) came up or went down; `detail` is for

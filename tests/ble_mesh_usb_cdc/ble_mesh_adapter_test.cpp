@@ -154,10 +154,12 @@ TEST_F(BleMeshAdapterTest, BringsAFreshBoardUpAndCarriesAMessageBothWays) {
   EXPECT_EQ(to_hex(board.sent[0].payload), "cc590000");
 
   adapter->on_broker_message(
-      {"ntnu-slam/server/ble-0100/cmd", hex("0a 00 ec ff"), Qos::at_least_once, false});
+      {"ntnu-slam/server/ble-0100/cmd", hex("0a 00 ec ff"), Qos::at_least_once, false},
+      CommandId{5});
   ASSERT_TRUE(eventually([&] { return board.sent.size() == 2; }));
   plugged->say(board.message(0x0100, hex("d0 59 00 00")));
-  EXPECT_TRUE(eventually([&] { return !listener.all<CommandOutcome>().empty(); }));
+  ASSERT_TRUE(eventually([&] { return !listener.all<CommandOutcome>().empty(); }));
+  EXPECT_EQ(listener.all<CommandOutcome>()[0].id, CommandId{5});
 }
 
 TEST_F(BleMeshAdapterTest, SurvivesUnplugAndReplug) {

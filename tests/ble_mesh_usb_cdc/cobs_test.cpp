@@ -187,10 +187,12 @@ TEST_F(CobsMeshTest, DropsTheTornFrameAfterEachOpening) {
 TEST_F(CobsMeshTest, CommandsAreRefusedNotSwallowed) {
   make(CobsContent::positions);
   mesh->on_broker_message({"ntnu-slam/server/nr1/cmd", hex("0a 00 ec ff"), Qos::at_least_once, {}},
-                          now);
-  mesh->on_broker_message({"ntnu-slam/server/other/cmd", hex("0a"), Qos::at_least_once, {}}, now);
+                          CommandId{1}, now);
+  mesh->on_broker_message({"ntnu-slam/server/other/cmd", hex("0a"), Qos::at_least_once, {}},
+                          CommandId{2}, now);
   drain();
   ASSERT_EQ(all<CommandOutcome>().size(), 1u);
+  EXPECT_EQ(all<CommandOutcome>()[0].id, CommandId{1});
   EXPECT_EQ(all<CommandOutcome>()[0].result, CommandResult::refused);
   EXPECT_NE(all<CommandOutcome>()[0].why.find("not supported by this link"), std::string::npos);
 }

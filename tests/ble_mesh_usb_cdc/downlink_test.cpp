@@ -92,7 +92,10 @@ TEST_F(Downlink, ANewerPositionReplacesOneThatWasNotSent) {
   rig.command("nr1/cmd", hex("03 00 03 00"));
   ASSERT_EQ(outcomes().size(), 1u);
   EXPECT_EQ(outcomes()[0].result, CommandResult::superseded);
+  EXPECT_EQ(outcomes()[0].id, CommandId{2});
   rig.hear(robot, "d0 59 00 00");
+  ASSERT_EQ(outcomes().size(), 2u);
+  EXPECT_EQ(outcomes()[1].id, CommandId{1});
   EXPECT_EQ(sent(), (std::vector<std::string>{"cd590001000100", "cd590003000300"}));
 }
 

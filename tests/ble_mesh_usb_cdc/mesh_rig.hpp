@@ -72,7 +72,7 @@ class MeshRig {
   void command(std::string topic, Bytes payload, bool retain = false) {
     mesh.on_broker_message(
         {"ntnu-slam/server/" + std::move(topic), std::move(payload), Qos::at_least_once, retain},
-        now);
+        CommandId{++last_command}, now);
     drain();
   }
 
@@ -148,6 +148,7 @@ class MeshRig {
   bool reopens_port = true;
   std::vector<NodeDatabase> stored;
   bool answers_stores = true;
+  std::uint64_t last_command = 0;  ///< the id of the last one
   std::string store_problem;
   std::vector<OrderAnswer> answers;
 

@@ -26,7 +26,7 @@ Report unreadable_update() {
 }
 
 CommandOutcome outcome(CommandResult result) {
-  return {Mesh::thread, "r", "cmd", result, 10ms, "why"};
+  return {Mesh::thread, {}, "r", "cmd", result, 10ms, "why"};
 }
 
 std::ostream& operator<<(std::ostream& out, const Case& each) { return out << each.name; }
@@ -57,6 +57,7 @@ INSTANTIATE_TEST_SUITE_P(
              Occasion::robot_presence},
         Case{"Delivered", outcome(CommandResult::delivered), Severity::info,
              Occasion::command_outcome},
+        Case{"Sent", outcome(CommandResult::sent), Severity::info, Occasion::command_outcome},
         Case{"Timeout", outcome(CommandResult::timeout), Severity::warning,
              Occasion::command_outcome},
         Case{"Refused", outcome(CommandResult::refused), Severity::warning,

@@ -235,7 +235,7 @@ TEST_F(GatewayTest, TakesOneCopyOfAMessageForOverlappingSubscriptions) {
 }
 
 TEST_F(GatewayTest, ReportsHowACommandEnded) {
-  say(CommandOutcome{Mesh::ble, "a", "cmd", CommandResult::timeout, 30000ms, "no STATUS"});
+  say(CommandOutcome{Mesh::ble, {}, "a", "cmd", CommandResult::timeout, 30000ms, "no STATUS"});
   const auto uploads = drain<Upload>();
   ASSERT_EQ(uploads.size(), 1u);
   EXPECT_EQ(uploads[0].message.topic, "ntnu-slam/gateway/pi1/commands/a");

@@ -47,7 +47,7 @@ class MeshInputs {
     mesh_.on_broker_message(
         {"p/server/nr1/" + types[argument % 3], Bytes(octets.begin(), octets.end()),
          Qos::at_least_once, argument >= 128},
-        now_);
+        CommandId{asked_}, now_);
   }
 
   /// The board's response to the command in flight.

@@ -183,14 +183,16 @@ TEST(SnGateway, TellsTheOutcomeOfEachCommandOnce) {
   rig.subscribe(1, command, 1);
   rig.broker(command, "0", 0);
   ASSERT_EQ(rig.outcomes.size(), 1U);
-  EXPECT_EQ(rig.outcomes[0].result, CommandResult::delivered);
+  EXPECT_EQ(rig.outcomes[0].result, CommandResult::sent) << "nobody acknowledges QoS 0";
   EXPECT_EQ(rig.outcomes[0].type, "cmd");
+  EXPECT_EQ(rig.outcomes[0].id, CommandId{1});
   rig.broker(command, "1", 1);
   EXPECT_EQ(rig.outcomes.size(), 1U);
   rig.pass_s(3);
   rig.send(1, Puback{1, 1, ReturnCode::accepted});
   ASSERT_EQ(rig.outcomes.size(), 2U);
   EXPECT_EQ(rig.outcomes[1].result, CommandResult::delivered);
+  EXPECT_EQ(rig.outcomes[1].id, CommandId{2});
   EXPECT_EQ(rig.outcomes[1].after, std::chrono::seconds(3));
   rig.broker(command, "2", 1);
   rig.pass_s(30);

@@ -73,7 +73,7 @@ void FuzzLife::broker_message(std::uint8_t argument, ByteView payload) {
   static const char* const topics[] = {"a", "a/b", "b", "p/server/c/cmd", "p/robot/c/adv"};
   gateway_.on_broker_message({topics[argument % 5], Bytes(payload.begin(), payload.end()),
                               static_cast<Qos>(argument / 5 % 3), argument % 2 == 0},
-                             now_);
+                             CommandId{argument}, now_);
 }
 
 bool FuzzLife::drain() {

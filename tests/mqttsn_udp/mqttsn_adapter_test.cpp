@@ -55,7 +55,8 @@ TEST(MqttsnAdapter, CarriesARobotsMessageUpAndACommandDown) {
   robot.send(Publish{false, WireQos::one, false, TopicIdType::normal, 1, 3, to_bytes("x")});
   EXPECT_EQ(robot.receive(), "PUBACK id=1 msg=3 code=0");
   ASSERT_EQ(rig.core.reports.size(), 1U);
-  rig.adapter.on_broker_message({"ntnu-slam/server/r1/cmd", to_bytes("y"), Qos{}, false});
+  rig.adapter.on_broker_message({"ntnu-slam/server/r1/cmd", to_bytes("y"), Qos{}, false},
+                                CommandId{1});
   EXPECT_EQ(robot.receive(), "PUBLISH dup=0 qos=0 retain=0 normal id=2 msg=0 data=79");
 }
 

@@ -72,7 +72,8 @@ void SnRig::publish(unsigned n, std::uint16_t id, unsigned qos, std::uint16_t ms
 
 void SnRig::broker(const std::string& topic, const std::string& payload, unsigned qos,
                    bool retain) {
-  gateway.on_broker_message({topic, to_bytes(payload), static_cast<Qos>(qos), retain}, now);
+  gateway.on_broker_message({topic, to_bytes(payload), static_cast<Qos>(qos), retain},
+                            CommandId{++last_command_}, now);
   drain();
 }
 

@@ -73,6 +73,7 @@ class SnRig {
   std::map<Endpoint, std::vector<std::string>> outbox_;
   std::deque<std::string> to_answer_;
   std::uint16_t msg_id_ = 1000;
+  std::uint64_t last_command_ = 0;
 };
 
 /// One list from several, for comparing.

@@ -206,13 +206,13 @@ void CobsMesh::on_broker_link(bool is_up) {
     if (!std::exchange(peer.is_subscribed, true)) subscribe(peer);
 }
 
-void CobsMesh::on_broker_message(const BrokerMessage& message, TimePoint) {
+void CobsMesh::on_broker_message(const BrokerMessage& message, CommandId command, TimePoint) {
   const auto target = topics_.parse_command_topic(message.topic);
   if (!target) return;
   const bool is_ours = std::ranges::any_of(
       peers_, [&](const auto& entry) { return entry.second.id == target->robot; });
   if (!is_ours) return;
-  emit(CommandOutcome{Mesh::ble, std::string(target->robot), std::string(target->type),
+  emit(CommandOutcome{Mesh::ble, command, std::string(target->robot), std::string(target->type),
                       CommandResult::refused, std::chrono::milliseconds{0},
                       "not supported by this link (ble_mesh.protocol is \"cobs\")"});
 }

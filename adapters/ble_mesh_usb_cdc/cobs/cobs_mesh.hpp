@@ -38,7 +38,7 @@ class CobsMesh final : public MeshMachine {
 
   void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now) override;
   /// Answered with the outcome "refused" when the robot is on this link.
-  void on_broker_message(const BrokerMessage& message, TimePoint now) override;
+  void on_broker_message(const BrokerMessage& message, CommandId command, TimePoint now) override;
   void on_subscribe_result(const std::string& filter, bool granted) override;
   void on_broker_link(bool is_up) override;
 

@@ -100,8 +100,9 @@ void BleMeshAdapter::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome
       [&](MeshMachine& mesh, TimePoint now) { mesh.on_receipt(receipt_id, outcome, now); });
 }
 
-void BleMeshAdapter::on_broker_message(const BrokerMessage& message) {
-  driver_.input([&](MeshMachine& mesh, TimePoint now) { mesh.on_broker_message(message, now); });
+void BleMeshAdapter::on_broker_message(const BrokerMessage& message, CommandId command) {
+  driver_.input(
+      [&](MeshMachine& mesh, TimePoint now) { mesh.on_broker_message(message, command, now); });
 }
 
 void BleMeshAdapter::on_subscribe_result(const std::string& filter, bool granted) {

@@ -9,10 +9,12 @@
 #include "adapters/ble_mesh_usb_cdc/access/opcode.hpp"
 #include "adapters/ble_mesh_usb_cdc/refusal.hpp"
 #include "adapters/ble_mesh_usb_cdc/settings.hpp"
+#include "daemon/core/messages.hpp"
 
 namespace slamgw::ble {
 
 struct Command {
+  CommandId id = CommandId::none;
   std::string type;
   Bytes access;                 ///< the acknowledged message to send, opcode first
   Opcode awaited_status = 0;    ///< what the robot answers when it has it

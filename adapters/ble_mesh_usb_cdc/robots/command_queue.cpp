@@ -11,7 +11,7 @@ namespace {
 
 EndedCommand end(const Command& command, TimePoint arrived, TimePoint now, CommandResult result,
                  std::string why) {
-  return {command.type, result,
+  return {command.id, command.type, result,
           std::chrono::duration_cast<std::chrono::milliseconds>(now - arrived), std::move(why)};
 }
 

@@ -15,6 +15,7 @@ namespace slamgw::ble {
 
 /// How one command ended.
 struct EndedCommand {
+  CommandId id = CommandId::none;
   std::string type;
   CommandResult result = CommandResult::delivered;
   std::chrono::milliseconds after{0};

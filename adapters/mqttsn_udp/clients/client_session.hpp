@@ -46,6 +46,7 @@ struct Subscription {
 
 /// A message under `<prefix>/server/<robot>/<type>`, whose outcome is told exactly once.
 struct Command {
+  CommandId id = CommandId::none;  ///< none: from before a restart
   std::string robot;
   std::string type;
   TimePoint came{};

@@ -83,7 +83,8 @@ std::shared_ptr<Command> command_of(const MessageSnapshot& message, const Sessio
   const bool has_rebooted = now < saved_at;
   const Duration away = has_rebooted ? Duration(limits::command_patience) : now - saved_at;
   const Duration age = std::min<Duration>(*message.command_age + away, limits::command_patience);
-  return std::make_shared<Command>(Command{snapshot.robot, type, now - age, false});
+  return std::make_shared<Command>(
+      Command{CommandId::none, snapshot.robot, type, now - age, false});
 }
 
 SessionSnapshot to_snapshot(const ClientSession& session, TimePoint now) {

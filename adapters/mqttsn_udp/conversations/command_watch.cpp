@@ -9,11 +9,11 @@
 namespace slamgw::mqttsn {
 
 std::shared_ptr<Command> CommandWatch::begin(const ClientSession& session, const std::string& topic,
-                                             TimePoint now) {
+                                             CommandId id, TimePoint now) {
   const auto parsed = context_.policy.scheme().parse_command_topic(topic);
   if (!parsed || parsed->robot != session.robot) return nullptr;
   auto command = std::make_shared<Command>(
-      Command{std::string(parsed->robot), std::string(parsed->type), now, false});
+      Command{id, std::string(parsed->robot), std::string(parsed->type), now, false});
   make_room(now);
   open_.push_back(command);
   return command;
@@ -42,8 +42,8 @@ void CommandWatch::end(const std::shared_ptr<Command>& command, CommandResult re
       session && result != CommandResult::delivered)
     context_.set_dirty(*session);
   const auto after = std::chrono::duration_cast<std::chrono::milliseconds>(now - command->came);
-  context_.emit(
-      CommandOutcome{Mesh::thread, command->robot, command->type, result, after, std::move(why)});
+  context_.emit(CommandOutcome{Mesh::thread, command->id, command->robot, command->type, result,
+                               after, std::move(why)});
 }
 
 std::optional<TimePoint> CommandWatch::deadline() const {

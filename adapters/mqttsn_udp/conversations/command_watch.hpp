@@ -16,7 +16,7 @@ class CommandWatch {
 
   /// Null when `topic` is no command for this client's robot.
   std::shared_ptr<Command> begin(const ClientSession& session, const std::string& topic,
-                                 TimePoint now);
+                                 CommandId id, TimePoint now);
   /// From before a restart of the daemon: its outcome is still owed.
   void adopt(const std::shared_ptr<Command>& command, TimePoint now);
   /// `command` may be null.

@@ -81,7 +81,7 @@ void Downlink::publish(ClientSession& session, Outgoing outgoing, std::uint16_t 
   if (is_acknowledged) return;
   delivery.last_qos0 = delivery.in_flight->what;
   delivery.last_qos0_id = topic_id;
-  finish(session, CommandResult::delivered, "", now);
+  finish(session, CommandResult::sent, "", now);
 }
 
 /// What rested goes on; a PUBLISH whose id the client may have forgotten behind a REGISTER (R48).

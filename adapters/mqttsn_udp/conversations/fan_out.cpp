@@ -25,7 +25,7 @@ void keep_best(std::vector<Match>& matches) {
 
 }  // namespace
 
-void FanOut::on_broker_message(const BrokerMessage& message, TimePoint now) {
+void FanOut::on_broker_message(const BrokerMessage& message, CommandId command, TimePoint now) {
   std::vector<Match> matches = subscriptions_.match(message.topic);
   if (message.retain) {
     std::erase_if(matches, [&](const Match& match) {
@@ -41,7 +41,7 @@ void FanOut::on_broker_message(const BrokerMessage& message, TimePoint now) {
     outgoing.qos = std::min(message.qos, subscription->qos);
     outgoing.topic_id_type = subscription->topic_id_type;
     outgoing.predefined_id = subscription->topic_id;
-    outgoing.command = commands_.begin(*session, message.topic, now);
+    outgoing.command = commands_.begin(*session, message.topic, command, now);
     downlink_.enqueue(*session, std::move(outgoing), now);
   }
 }

@@ -12,7 +12,7 @@ class FanOut {
   FanOut(Subscriptions& subscriptions, Downlink& downlink, CommandWatch& commands)
       : subscriptions_(subscriptions), downlink_(downlink), commands_(commands) {}
 
-  void on_broker_message(const BrokerMessage& message, TimePoint now);
+  void on_broker_message(const BrokerMessage& message, CommandId command, TimePoint now);
 
  private:
   Subscriptions& subscriptions_;

@@ -94,8 +94,9 @@ void MqttsnAdapter::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome)
   input([&](SnGateway& gateway, TimePoint now) { gateway.on_receipt(receipt_id, outcome, now); });
 }
 
-void MqttsnAdapter::on_broker_message(const BrokerMessage& message) {
-  input([&](SnGateway& gateway, TimePoint now) { gateway.on_broker_message(message, now); });
+void MqttsnAdapter::on_broker_message(const BrokerMessage& message, CommandId command) {
+  input(
+      [&](SnGateway& gateway, TimePoint now) { gateway.on_broker_message(message, command, now); });
 }
 
 void MqttsnAdapter::on_subscribe_result(const std::string& filter, bool granted) {

@@ -29,7 +29,7 @@ class MqttsnAdapter final : public MeshAdapter {
   void stop_listening() override;
   void stop() override;
   void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome) override;
-  void on_broker_message(const BrokerMessage& message) override;
+  void on_broker_message(const BrokerMessage& message, CommandId command) override;
   void on_subscribe_result(const std::string& filter, bool granted) override;
   void on_broker_link(bool is_up) override;
   Counters counters() const override;
