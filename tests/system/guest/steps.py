@@ -6,6 +6,7 @@ import time
 
 import broker_and_traffic
 import install_and_remove
+import tasks
 import trouble
 from machine import journal
 
@@ -22,6 +23,7 @@ STEPS = [
     trouble.reload_refuses_a_bad_configuration,
     trouble.kill_goes_unnoticed,
     trouble.watchdog_restarts_a_stopped_daemon,
+    *tasks.STEPS,
     install_and_remove.upgrade_keeps_what_is_undelivered,
     install_and_remove.remove_keeps_the_state,
     install_and_remove.purge_takes_everything,

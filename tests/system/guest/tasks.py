@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Steps: an operator's everyday tasks and mistakes (docs/tasks.md), each as that page says it."""
+import json
+import pathlib
+import socket
+
+from actors import PASSWORDS, Robots, as_server
+from machine import (CONFIG, CREDENTIALS, STATE, demand, now, restart, run, says, service, status, wait_for,
+                     wait_for_status, write_config, write_credentials)
+
+SITE = CONFIG.parent / "gateway.d/site.json"
+BACKUP = pathlib.Path("/root/gateway.tar.gz")
+
+
+def site(**keys):
+    SITE.write_text(json.dumps(keys), encoding="utf-8")
+
+
+def check_config(expected_status=0):
+    return run("slam-gatewayd", "--check-config", status=expected_status)
+
+
+def finding(findings, step):
+    return next((entry for entry in findings if entry["step"] == step), None)
+
+
+def doctor(*robot, expected_status=None):
+    return json.loads(run("slam-gatewayctl", "--json", "doctor", *robot, status=expected_status))
+
+
+def open_credentials_stop_the_service_for_good():
+    """credentials that others can read: refused with what to type, and not started again and again"""
+    CREDENTIALS.chmod(0o644)
+    demand(f"type: chmod o= {CREDENTIALS}" in check_config(78), "--check-config does not say what to type")
+    since = now()
+    run("systemctl", "restart", "slam-gateway", status=1)
+    demand(says(f"type: chmod o= {CREDENTIALS}", *since), "the journal does not say what to type")
+    demand(service("ActiveState") == "failed" and service("ExecMainStatus") == "78", "the service is started again")
+    run("chmod", "o=", CREDENTIALS)
+    restart()
+    wait_for_status("broker up")
+
+
+def broken_credentials_are_named_as_the_operator_knows_them():
+    """credentials that are no JSON: --check-config and the journal name the file that one edits"""
+    CREDENTIALS.write_text('{"username": "slam-gateway",\n "password": ', encoding="utf-8")
+    demand(f"{CREDENTIALS}:2: syntax" in check_config(78), "--check-config does not see it")
+    since = now()
+    run("systemctl", "restart", "slam-gateway", status=1)
+    demand(says(f"{CREDENTIALS}:2: syntax", *since), "the journal names another file")
+    write_credentials(PASSWORDS["slam-gateway"])
+    restart()
+    wait_for_status("broker up")
+
+
+def password_in_the_wrong_file():
+    """a password in the configuration: said where it belongs"""
+    site(broker={"password": "x"})
+    demand("into credentials.json" in check_config(78), "it is not said where a password belongs")
+    SITE.unlink()
+
+
+def site_keys_win_and_are_named():
+    """gateway.d: the site's keys win over gateway.json; a problem there is named by its file"""
+    site(log={"level": "debug"})
+    run("systemctl", "reload", "slam-gateway")
+    site(log={"level": "loud"})
+    demand(check_config(78).startswith(f"{SITE}:1: log.level: "), "the problem is not named by its file")
+    run("systemctl", "reload", "slam-gateway", status=1)
+    SITE.unlink()
+    run("systemctl", "reload", "slam-gateway")
+
+
+def another_program_has_the_port():
+    """port taken: said with the port, and well again by itself when the port is free"""
+    run("systemctl", "stop", "slam-gateway")
+    with socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as taker:
+        taker.bind(("::", 47193))
+        since = now()
+        run("systemctl", "start", "slam-gateway", status=None)
+        wait_for("a line about the port", lambda: says("another MQTT-SN gateway has the port", *since))
+    wait_for_status("broker up")
+
+
+def robot_is_renamed():
+    """rename: a robot gets its new name by a reload, without a restart"""
+    robots = Robots("thread", "--robots", 1, "--id-prefix", "plain", "--linger-s", 60)
+    wait_for("the robot", lambda: "plain1" in run("slam-gatewayctl", "robots"))
+    process = service("MainPID")
+    site(robots=[{"id": "lego-9", "mqttsn_client_id": "plain1"}])
+    run("systemctl", "reload", "slam-gateway")
+    wait_for("the new name", lambda: "lego-9" in run("slam-gatewayctl", "robots"))
+    demand(service("MainPID") == process, "it is another process")
+    robots.end()
+    SITE.unlink()
+    run("systemctl", "reload", "slam-gateway")
+
+
+def doctor_finds_what_is_wrong():
+    """doctor: all is well; and with the broker away, it names the broker"""
+    wait_for("a healthy way", lambda: finding(doctor(), "broker")["health"] == "ok")
+    demand(finding(doctor(), "thread: search")["health"] == "ok", "the search was not answered")
+    demand(finding(doctor(), "thread: multicast")["health"] == "ok", "the multicast group is not seen")
+    run("systemctl", "stop", "mosquitto")
+    wait_for("the broker as a problem", lambda: finding(doctor(expected_status=1), "broker")["health"] == "problem")
+    run("systemctl", "start", "mosquitto")
+    wait_for_status("broker up")
+    demand(finding(doctor("nobody", expected_status=1), "heard")["health"] == "problem", "an unknown robot is well")
+
+
+def report_has_no_secret():
+    """report: an archive with journal and status, without passwords"""
+    run("slam-gatewayctl", "report", "/root/report.tar.gz")
+    text = run("tar", "-xzOf", "/root/report.tar.gz")
+    demand("starts as gateway" in text and '"uptime_s"' in text, "journal or status is missing")
+    for password in PASSWORDS.values():
+        demand(password not in text, "a password is in the report")
+
+
+def backup_comes_back_on_a_new_card():
+    """the SD card is dead: a backup brings configuration, credentials, mesh and messages to a purged system"""
+    robots = Robots("thread", "--robots", 1, "--id-prefix", "kept", "--messages", 60, "--linger-s", 2)
+    run("systemctl", "stop", "mosquitto")
+    wait_for("stored messages", lambda: status()["store"]["depth"] > 20)
+    run("slam-gatewayctl", "backup", BACKUP)
+    demand(run("stat", "-c", "%U %a", BACKUP) == "root 600", "the backup can be read by others")
+    wait_for("the service again", lambda: status()["store"]["depth"] > 20)
+    mesh = (STATE / "mesh.json").read_text(encoding="utf-8")
+    robots.end()
+    run("systemctl", "stop", "slam-gateway")
+    for directory in (STATE, CONFIG.parent):
+        run("sh", "-c", f"rm -rf {directory}/* {directory}/.[!.]*")
+    run("slam-gatewayctl", "restore", BACKUP)
+    demand((STATE / "mesh.json").read_text(encoding="utf-8") == mesh, "the mesh is another one")
+    demand(run("stat", "-c", "%U %a", STATE / "mesh.json") == "slam-gateway 600", "the mesh's file has another owner")
+    demand(run("stat", "-c", "%U %a", CREDENTIALS) == "root 600", "the credentials have another owner")
+    wait_for("the stored messages", lambda: status()["store"]["depth"] > 20)
+    run("systemctl", "start", "mosquitto")
+    wait_for_status("broker up")
+    wait_for("an empty store", lambda: status()["store"]["depth"] == 0)
+    run("sh", "-c", f"rm -rf {STATE}.before-restore-* {CONFIG.parent}.before-restore-*")
+
+
+def log_level_is_changed():
+    """log level: debug lines after a reload, none after the next one"""
+    site(log={"level": "debug", "traffic": "all"})
+    run("systemctl", "reload", "slam-gateway")
+    since = now()
+    Robots("thread", "--robots", 1, "--id-prefix", "wordy", "--messages", 5).result()
+    wait_for("all five messages", lambda: run("journalctl", "-q", "-u", "slam-gateway", "ROBOT_ID=wordy1",
+                                              "MESSAGE_TYPE=update", "-o", "cat", *since).count("\n") >= 4)
+    SITE.unlink()
+    run("systemctl", "reload", "slam-gateway")
+
+
+def broker_with_its_own_certificates():
+    """TLS: a broker with a certificate of the site's own authority, as broker.md says it"""
+    tls = pathlib.Path("/etc/mosquitto/certs")
+    run("sh", "-c", f"""set -e; cd {tls}
+      openssl req -x509 -newkey rsa:2048 -nodes -days 9 -subj /CN=site-ca -keyout ca.key -out ca.pem
+      openssl req -newkey rsa:2048 -nodes -subj /CN=guest -keyout server.key -out server.csr
+      printf 'subjectAltName=DNS:guest' >ext
+      openssl x509 -req -in server.csr -CA ca.pem -CAkey ca.key -CAcreateserial -days 9 -extfile ext -out server.pem
+      chown mosquitto server.key; chmod 600 server.key""")
+    listener = pathlib.Path("/etc/mosquitto/conf.d/tls.conf")
+    listener.write_text(f"listener 8883\ncertfile {tls}/server.pem\nkeyfile {tls}/server.key\n", encoding="utf-8")
+    run("systemctl", "restart", "mosquitto")
+    run("install", "-m", "644", tls / "ca.pem", "/etc/slam-gateway/ca.pem")
+    site(broker={"uri": "mqtts://guest", "tls": {"ca_file": "ca.pem"}})
+    check_config()
+    run("systemctl", "reload", "slam-gateway")
+    wait_for("the broker over TLS", lambda: status()["broker"]["state"] == "up"
+             and status()["broker"]["uri"].startswith("mqtts://guest"))
+    site(broker={"uri": "mqtts://127.0.0.1", "tls": {"ca_file": "ca.pem"}})  # the name is not in the certificate
+    run("systemctl", "reload", "slam-gateway")
+    wait_for("the refusal of another name", lambda: "certificate" in status()["broker"]["why"])
+    SITE.unlink()
+    listener.unlink()
+    run("systemctl", "restart", "mosquitto")
+    run("systemctl", "reload", "slam-gateway")
+    wait_for_status("broker up")
+
+
+def full_disk_and_room_again():
+    """disk full: told while it lasts, and forgotten when there is room again"""
+    run("systemctl", "stop", "slam-gateway")
+    run("sh", "-c", f"mv {STATE} {STATE}.kept; mkdir {STATE}; mount -t tmpfs -o size=1m,mode=700 tmpfs {STATE}; "
+                    f"cp -a {STATE}.kept/. {STATE}/; chown slam-gateway: {STATE}")
+    run("sh", "-c", f"head -c 2M /dev/zero >{STATE}/filler || true")
+    run("systemctl", "stop", "mosquitto")
+    run("systemctl", "start", "slam-gateway")
+    robots = Robots("thread", "--robots", 1, "--id-prefix", "stuck", "--messages", 5, "--linger-s", 90)
+    wait_for("trouble with the store", lambda: "full" in status()["store"]["why"])
+    demand(finding(doctor(expected_status=1), "store")["health"] == "problem", "doctor does not see the store")
+    run("rm", STATE / "filler")
+    wait_for("a working store", lambda: status()["store"]["state"] == "working" and not status()["store"]["why"])
+    run("systemctl", "start", "mosquitto")
+    wait_for_status("broker up")
+    robots.end()
+    run("systemctl", "stop", "slam-gateway")
+    run("sh", "-c", f"umount {STATE} && rmdir {STATE} && mv {STATE}.kept {STATE}")
+    run("systemctl", "start", "slam-gateway")
+    wait_for_status("broker up")
+
+
+def second_gateway_with_the_same_id():
+    """second gateway: two with one client id throw each other out; said so"""
+    write_config()
+    since = now()
+    other = run("sh", "-c", "for i in 1 2 3 4 5 6 7 8; do timeout 2 mosquitto_sub -i slam-gateway-guest "
+                + " ".join(as_server()) + " -t none; sleep 0.3; done; true", status=None)
+    demand(other is not None, "no other client")
+    wait_for("a line about the other client", lambda: says("client id", *since, "-p", "warning"))
+    wait_for_status("broker up")
+
+
+STEPS = [
+    open_credentials_stop_the_service_for_good,
+    broken_credentials_are_named_as_the_operator_knows_them,
+    password_in_the_wrong_file,
+    site_keys_win_and_are_named,
+    log_level_is_changed,
+    another_program_has_the_port,
+    robot_is_renamed,
+    broker_with_its_own_certificates,
+    second_gateway_with_the_same_id,
+    doctor_finds_what_is_wrong,
+    report_has_no_secret,
+    full_disk_and_room_again,
+    backup_comes_back_on_a_new_card,
+]
