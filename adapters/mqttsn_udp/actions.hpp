@@ -18,6 +18,7 @@ struct SendDatagram {
 /// To the configured multicast group.
 struct SendMulticast {
   Bytes bytes;
+  std::uint32_t interface = 0;  ///< index; 0: on every interface
 };
 
 using Action = std::variant<SendDatagram, SendMulticast, MeshEvent>;

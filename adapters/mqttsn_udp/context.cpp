@@ -33,9 +33,9 @@ bool Context::fits(const ClientSession& session, std::size_t octets) const {
   return header + long_length + octets <= limits::max_datagram_octets;
 }
 
-void Context::send_multicast(const Packet& packet) {
+void Context::send_multicast(const Packet& packet, std::uint32_t interface) {
   tally.count(Count::datagrams_out);
-  actions_.push(SendMulticast{encode(packet)});
+  actions_.push(SendMulticast{encode(packet), interface});
 }
 
 void Context::set_dirty(const ClientSession& session) {

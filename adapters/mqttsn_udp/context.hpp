@@ -38,7 +38,8 @@ class Context {
   /// Whether the network carries a message of `octets` (with the 1-octet Length) to this client
   /// (R8).
   bool fits(const ClientSession& session, std::size_t octets) const;
-  void send_multicast(const Packet& packet);
+  /// On every interface, or on the one with this index.
+  void send_multicast(const Packet& packet, std::uint32_t interface = 0);
   void emit(MeshEvent event) { actions_.push(std::move(event)); }
   std::optional<Action> next_action() { return actions_.pop(); }
 

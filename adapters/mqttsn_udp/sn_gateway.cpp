@@ -131,7 +131,7 @@ bool SnGateway::restore(const SessionSnapshot& snapshot, TimePoint now) {
   ClientSession& session = context_.clients.create(snapshot.client_id, snapshot.robot);
   apply(snapshot, session, now);
   adopt_commands(session.delivery, now);
-  if (snapshot.peer) context_.clients.bind(session, *snapshot.peer, snapshot.local);
+  if (snapshot.peer) context_.clients.bind(session, *snapshot.peer, session.local);
   subscriptions_.restore(session);
   switch (session.state) {
     case ClientState::active: lifecycle_.tell_presence(session, Presence::online); break;

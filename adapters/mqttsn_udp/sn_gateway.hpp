@@ -25,6 +25,7 @@ class SnGateway {
   void on_broker_message(const BrokerMessage& message, CommandId command, TimePoint now);
   void on_subscribe_result(const std::string& filter, bool granted, TimePoint now);
   void on_broker_link(bool is_up, TimePoint now);
+  void on_interface(std::uint32_t index) { discovery_.on_interface(index); }
   void on_deadline(TimePoint now);
   std::optional<TimePoint> deadline() const;
   std::optional<Action> next_action() { return context_.next_action(); }
@@ -77,6 +78,7 @@ class SnGateway {
   void receive_from_client(const Arrival& arrival, Packet packet);
   void receive_pingreq(const Arrival& arrival, const Pingreq& pingreq);
   void receive_disconnect(const Arrival& arrival, const Disconnect& disconnect);
+  void renew_local(const Arrival& arrival);
   ClientSession* session_of(const Arrival& arrival);
   ClientSession* pinging_session(const Arrival& arrival, const Pingreq& pingreq);
   void move_to(ClientSession& session, const Arrival& arrival);

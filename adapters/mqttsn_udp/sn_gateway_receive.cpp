@@ -62,6 +62,7 @@ void SnGateway::on_datagram(const Endpoint& from, const LocalAddress& to, ByteVi
 
 void SnGateway::receive(const Arrival& arrival, Packet packet) {
   if (is_for_clients(packet)) return context_.tally.count(Count::unexpected);
+  renew_local(arrival);
   if (const auto* connect = std::get_if<Connect>(&packet))
     return connecting_.on_connect(arrival.peer, arrival.local, *connect, arrival.fingerprint,
                                   arrival.now);
@@ -79,12 +80,20 @@ void SnGateway::receive(const Arrival& arrival, Packet packet) {
   receive_from_client(arrival, std::move(packet));
 }
 
+/// Each client is answered from the address that it has written to last (R17).
+void SnGateway::renew_local(const Arrival& arrival) {
+  ClientSession* session = context_.clients.find(arrival.peer);
+  if (!session || session->local == arrival.local) return;
+  session->local = arrival.local;
+  context_.set_dirty(*session);
+}
+
 /// True when the message was the handshake's.
 bool SnGateway::receive_in_handshake(const Arrival& arrival, Packet& packet) {
   if (const auto* topic = std::get_if<WillTopic>(&packet)) {
-    connecting_.on_willtopic(arrival.peer, *topic, arrival.now);
+    connecting_.on_willtopic(arrival.peer, arrival.local, *topic, arrival.now);
   } else if (auto* message = std::get_if<WillMsg>(&packet)) {
-    connecting_.on_willmsg(arrival.peer, std::move(*message), arrival.now);
+    connecting_.on_willmsg(arrival.peer, arrival.local, std::move(*message), arrival.now);
   } else if (is_late_answer(packet)) {
     return false;
   } else {
@@ -101,7 +110,6 @@ void SnGateway::receive_from_client(const Arrival& arrival, Packet packet) {
   if (std::holds_alternative<WillTopic>(packet))  // of a handshake that is over
     return context_.tally.count(Count::unexpected);
   lifecycle_.on_heard(*session, arrival.now);
-  session->local = arrival.local;
   handle(*session, packet, arrival.now);
   downlink_.pump(*session, arrival.now);
   lifecycle_.schedule(*session);
@@ -207,7 +215,6 @@ void SnGateway::receive_disconnect(const Arrival& arrival, const Disconnect& dis
       return context_.tally.count(Count::unanswered);
     return context_.send(arrival.peer, arrival.local, Disconnect{});  // R40, R131
   }
-  session->local = arrival.local;
   lifecycle_.on_heard(*session, arrival.now);
   context_.send(*session, Disconnect{});
   const std::uint16_t duration_s = disconnect.duration_s.value_or(0);

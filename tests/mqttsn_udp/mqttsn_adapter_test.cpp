@@ -8,7 +8,6 @@
 #include <boost/asio/ip/multicast.hpp>
 #include <boost/asio/ip/udp.hpp>
 
-#include "adapters/mqttsn_udp/io/interface_addresses.hpp"
 #include "tests/mqttsn_udp/udp_rig.hpp"
 
 namespace slamgw::mqttsn {
@@ -127,16 +126,6 @@ TEST(MqttsnAdapter, SaysInWordsWhatItCannotListenTo) {
       EXPECT_NE(std::string(error.what()).find(listen), std::string::npos) << error.what();
     }
   }
-}
-
-TEST(InterfaceAddresses, R16_NeverAnswersFromAThreadLocator) {
-  const IpAddress rloc = {0xfd, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0xff, 0xfe, 0, 0x44, 0};
-  const IpAddress eid = {0xfd, 0, 0, 0, 0, 0, 0, 1, 0x12, 0x34, 0x56, 0x78, 1, 2, 3, 4};
-  const IpAddress link_local = {0xfe, 0x80, 0, 0, 0, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8};
-  const IpAddress robot = {0xfd, 0, 0, 0, 0, 0, 0, 1, 9, 9, 9, 9, 9, 9, 9, 9};
-  EXPECT_EQ(choose_source({rloc, link_local, eid}, robot), eid);
-  EXPECT_EQ(choose_source({rloc, eid, link_local}, link_local), link_local);
-  EXPECT_EQ(choose_source({rloc}, robot), std::nullopt);
 }
 
 }  // namespace

@@ -34,7 +34,10 @@ class UdpRig {
   /// Without multicast.
   explicit UdpRig(std::vector<std::string> listen, Settings settings = {})
       : UdpRig(with(std::move(settings), std::move(listen)), AsIs{}) {}
-  static UdpRig as_is(Settings settings) { return UdpRig(std::move(settings), AsIs{}); }
+  /// `sessions` may be null and outlives the rig.
+  static UdpRig as_is(Settings settings, SessionStore* sessions = nullptr) {
+    return UdpRig(std::move(settings), AsIs{}, sessions);
+  }
   ~UdpRig() { adapter.stop(); }
 
   static Settings with(Settings settings, std::vector<std::string> listen) {
@@ -49,9 +52,9 @@ class UdpRig {
 
  private:
   struct AsIs {};
-  UdpRig(Settings settings, AsIs)
+  UdpRig(Settings settings, AsIs, SessionStore* sessions = nullptr)
       : adapter(io, std::move(settings), TopicPolicy(TopicScheme("ntnu-slam", "gw"), {}, {}),
-                RobotNames(), core) {
+                RobotNames(), core, sessions) {
     core.adapter = &adapter;
     adapter.start();
     adapter.on_broker_link(true);

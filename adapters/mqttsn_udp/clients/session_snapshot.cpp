@@ -118,6 +118,8 @@ SessionSnapshot to_snapshot(const ClientSession& session, TimePoint now) {
 void apply(const SessionSnapshot& snapshot, ClientSession& session, TimePoint now) {
   session.state = snapshot.state;
   session.local = snapshot.local;
+  // Indices of interfaces may be others by now; only a link-local address says nothing without.
+  if (!is_link_local(session.local.address)) session.local.interface = 0;
   session.is_clean = snapshot.is_clean;
   session.keep_alive = snapshot.keep_alive;
   session.sleep_duration = snapshot.sleep_duration;

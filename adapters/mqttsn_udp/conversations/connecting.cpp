@@ -47,8 +47,10 @@ bool Connecting::is_repetition(const Peer& peer, const Connect& connect, std::ui
          now - session->connected_at <= limits::repeat_window;
 }
 
-void Connecting::on_willtopic(const Peer& peer, const WillTopic& will, TimePoint now) {
+void Connecting::on_willtopic(const Peer& peer, const LocalAddress& local, const WillTopic& will,
+                              TimePoint now) {
   Attempt& attempt = attempts_.at(peer);
+  attempt.local = local;
   if (will.topic.empty()) {  // deletes the stored will; no message is asked for (R25)
     const Attempt done = take(peer);
     return complete(peer, done, std::nullopt, now);
@@ -63,9 +65,11 @@ void Connecting::on_willtopic(const Peer& peer, const WillTopic& will, TimePoint
   prompt(peer, attempt, now);
 }
 
-void Connecting::on_willmsg(const Peer& peer, WillMsg will, TimePoint now) {
+void Connecting::on_willmsg(const Peer& peer, const LocalAddress& local, WillMsg will,
+                            TimePoint now) {
   if (attempts_.at(peer).stage == Stage::topic) return abandon(peer);
   Attempt done = take(peer);
+  done.local = local;
   done.will.message = std::move(will.message);
   complete(peer, done, done.will, now);
 }

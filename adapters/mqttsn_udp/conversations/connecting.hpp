@@ -18,8 +18,9 @@ class Connecting {
                   std::uint64_t fingerprint, TimePoint now);
   bool is_open(const Peer& peer) const { return attempts_.contains(peer); }
   /// These only while a handshake is open. WILLMSG before WILLTOPIC ends it (R29).
-  void on_willtopic(const Peer& peer, const WillTopic& will, TimePoint now);
-  void on_willmsg(const Peer& peer, WillMsg will, TimePoint now);
+  void on_willtopic(const Peer& peer, const LocalAddress& local, const WillTopic& will,
+                    TimePoint now);
+  void on_willmsg(const Peer& peer, const LocalAddress& local, WillMsg will, TimePoint now);
   /// After the handshake: its CONNACK was lost when nothing else was heard since.
   void on_late_willmsg(const ClientSession& session, const WillMsg& will, TimePoint now);
   /// The attempt is forgotten, answered by DISCONNECT (R29).

@@ -19,15 +19,23 @@ void Discovery::on_broker_link(bool is_up, TimePoint now) {
   if (has_come && context_.settings.multicast_group) advertise(now);
 }
 
+void Discovery::on_interface(std::uint32_t index) {
+  if (is_broker_up_ && context_.settings.multicast_group)
+    context_.send_multicast(advertisement(), index);
+}
+
 void Discovery::on_deadline(TimePoint now) {
   if (next_advertise_ && *next_advertise_ <= now) advertise(now);
 }
 
 void Discovery::advertise(TimePoint now) {
-  const auto interval = context_.settings.advertise_interval;
-  context_.send_multicast(
-      Advertise{context_.settings.gateway_id, static_cast<std::uint16_t>(interval.count())});
-  next_advertise_ = now + interval;
+  context_.send_multicast(advertisement());
+  next_advertise_ = now + context_.settings.advertise_interval;
+}
+
+Advertise Discovery::advertisement() const {
+  const auto interval = context_.settings.advertise_interval.count();
+  return {context_.settings.gateway_id, static_cast<std::uint16_t>(interval)};
 }
 
 }  // namespace slamgw::mqttsn

@@ -16,11 +16,15 @@ class Discovery {
                    TimePoint now);
   /// Up: an ADVERTISE at once (R11, R12).
   void on_broker_link(bool is_up, TimePoint now);
+  /// A network interface, or its lasting address, has appeared: an ADVERTISE there, if clients
+  /// could be served (R11).
+  void on_interface(std::uint32_t index);
   std::optional<TimePoint> deadline() const { return next_advertise_; }
   void on_deadline(TimePoint now);
 
  private:
   void advertise(TimePoint now);
+  Advertise advertisement() const;
 
   Context& context_;
   FloodGuard& guard_;

@@ -3,10 +3,9 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <stdexcept>
 #include <utility>
-
-#include "adapters/mqttsn_udp/io/interface_addresses.hpp"
 
 namespace slamgw::mqttsn {
 namespace {
@@ -48,7 +47,8 @@ void MqttsnAdapter::start() {
     if (!restored.text.empty())
       listener_.on_mesh_event(Notice{restored.severity, restored.text, {}});
   }
-  interface_index_ = interface_index(settings_.interface);
+  interfaces_ = read_network_interfaces();
+  interface_index_ = index_of_interface();
   if (settings_.interface.empty() || interface_index_ != 0) {
     open();
   } else {
@@ -133,11 +133,14 @@ std::vector<std::uint16_t> MqttsnAdapter::bound_ports() const {
 
 void MqttsnAdapter::on_datagram(std::uint8_t socket, const UdpSocket::Datagram& datagram) {
   if (datagram.is_truncated) ++truncated_;  // too long for the machine too, which counts it
-  LocalAddress to{datagram.to, datagram.interface, socket};
+  // A socket that is bound to an interface needs no index to find it, also when it is made again.
+  const std::uint32_t interface = settings_.interface.empty() ? datagram.interface : 0;
+  LocalAddress to{datagram.to, interface, socket};
   if (is_multicast(datagram.to)) {
-    const auto source =
-        choose_source(addresses_of_interface(datagram.interface), datagram.from.address);
-    to.address = source.value_or(IpAddress{});
+    const NetworkInterface* from = find_interface(datagram.interface);
+    const auto source = from ? choose_source(from->addresses, datagram.from.address) : std::nullopt;
+    if (!source) return;  // its addresses are not there yet; whoever searches asks again
+    to.address = *source;
   }
   input([&](SnGateway& gateway, TimePoint now) {
     gateway.on_datagram(datagram.from, to, datagram.bytes, now);
@@ -149,25 +152,41 @@ void MqttsnAdapter::perform(Action& action) {
 }
 
 void MqttsnAdapter::perform(SendDatagram& action) {
-  if (sockets_.empty()) {
-    ++sends_failed_;
-    return;
+  const LocalAddress& from = action.from;
+  const auto can_reach = [&](const auto& socket) {
+    return socket->can_reach(to_asio(action.to).address());
+  };
+  auto socket = sockets_.end();
+  if (from.socket < sockets_.size() && can_reach(sockets_[from.socket])) {
+    socket = sockets_.begin() + from.socket;
+  } else {  // a restored session may predate a change of `mqttsn.listen`
+    socket = std::find_if(sockets_.begin(), sockets_.end(), can_reach);
   }
-  const bool is_known = action.from.socket < sockets_.size();  // restored ones may be of old times
-  UdpSocket& socket = *sockets_[is_known ? action.from.socket : 0];
-  bool is_sent =
-      is_known && socket.send(action.to, action.from.address, action.from.interface, action.bytes);
-  if (!is_sent) is_sent = socket.send(action.to, IpAddress{}, 0, action.bytes);
+  // The interface may have been made again under another index; its address is the same.
+  const bool is_sent =
+      socket != sockets_.end() &&
+      ((*socket)->send(action.to, from.address, from.interface, action.bytes) ||
+       (from.interface != 0 && (*socket)->send(action.to, from.address, 0, action.bytes)));
   if (!is_sent) ++sends_failed_;
 }
 
 void MqttsnAdapter::perform(SendMulticast& action) {
+  for (const NetworkInterface& interface : interfaces_) {
+    const bool is_asked = action.interface == 0 || action.interface == interface.index;
+    if (is_asked && is_served(interface)) advertise_on(interface, action.bytes);
+  }
+}
+
+/// Clients connect to the address that an ADVERTISE comes from, so it must be one that lasts (R16).
+void MqttsnAdapter::advertise_on(const NetworkInterface& interface, ByteView bytes) {
+  const auto source = lasting_address(interface);
+  if (!source) return;
   const auto group = asio::ip::make_address(*settings_.multicast_group);
   for (const auto& socket : sockets_) {
-    if (!socket->can_reach(group)) continue;
     const Endpoint to = from_asio({group, socket->port()});
-    for (const std::uint32_t interface : multicast_interfaces(settings_.interface))
-      socket->send(to, IpAddress{}, interface, action.bytes);
+    const bool is_sent =
+        socket->can_reach(group) && socket->send(to, *source, interface.index, bytes);
+    if (is_sent && interface.has_carrier) advertised_from_[interface.index] = *source;
   }
 }
 
@@ -177,8 +196,9 @@ void MqttsnAdapter::perform(MeshEvent& event) {
 }
 
 void MqttsnAdapter::watch_interfaces() {
+  interfaces_ = read_network_interfaces();
   if (!settings_.interface.empty()) follow_interface();
-  if (settings_.multicast_group) join_groups();
+  if (settings_.multicast_group) serve_multicast();
   look_at_interfaces_in(watch_interval);
 }
 
@@ -192,7 +212,7 @@ void MqttsnAdapter::look_at_interfaces_in(Duration delay) {
 
 /// A socket is bound to an interface by its index: one that was made anew needs new sockets.
 void MqttsnAdapter::follow_interface() {
-  const std::uint32_t index = interface_index(settings_.interface);
+  const std::uint32_t index = index_of_interface();
   if (index == interface_index_ && (index == 0 || !sockets_.empty())) return;
   interface_index_ = index;
   close();
@@ -206,11 +226,48 @@ void MqttsnAdapter::follow_interface() {
   }
 }
 
-void MqttsnAdapter::join_groups() {
+/// Joins the group wherever that has not been done yet, and introduces the gateway where it has not
+/// been heard under its present address (R11).
+void MqttsnAdapter::serve_multicast() {
   const auto group = asio::ip::make_address(*settings_.multicast_group);
-  for (const std::uint32_t interface : multicast_interfaces(settings_.interface)) {
-    for (const auto& socket : sockets_) socket->join(group, interface);
+  std::erase_if(advertised_from_, [&](const auto& past) {
+    const NetworkInterface* interface = find_interface(past.first);
+    return !interface || !interface->has_carrier;
+  });
+  for (const NetworkInterface& interface : interfaces_) {
+    if (!is_served(interface)) continue;
+    for (const auto& socket : sockets_) socket->join(group, interface.index);
+    const auto source = lasting_address(interface);
+    const auto past = advertised_from_.find(interface.index);
+    const bool is_news = past == advertised_from_.end() || past->second != source;
+    if (is_news && source && interface.has_carrier)
+      input([&](SnGateway& gateway, TimePoint) { gateway.on_interface(interface.index); });
   }
+}
+
+/// Nothing while the interface only has addresses that do not last.
+std::optional<IpAddress> MqttsnAdapter::lasting_address(const NetworkInterface& interface) const {
+  const auto group = asio::ip::make_address(*settings_.multicast_group);
+  return choose_source(interface.addresses, from_asio({group, 0}).address);
+}
+
+const NetworkInterface* MqttsnAdapter::find_interface(std::uint32_t index) const {
+  const auto found = std::find_if(interfaces_.begin(), interfaces_.end(),
+                                  [&](const NetworkInterface& i) { return i.index == index; });
+  return found == interfaces_.end() ? nullptr : &*found;
+}
+
+bool MqttsnAdapter::is_served(const NetworkInterface& interface) const {
+  return interface.takes_multicast &&
+         (settings_.interface.empty() || settings_.interface == interface.name);
+}
+
+/// Of `mqttsn.interface`; 0 when there is none (now).
+std::uint32_t MqttsnAdapter::index_of_interface() const {
+  for (const NetworkInterface& interface : interfaces_) {
+    if (interface.name == settings_.interface) return interface.index;
+  }
+  return 0;
 }
 
 void MqttsnAdapter::tell_link(bool is_up, std::string detail) {

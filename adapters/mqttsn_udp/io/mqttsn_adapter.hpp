@@ -5,11 +5,13 @@
 
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/steady_timer.hpp>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "adapters/mqttsn_udp/io/network_interfaces.hpp"
 #include "adapters/mqttsn_udp/io/session_keeper.hpp"
 #include "adapters/mqttsn_udp/io/udp_socket.hpp"
 #include "adapters/mqttsn_udp/sn_gateway.hpp"
@@ -58,7 +60,12 @@ class MqttsnAdapter final : public MeshAdapter {
   void watch_interfaces();
   void look_at_interfaces_in(Duration delay);
   void follow_interface();
-  void join_groups();
+  void serve_multicast();
+  void advertise_on(const NetworkInterface& interface, ByteView bytes);
+  std::optional<IpAddress> lasting_address(const NetworkInterface& interface) const;
+  const NetworkInterface* find_interface(std::uint32_t index) const;
+  bool is_served(const NetworkInterface& interface) const;
+  std::uint32_t index_of_interface() const;
   void tell_link(bool is_up, std::string detail);
 
   const Settings settings_;
@@ -67,8 +74,10 @@ class MqttsnAdapter final : public MeshAdapter {
   SnGateway gateway_;
   MachineDriver<SnGateway> driver_;
   std::optional<SessionKeeper> keeper_;
-  std::vector<std::shared_ptr<UdpSocket>> sockets_;  // none while the interface is away
-  std::uint32_t interface_index_ = 0;
+  std::vector<std::shared_ptr<UdpSocket>> sockets_;     // none while the interface is away
+  std::uint32_t interface_index_ = 0;                   // of `mqttsn.interface`; 0: it is away
+  std::vector<NetworkInterface> interfaces_;            // as of the last look
+  std::map<std::uint32_t, IpAddress> advertised_from_;  // by interface; the last successful ones
   std::shared_ptr<InterfaceWatch> interface_watch_;
   boost::asio::steady_timer watch_timer_;
   std::uint64_t sends_failed_ = 0;

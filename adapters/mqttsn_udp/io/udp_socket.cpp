@@ -61,11 +61,6 @@ IpAddress mapped(const in_addr& address) {
   return out;
 }
 
-bool is_mapped(const IpAddress& address) {
-  const IpAddress any = mapped(in_addr{});
-  return std::equal(any.begin(), any.begin() + 12, address.begin());
-}
-
 Endpoint from_sockaddr(const sockaddr_storage& storage) {
   Endpoint out;
   if (storage.ss_family == AF_INET) {
@@ -95,6 +90,7 @@ void read_control(msghdr& header, UdpSocket::Datagram& datagram, std::uint32_t& 
       in_pktinfo info{};
       std::memcpy(&info, CMSG_DATA(c), sizeof info);
       datagram.to = mapped(info.ipi_addr);
+      if (!is_multicast(datagram.to)) datagram.to = mapped(info.ipi_spec_dst);  // of a broadcast
       datagram.interface = static_cast<std::uint32_t>(info.ipi_ifindex);
     } else if (c->cmsg_level == SOL_SOCKET && c->cmsg_type == SO_RXQ_OVFL) {
       std::memcpy(&kernel_drops, CMSG_DATA(c), sizeof kernel_drops);
@@ -120,7 +116,7 @@ void write_source(msghdr& header, bool is_ipv6, const IpAddress& from, std::uint
     return write_control(header, IPPROTO_IPV6, IPV6_PKTINFO, info);
   }
   in_pktinfo info{};
-  if (is_mapped(from)) std::memcpy(&info.ipi_spec_dst, from.data() + 12, 4);
+  if (is_ipv4(from)) std::memcpy(&info.ipi_spec_dst, from.data() + 12, 4);
   info.ipi_ifindex = static_cast<int>(interface);
   write_control(header, IPPROTO_IP, IP_PKTINFO, info);
 }
@@ -209,7 +205,8 @@ void UdpSocket::set_options(const std::string& interface) {
   }
   if (!is_ipv6_ || takes_ipv4_too_)
     set_flag(descriptor, IPPROTO_IP, IP_MULTICAST_TTL, multicast_hops);
-  if (interface.empty()) return;
+  is_bound_to_interface_ = !interface.empty();
+  if (!is_bound_to_interface_) return;
   if (setsockopt(descriptor, SOL_SOCKET, SO_BINDTODEVICE, interface.data(),
                  static_cast<socklen_t>(interface.size())) != 0) {
     throw std::runtime_error(
@@ -252,6 +249,7 @@ bool UdpSocket::receive_batch() {
     datagram.bytes = ByteView(batch_->bytes[i], headers[i].msg_len);
     datagram.is_truncated = (headers[i].msg_hdr.msg_flags & MSG_TRUNC) != 0;
     read_control(headers[i].msg_hdr, datagram, kernel_drops_);
+    if (is_bound_to_interface_) datagram.from.scope_id = 0;  // it changes with the interface
     receive_(datagram);
   }
   return count == Batch::size;

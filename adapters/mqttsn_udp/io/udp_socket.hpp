@@ -20,7 +20,7 @@ class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
  public:
   /// `is_truncated`: the datagram was longer than the buffer; `bytes` is its beginning.
   struct Datagram {
-    Endpoint from;
+    Endpoint from;  ///< without a scope where the socket has one interface only
     IpAddress to{};
     std::uint32_t interface = 0;
     ByteView bytes;
@@ -46,9 +46,9 @@ class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
   bool join(const boost::asio::ip::address& group, std::uint32_t interface);
 
   std::uint16_t port() const { return port_; }
-  /// A socket on `[::]` reaches IPv4 too.
-  bool can_reach(const boost::asio::ip::address& group) const {
-    return group.is_v6() ? is_ipv6_ : !is_ipv6_ || takes_ipv4_too_;
+  /// By its family; a socket on `[::]` reaches IPv4 too.
+  bool can_reach(const boost::asio::ip::address& to) const {
+    return to.is_v6() ? is_ipv6_ : !is_ipv6_ || takes_ipv4_too_;
   }
   /// Datagrams that the kernel had to drop because we were too slow.
   std::uint32_t kernel_drops() const { return kernel_drops_; }
@@ -64,6 +64,7 @@ class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
   boost::asio::ip::udp::socket socket_;
   bool is_ipv6_ = false;
   bool takes_ipv4_too_ = false;
+  bool is_bound_to_interface_ = false;
   std::uint16_t port_ = 0;
   std::uint32_t kernel_drops_ = 0;
   std::unique_ptr<Batch> batch_;

@@ -12,11 +12,6 @@
 namespace slamgw::mqttsn {
 namespace {
 
-bool is_ipv4(const IpAddress& address) {
-  constexpr std::array<std::uint8_t, 12> mapped = {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0xff, 0xff};
-  return std::equal(mapped.begin(), mapped.end(), address.begin());
-}
-
 std::string address_text(const Endpoint& endpoint) {
   const IpAddress& a = endpoint.address;
   if (is_ipv4(a)) return fmt::format("{}.{}.{}.{}", a[12], a[13], a[14], a[15]);

@@ -1,23 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
 // Where a datagram came from and where it arrived: plain values that the machine keeps and
-// compares, and the shell turns into socket addresses. IPv4 addresses are IPv4-mapped
-// (::ffff:a.b.c.d).
+// compares, and the shell turns into socket addresses.
 #pragma once
 
-#include <array>
 #include <compare>
 #include <cstdint>
 #include <string>
 
-namespace slamgw::mqttsn {
+#include "adapters/mqttsn_udp/protocol/ip_address.hpp"
 
-using IpAddress = std::array<std::uint8_t, 16>;
+namespace slamgw::mqttsn {
 
 /// The other side.
 struct Endpoint {
   IpAddress address{};
   std::uint16_t port = 0;
-  std::uint32_t scope_id = 0;  ///< of link-local addresses, else 0
+  std::uint32_t scope_id = 0;  ///< of link-local addresses where several interfaces are served
   auto operator<=>(const Endpoint&) const = default;
 };
 
