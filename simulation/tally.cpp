@@ -15,6 +15,7 @@ void add(nlohmann::ordered_json& to, const Tally& tally, const Tally& total) {
   if (total.roamed > 0) to["roamed"] = tally.roamed;
   if (total.wakes > 0) to["wakes"] = tally.wakes;
   if (total.will_updates > 0) to["will_updates"] = tally.will_updates;
+  if (total.failed_assertions > 0) to["failed_assertions"] = tally.failed_assertions;
 }
 
 }  // namespace
@@ -29,6 +30,7 @@ std::string to_json(const std::vector<std::pair<std::string, Tally>>& robots) {
     total.roamed += tally.roamed;
     total.wakes += tally.wakes;
     total.will_updates += tally.will_updates;
+    total.failed_assertions += tally.failed_assertions;
   }
   nlohmann::ordered_json document;
   document["robots"] = nlohmann::ordered_json::object();

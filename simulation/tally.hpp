@@ -16,16 +16,17 @@ struct Tally {
   std::uint64_t lost =
       0;  ///< given up, refused by a full queue, or, unacknowledged, dropped by --loss
   std::uint64_t commands_received = 0;
-  std::uint64_t roamed = 0;        ///< moves to a new address
-  std::uint64_t wakes = 0;         ///< PINGREQs of a sleeping robot, without repeats
-  std::uint64_t will_updates = 0;  ///< topic and message both accepted
+  std::uint64_t roamed = 0;             ///< moves to a new address
+  std::uint64_t wakes = 0;              ///< PINGREQs of a sleeping robot, without repeats
+  std::uint64_t will_updates = 0;       ///< topic and message both accepted
+  std::uint64_t failed_assertions = 0;  ///< after one the robot is gone
 
   bool operator==(const Tally&) const = default;
 };
 
 /// One line:
 /// `{"robots":{"<id>":{...}},"sent":..,"acknowledged":..,"lost":..,"commands_received":..}`
-/// `roamed`, `wakes` and `will_updates` are there only when a robot has any.
+/// `roamed`, `wakes`, `will_updates` and `failed_assertions` are there only when a robot has any.
 std::string to_json(const std::vector<std::pair<std::string, Tally>>& robots);
 
 }  // namespace slamgw::sim

@@ -45,6 +45,7 @@ Key make_uuid(const BleOptions& options, unsigned number) {
 
 Node::Settings node_settings(const BleOptions& options, unsigned number) {
   Node::Settings settings;
+  settings.firmware = options.firmware;
   settings.uuid = make_uuid(options, number);
   settings.number = number;
   if (!options.static_oob.empty()) settings.static_oob = to_key(options.static_oob);
@@ -95,6 +96,13 @@ std::optional<std::pair<unsigned, UpdateEvent>> Network::next_event() {
     if (auto event = robot.next_event()) return std::pair(number, std::move(*event));
   }
   return std::nullopt;
+}
+
+std::optional<std::pair<unsigned, std::string>> Network::next_failed_assertion() {
+  if (failed_assertions_.empty()) return std::nullopt;
+  auto first = std::move(failed_assertions_.front());
+  failed_assertions_.pop_front();
+  return first;
 }
 
 void Network::reboot_board(TimePoint now, Duration downtime) { board_.reboot(now, downtime); }
@@ -200,7 +208,11 @@ void Network::deliver(const Reception& reception, TimePoint now) {
   const MeshMessage& message = reception.message;
   if (message.source != board_.local_address()) return board_.on_radio(reception);
   for (std::size_t i = 0; i < nodes_.size(); ++i) {
+    const bool was_gone = nodes_[i].failed_assertion().has_value();
     if (nodes_[i].on_message(message, now)) robots_[i].on_message(message, now);
+    if (was_gone || !nodes_[i].failed_assertion()) continue;
+    robots_[i].on_failed_assertion();
+    failed_assertions_.emplace_back(nodes_[i].number(), *nodes_[i].failed_assertion());
   }
 }
 

@@ -4,8 +4,10 @@
 // passed. SerialSide puts it behind a pty; tests run it on a virtual clock.
 #pragma once
 
+#include <deque>
 #include <map>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "simulation/ble/board/board.hpp"
@@ -31,6 +33,8 @@ class Network {
   std::optional<Bytes> next_host_packet() { return board_.next_host_packet(); }
   /// What has happened to updates, robot by robot: its number (from 1) and the event.
   std::optional<std::pair<unsigned, UpdateEvent>> next_event();
+  /// A robot whose firmware has failed an assertion, and which: its number (from 1) and the words.
+  std::optional<std::pair<unsigned, std::string>> next_failed_assertion();
   /// The board restarts, without power for `downtime`; the robots go on.
   void reboot_board(TimePoint now, Duration downtime = Board::reboot_time);
 
@@ -77,6 +81,7 @@ class Network {
   std::vector<Robot> robots_;
   std::vector<Node> nodes_;  ///< the mesh stacks of `robots_`
   std::multimap<TimePoint, Transfer> transfers_;
+  std::deque<std::pair<unsigned, std::string>> failed_assertions_;
   std::optional<TimePoint> next_heartbeats_;
   bool has_begun_ = false;  ///< the board was ready once; from then on only hearing counts
 };

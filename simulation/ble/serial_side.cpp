@@ -25,6 +25,7 @@ namespace asio = boost::asio;
 using boost::system::error_code;
 
 constexpr int no_terminal = 1;
+constexpr int robot_is_gone = 3;
 constexpr std::chrono::seconds progress_interval{10};
 constexpr std::chrono::seconds house_interval{1};
 constexpr std::chrono::seconds unplugged_time{2};
@@ -39,6 +40,7 @@ class SerialSide {
  private:
   void pump();
   void write_record();
+  void report_failed_assertions();
   void flush_to_host();
   void wait_writable();
   void read_from_host();
@@ -107,11 +109,13 @@ int SerialSide::run() {
 
   std::vector<std::pair<std::string, Tally>> tallies;
   unsigned number = 0;
+  bool is_one_gone = false;
   for (const Robot& robot : network_.robots()) {
+    is_one_gone = is_one_gone || robot.tally().failed_assertions > 0;
     tallies.emplace_back(options_.common.id_of(++number), robot.tally());
   }
   fmt::print("{}\n", to_json(tallies));
-  return 0;
+  return is_one_gone ? robot_is_gone : 0;
 }
 
 void SerialSide::wait_signal() {
@@ -165,10 +169,12 @@ void SerialSide::plug_in_board() {
 
 void SerialSide::pump() {
   write_record();
+  report_failed_assertions();
   flush_to_host();
   while (network_.deadline() <= std::chrono::steady_clock::now()) {
     network_.on_deadline(std::chrono::steady_clock::now());
     write_record();
+    report_failed_assertions();
     flush_to_host();
   }
   finish_when_done();
@@ -181,6 +187,13 @@ void SerialSide::pump() {
 void SerialSide::write_record() {
   while (const auto event = network_.next_event()) {
     record_.write(options_.common.id_of(event->first), event->second);
+  }
+}
+
+void SerialSide::report_failed_assertions() {
+  while (const auto failed = network_.next_failed_assertion()) {
+    fmt::print(stderr, "{} has failed an assertion and is gone: {}\n",
+               options_.common.id_of(failed->first), failed->second);
   }
 }
 
@@ -215,11 +228,13 @@ void SerialSide::read_from_host() {
     if (error) return;
     std::array<std::uint8_t, 4096> buffer;
     const ssize_t octets = ::read(terminal_->master(), buffer.data(), buffer.size());
-    if (octets > 0) {
-      network_.on_host_bytes(ByteView(buffer).first(static_cast<std::size_t>(octets)),
+    // Octet by octet, as on a wire: the board answers the first packets before it gets the last.
+    for (ssize_t i = 0; i < octets; ++i) {
+      network_.on_host_bytes(ByteView(buffer).subspan(static_cast<std::size_t>(i), 1),
                              std::chrono::steady_clock::now());
-      pump();
+      flush_to_host();
     }
+    pump();
     read_from_host();
   });
 }

@@ -135,6 +135,36 @@ void restore(NodeConfiguration& configuration, const json& from) {
                         to.at(4).get<std::uint8_t>(), to.at(5).get<std::uint8_t>()};
 }
 
+json to_json(const NetKey& key) {
+  json out{{"index", key.index}, {"key", to_hex(key.key)}, {"phase", key.phase}};
+  if (key.new_key) out["new_key"] = to_hex(*key.new_key);
+  return out;
+}
+
+NetKey net_key_from(const json& from) {
+  NetKey key{from.at("index").get<std::uint16_t>(), key_from(from.at("key"))};
+  key.phase = from.at("phase").get<KeyRefreshPhase>();
+  if (from.contains("new_key")) key.new_key = key_from(from.at("new_key"));
+  return key;
+}
+
+json to_json(const AppKey& key) {
+  json out{{"index", key.index}, {"key", to_hex(key.key)}, {"net_index", key.net_index}};
+  if (key.new_key) out["new_key"] = to_hex(*key.new_key);
+  return out;
+}
+
+AppKey app_key_from(const json& from, const NodeConfiguration& configuration) {
+  AppKey key{from.at("index").get<std::uint16_t>(), key_from(from.at("key"))};
+  key.net_index = configuration.network->net_key_index;
+  if (from.contains("net_index")) key.net_index = from.at("net_index").get<std::uint16_t>();
+  if (from.contains("new_key")) key.new_key = key_from(from.at("new_key"));
+  if (configuration.find_net_key(key.net_index) == nullptr) {
+    throw std::runtime_error("an application key is of no network");
+  }
+  return key;
+}
+
 json to_json(const Node& node) {
   const NodeConfiguration& configuration = node.configuration();
   const std::uint32_t blocks = (node.next_sequence() + sequence_block / 2) / sequence_block + 1;
@@ -147,27 +177,39 @@ json to_json(const Node& node) {
   out["iv_index"] = network.iv_index;
   out["address"] = network.address;
   out["device_key"] = to_hex(configuration.device_key);
+  for (const NetKey& key : configuration.net_keys) out["net_keys"].push_back(to_json(key));
   out["app_keys"] = json::array();
-  for (const AppKey& key : configuration.app_keys) {
-    out["app_keys"].push_back({{"index", key.index}, {"key", to_hex(key.key)}});
-  }
+  for (const AppKey& key : configuration.app_keys) out["app_keys"].push_back(to_json(key));
   for (const Model& model : configuration.models) out["models"].push_back(to_json(model));
+  out["features"] = {configuration.ttl, configuration.relay, configuration.relay_retransmit,
+                     configuration.secure_network_beacon, configuration.network_transmit};
   return out;
 }
 
+/// Files of earlier versions have neither `net_keys` nor `features`.
 NodeConfiguration configuration_from(const json& from) {
   NodeConfiguration configuration;
   if (!from.contains("net_key")) return configuration;
-  configuration.network =
-      ProvisioningData{key_from(from.at("net_key")), from.at("net_key_index").get<std::uint16_t>(),
-                       from.at("flags").get<std::uint8_t>(),
-                       from.at("iv_index").get<std::uint32_t>(), from.at("address").get<Address>()};
-  configuration.device_key = key_from(from.at("device_key"));
+  configuration.join({key_from(from.at("net_key")), from.at("net_key_index").get<std::uint16_t>(),
+                      from.at("flags").get<std::uint8_t>(),
+                      from.at("iv_index").get<std::uint32_t>(), from.at("address").get<Address>()},
+                     key_from(from.at("device_key")));
+  if (from.contains("net_keys")) {
+    configuration.net_keys.clear();
+    for (const json& key : from.at("net_keys")) configuration.net_keys.push_back(net_key_from(key));
+  }
   for (const json& key : from.at("app_keys")) {
-    configuration.app_keys.push_back(
-        {key.at("index").get<std::uint16_t>(), key_from(key.at("key"))});
+    configuration.app_keys.push_back(app_key_from(key, configuration));
   }
   for (const json& model : from.at("models")) restore(configuration, model);
+  if (from.contains("features")) {
+    const json& features = from.at("features");
+    configuration.ttl = features.at(0).get<std::uint8_t>();
+    configuration.relay = features.at(1).get<std::uint8_t>();
+    configuration.relay_retransmit = features.at(2).get<std::uint8_t>();
+    configuration.secure_network_beacon = features.at(3).get<std::uint8_t>();
+    configuration.network_transmit = features.at(4).get<std::uint8_t>();
+  }
   return configuration;
 }
 

@@ -37,8 +37,10 @@ class MeshHost {
   std::string tell(std::string_view command) { return tell(hex(command)); }
   std::string tell(const Bytes& command) {
     const std::size_t before = packets.size();
-    network_.on_host_bytes(command, now_);
-    fetch();
+    for (const std::uint8_t octet : command) {  // reads while it writes
+      network_.on_host_bytes(Bytes{octet}, now_);
+      fetch();
+    }
     std::string out;
     for (std::size_t i = before; i < packets.size(); ++i) {
       out += (out.empty() ? "" : " | ") + to_hex(packets[i]);

@@ -50,7 +50,7 @@ TEST_F(NodeTest, AnswersConfigurationUnderTheDeviceKey) {
   EXPECT_EQ(host_.last_key_handle, 8);
   EXPECT_EQ(host_.ask(add_key), "80 03 00 00 00 00");
   EXPECT_EQ(host_.ask(bind_updates), "80 3e 00 00 01 00 00 59 00 06 00");
-  EXPECT_EQ(host_.ask(publish_updates), "80 19 00 00 01 01 00 00 00 05 00 00 59 00 06 00");
+  EXPECT_EQ(host_.ask(publish_updates), "80 19 00 00 01 01 00 00 00 05 5a 00 59 00 06 00");
 }
 
 TEST_F(NodeTest, HearsNothingUnderAnotherDeviceKey) {
@@ -94,6 +94,35 @@ TEST_F(NodeTest, PublishesItsHealthAtTheConfiguredPeriod) {
   host_.ask("03 00 01 01 00 00 00 04 44 00 02 00");  // 4 s
   said(seconds{10});
   EXPECT_EQ(said(seconds{20}), std::vector<std::uint8_t>(5, 0x04));
+}
+
+TEST_F(NodeTest, SpeaksWithTheOldKeyUntilTheNewOneIsInForce) {
+  configure_updates();
+  const Key old_key = host_.network().nodes()[0].configuration().net_keys[0].key;
+  host_.ask("80 45 00 00 a0a1a2a3a4a5a6a7a8a9aaabacadaeaf");
+  EXPECT_EQ(said(), std::vector<std::uint8_t>(5, 0xcb));
+  EXPECT_EQ(host_.ask("80 16 00 00 02"), "80 17 00 00 00 02");  // answered as it was asked
+  EXPECT_EQ(host_.ask("80 08 00").substr(0, 2), "02");
+  EXPECT_EQ(host_.ask("80 16 00 00 03"), "80 17 00 00 00 00");
+  EXPECT_EQ(host_.ask("80 08 00"), "");
+  EXPECT_NE(host_.network().nodes()[0].configuration().net_keys[0].key, old_key);
+}
+
+TEST_F(NodeTest, IsGoneAfterAFailedAssertion) {
+  configure_updates();
+  for (const char* group : {"00", "01", "02", "03", "04", "05", "06", "07", "08", "09"}) {
+    host_.ask("80 1b 00 01 " + std::string(group) + "c1 59 00 09 00");
+  }
+  EXPECT_FALSE(host_.network().next_failed_assertion().has_value());
+  EXPECT_EQ(host_.ask("80 1d 00 01 59 00 09 00"), "");
+  const auto failed = host_.network().next_failed_assertion();
+  ASSERT_TRUE(failed.has_value());
+  EXPECT_EQ(failed->first, 1U);
+  EXPECT_FALSE(host_.network().next_failed_assertion().has_value());
+  EXPECT_EQ(host_.ask("80 08 00"), "");
+  EXPECT_TRUE(said(seconds{60}).empty());
+  EXPECT_EQ(host_.network().robots()[0].tally().failed_assertions, 1U);
+  EXPECT_TRUE(host_.network().has_sent_everything());
 }
 
 TEST_F(NodeTest, TakesCommandsForBoundModelsOnly) {

@@ -10,6 +10,7 @@
 #include <filesystem>
 
 #include "tests/simulation/hex.hpp"
+#include "tests/simulation/mesh_host.hpp"
 #include "tests/support/child_process.hpp"
 #include "tests/support/eventually.hpp"
 #include "tests/support/temp_dir.hpp"
@@ -24,9 +25,10 @@ class SerialSideTest : public ::testing::Test {
  protected:
   ~SerialSideTest() override { hang_up(); }
 
-  void begin() {
-    program_.emplace(std::vector<std::string>{SLAMGW_SIM, "ble", "--tty", link_, "--unprovisioned",
-                                              "--state", state_});
+  void begin(const std::string& robots = "3") {
+    program_.emplace(std::vector<std::string>{SLAMGW_SIM, "ble", "--tty", link_, "--robots", robots,
+                                              "--unprovisioned", "--state", state_},
+                     directory_ / "out", directory_ / "err");
     ASSERT_TRUE(eventually([&] { return fs::is_symlink(link_); }));
   }
   void open_port() {
@@ -41,14 +43,23 @@ class SerialSideTest : public ::testing::Test {
     if (port_ >= 0) ::close(port_);
     port_ = -1;
   }
+  void read_some() {
+    std::uint8_t buffer[256];
+    const ssize_t size = ::read(port_, buffer, sizeof buffer);
+    if (size > 0) put(heard_, ByteView(buffer).first(static_cast<std::size_t>(size)));
+  }
   /// What has been read since the last command, or since the port was opened, comes to contain
   /// this.
   bool hears(const std::string& octets) {
     return eventually([&] {
-      std::uint8_t buffer[256];
-      const ssize_t size = ::read(port_, buffer, sizeof buffer);
-      if (size > 0) put(heard_, ByteView(buffer).first(static_cast<std::size_t>(size)));
+      read_some();
       return to_hex(heard_).find(octets) != std::string::npos;
+    });
+  }
+  bool hears_octets(std::size_t count) {
+    return eventually([&] {
+      read_some();
+      return heard_.size() >= count;
     });
   }
   bool answers(std::string_view command, const std::string& answer) {
@@ -113,6 +124,36 @@ TEST_F(SerialSideTest, KeepsItsStateThroughACrash) {
   program_->send_signal(SIGTERM);
   EXPECT_EQ(program_->wait(), 0);
   EXPECT_NE(saved().find("\"start\": 0"), std::string::npos);
+}
+
+TEST_F(SerialSideTest, ReadsWhileTheHostWrites) {
+  begin();
+  open_port();
+  const Bytes zeros(255, 0);
+  ASSERT_EQ(::write(port_, zeros.data(), zeros.size()), 255);
+  ASSERT_TRUE(hears_octets(255 * 4));
+  EXPECT_TRUE(answers("01 14", "07 84 14 00 00 00 00 00"));
+}
+
+/// A robot with ten subscriptions does not survive that all are deleted at once.
+TEST_F(SerialSideTest, EndsWithThreeAfterARobotFailedAnAssertion) {
+  ble::MeshHost host(ble::MeshHost::unprovisioned());
+  host.adopt(0x0100);
+  for (int group = 0; group < 10; ++group) {
+    host.ask("80 1b 00 01 0" + std::to_string(group) + "c1 59 00 09 00");
+  }
+  test::write_file(state_, ble::state_of(host.network()));
+  begin("1");
+  open_port();
+  ASSERT_TRUE(answers("13 ab 08 00 01 00 00 00 04 00 00 00 80 1d 00 01 59 00 09 00", "84 ab 00"));
+  EXPECT_TRUE(eventually([&] {
+    return test::read_file(directory_ / "err").find("robot1 has failed an assertion and is gone") !=
+           std::string::npos;
+  }));
+  program_->send_signal(SIGTERM);
+  EXPECT_EQ(program_->wait(), 3);
+  const std::string summary = test::read_file(directory_ / "out");
+  EXPECT_NE(summary.find(R"("failed_assertions":1)"), std::string::npos) << summary;
 }
 
 TEST_F(SerialSideTest, RefusesAStateFileOfSomethingElse) {

@@ -25,7 +25,11 @@ TEST(StateFile, BringsBoardAndRobotsBack) {
   first.ask("00 00 00 00 101112131415161718191a1b1c1d1e1f");
   first.ask("80 3d 00 01 00 00 59 00 06 00");
   first.ask("80 1b 00 01 04 c0 59 00 09 00");
-  first.ask("03 00 01 01 00 00 10 04 45 02 59 00 06 00");
+  first.ask("03 00 01 01 00 00 10 04 00 02 59 00 06 00");
+  first.ask("80 0d 07");
+  first.ask("80 45 00 00 a0a1a2a3a4a5a6a7a8a9aaabacadaeaf");
+  first.tell("13 93 00 00 a0a1a2a3a4a5a6a7a8a9aaabacadaeaf");
+  first.tell("11 a2 404142434445464748494a4b4c4d4e4f");
   const std::string state = state_of(first.network());
 
   MeshHost second(options, state);
@@ -33,12 +37,13 @@ TEST(StateFile, BringsBoardAndRobotsBack) {
     EXPECT_EQ(second.network().nodes()[i].configuration(),
               first.network().nodes()[i].configuration());
   }
-  for (const char* question : {"01 a0", "01 a8", "01 95", "03 9a 00 00", "03 a7 01 00"}) {
+  for (const char* question : {"01 a0", "01 a8", "01 95", "03 9a 00 00", "03 a7 01 00",
+                               "03 a7 20 00", "13 93 00 00 b0b1b2b3b4b5b6b7b8b9babbbcbdbebf"}) {
     EXPECT_EQ(second.tell(question), first.tell(question)) << question;
   }
   EXPECT_EQ(second.tell("03 a7 01 00"), "09 84 a7 00 01 00 03 01 03 c0");
   EXPECT_EQ(second.ask("80 18 00 01 59 00 06 00"),
-            "80 19 00 00 01 01 00 00 10 04 45 02 59 00 06 00");
+            "80 19 00 00 01 01 00 00 10 04 5a 02 59 00 06 00");
   second.run(seconds{10});
   EXPECT_EQ(second.network().robots()[0].tally().sent, 5U);
   EXPECT_EQ(second.network().robots()[1].tally().sent, 0U);

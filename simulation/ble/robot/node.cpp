@@ -69,6 +69,10 @@ Address Node::address() const {
   return configuration_.network ? configuration_.network->address : Address{0};
 }
 
+std::optional<TimePoint> Node::deadline() const {
+  return is_gone() ? std::nullopt : first_of(next_beacon_, link_ends_);
+}
+
 void Node::on_deadline(TimePoint now) {
   if (link_ends_ && *link_ends_ <= now) end_link();
   if (!next_beacon_ || *next_beacon_ > now) return;
@@ -83,6 +87,7 @@ std::optional<Key> Node::next_beacon() {
 }
 
 bool Node::takes(const LinkSignal& signal) const {
+  if (is_gone()) return false;
   if (signal.kind != LinkSignal::Kind::open) return link_ == signal.link;
   return signal.uuid == settings_.uuid && address() == 0 && !link_;
 }
@@ -108,8 +113,7 @@ void Node::answer_link(ByteView pdu, TimePoint now) {
   }
   const std::optional<Provisionee::Result>& result = provisionee_->result();
   if (!result || configuration_.network) return;
-  configuration_.network = result->data;
-  configuration_.device_key = result->device_key;
+  configuration_.join(result->data, result->device_key);
   configured_at_ = now;
   next_beacon_.reset();
 }
@@ -138,14 +142,15 @@ bool Node::is_for_us(Address destination) const {
 }
 
 bool Node::reaches(const MeshMessage& message) const {
-  if (address() == 0 || !is_for_us(message.destination)) return false;
+  if (is_gone() || address() == 0 || !is_for_us(message.destination)) return false;
   if (settings_.fixed_address) return true;
-  return message.encryption && message.encryption->net_key == configuration_.network->net_key;
+  return message.encryption && configuration_.has_net_key(message.encryption->net_key);
 }
 
 const AppKey* Node::find_app_key(const Key& key) const {
-  const auto found = std::find_if(configuration_.app_keys.begin(), configuration_.app_keys.end(),
-                                  [&](const AppKey& k) { return k.key == key; });
+  const auto found =
+      std::find_if(configuration_.app_keys.begin(), configuration_.app_keys.end(),
+                   [&](const AppKey& k) { return k.key == key || k.new_key == key; });
   return found == configuration_.app_keys.end() ? nullptr : &*found;
 }
 
@@ -181,10 +186,13 @@ bool Node::is_taken_by_model(const MeshMessage& message, std::uint16_t app_key_i
 }
 
 void Node::configure(const MeshMessage& request, TimePoint now) {
-  const ConfigServer::Result result = ConfigServer(configuration_).on_message(request.payload);
+  const ConfigServer::Result result =
+      ConfigServer(*settings_.firmware, configuration_).on_message(request.payload);
+  failed_assertion_ = result.failed_assertion;
   if (!result.answer) return;
   configured_at_ = now;
-  MeshMessage answer{address(), request.source, default_ttl, *result.answer, 0, request.encryption};
+  MeshMessage answer{address(), request.source,    configuration_.ttl, *result.answer,
+                     0,         request.encryption};
   prepare(answer);
   answers_.push_back(std::move(answer));
   if (result.resets_node) reset(now);
@@ -207,13 +215,15 @@ std::optional<MeshMessage> Node::next_answer() {
 }
 
 bool Node::prepare(MeshMessage& message) {
-  if (address() == 0) return false;
+  if (is_gone() || address() == 0) return false;
   if (!settings_.fixed_address && !message.encryption) {
     const std::optional<ModelId> id = publisher_of(message.payload);
     const Model* model = id ? configuration_.find_model(*id) : nullptr;
     const AppKey* key = model == nullptr ? nullptr : publishing_key(*model);
     if (key == nullptr) return false;
-    message.encryption = Encryption{configuration_.network->net_key, key->key, false};
+    const NetKey* net_key = configuration_.find_net_key(key->net_index);
+    message.encryption =
+        Encryption{configuration_.sending_key(*net_key), configuration_.sending_key(*key), false};
   }
   const std::size_t octets = message.payload.size();
   message.source = address();
@@ -235,7 +245,8 @@ std::optional<Robot::Publication> Node::publication_of(ModelId id) const {
   if (model == nullptr || model->publication.address == 0) return std::nullopt;
   if (publishing_key(*model) == nullptr) return std::nullopt;
   const ModelPublication& publication = model->publication;
-  const std::uint8_t ttl = publication.ttl == use_default_ttl ? default_ttl : publication.ttl;
+  const std::uint8_t ttl =
+      publication.ttl == use_default_ttl ? configuration_.ttl : publication.ttl;
   return Robot::Publication{publication.address, ttl, publish_period(publication.period)};
 }
 

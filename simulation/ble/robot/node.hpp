@@ -7,7 +7,6 @@
 #include <deque>
 #include <optional>
 
-#include "simulation/ble/board/provisioner.hpp"
 #include "simulation/ble/replay_list.hpp"
 #include "simulation/ble/robot/config_server.hpp"
 #include "simulation/ble/robot/provisionee.hpp"
@@ -22,6 +21,7 @@ class Node {
   static constexpr std::chrono::seconds settling_time{1};
 
   struct Settings {
+    const Firmware* firmware = &firmware_3_1_0;
     Key uuid{};
     unsigned number = 1;  ///< of the robot, from 1
     std::optional<Key> static_oob;
@@ -33,7 +33,7 @@ class Node {
   Node(const Settings& settings, Random random);
 
   void on_start(TimePoint now);
-  std::optional<TimePoint> deadline() const { return first_of(next_beacon_, link_ends_); }
+  std::optional<TimePoint> deadline() const;
   void on_deadline(TimePoint now);
   /// The UUID to be sent as an unprovisioned device's beacon.
   std::optional<Key> next_beacon();
@@ -53,6 +53,9 @@ class Node {
   /// out.
   bool prepare(MeshMessage& message);
 
+  /// The assertion that its firmware has failed, once: from then on the node is gone.
+  const std::optional<std::string>& failed_assertion() const { return failed_assertion_; }
+
   /// What the configuration lets the robot publish at this time.
   Robot::Publications publications(TimePoint now) const;
   /// 0 while unprovisioned.
@@ -65,6 +68,7 @@ class Node {
   void restore(NodeConfiguration configuration, std::uint32_t next_sequence);
 
  private:
+  bool is_gone() const { return failed_assertion_.has_value(); }
   bool is_for_us(Address destination) const;
   const AppKey* find_app_key(const Key& key) const;
   bool is_taken_by_model(const MeshMessage& message, std::uint16_t app_key_index) const;
@@ -87,6 +91,7 @@ class Node {
   std::optional<std::uint32_t> link_;
   std::optional<TimePoint> link_ends_;
   std::optional<Provisionee> provisionee_;
+  std::optional<std::string> failed_assertion_;
   std::deque<LinkSignal> signals_;
   std::deque<MeshMessage> answers_;
 };

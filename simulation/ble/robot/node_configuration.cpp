@@ -26,6 +26,38 @@ Model* NodeConfiguration::find_model(ModelId id) {
   return const_cast<Model*>(std::as_const(*this).find_model(id));
 }
 
+void NodeConfiguration::join(const ProvisioningData& data, const Key& new_device_key) {
+  network = data;
+  device_key = new_device_key;
+  net_keys = {{data.net_key_index, data.net_key}};
+}
+
+const NetKey* NodeConfiguration::find_net_key(std::uint16_t index) const {
+  const auto found = std::find_if(net_keys.begin(), net_keys.end(),
+                                  [&](const NetKey& key) { return key.index == index; });
+  return found == net_keys.end() ? nullptr : &*found;
+}
+
+NetKey* NodeConfiguration::find_net_key(std::uint16_t index) {
+  return const_cast<NetKey*>(std::as_const(*this).find_net_key(index));
+}
+
+bool NodeConfiguration::has_net_key(const Key& key) const {
+  return std::any_of(net_keys.begin(), net_keys.end(),
+                     [&](const NetKey& own) { return own.key == key || own.new_key == key; });
+}
+
+Key NodeConfiguration::sending_key(const NetKey& net_key) const {
+  return net_key.phase == KeyRefreshPhase::switched ? net_key.new_key.value_or(net_key.key)
+                                                    : net_key.key;
+}
+
+Key NodeConfiguration::sending_key(const AppKey& app_key) const {
+  const NetKey* net_key = find_net_key(app_key.net_index);
+  const bool is_switched = net_key != nullptr && net_key->phase == KeyRefreshPhase::switched;
+  return is_switched ? app_key.new_key.value_or(app_key.key) : app_key.key;
+}
+
 const AppKey* NodeConfiguration::find_app_key(std::uint16_t index) const {
   const auto found = std::find_if(app_keys.begin(), app_keys.end(),
                                   [&](const AppKey& key) { return key.index == index; });

@@ -53,26 +53,58 @@ struct Model {
   bool operator==(const Model&) const = default;
 };
 
+/// Section 4.2.14; 3 is a command only.
+enum class KeyRefreshPhase : std::uint8_t { none = 0, distribution = 1, switched = 2 };
+
+struct NetKey {
+  std::uint16_t index = 0;
+  Key key{};
+  std::optional<Key> new_key{};  ///< during a key refresh
+  KeyRefreshPhase phase = KeyRefreshPhase::none;
+
+  bool operator==(const NetKey&) const = default;
+};
+
 struct AppKey {
   std::uint16_t index = 0;
   Key key{};
+  std::optional<Key> new_key{};  ///< during a key refresh of its network
+  std::uint16_t net_index = 0;
 
   bool operator==(const AppKey&) const = default;
 };
 
 struct NodeConfiguration {
+  static constexpr std::size_t max_net_keys = 2;
   static constexpr std::size_t max_app_keys = 8;
-  static constexpr std::size_t max_subscriptions = 8;  ///< of one model
+  static constexpr std::size_t max_groups =
+      32;  ///< that its models are subscribed to, all together
 
   std::optional<ProvisioningData> network;  ///< nothing: not provisioned
   Key device_key{};
+  std::vector<NetKey> net_keys;
   std::vector<AppKey> app_keys;
   std::vector<Model> models = factory_models();
+  std::uint8_t ttl = default_ttl;  ///< of its answers, and of publications that name none
+  // Kept, not obeyed:
+  std::uint8_t relay = 1;
+  std::uint8_t relay_retransmit = 0;
+  std::uint8_t secure_network_beacon = 1;
+  std::uint8_t network_transmit = 0;
 
   static std::vector<Model> factory_models();
+  /// Provisioned; the network's key is its first.
+  void join(const ProvisioningData& data, const Key& new_device_key);
   Model* find_model(ModelId id);
   const Model* find_model(ModelId id) const;
+  NetKey* find_net_key(std::uint16_t index);
+  const NetKey* find_net_key(std::uint16_t index) const;
   const AppKey* find_app_key(std::uint16_t index) const;
+  /// A network key of this node, the old or the new one.
+  bool has_net_key(const Key& key) const;
+  /// With what it sends in the network, and with that network's application keys.
+  Key sending_key(const NetKey& net_key) const;
+  Key sending_key(const AppKey& app_key) const;
 
   bool operator==(const NodeConfiguration&) const = default;
 };

@@ -45,7 +45,15 @@ void Robot::record(bool is_acknowledged, std::uint64_t number, Bytes payload) {
   if (settings_.is_recorded) events_.push_back({is_acknowledged, number, std::move(payload)});
 }
 
+void Robot::on_failed_assertion() {
+  is_gone_ = true;
+  ++tally_.failed_assertions;
+  reliable_.reset();
+  outbox_.clear();
+}
+
 TimePoint Robot::deadline() const {
+  if (is_gone_) return TimePoint::max();
   const bool has_more = !settings_.messages || produced_ < *settings_.messages;
   TimePoint next = next_health_;
   if (has_more) next = std::min(next, next_update_);
@@ -219,7 +227,7 @@ void Robot::answer(const MeshMessage& request, Bytes payload) {
 }
 
 bool Robot::has_sent_everything() const {
-  return settings_.messages && produced_ >= *settings_.messages && !reliable_;
+  return is_gone_ || (settings_.messages && produced_ >= *settings_.messages && !reliable_);
 }
 
 }  // namespace slamgw::sim::ble

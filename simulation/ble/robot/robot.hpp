@@ -56,6 +56,8 @@ class Robot {
   void on_message(const MeshMessage& message, TimePoint now);
   /// An unacknowledged update got lost on the air.
   void on_update_dropped() { ++tally_.lost; }
+  /// Its firmware has failed an assertion: it does nothing any more.
+  void on_failed_assertion();
   TimePoint deadline() const;
   std::optional<Outgoing> next_transmission();
   std::optional<UpdateEvent> next_event();
@@ -90,6 +92,7 @@ class Robot {
 
   RobotSettings settings_;
   RobotBody body_;
+  bool is_gone_ = false;
   bool has_introduced_itself_ = false;
   TimePoint next_update_{};
   TimePoint next_health_{};
