@@ -23,6 +23,15 @@ constexpr std::size_t max_pending_answers = 32;
 /// Messages waiting for an active client (a sleeping one: `mqttsn.max_sleeping_messages`).
 constexpr std::size_t max_queued_messages = 256;
 constexpr std::size_t max_queued_octets = 256 * 1024;
+/// REGISTERs to one client that it has not answered: one, and those that are late.
+constexpr std::size_t max_open_registers = 8;
+/// PUBRELs to one client that it has not answered.
+constexpr std::size_t max_open_releases = 16;
+/// Failed QoS 2 commands of one client; as many as can be open in `command_patience` is far less.
+constexpr std::size_t max_abandoned = 16;
+/// How long a client is spared a topic that it does not answer: at first, doubled, at most.
+constexpr std::chrono::seconds first_set_aside{60};
+constexpr std::chrono::seconds longest_set_aside{3600};
 /// QoS 1 and 2 messages of one client that are not yet safe; Nordic's client has four.
 constexpr std::size_t max_open_receipts = 64;
 /// QoS 2 exchanges of one client between PUBLISH and PUBREL.

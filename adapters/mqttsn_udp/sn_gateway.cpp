@@ -14,10 +14,11 @@ SnGateway::SnGateway(Settings settings, TopicPolicy policy, RobotNames names)
       subscriptions_(context_, answers_),
       commands_(context_),
       downlink_(context_, subscriptions_, commands_),
-      fan_out_(subscriptions_, downlink_, commands_),
+      fan_out_(subscriptions_, commands_),
       uplink_(context_),
       wills_(context_),
       lifecycle_(context_, subscriptions_, downlink_, uplink_, wills_),
+      sleep_(context_, downlink_, lifecycle_),
       connecting_(context_, lifecycle_, downlink_, wills_),
       discovery_(context_, guard_) {}
 
@@ -26,14 +27,18 @@ void SnGateway::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, Tim
 }
 
 void SnGateway::on_broker_message(const BrokerMessage& message, CommandId command, TimePoint now) {
-  fan_out_.on_broker_message(message, command, now);
+  expire_commands(now);
+  for (auto& [session, outgoing] : fan_out_.on_broker_message(message, command, now)) {
+    downlink_.enqueue(*session, std::move(outgoing), now);
+    advance(*session, now);
+  }
 }
 
 void SnGateway::on_subscribe_result(const std::string& filter, bool granted, TimePoint now) {
   ClientSession* session = subscriptions_.on_subscribe_result(filter, granted, now);
   if (!session) return;
   if (!granted) downlink_.drop_unwanted(*session, now);
-  downlink_.pump(*session, now);
+  advance(*session, now);
 }
 
 void SnGateway::on_broker_link(bool is_up, TimePoint now) {
@@ -44,8 +49,31 @@ void SnGateway::on_broker_link(bool is_up, TimePoint now) {
 void SnGateway::on_deadline(TimePoint now) {
   discovery_.on_deadline(now);
   connecting_.on_deadline(now);
-  while (ClientSession* session = context_.clients.pop_due(now)) lifecycle_.on_time(*session, now);
-  commands_.on_deadline(now);
+  expire_commands(now);
+  while (ClientSession* session = context_.clients.pop_due(now)) on_time(*session, now);
+}
+
+void SnGateway::on_time(ClientSession& session, TimePoint now) {
+  if (lifecycle_.is_overdue(session, now)) return lifecycle_.lose(session, now);
+  if (downlink_.on_time(session, now)) sleep_.on_unanswered(session, now);
+  advance(session, now);
+}
+
+void SnGateway::advance(ClientSession& session, TimePoint now) {
+  downlink_.pump(session, now);
+  sleep_.settle(session, now);
+  lifecycle_.schedule(session);
+}
+
+void SnGateway::expire_commands(TimePoint now) {
+  std::vector<ClientSession*> waiting;  // nothing is sent before all are withdrawn
+  while (const auto command = commands_.pop_overdue(now)) {
+    ClientSession* session = context_.clients.find_robot(command->robot);
+    std::string why = session ? downlink_.withdraw(*session, *command) : "the robot has gone";
+    commands_.end(command, CommandResult::timeout, std::move(why), now);
+    if (session) waiting.push_back(session);
+  }
+  for (ClientSession* session : waiting) advance(*session, now);
 }
 
 std::optional<TimePoint> SnGateway::deadline() const {
@@ -65,7 +93,7 @@ void SnGateway::reconfigure(TopicPolicy policy, RobotNames names, TimePoint now)
       subscriptions_.drop_forbidden(session);
     } else {
       if (session.is_connected()) context_.send(session, Disconnect{});
-      lifecycle_.expel(session, now);
+      lifecycle_.expel(session, "the robot has another name now", now);
     }
   }
 }
@@ -73,7 +101,7 @@ void SnGateway::reconfigure(TopicPolicy policy, RobotNames names, TimePoint now)
 SnGateway::ClientCounts SnGateway::client_counts() const {
   ClientCounts counts;
   for (const auto& [id, session] : context_.clients.all()) {
-    switch (session->state) {
+    switch (session->state()) {
       case ClientState::active: ++counts.active; break;
       case ClientState::asleep:
       case ClientState::awake: ++counts.asleep; break;
@@ -87,7 +115,7 @@ SnGateway::ClientCounts SnGateway::client_counts() const {
 std::size_t SnGateway::queued_for(const std::string& robot) const {
   const ClientSession* session = context_.clients.find_robot(robot);
   if (!session) return 0;
-  return session->delivery.queue.size() + (session->delivery.in_flight ? 1 : 0);
+  return session->delivery.queue.size() + (session->delivery.publishing ? 1 : 0);
 }
 
 void SnGateway::on_stop(TimePoint now) {
@@ -106,12 +134,10 @@ std::optional<SessionSnapshot> SnGateway::snapshot(const std::string& client_id,
   return to_snapshot(*session, now);
 }
 
-void SnGateway::adopt_commands(const Delivery& delivery, TimePoint now) {
-  const auto adopt = [&](const Outgoing& what) {
-    if (what.command) commands_.adopt(what.command, now);
-  };
-  if (delivery.in_flight) adopt(delivery.in_flight->what);
-  for (const Outgoing& waiting : delivery.queue) adopt(waiting);
+void SnGateway::adopt_commands(const Delivery& delivery) {
+  for (const Outgoing& waiting : delivery.queue) {
+    if (waiting.command) commands_.adopt(waiting.command);
+  }
 }
 
 void SnGateway::refuse_commands(const SessionSnapshot& snapshot, TimePoint now) {
@@ -130,20 +156,12 @@ bool SnGateway::restore(const SessionSnapshot& snapshot, TimePoint now) {
   }
   ClientSession& session = context_.clients.create(snapshot.client_id, snapshot.robot);
   apply(snapshot, session, now);
-  adopt_commands(session.delivery, now);
+  adopt_commands(session.delivery);
   if (snapshot.peer) context_.clients.bind(session, *snapshot.peer, session.local);
   subscriptions_.restore(session);
-  switch (session.state) {
-    case ClientState::active: lifecycle_.tell_presence(session, Presence::online); break;
-    case ClientState::awake:
-    case ClientState::asleep: lifecycle_.tell_presence(session, Presence::asleep); break;
-    case ClientState::disconnected:
-    case ClientState::lost:
-      context_.clients.set_evictable(session, now + limits::min_absence);
-      break;
-  }
-  lifecycle_.schedule(session);
-  downlink_.pump(session, now);
+  lifecycle_.enter(session, snapshot.state, now);
+  expire_commands(now);
+  advance(session, now);
   return true;
 }
 

@@ -11,6 +11,7 @@
 #include "adapters/mqttsn_udp/conversations/connecting.hpp"
 #include "adapters/mqttsn_udp/conversations/discovery.hpp"
 #include "adapters/mqttsn_udp/conversations/fan_out.hpp"
+#include "adapters/mqttsn_udp/conversations/sleep.hpp"
 
 namespace slamgw::mqttsn {
 
@@ -63,7 +64,12 @@ class SnGateway {
   bool restore(const SessionSnapshot& snapshot, TimePoint now);
 
  private:
-  void adopt_commands(const Delivery& delivery, TimePoint now);
+  /// Sends what may be sent, ends a wake-up that has nothing left, and sets the timer.
+  void advance(ClientSession& session, TimePoint now);
+  void on_time(ClientSession& session, TimePoint now);
+  /// Commands whose time is over are withdrawn and reported.
+  void expire_commands(TimePoint now);
+  void adopt_commands(const Delivery& delivery);
   void refuse_commands(const SessionSnapshot& snapshot, TimePoint now);
   /// One message and where it came from.
   struct Arrival {
@@ -74,6 +80,7 @@ class SnGateway {
   };
 
   void receive(const Arrival& arrival, Packet packet);
+  void advance_client_at(const Arrival& arrival);
   bool receive_in_handshake(const Arrival& arrival, Packet& packet);
   void receive_from_client(const Arrival& arrival, Packet packet);
   void receive_pingreq(const Arrival& arrival, const Pingreq& pingreq);
@@ -97,6 +104,7 @@ class SnGateway {
   Uplink uplink_;
   Wills wills_;
   Lifecycle lifecycle_;
+  Sleep sleep_;
   Connecting connecting_;
   FloodGuard guard_;
   Discovery discovery_;

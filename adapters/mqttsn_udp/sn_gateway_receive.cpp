@@ -36,6 +36,7 @@ bool is_late_answer(const Packet& packet) {
 
 void SnGateway::on_datagram(const Endpoint& from, const LocalAddress& to, ByteView bytes,
                             TimePoint now) {
+  expire_commands(now);
   context_.tally.count(Count::datagrams_in);
   if (bytes.size() > limits::max_datagram_octets) {
     context_.tally.count(Count::oversized);
@@ -63,16 +64,18 @@ void SnGateway::on_datagram(const Endpoint& from, const LocalAddress& to, ByteVi
 void SnGateway::receive(const Arrival& arrival, Packet packet) {
   if (is_for_clients(packet)) return context_.tally.count(Count::unexpected);
   renew_local(arrival);
-  if (const auto* connect = std::get_if<Connect>(&packet))
-    return connecting_.on_connect(arrival.peer, arrival.local, *connect, arrival.fingerprint,
-                                  arrival.now);
+  if (const auto* connect = std::get_if<Connect>(&packet)) {
+    connecting_.on_connect(arrival.peer, arrival.local, *connect, arrival.fingerprint, arrival.now);
+    return advance_client_at(arrival);
+  }
   auto* publish = std::get_if<Publish>(&packet);
   if (publish && publish->qos == WireQos::minus_one) {
     ClientSession* session = context_.clients.find(arrival.peer);
     if (session && session->is_connected()) lifecycle_.on_heard(*session, arrival.now);
     return uplink_.on_unconnected_publish(session, std::move(*publish));
   }
-  if (connecting_.is_open(arrival.peer) && receive_in_handshake(arrival, packet)) return;
+  if (connecting_.is_open(arrival.peer) && receive_in_handshake(arrival, packet))
+    return advance_client_at(arrival);
   if (const auto* pingreq = std::get_if<Pingreq>(&packet))
     return receive_pingreq(arrival, *pingreq);
   if (const auto* disconnect = std::get_if<Disconnect>(&packet))
@@ -86,6 +89,11 @@ void SnGateway::renew_local(const Arrival& arrival) {
   if (!session || session->local == arrival.local) return;
   session->local = arrival.local;
   context_.set_dirty(*session);
+}
+
+/// A handshake may have made it active.
+void SnGateway::advance_client_at(const Arrival& arrival) {
+  if (ClientSession* session = context_.clients.find(arrival.peer)) advance(*session, arrival.now);
 }
 
 /// True when the message was the handshake's.
@@ -111,8 +119,7 @@ void SnGateway::receive_from_client(const Arrival& arrival, Packet packet) {
     return context_.tally.count(Count::unexpected);
   lifecycle_.on_heard(*session, arrival.now);
   handle(*session, packet, arrival.now);
-  downlink_.pump(*session, arrival.now);
-  lifecycle_.schedule(*session);
+  advance(*session, arrival.now);
 }
 
 /// The connected client at this address; a lost one comes back by its first word (R113).
@@ -123,9 +130,10 @@ ClientSession* SnGateway::session_of(const Arrival& arrival) {
 }
 
 bool SnGateway::revive(ClientSession& session, TimePoint now) {
-  if (session.state != ClientState::lost || !context_.settings.revive_lost) return false;
+  if (session.state() != ClientState::lost || !context_.settings.revive_lost) return false;
   context_.tally.count(Count::clients_revived);
-  lifecycle_.activate(session, now);
+  lifecycle_.enter(session, ClientState::active, now);
+  context_.set_dirty(session);
   return true;
 }
 
@@ -174,17 +182,16 @@ void SnGateway::receive_pingreq(const Arrival& arrival, const Pingreq& pingreq) 
   ClientSession* session = pinging_session(arrival, pingreq);
   if (!session) return on_stranger(arrival, true);
   lifecycle_.on_heard(*session, arrival.now);
-  switch (session->state) {
+  switch (session->state()) {
     case ClientState::lost:
       if (!revive(*session, arrival.now)) return on_stranger(arrival, true);
       [[fallthrough]];
     case ClientState::active: context_.send(*session, Pingresp{}); break;
-    case ClientState::asleep: downlink_.wake(*session, arrival.now); break;
-    case ClientState::awake: break;  // R123: the delivery goes on; PINGRESP ends it
+    case ClientState::asleep:
+    case ClientState::awake: sleep_.wake(*session, arrival.now); break;
     case ClientState::disconnected: return on_stranger(arrival, true);
   }
-  downlink_.pump(*session, arrival.now);
-  lifecycle_.schedule(*session);
+  advance(*session, arrival.now);
 }
 
 /// Who asks, and whether from where it may: a sleeping client from anywhere (R118), others from
@@ -193,8 +200,8 @@ ClientSession* SnGateway::pinging_session(const Arrival& arrival, const Pingreq&
   ClientSession* here = context_.clients.find(arrival.peer);
   if (pingreq.client_id.empty() || (here && here->client_id == pingreq.client_id)) return here;
   ClientSession* session = context_.clients.find(pingreq.client_id);
-  const bool may_move =
-      session && (session->state == ClientState::asleep || session->state == ClientState::awake);
+  const bool may_move = session && (session->state() == ClientState::asleep ||
+                                    session->state() == ClientState::awake);
   if (!may_move) return nullptr;
   move_to(*session, arrival);
   return session;
@@ -219,7 +226,8 @@ void SnGateway::receive_disconnect(const Arrival& arrival, const Disconnect& dis
   context_.send(*session, Disconnect{});
   const std::uint16_t duration_s = disconnect.duration_s.value_or(0);
   if (duration_s == 0) return lifecycle_.disconnect(*session, arrival.now);  // R115
-  lifecycle_.sleep(*session, std::chrono::seconds(duration_s), arrival.now);
+  sleep_.fall_asleep(*session, std::chrono::seconds(duration_s), arrival.now);
+  lifecycle_.schedule(*session);
 }
 
 void SnGateway::on_stranger(const Arrival& arrival, bool is_answered) {

@@ -34,7 +34,8 @@ enum class Count : std::uint8_t {
   deliveries_given_up,  ///< no acknowledgement after N_retry
   queue_dropped,        ///< a client's queue was full
   too_large_down,       ///< R8
-  last_ = too_large_down,
+  topics_set_aside,     ///< of one client, each time that it leaves messages on it unanswered
+  last_ = topics_set_aside,
 };
 
 class Tally {

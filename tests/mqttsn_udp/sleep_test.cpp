@@ -127,7 +127,7 @@ TEST(SnGateway, R119_SendsPingrespByItselfRightAfterTheLastAck) {
   SleepRig rig;
   rig.broker("a/x", "1", 1);
   EXPECT_EQ(rig.wake(), Lines{publish_line(0, 1, 1, 1, "1")}) << "not before it";
-  rig.pass_s(5);
+  rig.pass_s(1);
   EXPECT_TRUE(rig.is_silent(1));
   EXPECT_EQ(rig.ack(1), Lines{"PINGRESP"}) << "not only after another PINGREQ";
   EXPECT_TRUE(rig.is_asleep());
@@ -177,7 +177,7 @@ TEST(SnGateway, R124_StopsAndKeepsTheMessageWhenNoAckComes) {
   rig.broker("a/x", "1", 1);
   rig.wake();
   rig.pass_s(39);
-  EXPECT_EQ(rig.sent_to(1).size(), 3U);
+  EXPECT_EQ(rig.sent_to(1).size(), 9U) << "repeated for 40 s";
   rig.pass_s(60);
   EXPECT_TRUE(rig.is_silent(1)) << "asleep again, without PINGRESP";
   EXPECT_TRUE(rig.is_asleep());

@@ -29,7 +29,7 @@ class WalkClient {
   bool is_done() const { return published_.size() == messages_ && !request_ && !is_asleep_; }
   const std::string& id() const { return id_; }
   std::string up_topic() const { return "ntnu-slam/robot/" + id_ + "/n"; }
-  std::string down_topic() const { return "ntnu-slam/server/" + id_ + "/n"; }
+  std::string down_topic() const { return "w/" + id_ + "/n"; }
 
   struct Published {
     std::string payload;

@@ -10,12 +10,11 @@
 #include <string>
 #include <vector>
 
+#include "adapters/mqttsn_udp/clients/delivery.hpp"
 #include "adapters/mqttsn_udp/clients/topic_table.hpp"
 #include "adapters/mqttsn_udp/conversations/repeat_filter.hpp"
 #include "adapters/mqttsn_udp/protocol/endpoint.hpp"
 #include "adapters/mqttsn_udp/protocol/packet.hpp"
-#include "daemon/core/messages.hpp"
-#include "daemon/core/time.hpp"
 
 namespace slamgw::mqttsn {
 
@@ -44,51 +43,6 @@ struct Subscription {
   std::optional<RetainedWait> retained_wait;
 };
 
-/// A message under `<prefix>/server/<robot>/<type>`, whose outcome is told exactly once.
-struct Command {
-  CommandId id = CommandId::none;  ///< none: from before a restart
-  std::string robot;
-  std::string type;
-  TimePoint came{};
-  bool is_reported = false;
-};
-
-/// One message on its way to one client.
-struct Outgoing {
-  std::shared_ptr<const BrokerMessage> message;
-  Qos qos = Qos::at_most_once;  ///< min(message, granted)
-  TopicIdType topic_id_type = TopicIdType::normal;
-  std::uint16_t predefined_id = 0;
-  std::shared_ptr<Command> command;  ///< may be null
-  bool was_refused_once = false;     ///< "invalid topic id": said again once (R86)
-  std::size_t octets() const { return message->topic.size() + message->payload.size(); }
-};
-
-/// The one exchange that is open with a client (R66, R91).
-struct InFlight {
-  enum class Stage : std::uint8_t { registering, published, released };  // released: PUBREL sent
-  Outgoing what;
-  Stage stage = Stage::published;
-  std::uint16_t msg_id = 0;
-  std::uint16_t topic_id = 0;
-  std::uint16_t resumed_msg_id = 0;     ///< while registering: the PUBLISH goes on under this id
-  bool was_sent = false;                ///< the PUBLISH once left: from now on with DUP
-  unsigned repeats = 0;                 ///< since the last sign of life
-  std::optional<TimePoint> retry_at{};  ///< nothing: it rests until the client is heard
-};
-
-struct Delivery {
-  std::vector<Outgoing> queue;  ///< a std::deque takes 576 octets also when empty
-  std::size_t queued_octets = 0;
-  std::optional<InFlight> in_flight;
-  std::uint16_t last_msg_id = 0;
-  std::optional<TimePoint> paused_until;  ///< the client said "congestion" (T_WAIT)
-  bool is_stalled = false;                ///< no answer after N_retry: rests until heard (R133)
-  std::size_t wake_budget = 0;            ///< messages that this wake-up may still bring (R122)
-  std::optional<Outgoing> last_qos0;      ///< for "invalid topic id" at QoS 0 (R86)
-  std::uint16_t last_qos0_id = 0;
-};
-
 /// A QoS 2 message from a client, between PUBLISH and PUBREL (R75).
 struct InboundQos2 {
   std::uint64_t fingerprint = 0;
@@ -102,12 +56,12 @@ struct PendingAnswer {
   std::optional<Packet> packet;
 };
 
-struct ClientSession {
+class ClientSession {
+ public:
   std::string client_id;
   std::string robot;
   std::uint64_t serial = 0;  ///< in the order of their first CONNECT
 
-  ClientState state = ClientState::disconnected;
   std::optional<Peer> peer;
   LocalAddress local;
   bool is_clean = true;
@@ -133,9 +87,15 @@ struct ClientSession {
   std::optional<TimePoint> timer_armed;
   std::optional<TimePoint> evictable_armed;
 
+  ClientState state() const { return state_; }
   bool is_connected() const {
-    return state != ClientState::disconnected && state != ClientState::lost;
+    return state_ != ClientState::disconnected && state_ != ClientState::lost;
   }
+
+ private:
+  friend class Lifecycle;  // the one writer
+
+  ClientState state_ = ClientState::disconnected;
 };
 
 }  // namespace slamgw::mqttsn

@@ -85,7 +85,7 @@ Json to_json(const MessageSnapshot& m) {
             {"type", m.topic_id_type},
             {"predefined", m.predefined_id},
             {"msg_id", m.msg_id},
-            {"released", m.is_released}};
+            {"released", false}};  // for versions that keep the message until PUBCOMP
   if (m.command_age) json["command_ms"] = m.command_age->count();
   return json;
 }
@@ -98,7 +98,6 @@ MessageSnapshot to_message(const Json& json) {
   m.topic_id_type = checked(json.at("type"), TopicIdType::short_name);
   m.predefined_id = json.at("predefined");
   m.msg_id = json.at("msg_id");
-  m.is_released = json.at("released");
   if (json.contains("command_ms"))
     m.command_age = std::chrono::milliseconds(json.at("command_ms").get<std::uint32_t>());
   return m;
@@ -134,7 +133,15 @@ SessionSnapshot to_session(const Json& json) {
   if (json.contains("will")) out.will = to_will(json.at("will"));
   for (const Json& topic : json.at("topics")) out.topics.push_back({topic.at(0), topic.at(1)});
   for (const Json& s : json.at("subscriptions")) out.subscriptions.push_back(to_subscription(s));
-  for (const Json& message : json.at("messages")) out.messages.push_back(to_message(message));
+  for (const Json& message : json.at("messages")) {
+    // Sessions of 0.1 keep a message until PUBCOMP.
+    if (message.at("released").get<bool>()) {
+      out.released.push_back(message.at("msg_id"));
+    } else {
+      out.messages.push_back(to_message(message));
+    }
+  }
+  if (json.contains("released")) out.released = json.at("released").get<decltype(out.released)>();
   for (const Json& inbound : json.at("inbound_qos2"))
     out.inbound_qos2.emplace_back(inbound.at(0), inbound.at(1));
   for (const Json& repeat : json.at("repeats")) {
@@ -162,6 +169,7 @@ Bytes encode_session(const SessionSnapshot& snapshot) {
             {"topics", to_array(snapshot.topics)},
             {"subscriptions", to_array(snapshot.subscriptions)},
             {"messages", to_array(snapshot.messages)},
+            {"released", snapshot.released},
             {"inbound_qos2", to_array(snapshot.inbound_qos2)},
             {"repeats", to_array(snapshot.repeats)},
             {"last_msg_id", snapshot.last_msg_id}};

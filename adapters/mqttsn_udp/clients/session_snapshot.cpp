@@ -9,26 +9,18 @@
 namespace slamgw::mqttsn {
 namespace {
 
-using Stage = InFlight::Stage;
-
 using std::chrono::milliseconds;
 
 MessageSnapshot to_snapshot(const Outgoing& waiting, TimePoint now) {
-  MessageSnapshot out{*waiting.message,      waiting.qos, waiting.topic_id_type,
-                      waiting.predefined_id, 0,           false};
+  MessageSnapshot out{*waiting.message, waiting.qos, waiting.topic_id_type, waiting.predefined_id,
+                      waiting.msg_id};
   if (waiting.command && !waiting.command->is_reported)
     out.command_age = std::chrono::duration_cast<milliseconds>(now - waiting.command->came);
   return out;
 }
 
 void add_messages(const Delivery& delivery, std::vector<MessageSnapshot>& messages, TimePoint now) {
-  if (delivery.in_flight && delivery.in_flight->what.qos != Qos::at_most_once) {
-    const InFlight& in_flight = *delivery.in_flight;
-    messages.push_back(to_snapshot(in_flight.what, now));
-    messages.back().msg_id =
-        in_flight.stage == Stage::registering ? in_flight.resumed_msg_id : in_flight.msg_id;
-    messages.back().is_released = in_flight.stage == Stage::released;
-  }
+  if (delivery.publishing) messages.push_back(to_snapshot(delivery.publishing->what, now));
   for (const Outgoing& waiting : delivery.queue) {
     if (waiting.qos != Qos::at_most_once) messages.push_back(to_snapshot(waiting, now));
   }
@@ -40,34 +32,19 @@ Outgoing to_outgoing(const MessageSnapshot& snapshot) {
   outgoing.qos = snapshot.qos;
   outgoing.topic_id_type = snapshot.topic_id_type;
   outgoing.predefined_id = snapshot.predefined_id;
+  outgoing.msg_id = snapshot.msg_id;
   return outgoing;
-}
-
-/// The id under which the message was sent: topics keep theirs, so it is the same as before.
-std::uint16_t topic_id(ClientSession& session, const Outgoing& what) {
-  if (what.topic_id_type == TopicIdType::predefined) return what.predefined_id;
-  if (what.topic_id_type == TopicIdType::normal)
-    return session.topics.assign(what.message->topic).value_or(0);
-  const std::string& name = what.message->topic;
-  return name.size() == 2 ? static_cast<std::uint16_t>(static_cast<unsigned char>(name[0]) << 8 |
-                                                       static_cast<unsigned char>(name[1]))
-                          : std::uint16_t{0};
 }
 
 void restore_messages(const SessionSnapshot& snapshot, ClientSession& session, TimePoint now) {
   Delivery& delivery = session.delivery;
   delivery.last_msg_id = snapshot.last_msg_id;
+  for (const std::uint16_t msg_id : snapshot.released)
+    delivery.releasing.push_back({Attempt{msg_id, TimePoint::min()}});
   for (const MessageSnapshot& message : snapshot.messages) {
     Outgoing outgoing = to_outgoing(message);
     outgoing.command = command_of(message, snapshot, now);
-    if (message.msg_id != 0 && !delivery.in_flight) {
-      const std::uint16_t id = topic_id(session, outgoing);
-      const Stage stage = message.is_released ? Stage::released : Stage::published;
-      delivery.in_flight = InFlight{std::move(outgoing), stage, message.msg_id, id, true};
-    } else {
-      delivery.queued_octets += outgoing.octets();
-      delivery.queue.push_back(std::move(outgoing));
-    }
+    delivery.queue.push_back(std::move(outgoing));
   }
 }
 
@@ -91,7 +68,7 @@ SessionSnapshot to_snapshot(const ClientSession& session, TimePoint now) {
   SessionSnapshot out;
   out.client_id = session.client_id;
   out.robot = session.robot;
-  out.state = session.state == ClientState::awake ? ClientState::asleep : session.state;
+  out.state = session.state() == ClientState::awake ? ClientState::asleep : session.state();
   out.peer = session.peer;
   out.local = session.local;
   out.is_clean = session.is_clean;
@@ -102,6 +79,8 @@ SessionSnapshot to_snapshot(const ClientSession& session, TimePoint now) {
   for (const auto& [filter, s] : session.subscriptions)
     out.subscriptions.push_back({filter, s.qos, s.topic_id_type, s.topic_id});
   add_messages(session.delivery, out.messages, now);
+  for (const Releasing& open : session.delivery.releasing)
+    out.released.push_back(open.attempt.msg_id);
   for (const auto& [msg_id, inbound] : session.inbound_qos2) {
     if (inbound.receipt_id == 0) out.inbound_qos2.emplace_back(msg_id, inbound.fingerprint);
   }
@@ -116,7 +95,6 @@ SessionSnapshot to_snapshot(const ClientSession& session, TimePoint now) {
 }
 
 void apply(const SessionSnapshot& snapshot, ClientSession& session, TimePoint now) {
-  session.state = snapshot.state;
   session.local = snapshot.local;
   // Indices of interfaces may be others by now; only a link-local address says nothing without.
   if (!is_link_local(session.local.address)) session.local.interface = 0;

@@ -22,14 +22,13 @@ struct SubscriptionSnapshot {
   std::uint16_t topic_id = 0;
 };
 
-/// An undelivered QoS 1 or 2 message, the one in flight first.
+/// An undelivered QoS 1 or 2 message, the one that awaits its acknowledgement first.
 struct MessageSnapshot {
   BrokerMessage message;
   Qos qos = Qos::at_least_once;
   TopicIdType topic_id_type = TopicIdType::normal;
   std::uint16_t predefined_id = 0;
   std::uint16_t msg_id = 0;  ///< not 0: it was sent under this id
-  bool is_released = false;  ///< QoS 2: PUBREC came, PUBREL is due
   /// A command whose outcome was not told yet: since when it waits.
   std::optional<std::chrono::milliseconds> command_age{};
 };
@@ -55,6 +54,7 @@ struct SessionSnapshot {
   std::vector<TopicTable::Topic> topics;  ///< in the order of their ids, from 1
   std::vector<SubscriptionSnapshot> subscriptions;
   std::vector<MessageSnapshot> messages;
+  std::vector<std::uint16_t> released;  ///< MsgIds of QoS 2: PUBREC came, PUBREL is due
   std::vector<std::pair<std::uint16_t, std::uint64_t>> inbound_qos2;  ///< MsgId, fingerprint
   std::vector<RepeatSnapshot> repeats;                                ///< oldest first
   std::uint16_t last_msg_id = 0;
@@ -67,7 +67,7 @@ std::shared_ptr<Command> command_of(const MessageSnapshot& message, const Sessio
                                     TimePoint now);
 
 SessionSnapshot to_snapshot(const ClientSession& session, TimePoint now);
-/// Fills a fresh session; its binding, timers and broker subscriptions are the caller's.
+/// Fills a fresh session; its state, binding, timers and broker subscriptions are the caller's.
 void apply(const SessionSnapshot& snapshot, ClientSession& session, TimePoint now);
 
 }  // namespace slamgw::mqttsn

@@ -14,24 +14,14 @@ std::shared_ptr<Command> CommandWatch::begin(const ClientSession& session, const
   if (!parsed || parsed->robot != session.robot) return nullptr;
   auto command = std::make_shared<Command>(
       Command{id, std::string(parsed->robot), std::string(parsed->type), now, false});
-  make_room(now);
   open_.push_back(command);
   return command;
 }
 
-void CommandWatch::adopt(const std::shared_ptr<Command>& command, TimePoint now) {
-  make_room(now);
+void CommandWatch::adopt(const std::shared_ptr<Command>& command) {
   const auto place = std::ranges::upper_bound(open_, command->came, {},
                                               [](const auto& other) { return other->came; });
   open_.insert(place, command);
-}
-
-/// The oldest is not watched to its end when there are too many.
-void CommandWatch::make_room(TimePoint now) {
-  while (!open_.empty() && open_.front()->is_reported) open_.pop_front();
-  if (open_.size() < limits::max_tracked_commands) return;
-  end(open_.front(), CommandResult::timeout, "too many commands are waiting", now);
-  open_.pop_front();
 }
 
 void CommandWatch::end(const std::shared_ptr<Command>& command, CommandResult result,
@@ -51,15 +41,16 @@ std::optional<TimePoint> CommandWatch::deadline() const {
   return open_.front()->came + limits::command_patience;
 }
 
-void CommandWatch::on_deadline(TimePoint now) {
-  while (!open_.empty() && open_.front()->came + limits::command_patience <= now) {
-    const std::shared_ptr<Command> command = std::move(open_.front());
+std::shared_ptr<Command> CommandWatch::pop_overdue(TimePoint now) {
+  while (!open_.empty()) {
+    const bool is_overdue = open_.front()->came + limits::command_patience <= now;
+    const bool is_over_bound = open_.size() > limits::max_tracked_commands;
+    if (!open_.front()->is_reported && !is_overdue && !is_over_bound) return nullptr;
+    const std::shared_ptr<Command> first = std::move(open_.front());
     open_.pop_front();
-    const ClientSession* session = context_.clients.find_robot(command->robot);
-    const bool sleeps = session && session->state == ClientState::asleep;
-    end(command, CommandResult::timeout,
-        sleeps ? "the robot sleeps; it gets the command when it wakes" : "no acknowledgement", now);
+    if (!first->is_reported) return first;
   }
+  return nullptr;
 }
 
 }  // namespace slamgw::mqttsn

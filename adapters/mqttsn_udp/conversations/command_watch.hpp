@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tells the outcome of each command exactly once: when the robot has it, when it can't get it, or
-// when it has waited for 30 s. Never touches the delivery itself.
+// when 30 s are over. Knows nothing of the delivery, which the gateway withdraws then.
 #pragma once
 
 #include <deque>
@@ -14,21 +14,21 @@ class CommandWatch {
  public:
   explicit CommandWatch(Context& context) : context_(context) {}
 
-  /// Null when `topic` is no command for this client's robot.
+  /// Null when `topic` is no command for this client's robot, or when it is refused at once because
+  /// too many are open.
   std::shared_ptr<Command> begin(const ClientSession& session, const std::string& topic,
                                  CommandId id, TimePoint now);
   /// From before a restart of the daemon: its outcome is still owed.
-  void adopt(const std::shared_ptr<Command>& command, TimePoint now);
+  void adopt(const std::shared_ptr<Command>& command);
   /// `command` may be null.
   void end(const std::shared_ptr<Command>& command, CommandResult result, std::string why,
            TimePoint now);
 
   std::optional<TimePoint> deadline() const;
-  void on_deadline(TimePoint now);
+  /// A command whose time is over; its outcome is to be told by `end()`. Null when there is none.
+  std::shared_ptr<Command> pop_overdue(TimePoint now);
 
  private:
-  void make_room(TimePoint now);
-
   Context& context_;
   std::deque<std::shared_ptr<Command>> open_;  // in the order they came, so in that of their ends
 };

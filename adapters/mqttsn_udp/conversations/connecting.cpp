@@ -43,7 +43,7 @@ bool Connecting::is_repetition(const Peer& peer, const Connect& connect, std::ui
                                TimePoint now) const {
   const ClientSession* session = context_.clients.find(peer);
   return session && session->client_id == connect.client_id &&
-         session->state == ClientState::active && session->connect_fingerprint == fingerprint &&
+         session->state() == ClientState::active && session->connect_fingerprint == fingerprint &&
          now - session->connected_at <= limits::repeat_window;
 }
 
@@ -138,23 +138,22 @@ void Connecting::complete(const Peer& peer, const Attempt& attempt, std::optiona
     session = &context_.clients.create(connect.client_id, attempt.robot);
   }
   if (connect.clean_session || !can_resume(*session)) {
-    lifecycle_.clean(*session, now);
+    lifecycle_.clean(*session, "the robot has begun a new session", now);
   } else {
     session->topics.set_all_untold();  // R48
     session->answers.clear();
-    downlink_.rest(*session);
+    downlink_.on_reconnect(*session);
   }
   session->will = std::move(will);
   session->is_clean = connect.clean_session;
   session->keep_alive = std::chrono::seconds(connect.duration_s);
   session->connect_fingerprint = attempt.fingerprint;
   session->connected_at = now;
-  session->delivery.paused_until.reset();
   context_.clients.bind(*session, peer, attempt.local);
   context_.tally.count(Count::connects);
   context_.send(*session, Connack{ReturnCode::accepted});
-  lifecycle_.activate(*session, now);
-  downlink_.pump(*session, now);
+  lifecycle_.enter(*session, ClientState::active, now);
+  context_.set_dirty(*session);
 }
 
 void Connecting::refuse(const Peer& peer, const LocalAddress& local, ReturnCode code) {

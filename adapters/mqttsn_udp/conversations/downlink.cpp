@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-// Sending: the queue, and what leaves it. What clients answer is in downlink_answers.cpp.
 #include "adapters/mqttsn_udp/conversations/downlink.hpp"
 
 #include <fmt/format.h>
@@ -7,161 +6,324 @@
 #include <algorithm>
 #include <utility>
 
+#include "adapters/mqttsn_udp/clients/message_ids.hpp"
 #include "adapters/mqttsn_udp/limits.hpp"
 
 namespace slamgw::mqttsn {
+namespace {
 
-using Stage = InFlight::Stage;
+/// A message that was lost on its way is sent again to these, later.
+bool is_kept(const ClientSession& session) {
+  return !session.is_clean || session.state() == ClientState::awake;
+}
+
+/// The message that was published under this MsgId and not acknowledged yet; it leaves `delivery`.
+/// One that was given up and waits for its next try counts: its acknowledgement was late.
+std::optional<Outgoing> take_unacknowledged(Delivery& delivery, std::uint16_t msg_id) {
+  if (delivery.publishing && delivery.publishing->attempt.msg_id == msg_id)
+    return std::exchange(delivery.publishing, std::nullopt)->what;
+  const auto waiting = std::ranges::find(delivery.queue, msg_id, &Outgoing::msg_id);
+  if (msg_id == 0 || waiting == delivery.queue.end()) return std::nullopt;
+  return delivery.queue.take(static_cast<std::size_t>(waiting - delivery.queue.begin()));
+}
+
+void learn_from_answer(Delivery& delivery, std::uint16_t msg_id, TimePoint now) {
+  if (delivery.publishing && delivery.publishing->attempt.msg_id == msg_id)
+    Retransmission::on_answer(delivery, delivery.publishing->attempt, now);
+}
+
+/// Which message goes when there is no room: one whose topic is set aside, else the oldest QoS 0,
+/// else the oldest (R117).
+std::size_t least_useful(const Delivery& delivery) {
+  const auto index_of = [&](auto found) {
+    return static_cast<std::size_t>(found - delivery.queue.begin());
+  };
+  const auto set_aside = std::ranges::find_if(delivery.queue, [&](const Outgoing& waiting) {
+    return TopicRegistration::is_set_aside(delivery, waiting.message->topic);
+  });
+  if (set_aside != delivery.queue.end()) return index_of(set_aside);
+  const auto qos0 = std::ranges::find(delivery.queue, Qos::at_most_once, &Outgoing::qos);
+  return qos0 != delivery.queue.end() ? index_of(qos0) : 0;
+}
+
+/// A PUBREC that still comes for it must not have it carried out.
+void remember_abandoned(Delivery& delivery, const Outgoing& outgoing) {
+  if (!outgoing.command || outgoing.qos != Qos::exactly_once || outgoing.msg_id == 0) return;
+  if (delivery.abandoned.size() >= limits::max_abandoned)
+    delivery.abandoned.erase(delivery.abandoned.begin());
+  delivery.abandoned.push_back(outgoing.msg_id);
+}
+
+/// For a command whose time is over while it waits.
+std::string why_unsent(const ClientSession& session, const Outgoing& waiting) {
+  const Delivery& delivery = session.delivery;
+  if (waiting.msg_id != 0) return "no acknowledgement";
+  if (!session.is_connected()) return "the robot is not connected";
+  if (session.state() == ClientState::asleep) return "the robot sleeps and did not wake in time";
+  if (delivery.paused_until) return "the robot says that it is congested";
+  const auto id = session.topics.id_of(waiting.message->topic);
+  const bool awaits_regack =
+      id && std::ranges::find(delivery.registering, *id, &Registering::topic_id) !=
+                delivery.registering.end();
+  if (awaits_regack) return "the robot did not answer the registration of this topic";
+  if (delivery.is_stalled) return "the robot does not answer";
+  return "earlier messages for the robot took too long";
+}
+
+}  // namespace
+
+Downlink::Downlink(Context& context, Subscriptions& subscriptions, CommandWatch& commands)
+    : context_(context),
+      subscriptions_(subscriptions),
+      commands_(commands),
+      retransmission_(context.settings),
+      registration_(context, retransmission_),
+      release_(context, retransmission_) {}
 
 void Downlink::enqueue(ClientSession& session, Outgoing outgoing, TimePoint now) {
   if (is_too_large(session, outgoing, now)) return;
-  const bool is_kept = !session.is_clean && outgoing.qos != Qos::at_most_once;
-  if (!session.is_connected() && !is_kept)
-    return refuse(outgoing, "the robot is not connected", now);
+  const bool outlives_connection = !session.is_clean && outgoing.qos != Qos::at_most_once;
+  if (!session.is_connected() && !outlives_connection)
+    return refuse(session, outgoing, "the robot is not connected", now);
+  const bool is_unanswered =
+      TopicRegistration::is_set_aside(session.delivery, outgoing.message->topic);
+  if (is_unanswered && (outgoing.command || !outlives_connection)) {
+    context_.tally.count(Count::queue_dropped);
+    return refuse(session, outgoing, "the robot does not answer messages on this topic", now);
+  }
   if (outgoing.qos != Qos::at_most_once) context_.set_dirty(session);
-  session.delivery.queued_octets += outgoing.octets();
   session.delivery.queue.push_back(std::move(outgoing));
   keep_in_bounds(session, now);
-  pump(session, now);
-  if (is_stopping_) refuse_unkept(session, now);
 }
 
 void Downlink::pump(ClientSession& session, TimePoint now) {
-  Delivery& delivery = session.delivery;
-  if (may_send(session) && delivery.in_flight && !delivery.in_flight->retry_at)
-    resume(session, now);
-  while (may_send(session) && !delivery.in_flight && !delivery.queue.empty())
-    start_next(session, now);
-  finish_wake(session, now);
-  if (const auto next = next_time(session)) context_.clients.wake_by(session, *next);
+  if (may_send(session)) release_.resume(session, now);
+  while (may_send(session) && send_next(session, now)) {
+  }
+  if (is_stopping_) refuse_unkept(session, now);
 }
 
 /// SUBACK goes before what the subscription causes (R98), so open answers hold delivery back.
 bool Downlink::may_send(const ClientSession& session) const {
   const Delivery& delivery = session.delivery;
-  const bool is_open =
-      session.state == ClientState::active ||
-      (session.state == ClientState::awake && (delivery.wake_budget > 0 || delivery.in_flight));
-  return is_open && session.answers.empty() && !delivery.is_stalled && !delivery.paused_until;
+  const bool is_listening = session.state() == ClientState::active ||
+                            (session.state() == ClientState::awake && delivery.wake_budget > 0);
+  return is_listening && session.answers.empty() && !delivery.is_stalled && !delivery.paused_until;
 }
 
-void Downlink::start_next(ClientSession& session, TimePoint now) {
+/// Publishes the first message that can go. A command waits for an earlier one whose topic is being
+/// registered; nothing else waits for a registration.
+bool Downlink::send_next(ClientSession& session, TimePoint now) {
   Delivery& delivery = session.delivery;
-  Outgoing next = take(delivery, 0);
-  if (session.state == ClientState::awake) --delivery.wake_budget;
-  const auto id = topic_id(session, next);
-  if (!id) {
-    context_.tally.count(Count::queue_dropped);
-    return refuse(next, "the robot has no topic id left", now);
+  if (delivery.publishing || Release::is_fresh(delivery)) return false;
+  bool must_commands_wait = false;
+  for (std::size_t i = 0; i < delivery.queue.size(); ++i) {
+    const bool is_command = delivery.queue[i].command != nullptr;
+    if (is_command && must_commands_wait) continue;
+    switch (registration_.prepare(session, delivery.queue[i], now)) {
+      case TopicRegistration::Readiness::ready:
+        publish(session, delivery.queue.take(i), now);
+        return true;
+      case TopicRegistration::Readiness::impossible:
+        context_.tally.count(Count::queue_dropped);
+        refuse(session, delivery.queue.take(i), "the robot has no topic id left", now);
+        return true;
+      case TopicRegistration::Readiness::waits_shortly: must_commands_wait |= is_command; break;
+      case TopicRegistration::Readiness::waits: break;
+    }
   }
-  if (next.topic_id_type != TopicIdType::normal || session.topics.is_told(*id))
-    return publish(session, std::move(next), *id, now);
-  delivery.in_flight = InFlight{std::move(next), Stage::registering, next_msg_id(delivery), *id};
-  transmit(session, now);
+  return false;
 }
 
-std::optional<std::uint16_t> Downlink::topic_id(ClientSession& session, const Outgoing& outgoing) {
-  const std::string& topic = outgoing.message->topic;
-  switch (outgoing.topic_id_type) {
-    case TopicIdType::predefined: return outgoing.predefined_id;
-    case TopicIdType::short_name: return short_name_id(topic);
-    case TopicIdType::normal:
-    case TopicIdType::reserved: break;
-  }
-  return session.topics.assign(topic);
-}
-
-void Downlink::publish(ClientSession& session, Outgoing outgoing, std::uint16_t topic_id,
-                       TimePoint now) {
+void Downlink::publish(ClientSession& session, Outgoing outgoing, TimePoint now) {
   Delivery& delivery = session.delivery;
-  const bool is_acknowledged = outgoing.qos != Qos::at_most_once;
-  const std::uint16_t msg_id = is_acknowledged ? next_msg_id(delivery) : std::uint16_t{0};
-  delivery.in_flight = InFlight{std::move(outgoing), Stage::published, msg_id, topic_id};
-  transmit(session, now);
-  if (is_acknowledged) return;
-  delivery.last_qos0 = delivery.in_flight->what;
-  delivery.last_qos0_id = topic_id;
-  finish(session, CommandResult::sent, "", now);
-}
-
-/// What rested goes on; a PUBLISH whose id the client may have forgotten behind a REGISTER (R48).
-void Downlink::resume(ClientSession& session, TimePoint now) {
-  InFlight& in_flight = *session.delivery.in_flight;
-  const bool needs_register = in_flight.stage == Stage::published &&
-                              in_flight.what.topic_id_type == TopicIdType::normal &&
-                              !session.topics.is_told(in_flight.topic_id);
-  if (needs_register) {
-    in_flight.stage = Stage::registering;
-    in_flight.resumed_msg_id = in_flight.msg_id;
-    in_flight.msg_id = next_msg_id(session.delivery);
+  if (session.state() == ClientState::awake) --delivery.wake_budget;
+  const std::uint16_t topic_id = TopicRegistration::topic_id(session, outgoing).value_or(0);
+  if (outgoing.qos == Qos::at_most_once) {
+    transmit(session, outgoing, topic_id, 0);
+    finish(session, outgoing, CommandResult::sent, "", now);
+    delivery.last_qos0_id = topic_id;
+    delivery.last_qos0 = std::move(outgoing);
+    return;
   }
-  transmit(session, now);
+  const std::uint16_t msg_id = outgoing.msg_id != 0 ? outgoing.msg_id : next_message_id(delivery);
+  transmit(session, outgoing, topic_id, msg_id);
+  outgoing.msg_id = msg_id;
+  delivery.publishing =
+      Publishing{std::move(outgoing), topic_id, retransmission_.begin(delivery, msg_id, now)};
 }
 
-void Downlink::transmit(ClientSession& session, TimePoint now) {
-  InFlight& in_flight = *session.delivery.in_flight;
-  context_.send(session, packet_in_flight(session));
-  if (in_flight.stage == Stage::published) in_flight.was_sent = true;
-  in_flight.retry_at = now + context_.settings.retry_interval;
+/// With DUP when the message was sent before.
+void Downlink::transmit(ClientSession& session, const Outgoing& outgoing, std::uint16_t topic_id,
+                        std::uint16_t msg_id) {
+  context_.send(session, Publish{outgoing.msg_id != 0, static_cast<WireQos>(outgoing.qos),
+                                 outgoing.message->retain, outgoing.topic_id_type, topic_id, msg_id,
+                                 outgoing.message->payload});
 }
 
-Packet Downlink::packet_in_flight(const ClientSession& session) const {
-  const InFlight& in_flight = *session.delivery.in_flight;
-  const BrokerMessage& message = *in_flight.what.message;
-  switch (in_flight.stage) {
-    case Stage::registering: return Register{in_flight.topic_id, in_flight.msg_id, message.topic};
-    case Stage::released: return Pubrel{in_flight.msg_id};
-    case Stage::published: break;
+void Downlink::on_regack(ClientSession& session, const Regack& regack, TimePoint now) {
+  const auto topic = registration_.on_regack(session, regack, now);
+  if (topic) context_.set_dirty(session);
+  switch (regack.code) {
+    case ReturnCode::accepted: return;
+    case ReturnCode::congestion: return pause(session, now);
+    case ReturnCode::invalid_topic_id:
+    case ReturnCode::not_supported: break;
   }
-  return Publish{in_flight.was_sent, static_cast<WireQos>(in_flight.what.qos),
-                 message.retain,     in_flight.what.topic_id_type,
-                 in_flight.topic_id, in_flight.msg_id,
-                 message.payload};
+  if (!topic) return;
+  drop_if(session, "the robot refused the topic", now, [&](const Outgoing& waiting) {
+    return waiting.topic_id_type == TopicIdType::normal && waiting.message->topic == *topic;
+  });
+  subscriptions_.drop(session, *topic);  // only an exact one has this name (R67)
 }
 
-/// PINGRESP comes by itself behind the last acknowledgement (R119), or at once (R120).
-void Downlink::finish_wake(ClientSession& session, TimePoint now) {
-  const Delivery& delivery = session.delivery;
-  if (session.state != ClientState::awake || !session.answers.empty()) return;
-  if (delivery.in_flight && delivery.in_flight->retry_at) return;
-  context_.send(session, Pingresp{});
-  session.state = ClientState::asleep;
-  session.last_heard = now;
+void Downlink::on_puback(ClientSession& session, const Puback& puback, TimePoint now) {
+  Delivery& delivery = session.delivery;
+  // Some clients mean "invalid topic id" and say "not supported", with topic id 0.
+  const bool is_unknown_id = puback.code == ReturnCode::invalid_topic_id ||
+                             (puback.code == ReturnCode::not_supported && puback.topic_id == 0);
+  const bool is_qos0 = puback.msg_id == 0 && is_unknown_id && delivery.last_qos0 &&
+                       (delivery.last_qos0_id == puback.topic_id || puback.topic_id == 0);
+  if (is_qos0) return register_again(session, *std::exchange(delivery.last_qos0, std::nullopt));
+  learn_from_answer(delivery, puback.msg_id, now);
+  if (puback.code == ReturnCode::congestion) {
+    if (delivery.publishing && delivery.publishing->attempt.msg_id == puback.msg_id)
+      pause(session, now);
+    return;
+  }
+  auto answered = take_unacknowledged(delivery, puback.msg_id);
+  if (!answered) return;                    // R92
+  if (puback.code == ReturnCode::accepted)  // also of QoS 2 (R89)
+    return finish(session, *answered, CommandResult::delivered, "", now);
+  const bool can_register =
+      answered->topic_id_type == TopicIdType::normal && !answered->was_refused_once;
+  if (is_unknown_id && can_register) return register_again(session, std::move(*answered));
+  finish(session, *answered, CommandResult::refused, "the robot refused it", now);
+}
+
+/// With PUBREC the client has taken over the message.
+void Downlink::on_pubrec(ClientSession& session, const Pubrec& pubrec, TimePoint now) {
+  Delivery& delivery = session.delivery;
+  if (std::ranges::count(delivery.abandoned, pubrec.msg_id) > 0) return;
+  if (release_.on_pubrec(session, pubrec.msg_id)) return;
+  learn_from_answer(delivery, pubrec.msg_id, now);
+  const auto received = take_unacknowledged(delivery, pubrec.msg_id);
+  if (!received) return context_.send(session, Pubrel{pubrec.msg_id});  // R92
+  finish(session, *received, CommandResult::delivered, "", now);
+  release_.begin(session, pubrec.msg_id, now);
+}
+
+void Downlink::on_pubcomp(ClientSession& session, const Pubcomp& pubcomp, TimePoint now) {
+  if (Release::on_pubcomp(session.delivery, pubcomp.msg_id, now)) context_.set_dirty(session);
+}
+
+void Downlink::finish(ClientSession& session, const Outgoing& outgoing, CommandResult result,
+                      std::string why, TimePoint now) {
+  if (result == CommandResult::delivered || result == CommandResult::sent)
+    context_.tally.count(Count::delivered_down);
+  if (outgoing.qos != Qos::at_most_once) context_.set_dirty(session);
+  commands_.end(outgoing.command, result, std::move(why), now);
+}
+
+/// The client has forgotten the id: told again, said again once under a new MsgId (R86).
+void Downlink::register_again(ClientSession& session, Outgoing outgoing) {
+  if (outgoing.topic_id_type != TopicIdType::normal || outgoing.was_refused_once) return;
+  if (const auto id = session.topics.id_of(outgoing.message->topic))
+    session.topics.set_told(*id, false);
+  outgoing.was_refused_once = true;
+  outgoing.msg_id = 0;
+  session.delivery.queue.push_front(std::move(outgoing));
+}
+
+/// "Congestion": this client is left alone for T_WAIT, then gets it again.
+void Downlink::pause(ClientSession& session, TimePoint now) {
+  session.delivery.paused_until = now + limits::t_wait;
   rest(session);
 }
 
-void Downlink::wake(ClientSession& session, TimePoint now) {
-  Delivery& delivery = session.delivery;
-  session.state = ClientState::awake;
-  delivery.wake_budget = delivery.queue.size() + context_.settings.max_sleeping_messages;
-  pump(session, now);
+void Downlink::on_heard(ClientSession& session) {
+  session.delivery.is_stalled = false;
+  TopicRegistration::on_heard(session.delivery);
+}
+
+void Downlink::on_reconnect(ClientSession& session) {
+  rest(session);
+  session.delivery.paused_until.reset();
+  session.delivery.set_aside.clear();
 }
 
 void Downlink::rest(ClientSession& session) {
   Delivery& delivery = session.delivery;
   delivery.is_stalled = false;
-  if (!delivery.in_flight) return;
-  InFlight& in_flight = *delivery.in_flight;
-  in_flight.retry_at.reset();
-  in_flight.repeats = 0;
-  if (in_flight.stage != Stage::registering) return;
-  if (in_flight.resumed_msg_id != 0) {
-    in_flight.stage = Stage::published;
-    in_flight.msg_id = std::exchange(in_flight.resumed_msg_id, std::uint16_t{0});
-  } else {
-    push_front(delivery, std::move(delivery.in_flight->what));
-    delivery.in_flight.reset();
+  delivery.registering.clear();
+  Release::rest(delivery);
+  if (delivery.publishing)
+    delivery.queue.push_front(std::exchange(delivery.publishing, std::nullopt)->what);
+}
+
+bool Downlink::is_awaiting(const ClientSession& session) const {
+  const Delivery& delivery = session.delivery;
+  return delivery.publishing || !delivery.registering.empty() ||
+         Release::next_time(delivery).has_value();
+}
+
+bool Downlink::on_time(ClientSession& session, TimePoint now) {
+  Delivery& delivery = session.delivery;
+  if (delivery.paused_until && *delivery.paused_until <= now) delivery.paused_until.reset();
+  bool is_silent = release_.on_time(session, now);
+  for (const auto& unanswered : registration_.on_time(session, now)) {
+    is_silent |= !unanswered.was_heard;
+    drop_unregistered(session, unanswered.topic, now);
   }
+  if (!delivery.publishing) return is_silent;
+  Publishing& open = *delivery.publishing;
+  switch (retransmission_.on_time(open.attempt, now)) {
+    case Retransmission::Due::nothing: break;
+    case Retransmission::Due::repeat:
+      context_.tally.count(Count::retransmitted);
+      transmit(session, open.what, open.topic_id, open.attempt.msg_id);
+      break;
+    case Retransmission::Due::give_up: is_silent |= give_up(session, now); break;
+  }
+  return is_silent;
+}
+
+/// A client that said nothing at all rests until it is heard (R133). One that answers other things
+/// is spared this topic.
+bool Downlink::give_up(ClientSession& session, TimePoint now) {
+  context_.tally.count(Count::deliveries_given_up);
+  const Publishing open = *std::exchange(session.delivery.publishing, std::nullopt);
+  const bool was_heard = session.last_heard > open.attempt.begun;
+  session.delivery.is_stalled = !was_heard;
+  if (is_kept(session)) {
+    session.delivery.queue.push_front(open.what);  // R69, R124
+    if (was_heard)
+      registration_.set_aside(session, open.what.message->topic, open.attempt.begun, now);
+  } else {
+    remember_abandoned(session.delivery, open.what);
+    finish(session, open.what, CommandResult::timeout, "no acknowledgement", now);
+  }
+  return !was_heard;
+}
+
+/// Messages on a topic whose REGISTER stays unanswered stay for clients that keep their messages.
+void Downlink::drop_unregistered(ClientSession& session, const std::string& topic, TimePoint now) {
+  context_.tally.count(Count::deliveries_given_up);
+  drop_if(session, "the robot did not answer the registration of this topic", now,
+          [&](const Outgoing& waiting) {
+            const bool is_lasting = is_kept(session) && waiting.qos != Qos::at_most_once;
+            return waiting.message->topic == topic && !is_lasting;
+          });
 }
 
 void Downlink::drop_all(ClientSession& session, const std::string& why, TimePoint now) {
-  Delivery& delivery = session.delivery;
-  if (delivery.in_flight) refuse(delivery.in_flight->what, why, now);
-  delivery.in_flight.reset();
-  delivery.paused_until.reset();
-  delivery.is_stalled = false;
-  delivery.last_qos0.reset();
+  rest(session);
   drop_if(session, why, now, [](const Outgoing&) { return true; });
+  Delivery& delivery = session.delivery;
+  delivery.releasing.clear();
+  delivery.set_aside.clear();
+  delivery.paused_until.reset();
+  delivery.last_qos0.reset();
 }
 
 void Downlink::drop_volatile(ClientSession& session, const std::string& why, TimePoint now) {
@@ -170,7 +332,7 @@ void Downlink::drop_volatile(ClientSession& session, const std::string& why, Tim
   keep_in_bounds(session, now);
 }
 
-/// No REGACK comes any more: what waits for one is in the queue again.
+/// No REGACK comes any more: what waits for one is in the queue.
 void Downlink::refuse_unkept(ClientSession& session, TimePoint now) {
   rest(session);
   drop_if(session, "the gateway ends before the robot could take it", now,
@@ -186,48 +348,60 @@ void Downlink::drop_unwanted(ClientSession& session, TimePoint now) {
 template <class Predicate>
 void Downlink::drop_if(ClientSession& session, const std::string& why, TimePoint now,
                        Predicate is_dropped) {
-  Delivery& delivery = session.delivery;
-  for (std::size_t i = 0; i < delivery.queue.size();) {
-    if (is_dropped(delivery.queue[i])) {
-      refuse(take(delivery, i), why, now);
+  DeliveryQueue& queue = session.delivery.queue;
+  for (std::size_t i = 0; i < queue.size();) {
+    if (is_dropped(queue[i])) {
+      refuse(session, queue.take(i), why, now);
     } else {
       ++i;
     }
   }
 }
 
-std::optional<TimePoint> Downlink::next_time(const ClientSession& session) const {
-  const Delivery& delivery = session.delivery;
-  const auto retry_at =
-      delivery.in_flight ? delivery.in_flight->retry_at : std::optional<TimePoint>();
-  return earlier(retry_at, delivery.paused_until);
+std::string Downlink::withdraw(ClientSession& session, const Command& command) {
+  Delivery& delivery = session.delivery;
+  context_.set_dirty(session);
+  if (delivery.publishing && delivery.publishing->what.command.get() == &command) {
+    remember_abandoned(delivery, std::exchange(delivery.publishing, std::nullopt)->what);
+    return "no acknowledgement";
+  }
+  const auto waiting = std::ranges::find_if(
+      delivery.queue, [&](const Outgoing& outgoing) { return outgoing.command.get() == &command; });
+  if (waiting == delivery.queue.end()) return "no acknowledgement";
+  std::string why = why_unsent(session, *waiting);
+  const auto index = static_cast<std::size_t>(waiting - delivery.queue.begin());
+  remember_abandoned(delivery, delivery.queue.take(index));
+  return why;
 }
 
-/// Beyond the bound the oldest QoS 0 goes first, then the oldest (R117).
+std::optional<TimePoint> Downlink::next_time(const ClientSession& session) const {
+  const Delivery& delivery = session.delivery;
+  const auto repeat_at =
+      delivery.publishing ? delivery.publishing->attempt.repeat_at : std::optional<TimePoint>();
+  return earlier(earlier(repeat_at, delivery.paused_until),
+                 earlier(TopicRegistration::next_time(delivery), Release::next_time(delivery)));
+}
+
 void Downlink::keep_in_bounds(ClientSession& session, TimePoint now) {
-  Delivery& delivery = session.delivery;
+  const Delivery& delivery = session.delivery;
   const bool is_listening =
-      session.state == ClientState::active || session.state == ClientState::awake;
+      session.state() == ClientState::active || session.state() == ClientState::awake;
   const std::size_t max_messages =
       is_listening ? limits::max_queued_messages : context_.settings.max_sleeping_messages;
   while (delivery.queue.size() > max_messages ||
-         delivery.queued_octets > limits::max_queued_octets) {
-    const auto oldest_qos0 =
-        std::find_if(delivery.queue.begin(), delivery.queue.end(),
-                     [](const Outgoing& waiting) { return waiting.qos == Qos::at_most_once; });
-    const bool has_qos0 = oldest_qos0 != delivery.queue.end();
-    const auto index = has_qos0 ? oldest_qos0 - delivery.queue.begin() : 0;
+         delivery.queue.octets() > limits::max_queued_octets) {
     context_.tally.count(Count::queue_dropped);
-    refuse(take(delivery, static_cast<std::size_t>(index)), "the robot's queue is full", now);
+    refuse(session, session.delivery.queue.take(least_useful(delivery)),
+           "the robot's queue is full", now);
   }
 }
 
-bool Downlink::is_too_large(const ClientSession& session, const Outgoing& outgoing, TimePoint now) {
+bool Downlink::is_too_large(ClientSession& session, const Outgoing& outgoing, TimePoint now) {
   const bool fits = context_.fits(session, 7 + outgoing.message->payload.size()) &&
                     context_.fits(session, 6 + outgoing.message->topic.size());
   if (fits) return false;
   context_.tally.count(Count::too_large_down);
-  refuse(outgoing, "larger than the network carries", now);
+  refuse(session, outgoing, "larger than the network carries", now);
   if (const auto times = too_large_.on_event(now)) {
     context_.emit(Notice{Severity::warning,
                          fmt::format("a message on '{}' for {} is larger than the network carries "
@@ -238,28 +412,10 @@ bool Downlink::is_too_large(const ClientSession& session, const Outgoing& outgoi
   return true;
 }
 
-void Downlink::refuse(const Outgoing& outgoing, std::string why, TimePoint now) {
+void Downlink::refuse(ClientSession& session, const Outgoing& outgoing, std::string why,
+                      TimePoint now) {
+  remember_abandoned(session.delivery, outgoing);
   commands_.end(outgoing.command, CommandResult::refused, std::move(why), now);
-}
-
-void Downlink::push_front(Delivery& delivery, Outgoing outgoing) {
-  delivery.queued_octets += outgoing.octets();
-  delivery.queue.insert(delivery.queue.begin(), std::move(outgoing));
-}
-
-Outgoing Downlink::take(Delivery& delivery, std::size_t index) {
-  const auto at = delivery.queue.begin() + static_cast<std::ptrdiff_t>(index);
-  Outgoing taken = std::move(*at);
-  delivery.queue.erase(at);
-  if (delivery.queue.empty()) delivery.queue = {};  // its memory too
-  delivery.queued_octets -= taken.octets();
-  return taken;
-}
-
-/// Non-zero, and never the one in flight: there is only one (R90).
-std::uint16_t Downlink::next_msg_id(Delivery& delivery) {
-  if (++delivery.last_msg_id == 0) ++delivery.last_msg_id;
-  return delivery.last_msg_id;
 }
 
 }  // namespace slamgw::mqttsn

@@ -25,7 +25,8 @@ void keep_best(std::vector<Match>& matches) {
 
 }  // namespace
 
-void FanOut::on_broker_message(const BrokerMessage& message, CommandId command, TimePoint now) {
+std::vector<FanOut::Recipient> FanOut::on_broker_message(const BrokerMessage& message,
+                                                         CommandId command, TimePoint now) {
   std::vector<Match> matches = subscriptions_.match(message.topic);
   if (message.retain) {
     std::erase_if(matches, [&](const Match& match) {
@@ -33,7 +34,8 @@ void FanOut::on_broker_message(const BrokerMessage& message, CommandId command, 
     });
   }
   keep_best(matches);
-  if (matches.empty()) return;
+  std::vector<Recipient> deliveries;
+  if (matches.empty()) return deliveries;
   const auto shared = std::make_shared<const BrokerMessage>(message);
   for (const auto& [session, subscription] : matches) {
     Outgoing outgoing;
@@ -42,8 +44,9 @@ void FanOut::on_broker_message(const BrokerMessage& message, CommandId command, 
     outgoing.topic_id_type = subscription->topic_id_type;
     outgoing.predefined_id = subscription->topic_id;
     outgoing.command = commands_.begin(*session, message.topic, command, now);
-    downlink_.enqueue(*session, std::move(outgoing), now);
+    deliveries.push_back({session, std::move(outgoing)});
   }
+  return deliveries;
 }
 
 }  // namespace slamgw::mqttsn

@@ -3,20 +3,29 @@
 // (R87, R103), retained ones only to those that wait for them (R102).
 #pragma once
 
-#include "adapters/mqttsn_udp/conversations/downlink.hpp"
+#include <utility>
+#include <vector>
+
+#include "adapters/mqttsn_udp/conversations/command_watch.hpp"
+#include "adapters/mqttsn_udp/conversations/subscriptions.hpp"
 
 namespace slamgw::mqttsn {
 
 class FanOut {
  public:
-  FanOut(Subscriptions& subscriptions, Downlink& downlink, CommandWatch& commands)
-      : subscriptions_(subscriptions), downlink_(downlink), commands_(commands) {}
+  FanOut(Subscriptions& subscriptions, CommandWatch& commands)
+      : subscriptions_(subscriptions), commands_(commands) {}
 
-  void on_broker_message(const BrokerMessage& message, CommandId command, TimePoint now);
+  struct Recipient {
+    ClientSession* session = nullptr;
+    Outgoing outgoing;
+  };
+  /// In the order of the clients' first CONNECT.
+  std::vector<Recipient> on_broker_message(const BrokerMessage& message, CommandId command,
+                                           TimePoint now);
 
  private:
   Subscriptions& subscriptions_;
-  Downlink& downlink_;
   CommandWatch& commands_;
 };
 

@@ -11,52 +11,48 @@ void Lifecycle::on_heard(ClientSession& session, TimePoint now) {
   downlink_.on_heard(session);
 }
 
-void Lifecycle::activate(ClientSession& session, TimePoint now) {
-  session.state = ClientState::active;
-  session.last_heard = now;
-  context_.clients.set_needed(session);
-  context_.set_dirty(session);
-  tell_presence(session, Presence::online);
-  schedule(session);
-}
-
-void Lifecycle::sleep(ClientSession& session, std::chrono::seconds duration, TimePoint now) {
-  session.state = ClientState::asleep;
-  session.sleep_duration = duration;
-  session.last_heard = now;
-  downlink_.rest(session);
-  context_.set_dirty(session);
-  tell_presence(session, Presence::asleep);
-  schedule(session);
+void Lifecycle::enter(ClientSession& session, ClientState state, TimePoint now) {
+  session.state_ = state;
+  switch (state) {
+    case ClientState::active:
+      session.last_heard = now;
+      context_.clients.set_needed(session);
+      return tell_presence(session, Presence::online);
+    case ClientState::asleep: session.last_heard = now; [[fallthrough]];
+    case ClientState::awake: return tell_presence(session, Presence::asleep);
+    case ClientState::disconnected:
+    case ClientState::lost: break;
+  }
+  const Duration kept = session.is_clean ? Duration::zero() : Duration(limits::min_absence);
+  context_.clients.set_evictable(session, now + kept);
+  if (session.told_presence) tell_presence(session, Presence::offline);
 }
 
 void Lifecycle::disconnect(ClientSession& session, TimePoint now) {
-  tell_presence(session, Presence::offline);
-  if (session.is_clean) return forget(session, now);
+  if (session.is_clean) return expel(session, "the robot has disconnected", now);
   leave(session, ClientState::disconnected, now);
 }
 
 void Lifecycle::lose(ClientSession& session, TimePoint now) {
   context_.tally.count(Count::clients_lost);
   wills_.publish(session);
-  tell_presence(session, Presence::offline);
   const bool may_come_back = context_.settings.revive_lost && session.peer;
-  if (session.is_clean && !may_come_back) return forget(session, now);
+  if (session.is_clean && !may_come_back) return expel(session, "the robot is lost", now);
   leave(session, ClientState::lost, now);
 }
 
 void Lifecycle::displace(ClientSession& session, TimePoint now) {
   context_.clients.unbind(session);
-  if (session.state == ClientState::active) lose(session, now);
+  if (session.state() == ClientState::active) lose(session, now);
 }
 
-void Lifecycle::clean(ClientSession& session, TimePoint now) {
+void Lifecycle::clean(ClientSession& session, const std::string& why, TimePoint now) {
   session.answers.clear();
   subscriptions_.drop_all(session);
   session.will.reset();
   session.topics.clear();
   uplink_.forget(session);
-  downlink_.drop_all(session, "the robot has begun a new session", now);
+  downlink_.drop_all(session, why, now);
 }
 
 bool Lifecycle::make_room(TimePoint now) {
@@ -64,16 +60,14 @@ bool Lifecycle::make_room(TimePoint now) {
     ClientSession* gone = context_.clients.evictable(now);
     if (!gone) return false;
     context_.tally.count(Count::clients_evicted);
-    forget(*gone, now);
+    forget(*gone, "the robot's session made room for another", now);
   }
   return true;
 }
 
-void Lifecycle::on_time(ClientSession& session, TimePoint now) {
+bool Lifecycle::is_overdue(const ClientSession& session, TimePoint now) const {
   const auto at = lost_at(session);
-  if (at && *at <= now) return lose(session, now);
-  downlink_.on_time(session, now);
-  schedule(session);
+  return at && *at <= now;
 }
 
 void Lifecycle::schedule(ClientSession& session) {
@@ -94,7 +88,7 @@ void Lifecycle::tell_presence(ClientSession& session, Presence presence) {
 /// An awake client is supervised by the repetitions of what it is sent.
 std::optional<TimePoint> Lifecycle::lost_at(const ClientSession& session) const {
   std::chrono::seconds duration{0};
-  switch (session.state) {
+  switch (session.state()) {
     case ClientState::active: duration = session.keep_alive; break;
     case ClientState::asleep: duration = session.sleep_duration; break;
     case ClientState::awake:
@@ -106,29 +100,27 @@ std::optional<TimePoint> Lifecycle::lost_at(const ClientSession& session) const 
   return session.last_heard + std::chrono::duration_cast<Duration>(allowed);
 }
 
-void Lifecycle::expel(ClientSession& session, TimePoint now) {
+void Lifecycle::expel(ClientSession& session, const std::string& why, TimePoint now) {
   tell_presence(session, Presence::offline);
-  forget(session, now);
+  forget(session, why, now);
 }
 
-void Lifecycle::forget(ClientSession& session, TimePoint now) {
-  clean(session, now);
+void Lifecycle::forget(ClientSession& session, const std::string& why, TimePoint now) {
+  clean(session, why, now);
   context_.set_dirty(session);
   context_.clients.erase(session);
 }
 
 void Lifecycle::leave(ClientSession& session, ClientState state, TimePoint now) {
   constexpr const char* why = "the robot is not connected";
-  session.state = state;
   session.answers.clear();
   downlink_.rest(session);
+  enter(session, state, now);
   if (session.is_clean) {
     downlink_.drop_all(session, why, now);
   } else {
     downlink_.drop_volatile(session, why, now);
   }
-  const Duration kept = session.is_clean ? Duration::zero() : Duration(limits::min_absence);
-  context_.clients.set_evictable(session, now + kept);
   context_.set_dirty(session);
 }
 

@@ -23,28 +23,29 @@ class Lifecycle {
 
   /// Any valid message from the client (R109).
   void on_heard(ClientSession& session, TimePoint now);
-  void activate(ClientSession& session, TimePoint now);
-  void sleep(ClientSession& session, std::chrono::seconds duration, TimePoint now);
+  /// The one writer of the state; presence and supervision follow it.
+  void enter(ClientSession& session, ClientState state, TimePoint now);
   /// These two may end the session: it must not be used afterwards.
   void disconnect(ClientSession& session, TimePoint now);
   void lose(ClientSession& session, TimePoint now);
   /// Another client speaks from its address now (R37). May end the session.
   void displace(ClientSession& session, TimePoint now);
-  /// Ends the session of a client that may not have it any more.
-  void expel(ClientSession& session, TimePoint now);
-  /// As if it had never been connected: subscriptions, will, ids, messages (R42, R43).
-  void clean(ClientSession& session, TimePoint now);
+  /// Ends the session: commands that wait are refused with `why`.
+  void expel(ClientSession& session, const std::string& why, TimePoint now);
+  /// As if it had never been connected: subscriptions, will, ids, messages (R42, R43). Its commands
+  /// are refused with `why`.
+  void clean(ClientSession& session, const std::string& why, TimePoint now);
   /// A place for a new client, by forgetting the longest gone; false when there is none.
   bool make_room(TimePoint now);
 
-  /// Its time has come: lost, or something to repeat. May end the session.
-  void on_time(ClientSession& session, TimePoint now);
+  /// Nothing was heard for longer than its keep-alive or sleep allows.
+  bool is_overdue(const ClientSession& session, TimePoint now) const;
   void schedule(ClientSession& session);
   void tell_presence(ClientSession& session, Presence presence);
 
  private:
   std::optional<TimePoint> lost_at(const ClientSession& session) const;
-  void forget(ClientSession& session, TimePoint now);
+  void forget(ClientSession& session, const std::string& why, TimePoint now);
   void leave(ClientSession& session, ClientState state, TimePoint now);
 
   Context& context_;

@@ -1,0 +1,118 @@
+// SPDX-License-Identifier: Apache-2.0
+// What is on its way to one client: the queue, and the requests that await the client's answer.
+// Values only; Downlink and the classes beside it change them.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "adapters/mqttsn_udp/clients/retransmission_timeout.hpp"
+#include "adapters/mqttsn_udp/protocol/packet.hpp"
+#include "daemon/core/messages.hpp"
+#include "daemon/core/time.hpp"
+
+namespace slamgw::mqttsn {
+
+/// A message under `<prefix>/server/<robot>/<type>`, whose outcome is told exactly once.
+struct Command {
+  CommandId id = CommandId::none;  ///< none: from before a restart
+  std::string robot;
+  std::string type;
+  TimePoint came{};
+  bool is_reported = false;
+};
+
+/// One message on its way to one client.
+struct Outgoing {
+  std::shared_ptr<const BrokerMessage> message;
+  Qos qos = Qos::at_most_once;  ///< min(message, granted)
+  TopicIdType topic_id_type = TopicIdType::normal;
+  std::uint16_t predefined_id = 0;
+  std::shared_ptr<Command> command;  ///< may be null
+  std::uint16_t msg_id = 0;          ///< not 0: it was sent under this id, and goes on with DUP
+  bool was_refused_once = false;     ///< "invalid topic id": said again once (R86)
+  std::size_t octets() const { return message->topic.size() + message->payload.size(); }
+};
+
+/// Messages that wait, oldest first. A std::vector, because an empty std::deque takes 576 octets
+/// for each of thousands of clients.
+class DeliveryQueue {
+ public:
+  bool empty() const { return waiting_.empty(); }
+  std::size_t size() const { return waiting_.size(); }
+  /// Topic names and payloads together.
+  std::size_t octets() const { return octets_; }
+  const Outgoing& operator[](std::size_t index) const { return waiting_[index]; }
+  auto begin() const { return waiting_.begin(); }
+  auto end() const { return waiting_.end(); }
+
+  void push_back(Outgoing outgoing);
+  void push_front(Outgoing outgoing);
+  Outgoing take(std::size_t index);
+
+ private:
+  std::vector<Outgoing> waiting_;
+  std::size_t octets_ = 0;
+};
+
+/// A request that awaits its answer, and when it is repeated (MQTT-SN 1.2 section 6.13).
+struct Attempt {
+  std::uint16_t msg_id = 0;
+  TimePoint begun{};  ///< its first transmission
+  TimePoint sent{};   ///< its last transmission
+  Duration wait{};    ///< after the last transmission
+  unsigned repeats = 0;
+  std::optional<TimePoint> repeat_at{};  ///< nothing: it rests
+
+  /// Holds back what comes behind it; once a wait was in vain, others go on.
+  bool is_fresh() const { return repeats == 0; }
+};
+
+/// The PUBLISH of QoS 1 or 2 that awaits its PUBACK or PUBREC: one for each client (R91).
+struct Publishing {
+  Outgoing what;
+  std::uint16_t topic_id = 0;
+  Attempt attempt;
+};
+
+/// A REGISTER that awaits its REGACK.
+struct Registering {
+  std::uint16_t topic_id = 0;
+  Attempt attempt;
+};
+
+/// A PUBREL that awaits its PUBCOMP: the client has the message.
+struct Releasing {
+  Attempt attempt;
+};
+
+/// A topic of which the client does not answer; its messages wait, others go on.
+struct SetAside {
+  std::string topic;
+  unsigned failures = 0;             ///< each one doubles the pause
+  std::optional<TimePoint> until{};  ///< nothing: it is tried (again)
+  bool ends_when_heard = false;      ///< the client said nothing at all meanwhile: no other end
+};
+
+struct Delivery {
+  DeliveryQueue queue;
+  std::optional<Publishing> publishing;
+  std::vector<Registering> registering;  ///< at most max_open_registers, at most one fresh
+  std::vector<Releasing> releasing;      ///< at most max_open_releases, oldest first
+  std::vector<SetAside> set_aside;
+  /// MsgIds of QoS 2 commands that have failed: a late PUBREC must not have them carried out.
+  std::vector<std::uint16_t> abandoned;  ///< at most max_abandoned, oldest first
+  std::uint16_t last_msg_id = 0;
+  RetransmissionTimeout timeout;
+  std::optional<TimePoint> paused_until;  ///< the client said "congestion" (T_WAIT)
+  bool is_stalled = false;                ///< no answer to a PUBLISH: rests until heard (R133)
+  bool was_told_set_aside = false;        ///< the operator's notice, once for each client
+  std::size_t wake_budget = 0;            ///< messages that this wake-up may still bring (R122)
+  std::optional<Outgoing> last_qos0;      ///< for "invalid topic id" at QoS 0 (R86)
+  std::uint16_t last_qos0_id = 0;
+};
+
+}  // namespace slamgw::mqttsn

@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "adapters/mqttsn_udp/conversations/sleep.hpp"
+
+namespace slamgw::mqttsn {
+
+void Sleep::fall_asleep(ClientSession& session, std::chrono::seconds duration, TimePoint now) {
+  session.sleep_duration = duration;
+  downlink_.rest(session);
+  lifecycle_.enter(session, ClientState::asleep, now);
+  context_.set_dirty(session);
+}
+
+void Sleep::wake(ClientSession& session, TimePoint now) {
+  if (session.state() != ClientState::asleep) return;
+  lifecycle_.enter(session, ClientState::awake, now);
+  session.delivery.wake_budget =
+      session.delivery.queue.size() + context_.settings.max_sleeping_messages;
+}
+
+void Sleep::settle(ClientSession& session, TimePoint now) {
+  if (session.state() != ClientState::awake || !session.answers.empty()) return;
+  if (downlink_.is_awaiting(session)) return;
+  context_.send(session, Pingresp{});
+  sleep_again(session, now);
+}
+
+/// No PINGRESP: a client that does not answer may not listen any longer.
+void Sleep::on_unanswered(ClientSession& session, TimePoint now) {
+  if (session.state() == ClientState::awake) sleep_again(session, now);
+}
+
+void Sleep::sleep_again(ClientSession& session, TimePoint now) {
+  downlink_.rest(session);
+  lifecycle_.enter(session, ClientState::asleep, now);
+}
+
+}  // namespace slamgw::mqttsn

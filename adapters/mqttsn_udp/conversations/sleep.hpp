@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+// Sleeping clients (MQTT-SN 1.2 section 6.14): a client falls asleep, wakes by its PINGREQ, gets
+// its messages, and sleeps again by PINGRESP.
+//
+//   active --DISCONNECT(duration)--> asleep --PINGREQ--> awake --nothing left: PINGRESP--> asleep
+#pragma once
+
+#include "adapters/mqttsn_udp/context.hpp"
+#include "adapters/mqttsn_udp/conversations/downlink.hpp"
+#include "adapters/mqttsn_udp/conversations/lifecycle.hpp"
+
+namespace slamgw::mqttsn {
+
+class Sleep {
+ public:
+  Sleep(Context& context, Downlink& downlink, Lifecycle& lifecycle)
+      : context_(context), downlink_(downlink), lifecycle_(lifecycle) {}
+
+  /// DISCONNECT with a duration: nothing is sent from now on, messages wait (R114, R116, R126).
+  void fall_asleep(ClientSession& session, std::chrono::seconds duration, TimePoint now);
+  /// PINGREQ: what waits is sent, and some of what comes meanwhile (R118, R122). A repeated PINGREQ
+  /// changes nothing (R123).
+  void wake(ClientSession& session, TimePoint now);
+  /// After each step of the delivery: with nothing left to send or to await, PINGRESP lets the
+  /// client sleep again for the same duration (R119, R120).
+  void settle(ClientSession& session, TimePoint now);
+  /// The awake client has left something unanswered; messages wait for its next PINGREQ (R124).
+  void on_unanswered(ClientSession& session, TimePoint now);
+
+ private:
+  void sleep_again(ClientSession& session, TimePoint now);
+
+  Context& context_;
+  Downlink& downlink_;
+  Lifecycle& lifecycle_;
+};
+
+}  // namespace slamgw::mqttsn

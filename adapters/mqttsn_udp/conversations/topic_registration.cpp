@@ -1,0 +1,167 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "adapters/mqttsn_udp/conversations/topic_registration.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <utility>
+
+#include "adapters/mqttsn_udp/clients/message_ids.hpp"
+#include "adapters/mqttsn_udp/limits.hpp"
+
+namespace slamgw::mqttsn {
+namespace {
+
+/// `delivery.set_aside.end()` when the topic never was.
+auto find_set_aside(Delivery& delivery, const std::string& topic) {
+  return std::ranges::find(delivery.set_aside, topic, &SetAside::topic);
+}
+
+Duration pause_after(unsigned failures) {
+  Duration pause = limits::first_set_aside;
+  for (unsigned i = 1; i < failures && pause < limits::longest_set_aside; ++i) pause *= 2;
+  return std::min<Duration>(pause, limits::longest_set_aside);
+}
+
+}  // namespace
+
+TopicRegistration::Readiness TopicRegistration::prepare(ClientSession& session,
+                                                        const Outgoing& outgoing, TimePoint now) {
+  Delivery& delivery = session.delivery;
+  if (is_set_aside(delivery, outgoing.message->topic)) return Readiness::waits;
+  if (outgoing.topic_id_type != TopicIdType::normal) return Readiness::ready;
+  const auto id = session.topics.assign(outgoing.message->topic);
+  if (!id) return Readiness::impossible;
+  if (session.topics.is_told(*id)) return Readiness::ready;
+  const auto open = std::ranges::find(delivery.registering, *id, &Registering::topic_id);
+  if (open != delivery.registering.end())
+    return open->attempt.is_fresh() ? Readiness::waits_shortly : Readiness::waits;
+  const bool is_busy = std::ranges::any_of(
+      delivery.registering, [](const Registering& other) { return other.attempt.is_fresh(); });
+  if (is_busy) return Readiness::waits_shortly;  // R66
+  if (delivery.registering.size() >= limits::max_open_registers) {
+    if (!outgoing.command) return Readiness::waits;
+    delivery.registering.erase(delivery.registering.begin());
+  }
+  begin(session, *id, now);
+  return Readiness::waits_shortly;
+}
+
+void TopicRegistration::begin(ClientSession& session, std::uint16_t topic_id, TimePoint now) {
+  Delivery& delivery = session.delivery;
+  delivery.registering.push_back(
+      {topic_id, retransmission_.begin(delivery, next_message_id(delivery), now)});
+  transmit(session, delivery.registering.back());
+}
+
+void TopicRegistration::transmit(const ClientSession& session, const Registering& registering) {
+  const std::string* name = session.topics.name_of(registering.topic_id);
+  if (!name) return;
+  context_.send(session, Register{registering.topic_id, registering.attempt.msg_id, *name});
+}
+
+std::optional<std::uint16_t> TopicRegistration::topic_id(ClientSession& session,
+                                                         const Outgoing& outgoing) {
+  const std::string& topic = outgoing.message->topic;
+  switch (outgoing.topic_id_type) {
+    case TopicIdType::predefined: return outgoing.predefined_id;
+    case TopicIdType::short_name: return short_name_id(topic);
+    case TopicIdType::normal:
+    case TopicIdType::reserved: break;
+  }
+  return session.topics.assign(topic);
+}
+
+std::optional<std::string> TopicRegistration::on_regack(ClientSession& session,
+                                                        const Regack& regack, TimePoint now) {
+  Delivery& delivery = session.delivery;
+  const auto answered =
+      std::ranges::find(delivery.registering, regack.msg_id,
+                        [](const Registering& open) { return open.attempt.msg_id; });
+  if (answered == delivery.registering.end()) return std::nullopt;
+  Retransmission::on_answer(delivery, answered->attempt, now);
+  if (regack.code == ReturnCode::congestion) return std::nullopt;
+  const std::uint16_t id = answered->topic_id;
+  delivery.registering.erase(answered);
+  const std::string* name = session.topics.name_of(id);
+  if (!name) return std::nullopt;
+  const auto known = find_set_aside(delivery, *name);
+  if (known != delivery.set_aside.end()) delivery.set_aside.erase(known);
+  if (regack.code == ReturnCode::accepted) session.topics.set_told(id, true);
+  return *name;
+}
+
+std::vector<TopicRegistration::Unanswered> TopicRegistration::on_time(ClientSession& session,
+                                                                      TimePoint now) {
+  Delivery& delivery = session.delivery;
+  for (SetAside& entry : delivery.set_aside) {
+    if (entry.until && *entry.until <= now) entry.until.reset();
+  }
+  std::vector<Unanswered> given_up;
+  for (std::size_t i = 0; i < delivery.registering.size();) {
+    Registering& open = delivery.registering[i];
+    const auto due = retransmission_.on_time(open.attempt, now);
+    if (due == Retransmission::Due::repeat) {
+      context_.tally.count(Count::retransmitted);
+      transmit(session, open);
+    }
+    if (due != Retransmission::Due::give_up) {
+      ++i;
+      continue;
+    }
+    const std::string* name = session.topics.name_of(open.topic_id);
+    const TimePoint begun = open.attempt.begun;
+    delivery.registering.erase(delivery.registering.begin() + static_cast<std::ptrdiff_t>(i));
+    if (!name) continue;
+    set_aside(session, *name, begun, now);
+    given_up.push_back({*name, session.last_heard > begun});
+  }
+  return given_up;
+}
+
+std::optional<TimePoint> TopicRegistration::next_time(const Delivery& delivery) {
+  std::optional<TimePoint> next;
+  for (const Registering& open : delivery.registering) next = earlier(next, open.attempt.repeat_at);
+  for (const SetAside& entry : delivery.set_aside) {
+    if (!entry.ends_when_heard) next = earlier(next, entry.until);
+  }
+  return next;
+}
+
+void TopicRegistration::set_aside(ClientSession& session, const std::string& topic, TimePoint begun,
+                                  TimePoint now) {
+  Delivery& delivery = session.delivery;
+  auto entry = find_set_aside(delivery, topic);
+  if (entry == delivery.set_aside.end()) {
+    delivery.set_aside.push_back({topic});
+    entry = std::prev(delivery.set_aside.end());
+  }
+  ++entry->failures;
+  entry->ends_when_heard = entry->failures == 1 && session.last_heard <= begun;
+  entry->until = entry->ends_when_heard ? TimePoint::max() : now + pause_after(entry->failures);
+  context_.tally.count(Count::topics_set_aside);
+  tell(session, topic);
+}
+
+bool TopicRegistration::is_set_aside(const Delivery& delivery, const std::string& topic) {
+  return std::ranges::any_of(delivery.set_aside, [&](const SetAside& entry) {
+    return entry.until && entry.topic == topic;
+  });
+}
+
+void TopicRegistration::on_heard(Delivery& delivery) {
+  for (SetAside& entry : delivery.set_aside) {
+    if (std::exchange(entry.ends_when_heard, false)) entry.until.reset();
+  }
+}
+
+void TopicRegistration::tell(ClientSession& session, const std::string& topic) {
+  if (std::exchange(session.delivery.was_told_set_aside, true)) return;
+  context_.emit(Notice{Severity::notice,
+                       fmt::format("{} does not answer messages on '{}': they pause, at first for "
+                                   "{} s, then longer; other topics go on",
+                                   session.robot, topic, limits::first_set_aside.count()),
+                       session.robot});
+}
+
+}  // namespace slamgw::mqttsn

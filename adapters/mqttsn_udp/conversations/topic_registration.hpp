@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+// REGISTER from the gateway to a client, before the first PUBLISH on a topic whose id the client
+// does not know (MQTT-SN 1.2 sections 6.5 and 6.10, R65-R69). A topic that the client does not
+// answer is set aside for this client, with a growing pause, while other topics go on.
+#pragma once
+
+#include <string>
+
+#include "adapters/mqttsn_udp/context.hpp"
+#include "adapters/mqttsn_udp/conversations/retransmission.hpp"
+
+namespace slamgw::mqttsn {
+
+class TopicRegistration {
+ public:
+  TopicRegistration(Context& context, const Retransmission& retransmission)
+      : context_(context), retransmission_(retransmission) {}
+
+  enum class Readiness : std::uint8_t {
+    ready,          ///< the client knows the id
+    waits,          ///< for a REGACK that is late, for its turn, or for the end of a pause
+    waits_shortly,  ///< for a REGACK that can come any moment
+    impossible,     ///< the client has no topic id left
+  };
+  /// Whether `outgoing` can be published now. Sends the REGISTER that it needs.
+  Readiness prepare(ClientSession& session, const Outgoing& outgoing, TimePoint now);
+  /// Of an outgoing message that is ready; assigned on first use.
+  static std::optional<std::uint16_t> topic_id(ClientSession& session, const Outgoing& outgoing);
+
+  /// The topic that the answer decides about; nothing when nobody waits for it (R68) or the client
+  /// is congested.
+  std::optional<std::string> on_regack(ClientSession& session, const Regack& regack, TimePoint now);
+
+  struct Unanswered {
+    std::string topic;       ///< set aside from now on
+    bool was_heard = false;  ///< the client said something else meanwhile
+  };
+  /// Repeats what is due, and gives up what was repeated often enough.
+  std::vector<Unanswered> on_time(ClientSession& session, TimePoint now);
+  static std::optional<TimePoint> next_time(const Delivery& delivery);
+
+  /// The client leaves this topic's messages unanswered, since `begun`.
+  void set_aside(ClientSession& session, const std::string& topic, TimePoint begun, TimePoint now);
+  static bool is_set_aside(const Delivery& delivery, const std::string& topic);
+  /// The client was heard: topics are tried again that had waited for any sign of life.
+  static void on_heard(Delivery& delivery);
+
+ private:
+  void begin(ClientSession& session, std::uint16_t topic_id, TimePoint now);
+  void transmit(const ClientSession& session, const Registering& registering);
+  void tell(ClientSession& session, const std::string& topic);
+
+  Context& context_;
+  const Retransmission& retransmission_;
+};
+
+}  // namespace slamgw::mqttsn

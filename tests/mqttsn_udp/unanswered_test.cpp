@@ -1,0 +1,242 @@
+// SPDX-License-Identifier: Apache-2.0
+// Clients that leave a REGISTER, a PUBLISH or a PUBREL unanswered, as RIOT's emcute and Zephyr's
+// client do when their topic tables are full: everything else goes on.
+#include <gtest/gtest.h>
+
+#include "adapters/mqttsn_udp/limits.hpp"
+#include "tests/mqttsn_udp/sn_rig.hpp"
+
+namespace slamgw::mqttsn {
+namespace {
+
+using std::chrono::seconds;
+
+const std::string cmd = "ntnu-slam/server/r1/cmd";
+const std::string others = "ntnu-slam/robot/+/update";
+
+/// Subscribed to its commands by name and to everybody's updates; it never answers a REGISTER.
+struct DeafRig : SnRig {
+  explicit DeafRig(bool clean = true) {
+    connect(1, "r1", clean, 6000);
+    subscribe(1, cmd, 1);
+    subscribe(1, others, 1);
+  }
+  /// One more command; whether it is published at once.
+  bool command_arrives() {
+    sent_to(1);
+    broker(cmd, "go", 1);
+    for (const std::string& line : sent_to(1)) {
+      if (!line.starts_with("PUBLISH")) continue;
+      const auto publish = std::get<Publish>(*decode(datagrams.back().bytes));
+      send(1, Puback{publish.topic_id, publish.msg_id, ReturnCode::accepted});
+      return true;
+    }
+    return false;
+  }
+};
+
+TEST(SnGateway, SendsCommandsWhileARegisterStaysUnanswered) {
+  for (const bool clean : {true, false}) {
+    DeafRig rig(clean);
+    for (int i = 0; i < 20; ++i) {
+      rig.broker("ntnu-slam/robot/x" + std::to_string(i % 4) + "/update", "u", i % 2);
+      EXPECT_TRUE(rig.command_arrives()) << i;
+      rig.pass_s(7);
+    }
+    ASSERT_EQ(rig.outcomes.size(), 20U);
+    for (const CommandOutcome& outcome : rig.outcomes)
+      EXPECT_EQ(outcome.result, CommandResult::delivered);
+  }
+}
+
+TEST(SnGateway, SetsATopicAsideWithAGrowingPauseAndSaysItOnce) {
+  DeafRig rig(false);
+  std::vector<Duration> pauses;
+  std::optional<TimePoint> last;
+  for (int i = 0; i < 12 * 360; ++i) {
+    rig.broker("ntnu-slam/robot/x/update", "u", 1);
+    rig.send(1, Pingreq{});
+    rig.pass_s(10);
+    for (const std::string& line : rig.sent_to(1)) {
+      if (!line.starts_with("REGISTER")) continue;
+      if (last) pauses.push_back(rig.now - *last);
+      last = rig.now;
+    }
+  }
+  std::erase_if(pauses, [](Duration pause) { return pause <= seconds(30); });  // repetitions
+  ASSERT_GE(pauses.size(), 8U);
+  for (std::size_t i = 1; i < pauses.size(); ++i) EXPECT_GE(pauses[i], pauses[i - 1]);
+  EXPECT_GE(pauses.back(), limits::longest_set_aside);
+  EXPECT_LE(pauses.back(), limits::longest_set_aside + seconds(60));
+  ASSERT_EQ(rig.notices.size(), 1U);
+  EXPECT_NE(rig.notices[0].text.find("ntnu-slam/robot/x/update"), std::string::npos);
+  EXPECT_GE(rig.counter("topics_set_aside"), 8U);
+}
+
+TEST(SnGateway, DeliversATopicThatWasSetAsideOnceItIsAnswered) {
+  DeafRig rig(false);
+  rig.broker("ntnu-slam/robot/x/update", "1", 1);
+  rig.broker("ntnu-slam/robot/x/update", "2", 1);
+  for (int i = 0; i < 45; ++i) {
+    rig.pass_s(1);
+    rig.send(1, Pingreq{});
+  }
+  rig.sent_to(1);
+  rig.pass(limits::first_set_aside);
+  const Lines lines = rig.sent_to(1);
+  ASSERT_FALSE(lines.empty());
+  ASSERT_EQ(lines[0], "REGISTER id=2 msg=2 topic=ntnu-slam/robot/x/update");
+  rig.send(1, Regack{2, 2, ReturnCode::accepted});
+  EXPECT_EQ(rig.last_to(1), "PUBLISH dup=0 qos=1 retain=0 normal id=2 msg=3 data=31");
+  rig.send(1, Puback{2, 3, ReturnCode::accepted});
+  EXPECT_EQ(rig.last_to(1), "PUBLISH dup=0 qos=1 retain=0 normal id=2 msg=4 data=32");
+}
+
+TEST(SnGateway, ForgetsPausesWhenTheClientConnectsAgain) {
+  DeafRig rig(false);
+  rig.broker("ntnu-slam/robot/x/update", "1", 1);
+  for (int i = 0; i < 45; ++i) {
+    rig.pass_s(1);
+    rig.send(1, Pingreq{});
+  }
+  rig.sent_to(1);
+  rig.send(1, Connect{false, false, 1, 6000, "r1"});
+  EXPECT_EQ(rig.sent_to(1),
+            (Lines{"CONNACK code=0", "REGISTER id=2 msg=2 topic=ntnu-slam/robot/x/update"}));
+}
+
+TEST(SnGateway, KeepsTheOrderOfCommandsBehindAPromptRegister) {
+  SnRig rig;
+  rig.connect(1, "r1", true, 600);
+  rig.subscribe(1, cmd, 1);
+  rig.subscribe(1, "ntnu-slam/server/r1/+", 1);
+  rig.broker("ntnu-slam/server/r1/run", "stop", 1);
+  rig.broker(cmd, "1,1", 1);
+  EXPECT_EQ(rig.sent_to(1), Lines{"REGISTER id=2 msg=1 topic=ntnu-slam/server/r1/run"});
+  rig.send(1, Regack{2, 1, ReturnCode::accepted});
+  rig.send(1, Puback{2, 2, ReturnCode::accepted});
+  EXPECT_EQ(rig.sent_to(1), (Lines{"PUBLISH dup=0 qos=1 retain=0 normal id=2 msg=2 data=73746f70",
+                                   "PUBLISH dup=0 qos=1 retain=0 normal id=1 msg=3 data=312c31"}));
+}
+
+TEST(SnGateway, SaysNoAcknowledgementOnlyOfWhatWasTransmitted) {
+  SnRig rig;
+  rig.connect(1, "r1", true, 6000);
+  rig.subscribe(1, "ntnu-slam/server/r1/+", 1);
+  rig.broker("ntnu-slam/server/r1/run", "1", 1);
+  rig.pass_s(30);
+  ASSERT_EQ(rig.outcomes.size(), 1U);
+  EXPECT_EQ(rig.outcomes[0].result, CommandResult::timeout);
+  EXPECT_EQ(rig.outcomes[0].why, "the robot did not answer the registration of this topic");
+  for (const std::string& line : rig.sent_to(1)) EXPECT_FALSE(line.starts_with("PUBLISH")) << line;
+
+  SnRig second;
+  second.connect(1, "r1", true, 6000);
+  second.subscribe(1, cmd, 1);
+  second.broker(cmd, "1", 1);
+  second.broker(cmd, "2", 1);
+  second.pass_s(30);
+  ASSERT_EQ(second.outcomes.size(), 2U);
+  EXPECT_EQ(second.outcomes[0].why, "no acknowledgement");
+  EXPECT_EQ(second.outcomes[1].why, "earlier messages for the robot took too long");
+}
+
+TEST(SnGateway, NeverSendsACommandAfterItsTimeout) {
+  for (const unsigned qos : {1U, 2U}) {
+    for (const bool clean : {true, false}) {
+      SnRig rig;
+      rig.connect(1, "r1", clean, 6000);
+      rig.subscribe(1, cmd, qos);
+      rig.broker(cmd, "1", qos);
+      rig.broker(cmd, "2", qos);
+      rig.pass_s(30);
+      EXPECT_EQ(rig.outcomes.size(), 2U);
+      EXPECT_EQ(rig.gateway.queued_for("r1"), 0U);
+      rig.sent_to(1);
+      rig.send(1, Pingreq{});
+      rig.pass_s(100);
+      EXPECT_EQ(rig.sent_to(1), Lines{"PINGRESP"});
+      rig.send(1, Pubrec{1});
+      EXPECT_EQ(rig.last_to(1), qos == 2 ? "nothing" : "PUBREL msg=1")
+          << "a PUBREL would have the robot obey";
+      EXPECT_EQ(rig.outcomes.size(), 2U);
+    }
+  }
+}
+
+TEST(SnGateway, SendsTheRestWhileAPubrelStaysUnanswered) {
+  SnRig rig;
+  rig.connect(1, "r1", true, 6000);
+  rig.subscribe(1, cmd, 2);
+  rig.broker(cmd, "1", 2);
+  rig.send(1, Pubrec{1});
+  ASSERT_EQ(rig.outcomes.size(), 1U) << "with PUBREC the robot has it";
+  EXPECT_EQ(rig.outcomes[0].result, CommandResult::delivered);
+  rig.sent_to(1);
+  rig.broker(cmd, "2", 2);
+  EXPECT_TRUE(rig.is_silent(1)) << "the PUBCOMP can come any moment";
+  rig.pass(RetransmissionTimeout::shortest);
+  EXPECT_EQ(rig.sent_to(1),
+            (Lines{"PUBREL msg=1", "PUBLISH dup=0 qos=2 retain=0 normal id=1 msg=2 data=32"}));
+}
+
+TEST(SnGateway, IsNotHeldByAClientThatAnswersPubrelWithPubrec) {
+  SnRig rig;
+  rig.connect(1, "r1", true, 6000);
+  rig.subscribe(1, cmd, 2);
+  rig.broker(cmd, "1", 2);
+  rig.broker(cmd, "2", 2);
+  rig.sent_to(1);
+  rig.send(1, Pubrec{1});
+  rig.send(1, Pubrec{1});
+  EXPECT_EQ(rig.sent_to(1), (Lines{"PUBREL msg=1", "PUBREL msg=1",
+                                   "PUBLISH dup=0 qos=2 retain=0 normal id=1 msg=2 data=32"}));
+  for (int i = 0; i < 60; ++i) {
+    rig.pass_s(1);
+    rig.send(1, Pubrec{1});
+  }
+  rig.sent_to(1);
+  rig.pass_s(60);
+  EXPECT_TRUE(rig.is_silent(1)) << "each PUBREC is answered; the repetitions are over";
+}
+
+TEST(SnGateway, TakesALateAcknowledgementOfWhatItHasPutBack) {
+  SnRig rig;
+  rig.connect(1, "r1", false, 6000);
+  rig.subscribe(1, "a/x", 1);
+  rig.broker("a/x", "1", 1);
+  rig.pass_s(100);
+  rig.sent_to(1);
+  rig.send(1, Puback{1, 1, ReturnCode::accepted});
+  EXPECT_TRUE(rig.is_silent(1));
+  EXPECT_EQ(rig.gateway.queued_for("r1"), 0U);
+}
+
+TEST(SnGateway, SparesAKeptSessionAMessageThatItNeverAcknowledges) {
+  SnRig rig;
+  rig.connect(1, "r1", false, 6000);
+  rig.subscribe(1, cmd, 1);
+  rig.subscribe(1, "a/x", 1);
+  rig.broker("a/x", "poison", 1);
+  unsigned delivered = 0;
+  for (int i = 0; i < 600; ++i) {
+    rig.pass_s(1);
+    rig.send(1, Pingreq{});
+    if (i % 60 == 0) rig.broker(cmd, "go", 1);
+    while (!rig.datagrams.empty()) {
+      const Packet packet = *decode(rig.datagrams.back().bytes);
+      rig.datagrams.pop_back();
+      const auto* publish = std::get_if<Publish>(&packet);
+      if (!publish || publish->topic_id != 1) continue;
+      rig.send(1, Puback{1, publish->msg_id, ReturnCode::accepted});
+    }
+  }
+  for (const CommandOutcome& outcome : rig.outcomes)
+    delivered += outcome.result == CommandResult::delivered ? 1 : 0;
+  EXPECT_GE(delivered, 8U);
+  EXPECT_EQ(rig.outcomes.size(), 10U);
+  EXPECT_EQ(rig.gateway.queued_for("r1"), 1U) << "it is kept";
+}
+
+}  // namespace
+}  // namespace slamgw::mqttsn
