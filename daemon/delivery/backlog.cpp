@@ -31,8 +31,9 @@ bool Backlog::reserve(OutboxEntry& entry) {
 }
 
 void Backlog::release(const OutboxEntry& entry) {
-  bytes_ -= cost_of(entry);
-  --rows_;
+  // Bounded: what damage has taken from the store was not counted by the octet.
+  bytes_ -= std::min(bytes_, cost_of(entry));
+  rows_ -= rows_ > 0 ? 1 : 0;
   if (bytes_ <= max_bytes_ - max_bytes_ / 16) is_full_ = false;
 }
 
@@ -171,7 +172,7 @@ std::deque<OutboxEntry> Backlog::on_opened(StoreOpened opened, TimePoint now) {
   forgets_.clear();
   forgetting_.clear();
   forget_due_.reset();
-  is_writing_ = is_loading_ = is_probe_due_ = false;
+  is_writing_ = is_loading_ = is_probe_due_ = is_topic_count_wrong_ = false;
   write_retry_.reset();
   load_retry_.reset();
   retry_wait_ = first_retry;
@@ -273,14 +274,14 @@ void Backlog::skip_what_is_in_memory() {
 
 std::size_t Backlog::on_loaded(StoreLoaded loaded, TimePoint now) {
   is_loading_ = false;
-  if (loaded.messages.empty()) {
+  if (loaded.messages.empty() && loaded.damaged.empty()) {
     const std::size_t missing = std::exchange(unloaded_, 0);
     rows_ -= std::min(rows_, missing);
     if (rows_ == 0) bytes_ = 0;
     if (missing > 0) count_topics_again();
     return missing;
   }
-  oldest_ = now - loaded.messages.front().age;
+  if (!loaded.messages.empty()) oldest_ = now - loaded.messages.front().age;
   for (StoredMessage& stored : loaded.messages) {
     cursor_ = stored.row;
     if (ahead_.erase(stored.row) > 0) continue;
@@ -292,8 +293,23 @@ std::size_t Backlog::on_loaded(StoreLoaded loaded, TimePoint now) {
     entry.is_stored = entry.is_from_backlog = true;
     insert_ready(std::move(entry));
   }
+  pass_over_damaged(loaded);
   ahead_.erase(ahead_.begin(), ahead_.upper_bound(cursor_));
   return 0;
+}
+
+/// They are dead letters now. Of which topics they were nobody knows, so the topics are counted
+/// again as soon as everything else is in memory.
+void Backlog::pass_over_damaged(const StoreLoaded& loaded) {
+  for (const std::uint64_t row : loaded.damaged) {
+    cursor_ = std::max(cursor_, row);
+    if (ahead_.erase(row) > 0) continue;
+    if (unloaded_ > 0) --unloaded_;
+    if (rows_ > 0) --rows_;
+    is_topic_count_wrong_ = true;
+  }
+  bytes_ = rows_ == 0 ? 0 : bytes_ - std::min(bytes_, loaded.damaged_bytes);
+  if (unloaded_ == 0 && std::exchange(is_topic_count_wrong_, false)) count_topics_again();
 }
 
 void Backlog::count_topics_again() {

@@ -131,6 +131,7 @@ class Backlog {
   bool is_behinds_turn() const;
   std::deque<OutboxEntry> take_behind_from(std::deque<Behind>::iterator first);
   void insert_ready(OutboxEntry entry);
+  void pass_over_damaged(const StoreLoaded& loaded);
   void count_topics_again();
   void skip_what_is_in_memory();
 
@@ -157,6 +158,7 @@ class Backlog {
   std::vector<std::uint64_t> forgetting_;  // in the write that is under way
   std::optional<TimePoint> forget_due_;
 
+  bool is_topic_count_wrong_ = false;  // too high for topics of rows that were damaged
   bool is_writing_ = false;
   bool is_loading_ = false;
   bool is_stopping_ = false;

@@ -45,6 +45,7 @@ struct DeadLetter {
 struct DeadLetterCounts {
   std::size_t count = 0;
   std::uint64_t bytes = 0;  ///< sum of stored_cost()
+  bool operator==(const DeadLetterCounts&) const = default;
 };
 
 /// One transaction: all of it is durable when StoreWritten comes, nothing of it when
@@ -86,9 +87,12 @@ struct StoreWritten {};
 struct StoreWriteFailed {
   std::string why;
 };
-/// By rising row; empty when there is none above `after`.
+/// By rising row; both empty when there is none above `after`.
 struct StoreLoaded {
   std::vector<StoredMessage> messages;
+  /// Rows that are not what was stored: they were set aside, and are no longer among the messages.
+  std::vector<std::uint64_t> damaged = {};
+  std::uint64_t damaged_bytes = 0;  ///< sum of their stored_cost()
 };
 struct StoreLoadFailed {
   std::string why;

@@ -305,7 +305,7 @@ void Outbox::handle(StoreLoaded& loaded, TimePoint now) {
   if (missing == 0) return;
   actions_.push(Notice{Severity::error,
                        fmt::format("{} messages that were stored are no longer in the store: "
-                                   "somebody else has changed its file",
+                                   "its file was damaged, or somebody has changed it",
                                    missing),
                        {}});
   place_all_again({}, now);

@@ -6,6 +6,7 @@
 #include <deque>
 #include <map>
 #include <optional>
+#include <set>
 #include <variant>
 
 #include "daemon/delivery/message_store.hpp"
@@ -57,6 +58,9 @@ class FakeStore {
     SetAside why;
   };
 
+  static std::uint64_t cost_of(const BrokerMessage& message) {
+    return stored_cost(message.topic.size(), message.payload.size());
+  }
   DeadLetterCounts count_dead_letters() const {
     DeadLetterCounts counts{dead_letters.size(), 0};
     for (const auto& [id, letter] : dead_letters)
@@ -71,6 +75,7 @@ class FakeStore {
 
   std::map<std::uint64_t, Row> rows;
   std::map<std::uint64_t, Letter> dead_letters;
+  std::set<std::uint64_t> damaged;  ///< rows that are not what was stored
   bool is_failing = false;
   std::size_t fail_countdown = 0;  ///< the n-th write from now fails; 0: none
   std::size_t commits = 0;
@@ -105,8 +110,16 @@ class FakeStore {
     }
     if (!load.rows.empty()) return loaded;
     for (auto row = rows.upper_bound(load.after);
-         row != rows.end() && loaded.messages.size() < load.max_messages; ++row) {
+         row != rows.end() && loaded.messages.size() < load.max_messages;) {
+      if (damaged.contains(row->first)) {
+        loaded.damaged.push_back(row->first);
+        loaded.damaged_bytes += cost_of(row->second.message);
+        dead_letters[++last_letter_] = {std::move(row->second.message), {row->first, "damaged"}};
+        row = rows.erase(row);
+        continue;
+      }
       loaded.messages.push_back({row->first, row->second.message, now - row->second.stored});
+      ++row;
     }
     largest_page = std::max(largest_page, loaded.messages.size());
     return loaded;

@@ -376,6 +376,22 @@ TEST_F(OutboxStoreTest, RowsThatVanishFromTheStoreDoNotBlockTheirTopic) {
   EXPECT_EQ(under_way.size(), 1u);
 }
 
+TEST_F(OutboxStoreTest, DamagedRowsAreLeftOutAndBlockNothing) {
+  store_backlog("t", 1, 600);
+  store.damaged = {1, 100, 256, 257, 600};
+  link_up();
+  settle();
+  std::vector<std::string> expected = numbers(1, 600);
+  for (const char* const lost : {"1", "100", "256", "257", "600"}) std::erase(expected, lost);
+  EXPECT_EQ(received_of("t"), expected);
+  EXPECT_EQ(outbox->depth(), 0u);
+  EXPECT_EQ(outbox->backlog().bytes(), 0u);
+  const std::size_t commits = store.commits;
+  submit("t", 601);
+  settle();
+  EXPECT_EQ(store.commits, commits) << "no detour through the store for its topic";
+}
+
 TEST_F(OutboxStoreTest, AStoreThatCannotBeReadIsAskedAgain) {
   store_backlog("t", 1, 5);
   link_up();
