@@ -3,22 +3,25 @@
 
 #include <fmt/format.h>
 
+#include <array>
+
 #include "daemon/storage/store_file.hpp"
 
 namespace slamgw {
 namespace {
 
-constexpr StoreFormat format{
-    SessionFile::version,
-    "CREATE TABLE sessions(id TEXT PRIMARY KEY, content BLOB NOT NULL) WITHOUT ROWID", "sessions",
-    "'id', 'content'", 2};
+constexpr std::array<StoreTable, 1> tables{{{"sessions", "'id', 'content'", 2}}};
 
 SqliteDatabase open(const std::string& path) {
+  const StoreFormat format{
+      SessionFile::version,
+      "CREATE TABLE sessions(id TEXT PRIMARY KEY, content BLOB NOT NULL) WITHOUT ROWID", tables};
   SqliteDatabase database = open_store_file(path, format);
   database.execute("PRAGMA synchronous = NORMAL");
   database.execute(
       fmt::format("PRAGMA max_page_count = {}", SessionFile::max_bytes / format.page_bytes)
           .c_str());
+  database.keep_log_on_close(false);
   return database;
 }
 

@@ -17,6 +17,8 @@ namespace {
 
 bool SqliteError::is_corrupt() const { return code_ == SQLITE_CORRUPT || code_ == SQLITE_NOTADB; }
 
+bool SqliteError::is_io_error() const { return code_ == SQLITE_IOERR; }
+
 bool SqliteError::is_locked() const { return code_ == SQLITE_BUSY || code_ == SQLITE_LOCKED; }
 
 void SqliteStatement::Finalize::operator()(sqlite3_stmt* statement) const {
@@ -39,7 +41,8 @@ SqliteStatement& SqliteStatement::bind(int parameter, std::int64_t value) {
 }
 
 SqliteStatement& SqliteStatement::bind(int parameter, std::string_view text) {
-  check(sqlite3_bind_text64(statement_.get(), parameter, text.data(), text.size(), SQLITE_STATIC,
+  const char* const first = text.empty() ? "" : text.data();  // a null pointer would bind NULL
+  check(sqlite3_bind_text64(statement_.get(), parameter, first, text.size(), SQLITE_STATIC,
                             SQLITE_UTF8));
   return *this;
 }
@@ -110,6 +113,14 @@ std::int64_t SqliteDatabase::query_number(const char* sql) {
 std::string SqliteDatabase::query_text(const char* sql) {
   SqliteStatement statement = prepare(sql);
   return statement.step() ? std::string(statement.text(0)) : std::string();
+}
+
+std::int64_t SqliteDatabase::changed_rows() const { return sqlite3_changes64(database_.get()); }
+
+bool SqliteDatabase::has_moved() const {
+  int has_moved = 0;
+  sqlite3_file_control(database_.get(), "main", SQLITE_FCNTL_HAS_MOVED, &has_moved);
+  return has_moved != 0;
 }
 
 void SqliteDatabase::keep_log_on_close(bool keep) {

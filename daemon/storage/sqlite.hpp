@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// SQLite's C API with owners and exceptions: a database and its statements. Used by MessageFile
-// only, on one thread.
+// SQLite's C API with owners and exceptions: a database and its statements. Used by the stores'
+// files, each on one thread.
 #pragma once
 
 #include <cstdint>
@@ -21,8 +21,10 @@ class SqliteError : public std::runtime_error {
   SqliteError(int code, const std::string& text) : std::runtime_error(text), code_(code) {}
   /// A primary result code (SQLITE_FULL, SQLITE_CORRUPT, ...).
   int code() const { return code_; }
-  /// The file is no database, or a damaged one.
+  /// What was read is no database, or a damaged one. A disk that fails to read can look like that.
   bool is_corrupt() const;
+  /// The disk or the file system failed.
+  bool is_io_error() const;
   /// Another process has it open.
   bool is_locked() const;
 
@@ -58,6 +60,12 @@ class SqliteStatement {
   std::unique_ptr<sqlite3_stmt, Finalize> statement_;
 };
 
+/// A statement that reads must not keep its transaction, whatever happens.
+struct SqliteStatementReset {
+  SqliteStatement& statement;
+  ~SqliteStatementReset() { statement.reset(); }
+};
+
 class SqliteDatabase {
  public:
   /// An existing file, which may be empty. `busy_wait_ms`: how long another process is waited for.
@@ -66,6 +74,10 @@ class SqliteDatabase {
   void execute(const char* sql);
   std::int64_t query_number(const char* sql);
   std::string query_text(const char* sql);
+  /// The file is no longer where it was opened, or another file is there.
+  bool has_moved() const;
+  /// Rows that the last statement inserted or deleted.
+  std::int64_t changed_rows() const;
   SqliteStatement prepare(const char* sql) { return {database_.get(), sql}; }
   /// Leaves the write-ahead log as it is when this closes, so that nothing at all changes.
   void keep_log_on_close(bool keep);

@@ -102,7 +102,7 @@ bool SqliteSessionStore::open() {
 
 void SqliteSessionStore::move_aside(const std::string& why) {
   file_.reset();
-  const std::string aside = move_store_file_aside(path_);
+  const std::string aside = put_store_file_aside(path_, "corrupt");
   notice(Severity::error,
          fmt::format("the sessions in {} are damaged ({}): moved to {} and begun anew; MQTT-SN "
                      "clients have to connect again",

@@ -2,20 +2,66 @@
 #include "daemon/storage/sqlite_store.hpp"
 
 #include <fmt/format.h>
+#include <sqlite3.h>
 
+#include <filesystem>
 #include <utility>
 
 #include "daemon/storage/store_file.hpp"
 
 namespace slamgw {
+namespace {
+
+TimePoint now() { return std::chrono::steady_clock::now(); }
+
+std::string words_for(const SqliteError& error) {
+  return error.is_locked() ? "another process has it open; does a second slam-gatewayd run?"
+                           : error.what();
+}
+
+std::string saved_text(const MessageRecovery::Result& result) {
+  std::string text = fmt::format("{} messages", result.messages);
+  if (result.dead_letters > 0) text += fmt::format(" and {} dead letters", result.dead_letters);
+  text += " were saved";
+  if (result.damaged > 0) {
+    text += fmt::format(", {} damaged ones became dead letters", result.damaged);
+  }
+  if (!result.lost_messages) return text + ", and how many are lost is not known";
+  text += fmt::format(", {} are lost", *result.lost_messages);
+  if (*result.lost_dead_letters > 0) {
+    text += fmt::format(" and {} dead letters", *result.lost_dead_letters);
+  }
+  return text;
+}
+
+/// Rows that are dead letters again should the write fail.
+std::vector<std::uint64_t> resent_rows(const WriteToStore& write) {
+  std::vector<std::uint64_t> rows;
+  for (const StoredMessage& stored : write.keep) {
+    if (stored.dead_letter != 0) rows.push_back(stored.row);
+  }
+  return rows;
+}
+
+void remove_file_and_log(const std::string& path) {
+  std::error_code ignored;
+  std::filesystem::remove(path + "-wal", ignored);
+  std::filesystem::remove(path, ignored);
+}
+
+}  // namespace
 
 SqliteStore::SqliteStore(boost::asio::io_context& io, StoreSettings settings,
-                         std::function<void(StoreEvent)> on_event)
+                         std::function<void(StoreEvent)> on_event, Patience patience)
     : settings_(std::move(settings)),
+      patience_(patience),
       path_(settings_.directory + "/messages.db"),
+      saving_path_(path_ + "-saving"),
+      saved_path_(path_ + "-saved"),
       on_event_(std::move(on_event)),
+      verdict_(patience.unreadable),
       thread_(io),
-      reopen_timer_(thread_.context()) {}
+      timer_(thread_.context()) {}
 
 SqliteStore::~SqliteStore() { stop(); }
 
@@ -24,7 +70,10 @@ void SqliteStore::start() {
 }
 
 void SqliteStore::stop() {
-  thread_.run([this] { file_.reset(); });
+  thread_.run([this] {
+    file_.reset();
+    tally_.reset();
+  });
   thread_.stop();
 }
 
@@ -33,106 +82,222 @@ void SqliteStore::ask(WriteToStore write) {
 }
 
 void SqliteStore::ask(LoadFromStore load) {
-  thread_.run([this, load] { serve(load); });
+  thread_.run([this, request = std::move(load)] { serve(request); });
 }
 
 template <class Request>
 void SqliteStore::serve(const Request& request) {
-  if (!file_ || request.generation != generation_) return;  // it meant another file
+  constexpr bool is_load = std::is_same_v<Request, LoadFromStore>;
+  using Failed = std::conditional_t<is_load, StoreLoadFailed, StoreWriteFailed>;
+  if (request.generation != generation_) return;  // it meant another file
+  if (!file_) {
+    if (is_open_for_outbox_) post(Failed{why_closed_});
+    return;
+  }
   try {
-    post(perform(request));
+    perform(request);
   } catch (const SqliteError& error) {
-    if constexpr (std::is_same_v<Request, WriteToStore>) {
-      post(StoreWriteFailed{error.what()});
-    } else {
-      post(StoreLoadFailed{error.what()});
-    }
-    if (!error.is_corrupt()) return;
-    move_aside(error.what());
-    open();
+    post(Failed{error.what()});
+    on_request_failed(error, is_load);
   }
 }
 
-StoreEvent SqliteStore::perform(const WriteToStore& write) {
+void SqliteStore::perform(const WriteToStore& write) {
+  if (!file_->is_in_place()) put_back_in_place();
+  const DeadLetterCounts before = file_->dead_letters();
+  unconfirmed_ = resent_rows(write);
   file_->write(write);
-  return StoreWritten{};
+  unconfirmed_.clear();
+  if (!write.keep.empty()) last_kept_row_ = write.keep.back().row;
+  post(StoreWritten{});
+  if (before != file_->dead_letters()) post(DeadLettersChanged{file_->dead_letters()});
 }
 
-StoreEvent SqliteStore::perform(const LoadFromStore& load) { return file_->load(load); }
+void SqliteStore::perform(const LoadFromStore& load) {
+  StoreLoaded loaded = file_->load(load);
+  verdict_.reset();
+  const std::size_t damaged = loaded.damaged.size();
+  post(std::move(loaded));
+  if (damaged == 0) return;
+  tell(Severity::error,
+       fmt::format("{} messages in {} are damaged: they are dead letters now (slam-gatewayctl "
+                   "store list)",
+                   damaged, path_));
+  post(DeadLettersChanged{file_->dead_letters()});
+}
+
+/// Errors of the disk go away or stay; only when they stay, and for damage, the file is looked at.
+void SqliteStore::on_request_failed(const SqliteError& error, bool is_load) {
+  if (error.is_io_error() && is_load) verdict_.on_read_error(now());
+  if (!error.is_corrupt() && !verdict_.is_persistent(now())) return;
+  why_closed_ = fmt::format("{}: {}", path_, error.what());
+  close_as_it_is();
+  open();
+}
+
+void SqliteStore::close_as_it_is() {
+  if (file_) file_->leave_log_on_close();
+  file_.reset();
+}
 
 void SqliteStore::open() {
+  if (!closed_since_) closed_since_ = now();
   try {
-    try {
-      try_to_open();
-    } catch (const SqliteError& error) {
-      if (!error.is_corrupt()) throw;
-      move_aside(error.what());
-      try_to_open();
-    }
+    try_to_open();
+    return on_opened();
   } catch (const SqliteError& error) {
-    go_without(path_ + ": " +
-               (error.is_locked() ? "another process has it open; does a second slam-gatewayd run?"
-                                  : error.what()));
+    close_as_it_is();
+    why_closed_ = fmt::format("{}: {}", path_, words_for(error));
+    const bool is_doubtful = error.is_corrupt() || error.is_io_error();
+    if (is_doubtful && save_if_damaged(error)) return open();
+    if (is_doubtful && now() - *closed_since_ < patience_.opening) {
+      return try_again_after(patience_.look);
+    }
   } catch (const ForeignFile& error) {
-    go_without(fmt::format("{} is left as it is: {}", path_, error.what()));
+    close_as_it_is();
+    why_closed_ = fmt::format("{} is left as it is: {}", path_, error.what());
   } catch (const std::runtime_error& error) {
-    go_without(error.what());
+    close_as_it_is();
+    why_closed_ = error.what();
   }
-  if (!file_) try_again_later();
-}
-
-void SqliteStore::try_again_later() {
-  reopen_timer_.expires_after(reopen_interval);
-  reopen_timer_.async_wait([this](boost::system::error_code error) {
-    if (!error) open();
-  });
+  tell_closed();
+  try_again_after(patience_.reopen);
 }
 
 void SqliteStore::try_to_open() {
+  make_store_directory(settings_.directory);
+  if (!tally_) tally_.emplace(path_ + "-tally");
+  put_saved_file_in_place("corrupt");
   make_store_file(settings_.directory, path_);
-  file_.emplace(path_, settings_.max_bytes);
-  StoreOpened opened;
-  try {
-    opened = file_->summary();
-  } catch (...) {
-    file_.reset();
-    throw;
+  file_.emplace(path_, settings_.max_bytes, &*tally_);
+  // What was not confirmed is in the outbox's memory still.
+  if (is_open_for_outbox_) file_->drop_messages_above(last_kept_row_, unconfirmed_);
+}
+
+void SqliteStore::on_opened() {
+  StoreOpened opened = file_->summary();
+  verdict_.reset();
+  closed_since_.reset();
+  unconfirmed_.clear();
+  if (const auto& missed = file_->missed(); missed && missed->messages + missed->dead_letters > 0) {
+    tell(Severity::error,
+         fmt::format("{} is not the file that was written last: {} messages and {} dead letters "
+                     "that were stored are not in it",
+                     path_, missed->messages, missed->dead_letters));
   }
-  if (!std::exchange(why_absent_, {}).empty()) {
-    post(Notice{Severity::notice, fmt::format("the store {} could be opened now", path_), {}});
+  if (!std::exchange(why_told_, {}).empty()) {
+    tell(Severity::notice, fmt::format("the store {} could be opened now", path_));
   }
+  try_again_after(patience_.reopen);
+  if (is_open_for_outbox_) return post(DeadLettersChanged{file_->dead_letters()});
+  is_open_for_outbox_ = true;
   ++generation_;
+  last_kept_row_ = opened.last_row;
   post(std::move(opened));
 }
 
-void SqliteStore::go_without(const std::string& why) {
-  const bool is_known = generation_ > 0 && !file_ && !why_absent_.empty();
-  if (why != why_absent_) {
-    why_absent_ = why;
-    post(Notice{Severity::warning,
-                fmt::format("no store: {}. Robots get their acknowledgements from the broker only; "
-                            "what is undelivered does not survive a restart",
-                            why),
-                {}});
+/// True when what is left of a damaged file is in its place. What goes wrong is tried again with
+/// the next look.
+bool SqliteStore::save_if_damaged(const SqliteError& why) {
+  try {
+    if (!tally_) return false;
+    MessageRecovery recovery(path_, tally_->read());
+    const bool is_readable = recovery.unreadable() == 0;
+    if (!verdict_.is_damaged(recovery.unreadable(), now())) return false;
+    if (!is_readable && !recovery.has_found_anything()) return false;  // the disk is away
+    if (is_readable && !why.is_corrupt()) return false;
+    save(recovery, why.what());
+    verdict_.reset();
+    return true;
+  } catch (const std::runtime_error& error) {
+    why_closed_ = fmt::format("{} is damaged ({}), and what is left of it cannot be saved: {}",
+                              path_, why.what(), error.what());
+    return false;
   }
-  if (is_known) return;
-  ++generation_;
-  post(StoreAbsent{why});
 }
 
-void SqliteStore::move_aside(const std::string& why) {
-  file_.reset();
-  const std::string aside = move_store_file_aside(path_);
-  post(
-      Notice{Severity::error,
-             fmt::format("the store {} is damaged ({}): moved to {} and begun anew; messages in it "
-                         "are not delivered (`sqlite3 {} .recover` may still read them)",
-                         path_, why, aside, aside),
-             {}});
+void SqliteStore::save(MessageRecovery& recovery, const std::string& why) {
+  remove_file_and_log(saving_path_);
+  make_store_file(settings_.directory, saving_path_);
+  recovery.save_to(saving_path_, settings_.max_bytes);
+  std::filesystem::rename(saving_path_, saved_path_);
+  const std::string aside = put_saved_file_in_place("corrupt");
+  tell(Severity::error, fmt::format("the store {} was damaged ({}): {}; the damaged file is {}",
+                                    path_, why, saved_text(recovery.result()), aside));
+}
+
+/// Also what an earlier process saved and could not put there. Returns where the former file is.
+std::string SqliteStore::put_saved_file_in_place(const char* word) {
+  if (!std::filesystem::exists(saved_path_)) return {};
+  const std::string aside = put_store_file_aside(path_, word);
+  std::filesystem::rename(saved_path_, path_);
+  synchronise_directory_of(path_);
+  return aside;
+}
+
+/// Somebody has moved, removed or replaced the file while it was open: what it holds is written
+/// there again.
+void SqliteStore::put_back_in_place() {
+  try {
+    make_store_directory(settings_.directory);
+    remove_file_and_log(saving_path_);
+    make_store_file(settings_.directory, saving_path_);
+    file_->copy_to(saving_path_);
+    std::filesystem::rename(saving_path_, saved_path_);
+    const std::string aside = put_saved_file_in_place("replaced");
+    close_as_it_is();
+    tally_.reset();
+    try_to_open();
+    tell(Severity::error,
+         fmt::format("{} was moved, removed or replaced while it was in use: what it held is there "
+                     "again{}",
+                     path_, aside.empty() ? "" : "; what was there instead is " + aside));
+  } catch (const SqliteError&) {
+    throw;
+  } catch (const std::runtime_error& error) {
+    throw SqliteError(SQLITE_CANTOPEN, error.what());
+  }
+}
+
+/// The outbox is told that there is no store only while it knows of none.
+void SqliteStore::tell_closed() {
+  const bool is_first = why_told_.empty();
+  if (std::exchange(why_told_, why_closed_) != why_closed_) {
+    tell(Severity::warning,
+         fmt::format("no store: {}. Robots get their acknowledgements from the broker only; "
+                     "what is undelivered does not survive a restart",
+                     why_closed_));
+  }
+  if (is_open_for_outbox_ || !is_first) return;
+  ++generation_;
+  post(StoreAbsent{why_closed_});
+}
+
+void SqliteStore::try_again_after(std::chrono::milliseconds time) {
+  timer_.expires_after(time);
+  timer_.async_wait([this](boost::system::error_code error) {
+    if (error) return;
+    if (file_) return check_place();
+    open();
+  });
+}
+
+void SqliteStore::check_place() {
+  try {
+    if (!file_->is_in_place()) put_back_in_place();
+  } catch (const SqliteError& error) {
+    why_closed_ = fmt::format("{}: {}", path_, error.what());
+    if (!file_) return open();
+  }
+  try_again_after(patience_.reopen);
 }
 
 void SqliteStore::post(StoreEvent event) {
   thread_.report([this, what = std::move(event)]() mutable { on_event_(std::move(what)); });
+}
+
+void SqliteStore::tell(Severity severity, std::string text) {
+  post(Notice{severity, std::move(text), {}});
 }
 
 }  // namespace slamgw

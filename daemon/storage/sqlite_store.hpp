@@ -1,8 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // The message store's shell: opens `messages.db` in `store.directory` and serves the outbox's
 // requests on a thread of its own, where a commit may take as long as the disk takes; events come
-// back through the loop. A damaged file is moved aside; without a usable one the daemon goes on
-// without a store, and this tries again.
+// back through the loop. What a disk that fails for a moment says is not believed at once; of a
+// damaged file everything that can be read is saved, and the file is put aside. Without a usable
+// file the daemon goes on without a store, and this tries again.
+//
+// Once the outbox was told of a store (StoreOpened), that store never ends for it: while its file
+// cannot be used, requests fail, and when it can be used again they succeed.
 #pragma once
 
 #include <boost/asio/io_context.hpp>
@@ -10,22 +14,37 @@
 #include <functional>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "daemon/delivery/message_store.hpp"
 #include "daemon/mqtt/settings.hpp"
+#include "daemon/storage/damage_verdict.hpp"
 #include "daemon/storage/message_file.hpp"
+#include "daemon/storage/message_recovery.hpp"
+#include "daemon/storage/store_tally.hpp"
 #include "daemon/storage/store_thread.hpp"
 
 namespace slamgw {
 
 class SqliteStore {
  public:
-  /// Between attempts to open the file.
-  static constexpr std::chrono::seconds reopen_interval{10};
+  struct Patience {
+    /// Between attempts to open a file that there is no store without.
+    std::chrono::milliseconds reopen{10000};
+    /// Between looks at a file that seems damaged or cannot be read.
+    std::chrono::milliseconds look{1000};
+    /// How long the first opening may take such looks before the daemon goes on without a store.
+    std::chrono::milliseconds opening{10000};
+    /// Parts of the file that the disk could not read for so long are lost.
+    std::chrono::milliseconds unreadable{60000};
+  };
 
   /// `on_event` is called on the loop's thread, never from inside a call, and not after stop().
   SqliteStore(boost::asio::io_context& io, StoreSettings settings,
-              std::function<void(StoreEvent)> on_event);
+              std::function<void(StoreEvent)> on_event, Patience patience);
+  SqliteStore(boost::asio::io_context& io, StoreSettings settings,
+              std::function<void(StoreEvent)> on_event)
+      : SqliteStore(io, std::move(settings), std::move(on_event), Patience{}) {}
   ~SqliteStore();
   SqliteStore(const SqliteStore&) = delete;
   SqliteStore& operator=(const SqliteStore&) = delete;
@@ -42,26 +61,44 @@ class SqliteStore {
   // On the store's thread:
   template <class Request>
   void serve(const Request& request);
-  StoreEvent perform(const WriteToStore& write);
-  StoreEvent perform(const LoadFromStore& load);
+  void perform(const WriteToStore& write);
+  void perform(const LoadFromStore& load);
+  void on_request_failed(const SqliteError& error, bool is_load);
   void open();
   void try_to_open();
-  void try_again_later();
-  void go_without(const std::string& why);
-  void move_aside(const std::string& why);
+  void on_opened();
+  void tell_closed();
+  void close_as_it_is();
+  bool save_if_damaged(const SqliteError& why);
+  void save(MessageRecovery& recovery, const std::string& why);
+  std::string put_saved_file_in_place(const char* word);
+  void check_place();
+  void put_back_in_place();
+  void try_again_after(std::chrono::milliseconds time);
   void post(StoreEvent event);
+  void tell(Severity severity, std::string text);
 
   const StoreSettings settings_;
+  const Patience patience_;
   const std::string path_;
+  const std::string saving_path_;  // what is saved from a damaged file, while it is not complete
+  const std::string saved_path_;   // when it is
   const std::function<void(StoreEvent)> on_event_;  // the loop's thread only
 
   // The store's thread only:
+  std::optional<StoreTally> tally_;
   std::optional<MessageFile> file_;
-  std::uint64_t generation_ = 0;  // openings and absences so far (message_store.hpp)
-  std::string why_absent_;        // as last said
+  DamageVerdict verdict_;
+  std::uint64_t generation_ = 0;            // openings and absences so far (message_store.hpp)
+  bool is_open_for_outbox_ = false;         // StoreOpened was the last of both
+  std::uint64_t last_kept_row_ = 0;         // the outbox was told that it is stored
+  std::vector<std::uint64_t> unconfirmed_;  // rows of a failed write that were dead letters before
+  std::optional<TimePoint> closed_since_;
+  std::string why_closed_;
+  std::string why_told_;  // as last said
 
   StoreThread thread_;
-  boost::asio::steady_timer reopen_timer_;
+  boost::asio::steady_timer timer_;  // the next attempt to open, or the next check_place()
 };
 
 }  // namespace slamgw

@@ -10,6 +10,7 @@
 
 #include <cerrno>
 #include <chrono>
+#include <cstdio>
 #include <cstring>
 #include <filesystem>
 
@@ -20,12 +21,6 @@ namespace {
   throw std::runtime_error(fmt::format("{}: {}", what, std::strerror(errno)));
 }
 
-void make_directory(const std::string& directory) {
-  std::error_code error;
-  std::filesystem::create_directories(std::filesystem::path(directory).parent_path(), error);
-  if (mkdir(directory.c_str(), 0700) != 0 && errno != EEXIST) fail(directory);
-}
-
 void run_and_set_version(SqliteDatabase& database, const char* statements, int version) {
   SqliteTransaction transaction(database);
   database.execute(statements);
@@ -33,35 +28,83 @@ void run_and_set_version(SqliteDatabase& database, const char* statements, int v
   transaction.commit();
 }
 
-/// True when the file is still empty.
-bool check(SqliteDatabase& database, const StoreFormat& format) {
+void check_tables(SqliteDatabase& database, const StoreFormat& format) {
+  for (const StoreTable& table : format.tables) {
+    const std::string columns =
+        fmt::format("SELECT count(*) FROM pragma_table_info('{}') WHERE name IN ({})", table.name,
+                    table.columns);
+    if (database.query_number(columns.c_str()) == table.column_count) continue;
+    throw SqliteError(SQLITE_CORRUPT, fmt::format("the table {} is not there", table.name));
+  }
+}
+
+/// The version that is in the file; 0 when it is still empty.
+int check_version(SqliteDatabase& database, const StoreFormat& format, bool is_known) {
   const std::int64_t found = database.query_number("PRAGMA user_version");
-  if (found > format.version) {
-    throw ForeignFile(fmt::format(
-        "it was written by a newer version (format {}, this one knows {})", found, format.version));
+  const bool is_empty =
+      found == 0 && database.query_number("SELECT count(*) FROM sqlite_master") == 0;
+  if (found > 0 && found <= format.version) return static_cast<int>(found);
+  if (is_empty && !is_known) return 0;
+  if (is_known) {
+    throw SqliteError(SQLITE_CORRUPT, fmt::format("its format is {}, which cannot be", found));
   }
-  if (found == 0) {
-    if (database.query_number("SELECT count(*) FROM sqlite_master") == 0) return true;
-    throw ForeignFile("it is some other program's database");
-  }
+  if (found == 0) throw ForeignFile("it is some other program's database");
+  throw ForeignFile(fmt::format("it was written by a newer version (format {}, this one knows {})",
+                                found, format.version));
+}
+
+/// True when the file is still empty.
+bool check(SqliteDatabase& database, const StoreFormat& format, bool is_known) {
+  const int found = check_version(database, format, is_known);
+  if (found == 0) return true;
   const std::string answer = database.query_text("PRAGMA quick_check(1)");
   if (answer != "ok") throw SqliteError(SQLITE_CORRUPT, answer);
-  if (found < format.version) run_and_set_version(database, format.upgrade, format.version);
-  const std::string columns =
-      fmt::format("SELECT count(*) FROM pragma_table_info('{}') WHERE name IN ({})", format.table,
-                  format.columns);
-  if (database.query_number(columns.c_str()) != format.column_count) {
-    throw SqliteError(SQLITE_CORRUPT, fmt::format("the table {} is not there", format.table));
+  for (int version = found; version < format.version; ++version) {
+    const auto step = static_cast<std::size_t>(version - 1);
+    run_and_set_version(database, format.upgrades[step], version + 1);
   }
+  check_tables(database, format);
   return false;
+}
+
+/// Renames without replacing. False when `to` exists.
+bool rename_to_free_name(const std::string& from, const std::string& to) {
+  if (renameat2(AT_FDCWD, from.c_str(), AT_FDCWD, to.c_str(), RENAME_NOREPLACE) == 0) return true;
+  if (errno != EEXIST) fail(from);
+  return false;
+}
+
+std::string name_aside(const std::string& path, const char* word, int attempt) {
+  const auto now =
+      std::chrono::time_point_cast<std::chrono::seconds>(std::chrono::system_clock::now());
+  const std::string name = fmt::format("{}.{}-{:%Y%m%dT%H%M%SZ}", path, word, fmt::gmtime(now));
+  return attempt == 0 ? name : fmt::format("{}-{}", name, attempt);
+}
+
+int count_aside(const std::string& path) {
+  const std::filesystem::path file(path);
+  const std::string start = file.filename().string() + ".";
+  int count = 0;
+  for (const auto& entry : std::filesystem::directory_iterator(file.parent_path())) {
+    const std::string name = entry.path().filename().string();
+    const bool is_log = name.ends_with("-wal") || name.ends_with("-shm");
+    if (name.starts_with(start) && name.find("Z", start.size()) != std::string::npos && !is_log)
+      ++count;
+  }
+  return count;
 }
 
 }  // namespace
 
-/// SQLite would make it readable for everybody; its log takes over the mode. The directory is
-/// synchronised, so that a new file survives a power cut.
+void make_store_directory(const std::string& directory) {
+  std::error_code error;
+  std::filesystem::create_directories(std::filesystem::path(directory).parent_path(), error);
+  if (mkdir(directory.c_str(), 0700) != 0 && errno != EEXIST) fail(directory);
+}
+
+/// SQLite would make it readable for everybody; its log takes over the mode.
 void make_store_file(const std::string& directory, const std::string& path) {
-  make_directory(directory);
+  make_store_directory(directory);
   const int file = ::open(path.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
   if (file < 0) {
     if (errno != EEXIST) fail(path);
@@ -69,36 +112,49 @@ void make_store_file(const std::string& directory, const std::string& path) {
     return;
   }
   close(file);
+  synchronise_directory_of(path);
+}
+
+void synchronise_directory_of(const std::string& path) {
+  const std::string directory = std::filesystem::path(path).parent_path();
   const int entry = ::open(directory.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   if (entry < 0) return;
   fsync(entry);
   close(entry);
 }
 
-SqliteDatabase open_store_file(const std::string& path, const StoreFormat& format) {
+SqliteDatabase open_store_file(const std::string& path, const StoreFormat& format, bool is_known) {
   SqliteDatabase database(path, store_busy_wait_ms);
   database.keep_log_on_close(true);
   database.execute("PRAGMA locking_mode = EXCLUSIVE");
-  const bool is_empty = check(database, format);
-  database.keep_log_on_close(false);
+  const bool is_empty = check(database, format, is_known);
   if (is_empty) database.execute(fmt::format("PRAGMA page_size = {}", format.page_bytes).c_str());
   if (database.query_text("PRAGMA journal_mode = WAL") != "wal") {
     throw SqliteError(SQLITE_IOERR, "the file system does not allow a write-ahead log");
   }
-  database.execute("PRAGMA temp_store = MEMORY");
+  // What was deleted does not come back when pages are searched for messages after damage.
+  database.execute("PRAGMA temp_store = MEMORY; PRAGMA secure_delete = ON");
   if (is_empty) run_and_set_version(database, format.create, format.version);
   return database;
 }
 
-std::string move_store_file_aside(const std::string& path) {
-  const auto now =
-      std::chrono::time_point_cast<std::chrono::seconds>(std::chrono::system_clock::now());
-  const std::string aside = fmt::format("{}.corrupt-{:%Y%m%dT%H%M%SZ}", path, fmt::gmtime(now));
-  for (const char* const part : {"-wal", "-shm", ""}) {
-    std::error_code ignored;  // the log need not exist; what cannot be moved cannot be opened
-    std::filesystem::rename(path + part, aside + part, ignored);
+std::string put_store_file_aside(const std::string& path, const char* word) {
+  if (count_aside(path) >= max_files_aside) {
+    throw std::runtime_error(
+        fmt::format("{} damaged files lie beside {}: the disk is failing; move them away",
+                    max_files_aside, path));
   }
-  return aside;
+  for (int attempt = 0;; ++attempt) {
+    const std::string aside = name_aside(path, word, attempt);
+    if (access(aside.c_str(), F_OK) == 0) continue;
+    // The log first: beside another file SQLite would play it into that one.
+    const std::string log = path + "-wal";
+    if (access(log.c_str(), F_OK) == 0 && !rename_to_free_name(log, aside + "-wal")) continue;
+    if (access(path.c_str(), F_OK) != 0) return {};
+    if (!rename_to_free_name(path, aside)) continue;
+    synchronise_directory_of(path);
+    return aside;
+  }
 }
 
 }  // namespace slamgw

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // How this daemon treats its SQLite files in `store.directory`: readable by the service only,
-// recognised by their `user_version`, never touched when they are somebody else's or newer, moved
-// aside when they are damaged. Blocks; used by MessageFile and SessionFile on their threads.
+// recognised by their `user_version`, never touched when they are somebody else's or newer, put
+// aside and never overwritten when they are damaged. Blocks; used on the stores' threads.
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <stdexcept>
 #include <string>
 
@@ -20,27 +21,43 @@ class ForeignFile : public std::runtime_error {
 
 /// How long a predecessor that is still closing is waited for.
 inline constexpr int store_busy_wait_ms = 3000;
+/// Damaged files beside one store. When there are so many the disk is failing, and no more are
+/// made: the store stays closed until somebody has looked.
+inline constexpr int max_files_aside = 16;
+
+struct StoreTable {
+  const char* name = "";
+  const char* columns = "";  ///< quoted and separated by commas
+  int column_count = 0;
+};
 
 /// What makes a file ours.
 struct StoreFormat {
   int version = 0;          ///< `user_version`
-  const char* create = "";  ///< the statement that makes `table`
-  const char* table = "";
-  const char* columns = "";  ///< quoted and separated by commas
-  int column_count = 0;
-  const char* upgrade = "";         ///< statements from the version before this one
-  std::uint32_t page_bytes = 4096;  ///< of a new file
+  const char* create = "";  ///< statements that make the tables
+  std::span<const StoreTable> tables{};
+  std::span<const char* const> upgrades{};  ///< statements from version 1 to 2, 2 to 3, ...
+  std::uint32_t page_bytes = 4096;          ///< of a new file
 };
 
 /// Makes an empty file (0600) and its directory (0700) where there is none. Throws
 /// std::runtime_error.
 void make_store_file(const std::string& directory, const std::string& path);
+void make_store_directory(const std::string& directory);
 
 /// Opens it, locked for this process, with a write-ahead log; makes an empty one ours. Writes
-/// nothing before it knows that the file is ours and sound. Throws SqliteError and ForeignFile.
-SqliteDatabase open_store_file(const std::string& path, const StoreFormat& format);
+/// nothing before it knows that the file is ours and sound, and leaves the log as it is on close
+/// until `keep_log_on_close(false)`. `is_known`: the file was ours when it was last seen, so that
+/// another version number in it is damage. Throws SqliteError and ForeignFile.
+SqliteDatabase open_store_file(const std::string& path, const StoreFormat& format,
+                               bool is_known = false);
 
-/// Renames the file and its log to `<path>.corrupt-<time>`, and returns that name.
-std::string move_store_file_aside(const std::string& path);
+/// Renames the file and its log to a free name, `<path>.<word>-<time>`, and returns that name;
+/// nothing when there is no file.
+/// Throws std::runtime_error when that fails or there are `max_files_aside` already.
+std::string put_store_file_aside(const std::string& path, const char* word);
+
+/// What renames in it have done is durable.
+void synchronise_directory_of(const std::string& path);
 
 }  // namespace slamgw

@@ -1,87 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
 // The store on a real file: what survives, what is refused, and what damage does.
-#include "daemon/storage/sqlite_store.hpp"
-
 #include <gtest/gtest.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
 
 #include <csignal>
-#include <deque>
 #include <filesystem>
 #include <fstream>
 #include <memory>
 
 #include "daemon/storage/sqlite.hpp"
-#include "tests/support/eventually.hpp"
+#include "tests/storage/store_user.hpp"
 #include "tests/support/temp_dir.hpp"
 
 namespace slamgw::test {
 namespace {
-
-constexpr std::uint64_t plenty = 1u << 28;
-
-/// One process's store: asks, and keeps what it answered.
-class StoreUser {
- public:
-  explicit StoreUser(const std::string& directory, std::uint64_t max_bytes = plenty)
-      : store_(io_, {directory, max_bytes},
-               [this](StoreEvent event) { events_.push_back(std::move(event)); }) {
-    store_.start();
-  }
-
-  /// The next event of this kind; null when it does not come. Forgets those before it.
-  template <class Event>
-  std::unique_ptr<Event> await() {
-    std::unique_ptr<Event> found;
-    eventually(io_, [&] {
-      while (!events_.empty() && !found) {
-        note(events_.front());
-        if (auto* event = std::get_if<Event>(&events_.front())) {
-          found = std::make_unique<Event>(std::move(*event));
-        }
-        events_.pop_front();
-      }
-      return found != nullptr;
-    });
-    return found;
-  }
-  bool keep(std::uint64_t first, std::uint64_t count, std::size_t payload_bytes = 10) {
-    WriteToStore write{1, {}, {}};
-    for (std::uint64_t row = first; row < first + count; ++row) {
-      write.keep.push_back({row, message(row, payload_bytes), {}});
-    }
-    store_.ask(std::move(write));
-    return await<StoreWritten>() != nullptr;
-  }
-  bool forget(std::uint64_t first, std::uint64_t count) {
-    WriteToStore write{1, {}, {}};
-    for (std::uint64_t row = first; row < first + count; ++row) write.forget.push_back(row);
-    store_.ask(std::move(write));
-    return await<StoreWritten>() != nullptr;
-  }
-  std::unique_ptr<StoreLoaded> load(std::uint64_t after, std::size_t max_messages = 1000,
-                                    std::size_t max_bytes = 1u << 20) {
-    store_.ask(LoadFromStore{1, after, max_messages, max_bytes});
-    return await<StoreLoaded>();
-  }
-  static BrokerMessage message(std::uint64_t row, std::size_t payload_bytes) {
-    return {"ntnu-slam/robot/r" + std::to_string(row % 3) + "/update", Bytes(payload_bytes, 0x00),
-            row % 2 ? Qos::at_least_once : Qos::exactly_once, row % 5 == 0};
-  }
-  const std::string& notices() const { return notices_; }
-  SqliteStore& store() { return store_; }
-
- private:
-  void note(const StoreEvent& event) {
-    if (const auto* notice = std::get_if<Notice>(&event)) notices_ += notice->text + "\n";
-  }
-
-  boost::asio::io_context io_;
-  std::deque<StoreEvent> events_;
-  std::string notices_;
-  SqliteStore store_;
-};
 
 mode_t mode_of(const std::string& path) {
   struct stat status {};
@@ -123,6 +56,42 @@ TEST(SqliteStore, TakesOverTheFileOfThePreviousVersion) {
   EXPECT_EQ(loaded->messages[0].message.payload, to_bytes("hi"));
   EXPECT_FALSE(loaded->messages[0].message.provenance);
   EXPECT_TRUE(user.keep(8, 1));
+}
+
+TEST(SqliteStore, TakesOverTheFileOfVersion2WithItsLog) {
+  const TempDir directory;
+  write_file(directory / "messages.db", "", 0600);
+  {
+    SqliteDatabase file(directory / "messages.db", 0);
+    file.execute(
+        "PRAGMA journal_mode = WAL; CREATE TABLE messages(row INTEGER PRIMARY KEY, topic TEXT NOT "
+        "NULL, payload BLOB NOT NULL, qos INTEGER NOT NULL, retain INTEGER NOT NULL, stored_at "
+        "INTEGER NOT NULL, mesh INTEGER NOT NULL DEFAULT 0, received_at INTEGER NOT NULL DEFAULT "
+        "0); INSERT INTO messages VALUES(7, 't', x'6869', 2, 1, 1000, 2, 5000); "
+        "PRAGMA user_version = 2");
+    file.keep_log_on_close(true);
+  }
+  for (int process = 0; process < 2; ++process) {
+    StoreUser user(directory.path());
+    const auto opened = user.await<StoreOpened>();
+    ASSERT_TRUE(opened);
+    EXPECT_EQ(opened->count, 1u + static_cast<std::size_t>(process));
+    const auto loaded = user.load(0);
+    EXPECT_EQ(loaded->messages[0].message.payload, to_bytes("hi"));
+    EXPECT_EQ(loaded->messages[0].message.provenance->mesh, Mesh::thread);
+    EXPECT_TRUE(loaded->damaged.empty());
+    EXPECT_TRUE(user.keep(opened->last_row + 1, 1));
+  }
+}
+
+TEST(SqliteStore, NeverGivesANumberTwice) {
+  const TempDir directory;
+  {
+    StoreUser user(directory.path());
+    ASSERT_TRUE(user.keep(1, 10));
+    ASSERT_TRUE(user.forget(1, 10));
+  }
+  EXPECT_EQ(StoreUser(directory.path()).await<StoreOpened>()->last_row, 10u);
 }
 
 TEST(SqliteStore, RemembersWhereAMessageCameFrom) {
@@ -225,7 +194,7 @@ TEST(SqliteStore, ASecondProcessGoesWithoutAndSaysWhy) {
   EXPECT_TRUE(first.keep(1, 1)) << "and the first is not disturbed";
 }
 
-TEST(SqliteStore, MovesADamagedFileAsideAndBeginsAnew) {
+TEST(SqliteStore, PutsAFileThatIsNoDatabaseAsideAndBeginsAnew) {
   const TempDir directory;
   write_file(directory / "messages.db", std::string(20000, 'x'));
   StoreUser user(directory.path());
@@ -241,26 +210,6 @@ TEST(SqliteStore, MovesADamagedFileAsideAndBeginsAnew) {
   EXPECT_EQ(aside, 1u);
 }
 
-TEST(SqliteStore, FindsDamageInThePages) {
-  const TempDir directory;
-  {
-    StoreUser user(directory.path());
-    ASSERT_TRUE(user.keep(1, 2000, 100));
-  }
-  {
-    std::fstream file(directory / "messages.db", std::ios::in | std::ios::out | std::ios::binary);
-    for (int page = 10; page < 30; ++page) {
-      file.seekp(page * 4096);
-      file << std::string(200, '\xff');
-    }
-  }
-  StoreUser user(directory.path());
-  const auto opened = user.await<StoreOpened>();
-  ASSERT_TRUE(opened);
-  EXPECT_EQ(opened->count, 0u);
-  EXPECT_NE(user.notices().find("damaged"), std::string::npos);
-}
-
 TEST(SqliteStore, LeavesTheFileOfANewerVersionAlone) {
   const TempDir directory;
   const std::string path = directory / "messages.db";
@@ -273,11 +222,11 @@ TEST(SqliteStore, LeavesTheFileOfANewerVersionAlone) {
   {
     StoreUser user(directory.path());
     ASSERT_TRUE(user.await<StoreAbsent>());
-    EXPECT_NE(user.notices().find("newer version (format 99, this one knows 2)"),
+    EXPECT_NE(user.notices().find("newer version (format 99, this one knows 3)"),
               std::string::npos);
   }
   EXPECT_EQ(read_file(path), before);
-  EXPECT_EQ(names_in(directory.path()), std::vector<std::string>{"messages.db"});
+  EXPECT_FALSE(std::filesystem::exists(path + "-wal"));
 }
 
 TEST(SqliteStore, LeavesAnotherProgramsDatabaseAlone) {

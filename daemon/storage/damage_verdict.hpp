@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+// Whether a file that cannot be used is damaged, or its disk only fails to read it for a moment
+// (SQLite calls both "malformed"). Pure; asked by the stores after each look at the file.
+#pragma once
+
+#include <optional>
+
+#include "daemon/core/time.hpp"
+
+namespace slamgw {
+
+class DamageVerdict {
+ public:
+  /// A file is damaged when it was so many times in a row, while all of it could be read.
+  static constexpr int looks_needed = 3;
+
+  /// `unreadable_patience`: parts that could not be read for so long are lost.
+  explicit DamageVerdict(Duration unreadable_patience)
+      : unreadable_patience_(unreadable_patience) {}
+
+  /// The disk failed to read something.
+  void on_read_error(TimePoint now) {
+    if (!failing_since_) failing_since_ = now;
+  }
+  /// It has failed for so long that a look at the whole file is due.
+  bool is_persistent(TimePoint now) const {
+    return failing_since_ && now - *failing_since_ >= unreadable_patience_;
+  }
+  /// The file was found unusable, and `unreadable` of its parts could not be read. True when what
+  /// is left of it is to be saved.
+  bool is_damaged(std::size_t unreadable, TimePoint now) {
+    if (unreadable == 0) return ++looks_ >= looks_needed;
+    looks_ = 0;
+    on_read_error(now);
+    return is_persistent(now);
+  }
+  /// The file can be used.
+  void reset() {
+    looks_ = 0;
+    failing_since_.reset();
+  }
+
+ private:
+  Duration unreadable_patience_;
+  int looks_ = 0;
+  std::optional<TimePoint> failing_since_;
+};
+
+}  // namespace slamgw

@@ -1,0 +1,115 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/storage/dead_letter_table.hpp"
+
+#include <algorithm>
+#include <limits>
+
+namespace slamgw {
+namespace {
+
+/// What one takes on disk: its reason and numbers lie in its row.
+std::int64_t cost(std::size_t topic_bytes, std::size_t payload_bytes, std::size_t reason_bytes) {
+  constexpr std::size_t numbers_bytes = 32;
+  return static_cast<std::int64_t>(
+      stored_cost(topic_bytes + reason_bytes + numbers_bytes, payload_bytes));
+}
+
+WallTime wall_time(std::int64_t ms) { return WallTime{std::chrono::milliseconds{ms}}; }
+
+bool is_chosen(const DeadLetterChoice& choice, const ListedDeadLetter& listed) {
+  const bool is_named = choice.ids.empty() || std::find(choice.ids.begin(), choice.ids.end(),
+                                                        listed.letter.id) != choice.ids.end();
+  return is_named && (choice.topic.empty() || choice.topic == listed.letter.message.topic);
+}
+
+}  // namespace
+
+DeadLetterTable::DeadLetterTable(SqliteDatabase& database)
+    : database_(database),
+      insert_(database.prepare(
+          "INSERT INTO dead_letters(id, topic, payload, qos, retain, stored_at, mesh, received_at, "
+          "reason, code, tries, set_aside_at, checksum) VALUES(?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, "
+          "?)")),
+      find_(database.prepare("SELECT stored_at, length(CAST(topic AS BLOB)), length(payload), "
+                             "length(CAST(reason AS BLOB)) FROM dead_letters WHERE id = ?")),
+      erase_(database.prepare("DELETE FROM dead_letters WHERE id = ?")),
+      select_(database.prepare(
+          "SELECT id, topic, payload, qos, retain, stored_at, mesh, received_at, reason, code, "
+          "tries, set_aside_at, checksum FROM dead_letters WHERE id > ? ORDER BY id")) {}
+
+void DeadLetterTable::add(const DeadLetterRow& letter, StoreContents& contents) {
+  DeadLetterRow row = letter;
+  row.reason = row.reason.substr(0, max_reason_bytes);
+  if (row.message.row < 1 || has(row.message.row)) {  // a damaged number
+    row.message.row = std::numeric_limits<std::int64_t>::max();
+    while (has(row.message.row)) --row.message.row;
+  }
+  insert_.bind(1, row.message.row)
+      .bind(2, row.message.topic)
+      .bind(3, row.message.payload)
+      .bind(4, row.message.qos)
+      .bind(5, row.message.retain)
+      .bind(6, row.message.stored_at)
+      .bind(7, row.message.mesh)
+      .bind(8, row.message.received_at)
+      .bind(9, row.reason)
+      .bind(10, row.code)
+      .bind(11, row.tries)
+      .bind(12, row.set_aside_at)
+      .bind(13, std::int64_t{checksum(row)})
+      .run();
+  ++contents.dead_letters;
+  contents.dead_letter_bytes +=
+      cost(row.message.topic.size(), row.message.payload.size(), row.reason.size());
+}
+
+bool DeadLetterTable::has(std::int64_t id) {
+  const SqliteStatementReset reset{find_};
+  find_.reset();
+  return find_.bind(1, id).step();
+}
+
+std::optional<std::int64_t> DeadLetterTable::erase(std::int64_t id, StoreContents& contents) {
+  const SqliteStatementReset reset{find_};
+  find_.reset();
+  if (!find_.bind(1, id).step()) return std::nullopt;
+  const std::int64_t stored_at = find_.number(0);
+  const auto size = [this](int column) { return static_cast<std::size_t>(find_.number(column)); };
+  contents.dead_letter_bytes -= cost(size(1), size(2), size(3));
+  --contents.dead_letters;
+  erase_.bind(1, id).run();
+  return stored_at;
+}
+
+std::vector<ListedDeadLetter> DeadLetterTable::list(const DeadLetterChoice& choice,
+                                                    std::uint64_t after, std::size_t max_count,
+                                                    std::size_t max_bytes) {
+  const SqliteStatementReset reset{select_};
+  select_.reset();
+  select_.bind(1, static_cast<std::int64_t>(after));
+  std::vector<ListedDeadLetter> letters;
+  std::size_t bytes = 0;
+  while (letters.size() < max_count && bytes < max_bytes && select_.step()) {
+    ListedDeadLetter listed = current();
+    if (!is_chosen(choice, listed)) continue;
+    bytes += listed.letter.message.topic.size() + listed.letter.message.payload.size();
+    letters.push_back(std::move(listed));
+  }
+  return letters;
+}
+
+ListedDeadLetter DeadLetterTable::current() const {
+  const DeadLetterRow row{message_row_at(select_), select_.text(8), select_.number(9),
+                          select_.number(10), select_.number(11)};
+  ListedDeadLetter listed;
+  listed.letter = {static_cast<std::uint64_t>(row.message.row), message_of(row.message)};
+  listed.reason = row.reason;
+  listed.code = static_cast<int>(row.code);
+  listed.tries = static_cast<std::uint32_t>(row.tries);
+  listed.stored_at = wall_time(row.message.stored_at);
+  listed.set_aside_at = wall_time(row.set_aside_at);
+  listed.is_damaged = select_.number(12) != checksum(row);
+  return listed;
+}
+
+}  // namespace slamgw

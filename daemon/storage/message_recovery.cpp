@@ -1,0 +1,205 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/storage/message_recovery.hpp"
+
+#include <sqlite3.h>
+
+#include <algorithm>
+#include <limits>
+#include <set>
+#include <tuple>
+#include <utility>
+
+namespace slamgw {
+namespace {
+
+using Kind = RecordValue::Kind;
+
+/// One transaction of what is saved.
+constexpr std::size_t batch_bytes = 1u << 20;
+constexpr std::int64_t max_count = std::numeric_limits<std::int64_t>::max();
+
+/// Columns: t text, b blob, i integer, 0 NULL, as which SQLite stores the number of the row.
+constexpr std::string_view message_shape = "0tbiiiiii";
+constexpr std::string_view message_shape_of_version_2 = "0tbiiiii";
+constexpr std::string_view message_shape_of_version_1 = "0tbiii";
+constexpr std::string_view dead_letter_shape = "0tbiiiiitiiii";
+constexpr std::string_view contents_shape = "0iiiiiiii";
+
+bool has_shape(const TableRecord& record, std::string_view shape) {
+  const auto letter = [](Kind kind) {
+    switch (kind) {
+      case Kind::null: return '0';
+      case Kind::integer: return 'i';
+      case Kind::real: return 'r';
+      case Kind::text: return 't';
+      case Kind::blob: return 'b';
+    }
+    return '?';
+  };
+  return std::equal(
+      record.values.begin(), record.values.end(), shape.begin(), shape.end(),
+      [&](const RecordValue& value, char wanted) { return letter(value.kind) == wanted; });
+}
+
+MessageRow message_row(const TableRecord& record) {
+  const auto& v = record.values;
+  MessageRow row{record.row,  as_text(v[1].bytes), v[2].bytes,
+                 v[3].number, v[4].number,         v[5].number};
+  if (v.size() > 7) {
+    row.mesh = v[6].number;
+    row.received_at = v[7].number;
+  }
+  return row;
+}
+
+DeadLetterRow dead_letter_row(const TableRecord& record) {
+  const auto& v = record.values;
+  return {message_row(record), as_text(v[8].bytes), v[9].number, v[10].number, v[11].number};
+}
+
+}  // namespace
+
+MessageRecovery::MessageRecovery(const std::string& path, const std::optional<StoreContents>& tally)
+    : pages_(path, store_page_bytes), contents_(tally) {
+  for (std::uint32_t i = 0; i < pages_.versions().size(); ++i) search(i);
+  choose();
+}
+
+/// Rows of older formats have no checksum: they are good as far as anybody can tell.
+std::optional<MessageRecovery::Row> MessageRecovery::row_in(const TableRecord& record) {
+  if (has_shape(record, message_shape)) {
+    const MessageRow row = message_row(record);
+    return Row{Table::messages, {row}, record.values[8].number == checksum(row)};
+  }
+  if (has_shape(record, dead_letter_shape)) {
+    const DeadLetterRow row = dead_letter_row(record);
+    return Row{Table::dead_letters, row, record.values[12].number == checksum(row)};
+  }
+  if (has_shape(record, message_shape_of_version_2) ||
+      has_shape(record, message_shape_of_version_1)) {
+    return Row{Table::messages, {message_row(record)}, true};
+  }
+  return std::nullopt;
+}
+
+void MessageRecovery::search(std::uint32_t version) {
+  Bytes page;
+  Bytes buffer;
+  const DatabasePages::Version& where = pages_.versions()[version];
+  pages_.read(where, page);
+  for (const std::size_t cell : cells_of(page, where.page)) {
+    const auto record = read_record(pages_, page, cell, buffer);
+    if (!record) continue;
+    take_contents(*record);
+    const auto row = row_in(*record);
+    if (!row) continue;
+    found_.push_back({row->table, record->row, row->is_good, where.is_current, version,
+                      static_cast<std::uint32_t>(cell)});
+  }
+}
+
+void MessageRecovery::take_contents(const TableRecord& record) {
+  if (!has_shape(record, contents_shape)) return;
+  const auto& v = record.values;
+  const StoreContents contents{v[1].number, v[2].number, v[3].number, v[4].number,
+                               v[5].number, v[6].number, v[7].number};
+  if (v[8].number != checksum(contents)) return;
+  if (!contents_ || contents.commits > contents_->commits) contents_ = contents;
+}
+
+/// One of each row: good ones first, current ones first among them. What is known to be delivered,
+/// or to have become a dead letter, is left out.
+void MessageRecovery::choose() {
+  const auto rank = [](const Found& found) {
+    return std::tuple(found.table, found.row, !found.is_good, !found.is_current, found.version);
+  };
+  const auto is_same_row = [](const Found& a, const Found& b) {
+    return a.table == b.table && a.row == b.row;
+  };
+  std::sort(found_.begin(), found_.end(),
+            [&](const Found& a, const Found& b) { return rank(a) < rank(b); });
+  found_.erase(std::unique(found_.begin(), found_.end(), is_same_row), found_.end());
+  drop_outdated(Table::messages, contents_ ? contents_->messages : max_count);
+  drop_outdated(Table::dead_letters, contents_ ? contents_->dead_letters : max_count);
+  std::set<std::int64_t> dead_letters;
+  for (const Found& found : found_) {
+    if (found.table == Table::dead_letters && found.is_good) dead_letters.insert(found.row);
+  }
+  const std::int64_t first_row = contents_ ? contents_->first_row : 0;
+  std::erase_if(found_, [&](const Found& found) {
+    return found.table == Table::messages && found.is_good &&
+           (found.row < first_row || dead_letters.contains(found.row));
+  });
+}
+
+/// Older versions of pages are of use only while something is missing: they also hold rows that
+/// were delivered since, which would come again.
+void MessageRecovery::drop_outdated(Table table, std::int64_t expected) {
+  const auto current = std::count_if(found_.begin(), found_.end(), [&](const Found& found) {
+    return found.table == table && found.is_current;
+  });
+  if (current < expected) return;
+  std::erase_if(found_,
+                [&](const Found& found) { return found.table == table && !found.is_current; });
+}
+
+std::size_t MessageRecovery::count(Table table, bool is_good) const {
+  return static_cast<std::size_t>(std::count_if(
+      found_.begin(), found_.end(),
+      [&](const Found& found) { return found.table == table && found.is_good == is_good; }));
+}
+
+MessageRecovery::Result MessageRecovery::result() const {
+  Result result;
+  result.messages = count(Table::messages, true);
+  result.dead_letters = count(Table::dead_letters, true);
+  const std::size_t damaged_messages = count(Table::messages, false);
+  const std::size_t damaged_dead_letters = count(Table::dead_letters, false);
+  result.damaged = damaged_messages + damaged_dead_letters;
+  if (!contents_) return result;
+  const auto missing = [](std::int64_t expected, std::size_t found) {
+    return static_cast<std::size_t>(
+        std::max<std::int64_t>(0, expected - static_cast<std::int64_t>(found)));
+  };
+  result.lost_messages = missing(contents_->messages, result.messages + damaged_messages);
+  result.lost_dead_letters =
+      missing(contents_->dead_letters, result.dead_letters + damaged_dead_letters);
+  return result;
+}
+
+void MessageRecovery::save_to(const std::string& path, std::uint64_t max_bytes) {
+  MessageFile file(path, max_bytes, nullptr);
+  StoreContents former = contents_.value_or(StoreContents{});
+  for (const Found& found : found_) {
+    if (found.is_good) former.last_row = std::max(former.last_row, found.row);
+  }
+  file.continue_from(former);
+  std::vector<SavedRow> batch;
+  std::size_t bytes = 0;
+  for (const Found& found : found_) {
+    batch.push_back(read_again(found));
+    bytes += batch.back().octets.size();
+    if (bytes < batch_bytes) continue;
+    file.restore(std::exchange(batch, {}));
+    bytes = 0;
+  }
+  file.restore(batch);
+  file.move_log_into_file();
+}
+
+SavedRow MessageRecovery::read_again(const Found& found) {
+  Bytes page;
+  SavedRow saved;
+  pages_.read(pages_.versions()[found.version], page);
+  const auto record = read_record(pages_, page, found.cell, saved.octets);
+  const auto row = record ? row_in(*record) : std::nullopt;
+  if (!row || row->table != found.table || row->is_good != found.is_good) {
+    throw SqliteError(SQLITE_IOERR, "the disk does not read the same twice");
+  }
+  saved.row = row->values;
+  saved.is_dead_letter = row->table == Table::dead_letters || !row->is_good;
+  if (!row->is_good) saved.row.reason = damaged_on_disk;
+  return saved;
+}
+
+}  // namespace slamgw

@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: Apache-2.0
+// Saves what can be read from a damaged `messages.db` and its log into a new file: messages and
+// dead letters whose checksum is right, under their numbers; those whose checksum is wrong become
+// dead letters. Needs neither a whole page 1 nor a whole tree. Blocks; used on the store's thread
+// while the damaged file is closed.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "daemon/storage/database_pages.hpp"
+#include "daemon/storage/message_file.hpp"
+#include "daemon/storage/message_row.hpp"
+#include "daemon/storage/table_record.hpp"
+
+namespace slamgw {
+
+class MessageRecovery {
+ public:
+  struct Result {
+    std::size_t messages = 0;                  ///< saved
+    std::size_t damaged = 0;                   ///< set aside as dead letters
+    std::size_t dead_letters = 0;              ///< saved, without the damaged
+    std::optional<std::size_t> lost_messages;  ///< nothing: how many there were is not known
+    std::optional<std::size_t> lost_dead_letters;
+  };
+
+  /// Looks for rows in every page. `tally`: what the file held when it was written last, if known.
+  /// Throws SqliteError when a file cannot be opened.
+  MessageRecovery(const std::string& path, const std::optional<StoreContents>& tally);
+
+  /// Parts of the file that the disk could not read. A disk that fails for a moment reads them at
+  /// the next look.
+  std::size_t unreadable() const { return pages_.unreadable(); }
+  bool has_found_anything() const { return !found_.empty(); }
+  Result result() const;
+
+  /// Writes a new file; `path` does not exist or is empty. Complete and durable when this returns.
+  /// Throws SqliteError.
+  void save_to(const std::string& path, std::uint64_t max_bytes);
+
+ private:
+  enum class Table : std::uint8_t { messages, dead_letters };
+  /// A row, before and after damage to it is told from it.
+  struct Row {
+    Table table = Table::messages;
+    DeadLetterRow values;  ///< of a message: the others are empty
+    bool is_good = false;
+  };
+  struct Found {
+    Table table = Table::messages;
+    std::int64_t row = 0;
+    bool is_good = false;
+    bool is_current = false;
+    std::uint32_t version = 0;  ///< index in pages_.versions()
+    std::uint32_t cell = 0;
+  };
+
+  static std::optional<Row> row_in(const TableRecord& record);
+  void search(std::uint32_t version);
+  void take_contents(const TableRecord& record);
+  void choose();
+  void drop_outdated(Table table, std::int64_t expected);
+  SavedRow read_again(const Found& found);
+  std::size_t count(Table table, bool is_good) const;
+
+  DatabasePages pages_;
+  std::optional<StoreContents> contents_;  // the newest that is known
+  std::vector<Found> found_;
+};
+
+}  // namespace slamgw

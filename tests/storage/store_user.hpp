@@ -1,0 +1,115 @@
+// SPDX-License-Identifier: Apache-2.0
+// One process's message store on a real file: asks, and keeps what it answered.
+#pragma once
+
+#include <deque>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "daemon/storage/sqlite_store.hpp"
+#include "tests/support/eventually.hpp"
+
+namespace slamgw::test {
+
+inline constexpr std::uint64_t plenty = 1u << 28;
+/// As in the daemon, but shorter: reopen, look, opening, unreadable.
+inline constexpr SqliteStore::Patience short_patience{
+    std::chrono::milliseconds{200}, std::chrono::milliseconds{20}, std::chrono::milliseconds{2000},
+    std::chrono::milliseconds{600}};
+
+class StoreUser {
+ public:
+  explicit StoreUser(const std::string& directory, std::uint64_t max_bytes = plenty)
+      : store_(
+            io_, {directory, max_bytes},
+            [this](StoreEvent event) { events_.push_back(std::move(event)); }, short_patience) {
+    store_.start();
+  }
+
+  /// The next event of this kind; null when it does not come. Forgets those before it.
+  template <class Event>
+  std::unique_ptr<Event> await() {
+    std::unique_ptr<Event> found;
+    eventually(io_, [&] {
+      while (!events_.empty() && !found) {
+        note(events_.front());
+        if (auto* event = std::get_if<Event>(&events_.front())) {
+          found = std::make_unique<Event>(std::move(*event));
+        }
+        events_.pop_front();
+      }
+      return found != nullptr;
+    });
+    return found;
+  }
+  /// The next event of either kind.
+  template <class One, class Other>
+  StoreEvent await_either() {
+    std::optional<StoreEvent> found;
+    eventually(io_, [&] {
+      while (!events_.empty() && !found) {
+        note(events_.front());
+        const bool is_wanted = std::holds_alternative<One>(events_.front()) ||
+                               std::holds_alternative<Other>(events_.front());
+        if (is_wanted) found = std::move(events_.front());
+        events_.pop_front();
+      }
+      return found.has_value();
+    });
+    return found.value_or(Notice{});
+  }
+  bool keep(std::uint64_t first, std::uint64_t count, std::size_t payload_bytes = 10) {
+    WriteToStore write{1, {}, {}};
+    for (std::uint64_t row = first; row < first + count; ++row) {
+      write.keep.push_back({row, message(row, payload_bytes), {}});
+    }
+    store_.ask(std::move(write));
+    return await<StoreWritten>() != nullptr;
+  }
+  bool forget(std::uint64_t first, std::uint64_t count) {
+    WriteToStore write{1, {}, {}};
+    for (std::uint64_t row = first; row < first + count; ++row) write.forget.push_back(row);
+    store_.ask(std::move(write));
+    return await<StoreWritten>() != nullptr;
+  }
+  std::unique_ptr<StoreLoaded> load(std::uint64_t after, std::size_t max_messages = 1000,
+                                    std::size_t max_bytes = 1u << 20) {
+    store_.ask(LoadFromStore{1, after, max_messages, max_bytes});
+    return await<StoreLoaded>();
+  }
+  /// Never the same for two rows.
+  static BrokerMessage message(std::uint64_t row, std::size_t payload_bytes) {
+    Bytes payload(payload_bytes);
+    for (std::size_t i = 0; i < payload.size(); ++i)
+      payload[i] = static_cast<std::uint8_t>(row >> (i % 4 * 8));
+    return {"ntnu-slam/robot/r" + std::to_string(row % 3) + "/update", std::move(payload),
+            row % 2 ? Qos::at_least_once : Qos::exactly_once, row % 5 == 0};
+  }
+  /// Runs the loop until a notice has this text.
+  bool says(const std::string& text) {
+    return eventually(io_, [&] {
+      while (!events_.empty()) {
+        note(events_.front());
+        events_.pop_front();
+      }
+      return notices_.find(text) != std::string::npos;
+    });
+  }
+  const std::string& notices() const { return notices_; }
+  SqliteStore& store() { return store_; }
+
+ private:
+  void note(const StoreEvent& event) {
+    if (const auto* notice = std::get_if<Notice>(&event)) notices_ += notice->text + "\n";
+  }
+
+  boost::asio::io_context io_;
+  std::deque<StoreEvent> events_;
+  std::string notices_;
+  SqliteStore store_;
+};
+
+}  // namespace slamgw::test
