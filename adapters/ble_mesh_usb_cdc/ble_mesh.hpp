@@ -90,10 +90,11 @@ class BleMesh final : public MeshMachine {
   void on_vendor_message(Robot& robot, VendorMessage kind, const MessageReceived& message,
                          ByteView params, TimePoint now);
   void on_set(Robot& robot, VendorModel model, const MessageReceived& message, ByteView params,
-              TimePoint now);
+              std::optional<std::uint8_t> number, TimePoint now);
+  SetFilter::Doubt doubt_of(VendorModel model) const;
   void report(const Robot& robot, VendorModel model, const MessageReceived& message,
               ByteView params, std::uint64_t receipt_id);
-  void send_status(const Robot& robot, std::uint16_t element, VendorModel model, TimePoint now);
+  void send_status(const Robot& robot, std::uint16_t element, Bytes status, TimePoint now);
   void reject(std::uint16_t source, std::string_view why, TimePoint now);
 
   Robot* robot_at(std::uint16_t address, TimePoint now);

@@ -12,6 +12,8 @@ namespace slamgw::ble {
 namespace {
 
 constexpr Opcode health_current_status = 0x04;
+/// The type whose payload the gateway reads (contract section 5).
+constexpr std::string_view update_type = "update";
 
 }  // namespace
 
@@ -43,9 +45,15 @@ void BleMesh::on_message(const MessageReceived& message, TimePoint now) {
 void BleMesh::on_vendor_message(Robot& robot, VendorMessage kind, const MessageReceived& message,
                                 ByteView params, TimePoint now) {
   switch (kind.kind) {
-    case MessageKind::set: on_set(robot, kind.model, message, params, now); break;
+    case MessageKind::set: on_set(robot, kind.model, message, params, {}, now); break;
+    case MessageKind::set_numbered:
+      if (params.empty()) return reject(message.source, "it has no transaction number", now);
+      on_set(robot, kind.model, message, params.subspan(1), params.front(), now);
+      break;
     case MessageKind::set_unreliable: report(robot, kind.model, message, params, 0); break;
-    case MessageKind::get: send_status(robot, message.source, kind.model, now); break;
+    case MessageKind::get:
+      send_status(robot, message.source, encode_status(kind.model), now);
+      break;
     case MessageKind::status:
       conclude(robot, robot.commands.on_status(opcode_of(kind), now));
       transmit_due(robot, now);
@@ -53,26 +61,36 @@ void BleMesh::on_vendor_message(Robot& robot, VendorMessage kind, const MessageR
   }
 }
 
+/// Of `update` nothing is lost for the sake of no doubles; all else goes up once, if that can be.
+SetFilter::Doubt BleMesh::doubt_of(VendorModel model) const {
+  return type_of(model) == update_type ? SetFilter::Doubt::take_for_new
+                                       : SetFilter::Doubt::take_for_repeat;
+}
+
 void BleMesh::on_set(Robot& robot, VendorModel model, const MessageReceived& message,
-                     ByteView params, TimePoint now) {
+                     ByteView params, std::optional<std::uint8_t> number, TimePoint now) {
   Inbox& inbox = robot.inboxes[static_cast<std::size_t>(model)];
   // The TTL that robots send with is not in the message: the mesh's, or more if more was seen.
   const std::uint8_t ttl = std::max(settings_.ttl, robot.highest_ttl);
-  switch (inbox.filter.on_set(params, reliable_interval(ttl, message.payload.size()), now)) {
-    case RepeatFilter::Verdict::repeat_open: ++counters_.repeats; return;
-    case RepeatFilter::Verdict::repeat_answered:
+  const Duration interval = reliable_interval(ttl, message.payload.size());
+  switch (number ? inbox.filter.on_numbered_set(*number, params, now)
+                 : inbox.filter.on_set(params, interval, doubt_of(model), now)) {
+    case SetFilter::Verdict::repeat_open: ++counters_.repeats; return;
+    case SetFilter::Verdict::repeat_answered:
       ++counters_.repeats;
       inbox.filter.on_answered(now);
-      return send_status(robot, message.source, model, now);
-    case RepeatFilter::Verdict::fresh: break;
+      return send_status(robot, message.source, inbox.status, now);
+    case SetFilter::Verdict::fresh: break;
   }
   // A receipt still open here is of a SET that the robot has given up. Answering that one late
   // would acknowledge this one, so it is forgotten, and so is a STATUS that still waits.
-  link_.withdraw(message.source, encode_status(model));
+  link_.withdraw(inbox.element, inbox.status);
   open_receipts_.erase(inbox.open_receipt);
   inbox.open_receipt = ++last_receipt_;
   inbox.element = message.source;
+  inbox.status = encode_status(model, number);
   open_receipts_.emplace(inbox.open_receipt, std::pair(robot.address, model));
+  for (int i = 0; i < inbox.filter.missed(); ++i) report(robot, model, message, params, 0);
   report(robot, model, message, params, inbox.open_receipt);
 }
 
@@ -87,7 +105,7 @@ void BleMesh::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimeP
   switch (outcome) {
     case ReceiptOutcome::safe:
       inbox.filter.on_answered(now);
-      send_status(robot, inbox.element, model, now);
+      send_status(robot, inbox.element, inbox.status, now);
       break;
     case ReceiptOutcome::refused: inbox.filter.on_refused(); break;
   }
@@ -108,10 +126,9 @@ void BleMesh::report(const Robot& robot, VendorModel model, const MessageReceive
               .radio = RadioFacts{message.rssi_dbm, robot.hops(message.ttl), message.ttl}});
 }
 
-void BleMesh::send_status(const Robot& robot, std::uint16_t element, VendorModel model,
-                          TimePoint now) {
+void BleMesh::send_status(const Robot& robot, std::uint16_t element, Bytes status, TimePoint now) {
   ++counters_.statuses_sent;
-  send(robot, element, encode_status(model), true, now);
+  send(robot, element, std::move(status), true, now);
 }
 
 void BleMesh::reject(std::uint16_t source, std::string_view why, TimePoint now) {

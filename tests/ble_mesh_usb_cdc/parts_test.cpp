@@ -1,13 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// The small pure parts: access opcodes, vendor models, on/off, the repeat filter, the
-// choice of a device.
+// The small pure parts: access opcodes, vendor models, on/off, the choice of a device.
 #include <gtest/gtest.h>
 
 #include "adapters/ble_mesh_usb_cdc/access/on_off.hpp"
 #include "adapters/ble_mesh_usb_cdc/access/vendor_models.hpp"
 #include "adapters/ble_mesh_usb_cdc/io/device_choice.hpp"
 #include "adapters/ble_mesh_usb_cdc/robots/reliable_publish.hpp"
-#include "adapters/ble_mesh_usb_cdc/robots/repeat_filter.hpp"
 #include "tests/ble_mesh_usb_cdc/hex.hpp"
 
 namespace slamgw::ble {
@@ -50,13 +48,15 @@ TEST(VendorModels, MapOpcodesBothWays) {
   EXPECT_EQ(opcode_of({VendorModel::sensor_update, MessageKind::set_unreliable}), 0xcb5900u);
   EXPECT_EQ(opcode_of({VendorModel::pos_cmd, MessageKind::get}), 0xce5900u);
   EXPECT_EQ(opcode_of({VendorModel::pos_cmd, MessageKind::status}), 0xd05900u);
-  for (Opcode op = 0xc5; op <= 0xd0; ++op) {
+  EXPECT_EQ(opcode_of({VendorModel::min_com, MessageKind::set_numbered}), 0xd15900u);
+  EXPECT_EQ(opcode_of({VendorModel::pos_cmd, MessageKind::set_numbered}), 0xd35900u);
+  for (Opcode op = 0xc5; op <= 0xd3; ++op) {
     const Opcode opcode = op << 16 | 0x5900;
     const auto message = vendor_message_of(opcode);
     ASSERT_TRUE(message);
     EXPECT_EQ(opcode_of(*message), opcode);
   }
-  for (const Opcode other : {0xc45900u, 0xd15900u, 0xc55a00u, 0xc55901u, 0x8202u, 0x04u, 0u})
+  for (const Opcode other : {0xc45900u, 0xd45900u, 0xc55a00u, 0xc55901u, 0x8202u, 0x04u, 0u})
     EXPECT_FALSE(vendor_message_of(other)) << other;
 }
 
@@ -69,63 +69,6 @@ TEST(ReliablePublish, IntervalGrowsWithTtlAndSegments) {
   EXPECT_EQ(reliable_interval(4, 7), 280ms);
   EXPECT_EQ(reliable_interval(4, 12), 320ms);
   EXPECT_EQ(reliable_interval(30, 11), 800ms);
-}
-
-/// A robot's copies at these times, each answered at once; how many count as new.
-int count_fresh(std::initializer_list<std::chrono::milliseconds> times) {
-  RepeatFilter filter;
-  int fresh = 0;
-  for (const auto time : times) {
-    if (filter.on_set(hex("0a 00"), 280ms, TimePoint{} + time) == RepeatFilter::Verdict::fresh)
-      ++fresh;
-    filter.on_answered(TimePoint{} + time);
-  }
-  return fresh;
-}
-
-TEST(RepeatFilter, KnowsTheWholeScheduleOfRepeats) {
-  EXPECT_EQ(count_fresh({0ms, 280ms, 560ms, 1120ms, 2240ms, 4480ms, 8960ms}), 1);
-  EXPECT_EQ(count_fresh({280ms, 560ms, 1120ms, 2240ms}), 1) << "the first copy was lost";
-  EXPECT_EQ(count_fresh({0ms, 295ms, 555ms, 1140ms}), 1) << "with jitter";
-  EXPECT_EQ(count_fresh({0ms, 560ms, 1120ms, 2240ms}), 1) << "the second was lost";
-  EXPECT_EQ(count_fresh({280ms, 1120ms, 2240ms}), 1) << "the first and the third were lost";
-  EXPECT_EQ(count_fresh({0ms, 1120ms, 8960ms}), 1) << "two were lost in a row, twice";
-}
-
-TEST(RepeatFilter, LetsEqualUpdatesAtTheRobotsOwnPeriodThrough) {
-  EXPECT_EQ(count_fresh({0ms, 200ms, 400ms, 600ms, 800ms}), 5);
-  EXPECT_EQ(count_fresh({0ms, 1000ms, 2000ms, 3000ms}), 4);
-  EXPECT_EQ(count_fresh({0ms, 250ms, 500ms, 750ms}), 4);
-  EXPECT_EQ(count_fresh({0ms, 500ms, 1000ms, 1500ms}), 4);
-  EXPECT_EQ(count_fresh({0ms, 2000ms, 4000ms}), 3);
-  EXPECT_EQ(count_fresh({0ms, 280ms, 400ms, 600ms}), 3) << "one STATUS lost, then new ones";
-}
-
-TEST(RepeatFilter, GapsOfARepeatSequenceDouble) {
-  EXPECT_EQ(count_fresh({0ms, 280ms, 560ms, 840ms}), 2) << "a third gap of iv is no repeat";
-}
-
-TEST(RepeatFilter, WhileOpenEveryEqualSetIsARepeat) {
-  RepeatFilter filter;
-  EXPECT_EQ(filter.on_set(hex("01"), 280ms, TimePoint{}), RepeatFilter::Verdict::fresh);
-  EXPECT_EQ(filter.on_set(hex("01"), 280ms, TimePoint{} + 200ms),
-            RepeatFilter::Verdict::repeat_open);
-  EXPECT_EQ(filter.on_set(hex("02"), 280ms, TimePoint{} + 280ms), RepeatFilter::Verdict::fresh);
-}
-
-TEST(RepeatFilter, ARepeatThatCrossedItsStatusIsNotAnswered) {
-  RepeatFilter filter;
-  EXPECT_EQ(filter.on_set(hex("01"), 280ms, TimePoint{}), RepeatFilter::Verdict::fresh);
-  filter.on_answered(TimePoint{} + 260ms);
-  EXPECT_EQ(filter.on_set(hex("01"), 280ms, TimePoint{} + 280ms),
-            RepeatFilter::Verdict::repeat_open);
-  EXPECT_EQ(filter.on_set(hex("01"), 280ms, TimePoint{} + 560ms),
-            RepeatFilter::Verdict::repeat_answered);
-}
-
-TEST(RepeatFilter, TheFirstMessageMayBeEmpty) {
-  RepeatFilter filter;
-  EXPECT_EQ(filter.on_set({}, 280ms, TimePoint{}), RepeatFilter::Verdict::fresh);
 }
 
 UsbPort usb(std::string path, std::uint16_t vendor, std::uint16_t product) {

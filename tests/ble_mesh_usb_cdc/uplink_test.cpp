@@ -61,26 +61,80 @@ TEST_F(Uplink, UnreliableMessagesOweNothingAndAllGoUp) {
 }
 
 TEST_F(Uplink, RepeatsGoUpOnceAndAreAnsweredAgain) {
-  rig.hear(robot, update_set);
+  constexpr std::string_view greeting = "c5 59 00 68 69";
+  rig.hear(robot, greeting);
   rig.run_for(280ms);
-  rig.hear(robot, update_set);  // before the receipt: nothing happens
+  rig.hear(robot, greeting);  // before the receipt: nothing happens
   EXPECT_EQ(rig.all<Report>().size(), 1u);
   rig.receipt(1);
   EXPECT_EQ(statuses().size(), 1u);
   rig.run_for(260ms);  // iv after the last copy: the STATUS was lost
-  rig.hear(robot, update_set);
+  rig.hear(robot, greeting);
   EXPECT_EQ(statuses().size(), 2u);
   EXPECT_EQ(rig.all<Report>().size(), 1u);
 }
 
-TEST_F(Uplink, AStandingRobotsEqualSetsAllGoUp) {
-  for (std::uint64_t i = 1; i <= 10; ++i) {
-    rig.hear(robot, update_set);
+TEST_F(Uplink, AnUpdateThatMayBeNewGoesUpTwiceRatherThanNever) {
+  rig.hear(robot, update_set);
+  rig.receipt(1);
+  rig.run_for(280ms);
+  rig.hear(robot, update_set);
+  EXPECT_EQ(rig.all<Report>().size(), 2u);
+  rig.receipt(2);
+  EXPECT_EQ(statuses().size(), 2u);
+}
+
+TEST_F(Uplink, ARepeatedUpdateOfARobotWhosePeriodIsKnownGoesUpOnce) {
+  for (std::uint64_t i = 1; i <= 20; ++i) {
+    rig.hear(robot, "c9 59 00 " + to_hex(Bytes{static_cast<std::uint8_t>(i), 0, 0, 0}));
     rig.receipt(i);
-    rig.run_for(200ms);
+    rig.run_for(i < 20 ? 200ms : 280ms);
   }
-  EXPECT_EQ(rig.all<Report>().size(), 10u);
-  EXPECT_EQ(rig.sent_to(robot).size(), 10u);
+  rig.hear(robot, "c9 59 00 14 00 00 00");
+  EXPECT_EQ(rig.all<Report>().size(), 20u);
+  EXPECT_EQ(statuses().size(), 21u);
+}
+
+TEST_F(Uplink, MessagesThatWereWronglyTakenForRepeatsGoUpInTheEnd) {
+  for (std::uint64_t i = 1; i <= 8; ++i) {
+    rig.hear(robot, "c5 59 00 68 69");
+    rig.receipt(rig.all<Report>().back().receipt.id);
+    rig.run_for(280ms);
+  }
+  EXPECT_EQ(rig.sent_to(robot).size(), 8u);
+  EXPECT_EQ(rig.all<Report>().size(), 8u);
+}
+
+TEST_F(Uplink, ATransactionNumberTellsNewMessagesFromRepeats) {
+  rig.hear(robot, "d2 59 00 07 0a 00 ec ff");
+  rig.receipt(1);
+  EXPECT_EQ(statuses().back(), "cc59000007");
+  rig.run_for(260ms);
+  rig.hear(robot, "d2 59 00 08 0a 00 ec ff");  // at the time of a repeat
+  rig.receipt(2);
+  EXPECT_EQ(statuses().back(), "cc59000008");
+  rig.run_for(180ms);
+  rig.hear(robot, "d2 59 00 08 0a 00 ec ff");  // at the robot's own period
+  EXPECT_EQ(statuses().size(), 3u);
+  const auto reports = rig.all<Report>();
+  ASSERT_EQ(reports.size(), 2u);
+  EXPECT_EQ(reports[1].topic, "ntnu-slam/robot/nr1/update");
+  EXPECT_EQ(reports[1].payload, hex("0a 00 ec ff"));
+  rig.hear(robot, "d2 59 00");
+  EXPECT_EQ(rig.counter("rejected"), 1u);
+}
+
+TEST_F(Uplink, AStandingRobotsEqualSetsAllGoUp) {
+  for (const auto period : {200ms, 280ms, 294ms, 559ms, 1000ms}) {
+    const std::size_t before = rig.all<Report>().size();
+    for (int i = 0; i < 60; ++i) {
+      rig.hear(robot, update_set);
+      rig.receipt(rig.all<Report>().back().receipt.id);
+      rig.run_for(period);
+    }
+    EXPECT_EQ(rig.all<Report>().size(), before + 60) << period.count();
+    EXPECT_EQ(rig.sent_to(robot).size(), before + 60);
+  }
 }
 
 TEST_F(Uplink, ARefusedMessageIsNotAcknowledgedAndGoesUpAgain) {

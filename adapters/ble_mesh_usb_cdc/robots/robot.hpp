@@ -10,15 +10,16 @@
 
 #include "adapters/ble_mesh_usb_cdc/access/vendor_models.hpp"
 #include "adapters/ble_mesh_usb_cdc/robots/command_queue.hpp"
-#include "adapters/ble_mesh_usb_cdc/robots/repeat_filter.hpp"
+#include "adapters/ble_mesh_usb_cdc/robots/set_filter.hpp"
 
 namespace slamgw::ble {
 
 /// Acknowledged messages of one model.
 struct Inbox {
-  RepeatFilter filter;
+  SetFilter filter;
   std::uint64_t open_receipt = 0;  ///< 0: none
-  std::uint16_t element = 0;       ///< that the receipt's message came from
+  std::uint16_t element = 0;       ///< that the last message came from
+  Bytes status;                    ///< the access message that acknowledges it
 };
 
 struct Robot {

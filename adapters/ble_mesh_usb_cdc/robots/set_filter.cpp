@@ -1,0 +1,98 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "adapters/ble_mesh_usb_cdc/robots/set_filter.hpp"
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <utility>
+
+namespace slamgw::ble {
+namespace {
+
+/// When each copy is sent, in intervals after the first; 256 of the shortest are nearly 60 s.
+constexpr std::array<int, 10> schedule{0, 1, 2, 4, 8, 16, 32, 64, 128, 256};
+constexpr std::uint32_t any_copy = (1U << schedule.size()) - 1;
+constexpr std::size_t max_lost = 3;
+constexpr std::uint32_t first_heard_copies = (1U << (max_lost + 1)) - 1;
+
+}  // namespace
+
+SetFilter::Verdict SetFilter::on_set(ByteView payload, Duration interval, Doubt doubt,
+                                     TimePoint now) {
+  const bool is_equal = state_ != State::idle && !number_ && std::ranges::equal(payload, payload_);
+  const Copies fitting = fitting_copies(interval, now);
+  const Duration gap = now - last_heard_;
+  last_heard_ = now;
+  if (is_equal && (state_ == State::open || is_repeat(fitting, interval, doubt, now))) {
+    last_copy_ = fitting != 0 ? fitting : any_copy;
+    last_gap_ = gap;
+    pattern_.on_repeat();
+    const Verdict verdict = on_repeat(now);
+    answered_again_ += verdict == Verdict::repeat_answered ? 1 : 0;
+    return verdict;
+  }
+  const bool is_evenly_spaced = is_equal && std::chrono::abs(gap - last_gap_) < tolerance;
+  missed_ = is_evenly_spaced ? answered_again_ : 0;
+  if (missed_ > 0) {
+    pattern_.forget();
+    is_schedule_deceptive_ = true;
+  }
+  pattern_.on_new(!is_equal || fitting == 0, now);
+  state_ = State::open;
+  payload_.assign(payload.begin(), payload.end());
+  number_.reset();
+  first_heard_ = now;
+  last_gap_ = Duration::zero();
+  last_copy_ = first_heard_copies;
+  answered_again_ = 0;
+  return Verdict::fresh;
+}
+
+SetFilter::Verdict SetFilter::on_numbered_set(std::uint8_t number, ByteView payload,
+                                              TimePoint now) {
+  const bool is_same = state_ != State::idle && number_ == number &&
+                       now - first_heard_ <= longest_exchange &&
+                       std::ranges::equal(payload, payload_);
+  if (is_same) return on_repeat(now);
+  state_ = State::open;
+  payload_.assign(payload.begin(), payload.end());
+  number_ = number;
+  first_heard_ = now;
+  missed_ = 0;
+  return Verdict::fresh;
+}
+
+SetFilter::Verdict SetFilter::on_repeat(TimePoint now) const {
+  const bool has_crossed = now - last_answered_ < crossing_time;
+  return state_ == State::open || has_crossed ? Verdict::repeat_open : Verdict::repeat_answered;
+}
+
+bool SetFilter::is_repeat(Copies fitting, Duration interval, Doubt doubt, TimePoint now) const {
+  if (fitting == 0) return false;
+  // The robot sends it again when it is new: nothing is lost, and nothing acknowledged wrongly.
+  if (now - last_answered_ < crossing_time) return true;
+  if (const auto period = pattern_.period()) return !pattern_.may_be_new(*period, interval, now);
+  return doubt == Doubt::take_for_repeat && !is_schedule_deceptive_;
+}
+
+void SetFilter::on_answered(TimePoint now) {
+  state_ = State::answered;
+  last_answered_ = now;
+}
+
+SetFilter::Copies SetFilter::fitting_copies(Duration interval, TimePoint now) const {
+  if (now - first_heard_ > longest_exchange) return 0;
+  const Duration gap = now - last_heard_;
+  Copies fitting = 0;
+  for (std::size_t last = 0; last < schedule.size(); ++last) {
+    if ((last_copy_ >> last & 1U) == 0) continue;
+    const std::size_t end = std::min(last + max_lost + 2, schedule.size());
+    for (std::size_t next = last + 1; next < end; ++next) {
+      const Duration expected = interval * (schedule[next] - schedule[last]);
+      if (std::chrono::abs(gap - expected) < tolerance) fitting |= 1U << next;
+    }
+  }
+  return fitting;
+}
+
+}  // namespace slamgw::ble

@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: Apache-2.0
+// Tells a robot's new acknowledged SET from its repeats of the last one. One filter for each robot
+// and model. Called by BleMesh.
+//
+// The models have no transaction number, every repeat is a fresh mesh message, and the serial board
+// tells no sequence number of the network layer: content and time are all that is left. (Firmware
+// can do better: see SetFilter::on_numbered_set.)
+//
+// While a SET is open (not answered), the robot refuses to send another: an equal one is a repeat.
+// After the STATUS was sent, an equal SET is either a repeat, because the STATUS was lost, or a new
+// message of a robot that stands still. Copies keep to reliable publish's schedule, 0, iv, 2iv,
+// 4iv, 8iv ... after the first; new messages come at the robot's own period. So an equal SET whose
+// distance from the last copy does not fit the schedule, with up to three copies lost before and
+// between, is new. One that fits is
+//   - a repeat when the robot's period is known and no new message can arrive now;
+//   - in doubt when the two agree, or when the period is not known: `Doubt` says what then.
+// Gaps between copies double. Three equal messages at equal distances are therefore the robot's own
+// period: those of them that were taken for repeats are made up for.
+//
+// Known errors: a relay that delays by more than `tolerance` makes a repeat look new, and a robot
+// that changes its period to one of the schedule's gaps while it stands still, and then sends no
+// third equal message, loses one or two.
+//
+// A STATUS does not say which SET it is for. A repeat that was on its way when the STATUS left is
+// therefore not answered: a second STATUS could meet the robot's next SET and acknowledge that.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+
+#include "adapters/ble_mesh_usb_cdc/robots/arrival_pattern.hpp"
+#include "daemon/core/bytes.hpp"
+#include "daemon/core/time.hpp"
+
+namespace slamgw::ble {
+
+class SetFilter {
+ public:
+  /// Jitter of relays and of the serial line.
+  static constexpr Duration tolerance = std::chrono::milliseconds{30};
+  /// Reliable publish gives up after at most this long.
+  static constexpr Duration longest_exchange = std::chrono::seconds{60};
+  /// How long a repeat and a STATUS can take to cross: a few hops.
+  static constexpr Duration crossing_time = std::chrono::milliseconds{60};
+
+  /// What to do with an answered SET that comes again when both can be.
+  enum class Doubt : std::uint8_t {
+    take_for_new,     ///< a doubled message is better than a lost one
+    take_for_repeat,  ///< unless the robot's period, where it is known, says that it may be new
+  };
+  enum class Verdict : std::uint8_t {
+    fresh,            ///< goes up; the filter is open from now on
+    repeat_open,      ///< its receipt has not fired, or its STATUS is on its way: nothing to do
+    repeat_answered,  ///< its STATUS was lost: answer again
+  };
+
+  /// `interval`: the robot's iv for this message, reliable_interval().
+  Verdict on_set(ByteView payload, Duration interval, Doubt doubt, TimePoint now);
+  /// A SET with a transaction number: a repeat has number and content of the last one, and a new
+  /// message has another number.
+  Verdict on_numbered_set(std::uint8_t number, ByteView payload, TimePoint now);
+  /// After a fresh one: how many equal messages before it were wrongly taken for repeats. They were
+  /// acknowledged, and go up now.
+  int missed() const { return missed_; }
+  /// A STATUS for the last message is on its way.
+  void on_answered(TimePoint now);
+  /// The open message was not taken: the next copy goes up again.
+  void on_refused() { state_ = State::idle; }
+
+ private:
+  enum class State : std::uint8_t { idle, open, answered };
+
+  /// A set of copies, the first transmission in bit 0.
+  using Copies = std::uint32_t;
+
+  Copies fitting_copies(Duration interval, TimePoint now) const;
+  bool is_repeat(Copies fitting, Duration interval, Doubt doubt, TimePoint now) const;
+  Verdict on_repeat(TimePoint now) const;
+
+  State state_ = State::idle;
+  Bytes payload_;
+  std::optional<std::uint8_t> number_;  ///< of the last message, if it had one
+  TimePoint first_heard_{};
+  TimePoint last_heard_{};
+  TimePoint last_answered_{};
+  Copies last_copy_ = 0;  ///< which copies the one heard last can have been
+  ArrivalPattern pattern_;
+  Duration last_gap_{};     ///< between the last two arrivals of the same message
+  int answered_again_ = 0;  ///< repeats of the last message after its STATUS
+  int missed_ = 0;
+  bool is_schedule_deceptive_ = false;  ///< the robot's own period is one of the schedule's gaps
+};
+
+}  // namespace slamgw::ble
