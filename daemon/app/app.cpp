@@ -110,7 +110,7 @@ void App::start_meshes() {
   if (config_.mqttsn.enabled) {
     TopicPolicy policy(scheme_, config_.topics.extra_publish, config_.topics.extra_subscribe);
     meshes_[static_cast<std::size_t>(Mesh::thread)] = std::make_unique<mqttsn::MqttsnAdapter>(
-        io_, config_.mqttsn, std::move(policy), names, *this, &session_store_);
+        io_, config_.mqttsn, std::move(policy), names, *this, &session_store_, &descriptors_);
   }
   if (config_.ble_mesh.enabled) {
     auto adapter = std::make_unique<ble::BleMeshAdapter>(io_, config_.ble_mesh, scheme_, names,
@@ -125,6 +125,7 @@ void App::start_meshes() {
   for (auto& adapter : meshes_) {
     if (adapter) adapter->start();
   }
+  descriptors_.drop_rest();
 }
 
 void App::start_control() {

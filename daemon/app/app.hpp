@@ -21,6 +21,7 @@
 #include "daemon/observability/link_log.hpp"
 #include "daemon/observability/service_notifier.hpp"
 #include "daemon/observability/traffic_log.hpp"
+#include "daemon/runtime/descriptor_store.hpp"
 #include "daemon/runtime/interface_watch.hpp"
 #include "daemon/runtime/machine_driver.hpp"
 #include "daemon/storage/sqlite_session_store.hpp"
@@ -104,6 +105,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   boost::asio::steady_timer stats_timer_;
   boost::asio::steady_timer stop_timer_;
   ServiceNotifier notifier_;
+  DescriptorStore descriptors_;
 
   Gateway gateway_;
   bool is_draining_ = false;

@@ -25,9 +25,11 @@ class Device {
     socket_.non_blocking(true);
   }
 
-  void send(const std::vector<std::uint8_t>& octets) {
-    boost::system::error_code refused;  // while no daemon listens
+  /// False when the kernel tells that the message before was refused: no daemon listens.
+  bool send(const std::vector<std::uint8_t>& octets) {
+    boost::system::error_code refused;
     socket_.send(boost::asio::buffer(octets), 0, refused);
+    return !refused;
   }
   /// The next message; its type must be `type`.
   sim::sn::Packet expect(sim::sn::Type type) {

@@ -29,11 +29,11 @@ GatewayProcess::GatewayProcess(nlohmann::json configuration) : mqttsn_port_(free
   start();
 }
 
-void GatewayProcess::start() {
+void GatewayProcess::start(const std::vector<std::string>& launcher) {
   process_.reset();
-  process_ = std::make_unique<ChildProcess>(
-      std::vector<std::string>{SLAMGW_DAEMON, "--config", directory_ / "gateway.json"},
-      directory_ / "out", directory_ / "log");
+  std::vector<std::string> arguments = launcher;
+  arguments.insert(arguments.end(), {SLAMGW_DAEMON, "--config", directory_ / "gateway.json"});
+  process_ = std::make_unique<ChildProcess>(arguments, directory_ / "out", directory_ / "log");
 }
 
 void GatewayProcess::configure(const std::function<void(nlohmann::json&)>& change) {

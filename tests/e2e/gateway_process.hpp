@@ -24,7 +24,8 @@ class GatewayProcess {
   GatewayProcess(const GatewayProcess&) = delete;
   GatewayProcess& operator=(const GatewayProcess&) = delete;
 
-  void start();
+  /// `launcher`: a program, and its arguments, that becomes the daemon.
+  void start(const std::vector<std::string>& launcher = {});
   /// Writes a configuration changed by `change`, for the next start.
   void configure(const std::function<void(nlohmann::json&)>& change);
   /// SIGHUP with such a configuration.

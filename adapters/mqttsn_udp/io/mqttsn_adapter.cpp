@@ -23,9 +23,11 @@ constexpr const char* interface_advice =
 }  // namespace
 
 MqttsnAdapter::MqttsnAdapter(asio::io_context& io, Settings settings, TopicPolicy policy,
-                             RobotNames names, MeshListener& listener, SessionStore* sessions)
+                             RobotNames names, MeshListener& listener, SessionStore* sessions,
+                             DescriptorStore* descriptors)
     : settings_(std::move(settings)),
       listener_(listener),
+      descriptors_(descriptors),
       io_(io),
       gateway_(settings_, std::move(policy), std::move(names)),
       driver_(io, gateway_, [this](Action& action) { perform(action); }),
@@ -64,20 +66,30 @@ void MqttsnAdapter::stop_listening() {
   input([](SnGateway& gateway, TimePoint now) { gateway.on_stop(now); });
 }
 
-/// No goodbye: clients are to notice nothing of a restart.
+/// No goodbye, and the sockets stay open to the very end: clients are to notice nothing of a
+/// restart.
 void MqttsnAdapter::stop() {
   driver_.stop();
   if (keeper_) keeper_->stop();
   interface_watch_->stop();
   watch_timer_.cancel();
-  close();
 }
 
 void MqttsnAdapter::open() {
+  std::vector<int> kept(settings_.listen.size(), -1);
+  if (descriptors_) {
+    std::transform(settings_.listen.begin(), settings_.listen.end(), kept.begin(),
+                   [this](const auto& listen) { return descriptors_->take(kept_name(listen)); });
+    descriptors_->drop_rest();  // they may hold the ports that are bound next
+  }
   std::string where;
-  for (const std::string& listen : settings_.listen) {
-    const auto index = static_cast<std::uint8_t>(sockets_.size());
-    sockets_.push_back(std::make_shared<UdpSocket>(io_, listen, settings_.interface));
+  for (std::size_t i = 0; i < settings_.listen.size(); ++i) {
+    const std::string& listen = settings_.listen[i];
+    sockets_.push_back(
+        std::make_shared<UdpSocket>(io_, listen, settings_.interface, std::exchange(kept[i], -1)));
+    if (descriptors_ && !sockets_.back()->is_taken_over())
+      descriptors_->keep(kept_name(listen), sockets_.back()->descriptor());
+    const auto index = static_cast<std::uint8_t>(i);
     sockets_.back()->start(
         [this, index](const UdpSocket::Datagram& datagram) { on_datagram(index, datagram); });
     where += fmt::format("{}{}", where.empty() ? "" : ", ", listen);
@@ -88,6 +100,17 @@ void MqttsnAdapter::open() {
 void MqttsnAdapter::close() {
   for (const auto& socket : sockets_) socket->close();
   sockets_.clear();
+  for (const std::string& listen : settings_.listen) {
+    if (descriptors_) descriptors_->drop(kept_name(listen));
+  }
+}
+
+/// Says all that a kept socket must fit and cannot be asked for. systemd allows no colons.
+std::string MqttsnAdapter::kept_name(const std::string& listen) const {
+  std::string name = fmt::format("mqttsn,{},{},{}", listen, settings_.interface,
+                                 settings_.multicast_group.value_or(""));
+  std::replace(name.begin(), name.end(), ':', '.');
+  return name;
 }
 
 void MqttsnAdapter::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome) {

@@ -16,6 +16,7 @@
 #include "adapters/mqttsn_udp/io/udp_socket.hpp"
 #include "adapters/mqttsn_udp/sn_gateway.hpp"
 #include "daemon/core/adapter.hpp"
+#include "daemon/runtime/descriptor_store.hpp"
 #include "daemon/runtime/interface_watch.hpp"
 #include "daemon/runtime/machine_driver.hpp"
 
@@ -23,9 +24,11 @@ namespace slamgw::mqttsn {
 
 class MqttsnAdapter final : public MeshAdapter {
  public:
-  /// `sessions` may be null: none outlives the daemon then. It and `listener` outlive the adapter.
+  /// `sessions` and `descriptors` may be null: no session, or socket, outlives the daemon then.
+  /// They and `listener` outlive the adapter.
   MqttsnAdapter(boost::asio::io_context& io, Settings settings, TopicPolicy policy,
-                RobotNames names, MeshListener& listener, SessionStore* sessions = nullptr);
+                RobotNames names, MeshListener& listener, SessionStore* sessions = nullptr,
+                DescriptorStore* descriptors = nullptr);
 
   void start() override;
   void stop_listening() override;
@@ -56,6 +59,7 @@ class MqttsnAdapter final : public MeshAdapter {
   void perform(MeshEvent& event);
   void open();
   void close();
+  std::string kept_name(const std::string& listen) const;
   /// Interfaces come and go, also that of `mqttsn.interface`; what is joined stays joined (R19).
   void watch_interfaces();
   void look_at_interfaces_in(Duration delay);
@@ -70,6 +74,7 @@ class MqttsnAdapter final : public MeshAdapter {
 
   const Settings settings_;
   MeshListener& listener_;
+  DescriptorStore* const descriptors_;
   boost::asio::io_context& io_;
   SnGateway gateway_;
   MachineDriver<SnGateway> driver_;

@@ -2,13 +2,16 @@
 #include "adapters/mqttsn_udp/io/udp_socket.hpp"
 
 #include <fmt/format.h>
+#include <net/if.h>
 #include <netinet/in.h>
 #include <sys/socket.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
 #include <charconv>
 #include <cstring>
+#include <optional>
 #include <stdexcept>
 #include <string_view>
 #include <utility>
@@ -52,6 +55,36 @@ udp::endpoint parse_listen(const std::string& listen) {
 
 void set_flag(int descriptor, int level, int option, int value) {
   setsockopt(descriptor, level, option, &value, sizeof value);
+}
+
+std::optional<int> flag(int descriptor, int level, int option) {
+  int value = 0;
+  socklen_t size = sizeof value;
+  if (getsockopt(descriptor, level, option, &value, &size) != 0) return std::nullopt;
+  return value;
+}
+
+/// The interface that a socket is bound to; nothing when that is gone, also when there is another
+/// one of its name by now.
+std::optional<std::string> bound_interface(int descriptor) {
+  char name[IFNAMSIZ] = {};
+  socklen_t size = sizeof name;
+  if (getsockopt(descriptor, SOL_SOCKET, SO_BINDTODEVICE, name, &size) != 0) return std::nullopt;
+  return std::string(name);
+}
+
+/// Whether this is a UDP socket that was bound as a new one would be. Port 0 stands for any.
+bool is_bound_as(int descriptor, udp::endpoint endpoint, bool takes_ipv4_too,
+                 const std::string& interface) {
+  udp::endpoint bound;
+  auto size = static_cast<socklen_t>(bound.capacity());
+  if (flag(descriptor, SOL_SOCKET, SO_PROTOCOL) != IPPROTO_UDP ||
+      getsockname(descriptor, bound.data(), &size) != 0)
+    return false;
+  if (endpoint.port() == 0) endpoint.port(bound.port());
+  const bool is_ipv6 = endpoint.address().is_v6();
+  return bound == endpoint && bound_interface(descriptor) == interface &&
+         (!is_ipv6 || flag(descriptor, IPPROTO_IPV6, IPV6_V6ONLY) == (takes_ipv4_too ? 0 : 1));
 }
 
 IpAddress mapped(const in_addr& address) {
@@ -167,11 +200,14 @@ struct UdpSocket::Batch {
 
 UdpSocket::~UdpSocket() = default;
 
-UdpSocket::UdpSocket(asio::io_context& io, const std::string& listen, const std::string& interface)
-    : socket_(io), batch_(std::make_unique_for_overwrite<Batch>()) {
+UdpSocket::UdpSocket(asio::io_context& io, const std::string& listen, const std::string& interface,
+                     int kept)
+    : socket_(io),
+      is_bound_to_interface_(!interface.empty()),
+      batch_(std::make_unique_for_overwrite<Batch>()) {
   const udp::endpoint endpoint = parse_listen(listen);
   try {
-    open(endpoint, interface);
+    open(endpoint, interface, kept);
   } catch (const boost::system::system_error& error) {
     throw std::runtime_error(fmt::format("mqttsn.listen: can't use {}: {}{}", listen,
                                          error.code().message(),
@@ -179,20 +215,27 @@ UdpSocket::UdpSocket(asio::io_context& io, const std::string& listen, const std:
   }
 }
 
-void UdpSocket::open(const udp::endpoint& endpoint, const std::string& interface) {
+void UdpSocket::open(const udp::endpoint& endpoint, const std::string& interface, int kept) {
   is_ipv6_ = endpoint.address().is_v6();
-  socket_.open(endpoint.protocol());
-  if (is_ipv6_) {
-    takes_ipv4_too_ = endpoint.address().is_unspecified();
-    socket_.set_option(asio::ip::v6_only(!takes_ipv4_too_));
+  takes_ipv4_too_ = is_ipv6_ && endpoint.address().is_unspecified();
+  is_taken_over_ = kept >= 0 && is_bound_as(kept, endpoint, takes_ipv4_too_, interface);
+  if (kept >= 0 && !is_taken_over_) ::close(kept);
+  // By assign(): Asio then removes it from epoll by itself, where a kept duplicate would stay.
+  const int descriptor =
+      is_taken_over_ ? kept : ::socket(endpoint.protocol().family(), SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  if (descriptor < 0) throw boost::system::system_error(errno, boost::system::system_category());
+  socket_.assign(endpoint.protocol(), descriptor);
+  set_options();
+  if (!is_taken_over_) {
+    if (is_ipv6_) socket_.set_option(asio::ip::v6_only(!takes_ipv4_too_));
+    if (is_bound_to_interface_) bind_to(interface);
+    socket_.bind(endpoint);
   }
-  set_options(interface);
-  socket_.bind(endpoint);
   socket_.non_blocking(true);
   port_ = socket_.local_endpoint().port();
 }
 
-void UdpSocket::set_options(const std::string& interface) {
+void UdpSocket::set_options() {
   const int descriptor = socket_.native_handle();
   set_flag(descriptor, SOL_SOCKET, SO_RCVBUF, receive_buffer_octets);
   set_flag(descriptor, SOL_SOCKET, SO_RXQ_OVFL, 1);
@@ -205,9 +248,10 @@ void UdpSocket::set_options(const std::string& interface) {
   }
   if (!is_ipv6_ || takes_ipv4_too_)
     set_flag(descriptor, IPPROTO_IP, IP_MULTICAST_TTL, multicast_hops);
-  is_bound_to_interface_ = !interface.empty();
-  if (!is_bound_to_interface_) return;
-  if (setsockopt(descriptor, SOL_SOCKET, SO_BINDTODEVICE, interface.data(),
+}
+
+void UdpSocket::bind_to(const std::string& interface) {
+  if (setsockopt(socket_.native_handle(), SOL_SOCKET, SO_BINDTODEVICE, interface.data(),
                  static_cast<socklen_t>(interface.size())) != 0) {
     throw std::runtime_error(
         fmt::format("mqttsn.interface: can't bind to '{}': {}", interface, std::strerror(errno)));

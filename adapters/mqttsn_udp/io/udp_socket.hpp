@@ -29,8 +29,11 @@ class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
   using Receive = std::function<void(const Datagram&)>;
 
   /// Binds at once. `listen` is `ADDRESS:PORT` or `[ADDRESS]:PORT`; `[::]` takes IPv4 too; port 0
-  /// is any. `interface` may be empty. Throws std::runtime_error with a sentence for operators.
-  UdpSocket(boost::asio::io_context& io, const std::string& listen, const std::string& interface);
+  /// is any. `interface` may be empty. `kept` is a socket of an earlier process or -1; it is used
+  /// if it is bound in just this way, else closed. Throws std::runtime_error with a sentence for
+  /// operators.
+  UdpSocket(boost::asio::io_context& io, const std::string& listen, const std::string& interface,
+            int kept = -1);
   ~UdpSocket();
 
   /// From now on `receive` is called for each datagram, a bounded number each time the loop comes
@@ -46,6 +49,8 @@ class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
   bool join(const boost::asio::ip::address& group, std::uint32_t interface);
 
   std::uint16_t port() const { return port_; }
+  int descriptor() { return socket_.native_handle(); }
+  bool is_taken_over() const { return is_taken_over_; }
   /// By its family; a socket on `[::]` reaches IPv4 too.
   bool can_reach(const boost::asio::ip::address& to) const {
     return to.is_v6() ? is_ipv6_ : !is_ipv6_ || takes_ipv4_too_;
@@ -56,8 +61,9 @@ class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
  private:
   struct Batch;
 
-  void open(const boost::asio::ip::udp::endpoint& endpoint, const std::string& interface);
-  void set_options(const std::string& interface);
+  void open(const boost::asio::ip::udp::endpoint& endpoint, const std::string& interface, int kept);
+  void set_options();
+  void bind_to(const std::string& interface);
   void wait();
   bool receive_batch();
 
@@ -65,6 +71,7 @@ class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
   bool is_ipv6_ = false;
   bool takes_ipv4_too_ = false;
   bool is_bound_to_interface_ = false;
+  bool is_taken_over_ = false;
   std::uint16_t port_ = 0;
   std::uint32_t kernel_drops_ = 0;
   std::unique_ptr<Batch> batch_;

@@ -22,6 +22,7 @@ STEPS = [
     trouble.reload_takes_over_a_good_configuration,
     trouble.reload_refuses_a_bad_configuration,
     trouble.kill_goes_unnoticed,
+    trouble.restarts_refuse_no_message,
     trouble.watchdog_restarts_a_stopped_daemon,
     *tasks.STEPS,
     install_and_remove.upgrade_keeps_what_is_undelivered,

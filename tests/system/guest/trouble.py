@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Steps: what systemd and an operator do to the running service - reload, kill, watchdog."""
+import contextlib
 import os
 import pathlib
 import signal
+import socket
+import time
 
 from actors import Listener, Robots, demand_nothing_lost, retained
 from machine import (CONFIG, demand, now, restart, run, says, service, wait_for, wait_for_status,
@@ -56,6 +59,30 @@ def kill_goes_unnoticed():
     listener.wait_for({f"ntnu-slam/robot/killed{n}/update": 100 for n in (1, 2, 3, 4)})
     listener.end()
     wait_for("the robots' leave", lambda: all(retained(f"robots/killed{n}") == "offline" for n in (1, 2, 3, 4)))
+
+
+def restarts_refuse_no_message():
+    """restart and kill -9: the kernel never says that the port is closed, and what came meanwhile is answered"""
+    for how in (("restart", "slam-gateway"), ("kill", "--kill-whom=main", "-s", "KILL", "slam-gateway")):
+        robot = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        robot.settimeout(60)
+        robot.connect(("127.0.0.1", 47193))  # a refusal shows as an error of send or recv
+        robot.send(b"\x0a\x04\x04\x01\x00\x3ckept")
+        demand(robot.recv(100) == b"\x03\x05\x00", "no CONNACK")
+        time.sleep(1)  # the session is with the disk
+        process = service("MainPID")
+        run("systemctl", "--no-block", *how)
+        sent = answered = 0
+        robot.settimeout(0.01)
+        while sent == 0 or service("MainPID") in ("0", process) or service("ActiveState") != "active":
+            robot.send(b"\x02\x16")
+            sent += 1
+            with contextlib.suppress(TimeoutError):
+                answered += robot.recv(100) == b"\x02\x17"
+        robot.settimeout(60)
+        while answered < sent:
+            answered += robot.recv(100) == b"\x02\x17"
+        robot.close()
 
 
 def watchdog_restarts_a_stopped_daemon():

@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/runtime/descriptor_store.hpp"
+
+#include <systemd/sd-daemon.h>
+#include <unistd.h>
+
+#include <cstdlib>
+#include <utility>
+
+namespace slamgw {
+
+DescriptorStore::DescriptorStore() {
+  char** names = nullptr;
+  const int count = sd_listen_fds_with_names(1 /* unset the environment */, &names);
+  for (int i = 0; i < count; ++i) {
+    const int descriptor = SD_LISTEN_FDS_START + i;
+    if (!taken_over_.emplace(names[i], descriptor).second) close(descriptor);
+    free(names[i]);
+  }
+  free(names);
+}
+
+DescriptorStore::~DescriptorStore() {
+  for (const auto& [name, descriptor] : taken_over_) close(descriptor);
+}
+
+int DescriptorStore::take(const std::string& name) {
+  const auto found = taken_over_.find(name);
+  if (found == taken_over_.end()) return -1;
+  const int descriptor = found->second;
+  taken_over_.erase(found);
+  return descriptor;
+}
+
+void DescriptorStore::drop_rest() {
+  if (taken_over_.empty()) return;
+  for (const auto& [name, descriptor] : std::exchange(taken_over_, {})) {
+    close(descriptor);
+    drop(name);
+  }
+  sd_notify_barrier(0, std::chrono::microseconds(drop_patience).count());
+}
+
+void DescriptorStore::keep(const std::string& name, int descriptor) {
+  drop(name);
+  // FDPOLL=0: an error on the socket is no reason to forget it.
+  const std::string message = "FDSTORE=1\nFDPOLL=0\nFDNAME=" + name;
+  sd_pid_notify_with_fds(0, 0, message.c_str(), &descriptor, 1);
+}
+
+void DescriptorStore::drop(const std::string& name) {
+  sd_notify(0, ("FDSTOREREMOVE=1\nFDNAME=" + name).c_str());
+}
+
+}  // namespace slamgw
