@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-// The session of a client: finding the gateway, connecting, sleeping, coming back, leaving.
 #include "simulation/thread/client.hpp"
 
 #include <algorithm>
@@ -13,25 +12,9 @@ constexpr std::string_view will_message = "Disconnected";
 }  // namespace
 
 Client::Client(ClientSettings settings, const RobotBody& body)
-    : settings_(std::move(settings)), body_(body) {
-  if (settings_.qos >= 0) application_.push_back({adv, body_.introduction()});
-}
+    : settings_(settings), exchanges_(std::move(settings), body) {}
 
 void Client::on_start(TimePoint now) { state_due_ = now + settings_.start_delay; }
-
-std::optional<Client::Outgoing> Client::next_datagram() {
-  if (outbox_.empty()) return std::nullopt;
-  Outgoing first = std::move(outbox_.front());
-  outbox_.pop_front();
-  return first;
-}
-
-std::optional<UpdateEvent> Client::next_event() {
-  if (events_.empty()) return std::nullopt;
-  UpdateEvent first = std::move(events_.front());
-  events_.pop_front();
-  return first;
-}
 
 std::optional<TimePoint> Client::deadline() const {
   switch (state_) {
@@ -42,25 +25,22 @@ std::optional<TimePoint> Client::deadline() const {
     case State::falling_asleep:
     case State::asleep:
     case State::awake:
-    case State::resuming: return first_of(state_due_, next_update_);
-    case State::unconnected: return next_update_;
+    case State::resuming: return first_of(state_due_, exchanges_.next_update());
+    case State::unconnected: return exchanges_.next_update();
     case State::stranded:
     case State::finished: return std::nullopt;
     case State::active: break;
   }
-  std::optional<TimePoint> next = first_of(ping_due_, first_of(next_update_, next_will_update_));
-  for (const Request& request : outstanding_) next = first_of(next, request.due);
-  return next;
+  return first_of(first_of(ping_due_, exchanges_.next_update()), exchanges_.deadline());
 }
 
 void Client::on_deadline(TimePoint now) {
   const bool is_producing = has_session() || state_ == State::unconnected;
-  if (is_producing && next_update_ && *next_update_ <= now) produce(now);
-  if (state_ == State::unconnected) return publish_unconnected();
+  if (is_producing) exchanges_.produce(now);
+  if (state_ == State::unconnected) return exchanges_.publish_unconnected();
   if (state_ == State::active) {
     if (ping_due_ <= now) ping(now);
-    repeat_requests(now);
-    plan_will_update(now);
+    exchanges_.on_deadline(now);
     fill(now);
   } else if (state_due_ <= now) {
     on_state_deadline(now);
@@ -72,8 +52,7 @@ void Client::on_state_deadline(TimePoint now) {
     case State::waiting:
       if (settings_.qos < 0) {
         state_ = State::unconnected;
-        next_update_ = now;
-        return;
+        return exchanges_.start_producing(now);
       }
       return search(now);
     case State::searching: return search(now);
@@ -81,7 +60,7 @@ void Client::on_state_deadline(TimePoint now) {
     case State::falling_asleep:
     case State::awake:
     case State::resuming: return repeat_state_request(now);
-    case State::asleep: ++tally_.wakes; return begin(State::awake, now);
+    case State::asleep: ++exchanges_.tally().wakes; return begin(State::awake, now);
     case State::disconnecting: state_ = State::finished; return;
     case State::unconnected:
     case State::active:
@@ -110,8 +89,7 @@ bool Client::has_session() const {
 }
 
 void Client::search(TimePoint now) {
-  for (const Request& request : std::exchange(outstanding_, {})) give_up(request);
-  setup_.clear();
+  exchanges_.abandon();
   state_ = State::searching;
   send(searchgw(1));
   state_due_ = now + std::min<Duration>(search_time, settings_.retry_interval);
@@ -171,23 +149,21 @@ void Client::on_connack(std::uint8_t return_code, TimePoint now) {
   was_connected_ = true;
   ping_due_ = now + settings_.keep_alive;
   ping_sends_ = 0;
-  is_resumed ? resume_session(now) : start_session(now);
+  is_resumed ? exchanges_.resume(now) : exchanges_.begin(now);
 }
 
-void Client::start_session(TimePoint now) {
-  std::fill(std::begin(topic_ids_), std::end(topic_ids_), std::nullopt);
-  for (const Topic topic : {adv, update, cmd, run}) setup_.push_back({Kind::register_topic, topic});
-  for (const Topic topic : {cmd, run}) setup_.push_back({Kind::subscribe, topic});
-  if (settings_.will_interval > Duration::zero()) next_will_update_ = now + settings_.will_interval;
+void Client::ping(TimePoint now) {
+  if (ping_sends_ >= transmissions) return search(now);
+  send(pingreq(settings_.client_id));
+  ++ping_sends_;
+  ping_due_ = now + settings_.retry_interval;
 }
 
-/// Topic ids stay; what was not answered at the old address is said again at once.
-void Client::resume_session(TimePoint now) {
-  for (Request& request : outstanding_) {
-    request.due = now;
-    request.sends = 0;
-  }
-  repeat_requests(now);
+/// A robot that may sleep does so when there is nothing to say.
+void Client::fill(TimePoint now) {
+  if (state_ != State::active) return;
+  const bool is_idle = exchanges_.fill(now);
+  if (is_idle && settings_.sleep.count() > 0) begin(State::falling_asleep, now);
 }
 
 void Client::on_datagram(ByteView datagram, TimePoint now) {
@@ -205,7 +181,7 @@ void Client::on_datagram(ByteView datagram, TimePoint now) {
       break;
     case State::active: on_active(*packet, now); break;
     case State::falling_asleep:
-      if (!on_gateway_request(*packet) && is_disconnect) fall_asleep(now);
+      if (!exchanges_.on_gateway_request(*packet) && is_disconnect) fall_asleep(now);
       break;
     case State::awake: on_awake(*packet, now); break;
     case State::disconnecting:
@@ -221,7 +197,7 @@ void Client::on_datagram(ByteView datagram, TimePoint now) {
 }
 
 void Client::on_will_request(const Packet& packet) {
-  if (packet.type == Type::willtopicreq) send(willtopic(topic_name(will), 0));
+  if (packet.type == Type::willtopicreq) send(willtopic(exchanges_.will_topic(), 0));
   if (packet.type == Type::willmsgreq) send(willmsg(will_message));
 }
 
@@ -230,18 +206,23 @@ void Client::on_active(const Packet& packet, TimePoint now) {
   const bool is_unknown_topic =
       packet.type == Type::puback && packet.return_code == invalid_topic_id;
   if (is_unknown_topic && settings_.resumes) return search(now);  // its session is gone
-  if (!on_gateway_request(packet)) on_answer(packet, now);
+  if (packet.type == Type::pingresp) {
+    ping_due_ = now + settings_.keep_alive;
+    ping_sends_ = 0;
+    return;
+  }
+  if (!exchanges_.on_gateway_request(packet)) exchanges_.on_answer(packet, now);
 }
 
 /// PINGRESP ends what the gateway has kept; the robot goes on to publish, or back to sleep.
 void Client::on_awake(const Packet& packet, TimePoint now) {
-  if (on_gateway_request(packet)) {
+  if (exchanges_.on_gateway_request(packet)) {
     state_sends_ = 1;  // the gateway is there: patience anew
     state_due_ = now + state_interval();
   } else if (packet.type == Type::disconnect) {
     search(now);  // the gateway does not know it any more
   } else if (packet.type == Type::pingresp) {
-    application_.empty() ? fall_asleep(now) : begin(State::resuming, now);
+    exchanges_.has_updates() ? begin(State::resuming, now) : fall_asleep(now);
   }
 }
 
@@ -255,11 +236,7 @@ void Client::on_stop(TimePoint now) {
 }
 
 bool Client::has_sent_everything() const {
-  if (is_stranded() || is_finished()) return true;
-  if (!settings_.messages || produced_ < *settings_.messages || !application_.empty()) return false;
-  return std::none_of(outstanding_.begin(), outstanding_.end(), [](const Request& request) {
-    return request.kind == Kind::publish || request.kind == Kind::release;
-  });
+  return is_stranded() || is_finished() || exchanges_.has_sent_everything();
 }
 
 }  // namespace slamgw::sim::sn

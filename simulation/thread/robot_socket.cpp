@@ -88,7 +88,7 @@ void RobotSocket::arm_timer() {
   });
 }
 
-void RobotSocket::send(Client::Outgoing outgoing) {
+void RobotSocket::send(Outgoing outgoing) {
   const std::vector<Duration> copies = uplink_.next_fate();
   if (copies.empty() && outgoing.is_unacknowledged_update) client_.on_update_dropped();
   for (const Duration delay : copies) {

@@ -39,7 +39,7 @@ class RobotSocket {
   void arm_timer();
   std::shared_ptr<boost::asio::ip::udp::socket> open();
   void move();
-  void send(Client::Outgoing outgoing);
+  void send(Outgoing outgoing);
   void wait_readable();
   void read_all();
   void later(Duration delay, std::function<void()> what);

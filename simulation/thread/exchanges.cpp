@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a client asks and says in its session, and how it answers the gateway.
+#include "simulation/thread/exchanges.hpp"
+
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <utility>
-
-#include "simulation/thread/client.hpp"
 
 namespace slamgw::sim::sn {
 namespace {
@@ -18,8 +17,64 @@ bool is_stop_word(std::string_view word) {
 
 }  // namespace
 
-/// True for what the gateway begins by itself in a session; it is answered.
-bool Client::on_gateway_request(const Packet& packet) {
+Exchanges::Exchanges(ClientSettings settings, const RobotBody& body)
+    : settings_(std::move(settings)), body_(body) {
+  if (settings_.qos >= 0) application_.push_back({adv, body_.introduction()});
+}
+
+void Exchanges::begin(TimePoint now) {
+  std::fill(std::begin(topic_ids_), std::end(topic_ids_), std::nullopt);
+  for (const Topic topic : {adv, update, cmd, run}) setup_.push_back({Kind::register_topic, topic});
+  for (const Topic topic : {cmd, run}) setup_.push_back({Kind::subscribe, topic});
+  if (settings_.will_interval > Duration::zero()) next_will_update_ = now + settings_.will_interval;
+}
+
+void Exchanges::resume(TimePoint now) {
+  for (Request& request : outstanding_) {
+    request.due = now;
+    request.sends = 0;
+  }
+  repeat_requests(now);
+}
+
+void Exchanges::abandon() {
+  for (const Request& request : std::exchange(outstanding_, {})) give_up(request);
+  setup_.clear();
+}
+
+std::optional<Outgoing> Exchanges::next_datagram() {
+  if (outbox_.empty()) return std::nullopt;
+  Outgoing first = std::move(outbox_.front());
+  outbox_.pop_front();
+  return first;
+}
+
+std::optional<UpdateEvent> Exchanges::next_event() {
+  if (events_.empty()) return std::nullopt;
+  UpdateEvent first = std::move(events_.front());
+  events_.pop_front();
+  return first;
+}
+
+std::optional<TimePoint> Exchanges::deadline() const {
+  std::optional<TimePoint> next = next_will_update_;
+  for (const Request& request : outstanding_) next = first_of(next, request.due);
+  return next;
+}
+
+void Exchanges::on_deadline(TimePoint now) {
+  repeat_requests(now);
+  plan_will_update(now);
+}
+
+bool Exchanges::has_sent_everything() const {
+  if (!settings_.messages || produced_ < *settings_.messages || !application_.empty()) return false;
+  return std::none_of(outstanding_.begin(), outstanding_.end(), [](const Request& request) {
+    return request.kind == Kind::publish || request.kind == Kind::release;
+  });
+}
+
+bool Exchanges::on_gateway_request(const Packet& packet) {
   if (packet.type == Type::publish) {
     on_publish(packet);
   } else if (packet.type == Type::register_topic) {
@@ -30,12 +85,7 @@ bool Client::on_gateway_request(const Packet& packet) {
   return true;
 }
 
-void Client::on_answer(const Packet& packet, TimePoint now) {
-  if (packet.type == Type::pingresp) {
-    ping_due_ = now + settings_.keep_alive;
-    ping_sends_ = 0;
-    return;
-  }
+void Exchanges::on_answer(const Packet& packet, TimePoint now) {
   if (packet.type == Type::pubrec) return on_pubrec(packet, now);
   const auto request = find_request(packet.msg_id);
   if (request == outstanding_.end() || !answers(packet.type, request->kind)) return;
@@ -50,7 +100,7 @@ void Client::on_answer(const Packet& packet, TimePoint now) {
   outstanding_.erase(request);
 }
 
-bool Client::answers(Type answer, Kind request) const {
+bool Exchanges::answers(Type answer, Kind request) {
   switch (request) {
     case Kind::register_topic: return answer == Type::regack;
     case Kind::subscribe: return answer == Type::suback;
@@ -62,7 +112,7 @@ bool Client::answers(Type answer, Kind request) const {
   return false;
 }
 
-void Client::finish(const Request& request, std::uint16_t topic_id) {
+void Exchanges::finish(const Request& request, std::uint16_t topic_id) {
   switch (request.kind) {
     case Kind::register_topic: topic_ids_[request.topic] = topic_id; return;
     case Kind::subscribe: return;
@@ -76,7 +126,7 @@ void Client::finish(const Request& request, std::uint16_t topic_id) {
   }
 }
 
-void Client::on_pubrec(const Packet& packet, TimePoint now) {
+void Exchanges::on_pubrec(const Packet& packet, TimePoint now) {
   send(qos2_step(Type::pubrel, packet.msg_id));  // also for an unknown MsgId: a PUBREL got lost
   const auto request = find_request(packet.msg_id);
   if (request == outstanding_.end() || request->kind != Kind::publish) return;
@@ -86,7 +136,7 @@ void Client::on_pubrec(const Packet& packet, TimePoint now) {
   request->sends = 1;
 }
 
-void Client::on_publish(const Packet& packet) {
+void Exchanges::on_publish(const Packet& packet) {
   if (packet.qos() != 0) send(puback(packet.topic_id, packet.msg_id, accepted));
   for (const Topic topic : {cmd, run}) {
     if (topic_ids_[topic] == packet.topic_id) on_command(topic, packet.payload);
@@ -94,7 +144,7 @@ void Client::on_publish(const Packet& packet) {
 }
 
 /// Nordic's client ignores what it is told here; one that takes up sessions can't (section 6.10).
-void Client::on_register(const Packet& packet) {
+void Exchanges::on_register(const Packet& packet) {
   send(regack(packet.topic_id, packet.msg_id, accepted));
   if (!settings_.resumes) return;
   const std::string name(packet.payload.begin(), packet.payload.end());
@@ -103,7 +153,7 @@ void Client::on_register(const Packet& packet) {
   }
 }
 
-void Client::on_command(Topic topic, ByteView payload) {
+void Exchanges::on_command(Topic topic, ByteView payload) {
   ++tally_.commands_received;
   if (!settings_.obeys) return;
   if (topic == cmd && payload.size() == 4) {
@@ -112,7 +162,7 @@ void Client::on_command(Topic topic, ByteView payload) {
   if (topic == run) body_.set_running(!is_stop_word(std::string(payload.begin(), payload.end())));
 }
 
-void Client::repeat_requests(TimePoint now) {
+void Exchanges::repeat_requests(TimePoint now) {
   for (auto request = outstanding_.begin(); request != outstanding_.end();) {
     if (request->due > now) {
       ++request;
@@ -128,7 +178,7 @@ void Client::repeat_requests(TimePoint now) {
   }
 }
 
-void Client::give_up(const Request& request) {
+void Exchanges::give_up(const Request& request) {
   switch (request.kind) {
     case Kind::register_topic:
     case Kind::subscribe: setup_.push_back({request.kind, request.topic}); return;
@@ -141,14 +191,8 @@ void Client::give_up(const Request& request) {
   }
 }
 
-void Client::ping(TimePoint now) {
-  if (ping_sends_ >= transmissions) return search(now);
-  send(pingreq(settings_.client_id));
-  ++ping_sends_;
-  ping_due_ = now + settings_.retry_interval;
-}
-
-void Client::produce(TimePoint now) {
+void Exchanges::produce(TimePoint now) {
+  if (!next_update_ || *next_update_ > now) return;
   const bool is_full = application_.size() >= max_application;
   if (settings_.messages && produced_ >= *settings_.messages) {
     next_update_.reset();
@@ -165,25 +209,23 @@ void Client::produce(TimePoint now) {
   }
 }
 
-void Client::fill(TimePoint now) {
-  if (state_ != State::active) return;
+bool Exchanges::fill(TimePoint now) {
   while (outstanding_.size() < settings_.outstanding && !setup_.empty()) {
     const Setup setup = setup_.front();
     setup_.pop_front();
     start_setup(setup, now);
   }
-  if (!topic_ids_[adv] || !topic_ids_[update]) return;
+  if (!topic_ids_[adv] || !topic_ids_[update]) return false;
   if (!next_update_ && produced_ == 0) next_update_ = now;
   while (!application_.empty() &&
          (settings_.qos == 0 || outstanding_.size() < settings_.outstanding)) {
     start_publish(now);
   }
-  const bool is_idle = setup_.empty() && outstanding_.empty() && application_.empty();
-  if (is_idle && settings_.sleep.count() > 0) begin(State::falling_asleep, now);
+  return setup_.empty() && outstanding_.empty() && application_.empty();
 }
 
 /// One change at a time: WILLTOPICRESP and WILLMSGRESP have no MsgId.
-void Client::plan_will_update(TimePoint now) {
+void Exchanges::plan_will_update(TimePoint now) {
   if (!next_will_update_ || *next_will_update_ > now) return;
   *next_will_update_ = now + settings_.will_interval;
   const auto is_of_will = [](const auto& one) {
@@ -196,7 +238,7 @@ void Client::plan_will_update(TimePoint now) {
   setup_.push_back({Kind::will_topic, will_updated});
 }
 
-void Client::start_setup(Setup setup, TimePoint now) {
+void Exchanges::start_setup(Setup setup, TimePoint now) {
   const bool has_msg_id = setup.kind == Kind::register_topic || setup.kind == Kind::subscribe;
   const std::uint16_t msg_id = has_msg_id ? next_msg_id() : std::uint16_t{0};
   Bytes datagram = setup_request(setup, msg_id);
@@ -205,7 +247,7 @@ void Client::start_setup(Setup setup, TimePoint now) {
       {setup.kind, setup.topic, msg_id, std::move(datagram), now + settings_.retry_interval});
 }
 
-Bytes Client::setup_request(const Setup& setup, std::uint16_t msg_id) const {
+Bytes Exchanges::setup_request(const Setup& setup, std::uint16_t msg_id) const {
   switch (setup.kind) {
     case Kind::register_topic: return register_topic(msg_id, topic_name(setup.topic));
     case Kind::subscribe: return subscribe(1, msg_id, topic_name(setup.topic));
@@ -218,7 +260,7 @@ Bytes Client::setup_request(const Setup& setup, std::uint16_t msg_id) const {
   return {};
 }
 
-void Client::start_publish(TimePoint now) {
+void Exchanges::start_publish(TimePoint now) {
   Message message = std::move(application_.front());
   application_.pop_front();
   const bool is_update = message.topic == update;
@@ -235,7 +277,7 @@ void Client::start_publish(TimePoint now) {
                           now + settings_.retry_interval, 1, message.number});
 }
 
-void Client::publish_unconnected() {
+void Exchanges::publish_unconnected() {
   for (; !application_.empty(); application_.pop_front()) {
     Message& message = application_.front();
     outbox_.push_back({sn::publish_unconnected(settings_.predefined_id, message.payload), true});
@@ -244,12 +286,12 @@ void Client::publish_unconnected() {
   }
 }
 
-void Client::record(bool is_acknowledged, std::uint64_t number, Bytes payload) {
+void Exchanges::record(bool is_acknowledged, std::uint64_t number, Bytes payload) {
   if (settings_.is_recorded) events_.push_back({is_acknowledged, number, std::move(payload)});
 }
 
 /// The wills are outside `update`, because old servers would draw their octets as positions.
-std::string Client::topic_name(Topic topic) const {
+std::string Exchanges::topic_name(Topic topic) const {
   static constexpr std::string_view name_list[] = {"adv", "update", "cmd",
                                                    "run", "will",   "will-updated"};
   const std::string_view branch = topic == cmd || topic == run ? "/server/" : "/robot/";
@@ -258,14 +300,14 @@ std::string Client::topic_name(Topic topic) const {
 }
 
 /// One counter for all requests; skips 0 and what is outstanding.
-std::uint16_t Client::next_msg_id() {
+std::uint16_t Exchanges::next_msg_id() {
   do {
     ++last_msg_id_;
   } while (last_msg_id_ == 0 || find_request(last_msg_id_) != outstanding_.end());
   return last_msg_id_;
 }
 
-std::vector<Client::Request>::iterator Client::find_request(std::uint16_t msg_id) {
+std::vector<Exchanges::Request>::iterator Exchanges::find_request(std::uint16_t msg_id) {
   return std::find_if(outstanding_.begin(), outstanding_.end(),
                       [&](const Request& request) { return request.msg_id == msg_id; });
 }

@@ -1,0 +1,123 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a Thread robot asks and says within its session: registrations, subscriptions, updates and
+// changes of its will, each repeated until it is answered, and its answers to the gateway. Client
+// says when the session begins, rests and ends.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "simulation/robot_body.hpp"
+#include "simulation/tally.hpp"
+#include "simulation/thread/client_settings.hpp"
+#include "simulation/thread/packet.hpp"
+#include "simulation/update_record.hpp"
+
+namespace slamgw::sim::sn {
+
+/// `is_unacknowledged_update`: losing it loses an update that nothing repeats (QoS 0).
+struct Outgoing {
+  Bytes datagram;
+  bool is_unacknowledged_update = false;
+};
+
+class Exchanges {
+ public:
+  Exchanges(ClientSettings settings, const RobotBody& body);
+
+  /// The gateway has accepted a new session: its topic ids are unknown.
+  void begin(TimePoint now);
+  /// The gateway has taken up the session: topic ids stay, and what is unanswered is said again.
+  void resume(TimePoint now);
+  /// The session is lost, and with it what was unanswered.
+  void abandon();
+
+  /// True for what the gateway begins by itself in a session; it is answered.
+  bool on_gateway_request(const Packet& packet);
+  void on_answer(const Packet& packet, TimePoint now);
+  /// In a session that is awake: repeats, and plans the change of the will.
+  void on_deadline(TimePoint now);
+  /// Of repeats and of the change of the will.
+  std::optional<TimePoint> deadline() const;
+  /// Says what there is room for; true when there is nothing to say and nothing unanswered.
+  bool fill(TimePoint now);
+
+  /// Measures the next update when it is due; that is never before the topics are registered, or
+  /// `start_producing`.
+  void produce(TimePoint now);
+  void start_producing(TimePoint now) { next_update_ = now; }
+  std::optional<TimePoint> next_update() const { return next_update_; }
+  bool has_updates() const { return !application_.empty(); }
+  /// QoS -1: all there is.
+  void publish_unconnected();
+
+  void send(Bytes datagram) { outbox_.push_back({std::move(datagram), false}); }
+  std::optional<Outgoing> next_datagram();
+  std::optional<UpdateEvent> next_event();
+  /// All updates are sent and, above QoS 0, acknowledged or given up.
+  bool has_sent_everything() const;
+
+  std::string will_topic() const { return topic_name(will); }
+  Tally& tally() { return tally_; }
+  const Tally& tally() const { return tally_; }
+
+ private:
+  enum class Kind { register_topic, subscribe, publish, release, will_topic, will_message };
+  enum Topic : std::uint8_t { adv, update, cmd, run, will, will_updated };
+  static constexpr std::size_t registered_topics = 4;  // adv .. run
+
+  struct Setup {
+    Kind kind;
+    Topic topic;
+  };
+  struct Message {
+    Topic topic;
+    Bytes payload;
+    std::uint64_t number = 0;  ///< of an update
+  };
+  struct Request {
+    Kind kind;
+    Topic topic;
+    std::uint16_t msg_id;
+    Bytes datagram;
+    TimePoint due;
+    unsigned sends = 1;
+    std::uint64_t number = 0;  ///< of an update
+  };
+
+  static bool answers(Type answer, Kind request);
+  void finish(const Request& request, std::uint16_t topic_id);
+  void on_pubrec(const Packet& packet, TimePoint now);
+  void on_publish(const Packet& packet);
+  void on_register(const Packet& packet);
+  void on_command(Topic topic, ByteView payload);
+  void repeat_requests(TimePoint now);
+  void give_up(const Request& request);
+  void plan_will_update(TimePoint now);
+  void start_setup(Setup setup, TimePoint now);
+  Bytes setup_request(const Setup& setup, std::uint16_t msg_id) const;
+  void start_publish(TimePoint now);
+  std::string topic_name(Topic topic) const;
+  std::uint16_t next_msg_id();
+  std::vector<Request>::iterator find_request(std::uint16_t msg_id);
+  void record(bool is_acknowledged, std::uint64_t number, Bytes payload);
+
+  ClientSettings settings_;
+  RobotBody body_;
+  std::optional<TimePoint> next_update_;
+  std::uint64_t produced_ = 0;
+  std::uint16_t last_msg_id_ = 0;
+  std::optional<TimePoint> next_will_update_;
+  std::optional<std::uint16_t> topic_ids_[registered_topics];
+  std::deque<Setup> setup_;           ///< not yet sent; at most 6, and one for the will
+  std::deque<Message> application_;   ///< at most max_application
+  std::vector<Request> outstanding_;  ///< at most `settings_.outstanding`
+  std::deque<Outgoing> outbox_;
+  std::deque<UpdateEvent> events_;
+  Tally tally_;
+};
+
+}  // namespace slamgw::sim::sn
