@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What became of each update, for who checks what arrives upstream: the events that robots leave
-// and the file that `--record` makes of them. Written by the shells of both sides.
+// Records each update and its acknowledgement, so that a test can compare them with what arrives at
+// the broker: the events that robots leave, and the file that `--record` makes of them.
 #pragma once
 
 #include <cstdint>

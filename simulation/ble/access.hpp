@@ -60,7 +60,7 @@ std::optional<Vendor> vendor_opcode(ByteView message);
 /// The opcode of a two-octet message.
 std::optional<std::uint16_t> two_octet_opcode(ByteView message);
 
-/// Who has not both keys does not understand the message.
+/// A receiver needs both keys to understand the message.
 struct Encryption {
   Key net_key{};
   Key key{};
@@ -73,7 +73,7 @@ struct MeshMessage {
   Address destination = 0;
   std::uint8_t ttl = default_ttl;
   Bytes payload;               ///< opcode and parameters
-  std::uint32_t sequence = 0;  ///< of the first segment; replays are told by it
+  std::uint32_t sequence = 0;  ///< of the first segment; replay protection compares it
   /// Nothing: the keys that the board has, whatever they are.
   std::optional<Encryption> encryption{};
 };

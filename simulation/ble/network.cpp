@@ -157,7 +157,8 @@ bool Network::run_nodes(TimePoint now) {
   return false;
 }
 
-/// All robots' at once: as many as the board can hear fit into its transmit buffer.
+/// The heartbeats of all robots come at once: those of as many robots as the board can hear fit
+/// into its transmit buffer.
 bool Network::run_heartbeats(TimePoint now) {
   if (!next_heartbeats_ || *next_heartbeats_ > now) return false;
   next_heartbeats_ = now + heartbeat_interval;

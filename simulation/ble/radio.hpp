@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The air between the board and its robots: latency per hop and segment, and losses from a seed.
-// Messages from one node to another keep their order, whatever address they are sent to: replay
-// protection would take what is overtaken for a replay.
+// Messages from one node to another keep their order, whatever address they are sent to, because
+// replay protection would drop a message that another has overtaken.
 #pragma once
 
 #include <cstdint>

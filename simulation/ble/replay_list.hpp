@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Replay protection (Mesh Profile 1.0 section 3.8.8), as Nordic's firmware does it: so many sources
-// and no more. The board has one, and each robot.
+// Replay protection (Mesh Profile 1.0 section 3.8.8), as Nordic's firmware does it, for a fixed
+// number of sources. The board has one, and each robot.
 #pragma once
 
 #include <cstdint>
@@ -15,7 +15,7 @@ class ReplayList {
   static constexpr std::size_t capacity = 40;  ///< sources that can be heard
 
   /// False for a sequence number that is not above the last one of its source, and for a source
-  /// that finds no place.
+  /// for which there is no room.
   bool accept(Address source, std::uint32_t sequence) {
     const auto known = last_.find(source);
     if (known == last_.end()) {

@@ -27,7 +27,7 @@ using boost::system::error_code;
 constexpr int no_terminal = 1;
 constexpr int robot_is_gone = 3;
 constexpr std::chrono::seconds progress_interval{10};
-constexpr std::chrono::seconds house_interval{1};
+constexpr std::chrono::seconds periodic_interval{1};
 constexpr std::chrono::seconds unplugged_time{2};
 constexpr std::chrono::milliseconds drain_step{100};
 constexpr int drain_steps = 50;  // the host gets 5 s to read what is left
@@ -49,7 +49,7 @@ class SerialSide {
   void restart_board();
   void unplug_board();
   void plug_in_board();
-  void keep_house();
+  void do_periodic_work();
   void save_state();
   void report_progress();
   void finish_when_done();
@@ -62,7 +62,7 @@ class SerialSide {
   asio::signal_set signals_{io_, SIGINT, SIGTERM, SIGUSR1};
   asio::steady_timer next_event_{io_};
   asio::steady_timer plug_{io_};
-  asio::steady_timer house_{io_};
+  asio::steady_timer periodic_{io_};
   asio::steady_timer progress_{io_};
   asio::steady_timer end_{io_};
   Network network_;
@@ -101,7 +101,7 @@ int SerialSide::run() {
   wait_signal();
   network_.on_start(std::chrono::steady_clock::now());
   read_from_host();
-  keep_house();
+  do_periodic_work();
   report_progress();
   pump();
   io_.run();
@@ -132,8 +132,7 @@ void SerialSide::on_signal(int signal) {
   io_.stop();
 }
 
-/// Every other restart hits the board in the middle of an event: what it says first is then taken
-/// for the rest of that event.
+/// Every other restart cuts an event: the host takes what the board says first for the rest of it.
 void SerialSide::restart_board() {
   fmt::print(stderr, "the board restarts\n");
   const bool is_torn = ++restarts_ % 2 == 0 && terminal_ && to_host_.empty();
@@ -239,12 +238,12 @@ void SerialSide::read_from_host() {
   });
 }
 
-void SerialSide::keep_house() {
+void SerialSide::do_periodic_work() {
   if (terminal_) terminal_->allow_next_host();
   save_state();
-  house_.expires_after(house_interval);
-  house_.async_wait([this](error_code error) {
-    if (!error) keep_house();
+  periodic_.expires_after(periodic_interval);
+  periodic_.async_wait([this](error_code error) {
+    if (!error) do_periodic_work();
   });
 }
 
@@ -280,8 +279,8 @@ void SerialSide::finish_when_done() {
   });
 }
 
-/// Closing the pty throws away what the host has not read: ends when that was nothing, three looks
-/// in a row.
+/// Closing the pty throws away what the host has not read, so this ends when three looks in a row
+/// found nothing unread.
 void SerialSide::drain(int steps_left, int quiet_steps) {
   const bool is_quiet = !terminal_ || (terminal_->unread_octets() == 0 && to_host_.empty());
   quiet_steps = is_quiet ? quiet_steps + 1 : 0;

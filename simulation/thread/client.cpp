@@ -217,7 +217,7 @@ void Client::on_active(const Packet& packet, TimePoint now) {
 /// PINGRESP ends what the gateway has kept; the robot goes on to publish, or back to sleep.
 void Client::on_awake(const Packet& packet, TimePoint now) {
   if (exchanges_.on_gateway_request(packet)) {
-    state_sends_ = 1;  // the gateway is there: patience anew
+    state_sends_ = 1;  // the gateway answers, so the tries are counted anew
     state_due_ = now + state_interval();
   } else if (packet.type == Type::disconnect) {
     search(now);  // the gateway does not know it any more

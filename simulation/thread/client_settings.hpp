@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a client on Thread is told at its start, and the bounds of Nordic's client.
+// The settings of one client on Thread, and the bounds and times of Nordic's client.
 #pragma once
 
 #include <cstdint>

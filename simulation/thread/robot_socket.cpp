@@ -12,7 +12,7 @@ using boost::system::error_code;
 
 namespace {
 
-/// An error means what a lost datagram means: the client repeats.
+/// Treats an error as a lost datagram: the client repeats.
 void transmit(udp::socket& socket, const Bytes& datagram) {
   error_code ignored;
   socket.send(boost::asio::buffer(datagram), 0, ignored);

@@ -49,8 +49,8 @@ class Node {
   /// True when the robot's models shall see it; configuration messages are answered here.
   bool on_message(const MeshMessage& message, TimePoint now);
   std::optional<MeshMessage> next_answer();
-  /// What a model wants to say gets its source, keys and sequence number; false when it can't go
-  /// out.
+  /// Gives a model's message its source, keys and sequence number; false when the node can't send
+  /// it.
   bool prepare(MeshMessage& message);
 
   /// The assertion that its firmware has failed, once: from then on the node is gone.
