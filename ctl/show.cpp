@@ -51,6 +51,21 @@ std::array<std::size_t, Column::count> fit(const std::vector<Row>& rows) {
   return widths;
 }
 
+/// What robots were refused, where that ever happened; the log says whom and why.
+std::string refused_line(const json& counters) {
+  constexpr std::pair<const char*, const char*> kinds[] = {
+      {"connects_refused", "connections"},
+      {"topics_refused", "topics"},
+      {"wills_refused", "wills"},
+      {"unconnected_refused", "messages of QoS -1"}};
+  std::string text;
+  for (const auto& [counter, words] : kinds) {
+    if (const auto count = count_at(counters, counter); count > 0)
+      text += fmt::format("{}{} {}", text.empty() ? "" : ", ", count, words);
+  }
+  return text.empty() ? "" : "          refused: " + text + "\n";
+}
+
 std::string payload_text(const json& event) {
   if (const json& update = group_at(event, "update"); !update.empty()) {
     std::string text =
@@ -107,7 +122,8 @@ std::string Show::status(const json& status) const {
 std::string Show::mesh_line(const std::string& name, const json& mesh) const {
   const std::string state = text_at(mesh, "state");
   const std::string detail = text_at(mesh, "detail");
-  return pad(name, 10) + paint(state, detail.empty() ? state : pad(state, 9)) + detail + "\n";
+  return pad(name, 10) + paint(state, detail.empty() ? state : pad(state, 9)) + detail + "\n" +
+         refused_line(group_at(mesh, "counters"));
 }
 
 std::string Show::robots(const json& robots) const {

@@ -56,6 +56,15 @@ constexpr std::size_t max_retained_per_wait = 1024;
 /// Promise 6 of the contract.
 constexpr std::chrono::seconds command_patience{30};
 constexpr std::size_t max_tracked_commands = 65536;
+/// Clients whose refusals were told to the operator and are not told again, and how many of such
+/// lines are written at most: a burst, then so many a second.
+constexpr std::size_t max_told_refusals = 4096;
+/// Octets of a refused client id that are told.
+constexpr std::size_t max_told_id = 64;
+constexpr unsigned refusal_lines_burst = 100;
+constexpr unsigned refusal_lines_per_second = 1;
+/// The core is told of one sign of life of a client in so much time.
+constexpr std::chrono::seconds sign_of_life_interval{1};
 /// Answers to one stranger, and to all: a burst, then so many a second (R21, R39).
 constexpr unsigned stranger_burst = 20;
 constexpr unsigned stranger_per_second = 5;

@@ -10,16 +10,17 @@ namespace slamgw::mqttsn {
 
 SnGateway::SnGateway(Settings settings, TopicPolicy policy, RobotNames names)
     : context_(std::move(settings), std::move(policy), std::move(names)),
+      refusals_(context_),
       answers_(context_),
-      subscriptions_(context_, answers_),
+      subscriptions_(context_, answers_, refusals_),
       commands_(context_),
       downlink_(context_, subscriptions_, commands_),
       fan_out_(subscriptions_, commands_),
-      uplink_(context_),
-      wills_(context_),
+      uplink_(context_, refusals_),
+      wills_(context_, refusals_),
       lifecycle_(context_, subscriptions_, downlink_, uplink_, wills_),
       sleep_(context_, downlink_, lifecycle_),
-      connecting_(context_, lifecycle_, downlink_, wills_),
+      connecting_(context_, lifecycle_, downlink_, wills_, refusals_),
       discovery_(context_, guard_) {}
 
 void SnGateway::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint) {
@@ -84,11 +85,11 @@ std::optional<TimePoint> SnGateway::deadline() const {
 void SnGateway::reconfigure(TopicPolicy policy, RobotNames names, TimePoint now) {
   context_.policy = std::move(policy);
   context_.names = std::move(names);
+  refusals_.forget_all();
   std::vector<std::string> ids;
   for (const auto& [id, session] : context_.clients.all()) ids.push_back(id);
   for (const std::string& id : ids) {
     ClientSession& session = *context_.clients.find(id);
-    session.was_told_publish_rule = session.was_told_subscribe_rule = false;
     if (context_.names.of_client(id) == session.robot) {
       subscriptions_.drop_forbidden(session);
     } else {

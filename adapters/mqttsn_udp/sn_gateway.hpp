@@ -91,11 +91,12 @@ class SnGateway {
   void move_to(ClientSession& session, const Arrival& arrival);
   bool revive(ClientSession& session, TimePoint now);
   void handle(ClientSession& session, Packet& packet, TimePoint now);
-  void register_topic(ClientSession& session, const Register& request);
+  void register_topic(ClientSession& session, const Register& request, TimePoint now);
   void on_stranger(const Arrival& arrival, bool is_answered);
   void on_malformed(const Endpoint& from, TimePoint now);
 
   Context context_;
+  Refusals refusals_;
   Answers answers_;
   Subscriptions subscriptions_;
   CommandWatch commands_;

@@ -5,6 +5,7 @@
 
 #include <utility>
 
+#include "adapters/mqttsn_udp/conversations/own_names.hpp"
 #include "adapters/mqttsn_udp/limits.hpp"
 #include "adapters/mqttsn_udp/sn_gateway.hpp"
 
@@ -72,7 +73,7 @@ void SnGateway::receive(const Arrival& arrival, Packet packet) {
   if (publish && publish->qos == WireQos::minus_one) {
     ClientSession* session = context_.clients.find(arrival.peer);
     if (session && session->is_connected()) lifecycle_.on_heard(*session, arrival.now);
-    return uplink_.on_unconnected_publish(session, std::move(*publish));
+    return uplink_.on_unconnected_publish(arrival.peer, session, std::move(*publish), arrival.now);
   }
   if (connecting_.is_open(arrival.peer) && receive_in_handshake(arrival, packet))
     return advance_client_at(arrival);
@@ -139,7 +140,7 @@ bool SnGateway::revive(ClientSession& session, TimePoint now) {
 
 void SnGateway::handle(ClientSession& session, Packet& packet, TimePoint now) {
   std::visit(overloaded{
-                 [&](const Register& p) { register_topic(session, p); },
+                 [&](const Register& p) { register_topic(session, p, now); },
                  [&](const Regack& p) { downlink_.on_regack(session, p, now); },
                  [&](Publish& p) { uplink_.on_publish(session, std::move(p), now); },
                  [&](const Puback& p) { downlink_.on_puback(session, p, now); },
@@ -159,15 +160,15 @@ void SnGateway::handle(ClientSession& session, Packet& packet, TimePoint now) {
 }
 
 /// A client may need an id for what it publishes and for what it listens to (R57, R61).
-void SnGateway::register_topic(ClientSession& session, const Register& request) {
+void SnGateway::register_topic(ClientSession& session, const Register& request, TimePoint now) {
   if (!answers_.has_room(session)) return;
-  const std::string& topic = request.topic_name;
+  const std::string topic = to_broker_name(context_.policy.scheme(), session, request.topic_name);
   const auto answer = [&](std::uint16_t id, ReturnCode code) {
     answers_.answer(session, Regack{id, request.msg_id, code});
   };
   if (!is_valid_topic_name(topic)) return answer(0, ReturnCode::not_supported);
   if (!context_.policy.may_subscribe(session.client_id, session.robot, topic) &&
-      !uplink_.may_publish(session, topic))
+      !uplink_.may_publish(session, topic, now))
     return answer(0, ReturnCode::not_supported);
   const auto id = session.topics.assign(topic);
   if (id) {

@@ -35,7 +35,8 @@ enum class Count : std::uint8_t {
   queue_dropped,        ///< a client's queue was full
   too_large_down,       ///< R8
   topics_set_aside,     ///< of one client, each time that it leaves messages on it unanswered
-  last_ = topics_set_aside,
+  wills_refused,        ///< not allowed by the topic policy, or no topic
+  last_ = wills_refused,
 };
 
 class Tally {

@@ -108,6 +108,10 @@ void Gateway::handle(PresenceChange change, const Now& now) {
                        change.robot, Occasion::robot_presence});
 }
 
+void Gateway::handle(SignOfLife sign, const Now& now) {
+  registry_.on_sign_of_life(sign.robot, now);
+}
+
 void Gateway::handle(SubscribeRequest request, const Now&) {
   const auto& wanted = subscriptions_.add(request.mesh, request.filter, request.qos);
   if (!is_broker_up_) {  // taken now, subscribed as soon as the broker is there

@@ -95,6 +95,7 @@ class Gateway {
  private:
   void handle(Report report, const Now& now);
   void handle(PresenceChange change, const Now& now);
+  void handle(SignOfLife sign, const Now& now);
   void handle(SubscribeRequest request, const Now& now);
   void handle(UnsubscribeRequest request, const Now& now);
   void handle(CommandOutcome outcome, const Now& now);

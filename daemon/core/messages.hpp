@@ -83,6 +83,12 @@ struct PresenceChange {
   std::string address;
 };
 
+/// A robot was heard, whatever it said (an acknowledgement, a ping): at most one a second for each.
+struct SignOfLife {
+  Mesh mesh = Mesh::thread;
+  std::string robot;
+};
+
 /// A mesh wants broker messages that match `filter`: one for each new subscriber, also when another
 /// already holds the same filter, because each request makes the broker send its retained messages
 /// for that filter again (they carry `retain`; fresh messages do not, so a machine gives retained
@@ -153,8 +159,8 @@ struct Notice {
 };
 
 /// What a mesh's machine tells the core.
-using MeshEvent = std::variant<Report, PresenceChange, SubscribeRequest, UnsubscribeRequest,
-                               CommandOutcome, LinkChange, Notice>;
+using MeshEvent = std::variant<Report, PresenceChange, SignOfLife, SubscribeRequest,
+                               UnsubscribeRequest, CommandOutcome, LinkChange, Notice>;
 
 /// A named counter for `stats` and `slam-gatewayctl status`; names are snake_case and stable.
 struct Counter {

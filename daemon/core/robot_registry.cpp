@@ -76,6 +76,11 @@ Robot* RobotRegistry::on_report(const Report& report, const Now& now) {
   return robot;
 }
 
+void RobotRegistry::on_sign_of_life(const std::string& robot, const Now& now) {
+  const auto known = robots_.find(robot);
+  if (known != robots_.end()) known->second.last_seen = now.wall;
+}
+
 void RobotRegistry::on_command(const std::string& robot) {
   const auto known = robots_.find(robot);
   if (known != robots_.end()) ++known->second.messages_down;

@@ -59,6 +59,8 @@ class RobotRegistry {
   /// The robot after the change; nothing when there is no room for it.
   Robot* on_presence(const PresenceChange& change, const Now& now);
   Robot* on_report(const Report& report, const Now& now);
+  /// Of a robot that is known already.
+  void on_sign_of_life(const std::string& robot, const Now& now);
   void on_command(const std::string& robot);
 
   const Robot* find(const std::string& robot) const;

@@ -17,7 +17,8 @@ TEST_F(ControlProgramIo, ShowsTheStatus) {
   start();
   handler.status_answer = json::parse(R"({"version": "1.2.3", "gateway": "g1", "uptime_s": 90000,
       "broker": {"state": "down", "uri": "mqtt://h:1", "since": "T", "why": "refused"},
-      "meshes": {"ble": {"state": "disabled"}, "thread": {"state": "up", "detail": "[::]:47193"}},
+      "meshes": {"ble": {"state": "disabled"}, "thread": {"state": "up", "detail": "[::]:47193",
+                     "counters": {"connects_refused": 3, "unconnected_refused": 17}}},
       "robots": {"online": 5, "asleep": 1, "offline": 2, "known": 8},
       "messages": {"up": 10, "down": 2, "dropped": 3, "stored": 4, "rejected": 5},
       "store": {"depth": 6, "bytes": 2048, "max_bytes": 1048576},
@@ -30,6 +31,7 @@ TEST_F(ControlProgramIo, ShowsTheStatus) {
             "                   refused\n"
             "BLE       disabled\n"
             "Thread    up       [::]:47193\n"
+            "          refused: 3 connections, 17 messages of QoS -1\n"
             "Robots    5 online, 1 asleep, 2 offline (8 known)\n"
             "Messages  10 in, 2 out, 3 dropped, 4 stored, 5 rejected\n"
             "Store     6 messages, 2.0 KiB of 1.0 MiB\n");

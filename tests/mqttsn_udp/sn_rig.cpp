@@ -155,6 +155,7 @@ void SnRig::take(MeshEvent& event) {
                  },
                  [&](UnsubscribeRequest& e) { unsubscribes.push_back(std::move(e)); },
                  [&](CommandOutcome& e) { outcomes.push_back(std::move(e)); },
+                 [&](SignOfLife&) { ++signs_of_life; },
                  [](LinkChange&) {},
                  [&](Notice& e) { notices.push_back(std::move(e)); },
              },

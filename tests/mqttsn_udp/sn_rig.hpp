@@ -57,6 +57,7 @@ class SnRig {
   std::vector<UnsubscribeRequest> unsubscribes;
   std::vector<CommandOutcome> outcomes;
   std::vector<Notice> notices;
+  unsigned signs_of_life = 0;
 
   std::uint64_t counter(std::string_view name) const;
 

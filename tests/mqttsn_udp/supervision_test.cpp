@@ -58,6 +58,20 @@ TEST(SnGateway, R109_TakesEveryMessageForASignOfLife) {
   EXPECT_FALSE(is_active(rig));
 }
 
+TEST(SnGateway, TellsEverySignOfLifeAtMostOnceASecond) {
+  SnRig rig;
+  rig.connect(1, "r1");
+  rig.signs_of_life = 0;
+  Subscribe subscribe;
+  subscribe.topic_name = "a/x";
+  for (const Packet& packet : {Packet{Pingreq{}}, Packet{Pingreq{"r1"}}, Packet{subscribe},
+                               Packet{Puback{}}, Packet{Regack{}}, Packet{Pubcomp{}}}) {
+    rig.pass_s(2);
+    for (int i = 0; i < 100; ++i) rig.send(1, packet);
+  }
+  EXPECT_EQ(rig.signs_of_life, 6U);
+}
+
 TEST(SnGateway, R110_WaitsOneAndAHalfDurations) {
   for (const std::uint16_t duration_s :
        {std::uint16_t{10}, std::uint16_t{60}, std::uint16_t{600}}) {

@@ -65,9 +65,11 @@ class ClientSession {
   std::optional<Peer> peer;
   LocalAddress local;
   bool is_clean = true;
+  bool uses_client_id = false;  ///< renamed, and calls its own topics by its client id
   std::chrono::seconds keep_alive{0};
   std::chrono::seconds sleep_duration{0};
   TimePoint last_heard{};
+  TimePoint told_heard{};                 ///< when the core was last told of a sign of life
   std::uint64_t connect_fingerprint = 0;  ///< of the last CONNECT; 0 once something else came (R35)
   TimePoint connected_at{};
   std::optional<Presence> told_presence;  ///< what the core was told last, and where
@@ -82,8 +84,6 @@ class ClientSession {
   std::map<std::uint16_t, InboundQos2> inbound_qos2;
   std::size_t open_receipts = 0;
 
-  bool was_told_publish_rule = false;  ///< the operator's notice, once per device
-  bool was_told_subscribe_rule = false;
   std::optional<TimePoint> timer_armed;
   std::optional<TimePoint> evictable_armed;
 

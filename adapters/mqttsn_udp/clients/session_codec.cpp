@@ -149,6 +149,7 @@ SessionSnapshot to_session(const Json& json) {
                            std::chrono::milliseconds(repeat.at(3).get<std::uint32_t>())});
   }
   out.last_msg_id = json.at("last_msg_id");
+  out.uses_client_id = json.value("uses_client_id", false);
   if (json.contains("saved_ms")) out.saved_at = clock_time(json.at("saved_ms"));
   return out;
 }
@@ -164,6 +165,7 @@ Bytes encode_session(const SessionSnapshot& snapshot) {
             {"interface", snapshot.local.interface},
             {"socket", snapshot.local.socket},
             {"clean", snapshot.is_clean},
+            {"uses_client_id", snapshot.uses_client_id},
             {"keep_alive_s", snapshot.keep_alive.count()},
             {"sleep_s", snapshot.sleep_duration.count()},
             {"topics", to_array(snapshot.topics)},

@@ -72,6 +72,7 @@ SessionSnapshot to_snapshot(const ClientSession& session, TimePoint now) {
   out.peer = session.peer;
   out.local = session.local;
   out.is_clean = session.is_clean;
+  out.uses_client_id = session.uses_client_id;
   out.keep_alive = session.keep_alive;
   out.sleep_duration = session.sleep_duration;
   out.will = session.will;
@@ -99,6 +100,7 @@ void apply(const SessionSnapshot& snapshot, ClientSession& session, TimePoint no
   // Indices of interfaces may be others by now; only a link-local address says nothing without.
   if (!is_link_local(session.local.address)) session.local.interface = 0;
   session.is_clean = snapshot.is_clean;
+  session.uses_client_id = snapshot.uses_client_id;
   session.keep_alive = snapshot.keep_alive;
   session.sleep_duration = snapshot.sleep_duration;
   session.last_heard = now;

@@ -48,6 +48,7 @@ struct SessionSnapshot {
   std::optional<Peer> peer;
   LocalAddress local;
   bool is_clean = true;
+  bool uses_client_id = false;
   std::chrono::seconds keep_alive{0};
   std::chrono::seconds sleep_duration{0};
   std::optional<Will> will;

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "adapters/mqttsn_udp/conversations/connecting.hpp"
 
+#include <fmt/format.h>
+
 #include <utility>
 
 #include "adapters/mqttsn_udp/limits.hpp"
@@ -20,7 +22,7 @@ void Connecting::on_connect(const Peer& peer, const LocalAddress& local, const C
                             std::uint64_t fingerprint, TimePoint now) {
   const bool is_supported = connect.protocol == protocol_id && is_valid_level(connect.client_id);
   auto robot = is_supported ? context_.names.of_client(connect.client_id) : std::nullopt;
-  if (!robot || !is_valid_level(*robot)) return refuse(peer, local, ReturnCode::not_supported);
+  if (!robot || !is_valid_level(*robot)) return refuse_name(peer, local, connect, now);
   if (is_repetition(peer, connect, fingerprint, now)) {
     ClientSession& session = *context_.clients.find(peer);
     lifecycle_.on_heard(session, now);
@@ -28,7 +30,7 @@ void Connecting::on_connect(const Peer& peer, const LocalAddress& local, const C
     return context_.send(session, Connack{ReturnCode::accepted});
   }
   const bool is_known = context_.clients.find(connect.client_id) != nullptr;
-  if (!is_known && !context_.clients.has_room(now)) return refuse_for_room(peer, local);
+  if (!is_known && !context_.clients.has_room(now)) return refuse_for_room(peer, local, now);
   Attempt attempt{local, connect, std::move(*robot), fingerprint, Stage::topic, {}, 0, {}};
   if (connect.will) return begin(peer, std::move(attempt), now);
   if (is_open(peer)) take(peer);
@@ -55,11 +57,14 @@ void Connecting::on_willtopic(const Peer& peer, const LocalAddress& local, const
     const Attempt done = take(peer);
     return complete(peer, done, std::nullopt, now);
   }
-  if (!wills_.is_allowed(attempt.connect.client_id, attempt.robot, will.topic, will.qos, now)) {
+  auto topic =
+      wills_.allowed_topic(attempt.connect.client_id, attempt.robot, will.topic, will.qos, now);
+  if (!topic) {
     const Attempt done = take(peer);
-    return refuse(peer, done.local, ReturnCode::not_supported);
+    context_.tally.count(Count::connects_refused);
+    return context_.send(peer, done.local, Connack{ReturnCode::not_supported});
   }
-  attempt.will = {will.topic, {}, static_cast<Qos>(will.qos), will.retain};
+  attempt.will = {std::move(*topic), {}, static_cast<Qos>(will.qos), will.retain};
   attempt.stage = Stage::message;
   attempt.repeats = 0;
   prompt(peer, attempt, now);
@@ -104,7 +109,7 @@ void Connecting::on_deadline(TimePoint now) {
 
 void Connecting::begin(const Peer& peer, Attempt attempt, TimePoint now) {
   if (is_open(peer)) take(peer);  // R28: from the beginning
-  if (attempts_.size() >= limits::max_handshakes) return refuse_for_room(peer, attempt.local);
+  if (attempts_.size() >= limits::max_handshakes) return refuse_for_room(peer, attempt.local, now);
   Attempt& added = attempts_[peer] = std::move(attempt);
   prompt(peer, added, now);
 }
@@ -134,7 +139,7 @@ void Connecting::complete(const Peer& peer, const Attempt& attempt, std::optiona
   if (former && former->client_id != connect.client_id) lifecycle_.displace(*former, now);  // R37
   ClientSession* session = context_.clients.find(connect.client_id);
   if (!session) {
-    if (!lifecycle_.make_room(now)) return refuse_for_room(peer, attempt.local);
+    if (!lifecycle_.make_room(now)) return refuse_for_room(peer, attempt.local, now);
     session = &context_.clients.create(connect.client_id, attempt.robot);
   }
   if (connect.clean_session || !can_resume(*session)) {
@@ -156,14 +161,29 @@ void Connecting::complete(const Peer& peer, const Attempt& attempt, std::optiona
   context_.set_dirty(*session);
 }
 
-void Connecting::refuse(const Peer& peer, const LocalAddress& local, ReturnCode code) {
-  context_.tally.count(Count::connects_refused);
-  context_.send(peer, local, Connack{code});
+void Connecting::refuse_name(const Peer& peer, const LocalAddress& local, const Connect& connect,
+                             TimePoint now) {
+  const char* why = "another robot has this name in the configuration";
+  if (!is_valid_level(connect.client_id))
+    why =
+        "a client id must be one topic level of 1 to 64 octets, without + # / and control "
+        "characters";
+  if (connect.protocol != protocol_id) why = "it speaks another version of MQTT-SN than 1.2";
+  refusals_.on_refusal(Count::connects_refused, connect.client_id,
+                       fmt::format("{} may not connect as '{}': {}", to_string(peer),
+                                   connect.client_id.substr(0, limits::max_told_id), why),
+                       {}, now);
+  context_.send(peer, local, Connack{ReturnCode::not_supported});
 }
 
-void Connecting::refuse_for_room(const Peer& peer, const LocalAddress& local) {
-  if (!context_.is_full_silent()) return refuse(peer, local, ReturnCode::congestion);
-  context_.tally.count(Count::connects_refused);  // silence: the client tries again (R33)
+void Connecting::refuse_for_room(const Peer& peer, const LocalAddress& local, TimePoint now) {
+  refusals_.on_refusal(Count::connects_refused, {},
+                       fmt::format("{} and others can't connect: mqttsn.max_clients is {}, and as "
+                                   "many are here or connecting",
+                                   to_string(peer), context_.settings.max_clients),
+                       {}, now);
+  if (context_.is_full_silent()) return;  // the client tries again (R33)
+  context_.send(peer, local, Connack{ReturnCode::congestion});
 }
 
 }  // namespace slamgw::mqttsn

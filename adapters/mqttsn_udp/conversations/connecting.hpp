@@ -11,8 +11,13 @@ namespace slamgw::mqttsn {
 
 class Connecting {
  public:
-  Connecting(Context& context, Lifecycle& lifecycle, Downlink& downlink, Wills& wills)
-      : context_(context), lifecycle_(lifecycle), downlink_(downlink), wills_(wills) {}
+  Connecting(Context& context, Lifecycle& lifecycle, Downlink& downlink, Wills& wills,
+             Refusals& refusals)
+      : context_(context),
+        lifecycle_(lifecycle),
+        downlink_(downlink),
+        wills_(wills),
+        refusals_(refusals) {}
 
   void on_connect(const Peer& peer, const LocalAddress& local, const Connect& connect,
                   std::uint64_t fingerprint, TimePoint now);
@@ -48,13 +53,15 @@ class Connecting {
   void prompt(const Peer& peer, Attempt& attempt, TimePoint now);
   Attempt take(const Peer& peer);
   void complete(const Peer& peer, const Attempt& attempt, std::optional<Will> will, TimePoint now);
-  void refuse(const Peer& peer, const LocalAddress& local, ReturnCode code);
-  void refuse_for_room(const Peer& peer, const LocalAddress& local);
+  void refuse_name(const Peer& peer, const LocalAddress& local, const Connect& connect,
+                   TimePoint now);
+  void refuse_for_room(const Peer& peer, const LocalAddress& local, TimePoint now);
 
   Context& context_;
   Lifecycle& lifecycle_;
   Downlink& downlink_;
   Wills& wills_;
+  Refusals& refusals_;
   std::unordered_map<Peer, Attempt, PeerHash> attempts_;  // at most max_handshakes
   TimerQueue<Peer> timers_;
 };

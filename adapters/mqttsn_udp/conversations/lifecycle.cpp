@@ -9,6 +9,9 @@ void Lifecycle::on_heard(ClientSession& session, TimePoint now) {
   session.last_heard = now;
   session.connect_fingerprint = 0;
   downlink_.on_heard(session);
+  if (now - session.told_heard < limits::sign_of_life_interval) return;
+  session.told_heard = now;
+  context_.emit(SignOfLife{Mesh::thread, session.robot});
 }
 
 void Lifecycle::enter(ClientSession& session, ClientState state, TimePoint now) {

@@ -6,13 +6,14 @@
 #include <algorithm>
 #include <utility>
 
+#include "adapters/mqttsn_udp/conversations/own_names.hpp"
 #include "adapters/mqttsn_udp/limits.hpp"
 
 namespace slamgw::mqttsn {
 
 void Subscriptions::on_subscribe(ClientSession& session, const Subscribe& request, TimePoint now) {
   if (answers_.is_held(session, request.msg_id) || !answers_.has_room(session)) return;
-  const Result<Wish, ReturnCode> wish = read(session, request);
+  const Result<Wish, ReturnCode> wish = read(session, request, now);
   if (!wish) return refuse(session, request, wish.error());
   const std::string& filter = wish->filter;
   const auto open = open_.find(filter);
@@ -143,7 +144,8 @@ void Subscriptions::restore(ClientSession& session) {
 }
 
 Result<Subscriptions::Wish, ReturnCode> Subscriptions::read(ClientSession& session,
-                                                            const Subscribe& request) {
+                                                            const Subscribe& request,
+                                                            TimePoint now) {
   if (request.qos == WireQos::minus_one || request.topic_id_type == TopicIdType::reserved)
     return ReturnCode::not_supported;
   std::string storage;
@@ -155,7 +157,7 @@ Result<Subscriptions::Wish, ReturnCode> Subscriptions::read(ClientSession& sessi
       is_valid_filter(*filter) && static_cast<std::size_t>(slashes) < limits::max_filter_levels;
   if (!is_sane) return ReturnCode::not_supported;
   if (!context_.policy.may_subscribe(session.client_id, session.robot, *filter)) {
-    notice_refusal(session, *filter);
+    notice_refusal(session, *filter, now);
     return ReturnCode::not_supported;
   }
   const bool is_new = !session.subscriptions.contains(*filter);
@@ -169,16 +171,22 @@ Result<Subscriptions::Wish, ReturnCode> Subscriptions::read(ClientSession& sessi
   return Wish{*filter, *id};
 }
 
-const std::string* Subscriptions::name(const ClientSession& session, TopicIdType type,
+const std::string* Subscriptions::name(ClientSession& session, TopicIdType type,
                                        std::uint16_t topic_id, const std::string& topic_name,
                                        std::string& storage) const {
   switch (type) {
-    case TopicIdType::normal: return &topic_name;
-    case TopicIdType::predefined: return context_.predefined.name_of(session.client_id, topic_id);
+    case TopicIdType::normal: storage = topic_name; break;
+    case TopicIdType::predefined: {
+      const std::string* known = context_.predefined.name_of(session.client_id, topic_id);
+      if (!known) return nullptr;
+      storage = *known;
+      break;
+    }
     case TopicIdType::short_name: storage = short_name(topic_id); return &storage;
-    case TopicIdType::reserved: break;
+    case TopicIdType::reserved: return nullptr;
   }
-  return nullptr;
+  storage = to_broker_name(context_.policy.scheme(), session, std::move(storage));
+  return &storage;
 }
 
 void Subscriptions::refuse(ClientSession& session, const Subscribe& request, ReturnCode code) {
@@ -217,14 +225,13 @@ void Subscriptions::settle_open(const std::string& filter) {
   }
 }
 
-void Subscriptions::notice_refusal(ClientSession& session, const std::string& filter) {
-  context_.tally.count(Count::topics_refused);
-  if (std::exchange(session.was_told_subscribe_rule, true)) return;
-  context_.emit(Notice{Severity::notice,
+void Subscriptions::notice_refusal(const ClientSession& session, const std::string& filter,
+                                   TimePoint now) {
+  refusals_.on_refusal(Count::topics_refused, "subscribe " + session.client_id,
                        fmt::format("{} may not subscribe to '{}': a matching filter in "
                                    "topics.extra_subscribe would allow it",
                                    session.robot, filter),
-                       session.robot});
+                       session.robot, now);
 }
 
 }  // namespace slamgw::mqttsn

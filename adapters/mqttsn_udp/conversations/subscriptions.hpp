@@ -10,6 +10,7 @@
 
 #include "adapters/mqttsn_udp/context.hpp"
 #include "adapters/mqttsn_udp/conversations/answers.hpp"
+#include "adapters/mqttsn_udp/conversations/refusals.hpp"
 #include "daemon/core/topic_tree.hpp"
 
 namespace slamgw::mqttsn {
@@ -22,7 +23,8 @@ class Subscriptions {
     Subscription* subscription = nullptr;
   };
 
-  Subscriptions(Context& context, Answers& answers) : context_(context), answers_(answers) {}
+  Subscriptions(Context& context, Answers& answers, Refusals& refusals)
+      : context_(context), answers_(answers), refusals_(refusals) {}
 
   void on_subscribe(ClientSession& session, const Subscribe& request, TimePoint now);
   void on_unsubscribe(ClientSession& session, const Unsubscribe& request);
@@ -56,8 +58,8 @@ class Subscriptions {
   };
 
   /// What the client means by the request, or why it can't have it.
-  Result<Wish, ReturnCode> read(ClientSession& session, const Subscribe& request);
-  const std::string* name(const ClientSession& session, TopicIdType type, std::uint16_t topic_id,
+  Result<Wish, ReturnCode> read(ClientSession& session, const Subscribe& request, TimePoint now);
+  const std::string* name(ClientSession& session, TopicIdType type, std::uint16_t topic_id,
                           const std::string& topic_name, std::string& storage) const;
   void refuse(ClientSession& session, const Subscribe& request, ReturnCode code);
   bool is_repetition(const ClientSession& session, const Subscribe& request,
@@ -66,10 +68,11 @@ class Subscriptions {
   /// True when nobody has the filter any more.
   bool remove_subscriber(const std::string& filter, const ClientSession& session);
   void settle_open(const std::string& filter);
-  void notice_refusal(ClientSession& session, const std::string& filter);
+  void notice_refusal(const ClientSession& session, const std::string& filter, TimePoint now);
 
   Context& context_;
   Answers& answers_;
+  Refusals& refusals_;
   TopicTree<std::vector<Match>> subscribers_;
   std::unordered_map<std::string, std::deque<Open>> open_;  // bounded by max_pending_answers each
   std::optional<TimePoint> broker_up_since_;

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "adapters/mqttsn_udp/clients/message_ids.hpp"
+#include "adapters/mqttsn_udp/conversations/own_names.hpp"
 #include "adapters/mqttsn_udp/limits.hpp"
 
 namespace slamgw::mqttsn {
@@ -57,7 +58,8 @@ void TopicRegistration::begin(ClientSession& session, std::uint16_t topic_id, Ti
 void TopicRegistration::transmit(const ClientSession& session, const Registering& registering) {
   const std::string* name = session.topics.name_of(registering.topic_id);
   if (!name) return;
-  context_.send(session, Register{registering.topic_id, registering.attempt.msg_id, *name});
+  context_.send(session, Register{registering.topic_id, registering.attempt.msg_id,
+                                  to_client_name(context_.policy.scheme(), session, *name)});
 }
 
 std::optional<std::uint16_t> TopicRegistration::topic_id(ClientSession& session,

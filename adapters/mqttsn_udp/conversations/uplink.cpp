@@ -5,12 +5,13 @@
 
 #include <utility>
 
+#include "adapters/mqttsn_udp/conversations/own_names.hpp"
 #include "adapters/mqttsn_udp/limits.hpp"
 
 namespace slamgw::mqttsn {
 
 void Uplink::on_publish(ClientSession& session, Publish publish, TimePoint now) {
-  Result<std::string, ReturnCode> topic = topic_of(session, publish);
+  Result<std::string, ReturnCode> topic = topic_of(session, publish, now);
   if (!topic) return refuse(session, publish, topic.error());
   switch (publish.qos) {
     case WireQos::zero:
@@ -37,7 +38,8 @@ void Uplink::on_pubrel(ClientSession& session, const Pubrel& pubrel, TimePoint n
   context_.send(session, Pubcomp{pubrel.msg_id});
 }
 
-void Uplink::on_unconnected_publish(const ClientSession* session, Publish publish) {
+void Uplink::on_unconnected_publish(const Peer& peer, const ClientSession* session, Publish publish,
+                                    TimePoint now) {
   const std::string client_id = session ? session->client_id : std::string();
   std::string topic;
   if (publish.topic_id_type == TopicIdType::predefined) {
@@ -46,12 +48,23 @@ void Uplink::on_unconnected_publish(const ClientSession* session, Publish publis
   } else if (publish.topic_id_type == TopicIdType::short_name) {
     topic = short_name(publish.topic_id);
   }
-  const auto parsed = context_.policy.scheme().parse_robot_topic(topic);
+  const TopicScheme& scheme = context_.policy.scheme();
+  if (session)
+    topic = replace_robot(scheme, topic, client_id, session->robot).value_or(std::move(topic));
+  const auto parsed = scheme.parse_robot_topic(topic);
   std::string robot = session ? session->robot : std::string(parsed ? parsed->robot : "");
   const bool is_allowed = context_.settings.allow_unconnected_publish &&
                           is_valid_topic_name(topic) &&
                           context_.policy.may_publish(client_id, robot, topic);
-  if (!is_allowed) return context_.tally.count(Count::unconnected_refused);
+  if (!is_allowed) {
+    const std::string who = session ? robot : to_string(peer);
+    const char* remedy = context_.settings.allow_unconnected_publish
+                             ? "its topic is unknown, or topics.extra_publish does not allow it"
+                             : "mqttsn.allow_unconnected_publish is false";
+    return refusals_.on_refusal(
+        Count::unconnected_refused, who,
+        fmt::format("a message of QoS -1 from {} is refused: {}", who, remedy), {}, now);
+  }
   context_.tally.count(Count::published_up);
   context_.emit(Report{Mesh::thread, std::move(robot), std::move(topic), std::move(publish.payload),
                        Qos::at_most_once, publish.retain, Receipt{Mesh::thread, 0}});
@@ -76,7 +89,8 @@ void Uplink::forget(ClientSession& session) {
   session.inbound_qos2.clear();
 }
 
-Result<std::string, ReturnCode> Uplink::topic_of(ClientSession& session, const Publish& publish) {
+Result<std::string, ReturnCode> Uplink::topic_of(ClientSession& session, const Publish& publish,
+                                                 TimePoint now) {
   std::string topic;
   switch (publish.topic_id_type) {
     case TopicIdType::normal:
@@ -95,8 +109,9 @@ Result<std::string, ReturnCode> Uplink::topic_of(ClientSession& session, const P
     case TopicIdType::short_name: topic = short_name(publish.topic_id); break;
     case TopicIdType::reserved: return ReturnCode::not_supported;
   }
+  topic = to_broker_name(context_.policy.scheme(), session, std::move(topic));
   if (!is_valid_topic_name(topic)) return ReturnCode::not_supported;
-  if (!may_publish(session, topic)) return ReturnCode::not_supported;
+  if (!may_publish(session, topic, now)) return ReturnCode::not_supported;
   return topic;
 }
 
@@ -184,15 +199,13 @@ void Uplink::refuse(ClientSession& session, const Publish& publish, ReturnCode c
   context_.send(session, Puback{publish.topic_id, publish.msg_id, code});
 }
 
-bool Uplink::may_publish(ClientSession& session, const std::string& topic) {
+bool Uplink::may_publish(ClientSession& session, const std::string& topic, TimePoint now) {
   if (context_.policy.may_publish(session.client_id, session.robot, topic)) return true;
-  context_.tally.count(Count::topics_refused);
-  if (std::exchange(session.was_told_publish_rule, true)) return false;
-  context_.emit(Notice{Severity::notice,
+  refusals_.on_refusal(Count::topics_refused, "publish " + session.client_id,
                        fmt::format("{} may not publish to '{}': a matching filter in "
                                    "topics.extra_publish would allow it",
                                    session.robot, topic),
-                       session.robot});
+                       session.robot, now);
   return false;
 }
 

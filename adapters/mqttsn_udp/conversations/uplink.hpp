@@ -6,21 +6,23 @@
 #include <unordered_map>
 
 #include "adapters/mqttsn_udp/context.hpp"
+#include "adapters/mqttsn_udp/conversations/refusals.hpp"
 
 namespace slamgw::mqttsn {
 
 class Uplink {
  public:
-  explicit Uplink(Context& context) : context_(context) {}
+  Uplink(Context& context, Refusals& refusals) : context_(context), refusals_(refusals) {}
 
   void on_publish(ClientSession& session, Publish publish, TimePoint now);
   void on_pubrel(ClientSession& session, const Pubrel& pubrel, TimePoint now);
   /// QoS -1: from anywhere, `session` may be null; never answered (R81).
-  void on_unconnected_publish(const ClientSession* session, Publish publish);
+  void on_unconnected_publish(const Peer& peer, const ClientSession* session, Publish publish,
+                              TimePoint now);
   /// Unknown receipts (of a session that is gone) are ignored.
   void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome);
   /// By the topic policy; a refusal is counted, and said once for each device.
-  bool may_publish(ClientSession& session, const std::string& topic);
+  bool may_publish(ClientSession& session, const std::string& topic, TimePoint now);
   /// A new session: MsgIds start again.
   void forget(ClientSession& session);
 
@@ -32,7 +34,8 @@ class Uplink {
     std::uint16_t msg_id;
   };
 
-  Result<std::string, ReturnCode> topic_of(ClientSession& session, const Publish& publish);
+  Result<std::string, ReturnCode> topic_of(ClientSession& session, const Publish& publish,
+                                           TimePoint now);
   void publish_once(ClientSession& session, Publish publish, std::string topic, TimePoint now);
   void publish_exactly_once(ClientSession& session, Publish publish, std::string topic,
                             TimePoint now);
@@ -43,6 +46,7 @@ class Uplink {
   void refuse(ClientSession& session, const Publish& publish, ReturnCode code);
 
   Context& context_;
+  Refusals& refusals_;
   std::uint64_t last_receipt_ = 0;
   std::unordered_map<std::uint64_t, Open> open_;  // bounded by max_open_receipts for each client
 };

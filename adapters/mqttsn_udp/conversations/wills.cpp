@@ -5,34 +5,41 @@
 
 #include <utility>
 
+#include "adapters/mqttsn_udp/conversations/own_names.hpp"
+
 namespace slamgw::mqttsn {
 
-bool Wills::is_allowed(const std::string& client_id, const std::string& robot,
-                       const std::string& topic, WireQos qos, TimePoint now) {
-  if (qos == WireQos::minus_one || !is_valid_topic_name(topic)) return false;
-  if (context_.policy.may_publish(client_id, robot, topic)) return true;
-  context_.tally.count(Count::topics_refused);
-  if (const auto times = refused_.on_event(now)) {
-    context_.emit(Notice{Severity::notice,
-                         fmt::format("{} may not have a will on '{}': a matching filter in "
-                                     "topics.extra_publish would allow it ({} such wills)",
-                                     robot, topic, *times),
-                         robot});
-  }
-  return false;
+std::optional<std::string> Wills::allowed_topic(const std::string& client_id,
+                                                const std::string& robot, const std::string& topic,
+                                                WireQos qos, TimePoint now) {
+  std::string name =
+      replace_robot(context_.policy.scheme(), topic, client_id, robot).value_or(topic);
+  const bool is_will = qos != WireQos::minus_one && is_valid_topic_name(name);
+  if (is_will && context_.policy.may_publish(client_id, robot, name)) return name;
+  refusals_.on_refusal(
+      Count::wills_refused, client_id,
+      is_will
+          ? fmt::format("{} may not have a will on '{}': a matching filter in "
+                        "topics.extra_publish would allow it",
+                        robot, topic)
+          : fmt::format("{} may not have a will on '{}': that is no topic name, or its QoS is -1",
+                        robot, topic),
+      robot, now);
+  return std::nullopt;
 }
 
 void Wills::on_willtopicupd(ClientSession& session, const WillTopicUpd& update, TimePoint now) {
   ReturnCode code = ReturnCode::accepted;
   if (update.topic.empty()) {
     session.will.reset();
-  } else if (!is_allowed(session.client_id, session.robot, update.topic, update.qos, now)) {
-    code = ReturnCode::not_supported;
-  } else {
+  } else if (auto topic =
+                 allowed_topic(session.client_id, session.robot, update.topic, update.qos, now)) {
     if (!session.will) session.will.emplace();
-    session.will->topic = update.topic;
+    session.will->topic = std::move(*topic);
     session.will->qos = static_cast<Qos>(update.qos);
     session.will->retain = update.retain;
+  } else {
+    code = ReturnCode::not_supported;
   }
   context_.set_dirty(session);
   context_.send(session, WillTopicResp{code});

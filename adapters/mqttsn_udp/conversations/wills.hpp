@@ -6,17 +6,18 @@
 #include <string>
 
 #include "adapters/mqttsn_udp/context.hpp"
-#include "daemon/core/burst.hpp"
+#include "adapters/mqttsn_udp/conversations/refusals.hpp"
 
 namespace slamgw::mqttsn {
 
 class Wills {
  public:
-  explicit Wills(Context& context) : context_(context) {}
+  Wills(Context& context, Refusals& refusals) : context_(context), refusals_(refusals) {}
 
-  /// Whether this client may have such a will (R55); a refusal is counted, and said once per burst.
-  bool is_allowed(const std::string& client_id, const std::string& robot, const std::string& topic,
-                  WireQos qos, TimePoint now);
+  /// The will's topic as the broker knows it; nothing when this client may not have such a will
+  /// (R55), which is counted and told.
+  std::optional<std::string> allowed_topic(const std::string& client_id, const std::string& robot,
+                                           const std::string& topic, WireQos qos, TimePoint now);
   void on_willtopicupd(ClientSession& session, const WillTopicUpd& update, TimePoint now);
   void on_willmsgupd(ClientSession& session, WillMsgUpd update);
   /// The client is lost. The will itself stays: the next CONNECT decides about it.
@@ -24,7 +25,7 @@ class Wills {
 
  private:
   Context& context_;
-  Burst refused_;
+  Refusals& refusals_;
 };
 
 }  // namespace slamgw::mqttsn

@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: Apache-2.0
+// Tells an operator what clients are refused: once for each client and kind of refusal, however
+// often it tries, and within a budget for all together. Each refusal is counted.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <string>
+#include <string_view>
+#include <unordered_set>
+
+#include "adapters/mqttsn_udp/context.hpp"
+#include "adapters/mqttsn_udp/conversations/flood_guard.hpp"
+
+namespace slamgw::mqttsn {
+
+class Refusals {
+ public:
+  explicit Refusals(Context& context) : context_(context) {}
+
+  /// `who` is a client id, or an address where that is not known; `robot` may be empty. `what` is
+  /// counted in any case; `text` says what was refused and what would allow it.
+  void on_refusal(Count what, std::string_view who, std::string text, const std::string& robot,
+                  TimePoint now);
+  /// The rules are others now: what is refused by them is news.
+  void forget_all();
+
+ private:
+  Context& context_;
+  TokenBucket lines_;
+  std::unordered_set<std::uint64_t> told_;  // hashes of kind and client; at most max_told_refusals
+  std::deque<std::uint64_t> oldest_first_;
+};
+
+}  // namespace slamgw::mqttsn

@@ -1,0 +1,128 @@
+// SPDX-License-Identifier: Apache-2.0
+// What clients are refused is counted, and told an operator once for each client.
+#include <gtest/gtest.h>
+
+#include "adapters/mqttsn_udp/limits.hpp"
+#include "tests/mqttsn_udp/sn_rig.hpp"
+
+namespace slamgw::mqttsn {
+namespace {
+
+void connect_with_will(SnRig& rig, unsigned n, const std::string& id, const std::string& topic) {
+  rig.send(n, Connect{true, true, 1, 60, id});
+  rig.send(n, WillTopic{WireQos::zero, false, topic});
+}
+
+TEST(SnGateway, TellsARefusedWillOnceForEachClient) {
+  SnRig rig;
+  for (int i = 0; i < 3; ++i) {
+    connect_with_will(rig, 1, "r1", "elsewhere/r1");
+    connect_with_will(rig, 2, "r2", "elsewhere/r2");
+  }
+  ASSERT_EQ(rig.notices.size(), 2U);
+  EXPECT_NE(rig.notices[0].text.find("r1 may not have a will on 'elsewhere/r1'"),
+            std::string::npos);
+  EXPECT_NE(rig.notices[1].text.find("r2 may not have a will on 'elsewhere/r2'"),
+            std::string::npos);
+  EXPECT_EQ(rig.counter("wills_refused"), 6U);
+  EXPECT_EQ(rig.counter("connects_refused"), 6U);
+  connect_with_will(rig, 3, "r3", "a/+");
+  EXPECT_EQ(rig.notices.size(), 3U) << "that is no topic name";
+}
+
+TEST(SnGateway, TellsARefusedClientIdOnce) {
+  SnRig rig({}, {{"tank", {}, "tank-client"}});
+  for (int i = 0; i < 3; ++i) {
+    rig.send(1, Connect{false, true, 1, 60, "no/level"});
+    rig.send(2, Connect{false, true, 1, 60, "tank"});
+    rig.send(3, Connect{false, true, 2, 60, "r3"});
+  }
+  ASSERT_EQ(rig.notices.size(), 3U);
+  EXPECT_NE(rig.notices[0].text.find("[fd00::1]:47193 may not connect as 'no/level'"),
+            std::string::npos);
+  EXPECT_NE(rig.notices[1].text.find("another robot has this name"), std::string::npos);
+  EXPECT_NE(rig.notices[2].text.find("another version"), std::string::npos);
+  EXPECT_EQ(rig.counter("connects_refused"), 9U);
+}
+
+TEST(SnGateway, TellsARefusedMessageOfQosMinusOneOnceForEachClient) {
+  SnRig rig;
+  const Publish publish{false, WireQos::minus_one, false, TopicIdType::short_name, 0x6162, 0, {}};
+  for (int i = 0; i < 3; ++i) {
+    rig.send(1, publish);
+    rig.send(2, publish);
+  }
+  ASSERT_EQ(rig.notices.size(), 2U);
+  EXPECT_NE(rig.notices[0].text.find("QoS -1 from [fd00::1]:47193"), std::string::npos);
+  EXPECT_NE(rig.notices[0].text.find("mqttsn.allow_unconnected_publish"), std::string::npos);
+  EXPECT_EQ(rig.counter("unconnected_refused"), 6U);
+}
+
+TEST(SnGateway, TellsThatThereIsNoRoomOnce) {
+  Settings settings;
+  settings.max_clients = 1;
+  SnRig rig(settings);
+  rig.connect(1, "r1");
+  for (unsigned n = 2; n < 10; ++n)
+    rig.send(n, Connect{false, true, 1, 60, "x" + std::to_string(n)});
+  ASSERT_EQ(rig.notices.size(), 1U);
+  EXPECT_NE(rig.notices[0].text.find("mqttsn.max_clients is 1"), std::string::npos);
+}
+
+TEST(SnGateway, HasABudgetForRefusalsOfACrowd) {
+  SnRig rig;
+  for (unsigned i = 0; i < 20000; ++i)
+    rig.send(i % 1000, Connect{false, true, 1, 60, "no/" + std::to_string(i)});
+  EXPECT_EQ(rig.notices.size(), limits::refusal_lines_burst);
+  EXPECT_EQ(rig.counter("connects_refused"), 20000U);
+}
+
+TEST(SnGateway, SaysWhyCommandsOfARobotThatDisconnectsAreRefused) {
+  SnRig rig;
+  rig.connect(1, "r1");
+  rig.subscribe(1, "ntnu-slam/server/r1/cmd", 1);
+  for (int i = 0; i < 2; ++i) rig.broker("ntnu-slam/server/r1/cmd", "go", 1);
+  rig.send(1, Disconnect{});
+  ASSERT_EQ(rig.outcomes.size(), 2U);
+  for (const CommandOutcome& outcome : rig.outcomes) {
+    EXPECT_EQ(outcome.result, CommandResult::refused);
+    EXPECT_EQ(outcome.why, "the robot has disconnected");
+  }
+}
+
+/// As simon622's client does: it forgets its ids in its sleep, and says so in its own way.
+TEST(SnGateway, RegistersAgainForASleeperThatAnswersNotSupportedWithTopicId0) {
+  SnRig rig;
+  rig.connect(1, "r1");
+  rig.subscribe(1, "a/x", 1);
+  rig.sleep(1, 100);
+  rig.broker("a/x", "1", 1);
+  rig.broker("a/x", "2", 1);
+  rig.send(1, Pingreq{"r1"});
+  rig.sent_to(1);
+  rig.send(1, Puback{0, 1, ReturnCode::not_supported});
+  EXPECT_EQ(rig.sent_to(1), Lines{"REGISTER id=1 msg=2 topic=a/x"});
+  rig.send(1, Regack{1, 2, ReturnCode::accepted});
+  EXPECT_EQ(rig.sent_to(1), Lines{"PUBLISH dup=0 qos=1 retain=0 normal id=1 msg=3 data=31"});
+  rig.send(1, Puback{1, 3, ReturnCode::accepted});
+  EXPECT_EQ(rig.sent_to(1), Lines{"PUBLISH dup=0 qos=1 retain=0 normal id=1 msg=4 data=32"});
+  rig.send(1, Puback{1, 4, ReturnCode::not_supported});
+  EXPECT_EQ(rig.sent_to(1), Lines{"PINGRESP"}) << "with its topic id it means what it says";
+}
+
+TEST(SnGateway, RegistersAgainOnceOnly) {
+  SnRig rig;
+  rig.connect(1, "r1");
+  rig.subscribe(1, "a/x", 1);
+  rig.broker("a/x", "1", 1);
+  rig.send(1, Puback{0, 1, ReturnCode::not_supported});
+  rig.send(1, Regack{1, 2, ReturnCode::accepted});
+  rig.sent_to(1);
+  rig.send(1, Puback{0, 3, ReturnCode::not_supported});
+  rig.pass_s(10);
+  EXPECT_TRUE(rig.is_silent(1));
+  EXPECT_EQ(rig.gateway.queued_for("r1"), 0U);
+}
+
+}  // namespace
+}  // namespace slamgw::mqttsn
