@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "daemon/core/store_order.hpp"
 #include "daemon/delivery/message_store.hpp"
 #include "daemon/storage/message_row.hpp"
 #include "daemon/storage/sqlite.hpp"
@@ -23,15 +24,7 @@ struct ListedDeadLetter {
   std::uint32_t tries = 0;
   WallTime stored_at{};
   WallTime set_aside_at{};
-  bool is_damaged = false;  ///< not what was set aside: its checksum does not match
-};
-
-/// Which dead letters an operator means: those with these ids or of this topic; all when both are
-/// empty.
-struct DeadLetterChoice {
-  std::vector<std::uint64_t> ids;
-  std::string topic;
-  bool operator==(const DeadLetterChoice&) const = default;
+  bool is_damaged = false;  ///< its message is not what a robot sent
 };
 
 class DeadLetterTable {
@@ -55,20 +48,22 @@ class DeadLetterTable {
   /// When it was stored as a message; nothing when there is no such dead letter.
   std::optional<std::int64_t> erase(std::int64_t id, StoreContents& contents);
 
-  /// The first `max_count` of them with ids above `after`, about `max_bytes` at most, but one if
-  /// there is one.
-  std::vector<ListedDeadLetter> list(const DeadLetterChoice& choice, std::uint64_t after,
+  /// The first of `topic` (empty: of any) with ids above `after`: at most `max_count`, about
+  /// `max_bytes`, but one if there is one.
+  std::vector<ListedDeadLetter> list(const std::string& topic, std::uint64_t after,
                                      std::size_t max_count, std::size_t max_bytes);
+  std::optional<ListedDeadLetter> find(std::uint64_t id);
+  /// Those that are there, by the time when they were stored first.
+  std::vector<std::uint64_t> ids(const DeadLetterChoice& choice);
 
  private:
   bool has(std::int64_t id);
-  ListedDeadLetter current() const;
 
-  SqliteDatabase& database_;
   SqliteStatement insert_;
-  SqliteStatement find_;
+  SqliteStatement sizes_;
   SqliteStatement erase_;
   SqliteStatement select_;
+  SqliteStatement ids_;
 };
 
 }  // namespace slamgw

@@ -380,18 +380,14 @@ void MessageFile::set_damaged_aside(std::vector<DamagedRow>& damaged, std::int64
   }
 }
 
-std::vector<ListedDeadLetter> MessageFile::list(const DeadLetterChoice& choice, std::uint64_t after,
-                                                std::size_t max_count, std::size_t max_bytes) {
-  return dead_letters_.list(choice, after, max_count, max_bytes);
-}
-
-std::size_t MessageFile::discard(const std::vector<std::uint64_t>& ids) {
+std::size_t MessageFile::discard(const DeadLetterChoice& choice) {
   StoreContents contents = contents_;
   SqliteTransaction transaction(database_);
   std::size_t count = 0;
-  for (const std::uint64_t id : ids) {
+  for (const std::uint64_t id : dead_letters_.ids(choice)) {
     if (dead_letters_.erase(static_cast<std::int64_t>(id), contents)) ++count;
   }
+  if (count == 0) return 0;
   end(transaction, contents);
   shrink_when_empty();
   return count;

@@ -67,10 +67,10 @@ class MessageFile {
   /// Everything is in the file itself when this returns, and durable; the log beside it is empty.
   void move_log_into_file();
 
-  std::vector<ListedDeadLetter> list(const DeadLetterChoice& choice, std::uint64_t after,
-                                     std::size_t max_count, std::size_t max_bytes);
-  /// Those that are there are gone when this returns; how many they were.
-  std::size_t discard(const std::vector<std::uint64_t>& ids);
+  /// For reading.
+  DeadLetterTable& dead_letter_table() { return dead_letters_; }
+  /// Those that are chosen are gone when this returns; how many they were.
+  std::size_t discard(const DeadLetterChoice& choice);
 
  private:
   struct DamagedRow {

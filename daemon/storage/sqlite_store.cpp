@@ -61,7 +61,9 @@ SqliteStore::SqliteStore(boost::asio::io_context& io, StoreSettings settings,
       on_event_(std::move(on_event)),
       verdict_(patience.unreadable),
       thread_(io),
-      timer_(thread_.context()) {}
+      timer_(thread_.context()),
+      dead_letter_desk_(thread_.context(), patience.resend,
+                        [this](ResendDeadLetters page) { post(std::move(page)); }) {}
 
 SqliteStore::~SqliteStore() { stop(); }
 
@@ -83,6 +85,31 @@ void SqliteStore::ask(WriteToStore write) {
 
 void SqliteStore::ask(LoadFromStore load) {
   thread_.run([this, request = std::move(load)] { serve(request); });
+}
+
+void SqliteStore::perform(StoreOrder order, OrderDone done) {
+  const OrderDone report = [this, done = std::move(done)](OrderAnswer answer) {
+    thread_.report([done, what = std::move(answer)] { done(what); });
+  };
+  thread_.run([this, order = std::move(order), report] { serve(order, report); });
+}
+
+void SqliteStore::serve(const StoreOrder& order, const OrderDone& done) {
+  if (!file_) return done({{}, "there is no store: " + why_closed_});
+  try {
+    const DeadLetterCounts before = file_->dead_letters();
+    if (const auto* resend = std::get_if<ResendOrder>(&order)) {
+      dead_letter_desk_.perform(*resend, *file_, done);
+    } else if (const auto* discard = std::get_if<DiscardOrder>(&order)) {
+      done(dead_letter_desk_.perform(*discard, *file_));
+    } else {
+      done(dead_letter_desk_.perform(std::get<ListDeadLetters>(order), *file_));
+    }
+    if (before != file_->dead_letters()) post(DeadLettersChanged{file_->dead_letters()});
+  } catch (const SqliteError& error) {
+    done({{}, fmt::format("the store fails: {}", error.what())});
+    on_request_failed(error, false);
+  }
 }
 
 template <class Request>
@@ -110,6 +137,7 @@ void SqliteStore::perform(const WriteToStore& write) {
   unconfirmed_.clear();
   if (!write.keep.empty()) last_kept_row_ = write.keep.back().row;
   post(StoreWritten{});
+  dead_letter_desk_.on_written(write, *file_);
   if (before != file_->dead_letters()) post(DeadLettersChanged{file_->dead_letters()});
 }
 

@@ -16,9 +16,11 @@
 #include <string>
 #include <vector>
 
+#include "daemon/core/store_order.hpp"
 #include "daemon/delivery/message_store.hpp"
 #include "daemon/mqtt/settings.hpp"
 #include "daemon/storage/damage_verdict.hpp"
+#include "daemon/storage/dead_letter_desk.hpp"
 #include "daemon/storage/message_file.hpp"
 #include "daemon/storage/message_recovery.hpp"
 #include "daemon/storage/store_tally.hpp"
@@ -37,6 +39,8 @@ class SqliteStore {
     std::chrono::milliseconds opening{10000};
     /// Parts of the file that the disk could not read for so long are lost.
     std::chrono::milliseconds unreadable{60000};
+    /// How long the outbox may take to keep a page of dead letters that are sent again.
+    std::chrono::milliseconds resend{10000};
   };
 
   /// `on_event` is called on the loop's thread, never from inside a call, and not after stop().
@@ -56,6 +60,8 @@ class SqliteStore {
   /// The outbox has one write and one load under way; as many more may be from before an opening.
   void ask(WriteToStore write);
   void ask(LoadFromStore load);
+  /// `done` is called on the loop's thread, once, or not at all when stop() comes first.
+  void perform(StoreOrder order, OrderDone done);
 
  private:
   // On the store's thread:
@@ -63,6 +69,7 @@ class SqliteStore {
   void serve(const Request& request);
   void perform(const WriteToStore& write);
   void perform(const LoadFromStore& load);
+  void serve(const StoreOrder& order, const OrderDone& done);
   void on_request_failed(const SqliteError& error, bool is_load);
   void open();
   void try_to_open();
@@ -99,6 +106,7 @@ class SqliteStore {
 
   StoreThread thread_;
   boost::asio::steady_timer timer_;  // the next attempt to open, or the next check_place()
+  DeadLetterDesk dead_letter_desk_;
 };
 
 }  // namespace slamgw

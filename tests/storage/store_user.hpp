@@ -15,10 +15,10 @@
 namespace slamgw::test {
 
 inline constexpr std::uint64_t plenty = 1u << 28;
-/// As in the daemon, but shorter: reopen, look, opening, unreadable.
+/// As in the daemon, but shorter: reopen, look, opening, unreadable, resend.
 inline constexpr SqliteStore::Patience short_patience{
     std::chrono::milliseconds{200}, std::chrono::milliseconds{20}, std::chrono::milliseconds{2000},
-    std::chrono::milliseconds{600}};
+    std::chrono::milliseconds{600}, std::chrono::milliseconds{300}};
 
 class StoreUser {
  public:
@@ -80,6 +80,43 @@ class StoreUser {
     store_.ask(LoadFromStore{1, after, max_messages, max_bytes});
     return await<StoreLoaded>();
   }
+  bool set_aside(const std::vector<std::uint64_t>& rows, const std::string& reason) {
+    WriteToStore write{1, {}, {}, {}};
+    for (const std::uint64_t row : rows) write.set_aside.push_back({row, reason, 0x87, 5});
+    store_.ask(std::move(write));
+    return await<StoreWritten>() != nullptr;
+  }
+  /// What an operator is answered.
+  OrderAnswer perform(StoreOrder order) {
+    std::optional<OrderAnswer> answer;
+    store_.perform(std::move(order), [&](OrderAnswer given) { answer = std::move(given); });
+    eventually(io_, [&] {
+      serve_resends();
+      return answer.has_value();
+    });
+    return answer.value_or(OrderAnswer{{}, "no answer"});
+  }
+  /// What an outbox does with dead letters; does nothing when it takes none.
+  void serve_resends() {
+    for (StoreEvent& event : events_) {
+      auto* const resend = std::get_if<ResendDeadLetters>(&event);
+      if (!resend) continue;
+      WriteToStore write{1, {}, {}, {}};
+      for (DeadLetter& letter : resend->letters) {
+        resent_.push_back(letter.id);
+        if (takes_resends) write.keep.push_back({next_row++, letter.message, {}, letter.id});
+      }
+      resend->letters.clear();
+      if (!write.keep.empty()) store_.ask(std::move(write));
+    }
+    std::erase_if(events_, [](const StoreEvent& event) {
+      return std::holds_alternative<ResendDeadLetters>(event);
+    });
+  }
+  bool takes_resends = true;
+  std::uint64_t next_row = 1000;
+  const std::vector<std::uint64_t>& resent() const { return resent_; }
+
   /// Never the same for two rows.
   static BrokerMessage message(std::uint64_t row, std::size_t payload_bytes) {
     Bytes payload(payload_bytes);
@@ -109,6 +146,7 @@ class StoreUser {
   boost::asio::io_context io_;
   std::deque<StoreEvent> events_;
   std::string notices_;
+  std::vector<std::uint64_t> resent_;
   SqliteStore store_;
 };
 

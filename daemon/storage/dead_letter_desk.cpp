@@ -1,0 +1,115 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/storage/dead_letter_desk.hpp"
+
+#include <nlohmann/json.hpp>
+#include <utility>
+
+namespace slamgw {
+namespace {
+
+using nlohmann::json;
+
+OrderAnswer answer(const json& document) {
+  return {document.dump(-1, ' ', false, json::error_handler_t::replace), {}};
+}
+
+json to_json(const ListedDeadLetter& listed, bool with_payload) {
+  const BrokerMessage& message = listed.letter.message;
+  json out{{"id", listed.letter.id},
+           {"topic", message.topic},
+           {"bytes", message.payload.size()},
+           {"qos", static_cast<int>(message.qos)},
+           {"retain", message.retain},
+           {"reason", listed.reason},
+           {"code", listed.code},
+           {"tries", listed.tries},
+           {"damaged", listed.is_damaged},
+           {"stored_at", to_iso8601_ms(listed.stored_at)},
+           {"set_aside_at", to_iso8601_ms(listed.set_aside_at)},
+           {"mesh", nullptr},
+           {"received_at", nullptr}};
+  if (message.provenance) {
+    out["mesh"] = to_string(message.provenance->mesh);
+    out["received_at"] = to_iso8601_ms(message.provenance->received_at);
+  }
+  if (with_payload) out["payload_hex"] = to_hex(message.payload);
+  return out;
+}
+
+}  // namespace
+
+OrderAnswer DeadLetterDesk::perform(const ListDeadLetters& order, MessageFile& file) const {
+  json letters = json::array();
+  const auto page =
+      file.dead_letter_table().list(order.topic, order.after, page_letters, page_bytes);
+  for (const ListedDeadLetter& listed : page) {
+    letters.push_back(to_json(listed, order.with_payloads));
+  }
+  const DeadLetterCounts counts = file.dead_letters();
+  return answer({{"count", counts.count},
+                 {"bytes", counts.bytes},
+                 {"letters", std::move(letters)},
+                 {"more", !page.empty()}});
+}
+
+OrderAnswer DeadLetterDesk::perform(const DiscardOrder& order, MessageFile& file) const {
+  return answer({{"discarded", file.discard(order.choice)}});
+}
+
+void DeadLetterDesk::perform(const ResendOrder& order, MessageFile& file, OrderDone done) {
+  if (resending_) return done({{}, "dead letters are being sent again already"});
+  Resending resending;
+  resending.ids = file.dead_letter_table().ids(order.choice);
+  resending.is_damaged_allowed = !order.choice.ids.empty();
+  resending.done = std::move(done);
+  resending_ = std::move(resending);
+  give_page(file);
+}
+
+void DeadLetterDesk::on_written(const WriteToStore& write, MessageFile& file) {
+  if (!resending_) return;
+  std::size_t kept = 0;
+  for (const StoredMessage& stored : write.keep)
+    kept += resending_->given.erase(stored.dead_letter);
+  if (kept == 0) return;
+  resending_->resent += kept;
+  if (!resending_->given.empty()) return wait();
+  try {
+    give_page(file);
+  } catch (const SqliteError&) {
+    finish();
+  }
+}
+
+void DeadLetterDesk::give_page(MessageFile& file) {
+  ResendDeadLetters page;
+  std::size_t bytes = 0;
+  std::size_t& next = resending_->next;
+  while (next < resending_->ids.size() && page.letters.size() < page_letters &&
+         bytes < page_bytes) {
+    auto listed = file.dead_letter_table().find(resending_->ids[next++]);
+    if (!listed || (listed->is_damaged && !resending_->is_damaged_allowed)) continue;
+    bytes += listed->letter.message.topic.size() + listed->letter.message.payload.size();
+    resending_->given.insert(listed->letter.id);
+    page.letters.push_back(std::move(listed->letter));
+  }
+  if (page.letters.empty()) return finish();
+  resend_(std::move(page));
+  wait();
+}
+
+void DeadLetterDesk::wait() {
+  timer_.expires_after(patience_);
+  timer_.async_wait([this](boost::system::error_code error) {
+    if (!error && resending_) finish();
+  });
+}
+
+void DeadLetterDesk::finish() {
+  timer_.cancel();
+  const Resending ended = std::move(*resending_);
+  resending_.reset();
+  ended.done(answer({{"resent", ended.resent}, {"left", ended.ids.size() - ended.resent}}));
+}
+
+}  // namespace slamgw

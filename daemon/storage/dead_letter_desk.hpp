@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+// Serves operators' orders about dead letters: lists and discards them in the file, and gives them
+// to the outbox page by page to be sent again. Part of SqliteStore; on its thread only.
+#pragma once
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <functional>
+#include <optional>
+#include <set>
+#include <vector>
+
+#include "daemon/core/store_order.hpp"
+#include "daemon/delivery/message_store.hpp"
+#include "daemon/storage/message_file.hpp"
+
+namespace slamgw {
+
+class DeadLetterDesk {
+ public:
+  /// One page of a list, and of what is given to the outbox at once.
+  static constexpr std::size_t page_letters = 256;
+  static constexpr std::size_t page_bytes = 256u << 10;
+
+  /// `patience`: an outbox that has kept none of a page for so long has no room for it, or cannot
+  /// store it.
+  DeadLetterDesk(boost::asio::io_context& thread, std::chrono::milliseconds patience,
+                 std::function<void(ResendDeadLetters)> resend)
+      : patience_(patience), resend_(std::move(resend)), timer_(thread) {}
+
+  /// These answer at once, or throw SqliteError.
+  OrderAnswer perform(const ListDeadLetters& order, MessageFile& file) const;
+  OrderAnswer perform(const DiscardOrder& order, MessageFile& file) const;
+  /// Answers when the outbox has kept all, or takes no more.
+  void perform(const ResendOrder& order, MessageFile& file, OrderDone done);
+  /// After each write: what the outbox has kept is sent again.
+  void on_written(const WriteToStore& write, MessageFile& file);
+
+ private:
+  struct Resending {
+    std::vector<std::uint64_t> ids;  ///< in the order of sending
+    std::size_t next = 0;            ///< index of the first that was not given to the outbox
+    std::set<std::uint64_t> given;   ///< to the outbox, which has not kept them yet
+    std::size_t resent = 0;
+    bool is_damaged_allowed = false;
+    OrderDone done;
+  };
+  void give_page(MessageFile& file);
+  void wait();
+  void finish();
+
+  const std::chrono::milliseconds patience_;
+  const std::function<void(ResendDeadLetters)> resend_;
+  boost::asio::steady_timer timer_;
+  std::optional<Resending> resending_;
+};
+
+}  // namespace slamgw

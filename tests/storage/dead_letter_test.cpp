@@ -1,0 +1,185 @@
+// SPDX-License-Identifier: Apache-2.0
+// Messages that were set aside: on disk until an operator has them sent again or discards them.
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "tests/storage/store_user.hpp"
+#include "tests/support/temp_dir.hpp"
+
+namespace slamgw::test {
+namespace {
+
+using nlohmann::json;
+using Ids = std::vector<std::uint64_t>;
+
+json document(const OrderAnswer& answer) {
+  EXPECT_EQ(answer.error, "");
+  return json::parse(answer.json, nullptr, false);
+}
+
+Ids ids_in(const json& page) {
+  Ids ids;
+  for (const json& letter : page["letters"]) ids.push_back(letter["id"]);
+  return ids;
+}
+
+class DeadLetters : public testing::Test {
+ public:
+  /// Messages 1 to 10, some of which are set aside.
+  void set_aside(const Ids& rows) {
+    ASSERT_TRUE(user->keep(1, 10, 20));
+    ASSERT_TRUE(user->set_aside(rows, "the broker refuses it: not authorised"));
+  }
+  void start_again() {
+    user.reset();
+    user = std::make_unique<StoreUser>(directory.path());
+  }
+  Ids messages() {
+    Ids rows;
+    const auto loaded = user->load(0);
+    for (const StoredMessage& stored : loaded->messages) rows.push_back(stored.row);
+    return rows;
+  }
+
+  TempDir directory;
+  std::unique_ptr<StoreUser> user = std::make_unique<StoreUser>(directory.path());
+};
+
+TEST_F(DeadLetters, AreNoMessagesAnyMoreAndSurvive) {
+  set_aside({2, 5});
+  EXPECT_EQ(user->await<DeadLettersChanged>()->dead_letters.count, 2u);
+  EXPECT_EQ(messages(), (Ids{1, 3, 4, 6, 7, 8, 9, 10}));
+  start_again();
+  const auto opened = user->await<StoreOpened>();
+  EXPECT_EQ(opened->count, 8u);
+  EXPECT_EQ(opened->dead_letters.count, 2u);
+  EXPECT_GT(opened->dead_letters.bytes, 100u);
+  const json page = document(user->perform(ListDeadLetters{0, "", true}));
+  EXPECT_EQ(page["count"], 2);
+  EXPECT_EQ(ids_in(page), (Ids{2, 5}));
+  const json& letter = page["letters"][1];
+  EXPECT_EQ(letter["topic"], "ntnu-slam/robot/r2/update");
+  EXPECT_EQ(letter["payload_hex"], to_hex(StoreUser::message(5, 20).payload));
+  EXPECT_EQ(letter["qos"], 1);
+  EXPECT_EQ(letter["retain"], true);
+  EXPECT_EQ(letter["reason"], "the broker refuses it: not authorised");
+  EXPECT_EQ(letter["code"], 0x87);
+  EXPECT_EQ(letter["tries"], 5);
+  EXPECT_EQ(letter["damaged"], false);
+  EXPECT_FALSE(letter["stored_at"].get<std::string>().empty());
+}
+
+TEST_F(DeadLetters, CanBeSetAsideInTheWriteThatKeepsThem) {
+  WriteToStore write{1, {{1, StoreUser::message(1, 10), {}}}, {}, {{1, "too large", 0x95, 1}}};
+  user->store().ask(std::move(write));
+  ASSERT_TRUE(user->await<StoreWritten>());
+  EXPECT_EQ(ids_in(document(user->perform(ListDeadLetters{}))), Ids{1});
+  EXPECT_TRUE(messages().empty());
+}
+
+TEST_F(DeadLetters, UnknownRowsAreNoError) {
+  ASSERT_TRUE(user->set_aside({77}, "gone"));
+  EXPECT_EQ(document(user->perform(ListDeadLetters{}))["count"], 0);
+}
+
+TEST_F(DeadLetters, AreListedByTopicAndByPages) {
+  ASSERT_TRUE(user->keep(1, 600, 20));
+  Ids rows;
+  for (std::uint64_t row = 1; row <= 600; ++row) rows.push_back(row);
+  ASSERT_TRUE(user->set_aside(rows, "x"));
+  Ids all;
+  for (std::uint64_t after = 0;;) {
+    const json page = document(user->perform(ListDeadLetters{after, "", false}));
+    if (!page["more"].get<bool>()) break;
+    EXPECT_LE(page["letters"].size(), DeadLetterDesk::page_letters);
+    EXPECT_FALSE(page["letters"][0].contains("payload_hex"));
+    for (const std::uint64_t id : ids_in(page)) all.push_back(id);
+    after = all.back();
+  }
+  EXPECT_EQ(all, rows);
+  const json page = document(user->perform(ListDeadLetters{0, "ntnu-slam/robot/r1/update", false}));
+  EXPECT_EQ(page["letters"].size(), 200u);
+}
+
+TEST_F(DeadLetters, AreSentAgainOldestFirstBehindTheOthers) {
+  set_aside({5, 2, 9});
+  EXPECT_EQ(document(user->perform(ResendOrder{{{}, "", true}})),
+            json({{"resent", 3}, {"left", 0}}));
+  EXPECT_EQ(user->resent(), (Ids{2, 5, 9}));
+  EXPECT_EQ(messages(), (Ids{1, 3, 4, 6, 7, 8, 10, 1000, 1001, 1002}));
+  EXPECT_EQ(document(user->perform(ListDeadLetters{}))["count"], 0);
+}
+
+TEST_F(DeadLetters, ThoseThatAreNamedAreSentAgainOrDiscarded) {
+  set_aside({2, 4, 5, 6, 7});
+  EXPECT_EQ(document(user->perform(ResendOrder{{{4, 77}, "", false}}))["resent"], 1);
+  EXPECT_EQ(document(user->perform(DiscardOrder{{{2, 77}, "", false}}))["discarded"], 1);
+  EXPECT_EQ(
+      document(user->perform(DiscardOrder{{{}, "ntnu-slam/robot/r0/update", false}}))["discarded"],
+      1);
+  EXPECT_EQ(ids_in(document(user->perform(ListDeadLetters{}))), (Ids{5, 7}));
+  EXPECT_EQ(document(user->perform(DiscardOrder{{{}, "", true}}))["discarded"], 2);
+  start_again();
+  EXPECT_EQ(user->await<StoreOpened>()->dead_letters, DeadLetterCounts{});
+}
+
+TEST_F(DeadLetters, ManyAreSentAgainPageByPage) {
+  ASSERT_TRUE(user->keep(1, 600, 20));
+  Ids rows;
+  for (std::uint64_t row = 1; row <= 600; ++row) rows.push_back(row);
+  ASSERT_TRUE(user->set_aside(rows, "x"));
+  EXPECT_EQ(document(user->perform(ResendOrder{{{}, "", true}}))["resent"], 600);
+  EXPECT_EQ(user->resent(), rows);
+}
+
+TEST_F(DeadLetters, ThoseThatTheOutboxHasNoRoomForStay) {
+  set_aside({2, 5});
+  user->takes_resends = false;
+  EXPECT_EQ(document(user->perform(ResendOrder{{{}, "", true}})),
+            json({{"resent", 0}, {"left", 2}}));
+  EXPECT_EQ(document(user->perform(ListDeadLetters{}))["count"], 2);
+  user->takes_resends = true;
+  EXPECT_EQ(document(user->perform(ResendOrder{{{}, "", true}}))["resent"], 2) << "later";
+}
+
+TEST_F(DeadLetters, DamagedOnesAreSentAgainOnlyWhenTheyAreNamed) {
+  set_aside({});
+  user.reset();
+  const std::string path = directory / "messages.db";
+  std::string octets = read_file(path);
+  const Bytes payload = StoreUser::message(4, 20).payload;
+  const std::size_t at = octets.find(std::string(as_text(payload)));
+  ASSERT_NE(at, std::string::npos);
+  octets[at + 3] = '!';
+  write_file(path, octets, 0600);
+  start_again();
+  EXPECT_EQ(messages().size(), 9u);
+  const json listed = document(user->perform(ListDeadLetters{}));
+  EXPECT_EQ(ids_in(listed), Ids{4});
+  EXPECT_EQ(listed["letters"][0]["damaged"], true);
+  EXPECT_EQ(document(user->perform(ResendOrder{{{}, "", true}})),
+            json({{"resent", 0}, {"left", 1}}));
+  EXPECT_EQ(document(user->perform(ResendOrder{{{4}, "", false}}))["resent"], 1);
+}
+
+TEST_F(DeadLetters, KeepTheTimeOfTheMessageWhenTheyAreSetAsideAgain) {
+  set_aside({2});
+  const json before = document(user->perform(ListDeadLetters{}));
+  EXPECT_EQ(document(user->perform(ResendOrder{{{2}, "", false}}))["resent"], 1);
+  ASSERT_TRUE(user->set_aside({1000}, "again"));
+  const json after = document(user->perform(ListDeadLetters{}));
+  EXPECT_EQ(ids_in(after), Ids{1000});
+  EXPECT_EQ(after["letters"][0]["stored_at"], before["letters"][0]["stored_at"]);
+}
+
+TEST_F(DeadLetters, WithoutAStoreOrdersFailInWords) {
+  StoreUser second(directory.path());
+  ASSERT_TRUE(user->await<StoreOpened>());
+  ASSERT_TRUE(second.await<StoreAbsent>());
+  EXPECT_NE(second.perform(ListDeadLetters{}).error.find("there is no store: "), std::string::npos);
+}
+
+}  // namespace
+}  // namespace slamgw::test
