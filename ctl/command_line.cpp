@@ -24,6 +24,9 @@ struct Arguments {
   std::string uuid;
   bool is_forced = false;
   bool is_confirmed = false;
+  std::vector<std::uint64_t> ids;
+  std::string topic;
+  bool is_all = false;
 };
 
 /// A payload like "-5,7" is no option; CLI11 is told so by a "--" before it.
@@ -125,6 +128,45 @@ void add_ble(CLI::App& app, Arguments& a) {
   add_ble_changes(*ble, a, ask);
 }
 
+void add_dead_letter_choice(CLI::App& command, Arguments& a, Answer answer) {
+  auto* const ids = command.add_option("ID", a.ids, "Those with these ids (see `store list`)");
+  auto* const topic = command.add_option("--topic", a.topic, "Those of this topic");
+  auto* const all = command.add_flag("--all", a.is_all, "All of them");
+  ids->excludes(topic)->excludes(all);
+  topic->excludes(all);
+  command.callback([&a, answer, name = command.get_name()] {
+    if (a.ids.empty() && a.topic.empty() && !a.is_all)
+      throw CLI::ValidationError("store " + name, "say which: ids, --topic or --all");
+    a.order.answer = answer;
+    a.order.request["command"] = "store " + name;
+    if (!a.ids.empty()) a.order.request["ids"] = a.ids;
+    if (!a.topic.empty()) a.order.request["topic"] = a.topic;
+    if (a.is_all) a.order.request["all"] = true;
+  });
+}
+
+void add_store(CLI::App& app, Arguments& a) {
+  CLI::App* store = app.add_subcommand("store", "Dead letters: messages that were set aside");
+  store->require_subcommand(1);
+  const auto add_listing = [&](const char* name, const char* what, Answer answer) {
+    CLI::App* listing = store->add_subcommand(name, what);
+    listing->add_option("--topic", a.topic, "Only those of this topic");
+    listing->callback([&a, answer] {
+      a.order.answer = answer;
+      a.order.request["command"] = "store list";
+      if (!a.topic.empty()) a.order.request["topic"] = a.topic;
+      if (answer == Answer::exported) a.order.request["payloads"] = true;
+    });
+  };
+  add_listing("list", "A row for each: topic, reason, tries, age", Answer::dead_letters);
+  add_listing("export", "All there is of each, one JSON document a line", Answer::exported);
+  add_dead_letter_choice(
+      *store->add_subcommand("resend", "Send them again, behind what is undelivered"), a,
+      Answer::resent);
+  add_dead_letter_choice(*store->add_subcommand("discard", "Forget them for good"), a,
+                         Answer::done);
+}
+
 void add_host_tasks(CLI::App& app, Arguments& a) {
   const auto add = [&app, &a](const char* verb, HostTask::Kind kind, const char* what) {
     CLI::App* task = app.add_subcommand(verb, what);
@@ -163,6 +205,7 @@ std::variant<Order, HostTask, Exit> parse_command_line(int argc, const char* con
   add_commands(app, arguments);
   add_send(app, arguments);
   add_ble(app, arguments);
+  add_store(app, arguments);
   add_host_tasks(app, arguments);
   try {
     std::vector<std::string> words = with_payload_marked(argc, argv);

@@ -10,7 +10,19 @@
 namespace slamgw::ctl {
 
 /// How the answer is shown.
-enum class Answer : std::uint8_t { status, robots, watch, outcome, scan, nodes, node, done };
+enum class Answer : std::uint8_t {
+  status,
+  robots,
+  watch,
+  outcome,
+  scan,
+  nodes,
+  node,
+  done,
+  dead_letters,  ///< page by page, as a table
+  exported,      ///< page by page, a JSON document a line
+  resent,
+};
 
 struct Order {
   std::string socket = "/run/slam-gateway/control.sock";

@@ -7,6 +7,7 @@
 #include <fstream>
 #include <iostream>
 #include <iterator>
+#include <utility>
 
 #include "ctl/command_line.hpp"
 #include "ctl/connection.hpp"
@@ -49,6 +50,9 @@ std::string text_of(const Order& order, const nlohmann::json& result) {
     case Answer::nodes: return make_show().nodes(result);
     case Answer::node: return make_show().nodes(nlohmann::json::array({result}));
     case Answer::done: return make_show().done(result);
+    case Answer::resent: return make_show().resent(result);
+    case Answer::dead_letters:
+    case Answer::exported: break;  // print_dead_letters()
   }
   return {};
 }
@@ -58,10 +62,13 @@ std::chrono::seconds patience_for(Answer answer) {
     case Answer::status:
     case Answer::robots:
     case Answer::watch:
-    case Answer::nodes: break;
+    case Answer::nodes:
+    case Answer::dead_letters:
+    case Answer::exported: break;
     case Answer::outcome: return outcome_patience;
     case Answer::scan:
     case Answer::node:
+    case Answer::resent:
     case Answer::done: return order_patience;
   }
   return answer_patience;
@@ -77,14 +84,43 @@ std::string read_mesh(const std::string& path) {
   return json.dump();
 }
 
+/// As many as there may be, a page at a time. As one JSON document with --json.
+void print_dead_letters(Connection& connection, Order order) {
+  const bool is_table = order.answer == Answer::dead_letters && !order.json;
+  const bool is_document = order.answer == Answer::dead_letters && order.json;
+  const char* separator = "";
+  auto page = connection.ask(order.request, answer_patience);
+  if (is_table) std::cout << make_show().dead_letters_head(page);
+  if (is_document) {
+    std::cout << "{\"count\":" << page.value("count", 0) << ",\"bytes\":" << page.value("bytes", 0)
+              << ",\"letters\":[";
+  }
+  while (page.value("more", false)) {
+    const auto& letters = page.at("letters");
+    if (is_table) std::cout << make_show().dead_letters(letters);
+    for (const auto& letter : letters) {
+      if (is_document) std::cout << std::exchange(separator, ",\n") << letter.dump();
+      if (order.answer == Answer::exported) std::cout << slamgw::control::to_line(letter);
+    }
+    order.request["after"] = letters.back().at("id");
+    page = connection.ask(order.request, answer_patience);
+  }
+  if (is_document) std::cout << "]}\n";
+}
+
 int run(Order order) {
   if (!order.file.empty()) order.request["text"] = read_mesh(order.file);
   Connection connection(order.socket);
+  if (order.answer == Answer::dead_letters || order.answer == Answer::exported) {
+    print_dead_letters(connection, std::move(order));
+    return 0;
+  }
   const bool is_send = order.answer == Answer::outcome;
   const auto result = connection.ask(order.request, patience_for(order.answer));
   if (order.answer == Answer::watch)
     while (true) std::cout << text_of(order, connection.next_event()) << std::flush;
   std::cout << text_of(order, result);
+  if (order.answer == Answer::resent) return result.value("left", 0) == 0 ? 0 : exit_failed;
   const std::string outcome = is_send ? result.value("outcome", "") : "";
   return !is_send || outcome == "delivered" || outcome == "sent" ? 0 : exit_failed;
 }

@@ -114,6 +114,8 @@ std::string Show::status(const json& status) const {
   out +=
       fmt::format("Store     {} messages, {} of {}\n", count_at(store, "depth"),
                   show_bytes(count_at(store, "bytes")), show_bytes(count_at(store, "max_bytes")));
+  if (const std::uint64_t count = count_at(store, "dead_letters"); count > 0)
+    out += fmt::format("          {} dead letters: see slam-gatewayctl store list\n", count);
   if (const std::string trouble = text_at(store, "why"); !trouble.empty())
     out += fmt::format("          {} {}\n", paint("down", text_at(store, "state")), trouble);
   return out;

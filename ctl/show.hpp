@@ -24,6 +24,10 @@ class Show {
   std::string devices(const nlohmann::json& devices) const;
   /// Robots of the BLE mesh.
   std::string nodes(const nlohmann::json& nodes) const;
+  /// Messages that were set aside: the head of the table, and a page of it.
+  std::string dead_letters_head(const nlohmann::json& first_page) const;
+  std::string dead_letters(const nlohmann::json& letters) const;
+  std::string resent(const nlohmann::json& done) const;
   /// What an order came to: its members in words.
   std::string done(const nlohmann::json& done) const;
 

@@ -42,6 +42,8 @@ std::string Show::done(const json& done) const {
   if (done.contains("cleared"))
     return "the serial board was cleared and is set up anew; robots may ignore the gateway until "
            "they were restarted\n";
+  if (done.contains("discarded"))
+    return fmt::format("{} dead letters were discarded\n", count_at(done, "discarded"));
   return "done\n";
 }
 

@@ -280,6 +280,10 @@ void App::send(const std::string& robot, const std::string& type, Bytes payload,
   });
 }
 
+void App::manage_store(StoreOrder order, OrderDone done) {
+  store_.perform(std::move(order), std::move(done));
+}
+
 void App::manage_ble(MeshOrder order, OrderDone done) {
   if (!ble_) return done({{}, "the BLE mesh is not enabled: set ble_mesh.enabled to true"});
   ble_->manage(std::move(order), std::move(done));

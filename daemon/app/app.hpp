@@ -95,6 +95,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   void send(const std::string& robot, const std::string& type, Bytes payload,
             std::function<void(nlohmann::json)> done) override;
   void manage_ble(MeshOrder order, OrderDone done) override;
+  void manage_store(StoreOrder order, OrderDone done) override;
 
   Config config_;
   const std::string config_file_;

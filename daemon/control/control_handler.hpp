@@ -10,6 +10,7 @@
 
 #include "daemon/core/bytes.hpp"
 #include "daemon/core/mesh_order.hpp"
+#include "daemon/core/store_order.hpp"
 
 namespace slamgw {
 
@@ -25,6 +26,8 @@ class ControlHandler {
                     std::function<void(nlohmann::json)> done) = 0;
   /// What an operator orders about the BLE mesh. `done` is called once, now or minutes later.
   virtual void manage_ble(MeshOrder order, OrderDone done) = 0;
+  /// What an operator orders about dead letters. The same.
+  virtual void manage_store(StoreOrder order, OrderDone done) = 0;
 };
 
 }  // namespace slamgw

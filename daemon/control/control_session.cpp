@@ -93,11 +93,20 @@ void ControlSession::perform(const control::WatchRequest& request) {
 }
 
 void ControlSession::perform(MeshOrder& order) {
+  handler_.manage_ble(std::move(order), answer_order());
+}
+
+void ControlSession::perform(StoreOrder& order) {
+  handler_.manage_store(std::move(order), answer_order());
+}
+
+/// The client may wait as long as the order takes.
+OrderDone ControlSession::answer_order() {
   idle_timer_.cancel();
-  handler_.manage_ble(std::move(order), [self = weak_from_this()](const OrderAnswer& done) {
+  return [self = weak_from_this()](const OrderAnswer& done) {
     const auto session = self.lock();
     if (session && !session->is_closed_) session->answer(control::order_line(done));
-  });
+  };
 }
 
 void ControlSession::perform(control::SendRequest& request) {

@@ -24,7 +24,7 @@ struct ControlLimits {
   /// What may wait for a watcher; beyond it the watcher is cut off.
   std::size_t queued_bytes = std::size_t{1024} * 1024;
   /// A client that does not watch, silent or unanswered for this long, is cut off; but not while an
-  /// order about the BLE mesh is under way.
+  /// order is under way.
   std::chrono::milliseconds idle{60000};
 };
 
@@ -59,6 +59,8 @@ class ControlSession : public std::enable_shared_from_this<ControlSession> {
   void perform(const control::WatchRequest& request);
   void perform(control::SendRequest& request);
   void perform(MeshOrder& order);
+  void perform(StoreOrder& order);
+  OrderDone answer_order();
   void answer(const std::string& line);
   void on_written(boost::system::error_code error);
   void write_waiting();

@@ -17,6 +17,11 @@ std::optional<std::string> text_of(const json& request, const char* key) {
   return found->get<std::string>();
 }
 
+bool is_true(const json& request, const char* key) {
+  const auto found = request.find(key);
+  return found != request.end() && *found == true;
+}
+
 std::optional<int> hex_digit(char c) {
   if (c >= '0' && c <= '9') return c - '0';
   if (c >= 'a' && c <= 'f') return c - 'a' + 10;
@@ -39,7 +44,6 @@ Result<Request, std::string> parse_order(const std::string& command, const json&
   const auto robot = text_of(request, "robot");
   const auto uuid = text_of(request, "uuid");
   const auto text = text_of(request, "text");
-  const auto force = request.find("force");
   if (command == "ble scan") return Request(ScanOrder{});
   if (command == "ble nodes") return Request(NodesOrder{});
   if (command == "ble reset-board") return Request(ResetBoardOrder{});
@@ -49,7 +53,7 @@ Result<Request, std::string> parse_order(const std::string& command, const json&
   }
   if (command == "ble remove") {
     if (!robot) return std::string("ble remove needs the text robot");
-    return Request(RemoveOrder{*robot, force != request.end() && *force == true});
+    return Request(RemoveOrder{*robot, is_true(request, "force")});
   }
   if (command == "ble import") {
     if (!text) return std::string("ble import needs the text of the file as text");
@@ -59,6 +63,40 @@ Result<Request, std::string> parse_order(const std::string& command, const json&
       "unknown command '{}'; there are ble scan, provision, nodes, remove, import, "
       "reset-board",
       command);
+}
+
+std::optional<DeadLetterChoice> parse_choice(const json& request) {
+  DeadLetterChoice choice;
+  choice.topic = text_of(request, "topic").value_or("");
+  choice.is_all = is_true(request, "all");
+  const auto ids = request.find("ids");
+  if (ids != request.end()) {
+    if (!ids->is_array()) return std::nullopt;
+    for (const json& id : *ids) {
+      if (!id.is_number_unsigned()) return std::nullopt;
+      choice.ids.push_back(id.get<std::uint64_t>());
+    }
+  }
+  const int ways = (choice.ids.empty() ? 0 : 1) + (choice.topic.empty() ? 0 : 1) + choice.is_all;
+  if (ways != 1) return std::nullopt;
+  return choice;
+}
+
+Result<Request, std::string> parse_store_order(const std::string& command, const json& request) {
+  if (command == "store list") {
+    const auto after = request.find("after");
+    const bool has_after = after != request.end() && after->is_number_unsigned();
+    return Request(ListDeadLetters{has_after ? after->get<std::uint64_t>() : 0,
+                                   text_of(request, "topic").value_or(""),
+                                   is_true(request, "payloads")});
+  }
+  if (command != "store resend" && command != "store discard") {
+    return fmt::format("unknown command '{}'; there are store list, resend, discard", command);
+  }
+  const auto choice = parse_choice(request);
+  if (!choice) return command + " needs one of: ids (numbers), topic (a text), all (true)";
+  if (command == "store resend") return Request(ResendOrder{*choice});
+  return Request(DiscardOrder{*choice});
 }
 
 /// An `update` as the core read it, the thesis's command (two int16), text.
@@ -85,8 +123,9 @@ Result<Request, std::string> parse_request(std::string_view line) {
   if (*command == "watch")
     return Request(WatchRequest{text_of(request, "robot"), text_of(request, "type")});
   if (command->starts_with("ble ")) return parse_order(*command, request);
-  return fmt::format("unknown command '{}'; there are status, robots, watch, send, ble ...",
-                     *command);
+  if (command->starts_with("store ")) return parse_store_order(*command, request);
+  return fmt::format(
+      "unknown command '{}'; there are status, robots, watch, send, ble ..., store ...", *command);
 }
 
 std::string result_line(const json& result) { return to_line({{"result", result}}); }

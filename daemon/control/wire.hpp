@@ -9,6 +9,10 @@
 //             {"command": "ble provision", "uuid": "...", "robot": "..."}
 //             {"command": "ble remove", "robot": "...", "force": optional}
 //             {"command": "ble import", "text": "..."}
+//             {"command": "store list", "after": optional id, "topic": optional, "payloads":
+//             optional}
+//             {"command": "store resend" | "store discard", "ids": [...] or "topic": "..." or
+//              "all": true}
 //   answer    {"result": ...} or {"error": "text"}
 //   watch     after its answer, {"event": {...}} for each message until the connection ends
 #pragma once
@@ -22,6 +26,7 @@
 #include "daemon/core/bytes.hpp"
 #include "daemon/core/mesh_order.hpp"
 #include "daemon/core/result.hpp"
+#include "daemon/core/store_order.hpp"
 #include "daemon/core/traffic_event.hpp"
 
 namespace slamgw::control {
@@ -38,7 +43,8 @@ struct SendRequest {
   std::string type;
   Bytes payload;
 };
-using Request = std::variant<StatusRequest, RobotsRequest, WatchRequest, SendRequest, MeshOrder>;
+using Request =
+    std::variant<StatusRequest, RobotsRequest, WatchRequest, SendRequest, MeshOrder, StoreOrder>;
 
 /// A request, or what is wrong with it in words.
 Result<Request, std::string> parse_request(std::string_view line);

@@ -5,6 +5,7 @@
 
 #include <gtest/gtest.h>
 
+#include <deque>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -34,6 +35,12 @@ class FakeHandler : public ControlHandler {
   };
   std::vector<Sent> sent;
   std::vector<Ordered> orders;
+  struct StoreOrdered {
+    StoreOrder order;
+    OrderDone done;
+  };
+  std::vector<StoreOrdered> store_orders;
+  std::deque<OrderAnswer> store_answers;    ///< given at once, one after the other
   std::optional<OrderAnswer> order_answer;  ///< given at once when set
 
   nlohmann::json status() override { return status_answer; }
@@ -45,6 +52,12 @@ class FakeHandler : public ControlHandler {
   void manage_ble(MeshOrder order, OrderDone done) override {
     orders.push_back({std::move(order), done});
     if (order_answer) done(*order_answer);
+  }
+  void manage_store(StoreOrder order, OrderDone done) override {
+    store_orders.push_back({std::move(order), done});
+    if (store_answers.empty()) return;
+    done(store_answers.front());
+    store_answers.pop_front();
   }
 };
 

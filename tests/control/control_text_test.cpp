@@ -28,7 +28,7 @@ TEST(ControlWire, TellsWhatIsWrongWithARequest) {
   for (const std::string_view line : {"", "[]", "{}", "{\"command\": 5}", "\xff", "[[[[[["})
     EXPECT_EQ(error(line), "a request is a line like {\"command\": \"status\"}") << line;
   EXPECT_EQ(error(R"({"command": "stop"})"),
-            "unknown command 'stop'; there are status, robots, watch, send, ble ...");
+            "unknown command 'stop'; there are status, robots, watch, send, ble ..., store ...");
   EXPECT_EQ(error(R"({"command": "ble scan"})"), "none");
   EXPECT_EQ(error(R"({"command": "ble dance"})"),
             "unknown command 'ble dance'; there are ble scan, provision, nodes, remove, import, "
