@@ -102,8 +102,7 @@ std::string Show::status(const json& status) const {
   out += fmt::format("Broker    {} {} since {}\n", paint(state, pad(state, 8)),
                      text_at(broker, "uri"), text_at(broker, "since"));
   if (!why.empty() && state != "up") out += fmt::format("                   {}\n", why);
-  out += mesh_line("BLE", group_at(meshes, "ble"));
-  out += mesh_line("Thread", group_at(meshes, "thread"));
+  for (const auto& [name, mesh] : meshes.items()) out += mesh_line(name, mesh);
   out += fmt::format("Robots    {} online, {} asleep, {} offline ({} known)\n",
                      count_at(robots, "online"), count_at(robots, "asleep"),
                      count_at(robots, "offline"), count_at(robots, "known"));
@@ -121,7 +120,9 @@ std::string Show::status(const json& status) const {
   return out;
 }
 
-std::string Show::mesh_line(const std::string& name, const json& mesh) const {
+std::string Show::mesh_line(std::string name, const json& mesh) const {
+  if (name == "ble") name = "BLE";
+  if (!name.empty() && name[0] >= 'a' && name[0] <= 'z') name[0] -= 'a' - 'A';
   const std::string state = text_at(mesh, "state");
   const std::string detail = text_at(mesh, "detail");
   return pad(name, 10) + paint(state, detail.empty() ? state : pad(state, 9)) + detail + "\n" +

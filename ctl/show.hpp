@@ -34,7 +34,7 @@ class Show {
  private:
   /// Green for what is well, red for what is not, yellow between.
   std::string paint(std::string_view state, std::string text) const;
-  std::string mesh_line(const std::string& name, const nlohmann::json& mesh) const;
+  std::string mesh_line(std::string name, const nlohmann::json& mesh) const;
 
   bool with_colour_;
   std::chrono::system_clock::time_point now_;

@@ -151,7 +151,14 @@ Robot* BleMesh::robot_called(std::string_view id) {
   return nullptr;
 }
 
-std::size_t BleMesh::queued(std::string_view id) const {
+std::optional<Presence> BleMesh::presence_of(std::string_view id) const {
+  for (const auto& [address, robot] : robots_)
+    if (robot.id == id)
+      return robot.is_online && link_.is_up() ? Presence::online : Presence::offline;
+  return std::nullopt;
+}
+
+std::size_t BleMesh::queued_for(std::string_view id) const {
   for (const auto& [address, robot] : robots_)
     if (robot.id == id) return robot.commands.size();
   return 0;
@@ -183,13 +190,13 @@ void BleMesh::subscribe(const Robot& robot) {
   emit(SubscribeRequest{Mesh::ble, topics_.command_filter(robot.id), Qos::at_least_once});
 }
 
-void BleMesh::on_subscribe_result(const std::string& filter, bool granted) {
+void BleMesh::on_subscribe_result(const std::string& filter, bool granted, TimePoint) {
   for (auto& [address, robot] : robots_) {
     if (topics_.command_filter(robot.id) == filter) robot.is_subscribed = granted;
   }
 }
 
-void BleMesh::on_broker_link(bool is_up) {
+void BleMesh::on_broker_link(bool is_up, TimePoint) {
   if (!is_up) return;
   for (auto& [address, robot] : robots_) {
     if (!std::exchange(robot.is_subscribed, true)) subscribe(robot);
@@ -200,9 +207,9 @@ void BleMesh::on_broker_link(bool is_up) {
 
 void BleMesh::on_broker_message(const BrokerMessage& message, CommandId id, TimePoint now) {
   const auto target = topics_.parse_command_topic(message.topic);
-  if (!target) return;
+  if (!target || id == CommandId::none) return;  // another mesh's
   Robot* const found = robot_called(target->robot);
-  if (found == nullptr) return;  // not ours: it may be on the other mesh
+  if (found == nullptr) return;
   Robot& robot = *found;
   if (message.retain && !may_take_retained(robot, message)) return;
 

@@ -48,17 +48,18 @@ class BleMesh final : public MeshMachine {
 
   void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now) override;
   void on_broker_message(const BrokerMessage& message, CommandId command, TimePoint now) override;
-  void on_subscribe_result(const std::string& filter, bool granted) override;
-  void on_broker_link(bool is_up) override;
+  void on_subscribe_result(const std::string& filter, bool granted, TimePoint now) override;
+  void on_broker_link(bool is_up, TimePoint now) override;
   void on_stop(TimePoint now) override;
 
   std::optional<MeshAction> next_action() override { return actions_.pop(); }
   std::optional<TimePoint> deadline() const override;
   void on_deadline(TimePoint now) override;
+  std::optional<Presence> presence_of(std::string_view robot) const override;
   Counters counters() const override;
   const NodeDatabase* unsaved() const { return provisioner_.unsaved(); }
   /// Commands that wait for this robot or are on their way to it.
-  std::size_t queued(std::string_view robot) const;
+  std::size_t queued_for(std::string_view robot) const override;
 
  private:
   struct MeshCounters {

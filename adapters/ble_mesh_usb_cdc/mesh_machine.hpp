@@ -63,8 +63,8 @@ class MeshMachine {
   virtual void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now) = 0;
   virtual void on_broker_message(const BrokerMessage& message, CommandId command,
                                  TimePoint now) = 0;
-  virtual void on_subscribe_result(const std::string& filter, bool granted) = 0;
-  virtual void on_broker_link(bool is_up) = 0;
+  virtual void on_subscribe_result(const std::string& filter, bool granted, TimePoint now) = 0;
+  virtual void on_broker_link(bool is_up, TimePoint now) = 0;
   /// The daemon ends: no command is taken or waited for any more. What robots were promised to hear
   /// is still sent.
   virtual void on_stop(TimePoint) {}
@@ -72,6 +72,8 @@ class MeshMachine {
   virtual std::optional<MeshAction> next_action() = 0;
   virtual std::optional<TimePoint> deadline() const = 0;
   virtual void on_deadline(TimePoint now) = 0;
+  virtual std::optional<Presence> presence_of(std::string_view robot) const = 0;
+  virtual std::size_t queued_for(std::string_view) const { return 0; }
   virtual Counters counters() const = 0;
 };
 

@@ -113,6 +113,19 @@ SnGateway::ClientCounts SnGateway::client_counts() const {
   return counts;
 }
 
+std::optional<Presence> SnGateway::presence_of(const std::string& robot) const {
+  const ClientSession* session = context_.clients.find_robot(robot);
+  if (!session) return std::nullopt;
+  switch (session->state()) {
+    case ClientState::active: return Presence::online;
+    case ClientState::asleep:
+    case ClientState::awake: return Presence::asleep;
+    case ClientState::disconnected:
+    case ClientState::lost: break;
+  }
+  return Presence::offline;
+}
+
 std::size_t SnGateway::queued_for(const std::string& robot) const {
   const ClientSession* session = context_.clients.find_robot(robot);
   if (!session) return 0;

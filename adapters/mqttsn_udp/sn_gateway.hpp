@@ -44,6 +44,8 @@ class SnGateway {
   };
   /// For status; looks at every client.
   ClientCounts client_counts() const;
+  /// Nothing when no client has this name.
+  std::optional<Presence> presence_of(const std::string& robot) const;
   /// Messages waiting for this robot, the one in flight included.
   std::size_t queued_for(const std::string& robot) const;
 

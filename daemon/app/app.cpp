@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <csignal>
 #include <filesystem>
 #include <stdexcept>
@@ -41,22 +42,10 @@ std::string broker_uri(const BrokerSettings& broker) {
   return fmt::format("{}://{}:{}", broker.tls ? "mqtts" : "mqtt", host, broker.port);
 }
 
-template <class Change>
-void App::drive(Change&& change) {
-  change(gateway_, read_clocks());
-  if (std::exchange(is_draining_, true)) return;  // the outermost call drains
-  while (auto action = gateway_.next_action()) {
-    std::visit([this](auto& what) { this->perform(what); }, *action);
-  }
-  is_draining_ = false;
-}
-
-template <class Change>
-void App::change_outbox(Change&& change) {
-  outbox_driver_.input(std::forward<Change>(change));
+void App::on_outbox_drained() {
   const bool is_full = outbox_.backlog().is_full();
   if (gateway_.is_store_full() == is_full) return;
-  drive([&](Gateway& gateway, const Now&) { gateway.on_store(is_full); });
+  gateway_driver_.input([&](Gateway& gateway, TimePoint) { gateway.on_store(is_full); });
 }
 
 App::App(Config config, std::string config_file)
@@ -68,15 +57,24 @@ App::App(Config config, std::string config_file)
       stats_timer_(io_),
       stop_timer_(io_),
       notifier_(io_, [this] { return service_state(); }),
-      gateway_(scheme_, {SLAMGW_VERSION, config_.update_mode, started_.wall}),
+      gateway_(scheme_, {SLAMGW_VERSION, config_.update_mode, started_.wall},
+               [this](Mesh where, const std::string& robot) {
+                 return mesh(where) ? mesh(where)->presence_of(robot) : std::nullopt;
+               }),
+      gateway_driver_(io_, gateway_,
+                      [this](GatewayAction& action) {
+                        std::visit([this](auto& what) { perform(what); }, action);
+                      }),
       outbox_(config_.broker.max_inflight, config_.store.max_bytes),
-      outbox_driver_(io_, outbox_,
-                     [this](OutboxAction& action) {
-                       std::visit([this](auto& what) { perform(what); }, action);
-                     }),
+      outbox_driver_(
+          io_, outbox_,
+          [this](OutboxAction& action) {
+            std::visit([this](auto& what) { perform(what); }, action);
+          },
+          [this] { on_outbox_drained(); }),
       store_(io_, config_.store,
              [this](StoreEvent event) {
-               change_outbox([&](Outbox& outbox, TimePoint now) {
+               outbox_driver_.input([&](Outbox& outbox, TimePoint now) {
                  outbox.on_store_event(std::move(event), now);
                });
              }),
@@ -109,16 +107,16 @@ void App::start_meshes() {
   const RobotNames names(config_.robots);
   if (config_.mqttsn.enabled) {
     TopicPolicy policy(scheme_, config_.topics.extra_publish, config_.topics.extra_subscribe);
-    meshes_[static_cast<std::size_t>(Mesh::thread)] = std::make_unique<mqttsn::MqttsnAdapter>(
+    meshes_[Mesh::thread] = std::make_unique<mqttsn::MqttsnAdapter>(
         io_, config_.mqttsn, std::move(policy), names, *this, &session_store_, &descriptors_);
   }
   if (config_.ble_mesh.enabled) {
     auto adapter = std::make_unique<ble::BleMeshAdapter>(io_, config_.ble_mesh, scheme_, names,
                                                          config_.store.directory, *this);
     ble_ = adapter.get();
-    meshes_[static_cast<std::size_t>(Mesh::ble)] = std::move(adapter);
+    meshes_[Mesh::ble] = std::move(adapter);
   }
-  if (!mesh(Mesh::thread) && !mesh(Mesh::ble)) {
+  if (std::ranges::none_of(meshes_, [](const auto& adapter) { return adapter != nullptr; })) {
     log_event(Severity::warning,
               "no mesh is enabled: set mqttsn.enabled or ble_mesh.enabled to true");
   }
@@ -158,8 +156,8 @@ void App::stop() {
   for (auto& adapter : meshes_) {
     if (adapter) adapter->stop_listening();
   }
-  drive([](Gateway& gateway, const Now&) { gateway.on_stop(); });
-  change_outbox([](Outbox& outbox, TimePoint now) { outbox.on_stop(now); });
+  gateway_driver_.input([](Gateway& gateway, const Now&) { gateway.on_stop(); });
+  outbox_driver_.input([](Outbox& outbox, TimePoint now) { outbox.on_stop(now); });
   stop_when_flushed(read_clocks().mono + flush_patience);
 }
 
@@ -174,6 +172,7 @@ void App::stop_when_flushed(TimePoint give_up_at) {
     for (auto& adapter : meshes_) {
       if (adapter) adapter->stop();
     }
+    gateway_driver_.stop();
     outbox_driver_.stop();
     network_watch_->stop();
     upstream_.stop();
@@ -193,7 +192,6 @@ void App::publish_stats_regularly() {
   stats_timer_.async_wait([this](boost::system::error_code error) {
     if (error) return;
     pending_sends_.on_time(read_clocks().mono);
-    drive([](Gateway& gateway, const Now& now) { gateway.on_tick(now); });
     publish_stats();
     log_overdue_lines(read_clocks().mono);
     flush_log();
@@ -208,7 +206,7 @@ void App::publish_stats() {
 }
 
 void App::perform(Upload& action) {
-  change_outbox([&](Outbox& outbox, TimePoint now) {
+  outbox_driver_.input([&](Outbox& outbox, TimePoint now) {
     outbox.submit(std::move(action.message), action.receipt, now);
   });
 }
@@ -219,8 +217,9 @@ void App::perform(SubscribeAtBroker& action) {
 
 void App::perform(UnsubscribeAtBroker& action) { upstream_.unsubscribe(action.filter); }
 
-void App::perform(DeliverToMesh& action) {
-  if (mesh(action.mesh)) mesh(action.mesh)->on_broker_message(action.message, action.command);
+void App::perform(DeliverToMeshes& action) {
+  for (const Mesh each : all_meshes)
+    if (mesh(each)) mesh(each)->on_broker_message(action.message, action.command_on(each));
 }
 
 void App::perform(AnswerSubscribe& action) {
@@ -269,12 +268,9 @@ void App::send(const std::string& robot, const std::string& type, Bytes payload,
   if (!is_valid_level(robot) || !is_valid_level(type)) {
     return done(outcome_json("refused", 0, "robot and type are one topic level each"));
   }
-  if (!gateway_.registry().find(robot)) {
-    return done(outcome_json("refused", 0, fmt::format("no robot '{}' was ever heard", robot)));
-  }
   if (pending_sends_.is_full())
     return done(outcome_json("refused", 0, "too many commands wait for their outcome"));
-  drive([&](Gateway& gateway, const Now& now) {
+  gateway_driver_.input([&](Gateway& gateway, const Now& now) {
     const CommandId command = gateway.on_operator_command(robot, type, std::move(payload), now);
     pending_sends_.add(command, done, now.mono);  // before its outcome is performed
   });
@@ -290,11 +286,13 @@ void App::manage_ble(MeshOrder order, OrderDone done) {
 }
 
 void App::on_mesh_event(MeshEvent event) {
-  drive([&](Gateway& gateway, const Now& now) { gateway.on_mesh_event(std::move(event), now); });
+  gateway_driver_.input(
+      [&](Gateway& gateway, const Now& now) { gateway.on_mesh_event(std::move(event), now); });
 }
 
 void App::tell_meshes_about_broker(bool is_up) {
-  drive([&](Gateway& gateway, const Now& now) { gateway.on_broker_link(is_up, now); });
+  gateway_driver_.input(
+      [&](Gateway& gateway, const Now& now) { gateway.on_broker_link(is_up, now); });
   for (auto& adapter : meshes_) {
     if (adapter) adapter->on_broker_link(is_up);
   }
@@ -304,7 +302,8 @@ void App::on_link_up(bool, std::uint16_t receive_maximum) {
   const std::string version = upstream_.version() == MqttVersion::v5 ? "MQTT 5" : "MQTT 3.1.1";
   log_notice(broker_log_.on_up(version, read_clocks()));
   // The outbox first: else what the gateway says about itself would go to the disk on its way.
-  change_outbox([&](Outbox& outbox, TimePoint now) { outbox.on_link_up(receive_maximum, now); });
+  outbox_driver_.input(
+      [&](Outbox& outbox, TimePoint now) { outbox.on_link_up(receive_maximum, now); });
   tell_meshes_about_broker(true);
 }
 
@@ -312,26 +311,28 @@ void App::on_link_down(const std::string& why) {
   const bool was_up = broker_log_.is_up();
   if (const auto notice = broker_log_.on_down(why, read_clocks())) log_notice(*notice);
   if (!was_up) return;
-  change_outbox([](Outbox& outbox, TimePoint now) { outbox.on_link_down(now); });
+  outbox_driver_.input([](Outbox& outbox, TimePoint now) { outbox.on_link_down(now); });
   tell_meshes_about_broker(false);
 }
 
 void App::on_published(std::uint64_t sequence) {
-  change_outbox([&](Outbox& outbox, TimePoint now) { outbox.on_published(sequence, now); });
+  outbox_driver_.input([&](Outbox& outbox, TimePoint now) { outbox.on_published(sequence, now); });
 }
 
 void App::on_publish_refused(std::uint64_t sequence, const std::string& why) {
   log_event(Severity::warning,
             fmt::format("the broker refuses a message: {}; check its access control list", why));
-  change_outbox([&](Outbox& outbox, TimePoint now) { outbox.on_publish_refused(sequence, now); });
+  outbox_driver_.input(
+      [&](Outbox& outbox, TimePoint now) { outbox.on_publish_refused(sequence, now); });
 }
 
 void App::on_subscribe_result(const std::string& filter, bool granted) {
-  drive([&](Gateway& gateway, const Now&) { gateway.on_subscribe_result(filter, granted); });
+  gateway_driver_.input(
+      [&](Gateway& gateway, const Now&) { gateway.on_subscribe_result(filter, granted); });
 }
 
 void App::on_message(BrokerMessage message, std::vector<std::uint32_t> subscriptions) {
-  drive([&](Gateway& gateway, const Now& now) {
+  gateway_driver_.input([&](Gateway& gateway, const Now& now) {
     gateway.on_broker_message(std::move(message), subscriptions, now);
   });
 }

@@ -58,17 +58,12 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   void publish_stats();
   void log_overdue_lines(TimePoint now);
 
-  /// Calls `change(gateway, now)` and performs what came of it, also from inside such a call.
-  template <class Change>
-  void drive(Change&& change);
-  /// The same for the outbox, and tells the gateway when its store has become full or has room
-  /// again.
-  template <class Change>
-  void change_outbox(Change&& change);
+  /// The gateway is told when the store has become full or has room again.
+  void on_outbox_drained();
   void perform(Upload& action);
   void perform(SubscribeAtBroker& action);
   void perform(UnsubscribeAtBroker& action);
-  void perform(DeliverToMesh& action);
+  void perform(DeliverToMeshes& action);
   void perform(AnswerSubscribe& action);
   void perform(CommandOutcome& outcome);
   void perform(TrafficEvent& event);
@@ -77,7 +72,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   void perform(FireReceipt& action);
   void perform(WriteToStore& action);
   void perform(LoadFromStore& action);
-  MeshAdapter* mesh(Mesh mesh) const { return meshes_[static_cast<std::size_t>(mesh)].get(); }
+  MeshAdapter* mesh(Mesh mesh) const { return meshes_[mesh].get(); }
   void tell_meshes_about_broker(bool is_up);
 
   void on_mesh_event(MeshEvent event) override;
@@ -109,7 +104,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   DescriptorStore descriptors_;
 
   Gateway gateway_;
-  bool is_draining_ = false;
+  MachineDriver<Gateway> gateway_driver_;
   Outbox outbox_;
   MachineDriver<Outbox> outbox_driver_;
   SqliteStore store_;
@@ -117,8 +112,8 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   PahoUpstream upstream_;
   std::shared_ptr<InterfaceWatch> network_watch_;
   LinkLog broker_log_;
-  std::unique_ptr<MeshAdapter> meshes_[2];  // by Mesh; nothing when not enabled
-  ble::BleMeshAdapter* ble_ = nullptr;      // the one of `meshes_`, for operators' orders
+  PerMesh<std::unique_ptr<MeshAdapter>> meshes_;  // nothing when not enabled
+  ble::BleMeshAdapter* ble_ = nullptr;            // the one of `meshes_`, for operators' orders
   std::unique_ptr<ControlServer> control_;
   TrafficSampler sampler_;
   AwaitedLines awaited_lines_;

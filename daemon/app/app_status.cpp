@@ -88,18 +88,22 @@ json robot_json(const std::string& id, const Robot& robot, std::size_t queued, T
 }  // namespace
 
 ServiceState App::service_state() const {
-  const auto link = [this](Mesh wanted) {
-    return mesh(wanted) ? std::optional(gateway_.mesh_link(wanted).is_up) : std::nullopt;
-  };
-  return {broker_log_.is_up(), link(Mesh::thread), link(Mesh::ble),
-          gateway_.registry().count(Presence::online),
-          gateway_.traffic().up + gateway_.traffic().down};
+  ServiceState state{broker_log_.is_up(),
+                     {},
+                     gateway_.registry().count(Presence::online),
+                     gateway_.traffic().up + gateway_.traffic().down};
+  for (const Mesh each : all_meshes)
+    if (mesh(each)) state.mesh_is_up[each] = gateway_.mesh_link(each).is_up;
+  return state;
 }
 
 json App::status() {
   const Now now = read_clocks();
   const auto uptime = std::chrono::duration_cast<std::chrono::seconds>(now.mono - started_.mono);
   const Outbox::Statistics& sent = outbox_.statistics();
+  json meshes;
+  for (const Mesh each : all_meshes)
+    meshes[std::string(to_string(each))] = mesh_json(mesh(each), gateway_.mesh_link(each));
   return {{"version", SLAMGW_VERSION},
           {"uptime_s", uptime.count()},
           {"gateway", config_.gateway_id},
@@ -108,9 +112,7 @@ json App::status() {
             {"uri", broker_log_.uri()},
             {"since", to_iso8601(broker_log_.since())},
             {"why", broker_log_.why()}}},
-          {"meshes",
-           {{"ble", mesh_json(mesh(Mesh::ble), gateway_.mesh_link(Mesh::ble))},
-            {"thread", mesh_json(mesh(Mesh::thread), gateway_.mesh_link(Mesh::thread))}}},
+          {"meshes", std::move(meshes)},
           {"robots", count_robots(gateway_.registry())},
           {"messages",
            {{"up", gateway_.traffic().up},

@@ -28,7 +28,7 @@ void PendingSends::on_time(TimePoint now) {
     const Done done = std::move(waiting_.front().done);
     waiting_.pop_front();
     done(outcome_json("timeout", std::chrono::milliseconds(patience).count(),
-                      "no mesh took the command: the robot has not subscribed to it"));
+                      "the mesh has not told its outcome"));
   }
 }
 

@@ -5,13 +5,14 @@
 // queues what comes in (MachineDriver does that).
 #pragma once
 
+#include <optional>
 #include <string>
 
 #include "daemon/core/messages.hpp"
 
 namespace slamgw {
 
-/// Told by adapters what their mesh says.
+/// Told by adapters what their mesh says. Never from inside a question (presence_of, counters).
 class MeshListener {
  public:
   virtual ~MeshListener() = default;
@@ -24,7 +25,7 @@ class MeshAdapter {
   virtual ~MeshAdapter() = default;
 
   /// Opens its sockets or port and keeps them open from then on, retrying by itself. Throws
-  /// std::runtime_error only for what an operator must mend (an address in use).
+  /// std::runtime_error only for what an operator must fix (an address in use).
   virtual void start() = 0;
   /// The daemon is about to end: hears nothing new where it can be avoided, but still acknowledges
   /// what it has heard. The outcome of each command that does not outlive the daemon is told now.
@@ -35,8 +36,10 @@ class MeshAdapter {
 
   /// The receipt of an earlier Report fires. Called once for each owed receipt.
   virtual void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome) = 0;
-  /// A message that matches one of this mesh's subscriptions. `command` comes back in the
-  /// CommandOutcome when the message is a command for a robot of this mesh.
+  /// A message from the broker, for whoever of this mesh has subscribed to it. With a `command` it
+  /// is one for a robot of this mesh, which owes its CommandOutcome within 30 s; a retained one may
+  /// be passed over in silence, when the robot does not wait for it. Without, this mesh must not
+  /// give it to the robot that it commands: another mesh does.
   virtual void on_broker_message(const BrokerMessage& message, CommandId command) = 0;
   /// The broker's answer to an earlier SubscribeRequest, or the core's when it already holds that
   /// subscription.
@@ -45,8 +48,11 @@ class MeshAdapter {
   virtual void on_broker_link(bool is_up) = 0;
 
   virtual Counters counters() const = 0;
-  /// Commands that wait for this robot or are on their way to it, as far as the mesh knows.
-  virtual std::size_t queued_for(const std::string&) const { return 0; }
+  /// Whether a command can reach this robot here; nothing when it is not one of this mesh's. A
+  /// robot behind a link that is down is offline.
+  virtual std::optional<Presence> presence_of(const std::string& robot) const = 0;
+  /// Commands that wait for this robot or are on their way to it.
+  virtual std::size_t queued_for(const std::string& robot) const = 0;
 };
 
 }  // namespace slamgw

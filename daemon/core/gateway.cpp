@@ -49,10 +49,12 @@ Severity severity_of(CommandResult result) {
 
 }  // namespace
 
-Gateway::Gateway(TopicScheme scheme, Settings settings)
+Gateway::Gateway(TopicScheme scheme, Settings settings, PresenceQuery presence_on)
     : scheme_(std::move(scheme)),
       settings_(std::move(settings)),
-      leftovers_(scheme_.presence_topic("+")) {}
+      leftovers_(scheme_.presence_topic("+")),
+      presence_on_(std::move(presence_on)),
+      commands_(settings_.max_open_commands) {}
 
 void Gateway::on_mesh_event(MeshEvent event, const Now& now) {
   std::visit([&](auto& what) { handle(std::move(what), now); }, event);
@@ -128,12 +130,21 @@ void Gateway::handle(UnsubscribeRequest request, const Now&) {
 }
 
 void Gateway::handle(CommandOutcome outcome, const Now&) {
-  actions_.push(
-      Notice{severity_of(outcome.result),
-             fmt::format("{} {} {} {} after {} ms{}{}", to_string(outcome.mesh), outcome.robot,
-                         outcome.type, to_string(outcome.result), outcome.after.count(),
-                         outcome.why.empty() ? "" : ": ", outcome.why),
-             outcome.robot, Occasion::command_outcome, outcome.after});
+  // One without an id was entered before a restart.
+  if (outcome.id != CommandId::none && !commands_.end(outcome.id)) {
+    ++traffic_.late_outcomes;
+    return;
+  }
+  conclude(std::move(outcome));
+}
+
+void Gateway::conclude(CommandOutcome outcome) {
+  actions_.push(Notice{
+      severity_of(outcome.result),
+      fmt::format("{} {} {} {} after {} ms{}{}", outcome.mesh ? to_string(*outcome.mesh) : "-",
+                  outcome.robot, outcome.type, to_string(outcome.result), outcome.after.count(),
+                  outcome.why.empty() ? "" : ": ", outcome.why),
+      outcome.robot, Occasion::command_outcome, outcome.after});
   actions_.push(Upload{{scheme_.outcome_topic(outcome.robot),
                         to_bytes(outcome_json(outcome).dump()), Qos::at_least_once, false},
                        {}});
@@ -141,7 +152,7 @@ void Gateway::handle(CommandOutcome outcome, const Now&) {
 }
 
 void Gateway::handle(LinkChange change, const Now&) {
-  LinkState& link = mesh_links_[static_cast<std::size_t>(change.mesh)];
+  LinkState& link = mesh_links_[change.mesh];
   const bool is_news = link.is_up != change.is_up || link.detail != change.detail;
   link = {change.is_up, change.detail};
   if (!is_news) return;
@@ -169,24 +180,47 @@ CommandId Gateway::on_operator_command(const std::string& robot, const std::stri
 }
 
 CommandId Gateway::deliver(BrokerMessage message, const Now& now) {
-  const auto command = scheme_.parse_command_topic(message.topic);
   ++traffic_.down;
-  CommandId id = CommandId::none;
-  if (command) {
-    id = CommandId{++last_command_};
-    const std::string robot_id(command->robot);
-    const Robot* robot = registry_.find(robot_id);
-    registry_.on_command(robot_id);
-    actions_.push(TrafficEvent{Direction::down, robot ? std::optional(robot->mesh()) : std::nullopt,
-                               robot_id, std::string(command->type), message.topic, message.payload,
-                               message.qos, std::nullopt, now.wall, now.mono});
-    // A robot with an address on both meshes gets a command once, where it can be reached.
-    const bool is_only_on_thread =
-        robot && robot->is_reachable_on(Mesh::thread) && !robot->is_reachable_on(Mesh::ble);
-    if (!is_only_on_thread) actions_.push(DeliverToMesh{Mesh::ble, message, id});
+  const auto target = scheme_.parse_command_topic(message.topic);
+  if (!target) {
+    actions_.push(DeliverToMeshes{std::move(message)});
+    return CommandId::none;
   }
-  actions_.push(DeliverToMesh{Mesh::thread, std::move(message), id});
-  return id;
+  const std::string robot(target->robot);
+  Command command{commands_.next_id(), robot, std::string(target->type), carrier_for(robot),
+                  message.retain};
+  registry_.on_command(robot);
+  actions_.push(TrafficEvent{Direction::down, command.carrier, robot, command.type, message.topic,
+                             message.payload, message.qos, std::nullopt, now.wall, now.mono});
+  deliver_command(command, std::move(message), now);
+  return command.id;
+}
+
+/// The message goes to the meshes in any case: other robots may listen to it.
+void Gateway::deliver_command(const Command& command, BrokerMessage message, const Now& now) {
+  const bool is_open = command.carrier && commands_.open(command, now);
+  const CommandId id = is_open ? command.id : CommandId::none;
+  actions_.push(DeliverToMeshes{std::move(message), id, command.carrier});
+  if (is_open || command.is_retained) return;  // a retained one waits at the broker
+  conclude({command.carrier,
+            command.id,
+            command.robot,
+            command.type,
+            CommandResult::refused,
+            {},
+            command.carrier ? "too many commands are on their way"
+                            : "no robot of this name is known here"});
+}
+
+/// A robot with addresses on several meshes gets a command once: where it can be reached.
+std::optional<Mesh> Gateway::carrier_for(const std::string& robot) const {
+  std::optional<Mesh> carrier;
+  for (const Mesh mesh : all_meshes) {
+    const auto presence = presence_on_(mesh, robot);
+    if (presence && *presence != Presence::offline) return mesh;
+    if (presence && !carrier) carrier = mesh;
+  }
+  return carrier;
 }
 
 void Gateway::on_broker_link(bool is_up, const Now& now) {
@@ -207,10 +241,22 @@ void Gateway::on_broker_link(bool is_up, const Now& now) {
   for (const auto& [id, robot] : registry_.robots()) announce(id, robot);
 }
 
-/// Whoever was left as online and was not heard since is offline; when exactly it went, nobody
-/// knows.
-void Gateway::on_tick(const Now& now) {
-  if (!is_broker_up_) return;
+std::optional<TimePoint> Gateway::deadline() const {
+  return earlier(commands_.deadline(), is_broker_up_ ? leftovers_.deadline() : std::nullopt);
+}
+
+void Gateway::on_deadline(const Now& now) {
+  for (Command& command : commands_.take_overdue(now)) {
+    if (command.is_retained) continue;
+    conclude({command.carrier, command.id, std::move(command.robot), std::move(command.type),
+              CommandResult::timeout, CommandLedger::patience,
+              "the mesh has not told its outcome"});
+  }
+  if (is_broker_up_) end_leftovers(now);
+}
+
+/// Marks leftovers that were not heard as offline; the time is unknown.
+void Gateway::end_leftovers(const Now& now) {
   const auto leftovers = leftovers_.finish(now.mono);
   if (!leftovers) return;
   actions_.push(UnsubscribeAtBroker{leftovers_.filter()});

@@ -3,10 +3,12 @@
 // about it. Pure; knows no mesh's protocol and no MQTT client. The application drains its actions.
 #pragma once
 
+#include <functional>
 #include <optional>
 #include <string>
 #include <variant>
 
+#include "daemon/core/command_ledger.hpp"
 #include "daemon/core/leftover_robots.hpp"
 #include "daemon/core/messages.hpp"
 #include "daemon/core/protocol_machine.hpp"
@@ -32,10 +34,12 @@ struct SubscribeAtBroker {
 struct UnsubscribeAtBroker {
   std::string filter;
 };
-struct DeliverToMesh {
-  Mesh mesh = Mesh::thread;
+/// To each mesh; as a command only to its carrier.
+struct DeliverToMeshes {
   BrokerMessage message;
-  CommandId command = CommandId::none;  ///< when it is one
+  CommandId command = CommandId::none;
+  std::optional<Mesh> carrier{};
+  CommandId command_on(Mesh mesh) const { return mesh == carrier ? command : CommandId::none; }
 };
 struct AnswerSubscribe {
   Mesh mesh = Mesh::thread;
@@ -43,8 +47,11 @@ struct AnswerSubscribe {
   bool granted = false;
 };
 
-using GatewayAction = std::variant<Upload, SubscribeAtBroker, UnsubscribeAtBroker, DeliverToMesh,
+using GatewayAction = std::variant<Upload, SubscribeAtBroker, UnsubscribeAtBroker, DeliverToMeshes,
                                    AnswerSubscribe, CommandOutcome, TrafficEvent, Notice>;
+
+/// Asks a mesh: MeshAdapter::presence_of.
+using PresenceQuery = std::function<std::optional<Presence>(Mesh, const std::string& robot)>;
 
 class Gateway {
  public:
@@ -52,14 +59,16 @@ class Gateway {
     std::string version;
     UpdateMode update_mode = UpdateMode::positions;
     WallTime started{};  ///< "since" in `state`
+    std::size_t max_open_commands = CommandLedger::default_max_open;
   };
   struct Traffic {
-    std::uint64_t up = 0;        ///< robots' messages that went to the outbox
-    std::uint64_t down = 0;      ///< broker messages that were given to a mesh
-    std::uint64_t rejected = 0;  ///< payloads that `payload.update` could not read
+    std::uint64_t up = 0;             ///< robots' messages that went to the outbox
+    std::uint64_t down = 0;           ///< broker messages that were given to a mesh
+    std::uint64_t rejected = 0;       ///< payloads that `payload.update` could not read
+    std::uint64_t late_outcomes = 0;  ///< of commands that had ended already
   };
 
-  Gateway(TopicScheme scheme, Settings settings);
+  Gateway(TopicScheme scheme, Settings settings, PresenceQuery presence_on);
 
   void on_mesh_event(MeshEvent event, const Now& now);
   /// `subscriptions`: which of ours this copy is for, where the broker says it (MQTT 5).
@@ -72,8 +81,6 @@ class Gateway {
   /// without persistence has forgotten them). Down: answers what still waits for the broker.
   void on_broker_link(bool is_up, const Now& now);
   void on_subscribe_result(const std::string& filter, bool granted);
-  /// Every few seconds.
-  void on_tick(const Now& now);
   /// The store has no room for messages that are acknowledged, or has it again: `state` says so.
   void on_store(bool is_full);
   bool is_store_full() const { return is_store_full_; }
@@ -81,6 +88,8 @@ class Gateway {
   void on_stop();
 
   std::optional<GatewayAction> next_action() { return actions_.pop(); }
+  std::optional<TimePoint> deadline() const;
+  void on_deadline(const Now& now);
 
   const RobotRegistry& registry() const { return registry_; }
   const Traffic& traffic() const { return traffic_; }
@@ -88,9 +97,7 @@ class Gateway {
     bool is_up = false;
     std::string detail;
   };
-  const LinkState& mesh_link(Mesh mesh) const {
-    return mesh_links_[static_cast<std::size_t>(mesh)];
-  }
+  const LinkState& mesh_link(Mesh mesh) const { return mesh_links_[mesh]; }
 
  private:
   void handle(Report report, const Now& now);
@@ -102,6 +109,10 @@ class Gateway {
   void handle(LinkChange change, const Now& now);
   void handle(Notice notice, const Now& now);
   CommandId deliver(BrokerMessage message, const Now& now);
+  void deliver_command(const Command& command, BrokerMessage message, const Now& now);
+  std::optional<Mesh> carrier_for(const std::string& robot) const;
+  void conclude(CommandOutcome outcome);
+  void end_leftovers(const Now& now);
   void reject(const Report& report, std::string_view type, Robot* robot, Bytes payload,
               const Now& now);
   void announce(const std::string& id, const Robot& robot);
@@ -113,9 +124,10 @@ class Gateway {
   RobotRegistry registry_;
   SubscriptionTable subscriptions_;
   LeftoverRobots leftovers_;
+  PresenceQuery presence_on_;
+  CommandLedger commands_;
   Traffic traffic_;
-  LinkState mesh_links_[2];
-  std::uint64_t last_command_ = 0;
+  PerMesh<LinkState> mesh_links_;
   bool is_broker_up_ = false;
   bool is_store_full_ = false;
   bool is_stopping_ = false;

@@ -19,6 +19,11 @@ bool LeftoverRobots::take(const BrokerMessage& message) {
   return true;
 }
 
+std::optional<TimePoint> LeftoverRobots::deadline() const {
+  if (!is_looking_ || !up_since_) return std::nullopt;
+  return *up_since_ + grace;
+}
+
 std::optional<std::vector<LeftoverRobots::Leftover>> LeftoverRobots::finish(TimePoint now) {
   if (!is_looking_ || !up_since_ || now - *up_since_ < grace) return std::nullopt;
   is_looking_ = false;

@@ -33,6 +33,7 @@ class LeftoverRobots {
     std::string robot;
     std::string presence;  ///< the JSON as it was retained, not offline
   };
+  std::optional<TimePoint> deadline() const;
   /// Once, when the time has come; ends the looking.
   std::optional<std::vector<Leftover>> finish(TimePoint now);
 

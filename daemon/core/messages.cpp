@@ -3,8 +3,6 @@
 
 namespace slamgw {
 
-std::string_view to_string(Mesh mesh) { return mesh == Mesh::ble ? "ble" : "thread"; }
-
 std::string_view to_string(Presence presence) {
   switch (presence) {
     case Presence::online: return "online";

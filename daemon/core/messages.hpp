@@ -12,12 +12,10 @@
 #include <vector>
 
 #include "daemon/core/bytes.hpp"
+#include "daemon/core/mesh.hpp"
 #include "daemon/core/time.hpp"
 
 namespace slamgw {
-
-enum class Mesh : std::uint8_t { ble, thread };
-std::string_view to_string(Mesh mesh);
 
 /// MQTT's levels of delivery. MQTT-SN's "QoS -1" comes up as at_most_once.
 enum class Qos : std::uint8_t { at_most_once = 0, at_least_once = 1, exactly_once = 2 };
@@ -93,7 +91,7 @@ struct SignOfLife {
 /// already holds the same filter, because each request makes the broker send its retained messages
 /// for that filter again (they carry `retain`; fresh messages do not, so a machine gives retained
 /// ones only to subscribers that still wait for them). The core keeps one subscription at the
-/// broker for both meshes. Answered by `on_subscribe_result(filter, granted)`: by the broker, or by
+/// broker for all meshes. Answered by `on_subscribe_result(filter, granted)`: by the broker, or by
 /// the core at once while the broker is away. UnsubscribeRequest when the mesh's last subscriber
 /// has gone.
 struct SubscribeRequest {
@@ -118,7 +116,7 @@ std::string_view to_string(CommandResult result);
 
 /// Down: how one command ended. Exactly one for each command.
 struct CommandOutcome {
-  Mesh mesh = Mesh::thread;
+  std::optional<Mesh> mesh;  ///< nothing when no mesh has carried it
   CommandId id = CommandId::none;
   std::string robot;
   std::string type;

@@ -1,21 +1,39 @@
 // SPDX-License-Identifier: Apache-2.0
-// The contract of every protocol machine: inputs `on_<what happened>(..., now)` change it and leave
-// actions; a shell drains `next_action()` until empty after each input, then re-arms its one timer
-// to `deadline()`, and calls `on_deadline(now)` when it passes. No I/O, no clock, no threads, no
-// logging inside. `MachineDriver` (daemon/runtime) is the shell's half.
+// The contract of every protocol machine, as the compiler checks it. Inputs `on_<what
+// happened>(..., now)` change a machine and leave actions; a shell drains `next_action()` until
+// empty after each input, then re-arms its one timer to `deadline()`, and calls `on_deadline(now)`
+// when it passes, perhaps a little early. No I/O, no clock, no threads, no logging inside.
+// `MachineDriver` (daemon/runtime) is the shell's half.
 #pragma once
 
+#include <concepts>
 #include <deque>
 #include <optional>
 #include <utility>
+#include <variant>
 
 #include "daemon/core/time.hpp"
 
 namespace slamgw {
 
-/// The action queue of a machine. `Action` is a std::variant of imperative verbs. Bounded by its
-/// shell: a shell always drains to empty before the next input, so the queue holds what one input
-/// can cause.
+template <class T>
+inline constexpr bool is_optional_variant = false;
+template <class... Actions>
+inline constexpr bool is_optional_variant<std::optional<std::variant<Actions...>>> = true;
+
+template <class Machine>
+concept ProtocolMachine = requires(Machine& machine, const Machine& unchanged, const Now& now) {
+  requires is_optional_variant<decltype(machine.next_action())>;
+  { unchanged.deadline() } -> std::same_as<std::optional<TimePoint>>;
+  { machine.on_deadline(now) } -> std::same_as<void>;
+};
+
+/// The std::variant of imperative verbs that the machine leaves.
+template <ProtocolMachine Machine>
+using ActionOf = typename decltype(std::declval<Machine&>().next_action())::value_type;
+
+/// The action queue of a machine. Bounded by its shell: a shell drains to empty before it takes the
+/// next input from outside, so the queue holds what one input can cause.
 template <class Action>
 class ActionQueue {
  public:

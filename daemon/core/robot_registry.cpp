@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/core/robot_registry.hpp"
 
+#include <algorithm>
+
 namespace slamgw {
 namespace {
 
 constexpr std::chrono::seconds rate_window{5};
-
-std::size_t index_of(Mesh mesh) { return static_cast<std::size_t>(mesh); }
 
 }  // namespace
 
@@ -28,17 +28,14 @@ double RateMeter::per_second(TimePoint now) const {
 
 Mesh Robot::mesh() const {
   for (const Presence wanted : {Presence::online, Presence::asleep}) {
-    for (const Mesh mesh : {last_mesh, Mesh::ble, Mesh::thread}) {
-      const MeshPresence& there = on_mesh[index_of(mesh)];
-      if (there.is_known && there.presence == wanted) return mesh;
-    }
+    const auto is_there = [&](Mesh mesh) {
+      return on_mesh[mesh].is_known && on_mesh[mesh].presence == wanted;
+    };
+    if (is_there(last_mesh)) return last_mesh;
+    const auto other = std::ranges::find_if(all_meshes, is_there);
+    if (other != all_meshes.end()) return *other;
   }
   return last_mesh;
-}
-
-bool Robot::is_reachable_on(Mesh mesh) const {
-  const MeshPresence& there = on_mesh[index_of(mesh)];
-  return there.is_known && there.presence != Presence::offline;
 }
 
 Robot* RobotRegistry::find_or_add(const std::string& robot) {
@@ -56,7 +53,7 @@ Robot* RobotRegistry::on_presence(const PresenceChange& change, const Now& now) 
   Robot* robot = find_or_add(change.robot);
   if (!robot) return nullptr;
   --counts_[static_cast<std::size_t>(robot->presence().presence)];
-  MeshPresence& there = robot->on_mesh[index_of(change.mesh)];
+  MeshPresence& there = robot->on_mesh[change.mesh];
   there = {true, change.presence, change.address, now.wall};
   robot->last_mesh = change.mesh;
   ++counts_[static_cast<std::size_t>(robot->presence().presence)];

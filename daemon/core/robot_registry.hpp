@@ -35,8 +35,8 @@ struct MeshPresence {
 };
 
 struct Robot {
-  std::array<MeshPresence, 2> on_mesh;  ///< indexed by Mesh
-  Mesh last_mesh = Mesh::thread;        ///< where it last came, went or spoke
+  PerMesh<MeshPresence> on_mesh;
+  Mesh last_mesh = Mesh::thread;  ///< where it last came, went or spoke
   WallTime last_seen{};
   std::uint64_t messages_up = 0;
   std::uint64_t messages_down = 0;
@@ -46,8 +46,7 @@ struct Robot {
 
   /// The mesh that speaks for it: one where it is online, else asleep, else the last one.
   Mesh mesh() const;
-  const MeshPresence& presence() const { return on_mesh[static_cast<std::size_t>(mesh())]; }
-  bool is_reachable_on(Mesh mesh) const;
+  const MeshPresence& presence() const { return on_mesh[mesh()]; }
 };
 
 class RobotRegistry {

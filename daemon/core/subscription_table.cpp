@@ -10,13 +10,10 @@ namespace {
 // MQTT 5: a variable byte integer, of which the largest is taken.
 constexpr SubscriptionId largest_id = own_subscription - 1;
 
-std::size_t index_of(Mesh mesh) { return static_cast<std::size_t>(mesh); }
-
 std::vector<Mesh> take_waiting(SubscriptionTable::Wanted& wanted) {
   std::vector<Mesh> meshes;
-  for (const Mesh mesh : {Mesh::ble, Mesh::thread}) {
-    meshes.insert(meshes.end(), std::exchange(wanted.waiting[index_of(mesh)], 0u), mesh);
-  }
+  for (const Mesh mesh : all_meshes)
+    meshes.insert(meshes.end(), std::exchange(wanted.waiting[mesh], 0u), mesh);
   return meshes;
 }
 
@@ -26,7 +23,7 @@ const SubscriptionTable::Wanted& SubscriptionTable::add(Mesh mesh, const std::st
                                                         Qos qos) {
   Wanted& wanted = wanted_[filter];
   if (wanted.id == 0) used_ids_.insert(wanted.id = make_id(filter));
-  wanted.by_mesh[index_of(mesh)] = true;
+  wanted.by_mesh[mesh] = true;
   wanted.qos = std::max(wanted.qos, qos);
   return wanted;
 }
@@ -34,8 +31,8 @@ const SubscriptionTable::Wanted& SubscriptionTable::add(Mesh mesh, const std::st
 bool SubscriptionTable::remove(Mesh mesh, const std::string& filter) {
   const auto known = wanted_.find(filter);
   if (known == wanted_.end()) return false;
-  known->second.by_mesh[index_of(mesh)] = false;
-  if (known->second.by_mesh[0] || known->second.by_mesh[1]) return false;
+  known->second.by_mesh[mesh] = false;
+  if (std::ranges::find(known->second.by_mesh, true) != known->second.by_mesh.end()) return false;
   forget(known);
   return true;
 }
@@ -48,7 +45,7 @@ void SubscriptionTable::forget(std::map<std::string, Wanted>::iterator wanted) {
 
 void SubscriptionTable::await(Mesh mesh, const std::string& filter) {
   const auto known = wanted_.find(filter);
-  if (known != wanted_.end()) ++known->second.waiting[index_of(mesh)];
+  if (known != wanted_.end()) ++known->second.waiting[mesh];
 }
 
 std::vector<Mesh> SubscriptionTable::on_answer(const std::string& filter, bool granted) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Who wants which filter, so that the broker sees one subscription for both meshes (MQTT-SN 1.2
+// Who wants which filter, so that the broker sees one subscription for all meshes (MQTT-SN 1.2
 // section 4.2, R101), and which of the copies that the broker sends for overlapping subscriptions
 // is the one to take (R103).
 #pragma once
@@ -32,8 +32,8 @@ class SubscriptionTable {
   struct Wanted {
     SubscriptionId id = 0;        ///< made from the filter: the same after a restart
     Qos qos = Qos::at_most_once;  ///< the highest that anybody asked for
-    bool by_mesh[2] = {false, false};
-    unsigned waiting[2] = {0, 0};
+    PerMesh<bool> by_mesh;
+    PerMesh<unsigned> waiting;  ///< answers that the mesh waits for
   };
 
   const Wanted& add(Mesh mesh, const std::string& filter, Qos qos);

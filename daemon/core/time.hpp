@@ -19,6 +19,8 @@ using WallTime = std::chrono::system_clock::time_point;
 struct Now {
   TimePoint mono{};
   WallTime wall{};
+  /// For whoever needs nothing else.
+  operator TimePoint() const { return mono; }
 };
 
 /// `2026-11-21T06:31:07Z`, as every time in our topics.

@@ -40,15 +40,15 @@ mqtt::properties user_properties(Mesh mesh, const std::string& gateway_id) {
 
 PublishForm::PublishForm(MqttVersion version, const std::string& gateway_id) {
   for (auto& form : forms_) form = std::make_shared<mqtt::message>();
+  form_without_provenance_ = std::make_shared<mqtt::message>();
   if (version != MqttVersion::v5) return;
-  for (const Mesh mesh : {Mesh::ble, Mesh::thread})
-    forms_[static_cast<std::size_t>(mesh)]->set_properties(user_properties(mesh, gateway_id));
+  for (const Mesh mesh : all_meshes)
+    forms_[mesh]->set_properties(user_properties(mesh, gateway_id));
 }
 
 mqtt::const_message_ptr PublishForm::fill(const BrokerMessage& message) {
-  const std::size_t index =
-      message.provenance ? static_cast<std::size_t>(message.provenance->mesh) : without_provenance;
-  const std::shared_ptr<mqtt::message>& form = forms_[index];
+  const std::shared_ptr<mqtt::message>& form =
+      message.provenance ? forms_[message.provenance->mesh] : form_without_provenance_;
   form->set_topic(message.topic);
   form->set_payload(message.payload.data(), message.payload.size());
   form->set_qos(static_cast<int>(message.qos));

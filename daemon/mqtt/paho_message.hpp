@@ -5,7 +5,6 @@
 #include <mqtt/message.h>
 #include <mqtt/token.h>
 
-#include <array>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -30,10 +29,10 @@ class PublishForm {
   mqtt::const_message_ptr fill(const BrokerMessage& message);
 
  private:
-  static constexpr std::size_t without_provenance = 2;
   static void write_time(mqtt::message& form, WallTime time);
 
-  std::array<std::shared_ptr<mqtt::message>, 3> forms_;  // by Mesh, and without
+  PerMesh<std::shared_ptr<mqtt::message>> forms_;
+  std::shared_ptr<mqtt::message> form_without_provenance_;
 };
 
 BrokerMessage from_paho(const mqtt::message& message);

@@ -33,8 +33,9 @@ std::string_view word(bool is_up) { return is_up ? "up" : "down"; }
 
 std::string service_status(const ServiceState& state, std::uint64_t messages_per_second) {
   std::string text = fmt::format("broker {}", word(state.broker_is_up));
-  if (state.thread_is_up) text += fmt::format(", thread {}", word(*state.thread_is_up));
-  if (state.ble_is_up) text += fmt::format(", ble {}", word(*state.ble_is_up));
+  for (const Mesh mesh : all_meshes)
+    if (const auto is_up = state.mesh_is_up[mesh])
+      text += fmt::format(", {} {}", to_string(mesh), word(*is_up));
   return text +
          fmt::format(", {} robots online, {} msg/s", state.robots_online, messages_per_second);
 }

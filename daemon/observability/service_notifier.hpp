@@ -13,18 +13,19 @@
 #include <optional>
 #include <string>
 
+#include "daemon/core/mesh.hpp"
+
 namespace slamgw {
 
-/// What the status line is made of. A mesh that is not enabled has no value.
+/// What the status line is made of.
 struct ServiceState {
   bool broker_is_up = false;
-  std::optional<bool> thread_is_up;
-  std::optional<bool> ble_is_up;
+  PerMesh<std::optional<bool>> mesh_is_up;  ///< nothing when not enabled
   std::size_t robots_online = 0;
   std::uint64_t messages = 0;  ///< both directions, since the start
 };
 
-/// "broker up, thread up, ble down, 6 robots online, 30 msg/s"
+/// "broker up, ble down, thread up, 6 robots online, 30 msg/s"
 std::string service_status(const ServiceState& state, std::uint64_t messages_per_second);
 
 class ServiceNotifier {

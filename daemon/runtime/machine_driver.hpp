@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The shell's half of the protocol-machine contract: one input, drain the actions, re-arm the one
-// timer. Used by every I/O shell; runs on the loop's thread only.
+// The shell's half of the contract of a protocol machine: one input, drain the actions, re-arm the
+// one timer. Used by every I/O shell; runs on the loop's thread only.
 #pragma once
 
 #include <boost/asio/io_context.hpp>
@@ -9,7 +9,9 @@
 #include <optional>
 #include <utility>
 
+#include "daemon/core/protocol_machine.hpp"
 #include "daemon/core/time.hpp"
+#include "daemon/runtime/drain_queue.hpp"
 
 namespace slamgw {
 
@@ -17,28 +19,34 @@ inline Now read_clocks() {
   return {std::chrono::steady_clock::now(), std::chrono::system_clock::now()};
 }
 
-/// `Machine` has `next_action()`, `deadline()` and `on_deadline(TimePoint)`. `perform` does one
-/// action; it may lead back to `input()` (an acknowledgement that fires at once): the outermost
-/// call then does the draining.
-template <class Machine>
-class MachineDriver {
+template <ProtocolMachine Machine>
+class MachineDriver final : private DrainQueue::Member {
  public:
-  using Action = typename decltype(std::declval<Machine&>().next_action())::value_type;
+  using Action = ActionOf<Machine>;
 
-  MachineDriver(boost::asio::io_context& io, Machine& machine, std::function<void(Action&)> perform)
-      : machine_(machine), perform_(std::move(perform)), timer_(io) {}
+  /// `perform` does one action; it may lead back to `input()` of this machine or of another: the
+  /// outermost call drains them all. `on_drained` is called when no action is left.
+  MachineDriver(boost::asio::io_context& io, Machine& machine, std::function<void(Action&)> perform,
+                std::function<void()> on_drained = {})
+      : machine_(machine),
+        perform_(std::move(perform)),
+        on_drained_(std::move(on_drained)),
+        queue_(boost::asio::use_service<DrainQueue>(io)),
+        timer_(io) {}
+  ~MachineDriver() { queue_.remove(*this); }
+  MachineDriver(const MachineDriver&) = delete;
+  MachineDriver& operator=(const MachineDriver&) = delete;
+
+  const Machine& machine() const { return machine_; }
 
   /// Calls `change(machine, now)`, then performs what came of it.
   template <class Change>
   void input(Change&& change) {
-    change(machine_, std::chrono::steady_clock::now());
-    if (is_draining_) return;
-    is_draining_ = true;
-    while (auto action = machine_.next_action()) perform_(*action);
-    is_draining_ = false;
-    arm();
+    change(machine_, read_clocks());
+    queue_.add(*this);
   }
 
+  /// No deadline fires any more.
   void stop() {
     armed_.reset();
     is_stopped_ = true;
@@ -46,6 +54,12 @@ class MachineDriver {
   }
 
  private:
+  void drain() override {
+    while (auto action = machine_.next_action()) perform_(*action);
+    if (on_drained_) on_drained_();
+    arm();
+  }
+
   /// A deadline that moves away, as with each message, leaves the timer as it is: a look too early
   /// costs less than to set it anew each time.
   void arm() {
@@ -61,15 +75,16 @@ class MachineDriver {
   void on_time() {
     armed_.reset();
     const std::optional<TimePoint> due = machine_.deadline();
-    if (!due || *due > std::chrono::steady_clock::now()) return arm();
-    input([](Machine& machine, TimePoint now) { machine.on_deadline(now); });
+    if (!due || *due > read_clocks().mono) return arm();
+    input([](Machine& machine, const Now& now) { machine.on_deadline(now); });
   }
 
   Machine& machine_;
   std::function<void(Action&)> perform_;
+  std::function<void()> on_drained_;
+  DrainQueue& queue_;
   boost::asio::steady_timer timer_;
   std::optional<TimePoint> armed_;
-  bool is_draining_ = false;
   bool is_stopped_ = false;
 };
 

@@ -35,15 +35,16 @@ class PendingSendsTest : public testing::Test {
   }
   void drain() {
     while (auto action = gateway.next_action()) {
-      if (const auto* deliver = std::get_if<DeliverToMesh>(&*action);
-          deliver && deliver->mesh == Mesh::thread)
+      if (const auto* deliver = std::get_if<DeliverToMeshes>(&*action))
         delivered.push_back(deliver->command);
       if (const auto* outcome = std::get_if<CommandOutcome>(&*action)) sends.on_outcome(*outcome);
     }
   }
 
   Now now{TimePoint{1h}, {}};
-  Gateway gateway{TopicScheme("p", "g"), {"1", UpdateMode::positions, {}}};
+  Gateway gateway{TopicScheme("p", "g"),
+                  {"1", UpdateMode::positions, {}},
+                  [](Mesh, const std::string&) { return Presence::online; }};
   PendingSends sends;
   std::vector<CommandId> delivered;
   std::vector<json> told;

@@ -233,12 +233,12 @@ TEST_F(Uplink, SubscribesForConfiguredRobotsAtStartAndForAllWhenTheyComeOnline) 
 }
 
 TEST_F(Uplink, AsksAgainForASubscriptionThatWasNotGranted) {
-  rig.mesh.on_subscribe_result("ntnu-slam/server/nr1/+", false);
+  rig.mesh.on_subscribe_result("ntnu-slam/server/nr1/+", false, rig.now);
   const std::size_t before = rig.all<SubscribeRequest>().size();
-  rig.mesh.on_broker_link(true);
+  rig.mesh.on_broker_link(true, rig.now);
   rig.run_for(1ms);
   EXPECT_EQ(rig.all<SubscribeRequest>().size(), before + 1);
-  rig.mesh.on_broker_link(true);
+  rig.mesh.on_broker_link(true, rig.now);
   rig.run_for(1ms);
   EXPECT_EQ(rig.all<SubscribeRequest>().size(), before + 1);
 }

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <map>
 #include <nlohmann/json.hpp>
 
 namespace slamgw {
@@ -40,7 +41,16 @@ class GatewayTest : public testing::Test {
   }
 
   Now now{TimePoint{1h}, WallTime{1'700'000'000s}};
-  Gateway gateway{TopicScheme("ntnu-slam", "pi1"), {"0.1.0", UpdateMode::positions, now.wall}};
+  static constexpr std::size_t max_open_commands = 20;
+  /// What the meshes answer when they are asked for a robot.
+  std::map<std::pair<Mesh, std::string>, Presence> reach;
+  Gateway gateway{TopicScheme("ntnu-slam", "pi1"),
+                  {"0.1.0", UpdateMode::positions, now.wall, max_open_commands},
+                  [this](Mesh mesh, const std::string& robot) -> std::optional<Presence> {
+                    const auto known = reach.find({mesh, robot});
+                    if (known == reach.end()) return std::nullopt;
+                    return known->second;
+                  }};
 };
 
 TEST_F(GatewayTest, SendsAReportUpWithItsReceipt) {
@@ -142,13 +152,14 @@ TEST_F(GatewayTest, CallsRobotsOfAnEarlierLifeOfflineUnlessTheyAreHeard) {
   };
   for (const char* id : {"gone", "heard", "broken\x01"}) kept(id, "online");
   kept("was", "offline");
-  EXPECT_TRUE(drain<DeliverToMesh>().empty()) << "nobody else's business";
+  EXPECT_TRUE(drain<DeliverToMeshes>().empty()) << "nobody else's business";
   say(PresenceChange{Mesh::ble, "heard", Presence::online, "0x0100"});
   drain<Upload>();
-  gateway.on_tick(now);
+  gateway.on_deadline(now);
   EXPECT_TRUE(drain<Upload>().empty()) << "too early";
   now.mono += LeftoverRobots::grace;
-  gateway.on_tick(now);
+  EXPECT_EQ(gateway.deadline(), now.mono);
+  gateway.on_deadline(now);
   std::vector<std::string> offline;
   while (auto action = gateway.next_action()) {
     if (const auto* upload = std::get_if<Upload>(&*action)) {
@@ -163,7 +174,7 @@ TEST_F(GatewayTest, CallsRobotsOfAnEarlierLifeOfflineUnlessTheyAreHeard) {
   }
   ASSERT_EQ(offline.size(), 2u);
   EXPECT_EQ(offline[1], R"(gone {"state":"offline","mesh":"ble","since":"2023-11-14T22:13:20Z"})");
-  gateway.on_tick(now);
+  gateway.on_deadline(now);
   EXPECT_TRUE(drain<Upload>().empty()) << "once";
 }
 
@@ -204,15 +215,115 @@ TEST_F(GatewayTest, EndsASubscriptionWithTheLastMeshThatWantsIt) {
   EXPECT_EQ(drain<UnsubscribeAtBroker>().size(), 1u);
 }
 
-TEST_F(GatewayTest, GivesACommandToBothMeshesUnlessTheRobotIsOnThreadOnly) {
-  const BrokerMessage cmd{"ntnu-slam/server/a/cmd", {1, 2, 3, 4}, Qos::at_least_once, false};
-  gateway.on_broker_message(cmd, {}, now);
-  EXPECT_EQ(drain<DeliverToMesh>().size(), 2u);
-  say(PresenceChange{Mesh::thread, "a", Presence::online, "x"});
-  gateway.on_broker_message(cmd, {}, now);
-  const auto deliveries = drain<DeliverToMesh>();
-  ASSERT_EQ(deliveries.size(), 1u);
-  EXPECT_EQ(deliveries[0].mesh, Mesh::thread);
+class CommandsTest : public GatewayTest {
+ protected:
+  static constexpr const char* topic = "ntnu-slam/server/a/cmd";
+
+  DeliverToMeshes server_sends(bool retain = false) {
+    gateway.on_broker_message({topic, {1, 2, 3, 4}, Qos::at_least_once, retain}, {}, now);
+    DeliverToMeshes delivery;
+    while (auto action = gateway.next_action()) {
+      if (auto* it = std::get_if<DeliverToMeshes>(&*action)) delivery = std::move(*it);
+      if (auto* it = std::get_if<CommandOutcome>(&*action)) outcomes.push_back(std::move(*it));
+    }
+    return delivery;
+  }
+  CommandOutcome outcome_of(CommandId id, CommandResult result = CommandResult::delivered) {
+    return {Mesh::ble, id, "a", "cmd", result, 5ms, ""};
+  }
+  void mesh_ends(CommandId id) {
+    say(outcome_of(id));
+    for (auto& outcome : drain<CommandOutcome>()) outcomes.push_back(std::move(outcome));
+  }
+  void pass(Duration time) {
+    now.mono += time;
+    gateway.on_deadline(now);
+    for (auto& outcome : drain<CommandOutcome>()) outcomes.push_back(std::move(outcome));
+  }
+
+  std::vector<CommandOutcome> outcomes;
+};
+
+TEST_F(CommandsTest, GoOverTheFirstMeshWhereTheRobotCanBeReached) {
+  using enum Presence;
+  const auto carrier = [&](std::optional<Presence> ble, std::optional<Presence> thread) {
+    reach.clear();
+    if (ble) reach[{Mesh::ble, "a"}] = *ble;
+    if (thread) reach[{Mesh::thread, "a"}] = *thread;
+    const DeliverToMeshes delivery = server_sends();
+    for (const Mesh mesh : all_meshes)
+      EXPECT_EQ(delivery.command_on(mesh) != CommandId::none, mesh == delivery.carrier);
+    return delivery.carrier;
+  };
+  EXPECT_EQ(carrier(online, std::nullopt), Mesh::ble);
+  EXPECT_EQ(carrier(std::nullopt, asleep), Mesh::thread);
+  EXPECT_EQ(carrier(online, online), Mesh::ble);
+  EXPECT_EQ(carrier(offline, online), Mesh::thread) << "on Thread only";
+  EXPECT_EQ(carrier(offline, asleep), Mesh::thread);
+  EXPECT_EQ(carrier(offline, offline), Mesh::ble);
+  EXPECT_EQ(carrier(std::nullopt, offline), Mesh::thread);
+}
+
+TEST_F(CommandsTest, ToARobotThatNobodyKnowsAreRefusedAtOnce) {
+  const DeliverToMeshes delivery = server_sends();
+  EXPECT_EQ(delivery.message.topic, topic) << "other robots may listen to it";
+  EXPECT_EQ(delivery.carrier, std::nullopt);
+  ASSERT_EQ(outcomes.size(), 1u);
+  EXPECT_EQ(outcomes[0].result, CommandResult::refused);
+  EXPECT_EQ(outcomes[0].why, "no robot of this name is known here");
+  EXPECT_EQ(outcomes[0].mesh, std::nullopt);
+  pass(1min);
+  EXPECT_EQ(outcomes.size(), 1u);
+}
+
+TEST_F(CommandsTest, HaveExactlyOneOutcomeEachWhateverTheMeshSays) {
+  reach[{Mesh::ble, "a"}] = Presence::online;
+  const CommandId told_twice = server_sends().command;
+  const CommandId never_told = server_sends().command;
+  EXPECT_NE(told_twice, never_told);
+  mesh_ends(told_twice);
+  mesh_ends(told_twice);
+  EXPECT_EQ(outcomes.size(), 1u);
+  EXPECT_EQ(gateway.traffic().late_outcomes, 1u);
+  ASSERT_TRUE(gateway.deadline());
+  EXPECT_LT(*gateway.deadline(), now.mono + 30s);
+  pass(30s);
+  ASSERT_EQ(outcomes.size(), 2u);
+  EXPECT_EQ(outcomes[1].id, never_told);
+  EXPECT_EQ(outcomes[1].result, CommandResult::timeout);
+  mesh_ends(never_told);
+  EXPECT_EQ(outcomes.size(), 2u) << "too late";
+}
+
+TEST_F(CommandsTest, FromBeforeARestartHaveNoIdAndAreTold) {
+  mesh_ends(CommandId::none);
+  mesh_ends(CommandId::none);
+  EXPECT_EQ(outcomes.size(), 2u);
+}
+
+TEST_F(CommandsTest, ThatAreRetainedMayBePassedOver) {
+  server_sends(true);
+  EXPECT_TRUE(outcomes.empty()) << "it waits at the broker until somebody knows the robot";
+  reach[{Mesh::ble, "a"}] = Presence::online;
+  server_sends(true);
+  const CommandId taken = server_sends(true).command;
+  mesh_ends(taken);
+  pass(1min);
+  ASSERT_EQ(outcomes.size(), 1u);
+  EXPECT_EQ(outcomes[0].id, taken);
+  EXPECT_EQ(gateway.deadline(), std::nullopt);
+}
+
+TEST_F(CommandsTest, BeyondTheBoundAreRefused) {
+  reach[{Mesh::ble, "a"}] = Presence::online;
+  for (std::size_t i = 0; i < max_open_commands; ++i) server_sends();
+  EXPECT_TRUE(outcomes.empty());
+  EXPECT_EQ(server_sends().command_on(Mesh::ble), CommandId::none);
+  ASSERT_EQ(outcomes.size(), 1u);
+  EXPECT_EQ(outcomes[0].result, CommandResult::refused);
+  pass(30s);
+  EXPECT_EQ(outcomes.size(), max_open_commands + 1);
+  EXPECT_NE(server_sends().command_on(Mesh::ble), CommandId::none);
 }
 
 TEST_F(GatewayTest, TakesOneCopyOfAMessageForOverlappingSubscriptions) {
@@ -227,11 +338,11 @@ TEST_F(GatewayTest, TakesOneCopyOfAMessageForOverlappingSubscriptions) {
   for (const SubscribeAtBroker& subscription : subscriptions) {
     gateway.on_broker_message(cmd, std::vector{subscription.id}, now);
   }
-  EXPECT_EQ(drain<DeliverToMesh>().size(), 2u) << "one for each mesh";
+  EXPECT_EQ(drain<DeliverToMeshes>().size(), 1u);
   BrokerMessage retained = cmd;
   retained.retain = true;
   gateway.on_broker_message(retained, std::vector{subscriptions[1].id}, now);
-  EXPECT_EQ(drain<DeliverToMesh>().size(), 2u) << "retained ones come for one subscription only";
+  EXPECT_EQ(drain<DeliverToMeshes>().size(), 1u) << "retained ones come for one subscription only";
 }
 
 TEST_F(GatewayTest, ReportsHowACommandEnded) {
@@ -245,7 +356,8 @@ TEST_F(GatewayTest, ReportsHowACommandEnded) {
 
 TEST_F(GatewayTest, DoesTheSameWhateverTheWallClockSays) {
   const auto life = [](const std::vector<WallTime>& clock) {
-    Gateway it(TopicScheme("ntnu-slam", "pi1"), {"1", UpdateMode::positions, clock[0]});
+    Gateway it(TopicScheme("ntnu-slam", "pi1"), {"1", UpdateMode::positions, clock[0]},
+               [](Mesh, const std::string&) { return std::nullopt; });
     TimePoint mono{1h};
     std::string done;
     for (const WallTime wall : clock) {
@@ -254,7 +366,7 @@ TEST_F(GatewayTest, DoesTheSameWhateverTheWallClockSays) {
       it.on_mesh_event(PresenceChange{Mesh::ble, "a", Presence::online, "0x0100"}, then);
       it.on_mesh_event(update_from("a", {1, 2, 3}), then);
       it.on_mesh_event(update_from("a", {1, 0, 2, 0}), then);
-      it.on_tick(then);
+      it.on_deadline(then);
       while (auto action = it.next_action()) {
         done += std::to_string(action->index());
         if (const auto* upload = std::get_if<Upload>(&*action)) done += upload->message.topic + " ";

@@ -32,8 +32,6 @@ TEST(RobotRegistry, SpeaksForTheMeshWhereARobotIsOnline) {
   ASSERT_TRUE(robot);
   EXPECT_EQ(robot->mesh(), Mesh::ble);
   EXPECT_EQ(robot->presence().address, "0x0100");
-  EXPECT_TRUE(robot->is_reachable_on(Mesh::ble));
-  EXPECT_FALSE(robot->is_reachable_on(Mesh::thread));
 }
 
 TEST(RobotRegistry, NamesTheLastMeshOfARobotThatIsGone) {

@@ -24,7 +24,7 @@ class MeshInputs {
       case 5: command(argument, octets); break;
       case 6: answer(argument < 128 ? 0 : argument, octets); break;
       case 7: message(argument, octets); break;
-      case 8: mesh_.on_broker_link(argument % 2 == 0); break;
+      case 8: mesh_.on_broker_link(argument % 2 == 0, now_); break;
       case 9: event(argument, octets); break;
       case 10: mesh_.on_stored(argument < 128 ? "" : "no space", now_); break;
       case 11: order(argument, octets); break;

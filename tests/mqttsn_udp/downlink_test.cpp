@@ -223,6 +223,33 @@ TEST(SnGateway, WithdrawsACommandThatASleepingRobotDoesNotFetchInTime) {
   EXPECT_EQ(rig.outcomes.size(), 1U);
 }
 
+TEST(SnGateway, RefusesCommandsThatTheRobotHasNotSubscribedTo) {
+  SnRig rig;
+  rig.connect(1, "r1");
+  rig.subscribe(1, "ntnu-slam/server/r1/run", 1);
+  rig.broker("ntnu-slam/server/r1/cmd", "go", 1);
+  ASSERT_EQ(rig.outcomes.size(), 1U);
+  EXPECT_EQ(rig.outcomes[0].id, CommandId{1});
+  EXPECT_EQ(rig.outcomes[0].result, CommandResult::refused);
+  EXPECT_EQ(rig.outcomes[0].why, "the robot has not subscribed to ntnu-slam/server/r1/cmd");
+  rig.broker("ntnu-slam/server/r1/cmd", "kept", 1, true);
+  EXPECT_EQ(rig.outcomes.size(), 1U) << "the broker keeps it until the robot subscribes";
+}
+
+TEST(SnGateway, LeavesCommandsThatAnotherMeshCarriesToIt) {
+  SnRig rig({}, {}, {}, {"ntnu-slam/server/#"});
+  rig.connect(1, "r1");
+  rig.subscribe(1, "ntnu-slam/server/r1/cmd", 1);
+  rig.connect(2, "watcher");
+  rig.subscribe(2, "ntnu-slam/server/#", 0);
+  rig.gateway.on_broker_message({"ntnu-slam/server/r1/cmd", {}, Qos::at_least_once, false},
+                                CommandId::none, rig.now);
+  rig.broker_link(true);  // drains
+  EXPECT_TRUE(rig.is_silent(1));
+  EXPECT_FALSE(rig.is_silent(2)) << "others may listen";
+  EXPECT_TRUE(rig.outcomes.empty());
+}
+
 TEST(SnGateway, TellsNoOutcomeOfCommandsThatOthersOverhear) {
   SnRig rig({}, {}, {}, {"ntnu-slam/server/#"});
   rig.connect(1, "watcher");

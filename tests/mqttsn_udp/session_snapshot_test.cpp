@@ -5,6 +5,7 @@
 #include <algorithm>
 
 #include "adapters/mqttsn_udp/clients/session_codec.hpp"
+#include "adapters/mqttsn_udp/limits.hpp"
 #include "tests/mqttsn_udp/sn_rig.hpp"
 
 namespace slamgw::mqttsn {
@@ -94,14 +95,14 @@ TEST(SnGateway, DoesNotGiveACommandMoreTimeBecauseOfARestart) {
   SnRig before, after;
   leave_two_commands(before);
   restart(before, after);
-  after.pass_s(20);
+  after.pass_s(19);
   EXPECT_TRUE(after.outcomes.empty());
   after.broker(cmd_topic, "later", 1);
   after.pass_s(1);
   ASSERT_EQ(after.outcomes.size(), 2U);
   EXPECT_EQ(after.outcomes[0].result, CommandResult::timeout);
-  EXPECT_EQ(after.outcomes[0].after, std::chrono::seconds(30));
-  after.pass_s(29);
+  EXPECT_EQ(after.outcomes[0].after, limits::command_patience);
+  after.pass_s(28);
   EXPECT_EQ(after.outcomes.size(), 3U) << "in the order in which they came";
 }
 
@@ -114,7 +115,7 @@ TEST(SnGateway, CountsTheTimeThatItWasAwayForCommandsToo) {
         is_rebooted ? TimePoint(std::chrono::seconds(70)) : before.now + std::chrono::seconds(15);
     ASSERT_TRUE(after.gateway.restore(snapshot, after.now));
     after.broker_link(true);  // drains
-    after.pass_s(is_rebooted ? 0 : 5);
+    after.pass_s(is_rebooted ? 0 : 4);
     EXPECT_EQ(after.outcomes.size(), is_rebooted ? 2U : 0U);
     after.pass_s(1);
     ASSERT_EQ(after.outcomes.size(), 2U);
@@ -145,7 +146,7 @@ TEST(SnGateway, TakesNoCommandFromADamagedRecord) {
   ASSERT_TRUE(after.gateway.restore(snapshot, after.now));
   after.pass_s(60);
   ASSERT_EQ(after.outcomes.size(), 1U);
-  EXPECT_EQ(after.outcomes[0].after, std::chrono::seconds(30));
+  EXPECT_EQ(after.outcomes[0].after, limits::command_patience);
 }
 
 TEST(SnGateway, TellsNoOutcomeAgainAfterARestart) {

@@ -72,8 +72,10 @@ void SnRig::publish(unsigned n, std::uint16_t id, unsigned qos, std::uint16_t ms
 
 void SnRig::broker(const std::string& topic, const std::string& payload, unsigned qos,
                    bool retain) {
+  const auto target = TopicScheme("ntnu-slam", "gw").parse_command_topic(topic);
+  const bool is_ours = target && gateway.presence_of(std::string(target->robot));
   gateway.on_broker_message({topic, to_bytes(payload), static_cast<Qos>(qos), retain},
-                            CommandId{++last_command_}, now);
+                            is_ours ? CommandId{++last_command_} : CommandId::none, now);
   drain();
 }
 

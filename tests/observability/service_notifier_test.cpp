@@ -60,10 +60,17 @@ class ServiceManager {
   std::vector<std::string> heard_;
 };
 
+ServiceState state_of(bool broker, Mesh mesh, bool is_up, std::size_t robots,
+                      std::uint64_t messages) {
+  ServiceState state{broker, {}, robots, messages};
+  state.mesh_is_up[mesh] = is_up;
+  return state;
+}
+
 TEST(ServiceNotifier, SaysReadyAndTheStatusFirst) {
   ServiceManager manager;
   boost::asio::io_context io;
-  ServiceNotifier notifier(io, [] { return ServiceState{true, true, std::nullopt, 2, 7}; });
+  ServiceNotifier notifier(io, [] { return state_of(true, Mesh::thread, true, 2, 7); });
   notifier.ready();
   EXPECT_EQ(manager.heard(),
             (std::vector<std::string>{"READY=1",
@@ -74,7 +81,7 @@ TEST(ServiceNotifier, TellsTheStatusAgainOnlyWhenItChanges) {
   ServiceManager manager;
   boost::asio::io_context io;
   int asked = 0;
-  ServiceNotifier notifier(io, [&asked] { return ServiceState{++asked >= 3, {}, false, 0, 0}; });
+  ServiceNotifier notifier(io, [&asked] { return state_of(++asked >= 3, Mesh::ble, false, 0, 0); });
   notifier.ready();
   ASSERT_TRUE(test::eventually(io, [&] { return asked >= 4; }));
   EXPECT_EQ(
@@ -88,7 +95,7 @@ TEST(ServiceNotifier, CountsMessagesBetweenTwoStatusLines) {
   boost::asio::io_context io;
   std::uint64_t messages = 1000;
   ServiceNotifier notifier(io, [&messages] {
-    return ServiceState{true, std::nullopt, std::nullopt, 1, std::exchange(messages, 1030)};
+    return ServiceState{true, {}, 1, std::exchange(messages, 1030)};
   });
   notifier.ready();
   EXPECT_TRUE(test::eventually(

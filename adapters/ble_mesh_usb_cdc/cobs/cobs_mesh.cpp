@@ -195,12 +195,12 @@ void CobsMesh::subscribe(const Peer& peer) {
   emit(SubscribeRequest{Mesh::ble, topics_.command_filter(peer.id), Qos::at_least_once});
 }
 
-void CobsMesh::on_subscribe_result(const std::string& filter, bool granted) {
+void CobsMesh::on_subscribe_result(const std::string& filter, bool granted, TimePoint) {
   for (auto& [address, peer] : peers_)
     if (topics_.command_filter(peer.id) == filter) peer.is_subscribed = granted;
 }
 
-void CobsMesh::on_broker_link(bool is_up) {
+void CobsMesh::on_broker_link(bool is_up, TimePoint) {
   if (!is_up) return;
   for (auto& [address, peer] : peers_)
     if (!std::exchange(peer.is_subscribed, true)) subscribe(peer);
@@ -208,10 +208,7 @@ void CobsMesh::on_broker_link(bool is_up) {
 
 void CobsMesh::on_broker_message(const BrokerMessage& message, CommandId command, TimePoint) {
   const auto target = topics_.parse_command_topic(message.topic);
-  if (!target) return;
-  const bool is_ours = std::ranges::any_of(
-      peers_, [&](const auto& entry) { return entry.second.id == target->robot; });
-  if (!is_ours) return;
+  if (!target || command == CommandId::none || !presence_of(target->robot)) return;
   emit(CommandOutcome{Mesh::ble, command, std::string(target->robot), std::string(target->type),
                       CommandResult::refused, std::chrono::milliseconds{0},
                       "not supported by this link (ble_mesh.protocol is \"cobs\")"});
@@ -231,6 +228,12 @@ void CobsMesh::on_deadline(TimePoint now) {
     emit(PresenceChange{Mesh::ble, peer.id, Presence::offline, peer.address});
     if (settings_.will) emit(will_report(*settings_.will, peer.id));
   }
+}
+
+std::optional<Presence> CobsMesh::presence_of(std::string_view robot) const {
+  for (const auto& [address, peer] : peers_)
+    if (peer.id == robot) return peer.is_online ? Presence::online : Presence::offline;
+  return std::nullopt;
 }
 
 Counters CobsMesh::counters() const {

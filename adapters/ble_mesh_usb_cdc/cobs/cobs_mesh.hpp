@@ -39,12 +39,13 @@ class CobsMesh final : public MeshMachine {
   void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now) override;
   /// Answered with the outcome "refused" when the robot is on this link.
   void on_broker_message(const BrokerMessage& message, CommandId command, TimePoint now) override;
-  void on_subscribe_result(const std::string& filter, bool granted) override;
-  void on_broker_link(bool is_up) override;
+  void on_subscribe_result(const std::string& filter, bool granted, TimePoint now) override;
+  void on_broker_link(bool is_up, TimePoint now) override;
 
   std::optional<MeshAction> next_action() override { return actions_.pop(); }
   std::optional<TimePoint> deadline() const override;
   void on_deadline(TimePoint now) override;
+  std::optional<Presence> presence_of(std::string_view robot) const override;
   Counters counters() const override;
 
  private:

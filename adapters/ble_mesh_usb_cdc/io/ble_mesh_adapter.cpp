@@ -80,10 +80,6 @@ void BleMeshAdapter::start() {
   open_after(Duration::zero());
 }
 
-void BleMeshAdapter::stop_listening() {
-  driver_.input([](MeshMachine& mesh, TimePoint now) { mesh.on_stop(now); });
-}
-
 void BleMeshAdapter::stop() {
   is_stopped_ = true;
   driver_.stop();
@@ -93,30 +89,6 @@ void BleMeshAdapter::stop() {
   disk_.join();
   // What changed while the last write was under way, such as the key of a robot that just joined.
   if (const NodeDatabase* unsaved = robots_ ? robots_->unsaved() : nullptr) file_.replace(*unsaved);
-}
-
-void BleMeshAdapter::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome) {
-  driver_.input(
-      [&](MeshMachine& mesh, TimePoint now) { mesh.on_receipt(receipt_id, outcome, now); });
-}
-
-void BleMeshAdapter::on_broker_message(const BrokerMessage& message, CommandId command) {
-  driver_.input(
-      [&](MeshMachine& mesh, TimePoint now) { mesh.on_broker_message(message, command, now); });
-}
-
-void BleMeshAdapter::on_subscribe_result(const std::string& filter, bool granted) {
-  driver_.input([&](MeshMachine& mesh, TimePoint) { mesh.on_subscribe_result(filter, granted); });
-}
-
-void BleMeshAdapter::on_broker_link(bool is_up) {
-  driver_.input([&](MeshMachine& mesh, TimePoint) { mesh.on_broker_link(is_up); });
-}
-
-Counters BleMeshAdapter::counters() const { return mesh_->counters(); }
-
-std::size_t BleMeshAdapter::queued_for(const std::string& robot) const {
-  return robots_ ? robots_->queued(robot) : 0;
 }
 
 void BleMeshAdapter::reconfigure(RobotNames names) {

@@ -18,13 +18,13 @@
 #include "daemon/core/adapter.hpp"
 #include "daemon/core/robot_names.hpp"
 #include "daemon/core/topic_scheme.hpp"
-#include "daemon/runtime/machine_driver.hpp"
+#include "daemon/runtime/mesh_shell.hpp"
 
 namespace slamgw::ble {
 
 class BleMesh;
 
-class BleMeshAdapter final : public MeshAdapter {
+class BleMeshAdapter final : public MeshShell<MeshMachine> {
  public:
   static constexpr Duration first_open_delay = std::chrono::milliseconds{500};
   static constexpr Duration max_open_delay = std::chrono::seconds{5};
@@ -36,14 +36,7 @@ class BleMeshAdapter final : public MeshAdapter {
                  OpenPort open_port = {});
 
   void start() override;
-  void stop_listening() override;
   void stop() override;
-  void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome) override;
-  void on_broker_message(const BrokerMessage& message, CommandId command) override;
-  void on_subscribe_result(const std::string& filter, bool granted) override;
-  void on_broker_link(bool is_up) override;
-  Counters counters() const override;
-  std::size_t queued_for(const std::string& robot) const override;
   /// `robots` of the configuration, read again. Robots stay in the mesh.
   void reconfigure(RobotNames names);
   /// What operators order about the mesh and its robots; `done` is called once, now or later, and
@@ -51,6 +44,8 @@ class BleMeshAdapter final : public MeshAdapter {
   void manage(MeshOrder order, OrderDone done);
 
  private:
+  MachineDriver<MeshMachine>& driver() override { return driver_; }
+  const MachineDriver<MeshMachine>& driver() const override { return driver_; }
   void perform(MeshAction& action);
   void generate_keys();
   void on_keys_stored(const std::optional<MeshKeys>& keys, const std::string& problem);

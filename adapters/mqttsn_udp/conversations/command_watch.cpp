@@ -8,6 +8,23 @@
 
 namespace slamgw::mqttsn {
 
+bool CommandWatch::is_command_for(const ClientSession& session, const std::string& topic) const {
+  const auto parsed = context_.policy.scheme().parse_command_topic(topic);
+  return parsed && parsed->robot == session.robot;
+}
+
+void CommandWatch::refuse_unsubscribed(const std::string& topic, CommandId id) {
+  const auto parsed = context_.policy.scheme().parse_command_topic(topic);
+  if (!parsed) return;
+  context_.emit(CommandOutcome{Mesh::thread,
+                               id,
+                               std::string(parsed->robot),
+                               std::string(parsed->type),
+                               CommandResult::refused,
+                               {},
+                               "the robot has not subscribed to " + topic});
+}
+
 std::shared_ptr<Command> CommandWatch::begin(const ClientSession& session, const std::string& topic,
                                              CommandId id, TimePoint now) {
   const auto parsed = context_.policy.scheme().parse_command_topic(topic);

@@ -33,9 +33,14 @@ std::vector<FanOut::Recipient> FanOut::on_broker_message(const BrokerMessage& me
       return !subscriptions_.takes_retained(*match.subscription, message.topic, now);
     });
   }
+  if (command == CommandId::none) {
+    std::erase_if(matches, [&](const Match& match) {
+      return commands_.is_command_for(*match.session, message.topic);
+    });
+  }
   keep_best(matches);
   std::vector<Recipient> deliveries;
-  if (matches.empty()) return deliveries;
+  bool has_robot = message.retain;  // such a one may have been given already
   const auto shared = std::make_shared<const BrokerMessage>(message);
   for (const auto& [session, subscription] : matches) {
     Outgoing outgoing;
@@ -44,8 +49,11 @@ std::vector<FanOut::Recipient> FanOut::on_broker_message(const BrokerMessage& me
     outgoing.topic_id_type = subscription->topic_id_type;
     outgoing.predefined_id = subscription->topic_id;
     outgoing.command = commands_.begin(*session, message.topic, command, now);
+    has_robot = has_robot || outgoing.command;
     deliveries.push_back({session, std::move(outgoing)});
   }
+  if (command != CommandId::none && !has_robot)
+    commands_.refuse_unsubscribed(message.topic, command);
   return deliveries;
 }
 

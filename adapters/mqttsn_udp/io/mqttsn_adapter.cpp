@@ -30,17 +30,14 @@ MqttsnAdapter::MqttsnAdapter(asio::io_context& io, Settings settings, TopicPolic
       descriptors_(descriptors),
       io_(io),
       gateway_(settings_, std::move(policy), std::move(names)),
-      driver_(io, gateway_, [this](Action& action) { perform(action); }),
+      driver_(
+          io, gateway_, [this](Action& action) { perform(action); },
+          [this] {  // whatever was done may have changed sessions
+            if (keeper_) keeper_->look();
+          }),
       interface_watch_(std::make_shared<InterfaceWatch>(io)),
       watch_timer_(io) {
   if (sessions) keeper_.emplace(io, gateway_, *sessions);
-}
-
-/// Each input may change sessions; what time alone changes shows in an event (perform).
-template <class Change>
-void MqttsnAdapter::input(Change&& change) {
-  driver_.input(std::forward<Change>(change));
-  if (keeper_) keeper_->look();
 }
 
 void MqttsnAdapter::start() {
@@ -63,7 +60,7 @@ void MqttsnAdapter::start() {
 
 void MqttsnAdapter::stop_listening() {
   for (const auto& socket : sockets_) socket->stop_receiving();
-  input([](SnGateway& gateway, TimePoint now) { gateway.on_stop(now); });
+  MeshShell::stop_listening();
 }
 
 /// No goodbye, and the sockets stay open to the very end: clients are to notice nothing of a
@@ -111,25 +108,6 @@ std::string MqttsnAdapter::kept_name(const std::string& listen) const {
                                  settings_.multicast_group.value_or(""));
   std::replace(name.begin(), name.end(), ':', '.');
   return name;
-}
-
-void MqttsnAdapter::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome) {
-  input([&](SnGateway& gateway, TimePoint now) { gateway.on_receipt(receipt_id, outcome, now); });
-}
-
-void MqttsnAdapter::on_broker_message(const BrokerMessage& message, CommandId command) {
-  input(
-      [&](SnGateway& gateway, TimePoint now) { gateway.on_broker_message(message, command, now); });
-}
-
-void MqttsnAdapter::on_subscribe_result(const std::string& filter, bool granted) {
-  input([&](SnGateway& gateway, TimePoint now) {
-    gateway.on_subscribe_result(filter, granted, now);
-  });
-}
-
-void MqttsnAdapter::on_broker_link(bool is_up) {
-  input([&](SnGateway& gateway, TimePoint now) { gateway.on_broker_link(is_up, now); });
 }
 
 void MqttsnAdapter::reconfigure(TopicPolicy policy, RobotNames names) {
@@ -213,10 +191,7 @@ void MqttsnAdapter::advertise_on(const NetworkInterface& interface, ByteView byt
   }
 }
 
-void MqttsnAdapter::perform(MeshEvent& event) {
-  listener_.on_mesh_event(std::move(event));
-  if (keeper_) keeper_->look();
-}
+void MqttsnAdapter::perform(MeshEvent& event) { listener_.on_mesh_event(std::move(event)); }
 
 void MqttsnAdapter::watch_interfaces() {
   interfaces_ = read_network_interfaces();

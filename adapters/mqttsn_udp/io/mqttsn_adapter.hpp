@@ -18,11 +18,11 @@
 #include "daemon/core/adapter.hpp"
 #include "daemon/runtime/descriptor_store.hpp"
 #include "daemon/runtime/interface_watch.hpp"
-#include "daemon/runtime/machine_driver.hpp"
+#include "daemon/runtime/mesh_shell.hpp"
 
 namespace slamgw::mqttsn {
 
-class MqttsnAdapter final : public MeshAdapter {
+class MqttsnAdapter final : public MeshShell<SnGateway> {
  public:
   /// `sessions` and `descriptors` may be null: no session, or socket, outlives the daemon then.
   /// They and `listener` outlive the adapter.
@@ -33,14 +33,7 @@ class MqttsnAdapter final : public MeshAdapter {
   void start() override;
   void stop_listening() override;
   void stop() override;
-  void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome) override;
-  void on_broker_message(const BrokerMessage& message, CommandId command) override;
-  void on_subscribe_result(const std::string& filter, bool granted) override;
-  void on_broker_link(bool is_up) override;
   Counters counters() const override;
-  std::size_t queued_for(const std::string& robot) const override {
-    return gateway_.queued_for(robot);
-  }
 
   /// `topics.*` and `robots` of the configuration, read again.
   void reconfigure(TopicPolicy policy, RobotNames names);
@@ -50,8 +43,8 @@ class MqttsnAdapter final : public MeshAdapter {
   SnGateway::ClientCounts client_counts() const { return gateway_.client_counts(); }
 
  private:
-  template <class Change>
-  void input(Change&& change);
+  MachineDriver<SnGateway>& driver() override { return driver_; }
+  const MachineDriver<SnGateway>& driver() const override { return driver_; }
   void on_datagram(std::uint8_t socket, const UdpSocket::Datagram& datagram);
   void perform(Action& action);
   void perform(SendDatagram& action);

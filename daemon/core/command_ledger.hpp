@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+// The commands that are on their way: gives each its id, knows which have no outcome yet, and which
+// have waited for too long. The last wall of promise 6 (each command ends once, within 30 s): the
+// meshes tell most outcomes, and sooner. Pure; part of Gateway.
+#pragma once
+
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "daemon/core/messages.hpp"
+
+namespace slamgw {
+
+/// A message under `<prefix>/server/<robot>/<type>`.
+struct Command {
+  CommandId id = CommandId::none;
+  std::string robot;
+  std::string type;
+  std::optional<Mesh> carrier;  ///< nothing when no mesh knows the robot
+  bool is_retained = false;     ///< may be passed over: then it has no outcome
+};
+
+class CommandLedger {
+ public:
+  /// As many as the meshes take together.
+  static constexpr std::size_t default_max_open = 65536;
+  /// The meshes give up after 29 s at most; half a second is left for the way to the broker.
+  static constexpr std::chrono::milliseconds patience{29500};
+
+  explicit CommandLedger(std::size_t max_open = default_max_open) : max_open_(max_open) {}
+
+  CommandId next_id() { return CommandId{++last_id_}; }
+  /// False when there are too many.
+  bool open(Command command, TimePoint now);
+  /// False when it has ended before.
+  bool end(CommandId id) { return open_.erase(id) > 0; }
+  std::size_t size() const { return open_.size(); }
+
+  std::optional<TimePoint> deadline() const;
+  /// Ends those whose time is over.
+  std::vector<Command> take_overdue(TimePoint now);
+
+ private:
+  struct Entry {
+    Command command;
+    TimePoint since{};
+  };
+
+  std::size_t max_open_;
+  std::uint64_t last_id_ = 0;
+  std::map<CommandId, Entry> open_;  // in the order they came
+};
+
+}  // namespace slamgw

@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the shell of every mesh has in common: hands what the core says to its machine, and answers
+// questions from it. A mesh's own shell adds its sockets or port, and performs the machine's
+// actions.
+#pragma once
+
+#include <concepts>
+#include <string>
+
+#include "daemon/core/adapter.hpp"
+#include "daemon/core/protocol_machine.hpp"
+#include "daemon/runtime/machine_driver.hpp"
+
+namespace slamgw {
+
+/// A protocol machine that speaks for the robots of one mesh. Each input is that of MeshAdapter.
+template <class Machine>
+concept MeshProtocolMachine = ProtocolMachine<Machine> &&
+    requires(Machine& machine, const Machine& unchanged, const BrokerMessage& message,
+             const std::string& text, const Now& now) {
+  machine.on_receipt(std::uint64_t{}, ReceiptOutcome{}, now);
+  machine.on_broker_message(message, CommandId{}, now);
+  machine.on_subscribe_result(text, bool{}, now);
+  machine.on_broker_link(bool{}, now);
+  machine.on_stop(now);
+  { unchanged.presence_of(text) } -> std::same_as<std::optional<Presence>>;
+  { unchanged.queued_for(text) } -> std::same_as<std::size_t>;
+  { unchanged.counters() } -> std::same_as<Counters>;
+};
+
+template <MeshProtocolMachine Machine>
+class MeshShell : public MeshAdapter {
+ public:
+  void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome) final {
+    input([&](Machine& machine, const Now& now) { machine.on_receipt(receipt_id, outcome, now); });
+  }
+  void on_broker_message(const BrokerMessage& message, CommandId command) final {
+    input([&](Machine& machine, const Now& now) {
+      machine.on_broker_message(message, command, now);
+    });
+  }
+  void on_subscribe_result(const std::string& filter, bool granted) final {
+    input([&](Machine& machine, const Now& now) {
+      machine.on_subscribe_result(filter, granted, now);
+    });
+  }
+  void on_broker_link(bool is_up) final {
+    input([&](Machine& machine, const Now& now) { machine.on_broker_link(is_up, now); });
+  }
+  void stop_listening() override {
+    input([](Machine& machine, const Now& now) { machine.on_stop(now); });
+  }
+  std::optional<Presence> presence_of(const std::string& robot) const final {
+    return driver().machine().presence_of(robot);
+  }
+  std::size_t queued_for(const std::string& robot) const final {
+    return driver().machine().queued_for(robot);
+  }
+  Counters counters() const override { return driver().machine().counters(); }
+
+ protected:
+  virtual MachineDriver<Machine>& driver() = 0;
+  virtual const MachineDriver<Machine>& driver() const = 0;
+
+  template <class Change>
+  void input(Change&& change) {
+    driver().input(std::forward<Change>(change));
+  }
+};
+
+}  // namespace slamgw

@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+// The compiler takes what keeps the contract of a protocol machine, and nothing else.
+#include "daemon/core/protocol_machine.hpp"
+
+#include <gtest/gtest.h>
+
+#include "daemon/core/gateway.hpp"
+
+namespace slamgw {
+namespace {
+
+struct Act {};
+using Actions = std::variant<Act>;
+
+struct Machine {
+  std::optional<Actions> next_action() { return std::nullopt; }
+  std::optional<TimePoint> deadline() const { return std::nullopt; }
+  void on_deadline(TimePoint) {}
+};
+static_assert(ProtocolMachine<Machine>);
+static_assert(std::same_as<ActionOf<Machine>, Actions>);
+static_assert(ProtocolMachine<Gateway>);
+
+struct WithoutDeadline {
+  std::optional<Actions> next_action();
+  void on_deadline(TimePoint);
+};
+static_assert(!ProtocolMachine<WithoutDeadline>);
+
+struct WithDeadlineThatChangesIt : Machine {
+  std::optional<TimePoint> deadline();
+};
+static_assert(!ProtocolMachine<WithDeadlineThatChangesIt>);
+
+struct WithBareAction : Machine {
+  std::optional<Act> next_action();
+};
+static_assert(!ProtocolMachine<WithBareAction>);
+
+TEST(ActionQueue, GivesActionsInTheirOrder) {
+  ActionQueue<int> queue;
+  for (const int action : {1, 2, 3}) queue.push(action);
+  EXPECT_EQ(queue.pop(), 1);
+  queue.push(4);
+  EXPECT_EQ(queue.pop(), 2);
+  EXPECT_EQ(queue.pop(), 3);
+  EXPECT_EQ(queue.pop(), 4);
+  EXPECT_EQ(queue.pop(), std::nullopt);
+}
+
+}  // namespace
+}  // namespace slamgw

@@ -1,0 +1,219 @@
+// SPDX-License-Identifier: Apache-2.0
+// A third mesh, "zigbee", made as ARCHITECTURE.md says ("How to add a mesh"): a value in mesh.hpp,
+// a machine, a shell. Nothing else of the daemon is changed, and traffic passes both ways.
+#include <gtest/gtest.h>
+#include <mqtt/async_client.h>
+
+#include <map>
+#include <nlohmann/json.hpp>
+
+#include "daemon/core/gateway.hpp"
+#include "daemon/core/result.hpp"
+#include "daemon/mqtt/paho_message.hpp"
+#include "daemon/observability/service_notifier.hpp"
+#include "daemon/observability/traffic_log.hpp"
+#include "daemon/runtime/mesh_shell.hpp"
+
+namespace slamgw {
+namespace {
+
+using nlohmann::json;
+using namespace std::chrono_literals;
+
+static_assert(all_meshes.size() == 3);
+static_assert(to_string(Mesh::zigbee) == "zigbee");
+
+/// By radio to a robot.
+struct Transmit {
+  std::string robot;
+  std::string text;
+};
+using ZigbeeAction = std::variant<Transmit, MeshEvent>;
+
+class ZigbeeMachine {
+ public:
+  explicit ZigbeeMachine(TopicScheme topics) : topics_(std::move(topics)) {}
+
+  void on_frame(const std::string& robot, Bytes payload) {
+    if (!robots_.contains(robot)) {
+      robots_[robot] = CommandId::none;
+      actions_.push(PresenceChange{Mesh::zigbee, robot, Presence::online, "0x1a2b"});
+      actions_.push(
+          SubscribeRequest{Mesh::zigbee, topics_.command_filter(robot), Qos::at_least_once});
+    }
+    waits_for_receipt_[++last_receipt_] = robot;
+    actions_.push(Report{.mesh = Mesh::zigbee,
+                         .robot = robot,
+                         .topic = topics_.robot_topic(robot, "update"),
+                         .payload = std::move(payload),
+                         .qos = Qos::at_least_once,
+                         .receipt = {Mesh::zigbee, last_receipt_}});
+  }
+  void on_acknowledgement(const std::string& robot, const Now&) {
+    const CommandId command = std::exchange(robots_[robot], CommandId::none);
+    actions_.push(
+        CommandOutcome{Mesh::zigbee, command, robot, "cmd", CommandResult::delivered, 3ms, ""});
+  }
+
+  void on_receipt(std::uint64_t id, ReceiptOutcome outcome, const Now&) {
+    actions_.push(Transmit{waits_for_receipt_[id], outcome == ReceiptOutcome::safe ? "ack" : ""});
+  }
+  void on_broker_message(const BrokerMessage& message, CommandId command, const Now&) {
+    const auto target = topics_.parse_command_topic(message.topic);
+    if (!target || command == CommandId::none) return;
+    robots_[std::string(target->robot)] = command;
+    actions_.push(Transmit{std::string(target->robot), std::string(as_text(message.payload))});
+  }
+  void on_subscribe_result(const std::string&, bool granted, const Now&) { granted_ += granted; }
+  void on_broker_link(bool, const Now&) {}
+  void on_stop(const Now&) {}
+  std::optional<Presence> presence_of(const std::string& robot) const {
+    return robots_.contains(robot) ? std::optional(Presence::online) : std::nullopt;
+  }
+  std::size_t queued_for(const std::string&) const { return 0; }
+  Counters counters() const { return {{"granted", granted_}}; }
+
+  std::optional<ZigbeeAction> next_action() { return actions_.pop(); }
+  std::optional<TimePoint> deadline() const { return std::nullopt; }
+  void on_deadline(const Now&) {}
+
+ private:
+  TopicScheme topics_;
+  std::map<std::string, CommandId> robots_;
+  std::map<std::uint64_t, std::string> waits_for_receipt_;
+  std::uint64_t last_receipt_ = 0;
+  std::uint64_t granted_ = 0;
+  ActionQueue<ZigbeeAction> actions_;
+};
+
+class ZigbeeShell final : public MeshShell<ZigbeeMachine> {
+ public:
+  ZigbeeShell(boost::asio::io_context& io, TopicScheme topics, MeshListener& listener)
+      : machine_(std::move(topics)), driver_(io, machine_, [&](ZigbeeAction& action) {
+          std::visit(overloaded{[&](Transmit& it) { sent.push_back(it.robot + " " + it.text); },
+                                [&](MeshEvent& it) { listener.on_mesh_event(std::move(it)); }},
+                     action);
+        }) {}
+
+  void start() override {}
+  void stop() override { driver_.stop(); }
+  using MeshShell::input;
+  std::vector<std::string> sent;
+
+ private:
+  MachineDriver<ZigbeeMachine>& driver() override { return driver_; }
+  const MachineDriver<ZigbeeMachine>& driver() const override { return driver_; }
+
+  ZigbeeMachine machine_;
+  MachineDriver<ZigbeeMachine> driver_;
+};
+
+/// What App does with the core, and a broker that takes everything.
+class ThirdMesh : public testing::Test, private MeshListener {
+ protected:
+  void SetUp() override {
+    driver.input([](Gateway& it, const Now& now) { it.on_broker_link(true, now); });
+  }
+  void on_mesh_event(MeshEvent event) override {
+    driver.input([&](Gateway& it, const Now& now) { it.on_mesh_event(std::move(event), now); });
+  }
+  void perform(GatewayAction& action) {
+    std::visit(overloaded{[&](Upload& it) {
+                            if (it.receipt.is_owed())
+                              mesh.on_receipt(it.receipt.id, ReceiptOutcome::safe);
+                            at_broker.push_back(std::move(it.message));
+                          },
+                          [&](SubscribeAtBroker& it) {
+                            driver.input([&](Gateway& g, const Now&) {
+                              g.on_subscribe_result(it.filter, true);
+                            });
+                          },
+                          [&](DeliverToMeshes& it) {
+                            mesh.on_broker_message(it.message, it.command_on(Mesh::zigbee));
+                          },
+                          [&](AnswerSubscribe& it) {
+                            if (it.mesh == Mesh::zigbee)
+                              mesh.on_subscribe_result(it.filter, it.granted);
+                          },
+                          [&](TrafficEvent& it) { traffic.push_back(traffic_text(it, {})); },
+                          [](UnsubscribeAtBroker&) {}, [](CommandOutcome&) {}, [](Notice&) {}},
+               action);
+  }
+  void robot_says(const std::string& robot, Bytes payload) {
+    mesh.input([&](ZigbeeMachine& it, const Now&) { it.on_frame(robot, std::move(payload)); });
+  }
+  json last_at(const std::string& topic) const {
+    for (auto message = at_broker.rbegin(); message != at_broker.rend(); ++message)
+      if (message->topic == topic) return json::parse(as_text(message->payload));
+    return {};
+  }
+
+  boost::asio::io_context io;
+  TopicScheme topics{"p", "g"};
+  ZigbeeShell mesh{io, topics, *this};
+  Gateway gateway{
+      topics, {"1", UpdateMode::positions, {}}, [this](Mesh which, const std::string& robot) {
+        return which == Mesh::zigbee ? mesh.presence_of(robot) : std::nullopt;
+      }};
+  MachineDriver<Gateway> driver{io, gateway, [this](GatewayAction& action) { perform(action); }};
+  std::vector<BrokerMessage> at_broker;
+  std::vector<std::string> traffic;
+};
+
+TEST_F(ThirdMesh, CarriesReportsUpAndTheirReceiptsBack) {
+  robot_says("z1", {0x0a, 0x00, 0xec, 0xff});
+  EXPECT_EQ(mesh.sent, std::vector<std::string>{"z1 ack"});
+  ASSERT_EQ(at_broker.back().topic, "p/robot/z1/update");
+  ASSERT_TRUE(at_broker.back().provenance);
+  EXPECT_EQ(at_broker.back().provenance->mesh, Mesh::zigbee);
+  EXPECT_EQ(traffic, std::vector<std::string>{"zigbee z1 update x=10 y=-20 obstacles=0"});
+  const json presence = last_at("p/gateway/g/robots/z1");
+  EXPECT_EQ(presence["mesh"], "zigbee");
+  EXPECT_EQ(presence["state"], "online");
+}
+
+TEST_F(ThirdMesh, CarriesCommandsDownAndTheirOutcomesBack) {
+  robot_says("z1", {0x0a, 0x00, 0xec, 0xff});
+  EXPECT_EQ(mesh.counters().at(0).value, 1u) << "its subscription is granted";
+  const auto server_sends = [&](const std::string& topic) {
+    driver.input([&](Gateway& it, const Now& now) {
+      it.on_broker_message({topic, to_bytes("go"), Qos::at_least_once, false}, {}, now);
+    });
+  };
+  server_sends("p/server/z1/cmd");
+  EXPECT_EQ(mesh.sent.back(), "z1 go");
+  mesh.input([](ZigbeeMachine& it, const Now& now) { it.on_acknowledgement("z1", now); });
+  EXPECT_EQ(last_at("p/gateway/g/commands/z1")["outcome"], "delivered");
+  server_sends("p/server/nobody/cmd");
+  EXPECT_EQ(mesh.sent.back(), "z1 go");
+  EXPECT_EQ(last_at("p/gateway/g/commands/nobody")["outcome"], "refused");
+}
+
+TEST(ThirdMeshParts, HaveAPlaceForIt) {
+  ServiceState state;
+  state.mesh_is_up[Mesh::zigbee] = true;
+  EXPECT_EQ(service_status(state, 0), "broker down, zigbee up, 0 robots online, 0 msg/s");
+
+  SubscriptionTable table;
+  for (const Mesh mesh : all_meshes) table.add(mesh, "f", Qos::at_least_once);
+  table.await(Mesh::zigbee, "f");
+  EXPECT_FALSE(table.remove(Mesh::ble, "f"));
+  EXPECT_FALSE(table.remove(Mesh::thread, "f"));
+  EXPECT_EQ(table.on_answer("f", true), std::vector{Mesh::zigbee});
+  EXPECT_TRUE(table.remove(Mesh::zigbee, "f"));
+
+  RobotRegistry registry;
+  registry.on_presence({Mesh::zigbee, "z1", Presence::online, "0x1a2b"}, {});
+  EXPECT_EQ(registry.find("z1")->mesh(), Mesh::zigbee);
+
+  const mqtt::async_client client("tcp://127.0.0.1:1", "test");  // PublishForm wants one
+  PublishForm form(MqttVersion::v5, "g");
+  const auto message =
+      form.fill({"t", {}, Qos::at_most_once, false, Provenance{Mesh::zigbee, WallTime{}}});
+  const auto [name, value] =
+      mqtt::get<mqtt::string_pair>(message->get_properties(), mqtt::property::USER_PROPERTY, 0);
+  EXPECT_EQ(name + " " + value, "mesh zigbee");
+}
+
+}  // namespace
+}  // namespace slamgw
