@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "adapters/ble_mesh_usb_cdc/robots/reliable_publish.hpp"
+#include "daemon/core/protocol_machine.hpp"
 
 namespace slamgw::ble {
 namespace {
@@ -37,9 +38,20 @@ EndedCommands CommandQueue::add(Command command, TimePoint now) {
 
 EndedCommands CommandQueue::on_status(Opcode status, TimePoint now) {
   if (!outstanding_ || outstanding_->entry.command.awaited_status != status) return {};
-  const Entry entry = std::move(outstanding_->entry);
-  outstanding_.reset();
+  if (outstanding_->copies == 1) {
+    answer_time_.on_answer(now - outstanding_->first_sent);
+  } else {
+    answer_time_.on_repeated();
+    expect_late_answers(now);
+  }
+  const Entry entry = std::exchange(outstanding_, std::nullopt)->entry;
   return {end(entry.command, entry.arrived, now, CommandResult::delivered, {})};
+}
+
+void CommandQueue::expect_late_answers(TimePoint now) {
+  const Command& command = outstanding_->entry.command;
+  late_answer_ = command.awaited_status;
+  late_answers_until_ = now + reliable_interval(ttl_, command.access.size());
 }
 
 void CommandQueue::on_send_refused(const std::string& why) {
@@ -53,6 +65,8 @@ EndedCommands CommandQueue::on_deadline(TimePoint now) {
     ended.push_back(
         end(outstanding_->entry.command, outstanding_->entry.arrived, now, CommandResult::timeout,
             outstanding_->refusal.empty() ? "the robot did not answer" : outstanding_->refusal));
+    answer_time_.on_repeated();
+    expect_late_answers(now);
     outstanding_.reset();
   }
   std::erase_if(waiting_, [&](const Entry& entry) {
@@ -65,7 +79,10 @@ EndedCommands CommandQueue::on_deadline(TimePoint now) {
 }
 
 EndedCommands CommandQueue::refuse_all(const std::string& why, TimePoint now) {
-  if (outstanding_) waiting_.push_front(std::move(outstanding_->entry));
+  if (outstanding_) {
+    expect_late_answers(now);
+    waiting_.push_front(std::move(outstanding_->entry));
+  }
   outstanding_.reset();
   EndedCommands ended;
   for (const Entry& entry : waiting_)
@@ -80,20 +97,36 @@ std::optional<Bytes> CommandQueue::next_transmission(TimePoint now) {
     // Several times after a long pause: what was missed is not sent in a burst.
     while (now >= outstanding_->first_sent + outstanding_->next_offset)
       outstanding_->next_offset *= 2;
+    ++outstanding_->copies;
     return outstanding_->entry.command.access;
   }
-  if (waiting_.empty()) return std::nullopt;
-  const Duration interval = reliable_interval(ttl_, waiting_.front().command.access.size());
-  outstanding_ = Outstanding{std::move(waiting_.front()), now, interval, {}};
+  if (waiting_.empty() || now < earliest_start()) return std::nullopt;
+  const Duration offset = first_repeat(waiting_.front().command);
+  outstanding_ = Outstanding{std::move(waiting_.front()), now, offset, 1, {}};
   waiting_.pop_front();
   return outstanding_->entry.command.access;
 }
 
+Duration CommandQueue::first_repeat(const Command& command) const {
+  const Duration interval = reliable_interval(ttl_, command.access.size());
+  return segments_of(command.access.size()) > 1 ? interval : answer_time_.timeout(interval);
+}
+
+/// Of the command that waits in front.
+TimePoint CommandQueue::earliest_start() const {
+  const bool may_be_confused = waiting_.front().command.awaited_status == late_answer_;
+  return may_be_confused ? late_answers_until_ : TimePoint::min();
+}
+
 std::optional<TimePoint> CommandQueue::deadline() const {
-  if (!outstanding_) return std::nullopt;  // then nothing waits either
-  TimePoint next = std::min(outstanding_->entry.arrived + time_limit,
-                            outstanding_->first_sent + outstanding_->next_offset);
-  for (const Entry& entry : waiting_) next = std::min(next, entry.arrived + time_limit);
+  std::optional<TimePoint> next;
+  if (outstanding_) {
+    next = std::min(outstanding_->entry.arrived + time_limit,
+                    outstanding_->first_sent + outstanding_->next_offset);
+  } else if (!waiting_.empty()) {
+    next = earliest_start();
+  }
+  for (const Entry& entry : waiting_) next = earlier(next, entry.arrived + time_limit);
   return next;
 }
 

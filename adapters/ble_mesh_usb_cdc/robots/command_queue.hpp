@@ -1,6 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // The commands on their way to one robot: one is sent and repeated until its STATUS comes, the
 // others wait. Every command that goes in comes out once, with its outcome. Called by BleMesh.
+//
+// The first repeat comes when the robot should have answered (AnswerTime), but no later than after
+// iv, reliable publish's interval; each wait is twice the one before. A segmented message is
+// repeated after iv at the earliest, because the board repeats its segments by itself.
+//
+// A STATUS does not name the command that it answers. When a command was repeated, its other copies
+// may be answered after it has ended, and such an answer must not end the next command of the same
+// kind, which the robot may not have: so that one waits for a while.
 #pragma once
 
 #include <deque>
@@ -8,6 +16,7 @@
 #include <string>
 #include <vector>
 
+#include "adapters/ble_mesh_usb_cdc/robots/answer_time.hpp"
 #include "adapters/ble_mesh_usb_cdc/robots/command.hpp"
 #include "daemon/core/messages.hpp"
 
@@ -56,11 +65,20 @@ class CommandQueue {
     Entry entry;
     TimePoint first_sent{};
     Duration next_offset{};  ///< of the next repeat, after the first transmission
-    std::string refusal;
+    int copies = 1;          ///< sent so far
+    std::string refusal;     ///< why the board did not send one of them; empty when it did
   };
 
+  Duration first_repeat(const Command& command) const;
+  TimePoint earliest_start() const;
+  void expect_late_answers(TimePoint now);
+
   std::uint8_t ttl_;
+  AnswerTime answer_time_;
   std::optional<Outstanding> outstanding_;
+  /// Until then the robot may answer copies of a command that has ended, with this STATUS.
+  TimePoint late_answers_until_{};
+  Opcode late_answer_ = 0;
   std::deque<Entry> waiting_;
 };
 
