@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Whether a file that cannot be used is damaged, or its disk only fails to read it for a moment
-// (SQLite calls both "malformed"). Pure; asked by the stores after each look at the file.
+// (SQLite calls both "malformed"). Pure; asked by the stores after each look at the file. Also how
+// long they wait for a disk.
 #pragma once
 
 #include <optional>
@@ -8,6 +9,20 @@
 #include "daemon/core/time.hpp"
 
 namespace slamgw {
+
+/// How long the stores wait for a disk.
+struct StorePatience {
+  /// Between attempts to open a file that there is no store without.
+  std::chrono::milliseconds reopen{10000};
+  /// Between looks at a file that seems damaged or cannot be read.
+  std::chrono::milliseconds look{1000};
+  /// How long opening may take such looks before the daemon goes on without the store.
+  std::chrono::milliseconds opening{10000};
+  /// Parts of the file that the disk could not read for so long are lost.
+  std::chrono::milliseconds unreadable{60000};
+  /// How long the outbox may take to keep a page of dead letters that are sent again.
+  std::chrono::milliseconds resend{10000};
+};
 
 class DamageVerdict {
  public:

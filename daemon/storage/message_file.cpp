@@ -310,11 +310,6 @@ void MessageFile::restore(const std::vector<SavedRow>& rows) {
   end(transaction, contents);
 }
 
-void MessageFile::move_log_into_file() {
-  if (database_.query_number("PRAGMA wal_checkpoint(TRUNCATE)") == 0) return;
-  throw SqliteError(SQLITE_BUSY, "the log cannot be moved into the file");
-}
-
 void MessageFile::shrink_when_empty() {
   try {
     if (contents_.messages > 0 || contents_.dead_letters > 0) return;

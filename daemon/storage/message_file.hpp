@@ -65,7 +65,7 @@ class MessageFile {
   /// Adds what was saved, under its numbers.
   void restore(const std::vector<SavedRow>& rows);
   /// Everything is in the file itself when this returns, and durable; the log beside it is empty.
-  void move_log_into_file();
+  void move_log_into_file() { database_.move_log_into_file(); }
 
   /// For reading.
   DeadLetterTable& dead_letter_table() { return dead_letters_; }

@@ -12,34 +12,16 @@
 namespace slamgw {
 namespace {
 
-using Kind = RecordValue::Kind;
-
 /// One transaction of what is saved.
 constexpr std::size_t batch_bytes = 1u << 20;
 constexpr std::int64_t max_count = std::numeric_limits<std::int64_t>::max();
 
-/// Columns: t text, b blob, i integer, 0 NULL, as which SQLite stores the number of the row.
+// Shapes of records (shape_of).
 constexpr std::string_view message_shape = "0tbiiiiii";
 constexpr std::string_view message_shape_of_version_2 = "0tbiiiii";
 constexpr std::string_view message_shape_of_version_1 = "0tbiii";
 constexpr std::string_view dead_letter_shape = "0tbiiiiitiiii";
 constexpr std::string_view contents_shape = "0iiiiiiii";
-
-bool has_shape(const TableRecord& record, std::string_view shape) {
-  const auto letter = [](Kind kind) {
-    switch (kind) {
-      case Kind::null: return '0';
-      case Kind::integer: return 'i';
-      case Kind::real: return 'r';
-      case Kind::text: return 't';
-      case Kind::blob: return 'b';
-    }
-    return '?';
-  };
-  return std::equal(
-      record.values.begin(), record.values.end(), shape.begin(), shape.end(),
-      [&](const RecordValue& value, char wanted) { return letter(value.kind) == wanted; });
-}
 
 MessageRow message_row(const TableRecord& record) {
   const auto& v = record.values;
@@ -61,45 +43,39 @@ DeadLetterRow dead_letter_row(const TableRecord& record) {
 
 MessageRecovery::MessageRecovery(const std::string& path, const std::optional<StoreContents>& tally)
     : pages_(path, store_page_bytes), contents_(tally) {
-  for (std::uint32_t i = 0; i < pages_.versions().size(); ++i) search(i);
+  for_each_record(pages_, [this](std::uint32_t version, std::uint32_t cell,
+                                 const TableRecord& record) { look_at(version, cell, record); });
   choose();
+}
+
+void MessageRecovery::look_at(std::uint32_t version, std::uint32_t cell,
+                              const TableRecord& record) {
+  take_contents(record);
+  const auto row = row_in(record);
+  if (!row) return;
+  const bool is_current = pages_.versions()[version].is_current;
+  found_.push_back({row->table, record.row, row->is_good, is_current, version, cell});
 }
 
 /// Rows of older formats have no checksum: they are good as far as anybody can tell.
 std::optional<MessageRecovery::Row> MessageRecovery::row_in(const TableRecord& record) {
-  if (has_shape(record, message_shape)) {
+  const std::string shape = shape_of(record);
+  if (shape == message_shape) {
     const MessageRow row = message_row(record);
     return Row{Table::messages, {row}, record.values[8].number == checksum(row)};
   }
-  if (has_shape(record, dead_letter_shape)) {
+  if (shape == dead_letter_shape) {
     const DeadLetterRow row = dead_letter_row(record);
     return Row{Table::dead_letters, row, record.values[12].number == checksum(row)};
   }
-  if (has_shape(record, message_shape_of_version_2) ||
-      has_shape(record, message_shape_of_version_1)) {
+  if (shape == message_shape_of_version_2 || shape == message_shape_of_version_1) {
     return Row{Table::messages, {message_row(record)}, true};
   }
   return std::nullopt;
 }
 
-void MessageRecovery::search(std::uint32_t version) {
-  Bytes page;
-  Bytes buffer;
-  const DatabasePages::Version& where = pages_.versions()[version];
-  pages_.read(where, page);
-  for (const std::size_t cell : cells_of(page, where.page)) {
-    const auto record = read_record(pages_, page, cell, buffer);
-    if (!record) continue;
-    take_contents(*record);
-    const auto row = row_in(*record);
-    if (!row) continue;
-    found_.push_back({row->table, record->row, row->is_good, where.is_current, version,
-                      static_cast<std::uint32_t>(cell)});
-  }
-}
-
 void MessageRecovery::take_contents(const TableRecord& record) {
-  if (!has_shape(record, contents_shape)) return;
+  if (shape_of(record) != contents_shape) return;
   const auto& v = record.values;
   const StoreContents contents{v[1].number, v[2].number, v[3].number, v[4].number,
                                v[5].number, v[6].number, v[7].number};

@@ -59,7 +59,7 @@ class MessageRecovery {
   };
 
   static std::optional<Row> row_in(const TableRecord& record);
-  void search(std::uint32_t version);
+  void look_at(std::uint32_t version, std::uint32_t cell, const TableRecord& record);
   void take_contents(const TableRecord& record);
   void choose();
   void drop_outdated(Table table, std::int64_t expected);

@@ -123,6 +123,11 @@ bool SqliteDatabase::has_moved() const {
   return has_moved != 0;
 }
 
+void SqliteDatabase::move_log_into_file() {
+  if (query_number("PRAGMA wal_checkpoint(TRUNCATE)") == 0) return;
+  throw SqliteError(SQLITE_BUSY, "the log cannot be moved into the file");
+}
+
 void SqliteDatabase::keep_log_on_close(bool keep) {
   sqlite3_db_config(database_.get(), SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, keep ? 1 : 0, nullptr);
 }

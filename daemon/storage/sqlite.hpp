@@ -79,6 +79,8 @@ class SqliteDatabase {
   /// Rows that the last statement inserted or deleted.
   std::int64_t changed_rows() const;
   SqliteStatement prepare(const char* sql) { return {database_.get(), sql}; }
+  /// Everything is in the file itself when this returns, and durable; its log is empty.
+  void move_log_into_file();
   /// Leaves the write-ahead log as it is when this closes, so that nothing at all changes.
   void keep_log_on_close(bool keep);
 

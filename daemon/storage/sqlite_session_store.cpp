@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <future>
+#include <thread>
 #include <utility>
 
 #include "daemon/storage/store_file.hpp"
@@ -11,11 +12,15 @@
 namespace slamgw {
 
 SqliteSessionStore::SqliteSessionStore(boost::asio::io_context& io, std::string directory,
-                                       std::function<void(Notice)> on_notice)
+                                       std::function<void(Notice)> on_notice,
+                                       StorePatience patience)
     : directory_(std::move(directory)),
       path_(directory_ + "/sessions.db"),
+      replacement_(path_),
+      patience_(patience),
       on_notice_(std::move(on_notice)),
       retry_timer_(io),
+      verdict_(patience.unreadable),
       thread_(io),
       sync_timer_(thread_.context()) {}
 
@@ -59,62 +64,96 @@ void SqliteSessionStore::on_written(bool is_written, Changes changes) {
     return;
   }
   changes_.merge(std::move(changes));  // newer ones of the same session stay
-  retry_timer_.expires_after(retry_interval);
+  retry_timer_.expires_after(patience_.reopen);
   retry_timer_.async_wait([this](boost::system::error_code error) {
     if (!error) write_changes();
   });
 }
 
+/// A disk that fails for a moment is waited for: sessions are worth a start that takes longer.
 std::vector<SessionStore::Session> SqliteSessionStore::open_and_load() {
-  if (!open()) return {};
-  try {
-    return file_->load();
-  } catch (const SqliteError& error) {
-    move_aside(error.what());
-    open();
-    return {};
+  const auto give_up_at = std::chrono::steady_clock::now() + patience_.opening;
+  while (!open()) {
+    if (!is_doubtful_ || std::chrono::steady_clock::now() > give_up_at) {
+      tell_failure();
+      return {};
+    }
+    std::this_thread::sleep_for(patience_.look);
   }
+  return std::move(loaded_);
 }
 
 bool SqliteSessionStore::open() {
+  is_doubtful_ = false;
   try {
-    make_store_file(directory_, path_);
-    try {
-      file_.emplace(path_);
-    } catch (const SqliteError& error) {
-      if (!error.is_corrupt()) throw;
-      move_aside(error.what());
-      make_store_file(directory_, path_);
-      file_.emplace(path_);
-    }
+    try_to_open();
     return true;
   } catch (const SqliteError& error) {
-    fail(path_ + ": " +
-         (error.is_locked() ? "another process has it open; does a second slam-gatewayd run?"
-                            : error.what()));
+    close_as_it_is();
+    is_doubtful_ = error.is_corrupt() || error.is_io_error();
+    why_closed_ = fmt::format("{}: {}", path_, words_for(error));
+    if (is_doubtful_ && save_if_damaged(error)) return open();
   } catch (const ForeignFile& error) {
-    fail(fmt::format("{} is left as it is: {}", path_, error.what()));
+    close_as_it_is();
+    why_closed_ = fmt::format("{} is left as it is: {}", path_, error.what());
   } catch (const std::runtime_error& error) {
-    fail(error.what());
+    close_as_it_is();
+    why_closed_ = error.what();
   }
   return false;
 }
 
-void SqliteSessionStore::move_aside(const std::string& why) {
-  file_.reset();
-  const std::string aside = put_store_file_aside(path_, "corrupt");
-  notice(Severity::error,
-         fmt::format("the sessions in {} are damaged ({}): moved to {} and begun anew; MQTT-SN "
-                     "clients have to connect again",
-                     path_, why, aside));
+void SqliteSessionStore::try_to_open() {
+  make_store_directory(directory_);
+  replacement_.finish_what_was_begun("corrupt");
+  make_store_file(directory_, path_);
+  file_.emplace(path_);
+  SessionFile::Loaded loaded = file_->load();
+  verdict_.reset();
+  loaded_ = std::move(loaded.sessions);
+  if (loaded.damaged == 0) return;
+  notice(Severity::error, fmt::format("{} sessions in {} are damaged: those MQTT-SN clients have "
+                                      "to connect again",
+                                      loaded.damaged, path_));
 }
 
-void SqliteSessionStore::fail(const std::string& why) {
-  if (std::exchange(why_failed_, why) == why) return;
+/// True when what is left of a damaged file is in its place. What goes wrong is tried again with
+/// the next look.
+bool SqliteSessionStore::save_if_damaged(const SqliteError& why) {
+  try {
+    const SavedSessions saved(path_);
+    if (!verdict_.is_damaged(saved.unreadable, std::chrono::steady_clock::now())) return false;
+    if (saved.unreadable > 0 ? saved.sessions.empty() : !why.is_corrupt()) return false;
+    {
+      SessionFile file(replacement_.begin());
+      file.write(saved.sessions);
+      file.move_log_into_file();
+    }
+    const std::string aside = replacement_.finish("corrupt");
+    verdict_.reset();
+    notice(Severity::error,
+           fmt::format("the sessions in {} were damaged ({}): {} were saved, other MQTT-SN clients "
+                       "have to connect again; the damaged file is {}",
+                       path_, why.what(), saved.sessions.size(), aside));
+    return true;
+  } catch (const std::runtime_error& error) {
+    why_closed_ = fmt::format("{} is damaged ({}), and what is left of it cannot be saved: {}",
+                              path_, why.what(), error.what());
+    return false;
+  }
+}
+
+void SqliteSessionStore::close_as_it_is() {
+  if (file_) file_->leave_log_on_close();
+  file_.reset();
+}
+
+void SqliteSessionStore::tell_failure() {
+  if (std::exchange(why_told_, why_closed_) == why_closed_) return;
   notice(Severity::warning,
          fmt::format("sessions of MQTT-SN clients are not kept: {}. After a restart they have to "
                      "connect again",
-                     why));
+                     why_closed_));
 }
 
 void SqliteSessionStore::notice(Severity severity, std::string text) {
@@ -122,18 +161,23 @@ void SqliteSessionStore::notice(Severity severity, std::string text) {
 }
 
 bool SqliteSessionStore::write(const Changes& changes) {
-  if (!file_ && !open()) return false;
+  if (!file_ && !open()) {
+    tell_failure();
+    return false;
+  }
+  loaded_.clear();
   std::vector<Change> list;
   list.reserve(changes.size());
   for (const auto& [id, content] : changes) list.push_back({id, content});
   try {
     file_->write(list);
   } catch (const SqliteError& error) {
-    if (error.is_corrupt()) move_aside(error.what());
-    fail(fmt::format("{}: {}", path_, error.what()));
+    why_closed_ = fmt::format("{}: {}", path_, error.what());
+    if (error.is_corrupt()) close_as_it_is();
+    tell_failure();
     return false;
   }
-  if (!std::exchange(why_failed_, {}).empty())
+  if (!std::exchange(why_told_, {}).empty())
     notice(Severity::notice, fmt::format("sessions are kept in {} again", path_));
   sync_later();
   return true;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The shell of SessionFile: `sessions.db` in `store.directory`, written on a thread of its own. A
-// damaged file is moved aside; without a usable one the daemon goes on, and this tries again.
+// The shell of SessionFile: `sessions.db` in `store.directory`, written on a thread of its own. Of
+// a damaged file everything that can be read is saved, and the file is put aside; without a usable
+// one the daemon goes on, and this tries again.
 #pragma once
 
 #include <boost/asio/io_context.hpp>
@@ -13,6 +14,8 @@
 
 #include "daemon/core/messages.hpp"
 #include "daemon/core/session_store.hpp"
+#include "daemon/storage/damage_verdict.hpp"
+#include "daemon/storage/file_replacement.hpp"
 #include "daemon/storage/session_file.hpp"
 #include "daemon/storage/store_thread.hpp"
 
@@ -20,14 +23,12 @@ namespace slamgw {
 
 class SqliteSessionStore final : public SessionStore {
  public:
-  /// Between a failure and the next attempt.
-  static constexpr std::chrono::seconds retry_interval{10};
   /// What a power cut may take back at most.
   static constexpr std::chrono::seconds sync_interval{5};
 
   /// `on_notice` is called on the loop's thread, not after stop().
   SqliteSessionStore(boost::asio::io_context& io, std::string directory,
-                     std::function<void(Notice)> on_notice);
+                     std::function<void(Notice)> on_notice, StorePatience patience = {});
   ~SqliteSessionStore() override;
 
   std::vector<Session> load() override;
@@ -45,15 +46,19 @@ class SqliteSessionStore final : public SessionStore {
   // On the store's thread:
   std::vector<Session> open_and_load();
   bool open();
+  void try_to_open();
+  bool save_if_damaged(const SqliteError& why);
+  void close_as_it_is();
   bool write(const Changes& changes);
   void sync_later();
   void sync();
-  void move_aside(const std::string& why);
-  void fail(const std::string& why);
+  void tell_failure();
   void notice(Severity severity, std::string text);
 
   const std::string directory_;
   const std::string path_;
+  const FileReplacement replacement_;
+  const StorePatience patience_;
   const std::function<void(Notice)> on_notice_;  // the loop's thread only
 
   // The loop's thread only:
@@ -63,7 +68,11 @@ class SqliteSessionStore final : public SessionStore {
 
   // The store's thread only:
   std::optional<SessionFile> file_;
-  std::string why_failed_;    // as last said
+  DamageVerdict verdict_;
+  std::vector<Session> loaded_;  // what the file held when it was opened
+  bool is_doubtful_ = false;     // the disk may only fail for a moment
+  std::string why_closed_;
+  std::string why_told_;      // as last said
   bool is_sync_due_ = false;  // something is written since the last sync()
 
   StoreThread thread_;

@@ -4,7 +4,6 @@
 #include <fmt/format.h>
 #include <sqlite3.h>
 
-#include <filesystem>
 #include <utility>
 
 #include "daemon/storage/store_file.hpp"
@@ -13,11 +12,6 @@ namespace slamgw {
 namespace {
 
 TimePoint now() { return std::chrono::steady_clock::now(); }
-
-std::string words_for(const SqliteError& error) {
-  return error.is_locked() ? "another process has it open; does a second slam-gatewayd run?"
-                           : error.what();
-}
 
 std::string saved_text(const MessageRecovery::Result& result) {
   std::string text = fmt::format("{} messages", result.messages);
@@ -43,21 +37,14 @@ std::vector<std::uint64_t> resent_rows(const WriteToStore& write) {
   return rows;
 }
 
-void remove_file_and_log(const std::string& path) {
-  std::error_code ignored;
-  std::filesystem::remove(path + "-wal", ignored);
-  std::filesystem::remove(path, ignored);
-}
-
 }  // namespace
 
 SqliteStore::SqliteStore(boost::asio::io_context& io, StoreSettings settings,
-                         std::function<void(StoreEvent)> on_event, Patience patience)
+                         std::function<void(StoreEvent)> on_event, StorePatience patience)
     : settings_(std::move(settings)),
       patience_(patience),
       path_(settings_.directory + "/messages.db"),
-      saving_path_(path_ + "-saving"),
-      saved_path_(path_ + "-saved"),
+      replacement_(path_),
       on_event_(std::move(on_event)),
       verdict_(patience.unreadable),
       thread_(io),
@@ -195,7 +182,7 @@ void SqliteStore::open() {
 void SqliteStore::try_to_open() {
   make_store_directory(settings_.directory);
   if (!tally_) tally_.emplace(path_ + "-tally");
-  put_saved_file_in_place("corrupt");
+  replacement_.finish_what_was_begun("corrupt");
   make_store_file(settings_.directory, path_);
   file_.emplace(path_, settings_.max_bytes, &*tally_);
   // What was not confirmed is in the outbox's memory still.
@@ -245,22 +232,10 @@ bool SqliteStore::save_if_damaged(const SqliteError& why) {
 }
 
 void SqliteStore::save(MessageRecovery& recovery, const std::string& why) {
-  remove_file_and_log(saving_path_);
-  make_store_file(settings_.directory, saving_path_);
-  recovery.save_to(saving_path_, settings_.max_bytes);
-  std::filesystem::rename(saving_path_, saved_path_);
-  const std::string aside = put_saved_file_in_place("corrupt");
+  recovery.save_to(replacement_.begin(), settings_.max_bytes);
+  const std::string aside = replacement_.finish("corrupt");
   tell(Severity::error, fmt::format("the store {} was damaged ({}): {}; the damaged file is {}",
                                     path_, why, saved_text(recovery.result()), aside));
-}
-
-/// Also what an earlier process saved and could not put there. Returns where the former file is.
-std::string SqliteStore::put_saved_file_in_place(const char* word) {
-  if (!std::filesystem::exists(saved_path_)) return {};
-  const std::string aside = put_store_file_aside(path_, word);
-  std::filesystem::rename(saved_path_, path_);
-  synchronise_directory_of(path_);
-  return aside;
 }
 
 /// Somebody has moved, removed or replaced the file while it was open: what it holds is written
@@ -268,11 +243,8 @@ std::string SqliteStore::put_saved_file_in_place(const char* word) {
 void SqliteStore::put_back_in_place() {
   try {
     make_store_directory(settings_.directory);
-    remove_file_and_log(saving_path_);
-    make_store_file(settings_.directory, saving_path_);
-    file_->copy_to(saving_path_);
-    std::filesystem::rename(saving_path_, saved_path_);
-    const std::string aside = put_saved_file_in_place("replaced");
+    file_->copy_to(replacement_.begin());
+    const std::string aside = replacement_.finish("replaced");
     close_as_it_is();
     tally_.reset();
     try_to_open();

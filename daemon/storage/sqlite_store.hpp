@@ -21,6 +21,7 @@
 #include "daemon/mqtt/settings.hpp"
 #include "daemon/storage/damage_verdict.hpp"
 #include "daemon/storage/dead_letter_desk.hpp"
+#include "daemon/storage/file_replacement.hpp"
 #include "daemon/storage/message_file.hpp"
 #include "daemon/storage/message_recovery.hpp"
 #include "daemon/storage/store_tally.hpp"
@@ -30,25 +31,9 @@ namespace slamgw {
 
 class SqliteStore {
  public:
-  struct Patience {
-    /// Between attempts to open a file that there is no store without.
-    std::chrono::milliseconds reopen{10000};
-    /// Between looks at a file that seems damaged or cannot be read.
-    std::chrono::milliseconds look{1000};
-    /// How long the first opening may take such looks before the daemon goes on without a store.
-    std::chrono::milliseconds opening{10000};
-    /// Parts of the file that the disk could not read for so long are lost.
-    std::chrono::milliseconds unreadable{60000};
-    /// How long the outbox may take to keep a page of dead letters that are sent again.
-    std::chrono::milliseconds resend{10000};
-  };
-
   /// `on_event` is called on the loop's thread, never from inside a call, and not after stop().
   SqliteStore(boost::asio::io_context& io, StoreSettings settings,
-              std::function<void(StoreEvent)> on_event, Patience patience);
-  SqliteStore(boost::asio::io_context& io, StoreSettings settings,
-              std::function<void(StoreEvent)> on_event)
-      : SqliteStore(io, std::move(settings), std::move(on_event), Patience{}) {}
+              std::function<void(StoreEvent)> on_event, StorePatience patience = {});
   ~SqliteStore();
   SqliteStore(const SqliteStore&) = delete;
   SqliteStore& operator=(const SqliteStore&) = delete;
@@ -78,7 +63,6 @@ class SqliteStore {
   void close_as_it_is();
   bool save_if_damaged(const SqliteError& why);
   void save(MessageRecovery& recovery, const std::string& why);
-  std::string put_saved_file_in_place(const char* word);
   void check_place();
   void put_back_in_place();
   void try_again_after(std::chrono::milliseconds time);
@@ -86,10 +70,9 @@ class SqliteStore {
   void tell(Severity severity, std::string text);
 
   const StoreSettings settings_;
-  const Patience patience_;
+  const StorePatience patience_;
   const std::string path_;
-  const std::string saving_path_;  // what is saved from a damaged file, while it is not complete
-  const std::string saved_path_;   // when it is
+  const FileReplacement replacement_;
   const std::function<void(StoreEvent)> on_event_;  // the loop's thread only
 
   // The store's thread only:

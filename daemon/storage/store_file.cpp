@@ -123,6 +123,11 @@ void synchronise_directory_of(const std::string& path) {
   close(entry);
 }
 
+std::string words_for(const SqliteError& error) {
+  return error.is_locked() ? "another process has it open; does a second slam-gatewayd run?"
+                           : error.what();
+}
+
 SqliteDatabase open_store_file(const std::string& path, const StoreFormat& format, bool is_known) {
   SqliteDatabase database(path, store_busy_wait_ms);
   database.keep_log_on_close(true);

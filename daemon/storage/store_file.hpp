@@ -57,6 +57,9 @@ SqliteDatabase open_store_file(const std::string& path, const StoreFormat& forma
 /// Throws std::runtime_error when that fails or there are `max_files_aside` already.
 std::string put_store_file_aside(const std::string& path, const char* word);
 
+/// For people; what to do where that is known.
+std::string words_for(const SqliteError& error);
+
 /// What renames in it have done is durable.
 void synchronise_directory_of(const std::string& path);
 

@@ -141,4 +141,32 @@ std::optional<TableRecord> read_record(DatabasePages& pages, ByteView page, std:
   return record;
 }
 
+void for_each_record(
+    DatabasePages& pages,
+    const std::function<void(std::uint32_t, std::uint32_t, const TableRecord&)>& look) {
+  Bytes page;
+  Bytes buffer;
+  for (std::uint32_t version = 0; version < pages.versions().size(); ++version) {
+    pages.read(pages.versions()[version], page);
+    for (const std::size_t cell : cells_of(page, pages.versions()[version].page)) {
+      const auto record = read_record(pages, page, cell, buffer);
+      if (record) look(version, static_cast<std::uint32_t>(cell), *record);
+    }
+  }
+}
+
+std::string shape_of(const TableRecord& record) {
+  std::string shape;
+  for (const RecordValue& value : record.values) {
+    switch (value.kind) {
+      case RecordValue::Kind::null: shape += '0'; break;
+      case RecordValue::Kind::integer: shape += 'i'; break;
+      case RecordValue::Kind::real: shape += 'r'; break;
+      case RecordValue::Kind::text: shape += 't'; break;
+      case RecordValue::Kind::blob: shape += 'b'; break;
+    }
+  }
+  return shape;
+}
+
 }  // namespace slamgw

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <functional>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "daemon/storage/database_pages.hpp"
@@ -33,5 +34,15 @@ std::vector<std::size_t> cells_of(ByteView page, std::uint32_t page_number);
 /// values and must outlive them. Nothing when it is none.
 std::optional<TableRecord> read_record(DatabasePages& pages, ByteView page, std::size_t cell,
                                        Bytes& buffer);
+
+/// Every record that can be found in any version of any page. `version` is an index in
+/// pages.versions(), `cell` as for read_record(). The record is gone when `look` returns.
+void for_each_record(DatabasePages& pages,
+                     const std::function<void(std::uint32_t version, std::uint32_t cell,
+                                              const TableRecord& record)>& look);
+
+/// What the columns of a record hold, a letter for each: t text, b blob, i integer, r real,
+/// 0 NULL, which stands for the number of the row.
+std::string shape_of(const TableRecord& record);
 
 }  // namespace slamgw

@@ -5,9 +5,11 @@
 
 #include <filesystem>
 #include <fstream>
+#include <thread>
 
 #include "daemon/storage/sqlite_session_store.hpp"
-#include "tests/support/eventually.hpp"
+#include "tests/storage/faulty_disk.hpp"
+#include "tests/storage/store_user.hpp"
 #include "tests/support/temp_dir.hpp"
 
 namespace slamgw::test {
@@ -16,7 +18,9 @@ namespace {
 /// One process's store.
 struct Process {
   explicit Process(const std::string& directory)
-      : store(io, directory, [this](const Notice& notice) { notices += notice.text + "\n"; }),
+      : store(
+            io, directory, [this](const Notice& notice) { notices += notice.text + "\n"; },
+            short_patience),
         loaded(store.load()) {}
 
   void save(const std::string& id, std::optional<Bytes> content) {
@@ -40,8 +44,11 @@ struct Process {
   std::vector<SessionStore::Session> loaded;
 };
 
-void write_file(const std::string& path, const std::string& text) {
-  std::ofstream(path, std::ios::binary) << text;
+std::size_t count_aside(const std::string& directory) {
+  std::size_t count = 0;
+  for (const auto& entry : std::filesystem::directory_iterator(directory))
+    count += entry.path().string().find("sessions.db.corrupt-") != std::string::npos ? 1 : 0;
+  return count;
 }
 
 TEST(SqliteSessionStore, BringsBackTheLastOfEachSession) {
@@ -95,10 +102,78 @@ TEST(SqliteSessionStore, MovesADamagedFileAsideAndGoesOn) {
     process.save("r1", to_bytes("x"));
   }
   EXPECT_EQ(Process(directory.path()).names(), "r1 ");
-  std::size_t aside = 0;
-  for (const auto& entry : std::filesystem::directory_iterator(directory.path()))
-    aside += entry.path().string().find("sessions.db.corrupt-") != std::string::npos ? 1 : 0;
-  EXPECT_EQ(aside, 1U);
+  EXPECT_EQ(count_aside(directory.path()), 1U);
+}
+
+TEST(SqliteSessionStore, WaitsForADiskThatFailsForAMoment) {
+  const FaultyDisk disk;
+  const TempDir directory;
+  {
+    Process process(directory.path());
+    process.save("r1", to_bytes("x"));
+  }
+  FaultyDisk::fails_reads = true;
+  std::thread mends([] {
+    eventually([] { return FaultyDisk::failed_reads > 30; });
+    FaultyDisk::fails_reads = false;
+  });
+  Process process(directory.path());
+  mends.join();
+  EXPECT_EQ(process.names(), "r1 ");
+  EXPECT_EQ(count_aside(directory.path()), 0U);
+}
+
+TEST(SqliteSessionStore, SavesWhatIsLeftOfADamagedFile) {
+  const TempDir directory;
+  {
+    Process process(directory.path());
+    for (int i = 100; i < 300; ++i)
+      process.save("robot-" + std::to_string(i), Bytes(100, static_cast<std::uint8_t>(i)));
+  }
+  for (const std::size_t page : {0, 1, 4}) {
+    std::fstream file(directory / "sessions.db", std::ios::in | std::ios::out | std::ios::binary);
+    file.seekp(static_cast<std::streamoff>(page * 4096));
+    file << std::string(512, '\0');
+  }
+  Process process(directory.path());
+  EXPECT_GE(process.loaded.size(), 120U);
+  EXPECT_LT(process.loaded.size(), 200U);
+  for (const auto& session : process.loaded)
+    EXPECT_EQ(session.content,
+              Bytes(100, static_cast<std::uint8_t>(std::stoi(session.id.substr(6)))));
+  EXPECT_TRUE(process.says(std::to_string(process.loaded.size()) + " were saved"));
+}
+
+TEST(SqliteSessionStore, DropsASessionWhoseOctetsHaveChanged) {
+  const TempDir directory;
+  {
+    Process process(directory.path());
+    process.save("r1", to_bytes("its content"));
+    process.save("r2", to_bytes("another"));
+  }
+  std::string octets = read_file(directory / "sessions.db");
+  octets[octets.find("its content") + 5] = 'X';
+  write_file(directory / "sessions.db", octets, 0600);
+  Process process(directory.path());
+  EXPECT_EQ(process.names(), "r2 ");
+  EXPECT_TRUE(process.says("1 sessions in"));
+  EXPECT_EQ(Process(directory.path()).notices, "") << "told once";
+}
+
+TEST(SqliteSessionStore, TakesOverTheFileOfThePreviousVersion) {
+  const TempDir directory;
+  write_file(directory / "sessions.db", "", 0600);
+  {
+    SqliteDatabase file(directory / "sessions.db", 0);
+    file.execute(
+        "CREATE TABLE sessions(id TEXT PRIMARY KEY, content BLOB NOT NULL) WITHOUT ROWID; INSERT "
+        "INTO sessions VALUES('r1', x'0102'); PRAGMA user_version = 1");
+  }
+  for (int process = 0; process < 2; ++process) {
+    Process next(directory.path());
+    ASSERT_EQ(next.names(), "r1 ");
+    EXPECT_EQ(next.loaded[0].content, (Bytes{1, 2}));
+  }
 }
 
 TEST(SqliteSessionStore, LeavesTheFileOfANewerVersionAlone) {

@@ -16,7 +16,7 @@ namespace slamgw::test {
 
 inline constexpr std::uint64_t plenty = 1u << 28;
 /// As in the daemon, but shorter: reopen, look, opening, unreadable, resend.
-inline constexpr SqliteStore::Patience short_patience{
+inline constexpr StorePatience short_patience{
     std::chrono::milliseconds{200}, std::chrono::milliseconds{20}, std::chrono::milliseconds{2000},
     std::chrono::milliseconds{600}, std::chrono::milliseconds{300}};
 
@@ -136,16 +136,19 @@ class StoreUser {
     });
   }
   const std::string& notices() const { return notices_; }
+  bool was_absent() const { return was_absent_; }
   SqliteStore& store() { return store_; }
 
  private:
   void note(const StoreEvent& event) {
+    was_absent_ = was_absent_ || std::holds_alternative<StoreAbsent>(event);
     if (const auto* notice = std::get_if<Notice>(&event)) notices_ += notice->text + "\n";
   }
 
   boost::asio::io_context io_;
   std::deque<StoreEvent> events_;
   std::string notices_;
+  bool was_absent_ = false;
   std::vector<std::uint64_t> resent_;
   SqliteStore store_;
 };
