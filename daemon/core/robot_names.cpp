@@ -41,9 +41,11 @@ std::string RobotNames::of_ble(std::uint16_t address) const {
 std::optional<std::string> RobotNames::of_client(std::string_view client_id) const {
   if (const auto known = by_client_.find(client_id); known != by_client_.end())
     return known->second;
-  const bool is_taken = std::any_of(names_.begin(), names_.end(), [&](const RobotName& name) {
-    return name.id == client_id && name.mqttsn_client_id;
-  });
+  // A name of the BLE mesh, or of another client: a device speaks only for itself.
+  const bool is_taken =
+      parse_default_ble_id(client_id) ||
+      std::any_of(names_.begin(), names_.end(),
+                  [&](const RobotName& name) { return name.id == client_id; });
   if (is_taken) return std::nullopt;
   return std::string(client_id);
 }

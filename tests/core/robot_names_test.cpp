@@ -27,7 +27,13 @@ TEST(RobotNames, ComparesClientIdsWhole) {
 
 TEST(RobotNames, GivesNobodyTheNameOfAnotherClient) {
   EXPECT_EQ(names.of_client("NRF_5"), std::nullopt);
-  EXPECT_EQ(names.of_client("NRF_6"), "NRF_6") << "that name has no client id of its own";
+}
+
+TEST(RobotNames, GivesNoClientTheNameOfABleRobot) {
+  EXPECT_EQ(names.of_client("NRF_6"), std::nullopt) << "it has a BLE address only";
+  for (const char* name : {"ble-0100", "ble-0042", "ble-01AB", "ble-01ab"})
+    EXPECT_EQ(names.of_client(name), std::nullopt) << name;
+  EXPECT_EQ(names.of_client("ble-robot"), "ble-robot");
 }
 
 TEST(RobotNames, FindsNoAddressForWhatIsNoBleRobot) {
