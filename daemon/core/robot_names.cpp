@@ -42,10 +42,9 @@ std::optional<std::string> RobotNames::of_client(std::string_view client_id) con
   if (const auto known = by_client_.find(client_id); known != by_client_.end())
     return known->second;
   // A name of the BLE mesh, or of another client: a device speaks only for itself.
-  const bool is_taken =
-      parse_default_ble_id(client_id) ||
-      std::any_of(names_.begin(), names_.end(),
-                  [&](const RobotName& name) { return name.id == client_id; });
+  const bool is_taken = parse_default_ble_id(client_id) ||
+                        std::any_of(names_.begin(), names_.end(),
+                                    [&](const RobotName& name) { return name.id == client_id; });
   if (is_taken) return std::nullopt;
   return std::string(client_id);
 }
