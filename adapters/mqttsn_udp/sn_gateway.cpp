@@ -168,7 +168,7 @@ bool SnGateway::restore(const SessionSnapshot& snapshot, TimePoint now) {
     refuse_commands(snapshot, now);
     return false;
   }
-  ClientSession& session = context_.clients.create(snapshot.client_id, snapshot.robot);
+  ClientSession& session = lifecycle_.begin(snapshot.client_id, snapshot.robot);
   apply(snapshot, session, now);
   adopt_commands(session.delivery);
   if (snapshot.peer) context_.clients.bind(session, *snapshot.peer, session.local);

@@ -67,6 +67,9 @@ TEST(SnGateway, R86_LeavesACongestedClientAloneAndDropsWhatItRefuses) {
   rig.pass_s(2);
   EXPECT_EQ(rig.last_to(1), "PUBLISH dup=1 qos=1 retain=0 normal id=1 msg=1 data=31");
   rig.send(1, Puback{1, 1, ReturnCode::not_supported});
+  EXPECT_EQ(rig.last_to(1), "PUBLISH dup=0 qos=1 retain=0 normal id=1 msg=1 data=31")
+      << "once more, for DUP may be what it refused";
+  rig.send(1, Puback{1, 1, ReturnCode::not_supported});
   EXPECT_EQ(rig.sent_to(1), Lines{"PUBLISH dup=0 qos=0 retain=0 normal id=1 msg=0 data=32"});
   rig.broker("a/x", "3", 1);
   rig.send(1, Puback{1, 2, static_cast<ReturnCode>(9)});
@@ -248,6 +251,26 @@ TEST(SnGateway, LeavesCommandsThatAnotherMeshCarriesToIt) {
   EXPECT_TRUE(rig.is_silent(1));
   EXPECT_FALSE(rig.is_silent(2)) << "others may listen";
   EXPECT_TRUE(rig.outcomes.empty());
+}
+
+TEST(SnGateway, HearsAllCommandsForItsRobotsAsLongAsTheirSessionsLast) {
+  const std::string filter = "ntnu-slam/server/r1/+";
+  SnRig rig;
+  rig.connect(1, "r1", false);
+  EXPECT_EQ(rig.listening, std::set<std::string>{filter});
+  rig.subscribe(1, filter, 1);
+  rig.send(1, Unsubscribe{TopicIdType::normal, 5, filter, 0});
+  EXPECT_EQ(rig.listening, std::set<std::string>{filter}) << "not only for the client";
+  rig.send(1, Disconnect{});
+  EXPECT_EQ(rig.listening, std::set<std::string>{filter}) << "its session is kept";
+  rig.connect(1, "r1", true);
+  EXPECT_EQ(rig.listening, std::set<std::string>{filter});
+  SnRig after;
+  ASSERT_TRUE(after.gateway.restore(*rig.gateway.snapshot("r1", rig.now), rig.now));
+  after.broker_link(true);  // drains
+  EXPECT_EQ(after.listening, std::set<std::string>{filter});
+  rig.send(1, Disconnect{});
+  EXPECT_TRUE(rig.listening.empty());
 }
 
 TEST(SnGateway, TellsNoOutcomeOfCommandsThatOthersOverhear) {

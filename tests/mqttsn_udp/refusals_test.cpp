@@ -110,6 +110,25 @@ TEST(SnGateway, RegistersAgainForASleeperThatAnswersNotSupportedWithTopicId0) {
   EXPECT_EQ(rig.sent_to(1), Lines{"PINGRESP"}) << "with its topic id it means what it says";
 }
 
+/// As RIOT's emcute does with every repetition.
+TEST(SnGateway, RepeatsWithoutDupForAClientThatRefusesIt) {
+  SnRig rig;
+  rig.connect(1, "r1");
+  rig.subscribe(1, "a/x", 1);
+  rig.broker("a/x", "1", 1);
+  rig.pass(RetransmissionTimeout::initial);
+  EXPECT_EQ(rig.last_to(1), "PUBLISH dup=1 qos=1 retain=0 normal id=1 msg=1 data=31");
+  rig.send(1, Puback{1, 1, ReturnCode::not_supported});
+  EXPECT_EQ(rig.last_to(1), "PUBLISH dup=0 qos=1 retain=0 normal id=1 msg=1 data=31");
+  rig.send(1, Puback{1, 1, ReturnCode::accepted});
+  rig.broker("a/x", "2", 1);
+  rig.pass_s(10);
+  for (const std::string& line : rig.sent_to(1))
+    EXPECT_EQ(line, "PUBLISH dup=0 qos=1 retain=0 normal id=1 msg=2 data=32");
+  rig.send(1, Puback{1, 2, ReturnCode::not_supported});
+  EXPECT_EQ(rig.gateway.queued_for("r1"), 0U) << "now it means what it says";
+}
+
 TEST(SnGateway, RegistersAgainOnceOnly) {
   SnRig rig;
   rig.connect(1, "r1");

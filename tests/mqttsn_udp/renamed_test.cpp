@@ -30,9 +30,9 @@ TEST(SnGateway, PublishesARenamedRobotsTopicsUnderItsName) {
 
 TEST(SnGateway, GivesARenamedRobotItsCommandsUnderItsClientId) {
   RenamedRig rig;
-  rig.subscribe(1, "ntnu-slam/server/nrf-7/+", 1);
+  rig.subscribe(1, "ntnu-slam/server/nrf-7/#", 1);
   ASSERT_EQ(rig.subscribes.size(), 1U);
-  EXPECT_EQ(rig.subscribes[0].filter, "ntnu-slam/server/tank/+");
+  EXPECT_EQ(rig.subscribes[0].filter, "ntnu-slam/server/tank/#");
   rig.broker("ntnu-slam/server/tank/cmd", "go", 1);
   EXPECT_EQ(rig.last_to(1), "REGISTER id=1 msg=1 topic=ntnu-slam/server/nrf-7/cmd");
   rig.send(1, Regack{1, 1, ReturnCode::accepted});
@@ -41,7 +41,7 @@ TEST(SnGateway, GivesARenamedRobotItsCommandsUnderItsClientId) {
   EXPECT_EQ(rig.outcomes[0].result, CommandResult::delivered);
   EXPECT_EQ(rig.outcomes[0].robot, "tank");
   Unsubscribe unsubscribe;
-  unsubscribe.topic_name = "ntnu-slam/server/nrf-7/+";
+  unsubscribe.topic_name = "ntnu-slam/server/nrf-7/#";
   rig.send(1, unsubscribe);
   EXPECT_EQ(rig.unsubscribes.size(), 1U);
 }

@@ -4,6 +4,13 @@
 #include <utility>
 
 namespace slamgw::mqttsn {
+namespace {
+
+bool is_command_filter(const std::string& filter) {
+  return filter.starts_with("ntnu-slam/server/") && filter.ends_with("/+");
+}
+
+}  // namespace
 
 SnRig::SnRig(Settings settings, std::vector<RobotName> names,
              std::vector<std::string> extra_publish, std::vector<std::string> extra_subscribe)
@@ -153,9 +160,12 @@ void SnRig::take(MeshEvent& event) {
                  [&](PresenceChange& e) { presence.push_back(std::move(e)); },
                  [&](SubscribeRequest& e) {
                    if (answers_subscribes) to_answer_.push_back(e.filter);
+                   if (is_command_filter(e.filter) && listening.insert(e.filter).second) return;
                    subscribes.push_back(std::move(e));
                  },
-                 [&](UnsubscribeRequest& e) { unsubscribes.push_back(std::move(e)); },
+                 [&](UnsubscribeRequest& e) {
+                   if (listening.erase(e.filter) == 0) unsubscribes.push_back(std::move(e));
+                 },
                  [&](CommandOutcome& e) { outcomes.push_back(std::move(e)); },
                  [&](SignOfLife&) { ++signs_of_life; },
                  [](LinkChange&) {},

@@ -5,6 +5,7 @@
 
 #include <deque>
 #include <map>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -53,7 +54,8 @@ class SnRig {
   std::vector<SendDatagram> datagrams;  ///< everything, ever
   std::vector<Report> reports;
   std::vector<PresenceChange> presence;
-  std::vector<SubscribeRequest> subscribes;
+  std::vector<SubscribeRequest> subscribes;  ///< of clients
+  std::set<std::string> listening;           ///< the gateway's own, for commands
   std::vector<UnsubscribeRequest> unsubscribes;
   std::vector<CommandOutcome> outcomes;
   std::vector<Notice> notices;

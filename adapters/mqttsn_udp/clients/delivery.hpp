@@ -109,9 +109,10 @@ struct Delivery {
   RetransmissionTimeout timeout;
   std::optional<TimePoint> paused_until;  ///< the client said "congestion" (T_WAIT)
   bool is_stalled = false;                ///< no answer to a PUBLISH: rests until heard (R133)
-  bool was_told_set_aside = false;        ///< the operator's notice, once for each client
-  std::size_t wake_budget = 0;            ///< messages that this wake-up may still bring (R122)
-  std::optional<Outgoing> last_qos0;      ///< for "invalid topic id" at QoS 0 (R86)
+  bool refuses_dup = false;  ///< it answers 0x03 to a PUBLISH with DUP, as RIOT's emcute does
+  bool was_told_set_aside = false;    ///< the operator's notice, once for each client
+  std::size_t wake_budget = 0;        ///< messages that this wake-up may still bring (R122)
+  std::optional<Outgoing> last_qos0;  ///< for "invalid topic id" at QoS 0 (R86)
   std::uint16_t last_qos0_id = 0;
 };
 

@@ -153,12 +153,13 @@ void Downlink::publish(ClientSession& session, Outgoing outgoing, TimePoint now)
       Publishing{std::move(outgoing), topic_id, retransmission_.begin(delivery, msg_id, now)};
 }
 
-/// With DUP when the message was sent before.
+/// With DUP when the message was sent before, unless the client refuses that.
 void Downlink::transmit(ClientSession& session, const Outgoing& outgoing, std::uint16_t topic_id,
                         std::uint16_t msg_id) {
-  context_.send(session, Publish{outgoing.msg_id != 0, static_cast<WireQos>(outgoing.qos),
-                                 outgoing.message->retain, outgoing.topic_id_type, topic_id, msg_id,
-                                 outgoing.message->payload});
+  const bool is_dup = outgoing.msg_id != 0 && !session.delivery.refuses_dup;
+  context_.send(session,
+                Publish{is_dup, static_cast<WireQos>(outgoing.qos), outgoing.message->retain,
+                        outgoing.topic_id_type, topic_id, msg_id, outgoing.message->payload});
 }
 
 void Downlink::on_regack(ClientSession& session, const Regack& regack, TimePoint now) {
@@ -191,13 +192,20 @@ void Downlink::on_puback(ClientSession& session, const Puback& puback, TimePoint
       pause(session, now);
     return;
   }
+  const bool was_repeated = delivery.publishing && delivery.publishing->attempt.repeats > 0;
   auto answered = take_unacknowledged(delivery, puback.msg_id);
   if (!answered) return;                    // R92
   if (puback.code == ReturnCode::accepted)  // also of QoS 2 (R89)
     return finish(session, *answered, CommandResult::delivered, "", now);
-  const bool can_register =
-      answered->topic_id_type == TopicIdType::normal && !answered->was_refused_once;
-  if (is_unknown_id && can_register) return register_again(session, std::move(*answered));
+  if (answered->was_refused_once)
+    return finish(session, *answered, CommandResult::refused, "the robot refused it", now);
+  if (is_unknown_id && answered->topic_id_type == TopicIdType::normal)
+    return register_again(session, std::move(*answered));
+  if (puback.code == ReturnCode::not_supported && was_repeated && !delivery.refuses_dup) {
+    delivery.refuses_dup = true;
+    answered->was_refused_once = true;
+    return delivery.queue.push_front(std::move(*answered));
+  }
   finish(session, *answered, CommandResult::refused, "the robot refused it", now);
 }
 

@@ -14,6 +14,12 @@ void Lifecycle::on_heard(ClientSession& session, TimePoint now) {
   context_.emit(SignOfLife{Mesh::thread, session.robot});
 }
 
+ClientSession& Lifecycle::begin(const std::string& client_id, const std::string& robot) {
+  ClientSession& session = context_.clients.create(client_id, robot);
+  subscriptions_.listen_for_commands(session);
+  return session;
+}
+
 void Lifecycle::enter(ClientSession& session, ClientState state, TimePoint now) {
   session.state_ = state;
   switch (state) {
@@ -110,6 +116,7 @@ void Lifecycle::expel(ClientSession& session, const std::string& why, TimePoint 
 
 void Lifecycle::forget(ClientSession& session, const std::string& why, TimePoint now) {
   clean(session, why, now);
+  subscriptions_.stop_listening(session);
   context_.set_dirty(session);
   context_.clients.erase(session);
 }

@@ -101,20 +101,22 @@ bool Subscriptions::is_wanted(const ClientSession& session, const std::string& t
 
 void Subscriptions::drop(ClientSession& session, const std::string& filter) {
   if (!session.subscriptions.contains(filter)) return;
-  const bool was_last = remove_subscriber(filter, session);
+  remove_subscriber(filter, session);
   session.subscriptions.erase(filter);
   context_.set_dirty(session);
-  if (!was_last) return;
-  context_.emit(UnsubscribeRequest{Mesh::thread, filter});
-  settle_open(filter);
+  unsubscribe_unwanted(filter);
 }
 
-bool Subscriptions::remove_subscriber(const std::string& filter, const ClientSession& session) {
+void Subscriptions::remove_subscriber(const std::string& filter, const ClientSession& session) {
   std::vector<Match>& subscribers = subscribers_[filter];
   std::erase_if(subscribers, [&](const Match& match) { return match.session == &session; });
-  if (!subscribers.empty()) return false;
-  subscribers_.erase(filter);
-  return true;
+  if (subscribers.empty()) subscribers_.erase(filter);
+}
+
+void Subscriptions::unsubscribe_unwanted(const std::string& filter) {
+  if (subscribers_.find(filter) || listening_.contains(filter)) return;
+  context_.emit(UnsubscribeRequest{Mesh::thread, filter});
+  settle_open(filter);
 }
 
 void Subscriptions::drop_all(ClientSession& session) {
@@ -141,6 +143,18 @@ void Subscriptions::restore(ClientSession& session) {
     open_[filter].push_back({});
     context_.emit(SubscribeRequest{Mesh::thread, filter, subscription.qos});
   }
+}
+
+void Subscriptions::listen_for_commands(const ClientSession& session) {
+  const std::string filter = context_.policy.scheme().command_filter(session.robot);
+  if (!listening_.insert(filter).second) return;
+  open_[filter].push_back({});
+  context_.emit(SubscribeRequest{Mesh::thread, filter, Qos::at_least_once});
+}
+
+void Subscriptions::stop_listening(const ClientSession& session) {
+  const std::string filter = context_.policy.scheme().command_filter(session.robot);
+  if (listening_.erase(filter) > 0) unsubscribe_unwanted(filter);
 }
 
 Result<Subscriptions::Wish, ReturnCode> Subscriptions::read(ClientSession& session,

@@ -6,6 +6,7 @@
 #include <deque>
 #include <string>
 #include <unordered_map>
+#include <unordered_set>
 #include <vector>
 
 #include "adapters/mqttsn_udp/context.hpp"
@@ -46,6 +47,11 @@ class Subscriptions {
   /// Asks the broker for the subscriptions of a session that comes back from the store.
   void restore(ClientSession& session);
 
+  /// The gateway itself hears all commands for the client's robot, so that one of a type that the
+  /// client has not subscribed to has its outcome too. From the session's begin to its end.
+  void listen_for_commands(const ClientSession& session);
+  void stop_listening(const ClientSession& session);
+
  private:
   struct Wish {
     std::string filter;
@@ -65,8 +71,9 @@ class Subscriptions {
   bool is_repetition(const ClientSession& session, const Subscribe& request,
                      const std::string& filter, TimePoint now) const;
   void ask_broker(ClientSession& session, const std::string& filter, Qos qos, Suback answer);
-  /// True when nobody has the filter any more.
-  bool remove_subscriber(const std::string& filter, const ClientSession& session);
+  void remove_subscriber(const std::string& filter, const ClientSession& session);
+  /// Nobody has the filter any more: tells the broker.
+  void unsubscribe_unwanted(const std::string& filter);
   void settle_open(const std::string& filter);
   void notice_refusal(const ClientSession& session, const std::string& filter, TimePoint now);
 
@@ -75,6 +82,7 @@ class Subscriptions {
   Refusals& refusals_;
   TopicTree<std::vector<Match>> subscribers_;
   std::unordered_map<std::string, std::deque<Open>> open_;  // bounded by max_pending_answers each
+  std::unordered_set<std::string> listening_;               // filters of `listen_for_commands`
   std::optional<TimePoint> broker_up_since_;
 };
 
