@@ -3,10 +3,14 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <iostream>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "ctl/payload.hpp"
+#include "ctl/text.hpp"
+#include "daemon/core/edit_distance.hpp"
 
 namespace slamgw::ctl {
 namespace {
@@ -191,6 +195,31 @@ void add_host_tasks(CLI::App& app, Arguments& a) {
                 "What somebody who helps wants to see, no secrets");
 }
 
+/// CLI11 says of a misspelt verb only that one is required. The first word that is neither an
+/// option nor an option's value is the verb.
+std::optional<std::string> complaint_about_verb(const CLI::App& app,
+                                                const std::vector<std::string>& words) {
+  constexpr std::size_t longest_compared = 64;
+  for (std::size_t i = 0; i < words.size(); ++i) {
+    if (words[i].starts_with("-")) {
+      if (words[i] == "--socket" || words[i] == "--config") ++i;
+      continue;
+    }
+    std::string nearest;
+    std::size_t least = std::string::npos;
+    for (const CLI::App* known : app.get_subcommands({})) {
+      if (known->get_name() == words[i]) return std::nullopt;
+      const std::size_t distance =
+          edit_distance(words[i].substr(0, longest_compared), known->get_name());
+      if (distance < least) nearest = known->get_name();
+      least = std::min(least, distance);
+    }
+    return "there is no command '" + text_at({{"word", words[i]}}, "word") + "'; did you mean " +
+           nearest + "? slam-gatewayctl --help lists them";
+  }
+  return std::nullopt;
+}
+
 }  // namespace
 
 std::variant<Order, HostTask, Exit> parse_command_line(int argc, const char* const* argv) {
@@ -209,6 +238,10 @@ std::variant<Order, HostTask, Exit> parse_command_line(int argc, const char* con
   add_host_tasks(app, arguments);
   try {
     std::vector<std::string> words = with_payload_marked(argc, argv);
+    if (const auto complaint = complaint_about_verb(app, words)) {
+      std::cerr << "slam-gatewayctl: " << *complaint << '\n';
+      return Exit{exit_arguments};
+    }
     std::reverse(words.begin(), words.end());  // as CLI11 wants them
     app.parse(words);
   } catch (const CLI::ParseError& error) {

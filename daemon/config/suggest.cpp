@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <limits>
 #include <set>
-#include <utility>
 #include <vector>
 
 #include "daemon/config/schema.hpp"
+#include "daemon/core/edit_distance.hpp"
 
 namespace slamgw {
 namespace {
@@ -35,21 +35,6 @@ std::string plain(std::string_view name) {
     result += c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
   }
   return result;
-}
-
-/// Levenshtein's distance.
-std::size_t distance(std::string_view a, std::string_view b) {
-  std::vector<std::size_t> row(b.size() + 1);
-  for (std::size_t j = 0; j <= b.size(); ++j) row[j] = j;
-  for (std::size_t i = 1; i <= a.size(); ++i) {
-    std::size_t diagonal = std::exchange(row[0], i);
-    for (std::size_t j = 1; j <= b.size(); ++j) {
-      const std::size_t changed = diagonal + (a[i - 1] == b[j - 1] ? 0 : 1);
-      diagonal = row[j];
-      row[j] = std::min({changed, row[j] + 1, row[j - 1] + 1});
-    }
-  }
-  return row.back();
 }
 
 /// All keys and all groups above them.
@@ -85,7 +70,7 @@ std::string suggestion(std::string_view unknown_path) {
   std::size_t best_score = std::numeric_limits<std::size_t>::max();
   for (const std::string_view path : known_paths()) {
     const Split known = split_path(path);
-    const std::size_t score = distance(name, plain(known.name)) +
+    const std::size_t score = edit_distance(name, plain(known.name)) +
                               (known.parent == unknown.parent ? 0 : elsewhere_penalty);
     if (score < best_score) {
       best_score = score;
@@ -93,7 +78,7 @@ std::string suggestion(std::string_view unknown_path) {
     }
   }
   // With half of the name to be changed it is a guess.
-  const bool is_close = 2 * distance(name, plain(split_path(best).name)) < name.size();
+  const bool is_close = 2 * edit_distance(name, plain(split_path(best).name)) < name.size();
   return "did you mean " + shown(best) + "?" + (is_close ? "" : known_beside(unknown.parent));
 }
 

@@ -220,6 +220,8 @@ TEST_F(ControlProgramIo, EndsWithTwoForWrongArguments) {
     EXPECT_EQ(result.status, 2) << testing::PrintToString(arguments);
     EXPECT_NE(result.err, "") << testing::PrintToString(arguments);
   }
+  EXPECT_NE(run({"--socket", "x", "robot"}).err.find("'robot'; did you mean robots?"),
+            std::string::npos);
   EXPECT_EQ(run({"--help"}).status, 0);
   EXPECT_EQ(run({"--version"}).out, "slam-gatewayctl " SLAMGW_VERSION "\n");
 }
