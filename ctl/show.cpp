@@ -172,7 +172,8 @@ std::string Show::paint(std::string_view state, std::string text) const {
   std::string_view colour;
   if (is("up") || is("online") || is("delivered") || is("sent") || is("configured")) colour = "32";
   if (is("asleep") || is("superseded") || is("provisioned")) colour = "33";
-  if (is("down") || is("offline") || is("timeout") || is("refused") || is("reserved"))
+  if (is("down") || is("offline") || is("timeout") || is("refused") || is("reserved") ||
+      is("refusing"))
     colour = "31";
   return colour.empty() ? text : fmt::format("\033[{}m{}\033[0m", colour, text);
 }

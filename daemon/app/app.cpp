@@ -319,11 +319,9 @@ void App::on_published(std::uint64_t sequence) {
   outbox_driver_.input([&](Outbox& outbox, TimePoint now) { outbox.on_published(sequence, now); });
 }
 
-void App::on_publish_refused(std::uint64_t sequence, const std::string& why) {
-  log_event(Severity::warning,
-            fmt::format("the broker refuses a message: {}; check its access control list", why));
+void App::on_publish_refused(std::uint64_t sequence, const Refusal& refusal) {
   outbox_driver_.input(
-      [&](Outbox& outbox, TimePoint now) { outbox.on_publish_refused(sequence, now); });
+      [&](Outbox& outbox, TimePoint now) { outbox.on_publish_refused(sequence, refusal, now); });
 }
 
 void App::on_subscribe_result(const std::string& filter, bool granted) {

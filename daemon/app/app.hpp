@@ -80,7 +80,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   void on_link_up(bool session_present, std::uint16_t receive_maximum) override;
   void on_link_down(const std::string& why) override;
   void on_published(std::uint64_t sequence) override;
-  void on_publish_refused(std::uint64_t sequence, const std::string& why) override;
+  void on_publish_refused(std::uint64_t sequence, const Refusal& refusal) override;
   void on_subscribe_result(const std::string& filter, bool granted) override;
   void on_message(BrokerMessage message, std::vector<std::uint32_t> subscriptions) override;
 

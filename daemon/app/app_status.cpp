@@ -41,6 +41,28 @@ json count_robots(const RobotRegistry& registry) {
           {"untracked", registry.untracked()}};
 }
 
+/// Topics that the broker does not take for now.
+json refused_json(const HeldTopics& held, TimePoint now) {
+  constexpr std::size_t most_listed = 10;
+  json list = json::array();
+  for (const HeldTopic& topic : held.list(most_listed)) {
+    list.push_back(
+        {{"topic", topic.topic},
+         {"why", topic.refusal.why},
+         {"code", topic.refusal.code},
+         {"waiting", topic.waiting},
+         {"tries", topic.tries},
+         {"for_s", std::chrono::duration_cast<std::chrono::seconds>(now - topic.since).count()}});
+  }
+  return {{"topics", held.size()}, {"list", std::move(list)}};
+}
+
+std::string explain_refused(const HeldTopics& held) {
+  const HeldTopic first = held.list(1).front();
+  return fmt::format("{} on {} ({} messages wait){}", first.refusal.why, first.topic, first.waiting,
+                     held.size() > 1 ? fmt::format(", and {} more topics", held.size() - 1) : "");
+}
+
 std::string_view to_string(Backlog::State state) {
   switch (state) {
     case Backlog::State::opening: return "opening";
@@ -61,6 +83,7 @@ json store_json(const Outbox& outbox, const StoreSettings& settings, TimePoint n
           {"max_bytes", settings.max_bytes},
           {"full", backlog.is_full()},
           {"oldest_age_s", std::chrono::duration_cast<std::chrono::seconds>(age).count()},
+          {"dead_letters", backlog.dead_letters().count},
           {"failures", outbox.statistics().store_failures}};
 }
 
@@ -104,14 +127,19 @@ json App::status() {
   json meshes;
   for (const Mesh each : all_meshes)
     meshes[std::string(to_string(each))] = mesh_json(mesh(each), gateway_.mesh_link(each));
+  const HeldTopics& held = outbox_.held_topics();
+  const bool is_refusing = broker_log_.is_up() && !held.empty();
   return {{"version", SLAMGW_VERSION},
           {"uptime_s", uptime.count()},
           {"gateway", config_.gateway_id},
           {"broker",
-           {{"state", broker_log_.is_up() ? "up" : "down"},
+           {{"state", is_refusing           ? "refusing"
+                      : broker_log_.is_up() ? "up"
+                                            : "down"},
             {"uri", broker_log_.uri()},
             {"since", to_iso8601(broker_log_.since())},
-            {"why", broker_log_.why()}}},
+            {"why", is_refusing ? explain_refused(held) : broker_log_.why()},
+            {"refused", refused_json(held, now.mono)}}},
           {"meshes", std::move(meshes)},
           {"robots", count_robots(gateway_.registry())},
           {"messages",
@@ -120,6 +148,7 @@ json App::status() {
             {"published", sent.published},
             {"dropped", sent.dropped},
             {"refused", sent.refused},
+            {"set_aside", sent.set_aside},
             {"rejected", gateway_.traffic().rejected},
             {"stored", outbox_.backlog().stored_total()}}},
           {"store", store_json(outbox_, config_.store, now.mono)},

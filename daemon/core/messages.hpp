@@ -33,6 +33,12 @@ struct Receipt {
 /// its message.
 enum class ReceiptOutcome : std::uint8_t { safe, refused };
 
+/// Why the broker does not take a message.
+struct Refusal {
+  int code = 0;     ///< MQTT 5 reason code, 0x80 and up; 0: the broker closes the connection
+  std::string why;  ///< for people: "not authorised"
+};
+
 /// What a mesh knows about the way that a message came.
 struct RadioFacts {
   int rssi_dbm = 0;                  ///< of the last hop

@@ -19,8 +19,8 @@ bool Backlog::reserve(OutboxEntry& entry) {
   const std::uint64_t cost = cost_of(entry);
   // Once full, full until a sixteenth is free: else small messages would slip in before a large
   // one that was refused.
-  if (bytes_ <= max_bytes_ - max_bytes_ / 16) is_full_ = false;
-  if (is_full_ || cost > max_bytes_ || bytes_ > max_bytes_ - cost) {
+  if (taken() <= max_bytes_ - max_bytes_ / 16) is_full_ = false;
+  if (is_full_ || cost > max_bytes_ || taken() > max_bytes_ - cost) {
     is_full_ = true;
     return false;
   }
@@ -34,20 +34,20 @@ void Backlog::release(const OutboxEntry& entry) {
   // Bounded: what damage has taken from the store was not counted by the octet.
   bytes_ -= std::min(bytes_, cost_of(entry));
   rows_ -= rows_ > 0 ? 1 : 0;
-  if (bytes_ <= max_bytes_ - max_bytes_ / 16) is_full_ = false;
+  if (taken() <= max_bytes_ - max_bytes_ / 16) is_full_ = false;
 }
 
 bool Backlog::keep(OutboxEntry& entry) {
   if (!reserve(entry)) return false;
   topics_.add(entry.message.topic);
-  saving_.push_back({std::move(entry), false});
+  saving_.push_back({std::move(entry), Purpose::keep});
   return true;
 }
 
 bool Backlog::keep_copy(OutboxEntry& in_flight) {
   if (!reserve(in_flight)) return false;
   ahead_.insert(in_flight.row);
-  saving_.push_back({in_flight, true});
+  saving_.push_back({in_flight, Purpose::copy});
   return true;
 }
 
@@ -58,14 +58,19 @@ std::deque<Backlog::Saving>::iterator Backlog::find(std::deque<Saving>& queue, s
   return found != queue.end() && found->entry.row == row ? found : queue.end();
 }
 
+Backlog::Saving* Backlog::find_saving(std::uint64_t row) {
+  for (std::deque<Saving>* queue : {&writing_, &saving_}) {
+    if (const auto found = find(*queue, row); found != queue->end()) return &*found;
+  }
+  return nullptr;
+}
+
 void Backlog::adopt(OutboxEntry being_copied) {
-  auto copy = find(writing_, being_copied.row);
-  const bool is_being_written = copy != writing_.end();
-  if (!is_being_written) copy = find(saving_, being_copied.row);
-  assert(is_being_written || copy != saving_.end());
+  Saving* const copy = find_saving(being_copied.row);
+  assert(copy);
   ahead_.erase(being_copied.row);
   topics_.add(being_copied.message.topic);
-  *copy = {std::move(being_copied), false};
+  *copy = {std::move(being_copied), Purpose::keep};
 }
 
 void Backlog::insert_ready(OutboxEntry entry) {
@@ -77,6 +82,7 @@ void Backlog::insert_ready(OutboxEntry entry) {
 
 void Backlog::give_back(OutboxEntry stored) {
   topics_.add(stored.message.topic);
+  if (held_.has(stored.message.topic)) return held_.add_row(stored.message.topic, stored.row);
   stored.is_from_backlog = true;
   insert_ready(std::move(stored));
 }
@@ -98,15 +104,55 @@ void Backlog::forget(const OutboxEntry& entry, TimePoint now) {
   if (!forget_due_) forget_due_ = now + forget_delay;
 }
 
+bool Backlog::set_aside(OutboxEntry& entry, const Refusal& refusal, std::uint32_t tries) {
+  const std::uint64_t cost = cost_of(entry);
+  const bool has_room = dead_letters_.bytes + cost <= max_bytes_ / dead_letter_share;
+  if (!can_keep() || !has_room) return false;
+  if (entry.row == 0 && !reserve(entry)) return false;
+  asides_.push_back({entry.row, refusal.why, refusal.code, tries});
+  dead_letters_.bytes += cost;  // the store tells exactly, but later
+  ++dead_letters_.count;
+  if (entry.is_stored) {
+    release(entry);
+  } else if (Saving* const copy = find_saving(entry.row)) {
+    *copy = {std::move(entry), Purpose::set_aside};
+  } else {
+    saving_.push_back({std::move(entry), Purpose::set_aside});
+  }
+  return true;
+}
+
+std::deque<OutboxEntry> Backlog::hold_back(const std::string& topic) {
+  const std::size_t slot = TopicCounts::slot(topic);
+  std::erase_if(ready_, [&](const OutboxEntry& entry) {
+    if (TopicCounts::slot(entry.message.topic) != slot) return false;
+    held_.add_row(topic, entry.row);
+    return true;
+  });
+  std::deque<OutboxEntry> waited;
+  std::erase_if(behind_, [&](Behind& behind) {
+    if (TopicCounts::slot(behind.entry.message.topic) != slot) return false;
+    topics_.remove(behind.entry.message.topic);
+    waited.push_back(std::move(behind.entry));
+    return true;
+  });
+  return waited;
+}
+
 void Backlog::queue_behind(OutboxEntry entry) {
+  if (held_.has(entry.message.topic)) return held_.add(std::move(entry));
   topics_.add(entry.message.topic);
   behind_.push_back({std::move(entry), last_row_});
 }
 
 std::deque<OutboxEntry> Backlog::take_behind() {
-  return take_behind_from(std::find_if(behind_.begin(), behind_.end(), [](const Behind& behind) {
-    return !behind.entry.is_unacknowledged();
-  }));
+  std::deque<OutboxEntry> taken = held_.take_unstored();
+  std::deque<OutboxEntry> behind =
+      take_behind_from(std::find_if(behind_.begin(), behind_.end(), [](const Behind& waiting) {
+        return !waiting.entry.is_unacknowledged();
+      }));
+  std::move(behind.begin(), behind.end(), std::back_inserter(taken));
+  return taken;
 }
 
 std::deque<OutboxEntry> Backlog::take_behind_from(std::deque<Behind>::iterator first) {
@@ -149,11 +195,20 @@ OutboxEntry Backlog::take_next() {
   return next;
 }
 
+OutboxEntry Backlog::take_next_held() {
+  OutboxEntry next = held_.take_next();
+  if (next.is_stored) topics_.remove(next.message.topic);
+  next.is_from_backlog = next.is_retry = true;
+  return next;
+}
+
 std::deque<OutboxEntry> Backlog::on_opened(StoreOpened opened, TimePoint now) {
   std::deque<OutboxEntry> in_memory = std::exchange(ready_, {});
+  std::deque<OutboxEntry> held = held_.on_store_opened(now);
+  std::move(held.begin(), held.end(), std::back_inserter(in_memory));
   for (std::deque<Saving>* queue : {&writing_, &saving_}) {
     for (Saving& saving : *queue) {
-      if (!saving.is_copy) in_memory.push_back(std::move(saving.entry));
+      if (!saving.is_copy()) in_memory.push_back(std::move(saving.entry));
     }
     queue->clear();
   }
@@ -171,8 +226,11 @@ std::deque<OutboxEntry> Backlog::on_opened(StoreOpened opened, TimePoint now) {
   ahead_.clear();
   forgets_.clear();
   forgetting_.clear();
+  asides_.clear();
+  setting_aside_.clear();
+  dead_letters_ = opened.dead_letters;
   forget_due_.reset();
-  is_writing_ = is_loading_ = is_probe_due_ = is_topic_count_wrong_ = false;
+  is_writing_ = is_loading_ = is_loading_held_ = is_probe_due_ = is_topic_count_wrong_ = false;
   write_retry_.reset();
   load_retry_.reset();
   retry_wait_ = first_retry;
@@ -190,7 +248,7 @@ std::optional<WriteToStore> Backlog::next_write(TimePoint now) {
   const bool is_forget_due = forgets_.size() >= forget_batch ||
                              (!forgets_.empty() && is_stopping_) ||
                              (forget_due_ && now >= *forget_due_);
-  if (saving_.empty() && !is_forget_due && !is_probe_due_) return std::nullopt;
+  if (saving_.empty() && asides_.empty() && !is_forget_due && !is_probe_due_) return std::nullopt;
   is_probe_due_ = false;
   WriteToStore write;
   write.generation = generation_;
@@ -202,6 +260,7 @@ std::optional<WriteToStore> Backlog::next_write(TimePoint now) {
     writing_.push_back(std::move(saving_.front()));
     saving_.pop_front();
   }
+  take_asides(write);
   forgetting_ = std::exchange(forgets_, {});
   write.forget = forgetting_;
   forget_due_.reset();
@@ -209,17 +268,33 @@ std::optional<WriteToStore> Backlog::next_write(TimePoint now) {
   return write;
 }
 
+/// Those whose message is on disk with this write at the latest.
+void Backlog::take_asides(WriteToStore& write) {
+  const auto is_due = [this](const SetAside& aside) {
+    return saving_.empty() || aside.row < saving_.front().entry.row;
+  };
+  const auto later = std::stable_partition(asides_.begin(), asides_.end(), is_due);
+  setting_aside_.assign(asides_.begin(), later);
+  asides_.erase(asides_.begin(), later);
+  write.set_aside = setting_aside_;
+}
+
 Backlog::Written Backlog::on_written() {
   Written written;
   if (!writing_.empty()) written.up_to_row = writing_.back().entry.row;
   stored_total_ += writing_.size();
   for (Saving& saving : writing_) {
-    if (saving.is_copy) continue;
-    ++unloaded_;
+    if (saving.is_copy()) continue;
+    if (saving.purpose == Purpose::keep) {
+      ++unloaded_;
+    } else {
+      release(saving.entry);
+    }
     written.entries.push_back(std::move(saving.entry));
   }
   writing_.clear();
   forgetting_.clear();
+  setting_aside_.clear();
   is_writing_ = false;
   retry_wait_ = first_retry;
   return written;
@@ -235,9 +310,9 @@ std::deque<OutboxEntry> Backlog::on_write_failed(TimePoint now) {
                        [](const Behind& b, std::uint64_t row) { return b.after_row < row; }));
   for (std::deque<Saving>* queue : {&writing_, &saving_}) {
     for (Saving& saving : *queue) {
-      if (saving.is_copy) continue;  // the outbox abandons it where it is in flight
+      if (saving.is_copy()) continue;  // the outbox abandons it where it is in flight
       release(saving.entry);
-      topics_.remove(saving.entry.message.topic);
+      if (saving.purpose == Purpose::keep) topics_.remove(saving.entry.message.topic);
       saving.entry.row = 0;
       unsaved.push_back(std::move(saving.entry));
     }
@@ -245,6 +320,9 @@ std::deque<OutboxEntry> Backlog::on_write_failed(TimePoint now) {
   }
   forgets_.insert(forgets_.begin(), forgetting_.begin(), forgetting_.end());
   forgetting_.clear();
+  asides_.insert(asides_.begin(), setting_aside_.begin(), setting_aside_.end());
+  setting_aside_.clear();
+  std::erase_if(asides_, [&](const SetAside& aside) { return aside.row >= first_row; });
   if (!forgets_.empty()) forget_due_ = now;
   is_writing_ = false;
   state_ = State::failing;
@@ -256,6 +334,10 @@ std::deque<OutboxEntry> Backlog::on_write_failed(TimePoint now) {
 std::optional<LoadFromStore> Backlog::next_load() {
   const bool is_open = state_ == State::working || state_ == State::failing;
   if (!is_open || is_loading_ || load_retry_ || is_stopping_) return std::nullopt;
+  if (std::vector<std::uint64_t> rows = held_.rows_to_load(page_messages); !rows.empty()) {
+    is_loading_ = is_loading_held_ = true;
+    return LoadFromStore{generation_, 0, page_messages, page_bytes, std::move(rows)};
+  }
   if (unloaded_ == 0) {
     skip_what_is_in_memory();
     return std::nullopt;
@@ -272,8 +354,18 @@ void Backlog::skip_what_is_in_memory() {
   ahead_.clear();
 }
 
+std::size_t Backlog::on_held_loaded(StoreLoaded loaded, TimePoint now) {
+  const std::size_t damaged = loaded.damaged.size();
+  bytes_ -= std::min(bytes_, loaded.damaged_bytes);
+  const std::vector<std::string> gone = held_.on_loaded(std::move(loaded), now);
+  for (const std::string& topic : gone) topics_.remove(topic);
+  rows_ -= std::min(rows_, gone.size());
+  return gone.size() - std::min(gone.size(), damaged);  // those are told by the store
+}
+
 std::size_t Backlog::on_loaded(StoreLoaded loaded, TimePoint now) {
   is_loading_ = false;
+  if (std::exchange(is_loading_held_, false)) return on_held_loaded(std::move(loaded), now);
   if (loaded.messages.empty() && loaded.damaged.empty()) {
     const std::size_t missing = std::exchange(unloaded_, 0);
     rows_ -= std::min(rows_, missing);
@@ -286,12 +378,11 @@ std::size_t Backlog::on_loaded(StoreLoaded loaded, TimePoint now) {
     cursor_ = stored.row;
     if (ahead_.erase(stored.row) > 0) continue;
     if (unloaded_ > 0) --unloaded_;
-    OutboxEntry entry;
-    entry.message = std::move(stored.message);
-    entry.submitted = now - stored.age;
-    entry.row = stored.row;
-    entry.is_stored = entry.is_from_backlog = true;
-    insert_ready(std::move(entry));
+    if (held_.has(stored.message.topic)) {
+      held_.add_row(stored.message.topic, stored.row);
+    } else {
+      insert_ready(entry_from_store(std::move(stored), now));
+    }
   }
   pass_over_damaged(loaded);
   ahead_.erase(ahead_.begin(), ahead_.upper_bound(cursor_));
@@ -314,26 +405,29 @@ void Backlog::pass_over_damaged(const StoreLoaded& loaded) {
 
 void Backlog::count_topics_again() {
   topics_ = TopicCounts{};
+  held_.count_stored(topics_);
   for (const OutboxEntry& entry : ready_) topics_.add(entry.message.topic);
   for (const Behind& behind : behind_) topics_.add(behind.entry.message.topic);
   for (const std::deque<Saving>* queue : {&writing_, &saving_}) {
     for (const Saving& saving : *queue) {
-      if (!saving.is_copy) topics_.add(saving.entry.message.topic);
+      if (saving.purpose == Purpose::keep) topics_.add(saving.entry.message.topic);
     }
   }
 }
 
 void Backlog::on_load_failed(TimePoint now) {
-  is_loading_ = false;
+  is_loading_ = is_loading_held_ = false;
+  held_.on_load_failed();
   load_retry_ = now + first_retry;
 }
 
 std::optional<TimePoint> Backlog::deadline() const {
   const auto forget = can_keep() && !is_writing_ ? forget_due_ : std::nullopt;
-  return earlier(earlier(write_retry_, load_retry_), forget);
+  return earlier(earlier(write_retry_, load_retry_), earlier(forget, held_.deadline()));
 }
 
 bool Backlog::on_deadline(TimePoint now) {
+  held_.on_deadline(now);
   if (load_retry_ && now >= *load_retry_) load_retry_.reset();
   if (!write_retry_ || now < *write_retry_) return false;
   write_retry_.reset();
@@ -344,7 +438,7 @@ bool Backlog::on_deadline(TimePoint now) {
 
 std::size_t Backlog::unsaved() const {
   const auto count = [](const std::deque<Saving>& queue) {
-    return std::count_if(queue.begin(), queue.end(), [](const Saving& s) { return !s.is_copy; });
+    return std::count_if(queue.begin(), queue.end(), [](const Saving& s) { return !s.is_copy(); });
   };
   return static_cast<std::size_t>(count(saving_) + count(writing_));
 }

@@ -6,6 +6,9 @@
 //   keep() -> saving -> (WriteToStore) -> writing -> (StoreWritten) -> on disk
 //   on disk -> (LoadFromStore, StoreLoaded) -> ready -> take_next() -> in flight -> forget()
 //
+// Rows of held topics are passed over when they are read, and loaded for HeldTopics when it asks.
+// A message that is set aside becomes a dead letter of the store.
+//
 // What may not go to the store (QoS 0) or cannot (it fails) waits behind it in memory and has its
 // turn when every row before it was taken. In flight messages may be copied to the store as well
 // (keep_copy). Their rows may lie ahead of what was read; reading passes over them.
@@ -17,6 +20,7 @@
 #include <vector>
 
 #include "daemon/core/protocol_machine.hpp"
+#include "daemon/delivery/held_topics.hpp"
 #include "daemon/delivery/message_store.hpp"
 #include "daemon/delivery/outbox_entry.hpp"
 
@@ -36,6 +40,8 @@ class Backlog {
   static constexpr std::chrono::milliseconds forget_delay{500};
   /// Delivered rows that a failing store could not delete; beyond it no more are delivered.
   static constexpr std::size_t max_unforgotten = 65536;
+  /// Part of `store.max_bytes` that dead letters may take, so that they leave room for messages.
+  static constexpr std::uint64_t dead_letter_share = 4;
   static constexpr std::chrono::seconds first_retry{1};
   static constexpr std::chrono::seconds longest_retry{60};
 
@@ -46,12 +52,17 @@ class Backlog {
     std::uint64_t up_to_row = 0;      ///< copies up to this row are safe too
   };
 
-  explicit Backlog(std::uint64_t max_bytes) : max_bytes_(max_bytes) {}
+  explicit Backlog(std::uint64_t max_bytes) : max_bytes_(max_bytes), held_(topics_) {}
+  Backlog(const Backlog&) = delete;
+  Backlog& operator=(const Backlog&) = delete;
+
+  HeldTopics& held() { return held_; }
+  const HeldTopics& held() const { return held_; }
 
   State state() const { return state_; }
   bool can_keep() const { return state_ == State::working; }
   /// Something of `topic` must reach the broker first.
-  bool is_ahead_of(std::string_view topic) const { return topics_.has(topic); }
+  bool is_ahead_of(std::string_view topic) const { return topics_.has(topic) || held_.has(topic); }
 
   /// Takes `entry` over to be stored. False, and nothing changed, when the store is full.
   bool keep(OutboxEntry& entry);
@@ -63,12 +74,20 @@ class Backlog {
   void give_back(OutboxEntry stored);
   /// The copy will not be made: the write failed.
   void abandon_copy(OutboxEntry& in_flight);
-  /// The broker has it, or will never take it.
+  /// The broker has it.
   void forget(const OutboxEntry& entry, TimePoint now);
+  /// Makes a dead letter of it, which is stored first where it is not yet. False, and nothing
+  /// changed, when there is no store or no room for one more.
+  bool set_aside(OutboxEntry& entry, const Refusal& refusal, std::uint32_t tries);
+
+  /// `topic` is held from now on: what of it was read already waits there. Returns what of it
+  /// waited in memory, to find its place anew.
+  std::deque<OutboxEntry> hold_back(const std::string& topic);
 
   /// Waits in memory for its turn after all rows there are now.
   void queue_behind(OutboxEntry entry);
   /// The first of them that could be stored now, and all after it; those before keep their turn.
+  /// And those in memory only of held topics.
   std::deque<OutboxEntry> take_behind();
   /// Drops those of them for which `is_dropped(entry)`.
   template <class Predicate>
@@ -83,6 +102,9 @@ class Backlog {
   /// What is to be published next; null while nothing is in memory whose turn it is.
   const OutboxEntry* next() const;
   OutboxEntry take_next();
+  /// The same of the held topics.
+  const OutboxEntry* next_held(TimePoint now) { return held_.next(now); }
+  OutboxEntry take_next_held();
 
   /// What was in memory only because a former store held it: to be stored again.
   std::deque<OutboxEntry> on_opened(StoreOpened opened, TimePoint now);
@@ -93,6 +115,7 @@ class Backlog {
   /// How many messages the store should have had and does not have.
   std::size_t on_loaded(StoreLoaded loaded, TimePoint now);
   void on_load_failed(TimePoint now);
+  void on_dead_letters(DeadLetterCounts dead_letters) { dead_letters_ = dead_letters; }
   /// Delete at once what is delivered, load no more.
   void on_stop() { is_stopping_ = true; }
 
@@ -106,18 +129,29 @@ class Backlog {
   std::size_t rows() const { return rows_; }
   std::uint64_t bytes() const { return bytes_; }
   bool is_full() const { return is_full_; }
+  /// Held topics must leave the other half to those that wait for a broker that is away.
+  bool is_half_full() const { return taken() > max_bytes_ / 2; }
+  const DeadLetterCounts& dead_letters() const { return dead_letters_; }
   std::uint64_t stored_total() const { return stored_total_; }
   /// When the oldest of them was stored (to within the page that was read last).
   std::optional<TimePoint> oldest() const { return rows_ ? oldest_ : std::nullopt; }
-  std::size_t behind() const { return behind_.size(); }
+  std::size_t behind() const { return behind_.size() + held_.unstored(); }
   /// Messages on their way to the disk.
   std::size_t unsaved() const;
-  bool is_settled() const { return unsaved() == 0 && !is_writing_ && forgets_.empty(); }
+  bool is_settled() const {
+    return unsaved() == 0 && !is_writing_ && forgets_.empty() && asides_.empty();
+  }
 
  private:
+  enum class Purpose : std::uint8_t {
+    keep,       ///< it waits on disk
+    copy,       ///< it is in flight; this one is for the case that it does not arrive
+    set_aside,  ///< it is a dead letter as soon as it is on disk
+  };
   struct Saving {
     OutboxEntry entry;
-    bool is_copy = false;
+    Purpose purpose = Purpose::keep;
+    bool is_copy() const { return purpose == Purpose::copy; }
   };
 
   struct Behind {
@@ -125,11 +159,15 @@ class Backlog {
     std::uint64_t after_row = 0;
   };
 
+  std::uint64_t taken() const { return bytes_ + dead_letters_.bytes; }
   bool reserve(OutboxEntry& entry);
   void release(const OutboxEntry& entry);
   std::deque<Saving>::iterator find(std::deque<Saving>& queue, std::uint64_t row);
   bool is_behinds_turn() const;
   std::deque<OutboxEntry> take_behind_from(std::deque<Behind>::iterator first);
+  void take_asides(WriteToStore& write);
+  Saving* find_saving(std::uint64_t row);
+  std::size_t on_held_loaded(StoreLoaded loaded, TimePoint now);
   void insert_ready(OutboxEntry entry);
   void pass_over_damaged(const StoreLoaded& loaded);
   void count_topics_again();
@@ -156,11 +194,16 @@ class Backlog {
   std::set<std::uint64_t> ahead_;  // rows above it whose message is in memory or delivered
   std::vector<std::uint64_t> forgets_;
   std::vector<std::uint64_t> forgetting_;  // in the write that is under way
+  std::vector<SetAside> asides_;
+  std::vector<SetAside> setting_aside_;  // in the write that is under way
+  DeadLetterCounts dead_letters_;
+  HeldTopics held_;
   std::optional<TimePoint> forget_due_;
 
   bool is_topic_count_wrong_ = false;  // too high for topics of rows that were damaged
   bool is_writing_ = false;
   bool is_loading_ = false;
+  bool is_loading_held_ = false;  // what was asked for is for held_
   bool is_stopping_ = false;
   bool is_probe_due_ = false;  // an empty write tells whether a failing store works again
   std::optional<TimePoint> write_retry_;

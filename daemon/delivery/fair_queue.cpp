@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <functional>
+#include <iterator>
 #include <utility>
 #include <vector>
 
@@ -41,6 +42,25 @@ OutboxEntry FairQueue::pop() {
     turns_.push_back(key);
   }
   return entry;
+}
+
+std::deque<OutboxEntry> FairQueue::take(std::string_view topic) {
+  std::deque<OutboxEntry> taken;
+  const auto position = flows_.find(key_of(topic));
+  if (position == flows_.end()) return taken;
+  Flow& flow = position->second;
+  for (auto entry = flow.entries.begin(); entry != flow.entries.end();) {
+    const auto next = std::next(entry);
+    if (entry->message.topic == topic) {
+      flow.bytes -= entry->cost();
+      --size_;
+      taken.push_back(std::move(*entry));
+      flow.entries.erase(entry);
+    }
+    entry = next;
+  }
+  if (flow.entries.empty()) forget_empty_flows();
+  return taken;
 }
 
 std::deque<OutboxEntry> FairQueue::take_all() {

@@ -25,6 +25,8 @@ class FairQueue {
   /// Whose turn it is. Only while not empty().
   const OutboxEntry& front() const { return flows_.find(turns_.front())->second.entries.front(); }
   OutboxEntry pop();
+  /// What waits of `topic`, in the order of submission.
+  std::deque<OutboxEntry> take(std::string_view topic);
   /// Everything, in the order of submission.
   std::deque<OutboxEntry> take_all();
 

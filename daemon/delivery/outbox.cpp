@@ -8,6 +8,18 @@
 #include <utility>
 
 namespace slamgw {
+namespace {
+
+/// The fault is the message's, whatever the rights and quotas of tomorrow are.
+bool is_permanent(const Refusal& refusal) {
+  constexpr int topic_name_invalid = 0x90;
+  constexpr int packet_too_large = 0x95;
+  constexpr int payload_format_invalid = 0x99;
+  return refusal.code == topic_name_invalid || refusal.code == packet_too_large ||
+         refusal.code == payload_format_invalid;
+}
+
+}  // namespace
 
 void Outbox::submit(BrokerMessage message, Receipt receipt, TimePoint now) {
   Entry entry;
@@ -16,12 +28,20 @@ void Outbox::submit(BrokerMessage message, Receipt receipt, TimePoint now) {
   entry.receipt = receipt;
   entry.submitted = now;
   queued_bytes_ += entry.cost();
-  if (!has_memory_for(entry)) {
+  if (!has_memory_for(entry) || is_kept_out(entry)) {
     refuse(entry, now);
     return;
   }
   place(std::move(entry), now);
   proceed(now);
+}
+
+/// Messages on held topics leave room for the others.
+bool Outbox::is_kept_out(const Entry& entry) const {
+  const HeldTopics& held = held_topics();
+  if (entry.is_unacknowledged() || !held.has(entry.message.topic)) return false;
+  return backlog_.can_keep() ? backlog_.is_half_full()
+                             : held.unstored_bytes() > max_queued_bytes / held_share;
 }
 
 /// `entry` counts as queued already. No flow has more than all of them together, so below the half
@@ -35,11 +55,13 @@ bool Outbox::has_memory_for(const Entry& entry) const {
 /// Decides where a message that is only in memory waits. `is_overdue`: the broker is too slow for
 /// it.
 void Outbox::place(Entry entry, TimePoint now, bool is_overdue) {
-  entry.is_from_backlog = false;
+  entry.is_from_backlog = entry.is_retry = false;
   const bool is_behind = backlog_.is_ahead_of(entry.message.topic);
   if (entry.is_unacknowledged()) {
+    if (held_topics().has(entry.message.topic)) return drop(entry);
     if (!expiry_check_) expiry_check_ = entry.submitted + max_unacknowledged_age;
   } else if (backlog_.can_keep() && (!is_up_ || is_stalled_ || is_behind || is_overdue)) {
+    save_in_flight(entry.message.topic);
     if (backlog_.keep(entry)) return;
     const bool may_wait_for_broker = is_up_ && !is_stalled_ && !is_behind;
     if (!may_wait_for_broker) {
@@ -81,6 +103,12 @@ void Outbox::place_all_again(Entries returned, TimePoint now, bool is_overdue, S
   }
 }
 
+/// QoS 0 that is too old, or whose topic the broker does not take.
+void Outbox::drop(const Entry& entry) {
+  ++statistics_.dropped;
+  queued_bytes_ -= entry.cost();
+}
+
 void Outbox::refuse(const Entry& entry, TimePoint now) {
   queued_bytes_ -= entry.cost();
   if (const auto count = full_burst_.on_event(now); count && backlog_.is_full()) {
@@ -89,6 +117,13 @@ void Outbox::refuse(const Entry& entry, TimePoint now) {
         fmt::format("the store is full ({} bytes, store.max_bytes {}): {} new messages are not "
                     "acknowledged; robots keep them",
                     backlog_.bytes(), store_max_bytes_, *count),
+        {}});
+  } else if (count && is_kept_out(entry)) {
+    actions_.push(Notice{
+        Severity::warning,
+        fmt::format("{} new messages are not acknowledged: the broker does not take their topics, "
+                    "and those that wait for it leave no more room",
+                    *count),
         {}});
   } else if (count) {
     actions_.push(Notice{Severity::warning,
@@ -107,6 +142,7 @@ void Outbox::refuse(const Entry& entry, TimePoint now) {
 void Outbox::on_link_up(std::uint16_t receive_maximum, TimePoint now) {
   is_up_ = true;
   in_flight_.on_link_up(receive_maximum, now);
+  backlog_.held().on_link_up(now);
   overdue_check_ = now + broker_patience;
   expire_unacknowledged(now);
   proceed(now);
@@ -120,8 +156,7 @@ void Outbox::on_link_down(TimePoint now) {
   for (Entry& entry : in_flight_.take_all()) {
     if (entry.row != 0) moved.insert(TopicCounts::slot(entry.message.topic));
     if (entry.is_unacknowledged()) {
-      ++statistics_.dropped;
-      queued_bytes_ -= entry.cost();
+      drop(entry);
     } else if (entry.is_stored) {
       backlog_.give_back(std::move(entry));
     } else if (entry.is_being_copied()) {
@@ -130,6 +165,7 @@ void Outbox::on_link_down(TimePoint now) {
       returned.push_back(std::move(entry));
     }
   }
+  backlog_.held().on_link_down();
   place_all_again(std::move(returned), now, false, std::move(moved));
   expire_unacknowledged(now);
   proceed(now);
@@ -146,6 +182,11 @@ void Outbox::proceed(TimePoint now) {
 
 bool Outbox::publish_next(TimePoint now) {
   if (!is_up_ || backlog_.state() == Backlog::State::opening) return false;
+  const Entry* const retry = is_stopping_ ? nullptr : backlog_.next_held(now);
+  if (retry && in_flight_.has_room_for_retry(*retry)) {
+    publish(backlog_.take_next_held(), now);
+    return true;
+  }
   const Entry* const stored = is_stopping_ ? nullptr : backlog_.next();
   const bool is_stored_ready = stored && in_flight_.has_room_for(*stored);
   const bool is_fresh_ready = !waiting_.empty() && in_flight_.has_room_for(waiting_.front());
@@ -158,26 +199,108 @@ bool Outbox::publish_next(TimePoint now) {
 void Outbox::publish(Entry entry, TimePoint now) {
   entry.sequence = next_sequence_++;
   actions_.push(PublishAtBroker{entry.sequence, entry.message});
+  backlog_.held().on_published(entry.message.topic);
   in_flight_.add(std::move(entry), now);
 }
 
 void Outbox::on_published(std::uint64_t sequence, TimePoint now) {
-  finish(sequence, ReceiptOutcome::safe, now);
-}
-
-void Outbox::on_publish_refused(std::uint64_t sequence, TimePoint now) {
-  finish(sequence, ReceiptOutcome::refused, now);
-}
-
-void Outbox::finish(std::uint64_t sequence, ReceiptOutcome outcome, TimePoint now) {
   const std::optional<Entry> entry = in_flight_.take(sequence, now);
   if (!entry) return;  // from before a reconnect
   if (!entry->is_stored) queued_bytes_ -= entry->cost();
   if (!entry->is_unacknowledged()) is_stalled_ = false;
-  ++(outcome == ReceiptOutcome::safe ? statistics_.published : statistics_.refused);
-  if (entry->receipt.is_owed()) actions_.push(FireReceipt{entry->receipt, outcome});
+  ++statistics_.published;
+  if (entry->receipt.is_owed()) actions_.push(FireReceipt{entry->receipt, ReceiptOutcome::safe});
   if (entry->row != 0) backlog_.forget(*entry, now);
+  const auto answer =
+      entry->is_unacknowledged() ? HeldTopics::Answer::neither : HeldTopics::Answer::accepted;
+  if (backlog_.held().on_answered(entry->message.topic, answer))
+    say(refusal_notices_.on_accepted(entry->message.topic, now));
+  place_released(now);
   proceed(now);
+}
+
+void Outbox::on_publish_refused(std::uint64_t sequence, const Refusal& refusal, TimePoint now) {
+  const Entry* const refused = in_flight_.find(sequence);
+  if (!refused) return;  // from before a reconnect
+  const std::string topic = refused->message.topic;
+  const bool is_topics_fault = !is_permanent(refusal);
+  if (is_topics_fault) save_in_flight(topic);
+  Entry entry = std::move(*in_flight_.take(sequence, now));
+  is_stalled_ = false;
+  backlog_.held().on_answered(
+      topic, is_topics_fault ? HeldTopics::Answer::refused : HeldTopics::Answer::neither);
+  if (is_topics_fault) hold(topic, refusal, now);
+  if (!is_topics_fault) {
+    set_aside(std::move(entry), refusal, 1, now);
+  } else if (is_hopeless(entry, now)) {
+    set_aside(std::move(entry), refusal, held_topics().tries(topic), now);
+  } else {
+    give_back(std::move(entry), now);
+  }
+  place_released(now);
+  proceed(now);
+}
+
+/// Those of a topic of which a later message gets its row now: should they wait again, their rows
+/// must be in the order in which they were published.
+void Outbox::save_in_flight(std::string_view topic) {
+  if (!backlog_.can_keep()) return;
+  for (Entry& entry : in_flight_.entries()) {
+    const bool is_unsaved = !entry.is_unacknowledged() && entry.row == 0;
+    if (is_unsaved && entry.message.topic == topic && !backlog_.keep_copy(entry)) return;
+  }
+}
+
+void Outbox::hold(const std::string& topic, const Refusal& refusal, TimePoint now) {
+  HeldTopics& held = backlog_.held();
+  const bool is_new = !held.has(topic);
+  if (held.hold(topic, refusal, in_flight_.count(topic), now))
+    say(refusal_notices_.on_held(topic, refusal, now));
+  if (!is_new) return;
+  for (Entry& entry : backlog_.hold_back(topic)) place(std::move(entry), now);
+  for (Entry& entry : waiting_.take(topic)) place(std::move(entry), now);
+}
+
+bool Outbox::is_hopeless(const Entry& entry, TimePoint now) const {
+  return now - entry.submitted >= hopeless_age &&
+         held_topics().tries(entry.message.topic) >= hopeless_tries;
+}
+
+/// It was not delivered and waits again.
+void Outbox::give_back(Entry entry, TimePoint now) {
+  if (entry.is_stored) {
+    backlog_.give_back(std::move(entry));
+  } else if (entry.is_being_copied()) {
+    backlog_.adopt(std::move(entry));
+  } else {
+    place(std::move(entry), now);
+  }
+}
+
+/// Where it cannot become a dead letter, it is not acknowledged; one that was is kept.
+void Outbox::set_aside(Entry entry, const Refusal& refusal, std::uint32_t tries, TimePoint now) {
+  const BrokerMessage message = entry.message;
+  const Receipt receipt = entry.receipt;
+  if (backlog_.set_aside(entry, refusal, tries)) {
+    ++statistics_.set_aside;
+    say(refusal_notices_.on_set_aside(message, refusal, now));
+  } else if (entry.row == 0 && receipt.is_owed()) {
+    queued_bytes_ -= entry.cost();
+    ++statistics_.refused;
+    actions_.push(FireReceipt{receipt, ReceiptOutcome::refused});
+    say(refusal_notices_.on_dropped(message, refusal, now));
+  } else {
+    hold(message.topic, refusal, now);
+    give_back(std::move(entry), now);
+  }
+}
+
+void Outbox::place_released(TimePoint now) {
+  for (Entry& entry : backlog_.held().take_released()) place(std::move(entry), now);
+}
+
+void Outbox::say(std::optional<Notice> notice) {
+  if (notice) actions_.push(std::move(*notice));
 }
 
 void Outbox::on_deadline(TimePoint now) {
@@ -203,8 +326,7 @@ void Outbox::expire_unacknowledged(TimePoint now) {
   const auto is_too_old = [&](const Entry& entry) {
     if (!entry.is_unacknowledged()) return false;
     if (now - entry.submitted >= max_unacknowledged_age) {
-      ++statistics_.dropped;
-      queued_bytes_ -= entry.cost();
+      drop(entry);
       return true;
     }
     oldest_left = std::min(oldest_left.value_or(entry.submitted), entry.submitted);

@@ -24,7 +24,7 @@
 #include "daemon/delivery/message_store.hpp"
 #include "daemon/delivery/outbox_entry.hpp"
 #include "daemon/delivery/publish_window.hpp"
-#include "daemon/mqtt/settings.hpp"
+#include "daemon/delivery/refusal_notices.hpp"
 
 namespace slamgw {
 
@@ -46,6 +46,11 @@ class Outbox {
   /// dropped. 64 MiB is minutes of a thousand robots and little on a Pi. One flow (FairQueue) may
   /// have as much as it leaves free: half of it alone, less the more the others have.
   static constexpr std::size_t max_queued_bytes = 64u << 20;
+  /// Part of it that messages on held topics may take while they cannot be stored.
+  static constexpr std::size_t held_share = 4;
+  /// A message of this age whose topic was refused so often in a row is set aside.
+  static constexpr std::chrono::hours hopeless_age{24};
+  static constexpr std::uint32_t hopeless_tries = 10;
   /// Contract, promise 5: QoS 0 is never queued behind an outage for longer.
   static constexpr std::chrono::seconds max_unacknowledged_age{10};
   /// A broker that has not acknowledged a message for so long is slow: what is only in memory goes
@@ -56,8 +61,9 @@ class Outbox {
 
   struct Statistics {
     std::uint64_t published = 0;  ///< the broker has them
-    std::uint64_t dropped = 0;    ///< QoS 0 too old, without room, or lost with the link
-    std::uint64_t refused = 0;    ///< no room, or the broker will never take them
+    std::uint64_t dropped = 0;    ///< QoS 0 too old, held, without room, or lost with the link
+    std::uint64_t refused = 0;    ///< not acknowledged: no room, or never to be taken
+    std::uint64_t set_aside = 0;  ///< dead letters now
     std::uint64_t store_failures = 0;
   };
 
@@ -73,8 +79,9 @@ class Outbox {
   /// dropped).
   void on_link_down(TimePoint now);
   void on_published(std::uint64_t sequence, TimePoint now);
-  /// The broker will never take it (MQTT 5: not authorised, payload refused).
-  void on_publish_refused(std::uint64_t sequence, TimePoint now);
+  /// The broker has answered with a reason code of 0x80 or above. A message that it can never take
+  /// is set aside; for any other reason its topic is held, and the message tried again.
+  void on_publish_refused(std::uint64_t sequence, const Refusal& refusal, TimePoint now);
   void on_store_event(StoreEvent event, TimePoint now);
   /// The daemon ends: the backlog stays where it is, what is only in memory goes to the broker or
   /// the store. The shell goes on until is_settled(), or as long as it can wait.
@@ -93,6 +100,8 @@ class Outbox {
   bool is_settled() const;
   const Statistics& statistics() const { return statistics_; }
   const Backlog& backlog() const { return backlog_; }
+  /// Topics that the broker does not take for now.
+  const HeldTopics& held_topics() const { return backlog_.held(); }
   /// Why nothing can be stored, or read back; empty while it can.
   const std::string& store_trouble() const {
     return write_trouble_.empty() ? read_trouble_ : write_trouble_;
@@ -109,7 +118,9 @@ class Outbox {
   void handle(StoreWriteFailed& failed, TimePoint now);
   void handle(StoreLoaded& loaded, TimePoint now);
   void handle(StoreLoadFailed& failed, TimePoint now);
-  void handle(DeadLettersChanged&, TimePoint) {}
+  void handle(DeadLettersChanged& changed, TimePoint) {
+    backlog_.on_dead_letters(changed.dead_letters);
+  }
   void handle(ResendDeadLetters& resend, TimePoint now);
   void handle(Notice& notice, TimePoint) { actions_.push(std::move(notice)); }
   void begin_anew(Entries in_memory, TimePoint now);
@@ -121,6 +132,7 @@ class Outbox {
   void place(Entry entry, TimePoint now, bool is_overdue = false);
   void place_all_again(Entries returned, TimePoint now, bool is_overdue = false, Slots moved = {});
   void refuse(const Entry& entry, TimePoint now);
+  void drop(const Entry& entry);
   void check_overdue(TimePoint now);
   void save_all(TimePoint now);
   std::optional<TimePoint> oldest_unsaved() const;
@@ -128,8 +140,15 @@ class Outbox {
   void proceed(TimePoint now);
   bool publish_next(TimePoint now);
   bool has_memory_for(const Entry& entry) const;
+  bool is_kept_out(const Entry& entry) const;
   void publish(Entry entry, TimePoint now);
-  void finish(std::uint64_t sequence, ReceiptOutcome outcome, TimePoint now);
+  void save_in_flight(std::string_view topic);
+  void hold(const std::string& topic, const Refusal& refusal, TimePoint now);
+  bool is_hopeless(const Entry& entry, TimePoint now) const;
+  void give_back(Entry entry, TimePoint now);
+  void set_aside(Entry entry, const Refusal& refusal, std::uint32_t tries, TimePoint now);
+  void place_released(TimePoint now);
+  void say(std::optional<Notice> notice);
   void expire_unacknowledged(TimePoint now);
 
   std::uint64_t store_max_bytes_;
@@ -150,6 +169,7 @@ class Outbox {
   std::optional<TimePoint> overdue_check_;  // while something unsaved waits or is in flight
   std::optional<TimePoint> stop_check_;
   Statistics statistics_;
+  RefusalNotices refusal_notices_;
   Burst full_burst_;
   static constexpr std::chrono::minutes failure_interval{1};
   Burst failure_burst_{failure_interval};

@@ -4,7 +4,10 @@
 
 #include <cstdint>
 
+#include <utility>
+
 #include "daemon/core/messages.hpp"
+#include "daemon/delivery/message_store.hpp"
 
 namespace slamgw {
 
@@ -20,6 +23,7 @@ struct OutboxEntry {
   std::uint64_t row = 0;          ///< in the store; 0: not handed to it
   std::uint64_t dead_letter = 0;  ///< its number there until it is stored; 0: it is none
   bool is_stored = false;         ///< `row` is durable
+  bool is_retry = false;          ///< of a held topic
   bool is_from_backlog = false;   ///< it takes the turns of the backlog
 
   bool is_unacknowledged() const { return message.qos == Qos::at_most_once; }
@@ -29,5 +33,14 @@ struct OutboxEntry {
     return message.topic.size() + message.payload.size() + overhead_bytes;
   }
 };
+
+inline OutboxEntry entry_from_store(StoredMessage stored, TimePoint now) {
+  OutboxEntry entry;
+  entry.message = std::move(stored.message);
+  entry.submitted = now - stored.age;
+  entry.row = stored.row;
+  entry.is_stored = entry.is_from_backlog = true;
+  return entry;
+}
 
 }  // namespace slamgw

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <deque>
 #include <optional>
+#include <string_view>
 
 #include "daemon/delivery/outbox_entry.hpp"
 
@@ -25,11 +26,16 @@ class PublishWindow {
   void on_link_up(std::uint16_t receive_maximum, TimePoint now);
 
   bool has_room_for(const OutboxEntry& entry) const;
+  /// Those that were refused before have a quarter of the window at most.
+  bool has_room_for_retry(const OutboxEntry& entry) const;
   /// While both could go, each has half of the window.
   bool is_backlogs_turn() const;
   /// `entry.sequence` rises from call to call.
   void add(OutboxEntry entry, TimePoint now);
-  /// Nothing: it was handed over before a reconnect.
+  /// Null, or nothing: it was handed over before a reconnect.
+  const OutboxEntry* find(std::uint64_t sequence);
+  /// How many of `topic`, QoS 0 too.
+  std::size_t count(std::string_view topic) const;
   std::optional<OutboxEntry> take(std::uint64_t sequence, TimePoint now);
   std::deque<OutboxEntry> take_all();
   /// By rising sequence. Whoever changes is_from_backlog calls forget_backlog().
@@ -45,11 +51,14 @@ class PublishWindow {
   }
 
  private:
+  std::deque<OutboxEntry>::iterator position_of(std::uint64_t sequence);
+
   std::size_t size_;
   std::size_t effective_size_ = 0;
   std::deque<OutboxEntry> entries_;
   std::size_t acknowledged_ = 0;  // QoS 1 and 2
   std::size_t from_backlog_ = 0;
+  std::size_t retries_ = 0;
   std::size_t unacknowledged_ = 0;         // QoS 0
   bool is_unacknowledged_paused_ = false;  // until half of it is written
   bool was_backlog_last_ = false;

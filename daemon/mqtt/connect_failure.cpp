@@ -44,10 +44,10 @@ constexpr std::array connect_words{
 };
 
 constexpr std::array publish_words{
-    Words{0x80, "unspecified error"},      Words{0x83, "implementation specific error"},
-    Words{0x87, "not authorised"},         Words{0x90, "topic name invalid"},
-    Words{0x91, "packet id in use"},       Words{0x97, "quota exceeded"},
-    Words{0x99, "payload format invalid"},
+    Words{0x80, "unspecified error"}, Words{0x83, "implementation specific error"},
+    Words{0x87, "not authorised"},    Words{0x90, "topic name invalid"},
+    Words{0x91, "packet id in use"},  Words{0x95, "packet too large"},
+    Words{0x97, "quota exceeded"},    Words{0x99, "payload format invalid"},
 };
 
 template <std::size_t n>
@@ -80,7 +80,7 @@ bool is_not_authorised(int code) { return code == 4 || code == 5 || code == 0x86
 
 std::string explain_publish_refusal(int reason_code) {
   const std::string_view words = find(publish_words, reason_code);
-  return words.empty() ? fmt::format("reason code 0x{:02x}", reason_code) : std::string(words);
+  return words.empty() ? "no reason given" : std::string(words);
 }
 
 }  // namespace slamgw

@@ -77,7 +77,7 @@ class PahoSession::PublishListener final : public mqtt::iaction_listener {
   void finish(const mqtt::token& token, std::optional<int> refusal) {
     session_.post_to_loop([sequence = sequence_of(token), refusal](PahoSessionListener& listener) {
       if (!refusal) return listener.on_published(sequence);
-      listener.on_publish_refused(sequence, explain_publish_refusal(*refusal));
+      listener.on_publish_refused(sequence, {*refusal, explain_publish_refusal(*refusal)});
     });
   }
 

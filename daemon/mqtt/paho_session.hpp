@@ -47,7 +47,7 @@ class PahoSessionListener {
   virtual void on_connect_failed(ConnectFailure failure) = 0;
   virtual void on_lost(std::string why) = 0;
   virtual void on_published(std::uint64_t sequence) = 0;
-  virtual void on_publish_refused(std::uint64_t sequence, std::string why) = 0;
+  virtual void on_publish_refused(std::uint64_t sequence, const Refusal& refusal) = 0;
   virtual void on_subscribe_result(const std::string& filter, bool granted) = 0;
   virtual void on_message(BrokerMessage message, std::vector<std::uint32_t> subscriptions) = 0;
 };

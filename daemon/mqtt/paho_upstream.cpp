@@ -153,9 +153,9 @@ void PahoUpstream::on_published(std::uint64_t sequence) {
   listener_.on_published(sequence);
 }
 
-void PahoUpstream::on_publish_refused(std::uint64_t sequence, std::string why) {
+void PahoUpstream::on_publish_refused(std::uint64_t sequence, const Refusal& refusal) {
   nudge_.on_acknowledged(std::chrono::steady_clock::now());
-  listener_.on_publish_refused(sequence, why);
+  listener_.on_publish_refused(sequence, refusal);
 }
 
 void PahoUpstream::on_subscribe_result(const std::string& filter, bool granted) {

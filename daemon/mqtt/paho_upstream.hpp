@@ -56,7 +56,7 @@ class PahoUpstream final : public UpstreamLink, public PahoSessionListener {
   void on_connect_failed(ConnectFailure failure) override;
   void on_lost(std::string why) override;
   void on_published(std::uint64_t sequence) override;
-  void on_publish_refused(std::uint64_t sequence, std::string why) override;
+  void on_publish_refused(std::uint64_t sequence, const Refusal& refusal) override;
   void on_subscribe_result(const std::string& filter, bool granted) override;
   void on_message(BrokerMessage message, std::vector<std::uint32_t> subscriptions) override;
 

@@ -23,9 +23,9 @@ class UpstreamListener {
   virtual void on_link_down(const std::string& why) = 0;
   /// `sequence` was acknowledged by the broker (QoS 0: handed to the network).
   virtual void on_published(std::uint64_t sequence) = 0;
-  /// The broker will never take `sequence`; `why` is its reason in words. (What merely failed is
+  /// The broker has answered `sequence` with a reason code of 0x80 or above. (What merely failed is
   /// reported by on_link_down.)
-  virtual void on_publish_refused(std::uint64_t sequence, const std::string& why) = 0;
+  virtual void on_publish_refused(std::uint64_t sequence, const Refusal& refusal) = 0;
   virtual void on_subscribe_result(const std::string& filter, bool granted) = 0;
   /// `subscriptions`: the ids of our subscriptions that it came for; empty with MQTT 3.1.1.
   virtual void on_message(BrokerMessage message, std::vector<std::uint32_t> subscriptions) = 0;

@@ -20,6 +20,7 @@ namespace slamgw::test {
 class OutboxRig {
  public:
   static constexpr std::size_t window = 16;
+  static constexpr int topic_name_invalid = 0x90;
 
   explicit OutboxRig(std::uint64_t store_max_bytes = 1u << 28) : max_bytes(store_max_bytes) {
     start();
@@ -83,6 +84,21 @@ class OutboxRig {
   void acknowledge_all() {
     while (!under_way.empty()) acknowledge_first();
   }
+  void refuse_first(int code = 0x87) {
+    const std::uint64_t sequence = under_way.front().sequence;
+    const BrokerMessage refused = std::move(under_way.front().message);
+    under_way.pop_front();
+    if (code == topic_name_invalid) set_aside.insert({refused.topic, number_in(refused)});
+    std::set<std::string>& passing = may_overtake[{refused.topic, number_in(refused)}];
+    for (const PublishAtBroker& other : under_way) {
+      if (other.message.topic == refused.topic) passing.insert(number_in(other.message));
+    }
+    outbox->on_publish_refused(sequence, {code, "said so"}, now);
+    drain();
+  }
+  void refuse_all(int code = 0x87) {
+    while (!under_way.empty()) refuse_first(code);
+  }
   std::vector<std::string> received_of(const std::string& topic) const {
     const auto found = received.find(topic);
     return found == received.end() ? std::vector<std::string>{} : found->second;
@@ -138,7 +154,16 @@ class OutboxRig {
   std::vector<std::string> published_topics;
   std::map<std::string, std::vector<std::string>> received;  ///< by topic, payloads as text
   std::map<std::uint64_t, std::vector<ReceiptOutcome>> fired;
+  /// Topic and number of what the broker has called undeliverable: the others go on without it.
+  std::set<std::pair<std::string, std::string>> set_aside;
+  /// By topic and number of a refused message: those of its topic that were under way then. A
+  /// broker that takes them has changed the order itself.
+  std::map<std::pair<std::string, std::string>, std::set<std::string>> may_overtake;
   std::vector<std::string> notices;
+
+  static std::string number_in(const BrokerMessage& message) {
+    return std::string(as_text(message.payload));
+  }
 
  private:
   void receive(const BrokerMessage& message) {

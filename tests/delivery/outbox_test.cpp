@@ -149,15 +149,6 @@ TEST_F(OutboxTest, RefusesWhatItHasNoRoomForAndAcknowledgesNothing) {
   EXPECT_EQ(notices.size(), 1u) << "said once";
 }
 
-TEST_F(OutboxTest, RefusesTheReceiptOfWhatTheBrokerWillNeverTake) {
-  link_up();
-  submit("t", 1);
-  outbox->on_publish_refused(under_way.front().sequence, now);
-  drain();
-  EXPECT_TRUE(has_fired(1, ReceiptOutcome::refused));
-  EXPECT_EQ(outbox->depth(), 0u);
-}
-
 TEST_F(OutboxTest, SettlesWhenItStopsAndLeavesTheBacklogOnDisk) {
   for (std::uint64_t i = 1; i <= 100; ++i) submit("old", i);
   while (serve_store()) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Seeded random walks: robots talk, the broker comes, goes and stalls, the store works, fails, is
-// full or late, the process dies. Whatever happens, the promises hold.
+// Seeded random walks: robots talk, the broker comes, goes, stalls and refuses, the store works,
+// fails, is full or late, the process dies. Whatever happens, the promises hold.
 #include <gtest/gtest.h>
 
 #include <random>
@@ -16,8 +16,9 @@ using namespace std::chrono_literals;
 
 class Walk : public test::OutboxRig {
  public:
-  Walk(unsigned seed, std::uint64_t store_max_bytes)
-      : test::OutboxRig(store_max_bytes), random_(seed) {}
+  /// `refusing`: how much of what is published is refused, in percent.
+  Walk(unsigned seed, std::uint64_t store_max_bytes, int refusing)
+      : test::OutboxRig(store_max_bytes), random_(seed), refusing_(refusing) {}
 
   void step() {
     const int choice = below(100);
@@ -46,6 +47,7 @@ class Walk : public test::OutboxRig {
     store.is_failing = false;
     pass(60s);
     settle();
+    EXPECT_TRUE(outbox->held_topics().empty());
     test::expect_promises_kept(*this, topics_, interruptions_);
     EXPECT_EQ(outbox->depth(), 0u);
     EXPECT_EQ(outbox->queued_bytes(), 0u);
@@ -58,7 +60,7 @@ class Walk : public test::OutboxRig {
 
   void say(int count) {
     for (int i = 0; i < count; ++i) {
-      const std::string topic = "r/" + std::to_string(below(3)) + "/" + std::to_string(below(2));
+      const std::string topic = Walk::topic(below(6));
       topics_[++number_] = topic;
       const Qos qos = static_cast<Qos>(below(8) == 0 ? 0 : 1 + below(2));
       const bool is_owed = qos != Qos::at_most_once && below(5) > 0;
@@ -68,7 +70,13 @@ class Walk : public test::OutboxRig {
     }
   }
   void acknowledge(int count) {
-    for (int i = 0; i < count && !under_way.empty(); ++i) acknowledge_first();
+    for (int i = 0; i < count && !under_way.empty(); ++i) {
+      const bool is_refused = under_way.front().message.qos != Qos::at_most_once &&
+                              (below(100) < refusing_ || refused_topic_ == first_topic());
+      is_refused ? refuse_first(below(10) == 0 ? topic_name_invalid : quota_exceeded)
+                 : acknowledge_first();
+    }
+    if (refusing_ > 0 && below(50) == 0) refused_topic_ = below(2) ? topic(below(6)) : "";
   }
   void serve(int count) {
     for (int i = 0; i < count; ++i) serve_store();
@@ -85,15 +93,23 @@ class Walk : public test::OutboxRig {
     start();
   }
 
+  static std::string topic(int which) {
+    return "r/" + std::to_string(which / 2) + "/" + std::to_string(which % 2);
+  }
+  const std::string& first_topic() const { return under_way.front().message.topic; }
+  static constexpr int quota_exceeded = 0x97;
+
   std::mt19937 random_;
+  int refusing_;
+  std::string refused_topic_;  // every message of it
   std::uint64_t number_ = 0;
   std::map<std::uint64_t, std::string> topics_;
   std::size_t interruptions_ = 0;
 };
 
-void walk(unsigned seed, std::uint64_t store_max_bytes) {
+void walk(unsigned seed, std::uint64_t store_max_bytes, int refusing = 0) {
   SCOPED_TRACE("seed " + std::to_string(seed));
-  Walk walk(seed, store_max_bytes);
+  Walk walk(seed, store_max_bytes, refusing);
   for (int i = 0; i < 1000; ++i) {
     walk.step();
     walk.check_bounds();
@@ -108,6 +124,17 @@ TEST(OutboxWalk, KeepsThePromisesWithRoomInTheStore) {
 
 TEST(OutboxWalk, KeepsThePromisesWithAStoreThatIsOftenFull) {
   for (unsigned seed = 1; seed <= 8 && !testing::Test::HasFailure(); ++seed) walk(seed, 20000);
+}
+
+TEST(OutboxWalk, KeepsThePromisesWithABrokerThatRefuses) {
+  for (unsigned seed = 1; seed <= 8 && !testing::Test::HasFailure(); ++seed)
+    walk(seed, 1u << 28, 3);
+  for (unsigned seed = 1; seed <= 8 && !testing::Test::HasFailure(); ++seed)
+    walk(seed, 1u << 28, 40);
+}
+
+TEST(OutboxWalk, KeepsThePromisesWithABrokerThatRefusesAndAStoreThatIsOftenFull) {
+  for (unsigned seed = 1; seed <= 8 && !testing::Test::HasFailure(); ++seed) walk(seed, 20000, 10);
 }
 
 }  // namespace

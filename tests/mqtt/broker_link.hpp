@@ -30,8 +30,8 @@ struct RecordingListener final : UpstreamListener {
     is_up = false;
   }
   void on_published(std::uint64_t sequence) override { published.insert(sequence); }
-  void on_publish_refused(std::uint64_t sequence, const std::string& why) override {
-    refused[sequence] = why;
+  void on_publish_refused(std::uint64_t sequence, const Refusal& refusal) override {
+    refused[sequence] = refusal;
   }
   void on_subscribe_result(const std::string& filter, bool granted) override {
     subscribed[filter] = granted;
@@ -46,7 +46,7 @@ struct RecordingListener final : UpstreamListener {
   std::uint16_t receive_maximum = 0;
   std::vector<std::string> reasons;
   std::set<std::uint64_t> published;
-  std::map<std::uint64_t, std::string> refused;
+  std::map<std::uint64_t, Refusal> refused;
   std::map<std::string, bool> subscribed;
   std::vector<BrokerMessage> messages;
   std::vector<std::vector<std::uint32_t>> subscriptions;  // of each message

@@ -123,7 +123,7 @@ TEST_P(PahoUpstreamOf, TakesALostConnectionForNoRefusal) {
   link.upstream->subscribe("down/#", Qos::at_least_once, 1);
   broker.kill();
   ASSERT_TRUE(link.sees([&] { return link.listener.reasons.size() >= 2; }));
-  EXPECT_TRUE(link.listener.refused.empty()) << link.listener.refused.begin()->second;
+  EXPECT_TRUE(link.listener.refused.empty()) << link.listener.refused.begin()->second.why;
   EXPECT_TRUE(link.listener.published.empty());
   EXPECT_TRUE(link.listener.subscribed.empty()) << "nobody has refused the subscription";
   for (const std::string& reason : link.listener.reasons) {

@@ -2,6 +2,7 @@
 #include "tests/support/child_process.hpp"
 
 #include <fcntl.h>
+#include <linux/close_range.h>
 #include <signal.h>
 #include <sys/prctl.h>
 #include <sys/wait.h>
@@ -33,6 +34,8 @@ ChildProcess::ChildProcess(const std::vector<std::string>& arguments, const std:
   prctl(PR_SET_PDEATHSIG, SIGKILL);  // a crashed test leaves nothing behind
   redirect(STDOUT_FILENO, out);
   redirect(STDERR_FILENO, err);
+  // A socket that outlives its owner here would keep the owner's connection open.
+  close_range(STDERR_FILENO + 1, ~0u, CLOSE_RANGE_CLOEXEC);
   execvp(argv[0], argv.data());
   _exit(127);
 }

@@ -59,6 +59,7 @@ void Mosquitto::start() {
 
 void Mosquitto::kill() { process_.reset(); }
 void Mosquitto::pause() { process_->send_signal(SIGSTOP); }
+void Mosquitto::reload() { process_->send_signal(SIGHUP); }
 void Mosquitto::resume() { process_->send_signal(SIGCONT); }
 
 std::string Mosquitto::uri() const { return fmt::format("mqtt://127.0.0.1:{}", port_); }

@@ -23,6 +23,8 @@ class Mosquitto {
   void kill();
   /// It stands still, its connections stay open.
   void pause();
+  /// It reads its access control list again.
+  void reload();
   void resume();
   std::uint16_t port() const { return port_; }
   std::string uri() const;

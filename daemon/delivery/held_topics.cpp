@@ -1,0 +1,277 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/delivery/held_topics.hpp"
+
+#include <algorithm>
+#include <cstdint>
+#include <iterator>
+
+namespace slamgw {
+
+HeldTopics::Lane* HeldTopics::find(std::string_view topic) {
+  if (lanes_.empty()) return nullptr;
+  const auto known = lanes_.find(TopicCounts::slot(topic));
+  return known == lanes_.end() ? nullptr : &known->second;
+}
+
+void HeldTopics::pause(Slot slot, Lane& lane, TimePoint due) {
+  end_pause(slot, lane);
+  lane.phase = Phase::paused;
+  lane.due = due;
+  pauses_.emplace(due, slot);
+}
+
+void HeldTopics::end_pause(Slot slot, Lane& lane) {
+  if (lane.phase == Phase::paused) pauses_.erase({lane.due, slot});
+  lane.phase = Phase::waiting;
+}
+
+/// Nothing holds it back any more.
+void HeldTopics::advance(Slot slot) {
+  Lane& lane = lanes_.at(slot);
+  end_pause(slot, lane);
+  if (lane.under_way > 0) {
+    lane.phase = Phase::waiting;
+  } else if (!lane.loaded.empty()) {
+    lane.phase = Phase::runnable;
+    runnable_.push_back(slot);
+  } else if (!lane.rows.empty()) {
+    lane.phase = Phase::wanting;
+    wanting_.push_back(slot);
+  } else if (!is_done(lane)) {
+    lane.phase = Phase::runnable;  // next() looks whether it may go
+    runnable_.push_back(slot);
+  } else {
+    for (OutboxEntry& entry : lane.unstored) {
+      unstored_bytes_ -= entry.cost();
+      released_.push_back(std::move(entry));
+    }
+    lanes_.erase(slot);
+  }
+}
+
+/// No reason is left to hold it. When it was accepted, what is still on its way from the disk goes
+/// the usual way; else it would be refused again.
+bool HeldTopics::is_done(const Lane& lane) const {
+  if (!lane.rows.empty() || !lane.loaded.empty()) return false;
+  if (lane.is_accepted) return true;
+  return lane.unstored.empty() && !stored_.has(lane.topic);
+}
+
+bool HeldTopics::hold(const std::string& topic, const Refusal& refusal, std::size_t under_way,
+                      TimePoint now) {
+  const Slot slot = TopicCounts::slot(topic);
+  const auto [known, is_new] = lanes_.try_emplace(slot);
+  Lane& lane = known->second;
+  const bool is_news = is_new || lane.refusal.code != refusal.code;
+  lane.refusal = refusal;
+  if (is_new) {
+    lane.topic = topic;
+    lane.since = now;
+    lane.under_way = under_way;
+  } else if (lane.phase == Phase::paused) {
+    return is_news;  // it was under way when the pause began
+  }
+  if (std::exchange(lane.is_accepted, false)) {  // it begins anew
+    lane.tries = 0;
+    lane.since = now;
+    lane.pause = Duration::zero();
+  }
+  ++lane.tries;
+  lane.pause = std::clamp<Duration>(2 * lane.pause, first_pause, longest_pause);
+  unload(lane);
+  pause(slot, lane, now + lane.pause);
+  return is_news;
+}
+
+/// What was loaded may no longer be the oldest: it is loaded again when its turn comes.
+void HeldTopics::unload(Lane& lane) {
+  loaded_ -= lane.loaded.size();
+  for (const OutboxEntry& entry : lane.loaded) lane.rows.push_back(entry.row);
+  lane.loaded.clear();
+  std::sort(lane.rows.begin(), lane.rows.end());
+}
+
+void HeldTopics::add_row(std::string_view topic, std::uint64_t row) {
+  Lane& lane = lanes_.at(TopicCounts::slot(topic));
+  lane.rows.insert(std::upper_bound(lane.rows.begin(), lane.rows.end(), row), row);
+}
+
+void HeldTopics::add(OutboxEntry entry) {
+  Lane& lane = lanes_.at(TopicCounts::slot(entry.message.topic));
+  const auto after = std::upper_bound(
+      lane.unstored.begin(), lane.unstored.end(), entry.order,
+      [](std::uint64_t order, const OutboxEntry& other) { return order < other.order; });
+  unstored_bytes_ += entry.cost();
+  lane.unstored.insert(after, std::move(entry));
+}
+
+std::deque<OutboxEntry> HeldTopics::take_unstored() {
+  std::deque<OutboxEntry> taken;
+  for (auto& [slot, lane] : lanes_) {
+    std::move(lane.unstored.begin(), lane.unstored.end(), std::back_inserter(taken));
+    lane.unstored.clear();
+  }
+  unstored_bytes_ = 0;
+  return taken;
+}
+
+std::size_t HeldTopics::unstored() const {
+  std::size_t count = 0;
+  for (const auto& [slot, lane] : lanes_) count += lane.unstored.size();
+  return count;
+}
+
+std::vector<std::uint64_t> HeldTopics::rows_to_load(std::size_t most) {
+  while (!wanting_.empty() && loaded_ + loading_.size() < most) {
+    const Slot slot = wanting_.front();
+    wanting_.pop_front();
+    const auto known = lanes_.find(slot);
+    if (known == lanes_.end() || known->second.phase != Phase::wanting) continue;
+    Lane& lane = known->second;
+    if (lane.rows.empty() || !lane.loaded.empty()) {
+      advance(slot);
+      continue;
+    }
+    const std::size_t count = lane.is_accepted ? rows_at_once : 1;
+    for (std::size_t i = 0; i < std::min(count, lane.rows.size()); ++i)
+      loading_.push_back(lane.rows[i]);
+    lane.phase = Phase::loading;
+    loading_lanes_.push_back(slot);
+  }
+  std::sort(loading_.begin(), loading_.end());
+  return loading_;
+}
+
+std::vector<std::string> HeldTopics::on_loaded(StoreLoaded loaded, TimePoint now) {
+  // The answer may end early; rows that it passes over are not in the store.
+  std::uint64_t answered_up_to = loaded.damaged.empty() ? 0 : loaded.damaged.back();
+  if (!loaded.messages.empty())
+    answered_up_to = std::max(answered_up_to, loaded.messages.back().row);
+  if (answered_up_to == 0) answered_up_to = UINT64_MAX;
+  const auto end = std::upper_bound(loading_.begin(), loading_.end(), answered_up_to);
+  for (StoredMessage& stored : loaded.messages) {
+    Lane* const lane = find(stored.message.topic);
+    if (!lane || lane->phase != Phase::loading) continue;  // refused, or the link was lost
+    lane->loaded.push_back(entry_from_store(std::move(stored), now));
+    ++loaded_;
+  }
+  std::vector<std::string> gone;
+  for (const Slot slot : loading_lanes_) {
+    Lane& lane = lanes_.at(slot);
+    if (lane.phase != Phase::loading) continue;
+    const std::size_t answered = std::erase_if(lane.rows, [&](std::uint64_t row) {
+      return std::binary_search(loading_.begin(), end, row);
+    });
+    gone.insert(gone.end(), answered - std::min(answered, lane.loaded.size()), lane.topic);
+  }
+  end_loading();
+  return gone;
+}
+
+void HeldTopics::on_load_failed() { end_loading(); }
+
+void HeldTopics::end_loading() {
+  loading_.clear();
+  for (const Slot slot : std::exchange(loading_lanes_, {})) {
+    if (lanes_.at(slot).phase == Phase::loading) advance(slot);
+  }
+}
+
+std::deque<OutboxEntry> HeldTopics::on_store_opened(TimePoint now) {
+  std::deque<OutboxEntry> in_memory;
+  for (auto& [slot, lane] : lanes_) {
+    std::move(lane.loaded.begin(), lane.loaded.end(), std::back_inserter(in_memory));
+    lane.loaded.clear();
+    lane.rows.clear();
+    if (lane.phase != Phase::paused) pause(slot, lane, now + first_pause);
+  }
+  loaded_ = 0;
+  loading_.clear();
+  loading_lanes_.clear();
+  return in_memory;
+}
+
+void HeldTopics::count_stored(TopicCounts& counts) const {
+  for (const auto& [slot, lane] : lanes_) {
+    for (std::size_t i = 0; i < lane.rows.size() + lane.loaded.size(); ++i) counts.add(lane.topic);
+  }
+}
+
+const OutboxEntry* HeldTopics::next(TimePoint now) {
+  for (; !runnable_.empty(); runnable_.pop_front()) {
+    const Slot slot = runnable_.front();
+    const auto known = lanes_.find(slot);
+    if (known == lanes_.end() || known->second.phase != Phase::runnable) continue;
+    Lane& lane = known->second;
+    if (!lane.loaded.empty()) return &lane.loaded.front();
+    if (!lane.unstored.empty() && !stored_.has(lane.topic)) return &lane.unstored.front();
+    pause(slot, lane, now + first_pause);  // for what is on its way to the disk or from there
+  }
+  return nullptr;
+}
+
+OutboxEntry HeldTopics::take_next() {
+  Lane& lane = lanes_.at(runnable_.front());
+  runnable_.pop_front();
+  lane.phase = Phase::waiting;
+  const bool is_stored = !lane.loaded.empty();
+  std::deque<OutboxEntry>& source = is_stored ? lane.loaded : lane.unstored;
+  OutboxEntry entry = std::move(source.front());
+  source.pop_front();
+  if (is_stored) {
+    --loaded_;
+  } else {
+    unstored_bytes_ -= entry.cost();
+  }
+  return entry;
+}
+
+void HeldTopics::on_published(std::string_view topic) {
+  if (Lane* const lane = find(topic)) ++lane->under_way;
+}
+
+bool HeldTopics::on_answered(std::string_view topic, Answer answer) {
+  Lane* const lane = find(topic);
+  if (!lane) return false;
+  if (lane->under_way > 0) --lane->under_way;
+  if (answer == Answer::refused) return false;
+  const bool is_first = answer == Answer::accepted && !std::exchange(lane->is_accepted, true);
+  const bool ends_pause = is_first && lane->phase == Phase::paused;
+  if (ends_pause || lane->phase == Phase::waiting) advance(TopicCounts::slot(topic));
+  return is_first;
+}
+
+void HeldTopics::on_link_down() {
+  runnable_.clear();
+  wanting_.clear();
+  for (auto& [slot, lane] : lanes_) {
+    lane.under_way = 0;
+    unload(lane);
+    if (lane.phase != Phase::paused) lane.phase = Phase::waiting;
+  }
+}
+
+void HeldTopics::on_link_up(TimePoint now) {
+  for (auto& [slot, lane] : lanes_) {
+    lane.is_accepted = false;
+    if (lane.phase != Phase::paused) pause(slot, lane, now);
+  }
+  on_deadline(now);
+}
+
+void HeldTopics::on_deadline(TimePoint now) {
+  while (!pauses_.empty() && pauses_.begin()->first <= now) advance(pauses_.begin()->second);
+}
+
+std::vector<HeldTopic> HeldTopics::list(std::size_t most) const {
+  std::vector<HeldTopic> listed;
+  for (const auto& [slot, lane] : lanes_) {
+    if (listed.size() == most) break;
+    const std::size_t waiting =
+        lane.rows.size() + lane.loaded.size() + lane.unstored.size() + lane.under_way;
+    listed.push_back({lane.topic, lane.refusal, waiting, lane.tries, lane.since});
+  }
+  return listed;
+}
+
+}  // namespace slamgw

@@ -1,0 +1,156 @@
+// SPDX-License-Identifier: Apache-2.0
+// Topics whose messages the broker does not take for now. They wait without others waiting for
+// them, and their oldest message is tried again after growing pauses; one at a time, so that their
+// order holds. Those that are on disk stay there: only their rows are known here. Pure; part of the
+// outbox.
+//
+//   paused -> wanting (a row is to be loaded) -> loading -> runnable -> waiting (for the answer)
+//
+// Refused, the topic pauses again. Accepted, it goes on at wanting or runnable until nothing of it
+// is left here; then it is held no longer. Two topics may share a slot of TopicCounts, and then are
+// held together.
+#pragma once
+
+#include <deque>
+#include <optional>
+#include <set>
+#include <string>
+#include <unordered_map>
+#include <utility>
+#include <vector>
+
+#include "daemon/delivery/message_store.hpp"
+#include "daemon/delivery/outbox_entry.hpp"
+#include "daemon/delivery/topic_counts.hpp"
+
+namespace slamgw {
+
+/// A held topic, for `status`.
+struct HeldTopic {
+  std::string topic;
+  Refusal refusal;
+  std::size_t waiting = 0;  ///< messages, as far as the backlog was read
+  std::uint32_t tries = 0;
+  TimePoint since{};
+};
+
+class HeldTopics {
+ public:
+  static constexpr std::chrono::seconds first_pause{1};
+  static constexpr std::chrono::seconds longest_pause{60};
+  /// Rows of an accepted topic that are loaded together.
+  static constexpr std::size_t rows_at_once = 32;
+
+  /// `stored`: topics of which messages are on disk, or on their way there or back.
+  explicit HeldTopics(const TopicCounts& stored) : stored_(stored) {}
+
+  bool empty() const { return lanes_.empty(); }
+  std::size_t size() const { return lanes_.size(); }
+  bool has(std::string_view topic) const {
+    return !lanes_.empty() && lanes_.contains(TopicCounts::slot(topic));
+  }
+
+  /// A message of `topic` was refused; `under_way` more of it are not answered yet. True when the
+  /// topic or the reason are new.
+  bool hold(const std::string& topic, const Refusal& refusal, std::size_t under_way, TimePoint now);
+  /// Of a held topic: how often it was refused in a row.
+  std::uint32_t tries(std::string_view topic) const {
+    return lanes_.at(TopicCounts::slot(topic)).tries;
+  }
+
+  /// Of a held topic: a message on disk. Rows may come in any order.
+  void add_row(std::string_view topic, std::uint64_t row);
+  /// Of a held topic: a message of QoS 1 or 2 in memory only. Goes after those on disk, in the
+  /// order of submission.
+  void add(OutboxEntry entry);
+  /// All that are in memory only, to find their places anew.
+  std::deque<OutboxEntry> take_unstored();
+  std::size_t unstored() const;
+  std::size_t unstored_bytes() const { return unstored_bytes_; }
+
+  /// The rows that are to be loaded now, rising; empty when there are none.
+  std::vector<std::uint64_t> rows_to_load(std::size_t most);
+  /// The answer to the last rows_to_load(). Returns the topic of each row that is not in the store
+  /// (any more).
+  std::vector<std::string> on_loaded(StoreLoaded loaded, TimePoint now);
+  void on_load_failed();
+  /// Another store: rows mean nothing any more. Returns what was loaded from the former one.
+  std::deque<OutboxEntry> on_store_opened(TimePoint now);
+
+  /// Counts all that are on disk, in `counts`.
+  void count_stored(TopicCounts& counts) const;
+
+  /// What is to be tried next; null while there is nothing.
+  const OutboxEntry* next(TimePoint now);
+  /// Only while next() is not null.
+  OutboxEntry take_next();
+
+  /// `neither`: it says nothing about the topic (QoS 0, or this message alone can't be taken);
+  /// after `refused` comes hold().
+  enum class Answer : std::uint8_t { accepted, refused, neither };
+  /// A message was handed to the broker, and was answered; wherever it came from. Of topics that
+  /// are not held nothing happens. True when it is the first that was accepted.
+  void on_published(std::string_view topic);
+  bool on_answered(std::string_view topic, Answer answer);
+  /// What was in memory only of topics that are held no longer.
+  std::deque<OutboxEntry> take_released() { return std::exchange(released_, {}); }
+
+  void on_link_down();
+  /// Pauses go on: Debian 12's Mosquitto closes the connection after each PUBACK that refuses, and
+  /// would close the new one too.
+  void on_link_up(TimePoint now);
+
+  std::optional<TimePoint> deadline() const {
+    return pauses_.empty() ? std::nullopt : std::optional(pauses_.begin()->first);
+  }
+  void on_deadline(TimePoint now);
+
+  /// At most `most` of them.
+  std::vector<HeldTopic> list(std::size_t most) const;
+
+ private:
+  using Slot = std::size_t;  // TopicCounts::slot
+  enum class Phase : std::uint8_t {
+    paused,    ///< in pauses_
+    wanting,   ///< in wanting_: its first row is to be loaded
+    loading,   ///< in loading_: that was asked for
+    runnable,  ///< in runnable_: its first message is in memory
+    waiting,   ///< for answers to what is under way
+  };
+  struct Lane {
+    std::string topic;
+    Refusal refusal;
+    std::uint32_t tries = 0;
+    TimePoint since{};
+    Duration pause{};
+    Phase phase = Phase::waiting;
+    TimePoint due{};           ///< while paused
+    bool is_accepted = false;  ///< the broker has taken a message since
+    std::size_t under_way = 0;
+    std::deque<std::uint64_t> rows;    ///< on disk, rising
+    std::deque<OutboxEntry> loaded;    ///< from there
+    std::deque<OutboxEntry> unstored;  ///< in memory only
+  };
+
+  Lane* find(std::string_view topic);
+  void pause(Slot slot, Lane& lane, TimePoint due);
+  void end_pause(Slot slot, Lane& lane);
+  void advance(Slot slot);
+  void unload(Lane& lane);
+  void end_loading();
+  bool is_done(const Lane& lane) const;
+
+  const TopicCounts& stored_;
+  std::unordered_map<Slot, Lane> lanes_;
+  std::set<std::pair<TimePoint, Slot>> pauses_;
+  // A lane that has left the phase is passed over.
+  std::deque<Slot> wanting_;
+  std::deque<Slot> runnable_;
+  std::vector<std::uint64_t> loading_;  // rows, rising
+  std::vector<Slot> loading_lanes_;
+  std::size_t loaded_ = 0;  // in all lanes
+  std::size_t unstored_bytes_ = 0;
+  std::deque<OutboxEntry> released_;
+};
+
+}  // namespace slamgw

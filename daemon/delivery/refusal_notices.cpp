@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/delivery/refusal_notices.hpp"
+
+#include <fmt/format.h>
+
+#include <utility>
+
+namespace slamgw {
+namespace {
+
+std::string words_of(const Refusal& refusal) {
+  return refusal.code == 0 ? refusal.why : fmt::format("{} (0x{:02x})", refusal.why, refusal.code);
+}
+
+std::string advice_for(const Refusal& refusal) {
+  constexpr int not_authorised = 0x87;
+  return refusal.code == not_authorised ? "; check the broker's access control list" : "";
+}
+
+}  // namespace
+
+std::optional<Notice> RefusalNotices::within_budget(Severity severity, std::string text,
+                                                    TimePoint now) {
+  if (lines_ == 0 || now - begin_ >= interval) {
+    begin_ = now;
+    lines_ = 0;
+  }
+  if (lines_ == most_lines) {
+    ++left_out_;
+    return std::nullopt;
+  }
+  ++lines_;
+  if (const std::size_t more = std::exchange(left_out_, 0); more > 0)
+    text += fmt::format(" ({} more lines like this were left out)", more);
+  return Notice{severity, std::move(text), {}};
+}
+
+std::optional<Notice> RefusalNotices::on_held(const std::string& topic, const Refusal& refusal,
+                                              TimePoint now) {
+  return within_budget(
+      Severity::warning,
+      fmt::format("the broker does not take messages on {}: {}; they are kept and tried again{}",
+                  topic, words_of(refusal), advice_for(refusal)),
+      now);
+}
+
+std::optional<Notice> RefusalNotices::on_accepted(const std::string& topic, TimePoint now) {
+  return within_budget(Severity::notice,
+                       fmt::format("the broker takes messages on {} again", topic), now);
+}
+
+std::optional<Notice> RefusalNotices::on_set_aside(const BrokerMessage& message,
+                                                   const Refusal& refusal, TimePoint now) {
+  return within_budget(
+      Severity::error,
+      fmt::format("a message of {} octets on {} was set aside: {}; `slam-gatewayctl store list` "
+                  "shows it, `store resend` sends it again",
+                  message.payload.size(), message.topic, words_of(refusal)),
+      now);
+}
+
+std::optional<Notice> RefusalNotices::on_dropped(const BrokerMessage& message,
+                                                 const Refusal& refusal, TimePoint now) {
+  return within_budget(
+      Severity::error,
+      fmt::format("a message of {} octets on {} was not delivered: {}; it was not acknowledged",
+                  message.payload.size(), message.topic, words_of(refusal)),
+      now);
+}
+
+}  // namespace slamgw

@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: Apache-2.0
+// Outbox and store over Paho to a real Mosquitto that is killed, or refuses.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <string>
+#include <vector>
+
+#include "tests/mqtt/delivery_rig.hpp"
+#include "tests/support/mosquitto.hpp"
+
+namespace slamgw {
+namespace {
+
+using test::Mosquitto;
+using test::Subscriber;
+
+std::vector<std::string> numbers(std::uint64_t first, std::uint64_t count) {
+  std::vector<std::string> out;
+  for (std::uint64_t i = 0; i < count; ++i) out.push_back(std::to_string(first + i));
+  return out;
+}
+
+/// As they came first: what was in flight when a connection broke comes again.
+std::vector<std::string> without_repeats(const std::vector<std::string>& lines) {
+  std::vector<std::string> once;
+  for (const std::string& line : lines) {
+    if (std::find(once.begin(), once.end(), line) == once.end()) once.push_back(line);
+  }
+  return once;
+}
+
+using BrokerDelivery = WithEitherVersion;
+INSTANTIATE_TEST_SUITE_P(Over, BrokerDelivery, either_version, name_of_version);
+
+TEST_P(BrokerDelivery, LosesNothingThatWasInFlightWhenTheBrokerIsKilled) {
+  BrokerOfVersion broker(GetParam());
+  DeliveryRig gateway(broker.link_port());
+  ASSERT_TRUE(gateway.sees([&] { return gateway.is_up; }));
+  std::vector<std::string> received;
+  std::uint64_t number = 0;
+  for (int round = 0; round < 3; ++round) {
+    const Subscriber subscriber(broker, "t", "%p");
+    broker.pause();  // what is published now is in flight when it dies
+    for (int i = 0; i < 100; ++i) gateway.submit("t", ++number);
+    broker.kill();
+    ASSERT_TRUE(gateway.sees([&] { return !gateway.is_up; })) << round;
+    for (int i = 0; i < 100; ++i) gateway.submit("t", ++number);
+    ASSERT_TRUE(gateway.sees([&] { return gateway.fired.size() == number; })) << "on disk";
+    broker.start();
+    const Subscriber again(broker, "t", "%p");
+    ASSERT_TRUE(gateway.sees([&] { return gateway.outbox.depth() == 0; }));
+    ASSERT_TRUE(gateway.sees([&] { return again.lines().size() >= 200; }));
+    for (const std::string& line : again.lines()) received.push_back(line);
+  }
+  EXPECT_EQ(without_repeats(received), numbers(1, number));
+  EXPECT_EQ(gateway.outbox.statistics().refused, 0u);
+  for (const std::string& reason : gateway.reasons)
+    EXPECT_EQ(reason.find("0xff"), std::string::npos) << reason;
+}
+
+/// Debian 12's Mosquitto closes the connection after each PUBACK that refuses.
+TEST(BrokerRefusal, MessagesWaitUntilTheAccessControlListIsCorrected) {
+  test::TempDir directory;
+  const std::string access = directory / "access";
+  test::write_file(access, "topic readwrite r/1/#\ntopic read r/2/#\ntopic readwrite gw/#\n");
+  Mosquitto broker("acl_file " + access);
+  const Subscriber subscriber(broker, "r/#", "%t %p");
+  DeliveryRig gateway(broker.port());
+  ASSERT_TRUE(gateway.sees([&] { return gateway.is_up; }));
+  for (std::uint64_t i = 1; i <= 200; ++i) {
+    gateway.submit("r/1/update", i);
+    gateway.submit("r/2/update", 1000 + i, i % 2 ? Qos::at_least_once : Qos::exactly_once);
+  }
+  ASSERT_TRUE(gateway.sees([&] { return gateway.fired.size() == 400; })) << "safe on disk";
+  for (const auto& [receipt, outcome] : gateway.fired) EXPECT_EQ(outcome, ReceiptOutcome::safe);
+  ASSERT_TRUE(gateway.sees([&] { return without_repeats(subscriber.lines()).size() == 200; }));
+  EXPECT_TRUE(gateway.logs("does not take messages on r/2/update: not authorised (0x87)"));
+  ASSERT_EQ(gateway.outbox.held_topics().size(), 1u);
+  ASSERT_TRUE(gateway.sees([&] { return gateway.outbox.held_topics().list(1)[0].tries >= 2; }));
+
+  test::write_file(access, "topic readwrite #\n");
+  broker.reload();
+  ASSERT_TRUE(gateway.sees([&] { return gateway.outbox.depth() == 0; }));
+  ASSERT_TRUE(gateway.sees([&] { return without_repeats(subscriber.lines()).size() == 400; }));
+  std::vector<std::string> expected = numbers(1001, 200);
+  for (std::string& line : expected) line = "r/2/update " + line;
+  std::vector<std::string> refused = without_repeats(subscriber.lines());
+  std::erase_if(refused, [](const std::string& line) { return line.starts_with("r/1/"); });
+  EXPECT_EQ(refused, expected);
+  EXPECT_TRUE(gateway.logs("takes messages on r/2/update again"));
+}
+
+}  // namespace
+}  // namespace slamgw

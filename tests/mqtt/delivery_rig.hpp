@@ -1,0 +1,114 @@
+// SPDX-License-Identifier: Apache-2.0
+// Robots' messages on their way through the outbox and Paho to a broker, with a store on disk, as
+// the daemon wires them; for tests with real brokers and with such as misbehave.
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <map>
+#include <string>
+#include <vector>
+
+#include "daemon/delivery/outbox.hpp"
+#include "daemon/mqtt/paho_upstream.hpp"
+#include "daemon/runtime/machine_driver.hpp"
+#include "daemon/storage/sqlite_store.hpp"
+#include "tests/mqtt/broker_link.hpp"
+#include "tests/support/eventually.hpp"
+#include "tests/support/temp_dir.hpp"
+
+namespace slamgw {
+
+class DeliveryRig : private UpstreamListener {
+ public:
+  static constexpr std::size_t window = 16;
+
+  explicit DeliveryRig(std::uint16_t port)
+      : outbox(window, store_settings().max_bytes),
+        driver_(io, outbox,
+                [this](OutboxAction& action) {
+                  std::visit([this](auto& what) { perform(what); }, action);
+                }),
+        store_(io, store_settings(),
+               [this](StoreEvent event) {
+                 driver_.input([&](Outbox& machine, TimePoint now) {
+                   machine.on_store_event(std::move(event), now);
+                 });
+               }),
+        upstream_(io, settings_for(port), LastWill{"gw/state", "offline"}, *this) {
+    store_.start();
+    upstream_.start();
+  }
+  ~DeliveryRig() override {
+    driver_.stop();
+    upstream_.stop();
+    store_.stop();
+  }
+
+  /// The payload is a number, which is also that of its receipt.
+  void submit(const std::string& topic, std::uint64_t number, Qos qos = Qos::at_least_once) {
+    submit_bytes(topic, to_bytes(std::to_string(number)), number, qos);
+  }
+  void submit_bytes(const std::string& topic, Bytes payload, std::uint64_t receipt,
+                    Qos qos = Qos::at_least_once) {
+    driver_.input([&](Outbox& machine, TimePoint now) {
+      machine.submit({topic, std::move(payload), qos, false},
+                     {Mesh::thread, qos == Qos::at_most_once ? 0 : receipt}, now);
+    });
+  }
+  bool sees(const std::function<bool()>& condition) { return test::eventually(io, condition); }
+  bool logs(std::string_view words) const {
+    for (const std::string& notice : notices) {
+      if (notice.find(words) != std::string::npos) return true;
+    }
+    return false;
+  }
+
+  test::TempDir directory;
+  boost::asio::io_context io;
+  Outbox outbox;
+  bool is_up = false;
+  std::size_t ups = 0;
+  std::vector<std::string> reasons;  ///< why the link went down
+  std::map<std::uint64_t, ReceiptOutcome> fired;
+  std::vector<std::string> notices;
+
+ private:
+  StoreSettings store_settings() const { return {directory.path(), 1u << 28}; }
+
+  void perform(PublishAtBroker& publish) {
+    upstream_.publish(publish.sequence, std::move(publish.message));
+  }
+  void perform(FireReceipt& fire) { fired[fire.receipt.id] = fire.outcome; }
+  void perform(WriteToStore& write) { store_.ask(std::move(write)); }
+  void perform(LoadFromStore& load) { store_.ask(std::move(load)); }
+  void perform(Notice& notice) { notices.push_back(notice.text); }
+
+  void on_link_up(bool, std::uint16_t receive_maximum) override {
+    is_up = true;
+    ++ups;
+    driver_.input(
+        [&](Outbox& machine, TimePoint now) { machine.on_link_up(receive_maximum, now); });
+  }
+  void on_link_down(const std::string& why) override {
+    is_up = false;
+    reasons.push_back(why);
+    driver_.input([](Outbox& machine, TimePoint now) { machine.on_link_down(now); });
+  }
+  void on_published(std::uint64_t sequence) override {
+    driver_.input([&](Outbox& machine, TimePoint now) { machine.on_published(sequence, now); });
+  }
+  void on_publish_refused(std::uint64_t sequence, const Refusal& refusal) override {
+    driver_.input([&](Outbox& machine, TimePoint now) {
+      machine.on_publish_refused(sequence, refusal, now);
+    });
+  }
+  void on_subscribe_result(const std::string&, bool) override {}
+  void on_message(BrokerMessage, std::vector<std::uint32_t>) override {}
+
+  MachineDriver<Outbox> driver_;
+  SqliteStore store_;
+  PahoUpstream upstream_;
+};
+
+}  // namespace slamgw
