@@ -56,6 +56,11 @@ void add_commands(CLI::App& app, Arguments& a) {
     a.order.answer = Answer::robots;
     a.order.request["command"] = "robots";
   });
+  app.add_subcommand("reload", "Read the configuration again; tells what only a restart changes")
+      ->callback([&a] {
+        a.order.answer = Answer::done;
+        a.order.request["command"] = "reload";
+      });
   CLI::App* watch = app.add_subcommand("watch", "Robot traffic as it flows, until Ctrl-C");
   watch->add_option("--robot", a.robot, "Only this robot");
   watch->add_option("--type", a.type, "Only messages of this type");

@@ -44,6 +44,11 @@ std::string Show::done(const json& done) const {
            "they were restarted\n";
   if (done.contains("discarded"))
     return fmt::format("{} dead letters were discarded\n", count_at(done, "discarded"));
+  if (done.contains("in_force")) {
+    const std::string restart = text_at(done, "needs_restart");
+    return "in force: " + text_at(done, "in_force") + "\n" +
+           (restart.empty() ? "" : "only a restart changes: " + restart + "\n");
+  }
   return "done\n";
 }
 

@@ -50,7 +50,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   void start_meshes();
   void start_control();
   void wait_for_signal();
-  void reload();
+  OrderAnswer reload() override;
   void reload_robots(const Config& wanted);
   void stop();
   void stop_when_flushed(TimePoint give_up_at);

@@ -30,12 +30,15 @@ std::string needs_restart(const Config& now, const Config& wanted) {
 
 }  // namespace
 
-void App::reload() {
+OrderAnswer App::reload() {
   ParseResult result = load_config(config_file_);
   for (const Problem& problem : result.problems) log_event(Severity::error, to_string(problem));
   if (!result.problems.empty()) {
-    log_event(Severity::error, "the configuration was not changed: mend the file and reload again");
-    return;
+    const std::string refusal = "the configuration was not changed: fix the file, then reload";
+    log_event(Severity::error, refusal);
+    std::string error;
+    for (const Problem& problem : result.problems) error += to_string(problem) + "\n";
+    return {{}, error + refusal};
   }
   Config& wanted = result.config;
   const std::string restart = needs_restart(config_, wanted);
@@ -52,6 +55,9 @@ void App::reload() {
             "configuration read again: log, broker, topics and robots are in force");
   if (!restart.empty())
     log_event(Severity::warning, fmt::format("only a restart changes: {}", restart));
+  nlohmann::ordered_json told{{"in_force", "log, broker, topics, robots"}};
+  if (!restart.empty()) told["needs_restart"] = restart;
+  return {told.dump(), {}};
 }
 
 void App::reload_robots(const Config& wanted) {

@@ -28,6 +28,9 @@ class ControlHandler {
   virtual void manage_ble(MeshOrder order, OrderDone done) = 0;
   /// What an operator orders about dead letters. The same.
   virtual void manage_store(StoreOrder order, OrderDone done) = 0;
+  /// Reads the configuration again. What is in force now and what only a restart changes, or the
+  /// problems, a line each; then nothing has changed.
+  virtual OrderAnswer reload() = 0;
 };
 
 }  // namespace slamgw

@@ -87,6 +87,10 @@ void ControlSession::perform(const control::RobotsRequest&) {
   answer(control::result_line(handler_.robots()));
 }
 
+void ControlSession::perform(const control::ReloadRequest&) {
+  answer(control::order_line(handler_.reload()));
+}
+
 void ControlSession::perform(const control::WatchRequest& request) {
   answer(control::result_line("watching"));
   watch_ = request;

@@ -56,6 +56,7 @@ class ControlSession : public std::enable_shared_from_this<ControlSession> {
   void handle(const std::string& line);
   void perform(const control::StatusRequest& request);
   void perform(const control::RobotsRequest& request);
+  void perform(const control::ReloadRequest& request);
   void perform(const control::WatchRequest& request);
   void perform(control::SendRequest& request);
   void perform(MeshOrder& order);

@@ -119,6 +119,7 @@ Result<Request, std::string> parse_request(std::string_view line) {
   if (!command) return std::string("a request is a line like {\"command\": \"status\"}");
   if (*command == "status") return Request(StatusRequest{});
   if (*command == "robots") return Request(RobotsRequest{});
+  if (*command == "reload") return Request(ReloadRequest{});
   if (*command == "send") return parse_send(request);
   if (*command == "watch")
     return Request(WatchRequest{text_of(request, "robot"), text_of(request, "type")});

@@ -2,7 +2,7 @@
 // The control socket's language: a line of JSON each way. Pure; spoken by ControlServer and
 // slam-gatewayctl.
 //
-//   request   {"command": "status" | "robots"}
+//   request   {"command": "status" | "robots" | "reload"}
 //             {"command": "watch", "robot": optional, "type": optional}
 //             {"command": "send", "robot": "...", "type": "...", "payload_hex": "..."}
 //             {"command": "ble scan" | "ble nodes" | "ble reset-board"}
@@ -33,6 +33,7 @@ namespace slamgw::control {
 
 struct StatusRequest {};
 struct RobotsRequest {};
+struct ReloadRequest {};
 /// Nothing: any robot, any type.
 struct WatchRequest {
   std::optional<std::string> robot;
@@ -43,8 +44,8 @@ struct SendRequest {
   std::string type;
   Bytes payload;
 };
-using Request =
-    std::variant<StatusRequest, RobotsRequest, WatchRequest, SendRequest, MeshOrder, StoreOrder>;
+using Request = std::variant<StatusRequest, RobotsRequest, ReloadRequest, WatchRequest, SendRequest,
+                             MeshOrder, StoreOrder>;
 
 /// A request, or what is wrong with it in words.
 Result<Request, std::string> parse_request(std::string_view line);

@@ -33,6 +33,7 @@ class FakeHandler : public ControlHandler {
     MeshOrder order;
     OrderDone done;
   };
+  OrderAnswer reload_answer{R"({"in_force": "log"})", {}};
   std::vector<Sent> sent;
   std::vector<Ordered> orders;
   struct StoreOrdered {
@@ -53,6 +54,7 @@ class FakeHandler : public ControlHandler {
     orders.push_back({std::move(order), done});
     if (order_answer) done(*order_answer);
   }
+  OrderAnswer reload() override { return reload_answer; }
   void manage_store(StoreOrder order, OrderDone done) override {
     store_orders.push_back({std::move(order), done});
     if (store_answers.empty()) return;

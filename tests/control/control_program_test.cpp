@@ -267,5 +267,17 @@ TEST_F(ControlProgramIo, IsNotFooledByAnotherProgramsSocket) {
   EXPECT_NE(result.err.find("does not answer like slam-gatewayd"), std::string::npos) << result.err;
 }
 
+TEST_F(ControlProgramIo, ReloadSaysWhatOnlyARestartChanges) {
+  start();
+  handler.reload_answer = {R"({"in_force": "log, robots", "needs_restart": "store.*"})", {}};
+  Ended result = run({"reload"});
+  EXPECT_EQ(result.status, 0) << result.err;
+  EXPECT_EQ(result.out, "in force: log, robots\nonly a restart changes: store.*\n");
+  handler.reload_answer = {{}, "g.json:2: log.level: \"loud\" is not allowed"};
+  result = run({"reload"});
+  EXPECT_EQ(result.status, 1);
+  EXPECT_NE(result.err.find("g.json:2: log.level"), std::string::npos);
+}
+
 }  // namespace
 }  // namespace slamgw::test
