@@ -33,7 +33,8 @@ void GatewayProcess::start(const std::vector<std::string>& launcher) {
   process_.reset();
   std::vector<std::string> arguments = launcher;
   arguments.insert(arguments.end(), {SLAMGW_DAEMON, "--config", directory_ / "gateway.json"});
-  process_ = std::make_unique<ChildProcess>(arguments, directory_ / "out", directory_ / "log");
+  process_ =
+      std::make_unique<ChildProcess>(arguments, directory_ / "out", directory_ / "log", true);
 }
 
 void GatewayProcess::configure(const std::function<void(nlohmann::json&)>& change) {

@@ -27,7 +27,9 @@ json configuration(const Mosquitto& broker) {
            {"ble_mesh", {{"enabled", true}}},
            {"robots", json::array()}};
   for (int n = 1; n <= robots; ++n) {
-    out["robots"].push_back({{"id", "robot" + std::to_string(n)}, {"ble_address", 0x0100 + n - 1}});
+    const std::string id = "robot" + std::to_string(n);
+    out["robots"].push_back(
+        {{"id", id}, {"ble_address", 0x0100 + n - 1}, {"mqttsn_client_id", id}});
   }
   return out;
 }

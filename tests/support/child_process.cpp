@@ -24,7 +24,7 @@ void redirect(int descriptor, const std::string& path) {
 }  // namespace
 
 ChildProcess::ChildProcess(const std::vector<std::string>& arguments, const std::string& out,
-                           const std::string& err) {
+                           const std::string& err, bool inherits_descriptors) {
   std::vector<char*> argv;
   for (const std::string& argument : arguments) argv.push_back(const_cast<char*>(argument.c_str()));
   argv.push_back(nullptr);
@@ -34,8 +34,7 @@ ChildProcess::ChildProcess(const std::vector<std::string>& arguments, const std:
   prctl(PR_SET_PDEATHSIG, SIGKILL);  // a crashed test leaves nothing behind
   redirect(STDOUT_FILENO, out);
   redirect(STDERR_FILENO, err);
-  // A socket that outlives its owner here would keep the owner's connection open.
-  close_range(STDERR_FILENO + 1, ~0u, CLOSE_RANGE_CLOEXEC);
+  if (!inherits_descriptors) close_range(STDERR_FILENO + 1, ~0u, CLOSE_RANGE_CLOEXEC);
   execvp(argv[0], argv.data());
   _exit(127);
 }

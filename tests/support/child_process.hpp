@@ -14,8 +14,10 @@ class ChildProcess {
  public:
   /// Starts `arguments[0]` (searched in PATH); standard output and error go to these files, or
   /// nowhere when empty.
+  /// It gets no other descriptor: a socket that outlives its owner there would keep the owner's
+  /// connection open. `inherits_descriptors`: it gets those that are to outlive an exec.
   explicit ChildProcess(const std::vector<std::string>& arguments, const std::string& out = {},
-                        const std::string& err = {});
+                        const std::string& err = {}, bool inherits_descriptors = false);
   ~ChildProcess();
   ChildProcess(const ChildProcess&) = delete;
   ChildProcess& operator=(const ChildProcess&) = delete;
