@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-// The link's life; what goes over it is in board_link_traffic.cpp.
 #include "adapters/ble_mesh_usb_cdc/nordic/board_link.hpp"
 
 #include <fmt/format.h>
@@ -8,8 +7,12 @@
 #include <utility>
 
 namespace slamgw::ble {
+
 BoardLink::BoardLink(LinkSettings settings, std::optional<MeshKeys> keys, std::uint64_t seed)
-    : settings_(std::move(settings)), keys_(keys), resync_(seed) {}
+    : settings_(std::move(settings)),
+      keys_(keys),
+      resync_(seed),
+      traffic_(settings_.board.address, settings_.ttl) {}
 
 void BoardLink::on_port_open(TimePoint now) { begin_resync(now); }
 
@@ -30,7 +33,7 @@ void BoardLink::change_keys(const MeshKeys& keys, TimePoint now) {
 
 void BoardLink::begin_resync(TimePoint now) {
   stage_ = Stage::resyncing;
-  is_command_repeated_ = is_command_repeated_ || (in_flight_ && in_flight_->is_command);
+  traffic_.on_answer_lost();
   in_flight_.reset();
   decoder_.reset();
   ++counters_.resyncs;
@@ -47,7 +50,7 @@ void BoardLink::begin_start_up(TimePoint now) {
 void BoardLink::continue_start_up(TimePoint now) {
   for (Notice& notice : start_up_->take_notices()) say_once(notice.severity, notice.text);
   switch (start_up_->state()) {
-    case StartUp::State::commanding: issue(start_up_->command(), 0, now); break;
+    case StartUp::State::commanding: issue(start_up_->command(), Issuer::start_up, now); break;
     case StartUp::State::needs_keys:
       stage_ = Stage::awaiting_keys;
       actions_.push(GenerateKeys{});
@@ -65,10 +68,9 @@ void BoardLink::continue_start_up(TimePoint now) {
 
 void BoardLink::on_started(TimePoint now) {
   stage_ = Stage::running;
-  addresses_ = start_up_->take_addresses();
-  version_ = start_up_->version();
+  traffic_.on_started(
+      {start_up_->version(), start_up_->appkey_handle(), start_up_->take_addresses()});
   subnet_handle_ = start_up_->subnet_handle();
-  appkey_handle_ = start_up_->appkey_handle();
   if (start_up_->dropped_events()) on_drop_counter(*start_up_->dropped_events(), now);
   poll_at_ = now + poll_interval;
   reopen_delay_ = first_reopen_delay;
@@ -93,6 +95,178 @@ void BoardLink::on_keys_failed(const std::string& why, TimePoint now) {
   retry_at_ = now + refusal_interval;
   go_down(why);
   say_once(Severity::error, why);
+}
+
+// --- What the board says -------------------------------------------------------------------------
+
+void BoardLink::on_bytes(ByteView bytes, TimePoint now) {
+  if (stage_ == Stage::closed) return;
+  if (stage_ == Stage::resyncing) {
+    bytes = resync_.on_bytes(bytes, now);
+    if (resync_.state() != Resync::State::in_step) return;
+    begin_start_up(now);
+  }
+  for (const Bytes& frame : decoder_.on_bytes(bytes, now)) {
+    if (stage_ == Stage::resyncing || stage_ == Stage::closed) return;
+    on_frame(frame, now);
+  }
+  if (decoder_.has_lost_step()) begin_resync(now);
+}
+
+void BoardLink::on_frame(const Bytes& frame, TimePoint now) {
+  Result<Event, DecodeError> event = decode_event(frame);
+  if (!event.has_value()) {
+    ++counters_.malformed_events;
+    if (const auto count = malformed_burst_.on_event(now))
+      actions_.push(Notice{Severity::warning,
+                           fmt::format("the serial board sent {} malformed event(s)", *count),
+                           {}});
+    return;
+  }
+  std::visit(overloaded{
+                 [&](DeviceStarted& started) { on_event(started, now); },
+                 [&](CommandResponse& response) { on_event(response, now); },
+                 [](EchoResponse&) {},  // a late one, of an earlier attempt to get in step
+                 [&](MessageReceived& message) {
+                   if (is_up_) actions_.push(std::move(message));
+                 },
+                 [&](TxComplete&) { ++counters_.tx_complete; },
+                 [&](IvUpdate& update) { actions_.push(update); },
+                 [&](Heartbeat& heartbeat) {
+                   if (is_up_) actions_.push(heartbeat);
+                 },
+                 [&](ProvisioningEvent& provisioning) {
+                   if (is_up_) actions_.push(provisioning);
+                 },
+                 [&](OtherEvent&) { ++counters_.other_events; },
+             },
+             *event);
+}
+
+void BoardLink::on_event(DeviceStarted& event, TimePoint now) {
+  // Everything the board held in RAM is void, and its answer to what was in flight with it.
+  ++counters_.restarts;
+  if (is_up_)
+    go_down(event.hardware_error == 0 ? "the serial board restarted"
+                                      : "the serial board restarted after its processor locked up");
+  dropped_events_ = 0;
+  begin_start_up(now);
+}
+
+void BoardLink::on_event(CommandResponse& response, TimePoint now) {
+  if (response.opcode == 0 && response.status == Status::invalid_length)
+    return begin_resync(now);  // the board lost step in what we wrote
+  if (!in_flight_ || response.opcode != in_flight_->opcode) {
+    ++counters_.other_events;
+    return;
+  }
+  const Issuer issuer = std::exchange(in_flight_, std::nullopt)->issuer;
+  if (stage_ == Stage::starting) {
+    start_up_->on_response(response);
+    continue_start_up(now);
+  } else {
+    consecutive_timeouts_ = 0;
+    on_response(response, issuer, now);
+    send_next(now);
+  }
+}
+
+void BoardLink::on_response(const CommandResponse& response, Issuer issuer, TimePoint now) {
+  switch (issuer) {
+    case Issuer::start_up: break;  // handled while starting
+    case Issuer::poll: return on_polled(response, now);
+    case Issuer::clear: return on_board_cleared(response.status, now);
+    case Issuer::traffic:
+      traffic_.on_response(response);
+      take_traffic_actions();
+      break;
+  }
+}
+
+void BoardLink::on_board_cleared(Status status, TimePoint now) {
+  is_clear_wanted_ = false;
+  actions_.push(BoardCleared{status});
+  if (status != Status::success) return;
+  go_down("the serial board was cleared");
+  begin_start_up(now);
+}
+
+void BoardLink::on_polled(const CommandResponse& response, TimePoint now) {
+  ByteReader data(response.data);
+  const std::uint32_t total = data.read_u32_le();
+  if (response.status == Status::success && data.ok()) on_drop_counter(total, now);
+}
+
+void BoardLink::on_drop_counter(std::uint32_t total, TimePoint now) {
+  const std::uint32_t before = std::exchange(dropped_events_, total).value_or(total);
+  if (total <= before) return;  // the first reading, no change, or the board restarted unseen
+  counters_.board_drops += total - before;
+  if (drop_burst_.on_event(now))
+    actions_.push(Notice{Severity::warning,
+                         fmt::format("the serial board dropped {} event(s) since it was last "
+                                     "asked: the serial line is too slow for this mesh",
+                                     total - before),
+                         {}});
+}
+
+// --- What is to be sent --------------------------------------------------------------------------
+
+bool BoardLink::send(Outgoing message, TimePoint now) {
+  if (!is_up_ || !traffic_.send(std::move(message))) return false;
+  take_traffic_actions();
+  send_next(now);
+  return true;
+}
+
+bool BoardLink::command(Bytes frame, TimePoint now) {
+  if (!is_up_ || !traffic_.command(std::move(frame))) return false;
+  send_next(now);
+  return true;
+}
+
+bool BoardLink::clear_board(TimePoint now) {
+  if (stage_ != Stage::running && stage_ != Stage::refused) return false;
+  is_clear_wanted_ = true;
+  if (stage_ == Stage::running) {
+    send_next(now);
+  } else {
+    issue_clear(now);
+  }
+  return true;
+}
+
+bool BoardLink::issue_clear(TimePoint now) {
+  if (!is_clear_wanted_ || in_flight_) return false;
+  issue(encode_command(CommandOpcode::state_clear), Issuer::clear, now);
+  return true;
+}
+
+/// One command in flight.
+void BoardLink::send_next(TimePoint now) {
+  if (stage_ != Stage::running || in_flight_) return;
+  if (now >= poll_at_) {
+    poll_at_ = now + poll_interval;
+    return issue(encode_command(CommandOpcode::housekeeping_get), Issuer::poll, now);
+  }
+  if (issue_clear(now)) return;
+  if (auto frame = traffic_.next()) issue(std::move(*frame), Issuer::traffic, now);
+}
+
+void BoardLink::issue(Bytes command, Issuer issuer, TimePoint now) {
+  in_flight_ = InFlight{command[1], now + command_time_limit, issuer};
+  actions_.push(WriteSerial{std::move(command)});
+}
+
+void BoardLink::take_traffic_actions() {
+  while (auto action = traffic_.next_action())
+    std::visit([this](auto& which) { actions_.push(std::move(which)); }, *action);
+}
+
+LinkCounters BoardLink::counters() const {
+  LinkCounters counters = counters_;
+  counters.sent = traffic_.sent();
+  counters.send_refused = traffic_.refused();
+  return counters;
 }
 
 // --- Time ----------------------------------------------------------------------------------------
@@ -154,9 +328,7 @@ void BoardLink::on_silence() {
 }
 
 void BoardLink::go_down(const std::string& why) {
-  urgent_.clear();
-  normal_.clear();
-  command_.reset();
+  traffic_.on_link_down();
   if (stage_ == Stage::closed) is_clear_wanted_ = false;
   const bool was_up = std::exchange(is_up_, false);
   if (was_up) said_.clear();

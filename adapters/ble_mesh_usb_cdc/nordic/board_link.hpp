@@ -1,17 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 // The link to one serial board: gets in step with it, starts it up, keeps one command in flight and
 // starts again from the beginning whenever something is lost. Not the mesh: what robots say passes
-// through unread. Called by BleMesh, which drains its actions.
+// through unread, and what they are sent is BoardTraffic's. Called by BleMesh, which drains its
+// actions.
 #pragma once
 
 #include <cstdint>
-#include <deque>
 #include <optional>
 #include <set>
 #include <string>
 #include <variant>
 
 #include "adapters/ble_mesh_usb_cdc/mesh_machine.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/board_traffic.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/frame.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/resync.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/start_up.hpp"
@@ -27,19 +28,6 @@ struct LinkIsUp {
 struct LinkIsDown {
   std::string why;
 };
-/// The board did not send to `destination`; the mesh above repeats by its own rules.
-struct SendRefused {
-  std::uint16_t destination = 0;
-  std::string why;
-};
-
-/// How the command that was given to `BoardLink::command` ended.
-struct CommandEnded {
-  std::uint8_t opcode = 0;
-  Status status = Status::success;
-  Bytes data;              ///< empty unless `status` is success
-  bool is_repeat = false;  ///< its first answer was lost: the board may have done it then
-};
 /// How `BoardLink::clear_board` ended.
 struct BoardCleared {
   Status status = Status::success;
@@ -48,14 +36,6 @@ struct BoardCleared {
 using LinkAction = std::variant<WriteSerial, ReopenPort, GenerateKeys, LinkIsUp, LinkIsDown,
                                 SendRefused, MessageReceived, Heartbeat, IvUpdate,
                                 ProvisioningEvent, CommandEnded, BoardCleared, Notice>;
-
-/// One access message to send. Urgent ones (acknowledgements) overtake the others.
-struct Outgoing {
-  std::uint16_t destination = 0;  ///< unicast
-  std::optional<std::uint16_t> appkey_handle;
-  Bytes payload;
-  bool is_urgent = false;
-};
 
 struct LinkSettings {
   BoardSettings board;
@@ -83,9 +63,6 @@ class BoardLink {
   static constexpr Duration max_reopen_delay = std::chrono::seconds{5};
   /// How often a board that must not be used is looked at again.
   static constexpr Duration refusal_interval = std::chrono::seconds{30};
-  /// Messages waiting for the board: 32 take about a second at 115200 baud.
-  static constexpr std::size_t max_queued = 32;
-
   /// Different notices about one attempt after the other; more are not said until it was up again.
   static constexpr std::size_t max_said = 16;
 
@@ -104,7 +81,9 @@ class BoardLink {
   /// SendRefused.
   bool send(Outgoing message, TimePoint now);
   /// Takes an urgent message back if it still waits.
-  void withdraw(std::uint16_t destination, const Bytes& payload);
+  void withdraw(std::uint16_t destination, const Bytes& payload) {
+    traffic_.withdraw(destination, payload);
+  }
   /// One complete command, ended by CommandEnded; nothing comes when the link goes down. False when
   /// it was not taken: the link is down or an earlier one is still under way. When its answer is
   /// lost it is sent again.
@@ -119,16 +98,17 @@ class BoardLink {
   std::optional<TimePoint> deadline() const;
   void on_deadline(TimePoint now);
   std::optional<LinkAction> next_action() { return actions_.pop(); }
-  const LinkCounters& counters() const { return counters_; }
+  LinkCounters counters() const;
 
  private:
   enum class Stage : std::uint8_t { closed, resyncing, starting, awaiting_keys, running, refused };
+  /// Whose command is in flight.
+  enum class Issuer : std::uint8_t { start_up, poll, clear, traffic };
 
   struct InFlight {
     std::uint8_t opcode = 0;
     TimePoint deadline{};
-    std::uint16_t destination = 0;  ///< of the message it is for, if any
-    bool is_command = false;        ///< `command_`
+    Issuer issuer = Issuer::start_up;
   };
 
   void begin_resync(TimePoint now);
@@ -138,20 +118,16 @@ class BoardLink {
   void on_frame(const Bytes& frame, TimePoint now);
   void on_event(DeviceStarted& event, TimePoint now);
   void on_event(CommandResponse& event, TimePoint now);
-  void on_response(const CommandResponse& response, const InFlight& command, TimePoint now);
-  void on_command_ended(const CommandResponse& response);
+  void on_response(const CommandResponse& response, Issuer issuer, TimePoint now);
   void on_board_cleared(Status status, TimePoint now);
-  void on_publication_added(const CommandResponse& response, std::uint16_t address, TimePoint now);
-  void on_sent(const CommandResponse& response, std::uint16_t destination);
-  void refuse_send(std::uint16_t destination, std::string why);
+  void on_polled(const CommandResponse& response, TimePoint now);
   void on_drop_counter(std::uint32_t total, TimePoint now);
   void on_command_timeout(TimePoint now);
 
-  void issue(Bytes command, std::uint16_t destination, TimePoint now);
+  void issue(Bytes command, Issuer issuer, TimePoint now);
   void send_next(TimePoint now);
   bool issue_clear(TimePoint now);
-  void send_message(std::deque<Outgoing>& queue, TimePoint now);
-  std::deque<Outgoing>& next_queue();
+  void take_traffic_actions();
   void on_silence();
   void give_up(const std::string& why, const std::string& what_to_check);
   void go_down(const std::string& why);
@@ -172,16 +148,10 @@ class BoardLink {
   Duration reopen_delay_ = first_reopen_delay;
   TimePoint retry_at_{};  ///< while refused
   TimePoint poll_at_{};   ///< while running
-  AddressBook addresses_;
-  SerialVersion version_ = SerialVersion::sdk_3_1;
+  BoardTraffic traffic_;
   std::uint16_t subnet_handle_ = 0;
-  std::uint16_t appkey_handle_ = 0;
-  std::optional<Bytes> command_;  ///< until its answer is there
-  bool is_command_repeated_ = false;
   bool is_clear_wanted_ = false;
   std::optional<std::uint32_t> dropped_events_;
-  std::deque<Outgoing> urgent_;
-  std::deque<Outgoing> normal_;
   Burst drop_burst_;
   Burst malformed_burst_;
   LinkCounters counters_;

@@ -1,0 +1,153 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "adapters/ble_mesh_usb_cdc/nordic/board_traffic.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <utility>
+
+namespace slamgw::ble {
+
+void BoardTraffic::on_started(Board board) {
+  board_ = std::move(board);
+  purpose_ = Purpose::none;
+  handle_to_remove_.reset();
+}
+
+void BoardTraffic::on_link_down() {
+  urgent_.clear();
+  normal_.clear();
+  command_.reset();
+  purpose_ = Purpose::none;
+}
+
+void BoardTraffic::on_answer_lost() {
+  if (std::exchange(purpose_, Purpose::none) == Purpose::command) is_command_repeated_ = true;
+}
+
+// --- What is to be sent --------------------------------------------------------------------------
+
+bool BoardTraffic::send(Outgoing message) {
+  if (message.is_urgent) withdraw(message.destination, message.payload);
+  if (urgent_.size() + normal_.size() >= max_queued) return false;
+  const std::size_t limit = send_limit(board_.version);
+  if (message.payload.size() > limit) {
+    refuse(message.destination,
+           fmt::format("{} octets are too many: the board's firmware (serial protocol version {}) "
+                       "sends at most {}",
+                       message.payload.size(), static_cast<unsigned>(board_.version), limit));
+    return true;
+  }
+  (message.is_urgent ? urgent_ : normal_).push_back(std::move(message));
+  return true;
+}
+
+void BoardTraffic::withdraw(std::uint16_t destination, const Bytes& payload) {
+  std::erase_if(urgent_, [&](const Outgoing& message) {
+    return message.destination == destination && message.payload == payload;
+  });
+}
+
+bool BoardTraffic::command(Bytes frame) {
+  if (command_) return false;
+  command_ = std::move(frame);
+  is_command_repeated_ = false;
+  return true;
+}
+
+std::optional<Bytes> BoardTraffic::next() {
+  if (handle_to_remove_) return remove_handle(*std::exchange(handle_to_remove_, std::nullopt));
+  if (urgent_.empty() && command_) {
+    purpose_ = Purpose::command;
+    return command_;
+  }
+  if (next_queue().empty()) return std::nullopt;
+  return next_message();
+}
+
+Bytes BoardTraffic::next_message() {
+  std::deque<Outgoing>& queue = next_queue();
+  destination_ = queue.front().destination;
+  const auto handle = board_.addresses.publication_handle(destination_);
+  if (!handle) {
+    if (board_.addresses.is_full()) {
+      if (const auto oldest = board_.addresses.take_least_recent())
+        return remove_handle(oldest->handle);
+    }
+    purpose_ = Purpose::add_handle;
+    return encode_command(CommandOpcode::publication_add, destination_);
+  }
+  const Outgoing message = std::move(queue.front());
+  queue.pop_front();
+  purpose_ = Purpose::message;
+  return encode_packet_send({.appkey_handle = message.appkey_handle.value_or(board_.appkey_handle),
+                             .source = source_,
+                             .destination_handle = *handle,
+                             .ttl = ttl_,
+                             .payload = message.payload},
+                            board_.version);
+}
+
+Bytes BoardTraffic::remove_handle(std::uint16_t handle) {
+  purpose_ = Purpose::remove_handle;
+  return encode_command(CommandOpcode::publication_remove, handle);
+}
+
+// --- What the board answers ----------------------------------------------------------------------
+
+void BoardTraffic::on_response(const CommandResponse& response) {
+  switch (std::exchange(purpose_, Purpose::none)) {
+    case Purpose::none:
+    case Purpose::remove_handle: break;
+    case Purpose::command:
+      command_.reset();
+      actions_.push(
+          CommandEnded{response.opcode, response.status, response.data, is_command_repeated_});
+      break;
+    case Purpose::message: on_sent(response); break;
+    case Purpose::add_handle: on_handle_added(response); break;
+  }
+}
+
+void BoardTraffic::on_handle_added(const CommandResponse& response) {
+  ByteReader data(response.data);
+  const std::uint16_t handle = data.read_u16_le();
+  if (response.status == Status::success && data.ok())
+    return board_.addresses.add_publication({destination_, handle});
+  if (response.status == Status::rejected) {  // its table is fuller than we know
+    if (const auto oldest = board_.addresses.take_least_recent()) {
+      handle_to_remove_ = oldest->handle;
+      return;
+    }
+  }
+  refuse(destination_, fmt::format("the board gives no handle for 0x{:04x} ({})", destination_,
+                                   to_string(response.status)));
+  drop_messages_to(destination_);
+}
+
+void BoardTraffic::on_sent(const CommandResponse& response) {
+  if (response.status == Status::success) {
+    ++sent_;
+    return;
+  }
+  if (response.status == Status::rejected) board_.addresses.forget_publication(destination_);
+  refuse(destination_,
+         response.status == Status::invalid_state
+             ? "an earlier segmented message to this robot is still being sent"
+             : fmt::format("the board refuses to send ({})", to_string(response.status)));
+}
+
+void BoardTraffic::drop_messages_to(std::uint16_t destination) {
+  const auto is_to = [destination](const Outgoing& message) {
+    return message.destination == destination;
+  };
+  std::erase_if(urgent_, is_to);
+  std::erase_if(normal_, is_to);
+}
+
+void BoardTraffic::refuse(std::uint16_t destination, std::string why) {
+  ++refused_;
+  actions_.push(SendRefused{destination, std::move(why)});
+}
+
+}  // namespace slamgw::ble

@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a started board is to send: messages to robots, in two queues, and the provisioner's
+// commands. Makes a handle for each destination when it is needed. No timing: the next command, its
+// response, the next. Called by BoardLink.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <optional>
+#include <string>
+#include <variant>
+
+#include "adapters/ble_mesh_usb_cdc/nordic/address_book.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/commands.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/events.hpp"
+#include "daemon/core/protocol_machine.hpp"
+
+namespace slamgw::ble {
+
+/// The board did not send to `destination`; the mesh above repeats by its own rules.
+struct SendRefused {
+  std::uint16_t destination = 0;
+  std::string why;
+};
+
+/// How the command that was given to `BoardLink::command` ended.
+struct CommandEnded {
+  std::uint8_t opcode = 0;
+  Status status = Status::success;
+  Bytes data;              ///< empty unless `status` is success
+  bool is_repeat = false;  ///< its first answer was lost: the board may have done it then
+};
+
+using TrafficAction = std::variant<SendRefused, CommandEnded>;
+
+/// One access message to send. Urgent ones (acknowledgements) overtake the others.
+struct Outgoing {
+  std::uint16_t destination = 0;               ///< unicast
+  std::optional<std::uint16_t> appkey_handle;  ///< else the mesh's application key
+  Bytes payload;
+  bool is_urgent = false;
+};
+
+class BoardTraffic {
+ public:
+  /// Messages waiting for the board: 32 take about a second at 115200 baud.
+  static constexpr std::size_t max_queued = 32;
+
+  /// What start-up found out about the board.
+  struct Board {
+    SerialVersion version = SerialVersion::sdk_3_1;
+    std::uint16_t appkey_handle = 0;
+    AddressBook addresses;
+  };
+
+  /// `source`: the gateway's unicast address.
+  BoardTraffic(std::uint16_t source, std::uint8_t ttl) : source_(source), ttl_(ttl) {}
+
+  /// Also when it was only got in step again; what waits goes on.
+  void on_started(Board board);
+  /// Forgets what waits.
+  void on_link_down();
+  /// The link lost step: the answer to the last command will not come.
+  void on_answer_lost();
+
+  /// BoardLink's functions of the same names.
+  bool send(Outgoing message);
+  void withdraw(std::uint16_t destination, const Bytes& payload);
+  bool command(Bytes frame);
+
+  /// The frame to write now, if any; then its response or on_answer_lost.
+  std::optional<Bytes> next();
+  void on_response(const CommandResponse& response);
+
+  std::optional<TrafficAction> next_action() { return actions_.pop(); }
+  std::uint64_t sent() const { return sent_; }
+  std::uint64_t refused() const { return refused_; }
+
+ private:
+  /// What the response is for.
+  enum class Purpose : std::uint8_t { none, command, message, add_handle, remove_handle };
+
+  std::deque<Outgoing>& next_queue() { return urgent_.empty() ? normal_ : urgent_; }
+  Bytes next_message();
+  Bytes remove_handle(std::uint16_t handle);
+  void on_handle_added(const CommandResponse& response);
+  void on_sent(const CommandResponse& response);
+  void drop_messages_to(std::uint16_t destination);
+  void refuse(std::uint16_t destination, std::string why);
+
+  std::uint16_t source_;
+  std::uint8_t ttl_;
+  Board board_;
+  std::deque<Outgoing> urgent_;
+  std::deque<Outgoing> normal_;
+  std::optional<Bytes> command_;  ///< until its answer is there
+  bool is_command_repeated_ = false;
+  Purpose purpose_ = Purpose::none;
+  std::uint16_t destination_ = 0;  ///< of the message that the last command was for
+  std::optional<std::uint16_t> handle_to_remove_;
+  ActionQueue<TrafficAction> actions_;
+  std::uint64_t sent_ = 0;
+  std::uint64_t refused_ = 0;
+};
+
+}  // namespace slamgw::ble
