@@ -120,6 +120,18 @@ TEST(Provisioning, SaysThatARobotWhoseKeyWasLostMustBeResetByHand) {
   EXPECT_EQ(rig.board.devices.devices[0].address, 0x0100);
 }
 
+TEST(Provisioning, PromisesNoNextAttemptForARobotWhoseKeyWasLost) {
+  ProvisioningRig rig;
+  rig.add(1);
+  rig.board.devices.lost_events = {0xc5};  // the link's end is told
+  rig.start();
+  rig.pass(30s);
+  EXPECT_TRUE(rig.has_notice("its device key was lost on the serial line; reset it by hand"));
+  EXPECT_FALSE(rig.has_notice("next attempt"));
+  rig.board.devices.devices[0].address = 0;  // which is done
+  EXPECT_TRUE(rig.all_configured(30s));
+}
+
 TEST(Provisioning, NamesEachFailureAndTakesOthersFirst) {
   for (const std::uint8_t event : std::initializer_list<std::uint8_t>{0xc1, 0xc3, 0xc7, 0xc5}) {
     ProvisioningRig rig;

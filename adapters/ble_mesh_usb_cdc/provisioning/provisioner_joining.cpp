@@ -209,6 +209,7 @@ void Provisioner::on_session_failed(TimePoint now) {
   const std::string why = session_->failure();
   const bool has_joined = session_->device_key().has_value();
   const bool may_try_other = session_->is_context_busy() && !is_last_context_;
+  const bool is_key_lost = session_->is_key_lost();
   session_.reset();
   if (has_joined) return;
   if (may_try_other) {
@@ -218,11 +219,13 @@ void Provisioner::on_session_failed(TimePoint now) {
   candidates_.on_failure(uuid, now);
   const Candidate* candidate = candidates_.find(uuid, now);
   const Duration pause = pause_after(candidate ? candidate->failures : 1);
+  if (is_key_lost) candidates_.erase(uuid);  // until it is heard again
+  const std::string what_next =
+      is_key_lost ? std::string("reset it by hand, then it joins anew")
+                  : fmt::format("the next attempt is in {} s if it is still there",
+                                std::chrono::duration_cast<std::chrono::seconds>(pause).count());
   say(Severity::warning,
-      fmt::format("the device {} was not taken in: {}; the next attempt is in {} s if it is still "
-                  "there",
-                  to_hex(uuid), why,
-                  std::chrono::duration_cast<std::chrono::seconds>(pause).count()));
+      fmt::format("the device {} was not taken in: {}; {}", to_hex(uuid), why, what_next));
   if (is_ordered(OrderKind::provision, uuid)) refuse(why);
 }
 

@@ -114,6 +114,9 @@ void ProvisioningSession::on(const ProvisioningLinkClosed& event, TimePoint) {
     state_ = State::succeeded;
   } else if (event.reason == closed_by_timeout) {
     fail("the provisioning link ended: time-out");
+  } else if (event.reason == closed_in_success && stage_ == Stage::exchanging) {
+    is_key_lost_ = true;  // the board tells it once
+    fail("it has taken its address, but its device key was lost on the serial line");
   } else {
     fail(event.reason == closed_in_success ? "the provisioning link ended early"
                                            : "the provisioning link ended: failed");

@@ -42,6 +42,8 @@ class ProvisioningSession {
   const std::string& failure() const { return failure_; }
   /// The board did not even begin: its context still waits for the end of an earlier link.
   bool is_context_busy() const { return is_context_busy_; }
+  /// It failed after the device had joined: nothing but a reset by hand brings it back.
+  bool is_key_lost() const { return is_key_lost_; }
   const Uuid& uuid() const { return request_.command.uuid; }
   /// Known once the device has told its capabilities; 0 before.
   std::uint8_t elements() const { return elements_; }
@@ -81,6 +83,7 @@ class ProvisioningSession {
   TimePoint due_;
   std::string failure_;
   bool is_context_busy_ = false;
+  bool is_key_lost_ = false;
   std::uint8_t elements_ = 0;
   std::uint8_t static_oob_types_ = 0;
   std::optional<Key> device_key_;
