@@ -34,8 +34,7 @@ TEST(BoardLink, ConfiguresAFreshBoard) {
 TEST(BoardLink, UsesABoardThatHasTheSameKeys) {
   MeshRig rig;
   configure(rig.board);
-  rig.board.addresses = {FakeBoard::Address{0xc003, true, false},
-                         FakeBoard::Address{0x0100, false, true}};
+  rig.board.addresses = {FakeBoard::Address{0xc003, true, 0}, FakeBoard::Address{0x0100, false, 1}};
   rig.start();
   EXPECT_TRUE(rig.is_up());
   EXPECT_EQ(rig.board.count(0xa1), 2u) << "only the missing groups are added";
@@ -48,6 +47,21 @@ TEST(BoardLink, UsesABoardThatHasTheSameKeys) {
 TEST(BoardLink, AsksForKeysOnlyForAFreshBoard) {
   MeshRig rig({}, std::nullopt);
   rig.start();
+  EXPECT_EQ(rig.key_requests, 1);
+  EXPECT_TRUE(rig.is_up());
+  EXPECT_EQ(rig.board.subnets.at(0).second, key(0x11));
+}
+
+TEST(BoardLink, AsksForKeysOnceHoweverOftenTheBoardRestartsMeanwhile) {
+  MeshRig rig({}, std::nullopt);
+  rig.answers_key_requests = false;  // storing them takes its time
+  rig.start();
+  rig.say(rig.board.restart());
+  rig.run_for(1s);
+  rig.mesh.on_port_closed("unplugged", rig.now);
+  rig.open();
+  rig.mesh.on_keys(test_keys(), rig.now);
+  rig.run_for(1s);
   EXPECT_EQ(rig.key_requests, 1);
   EXPECT_TRUE(rig.is_up());
   EXPECT_EQ(rig.board.subnets.at(0).second, key(0x11));
@@ -144,7 +158,7 @@ TEST(BoardLink, SaysWhenTheDeviceIsNoSerialBoard) {
   rig.reopens_port = false;
   rig.start();
   rig.say(to_bytes("login: "));
-  rig.run_for(5s);
+  rig.run_for(10s);
   const std::string why = rig.all<LinkChange>().back().detail;
   EXPECT_NE(why.find("not Nordic's serial protocol: "), std::string::npos) << why;
   EXPECT_NE(why.find("ble_mesh.device"), std::string::npos) << "what to do: " << why;
@@ -281,6 +295,28 @@ TEST(BoardLink, MakesRoomInTheBoardsAddressTable) {
   }
   EXPECT_EQ(rig.board.count(0xa6), 11u);  // 32 less three groups leaves 29 robots
   EXPECT_TRUE(rig.board.handle_of(0xc003));
+}
+
+TEST(BoardLink, AddsAHandleOnceHoweverOftenASendIsRejected) {
+  MeshRig rig;
+  rig.start();
+  rig.hear(0x0200, "ca 59 00");
+  rig.run_for(50ms);
+  rig.board.status_of[0xab] = 0x8e;  // the board does not know the key, for example
+  for (int i = 0; i < 5; ++i) {
+    rig.hear(0x0200, "ca 59 00");
+    rig.run_for(50ms);
+  }
+  const auto handle = rig.board.handle_of(0x0200);
+  ASSERT_TRUE(handle);
+  EXPECT_EQ(rig.board.addresses[*handle]->published, 1) << "one removal frees it";
+  rig.board.status_of.clear();
+  rig.board.addresses[*handle].reset();  // now it really is unknown
+  for (int i = 0; i < 2; ++i) {
+    rig.hear(0x0200, "ca 59 00");
+    rig.run_for(50ms);
+  }
+  EXPECT_EQ(rig.sent_to(0x0200).size(), 2u);
 }
 
 TEST(BoardLink, MakesRoomWhenTheTableIsSmallerThanStock) {

@@ -113,15 +113,18 @@ Bytes FakeBoard::add_address(std::uint8_t opcode, std::uint16_t address) {
     const auto free = std::ranges::find_if(addresses, [](const auto& a) { return !a; });
     handle = static_cast<std::uint16_t>(free - addresses.begin());
     if (*handle == addresses.size()) addresses.emplace_back();
-    addresses[*handle] = Address{address, false, false};
+    addresses[*handle] = Address{address};
   }
-  (opcode == 0xa1 ? addresses[*handle]->is_subscribed : addresses[*handle]->is_published) = true;
+  Address& entry = *addresses[*handle];
+  if (opcode == 0xa1) entry.is_subscribed = true;
+  if (opcode == 0xa4) ++entry.published;
   return response(opcode, 0, number(*handle));
 }
 
 Bytes FakeBoard::remove_address(std::uint8_t opcode, std::uint16_t handle) {
   if (handle >= addresses.size() || !addresses[handle]) return response(opcode, 0x8e);
-  addresses[handle].reset();
+  if (--addresses[handle]->published <= 0 && !addresses[handle]->is_subscribed)
+    addresses[handle].reset();
   return response(opcode, 0, number(handle));
 }
 

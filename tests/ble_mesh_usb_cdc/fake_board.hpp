@@ -22,7 +22,7 @@ class FakeBoard {
   struct Address {
     std::uint16_t address = 0;
     bool is_subscribed = false;
-    bool is_published = false;
+    int published = 0;  ///< how often it was added, less how often it was removed
   };
   struct SentPacket {
     std::uint16_t appkey_handle = 0;

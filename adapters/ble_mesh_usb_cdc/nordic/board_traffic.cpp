@@ -11,6 +11,7 @@ namespace slamgw::ble {
 void BoardTraffic::on_started(Board board) {
   board_ = std::move(board);
   purpose_ = Purpose::none;
+  handle_to_check_.reset();
   handle_to_remove_.reset();
 }
 
@@ -56,6 +57,11 @@ bool BoardTraffic::command(Bytes frame) {
 }
 
 std::optional<Bytes> BoardTraffic::next() {
+  if (handle_to_check_) {
+    purpose_ = Purpose::check_handle;
+    return encode_command(CommandOpcode::address_get,
+                          *std::exchange(handle_to_check_, std::nullopt));
+  }
   if (handle_to_remove_) return remove_handle(*std::exchange(handle_to_remove_, std::nullopt));
   if (urgent_.empty() && command_) {
     purpose_ = Purpose::command;
@@ -106,6 +112,7 @@ void BoardTraffic::on_response(const CommandResponse& response) {
       break;
     case Purpose::message: on_sent(response); break;
     case Purpose::add_handle: on_handle_added(response); break;
+    case Purpose::check_handle: on_handle_checked(response); break;
   }
 }
 
@@ -125,12 +132,23 @@ void BoardTraffic::on_handle_added(const CommandResponse& response) {
   drop_messages_to(destination_);
 }
 
+void BoardTraffic::on_handle_checked(const CommandResponse& response) {
+  ByteReader data(response.data);
+  data.read(4);  // the handle, the kind of address, whether it is subscribed
+  const std::uint16_t address = data.read_u16_le();
+  const bool is_known = response.status == Status::success && data.ok() && address == destination_;
+  if (!is_known) board_.addresses.forget_publication(destination_);
+}
+
 void BoardTraffic::on_sent(const CommandResponse& response) {
   if (response.status == Status::success) {
     ++sent_;
     return;
   }
-  if (response.status == Status::rejected) board_.addresses.forget_publication(destination_);
+  // The handle or the key is unknown. The board counts how often an address was added, and frees
+  // it after as many removals: a handle that it still knows must not be added again.
+  if (response.status == Status::rejected)
+    handle_to_check_ = board_.addresses.publication_handle(destination_);
   refuse(destination_,
          response.status == Status::invalid_state
              ? "an earlier segmented message to this robot is still being sent"

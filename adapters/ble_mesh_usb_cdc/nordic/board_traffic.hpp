@@ -78,12 +78,20 @@ class BoardTraffic {
 
  private:
   /// What the response is for.
-  enum class Purpose : std::uint8_t { none, command, message, add_handle, remove_handle };
+  enum class Purpose : std::uint8_t {
+    none,
+    command,
+    message,
+    add_handle,
+    check_handle,
+    remove_handle
+  };
 
   std::deque<Outgoing>& next_queue() { return urgent_.empty() ? normal_ : urgent_; }
   Bytes next_message();
   Bytes remove_handle(std::uint16_t handle);
   void on_handle_added(const CommandResponse& response);
+  void on_handle_checked(const CommandResponse& response);
   void on_sent(const CommandResponse& response);
   void drop_messages_to(std::uint16_t destination);
   void refuse(std::uint16_t destination, std::string why);
@@ -96,7 +104,8 @@ class BoardTraffic {
   std::optional<Bytes> command_;  ///< until its answer is there
   bool is_command_repeated_ = false;
   Purpose purpose_ = Purpose::none;
-  std::uint16_t destination_ = 0;  ///< of the message that the last command was for
+  std::uint16_t destination_ = 0;                 ///< of the message that the last command was for
+  std::optional<std::uint16_t> handle_to_check_;  ///< of `destination_`
   std::optional<std::uint16_t> handle_to_remove_;
   ActionQueue<TrafficAction> actions_;
   std::uint64_t sent_ = 0;
