@@ -39,8 +39,6 @@ inline RandomSource test_random() {
 
 class MeshRig {
  public:
-  static constexpr Duration latency = std::chrono::milliseconds{3};
-
   explicit MeshRig(Settings settings = {}, std::optional<NodeDatabase> database = test_database(),
                    RobotNames names = RobotNames({{"nr1", 0x0100, {}}}))
       : mesh(std::move(settings), TopicScheme("ntnu-slam", "gw"), std::move(names),
@@ -138,6 +136,7 @@ class MeshRig {
   }
 
   TimePoint now{};
+  Duration latency = std::chrono::milliseconds{3};
   FakeBoard board;
   std::function<void(Bytes&)> spoil;  ///< what the serial line does to a transfer, either way
   BleMesh mesh;

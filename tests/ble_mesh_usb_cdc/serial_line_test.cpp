@@ -41,7 +41,8 @@ class SerialLineTest : public ::testing::Test {
         .on_bytes =
             [this](ByteView bytes) { received.insert(received.end(), bytes.begin(), bytes.end()); },
         .on_failed = [this](const std::string& why) { failures.push_back(why); },
-        .on_stuck = [this](const std::string& why) { stuck.push_back(why); }};
+        .on_open_stuck = [this](const std::string& why) { stuck.push_back("open: " + why); },
+        .on_close_stuck = [this](const std::string& why) { stuck.push_back("close: " + why); }};
   }
   void tick() {
     ticker.expires_after(1ms);
@@ -127,7 +128,7 @@ TEST_F(SerialLineTest, TellsOnceThatAPortDoesNotClose) {
   gates->closing.shut();
   line->close();
   ASSERT_TRUE(eventually([&] { return !stuck.empty(); }));
-  EXPECT_NE(stuck[0].find("does not close"), std::string::npos) << stuck[0];
+  EXPECT_EQ(stuck[0].find("close: the serial board takes no data"), 0u) << stuck[0];
   gates->closing.open();
   line->open();
   EXPECT_TRUE(eventually([&] { return opened == 2; }));

@@ -66,7 +66,8 @@ BleMeshAdapter::BleMeshAdapter(asio::io_context& io, Settings settings, TopicSch
                        [bytes](MeshMachine& mesh, TimePoint now) { mesh.on_bytes(bytes, now); });
                  },
              .on_failed = [this](const std::string& why) { on_port_failed(why); },
-             .on_stuck = [this](const std::string& why) { on_port_closed(why); }}),
+             .on_open_stuck = [this](const std::string& why) { on_port_closed(why); },
+             .on_close_stuck = [this](const std::string& why) { on_close_stuck(why); }}),
       timer_(io) {}
 
 void BleMeshAdapter::start() {
@@ -186,6 +187,11 @@ void BleMeshAdapter::on_port_failed(const std::string& why) {
   open_after(open_delay_);
   open_delay_ = std::min(open_delay_ * 2, max_open_delay);
   on_port_closed(why);
+}
+
+void BleMeshAdapter::on_close_stuck(const std::string& why) {
+  if (stuck_burst_.on_event(std::chrono::steady_clock::now()))
+    listener_.on_mesh_event(Notice{Severity::warning, why, {}});
 }
 
 void BleMeshAdapter::on_port_closed(const std::string& why) {

@@ -16,6 +16,7 @@
 #include "adapters/ble_mesh_usb_cdc/io/serial_line.hpp"
 #include "adapters/ble_mesh_usb_cdc/mesh_machine.hpp"
 #include "daemon/core/adapter.hpp"
+#include "daemon/core/burst.hpp"
 #include "daemon/core/robot_names.hpp"
 #include "daemon/core/topic_scheme.hpp"
 #include "daemon/runtime/mesh_shell.hpp"
@@ -59,6 +60,7 @@ class BleMeshAdapter final : public MeshShell<MeshMachine> {
   void on_port_open();
   void on_port_failed(const std::string& why);
   void on_port_closed(const std::string& why);
+  void on_close_stuck(const std::string& why);
 
   Settings settings_;
   MeshFile file_;
@@ -70,6 +72,7 @@ class BleMeshAdapter final : public MeshShell<MeshMachine> {
   SerialLine line_;
   boost::asio::steady_timer timer_;  ///< the next attempt to open
   Duration open_delay_ = first_open_delay;
+  Burst stuck_burst_{std::chrono::minutes{10}};  ///< a hung board is closed again and again
   bool is_stopped_ = true;
   std::map<std::uint64_t, OrderDone> orders_;
   std::uint64_t last_order_ = 0;

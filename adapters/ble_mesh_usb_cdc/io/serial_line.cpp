@@ -22,9 +22,7 @@ void SerialLine::start() {
   state_ = State::opening;
   is_open_wanted_ = false;
   connection_ = SerialConnection::start(io_, open_port_, *this);
-  watch(
-      "the kernel does not open the serial board's port: the board does not answer on USB; "
-      "unplug it and plug it in again");
+  watch();
 }
 
 void SerialLine::close() {
@@ -32,9 +30,7 @@ void SerialLine::close() {
   if (state_ == State::closed || state_ == State::closing) return;
   state_ = State::closing;
   connection_->close();
-  watch(
-      "the serial board's port does not close: the board takes no data, and the kernel waits up "
-      "to 30 s for it; unplug the board and plug it in again");
+  watch();
 }
 
 void SerialLine::write(ByteView bytes) {
@@ -75,13 +71,23 @@ void SerialLine::on_thread_ended() {
   if (is_open_wanted_) start();
 }
 
-void SerialLine::watch(const std::string& what_is_stuck) {
+void SerialLine::watch() {
   stuck_timer_.expires_after(stuck_after);
-  stuck_timer_.async_wait([this, what_is_stuck](boost::system::error_code error) {
+  stuck_timer_.async_wait([this](boost::system::error_code error) {
     const bool is_due = stuck_timer_.expiry() <= std::chrono::steady_clock::now();
-    const bool is_waiting = state_ == State::opening || state_ == State::closing;
-    if (!error && is_due && is_waiting) callbacks_.on_stuck(what_is_stuck);
+    if (!error && is_due) on_stuck();
   });
+}
+
+void SerialLine::on_stuck() {
+  if (state_ == State::opening)
+    callbacks_.on_open_stuck(
+        "the kernel does not open the serial board's port, because the board does not answer on "
+        "USB: unplug it and plug it in again");
+  if (state_ == State::closing)
+    callbacks_.on_close_stuck(
+        "the serial board takes no data, and the kernel waits up to 30 s before it closes the "
+        "port: unplug the board and plug it in again if it stays so");
 }
 
 }  // namespace slamgw::ble

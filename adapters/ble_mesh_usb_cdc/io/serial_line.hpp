@@ -42,8 +42,9 @@ class SerialLine {
     std::function<void(ByteView)> on_bytes;
     /// It could not be opened, or was lost, or does not take what is written. It is closed.
     std::function<void(const std::string& why)> on_failed;
-    /// The kernel keeps a call waiting; nothing can be opened until that ends.
-    std::function<void(const std::string& why)> on_stuck;
+    /// The kernel keeps open() or close() waiting; nothing is opened until that ends.
+    std::function<void(const std::string& why)> on_open_stuck;
+    std::function<void(const std::string& why)> on_close_stuck;
   };
 
   SerialLine(boost::asio::io_context& io, OpenPort open_port, Callbacks callbacks);
@@ -51,8 +52,8 @@ class SerialLine {
 
   /// Now, or as soon as the port that was open before is closed; ends in on_open or on_failed.
   void open();
-  /// Returns at once, and no callback but on_stuck follows. What was written and fits into the
-  /// kernel's buffer is still handed over.
+  /// Returns at once, and no callback but on_close_stuck follows. What was written and fits into
+  /// the kernel's buffer is still handed over.
   void close();
   /// Nothing happens while it is not open.
   void write(ByteView bytes);
@@ -68,7 +69,8 @@ class SerialLine {
   void on_report(SerialReport report);
   void fail(const std::string& why);
   void on_thread_ended();
-  void watch(const std::string& what_is_stuck);
+  void watch();
+  void on_stuck();
 
   boost::asio::io_context& io_;
   OpenPort open_port_;

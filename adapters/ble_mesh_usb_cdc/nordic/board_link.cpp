@@ -14,7 +14,10 @@ BoardLink::BoardLink(LinkSettings settings, std::optional<MeshKeys> keys, std::u
       resync_(seed),
       traffic_(settings_.board.address, settings_.ttl) {}
 
-void BoardLink::on_port_open(TimePoint now) { begin_resync(now); }
+void BoardLink::on_port_open(TimePoint now) {
+  health_.on_port_open();
+  begin_resync(now);
+}
 
 void BoardLink::on_port_closed(const std::string& why, TimePoint) {
   stage_ = Stage::closed;
@@ -35,45 +38,91 @@ void BoardLink::begin_resync(TimePoint now) {
   stage_ = Stage::resyncing;
   traffic_.on_answer_lost();
   in_flight_.reset();
+  busy_until_.reset();
   decoder_.reset();
   ++counters_.resyncs;
   actions_.push(WriteSerial{resync_.start(now)});
 }
 
+void BoardLink::on_lost_step(TimePoint now) {
+  health_.on_lost_step(now);
+  get_in_step_again(now);
+}
+
+void BoardLink::get_in_step_again(TimePoint now) {
+  if (const auto why = health_.verdict()) return give_up(*why, max_unusable_delay);
+  if (health_.losses() >= LineHealth::noticeable_losses && loss_burst_.on_event(now))
+    actions_.push(Notice{Severity::warning,
+                         fmt::format("octets are lost or added on the serial line to the board, {} "
+                                     "times in a row by now: messages are lost meanwhile",
+                                     health_.losses()),
+                         {}});
+  begin_resync(now);
+}
+
 void BoardLink::begin_start_up(TimePoint now) {
   stage_ = Stage::starting;
   in_flight_.reset();
+  busy_until_.reset();
+  busy_answers_ = 0;
   start_up_.emplace(settings_.board, keys_);
   continue_start_up(now);
 }
 
 void BoardLink::continue_start_up(TimePoint now) {
   for (Notice& notice : start_up_->take_notices()) say_once(notice.severity, notice.text);
+  if (start_up_->is_fresh()) fresh_board_ = start_up_->uuid();
   switch (start_up_->state()) {
     case StartUp::State::commanding: issue(start_up_->command(), Issuer::start_up, now); break;
-    case StartUp::State::needs_keys:
-      stage_ = Stage::awaiting_keys;
-      actions_.push(GenerateKeys{});
-      break;
-    case StartUp::State::refused:
-      stage_ = Stage::refused;
-      retry_at_ = now + refusal_interval;
-      go_down(start_up_->refusal());
-      say_once(Severity::error, start_up_->refusal());
-      issue_clear(now);
-      break;
+    case StartUp::State::needs_keys: on_keys_needed(now); break;
+    case StartUp::State::refused: on_refused(now); break;
     case StartUp::State::done: on_started(now); break;
   }
 }
 
+/// An octet lost in an answer can make a good board look like one that must not be used: only the
+/// same refusal twice counts.
+void BoardLink::on_refused(TimePoint now) {
+  if (unconfirmed_refusal_ != start_up_->refusal()) {
+    unconfirmed_refusal_ = start_up_->refusal();
+    return begin_resync(now);
+  }
+  if (clear_own_damage(now)) return;
+  refuse(start_up_->refusal(), now);
+  issue_clear(now);
+}
+
+/// Octets that were lost while a fresh board got its keys leave other keys there. The board held
+/// nothing before, so that clearing it harms nobody.
+bool BoardLink::clear_own_damage(TimePoint now) {
+  const bool was_fresh = !fresh_board_.empty() && fresh_board_ == start_up_->uuid();
+  if (!start_up_->is_foreign() || !was_fresh) return false;
+  stage_ = Stage::refused;
+  retry_at_ = now + refusal_interval;
+  say_once(
+      Severity::warning,
+      "the keys that the fresh serial board was given arrived damaged: it is cleared and given "
+      "them again");
+  issue(encode_command(CommandOpcode::state_clear), Issuer::clear, now);
+  return true;
+}
+
+void BoardLink::refuse(const std::string& why, TimePoint now) {
+  stage_ = Stage::refused;
+  retry_at_ = now + refusal_interval;
+  go_down(why);
+  say_once(Severity::error, why);
+}
+
 void BoardLink::on_started(TimePoint now) {
   stage_ = Stage::running;
+  unconfirmed_refusal_.clear();
+  fresh_board_.clear();
   traffic_.on_started(
       {start_up_->version(), start_up_->appkey_handle(), start_up_->take_addresses()});
   subnet_handle_ = start_up_->subnet_handle();
   if (start_up_->dropped_events()) on_drop_counter(*start_up_->dropped_events(), now);
   poll_at_ = now + poll_interval;
-  reopen_delay_ = first_reopen_delay;
   if (!std::exchange(is_up_, true)) {
     down_reason_.clear();
     actions_.push(LinkIsUp{start_up_->description()});
@@ -81,20 +130,27 @@ void BoardLink::on_started(TimePoint now) {
   send_next(now);
 }
 
+void BoardLink::on_keys_needed(TimePoint now) {
+  if (keys_) {  // they came while the board started anew
+    start_up_->on_keys(*keys_);
+    return continue_start_up(now);
+  }
+  stage_ = Stage::awaiting_keys;
+  if (!std::exchange(are_keys_requested_, true)) actions_.push(GenerateKeys{});
+}
+
 void BoardLink::on_keys(const MeshKeys& keys, TimePoint now) {
   keys_ = keys;
-  if (stage_ != Stage::awaiting_keys) return;  // the port went meanwhile; used at the next start
+  are_keys_requested_ = false;
+  if (stage_ != Stage::awaiting_keys) return;  // used when they are needed
   stage_ = Stage::starting;
   start_up_->on_keys(keys);
   continue_start_up(now);
 }
 
 void BoardLink::on_keys_failed(const std::string& why, TimePoint now) {
-  if (stage_ != Stage::awaiting_keys) return;
-  stage_ = Stage::refused;
-  retry_at_ = now + refusal_interval;
-  go_down(why);
-  say_once(Severity::error, why);
+  are_keys_requested_ = false;
+  if (stage_ == Stage::awaiting_keys) refuse(why, now);
 }
 
 // --- What the board says -------------------------------------------------------------------------
@@ -110,7 +166,7 @@ void BoardLink::on_bytes(ByteView bytes, TimePoint now) {
     if (stage_ == Stage::resyncing || stage_ == Stage::closed) return;
     on_frame(frame, now);
   }
-  if (decoder_.has_lost_step()) begin_resync(now);
+  if (decoder_.has_lost_step()) on_lost_step(now);
 }
 
 void BoardLink::on_frame(const Bytes& frame, TimePoint now) {
@@ -155,17 +211,21 @@ void BoardLink::on_event(DeviceStarted& event, TimePoint now) {
 
 void BoardLink::on_event(CommandResponse& response, TimePoint now) {
   if (response.opcode == 0 && response.status == Status::invalid_length)
-    return begin_resync(now);  // the board lost step in what we wrote
+    return on_lost_step(now);  // the board lost step in what we wrote
   if (!in_flight_ || response.opcode != in_flight_->opcode) {
     ++counters_.other_events;
     return;
   }
   const Issuer issuer = std::exchange(in_flight_, std::nullopt)->issuer;
+  health_.on_answer(response.opcode);
   if (stage_ == Stage::starting) {
+    if (response.status == Status::busy && ++busy_answers_ <= max_busy_answers) {
+      busy_until_ = now + busy_pause;
+      return;
+    }
     start_up_->on_response(response);
     continue_start_up(now);
   } else {
-    consecutive_timeouts_ = 0;
     on_response(response, issuer, now);
     send_next(now);
   }
@@ -184,14 +244,14 @@ void BoardLink::on_response(const CommandResponse& response, Issuer issuer, Time
 }
 
 void BoardLink::on_board_cleared(Status status, TimePoint now) {
-  is_clear_wanted_ = false;
-  actions_.push(BoardCleared{status});
+  if (std::exchange(is_clear_wanted_, false)) actions_.push(BoardCleared{status});
   if (status != Status::success) return;
   go_down("the serial board was cleared");
   begin_start_up(now);
 }
 
 void BoardLink::on_polled(const CommandResponse& response, TimePoint now) {
+  if (now >= health_.stable_at()) reopen_delay_ = first_reopen_delay;
   ByteReader data(response.data);
   const std::uint32_t total = data.read_u32_le();
   if (response.status == Status::success && data.ok()) on_drop_counter(total, now);
@@ -282,6 +342,7 @@ std::optional<TimePoint> BoardLink::deadline() const {
   }
   std::optional<TimePoint> next = decoder_.deadline();
   if (in_flight_) next = earlier(next, in_flight_->deadline);
+  if (stage_ == Stage::starting) next = earlier(next, busy_until_);
   if (stage_ == Stage::running && !in_flight_) next = earlier(next, poll_at_);
   if (stage_ == Stage::refused && !in_flight_) next = earlier(next, retry_at_);
   return next;
@@ -295,7 +356,11 @@ void BoardLink::on_deadline(TimePoint now) {
     return;
   }
   decoder_.on_deadline(now);
-  if (decoder_.has_lost_step()) return begin_resync(now);
+  if (decoder_.has_lost_step()) return on_lost_step(now);
+  if (busy_until_ && now >= *busy_until_) {
+    busy_until_.reset();
+    return continue_start_up(now);
+  }
   if (in_flight_ && now >= in_flight_->deadline) return on_command_timeout(now);
   if (stage_ == Stage::refused && !in_flight_ && now >= retry_at_) return begin_resync(now);
   send_next(now);
@@ -303,28 +368,38 @@ void BoardLink::on_deadline(TimePoint now) {
 
 void BoardLink::on_command_timeout(TimePoint now) {
   ++counters_.command_timeouts;
-  if (++consecutive_timeouts_ < max_consecutive_timeouts) return begin_resync(now);
-  consecutive_timeouts_ = 0;
-  give_up(fmt::format("the serial board answers Echo but not command 0x{:02x}", in_flight_->opcode),
-          "does its firmware have Nordic's mesh commands?");
+  health_.on_timeout(in_flight_->opcode, now);
+  get_in_step_again(now);
 }
 
-void BoardLink::give_up(const std::string& why, const std::string& what_to_check) {
+void BoardLink::give_up(const std::string& why, Duration max_delay) {
   stage_ = Stage::closed;
   in_flight_.reset();
-  go_down(why + ": " + what_to_check);
+  busy_until_.reset();
+  go_down(why);
+  reopen_delay_ = std::min(reopen_delay_, max_delay);
   actions_.push(ReopenPort{reopen_delay_});
-  reopen_delay_ = std::min(reopen_delay_ * 2, max_reopen_delay);
+  reopen_delay_ *= 2;
 }
 
 void BoardLink::on_silence() {
   if (resync_.octets_seen() == 0)
-    return give_up("the serial board answers nothing",
-                   "is it Nordic's serial board and powered? Check the cable, ble_mesh.device, "
-                   "ble_mesh.flow_control, and that no other program (ModemManager) uses it");
-  give_up("the device sends something, but not Nordic's serial protocol",
-          "is it the right device? Check ble_mesh.device, ble_mesh.baud_rate, and "
-          "ble_mesh.protocol (firmware that only streams positions needs \"cobs\")");
+    return give_up(
+        "the serial board answers nothing: is it Nordic's serial board and powered? Check the "
+        "cable, ble_mesh.device, ble_mesh.flow_control, and that no other program (ModemManager) "
+        "uses it",
+        max_reopen_delay);
+  if (resync_.has_seen_refusal())
+    return give_up(
+        "the serial board speaks Nordic's serial protocol, but Echo does not come back whole: "
+        "octets are lost or added on the serial line; check the cable, the USB hub and "
+        "ble_mesh.flow_control",
+        max_reopen_delay);
+  give_up(
+      "the device sends something, but not Nordic's serial protocol: is it the right device? Check "
+      "ble_mesh.device, ble_mesh.baud_rate, and ble_mesh.protocol (firmware that only streams "
+      "positions needs \"cobs\")",
+      max_reopen_delay);
 }
 
 void BoardLink::go_down(const std::string& why) {

@@ -14,6 +14,7 @@
 #include "adapters/ble_mesh_usb_cdc/mesh_machine.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/board_traffic.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/frame.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/line_health.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/resync.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/start_up.hpp"
 #include "daemon/core/burst.hpp"
@@ -43,7 +44,7 @@ struct LinkSettings {
 };
 
 struct LinkCounters {
-  std::uint64_t resyncs = 0;
+  std::uint64_t resyncs = 0;   ///< attempts to get in step, the first after opening included
   std::uint64_t restarts = 0;  ///< the board's own, seen by 0x81
   std::uint64_t command_timeouts = 0;
   std::uint64_t malformed_events = 0;
@@ -57,10 +58,14 @@ struct LinkCounters {
 class BoardLink {
  public:
   static constexpr Duration command_time_limit = std::chrono::seconds{2};
-  static constexpr int max_consecutive_timeouts = 3;
   static constexpr Duration poll_interval = std::chrono::seconds{10};
   static constexpr Duration first_reopen_delay = std::chrono::milliseconds{500};
   static constexpr Duration max_reopen_delay = std::chrono::seconds{5};
+  /// Of a line that loses octets: each attempt costs a start-up.
+  static constexpr Duration max_unusable_delay = std::chrono::seconds{60};
+  /// A board that is busy during start-up, such as while it writes its flash, is asked again.
+  static constexpr Duration busy_pause = std::chrono::milliseconds{200};
+  static constexpr int max_busy_answers = 25;
   /// How often a board that must not be used is looked at again.
   static constexpr Duration refusal_interval = std::chrono::seconds{30};
   /// Different notices about one attempt after the other; more are not said until it was up again.
@@ -114,6 +119,7 @@ class BoardLink {
   void begin_resync(TimePoint now);
   void begin_start_up(TimePoint now);
   void continue_start_up(TimePoint now);
+  void on_keys_needed(TimePoint now);
   void on_started(TimePoint now);
   void on_frame(const Bytes& frame, TimePoint now);
   void on_event(DeviceStarted& event, TimePoint now);
@@ -123,13 +129,18 @@ class BoardLink {
   void on_polled(const CommandResponse& response, TimePoint now);
   void on_drop_counter(std::uint32_t total, TimePoint now);
   void on_command_timeout(TimePoint now);
+  void on_refused(TimePoint now);
+  bool clear_own_damage(TimePoint now);
+  void refuse(const std::string& why, TimePoint now);
+  void on_lost_step(TimePoint now);
+  void get_in_step_again(TimePoint now);
 
   void issue(Bytes command, Issuer issuer, TimePoint now);
   void send_next(TimePoint now);
   bool issue_clear(TimePoint now);
   void take_traffic_actions();
   void on_silence();
-  void give_up(const std::string& why, const std::string& what_to_check);
+  void give_up(const std::string& why, Duration max_delay);
   void go_down(const std::string& why);
   void say_once(Severity severity, const std::string& text);
 
@@ -138,13 +149,18 @@ class BoardLink {
   ActionQueue<LinkAction> actions_;
   Stage stage_ = Stage::closed;
   bool is_up_ = false;
+  bool are_keys_requested_ = false;
   std::string down_reason_;
   std::set<std::string> said_;  ///< notices since the link last went down
   FrameDecoder decoder_;
   Resync resync_;
   std::optional<StartUp> start_up_;
   std::optional<InFlight> in_flight_;
-  int consecutive_timeouts_ = 0;
+  LineHealth health_;
+  std::optional<TimePoint> busy_until_;  ///< while starting
+  int busy_answers_ = 0;
+  std::string unconfirmed_refusal_;
+  std::string fresh_board_;  ///< UUID of a board that was fresh and has not been up since
   Duration reopen_delay_ = first_reopen_delay;
   TimePoint retry_at_{};  ///< while refused
   TimePoint poll_at_{};   ///< while running
@@ -153,6 +169,7 @@ class BoardLink {
   bool is_clear_wanted_ = false;
   std::optional<std::uint32_t> dropped_events_;
   Burst drop_burst_;
+  Burst loss_burst_{std::chrono::minutes{1}};
   Burst malformed_burst_;
   LinkCounters counters_;
 };

@@ -11,12 +11,15 @@ namespace {
 
 constexpr std::size_t longest_frame_body = 255;
 constexpr std::uint8_t echo_response = 0x82;
+constexpr std::uint32_t refusal_of_zero = 0x03840084;  // as it comes over the wire
 
 }  // namespace
 
 Bytes Resync::start(TimePoint now) {
   attempts_ = 0;
   octets_seen_ = 0;
+  last_octets_ = 0;
+  has_seen_refusal_ = false;
   state_ = State::waiting;
   return flush(now);
 }
@@ -32,6 +35,10 @@ Bytes Resync::flush(TimePoint now) {
 ByteView Resync::on_bytes(ByteView bytes, TimePoint now) {
   octets_seen_ += bytes.size();
   if (state_ != State::waiting) return {};
+  for (const std::uint8_t octet : bytes) {
+    last_octets_ = last_octets_ << 8 | octet;
+    if (last_octets_ == refusal_of_zero) has_seen_refusal_ = true;
+  }
   if (phase_ == Phase::waiting_for_quiet) {
     due_ = std::min(now + quiet_time, quiet_limit_);
     return {};
@@ -57,7 +64,7 @@ std::optional<Bytes> Resync::on_deadline(TimePoint now) {
   if (state_ != State::waiting || now < due_) return std::nullopt;
   if (phase_ == Phase::waiting_for_quiet) {
     phase_ = Phase::waiting_for_echo;
-    due_ = now + echo_time_limit;
+    due_ = now + echo_time_limits.at(attempts_ - 1);
     tail_.clear();
     const Bytes nonce = ByteWriter{}
                             .write_u32_le(static_cast<std::uint32_t>(random_()))
@@ -66,7 +73,7 @@ std::optional<Bytes> Resync::on_deadline(TimePoint now) {
     awaited_ = encode_frame(echo_response, nonce);
     return encode_echo(nonce);
   }
-  if (attempts_ < max_attempts) return flush(now);
+  if (attempts_ < echo_time_limits.size()) return flush(now);
   state_ = State::failed;
   return std::nullopt;
 }

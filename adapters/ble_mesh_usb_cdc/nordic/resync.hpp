@@ -5,6 +5,7 @@
 // by BoardLink, which throws away what else arrives meanwhile.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <optional>
 #include <random>
@@ -19,8 +20,10 @@ class Resync {
   static constexpr Duration quiet_time = std::chrono::milliseconds{300};
   /// On a busy mesh the board is never quiet; the nonce alone then has to find the border.
   static constexpr Duration max_wait_for_quiet = std::chrono::seconds{1};
-  static constexpr Duration echo_time_limit = std::chrono::milliseconds{500};
-  static constexpr int max_attempts = 3;
+  /// Of each attempt. A board that was just reset may be silent for seconds, or answer late.
+  static constexpr std::array<Duration, 5> echo_time_limits{
+      std::chrono::milliseconds{500}, std::chrono::seconds{2}, std::chrono::seconds{2},
+      std::chrono::seconds{2}, std::chrono::seconds{2}};
 
   enum class State : std::uint8_t { idle, waiting, in_step, failed };
 
@@ -37,6 +40,8 @@ class Resync {
   State state() const { return state_; }
   /// Octets that came since `start`: none means that nobody is there.
   std::size_t octets_seen() const { return octets_seen_; }
+  /// A zero was refused as only Nordic's firmware does, so that it is there even without an Echo.
+  bool has_seen_refusal() const { return has_seen_refusal_; }
 
  private:
   enum class Phase : std::uint8_t { waiting_for_quiet, waiting_for_echo };
@@ -46,8 +51,10 @@ class Resync {
   std::mt19937_64 random_;
   State state_ = State::idle;
   Phase phase_ = Phase::waiting_for_quiet;
-  int attempts_ = 0;
+  std::size_t attempts_ = 0;
   std::size_t octets_seen_ = 0;
+  std::uint32_t last_octets_ = 0;  ///< the last four received
+  bool has_seen_refusal_ = false;
   TimePoint due_{};
   TimePoint quiet_limit_{};
   Bytes awaited_;  ///< the Echo's answer as it comes over the wire

@@ -69,7 +69,7 @@ void StartUp::on_response(const CommandResponse& response) {
       return;
     case Step::get_address: return on_address(response);
     case Step::set_address:
-      if (check(response, true, "taking the gateway's unicast address")) step_ = Step::get_subnets;
+      if (check(response, true, "taking the gateway's unicast address")) step_ = first_key_step();
       return;
     case Step::get_subnets: return on_subnets(response);
     case Step::add_subnet: return on_subnet_added(response);
@@ -100,45 +100,53 @@ void StartUp::on_address(const CommandResponse& response) {
   const std::uint16_t address = data.read_u16_le();
   const std::uint16_t count = data.read_u16_le();
   if (!check(response, data.ok(), "telling its unicast address")) return;
-  was_fresh_ = count == 0;
-  if (count != 0 && address != settings_.address) {
-    return refuse(fmt::format(
+  has_address_ = count != 0;
+  if (has_address_ && address != settings_.address) {
+    return refuse_foreign(fmt::format(
         "it is configured with unicast address 0x{:04x}, but ble_mesh.address is 0x{:04x}: set "
         "ble_mesh.address to the board's, or give the board the other with slam-gatewayctl ble "
         "reset-board --yes",
         address, settings_.address));
   }
-  step_ = was_fresh_ ? Step::set_address : Step::get_subnets;
+  step_ = Step::get_subnets;
 }
 
 void StartUp::on_subnets(const CommandResponse& response) {
   ByteReader data(response.data);
   subnet_indexes_ = read_numbers(data);
   if (!check(response, true, "listing its network keys")) return;
-  if (keys_) {
-    step_ = Step::add_subnet;
-  } else if (subnet_indexes_.empty()) {
+  is_fresh_ = !has_address_ && subnet_indexes_.empty();
+  if (!keys_ && subnet_indexes_.empty()) {
     state_ = State::needs_keys;
-  } else {
+    return;
+  }
+  if (!keys_)
     notice(
         Severity::warning,
         "the serial board already holds a network key and no mesh.json exists here: the board is "
         "used as it is, and its robots are heard, but none can be taken in or put out; restore "
         "mesh.json from a backup, or bring the mesh in with slam-gatewayctl ble import");
-    step_ = Step::get_appkeys;
-  }
+  step_ = first_writing_step();
 }
 
 void StartUp::on_keys(const MeshKeys& keys) {
   assert(state_ == State::needs_keys);
   keys_ = keys;
   state_ = State::commanding;
-  step_ = Step::add_subnet;
+  step_ = first_writing_step();
+}
+
+StartUp::Step StartUp::first_writing_step() const {
+  return has_address_ ? first_key_step() : Step::set_address;
+}
+
+StartUp::Step StartUp::first_key_step() const {
+  return keys_ ? Step::add_subnet : Step::get_appkeys;
 }
 
 void StartUp::on_subnet_added(const CommandResponse& response) {
   if (response.status == Status::rejected) {
-    return refuse(
+    return refuse_foreign(
         "it holds another network key than this gateway's mesh.json: it belongs to another mesh; "
         "attach this mesh's board, or clear the board, or move mesh.json away to use the board "
         "with its own keys");
@@ -150,7 +158,7 @@ void StartUp::on_subnet_added(const CommandResponse& response) {
     ByteReader data(response.data);
     subnet_handle_ = data.read_u16_le();
     if (!check(response, data.ok(), "taking the network key")) return;
-    if (was_fresh_) {
+    if (is_fresh_) {
       notice(Severity::notice,
              "the serial board was fresh and got this mesh's address and keys; robots that heard "
              "an earlier board at this address may ignore it until their replay lists are renewed");
@@ -179,7 +187,7 @@ void StartUp::on_appkeys(const CommandResponse& response) {
 
 void StartUp::on_appkey_added(const CommandResponse& response) {
   if (response.status == Status::rejected)
-    return refuse("it holds another application key than this gateway's mesh.json");
+    return refuse_foreign("it holds another application key than this gateway's mesh.json");
   const auto listed = handle_of(appkey_indexes_, key_index);
   if (response.status == Status::internal && listed) {
     appkey_handle_ = *listed;
@@ -268,6 +276,11 @@ bool StartUp::check(const CommandResponse& response, bool is_complete, std::stri
 void StartUp::refuse(std::string why) {
   refusal_ = "the serial board can't be used: " + std::move(why);
   state_ = State::refused;
+}
+
+void StartUp::refuse_foreign(std::string why) {
+  is_foreign_ = true;
+  refuse(std::move(why));
 }
 
 void StartUp::notice(Severity severity, std::string text) {
