@@ -298,12 +298,13 @@ void App::tell_meshes_about_broker(bool is_up) {
   }
 }
 
-void App::on_link_up(bool, std::uint16_t receive_maximum) {
-  const std::string version = upstream_.version() == MqttVersion::v5 ? "MQTT 5" : "MQTT 3.1.1";
-  log_notice(broker_log_.on_up(version, read_clocks()));
+void App::on_link_up(bool, const BrokerLimits& limits) {
+  std::string detail = upstream_.version() == MqttVersion::v5 ? "MQTT 5" : "MQTT 3.1.1";
+  if (const std::string words = to_words(limits); !words.empty()) detail += "; it takes " + words;
+  log_notice(broker_log_.on_up(detail, read_clocks()));
   // The outbox first: else what the gateway says about itself would go to the disk on its way.
   outbox_driver_.input(
-      [&](Outbox& outbox, TimePoint now) { outbox.on_link_up(receive_maximum, now); });
+      [&](Outbox& outbox, TimePoint now) { outbox.on_link_up(limits.receive_maximum, now); });
   tell_meshes_about_broker(true);
 }
 

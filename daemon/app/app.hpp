@@ -77,7 +77,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
 
   void on_mesh_event(MeshEvent event) override;
 
-  void on_link_up(bool session_present, std::uint16_t receive_maximum) override;
+  void on_link_up(bool session_present, const BrokerLimits& limits) override;
   void on_link_down(const std::string& why) override;
   void on_published(std::uint64_t sequence) override;
   void on_publish_refused(std::uint64_t sequence, const Refusal& refusal) override;

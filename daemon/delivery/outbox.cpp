@@ -226,6 +226,11 @@ void Outbox::on_publish_refused(std::uint64_t sequence, const Refusal& refusal, 
   const bool is_topics_fault = !is_permanent(refusal);
   if (is_topics_fault) save_in_flight(topic);
   Entry entry = std::move(*in_flight_.take(sequence, now));
+  if (entry.is_unacknowledged()) {
+    say(refusal_notices_.on_unacknowledged(entry.message, refusal, now));
+    drop(entry);
+    return proceed(now);
+  }
   is_stalled_ = false;
   backlog_.held().on_answered(
       topic, is_topics_fault ? HeldTopics::Answer::refused : HeldTopics::Answer::neither);

@@ -59,6 +59,15 @@ std::optional<Notice> RefusalNotices::on_set_aside(const BrokerMessage& message,
       now);
 }
 
+std::optional<Notice> RefusalNotices::on_unacknowledged(const BrokerMessage& message,
+                                                        const Refusal& refusal, TimePoint now) {
+  if (!unacknowledged_.insert(TopicCounts::slot(message.topic)).second) return std::nullopt;
+  return within_budget(
+      Severity::warning,
+      fmt::format("messages of QoS 0 on {} are dropped: {}", message.topic, words_of(refusal)),
+      now);
+}
+
 std::optional<Notice> RefusalNotices::on_dropped(const BrokerMessage& message,
                                                  const Refusal& refusal, TimePoint now) {
   return within_budget(

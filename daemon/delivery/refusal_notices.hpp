@@ -5,6 +5,7 @@
 
 #include <optional>
 #include <string>
+#include <unordered_set>
 
 #include "daemon/core/messages.hpp"
 #include "daemon/delivery/held_topics.hpp"
@@ -21,6 +22,9 @@ class RefusalNotices {
   std::optional<Notice> on_accepted(const std::string& topic, TimePoint now);
   std::optional<Notice> on_set_aside(const BrokerMessage& message, const Refusal& refusal,
                                      TimePoint now);
+  /// QoS 0, of each topic once.
+  std::optional<Notice> on_unacknowledged(const BrokerMessage& message, const Refusal& refusal,
+                                          TimePoint now);
   /// It was neither acknowledged to a robot nor can it be set aside.
   std::optional<Notice> on_dropped(const BrokerMessage& message, const Refusal& refusal,
                                    TimePoint now);
@@ -28,6 +32,7 @@ class RefusalNotices {
  private:
   std::optional<Notice> within_budget(Severity severity, std::string text, TimePoint now);
 
+  std::unordered_set<std::size_t> unacknowledged_;  // TopicCounts::slot
   TimePoint begin_{};
   std::size_t lines_ = 0;
   std::size_t left_out_ = 0;

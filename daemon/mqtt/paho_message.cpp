@@ -38,7 +38,7 @@ mqtt::properties user_properties(Mesh mesh, const std::string& gateway_id) {
 
 }  // namespace
 
-PublishForm::PublishForm(MqttVersion version, const std::string& gateway_id) {
+PublishForm::PublishForm(MqttVersion version, const std::string& gateway_id) : version_(version) {
   for (auto& form : forms_) form = std::make_shared<mqtt::message>();
   form_without_provenance_ = std::make_shared<mqtt::message>();
   if (version != MqttVersion::v5) return;
@@ -46,9 +46,18 @@ PublishForm::PublishForm(MqttVersion version, const std::string& gateway_id) {
     forms_[mesh]->set_properties(user_properties(mesh, gateway_id));
 }
 
+const std::shared_ptr<mqtt::message>& PublishForm::form_of(const BrokerMessage& message) const {
+  return message.provenance ? forms_[message.provenance->mesh] : form_without_provenance_;
+}
+
+std::optional<std::size_t> PublishForm::property_bytes(const BrokerMessage& message) const {
+  if (version_ != MqttVersion::v5) return std::nullopt;
+  const MQTTProperties& list = form_of(message)->get_properties().c_struct();
+  return static_cast<std::size_t>(list.length);
+}
+
 mqtt::const_message_ptr PublishForm::fill(const BrokerMessage& message) {
-  const std::shared_ptr<mqtt::message>& form =
-      message.provenance ? forms_[message.provenance->mesh] : form_without_provenance_;
+  const std::shared_ptr<mqtt::message>& form = form_of(message);
   form->set_topic(message.topic);
   form->set_payload(message.payload.data(), message.payload.size());
   form->set_qos(static_cast<int>(message.qos));
@@ -81,13 +90,21 @@ std::vector<std::uint32_t> subscriptions_of(const mqtt::message& message) {
   return ids;
 }
 
-std::uint16_t receive_maximum_of(const mqtt::token& token, MqttVersion version) {
-  constexpr std::uint16_t unlimited = 65535;
-  if (version != MqttVersion::v5) return unlimited;
+BrokerLimits limits_of(const mqtt::token& token, MqttVersion version) {
+  BrokerLimits limits;
+  if (version != MqttVersion::v5) return limits;
   const mqtt::connect_response response = token.get_connect_response();
-  const mqtt::properties& properties = response.get_properties();
-  if (!properties.contains(mqtt::property::RECEIVE_MAXIMUM)) return unlimited;
-  return mqtt::get<std::uint16_t>(properties, mqtt::property::RECEIVE_MAXIMUM);
+  const mqtt::properties& said = response.get_properties();
+  using property = mqtt::property;
+  if (said.contains(property::RECEIVE_MAXIMUM))
+    limits.receive_maximum = mqtt::get<std::uint16_t>(said, property::RECEIVE_MAXIMUM);
+  if (said.contains(property::MAXIMUM_PACKET_SIZE))
+    limits.max_packet_bytes = mqtt::get<std::uint32_t>(said, property::MAXIMUM_PACKET_SIZE);
+  if (said.contains(property::MAXIMUM_QOS))
+    limits.max_qos = static_cast<Qos>(mqtt::get<std::uint8_t>(said, property::MAXIMUM_QOS));
+  if (said.contains(property::RETAIN_AVAILABLE))
+    limits.keeps_retained = mqtt::get<std::uint8_t>(said, property::RETAIN_AVAILABLE) != 0;
+  return limits;
 }
 
 std::optional<int> refusal_of(const mqtt::token& token) {

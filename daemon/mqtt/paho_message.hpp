@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "daemon/core/messages.hpp"
+#include "daemon/mqtt/broker_limits.hpp"
 #include "daemon/mqtt/settings.hpp"
 #include "daemon/mqtt/version_choice.hpp"
 
@@ -27,10 +28,14 @@ class PublishForm {
 
   /// Good until the next call; to be read on the same thread only.
   mqtt::const_message_ptr fill(const BrokerMessage& message);
+  /// What the properties of `message` will take; nothing with MQTT 3.1.1.
+  std::optional<std::size_t> property_bytes(const BrokerMessage& message) const;
 
  private:
+  const std::shared_ptr<mqtt::message>& form_of(const BrokerMessage& message) const;
   static void write_time(mqtt::message& form, WallTime time);
 
+  MqttVersion version_;
   PerMesh<std::shared_ptr<mqtt::message>> forms_;
   std::shared_ptr<mqtt::message> form_without_provenance_;
 };
@@ -38,8 +43,8 @@ class PublishForm {
 BrokerMessage from_paho(const mqtt::message& message);
 /// MQTT 5 section 3.3.2.3.8; empty with MQTT 3.1.1.
 std::vector<std::uint32_t> subscriptions_of(const mqtt::message& message);
-/// Of a CONNACK; 65535 where it names none.
-std::uint16_t receive_maximum_of(const mqtt::token& token, MqttVersion version);
+/// Of a CONNACK.
+BrokerLimits limits_of(const mqtt::token& token, MqttVersion version);
 
 /// The reason code (0x80 and up) with which the broker has refused what `token` stands for. Nothing
 /// when it has refused nothing: then the connection is lost, or a request was not made. Paho gives

@@ -40,13 +40,15 @@ class PahoSession::ConnectListener final : public mqtt::iaction_listener {
   explicit ConnectListener(PahoSession& session) : session_(session) {}
 
   void on_success(const mqtt::token& token) override {
-    const std::uint16_t receive_maximum = receive_maximum_of(token, session_.version_);
+    const BrokerLimits limits = limits_of(token, session_.version_);
     const bool session_present = token.get_connect_response().is_session_present();
-    session_.post_to_lane(
-        [](PahoSession& session) { session.socket_.adopt(session.settings_.port); });
+    session_.post_to_lane([limits](PahoSession& session) {
+      session.limits_ = limits;
+      session.socket_.adopt(session.settings_.port);
+    });
     session_.post_to_loop([=, &session = session_](PahoSessionListener& listener) {
       if (std::exchange(session.has_answered_, true)) return;
-      listener.on_connected(session_present, receive_maximum);
+      listener.on_connected(session_present, limits);
     });
   }
 
@@ -180,7 +182,8 @@ void PahoSession::set_connect_options() {
     options.set_user_name(settings_.credentials->username);
     options.set_password(settings_.credentials->password);
   }
-  options.set_will(mqtt::will_options(will_.topic, will_.payload, 1, true));
+  options.set_will(mqtt::will_options(will_.topic, will_.payload, static_cast<int>(will_.qos),
+                                      will_.is_retained));
   if (settings_.tls) {
     set_tls_options();
     options.set_ssl(tls_options_);
@@ -227,7 +230,8 @@ void PahoSession::publish(std::uint64_t sequence, BrokerMessage message) {
 
 void PahoSession::publish_all() {
   try {
-    const std::vector<Publication> publications = publications_.take();
+    std::vector<Publication> publications = publications_.take();
+    std::erase_if(publications, [this](Publication& p) { return !keep_to_limits(p); });
     const auto unacknowledged = static_cast<std::size_t>(
         std::count_if(publications.begin(), publications.end(),
                       [](const Publication& p) { return p.message.qos == Qos::at_most_once; }));
@@ -240,6 +244,25 @@ void PahoSession::publish_all() {
   } catch (const mqtt::exception& error) {
     tell_lost(fmt::format("a publish failed (Paho {})", error.get_return_code()));
   }
+}
+
+/// False when the broker would not take it in any form: it is refused in the broker's place, for a
+/// packet that is too large makes brokers close the connection.
+bool PahoSession::keep_to_limits(Publication& publication) {
+  BrokerMessage& message = publication.message;
+  message.qos = std::min(message.qos, limits_.max_qos);
+  message.retain = message.retain && limits_.keeps_retained;
+  if (!limits_.max_packet_bytes) return true;
+  const std::size_t bytes = publish_packet_bytes(message, publish_form_->property_bytes(message));
+  if (bytes <= *limits_.max_packet_bytes) return true;
+  constexpr int packet_too_large = 0x95;
+  Refusal refusal{packet_too_large,
+                  fmt::format("the packet would have {} octets, and the broker takes {}", bytes,
+                              *limits_.max_packet_bytes)};
+  post_to_loop([sequence = publication.sequence, refusal](PahoSessionListener& listener) {
+    listener.on_publish_refused(sequence, refusal);
+  });
+  return false;
 }
 
 void PahoSession::on_written(std::uint64_t sequence) {

@@ -27,7 +27,9 @@ namespace slamgw {
 
 struct LastWill {
   std::string topic;
-  std::string payload;  ///< published by the broker, retained, at QoS 1
+  std::string payload;
+  Qos qos = Qos::at_least_once;
+  bool is_retained = true;
 };
 
 /// Why a connection could not be made. `code`: a CONNACK code of the version in use, or 0 when none
@@ -43,7 +45,7 @@ struct ConnectFailure {
 class PahoSessionListener {
  public:
   virtual ~PahoSessionListener() = default;
-  virtual void on_connected(bool session_present, std::uint16_t receive_maximum) = 0;
+  virtual void on_connected(bool session_present, const BrokerLimits& limits) = 0;
   virtual void on_connect_failed(ConnectFailure failure) = 0;
   virtual void on_lost(std::string why) = 0;
   virtual void on_published(std::uint64_t sequence) = 0;
@@ -107,6 +109,7 @@ class PahoSession final : public std::enable_shared_from_this<PahoSession>, priv
   void set_tls_options();
 
   void publish_all();
+  bool keep_to_limits(Publication& publication);
   // On Paho's threads:
   void on_written(std::uint64_t sequence);
 
@@ -145,6 +148,7 @@ class PahoSession final : public std::enable_shared_from_this<PahoSession>, priv
   mqtt::token_ptr connect_token_;
   mqtt::token_ptr disconnect_token_;
   std::unique_ptr<mqtt::async_client> client_;  // lane only
+  BrokerLimits limits_;                         // lane only
   /// Lane only. Goes before the client: with the last client Paho forgets what it has allocated,
   /// and does not free it any more.
   std::optional<PublishForm> publish_form_;

@@ -75,6 +75,8 @@ void PahoUpstream::reconfigure(const BrokerSettings& settings) {
   if (settings == settings_) return;
   settings_ = settings;
   version_ = {};
+  will_.qos = Qos::at_least_once;
+  will_.is_retained = true;
   backoff_.reset();
   const bool was_up = is_up_;
   drop_session(true);
@@ -117,15 +119,15 @@ void PahoUpstream::reconnect_later(const std::string& why) {
   listener_.on_link_down(why);
 }
 
-void PahoUpstream::on_connected(bool session_present, std::uint16_t receive_maximum) {
+void PahoUpstream::on_connected(bool session_present, const BrokerLimits& limits) {
   is_up_ = true;
   attempt_ = 0;
   up_since_ = std::chrono::steady_clock::now();
-  listener_.on_link_up(session_present, receive_maximum);
+  listener_.on_link_up(session_present, limits);
 }
 
 void PahoUpstream::on_connect_failed(ConnectFailure failure) {
-  if (version_.on_failed(failure.answer)) {
+  if (version_.on_failed(failure.answer) || adapt_will(failure.code)) {
     drop_session(false);
     connect();
     return;
@@ -134,6 +136,16 @@ void PahoUpstream::on_connect_failed(ConnectFailure failure) {
     failure.text += explain_credentials(settings_);
   }
   reconnect_later(failure.text);
+}
+
+/// True when the broker refuses the last will for a property that it can go without.
+bool PahoUpstream::adapt_will(int code) {
+  constexpr int retain_not_supported = 0x9a;
+  constexpr int qos_not_supported = 0x9b;
+  if (code == retain_not_supported) return std::exchange(will_.is_retained, false);
+  if (code == qos_not_supported)
+    return std::exchange(will_.qos, Qos::at_most_once) != Qos::at_most_once;
+  return false;
 }
 
 /// Two gateways with one client id throw each other out without end; not every broker says so.

@@ -51,8 +51,9 @@ class PahoUpstream final : public UpstreamLink, public PahoSessionListener {
   void reconnect_later(const std::string& why);
   void drop_session(bool is_orderly);
   void watch_progress();
+  bool adapt_will(int code);
 
-  void on_connected(bool session_present, std::uint16_t receive_maximum) override;
+  void on_connected(bool session_present, const BrokerLimits& limits) override;
   void on_connect_failed(ConnectFailure failure) override;
   void on_lost(std::string why) override;
   void on_published(std::uint64_t sequence) override;
@@ -63,7 +64,7 @@ class PahoUpstream final : public UpstreamLink, public PahoSessionListener {
   boost::asio::io_context& io_;
   boost::asio::thread_pool lane_{1};
   BrokerSettings settings_;
-  const LastWill will_;
+  LastWill will_;
   UpstreamListener& listener_;
   boost::asio::steady_timer reconnect_timer_;
   boost::asio::steady_timer nudge_timer_;

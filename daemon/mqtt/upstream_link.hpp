@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "daemon/core/messages.hpp"
+#include "daemon/mqtt/broker_limits.hpp"
 
 namespace slamgw {
 
@@ -16,15 +17,15 @@ namespace slamgw {
 class UpstreamListener {
  public:
   virtual ~UpstreamListener() = default;
-  /// Connected. `session_present`: the broker still knows our subscriptions. `receive_maximum`: how
-  /// many unacknowledged publishes it takes (65535 when it does not say).
-  virtual void on_link_up(bool session_present, std::uint16_t receive_maximum) = 0;
+  /// Connected. `session_present`: the broker still knows our subscriptions. `limits`: what it
+  /// takes; the link keeps to all of them but the receive maximum.
+  virtual void on_link_up(bool session_present, const BrokerLimits& limits) = 0;
   /// Connection lost or refused; `why` names the reason in words. May repeat while attempts fail.
   virtual void on_link_down(const std::string& why) = 0;
   /// `sequence` was acknowledged by the broker (QoS 0: handed to the network).
   virtual void on_published(std::uint64_t sequence) = 0;
-  /// The broker has answered `sequence` with a reason code of 0x80 or above. (What merely failed is
-  /// reported by on_link_down.)
+  /// The broker has answered `sequence` with a reason code of 0x80 or above, or would: it is larger
+  /// than the broker's limit. (What merely failed is reported by on_link_down.)
   virtual void on_publish_refused(std::uint64_t sequence, const Refusal& refusal) = 0;
   virtual void on_subscribe_result(const std::string& filter, bool granted) = 0;
   /// `subscriptions`: the ids of our subscriptions that it came for; empty with MQTT 3.1.1.

@@ -91,5 +91,26 @@ TEST(BrokerRefusal, MessagesWaitUntilTheAccessControlListIsCorrected) {
   EXPECT_TRUE(gateway.logs("takes messages on r/2/update again"));
 }
 
+TEST(BrokerLimit, AMessageThatIsTooLargeBecomesADeadLetterAndTheOthersFlow) {
+  Mosquitto broker("max_packet_size 500");
+  const Subscriber subscriber(broker, "r/#", "%t");
+  DeliveryRig gateway(broker.port());
+  ASSERT_TRUE(gateway.sees([&] { return gateway.is_up; }));
+  gateway.submit("r/1/update", 1);
+  gateway.submit_bytes("r/1/update", Bytes(600, 'x'), 2);
+  gateway.submit_bytes("r/1/often", Bytes(600, 'x'), 0, Qos::at_most_once);
+  gateway.submit("r/1/update", 3);
+  gateway.submit("r/2/update", 4);
+  ASSERT_TRUE(gateway.sees([&] { return gateway.fired.size() == 4; }));
+  ASSERT_TRUE(gateway.sees([&] { return subscriber.lines().size() == 3; }));
+  ASSERT_TRUE(gateway.sees([&] { return gateway.outbox.depth() == 0; }));
+  for (const auto& [receipt, outcome] : gateway.fired) EXPECT_EQ(outcome, ReceiptOutcome::safe);
+  EXPECT_EQ(gateway.ups, 1u) << "it was never sent";
+  EXPECT_EQ(gateway.outbox.backlog().dead_letters().count, 1u);
+  EXPECT_EQ(gateway.outbox.statistics().dropped, 1u);
+  EXPECT_TRUE(gateway.logs("was set aside: the packet would have"));
+  EXPECT_TRUE(gateway.logs("messages of QoS 0 on r/1/often are dropped"));
+}
+
 }  // namespace
 }  // namespace slamgw

@@ -20,9 +20,9 @@ namespace slamgw {
 
 /// Remembers what the link said.
 struct RecordingListener final : UpstreamListener {
-  void on_link_up(bool, std::uint16_t maximum) override {
+  void on_link_up(bool, const BrokerLimits& said) override {
     ++ups;
-    receive_maximum = maximum;
+    limits = said;
     is_up = true;
   }
   void on_link_down(const std::string& why) override {
@@ -43,7 +43,7 @@ struct RecordingListener final : UpstreamListener {
 
   int ups = 0;
   bool is_up = false;
-  std::uint16_t receive_maximum = 0;
+  BrokerLimits limits;
   std::vector<std::string> reasons;
   std::set<std::uint64_t> published;
   std::map<std::uint64_t, Refusal> refused;

@@ -84,11 +84,11 @@ class DeliveryRig : private UpstreamListener {
   void perform(LoadFromStore& load) { store_.ask(std::move(load)); }
   void perform(Notice& notice) { notices.push_back(notice.text); }
 
-  void on_link_up(bool, std::uint16_t receive_maximum) override {
+  void on_link_up(bool, const BrokerLimits& limits) override {
     is_up = true;
     ++ups;
     driver_.input(
-        [&](Outbox& machine, TimePoint now) { machine.on_link_up(receive_maximum, now); });
+        [&](Outbox& machine, TimePoint now) { machine.on_link_up(limits.receive_maximum, now); });
   }
   void on_link_down(const std::string& why) override {
     is_up = false;

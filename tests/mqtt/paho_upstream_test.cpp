@@ -29,7 +29,7 @@ TEST_P(PahoUpstreamOf, PublishesAtEachQosAndSaysWhenTheBrokerHasIt) {
   Link link(broker.link_port());
   ASSERT_TRUE(link.comes_up());
   EXPECT_EQ(link.upstream->version(), GetParam());
-  EXPECT_EQ(link.listener.receive_maximum, GetParam() == MqttVersion::v5 ? 20 : 65535)
+  EXPECT_EQ(link.listener.limits.receive_maximum, GetParam() == MqttVersion::v5 ? 20 : 65535)
       << "Mosquitto's default, and none";
   for (std::uint64_t qos = 0; qos <= 2; ++qos) {
     link.upstream->publish(
@@ -170,6 +170,69 @@ TEST(PahoUpstream, FallsBackToMqtt311WhereTheBrokerClosesOnMqtt5) {
   EXPECT_EQ(link.upstream->version(), MqttVersion::v3_1_1);
   link.upstream->publish(1, {"t", to_bytes("x"), Qos::at_least_once, false});
   EXPECT_TRUE(link.sees([&] { return link.listener.published.contains(1); }));
+}
+
+/// A message whose PUBLISH has so many octets.
+BrokerMessage message_of(std::size_t packet_bytes, Qos qos, std::size_t property_bytes) {
+  BrokerMessage message{"t", {}, qos, false, Provenance{Mesh::thread, WallTime{}}};
+  while (publish_packet_bytes(message, property_bytes) < packet_bytes)
+    message.payload.push_back('x');
+  return message;
+}
+
+TEST(PahoUpstream, FindsTheLargestPacketThatTheBrokerTakesToTheOctet) {
+  // With MQTT 5, Mosquitto closes the connection on a larger one.
+  for (const std::uint32_t limit : {120u, 500u, 20000u}) {
+    Mosquitto broker("max_packet_size " + std::to_string(limit));
+    BrokerSettings settings = settings_for(broker.port());
+    settings.gateway_id = "lab-1";
+    Link link(settings);
+    ASSERT_TRUE(link.comes_up());
+    EXPECT_EQ(link.listener.limits.max_packet_bytes, limit);
+    // Five for each pair's frame, and the texts.
+    const std::size_t properties = 3 * 5 + std::string_view("meshthread").size() +
+                                   std::string_view("gatewaylab-1").size() +
+                                   std::string_view("received_at2025-11-21T04:40:00.042Z").size();
+    std::uint64_t sequence = 0;
+    for (const Qos qos : {Qos::at_most_once, Qos::at_least_once, Qos::exactly_once}) {
+      link.upstream->publish(++sequence, message_of(limit, qos, properties));
+      link.upstream->publish(++sequence, message_of(limit + 1, qos, properties));
+    }
+    ASSERT_TRUE(link.sees(
+        [&] { return link.listener.published.size() == 3 && link.listener.refused.size() == 3; }));
+    for (const std::uint64_t larger : {2u, 4u, 6u}) {
+      EXPECT_EQ(link.listener.refused[larger].code, 0x95);
+    }
+    EXPECT_TRUE(link.listener.reasons.empty()) << link.listener.reasons[0];
+  }
+}
+
+TEST(PahoUpstream, PublishesAtTheHighestQosThatTheBrokerTakes) {
+  for (const int highest : {0, 1}) {
+    Mosquitto broker("max_qos " + std::to_string(highest));
+    Subscriber subscriber(broker, "t", "%q %p");
+    Link link(broker.port());
+    ASSERT_TRUE(link.comes_up());
+    EXPECT_EQ(link.listener.limits.max_qos, static_cast<Qos>(highest));
+    for (std::uint64_t qos = 0; qos <= 2; ++qos) {
+      link.upstream->publish(qos + 1, {"t", to_bytes("x"), static_cast<Qos>(qos), false});
+    }
+    EXPECT_TRUE(link.sees([&] { return link.listener.published.size() == 3; }));
+    EXPECT_TRUE(link.sees([&] { return subscriber.lines().size() == 3; }));
+    EXPECT_EQ(link.listener.ups, 1);
+  }
+}
+
+TEST(PahoUpstream, GoesWithoutRetainedMessagesWhereTheBrokerKeepsNone) {
+  Mosquitto broker("retain_available false");
+  Subscriber subscriber(broker, "t", "%p");
+  Link link(broker.port());
+  ASSERT_TRUE(link.comes_up());
+  EXPECT_FALSE(link.listener.limits.keeps_retained);
+  link.upstream->publish(1, {"t", to_bytes("x"), Qos::at_least_once, true});
+  EXPECT_TRUE(link.sees([&] { return link.listener.published.contains(1); }));
+  EXPECT_TRUE(link.sees([&] { return subscriber.lines().size() == 1; }));
+  EXPECT_TRUE(link.listener.reasons.empty()) << link.listener.reasons[0];
 }
 
 TEST(PahoUpstream, ChecksTheBrokersCertificateAndItsName) {
