@@ -215,6 +215,15 @@ TEST_F(BleMeshAdapterTest, StaysOffWithADamagedKeyFileAndKeepsIt) {
   EXPECT_EQ(mesh_file(), "{\"version\": 1, \"net_");
 }
 
+TEST_F(BleMeshAdapterTest, StaysOffWhenTheKeyFileCannotBeRead) {
+  fs::create_directory(directory / "mesh.json");
+  make_adapter();
+  plug();
+  adapter->start();
+  EXPECT_TRUE(listener.has_notice("can't be read (Is a directory): the BLE mesh stays off"));
+  EXPECT_FALSE(listener.is_up());
+}
+
 TEST_F(BleMeshAdapterTest, StaysOffWithTheAddressOfARobot) {
   NodeDatabase database;
   Node& node = database.nodes.emplace_back();

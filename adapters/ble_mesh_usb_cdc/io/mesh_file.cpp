@@ -6,11 +6,12 @@
 #include <openssl/rand.h>
 #include <unistd.h>
 
+#include <array>
 #include <cerrno>
+#include <chrono>
 #include <cstring>
 #include <filesystem>
-#include <fstream>
-#include <iterator>
+#include <thread>
 
 #include "adapters/ble_mesh_usb_cdc/provisioning/mesh_json.hpp"
 
@@ -27,6 +28,23 @@ bool write_all(int file, std::string_view text) {
     text.remove_prefix(static_cast<std::size_t>(written));
   }
   return true;
+}
+
+constexpr int read_attempts = 10;
+constexpr std::chrono::seconds read_pause{1};
+
+/// 0, or what errno says.
+int read_file(const std::string& path, std::string& content) {
+  content.clear();
+  const int file = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  if (file < 0) return errno;
+  std::array<char, 4096> part{};
+  ssize_t size = 0;
+  while ((size = ::read(file, part.data(), part.size())) > 0)
+    content.append(part.data(), static_cast<std::size_t>(size));
+  const int error = size < 0 ? errno : 0;
+  ::close(file);
+  return error;
 }
 
 /// Writes a new file with mode 0600 and waits until it is on disk.
@@ -51,15 +69,18 @@ bool sync_directory(const std::string& path) {
 }  // namespace
 
 Result<std::optional<NodeDatabase>, Refusal> MeshFile::load() const {
-  std::error_code error;
-  const bool is_there = std::filesystem::exists(path_, error);
-  if (!error && !is_there) return std::optional<NodeDatabase>();
-  std::ifstream file(path_, std::ios::binary);
-  const std::string text{std::istreambuf_iterator<char>(file), {}};
-  if (!file.is_open() || file.bad())
+  std::string content;
+  int error = read_file(path_, content);
+  // A disk that fails for a moment is waited for: without its keys the whole mesh would stay off.
+  for (int again = 0; error == EIO && again < read_attempts; ++again) {
+    std::this_thread::sleep_for(read_pause);
+    error = read_file(path_, content);
+  }
+  if (error == ENOENT) return std::optional<NodeDatabase>();
+  if (error != 0)
     return Refusal{
-        fmt::format("{} can't be read ({}): the BLE mesh stays off", path_, last_error())};
-  const auto database = decode_node_database(text);
+        fmt::format("{} can't be read ({}): the BLE mesh stays off", path_, std::strerror(error))};
+  const auto database = decode_node_database(content);
   if (!database.has_value())
     return Refusal{fmt::format(
         "{} is damaged or of another version: the BLE mesh stays off. It holds the mesh's keys: "
