@@ -101,6 +101,14 @@ std::optional<fs::path> move_content_aside(const fs::path& directory, const std:
   return aside;
 }
 
+/// Only the tree or file itself: the directories above it keep their owners and modes.
+void put_in_place(const fs::path& unpacked, const fs::path& path) {
+  const fs::path source = unpacked / path.relative_path();
+  if (!fs::exists(source)) return;
+  fs::create_directories(path.parent_path());
+  run_or_fail({"cp", "-aT", source.string(), path.string()});
+}
+
 void give_to_service(const fs::path& state) {
   run_or_fail({"chown", "-R", fmt::format("{}:{}", service_user, service_user), state.string()});
 }
@@ -174,7 +182,9 @@ std::string restore(const Installation& installation, const std::string& file) {
     for (const fs::path& directory : {installation.etc(), manifest.state})
       if (const auto aside = move_content_aside(directory, suffix))
         told += fmt::format("What was in {} is in {} now.\n", directory.string(), aside->string());
-    run_or_fail({"cp", "-a", unpacked.path().string() + "/.", "/"});
+    put_in_place(unpacked.path(), installation.etc());
+    put_in_place(unpacked.path(), manifest.state);
+    for (const fs::path& path : manifest.elsewhere) put_in_place(unpacked.path(), path);
     fs::permissions(manifest.state, fs::perms::owner_all);
     if (installation.is_service()) give_to_service(manifest.state);
   }

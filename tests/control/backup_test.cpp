@@ -58,7 +58,14 @@ TEST_F(Backup, BringsEverythingBack) {
   EXPECT_EQ(mode("backup.tar.gz"), 0600U);
   fs::remove_all(root() / "state");
   fs::remove_all(root() / "etc");
+  struct stat before {};
+  struct stat after {};
+  stat("/", &before);
+  const auto mode_before = fs::status(root()).permissions();
   restore(installation(), archive());
+  stat("/", &after);
+  EXPECT_EQ(after.st_mode, before.st_mode) << "of the directories above nothing changes";
+  EXPECT_EQ(fs::status(root()).permissions(), mode_before);
   EXPECT_EQ(read("state/mesh.json"), "the mesh's keys");
   EXPECT_EQ(read("state/messages.db"), "messages");
   EXPECT_NE(read("etc/credentials.json").find("hush"), std::string::npos);
