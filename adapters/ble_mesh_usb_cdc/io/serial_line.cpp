@@ -73,9 +73,9 @@ void SerialLine::on_thread_ended() {
 
 void SerialLine::watch() {
   stuck_timer_.expires_after(stuck_after);
-  stuck_timer_.async_wait([this](boost::system::error_code error) {
-    const bool is_due = stuck_timer_.expiry() <= std::chrono::steady_clock::now();
-    if (!error && is_due) on_stuck();
+  stuck_timer_.async_wait([this, alive = std::weak_ptr(alive_)](boost::system::error_code error) {
+    if (error || alive.expired()) return;
+    if (stuck_timer_.expiry() <= std::chrono::steady_clock::now()) on_stuck();
   });
 }
 

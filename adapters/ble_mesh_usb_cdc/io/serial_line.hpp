@@ -76,6 +76,8 @@ class SerialLine {
   OpenPort open_port_;
   Callbacks callbacks_;
   boost::asio::steady_timer stuck_timer_;
+  /// Gone with this object: a timer that has run out already must not touch it.
+  std::shared_ptr<const int> alive_ = std::make_shared<int>();
   State state_ = State::closed;
   bool is_open_wanted_ = false;                   ///< while closing
   std::shared_ptr<SerialConnection> connection_;  ///< null while closed

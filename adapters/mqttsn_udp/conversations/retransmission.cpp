@@ -23,6 +23,7 @@ Retransmission::Due Retransmission::on_time(Attempt& attempt, TimePoint now) con
 }
 
 void Retransmission::on_answer(Delivery& delivery, const Attempt& attempt, TimePoint now) {
+  if (attempt.begun == TimePoint::min()) return;  // it rested, or was restored: no time is known
   if (attempt.repeats == 0) {
     delivery.timeout.on_answer(now - attempt.begun);
   } else {
