@@ -175,8 +175,8 @@ TEST_F(DeadLetters, KeepTheTimeOfTheMessageWhenTheyAreSetAsideAgain) {
 }
 
 TEST_F(DeadLetters, WithoutAStoreOrdersFailInWords) {
-  StoreUser second(directory.path());
   ASSERT_TRUE(user->await<StoreOpened>());
+  StoreUser second(directory.path());
   ASSERT_TRUE(second.await<StoreAbsent>());
   EXPECT_NE(second.perform(ListDeadLetters{}).error.find("there is no store: "), std::string::npos);
 }
