@@ -51,7 +51,7 @@ std::array<std::size_t, Column::count> fit(const std::vector<Row>& rows) {
   return widths;
 }
 
-/// What robots were refused, where that ever happened; the log says whom and why.
+/// What robots were refused, if anything; the log names the robots and the reasons.
 std::string refused_line(const json& counters) {
   constexpr std::pair<const char*, const char*> kinds[] = {
       {"connects_refused", "connections"},

@@ -21,7 +21,7 @@ class PendingSends {
   bool is_full() const { return waiting_.size() >= max_waiting; }
   /// Not when it is full.
   void add(CommandId command, Done done, TimePoint now);
-  /// Whoever waits for this command has its answer.
+  /// Answers the caller that waits for this command.
   void on_outcome(const CommandOutcome& outcome);
   /// Gives up on those that nobody answered. To be called now and then.
   void on_time(TimePoint now);

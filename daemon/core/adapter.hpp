@@ -36,7 +36,7 @@ class MeshAdapter {
 
   /// The receipt of an earlier Report fires. Called once for each owed receipt.
   virtual void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome) = 0;
-  /// A message from the broker, for whoever of this mesh has subscribed to it. With a `command` it
+  /// A message from the broker, for the subscribers of this mesh. With a `command` it
   /// is one for a robot of this mesh, which owes its CommandOutcome within 30 s; a retained one may
   /// be passed over in silence, when the robot does not wait for it. Without, this mesh must not
   /// give it to the robot that it commands: another mesh does.

@@ -67,7 +67,7 @@ struct Attempt {
   unsigned repeats = 0;
   std::optional<TimePoint> repeat_at{};  ///< nothing: it rests
 
-  /// Holds back what comes behind it; once a wait was in vain, others go on.
+  /// Holds back what comes behind it; once a wait has brought no answer, others go on.
   bool is_fresh() const { return repeats == 0; }
 };
 

@@ -20,7 +20,7 @@ class RetransmissionTimeout {
 
   /// The wait after the first transmission of a request, at most `longest`.
   Duration first(Duration longest) const;
-  /// The wait after repetition number `repeats` (from 1), `last` having been in vain. A lost
+  /// The wait after repetition number `repeats` (from 1), `last` having brought no answer. A lost
   /// datagram is the common reason of the first ones, so they come at an even pace; then it slows.
   static Duration next(Duration last, unsigned repeats, Duration longest);
 

@@ -140,7 +140,7 @@ void MqttsnAdapter::on_datagram(std::uint8_t socket, const UdpSocket::Datagram& 
   if (is_multicast(datagram.to)) {
     const NetworkInterface* from = find_interface(datagram.interface);
     const auto source = from ? choose_source(from->addresses, datagram.from.address) : std::nullopt;
-    if (!source) return;  // its addresses are not there yet; whoever searches asks again
+    if (!source) return;  // no address yet; a searching client asks again
     to.address = *source;
   }
   input([&](SnGateway& gateway, TimePoint now) {
