@@ -180,12 +180,6 @@ class Examination {
           fmt::format("{} is {}: {}", uri, state, why),
           "/usr/share/doc/slam-gateway/troubleshooting.md, broker.md");
     }
-    for (const json& right : broker.value("rights_missing", json::array()))
-      add("broker: rights", Health::problem, text_at(right, "what"),
-          "the broker's access control list: " + text_at(right, "grant"));
-    if (const auto back = broker.find("round_trip_ms"); back != broker.end() && back->is_number())
-      add("broker: there and back", Health::well,
-          fmt::format("a message of our own came back after {} ms", back->get<double>()));
   }
 
   void store() {
