@@ -109,7 +109,7 @@ void BleMesh::on_link_up(std::string detail, TimePoint now) {
     if (robot.is_online) subscribe(robot);  // for retained messages that came while it was down
     if (robot.is_node) robot.await(now);
   }
-  provisioner_.on_link_up(link_.subnet_handle(), now);
+  provisioner_.on_link_up(link_.subnet_handle(), link_.version(), now);
 }
 
 void BleMesh::on_link_down(const std::string& why, TimePoint now) {

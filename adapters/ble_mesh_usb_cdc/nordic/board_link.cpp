@@ -121,6 +121,7 @@ void BoardLink::on_started(TimePoint now) {
   traffic_.on_started(
       {start_up_->version(), start_up_->appkey_handle(), start_up_->take_addresses()});
   subnet_handle_ = start_up_->subnet_handle();
+  version_ = start_up_->version();
   if (start_up_->dropped_events()) on_drop_counter(*start_up_->dropped_events(), now);
   poll_at_ = now + poll_interval;
   if (!std::exchange(is_up_, true)) {

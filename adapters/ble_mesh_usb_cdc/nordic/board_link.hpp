@@ -98,7 +98,9 @@ class BoardLink {
   bool clear_board(TimePoint now);
   /// The mesh's keys are others than before; starts the board up with them.
   void change_keys(const MeshKeys& keys, TimePoint now);
+  /// These two were told by the board that was started up last.
   std::uint16_t subnet_handle() const { return subnet_handle_; }
+  SerialVersion version() const { return version_; }
 
   std::optional<TimePoint> deadline() const;
   void on_deadline(TimePoint now);
@@ -166,6 +168,7 @@ class BoardLink {
   TimePoint poll_at_{};   ///< while running
   BoardTraffic traffic_;
   std::uint16_t subnet_handle_ = 0;
+  SerialVersion version_ = SerialVersion::sdk_3_1;
   bool is_clear_wanted_ = false;
   std::optional<std::uint32_t> dropped_events_;
   Burst drop_burst_;

@@ -68,8 +68,9 @@ struct PacketSend {
 /// Longest access message with current firmware.
 inline constexpr std::size_t max_send_bytes = 244;
 
-/// What the firmware answers to 0x09. Only Packet Send differs between the versions in what the
-/// daemon sends: a layout that is too long puts its last octets before each message on air.
+/// What the firmware answers to 0x09. Of what the daemon sends, Packet Send and Provision differ
+/// between the versions: a Packet Send that is too long puts its last octets before each message
+/// on air.
 enum class SerialVersion : std::uint16_t {
   sdk_1_0 = 5,   ///< nRF5 SDK for Mesh 1.0.x
   sdk_2_0 = 6,   ///< 2.0.x, 2.1.x

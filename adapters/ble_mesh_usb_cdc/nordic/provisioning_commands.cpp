@@ -20,9 +20,9 @@ Bytes encode_provision(const ProvisionCommand& command) {
       .write_u16_le(0)  // network key index
       .write_u32_le(command.iv_index)
       .write_u16_le(command.address)
-      .write_u8(0)   // no IV update in progress
-      .write_u8(0)   // no key refresh in progress
-      .write_u8(0);  // no attention signal
+      .write_u8(0)                                                    // no IV update in progress
+      .write_u8(0);                                                   // no key refresh in progress
+  if (command.version >= SerialVersion::sdk_3_0) params.write_u8(0);  // no attention signal
   return encode(CommandOpcode::provision, params);
 }
 

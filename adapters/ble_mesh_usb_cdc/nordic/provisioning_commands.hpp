@@ -16,6 +16,7 @@ struct ProvisionCommand {
   Key net_key{};
   std::uint32_t iv_index = 0;
   std::uint16_t address = 0;  ///< of the device's first element
+  SerialVersion version = SerialVersion::sdk_3_1;
 };
 
 enum class OobMethod : std::uint8_t { none = 0, static_data = 1 };

@@ -35,8 +35,9 @@ Provisioner::Provisioner(const Settings& settings, RobotNames names,
 
 // --- Inputs --------------------------------------------------------------------------------------
 
-void Provisioner::on_link_up(std::uint16_t subnet_handle, TimePoint now) {
+void Provisioner::on_link_up(std::uint16_t subnet_handle, SerialVersion version, TimePoint now) {
   is_up_ = true;
+  version_ = version;
   subnet_handle_ = subnet_handle;
   advance(now);
 }

@@ -59,7 +59,7 @@ class Provisioner {
   Provisioner(const Settings& settings, RobotNames names, std::optional<NodeDatabase> database,
               RandomSource random);
 
-  void on_link_up(std::uint16_t subnet_handle, TimePoint now);
+  void on_link_up(std::uint16_t subnet_handle, SerialVersion version, TimePoint now);
   void on_link_down(const std::string& why, TimePoint now);
   void on_command_ended(const CommandEnded& ended, TimePoint now);
   void on_event(const ProvisioningEvent& event, TimePoint now);
@@ -184,6 +184,7 @@ class Provisioner {
   bool is_up_ = false;
   std::string down_reason_ = "not started";
   std::uint16_t subnet_handle_ = 0;
+  SerialVersion version_ = SerialVersion::sdk_3_1;  ///< of the board's firmware
   std::optional<InFlight> in_flight_;
   bool is_scanning_ = false;
   Candidates candidates_;

@@ -140,7 +140,7 @@ void Provisioner::begin_session(TimePoint now) {
   context_ = context_ == 0 ? 1 : 0;
   is_last_context_ = chosen_->is_last_context;
   session_.emplace(ProvisioningSession::Request{{context_, node->uuid, database()->keys.net_key,
-                                                 database()->iv_index, node->address},
+                                                 database()->iv_index, node->address, version_},
                                                 *pair,
                                                 static_oob_},
                    now);
