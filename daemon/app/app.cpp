@@ -3,14 +3,11 @@
 
 #include <fmt/format.h>
 
-#include <algorithm>
 #include <csignal>
 #include <filesystem>
 #include <stdexcept>
 #include <utility>
 
-#include "adapters/ble_mesh_usb_cdc/io/ble_mesh_adapter.hpp"
-#include "adapters/mqttsn_udp/io/mqttsn_adapter.hpp"
 #include "daemon/config/load.hpp"
 #include "daemon/observability/log.hpp"
 
@@ -18,7 +15,7 @@ namespace slamgw {
 namespace {
 
 constexpr std::chrono::seconds stats_interval{10};  // contract section 4
-/// What an orderly end waits for the broker to take what is queued; well below systemd's patience.
+/// Time given to the broker at shutdown; well below systemd's patience.
 constexpr std::chrono::seconds flush_patience{2};
 constexpr std::chrono::milliseconds flush_poll{20};
 
@@ -36,18 +33,6 @@ void make_store_directory(const std::string& path) {
 
 }  // namespace
 
-std::string broker_uri(const BrokerSettings& broker) {
-  const bool is_ipv6 = broker.host.find(':') != std::string::npos;
-  const std::string host = is_ipv6 ? "[" + broker.host + "]" : broker.host;
-  return fmt::format("{}://{}:{}", broker.tls ? "mqtts" : "mqtt", host, broker.port);
-}
-
-void App::on_outbox_drained() {
-  const bool is_full = outbox_.backlog().is_full();
-  if (gateway_.is_store_full() == is_full) return;
-  gateway_driver_.input([&](Gateway& gateway, TimePoint) { gateway.on_store(is_full); });
-}
-
 App::App(Config config, std::string config_file)
     : config_(std::move(config)),
       config_file_(std::move(config_file)),
@@ -56,11 +41,10 @@ App::App(Config config, std::string config_file)
       signals_(io_, SIGTERM, SIGINT, SIGHUP),
       stats_timer_(io_),
       stop_timer_(io_),
-      notifier_(io_, [this] { return service_state(); }),
-      gateway_(scheme_, {SLAMGW_VERSION, config_.update_mode, started_.wall},
-               [this](Mesh where, const std::string& robot) {
-                 return mesh(where) ? mesh(where)->presence_of(robot) : std::nullopt;
-               }),
+      notifier_(io_, [this] { return status_.service_state(); }),
+      gateway_(
+          scheme_, {SLAMGW_VERSION, config_.update_mode, started_.wall}, broker_link_,
+          [this](Mesh mesh, const std::string& robot) { return meshes_.presence_of(mesh, robot); }),
       gateway_driver_(io_, gateway_,
                       [this](GatewayAction& action) {
                         std::visit([this](auto& what) { perform(what); }, action);
@@ -80,9 +64,12 @@ App::App(Config config, std::string config_file)
              }),
       session_store_(io_, config_.store.directory, [this](Notice notice) { perform(notice); }),
       upstream_(io_, config_.broker, {scheme_.state_topic(), R"({"state":"offline"})"}, *this),
+      meshes_(io_, config_, scheme_, session_store_, descriptors_, *this),
       network_watch_(std::make_shared<InterfaceWatch>(io_)),
       broker_log_(broker_uri(config_.broker)),
-      sampler_(config_.log.traffic) {}
+      traffic_log_(config_.log.traffic),
+      traffic_observers_{&traffic_log_},
+      status_(config_, broker_link_, gateway_, outbox_, meshes_, started_.mono) {}
 
 App::~App() = default;
 
@@ -100,29 +87,15 @@ void App::run() {
   publish_stats_regularly();
   notifier_.ready();
   io_.run();
-  log_event(Severity::notice, "slam-gatewayd has ended in order");
+  log_event(Severity::notice, "slam-gatewayd has shut down cleanly");
 }
 
 void App::start_meshes() {
-  const RobotNames names(config_.robots);
-  if (config_.mqttsn.enabled) {
-    TopicPolicy policy(scheme_, config_.topics.extra_publish, config_.topics.extra_subscribe);
-    meshes_[Mesh::thread] = std::make_unique<mqttsn::MqttsnAdapter>(
-        io_, config_.mqttsn, std::move(policy), names, *this, &session_store_, &descriptors_);
-  }
-  if (config_.ble_mesh.enabled) {
-    auto adapter = std::make_unique<ble::BleMeshAdapter>(io_, config_.ble_mesh, scheme_, names,
-                                                         config_.store.directory, *this);
-    ble_ = adapter.get();
-    meshes_[Mesh::ble] = std::move(adapter);
-  }
-  if (std::ranges::none_of(meshes_, [](const auto& adapter) { return adapter != nullptr; })) {
+  if (!meshes_.has_any()) {
     log_event(Severity::warning,
               "no mesh is enabled: set mqttsn.enabled or ble_mesh.enabled to true");
   }
-  for (auto& adapter : meshes_) {
-    if (adapter) adapter->start();
-  }
+  meshes_.start();
   descriptors_.drop_rest();
 }
 
@@ -130,6 +103,7 @@ void App::start_control() {
   control_ = std::make_unique<ControlServer>(io_, config_.control_socket, *this);
   try {
     control_->start();
+    traffic_observers_.push_back(control_.get());
   } catch (const std::runtime_error& error) {  // robots come before operators
     log_event(Severity::warning,
               fmt::format("control.socket: {}; slam-gatewayctl will not work", error.what()));
@@ -148,59 +122,86 @@ void App::wait_for_signal() {
   });
 }
 
+OrderAnswer App::reload() {
+  ParseResult result = load_config(config_file_);
+  if (!result.problems.empty()) {
+    const std::string refusal = "the configuration was not changed: fix the file, then reload";
+    std::string error;
+    for (const Problem& problem : result.problems) {
+      log_event(Severity::error, to_string(problem));
+      error += to_string(problem) + "\n";
+    }
+    log_event(Severity::error, refusal);
+    return {{}, error + refusal};
+  }
+  const Reload reload = reload_of(config_, std::move(result.config));
+  apply(reload);
+  log_event(Severity::notice,
+            "configuration read again: log, broker, topics and robots are in force");
+  if (!reload.needs_restart.empty())
+    log_event(Severity::warning, "only a restart changes: " + reload.needs_restart);
+  return {answer_json(reload).dump(), {}};
+}
+
+void App::apply(const Reload& reload) {
+  config_ = reload.config;
+  configure_log(config_.log.level);
+  traffic_log_.reconfigure(config_.log.traffic);
+  meshes_.reconfigure(config_, reload.has_other_robots, reload.has_other_topics);
+  broker_log_.rename(broker_uri(config_.broker));
+  upstream_.reconfigure(config_.broker);
+}
+
 void App::stop() {
   notifier_.stopping();
   log_event(Severity::notice, "slam-gatewayd ends");
   stats_timer_.cancel();
+  traffic_observers_ = {&traffic_log_};
   control_.reset();
-  for (auto& adapter : meshes_) {
-    if (adapter) adapter->stop_listening();
-  }
+  meshes_.stop_listening();
   gateway_driver_.input([](Gateway& gateway, const Now&) { gateway.on_stop(); });
   outbox_driver_.input([](Outbox& outbox, TimePoint now) { outbox.on_stop(now); });
   stop_when_flushed(read_clocks().mono + flush_patience);
 }
 
 void App::stop_when_flushed(TimePoint give_up_at) {
-  if (outbox_.is_settled() || read_clocks().mono >= give_up_at) {
-    if (outbox_.unsaved() > 0) {
-      log_event(Severity::warning,
-                fmt::format("{} messages are neither with the broker nor in the store",
-                            outbox_.unsaved()));
-    }
-    log_overdue_lines(TimePoint::max());
-    for (auto& adapter : meshes_) {
-      if (adapter) adapter->stop();
-    }
-    gateway_driver_.stop();
-    outbox_driver_.stop();
-    network_watch_->stop();
-    upstream_.stop();
-    store_.stop();
-    session_store_.stop();
-    io_.stop();
-    return;
-  }
+  if (outbox_.is_settled() || read_clocks().mono >= give_up_at) return close_everything();
   stop_timer_.expires_after(flush_poll);
   stop_timer_.async_wait([this, give_up_at](boost::system::error_code error) {
     if (!error) stop_when_flushed(give_up_at);
   });
 }
 
+void App::close_everything() {
+  if (outbox_.unsaved() > 0) {
+    log_event(
+        Severity::warning,
+        fmt::format("{} messages are neither with the broker nor in the store", outbox_.unsaved()));
+  }
+  traffic_log_.write_overdue(TimePoint::max());
+  meshes_.stop();
+  gateway_driver_.stop();
+  outbox_driver_.stop();
+  network_watch_->stop();
+  upstream_.stop();
+  store_.stop();
+  session_store_.stop();
+  io_.stop();
+}
+
 void App::publish_stats_regularly() {
   stats_timer_.expires_after(stats_interval);
   stats_timer_.async_wait([this](boost::system::error_code error) {
     if (error) return;
-    pending_sends_.on_time(read_clocks().mono);
     publish_stats();
-    log_overdue_lines(read_clocks().mono);
+    traffic_log_.write_overdue(read_clocks().mono);
     flush_log();
     publish_stats_regularly();
   });
 }
 
 void App::publish_stats() {
-  if (!broker_log_.is_up()) return;  // of no use later
+  if (!broker_link_.is_up) return;  // of no use later
   Upload upload{{scheme_.stats_topic(), to_bytes(status().dump()), Qos::at_most_once, false}, {}};
   perform(upload);
 }
@@ -217,29 +218,14 @@ void App::perform(SubscribeAtBroker& action) {
 
 void App::perform(UnsubscribeAtBroker& action) { upstream_.unsubscribe(action.filter); }
 
-void App::perform(DeliverToMeshes& action) {
-  for (const Mesh each : all_meshes)
-    if (mesh(each)) mesh(each)->on_broker_message(action.message, action.command_on(each));
-}
+void App::perform(DeliverToMeshes& action) { meshes_.deliver(action); }
 
-void App::perform(AnswerSubscribe& action) {
-  if (mesh(action.mesh)) mesh(action.mesh)->on_subscribe_result(action.filter, action.granted);
-}
+void App::perform(AnswerSubscribe& action) { meshes_.answer(action); }
 
-void App::perform(CommandOutcome& outcome) { pending_sends_.on_outcome(outcome); }
+void App::perform(CommandOutcome& outcome) { operator_commands_.on_outcome(outcome); }
 
 void App::perform(TrafficEvent& event) {
-  if (control_ && control_->has_watchers()) control_->publish_traffic(event);
-  if (!is_logged(Severity::info)) return;
-  const auto line = sampler_.on_traffic(event, event.at);
-  if (!line) return;
-  const auto entry = awaited_lines_.add(event, {traffic_text(event, *line), traffic_fields(event)});
-  if (entry) log_event(Severity::info, entry->text, entry->fields);
-}
-
-void App::log_overdue_lines(TimePoint now) {
-  for (const TrafficEntry& entry : awaited_lines_.take_overdue(now))
-    log_event(Severity::info, entry.text, entry.fields);
+  for (TrafficObserver* observer : traffic_observers_) observer->on_traffic(event);
 }
 
 void App::perform(Notice& notice) { log_notice(notice); }
@@ -249,30 +235,37 @@ void App::perform(PublishAtBroker& action) {
 }
 
 void App::perform(FireReceipt& action) {
-  if (awaited_lines_.has(action.receipt)) {
-    const auto entry =
-        awaited_lines_.on_receipt(action.receipt, action.outcome, read_clocks().mono);
-    log_event(Severity::info, entry.text, entry.fields);
-  }
-  if (mesh(action.receipt.mesh)) {
-    mesh(action.receipt.mesh)->on_receipt(action.receipt.id, action.outcome);
-  }
+  for (TrafficObserver* observer : traffic_observers_)
+    observer->on_receipt(action.receipt, action.outcome, read_clocks().mono);
+  meshes_.fire(action.receipt, action.outcome);
 }
 
 void App::perform(WriteToStore& action) { store_.ask(std::move(action)); }
 
 void App::perform(LoadFromStore& action) { store_.ask(action); }
 
+void App::on_outbox_drained() {
+  const bool is_full = outbox_.backlog().is_full();
+  if (gateway_.is_store_full() == is_full) return;
+  gateway_driver_.input([&](Gateway& gateway, TimePoint) { gateway.on_store(is_full); });
+}
+
+// --- Operators -----------------------------------------------------------------------------------
+
+nlohmann::json App::status() {
+  return to_json(status_.status(control_ ? control_->counters() : Counters{}, read_clocks().mono));
+}
+
+nlohmann::json App::robots() { return to_json(status_.robots(read_clocks().mono)); }
+
 void App::send(const std::string& robot, const std::string& type, Bytes payload,
                std::function<void(nlohmann::json)> done) {
-  if (!is_valid_level(robot) || !is_valid_level(type)) {
-    return done(outcome_json("refused", 0, "robot and type are one topic level each"));
-  }
-  if (pending_sends_.is_full())
-    return done(outcome_json("refused", 0, "too many commands wait for their outcome"));
+  // Its outcome is performed when the input returns, so that whoever waits is known by then.
   gateway_driver_.input([&](Gateway& gateway, const Now& now) {
-    const CommandId command = gateway.on_operator_command(robot, type, std::move(payload), now);
-    pending_sends_.add(command, done, now.mono);  // before its outcome is performed
+    const auto submit = [&](const std::string& to, const std::string& what, Bytes bytes) {
+      return gateway.on_operator_command(to, what, std::move(bytes), now);
+    };
+    operator_commands_.send(robot, type, std::move(payload), submit, std::move(done));
   });
 }
 
@@ -281,39 +274,40 @@ void App::manage_store(StoreOrder order, OrderDone done) {
 }
 
 void App::manage_ble(MeshOrder order, OrderDone done) {
-  if (!ble_) return done({{}, "the BLE mesh is not enabled: set ble_mesh.enabled to true"});
-  ble_->manage(std::move(order), std::move(done));
+  meshes_.manage_ble(std::move(order), std::move(done));
 }
+
+// --- The meshes and the broker -------------------------------------------------------------------
 
 void App::on_mesh_event(MeshEvent event) {
   gateway_driver_.input(
       [&](Gateway& gateway, const Now& now) { gateway.on_mesh_event(std::move(event), now); });
 }
 
-void App::tell_meshes_about_broker(bool is_up) {
-  gateway_driver_.input(
-      [&](Gateway& gateway, const Now& now) { gateway.on_broker_link(is_up, now); });
-  for (auto& adapter : meshes_) {
-    if (adapter) adapter->on_broker_link(is_up);
-  }
+void App::tell_broker_link() {
+  gateway_driver_.input([](Gateway& gateway, const Now& now) { gateway.on_broker_link(now); });
+  meshes_.on_broker_link(broker_link_.is_up);
 }
 
 void App::on_link_up(bool, const BrokerLimits& limits) {
+  broker_link_ = {true, read_clocks().wall, {}};
   std::string detail = upstream_.version() == MqttVersion::v5 ? "MQTT 5" : "MQTT 3.1.1";
   if (const std::string words = to_words(limits); !words.empty()) detail += "; it takes " + words;
-  log_notice(broker_log_.on_up(detail, read_clocks()));
+  log_notice(broker_log_.on_up(detail));
   // The outbox first: else what the gateway says about itself would go to the disk on its way.
   outbox_driver_.input(
       [&](Outbox& outbox, TimePoint now) { outbox.on_link_up(limits.receive_maximum, now); });
-  tell_meshes_about_broker(true);
+  tell_broker_link();
 }
 
 void App::on_link_down(const std::string& why) {
-  const bool was_up = broker_log_.is_up();
-  if (const auto notice = broker_log_.on_down(why, read_clocks())) log_notice(*notice);
+  const Now now = read_clocks();
+  if (const auto notice = broker_log_.on_down(why, now.mono)) log_notice(*notice);
+  const bool was_up = std::exchange(broker_link_.is_up, false);
+  if (why != broker_link_.why) broker_link_ = {false, now.wall, why};
   if (!was_up) return;
-  outbox_driver_.input([](Outbox& outbox, TimePoint now) { outbox.on_link_down(now); });
-  tell_meshes_about_broker(false);
+  outbox_driver_.input([](Outbox& outbox, TimePoint at) { outbox.on_link_down(at); });
+  tell_broker_link();
 }
 
 void App::on_published(std::uint64_t sequence) {

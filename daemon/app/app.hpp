@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The composition root: makes the parts, carries what one leaves to the next, and ends them in
-// order. The only place that knows everybody; decides nothing itself.
+// order. Decides nothing itself.
 #pragma once
 
 #include <boost/asio/io_context.hpp>
@@ -9,8 +9,12 @@
 #include <functional>
 #include <memory>
 #include <string>
+#include <vector>
 
-#include "daemon/app/pending_sends.hpp"
+#include "daemon/app/meshes.hpp"
+#include "daemon/app/operator_commands.hpp"
+#include "daemon/app/reload.hpp"
+#include "daemon/app/status_collector.hpp"
 #include "daemon/config/config.hpp"
 #include "daemon/control/control_server.hpp"
 #include "daemon/core/adapter.hpp"
@@ -29,20 +33,13 @@
 
 namespace slamgw {
 
-namespace ble {
-class BleMeshAdapter;
-}
-
-/// `mqtt://host:port`, as in the configuration.
-std::string broker_uri(const BrokerSettings& broker);
-
 class App final : public MeshListener, public UpstreamListener, public ControlHandler {
  public:
   /// `config_file` is read again on SIGHUP.
   App(Config config, std::string config_file);
   ~App() override;
 
-  /// Runs until SIGTERM or SIGINT. Throws std::runtime_error for what an operator must mend (a port
+  /// Runs until SIGTERM or SIGINT. Throws std::runtime_error for what an operator must fix (a port
   /// in use).
   void run();
 
@@ -51,15 +48,15 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   void start_control();
   void wait_for_signal();
   OrderAnswer reload() override;
-  void reload_robots(const Config& wanted);
+  /// Puts in force what can change while the daemon runs.
+  void apply(const Reload& reload);
   void stop();
   void stop_when_flushed(TimePoint give_up_at);
+  void close_everything();
   void publish_stats_regularly();
   void publish_stats();
-  void log_overdue_lines(TimePoint now);
 
-  /// The gateway is told when the store has become full or has room again.
-  void on_outbox_drained();
+  // What the core leaves:
   void perform(Upload& action);
   void perform(SubscribeAtBroker& action);
   void perform(UnsubscribeAtBroker& action);
@@ -68,23 +65,24 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   void perform(CommandOutcome& outcome);
   void perform(TrafficEvent& event);
   void perform(Notice& notice);
+  // What the outbox leaves:
   void perform(PublishAtBroker& action);
   void perform(FireReceipt& action);
   void perform(WriteToStore& action);
   void perform(LoadFromStore& action);
-  MeshAdapter* mesh(Mesh mesh) const { return meshes_[mesh].get(); }
-  void tell_meshes_about_broker(bool is_up);
+  /// The gateway is told when the store has become full or has room again.
+  void on_outbox_drained();
 
   void on_mesh_event(MeshEvent event) override;
 
   void on_link_up(bool session_present, const BrokerLimits& limits) override;
   void on_link_down(const std::string& why) override;
+  void tell_broker_link();
   void on_published(std::uint64_t sequence) override;
   void on_publish_refused(std::uint64_t sequence, const Refusal& refusal) override;
   void on_subscribe_result(const std::string& filter, bool granted) override;
   void on_message(BrokerMessage message, std::vector<std::uint32_t> subscriptions) override;
 
-  ServiceState service_state() const;
   nlohmann::json status() override;
   nlohmann::json robots() override;
   void send(const std::string& robot, const std::string& type, Bytes payload,
@@ -96,6 +94,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   const std::string config_file_;
   const TopicScheme scheme_;
   const Now started_;
+  BrokerLink broker_link_;
   boost::asio::io_context io_{1};
   boost::asio::signal_set signals_;
   boost::asio::steady_timer stats_timer_;
@@ -110,14 +109,15 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   SqliteStore store_;
   SqliteSessionStore session_store_;
   PahoUpstream upstream_;
+  Meshes meshes_;
   std::shared_ptr<InterfaceWatch> network_watch_;
+
   LinkLog broker_log_;
-  PerMesh<std::unique_ptr<MeshAdapter>> meshes_;  // nothing when not enabled
-  ble::BleMeshAdapter* ble_ = nullptr;            // the one of `meshes_`, for operators' orders
+  TrafficLog traffic_log_;
   std::unique_ptr<ControlServer> control_;
-  TrafficSampler sampler_;
-  AwaitedLines awaited_lines_;
-  PendingSends pending_sends_;
+  std::vector<TrafficObserver*> traffic_observers_;
+  OperatorCommands operator_commands_;
+  StatusCollector status_;
 };
 
 }  // namespace slamgw

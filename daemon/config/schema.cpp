@@ -122,9 +122,9 @@ constexpr auto common_keys = std::to_array<SchemaKey>({
      }},
     {"log.traffic",
      [](Value v, Config& c) {
-       v.one_of(c.log.traffic, {{"all", TrafficLog::all},
-                                {"sampled", TrafficLog::sampled},
-                                {"off", TrafficLog::off}});
+       v.one_of(c.log.traffic, {{"all", TrafficLogMode::all},
+                                {"sampled", TrafficLogMode::sampled},
+                                {"off", TrafficLogMode::off}});
      }},
     {"control.socket", [](Value v, Config& c) { v.file_path(c.control_socket); }},
 });

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the control socket asks of the daemon. Implemented by App, and by a fake in tests. Traffic
 // for `watch` goes the other way, as TrafficEvent (daemon/core/traffic_event.hpp), through
-// ControlServer::publish_traffic.
+// ControlServer::on_traffic.
 #pragma once
 
 #include <functional>

@@ -36,7 +36,7 @@ void make_directory(const std::string& path) {
   if (error) fail(path, "its directory can't be made: " + error.message());
 }
 
-/// Removes a socket that nobody listens at. Whatever else is there is somebody's.
+/// Removes a socket that nobody listens at. Leaves any other file alone.
 void remove_stale(asio::io_context& io, const std::string& path) {
   struct stat status {};
   if (lstat(path.c_str(), &status) != 0) return;
@@ -96,7 +96,8 @@ bool ControlServer::has_watchers() const {
                      [](const auto& session) { return session->is_watching(); });
 }
 
-void ControlServer::publish_traffic(const TrafficEvent& event) {
+void ControlServer::on_traffic(const TrafficEvent& event) {
+  if (!has_watchers()) return;
   std::string line;
   const auto sessions = sessions_;  // a session that is cut off leaves the list
   for (const auto& session : sessions) {

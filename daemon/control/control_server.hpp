@@ -18,13 +18,13 @@
 
 namespace slamgw {
 
-class ControlServer {
+class ControlServer final : public TrafficObserver {
  public:
   /// `handler` must outlive the server.
   ControlServer(boost::asio::io_context& io, std::string path, ControlHandler& handler,
                 ControlLimits limits = {});
   /// As stop().
-  ~ControlServer();
+  ~ControlServer() override;
   ControlServer(const ControlServer&) = delete;
   ControlServer& operator=(const ControlServer&) = delete;
 
@@ -35,7 +35,8 @@ class ControlServer {
   void stop();
 
   bool has_watchers() const;
-  void publish_traffic(const TrafficEvent& event);
+  /// To those that watch.
+  void on_traffic(const TrafficEvent& event) override;
   Counters counters() const;
 
  private:

@@ -49,9 +49,11 @@ Severity severity_of(CommandResult result) {
 
 }  // namespace
 
-Gateway::Gateway(TopicScheme scheme, Settings settings, PresenceQuery presence_on)
+Gateway::Gateway(TopicScheme scheme, Settings settings, const BrokerLink& broker,
+                 PresenceQuery presence_on)
     : scheme_(std::move(scheme)),
       settings_(std::move(settings)),
+      broker_(broker),
       leftovers_(scheme_.presence_topic("+")),
       presence_on_(std::move(presence_on)),
       commands_(settings_.max_open_commands) {}
@@ -116,7 +118,7 @@ void Gateway::handle(SignOfLife sign, const Now& now) {
 
 void Gateway::handle(SubscribeRequest request, const Now&) {
   const auto& wanted = subscriptions_.add(request.mesh, request.filter, request.qos);
-  if (!is_broker_up_) {  // taken now, subscribed as soon as the broker is there
+  if (!broker_.is_up) {  // taken now, subscribed as soon as the broker is there
     actions_.push(AnswerSubscribe{request.mesh, std::move(request.filter), true});
     return;
   }
@@ -126,7 +128,7 @@ void Gateway::handle(SubscribeRequest request, const Now&) {
 
 void Gateway::handle(UnsubscribeRequest request, const Now&) {
   const bool was_last = subscriptions_.remove(request.mesh, request.filter);
-  if (was_last && is_broker_up_) actions_.push(UnsubscribeAtBroker{std::move(request.filter)});
+  if (was_last && broker_.is_up) actions_.push(UnsubscribeAtBroker{std::move(request.filter)});
 }
 
 void Gateway::handle(CommandOutcome outcome, const Now&) {
@@ -223,9 +225,8 @@ std::optional<Mesh> Gateway::carrier_for(const std::string& robot) const {
   return carrier;
 }
 
-void Gateway::on_broker_link(bool is_up, const Now& now) {
-  is_broker_up_ = is_up;
-  if (!is_up) {
+void Gateway::on_broker_link(const Now& now) {
+  if (!broker_.is_up) {
     for (auto& [mesh, filter] : subscriptions_.on_broker_gone()) {
       actions_.push(AnswerSubscribe{mesh, std::move(filter), true});
     }
@@ -242,7 +243,7 @@ void Gateway::on_broker_link(bool is_up, const Now& now) {
 }
 
 std::optional<TimePoint> Gateway::deadline() const {
-  return earlier(commands_.deadline(), is_broker_up_ ? leftovers_.deadline() : std::nullopt);
+  return earlier(commands_.deadline(), broker_.is_up ? leftovers_.deadline() : std::nullopt);
 }
 
 void Gateway::on_deadline(const Now& now) {
@@ -252,7 +253,7 @@ void Gateway::on_deadline(const Now& now) {
               CommandResult::timeout, CommandLedger::patience,
               "the mesh has not told its outcome"});
   }
-  if (is_broker_up_) end_leftovers(now);
+  if (broker_.is_up) end_leftovers(now);
 }
 
 /// Marks leftovers that were not heard as offline; the time is unknown.
@@ -283,12 +284,12 @@ void Gateway::on_subscribe_result(const std::string& filter, bool granted) {
 }
 
 void Gateway::on_store(bool is_full) {
-  if (std::exchange(is_store_full_, is_full) != is_full && is_broker_up_) tell_state();
+  if (std::exchange(is_store_full_, is_full) != is_full && broker_.is_up) tell_state();
 }
 
 void Gateway::on_stop() {
   is_stopping_ = true;
-  if (is_broker_up_) tell_state();  // else its last will has said the same
+  if (broker_.is_up) tell_state();  // else its last will has said the same
 }
 
 /// "offline" also when the broker comes only now: after an orderly end no last will corrects it.
@@ -304,7 +305,7 @@ void Gateway::tell_state() {
 
 void Gateway::announce(const std::string& id, const Robot& robot) {
   // While the broker is away nothing is queued: everything is said again when it comes.
-  if (is_broker_up_) publish_retained(scheme_.presence_topic(id), presence_json(robot).dump());
+  if (broker_.is_up) publish_retained(scheme_.presence_topic(id), presence_json(robot).dump());
 }
 
 void Gateway::publish_retained(std::string topic, std::string payload) {

@@ -8,6 +8,7 @@
 #include <string>
 #include <variant>
 
+#include "daemon/core/broker_link.hpp"
 #include "daemon/core/command_ledger.hpp"
 #include "daemon/core/leftover_robots.hpp"
 #include "daemon/core/messages.hpp"
@@ -68,7 +69,9 @@ class Gateway {
     std::uint64_t late_outcomes = 0;  ///< of commands that had ended already
   };
 
-  Gateway(TopicScheme scheme, Settings settings, PresenceQuery presence_on);
+  /// `broker` outlives it.
+  Gateway(TopicScheme scheme, Settings settings, const BrokerLink& broker,
+          PresenceQuery presence_on);
 
   void on_mesh_event(MeshEvent event, const Now& now);
   /// `subscriptions`: which of ours this copy is for, where the broker says it (MQTT 5).
@@ -77,9 +80,10 @@ class Gateway {
   /// A command that an operator sends. The id comes back in a CommandOutcome.
   CommandId on_operator_command(const std::string& robot, const std::string& type, Bytes payload,
                                 const Now& now);
-  /// Up: subscribes everything again, says `online` and every robot's presence again (a broker
-  /// without persistence has forgotten them). Down: answers what still waits for the broker.
-  void on_broker_link(bool is_up, const Now& now);
+  /// The link to the broker has come or gone. Up: subscribes everything again, says `online` and
+  /// every robot's presence again (a broker without persistence has forgotten them). Down: answers
+  /// what still waits for the broker.
+  void on_broker_link(const Now& now);
   void on_subscribe_result(const std::string& filter, bool granted);
   /// The store has no room for messages that are acknowledged, or has it again: `state` says so.
   void on_store(bool is_full);
@@ -92,6 +96,7 @@ class Gateway {
   void on_deadline(const Now& now);
 
   const RobotRegistry& registry() const { return registry_; }
+  std::size_t open_commands() const { return commands_.size(); }
   const Traffic& traffic() const { return traffic_; }
   struct LinkState {
     bool is_up = false;
@@ -121,6 +126,7 @@ class Gateway {
 
   TopicScheme scheme_;
   Settings settings_;
+  const BrokerLink& broker_;
   RobotRegistry registry_;
   SubscriptionTable subscriptions_;
   LeftoverRobots leftovers_;
@@ -128,7 +134,6 @@ class Gateway {
   CommandLedger commands_;
   Traffic traffic_;
   PerMesh<LinkState> mesh_links_;
-  bool is_broker_up_ = false;
   bool is_store_full_ = false;
   bool is_stopping_ = false;
   ActionQueue<GatewayAction> actions_;

@@ -26,4 +26,13 @@ struct TrafficEvent {
   Receipt receipt{};  ///< on its way up: fires when the broker or the disk has it
 };
 
+/// Told of each robot message that passes, in either direction.
+class TrafficObserver {
+ public:
+  virtual ~TrafficObserver() = default;
+  virtual void on_traffic(const TrafficEvent& event) = 0;
+  /// The receipt of a message on its way up has fired.
+  virtual void on_receipt(const Receipt&, ReceiptOutcome, TimePoint) {}
+};
+
 }  // namespace slamgw

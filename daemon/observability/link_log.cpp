@@ -7,9 +7,7 @@
 
 namespace slamgw {
 
-Notice LinkLog::on_up(const std::string& detail, const Now& now) {
-  is_up_ = true;
-  since_ = now.wall;
+Notice LinkLog::on_up(const std::string& detail) {
   why_.clear();
   return {Severity::notice,
           fmt::format("broker {} connected ({})", uri_, detail),
@@ -17,14 +15,13 @@ Notice LinkLog::on_up(const std::string& detail, const Now& now) {
           Occasion::broker_link};
 }
 
-std::optional<Notice> LinkLog::on_down(const std::string& why, const Now& now) {
-  const bool is_news = std::exchange(is_up_, false) || why != why_;
+std::optional<Notice> LinkLog::on_down(const std::string& why, TimePoint now) {
+  const bool is_news = why != why_;
   if (is_news) {
     why_ = why;
-    since_ = now.wall;
     same_reason_ = Burst(summary_interval);
   }
-  const auto attempts = same_reason_.on_event(now.mono);
+  const auto attempts = same_reason_.on_event(now);
   if (!attempts) return std::nullopt;
   const std::string again = is_news ? "" : fmt::format(" ({} attempts)", *attempts);
   return Notice{Severity::warning,

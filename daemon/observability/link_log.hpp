@@ -16,22 +16,15 @@ class LinkLog {
   explicit LinkLog(std::string uri) : uri_(std::move(uri)) {}
   void rename(std::string uri) { uri_ = std::move(uri); }
 
-  Notice on_up(const std::string& detail, const Now& now);
+  Notice on_up(const std::string& detail);
   /// Nothing when there is nothing new to say.
-  std::optional<Notice> on_down(const std::string& why, const Now& now);
-
-  bool is_up() const { return is_up_; }
-  WallTime since() const { return since_; }
-  const std::string& uri() const { return uri_; }
-  const std::string& why() const { return why_; }  ///< empty while up
+  std::optional<Notice> on_down(const std::string& why, TimePoint now);
 
  private:
   static constexpr std::chrono::seconds summary_interval{60};
 
   std::string uri_;
-  bool is_up_ = false;
-  WallTime since_{};
-  std::string why_;
+  std::string why_;  ///< of the last line; empty while it is up
   Burst same_reason_{summary_interval};
 };
 

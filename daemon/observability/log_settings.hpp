@@ -8,11 +8,11 @@
 
 namespace slamgw {
 
-enum class TrafficLog : std::uint8_t { all, sampled, off };
+enum class TrafficLogMode : std::uint8_t { all, sampled, off };
 
 struct LogSettings {
   Severity level = Severity::info;
-  TrafficLog traffic = TrafficLog::sampled;
+  TrafficLogMode traffic = TrafficLogMode::sampled;
 };
 
 }  // namespace slamgw

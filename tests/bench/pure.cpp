@@ -54,7 +54,8 @@ BENCHMARK(normalize_update);
 /// From a mesh's report to the upload and the traffic event; `range`: robots known.
 void route_report(benchmark::State& state) {
   const Now now{start, WallTime{1'700'000'000s}};
-  Gateway gateway(TopicScheme("ntnu-slam", "bench"), {"0", UpdateMode::positions, now.wall},
+  const BrokerLink link;
+  Gateway gateway(TopicScheme("ntnu-slam", "bench"), {"0", UpdateMode::positions, now.wall}, link,
                   [](Mesh, const std::string&) { return std::nullopt; });
   std::vector<std::string> robots;
   for (std::int64_t i = 0; i < state.range(0); ++i) robots.push_back(fmt::format("load-{:05}", i));

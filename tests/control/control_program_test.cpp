@@ -103,7 +103,7 @@ TEST_F(ControlProgramIo, AnswersWhileAnotherClientWatchesAndDoesNotRead) {
   event.robot = "r1";
   event.type = "adv";
   event.payload = to_bytes(std::string(1000, 'x'));
-  for (int i = 0; i < 10000 && server->has_watchers(); ++i) server->publish_traffic(event);
+  for (int i = 0; i < 10000 && server->has_watchers(); ++i) server->on_traffic(event);
   EXPECT_EQ(counter("watchers_dropped"), 1U);
   const auto one = launch({"status", "--json"});
   const auto two = launch({"robots", "--json"});
@@ -121,21 +121,21 @@ TEST_F(ControlProgramIo, WatchesDecodedTraffic) {
   event.robot = "r1";
   event.type = "update";
   event.update = Update{{10, -20}, {{100, 300}, {-5, 6}}};
-  server->publish_traffic(event);
+  server->on_traffic(event);
   event.update->obstacles.clear();
-  server->publish_traffic(event);
+  server->on_traffic(event);
   event.update.reset();
   event.direction = Direction::down;
   event.type = "cmd";
   event.payload = {0x78, 0x00, 0xdf, 0xff};
-  server->publish_traffic(event);
+  server->on_traffic(event);
   event.type = "run";
   event.payload = to_bytes("start");
-  server->publish_traffic(event);
+  server->on_traffic(event);
   event.payload = {0xff, 0x00, 0x1b};
-  server->publish_traffic(event);
+  server->on_traffic(event);
   event.robot = "other";
-  server->publish_traffic(event);
+  server->on_traffic(event);
   const auto has_five_lines = [this] {
     const std::string out = read_file(file("out"));
     return std::count(out.begin(), out.end(), '\n') >= 5;
@@ -161,7 +161,7 @@ TEST_F(ControlProgramIo, WatchesAsOneJsonDocumentALine) {
   event.robot = "r1";
   event.type = "adv";
   event.payload = to_bytes("hi");
-  server->publish_traffic(event);
+  server->on_traffic(event);
   ASSERT_TRUE(wait_until([&] { return read_file(file("out")).ends_with('\n'); }));
   const json line = json::parse(read_file(file("out")));
   EXPECT_EQ(line["payload_hex"], "6869");

@@ -144,9 +144,9 @@ TEST_F(ControlServerIo, GivesWatchersWhatTheyAskedFor) {
   EXPECT_EQ(ask(all, R"({"command": "watch"})")["result"], "watching");
   ask(some, R"({"command": "watch", "robot": "b", "type": "update"})");
   EXPECT_TRUE(server->has_watchers());
-  server->publish_traffic(event_of("a", "update"));
-  server->publish_traffic(event_of("b", "adv"));
-  server->publish_traffic(event_of("b", "update"));
+  server->on_traffic(event_of("a", "update"));
+  server->on_traffic(event_of("b", "adv"));
+  server->on_traffic(event_of("b", "update"));
   for (const auto* topic : {"a/update", "b/adv", "b/update"}) {
     ASSERT_TRUE(wait_until([&] { return all.has_line(); }));
     EXPECT_EQ(all.line["event"]["topic"], std::string("ntnu-slam/robot/") + topic);
@@ -174,12 +174,12 @@ TEST_F(ControlServerIo, CutsOffAWatcherThatDoesNotReadAndKeepsTheOthers) {
   ask(reader, R"({"command": "watch"})");
   // Each of these reaches the reader before the next; only the stuck one's kernel buffer fills.
   for (int i = 0; i < 100000 && counter("watchers_dropped") == 0; ++i) {
-    server->publish_traffic(event_of("r", "update"));
+    server->on_traffic(event_of("r", "update"));
     ASSERT_TRUE(wait_until([&] { return reader.has_line(); }));
   }
   EXPECT_EQ(counter("watchers_dropped"), 1U);
   EXPECT_TRUE(server->has_watchers());
-  server->publish_traffic(event_of("r", "last"));
+  server->on_traffic(event_of("r", "last"));
   EXPECT_TRUE(
       wait_until([&] { return reader.has_line() && reader.line["event"]["type"] == "last"; }));
 }

@@ -34,7 +34,8 @@ std::ostream& operator<<(std::ostream& out, const Case& each) { return out << ea
 class Notices : public testing::TestWithParam<Case> {};
 
 TEST_P(Notices, HaveTheSeverityOfWhatHappened) {
-  Gateway gateway(TopicScheme("ntnu-slam", "g"), {"1", UpdateMode::positions, {}},
+  const BrokerLink broker;
+  Gateway gateway(TopicScheme("ntnu-slam", "g"), {"1", UpdateMode::positions, {}}, broker,
                   [](Mesh, const std::string&) { return std::nullopt; });
   gateway.on_mesh_event(GetParam().event, Now{TimePoint{1h}, {}});
   std::vector<Notice> notices;
@@ -72,7 +73,8 @@ INSTANTIATE_TEST_SUITE_P(
     [](const auto& each) { return each.param.name; });
 
 TEST(Notice, WarnOfASubscriptionThatTheBrokerRefuses) {
-  Gateway gateway(TopicScheme("ntnu-slam", "g"), {"1", UpdateMode::positions, {}},
+  const BrokerLink broker;
+  Gateway gateway(TopicScheme("ntnu-slam", "g"), {"1", UpdateMode::positions, {}}, broker,
                   [](Mesh, const std::string&) { return std::nullopt; });
   gateway.on_subscribe_result("f", false);
   const auto action = gateway.next_action();

@@ -24,8 +24,12 @@ class GatewayTest : public testing::Test {
   }
 
   void say(MeshEvent event) { gateway.on_mesh_event(std::move(event), now); }
+  void broker_is(bool up) {
+    broker.is_up = up;
+    gateway.on_broker_link(now);
+  }
   void broker_comes() {
-    gateway.on_broker_link(true, now);
+    broker_is(true);
     while (gateway.next_action()) {
     }
   }
@@ -44,8 +48,10 @@ class GatewayTest : public testing::Test {
   static constexpr std::size_t max_open_commands = 20;
   /// What the meshes answer when they are asked for a robot.
   std::map<std::pair<Mesh, std::string>, Presence> reach;
+  BrokerLink broker;
   Gateway gateway{TopicScheme("ntnu-slam", "pi1"),
                   {"0.1.0", UpdateMode::positions, now.wall, max_open_commands},
+                  broker,
                   [this](Mesh mesh, const std::string& robot) -> std::optional<Presence> {
                     const auto known = reach.find({mesh, robot});
                     if (known == reach.end()) return std::nullopt;
@@ -124,7 +130,7 @@ TEST_F(GatewayTest, SaysEverythingAgainWhenTheBrokerComesBack) {
   say(SubscribeRequest{Mesh::thread, "ntnu-slam/server/a/cmd", Qos::at_least_once});
   EXPECT_TRUE(drain<Upload>().empty()) << "nothing is queued for an absent broker";
 
-  gateway.on_broker_link(true, now);
+  broker_is(true);
   std::vector<std::string> topics;
   std::vector<std::string> filters;
   while (auto action = gateway.next_action()) {
@@ -138,7 +144,7 @@ TEST_F(GatewayTest, SaysEverythingAgainWhenTheBrokerComesBack) {
 }
 
 TEST_F(GatewayTest, CallsRobotsOfAnEarlierLifeOfflineUnlessTheyAreHeard) {
-  gateway.on_broker_link(true, now);
+  broker_is(true);
   const auto asked = drain<SubscribeAtBroker>();
   ASSERT_EQ(asked.size(), 1u);
   EXPECT_EQ(asked[0].filter, "ntnu-slam/gateway/pi1/robots/+");
@@ -199,7 +205,7 @@ TEST_F(GatewayTest, PassesTheBrokersAnswerToWhoAsked) {
 TEST_F(GatewayTest, AnswersWhoStillWaitsWhenTheBrokerGoes) {
   broker_comes();
   say(SubscribeRequest{Mesh::ble, "f", Qos::at_least_once});
-  gateway.on_broker_link(false, now);
+  broker_is(false);
   const auto answers = drain<AnswerSubscribe>();
   ASSERT_EQ(answers.size(), 1u);
   EXPECT_TRUE(answers[0].granted);
@@ -355,14 +361,15 @@ TEST_F(GatewayTest, ReportsHowACommandEnded) {
 }
 
 TEST_F(GatewayTest, DoesTheSameWhateverTheWallClockSays) {
-  const auto life = [](const std::vector<WallTime>& clock) {
-    Gateway it(TopicScheme("ntnu-slam", "pi1"), {"1", UpdateMode::positions, clock[0]},
+  const BrokerLink link{true, {}, {}};
+  const auto life = [&](const std::vector<WallTime>& clock) {
+    Gateway it(TopicScheme("ntnu-slam", "pi1"), {"1", UpdateMode::positions, clock[0]}, link,
                [](Mesh, const std::string&) { return std::nullopt; });
     TimePoint mono{1h};
     std::string done;
     for (const WallTime wall : clock) {
       const Now then{mono += 15s, wall};
-      it.on_broker_link(true, then);
+      it.on_broker_link(then);
       it.on_mesh_event(PresenceChange{Mesh::ble, "a", Presence::online, "0x0100"}, then);
       it.on_mesh_event(update_from("a", {1, 2, 3}), then);
       it.on_mesh_event(update_from("a", {1, 0, 2, 0}), then);
@@ -395,7 +402,7 @@ TEST_F(GatewayTest, SaysInItsStateThatTheStoreIsFullAsLongAsItIs) {
   EXPECT_TRUE(states().empty()) << "nobody to tell yet";
   const std::string online =
       R"({"state":"online","version":"0.1.0","since":"2023-11-14T22:13:20Z")";
-  gateway.on_broker_link(true, now);
+  broker_is(true);
   EXPECT_EQ(states(), std::vector{online + R"(,"store":"full"})"});
   gateway.on_store(true);
   EXPECT_TRUE(states().empty()) << "no news";
@@ -415,7 +422,7 @@ TEST_F(GatewayTest, SaysOfflineWhenItStops) {
 TEST_F(GatewayTest, NeverSaysOnlineAgainAfterItHasStopped) {
   gateway.on_stop();
   EXPECT_TRUE(drain<Upload>().empty()) << "its last will has said it";
-  gateway.on_broker_link(true, now);  // while it waits for messages to be taken
+  broker_is(true);  // while it waits for messages to be taken
   gateway.on_store(true);
   const auto uploads = drain<Upload>();
   ASSERT_EQ(uploads.size(), 2u);

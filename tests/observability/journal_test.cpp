@@ -10,9 +10,12 @@
 #include <stdexcept>
 #include <vector>
 
+#include "daemon/observability/awaited_lines.hpp"
 #include "daemon/observability/journal_entry.hpp"
 #include "daemon/observability/journal_sink.hpp"
-#include "daemon/observability/traffic_log.hpp"
+#include "daemon/observability/line_budget.hpp"
+#include "daemon/observability/traffic_sampler.hpp"
+#include "daemon/observability/traffic_text.hpp"
 #include "tests/support/temp_dir.hpp"
 
 namespace slamgw {
@@ -36,7 +39,7 @@ struct Written {
 };
 
 /// A thousand messages a second for so long, from so many robots in turn.
-Written written_of_a_flood(TrafficLog mode, int robots, std::chrono::seconds time) {
+Written written_of_a_flood(TrafficLogMode mode, int robots, std::chrono::seconds time) {
   TrafficSampler sampler(mode);
   Written written;
   TimePoint now{1h};
@@ -50,7 +53,7 @@ Written written_of_a_flood(TrafficLog mode, int robots, std::chrono::seconds tim
 }
 
 TEST(TrafficSampler, LeavesRoomInJournaldsLimitWhateverTheMode) {
-  for (const auto mode : {TrafficLog::all, TrafficLog::sampled}) {
+  for (const auto mode : {TrafficLogMode::all, TrafficLogMode::sampled}) {
     const Written written = written_of_a_flood(mode, 2000, 30s);
     EXPECT_LE(written.lines, 9000u);
     EXPECT_GE(written.lines, 8500u) << "no less than it may";
@@ -60,23 +63,23 @@ TEST(TrafficSampler, LeavesRoomInJournaldsLimitWhateverTheMode) {
 }
 
 TEST(TrafficSampler, WritesAllWhileThereIsRoom) {
-  EXPECT_EQ(written_of_a_flood(TrafficLog::all, 1, 3s).lines, 3000u);
-  EXPECT_EQ(written_of_a_flood(TrafficLog::off, 1, 3s).lines, 0u);
-  EXPECT_LE(written_of_a_flood(TrafficLog::sampled, 1, 3s).lines, 3u);
+  EXPECT_EQ(written_of_a_flood(TrafficLogMode::all, 1, 3s).lines, 3000u);
+  EXPECT_EQ(written_of_a_flood(TrafficLogMode::off, 1, 3s).lines, 0u);
+  EXPECT_LE(written_of_a_flood(TrafficLogMode::sampled, 1, 3s).lines, 3u);
 }
 
 TEST(TrafficSampler, HasRoomAgainAfterARest) {
-  LineBudget budget;
+  LineBudget budget(3000, 200);
   TimePoint now{};
   int taken = 0;
   while (budget.take(now)) ++taken;
-  EXPECT_EQ(taken, LineBudget::at_once);
+  EXPECT_EQ(taken, 3000);
   now += 1s;
   for (taken = 0; budget.take(now);) ++taken;
-  EXPECT_EQ(taken, LineBudget::per_second);
+  EXPECT_EQ(taken, 200);
   now += 1h;
   for (taken = 0; budget.take(now);) ++taken;
-  EXPECT_EQ(taken, LineBudget::at_once);
+  EXPECT_EQ(taken, 3000);
 }
 
 TEST(TrafficText, SaysHowManyItStandsFor) {

@@ -7,11 +7,12 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
+#include "daemon/app/status.hpp"
 #include "daemon/core/gateway.hpp"
 #include "daemon/core/result.hpp"
 #include "daemon/mqtt/paho_message.hpp"
 #include "daemon/observability/service_notifier.hpp"
-#include "daemon/observability/traffic_log.hpp"
+#include "daemon/observability/traffic_text.hpp"
 #include "daemon/runtime/mesh_shell.hpp"
 
 namespace slamgw {
@@ -112,7 +113,8 @@ class ZigbeeShell final : public MeshShell<ZigbeeMachine> {
 class ThirdMesh : public testing::Test, private MeshListener {
  protected:
   void SetUp() override {
-    driver.input([](Gateway& it, const Now& now) { it.on_broker_link(true, now); });
+    broker.is_up = true;
+    driver.input([](Gateway& it, const Now& now) { it.on_broker_link(now); });
   }
   void on_mesh_event(MeshEvent event) override {
     driver.input([&](Gateway& it, const Now& now) { it.on_mesh_event(std::move(event), now); });
@@ -150,11 +152,14 @@ class ThirdMesh : public testing::Test, private MeshListener {
 
   boost::asio::io_context io;
   TopicScheme topics{"p", "g"};
+  BrokerLink broker;
   ZigbeeShell mesh{io, topics, *this};
-  Gateway gateway{
-      topics, {"1", UpdateMode::positions, {}}, [this](Mesh which, const std::string& robot) {
-        return which == Mesh::zigbee ? mesh.presence_of(robot) : std::nullopt;
-      }};
+  Gateway gateway{topics,
+                  {"1", UpdateMode::positions, {}},
+                  broker,
+                  [this](Mesh which, const std::string& robot) {
+                    return which == Mesh::zigbee ? mesh.presence_of(robot) : std::nullopt;
+                  }};
   MachineDriver<Gateway> driver{io, gateway, [this](GatewayAction& action) { perform(action); }};
   std::vector<BrokerMessage> at_broker;
   std::vector<std::string> traffic;
@@ -193,6 +198,10 @@ TEST(ThirdMeshParts, HaveAPlaceForIt) {
   ServiceState state;
   state.mesh_is_up[Mesh::zigbee] = true;
   EXPECT_EQ(service_status(state, 0), "broker down, zigbee up, 0 robots online, 0 msg/s");
+
+  Status status;
+  status.meshes[Mesh::zigbee] = {true, true, "channel 15", {}};
+  EXPECT_EQ(to_json(status)["meshes"]["zigbee"]["state"], "up");
 
   SubscriptionTable table;
   for (const Mesh mesh : all_meshes) table.add(mesh, "f", Qos::at_least_once);

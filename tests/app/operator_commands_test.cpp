@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Whoever sends a command gets the outcome of that command, whatever else is on its way to the same
 // robot.
-#include "daemon/app/pending_sends.hpp"
+#include "daemon/app/operator_commands.hpp"
 
 #include <gtest/gtest.h>
 
@@ -17,16 +17,18 @@ using namespace std::chrono_literals;
 using nlohmann::json;
 
 /// The core and those who wait, as App joins them; the test is the mesh.
-class PendingSendsTest : public testing::Test {
+class OperatorCommandsTest : public testing::Test {
  protected:
   void server_sends(const std::string& topic) {
     gateway.on_broker_message({topic, {1, 2, 3, 4}, Qos::at_least_once, false}, {}, now);
     drain();
   }
   void operator_sends(const std::string& robot, const std::string& type) {
-    const CommandId command = gateway.on_operator_command(robot, type, {5, 6, 7, 8}, now);
-    sends.add(
-        command, [this](const json& outcome) { told.push_back(outcome); }, now.mono);
+    const auto submit = [&](const std::string& to, const std::string& what, Bytes payload) {
+      return gateway.on_operator_command(to, what, std::move(payload), now);
+    };
+    commands.send(robot, type, {5, 6, 7, 8}, submit,
+                  [this](const json& outcome) { told.push_back(outcome); });
     drain();
   }
   void mesh_ends(CommandId command, CommandResult result) {
@@ -37,20 +39,24 @@ class PendingSendsTest : public testing::Test {
     while (auto action = gateway.next_action()) {
       if (const auto* deliver = std::get_if<DeliverToMeshes>(&*action))
         delivered.push_back(deliver->command);
-      if (const auto* outcome = std::get_if<CommandOutcome>(&*action)) sends.on_outcome(*outcome);
+      if (const auto* outcome = std::get_if<CommandOutcome>(&*action))
+        commands.on_outcome(*outcome);
     }
   }
 
   Now now{TimePoint{1h}, {}};
+  BrokerLink broker{true, {}, {}};
+  std::optional<Presence> presence = Presence::online;
   Gateway gateway{TopicScheme("p", "g"),
                   {"1", UpdateMode::positions, {}},
-                  [](Mesh, const std::string&) { return Presence::online; }};
-  PendingSends sends;
+                  broker,
+                  [this](Mesh, const std::string&) { return presence; }};
+  OperatorCommands commands;
   std::vector<CommandId> delivered;
   std::vector<json> told;
 };
 
-TEST_F(PendingSendsTest, TellTheOutcomeOfTheirOwnCommandBesideOthersOfTheSameRobotAndType) {
+TEST_F(OperatorCommandsTest, TellTheOutcomeOfTheirOwnCommandBesideOthersOfTheSameRobotAndType) {
   constexpr CommandResult fates[] = {CommandResult::refused, CommandResult::delivered,
                                      CommandResult::superseded};
   std::vector<int> order{0, 1, 2};
@@ -68,7 +74,7 @@ TEST_F(PendingSendsTest, TellTheOutcomeOfTheirOwnCommandBesideOthersOfTheSameRob
   } while (std::next_permutation(order.begin(), order.end()));
 }
 
-TEST_F(PendingSendsTest, AreToldOnceAndNotAboutStrangers) {
+TEST_F(OperatorCommandsTest, AreToldOnceAndNotAboutStrangers) {
   operator_sends("r", "cmd");
   mesh_ends(CommandId::none, CommandResult::delivered);  // from before a restart
   EXPECT_TRUE(told.empty());
@@ -78,12 +84,34 @@ TEST_F(PendingSendsTest, AreToldOnceAndNotAboutStrangers) {
   EXPECT_EQ(told[0]["outcome"], "timeout");
 }
 
-TEST_F(PendingSendsTest, AreBounded) {
-  for (std::size_t i = 0; i < PendingSends::max_waiting; ++i) operator_sends("r", "cmd");
-  EXPECT_TRUE(sends.is_full());
-  sends.on_time(now.mono + PendingSends::patience);
-  EXPECT_FALSE(sends.is_full());
-  EXPECT_EQ(told.size(), PendingSends::max_waiting);
+TEST_F(OperatorCommandsTest, EndWithinHalfAMinuteEvenWhenTheMeshIsSilent) {
+  operator_sends("r", "cmd");
+  now.mono += 30s;
+  gateway.on_deadline(now);
+  drain();
+  ASSERT_EQ(told.size(), 1u);
+  EXPECT_EQ(told[0]["outcome"], "timeout");
+}
+
+TEST_F(OperatorCommandsTest, ThatCannotBeSentEndAtOnce) {
+  operator_sends("r/x", "cmd");
+  operator_sends("r", "");
+  presence = std::nullopt;
+  operator_sends("stranger", "cmd");
+  ASSERT_EQ(told.size(), 3u);
+  for (const json& outcome : told) EXPECT_EQ(outcome["outcome"], "refused");
+  EXPECT_EQ(told[2]["why"], "no robot of this name is known here");
+}
+
+TEST_F(OperatorCommandsTest, AreBounded) {
+  for (std::size_t i = 0; i < OperatorCommands::max_waiting; ++i) operator_sends("r", "cmd");
+  EXPECT_TRUE(told.empty());
+  operator_sends("r", "cmd");
+  ASSERT_EQ(told.size(), 1u);
+  EXPECT_EQ(told[0]["outcome"], "refused");
+  mesh_ends(delivered[0], CommandResult::delivered);
+  operator_sends("r", "cmd");
+  EXPECT_EQ(told.size(), 2u) << "there is room again";
 }
 
 }  // namespace

@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/app/meshes.hpp"
+
+#include <algorithm>
+#include <utility>
+
+#include "adapters/ble_mesh_usb_cdc/io/ble_mesh_adapter.hpp"
+#include "adapters/mqttsn_udp/io/mqttsn_adapter.hpp"
+
+namespace slamgw {
+namespace {
+
+TopicPolicy policy_of(const Config& config, const TopicScheme& scheme) {
+  return {scheme, config.topics.extra_publish, config.topics.extra_subscribe};
+}
+
+}  // namespace
+
+Meshes::Meshes(boost::asio::io_context& io, const Config& config, const TopicScheme& scheme,
+               SessionStore& sessions, DescriptorStore& descriptors, MeshListener& listener)
+    : scheme_(scheme) {
+  const RobotNames names(config.robots);
+  if (config.ble_mesh.enabled) {
+    auto adapter = std::make_unique<ble::BleMeshAdapter>(io, config.ble_mesh, scheme, names,
+                                                         config.store.directory, listener);
+    ble_ = adapter.get();
+    adapters_[Mesh::ble] = std::move(adapter);
+  }
+  if (config.mqttsn.enabled) {
+    auto adapter = std::make_unique<mqttsn::MqttsnAdapter>(
+        io, config.mqttsn, policy_of(config, scheme), names, listener, &sessions, &descriptors);
+    thread_ = adapter.get();
+    adapters_[Mesh::thread] = std::move(adapter);
+  }
+}
+
+Meshes::~Meshes() = default;
+
+bool Meshes::has_any() const {
+  return std::ranges::any_of(adapters_, [](const auto& adapter) { return adapter != nullptr; });
+}
+
+std::optional<Presence> Meshes::presence_of(Mesh mesh, const std::string& robot) const {
+  return adapters_[mesh] ? adapters_[mesh]->presence_of(robot) : std::nullopt;
+}
+
+void Meshes::start() {
+  for (const auto& adapter : adapters_)
+    if (adapter) adapter->start();
+}
+
+void Meshes::stop_listening() {
+  for (const auto& adapter : adapters_)
+    if (adapter) adapter->stop_listening();
+}
+
+void Meshes::stop() {
+  for (const auto& adapter : adapters_)
+    if (adapter) adapter->stop();
+}
+
+void Meshes::deliver(const DeliverToMeshes& action) {
+  for (const Mesh mesh : all_meshes)
+    if (adapters_[mesh])
+      adapters_[mesh]->on_broker_message(action.message, action.command_on(mesh));
+}
+
+void Meshes::answer(const AnswerSubscribe& action) {
+  if (adapters_[action.mesh])
+    adapters_[action.mesh]->on_subscribe_result(action.filter, action.granted);
+}
+
+void Meshes::fire(const Receipt& receipt, ReceiptOutcome outcome) {
+  if (adapters_[receipt.mesh]) adapters_[receipt.mesh]->on_receipt(receipt.id, outcome);
+}
+
+void Meshes::on_broker_link(bool is_up) {
+  for (const auto& adapter : adapters_)
+    if (adapter) adapter->on_broker_link(is_up);
+}
+
+void Meshes::reconfigure(const Config& config, bool has_other_robots, bool has_other_topics) {
+  const RobotNames names(config.robots);
+  if (thread_ && (has_other_robots || has_other_topics))
+    thread_->reconfigure(policy_of(config, scheme_), names);
+  if (ble_ && has_other_robots) ble_->reconfigure(names);
+}
+
+void Meshes::manage_ble(MeshOrder order, OrderDone done) {
+  if (!ble_) return done({{}, "the BLE mesh is not enabled: set ble_mesh.enabled to true"});
+  ble_->manage(std::move(order), std::move(done));
+}
+
+}  // namespace slamgw

@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: Apache-2.0
+// The meshes that are enabled: makes their shells from the configuration and hands each what is for
+// it. The one place of the daemon that knows the adapters by name.
+#pragma once
+
+#include <boost/asio/io_context.hpp>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "daemon/config/config.hpp"
+#include "daemon/core/adapter.hpp"
+#include "daemon/core/gateway.hpp"
+#include "daemon/core/mesh_order.hpp"
+#include "daemon/core/session_store.hpp"
+#include "daemon/runtime/descriptor_store.hpp"
+
+namespace slamgw {
+
+namespace ble {
+class BleMeshAdapter;
+}
+namespace mqttsn {
+class MqttsnAdapter;
+}
+
+class Meshes {
+ public:
+  /// `sessions`, `descriptors` and `listener` outlive it.
+  Meshes(boost::asio::io_context& io, const Config& config, const TopicScheme& scheme,
+         SessionStore& sessions, DescriptorStore& descriptors, MeshListener& listener);
+  ~Meshes();
+
+  /// Nothing when it is not enabled.
+  const MeshAdapter* find(Mesh mesh) const { return adapters_[mesh].get(); }
+  bool has_any() const;
+  std::optional<Presence> presence_of(Mesh mesh, const std::string& robot) const;
+
+  /// Throws std::runtime_error for what an operator must fix (an address in use).
+  void start();
+  void stop_listening();
+  void stop();
+
+  void deliver(const DeliverToMeshes& action);
+  void answer(const AnswerSubscribe& action);
+  void fire(const Receipt& receipt, ReceiptOutcome outcome);
+  void on_broker_link(bool is_up);
+  /// `robots` and `topics.extra_*` of the configuration, read again.
+  void reconfigure(const Config& config, bool has_other_robots, bool has_other_topics);
+  void manage_ble(MeshOrder order, OrderDone done);
+
+ private:
+  const TopicScheme scheme_;
+  PerMesh<std::unique_ptr<MeshAdapter>> adapters_;
+  ble::BleMeshAdapter* ble_ = nullptr;       // of `adapters_`
+  mqttsn::MqttsnAdapter* thread_ = nullptr;  // of `adapters_`
+};
+
+}  // namespace slamgw

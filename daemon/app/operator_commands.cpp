@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/app/operator_commands.hpp"
+
+#include <utility>
+
+#include "daemon/core/topic_scheme.hpp"
+
+namespace slamgw {
+namespace {
+
+nlohmann::json outcome_json(CommandResult result, std::chrono::milliseconds after,
+                            const std::string& why) {
+  return {{"outcome", to_string(result)}, {"after_ms", after.count()}, {"why", why}};
+}
+
+}  // namespace
+
+void OperatorCommands::send(const std::string& robot, const std::string& type, Bytes payload,
+                            const Submit& submit, Done done) {
+  const auto refuse = [&](const char* why) { done(outcome_json(CommandResult::refused, {}, why)); };
+  if (!is_valid_level(robot) || !is_valid_level(type))
+    return refuse("robot and type are one topic level each");
+  if (waiting_.size() >= max_waiting) return refuse("too many commands wait for their outcome");
+  waiting_.emplace(submit(robot, type, std::move(payload)), std::move(done));
+}
+
+void OperatorCommands::on_outcome(const CommandOutcome& outcome) {
+  if (const auto waiting = waiting_.extract(outcome.id))
+    waiting.mapped()(outcome_json(outcome.result, outcome.after, outcome.why));
+}
+
+}  // namespace slamgw

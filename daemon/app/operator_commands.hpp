@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: Apache-2.0
+// The commands of `slam-gatewayctl send`: each goes to the core like one from the broker, and its
+// sender waits here for the outcome of exactly that command.
+#pragma once
+
+#include <functional>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "daemon/core/messages.hpp"
+
+namespace slamgw {
+
+class OperatorCommands {
+ public:
+  /// Called once, with `{"outcome", "after_ms", "why"}`.
+  using Done = std::function<void(nlohmann::json)>;
+  /// Gives the command to the core; what the core leaves is performed after it returns.
+  using Submit =
+      std::function<CommandId(const std::string& robot, const std::string& type, Bytes payload)>;
+  static constexpr std::size_t max_waiting = 64;
+
+  /// `done` is called at once when the command can't be sent, else when it has ended: the core sees
+  /// to that within 30 s.
+  void send(const std::string& robot, const std::string& type, Bytes payload, const Submit& submit,
+            Done done);
+  /// Of any command.
+  void on_outcome(const CommandOutcome& outcome);
+
+ private:
+  std::map<CommandId, Done> waiting_;
+};
+
+}  // namespace slamgw

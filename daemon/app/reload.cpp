@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/app/reload.hpp"
+
+#include <fmt/format.h>
+
+#include <string_view>
+#include <utility>
+
+namespace slamgw {
+namespace {
+
+std::string keys_for_restart(const Config& now, const Config& wanted) {
+  std::string keys;
+  const auto note = [&](bool is_same, std::string_view key) {
+    if (!is_same) keys += fmt::format("{}{}", keys.empty() ? "" : ", ", key);
+  };
+  note(now.gateway_id == wanted.gateway_id, "gateway.id");
+  note(now.broker.max_inflight == wanted.broker.max_inflight, "broker.max_inflight");
+  note(now.topics.prefix == wanted.topics.prefix, "topics.prefix");
+  note(now.update_mode == wanted.update_mode, "payload.update");
+  note(now.ble_mesh == wanted.ble_mesh, "ble_mesh.* or presence.*");
+  note(now.mqttsn == wanted.mqttsn, "mqttsn.*");
+  note(now.store == wanted.store, "store.*");
+  note(now.control_socket == wanted.control_socket, "control.socket");
+  return keys;
+}
+
+}  // namespace
+
+Reload reload_of(const Config& now, Config wanted) {
+  Reload reload{now, now.robots != wanted.robots,
+                now.topics.extra_publish != wanted.topics.extra_publish ||
+                    now.topics.extra_subscribe != wanted.topics.extra_subscribe,
+                keys_for_restart(now, wanted)};
+  Config& config = reload.config;
+  config.log = wanted.log;
+  config.robots = std::move(wanted.robots);
+  config.topics.extra_publish = std::move(wanted.topics.extra_publish);
+  config.topics.extra_subscribe = std::move(wanted.topics.extra_subscribe);
+  config.broker = std::move(wanted.broker);
+  config.broker.gateway_id = now.broker.gateway_id;
+  config.broker.max_inflight = now.broker.max_inflight;
+  return reload;
+}
+
+nlohmann::ordered_json answer_json(const Reload& reload) {
+  nlohmann::ordered_json told{{"in_force", "log, broker, topics, robots"}};
+  if (!reload.needs_restart.empty()) told["needs_restart"] = reload.needs_restart;
+  return told;
+}
+
+}  // namespace slamgw

@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+// SIGHUP and `slam-gatewayctl reload`: what of a configuration that was read again can be in force
+// at once, and words for what can't. Pure.
+#pragma once
+
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "daemon/config/config.hpp"
+
+namespace slamgw {
+
+struct Reload {
+  Config config;  ///< in force from now on
+  bool has_other_robots = false;
+  bool has_other_topics = false;
+  /// The groups of keys that differ and are only read at start, as a list for people; may be empty.
+  std::string needs_restart;
+};
+
+Reload reload_of(const Config& now, Config wanted);
+
+/// `in_force` and, where something is left, `needs_restart`: what `slam-gatewayctl reload` tells.
+nlohmann::ordered_json answer_json(const Reload& reload);
+
+}  // namespace slamgw

@@ -1,0 +1,134 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/app/status.hpp"
+
+#include <fmt/format.h>
+
+namespace slamgw {
+namespace {
+
+using nlohmann::json;
+
+json to_json(const Counters& counters) {
+  json out = json::object();
+  for (const Counter& counter : counters) out[std::string(counter.name)] = counter.value;
+  return out;
+}
+
+json to_json(const Status::RefusedTopic& topic) {
+  return {{"topic", topic.topic},     {"why", topic.refusal.why}, {"code", topic.refusal.code},
+          {"waiting", topic.waiting}, {"tries", topic.tries},     {"for_s", topic.since.count()}};
+}
+
+std::string explain_refused(const Status::Broker& broker) {
+  const Status::RefusedTopic& first = broker.refused.front();
+  std::string why =
+      fmt::format("{} on {} ({} messages wait)", first.refusal.why, first.topic, first.waiting);
+  if (broker.refused_topics > 1)
+    why += fmt::format(", and {} more topics", broker.refused_topics - 1);
+  return why;
+}
+
+json to_json(const Status::Broker& broker) {
+  json refused = json::array();
+  for (const Status::RefusedTopic& topic : broker.refused) refused.push_back(to_json(topic));
+  const char* state = broker.link.is_up ? "up" : "down";
+  return {{"state", broker.is_refusing() ? "refusing" : state},
+          {"uri", broker.uri},
+          {"since", to_iso8601(broker.link.since)},
+          {"why", broker.is_refusing() ? explain_refused(broker) : broker.link.why},
+          {"refused", {{"topics", broker.refused_topics}, {"list", std::move(refused)}}}};
+}
+
+json to_json(const Status::MeshLink& mesh) {
+  const char* state = mesh.is_up ? "up" : "down";
+  return {{"enabled", mesh.is_enabled},
+          {"state", mesh.is_enabled ? state : "disabled"},
+          {"detail", mesh.detail},
+          {"counters", to_json(mesh.counters)}};
+}
+
+json to_json(const PerMesh<Status::MeshLink>& meshes) {
+  json out;
+  for (const Mesh mesh : all_meshes) out[std::string(to_string(mesh))] = to_json(meshes[mesh]);
+  return out;
+}
+
+json to_json(const Status::Robots& robots) {
+  return {{"online", robots.online},
+          {"asleep", robots.asleep},
+          {"offline", robots.offline},
+          {"known", robots.known},
+          {"untracked", robots.untracked}};
+}
+
+json to_json(const Status::Messages& messages) {
+  return {{"up", messages.up},
+          {"down", messages.down},
+          {"published", messages.published},
+          {"dropped", messages.dropped},
+          {"refused", messages.refused},
+          {"set_aside", messages.set_aside},
+          {"rejected", messages.rejected},
+          {"stored", messages.stored}};
+}
+
+json to_json(const Status::Store& store) {
+  return {{"state", store.state},
+          {"why", store.why},
+          {"depth", store.depth},
+          {"bytes", store.bytes},
+          {"max_bytes", store.max_bytes},
+          {"full", store.is_full},
+          {"oldest_age_s", store.oldest_age.count()},
+          {"dead_letters", store.dead_letters},
+          {"failures", store.failures}};
+}
+
+json to_json(const Status::Queue& queue) {
+  return {{"depth", queue.depth}, {"bytes", queue.bytes}, {"max_bytes", queue.max_bytes}};
+}
+
+json to_json(const RobotStatus& robot) {
+  json row{{"id", robot.id},
+           {"mesh", to_string(robot.mesh)},
+           {"address", robot.address},
+           {"state", to_string(robot.state)},
+           {"since", to_iso8601(robot.since)},
+           {"last_seen", to_iso8601(robot.last_seen)},
+           {"messages", robot.messages},
+           {"commands", robot.commands},
+           {"rate_hz", robot.rate_hz},
+           {"rssi_dbm", nullptr},
+           {"ttl", nullptr},
+           {"hops", nullptr},
+           {"queue", robot.queue}};
+  if (robot.radio) row["rssi_dbm"] = robot.radio->rssi_dbm;
+  if (robot.radio) row["ttl"] = robot.radio->ttl;
+  if (robot.radio && robot.radio->hops) row["hops"] = *robot.radio->hops;
+  return row;
+}
+
+}  // namespace
+
+json to_json(const Status& status) {
+  return {{"version", status.version},
+          {"uptime_s", status.uptime.count()},
+          {"gateway", status.gateway},
+          {"broker", to_json(status.broker)},
+          {"meshes", to_json(status.meshes)},
+          {"robots", to_json(status.robots)},
+          {"messages", to_json(status.messages)},
+          {"commands", {{"open", status.commands.open}, {"late", status.commands.late}}},
+          {"store", to_json(status.store)},
+          {"queue", to_json(status.queue)},
+          {"control", to_json(status.control)},
+          {"memory_rss_bytes", status.memory_rss_bytes}};
+}
+
+json to_json(const std::vector<RobotStatus>& robots) {
+  json rows = json::array();
+  for (const RobotStatus& robot : robots) rows.push_back(to_json(robot));
+  return rows;
+}
+
+}  // namespace slamgw

@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: Apache-2.0
+// How the daemon is, as values, and the JSON that `slam-gatewayctl --json`, the control socket and
+// the `stats` topic tell of it (names are stable). Pure.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "daemon/core/broker_link.hpp"
+#include "daemon/core/messages.hpp"
+
+namespace slamgw {
+
+struct Status {
+  /// A topic that the broker does not take for now.
+  struct RefusedTopic {
+    std::string topic;
+    Refusal refusal;
+    std::uint64_t waiting = 0;
+    std::uint64_t tries = 0;
+    std::chrono::seconds since{0};
+  };
+  struct Broker {
+    std::string uri;
+    BrokerLink link;
+    std::uint64_t refused_topics = 0;
+    std::vector<RefusedTopic> refused;  ///< those that have waited longest; a few of them
+    /// It is there, and does not take everything.
+    bool is_refusing() const { return link.is_up && refused_topics > 0; }
+  };
+  struct MeshLink {
+    bool is_enabled = false;
+    bool is_up = false;
+    std::string detail;
+    Counters counters;
+  };
+  struct Robots {
+    std::uint64_t online = 0;
+    std::uint64_t asleep = 0;
+    std::uint64_t offline = 0;
+    std::uint64_t known = 0;
+    std::uint64_t untracked = 0;
+  };
+  struct Messages {
+    std::uint64_t up = 0;
+    std::uint64_t down = 0;
+    std::uint64_t published = 0;
+    std::uint64_t dropped = 0;
+    std::uint64_t refused = 0;
+    std::uint64_t set_aside = 0;
+    std::uint64_t rejected = 0;
+    std::uint64_t stored = 0;
+  };
+  struct Commands {
+    std::uint64_t open = 0;  ///< without an outcome yet
+    std::uint64_t late = 0;  ///< outcomes that came when the command had ended
+  };
+  struct Store {
+    std::string_view state;
+    std::string why;
+    std::uint64_t depth = 0;
+    std::uint64_t bytes = 0;
+    std::uint64_t max_bytes = 0;
+    bool is_full = false;
+    std::chrono::seconds oldest_age{0};
+    std::uint64_t dead_letters = 0;
+    std::uint64_t failures = 0;
+  };
+  struct Queue {
+    std::uint64_t depth = 0;
+    std::uint64_t bytes = 0;
+    std::uint64_t max_bytes = 0;
+  };
+
+  std::string version;
+  std::chrono::seconds uptime{0};
+  std::string gateway;
+  Broker broker;
+  PerMesh<MeshLink> meshes;
+  Robots robots;
+  Messages messages;
+  Commands commands;
+  Store store;
+  Queue queue;
+  Counters control;
+  std::uint64_t memory_rss_bytes = 0;
+};
+
+struct RobotStatus {
+  std::string id;
+  Mesh mesh = Mesh::thread;
+  std::string address;
+  Presence state = Presence::offline;
+  WallTime since{};
+  WallTime last_seen{};
+  std::uint64_t messages = 0;
+  std::uint64_t commands = 0;
+  double rate_hz = 0;
+  std::optional<RadioFacts> radio;
+  std::uint64_t queue = 0;
+};
+
+nlohmann::json to_json(const Status& status);
+nlohmann::json to_json(const std::vector<RobotStatus>& robots);
+
+}  // namespace slamgw

@@ -1,0 +1,127 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/app/status_collector.hpp"
+
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <fstream>
+
+namespace slamgw {
+namespace {
+
+using std::chrono::duration_cast;
+using std::chrono::seconds;
+
+constexpr std::size_t most_refused_listed = 10;
+
+std::uint64_t resident_bytes() {
+  std::uint64_t total_pages = 0;
+  std::uint64_t resident_pages = 0;
+  std::ifstream("/proc/self/statm") >> total_pages >> resident_pages;
+  return resident_pages * static_cast<std::uint64_t>(sysconf(_SC_PAGESIZE));
+}
+
+std::string_view to_string(Backlog::State state) {
+  switch (state) {
+    case Backlog::State::opening: return "opening";
+    case Backlog::State::absent: return "absent";
+    case Backlog::State::working: return "working";
+    case Backlog::State::failing: return "failing";
+  }
+  return {};
+}
+
+Status::Robots count(const RobotRegistry& registry) {
+  return {registry.count(Presence::online), registry.count(Presence::asleep),
+          registry.count(Presence::offline), registry.robots().size(), registry.untracked()};
+}
+
+Status::Messages count(const Gateway::Traffic& passed, const Outbox& outbox) {
+  const Outbox::Statistics& sent = outbox.statistics();
+  return {passed.up,    passed.down,    sent.published,  sent.dropped,
+          sent.refused, sent.set_aside, passed.rejected, outbox.backlog().stored_total()};
+}
+
+}  // namespace
+
+std::string broker_uri(const BrokerSettings& broker) {
+  const bool is_ipv6 = broker.host.find(':') != std::string::npos;
+  const std::string host = is_ipv6 ? "[" + broker.host + "]" : broker.host;
+  return fmt::format("{}://{}:{}", broker.tls ? "mqtts" : "mqtt", host, broker.port);
+}
+
+Status StatusCollector::status(Counters control, TimePoint now) const {
+  Status status;
+  status.version = SLAMGW_VERSION;
+  status.uptime = duration_cast<seconds>(now - started_);
+  status.gateway = config_.gateway_id;
+  status.broker = broker(now);
+  status.meshes = mesh_links();
+  status.robots = count(gateway_.registry());
+  status.messages = count(gateway_.traffic(), outbox_);
+  status.commands = {gateway_.open_commands(), gateway_.traffic().late_outcomes};
+  status.store = store(now);
+  status.queue = {outbox_.unsaved(), outbox_.queued_bytes(), Outbox::max_queued_bytes};
+  status.control = std::move(control);
+  status.memory_rss_bytes = resident_bytes();
+  return status;
+}
+
+Status::Broker StatusCollector::broker(TimePoint now) const {
+  const HeldTopics& held = outbox_.held_topics();
+  Status::Broker broker{broker_uri(config_.broker), broker_, held.size(), {}};
+  for (const HeldTopic& topic : held.list(most_refused_listed)) {
+    broker.refused.push_back({topic.topic, topic.refusal, topic.waiting, topic.tries,
+                              duration_cast<seconds>(now - topic.since)});
+  }
+  return broker;
+}
+
+PerMesh<Status::MeshLink> StatusCollector::mesh_links() const {
+  PerMesh<Status::MeshLink> links;
+  for (const Mesh mesh : all_meshes) {
+    const MeshAdapter* adapter = meshes_.find(mesh);
+    const Gateway::LinkState& link = gateway_.mesh_link(mesh);
+    links[mesh] = {adapter != nullptr, link.is_up, link.detail,
+                   adapter ? adapter->counters() : Counters{}};
+  }
+  return links;
+}
+
+Status::Store StatusCollector::store(TimePoint now) const {
+  const Backlog& backlog = outbox_.backlog();
+  return {to_string(backlog.state()),
+          outbox_.store_trouble(),
+          backlog.rows(),
+          backlog.bytes(),
+          config_.store.max_bytes,
+          backlog.is_full(),
+          duration_cast<seconds>(now - backlog.oldest().value_or(now)),
+          backlog.dead_letters().count,
+          outbox_.statistics().store_failures};
+}
+
+std::vector<RobotStatus> StatusCollector::robots(TimePoint now) const {
+  std::vector<RobotStatus> rows;
+  for (const auto& [id, robot] : gateway_.registry().robots()) {
+    const MeshPresence& presence = robot.presence();
+    const MeshAdapter* adapter = meshes_.find(robot.mesh());
+    rows.push_back({id, robot.mesh(), presence.address, presence.presence, presence.since,
+                    robot.last_seen, robot.messages_up, robot.messages_down,
+                    robot.rate.per_second(now), robot.radio,
+                    adapter ? adapter->queued_for(id) : 0});
+  }
+  return rows;
+}
+
+ServiceState StatusCollector::service_state() const {
+  ServiceState state{broker_.is_up,
+                     {},
+                     gateway_.registry().count(Presence::online),
+                     gateway_.traffic().up + gateway_.traffic().down};
+  for (const Mesh mesh : all_meshes)
+    if (meshes_.find(mesh)) state.mesh_is_up[mesh] = gateway_.mesh_link(mesh).is_up;
+  return state;
+}
+
+}  // namespace slamgw

@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: Apache-2.0
+// Asks the parts of the daemon how they are. Reads only.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "daemon/app/meshes.hpp"
+#include "daemon/app/status.hpp"
+#include "daemon/config/config.hpp"
+#include "daemon/core/gateway.hpp"
+#include "daemon/delivery/outbox.hpp"
+#include "daemon/observability/service_notifier.hpp"
+
+namespace slamgw {
+
+/// `mqtt://host:port`, as in the configuration.
+std::string broker_uri(const BrokerSettings& broker);
+
+class StatusCollector {
+ public:
+  /// What it asks outlives it.
+  StatusCollector(const Config& config, const BrokerLink& broker, const Gateway& gateway,
+                  const Outbox& outbox, const Meshes& meshes, TimePoint started)
+      : config_(config),
+        broker_(broker),
+        gateway_(gateway),
+        outbox_(outbox),
+        meshes_(meshes),
+        started_(started) {}
+
+  /// `control`: counters of the control socket.
+  Status status(Counters control, TimePoint now) const;
+  std::vector<RobotStatus> robots(TimePoint now) const;
+  ServiceState service_state() const;
+
+ private:
+  Status::Broker broker(TimePoint now) const;
+  PerMesh<Status::MeshLink> mesh_links() const;
+  Status::Store store(TimePoint now) const;
+
+  const Config& config_;
+  const BrokerLink& broker_;
+  const Gateway& gateway_;
+  const Outbox& outbox_;
+  const Meshes& meshes_;
+  const TimePoint started_;
+};
+
+}  // namespace slamgw

@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/observability/traffic_sampler.hpp"
+
+#include <chrono>
+#include <utility>
+
+namespace slamgw {
+
+std::optional<TrafficLine> TrafficSampler::on_traffic(const TrafficEvent& event, TimePoint now) {
+  const auto of_stream = sample(event, now);
+  if (!of_stream) return std::nullopt;
+  if (!budget_.take(now)) {
+    without_line_ += *of_stream;
+    return std::nullopt;
+  }
+  return TrafficLine{*of_stream, std::exchange(without_line_, 0)};
+}
+
+std::optional<std::uint64_t> TrafficSampler::sample(const TrafficEvent& event, TimePoint now) {
+  switch (mode_) {
+    case TrafficLogMode::off: return std::nullopt;
+    case TrafficLogMode::all: return 1;
+    case TrafficLogMode::sampled: break;
+  }
+  std::string stream = event.robot + '/' + event.type;
+  if (event.direction == Direction::down) stream += '/';
+  if (streams_.size() >= max_streams && !streams_.contains(stream)) stream.clear();
+  return streams_.try_emplace(std::move(stream), std::chrono::seconds{1})
+      .first->second.on_event(now);
+}
+
+}  // namespace slamgw

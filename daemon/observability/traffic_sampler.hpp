@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+// Decides which robot messages are worth a line (`log.traffic`): a journal entry costs a Pi's card
+// more than the message itself. Pure.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <unordered_map>
+
+#include "daemon/core/burst.hpp"
+#include "daemon/core/traffic_event.hpp"
+#include "daemon/observability/line_budget.hpp"
+#include "daemon/observability/log_settings.hpp"
+
+namespace slamgw {
+
+/// How many messages a line stands for.
+struct TrafficLine {
+  std::uint64_t of_stream = 1;  ///< this robot's, in this direction, of this type
+  std::uint64_t of_others = 0;  ///< any robot's that had a line of their own if there were fewer
+};
+
+/// `sampled`: the first of each robot, direction and type, then at most one a second, which says
+/// how many it stands for.
+class TrafficSampler {
+ public:
+  /// Streams followed one by one; what is beyond shares one budget.
+  static constexpr std::size_t max_streams = 65536;
+  /// Never more than 9 000 lines in 30 s, where journald takes 10 000 of a service unless its unit
+  /// says otherwise (RateLimitBurst= in journald.conf(5)). The rest is left for what matters.
+  static constexpr std::int64_t lines_at_once = 3000;
+  static constexpr std::int64_t lines_per_second = 200;
+
+  explicit TrafficSampler(TrafficLogMode mode) : mode_(mode) {}
+
+  /// What a line for this one stands for; nothing when there is to be none.
+  std::optional<TrafficLine> on_traffic(const TrafficEvent& event, TimePoint now);
+
+ private:
+  std::optional<std::uint64_t> sample(const TrafficEvent& event, TimePoint now);
+
+  TrafficLogMode mode_;
+  LineBudget budget_{lines_at_once, lines_per_second};
+  std::uint64_t without_line_ = 0;
+  std::unordered_map<std::string, Burst> streams_;
+};
+
+}  // namespace slamgw

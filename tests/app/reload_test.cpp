@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+// What of a configuration that was read again is in force at once.
+#include "daemon/app/reload.hpp"
+
+#include <gtest/gtest.h>
+
+namespace slamgw {
+namespace {
+
+TEST(Reload, TakesWhatCanChangeWhileTheDaemonRuns) {
+  Config wanted;
+  wanted.log.level = Severity::debug;
+  wanted.broker.host = "elsewhere";
+  wanted.robots = {{"r", 0x0100, {}}};
+  wanted.topics.extra_publish = {"lab/#"};
+  const Reload reload = reload_of(Config{}, wanted);
+  EXPECT_EQ(reload.config.log.level, Severity::debug);
+  EXPECT_EQ(reload.config.broker.host, "elsewhere");
+  EXPECT_EQ(reload.config.robots, wanted.robots);
+  EXPECT_EQ(reload.config.topics.extra_publish, wanted.topics.extra_publish);
+  EXPECT_TRUE(reload.has_other_robots);
+  EXPECT_TRUE(reload.has_other_topics);
+  EXPECT_TRUE(reload.needs_restart.empty());
+}
+
+TEST(Reload, NamesWhatNeedsARestartAndLeavesItAsItIs) {
+  Config now;
+  now.broker.max_inflight = 16;
+  Config wanted = now;
+  wanted.gateway_id = "other";
+  wanted.broker.gateway_id = "other";
+  wanted.broker.max_inflight = 17;
+  wanted.topics.prefix = "other";
+  wanted.update_mode = UpdateMode::json;
+  wanted.ble_mesh.enabled = !now.ble_mesh.enabled;
+  wanted.mqttsn.gateway_id = 9;
+  wanted.store.max_bytes = 1;
+  wanted.control_socket = "/other";
+  const Reload reload = reload_of(now, wanted);
+  EXPECT_EQ(reload.needs_restart,
+            "gateway.id, broker.max_inflight, topics.prefix, payload.update, "
+            "ble_mesh.* or presence.*, mqttsn.*, store.*, control.socket");
+  EXPECT_EQ(answer_json(reload)["needs_restart"], reload.needs_restart);
+  EXPECT_EQ(reload.config.broker.max_inflight, 16);
+  EXPECT_EQ(reload.config.broker.gateway_id, now.broker.gateway_id);
+  EXPECT_EQ(reload.config.topics.prefix, now.topics.prefix);
+  EXPECT_FALSE(reload.has_other_robots);
+  EXPECT_FALSE(reload.has_other_topics);
+}
+
+}  // namespace
+}  // namespace slamgw

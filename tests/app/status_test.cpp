@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: Apache-2.0
+// The JSON of `slam-gatewayctl --json status` and `robots`: people script against its names.
+#include "daemon/app/status.hpp"
+
+#include <gtest/gtest.h>
+
+#include <set>
+
+namespace slamgw {
+namespace {
+
+using namespace std::chrono_literals;
+using nlohmann::json;
+
+std::set<std::string> names(const json& object) {
+  std::set<std::string> found;
+  for (const auto& [name, value] : object.items()) found.insert(name);
+  return found;
+}
+
+TEST(StatusJson, HasTheNamesThatPeopleScriptAgainst) {
+  const json status = to_json(Status{});
+  EXPECT_EQ(names(status), (std::set<std::string>{"broker", "commands", "control", "gateway",
+                                                  "memory_rss_bytes", "meshes", "messages", "queue",
+                                                  "robots", "store", "uptime_s", "version"}));
+  EXPECT_EQ(names(status["broker"]),
+            (std::set<std::string>{"refused", "since", "state", "uri", "why"}));
+  EXPECT_EQ(names(status["meshes"]), (std::set<std::string>{"ble", "thread"}));
+  EXPECT_EQ(names(status["robots"]),
+            (std::set<std::string>{"asleep", "known", "offline", "online", "untracked"}));
+  EXPECT_TRUE(status["control"].is_object());
+}
+
+TEST(StatusJson, SaysOfEachLinkHowItIs) {
+  Status status;
+  status.broker = {"mqtt://b:1883", {false, WallTime{1'700'000'000s}, "refused"}, 0, {}};
+  status.meshes[Mesh::thread] = {true, true, "UDP [::]:47193", {{"received", 7}}};
+  const json out = to_json(status);
+  EXPECT_EQ(out["broker"], json::parse(R"({"state": "down", "uri": "mqtt://b:1883",
+                                           "since": "2023-11-14T22:13:20Z", "why": "refused",
+                                           "refused": {"topics": 0, "list": []}})"));
+  EXPECT_EQ(out["meshes"]["ble"]["state"], "disabled");
+  EXPECT_EQ(out["meshes"]["thread"], json::parse(R"({"enabled": true, "state": "up",
+                                "detail": "UDP [::]:47193", "counters": {"received": 7}})"));
+}
+
+TEST(StatusJson, SaysThatTheBrokerRefusesOnlyWhileItIsThere) {
+  Status status;
+  status.broker = {"u", {false, {}, "gone"}, 2, {{"t", {0x87, "not authorised"}, 3, 1, 9s}}};
+  EXPECT_EQ(to_json(status)["broker"]["state"], "down");
+  EXPECT_EQ(to_json(status)["broker"]["why"], "gone");
+  status.broker.link = {true, {}, {}};
+  const json broker = to_json(status)["broker"];
+  EXPECT_EQ(broker["state"], "refusing");
+  EXPECT_EQ(broker["why"], "not authorised on t (3 messages wait), and 1 more topics");
+  EXPECT_EQ(broker["refused"], json::parse(R"({"topics": 2, "list": [{"topic": "t", "code": 135,
+      "why": "not authorised", "waiting": 3, "tries": 1, "for_s": 9}]})"));
+}
+
+TEST(RobotsJson, IsAnArrayWithARowForEach) {
+  EXPECT_EQ(to_json(std::vector<RobotStatus>{}), json::array());
+  RobotStatus robot;
+  robot.id = "r";
+  robot.mesh = Mesh::ble;
+  robot.state = Presence::online;
+  json row = to_json(std::vector{robot})[0];
+  EXPECT_EQ(row["mesh"], "ble");
+  EXPECT_EQ(row["state"], "online");
+  EXPECT_TRUE(row["rssi_dbm"].is_null());
+  robot.radio = RadioFacts{-61, 2, 3};
+  row = to_json(std::vector{robot})[0];
+  EXPECT_EQ(row["rssi_dbm"], -61);
+  EXPECT_EQ(row["hops"], 2);
+  EXPECT_EQ(row["ttl"], 3);
+}
+
+}  // namespace
+}  // namespace slamgw
