@@ -20,8 +20,8 @@
 #include "daemon/core/adapter.hpp"
 #include "daemon/core/gateway.hpp"
 #include "daemon/delivery/outbox.hpp"
-#include "daemon/mqtt/paho_upstream.hpp"
-#include "daemon/mqtt/upstream_link.hpp"
+#include "daemon/mqtt/upstream.hpp"
+#include "daemon/mqtt/upstream_listener.hpp"
 #include "daemon/observability/link_log.hpp"
 #include "daemon/observability/service_notifier.hpp"
 #include "daemon/observability/traffic_log.hpp"
@@ -108,7 +108,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   MachineDriver<Outbox> outbox_driver_;
   SqliteStore store_;
   SqliteSessionStore session_store_;
-  PahoUpstream upstream_;
+  Upstream upstream_;
   Meshes meshes_;
   std::shared_ptr<InterfaceWatch> network_watch_;
 

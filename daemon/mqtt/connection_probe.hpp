@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Finds out in words why no connection to the broker came about, by trying its steps again: name,
-// TCP, TLS. Paho tells no reasons. Blocks for a few seconds at most: called on PahoSession's lane.
+// TCP, TLS. Paho tells no reasons. Blocks for a few seconds at most: called on PahoLink's lane.
 #pragma once
 
 #include <string>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Outbox and store over Paho to a real Mosquitto that is killed, or refuses.
+// Outbox and store over a broker link to a real Mosquitto that is killed, or refuses.
 #include <gtest/gtest.h>
 
 #include <algorithm>

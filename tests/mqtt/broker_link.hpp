@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A PahoUpstream with a loop of its own and a listener that remembers.
+// A Upstream with a loop of its own and a listener that remembers.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-#include "daemon/mqtt/paho_upstream.hpp"
+#include "daemon/mqtt/upstream.hpp"
 #include "tests/support/eventually.hpp"
 #include "tests/support/mosquitto.hpp"
 #include "tests/support/mqtt311_proxy.hpp"
@@ -83,9 +83,9 @@ inline std::string name_of_version(const testing::TestParamInfo<MqttVersion>& ve
 struct Link {
   explicit Link(std::uint16_t port, std::optional<Credentials> credentials = {})
       : Link(settings_for(port, std::move(credentials))) {}
-  explicit Link(const BrokerSettings& settings, PahoUpstream::ReadCredentials read = {}) {
-    upstream = std::make_unique<PahoUpstream>(
-        io, settings, LastWill{"gw/state", R"({"state":"offline"})"}, listener);
+  explicit Link(const BrokerSettings& settings, Upstream::ReadCredentials read = {}) {
+    upstream = std::make_unique<Upstream>(io, settings,
+                                          LastWill{"gw/state", R"({"state":"offline"})"}, listener);
     upstream->read_credentials_with(std::move(read));
     upstream->start();
   }
@@ -96,7 +96,7 @@ struct Link {
 
   boost::asio::io_context io;
   RecordingListener listener;
-  std::unique_ptr<PahoUpstream> upstream;
+  std::unique_ptr<Upstream> upstream;
 };
 
 }  // namespace slamgw

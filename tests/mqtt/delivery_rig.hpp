@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Robots' messages on their way through the outbox and Paho to a broker, with a store on disk, as
+// Robots' messages on their way through the outbox to a broker, with a store on disk, as
 // the daemon wires them; for tests with real brokers and with such as misbehave.
 #pragma once
 
@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "daemon/delivery/outbox.hpp"
-#include "daemon/mqtt/paho_upstream.hpp"
+#include "daemon/mqtt/upstream.hpp"
 #include "daemon/runtime/machine_driver.hpp"
 #include "daemon/storage/sqlite_store.hpp"
 #include "tests/mqtt/broker_link.hpp"
@@ -108,7 +108,7 @@ class DeliveryRig : private UpstreamListener {
 
   MachineDriver<Outbox> driver_;
   SqliteStore store_;
-  PahoUpstream upstream_;
+  Upstream upstream_;
 };
 
 }  // namespace slamgw

@@ -10,7 +10,7 @@
 #include "daemon/app/status.hpp"
 #include "daemon/core/gateway.hpp"
 #include "daemon/core/result.hpp"
-#include "daemon/mqtt/paho_message.hpp"
+#include "daemon/mqtt/paho/paho_message.hpp"
 #include "daemon/observability/service_notifier.hpp"
 #include "daemon/observability/traffic_text.hpp"
 #include "daemon/runtime/mesh_shell.hpp"

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "daemon/mqtt/paho_session.hpp"
+#include "daemon/mqtt/paho/paho_link.hpp"
 
+#include <MQTTAsync.h>
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -13,8 +14,13 @@
 namespace slamgw {
 namespace {
 
-constexpr std::chrono::seconds connect_timeout{10};
-constexpr std::chrono::milliseconds goodbye_timeout{500};
+/// OpenSSL sets itself up where TLS is used; Paho would have it load all it has in any case, 1.4
+/// MiB. Before the first client.
+void keep_openssl_small() {
+  MQTTAsync_init_options options = MQTTAsync_init_options_initializer;
+  options.do_openssl_init = 0;
+  MQTTAsync_global_init(&options);
+}
 
 /// The code of the CONNACK that refused; 0 when none came. Paho returns that of MQTT 3.1.1 (1-5) as
 /// its own code, and its own errors as negative numbers.
@@ -35,18 +41,15 @@ std::uint64_t sequence_of(const mqtt::token& token) {
 
 // The three listeners run on Paho's threads. They hold the session by reference: it destroys the
 // client, which ends all callbacks, before itself.
-class PahoSession::ConnectListener final : public mqtt::iaction_listener {
+class PahoLink::ConnectListener final : public mqtt::iaction_listener {
  public:
-  explicit ConnectListener(PahoSession& session) : session_(session) {}
+  explicit ConnectListener(PahoLink& session) : session_(session) {}
 
   void on_success(const mqtt::token& token) override {
-    const BrokerLimits limits = limits_of(token, session_.version_);
+    const BrokerLimits limits = limits_of(token, session_.options_.version);
     const bool session_present = token.get_connect_response().is_session_present();
-    session_.post_to_lane([limits](PahoSession& session) {
-      session.limits_ = limits;
-      session.socket_.adopt(session.settings_.port);
-    });
-    session_.post_to_loop([=, &session = session_](PahoSessionListener& listener) {
+    session_.post_to_lane([](PahoLink& link) { link.socket_.adopt(link.settings_.port); });
+    session_.post_to_loop([=, &session = session_](MqttLinkListener& listener) {
       if (std::exchange(session.has_answered_, true)) return;
       listener.on_connected(session_present, limits);
     });
@@ -57,12 +60,12 @@ class PahoSession::ConnectListener final : public mqtt::iaction_listener {
   }
 
  private:
-  PahoSession& session_;
+  PahoLink& session_;
 };
 
-class PahoSession::PublishListener final : public mqtt::iaction_listener {
+class PahoLink::PublishListener final : public mqtt::iaction_listener {
  public:
-  explicit PublishListener(PahoSession& session) : session_(session) {}
+  explicit PublishListener(PahoLink& session) : session_(session) {}
 
   void on_success(const mqtt::token& token) override {
     if (token.get_message_id() == 0)  // QoS 0
@@ -77,18 +80,20 @@ class PahoSession::PublishListener final : public mqtt::iaction_listener {
 
  private:
   void finish(const mqtt::token& token, std::optional<int> refusal) {
-    session_.post_to_loop([sequence = sequence_of(token), refusal](PahoSessionListener& listener) {
-      if (!refusal) return listener.on_published(sequence);
-      listener.on_publish_refused(sequence, {*refusal, explain_publish_refusal(*refusal)});
-    });
+    session_.post_to_loop(
+        [&link = session_, sequence = sequence_of(token), refusal](MqttLinkListener& listener) {
+          link.on_acknowledged();
+          if (!refusal) return listener.on_published(sequence);
+          listener.on_publish_refused(sequence, {*refusal, explain_publish_refusal(*refusal)});
+        });
   }
 
-  PahoSession& session_;
+  PahoLink& session_;
 };
 
-class PahoSession::SubscribeListener final : public mqtt::iaction_listener {
+class PahoLink::SubscribeListener final : public mqtt::iaction_listener {
  public:
-  explicit SubscribeListener(PahoSession& session) : session_(session) {}
+  explicit SubscribeListener(PahoLink& session) : session_(session) {}
   void on_success(const mqtt::token& token) override { finish(token, true); }
   void on_failure(const mqtt::token& token) override {
     if (refusal_of(token)) finish(token, false);  // else the connection is lost, which is told
@@ -98,31 +103,31 @@ class PahoSession::SubscribeListener final : public mqtt::iaction_listener {
   void finish(const mqtt::token& token, bool granted) {
     const mqtt::const_string_collection_ptr topics = token.get_topics();
     if (token.get_type() != mqtt::token::SUBSCRIBE || !topics || topics->empty()) return;
-    session_.post_to_loop([filter = (*topics)[0], granted](PahoSessionListener& listener) {
+    session_.post_to_loop([filter = (*topics)[0], granted](MqttLinkListener& listener) {
       listener.on_subscribe_result(filter, granted);
     });
   }
 
-  PahoSession& session_;
+  PahoLink& session_;
 };
 
-PahoSession::PahoSession(boost::asio::io_context& io, boost::asio::thread_pool& lane,
-                         const BrokerSettings& settings, MqttVersion version, LastWill will,
-                         unsigned attempt, PahoSessionListener& listener)
+PahoLink::PahoLink(boost::asio::io_context& io, boost::asio::thread_pool& lane, LinkOptions options,
+                   MqttLinkListener& listener)
     : io_(io),
       lane_(lane),
-      settings_(settings),
-      version_(version),
-      will_(std::move(will)),
-      attempt_(attempt),
+      options_(std::move(options)),
+      settings_(options_.broker),
       listener_(listener),
+      nudge_timer_(io),
       connect_listener_(std::make_unique<ConnectListener>(*this)),
       publish_listener_(std::make_unique<PublishListener>(*this)),
-      subscribe_listener_(std::make_unique<SubscribeListener>(*this)) {}
+      subscribe_listener_(std::make_unique<SubscribeListener>(*this)) {
+  [[maybe_unused]] static const bool once = (keep_openssl_small(), true);
+}
 
-PahoSession::~PahoSession() = default;
+PahoLink::~PahoLink() = default;
 
-void PahoSession::post_to_loop(Event event) {
+void PahoLink::post_to_loop(Event event) {
   if (events_.give(std::move(event)) != 1) return;
   boost::asio::post(io_, [self = shared_from_this()] {
     for (const Event& happened : self->events_.take()) {
@@ -131,21 +136,21 @@ void PahoSession::post_to_loop(Event event) {
   });
 }
 
-void PahoSession::post_to_lane(std::function<void(PahoSession&)> work) {
+void PahoLink::post_to_lane(std::function<void(PahoLink&)> work) {
   boost::asio::post(lane_, [self = shared_from_this(), work = std::move(work)] { work(*self); });
 }
 
-void PahoSession::connect() {
-  post_to_lane([](PahoSession& session) { session.open(); });
+void PahoLink::connect() {
+  post_to_lane([](PahoLink& session) { session.open(); });
 }
 
-void PahoSession::open() {
+void PahoLink::open() {
   opened_ = std::chrono::steady_clock::now();
   try {
     client_ = std::make_unique<mqtt::async_client>(
         server_uri(settings_, host_of_attempt()), settings_.client_id,
-        mqtt::create_options(static_cast<int>(version_), max_buffered_in_paho), nullptr);
-    publish_form_.emplace(version_, settings_.gateway_id);
+        mqtt::create_options(static_cast<int>(options_.version), max_buffered_in_paho), nullptr);
+    publish_form_.emplace(options_.version, settings_.gateway_id);
     client_->set_callback(*this);  // before connect: later it can deadlock
     client_->set_disconnected_handler([this](const mqtt::properties&, mqtt::ReasonCode reason) {
       tell_ended(static_cast<int>(reason));  // connection_lost is not called then
@@ -158,17 +163,17 @@ void PahoSession::open() {
 }
 
 /// Paho tries one address of a name only, and an IPv4 one if there is any. TLS needs the name.
-std::string PahoSession::host_of_attempt() const {
+std::string PahoLink::host_of_attempt() const {
   if (settings_.tls) return settings_.host;
   const std::vector<std::string> addresses = resolve_host(settings_.host);
-  return addresses.empty() ? settings_.host : addresses[attempt_ % addresses.size()];
+  return addresses.empty() ? settings_.host : addresses[options_.attempt % addresses.size()];
 }
 
 /// In place: copies of Paho's options forget or lose their properties.
-void PahoSession::set_connect_options() {
+void PahoLink::set_connect_options() {
   mqtt::connect_options& options = connect_options_;
-  options.set_mqtt_version(static_cast<int>(version_));
-  if (version_ == MqttVersion::v5) {
+  options.set_mqtt_version(static_cast<int>(options_.version));
+  if (options_.version == MqttVersion::v5) {
     options.set_clean_start(false);
     options.set_properties(mqtt::properties(
         {{mqtt::property::SESSION_EXPIRY_INTERVAL, std::int32_t{session_expiry_s}}}));
@@ -182,15 +187,16 @@ void PahoSession::set_connect_options() {
     options.set_user_name(settings_.credentials->username);
     options.set_password(settings_.credentials->password);
   }
-  options.set_will(mqtt::will_options(will_.topic, will_.payload, static_cast<int>(will_.qos),
-                                      will_.is_retained));
+  options.set_will(mqtt::will_options(options_.will.topic, options_.will.payload,
+                                      static_cast<int>(options_.will.qos),
+                                      options_.will.is_retained));
   if (settings_.tls) {
     set_tls_options();
     options.set_ssl(tls_options_);
   }
 }
 
-void PahoSession::set_tls_options() {
+void PahoLink::set_tls_options() {
   tls_options_.set_verify(true);  // the host name too; Paho's default is not to look
   tls_options_.set_enable_server_cert_auth(true);
   tls_options_.set_ssl_version(MQTT_SSL_VERSION_TLS_1_2);
@@ -200,18 +206,18 @@ void PahoSession::set_tls_options() {
 }
 
 /// `code`: of the CONNACK, or 0. The reason is looked for on the lane, for that may take a while.
-void PahoSession::report_failure(int code) {
+void PahoLink::report_failure(int code) {
   const bool is_in_time = std::chrono::steady_clock::now() - opened_ < connect_timeout;
-  post_to_lane([code, is_in_time](PahoSession& session) {
+  post_to_lane([code, is_in_time](PahoLink& session) {
     session.post_to_loop([&session, failure = session.explain_failure(code, is_in_time)](
-                             PahoSessionListener& listener) {
+                             MqttLinkListener& listener) {
       if (std::exchange(session.has_answered_, true)) return;
       listener.on_connect_failed(failure);
     });
   });
 }
 
-ConnectFailure PahoSession::explain_failure(int code, bool is_in_time) const {
+ConnectFailure PahoLink::explain_failure(int code, bool is_in_time) const {
   if (code != 0) {
     const auto answer =
         is_version_refusal(code) ? ConnectAnswer::version_refused : ConnectAnswer::other;
@@ -223,15 +229,16 @@ ConnectFailure PahoSession::explain_failure(int code, bool is_in_time) const {
           false};
 }
 
-void PahoSession::publish(std::uint64_t sequence, BrokerMessage message) {
+void PahoLink::publish(std::uint64_t sequence, BrokerMessage message) {
+  nudge_.on_publish(std::chrono::steady_clock::now());
+  if (!is_nudge_armed_) watch_progress();
   if (publications_.give({sequence, std::move(message)}) != 1) return;
-  post_to_lane([](PahoSession& session) { session.publish_all(); });
+  post_to_lane([](PahoLink& session) { session.publish_all(); });
 }
 
-void PahoSession::publish_all() {
+void PahoLink::publish_all() {
   try {
-    std::vector<Publication> publications = publications_.take();
-    std::erase_if(publications, [this](Publication& p) { return !keep_to_limits(p); });
+    const std::vector<Publication> publications = publications_.take();
     const auto unacknowledged = static_cast<std::size_t>(
         std::count_if(publications.begin(), publications.end(),
                       [](const Publication& p) { return p.message.qos == Qos::at_most_once; }));
@@ -246,40 +253,24 @@ void PahoSession::publish_all() {
   }
 }
 
-/// False when the broker would not take it in any form: it is refused in the broker's place, for a
-/// packet that is too large makes brokers close the connection.
-bool PahoSession::keep_to_limits(Publication& publication) {
-  BrokerMessage& message = publication.message;
-  message.qos = std::min(message.qos, limits_.max_qos);
-  message.retain = message.retain && limits_.keeps_retained;
-  if (!limits_.max_packet_bytes) return true;
-  const std::size_t bytes = publish_packet_bytes(message, publish_form_->property_bytes(message));
-  if (bytes <= *limits_.max_packet_bytes) return true;
-  constexpr int packet_too_large = 0x95;
-  Refusal refusal{packet_too_large,
-                  fmt::format("the packet would have {} octets, and the broker takes {}", bytes,
-                              *limits_.max_packet_bytes)};
-  post_to_loop([sequence = publication.sequence, refusal](PahoSessionListener& listener) {
-    listener.on_publish_refused(sequence, refusal);
-  });
-  return false;
-}
-
-void PahoSession::on_written(std::uint64_t sequence) {
+void PahoLink::on_written(std::uint64_t sequence) {
   const std::size_t waiting = written_.give(sequence);
   const bool is_last = --unwritten_ == 0;
   if (is_last) socket_.release();
   if (!is_last && waiting < written_at_once) return;
-  post_to_loop([this](PahoSessionListener& listener) {
-    for (const std::uint64_t written : written_.take()) listener.on_published(written);
+  post_to_loop([this](MqttLinkListener& listener) {
+    for (const std::uint64_t written : written_.take()) {
+      on_acknowledged();
+      listener.on_published(written);
+    }
   });
 }
 
-void PahoSession::subscribe(std::string filter, Qos qos, std::uint32_t id) {
-  post_to_lane([filter = std::move(filter), qos, id](PahoSession& session) {
+void PahoLink::subscribe(std::string filter, Qos qos, std::uint32_t id) {
+  post_to_lane([filter = std::move(filter), qos, id](PahoLink& session) {
     try {
       mqtt::properties properties;
-      if (session.version_ == MqttVersion::v5) {
+      if (session.options_.version == MqttVersion::v5) {
         properties.add({mqtt::property::SUBSCRIPTION_IDENTIFIER, static_cast<std::int32_t>(id)});
       }
       session.client_->subscribe(filter, static_cast<int>(qos), nullptr,
@@ -291,8 +282,8 @@ void PahoSession::subscribe(std::string filter, Qos qos, std::uint32_t id) {
   });
 }
 
-void PahoSession::unsubscribe(std::string filter) {
-  post_to_lane([filter = std::move(filter)](PahoSession& session) {
+void PahoLink::unsubscribe(std::string filter) {
+  post_to_lane([filter = std::move(filter)](PahoLink& session) {
     try {
       session.client_->unsubscribe(filter, nullptr, *session.subscribe_listener_);
     } catch (const mqtt::exception&) {
@@ -301,17 +292,33 @@ void PahoSession::unsubscribe(std::string filter) {
   });
 }
 
-void PahoSession::nudge() {
+void PahoLink::on_acknowledged() { nudge_.on_acknowledged(std::chrono::steady_clock::now()); }
+
+/// One timer for all messages: at full rate it fires some 40 times a second, idle never.
+void PahoLink::watch_progress() {
+  const auto deadline = nudge_.deadline();
+  is_nudge_armed_ = deadline.has_value();
+  if (!deadline) return;
+  nudge_timer_.expires_at(*deadline);
+  nudge_timer_.async_wait([self = shared_from_this()](boost::system::error_code error) {
+    if (error || self->is_abandoned_) return;
+    if (self->nudge_.take(std::chrono::steady_clock::now())) self->nudge();
+    self->watch_progress();
+  });
+}
+
+void PahoLink::nudge() {
   // Nobody has this filter: the smallest request that no subscriber can see.
   unsubscribe("slam-gateway/nudge");
 }
 
-void PahoSession::abandon(bool is_orderly) {
+void PahoLink::abandon(bool is_orderly) {
   is_abandoned_ = true;
-  post_to_lane([is_orderly](PahoSession& session) { session.close(is_orderly); });
+  nudge_timer_.cancel();
+  post_to_lane([is_orderly](PahoLink& session) { session.close(is_orderly); });
 }
 
-void PahoSession::close(bool is_orderly) {
+void PahoLink::close(bool is_orderly) {
   if (!client_) return;
   try {
     if (is_orderly) {
@@ -326,28 +333,28 @@ void PahoSession::close(bool is_orderly) {
   socket_.forget();  // the next session looks for its own
 }
 
-void PahoSession::connection_lost(const std::string& cause) {
+void PahoLink::connection_lost(const std::string& cause) {
   tell_lost(cause.empty() ? "connection lost" : "connection lost: " + cause);
 }
 
-void PahoSession::tell_lost(std::string why) {
-  post_to_loop([why = std::move(why)](PahoSessionListener& listener) { listener.on_lost(why); });
+void PahoLink::tell_lost(std::string why) {
+  post_to_loop([why = std::move(why)](MqttLinkListener& listener) { listener.on_lost(why); });
 }
 
-void PahoSession::tell_ended(int reason) {
+void PahoLink::tell_ended(int reason) {
   constexpr int session_taken_over = 0x8e;
   tell_lost(reason == session_taken_over ? explain_rival(settings_.client_id)
                                          : explain_connect_failure(reason));
 }
 
-void PahoSession::message_arrived(mqtt::const_message_ptr message) {
+void PahoLink::message_arrived(mqtt::const_message_ptr message) {
   if (inbound_waiting_ >= max_inbound_waiting) {
     ++inbound_dropped_;
     return;
   }
   ++inbound_waiting_;
   post_to_loop([this, arrived = from_paho(*message),
-                ids = subscriptions_of(*message)](PahoSessionListener& listener) {
+                ids = subscriptions_of(*message)](MqttLinkListener& listener) {
     --inbound_waiting_;
     listener.on_message(arrived, ids);
   });

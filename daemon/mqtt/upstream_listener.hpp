@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The border between the outbox and an MQTT client. Two implementations: PahoUpstream and the fake
-// in tests/support.
+// What Upstream tells of the broker; implemented by App.
 #pragma once
 
 #include <cstdint>
@@ -12,13 +11,12 @@
 
 namespace slamgw {
 
-/// Told by the link what happened; always on the loop's thread, never from inside a call to the
-/// link.
+/// Always called on the loop's thread, never from inside a call to Upstream.
 class UpstreamListener {
  public:
   virtual ~UpstreamListener() = default;
   /// Connected. `session_present`: the broker still knows our subscriptions. `limits`: what it
-  /// takes; the link keeps to all of them but the receive maximum.
+  /// takes; Upstream keeps to all of them but the receive maximum.
   virtual void on_link_up(bool session_present, const BrokerLimits& limits) = 0;
   /// Connection lost or refused; `why` names the reason in words. May repeat while attempts fail.
   virtual void on_link_down(const std::string& why) = 0;
@@ -30,16 +28,6 @@ class UpstreamListener {
   virtual void on_subscribe_result(const std::string& filter, bool granted) = 0;
   /// `subscriptions`: the ids of our subscriptions that it came for; empty with MQTT 3.1.1.
   virtual void on_message(BrokerMessage message, std::vector<std::uint32_t> subscriptions) = 0;
-};
-
-/// An MQTT client. Calls never block; between on_link_up and on_link_down only.
-class UpstreamLink {
- public:
-  virtual ~UpstreamLink() = default;
-  virtual void publish(std::uint64_t sequence, BrokerMessage message) = 0;
-  /// `id` comes back with each message for this subscription (MQTT 5).
-  virtual void subscribe(const std::string& filter, Qos qos, std::uint32_t id) = 0;
-  virtual void unsubscribe(const std::string& filter) = 0;
 };
 
 }  // namespace slamgw

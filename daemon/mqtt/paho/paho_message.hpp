@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// From our values to Paho's and back. Pure; called by PahoSession.
+// From our values to Paho's and back. Pure; called by PahoLink.
 #pragma once
 
 #include <mqtt/message.h>
@@ -28,8 +28,6 @@ class PublishForm {
 
   /// Good until the next call; to be read on the same thread only.
   mqtt::const_message_ptr fill(const BrokerMessage& message);
-  /// What the properties of `message` will take; nothing with MQTT 3.1.1.
-  std::optional<std::size_t> property_bytes(const BrokerMessage& message) const;
 
  private:
   const std::shared_ptr<mqtt::message>& form_of(const BrokerMessage& message) const;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The broker link: one PahoSession at a time, reconnected for ever with back-off (Paho's own
-// automatic reconnect is mute), MQTT 5 with fallback to 3.1.1. Knows nothing of robots; the outbox
+// The way to the broker: one MqttLink at a time, reconnected for ever with back-off, MQTT 5 with
+// fallback to 3.1.1. Keeps to the limits that the broker names. Knows nothing of robots; the outbox
 // decides what is published again.
 #pragma once
 
@@ -14,17 +14,16 @@
 #include <string>
 
 #include "daemon/mqtt/backoff.hpp"
-#include "daemon/mqtt/paho_session.hpp"
-#include "daemon/mqtt/send_nudge.hpp"
-#include "daemon/mqtt/upstream_link.hpp"
+#include "daemon/mqtt/mqtt_link.hpp"
+#include "daemon/mqtt/upstream_listener.hpp"
 
 namespace slamgw {
 
-class PahoUpstream final : public UpstreamLink, public PahoSessionListener {
+class Upstream final : private MqttLinkListener {
  public:
-  PahoUpstream(boost::asio::io_context& io, BrokerSettings settings, LastWill will,
-               UpstreamListener& listener);
-  ~PahoUpstream() override;
+  Upstream(boost::asio::io_context& io, BrokerSettings settings, LastWill will,
+           UpstreamListener& listener);
+  ~Upstream() override;
 
   /// Asked before each attempt to connect: what the credentials file says by now. May be empty.
   using ReadCredentials = std::function<std::optional<Credentials>()>;
@@ -39,18 +38,22 @@ class PahoUpstream final : public UpstreamLink, public PahoSessionListener {
   /// nothing comes after it.
   void stop();
 
-  void publish(std::uint64_t sequence, BrokerMessage message) override;
-  void subscribe(const std::string& filter, Qos qos, std::uint32_t id) override;
-  void unsubscribe(const std::string& filter) override;
+  // No effect while the link is down:
+  void publish(std::uint64_t sequence, BrokerMessage message);
+  /// `id` comes back with each message for this subscription (MQTT 5).
+  void subscribe(const std::string& filter, Qos qos, std::uint32_t id);
+  void unsubscribe(const std::string& filter);
 
   MqttVersion version() const { return version_.version(); }
+  /// The broker's messages that were lost for want of room on their way to the loop.
+  std::uint64_t inbound_dropped() const;
 
  private:
   void connect();
   void connect_in(Duration wait);
   void reconnect_later(const std::string& why);
-  void drop_session(bool is_orderly);
-  void watch_progress();
+  void drop_link(bool is_orderly);
+  bool keep_to_limits(std::uint64_t sequence, BrokerMessage& message);
   bool adapt_will(int code);
 
   void on_connected(bool session_present, const BrokerLimits& limits) override;
@@ -62,24 +65,23 @@ class PahoUpstream final : public UpstreamLink, public PahoSessionListener {
   void on_message(BrokerMessage message, std::vector<std::uint32_t> subscriptions) override;
 
   boost::asio::io_context& io_;
-  boost::asio::thread_pool lane_{1};
+  boost::asio::thread_pool lane_{1};  ///< for whatever of a link may block
   BrokerSettings settings_;
   LastWill will_;
   UpstreamListener& listener_;
   boost::asio::steady_timer reconnect_timer_;
-  boost::asio::steady_timer nudge_timer_;
   Backoff backoff_;
   std::minstd_rand random_;
   VersionChoice version_;
-  std::shared_ptr<PahoSession> session_;
+  std::shared_ptr<MqttLink> link_;
+  BrokerLimits limits_;  ///< of the connection that is up
   bool is_up_ = false;
   bool is_waiting_ = false;  ///< for reconnect_timer_
   unsigned attempt_ = 0;
   TimePoint up_since_{};
   unsigned short_lives_ = 0;  ///< connections in a row that did not last
   ReadCredentials read_credentials_;
-  SendNudge nudge_;
-  bool is_nudge_armed_ = false;
+  std::uint64_t inbound_dropped_ = 0;  ///< by former links
 };
 
 }  // namespace slamgw

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// PahoUpstream against a real Mosquitto.
+// Upstream against a real Mosquitto.
 #include <gtest/gtest.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -20,10 +20,10 @@ using test::eventually;
 using test::Mosquitto;
 using test::Subscriber;
 
-using PahoUpstreamOf = WithEitherVersion;
-INSTANTIATE_TEST_SUITE_P(Broker, PahoUpstreamOf, either_version, name_of_version);
+using UpstreamOf = WithEitherVersion;
+INSTANTIATE_TEST_SUITE_P(Broker, UpstreamOf, either_version, name_of_version);
 
-TEST_P(PahoUpstreamOf, PublishesAtEachQosAndSaysWhenTheBrokerHasIt) {
+TEST_P(UpstreamOf, PublishesAtEachQosAndSaysWhenTheBrokerHasIt) {
   BrokerOfVersion broker(GetParam());
   Subscriber subscriber(broker, "t/#", "%t %q %r %p");
   Link link(broker.link_port());
@@ -39,7 +39,7 @@ TEST_P(PahoUpstreamOf, PublishesAtEachQosAndSaysWhenTheBrokerHasIt) {
   EXPECT_TRUE(eventually([&] { return subscriber.lines().size() == 3; }));
 }
 
-TEST_P(PahoUpstreamOf, SaysOfEachOfManyThatItIsWrittenAndKeepsTheirOrder) {
+TEST_P(UpstreamOf, SaysOfEachOfManyThatItIsWrittenAndKeepsTheirOrder) {
   BrokerOfVersion broker(GetParam());
   Subscriber subscriber(broker, "t", "%p");
   Link link(broker.link_port());
@@ -57,7 +57,7 @@ TEST_P(PahoUpstreamOf, SaysOfEachOfManyThatItIsWrittenAndKeepsTheirOrder) {
   EXPECT_EQ(subscriber.lines(), expected);
 }
 
-TEST_P(PahoUpstreamOf, ReceivesWhatItSubscribedTo) {
+TEST_P(UpstreamOf, ReceivesWhatItSubscribedTo) {
   BrokerOfVersion broker(GetParam());
   test::mosquitto_publish(broker, {"-r", "-t", "down/kept", "-m", "old"});
   Link link(broker.link_port());
@@ -85,7 +85,7 @@ TEST_P(PahoUpstreamOf, ReceivesWhatItSubscribedTo) {
   EXPECT_EQ(link.listener.messages[3].topic, "other");
 }
 
-TEST(PahoUpstream, TellsTheCopiesForOverlappingSubscriptionsApart) {
+TEST(Upstream, TellsTheCopiesForOverlappingSubscriptionsApart) {
   Mosquitto broker;
   Link link(broker.port());
   ASSERT_TRUE(link.comes_up());
@@ -99,7 +99,7 @@ TEST(PahoUpstream, TellsTheCopiesForOverlappingSubscriptionsApart) {
   EXPECT_EQ(ids, (std::set<std::vector<std::uint32_t>>{{7}, {8}}));
 }
 
-TEST_P(PahoUpstreamOf, ComesBackAfterTheBrokerWasKilled) {
+TEST_P(UpstreamOf, ComesBackAfterTheBrokerWasKilled) {
   BrokerOfVersion broker(GetParam());
   Link link(broker.link_port());
   ASSERT_TRUE(link.comes_up());
@@ -112,7 +112,7 @@ TEST_P(PahoUpstreamOf, ComesBackAfterTheBrokerWasKilled) {
   EXPECT_TRUE(link.sees([&] { return link.listener.published.contains(9); }));
 }
 
-TEST_P(PahoUpstreamOf, TakesALostConnectionForNoRefusal) {
+TEST_P(UpstreamOf, TakesALostConnectionForNoRefusal) {
   BrokerOfVersion broker(GetParam());
   Link link(broker.link_port());
   ASSERT_TRUE(link.comes_up());
@@ -131,7 +131,7 @@ TEST_P(PahoUpstreamOf, TakesALostConnectionForNoRefusal) {
   }
 }
 
-TEST(PahoUpstream, WaitsForABrokerThatIsNotThereYet) {
+TEST(Upstream, WaitsForABrokerThatIsNotThereYet) {
   const std::uint16_t port = test::free_tcp_port();
   Link link(port);
   ASSERT_TRUE(link.sees([&] { return link.listener.reasons.size() >= 2; })) << "keeps trying";
@@ -139,7 +139,7 @@ TEST(PahoUpstream, WaitsForABrokerThatIsNotThereYet) {
       << link.listener.reasons[0];
 }
 
-TEST(PahoUpstream, SaysThatThePasswordIsWrongAndNeverWhichOneItIs) {
+TEST(Upstream, SaysThatThePasswordIsWrongAndNeverWhichOneItIs) {
   Mosquitto broker({}, "gw", "right");
   Link link(broker.port(), Credentials{"gw", "s3cret-but-wrong"});
   ASSERT_TRUE(link.sees([&] { return link.listener.reasons.size() >= 2; }));
@@ -152,7 +152,7 @@ TEST(PahoUpstream, SaysThatThePasswordIsWrongAndNeverWhichOneItIs) {
   EXPECT_TRUE(right.comes_up());
 }
 
-TEST(PahoUpstream, FallsBackToMqtt311WhereTheBrokerRefusesMqtt5) {
+TEST(Upstream, FallsBackToMqtt311WhereTheBrokerRefusesMqtt5) {
   Mosquitto broker;
   test::Mqtt311Proxy old(broker.port());
   Link link(old.port());
@@ -162,7 +162,7 @@ TEST(PahoUpstream, FallsBackToMqtt311WhereTheBrokerRefusesMqtt5) {
   EXPECT_TRUE(link.listener.reasons.empty()) << "an operator need not know";
 }
 
-TEST(PahoUpstream, FallsBackToMqtt311WhereTheBrokerClosesOnMqtt5) {
+TEST(Upstream, FallsBackToMqtt311WhereTheBrokerClosesOnMqtt5) {
   Mosquitto broker;
   test::Mqtt311Proxy old(broker.port(), test::Mqtt311Proxy::Answer::close);
   Link link(old.port());
@@ -180,7 +180,7 @@ BrokerMessage message_of(std::size_t packet_bytes, Qos qos, std::size_t property
   return message;
 }
 
-TEST(PahoUpstream, FindsTheLargestPacketThatTheBrokerTakesToTheOctet) {
+TEST(Upstream, FindsTheLargestPacketThatTheBrokerTakesToTheOctet) {
   // With MQTT 5, Mosquitto closes the connection on a larger one.
   for (const std::uint32_t limit : {120u, 500u, 20000u}) {
     Mosquitto broker("max_packet_size " + std::to_string(limit));
@@ -207,7 +207,7 @@ TEST(PahoUpstream, FindsTheLargestPacketThatTheBrokerTakesToTheOctet) {
   }
 }
 
-TEST(PahoUpstream, PublishesAtTheHighestQosThatTheBrokerTakes) {
+TEST(Upstream, PublishesAtTheHighestQosThatTheBrokerTakes) {
   for (const int highest : {0, 1}) {
     Mosquitto broker("max_qos " + std::to_string(highest));
     Subscriber subscriber(broker, "t", "%q %p");
@@ -223,7 +223,7 @@ TEST(PahoUpstream, PublishesAtTheHighestQosThatTheBrokerTakes) {
   }
 }
 
-TEST(PahoUpstream, GoesWithoutRetainedMessagesWhereTheBrokerKeepsNone) {
+TEST(Upstream, GoesWithoutRetainedMessagesWhereTheBrokerKeepsNone) {
   Mosquitto broker("retain_available false");
   Subscriber subscriber(broker, "t", "%p");
   Link link(broker.port());
@@ -235,7 +235,7 @@ TEST(PahoUpstream, GoesWithoutRetainedMessagesWhereTheBrokerKeepsNone) {
   EXPECT_TRUE(link.listener.reasons.empty()) << link.listener.reasons[0];
 }
 
-TEST(PahoUpstream, ChecksTheBrokersCertificateAndItsName) {
+TEST(Upstream, ChecksTheBrokersCertificateAndItsName) {
   const test::Certificates right("localhost");
   const test::Certificates stranger("localhost");
   const std::uint16_t tls_port = test::free_tcp_port();
@@ -264,7 +264,7 @@ TEST(PahoUpstream, ChecksTheBrokersCertificateAndItsName) {
   }
 }
 
-TEST(PahoUpstream, SaysThatTheBrokerWantsAClientCertificate) {
+TEST(Upstream, SaysThatTheBrokerWantsAClientCertificate) {
   const test::Certificates right("localhost");
   const std::uint16_t tls_port = test::free_tcp_port();
   Mosquitto broker("listener " + std::to_string(tls_port) + " 127.0.0.1\ncertfile " +
@@ -284,7 +284,7 @@ TEST(PahoUpstream, SaysThatTheBrokerWantsAClientCertificate) {
   EXPECT_TRUE(with.comes_up());
 }
 
-TEST_P(PahoUpstreamOf, LeavesTheBrokerItsLastWill) {
+TEST_P(UpstreamOf, LeavesTheBrokerItsLastWill) {
   BrokerOfVersion broker(GetParam());
   Subscriber subscriber(broker, "gw/state", "%r %p");
   const pid_t child = fork();
@@ -299,7 +299,7 @@ TEST_P(PahoUpstreamOf, LeavesTheBrokerItsLastWill) {
   EXPECT_EQ(subscriber.lines()[0], R"(0 {"state":"offline"})");
 }
 
-TEST_P(PahoUpstreamOf, AnOrderlyStopPublishesNoWillAndLosesNothing) {
+TEST_P(UpstreamOf, AnOrderlyStopPublishesNoWillAndLosesNothing) {
   BrokerOfVersion broker(GetParam());
   Subscriber subscriber(broker, "#", "%t");
   Link link(broker.link_port());

@@ -1,12 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "daemon/mqtt/paho_upstream.hpp"
+#include "daemon/mqtt/upstream.hpp"
 
-#include <MQTTAsync.h>
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <boost/asio/post.hpp>
 #include <utility>
 
 #include "daemon/mqtt/connect_failure.hpp"
+#include "daemon/mqtt/paho/paho_link.hpp"
+#include "daemon/mqtt/user_properties.hpp"
 
 namespace slamgw {
 namespace {
@@ -19,15 +22,7 @@ constexpr unsigned suspicious_lives = 2;
 /// From a change of the network to its use: addresses and routes come one after the other.
 constexpr std::chrono::milliseconds network_settles{300};
 
-/// OpenSSL sets itself up where TLS is used; Paho would have it load all it has in any case, 1.4
-/// MiB.
-void keep_openssl_small() {
-  MQTTAsync_init_options options = MQTTAsync_init_options_initializer;
-  options.do_openssl_init = 0;
-  MQTTAsync_global_init(&options);
-}
-
-/// Whom the broker has refused, and where that is mended.
+/// Names the rejected user and where to fix it.
 std::string explain_credentials(const BrokerSettings& settings) {
   if (!settings.credentials)
     return " (no user name was sent): give one in broker.credentials_file, for the packaged "
@@ -46,32 +41,27 @@ std::string explain_credentials(const BrokerSettings& settings) {
 
 }  // namespace
 
-PahoUpstream::PahoUpstream(boost::asio::io_context& io, BrokerSettings settings, LastWill will,
-                           UpstreamListener& listener)
+Upstream::Upstream(boost::asio::io_context& io, BrokerSettings settings, LastWill will,
+                   UpstreamListener& listener)
     : io_(io),
       settings_(std::move(settings)),
       will_(std::move(will)),
       listener_(listener),
       reconnect_timer_(io),
-      nudge_timer_(io),
       backoff_(first_wait, longest_wait),
       random_(std::random_device{}()) {}
 
-PahoUpstream::~PahoUpstream() { stop(); }
+Upstream::~Upstream() { stop(); }
 
-void PahoUpstream::start() {
-  keep_openssl_small();
-  connect();
-}
+void Upstream::start() { connect(); }
 
-void PahoUpstream::stop() {
+void Upstream::stop() {
   reconnect_timer_.cancel();
-  nudge_timer_.cancel();
-  drop_session(true);
+  drop_link(true);
   lane_.join();
 }
 
-void PahoUpstream::reconfigure(const BrokerSettings& settings) {
+void Upstream::reconfigure(const BrokerSettings& settings) {
   if (settings == settings_) return;
   settings_ = settings;
   version_ = {};
@@ -79,26 +69,27 @@ void PahoUpstream::reconfigure(const BrokerSettings& settings) {
   will_.is_retained = true;
   backoff_.reset();
   const bool was_up = is_up_;
-  drop_session(true);
+  drop_link(true);
   if (was_up) listener_.on_link_down("the configuration has changed");
   connect_in(Duration::zero());
 }
 
-void PahoUpstream::retry_now() {
+void Upstream::retry_now() {
   if (!is_waiting_) return;
   backoff_.reset();
   connect_in(network_settles);
 }
 
-void PahoUpstream::connect() {
+void Upstream::connect() {
   is_waiting_ = false;
   if (read_credentials_) settings_.credentials = read_credentials_();
-  session_ =
-      std::make_shared<PahoSession>(io_, lane_, settings_, version(), will_, attempt_++, *this);
-  session_->connect();
+  MqttLinkListener& listener = *this;
+  link_ = std::make_shared<PahoLink>(
+      io_, lane_, LinkOptions{settings_, version(), will_, attempt_++}, listener);
+  link_->connect();
 }
 
-void PahoUpstream::connect_in(Duration wait) {
+void Upstream::connect_in(Duration wait) {
   is_waiting_ = true;
   reconnect_timer_.expires_after(wait);
   reconnect_timer_.async_wait([this](boost::system::error_code error) {
@@ -106,29 +97,31 @@ void PahoUpstream::connect_in(Duration wait) {
   });
 }
 
-void PahoUpstream::drop_session(bool is_orderly) {
+void Upstream::drop_link(bool is_orderly) {
   is_up_ = false;
-  nudge_.clear();
-  if (session_) std::exchange(session_, nullptr)->abandon(is_orderly);
+  if (!link_) return;
+  inbound_dropped_ += link_->inbound_dropped();
+  std::exchange(link_, nullptr)->abandon(is_orderly);
 }
 
-void PahoUpstream::reconnect_later(const std::string& why) {
-  drop_session(false);
+void Upstream::reconnect_later(const std::string& why) {
+  drop_link(false);
   const double jitter = std::uniform_real_distribution<double>(0, 1)(random_);
   connect_in(backoff_.next_wait(jitter));
   listener_.on_link_down(why);
 }
 
-void PahoUpstream::on_connected(bool session_present, const BrokerLimits& limits) {
+void Upstream::on_connected(bool session_present, const BrokerLimits& limits) {
   is_up_ = true;
+  limits_ = limits;
   attempt_ = 0;
   up_since_ = std::chrono::steady_clock::now();
   listener_.on_link_up(session_present, limits);
 }
 
-void PahoUpstream::on_connect_failed(ConnectFailure failure) {
+void Upstream::on_connect_failed(ConnectFailure failure) {
   if (version_.on_failed(failure.answer) || adapt_will(failure.code)) {
-    drop_session(false);
+    drop_link(false);
     connect();
     return;
   }
@@ -139,7 +132,7 @@ void PahoUpstream::on_connect_failed(ConnectFailure failure) {
 }
 
 /// True when the broker refuses the last will for a property that it can go without.
-bool PahoUpstream::adapt_will(int code) {
+bool Upstream::adapt_will(int code) {
   constexpr int retain_not_supported = 0x9a;
   constexpr int qos_not_supported = 0x9b;
   if (code == retain_not_supported) return std::exchange(will_.is_retained, false);
@@ -149,7 +142,7 @@ bool PahoUpstream::adapt_will(int code) {
 }
 
 /// Two gateways with one client id throw each other out without end; not every broker says so.
-void PahoUpstream::on_lost(std::string why) {
+void Upstream::on_lost(std::string why) {
   version_.on_lost();
   const bool has_lasted = std::chrono::steady_clock::now() - up_since_ >= stable_after;
   if (has_lasted) backoff_.reset();
@@ -160,50 +153,55 @@ void PahoUpstream::on_lost(std::string why) {
   reconnect_later(why);
 }
 
-void PahoUpstream::on_published(std::uint64_t sequence) {
-  nudge_.on_acknowledged(std::chrono::steady_clock::now());
-  listener_.on_published(sequence);
-}
+void Upstream::on_published(std::uint64_t sequence) { listener_.on_published(sequence); }
 
-void PahoUpstream::on_publish_refused(std::uint64_t sequence, const Refusal& refusal) {
-  nudge_.on_acknowledged(std::chrono::steady_clock::now());
+void Upstream::on_publish_refused(std::uint64_t sequence, const Refusal& refusal) {
   listener_.on_publish_refused(sequence, refusal);
 }
 
-void PahoUpstream::on_subscribe_result(const std::string& filter, bool granted) {
+void Upstream::on_subscribe_result(const std::string& filter, bool granted) {
   listener_.on_subscribe_result(filter, granted);
 }
 
-void PahoUpstream::on_message(BrokerMessage message, std::vector<std::uint32_t> subscriptions) {
+void Upstream::on_message(BrokerMessage message, std::vector<std::uint32_t> subscriptions) {
   listener_.on_message(std::move(message), std::move(subscriptions));
 }
 
-void PahoUpstream::publish(std::uint64_t sequence, BrokerMessage message) {
-  if (!is_up_) return;
-  session_->publish(sequence, std::move(message));
-  nudge_.on_publish(std::chrono::steady_clock::now());
-  if (!is_nudge_armed_) watch_progress();
+void Upstream::publish(std::uint64_t sequence, BrokerMessage message) {
+  if (is_up_ && keep_to_limits(sequence, message)) link_->publish(sequence, std::move(message));
 }
 
-/// One timer for all messages: at full rate it fires some 40 times a second, idle never.
-void PahoUpstream::watch_progress() {
-  const auto deadline = nudge_.deadline();
-  is_nudge_armed_ = deadline.has_value();
-  if (!deadline) return;
-  nudge_timer_.expires_at(*deadline);
-  nudge_timer_.async_wait([this](boost::system::error_code error) {
-    if (error) return;
-    if (is_up_ && nudge_.take(std::chrono::steady_clock::now())) session_->nudge();
-    watch_progress();
+/// False when the broker would not take it in any form: it is refused in the broker's place, for a
+/// packet that is too large makes brokers close the connection.
+bool Upstream::keep_to_limits(std::uint64_t sequence, BrokerMessage& message) {
+  message.qos = std::min(message.qos, limits_.max_qos);
+  message.retain = message.retain && limits_.keeps_retained;
+  if (!limits_.max_packet_bytes) return true;
+  std::optional<std::size_t> property_bytes;
+  if (version() == MqttVersion::v5)
+    property_bytes = user_property_bytes(message, settings_.gateway_id);
+  const std::size_t bytes = publish_packet_bytes(message, property_bytes);
+  if (bytes <= *limits_.max_packet_bytes) return true;
+  constexpr int packet_too_large = 0x95;
+  Refusal refusal{packet_too_large,
+                  fmt::format("the packet would have {} octets, and the broker takes {}", bytes,
+                              *limits_.max_packet_bytes)};
+  boost::asio::post(io_, [this, sequence, refusal, link = std::weak_ptr(link_)] {
+    if (!link.expired() && link.lock() == link_) listener_.on_publish_refused(sequence, refusal);
   });
+  return false;
 }
 
-void PahoUpstream::subscribe(const std::string& filter, Qos qos, std::uint32_t id) {
-  if (is_up_) session_->subscribe(filter, qos, id);
+void Upstream::subscribe(const std::string& filter, Qos qos, std::uint32_t id) {
+  if (is_up_) link_->subscribe(filter, qos, id);
 }
 
-void PahoUpstream::unsubscribe(const std::string& filter) {
-  if (is_up_) session_->unsubscribe(filter);
+void Upstream::unsubscribe(const std::string& filter) {
+  if (is_up_) link_->unsubscribe(filter);
+}
+
+std::uint64_t Upstream::inbound_dropped() const {
+  return inbound_dropped_ + (link_ ? link_->inbound_dropped() : 0);
 }
 
 }  // namespace slamgw

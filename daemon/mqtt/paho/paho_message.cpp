@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "daemon/mqtt/paho_message.hpp"
+#include "daemon/mqtt/paho/paho_message.hpp"
 
 #include <fmt/format.h>
 #include <mqtt/connect_options.h>
@@ -8,6 +8,8 @@
 #include <iterator>
 #include <string_view>
 #include <utility>
+
+#include "daemon/mqtt/user_properties.hpp"
 
 namespace slamgw {
 namespace {
@@ -24,12 +26,12 @@ MQTTProperty user_property(std::string_view name, std::string_view value) {
   return property;
 }
 
-/// `received_at` is 24 places to be overwritten.
+/// The value of `received_at` is to be overwritten.
 mqtt::properties user_properties(Mesh mesh, const std::string& gateway_id) {
   const std::string received_at = to_iso8601_ms(WallTime{});
-  MQTTProperty list[] = {user_property("mesh", to_string(mesh)),
-                         user_property("gateway", gateway_id),
-                         user_property("received_at", received_at)};
+  MQTTProperty list[] = {user_property(mesh_property, to_string(mesh)),
+                         user_property(gateway_property, gateway_id),
+                         user_property(received_at_property, received_at)};
   MQTTProperties properties = MQTTProperties_initializer;
   properties.count = static_cast<int>(std::size(list));
   properties.array = list;
@@ -48,12 +50,6 @@ PublishForm::PublishForm(MqttVersion version, const std::string& gateway_id) : v
 
 const std::shared_ptr<mqtt::message>& PublishForm::form_of(const BrokerMessage& message) const {
   return message.provenance ? forms_[message.provenance->mesh] : form_without_provenance_;
-}
-
-std::optional<std::size_t> PublishForm::property_bytes(const BrokerMessage& message) const {
-  if (version_ != MqttVersion::v5) return std::nullopt;
-  const MQTTProperties& list = form_of(message)->get_properties().c_struct();
-  return static_cast<std::size_t>(list.length);
 }
 
 mqtt::const_message_ptr PublishForm::fill(const BrokerMessage& message) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What Paho is given.
-#include "daemon/mqtt/paho_message.hpp"
+#include "daemon/mqtt/paho/paho_message.hpp"
 
 #include <gtest/gtest.h>
 #include <mqtt/async_client.h>

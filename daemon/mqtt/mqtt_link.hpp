@@ -1,0 +1,87 @@
+// SPDX-License-Identifier: Apache-2.0
+// The border to an MQTT client library: one connection to a broker, from its attempt to its end,
+// never reused. Whatever differs between the libraries is behind it; when to connect, where and
+// with which version is Upstream's business.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "daemon/core/messages.hpp"
+#include "daemon/mqtt/broker_limits.hpp"
+#include "daemon/mqtt/settings.hpp"
+#include "daemon/mqtt/version_choice.hpp"
+
+namespace slamgw {
+
+/// How long an MQTT 5 broker keeps our subscriptions, and commands that come for them, while we are
+/// away (a restart, a crash). Not longer: a robot must not obey yesterday's command. MQTT 3.1.1
+/// knows no such limit, so there nothing is kept.
+inline constexpr std::uint32_t session_expiry_s = 300;
+/// From the attempt to the CONNACK, name look-up included.
+inline constexpr std::chrono::seconds connect_timeout{10};
+/// Time given to the broker at an orderly end, to read what is still to be written.
+inline constexpr std::chrono::milliseconds goodbye_timeout{500};
+
+struct LastWill {
+  std::string topic;
+  std::string payload;
+  Qos qos = Qos::at_least_once;
+  bool is_retained = true;
+};
+
+struct LinkOptions {
+  BrokerSettings broker;
+  MqttVersion version = MqttVersion::v5;
+  LastWill will;
+  unsigned attempt = 0;  ///< a host may have several addresses: each attempt tries the next
+};
+
+/// Why a connection could not be made. `code`: a CONNACK code of the version in use, or 0 when none
+/// came.
+struct ConnectFailure {
+  int code = 0;
+  std::string text;
+  ConnectAnswer answer = ConnectAnswer::other;
+  bool is_not_authorised = false;
+};
+
+/// All on the loop's thread, never from inside a call to the link, and none after abandon().
+class MqttLinkListener {
+ public:
+  virtual ~MqttLinkListener() = default;
+  /// One of these two comes, once.
+  virtual void on_connected(bool session_present, const BrokerLimits& limits) = 0;
+  virtual void on_connect_failed(ConnectFailure failure) = 0;
+  /// After on_connected() only.
+  virtual void on_lost(std::string why) = 0;
+  virtual void on_published(std::uint64_t sequence) = 0;
+  virtual void on_publish_refused(std::uint64_t sequence, const Refusal& refusal) = 0;
+  virtual void on_subscribe_result(const std::string& filter, bool granted) = 0;
+  virtual void on_message(BrokerMessage message, std::vector<std::uint32_t> subscriptions) = 0;
+};
+
+/// Called on the loop's thread; no call blocks.
+class MqttLink {
+ public:
+  virtual ~MqttLink() = default;
+  virtual void connect() = 0;
+
+  // Between on_connected() and abandon():
+  /// `message` is within the broker's limits.
+  virtual void publish(std::uint64_t sequence, BrokerMessage message) = 0;
+  /// `id` comes back with each message for this subscription (MQTT 5).
+  virtual void subscribe(std::string filter, Qos qos, std::uint32_t id) = 0;
+  virtual void unsubscribe(std::string filter) = 0;
+
+  /// No more events; the connection ends on the lane. When `is_orderly`, what was published is
+  /// written before, and DISCONNECT after it; that takes the lane a second at most.
+  virtual void abandon(bool is_orderly) = 0;
+
+  /// The broker's messages for which there was no room on the way to the loop.
+  virtual std::uint64_t inbound_dropped() const = 0;
+};
+
+}  // namespace slamgw

@@ -1,0 +1,126 @@
+// SPDX-License-Identifier: Apache-2.0
+// The broker link through Eclipse Paho. A client for each connection (a fresh one sheds Paho's
+// tokens, retry state and lost wake-ups; its own automatic reconnect is mute). Every Paho call is
+// made on the lane, a thread of its own, because connect resolves names under Paho's global lock.
+// Paho's callbacks come on Paho's threads and do exactly one thing: post to the loop.
+#pragma once
+
+#include <mqtt/async_client.h>
+
+#include <atomic>
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <boost/asio/thread_pool.hpp>
+#include <chrono>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "daemon/mqtt/mqtt_link.hpp"
+#include "daemon/mqtt/paho/broker_socket.hpp"
+#include "daemon/mqtt/paho/handover.hpp"
+#include "daemon/mqtt/paho/paho_message.hpp"
+#include "daemon/mqtt/paho/send_nudge.hpp"
+
+namespace slamgw {
+
+class PahoLink final : public MqttLink,
+                       public std::enable_shared_from_this<PahoLink>,
+                       private mqtt::callback {
+ public:
+  /// What waits between Paho's receive thread and the loop; beyond it messages are dropped and
+  /// counted.
+  static constexpr std::size_t max_inbound_waiting = 10000;
+  /// Cap on Paho's own queue; the outbox's windows stay well below it.
+  static constexpr int max_buffered_in_paho = 512;
+
+  PahoLink(boost::asio::io_context& io, boost::asio::thread_pool& lane, LinkOptions options,
+           MqttLinkListener& listener);
+  ~PahoLink() override;
+
+  void connect() override;
+  void publish(std::uint64_t sequence, BrokerMessage message) override;
+  void subscribe(std::string filter, Qos qos, std::uint32_t id) override;
+  void unsubscribe(std::string filter) override;
+  void abandon(bool is_orderly) override;
+  std::uint64_t inbound_dropped() const override { return inbound_dropped_; }
+
+ private:
+  /// QoS 0 that is written is told to the loop when nothing else is to be written, or in parts of
+  /// so many; half of what the outbox hands over at once, so that it never waits for the rest.
+  static constexpr std::size_t written_at_once = 16;
+
+  struct Publication {
+    std::uint64_t sequence;
+    BrokerMessage message;
+  };
+  class PublishListener;
+  class SubscribeListener;
+  class ConnectListener;
+
+  // On the loop's thread:
+  void on_acknowledged();
+  void watch_progress();
+  /// Wakes Paho's send thread when it sleeps on something to send: its signals get lost.
+  void nudge();
+
+  void connected(const std::string&) override {}
+  void connection_lost(const std::string& cause) override;
+  void message_arrived(mqtt::const_message_ptr message) override;
+  void delivery_complete(mqtt::delivery_token_ptr) override {}
+
+  // On the lane:
+  void open();
+  std::string host_of_attempt() const;
+  void close(bool is_orderly);
+  void set_connect_options();
+  void set_tls_options();
+
+  void publish_all();
+  // On Paho's threads:
+  void on_written(std::uint64_t sequence);
+
+  using Event = std::function<void(MqttLinkListener&)>;
+  void post_to_loop(Event event);
+  void post_to_lane(std::function<void(PahoLink&)> work);
+  void report_failure(int code);
+  ConnectFailure explain_failure(int code, bool is_in_time) const;
+  void tell_lost(std::string why);
+  void tell_ended(int reason);
+
+  boost::asio::io_context& io_;
+  boost::asio::thread_pool& lane_;
+  const LinkOptions options_;
+  const BrokerSettings& settings_;  ///< of `options_`
+  MqttLinkListener& listener_;
+  boost::asio::steady_timer nudge_timer_;
+  SendNudge nudge_;
+  bool is_nudge_armed_ = false;
+  std::chrono::steady_clock::time_point opened_{};
+  bool is_abandoned_ = false;  // loop only
+  bool has_answered_ = false;  // loop only: Paho may report one connect twice
+  Handover<Event> events_;     // to the loop
+  BrokerSocket socket_;
+  Handover<Publication> publications_;     // to the lane
+  std::atomic<std::size_t> unwritten_{0};  // QoS 0 that Paho has
+  Handover<std::uint64_t> written_;        // of them
+  std::atomic<std::size_t> inbound_waiting_{0};
+  std::atomic<std::uint64_t> inbound_dropped_{0};
+
+  // The tokens and options outlive the client, which is destroyed first.
+  mqtt::ssl_options tls_options_;
+  mqtt::connect_options connect_options_;
+  std::unique_ptr<ConnectListener> connect_listener_;
+  std::unique_ptr<PublishListener> publish_listener_;
+  std::unique_ptr<SubscribeListener> subscribe_listener_;
+  mqtt::token_ptr connect_token_;
+  mqtt::token_ptr disconnect_token_;
+  std::unique_ptr<mqtt::async_client> client_;  // lane only
+  /// Lane only. Goes before the client: with the last client Paho forgets what it has allocated,
+  /// and does not free it any more.
+  std::optional<PublishForm> publish_form_;
+};
+
+}  // namespace slamgw
