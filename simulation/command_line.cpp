@@ -3,6 +3,7 @@
 
 #include <CLI/CLI.hpp>
 #include <cctype>
+#include <map>
 
 #include "simulation/options.hpp"
 
@@ -12,6 +13,42 @@ namespace {
 constexpr int wrong_arguments = 2;
 constexpr std::size_t max_client_id = 23;    // MQTT-SN 1.2 section 5.3.1
 constexpr std::size_t max_uuid_prefix = 12;  // leaves room for the seed and the robot's number
+
+/// What robots measure and say.
+void add_body(CLI::App& app, BodySettings& body) {
+  using Model = BodySettings::Model;
+  using Payload = BodySettings::Payload;
+  using Shape = World::Shape;
+  app.add_option("--robot", body.model, "usual, or thesis: formula and tower as in the thesis")
+      ->transform(CLI::CheckedTransformer(
+          std::map<std::string, Model>{{"usual", Model::usual}, {"thesis", Model::thesis}}));
+  app.add_flag("--mirrored", body.is_mirrored,
+               "With --robot thesis: pose and obstacles count angles differently");
+  app.add_option("--world", body.world, "ring of 160 cm, or room: an asymmetric one")
+      ->transform(CLI::CheckedTransformer(
+          std::map<std::string, Shape>{{"ring", Shape::ring}, {"room", Shape::room}}));
+  app.add_flag("--stand", body.stands, "Robots stay where they start");
+  app.add_option("--payload", body.payload,
+                 "positions, full (of the robots before the thesis), or probe")
+      ->transform(CLI::CheckedTransformer(std::map<std::string, Payload>{
+          {"positions", Payload::positions}, {"full", Payload::full}, {"probe", Payload::probe}}));
+  app.add_option("--max-obstacles", body.max_obstacles, "Obstacles in one update")
+      ->check(CLI::Range(0U, 4U))
+      ->capture_default_str();
+  app.add_flag("--no-stray{false}", body.has_stray, "Without the octet that real robots append");
+}
+
+/// The way between a robot and its gateway.
+void add_hops(CLI::App& app, HopOptions& hop) {
+  app.add_option("--hop-loss", hop.loss,
+                 "Part of the transmissions that is lost on each hop, the robot's first: F[,F...]")
+      ->delimiter(',')
+      ->check(CLI::Range(0.0, 1.0));
+  app.add_option("--hop-delay-ms", hop.delay_ms,
+                 "Mean time of a transmission on each hop: D[,D...]")
+      ->delimiter(',')
+      ->check(CLI::Range(0.0, 60000.0));
+}
 
 void add_common(CLI::App& app, RobotOptions& options) {
   app.add_option("--robots", options.robots, "How many robots")
@@ -36,6 +73,9 @@ void add_common(CLI::App& app, RobotOptions& options) {
       ->capture_default_str();
   app.add_option("--record", options.record,
                  "Write each update sent and each acknowledged into this file");
+  app.add_option("--trace", options.trace, "Write all that becomes of updates as JSON lines");
+  add_body(app, options.body);
+  add_hops(app, options.hop);
 }
 
 /// What the client does beside publishing.
@@ -70,6 +110,9 @@ void add_thread(CLI::App& app, ThreadOptions& options, std::string& gateway) {
          "--qos", options.qos,
          "QoS of what robots publish; -1: without a session, robot n on pre-defined topic n")
       ->check(CLI::Range(-1, 2))
+      ->capture_default_str();
+  app.add_option("--hops", options.hops, "Radio hops between each robot and the border router")
+      ->check(CLI::Range(1U, 16U))
       ->capture_default_str();
   app.add_option("--topic-prefix", options.topic_prefix, "First level(s) of the topic tree")
       ->capture_default_str();
@@ -129,6 +172,14 @@ void add_ble(CLI::App& app, BleOptions& options, BleTexts& texts) {
                "Robots publish to the board's unicast address instead of groups");
   app.add_flag("--segment-timing", options.has_segment_timing,
                "Segmented messages occupy their sender as long as on air");
+  app.add_option("--on-busy", options.on_busy,
+                 "What becomes of an update while a SET waits for its STATUS")
+      ->transform(CLI::CheckedTransformer(std::map<std::string, ble::OnBusy>{
+          {"cancel", ble::OnBusy::cancel}, {"refuse", ble::OnBusy::refuse}}));
+  app.add_option("--bearer-interval-ms", options.bearer_interval_ms,
+                 "Least time between two packets of one node")
+      ->check(CLI::Range(0U, 1000U))
+      ->capture_default_str();
   app.add_flag("--configured", options.is_configured,
                "The board starts as an earlier session left it: keys, address 0x0001, groups");
   app.add_option("--net-key", texts.net_key, "With --configured: network key, 32 hex digits")

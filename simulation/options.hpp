@@ -8,12 +8,31 @@
 #include <optional>
 #include <string>
 #include <variant>
+#include <vector>
 
 #include "simulation/ble/firmware.hpp"
+#include "simulation/ble/on_busy.hpp"
 #include "simulation/bytes.hpp"
+#include "simulation/robot_body.hpp"
 #include "simulation/time.hpp"
 
 namespace slamgw::sim {
+
+/// The way between a robot and its gateway, hop by hop as the robot sees it; one value stands for
+/// all further hops. Empty: --loss and the mesh's own times.
+struct HopOptions {
+  std::vector<double> loss;      ///< 0..1, of each transmission
+  std::vector<double> delay_ms;  ///< mean; each transmission takes 0.5 to 1.5 times that
+
+  bool is_given() const { return !loss.empty() || !delay_ms.empty(); }
+  double loss_of(unsigned hop) const { return value_of(loss, hop); }
+  double delay_ms_of(unsigned hop) const { return value_of(delay_ms, hop); }
+
+ private:
+  static double value_of(const std::vector<double>& values, unsigned hop) {
+    return values.empty() ? 0 : values[std::min<std::size_t>(hop, values.size() - 1)];
+  }
+};
 
 /// Means the same on either mesh.
 struct RobotOptions {
@@ -26,6 +45,11 @@ struct RobotOptions {
   bool obeys = false;
   double linger_s = 0;  ///< after the last update, for late commands
   std::string record;   ///< a file, or nothing
+  std::string trace;    ///< a file, or nothing
+  HopOptions hop;
+  BodySettings body;
+
+  bool is_recorded() const { return !record.empty() || !trace.empty(); }
 
   std::string id_of(unsigned number) const { return id_prefix + std::to_string(number); }
   std::optional<std::uint64_t> limit() const {
@@ -41,6 +65,7 @@ struct RobotOptions {
 
 struct ThreadOptions {
   RobotOptions common;
+  unsigned hops = 1;
   std::string host;
   std::string port;
   int qos = 1;  ///< -1: without a session, on pre-defined topic ids
@@ -67,6 +92,8 @@ struct BleOptions {
   bool is_acknowledged = false;
   bool is_unicast = false;
   bool has_segment_timing = false;
+  std::optional<ble::OnBusy> on_busy;
+  unsigned bearer_interval_ms = 0;  ///< 0: a node can transmit at any time
   bool is_configured = false;
   Bytes net_key;  ///< 16 octets
   Bytes app_key;  ///< 16 octets

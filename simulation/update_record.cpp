@@ -1,29 +1,89 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulation/update_record.hpp"
 
+#include <fmt/chrono.h>
 #include <fmt/format.h>
 
 #include <chrono>
+#include <ctime>
 #include <stdexcept>
 
 namespace slamgw::sim {
+namespace {
 
-UpdateRecord::UpdateRecord(const std::string& path) {
+constexpr std::int64_t us_per_s = 1000000;
+
+void open(std::ofstream& file, const std::string& path) {
   if (path.empty()) return;
-  file_.open(path);
-  if (!file_) throw std::runtime_error(path + " can't be written");
+  file.open(path);
+  if (!file) throw std::runtime_error(path + " can't be written");
+}
+
+std::string_view name_of(UpdateEvent::Kind kind) {
+  switch (kind) {
+    case UpdateEvent::Kind::sent: return "sent";
+    case UpdateEvent::Kind::acknowledged: return "acknowledged";
+    case UpdateEvent::Kind::repeated: return "repeat";
+    case UpdateEvent::Kind::refused: return "refused";
+    case UpdateEvent::Kind::cancelled: return "cancelled";
+    case UpdateEvent::Kind::given_up: return "given_up";
+    case UpdateEvent::Kind::link_repeated: return "link_repeat";
+  }
+  return "";
+}
+
+/// ISO 8601 with microseconds, UTC.
+std::string iso_8601(std::int64_t since_1970_us) {
+  return fmt::format("{:%FT%T}.{:06}Z",
+                     fmt::gmtime(static_cast<std::time_t>(since_1970_us / us_per_s)),
+                     since_1970_us % us_per_s);
+}
+
+}  // namespace
+
+UpdateRecord::UpdateRecord(const std::string& record, const std::string& trace,
+                           std::string_view mesh)
+    : mesh_(mesh) {
+  open(record_, record);
+  open(trace_, trace);
 }
 
 void UpdateRecord::write(const std::string& id, const UpdateEvent& event) {
-  const std::chrono::duration<double> since_1970 =
-      std::chrono::system_clock::now().time_since_epoch();
-  if (event.is_acknowledged) {
-    file_ << fmt::format("acknowledged {} {} {:.6f}\n", id, event.number, since_1970.count());
-  } else {
-    file_ << fmt::format("sent {} {} {:02x} {:.6f}\n", id, event.number,
-                         fmt::join(event.payload, ""), since_1970.count());
+  const auto since_1970_us = std::chrono::duration_cast<std::chrono::microseconds>(
+                                 std::chrono::system_clock::now().time_since_epoch())
+                                 .count();
+  if (record_.is_open()) write_record(id, event, since_1970_us);
+  if (trace_.is_open()) write_trace(id, event, since_1970_us);
+}
+
+void UpdateRecord::write_record(const std::string& id, const UpdateEvent& event,
+                                std::int64_t since_1970_us) {
+  const double seconds = static_cast<double>(since_1970_us) / us_per_s;
+  if (event.is_acknowledged()) {
+    record_ << fmt::format("acknowledged {} {} {:.6f}\n", id, event.number, seconds);
+  } else if (event.kind == UpdateEvent::Kind::sent) {
+    record_ << fmt::format("sent {} {} {:02x} {:.6f}\n", id, event.number,
+                           fmt::join(event.payload, ""), seconds);
   }
-  file_.flush();
+  record_.flush();
+}
+
+/// Ids come from a checked --id-prefix; quotes and backslashes are all that JSON could mind.
+void UpdateRecord::write_trace(const std::string& id, const UpdateEvent& event,
+                               std::int64_t since_1970_us) {
+  std::string robot;
+  for (const char c : id) {
+    if (c == '"' || c == '\\') robot += '\\';
+    robot += c;
+  }
+  trace_ << fmt::format(
+      R"({{"at":"{}","event":"{}","robot":"{}","mesh":"{}","direction":"up","number":{})",
+      iso_8601(since_1970_us), name_of(event.kind), robot, mesh_, event.number);
+  if (!event.payload.empty()) {
+    trace_ << fmt::format(R"(,"bytes":{},"payload":"{:02x}")", event.payload.size(),
+                          fmt::join(event.payload, ""));
+  }
+  trace_ << "}\n" << std::flush;
 }
 
 }  // namespace slamgw::sim

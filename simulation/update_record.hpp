@@ -1,34 +1,53 @@
 // SPDX-License-Identifier: Apache-2.0
-// Records each update and its acknowledgement, so that a test can compare them with what arrives at
-// the broker: the events that robots leave, and the file that `--record` makes of them.
+// What becomes of each update at its robot: the events that robots leave, and the files that
+// `--record` and `--trace` make of them, so that tests and experiments can compare them with what
+// arrives.
 #pragma once
 
 #include <cstdint>
 #include <fstream>
 #include <string>
+#include <string_view>
 
 #include "simulation/bytes.hpp"
 
 namespace slamgw::sim {
 
 struct UpdateEvent {
-  bool is_acknowledged;  ///< else it was sent, for the first time
-  std::uint64_t number;  ///< counts the robot's updates from 1
-  Bytes payload;         ///< of what was sent; else empty
+  enum class Kind : std::uint8_t {
+    sent,           ///< for the first time
+    acknowledged,   ///< PUBACK, PUBCOMP or STATUS seen
+    repeated,       ///< sent again by the client
+    refused,        ///< never sent: the client or the transport is busy, or the queue is full
+    cancelled,      ///< without its STATUS, by the next update
+    given_up,       ///< after all repeats
+    link_repeated,  ///< a frame of it on one hop, for want of its 802.15.4 acknowledgement
+  };
+  Kind kind = Kind::sent;
+  std::uint64_t number = 0;  ///< counts the robot's updates from 1
+  Bytes payload{};           ///< of what was sent or refused; else empty
+
+  bool is_acknowledged() const { return kind == Kind::acknowledged; }
 };
 
-/// One line an event, in the file as soon as it has happened:
-/// `sent <id> <number> <payload in hex> <seconds since 1970>` or
-/// `acknowledged <id> <number> <seconds since 1970>`.
+/// Each line is in its file as soon as the event has happened.
 class UpdateRecord {
  public:
-  /// No path, no record. Throws std::runtime_error when the file can't be written.
-  explicit UpdateRecord(const std::string& path);
+  /// `record`: sent and acknowledged, `sent <id> <number> <payload in hex> <seconds since 1970>`
+  /// and `acknowledged <id> <number> <seconds since 1970>`. `trace`: all, a JSON object a line,
+  /// with the members of `slam-gatewayctl --json watch`. No path, no file. Throws
+  /// std::runtime_error when one can't be written.
+  UpdateRecord(const std::string& record, const std::string& trace, std::string_view mesh);
 
   void write(const std::string& id, const UpdateEvent& event);
 
  private:
-  std::ofstream file_;
+  void write_record(const std::string& id, const UpdateEvent& event, std::int64_t since_1970_us);
+  void write_trace(const std::string& id, const UpdateEvent& event, std::int64_t since_1970_us);
+
+  std::ofstream record_;
+  std::ofstream trace_;
+  std::string mesh_;
 };
 
 }  // namespace slamgw::sim

@@ -27,9 +27,26 @@ RobotSettings robot_settings(const BleOptions& options, unsigned number) {
   settings.is_acknowledged = options.is_acknowledged;
   settings.has_segment_timing = options.has_segment_timing;
   settings.obeys = options.common.obeys;
-  settings.is_recorded = !options.common.record.empty();
+  settings.is_recorded = options.common.is_recorded();
+  settings.on_busy = options.on_busy;
   settings.messages = options.common.limit();
   settings.period = options.common.period();
+  return settings;
+}
+
+RadioSettings radio_settings(const BleOptions& options) {
+  RadioSettings settings;
+  const HopOptions& hop = options.common.hop;
+  settings.hops = options.hops;
+  settings.hop_loss.assign(options.hops, options.common.loss);
+  for (unsigned i = 0; i < options.hops && !hop.loss.empty(); ++i) {
+    settings.hop_loss[i] = hop.loss_of(i);
+  }
+  for (unsigned i = 0; i < options.hops && !hop.delay_ms.empty(); ++i) {
+    settings.hop_delay.push_back(std::chrono::duration_cast<Duration>(
+        std::chrono::duration<double, std::milli>(hop.delay_ms_of(i))));
+  }
+  settings.bearer_interval = std::chrono::milliseconds{options.bearer_interval_ms};
   return settings;
 }
 
@@ -60,11 +77,12 @@ Node::Settings node_settings(const BleOptions& options, unsigned number) {
 Network::Network(const BleOptions& options)
     : options_(options),
       board_(*options.firmware, Random(options.common.seed, 0, Use::provisioning)),
-      radio_({options.common.loss, options.hops}, Random(options.common.seed, 0, Use::radio)),
+      radio_(radio_settings(options), Random(options.common.seed, 0, Use::radio)),
       pb_adv_(options.common.loss, Random(options.common.seed, 0, Use::pb_adv)) {
   if (options.is_configured) board_.configure(to_key(options.net_key), to_key(options.app_key));
   for (unsigned number = 1; number <= options.common.robots; ++number) {
-    robots_.emplace_back(robot_settings(options, number), RobotBody(options.common.seed, number));
+    robots_.emplace_back(robot_settings(options, number),
+                         RobotBody(options.common.seed, number, options.common.body));
     nodes_.emplace_back(node_settings(options, number),
                         Random(options.common.seed, number, Use::provisioning));
   }
@@ -189,6 +207,13 @@ Robot::Publications Network::publications_of(std::size_t index, TimePoint now) {
   for (auto* to : {&publications.min_com, &publications.sensor_update}) {
     if (*to && !is_heard((*to)->address, now)) to->reset();
   }
+  return for_payload(publications);
+}
+
+/// Probes are messages of the min_com model, as the ones of the thesis's figure 7.1.
+Robot::Publications Network::for_payload(Robot::Publications publications) const {
+  const bool is_probe = options_.common.body.payload == BodySettings::Payload::probe;
+  if (is_probe) publications.sensor_update = publications.min_com;
   return publications;
 }
 
@@ -201,7 +226,7 @@ Robot::Publications Network::fixed_publications(TimePoint now) {
     publications.sensor_update = {options_.is_unicast ? gateway : sensor_update_group, ttl, {}};
   }
   if (gateway != 0) publications.health = {gateway, ttl, health_interval};
-  return publications;
+  return for_payload(publications);
 }
 
 /// Robots and board hear each other; robots don't listen to robots.

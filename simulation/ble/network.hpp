@@ -72,6 +72,7 @@ class Network {
                                                       TimePoint now);
   Robot::Publications publications_of(std::size_t index, TimePoint now);
   Robot::Publications fixed_publications(TimePoint now);
+  Robot::Publications for_payload(Robot::Publications publications) const;
   bool is_heard(Address destination, TimePoint now);
 
   BleOptions options_;

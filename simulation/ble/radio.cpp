@@ -15,14 +15,35 @@ bool Radio::transmit(MeshMessage message, Address receiver, TimePoint now) {
 
   const auto segments = static_cast<unsigned>(segment_count(message.payload.size()));
   TimePoint& last = last_arrival_[{message.source, receiver}];
-  last = std::max(last, now + hop_time * settings_.hops + segment_time * (segments - 1));
+  last = std::max(last, now + time_of_segments(message.source, segments, now) + travel_time());
   const auto ttl = static_cast<std::uint8_t>(message.ttl - (settings_.hops - 1));
   in_flight_.emplace(last, Reception{std::move(message), ttl, rssi});
   return true;
 }
 
 bool Radio::loses_message() {
-  return random_.chance(1 - std::pow(1 - settings_.loss, settings_.hops));
+  double passes = 1;
+  for (const double loss : settings_.hop_loss) passes *= 1 - loss;
+  return random_.chance(1 - passes);
+}
+
+/// A given delay scatters from half to one and a half times its mean.
+Duration Radio::travel_time() {
+  if (settings_.hop_delay.empty()) return hop_time * settings_.hops;
+  Duration time{};
+  for (const Duration mean : settings_.hop_delay) {
+    time += std::chrono::duration_cast<Duration>(mean * (0.5 + random_.unit()));
+  }
+  return time;
+}
+
+/// From now until the last segment leaves the source, behind what it transmits already.
+Duration Radio::time_of_segments(Address source, unsigned segments, TimePoint now) {
+  if (settings_.bearer_interval == Duration{}) return segment_time * (segments - 1);
+  TimePoint& next = next_packet_[source];
+  const TimePoint first = std::max(next, now);
+  next = first + settings_.bearer_interval * segments;
+  return first - now + settings_.bearer_interval * (segments - 1);
 }
 
 std::int8_t Radio::rssi_dbm(Address transmitter) {

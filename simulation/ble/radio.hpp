@@ -8,6 +8,7 @@
 #include <map>
 #include <optional>
 #include <utility>
+#include <vector>
 
 #include "simulation/ble/board/board.hpp"
 #include "simulation/random.hpp"
@@ -15,8 +16,10 @@
 namespace slamgw::sim::ble {
 
 struct RadioSettings {
-  double loss = 0;    ///< of each message on each hop, both ways
   unsigned hops = 1;  ///< between each robot and the board; relays take 1 off the TTL each
+  std::vector<double> hop_loss{0};    ///< of each message on each hop, both ways; one value a hop
+  std::vector<Duration> hop_delay{};  ///< means, one a hop; empty: `hop_time` each, exactly
+  Duration bearer_interval{};         ///< least time between two packets of one node; 0: none
 };
 
 class Radio {
@@ -25,14 +28,14 @@ class Radio {
   static constexpr std::chrono::milliseconds segment_time{10};  ///< each segment after the first
   static constexpr std::size_t max_in_flight = 10000;           ///< beyond it messages are lost
 
-  Radio(RadioSettings settings, Random random) : settings_(settings), random_(random) {}
+  Radio(RadioSettings settings, Random random) : settings_(std::move(settings)), random_(random) {}
 
   /// False when the message is lost on its way. `receiver` tells the order that is kept.
   bool transmit(MeshMessage message, Address receiver, TimePoint now);
   std::optional<TimePoint> next_arrival() const;
   /// The first message that has arrived by `now`.
   std::optional<Reception> take(TimePoint now);
-  bool loses_beacon() { return random_.chance(settings_.loss); }
+  bool loses_beacon() { return random_.chance(settings_.hop_loss.front()); }
   /// On one of the hops.
   bool loses_message();
   /// Each transmitter has its place, and so its own level, which flickers by 3 dB.
@@ -40,8 +43,12 @@ class Radio {
   bool is_silent() const { return in_flight_.empty(); }
 
  private:
+  Duration travel_time();
+  Duration time_of_segments(Address source, unsigned segments, TimePoint now);
+
   RadioSettings settings_;
   Random random_;
+  std::map<Address, TimePoint> next_packet_;  ///< of each source, with a bearer interval
   std::multimap<TimePoint, Reception> in_flight_;
   std::map<std::pair<Address, Address>, TimePoint> last_arrival_;  ///< by source and receiver
 };

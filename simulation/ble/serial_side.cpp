@@ -80,7 +80,7 @@ SerialSide::SerialSide(const BleOptions& options)
       terminal_(options.tty),
       master_(io_, dup(terminal_->master())),
       network_(options),
-      record_(options.common.record) {
+      record_(options.common.record, options.common.trace, "ble") {
   signals_.add(SIGUSR2);
   if (options.state.empty()) return;
   saved_state_ = read_state(options.state);

@@ -33,6 +33,10 @@ class Client {
   void on_stop(TimePoint now);
   /// The robot has a new address, which it does not tell the gateway by itself.
   void on_moved() { ++exchanges_.tally().roamed; }
+  /// So many frames of this update were sent again between two hops.
+  void on_link_repeats(std::uint64_t number, unsigned count) {
+    exchanges_.on_link_repeats(number, count);
+  }
   /// An unacknowledged update was dropped on purpose.
   void on_update_dropped() { ++exchanges_.tally().lost; }
 

@@ -19,7 +19,9 @@ bool is_stop_word(std::string_view word) {
 
 Exchanges::Exchanges(ClientSettings settings, const RobotBody& body)
     : settings_(std::move(settings)), body_(body) {
-  if (settings_.qos >= 0) application_.push_back({adv, body_.introduction()});
+  if (settings_.qos >= 0 && body_.introduces_itself()) {
+    application_.push_back({adv, body_.introduction()});
+  }
 }
 
 void Exchanges::begin(TimePoint now) {
@@ -120,7 +122,7 @@ void Exchanges::finish(const Request& request, std::uint16_t topic_id) {
     case Kind::release:
       if (request.topic != update) return;
       ++tally_.acknowledged;
-      return record(true, request.number, {});
+      return record(UpdateEvent::Kind::acknowledged, request.number);
     case Kind::will_topic: setup_.push_front({Kind::will_message, will_updated}); return;
     case Kind::will_message: ++tally_.will_updates; return;
   }
@@ -167,7 +169,9 @@ void Exchanges::repeat_requests(TimePoint now) {
     if (request->due > now) {
       ++request;
     } else if (request->sends < transmissions) {
-      send(request->datagram);
+      const bool is_update = request->kind == Kind::publish && request->topic == update;
+      outbox_.push_back({request->datagram, false, is_update ? request->number : 0});
+      if (is_update) record(UpdateEvent::Kind::repeated, request->number);
       ++request->sends;
       request->due = now + settings_.retry_interval;
       ++request;
@@ -184,8 +188,9 @@ void Exchanges::give_up(const Request& request) {
     case Kind::subscribe: setup_.push_back({request.kind, request.topic}); return;
     case Kind::publish:
     case Kind::release:
-      if (request.topic == update) ++tally_.lost;
-      return;
+      if (request.topic != update) return;
+      ++tally_.lost;
+      return record(UpdateEvent::Kind::given_up, request.number);
     case Kind::will_topic:
     case Kind::will_message: return;  // the next change says it all again
   }
@@ -201,9 +206,10 @@ void Exchanges::produce(TimePoint now) {
   *next_update_ = std::max(*next_update_ + settings_.period, now);
   if (is_full && settings_.messages) return;  // nothing may be lost: the robot pauses
   ++produced_;
-  Bytes payload = body_.next_update();
+  Bytes payload = body_.next_message(produced_, now - first_update_);
   if (is_full) {
     ++tally_.lost;
+    record(UpdateEvent::Kind::refused, produced_, std::move(payload));
   } else {
     application_.push_back({update, std::move(payload), produced_});
   }
@@ -216,7 +222,7 @@ bool Exchanges::fill(TimePoint now) {
     start_setup(setup, now);
   }
   if (!topic_ids_[adv] || !topic_ids_[update]) return false;
-  if (!next_update_ && produced_ == 0) next_update_ = now;
+  if (!next_update_ && produced_ == 0) start_producing(now);
   while (!application_.empty() &&
          (settings_.qos == 0 || outstanding_.size() < settings_.outstanding)) {
     start_publish(now);
@@ -267,10 +273,10 @@ void Exchanges::start_publish(TimePoint now) {
   const auto qos = static_cast<unsigned>(settings_.qos);
   const std::uint16_t msg_id = qos == 0 ? std::uint16_t{0} : next_msg_id();
   Bytes datagram = publish(qos, *topic_ids_[message.topic], msg_id, message.payload);
-  outbox_.push_back({datagram, is_update && qos == 0});
+  outbox_.push_back({datagram, is_update && qos == 0, message.number});
   if (is_update) {
     ++tally_.sent;
-    record(false, message.number, std::move(message.payload));
+    record(UpdateEvent::Kind::sent, message.number, std::move(message.payload));
   }
   if (qos == 0) return;
   outstanding_.push_back({Kind::publish, message.topic, msg_id, std::move(datagram),
@@ -280,14 +286,19 @@ void Exchanges::start_publish(TimePoint now) {
 void Exchanges::publish_unconnected() {
   for (; !application_.empty(); application_.pop_front()) {
     Message& message = application_.front();
-    outbox_.push_back({sn::publish_unconnected(settings_.predefined_id, message.payload), true});
+    outbox_.push_back(
+        {sn::publish_unconnected(settings_.predefined_id, message.payload), true, message.number});
     ++tally_.sent;
-    record(false, message.number, std::move(message.payload));
+    record(UpdateEvent::Kind::sent, message.number, std::move(message.payload));
   }
 }
 
-void Exchanges::record(bool is_acknowledged, std::uint64_t number, Bytes payload) {
-  if (settings_.is_recorded) events_.push_back({is_acknowledged, number, std::move(payload)});
+void Exchanges::record(UpdateEvent::Kind kind, std::uint64_t number, Bytes payload) {
+  if (settings_.is_recorded) events_.push_back({kind, number, std::move(payload)});
+}
+
+void Exchanges::on_link_repeats(std::uint64_t number, unsigned count) {
+  for (unsigned i = 0; i < count; ++i) record(UpdateEvent::Kind::link_repeated, number);
 }
 
 /// The wills are outside `update`, because old servers would draw their octets as positions.
@@ -295,8 +306,9 @@ std::string Exchanges::topic_name(Topic topic) const {
   static constexpr std::string_view name_list[] = {"adv", "update", "cmd",
                                                    "run", "will",   "will-updated"};
   const std::string_view branch = topic == cmd || topic == run ? "/server/" : "/robot/";
+  const bool is_probe = topic == update && !body_.introduces_itself();
   return settings_.topic_prefix + std::string(branch) + settings_.client_id + "/" +
-         std::string(name_list[topic]);
+         std::string(is_probe ? "probe" : name_list[topic]);
 }
 
 /// One counter for all requests; skips 0 and what is outstanding.

@@ -22,6 +22,7 @@ namespace slamgw::sim::sn {
 struct Outgoing {
   Bytes datagram;
   bool is_unacknowledged_update = false;
+  std::uint64_t number = 0;  ///< of an update; else 0
 };
 
 class Exchanges {
@@ -48,7 +49,8 @@ class Exchanges {
   /// Measures the next update when it is due; that is never before the topics are registered, or
   /// `start_producing`.
   void produce(TimePoint now);
-  void start_producing(TimePoint now) { next_update_ = now; }
+  void start_producing(TimePoint now) { next_update_ = first_update_ = now; }
+  void on_link_repeats(std::uint64_t number, unsigned count);
   std::optional<TimePoint> next_update() const { return next_update_; }
   bool has_updates() const { return !application_.empty(); }
   /// QoS -1: all there is.
@@ -103,11 +105,12 @@ class Exchanges {
   std::string topic_name(Topic topic) const;
   std::uint16_t next_msg_id();
   std::vector<Request>::iterator find_request(std::uint16_t msg_id);
-  void record(bool is_acknowledged, std::uint64_t number, Bytes payload);
+  void record(UpdateEvent::Kind kind, std::uint64_t number, Bytes payload = {});
 
   ClientSettings settings_;
   RobotBody body_;
   std::optional<TimePoint> next_update_;
+  TimePoint first_update_{};  ///< when the first was due
   std::uint64_t produced_ = 0;
   std::uint16_t last_msg_id_ = 0;
   std::optional<TimePoint> next_will_update_;

@@ -46,6 +46,7 @@ class Fleet {
 
  private:
   ClientSettings settings_of(unsigned number) const;
+  std::vector<Hop> path() const;
   void add_robot(unsigned number, const asio::ip::udp::endpoint& gateway);
   void on_change(RobotSocket& robot);
   void on_all_done();
@@ -68,7 +69,7 @@ class Fleet {
 };
 
 Fleet::Fleet(const ThreadOptions& options, const asio::ip::udp::endpoint& gateway)
-    : options_(options), record_(options.common.record) {
+    : options_(options), record_(options.common.record, options.common.trace, "thread") {
   for (unsigned number = 1; number <= options.common.robots; ++number) add_robot(number, gateway);
 }
 
@@ -93,16 +94,28 @@ ClientSettings Fleet::settings_of(unsigned number) const {
   settings.vanishes = is_among(number, options_.vanish);
   settings.retry_interval = to_duration(options_.retry_s);
   settings.outstanding = options_.outstanding;
-  settings.is_recorded = !options_.common.record.empty();
+  settings.is_recorded = common.is_recorded();
   settings.predefined_id = static_cast<std::uint16_t>(number);
   return settings;
+}
+
+/// Nothing without options for hops: --loss and --delay-ms tell it all then.
+std::vector<Hop> Fleet::path() const {
+  std::vector<Hop> hops;
+  const HopOptions& hop = options_.common.hop;
+  if (!hop.is_given()) return hops;
+  for (unsigned i = 0; i < options_.hops; ++i) {
+    hops.push_back({hop.loss_of(i), to_duration(hop.delay_ms_of(i) / 1000)});
+  }
+  return hops;
 }
 
 void Fleet::add_robot(unsigned number, const asio::ip::udp::endpoint& gateway) {
   const std::uint64_t seed = options_.common.seed;
   const ImpairmentSettings radio{options_.common.loss, options_.duplicate, options_.reorder,
-                                 std::chrono::milliseconds{options_.delay_ms}};
-  robots_.emplace_back(io_, gateway, Client(settings_of(number), RobotBody(seed, number)),
+                                 std::chrono::milliseconds{options_.delay_ms}, path()};
+  robots_.emplace_back(io_, gateway,
+                       Client(settings_of(number), RobotBody(seed, number, options_.common.body)),
                        Impairment(radio, Random(seed, number, Random::Use::uplink)),
                        Impairment(radio, Random(seed, number, Random::Use::downlink)),
                        [this](RobotSocket& robot) { on_change(robot); });

@@ -91,6 +91,7 @@ void RobotSocket::arm_timer() {
 void RobotSocket::send(Outgoing outgoing) {
   const std::vector<Duration> copies = uplink_.next_fate();
   if (copies.empty() && outgoing.is_unacknowledged_update) client_.on_update_dropped();
+  if (outgoing.number > 0) client_.on_link_repeats(outgoing.number, uplink_.link_repeats());
   for (const Duration delay : copies) {
     if (delay == Duration::zero()) {
       transmit(*socket_, outgoing.datagram);

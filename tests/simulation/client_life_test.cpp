@@ -215,12 +215,12 @@ TEST_F(LifeTest, RecordsUpdatesAndTheirAcknowledgements) {
   RobotBody body(1, 1);
   for (const std::uint64_t number : {1U, 2U}) {
     const auto event = client_->next_event();
-    EXPECT_FALSE(event->is_acknowledged);
+    EXPECT_FALSE(event->is_acknowledged());
     EXPECT_EQ(event->number, number);
     EXPECT_EQ(event->payload, body.next_update());
   }
   const auto acknowledged = client_->next_event();
-  EXPECT_TRUE(acknowledged->is_acknowledged);
+  EXPECT_TRUE(acknowledged->is_acknowledged());
   EXPECT_EQ(acknowledged->number, 2U);
   EXPECT_FALSE(client_->next_event().has_value()) << "the other update was not acknowledged";
 }

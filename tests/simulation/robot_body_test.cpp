@@ -59,6 +59,85 @@ TEST(RobotBody, StaysInTheRingAndSeesTheRing) {
   EXPECT_EQ(obstacle_counts, (std::set<std::size_t>{0, 1, 2, 3, 4}));
 }
 
+Place point(const Bytes& update, std::size_t offset) {
+  return {static_cast<double>(get_i16_le(update, offset)),
+          static_cast<double>(get_i16_le(update, offset + 2))};
+}
+
+TEST(RobotBody, LeavesOutWhatIsNotAskedFor) {
+  BodySettings settings;
+  settings.max_obstacles = 1;
+  settings.has_stray = false;
+  RobotBody body(1, 1, settings);
+  std::set<std::size_t> sizes;
+  for (int i = 0; i < 200; ++i) sizes.insert(body.next_update().size());
+  EXPECT_EQ(sizes, (std::set<std::size_t>{4, 8}));
+}
+
+/// The update of the robots before the thesis: 12 octets after its type.
+TEST(RobotBody, SaysTheFullPayload) {
+  BodySettings settings;
+  settings.payload = BodySettings::Payload::full;
+  RobotBody body(1, 1, settings);
+  const Bytes update = body.next_update();
+  ASSERT_EQ(update.size(), 13U);
+  EXPECT_EQ(update[0], 0x01);
+  const Place place = point(update, 1);
+  EXPECT_LE(std::hypot(place.x_cm, place.y_cm), 70);
+  EXPECT_LE(std::abs(get_i16_le(update, 5)), 180);
+}
+
+/// How far obstacles lie from the walls of the room, on average.
+double room_error_cm(const BodySettings& settings) {
+  RobotBody body(3, 1, settings);
+  double sum = 0;
+  int count = 0;
+  for (int i = 0; i < 1000; ++i) {
+    const Bytes update = body.next_update();
+    for (std::size_t at = 4; at + 4 <= update.size(); at += 4) {
+      const Place p = point(update, at);
+      const double to_wall =
+          std::min({std::abs(p.x_cm + 150), std::abs(p.x_cm - 110), std::abs(p.x_cm - 30),
+                    std::abs(p.y_cm + 90), std::abs(p.y_cm - 90), std::abs(p.y_cm - 10)});
+      sum += to_wall;
+      ++count;
+    }
+  }
+  return sum / count;
+}
+
+TEST(RobotBody, MapsTheRoomOnlyWhenPoseAndObstaclesAgree) {
+  BodySettings settings;
+  settings.world = World::Shape::room;
+  EXPECT_LT(room_error_cm(settings), 1.5);
+  settings.model = BodySettings::Model::thesis;
+  EXPECT_LT(room_error_cm(settings), 4);
+  settings.is_mirrored = true;
+  EXPECT_GT(room_error_cm(settings), 15);
+}
+
+TEST(RobotBody, ThesisTowerStandsWhileTheRobotTurns) {
+  BodySettings settings;
+  settings.model = BodySettings::Model::thesis;
+  settings.payload = BodySettings::Payload::full;
+  RobotBody body(1, 1, settings);
+  Bytes last = body.next_update();
+  int turned = 0;
+  int drove = 0;
+  for (int i = 0; i < 500; ++i) {
+    const Bytes next = body.next_update();
+    const bool has_turned = get_i16_le(next, 5) != get_i16_le(last, 5);
+    const bool has_tower_moved = get_i16_le(next, 7) != get_i16_le(last, 7);
+    EXPECT_FALSE(has_turned && has_tower_moved);
+    turned += has_turned ? 1 : 0;
+    drove += has_tower_moved ? 1 : 0;
+    for (std::size_t sensor = 9; sensor < 13; ++sensor) EXPECT_GT(next[sensor], 5);
+    last = next;
+  }
+  EXPECT_GT(turned, 20);
+  EXPECT_GT(drove, 200);
+}
+
 TEST(RobotBody, GoesWhereItIsSent) {
   RobotBody body(1, 1);
   double nearest = 1000;

@@ -147,14 +147,77 @@ TEST_F(RobotTest, RecordsUpdatesAndTheirAcknowledgements) {
   RobotBody body(1, 1);
   const auto sent = robot_->next_event();
   ASSERT_TRUE(sent.has_value());
-  EXPECT_FALSE(sent->is_acknowledged);
+  EXPECT_FALSE(sent->is_acknowledged());
   EXPECT_EQ(sent->number, 1U);
   EXPECT_EQ(sent->payload, body.next_update());
-  const auto acknowledged = robot_->next_event();
-  ASSERT_TRUE(acknowledged.has_value());
-  EXPECT_TRUE(acknowledged->is_acknowledged);
-  EXPECT_EQ(acknowledged->number, 1U);
-  EXPECT_FALSE(robot_->next_event().has_value()) << "what it lost meanwhile was not sent";
+  std::vector<UpdateEvent> later;
+  while (auto event = robot_->next_event()) later.push_back(*event);
+  ASSERT_FALSE(later.empty());
+  EXPECT_TRUE(later.back().is_acknowledged());
+  EXPECT_EQ(later.back().number, 1U);
+  for (const UpdateEvent& event : later) {
+    EXPECT_NE(event.kind, UpdateEvent::Kind::sent) << "what it lost meanwhile was not sent";
+  }
+}
+
+/// Thesis 9.1 and 9.2: one SET outstanding, cancelled when it has no STATUS by the next update.
+TEST_F(RobotTest, CancelsWithoutStatusAndSkipsThatUpdate) {
+  RobotSettings settings;
+  settings.is_acknowledged = settings.is_recorded = true;
+  settings.on_busy = OnBusy::cancel;
+  settings.messages = 4;
+  begin(settings);
+  pass(milliseconds{1});
+  ask("c8 59 00 00");  // of the introduction
+  sent_.clear();
+  pass(milliseconds{1000});
+  ASSERT_EQ(sent_.size(), 2U) << "without any STATUS every other update is sent";
+  EXPECT_EQ(sent_[1].at - sent_[0].at, milliseconds{400});
+  EXPECT_EQ(robot_->tally(), (Tally{2, 0, 2, 0}));
+}
+
+TEST_F(RobotTest, RefusesUpdatesAndRepeatsTheOldOne) {
+  RobotSettings settings;
+  settings.is_acknowledged = true;
+  settings.on_busy = OnBusy::refuse;
+  settings.messages = 4;
+  begin(settings);
+  pass(milliseconds{1});
+  ask("c8 59 00 00");
+  sent_.clear();
+  pass(milliseconds{1000});
+  ASSERT_GE(sent_.size(), 3U);
+  EXPECT_EQ(sent_[1].message.payload, sent_[0].message.payload);
+  EXPECT_EQ(robot_->tally(), (Tally{1, 0, 3, 0}));
+}
+
+/// Thesis 9.1: about 2.6 s between segmented messages to a group, the 2.5 s of the transport
+/// rounded up to the next update.
+TEST_F(RobotTest, SegmentedMessagesToAGroupComeEach2600Milliseconds) {
+  RobotSettings settings;
+  settings.has_segment_timing = true;
+  settings.on_busy = OnBusy::cancel;
+  settings.messages = 30;
+  begin(settings);
+  pass(seconds{7});
+  ASSERT_EQ(sent_.size(), 4U) << "the introduction and three updates";
+  EXPECT_EQ(sent_[2].at - sent_[1].at, milliseconds{2600});
+  EXPECT_EQ(sent_[3].at - sent_[2].at, milliseconds{2600});
+}
+
+TEST_F(RobotTest, SaysProbesOnTheModelOfFigure71) {
+  RobotSettings settings;
+  settings.messages = 2;
+  now_ = begin_;
+  BodySettings body;
+  body.payload = BodySettings::Payload::probe;
+  robot_.emplace(settings, RobotBody(1, 1, body));
+  robot_->on_start(now_);
+  pass(seconds{1});
+  ASSERT_EQ(sent_.size(), 2U) << "no introduction";
+  EXPECT_EQ(to_hex(sent_[0].message.payload), "c7 59 00 01 00 00 00 00 00");
+  EXPECT_EQ(to_hex(sent_[1].message.payload), "c7 59 00 02 00 c8 00 00 00");
+  EXPECT_EQ(segment_count(sent_[0].message.payload.size()), 1U);
 }
 
 TEST_F(RobotTest, AnswersPositionCommands) {

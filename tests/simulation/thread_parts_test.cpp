@@ -37,6 +37,25 @@ TEST(Impairment, HoldsSomeBackSoThatOthersOvertake) {
   EXPECT_NEAR(held, 500, 80);
 }
 
+/// Four transmissions on each of two hops: 1 - (1 - 0.5^4)^2 is lost.
+TEST(Impairment, RepairsMostLossesOnEachHopWhichTakesTime) {
+  const sn::Hop hop{0.5, milliseconds{4}};
+  sn::Impairment radio({0, 0, 0, milliseconds{0}, {hop, hop}}, Random(1, 1, Random::Use::uplink));
+  int lost = 0;
+  unsigned repeats = 0;
+  for (int i = 0; i < 10000; ++i) {
+    const auto copies = radio.next_fate();
+    repeats += radio.link_repeats();
+    if (copies.empty()) ++lost;
+    for (const Duration delay : copies) {
+      ASSERT_GE(delay, milliseconds{4});
+      ASSERT_LE(delay, milliseconds{48});
+    }
+  }
+  EXPECT_NEAR(lost, 1211, 120);
+  EXPECT_GT(repeats, 20000U);
+}
+
 TEST(CommandLine, HasTheDocumentedDefaults) {
   const auto thread = std::get<ThreadOptions>(parse({"thread", "--gateway", "[::1]:47193"}));
   EXPECT_EQ(thread.host, "::1");
@@ -54,6 +73,28 @@ TEST(CommandLine, HasTheDocumentedDefaults) {
   EXPECT_EQ(ble.tty, "/tmp/board");
   EXPECT_EQ(ble.hops, 1U);
   EXPECT_FALSE(ble.is_acknowledged);
+  EXPECT_EQ(ble.on_busy, std::nullopt);
+  EXPECT_EQ(ble.bearer_interval_ms, 0U);
+  EXPECT_FALSE(ble.common.hop.is_given());
+  EXPECT_EQ(ble.common.body.max_obstacles, 4U);
+  EXPECT_TRUE(ble.common.body.has_stray);
+}
+
+TEST(CommandLine, TakesTheThesissRobotAndRadio) {
+  const auto ble = std::get<BleOptions>(parse(
+      {"ble",        "--tty",      "/tmp/board",     "--robot",    "thesis",  "--world",   "room",
+       "--mirrored", "--payload",  "full",           "--no-stray", "--stand", "--on-busy", "refuse",
+       "--hop-loss", "0.335,0.05", "--hop-delay-ms", "2",          "--hops",  "2"}));
+  EXPECT_EQ(ble.common.body.model, BodySettings::Model::thesis);
+  EXPECT_EQ(ble.common.body.world, World::Shape::room);
+  EXPECT_EQ(ble.common.body.payload, BodySettings::Payload::full);
+  EXPECT_TRUE(ble.common.body.is_mirrored);
+  EXPECT_TRUE(ble.common.body.stands);
+  EXPECT_FALSE(ble.common.body.has_stray);
+  EXPECT_EQ(ble.on_busy, ble::OnBusy::refuse);
+  EXPECT_EQ(ble.common.hop.loss_of(0), 0.335);
+  EXPECT_EQ(ble.common.hop.loss_of(1), 0.05);
+  EXPECT_EQ(ble.common.hop.delay_ms_of(1), 2);
 }
 
 TEST(CommandLine, TakesTheKindsOfThreadClients) {

@@ -8,6 +8,7 @@ namespace {
 
 /// How often a robot looks again while the board is not ready, or its way is blocked.
 constexpr std::chrono::milliseconds look_again{20};
+constexpr std::size_t vendor_opcode_octets = 3;
 
 /// Health Current Status: test 0, company 0x0059, no fault.
 Bytes healthy_status() { return {0x04, 0x00, 0x59, 0x00}; }
@@ -41,8 +42,8 @@ std::optional<UpdateEvent> Robot::next_event() {
   return first;
 }
 
-void Robot::record(bool is_acknowledged, std::uint64_t number, Bytes payload) {
-  if (settings_.is_recorded) events_.push_back({is_acknowledged, number, std::move(payload)});
+void Robot::record(UpdateEvent::Kind kind, std::uint64_t number, Bytes payload) {
+  if (settings_.is_recorded) events_.push_back({kind, number, std::move(payload)});
 }
 
 void Robot::on_failed_assertion() {
@@ -79,8 +80,9 @@ void Robot::produce(const Publications& publications, TimePoint now) {
   if (settings_.messages && produced_ >= *settings_.messages) return;
   const bool is_blocked =
       reliable_.has_value() || (settings_.has_segment_timing && segmented_until_ > now);
-  const bool introduces = !has_introduced_itself_ && publications.min_com;
-  const bool pauses = settings_.messages || introduces;
+  const bool introduces =
+      body_.introduces_itself() && !has_introduced_itself_ && publications.min_com;
+  const bool pauses = (settings_.messages && !settings_.on_busy) || introduces;
   if ((!introduces && !publications.sensor_update) || (is_blocked && pauses)) {
     next_update_ = now + look_again;
     return;
@@ -90,32 +92,56 @@ void Robot::produce(const Publications& publications, TimePoint now) {
     has_introduced_itself_ = true;
     return publish(false, body_.introduction(), *publications.min_com, now);
   }
+  if (produced_ == 0) first_update_ = now;
   ++produced_;
-  const Bytes update = body_.next_update();
-  if (is_blocked) {
-    ++tally_.lost;  // the access layer refuses it, and the thesis's robots do not keep it
-  } else {
-    publish(true, update, *publications.sensor_update, now);
+  tick(*publications.sensor_update, now);
+}
+
+/// The access layer refuses a second SET, the transport a second segmented message, and the
+/// thesis's robots do not keep what is refused.
+void Robot::tick(const Publication& to, TimePoint now) {
+  const Bytes update = body_.next_message(produced_, now - first_update_);
+  if (reliable_) {
+    if (settings_.on_busy == OnBusy::cancel) cancel();
+    return refuse(update);
   }
+  const bool is_segmented = segment_count(update.size() + vendor_opcode_octets) > 1;
+  const bool is_kept = settings_.is_acknowledged && settings_.on_busy == OnBusy::refuse;
+  const bool is_blocked = settings_.has_segment_timing && segmented_until_ > now &&
+                          (is_segmented || !settings_.on_busy);
+  if (is_blocked && !is_kept) return refuse(update);
+  publish(true, update, to, now);
+}
+
+void Robot::refuse(const Bytes& update) {
+  ++tally_.lost;
+  record(UpdateEvent::Kind::refused, produced_, update);
+}
+
+void Robot::cancel() {
+  if (reliable_->number > 0) record(UpdateEvent::Kind::cancelled, reliable_->number);
+  reliable_.reset();
 }
 
 void Robot::publish(bool is_update, const Bytes& parameters, const Publication& to, TimePoint now) {
-  const Vendor set = is_update ? Vendor::sensor_update_set : Vendor::min_com_set;
+  const bool is_positions = is_update && body_.introduces_itself();  // probes are of min_com
+  const Vendor set = is_positions ? Vendor::sensor_update_set : Vendor::min_com_set;
   const Vendor set_unreliable =
-      is_update ? Vendor::sensor_update_set_unreliable : Vendor::min_com_set_unreliable;
-  const Vendor status = is_update ? Vendor::sensor_update_status : Vendor::min_com_status;
+      is_positions ? Vendor::sensor_update_set_unreliable : Vendor::min_com_set_unreliable;
+  const Vendor status = is_positions ? Vendor::sensor_update_status : Vendor::min_com_status;
   const MeshMessage message{
       settings_.address, to.address, to.ttl,
       vendor_message(settings_.is_acknowledged ? set : set_unreliable, parameters)};
   if (is_update) {
     ++tally_.sent;
-    record(false, produced_, parameters);
+    record(UpdateEvent::Kind::sent, produced_, parameters);
   }
   if (settings_.is_acknowledged) {
     const Duration interval = reliable_interval(to.ttl, message.payload.size());
     reliable_ = Reliable{message,      status,         is_update ? produced_ : 0,
                          interval * 2, now + interval, now + reliable_timeout};
   }
+  if (!may_transmit(message, now)) return;  // the reliable layer tries again when a repeat is due
   transmit(message, now);
   outbox_.back().is_unacknowledged_update = is_update && !settings_.is_acknowledged;
 }
@@ -123,7 +149,10 @@ void Robot::publish(bool is_update, const Bytes& parameters, const Publication& 
 /// Repeats come 1, 2, 4, 8 ... intervals after the first transmission.
 void Robot::repeat(TimePoint now) {
   if (reliable_->gives_up_at <= now) {
-    if (reliable_->number > 0) ++tally_.lost;
+    if (reliable_->number > 0) {
+      ++tally_.lost;
+      record(UpdateEvent::Kind::given_up, reliable_->number);
+    }
     reliable_.reset();
     return;
   }
@@ -131,7 +160,9 @@ void Robot::repeat(TimePoint now) {
   const TimePoint first = reliable_->gives_up_at - reliable_timeout;
   reliable_->repeat_at = first + reliable_->interval;
   reliable_->interval *= 2;
-  if (may_transmit(reliable_->message, now)) transmit(reliable_->message, now);
+  if (!may_transmit(reliable_->message, now)) return;
+  if (reliable_->number > 0) record(UpdateEvent::Kind::repeated, reliable_->number);
+  transmit(reliable_->message, now);
 }
 
 bool Robot::may_transmit(const MeshMessage& message, TimePoint now) const {
@@ -189,7 +220,7 @@ void Robot::on_vendor(Vendor opcode, const MeshMessage& message, TimePoint now) 
       if (!reliable_ || reliable_->status != opcode) return;
       if (reliable_->number > 0) {
         ++tally_.acknowledged;
-        record(true, reliable_->number, {});
+        record(UpdateEvent::Kind::acknowledged, reliable_->number);
       }
       reliable_.reset();
       return;

@@ -8,6 +8,7 @@
 #include <optional>
 
 #include "simulation/ble/access.hpp"
+#include "simulation/ble/on_busy.hpp"
 #include "simulation/robot_body.hpp"
 #include "simulation/tally.hpp"
 #include "simulation/update_record.hpp"
@@ -24,6 +25,9 @@ struct RobotSettings {
   std::uint8_t ttl = default_ttl;
   bool is_acknowledged = false;  ///< SET with repeats until STATUS, else SET_UNRELIABLE
   bool has_segment_timing = false;
+  /// Nothing: no update is measured while one is under way, so that `messages` are complete. Else
+  /// one is measured each period, and `messages` counts those that could not be sent, too.
+  std::optional<OnBusy> on_busy{};
   bool obeys = false;
   bool is_recorded = false;               ///< leaves events
   std::optional<std::uint64_t> messages;  ///< updates to send; nothing: no end
@@ -80,7 +84,10 @@ class Robot {
 
   void publish_health(const std::optional<Publication>& to, TimePoint now);
   void produce(const Publications& publications, TimePoint now);
-  void record(bool is_acknowledged, std::uint64_t number, Bytes payload);
+  void tick(const Publication& to, TimePoint now);
+  void record(UpdateEvent::Kind kind, std::uint64_t number, Bytes payload = {});
+  void cancel();
+  void refuse(const Bytes& update);
   void publish(bool is_update, const Bytes& parameters, const Publication& to, TimePoint now);
   void repeat(TimePoint now);
   void transmit(const MeshMessage& message, TimePoint now);
@@ -95,6 +102,7 @@ class Robot {
   bool is_gone_ = false;
   bool has_introduced_itself_ = false;
   TimePoint next_update_{};
+  TimePoint first_update_{};  ///< when the first was measured; then `produced_` is above 0
   TimePoint next_health_{};
   std::uint64_t produced_ = 0;
   std::optional<Reliable> reliable_;
