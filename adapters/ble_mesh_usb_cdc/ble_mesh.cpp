@@ -164,6 +164,12 @@ std::size_t BleMesh::queued_for(std::string_view id) const {
   return 0;
 }
 
+std::vector<OpenCommand> BleMesh::open_commands() const {
+  std::vector<OpenCommand> open;
+  for (const auto& [address, robot] : robots_) robot.commands.list(robot.id, open);
+  return open;
+}
+
 void BleMesh::on_heard(Robot& robot, TimePoint now) {
   provisioner_.on_heard(robot.address, now);
   robot.last_heard = now;
@@ -222,6 +228,7 @@ void BleMesh::on_broker_message(const BrokerMessage& message, CommandId id, Time
   if (!command.has_value()) return refuse(command.error().why);
   command->id = id;
   conclude(robot, robot.commands.add(std::move(*command), now));
+  actions_.push(CommandsChanged{});
   transmit_due(robot, now);
   settle(now);
 }
@@ -239,11 +246,14 @@ void BleMesh::on_stop(TimePoint now) {
 }
 
 void BleMesh::transmit_due(Robot& robot, TimePoint now) {
-  if (auto access = robot.commands.next_transmission(now))
-    send(robot, robot.address, std::move(*access), false, now);
+  auto access = robot.commands.next_transmission(now);
+  if (!access) return;
+  actions_.push(CommandsChanged{});
+  send(robot, robot.address, std::move(*access), false, now);
 }
 
 void BleMesh::conclude(const Robot& robot, EndedCommands ended) {
+  if (!ended.empty()) actions_.push(CommandsChanged{});
   for (EndedCommand& command : ended) {
     ++counters_.commands[static_cast<std::size_t>(command.result)];
     emit(CommandOutcome{Mesh::ble, command.id, robot.id, std::move(command.type), command.result,

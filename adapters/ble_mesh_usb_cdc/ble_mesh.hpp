@@ -58,7 +58,9 @@ class BleMesh final : public MeshMachine {
   std::optional<Presence> presence_of(std::string_view robot) const override;
   Counters counters() const override;
   const NodeDatabase* unsaved() const { return provisioner_.unsaved(); }
-  /// Commands that wait for this robot or are on their way to it.
+  /// Commands that have no outcome yet.
+  std::vector<OpenCommand> open_commands() const;
+  /// How many of them are for this robot.
   std::size_t queued_for(std::string_view robot) const override;
 
  private:

@@ -30,14 +30,16 @@ struct GenerateKeys {};
 struct StoreMesh {
   NodeDatabase database;
 };
+/// BleMesh::open_commands() may be other ones than before; keep them over a crash.
+struct CommandsChanged {};
 /// An operator's order has ended; once for each.
 struct OrderEnded {
   std::uint64_t id = 0;
   OrderAnswer answer;
 };
 
-using MeshAction =
-    std::variant<WriteSerial, ReopenPort, GenerateKeys, StoreMesh, OrderEnded, MeshEvent>;
+using MeshAction = std::variant<WriteSerial, ReopenPort, GenerateKeys, StoreMesh, CommandsChanged,
+                                OrderEnded, MeshEvent>;
 
 class MeshMachine {
  public:

@@ -110,8 +110,8 @@ class BleMeshAdapterTest : public ::testing::Test {
   }
 
   void make_adapter() {
-    adapter = std::make_unique<BleMeshAdapter>(io, settings, TopicScheme("ntnu-slam", "gw"),
-                                               RobotNames(), directory.string(), listener);
+    adapter = std::make_unique<BleMeshAdapter>(io, settings, TopicScheme("ntnu-slam", "gw"), names,
+                                               directory.string(), listener);
   }
   void plug() { plugged.emplace(io, directory / "tty", board); }
   /// Runs the loop until `condition` holds; false after a limit that only a failure reaches.
@@ -131,6 +131,7 @@ class BleMeshAdapterTest : public ::testing::Test {
   asio::io_context io;
   fs::path directory;
   Settings settings;
+  RobotNames names;
   FakeBoard board;
   Listener listener;
   std::unique_ptr<BleMeshAdapter> adapter;
@@ -294,6 +295,57 @@ TEST_F(BleMeshAdapterTest, StopDoesNotWaitForABoardThatTakesNoData) {
   adapter.reset();
   gates->closing.open();
   make_adapter();
+}
+
+TEST_F(BleMeshAdapterTest, TellsTheOutcomeOfCommandsThatACrashInterrupted) {
+  const Now now = read_clocks();
+  ASSERT_EQ(CommandFile(directory).write(encode_open_commands(
+                {{"nr1", "cmd", now.mono - 2s, true}, {"nr2", "x", now.mono - 1s, false}}, now)),
+            "");
+  adapter->start();
+  const auto outcomes = listener.all<CommandOutcome>();
+  ASSERT_EQ(outcomes.size(), 2u);
+  EXPECT_EQ(outcomes[0].robot, "nr1");
+  EXPECT_EQ(outcomes[0].id, CommandId::none);
+  EXPECT_EQ(outcomes[0].result, CommandResult::timeout);
+  EXPECT_GE(outcomes[0].after, 2s - 2ms);
+  EXPECT_EQ(outcomes[1].result, CommandResult::refused);
+  EXPECT_NE(outcomes[1].why.find("before it was sent"), std::string::npos);
+  ASSERT_TRUE(eventually([&] { return CommandFile(directory).load(now)->empty(); }));
+  adapter->stop();
+  make_adapter();
+  adapter->start();
+  EXPECT_EQ(listener.all<CommandOutcome>().size(), 2u) << "once";
+}
+
+TEST_F(BleMeshAdapterTest, KeepsWhatIsUnderWayOnDiskUntilItEnds) {
+  names = RobotNames({{"nr1", 0x0100, {}}});
+  make_adapter();
+  plug();
+  adapter->start();
+  ASSERT_TRUE(eventually([&] { return listener.is_up(); }));
+  const auto kept = [&] {
+    return CommandFile(directory).load(read_clocks()).value_or(std::vector<OpenCommand>{});
+  };
+  for (std::uint64_t id = 1; id <= 2; ++id)
+    adapter->on_broker_message({"ntnu-slam/server/nr1/x", {1, 2}, Qos::at_least_once, false},
+                               CommandId{id});
+  ASSERT_TRUE(eventually([&] { return kept().size() == 2; }));
+  EXPECT_TRUE(kept()[0].is_sent);
+  EXPECT_FALSE(kept()[1].is_sent);
+  plugged->say(board.message(0x0100, hex("c8 59 00 00")));
+  ASSERT_TRUE(eventually([&] { return kept().size() == 1 && kept()[0].is_sent; }));
+  adapter->stop_listening();
+  adapter->stop();
+  EXPECT_TRUE(kept().empty());
+  EXPECT_EQ(listener.all<CommandOutcome>().size(), 2u);
+}
+
+TEST_F(BleMeshAdapterTest, SaysWhenTheFileOfCommandsIsDamaged) {
+  std::ofstream(directory / "ble-commands.json") << "[{\"robot\":";
+  adapter->start();
+  EXPECT_TRUE(listener.has_notice("ble-commands.json is damaged"));
+  EXPECT_TRUE(eventually([&] { return CommandFile(directory).load(read_clocks()).has_value(); }));
 }
 
 TEST_F(BleMeshAdapterTest, SaysNothingAfterStop) {

@@ -233,6 +233,7 @@ class LifeReplay {
                      stored = std::move(store.database);
                      mesh.on_stored({}, now);
                    },
+                   [](CommandsChanged&) {},
                    [&](OrderEnded& ended) { answers.push_back(std::move(ended.answer)); },
                    [&](MeshEvent& event) {
                      if (const auto* report = std::get_if<Report>(&event))

@@ -149,6 +149,7 @@ class MeshRig {
   bool answers_stores = true;
   std::uint64_t last_command = 0;  ///< the id of the last one
   std::string store_problem;
+  std::vector<OpenCommand> kept;  ///< over a crash
   std::vector<OrderAnswer> answers;
 
  private:
@@ -178,6 +179,7 @@ class MeshRig {
                        stored.push_back(std::move(store.database));
                        if (answers_stores) mesh.on_stored(store_problem, now);
                      },
+                     [&](CommandsChanged&) { kept = mesh.open_commands(); },
                      [&](OrderEnded& ended) { answers.push_back(std::move(ended.answer)); },
                      [&](MeshEvent& event) { events.push_back(std::move(event)); },
                  },

@@ -4,6 +4,8 @@
 #include <gtest/gtest.h>
 #include <signal.h>
 
+#include <map>
+
 #include "tests/e2e/device.hpp"
 #include "tests/e2e/gateway_process.hpp"
 #include "tests/support/eventually.hpp"
@@ -84,6 +86,40 @@ TEST_P(Restart, DoesNotLoseTheOutcomeOfACommand) {
 INSTANTIATE_TEST_SUITE_P(After, Restart, testing::Values(SIGTERM, SIGKILL), [](const auto& how) {
   return how.param == SIGTERM ? "Sigterm" : "Sigkill";
 });
+
+TEST(CommandsOverBle, HaveTheirOutcomeOverAKill) {
+  Mosquitto broker;
+  Subscriber outcomes(broker, "ntnu-slam/gateway/test/commands/#", "%t %p");
+  GatewayProcess gateway(json{{"broker", {{"uri", broker.uri()}}},
+                              {"ble_mesh", {{"enabled", true}}},
+                              {"robots", json::array({{{"id", "r1"}, {"ble_address", 0x0100}}})}});
+  SimulatorProcess nobody_hears(
+      {"ble", "--tty", gateway.tty(), "--robots", "1", "--loss", "1", "--rate", "0.1"});
+  ASSERT_TRUE(eventually([&] { return gateway.logs("ble link up"); })) << gateway.log();
+  ASSERT_TRUE(eventually([&] { return gateway.logs(" connected (MQTT"); })) << gateway.log();
+  for (const char* type : {"first", "second"})
+    mosquitto_publish(broker,
+                      {"-q", "1", "-t", std::string("ntnu-slam/server/r1/") + type, "-m", "go"});
+  const auto is_kept = [&] {
+    const std::string kept = read_file(gateway / "store/ble-commands.json");
+    return kept.find("first") != std::string::npos && kept.find("second") != std::string::npos;
+  };
+  ASSERT_TRUE(eventually(is_kept)) << gateway.log();
+  gateway.process().send_signal(SIGKILL);
+  ASSERT_TRUE(eventually([&] { return !gateway.process().is_running(); }));
+  EXPECT_TRUE(outcomes.lines().empty());
+  gateway.start();
+  ASSERT_TRUE(eventually([&] { return outcomes.lines().size() == 2; })) << gateway.log();
+  const std::string topic = "ntnu-slam/gateway/test/commands/r1 ";
+  std::map<std::string, std::string> told;
+  for (const std::string& line : outcomes.lines()) {
+    ASSERT_EQ(line.substr(0, topic.size()), topic);
+    const json outcome = json::parse(line.substr(topic.size()));
+    told[outcome["type"]] = outcome["outcome"];
+  }
+  EXPECT_EQ(told, (std::map<std::string, std::string>{{"first", "timeout"}, {"second", "refused"}}))
+      << gateway.log();
+}
 
 TEST(Reload, TakesABrokerTopicsAndRobotsWithoutDroppingSessions) {
   Mosquitto first;

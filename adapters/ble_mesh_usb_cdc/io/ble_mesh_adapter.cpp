@@ -52,6 +52,7 @@ BleMeshAdapter::BleMeshAdapter(asio::io_context& io, Settings settings, TopicSch
                                MeshListener& listener, OpenPort open_port)
     : settings_(std::move(settings)),
       file_(store_directory),
+      command_file_(store_directory),
       listener_(listener),
       mesh_(make_machine(settings_, std::move(topics), std::move(names), file_, problem_)),
       robots_(dynamic_cast<const BleMesh*>(mesh_.get())),
@@ -72,6 +73,7 @@ BleMeshAdapter::BleMeshAdapter(asio::io_context& io, Settings settings, TopicSch
 
 void BleMeshAdapter::start() {
   is_stopped_ = false;
+  end_interrupted_commands();
   if (!problem_.empty()) {
     listener_.on_mesh_event(Notice{Severity::error, problem_, {}});
     listener_.on_mesh_event(LinkChange{Mesh::ble, false, problem_});
@@ -90,6 +92,8 @@ void BleMeshAdapter::stop() {
   disk_.join();
   // What changed while the last write was under way, such as the key of a robot that just joined.
   if (const NodeDatabase* unsaved = robots_ ? robots_->unsaved() : nullptr) file_.replace(*unsaved);
+  if (robots_ != nullptr && are_commands_changed_)
+    command_file_.write(encode_open_commands(robots_->open_commands(), read_clocks()));
 }
 
 void BleMeshAdapter::reconfigure(RobotNames names) {
@@ -124,6 +128,7 @@ void BleMeshAdapter::perform(MeshAction& action) {
                  },
                  [this](GenerateKeys&) { generate_keys(); },
                  [this](StoreMesh& mesh) { store(std::move(mesh.database)); },
+                 [this](CommandsChanged&) { keep_commands(); },
                  [this](OrderEnded& ended) { end_order(ended); },
                  [this](MeshEvent& event) { listener_.on_mesh_event(std::move(event)); },
              },
@@ -157,6 +162,43 @@ void BleMeshAdapter::store(NodeDatabase database) {
       [this](const std::string& problem) {
         driver_.input([&](MeshMachine& mesh, TimePoint now) { mesh.on_stored(problem, now); });
       });
+}
+
+void BleMeshAdapter::end_interrupted_commands() {
+  const Now now = read_clocks();
+  const auto interrupted = command_file_.load(now);
+  if (!interrupted)
+    listener_.on_mesh_event(
+        Notice{Severity::warning,
+               command_file_.path() +
+                   " is damaged: commands that were under way over BLE before the restart have no "
+                   "outcome",
+               {}});
+  if (interrupted && interrupted->empty()) return;
+  for (const OpenCommand& command : interrupted.value_or(std::vector<OpenCommand>{}))
+    listener_.on_mesh_event(outcome_after_restart(command, now));
+  kept_commands_ = "unknown";
+  keep_commands();
+}
+
+/// One write at a time; what changes meanwhile is in the next one.
+void BleMeshAdapter::keep_commands() {
+  are_commands_changed_ = true;
+  if (is_keeping_commands_ || robots_ == nullptr) return;
+  are_commands_changed_ = false;
+  std::string text = encode_open_commands(robots_->open_commands(), read_clocks());
+  if (text == kept_commands_) return;
+  kept_commands_ = text;
+  is_keeping_commands_ = true;
+  write_file([this, text = std::move(text)] { return command_file_.write(text); },
+             [this](const std::string& problem) {
+               is_keeping_commands_ = false;
+               const bool is_news = !problem.empty() && !is_command_problem_known_;
+               is_command_problem_known_ = !problem.empty();
+               if (is_news) listener_.on_mesh_event(Notice{Severity::warning, problem, {}});
+               if (!problem.empty()) kept_commands_ = "unknown";
+               if (are_commands_changed_) keep_commands();
+             });
 }
 
 void BleMeshAdapter::write_file(std::function<std::string()> write,

@@ -12,6 +12,7 @@
 #include <optional>
 #include <string>
 
+#include "adapters/ble_mesh_usb_cdc/io/command_file.hpp"
 #include "adapters/ble_mesh_usb_cdc/io/mesh_file.hpp"
 #include "adapters/ble_mesh_usb_cdc/io/serial_line.hpp"
 #include "adapters/ble_mesh_usb_cdc/mesh_machine.hpp"
@@ -30,8 +31,9 @@ class BleMeshAdapter final : public MeshShell<MeshMachine> {
   static constexpr Duration first_open_delay = std::chrono::milliseconds{500};
   static constexpr Duration max_open_delay = std::chrono::seconds{5};
 
-  /// `listener` outlives the adapter. Reads `mesh.json` in `store_directory`. `open_port` opens the
-  /// serial port in place of open_serial_port; it is called on a thread of its own.
+  /// `listener` outlives the adapter. Reads `mesh.json` and, at start, `ble-commands.json` in
+  /// `store_directory`. `open_port` opens the serial port in place of open_serial_port; it is
+  /// called on a thread of its own.
   BleMeshAdapter(boost::asio::io_context& io, Settings settings, TopicScheme topics,
                  RobotNames names, std::string store_directory, MeshListener& listener,
                  OpenPort open_port = {});
@@ -55,6 +57,9 @@ class BleMeshAdapter final : public MeshShell<MeshMachine> {
   void write_file(std::function<std::string()> write,
                   std::function<void(const std::string& problem)> done);
   void end_order(OrderEnded& ended);
+  /// Tells the outcome of commands that an earlier daemon had under way.
+  void end_interrupted_commands();
+  void keep_commands();
 
   void open_after(Duration delay);
   void on_port_open();
@@ -64,7 +69,12 @@ class BleMeshAdapter final : public MeshShell<MeshMachine> {
 
   Settings settings_;
   MeshFile file_;
-  std::string problem_;  ///< why the mesh stays off; empty when it does not
+  CommandFile command_file_;
+  std::string kept_commands_;              ///< what the file was last given
+  bool is_keeping_commands_ = false;       ///< the file is being written
+  bool are_commands_changed_ = false;      ///< since then
+  bool is_command_problem_known_ = false;  ///< to the operator
+  std::string problem_;                    ///< why the mesh stays off; empty when it does not
   MeshListener& listener_;
   std::unique_ptr<MeshMachine> mesh_;
   const BleMesh* robots_ = nullptr;  ///< `mesh_`, with protocol nordic-serial

@@ -118,6 +118,13 @@ TimePoint CommandQueue::earliest_start() const {
   return may_be_confused ? late_answers_until_ : TimePoint::min();
 }
 
+void CommandQueue::list(const std::string& robot, std::vector<OpenCommand>& open) const {
+  if (outstanding_)
+    open.push_back({robot, outstanding_->entry.command.type, outstanding_->entry.arrived, true});
+  for (const Entry& entry : waiting_)
+    open.push_back({robot, entry.command.type, entry.arrived, false});
+}
+
 std::optional<TimePoint> CommandQueue::deadline() const {
   std::optional<TimePoint> next;
   if (outstanding_) {

@@ -18,6 +18,7 @@
 
 #include "adapters/ble_mesh_usb_cdc/robots/answer_time.hpp"
 #include "adapters/ble_mesh_usb_cdc/robots/command.hpp"
+#include "adapters/ble_mesh_usb_cdc/robots/open_commands.hpp"
 #include "daemon/core/messages.hpp"
 
 namespace slamgw::ble {
@@ -54,6 +55,8 @@ class CommandQueue {
   /// What to send now, if anything.
   std::optional<Bytes> next_transmission(TimePoint now);
   std::optional<TimePoint> deadline() const;
+  /// Appends those that have not ended.
+  void list(const std::string& robot, std::vector<OpenCommand>& open) const;
   std::size_t size() const { return waiting_.size() + (outstanding_ ? 1 : 0); }
 
  private:
