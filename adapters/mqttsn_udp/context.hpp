@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "adapters/mqttsn_udp/actions.hpp"
+#include "adapters/mqttsn_udp/clients/address_validation.hpp"
 #include "adapters/mqttsn_udp/clients/client_table.hpp"
 #include "adapters/mqttsn_udp/clients/predefined_topics.hpp"
 #include "adapters/mqttsn_udp/protocol/packet.hpp"
@@ -28,9 +29,14 @@ class Context {
   RobotNames names;
   const PredefinedTopics predefined;
   ClientTable clients;
+  AddressValidation validation;
   Tally tally;
 
-  /// To where the client was last heard; nothing when it has no address.
+  bool is_validated(const ClientSession& session) const;
+  /// Whether a message of `octets` (with the 1-octet Length) may go to this client now.
+  bool may_send(const ClientSession& session, std::size_t octets) const;
+  /// To where the client was last heard; nothing when it has no address, or when the address has
+  /// not shown that it receives and was sent as much as came from it.
   void send(const ClientSession& session, const Packet& packet);
   /// `radius` only matters behind a forwarder (R140).
   void send(const Peer& to, const LocalAddress& from, const Packet& packet,
@@ -52,6 +58,8 @@ class Context {
   bool is_full_silent() const { return settings.when_full == WhenFull::silent; }
 
  private:
+  static std::size_t overhead(const ClientSession& session, std::size_t octets);
+
   ActionQueue<Action> actions_;
   std::set<std::string> dirty_;  // at most max_dirty
 };

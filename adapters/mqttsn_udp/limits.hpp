@@ -65,6 +65,11 @@ constexpr unsigned refusal_lines_burst = 100;
 constexpr unsigned refusal_lines_per_second = 1;
 /// The core is told of one sign of life of a client in so much time.
 constexpr std::chrono::seconds sign_of_life_interval{1};
+/// Addresses that have shown that they receive; an IPv6 one takes about 60 octets here.
+constexpr std::size_t max_validated_addresses = 65536;
+/// Messages waiting for a client whose address has not shown that it receives: what a robot
+/// is sent while it answers its first REGISTER.
+constexpr std::size_t max_queued_unvalidated = 16;
 /// Answers to one stranger, and to all: a burst, then so many a second (R21, R39).
 constexpr unsigned stranger_burst = 20;
 constexpr unsigned stranger_per_second = 5;

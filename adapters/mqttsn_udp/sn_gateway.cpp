@@ -8,19 +8,19 @@
 
 namespace slamgw::mqttsn {
 
-SnGateway::SnGateway(Settings settings, TopicPolicy policy, RobotNames names)
+SnGateway::SnGateway(Settings settings, TopicPolicy policy, RobotNames names, RandomSource random)
     : context_(std::move(settings), std::move(policy), std::move(names)),
       refusals_(context_),
       answers_(context_),
       subscriptions_(context_, answers_, refusals_),
       commands_(context_),
-      downlink_(context_, subscriptions_, commands_),
+      downlink_(context_, subscriptions_, commands_, std::move(random)),
       fan_out_(subscriptions_, commands_),
       uplink_(context_, refusals_),
       wills_(context_, refusals_),
       lifecycle_(context_, subscriptions_, downlink_, uplink_, wills_),
       sleep_(context_, downlink_, lifecycle_),
-      connecting_(context_, lifecycle_, downlink_, wills_, refusals_),
+      connecting_(context_, lifecycle_, downlink_, wills_, refusals_, guard_),
       discovery_(context_, guard_) {}
 
 void SnGateway::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint) {
@@ -145,7 +145,11 @@ std::optional<SessionSnapshot> SnGateway::snapshot(const std::string& client_id,
                                                    TimePoint now) const {
   const ClientSession* session = context_.clients.find(client_id);
   if (!session) return std::nullopt;
-  return to_snapshot(*session, now);
+  SessionSnapshot out = to_snapshot(*session, now);
+  out.is_validated = context_.is_validated(*session);
+  if (!out.is_validated)
+    out.allowance = context_.validation.allowance(session->peer->endpoint.address);
+  return out;
 }
 
 void SnGateway::adopt_commands(const Delivery& delivery) {
@@ -171,7 +175,13 @@ bool SnGateway::restore(const SessionSnapshot& snapshot, TimePoint now) {
   ClientSession& session = lifecycle_.begin(snapshot.client_id, snapshot.robot);
   apply(snapshot, session, now);
   adopt_commands(session.delivery);
-  if (snapshot.peer) context_.clients.bind(session, *snapshot.peer, session.local);
+  if (snapshot.peer) {
+    const IpAddress& address = snapshot.peer->endpoint.address;
+    if (snapshot.is_validated) validate(address);
+    context_.validation.restore_allowance(address, snapshot.allowance);
+    context_.clients.bind(session, *snapshot.peer, session.local);
+    downlink_.on_address(session);
+  }
   subscriptions_.restore(session);
   lifecycle_.enter(session, snapshot.state, now);
   expire_commands(now);

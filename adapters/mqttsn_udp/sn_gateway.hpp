@@ -17,7 +17,8 @@ namespace slamgw::mqttsn {
 
 class SnGateway {
  public:
-  SnGateway(Settings settings, TopicPolicy policy, RobotNames names);
+  /// `random` makes MsgIds unforeseeable; without it they begin with 1.
+  SnGateway(Settings settings, TopicPolicy policy, RobotNames names, RandomSource random = {});
   SnGateway(const SnGateway&) = delete;
   SnGateway& operator=(const SnGateway&) = delete;
 
@@ -30,6 +31,9 @@ class SnGateway {
   void on_deadline(TimePoint now);
   std::optional<TimePoint> deadline() const;
   std::optional<Action> next_action() { return context_.next_action(); }
+
+  /// Messages to this address need no proof that it receives.
+  void validate(const IpAddress& address) { context_.validation.validate(address); }
 
   /// The configuration was read again. Clients that are called otherwise by now have to connect
   /// again; subscriptions that are not allowed any more end.
@@ -108,8 +112,8 @@ class SnGateway {
   Wills wills_;
   Lifecycle lifecycle_;
   Sleep sleep_;
-  Connecting connecting_;
   FloodGuard guard_;
+  Connecting connecting_;
   Discovery discovery_;
   Burst malformed_;
 };

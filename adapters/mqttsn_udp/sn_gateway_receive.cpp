@@ -39,6 +39,7 @@ void SnGateway::on_datagram(const Endpoint& from, const LocalAddress& to, ByteVi
                             TimePoint now) {
   expire_commands(now);
   context_.tally.count(Count::datagrams_in);
+  context_.validation.on_received(from.address, bytes.size());
   if (bytes.size() > limits::max_datagram_octets) {
     context_.tally.count(Count::oversized);
     return on_malformed(from, now);
@@ -211,7 +212,9 @@ ClientSession* SnGateway::pinging_session(const Arrival& arrival, const Pingreq&
 void SnGateway::move_to(ClientSession& session, const Arrival& arrival) {
   if (ClientSession* former = context_.clients.find(arrival.peer))
     lifecycle_.displace(*former, arrival.now);
+  const bool is_new_address = session.peer != arrival.peer;
   context_.clients.bind(session, arrival.peer, arrival.local);
+  if (is_new_address) downlink_.on_address(session);
   context_.set_dirty(session);
   lifecycle_.tell_presence(session, Presence::asleep);
 }

@@ -36,7 +36,8 @@ enum class Count : std::uint8_t {
   too_large_down,       ///< R8
   topics_set_aside,     ///< of one client, each time that it leaves messages on it unanswered
   wills_refused,        ///< not allowed by the topic policy, or no topic
-  last_ = wills_refused,
+  unvalidated,          ///< not sent, because the address has not shown that it receives
+  last_ = unvalidated,
 };
 
 class Tally {

@@ -20,6 +20,7 @@ struct Weather {
 class Walk {
  public:
   Walk(std::uint64_t seed, Weather weather) : random_(seed), weather_(weather) {
+    rig_.are_addresses_validated = false;
     for (unsigned n = 0; n < 4; ++n) clients_.emplace_back("c" + std::to_string(n), 12, seed + n);
   }
 

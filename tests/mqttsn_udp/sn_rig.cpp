@@ -13,11 +13,12 @@ bool is_command_filter(const std::string& filter) {
 }  // namespace
 
 SnRig::SnRig(Settings settings, std::vector<RobotName> names,
-             std::vector<std::string> extra_publish, std::vector<std::string> extra_subscribe)
+             std::vector<std::string> extra_publish, std::vector<std::string> extra_subscribe,
+             RandomSource random)
     : gateway(std::move(settings),
               TopicPolicy(TopicScheme("ntnu-slam", "gw"), std::move(extra_publish),
                           std::move(extra_subscribe)),
-              RobotNames(std::move(names))) {
+              RobotNames(std::move(names)), std::move(random)) {
   broker_link(true);
   multicasts.clear();
 }
@@ -40,6 +41,7 @@ LocalAddress SnRig::local() {
 void SnRig::send(unsigned n, const Packet& packet) { send_octets(n, encode(packet)); }
 
 void SnRig::send_octets(unsigned n, ByteView octets) {
+  if (are_addresses_validated) gateway.validate(address(n).address);
   gateway.on_datagram(address(n), local(), octets, now);
   drain();
 }

@@ -18,7 +18,8 @@ class SnRig {
  public:
   explicit SnRig(Settings settings = {}, std::vector<RobotName> names = {},
                  std::vector<std::string> extra_publish = {"w/#", "a/#", "ab"},
-                 std::vector<std::string> extra_subscribe = {"w/#", "a/#", "ab"});
+                 std::vector<std::string> extra_subscribe = {"w/#", "a/#", "ab"},
+                 RandomSource random = {});
 
   /// Where client number `n` sends from; the node id of a forwarder after a slash is not part.
   static Endpoint address(unsigned n);
@@ -67,6 +68,8 @@ class SnRig {
   TimePoint now{std::chrono::hours(1)};
   /// The core answers each SubscribeRequest at once unless this is off.
   bool answers_subscribes = true;
+  /// Off: clients have to show that they receive, by what they answer.
+  bool are_addresses_validated = true;
 
  private:
   void drain();

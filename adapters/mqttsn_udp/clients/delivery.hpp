@@ -106,6 +106,7 @@ struct Delivery {
   /// MsgIds of QoS 2 commands that have failed: a late PUBREC must not have them carried out.
   std::vector<std::uint16_t> abandoned;  ///< at most max_abandoned, oldest first
   std::uint16_t last_msg_id = 0;
+  std::uint16_t base_msg_id = 0;  ///< those drawn behind it were sent to the present address only
   RetransmissionTimeout timeout;
   std::optional<TimePoint> paused_until;  ///< the client said "congestion" (T_WAIT)
   bool is_stalled = false;                ///< no answer to a PUBLISH: rests until heard (R133)

@@ -18,6 +18,18 @@ bool is_in_use(const Delivery& delivery, std::uint16_t id) {
 
 }  // namespace
 
+void restart_message_ids(Delivery& delivery, std::uint16_t random) {
+  delivery.last_msg_id = random;
+  delivery.base_msg_id = random;
+}
+
+bool is_since_restart(const Delivery& delivery, std::uint16_t msg_id) {
+  const auto distance = [&](std::uint16_t id) {
+    return static_cast<std::uint16_t>(id - delivery.base_msg_id);
+  };
+  return distance(msg_id) != 0 && distance(msg_id) <= distance(delivery.last_msg_id);
+}
+
 std::uint16_t next_message_id(Delivery& delivery) {
   do {
     ++delivery.last_msg_id;

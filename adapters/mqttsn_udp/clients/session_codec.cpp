@@ -149,6 +149,8 @@ SessionSnapshot to_session(const Json& json) {
                            std::chrono::milliseconds(repeat.at(3).get<std::uint32_t>())});
   }
   out.last_msg_id = json.at("last_msg_id");
+  out.is_validated = !json.contains("allowance");
+  out.allowance = json.value("allowance", 0U);
   out.uses_client_id = json.value("uses_client_id", false);
   if (json.contains("saved_ms")) out.saved_at = clock_time(json.at("saved_ms"));
   return out;
@@ -176,6 +178,7 @@ Bytes encode_session(const SessionSnapshot& snapshot) {
             {"repeats", to_array(snapshot.repeats)},
             {"last_msg_id", snapshot.last_msg_id}};
   if (snapshot.peer) json["peer"] = to_json(*snapshot.peer);
+  if (!snapshot.is_validated) json["allowance"] = snapshot.allowance;
   if (snapshot.saved_at) json["saved_ms"] = clock_ms(*snapshot.saved_at);
   if (snapshot.will) json["will"] = to_json(*snapshot.will);
   return Json::to_cbor(json);

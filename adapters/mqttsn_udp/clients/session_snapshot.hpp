@@ -47,6 +47,8 @@ struct SessionSnapshot {
   ClientState state = ClientState::disconnected;  ///< never awake
   std::optional<Peer> peer;
   LocalAddress local;
+  bool is_validated = true;     ///< its address has shown that it receives
+  std::uint32_t allowance = 0;  ///< else: octets that may be sent there
   bool is_clean = true;
   bool uses_client_id = false;
   std::chrono::seconds keep_alive{0};

@@ -62,7 +62,7 @@ void Connecting::on_willtopic(const Peer& peer, const LocalAddress& local, const
   if (!topic) {
     const Attempt done = take(peer);
     context_.tally.count(Count::connects_refused);
-    return context_.send(peer, done.local, Connack{ReturnCode::not_supported});
+    return answer_refused(peer, done.local, ReturnCode::not_supported, now);
   }
   attempt.will = {std::move(*topic), {}, static_cast<Qos>(will.qos), will.retain};
   attempt.stage = Stage::message;
@@ -102,8 +102,12 @@ void Connecting::on_deadline(TimePoint now) {
       continue;
     }
     ++attempt.repeats;
-    context_.tally.count(Count::retransmitted);
-    prompt(*peer, attempt, now);
+    if (context_.validation.is_validated(peer->endpoint.address)) {
+      context_.tally.count(Count::retransmitted);
+      prompt(*peer, attempt, now);
+    } else {  // the client repeats its CONNECT or WILLTOPIC when this was lost
+      timers_.arm_by(attempt.armed, *peer, now + context_.settings.retry_interval);
+    }
   }
 }
 
@@ -154,7 +158,9 @@ void Connecting::complete(const Peer& peer, const Attempt& attempt, std::optiona
   session->keep_alive = std::chrono::seconds(connect.duration_s);
   session->connect_fingerprint = attempt.fingerprint;
   session->connected_at = now;
+  const bool is_new_address = session->peer != peer;
   context_.clients.bind(*session, peer, attempt.local);
+  if (is_new_address) downlink_.on_address(*session);
   context_.tally.count(Count::connects);
   context_.send(*session, Connack{ReturnCode::accepted});
   lifecycle_.enter(*session, ClientState::active, now);
@@ -173,7 +179,13 @@ void Connecting::refuse_name(const Peer& peer, const LocalAddress& local, const 
                        fmt::format("{} may not connect as '{}': {}", to_string(peer),
                                    connect.client_id.substr(0, limits::max_told_id), why),
                        {}, now);
-  context_.send(peer, local, Connack{ReturnCode::not_supported});
+  answer_refused(peer, local, ReturnCode::not_supported, now);
+}
+
+void Connecting::answer_refused(const Peer& peer, const LocalAddress& local, ReturnCode code,
+                                TimePoint now) {
+  if (!guard_.may_answer(peer, now)) return context_.tally.count(Count::unanswered);
+  context_.send(peer, local, Connack{code});
 }
 
 void Connecting::refuse_for_room(const Peer& peer, const LocalAddress& local, TimePoint now) {
@@ -183,7 +195,7 @@ void Connecting::refuse_for_room(const Peer& peer, const LocalAddress& local, Ti
                                    to_string(peer), context_.settings.max_clients),
                        {}, now);
   if (context_.is_full_silent()) return;  // the client tries again (R33)
-  context_.send(peer, local, Connack{ReturnCode::congestion});
+  answer_refused(peer, local, ReturnCode::congestion, now);
 }
 
 }  // namespace slamgw::mqttsn

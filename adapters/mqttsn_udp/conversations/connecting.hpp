@@ -12,12 +12,13 @@ namespace slamgw::mqttsn {
 class Connecting {
  public:
   Connecting(Context& context, Lifecycle& lifecycle, Downlink& downlink, Wills& wills,
-             Refusals& refusals)
+             Refusals& refusals, FloodGuard& guard)
       : context_(context),
         lifecycle_(lifecycle),
         downlink_(downlink),
         wills_(wills),
-        refusals_(refusals) {}
+        refusals_(refusals),
+        guard_(guard) {}
 
   void on_connect(const Peer& peer, const LocalAddress& local, const Connect& connect,
                   std::uint64_t fingerprint, TimePoint now);
@@ -55,6 +56,7 @@ class Connecting {
   void complete(const Peer& peer, const Attempt& attempt, std::optional<Will> will, TimePoint now);
   void refuse_name(const Peer& peer, const LocalAddress& local, const Connect& connect,
                    TimePoint now);
+  void answer_refused(const Peer& peer, const LocalAddress& local, ReturnCode code, TimePoint now);
   void refuse_for_room(const Peer& peer, const LocalAddress& local, TimePoint now);
 
   Context& context_;
@@ -62,6 +64,7 @@ class Connecting {
   Downlink& downlink_;
   Wills& wills_;
   Refusals& refusals_;
+  FloodGuard& guard_;
   std::unordered_map<Peer, Attempt, PeerHash> attempts_;  // at most max_handshakes
   TimerQueue<Peer> timers_;
 };

@@ -27,11 +27,6 @@ std::optional<Outgoing> take_unacknowledged(Delivery& delivery, std::uint16_t ms
   return delivery.queue.take(static_cast<std::size_t>(waiting - delivery.queue.begin()));
 }
 
-void learn_from_answer(Delivery& delivery, std::uint16_t msg_id, TimePoint now) {
-  if (delivery.publishing && delivery.publishing->attempt.msg_id == msg_id)
-    Retransmission::on_answer(delivery, delivery.publishing->attempt, now);
-}
-
 /// Which message goes when there is no room: one whose topic is set aside, else the oldest QoS 0,
 /// else the oldest (R117).
 std::size_t least_useful(const Delivery& delivery) {
@@ -55,7 +50,7 @@ void remember_abandoned(Delivery& delivery, const Outgoing& outgoing) {
 }
 
 /// For a command whose time is over while it waits.
-std::string why_unsent(const ClientSession& session, const Outgoing& waiting) {
+std::string why_unsent(const ClientSession& session, const Outgoing& waiting, bool is_held) {
   const Delivery& delivery = session.delivery;
   if (waiting.msg_id != 0) return "no acknowledgement";
   if (!session.is_connected()) return "the robot is not connected";
@@ -67,18 +62,21 @@ std::string why_unsent(const ClientSession& session, const Outgoing& waiting) {
                 delivery.registering.end();
   if (awaits_regack) return "the robot did not answer the registration of this topic";
   if (delivery.is_stalled) return "the robot does not answer";
+  if (is_held) return "the robot's address has not shown that it receives";
   return "earlier messages for the robot took too long";
 }
 
 }  // namespace
 
-Downlink::Downlink(Context& context, Subscriptions& subscriptions, CommandWatch& commands)
+Downlink::Downlink(Context& context, Subscriptions& subscriptions, CommandWatch& commands,
+                   RandomSource random)
     : context_(context),
       subscriptions_(subscriptions),
       commands_(commands),
       retransmission_(context.settings),
       registration_(context, retransmission_),
-      release_(context, retransmission_) {}
+      release_(context, retransmission_),
+      random_(std::move(random)) {}
 
 void Downlink::enqueue(ClientSession& session, Outgoing outgoing, TimePoint now) {
   if (is_too_large(session, outgoing, now)) return;
@@ -117,11 +115,16 @@ bool Downlink::send_next(ClientSession& session, TimePoint now) {
   Delivery& delivery = session.delivery;
   if (delivery.publishing || Release::is_fresh(delivery)) return false;
   bool must_commands_wait = false;
+  bool is_held = false;
   for (std::size_t i = 0; i < delivery.queue.size(); ++i) {
     const bool is_command = delivery.queue[i].command != nullptr;
     if (is_command && must_commands_wait) continue;
     switch (registration_.prepare(session, delivery.queue[i], now)) {
       case TopicRegistration::Readiness::ready:
+        if (!is_within_allowance(session, delivery.queue[i])) {
+          is_held = true;
+          break;
+        }
         publish(session, delivery.queue.take(i), now);
         return true;
       case TopicRegistration::Readiness::impossible:
@@ -130,9 +133,24 @@ bool Downlink::send_next(ClientSession& session, TimePoint now) {
         return true;
       case TopicRegistration::Readiness::waits_shortly: must_commands_wait |= is_command; break;
       case TopicRegistration::Readiness::waits: break;
+      case TopicRegistration::Readiness::is_held: is_held = true; break;
     }
   }
+  if (is_held && !is_awaiting(session)) registration_.probe(session, now);
   return false;
+}
+
+/// What asks for an answer may use up the allowance of an address that has not shown that it
+/// receives; other messages leave enough for a REGISTER, and end when one stays unanswered.
+bool Downlink::is_within_allowance(const ClientSession& session, const Outgoing& outgoing) const {
+  if (context_.is_validated(session)) return true;
+  std::size_t octets = 7 + outgoing.message->payload.size();
+  if (outgoing.qos == Qos::at_most_once) {
+    const auto is_unanswered = [](const auto& open) { return !open.attempt.is_fresh(); };
+    if (std::ranges::any_of(session.delivery.registering, is_unanswered)) return false;
+    octets += registration_.probe_octets();
+  }
+  return context_.may_send(session, octets);
 }
 
 void Downlink::publish(ClientSession& session, Outgoing outgoing, TimePoint now) {
@@ -162,7 +180,28 @@ void Downlink::transmit(ClientSession& session, const Outgoing& outgoing, std::u
                         outgoing.topic_id_type, topic_id, msg_id, outgoing.message->payload});
 }
 
+void Downlink::on_address(ClientSession& session) {
+  if (random_ && !context_.is_validated(session)) restart_message_ids(session.delivery, random_());
+}
+
+/// The client has read a MsgId that was sent to this address and to no other.
+void Downlink::on_answer(const ClientSession& session, std::uint16_t msg_id) {
+  if (session.peer && is_since_restart(session.delivery, msg_id))
+    context_.validation.validate(session.peer->endpoint.address);
+}
+
+void Downlink::learn_from_answer(ClientSession& session, std::uint16_t msg_id, TimePoint now) {
+  const auto& open = session.delivery.publishing;
+  if (!open || open->attempt.msg_id != msg_id) return;
+  Retransmission::on_answer(session.delivery, open->attempt, now);
+  on_answer(session, msg_id);
+}
+
 void Downlink::on_regack(ClientSession& session, const Regack& regack, TimePoint now) {
+  const auto is_open = [&](const Registering& open) {
+    return open.attempt.msg_id == regack.msg_id;
+  };
+  if (std::ranges::any_of(session.delivery.registering, is_open)) on_answer(session, regack.msg_id);
   const auto topic = registration_.on_regack(session, regack, now);
   if (topic) context_.set_dirty(session);
   switch (regack.code) {
@@ -186,7 +225,7 @@ void Downlink::on_puback(ClientSession& session, const Puback& puback, TimePoint
   const bool is_qos0 = puback.msg_id == 0 && is_unknown_id && delivery.last_qos0 &&
                        (delivery.last_qos0_id == puback.topic_id || puback.topic_id == 0);
   if (is_qos0) return register_again(session, *std::exchange(delivery.last_qos0, std::nullopt));
-  learn_from_answer(delivery, puback.msg_id, now);
+  learn_from_answer(session, puback.msg_id, now);
   if (puback.code == ReturnCode::congestion) {
     if (delivery.publishing && delivery.publishing->attempt.msg_id == puback.msg_id)
       pause(session, now);
@@ -214,7 +253,7 @@ void Downlink::on_pubrec(ClientSession& session, const Pubrec& pubrec, TimePoint
   Delivery& delivery = session.delivery;
   if (std::ranges::count(delivery.abandoned, pubrec.msg_id) > 0) return;
   if (release_.on_pubrec(session, pubrec.msg_id)) return;
-  learn_from_answer(delivery, pubrec.msg_id, now);
+  learn_from_answer(session, pubrec.msg_id, now);
   const auto received = take_unacknowledged(delivery, pubrec.msg_id);
   if (!received) return context_.send(session, Pubrel{pubrec.msg_id});  // R92
   finish(session, *received, CommandResult::delivered, "", now);
@@ -376,7 +415,7 @@ std::string Downlink::withdraw(ClientSession& session, const Command& command) {
   const auto waiting = std::ranges::find_if(
       delivery.queue, [&](const Outgoing& outgoing) { return outgoing.command.get() == &command; });
   if (waiting == delivery.queue.end()) return "no acknowledgement";
-  std::string why = why_unsent(session, *waiting);
+  std::string why = why_unsent(session, *waiting, !context_.is_validated(session));
   const auto index = static_cast<std::size_t>(waiting - delivery.queue.begin());
   remember_abandoned(delivery, delivery.queue.take(index));
   return why;
@@ -394,8 +433,10 @@ void Downlink::keep_in_bounds(ClientSession& session, TimePoint now) {
   const Delivery& delivery = session.delivery;
   const bool is_listening =
       session.state() == ClientState::active || session.state() == ClientState::awake;
-  const std::size_t max_messages =
+  std::size_t max_messages =
       is_listening ? limits::max_queued_messages : context_.settings.max_sleeping_messages;
+  const bool is_held = session.is_clean && !context_.is_validated(session);
+  if (is_held) max_messages = std::min(max_messages, limits::max_queued_unvalidated);
   while (delivery.queue.size() > max_messages ||
          delivery.queue.octets() > limits::max_queued_octets) {
     context_.tally.count(Count::queue_dropped);

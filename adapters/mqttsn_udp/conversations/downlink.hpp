@@ -7,6 +7,7 @@
 
 #include <string>
 
+#include "adapters/mqttsn_udp/clients/message_ids.hpp"
 #include "adapters/mqttsn_udp/context.hpp"
 #include "adapters/mqttsn_udp/conversations/command_watch.hpp"
 #include "adapters/mqttsn_udp/conversations/release.hpp"
@@ -19,7 +20,8 @@ namespace slamgw::mqttsn {
 
 class Downlink {
  public:
-  Downlink(Context& context, Subscriptions& subscriptions, CommandWatch& commands);
+  Downlink(Context& context, Subscriptions& subscriptions, CommandWatch& commands,
+           RandomSource random);
 
   /// Takes the message, or says why not. `pump()` sends it.
   void enqueue(ClientSession& session, Outgoing outgoing, TimePoint now);
@@ -31,6 +33,9 @@ class Downlink {
   void on_pubrec(ClientSession& session, const Pubrec& pubrec, TimePoint now);
   void on_pubcomp(ClientSession& session, const Pubcomp& pubcomp, TimePoint now);
 
+  /// The client has another address. Unless that has shown that it receives, its first answer to a
+  /// new request will.
+  void on_address(ClientSession& session);
   /// A sign of life: what rested for want of an answer goes on at the next pump (R133).
   void on_heard(ClientSession& session);
   /// The client begins a new connection within its session: it may have forgotten everything.
@@ -59,6 +64,9 @@ class Downlink {
 
  private:
   bool may_send(const ClientSession& session) const;
+  bool is_within_allowance(const ClientSession& session, const Outgoing& outgoing) const;
+  void learn_from_answer(ClientSession& session, std::uint16_t msg_id, TimePoint now);
+  void on_answer(const ClientSession& session, std::uint16_t msg_id);
   bool send_next(ClientSession& session, TimePoint now);
   void publish(ClientSession& session, Outgoing outgoing, TimePoint now);
   void transmit(ClientSession& session, const Outgoing& outgoing, std::uint16_t topic_id,
@@ -81,6 +89,7 @@ class Downlink {
   Retransmission retransmission_;
   TopicRegistration registration_;
   Release release_;
+  RandomSource random_;
   bool is_stopping_ = false;
   Burst too_large_;
 };

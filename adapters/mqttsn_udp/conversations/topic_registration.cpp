@@ -40,12 +40,28 @@ TopicRegistration::Readiness TopicRegistration::prepare(ClientSession& session,
   const bool is_busy = std::ranges::any_of(
       delivery.registering, [](const Registering& other) { return other.attempt.is_fresh(); });
   if (is_busy) return Readiness::waits_shortly;  // R66
+  if (!context_.may_send(session, 6 + outgoing.message->topic.size())) return Readiness::is_held;
   if (delivery.registering.size() >= limits::max_open_registers) {
     if (!outgoing.command) return Readiness::waits;
     delivery.registering.erase(delivery.registering.begin());
   }
   begin(session, *id, now);
   return Readiness::waits_shortly;
+}
+
+void TopicRegistration::probe(ClientSession& session, TimePoint now) {
+  const std::string topic = probe_topic();
+  if (is_set_aside(session.delivery, topic)) return;
+  if (!context_.may_send(session, probe_octets())) return;
+  if (const auto id = session.topics.assign(topic)) begin(session, *id, now);
+}
+
+std::size_t TopicRegistration::probe_octets() const { return 6 + probe_topic().size(); }
+
+/// The first level of all topics: every client that asked for some of them in full has paid for it.
+std::string TopicRegistration::probe_topic() const {
+  const std::string& root = context_.policy.scheme().robot_root();
+  return root.substr(0, root.find('/'));
 }
 
 void TopicRegistration::begin(ClientSession& session, std::uint16_t topic_id, TimePoint now) {

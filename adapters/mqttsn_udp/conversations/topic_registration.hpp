@@ -20,10 +20,14 @@ class TopicRegistration {
     ready,          ///< the client knows the id
     waits,          ///< for a REGACK that is late, for its turn, or for the end of a pause
     waits_shortly,  ///< for a REGACK that can come any moment
+    is_held,        ///< the address must show that it receives first
     impossible,     ///< the client has no topic id left
   };
   /// Whether `outgoing` can be published now. Sends the REGISTER that it needs.
   Readiness prepare(ClientSession& session, const Outgoing& outgoing, TimePoint now);
+  /// Registers a short topic, only to learn whether the client receives.
+  void probe(ClientSession& session, TimePoint now);
+  std::size_t probe_octets() const;
   /// Of an outgoing message that is ready; assigned on first use.
   static std::optional<std::uint16_t> topic_id(ClientSession& session, const Outgoing& outgoing);
 
@@ -46,6 +50,7 @@ class TopicRegistration {
   static void on_heard(Delivery& delivery);
 
  private:
+  std::string probe_topic() const;
   void begin(ClientSession& session, std::uint16_t topic_id, TimePoint now);
   void transmit(const ClientSession& session, const Registering& registering);
   void tell(ClientSession& session, const std::string& topic);

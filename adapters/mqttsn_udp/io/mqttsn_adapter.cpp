@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <random>
 #include <stdexcept>
 #include <utility>
 
@@ -29,7 +30,10 @@ MqttsnAdapter::MqttsnAdapter(asio::io_context& io, Settings settings, TopicPolic
       listener_(listener),
       descriptors_(descriptors),
       io_(io),
-      gateway_(settings_, std::move(policy), std::move(names)),
+      gateway_(settings_, std::move(policy), std::move(names),
+               [device = std::make_shared<std::random_device>()] {
+                 return static_cast<std::uint16_t>((*device)());
+               }),
       driver_(
           io, gateway_, [this](Action& action) { perform(action); },
           [this] {  // whatever was done may have changed sessions

@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "adapters/mqttsn_udp/clients/address_validation.hpp"
+
+#include <algorithm>
+#include <cstring>
+#include <limits>
+
+#include "adapters/mqttsn_udp/limits.hpp"
+
+namespace slamgw::mqttsn {
+
+std::size_t AddressValidation::Hash::operator()(const IpAddress& address) const {
+  std::uint64_t high = 0;
+  std::uint64_t low = 0;
+  std::memcpy(&high, address.data(), sizeof high);
+  std::memcpy(&low, address.data() + sizeof high, sizeof low);
+  constexpr std::uint64_t odd = 0x9e3779b97f4a7c15;
+  std::uint64_t hash = (high ^ (low * odd)) * odd;
+  hash ^= hash >> 32;
+  return static_cast<std::size_t>(hash * odd >> 16);
+}
+
+void AddressValidation::validate(const IpAddress& address) {
+  if (!validated_.insert(address).second) return;
+  oldest_first_.push_back(address);
+  if (oldest_first_.size() <= limits::max_validated_addresses) return;
+  validated_.erase(oldest_first_.front());
+  oldest_first_.pop_front();
+}
+
+void AddressValidation::on_received(const IpAddress& address, std::size_t octets) {
+  if (is_validated(address)) return;
+  std::uint32_t& allowance = allowances_[place_of(address)];
+  const std::size_t room = std::numeric_limits<std::uint32_t>::max() - allowance;
+  allowance += static_cast<std::uint32_t>(std::min(octets, room));
+}
+
+bool AddressValidation::may_send(const IpAddress& address, std::size_t octets) const {
+  return is_validated(address) || octets <= allowances_[place_of(address)];
+}
+
+void AddressValidation::restore_allowance(const IpAddress& address, std::uint32_t octets) {
+  std::uint32_t& allowance = allowances_[place_of(address)];
+  allowance = std::max(allowance, octets);
+}
+
+void AddressValidation::on_sent(const IpAddress& address, std::size_t octets) {
+  if (is_validated(address)) return;
+  std::uint32_t& allowance = allowances_[place_of(address)];
+  allowance -= static_cast<std::uint32_t>(std::min<std::size_t>(octets, allowance));
+}
+
+}  // namespace slamgw::mqttsn

@@ -1,0 +1,253 @@
+// SPDX-License-Identifier: Apache-2.0
+// What somebody gets who sends in the name of an address that is not theirs: never more octets than
+// they spent. And clients that do answer get all of theirs.
+#include <gtest/gtest.h>
+
+#include <map>
+#include <random>
+
+#include "adapters/mqttsn_udp/clients/session_codec.hpp"
+#include "adapters/mqttsn_udp/limits.hpp"
+#include "tests/mqttsn_udp/sn_rig.hpp"
+
+namespace slamgw::mqttsn {
+namespace {
+
+const std::string all_robots = "ntnu-slam/robot/#";
+
+RandomSource random_source(std::uint64_t seed) {
+  return
+      [random = std::mt19937_64(seed)]() mutable { return static_cast<std::uint16_t>(random()); };
+}
+
+/// A gateway that believes no address, and what went each way.
+struct Victim {
+  SnRig rig{{}, {}, {"w/#", "a/#", "ab"}, {"w/#", "a/#", "ab"}, random_source(7)};
+  std::size_t in = 0;
+
+  Victim() { rig.are_addresses_validated = false; }
+  void send(const Packet& packet) {
+    const Bytes octets = encode(packet);
+    in += octets.size();
+    rig.send_octets(1, octets);
+  }
+  void subscribe(const std::string& filter, WireQos qos = WireQos::zero) {
+    send(Subscribe{false, qos, TopicIdType::normal, 7, filter, 0});
+  }
+  std::size_t out() const {
+    std::size_t octets = 0;
+    for (const SendDatagram& datagram : rig.datagrams) octets += datagram.bytes.size();
+    return octets;
+  }
+  std::size_t datagrams() const { return rig.datagrams.size(); }
+};
+
+/// A client that answers whatever it is asked, as the specification wants it.
+void answer_all(SnRig& rig, std::size_t& seen, std::vector<std::string>& got) {
+  for (; seen < rig.datagrams.size(); ++seen) {
+    const Packet packet = *decode(rig.datagrams[seen].bytes);
+    if (const auto* p = std::get_if<Register>(&packet))
+      rig.send(1, Regack{p->topic_id, p->msg_id, ReturnCode::accepted});
+    const auto* publish = std::get_if<Publish>(&packet);
+    if (!publish) continue;
+    got.emplace_back(as_text(publish->payload));
+    if (publish->qos == WireQos::one)
+      rig.send(1, Puback{publish->topic_id, publish->msg_id, ReturnCode::accepted});
+  }
+}
+
+TEST(Amplification, AsksForTheWillOnceForEachConnect) {
+  Victim victim;
+  victim.send(Connect{true, true, 1, 60, "x"});
+  victim.rig.pass_s(600);
+  EXPECT_EQ(victim.datagrams(), 1U) << "it was WILLTOPICREQ four times";
+  victim.send(Connect{true, true, 1, 60, "x"});
+  EXPECT_EQ(victim.datagrams(), 2U) << "a client that lost it asks again";
+}
+
+TEST(Amplification, RefusedConnectsAreCountedByTheFloodGuard) {
+  Victim victim;
+  for (int i = 0; i < 1000; ++i) victim.send(Connect{false, true, 1, 60, "no/level"});
+  EXPECT_EQ(victim.datagrams(), limits::stranger_burst);
+  EXPECT_EQ(victim.rig.counter("unanswered"), 1000U - limits::stranger_burst);
+}
+
+TEST(Amplification, AStreamToAnAddressThatNeverAnsweredEnds) {
+  for (const WireQos qos : {WireQos::zero, WireQos::one}) {
+    Victim victim;
+    victim.send(Connect{false, true, 1, 0xffff, "somebody"});
+    victim.subscribe(all_robots, qos);
+    for (int i = 0; i < 3000; ++i) {
+      victim.rig.broker("ntnu-slam/robot/r" + std::to_string(i % 20) + "/update",
+                        "00112233445566778899", 1);
+      victim.rig.pass(std::chrono::milliseconds(200));
+    }
+    EXPECT_LE(victim.out(), victim.in);
+    EXPECT_LE(victim.rig.gateway.queued_for("somebody"), limits::max_queued_unvalidated);
+  }
+}
+
+TEST(Amplification, AListenerThatAnswersGetsEverything) {
+  for (const WireQos qos : {WireQos::zero, WireQos::one}) {
+    for (const char* id : {"r", "mqtt-sn-tools-12345"}) {
+      Victim client;
+      client.send(Connect{false, true, 1, 60, id});
+      client.subscribe(all_robots, qos);
+      std::size_t seen = 0;
+      std::vector<std::string> got;
+      for (int i = 0; i < 50; ++i) {
+        client.rig.broker("ntnu-slam/robot/ble-0100/a-rather-long-type-of-message",
+                          std::to_string(i), 1);
+        answer_all(client.rig, seen, got);
+      }
+      EXPECT_EQ(got.size(), 50U) << id;
+    }
+  }
+}
+
+TEST(Amplification, ALongMessageForAnExactTopicComesAfterAProbe) {
+  Victim client;
+  client.send(Connect{false, true, 1, 60, "r1"});
+  client.subscribe("ntnu-slam/server/r1/map", WireQos::zero);
+  const std::string map(900, 'm');
+  client.rig.broker("ntnu-slam/server/r1/map", map, 1);
+  EXPECT_EQ(client.rig.last_to(1).substr(0, 8), "REGISTER") << "it asks: do you receive?";
+  EXPECT_LE(client.out(), client.in);
+  std::size_t seen = 0;
+  std::vector<std::string> got;
+  answer_all(client.rig, seen, got);
+  EXPECT_EQ(got, std::vector<std::string>{map});
+  ASSERT_EQ(client.rig.outcomes.size(), 1U);
+  EXPECT_EQ(client.rig.outcomes[0].result, CommandResult::sent);
+}
+
+TEST(Amplification, GuessedAcknowledgementsProveNothing) {
+  Victim victim;
+  victim.send(Connect{false, true, 1, 0xffff, "somebody"});
+  victim.subscribe(all_robots);
+  for (std::uint16_t guess = 1; guess <= 200; ++guess) {
+    victim.rig.broker("ntnu-slam/robot/r1/update", "0011", 1);
+    victim.send(Regack{1, guess, ReturnCode::accepted});
+    victim.send(Puback{1, guess, ReturnCode::accepted});
+  }
+  for (int i = 0; i < 2000; ++i) victim.rig.broker("ntnu-slam/robot/r1/update", "0011", 1);
+  EXPECT_LE(victim.out(), victim.in);
+}
+
+TEST(Amplification, AKnownSequenceOfMsgIdsProvesNothingForAnotherAddress) {
+  Victim attack;
+  SnRig& rig = attack.rig;
+  const auto own = [&](const Packet& packet) { rig.send(2, packet); };  // the attacker's address
+  own(Connect{false, false, 1, 0xffff, "somebody"});
+  own(Subscribe{false, WireQos::one, TopicIdType::normal, 7, all_robots, 0});
+  rig.broker("ntnu-slam/robot/r1/update", "0011", 1);
+  for (std::size_t i = 0; i < rig.datagrams.size(); ++i) {  // the probe's and the topic's REGISTER
+    if (const Packet sent = *decode(rig.datagrams[i].bytes); std::holds_alternative<Register>(sent))
+      own(Regack{1, std::get<Register>(sent).msg_id, ReturnCode::accepted});
+  }
+  const auto open = std::get<Publish>(*decode(rig.datagrams.back().bytes));
+  rig.datagrams.clear();
+  attack.send(Connect{false, false, 1, 0xffff, "somebody"});
+  for (int i = 0; i < 500; ++i) {
+    rig.broker("ntnu-slam/robot/r" + std::to_string(i) + "/update", "0011", 1);
+    for (int j = 0; j < 4; ++j) {
+      const auto guess = static_cast<std::uint16_t>(open.msg_id + j);
+      attack.send(Puback{1, guess, ReturnCode::accepted});
+      attack.send(Regack{1, guess, ReturnCode::accepted});
+    }
+  }
+  for (int i = 0; i < 1000; ++i) rig.broker("ntnu-slam/robot/r1/update", std::string(200, 'x'), 1);
+  EXPECT_LE(attack.out(), attack.in);
+}
+
+/// One random datagram of somebody who knows the protocol, the topics and small MsgIds.
+Packet random_packet(std::mt19937_64& random) {
+  const auto below = [&](unsigned n) { return static_cast<std::uint16_t>(random() % n); };
+  const auto id = "c" + std::to_string(below(3));
+  const auto qos = static_cast<WireQos>(below(4));
+  const auto type = static_cast<TopicIdType>(below(4));
+  const std::vector<std::string> filters = {all_robots, "ab", "a/#", "ntnu-slam/server/c0/+",
+                                            "a/x"};
+  const std::string filter = filters[below(5)];
+  switch (below(16)) {
+    case 0: return Connect{false, below(2) == 0, 1, 600, id};
+    case 1: return Connect{true, below(2) == 0, 1, 600, id};
+    case 2: return Connect{false, true, 2, 600, id};
+    case 3: return WillTopic{WireQos::one, false, below(2) == 0 ? "" : "ntnu-slam/robot/c0/will"};
+    case 4: return WillMsg{Bytes(below(3))};
+    case 5:
+    case 6:
+    case 7: return Subscribe{false, qos, type, below(9), filter, below(3)};
+    case 8: return Regack{below(5), below(9), static_cast<ReturnCode>(below(4))};
+    case 9: return Puback{below(5), below(9), static_cast<ReturnCode>(below(4))};
+    case 10: return Pubrec{below(9)};
+    case 11: return Pingreq{below(2) == 0 ? "" : id};
+    case 12: return Disconnect{below(2) == 0 ? std::optional<std::uint16_t>(60) : std::nullopt};
+    case 13:
+      return Register{0, below(9), "ntnu-slam/robot/" + id + "/t" + std::to_string(below(9))};
+    case 14: return Publish{false, qos, false, type, below(5), below(9), Bytes(below(4))};
+    default: return below(2) == 0 ? Packet{WillTopicUpd{}} : Packet{SearchGw{}};
+  }
+}
+
+TEST(Amplification, NoRandomSequenceGetsMoreOctetsThanItSends) {
+  std::size_t published = 0;
+  for (std::uint64_t seed = 1; seed <= 100; ++seed) {
+    std::mt19937_64 random(seed);
+    Victim victim;
+    for (int step = 0; step < 120; ++step) {
+      victim.send(random_packet(random));
+      while (random() % 3 == 0) {
+        const std::string robot = "c" + std::to_string(random() % 3);
+        const std::vector<std::string> topics = {"ntnu-slam/robot/" + robot + "/update", "ab",
+                                                 "a/x", "ntnu-slam/server/" + robot + "/cmd"};
+        victim.rig.broker(topics[random() % 4], std::string(random() % 60, 'x'),
+                          static_cast<unsigned>(random() % 3), random() % 4 == 0);
+      }
+      if (random() % 4 == 0) victim.rig.pass_s(static_cast<int>(random() % 30));
+      for (const Report& report : victim.rig.reports) {
+        if (report.receipt.is_owed() && random() % 2 == 0) victim.rig.receipt(report.receipt.id);
+      }
+      victim.rig.reports.clear();
+      ASSERT_LE(victim.out(), victim.in) << "seed " << seed << ", step " << step;
+    }
+    victim.rig.pass_s(4000);
+    ASSERT_LE(victim.out(), victim.in) << "seed " << seed;
+    for (const SendDatagram& sent : victim.rig.datagrams)
+      published += std::holds_alternative<Publish>(*decode(sent.bytes)) ? 1 : 0;
+  }
+  EXPECT_GT(published, 100U) << "the sequences reach what they are to reach";
+}
+
+TEST(Amplification, ARestoredSessionThatHadAnsweredNeedsNoNewProof) {
+  Victim client;
+  client.send(Connect{false, false, 1, 60, "r1"});
+  client.subscribe(all_robots, WireQos::one);
+  std::size_t seen = 0;
+  std::vector<std::string> got;
+  EXPECT_FALSE(client.rig.gateway.snapshot("r1", client.rig.now)->is_validated);
+  client.rig.broker("ntnu-slam/robot/r2/adv", "1", 1);
+  answer_all(client.rig, seen, got);
+  const auto snapshot = client.rig.gateway.snapshot("r1", client.rig.now);
+  EXPECT_TRUE(snapshot->is_validated);
+  Victim after;
+  ASSERT_TRUE(after.rig.gateway.restore(*snapshot, after.rig.now));
+  after.rig.broker("ntnu-slam/robot/r2/adv", "2", 1);
+  ASSERT_EQ(after.datagrams(), 1U);
+  EXPECT_TRUE(std::holds_alternative<Publish>(*decode(after.rig.datagrams[0].bytes)));
+}
+
+TEST(Amplification, ARestartKeepsWhatMayBeSent) {
+  Victim client;
+  client.send(Connect{false, true, 1, 60, "r1"});
+  client.subscribe("ntnu-slam/server/r1/cmd");
+  const auto snapshot = client.rig.gateway.snapshot("r1", client.rig.now);
+  Victim after;
+  ASSERT_TRUE(after.rig.gateway.restore(*decode_session(encode_session(*snapshot)), after.rig.now));
+  for (int i = 0; i < 20; ++i) after.rig.broker("ntnu-slam/server/r1/cmd", "0011", 1);
+  EXPECT_GE(after.datagrams(), 1U);
+  EXPECT_LE(client.out() + after.out(), client.in);
+}
+
+}  // namespace
+}  // namespace slamgw::mqttsn
