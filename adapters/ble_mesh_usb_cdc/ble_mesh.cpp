@@ -220,7 +220,8 @@ void BleMesh::on_broker_message(const BrokerMessage& message, CommandId id, Time
   if (message.retain && !may_take_retained(robot, message)) return;
 
   const auto refuse = [&](std::string why) {
-    conclude(robot, {{id, std::string(target->type), CommandResult::refused, {}, std::move(why)}});
+    conclude(robot,
+             {{id, std::string(target->type), CommandResult::refused, {}, std::move(why), {}}});
   };
   if (is_stopping_) return refuse(gateway_ends);
   if (!link_.is_up()) return refuse("the BLE link is down: " + down_reason_);
@@ -256,6 +257,7 @@ void BleMesh::conclude(const Robot& robot, EndedCommands ended) {
   if (!ended.empty()) actions_.push(CommandsChanged{});
   for (EndedCommand& command : ended) {
     ++counters_.commands[static_cast<std::size_t>(command.result)];
+    if (!command.access.empty()) link_.withdraw(robot.address, command.access);
     emit(CommandOutcome{Mesh::ble, command.id, robot.id, std::move(command.type), command.result,
                         command.after, std::move(command.why)});
   }

@@ -89,6 +89,7 @@ TEST_F(Downlink, OneCommandAtATimeInOrder) {
 
 TEST_F(Downlink, ANewerPositionReplacesOneThatWasNotSent) {
   rig.command("nr1/cmd", hex("01 00 01 00"));
+  rig.run_for(20ms);
   rig.command("nr1/cmd", hex("02 00 02 00"));
   rig.command("nr1/cmd", hex("03 00 03 00"));
   ASSERT_EQ(outcomes().size(), 1u);
@@ -149,6 +150,21 @@ TEST_F(Downlink, TellsWhenTheBoardDoesNotSend) {
   EXPECT_NE(outcomes()[0].why.find("segmented"), std::string::npos);
 }
 
+TEST_F(Downlink, WhatHasEndedDoesNotGoOnTheAirAnyMore) {
+  rig.run_for(100ms);
+  rig.board.is_silent = true;  // the link stays up while it is got in step again
+  rig.hear(0x0200, "ca 59 00");
+  rig.command("nr1/x", to_bytes("1"));
+  rig.run_for(3s);
+  rig.stop();
+  ASSERT_EQ(outcomes().size(), 1u);
+  EXPECT_EQ(outcomes()[0].result, CommandResult::refused);
+  rig.board.is_silent = false;
+  rig.run_for(20s);
+  EXPECT_TRUE(rig.is_up());
+  EXPECT_TRUE(rig.sent_to(robot).empty());
+}
+
 TEST_F(Downlink, ForgetsAHandleThatTheBoardNoLongerKnows) {
   rig.hear(robot, "ca 59 00");
   rig.run_for(20ms);
@@ -165,6 +181,7 @@ TEST_F(Downlink, RetainedCommandsReachARobotOnceEachTimeItComesOnline) {
     rig.hear(robot, "04 00 59 00");
     rig.command("nr1/x", to_bytes("1"), true);
     rig.command("nr1/x", to_bytes("1"), true);
+    rig.run_for(20ms);
     rig.hear(robot, "c8 59 00 00");
     EXPECT_EQ(sent().size(), round);
     EXPECT_EQ(outcomes().size(), round);

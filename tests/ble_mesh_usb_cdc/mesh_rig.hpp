@@ -141,6 +141,8 @@ class MeshRig {
   std::function<void(Bytes&)> spoil;  ///< what the serial line does to a transfer, either way
   BleMesh mesh;
   std::vector<MeshEvent> events;
+  std::vector<TimePoint> event_times;    ///< of each of them
+  std::vector<std::size_t> sent_before;  ///< packets on air when each of them was said
   std::vector<Duration> reopens;
   int key_requests = 0;
   bool answers_key_requests = true;
@@ -181,7 +183,11 @@ class MeshRig {
                      },
                      [&](CommandsChanged&) { kept = mesh.open_commands(); },
                      [&](OrderEnded& ended) { answers.push_back(std::move(ended.answer)); },
-                     [&](MeshEvent& event) { events.push_back(std::move(event)); },
+                     [&](MeshEvent& event) {
+                       events.push_back(std::move(event));
+                       event_times.push_back(now);
+                       sent_before.push_back(board.sent.size());
+                     },
                  },
                  *action);
     }

@@ -81,11 +81,11 @@ class BoardLink {
   void on_keys_failed(const std::string& why, TimePoint now);
 
   bool is_up() const { return is_up_; }
-  /// False when it was not taken: the link is down or the queue full. An urgent message that is
-  /// already waiting is not queued twice. What is longer than the firmware sends ends in
+  /// False when it was not taken: the link is down or the queue full. A message that is already
+  /// waiting is not queued twice. What is longer than the firmware sends ends in
   /// SendRefused.
   bool send(Outgoing message, TimePoint now);
-  /// Takes an urgent message back if it still waits.
+  /// Takes a message back if it still waits.
   void withdraw(std::uint16_t destination, const Bytes& payload) {
     traffic_.withdraw(destination, payload);
   }

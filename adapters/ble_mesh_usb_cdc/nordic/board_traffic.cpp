@@ -29,7 +29,7 @@ void BoardTraffic::on_answer_lost() {
 // --- What is to be sent --------------------------------------------------------------------------
 
 bool BoardTraffic::send(Outgoing message) {
-  if (message.is_urgent) withdraw(message.destination, message.payload);
+  withdraw(message.destination, message.payload);
   if (urgent_.size() + normal_.size() >= max_queued) return false;
   const std::size_t limit = send_limit(board_.version);
   if (message.payload.size() > limit) {
@@ -44,9 +44,11 @@ bool BoardTraffic::send(Outgoing message) {
 }
 
 void BoardTraffic::withdraw(std::uint16_t destination, const Bytes& payload) {
-  std::erase_if(urgent_, [&](const Outgoing& message) {
+  const auto is_meant = [&](const Outgoing& message) {
     return message.destination == destination && message.payload == payload;
-  });
+  };
+  std::erase_if(urgent_, is_meant);
+  std::erase_if(normal_, is_meant);
 }
 
 bool BoardTraffic::command(Bytes frame) {

@@ -12,8 +12,9 @@ namespace {
 
 EndedCommand end(const Command& command, TimePoint arrived, TimePoint now, CommandResult result,
                  std::string why) {
-  return {command.id, command.type, result,
-          std::chrono::duration_cast<std::chrono::milliseconds>(now - arrived), std::move(why)};
+  return {command.id,     command.type,
+          result,         std::chrono::duration_cast<std::chrono::milliseconds>(now - arrived),
+          std::move(why), {}};
 }
 
 }  // namespace
@@ -44,8 +45,14 @@ EndedCommands CommandQueue::on_status(Opcode status, TimePoint now) {
     answer_time_.on_repeated();
     expect_late_answers(now);
   }
-  const Entry entry = std::exchange(outstanding_, std::nullopt)->entry;
-  return {end(entry.command, entry.arrived, now, CommandResult::delivered, {})};
+  return {end_outstanding(CommandResult::delivered, {}, now)};
+}
+
+EndedCommand CommandQueue::end_outstanding(CommandResult result, std::string why, TimePoint now) {
+  Entry entry = std::move(std::exchange(outstanding_, std::nullopt)->entry);
+  EndedCommand ended = end(entry.command, entry.arrived, now, result, std::move(why));
+  ended.access = std::move(entry.command.access);
+  return ended;
 }
 
 void CommandQueue::expect_late_answers(TimePoint now) {
@@ -62,12 +69,11 @@ EndedCommands CommandQueue::on_deadline(TimePoint now) {
   EndedCommands ended;
   const auto is_over = [&](const Entry& entry) { return now >= entry.arrived + time_limit; };
   if (outstanding_ && is_over(outstanding_->entry)) {
-    ended.push_back(
-        end(outstanding_->entry.command, outstanding_->entry.arrived, now, CommandResult::timeout,
-            outstanding_->refusal.empty() ? "the robot did not answer" : outstanding_->refusal));
     answer_time_.on_repeated();
     expect_late_answers(now);
-    outstanding_.reset();
+    const std::string refusal = outstanding_->refusal;
+    ended.push_back(end_outstanding(CommandResult::timeout,
+                                    refusal.empty() ? "the robot did not answer" : refusal, now));
   }
   std::erase_if(waiting_, [&](const Entry& entry) {
     if (!is_over(entry)) return false;
@@ -79,12 +85,11 @@ EndedCommands CommandQueue::on_deadline(TimePoint now) {
 }
 
 EndedCommands CommandQueue::refuse_all(const std::string& why, TimePoint now) {
+  EndedCommands ended;
   if (outstanding_) {
     expect_late_answers(now);
-    waiting_.push_front(std::move(outstanding_->entry));
+    ended.push_back(end_outstanding(CommandResult::refused, why, now));
   }
-  outstanding_.reset();
-  EndedCommands ended;
   for (const Entry& entry : waiting_)
     ended.push_back(end(entry.command, entry.arrived, now, CommandResult::refused, why));
   waiting_.clear();

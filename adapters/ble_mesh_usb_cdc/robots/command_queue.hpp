@@ -30,6 +30,7 @@ struct EndedCommand {
   CommandResult result = CommandResult::delivered;
   std::chrono::milliseconds after{0};
   std::string why;  ///< empty when delivered
+  Bytes access;     ///< what was sent and must not be sent any more; empty when nothing was
 };
 using EndedCommands = std::vector<EndedCommand>;
 
@@ -75,6 +76,7 @@ class CommandQueue {
   Duration first_repeat(const Command& command) const;
   TimePoint earliest_start() const;
   void expect_late_answers(TimePoint now);
+  EndedCommand end_outstanding(CommandResult result, std::string why, TimePoint now);
 
   std::uint8_t ttl_;
   AnswerTime answer_time_;
