@@ -48,6 +48,7 @@ macro(slamgw_need_module target module package)
   endif()
 endmacro()
 
+slamgw_need_module(MOSQUITTO libmosquitto libmosquitto-dev)
 slamgw_need_module(SERIALPORT libserialport libserialport-dev)
 slamgw_need_module(SQLITE3 sqlite3 libsqlite3-dev)
 slamgw_need_module(SYSTEMD libsystemd libsystemd-dev)

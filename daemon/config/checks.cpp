@@ -47,7 +47,8 @@ void check_robots(const Located& located) {
     if (!robot.id.empty()) ids.add(robot.id, path + ".id");
     if (robot.ble_address) addresses.add(*robot.ble_address, path + ".ble_address");
     if (robot.mqttsn_client_id) client_ids.add(*robot.mqttsn_client_id, path + ".mqttsn_client_id");
-    if (!located.is_set(path + ".ble_address") && !located.is_set(path + ".mqttsn_client_id"))
+    if (!located.is_set(path + ".ble_address") && !located.is_set(path + ".mqttsn_client_id") &&
+        !located.is_set(path + ".origin"))
       located.problem(path,
                       "has no address; \"ble_address\", \"mqttsn_client_id\" or both are "
                       "needed");

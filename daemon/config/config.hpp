@@ -12,6 +12,7 @@
 #include "daemon/core/update_payload.hpp"
 #include "daemon/mqtt/settings.hpp"
 #include "daemon/observability/log_settings.hpp"
+#include "web/server/settings.hpp"
 
 namespace slamgw {
 
@@ -33,6 +34,7 @@ struct Config {
   StoreSettings store;
   LogSettings log;
   std::string control_socket = "/run/slam-gateway/control.sock";
+  web::Settings web;  ///< of slam-gateway-web; the daemon only checks them
 };
 
 }  // namespace slamgw

@@ -55,6 +55,29 @@ void warn_of_readable_secret(ParseResult& result, const SystemFiles& files) {
                    file->mode, path, path)});
 }
 
+ParseResult load_parts(const std::string& path, const Surroundings& surroundings,
+                       const SystemFiles& files) {
+  std::vector<ConfigFile> parts;
+  ParseResult unread;
+  for (const std::string& name : configuration_files(path)) {
+    const auto file = files.read(name);
+    if (file) {
+      parts.push_back({name, file->text});
+      continue;
+    }
+    std::string text = "cannot be read: " + file.error().text + "; a readable file is needed";
+    if (name == path && file.error().is_missing)
+      text += ", create it with: slam-gatewayd --print-config > " + path;
+    const bool may_miss = name != path && file.error().is_denied && !surroundings.is_daemon;
+    (may_miss ? unread.warnings : unread.problems).push_back({name, 1, "file", std::move(text)});
+  }
+  ParseResult result;
+  if (!parts.empty()) result = parse_config(parts, surroundings, files);
+  result.problems.insert(result.problems.begin(), unread.problems.begin(), unread.problems.end());
+  result.warnings.insert(result.warnings.begin(), unread.warnings.begin(), unread.warnings.end());
+  return result;
+}
+
 }  // namespace
 
 std::vector<std::string> configuration_files(const std::string& path) {
@@ -68,24 +91,15 @@ std::vector<std::string> configuration_files(const std::string& path) {
 
 ParseResult load_config(const std::string& path) {
   const SystemFiles files;
-  std::vector<ConfigFile> parts;
-  Problems problems;
-  for (const std::string& name : configuration_files(path)) {
-    const auto file = files.read(name);
-    if (file) {
-      parts.push_back({name, file->text});
-      continue;
-    }
-    std::string text = "cannot be read: " + file.error().text + "; a readable file is needed";
-    if (name == path && file.error().is_missing)
-      text += ", create it with: slam-gatewayd --print-config > " + path;
-    problems.push_back({name, 1, "file", std::move(text)});
-  }
-  ParseResult result;
-  if (!parts.empty()) result = parse_config(parts, read_surroundings(path), files);
-  result.problems.insert(result.problems.begin(), problems.begin(), problems.end());
+  ParseResult result = load_parts(path, read_surroundings(path), files);
   warn_of_readable_secret(result, files);
   return result;
+}
+
+ParseResult load_shared_config(const std::string& path) {
+  Surroundings surroundings = read_surroundings(path);
+  surroundings.is_daemon = false;
+  return load_parts(path, surroundings, SystemFiles());
 }
 
 std::optional<Credentials> load_credentials(const BrokerSettings& broker) {

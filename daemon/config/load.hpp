@@ -17,6 +17,10 @@ std::vector<std::string> configuration_files(const std::string& path);
 /// Never throws for what is in the files; an unreadable file is a problem like any other.
 ParseResult load_config(const std::string& path);
 
+/// For a program beside the daemon, under a user of its own: reads no file that is the daemon's
+/// secret. A file in `gateway.d` that this user may not read (one with a secret) is a warning.
+ParseResult load_shared_config(const std::string& path);
+
 /// What the credentials file says by now; what `broker` holds when it can't be used.
 std::optional<Credentials> load_credentials(const BrokerSettings& broker);
 

@@ -159,8 +159,10 @@ ParseResult parse_config(const std::vector<ConfigFile>& parts, const Surrounding
     fill_defaults(result.config, surroundings);
     const Located located{result.config, result.places, context};
     check_relations(located);
-    read_credentials(located, result, surroundings, files);
-    check_tls_files(located, files);
+    if (surroundings.is_daemon) {
+      read_credentials(located, result, surroundings, files);
+      check_tls_files(located, files);
+    }
   }
   result.problems = std::move(context.problems);
   sort_by_place(result.problems, parts);

@@ -23,6 +23,9 @@ struct Surroundings {
   /// The file that the service's systemd credential `broker` is copied from: the one that an
   /// operator edits. Empty when there is none, or when another configuration is read.
   std::string credential_source{};
+  /// Whether the daemon itself reads. Other programs leave the broker's secrets alone, which are
+  /// the daemon's: the credentials, and the files of `broker.tls`.
+  bool is_daemon = true;
 };
 
 /// One file of the configuration.

@@ -127,6 +127,12 @@ bool is_listen_address(std::string_view text) {
   return is_ipv6(parts->host.substr(0, percent), ipv6);
 }
 
+bool is_host_name(std::string_view text) {
+  constexpr std::size_t max_host_name = 253;  // RFC 1035
+  return !text.empty() && text.size() <= max_host_name && text.front() != '.' &&
+         std::all_of(text.begin(), text.end(), [](char c) { return is_one_of(c, "-."); });
+}
+
 bool is_multicast_group(std::string_view text) {
   in_addr ipv4{};
   in6_addr ipv6{};

@@ -12,6 +12,7 @@ namespace {
 
 constexpr std::uint64_t day_s = 86400;
 constexpr std::uint64_t max_u16 = 65535;
+constexpr double max_cm = 1e6;  // ten kilometres
 constexpr std::uint64_t tebibyte = 1ULL << 40;
 constexpr std::string_view level_words =
     "a text of 1-64 bytes without + # / and control characters";
@@ -110,6 +111,16 @@ constexpr auto common_keys = std::to_array<SchemaKey>({
      [](Value v, Config& c) {
        v.text(c.robots.back().mqttsn_client_id, is_client_id, client_id_words);
      }},
+    {"robots[].origin",
+     [](Value v, Config& c) {
+       if (!v.is_null()) c.robots.back().origin.emplace();
+     }},
+    {"robots[].origin.x_cm",
+     [](Value v, Config& c) { v.number(c.robots.back().origin->x_cm, -max_cm, max_cm); }},
+    {"robots[].origin.y_cm",
+     [](Value v, Config& c) { v.number(c.robots.back().origin->y_cm, -max_cm, max_cm); }},
+    {"robots[].origin.heading_deg",
+     [](Value v, Config& c) { v.number(c.robots.back().origin->heading_deg, -360, 360); }},
     {"store.directory", [](Value v, Config& c) { v.file_path(c.store.directory); }},
     {"store.max_bytes", [](Value v, Config& c) { v.integer(c.store.max_bytes, 1, tebibyte); }},
     {"log.level",
@@ -127,6 +138,15 @@ constexpr auto common_keys = std::to_array<SchemaKey>({
                                 {"off", TrafficLogMode::off}});
      }},
     {"control.socket", [](Value v, Config& c) { v.file_path(c.control_socket); }},
+    {"web.listen",
+     [](Value v, Config& c) {
+       v.text(c.web.listen, is_listen_address, "\"IPv4:PORT\" or \"[IPv6]:PORT\"");
+     }},
+    {"web.token_file", [](Value v, Config& c) { v.file_path(c.web.token_file); }},
+    {"web.hosts",
+     [](Value v, Config& c) {
+       v.texts(c.web.hosts, is_host_name, "host names without a port, like \"slam.example.org\"");
+     }},
 });
 
 constexpr auto ble_mesh_keys = std::to_array<SchemaKey>({

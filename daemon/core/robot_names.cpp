@@ -26,6 +26,9 @@ std::optional<std::uint16_t> parse_default_ble_id(std::string_view id) {
 }  // namespace
 
 RobotNames::RobotNames(std::vector<RobotName> names) : names_(std::move(names)) {
+  // An entry that only tells an origin gives no address a name.
+  std::erase_if(names_,
+                [](const RobotName& name) { return !name.ble_address && !name.mqttsn_client_id; });
   for (const RobotName& name : names_) {
     if (name.ble_address) by_ble_.emplace(*name.ble_address, name.id);
     if (name.mqttsn_client_id) by_client_.emplace(*name.mqttsn_client_id, name.id);

@@ -12,11 +12,22 @@
 
 namespace slamgw {
 
-/// One entry of `robots`: a fixed name, and the addresses it goes by on either mesh.
+/// Where the frame that a robot starts in lies in the room: what it calls (0, 0), and how far its
+/// x axis is turned from the room's, counter-clockwise.
+struct RobotOrigin {
+  double x_cm = 0;
+  double y_cm = 0;
+  double heading_deg = 0;
+  bool operator==(const RobotOrigin&) const = default;
+};
+
+/// One entry of `robots`: a fixed name, the addresses it goes by on either mesh, and its origin for
+/// those that draw maps. The gateway itself moves no position.
 struct RobotName {
   std::string id;
   std::optional<std::uint16_t> ble_address;     ///< unicast address, 0x0001-0x7fff
   std::optional<std::string> mqttsn_client_id;  ///< compared whole
+  std::optional<RobotOrigin> origin{};
   bool operator==(const RobotName&) const = default;
 };
 

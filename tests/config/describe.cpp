@@ -19,6 +19,7 @@ requires std::is_enum_v<T> std::string show(T value) {
 std::string show(std::chrono::seconds value) { return std::to_string(value.count()) + "s"; }
 std::string show(const Credentials& value);
 std::string show(const RobotName& value);
+std::string show(const RobotOrigin& value);
 std::string show(const ble::WillSettings& value);
 std::string show(const mqttsn::PredefinedTopic& value);
 
@@ -44,9 +45,14 @@ std::string show(const Credentials& value) {
   return all(username, password);
 }
 
+std::string show(const RobotOrigin& value) {
+  const auto& [x_cm, y_cm, heading_deg] = value;
+  return all(x_cm, y_cm, heading_deg);
+}
+
 std::string show(const RobotName& value) {
-  const auto& [id, ble_address, mqttsn_client_id] = value;
-  return all(id, ble_address, mqttsn_client_id);
+  const auto& [id, ble_address, mqttsn_client_id, origin] = value;
+  return all(id, ble_address, mqttsn_client_id, origin);
 }
 
 std::string show(const ble::WillSettings& value) {
@@ -91,13 +97,14 @@ std::string describe_broker(const BrokerSettings& settings) {
 
 std::string describe(const Config& config) {
   const auto& [gateway_id, broker, topics, update_mode, robots, ble_mesh, mqttsn, store, log,
-               control_socket] = config;
+               control_socket, web] = config;
   const auto& [prefix, extra_publish, extra_subscribe] = topics;
   const auto& [directory, max_bytes] = store;
   const auto& [level, traffic] = log;
+  const auto& [listen, token_file, hosts] = web;
   return describe_broker(broker) + describe_ble_mesh(ble_mesh) + describe_mqttsn(mqttsn) +
          all(gateway_id, prefix, extra_publish, extra_subscribe, update_mode, robots, directory,
-             max_bytes, level, traffic, control_socket);
+             max_bytes, level, traffic, control_socket, listen, token_file, hosts);
 }
 
 }  // namespace slamgw::test

@@ -1,0 +1,99 @@
+// SPDX-License-Identifier: Apache-2.0
+// The metrics from what gateways publish, as recorded of a running one. `promtool check metrics`
+// reads the real thing in ./dev browser-test.
+#include "web/server/metrics.hpp"
+
+#include <gtest/gtest.h>
+
+#include "web/server/mirror.hpp"
+
+namespace slamgw::web::test {
+namespace {
+
+class WebMetrics : public testing::Test {
+ protected:
+  Topics topics{"ntnu-slam"};
+  LastKnown known;
+  OutcomeCounts outcomes;
+
+  void hear(const std::string& rest, const std::string& payload) {
+    const std::string topic = "ntnu-slam/gateway/" + rest;
+    known.keep(topic, std::make_shared<const std::string>(
+                          *to_page({topic, payload, 0, false, {}, {}, {}}, topics.kind_of(topic))));
+  }
+  std::string text() const { return metrics_text({.version = "0.1.0"}, topics, known, outcomes); }
+  bool has(const std::string& line) const {
+    return text().find("\n" + line + "\n") != std::string::npos;
+  }
+};
+
+TEST_F(WebMetrics, TellTheGatewaysStats) {
+  hear("g/state", R"({"state":"online"})");
+  hear("g/stats",
+       R"({"uptime_s":12,"messages":{"up":7,"down":2},"store":{"depth":3,"bytes":99},
+           "broker":{"state":"up"},"robots":{"online":4},
+           "meshes":{"ble":{"state":"down"},"thread":{"state":"up"},"x":{"state":"disabled"}}})");
+  EXPECT_TRUE(has(R"(slamgw_gateway_up{gateway="g"} 1)")) << text();
+  EXPECT_TRUE(has(R"(slamgw_gateway_uptime_seconds{gateway="g"} 12)"));
+  EXPECT_TRUE(has(R"(slamgw_gateway_messages_total{gateway="g",direction="up"} 7)"));
+  EXPECT_TRUE(has("# TYPE slamgw_gateway_messages_total counter"));
+  EXPECT_TRUE(has(R"(slamgw_gateway_store_messages{gateway="g"} 3)"));
+  EXPECT_TRUE(has(R"(slamgw_gateway_mesh_up{gateway="g",mesh="ble"} 0)"));
+  EXPECT_TRUE(has(R"(slamgw_gateway_mesh_up{gateway="g",mesh="thread"} 1)"));
+  EXPECT_EQ(text().find("mesh=\"x\""), std::string::npos);
+}
+
+TEST_F(WebMetrics, TellEachRobotsNumbersInBaseUnits) {
+  hear("g/numbers",
+       R"({"robots":{"r":{"up":70,"down":2,"repeats":1,"rate_hz":5.1,"latency_p50_us":1500,
+           "latency_p99_us":9000,"rssi_dbm":-70,"last_heard":"2026-11-21T13:57:43.500Z"}}})");
+  hear("g/robots/r", R"({"state":"online","mesh":"ble"})");
+  EXPECT_TRUE(has(R"(slamgw_robot_messages_total{gateway="g",robot="r",direction="up"} 70)"));
+  EXPECT_TRUE(has(R"(slamgw_robot_latency_seconds{gateway="g",robot="r",quantile="0.5"} 0.0015)"));
+  EXPECT_TRUE(has("# TYPE slamgw_robot_latency_seconds summary"));
+  EXPECT_TRUE(has(R"(slamgw_robot_rssi_dbm{gateway="g",robot="r"} -70)"));
+  EXPECT_TRUE(
+      has(R"(slamgw_robot_last_heard_timestamp_seconds{gateway="g",robot="r"} 1795269463.5)"))
+      << text();
+  EXPECT_TRUE(has(R"(slamgw_robot_online{gateway="g",robot="r",mesh="ble"} 1)"));
+}
+
+TEST_F(WebMetrics, OfAGatewayThatIsGoneOnlyThat) {
+  hear("g/state", R"({"state":"offline"})");
+  hear("g/stats", R"({"uptime_s":12})");
+  hear("g/numbers", R"({"robots":{"r":{"up":70}}})");
+  EXPECT_TRUE(has(R"(slamgw_gateway_up{gateway="g"} 0)"));
+  EXPECT_EQ(text().find("uptime"), std::string::npos);
+  EXPECT_EQ(text().find("slamgw_robot_"), std::string::npos);
+}
+
+TEST_F(WebMetrics, EscapeWhatRobotsAreCalled) {
+  hear("g/numbers", R"({"robots":{"a\"b\\c\nd":{"up":1}}})");
+  EXPECT_TRUE(
+      has(R"(slamgw_robot_messages_total{gateway="g",robot="a\"b\\c\nd",direction="up"} 1)"));
+}
+
+TEST_F(WebMetrics, TakeNonsenseForNothing) {
+  for (const char* payload : {"", "x", "[]", "1", R"({"robots":[1]})", R"({"robots":{"r":5}})",
+                              R"({"robots":{"r":{"up":"many","last_heard":7}}})",
+                              R"({"messages":[],"meshes":4,"broker":null})"}) {
+    hear("g/state", payload);
+    hear("g/stats", payload);
+    hear("g/numbers", payload);
+    hear("g/robots/r", payload);
+    EXPECT_NE(text().find("slamgw_web_info"), std::string::npos) << payload;
+    outcomes.add("g", payload);
+  }
+  EXPECT_TRUE(outcomes.counts().empty());
+}
+
+TEST_F(WebMetrics, CountOutcomesAndBoundTheirSeries) {
+  outcomes.add("g", R"({"outcome":"delivered"})");
+  outcomes.add("g", R"({"outcome":"delivered"})");
+  EXPECT_TRUE(has(R"(slamgw_commands_total{gateway="g",outcome="delivered"} 2)"));
+  for (int i = 0; i < 1000; ++i) outcomes.add(std::to_string(i), R"({"outcome":"x"})");
+  EXPECT_EQ(outcomes.counts().size(), OutcomeCounts::max_series);
+}
+
+}  // namespace
+}  // namespace slamgw::web::test

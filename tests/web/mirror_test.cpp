@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: Apache-2.0
+// What pages get of an MQTT message, read back by a JSON parser that is not ours.
+#include "web/server/mirror.hpp"
+
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+
+#include "web/server/last_known.hpp"
+
+namespace slamgw::web::test {
+namespace {
+
+using nlohmann::json;
+using namespace std::string_literals;
+
+json mirrored(const std::string& topic, const std::string& payload) {
+  const Topics topics("ntnu-slam");
+  const auto text =
+      to_page({topic, payload, 1700000000123, false, {}, {}, {}}, topics.kind_of(topic));
+  return text ? json::parse(*text) : json();
+}
+
+TEST(WebTopics, AreToldApart) {
+  const Topics topics("a/b");
+  EXPECT_EQ(topics.kind_of("a/b/robot/r/update"), TopicKind::robot);
+  EXPECT_EQ(topics.kind_of("a/b/server/r/cmd"), TopicKind::command);
+  for (const char* rest : {"state", "stats", "numbers", "robots/r"})
+    EXPECT_EQ(topics.kind_of("a/b/gateway/g/"s + rest), TopicKind::state) << rest;
+  EXPECT_EQ(topics.kind_of("a/b/gateway/g/commands/r"), TopicKind::event);
+  for (const char* topic : {"a", "a/b", "a/b/robot", "a/b/robot/", "a/bc/robot/r/x", "x", ""})
+    EXPECT_EQ(topics.kind_of(topic), TopicKind::foreign) << topic;
+  EXPECT_TRUE(topics.is_command_topic("a/b/server/r/cmd"));
+  for (const char* topic : {"a/b/server/r", "a/b/server/r/x/y", "a/b/server//x", "a/b/robot/r/cmd",
+                            "a/b/gateway/g/state", "a/b/server/+/cmd", "a/b/server/r/#"})
+    EXPECT_FALSE(topics.is_command_topic(topic)) << topic;
+}
+
+TEST(WebMirror, GatewaysDocumentsAreJsonValues) {
+  const json message = mirrored("ntnu-slam/gateway/g/state", R"({"state":"online"})");
+  EXPECT_EQ(message["payload"]["state"], "online");
+  EXPECT_EQ(message["encoding"], "json");
+  EXPECT_EQ(message["at"], 1700000000123);
+  EXPECT_EQ(mirrored("ntnu-slam/gateway/g/state", "{broken")["encoding"], "text");
+}
+
+TEST(WebMirror, RobotsOctetsAreHexAndTheirWordsText) {
+  EXPECT_EQ(mirrored("ntnu-slam/robot/r/update", "\x0a\0\xec\xff"s)["payload"], "0a00ecff");
+  EXPECT_EQ(mirrored("ntnu-slam/robot/r/update", "    ")["encoding"], "hex")
+      << "positions stay octets where they look like text";
+  EXPECT_EQ(mirrored("ntnu-slam/robot/r/update", R"({"x":1,"y":2})")["encoding"], "text");
+  EXPECT_EQ(mirrored("ntnu-slam/robot/r/adv", "h\"i\\")["payload"], "h\"i\\");
+  EXPECT_EQ(mirrored("ntnu-slam/robot/r/adv", "\xff\xfe")["payload"], "fffe");
+  EXPECT_EQ(mirrored("ntnu-slam/robot/r/adv", "")["encoding"], "hex");
+}
+
+TEST(WebMirror, ARobotsJsonIsTextSoThatItCannotPassForAGateways) {
+  EXPECT_TRUE(mirrored("ntnu-slam/robot/r/adv", R"({"__proto__":1})")["payload"].is_string());
+}
+
+TEST(WebMirror, TopicsWithMarkupAndControlCharactersStayJson) {
+  const std::string topic = "ntnu-slam/robot/<img src=x onerror=alert(1)>\"\\\n/adv";
+  EXPECT_EQ(mirrored(topic, "x")["topic"], topic);
+  EXPECT_TRUE(mirrored("ntnu-slam/robot/\xff/adv", "x").is_null()) << "no UTF-8";
+}
+
+TEST(WebMirror, LongPayloadsAreOnlyCounted) {
+  const json message = mirrored("ntnu-slam/robot/r/adv", std::string(max_robot_payload + 1, 'a'));
+  EXPECT_EQ(message["payload"], "");
+  EXPECT_EQ(message["bytes"], max_robot_payload + 1);
+}
+
+TEST(WebLastKnown, IsBoundedAndForgets) {
+  LastKnown known;
+  const auto text = std::make_shared<const std::string>(std::string(1 << 20, 'x'));
+  int kept = 0;
+  for (int i = 0; i < 100; ++i) kept += known.keep(std::to_string(i), text) ? 1 : 0;
+  EXPECT_LT(kept, 17);
+  EXPECT_TRUE(known.keep("0", text)) << "a newer word takes the older one's room";
+  known.forget("0");
+  EXPECT_FALSE(known.topics().contains("0"));
+}
+
+}  // namespace
+}  // namespace slamgw::web::test

@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+// A page that takes what it gets slowly, or not at all.
+#include "web/server/page_queue.hpp"
+
+#include <gtest/gtest.h>
+
+namespace slamgw::web::test {
+namespace {
+
+SharedText text(std::string value) { return std::make_shared<const std::string>(std::move(value)); }
+
+TEST(WebQueue, KeepsTheOrderOfEvents) {
+  PageQueue queue;
+  for (const char* word : {"a", "b", "c"}) queue.push_event(text(word));
+  EXPECT_EQ(*queue.pop(), "a");
+  EXPECT_EQ(*queue.pop(), "b");
+  EXPECT_EQ(*queue.pop(), "c");
+  EXPECT_EQ(queue.pop(), nullptr);
+  EXPECT_TRUE(queue.is_empty());
+}
+
+TEST(WebQueue, OfAStateOnlyTheNewestWaits) {
+  PageQueue queue;
+  for (int i = 0; i < 1000; ++i) queue.push_state("stats", text(std::to_string(i)));
+  queue.push_state("state", text("online"));
+  EXPECT_EQ(*queue.pop(), "999");
+  EXPECT_EQ(*queue.pop(), "online");
+  EXPECT_EQ(queue.pop(), nullptr);
+  queue.push_state("stats", text("new"));
+  EXPECT_EQ(*queue.pop(), "new");
+}
+
+TEST(WebQueue, DropsTheOldestEventsAndSaysHowMany) {
+  PageQueue queue;
+  queue.push_state("state", text("online"));
+  constexpr std::size_t size = 1000;
+  constexpr std::size_t fitting = PageQueue::max_event_bytes / size;
+  for (std::size_t i = 0; i < fitting + 10; ++i)
+    queue.push_event(text(std::string(size - 3, 'x') + std::to_string(100 + i % 900)));
+  EXPECT_EQ(queue.dropped(), 10u);
+  EXPECT_EQ(*queue.pop(), R"({"topic":"$web/dropped","payload":{"messages":10}})");
+  EXPECT_EQ(*queue.pop(), "online") << "a state is not dropped";
+  EXPECT_TRUE(queue.pop()->ends_with("110")) << "the eleventh is the oldest now";
+  std::size_t left = 0;
+  while (queue.pop()) ++left;
+  EXPECT_EQ(left, fitting - 1);
+}
+
+TEST(WebQueue, OneLargeEventPassesAlone) {
+  PageQueue queue;
+  queue.push_event(text(std::string(PageQueue::max_event_bytes * 2, 'x')));
+  EXPECT_EQ(queue.pop()->size(), PageQueue::max_event_bytes * 2);
+}
+
+}  // namespace
+}  // namespace slamgw::web::test

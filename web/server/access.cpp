@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "web/server/access.hpp"
+
+#include <arpa/inet.h>
+
+#include <algorithm>
+
+namespace slamgw::web {
+namespace {
+
+std::string lower(std::string_view text) {
+  std::string result(text);
+  std::transform(result.begin(), result.end(), result.begin(), [](char c) {
+    return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
+  });
+  return result;
+}
+
+bool is_port(std::string_view text) {
+  return !text.empty() && text.size() <= 5 &&
+         std::all_of(text.begin(), text.end(), [](char c) { return c >= '0' && c <= '9'; });
+}
+
+/// Without the port; empty when it is no host.
+std::string name_of(std::string_view host) {
+  if (host.starts_with('[')) {
+    const std::size_t end = host.find(']');
+    if (end == host.npos) return {};
+    const std::string_view rest = host.substr(end + 1);
+    if (!rest.empty() && (rest[0] != ':' || !is_port(rest.substr(1)))) return {};
+    return std::string(host.substr(0, end + 1));
+  }
+  const std::size_t colon = host.find(':');
+  if (colon != host.npos && !is_port(host.substr(colon + 1))) return {};
+  return lower(host.substr(0, colon));
+}
+
+bool is_address(const std::string& name) {
+  in_addr ipv4{};
+  in6_addr ipv6{};
+  if (name.starts_with('['))
+    return inet_pton(AF_INET6, name.substr(1, name.size() - 2).c_str(), &ipv6) == 1;
+  return inet_pton(AF_INET, name.c_str(), &ipv4) == 1;
+}
+
+}  // namespace
+
+AccessRules::AccessRules(std::vector<std::string> hosts) {
+  for (const std::string& host : hosts) hosts_.push_back(lower(host));
+}
+
+bool AccessRules::is_own_host(std::string_view host) const {
+  const std::string name = name_of(host);
+  return name == "localhost" || is_address(name) ||
+         std::find(hosts_.begin(), hosts_.end(), name) != hosts_.end();
+}
+
+bool AccessRules::is_own_origin(std::string_view origin, std::string_view host) {
+  if (origin.empty()) return true;
+  const std::string asked = lower(host);
+  const std::string from = lower(origin);
+  return from == "http://" + asked || from == "https://" + asked;
+}
+
+bool is_same_token(std::string_view expected, std::string_view offered) {
+  if (expected.empty()) return false;
+  unsigned difference = expected.size() == offered.size() ? 0 : 1;
+  for (std::size_t i = 0; i < offered.size(); ++i)
+    difference |= static_cast<unsigned char>(offered[i]) ^
+                  static_cast<unsigned char>(expected[i % expected.size()]);
+  return difference == 0;
+}
+
+}  // namespace slamgw::web

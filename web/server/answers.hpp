@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+// What an HTTP request gets: one of the page's files, the metrics, or a refusal. Pure; the caller
+// reads sockets. Everything here is GET or HEAD.
+#pragma once
+
+#include <functional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "web/server/access.hpp"
+#include "web/server/page_files.hpp"
+
+namespace slamgw::web {
+
+struct Request {
+  std::string_view method;
+  std::string_view target;
+  std::string_view host;
+  std::string_view origin;
+  std::string_view accept_encoding;
+  std::string_view if_none_match;
+  bool is_upgrade = false;  ///< asks for a WebSocket
+};
+
+struct Answer {
+  unsigned status = 200;
+  std::string_view content_type = "text/plain; charset=utf-8";
+  std::string text{};       ///< of what is made for this request
+  std::string_view file{};  ///< else a file's octets
+  std::string_view etag{};
+  bool is_gzip = false;
+  bool is_web_socket = false;  ///< nothing to send: the upgrade is allowed
+};
+
+/// Header fields of every answer. The page loads nothing from elsewhere, is in no frame, and makes
+/// no markup of text (Trusted Types).
+std::span<const std::pair<std::string_view, std::string_view>> safety_headers();
+
+class Answers {
+ public:
+  static constexpr std::string_view socket_path = "/api";  // as in Zigbee2MQTT
+
+  Answers(AccessRules access, std::function<std::string()> metrics)
+      : access_(std::move(access)), metrics_(std::move(metrics)) {}
+
+  Answer to(const Request& request) const;
+
+ private:
+  Answer file(const Request& request) const;
+
+  AccessRules access_;
+  std::function<std::string()> metrics_;
+};
+
+}  // namespace slamgw::web

@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+// Prometheus's text format, version 0.0.4
+// (https://prometheus.io/docs/instrumenting/exposition_formats/). Pure.
+#pragma once
+
+#include <map>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+namespace slamgw::web {
+
+using Labels = std::vector<std::pair<std::string_view, std::string>>;
+
+class Exposition {
+ public:
+  /// The samples of one name stay together, as the format wants it. The type follows from the name
+  /// and the labels: `_total` is a counter, a label `quantile` a summary, the rest are gauges.
+  void add(std::string_view name, std::string_view help, const Labels& labels, double value);
+  std::string text() const;
+
+ private:
+  struct Family {
+    std::string help;
+    std::string type;
+    std::string samples;
+  };
+  std::map<std::string, Family, std::less<>> families_;
+};
+
+}  // namespace slamgw::web

@@ -1,0 +1,226 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "web/server/io/broker_link.hpp"
+
+#include <fmt/format.h>
+#include <mosquitto.h>
+#include <mqtt_protocol.h>
+
+#include <algorithm>
+#include <boost/asio/post.hpp>
+#include <chrono>
+#include <cstdlib>
+#include <random>
+#include <stdexcept>
+
+namespace slamgw::web {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr auto first_pause = 500ms;
+constexpr auto longest_pause = 15s;
+constexpr int loop_ms = 1000;
+
+/// Two programs with one id would throw each other out again and again.
+std::string random_client_id() {
+  std::random_device random;
+  return fmt::format("slam-gateway-web-{:08x}", random());
+}
+
+std::int64_t unix_ms() {
+  const auto now = std::chrono::system_clock::now().time_since_epoch();
+  return std::chrono::duration_cast<std::chrono::milliseconds>(now).count();
+}
+
+/// Takes the three user properties of the gateway's messages.
+void read_properties(const mqtt5__property* properties, BrokerMessage& message) {
+  const mosquitto_property* next = properties;
+  bool is_next = false;
+  while (true) {
+    char* name = nullptr;
+    char* value = nullptr;
+    next =
+        mosquitto_property_read_string_pair(next, MQTT_PROP_USER_PROPERTY, &name, &value, is_next);
+    if (next == nullptr) return;
+    is_next = true;
+    const std::string_view key = name;
+    if (key == "mesh") message.mesh = value;
+    if (key == "gateway") message.gateway = value;
+    if (key == "received_at") message.received_at = value;
+    std::free(name);
+    std::free(value);
+  }
+}
+
+}  // namespace
+
+BrokerLink::BrokerLink(boost::asio::io_context& io, BrokerSettings settings,
+                       std::vector<std::string> filters, Listener listener)
+    : io_(io),
+      settings_(std::move(settings)),
+      filters_(std::move(filters)),
+      listener_(std::move(listener)) {
+  mosquitto_lib_init();
+  set_up_client();
+  thread_ = std::thread([this] { run(); });
+}
+
+BrokerLink::~BrokerLink() {
+  {
+    const std::lock_guard lock(mutex_);
+    is_stopping_ = true;
+  }
+  wake_.notify_all();
+  mosquitto_disconnect(client_);
+  thread_.join();
+  mosquitto_destroy(client_);
+  mosquitto_lib_cleanup();
+}
+
+void BrokerLink::set_up_client() {
+  client_ = mosquitto_new(random_client_id().c_str(), true, this);
+  if (client_ == nullptr) throw std::runtime_error("libmosquitto has no memory");
+  mosquitto_threaded_set(client_, true);
+  if (const auto& login = settings_.credentials)
+    mosquitto_username_pw_set(client_, login->username.c_str(), login->password.c_str());
+  if (settings_.tls) set_up_tls();
+  mosquitto_connect_v5_callback_set(
+      client_, [](mosquitto*, void* self, int reason, int, const mosquitto_property*) {
+        of(self).on_connected(reason);
+      });
+  mosquitto_message_v5_callback_set(client_, [](mosquitto*, void* self,
+                                                const mosquitto_message* message,
+                                                const mosquitto_property* properties) {
+    of(self).on_message(
+        message->topic,
+        {static_cast<const char*>(message->payload), static_cast<std::size_t>(message->payloadlen)},
+        message->retain, properties);
+  });
+  mosquitto_publish_v5_callback_set(
+      client_, [](mosquitto*, void* self, int id, int reason, const mosquitto_property*) {
+        if (reason >= MQTT_RC_UNSPECIFIED)
+          of(self).hand_over(Refusal{id, mosquitto_reason_string(reason)});
+      });
+}
+
+void BrokerLink::set_up_tls() {
+  const auto text = [](const auto& path) { return path ? path->c_str() : nullptr; };
+  if (!settings_.ca_file) mosquitto_int_option(client_, MOSQ_OPT_TLS_USE_OS_CERTS, 1);
+  const int failure = mosquitto_tls_set(
+      client_, text(settings_.ca_file), settings_.ca_file ? nullptr : "/etc/ssl/certs",
+      text(settings_.certificate_file), text(settings_.key_file), nullptr);
+  if (failure != MOSQ_ERR_SUCCESS)
+    throw std::runtime_error(fmt::format("broker.tls: {}", mosquitto_strerror(failure)));
+}
+
+std::optional<int> BrokerLink::publish(const std::string& topic, const std::string& payload) {
+  int id = 0;
+  if (!is_up_ || mosquitto_publish(client_, &id, topic.c_str(), static_cast<int>(payload.size()),
+                                   payload.data(), 1, false) != MOSQ_ERR_SUCCESS)
+    return std::nullopt;
+  return id;
+}
+
+// ---- on the link's thread
+
+void BrokerLink::run() {
+  std::chrono::milliseconds pause = first_pause;
+  while (true) {
+    const int failure = stay_connected();
+    const bool was_up = is_up_.exchange(false);
+    if (was_up) pause = first_pause;
+    tell_failure(failure);
+    choose_version(failure);
+    if (!wait(pause)) return;
+    pause = std::min<std::chrono::milliseconds>(pause * 2, longest_pause);
+  }
+}
+
+/// Until the connection ends; why it did.
+int BrokerLink::stay_connected() {
+  connack_ = 0;
+  mosquitto_int_option(client_, MOSQ_OPT_PROTOCOL_VERSION,
+                       is_version_5_ ? MQTT_PROTOCOL_V5 : MQTT_PROTOCOL_V311);
+  int failure = mosquitto_connect(client_, settings_.host.c_str(), settings_.port,
+                                  static_cast<int>(settings_.keep_alive.count()));
+  while (failure == MOSQ_ERR_SUCCESS) {
+    failure = mosquitto_loop(client_, loop_ms, 1);
+    const std::lock_guard lock(mutex_);
+    if (is_stopping_) return MOSQ_ERR_SUCCESS;
+  }
+  return failure;
+}
+
+/// A broker that knows no MQTT 5 refuses it (1, 132) or answers with what is no MQTT 5.
+void BrokerLink::choose_version(int failure) {
+  const bool is_foreign = connack_ == 1 || connack_ == MQTT_RC_UNSUPPORTED_PROTOCOL_VERSION ||
+                          failure == MOSQ_ERR_PROTOCOL;
+  if (is_foreign) is_version_5_ = !is_version_5_;
+}
+
+void BrokerLink::tell_failure(int failure) {
+  std::string why = failure == MOSQ_ERR_ERRNO ? "the connection cannot be made, or was closed"
+                                              : mosquitto_strerror(failure);
+  if (connack_ != 0)
+    why = is_version_5_ ? mosquitto_reason_string(connack_) : mosquitto_connack_string(connack_);
+  if (why == told_) return;
+  told_ = why;
+  hand_over(StateChange{false, why});
+}
+
+/// False when the program ends.
+bool BrokerLink::wait(std::chrono::milliseconds time) {
+  std::unique_lock lock(mutex_);
+  return !wake_.wait_for(lock, time, [this] { return is_stopping_; });
+}
+
+void BrokerLink::on_connected(int reason) {
+  connack_ = reason;
+  if (reason != 0) return;
+  for (const std::string& filter : filters_)
+    mosquitto_subscribe(client_, nullptr, filter.c_str(), 0);
+  is_up_ = true;
+  told_.clear();
+  hand_over(StateChange{true, {}});
+}
+
+void BrokerLink::on_message(std::string topic, std::string payload, bool is_retained,
+                            const mqtt5__property* properties) {
+  BrokerMessage message{std::move(topic), std::move(payload), unix_ms(), is_retained, {}, {}, {}};
+  read_properties(properties, message);
+  hand_over(std::move(message));
+}
+
+void BrokerLink::hand_over(Happening happening) {
+  bool is_first = false;
+  {
+    const std::lock_guard lock(mutex_);
+    if (waiting_.size() >= max_waiting && std::holds_alternative<BrokerMessage>(happening)) {
+      ++overruns_;
+      return;
+    }
+    is_first = waiting_.empty();
+    waiting_.push_back(std::move(happening));
+  }
+  if (is_first) boost::asio::post(io_, [this] { deliver(); });
+}
+
+// ---- on the loop's thread
+
+void BrokerLink::deliver() {
+  std::vector<Happening> batch;
+  {
+    const std::lock_guard lock(mutex_);
+    batch.swap(waiting_);
+  }
+  for (const Happening& happening : batch) {
+    if (const auto* message = std::get_if<BrokerMessage>(&happening))
+      listener_.on_message(*message);
+    else if (const auto* state = std::get_if<StateChange>(&happening))
+      listener_.on_state(state->is_up, state->why);
+    else if (const auto* refusal = std::get_if<Refusal>(&happening))
+      listener_.on_refused(refusal->message_id, refusal->why);
+  }
+}
+
+}  // namespace slamgw::web

@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: Apache-2.0
+// An ordinary MQTT client (libmosquitto) on a thread of its own, because resolving names waits.
+// What happens there comes to the loop in batches; a loop that is behind loses messages, and they
+// are counted. MQTT 5, or 3.1.1 where the broker knows no better. Connects again by itself.
+#pragma once
+
+#include <atomic>
+#include <boost/asio/io_context.hpp>
+#include <condition_variable>
+#include <functional>
+#include <mutex>
+#include <string>
+#include <thread>
+#include <variant>
+#include <vector>
+
+#include "daemon/mqtt/settings.hpp"
+#include "web/server/mirror.hpp"
+
+struct mosquitto;
+struct mqtt5__property;
+
+namespace slamgw::web {
+
+class BrokerLink {
+ public:
+  /// Called on the loop's thread.
+  struct Listener {
+    std::function<void(const BrokerMessage&)> on_message;
+    std::function<void(bool is_up, const std::string& why)> on_state;
+    std::function<void(int message_id, const std::string& why)> on_refused;
+  };
+  /// What waits for the loop: two seconds of a busy broker.
+  static constexpr std::size_t max_waiting = 20'000;
+
+  BrokerLink(boost::asio::io_context& io, BrokerSettings settings, std::vector<std::string> filters,
+             Listener listener);
+  ~BrokerLink();
+  BrokerLink(const BrokerLink&) = delete;
+  BrokerLink& operator=(const BrokerLink&) = delete;
+
+  /// At QoS 1. The message id, or nothing when the broker is away.
+  std::optional<int> publish(const std::string& topic, const std::string& payload);
+  std::uint64_t overruns() const { return overruns_; }  ///< messages that the loop did not get
+
+ private:
+  struct StateChange {
+    bool is_up;
+    std::string why;
+  };
+  struct Refusal {
+    int message_id;
+    std::string why;
+  };
+  using Happening = std::variant<BrokerMessage, StateChange, Refusal>;
+
+  void set_up_client();
+  void set_up_tls();
+  void run();
+  int stay_connected();
+  void choose_version(int failure);
+  void tell_failure(int failure);
+  bool wait(std::chrono::milliseconds time);
+  void hand_over(Happening happening);
+  void deliver();
+
+  static BrokerLink& of(void* object) { return *static_cast<BrokerLink*>(object); }
+  void on_connected(int reason);
+  void on_message(std::string topic, std::string payload, bool is_retained,
+                  const mqtt5__property* properties);
+
+  boost::asio::io_context& io_;
+  const BrokerSettings settings_;
+  const std::vector<std::string> filters_;
+  Listener listener_;
+
+  mosquitto* client_ = nullptr;
+  bool is_version_5_ = true;
+  int connack_ = 0;   ///< the last reason code; on the link's thread
+  std::string told_;  ///< the failure that was told last
+  std::atomic<bool> is_up_ = false;
+  std::atomic<std::uint64_t> overruns_ = 0;
+
+  std::mutex mutex_;
+  std::condition_variable wake_;
+  bool is_stopping_ = false;
+  std::vector<Happening> waiting_;
+  std::thread thread_;
+};
+
+}  // namespace slamgw::web

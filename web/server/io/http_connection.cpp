@@ -1,0 +1,88 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "web/server/io/http_connection.hpp"
+
+#include "web/server/io/page_connection.hpp"
+
+namespace slamgw::web {
+namespace {
+
+namespace beast = boost::beast;
+namespace http = boost::beast::http;
+
+std::string_view view(beast::string_view text) { return {text.data(), text.size()}; }
+
+Request request_of(const http::request<http::empty_body>& message) {
+  return {view(message.method_string()),
+          view(message.target()),
+          view(message[http::field::host]),
+          view(message[http::field::origin]),
+          view(message[http::field::accept_encoding]),
+          view(message[http::field::if_none_match]),
+          beast::websocket::is_upgrade(message)};
+}
+
+}  // namespace
+
+HttpConnection::HttpConnection(boost::asio::ip::tcp::socket socket, WebServer& server)
+    : stream_(std::move(socket)), server_(server) {
+  ++server_.connections();
+  beast::error_code ignored;
+  stream_.socket().set_option(boost::asio::ip::tcp::no_delay(true), ignored);
+}
+
+HttpConnection::~HttpConnection() { --server_.connections(); }
+
+void HttpConnection::read() {
+  parser_.emplace();
+  parser_->header_limit(max_header_bytes);
+  stream_.expires_after(idle_limit);
+  http::async_read(stream_, input_, *parser_,
+                   [self = shared_from_this()](beast::error_code error, std::size_t) {
+                     if (!error) self->on_request();
+                   });
+}
+
+void HttpConnection::on_request() {
+  Answer answer = server_.answers().to(request_of(parser_->get()));
+  if (answer.is_web_socket && server_.hub().has_room()) {
+    std::make_shared<PageConnection>(std::move(stream_), server_.hub())->accept(parser_->get());
+    return;
+  }
+  if (answer.is_web_socket) {
+    answer = Answer{};
+    answer.status = 503;
+    answer.text = "Too many pages are open.\n";
+  }
+  if (answer.status >= 400) server_.hub().count_refused_request();
+  send(std::move(answer));
+}
+
+void HttpConnection::send(Answer answer) {
+  const auto& request = parser_->get();
+  response_ = Response{http::int_to_status(answer.status), request.version()};
+  for (const auto& [name, value] : safety_headers())
+    response_.insert({name.data(), name.size()}, {value.data(), value.size()});
+  const auto set = [this](http::field field, std::string_view value) {
+    if (!value.empty()) response_.set(field, {value.data(), value.size()});
+  };
+  set(http::field::content_type, answer.content_type);
+  set(http::field::cache_control, answer.etag.empty() ? "no-store" : "no-cache");
+  set(http::field::etag, answer.etag);
+  set(http::field::vary, answer.etag.empty() ? "" : "Accept-Encoding");
+  set(http::field::content_encoding, answer.is_gzip && !answer.file.empty() ? "gzip" : "");
+  const bool is_file = !answer.file.empty();
+  const std::size_t size = is_file ? answer.file.size() : answer.text.size();
+  if (request.method() != http::verb::head)
+    response_.body() = is_file ? std::string(answer.file) : std::move(answer.text);
+  response_.keep_alive(request.keep_alive() && answer.status < 400);
+  if (answer.status != 304) response_.content_length(size);
+  stream_.expires_after(idle_limit);
+  http::async_write(
+      stream_, response_, [self = shared_from_this()](beast::error_code error, std::size_t) {
+        if (error) return;
+        if (self->response_.keep_alive()) return self->read();
+        self->stream_.socket().shutdown(boost::asio::ip::tcp::socket::shutdown_send, error);
+      });
+}
+
+}  // namespace slamgw::web

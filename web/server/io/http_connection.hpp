@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+// One HTTP connection: reads requests one after the other, answers each, and hands the stream to a
+// PageConnection when one asks for the WebSocket. Lives as long as an operation is under way.
+#pragma once
+
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/beast/core.hpp>
+#include <boost/beast/http.hpp>
+#include <memory>
+#include <optional>
+
+#include "web/server/answers.hpp"
+#include "web/server/io/web_server.hpp"
+
+namespace slamgw::web {
+
+class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
+ public:
+  static constexpr std::chrono::seconds idle_limit{20};
+  static constexpr unsigned max_header_bytes = 8192;
+
+  HttpConnection(boost::asio::ip::tcp::socket socket, WebServer& server);
+  ~HttpConnection();
+  void read();
+
+ private:
+  using Parser = boost::beast::http::request_parser<boost::beast::http::empty_body>;
+  using Response = boost::beast::http::response<boost::beast::http::string_body>;
+
+  void on_request();
+  void send(Answer answer);
+
+  boost::beast::tcp_stream stream_;
+  WebServer& server_;
+  boost::beast::flat_buffer input_;
+  std::optional<Parser> parser_;
+  Response response_;
+};
+
+}  // namespace slamgw::web

@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "web/server/io/page_connection.hpp"
+
+#include <boost/asio/buffer.hpp>
+
+#include "web/server/answers.hpp"
+
+namespace slamgw::web {
+namespace {
+
+namespace beast = boost::beast;
+namespace websocket = boost::beast::websocket;
+
+constexpr std::chrono::seconds handshake_limit{10};
+
+}  // namespace
+
+PageConnection::PageConnection(beast::tcp_stream stream, PageHub& hub)
+    : socket_(std::move(stream)), hub_(hub), session_(hub.new_session()) {
+  beast::get_lowest_layer(socket_).expires_never();  // the WebSocket has limits of its own
+  socket_.set_option(websocket::stream_base::timeout{handshake_limit, silence_limit, true});
+  socket_.set_option(websocket::stream_base::decorator([](websocket::response_type& response) {
+    for (const auto& [name, value] : safety_headers())
+      response.insert({name.data(), name.size()}, {value.data(), value.size()});
+  }));
+  socket_.read_message_max(max_page_message);
+}
+
+PageConnection::~PageConnection() { hub_.leave(*this); }
+
+void PageConnection::accept(const beast::http::request<beast::http::empty_body>& request) {
+  socket_.async_accept(request, [self = shared_from_this()](beast::error_code error) {
+    if (error) return;
+    self->is_open_ = true;
+    self->socket_.text(true);
+    self->hub_.join(*self);
+    self->read();
+  });
+}
+
+void PageConnection::read() {
+  socket_.async_read(input_, [self = shared_from_this()](beast::error_code error, std::size_t) {
+    if (error) return self->close();
+    const std::string text = beast::buffers_to_string(self->input_.data());
+    self->input_.consume(self->input_.size());
+    self->on_text(text);
+    if (!self->ends_) self->read();
+  });
+}
+
+void PageConnection::on_text(const std::string& text) {
+  PageSession::Reaction reaction = session_.on_text(text, std::chrono::steady_clock::now());
+  if (reaction.publish) reaction.reply = hub_.publish(*reaction.publish);
+  ends_ = reaction.ends;
+  if (!reaction.reply.empty())
+    tell_event(std::make_shared<const std::string>(std::move(reaction.reply)));
+}
+
+void PageConnection::tell_state(std::string_view topic, const SharedText& text) {
+  queue_.push_state(topic, text);
+  write();
+}
+
+void PageConnection::tell_event(const SharedText& text) {
+  queue_.push_event(text);
+  write();
+}
+
+void PageConnection::write() {
+  if (writing_ || !is_open_) return;
+  writing_ = queue_.pop();
+  if (!writing_) {
+    if (ends_) close();
+    return;
+  }
+  socket_.async_write(boost::asio::buffer(*writing_),
+                      [self = shared_from_this()](beast::error_code error, std::size_t) {
+                        self->writing_.reset();
+                        if (error) return self->close();
+                        self->write();
+                      });
+}
+
+/// The hub forgets the page at once; operations that are under way end with an error, and with the
+/// last of them the connection.
+void PageConnection::close() {
+  is_open_ = false;
+  hub_.leave(*this);
+  beast::get_lowest_layer(socket_).close();
+}
+
+}  // namespace slamgw::web

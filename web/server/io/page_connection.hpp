@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: Apache-2.0
+// The WebSocket of one page (RFC 6455, Boost.Beast). Lives as long as its connection; one write is
+// under way at a time, the rest waits in a PageQueue.
+#pragma once
+
+#include <boost/asio/steady_timer.hpp>
+#include <boost/beast/core.hpp>
+#include <boost/beast/http.hpp>
+#include <boost/beast/websocket.hpp>
+#include <memory>
+
+#include "web/server/io/page_hub.hpp"
+#include "web/server/page_queue.hpp"
+
+namespace slamgw::web {
+
+class PageConnection : public Page, public std::enable_shared_from_this<PageConnection> {
+ public:
+  /// A page that takes nothing for so long is gone.
+  static constexpr std::chrono::seconds silence_limit{30};
+
+  PageConnection(boost::beast::tcp_stream stream, PageHub& hub);
+  ~PageConnection() override;
+
+  void accept(const boost::beast::http::request<boost::beast::http::empty_body>& request);
+  void tell_state(std::string_view topic, const SharedText& text) override;
+  void tell_event(const SharedText& text) override;
+  std::uint64_t dropped() const override { return queue_.dropped(); }
+
+ private:
+  void read();
+  void on_text(const std::string& text);
+  void write();
+  void close();
+
+  boost::beast::websocket::stream<boost::beast::tcp_stream> socket_;
+  PageHub& hub_;
+  PageSession session_;
+  PageQueue queue_;
+  SharedText writing_;
+  boost::beast::flat_buffer input_;
+  bool is_open_ = false;
+  bool ends_ = false;
+};
+
+}  // namespace slamgw::web

@@ -1,0 +1,168 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "web/server/io/page_hub.hpp"
+
+#include <fmt/format.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "daemon/observability/log.hpp"
+
+namespace slamgw::web {
+namespace {
+
+constexpr std::size_t max_sent = 100;  // commands that a refusal of the broker can be told for
+
+std::string site_json(const Config& config, const std::string& version) {
+  nlohmann::json origins = nlohmann::json::object();
+  for (const RobotName& robot : config.robots) {
+    if (robot.origin)
+      origins[robot.id] = {{"x_cm", robot.origin->x_cm},
+                           {"y_cm", robot.origin->y_cm},
+                           {"heading_deg", robot.origin->heading_deg}};
+  }
+  return nlohmann::json{
+      {"version", version}, {"prefix", config.topics.prefix}, {"origins", std::move(origins)}}
+      .dump();
+}
+
+std::string broker_uri(const BrokerSettings& broker) {
+  const bool is_ipv6 = broker.host.find(':') != std::string::npos;
+  return fmt::format("{}://{}:{}", broker.tls ? "mqtts" : "mqtt",
+                     is_ipv6 ? "[" + broker.host + "]" : broker.host, broker.port);
+}
+
+std::uint64_t resident_bytes() {
+  std::uint64_t total_pages = 0;
+  std::uint64_t resident_pages = 0;
+  std::ifstream("/proc/self/statm") >> total_pages >> resident_pages;
+  return resident_pages * static_cast<std::uint64_t>(sysconf(_SC_PAGESIZE));
+}
+
+double cpu_seconds() {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  const auto seconds = [](const timeval& time) {
+    return static_cast<double>(time.tv_sec) + 1e-6 * static_cast<double>(time.tv_usec);
+  };
+  return seconds(usage.ru_utime) + seconds(usage.ru_stime);
+}
+
+SharedText share(std::string text) { return std::make_shared<const std::string>(std::move(text)); }
+
+std::vector<std::string> filters(const std::string& prefix) {
+  return {prefix + "/gateway/#", prefix + "/robot/#", prefix + "/server/#"};
+}
+
+}  // namespace
+
+PageHub::PageHub(boost::asio::io_context& io, const Config& config, std::string token,
+                 std::string version)
+    : topics_(config.topics.prefix),
+      token_(std::move(token)),
+      site_(site_json(config, version)),
+      broker_(broker_uri(config.broker)),
+      own_{.version = std::move(version)},
+      link_(io, config.broker, filters(config.topics.prefix),
+            {[this](const BrokerMessage& message) { on_message(message); },
+             [this](bool is_up, const std::string& why) { on_broker(is_up, why); },
+             [this](int id, const std::string& why) { on_refused(id, why); }}) {}
+
+void PageHub::join(Page& page) {
+  page.tell_state("$web/hello", share(greeting()));
+  page.tell_state("$web/broker", share(broker_state()));
+  for (const auto& [topic, text] : known_.topics()) page.tell_state(topic, text);
+  pages_.insert(&page);
+}
+
+void PageHub::leave(Page& page) {
+  if (pages_.erase(&page) > 0) dropped_by_gone_ += page.dropped();
+}
+
+std::string PageHub::publish(const CommandRequest& command) {
+  const auto id = link_.publish(command.topic, command.payload);
+  if (!id) return refusal(command.topic, "the broker is away: " + why_);
+  ++own_.commands;
+  sent_.emplace_back(*id, command.topic);
+  if (sent_.size() > max_sent) sent_.pop_front();
+  log_event(Severity::info, "a page sent a command on " + command.topic);
+  return {};
+}
+
+void PageHub::on_message(const BrokerMessage& message) {
+  ++own_.messages;
+  const TopicKind kind = topics_.kind_of(message.topic);
+  if (kind == TopicKind::event) {
+    const auto [gateway, rest] = topics_.gateway_topic(message.topic);
+    if (rest.starts_with("commands/")) outcomes_.add(gateway, message.payload);
+  }
+  if (kind != TopicKind::state && pages_.empty()) return;
+  auto page_text = to_page(message, kind);
+  if (kind == TopicKind::foreign || !page_text) return;
+  const SharedText text = share(std::move(*page_text));
+  if (kind == TopicKind::state) keep(message, text);
+  for (Page* page : pages_) {
+    if (kind == TopicKind::state)
+      page->tell_state(message.topic, text);
+    else
+      page->tell_event(text);
+  }
+}
+
+void PageHub::keep(const BrokerMessage& message, const SharedText& text) {
+  if (message.payload.empty())
+    known_.forget(message.topic);  // a retained message was taken back
+  else
+    known_.keep(message.topic, text);
+}
+
+void PageHub::on_broker(bool is_up, const std::string& why) {
+  own_.broker_is_connected = is_up;
+  why_ = why;
+  if (is_up)
+    log_event(Severity::notice, "connected to the broker at " + broker_);
+  else
+    log_event(Severity::warning,
+              fmt::format("no connection to the broker at {}: {}", broker_, why));
+  const SharedText text = share(broker_state());
+  for (Page* page : pages_) page->tell_state("$web/broker", text);
+}
+
+void PageHub::on_refused(int message_id, const std::string& why) {
+  const auto sent = std::find_if(sent_.begin(), sent_.end(),
+                                 [&](const auto& entry) { return entry.first == message_id; });
+  if (sent == sent_.end()) return;
+  log_event(Severity::warning, fmt::format("the broker refused {}: {}", sent->second, why));
+  const SharedText text = share(refusal(sent->second, "the broker refused it: " + why));
+  for (Page* page : pages_) page->tell_event(text);
+  sent_.erase(sent);
+}
+
+std::string PageHub::greeting() const {
+  std::string payload = site_;
+  payload.pop_back();
+  payload += token_.empty() ? R"(,"takes_token":false})" : R"(,"takes_token":true})";
+  return own_message("hello", payload);
+}
+
+std::string PageHub::broker_state() const {
+  std::string payload = R"({"uri":)";
+  append_json_text(payload, broker_);
+  payload += own_.broker_is_connected ? R"(,"state":"up","why":)" : R"(,"state":"down","why":)";
+  append_json_text(payload, why_);
+  return own_message("broker", payload + "}");
+}
+
+std::string PageHub::metrics() {
+  own_.pages = pages_.size();
+  own_.messages_dropped = dropped_by_gone_ + link_.overruns();
+  for (const Page* page : pages_) own_.messages_dropped += page->dropped();
+  own_.cpu_seconds = cpu_seconds();
+  own_.resident_bytes = resident_bytes();
+  return metrics_text(own_, topics_, known_, outcomes_);
+}
+
+}  // namespace slamgw::web

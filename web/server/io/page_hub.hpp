@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+// What stands between the broker and the open pages: each message goes to all of them, each
+// command to the broker; the newest states are kept for pages that come later. On the loop's
+// thread; owns no socket.
+#pragma once
+
+#include <boost/asio/io_context.hpp>
+#include <deque>
+#include <memory>
+#include <optional>
+#include <set>
+#include <string>
+
+#include "daemon/config/config.hpp"
+#include "web/server/io/broker_link.hpp"
+#include "web/server/last_known.hpp"
+#include "web/server/metrics.hpp"
+#include "web/server/page_session.hpp"
+#include "web/server/topics.hpp"
+
+namespace slamgw::web {
+
+/// An open page, as the hub sees it.
+class Page {
+ public:
+  virtual ~Page() = default;
+  virtual void tell_state(std::string_view topic, const SharedText& text) = 0;
+  virtual void tell_event(const SharedText& text) = 0;
+  virtual std::uint64_t dropped() const = 0;
+};
+
+class PageHub {
+ public:
+  /// Each page costs a copy of all traffic on the wire. A lab has a handful.
+  static constexpr std::size_t max_pages = 32;
+
+  PageHub(boost::asio::io_context& io, const Config& config, std::string token,
+          std::string version);
+
+  bool has_room() const { return pages_.size() < max_pages; }
+  /// The page gets what is known; then everything as it comes, until leave().
+  void join(Page& page);
+  void leave(Page& page);
+  PageSession new_session() const { return {topics_, token_}; }
+  /// What could not be sent to the broker, for the page that wanted it; empty when it was.
+  std::string publish(const CommandRequest& command);
+
+  void count_refused_request() { ++own_.requests_refused; }
+  std::string metrics();
+
+ private:
+  void on_message(const BrokerMessage& message);
+  void on_broker(bool is_up, const std::string& why);
+  void on_refused(int message_id, const std::string& why);
+  void keep(const BrokerMessage& message, const SharedText& text);
+  std::string greeting() const;
+  std::string broker_state() const;
+
+  const Topics topics_;
+  const std::string token_;
+  std::string site_;    ///< JSON members of the greeting: gateway's prefix, origins, version
+  std::string broker_;  ///< its URI
+  std::string why_ = "connecting";
+  LastKnown known_;
+  OutcomeCounts outcomes_;
+  OwnNumbers own_;
+  std::uint64_t dropped_by_gone_ = 0;
+  std::set<Page*> pages_;
+  std::deque<std::pair<int, std::string>> sent_;  ///< topics of the newest commands
+  BrokerLink link_;
+};
+
+}  // namespace slamgw::web

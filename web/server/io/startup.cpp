@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "web/server/io/startup.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstdlib>
+#include <filesystem>
+
+#include "daemon/config/credentials.hpp"
+#include "daemon/config/load.hpp"
+#include "daemon/config/system_files.hpp"
+
+namespace slamgw::web {
+namespace {
+
+constexpr unsigned others = 0007;
+constexpr const char* token_key = "web.token_file";
+
+void read_own_credentials(ParseResult& result, const std::string& config_file) {
+  ConfigContext context{config_file, {}, {}};
+  Surroundings surroundings;
+  const char* directory = std::getenv("CREDENTIALS_DIRECTORY");
+  const std::filesystem::path own =
+      std::filesystem::path(config_file).replace_filename("web-credentials.json");
+  std::optional<std::string>& named = result.config.broker.credentials_file;
+  named.reset();
+  if (directory != nullptr) {
+    surroundings.credentials_directory = directory;
+  } else if (std::error_code error; std::filesystem::exists(own, error)) {
+    named = own.string();
+  }
+  read_credentials(Located{result.config, result.places, context}, result, surroundings,
+                   SystemFiles());
+  result.problems.insert(result.problems.end(), context.problems.begin(), context.problems.end());
+}
+
+bool is_token(const std::string& text) {
+  return text.size() >= 16 && text.size() <= 256 &&
+         std::all_of(text.begin(), text.end(), [](char c) { return c > ' ' && c < '\x7f'; });
+}
+
+/// Empty with a problem when the file is no good.
+std::string read_token(ParseResult& result, const std::string& path) {
+  const auto refuse = [&](std::string text) {
+    const auto place = result.places.find(token_key);
+    const Place at = place == result.places.end() ? Place{path} : place->second;
+    result.problems.push_back({at.file, at.line, token_key, std::move(text)});
+    return std::string();
+  };
+  const auto file = SystemFiles().read(path);
+  if (!file) {
+    std::string remedy = "a file with one line of 16 to 256 printable characters is needed";
+    if (file.error().is_denied)
+      remedy = fmt::format("type: chgrp slam-gateway-web {} && chmod 640 {}", path, path);
+    return refuse(fmt::format("{} cannot be read: {}; {}", path, file.error().text, remedy));
+  }
+  if ((file->mode & others) != 0)
+    return refuse(
+        fmt::format("{} can be read or changed by others (mode {:04o}); type: chmod o= {}", path,
+                    file->mode, path));
+  const std::string token = file->text.substr(0, file->text.find_last_not_of("\r\n") + 1);
+  if (!is_token(token))
+    return refuse(path +
+                  " holds no token (not shown: it is secret); allowed: one line of 16 to 256 "
+                  "printable characters without spaces");
+  return token;
+}
+
+/// The gateway's client certificate is used where this program may read its key.
+void drop_unreadable_certificate(ParseResult& result) {
+  BrokerSettings& broker = result.config.broker;
+  if (!broker.key_file || SystemFiles().read(*broker.key_file)) return;
+  result.warnings.push_back({*broker.key_file, 1, "broker.tls.key_file",
+                             "cannot be read by slam-gateway-web, which connects without a client "
+                             "certificate"});
+  broker.certificate_file.reset();
+  broker.key_file.reset();
+}
+
+}  // namespace
+
+Startup load_startup(const std::string& config_file) {
+  Startup startup{load_shared_config(config_file), {}};
+  if (!startup.parsed.problems.empty()) return startup;
+  read_own_credentials(startup.parsed, config_file);
+  drop_unreadable_certificate(startup.parsed);
+  const auto& token_file = startup.parsed.config.web.token_file;
+  if (token_file) startup.token = read_token(startup.parsed, *token_file);
+  return startup;
+}
+
+}  // namespace slamgw::web

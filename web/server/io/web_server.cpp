@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "web/server/io/web_server.hpp"
+
+#include <boost/asio/ip/address.hpp>
+#include <chrono>
+
+#include "web/server/io/http_connection.hpp"
+
+namespace slamgw::web {
+namespace {
+
+namespace asio = boost::asio;
+using asio::ip::tcp;
+
+constexpr std::chrono::milliseconds pause_after_failure{200};
+
+/// `address:port`, as the configuration's reader has found it good.
+tcp::endpoint endpoint_of(const std::string& listen) {
+  const std::size_t colon = listen.rfind(':');
+  std::string address = listen.substr(0, colon);
+  if (address.starts_with('[')) address = address.substr(1, address.size() - 2);
+  return {asio::ip::make_address(address),
+          static_cast<std::uint16_t>(std::stoul(listen.substr(colon + 1)))};
+}
+
+}  // namespace
+
+WebServer::WebServer(asio::io_context& io, const Settings& settings, PageHub& hub)
+    : hub_(hub),
+      answers_(AccessRules(settings.hosts), [&hub] { return hub.metrics(); }),
+      acceptor_(io, endpoint_of(settings.listen)),
+      pause_(io) {
+  accept();
+}
+
+void WebServer::accept() {
+  acceptor_.async_accept([this](boost::system::error_code error, tcp::socket socket) {
+    if (error == asio::error::operation_aborted) return;
+    if (!error && connections_ < max_connections)
+      std::make_shared<HttpConnection>(std::move(socket), *this)->read();
+    else if (!error)
+      hub_.count_refused_request();
+    if (!error) return accept();
+    pause_.expires_after(pause_after_failure);
+    pause_.async_wait([this](boost::system::error_code end) {
+      if (!end) accept();
+    });
+  });
+}
+
+}  // namespace slamgw::web

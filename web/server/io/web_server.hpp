@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+// The listening socket and its HTTP connections (Boost.Beast). What is answered: answers.hpp; a
+// connection that becomes a WebSocket: page_connection.hpp.
+#pragma once
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <string>
+
+#include "web/server/answers.hpp"
+#include "web/server/io/page_hub.hpp"
+
+namespace slamgw::web {
+
+class WebServer {
+ public:
+  /// All connections, pages among them; browsers open up to six each for the files.
+  static constexpr std::size_t max_connections = 256;
+
+  /// Listens; throws boost::system::system_error when it cannot.
+  WebServer(boost::asio::io_context& io, const Settings& settings, PageHub& hub);
+
+  const Answers& answers() const { return answers_; }
+  PageHub& hub() { return hub_; }
+  std::size_t& connections() { return connections_; }
+
+ private:
+  void accept();
+
+  PageHub& hub_;
+  Answers answers_;
+  boost::asio::ip::tcp::acceptor acceptor_;
+  boost::asio::steady_timer pause_;  ///< after a failure, of which too many open files is one
+  std::size_t connections_ = 0;
+};
+
+}  // namespace slamgw::web

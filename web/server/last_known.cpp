@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "web/server/last_known.hpp"
+
+namespace slamgw::web {
+
+bool LastKnown::keep(std::string_view topic, SharedText text) {
+  forget(topic);
+  const std::size_t cost = topic.size() + text->size();
+  if (topics_.size() >= max_topics || bytes_ + cost > max_bytes) return false;
+  bytes_ += cost;
+  topics_.emplace(topic, std::move(text));
+  return true;
+}
+
+void LastKnown::forget(std::string_view topic) {
+  const auto known = topics_.find(topic);
+  if (known == topics_.end()) return;
+  bytes_ -= known->first.size() + known->second->size();
+  topics_.erase(known);
+}
+
+}  // namespace slamgw::web

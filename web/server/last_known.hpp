@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+// The newest word on each state topic: what a page gets when it comes, and what the metrics are
+// made of. Pure, bounded.
+#pragma once
+
+#include <map>
+#include <string>
+#include <string_view>
+
+#include "web/server/page_queue.hpp"
+
+namespace slamgw::web {
+
+class LastKnown {
+ public:
+  /// Ten thousand robots on a few gateways; whoever can publish under the prefix could make more.
+  static constexpr std::size_t max_topics = 20'000;
+  static constexpr std::size_t max_bytes = 16 << 20;
+
+  /// False when there is no room. An empty payload, which takes a retained message back, is a text
+  /// of its own that is not kept.
+  bool keep(std::string_view topic, SharedText text);
+  void forget(std::string_view topic);
+  const std::map<std::string, SharedText, std::less<>>& topics() const { return topics_; }
+
+ private:
+  std::map<std::string, SharedText, std::less<>> topics_;
+  std::size_t bytes_ = 0;
+};
+
+}  // namespace slamgw::web

@@ -1,0 +1,252 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "web/server/metrics.hpp"
+
+#include <fmt/format.h>
+
+#include <array>
+#include <cmath>
+#include <initializer_list>
+#include <nlohmann/json.hpp>
+#include <optional>
+
+#include "web/server/exposition.hpp"
+
+namespace slamgw::web {
+namespace {
+
+using nlohmann::json;
+using Path = std::initializer_list<const char*>;
+
+const json* find(const json& document, Path path) {
+  const json* here = &document;
+  for (const char* key : path) {
+    if (!here->is_object()) return nullptr;
+    const auto found = here->find(key);
+    if (found == here->end()) return nullptr;
+    here = &*found;
+  }
+  return here;
+}
+
+std::optional<double> number(const json& document, Path path) {
+  const json* value = find(document, path);
+  if (value == nullptr || !value->is_number()) return std::nullopt;
+  return value->get<double>();
+}
+
+std::string text(const json& document, Path path) {
+  const json* value = find(document, path);
+  const auto* found = value == nullptr ? nullptr : value->get_ptr<const std::string*>();
+  return found == nullptr ? "" : *found;
+}
+
+/// One number of a document and the metric that it becomes.
+struct Row {
+  Path path;
+  std::string_view name;
+  std::string_view help;
+  double scale = 1;
+};
+
+void add_rows(Exposition& out, const json& document, std::initializer_list<Row> rows,
+              const Labels& labels) {
+  for (const Row& row : rows) {
+    const auto value = number(document, row.path);
+    if (value) out.add(row.name, row.help, labels, *value * row.scale);
+  }
+}
+
+void add_own(Exposition& out, const OwnNumbers& own) {
+  const auto count = [](auto value) { return static_cast<double>(value); };
+  out.add("slamgw_web_info", "The version of slam-gateway-web.", {{"version", own.version}}, 1);
+  out.add("slamgw_web_broker_connected", "Whether slam-gateway-web is connected to the broker.", {},
+          own.broker_is_connected ? 1 : 0);
+  out.add("slamgw_web_pages", "Pages that are open.", {}, count(own.pages));
+  out.add("slamgw_web_messages_total", "Messages that the broker sent.", {}, count(own.messages));
+  out.add("slamgw_web_dropped_messages_total", "Messages that slow pages did not get.", {},
+          count(own.messages_dropped));
+  out.add("slamgw_web_commands_total", "Commands that pages sent.", {}, count(own.commands));
+  out.add("slamgw_web_refused_requests_total",
+          "Requests refused: wrong Host or Origin, no such page, or no room.", {},
+          count(own.requests_refused));
+  out.add("slamgw_web_cpu_seconds_total", "CPU time of slam-gateway-web.", {}, own.cpu_seconds);
+  out.add("slamgw_web_resident_memory_bytes", "Memory of slam-gateway-web.", {},
+          count(own.resident_bytes));
+}
+
+void add_stats(Exposition& out, const std::string& gateway, const json& stats) {
+  const Labels labels{{"gateway", gateway}};
+  add_rows(
+      out, stats,
+      {
+          {{"uptime_s"}, "slamgw_gateway_uptime_seconds", "Time since the gateway started."},
+          {{"messages", "published"},
+           "slamgw_gateway_published_messages_total",
+           "Messages that the broker has acknowledged."},
+          {{"messages", "dropped"},
+           "slamgw_gateway_dropped_messages_total",
+           "QoS 0 messages that were dropped."},
+          {{"messages", "refused"},
+           "slamgw_gateway_refused_messages_total",
+           "Messages for which there was no room; robots were not acknowledged."},
+          {{"messages", "rejected"},
+           "slamgw_gateway_rejected_messages_total",
+           "Updates that could not be read."},
+          {{"messages", "set_aside"},
+           "slamgw_gateway_set_aside_messages_total",
+           "Messages that can never be delivered and were kept as dead letters."},
+          {{"messages", "stored"},
+           "slamgw_gateway_stored_messages_total",
+           "Messages that were written to disk."},
+          {{"store", "depth"}, "slamgw_gateway_store_messages", "Messages on disk."},
+          {{"store", "bytes"}, "slamgw_gateway_store_bytes", "Size of the messages on disk."},
+          {{"store", "max_bytes"}, "slamgw_gateway_store_limit_bytes", "The most that it may be."},
+          {{"store", "oldest_age_s"},
+           "slamgw_gateway_store_oldest_seconds",
+           "Age of the oldest message on disk."},
+          {{"store", "dead_letters"}, "slamgw_gateway_dead_letters", "Dead letters on disk."},
+          {{"queue", "depth"}, "slamgw_gateway_queue_messages", "Messages in memory."},
+          {{"queue", "bytes"}, "slamgw_gateway_queue_bytes", "Size of the messages in memory."},
+          {{"memory_rss_bytes"}, "slamgw_gateway_resident_memory_bytes", "Memory of the daemon."},
+      },
+      labels);
+  for (const char* direction : {"up", "down"}) {
+    if (const auto value = number(stats, {"messages", direction}))
+      out.add("slamgw_gateway_messages_total", "Messages from robots (up) and to them (down).",
+              {{"gateway", gateway}, {"direction", direction}}, *value);
+  }
+  for (const char* state : {"online", "asleep", "offline"}) {
+    if (const auto value = number(stats, {"robots", state}))
+      out.add("slamgw_gateway_robots", "Robots by state.", {{"gateway", gateway}, {"state", state}},
+              *value);
+  }
+  out.add("slamgw_gateway_broker_up", "Whether the gateway's link to the broker works.", labels,
+          text(stats, {"broker", "state"}) == "up" ? 1 : 0);
+  const json* meshes = find(stats, {"meshes"});
+  if (meshes == nullptr || !meshes->is_object()) return;
+  for (const auto& [mesh, value] : meshes->items()) {
+    const std::string state = text(value, {"state"});
+    if (state != "disabled")
+      out.add("slamgw_gateway_mesh_up", "Whether the gateway's link to this mesh works.",
+              {{"gateway", gateway}, {"mesh", mesh}}, state == "up" ? 1 : 0);
+  }
+}
+
+/// "2026-11-21T13:57:43.613Z" as Unix time.
+std::optional<double> unix_time(const std::string& iso8601) {
+  int year = 0, month = 0, day = 0, hour = 0, minute = 0;
+  double second = 0;
+  if (std::sscanf(iso8601.c_str(), "%4d-%2d-%2dT%2d:%2d:%lf", &year, &month, &day, &hour, &minute,
+                  &second) != 6)
+    return std::nullopt;
+  // Days since 1970 of the Gregorian calendar, years beginning in March.
+  const int months = (month + 9) % 12;
+  const int years = year - months / 10;
+  const int days =
+      365 * years + years / 4 - years / 100 + years / 400 + (months * 306 + 5) / 10 + day - 719469;
+  return days * 86400.0 + hour * 3600 + minute * 60 + second;
+}
+
+void add_robot(Exposition& out, const Labels& labels, const json& numbers) {
+  for (const char* direction : {"up", "down"}) {
+    Labels both = labels;
+    both.push_back({"direction", direction});
+    if (const auto value = number(numbers, {direction}))
+      out.add("slamgw_robot_messages_total", "Messages from a robot (up) and to it (down).", both,
+              *value);
+  }
+  add_rows(out, numbers,
+           {{{"repeats"}, "slamgw_robot_repeats_total", "Messages that the robot sent again."},
+            {{"rate_hz"}, "slamgw_robot_rate_hertz", "Messages a second."},
+            {{"rssi_dbm"}, "slamgw_robot_rssi_dbm", "Strength of the robot's signal."}},
+           labels);
+  for (const auto& [quantile, key] :
+       {std::pair{"0.5", "latency_p50_us"}, std::pair{"0.99", "latency_p99_us"}}) {
+    Labels both = labels;
+    both.push_back({"quantile", quantile});
+    if (const auto value = number(numbers, {key}))
+      out.add("slamgw_robot_latency_seconds",
+              "From a message's arrival at the gateway to its acknowledgement, of the last minute.",
+              both, *value * 1e-6);
+  }
+  if (const auto heard = unix_time(text(numbers, {"last_heard"})))
+    out.add("slamgw_robot_last_heard_timestamp_seconds", "When the robot was heard last.", labels,
+            *heard);
+}
+
+void add_robots(Exposition& out, const std::string& gateway, const json& numbers) {
+  const json* robots = find(numbers, {"robots"});
+  if (robots == nullptr || !robots->is_object()) return;
+  for (const auto& [robot, values] : robots->items())
+    add_robot(out, {{"gateway", gateway}, {"robot", robot}}, values);
+}
+
+json payload_of(const SharedText& message) {
+  json document = json::parse(*message, nullptr, false);
+  return document.is_object() ? document.value("payload", json()) : json();
+}
+
+class Gateways {
+ public:
+  Gateways(const Topics& topics, const LastKnown& known) : topics_(topics), known_(known) {}
+
+  void add_to(Exposition& out) const {
+    for (const auto& [topic, message] : known_.topics()) {
+      const auto [name, rest] = topics_.gateway_topic(topic);
+      if (rest == "state")
+        out.add("slamgw_gateway_up", "Whether the gateway is there.",
+                {{"gateway", std::string(name)}}, is_online(payload_of(message)) ? 1 : 0);
+    }
+    for (const auto& [topic, message] : known_.topics()) add_topic(out, topic, message);
+  }
+
+ private:
+  static bool is_online(const json& state) { return text(state, {"state"}) == "online"; }
+
+  bool is_gone(std::string_view gateway) const {
+    const auto state =
+        known_.topics().find(topics_.prefix() + "/gateway/" + std::string(gateway) + "/state");
+    return state != known_.topics().end() && !is_online(payload_of(state->second));
+  }
+
+  void add_topic(Exposition& out, std::string_view topic, const SharedText& message) const {
+    constexpr std::string_view robots = "robots/";
+    const auto [name, rest] = topics_.gateway_topic(topic);
+    if (rest == "state" || is_gone(name)) return;
+    const std::string gateway(name);
+    if (rest == "stats") add_stats(out, gateway, payload_of(message));
+    if (rest == "numbers") add_robots(out, gateway, payload_of(message));
+    if (!rest.starts_with(robots)) return;
+    const json presence = payload_of(message);
+    out.add("slamgw_robot_online", "Whether the robot is there (1), or asleep or gone (0).",
+            {{"gateway", gateway},
+             {"robot", std::string(rest.substr(robots.size()))},
+             {"mesh", text(presence, {"mesh"})}},
+            is_online(presence) ? 1 : 0);
+  }
+
+  const Topics& topics_;
+  const LastKnown& known_;
+};
+
+}  // namespace
+
+void OutcomeCounts::add(std::string_view gateway, std::string_view payload) {
+  const std::string outcome = text(json::parse(payload, nullptr, false), {"outcome"});
+  const std::pair key(std::string(gateway), outcome);
+  if (outcome.empty() || (counts_.size() >= max_series && !counts_.contains(key))) return;
+  ++counts_[key];
+}
+
+std::string metrics_text(const OwnNumbers& own, const Topics& topics, const LastKnown& known,
+                         const OutcomeCounts& outcomes) {
+  Exposition out;
+  add_own(out, own);
+  Gateways(topics, known).add_to(out);
+  for (const auto& [key, count] : outcomes.counts())
+    out.add("slamgw_commands_total", "Commands by how they ended, since slam-gateway-web started.",
+            {{"gateway", key.first}, {"outcome", key.second}}, static_cast<double>(count));
+  return out.text();
+}
+
+}  // namespace slamgw::web

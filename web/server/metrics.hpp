@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: Apache-2.0
+// `/metrics`: what the gateways tell about themselves, in Prometheus's text format 0.0.4. Pure.
+// Every name begins with `slamgw_`; seconds and bytes; counters end in `_total`. What a gateway
+// that is offline said last is not told as if it were of now.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <string>
+#include <string_view>
+#include <utility>
+
+#include "web/server/last_known.hpp"
+#include "web/server/topics.hpp"
+
+namespace slamgw::web {
+
+/// Of this program itself.
+struct OwnNumbers {
+  std::string version;
+  bool broker_is_connected = false;
+  std::size_t pages = 0;
+  std::uint64_t messages = 0;          ///< from the broker
+  std::uint64_t messages_dropped = 0;  ///< that slow pages did not get
+  std::uint64_t commands = 0;          ///< that pages sent
+  std::uint64_t requests_refused = 0;  ///< wrong Host or Origin, no room
+  double cpu_seconds = 0;
+  std::uint64_t resident_bytes = 0;
+};
+
+/// How commands ended, by gateway and outcome; bounded, for both words come from the broker.
+class OutcomeCounts {
+ public:
+  static constexpr std::size_t max_series = 200;
+  void add(std::string_view gateway, std::string_view payload);
+  const std::map<std::pair<std::string, std::string>, std::uint64_t>& counts() const {
+    return counts_;
+  }
+
+ private:
+  std::map<std::pair<std::string, std::string>, std::uint64_t> counts_;
+};
+
+std::string metrics_text(const OwnNumbers& own, const Topics& topics, const LastKnown& known,
+                         const OutcomeCounts& outcomes);
+
+}  // namespace slamgw::web

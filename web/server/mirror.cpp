@@ -1,0 +1,127 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "web/server/mirror.hpp"
+
+#include <algorithm>
+#include <array>
+#include <nlohmann/json.hpp>
+
+#include "daemon/core/utf8.hpp"
+
+namespace slamgw::web {
+namespace {
+
+using nlohmann::json;
+
+bool is_plain_text(std::string_view text) {
+  return !text.empty() && is_utf8(text) && std::none_of(text.begin(), text.end(), [](char c) {
+    return static_cast<unsigned char>(c) < 0x20 || c == '\x7f';
+  });
+}
+
+/// Positions are octets also where they happen to look like text.
+bool is_octets(std::string_view topic, std::string_view payload) {
+  const std::string_view type = topic.substr(topic.rfind('/') + 1);
+  return (type == "update" || type == "cmd") && !payload.starts_with('{');
+}
+
+void append_payload(std::string& out, const BrokerMessage& message, TopicKind kind) {
+  const bool is_gateways = kind == TopicKind::state || kind == TopicKind::event;
+  const std::string_view payload = message.payload;
+  if (is_gateways && json::accept(payload)) {
+    out.append(payload).append(R"(,"encoding":"json")");
+  } else if (!is_octets(message.topic, payload) && is_plain_text(payload)) {
+    append_json_text(out, payload);
+    out += R"(,"encoding":"text")";
+  } else {
+    out.append("\"").append(to_hex(as_bytes(payload))).append(R"(","encoding":"hex")");
+  }
+}
+
+void append_member(std::string& out, std::string_view name, std::string_view text) {
+  if (text.empty() || !is_utf8(text)) return;
+  out.append(",\"").append(name).append("\":");
+  append_json_text(out, text);
+}
+
+std::optional<std::string> from_hex(std::string_view hex) {
+  constexpr std::string_view digits = "0123456789abcdef";
+  if (hex.size() % 2 != 0) return std::nullopt;
+  std::string octets;
+  for (std::size_t i = 0; i < hex.size(); i += 2) {
+    const std::size_t high = digits.find(hex[i]);
+    const std::size_t low = digits.find(hex[i + 1]);
+    if (high == digits.npos || low == digits.npos) return std::nullopt;
+    octets += static_cast<char>(high << 4 | low);
+  }
+  return octets;
+}
+
+const std::string* text_of(const json& object, const char* key) {
+  const auto found = object.find(key);
+  return found == object.end() ? nullptr : found->get_ptr<const std::string*>();
+}
+
+}  // namespace
+
+void append_json_text(std::string& out, std::string_view utf8) {
+  constexpr std::string_view digits = "0123456789abcdef";
+  out += '"';
+  for (const char c : utf8) {
+    const auto octet = static_cast<unsigned char>(c);
+    if (c == '"' || c == '\\') {
+      out.append({'\\', c});
+    } else if (octet < 0x20) {
+      out.append("\\u00").append({digits[octet >> 4], digits[octet & 15]});
+    } else {
+      out += c;
+    }
+  }
+  out += '"';
+}
+
+std::optional<std::string> to_page(const BrokerMessage& message, TopicKind kind) {
+  if (!is_utf8(message.topic)) return std::nullopt;
+  const bool is_gateways = kind == TopicKind::state || kind == TopicKind::event;
+  const std::size_t longest = is_gateways ? max_gateway_payload : max_robot_payload;
+  std::string out = R"({"topic":)";
+  out.reserve(message.topic.size() + 2 * std::min(message.payload.size(), longest) + 192);
+  append_json_text(out, message.topic);
+  out += R"(,"payload":)";
+  if (message.payload.size() > longest) {
+    out += R"("","encoding":"hex","bytes":)" + std::to_string(message.payload.size());
+  } else {
+    append_payload(out, message, kind);
+  }
+  out += R"(,"at":)" + std::to_string(message.at_ms);
+  if (message.is_retained) out += R"(,"retain":true)";
+  append_member(out, "mesh", message.mesh);
+  append_member(out, "gateway", message.gateway);
+  append_member(out, "received_at", message.received_at);
+  out += '}';
+  return out;
+}
+
+std::string own_message(std::string_view name, std::string_view payload_json) {
+  std::string out = R"({"topic":"$web/)";
+  return out.append(name).append(R"(","payload":)").append(payload_json).append("}");
+}
+
+std::variant<TokenOffer, CommandRequest, BadRequest> parse_page_message(std::string_view text) {
+  constexpr const char* shape = R"(not {"topic": "...", "payload": "..."})";
+  if (text.size() > max_page_message) return BadRequest{"too long"};
+  const json document = json::parse(text, nullptr, false);
+  if (!document.is_object()) return BadRequest{shape};
+  const std::string* topic = text_of(document, "topic");
+  const std::string* payload = text_of(document, "payload");
+  if (topic == nullptr || payload == nullptr) return BadRequest{shape};
+  if (*topic == "$web/token") return TokenOffer{*payload};
+  const std::string* named = text_of(document, "encoding");
+  const std::string encoding = named == nullptr ? "text" : *named;
+  if (encoding != "text" && encoding != "hex") return BadRequest{"encoding is not text or hex"};
+  const auto octets = encoding == "hex" ? from_hex(*payload) : std::optional(*payload);
+  if (!octets) return BadRequest{"the payload is not in hexadecimal digits, two for each octet"};
+  if (octets->size() > max_command_payload) return BadRequest{"the payload is too long"};
+  return CommandRequest{*topic, *octets};
+}
+
+}  // namespace slamgw::web

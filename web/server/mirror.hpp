@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: Apache-2.0
+// An MQTT message as the JSON text that pages get, and back: what a page says. Pure.
+//
+// To pages: {"topic", "payload", "encoding", "at"} and where they apply "retain": true, "mesh",
+// "gateway", "received_at" (user properties of MQTT 5), "bytes" (the payload's size, when it was
+// too long to be passed on). `at`: when this program got it, Unix time in milliseconds.
+// `encoding` says what `payload` is: "json" the JSON value itself (a gateway's documents), "text"
+// UTF-8 without control characters, "hex" the octets in hexadecimal digits, two each (everything
+// else; `update` and `cmd` always, unless they are JSON objects).
+//
+// Topics that begin with `$web/` are this program's own word: no MQTT subscription brings such.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <variant>
+
+#include "daemon/core/bytes.hpp"
+#include "web/server/topics.hpp"
+
+namespace slamgw::web {
+
+/// What the broker sent.
+struct BrokerMessage {
+  std::string topic;
+  std::string payload;
+  std::int64_t at_ms = 0;
+  bool is_retained = false;
+  std::string mesh;
+  std::string gateway;
+  std::string received_at;
+};
+
+/// Longest payloads that are passed on. A gateway's numbers hold a line for each of its robots.
+inline constexpr std::size_t max_robot_payload = 4096;
+inline constexpr std::size_t max_gateway_payload = 2 << 20;
+
+/// Nothing when the topic is no UTF-8.
+std::optional<std::string> to_page(const BrokerMessage& message, TopicKind kind);
+/// A message of this program's own; `payload_json` is JSON text.
+std::string own_message(std::string_view name, std::string_view payload_json);
+void append_json_text(std::string& out, std::string_view utf8);
+
+/// The longest message that a page may send, and the longest payload of a command.
+inline constexpr std::size_t max_page_message = 4096;
+inline constexpr std::size_t max_command_payload = 1024;
+
+struct TokenOffer {
+  std::string token;
+};
+struct CommandRequest {
+  std::string topic;
+  std::string payload;
+};
+struct BadRequest {
+  std::string why;
+};
+/// {"topic": "$web/token", "payload": "..."} or {"topic", "payload", "encoding": "text" | "hex"}.
+std::variant<TokenOffer, CommandRequest, BadRequest> parse_page_message(std::string_view text);
+
+}  // namespace slamgw::web

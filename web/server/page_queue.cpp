@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "web/server/page_queue.hpp"
+
+#include "web/server/mirror.hpp"
+
+namespace slamgw::web {
+
+void PageQueue::push_state(std::string_view topic, SharedText text) {
+  const auto waiting = states_.find(topic);
+  if (waiting != states_.end()) {
+    waiting->second = std::move(text);
+    return;
+  }
+  order_.emplace_back(topic);
+  states_.emplace(topic, std::move(text));
+}
+
+void PageQueue::push_event(SharedText text) {
+  event_bytes_ += text->size();
+  events_.push_back(std::move(text));
+  while (event_bytes_ > max_event_bytes && events_.size() > 1) {
+    event_bytes_ -= events_.front()->size();
+    events_.pop_front();
+    ++dropped_;
+    ++untold_;
+  }
+}
+
+SharedText PageQueue::pop() {
+  if (untold_ > 0) {
+    const std::string count = R"({"messages":)" + std::to_string(untold_) + "}";
+    untold_ = 0;
+    return std::make_shared<const std::string>(own_message("dropped", count));
+  }
+  if (!order_.empty()) {
+    const auto state = states_.find(order_.front());
+    SharedText text = std::move(state->second);
+    states_.erase(state);
+    order_.pop_front();
+    return text;
+  }
+  if (events_.empty()) return nullptr;
+  SharedText text = std::move(events_.front());
+  events_.pop_front();
+  event_bytes_ -= text->size();
+  return text;
+}
+
+}  // namespace slamgw::web

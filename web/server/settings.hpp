@@ -1,0 +1,18 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the configuration says about the live page (`web.*`); defaults are the contract's.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace slamgw::web {
+
+struct Settings {
+  std::string listen = "127.0.0.1:8321";  ///< an IP address and a port
+  std::optional<std::string> token_file;  ///< nothing: no page may send commands
+  std::vector<std::string> hosts;         ///< names that a `Host` header may say besides addresses
+  bool operator==(const Settings&) const = default;
+};
+
+}  // namespace slamgw::web

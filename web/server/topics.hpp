@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a topic of the contract's tree means to a page. Pure.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <string_view>
+
+namespace slamgw::web {
+
+enum class TopicKind : std::uint8_t {
+  robot,    ///< `<prefix>/robot/<id>/<type>`: what a robot said
+  command,  ///< `<prefix>/server/<id>/<type>`: what it was told
+  state,    ///< of a gateway, the newest is all: `state`, `stats`, `numbers`, `robots/<id>`
+  event,    ///< of a gateway, each one counts: `commands/<id>`, `rejected/<id>/<type>`
+  foreign,  ///< nothing of the tree
+};
+
+class Topics {
+ public:
+  explicit Topics(std::string prefix) : prefix_(std::move(prefix)) {}
+
+  TopicKind kind_of(std::string_view topic) const;
+  /// `<gw>` and what follows it, of a topic under `<prefix>/gateway/`; both empty for others.
+  struct GatewayTopic {
+    std::string_view gateway;
+    std::string_view rest;
+  };
+  GatewayTopic gateway_topic(std::string_view topic) const;
+  /// Whether a page may publish here: `<prefix>/server/<id>/<type>` with two valid levels.
+  bool is_command_topic(std::string_view topic) const;
+  const std::string& prefix() const { return prefix_; }
+
+ private:
+  /// What follows `<prefix>/<branch>/`; empty when it is not below.
+  std::string_view below(std::string_view topic, std::string_view branch) const;
+
+  std::string prefix_;
+};
+
+}  // namespace slamgw::web
