@@ -161,6 +161,7 @@ class CommandWalk {
       EXPECT_LT(i, ended[CommandId{number}])
           << "command " << number << " went on the air after its outcome";
     }
+    EXPECT_EQ(rig_.board.count(0xac), 0u) << "no operator has the board cleared";
     EXPECT_TRUE(rig_.kept.empty()) << "nothing is under way any more";
   }
 

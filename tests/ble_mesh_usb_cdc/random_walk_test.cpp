@@ -114,6 +114,7 @@ class Walk {
     rig.run_for(60s);
     look();
     EXPECT_TRUE(rig.is_up());
+    EXPECT_EQ(rig.board.count(0xac), 0u) << "no operator has the board cleared";
     EXPECT_EQ(rig.all<CommandOutcome>().size(), commands) << "one outcome for each command";
   }
 

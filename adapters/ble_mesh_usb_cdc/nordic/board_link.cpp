@@ -71,7 +71,6 @@ void BoardLink::begin_start_up(TimePoint now) {
 
 void BoardLink::continue_start_up(TimePoint now) {
   for (Notice& notice : start_up_->take_notices()) say_once(notice.severity, notice.text);
-  if (start_up_->is_fresh()) fresh_board_ = start_up_->uuid();
   switch (start_up_->state()) {
     case StartUp::State::commanding: issue(start_up_->command(), Issuer::start_up, now); break;
     case StartUp::State::needs_keys: on_keys_needed(now); break;
@@ -87,24 +86,8 @@ void BoardLink::on_refused(TimePoint now) {
     unconfirmed_refusal_ = start_up_->refusal();
     return begin_resync(now);
   }
-  if (clear_own_damage(now)) return;
   refuse(start_up_->refusal(), now);
   issue_clear(now);
-}
-
-/// Octets that were lost while a fresh board got its keys leave other keys there. The board held
-/// nothing before, so that clearing it harms nobody.
-bool BoardLink::clear_own_damage(TimePoint now) {
-  const bool was_fresh = !fresh_board_.empty() && fresh_board_ == start_up_->uuid();
-  if (!start_up_->is_foreign() || !was_fresh) return false;
-  stage_ = Stage::refused;
-  retry_at_ = now + refusal_interval;
-  say_once(
-      Severity::warning,
-      "the keys that the fresh serial board was given arrived damaged: it is cleared and given "
-      "them again");
-  issue(encode_command(CommandOpcode::state_clear), Issuer::clear, now);
-  return true;
 }
 
 void BoardLink::refuse(const std::string& why, TimePoint now) {
@@ -117,7 +100,6 @@ void BoardLink::refuse(const std::string& why, TimePoint now) {
 void BoardLink::on_started(TimePoint now) {
   stage_ = Stage::running;
   unconfirmed_refusal_.clear();
-  fresh_board_.clear();
   traffic_.on_started(
       {start_up_->version(), start_up_->appkey_handle(), start_up_->take_addresses()});
   subnet_handle_ = start_up_->subnet_handle();

@@ -94,7 +94,8 @@ class BoardLink {
   /// lost it is sent again.
   bool command(Bytes frame, TimePoint now);
   /// State Clear: the board forgets keys, addresses and sequence numbers and is started up anew.
-  /// Only on an operator's word. False when there is no board that could be cleared.
+  /// Only on an operator's word: the one place that sends it. False when there is no board that
+  /// could be cleared.
   bool clear_board(TimePoint now);
   /// The mesh's keys are others than before; starts the board up with them.
   void change_keys(const MeshKeys& keys, TimePoint now);
@@ -132,7 +133,6 @@ class BoardLink {
   void on_drop_counter(std::uint32_t total, TimePoint now);
   void on_command_timeout(TimePoint now);
   void on_refused(TimePoint now);
-  bool clear_own_damage(TimePoint now);
   void refuse(const std::string& why, TimePoint now);
   void on_lost_step(TimePoint now);
   void get_in_step_again(TimePoint now);
@@ -162,7 +162,6 @@ class BoardLink {
   std::optional<TimePoint> busy_until_;  ///< while starting
   int busy_answers_ = 0;
   std::string unconfirmed_refusal_;
-  std::string fresh_board_;  ///< UUID of a board that was fresh and has not been up since
   Duration reopen_delay_ = first_reopen_delay;
   TimePoint retry_at_{};  ///< while refused
   TimePoint poll_at_{};   ///< while running

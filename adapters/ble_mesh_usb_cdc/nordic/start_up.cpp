@@ -102,7 +102,7 @@ void StartUp::on_address(const CommandResponse& response) {
   if (!check(response, data.ok(), "telling its unicast address")) return;
   has_address_ = count != 0;
   if (has_address_ && address != settings_.address) {
-    return refuse_foreign(fmt::format(
+    return refuse(fmt::format(
         "it is configured with unicast address 0x{:04x}, but ble_mesh.address is 0x{:04x}: set "
         "ble_mesh.address to the board's, or give the board the other with slam-gatewayctl ble "
         "reset-board --yes",
@@ -146,10 +146,11 @@ StartUp::Step StartUp::first_key_step() const {
 
 void StartUp::on_subnet_added(const CommandResponse& response) {
   if (response.status == Status::rejected) {
-    return refuse_foreign(
-        "it holds another network key than this gateway's mesh.json: it belongs to another mesh; "
-        "attach this mesh's board, or clear the board, or move mesh.json away to use the board "
-        "with its own keys");
+    return refuse(
+        "it holds another network key than this gateway's mesh.json: it belongs to another mesh, "
+        "or "
+        "its key arrived damaged; attach this mesh's board, or clear this one with slam-gatewayctl "
+        "ble reset-board --yes, or move mesh.json away to use the board with its own keys");
   }
   const auto listed = handle_of(subnet_indexes_, key_index);
   if (response.status == Status::internal && listed) {
@@ -187,7 +188,10 @@ void StartUp::on_appkeys(const CommandResponse& response) {
 
 void StartUp::on_appkey_added(const CommandResponse& response) {
   if (response.status == Status::rejected)
-    return refuse_foreign("it holds another application key than this gateway's mesh.json");
+    return refuse(
+        "it holds another application key than this gateway's mesh.json: it belongs to another "
+        "mesh, "
+        "or its key arrived damaged; slam-gatewayctl ble reset-board --yes clears it");
   const auto listed = handle_of(appkey_indexes_, key_index);
   if (response.status == Status::internal && listed) {
     appkey_handle_ = *listed;
@@ -276,11 +280,6 @@ bool StartUp::check(const CommandResponse& response, bool is_complete, std::stri
 void StartUp::refuse(std::string why) {
   refusal_ = "the serial board can't be used: " + std::move(why);
   state_ = State::refused;
-}
-
-void StartUp::refuse_foreign(std::string why) {
-  is_foreign_ = true;
-  refuse(std::move(why));
 }
 
 void StartUp::notice(Severity severity, std::string text) {

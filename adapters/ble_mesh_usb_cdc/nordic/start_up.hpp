@@ -44,13 +44,6 @@ class StartUp {
   /// What the operator should read; empties the list.
   std::vector<Notice> take_notices() { return std::exchange(notices_, {}); }
 
-  /// The board had neither address nor keys.
-  bool is_fresh() const { return is_fresh_; }
-  /// While refused: because it has an address or key other than this gateway's.
-  bool is_foreign() const { return is_foreign_; }
-  /// Of the board, in hex; empty when it did not tell.
-  const std::string& uuid() const { return uuid_; }
-
   /// When done:
   AddressBook take_addresses() { return std::move(addresses_); }
   std::uint16_t subnet_handle() const { return subnet_handle_; }
@@ -95,7 +88,6 @@ class StartUp {
   void read_next_handle();
   void add_next_group();
   void refuse(std::string why);
-  void refuse_foreign(std::string why);
   /// True when `response` is success and holds what it must; refuses otherwise. Octets beyond
   /// those are ignored: firmware newer than this file may send more.
   bool check(const CommandResponse& response, bool is_complete, std::string_view what);
@@ -109,11 +101,10 @@ class StartUp {
   std::vector<Notice> notices_;
 
   SerialVersion version_ = SerialVersion::sdk_3_1;
-  std::string uuid_;
+  std::string uuid_;  ///< in hex; empty when it did not tell
   std::optional<std::uint32_t> dropped_events_;
   bool has_address_ = true;
-  bool is_fresh_ = false;
-  bool is_foreign_ = false;
+  bool is_fresh_ = false;                      ///< it had neither address nor keys
   std::vector<std::uint16_t> subnet_indexes_;  ///< in handle order
   std::vector<std::uint16_t> appkey_indexes_;  ///< in handle order
   std::uint16_t subnet_handle_ = 0;
