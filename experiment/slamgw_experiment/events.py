@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One line of events.csv: something that happened to one message, somewhere on its way.
+
+Sources are the gateway (`slam-gatewayctl --json watch`), the robots (`slam-gateway-sim --trace`) and the broker (a subscriber).
+All three are read leniently: a member that is missing or of another type is left empty, an unknown one is ignored.
+"""
+import csv
+import dataclasses
+import datetime
+
+GATEWAY, ROBOTS, BROKER = "gateway", "robots", "broker"
+
+# name: (type, what it says in the documentation)
+COLUMNS = {
+    "t_us": (int, "microseconds since the run began, on a clock that makes no steps"),
+    "at": (str, "the time that the source gave, ISO 8601; empty: t_us is when the line was read"),
+    "source": (str, "who saw it: gateway, robots (simulated ones only) or broker"),
+    "event": (str, "what happened: arrived, repeat, published, acknowledged, ...; robots: sent, refused, link_repeat, ..."),
+    "robot": (str, "the robot's id"),
+    "mesh": (str, "ble or thread"),
+    "type": (str, "message type: update, probe, adv, ..."),
+    "direction": (str, "up or down"),
+    "qos": (int, "0, 1 or 2"),
+    "message_id": (str, "the mesh's own number of the message"),
+    "dup": (int, "1: marked as a repeat by the robot"),
+    "bytes": (int, "octets of the payload"),
+    "rssi_dbm": (float, "received signal strength"),
+    "ttl": (int, "BLE Mesh: as it arrived"),
+    "hops": (int, "BLE Mesh: relays that it passed, and one"),
+    "latency_us": (int, "since the message arrived at the gateway"),
+    "outcome": (str, "of a command, or why a message was refused"),
+    "number": (int, "robots: their count of the message; probes: the sequence number inside"),
+    "sender_ms": (int, "probes: the sender's milliseconds"),
+    "payload": (str, "hexadecimal"),
+    "topic": (str, "MQTT topic"),
+}
+
+
+@dataclasses.dataclass
+class Event:
+    t_us: int = 0
+    at: str = ""
+    source: str = ""
+    event: str = ""
+    robot: str = ""
+    mesh: str = ""
+    type: str = ""
+    direction: str = ""
+    qos: int | None = None
+    message_id: str = ""
+    dup: int | None = None
+    bytes: int | None = None
+    rssi_dbm: float | None = None
+    ttl: int | None = None
+    hops: int | None = None
+    latency_us: int | None = None
+    outcome: str = ""
+    number: int | None = None
+    sender_ms: int | None = None
+    payload: str = ""
+    topic: str = ""
+
+    def is_arrival_of(self, message_type):
+        return (self.source == GATEWAY and self.event == "arrived" and self.direction != "down"
+                and self.type == message_type)
+
+
+class WrongColumns(Exception):
+    """events.csv was written by another version."""
+
+
+def microseconds_since_1970(text):
+    """Of an ISO 8601 time with any number of decimals; None for what is none."""
+    try:
+        moment = datetime.datetime.fromisoformat(str(text).replace("Z", "+00:00"))
+    except ValueError:
+        return None
+    if moment.tzinfo is None:
+        moment = moment.replace(tzinfo=datetime.timezone.utc)
+    since = moment - datetime.datetime(1970, 1, 1, tzinfo=datetime.timezone.utc)
+    return since // datetime.timedelta(microseconds=1)
+
+
+def _as(kind, value):
+    if value is None or value == "":
+        return "" if kind is str else None
+    if kind is str:
+        return value if isinstance(value, str) else str(value)
+    try:
+        return kind(value)
+    except (TypeError, ValueError):
+        return None
+
+
+def read_probe(payload_hex):
+    """Sequence number (u16) and milliseconds (u32), little-endian; None when it is no probe."""
+    try:
+        octets = bytes.fromhex(payload_hex)
+    except ValueError:
+        return None
+    if len(octets) != 6:
+        return None
+    return int.from_bytes(octets[:2], "little"), int.from_bytes(octets[2:], "little")
+
+
+def from_members(source, members):
+    """An Event without its time, from what one line of a source says."""
+    event = Event(source=source)
+    for name, (kind, _) in COLUMNS.items():
+        if name in members and name not in ("t_us", "source"):
+            setattr(event, name, _as(kind, members[name]))
+    event.payload = event.payload or _as(str, members.get("payload_hex"))
+    if not event.event and source == GATEWAY:
+        event.event = "command" if event.direction == "down" else "arrived"
+    if event.bytes is None and event.payload:
+        event.bytes = len(event.payload) // 2
+    if event.type == "probe" and event.payload:
+        probe = read_probe(event.payload)
+        if probe:
+            event.number, event.sender_ms = probe
+    return event
+
+
+def write_header(file):
+    csv.writer(file, lineterminator="\n").writerow(COLUMNS)
+
+
+def write_row(file, event):
+    row = [getattr(event, name) for name in COLUMNS]
+    csv.writer(file, lineterminator="\n").writerow(["" if value is None else value for value in row])
+
+
+def read_csv(path):
+    """All events of the file, in order of time; a last line that was cut is left out."""
+    events = []
+    with open(path, newline="", encoding="utf-8") as file:
+        rows = csv.reader(file)
+        header = next(rows, None)
+        if header != list(COLUMNS):
+            raise WrongColumns(f"{path} does not begin with the columns of this version: {','.join(COLUMNS)}")
+        for row in rows:
+            if len(row) != len(COLUMNS):
+                continue
+            values = {name: _as(kind, text) for (name, (kind, _)), text in zip(COLUMNS.items(), row)}
+            if values["t_us"] is not None:
+                events.append(Event(**values))
+    events.sort(key=lambda event: event.t_us)
+    return events

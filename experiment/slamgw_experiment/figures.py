@@ -1,0 +1,315 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Draws figure.svg and figure.png of a result folder. Matplotlib draws; the numbers come from measure.py."""
+import collections
+import os
+import textwrap
+
+import matplotlib
+
+matplotlib.use("Agg")
+# pylint: disable=wrong-import-position
+import matplotlib.pyplot as plt  # noqa: E402
+import numpy  # noqa: E402
+
+from slamgw_experiment import measure  # noqa: E402
+
+MESH_NAMES = {"ble": "BLE Mesh", "thread": "Thread"}
+COLOURS = {"ble": "#2166ac", "thread": "#1b7837"}
+SECOND, THESIS, GREY = "#e08214", "#b2182b", "#666666"
+STYLE = {
+    "font.family": "DejaVu Sans", "font.size": 9, "axes.spines.top": False, "axes.spines.right": False,
+    "axes.grid": True, "axes.grid.axis": "y", "grid.color": "#dddddd", "grid.linewidth": 0.6, "axes.axisbelow": True,
+    "axes.titlesize": 9, "axes.titleweight": "bold", "axes.titlelocation": "left", "legend.frameon": False,
+    "svg.hashsalt": "slam-gateway-experiment", "svg.fonttype": "path",
+}
+WIDTH_IN, PANEL_IN, CAPTION_CHARACTERS, LINE_IN = 6.6, 2.9, 112, 0.15
+
+
+def draw(directory, result, events):
+    """Both files of the folder, the same picture."""
+    if result.get("measured") is None:
+        return
+    drawers = {"intervals": [_intervals], "latency": [_latency], "hop": [_hop_all, _hop_first, _hop_repeats],
+               "counts": [_counts], "ring": [_ring], "probe": [_counts, _probe_delay]}
+    panels = drawers[_kind(result)]
+    has_data = result["measured"]["counts"]["arrived"] > 0
+    text = caption(result)
+    heights = [1.75 if panel is _ring else 1 for panel in panels]
+    caption_in = LINE_IN * (len(text.splitlines()) + 1)
+    with plt.rc_context(STYLE):
+        figure = plt.figure(figsize=(WIDTH_IN, 0.55 + PANEL_IN * sum(heights) + caption_in))
+        whole_in = figure.get_figheight()
+        grid = figure.add_gridspec(len(panels), 1, left=0.1, right=0.97, top=1 - (0.62 if len(panels) > 1 or heights[0] > 1 else 0.45) / whole_in,
+                                   bottom=(caption_in + 0.45) / whole_in, hspace=0.38, height_ratios=heights)
+        figure.text(0.02, 1 - 0.1 / whole_in, _title(result), fontsize=11, fontweight="bold", va="top")
+        if result["simulated"]:
+            _mark_as_simulated(figure, whole_in)
+        for row, panel in enumerate(panels):
+            axes = figure.add_subplot(grid[row])
+            panel(axes, result, events) if has_data else _nothing(axes)
+        figure.text(0.02, 0.06 / whole_in, text, fontsize=7.8, va="bottom", linespacing=1.35)
+        _save_svg(figure, os.path.join(directory, "figure.svg"), result["simulated"])
+        figure.savefig(os.path.join(directory, "figure.png"), dpi=150, metadata={"Software": None})
+        plt.close(figure)
+
+
+def _save_svg(figure, path, is_simulated):
+    """Text becomes outlines, so that the file needs no font; a comment keeps the mark for programs."""
+    figure.savefig(path, metadata={"Date": None})
+    if is_simulated:
+        with open(path, "a", encoding="utf-8") as file:
+            file.write("<!-- SIMULATED -->\n")
+
+
+def _kind(result):
+    from slamgw_experiment import catalogue
+    experiment = catalogue.find(result["experiment"])
+    return experiment.kind if experiment else "intervals"
+
+
+def _title(result):
+    return f"{result['title']} · {MESH_NAMES.get(result['mesh'], result['mesh'])}"
+
+
+def _mark_as_simulated(figure, whole_in):
+    figure.text(0.98, 1 - 0.12 / whole_in, "SIMULATED", ha="right", va="top", fontsize=8, fontweight="bold", color="white",
+                bbox={"boxstyle": "round,pad=0.3", "facecolor": THESIS, "edgecolor": "none"})
+
+
+def _nothing(axes):
+    axes.text(0.5, 0.5, "no messages arrived", transform=axes.transAxes, ha="center", color=GREY, fontsize=12)
+    axes.set_xticks([])
+    axes.set_yticks([])
+
+
+# Panels
+
+def _intervals(axes, result, events):
+    period = result["conditions"]["period_ms"]
+    gaps = measure.pooled(measure.intervals_ms(events, result["conditions"]["type"]))
+    if not len(gaps):
+        return _nothing(axes)
+    wide = gaps.max() > 7.5 * period
+    bin_ms = period / 4 if wide else period / 10
+    end = max(5 * period, numpy.percentile(gaps, 99.9) + 2 * bin_ms)
+    # Bins are centred on multiples of their width, so that none ends at a multiple of the period.
+    axes.hist(numpy.minimum(gaps, end), bins=numpy.arange(-bin_ms / 2, end + bin_ms, bin_ms), color=COLOURS[result["mesh"]])
+    _count_logarithmically(axes)
+    axes.set_xlim(0, end + bin_ms)
+    if not wide:
+        axes.set_xticks(numpy.arange(0, end + period, period))
+    for shown, share in result["measured"]["interval_shares"].items():
+        if shown != "longer" and share > 0 and not wide:
+            count = int(round(share * len(gaps)))
+            axes.annotate(f"{share:.1%}", (float(shown), count), xytext=(12, 2), textcoords="offset points", fontsize=8)
+    thesis_ms = result["thesis"]["numbers"].get("interval_ms") or result["thesis"]["numbers"].get("spikes_near_ms")
+    if thesis_ms and not result["conditions"]["time_compressed"] != 1:
+        _thesis_line(axes, thesis_ms, f"thesis: {thesis_ms} ms")
+    axes.set_xlabel("time between two arrivals at the gateway / ms" + _compressed(result))
+    axes.set_ylabel("messages")
+
+
+def _count_logarithmically(axes):
+    axes.set_yscale("log")
+    axes.yaxis.set_major_formatter(matplotlib.ticker.FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.yaxis.set_minor_formatter(matplotlib.ticker.NullFormatter())
+    axes.set_ylim(0.6, max(20, axes.get_ylim()[1] * 1.6))
+
+
+def _thesis_line(axes, x, text):
+    axes.axvline(x, color=THESIS, linestyle="--", linewidth=1.1)
+    axes.annotate(text, (x, 1), xycoords=("data", "axes fraction"), xytext=(-4, -2), textcoords="offset points", ha="right",
+                  va="top", color=THESIS, fontsize=8)
+
+
+def _latencies(result, events):
+    """({what: values in ms}, where they were taken)"""
+    robots = measure.robot_latencies_ms(events)
+    if robots:
+        return robots, "robot"
+    return measure.gateway_latencies_ms(events, result["conditions"]["type"]), "gateway"
+
+
+def _latency(axes, result, events):
+    values, where = _latencies(result, events)
+    if not values:
+        return _nothing(axes)
+    series = {robot: ones for robot, ones in values.items() if len(ones)}
+    what = "PUBLISH to PUBACK" if result["mesh"] == "thread" else "SET to STATUS"
+    if len(series) == 1:
+        series = {f"{what}, seen by the {where}": next(iter(series.values()))}
+    gateway = measure.gateway_latencies_ms(events, result["conditions"]["type"])
+    if where == "robot" and len(series) == 1 and gateway:
+        series["of that in the gateway, with the broker"] = measure.pooled(gateway)
+    whole = numpy.concatenate(list(series.values()))
+    end = float(numpy.percentile(whole, 99.5)) * 1.15 + 1
+    bin_ms = 1 if end < 80 else 5 if end < 400 else end / 80
+    bins = numpy.arange(0, end + 2 * bin_ms, bin_ms)
+    colours = [COLOURS[result["mesh"]], SECOND, "#7b3294", "#636363"]
+    for index, (name, ones) in enumerate(series.items()):
+        mean = float(ones.mean())
+        axes.hist(numpy.minimum(ones, end), bins=bins, color=colours[index % 4], alpha=0.75,
+                  label=f"{name}: mean {mean:.1f} ms, 99 % within {numpy.percentile(ones, 99):.1f} ms")
+        axes.axvline(mean, color=colours[index % 4], linewidth=1.2)
+    beyond = int(numpy.sum(whole > end))
+    axes.set_xlim(0, end + bin_ms)
+    axes.set_ylim(0, axes.get_ylim()[1] * 1.12)
+    axes.legend(loc="upper right", fontsize=8)
+    axes.set_xlabel(f"{what} / ms" + (f" (the last bar holds {beyond} later ones)" if beyond else ""))
+    axes.set_ylabel("messages")
+
+
+def _hop_values(result, events):
+    values, where = _latencies(result, events)
+    return measure.pooled(values), where
+
+
+def _hop_all(axes, result, events):
+    values, where = _hop_values(result, events)
+    if not len(values):
+        return _nothing(axes)
+    retry = 8000 / result["conditions"]["time_compressed"]
+    axes.hist(values, bins=numpy.arange(0, max(2.4 * retry, values.max() + retry / 20), retry / 40), color=COLOURS["thread"])
+    _count_logarithmically(axes)
+    axes.set_xlim(0, None)
+    for times in (1, 2):
+        axes.axvline(times * retry, color=THESIS, linestyle="--", linewidth=1)
+        late = int(numpy.sum((values >= (times - 0.1) * retry) & (values < (times + 0.9) * retry)))
+        axes.annotate(f"thesis: {8 * times} s\nhere {late} messages", (times * retry, 1), xycoords=("data", "axes fraction"),
+                      xytext=(4, -2), textcoords="offset points", va="top", color=THESIS, fontsize=8)
+    axes.set_title("8.10  all messages")
+    axes.set_xlabel(f"PUBLISH to PUBACK, seen by the {where} / ms" + _compressed(result))
+    axes.set_ylabel("messages")
+
+
+def _hop_first(axes, result, events):
+    values, _ = _hop_values(result, events)
+    retry = 8000 / result["conditions"]["time_compressed"]
+    first = values[values < 0.9 * retry] if len(values) else values
+    if not len(first):
+        return _nothing(axes)
+    end = numpy.percentile(first, 99.5) * 1.1 + 1
+    axes.hist(numpy.minimum(first, end), bins=60, color=COLOURS["thread"])
+    axes.axvline(first.mean(), color=SECOND, linewidth=1.2, label=f"mean {first.mean():.1f} ms")
+    axes.legend(loc="upper right", fontsize=8)
+    axes.set_title("8.11  without those that the client repeated")
+    axes.set_xlabel("PUBLISH to PUBACK / ms")
+    axes.set_ylabel("messages")
+
+
+def _hop_repeats(axes, result, events):
+    client, link = measure.repeats_by_message(events)
+    if not client:
+        axes.set_title("8.12  repeats for each message")
+        return _nothing(axes)
+    totals = collections.Counter(min(9, link[key] + client[key]) for key in client)
+    by_client = collections.Counter(min(9, link[key] + client[key]) for key in client if client[key])
+    numbers = numpy.arange(0, 10)
+    axes.bar(numbers, [totals[n] for n in numbers], color=COLOURS["thread"], label="between two hops only (802.15.4)")
+    axes.bar(numbers, [by_client[n] for n in numbers], color=SECOND, label="also by the client (MQTT-SN)")
+    axes.set_xticks(numbers, [*map(str, numbers[:-1]), "9 or more"])
+    axes.legend(loc="upper right", fontsize=8)
+    axes.set_title("8.12  repeats for each message")
+    axes.set_xlabel("repeats on its way to the gateway")
+    axes.set_ylabel("messages")
+
+
+def _counts(axes, result, events):
+    counts, loss = result["measured"]["counts"], result["measured"]["loss"]["exact"]
+    at_broker = counts.get("received_at_broker", counts["published"] or counts["arrived"])
+    doubled = counts.get("doubled_at_broker", counts.get("probes_doubled", 0))
+    sent = loss["sent"] if loss else None
+    bars = [("sent", sent), ("arrived at\nthe gateway", counts["arrived"]), ("received at\nthe broker", at_broker),
+            ("lost", loss["lost"] if loss else None), ("received\ntwice", doubled)]
+    bars = [(name, value) for name, value in bars if value is not None]
+    colours = {"lost": THESIS, "received\ntwice": SECOND}
+    drawn = axes.bar([name for name, _ in bars], [value for _, value in bars], width=0.6,
+                     color=[colours.get(name, COLOURS[result["mesh"]]) for name, _ in bars])
+    axes.bar_label(drawn, fontsize=9, padding=2)
+    axes.set_ylim(0, max(1, max(value for _, value in bars)) * 1.12)
+    axes.set_ylabel("messages")
+
+
+def _probe_delay(axes, result, events):
+    delays = measure.pooled(measure.probe_delays_ms(events))
+    if not len(delays):
+        return _nothing(axes)
+    end = float(numpy.percentile(delays, 99.5)) * 1.1 + 1
+    axes.hist(numpy.minimum(delays, end), bins=60, color=COLOURS[result["mesh"]])
+    axes.set_xlabel("later than the fastest probe / ms")
+    axes.set_ylabel("messages")
+
+
+def _ring(axes, result, events):
+    positions, obstacles = measure.points(events)
+    if not len(obstacles):
+        return _nothing(axes)
+    axes.scatter(obstacles[:, 0], obstacles[:, 1], s=7, color=COLOURS[result["mesh"]], alpha=0.45, linewidths=0,
+                 label=f"{len(obstacles)} obstacles", zorder=3)
+    axes.plot(positions[:, 0], positions[:, 1], color=SECOND, linewidth=0.9, label="the robot's way", zorder=2)
+    circle = result["measured"].get("ring")
+    if circle:
+        axes.add_patch(plt.Circle((circle["x_cm"], circle["y_cm"]), circle["radius_cm"], fill=False, color="black",
+                                  linewidth=1.2, zorder=4))
+        axes.plot([], [], color="black", linewidth=1.2,
+                  label=f"fitted: radius {circle['radius_cm']:.1f} cm, {circle['rms_error_cm']:.1f} cm rms off")
+    axes.add_patch(plt.Circle((0, 0), 80, fill=False, color=THESIS, linestyle="--", linewidth=1, zorder=4))
+    axes.plot([], [], color=THESIS, linestyle="--", linewidth=1, label="thesis: radius 80 cm")
+    axes.set_aspect("equal", adjustable="box")
+    axes.grid(True, axis="both")
+    axes.legend(loc="upper center", ncol=2, fontsize=8)
+    axes.set_xlabel("x / cm")
+    axes.set_ylabel("y / cm")
+    reach = max(100, 1.1 * float(numpy.abs(obstacles).max()))
+    axes.set_xlim(-reach, reach)
+    axes.set_ylim(-reach, 1.3 * reach)
+
+
+def _compressed(result):
+    factor = result["conditions"]["time_compressed"]
+    return f" (time compressed {factor:g} times)" if factor != 1 else ""
+
+
+# Caption
+
+def caption(result):
+    """The thesis's result beside the measured one, and what must be known to read the figure."""
+    sentences = [f"Thesis, figure {result['thesis']['figure']}: {result['thesis']['result']}.",
+                 f"Here: {_here(result)}."]
+    if result["simulated"]:
+        sentences.append(f"Simulated robots and radio, seed {result['conditions']['seed']}.")
+    if result["differs"]:
+        sentences.append(f"Less than the thesis: {'; '.join(result['differs'])}.")
+    sentences.append(f"The thesis does not tell: {result['thesis']['unknown']}. Chosen: {result['thesis']['chosen']}.")
+    if not result["complete"]:
+        sentences.append(f"NOT COMPLETE: {result.get('ended_early', 'the run was cut off')}.")
+    for incident in result["incidents"][:2]:
+        sentences.append(f"At {incident['t_us'] / 1e6:.0f} s: {incident['what']}.")
+    return "\n".join(line for sentence in sentences for line in textwrap.wrap(sentence, CAPTION_CHARACTERS))
+
+
+def _here(result):
+    """The measured result in the words of the thesis's."""
+    measured = result["measured"]
+    counts, loss = measured["counts"], measured["loss"]
+    parts = [f"{counts['arrived']} arrived"]
+    if loss["exact"]:
+        sent = counts.get("measured", loss["exact"]["sent"])
+        refused = counts.get("refused", 0)
+        if refused:
+            parts.append(f"{refused} of {sent} never left the robot")
+        parts.append(f"{loss['exact']['lost']} of {loss['exact']['sent']} sent were lost "
+                     f"({loss['exact']['share'] or 0:.1%}, exact)")
+    if loss["estimate"] and _kind(result) == "intervals" and measured["interval_ms"]:
+        if measured["interval_ms"]["p50"] > 7 * result["conditions"]["period_ms"]:
+            parts.append(f"{measured['interval_ms']['mean']:.0f} ms apart on average")
+        else:
+            parts.append(f"{loss['estimate']['share']:.1%} lost as estimated from gaps")
+    robot = measured["acknowledged_after_ms"]["robot"] or measured["acknowledged_after_ms"]["gateway"]
+    if robot and _kind(result) in ("latency", "hop"):
+        parts.append(f"acknowledged after {robot['mean']:.1f} ms on average, median {robot['p50']:.1f} ms")
+    if counts.get("doubled_at_broker") is not None:
+        parts.append(f"{counts['received_at_broker']} received at the broker, {counts['doubled_at_broker']} of them twice")
+    if measured.get("ring") and _kind(result) == "ring":
+        parts.append(f"a circle of radius {measured['ring']['radius_cm']:.1f} cm")
+    return "; ".join(parts)

@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command line of slam-gateway-experiment."""
+import argparse
+import dataclasses
+import datetime
+import os
+import shlex
+import signal
+import sys
+
+from slamgw_experiment import catalogue, figures, folder, page
+from slamgw_experiment.programs import Missing, Programs
+from slamgw_experiment.run import Run
+from slamgw_experiment.sites import DEFAULT_SOCKET, RunningDaemon, SimulatedSite
+
+WRONG_ARGUMENTS = 2
+
+
+@dataclasses.dataclass
+class Asked:
+    """What of the command line one run needs."""
+    messages: int
+    period_ms: float
+    message_type: str
+    seed: int
+    wait_s: float
+    compress: float
+    format: str
+    version: str
+
+
+class Stop:
+    """Ctrl-C and SIGTERM end a run in order; the second one ends the program."""
+
+    def __init__(self):
+        self.asked = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._on_signal)
+
+    def _on_signal(self, number, _):
+        signal.signal(number, signal.SIG_DFL)
+        self.asked = True
+
+    def __call__(self):
+        return self.asked
+
+
+def positive(kind):
+    def read(text):
+        value = kind(text)
+        if not 0 < value < 1e9:
+            raise argparse.ArgumentTypeError(f"{text} is not above 0")
+        return value
+    read.__name__ = kind.__name__
+    return read
+
+
+def parser(version):
+    whole = argparse.ArgumentParser(prog="slam-gateway-experiment",
+                                    description="Measures a mesh as the thesis did, draws its figures, compares runs.")
+    whole.add_argument("--version", action="version", version=f"slam-gateway-experiment {version}")
+    verbs = whole.add_subparsers(dest="verb", required=True, metavar="list|run|plot|compare")
+    verbs.add_parser("list", help="the experiments, and what each showed in the thesis")
+    run = verbs.add_parser("run", help="measure; leaves a folder with events.csv, result.json, figure.svg and figure.png")
+    run.add_argument("name", metavar="NAME", help="an experiment, or all")
+    who = run.add_mutually_exclusive_group(required=True)
+    who.add_argument("--robots", metavar="ID,...", help="real robots that the running daemon hears")
+    who.add_argument("--sim", action="store_true", help="simulated robots, with a broker and a daemon of their own")
+    run.add_argument("--seed", type=int, default=1, help="of the simulator (default: 1)")
+    run.add_argument("--messages", type=positive(int), help="of each robot (default: as in the thesis, else 1000)")
+    run.add_argument("--period-ms", type=positive(float), help="between two messages of a robot (default: 200)")
+    run.add_argument("--out", metavar="DIR", help="a new folder (default: NAME and the time)")
+    run.add_argument("--format", choices=["csv", "mcap"], default="csv", help="mcap: events.mcap besides events.csv")
+    run.add_argument("--mesh", choices=["ble", "thread", "both"], help="for all, ring and probe")
+    run.add_argument("--probe", action="store_true", help="probes in place of updates: exact loss")
+    run.add_argument("--type", dest="message_type", metavar="TYPE", help="the message type to measure (default: update, or probe)")
+    run.add_argument("--wait-s", type=positive(float), default=60, help="for the first message (default: 60)")
+    run.add_argument("--compress", type=positive(float), default=1,
+                     help="Thread with --sim: period and repeats so many times shorter (default: 1)")
+    run.add_argument("--sim-args", default="", metavar="TEXT", help="more options for slam-gateway-sim")
+    run.add_argument("--socket", default=DEFAULT_SOCKET, metavar="PATH", help=f"of the daemon (default: {DEFAULT_SOCKET})")
+    run.add_argument("--broker", metavar="HOST:PORT", help="with --robots: also count what a subscriber at this broker gets")
+    plot = verbs.add_parser("plot", help="count and draw again from events.csv")
+    plot.add_argument("directory", metavar="DIR")
+    compare = verbs.add_parser("compare", help="two results, or two folders of results, on one page")
+    compare.add_argument("directories", metavar="DIR", nargs=2)
+    compare.add_argument("--out", metavar="FILE", default="compare.html", help="the page (default: compare.html)")
+    return whole
+
+
+def main(version, bin_directory=None, arguments=None):
+    asked = parser(version).parse_args(arguments)
+    try:
+        if asked.verb == "list":
+            return list_experiments()
+        if asked.verb == "plot":
+            return plot(asked.directory)
+        if asked.verb == "compare":
+            return compare(asked.directories, asked.out)
+        return run(asked, version, Programs(bin_directory))
+    except (folder.BadFolder, Missing) as error:
+        print(f"slam-gateway-experiment: {error}", file=sys.stderr)
+        return 1
+
+
+def list_experiments():
+    for one in catalogue.EXPERIMENTS:
+        meshes = " or ".join(figures.MESH_NAMES[mesh] for mesh in one.meshes)
+        print(f"{one.name:17} figure {one.figures:9} {meshes:18} {one.title}")
+        print(f"{'':17} {one.messages} messages each {one.period_ms:g} ms; thesis: {one.thesis}")
+    return 0
+
+
+def plot(directory):
+    result, events = folder.measure_again(directory)
+    folder.write_result(directory, result)
+    figures.draw(directory, result, events)
+    print(os.path.join(directory, "figure.svg"))
+    return 0
+
+
+def compare(directories, out):
+    print(page.compare(directories, out))
+    print(f"\n{out}")
+    return 0
+
+
+def chosen_runs(asked):
+    """[(experiment, mesh)], or a text that says what is wrong."""
+    wanted = {"ble": ["ble"], "thread": ["thread"], "both": ["ble", "thread"]}
+    if asked.name == "all":
+        meshes = wanted[asked.mesh or "both"]
+        return [(one, mesh) for one in catalogue.EXPERIMENTS for mesh in one.meshes if mesh in meshes]
+    experiment = catalogue.find(asked.name)
+    if not experiment:
+        return f"there is no experiment {asked.name}; there are {', '.join(one.name for one in catalogue.EXPERIMENTS)}, and all"
+    if asked.mesh is None:
+        return [(experiment, experiment.meshes[0])]
+    meshes = [mesh for mesh in wanted[asked.mesh] if mesh in experiment.meshes]
+    if asked.mesh != "both" and not meshes or asked.mesh == "both" and len(meshes) < 2:
+        return f"{experiment.name} is measured on {figures.MESH_NAMES[experiment.meshes[0]]} only"
+    return [(experiment, mesh) for mesh in meshes]
+
+
+def run(asked, version, programs):
+    runs = chosen_runs(asked)
+    if isinstance(runs, str):
+        print(f"slam-gateway-experiment: {runs}", file=sys.stderr)
+        return WRONG_ARGUMENTS
+    stop = Stop()
+    now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
+    out = folder.make(asked.out or f"{asked.name}-{now}")
+    if len(runs) == 1:
+        return run_one(asked, *runs[0], out, version, programs, stop)
+    statuses = []
+    for experiment, mesh in runs:
+        if stop():
+            break
+        name = experiment.name if len(experiment.meshes) == 1 else f"{experiment.name}-{mesh}"
+        statuses.append(run_one(asked, experiment, mesh, folder.make(os.path.join(out, name)), version, programs, stop))
+    index = os.path.join(out, "index.html")
+    page.write_both(index, out)
+    print(index)
+    return max(statuses + [1 if stop() else 0])
+
+
+def run_one(asked, experiment, mesh, out, version, programs, stop):
+    payload = "probe" if asked.probe else experiment.payload
+    message_type = asked.message_type or ("probe" if payload == "probe" else "update")
+    # The clients' repeats can be made shorter on Thread; BLE Mesh's times are fixed in its stack.
+    compress = asked.compress if asked.sim and mesh == catalogue.THREAD else 1
+    messages = asked.messages or experiment.messages
+    if asked.name == "all":
+        messages = min(messages, experiment.messages)
+    request = Asked(messages, asked.period_ms or experiment.period_ms, message_type, asked.seed, asked.wait_s, compress,
+                    asked.format, version)
+    if asked.sim:
+        site = simulated_site(asked, experiment, mesh, payload, request, programs)
+    else:
+        site = RunningDaemon(programs, asked.socket, asked.robots.split(","), asked.broker)
+    status = Run(experiment, mesh, site, out, request, programs, stop).measure()
+    print(os.path.join(out, "figure.svg"))
+    return status
+
+
+def simulated_site(asked, experiment, mesh, payload, request, programs):
+    period_ms = request.period_ms / request.compress
+    options = [*catalogue.simulator_options(experiment, mesh), "--payload", payload, "--seed", str(request.seed),
+               "--messages", str(request.messages), "--rate", f"{1000 / period_ms:.6f}"]
+    if mesh == catalogue.THREAD:
+        options += ["--retry", f"{8 / request.compress:.6f}"]
+    return SimulatedSite(programs, mesh, experiment.robots, [*options, *shlex.split(asked.sim_args)], experiment.daemon,
+                         request.message_type)

@@ -1,0 +1,249 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From events to numbers. Everything in `measured` of result.json comes from here, and from events.csv alone."""
+import collections
+
+import numpy
+
+from slamgw_experiment.events import BROKER, GATEWAY, ROBOTS
+
+SEQUENCE_NUMBERS = 65536  # a probe's number wraps
+
+
+def intervals_ms(events, message_type):
+    """{robot: gaps between its arrivals at the gateway, in milliseconds}"""
+    times = collections.defaultdict(list)
+    for event in events:
+        if event.is_arrival_of(message_type):
+            times[event.robot].append(event.t_us)
+    return {robot: numpy.diff(numpy.array(at)) / 1000 for robot, at in sorted(times.items())}
+
+
+def robot_latencies_ms(events):
+    """{robot: milliseconds from a message's first sending to its acknowledgement}, as the robots themselves saw it."""
+    sent = {}
+    latencies = collections.defaultdict(list)
+    for event in events:
+        if event.source != ROBOTS:
+            continue
+        key = (event.robot, event.number)
+        if event.event == "sent":
+            sent[key] = event.t_us
+        elif event.event == "acknowledged" and key in sent:
+            latencies[event.robot].append((event.t_us - sent.pop(key)) / 1000)
+    return {robot: numpy.array(values) for robot, values in sorted(latencies.items())}
+
+
+def gateway_latencies_ms(events, message_type):
+    """{robot: milliseconds from a message's arrival to its acknowledgement by the gateway}; broker or disk are inside."""
+    latencies = collections.defaultdict(list)
+    for event in events:
+        if event.source == GATEWAY and event.event == "acknowledged" and event.latency_us is not None:
+            if event.direction != "down" and event.type in (message_type, ""):
+                latencies[event.robot].append(event.latency_us / 1000)
+    return {robot: numpy.array(values) for robot, values in sorted(latencies.items())}
+
+
+def probe_delays_ms(events):
+    """{robot: how much later than its fastest probe each probe came}: needs no common clock."""
+    offsets = collections.defaultdict(list)
+    for event in events:
+        if event.is_arrival_of("probe") and event.sender_ms is not None:
+            offsets[event.robot].append(event.t_us / 1000 - event.sender_ms)
+    return {robot: numpy.array(values) - min(values) for robot, values in sorted(offsets.items())}
+
+
+def repeats_by_message(events):
+    """({message: repeats by the client}, {message: repeats between two hops}), for each message that was sent."""
+    client, link = {}, {}
+    for event in events:
+        key = (event.robot, event.number)
+        if event.source != ROBOTS:
+            continue
+        if event.event == "sent":
+            client.setdefault(key, 0)
+            link.setdefault(key, 0)
+        elif event.event == "repeat":
+            client[key] = client.get(key, 0) + 1
+        elif event.event == "link_repeat":
+            link[key] = link.get(key, 0) + 1
+    return client, link
+
+
+def statistics(values):
+    """Count, mean, percentiles; None for no values."""
+    values = numpy.asarray(values, dtype=float)
+    if values.size == 0:
+        return None
+    p50, p90, p99 = numpy.percentile(values, [50, 90, 99])
+    numbers = {"count": int(values.size), "mean": values.mean(), "min": values.min(), "p50": p50, "p90": p90,
+               "p99": p99, "max": values.max()}
+    return {name: round(float(value), 3) if name != "count" else value for name, value in numbers.items()}
+
+
+def pooled(by_robot):
+    return numpy.concatenate(list(by_robot.values())) if by_robot else numpy.array([])
+
+
+def estimated_loss(gaps_by_robot, period_ms):
+    """The thesis's way (9.2): a gap of two periods is one lost message. Misses losses at both ends, and takes delays for losses."""
+    lost = sum(int(max(0, round(gap / period_ms) - 1)) for gaps in gaps_by_robot.values() for gap in gaps)
+    received = sum(len(gaps) + 1 for gaps in gaps_by_robot.values())
+    return _loss(lost + received, lost, "an estimate, from gaps between arrivals (thesis 9.2)") if received else None
+
+
+def unwrapped(numbers):
+    """Sequence numbers that wrap at 65536 become ones that do not; they may come out of order."""
+    out = []
+    for number in numbers:
+        if not out:
+            out.append(number)
+            continue
+        turns = round((out[-1] - number) / SEQUENCE_NUMBERS)
+        out.append(number + turns * SEQUENCE_NUMBERS)
+    return out
+
+
+def probe_counts(events):
+    """{robot: (sequence numbers that arrived, without doubles; arrivals more than once)}"""
+    numbers = collections.defaultdict(list)
+    for event in events:
+        if event.is_arrival_of("probe") and event.number is not None:
+            numbers[event.robot].append(event.number)
+    counts = {}
+    for robot, ones in sorted(numbers.items()):
+        whole = unwrapped(ones)
+        counts[robot] = (sorted(set(whole)), len(whole) - len(set(whole)))
+    return counts
+
+
+def exact_loss(events, message_type):
+    """By the robots' own record where they are simulated, else by the sequence numbers of probes; None where neither is there."""
+    arrived = sum(1 for event in events if event.is_arrival_of(message_type))
+    sent = sum(1 for event in events if event.source == ROBOTS and event.event == "sent")
+    probes = probe_counts(events)
+    if sent:
+        if probes:
+            arrived = sum(len(numbers) for numbers, _ in probes.values())
+        return _loss(sent, max(0, sent - arrived), "exact, from the simulated robots' own record")
+    if not probes:
+        return None
+    expected = sum(numbers[-1] - numbers[0] + 1 for numbers, _ in probes.values())
+    found = sum(len(numbers) for numbers, _ in probes.values())
+    return _loss(expected, expected - found, "exact between the first and the last probe, from sequence numbers")
+
+
+def _loss(sent, lost, how):
+    low, high = wilson(lost, sent)
+    return {"sent": sent, "lost": lost, "share": round(lost / sent, 5) if sent else None,
+            "share_95_percent": [round(low, 5), round(high, 5)], "how": how}
+
+
+def wilson(found, of, z=1.959964):
+    """The 95 % interval of a share."""
+    if of == 0:
+        return 0.0, 1.0
+    share = found / of
+    centre = (share + z * z / (2 * of)) / (1 + z * z / of)
+    half = z * ((share * (1 - share) / of + z * z / (4 * of * of)) ** 0.5) / (1 + z * z / of)
+    return max(0.0, centre - half), min(1.0, centre + half)
+
+
+def shares_of_periods(gaps, period_ms, most=5):
+    """Which part of the gaps rounds to 1, 2, ... periods."""
+    if len(gaps) == 0:
+        return {}
+    rounded = numpy.maximum(1, numpy.rint(numpy.asarray(gaps) / period_ms)).astype(int)
+    shares = {f"{n * period_ms:g}": round(float(numpy.mean(rounded == n)), 5) for n in range(1, most + 1)}
+    shares["longer"] = round(float(numpy.mean(rounded > most)), 5)
+    return shares
+
+
+def counts(events, message_type):
+    """How often what happened; `received` at the broker comes from a subscriber, else from the daemon's word."""
+    by_kind = collections.Counter((event.source, event.event) for event in events
+                                  if event.direction != "down" and event.type in (message_type, ""))
+    heard = [(event.robot, event.payload) for event in events
+             if event.source == BROKER and event.type == message_type]
+    probes = probe_counts(events)
+    result = {
+        "arrived": by_kind[GATEWAY, "arrived"],
+        "repeats_seen": by_kind[GATEWAY, "repeat"],
+        "published": by_kind[GATEWAY, "published"],
+        "stored": by_kind[GATEWAY, "stored"],
+    }
+    if any(source == ROBOTS for source, _ in by_kind):
+        for name, kind in (("measured", None), ("sent", "sent"), ("acknowledged", "acknowledged"), ("refused", "refused"),
+                           ("cancelled", "cancelled"), ("given_up", "given_up"), ("client_repeats", "repeat"),
+                           ("link_repeats", "link_repeat")):
+            result[name] = by_kind[ROBOTS, kind] if kind else by_kind[ROBOTS, "sent"] + by_kind[ROBOTS, "refused"]
+    if any(event.source == BROKER for event in events):
+        result["received_at_broker"] = len(heard)
+        if message_type == "probe":
+            result["doubled_at_broker"] = len(heard) - len(set(heard))
+    if probes:
+        result["probes_doubled"] = sum(doubled for _, doubled in probes.values())
+    return result
+
+
+def points(events):
+    """(positions, obstacles) of all updates, each an array of x, y in centimetres."""
+    positions, obstacles = [], []
+    for event in events:
+        if not event.is_arrival_of("update"):
+            continue
+        octets = bytes.fromhex(event.payload)
+        octets = octets[: len(octets) // 4 * 4]
+        pairs = numpy.frombuffer(octets, dtype="<i2").reshape(-1, 2)
+        positions.extend(pairs[:1].tolist())
+        obstacles.extend(pairs[1:].tolist())
+    return numpy.array(positions, dtype=float).reshape(-1, 2), numpy.array(obstacles, dtype=float).reshape(-1, 2)
+
+
+def fitted_circle(places):
+    """The circle with the least squares of x^2 + y^2 (Kasa), and how far the points lie from it; None for fewer than three."""
+    if len(places) < 3:
+        return None
+    x, y = places[:, 0], places[:, 1]
+    solution, _, rank, _ = numpy.linalg.lstsq(numpy.column_stack([2 * x, 2 * y, numpy.ones_like(x)]), x * x + y * y,
+                                              rcond=None)
+    if rank < 3:
+        return None
+    radius = float(numpy.sqrt(solution[2] + solution[0] ** 2 + solution[1] ** 2))
+    errors = numpy.hypot(x - solution[0], y - solution[1]) - radius
+    return {"x_cm": round(float(solution[0]), 2), "y_cm": round(float(solution[1]), 2), "radius_cm": round(radius, 2),
+            "rms_error_cm": round(float(numpy.sqrt(numpy.mean(errors ** 2))), 2), "points": int(len(places))}
+
+
+def measured(events, message_type, period_ms):
+    """The whole of `measured` in result.json."""
+    gaps = intervals_ms(events, message_type)
+    all_gaps = pooled(gaps)
+    # On Thread a gap is a delay: clients repeat what got lost.
+    is_ble = any(event.mesh == "ble" for event in events if event.is_arrival_of(message_type))
+    estimate = estimated_loss(gaps, period_ms) if is_ble else None
+    robots = robot_latencies_ms(events)
+    gateway = gateway_latencies_ms(events, message_type)
+    delays = probe_delays_ms(events)
+    client, link = repeats_by_message(events)
+    positions, obstacles = points(events)
+    sizes = collections.Counter(event.bytes for event in events if event.is_arrival_of(message_type))
+    result = {
+        "counts": counts(events, message_type),
+        "loss": {"exact": exact_loss(events, message_type), "estimate": estimate},
+        "interval_ms": statistics(all_gaps),
+        "interval_shares": shares_of_periods(all_gaps, period_ms),
+        "acknowledged_after_ms": {"robot": statistics(pooled(robots)), "gateway": statistics(pooled(gateway))},
+        "acknowledged_after_ms_by_robot": {robot: statistics(values) for robot, values in robots.items()},
+        "payload_octets": {str(size): count for size, count in sorted(sizes.items(), key=lambda item: item[0] or 0)},
+    }
+    if delays:
+        result["probe_delay_ms"] = statistics(pooled(delays))
+    if client:
+        result["messages_repeated_by_client"] = {
+            str(n): count for n, count in sorted(collections.Counter(client.values()).items())}
+        result["messages_repeated_on_link"] = {
+            str(n): count for n, count in sorted(collections.Counter(link.values()).items())}
+    if message_type == "update" and len(obstacles):
+        result["ring"] = fitted_circle(obstacles)
+        result["positions"] = int(len(positions))
+    return result

@@ -1,0 +1,327 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One run: reads the sources until enough has come, and leaves a result folder whatever ends it."""
+import datetime
+import json
+import os
+import platform
+import queue
+import sys
+import time
+
+import matplotlib
+import numpy
+
+from slamgw_experiment import events, figures, folder, mcap, measure
+from slamgw_experiment.clock import Axis
+from slamgw_experiment.programs import new_queue
+from slamgw_experiment.sites import SiteFailure
+
+STATUS_INTERVAL_S = 2
+QUIET_END_S = 1.0      # after the robots have ended, for what is still on its way
+LAST_MESSAGES_S = 1.0  # for the last ones of real robots, after the time that all take
+
+
+class Progress:
+    """One line on a terminal, a line now and then elsewhere."""
+
+    def __init__(self, title, file=sys.stderr):
+        self._title = title
+        self._file = file
+        self._is_terminal = file.isatty()
+        self._next_s = 0.0
+        self._width = 0
+
+    def show(self, done, of, seconds_left, passed_s):
+        if passed_s < self._next_s:
+            return
+        self._next_s = passed_s + (0.5 if self._is_terminal else 15)
+        left = f", {seconds_left:.0f} s left" if seconds_left is not None else ""
+        self._write(f"{self._title}: {done} of {of} messages{left}")
+
+    def _write(self, text):
+        if self._is_terminal:
+            self._file.write("\r" + text.ljust(self._width))
+            self._width = len(text)
+        else:
+            self._file.write(text + "\n")
+        self._file.flush()
+
+    def say(self, text):
+        """A whole line of its own."""
+        if self._is_terminal and self._width:
+            self._file.write("\n")
+            self._width = 0
+        self._file.write(text + "\n")
+        self._file.flush()
+
+
+class Run:
+    """`asked`: messages, period_ms, wait_s, compress, message_type. `stop` is a function that tells of Ctrl-C."""
+
+    def __init__(self, experiment, mesh, site, directory, asked, programs, stop, axis=None):
+        self._experiment = experiment
+        self._mesh = mesh
+        self._site = site
+        self._directory = directory
+        self._asked = asked
+        self._programs = programs
+        self._stop = stop
+        self._axis = axis or Axis()
+        self._progress = Progress(experiment.name if len(experiment.meshes) == 1 else f"{experiment.name} ({mesh})")
+        self._lines = new_queue()
+        self._incidents = []
+        self._heard = {}         # robot: arrivals
+        self._first_us = None
+        self._done = 0
+        self._is_broker_up = True
+        self._robots_ended_us = None
+        self._trouble = None
+        self._begun = datetime.datetime.now(datetime.timezone.utc)
+
+    def measure(self):
+        """Runs, writes the folder, returns the exit status: 0, or 1 when it is not what was asked for."""
+        folder.write_result(self._directory, self._result(None, False, {}))
+        recorder = folder.Recorder(self._directory)
+        daemon = {}
+        ended = "the site did not start"
+        try:
+            self._site.start()
+            daemon = self._site.status() or {}
+            self._check_broker(daemon, at_start=True)
+            sources = self._site.open_sources(self._lines, self._axis.now_us)
+            self._site.start_robots()
+            ended = self._read(recorder, sources)
+        except SiteFailure as failure:
+            ended = str(failure)
+        finally:
+            recorder.close()
+            self._site.close()
+        return self._finish(ended, daemon)
+
+    def _finish(self, ended, daemon):
+        ones = folder.read_events(self._directory)
+        measured = measure.measured(ones, self._asked.message_type, self._period_ms())
+        if not ended and not measured["counts"]["arrived"]:
+            ended = "no message of the wanted type arrived"
+        result = self._result(measured, not ended, daemon)
+        if ended:
+            result["ended_early"] = ended
+            self._progress.say(f"{self._experiment.name}: {ended}. What came so far is in {self._directory}")
+        folder.write_result(self._directory, result)
+        figures.draw(self._directory, result, ones)
+        if self._asked.format == "mcap":
+            mcap.write(os.path.join(self._directory, "events.mcap"), ones, self._axis.begin_wall_us)
+        return 0 if not ended and not self._incidents else 1
+
+    def _period_ms(self):
+        return self._asked.period_ms / self._asked.compress
+
+    # Reading
+
+    def _read(self, recorder, sources):
+        """Until the end: None when all is there, else why not."""
+        next_status_s = 0.0
+        while True:
+            self._take(recorder)
+            recorder.flush()
+            passed_s = self._axis.now_us() / 1e6
+            if self._stop():
+                return "interrupted"
+            if passed_s >= next_status_s:
+                next_status_s = passed_s + STATUS_INTERVAL_S
+                self._check_broker(self._site.status() or {})
+            trouble = self._site.trouble()
+            if trouble and trouble != self._trouble:
+                self._trouble = trouble
+                self._note(trouble)
+            if sources[events.GATEWAY].has_ended:
+                self._take(recorder)
+                return self._trouble or "the daemon's trace has ended: the daemon was stopped, or cut this program off"
+            end = self._end(passed_s)
+            if end is not False:
+                self._take(recorder)
+                return end
+            self._progress.show(self._done, self._expected(), self._seconds_left(passed_s), passed_s)
+
+    def _take(self, recorder):
+        """What has been read by now; waits a moment for the first line."""
+        try:
+            line = self._lines.get(timeout=0.05)
+        except queue.Empty:
+            self._look_at_clock()
+            return
+        while True:
+            self._on_line(recorder, *line)
+            try:
+                line = self._lines.get_nowait()
+            except queue.Empty:
+                return
+
+    def _on_line(self, recorder, source, text, read_us):
+        self._look_at_clock()
+        members = parse(source, text)
+        if members is None:
+            return
+        event = events.from_members(source, members)
+        wall_us = events.microseconds_since_1970(event.at) if event.at else None
+        event.t_us = self._axis.place(wall_us, read_us) if wall_us is not None else read_us
+        if not self._is_wanted(event):
+            return
+        recorder.write(event)
+        if event.is_arrival_of(self._asked.message_type):
+            self._heard[event.robot] = self._heard.get(event.robot, 0) + 1
+            self._first_us = self._first_us if self._first_us is not None else event.t_us
+        is_step = event.event in ("sent", "refused") if source == events.ROBOTS else (
+            self._site.simulator_arguments is None and event.is_arrival_of(self._asked.message_type))
+        self._done += 1 if is_step else 0
+
+    def _is_wanted(self, event):
+        return not event.robot or event.robot in self._site.robots
+
+    def _look_at_clock(self):
+        step = self._axis.look()
+        if step:
+            self._note(f"the clock was set by {step[1] / 1e6:+.3f} s; times in events.csv leave it out")
+
+    # Ends
+
+    def _expected(self):
+        return self._asked.messages * len(self._site.robots)
+
+    def _seconds_left(self, passed_s):
+        if self._first_us is None:
+            return None
+        whole_s = self._asked.messages * self._period_ms() / 1000
+        return max(0.0, whole_s - (passed_s - self._first_us / 1e6))
+
+    def _end(self, passed_s):
+        """False to go on; None at a good end; else why it is none."""
+        if self._first_us is None and passed_s > self._asked.wait_s:
+            return self._nobody_came()
+        if self._site.simulator_arguments is not None:
+            return self._end_of_simulation(passed_s)
+        missing = [robot for robot in self._site.robots if robot not in self._heard]
+        if missing and self._first_us is not None and passed_s > self._asked.wait_s:
+            note = f"{', '.join(missing)} did not appear in {self._asked.wait_s:g} s"
+            if note not in [incident["what"] for incident in self._incidents]:
+                self._note(note)
+        if self._first_us is None:
+            return False
+        has_all = all(self._heard.get(robot, 0) >= self._asked.messages for robot in self._site.robots)
+        whole_s = self._asked.messages * self._period_ms() / 1000
+        is_over = passed_s - self._first_us / 1e6 > whole_s + LAST_MESSAGES_S  # what is lost never comes
+        return None if has_all or is_over else False
+
+    def _end_of_simulation(self, passed_s):
+        if not self._site.have_robots_ended():
+            return False
+        if self._trouble:
+            return self._trouble
+        self._robots_ended_us = self._robots_ended_us or passed_s
+        return None if passed_s - self._robots_ended_us > QUIET_END_S else False
+
+    def _nobody_came(self):
+        known = self._site.known_robots()
+        return (f"nothing of type {self._asked.message_type} came from {', '.join(self._site.robots)} in "
+                f"{self._asked.wait_s:g} s; the daemon knows {', '.join(known) if known else 'no robots'}")
+
+    def _check_broker(self, status, at_start=False):
+        broker = status.get("broker", {})
+        is_up = not broker or broker.get("state") == "up"
+        if is_up != self._is_broker_up and not is_up:
+            self._note(f"the daemon has lost the broker: {broker.get('why') or 'no reason told'}; what it acknowledges meanwhile "
+                       "is on its disk, so times until then say nothing about the broker")
+        elif is_up != self._is_broker_up:
+            self._note("the broker is back")
+        self._is_broker_up = is_up
+        if at_start and not is_up:
+            raise SiteFailure(f"the daemon has no broker: {broker.get('why') or broker.get('uri', '')}")
+
+    def _note(self, what):
+        self._incidents.append({"t_us": self._axis.now_us(), "what": what})
+        self._progress.say(f"{self._experiment.name}: {what}")
+
+    # The result
+
+    def _result(self, measured, is_complete, daemon):
+        experiment, asked = self._experiment, self._asked
+        return {
+            "format": folder.FORMAT,
+            "program": f"slam-gateway-experiment {self._asked.version}",
+            "experiment": experiment.name,
+            "title": experiment.title,
+            "mesh": self._mesh,
+            "complete": is_complete,
+            "simulated": self._site.simulator_arguments is not None,
+            "conditions": self._conditions(daemon),
+            "incidents": self._incidents,
+            "measured": measured,
+            "thesis": {"figure": experiment.figures, "result": experiment.thesis, "numbers": experiment.thesis_numbers,
+                       "unknown": experiment.unknown, "chosen": experiment.chosen,
+                       "messages": experiment.messages, "period_ms": experiment.period_ms},
+            "differs": self._differences(asked),
+        }
+
+    def _differences(self, asked):
+        """In what the run is less than the thesis's."""
+        differences = []
+        if asked.messages < self._experiment.messages:
+            differences.append(f"{asked.messages} messages in place of {self._experiment.messages}")
+        if asked.compress != 1:
+            differences.append(f"time compressed {asked.compress:g} times: the period and the client's repeats; "
+                               "the radio's own times are not")
+        if asked.period_ms != self._experiment.period_ms:
+            differences.append(f"a period of {asked.period_ms:g} ms in place of {self._experiment.period_ms:g}")
+        return differences
+
+    def _conditions(self, daemon):
+        asked = self._asked
+        now = datetime.datetime.now(datetime.timezone.utc)
+        simulator = self._site.simulator_arguments
+        return {
+            "begun": self._begun.isoformat(timespec="microseconds"),
+            "written": now.isoformat(timespec="microseconds"),
+            "robots": self._site.robots,
+            "messages": asked.messages,
+            "period_ms": self._period_ms(),
+            "time_compressed": asked.compress,
+            "type": asked.message_type,
+            "seed": asked.seed if simulator is not None else None,
+            "simulator": simulator,
+            "daemon": {key: daemon.get(key) for key in ("version", "gateway", "uptime_s")},
+            "versions": {
+                "slam-gatewayd": daemon.get("version"),
+                "slam-gateway-sim": self._programs.version("slam-gateway-sim") if simulator is not None else None,
+                "mosquitto": self._programs.version("mosquitto", "-h") if simulator is not None else None,
+                "python": platform.python_version(), "numpy": numpy.__version__, "matplotlib": matplotlib.__version__,
+                "system": f"{platform.system()} {platform.release()} {platform.machine()}",
+            },
+            "clock": {"source": "this host's wall clock, steps taken out by its monotonic clock",
+                      "resolution_us": max(1, round(time.get_clock_info("time").resolution * 1e6)),
+                      "steps": self._axis.steps},
+        }
+
+
+def parse(source, text):
+    """The members of a line, or None for a line that says nothing."""
+    if source == events.BROKER:
+        return parse_broker_line(text)
+    try:
+        members = json.loads(text)
+    except ValueError:
+        return None
+    return members if isinstance(members, dict) else None
+
+
+def parse_broker_line(text):
+    """`<seconds since 1970> <topic> <payload in hex>` of mosquitto_sub."""
+    words = text.split()
+    if len(words) < 2:
+        return None
+    try:
+        at = datetime.datetime.fromtimestamp(float(words[0]), datetime.timezone.utc)
+    except (ValueError, OverflowError, OSError):
+        return None
+    levels = words[1].split("/")
+    return {"at": at.isoformat(timespec="microseconds"), "event": "received", "direction": "up", "topic": words[1],
+            "robot": levels[-2] if len(levels) > 1 else "", "type": levels[-1], "payload": words[2] if len(words) > 2 else ""}

@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every kind of figure is drawn, from full, single and empty runs; captions say what they must."""
+import os
+import tempfile
+import unittest
+
+from slamgw_experiment import catalogue, figures, folder, measure, page
+from slamgw_experiment.events import GATEWAY, ROBOTS, Event
+
+
+def some_events(count, kind):
+    events = []
+    for n in range(1, count + 1):
+        payload = f"{n % 65536:04x}"[2:] + f"{n:04x}"[:2] + "c8000000" if kind == "probe" else "0a00ecff64002c01"
+        events.append(Event(t_us=n * 200_000, source=ROBOTS, event="sent", robot="robot1", mesh="ble", direction="up", number=n))
+        events.append(Event(t_us=n * 200_000 + 5000, source=GATEWAY, event="arrived", robot="robot1", mesh="ble", type=kind,
+                            direction="up", number=n if kind == "probe" else None, sender_ms=n * 200 if kind == "probe" else None,
+                            bytes=len(payload) // 2, payload=payload))
+        events.append(Event(t_us=n * 200_000 + 9000 + 37 * n, source=ROBOTS, event="acknowledged", robot="robot1", mesh="ble",
+                            direction="up", number=n))
+    return events
+
+
+def result_of(experiment, mesh, events, is_simulated=True, complete=True):
+    kind = experiment.message_type()
+    return {"format": folder.FORMAT, "program": "slam-gateway-experiment 0.1.0", "experiment": experiment.name,
+            "title": experiment.title, "mesh": mesh, "complete": complete, "simulated": is_simulated, "incidents": [], "differs": [],
+            "conditions": {"period_ms": 200, "type": kind, "time_compressed": 1, "seed": 3},
+            "measured": measure.measured(events, kind, 200),
+            "thesis": {"figure": experiment.figures, "result": experiment.thesis, "numbers": experiment.thesis_numbers,
+                       "unknown": experiment.unknown, "chosen": experiment.chosen}}
+
+
+class Figures(unittest.TestCase):
+    def test_each_experiment_can_be_drawn_from_any_number_of_messages(self):
+        for experiment in catalogue.EXPERIMENTS:
+            for count in (0, 1, 30):
+                with self.subTest(experiment=experiment.name, count=count), tempfile.TemporaryDirectory() as directory:
+                    events = some_events(count, experiment.message_type())
+                    figures.draw(directory, result_of(experiment, experiment.meshes[0], events), events)
+                    with open(os.path.join(directory, "figure.png"), "rb") as file:
+                        self.assertEqual(file.read(8), b"\x89PNG\r\n\x1a\n")
+                    with open(os.path.join(directory, "figure.svg"), encoding="utf-8") as file:
+                        self.assertIn("</svg>", file.read())
+
+    def test_captions_have_the_thesiss_result_and_the_measured_one(self):
+        for experiment in catalogue.EXPERIMENTS:
+            events = some_events(10, experiment.message_type())
+            caption = figures.caption(result_of(experiment, experiment.meshes[0], events)).replace("\n", " ")
+            self.assertIn(f"figure {experiment.figures}: {experiment.thesis}.", caption)
+            self.assertIn("Here: 10 arrived", caption)
+            self.assertIn("Simulated robots and radio, seed 3.", caption)
+
+    def test_only_what_is_simulated_is_marked_as_such(self):
+        experiment = catalogue.find("ble-hop")
+        events = some_events(10, "update")
+        sizes = []
+        for is_simulated in (True, False):
+            with tempfile.TemporaryDirectory() as directory:
+                result = result_of(experiment, "ble", events, is_simulated)
+                self.assertEqual("Simulated" in figures.caption(result), is_simulated)
+                figures.draw(directory, result, events)
+                with open(os.path.join(directory, "figure.svg"), encoding="utf-8") as file:
+                    sizes.append("<!-- SIMULATED -->" in file.read())
+        self.assertEqual(sizes, [True, False])
+
+    def test_a_run_that_was_cut_off_says_so(self):
+        events = some_events(5, "update")
+        caption = figures.caption(result_of(catalogue.find("ble-hop"), "ble", events, complete=False))
+        self.assertIn("NOT COMPLETE", caption)
+
+
+class Page(unittest.TestCase):
+    def make(self, directory, name, mesh):
+        experiment = catalogue.find(name)
+        events = some_events(20, experiment.message_type())
+        inner = os.path.join(directory, name)
+        os.makedirs(inner)
+        recorder = folder.Recorder(inner)
+        for event in events:
+            recorder.write(event)
+        recorder.close()
+        result = result_of(experiment, mesh, events)
+        folder.write_result(inner, result)
+        figures.draw(inner, result, events)
+        return inner
+
+    def test_both_meshes_on_one_page_that_needs_nothing_else(self):
+        with tempfile.TemporaryDirectory() as directory:
+            ble, thread = self.make(directory, "ble-latency", "ble"), self.make(directory, "thread-puback", "thread")
+            out = os.path.join(directory, "index.html")
+            page.write_both(out, directory)
+            with open(out, encoding="utf-8") as file:
+                text = file.read()
+            self.assertEqual(text.count('src="data:image/svg+xml;base64,'), 2)
+            self.assertNotIn("http", text.replace("http-equiv", ""))
+            self.assertIn("SIMULATED", text)
+            table = page.compare([ble, thread], out)
+            self.assertIn("ble-latency on BLE Mesh", table)
+            self.assertIn("thread-puback on Thread", table)
+
+    def test_a_folder_that_lacks_its_figure_is_told_on_the_page(self):
+        with tempfile.TemporaryDirectory() as directory:
+            inner = self.make(directory, "ble-latency", "ble")
+            os.remove(os.path.join(inner, "figure.svg"))
+            out = os.path.join(directory, "compare.html")
+            page.compare([inner, inner], out)
+            with open(out, encoding="utf-8") as file:
+                self.assertIn("slam-gateway-experiment plot", file.read())
+
+
+if __name__ == "__main__":
+    unittest.main()

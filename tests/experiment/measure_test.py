@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Numbers that are known beforehand: the thesis's own, and events made for one."""
+import math
+import random
+import tempfile
+import unittest
+
+import numpy
+import recount
+
+from slamgw_experiment import folder, measure
+from slamgw_experiment.events import GATEWAY, ROBOTS, Event
+
+PERIOD_US = 200_000
+
+
+def arrival(t_us, robot="r", kind="update", number=None, **more):
+    return Event(t_us=t_us, source=GATEWAY, event="arrived", robot=robot, mesh="ble", type=kind, direction="up", number=number, **more)
+
+
+def at_robot(t_us, event, number, robot="r"):
+    return Event(t_us=t_us, source=ROBOTS, event=event, robot=robot, mesh="ble", direction="up", number=number)
+
+
+class Thesis(unittest.TestCase):
+    def test_figure_8_6(self):
+        """9.4: 72 received, 42 lost, counted from delayed arrivals: 36.8 %."""
+        choose = random.Random(1)
+        places = sorted([0, 113, *choose.sample(range(1, 113), 70)])
+        found = measure.estimated_loss(measure.intervals_ms([arrival(place * PERIOD_US) for place in places], "update"), 200)
+        self.assertEqual((found["sent"], found["lost"]), (114, 42))
+        self.assertAlmostEqual(found["share"], 0.368, 3)
+        self.assertAlmostEqual(found["share_95_percent"][0], 0.286, 3)
+        self.assertAlmostEqual(found["share_95_percent"][1], 0.460, 3)
+
+    def test_figure_8_13(self):
+        """9.2: 1000 of 1000, so at most 0.3-0.4 % loss."""
+        events = [event for n in range(1, 1001) for event in (at_robot(n, "sent", n), arrival(n, kind="probe", number=n))]
+        found = measure.exact_loss(events, "probe")
+        self.assertEqual((found["sent"], found["lost"]), (1000, 0))
+        self.assertLess(found["share_95_percent"][1], 0.004)
+
+    def test_figure_8_14(self):
+        angles = numpy.arange(0, 360, 5) / 180 * math.pi
+        circle = measure.fitted_circle(numpy.column_stack([3 + 80 * numpy.cos(angles), -2 + 80 * numpy.sin(angles)]))
+        self.assertEqual((circle["radius_cm"], circle["x_cm"], circle["y_cm"], circle["rms_error_cm"]), (80, 3, -2, 0))
+
+
+class Loss(unittest.TestCase):
+    def test_robots_do_not_mix(self):
+        gaps = measure.intervals_ms([arrival(0, "a"), arrival(1, "b"), arrival(200_000, "a"), arrival(400_001, "b")], "update")
+        self.assertEqual([list(gaps["a"]), list(gaps["b"])], [[200], [400]])
+
+    def test_probes_without_the_robots_record(self):
+        numbers = [65534, 65535, 1, 0, 1, 5]  # wraps, comes out of order, doubled; 2, 3, 4 are lost
+        events = [arrival(n, kind="probe", number=number) for n, number in enumerate(numbers)]
+        found = measure.exact_loss(events, "probe")
+        self.assertEqual((found["sent"], found["lost"]), (8, 3))
+        self.assertIn("sequence numbers", found["how"])
+        self.assertEqual(measure.counts(events, "probe")["probes_doubled"], 1)
+
+    def test_updates_without_the_robots_record_have_an_estimate_only(self):
+        found = measure.measured([arrival(0), arrival(PERIOD_US)], "update", 200)["loss"]
+        self.assertIsNone(found["exact"])
+        self.assertIn("estimate", found["estimate"]["how"])
+
+    def test_a_late_message_of_thread_is_no_estimated_loss(self):
+        events = [arrival(0), arrival(1_000_000)]
+        for event in events:
+            event.mesh = "thread"
+        self.assertIsNone(measure.measured(events, "update", 200)["loss"]["estimate"])
+
+
+class Latency(unittest.TestCase):
+    def test_from_the_first_sending_to_the_acknowledgement(self):
+        events = [at_robot(0, "sent", 1), at_robot(8_000_000, "repeat", 1), at_robot(8_030_000, "acknowledged", 1),
+                  at_robot(9_000_000, "sent", 2)]
+        self.assertEqual(list(measure.robot_latencies_ms(events)["r"]), [8030])
+
+    def test_probes_need_no_common_clock(self):
+        events = [arrival(1_000_000 * n + late, kind="probe", number=n, sender_ms=77_000 + 1000 * n)
+                  for n, late in enumerate((5000, 3000, 9000))]
+        self.assertEqual(list(measure.probe_delays_ms(events)["r"]), [2, 0, 6])
+
+
+class Whole(unittest.TestCase):
+    def test_an_empty_run_has_numbers_too(self):
+        found = measure.measured([], "update", 200)
+        self.assertEqual(found["counts"]["arrived"], 0)
+        self.assertIsNone(found["interval_ms"])
+
+    def test_results_follow_from_the_events(self):
+        choose = random.Random(2)
+        events = []
+        for robot in ("a", "b"):
+            for number in range(1, 300):
+                t_us = number * PERIOD_US + choose.randrange(3000)
+                events.append(at_robot(t_us, "sent", number, robot))
+                if choose.random() < 0.1:
+                    continue
+                events.append(arrival(t_us + choose.randrange(20_000), robot, bytes=8, payload="0a00ecff64002c01"))
+                if choose.random() < 0.9:
+                    events.append(at_robot(t_us + choose.randrange(20_000, 60_000), "acknowledged", number, robot))
+        with tempfile.TemporaryDirectory() as directory:
+            recorder = folder.Recorder(directory)
+            for event in events:
+                recorder.write(event)
+            recorder.close()
+            folder.write_result(directory, {"format": folder.FORMAT, "conditions": {"type": "update", "period_ms": 200}})
+            result, _ = folder.measure_again(directory)
+            folder.write_result(directory, result)
+            recount.check(self, directory)
+
+
+if __name__ == "__main__":
+    unittest.main()

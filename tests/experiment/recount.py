@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Counts from events.csv without any code of the program, and without NumPy: what result.json must say."""
+import csv
+import json
+import math
+import os
+import statistics
+
+
+def rows_of(directory):
+    with open(os.path.join(directory, "events.csv"), newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    return sorted(rows, key=lambda row: int(row["t_us"]))
+
+
+def percentile(values, part):
+    """With linear interpolation between the nearest ranks."""
+    ordered = sorted(values)
+    place = (len(ordered) - 1) * part
+    low = math.floor(place)
+    high = min(low + 1, len(ordered) - 1)
+    return ordered[low] + (ordered[high] - ordered[low]) * (place - low)
+
+
+def arrivals(rows, wanted):
+    return [row for row in rows if row["source"] == "gateway" and row["event"] == "arrived" and row["direction"] != "down"
+            and row["type"] == wanted]
+
+
+def gaps_ms(rows, wanted):
+    gaps, last = [], {}
+    for row in arrivals(rows, wanted):
+        if row["robot"] in last:
+            gaps.append((int(row["t_us"]) - last[row["robot"]]) / 1000)
+        last[row["robot"]] = int(row["t_us"])
+    return gaps
+
+
+def acknowledged_ms(rows):
+    sent, values = {}, []
+    for row in (row for row in rows if row["source"] == "robots"):
+        key = row["robot"], row["number"]
+        if row["event"] == "sent":
+            sent[key] = int(row["t_us"])
+        if row["event"] == "acknowledged" and key in sent:
+            values.append((int(row["t_us"]) - sent.pop(key)) / 1000)
+    return values
+
+
+def check(test, directory):
+    """Compares result.json with what its events.csv says, and returns the result."""
+    with open(os.path.join(directory, "result.json"), encoding="utf-8") as file:
+        result = json.load(file)
+    rows = rows_of(directory)
+    measured, wanted = result["measured"], result["conditions"]["type"]
+    test.assertEqual(measured["counts"]["arrived"], len(arrivals(rows, wanted)))
+    sent = sum(1 for row in rows if row["source"] == "robots" and row["event"] == "sent")
+    if measured["loss"]["exact"] and sent:
+        test.assertEqual(measured["loss"]["exact"]["sent"], sent)
+        numbers = {(row["robot"], row["number"]) for row in arrivals(rows, wanted)}
+        arrived = len(numbers) if wanted == "probe" else len(arrivals(rows, wanted))
+        test.assertEqual(measured["loss"]["exact"]["lost"], max(0, sent - arrived))
+    check_statistics(test, measured["interval_ms"], gaps_ms(rows, wanted))
+    check_statistics(test, measured["acknowledged_after_ms"]["robot"], acknowledged_ms(rows))
+    estimate = measured["loss"]["estimate"]
+    if estimate:
+        period = result["conditions"]["period_ms"]
+        lost = sum(max(0, round(gap / period) - 1) for gap in gaps_ms(rows, wanted))
+        test.assertEqual(estimate["lost"], lost)
+        test.assertAlmostEqual(estimate["share"], lost / (lost + len(arrivals(rows, wanted))), 4)
+    return result
+
+
+def check_statistics(test, said, values):
+    if not values:
+        test.assertIsNone(said)
+        return
+    test.assertEqual(said["count"], len(values))
+    for name, value in (("mean", statistics.fmean(values)), ("min", min(values)), ("max", max(values)),
+                        ("p50", percentile(values, 0.5)), ("p90", percentile(values, 0.9)), ("p99", percentile(values, 0.99))):
+        test.assertAlmostEqual(said[name], value, 2, name)

@@ -1,0 +1,211 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Runs on a site that lies and breaks: whatever ends a run, a folder is left that can be plotted."""
+import contextlib
+import io
+import json
+import os
+import signal
+import subprocess
+import tempfile
+import threading
+import time
+import unittest
+
+import recount
+
+from slamgw_experiment import catalogue, events, folder, main
+from slamgw_experiment.clock import Axis
+from slamgw_experiment.programs import Programs
+from slamgw_experiment.run import Run
+
+PROGRAM = os.environ["SLAMGW_EXPERIMENT"]
+
+
+class Source:
+    has_ended = False
+
+
+class Site:
+    """Real robots, as the daemon would tell of them; `script` is what it says, and does."""
+
+    simulator_arguments = None
+
+    def __init__(self, script, robots=("r1",), broker="up"):
+        self.robots = list(robots)
+        self.closed = False
+        self._script = script
+        self.broker = broker
+        self.source = Source()
+
+    def start(self):
+        pass
+
+    def status(self):
+        return {"version": "0.1.0", "broker": {"state": self.broker, "why": "Connection refused"}}
+
+    def known_robots(self):
+        return ["robot7", "robot8"]
+
+    def start_robots(self):
+        threading.Thread(target=self._script, args=(self,), daemon=True).start()
+
+    def have_robots_ended(self):
+        return False
+
+    def trouble(self):
+        return None
+
+    def open_sources(self, lines, now_us):
+        self.lines, self.now_us = lines, now_us
+        return {events.GATEWAY: self.source}
+
+    def close(self):
+        self.closed = True
+
+    def say(self, **members):
+        line = {"event": "arrived", "robot": "r1", "mesh": "ble", "type": "update", "direction": "up", "payload": "0a00ecff", **members}
+        self.lines.put((events.GATEWAY, json.dumps(line), self.now_us()))
+
+
+def arrive(site, count, interval_s=0.01, **members):
+    for _ in range(count):
+        site.say(**members)
+        time.sleep(interval_s)
+
+
+class Runs(unittest.TestCase):
+    def setUp(self):
+        self.directory = tempfile.TemporaryDirectory()
+        self.addCleanup(self.directory.cleanup)
+        self.is_stopped = False
+
+    def run_on(self, site, messages=10, wait_s=5, axis=None):
+        """(status, result.json, what was said)"""
+        asked = main.Asked(messages, 200, "update", 1, wait_s, 1, "csv", "0.1.0")
+        said = io.StringIO()
+        with contextlib.redirect_stderr(said):
+            run = Run(catalogue.find("ble-unreliable"), "ble", site, self.directory.name, asked, Programs(),
+                      lambda: self.is_stopped, axis)
+            run._progress._file = said
+            status = run.measure()
+        self.assertTrue(site.closed)
+        for name in ("events.csv", "result.json", "figure.svg", "figure.png"):
+            self.assertTrue(os.path.getsize(os.path.join(self.directory.name, name)) > 100, name)
+        with contextlib.redirect_stdout(io.StringIO()):
+            self.assertEqual(main.plot(self.directory.name), 0)
+        return status, recount.check(self, self.directory.name), said.getvalue()
+
+    def test_ends_when_all_has_come(self):
+        status, result, _ = self.run_on(Site(lambda site: arrive(site, 10)))
+        self.assertEqual((status, result["complete"], result["simulated"]), (0, True, False))
+        self.assertEqual(result["measured"]["counts"]["arrived"], 10)
+        self.assertEqual(result["conditions"]["robots"], ["r1"])
+
+    def test_a_robot_that_never_appears(self):
+        status, result, said = self.run_on(Site(lambda site: None), wait_s=0.3)
+        self.assertEqual((status, result["complete"]), (1, False))
+        self.assertIn("nothing of type update came from r1 in 0.3 s; the daemon knows robot7, robot8", said)
+
+    def test_one_of_two_robots_never_appears(self):
+        def script(site):
+            arrive(site, 3, 0.2)
+            self.is_stopped = True
+        status, result, said = self.run_on(Site(script, robots=("r1", "r2")), wait_s=0.3)
+        self.assertEqual((status, result["measured"]["counts"]["arrived"]), (1, 3))
+        self.assertIn("r2 did not appear", said)
+
+    def test_what_other_robots_say_does_not_count(self):
+        def script(site):
+            arrive(site, 5, robot="stranger")
+            arrive(site, 10)
+        _, result, _ = self.run_on(Site(script))
+        self.assertEqual(result["measured"]["counts"]["arrived"], 10)
+
+    def test_the_broker_goes_away_and_comes_back(self):
+        def script(site):
+            arrive(site, 3)
+            site.broker = "down"
+            time.sleep(2.5)
+            site.broker = "up"
+            time.sleep(2.5)
+            arrive(site, 57)
+        status, result, said = self.run_on(Site(script), messages=60)
+        self.assertEqual((status, result["complete"], result["measured"]["counts"]["arrived"]), (1, True, 60))
+        self.assertIn("the daemon has lost the broker: Connection refused", said)
+        self.assertEqual([one["what"].split(":")[0] for one in result["incidents"]], ["the daemon has lost the broker", "the broker is back"])
+
+    def test_there_is_no_broker_from_the_beginning(self):
+        status, _, said = self.run_on(Site(lambda site: None, broker="down"))
+        self.assertEqual(status, 1)
+        self.assertIn("the daemon has no broker: Connection refused", said)
+
+    def test_the_daemon_ends(self):
+        def script(site):
+            arrive(site, 4)
+            site.source.has_ended = True
+        status, result, said = self.run_on(Site(script))
+        self.assertEqual((status, result["complete"], result["measured"]["counts"]["arrived"]), (1, False, 4))
+        self.assertIn("the daemon's trace has ended", said)
+
+    def test_ctrl_c(self):
+        def script(site):
+            arrive(site, 4)
+            self.is_stopped = True
+        status, result, _ = self.run_on(Site(script))
+        self.assertEqual((status, result["ended_early"], result["measured"]["counts"]["arrived"]), (1, "interrupted", 4))
+
+    def test_the_clock_steps(self):
+        step_us = [0]
+        axis = Axis(lambda: time.time_ns() // 1000 + step_us[0])
+
+        def script(site):
+            for n in range(10):
+                if n == 5:
+                    step_us[0] = -3_600_000_000
+                wall = (time.time_ns() // 1000 + step_us[0]) / 1e6
+                site.say(at=time.strftime("%Y-%m-%dT%H:%M:%S", time.gmtime(wall)) + f"{wall % 1:.6f}Z"[1:])
+                time.sleep(0.1)
+        status, result, said = self.run_on(Site(script), axis=axis)
+        self.assertEqual((status, result["complete"]), (1, True))
+        self.assertIn("the clock was set by -3600.", said)
+        self.assertEqual(len(result["conditions"]["clock"]["steps"]), 1)
+        self.assertLess(result["measured"]["interval_ms"]["max"], 5000)
+        self.assertGreater(result["measured"]["interval_ms"]["min"], 0)
+
+
+class Program(unittest.TestCase):
+    """The program itself, as a user starts it."""
+
+    def run_program(self, *arguments):
+        said = subprocess.run([PROGRAM, *arguments], capture_output=True, text=True, timeout=60, check=False)
+        return said.returncode, said.stdout, said.stderr
+
+    def test_lists_every_experiment_and_figure_of_the_thesis(self):
+        status, out, _ = self.run_program("list")
+        self.assertEqual(status, 0)
+        for figure in [f"8.{n}" for n in (1, 2, 3, 4, 5, 6, 7, 8, 9, 13, 14)] + ["8.10-8.12"]:
+            self.assertIn(f"figure {figure} ", out)
+
+    def test_wrong_arguments_end_with_two(self):
+        for arguments, words in ((["run", "ble-latency"], "--robots --sim"), (["run", "nothing", "--sim"], "there is no experiment"),
+                                 (["run", "ble-hop", "--sim", "--mesh", "thread"], "on BLE Mesh only"),
+                                 (["run", "ring", "--sim", "--messages", "-1"], "not above 0"), ([], "required")):
+            status, _, err = self.run_program(*arguments)
+            self.assertEqual((status, words in err), (2, True), err)
+
+    def test_no_daemon_is_told(self):
+        with tempfile.TemporaryDirectory() as directory:
+            status, _, err = self.run_program("run", "ble-hop", "--robots", "r1", "--socket", f"{directory}/none", "--out", f"{directory}/out")
+            self.assertEqual(status, 1)
+            self.assertIn("the daemon does not answer at", err)
+            self.assertEqual(json.load(open(f"{directory}/out/result.json", encoding="utf-8"))["complete"], False)
+            self.assertEqual(self.run_program("plot", f"{directory}/out")[0], 0)
+
+    def test_folders_that_are_none_are_told(self):
+        with tempfile.TemporaryDirectory() as directory:
+            self.assertIn("has no result.json", self.run_program("plot", directory)[2])
+            self.assertEqual(self.run_program("compare", directory, directory)[0], 1)
+
+
+if __name__ == "__main__":
+    unittest.main()

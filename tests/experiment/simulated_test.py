@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""All experiments with simulated robots, short: what they must show, and that every number follows from its events.csv."""
+import json
+import os
+import signal
+import subprocess
+import tempfile
+import time
+import unittest
+
+import recount
+
+PROGRAM = os.environ["SLAMGW_EXPERIMENT"]
+MESSAGES, COMPRESS = 40, 8
+
+
+def leftovers():
+    """Temporary folders of simulated sites."""
+    return {name for name in os.listdir(tempfile.gettempdir()) if name.startswith("slam-gateway-experiment-")}
+
+
+class All(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.directory = tempfile.TemporaryDirectory()
+        cls.out = os.path.join(cls.directory.name, "all")
+        cls.ended = subprocess.run([PROGRAM, "run", "all", "--sim", "--mesh", "both", "--messages", str(MESSAGES), "--compress",
+                                    str(COMPRESS), "--format", "mcap", "--out", cls.out], capture_output=True, text=True, timeout=280,
+                                   check=False)
+        cls.results = {}
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.directory.cleanup()
+
+    def result(self, name):
+        return recount.check(self, os.path.join(self.out, name))
+
+    def counts(self, name):
+        return self.result(name)["measured"]["counts"]
+
+    def test_all_of_them_end_well_and_their_numbers_follow_from_their_events(self):
+        self.assertEqual(self.ended.returncode, 0, self.ended.stderr)
+        names = sorted(name for name in os.listdir(self.out) if os.path.isdir(os.path.join(self.out, name)))
+        self.assertEqual(len(names), 15)
+        for name in names:
+            with self.subTest(name=name):
+                result = self.result(name)
+                self.assertTrue(result["complete"] and result["simulated"])
+                self.assertEqual(result["incidents"], [])
+                self.assertTrue(any("messages in place of" in text for text in result["differs"]))
+                self.assertEqual(any("compressed" in text for text in result["differs"]), result["mesh"] == "thread")
+                for file in ("figure.svg", "figure.png", "events.mcap"):
+                    self.assertGreater(os.path.getsize(os.path.join(self.out, name, file)), 1000)
+        self.assertGreater(os.path.getsize(os.path.join(self.out, "index.html")), 100_000)
+
+    def test_segmented_messages_to_a_group_block_the_next(self):
+        """Thesis 9.1: about 2.6 s between them, so that 12 of 13 never leave."""
+        measured = self.result("ble-reliable")["measured"]
+        self.assertGreater(measured["interval_ms"]["p50"], 2500)
+        self.assertLess(measured["counts"]["sent"], MESSAGES / 8)
+        self.assertEqual(measured["payload_octets"], {"13": measured["counts"]["arrived"]})
+
+    def test_one_obstacle_fits_one_segment(self):
+        self.assertTrue(set(self.result("ble-one-obstacle")["measured"]["payload_octets"]) <= {"4", "8"})
+
+    def test_a_relay_at_the_edge_of_its_range_loses(self):
+        lost = self.result("ble-hop")["measured"]["loss"]["exact"]["lost"]
+        self.assertTrue(4 <= lost <= 28, lost)
+
+    def test_probes_count_exactly(self):
+        loss = self.result("probe-ble")["measured"]["loss"]["exact"]
+        counts = self.counts("probe-ble")
+        self.assertEqual(loss["sent"], MESSAGES)
+        self.assertEqual(loss["lost"], MESSAGES - counts["arrived"])
+        self.assertEqual(counts["received_at_broker"], counts["arrived"])
+
+    def test_thread_delivers_all_of_it_once(self):
+        counts = self.counts("thread-1000")
+        self.assertEqual((counts["sent"], counts["received_at_broker"], counts["doubled_at_broker"]), (MESSAGES, MESSAGES, 0))
+
+    def test_a_relay_on_thread_repeats_and_loses_nothing(self):
+        counts = self.counts("thread-hop")
+        self.assertGreater(counts["link_repeats"], MESSAGES)
+        self.assertEqual(counts["acknowledged"] + counts["given_up"], MESSAGES)
+
+    def test_the_ring_has_its_radius_on_either_mesh(self):
+        for name in ("ring-ble", "ring-thread"):
+            self.assertAlmostEqual(self.result(name)["measured"]["ring"]["radius_cm"], 79, delta=2.5)
+
+
+class Interrupted(unittest.TestCase):
+    def start(self, out):
+        program = subprocess.Popen([PROGRAM, "run", "ble-unreliable", "--sim", "--out", out], stderr=subprocess.DEVNULL,
+                                   stdout=subprocess.DEVNULL)
+        self.addCleanup(lambda: program.poll() is None and program.kill())
+        end = time.monotonic() + 60
+        while time.monotonic() < end and self.arrived(out) < 5:
+            time.sleep(0.1)
+        self.assertGreaterEqual(self.arrived(out), 5)
+        return program
+
+    def arrived(self, out):
+        try:
+            return len(recount.arrivals(recount.rows_of(out), "update"))
+        except (OSError, ValueError, TypeError):
+            return 0
+
+    def test_ctrl_c_leaves_a_folder_that_can_be_plotted_and_nothing_else(self):
+        before = leftovers()
+        with tempfile.TemporaryDirectory() as directory:
+            out = os.path.join(directory, "run")
+            program = self.start(out)
+            program.send_signal(signal.SIGINT)
+            self.assertEqual(program.wait(30), 1)
+            result = recount.check(self, out)
+            self.assertEqual((result["complete"], result["ended_early"]), (False, "interrupted"))
+            self.assertEqual(subprocess.run([PROGRAM, "plot", out], stdout=subprocess.DEVNULL, check=False).returncode, 0)
+            with open(os.path.join(out, "result.json"), encoding="utf-8") as file:
+                self.assertGreaterEqual(json.load(file)["measured"]["counts"]["arrived"], 5)
+        self.assertEqual(leftovers() - before, set())
+
+
+if __name__ == "__main__":
+    unittest.main()
