@@ -18,6 +18,14 @@ constexpr std::size_t max_subscriptions_per_client = 128;
 constexpr std::size_t max_filter_levels = 64;
 /// SUBSCRIBEs for one filter that the broker has not answered: a whole fleet, twice.
 constexpr std::size_t max_open_per_filter = 20000;
+/// SUBSCRIBEs of one client that reach the broker: all that it may have at once, then one a second.
+constexpr unsigned subscribe_burst = max_subscriptions_per_client;
+constexpr std::chrono::seconds subscribe_interval{1};
+/// Requests to the broker for one filter, each of which brings all its retained messages again.
+constexpr unsigned broker_subscribe_burst = 8;
+constexpr std::chrono::seconds broker_subscribe_interval{2};
+/// Filters whose rate is remembered when nobody waits for them.
+constexpr std::size_t max_paced_filters = 20000;
 /// SUBACKs that wait for the broker, and answers that wait behind them to keep their order.
 constexpr std::size_t max_pending_answers = 32;
 /// Messages waiting for an active client (a sleeping one: `mqttsn.max_sleeping_messages`).

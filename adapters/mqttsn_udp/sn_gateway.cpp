@@ -36,10 +36,10 @@ void SnGateway::on_broker_message(const BrokerMessage& message, CommandId comman
 }
 
 void SnGateway::on_subscribe_result(const std::string& filter, bool granted, TimePoint now) {
-  ClientSession* session = subscriptions_.on_subscribe_result(filter, granted, now);
-  if (!session) return;
-  if (!granted) downlink_.drop_unwanted(*session, now);
-  advance(*session, now);
+  for (ClientSession* session : subscriptions_.on_subscribe_result(filter, granted, now)) {
+    if (!granted) downlink_.drop_unwanted(*session, now);
+    advance(*session, now);
+  }
 }
 
 void SnGateway::on_broker_link(bool is_up, TimePoint now) {
@@ -50,6 +50,7 @@ void SnGateway::on_broker_link(bool is_up, TimePoint now) {
 void SnGateway::on_deadline(TimePoint now) {
   discovery_.on_deadline(now);
   connecting_.on_deadline(now);
+  subscriptions_.on_deadline(now);
   expire_commands(now);
   while (ClientSession* session = context_.clients.pop_due(now)) on_time(*session, now);
 }
@@ -78,8 +79,9 @@ void SnGateway::expire_commands(TimePoint now) {
 }
 
 std::optional<TimePoint> SnGateway::deadline() const {
-  return earlier(earlier(discovery_.deadline(), connecting_.deadline()),
-                 earlier(context_.clients.earliest(), commands_.deadline()));
+  return earlier(
+      earlier(earlier(discovery_.deadline(), connecting_.deadline()), subscriptions_.deadline()),
+      earlier(context_.clients.earliest(), commands_.deadline()));
 }
 
 void SnGateway::reconfigure(TopicPolicy policy, RobotNames names, TimePoint now) {
@@ -91,7 +93,7 @@ void SnGateway::reconfigure(TopicPolicy policy, RobotNames names, TimePoint now)
   for (const std::string& id : ids) {
     ClientSession& session = *context_.clients.find(id);
     if (context_.names.of_client(id) == session.robot) {
-      subscriptions_.drop_forbidden(session);
+      subscriptions_.drop_forbidden(session, now);
     } else {
       if (session.is_connected()) context_.send(session, Disconnect{});
       lifecycle_.expel(session, "the robot has another name now", now);
@@ -172,7 +174,7 @@ bool SnGateway::restore(const SessionSnapshot& snapshot, TimePoint now) {
     refuse_commands(snapshot, now);
     return false;
   }
-  ClientSession& session = lifecycle_.begin(snapshot.client_id, snapshot.robot);
+  ClientSession& session = lifecycle_.begin(snapshot.client_id, snapshot.robot, now);
   apply(snapshot, session, now);
   adopt_commands(session.delivery);
   if (snapshot.peer) {
@@ -182,7 +184,7 @@ bool SnGateway::restore(const SessionSnapshot& snapshot, TimePoint now) {
     context_.clients.bind(session, *snapshot.peer, session.local);
     downlink_.on_address(session);
   }
-  subscriptions_.restore(session);
+  subscriptions_.restore(session, now);
   lifecycle_.enter(session, snapshot.state, now);
   expire_commands(now);
   advance(session, now);

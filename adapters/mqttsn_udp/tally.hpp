@@ -37,7 +37,8 @@ enum class Count : std::uint8_t {
   topics_set_aside,     ///< of one client, each time that it leaves messages on it unanswered
   wills_refused,        ///< not allowed by the topic policy, or no topic
   unvalidated,          ///< not sent, because the address has not shown that it receives
-  last_ = unvalidated,
+  subscribes_bounded,   ///< SUBSCRIBEs of a client that sends them too fast
+  last_ = subscribes_bounded,
 };
 
 class Tally {

@@ -176,6 +176,7 @@ TEST(SnGateway, R144_SharesOneSubscriptionTableForAllClients) {
     rig.connect(n, "r" + std::to_string(n));
     rig.subscribe(n, "a/x", 0);
   }
+  rig.pass_s(2);  // later ones share a request to the broker
   rig.datagrams.clear();
   rig.broker("a/x");
   EXPECT_EQ(rig.datagrams.size(), 300U) << "one message from the broker is enough for all";

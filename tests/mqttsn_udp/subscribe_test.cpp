@@ -219,6 +219,70 @@ TEST(SnGateway, R104_AnswersASubscribeThatItsUnsubscribeOvertook) {
   EXPECT_TRUE(rig.is_silent(1));
 }
 
+/// The broker's half: how often it was asked for `a/#`, and so sent all its retained messages.
+std::size_t requests(const SnRig& rig) { return rig.subscribes.size(); }
+
+TEST(SnGateway, R102_AsksTheBrokerOnceForAllWhoSubscribeMeanwhile) {
+  SnRig rig;
+  for (unsigned n = 1; n <= 20; ++n) rig.connect(n, "r" + std::to_string(n));
+  rig.answers_subscribes = false;
+  for (unsigned n = 1; n <= 20; ++n) rig.send(n, by_name("a/#", 7));
+  EXPECT_EQ(requests(rig), 1U);
+  rig.subscribe_result("a/#", true);
+  EXPECT_EQ(rig.sent_to(1), Lines{"SUBACK qos=1 id=0 msg=7 code=0"});
+  EXPECT_TRUE(rig.is_silent(2)) << "its retained messages come with the next request";
+  EXPECT_EQ(requests(rig), 2U) << "one for the other 19";
+  rig.subscribe_result("a/#", true);
+  rig.broker("a/x", "kept", 0, true);
+  EXPECT_EQ(requests(rig), 2U);
+  for (unsigned n = 2; n <= 20; ++n) {
+    EXPECT_EQ(rig.sent_to(n),
+              (Lines{"SUBACK qos=1 id=0 msg=7 code=0", "REGISTER id=1 msg=1 topic=a/x"}));
+  }
+}
+
+TEST(SnGateway, R102_AsksWithTheHighestQosOfThoseWhoShareARequest) {
+  SnRig rig;
+  for (unsigned n = 1; n <= 3; ++n) rig.connect(n, "r" + std::to_string(n));
+  rig.answers_subscribes = false;
+  rig.send(1, by_name("a/#", 7, WireQos::zero));
+  rig.send(2, by_name("a/#", 7, WireQos::two));
+  rig.send(3, by_name("a/#", 7, WireQos::one));
+  rig.subscribe_result("a/#", true);
+  ASSERT_EQ(requests(rig), 2U);
+  EXPECT_EQ(rig.subscribes[1].qos, Qos::exactly_once);
+}
+
+TEST(SnGateway, R100_BoundsTheRateOfSubscribes) {
+  Settings settings;
+  settings.when_full = WhenFull::reject;
+  SnRig rig(settings);
+  rig.connect(1, "bad", true, 6000);
+  rig.connect(2, "good", true, 6000);
+  for (std::uint16_t i = 1; i <= 1200; ++i) {  // 20 a second for a minute
+    rig.send(1, by_name("a/#", i));
+    if (i % 3 == 0) rig.send(1, not_by_name("a/#", i));
+    rig.pass(std::chrono::milliseconds(50));
+  }
+  const std::size_t of_one = requests(rig);
+  EXPECT_LE(of_one, limits::broker_subscribe_burst + 32U) << "was 1200";
+  EXPECT_EQ(rig.last_to(1), "UNSUBACK msg=1200");
+  for (std::uint16_t i = 2998; i <= 3000; ++i) rig.send(1, by_name("a/#", i));
+  EXPECT_EQ(rig.last_to(1), "SUBACK qos=0 id=0 msg=3000 code=1");
+  EXPECT_GT(rig.counter("subscribes_bounded"), 900U);
+  rig.send(2, by_name("a/#", 7));
+  rig.pass_s(2);
+  EXPECT_EQ(rig.sent_to(2), Lines{"SUBACK qos=1 id=0 msg=7 code=0"}) << "another waits shortly";
+}
+
+TEST(SnGateway, R100_LetsAClientMakeAllItsSubscriptionsAtOnce) {
+  SnRig rig;
+  rig.connect(1, "r1");
+  for (std::size_t i = 0; i < limits::max_subscriptions_per_client; ++i)
+    rig.send(1, by_name("a/" + std::to_string(i), static_cast<std::uint16_t>(i + 1)));
+  EXPECT_EQ(rig.sent_to(1).size(), limits::max_subscriptions_per_client);
+}
+
 TEST(SnGateway, R105_GivesAClientItsOwnMessages) {
   SnRig rig;
   rig.connect(1, "r1");

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "adapters/mqttsn_udp/clients/delivery.hpp"
+#include "adapters/mqttsn_udp/clients/token_bucket.hpp"
 #include "adapters/mqttsn_udp/clients/topic_table.hpp"
 #include "adapters/mqttsn_udp/conversations/repeat_filter.hpp"
 #include "adapters/mqttsn_udp/protocol/endpoint.hpp"
@@ -78,6 +79,7 @@ class ClientSession {
   std::optional<Will> will;
   TopicTable topics;
   std::map<std::string, Subscription, std::less<>> subscriptions;
+  TokenBucket subscribe_rate;
   std::vector<PendingAnswer> answers;
   Delivery delivery;
   RepeatFilter repeats;

@@ -144,7 +144,7 @@ void Connecting::complete(const Peer& peer, const Attempt& attempt, std::optiona
   ClientSession* session = context_.clients.find(connect.client_id);
   if (!session) {
     if (!lifecycle_.make_room(now)) return refuse_for_room(peer, attempt.local, now);
-    session = &lifecycle_.begin(connect.client_id, attempt.robot);
+    session = &lifecycle_.begin(connect.client_id, attempt.robot, now);
   }
   if (connect.clean_session || !can_resume(*session)) {
     lifecycle_.clean(*session, "the robot has begun a new session", now);

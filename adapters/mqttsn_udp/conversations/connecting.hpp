@@ -5,6 +5,7 @@
 
 #include <unordered_map>
 
+#include "adapters/mqttsn_udp/conversations/flood_guard.hpp"
 #include "adapters/mqttsn_udp/conversations/lifecycle.hpp"
 
 namespace slamgw::mqttsn {

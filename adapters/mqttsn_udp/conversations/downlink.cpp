@@ -214,7 +214,7 @@ void Downlink::on_regack(ClientSession& session, const Regack& regack, TimePoint
   drop_if(session, "the robot refused the topic", now, [&](const Outgoing& waiting) {
     return waiting.topic_id_type == TopicIdType::normal && waiting.message->topic == *topic;
   });
-  subscriptions_.drop(session, *topic);  // only an exact one has this name (R67)
+  subscriptions_.drop(session, *topic, now);  // only an exact one has this name (R67)
 }
 
 void Downlink::on_puback(ClientSession& session, const Puback& puback, TimePoint now) {

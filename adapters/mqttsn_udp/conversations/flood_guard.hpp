@@ -7,20 +7,11 @@
 #include <array>
 #include <cstddef>
 
+#include "adapters/mqttsn_udp/clients/token_bucket.hpp"
 #include "adapters/mqttsn_udp/protocol/endpoint.hpp"
 #include "daemon/core/time.hpp"
 
 namespace slamgw::mqttsn {
-
-/// `burst` at once, then `per_second`.
-class TokenBucket {
- public:
-  bool take(unsigned burst, unsigned per_second, TimePoint now);
-
- private:
-  // What has been taken and not yet grown back, in time; empty buckets are at or before `now`.
-  TimePoint taken_until_{};
-};
 
 class FloodGuard {
  public:

@@ -14,9 +14,10 @@ void Lifecycle::on_heard(ClientSession& session, TimePoint now) {
   context_.emit(SignOfLife{Mesh::thread, session.robot});
 }
 
-ClientSession& Lifecycle::begin(const std::string& client_id, const std::string& robot) {
+ClientSession& Lifecycle::begin(const std::string& client_id, const std::string& robot,
+                                TimePoint now) {
   ClientSession& session = context_.clients.create(client_id, robot);
-  subscriptions_.listen_for_commands(session);
+  subscriptions_.listen_for_commands(session, now);
   return session;
 }
 
@@ -57,7 +58,7 @@ void Lifecycle::displace(ClientSession& session, TimePoint now) {
 
 void Lifecycle::clean(ClientSession& session, const std::string& why, TimePoint now) {
   session.answers.clear();
-  subscriptions_.drop_all(session);
+  subscriptions_.drop_all(session, now);
   session.will.reset();
   session.topics.clear();
   uplink_.forget(session);
@@ -116,7 +117,7 @@ void Lifecycle::expel(ClientSession& session, const std::string& why, TimePoint 
 
 void Lifecycle::forget(ClientSession& session, const std::string& why, TimePoint now) {
   clean(session, why, now);
-  subscriptions_.stop_listening(session);
+  subscriptions_.stop_listening(session, now);
   context_.set_dirty(session);
   context_.clients.erase(session);
 }

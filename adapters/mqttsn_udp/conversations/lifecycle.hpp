@@ -24,7 +24,7 @@ class Lifecycle {
   /// Any valid message from the client (R109).
   void on_heard(ClientSession& session, TimePoint now);
   /// A session for a client that has none; there must be room.
-  ClientSession& begin(const std::string& client_id, const std::string& robot);
+  ClientSession& begin(const std::string& client_id, const std::string& robot, TimePoint now);
   /// The one writer of the state; presence and supervision follow it.
   void enter(ClientSession& session, ClientState state, TimePoint now);
   /// These two may end the session: it must not be used afterwards.

@@ -9,8 +9,8 @@
 #include <string_view>
 #include <unordered_set>
 
+#include "adapters/mqttsn_udp/clients/token_bucket.hpp"
 #include "adapters/mqttsn_udp/context.hpp"
-#include "adapters/mqttsn_udp/conversations/flood_guard.hpp"
 
 namespace slamgw::mqttsn {
 

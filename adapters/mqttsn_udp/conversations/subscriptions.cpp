@@ -16,11 +16,14 @@ void Subscriptions::on_subscribe(ClientSession& session, const Subscribe& reques
   const Result<Wish, ReturnCode> wish = read(session, request, now);
   if (!wish) return refuse(session, request, wish.error());
   const std::string& filter = wish->filter;
-  const auto open = open_.find(filter);
-  if (open != open_.end() && open->second.size() >= limits::max_open_per_filter) return;
+  if (!requests_.has_room(filter)) return;
   const Suback answer{request.qos, wish->topic_id, request.msg_id, ReturnCode::accepted};
   if (is_repetition(session, request, filter, now)) return answers_.answer(session, answer);
 
+  if (!session.subscribe_rate.take(limits::subscribe_burst, limits::subscribe_interval, now)) {
+    context_.tally.count(Count::subscribes_bounded);
+    return refuse(session, request, ReturnCode::congestion);
+  }
   const bool is_new = !session.subscriptions.contains(filter);
   Subscription& subscription = session.subscriptions[filter];
   const auto qos = static_cast<Qos>(request.qos);
@@ -29,41 +32,42 @@ void Subscriptions::on_subscribe(ClientSession& session, const Subscribe& reques
   if (is_new) subscribers_[filter].push_back({&session, &subscription});
   if (request.topic_id_type == TopicIdType::normal) session.topics.set_told(wish->topic_id, true);
   context_.set_dirty(session);
-  ask_broker(session, filter, qos, answer);
+  ask_broker(session, filter, qos, answer, now);
 }
 
-void Subscriptions::on_unsubscribe(ClientSession& session, const Unsubscribe& request) {
+void Subscriptions::on_unsubscribe(ClientSession& session, const Unsubscribe& request,
+                                   TimePoint now) {
   if (!answers_.has_room(session)) return;
   std::string storage;
   const std::string* filter =
       name(session, request.topic_id_type, request.topic_id, request.topic_name, storage);
   answers_.answer(session, Unsuback{request.msg_id});
-  if (filter) drop(session, std::string(*filter));
+  if (filter) drop(session, std::string(*filter), now);
 }
 
-ClientSession* Subscriptions::on_subscribe_result(const std::string& filter, bool granted,
-                                                  TimePoint now) {
-  const auto waiting = open_.find(filter);
-  if (waiting == open_.end()) return nullptr;
-  Open open = std::move(waiting->second.front());
-  waiting->second.pop_front();
-  if (waiting->second.empty()) open_.erase(waiting);
-  const auto session = open.session.lock();
-  if (!session) return nullptr;
-  const auto subscription = session->subscriptions.find(filter);
-  if (granted && subscription != session->subscriptions.end()) {
-    subscription->second.granted_at = now;
-    std::optional<RetainedWait>& wait = subscription->second.retained_wait;
-    if (wait && broker_up_since_) wait->until = now + limits::retained_wait;
-  } else if (!granted) {
-    open.answer = {WireQos::zero, 0, open.answer.msg_id, ReturnCode::not_supported};
-    drop(*session, filter);
+std::vector<ClientSession*> Subscriptions::on_subscribe_result(const std::string& filter,
+                                                               bool granted, TimePoint now) {
+  std::vector<ClientSession*> answered;
+  for (SubscribeRequests::Waiting& waiting : requests_.on_result(filter, now)) {
+    const auto session = waiting.session.lock();
+    if (!session) continue;
+    const auto subscription = session->subscriptions.find(filter);
+    if (granted && subscription != session->subscriptions.end()) {
+      subscription->second.granted_at = now;
+      std::optional<RetainedWait>& wait = subscription->second.retained_wait;
+      if (wait && broker_up_since_) wait->until = now + limits::retained_wait;
+    } else if (!granted) {
+      waiting.answer = {WireQos::zero, 0, waiting.answer.msg_id, ReturnCode::not_supported};
+      drop(*session, filter, now);
+    }
+    answers_.release(*session, waiting.ticket, waiting.answer);
+    answered.push_back(session.get());
   }
-  answers_.release(*session, open.ticket, open.answer);
-  return session.get();
+  return answered;
 }
 
 void Subscriptions::on_broker_link(bool is_up, TimePoint now) {
+  requests_.on_broker_link(is_up);
   if (!is_up) {
     broker_up_since_.reset();
   } else if (!broker_up_since_) {
@@ -99,12 +103,12 @@ bool Subscriptions::is_wanted(const ClientSession& session, const std::string& t
                      [&](const auto& entry) { return filter_matches(entry.first, topic); });
 }
 
-void Subscriptions::drop(ClientSession& session, const std::string& filter) {
+void Subscriptions::drop(ClientSession& session, const std::string& filter, TimePoint now) {
   if (!session.subscriptions.contains(filter)) return;
   remove_subscriber(filter, session);
   session.subscriptions.erase(filter);
   context_.set_dirty(session);
-  unsubscribe_unwanted(filter);
+  unsubscribe_unwanted(filter, now);
 }
 
 void Subscriptions::remove_subscriber(const std::string& filter, const ClientSession& session) {
@@ -113,48 +117,50 @@ void Subscriptions::remove_subscriber(const std::string& filter, const ClientSes
   if (subscribers.empty()) subscribers_.erase(filter);
 }
 
-void Subscriptions::unsubscribe_unwanted(const std::string& filter) {
+void Subscriptions::unsubscribe_unwanted(const std::string& filter, TimePoint now) {
   if (subscribers_.find(filter) || listening_.contains(filter)) return;
   context_.emit(UnsubscribeRequest{Mesh::thread, filter});
-  settle_open(filter);
+  // No answer is owed to us any more.
+  for (const SubscribeRequests::Waiting& waiting : requests_.forget(filter, now)) {
+    if (const auto session = waiting.session.lock())
+      answers_.release(*session, waiting.ticket, waiting.answer);
+  }
 }
 
-void Subscriptions::drop_all(ClientSession& session) {
+void Subscriptions::drop_all(ClientSession& session, TimePoint now) {
   while (!session.subscriptions.empty())
-    drop(session, std::string(session.subscriptions.begin()->first));
+    drop(session, std::string(session.subscriptions.begin()->first), now);
 }
 
-void Subscriptions::drop_forbidden(ClientSession& session) {
+void Subscriptions::drop_forbidden(ClientSession& session, TimePoint now) {
   std::vector<std::string> forbidden;
   for (const auto& [filter, subscription] : session.subscriptions) {
     if (!context_.policy.may_subscribe(session.client_id, session.robot, filter))
       forbidden.push_back(filter);
   }
-  for (const std::string& filter : forbidden) drop(session, filter);
+  for (const std::string& filter : forbidden) drop(session, filter, now);
 }
 
-void Subscriptions::restore(ClientSession& session) {
+void Subscriptions::restore(ClientSession& session, TimePoint now) {
   std::erase_if(session.subscriptions, [&](const auto& entry) {
     return !is_valid_filter(entry.first) ||
            !context_.policy.may_subscribe(session.client_id, session.robot, entry.first);
   });
   for (auto& [filter, subscription] : session.subscriptions) {
     subscribers_[filter].push_back({&session, &subscription});
-    open_[filter].push_back({});
-    context_.emit(SubscribeRequest{Mesh::thread, filter, subscription.qos});
+    requests_.ask(filter, subscription.qos, {}, now);
   }
 }
 
-void Subscriptions::listen_for_commands(const ClientSession& session) {
+void Subscriptions::listen_for_commands(const ClientSession& session, TimePoint now) {
   const std::string filter = context_.policy.scheme().command_filter(session.robot);
   if (!listening_.insert(filter).second) return;
-  open_[filter].push_back({});
-  context_.emit(SubscribeRequest{Mesh::thread, filter, Qos::at_least_once});
+  requests_.ask(filter, Qos::at_least_once, {}, now);
 }
 
-void Subscriptions::stop_listening(const ClientSession& session) {
+void Subscriptions::stop_listening(const ClientSession& session, TimePoint now) {
   const std::string filter = context_.policy.scheme().command_filter(session.robot);
-  if (listening_.erase(filter) > 0) unsubscribe_unwanted(filter);
+  if (listening_.erase(filter) > 0) unsubscribe_unwanted(filter, now);
 }
 
 Result<Subscriptions::Wish, ReturnCode> Subscriptions::read(ClientSession& session,
@@ -221,22 +227,9 @@ bool Subscriptions::is_repetition(const ClientSession& session, const Subscribe&
 }
 
 void Subscriptions::ask_broker(ClientSession& session, const std::string& filter, Qos qos,
-                               Suback answer) {
+                               Suback answer, TimePoint now) {
   const std::uint64_t ticket = answers_.hold(session, answer.msg_id);
-  open_[filter].push_back({context_.clients.weak(session), ticket, answer});
-  context_.emit(SubscribeRequest{Mesh::thread, filter, qos});
-}
-
-/// Nobody has the filter any more, so no answer is owed to us: what still waits ends here.
-void Subscriptions::settle_open(const std::string& filter) {
-  const auto waiting = open_.find(filter);
-  if (waiting == open_.end()) return;
-  const std::deque<Open> all = std::move(waiting->second);
-  open_.erase(waiting);
-  for (const Open& open : all) {
-    if (const auto session = open.session.lock())
-      answers_.release(*session, open.ticket, open.answer);
-  }
+  requests_.ask(filter, qos, {context_.clients.weak(session), ticket, answer}, now);
 }
 
 void Subscriptions::notice_refusal(const ClientSession& session, const std::string& filter,

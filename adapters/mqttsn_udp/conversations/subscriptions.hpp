@@ -3,15 +3,14 @@
 // asked for, and who still waits for retained messages. Delivery is Downlink's.
 #pragma once
 
-#include <deque>
 #include <string>
-#include <unordered_map>
 #include <unordered_set>
 #include <vector>
 
 #include "adapters/mqttsn_udp/context.hpp"
 #include "adapters/mqttsn_udp/conversations/answers.hpp"
 #include "adapters/mqttsn_udp/conversations/refusals.hpp"
+#include "adapters/mqttsn_udp/conversations/subscribe_requests.hpp"
 #include "daemon/core/topic_tree.hpp"
 
 namespace slamgw::mqttsn {
@@ -25,14 +24,17 @@ class Subscriptions {
   };
 
   Subscriptions(Context& context, Answers& answers, Refusals& refusals)
-      : context_(context), answers_(answers), refusals_(refusals) {}
+      : context_(context), answers_(answers), refusals_(refusals), requests_(context) {}
 
   void on_subscribe(ClientSession& session, const Subscribe& request, TimePoint now);
-  void on_unsubscribe(ClientSession& session, const Unsubscribe& request);
-  /// The broker's answer to the oldest open request for `filter`; the session that it was for.
-  ClientSession* on_subscribe_result(const std::string& filter, bool granted, TimePoint now);
+  void on_unsubscribe(ClientSession& session, const Unsubscribe& request, TimePoint now);
+  /// The broker's answer to the open request for `filter`; the sessions that it was for.
+  std::vector<ClientSession*> on_subscribe_result(const std::string& filter, bool granted,
+                                                  TimePoint now);
 
   void on_broker_link(bool is_up, TimePoint now);
+  std::optional<TimePoint> deadline() const { return requests_.deadline(); }
+  void on_deadline(TimePoint now) { requests_.on_deadline(now); }
   /// Whether this retained message is one that the subscription still waits for; true once for each
   /// topic (R102).
   bool takes_retained(Subscription& subscription, const std::string& topic, TimePoint now) const;
@@ -40,29 +42,23 @@ class Subscriptions {
   /// Whoever has a filter that matches, once for each filter.
   std::vector<Match> match(const std::string& topic) const;
   bool is_wanted(const ClientSession& session, const std::string& topic) const;
-  void drop(ClientSession& session, const std::string& filter);
-  void drop_all(ClientSession& session);
+  void drop(ClientSession& session, const std::string& filter, TimePoint now);
+  void drop_all(ClientSession& session, TimePoint now);
   /// Those that the topic policy does not allow (any more).
-  void drop_forbidden(ClientSession& session);
+  void drop_forbidden(ClientSession& session, TimePoint now);
   /// Asks the broker for the subscriptions of a session that comes back from the store.
-  void restore(ClientSession& session);
+  void restore(ClientSession& session, TimePoint now);
 
   /// The gateway itself hears all commands for the client's robot, so that one of a type that the
   /// client has not subscribed to has its outcome too. From the session's begin to its end.
-  void listen_for_commands(const ClientSession& session);
-  void stop_listening(const ClientSession& session);
+  void listen_for_commands(const ClientSession& session, TimePoint now);
+  void stop_listening(const ClientSession& session, TimePoint now);
 
  private:
   struct Wish {
     std::string filter;
     std::uint16_t topic_id = 0;
   };
-  struct Open {
-    std::weak_ptr<ClientSession> session;  // empty for restored subscriptions
-    std::uint64_t ticket = 0;
-    Suback answer;
-  };
-
   /// What the client means by the request, or why it can't have it.
   Result<Wish, ReturnCode> read(ClientSession& session, const Subscribe& request, TimePoint now);
   const std::string* name(ClientSession& session, TopicIdType type, std::uint16_t topic_id,
@@ -70,19 +66,19 @@ class Subscriptions {
   void refuse(ClientSession& session, const Subscribe& request, ReturnCode code);
   bool is_repetition(const ClientSession& session, const Subscribe& request,
                      const std::string& filter, TimePoint now) const;
-  void ask_broker(ClientSession& session, const std::string& filter, Qos qos, Suback answer);
+  void ask_broker(ClientSession& session, const std::string& filter, Qos qos, Suback answer,
+                  TimePoint now);
   void remove_subscriber(const std::string& filter, const ClientSession& session);
   /// Nobody has the filter any more: tells the broker.
-  void unsubscribe_unwanted(const std::string& filter);
-  void settle_open(const std::string& filter);
+  void unsubscribe_unwanted(const std::string& filter, TimePoint now);
   void notice_refusal(const ClientSession& session, const std::string& filter, TimePoint now);
 
   Context& context_;
   Answers& answers_;
   Refusals& refusals_;
   TopicTree<std::vector<Match>> subscribers_;
-  std::unordered_map<std::string, std::deque<Open>> open_;  // bounded by max_pending_answers each
-  std::unordered_set<std::string> listening_;               // filters of `listen_for_commands`
+  SubscribeRequests requests_;
+  std::unordered_set<std::string> listening_;  // filters of `listen_for_commands`
   std::optional<TimePoint> broker_up_since_;
 };
 

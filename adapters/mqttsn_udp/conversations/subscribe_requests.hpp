@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the broker is asked to subscribe. Each request makes it send all retained messages under the
+// filter again, so there is one at a time for each filter, at a bounded rate; SUBSCRIBEs that come
+// meanwhile share the next one.
+#pragma once
+
+#include <deque>
+#include <memory>
+#include <string>
+#include <unordered_map>
+#include <vector>
+
+#include "adapters/mqttsn_udp/clients/timer_queue.hpp"
+#include "adapters/mqttsn_udp/clients/token_bucket.hpp"
+#include "adapters/mqttsn_udp/context.hpp"
+
+namespace slamgw::mqttsn {
+
+class SubscribeRequests {
+ public:
+  /// A SUBSCRIBE that awaits its SUBACK.
+  struct Waiting {
+    std::weak_ptr<ClientSession> session;  ///< empty: the gateway itself, or a restored session
+    std::uint64_t ticket = 0;
+    Suback answer;
+  };
+
+  explicit SubscribeRequests(Context& context) : context_(context) {}
+
+  /// False when too many wait for an answer about this filter.
+  bool has_room(const std::string& filter) const;
+  void ask(const std::string& filter, Qos qos, Waiting waiting, TimePoint now);
+  /// The broker's answer: to all these.
+  std::vector<Waiting> on_result(const std::string& filter, TimePoint now);
+  /// Nobody wants the filter any more; those who still waited.
+  std::vector<Waiting> forget(const std::string& filter, TimePoint now);
+  void on_broker_link(bool is_up) { is_broker_up_ = is_up; }
+
+  std::optional<TimePoint> deadline() const { return timers_.earliest(); }
+  void on_deadline(TimePoint now);
+
+ private:
+  struct Request {
+    std::vector<Waiting> open;    // the broker thinks about these
+    std::vector<Waiting> joined;  // these are asked together next
+    Qos qos = Qos::at_most_once;  // the highest of `joined`
+    TokenBucket pace;
+    std::optional<TimePoint> armed;
+  };
+
+  /// Asks for those who have joined, if that may be now.
+  void advance(const std::string& filter, Request& request, TimePoint now);
+  /// Looks again when the next may be asked, or the pace needs to be remembered no longer.
+  void schedule(const std::string& filter, Request& request, TimePoint now);
+
+  Context& context_;
+  bool is_broker_up_ = false;
+  std::unordered_map<std::string, Request> requests_;
+  TimerQueue<std::string> timers_;
+};
+
+}  // namespace slamgw::mqttsn
