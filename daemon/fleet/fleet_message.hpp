@@ -1,0 +1,87 @@
+// SPDX-License-Identifier: Apache-2.0
+// What gateways say to each other, as values and as JSON. Robots' ids stand in the payload only, so
+// that no engine stumbles over them; the last level of each topic names the sender, so that a
+// broker's access control list can tie it to the user. Pure.
+//
+//   <prefix>/fleet/all/<sender>        to everybody: Beat (QoS 0), ClaimRobot, AskForSign, Taken,
+//   Table <prefix>/fleet/to/<gateway>/<sender>    to one: AskTable, Table, Release, Heard
+#pragma once
+
+#include <optional>
+#include <string>
+#include <string_view>
+#include <variant>
+#include <vector>
+
+#include "daemon/core/bytes.hpp"
+#include "daemon/fleet/claim.hpp"
+
+namespace slamgw::fleet {
+
+/// A larger payload is malformed, whatever is in it.
+inline constexpr std::size_t max_payload_octets = 256 * 1024;
+/// Rows of one Table message: some 40 kB with long ids.
+inline constexpr std::size_t max_table_rows = 500;
+
+/// A sign of life. What came back to its sender is the sender's lease.
+struct Beat {
+  std::int64_t sent_ms = 0;     ///< the sender's monotonic clock; only differences are used
+  std::uint32_t period_ms = 0;  ///< until the next one
+  std::uint64_t count = 0;      ///< robots that the sender claims
+  std::uint64_t digest = 0;     ///< of its claims: ClaimTable::Digest
+};
+/// `from`: the gateway that is to release the robot; empty when nobody has it.
+struct ClaimRobot {
+  std::string robot;
+  std::uint64_t epoch = 0;
+  std::string from;
+};
+/// Before a will is published: has anybody heard this robot in the last `silent_ms`?
+struct AskForSign {
+  std::string robot;
+  std::uint64_t silent_ms = 0;
+};
+/// The sender alone deals with one copy of this command; said before anything goes on the air.
+struct Taken {
+  std::uint64_t id = 0;   ///< of the sender's life
+  std::uint64_t key = 0;  ///< CommandTurns::key_of
+  std::string robot;
+  std::string type;
+};
+/// Answers a claim: the sender does not serve the robot and makes way for `to`, which may be
+/// another claim than the one that is answered.
+struct Release {
+  std::string robot;
+  Claim to;
+  Bytes session;  ///< of the robot at the sender, for the new owner; may be empty
+};
+/// Answers AskForSign: the sender has heard the robot since.
+struct Heard {
+  std::string robot;
+};
+struct AskTable {};
+/// All claims of the sender for robots after `after` up to `upto` in the order of ids; an empty
+/// `upto` is the end.
+struct Table {
+  struct Row {
+    std::string robot;
+    std::uint64_t epoch = 0;
+  };
+  std::string after;
+  std::string upto;
+  std::vector<Row> rows;
+};
+
+using Body = std::variant<Beat, ClaimRobot, AskForSign, Heard, Taken, Release, AskTable, Table>;
+
+struct FleetMessage {
+  std::string sender;
+  Life life = 0;
+  Body body;
+};
+
+std::string encode(Life life, const Body& body);
+/// Nothing when the payload is not what this version or a compatible one sends.
+std::optional<FleetMessage> decode(std::string_view sender, ByteView payload);
+
+}  // namespace slamgw::fleet

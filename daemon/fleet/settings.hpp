@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: Apache-2.0
+// The configuration's `fleet`, as values.
+#pragma once
+
+#include <cstdint>
+
+#include "daemon/fleet/claim.hpp"
+
+namespace slamgw::fleet {
+
+enum class Enabled : std::uint8_t {
+  automatic,  ///< as soon as another gateway is seen on this broker
+  yes,
+  no,
+};
+
+struct Settings {
+  Enabled enabled = Enabled::automatic;
+  /// Random, another one for each start of the process; its lower 16 bits are not used.
+  Life process = 0;
+};
+
+}  // namespace slamgw::fleet

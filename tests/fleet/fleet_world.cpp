@@ -1,0 +1,474 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/fleet/fleet_world.hpp"
+
+#include <fmt/format.h>
+
+#include <nlohmann/json.hpp>
+
+namespace slamgw::fleet::test {
+namespace {
+
+constexpr milliseconds pace{300};         // between two messages of a robot
+constexpr milliseconds keep_alive{2000};  // a robot that is silent for longer is lost
+constexpr milliseconds leftovers_after{40000};
+constexpr milliseconds look_pace{20};
+constexpr milliseconds on_air{30};
+constexpr milliseconds timeout{2000};
+
+}  // namespace
+
+struct FleetWorld::Node {
+  std::string name;
+  std::unique_ptr<Ownership> ownership;
+  bool is_running = false;
+  bool is_paused = false;
+  bool is_link_up = false;
+  int side = 0;
+  std::chrono::hours clock_offset{0};
+  std::uint64_t process = 0;
+  std::set<std::string> filters;
+  std::vector<std::function<void()>> waiting;    // what came while it was paused
+  std::map<std::string, milliseconds> sessions;  // robots, and when they were heard; kept on disk
+  std::optional<milliseconds> armed;
+};
+
+FleetWorld::FleetWorld(Options options) : options_(options), random_(options.seed) {
+  for (int i = 0; i < options.gateways; ++i) {
+    auto node = std::make_unique<Node>();
+    node->name = gateway_name(i);
+    node->clock_offset = std::chrono::hours(1000 + i * 7);  // clocks differ by hours
+    nodes_.push_back(std::move(node));
+  }
+  for (int i = 0; i < options.gateways; ++i) start(i);
+  robots_.resize(static_cast<std::size_t>(options.robots));
+  for (int i = 0; i < options.robots; ++i) roam(i, i % options.gateways);
+  look();
+}
+
+FleetWorld::~FleetWorld() = default;
+
+std::string FleetWorld::robot_name(int robot) { return fmt::format("r o.b*{}", robot); }
+int FleetWorld::robot_number(const std::string& name) { return std::stoi(name.substr(6)); }
+std::string FleetWorld::gateway_name(int gateway) { return fmt::format("gw-{}", gateway); }
+Ownership& FleetWorld::ownership(int gateway) {
+  return *nodes_[static_cast<std::size_t>(gateway)]->ownership;
+}
+
+Now FleetWorld::clock_of(const Node& node) const {
+  const auto since = now_ + node.clock_offset;
+  return {TimePoint(since), WallTime(since)};
+}
+
+void FleetWorld::at(milliseconds when, std::function<void()> act) {
+  events_.push({when, ++order_, std::move(act)});
+}
+
+milliseconds FleetWorld::random_delay() {
+  return milliseconds(std::uniform_int_distribution<std::int64_t>(
+      options_.least_delay.count(), options_.most_delay.count())(random_));
+}
+
+bool FleetWorld::chance(double probability) {
+  return std::uniform_real_distribution<>(0, 1)(random_) < probability;
+}
+
+void FleetWorld::run(milliseconds span) {
+  const milliseconds end = now_ + span;
+  while (!events_.empty() && events_.top().at <= end) {
+    const Event event = events_.top();
+    events_.pop();
+    now_ = event.at;
+    event.act();
+  }
+  now_ = end;
+}
+
+// --- robots ------------------------------------------------------------------------------------
+
+void FleetWorld::roam(int robot, int gateway) {
+  Robot& who = robots_[static_cast<std::size_t>(robot)];
+  who.at = gateway;
+  story_.push_back(fmt::format("{} {} roams to {}", now_.count(), robot, gateway));
+  speak(robot, ++who.visit);
+}
+
+void FleetWorld::silence(int robot) { robots_[static_cast<std::size_t>(robot)].is_alive = false; }
+
+void FleetWorld::speak(int robot, std::uint64_t visit) {
+  Robot& who = robots_[static_cast<std::size_t>(robot)];
+  if (!who.is_alive || who.visit != visit) return;
+  who.last_said = now_;
+  const std::string name = robot_name(robot);
+  to_gateway(who.at, [this, name](Node& node) {
+    node.sessions[name] = now_;
+    node.ownership->on_heard(name, clock_of(node));
+  });
+  at(now_ + pace, [this, robot, visit] { speak(robot, visit); });
+}
+
+void FleetWorld::command(int robot) {
+  const auto id = commands_.size();
+  commands_.push_back({robot, now_, 0, 0, 0});
+  publish(-1, {"p/server/" + robot_name(robot) + "/cmd", to_bytes(std::to_string(id)),
+               Qos::at_least_once, false});
+}
+
+// --- gateways ------------------------------------------------------------------------------------
+
+void FleetWorld::start(int gateway) {
+  Node& node = *nodes_[static_cast<std::size_t>(gateway)];
+  node.is_running = true;
+  node.process = random_();
+  Settings settings{options_.enabled, (node.process << 16U) | 0xabcdU};
+  node.ownership = std::make_unique<Ownership>(FleetTopics("p", node.name), settings, [&node] {
+    std::vector<std::string> local;
+    for (const auto& [robot, heard] : node.sessions) local.push_back(robot);
+    return local;
+  });
+  restore_link(gateway);
+  supervise(gateway);
+  at(now_ + leftovers_after, [this, gateway, process = node.process] {
+    to_gateway(gateway, [this, gateway, process](Node& each) {
+      if (each.process == process) withdraw_leftovers(gateway);
+    });
+  });
+}
+
+/// As LeftoverRobots: what an earlier life has left as online.
+void FleetWorld::withdraw_leftovers(int gateway) {
+  const Node& node = *nodes_[static_cast<std::size_t>(gateway)];
+  for (int i = 0; i < robots(); ++i) {
+    const std::string topic = "p/gateway/" + node.name + "/robots/" + robot_name(i);
+    if (retained_.contains(topic) && !node.ownership->speaks_for(robot_name(i), clock_of(node)))
+      publish(-1, {topic, {}, Qos::at_least_once, true});
+  }
+}
+
+void FleetWorld::kill(int gateway) {
+  Node& node = *nodes_[static_cast<std::size_t>(gateway)];
+  story_.push_back(fmt::format("{} {} dies", now_.count(), gateway));
+  node.is_running = node.is_paused = node.is_link_up = false;
+  node.waiting.clear();
+  node.filters.clear();
+  publish(-1, {"p/gateway/" + node.name + "/state", to_bytes(R"({"state":"offline"})"),
+               Qos::at_least_once, true});
+}
+
+void FleetWorld::pause(int gateway) {
+  story_.push_back(fmt::format("{} {} stops", now_.count(), gateway));
+  nodes_[static_cast<std::size_t>(gateway)]->is_paused = true;
+}
+
+void FleetWorld::resume(int gateway) {
+  Node& node = *nodes_[static_cast<std::size_t>(gateway)];
+  story_.push_back(fmt::format("{} {} goes on", now_.count(), gateway));
+  node.is_paused = false;
+  for (auto& act : std::exchange(node.waiting, {})) act();
+  arm(gateway);
+}
+
+void FleetWorld::cut_link(int gateway) {
+  Node& node = *nodes_[static_cast<std::size_t>(gateway)];
+  if (!node.is_running) return;
+  story_.push_back(fmt::format("{} {} is cut off", now_.count(), gateway));
+  node.is_link_up = false;
+  node.filters.clear();
+  input(gateway, [&](Node& each) { each.ownership->on_broker_link(false, clock_of(each)); });
+}
+
+void FleetWorld::restore_link(int gateway) {
+  Node& node = *nodes_[static_cast<std::size_t>(gateway)];
+  if (!node.is_running || node.is_link_up) return;
+  node.is_link_up = true;
+  input(gateway, [&](Node& each) { each.ownership->on_broker_link(true, clock_of(each)); });
+  publish(gateway, {"p/gateway/" + node.name + "/state", to_bytes(R"({"state":"online"})"),
+                    Qos::at_least_once, true});
+}
+
+void FleetWorld::set_side(int gateway, int side) {
+  nodes_[static_cast<std::size_t>(gateway)]->side = side;
+}
+
+/// A gateway's own watch over its sessions.
+void FleetWorld::supervise(int gateway) {
+  Node& node = *nodes_[static_cast<std::size_t>(gateway)];
+  const std::uint64_t process = node.process;
+  at(now_ + milliseconds(200), [this, gateway, process] {
+    Node& each = *nodes_[static_cast<std::size_t>(gateway)];
+    if (!each.is_running || each.process != process) return;
+    to_gateway(gateway, [this](Node& awake) {
+      std::vector<std::string> lost;
+      for (const auto& [robot, heard] : awake.sessions)
+        if (now_ - heard > keep_alive) lost.push_back(robot);
+      for (const std::string& robot : lost) {
+        awake.sessions.erase(robot);
+        Report will;
+        will.robot = robot;
+        will.is_will = true;
+        awake.ownership->on_will(will, clock_of(awake));
+      }
+    });
+    supervise(gateway);
+  });
+}
+
+void FleetWorld::to_gateway(int gateway, std::function<void(Node&)> change) {
+  Node& node = *nodes_[static_cast<std::size_t>(gateway)];
+  if (!node.is_running) return;
+  if (node.is_paused) {
+    node.waiting.push_back([this, gateway, change] { input(gateway, change); });
+    return;
+  }
+  input(gateway, change);
+}
+
+void FleetWorld::input(int gateway, const std::function<void(Node&)>& change) {
+  Node& node = *nodes_[static_cast<std::size_t>(gateway)];
+  if (!node.is_running) return;
+  change(node);
+  drain(gateway);
+  arm(gateway);
+}
+
+void FleetWorld::drain(int gateway) {
+  Node& node = *nodes_[static_cast<std::size_t>(gateway)];
+  while (auto action = node.ownership->next_action())
+    std::visit([&](auto& what) { perform(gateway, what); }, *action);
+}
+
+void FleetWorld::arm(int gateway) {
+  Node& node = *nodes_[static_cast<std::size_t>(gateway)];
+  if (!node.is_running || node.is_paused) return;
+  const auto deadline = node.ownership->deadline();
+  if (!deadline) return;
+  const auto since = std::chrono::ceil<milliseconds>(deadline->time_since_epoch());
+  const milliseconds due = std::max(now_, since - node.clock_offset);
+  if (node.armed && *node.armed <= due && *node.armed >= now_) return;
+  node.armed = due;
+  const std::uint64_t process = node.process;
+  at(due, [this, gateway, process, due] {
+    Node& each = *nodes_[static_cast<std::size_t>(gateway)];
+    if (each.process != process || each.armed != due) return;
+    each.armed.reset();
+    to_gateway(gateway, [this](Node& awake) { awake.ownership->on_deadline(clock_of(awake)); });
+  });
+}
+
+// --- what gateways do --------------------------------------------------------------------------
+
+void FleetWorld::perform(int gateway, PublishNow& action) { publish(gateway, action.message); }
+
+void FleetWorld::perform(int gateway, SubscribeFleet& action) {
+  nodes_[static_cast<std::size_t>(gateway)]->filters.insert(action.filter);
+  for (const auto& [topic, message] : retained_) {
+    if (filter_matches(action.filter, topic)) deliver(-1, gateway, message);
+  }
+}
+
+void FleetWorld::perform(int gateway, UnsubscribeFleet& action) {
+  nodes_[static_cast<std::size_t>(gateway)]->filters.erase(action.filter);
+}
+
+void FleetWorld::perform(int gateway, TakeOverRobot& action) {
+  story_.push_back(fmt::format("{} {} takes over {} (dead: '{}')", now_.count(), gateway,
+                               action.robot, action.dead_owner));
+  const auto presence = [&](const std::string& name, const char* what) {
+    publish(-1, {"p/gateway/" + name + "/robots/" + action.robot, to_bytes(what),
+                 Qos::at_least_once, true});
+  };
+  presence(gateway_name(gateway), "online");
+  if (!action.dead_owner.empty()) presence(action.dead_owner, "");
+}
+
+void FleetWorld::perform(int gateway, GiveUpRobot& action) {
+  Node& node = *nodes_[static_cast<std::size_t>(gateway)];
+  story_.push_back(fmt::format("{} {} gives up {} to {}", now_.count(), gateway, action.robot,
+                               action.to.gateway));
+  node.sessions.erase(action.robot);
+  publish(-1, {"p/gateway/" + node.name + "/robots/" + action.robot, {}, Qos::at_least_once, true});
+  if (action.is_awaited) node.ownership->on_given_up(action.robot, action.to, to_bytes("session"));
+}
+
+void FleetWorld::perform(int gateway, CarryOut& action) {
+  const std::string id(as_text(action.command.payload));
+  Command& command = commands_[static_cast<std::size_t>(std::stoi(id))];
+  const Robot& robot = robots_[static_cast<std::size_t>(command.robot)];
+  if (++command.on_air > 1) {
+    ++seen_.doubled_commands;
+    story_.push_back(fmt::format("{} DOUBLED {} at {}", now_.count(), id, gateway));
+  }
+  const bool is_here = robot.at == gateway && robot.is_alive;
+  const std::uint64_t process = nodes_[static_cast<std::size_t>(gateway)]->process;
+  at(now_ + (is_here ? on_air : timeout), [this, gateway, process, id] {
+    to_gateway(gateway, [this, gateway, process, id](Node& node) {
+      if (node.process == process)
+        tell_outcome(gateway, robot_name(commands_[std::stoul(id)].robot), id);
+    });
+  });
+}
+
+void FleetWorld::perform(int gateway, EndCommand& action) {
+  // Which of equal commands it is does not matter to users: the oldest that has no outcome.
+  const int robot = robot_number(action.robot);
+  for (std::size_t i = 0; i < commands_.size(); ++i) {
+    if (commands_[i].robot != robot || commands_[i].outcomes + commands_[i].promised > 0) continue;
+    ++commands_[i].promised;
+    return tell_outcome(gateway, action.robot, std::to_string(i));
+  }
+  ++seen_.doubled_outcomes;
+  story_.push_back(fmt::format("{} OUTCOME TOO MANY for {} at {}: {}", now_.count(), action.robot,
+                               gateway, action.why));
+}
+
+void FleetWorld::tell_outcome(int gateway, const std::string& robot, const std::string& id) {
+  Command& command = commands_[std::stoul(id)];
+  Node& node = *nodes_[static_cast<std::size_t>(gateway)];
+  const nlohmann::json outcome{{"type", "cmd"}, {"id", id}};
+  node.ownership->on_own_outcome({"p/gateway/" + node.name + "/commands/" + robot,
+                                  to_bytes(outcome.dump()), Qos::at_least_once, false},
+                                 now_ - command.said, clock_of(node));
+}
+
+/// Through the store: it reaches the broker, if late.
+void FleetWorld::perform(int gateway, TellOutcome& action) {
+  const auto json = nlohmann::json::parse(action.message.payload);
+  const std::string id = json["id"];
+  Command& command = commands_[std::stoul(id)];
+  if (++command.outcomes > 1) {
+    ++seen_.doubled_outcomes;
+    story_.push_back(fmt::format("{} SECOND OUTCOME of {} at {}", now_.count(), id, gateway));
+  }
+  publish(gateway, action.message);
+}
+
+void FleetWorld::perform(int gateway, PublishWill& action) {
+  Robot& robot = robots_[static_cast<std::size_t>(robot_number(action.will.robot))];
+  ++robot.wills;
+  const Node& place = *nodes_[static_cast<std::size_t>(robot.at)];
+  const bool is_heard = place.is_running && !place.is_paused && place.is_link_up;
+  if (is_trusted && robot.is_alive && is_heard && now_ - robot.last_said < keep_alive) {
+    ++seen_.false_wills;
+    story_.push_back(
+        fmt::format("{} FALSE WILL of {} at {}", now_.count(), action.will.robot, gateway));
+  }
+}
+
+void FleetWorld::perform(int gateway, Notice& action) {
+  story_.push_back(fmt::format("{} {} says: {}", now_.count(), gateway, action.text));
+}
+
+// --- the broker ----------------------------------------------------------------------------------
+
+void FleetWorld::forge(const std::string& topic, const std::string& payload) {
+  publish(-1, {topic, to_bytes(payload), Qos::at_least_once, false});
+}
+
+void FleetWorld::publish(int from, const BrokerMessage& message) {
+  if (from >= 0) {
+    if (!nodes_[static_cast<std::size_t>(from)]->is_link_up) return;
+    ++published_;
+    const auto json =
+        nlohmann::json::parse(message.payload.begin(), message.payload.end(), nullptr, false);
+    ++kinds_[json.is_object() && json.contains("k") ? json["k"].get<std::string>() : "other"];
+  }
+  if (message.retain) retained_[message.topic] = message;
+  if (message.retain && message.payload.empty()) retained_.erase(message.topic);
+  for (int to = 0; to < gateways(); ++to) {
+    const Node& node = *nodes_[static_cast<std::size_t>(to)];
+    for (const std::string& filter : node.filters) {
+      if (!filter_matches(filter, message.topic)) continue;
+      const auto side = from < 0 ? node.side : nodes_[static_cast<std::size_t>(from)]->side;
+      if (side == node.side) {
+        BrokerMessage live = message;
+        live.retain = false;
+        deliver(from, to, live);
+      }
+    }
+  }
+}
+
+std::uint64_t FleetWorld::published_by_kind(const std::string& kind) const {
+  const auto found = kinds_.find(kind);
+  return found == kinds_.end() ? 0 : found->second;
+}
+
+void FleetWorld::deliver(int from, int to, const BrokerMessage& message) {
+  if (message.qos == Qos::at_most_once && chance(options_.lost)) return;
+  milliseconds& last = last_delivery_[{from, to}];
+  last = std::max(last, now_ + random_delay());
+  const std::uint64_t process = nodes_[static_cast<std::size_t>(to)]->process;
+  const auto arrive = [this, to, process, message] {
+    to_gateway(to, [this, process, message](Node& node) {
+      if (node.process != process || !node.is_link_up) return;
+      const FleetTopics topics("p", node.name);
+      if (node.ownership->on_broker_message(message, clock_of(node))) return;
+      const TopicScheme scheme("p", node.name);
+      const auto target = scheme.parse_command_topic(message.topic);
+      if (target)
+        node.ownership->on_command(message, std::string(target->robot), std::string(target->type),
+                                   clock_of(node));
+    });
+  };
+  at(last, arrive);
+  const bool is_command = message.topic.starts_with("p/server/");  // equal ones are two commands
+  if (message.qos != Qos::at_most_once && !is_command && chance(options_.doubled))
+    at(last + random_delay(), arrive);
+}
+
+// --- judging -------------------------------------------------------------------------------------
+
+std::vector<int> FleetWorld::actors(int robot) const {
+  std::vector<int> found;
+  for (int i = 0; i < gateways(); ++i) {
+    const Node& node = *nodes_[static_cast<std::size_t>(i)];
+    if (node.is_running && !node.is_paused &&
+        node.ownership->may_act_for(robot_name(robot), clock_of(node).mono))
+      found.push_back(i);
+  }
+  return found;
+}
+
+void FleetWorld::look() {
+  for (int robot = 0; robot < robots(); ++robot) {
+    const auto found = actors(robot);
+    if (found.size() < 2 || !is_trusted) continue;
+    ++seen_.two_owners;
+    story_.push_back(
+        fmt::format("{} TWO OWNERS of {}: {} {}", now_.count(), robot, found[0], found[1]));
+  }
+  at(now_ + look_pace, [this] { look(); });
+}
+
+FleetWorld::Judgement FleetWorld::judge() const {
+  Judgement all = seen_;
+  for (const Command& command : commands_)
+    if (command.outcomes == 0) ++all.missing_outcomes;
+  for (int i = 0; i < robots(); ++i) {
+    const Robot& robot = robots_[static_cast<std::size_t>(i)];
+    if (!robot.is_alive) {
+      if (robot.wills == 0) ++all.missing_wills;
+      continue;
+    }
+    if (actors(i) != std::vector<int>{robot.at}) ++all.without_owner;
+    int online = 0;
+    for (int gateway = 0; gateway < gateways(); ++gateway) {
+      const auto entry =
+          retained_.find("p/gateway/" + gateway_name(gateway) + "/robots/" + robot_name(i));
+      if (entry != retained_.end()) online += gateway == robot.at ? 1 : 100;
+    }
+    if (online != 1) ++all.strange_presence;
+  }
+  return all;
+}
+
+std::string FleetWorld::describe() const {
+  std::string text;
+  for (const std::string& line : story_) text += line + '\n';
+  for (std::size_t i = 0; i < commands_.size(); ++i)
+    if (commands_[i].outcomes != 1)
+      text += fmt::format("command {} to {} at {}: {} outcomes, {} on air\n", i, commands_[i].robot,
+                          commands_[i].said.count(), commands_[i].outcomes, commands_[i].on_air);
+  return text;
+}
+
+}  // namespace slamgw::fleet::test

@@ -1,0 +1,149 @@
+// SPDX-License-Identifier: Apache-2.0
+// Gateways, robots that roam and a broker in virtual time: messages are late, doubled and in
+// another order for each reader; gateways are paused, killed and cut off. Keeps count of what a
+// user would notice.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <memory>
+#include <queue>
+#include <random>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "daemon/fleet/ownership.hpp"
+
+namespace slamgw::fleet::test {
+
+using std::chrono::milliseconds;
+
+class FleetWorld {
+ public:
+  struct Options {
+    std::uint32_t seed = 1;
+    int gateways = 4;
+    int robots = 12;
+    milliseconds least_delay{1};
+    milliseconds most_delay{40};
+    double doubled = 0.05;  ///< of QoS 1 deliveries
+    double lost = 0.02;     ///< of QoS 0 deliveries
+    Enabled enabled = Enabled::yes;
+  };
+  /// What a user would notice; each 0 when all is well.
+  struct Judgement {
+    int doubled_commands = 0;  ///< went on the air twice
+    int doubled_outcomes = 0;
+    int missing_outcomes = 0;
+    int false_wills = 0;
+    int missing_wills = 0;
+    int two_owners = 0;        ///< looks at which two gateways could act for one robot
+    int without_owner = 0;     ///< robots, at the end
+    int strange_presence = 0;  ///< robots whose retained presence is not one `online`, at the end
+  };
+
+  explicit FleetWorld(Options options);
+  ~FleetWorld();
+
+  void run(milliseconds span);
+  void roam(int robot, int gateway);
+  /// It says nothing any more.
+  void silence(int robot);
+  void command(int robot);
+  void pause(int gateway);
+  void resume(int gateway);
+  void kill(int gateway);
+  void start(int gateway);
+  void cut_link(int gateway);
+  void restore_link(int gateway);
+  /// Gateways of different sides do not hear each other; the broker's nodes are apart.
+  void set_side(int gateway, int side);
+  /// Octets in the name of any gateway.
+  void forge(const std::string& topic, const std::string& payload);
+
+  int gateways() const { return static_cast<int>(nodes_.size()); }
+  int robots() const { return static_cast<int>(robots_.size()); }
+  int place_of(int robot) const { return robots_[static_cast<std::size_t>(robot)].at; }
+  /// The gateways that could act for it now.
+  std::vector<int> actors(int robot) const;
+  Judgement judge() const;
+  Ownership& ownership(int gateway);
+  std::uint64_t published() const { return published_; }
+  std::uint64_t published_by_kind(const std::string& kind) const;
+  std::chrono::milliseconds now() const { return now_; }
+  std::string describe() const;
+  bool is_trusted = true;  ///< false while two sides are apart: both may act
+
+ private:
+  struct Node;
+  struct Robot {
+    int at = 0;
+    bool is_alive = true;
+    milliseconds last_said{-1};
+    std::uint64_t wills = 0;
+    std::uint64_t visit = 0;
+  };
+  struct Command {
+    int robot = 0;
+    milliseconds said{};
+    int on_air = 0;
+    int outcomes = 0;
+    int promised = 0;  ///< ends of which only the robot and the type are known
+  };
+  struct Event {
+    milliseconds at{};
+    std::uint64_t order = 0;
+    std::function<void()> act;
+    bool operator<(const Event& other) const {
+      return std::pair(other.at, other.order) < std::pair(at, order);
+    }
+  };
+
+  void at(milliseconds when, std::function<void()> act);
+  milliseconds random_delay();
+  bool chance(double probability);
+  void speak(int robot, std::uint64_t visit);
+  void look();
+  void to_gateway(int gateway, std::function<void(Node&)> input);
+  void input(int gateway, const std::function<void(Node&)>& change);
+  void drain(int gateway);
+  void arm(int gateway);
+  void perform(int gateway, PublishNow& action);
+  void perform(int gateway, SubscribeFleet& action);
+  void perform(int gateway, UnsubscribeFleet& action);
+  void perform(int gateway, TakeOverRobot& action);
+  void perform(int gateway, GiveUpRobot& action);
+  void perform(int gateway, CarryOut& action);
+  void perform(int gateway, EndCommand& action);
+  void perform(int gateway, TellOutcome& action);
+  void perform(int gateway, PublishWill& action);
+  void perform(int gateway, Notice& action);
+  void publish(int from, const BrokerMessage& message);
+  void deliver(int from, int to, const BrokerMessage& message);
+  void tell_outcome(int gateway, const std::string& robot, const std::string& id);
+  void supervise(int gateway);
+  void withdraw_leftovers(int gateway);
+  static std::string robot_name(int robot);
+  static int robot_number(const std::string& name);
+  static std::string gateway_name(int gateway);
+  Now clock_of(const Node& node) const;
+
+  Options options_;
+  std::mt19937 random_;
+  milliseconds now_{0};
+  std::uint64_t order_ = 0;
+  std::priority_queue<Event> events_;
+  std::vector<std::unique_ptr<Node>> nodes_;
+  std::vector<Robot> robots_;
+  std::vector<Command> commands_;
+  std::map<std::pair<int, int>, milliseconds> last_delivery_;  // one writer's messages keep order
+  std::map<std::string, BrokerMessage> retained_;
+  std::uint64_t published_ = 0;
+  std::map<std::string, std::uint64_t> kinds_;
+  Judgement seen_;
+  std::vector<std::string> story_;
+};
+
+}  // namespace slamgw::fleet::test

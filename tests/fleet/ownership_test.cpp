@@ -1,0 +1,119 @@
+// SPDX-License-Identifier: Apache-2.0
+// What is promised to users of a fleet, one sentence each.
+#include <gtest/gtest.h>
+
+#include "tests/fleet/fleet_world.hpp"
+
+namespace slamgw::fleet::test {
+namespace {
+
+using namespace std::chrono_literals;
+
+TEST(Ownership, OneGatewayAloneSaysNothing) {
+  FleetWorld world({.gateways = 1, .robots = 3, .enabled = Enabled::automatic});
+  world.run(30s);
+  world.command(1);
+  world.run(1s);
+  EXPECT_TRUE(world.ownership(0).is_alone());
+  EXPECT_EQ(world.published_by_kind("beat"), 0U);
+  EXPECT_EQ(world.published_by_kind("claim"), 0U);
+}
+
+TEST(Ownership, WakesUpWhenAnotherGatewayIsThereAndSleepsWhenItHasGone) {
+  FleetWorld world({.gateways = 2, .robots = 3, .enabled = Enabled::automatic});
+  world.kill(1);
+  world.run(90s);
+  EXPECT_TRUE(world.ownership(0).is_alone());
+  world.start(1);
+  world.run(5s);
+  EXPECT_EQ(world.ownership(0).phase(), Ownership::Phase::member);
+  EXPECT_EQ(world.ownership(1).phase(), Ownership::Phase::member);
+  world.kill(1);
+  world.run(90s);
+  EXPECT_TRUE(world.ownership(0).is_alone());
+}
+
+TEST(Ownership, RobotThatRoamsHasOneOwnerWithinAFractionOfASecond) {
+  FleetWorld world({.gateways = 3, .robots = 1});
+  world.run(5s);
+  ASSERT_EQ(world.actors(0), std::vector<int>{0});
+  world.roam(0, 2);
+  world.run(300ms);
+  EXPECT_EQ(world.actors(0), std::vector<int>{2});
+}
+
+TEST(Ownership, RobotOfADeadGatewayHasANewOwnerWithinTwoSeconds) {
+  FleetWorld world({.gateways = 3, .robots = 1});
+  world.run(5s);
+  world.kill(0);
+  world.roam(0, 1);
+  world.run(2s);
+  EXPECT_EQ(world.actors(0), std::vector<int>{1});
+}
+
+TEST(Ownership, ARoamCostsTwoMessagesAndACommandOne) {
+  FleetWorld world({.gateways = 3, .robots = 1, .doubled = 0});
+  world.run(5s);
+  const auto before = world.published();
+  const auto beats = world.published_by_kind("beat");
+  world.roam(0, 1);
+  world.run(2s);
+  EXPECT_EQ(world.published() - before - (world.published_by_kind("beat") - beats), 2U);
+  world.command(0);
+  world.run(5s);
+  EXPECT_EQ(world.published_by_kind("taken"), 1U);
+  EXPECT_LE(world.published_by_kind("beat") - beats, 3U * 2U * 7U + 3U);
+}
+
+TEST(Ownership, PausedGatewayActsForNobodyWhenItGoesOn) {
+  FleetWorld world({.gateways = 2, .robots = 2});
+  world.run(5s);
+  world.pause(0);
+  world.roam(0, 1);
+  world.run(60s);
+  world.command(0);
+  world.run(1s);
+  world.resume(0);
+  world.run(5s);
+  EXPECT_EQ(world.actors(0), std::vector<int>{1});
+  const auto all = world.judge();
+  EXPECT_EQ(all.two_owners + all.doubled_commands + all.doubled_outcomes + all.false_wills, 0);
+}
+
+TEST(Ownership, TwoRobotsWithOneNameAreToldAndDoNotFlood) {
+  FleetWorld world({.gateways = 2, .robots = 1});
+  world.run(5s);
+  const auto before = world.published_by_kind("claim");
+  for (int step = 0; step < 600; ++step) {  // for two minutes, five times a second
+    world.roam(0, step % 2);
+    world.run(200ms);
+  }
+  EXPECT_LE(world.published_by_kind("claim") - before, 24U);
+  EXPECT_NE(world.describe().find("two robots with this name"), std::string::npos);
+}
+
+TEST(Ownership, ForgedClaimsOfUnknownGatewaysAreVoid) {
+  FleetWorld world({.gateways = 2, .robots = 1});
+  world.run(5s);
+  world.forge(
+      "p/fleet/all/evil",
+      R"({"v":1,"b":"0000000000010000","k":"claim","robot":"r o.b*0","epoch":99,"from":""})");
+  world.forge(
+      "p/fleet/all/gw-0",  // the right gateway, in a life that is not its own
+      R"({"v":1,"b":"0000000000010000","k":"claim","robot":"r o.b*0","epoch":99,"from":""})");
+  world.forge("p/fleet/all/gw-0", "no JSON");
+  world.forge("p/fleet/all/gw-1", std::string(1'000'000, '['));
+  world.forge("p/fleet/to/gw-1/gw-0", R"({"v":1,"b":"0","k":"table"})");
+  world.run(3s);
+  EXPECT_EQ(world.actors(0), std::vector<int>{0});
+}
+
+TEST(Ownership, RobotMayBeNamedAsAGateway) {
+  const FleetTopics topics("p", "gw-0");
+  EXPECT_EQ(topics.all(), "p/fleet/all/gw-0");  // robots' names are in no topic of the fleet
+  EXPECT_EQ(topics.sender("p/fleet/to/gw-0/gw-1"), "gw-1");
+  EXPECT_FALSE(topics.sender("p/fleet/to/gw-1/gw-0"));
+}
+
+}  // namespace
+}  // namespace slamgw::fleet::test
