@@ -69,7 +69,7 @@ Status StatusCollector::status(Counters control, TimePoint now) const {
 
 Status::Broker StatusCollector::broker(TimePoint now) const {
   const HeldTopics& held = outbox_.held_topics();
-  Status::Broker broker{broker_uri(config_.broker), broker_, held.size(), {}};
+  Status::Broker broker{broker_uri(config_.broker), broker_, held.refused(), {}};
   for (const HeldTopic& topic : held.list(most_refused_listed)) {
     broker.refused.push_back({topic.topic, topic.refusal, topic.waiting, topic.tries,
                               duration_cast<seconds>(now - topic.since)});
@@ -98,7 +98,7 @@ Status::Store StatusCollector::store(TimePoint now) const {
           backlog.is_full(),
           duration_cast<seconds>(now - backlog.oldest().value_or(now)),
           backlog.dead_letters().count,
-          outbox_.statistics().store_failures};
+          outbox_.store_failures()};
 }
 
 std::vector<RobotStatus> StatusCollector::robots(TimePoint now) const {

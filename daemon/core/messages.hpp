@@ -37,6 +37,14 @@ enum class ReceiptOutcome : std::uint8_t { safe, refused };
 struct Refusal {
   int code = 0;     ///< MQTT 5 reason code, 0x80 and up; 0: the broker closes the connection
   std::string why;  ///< for people: "not authorised"
+
+  /// The fault is the message's, whatever the rights and quotas of tomorrow are.
+  bool is_permanent() const {
+    constexpr int topic_name_invalid = 0x90;
+    constexpr int packet_too_large = 0x95;
+    constexpr int payload_format_invalid = 0x99;
+    return code == topic_name_invalid || code == packet_too_large || code == payload_format_invalid;
+  }
 };
 
 /// What a mesh knows about the way that a message came.

@@ -21,8 +21,13 @@ void HeldTopics::pause(Slot slot, Lane& lane, TimePoint due) {
 }
 
 void HeldTopics::end_pause(Slot slot, Lane& lane) {
-  if (lane.phase == Phase::paused) pauses_.erase({lane.due, slot});
+  if (lane.phase == Phase::paused || lane.phase == Phase::idle) pauses_.erase({lane.due, slot});
   lane.phase = Phase::waiting;
+}
+
+void HeldTopics::wait_idle(Slot slot, Lane& lane) {
+  pause(slot, lane, lane.suspected + suspicion_lasts);
+  lane.phase = Phase::idle;
 }
 
 /// Nothing holds it back any more.
@@ -40,6 +45,8 @@ void HeldTopics::advance(Slot slot) {
   } else if (!is_done(lane)) {
     lane.phase = Phase::runnable;  // next() looks whether it may go
     runnable_.push_back(slot);
+  } else if (lane.is_suspect && !lane.is_accepted) {
+    wait_idle(slot, lane);
   } else {
     for (OutboxEntry& entry : lane.unstored) {
       unstored_bytes_ -= entry.cost();
@@ -76,11 +83,52 @@ bool HeldTopics::hold(const std::string& topic, const Refusal& refusal, std::siz
     lane.since = now;
     lane.pause = Duration::zero();
   }
+  lane.is_suspect = false;
+  grow_pause(slot, lane, longest_pause, now);
+  return is_news;
+}
+
+void HeldTopics::grow_pause(Slot slot, Lane& lane, Duration longest, TimePoint now) {
   ++lane.tries;
-  lane.pause = std::clamp<Duration>(2 * lane.pause, first_pause, longest_pause);
+  lane.pause = std::clamp<Duration>(2 * lane.pause, first_pause, longest);
   unload(lane);
   pause(slot, lane, now + lane.pause);
-  return is_news;
+}
+
+bool HeldTopics::suspect(const std::string& topic, TimePoint now) {
+  const auto [known, is_new] = lanes_.try_emplace(TopicCounts::slot(topic));
+  Lane& lane = known->second;
+  if (std::exchange(lane.is_accepted, false)) lane.tries = 0;
+  lane.is_suspect = true;
+  lane.suspected = now;
+  if (!is_new) return false;
+  lane.topic = topic;
+  lane.since = now;
+  return true;
+}
+
+bool HeldTopics::on_lost_alone(const std::string& topic, std::uint64_t answers, TimePoint now) {
+  constexpr std::uint32_t losses_that_convict = 2;
+  const Slot slot = TopicCounts::slot(topic);
+  Lane& lane = lanes_.at(slot);
+  lane.suspected = now;
+  lane.refusal = {0, "the connection is lost when they are sent"};
+  if (++lane.losses == 1) lane.answers_at_loss = answers;
+  grow_pause(slot, lane, longest_pause_of_suspect, now);
+  put_off_tries(now);
+  const bool is_convicted = lane.losses >= losses_that_convict && answers > lane.answers_at_loss;
+  if (is_convicted) lane.losses = 0;
+  return is_convicted;
+}
+
+bool HeldTopics::wants_probe(std::string_view topic) const {
+  const auto known = lanes_.find(TopicCounts::slot(topic));
+  return known != lanes_.end() && known->second.phase == Phase::idle && may_go(known->second);
+}
+
+void HeldTopics::put_off_tries(TimePoint now) {
+  caution_ = std::clamp<Duration>(2 * caution_, 2 * first_pause, longest_pause);
+  tries_put_off_ = now + caution_;
 }
 
 /// What was loaded may no longer be the oldest: it is loaded again when its turn comes.
@@ -94,15 +142,18 @@ void HeldTopics::unload(Lane& lane) {
 void HeldTopics::add_row(std::string_view topic, std::uint64_t row) {
   Lane& lane = lanes_.at(TopicCounts::slot(topic));
   lane.rows.insert(std::upper_bound(lane.rows.begin(), lane.rows.end(), row), row);
+  if (lane.phase == Phase::idle) advance(TopicCounts::slot(topic));
 }
 
 void HeldTopics::add(OutboxEntry entry) {
-  Lane& lane = lanes_.at(TopicCounts::slot(entry.message.topic));
+  const Slot slot = TopicCounts::slot(entry.message.topic);
+  Lane& lane = lanes_.at(slot);
   const auto after = std::upper_bound(
       lane.unstored.begin(), lane.unstored.end(), entry.order,
       [](std::uint64_t order, const OutboxEntry& other) { return order < other.order; });
   unstored_bytes_ += entry.cost();
   lane.unstored.insert(after, std::move(entry));
+  if (lane.phase == Phase::idle) advance(slot);
 }
 
 std::deque<OutboxEntry> HeldTopics::take_unstored() {
@@ -183,7 +234,8 @@ std::deque<OutboxEntry> HeldTopics::on_store_opened(TimePoint now) {
     std::move(lane.loaded.begin(), lane.loaded.end(), std::back_inserter(in_memory));
     lane.loaded.clear();
     lane.rows.clear();
-    if (lane.phase != Phase::paused) pause(slot, lane, now + first_pause);
+    if (lane.phase != Phase::paused && lane.phase != Phase::idle)
+      pause(slot, lane, now + first_pause);
   }
   loaded_ = 0;
   loading_.clear();
@@ -197,15 +249,25 @@ void HeldTopics::count_stored(TopicCounts& counts) const {
   }
 }
 
+/// While tries are put off, only those go on that were not refused, or no longer are.
+bool HeldTopics::may_go(const Lane& lane) const {
+  return !tries_put_off_ || lane.is_accepted || !is_refused(lane);
+}
+
 const OutboxEntry* HeldTopics::next(TimePoint now) {
-  for (; !runnable_.empty(); runnable_.pop_front()) {
+  for (std::size_t left = runnable_.size(); left > 0; --left) {
     const Slot slot = runnable_.front();
     const auto known = lanes_.find(slot);
-    if (known == lanes_.end() || known->second.phase != Phase::runnable) continue;
-    Lane& lane = known->second;
-    if (!lane.loaded.empty()) return &lane.loaded.front();
-    if (!lane.unstored.empty() && !stored_.has(lane.topic)) return &lane.unstored.front();
-    pause(slot, lane, now + first_pause);  // for what is on its way to the disk or from there
+    const bool is_runnable = known != lanes_.end() && known->second.phase == Phase::runnable;
+    if (is_runnable && may_go(known->second)) {
+      Lane& lane = known->second;
+      if (!lane.loaded.empty()) return &lane.loaded.front();
+      if (!lane.unstored.empty() && !stored_.has(lane.topic)) return &lane.unstored.front();
+      pause(slot, lane, now + first_pause);  // for what is on its way to the disk or from there
+    } else if (is_runnable) {
+      runnable_.push_back(slot);
+    }
+    runnable_.pop_front();
   }
   return nullptr;
 }
@@ -226,6 +288,12 @@ OutboxEntry HeldTopics::take_next() {
   return entry;
 }
 
+void HeldTopics::put_off_next(TimePoint now) {
+  const Slot slot = runnable_.front();
+  runnable_.pop_front();
+  pause(slot, lanes_.at(slot), now + longest_pause);
+}
+
 void HeldTopics::on_published(std::string_view topic) {
   if (Lane* const lane = find(topic)) ++lane->under_way;
 }
@@ -236,9 +304,16 @@ bool HeldTopics::on_answered(std::string_view topic, Answer answer) {
   if (lane->under_way > 0) --lane->under_way;
   if (answer == Answer::refused) return false;
   const bool is_first = answer == Answer::accepted && !std::exchange(lane->is_accepted, true);
-  const bool ends_pause = is_first && lane->phase == Phase::paused;
+  const bool ends_pause = is_first && (lane->phase == Phase::paused || lane->phase == Phase::idle);
+  const bool is_news = is_first && is_refused(*lane);
+  if (is_first) {
+    caution_ = Duration::zero();
+    tries_put_off_.reset();
+    lane->is_suspect = false;
+    lane->losses = 0;
+  }
   if (ends_pause || lane->phase == Phase::waiting) advance(TopicCounts::slot(topic));
-  return is_first;
+  return is_news;
 }
 
 void HeldTopics::on_link_down() {
@@ -247,26 +322,40 @@ void HeldTopics::on_link_down() {
   for (auto& [slot, lane] : lanes_) {
     lane.under_way = 0;
     unload(lane);
-    if (lane.phase != Phase::paused) lane.phase = Phase::waiting;
+    if (lane.phase != Phase::paused && lane.phase != Phase::idle) lane.phase = Phase::waiting;
   }
 }
 
 void HeldTopics::on_link_up(TimePoint now) {
   for (auto& [slot, lane] : lanes_) {
     lane.is_accepted = false;
-    if (lane.phase != Phase::paused) pause(slot, lane, now);
+    // A suspect waits until what else a connection begins with is through.
+    if (lane.phase != Phase::paused && lane.phase != Phase::idle)
+      pause(slot, lane, lane.is_suspect ? now + first_pause : now);
   }
   on_deadline(now);
 }
 
 void HeldTopics::on_deadline(TimePoint now) {
-  while (!pauses_.empty() && pauses_.begin()->first <= now) advance(pauses_.begin()->second);
+  if (tries_put_off_ && *tries_put_off_ <= now) tries_put_off_.reset();
+  while (!pauses_.empty() && pauses_.begin()->first <= now) {
+    const Slot slot = pauses_.begin()->second;
+    Lane& lane = lanes_.at(slot);
+    if (lane.phase == Phase::idle) lane.is_suspect = false;
+    advance(slot);
+  }
+}
+
+std::size_t HeldTopics::refused() const {
+  return static_cast<std::size_t>(std::count_if(
+      lanes_.begin(), lanes_.end(), [](const auto& lane) { return is_refused(lane.second); }));
 }
 
 std::vector<HeldTopic> HeldTopics::list(std::size_t most) const {
   std::vector<HeldTopic> listed;
   for (const auto& [slot, lane] : lanes_) {
     if (listed.size() == most) break;
+    if (!is_refused(lane)) continue;
     const std::size_t waiting =
         lane.rows.size() + lane.loaded.size() + lane.unstored.size() + lane.under_way;
     listed.push_back({lane.topic, lane.refusal, waiting, lane.tries, lane.since});

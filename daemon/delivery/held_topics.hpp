@@ -9,6 +9,10 @@
 // Refused, the topic pauses again. Accepted, it goes on at wanting or runnable until nothing of it
 // is left here; then it is held no longer. Two topics may share a slot of TopicCounts, and then are
 // held together.
+//
+// A suspect (ConnectionSuspects) is held until a message of it was answered. Its messages are tried
+// alone, so that a connection that is lost meanwhile accuses this message and no other. Without
+// messages it is idle, and the next one that comes is tried.
 #pragma once
 
 #include <deque>
@@ -19,6 +23,7 @@
 #include <utility>
 #include <vector>
 
+#include "daemon/core/protocol_machine.hpp"
 #include "daemon/delivery/message_store.hpp"
 #include "daemon/delivery/outbox_entry.hpp"
 #include "daemon/delivery/topic_counts.hpp"
@@ -38,6 +43,12 @@ class HeldTopics {
  public:
   static constexpr std::chrono::seconds first_pause{1};
   static constexpr std::chrono::seconds longest_pause{60};
+  /// Of a topic for which the broker closes the connection of all: each try is one more closing.
+  static constexpr std::chrono::hours longest_pause_of_suspect{1};
+  /// An idle suspect is forgotten after this time.
+  static constexpr std::chrono::hours suspicion_lasts{2};
+  /// How long the whole link waits for the answer to a suspect's message.
+  static constexpr std::chrono::seconds trial_patience{5};
   /// Rows of an accepted topic that are loaded together.
   static constexpr std::size_t rows_at_once = 32;
 
@@ -53,6 +64,20 @@ class HeldTopics {
   /// A message of `topic` was refused; `under_way` more of it are not answered yet. True when the
   /// topic or the reason are new.
   bool hold(const std::string& topic, const Refusal& refusal, std::size_t under_way, TimePoint now);
+  /// The connection was lost twice with messages of `topic` unanswered. True when it was not held.
+  bool suspect(const std::string& topic, TimePoint now);
+  /// The connection was lost while the oldest message of the suspect `topic` was under way alone.
+  /// True when that convicts the message: it has happened twice in a row, and the broker has
+  /// answered others meanwhile. The next message is judged by itself. `answers`: how many the
+  /// broker has given so far.
+  bool on_lost_alone(const std::string& topic, std::uint64_t answers, TimePoint now);
+  /// QoS 0 never waits: a suspect without messages takes the next one for its trial.
+  bool wants_probe(std::string_view topic) const;
+  /// The broker closes the connection after a refusal, so refusals have to be rare: nothing is
+  /// tried for a while, which grows until a message is accepted.
+  void on_loss_after_refusal(TimePoint now) { put_off_tries(now); }
+  /// Closings were the answer to tries, so one is tried at a time.
+  bool is_cautious() const { return caution_ > Duration::zero(); }
   /// Of a held topic: how often it was refused in a row.
   std::uint32_t tries(std::string_view topic) const {
     return lanes_.at(TopicCounts::slot(topic)).tries;
@@ -82,8 +107,12 @@ class HeldTopics {
 
   /// What is to be tried next; null while there is nothing.
   const OutboxEntry* next(TimePoint now);
+  /// Whether that is a suspect's message.
+  bool is_next_suspect() const { return lanes_.at(runnable_.front()).is_suspect; }
   /// Only while next() is not null.
   OutboxEntry take_next();
+  /// What is under way does not end, so this suspect cannot be tried alone for now.
+  void put_off_next(TimePoint now);
 
   /// `neither`: it says nothing about the topic (QoS 0, or this message alone can't be taken);
   /// after `refused` comes hold().
@@ -101,12 +130,15 @@ class HeldTopics {
   void on_link_up(TimePoint now);
 
   std::optional<TimePoint> deadline() const {
-    return pauses_.empty() ? std::nullopt : std::optional(pauses_.begin()->first);
+    const auto pause = pauses_.empty() ? std::nullopt : std::optional(pauses_.begin()->first);
+    return earlier(pause, tries_put_off_);
   }
   void on_deadline(TimePoint now);
 
-  /// At most `most` of them.
+  /// At most `most` of them; suspects against which there is no evidence yet are left out.
   std::vector<HeldTopic> list(std::size_t most) const;
+  /// How many there are of those.
+  std::size_t refused() const;
 
  private:
   using Slot = std::size_t;  // TopicCounts::slot
@@ -116,6 +148,7 @@ class HeldTopics {
     loading,   ///< in loading_: that was asked for
     runnable,  ///< in runnable_: its first message is in memory
     waiting,   ///< for answers to what is under way
+    idle,      ///< in pauses_: a suspect without messages
   };
   struct Lane {
     std::string topic;
@@ -126,6 +159,10 @@ class HeldTopics {
     Phase phase = Phase::waiting;
     TimePoint due{};           ///< while paused
     bool is_accepted = false;  ///< the broker has taken a message since
+    bool is_suspect = false;
+    TimePoint suspected{};              ///< last
+    std::uint32_t losses = 0;           ///< in a row, while its oldest message was alone
+    std::uint64_t answers_at_loss = 0;  ///< at the first of them
     std::size_t under_way = 0;
     std::deque<std::uint64_t> rows;    ///< on disk, rising
     std::deque<OutboxEntry> loaded;    ///< from there
@@ -133,6 +170,11 @@ class HeldTopics {
   };
 
   Lane* find(std::string_view topic);
+  static bool is_refused(const Lane& lane) { return lane.tries > 0; }
+  bool may_go(const Lane& lane) const;
+  void put_off_tries(TimePoint now);
+  void wait_idle(Slot slot, Lane& lane);
+  void grow_pause(Slot slot, Lane& lane, Duration longest, TimePoint now);
   void pause(Slot slot, Lane& lane, TimePoint due);
   void end_pause(Slot slot, Lane& lane);
   void advance(Slot slot);
@@ -148,7 +190,9 @@ class HeldTopics {
   std::deque<Slot> runnable_;
   std::vector<std::uint64_t> loading_;  // rows, rising
   std::vector<Slot> loading_lanes_;
-  std::size_t loaded_ = 0;  // in all lanes
+  Duration caution_{};                      // the last time by which tries were put off
+  std::optional<TimePoint> tries_put_off_;  // of topics that were not accepted since
+  std::size_t loaded_ = 0;                  // in all lanes
   std::size_t unstored_bytes_ = 0;
   std::deque<OutboxEntry> released_;
 };

@@ -8,18 +8,6 @@
 #include <utility>
 
 namespace slamgw {
-namespace {
-
-/// The fault is the message's, whatever the rights and quotas of tomorrow are.
-bool is_permanent(const Refusal& refusal) {
-  constexpr int topic_name_invalid = 0x90;
-  constexpr int packet_too_large = 0x95;
-  constexpr int payload_format_invalid = 0x99;
-  return refusal.code == topic_name_invalid || refusal.code == packet_too_large ||
-         refusal.code == payload_format_invalid;
-}
-
-}  // namespace
 
 void Outbox::submit(BrokerMessage message, Receipt receipt, TimePoint now) {
   Entry entry;
@@ -58,7 +46,10 @@ void Outbox::place(Entry entry, TimePoint now, bool is_overdue) {
   entry.is_from_backlog = entry.is_retry = false;
   const bool is_behind = backlog_.is_ahead_of(entry.message.topic);
   if (entry.is_unacknowledged()) {
-    if (held_topics().has(entry.message.topic)) return drop(entry);
+    if (held_topics().has(entry.message.topic)) {
+      entry.is_probe = is_up_ && held_topics().wants_probe(entry.message.topic);
+      return entry.is_probe ? backlog_.queue_behind(std::move(entry)) : drop(entry);
+    }
     if (!expiry_check_) expiry_check_ = entry.submitted + max_unacknowledged_age;
   } else if (backlog_.can_keep() && (!is_up_ || is_stalled_ || is_behind || is_overdue)) {
     save_in_flight(entry.message.topic);
@@ -142,6 +133,7 @@ void Outbox::refuse(const Entry& entry, TimePoint now) {
 void Outbox::on_link_up(std::uint16_t receive_maximum, TimePoint now) {
   is_up_ = true;
   in_flight_.on_link_up(receive_maximum, now);
+  suspects_.on_link_up();
   backlog_.held().on_link_up(now);
   overdue_check_ = now + broker_patience;
   expire_unacknowledged(now);
@@ -151,6 +143,7 @@ void Outbox::on_link_up(std::uint16_t receive_maximum, TimePoint now) {
 void Outbox::on_link_down(TimePoint now) {
   if (!is_up_) return;
   is_up_ = is_stalled_ = false;
+  look_for_cause(now);
   Entries returned;
   Slots moved;
   for (Entry& entry : in_flight_.take_all()) {
@@ -182,8 +175,10 @@ void Outbox::proceed(TimePoint now) {
 
 bool Outbox::publish_next(TimePoint now) {
   if (!is_up_ || backlog_.state() == Backlog::State::opening) return false;
+  if (trial_) return false;
   const Entry* const retry = is_stopping_ ? nullptr : backlog_.next_held(now);
-  if (retry && in_flight_.has_room_for_retry(*retry)) {
+  if (retry && held_topics().is_next_suspect()) return publish_suspect(now);
+  if (retry && in_flight_.has_room_for_retry(*retry, held_topics().is_cautious())) {
     publish(backlog_.take_next_held(), now);
     return true;
   }
@@ -196,9 +191,60 @@ bool Outbox::publish_next(TimePoint now) {
   return true;
 }
 
+/// Alone, so others wait until all that is under way was answered, and then for its own answer;
+/// neither for long.
+bool Outbox::publish_suspect(TimePoint now) {
+  if (!in_flight_.empty()) {
+    if (!trial_waits_until_) trial_waits_until_ = now + HeldTopics::trial_patience;
+    if (now < *trial_waits_until_) return false;
+    trial_waits_until_.reset();
+    backlog_.held().put_off_next(now);
+    return true;
+  }
+  trial_waits_until_.reset();
+  Entry entry = backlog_.take_next_held();
+  if (entry.is_probe && now - entry.submitted >= max_unacknowledged_age) {
+    drop(entry);
+    backlog_.held().on_answered(entry.message.topic, HeldTopics::Answer::neither);
+    return true;
+  }
+  trial_ = {next_sequence_, now + HeldTopics::trial_patience};
+  publish(std::move(entry), now);
+  return true;
+}
+
+/// The link is lost: what may the broker have closed the connection for?
+void Outbox::look_for_cause(TimePoint now) {
+  const std::optional<Trial> trial = std::exchange(trial_, std::nullopt);
+  trial_waits_until_.reset();
+  if (suspects_.is_loss_explained(now)) return backlog_.held().on_loss_after_refusal(now);
+  if (trial) return on_lost_alone(*in_flight_.take(trial->sequence, now), now);
+  for (const std::string& topic : suspects_.on_loss(in_flight_.entries(), now)) {
+    if (backlog_.held().suspect(topic, now)) hold_back(topic, now);
+  }
+}
+
+void Outbox::on_lost_alone(Entry entry, TimePoint now) {
+  const std::string topic = entry.message.topic;
+  const bool is_convicted = backlog_.held().on_lost_alone(topic, answers_, now);
+  const std::uint32_t tries = held_topics().tries(topic);
+  if (entry.is_unacknowledged()) {
+    say(refusal_notices_.on_unacknowledged(entry.message,
+                                           {0, "the connection is lost when one is sent"}, now));
+    return drop(entry);
+  }
+  if (tries == 1)
+    say(refusal_notices_.on_held(topic, {0, "the connection is lost when they are sent"}, now));
+  if (!is_convicted) return give_back(std::move(entry), now);
+  set_aside(std::move(entry), {0, "the connection was lost each time when it was sent alone"},
+            tries, now);
+}
+
 void Outbox::publish(Entry entry, TimePoint now) {
   entry.sequence = next_sequence_++;
-  actions_.push(PublishAtBroker{entry.sequence, entry.message});
+  PublishAtBroker action{entry.sequence, entry.message};
+  if (entry.is_probe) action.message.qos = Qos::at_least_once;
+  actions_.push(std::move(action));
   backlog_.held().on_published(entry.message.topic);
   in_flight_.add(std::move(entry), now);
 }
@@ -206,28 +252,38 @@ void Outbox::publish(Entry entry, TimePoint now) {
 void Outbox::on_published(std::uint64_t sequence, TimePoint now) {
   const std::optional<Entry> entry = in_flight_.take(sequence, now);
   if (!entry) return;  // from before a reconnect
+  const bool is_answer = !entry->is_unacknowledged() || entry->is_probe;
+  is_answer ? note_answer(sequence) : suspects_.on_written(*entry);
   if (!entry->is_stored) queued_bytes_ -= entry->cost();
   if (!entry->is_unacknowledged()) is_stalled_ = false;
   ++statistics_.published;
   if (entry->receipt.is_owed()) actions_.push(FireReceipt{entry->receipt, ReceiptOutcome::safe});
   if (entry->row != 0) backlog_.forget(*entry, now);
-  const auto answer =
-      entry->is_unacknowledged() ? HeldTopics::Answer::neither : HeldTopics::Answer::accepted;
+  const auto answer = is_answer ? HeldTopics::Answer::accepted : HeldTopics::Answer::neither;
   if (backlog_.held().on_answered(entry->message.topic, answer))
     say(refusal_notices_.on_accepted(entry->message.topic, now));
   place_released(now);
   proceed(now);
 }
 
+void Outbox::note_answer(std::uint64_t sequence) {
+  ++answers_;
+  suspects_.on_answered(sequence);
+  if (trial_ && trial_->sequence == sequence) trial_.reset();
+}
+
 void Outbox::on_publish_refused(std::uint64_t sequence, const Refusal& refusal, TimePoint now) {
   const Entry* const refused = in_flight_.find(sequence);
   if (!refused) return;  // from before a reconnect
   const std::string topic = refused->message.topic;
-  const bool is_topics_fault = !is_permanent(refusal);
+  const bool is_topics_fault = !refusal.is_permanent();
   if (is_topics_fault) save_in_flight(topic);
   Entry entry = std::move(*in_flight_.take(sequence, now));
+  note_answer(sequence);
+  suspects_.on_refused(now);
   if (entry.is_unacknowledged()) {
     say(refusal_notices_.on_unacknowledged(entry.message, refusal, now));
+    backlog_.held().on_answered(topic, HeldTopics::Answer::neither);
     drop(entry);
     return proceed(now);
   }
@@ -261,7 +317,11 @@ void Outbox::hold(const std::string& topic, const Refusal& refusal, TimePoint no
   const bool is_new = !held.has(topic);
   if (held.hold(topic, refusal, in_flight_.count(topic), now))
     say(refusal_notices_.on_held(topic, refusal, now));
-  if (!is_new) return;
+  if (is_new) hold_back(topic, now);
+}
+
+/// What waits of a topic that is held from now on finds its place there.
+void Outbox::hold_back(const std::string& topic, TimePoint now) {
   for (Entry& entry : backlog_.hold_back(topic)) place(std::move(entry), now);
   for (Entry& entry : waiting_.take(topic)) place(std::move(entry), now);
 }
@@ -295,7 +355,7 @@ void Outbox::set_aside(Entry entry, const Refusal& refusal, std::uint32_t tries,
     actions_.push(FireReceipt{receipt, ReceiptOutcome::refused});
     say(refusal_notices_.on_dropped(message, refusal, now));
   } else {
-    hold(message.topic, refusal, now);
+    if (refusal.code != 0) hold(message.topic, refusal, now);
     give_back(std::move(entry), now);
   }
 }
@@ -315,6 +375,7 @@ void Outbox::on_deadline(TimePoint now) {
     place_all_again({}, now);
   }
   if (overdue_check_ && now >= *overdue_check_) check_overdue(now);
+  if (trial_ && now >= trial_->until) trial_.reset();
   if (stop_check_ && now >= *stop_check_) {
     stop_check_.reset();
     save_all(now);
@@ -323,7 +384,9 @@ void Outbox::on_deadline(TimePoint now) {
 }
 
 std::optional<TimePoint> Outbox::deadline() const {
-  return earlier(earlier(expiry_check_, overdue_check_), earlier(stop_check_, backlog_.deadline()));
+  const auto trial = trial_ ? std::optional(trial_->until) : trial_waits_until_;
+  return earlier(earlier(expiry_check_, overdue_check_),
+                 earlier(earlier(stop_check_, trial), backlog_.deadline()));
 }
 
 void Outbox::expire_unacknowledged(TimePoint now) {
@@ -363,14 +426,12 @@ void Outbox::handle(StoreOpened& opened, TimePoint now) {
                                      opened.count, age.count()),
                          {}});
   }
-  write_trouble_.clear();
-  read_trouble_.clear();
+  store_trouble_.begin_anew();
   begin_anew(backlog_.on_opened(std::move(opened), now), now);
 }
 
 void Outbox::handle(StoreAbsent& absent, TimePoint now) {
-  write_trouble_ = std::move(absent.why);
-  read_trouble_.clear();
+  store_trouble_.begin_anew(std::move(absent.why));
   begin_anew(backlog_.on_absent(now), now);
 }
 
@@ -406,7 +467,7 @@ void Outbox::handle(StoreWritten&, TimePoint) {
     entry.is_stored = true;
     make_safe(entry);
   }
-  end_store_trouble(write_trouble_);
+  say(store_trouble_.on_written());
 }
 
 void Outbox::make_safe(Entry& entry) {
@@ -422,12 +483,12 @@ void Outbox::handle(StoreWriteFailed& failed, TimePoint now) {
     if (entry.is_being_copied()) backlog_.abandon_copy(entry);
   }
   drop_dead_letters(unsaved);
-  report_store_failure(write_trouble_, "written: " + failed.why, now);
+  say(store_trouble_.on_write_failed(failed.why, now));
   place_all_again(std::move(unsaved), now);
 }
 
 void Outbox::handle(StoreLoaded& loaded, TimePoint now) {
-  end_store_trouble(read_trouble_);
+  say(store_trouble_.on_loaded());
   const std::size_t missing = backlog_.on_loaded(std::move(loaded), now);
   if (missing == 0) return;
   actions_.push(Notice{Severity::error,
@@ -440,7 +501,7 @@ void Outbox::handle(StoreLoaded& loaded, TimePoint now) {
 
 void Outbox::handle(StoreLoadFailed& failed, TimePoint now) {
   backlog_.on_load_failed(now);
-  report_store_failure(read_trouble_, "read: " + failed.why, now);
+  say(store_trouble_.on_load_failed(failed.why, now));
 }
 
 void Outbox::handle(ResendDeadLetters& resend, TimePoint now) {
@@ -466,26 +527,6 @@ void Outbox::drop_dead_letters(Entries& unsaved) {
     resending_.erase(entry.dead_letter);
     return true;
   });
-}
-
-void Outbox::report_store_failure(std::string& trouble, const std::string& why, TimePoint now) {
-  ++statistics_.store_failures;
-  trouble = "it cannot be " + why;
-  if (!failure_burst_.on_event(now)) return;
-  actions_.push(Notice{Severity::error,
-                       fmt::format("the store cannot be {}; until it can, messages wait in memory "
-                                   "and robots for the broker's acknowledgement",
-                                   why),
-                       {}});
-}
-
-void Outbox::end_store_trouble(std::string& trouble) {
-  if (trouble.empty()) return;
-  trouble.clear();
-  failure_burst_ = Burst(failure_interval);  // the next failure is news
-  if (store_trouble().empty()) {
-    actions_.push(Notice{Severity::notice, "the store works again", {}});
-  }
 }
 
 /// The oldest QoS 1 or 2 message that is neither with the broker nor with the store.

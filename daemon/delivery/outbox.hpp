@@ -20,11 +20,13 @@
 #include "daemon/core/messages.hpp"
 #include "daemon/core/protocol_machine.hpp"
 #include "daemon/delivery/backlog.hpp"
+#include "daemon/delivery/connection_suspects.hpp"
 #include "daemon/delivery/fair_queue.hpp"
 #include "daemon/delivery/message_store.hpp"
 #include "daemon/delivery/outbox_entry.hpp"
 #include "daemon/delivery/publish_window.hpp"
 #include "daemon/delivery/refusal_notices.hpp"
+#include "daemon/delivery/store_trouble.hpp"
 
 namespace slamgw {
 
@@ -64,7 +66,6 @@ class Outbox {
     std::uint64_t dropped = 0;    ///< QoS 0 too old, held, without room, or lost with the link
     std::uint64_t refused = 0;    ///< not acknowledged: no room, or never to be taken
     std::uint64_t set_aside = 0;  ///< dead letters now
-    std::uint64_t store_failures = 0;
   };
 
   /// `window`: QoS 1 and 2 messages under way at once (`broker.max_inflight`); `store_max_bytes`:
@@ -76,7 +77,8 @@ class Outbox {
   /// `receive_maximum` as the broker says it; one slot is left free for MQTT 5 flow control.
   void on_link_up(std::uint16_t receive_maximum, TimePoint now);
   /// What was under way is published again, in order, when the link is back (QoS 0: counted as
-  /// dropped).
+  /// dropped). A message that was under way alone, twice in a row, is set aside: the broker closes
+  /// the connection for it.
   void on_link_down(TimePoint now);
   void on_published(std::uint64_t sequence, TimePoint now);
   /// The broker has answered with a reason code of 0x80 or above. A message that it can never take
@@ -103,9 +105,9 @@ class Outbox {
   /// Topics that the broker does not take for now.
   const HeldTopics& held_topics() const { return backlog_.held(); }
   /// Why nothing can be stored, or read back; empty while it can.
-  const std::string& store_trouble() const {
-    return write_trouble_.empty() ? read_trouble_ : write_trouble_;
-  }
+  const std::string& store_trouble() const { return store_trouble_.why(); }
+  /// Writes and reads that failed.
+  std::uint64_t store_failures() const { return store_trouble_.failures(); }
 
  private:
   using Entry = OutboxEntry;
@@ -124,8 +126,6 @@ class Outbox {
   void handle(ResendDeadLetters& resend, TimePoint now);
   void handle(Notice& notice, TimePoint) { actions_.push(std::move(notice)); }
   void begin_anew(Entries in_memory, TimePoint now);
-  void report_store_failure(std::string& trouble, const std::string& why, TimePoint now);
-  void end_store_trouble(std::string& trouble);
   void make_safe(Entry& entry);
   void drop_dead_letters(Entries& unsaved);
 
@@ -143,7 +143,12 @@ class Outbox {
   bool is_kept_out(const Entry& entry) const;
   void publish(Entry entry, TimePoint now);
   void save_in_flight(std::string_view topic);
+  void note_answer(std::uint64_t sequence);
+  bool publish_suspect(TimePoint now);
+  void look_for_cause(TimePoint now);
+  void on_lost_alone(Entry entry, TimePoint now);
   void hold(const std::string& topic, const Refusal& refusal, TimePoint now);
+  void hold_back(const std::string& topic, TimePoint now);
   bool is_hopeless(const Entry& entry, TimePoint now) const;
   void give_back(Entry entry, TimePoint now);
   void set_aside(Entry entry, const Refusal& refusal, std::uint32_t tries, TimePoint now);
@@ -163,6 +168,16 @@ class Outbox {
   PublishWindow in_flight_;
   std::size_t queued_bytes_ = 0;
 
+  ConnectionSuspects suspects_;
+  std::uint64_t answers_ = 0;  // of the broker
+  /// A suspect's message that is under way alone, and until when the others wait for its answer.
+  struct Trial {
+    std::uint64_t sequence = 0;
+    TimePoint until{};
+  };
+  std::optional<Trial> trial_;
+  std::optional<TimePoint> trial_waits_until_;  // for what is under way before it
+
   std::unordered_set<std::uint64_t> resending_;  // dead letters on their way to the store
 
   std::optional<TimePoint> expiry_check_;   // while QoS 0 waits
@@ -171,10 +186,7 @@ class Outbox {
   Statistics statistics_;
   RefusalNotices refusal_notices_;
   Burst full_burst_;
-  static constexpr std::chrono::minutes failure_interval{1};
-  Burst failure_burst_{failure_interval};
-  std::string write_trouble_;  // why nothing can be stored; empty while it can
-  std::string read_trouble_;   // why nothing can be read back
+  StoreTrouble store_trouble_;
   ActionQueue<OutboxAction> actions_;
 };
 

@@ -24,7 +24,9 @@ struct OutboxEntry {
   std::uint64_t dead_letter = 0;  ///< its number there until it is stored; 0: it is none
   bool is_stored = false;         ///< `row` is durable
   bool is_retry = false;          ///< of a held topic
-  bool is_from_backlog = false;   ///< it takes the turns of the backlog
+  /// QoS 0 of a suspect (HeldTopics), which is published at QoS 1: else there would be no answer.
+  bool is_probe = false;
+  bool is_from_backlog = false;  ///< it takes the turns of the backlog
 
   bool is_unacknowledged() const { return message.qos == Qos::at_most_once; }
   /// Under way to the broker and to the disk at once.

@@ -16,9 +16,10 @@ bool PublishWindow::has_room_for(const OutboxEntry& entry) const {
   return entry.is_unacknowledged() ? !is_unacknowledged_paused_ : acknowledged_ < effective_size_;
 }
 
-bool PublishWindow::has_room_for_retry(const OutboxEntry& entry) const {
+bool PublishWindow::has_room_for_retry(const OutboxEntry& entry, bool is_cautious) const {
   constexpr std::size_t share = 4;
-  return retries_ < std::max<std::size_t>(1, effective_size_ / share) && has_room_for(entry);
+  const std::size_t most = is_cautious ? 1 : std::max<std::size_t>(1, effective_size_ / share);
+  return retries_ < most && has_room_for(entry);
 }
 
 bool PublishWindow::is_backlogs_turn() const {
@@ -33,7 +34,7 @@ void PublishWindow::add(OutboxEntry entry, TimePoint now) {
   } else if (acknowledged_++ == 0) {
     progress_ = now;
   }
-  if (entry.is_from_backlog) ++from_backlog_;
+  if (entry.is_from_backlog && !entry.is_unacknowledged()) ++from_backlog_;
   if (entry.is_retry) ++retries_;
   entries_.push_back(std::move(entry));
 }

@@ -26,8 +26,9 @@ class PublishWindow {
   void on_link_up(std::uint16_t receive_maximum, TimePoint now);
 
   bool has_room_for(const OutboxEntry& entry) const;
-  /// Those that were refused before have a quarter of the window at most.
-  bool has_room_for_retry(const OutboxEntry& entry) const;
+  /// Those that were refused before have a quarter of the window at most, or one place when the
+  /// outbox is cautious.
+  bool has_room_for_retry(const OutboxEntry& entry, bool is_cautious) const;
   /// While both could go, each has half of the window.
   bool is_backlogs_turn() const;
   /// `entry.sequence` rises from call to call.

@@ -225,8 +225,8 @@ TEST_F(OutboxStoreTest, AFailingStoreIsTriedAgainAndNothingIsAcknowledgedMeanwhi
   }
   EXPECT_TRUE(fired.empty());
   EXPECT_TRUE(is_noticed("no space left"));
-  EXPECT_GE(outbox->statistics().store_failures, 4u);
-  EXPECT_LE(outbox->statistics().store_failures, 7u) << "with back-off";
+  EXPECT_GE(outbox->store_failures(), 4u);
+  EXPECT_LE(outbox->store_failures(), 7u) << "with back-off";
   store.is_failing = false;
   for (int i = 0; i < 61; ++i) {
     pass(1s);

@@ -17,8 +17,12 @@ using namespace std::chrono_literals;
 class Walk : public test::OutboxRig {
  public:
   /// `refusing`: how much of what is published is refused, in percent.
-  Walk(unsigned seed, std::uint64_t store_max_bytes, int refusing)
-      : test::OutboxRig(store_max_bytes), random_(seed), refusing_(refusing) {}
+  /// `closing_topic`: for which the broker closes the connection; -1: for none.
+  Walk(unsigned seed, std::uint64_t store_max_bytes, int refusing, int closing_topic)
+      : test::OutboxRig(store_max_bytes),
+        random_(seed),
+        refusing_(refusing),
+        closing_topic_(closing_topic) {}
 
   void step() {
     const int choice = below(100);
@@ -26,6 +30,7 @@ class Walk : public test::OutboxRig {
     if (choice < 60) return acknowledge(below(12));
     if (choice < 80) return serve(below(4));
     if (choice < 92) return pass(std::chrono::milliseconds{below(900)});
+    if (choice < 93 && closing_topic_ >= 0) return close_for_poison();
     if (choice < 95) return toggle_link();
     if (choice < 97) return say(100 + below(400));
     if (choice < 98) return pass(3s);
@@ -45,7 +50,10 @@ class Walk : public test::OutboxRig {
 
   void finish() {
     store.is_failing = false;
+    closing_topic_ = -1;
     pass(60s);
+    settle();
+    pass(3h);  // the longest pause
     settle();
     EXPECT_TRUE(outbox->held_topics().empty());
     test::expect_promises_kept(*this, topics_, interruptions_);
@@ -56,6 +64,15 @@ class Walk : public test::OutboxRig {
   }
 
  private:
+  /// The broker takes what came before the first message of that topic, and closes the connection.
+  void close_for_poison() {
+    if (!is_up) return link_up();
+    while (!under_way.empty() && first_topic() != topic(closing_topic_)) acknowledge_first();
+    if (under_way.empty()) return;
+    ++interruptions_;
+    link_down();
+    if (below(30) == 0) closing_topic_ = -1;
+  }
   int below(int bound) { return std::uniform_int_distribution<int>(0, bound - 1)(random_); }
 
   void say(int count) {
@@ -101,15 +118,16 @@ class Walk : public test::OutboxRig {
 
   std::mt19937 random_;
   int refusing_;
+  int closing_topic_;
   std::string refused_topic_;  // every message of it
   std::uint64_t number_ = 0;
   std::map<std::uint64_t, std::string> topics_;
   std::size_t interruptions_ = 0;
 };
 
-void walk(unsigned seed, std::uint64_t store_max_bytes, int refusing = 0) {
+void walk(unsigned seed, std::uint64_t store_max_bytes, int refusing = 0, int closing_topic = -1) {
   SCOPED_TRACE("seed " + std::to_string(seed));
-  Walk walk(seed, store_max_bytes, refusing);
+  Walk walk(seed, store_max_bytes, refusing, closing_topic);
   for (int i = 0; i < 1000; ++i) {
     walk.step();
     walk.check_bounds();
@@ -135,6 +153,13 @@ TEST(OutboxWalk, KeepsThePromisesWithABrokerThatRefuses) {
 
 TEST(OutboxWalk, KeepsThePromisesWithABrokerThatRefusesAndAStoreThatIsOftenFull) {
   for (unsigned seed = 1; seed <= 8 && !testing::Test::HasFailure(); ++seed) walk(seed, 20000, 10);
+}
+
+TEST(OutboxWalk, KeepsThePromisesWithABrokerThatClosesTheConnectionForATopic) {
+  for (unsigned seed = 1; seed <= 8 && !testing::Test::HasFailure(); ++seed)
+    walk(seed, 1u << 28, 0, 2);
+  for (unsigned seed = 1; seed <= 8 && !testing::Test::HasFailure(); ++seed)
+    walk(seed, 20000, 5, 3);
 }
 
 }  // namespace

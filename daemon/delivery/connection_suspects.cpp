@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/delivery/connection_suspects.hpp"
+
+#include <algorithm>
+#include <iterator>
+#include <utility>
+
+namespace slamgw {
+
+void ConnectionSuspects::on_written(const OutboxEntry& entry) {
+  written_.push_back({entry.sequence, entry.message.topic});
+  if (written_.size() > most_written) written_.pop_front();
+}
+
+void ConnectionSuspects::on_answered(std::uint64_t sequence) {
+  while (!written_.empty() && written_.front().sequence < sequence) written_.pop_front();
+}
+
+std::vector<std::string> ConnectionSuspects::on_loss(const std::deque<OutboxEntry>& unanswered,
+                                                     TimePoint now) {
+  std::set<std::string> topics;
+  for (const OutboxEntry& entry : unanswered) topics.insert(entry.message.topic);
+  for (Written& written : written_) topics.insert(std::move(written.topic));
+  written_.clear();
+  std::vector<std::string> suspects;
+  if (now - last_loss_ <= longest_between)
+    std::set_intersection(topics.begin(), topics.end(), last_unanswered_.begin(),
+                          last_unanswered_.end(), std::back_inserter(suspects));
+  last_unanswered_ = std::move(topics);
+  last_loss_ = now;
+  return suspects;
+}
+
+void ConnectionSuspects::on_link_up() {
+  written_.clear();
+  refused_.reset();
+}
+
+}  // namespace slamgw

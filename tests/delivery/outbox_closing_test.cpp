@@ -1,0 +1,291 @@
+// SPDX-License-Identifier: Apache-2.0
+// A broker that closes the connection in place of refusing a message: the message is found out,
+// alone, and set aside, and everything else goes on.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <functional>
+#include <string>
+
+#include "daemon/delivery/outbox.hpp"
+#include "tests/delivery/delivery_check.hpp"
+#include "tests/delivery/outbox_rig.hpp"
+
+namespace slamgw {
+namespace {
+
+using namespace std::chrono_literals;
+
+class OutboxClosingTest : public testing::Test, public test::OutboxRig {
+ protected:
+  OutboxClosingTest() { is_store_quick = true; }
+
+  /// For which messages the broker closes the connection.
+  std::function<bool(const BrokerMessage&)> is_poison = [](const BrokerMessage& message) {
+    return message.topic.find("bad") != std::string::npos;
+  };
+  std::size_t closings = 0;
+  std::uint64_t number = 0;
+  std::map<std::uint64_t, std::string> topic_of;
+
+  void say(const std::string& topic, Qos qos = Qos::at_least_once) {
+    topic_of[++number] = topic;
+    submit_bytes(topic, to_bytes(std::to_string(number)), qos == Qos::at_most_once ? 0 : number,
+                 qos);
+  }
+  /// The broker reads in order and answers each; the connection is made anew at once.
+  void serve_broker() {
+    if (!is_up) link_up();
+    while (!under_way.empty()) {
+      const BrokerMessage& first = under_way.front().message;
+      if (!is_poison(first)) {
+        acknowledge_first();
+        continue;
+      }
+      ++closings;
+      if (first.qos == Qos::at_most_once) {  // it was written, and nobody answers that
+        const std::uint64_t sequence = under_way.front().sequence;
+        under_way.pop_front();
+        outbox->on_published(sequence, now);
+        drain();
+      }
+      link_down();
+      pass(100ms);
+      link_up();
+    }
+  }
+  void run(Duration time, Duration step = 100ms) {
+    for (const TimePoint end = now + time; now < end; pass(step)) serve_broker();
+  }
+  /// The broker takes everything, and everything is said again that it did not take.
+  void expect_promises_kept_in_the_end() {
+    is_poison = [](const BrokerMessage&) { return false; };
+    run(2h, 1s);
+    settle();
+    EXPECT_EQ(outbox->depth(), 0u);
+    EXPECT_TRUE(outbox->held_topics().empty());
+    test::expect_promises_kept(*this, topic_of, closings);
+  }
+  std::ptrdiff_t said(std::string_view words) const {
+    return std::count_if(notices.begin(), notices.end(), [&](const std::string& notice) {
+      return notice.find(words) != std::string::npos;
+    });
+  }
+};
+
+TEST_F(OutboxClosingTest, TheMessageIsSetAsideAloneAndAllOthersArrive) {
+  is_poison = [](const BrokerMessage& message) { return number_in(message) == "20"; };
+  link_up();
+  for (int i = 0; i < 40; ++i) say("r/" + std::to_string(i % 8) + "/t");
+  for (int i = 0; i < 100; ++i) {
+    run(200ms);
+    say("r/" + std::to_string(i % 8) + "/t");
+  }
+  run(1s);
+  EXPECT_EQ(closings, 4u) << "twice among others, twice alone";
+  ASSERT_EQ(store.dead_letters.size(), 1u);
+  const auto& letter = store.dead_letters.begin()->second;
+  EXPECT_EQ(number_in(letter.message), "20");
+  EXPECT_EQ(letter.why.reason, "the connection was lost each time when it was sent alone");
+  EXPECT_EQ(letter.why.tries, 2u);
+  EXPECT_EQ(said("set aside"), 1);
+  test::expect_promises_kept(*this, topic_of, closings);
+  EXPECT_EQ(outbox->depth(), 0u);
+  EXPECT_TRUE(outbox->held_topics().empty());
+  EXPECT_EQ(fired.size(), number) << "all are acknowledged, this one when it was on disk";
+}
+
+TEST_F(OutboxClosingTest, ATopicThatNeverPassesCostsFewerAndFewerConnections) {
+  link_up();
+  for (int i = 0; i < 600; ++i) {
+    say("r/1/bad");
+    say("r/2/good");
+    run(1s);
+  }
+  EXPECT_LE(closings, 15u) << "1 s, 2 s, ... pauses in ten minutes";
+  EXPECT_EQ(received_of("r/2/good").size(), 600u);
+  const std::size_t in_ten_minutes = closings;
+  for (int i = 0; i < 120; ++i) {
+    say("r/2/good");
+    run(1min, 1s);
+  }
+  EXPECT_LE(closings - in_ten_minutes, 5u) << "then about one each hour";
+  EXPECT_EQ(outbox->held_topics().refused(), 1u);
+  EXPECT_EQ(fired.size(), number) << "kept on disk";
+  expect_promises_kept_in_the_end();
+}
+
+TEST_F(OutboxClosingTest, TheTopicGoesOnWhenTheBrokerTakesIt) {
+  link_up();
+  for (int i = 0; i < 60; ++i) {
+    say("r/1/bad");
+    say("r/2/good");
+    run(1s);
+  }
+  is_poison = [](const BrokerMessage&) { return false; };
+  run(5min, 1s);
+  EXPECT_TRUE(outbox->held_topics().empty());
+  EXPECT_EQ(received_of("r/1/bad").size() + store.dead_letters.size(), 60u);
+  EXPECT_EQ(said("takes messages on r/1/bad again"), 1);
+  test::expect_promises_kept(*this, topic_of, closings);
+}
+
+TEST_F(OutboxClosingTest, ManyBadTopicsCostFewConnections) {
+  link_up();
+  for (int i = 0; i < 600; ++i) {
+    say("r/1/bad" + std::to_string(i % 12));
+    say("r/2/good");
+    run(1s);
+  }
+  EXPECT_LE(closings, 12u * 3 + 12) << "three to find a topic out, then fewer and fewer";
+  EXPECT_EQ(received_of("r/2/good").size(), 600u);
+  expect_promises_kept_in_the_end();
+}
+
+TEST_F(OutboxClosingTest, Qos0IsFoundOutToo) {
+  link_up();
+  for (int i = 0; i < 3000; ++i) {
+    say("r/1/bad", Qos::at_most_once);
+    say("r/2/good", Qos::at_most_once);
+    if (i % 10 == 0) say("r/3/good");
+    run(200ms);
+  }
+  EXPECT_LE(closings, 15u);
+  EXPECT_GE(received_of("r/2/good").size(), 2950u);
+  EXPECT_EQ(received_of("r/3/good").size(), 300u);
+  EXPECT_EQ(said("messages of QoS 0 on r/1/bad are dropped"), 1);
+  is_poison = [](const BrokerMessage&) { return false; };
+  for (int i = 0; i < 3000; ++i) {
+    say("r/1/bad", Qos::at_most_once);
+    run(2s);
+  }
+  EXPECT_GE(received_of("r/1/bad").size(), 1000u) << "it is tried again, and goes on";
+  EXPECT_TRUE(outbox->held_topics().empty());
+}
+
+TEST_F(OutboxClosingTest, AConnectionThatBreaksByItselfAccusesNobody) {
+  link_up();
+  for (int i = 0; i < 200; ++i) {
+    for (int robot = 0; robot < 10; ++robot) {
+      say("r/" + std::to_string(robot) + "/t");
+      say("r/" + std::to_string(robot) + "/u", Qos::at_most_once);
+    }
+    link_down(3);
+    run(2s);
+  }
+  EXPECT_TRUE(store.dead_letters.empty());
+  EXPECT_EQ(said("does not take messages"), 0);
+  test::expect_promises_kept(*this, topic_of, 200);
+}
+
+TEST_F(OutboxClosingTest, NothingIsSetAsideWhileTheBrokerTakesNothing) {
+  is_poison = [](const BrokerMessage&) { return true; };
+  for (int i = 0; i < 30; ++i) say("r/" + std::to_string(i % 3) + "/t");
+  run(1h, 1s);
+  EXPECT_TRUE(store.dead_letters.empty()) << "all are lost alike: it is not the message";
+  is_poison = [](const BrokerMessage&) { return false; };
+  run(1h, 1s);
+  EXPECT_EQ(outbox->depth(), 0u);
+  test::expect_promises_kept(*this, topic_of, closings);
+}
+
+TEST_F(OutboxClosingTest, ARestartOfTheDaemonFindsItOutAgainAndLosesNothing) {
+  is_poison = [](const BrokerMessage& message) { return number_in(message) == "5"; };
+  for (int i = 0; i < 20; ++i) say("r/" + std::to_string(i % 4) + "/t");
+  for (int i = 0; i < 4; ++i) {
+    run(200ms);  // less than it takes to find it out
+    die();
+    start();
+  }
+  for (int i = 0; i < 100; ++i) {
+    say("r/1/t");
+    run(200ms);
+  }
+  ASSERT_EQ(store.dead_letters.size(), 1u);
+  EXPECT_EQ(number_in(store.dead_letters.begin()->second.message), "5");
+  die();
+  start();
+  const std::size_t before = closings;
+  for (int i = 0; i < 20; ++i) {
+    say("r/1/t");
+    run(1s);
+  }
+  EXPECT_EQ(closings, before) << "a dead letter stays one";
+  test::expect_promises_kept(*this, topic_of, closings + 5);
+}
+
+/// Debian 12's Mosquitto does that.
+TEST_F(OutboxClosingTest, ABrokerThatClosesAfterRefusingAccusesNobodyAndIsSeldomProvoked) {
+  link_up();
+  for (int i = 0; i < 600; ++i) {
+    for (int topic = 0; topic < 10; ++topic) say("denied/" + std::to_string(topic));
+    say("r/2/good");
+    say("r/3/good", Qos::at_most_once);
+    for (int step = 0; step < 10; ++step, pass(100ms)) {
+      while (!under_way.empty()) {
+        if (under_way.front().message.topic.rfind("denied", 0) != 0) {
+          acknowledge_first();
+          continue;
+        }
+        refuse_first();
+        link_down();
+        ++closings;
+        link_up();
+      }
+    }
+  }
+  EXPECT_EQ(received_of("r/2/good").size(), 600u);
+  EXPECT_TRUE(store.dead_letters.empty());
+  EXPECT_EQ(said("connection is lost"), 0);
+  EXPECT_LE(closings, 40u) << "of 10 topics in ten minutes";
+  settle();
+  test::expect_promises_kept(*this, topic_of, closings);
+}
+
+TEST_F(OutboxClosingTest, OthersDoNotWaitForATrialThatIsNotAnswered) {
+  is_poison = [](const BrokerMessage& message) { return number_in(message) == "1"; };
+  link_up();
+  say("t");
+  for (int i = 0; i < 2; ++i) {
+    link_down();
+    link_up();
+  }
+  pass(1s);
+  ASSERT_EQ(under_way.size(), 1u) << "alone";
+  say("other");
+  EXPECT_EQ(under_way.size(), 1u);
+  pass(HeldTopics::trial_patience);
+  EXPECT_EQ(under_way.size(), 2u);
+}
+
+TEST_F(OutboxClosingTest, ATrialIsNotAwaitedForEverWhenTheBrokerOwesAnAnswer) {
+  link_up();
+  say("t");
+  for (int i = 0; i < 2; ++i) {
+    link_down();
+    link_up();
+  }
+  say("silent");
+  ASSERT_EQ(under_way.size(), 1u);  // never answered
+  pass(1s);
+  say("other");
+  EXPECT_EQ(under_way.size(), 1u);
+  pass(HeldTopics::trial_patience);
+  EXPECT_EQ(under_way.size(), 2u) << "the others go on";
+}
+
+TEST_F(OutboxClosingTest, WithoutAStoreTheMessageIsNotAcknowledged) {
+  outbox->on_store_event(StoreAbsent{}, now);
+  link_up();
+  say("r/1/bad");
+  for (int i = 0; i < 20; ++i) {
+    say("r/2/good");
+    run(1s);
+  }
+  EXPECT_TRUE(has_fired(1, ReceiptOutcome::refused));
+  EXPECT_EQ(received_of("r/2/good").size(), 20u);
+  EXPECT_LE(closings, 4u);
+}
+
+}  // namespace
+}  // namespace slamgw
