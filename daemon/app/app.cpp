@@ -310,6 +310,10 @@ void App::on_link_down(const std::string& why) {
   tell_broker_link();
 }
 
+void App::on_silence(bool is_silent) {
+  outbox_driver_.input([&](Outbox& outbox, TimePoint at) { outbox.on_silence(is_silent, at); });
+}
+
 void App::on_published(std::uint64_t sequence) {
   outbox_driver_.input([&](Outbox& outbox, TimePoint now) { outbox.on_published(sequence, now); });
 }

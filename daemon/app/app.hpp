@@ -77,6 +77,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
 
   void on_link_up(bool session_present, const BrokerLimits& limits) override;
   void on_link_down(const std::string& why) override;
+  void on_silence(bool is_silent) override;
   void tell_broker_link();
   void on_published(std::uint64_t sequence) override;
   void on_publish_refused(std::uint64_t sequence, const Refusal& refusal) override;

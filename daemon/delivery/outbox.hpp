@@ -80,6 +80,11 @@ class Outbox {
   /// dropped). A message that was under way alone, twice in a row, is set aside: the broker closes
   /// the connection for it.
   void on_link_down(TimePoint now);
+  /// The broker does not answer for a while, or does again: QoS 0 waits meanwhile.
+  void on_silence(bool is_silent, TimePoint now) {
+    in_flight_.on_silence(is_silent);
+    proceed(now);
+  }
   void on_published(std::uint64_t sequence, TimePoint now);
   /// The broker has answered with a reason code of 0x80 or above. A message that it can never take
   /// is set aside; for any other reason its topic is held, and the message tried again.

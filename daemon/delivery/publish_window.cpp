@@ -10,10 +10,12 @@ void PublishWindow::on_link_up(std::uint16_t receive_maximum, TimePoint now) {
   const std::size_t broker_window = receive_maximum > 1 ? receive_maximum - 1u : 1u;
   effective_size_ = std::min(size_, broker_window);
   progress_ = now;
+  is_silent_ = false;
 }
 
 bool PublishWindow::has_room_for(const OutboxEntry& entry) const {
-  return entry.is_unacknowledged() ? !is_unacknowledged_paused_ : acknowledged_ < effective_size_;
+  if (entry.is_unacknowledged()) return !is_unacknowledged_paused_ && !is_silent_;
+  return acknowledged_ < effective_size_;
 }
 
 bool PublishWindow::has_room_for_retry(const OutboxEntry& entry, bool is_cautious) const {

@@ -25,6 +25,10 @@ class PublishWindow {
   /// `receive_maximum` is the broker's; one slot is left free for MQTT 5 flow control.
   void on_link_up(std::uint16_t receive_maximum, TimePoint now);
 
+  /// The broker is silent (UpstreamListener::on_silence), or no longer: QoS 0 waits meanwhile,
+  /// where it grows too old and is dropped. A new connection ends it.
+  void on_silence(bool is_silent) { is_silent_ = is_silent; }
+
   bool has_room_for(const OutboxEntry& entry) const;
   /// Those that were refused before have a quarter of the window at most, or one place when the
   /// outbox is cautious.
@@ -62,6 +66,7 @@ class PublishWindow {
   std::size_t retries_ = 0;
   std::size_t unacknowledged_ = 0;         // QoS 0
   bool is_unacknowledged_paused_ = false;  // until half of it is written
+  bool is_silent_ = false;
   bool was_backlog_last_ = false;
   TimePoint progress_{};  // the last acknowledgement, or when there was nothing to acknowledge
 };

@@ -77,7 +77,9 @@ class MqttLink {
   virtual void unsubscribe(std::string filter) = 0;
 
   /// No more events; the connection ends on the lane. When `is_orderly`, what was published is
-  /// written before, and DISCONNECT after it; that takes the lane a second at most.
+  /// written before, and DISCONNECT after it; that takes the lane a second at most. Else what the
+  /// kernel has not sent yet is thrown away (SO_LINGER with no time, set before the socket is
+  /// closed): the broker may stand still, and must not get it later.
   virtual void abandon(bool is_orderly) = 0;
 
   /// The broker's messages for which there was no room on the way to the loop.

@@ -7,6 +7,7 @@
 #include <boost/asio/post.hpp>
 #include <utility>
 
+#include "daemon/core/subscription_table.hpp"
 #include "daemon/mqtt/connect_failure.hpp"
 #include "daemon/mqtt/paho/paho_link.hpp"
 #include "daemon/mqtt/user_properties.hpp"
@@ -21,6 +22,10 @@ constexpr std::chrono::seconds stable_after{10};
 constexpr unsigned suspicious_lives = 2;
 /// From a change of the network to its use: addresses and routes come one after the other.
 constexpr std::chrono::milliseconds network_settles{300};
+
+/// Nobody publishes there: a SUBSCRIBE to it asks the broker for an answer, whatever its access
+/// control list says.
+constexpr const char* question = "slam-gateway/alive";
 
 /// Names the rejected user and where to fix it.
 std::string explain_credentials(const BrokerSettings& settings) {
@@ -48,6 +53,7 @@ Upstream::Upstream(boost::asio::io_context& io, BrokerSettings settings, LastWil
       will_(std::move(will)),
       listener_(listener),
       reconnect_timer_(io),
+      stall_timer_(io),
       backoff_(first_wait, longest_wait),
       random_(std::random_device{}()) {}
 
@@ -57,6 +63,7 @@ void Upstream::start() { connect(); }
 
 void Upstream::stop() {
   reconnect_timer_.cancel();
+  stall_timer_.cancel();
   drop_link(true);
   lane_.join();
 }
@@ -99,6 +106,7 @@ void Upstream::connect_in(Duration wait) {
 
 void Upstream::drop_link(bool is_orderly) {
   is_up_ = false;
+  stall_watch_.on_link_down();
   if (!link_) return;
   inbound_dropped_ += link_->inbound_dropped();
   std::exchange(link_, nullptr)->abandon(is_orderly);
@@ -116,6 +124,7 @@ void Upstream::on_connected(bool session_present, const BrokerLimits& limits) {
   limits_ = limits;
   attempt_ = 0;
   up_since_ = std::chrono::steady_clock::now();
+  stall_watch_.on_link_up(up_since_);
   listener_.on_link_up(session_present, limits);
 }
 
@@ -160,6 +169,10 @@ void Upstream::on_publish_refused(std::uint64_t sequence, const Refusal& refusal
 }
 
 void Upstream::on_subscribe_result(const std::string& filter, bool granted) {
+  if (filter == question) {
+    if (stall_watch_.on_answer(std::chrono::steady_clock::now())) listener_.on_silence(false);
+    return;
+  }
   listener_.on_subscribe_result(filter, granted);
 }
 
@@ -168,7 +181,34 @@ void Upstream::on_message(BrokerMessage message, std::vector<std::uint32_t> subs
 }
 
 void Upstream::publish(std::uint64_t sequence, BrokerMessage message) {
-  if (is_up_ && keep_to_limits(sequence, message)) link_->publish(sequence, std::move(message));
+  if (!is_up_ || !keep_to_limits(sequence, message)) return;
+  link_->publish(sequence, std::move(message));
+  stall_watch_.on_sent();
+  if (!is_stall_timer_armed_) watch_for_stall();
+}
+
+void Upstream::watch_for_stall() {
+  const auto deadline = stall_watch_.deadline();
+  is_stall_timer_armed_ = deadline.has_value();
+  if (!deadline) return;
+  stall_timer_.expires_at(*deadline);
+  stall_timer_.async_wait([this](boost::system::error_code error) {
+    if (error) return;
+    if (is_up_) on_stall_deadline(std::chrono::steady_clock::now());
+    watch_for_stall();
+  });
+}
+
+void Upstream::on_stall_deadline(TimePoint now) {
+  switch (stall_watch_.on_deadline(now)) {
+    case StallWatch::Step::none: return;
+    case StallWatch::Step::ask:
+      return link_->subscribe(question, Qos::at_most_once, own_subscription);
+    case StallWatch::Step::silent: return listener_.on_silence(true);
+    case StallWatch::Step::stalled:
+      return on_lost(
+          fmt::format("the broker has not answered for {} s", StallWatch::stalled_after.count()));
+  }
 }
 
 /// False when the broker would not take it in any form: it is refused in the broker's place, for a

@@ -15,6 +15,7 @@
 
 #include "daemon/mqtt/backoff.hpp"
 #include "daemon/mqtt/mqtt_link.hpp"
+#include "daemon/mqtt/stall_watch.hpp"
 #include "daemon/mqtt/upstream_listener.hpp"
 
 namespace slamgw {
@@ -53,6 +54,8 @@ class Upstream final : private MqttLinkListener {
   void connect_in(Duration wait);
   void reconnect_later(const std::string& why);
   void drop_link(bool is_orderly);
+  void watch_for_stall();
+  void on_stall_deadline(TimePoint now);
   bool keep_to_limits(std::uint64_t sequence, BrokerMessage& message);
   bool adapt_will(int code);
 
@@ -70,6 +73,9 @@ class Upstream final : private MqttLinkListener {
   LastWill will_;
   UpstreamListener& listener_;
   boost::asio::steady_timer reconnect_timer_;
+  boost::asio::steady_timer stall_timer_;
+  bool is_stall_timer_armed_ = false;
+  StallWatch stall_watch_;
   Backoff backoff_;
   std::minstd_rand random_;
   VersionChoice version_;

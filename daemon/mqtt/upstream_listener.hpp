@@ -20,6 +20,9 @@ class UpstreamListener {
   virtual void on_link_up(bool session_present, const BrokerLimits& limits) = 0;
   /// Connection lost or refused; `why` names the reason in words. May repeat while attempts fail.
   virtual void on_link_down(const std::string& why) = 0;
+  /// The broker has not answered for StallWatch::silent_after, or has again: what must not be late
+  /// is not sent meanwhile. Ends with on_link_down() at the latest.
+  virtual void on_silence(bool is_silent) = 0;
   /// `sequence` was acknowledged by the broker (QoS 0: handed to the network).
   virtual void on_published(std::uint64_t sequence) = 0;
   /// The broker has answered `sequence` with a reason code of 0x80 or above, or would: it is larger

@@ -29,6 +29,7 @@ struct RecordingListener final : UpstreamListener {
     reasons.push_back(why);
     is_up = false;
   }
+  void on_silence(bool is_silent) override { silences += is_silent ? 1 : 0; }
   void on_published(std::uint64_t sequence) override { published.insert(sequence); }
   void on_publish_refused(std::uint64_t sequence, const Refusal& refusal) override {
     refused[sequence] = refusal;
@@ -42,6 +43,7 @@ struct RecordingListener final : UpstreamListener {
   }
 
   int ups = 0;
+  int silences = 0;
   bool is_up = false;
   BrokerLimits limits;
   std::vector<std::string> reasons;

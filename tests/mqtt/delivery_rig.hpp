@@ -23,8 +23,10 @@ class DeliveryRig : private UpstreamListener {
  public:
   static constexpr std::size_t window = 16;
 
-  explicit DeliveryRig(std::uint16_t port)
-      : outbox(window, store_settings().max_bytes),
+  /// `store`: a directory that outlives it, for a daemon that is started again; empty: its own.
+  explicit DeliveryRig(std::uint16_t port, std::string store = {})
+      : store_directory_(store.empty() ? directory.path() : std::move(store)),
+        outbox(window, store_settings().max_bytes),
         driver_(io, outbox,
                 [this](OutboxAction& action) {
                   std::visit([this](auto& what) { perform(what); }, action);
@@ -56,7 +58,10 @@ class DeliveryRig : private UpstreamListener {
                      {Mesh::thread, qos == Qos::at_most_once ? 0 : receipt}, now);
     });
   }
-  bool sees(const std::function<bool()>& condition) { return test::eventually(io, condition); }
+  bool sees(const std::function<bool()>& condition,
+            std::chrono::milliseconds limit = test::patience) {
+    return test::eventually(io, condition, limit);
+  }
   bool logs(std::string_view words) const {
     for (const std::string& notice : notices) {
       if (notice.find(words) != std::string::npos) return true;
@@ -65,16 +70,22 @@ class DeliveryRig : private UpstreamListener {
   }
 
   test::TempDir directory;
+
+ private:
+  const std::string store_directory_;
+
+ public:
   boost::asio::io_context io;
   Outbox outbox;
   bool is_up = false;
   std::size_t ups = 0;
+  std::size_t silences = 0;
   std::vector<std::string> reasons;  ///< why the link went down
   std::map<std::uint64_t, ReceiptOutcome> fired;
   std::vector<std::string> notices;
 
  private:
-  StoreSettings store_settings() const { return {directory.path(), 1u << 28}; }
+  StoreSettings store_settings() const { return {store_directory_, 1u << 28}; }
 
   void perform(PublishAtBroker& publish) {
     upstream_.publish(publish.sequence, std::move(publish.message));
@@ -94,6 +105,10 @@ class DeliveryRig : private UpstreamListener {
     is_up = false;
     reasons.push_back(why);
     driver_.input([](Outbox& machine, TimePoint now) { machine.on_link_down(now); });
+  }
+  void on_silence(bool is_silent) override {
+    silences += is_silent ? 1 : 0;
+    driver_.input([&](Outbox& machine, TimePoint now) { machine.on_silence(is_silent, now); });
   }
   void on_published(std::uint64_t sequence) override {
     driver_.input([&](Outbox& machine, TimePoint now) { machine.on_published(sequence, now); });

@@ -45,6 +45,11 @@ void BrokerSocket::adopt(std::uint16_t broker_port) {
   }
 }
 
+void BrokerSocket::discard_on_close() {
+  const linger at_once{1, 0};
+  if (descriptor_ >= 0) setsockopt(descriptor_, SOL_SOCKET, SO_LINGER, &at_once, sizeof at_once);
+}
+
 void BrokerSocket::cork(int on) {
   if (descriptor_ >= 0) setsockopt(descriptor_, IPPROTO_TCP, TCP_CORK, &on, sizeof on);
 }

@@ -22,6 +22,8 @@ class BrokerSocket {
   /// most). Nothing happens before adopt(). Any thread.
   void gather() { cork(1); }
   void release() { cork(0); }
+  /// What the kernel has not sent yet is thrown away when the connection is closed.
+  void discard_on_close();
   /// Not while gather() or release() may run.
   void forget();
 

@@ -328,6 +328,7 @@ void PahoLink::close(bool is_orderly) {
   } catch (const mqtt::exception&) {
     // it was not connected
   }
+  if (!is_orderly) socket_.discard_on_close();
   publish_form_.reset();
   client_.reset();
   socket_.forget();  // the next session looks for its own
