@@ -2,13 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The steps of ./dev system-test, in the guest and in their order; each says in one line what it shows."""
 import sys
-import time
 
 import broker_and_traffic
 import install_and_remove
 import tasks
 import trouble
-from machine import journal
+from stepping import run_steps
 
 STEPS = [
     install_and_remove.runs_once_installed,
@@ -32,22 +31,5 @@ STEPS = [
 ]
 
 
-def main():
-    failed = []
-    for step in STEPS:
-        began = time.monotonic()
-        try:
-            note = step()
-        except Exception as error:  # a step that breaks is a step that failed, and the next ones still tell something
-            failed.append(step.__name__)
-            print(f"FAILED  {step.__doc__}\n  {type(error).__name__}: {error}", flush=True)
-            for entry in journal()[-12:]:
-                print(f"  | {entry.get('MESSAGE')}", flush=True)
-        else:
-            print(f"ok      {step.__doc__} ({time.monotonic() - began:.1f} s{', ' + note if note else ''})", flush=True)
-    print(f"{len(STEPS) - len(failed)} of {len(STEPS)} steps passed", flush=True)
-    return 1 if failed else 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_steps(STEPS))

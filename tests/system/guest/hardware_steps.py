@@ -1,0 +1,191 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: Apache-2.0
+"""The steps of ./dev system-test --vm, in the virtual machine and in their order; each says in one line what it shows."""
+import contextlib
+import glob
+import json
+import pathlib
+import sys
+import time
+
+import machine
+from actors import PASSWORDS, Listener, set_up_broker
+from hardware import PORT, SERIAL_NUMBER, RecordedRobots, Radios, UsbBoard
+from machine import (demand, install, now, restart, run, says, service, status, wait_for_status, write_config,
+                     write_credentials)
+from stepping import Reboot, run_steps
+
+BLE_UPDATES = {f"ntnu-slam/robot/ble{n}/update": 5 for n in (1, 2, 3)}
+STOPPED_S = 120
+LONGEST_GAP_S = 1.0  # between two acknowledgements of a Thread robot, while the board does not read
+NOT_LOADED = pathlib.Path("/etc/modules-load.d/slam-gateway.conf")
+AWAY_S = 5  # the interface, while a border router restarts
+
+world = {}
+
+
+def driver_is_loaded():
+    return pathlib.Path("/sys/module/cdc_acm").exists()
+
+
+def robots_are_heard():
+    listener = Listener()
+    listener.wait_for(BLE_UPDATES)
+    listener.end()
+
+
+def waits_for_a_board():
+    """install without a board, and without its driver: the service runs, and says that the BLE link is down"""
+    demand(not driver_is_loaded(), "the driver was loaded before the package was there")
+    run("systemctl", "start", "mosquitto")
+    install(*glob.glob("/job/input/debs/*.deb"))
+    set_up_broker()
+    write_credentials(PASSWORDS["slam-gateway"])
+    write_config(ble_mesh={"enabled": True, "device": "auto"})
+    restart()
+    wait_for_status("broker up, thread up, ble down")
+    demand(driver_is_loaded(), "the service has not had the driver loaded")
+
+
+def takes_a_board_that_is_plugged_in():
+    """plugged in: the confined service opens /dev/ttyACM0, the link comes up, the robots are heard"""
+    world["board"] = UsbBoard(robots=3)
+    demand(not PORT.exists(), f"{PORT} was there before")
+    world["board"].plug_in()
+    wait_for_status("ble up")
+    demand(pathlib.Path(f"/dev/slam-gateway/{SERIAL_NUMBER}").resolve() == PORT, "the board has no stable name")
+    robots_are_heard()
+
+
+def takes_up_a_board_that_was_unplugged():
+    """unplugged: the link is down at once; plugged in again it is up, three times"""
+    for _ in range(3):
+        world["board"].unplug()
+        wait_for_status("ble down")
+        world["board"].plug_in()
+        wait_for_status("ble up")
+    demand(PORT.exists(), "the port has another number: the service has held the old one open")
+    robots_are_heard()
+    demand(service("NRestarts") == "0", "the service was restarted for that")
+
+
+def lives_on_with_a_board_that_stops_reading():
+    """board stops reading its USB port for two minutes: Thread robots and the control socket notice nothing; then it is up"""
+    robots = RecordedRobots("127.0.0.1:47193", "--robots", "4", "--id-prefix", "steady")
+    robots.wait_for_each(10)
+    process, began = service("MainPID"), time.time()
+    world["board"].stop_reading()
+    while time.time() < began + STOPPED_S:
+        with contextlib.suppress(machine.Failure):  # refused, or without an outcome: the board does not read
+            run("timeout", "20", "slam-gatewayctl", "send", "ble1", "cmd", "10,-20")
+        demand(status()["broker"]["state"] == "up", "the broker link is down")
+    ended = time.time()
+    wait_for_status("ble down")
+    world["board"].read_again()
+    wait_for_status("ble up")
+    gap = robots.longest_gap(began, ended)
+    result = robots.end()
+    demand(result["lost"] == 0, f"the robots say: {result}")
+    demand(service("MainPID") == process, "the service was restarted")
+    demand(gap < LONGEST_GAP_S, f"a robot waited {gap:.2f} s")
+    robots_are_heard()
+    return f"longest wait of a Thread robot {gap:.2f} s"
+
+
+def boots_without_the_driver():
+    """boot with the driver not loaded at boot and no board: the board is taken when it is plugged in"""
+    world["board"].end()
+    NOT_LOADED.symlink_to("/dev/null")
+    run("systemctl", "enable", "mosquitto")
+    raise Reboot
+
+
+def takes_a_board_after_that_boot():
+    """after that boot: the service runs, the board is plugged in, its robots are heard"""
+    demand(NOT_LOADED.is_symlink() and not run("journalctl", "-b", "-q", "-u", "systemd-modules-load", "-g", "cdc_acm",
+                                               status=None), "the driver was loaded at boot")
+    wait_for_status("broker up, thread up, ble down")
+    world["board"] = UsbBoard(robots=3)
+    world["board"].plug_in()
+    wait_for_status("ble up")
+    robots_are_heard()
+
+
+def robots():
+    return json.loads(run("slam-gatewayctl", "--json", "robots"))
+
+
+def obeys(name):
+    run("slam-gatewayctl", "send", name, "cmd", "10,-20")
+
+
+NODES = ("n1", "n2", "n3")
+FLEET = [f"{node}-{n}" for node in NODES for n in (1, 2)]
+
+
+def carries_robots_behind_radios():
+    """6LoWPAN: six robots in three nodes connect over 802.15.4 radios, are heard, and obey"""
+    world["radios"] = Radios(NODES)
+    gateway = f"[{world['radios'].address()}]:47193"
+    world["fleets"] = [RecordedRobots(gateway, "--robots", "2", "--rate", "2", "--id-prefix", f"{node}-", node=node)
+                       for node in NODES]
+    for fleet in world["fleets"]:
+        fleet.wait_for_each(5)
+    for name in FLEET:
+        obeys(name)
+
+
+def loses_no_robot_on_a_bad_radio():
+    """6LoWPAN with 20 % of the frames lost each way: no robot is lost, and each obeys"""
+    world["radios"].lose(20)
+    since, journal_since = time.time(), now()
+    for name in FLEET:
+        obeys(name)
+    for fleet in world["fleets"]:
+        fleet.wait_for_each(60, since)
+    world["radios"].lose(0)
+    demand(not says("lost", *journal_since, "-p", "warning"), "a robot was lost")
+    demand_all_online()
+
+
+def demand_all_online():
+    offline = [robot["id"] for robot in robots() if robot["id"] in FLEET and robot["state"] != "online"]
+    demand(not offline, f"offline: {offline}")
+
+
+def loses_no_robot_when_the_interface_is_made_again():
+    """6LoWPAN interface deleted and made again under another index, as a border router's restart does: no robot is lost"""
+    index, journal_since = world["radios"].interface_index(), now()
+    world["radios"].delete_interface()
+    deleted = time.time()
+    while time.time() < deleted + AWAY_S:
+        demand(status()["broker"]["state"] == "up", "the broker link is down")
+    world["radios"].make_interface()
+    since = time.time()
+    demand(world["radios"].interface_index() != index, "the interface has its old index")
+    for fleet in world["fleets"]:
+        fleet.wait_for_each(5, since)
+    for name in FLEET:
+        obeys(name)
+    demand_all_online()
+    connects = [entry for entry in machine.journal(*journal_since) if "connected" in str(entry.get("MESSAGE"))]
+    demand(not connects, f"robots had to connect again: {[entry['MESSAGE'] for entry in connects]}")
+    for fleet in world["fleets"]:
+        fleet.end()
+
+
+STEPS = [
+    waits_for_a_board,
+    takes_a_board_that_is_plugged_in,
+    takes_up_a_board_that_was_unplugged,
+    lives_on_with_a_board_that_stops_reading,
+    boots_without_the_driver,
+    takes_a_board_after_that_boot,
+    carries_robots_behind_radios,
+    loses_no_robot_on_a_bad_radio,
+    loses_no_robot_when_the_interface_is_made_again,
+]
+
+if __name__ == "__main__":
+    machine.PATIENCE_S = 180  # emulated, everything takes its time
+    sys.exit(run_steps(STEPS))
