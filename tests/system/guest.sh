@@ -7,7 +7,7 @@
 say() { printf '\n== %s\n' "$*" >&2; }
 die() { printf './dev system-test: %s\n' "$*" >&2; exit 1; }
 
-guest_packages=systemd,systemd-sysv,dbus,kmod,procps,iproute2,python3,mosquitto,mosquitto-clients
+guest_packages=systemd,systemd-sysv,dbus,kmod,procps,iproute2,python3,openssl,mosquitto,mosquitto-clients
 
 # make_guest_tree NAME: the tree that every guest is a copy of, with what our packages depend on ready to be installed
 # offline.

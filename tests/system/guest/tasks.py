@@ -1,12 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Steps: an operator's everyday tasks and mistakes (docs/tasks.md), each as that page says it."""
+import contextlib
 import json
+import os
 import pathlib
+import signal
 import socket
+import subprocess
 
 from actors import PASSWORDS, Robots, as_server
-from machine import (CONFIG, CREDENTIALS, STATE, demand, now, restart, run, says, service, status, wait_for,
-                     wait_for_status, write_config, write_credentials)
+from machine import (CONFIG, CREDENTIALS, GATEWAY, STATE, demand, now, restart, run, says, service, status, wait_for,
+                     wait_for_status, write_credentials)
 
 SITE = CONFIG.parent / "gateway.d/site.json"
 BACKUP = pathlib.Path("/root/gateway.tar.gz")
@@ -14,6 +18,42 @@ BACKUP = pathlib.Path("/root/gateway.tar.gz")
 
 def site(**keys):
     SITE.write_text(json.dumps(keys), encoding="utf-8")
+
+
+@contextlib.contextmanager
+def site_settings():
+    """What a step writes with `site` goes with it, and is out of force then."""
+    try:
+        yield
+    finally:
+        SITE.unlink(missing_ok=True)
+        run("systemctl", "reload-or-restart", "slam-gateway")
+
+
+@contextlib.contextmanager
+def broker_away():
+    run("systemctl", "stop", "mosquitto")
+    try:
+        yield
+    finally:
+        run("systemctl", "start", "mosquitto")
+    wait_for_status("broker up")
+
+
+@contextlib.contextmanager
+def small_disk():
+    """The state on a disk of its own of 1 MiB, until the step ends."""
+    run("systemctl", "stop", "slam-gateway")
+    run("sh", "-ec", f"mv {STATE} {STATE}.kept; mkdir {STATE}; mount -t tmpfs -o size=1m,mode=700 tmpfs {STATE}; "
+                     f"cp -a {STATE}.kept/. {STATE}/; chown slam-gateway: {STATE}")
+    try:
+        run("systemctl", "start", "slam-gateway")
+        wait_for_status("broker up")
+        yield
+    finally:
+        run("systemctl", "stop", "slam-gateway")
+        run("sh", "-ec", f"umount {STATE}; rmdir {STATE}; mv {STATE}.kept {STATE}")
+        run("systemctl", "start", "slam-gateway")
 
 
 def check_config(expected_status=0):
@@ -55,20 +95,19 @@ def broken_credentials_are_named_as_the_operator_knows_them():
 
 def password_in_the_wrong_file():
     """a password in the configuration: said where it belongs"""
-    site(broker={"password": "x"})
-    demand("into credentials.json" in check_config(78), "it is not said where a password belongs")
-    SITE.unlink()
+    with site_settings():
+        site(broker={"password": "x"})
+        demand("into credentials.json" in check_config(78), "it is not said where a password belongs")
 
 
 def site_keys_win_and_are_named():
     """gateway.d: the site's keys win over gateway.json; a problem there is named by its file"""
-    site(log={"level": "debug"})
-    run("systemctl", "reload", "slam-gateway")
-    site(log={"level": "loud"})
-    demand(check_config(78).startswith(f"{SITE}:1: log.level: "), "the problem is not named by its file")
-    run("systemctl", "reload", "slam-gateway", status=1)
-    SITE.unlink()
-    run("systemctl", "reload", "slam-gateway")
+    with site_settings():
+        site(log={"level": "debug"})
+        run("systemctl", "reload", "slam-gateway")
+        site(log={"level": "loud"})
+        demand(check_config(78).startswith(f"{SITE}:1: log.level: "), "the problem is not named by its file")
+        run("systemctl", "reload", "slam-gateway", status=1)
 
 
 def another_program_has_the_port():
@@ -84,16 +123,15 @@ def another_program_has_the_port():
 
 def robot_is_renamed():
     """rename: a robot gets its new name by a reload, without a restart"""
-    robots = Robots("thread", "--robots", 1, "--id-prefix", "plain", "--linger-s", 60)
+    robots = Robots("thread", "--robots", 1, "--id-prefix", "plain", "--keep-alive", 5)
     wait_for("the robot", lambda: "plain1" in run("slam-gatewayctl", "robots"))
     process = service("MainPID")
-    site(robots=[{"id": "lego-9", "mqttsn_client_id": "plain1"}])
-    run("systemctl", "reload", "slam-gateway")
-    wait_for("the new name", lambda: "lego-9" in run("slam-gatewayctl", "robots"))
-    demand(service("MainPID") == process, "it is another process")
+    with site_settings():
+        site(robots=[{"id": "lego-9", "mqttsn_client_id": "plain1"}])
+        run("systemctl", "reload", "slam-gateway")
+        wait_for("the new name", lambda: "lego-9" in run("slam-gatewayctl", "robots"))
+        demand(service("MainPID") == process, "it is another process")
     robots.end()
-    SITE.unlink()
-    run("systemctl", "reload", "slam-gateway")
 
 
 def doctor_finds_what_is_wrong():
@@ -101,10 +139,9 @@ def doctor_finds_what_is_wrong():
     wait_for("a healthy way", lambda: finding(doctor(), "broker")["health"] == "ok")
     demand(finding(doctor(), "thread: search")["health"] == "ok", "the search was not answered")
     demand(finding(doctor(), "thread: multicast")["health"] == "ok", "the multicast group is not seen")
-    run("systemctl", "stop", "mosquitto")
-    wait_for("the broker as a problem", lambda: finding(doctor(expected_status=1), "broker")["health"] == "problem")
-    run("systemctl", "start", "mosquitto")
-    wait_for_status("broker up")
+    with broker_away():
+        wait_for("the broker as a problem",
+                 lambda: finding(doctor(expected_status=1), "broker")["health"] == "problem")
     demand(finding(doctor("nobody", expected_status=1), "heard")["health"] == "problem", "an unknown robot is well")
 
 
@@ -120,37 +157,37 @@ def report_has_no_secret():
 def backup_comes_back_on_a_new_card():
     """the SD card is dead: a backup brings configuration, credentials, mesh and messages to a purged system"""
     robots = Robots("thread", "--robots", 1, "--id-prefix", "kept", "--messages", 60, "--linger-s", 2)
-    run("systemctl", "stop", "mosquitto")
-    wait_for("stored messages", lambda: status()["store"]["depth"] > 20)
-    run("slam-gatewayctl", "backup", BACKUP)
-    demand(run("stat", "-c", "%U %a", BACKUP) == "root 600", "the backup can be read by others")
-    wait_for("the service again", lambda: status()["store"]["depth"] > 20)
-    mesh = (STATE / "mesh.json").read_text(encoding="utf-8")
-    robots.end()
-    run("systemctl", "stop", "slam-gateway")
-    for directory in (STATE, CONFIG.parent):
-        run("sh", "-c", f"rm -rf {directory}/* {directory}/.[!.]*")
-    run("slam-gatewayctl", "restore", BACKUP)
-    demand((STATE / "mesh.json").read_text(encoding="utf-8") == mesh, "the mesh is another one")
-    demand(run("stat", "-c", "%U %a", STATE / "mesh.json") == "slam-gateway 600", "the mesh's file has another owner")
-    demand(run("stat", "-c", "%U %a", CREDENTIALS) == "root 600", "the credentials have another owner")
-    wait_for("the stored messages", lambda: status()["store"]["depth"] > 20)
-    run("systemctl", "start", "mosquitto")
-    wait_for_status("broker up")
+    with broker_away():
+        wait_for("stored messages", lambda: status()["store"]["depth"] > 20)
+        run("slam-gatewayctl", "backup", BACKUP)
+        demand(run("stat", "-c", "%U %a", BACKUP) == "root 600", "the backup can be read by others")
+        wait_for("the service again", lambda: status()["store"]["depth"] > 20)
+        robots.end()
+        mesh, owners = (STATE / "mesh.json").read_text(encoding="utf-8"), owners_and_modes()
+        run("systemctl", "stop", "slam-gateway")
+        for directory in (STATE, CONFIG.parent):
+            run("find", directory, "-mindepth", 1, "-delete")
+        run("slam-gatewayctl", "restore", BACKUP)
+        demand((STATE / "mesh.json").read_text(encoding="utf-8") == mesh, "the mesh is another one")
+        demand(owners_and_modes() == owners, f"owners and modes: {owners_and_modes()}, before: {owners}")
+        wait_for("the stored messages", lambda: status()["store"]["depth"] > 20)
     wait_for("an empty store", lambda: status()["store"]["depth"] == 0)
     run("sh", "-c", f"rm -rf {STATE}.before-restore-* {CONFIG.parent}.before-restore-*")
 
 
+def owners_and_modes():
+    return run("stat", "-c", "%n %U %G %a", STATE, STATE / "mesh.json", STATE / "messages.db", CREDENTIALS, CONFIG)
+
+
 def log_level_is_changed():
     """log level: debug lines after a reload, none after the next one"""
-    site(log={"level": "debug", "traffic": "all"})
-    run("systemctl", "reload", "slam-gateway")
-    since = now()
-    Robots("thread", "--robots", 1, "--id-prefix", "wordy", "--messages", 5).result()
-    wait_for("all five messages", lambda: run("journalctl", "-q", "-u", "slam-gateway", "ROBOT_ID=wordy1",
-                                              "MESSAGE_TYPE=update", "-o", "cat", *since).count("\n") >= 4)
-    SITE.unlink()
-    run("systemctl", "reload", "slam-gateway")
+    with site_settings():
+        site(log={"level": "debug", "traffic": "all"})
+        run("systemctl", "reload", "slam-gateway")
+        since = now()
+        Robots("thread", "--robots", 1, "--id-prefix", "wordy", "--messages", 5).result()
+        wait_for("all five messages", lambda: run("journalctl", "-q", "-u", "slam-gateway", "ROBOT_ID=wordy1",
+                                                  "MESSAGE_TYPE=update", "-o", "cat", *since).count("\n") >= 4)
 
 
 def broker_with_its_own_certificates():
@@ -166,51 +203,45 @@ def broker_with_its_own_certificates():
     listener.write_text(f"listener 8883\ncertfile {tls}/server.pem\nkeyfile {tls}/server.key\n", encoding="utf-8")
     run("systemctl", "restart", "mosquitto")
     run("install", "-m", "644", tls / "ca.pem", "/etc/slam-gateway/ca.pem")
-    site(broker={"uri": "mqtts://guest", "tls": {"ca_file": "ca.pem"}})
-    check_config()
-    run("systemctl", "reload", "slam-gateway")
-    wait_for("the broker over TLS", lambda: status()["broker"]["state"] == "up"
-             and status()["broker"]["uri"].startswith("mqtts://guest"))
-    site(broker={"uri": "mqtts://127.0.0.1", "tls": {"ca_file": "ca.pem"}})  # the name is not in the certificate
-    run("systemctl", "reload", "slam-gateway")
-    wait_for("the refusal of another name", lambda: "certificate" in status()["broker"]["why"])
-    SITE.unlink()
+    with site_settings():
+        site(broker={"uri": "mqtts://guest", "tls": {"ca_file": "/etc/slam-gateway/ca.pem"}})
+        check_config()
+        run("systemctl", "reload", "slam-gateway")
+        wait_for("the broker over TLS", lambda: status()["broker"]["state"] == "up"
+                 and status()["broker"]["uri"].startswith("mqtts://guest"))
+        # The name is not in the certificate.
+        site(broker={"uri": "mqtts://127.0.0.1", "tls": {"ca_file": "/etc/slam-gateway/ca.pem"}})
+        run("systemctl", "reload", "slam-gateway")
+        wait_for("the refusal of another name", lambda: "certificate" in status()["broker"]["why"])
     listener.unlink()
     run("systemctl", "restart", "mosquitto")
-    run("systemctl", "reload", "slam-gateway")
     wait_for_status("broker up")
 
 
 def full_disk_and_room_again():
     """disk full: told while it lasts, and forgotten when there is room again"""
-    run("systemctl", "stop", "slam-gateway")
-    run("sh", "-c", f"mv {STATE} {STATE}.kept; mkdir {STATE}; mount -t tmpfs -o size=1m,mode=700 tmpfs {STATE}; "
-                    f"cp -a {STATE}.kept/. {STATE}/; chown slam-gateway: {STATE}")
-    run("sh", "-c", f"head -c 2M /dev/zero >{STATE}/filler || true")
-    run("systemctl", "stop", "mosquitto")
-    run("systemctl", "start", "slam-gateway")
-    robots = Robots("thread", "--robots", 1, "--id-prefix", "stuck", "--messages", 5, "--linger-s", 90)
-    wait_for("trouble with the store", lambda: "full" in status()["store"]["why"])
-    demand(finding(doctor(expected_status=1), "store")["health"] == "problem", "doctor does not see the store")
-    run("rm", STATE / "filler")
-    wait_for("a working store", lambda: status()["store"]["state"] == "working" and not status()["store"]["why"])
-    run("systemctl", "start", "mosquitto")
-    wait_for_status("broker up")
-    robots.end()
-    run("systemctl", "stop", "slam-gateway")
-    run("sh", "-c", f"umount {STATE} && rmdir {STATE} && mv {STATE}.kept {STATE}")
-    run("systemctl", "start", "slam-gateway")
-    wait_for_status("broker up")
+    with small_disk():
+        robots = Robots("thread", "--robots", 1, "--id-prefix", "stuck")
+        wait_for("the robot", lambda: "stuck1" in run("slam-gatewayctl", "robots"))
+        run("sh", "-c", f"head -c 2M /dev/zero >{STATE}/filler || true")
+        with broker_away():
+            wait_for("trouble with the store", lambda: "full" in status()["store"]["why"])
+            demand(finding(doctor(expected_status=1), "store")["health"] == "problem", "doctor does not see the store")
+            run("rm", STATE / "filler")
+            wait_for("a working store",
+                     lambda: status()["store"]["state"] == "working" and not status()["store"]["why"])
+        robots.end()
 
 
 def second_gateway_with_the_same_id():
     """second gateway: two with one client id throw each other out; said so"""
-    write_config()
     since = now()
-    other = run("sh", "-c", "for i in 1 2 3 4 5 6 7 8; do timeout 2 mosquitto_sub -i slam-gateway-guest "
-                + " ".join(as_server()) + " -t none; sleep 0.3; done; true", status=None)
-    demand(other is not None, "no other client")
-    wait_for("a line about the other client", lambda: says("client id", *since, "-p", "warning"))
+    rival = subprocess.Popen(["sh", "-c", 'while :; do timeout 2 mosquitto_sub "$@"; sleep 0.3; done', "rival",
+                              "-i", f"slam-gateway-{GATEWAY}", *as_server(), "-t", "none"], stdout=subprocess.DEVNULL,
+                             stderr=subprocess.DEVNULL, start_new_session=True)
+    wait_for("a line about the other client", lambda: says("another client connects as", *since, "-p", "warning"))
+    os.killpg(rival.pid, signal.SIGTERM)
+    rival.wait()
     wait_for_status("broker up")
 
 
