@@ -14,6 +14,13 @@ constexpr std::size_t max_datagram_octets = 1232;
 /// Topic ids of one client. A server that listens to a few hundred robots fits.
 constexpr std::size_t max_topics_per_client = 1024;
 constexpr std::size_t max_subscriptions_per_client = 128;
+/// Types that one robot may register below its own name: each takes an id of every client that
+/// listens to all robots. The thesis's robots have three.
+constexpr std::size_t max_types_per_robot = 128;
+/// Memory for the names of all clients together, and what each may have in any case (about 20
+/// topics): 10 000 clients stay far below the service's 512 MiB.
+constexpr std::size_t name_octets_together = 128U * 1024 * 1024;
+constexpr std::size_t name_octets_for_each = 4096;
 /// Levels of a filter, so that one datagram can't make a thousand tree nodes.
 constexpr std::size_t max_filter_levels = 64;
 /// SUBSCRIBEs for one filter that the broker has not answered: a whole fleet, twice.

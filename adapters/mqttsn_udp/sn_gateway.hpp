@@ -98,6 +98,7 @@ class SnGateway {
   bool revive(ClientSession& session, TimePoint now);
   void handle(ClientSession& session, Packet& packet, TimePoint now);
   void register_topic(ClientSession& session, const Register& request, TimePoint now);
+  bool makes_too_many_types(ClientSession& session, const std::string& topic, TimePoint now);
   void on_stranger(const Arrival& arrival, bool is_answered);
   void on_malformed(const Endpoint& from, TimePoint now);
 

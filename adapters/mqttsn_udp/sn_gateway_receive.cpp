@@ -3,8 +3,10 @@
 // whether the message fits there (MQTT-SN 1.2 section 6.14).
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <utility>
 
+#include "adapters/mqttsn_udp/clients/topic_ids.hpp"
 #include "adapters/mqttsn_udp/conversations/own_names.hpp"
 #include "adapters/mqttsn_udp/limits.hpp"
 #include "adapters/mqttsn_udp/sn_gateway.hpp"
@@ -171,13 +173,32 @@ void SnGateway::register_topic(ClientSession& session, const Register& request, 
   if (!context_.policy.may_subscribe(session.client_id, session.robot, topic) &&
       !uplink_.may_publish(session, topic, now))
     return answer(0, ReturnCode::not_supported);
-  const auto id = session.topics.assign(topic);
+  if (makes_too_many_types(session, topic, now)) return answer(0, ReturnCode::not_supported);
+  const auto id = assign_topic(session, topic);
   if (id) {
+    session.topics.set_own(*id);
     session.topics.set_told(*id, true);
     context_.set_dirty(session);
     return answer(*id, ReturnCode::accepted);
   }
   if (!context_.is_full_silent()) answer(0, ReturnCode::congestion);
+}
+
+/// Each type of a robot costs all who listen to it a topic id.
+bool SnGateway::makes_too_many_types(ClientSession& session, const std::string& topic,
+                                     TimePoint now) {
+  const std::string own = context_.policy.scheme().robot_root() + session.robot + "/";
+  if (!topic.starts_with(own) || session.topics.id_of(topic)) return false;
+  const auto types = std::ranges::count_if(
+      session.topics.topics(),
+      [&](const TopicTable::Topic& known) { return known.is_own && known.name.starts_with(own); });
+  if (static_cast<std::size_t>(types) < limits::max_types_per_robot) return false;
+  refusals_.on_refusal(
+      Count::topics_refused, "types " + session.client_id,
+      fmt::format("{} may not make more than {} types of messages: '{}' is refused", session.robot,
+                  limits::max_types_per_robot, topic),
+      session.robot, now);
+  return true;
 }
 
 void SnGateway::receive_pingreq(const Arrival& arrival, const Pingreq& pingreq) {

@@ -117,12 +117,31 @@ TEST(SnGateway, R10_BoundsAndExpiresWhatStrangersMake) {
   SnRig rig;
   for (unsigned n = 0; n < 3000; ++n)
     rig.send(n, Connect{true, true, 1, 60, "s" + std::to_string(n)});
-  EXPECT_EQ(rig.counter("connects_refused"), 3000U - limits::max_handshakes);
+  EXPECT_EQ(rig.counter("handshakes_given_up"), 3000U - limits::max_handshakes);
   rig.pass_s(41);  // T_retry, N_retry times and once more
-  EXPECT_EQ(rig.counter("handshakes_given_up"), limits::max_handshakes);
+  EXPECT_EQ(rig.counter("handshakes_given_up"), 3000U);
   EXPECT_EQ(rig.gateway.client_counts().active, 0U);
   rig.send(1, Connect{true, true, 1, 60, "r1"});
   EXPECT_EQ(rig.last_to(1), "WILLTOPICREQ") << "there is room again";
+}
+
+TEST(SnGateway, R10_StrangersDoNotShutOutRobotsWithAWill) {
+  SnRig rig;
+  rig.connect(9001, "known", false);
+  rig.send(9001, Connect{true, false, 1, 60, "known"});
+  EXPECT_EQ(rig.last_to(9001), "WILLTOPICREQ");
+  const auto flood = [&](unsigned from) {
+    for (unsigned n = from; n < from + 2000; ++n)
+      rig.send(n, Connect{true, true, 1, 60, "s" + std::to_string(n)});
+  };
+  flood(0);
+  rig.send(9000, Connect{true, true, 1, 60, "new"});
+  EXPECT_EQ(rig.last_to(9000), "WILLTOPICREQ") << "a robot that nobody knows yet";
+  rig.send(9000, WillTopic{WireQos::zero, false, ""});
+  EXPECT_EQ(rig.last_to(9000), "CONNACK code=0");
+  flood(2000);
+  rig.send(9001, WillTopic{WireQos::zero, false, ""});
+  EXPECT_EQ(rig.last_to(9001), "CONNACK code=0") << "its handshake was not given up for theirs";
 }
 
 }  // namespace

@@ -2,6 +2,8 @@
 // Topic registration in both directions (R57-R69).
 #include <gtest/gtest.h>
 
+#include <map>
+
 #include "adapters/mqttsn_udp/limits.hpp"
 #include "tests/mqttsn_udp/sn_rig.hpp"
 
@@ -22,9 +24,106 @@ TEST(SnGateway, R58_NeverGivesOutReservedIds) {
   EXPECT_EQ(table.assign("first"), 1);
   for (std::size_t i = 1; i < limits::max_topics_per_client; ++i)
     EXPECT_NE(table.assign("t" + std::to_string(i)), 0xffff);
-  EXPECT_EQ(table.assign("one more"), std::nullopt);
+  for (std::uint16_t id = 1; id <= limits::max_topics_per_client; ++id) table.set_own(id);
+  EXPECT_EQ(table.assign("one more"), std::nullopt) << "the client uses them all";
   EXPECT_EQ(table.name_of(0), nullptr);
   EXPECT_EQ(table.name_of(0xffff), nullptr);
+}
+
+TEST(SnGateway, R58_GivesTheLongestUnusedIdAnew) {
+  TopicTable table;
+  for (std::size_t i = 1; i <= limits::max_topics_per_client; ++i) {
+    const auto id = table.assign("t" + std::to_string(i));
+    table.set_told(id.value(), true);
+  }
+  table.touch(1);
+  table.set_own(2);
+  const std::vector<std::uint16_t> in_use{3};
+  EXPECT_EQ(table.assign("new", in_use), 4);
+  EXPECT_FALSE(table.is_told(4)) << "the client has to be told";
+  EXPECT_EQ(*table.name_of(4), "new");
+  EXPECT_EQ(table.id_of("t4"), std::nullopt);
+  EXPECT_EQ(table.assign("t1"), 1);
+  EXPECT_EQ(table.assign("newer", in_use), 5);
+}
+
+TEST(SnGateway, R65_AListenerHearsMoreTopicsThanItHasIds) {
+  SnRig rig;
+  rig.connect(1, "listener", true, 6000);
+  rig.subscribe(1, "ntnu-slam/robot/#", 1);
+  constexpr std::size_t robots = limits::max_topics_per_client + 200;
+  std::map<std::uint16_t, std::string> names;  // what the listener thinks
+  std::size_t got = 0;
+  for (int round = 0; round < 2; ++round) {
+    for (std::size_t i = 0; i < robots; ++i) {
+      const std::string topic = "ntnu-slam/robot/r" + std::to_string(i) + "/adv";
+      rig.broker(topic, "x", 1);
+      const Packet asked = *decode(rig.datagrams.back().bytes);
+      if (const auto* request = std::get_if<Register>(&asked)) {
+        names[request->topic_id] = request->topic_name;
+        rig.send(1, Regack{request->topic_id, request->msg_id, ReturnCode::accepted});
+      }
+      const auto publish = std::get<Publish>(*decode(rig.datagrams.back().bytes));
+      got += names[publish.topic_id] == topic ? 1 : 0;
+      rig.send(1, Puback{publish.topic_id, publish.msg_id, ReturnCode::accepted});
+    }
+  }
+  EXPECT_EQ(got, 2 * robots);
+  EXPECT_LE(names.size(), limits::max_topics_per_client);
+  EXPECT_EQ(rig.counter("queue_dropped"), 0U);
+}
+
+TEST(SnGateway, R65_GivesNoIdAnewThatTheClientUses) {
+  SnRig rig;
+  rig.connect(1, "r1", true, 6000);
+  const auto own = rig.register_topic(1, own_topic);
+  rig.subscribe(1, "ntnu-slam/server/r1/cmd", 0);
+  rig.subscribe(1, "ntnu-slam/robot/#", 0);
+  for (std::size_t i = 0; i < 2 * limits::max_topics_per_client; ++i) {
+    rig.broker("ntnu-slam/robot/r" + std::to_string(i + 2) + "/adv");
+    const auto request = std::get<Register>(*decode(rig.datagrams.back().bytes));
+    rig.send(1, Regack{request.topic_id, request.msg_id, ReturnCode::accepted});
+  }
+  rig.sent_to(1);
+  rig.publish(1, own, 0, 0);
+  EXPECT_EQ(rig.reports.back().topic, own_topic);
+  rig.broker("ntnu-slam/server/r1/cmd");
+  EXPECT_EQ(rig.sent_to(1), Lines{"PUBLISH dup=0 qos=0 retain=0 normal id=2 msg=0 data=6869"});
+}
+
+TEST(SnGateway, R63_ARobotMayMakeOnlySoManyTypes) {
+  SnRig rig;
+  rig.connect(1, "r1");
+  for (std::size_t i = 0; i < limits::max_types_per_robot; ++i)
+    EXPECT_NE(rig.register_topic(1, "ntnu-slam/robot/r1/t" + std::to_string(i)), 0);
+  rig.send(1, Register{0, 7, "ntnu-slam/robot/r1/more"});
+  EXPECT_EQ(rig.last_to(1), "REGACK id=0 msg=7 code=3");
+  rig.send(1, Register{0, 8, "ntnu-slam/robot/r1/t0"});
+  EXPECT_EQ(rig.last_to(1), "REGACK id=1 msg=8 code=0");
+  rig.send(1, Register{0, 9, "ntnu-slam/server/r1/cmd"});
+  EXPECT_EQ(rig.last_to(1).substr(0, 9), "REGACK id") << "what it listens to is another matter";
+  ASSERT_EQ(rig.notices.size(), 1U);
+  EXPECT_NE(rig.notices[0].text.find("128 types"), std::string::npos);
+}
+
+TEST(SnGateway, R63_NamesOfAllClientsTogetherAreBounded) {
+  NameBudget budget;
+  budget.take(limits::name_octets_together);  // by others
+  {
+    TopicTable table;
+    table.charge(budget);
+    EXPECT_NE(table.assign("what every robot needs"), std::nullopt);
+    std::size_t longs = 0;
+    while (table.assign(std::string(1200, 'x') + std::to_string(longs)) == longs + 2) ++longs;
+    EXPECT_EQ(longs, 1U);
+    table.clear();
+    budget.give_back(limits::name_octets_together);
+    for (int i = 0; i < 100; ++i) table.assign(std::string(1200, 'x') + std::to_string(i));
+    EXPECT_EQ(table.topics().size(), 100U);
+    EXPECT_FALSE(budget.may_take(limits::name_octets_for_each, limits::name_octets_together));
+  }
+  EXPECT_TRUE(budget.may_take(limits::name_octets_for_each, limits::name_octets_together))
+      << "a table that ends gives all back";
 }
 
 TEST(SnGateway, R59_KeepsIdsOfClientsApart) {

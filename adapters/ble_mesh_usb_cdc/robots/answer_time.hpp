@@ -3,7 +3,7 @@
 // and its variation (RFC 6298). Called by CommandQueue.
 #pragma once
 
-#include "daemon/core/time.hpp"
+#include "daemon/core/round_trip.hpp"
 
 namespace slamgw::ble {
 
@@ -27,8 +27,7 @@ class AnswerTime {
   void on_repeated();
 
  private:
-  Duration smoothed_{};  ///< zero: no answer yet
-  Duration variation_{};
+  RoundTrip round_trip_{granularity};
   Duration timeout_{};  ///< zero: unknown
 };
 

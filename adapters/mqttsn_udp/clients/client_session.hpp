@@ -79,6 +79,7 @@ class ClientSession {
   std::optional<Will> will;
   TopicTable topics;
   std::map<std::string, Subscription, std::less<>> subscriptions;
+  std::size_t filter_octets = 0;  ///< of these, charged to the NameBudget
   TokenBucket subscribe_rate;
   std::vector<PendingAnswer> answers;
   Delivery delivery;

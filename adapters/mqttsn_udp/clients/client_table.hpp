@@ -24,6 +24,9 @@ class ClientTable {
   ClientSession* find_robot(const std::string& robot) const;
   std::weak_ptr<ClientSession> weak(const ClientSession& session) const;
 
+  /// All sessions' names are charged to it.
+  NameBudget& names() { return names_; }
+
   bool is_full() const { return by_id_.size() >= max_clients_; }
   ClientSession& create(const std::string& client_id, const std::string& robot);
   /// The session ends here: `session` dangles afterwards.
@@ -50,6 +53,7 @@ class ClientTable {
 
  private:
   std::size_t max_clients_;
+  NameBudget names_;  // outlives the sessions
   std::uint64_t last_serial_ = 0;
   std::unordered_map<std::string, std::shared_ptr<ClientSession>> by_id_;
   std::unordered_map<Peer, ClientSession*, PeerHash> by_peer_;

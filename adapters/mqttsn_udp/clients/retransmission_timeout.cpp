@@ -14,26 +14,14 @@ Duration RetransmissionTimeout::next(Duration last, unsigned repeats, Duration l
   return std::min(repeats <= even ? last : last * 3 / 2, longest);
 }
 
-/// RFC 6298 section 2, with its alpha of 1/8 and beta of 1/4.
 void RetransmissionTimeout::on_answer(Duration round_trip) {
-  if (smoothed_ == Duration::zero()) {
-    smoothed_ = std::max(round_trip, Duration{1});
-    variation_ = round_trip / 2;
-  } else {
-    const Duration difference = std::chrono::abs(smoothed_ - round_trip);
-    variation_ += (difference - variation_) / 4;
-    smoothed_ += (round_trip - smoothed_) / 8;
-  }
-  timeout_ = std::max(learned(), shortest);
+  round_trip_.on_answer(round_trip);
+  timeout_ = std::max(round_trip_.timeout(), shortest);
 }
 
 void RetransmissionTimeout::on_ambiguous_answer(Duration since_first, Duration since_last) {
-  const bool answers_last_copy = smoothed_ != Duration::zero() && since_last <= learned();
+  const bool answers_last_copy = round_trip_.is_known() && since_last <= round_trip_.timeout();
   if (!answers_last_copy) timeout_ = std::clamp(since_first * 3 / 2, timeout_, 2 * timeout_);
-}
-
-Duration RetransmissionTimeout::learned() const {
-  return smoothed_ + std::max(granularity, 4 * variation_);
 }
 
 }  // namespace slamgw::mqttsn

@@ -4,7 +4,7 @@
 // teach no round trip (Karn's rule).
 #pragma once
 
-#include "daemon/core/time.hpp"
+#include "daemon/core/round_trip.hpp"
 
 namespace slamgw::mqttsn {
 
@@ -32,10 +32,7 @@ class RetransmissionTimeout {
   void on_ambiguous_answer(Duration since_first, Duration since_last);
 
  private:
-  Duration learned() const;
-
-  Duration smoothed_{};  // zero: no answer yet
-  Duration variation_{};
+  RoundTrip round_trip_{granularity};
   Duration timeout_ = initial;
 };
 

@@ -103,7 +103,14 @@ MessageSnapshot to_message(const Json& json) {
   return m;
 }
 
-Json to_json(const TopicTable::Topic& topic) { return Json::array({topic.name, topic.is_told}); }
+Json to_json(const TopicTable::Topic& topic) {
+  return Json::array({topic.name, topic.is_told, topic.is_own});
+}
+
+/// Sessions of former versions do not say whose a topic is: then it keeps its id.
+TopicTable::Topic to_topic(const Json& json) {
+  return {json.at(0), json.at(1), json.size() < 3 || json.at(2).get<bool>()};
+}
 
 Json to_json(const RepeatSnapshot& repeat) {
   return Json::array({repeat.msg_id, repeat.topic_id, repeat.fingerprint, repeat.age.count()});
@@ -131,7 +138,7 @@ SessionSnapshot to_session(const Json& json) {
   out.keep_alive = std::chrono::seconds(json.at("keep_alive_s").get<std::uint32_t>());
   out.sleep_duration = std::chrono::seconds(json.at("sleep_s").get<std::uint32_t>());
   if (json.contains("will")) out.will = to_will(json.at("will"));
-  for (const Json& topic : json.at("topics")) out.topics.push_back({topic.at(0), topic.at(1)});
+  for (const Json& topic : json.at("topics")) out.topics.push_back(to_topic(topic));
   for (const Json& s : json.at("subscriptions")) out.subscriptions.push_back(to_subscription(s));
   for (const Json& message : json.at("messages")) {
     // Sessions of 0.1 keep a message until PUBCOMP.

@@ -105,10 +105,7 @@ void apply(const SessionSnapshot& snapshot, ClientSession& session, TimePoint no
   session.sleep_duration = snapshot.sleep_duration;
   session.last_heard = now;
   if (snapshot.will && is_valid_topic_name(snapshot.will->topic)) session.will = snapshot.will;
-  for (const TopicTable::Topic& topic : snapshot.topics) {
-    if (const auto id = session.topics.assign(topic.name))
-      session.topics.set_told(*id, topic.is_told);
-  }
+  for (const TopicTable::Topic& topic : snapshot.topics) session.topics.restore(topic);
   for (const SubscriptionSnapshot& s : snapshot.subscriptions) {
     Subscription subscription;
     subscription.qos = s.qos;

@@ -1,17 +1,44 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "adapters/mqttsn_udp/clients/topic_table.hpp"
 
+#include <algorithm>
+#include <utility>
+
 #include "adapters/mqttsn_udp/limits.hpp"
 
 namespace slamgw::mqttsn {
 
-std::optional<std::uint16_t> TopicTable::assign(std::string_view name) {
+std::optional<std::uint16_t> TopicTable::assign(std::string_view name,
+                                                std::span<const std::uint16_t> in_use) {
   if (const auto known = id_of(name)) return known;
-  if (topics_.size() >= limits::max_topics_per_client) return std::nullopt;
-  topics_.push_back({std::string(name), false});
-  const auto id = static_cast<std::uint16_t>(topics_.size());
-  ids_.emplace(name, id);
+  const bool has_room =
+      topics_.size() < limits::max_topics_per_client && may_take(NameBudget::of_topic(name.size()));
+  if (has_room) {
+    restore({std::string(name), false, false, ++last_use_});
+    return static_cast<std::uint16_t>(topics_.size());
+  }
+  const auto id = longest_unused(in_use);
+  if (!id) return std::nullopt;
+  Topic& topic = topics_[*id - 1U];
+  const std::size_t grows = name.size() - std::min(name.size(), topic.name.size());
+  if (grows > 0 && !may_take(2 * grows)) return std::nullopt;
+  discharge_for(topic.name);
+  ids_.erase(topic.name);
+  topic = {std::string(name), false, false, ++last_use_};
+  ids_.emplace(topic.name, *id);
+  charge_for(topic.name);
   return id;
+}
+
+std::optional<std::uint16_t> TopicTable::longest_unused(
+    std::span<const std::uint16_t> in_use) const {
+  std::optional<std::uint16_t> found;
+  for (std::size_t i = 0; i < topics_.size(); ++i) {
+    const auto id = static_cast<std::uint16_t>(i + 1);
+    if (topics_[i].is_own || std::ranges::find(in_use, id) != in_use.end()) continue;
+    if (!found || topics_[i].used < topics_[*found - 1U].used) found = id;
+  }
+  return found;
 }
 
 const std::string* TopicTable::name_of(std::uint16_t id) const {
@@ -29,16 +56,52 @@ bool TopicTable::is_told(std::uint16_t id) const {
 }
 
 void TopicTable::set_told(std::uint16_t id, bool told) {
-  if (id != 0 && id <= topics_.size()) topics_[id - 1U].is_told = told;
+  if (Topic* topic = find(id)) topic->is_told = told;
 }
 
 void TopicTable::set_all_untold() {
   for (Topic& topic : topics_) topic.is_told = false;
 }
 
+void TopicTable::set_own(std::uint16_t id) {
+  if (Topic* topic = find(id)) topic->is_own = true;
+}
+
+void TopicTable::touch(std::uint16_t id) {
+  if (Topic* topic = find(id)) topic->used = ++last_use_;
+}
+
+void TopicTable::restore(Topic topic) {
+  if (topics_.size() >= limits::max_topics_per_client) return;
+  charge_for(topic.name);
+  topics_.push_back(std::move(topic));
+  ids_.emplace(topics_.back().name, static_cast<std::uint16_t>(topics_.size()));
+}
+
 void TopicTable::clear() {
+  if (budget_) budget_->give_back(std::exchange(octets_, 0));
   topics_.clear();
   ids_.clear();
+}
+
+TopicTable::Topic* TopicTable::find(std::uint16_t id) {
+  return id == 0 || id > topics_.size() ? nullptr : &topics_[id - 1U];
+}
+
+bool TopicTable::may_take(std::size_t octets) const {
+  return !budget_ || budget_->may_take(octets_, octets);
+}
+
+void TopicTable::charge_for(const std::string& name) {
+  if (!budget_) return;
+  octets_ += NameBudget::of_topic(name.size());
+  budget_->take(NameBudget::of_topic(name.size()));
+}
+
+void TopicTable::discharge_for(const std::string& name) {
+  if (!budget_) return;
+  octets_ -= NameBudget::of_topic(name.size());
+  budget_->give_back(NameBudget::of_topic(name.size()));
 }
 
 }  // namespace slamgw::mqttsn

@@ -1,21 +1,36 @@
 // SPDX-License-Identifier: Apache-2.0
 // The normal topic ids of one client (MQTT-SN 1.2 section 6.5): its own numbers (R59), the same for
-// REGISTER and SUBSCRIBE (R61), never changed or reused while the session lives.
+// REGISTER and SUBSCRIBE (R61). An id that the client has asked for or publishes with is never
+// given anew while the session lives; of those that the gateway has made for its deliveries, the
+// longest unused one is, when the table is full.
 #pragma once
 
 #include <cstdint>
 #include <map>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
+
+#include "adapters/mqttsn_udp/clients/name_budget.hpp"
 
 namespace slamgw::mqttsn {
 
 class TopicTable {
  public:
-  /// The id of `name`, assigned on first use: 0x0001 and up. Nothing when the table is full.
-  std::optional<std::uint16_t> assign(std::string_view name);
+  TopicTable() = default;
+  TopicTable(const TopicTable&) = delete;
+  TopicTable& operator=(const TopicTable&) = delete;
+  ~TopicTable() { clear(); }
+
+  /// Names are charged to `budget` from now on, which outlives the table.
+  void charge(NameBudget& budget) { budget_ = &budget; }
+
+  /// The id of `name`, assigned on first use: 0x0001 and up. Nothing when the table is full and no
+  /// id can be given anew; never one that is `in_use`.
+  std::optional<std::uint16_t> assign(std::string_view name,
+                                      std::span<const std::uint16_t> in_use = {});
   /// Nothing for an id that was never given out.
   const std::string* name_of(std::uint16_t id) const;
   std::optional<std::uint16_t> id_of(std::string_view name) const;
@@ -24,18 +39,35 @@ class TopicTable {
   bool is_told(std::uint16_t id) const;
   void set_told(std::uint16_t id, bool told);
   void set_all_untold();
+  /// The client has asked for this id, or uses it: it keeps its meaning.
+  void set_own(std::uint16_t id);
+  /// The gateway publishes with this id.
+  void touch(std::uint16_t id);
 
   struct Topic {
     std::string name;
     bool is_told = false;
+    bool is_own = false;
+    std::uint64_t used = 0;  ///< later uses have larger numbers
   };
   /// In the order of their ids, from 1.
   const std::vector<Topic>& topics() const { return topics_; }
+  /// The next id, from before a restart.
+  void restore(Topic topic);
   void clear();
 
  private:
+  Topic* find(std::uint16_t id);
+  bool may_take(std::size_t octets) const;
+  void charge_for(const std::string& name);
+  void discharge_for(const std::string& name);
+  std::optional<std::uint16_t> longest_unused(std::span<const std::uint16_t> in_use) const;
+
   std::vector<Topic> topics_;
   std::map<std::string, std::uint16_t, std::less<>> ids_;
+  std::uint64_t last_use_ = 0;
+  std::size_t octets_ = 0;  // charged
+  NameBudget* budget_ = nullptr;
 };
 
 }  // namespace slamgw::mqttsn

@@ -98,7 +98,7 @@ void Connecting::on_deadline(TimePoint now) {
     attempt.armed.reset();
     if (attempt.repeats >= context_.settings.retry_count) {  // R27: the client repeats CONNECT
       context_.tally.count(Count::handshakes_given_up);
-      attempts_.erase(*peer);
+      take(*peer);
       continue;
     }
     ++attempt.repeats;
@@ -113,9 +113,21 @@ void Connecting::on_deadline(TimePoint now) {
 
 void Connecting::begin(const Peer& peer, Attempt attempt, TimePoint now) {
   if (is_open(peer)) take(peer);  // R28: from the beginning
-  if (attempts_.size() >= limits::max_handshakes) return refuse_for_room(peer, attempt.local, now);
+  if (!make_room()) return refuse_for_room(peer, attempt.local, now);
+  const bool is_stranger = !context_.clients.find(attempt.connect.client_id);
   Attempt& added = attempts_[peer] = std::move(attempt);
+  if (is_stranger) strangers_.emplace(added.stranger = ++last_stranger_, peer);
   prompt(peer, added, now);
+}
+
+/// Somebody who makes up client ids must not shut out the robots: a handshake takes one round trip,
+/// so the oldest unfinished one of a stranger is the least likely to be honest.
+bool Connecting::make_room() {
+  if (attempts_.size() < limits::max_handshakes) return true;
+  if (strangers_.empty()) return false;
+  context_.tally.count(Count::handshakes_given_up);
+  take(Peer(strangers_.begin()->second));
+  return true;
 }
 
 void Connecting::prompt(const Peer& peer, Attempt& attempt, TimePoint now) {
@@ -132,6 +144,7 @@ Connecting::Attempt Connecting::take(const Peer& peer) {
   const auto found = attempts_.find(peer);
   Attempt attempt = std::move(found->second);
   timers_.disarm(attempt.armed, peer);
+  strangers_.erase(attempt.stranger);
   attempts_.erase(found);
   return attempt;
 }

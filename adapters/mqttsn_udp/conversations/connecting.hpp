@@ -3,6 +3,7 @@
 // session is touched.
 #pragma once
 
+#include <map>
 #include <unordered_map>
 
 #include "adapters/mqttsn_udp/conversations/flood_guard.hpp"
@@ -47,6 +48,7 @@ class Connecting {
     Will will;
     unsigned repeats = 0;
     std::optional<TimePoint> armed;
+    std::uint64_t stranger = 0;  // its key in strangers_; 0: a session is known here
   };
 
   bool is_repetition(const Peer& peer, const Connect& connect, std::uint64_t fingerprint,
@@ -54,6 +56,7 @@ class Connecting {
   void begin(const Peer& peer, Attempt attempt, TimePoint now);
   void prompt(const Peer& peer, Attempt& attempt, TimePoint now);
   Attempt take(const Peer& peer);
+  bool make_room();
   void complete(const Peer& peer, const Attempt& attempt, std::optional<Will> will, TimePoint now);
   void refuse_name(const Peer& peer, const LocalAddress& local, const Connect& connect,
                    TimePoint now);
@@ -67,6 +70,8 @@ class Connecting {
   Refusals& refusals_;
   FloodGuard& guard_;
   std::unordered_map<Peer, Attempt, PeerHash> attempts_;  // at most max_handshakes
+  std::map<std::uint64_t, Peer> strangers_;  // of these, whose client has no session; oldest first
+  std::uint64_t last_stranger_ = 0;
   TimerQueue<Peer> timers_;
 };
 

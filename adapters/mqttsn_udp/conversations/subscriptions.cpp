@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "adapters/mqttsn_udp/clients/topic_ids.hpp"
 #include "adapters/mqttsn_udp/conversations/own_names.hpp"
 #include "adapters/mqttsn_udp/limits.hpp"
 
@@ -29,7 +30,7 @@ void Subscriptions::on_subscribe(ClientSession& session, const Subscribe& reques
   const auto qos = static_cast<Qos>(request.qos);
   subscription = {qos,          request.topic_id_type, wish->topic_id, request.msg_id,
                   std::nullopt, RetainedWait{}};
-  if (is_new) subscribers_[filter].push_back({&session, &subscription});
+  if (is_new) add_subscriber(filter, session, subscription);
   if (request.topic_id_type == TopicIdType::normal) session.topics.set_told(wish->topic_id, true);
   context_.set_dirty(session);
   ask_broker(session, filter, qos, answer, now);
@@ -111,7 +112,16 @@ void Subscriptions::drop(ClientSession& session, const std::string& filter, Time
   unsubscribe_unwanted(filter, now);
 }
 
-void Subscriptions::remove_subscriber(const std::string& filter, const ClientSession& session) {
+void Subscriptions::add_subscriber(const std::string& filter, ClientSession& session,
+                                   Subscription& subscription) {
+  subscribers_[filter].push_back({&session, &subscription});
+  session.filter_octets += NameBudget::of_filter(filter.size());
+  context_.clients.names().take(NameBudget::of_filter(filter.size()));
+}
+
+void Subscriptions::remove_subscriber(const std::string& filter, ClientSession& session) {
+  session.filter_octets -= NameBudget::of_filter(filter.size());
+  context_.clients.names().give_back(NameBudget::of_filter(filter.size()));
   std::vector<Match>& subscribers = subscribers_[filter];
   std::erase_if(subscribers, [&](const Match& match) { return match.session == &session; });
   if (subscribers.empty()) subscribers_.erase(filter);
@@ -147,7 +157,7 @@ void Subscriptions::restore(ClientSession& session, TimePoint now) {
            !context_.policy.may_subscribe(session.client_id, session.robot, entry.first);
   });
   for (auto& [filter, subscription] : session.subscriptions) {
-    subscribers_[filter].push_back({&session, &subscription});
+    add_subscriber(filter, session, subscription);
     requests_.ask(filter, subscription.qos, {}, now);
   }
 }
@@ -183,11 +193,15 @@ Result<Subscriptions::Wish, ReturnCode> Subscriptions::read(ClientSession& sessi
   const bool is_new = !session.subscriptions.contains(*filter);
   if (is_new && session.subscriptions.size() >= limits::max_subscriptions_per_client)
     return ReturnCode::congestion;
+  const std::size_t octets = NameBudget::of_filter(filter->size());
+  if (is_new && !context_.clients.names().may_take(session.filter_octets, octets))
+    return ReturnCode::congestion;
   if (request.topic_id_type == TopicIdType::predefined) return Wish{*filter, request.topic_id};
   if (request.topic_id_type == TopicIdType::short_name || has_wildcard(*filter))
     return Wish{*filter, 0};  // R95, R96
-  const auto id = session.topics.assign(*filter);
+  const auto id = assign_topic(session, *filter);
   if (!id) return ReturnCode::congestion;
+  session.topics.set_own(*id);
   return Wish{*filter, *id};
 }
 

@@ -68,7 +68,9 @@ class Subscriptions {
                      const std::string& filter, TimePoint now) const;
   void ask_broker(ClientSession& session, const std::string& filter, Qos qos, Suback answer,
                   TimePoint now);
-  void remove_subscriber(const std::string& filter, const ClientSession& session);
+  void add_subscriber(const std::string& filter, ClientSession& session,
+                      Subscription& subscription);
+  void remove_subscriber(const std::string& filter, ClientSession& session);
   /// Nobody has the filter any more: tells the broker.
   void unsubscribe_unwanted(const std::string& filter, TimePoint now);
   void notice_refusal(const ClientSession& session, const std::string& filter, TimePoint now);

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "adapters/mqttsn_udp/clients/message_ids.hpp"
+#include "adapters/mqttsn_udp/clients/topic_ids.hpp"
 #include "adapters/mqttsn_udp/conversations/own_names.hpp"
 #include "adapters/mqttsn_udp/limits.hpp"
 
@@ -31,20 +32,23 @@ TopicRegistration::Readiness TopicRegistration::prepare(ClientSession& session,
   Delivery& delivery = session.delivery;
   if (is_set_aside(delivery, outgoing.message->topic)) return Readiness::waits;
   if (outgoing.topic_id_type != TopicIdType::normal) return Readiness::ready;
-  const auto id = session.topics.assign(outgoing.message->topic);
-  if (!id) return Readiness::impossible;
-  if (session.topics.is_told(*id)) return Readiness::ready;
-  const auto open = std::ranges::find(delivery.registering, *id, &Registering::topic_id);
+  const std::string& topic = outgoing.message->topic;
+  const auto known = session.topics.id_of(topic);
+  if (known && session.topics.is_told(*known)) return Readiness::ready;
+  const auto open = std::ranges::find_if(
+      delivery.registering, [&](const Registering& other) { return other.topic_id == known; });
   if (open != delivery.registering.end())
     return open->attempt.is_fresh() ? Readiness::waits_shortly : Readiness::waits;
   const bool is_busy = std::ranges::any_of(
       delivery.registering, [](const Registering& other) { return other.attempt.is_fresh(); });
   if (is_busy) return Readiness::waits_shortly;  // R66
-  if (!context_.may_send(session, 6 + outgoing.message->topic.size())) return Readiness::is_held;
+  if (!context_.may_send(session, 6 + topic.size())) return Readiness::is_held;
   if (delivery.registering.size() >= limits::max_open_registers) {
     if (!outgoing.command) return Readiness::waits;
     delivery.registering.erase(delivery.registering.begin());
   }
+  const auto id = assign_topic(session, topic);
+  if (!id) return Readiness::impossible;
   begin(session, *id, now);
   return Readiness::waits_shortly;
 }
@@ -53,7 +57,7 @@ void TopicRegistration::probe(ClientSession& session, TimePoint now) {
   const std::string topic = probe_topic();
   if (is_set_aside(session.delivery, topic)) return;
   if (!context_.may_send(session, probe_octets())) return;
-  if (const auto id = session.topics.assign(topic)) begin(session, *id, now);
+  if (const auto id = assign_topic(session, topic)) begin(session, *id, now);
 }
 
 std::size_t TopicRegistration::probe_octets() const { return 6 + probe_topic().size(); }
@@ -87,7 +91,9 @@ std::optional<std::uint16_t> TopicRegistration::topic_id(ClientSession& session,
     case TopicIdType::normal:
     case TopicIdType::reserved: break;
   }
-  return session.topics.assign(topic);
+  const auto id = session.topics.id_of(topic);
+  if (id) session.topics.touch(*id);
+  return id;
 }
 
 std::optional<std::string> TopicRegistration::on_regack(ClientSession& session,

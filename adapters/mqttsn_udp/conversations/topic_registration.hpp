@@ -28,7 +28,7 @@ class TopicRegistration {
   /// Registers a short topic, only to learn whether the client receives.
   void probe(ClientSession& session, TimePoint now);
   std::size_t probe_octets() const;
-  /// Of an outgoing message that is ready; assigned on first use.
+  /// Of an outgoing message that is ready, which uses it now.
   static std::optional<std::uint16_t> topic_id(ClientSession& session, const Outgoing& outgoing);
 
   /// The topic that the answer decides about; nothing when nobody waits for it (R68) or the client

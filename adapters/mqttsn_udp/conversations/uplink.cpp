@@ -104,6 +104,7 @@ Result<std::string, ReturnCode> Uplink::topic_of(ClientSession& session, const P
         return ReturnCode::invalid_topic_id;
       }
       topic = *name;
+      if (publish.topic_id_type == TopicIdType::normal) session.topics.set_own(publish.topic_id);
       break;
     }
     case TopicIdType::short_name: topic = short_name(publish.topic_id); break;
