@@ -110,6 +110,7 @@ def from_members(source, members):
         if name in members and name not in ("t_us", "source"):
             setattr(event, name, _as(kind, members[name]))
     event.payload = event.payload or _as(str, members.get("payload_hex"))
+    event.outcome = event.outcome or _as(str, members.get("why"))
     if not event.event and source == GATEWAY:
         event.event = "command" if event.direction == "down" else "arrived"
     if event.bytes is None and event.payload:

@@ -105,7 +105,7 @@ def _intervals(axes, result, events):
     thesis_ms = result["thesis"]["numbers"].get("interval_ms") or result["thesis"]["numbers"].get("spikes_near_ms")
     if thesis_ms and not result["conditions"]["time_compressed"] != 1:
         _thesis_line(axes, thesis_ms, f"thesis: {thesis_ms} ms")
-    axes.set_xlabel("time between two arrivals at the gateway / ms" + _compressed(result))
+    axes.set_xlabel(f"time between two arrivals at the gateway / ms, in bins of {bin_ms:g} ms" + _compressed(result))
     axes.set_ylabel("messages")
 
 
@@ -143,29 +143,36 @@ def _latency(axes, result, events):
         series["of that in the gateway, with the broker"] = measure.pooled(gateway)
     whole = numpy.concatenate(list(series.values()))
     end = float(numpy.percentile(whole, 99.5)) * 1.15 + 1
-    bin_ms = 1 if end < 80 else 5 if end < 400 else end / 80
+    bin_ms = 1 if end < 150 else 5 if end < 750 else 50
     bins = numpy.arange(0, end + 2 * bin_ms, bin_ms)
     colours = [COLOURS[result["mesh"]], SECOND, "#7b3294", "#636363"]
     for index, (name, ones) in enumerate(series.items()):
         mean = float(ones.mean())
         axes.hist(numpy.minimum(ones, end), bins=bins, color=colours[index % 4], alpha=0.75,
                   label=f"{name}: mean {mean:.1f} ms, 99 % within {numpy.percentile(ones, 99):.1f} ms")
-        axes.axvline(mean, color=colours[index % 4], linewidth=1.2)
+        axes.axvline(mean, ymax=0.82, color=colours[index % 4], linewidth=1.2, linestyle=(0, (4, 2)))
     beyond = int(numpy.sum(whole > end))
     axes.set_xlim(0, end + bin_ms)
-    axes.set_ylim(0, axes.get_ylim()[1] * 1.12)
+    axes.set_ylim(0, axes.get_ylim()[1] * (1.12 + 0.08 * len(series)))
     axes.legend(loc="upper right", fontsize=8)
-    axes.set_xlabel(f"{what} / ms" + (f" (the last bar holds {beyond} later ones)" if beyond else ""))
+    later = f"; the last one holds {beyond} later" if beyond else ""
+    axes.set_xlabel(f"{what} / ms, in bins of {bin_ms} ms{later}")
     axes.set_ylabel("messages")
 
 
 def _hop_values(result, events):
-    values, where = _latencies(result, events)
-    return measure.pooled(values), where
+    """(values in ms, what they are). Real robots tell only by probes when a message was first sent."""
+    robots = measure.robot_latencies_ms(events)
+    if robots:
+        return measure.pooled(robots), "PUBLISH to PUBACK, seen by the robot"
+    delays = measure.probe_delays_ms(events)
+    if delays:
+        return measure.pooled(delays), "arrival later than that of the fastest probe"
+    return measure.pooled(measure.gateway_latencies_ms(events, result["conditions"]["type"])), "PUBLISH to PUBACK in the gateway"
 
 
 def _hop_all(axes, result, events):
-    values, where = _hop_values(result, events)
+    values, what = _hop_values(result, events)
     if not len(values):
         return _nothing(axes)
     retry = 8000 / result["conditions"]["time_compressed"]
@@ -178,12 +185,12 @@ def _hop_all(axes, result, events):
         axes.annotate(f"thesis: {8 * times} s\nhere {late} messages", (times * retry, 1), xycoords=("data", "axes fraction"),
                       xytext=(4, -2), textcoords="offset points", va="top", color=THESIS, fontsize=8)
     axes.set_title("8.10  all messages")
-    axes.set_xlabel(f"PUBLISH to PUBACK, seen by the {where} / ms" + _compressed(result))
+    axes.set_xlabel(f"{what} / ms" + _compressed(result))
     axes.set_ylabel("messages")
 
 
 def _hop_first(axes, result, events):
-    values, _ = _hop_values(result, events)
+    values, what = _hop_values(result, events)
     retry = 8000 / result["conditions"]["time_compressed"]
     first = values[values < 0.9 * retry] if len(values) else values
     if not len(first):
@@ -193,7 +200,7 @@ def _hop_first(axes, result, events):
     axes.axvline(first.mean(), color=SECOND, linewidth=1.2, label=f"mean {first.mean():.1f} ms")
     axes.legend(loc="upper right", fontsize=8)
     axes.set_title("8.11  without those that the client repeated")
-    axes.set_xlabel("PUBLISH to PUBACK / ms")
+    axes.set_xlabel(f"{what} / ms")
     axes.set_ylabel("messages")
 
 
@@ -202,10 +209,11 @@ def _hop_repeats(axes, result, events):
     if not client:
         axes.set_title("8.12  repeats for each message")
         return _nothing(axes)
-    totals = collections.Counter(min(9, link[key] + client[key]) for key in client)
-    by_client = collections.Counter(min(9, link[key] + client[key]) for key in client if client[key])
+    totals = collections.Counter(min(9, link.get(key, 0) + client[key]) for key in client)
+    by_client = collections.Counter(min(9, link.get(key, 0) + client[key]) for key in client if client[key])
     numbers = numpy.arange(0, 10)
-    axes.bar(numbers, [totals[n] for n in numbers], color=COLOURS["thread"], label="between two hops only (802.15.4)")
+    of_link = "between two hops only (802.15.4)" if link else "none (those between two hops are not seen here)"
+    axes.bar(numbers, [totals[n] for n in numbers], color=COLOURS["thread"], label=of_link)
     axes.bar(numbers, [by_client[n] for n in numbers], color=SECOND, label="also by the client (MQTT-SN)")
     axes.set_xticks(numbers, [*map(str, numbers[:-1]), "9 or more"])
     axes.legend(loc="upper right", fontsize=8)
@@ -274,12 +282,12 @@ def _compressed(result):
 
 def caption(result):
     """The thesis's result beside the measured one, and what must be known to read the figure."""
-    sentences = [f"Thesis, figure {result['thesis']['figure']}: {result['thesis']['result']}.",
+    sentences = [f"Thesis, {result['thesis']['where']}: {result['thesis']['result']}.",
                  f"Here: {_here(result)}."]
     if result["simulated"]:
         sentences.append(f"Simulated robots and radio, seed {result['conditions']['seed']}.")
     if result["differs"]:
-        sentences.append(f"Less than the thesis: {'; '.join(result['differs'])}.")
+        sentences.append(f"Less than by default: {'; '.join(result['differs'])}.")
     sentences.append(f"The thesis does not tell: {result['thesis']['unknown']}. Chosen: {result['thesis']['chosen']}.")
     if not result["complete"]:
         sentences.append(f"NOT COMPLETE: {result.get('ended_early', 'the run was cut off')}.")
@@ -302,7 +310,7 @@ def _here(result):
                      f"({loss['exact']['share'] or 0:.1%}, exact)")
     if loss["estimate"] and _kind(result) == "intervals" and measured["interval_ms"]:
         if measured["interval_ms"]["p50"] > 7 * result["conditions"]["period_ms"]:
-            parts.append(f"{measured['interval_ms']['mean']:.0f} ms apart on average")
+            parts.append(f"{measured['interval_ms']['mean']:.0f} ms apart on average, {measured['interval_ms']['p50']:.0f} ms at the median")
         else:
             parts.append(f"{loss['estimate']['share']:.1%} lost as estimated from gaps")
     robot = measured["acknowledged_after_ms"]["robot"] or measured["acknowledged_after_ms"]["gateway"]

@@ -106,7 +106,7 @@ def main(version, bin_directory=None, arguments=None):
 def list_experiments():
     for one in catalogue.EXPERIMENTS:
         meshes = " or ".join(figures.MESH_NAMES[mesh] for mesh in one.meshes)
-        print(f"{one.name:17} figure {one.figures:9} {meshes:18} {one.title}")
+        print(f"{one.name:17} {one.where():17} {meshes:18} {one.title}")
         print(f"{'':17} {one.messages} messages each {one.period_ms:g} ms; thesis: {one.thesis}")
     return 0
 

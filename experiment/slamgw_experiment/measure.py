@@ -53,8 +53,13 @@ def probe_delays_ms(events):
 
 
 def repeats_by_message(events):
-    """({message: repeats by the client}, {message: repeats between two hops}), for each message that was sent."""
+    """({message: repeats by the client}, {message: repeats between two hops}), for each message that was sent.
+
+    Without the robots' own record: the repeats that the gateway saw, for each message that arrived.
+    """
     client, link = {}, {}
+    if not any(event.source == ROBOTS for event in events):
+        return _repeats_at_gateway(events), {}
     for event in events:
         key = (event.robot, event.number)
         if event.source != ROBOTS:
@@ -67,6 +72,20 @@ def repeats_by_message(events):
         elif event.event == "link_repeat":
             link[key] = link.get(key, 0) + 1
     return client, link
+
+
+def _repeats_at_gateway(events):
+    """By message id, of which a robot uses each again after 65535 messages."""
+    repeats = {}
+    for event in events:
+        key = (event.robot, event.message_id)
+        if event.source != GATEWAY or not event.message_id or event.direction == "down":
+            continue
+        if event.event == "arrived":
+            repeats.setdefault(key, 0)
+        elif event.event == "repeat":
+            repeats[key] = repeats.get(key, 0) + 1
+    return repeats
 
 
 def statistics(values):
@@ -241,6 +260,7 @@ def measured(events, message_type, period_ms):
     if client:
         result["messages_repeated_by_client"] = {
             str(n): count for n, count in sorted(collections.Counter(client.values()).items())}
+    if link:
         result["messages_repeated_on_link"] = {
             str(n): count for n, count in sorted(collections.Counter(link.values()).items())}
     if message_type == "update" and len(obstacles):

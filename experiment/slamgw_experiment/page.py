@@ -87,7 +87,7 @@ def _figure(directory, result):
             picture = base64.b64encode(file.read()).decode()
     except OSError:
         return f'<p class="none">{html.escape(path)} is missing: slam-gateway-experiment plot {html.escape(directory)}</p>'
-    alt = html.escape(f"{name_of(result)}: thesis figure {result['thesis']['figure']}, {result['thesis']['result']}")
+    alt = html.escape(f"{name_of(result)}: thesis, {result['thesis']['where']}: {result['thesis']['result']}")
     return f'<figure><img alt="{alt}" src="data:image/svg+xml;base64,{picture}"></figure>'
 
 

@@ -162,6 +162,8 @@ class Run:
         members = parse(source, text)
         if members is None:
             return
+        if members.get("event") == "lost":
+            self._note(f"the daemon left out {members.get('lost', 'some')} events, for this program did not read fast enough")
         event = events.from_members(source, members)
         wall_us = events.microseconds_since_1970(event.at) if event.at else None
         event.t_us = self._axis.place(wall_us, read_us) if wall_us is not None else read_us
@@ -256,7 +258,7 @@ class Run:
             "conditions": self._conditions(daemon),
             "incidents": self._incidents,
             "measured": measured,
-            "thesis": {"figure": experiment.figures, "result": experiment.thesis, "numbers": experiment.thesis_numbers,
+            "thesis": {"where": experiment.where(), "result": experiment.thesis, "numbers": experiment.thesis_numbers,
                        "unknown": experiment.unknown, "chosen": experiment.chosen,
                        "messages": experiment.messages, "period_ms": experiment.period_ms},
             "differs": self._differences(asked),

@@ -77,6 +77,11 @@ class Latency(unittest.TestCase):
                   at_robot(9_000_000, "sent", 2)]
         self.assertEqual(list(measure.robot_latencies_ms(events)["r"]), [8030])
 
+    def test_repeats_that_the_gateway_saw_stand_in_for_the_robots_record(self):
+        events = [arrival(0, message_id="1"), arrival(9, message_id="2"),
+                  Event(t_us=20, source=GATEWAY, event="repeat", robot="r", type="update", direction="up", message_id="2")]
+        self.assertEqual(measure.repeats_by_message(events), ({("r", "1"): 0, ("r", "2"): 1}, {}))
+
     def test_probes_need_no_common_clock(self):
         events = [arrival(1_000_000 * n + late, kind="probe", number=n, sender_ms=77_000 + 1000 * n)
                   for n, late in enumerate((5000, 3000, 9000))]

@@ -89,9 +89,23 @@ class All(unittest.TestCase):
             self.assertAlmostEqual(self.result(name)["measured"]["ring"]["radius_cm"], 79, delta=2.5)
 
 
+def child_of(parent, name):
+    """The process id of a child with this name."""
+    for entry in os.listdir("/proc"):
+        try:
+            with open(f"/proc/{entry}/stat", encoding="utf-8") as file:
+                text = file.read()
+        except OSError:
+            continue
+        words = text.rsplit(")", 1)[1].split()
+        if text.split("(", 1)[1].startswith(name) and int(words[1]) == parent:
+            return int(entry)
+    return None
+
+
 class Interrupted(unittest.TestCase):
-    def start(self, out):
-        program = subprocess.Popen([PROGRAM, "run", "ble-unreliable", "--sim", "--out", out], stderr=subprocess.DEVNULL,
+    def start(self, out, *more):
+        program = subprocess.Popen([PROGRAM, "run", "ble-unreliable", "--sim", "--out", out, *more], stderr=subprocess.DEVNULL,
                                    stdout=subprocess.DEVNULL)
         self.addCleanup(lambda: program.poll() is None and program.kill())
         end = time.monotonic() + 60
@@ -119,6 +133,17 @@ class Interrupted(unittest.TestCase):
             with open(os.path.join(out, "result.json"), encoding="utf-8") as file:
                 self.assertGreaterEqual(json.load(file)["measured"]["counts"]["arrived"], 5)
         self.assertEqual(leftovers() - before, set())
+
+    def test_a_broker_that_goes_away_leaves_what_came(self):
+        with tempfile.TemporaryDirectory() as directory:
+            out = os.path.join(directory, "run")
+            program = self.start(out, "--messages", "40")
+            os.kill(child_of(program.pid, "mosquitto"), signal.SIGKILL)
+            self.assertEqual(program.wait(60), 1)
+            result = recount.check(self, out)
+            self.assertFalse(result["complete"])
+            self.assertIn("mosquitto has ended", result["ended_early"])
+            self.assertTrue(any("lost the broker" in one["what"] for one in result["incidents"]))
 
 
 if __name__ == "__main__":
