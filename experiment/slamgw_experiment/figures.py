@@ -113,7 +113,7 @@ def _count_logarithmically(axes):
     axes.set_yscale("log")
     axes.yaxis.set_major_formatter(matplotlib.ticker.FuncFormatter(lambda value, _: f"{value:g}"))
     axes.yaxis.set_minor_formatter(matplotlib.ticker.NullFormatter())
-    axes.set_ylim(0.6, max(20, axes.get_ylim()[1] * 1.6))
+    axes.set_ylim(0.6, max(20, axes.get_ylim()[1] * 2.2))
 
 
 def _thesis_line(axes, x, text):
@@ -287,7 +287,7 @@ def caption(result):
     if result["simulated"]:
         sentences.append(f"Simulated robots and radio, seed {result['conditions']['seed']}.")
     if result["differs"]:
-        sentences.append(f"Less than by default: {'; '.join(result['differs'])}.")
+        sentences.append(f"Not as by default: {'; '.join(result['differs'])}.")
     sentences.append(f"The thesis does not tell: {result['thesis']['unknown']}. Chosen: {result['thesis']['chosen']}.")
     if not result["complete"]:
         sentences.append(f"NOT COMPLETE: {result.get('ended_early', 'the run was cut off')}.")

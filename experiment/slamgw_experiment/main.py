@@ -27,6 +27,7 @@ class Asked:
     compress: float
     format: str
     version: str
+    sim_args: str = ""
 
 
 class Stop:
@@ -173,7 +174,7 @@ def run_one(asked, experiment, mesh, out, version, programs, stop):
     if asked.name == "all":
         messages = min(messages, experiment.messages)
     request = Asked(messages, asked.period_ms or experiment.period_ms, message_type, asked.seed, asked.wait_s, compress,
-                    asked.format, version)
+                    asked.format, version, asked.sim_args)
     if asked.sim:
         site = simulated_site(asked, experiment, mesh, payload, request, programs)
     else:

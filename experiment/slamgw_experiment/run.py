@@ -265,7 +265,7 @@ class Run:
         }
 
     def _differences(self, asked):
-        """In what the run is less than the thesis's."""
+        """In what the run is not the default one."""
         differences = []
         if asked.messages < self._experiment.messages:
             differences.append(f"{asked.messages} messages in place of {self._experiment.messages}")
@@ -274,6 +274,8 @@ class Run:
                                "the radio's own times are not")
         if asked.period_ms != self._experiment.period_ms:
             differences.append(f"a period of {asked.period_ms:g} ms in place of {self._experiment.period_ms:g}")
+        if asked.sim_args:
+            differences.append(f"the simulator with {asked.sim_args}")
         return differences
 
     def _conditions(self, daemon):
