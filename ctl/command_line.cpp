@@ -61,7 +61,8 @@ void add_commands(CLI::App& app, Arguments& a) {
         a.order.answer = Answer::done;
         a.order.request["command"] = "reload";
       });
-  CLI::App* watch = app.add_subcommand("watch", "Robot traffic as it flows, until Ctrl-C");
+  CLI::App* watch =
+      app.add_subcommand("watch", "What happens to each message, as it happens, until Ctrl-C");
   watch->add_option("--robot", a.robot, "Only this robot");
   watch->add_option("--type", a.type, "Only messages of this type");
   watch->callback([&a] {

@@ -15,6 +15,7 @@
 #include "ctl/host/examination.hpp"
 #include "ctl/host/report.hpp"
 #include "ctl/show.hpp"
+#include "ctl/text.hpp"
 #include "daemon/control/wire.hpp"
 
 namespace {
@@ -108,9 +109,21 @@ void print_dead_letters(Connection& connection, Order order) {
   if (is_document) std::cout << "]}\n";
 }
 
+/// Watching for a robot that was never heard is silent: its name may be mistyped.
+void warn_of_unheard(Connection& connection, const nlohmann::json& request) {
+  const auto robot = request.find("robot");
+  if (robot == request.end()) return;
+  const auto heard = connection.ask({{"command", "robots"}, {"robot", *robot}}, answer_patience);
+  if (heard.empty())
+    std::cerr
+        << "slam-gatewayctl: no robot called '" << text_at(request, "robot")
+        << "' has been heard; watching for it (slam-gatewayctl robots lists those that were)\n";
+}
+
 int run(Order order) {
   if (!order.file.empty()) order.request["text"] = read_mesh(order.file);
   Connection connection(order.socket);
+  if (order.answer == Answer::watch) warn_of_unheard(connection, order.request);
   if (order.answer == Answer::dead_letters || order.answer == Answer::exported) {
     print_dead_letters(connection, std::move(order));
     return 0;

@@ -82,7 +82,25 @@ std::string payload_text(const json& event) {
   if (const json& cmd = group_at(event, "cmd"); !cmd.empty())
     return fmt::format("x={} y={}", number_at(cmd, "x"), number_at(cmd, "y"));
   if (event.contains("text")) return "'" + text_at(event, "text") + "'";
-  return text_at(event, "payload_hex");
+  return text_at(event, "payload");
+}
+
+/// What was said, how it came, and how it ended; parts that do not apply are left out.
+std::string event_details(const json& event) {
+  std::vector<std::string> parts;
+  if (event.contains("payload")) parts.push_back(payload_text(event));
+  if (event.contains("message_id"))
+    parts.push_back(fmt::format("#{}", count_at(event, "message_id")));
+  const auto dup = event.find("dup");
+  if (dup != event.end() && *dup == true) parts.emplace_back("dup");
+  if (event.contains("rssi_dbm"))
+    parts.push_back(fmt::format("{} dBm", number_at(event, "rssi_dbm")));
+  if (event.contains("hops")) parts.push_back(fmt::format("{} hops", count_at(event, "hops")));
+  if (event.contains("outcome")) parts.push_back(text_at(event, "outcome"));
+  if (event.contains("latency_us"))
+    parts.push_back(fmt::format("after {:.1f} ms", number_at(event, "latency_us") / 1000));
+  const std::string why = text_at(event, "why");
+  return fmt::format("{}{}{}", fmt::join(parts, " "), why.empty() ? "" : ": ", why);
 }
 
 }  // namespace
@@ -151,12 +169,18 @@ std::string Show::robots(const json& robots) const {
 }
 
 std::string Show::event(const json& event) const {
-  const std::string time = text_at(event, "time");
+  const std::string kind = text_at(event, "event");
+  const std::string time = text_at(event, "at");
+  const std::string clock = time.size() >= 23 ? time.substr(11, 12) : time;  // milliseconds
+  if (kind == "lost")
+    return fmt::format("{} {} {} events: this terminal is too slow for all of them\n", clock,
+                       paint(kind, pad(kind, 12)), count_at(event, "lost"));
   const std::string mesh_name = text_at(event, "mesh");
-  return fmt::format("{} {} {} {} {}  {}\n", time.size() > 11 ? time.substr(11) : time,
-                     pad(text_at(event, "direction"), 4),
+  const std::string details = event_details(event);
+  return fmt::format("{} {} {} {} {}{}{}\n", clock, paint(kind, pad(kind, 12)),
                      pad(mesh_name.empty() ? "-" : mesh_name, 6), pad(text_at(event, "robot"), 12),
-                     pad(text_at(event, "type"), 6), payload_text(event));
+                     details.empty() ? text_at(event, "type") : pad(text_at(event, "type"), 6),
+                     details.empty() ? "" : "  ", details);
 }
 
 std::string Show::outcome(const json& outcome) const {
@@ -171,9 +195,9 @@ std::string Show::paint(std::string_view state, std::string text) const {
   const auto is = [state](std::string_view name) { return state == name; };
   std::string_view colour;
   if (is("up") || is("online") || is("delivered") || is("sent") || is("configured")) colour = "32";
-  if (is("asleep") || is("superseded") || is("provisioned")) colour = "33";
+  if (is("asleep") || is("superseded") || is("provisioned") || is("repeat")) colour = "33";
   if (is("down") || is("offline") || is("timeout") || is("refused") || is("reserved") ||
-      is("refusing"))
+      is("refusing") || is("lost"))
     colour = "31";
   return colour.empty() ? text : fmt::format("\033[{}m{}\033[0m", colour, text);
 }

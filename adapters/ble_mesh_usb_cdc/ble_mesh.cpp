@@ -250,6 +250,16 @@ void BleMesh::transmit_due(Robot& robot, TimePoint now) {
   auto access = robot.commands.next_transmission(now);
   if (!access) return;
   actions_.push(CommandsChanged{});
+  if (is_traced_) {
+    const CommandQueue::UnderWay sent = robot.commands.under_way();
+    emit(MeshStep{.kind = MeshStep::Kind::sent,
+                  .mesh = Mesh::ble,
+                  .robot = robot.id,
+                  .topic = topics_.command_topic(robot.id, sent.command.type),
+                  .wire = {std::nullopt, sent.copies > 1},
+                  .bytes = sent.command.access.size(),
+                  .command = sent.command.id});
+  }
   send(robot, robot.address, std::move(*access), false, now);
 }
 

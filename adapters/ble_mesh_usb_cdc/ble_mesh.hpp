@@ -50,6 +50,7 @@ class BleMesh final : public MeshMachine {
   void on_broker_message(const BrokerMessage& message, CommandId command, TimePoint now) override;
   void on_subscribe_result(const std::string& filter, bool granted, TimePoint now) override;
   void on_broker_link(bool is_up, TimePoint now) override;
+  void on_trace(bool is_on) override { is_traced_ = is_on; }
   void on_stop(TimePoint now) override;
 
   std::optional<MeshAction> next_action() override { return actions_.pop(); }
@@ -96,7 +97,10 @@ class BleMesh final : public MeshMachine {
               std::optional<std::uint8_t> number, TimePoint now);
   SetFilter::Doubt doubt_of(VendorModel model) const;
   void report(const Robot& robot, VendorModel model, const MessageReceived& message,
-              ByteView params, std::uint64_t receipt_id);
+              ByteView params, std::uint64_t receipt_id, std::optional<std::uint8_t> number = {});
+  /// A SET came again and does not go up.
+  void tell_repeat(const Robot& robot, VendorModel model, const MessageReceived& message,
+                   ByteView params, std::optional<std::uint8_t> number);
   void send_status(const Robot& robot, std::uint16_t element, Bytes status, TimePoint now);
   void reject(std::uint16_t source, std::string_view why, TimePoint now);
 
@@ -127,6 +131,7 @@ class BleMesh final : public MeshMachine {
   std::uint64_t last_receipt_ = 0;
   std::uint8_t last_tid_ = 0;
   bool is_stopping_ = false;
+  bool is_traced_ = false;
   Burst reject_burst_;
   Burst full_burst_;
   MeshCounters counters_;

@@ -14,6 +14,7 @@ namespace {
 constexpr Opcode health_current_status = 0x04;
 /// The type whose payload the gateway reads (contract section 5).
 constexpr std::string_view update_type = "update";
+constexpr const char* no_room = "the gateway has no room for it; the robot keeps it";
 
 }  // namespace
 
@@ -75,9 +76,9 @@ void BleMesh::on_set(Robot& robot, VendorModel model, const MessageReceived& mes
   const Duration interval = reliable_interval(ttl, message.payload.size());
   switch (number ? inbox.filter.on_numbered_set(*number, params, now)
                  : inbox.filter.on_set(params, interval, doubt_of(model), now)) {
-    case SetFilter::Verdict::repeat_open: ++counters_.repeats; return;
+    case SetFilter::Verdict::repeat_open: return tell_repeat(robot, model, message, params, number);
     case SetFilter::Verdict::repeat_answered:
-      ++counters_.repeats;
+      tell_repeat(robot, model, message, params, number);
       inbox.filter.on_answered(now);
       return send_status(robot, message.source, inbox.status, now);
     case SetFilter::Verdict::fresh: break;
@@ -91,7 +92,20 @@ void BleMesh::on_set(Robot& robot, VendorModel model, const MessageReceived& mes
   inbox.status = encode_status(model, number);
   open_receipts_.emplace(inbox.open_receipt, std::pair(robot.address, model));
   for (int i = 0; i < inbox.filter.missed(); ++i) report(robot, model, message, params, 0);
-  report(robot, model, message, params, inbox.open_receipt);
+  report(robot, model, message, params, inbox.open_receipt, number);
+}
+
+void BleMesh::tell_repeat(const Robot& robot, VendorModel model, const MessageReceived& message,
+                          ByteView params, std::optional<std::uint8_t> number) {
+  ++counters_.repeats;
+  emit(MeshStep{.kind = MeshStep::Kind::repeat,
+                .mesh = Mesh::ble,
+                .robot = robot.id,
+                .topic = topics_.robot_topic(robot.id, type_of(model)),
+                .qos = Qos::at_least_once,
+                .wire = {number, std::nullopt},
+                .bytes = params.size(),
+                .radio = RadioFacts{message.rssi_dbm, robot.hops(message.ttl), message.ttl}});
 }
 
 void BleMesh::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now) {
@@ -109,11 +123,20 @@ void BleMesh::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimeP
       break;
     case ReceiptOutcome::refused: inbox.filter.on_refused(); break;
   }
+  if (is_traced_) {
+    const bool is_safe = outcome == ReceiptOutcome::safe;
+    emit(MeshStep{.kind = is_safe ? MeshStep::Kind::acknowledged : MeshStep::Kind::refused,
+                  .mesh = Mesh::ble,
+                  .robot = robot.id,
+                  .receipt = {Mesh::ble, receipt_id},
+                  .why = is_safe ? "" : no_room});
+  }
   settle(now);
 }
 
 void BleMesh::report(const Robot& robot, VendorModel model, const MessageReceived& message,
-                     ByteView params, std::uint64_t receipt_id) {
+                     ByteView params, std::uint64_t receipt_id,
+                     std::optional<std::uint8_t> number) {
   ++counters_.reports;
   emit(Report{.mesh = Mesh::ble,
               .robot = robot.id,
@@ -123,7 +146,8 @@ void BleMesh::report(const Robot& robot, VendorModel model, const MessageReceive
               .retain = false,
               .receipt = {Mesh::ble, receipt_id},
               .is_will = false,
-              .radio = RadioFacts{message.rssi_dbm, robot.hops(message.ttl), message.ttl}});
+              .radio = RadioFacts{message.rssi_dbm, robot.hops(message.ttl), message.ttl},
+              .wire = {number, std::nullopt}});
 }
 
 void BleMesh::send_status(const Robot& robot, std::uint16_t element, Bytes status, TimePoint now) {

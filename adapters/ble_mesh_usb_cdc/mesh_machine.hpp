@@ -67,6 +67,8 @@ class MeshMachine {
                                  TimePoint now) = 0;
   virtual void on_subscribe_result(const std::string& filter, bool granted, TimePoint now) = 0;
   virtual void on_broker_link(bool is_up, TimePoint now) = 0;
+  /// Whether every MeshStep is told, or only repeats.
+  virtual void on_trace(bool is_on) = 0;
   /// The daemon ends: no command is taken or waited for any more. What robots were promised to hear
   /// is still sent.
   virtual void on_stop(TimePoint) {}

@@ -31,6 +31,7 @@ class Context {
   ClientTable clients;
   AddressValidation validation;
   Tally tally;
+  bool is_traced = false;  ///< every MeshStep is told, or only repeats
 
   bool is_validated(const ClientSession& session) const;
   /// Whether a message of `octets` (with the 1-octet Length) may go to this client now.

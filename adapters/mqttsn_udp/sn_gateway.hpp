@@ -53,6 +53,8 @@ class SnGateway {
   /// Messages waiting for this robot, the one in flight included.
   std::size_t queued_for(const std::string& robot) const;
 
+  /// Whether every MeshStep is told, or only repeats.
+  void on_trace(bool is_on) { context_.is_traced = is_on; }
   /// The daemon ends: what no session keeps and cannot be delivered any more is refused now.
   void on_stop(TimePoint now);
 

@@ -68,7 +68,15 @@ App::App(Config config, std::string config_file)
       network_watch_(std::make_shared<InterfaceWatch>(io_)),
       broker_log_(broker_uri(config_.broker)),
       traffic_log_(config_.log.traffic),
-      traffic_observers_{&traffic_log_},
+      trace_(
+          scheme_,
+          [this](const std::string& robot, Mesh mesh) {
+            return gateway_.registry().address_of(robot, mesh);
+          },
+          [this](const TraceEvent& event) {
+            if (control_) control_->publish(event);
+          }),
+      traffic_observers_{&traffic_log_, &trace_},
       status_(config_, broker_link_, gateway_, outbox_, meshes_, started_.mono) {}
 
 App::~App() = default;
@@ -103,7 +111,6 @@ void App::start_control() {
   control_ = std::make_unique<ControlServer>(io_, config_.control_socket, *this);
   try {
     control_->start();
-    traffic_observers_.push_back(control_.get());
   } catch (const std::runtime_error& error) {  // robots come before operators
     log_event(Severity::warning,
               fmt::format("control.socket: {}; slam-gatewayctl will not work", error.what()));
@@ -156,7 +163,7 @@ void App::stop() {
   notifier_.stopping();
   log_event(Severity::notice, "slam-gatewayd ends");
   stats_timer_.cancel();
-  traffic_observers_ = {&traffic_log_};
+  on_watched(false);
   control_.reset();
   meshes_.stop_listening();
   gateway_driver_.input([](Gateway& gateway, const Now&) { gateway.on_stop(); });
@@ -222,10 +229,17 @@ void App::perform(DeliverToMeshes& action) { meshes_.deliver(action); }
 
 void App::perform(AnswerSubscribe& action) { meshes_.answer(action); }
 
-void App::perform(CommandOutcome& outcome) { operator_commands_.on_outcome(outcome); }
+void App::perform(CommandOutcome& outcome) {
+  operator_commands_.on_outcome(outcome);
+  for (TrafficObserver* observer : traffic_observers_) observer->on_outcome(outcome, read_clocks());
+}
 
 void App::perform(TrafficEvent& event) {
   for (TrafficObserver* observer : traffic_observers_) observer->on_traffic(event);
+}
+
+void App::perform(MeshStep& step) {
+  for (TrafficObserver* observer : traffic_observers_) observer->on_mesh_step(step, read_clocks());
 }
 
 void App::perform(Notice& notice) { log_notice(notice); }
@@ -244,6 +258,11 @@ void App::perform(WriteToStore& action) { store_.ask(std::move(action)); }
 
 void App::perform(LoadFromStore& action) { store_.ask(action); }
 
+void App::perform(DeliveryStep& step) {
+  for (TrafficObserver* observer : traffic_observers_)
+    observer->on_delivery_step(step, read_clocks());
+}
+
 void App::on_outbox_drained() {
   const bool is_full = outbox_.backlog().is_full();
   if (gateway_.is_store_full() == is_full) return;
@@ -256,7 +275,15 @@ nlohmann::json App::status() {
   return to_json(status_.status(control_ ? control_->counters() : Counters{}, read_clocks().mono));
 }
 
-nlohmann::json App::robots() { return to_json(status_.robots(read_clocks().mono)); }
+nlohmann::json App::robots(const std::optional<std::string>& robot) {
+  return to_json(status_.robots(robot, read_clocks().mono));
+}
+
+void App::on_watched(bool is_watched) {
+  trace_.turn(is_watched);
+  meshes_.trace(is_watched);
+  outbox_driver_.input([&](Outbox& outbox, TimePoint) { outbox.on_trace(is_watched); });
+}
 
 void App::send(const std::string& robot, const std::string& type, Bytes payload,
                std::function<void(nlohmann::json)> done) {

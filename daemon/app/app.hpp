@@ -19,6 +19,7 @@
 #include "daemon/control/control_server.hpp"
 #include "daemon/core/adapter.hpp"
 #include "daemon/core/gateway.hpp"
+#include "daemon/core/trace.hpp"
 #include "daemon/delivery/outbox.hpp"
 #include "daemon/mqtt/upstream.hpp"
 #include "daemon/mqtt/upstream_listener.hpp"
@@ -64,12 +65,14 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   void perform(AnswerSubscribe& action);
   void perform(CommandOutcome& outcome);
   void perform(TrafficEvent& event);
+  void perform(MeshStep& step);
   void perform(Notice& notice);
   // What the outbox leaves:
   void perform(PublishAtBroker& action);
   void perform(FireReceipt& action);
   void perform(WriteToStore& action);
   void perform(LoadFromStore& action);
+  void perform(DeliveryStep& step);
   /// The gateway is told when the store has become full or has room again.
   void on_outbox_drained();
 
@@ -85,7 +88,8 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   void on_message(BrokerMessage message, std::vector<std::uint32_t> subscriptions) override;
 
   nlohmann::json status() override;
-  nlohmann::json robots() override;
+  nlohmann::json robots(const std::optional<std::string>& robot) override;
+  void on_watched(bool is_watched) override;
   void send(const std::string& robot, const std::string& type, Bytes payload,
             std::function<void(nlohmann::json)> done) override;
   void manage_ble(MeshOrder order, OrderDone done) override;
@@ -115,6 +119,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
 
   LinkLog broker_log_;
   TrafficLog traffic_log_;
+  Trace trace_;
   std::unique_ptr<ControlServer> control_;
   std::vector<TrafficObserver*> traffic_observers_;
   OperatorCommands operator_commands_;

@@ -79,6 +79,11 @@ void Meshes::on_broker_link(bool is_up) {
     if (adapter) adapter->on_broker_link(is_up);
 }
 
+void Meshes::trace(bool is_on) {
+  for (const auto& adapter : adapters_)
+    if (adapter) adapter->trace(is_on);
+}
+
 void Meshes::reconfigure(const Config& config, bool has_other_robots, bool has_other_topics) {
   const RobotNames names(config.robots);
   if (thread_ && (has_other_robots || has_other_topics))

@@ -45,6 +45,8 @@ class Meshes {
   void answer(const AnswerSubscribe& action);
   void fire(const Receipt& receipt, ReceiptOutcome outcome);
   void on_broker_link(bool is_up);
+  /// Whether somebody follows messages.
+  void trace(bool is_on);
   /// `robots` and `topics.extra_*` of the configuration, read again.
   void reconfigure(const Config& config, bool has_other_robots, bool has_other_topics);
   void manage_ble(MeshOrder order, OrderDone done);

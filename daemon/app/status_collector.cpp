@@ -101,17 +101,32 @@ Status::Store StatusCollector::store(TimePoint now) const {
           outbox_.store_failures()};
 }
 
-std::vector<RobotStatus> StatusCollector::robots(TimePoint now) const {
+std::vector<RobotStatus> StatusCollector::robots(const std::optional<std::string>& only,
+                                                 TimePoint now) const {
+  const RobotRegistry& registry = gateway_.registry();
   std::vector<RobotStatus> rows;
-  for (const auto& [id, robot] : gateway_.registry().robots()) {
-    const MeshPresence& presence = robot.presence();
-    const MeshAdapter* adapter = meshes_.find(robot.mesh());
-    rows.push_back({id, robot.mesh(), presence.address, presence.presence, presence.since,
-                    robot.last_seen, robot.messages_up, robot.messages_down,
-                    robot.rate.per_second(now), robot.radio,
-                    adapter ? adapter->queued_for(id) : 0});
+  if (only) {
+    if (const Robot* known = registry.find(*only)) rows.push_back(robot(*only, *known, now));
+    return rows;
   }
+  for (const auto& [id, known] : registry.robots()) rows.push_back(robot(id, known, now));
   return rows;
+}
+
+RobotStatus StatusCollector::robot(const std::string& id, const Robot& robot, TimePoint now) const {
+  const MeshPresence& presence = robot.presence();
+  const MeshAdapter* adapter = meshes_.find(robot.mesh());
+  return {id,
+          robot.mesh(),
+          presence.address,
+          presence.presence,
+          presence.since,
+          robot.last_seen,
+          robot.messages_up,
+          robot.messages_down,
+          robot.rate.per_second(now),
+          robot.radio,
+          adapter ? adapter->queued_for(id) : 0};
 }
 
 ServiceState StatusCollector::service_state() const {

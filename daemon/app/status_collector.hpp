@@ -2,6 +2,7 @@
 // Asks the parts of the daemon how they are. Reads only.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -31,11 +32,13 @@ class StatusCollector {
 
   /// `control`: counters of the control socket.
   Status status(Counters control, TimePoint now) const;
-  std::vector<RobotStatus> robots(TimePoint now) const;
+  /// Of all, or of the one with this id.
+  std::vector<RobotStatus> robots(const std::optional<std::string>& only, TimePoint now) const;
   ServiceState service_state() const;
 
  private:
   Status::Broker broker(TimePoint now) const;
+  RobotStatus robot(const std::string& id, const Robot& robot, TimePoint now) const;
   PerMesh<Status::MeshLink> mesh_links() const;
   Status::Store store(TimePoint now) const;
 

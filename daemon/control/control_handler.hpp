@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the control socket asks of the daemon. Implemented by App, and by a fake in tests. Traffic
-// for `watch` goes the other way, as TrafficEvent (daemon/core/traffic_event.hpp), through
-// ControlServer::on_traffic.
+// What the control socket asks of the daemon. Implemented by App, and by a fake in tests. Events
+// for `watch` go the other way, as TraceEvent (daemon/core/trace_event.hpp), through
+// ControlServer::publish.
 #pragma once
 
 #include <functional>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 
 #include "daemon/core/bytes.hpp"
@@ -18,8 +19,10 @@ class ControlHandler {
  public:
   virtual ~ControlHandler() = default;
   virtual nlohmann::json status() = 0;
-  /// An array, a row per robot.
-  virtual nlohmann::json robots() = 0;
+  /// An array, a row per robot; of all, or of the one with this id.
+  virtual nlohmann::json robots(const std::optional<std::string>& robot) = 0;
+  /// The first watcher has come, or the last one has gone.
+  virtual void on_watched(bool is_watched) = 0;
   /// A command downlink. `done` is called once, now or later, with `{"outcome", "after_ms",
   /// "why"}`.
   virtual void send(const std::string& robot, const std::string& type, Bytes payload,

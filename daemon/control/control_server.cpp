@@ -96,14 +96,18 @@ bool ControlServer::has_watchers() const {
                      [](const auto& session) { return session->is_watching(); });
 }
 
-void ControlServer::on_traffic(const TrafficEvent& event) {
-  if (!has_watchers()) return;
+void ControlServer::tell_whether_watched() {
+  const bool is_watched = has_watchers();
+  if (std::exchange(was_watched_, is_watched) != is_watched) handler_.on_watched(is_watched);
+}
+
+void ControlServer::publish(const TraceEvent& event) {
   std::string line;
   const auto sessions = sessions_;  // a session that is cut off leaves the list
   for (const auto& session : sessions) {
     if (!session->wants(event)) continue;
     if (line.empty()) line = control::event_line(event);
-    session->offer(line);
+    session->offer_event(line, event.at);
   }
 }
 
@@ -111,6 +115,7 @@ Counters ControlServer::counters() const {
   return {{"clients", counters_.clients},
           {"clients_refused", counters_.clients_refused},
           {"watchers_dropped", counters_.watchers_dropped},
+          {"events_lost", counters_.events_lost},
           {"bad_requests", counters_.bad_requests}};
 }
 
@@ -143,8 +148,10 @@ void ControlServer::admit(ControlSession::Socket socket) {
   }
   ++counters_.clients;
   auto session = std::make_shared<ControlSession>(
-      std::move(socket), limits_, counters_, handler_, [this](ControlSession& ended) {
+      std::move(socket), limits_, counters_, handler_, [this] { tell_whether_watched(); },
+      [this](ControlSession& ended) {
         std::erase_if(sessions_, [&ended](const auto& each) { return each.get() == &ended; });
+        tell_whether_watched();
       });
   sessions_.push_back(session);
   session->start();

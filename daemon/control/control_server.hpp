@@ -18,13 +18,13 @@
 
 namespace slamgw {
 
-class ControlServer final : public TrafficObserver {
+class ControlServer {
  public:
   /// `handler` must outlive the server.
   ControlServer(boost::asio::io_context& io, std::string path, ControlHandler& handler,
                 ControlLimits limits = {});
   /// As stop().
-  ~ControlServer() override;
+  ~ControlServer();
   ControlServer(const ControlServer&) = delete;
   ControlServer& operator=(const ControlServer&) = delete;
 
@@ -35,14 +35,15 @@ class ControlServer final : public TrafficObserver {
   void stop();
 
   bool has_watchers() const;
-  /// To those that watch.
-  void on_traffic(const TrafficEvent& event) override;
+  /// To those that watch. One that does not keep up loses events and is told how many.
+  void publish(const TraceEvent& event);
   Counters counters() const;
 
  private:
   void accept();
   void on_accept(boost::system::error_code error, ControlSession::Socket socket);
   void admit(ControlSession::Socket socket);
+  void tell_whether_watched();
 
   boost::asio::io_context& io_;
   boost::asio::local::stream_protocol::acceptor acceptor_;
@@ -52,6 +53,7 @@ class ControlServer final : public TrafficObserver {
   const ControlLimits limits_;
   ControlCounters counters_;
   std::vector<std::shared_ptr<ControlSession>> sessions_;
+  bool was_watched_ = false;
   /// Gone with stop(): a completion that was under way already must not touch the server.
   std::shared_ptr<const int> alive_ = std::make_shared<int>();
 };

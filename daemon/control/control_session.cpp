@@ -14,12 +14,14 @@ using boost::system::error_code;
 
 ControlSession::ControlSession(Socket socket, const ControlLimits& limits,
                                ControlCounters& counters, ControlHandler& handler,
+                               std::function<void()> on_watch,
                                std::function<void(ControlSession&)> on_end)
     : socket_(std::move(socket)),
       idle_timer_(socket_.get_executor()),
       limits_(limits),
       counters_(counters),
       handler_(handler),
+      on_watch_(std::move(on_watch)),
       on_end_(std::move(on_end)) {}
 
 void ControlSession::start() { read_line(); }
@@ -31,17 +33,35 @@ void ControlSession::close() {
   idle_timer_.cancel();
 }
 
-bool ControlSession::wants(const TrafficEvent& event) const {
+bool ControlSession::wants(const TraceEvent& event) const {
   return watch_ && (!watch_->robot || *watch_->robot == event.robot) &&
          (!watch_->type || *watch_->type == event.type);
 }
 
 void ControlSession::offer(const std::string& line) {
-  if (writing_.size() + waiting_.size() + line.size() > limits_.queued_bytes) {
+  if (queued() + line.size() > limits_.queued_bytes) {
     ++counters_.watchers_dropped;
     return end();
   }
   waiting_ += line;
+  write_waiting();
+}
+
+void ControlSession::offer_event(const std::string& line, WallTime at) {
+  tell_lost();
+  if (lost_ > 0 || queued() + line.size() > limits_.queued_bytes) {
+    ++counters_.events_lost;
+    ++lost_;
+    lost_at_ = at;
+    return;
+  }
+  waiting_ += line;
+  write_waiting();
+}
+
+void ControlSession::tell_lost() {
+  if (lost_ == 0 || queued() > limits_.queued_bytes / 2) return;
+  waiting_ += control::lost_line(std::exchange(lost_, 0), lost_at_);
   write_waiting();
 }
 
@@ -83,8 +103,8 @@ void ControlSession::perform(const control::StatusRequest&) {
   answer(control::result_line(handler_.status()));
 }
 
-void ControlSession::perform(const control::RobotsRequest&) {
-  answer(control::result_line(handler_.robots()));
+void ControlSession::perform(const control::RobotsRequest& request) {
+  answer(control::result_line(handler_.robots(request.robot)));
 }
 
 void ControlSession::perform(const control::ReloadRequest&) {
@@ -94,6 +114,7 @@ void ControlSession::perform(const control::ReloadRequest&) {
 void ControlSession::perform(const control::WatchRequest& request) {
   answer(control::result_line("watching"));
   watch_ = request;
+  on_watch_();
 }
 
 void ControlSession::perform(MeshOrder& order) {
@@ -141,6 +162,7 @@ void ControlSession::write_waiting() {
 void ControlSession::on_written(error_code error) {
   writing_.clear();
   if (error) return end();
+  tell_lost();
   if (!waiting_.empty()) return write_waiting();
   if (ends_after_answer_) return end();
   if (!watch_) read_line();

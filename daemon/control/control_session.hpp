@@ -21,7 +21,8 @@ struct ControlLimits {
   std::size_t clients = 32;
   /// A line longer than this ends its client; the database of 256 nodes to import is half of it.
   std::size_t request_bytes = std::size_t{1024} * 1024;
-  /// What may wait for a watcher; beyond it the watcher is cut off.
+  /// What may wait for a watcher; beyond it events are lost, and a watcher that asks on without
+  /// reading is cut off.
   std::size_t queued_bytes = std::size_t{1024} * 1024;
   /// A client that does not watch, silent or unanswered for this long, is cut off; but not while an
   /// order is under way.
@@ -32,6 +33,7 @@ struct ControlCounters {
   std::uint64_t clients = 0;
   std::uint64_t clients_refused = 0;
   std::uint64_t watchers_dropped = 0;
+  std::uint64_t events_lost = 0;
   std::uint64_t bad_requests = 0;
 };
 
@@ -39,16 +41,19 @@ class ControlSession : public std::enable_shared_from_this<ControlSession> {
  public:
   using Socket = boost::asio::local::stream_protocol::socket;
 
-  /// `on_end` is called once, when the client has gone or was cut off; not for close().
+  /// `on_watch` is called when the client begins to watch. `on_end` is called once, when the client
+  /// has gone or was cut off; not for close().
   ControlSession(Socket socket, const ControlLimits& limits, ControlCounters& counters,
-                 ControlHandler& handler, std::function<void(ControlSession&)> on_end);
+                 ControlHandler& handler, std::function<void()> on_watch,
+                 std::function<void(ControlSession&)> on_end);
 
   void start();
   void close();
-  bool wants(const TrafficEvent& event) const;
+  bool wants(const TraceEvent& event) const;
   bool is_watching() const { return watch_.has_value(); }
-  /// Queues a line for a watcher, or ends it when too much waits already.
-  void offer(const std::string& line);
+  /// Queues an event for a watcher, or counts it as lost when too much waits already. How many were
+  /// lost is told as soon as half of the room is free.
+  void offer_event(const std::string& line, WallTime at);
 
  private:
   void read_line();
@@ -63,6 +68,10 @@ class ControlSession : public std::enable_shared_from_this<ControlSession> {
   void perform(StoreOrder& order);
   OrderDone answer_order();
   void answer(const std::string& line);
+  /// Queues an answer for a watcher, or ends it when too much waits already.
+  void offer(const std::string& line);
+  void tell_lost();
+  std::size_t queued() const { return writing_.size() + waiting_.size(); }
   void on_written(boost::system::error_code error);
   void write_waiting();
   void arm_idle_timer();
@@ -73,12 +82,15 @@ class ControlSession : public std::enable_shared_from_this<ControlSession> {
   const ControlLimits& limits_;
   ControlCounters& counters_;
   ControlHandler& handler_;
+  std::function<void()> on_watch_;
   std::function<void(ControlSession&)> on_end_;
 
   std::string input_;
   std::string writing_;  // with the kernel now
   std::string waiting_;  // to be written after it
   std::optional<control::WatchRequest> watch_;
+  std::uint64_t lost_ = 0;  // events since the last one that was queued
+  WallTime lost_at_{};
   bool ends_after_answer_ = false;
   bool is_closed_ = false;
 };

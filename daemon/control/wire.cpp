@@ -3,7 +3,7 @@
 
 #include <fmt/format.h>
 
-#include "daemon/core/gateway.hpp"
+#include "daemon/control/trace_json.hpp"
 #include "daemon/core/utf8.hpp"
 
 namespace slamgw::control {
@@ -99,16 +99,8 @@ Result<Request, std::string> parse_store_order(const std::string& command, const
   return Request(DiscardOrder{*choice});
 }
 
-/// An `update` as the core read it, the thesis's command (two int16), text.
-void add_readable(json& out, const TrafficEvent& event) {
-  if (event.update) out["update"] = json::parse(encode_json(*event.update));
-  if (event.type == "cmd" && event.payload.size() == 4) {
-    ByteReader reader(event.payload);
-    out["cmd"]["x"] = reader.read_i16_le();
-    out["cmd"]["y"] = reader.read_i16_le();
-  }
-  const std::string_view text = as_text(event.payload);
-  if (is_printable(text)) out["text"] = text;
+std::string ordered_line(const nlohmann::ordered_json& document) {
+  return document.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n";
 }
 
 }  // namespace
@@ -118,7 +110,7 @@ Result<Request, std::string> parse_request(std::string_view line) {
   const auto command = request.is_object() ? text_of(request, "command") : std::nullopt;
   if (!command) return std::string("a request is a line like {\"command\": \"status\"}");
   if (*command == "status") return Request(StatusRequest{});
-  if (*command == "robots") return Request(RobotsRequest{});
+  if (*command == "robots") return Request(RobotsRequest{text_of(request, "robot")});
   if (*command == "reload") return Request(ReloadRequest{});
   if (*command == "send") return parse_send(request);
   if (*command == "watch")
@@ -135,24 +127,15 @@ std::string order_line(const OrderAnswer& answer) {
   return result_line(json::parse(answer.json, nullptr, false));
 }
 std::string error_line(std::string_view text) { return to_line({{"error", text}}); }
-std::string event_line(const TrafficEvent& event) { return to_line({{"event", to_json(event)}}); }
+std::string event_line(const TraceEvent& event) {
+  return ordered_line({{"event", to_json(event)}});
+}
+std::string lost_line(std::uint64_t count, WallTime at) {
+  return ordered_line({{"event", lost_json(count, at)}});
+}
 
 std::string to_line(const json& json) {
   return json.dump(-1, ' ', false, json::error_handler_t::replace) + "\n";
-}
-
-json to_json(const TrafficEvent& event) {
-  json out{{"time", to_iso8601(event.wall)},
-           {"direction", event.direction == Direction::up ? "up" : "down"},
-           {"mesh", nullptr},
-           {"robot", event.robot},
-           {"type", event.type},
-           {"topic", event.topic},
-           {"qos", static_cast<int>(event.qos)},
-           {"payload_hex", to_hex(event.payload)}};
-  if (event.mesh) out["mesh"] = to_string(*event.mesh);
-  add_readable(out, event);
-  return out;
 }
 
 std::optional<Bytes> parse_hex(std::string_view text) {

@@ -2,7 +2,8 @@
 // The control socket's language: a line of JSON each way. Pure; spoken by ControlServer and
 // slam-gatewayctl.
 //
-//   request   {"command": "status" | "robots" | "reload"}
+//   request   {"command": "status" | "reload"}
+//             {"command": "robots", "robot": optional}
 //             {"command": "watch", "robot": optional, "type": optional}
 //             {"command": "send", "robot": "...", "type": "...", "payload_hex": "..."}
 //             {"command": "ble scan" | "ble nodes" | "ble reset-board"}
@@ -14,7 +15,9 @@
 //             {"command": "store resend" | "store discard", "ids": [...] or "topic": "..." or
 //              "all": true}
 //   answer    {"result": ...} or {"error": "text"}
-//   watch     after its answer, {"event": {...}} for each message until the connection ends
+//   watch     after its answer, {"event": {...}} for each event (trace_json.hpp) until the
+//   connection
+//             ends; what it is too slow for is counted in an event "lost"
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -27,12 +30,15 @@
 #include "daemon/core/mesh_order.hpp"
 #include "daemon/core/result.hpp"
 #include "daemon/core/store_order.hpp"
-#include "daemon/core/traffic_event.hpp"
+#include "daemon/core/trace_event.hpp"
 
 namespace slamgw::control {
 
 struct StatusRequest {};
-struct RobotsRequest {};
+/// Nothing: every robot.
+struct RobotsRequest {
+  std::optional<std::string> robot;
+};
 struct ReloadRequest {};
 /// Nothing: any robot, any type.
 struct WatchRequest {
@@ -55,12 +61,10 @@ std::string result_line(const nlohmann::json& result);
 /// Of an order: its JSON document, or its error.
 std::string order_line(const OrderAnswer& answer);
 std::string error_line(std::string_view text);
-std::string event_line(const TrafficEvent& event);
+std::string event_line(const TraceEvent& event);
+/// In place of `count` events that a watcher was too slow for.
+std::string lost_line(std::uint64_t count, WallTime at);
 std::string to_line(const nlohmann::json& json);
-
-/// `time`, `direction`, `mesh` or null, `robot`, `type`, `topic`, `qos`, `payload_hex`, and as far
-/// as it can be read: `update`, `cmd` (x and y), `text`.
-nlohmann::json to_json(const TrafficEvent& event);
 
 /// Hex digits in pairs, any case; nothing when it is anything else.
 std::optional<Bytes> parse_hex(std::string_view text);

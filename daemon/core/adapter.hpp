@@ -47,6 +47,9 @@ class MeshAdapter {
   /// The link to the broker came or went.
   virtual void on_broker_link(bool is_up) = 0;
 
+  /// Whether somebody follows messages: tells every MeshStep, or only repeats.
+  virtual void trace(bool is_on) = 0;
+
   virtual Counters counters() const = 0;
   /// Whether a command can reach this robot here; nothing when it is not one of this mesh's. A
   /// robot behind a link that is down is offline.

@@ -6,7 +6,6 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
-#include "daemon/core/normalizer.hpp"
 #include "daemon/core/result.hpp"
 
 namespace slamgw {
@@ -72,17 +71,33 @@ void Gateway::handle(Report report, const Now& now) {
 
   Normalized normalized = normalize(own ? own->type : std::string_view{}, std::move(report.payload),
                                     settings_.update_mode);
+  tell_traffic(report, type, normalized, now);
   if (normalized.is_rejected) {
     reject(report, type, robot, std::move(normalized.payload), now);
     return;
   }
   ++traffic_.up;
-  actions_.push(TrafficEvent{Direction::up, report.mesh, report.robot, type, report.topic,
-                             normalized.payload, report.qos, std::move(normalized.update), now.wall,
-                             now.mono, report.receipt});
   actions_.push(Upload{{std::move(report.topic), std::move(normalized.payload), report.qos,
                         report.retain, Provenance{report.mesh, now.wall}},
                        report.receipt});
+}
+
+void Gateway::tell_traffic(const Report& report, const std::string& type,
+                           const Normalized& normalized, const Now& now) {
+  actions_.push(TrafficEvent{.direction = Direction::up,
+                             .mesh = report.mesh,
+                             .robot = report.robot,
+                             .type = type,
+                             .topic = report.topic,
+                             .payload = normalized.payload,
+                             .qos = report.qos,
+                             .update = normalized.update,
+                             .wall = now.wall,
+                             .at = now.mono,
+                             .receipt = report.receipt,
+                             .wire = report.wire,
+                             .radio = report.radio,
+                             .is_rejected = normalized.is_rejected});
 }
 
 void Gateway::reject(const Report& report, std::string_view type, Robot* robot, Bytes payload,
@@ -165,6 +180,8 @@ void Gateway::handle(LinkChange change, const Now&) {
                        Occasion::mesh_link});
 }
 
+void Gateway::handle(MeshStep step, const Now&) { actions_.push(std::move(step)); }
+
 void Gateway::handle(Notice notice, const Now&) { actions_.push(std::move(notice)); }
 
 void Gateway::on_broker_message(BrokerMessage message,
@@ -192,8 +209,17 @@ CommandId Gateway::deliver(BrokerMessage message, const Now& now) {
   Command command{commands_.next_id(), robot, std::string(target->type), carrier_for(robot),
                   message.retain};
   registry_.on_command(robot);
-  actions_.push(TrafficEvent{Direction::down, command.carrier, robot, command.type, message.topic,
-                             message.payload, message.qos, std::nullopt, now.wall, now.mono});
+  actions_.push(TrafficEvent{.direction = Direction::down,
+                             .mesh = command.carrier,
+                             .robot = robot,
+                             .type = command.type,
+                             .topic = message.topic,
+                             .payload = message.payload,
+                             .qos = message.qos,
+                             .update = {},
+                             .wall = now.wall,
+                             .at = now.mono,
+                             .command = command.id});
   deliver_command(command, std::move(message), now);
   return command.id;
 }

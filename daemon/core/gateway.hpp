@@ -12,6 +12,7 @@
 #include "daemon/core/command_ledger.hpp"
 #include "daemon/core/leftover_robots.hpp"
 #include "daemon/core/messages.hpp"
+#include "daemon/core/normalizer.hpp"
 #include "daemon/core/protocol_machine.hpp"
 #include "daemon/core/robot_registry.hpp"
 #include "daemon/core/subscription_table.hpp"
@@ -49,7 +50,7 @@ struct AnswerSubscribe {
 };
 
 using GatewayAction = std::variant<Upload, SubscribeAtBroker, UnsubscribeAtBroker, DeliverToMeshes,
-                                   AnswerSubscribe, CommandOutcome, TrafficEvent, Notice>;
+                                   AnswerSubscribe, CommandOutcome, TrafficEvent, MeshStep, Notice>;
 
 /// Asks a mesh: MeshAdapter::presence_of.
 using PresenceQuery = std::function<std::optional<Presence>(Mesh, const std::string& robot)>;
@@ -112,12 +113,15 @@ class Gateway {
   void handle(UnsubscribeRequest request, const Now& now);
   void handle(CommandOutcome outcome, const Now& now);
   void handle(LinkChange change, const Now& now);
+  void handle(MeshStep step, const Now& now);
   void handle(Notice notice, const Now& now);
   CommandId deliver(BrokerMessage message, const Now& now);
   void deliver_command(const Command& command, BrokerMessage message, const Now& now);
   std::optional<Mesh> carrier_for(const std::string& robot) const;
   void conclude(CommandOutcome outcome);
   void end_leftovers(const Now& now);
+  void tell_traffic(const Report& report, const std::string& type, const Normalized& normalized,
+                    const Now& now);
   void reject(const Report& report, std::string_view type, Robot* robot, Bytes payload,
               const Now& now);
   void announce(const std::string& id, const Robot& robot);

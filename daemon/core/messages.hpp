@@ -54,6 +54,13 @@ struct RadioFacts {
   std::uint8_t ttl = 0;              ///< on arrival
 };
 
+/// What a mesh's protocol says about one message besides its content; nothing where it has no such
+/// field.
+struct WireFacts {
+  std::optional<std::uint16_t> message_id{};
+  std::optional<bool> is_dup{};  ///< sent again, says its sender
+};
+
 /// Up: what a robot said. `topic` is the full topic name (`<prefix>/robot/<robot>/<type>`, or one
 /// that `topics.extra_publish` allows); the mesh's machine has already made sure that this robot
 /// may use it.
@@ -67,6 +74,7 @@ struct Report {
   Receipt receipt;
   bool is_will = false;  ///< said on the robot's behalf: no sign of life
   std::optional<RadioFacts> radio = {};
+  WireFacts wire = {};
 };
 
 /// Where a robot's message came from, told to whoever asks (MQTT 5 user properties).
@@ -139,6 +147,26 @@ struct CommandOutcome {
   std::string why;  ///< empty when delivered or sent
 };
 
+/// What a mesh did with one message, besides reporting it or telling a command's outcome.
+/// `repeat`: a robot's message came again and did not go up; always told, with what is known.
+/// The others are told only while somebody follows messages (MeshAdapter::trace):
+/// `acknowledged`: the robot was told that its message is safe; `refused`: its message was not
+/// taken; `sent`: a message was handed to the radio, once more if `wire.is_dup`.
+struct MeshStep {
+  enum class Kind : std::uint8_t { repeat, acknowledged, refused, sent };
+  Kind kind = Kind::repeat;
+  Mesh mesh = Mesh::thread;
+  std::string robot;
+  std::string topic{};  ///< empty: that of the receipt or the command, or not known
+  std::optional<Qos> qos{};
+  WireFacts wire{};
+  std::optional<std::size_t> bytes{};  ///< of the payload
+  std::optional<RadioFacts> radio{};
+  Receipt receipt{};                    ///< of `acknowledged` and `refused`, where it had one
+  CommandId command = CommandId::none;  ///< of `sent`, when it is one
+  std::string why{};                    ///< it was refused
+};
+
 /// The mesh's own link (the serial board, the UDP sockets) came up or went down; `detail` is for
 /// `status` and the log.
 struct LinkChange {
@@ -172,7 +200,7 @@ struct Notice {
 
 /// What a mesh's machine tells the core.
 using MeshEvent = std::variant<Report, PresenceChange, SignOfLife, SubscribeRequest,
-                               UnsubscribeRequest, CommandOutcome, LinkChange, Notice>;
+                               UnsubscribeRequest, CommandOutcome, LinkChange, MeshStep, Notice>;
 
 /// A named counter for `stats` and `slam-gatewayctl status`; names are snake_case and stable.
 struct Counter {

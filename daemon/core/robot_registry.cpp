@@ -88,4 +88,9 @@ const Robot* RobotRegistry::find(const std::string& robot) const {
   return known != robots_.end() ? &known->second : nullptr;
 }
 
+std::string RobotRegistry::address_of(const std::string& robot, Mesh mesh) const {
+  const Robot* known = find(robot);
+  return known ? known->on_mesh[mesh].address : std::string();
+}
+
 }  // namespace slamgw

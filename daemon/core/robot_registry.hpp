@@ -63,6 +63,8 @@ class RobotRegistry {
   void on_command(const std::string& robot);
 
   const Robot* find(const std::string& robot) const;
+  /// Empty when it was never there.
+  std::string address_of(const std::string& robot, Mesh mesh) const;
   const std::map<std::string, Robot>& robots() const { return robots_; }
   /// How many robots are online, asleep, offline (all meshes considered).
   std::size_t count(Presence presence) const { return counts_[static_cast<std::size_t>(presence)]; }

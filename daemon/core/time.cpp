@@ -19,4 +19,11 @@ std::string to_iso8601_ms(WallTime time) {
                      fmt::gmtime(std::chrono::system_clock::to_time_t(seconds)), ms.count());
 }
 
+std::string to_iso8601_us(WallTime time) {
+  const auto seconds = std::chrono::floor<std::chrono::seconds>(time);
+  const auto us = std::chrono::duration_cast<std::chrono::microseconds>(time - seconds);
+  return fmt::format("{:%Y-%m-%dT%H:%M:%S}.{:06}Z",
+                     fmt::gmtime(std::chrono::system_clock::to_time_t(seconds)), us.count());
+}
+
 }  // namespace slamgw

@@ -27,5 +27,7 @@ struct Now {
 std::string to_iso8601(WallTime time);
 /// `2026-11-21T06:31:07.042Z`
 std::string to_iso8601_ms(WallTime time);
+/// `2026-11-21T06:31:07.042137Z`
+std::string to_iso8601_us(WallTime time);
 
 }  // namespace slamgw

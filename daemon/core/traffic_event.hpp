@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// One robot message as operators see it: in the journal, in `slam-gatewayctl watch`.
+// One robot message as it passes the core, what becomes of it afterwards, and who is told of both:
+// the log, the numbers for each robot, the trace.
 #pragma once
 
 #include <optional>
@@ -24,15 +25,36 @@ struct TrafficEvent {
   WallTime wall{};
   TimePoint at{};     ///< arrival in the gateway
   Receipt receipt{};  ///< on its way up: fires when the broker or the disk has it
+  WireFacts wire{};
+  std::optional<RadioFacts> radio{};
+  CommandId command = CommandId::none;  ///< on its way down, when it is one
+  bool is_rejected = false;             ///< `payload.update` could not read it
 };
 
-/// Told of each robot message that passes, in either direction.
+/// What delivery did with one message of a robot. Told only while somebody follows messages.
+/// `refused`: the broker does not take it, or it was QoS 0 and dropped.
+struct DeliveryStep {
+  enum class Kind : std::uint8_t { stored, published, refused };
+  Kind kind = Kind::published;
+  std::string topic;
+  Qos qos = Qos::at_most_once;
+  std::size_t bytes = 0;  ///< of the payload
+  Mesh mesh = Mesh::thread;
+  Receipt receipt{};  ///< may not be owed, or owed no longer
+  TimePoint submitted{};
+  std::string why{};  ///< it was refused
+};
+
+/// Told of each robot message that passes, in either direction, and what became of it.
 class TrafficObserver {
  public:
   virtual ~TrafficObserver() = default;
   virtual void on_traffic(const TrafficEvent& event) = 0;
   /// The receipt of a message on its way up has fired.
   virtual void on_receipt(const Receipt&, ReceiptOutcome, TimePoint) {}
+  virtual void on_mesh_step(const MeshStep&, const Now&) {}
+  virtual void on_delivery_step(const DeliveryStep&, const Now&) {}
+  virtual void on_outcome(const CommandOutcome&, const Now&) {}
 };
 
 }  // namespace slamgw

@@ -48,7 +48,8 @@ void Outbox::place(Entry entry, TimePoint now, bool is_overdue) {
   if (entry.is_unacknowledged()) {
     if (held_topics().has(entry.message.topic)) {
       entry.is_probe = is_up_ && held_topics().wants_probe(entry.message.topic);
-      return entry.is_probe ? backlog_.queue_behind(std::move(entry)) : drop(entry);
+      return entry.is_probe ? backlog_.queue_behind(std::move(entry))
+                            : drop(entry, "the broker refuses its topic");
     }
     if (!expiry_check_) expiry_check_ = entry.submitted + max_unacknowledged_age;
   } else if (backlog_.can_keep() && (!is_up_ || is_stalled_ || is_behind || is_overdue)) {
@@ -95,36 +96,32 @@ void Outbox::place_all_again(Entries returned, TimePoint now, bool is_overdue, S
 }
 
 /// QoS 0 that is too old, or whose topic the broker does not take.
-void Outbox::drop(const Entry& entry) {
+void Outbox::drop(const Entry& entry, const char* why) {
+  tell(DeliveryStep::Kind::refused, entry, why);
   ++statistics_.dropped;
   queued_bytes_ -= entry.cost();
 }
 
 void Outbox::refuse(const Entry& entry, TimePoint now) {
   queued_bytes_ -= entry.cost();
-  if (const auto count = full_burst_.on_event(now); count && backlog_.is_full()) {
-    actions_.push(Notice{
-        Severity::warning,
-        fmt::format("the store is full ({} bytes, store.max_bytes {}): {} new messages are not "
-                    "acknowledged; robots keep them",
-                    backlog_.bytes(), store_max_bytes_, *count),
-        {}});
-  } else if (count && is_kept_out(entry)) {
-    actions_.push(Notice{
-        Severity::warning,
-        fmt::format("{} new messages are not acknowledged: the broker does not take their topics, "
-                    "and those that wait for it leave no more room",
-                    *count),
-        {}});
-  } else if (count) {
-    actions_.push(Notice{Severity::warning,
-                         fmt::format("{} messages refused: {} MiB wait in memory for the broker",
-                                     *count, queued_bytes_ >> 20),
-                         {}});
+  if (const auto count = full_burst_.on_event(now)) {
+    auto text = fmt::format("{} messages refused: {} MiB wait in memory for the broker", *count,
+                            queued_bytes_ >> 20);
+    if (backlog_.is_full())
+      text = fmt::format(
+          "the store is full ({} bytes, store.max_bytes {}): {} new messages are not "
+          "acknowledged; robots keep them",
+          backlog_.bytes(), store_max_bytes_, *count);
+    else if (is_kept_out(entry))
+      text = fmt::format(
+          "{} new messages are not acknowledged: the broker does not take their "
+          "topics, and those that wait for it leave no more room",
+          *count);
+    actions_.push(Notice{Severity::warning, std::move(text), {}});
   }
   if (!entry.receipt.is_owed()) {
     ++statistics_.dropped;
-    return;
+    return tell(DeliveryStep::Kind::refused, entry, "there is no room for it");
   }
   ++statistics_.refused;
   actions_.push(FireReceipt{entry.receipt, ReceiptOutcome::refused});
@@ -149,7 +146,7 @@ void Outbox::on_link_down(TimePoint now) {
   for (Entry& entry : in_flight_.take_all()) {
     if (entry.row != 0) moved.insert(TopicCounts::slot(entry.message.topic));
     if (entry.is_unacknowledged()) {
-      drop(entry);
+      drop(entry, "the connection to the broker was lost");
     } else if (entry.is_stored) {
       backlog_.give_back(std::move(entry));
     } else if (entry.is_being_copied()) {
@@ -204,7 +201,7 @@ bool Outbox::publish_suspect(TimePoint now) {
   trial_waits_until_.reset();
   Entry entry = backlog_.take_next_held();
   if (entry.is_probe && now - entry.submitted >= max_unacknowledged_age) {
-    drop(entry);
+    drop(entry, "it has waited for the broker for 10 s");
     backlog_.held().on_answered(entry.message.topic, HeldTopics::Answer::neither);
     return true;
   }
@@ -231,7 +228,7 @@ void Outbox::on_lost_alone(Entry entry, TimePoint now) {
   if (entry.is_unacknowledged()) {
     say(refusal_notices_.on_unacknowledged(entry.message,
                                            {0, "the connection is lost when one is sent"}, now));
-    return drop(entry);
+    return drop(entry, "the connection is lost when it is sent");
   }
   if (tries == 1)
     say(refusal_notices_.on_held(topic, {0, "the connection is lost when they are sent"}, now));
@@ -257,6 +254,7 @@ void Outbox::on_published(std::uint64_t sequence, TimePoint now) {
   if (!entry->is_stored) queued_bytes_ -= entry->cost();
   if (!entry->is_unacknowledged()) is_stalled_ = false;
   ++statistics_.published;
+  tell(DeliveryStep::Kind::published, *entry);
   if (entry->receipt.is_owed()) actions_.push(FireReceipt{entry->receipt, ReceiptOutcome::safe});
   if (entry->row != 0) backlog_.forget(*entry, now);
   const auto answer = is_answer ? HeldTopics::Answer::accepted : HeldTopics::Answer::neither;
@@ -284,10 +282,11 @@ void Outbox::on_publish_refused(std::uint64_t sequence, const Refusal& refusal, 
   if (entry.is_unacknowledged()) {
     say(refusal_notices_.on_unacknowledged(entry.message, refusal, now));
     backlog_.held().on_answered(topic, HeldTopics::Answer::neither);
-    drop(entry);
+    drop(entry, "the broker refuses it");
     return proceed(now);
   }
   is_stalled_ = false;
+  tell(DeliveryStep::Kind::refused, entry, "the broker: " + refusal.why);
   backlog_.held().on_answered(
       topic, is_topics_fault ? HeldTopics::Answer::refused : HeldTopics::Answer::neither);
   if (is_topics_fault) hold(topic, refusal, now);
@@ -394,7 +393,7 @@ void Outbox::expire_unacknowledged(TimePoint now) {
   const auto is_too_old = [&](const Entry& entry) {
     if (!entry.is_unacknowledged()) return false;
     if (now - entry.submitted >= max_unacknowledged_age) {
-      drop(entry);
+      drop(entry, "it has waited for the broker for 10 s");
       return true;
     }
     oldest_left = std::min(oldest_left.value_or(entry.submitted), entry.submitted);
@@ -471,17 +470,17 @@ void Outbox::handle(StoreWritten&, TimePoint) {
 }
 
 void Outbox::make_safe(Entry& entry) {
+  tell(DeliveryStep::Kind::stored, entry);
   queued_bytes_ -= entry.cost();
   if (entry.dead_letter != 0) resending_.erase(entry.dead_letter);
-  const Receipt receipt = std::exchange(entry.receipt, Receipt{});
-  if (receipt.is_owed()) actions_.push(FireReceipt{receipt, ReceiptOutcome::safe});
+  const Receipt owed = std::exchange(entry.receipt, Receipt{});
+  if (owed.is_owed()) actions_.push(FireReceipt{owed, ReceiptOutcome::safe});
 }
 
 void Outbox::handle(StoreWriteFailed& failed, TimePoint now) {
   Entries unsaved = backlog_.on_write_failed(now);
-  for (Entry& entry : in_flight_.entries()) {
+  for (Entry& entry : in_flight_.entries())
     if (entry.is_being_copied()) backlog_.abandon_copy(entry);
-  }
   drop_dead_letters(unsaved);
   say(store_trouble_.on_write_failed(failed.why, now));
   place_all_again(std::move(unsaved), now);
@@ -527,6 +526,13 @@ void Outbox::drop_dead_letters(Entries& unsaved) {
     resending_.erase(entry.dead_letter);
     return true;
   });
+}
+
+void Outbox::tell(DeliveryStep::Kind kind, const Entry& entry, std::string why) {
+  if (!is_traced_ || !entry.message.provenance) return;
+  actions_.push(DeliveryStep{kind, entry.message.topic, entry.message.qos,
+                             entry.message.payload.size(), entry.message.provenance->mesh,
+                             entry.receipt, entry.submitted, std::move(why)});
 }
 
 /// The oldest QoS 1 or 2 message that is neither with the broker nor with the store.

@@ -19,6 +19,7 @@
 #include "daemon/core/burst.hpp"
 #include "daemon/core/messages.hpp"
 #include "daemon/core/protocol_machine.hpp"
+#include "daemon/core/traffic_event.hpp"
 #include "daemon/delivery/backlog.hpp"
 #include "daemon/delivery/connection_suspects.hpp"
 #include "daemon/delivery/fair_queue.hpp"
@@ -40,7 +41,7 @@ struct FireReceipt {
 };
 
 using OutboxAction =
-    std::variant<PublishAtBroker, FireReceipt, WriteToStore, LoadFromStore, Notice>;
+    std::variant<PublishAtBroker, FireReceipt, WriteToStore, LoadFromStore, DeliveryStep, Notice>;
 
 class Outbox {
  public:
@@ -94,6 +95,9 @@ class Outbox {
   /// the store. The shell goes on until is_settled(), or as long as it can wait.
   void on_stop(TimePoint now);
 
+  /// Whether somebody follows messages: tells a DeliveryStep for each of robots' messages.
+  void on_trace(bool is_on) { is_traced_ = is_on; }
+
   std::optional<OutboxAction> next_action() { return actions_.pop(); }
   std::optional<TimePoint> deadline() const;
   void on_deadline(TimePoint now);
@@ -131,13 +135,14 @@ class Outbox {
   void handle(ResendDeadLetters& resend, TimePoint now);
   void handle(Notice& notice, TimePoint) { actions_.push(std::move(notice)); }
   void begin_anew(Entries in_memory, TimePoint now);
+  void tell(DeliveryStep::Kind kind, const Entry& entry, std::string why = {});
   void make_safe(Entry& entry);
   void drop_dead_letters(Entries& unsaved);
 
   void place(Entry entry, TimePoint now, bool is_overdue = false);
   void place_all_again(Entries returned, TimePoint now, bool is_overdue = false, Slots moved = {});
   void refuse(const Entry& entry, TimePoint now);
-  void drop(const Entry& entry);
+  void drop(const Entry& entry, const char* why);
   void check_overdue(TimePoint now);
   void save_all(TimePoint now);
   std::optional<TimePoint> oldest_unsaved() const;
@@ -165,6 +170,7 @@ class Outbox {
   bool is_up_ = false;
   bool is_stalled_ = false;  // overdue messages and no acknowledgement: all that is fresh is stored
   bool is_stopping_ = false;
+  bool is_traced_ = false;
   std::uint64_t next_order_ = 1;
   std::uint64_t next_sequence_ = 1;
 

@@ -6,7 +6,7 @@
 namespace slamgw {
 
 void TrafficLog::on_traffic(const TrafficEvent& event) {
-  if (!is_logged(Severity::info)) return;
+  if (event.is_rejected || !is_logged(Severity::info)) return;  // the core warns of those
   const auto line = sampler_.on_traffic(event, event.at);
   if (!line) return;
   const auto entry = awaited_.add(event, {traffic_text(event, *line), traffic_fields(event)});

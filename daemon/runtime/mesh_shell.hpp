@@ -22,6 +22,7 @@ concept MeshProtocolMachine = ProtocolMachine<Machine> &&
   machine.on_broker_message(message, CommandId{}, now);
   machine.on_subscribe_result(text, bool{}, now);
   machine.on_broker_link(bool{}, now);
+  machine.on_trace(bool{});
   machine.on_stop(now);
   { unchanged.presence_of(text) } -> std::same_as<std::optional<Presence>>;
   { unchanged.queued_for(text) } -> std::same_as<std::size_t>;
@@ -46,6 +47,9 @@ class MeshShell : public MeshAdapter {
   }
   void on_broker_link(bool is_up) final {
     input([&](Machine& machine, const Now& now) { machine.on_broker_link(is_up, now); });
+  }
+  void trace(bool is_on) final {
+    input([&](Machine& machine, const Now&) { machine.on_trace(is_on); });
   }
   void stop_listening() override {
     input([](Machine& machine, const Now& now) { machine.on_stop(now); });

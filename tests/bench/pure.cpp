@@ -9,6 +9,7 @@
 #include "adapters/mqttsn_udp/sn_gateway.hpp"
 #include "daemon/core/gateway.hpp"
 #include "daemon/core/normalizer.hpp"
+#include "daemon/core/trace.hpp"
 #include "daemon/delivery/outbox.hpp"
 
 namespace slamgw {
@@ -69,6 +70,34 @@ void route_report(benchmark::State& state) {
   }
 }
 BENCHMARK(route_report)->Arg(10)->Arg(10000);
+
+/// What following messages costs for each of them; `range`: whether somebody listens.
+void trace_message(benchmark::State& state) {
+  const Now now{start, WallTime{1'700'000'000s}};
+  std::uint64_t told = 0;
+  Trace trace(
+      TopicScheme("ntnu-slam", "bench"), [](const std::string&, Mesh) { return std::string(); },
+      [&](const TraceEvent&) { ++told; });
+  trace.turn(state.range(0) != 0);
+  TrafficEvent message{.mesh = Mesh::thread,
+                       .robot = "load-00001",
+                       .type = "update",
+                       .topic = "ntnu-slam/robot/load-00001/update",
+                       .payload = update,
+                       .qos = Qos::at_least_once,
+                       .update = {},
+                       .receipt = {Mesh::thread, 1}};
+  const MeshStep acknowledged{.kind = MeshStep::Kind::acknowledged,
+                              .mesh = Mesh::thread,
+                              .robot = message.robot,
+                              .receipt = message.receipt};
+  for (auto _ : state) {
+    trace.on_traffic(message);
+    trace.on_mesh_step(acknowledged, now);
+    benchmark::DoNotOptimize(told);
+  }
+}
+BENCHMARK(trace_message)->Arg(0)->Arg(1);
 
 /// Submitted, published, acknowledged, its receipt fired.
 void outbox_and_receipt(benchmark::State& state) {

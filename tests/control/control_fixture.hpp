@@ -35,6 +35,7 @@ class FakeHandler : public ControlHandler {
   };
   OrderAnswer reload_answer{R"({"in_force": "log"})", {}};
   std::vector<Sent> sent;
+  std::vector<bool> watched;
   std::vector<Ordered> orders;
   struct StoreOrdered {
     StoreOrder order;
@@ -45,7 +46,14 @@ class FakeHandler : public ControlHandler {
   std::optional<OrderAnswer> order_answer;  ///< given at once when set
 
   nlohmann::json status() override { return status_answer; }
-  nlohmann::json robots() override { return robots_answer; }
+  nlohmann::json robots(const std::optional<std::string>& robot) override {
+    if (!robot) return robots_answer;
+    nlohmann::json found = nlohmann::json::array();
+    for (const auto& row : robots_answer)
+      if (row["id"] == *robot) found.push_back(row);
+    return found;
+  }
+  void on_watched(bool is_watched) override { watched.push_back(is_watched); }
   void send(const std::string& robot, const std::string& type, Bytes payload,
             std::function<void(nlohmann::json)> done) override {
     sent.push_back({robot, type, std::move(payload), std::move(done)});

@@ -13,6 +13,8 @@
 namespace slamgw::test {
 namespace {
 
+using namespace std::chrono_literals;
+
 TEST_F(ControlProgramIo, ShowsTheStatus) {
   start();
   handler.status_answer = json::parse(R"({"version": "1.2.3", "gateway": "g1", "uptime_s": 90000,
@@ -99,12 +101,12 @@ TEST_F(ControlProgramIo, AnswersWhileAnotherClientWatchesAndDoesNotRead) {
   const auto stuck = launch({"watch"});
   ASSERT_TRUE(wait_until([&] { return server->has_watchers(); }));
   stuck->send_signal(SIGSTOP);
-  TrafficEvent event;
+  TraceEvent event;
   event.robot = "r1";
   event.type = "adv";
   event.payload = to_bytes(std::string(1000, 'x'));
-  for (int i = 0; i < 10000 && server->has_watchers(); ++i) server->on_traffic(event);
-  EXPECT_EQ(counter("watchers_dropped"), 1U);
+  for (int i = 0; i < 10000 && counter("events_lost") == 0; ++i) server->publish(event);
+  EXPECT_GT(counter("events_lost"), 0U);
   const auto one = launch({"status", "--json"});
   const auto two = launch({"robots", "--json"});
   EXPECT_EQ(finish(*two).status, 0);
@@ -116,39 +118,61 @@ TEST_F(ControlProgramIo, WatchesDecodedTraffic) {
   start();
   const auto child = launch({"watch", "--robot", "r1"});
   ASSERT_TRUE(wait_until([&] { return server->has_watchers(); }));
-  TrafficEvent event;
+  TraceEvent event;
   event.mesh = Mesh::ble;
   event.robot = "r1";
   event.type = "update";
+  event.at = WallTime{1'700'000'000s + 42137us};
+  event.payload = {1};
   event.update = Update{{10, -20}, {{100, 300}, {-5, 6}}};
-  server->on_traffic(event);
+  event.radio = RadioFacts{-61, 2, 3};
+  server->publish(event);
   event.update->obstacles.clear();
-  server->on_traffic(event);
+  event.radio.reset();
+  event.wire = {17, true};
+  server->publish(event);
   event.update.reset();
-  event.direction = Direction::down;
+  event.payload.reset();
+  event.kind = TraceEvent::Kind::acknowledged;
+  event.latency = 1250us;
+  server->publish(event);
+  event.kind = TraceEvent::Kind::command;
+  event.latency.reset();
+  event.wire = {};
   event.type = "cmd";
   event.payload = {0x78, 0x00, 0xdf, 0xff};
-  server->on_traffic(event);
+  server->publish(event);
   event.type = "run";
   event.payload = to_bytes("start");
-  server->on_traffic(event);
+  server->publish(event);
   event.payload = {0xff, 0x00, 0x1b};
-  server->on_traffic(event);
+  server->publish(event);
+  event.payload.reset();
+  event.kind = TraceEvent::Kind::outcome;
+  event.outcome = CommandResult::timeout;
+  event.why = "silent";
+  server->publish(event);
   event.robot = "other";
-  server->on_traffic(event);
-  const auto has_five_lines = [this] {
+  server->publish(event);
+  const auto has_seven_lines = [this] {
     const std::string out = read_file(file("out"));
-    return std::count(out.begin(), out.end(), '\n') >= 5;
+    return std::count(out.begin(), out.end(), '\n') >= 7;
   };
-  EXPECT_TRUE(wait_until(has_five_lines));
+  EXPECT_TRUE(wait_until(has_seven_lines));
   server->stop();
   const Ended result = finish(*child);
-  EXPECT_EQ(result.out,
-            "00:00:00Z up   ble    r1           update  x=10 y=-20 obstacles=100,300;-5,6\n"
-            "00:00:00Z up   ble    r1           update  x=10 y=-20 obstacles=none\n"
-            "00:00:00Z down ble    r1           cmd     x=120 y=-33\n"
-            "00:00:00Z down ble    r1           run     'start'\n"
-            "00:00:00Z down ble    r1           run     ff001b\n");
+  EXPECT_EQ(
+      result.out,
+      "22:13:20.042 arrived      ble    r1           update  "
+      "x=10 y=-20 obstacles=100,300;-5,6 -61 dBm 2 hops\n"
+      "22:13:20.042 arrived      ble    r1           update  x=10 y=-20 obstacles=none #17 dup\n"
+      "22:13:20.042 acknowledged ble    r1           update  #17 dup after 1.2 ms\n"
+      "22:13:20.042 command      ble    r1           cmd     x=120 y=-33\n"
+      "22:13:20.042 command      ble    r1           run     'start'\n"
+      "22:13:20.042 command      ble    r1           run     ff001b\n"
+      "22:13:20.042 outcome      ble    r1           run     timeout: silent\n");
+  EXPECT_NE(result.err.find("no robot called 'r1' has been heard"), std::string::npos)
+      << result.err;
   EXPECT_EQ(result.status, 1);
   EXPECT_NE(result.err.find("hung up"), std::string::npos) << result.err;
 }
@@ -157,16 +181,16 @@ TEST_F(ControlProgramIo, WatchesAsOneJsonDocumentALine) {
   start();
   const auto child = launch({"--json", "watch", "--type", "adv"});
   ASSERT_TRUE(wait_until([&] { return server->has_watchers(); }));
-  TrafficEvent event;
+  TraceEvent event;
   event.robot = "r1";
   event.type = "adv";
+  event.at = WallTime{1'700'000'000s + 42137us};
   event.payload = to_bytes("hi");
-  server->on_traffic(event);
+  server->publish(event);
   ASSERT_TRUE(wait_until([&] { return read_file(file("out")).ends_with('\n'); }));
   const json line = json::parse(read_file(file("out")));
-  EXPECT_EQ(line["payload_hex"], "6869");
-  EXPECT_EQ(line["text"], "hi");
-  EXPECT_TRUE(line["mesh"].is_null());
+  EXPECT_EQ(line, json::parse(R"({"at": "2023-11-14T22:13:20.042137Z", "event": "arrived",
+      "robot": "r1", "type": "adv", "direction": "up", "payload": "6869", "text": "hi"})"));
 }
 
 TEST_F(ControlProgramIo, SendsPayloadsOfAllKinds) {

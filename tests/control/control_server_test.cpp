@@ -61,8 +61,8 @@ class Client {
   bool is_ended_ = false;
 };
 
-TrafficEvent event_of(const std::string& robot, const std::string& type) {
-  TrafficEvent event;
+TraceEvent event_of(const std::string& robot, const std::string& type) {
+  TraceEvent event;
   event.mesh = Mesh::thread;
   event.robot = robot;
   event.type = type;
@@ -144,9 +144,9 @@ TEST_F(ControlServerIo, GivesWatchersWhatTheyAskedFor) {
   EXPECT_EQ(ask(all, R"({"command": "watch"})")["result"], "watching");
   ask(some, R"({"command": "watch", "robot": "b", "type": "update"})");
   EXPECT_TRUE(server->has_watchers());
-  server->on_traffic(event_of("a", "update"));
-  server->on_traffic(event_of("b", "adv"));
-  server->on_traffic(event_of("b", "update"));
+  server->publish(event_of("a", "update"));
+  server->publish(event_of("b", "adv"));
+  server->publish(event_of("b", "update"));
   for (const auto* topic : {"a/update", "b/adv", "b/update"}) {
     ASSERT_TRUE(wait_until([&] { return all.has_line(); }));
     EXPECT_EQ(all.line["event"]["topic"], std::string("ntnu-slam/robot/") + topic);
@@ -154,6 +154,7 @@ TEST_F(ControlServerIo, GivesWatchersWhatTheyAskedFor) {
   ASSERT_TRUE(wait_until([&] { return some.has_line(); }));
   EXPECT_EQ(some.line["event"]["type"], "update");
   EXPECT_EQ(some.line["event"]["text"], "hello");
+  EXPECT_EQ(handler.watched, std::vector{true});
   EXPECT_FALSE(some.has_line());
 }
 
@@ -164,24 +165,44 @@ TEST_F(ControlServerIo, NoticesThatAWatcherHasGone) {
     ask(client, R"({"command": "watch"})");
   }
   EXPECT_TRUE(wait_until([&] { return !server->has_watchers(); }));
+  EXPECT_EQ(handler.watched, (std::vector{true, false}));
 }
 
-TEST_F(ControlServerIo, CutsOffAWatcherThatDoesNotReadAndKeepsTheOthers) {
+TEST_F(ControlServerIo, TellsASlowWatcherHowManyEventsItHasLostAndKeepsTheOthers) {
   start({.queued_bytes = 4096});
-  Client stuck(io, path);
+  Client slow(io, path);
   Client reader(io, path);
-  ask(stuck, R"({"command": "watch"})");
+  ask(slow, R"({"command": "watch"})");
   ask(reader, R"({"command": "watch"})");
-  // Each of these reaches the reader before the next; only the stuck one's kernel buffer fills.
-  for (int i = 0; i < 100000 && counter("watchers_dropped") == 0; ++i) {
-    server->on_traffic(event_of("r", "update"));
+  // Each of these reaches the reader before the next; only the slow one's kernel buffer fills.
+  std::uint64_t published = 0;
+  while (published < 100000 && counter("events_lost") < 5) {
+    server->publish(event_of("r", "update"));
+    ++published;
     ASSERT_TRUE(wait_until([&] { return reader.has_line(); }));
   }
-  EXPECT_EQ(counter("watchers_dropped"), 1U);
-  EXPECT_TRUE(server->has_watchers());
-  server->on_traffic(event_of("r", "last"));
-  EXPECT_TRUE(
-      wait_until([&] { return reader.has_line() && reader.line["event"]["type"] == "last"; }));
+  const std::uint64_t lost = counter("events_lost");
+  EXPECT_EQ(lost, 5U);
+  std::uint64_t seen = 0;
+  while (!slow.line.contains("event") || slow.line["event"]["event"] != "lost") {
+    ASSERT_TRUE(wait_until([&] { return slow.has_line(); }));
+    seen += 1;
+  }
+  EXPECT_EQ(slow.line["event"]["lost"], lost);
+  EXPECT_EQ(seen - 1 + lost, published) << "each event is told or counted";
+  server->publish(event_of("r", "last"));
+  EXPECT_TRUE(wait_until([&] { return slow.has_line() && slow.line["event"]["type"] == "last"; }));
+}
+
+TEST_F(ControlServerIo, CutsOffAWatcherThatAsksOnAndDoesNotRead) {
+  start({.queued_bytes = 4096});
+  handler.status_answer = {{"text", std::string(2000, 'x')}};
+  Client stuck(io, path);
+  ask(stuck, R"({"command": "watch"})");
+  EXPECT_TRUE(wait_until([&] {
+    stuck.write("{\"command\": \"status\"}\n");
+    return counter("watchers_dropped") == 1;
+  }));
 }
 
 TEST_F(ControlServerIo, CutsOffASilentClientButNoWatcher) {

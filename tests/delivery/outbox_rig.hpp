@@ -159,6 +159,7 @@ class OutboxRig {
   /// By topic and number of a refused message: those of its topic that were under way then. A
   /// broker that takes them has changed the order itself.
   std::map<std::pair<std::string, std::string>, std::set<std::string>> may_overtake;
+  std::vector<DeliveryStep> steps;
   std::vector<std::string> notices;
 
   static std::string number_in(const BrokerMessage& message) {
@@ -176,6 +177,7 @@ class OutboxRig {
   void perform(FireReceipt& fire) { fired[fire.receipt.id].push_back(fire.outcome); }
   void perform(WriteToStore& write) { store.ask(std::move(write)); }
   void perform(LoadFromStore& load) { store.ask(load); }
+  void perform(DeliveryStep& step) { steps.push_back(std::move(step)); }
   void perform(Notice& notice) { notices.push_back(notice.text); }
 };
 

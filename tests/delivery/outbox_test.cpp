@@ -27,6 +27,37 @@ TEST_F(OutboxTest, FiresAReceiptOnlyWhenTheBrokerHasTheMessage) {
   EXPECT_EQ(outbox->queued_bytes(), 0u);
 }
 
+TEST_F(OutboxTest, TellsWhatBecomesOfRobotsMessagesWhileItIsTraced) {
+  const auto submit_from_robot = [&](std::uint64_t receipt, Qos qos) {
+    outbox->submit({"t", {1}, qos, false, Provenance{Mesh::ble, {}}}, {Mesh::ble, receipt}, now);
+    drain();
+  };
+  link_up();
+  submit_from_robot(1, Qos::at_least_once);
+  acknowledge_all();
+  EXPECT_TRUE(steps.empty()) << "nobody listens";
+  outbox->on_trace(true);
+  submit("own", 2);  // the gateway's own
+  submit_from_robot(3, Qos::at_least_once);
+  acknowledge_all();
+  ASSERT_EQ(steps.size(), 1u);
+  EXPECT_EQ(steps[0].kind, DeliveryStep::Kind::published);
+  EXPECT_EQ(steps[0].receipt, (Receipt{Mesh::ble, 3}));
+  link_down();
+  submit_from_robot(4, Qos::at_least_once);
+  serve_store();
+  submit_from_robot(0, Qos::at_most_once);
+  ASSERT_EQ(steps.size(), 2u);
+  EXPECT_EQ(steps[1].kind, DeliveryStep::Kind::stored);
+  EXPECT_EQ(steps[1].receipt, (Receipt{Mesh::ble, 4}));
+  now += 11s;
+  outbox->on_deadline(now);
+  drain();
+  ASSERT_EQ(steps.size(), 3u);
+  EXPECT_EQ(steps[2].kind, DeliveryStep::Kind::refused);
+  EXPECT_EQ(steps[2].qos, Qos::at_most_once);
+}
+
 TEST_F(OutboxTest, KeepsTheWindowAndTheOrder) {
   link_up();
   std::vector<std::string> expected;

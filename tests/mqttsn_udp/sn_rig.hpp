@@ -59,6 +59,7 @@ class SnRig {
   std::set<std::string> listening;           ///< the gateway's own, for commands
   std::vector<UnsubscribeRequest> unsubscribes;
   std::vector<CommandOutcome> outcomes;
+  std::vector<MeshStep> steps;
   std::vector<Notice> notices;
   unsigned signs_of_life = 0;
 

@@ -48,6 +48,53 @@ TEST(SnGateway, R71_AcknowledgesQos1OnlyWhenTheMessageIsSafe) {
   EXPECT_TRUE(rig.is_silent(1)) << "a receipt fires once";
 }
 
+TEST(SnGateway, TellsOfRepeatsAlwaysAndOfTheRestWhileItIsTraced) {
+  UplinkRig rig;
+  rig.publish(1, 1, 1, 7);
+  EXPECT_EQ(rig.reports.at(0).wire.message_id, 7);
+  EXPECT_EQ(rig.reports.at(0).wire.is_dup, false);
+  rig.send_octets(
+      1, encode(Publish{true, WireQos::one, false, TopicIdType::normal, 1, 7, to_bytes("hi")}));
+  rig.receipt(1);
+  ASSERT_EQ(rig.steps.size(), 1U);
+  EXPECT_EQ(rig.steps[0].kind, MeshStep::Kind::repeat);
+  EXPECT_EQ(rig.steps[0].topic, own_topic);
+  EXPECT_EQ(rig.steps[0].wire.message_id, 7);
+  EXPECT_EQ(rig.steps[0].wire.is_dup, true);
+
+  rig.gateway.on_trace(true);
+  rig.steps.clear();
+  rig.publish(1, 1, 1, 8);
+  rig.receipt(2);
+  rig.publish(1, 99, 1, 9);  // an id that is not registered
+  rig.publish(1, 1, 1, 10);
+  rig.receipt(3, ReceiptOutcome::refused);
+  ASSERT_EQ(rig.steps.size(), 3U);
+  EXPECT_EQ(rig.steps[0].kind, MeshStep::Kind::acknowledged);
+  EXPECT_EQ(rig.steps[0].receipt, (Receipt{Mesh::thread, 2}));
+  EXPECT_EQ(rig.steps[1].kind, MeshStep::Kind::refused);
+  EXPECT_EQ(rig.steps[1].wire.message_id, 9);
+  EXPECT_EQ(rig.steps[1].why, "its topic id is not registered");
+  EXPECT_EQ(rig.steps[2].kind, MeshStep::Kind::refused);
+  EXPECT_EQ(rig.steps[2].receipt, (Receipt{Mesh::thread, 3}));
+}
+
+TEST(SnGateway, TellsOfEachTransmissionWhileItIsTraced) {
+  UplinkRig rig;
+  rig.subscribe(1, "ntnu-slam/server/r1/cmd");
+  rig.gateway.on_trace(true);
+  rig.broker("ntnu-slam/server/r1/cmd", "hi", 1);
+  rig.pass_s(3);
+  ASSERT_GE(rig.steps.size(), 2U);
+  EXPECT_EQ(rig.steps[0].kind, MeshStep::Kind::sent);
+  EXPECT_EQ(rig.steps[0].topic, "ntnu-slam/server/r1/cmd");
+  EXPECT_NE(rig.steps[0].command, CommandId::none);
+  EXPECT_EQ(rig.steps[0].wire.is_dup, false);
+  EXPECT_EQ(rig.steps[1].wire.is_dup, true);
+  EXPECT_EQ(rig.steps[1].wire.message_id, rig.steps[0].wire.message_id);
+  EXPECT_EQ(rig.steps[1].command, rig.steps[0].command);
+}
+
 TEST(SnGateway, R72_SaysThatAnIdIsUnknownAtAnyQos) {
   UplinkRig rig;
   for (const unsigned qos : {0U, 1U, 2U}) {

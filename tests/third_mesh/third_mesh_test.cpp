@@ -67,6 +67,7 @@ class ZigbeeMachine {
   }
   void on_subscribe_result(const std::string&, bool granted, const Now&) { granted_ += granted; }
   void on_broker_link(bool, const Now&) {}
+  void on_trace(bool) {}
   void on_stop(const Now&) {}
   std::optional<Presence> presence_of(const std::string& robot) const {
     return robots_.contains(robot) ? std::optional(Presence::online) : std::nullopt;
@@ -120,26 +121,24 @@ class ThirdMesh : public testing::Test, private MeshListener {
     driver.input([&](Gateway& it, const Now& now) { it.on_mesh_event(std::move(event), now); });
   }
   void perform(GatewayAction& action) {
-    std::visit(overloaded{[&](Upload& it) {
-                            if (it.receipt.is_owed())
-                              mesh.on_receipt(it.receipt.id, ReceiptOutcome::safe);
-                            at_broker.push_back(std::move(it.message));
-                          },
-                          [&](SubscribeAtBroker& it) {
-                            driver.input([&](Gateway& g, const Now&) {
-                              g.on_subscribe_result(it.filter, true);
-                            });
-                          },
-                          [&](DeliverToMeshes& it) {
-                            mesh.on_broker_message(it.message, it.command_on(Mesh::zigbee));
-                          },
-                          [&](AnswerSubscribe& it) {
-                            if (it.mesh == Mesh::zigbee)
-                              mesh.on_subscribe_result(it.filter, it.granted);
-                          },
-                          [&](TrafficEvent& it) { traffic.push_back(traffic_text(it, {})); },
-                          [](UnsubscribeAtBroker&) {}, [](CommandOutcome&) {}, [](Notice&) {}},
-               action);
+    std::visit(
+        overloaded{
+            [&](Upload& it) {
+              if (it.receipt.is_owed()) mesh.on_receipt(it.receipt.id, ReceiptOutcome::safe);
+              at_broker.push_back(std::move(it.message));
+            },
+            [&](SubscribeAtBroker& it) {
+              driver.input([&](Gateway& g, const Now&) { g.on_subscribe_result(it.filter, true); });
+            },
+            [&](DeliverToMeshes& it) {
+              mesh.on_broker_message(it.message, it.command_on(Mesh::zigbee));
+            },
+            [&](AnswerSubscribe& it) {
+              if (it.mesh == Mesh::zigbee) mesh.on_subscribe_result(it.filter, it.granted);
+            },
+            [&](TrafficEvent& it) { traffic.push_back(traffic_text(it, {})); },
+            [](UnsubscribeAtBroker&) {}, [](CommandOutcome&) {}, [](MeshStep&) {}, [](Notice&) {}},
+        action);
   }
   void robot_says(const std::string& robot, Bytes payload) {
     mesh.input([&](ZigbeeMachine& it, const Now&) { it.on_frame(robot, std::move(payload)); });

@@ -41,6 +41,7 @@ class CobsMesh final : public MeshMachine {
   void on_broker_message(const BrokerMessage& message, CommandId command, TimePoint now) override;
   void on_subscribe_result(const std::string& filter, bool granted, TimePoint now) override;
   void on_broker_link(bool is_up, TimePoint now) override;
+  void on_trace(bool) override {}  // nothing is sent, and acknowledging is the frame's own affair
 
   std::optional<MeshAction> next_action() override { return actions_.pop(); }
   std::optional<TimePoint> deadline() const override;

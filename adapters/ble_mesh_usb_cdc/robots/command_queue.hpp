@@ -55,6 +55,12 @@ class CommandQueue {
 
   /// What to send now, if anything.
   std::optional<Bytes> next_transmission(TimePoint now);
+  /// The command that next_transmission() gave last, and how often it did.
+  struct UnderWay {
+    const Command& command;
+    int copies;
+  };
+  UnderWay under_way() const { return {outstanding_->entry.command, outstanding_->copies}; }
   std::optional<TimePoint> deadline() const;
   /// Appends those that have not ended.
   void list(const std::string& robot, std::vector<OpenCommand>& open) const;

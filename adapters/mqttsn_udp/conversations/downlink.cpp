@@ -178,6 +178,17 @@ void Downlink::transmit(ClientSession& session, const Outgoing& outgoing, std::u
   context_.send(session,
                 Publish{is_dup, static_cast<WireQos>(outgoing.qos), outgoing.message->retain,
                         outgoing.topic_id_type, topic_id, msg_id, outgoing.message->payload});
+  if (!context_.is_traced) return;
+  const bool has_id = outgoing.qos != Qos::at_most_once;
+  context_.emit(
+      MeshStep{.kind = MeshStep::Kind::sent,
+               .mesh = Mesh::thread,
+               .robot = session.robot,
+               .topic = outgoing.message->topic,
+               .qos = outgoing.qos,
+               .wire = {has_id ? std::optional(msg_id) : std::nullopt, outgoing.msg_id != 0},
+               .bytes = outgoing.message->payload.size(),
+               .command = outgoing.command ? outgoing.command->id : CommandId::none});
 }
 
 void Downlink::on_address(ClientSession& session) {

@@ -9,6 +9,28 @@
 #include "adapters/mqttsn_udp/limits.hpp"
 
 namespace slamgw::mqttsn {
+namespace {
+
+WireFacts wire_facts(const Publish& publish) {
+  const bool has_id = publish.qos == WireQos::one || publish.qos == WireQos::two;
+  return {has_id ? std::optional(publish.msg_id) : std::nullopt, publish.dup};
+}
+
+Qos qos_of(const Publish& publish) {
+  return publish.qos == WireQos::minus_one ? Qos::at_most_once : static_cast<Qos>(publish.qos);
+}
+
+std::string_view reason_of(ReturnCode code) {
+  switch (code) {
+    case ReturnCode::accepted: break;
+    case ReturnCode::congestion: return "too many of its messages wait for the broker";
+    case ReturnCode::invalid_topic_id: return "its topic id is not registered";
+    case ReturnCode::not_supported: return "it may not publish to this topic";
+  }
+  return {};
+}
+
+}  // namespace
 
 void Uplink::on_publish(ClientSession& session, Publish publish, TimePoint now) {
   Result<std::string, ReturnCode> topic = topic_of(session, publish, now);
@@ -17,9 +39,14 @@ void Uplink::on_publish(ClientSession& session, Publish publish, TimePoint now) 
     case WireQos::zero:
     case WireQos::minus_one:
       context_.tally.count(Count::published_up);
-      return context_.emit(Report{Mesh::thread, session.robot, std::move(*topic),
-                                  std::move(publish.payload), Qos::at_most_once, publish.retain,
-                                  Receipt{Mesh::thread, 0}});
+      return context_.emit(Report{.mesh = Mesh::thread,
+                                  .robot = session.robot,
+                                  .topic = std::move(*topic),
+                                  .payload = std::move(publish.payload),
+                                  .qos = Qos::at_most_once,
+                                  .retain = publish.retain,
+                                  .receipt = {},
+                                  .wire = wire_facts(publish)});
     case WireQos::one: return publish_once(session, std::move(publish), std::move(*topic), now);
     case WireQos::two:
       return publish_exactly_once(session, std::move(publish), std::move(*topic), now);
@@ -120,7 +147,7 @@ void Uplink::publish_once(ClientSession& session, Publish publish, std::string t
                           TimePoint now) {
   const std::uint64_t mark = fingerprint(publish);
   if (const auto* known = session.repeats.find(publish.msg_id, mark, now)) {
-    context_.tally.count(Count::repeats_suppressed);
+    tell_repeat(session, publish, std::move(topic));
     if (known->receipt_id == 0)
       context_.send(session, Puback{publish.topic_id, publish.msg_id, ReturnCode::accepted});
     return;
@@ -139,7 +166,7 @@ void Uplink::publish_exactly_once(ClientSession& session, Publish publish, std::
   const auto known = session.inbound_qos2.find(publish.msg_id);
   const bool is_open = known != session.inbound_qos2.end() && known->second.fingerprint == mark;
   if (is_open || session.repeats.find(publish.msg_id, mark, now)) {
-    context_.tally.count(Count::repeats_suppressed);
+    tell_repeat(session, publish, std::move(topic));
     const bool is_safe = !is_open || known->second.receipt_id == 0;
     if (is_safe) context_.send(session, Pubrec{publish.msg_id});
     return;
@@ -160,8 +187,25 @@ void Uplink::report(ClientSession& session, Publish publish, std::string topic) 
   open_[id] = {context_.clients.weak(session), qos, publish.topic_id, publish.msg_id};
   ++session.open_receipts;
   context_.tally.count(Count::published_up);
-  context_.emit(Report{Mesh::thread, session.robot, std::move(topic), std::move(publish.payload),
-                       qos, publish.retain, Receipt{Mesh::thread, id}});
+  context_.emit(Report{.mesh = Mesh::thread,
+                       .robot = session.robot,
+                       .topic = std::move(topic),
+                       .payload = std::move(publish.payload),
+                       .qos = qos,
+                       .retain = publish.retain,
+                       .receipt = {Mesh::thread, id},
+                       .wire = wire_facts(publish)});
+}
+
+void Uplink::tell_repeat(const ClientSession& session, const Publish& publish, std::string topic) {
+  context_.tally.count(Count::repeats_suppressed);
+  context_.emit(MeshStep{.kind = MeshStep::Kind::repeat,
+                         .mesh = Mesh::thread,
+                         .robot = session.robot,
+                         .topic = std::move(topic),
+                         .qos = qos_of(publish),
+                         .wire = wire_facts(publish),
+                         .bytes = publish.payload.size()});
 }
 
 void Uplink::on_safe(ClientSession& session, std::uint64_t receipt_id, const Open& open) {
@@ -180,6 +224,11 @@ void Uplink::on_safe(ClientSession& session, std::uint64_t receipt_id, const Ope
   } else {
     context_.send(session, Pubrec{open.msg_id});
   }
+  if (!context_.is_traced) return;
+  context_.emit(MeshStep{.kind = MeshStep::Kind::acknowledged,
+                         .mesh = Mesh::thread,
+                         .robot = session.robot,
+                         .receipt = {Mesh::thread, receipt_id}});
 }
 
 /// Not acknowledged, so the robot keeps it; its repetition is a new message.
@@ -193,9 +242,24 @@ void Uplink::on_refused(ClientSession& session, std::uint64_t receipt_id, const 
   const bool is_said = (was_qos1 || was_qos2) && !context_.is_full_silent();
   if (is_said && session.is_connected())
     context_.send(session, Puback{open.topic_id, open.msg_id, ReturnCode::congestion});
+  if (!context_.is_traced) return;
+  context_.emit(MeshStep{.kind = MeshStep::Kind::refused,
+                         .mesh = Mesh::thread,
+                         .robot = session.robot,
+                         .receipt = {Mesh::thread, receipt_id},
+                         .why = "the gateway has no room for it; the robot keeps it"});
 }
 
 void Uplink::refuse(ClientSession& session, const Publish& publish, ReturnCode code) {
+  if (context_.is_traced) {
+    context_.emit(MeshStep{.kind = MeshStep::Kind::refused,
+                           .mesh = Mesh::thread,
+                           .robot = session.robot,
+                           .qos = qos_of(publish),
+                           .wire = wire_facts(publish),
+                           .bytes = publish.payload.size(),
+                           .why = std::string(reason_of(code))});
+  }
   if (code == ReturnCode::congestion && context_.is_full_silent()) return;
   context_.send(session, Puback{publish.topic_id, publish.msg_id, code});
 }

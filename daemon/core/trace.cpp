@@ -1,0 +1,155 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/core/trace.hpp"
+
+namespace slamgw {
+namespace {
+
+using std::chrono::duration_cast;
+using std::chrono::microseconds;
+
+TraceEvent::Kind kind_of(MeshStep::Kind kind) {
+  switch (kind) {
+    case MeshStep::Kind::repeat: return TraceEvent::Kind::repeat;
+    case MeshStep::Kind::acknowledged: return TraceEvent::Kind::acknowledged;
+    case MeshStep::Kind::refused: return TraceEvent::Kind::refused;
+    case MeshStep::Kind::sent: return TraceEvent::Kind::sent;
+  }
+  return {};
+}
+
+TraceEvent::Kind kind_of(DeliveryStep::Kind kind) {
+  switch (kind) {
+    case DeliveryStep::Kind::stored: return TraceEvent::Kind::stored;
+    case DeliveryStep::Kind::published: return TraceEvent::Kind::published;
+    case DeliveryStep::Kind::refused: return TraceEvent::Kind::refused;
+  }
+  return {};
+}
+
+}  // namespace
+
+Trace::Key Trace::key_of(CommandId command) {
+  return {all_meshes.size(), static_cast<std::uint64_t>(command)};
+}
+
+void Trace::turn(bool is_on) {
+  is_on_ = is_on;
+  followed_.clear();
+  order_.clear();
+}
+
+void Trace::on_traffic(const TrafficEvent& event) {
+  if (!is_on_) return;
+  const bool is_up = event.direction == Direction::up;
+  if (is_up && event.receipt.is_owed()) follow(key_of(event.receipt), event);
+  if (!is_up && event.command != CommandId::none) follow(key_of(event.command), event);
+  tell({.kind = is_up ? TraceEvent::Kind::arrived : TraceEvent::Kind::command,
+        .at = event.wall,
+        .direction = event.direction,
+        .mesh = event.mesh,
+        .robot = event.robot,
+        .topic = event.topic,
+        .type = event.type,
+        .qos = event.qos,
+        .wire = event.wire,
+        .bytes = event.payload.size(),
+        .radio = event.radio,
+        .command = event.command,
+        .update = event.update,
+        .payload = event.payload});
+}
+
+void Trace::on_mesh_step(const MeshStep& step, const Now& now) {
+  if (!is_on_) return;
+  const bool is_down = step.kind == MeshStep::Kind::sent;
+  const Key key = is_down ? key_of(step.command) : key_of(step.receipt);
+  TraceEvent event{.kind = kind_of(step.kind),
+                   .at = now.wall,
+                   .direction = is_down ? Direction::down : Direction::up,
+                   .mesh = step.mesh,
+                   .robot = step.robot,
+                   .topic = step.topic,
+                   .qos = step.qos,
+                   .wire = step.wire,
+                   .bytes = step.bytes,
+                   .radio = step.radio,
+                   .command = step.command,
+                   .why = step.why};
+  complete(event, find(key), now.mono);
+  if (!is_down) followed_.erase(key);  // acknowledged or refused: its last event
+  tell(std::move(event));
+}
+
+void Trace::on_delivery_step(const DeliveryStep& step, const Now& now) {
+  if (!is_on_) return;
+  TraceEvent event{.kind = kind_of(step.kind),
+                   .at = now.wall,
+                   .direction = Direction::up,
+                   .mesh = step.mesh,
+                   .topic = step.topic,
+                   .qos = step.qos,
+                   .bytes = step.bytes,
+                   .latency = duration_cast<microseconds>(now.mono - step.submitted),
+                   .why = step.why};
+  complete(event, find(key_of(step.receipt)), now.mono);
+  tell(std::move(event));
+}
+
+void Trace::on_outcome(const CommandOutcome& outcome, const Now& now) {
+  if (!is_on_) return;
+  const Key key = key_of(outcome.id);
+  TraceEvent event{.kind = TraceEvent::Kind::outcome,
+                   .at = now.wall,
+                   .direction = Direction::down,
+                   .mesh = outcome.mesh,
+                   .robot = outcome.robot,
+                   .topic = scheme_.command_topic(outcome.robot, outcome.type),
+                   .type = outcome.type,
+                   .command = outcome.id,
+                   .outcome = outcome.result,
+                   .why = outcome.why};
+  complete(event, find(key), now.mono);
+  if (!event.latency) event.latency = outcome.after;
+  followed_.erase(key);
+  tell(std::move(event));
+}
+
+void Trace::follow(const Key& key, const TrafficEvent& event) {
+  if (order_.size() >= max_followed) {
+    followed_.erase(order_.front());
+    order_.pop_front();
+  }
+  order_.push_back(key);
+  followed_.insert_or_assign(key, Followed{event.robot, event.topic, event.type, event.qos,
+                                           event.wire, event.payload.size(), event.at});
+}
+
+const Trace::Followed* Trace::find(const Key& key) const {
+  const auto found = followed_.find(key);
+  return found == followed_.end() ? nullptr : &found->second;
+}
+
+void Trace::complete(TraceEvent& event, const Followed* followed, TimePoint now) const {
+  if (followed) {
+    if (event.robot.empty()) event.robot = followed->robot;
+    // A payload that cannot be read goes up under another topic than it came.
+    event.type = followed->type;
+    if (event.topic.empty()) event.topic = followed->topic;
+    if (!event.qos) event.qos = followed->qos;
+    if (!event.wire.message_id) event.wire.message_id = followed->wire.message_id;
+    if (!event.bytes) event.bytes = followed->bytes;
+    event.latency = duration_cast<microseconds>(now - followed->at);
+    return;
+  }
+  const auto parsed = event.direction == Direction::up ? scheme_.parse_robot_topic(event.topic)
+                                                       : scheme_.parse_command_topic(event.topic);
+  if (event.type.empty()) event.type = parsed ? std::string(parsed->type) : event.topic;
+  if (event.robot.empty() && parsed) event.robot = parsed->robot;
+}
+
+void Trace::tell(TraceEvent event) {
+  if (event.mesh && !event.robot.empty()) event.address = address_of_(event.robot, *event.mesh);
+  sink_(event);
+}
+
+}  // namespace slamgw

@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: Apache-2.0
+// Follows each message from its arrival to its acknowledgement and each command to its outcome:
+// joins what the core, the meshes and delivery tell into one stream of TraceEvents. Pure. While it
+// is off, each call costs one test of a flag.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <map>
+#include <string>
+#include <utility>
+
+#include "daemon/core/topic_scheme.hpp"
+#include "daemon/core/trace_event.hpp"
+
+namespace slamgw {
+
+class Trace final : public TrafficObserver {
+ public:
+  /// Messages and commands that are followed at once; the oldest is forgotten first, and its later
+  /// events lack what only its arrival told.
+  static constexpr std::size_t max_followed = 65536;
+
+  using Sink = std::function<void(const TraceEvent&)>;
+  /// The robot's address on this mesh; empty when it is not known.
+  using AddressOf = std::function<std::string(const std::string& robot, Mesh mesh)>;
+
+  Trace(TopicScheme scheme, AddressOf address_of, Sink sink)
+      : scheme_(std::move(scheme)), address_of_(std::move(address_of)), sink_(std::move(sink)) {}
+
+  /// Off: forgets everything.
+  void turn(bool is_on);
+  bool is_on() const { return is_on_; }
+  std::size_t followed() const { return followed_.size(); }
+
+  void on_traffic(const TrafficEvent& event) override;
+  void on_mesh_step(const MeshStep& step, const Now& now) override;
+  void on_delivery_step(const DeliveryStep& step, const Now& now) override;
+  void on_outcome(const CommandOutcome& outcome, const Now& now) override;
+
+ private:
+  /// What only the arrival tells.
+  struct Followed {
+    std::string robot;
+    std::string topic;
+    std::string type;
+    Qos qos = Qos::at_most_once;
+    WireFacts wire;
+    std::size_t bytes = 0;
+    TimePoint at{};
+  };
+  /// A receipt of a mesh, or a command.
+  using Key = std::pair<std::size_t, std::uint64_t>;
+
+  static Key key_of(const Receipt& receipt) { return {index_of(receipt.mesh), receipt.id}; }
+  static Key key_of(CommandId command);
+  void follow(const Key& key, const TrafficEvent& event);
+  const Followed* find(const Key& key) const;
+  /// Fills in what the step did not tell.
+  void complete(TraceEvent& event, const Followed* followed, TimePoint now) const;
+  void tell(TraceEvent event);
+
+  TopicScheme scheme_;
+  AddressOf address_of_;
+  Sink sink_;
+  bool is_on_ = false;
+  std::map<Key, Followed> followed_;
+  std::deque<Key> order_;  ///< of arrival; at most max_followed, may name what has ended
+};
+
+}  // namespace slamgw
