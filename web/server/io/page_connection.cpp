@@ -17,6 +17,7 @@ constexpr std::chrono::seconds handshake_limit{10};
 
 PageConnection::PageConnection(beast::tcp_stream stream, PageHub& hub)
     : socket_(std::move(stream)), hub_(hub), session_(hub.new_session()) {
+  hub_.count_connection();
   beast::get_lowest_layer(socket_).expires_never();  // the WebSocket has limits of its own
   socket_.set_option(websocket::stream_base::timeout{handshake_limit, silence_limit, true});
   socket_.set_option(websocket::stream_base::decorator([](websocket::response_type& response) {
@@ -26,7 +27,10 @@ PageConnection::PageConnection(beast::tcp_stream stream, PageHub& hub)
   socket_.read_message_max(max_page_message);
 }
 
-PageConnection::~PageConnection() { hub_.leave(*this); }
+PageConnection::~PageConnection() {
+  hub_.leave(*this);
+  hub_.count_end();
+}
 
 void PageConnection::accept(const beast::http::request<beast::http::empty_body>& request) {
   socket_.async_accept(request, [self = shared_from_this()](beast::error_code error) {

@@ -113,10 +113,15 @@ void PageHub::on_message(const BrokerMessage& message) {
 }
 
 void PageHub::keep(const BrokerMessage& message, const SharedText& text) {
-  if (message.payload.empty())
-    known_.forget(message.topic);  // a retained message was taken back
-  else
+  if (!message.payload.empty()) {
     known_.keep(message.topic, text);
+    return;
+  }
+  known_.forget(message.topic);  // a retained message was taken back
+  const auto [gateway, rest] = topics_.gateway_topic(message.topic);
+  if (rest != "state") return;
+  for (const char* each : {"stats", "numbers"})
+    known_.forget(fmt::format("{}/gateway/{}/{}", topics_.prefix(), gateway, each));
 }
 
 void PageHub::on_broker(bool is_up, const std::string& why) {

@@ -37,7 +37,10 @@ class PageHub {
   PageHub(boost::asio::io_context& io, const Config& config, std::string token,
           std::string version);
 
-  bool has_room() const { return pages_.size() < max_pages; }
+  /// Counted from its request on, so that many at once do not pass together.
+  bool has_room() const { return connections_ < max_pages; }
+  void count_connection() { ++connections_; }
+  void count_end() { --connections_; }
   /// The page gets what is known; then everything as it comes, until leave().
   void join(Page& page);
   void leave(Page& page);
@@ -65,6 +68,7 @@ class PageHub {
   OutcomeCounts outcomes_;
   OwnNumbers own_;
   std::uint64_t dropped_by_gone_ = 0;
+  std::size_t connections_ = 0;
   std::set<Page*> pages_;
   std::deque<std::pair<int, std::string>> sent_;  ///< topics of the newest commands
   BrokerLink link_;

@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: Apache-2.0
+// Small steps of making and changing elements. Text goes in as text only.
+export const $ = (id) => document.getElementById(id);
+
+export function element(name, attributes = {}, ...children) {
+  const made = document.createElement(name);
+  for (const [key, value] of Object.entries(attributes)) if (value !== null) made.setAttribute(key, value);
+  made.append(...children);
+  return made;
+}
+export function svg(name, attributes = {}, ...children) {
+  const made = document.createElementNS('http://www.w3.org/2000/svg', name);
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  made.append(...children);
+  return made;
+}
+export function setText(node, text) {
+  if (node.textContent !== text) node.textContent = text;
+}
+// As many children as there are items, old ones used again.
+export function keep(parent, count, make) {
+  while (parent.children.length < count) parent.append(make());
+  while (parent.children.length > count) parent.lastElementChild.remove();
+}
+
+export function save(name, blob) {
+  const url = URL.createObjectURL(blob);
+  element('a', { href: url, download: name }).click();
+  setTimeout(() => URL.revokeObjectURL(url), 10000);
+}
+// A field of CSV; what a spreadsheet would take for a formula is made text.
+export function csv(value) {
+  const text = String(value);
+  const safe = typeof value === 'string' && /^[=+\-@\t]/.test(text) ? `'${text}` : text;
+  return /[",\n\r]/.test(safe) ? `"${safe.replaceAll('"', '""')}"` : safe;
+}
+export const stamp = () => new Date().toISOString().slice(0, 19).replace(/[:T]/g, '-');
+
+let timer = 0;
+export function toast(text) {
+  setText($('toast'), text);
+  $('toast').classList.add('on');
+  clearTimeout(timer);
+  timer = setTimeout(() => $('toast').classList.remove('on'), 4000);
+}
+
+// A canvas ready to draw on in CSS pixels, or null when it has no size.
+export function surface(canvas) {
+  const ratio = Math.min(devicePixelRatio || 1, 2);
+  const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+  if (!width || !height) return null;
+  if (canvas.width !== Math.round(width * ratio)) canvas.width = Math.round(width * ratio);
+  if (canvas.height !== Math.round(height * ratio)) canvas.height = Math.round(height * ratio);
+  const context = canvas.getContext('2d');
+  context.setTransform(ratio, 0, 0, ratio, 0, 0);
+  context.clearRect(0, 0, width, height);
+  return { context, width, height };
+}
+export const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();

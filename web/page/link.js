@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+// The WebSocket: mirrors the broker's topics to `listener.onMessage`, comes back by itself.
+// A token is told as the first message, never in a URL; it stays in this tab's session.
+const PAUSES_MS = [300, 1000, 2000, 5000];
+const TOKEN = 'slamgw-token';
+
+export class Link {
+  constructor(listener) {
+    this.listener = listener;
+    this.tries = 0;
+    this.connect();
+  }
+
+  connect() {
+    const scheme = location.protocol === 'https:' ? 'wss://' : 'ws://';
+    const socket = new WebSocket(scheme + location.host + '/api');
+    this.socket = socket;
+    socket.onopen = () => {
+      this.tries = 0;
+      if (sessionStorage.getItem(TOKEN)) this.say('$web/token', sessionStorage.getItem(TOKEN));
+      this.listener.onOpen();
+    };
+    socket.onmessage = (event) => {
+      const message = JSON.parse(event.data);
+      if (message.topic === '$web/token' && !message.payload.accepted) sessionStorage.removeItem(TOKEN);
+      this.listener.onMessage(message);
+    };
+    socket.onclose = () => {
+      this.listener.onClose();
+      setTimeout(() => this.connect(), PAUSES_MS[Math.min(this.tries++, PAUSES_MS.length - 1)]);
+    };
+  }
+
+  unlock(token) {
+    sessionStorage.setItem(TOKEN, token);
+    return this.say('$web/token', token);
+  }
+  lock() {
+    sessionStorage.removeItem(TOKEN);
+    this.socket.close();
+  }
+
+  // Whether it could be said. `encoding`: "text" or "hex".
+  say(topic, payload, encoding = 'text') {
+    if (this.socket.readyState !== WebSocket.OPEN) return false;
+    this.socket.send(JSON.stringify({ topic, payload, encoding }));
+    return true;
+  }
+}

@@ -1,0 +1,285 @@
+// SPDX-License-Identifier: Apache-2.0
+// Wires link, model and views; keys, theme, dialogs.
+import { encodeCmd } from './decode.js';
+import { $, csv, element, keep, save, setText, stamp, toast } from './dom.js';
+import { Link } from './link.js';
+import { WorldMap, words } from './map.js';
+import { Model } from './model.js';
+import { RobotsView, problems } from './robots.js';
+import { TraceView } from './trace.js';
+
+const VIEWS = ['map', 'robots', 'trace'];
+const TABLES_MS = 500;
+const byName = new Intl.Collator(undefined, { numeric: true }).compare;
+
+const model = new Model();
+const map = new WorldMap($('world'), model, {
+  choose,
+  drive: (robot, place) => send(robot, 'cmd', place),
+  hover: (place) => setText($('where'), place ? `${place.x.toFixed(0)}, ${place.y.toFixed(0)} cm` : ''),
+  covered: () => {
+    const side = $('side').getBoundingClientRect();
+    const isBelow = innerWidth <= 700;
+    return { left: isBelow ? 0 : side.width + 14, top: 56, bottom: isBelow ? side.height : 0 };
+  },
+});
+const robotsView = new RobotsView(model, (id) => {
+  show('map');
+  choose(model.robots.get(id));
+});
+const traceView = new TraceView(model);
+model.onRay = (...ray) => map.grid.ray(...ray);
+model.onMessage = (row) => traceView.take(row);
+model.onOutcome = (robot, command) => {
+  if (!robot || (robot !== map.chosen && command.outcome !== 'delivered')) toast(`${robot ? `${robot.id}: ` : ''}${words(command)}`);
+  if (robot === map.chosen) drawPilot();
+  map.change();
+};
+
+const link = new Link({
+  onOpen: () => { model.isOpen = true; drawLink(); },
+  onClose: () => { model.isOpen = false; model.maySend = false; drawLink(); },
+  onMessage: (message) => {
+    model.take(message);
+    if (message.topic.startsWith('$web/')) takeOwn(message);
+    map.change();
+  },
+});
+
+function takeOwn({ topic, payload }) {
+  drawLink();
+  if (topic !== '$web/token') return;
+  setText($('token-words'), payload.accepted ? '' : payload.why);
+  if (payload.accepted) $('token-dialog').close();
+  map.choose(map.chosen);
+  drawPilot();
+}
+
+// ---- commands
+function send(robot, type, place) {
+  if (!model.maySend) {
+    if (model.takesToken) askToken();
+    else toast('This page only watches: web.token_file is not set.');
+    return null;
+  }
+  const at = typeof place === 'object' ? robot.fromRoom(place.x, place.y) : null;
+  if (at && Math.max(Math.abs(at.x), Math.abs(at.y)) > 32767) return toast('A robot cannot be sent that far: 327 m from where it started.'), null;
+  const command = { type, text: at ? `go to ${at.x}, ${at.y}` : place, begun: performance.now() };
+  const topic = `${model.prefix}/server/${robot.id}/${type}`;
+  const isSaid = at ? link.say(topic, encodeCmd(at.x, at.y), 'hex') : link.say(topic, place);
+  if (!isSaid) return toast('The page has no connection.'), null;
+  model.expect(robot, command);
+  drawPilot();
+  return command;
+}
+function choose(robot) {
+  map.choose(robot ?? null);
+  drawList();
+  drawPilot();
+}
+function step(by) {
+  const robots = sorted().filter((robot) => robot.isShown);
+  if (robots.length) choose(robots[(robots.indexOf(map.chosen) + by + robots.length) % robots.length]);
+}
+
+// ---- the list beside the map
+const sorted = () => [...model.robots.values()].sort((a, b) => byName(a.id, b.id));
+function drawList() {
+  const wanted = $('find').value.toLowerCase();
+  const robots = sorted().filter((robot) => robot.id.toLowerCase().includes(wanted));
+  $('find').hidden = model.robots.size < 12;
+  $('empty').hidden = robots.some((robot) => robot.pose);
+  keep($('list'), robots.length, () => {
+    const swatch = element('input', { type: 'checkbox' });
+    return element('li', {}, swatch, element('button', { type: 'button' }, element('span', { class: 'name' }), element('span', { class: 'muted' })));
+  });
+  const now = model.now();
+  robots.forEach((robot, i) => {
+    const line = $('list').children[i];
+    const [box, button] = line.children;
+    line.robot = robot;
+    line.toggleAttribute('data-chosen', robot === map.chosen);
+    line.className = robot.state === 'offline' ? 'gone' : '';
+    box.checked = robot.isShown;
+    box.style.accentColor = `rgb(${robot.colour})`;
+    if (box.ariaLabel !== `Show ${robot.id}`) box.ariaLabel = `Show ${robot.id}`;
+    button.ariaPressed = robot === map.chosen;
+    setText(button.firstChild, robot.id);
+    setText(button.lastChild, robot.state === 'online' || robot.state === 'unknown' ? `${robot.pulse.rate(now).toFixed(1)}/s` : robot.state);
+  });
+}
+$('list').addEventListener('change', (event) => {
+  event.target.closest('li').robot.isShown = event.target.checked;
+  map.change();
+});
+$('list').addEventListener('click', (event) => {
+  const robot = event.target.closest('button') && event.target.closest('li').robot;
+  if (robot) choose(robot === map.chosen ? null : robot);
+});
+
+function drawPilot() {
+  const robot = map.chosen;
+  $('pilot').hidden = !robot;
+  if (!robot) return;
+  setText($('pilot-name'), robot.id);
+  setText($('pilot-pose'), robot.pose ? `${robot.pose.x.toFixed(0)}, ${robot.pose.y.toFixed(0)} cm` : '');
+  setText($('pilot-hint'), !robot.best ? 'No gateway serves it: commands will not arrive.' : model.maySend ? 'Click on the map to send it there.' : model.takesToken ? 'To send commands, unlock this page.' : 'This page only watches.');
+  keep($('outcomes'), robot.outcomes.length, () => element('li'));
+  robot.outcomes.forEach((command, i) => {
+    const line = $('outcomes').children[i];
+    line.className = !command.outcome ? '' : command.outcome === 'delivered' || command.outcome === 'sent' ? 'good' : 'bad';
+    setText(line, `${command.text}: ${words(command)}`);
+  });
+}
+
+// ---- the head
+function drawLink() {
+  const isGood = model.isOpen && model.broker.state === 'up';
+  $('link').className = `chip ${isGood ? 'good' : 'bad'}`;
+  setText($('link'), !model.isOpen ? 'No connection' : model.broker.state === 'up' ? 'Live' : 'Broker away');
+  $('link').title = model.isOpen ? `${model.broker.uri ?? ''} ${model.broker.why ?? ''}` : 'slam-gateway-web does not answer; the page tries again';
+  setText($('unlock'), model.maySend ? 'Commands on' : model.takesToken ? 'Unlock' : 'Only watching');
+  $('unlock').disabled = !model.takesToken;
+  $('world').classList.toggle('aim', map.chosen !== null && model.maySend);
+}
+function drawTrouble() {
+  const found = problems(model);
+  $('trouble').hidden = found.length === 0;
+  $('trouble').classList.toggle('warn', found.every((problem) => problem.isWarning));
+  setText($('trouble'), String(found.length));
+}
+function askToken() {
+  setText($('token-words'), '');
+  $('token').value = '';
+  $('token-dialog').showModal();
+}
+$('unlock').addEventListener('click', () => (model.maySend ? link.lock() : askToken()));
+$('token-cancel').addEventListener('click', () => $('token-dialog').close());
+$('token-form').addEventListener('submit', (event) => {
+  event.preventDefault();
+  if (!link.unlock($('token').value.trim())) setText($('token-words'), 'The page has no connection.');
+});
+
+// ---- views, theme, keys
+let view = 'map';
+function show(name) {
+  view = name;
+  for (const each of VIEWS) {
+    $(each).hidden = each !== name;
+    $(`tab-${each}`).setAttribute('aria-selected', each === name);
+    $(`tab-${each}`).tabIndex = each === name ? 0 : -1;
+  }
+  map.setVisible(name === 'map');
+  if (location.hash !== `#${name}`) history.replaceState(null, '', `#${name}`);
+  drawTables();
+}
+function drawTables() {
+  model.expire();
+  drawTrouble();
+  if (view === 'map') drawList();
+  if (view === 'map') drawPilot();
+  if (view === 'robots') robotsView.draw();
+  if (view === 'trace' && !traceView.isPaused) traceView.draw();
+}
+function setTheme(theme) {
+  document.documentElement.dataset.theme = theme;
+  map.recolour();
+  drawTables();
+}
+const systemTheme = matchMedia('(prefers-color-scheme: dark)');
+const storedTheme = () => localStorage.getItem('slamgw-theme') ?? (systemTheme.matches ? 'dark' : 'light');
+systemTheme.addEventListener('change', () => setTheme(storedTheme()));
+$('theme').addEventListener('click', () => {
+  localStorage.setItem('slamgw-theme', storedTheme() === 'dark' ? 'light' : 'dark');
+  setTheme(storedTheme());
+});
+for (const name of VIEWS) $(`tab-${name}`).addEventListener('click', () => show(name));
+document.querySelector('nav').addEventListener('keydown', (event) => {
+  const by = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
+  if (!by) return;
+  show(VIEWS[(VIEWS.indexOf(view) + by + VIEWS.length) % VIEWS.length]);
+  $(`tab-${view}`).focus();
+});
+
+function toggle(what) {
+  map.show[what] = !map.show[what];
+  $(`show-${what}`).setAttribute('aria-pressed', map.show[what]);
+  map.change();
+}
+for (const what of ['points', 'grid', 'trails', 'labels']) $(`show-${what}`).addEventListener('click', () => toggle(what));
+function showAll(isShown) {
+  for (const robot of model.robots.values()) robot.isShown = isShown;
+  drawList();
+  map.change();
+}
+$('all').addEventListener('click', () => showAll(true));
+$('none').addEventListener('click', () => showAll(false));
+$('find').addEventListener('input', drawList);
+$('fold').addEventListener('click', () => {
+  $('side-body').hidden = !$('side-body').hidden;
+  $('fold').setAttribute('aria-expanded', !$('side-body').hidden);
+  map.change();
+});
+$('zoom-in').addEventListener('click', () => map.zoom(1.4));
+$('zoom-out').addEventListener('click', () => map.zoom(1 / 1.4));
+$('fit').addEventListener('click', () => map.fitAll());
+$('clear').addEventListener('click', () => map.clear());
+$('start').addEventListener('click', () => send(map.chosen, 'run', 'start'));
+$('stop').addEventListener('click', () => send(map.chosen, 'run', 'stop'));
+$('leave').addEventListener('click', () => choose(null));
+$('save-png').addEventListener('click', () => $('world').toBlob((blob) => save(`map-${stamp()}.png`, blob)));
+$('save-csv').addEventListener('click', () => {
+  const lines = ['robot,kind,x_cm,y_cm,worth,at'];
+  for (const robot of model.robots.values()) {
+    if (!robot.isShown) continue;
+    for (const { x, y } of robot.trail) lines.push([csv(robot.id), 'pose', x.toFixed(1), y.toFixed(1), '', ''].join(','));
+    for (let i = 0; i < robot.kept; i++) {
+      const [x, y, value] = robot.points.subarray(i * 3, i * 3 + 3);
+      lines.push([csv(robot.id), 'obstacle', x.toFixed(1), y.toFixed(1), value.toFixed(2), new Date(robot.times[i]).toISOString()].join(','));
+    }
+  }
+  save(`map-${stamp()}.csv`, new Blob([lines.join('\n'), '\n'], { type: 'text/csv' }));
+});
+
+const KEYS = [
+  ['1 2 3', 'map, robots, trace'],
+  ['← ↑ → ↓', 'move the map'],
+  ['+ −', 'closer, farther'],
+  ['F', 'fit all robots'],
+  ['N B', 'next robot, robot before'],
+  ['Esc', 'choose no robot'],
+  ['P G T L', 'points, grid, trails, names'],
+  ['C', 'clear the map'],
+  ['Space', 'pause the trace'],
+  ['?', 'these keys'],
+];
+for (const [key, text] of KEYS) $('keys').append(element('dt', {}, key), element('dd', {}, text));
+$('help').addEventListener('click', () => $('keys-dialog').showModal());
+const MOVES = { ArrowLeft: [60, 0], ArrowRight: [-60, 0], ArrowUp: [0, 60], ArrowDown: [0, -60] };
+const ON_MAP = {
+  '+': () => map.zoom(1.25), '=': () => map.zoom(1.25), '-': () => map.zoom(0.8),
+  f: () => map.fitAll(), c: () => map.clear(), n: () => step(1), b: () => step(-1), Escape: () => choose(null),
+  p: () => toggle('points'), g: () => toggle('grid'), t: () => toggle('trails'), l: () => toggle('labels'),
+};
+document.addEventListener('keydown', (event) => {
+  if (event.ctrlKey || event.metaKey || event.altKey || document.querySelector('dialog[open]')) return;
+  if (event.target.matches('input[type="search"], input[type="password"], select')) return;
+  const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+  if (key === '?') return $('keys-dialog').showModal();
+  if (VIEWS[key - 1]) return show(VIEWS[key - 1]);
+  if (view === 'trace' && key === ' ' && !event.target.matches('button')) {
+    event.preventDefault();
+    return traceView.pause();
+  }
+  if (view !== 'map') return;
+  const onTabs = event.target.closest('nav');
+  if (MOVES[key] && !onTabs) map.pan(...MOVES[key]);
+  else if (ON_MAP[key]) ON_MAP[key]();
+});
+
+setTheme(storedTheme());
+show(VIEWS.includes(location.hash.slice(1)) ? location.hash.slice(1) : 'map');
+drawLink();
+setInterval(drawTables, TABLES_MS);
+document.addEventListener('visibilitychange', () => map.setVisible(!document.hidden && view === 'map'));
+window.slamgw = { model, map, traceView, robotsView }; // for the console, and for tests

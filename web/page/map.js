@@ -1,0 +1,377 @@
+// SPDX-License-Identifier: Apache-2.0
+// The map: grid, points, trails, robots, and where commands went. The room's y axis points up. Nothing is drawn while
+// nothing changes.
+import { Grid } from './grid.js';
+import { Points } from './points.js';
+
+const FIT_MARGIN_PX = 70;
+const MIN_SCALE = 0.01;
+const MAX_SCALE = 40;
+const MARK_MS = 12000;
+const calm = matchMedia('(prefers-reduced-motion: reduce)');
+
+// Room centimetres to pixels.
+class View {
+  constructor() {
+    Object.assign(this, { scale: 2, left: 0, top: 0 });
+  }
+  px(x) { return this.left + x * this.scale; }
+  py(y) { return this.top - y * this.scale; }
+  room(px, py) { return { x: (px - this.left) / this.scale, y: (this.top - py) / this.scale }; }
+  zoom(factor, px, py) {
+    const scale = Math.max(MIN_SCALE, Math.min(MAX_SCALE, this.scale * factor));
+    const ratio = scale / this.scale;
+    this.left = px - (px - this.left) * ratio;
+    this.top = py - (py - this.top) * ratio;
+    this.scale = scale;
+  }
+}
+
+export class WorldMap {
+  constructor(canvas, model, actions) {
+    Object.assign(this, { canvas, model, actions });
+    this.context = canvas.getContext('2d', { alpha: false });
+    this.view = new View();
+    this.grid = new Grid();
+    this.points = new Points();
+    this.marks = []; // where commands were sent
+    this.show = { points: true, grid: true, trails: true, labels: true };
+    this.chosen = null;
+    this.fits = true; // until somebody moves the map
+    this.isVisible = true;
+    this.frames = 0;
+    this.recolour();
+    this.listen();
+    new ResizeObserver(() => this.resize()).observe(canvas);
+  }
+
+  get robots() {
+    return [...this.model.robots.values()].filter((robot) => robot.isShown);
+  }
+
+  // ---- size, colours, frames
+  resize() {
+    this.ratio = Math.min(devicePixelRatio || 1, 2);
+    this.width = this.canvas.clientWidth;
+    this.height = this.canvas.clientHeight;
+    this.canvas.width = Math.max(1, Math.round(this.width * this.ratio));
+    this.canvas.height = Math.max(1, Math.round(this.height * this.ratio));
+    this.change();
+  }
+  recolour() {
+    const style = getComputedStyle(document.documentElement);
+    const colour = (name) => style.getPropertyValue(name).trim();
+    this.colours = { ground: colour('--ground'), line: colour('--line'), text: colour('--text'), muted: colour('--muted'), card: colour('--card'), good: colour('--good'), bad: colour('--bad'), accent: colour('--accent') };
+    const free = colour('--free').match(/\w\w/g).map((part) => parseInt(part, 16));
+    this.grid.recolour({ free, wall: colour('--wall').split(' ').map(Number) });
+    this.change();
+  }
+  change() {
+    if (this.isAsked || !this.isVisible) return;
+    this.isAsked = true;
+    requestAnimationFrame(() => {
+      this.isAsked = false;
+      if (this.isVisible && this.width > 0) this.draw();
+    });
+  }
+  setVisible(isVisible) {
+    this.isVisible = isVisible;
+    if (isVisible) this.resize();
+  }
+
+  // ---- what is where
+  bounds() {
+    let [left, right, low, high] = [Infinity, -Infinity, Infinity, -Infinity];
+    const reach = (x, y) => {
+      left = Math.min(left, x);
+      right = Math.max(right, x);
+      low = Math.min(low, y);
+      high = Math.max(high, y);
+    };
+    for (const robot of this.robots) {
+      if (robot.pose) reach(robot.pose.x, robot.pose.y);
+      for (let i = 0; i < robot.kept; i += 1 + (robot.kept >> 7)) reach(robot.points[i * 3], robot.points[i * 3 + 1]);
+    }
+    return left <= right ? { left, right, low, high } : null;
+  }
+  fit(isNow) {
+    const bounds = this.bounds();
+    if (!bounds || !this.width) return;
+    const aside = this.actions.covered();
+    const wide = Math.max(60, this.width - aside.left - FIT_MARGIN_PX);
+    const tall = Math.max(60, this.height - aside.top - aside.bottom - FIT_MARGIN_PX);
+    const scale = Math.max(MIN_SCALE, Math.min(8, wide / Math.max(40, bounds.right - bounds.left), tall / Math.max(40, bounds.high - bounds.low)));
+    const goal = {
+      scale,
+      left: aside.left + (this.width - aside.left) / 2 - scale * (bounds.left + bounds.right) / 2,
+      top: aside.top + (this.height - aside.top - aside.bottom) / 2 + scale * (bounds.low + bounds.high) / 2,
+    };
+    const step = isNow || calm.matches || !this.hasFitted ? 1 : 0.12;
+    this.hasFitted = true;
+    for (const key of ['scale', 'left', 'top']) this.view[key] += (goal[key] - this.view[key]) * step;
+    return Math.abs(goal.scale - this.view.scale) > 0.002 * goal.scale || Math.abs(goal.left - this.view.left) > 0.5;
+  }
+  fitAll() {
+    this.fits = true;
+    this.change();
+  }
+  clear() {
+    this.grid.clear();
+    this.marks = [];
+    for (const robot of this.model.robots.values()) robot.forgetDrawing();
+    this.change();
+  }
+  choose(robot) {
+    this.chosen = robot;
+    this.canvas.classList.toggle('aim', robot !== null && this.model.maySend);
+    this.change();
+  }
+  robotAt(px, py) {
+    let best = null;
+    let nearest = 16;
+    for (const robot of this.robots) {
+      if (!robot.pose) continue;
+      const distance = Math.hypot(this.view.px(robot.pose.x) - px, this.view.py(robot.pose.y) - py);
+      if (distance < nearest) [best, nearest] = [robot, distance];
+    }
+    return best;
+  }
+
+  // ---- drawing
+  draw() {
+    const { context, ratio } = this;
+    if (this.fits && this.fit(false)) this.change();
+    this.frames++;
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    context.fillStyle = this.colours.ground;
+    context.fillRect(0, 0, this.width, this.height);
+    if (this.show.grid) this.grid.draw(context, this.view, this.width, this.height);
+    this.drawLines();
+    const robots = this.robots.sort((a, b) => (a === this.chosen) - (b === this.chosen)); // the chosen one on top
+    if (this.show.points) this.drawPoints(robots);
+    if (this.show.trails) for (const robot of robots) this.drawTrail(robot, robots.length);
+    for (const robot of robots) if (robot.pose) this.drawRobot(robot);
+    if (this.show.labels) this.drawNames(robots);
+    this.drawMarks();
+    this.drawScale();
+  }
+  drawLines() {
+    const { context, view } = this;
+    const step = [1, 5, 10, 50, 100, 500, 1000, 5000, 10000].find((cm) => cm * view.scale >= 45) ?? 50000;
+    const from = view.room(0, this.height);
+    const to = view.room(this.width, 0);
+    context.beginPath();
+    for (let x = Math.ceil(from.x / step) * step; x <= to.x; x += step) {
+      const at = Math.round(view.px(x)) + 0.5;
+      context.moveTo(at, 0);
+      context.lineTo(at, this.height);
+    }
+    for (let y = Math.ceil(from.y / step) * step; y <= to.y; y += step) {
+      const at = Math.round(view.py(y)) + 0.5;
+      context.moveTo(0, at);
+      context.lineTo(this.width, at);
+    }
+    context.strokeStyle = this.colours.line;
+    context.globalAlpha = 0.55;
+    context.lineWidth = 1;
+    context.stroke();
+    context.globalAlpha = 1;
+  }
+  drawPoints(robots) {
+    const { context, ratio, view } = this;
+    const scaled = { scale: view.scale * ratio, left: view.left * ratio, top: view.top * ratio };
+    const picture = this.points.draw(robots, scaled, this.canvas.width, this.canvas.height, this.chosen);
+    context.setTransform(1, 0, 0, 1, 0, 0);
+    context.drawImage(picture, 0, 0);
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+  }
+  drawTrail(robot, count) {
+    const { context, view } = this;
+    const length = Math.min(robot.trail.length, Math.max(24, Math.floor(4000 / count)));
+    if (length < 2) return;
+    const parts = count > 30 ? 1 : 4; // older parts are fainter
+    context.strokeStyle = `rgb(${robot.colour})`;
+    context.lineWidth = robot === this.chosen ? 2.5 : 1.5;
+    context.lineJoin = 'round';
+    for (let part = 0; part < parts; part++) {
+      const from = robot.trail.length - length + Math.floor(length * part / parts);
+      const to = robot.trail.length - length + Math.floor(length * (part + 1) / parts);
+      context.globalAlpha = 0.7 * (part + 1) / parts;
+      context.beginPath();
+      for (let i = from; i <= Math.min(to, robot.trail.length - 1); i++) context.lineTo(view.px(robot.trail[i].x), view.py(robot.trail[i].y));
+      context.stroke();
+    }
+    context.globalAlpha = 1;
+  }
+  drawRobot(robot) {
+    const { context, view } = this;
+    const [x, y] = [view.px(robot.pose.x), view.py(robot.pose.y)];
+    const size = robot === this.chosen ? 8 : 6;
+    const isGone = robot.state === 'offline';
+    if (robot === this.chosen) {
+      context.beginPath();
+      context.arc(x, y, 15, 0, 7);
+      context.fillStyle = `rgba(${robot.colour}, .18)`;
+      context.fill();
+    }
+    if (robot.heading !== null && !isGone) {
+      const [dx, dy] = [Math.cos(robot.heading), -Math.sin(robot.heading)];
+      context.beginPath();
+      context.moveTo(x + dx * size * 2.5, y + dy * size * 2.5);
+      context.lineTo(x - dy * size * 0.95, y + dx * size * 0.95);
+      context.lineTo(x + dy * size * 0.95, y - dx * size * 0.95);
+      context.fillStyle = `rgb(${robot.colour})`;
+      context.fill();
+    }
+    context.beginPath();
+    context.arc(x, y, size, 0, 7);
+    context.fillStyle = isGone ? this.colours.card : `rgb(${robot.colour})`;
+    context.strokeStyle = isGone ? `rgb(${robot.colour})` : this.colours.card;
+    context.lineWidth = 2;
+    context.fill();
+    context.stroke();
+  }
+  drawNames(robots) {
+    const { context, view } = this;
+    context.font = '500 12px system-ui, "DejaVu Sans", sans-serif';
+    context.textBaseline = 'middle';
+    context.lineWidth = 3;
+    context.lineJoin = 'round';
+    context.strokeStyle = this.colours.card;
+    context.fillStyle = this.colours.text;
+    const withEdge = robots.length <= 30;
+    for (const robot of robots) {
+      if (!robot.pose) continue;
+      const name = robot.id.length > 24 ? robot.id.slice(0, 23) + '…' : robot.id;
+      const [x, y] = [view.px(robot.pose.x) + 12, view.py(robot.pose.y) - 12];
+      if (withEdge) context.strokeText(name, x, y);
+      context.fillText(name, x, y);
+    }
+  }
+  drawMarks() {
+    const { context, view } = this;
+    const now = performance.now();
+    this.marks = this.marks.filter((mark) => !mark.command.ended || now - mark.command.ended < MARK_MS);
+    for (const { command, x, y, robot } of this.marks) {
+      const [px, py] = [view.px(x), view.py(y)];
+      const isGood = command.outcome === 'delivered' || command.outcome === 'sent';
+      const colour = !command.outcome ? `rgb(${robot.colour})` : isGood ? this.colours.good : this.colours.bad;
+      const pulse = command.outcome || calm.matches ? 0 : ((now / 900) % 1);
+      context.strokeStyle = colour;
+      context.lineWidth = 2;
+      context.beginPath();
+      context.arc(px, py, 7 + pulse * 8, 0, 7);
+      context.moveTo(px - 3, py);
+      context.lineTo(px + 3, py);
+      context.moveTo(px, py - 3);
+      context.lineTo(px, py + 3);
+      context.stroke();
+      this.tag(words(command), px + 14, py + 1, colour);
+    }
+    if (!this.marks.length || this.markTimer) return;
+    this.markTimer = setTimeout(() => {
+      this.markTimer = 0;
+      this.change();
+    }, calm.matches ? 500 : 60);
+  }
+  tag(text, x, y, colour) {
+    const { context } = this;
+    context.font = '500 12px system-ui, "DejaVu Sans", sans-serif';
+    context.textBaseline = 'middle';
+    const width = context.measureText(text).width;
+    context.fillStyle = this.colours.card;
+    context.globalAlpha = 0.92;
+    context.beginPath();
+    context.roundRect(x - 5, y - 10, width + 10, 20, 6);
+    context.fill();
+    context.globalAlpha = 1;
+    context.fillStyle = colour;
+    context.fillText(text, x, y);
+  }
+  drawScale() {
+    const { context, view } = this;
+    const cm = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10000].find((size) => size * view.scale >= 60) ?? 50000;
+    const length = cm * view.scale;
+    const [right, y] = [this.width - 74, this.height - 22];
+    context.strokeStyle = this.colours.muted;
+    context.lineWidth = 1.5;
+    context.beginPath();
+    context.moveTo(right - length, y - 4);
+    context.lineTo(right - length, y);
+    context.lineTo(right, y);
+    context.lineTo(right, y - 4);
+    context.stroke();
+    context.font = '12px system-ui, "DejaVu Sans", sans-serif';
+    context.textBaseline = 'alphabetic';
+    context.fillStyle = this.colours.muted;
+    const text = cm >= 100 ? `${cm / 100} m` : `${cm} cm`;
+    context.fillText(text, right - length / 2 - context.measureText(text).width / 2, y - 8);
+  }
+
+  // ---- pointer and wheel
+  listen() {
+    const { canvas } = this;
+    const fingers = new Map();
+    let moved = 0;
+    const at = (event) => ({ x: event.offsetX, y: event.offsetY });
+    canvas.addEventListener('pointerdown', (event) => {
+      canvas.setPointerCapture(event.pointerId);
+      fingers.set(event.pointerId, at(event));
+      if (fingers.size === 1) moved = 0;
+    });
+    canvas.addEventListener('pointermove', (event) => {
+      const now = at(event);
+      this.actions.hover(this.view.room(now.x, now.y));
+      const before = fingers.get(event.pointerId);
+      if (!before) return;
+      moved += Math.abs(now.x - before.x) + Math.abs(now.y - before.y);
+      const other = [...fingers].find(([id]) => id !== event.pointerId)?.[1];
+      if (other) this.pinch(before, now, other);
+      else if (moved > 4) this.pan(now.x - before.x, now.y - before.y);
+      canvas.classList.toggle('moves', moved > 4);
+      fingers.set(event.pointerId, now);
+    });
+    const end = (event) => {
+      const wasLast = fingers.delete(event.pointerId) && fingers.size === 0;
+      canvas.classList.remove('moves');
+      if (event.type === 'pointerup' && event.button === 0 && wasLast && moved <= 4) this.click(event.offsetX, event.offsetY);
+    };
+    canvas.addEventListener('pointerup', end);
+    canvas.addEventListener('pointercancel', end);
+    canvas.addEventListener('pointerleave', () => this.actions.hover(null));
+    canvas.addEventListener('wheel', (event) => {
+      event.preventDefault();
+      this.zoom(Math.exp(-event.deltaY * (event.ctrlKey ? 0.01 : 0.0015)), event.offsetX, event.offsetY);
+    }, { passive: false });
+  }
+  pinch(before, now, other) {
+    const length = (a) => Math.hypot(a.x - other.x, a.y - other.y) || 1;
+    this.zoom(length(now) / length(before), (now.x + other.x) / 2, (now.y + other.y) / 2);
+  }
+  pan(dx, dy) {
+    this.fits = false;
+    this.view.left += dx;
+    this.view.top += dy;
+    this.change();
+  }
+  zoom(factor, px = this.width / 2, py = this.height / 2) {
+    this.fits = false;
+    this.view.zoom(factor, px, py);
+    this.change();
+  }
+  click(px, py) {
+    const robot = this.robotAt(px, py);
+    if (robot && robot !== this.chosen) return this.actions.choose(robot);
+    if (!this.chosen) return;
+    const place = this.view.room(px, py);
+    const command = this.actions.drive(this.chosen, place);
+    if (command) this.marks.push({ command, robot: this.chosen, ...place });
+    this.change();
+  }
+}
+
+export function words(command) {
+  if (!command.outcome) return 'on its way …';
+  const after = Number.isFinite(command.after) ? ` after ${command.after} ms` : '';
+  return `${command.outcome}${after}${command.why ? `: ${command.why}` : ''}`;
+}

@@ -1,0 +1,283 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the page knows: robots, gateways, the newest messages. Bounded; no drawing here. Robots' names are keys of
+// Maps, never of objects, and are shown as text only.
+import { decodeUpdate } from './decode.js';
+
+export const MAX_ROBOTS = 1000;
+export const MAX_POINTS = 4000; // of one robot
+export const MAX_TRAIL = 400;
+const MAX_MESSAGES = 3000;
+const MAX_GATEWAYS = 100;
+const SECONDS = 60;
+const SENSOR_LIMIT_CM = 80;
+const FADES_FROM_CM = 60;
+
+// How much a reading at this distance is worth, 0.12 to 1: scatter grows towards the sensor's limit.
+export function worth(distance) {
+  if (distance <= FADES_FROM_CM) return 1;
+  return Math.max(0.12, 1 - 0.88 * (distance - FADES_FROM_CM) / (SENSOR_LIMIT_CM - FADES_FROM_CM));
+}
+
+// Ten calm colours, then the golden angle; [r, g, b].
+const COLOURS = [[53, 111, 201], [214, 112, 44], [44, 145, 95], [150, 88, 190], [196, 62, 88], [38, 144, 158], [168, 132, 28], [120, 120, 132], [206, 92, 152], [110, 146, 46]];
+export function colourOf(number) {
+  if (number < COLOURS.length) return COLOURS[number];
+  const hue = (number * 137.508) % 360;
+  const channel = (n) => {
+    const k = (n + hue / 30) % 12;
+    return Math.round(255 * (0.5 - 0.24 * Math.max(-1, Math.min(k - 3, 9 - k, 1))));
+  };
+  return [channel(0), channel(8), channel(4)];
+}
+
+// Things that happened in each of the last 60 seconds.
+class Pulse {
+  constructor() {
+    this.counts = new Uint16Array(SECONDS);
+    this.second = 0;
+  }
+  turn(now) {
+    const second = Math.floor(now / 1000);
+    if (second - this.second >= SECONDS) this.counts.fill(0);
+    else for (let s = this.second + 1; s <= second; s++) this.counts[s % SECONDS] = 0;
+    if (second > this.second) this.second = second;
+  }
+  add(now) {
+    this.turn(now);
+    this.counts[this.second % SECONDS]++;
+  }
+  // Oldest first, without the second that is not over.
+  list(now) {
+    this.turn(now);
+    return Array.from({ length: SECONDS - 1 }, (_, i) => this.counts[(this.second + 1 + i) % SECONDS]);
+  }
+  rate(now) {
+    const five = this.list(now).slice(-5);
+    return five.reduce((sum, n) => sum + n, 0) / five.length;
+  }
+}
+
+export class Robot {
+  constructor(id, number, origin) {
+    this.id = id;
+    this.number = number;
+    this.colour = colourOf(number);
+    this.presence = new Map(); // gateway: what it says
+    this.numbers = null;
+    this.pulse = new Pulse();
+    this.heard = 0; // ms, this page's program's clock
+    this.messages = 0;
+    this.isShown = true;
+    this.pose = null; // {x, y} in the room, cm
+    this.heading = null; // radians, from the last two poses
+    this.points = null; // a ring: x, y in the room, worth
+    this.times = null;
+    this.pointCount = 0; // ever; the ring holds the newest
+    this.trail = [];
+    this.outcomes = [];
+    this.pending = [];
+    this.setOrigin(origin);
+  }
+
+  setOrigin(origin) {
+    this.origin = { x: origin?.x_cm ?? 0, y: origin?.y_cm ?? 0, turn: (origin?.heading_deg ?? 0) * Math.PI / 180 };
+    this.cos = Math.cos(this.origin.turn);
+    this.sin = Math.sin(this.origin.turn);
+  }
+  toRoom(x, y) {
+    return { x: this.origin.x + this.cos * x - this.sin * y, y: this.origin.y + this.sin * x + this.cos * y };
+  }
+  fromRoom(x, y) {
+    const dx = x - this.origin.x;
+    const dy = y - this.origin.y;
+    return { x: Math.round(this.cos * dx + this.sin * dy), y: Math.round(this.cos * dy - this.sin * dx) };
+  }
+
+  get kept() {
+    return Math.min(this.pointCount, MAX_POINTS);
+  }
+  addPoint(x, y, value, at) {
+    this.points ??= new Float32Array(MAX_POINTS * 3);
+    this.times ??= new Float64Array(MAX_POINTS);
+    const slot = this.pointCount++ % MAX_POINTS;
+    this.points[slot * 3] = x;
+    this.points[slot * 3 + 1] = y;
+    this.points[slot * 3 + 2] = value;
+    this.times[slot] = at;
+  }
+
+  // `see` is told each ray: (from x, y, to x, y, worth).
+  apply(update, at, see) {
+    const pose = this.toRoom(update.x, update.y);
+    const before = this.pose;
+    const moved = before ? Math.hypot(pose.x - before.x, pose.y - before.y) : Infinity;
+    if (before && moved > 1) this.heading = Math.atan2(pose.y - before.y, pose.x - before.x);
+    if (moved > 1) this.trail.push(pose);
+    if (this.trail.length > MAX_TRAIL) this.trail.splice(0, MAX_TRAIL / 4);
+    this.pose = pose;
+    for (let i = 0; i + 1 < update.obstacles.length; i += 2) {
+      const point = this.toRoom(update.obstacles[i], update.obstacles[i + 1]);
+      const value = worth(Math.hypot(point.x - pose.x, point.y - pose.y));
+      this.addPoint(point.x, point.y, value, at);
+      see(pose.x, pose.y, point.x, point.y, value);
+    }
+  }
+  forgetDrawing() {
+    this.pointCount = 0;
+    this.trail = [];
+  }
+
+  // Of several gateways the one that has it online, else the one that heard it last.
+  get best() {
+    let best = null;
+    for (const [gateway, said] of this.presence) {
+      const here = { gateway, ...said };
+      if (!best || rank(here) > rank(best) || (rank(here) === rank(best) && String(here.last_seen) > String(best.last_seen))) best = here;
+    }
+    return best;
+  }
+  get state() {
+    return this.best?.state ?? 'unknown';
+  }
+}
+
+const rank = (said) => ['offline', 'asleep', 'online'].indexOf(said.state);
+const isObject = (value) => value !== null && typeof value === 'object' && !Array.isArray(value);
+
+export class Model {
+  constructor() {
+    this.prefix = '';
+    this.origins = {};
+    this.takesToken = false;
+    this.maySend = false;
+    this.isOpen = false;
+    this.broker = { state: 'down', why: 'connecting' };
+    this.robots = new Map();
+    this.gateways = new Map();
+    this.messages = []; // newest last
+    this.lost = 0; // events that a slow page did not get
+    this.skew = 0; // the program's clock minus this one's, ms
+    this.onRay = () => {};
+    this.onMessage = () => {};
+    this.onOutcome = () => {};
+    this.revision = 0; // changes with everything that a table shows
+  }
+
+  now() {
+    return Date.now() + this.skew;
+  }
+
+  robot(id) {
+    let robot = this.robots.get(id);
+    if (!robot && this.robots.size < MAX_ROBOTS) {
+      robot = new Robot(id, this.robots.size, Object.hasOwn(this.origins, id) ? this.origins[id] : null);
+      this.robots.set(id, robot);
+    }
+    return robot;
+  }
+  gateway(id) {
+    let gateway = this.gateways.get(id);
+    if (!gateway && this.gateways.size < MAX_GATEWAYS) {
+      gateway = { id, state: null, stats: null, statsAt: 0 };
+      this.gateways.set(id, gateway);
+    }
+    return gateway;
+  }
+
+  take(message) {
+    this.revision++;
+    if (message.topic.startsWith('$web/')) return this.takeOwn(message.topic.slice(5), message.payload);
+    if (message.at && !message.retain) this.skew = Math.max(message.at - Date.now(), this.skew - 0.05);
+    const rest = message.topic.slice(this.prefix.length + 1).split('/');
+    const branch = rest.shift();
+    if (branch === 'robot') this.takeRobot(message, rest[0], rest.slice(1).join('/'));
+    else if (branch === 'server') this.note(message, 'to robot', rest[0], rest.slice(1).join('/'));
+    else if (branch === 'gateway') this.takeGateway(message, rest[0], rest[1], rest.slice(2).join('/'));
+  }
+
+  takeOwn(name, said) {
+    if (name === 'hello') {
+      this.prefix = said.prefix;
+      this.origins = said.origins;
+      this.takesToken = said.takes_token;
+      this.version = said.version;
+      for (const robot of this.robots.values()) robot.setOrigin(Object.hasOwn(said.origins, robot.id) ? said.origins[robot.id] : null);
+    } else if (name === 'broker') this.broker = said;
+    else if (name === 'token') this.maySend = said.accepted;
+    else if (name === 'dropped') this.lost += said.messages;
+    else if (name === 'refused') this.refuse(said);
+  }
+
+  takeRobot(message, id, type) {
+    const robot = this.robot(id);
+    this.note(message, 'robot', id, type);
+    if (!robot) return;
+    if (!message.retain) {
+      robot.heard = message.at;
+      robot.pulse.add(message.at);
+    }
+    robot.messages++;
+    const update = type === 'update' ? decodeUpdate(message) : null;
+    if (update) robot.apply(update, message.at, this.onRay);
+  }
+
+  takeGateway(message, id, what, rest) {
+    const gateway = this.gateway(id);
+    if (!gateway) return;
+    const said = message.encoding === 'json' && isObject(message.payload) ? message.payload : null;
+    if (what === 'state' && message.payload === '') this.gateways.delete(id); // taken back
+    else if (what === 'state') gateway.state = said;
+    else if (what === 'stats') Object.assign(gateway, { stats: said, statsAt: message.at });
+    else if (what === 'numbers') this.takeNumbers(id, said);
+    else if (what === 'robots') this.takePresence(id, rest, said);
+    else if (what === 'commands' && said) this.takeOutcome(rest, said);
+    if (what !== 'stats' && what !== 'numbers') this.note(message, `gateway ${id}`, rest.split('/')[0], what);
+  }
+  takeNumbers(gateway, said) {
+    for (const [id, numbers] of Object.entries(isObject(said?.robots) ? said.robots : {})) {
+      const robot = this.robot(id);
+      if (robot && isObject(numbers)) robot.numbers = { ...numbers, gateway };
+    }
+  }
+  takePresence(gateway, id, said) {
+    const robot = said ? this.robot(id) : this.robots.get(id);
+    if (said) robot?.presence.set(gateway, said);
+    else robot?.presence.delete(gateway);
+  }
+
+  // ---- commands: an outcome names robot and type, so the oldest that waits for one of this type gets it
+  expect(robot, command) {
+    robot.pending.push(command);
+    robot.outcomes.unshift(command);
+    robot.outcomes.length = Math.min(robot.outcomes.length, 5);
+  }
+  takeOutcome(id, said) {
+    const robot = this.robots.get(id);
+    const at = robot ? robot.pending.findIndex((command) => command.type === said.type) : -1;
+    if (at >= 0) this.end(robot, at, said.outcome, said.after_ms, said.why);
+  }
+  refuse({ topic, why }) {
+    const [id, type] = String(topic).slice(this.prefix.length + 8).split('/');
+    const robot = this.robots.get(id);
+    const at = robot ? robot.pending.findLastIndex((command) => command.type === type) : -1;
+    if (at >= 0) this.end(robot, at, 'refused', undefined, why);
+    else this.onOutcome(null, { outcome: 'refused', why });
+  }
+  end(robot, at, outcome, after, why) {
+    const [command] = robot.pending.splice(at, 1);
+    Object.assign(command, { outcome, after, why, ended: performance.now() });
+    this.onOutcome(robot, command);
+  }
+  // What nobody told within the 30 s of the contract.
+  expire() {
+    for (const robot of this.robots.values())
+      while (robot.pending.length && performance.now() - robot.pending[0].begun > 35000) this.end(robot, 0, 'no outcome', undefined, 'nobody told one within 35 s');
+  }
+
+  note(message, from, robot, type) {
+    const row = { message, from, robot: robot ?? '', type: type ?? '' };
+    this.messages.push(row);
+    if (this.messages.length > MAX_MESSAGES * 1.2) this.messages = this.messages.slice(-MAX_MESSAGES);
+    this.onMessage(row);
+  }
+}

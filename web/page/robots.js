@@ -1,0 +1,240 @@
+// SPDX-License-Identifier: Apache-2.0
+// Robots and gateways: what is wrong first, with its remedy; who hangs on which gateway; a table with sparklines.
+import { $, colour, element, keep, setText, surface, svg } from './dom.js';
+
+const STALE_STATS_MS = 35000; // three of a gateway's stats are missing
+const NAMED_IN_PICTURE = 40;
+const order = ['offline', 'unknown', 'asleep', 'online'];
+const meshNames = { ble: 'BLE Mesh', thread: 'Thread' };
+const number = (value, digits = 0) => (Number.isFinite(value) ? value.toFixed(digits) : '–');
+
+export function age(ms) {
+  if (!(ms >= 0)) return '–';
+  const seconds = ms / 1000;
+  if (seconds < 10) return `${seconds.toFixed(1)} s`;
+  if (seconds < 120) return `${Math.round(seconds)} s`;
+  if (seconds < 7200) return `${Math.round(seconds / 60)} min`;
+  return `${Math.round(seconds / 3600)} h`;
+}
+const bytes = (value) => (!Number.isFinite(value) ? '–' : value < 1e6 ? `${(value / 1024).toFixed(0)} KiB` : `${(value / 1048576).toFixed(1)} MiB`);
+
+const lastHeard = (robot) => Math.max(robot.heard, Date.parse(robot.numbers?.last_heard) || 0, Date.parse(robot.best?.last_seen) || 0);
+const rssi = (robot) => robot.numbers?.rssi_dbm ?? robot.best?.rssi_dbm;
+
+// {title, remedy, isWarning}: worst first.
+export function problems(model) {
+  const found = [];
+  const add = (title, remedy, isWarning = false) => found.push({ title, remedy: remedy || '', isWarning });
+  if (!model.isOpen) return [{ title: 'This page has lost slam-gateway-web', remedy: 'It tries again by itself. Is the service running? systemctl status slam-gateway-web' }];
+  if (model.broker.state !== 'up') add(`slam-gateway-web does not reach the broker at ${model.broker.uri}`, model.broker.why);
+  else if (model.gateways.size === 0) add('No gateway has been heard on this broker', `Is slam-gateway running, and is its topics.prefix "${model.prefix}"? slam-gatewayctl status`);
+  for (const gateway of model.gateways.values()) problemsOf(gateway, model, add);
+  for (const robot of model.robots.values()) {
+    if (robot.state === 'offline' && gatewayIsThere(model, robot)) add(`${robot.id} is offline`, `Silent for ${age(model.now() - lastHeard(robot))}. Is it switched on and in range? slam-gatewayctl doctor ${robot.id}`, true);
+  }
+  if (model.lost > 0) add(`This page was too slow for ${model.lost} messages`, 'They are missing in the map and the trace; the numbers are right.', true);
+  return found.sort((a, b) => a.isWarning - b.isWarning);
+}
+const gatewayIsThere = (model, robot) => model.gateways.get(robot.best?.gateway)?.state?.state === 'online';
+
+function problemsOf(gateway, model, add) {
+  const name = `Gateway ${gateway.id}`;
+  if (gateway.state?.state !== 'online') return add(`${name} is offline`, 'The broker has lost it. On its host: systemctl status slam-gateway');
+  const { stats } = gateway;
+  if (!stats) return;
+  if (model.now() - gateway.statsAt > STALE_STATS_MS) add(`${name} has sent no stats for ${age(model.now() - gateway.statsAt)}`, 'It may hang. On its host: slam-gatewayctl status', true);
+  if (stats.broker?.state && stats.broker.state !== 'up') add(`${name}: broker ${stats.broker.state}`, stats.broker.why);
+  for (const [mesh, link] of Object.entries(stats.meshes ?? {})) {
+    if (link?.state === 'down') add(`${name}: the link to ${meshNames[mesh] ?? mesh} is down`, link.detail);
+  }
+  const store = stats.store ?? {};
+  if (store.full) add(`${name}: its store is full`, 'It takes no acknowledged message until the broker has taken some. Is the broker up?');
+  if (store.state && store.state !== 'working' && store.state !== 'opening') add(`${name}: its store is ${store.state}`, store.why);
+  if (store.dead_letters > 0) add(`${name} has set ${store.dead_letters} messages aside`, 'The broker will never take them: slam-gatewayctl store list', true);
+}
+
+// ---- the table
+const COLUMNS = [
+  ['Robot', (r) => r.id, (r) => r.id],
+  ['State', (r) => r.state, (r) => order.indexOf(r.state)],
+  ['Mesh', (r) => meshNames[r.best?.mesh] ?? r.best?.mesh ?? '–'],
+  ['Gateway', (r) => r.best?.gateway ?? r.numbers?.gateway ?? '–'],
+  ['Last minute', null, (r, now) => -r.pulse.rate(now)],
+  ['Rate', (r, now) => `${number(r.pulse.rate(now), 1)} /s`, (r, now) => -r.pulse.rate(now), true],
+  ['Latency p50', (r) => ms(r.numbers?.latency_p50_us), (r) => -(r.numbers?.latency_p50_us ?? -1), true],
+  ['p99', (r) => ms(r.numbers?.latency_p99_us), (r) => -(r.numbers?.latency_p99_us ?? -1), true],
+  ['RSSI', (r) => (Number.isFinite(rssi(r)) ? `${rssi(r)} dBm` : '–'), (r) => rssi(r) ?? 1, true],
+  ['Silent', (r, now) => (lastHeard(r) ? age(Math.max(0, now - lastHeard(r))) : '–'), (r) => lastHeard(r), true],
+  ['Messages', (r) => String(r.numbers?.up ?? r.messages), (r) => -(r.numbers?.up ?? r.messages), true],
+  ['Repeats', (r) => number(r.numbers?.repeats), (r) => -(r.numbers?.repeats ?? 0), true],
+];
+const ms = (us) => (Number.isFinite(us) ? `${(us / 1000).toFixed(us < 10000 ? 1 : 0)} ms` : '–');
+
+const GATEWAY_COLUMNS = [
+  ['Gateway', (g) => g.id],
+  ['State', (g) => g.state?.state ?? 'unknown'],
+  ['Version', (g) => String(g.stats?.version ?? g.state?.version ?? '–')],
+  ['Broker', (g) => String(g.stats?.broker?.state ?? '–')],
+  ['Up for', (g) => age((g.stats?.uptime_s ?? NaN) * 1000), true],
+  ['From robots', (g) => number(g.stats?.messages?.up), true],
+  ['To robots', (g) => number(g.stats?.messages?.down), true],
+  ['On disk', (g) => number(g.stats?.store?.depth), true],
+  ['Memory', (g) => bytes(g.stats?.memory_rss_bytes), true],
+];
+
+const byText = new Intl.Collator(undefined, { numeric: true }).compare;
+
+export class RobotsView {
+  constructor(model, choose) {
+    Object.assign(this, { model, choose, sort: 0, isUp: true });
+    const head = $('table').tHead.rows[0];
+    COLUMNS.forEach(([name, , , isNumber], i) => {
+      const button = element('button', { type: 'button' }, name);
+      button.addEventListener('click', () => {
+        [this.sort, this.isUp] = [i, this.sort === i ? !this.isUp : true];
+        this.draw();
+      });
+      head.append(element('th', { class: isNumber ? 'number' : null, scope: 'col' }, button));
+    });
+    for (const [name, , isNumber] of GATEWAY_COLUMNS) $('gateways').tHead.rows[0].append(element('th', { class: isNumber ? 'number' : null, scope: 'col' }, name));
+    $('table').tBodies[0].addEventListener('click', (event) => {
+      const id = event.target.closest('tr')?.robot;
+      if (id) this.choose(id);
+    });
+  }
+
+  draw() {
+    const now = this.model.now();
+    this.drawProblems();
+    this.drawPicture();
+    this.drawTable(now);
+    this.drawGateways();
+  }
+  drawProblems() {
+    const list = problems(this.model).slice(0, 30);
+    const isFine = list.length === 0;
+    if (isFine) list.push({ title: '', remedy: `All is well: ${this.model.robots.size} robots, ${this.model.gateways.size} gateway${this.model.gateways.size === 1 ? '' : 's'}.` });
+    keep($('problems'), list.length, () => element('li', {}, element('strong'), element('span')));
+    list.forEach((problem, i) => {
+      const row = $('problems').children[i];
+      row.className = isFine ? 'fine' : problem.isWarning ? 'warn' : '';
+      setText(row.firstChild, problem.title);
+      setText(row.lastChild, problem.remedy);
+    });
+  }
+
+  drawTable(now) {
+    const [, show, key] = COLUMNS[this.sort];
+    const value = key ?? show;
+    const robots = [...this.model.robots.values()].map((robot) => [robot, value(robot, now)]);
+    robots.sort(([a, x], [b, y]) => (typeof x === 'string' ? byText(x, y) : x - y) * (this.isUp ? 1 : -1) || byText(a.id, b.id));
+    [...$('table').tHead.rows[0].cells].forEach((cell, i) => {
+      if (i === this.sort) cell.setAttribute('aria-sort', this.isUp ? 'ascending' : 'descending');
+      else cell.removeAttribute('aria-sort');
+    });
+    const body = $('table').tBodies[0];
+    keep(body, robots.length, newRow);
+    robots.forEach(([robot], i) => fillRow(body.rows[i], robot, now));
+  }
+  drawGateways() {
+    const body = $('gateways').tBodies[0];
+    const gateways = [...this.model.gateways.values()];
+    keep(body, gateways.length, () => element('tr', {}, ...GATEWAY_COLUMNS.map(([name, , isNumber]) => element('td', { 'data-name': name, class: isNumber ? 'number' : null }))));
+    gateways.forEach((gateway, row) => GATEWAY_COLUMNS.forEach(([, show], i) => setText(body.rows[row].cells[i], show(gateway))));
+  }
+
+  // ---- the picture: broker, gateways, meshes, robots, from left to right
+  drawPicture() {
+    const branches = [];
+    for (const gateway of this.model.gateways.values()) {
+      const meshes = new Map();
+      for (const [mesh, link] of Object.entries(gateway.stats?.meshes ?? {})) if (link?.state !== 'disabled') meshes.set(mesh, { link, robots: [] });
+      for (const robot of this.model.robots.values()) {
+        if (robot.best?.gateway !== gateway.id) continue;
+        const { mesh } = robot.best;
+        if (!meshes.has(mesh)) meshes.set(mesh, { link: null, robots: [] });
+        meshes.get(mesh).robots.push(robot);
+      }
+      branches.push({ gateway, meshes: [...meshes] });
+    }
+    const sketch = JSON.stringify([this.model.broker.state, branches.map(({ gateway, meshes }) => [gateway.id, gateway.state?.state, meshes.map(([name, m]) => [name, m.link?.state, m.robots.map((r) => [r.id, r.state])])])]);
+    if (sketch === this.sketch) return;
+    this.sketch = sketch;
+    $('picture').replaceChildren(picture(branches, this.model));
+  }
+}
+
+function newRow() {
+  const cells = COLUMNS.map(([name, , , isNumber]) => element('td', { 'data-name': name, class: isNumber ? 'number' : null }));
+  cells[1].append(element('span', { class: 'state' }, element('span', { class: 'dot' }), element('span')));
+  cells[4].append(element('canvas'));
+  return element('tr', {}, ...cells);
+}
+function fillRow(row, robot, now) {
+  row.robot = robot.id;
+  COLUMNS.forEach(([name, show], i) => {
+    const cell = row.cells[i];
+    if (name === 'State') {
+      cell.firstChild.firstChild.className = `dot ${order.includes(robot.state) ? robot.state : 'unknown'}`;
+      setText(cell.firstChild.lastChild, robot.state);
+    } else if (show) setText(cell, show(robot, now));
+    else sparkline(cell.firstChild, robot, now);
+  });
+}
+function sparkline(canvas, robot, now) {
+  const on = surface(canvas);
+  if (!on) return;
+  const counts = robot.pulse.list(now);
+  const most = Math.max(5, ...counts);
+  on.context.beginPath();
+  counts.forEach((count, i) => on.context.lineTo(i * on.width / (counts.length - 1), on.height - 2 - count / most * (on.height - 4)));
+  on.context.strokeStyle = colour('--accent');
+  on.context.lineWidth = 1.4;
+  on.context.stroke();
+}
+
+function picture(branches, model) {
+  const [wide, row, cell] = [860, 30, 19];
+  const lines = svg('g');
+  const nodes = svg('g');
+  const box = (x, y, text, state) => {
+    nodes.append(svg('rect', { x, y: y - 14, width: 136, height: 28, rx: 8 }));
+    if (state) nodes.append(svg('circle', { cx: x + 14, cy: y, r: 4.5, class: state }));
+    const label = svg('text', { x: x + (state ? 26 : 14), y: y + 4 }, text.length > 15 ? text.slice(0, 14) + '…' : text);
+    label.append(svg('title', {}, text));
+    nodes.append(label);
+  };
+  const join = (x1, y1, x2, y2, isCut) => lines.append(svg('path', { d: `M${x1} ${y1}C${(x1 + x2) / 2} ${y1} ${(x1 + x2) / 2} ${y2} ${x2} ${y2}`, class: isCut ? 'cut' : '' }));
+  let y = 24;
+  const rowsOf = (robots) => Math.max(1, Math.ceil(robots.length / (robots.length > NAMED_IN_PICTURE ? 20 : 4)));
+  const heights = branches.map(({ meshes }) => meshes.reduce((sum, [, m]) => sum + rowsOf(m.robots) * (m.robots.length > NAMED_IN_PICTURE ? cell : row) + 12, 0) || 44);
+  const tall = Math.max(60, heights.reduce((a, b) => a + b, 0) + 24);
+  box(6, tall / 2, 'Broker', model.broker.state === 'up' ? 'online' : 'offline');
+  branches.forEach(({ gateway, meshes }, i) => {
+    const middle = y + heights[i] / 2 - 12;
+    const isUp = gateway.state?.state === 'online';
+    join(142, tall / 2, 188, middle, !isUp);
+    box(188, middle, gateway.id, isUp ? 'online' : 'offline');
+    for (const [mesh, { link, robots }] of meshes) {
+      const isMany = robots.length > NAMED_IN_PICTURE;
+      const height = rowsOf(robots) * (isMany ? cell : row);
+      const at = y + height / 2 - 8;
+      const isDown = link?.state === 'down';
+      join(324, middle, 370, at, isDown || !isUp);
+      box(370, at, meshNames[mesh] ?? String(mesh), isDown ? 'offline' : 'online');
+      robots.forEach((robot, n) => {
+        const across = isMany ? 20 : 4;
+        const x = 530 + (n % across) * (isMany ? 16 : 84);
+        const down = y + Math.floor(n / across) * (isMany ? cell : row) + (isMany ? 2 : 7);
+        const dot = svg('circle', { cx: x, cy: down, r: 5, class: robot.state });
+        dot.append(svg('title', {}, `${robot.id}: ${robot.state}`));
+        nodes.append(dot);
+        if (n === 0) join(506, at, x - 8, down, false);
+        if (!isMany) nodes.append(svg('text', { x: x + 10, y: down + 4 }, robot.id.length > 9 ? robot.id.slice(0, 8) + '…' : robot.id));
+      });
+      y += height + 12;
+    }
+    if (meshes.length === 0) y += 44;
+  });
+  return svg('svg', { viewBox: `0 0 ${wide} ${tall}`, width: wide, height: tall, role: 'img', 'aria-label': 'Gateways, their meshes and robots' }, lines, nodes);
+}
