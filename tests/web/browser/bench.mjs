@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+// ./dev browser-test --bench: 100 robots at 5/s with 2000 obstacle points each on the map. Frames a second in headless
+// Chromium, CPU and memory of slam-gateway-web and of the page, octets of the page. Prints one JSON object; no test.
+import { spawn } from 'node:child_process';
+import { readFileSync } from 'node:fs';
+import { setTimeout as sleep } from 'node:timers/promises';
+import { World } from './world.mjs';
+
+const ROBOTS = Number(process.env.SLAMGW_BENCH_ROBOTS ?? 100);
+const SECONDS = Number(process.env.SLAMGW_BENCH_SECONDS ?? 30);
+const world = await World.start({ thread: 0, ble: 0, daemon: false });
+const feed = spawn('python3', [new URL('feed.py', import.meta.url).pathname, String(world.ports.broker), String(ROBOTS)], { stdio: 'inherit' });
+const page = await world.open();
+const pid = world.processes.get('web').pid;
+const ticks = () => readFileSync(`/proc/${pid}/stat`, 'utf8').split(' ').slice(13, 15).reduce((sum, n) => sum + Number(n), 0);
+const resident = () => Number(/VmRSS:\s+(\d+)/.exec(readFileSync(`/proc/${pid}/status`, 'utf8'))[1]);
+await page.waitForFunction((n) => window.slamgw.model.robots.size >= n, ROBOTS, { timeout: 60000 });
+// 2000 points each: those of the first minutes, made at once.
+await page.evaluate(() => {
+  for (const robot of window.slamgw.model.robots.values()) {
+    for (let i = 0; i < 2000; i++) {
+      const angle = Math.random() * 2 * Math.PI;
+      robot.addPoint(80 * Math.cos(angle) + Math.random() * 3, 80 * Math.sin(angle) + Math.random() * 3, 1, Date.now());
+    }
+  }
+});
+const measure = async (seconds) => {
+  const [began, cpu, frames, messages] = [performance.now(), ticks(), await page.evaluate(() => window.slamgw.map.frames), await world.metric('slamgw_web_messages_total')];
+  await sleep(seconds * 1000);
+  const passed = (performance.now() - began) / 1000;
+  return {
+    frames_per_second: ((await page.evaluate(() => window.slamgw.map.frames)) - frames) / passed,
+    draw_ms: await page.evaluate(() => { const t = performance.now(); for (let i = 0; i < 20; i++) window.slamgw.map.draw(); return (performance.now() - t) / 20; }),
+    program_cpu_percent: 100 * (ticks() - cpu) / 100 / passed,
+    messages_per_second: ((await world.metric('slamgw_web_messages_total')) - messages) / passed,
+  };
+};
+await sleep(3000);
+const result = await measure(SECONDS);
+result.program_rss_mib = resident() / 1024;
+result.page_heap_mib = await page.evaluate(() => performance.memory.usedJSHeapSize / 1048576);
+result.points = await page.evaluate(() => [...window.slamgw.model.robots.values()].reduce((sum, robot) => sum + robot.kept, 0));
+result.dropped = await world.metric('slamgw_web_dropped_messages_total');
+result.page_octets_compressed = 0;
+for (const name of ['', ...new Set(await page.evaluate(() => performance.getEntriesByType('resource').map((entry) => new URL(entry.name).pathname.slice(1))))]) {
+  const response = await fetch(world.url + name, { headers: { 'accept-encoding': 'gzip' } });
+  if (response.ok) result.page_octets_compressed += Number(response.headers.get('content-length'));
+}
+console.log(JSON.stringify(result, null, 1));
+feed.kill();
+await world.stop();

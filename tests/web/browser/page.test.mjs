@@ -1,0 +1,626 @@
+// SPDX-License-Identifier: Apache-2.0
+// slam-gateway-web and its page, as people meet them. Each test opens a page of its own; those that break the world come
+// last and mend it. SLAMGW_SHORT: only those whose name begins with "*".
+import assert from 'node:assert/strict';
+import { execFile } from 'node:child_process';
+import http from 'node:http';
+import net from 'node:net';
+import { readFileSync } from 'node:fs';
+import { join } from 'node:path';
+import { after, before, test as each } from 'node:test';
+import { World, eventually, keepDirectory, token } from './world.mjs';
+
+let world;
+const isShort = Boolean(process.env.SLAMGW_SHORT);
+function test(name, body) {
+  each(name, { skip: isShort && !name.startsWith('*'), timeout: 120000 }, body);
+}
+// Opens a page for the test, looks at its errors at the end, and closes it.
+function pageTest(name, options, body) {
+  test(name, async () => {
+    const page = await world.open(typeof options === 'function' ? options() : options);
+    try {
+      await body(page);
+      assert.deepEqual(page.errors, []);
+    } finally {
+      await page.context().close();
+    }
+  });
+}
+const until = (page, what, ...more) => page.waitForFunction(what, ...more, { timeout: 40000 });
+const shot = (page, name) => page.screenshot({ path: join(keepDirectory, name) });
+const hostile = '<img src=x onerror=alert(1)>';
+
+before(async () => {
+  world = await World.start({ origins: { placed: { x_cm: 400, y_cm: 100, heading_deg: 90 } } });
+});
+after(() => world?.stop());
+
+// Least squares (Kasa): the circle through points.
+function fitCircle(points) {
+  let [n, sx, sy, sxx, syy, sxy, sxz, syz, sz] = [points.length, 0, 0, 0, 0, 0, 0, 0, 0];
+  for (const [x, y] of points) {
+    const z = x * x + y * y;
+    sx += x; sy += y; sxx += x * x; syy += y * y; sxy += x * y; sxz += x * z; syz += y * z; sz += z;
+  }
+  const a = n * sxx - sx * sx, b = n * sxy - sx * sy, c = n * syy - sy * sy;
+  const d = (n * sxz - sx * sz) / 2, e = (n * syz - sy * sz) / 2;
+  const x = (d * c - b * e) / (a * c - b * b), y = (a * e - b * d) / (a * c - b * b);
+  return { x, y, radius: Math.sqrt(x * x + y * y + (sz - 2 * x * sx - 2 * y * sy) / n) };
+}
+function assertRing(points) {
+  const circle = fitCircle(points);
+  assert.ok(Math.abs(circle.radius - 80) <= 2, JSON.stringify(circle));
+  assert.ok(Math.hypot(circle.x, circle.y) <= 2, JSON.stringify(circle));
+}
+const ringPoints = (page) => page.evaluate(() => {
+  const points = [];
+  for (const robot of window.slamgw.model.robots.values()) {
+    if (!/^robot\d$/.test(robot.id)) continue;
+    for (let i = 0; i < robot.kept; i++) points.push([robot.points[i * 3], robot.points[i * 3 + 1]]);
+  }
+  return points;
+});
+async function manyPoints(page) {
+  return eventually('400 points', async () => {
+    const points = await ringPoints(page);
+    return points.length >= 400 && points;
+  });
+}
+
+// ---- the map
+
+pageTest('* the page is live without an error and shows the robots of both meshes', {}, async (page) => {
+  await until(page, () => document.querySelector('#link').textContent === 'Live');
+  await until(page, () => document.querySelectorAll('#list li').length >= 6);
+  const names = await page.$$eval('#list .name', (all) => all.map((one) => one.textContent));
+  for (let i = 1; i <= 6; i++) assert.ok(names.includes(`robot${i}`), names.join());
+  assert.equal(await page.isVisible('#empty'), false);
+});
+
+pageTest('* points lie where the ring is: 80 cm within 2 cm', {}, async (page) => {
+  assertRing(await manyPoints(page));
+  await eventually('most of the ring is seen', async () => {
+    const points = await ringPoints(page);
+    return new Set(points.map(([x, y]) => Math.floor(Math.atan2(y, x) * 6))).size >= 34;
+  });
+  await shot(page, 'map.png');
+});
+
+pageTest('the occupied cells of the grid are the ring, those inside are free', {}, async (page) => {
+  await manyPoints(page);
+  const cells = await page.evaluate(() => {
+    const found = { walls: [], freeInside: 0, freeOutside: 0 };
+    for (const tile of window.slamgw.map.grid.tiles.values()) {
+      tile.cells.forEach((value, i) => {
+        const x = (tile.column * 64 + i % 64) * 2 + 1;
+        const y = (tile.row * 64 + Math.floor(i / 64)) * 2 + 1;
+        if (Math.hypot(x, y) > 120) return;
+        if (value > 20) found.walls.push([x, y]);
+        if (value < 0) found[Math.hypot(x, y) < 84 ? 'freeInside' : 'freeOutside']++;
+      });
+    }
+    return found;
+  });
+  assert.ok(cells.walls.length >= 40, String(cells.walls.length));
+  assertRing(cells.walls);
+  assert.ok(cells.freeInside > 500 && cells.freeOutside === 0, JSON.stringify([cells.freeInside, cells.freeOutside]));
+});
+
+pageTest('pixels in the robots’ colours are where the points are', {}, async (page) => {
+  await manyPoints(page);
+  await page.click('#show-grid');
+  await page.click('#show-trails');
+  await page.click('#show-labels');
+  const drawn = await page.evaluate(async () => {
+    const { map, model } = window.slamgw;
+    for (const robot of model.robots.values()) robot.isShown = robot.id === 'robot1';
+    map.fitAll();
+    await new Promise((resolve) => setTimeout(resolve, 1200)); // the view comes to rest
+    const robot = model.robots.get('robot1');
+    const before = robot.kept;
+    map.draw();
+    let hits = 0;
+    const context = map.canvas.getContext('2d');
+    for (let i = 0; i < before; i++) {
+      const at = context.getImageData(map.view.px(robot.points[i * 3]) * map.ratio, map.view.py(robot.points[i * 3 + 1]) * map.ratio, 1, 1).data;
+      if (at[2] > at[0] + 10) hits++; // blue on grey, strong or faint
+    }
+    return { hits, before };
+  });
+  assert.ok(drawn.before > 20 && drawn.hits > 0.9 * drawn.before, JSON.stringify(drawn));
+});
+
+pageTest('an origin places a robot’s frame in the room, turned', {}, async (page) => {
+  await world.update('placed', 10, 0, 10, 50);
+  await until(page, () => window.slamgw.model.robots.get('placed')?.pose);
+  const placed = await page.evaluate(() => {
+    const robot = window.slamgw.model.robots.get('placed');
+    return [robot.pose.x, robot.pose.y, robot.points[0], robot.points[1], robot.fromRoom(350, 110)];
+  });
+  assert.deepEqual(placed.slice(0, 4).map(Math.round), [400, 110, 350, 110]);
+  assert.deepEqual(placed[4], { x: 10, y: 50 });
+});
+
+pageTest('a ray is free up to its end, and readings near 80 cm count less', {}, async (page) => {
+  await world.update('lonely', 1000, 1000, 1050, 1000, 1000, 1079);
+  await until(page, () => window.slamgw.model.robots.get('lonely')?.kept === 2);
+  const seen = await page.evaluate(() => {
+    const { grid } = window.slamgw.map;
+    const cell = (x, y) => grid.tile(x >> 7, y >> 7).cells[((y >> 1) & 63) * 64 + ((x >> 1) & 63)];
+    const { points } = window.slamgw.model.robots.get('lonely');
+    return { free: [1002, 1020, 1048].map((x) => cell(x, 1000)), near: cell(1050, 1000), far: cell(1000, 1079), worth: [points[2], points[5]] };
+  });
+  assert.ok(seen.free.every((value) => value < 0), JSON.stringify(seen));
+  assert.ok(seen.near > seen.far && seen.far > 0, JSON.stringify(seen));
+  assert.ok(seen.worth[0] === 1 && seen.worth[1] < 0.3, JSON.stringify(seen));
+});
+
+pageTest('wheel and drag move the map, F brings it back', {}, async (page) => {
+  await manyPoints(page);
+  const under = () => page.evaluate(() => ({ ...window.slamgw.map.view.room(700, 400), scale: window.slamgw.map.view.scale, fits: window.slamgw.map.fits }));
+  const box = await page.locator('#world').boundingBox();
+  const start = await under();
+  await page.mouse.move(box.x + 700, box.y + 400);
+  await page.mouse.wheel(0, -400);
+  await eventually('closer', async () => (await under()).scale > start.scale * 1.3);
+  const closer = await under();
+  assert.equal(closer.fits, false);
+  await page.mouse.down();
+  await page.mouse.move(box.x + 800, box.y + 400, { steps: 4 });
+  await page.mouse.up();
+  const dragged = await under();
+  assert.ok(Math.abs((closer.x - dragged.x) * closer.scale - 100) < 2, JSON.stringify([closer, dragged]));
+  await page.keyboard.press('f');
+  await eventually('fitted', async () => (await under()).fits);
+});
+
+pageTest('robots can be left out, found, and cleared', {}, async (page) => {
+  await manyPoints(page);
+  await page.click('#none');
+  assert.equal(await page.evaluate(() => window.slamgw.map.robots.length), 0);
+  await page.locator('#list li', { hasText: 'robot2' }).locator('input').check();
+  assert.deepEqual(await page.evaluate(() => window.slamgw.map.robots.map((robot) => robot.id)), ['robot2']);
+  const [before, left] = await page.evaluate(() => {
+    const robots = [...window.slamgw.model.robots.values()];
+    const count = () => robots.reduce((sum, robot) => sum + robot.kept + robot.trail.length, 0);
+    const was = count();
+    document.querySelector('#clear').click();
+    return [was, count() + window.slamgw.map.grid.tiles.size];
+  });
+  assert.ok(before > 400 && left === 0, `${before} ${left}`);
+});
+
+async function downloaded(page, button) {
+  const [download] = await Promise.all([page.waitForEvent('download'), page.click(button)]);
+  return { name: download.suggestedFilename(), octets: readFileSync(await download.path()) };
+}
+
+pageTest('PNG and CSV save what is drawn; a name is no formula', {}, async (page) => {
+  await world.update('=1-1', 5, 6, 50, 60);
+  await until(page, () => window.slamgw.model.robots.get('=1-1')?.kept);
+  await manyPoints(page);
+  const png = await downloaded(page, '#save-png');
+  assert.match(png.name, /^map-.*\.png$/);
+  assert.equal(png.octets.subarray(1, 4).toString(), 'PNG');
+  const lines = (await downloaded(page, '#save-csv')).octets.toString().split('\n');
+  assert.equal(lines[0], 'robot,kind,x_cm,y_cm,worth,at');
+  assert.ok(lines.length > 400);
+  assert.ok(lines.some((line) => line.startsWith("'=1-1,obstacle,50.0,60.0,1.00,20")), lines.find((line) => line.includes('=1-')));
+});
+
+// ---- commands
+
+async function clickRoom(page, x, y) {
+  const at = await page.evaluate(([a, b]) => {
+    const { map } = window.slamgw;
+    map.fits = false;
+    return [map.view.px(a), map.view.py(b)];
+  }, [x, y]);
+  const box = await page.locator('#world').boundingBox();
+  await page.mouse.click(box.x + at[0], box.y + at[1]);
+}
+const choose = (page, name) => page.locator('#list li', { hasText: name }).locator('button').click();
+const outcome = (page, words) => until(page, (text) => document.querySelector('#outcomes li')?.textContent.includes(text), words);
+
+for (const [robot, mesh] of [['robot1', 'Thread'], ['robot5', 'BLE Mesh']]) {
+  pageTest(`* a click on the map sends a robot on ${mesh} there, and its outcome is told`, { unlocked: true }, async (page) => {
+    await manyPoints(page);
+    const sent = await world.subscribe(`ntnu-slam/server/${robot}/cmd`);
+    await choose(page, robot);
+    await clickRoom(page, -30, 25);
+    await outcome(page, 'delivered');
+    sent.stop();
+    const [, hex] = sent.lines[0].split(' ');
+    const octets = Buffer.from(hex, 'hex');
+    assert.ok(Math.abs(octets.readInt16LE(0) + 30) <= 1 && Math.abs(octets.readInt16LE(2) - 25) <= 1, hex);
+    assert.equal(await page.evaluate(() => window.slamgw.map.marks[0].command.outcome), 'delivered');
+    await shot(page, `command-${robot}.png`);
+  });
+}
+
+pageTest('Stop and Start reach the robot as `run`', { unlocked: true }, async (page) => {
+  const sent = await world.subscribe('ntnu-slam/server/robot4/run');
+  await choose(page, 'robot4');
+  await page.click('#stop');
+  await outcome(page, 'stop: delivered');
+  await page.click('#start');
+  await outcome(page, 'start: delivered');
+  sent.stop();
+  assert.deepEqual(sent.lines.map((line) => Buffer.from(line.split(' ')[1], 'hex').toString()), ['stop', 'start']);
+});
+
+pageTest('a robot that no gateway serves is told before anybody waits for it', { unlocked: true }, async (page) => {
+  await world.update('ghost', 0, 0);
+  await page.locator('#list li', { hasText: 'ghost' }).locator('button').click();
+  await until(page, () => document.querySelector('#pilot-hint').textContent.startsWith('No gateway serves it'));
+});
+
+pageTest('without a token set the page only watches, whatever it says', () => ({ url: world.watchingUrl }), async (page) => {
+  await until(page, () => document.querySelector('#unlock').textContent === 'Only watching');
+  assert.equal(await page.isDisabled('#unlock'), true);
+  const sent = await world.subscribe('ntnu-slam/server/#');
+  const refused = await page.evaluate(() => new Promise((resolve) => {
+    const socket = new WebSocket(`ws://${location.host}/api`);
+    socket.onopen = () => socket.send(JSON.stringify({ topic: 'ntnu-slam/server/robot1/run', payload: 'stop' }));
+    socket.onmessage = ({ data }) => data.includes('$web/refused') && resolve(data);
+  }));
+  assert.match(refused, /only watches/);
+  await world.publish('ntnu-slam/server/robot1/end', 'x'); // what came before it has arrived
+  await eventually('the end', () => sent.lines.some((line) => line.includes('/end')));
+  sent.stop();
+  assert.equal(sent.lines.length, 1);
+});
+
+pageTest('a wrong token is told, and three end the connection', {}, async (page) => {
+  await page.click('#unlock');
+  await page.fill('#token', 'a-wrong-token-of-somebody');
+  await page.click('#token-form .main');
+  await until(page, () => document.querySelector('#token-words').textContent === 'this is not the token');
+  assert.equal(await page.evaluate(() => window.slamgw.model.maySend), false);
+  const code = await page.evaluate(() => new Promise((resolve) => {
+    const socket = new WebSocket(`ws://${location.host}/api`);
+    socket.onopen = () => { for (let i = 0; i < 5; i++) socket.send('{"topic":"$web/token","payload":"guess"}'); };
+    socket.onclose = (event) => resolve(event.code);
+  }));
+  assert.ok(code >= 1000);
+});
+
+test('the token is in no URL, stays over a reload, and in its tab', async () => {
+  const page = await world.open();
+  const urls = [];
+  page.on('request', (request) => urls.push(request.url()));
+  page.on('websocket', (socket) => urls.push(socket.url()));
+  await world.unlock(page);
+  await page.reload();
+  await page.waitForFunction(() => window.slamgw?.model.maySend);
+  assert.ok(urls.length > 5 && urls.every((url) => !url.includes(token) && !url.includes('?')), urls.join('\n'));
+  const other = await page.context().newPage();
+  await other.goto(world.url);
+  await other.waitForFunction(() => window.slamgw?.model.isOpen);
+  assert.equal(await other.evaluate(() => window.slamgw.model.maySend), false);
+  await page.context().close();
+});
+
+// ---- who may come
+
+const ask = (path, headers, method = 'GET') => new Promise((resolve, reject) => {
+  http.request({ host: '127.0.0.1', port: world.ports.web, path, headers, method }, (response) => {
+    let text = '';
+    response.on('data', (part) => { text += part; }).on('end', () => resolve({ status: response.statusCode, headers: response.headers, text }));
+  }).on('error', reject).end();
+});
+
+test('* a wrong Host is refused, for the page and for the metrics', async () => {
+  for (const host of ['evil.test', `evil.test:${world.ports.web}`, `127.0.0.1.evil.test:${world.ports.web}`]) {
+    assert.ok([400, 403].includes((await ask('/', { host })).status), host);
+    assert.ok([400, 403].includes((await ask('/metrics', { host })).status), host);
+  }
+  assert.equal((await ask('/', { host: `localhost:${world.ports.web}` })).status, 200);
+});
+
+test('a page under a name that was rebound to this host sees nothing', async () => {
+  const context = await world.browser.newContext();
+  const page = await context.newPage();
+  const response = await page.goto(`http://evil.test:${world.ports.web}/`);
+  assert.equal(response.status(), 403);
+  const isRefused = await page.evaluate(() => new Promise((resolve) => {
+    const socket = new WebSocket(`ws://${location.host}/api`);
+    socket.onopen = () => resolve(false);
+    socket.onerror = () => resolve(true);
+  }));
+  assert.equal(isRefused, true);
+  await context.close();
+});
+
+test('* a foreign page cannot open the WebSocket', async () => {
+  const server = http.createServer((request, response) => response.end('<!doctype html><title>foreign</title>')).listen(0, '127.0.0.1');
+  const context = await world.browser.newContext();
+  const page = await context.newPage();
+  await page.goto(`http://127.0.0.1:${server.address().port}/`);
+  const opened = (port) => page.evaluate((to) => new Promise((resolve) => {
+    const socket = new WebSocket(`ws://127.0.0.1:${to}/api`);
+    socket.onopen = () => resolve(true);
+    socket.onerror = () => resolve(false);
+  }), port);
+  assert.equal(await opened(world.ports.web), false);
+  const read = await page.evaluate((to) => fetch(`http://127.0.0.1:${to}/metrics`).then(() => true, () => false), world.ports.web);
+  assert.equal(read, false);
+  await context.close();
+  server.close();
+});
+
+test('answers confine the page, and only GET is answered', async () => {
+  const { headers } = await ask('/', {});
+  assert.match(headers['content-security-policy'], /default-src 'none'.*frame-ancestors 'none'.*require-trusted-types-for/);
+  assert.equal(headers['x-content-type-options'], 'nosniff');
+  assert.equal((await ask('/', {}, 'POST')).status, 405);
+  assert.equal((await ask('/../../etc/passwd', {})).status, 404);
+});
+
+pageTest('a script that somehow got into the page does not run', {}, async (page) => {
+  const ran = await page.evaluate(() => {
+    const script = document.createElement('script');
+    try { script.textContent = 'window.wasRun = true'; } catch { /* Trusted Types */ }
+    document.body.append(script);
+    try { document.body.innerHTML += '<b>markup</b>'; return true; } catch { return Boolean(window.wasRun); }
+  });
+  assert.equal(ran, false);
+  page.errors.length = 0; // the browser tells of what it refused
+});
+
+// ---- robots and gateways
+
+pageTest('the table and the picture show who hangs on which gateway over which mesh', { view: 'robots' }, async (page) => {
+  await until(page, () => [...document.querySelectorAll('#table tbody tr')].filter((row) => /^robot\d/.test(row.textContent) && row.textContent.includes('online')).length >= 6);
+  const row = (name) => page.locator('#table tbody tr', { has: page.locator('td:first-child', { hasText: new RegExp(`^${name}$`) }) });
+  assert.match(await row('robot1').textContent(), /online.*Thread.*here/);
+  assert.match(await row('robot5').textContent(), /online.*BLE Mesh.*here/);
+  await page.click('#table th:nth-child(3) button');
+  const meshes = await page.$$eval('#table tbody td:nth-child(3)', (all) => all.map((cell) => cell.textContent));
+  assert.deepEqual(meshes, [...meshes].sort((a, b) => a.localeCompare(b)));
+  const picture = await page.textContent('#picture');
+  for (const word of ['Broker', 'here', 'BLE Mesh', 'Thread', 'robot3', 'robot6']) assert.ok(picture.includes(word), picture);
+  await until(page, () => document.querySelector('#gateways tbody').textContent.includes('MiB'));
+  await page.waitForTimeout(6000); // for sparklines that are worth a picture
+  await shot(page, 'robots.png');
+});
+
+// ---- trace
+
+pageTest('the trace decodes, filters, pauses and downloads', { view: 'trace' }, async (page) => {
+  await until(page, () => document.querySelectorAll('#messages tbody tr').length >= 20);
+  await page.selectOption('#trace-robot', 'robot2');
+  await page.selectOption('#trace-type', 'update');
+  await until(page, () => document.querySelectorAll('#messages tbody tr').length >= 10);
+  const rows = await page.$$eval('#messages tbody tr', (all) => all.map((row) => [...row.cells].map((cell) => cell.textContent)));
+  for (const [time, from, robot, type, content] of rows) {
+    assert.match(time, /^\d\d:\d\d:\d\d\.\d{3}$/);
+    assert.deepEqual([from, robot, type], ['robot (thread)', 'robot2', 'update']);
+    assert.match(content, /^x -?\d+  y -?\d+  sees (nothing|(\(-?\d+, -?\d+\) ?)+)$/);
+  }
+  await page.keyboard.press('Escape');
+  await page.click('#pause');
+  const held = await page.textContent('#messages tbody');
+  await page.waitForTimeout(1200);
+  assert.equal(await page.textContent('#messages tbody'), held);
+  const lines = (await downloaded(page, '#download')).octets.toString().trim().split('\n');
+  assert.equal(lines[0], 'time,from,robot,type,topic,encoding,payload,content');
+  assert.ok(lines.length > 10 && lines.slice(1).every((line) => line.includes(',robot2,update,ntnu-slam/robot/robot2/update,hex,')));
+});
+
+pageTest('histograms count intervals and latency', { view: 'trace' }, async (page) => {
+  await until(page, () => /n \d\d+ .*lost by gaps/.test(document.querySelector('#gap-words').textContent));
+  await until(page, () => /gateway to here: n \d\d+/.test(document.querySelector('#delay-words').textContent));
+  const inked = await page.evaluate(() => ['gaps', 'delays'].map((id) => {
+    const canvas = document.querySelector(`#${id}`);
+    return canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data.filter((value, i) => i % 4 === 3 && value > 100).length;
+  }));
+  assert.ok(inked.every((count) => count > 200), inked.join());
+  await page.waitForTimeout(5000); // more bars for the picture
+  await shot(page, 'trace.png');
+});
+
+// ---- people and their screens
+
+pageTest('everything can be done with keys', { unlocked: true }, async (page) => {
+  await manyPoints(page);
+  await page.keyboard.press('2');
+  assert.equal(await page.isVisible('#table'), true);
+  await page.keyboard.press('3');
+  assert.equal(await page.isVisible('#messages'), true);
+  await page.keyboard.press('1');
+  await page.keyboard.press('n');
+  assert.equal(await page.isVisible('#pilot'), true);
+  const left = await page.evaluate(() => { window.slamgw.map.fits = false; return window.slamgw.map.view.left; });
+  await page.keyboard.press('ArrowLeft');
+  assert.equal(await page.evaluate(() => window.slamgw.map.view.left), left + 60);
+  await page.keyboard.press('g');
+  assert.equal(await page.getAttribute('#show-grid', 'aria-pressed'), 'false');
+  await page.keyboard.press('Escape');
+  assert.equal(await page.isVisible('#pilot'), false);
+  await page.keyboard.press('?');
+  assert.equal(await page.isVisible('#keys-dialog'), true);
+  await page.keyboard.press('Escape');
+  assert.equal(await page.isVisible('#keys-dialog'), false);
+  await page.focus('#tab-map');
+  await page.keyboard.press('ArrowRight');
+  assert.equal(await page.evaluate(() => document.activeElement.id), 'tab-robots');
+});
+
+pageTest('a screen of 360 px holds every view', { width: 360, height: 640, hasTouch: true }, async (page) => {
+  await manyPoints(page);
+  for (const view of ['robots', 'trace', 'map']) {
+    await page.click(`#tab-${view}`);
+    await page.waitForTimeout(700);
+    assert.ok(await page.evaluate(() => document.documentElement.scrollWidth <= 360), view);
+    await shot(page, `phone-${view}.png`);
+  }
+  assert.equal(await page.isVisible('#list'), true);
+});
+
+pageTest('dark where the system is dark, and by choice', { colorScheme: 'dark' }, async (page) => {
+  const ground = () => page.evaluate(() => getComputedStyle(document.body).backgroundColor);
+  const dark = await ground();
+  await manyPoints(page);
+  await shot(page, 'map-dark.png');
+  await page.click('#theme');
+  assert.notEqual(await ground(), dark);
+  await page.reload();
+  assert.notEqual(await ground(), dark);
+});
+
+pageTest('no motion where the system asks for none', { reducedMotion: 'reduce' }, async (page) => {
+  await manyPoints(page);
+  const jumped = await page.evaluate(() => {
+    const { map } = window.slamgw;
+    map.zoom(3);
+    map.fits = true;
+    return map.fit(false); // whether it is still on its way
+  });
+  assert.equal(jumped, false);
+});
+
+// ---- metrics
+
+test('* promtool finds nothing to say about the metrics', async () => {
+  await eventually('stats have come', () => world.metric('slamgw_gateway_uptime_seconds'));
+  const { text, headers } = await ask('/metrics', {});
+  assert.match(headers['content-type'], /^text\/plain; version=0\.0\.4/);
+  const said = await new Promise((resolve) => {
+    const child = execFile('promtool', ['check', 'metrics'], (error, out, err) => resolve(`${error ?? ''}${out}${err}`));
+    child.stdin.end(text);
+  });
+  assert.equal(said, '');
+  for (const name of ['slamgw_gateway_up', 'slamgw_gateway_messages_total', 'slamgw_robot_online', 'slamgw_web_pages']) assert.ok(text.includes(`\n${name}`), name);
+});
+
+// ---- hostile robots, nonsense, bounds
+
+pageTest('* a robot with a hostile name is text in every view', {}, async (page) => {
+  const names = [hostile, '__proto__', 'constructor', '"onload="alert(2)', '\u202eevil'];
+  for (const name of names) {
+    await world.update(name, 1, 2, 30, 40);
+    await world.publish(`ntnu-slam/robot/${name}/adv`, '<script>alert(3)</script>');
+    await world.publish(`ntnu-slam/gateway/other/robots/${name}`, JSON.stringify({ state: 'online', mesh: hostile, address: hostile }), '-r');
+  }
+  await world.publish(`ntnu-slam/gateway/other/commands/${hostile}`, JSON.stringify({ type: 'cmd', outcome: hostile, why: hostile }));
+  await world.publish('ntnu-slam/gateway/other/state', JSON.stringify({ state: 'online', version: hostile }), '-r');
+  await world.publish('ntnu-slam/gateway/other/stats', JSON.stringify({ version: hostile, broker: { state: 'down', why: hostile }, meshes: { [hostile]: { state: 'down', detail: hostile } }, store: [], robots: null }));
+  await until(page, (all) => all.every((name) => window.slamgw.model.robots.get(name)?.state === 'online'), names);
+  const listed = () => page.$$eval('#list .name', (all) => all.map((one) => one.textContent));
+  await eventually('all names are listed', async () => names.every((name) => undefined !== name) && (await listed()).filter((name) => names.includes(name)).length === names.length);
+  for (const view of ['robots', 'trace', 'map']) {
+    await page.click(`#tab-${view}`);
+    await page.waitForTimeout(700); // two rounds of the tables
+    assert.equal(await page.$$eval('img:not(h1 img), #table script, #messages script, b, [onerror], [onload]', (all) => all.length), 0, view);
+    assert.ok((await page.textContent('body')).includes(hostile), view);
+  }
+  for (const name of names) await world.publish(`ntnu-slam/gateway/other/robots/${name}`, '', '-r');
+  await world.publish('ntnu-slam/gateway/other/state', '', '-r');
+});
+
+pageTest('nonsense on the topics harms nothing', {}, async (page) => {
+  for (const payload of ['', '{', '[]', 'null', '5', '{"state":5}', '{"robots":{"x":[]}}', '{"robots":[1]}', '{"meshes":{"ble":null}}', Buffer.from('fffe00', 'hex'), '{"x":1e999,"y":{}}']) {
+    for (const topic of ['gateway/odd/state', 'gateway/odd/stats', 'gateway/odd/numbers', 'gateway/odd/robots/odd', 'gateway/odd/commands/odd', 'robot/odd/update', 'robot/odd', 'server/odd/cmd', 'gateway/odd']) await world.publish(`ntnu-slam/${topic}`, payload);
+  }
+  for (const view of ['robots', 'trace', 'map']) {
+    await page.click(`#tab-${view}`);
+    await page.waitForTimeout(700);
+  }
+  assert.equal(await page.textContent('#link'), 'Live');
+});
+
+
+const handshake = (socket) => socket.write(`GET /api HTTP/1.1\r\nHost: 127.0.0.1:${world.ports.web}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n`);
+
+test('a page that reads nothing loses messages, and no other does', async () => {
+  const before = await world.metric('slamgw_web_dropped_messages_total');
+  const page = await world.open();
+  const slow = net.connect(world.ports.web, '127.0.0.1');
+  await new Promise((resolve) => slow.once('connect', resolve));
+  handshake(slow);
+  await new Promise((resolve) => slow.once('data', resolve));
+  slow.pause();
+  const flood = Buffer.alloc(4000, 'x').toString() + '\n';
+  await eventually('messages are dropped', async () => {
+    const child = execFile('mosquitto_pub', ['-p', String(world.ports.broker), '-t', 'ntnu-slam/robot/flood/adv', '-l']);
+    child.stdin.end(flood.repeat(1500));
+    await new Promise((resolve) => child.on('exit', resolve));
+    return await world.metric('slamgw_web_dropped_messages_total') > before;
+  });
+  assert.equal(await page.textContent('#link'), 'Live');
+  assert.ok(await world.metric('slamgw_web_resident_memory_bytes') < 64e6);
+  slow.destroy();
+  await page.context().close();
+});
+
+test('more pages than there is room for are refused', async () => {
+  const sockets = [];
+  const answers = [];
+  for (let i = 0; i < 40; i++) {
+    const socket = net.connect(world.ports.web, '127.0.0.1');
+    socket.once('data', (data) => answers.push(Number(String(data).slice(9, 12))));
+    socket.on('error', () => {});
+    handshake(socket);
+    sockets.push(socket);
+  }
+  await eventually('all are answered', () => answers.length === 40);
+  assert.ok(answers.filter((status) => status === 101).length <= 32, answers.join());
+  assert.ok(answers.includes(503));
+  for (const socket of sockets) socket.destroy();
+  await eventually('their room is free again', async () => await world.metric('slamgw_web_pages') === 0);
+});
+
+test('garbage for HTTP ends its connection only', async () => {
+  for (const garbage of ['\0\0\0\0', 'GET', `GET / HTTP/1.1\r\n${'X: y\r\n'.repeat(5000)}\r\n`, 'GET /api HTTP/1.1\r\nHost: 127.0.0.1\r\nUpgrade: websocket\r\n\r\n']) {
+    const socket = net.connect(world.ports.web, '127.0.0.1');
+    socket.on('error', () => {});
+    socket.end(garbage);
+    await new Promise((resolve) => socket.on('close', resolve).resume());
+  }
+  assert.equal((await ask('/', {})).status, 200);
+});
+
+// ---- what goes and comes back
+
+pageTest('* the broker goes and comes back; a command meanwhile is refused at once', { unlocked: true }, async (page) => {
+  await manyPoints(page);
+  await world.end('broker');
+  await until(page, () => document.querySelector('#link').textContent === 'Broker away');
+  await choose(page, 'robot1');
+  await page.click('#stop');
+  await outcome(page, 'refused: the broker is away');
+  await page.click('#tab-robots');
+  await until(page, () => /does not reach the broker/.test(document.querySelector('#problems li').textContent));
+  await shot(page, 'trouble.png');
+  await world.startBroker();
+  await until(page, () => document.querySelector('#link').textContent === 'Live');
+  const before = await page.evaluate(() => window.slamgw.model.robots.get('robot1').messages);
+  await until(page, (count) => window.slamgw.model.robots.get('robot1').messages > count + 3, before);
+});
+
+pageTest('slam-gateway-web goes and comes back, and the page is still unlocked', { unlocked: true }, async (page) => {
+  await world.end('web', 'SIGKILL');
+  await until(page, () => document.querySelector('#link').textContent === 'No connection');
+  await world.startWeb();
+  await until(page, () => document.querySelector('#link').textContent === 'Live' && window.slamgw.model.maySend);
+  page.errors.length = 0; // the browser tells of each try
+});
+
+pageTest('a gateway that died comes first in what is wrong, with the remedy', { view: 'robots' }, async (page) => {
+  await until(page, () => document.querySelector('#gateways tbody').textContent.includes('online'));
+  await world.end('daemon', 'SIGKILL');
+  await until(page, () => /^Gateway here is offline.*systemctl status slam-gateway/.test(document.querySelector('#problems li').textContent));
+  await until(page, () => !document.querySelector('#trouble').hidden);
+  assert.equal(await world.metric('slamgw_gateway_up'), 0);
+  world.startDaemon();
+  await until(page, () => ![...document.querySelectorAll('#problems li')].some((line) => line.textContent.includes('Gateway here is offline')));
+});
+
+test('every program has ended well at the end', async () => {
+  const web = world.processes.get('web');
+  web.kill('SIGTERM');
+  assert.equal(await web.ended, 0);
+  world.processes.delete('web');
+});
