@@ -110,7 +110,7 @@ function drawList() {
 }
 $('list').addEventListener('change', (event) => {
   event.target.closest('li').robot.isShown = event.target.checked;
-  map.change();
+  map.repaint();
 });
 $('list').addEventListener('click', (event) => {
   const robot = event.target.closest('button') && event.target.closest('li').robot;
@@ -204,13 +204,13 @@ document.querySelector('nav').addEventListener('keydown', (event) => {
 function toggle(what) {
   map.show[what] = !map.show[what];
   $(`show-${what}`).setAttribute('aria-pressed', map.show[what]);
-  map.change();
+  map.repaint();
 }
 for (const what of ['points', 'grid', 'trails', 'labels']) $(`show-${what}`).addEventListener('click', () => toggle(what));
 function showAll(isShown) {
   for (const robot of model.robots.values()) robot.isShown = isShown;
   drawList();
-  map.change();
+  map.repaint();
 }
 $('all').addEventListener('click', () => showAll(true));
 $('none').addEventListener('click', () => showAll(false));

@@ -2,12 +2,17 @@
 // The map: grid, points, trails, robots, and where commands went. The room's y axis points up. Nothing is drawn while
 // nothing changes.
 import { Grid } from './grid.js';
+import { MAX_POINTS } from './model.js';
 import { Points } from './points.js';
 
 const FIT_MARGIN_PX = 70;
 const MIN_SCALE = 0.01;
 const MAX_SCALE = 40;
 const MARK_MS = 12000;
+// From so many points on, what lies still is painted into a layer that is made anew once a second; in between only what is
+// new is added to it.
+const HEAVY_POINTS = 20000;
+const LAYER_MS = 1000;
 const calm = matchMedia('(prefers-reduced-motion: reduce)');
 
 // Room centimetres to pixels.
@@ -34,6 +39,9 @@ export class WorldMap {
     this.view = new View();
     this.grid = new Grid();
     this.points = new Points();
+    this.layer = new OffscreenCanvas(1, 1);
+    this.layerAt = -Infinity;
+    this.sprites = new Map();
     this.marks = []; // where commands were sent
     this.show = { points: true, grid: true, trails: true, labels: true };
     this.chosen = null;
@@ -64,6 +72,12 @@ export class WorldMap {
     this.colours = { ground: colour('--ground'), line: colour('--line'), text: colour('--text'), muted: colour('--muted'), card: colour('--card'), good: colour('--good'), bad: colour('--bad'), accent: colour('--accent') };
     const free = colour('--free').match(/\w\w/g).map((part) => parseInt(part, 16));
     this.grid.recolour({ free, wall: colour('--wall').split(' ').map(Number) });
+    this.sprites.clear();
+    this.repaint();
+  }
+  // Like change(), for what is in the layer too.
+  repaint() {
+    this.layerAt = -Infinity;
     this.change();
   }
   change() {
@@ -106,25 +120,30 @@ export class WorldMap {
       left: aside.left + (this.width - aside.left) / 2 - scale * (bounds.left + bounds.right) / 2,
       top: aside.top + (this.height - aside.top - aside.bottom) / 2 + scale * (bounds.low + bounds.high) / 2,
     };
+    // A view that rests stays until it is clearly wrong: each new point moves the goal a little.
+    const off = Math.max(Math.abs(goal.scale / this.view.scale - 1) * 300, Math.abs(goal.left - this.view.left), Math.abs(goal.top - this.view.top));
+    if (!isNow && this.isResting && off < 24) return false;
     const step = isNow || calm.matches || !this.hasFitted ? 1 : 0.12;
     this.hasFitted = true;
     for (const key of ['scale', 'left', 'top']) this.view[key] += (goal[key] - this.view[key]) * step;
-    return Math.abs(goal.scale - this.view.scale) > 0.002 * goal.scale || Math.abs(goal.left - this.view.left) > 0.5;
+    this.isResting = step === 1 || off < 1;
+    return !this.isResting;
   }
   fitAll() {
     this.fits = true;
+    this.isResting = false;
     this.change();
   }
   clear() {
     this.grid.clear();
     this.marks = [];
     for (const robot of this.model.robots.values()) robot.forgetDrawing();
-    this.change();
+    this.repaint();
   }
   choose(robot) {
     this.chosen = robot;
     this.canvas.classList.toggle('aim', robot !== null && this.model.maySend);
-    this.change();
+    this.repaint();
   }
   robotAt(px, py) {
     let best = null;
@@ -142,21 +161,72 @@ export class WorldMap {
     const { context, ratio } = this;
     if (this.fits && this.fit(false)) this.change();
     this.frames++;
-    context.setTransform(ratio, 0, 0, ratio, 0, 0);
-    context.fillStyle = this.colours.ground;
-    context.fillRect(0, 0, this.width, this.height);
-    if (this.show.grid) this.grid.draw(context, this.view, this.width, this.height);
-    this.drawLines();
     const robots = this.robots.sort((a, b) => (a === this.chosen) - (b === this.chosen)); // the chosen one on top
-    if (this.show.points) this.drawPoints(robots);
-    if (this.show.trails) for (const robot of robots) this.drawTrail(robot, robots.length);
+    this.refreshLayer(robots);
+    context.setTransform(1, 0, 0, 1, 0, 0);
+    context.drawImage(this.layer, 0, 0);
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
     for (const robot of robots) if (robot.pose) this.drawRobot(robot);
     if (this.show.labels) this.drawNames(robots);
     this.drawMarks();
     this.drawScale();
   }
-  drawLines() {
-    const { context, view } = this;
+  refreshLayer(robots) {
+    const now = performance.now();
+    const { scale, left, top } = this.view;
+    const place = [scale, left, top, this.canvas.width, this.canvas.height].join();
+    const isHeavy = robots.reduce((sum, robot) => sum + robot.kept, 0) > HEAVY_POINTS;
+    if (isHeavy && place === this.layerPlace && now - this.layerAt < LAYER_MS) return this.extendLayer(robots);
+    this.layerAt = now;
+    this.layerPlace = place;
+    this.paintLayer(robots);
+  }
+  paintLayer(robots) {
+    if (this.layer.width !== this.canvas.width || this.layer.height !== this.canvas.height) {
+      this.layer.width = this.canvas.width;
+      this.layer.height = this.canvas.height;
+    }
+    const context = this.layer.getContext('2d', { alpha: false });
+    context.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
+    context.fillStyle = this.colours.ground;
+    context.fillRect(0, 0, this.width, this.height);
+    if (this.show.grid) this.grid.draw(context, this.view, this.width, this.height);
+    this.drawLines(context);
+    if (this.show.points) this.drawPoints(context, robots);
+    for (const robot of robots) {
+      if (this.show.trails) this.drawTrail(context, robot, robots.length);
+      robot.drawn = { points: robot.pointCount, trail: robot.trail.at(-1) };
+    }
+  }
+  // What came since: small, so plain calls will do.
+  extendLayer(robots) {
+    const context = this.layer.getContext('2d');
+    const { view } = this;
+    const size = Math.max(2, Math.min(6, view.scale));
+    for (const robot of robots) {
+      const drawn = (robot.drawn ??= { points: robot.pointCount, trail: null });
+      context.fillStyle = `rgb(${robot.colour})`;
+      for (let n = Math.max(drawn.points, robot.pointCount - 50); this.show.points && n < robot.pointCount; n++) {
+        const at = (n % MAX_POINTS) * 3;
+        context.globalAlpha = 0.1 + 0.8 * robot.points[at + 2];
+        context.fillRect(view.px(robot.points[at]) - size / 2, view.py(robot.points[at + 1]) - size / 2, size, size);
+      }
+      const last = robot.trail.at(-1);
+      if (this.show.trails && drawn.trail && last && last !== drawn.trail) {
+        context.globalAlpha = 0.7;
+        context.strokeStyle = `rgb(${robot.colour})`;
+        context.beginPath();
+        context.moveTo(view.px(drawn.trail.x), view.py(drawn.trail.y));
+        context.lineTo(view.px(last.x), view.py(last.y));
+        context.stroke();
+      }
+      drawn.points = robot.pointCount;
+      drawn.trail = last;
+    }
+    context.globalAlpha = 1;
+  }
+  drawLines(context) {
+    const { view } = this;
     const step = [1, 5, 10, 50, 100, 500, 1000, 5000, 10000].find((cm) => cm * view.scale >= 45) ?? 50000;
     const from = view.room(0, this.height);
     const to = view.room(this.width, 0);
@@ -177,16 +247,16 @@ export class WorldMap {
     context.stroke();
     context.globalAlpha = 1;
   }
-  drawPoints(robots) {
-    const { context, ratio, view } = this;
+  drawPoints(context, robots) {
+    const { ratio, view } = this;
     const scaled = { scale: view.scale * ratio, left: view.left * ratio, top: view.top * ratio };
     const picture = this.points.draw(robots, scaled, this.canvas.width, this.canvas.height, this.chosen);
     context.setTransform(1, 0, 0, 1, 0, 0);
     context.drawImage(picture, 0, 0);
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
   }
-  drawTrail(robot, count) {
-    const { context, view } = this;
+  drawTrail(context, robot, count) {
+    const { view } = this;
     const length = Math.min(robot.trail.length, Math.max(24, Math.floor(4000 / count)));
     if (length < 2) return;
     const parts = count > 30 ? 1 : 4; // older parts are fainter
@@ -202,6 +272,25 @@ export class WorldMap {
       context.stroke();
     }
     context.globalAlpha = 1;
+  }
+  // The disc of a robot, drawn once for each colour, size and state.
+  sprite(robot, size, isGone) {
+    const key = `${robot.number},${size},${isGone},${this.ratio}`;
+    let sprite = this.sprites.get(key);
+    if (sprite) return sprite;
+    const half = size + 2;
+    sprite = new OffscreenCanvas(Math.ceil(2 * half * this.ratio), Math.ceil(2 * half * this.ratio));
+    const context = sprite.getContext('2d');
+    context.scale(this.ratio, this.ratio);
+    context.beginPath();
+    context.arc(half, half, size, 0, 7);
+    context.fillStyle = isGone ? this.colours.card : `rgb(${robot.colour})`;
+    context.strokeStyle = isGone ? `rgb(${robot.colour})` : this.colours.card;
+    context.lineWidth = 2;
+    context.fill();
+    context.stroke();
+    this.sprites.set(key, sprite);
+    return sprite;
   }
   drawRobot(robot) {
     const { context, view } = this;
@@ -223,13 +312,7 @@ export class WorldMap {
       context.fillStyle = `rgb(${robot.colour})`;
       context.fill();
     }
-    context.beginPath();
-    context.arc(x, y, size, 0, 7);
-    context.fillStyle = isGone ? this.colours.card : `rgb(${robot.colour})`;
-    context.strokeStyle = isGone ? `rgb(${robot.colour})` : this.colours.card;
-    context.lineWidth = 2;
-    context.fill();
-    context.stroke();
+    context.drawImage(this.sprite(robot, size, isGone), x - size - 2, y - size - 2, 2 * size + 4, 2 * size + 4);
   }
   drawNames(robots) {
     const { context, view } = this;

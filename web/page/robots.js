@@ -187,7 +187,8 @@ function sparkline(canvas, robot, now) {
   const counts = robot.pulse.list(now);
   const most = Math.max(5, ...counts);
   on.context.beginPath();
-  counts.forEach((count, i) => on.context.lineTo(i * on.width / (counts.length - 1), on.height - 2 - count / most * (on.height - 4)));
+  const first = robot.heard && now - robot.heard > 60000 ? 0 : counts.findIndex((count) => count > 0); // not before it came
+  counts.forEach((count, i) => first >= 0 && i >= first && on.context.lineTo(i * on.width / (counts.length - 1), on.height - 2 - count / most * (on.height - 4)));
   on.context.strokeStyle = colour('--accent');
   on.context.lineWidth = 1.4;
   on.context.stroke();

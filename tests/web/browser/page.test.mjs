@@ -197,7 +197,7 @@ async function downloaded(page, button) {
 }
 
 pageTest('PNG and CSV save what is drawn; a name is no formula', {}, async (page) => {
-  await world.update('=1-1', 5, 6, 50, 60);
+  await world.update('=1-1', 5, 6, 40, 30);
   await until(page, () => window.slamgw.model.robots.get('=1-1')?.kept);
   await manyPoints(page);
   const png = await downloaded(page, '#save-png');
@@ -206,7 +206,7 @@ pageTest('PNG and CSV save what is drawn; a name is no formula', {}, async (page
   const lines = (await downloaded(page, '#save-csv')).octets.toString().split('\n');
   assert.equal(lines[0], 'robot,kind,x_cm,y_cm,worth,at');
   assert.ok(lines.length > 400);
-  assert.ok(lines.some((line) => line.startsWith("'=1-1,obstacle,50.0,60.0,1.00,20")), lines.find((line) => line.includes('=1-')));
+  assert.ok(lines.some((line) => line.startsWith("'=1-1,obstacle,40.0,30.0,1.00,20")), lines.find((line) => line.includes('=1-')));
 });
 
 // ---- commands
