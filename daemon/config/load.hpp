@@ -18,8 +18,8 @@ std::vector<std::string> configuration_files(const std::string& path);
 ParseResult load_config(const std::string& path);
 
 /// For a program beside the daemon, under a user of its own: reads no file that is the daemon's
-/// secret. A file in `gateway.d` that this user may not read (one with a secret) is a warning; where
-/// no gateway is installed, its configuration is that of all defaults.
+/// secret. A file in `gateway.d` that this user may not read (one with a secret) is a warning;
+/// where no gateway is installed, its configuration is that of all defaults.
 ParseResult load_shared_config(const std::string& path);
 
 /// What the credentials file says by now; what `broker` holds when it can't be used.
