@@ -24,6 +24,7 @@ class Experiment:
     thesis_numbers: dict
     unknown: str
     chosen: str
+    simulated: str = ""     # what is chosen for the simulated robots and their radio
     messages: int = 1000
     period_ms: float = 200
     robots: int = 1
@@ -43,80 +44,88 @@ EXPERIMENTS = [
     Experiment(
         "ble-reliable", "8.1", "Acknowledged, original payload", (BLE,), "intervals",
         "most messages 2583 ms apart on average; about 200 ms were expected", {"interval_ms": 2583, "expected_ms": 200},
-        "payload, count, relays; kind of plot", "the payload of the robots before the thesis, 13 octets",
+        "payload, count, relays; kind of plot", "a line at the thesis's mean",
+        simulated="the payload of the robots before the thesis, 13 octets; 5 % lost each way",
         payload="full", daemon={"payload": {"update": "raw"}},
         simulator=("--acknowledged", "--segment-timing", "--on-busy", "cancel", "--hop-loss", "0.05", *BLE_RADIO)),
     Experiment(
         "ble-positions", "8.2", "Acknowledged, up to four obstacles", (BLE,), "intervals",
         "better than the original payload, with unpredictable spikes near 2600 ms", {"spikes_near_ms": 2600},
-        "share of the spikes, what the robot saw, count", "a room where most updates have 0 to 2 obstacles; no stray octet, so that "
-        "one obstacle fits one segment as he saw it",
+        "share of the spikes, what the robot saw, count", "a line at the thesis's spikes",
+        simulated="a room where most updates have 0 to 2 obstacles; no stray octet, so that one obstacle fits one segment as he saw it; "
+        "5 % lost each way",
         simulator=("--acknowledged", "--segment-timing", "--on-busy", "cancel", "--no-stray", "--world", "room",
                    "--hop-loss", "0.05", *BLE_RADIO)),
     Experiment(
         "ble-one-obstacle", "8.3", "Acknowledged, at most one obstacle", (BLE,), "intervals",
         "mostly 200 ms, some at 400 and 600 ms; 8-10 % lost as read off those bins", {"loss_estimate": [0.08, 0.10]},
-        "count, bins", "one SET outstanding, cancelled by the next update",
+        "count, bins", "shares by the nearest multiple of the period",
+        simulated="one SET outstanding, cancelled by the next update; 5 % lost each way",
         simulator=("--acknowledged", "--segment-timing", "--on-busy", "cancel", "--no-stray", "--max-obstacles", "1",
                    "--hop-loss", "0.05", *BLE_RADIO)),
     Experiment(
         "ble-latency", "8.4", "SET to STATUS, one robot", (BLE,), "latency",
         "no number survives; the bound is the next update, 200 ms", {"bound_ms": 200},
-        "all numbers, payload, period, count, clock", "one obstacle each 200 ms as in 8.7; the robot's clock",
+        "all numbers, payload, period, count, clock", "the robot's clock where it is simulated, else the gateway's part",
+        simulated="one obstacle each 200 ms as in 8.7; 5 % lost each way",
         simulator=("--acknowledged", "--segment-timing", "--on-busy", "cancel", "--no-stray", "--max-obstacles", "1",
                    "--hop-loss", "0.05", *BLE_RADIO)),
     Experiment(
         "ble-unreliable", "8.5", "Unacknowledged messages", (BLE,), "intervals",
         "some at 400 and 600 ms; about 5 % lost", {"loss_estimate": 0.05},
-        "period (200 ms is implied), payload, count", "one obstacle",
+        "period (200 ms is implied), payload, count", "shares by the nearest multiple of the period",
+        simulated="one obstacle; 5 % lost",
         simulator=("--segment-timing", "--on-busy", "cancel", "--no-stray", "--max-obstacles", "1", "--hop-loss", "0.05",
                    *BLE_RADIO)),
     Experiment(
         "ble-hop", "8.6", "Unacknowledged messages over one relay", (BLE,), "intervals",
         "72 received, 42 of 114 lost (36.8 %; he says about 30 %)", {"received": 72, "lost": 42, "loss_estimate": 42 / 114},
-        "payload, distances, which leg lost", "one obstacle; 33.5 % lost on the robot's hop and 5 % on the relay's",
+        "payload, distances, which leg lost", "shares by the nearest multiple of the period",
+        simulated="one obstacle; 33.5 % lost on the robot's hop and 5 % on the relay's",
         messages=114,
         simulator=("--segment-timing", "--on-busy", "cancel", "--no-stray", "--max-obstacles", "1", "--hops", "2", "--hop-loss",
                    "0.335,0.05", *BLE_RADIO)),
     Experiment(
         "ble-two-robots", "8.7", "SET to STATUS, two robots", (BLE,), "latency",
         "an indication of 10 ms more on average than with one robot", {"more_than_one_robot_ms": 10},
-        "all absolute numbers; what a bar is", "robots that begin 7 ms apart, a colour for each robot",
+        "all absolute numbers; what a bar is", "a colour for each robot",
+        simulated="they begin 7 ms apart; 5 % lost each way",
         robots=2,
         simulator=("--acknowledged", "--segment-timing", "--on-busy", "cancel", "--no-stray", "--max-obstacles", "1",
                    "--hop-loss", "0.05", *BLE_RADIO)),
     Experiment(
         "thread-publish", "8.8", "PUBLISH at QoS 1", (THREAD,), "intervals",
         "no unexpected values", {}, "the variable (gaps are likely), period, payload, count",
-        "gaps between arrivals; 200 ms; 5 % of the frames lost",
+        "gaps between arrivals", simulated="5 % of the frames lost",
         simulator=("--hop-loss", "0.05", *THREAD_RADIO)),
     Experiment(
         "thread-puback", "8.9", "PUBLISH to PUBACK", (THREAD,), "latency",
         "no unexpected values; at most 34 ms of it were the way to the broker", {"broker_ping_ms": 34},
-        "all numbers, period, payload, count", "the robot's clock, and the gateway's part by itself; the broker is on this host; "
-        "5 % of the frames lost",
+        "all numbers, period, payload, count", "the robot's clock where it is simulated, and the gateway's part by itself",
+        simulated="the broker is on this host; 5 % of the frames lost",
         simulator=("--hop-loss", "0.05", *THREAD_RADIO)),
     Experiment(
         "thread-hop", "8.10-8.12", "PUBLISH to PUBACK over one relay", (THREAD,), "hop",
         "clusters at 8 s and 16 s, only two messages at 16 s; no complete loss counted; many frames sent again",
         {"clusters_ms": [8000, 16000], "messages_at_16_s": 2}, "count, all values of 8.12",
-        "35 % of the frames lost on each of two hops, repeated up to three times by IEEE 802.15.4; repeats counted at the robot; "
         "a logarithmic axis",
+        simulated="35 % of the frames lost on each of two hops, repeated up to three times by IEEE 802.15.4",
         simulator=("--hops", "2", "--hop-loss", "0.35", *THREAD_RADIO)),
     Experiment(
         "thread-1000", "8.13", "Sent against received", (THREAD,), "counts",
         "1000 sent, 1000 received, none twice", {"sent": 1000, "received": 1000, "doubled": 0},
-        "hops, period, the subscriber's QoS, how sent was counted", "probes each 200 ms; a subscriber at the broker with QoS 1; "
-        "5 % of the frames lost", payload="probe", simulator=("--hop-loss", "0.05", *THREAD_RADIO)),
+        "hops, period, the subscriber's QoS, how sent was counted", "probes each 200 ms; a subscriber at the broker with QoS 1",
+        simulated="5 % of the frames lost", payload="probe", simulator=("--hop-loss", "0.05", *THREAD_RADIO)),
     Experiment(
         "ring", "8.14", "Obstacles in the test ring", (THREAD, BLE), "ring",
         "the wall of a ring of 160 cm is visible; hard to keep accurate and consistent far out", {"radius_cm": 80},
-        "where the robot stood or drove, all numbers", "the thesis's robot drives around; a circle by least squares",
+        "where the robot stood or drove, all numbers", "a circle by least squares",
+        simulated="the thesis's robot drives around",
         simulator=("--robot", "thesis")),
     Experiment(
         "probe", "9.2", "Exact loss and delay", (BLE, THREAD), "probe",
-        "exact loss was wished for and hard to count", {}, "all", "probes with sequence number and the sender's milliseconds; "
-        "acknowledged on neither mesh", payload="probe"),
+        "exact loss was wished for and hard to count", {}, "all", "probes with sequence number and the sender's milliseconds",
+        simulated="acknowledged on neither mesh; 5 % lost", payload="probe"),
 ]
 
 # What `--sim` adds where an experiment runs on either mesh.

@@ -285,7 +285,8 @@ def caption(result):
     sentences = [f"Thesis, {result['thesis']['where']}: {result['thesis']['result']}.",
                  f"Here: {_here(result)}."]
     if result["simulated"]:
-        sentences.append(f"Simulated robots and radio, seed {result['conditions']['seed']}.")
+        how = result["conditions"].get("simulated_as", "")
+        sentences.append(f"Simulated robots and radio, seed {result['conditions']['seed']}{': ' + how if how else ''}.")
     if result["differs"]:
         sentences.append(f"Not as by default: {'; '.join(result['differs'])}.")
     sentences.append(f"The thesis does not tell: {result['thesis']['unknown']}. Chosen: {result['thesis']['chosen']}.")
@@ -313,9 +314,10 @@ def _here(result):
             parts.append(f"{measured['interval_ms']['mean']:.0f} ms apart on average, {measured['interval_ms']['p50']:.0f} ms at the median")
         else:
             parts.append(f"{loss['estimate']['share']:.1%} lost as estimated from gaps")
-    robot = measured["acknowledged_after_ms"]["robot"] or measured["acknowledged_after_ms"]["gateway"]
-    if robot and _kind(result) in ("latency", "hop"):
-        parts.append(f"acknowledged after {robot['mean']:.1f} ms on average, median {robot['p50']:.1f} ms")
+    robot, gateway = measured["acknowledged_after_ms"]["robot"], measured["acknowledged_after_ms"]["gateway"]
+    if (robot or gateway) and _kind(result) in ("latency", "hop"):
+        one, where = (robot, "") if robot else (gateway, " in the gateway")
+        parts.append(f"acknowledged after {one['mean']:.1f} ms{where} on average, median {one['p50']:.1f} ms")
     if counts.get("doubled_at_broker") is not None:
         parts.append(f"{counts['received_at_broker']} received at the broker, {counts['doubled_at_broker']} of them twice")
     if measured.get("ring") and _kind(result) == "ring":

@@ -85,7 +85,8 @@ def measure_again(directory):
     ones = read_events(directory)
     try:
         message_type, period_ms = result["conditions"]["type"], float(result["conditions"]["period_ms"])
+        settle_s = float(result["conditions"].get("settle_s", 0))
     except (KeyError, TypeError, ValueError) as error:
         raise BadFolder(f"{os.path.join(directory, RESULT)} lacks conditions.type or .period_ms") from error
-    result["measured"] = measure.measured(ones, message_type, period_ms)
+    result["measured"] = measure.measured(ones, message_type, period_ms, settle_s)
     return result, ones

@@ -10,7 +10,7 @@ import sys
 
 from slamgw_experiment import catalogue, figures, folder, page
 from slamgw_experiment.programs import Missing, Programs
-from slamgw_experiment.run import Run
+from slamgw_experiment.run import SETTLE_S, Run
 from slamgw_experiment.sites import DEFAULT_SOCKET, RunningDaemon, SimulatedSite
 
 WRONG_ARGUMENTS = 2
@@ -28,6 +28,7 @@ class Asked:
     format: str
     version: str
     sim_args: str = ""
+    settle_s: float = 0.0  # real robots: how long their last messages may still come
 
 
 class Stop:
@@ -174,7 +175,7 @@ def run_one(asked, experiment, mesh, out, version, programs, stop):
     if asked.name == "all":
         messages = min(messages, experiment.messages)
     request = Asked(messages, asked.period_ms or experiment.period_ms, message_type, asked.seed, asked.wait_s, compress,
-                    asked.format, version, asked.sim_args)
+                    asked.format, version, asked.sim_args, SETTLE_S[mesh])
     if asked.sim:
         site = simulated_site(asked, experiment, mesh, payload, request, programs)
     else:

@@ -135,7 +135,24 @@ def probe_counts(events):
     return counts
 
 
-def exact_loss(events, message_type):
+def probes_made_meanwhile(events, settle_s):
+    """Arrivals of probes that were made after the run began and early enough for their last repeat to come before it ended.
+
+    When a probe was made follows from its sender's clock and the fastest probe of the same robot.
+    """
+    arrivals = collections.defaultdict(list)
+    for event in events:
+        if event.is_arrival_of("probe") and event.sender_ms is not None:
+            arrivals[event.robot].append((event, event.sender_ms * 1000))
+    end_us = max((event.t_us for event in events), default=0) - settle_s * 1e6
+    chosen = []
+    for ones in arrivals.values():
+        offset_us = min(event.t_us - sender_us for event, sender_us in ones)
+        chosen.extend(event for event, sender_us in ones if 0 <= sender_us + offset_us <= end_us)
+    return sorted(chosen, key=lambda event: event.t_us)
+
+
+def exact_loss(events, message_type, settle_s=0):
     """By the robots' own record where they are simulated, else by the sequence numbers of probes; None where neither is there."""
     arrived = sum(1 for event in events if event.is_arrival_of(message_type))
     sent = sum(1 for event in events if event.source == ROBOTS and event.event == "sent")
@@ -144,6 +161,7 @@ def exact_loss(events, message_type):
         if probes:
             arrived = sum(len(numbers) for numbers, _ in probes.values())
         return _loss(sent, max(0, sent - arrived), "exact, from the simulated robots' own record")
+    probes = probe_counts(probes_made_meanwhile(events, settle_s))
     if not probes:
         return None
     expected = sum(numbers[-1] - numbers[0] + 1 for numbers, _ in probes.values())
@@ -233,8 +251,8 @@ def fitted_circle(places):
             "rms_error_cm": round(float(numpy.sqrt(numpy.mean(errors ** 2))), 2), "points": int(len(places))}
 
 
-def measured(events, message_type, period_ms):
-    """The whole of `measured` in result.json."""
+def measured(events, message_type, period_ms, settle_s=0):
+    """The whole of `measured` in result.json. `settle_s`: how long a message may still come after it was made."""
     gaps = intervals_ms(events, message_type)
     all_gaps = pooled(gaps)
     # On Thread a gap is a delay: clients repeat what got lost.
@@ -248,7 +266,7 @@ def measured(events, message_type, period_ms):
     sizes = collections.Counter(event.bytes for event in events if event.is_arrival_of(message_type))
     result = {
         "counts": counts(events, message_type),
-        "loss": {"exact": exact_loss(events, message_type), "estimate": estimate},
+        "loss": {"exact": exact_loss(events, message_type, settle_s), "estimate": estimate},
         "interval_ms": statistics(all_gaps),
         "interval_shares": shares_of_periods(all_gaps, period_ms),
         "acknowledged_after_ms": {"robot": statistics(pooled(robots)), "gateway": statistics(pooled(gateway))},

@@ -18,7 +18,8 @@ from slamgw_experiment.sites import SiteFailure
 
 STATUS_INTERVAL_S = 2
 QUIET_END_S = 1.0      # after the robots have ended, for what is still on its way
-LAST_MESSAGES_S = 1.0  # for the last ones of real robots, after the time that all take
+# How long real robots' last messages may still come: with two repeats of a Thread client, 8 s apart, and its give-up.
+SETTLE_S = {"ble": 1.0, "thread": 25.0}
 
 
 class Progress:
@@ -75,6 +76,7 @@ class Run:
         self._done = 0
         self._is_broker_up = True
         self._robots_ended_us = None
+        self._settles_until_s = None
         self._trouble = None
         self._begun = datetime.datetime.now(datetime.timezone.utc)
 
@@ -100,7 +102,7 @@ class Run:
 
     def _finish(self, ended, daemon):
         ones = folder.read_events(self._directory)
-        measured = measure.measured(ones, self._asked.message_type, self._period_ms())
+        measured = measure.measured(ones, self._asked.message_type, self._period_ms(), self._settle_s())
         if not ended and not measured["counts"]["arrived"]:
             ended = "no message of the wanted type arrived"
         result = self._result(measured, not ended, daemon)
@@ -112,6 +114,9 @@ class Run:
         if self._asked.format == "mcap":
             mcap.write(os.path.join(self._directory, "events.mcap"), ones, self._axis.begin_wall_us)
         return 0 if not ended and not self._incidents else 1
+
+    def _settle_s(self):
+        return 0.0 if self._site.simulator_arguments is not None else self._asked.settle_s
 
     def _period_ms(self):
         return self._asked.period_ms / self._asked.compress
@@ -211,8 +216,10 @@ class Run:
             return False
         has_all = all(self._heard.get(robot, 0) >= self._asked.messages for robot in self._site.robots)
         whole_s = self._asked.messages * self._period_ms() / 1000
-        is_over = passed_s - self._first_us / 1e6 > whole_s + LAST_MESSAGES_S  # what is lost never comes
-        return None if has_all or is_over else False
+        is_over = passed_s - self._first_us / 1e6 > whole_s  # what is lost never comes
+        if (has_all or is_over) and self._settles_until_s is None:
+            self._settles_until_s = passed_s + self._settle_s()
+        return None if self._settles_until_s is not None and passed_s >= self._settles_until_s else False
 
     def _end_of_simulation(self, passed_s):
         if not self._site.have_robots_ended():
@@ -289,9 +296,11 @@ class Run:
             "messages": asked.messages,
             "period_ms": self._period_ms(),
             "time_compressed": asked.compress,
+            "settle_s": self._settle_s(),
             "type": asked.message_type,
             "seed": asked.seed if simulator is not None else None,
             "simulator": simulator,
+            "simulated_as": self._experiment.simulated if simulator is not None else None,
             "daemon": {key: daemon.get(key) for key in ("version", "gateway", "uptime_s")},
             "versions": {
                 "slam-gatewayd": daemon.get("version"),

@@ -53,11 +53,22 @@ class Loss(unittest.TestCase):
 
     def test_probes_without_the_robots_record(self):
         numbers = [65534, 65535, 1, 0, 1, 5]  # wraps, comes out of order, doubled; 2, 3, 4 are lost
-        events = [arrival(n, kind="probe", number=number) for n, number in enumerate(numbers)]
+        events = [arrival(n, kind="probe", number=number, sender_ms=0) for n, number in enumerate(numbers)]
         found = measure.exact_loss(events, "probe")
         self.assertEqual((found["sent"], found["lost"]), (8, 3))
         self.assertIn("sequence numbers", found["how"])
         self.assertEqual(measure.counts(events, "probe")["probes_doubled"], 1)
+
+    def test_repeats_from_before_the_run_and_messages_still_on_their_way_are_not_lost(self):
+        """Number 5 was made 8 s before the run began, 61 is not there yet when it ends 9 s after it was made."""
+        made_ms = {number: 200 * number for number in range(1, 120)}
+        def came(number, t_us):
+            return arrival(t_us, kind="probe", number=number, sender_ms=made_ms[number])
+        begin_ms = made_ms[45]
+        events = [came(number, (made_ms[number] - begin_ms) * 1000) for number in range(45, 106) if number not in (50, 61)]
+        events.append(came(5, 20_000))
+        found = measure.exact_loss(sorted(events, key=lambda event: event.t_us), "probe", settle_s=9)
+        self.assertEqual((found["sent"], found["lost"]), (61 - 45, 1))
 
     def test_updates_without_the_robots_record_have_an_estimate_only(self):
         found = measure.measured([arrival(0), arrival(PERIOD_US)], "update", 200)["loss"]
