@@ -8,10 +8,13 @@ How many messages an act may make arrive twice:
 - kill -9 of the daemon: also rows that were delivered but not yet deleted, at most a batch of them, and for each robot the
   message whose acknowledgement died with the daemon.
 - The board restarted or was unplugged: for each of its robots a message whose STATUS got lost.
+- The store was damaged: rows that were delivered and whose page is older than that, at most what a log holds.
 """
+import contextlib
 import signal
 import time
 
+from program import Failure
 from world import FLEETS
 
 WINDOW = 16  # broker.max_inflight
@@ -19,20 +22,23 @@ FORGET_BATCH = 256  # Backlog::forget_batch
 LINK_LOST = WINDOW
 DAEMON_KILLED = WINDOW + FORGET_BATCH + sum(FLEETS.values())
 BOARD_LOST = FLEETS["ble"]
+STORE_DAMAGED = 4000
 
 
 class Acts:
-    def __init__(self, world, chance, seconds):
-        self.world, self.chance = world, chance
+    def __init__(self, world, chance, seconds, only=None):
+        self.world, self.chance, self.only = world, chance, only
         self.longest = min(60.0, max(1.5, seconds / 10))  # seconds of an outage
 
     def choices(self):
         acts = [self.kill_daemon, self.kill_daemon_again_and_again, self.stop_daemon, self.kill_broker, self.take_broker_away,
                 self.lose_both, self.kill_daemon_as_it_catches_up, self.stall_broker, self.kill_daemon_at_a_stalled_broker,
-                self.unplug_board, self.restart_board]
-        if self.world.can_fill_disk:
+                self.unplug_board, self.restart_board, self.damage_store]
+        if self.world.disk.can_be_filled:
             acts += [self.fill_disk, self.kill_daemon_on_a_full_disk]
-        return acts
+        if self.world.disk.can_fail:
+            acts += [self.fail_disk, self.start_daemon_on_a_failing_disk]
+        return [act for act in acts if self.only is None or act.__name__ in self.only]
 
     def moment(self):
         return self.chance.uniform(0, 1.5)
@@ -131,10 +137,10 @@ class Acts:
     def fill_disk(self):
         down, world = self.outage(), self.world
         with world.trouble(f"fill the disk and stop the broker for {down:.1f} s", LINK_LOST):
-            world.fill_disk()
+            world.disk.fill()
             world.end_broker(signal.SIGTERM)
             world.pass_time(down)
-            world.free_disk()
+            world.disk.free()
             self.start_broker_after(0)
 
     def kill_daemon_on_a_full_disk(self):
@@ -143,12 +149,59 @@ class Acts:
                            LINK_LOST + DAEMON_KILLED):
             world.end_broker(signal.SIGTERM)
             world.pass_time(before)
-            world.fill_disk()
+            world.disk.fill()
             world.end_daemon(signal.SIGKILL)
             world.start_daemon()
             world.pass_time(on_full_disk)
-            world.free_disk()
+            world.disk.free()
             self.start_broker_after(after)
+
+    def fail_disk(self):
+        down, failing, world = self.outage(), self.outage() / 2, self.world
+        with world.trouble(f"stop the broker for {down + failing:.1f} s; I/O errors for {failing:.1f} s of them", LINK_LOST):
+            world.end_broker(signal.SIGTERM)
+            world.pass_time(down / 2)
+            with self.failing_disk():
+                world.pass_time(failing)
+            world.pass_time(down / 2)
+            self.start_broker_after(0)
+
+    def start_daemon_on_a_failing_disk(self):
+        before, failing, world = self.outage() / 2, self.chance.uniform(1, 5), self.world
+        with world.trouble(f"stop the broker for {before + failing:.1f} s, kill -9 the daemon, start it with I/O errors for "
+                           f"{failing:.1f} s", LINK_LOST + DAEMON_KILLED):
+            world.end_broker(signal.SIGTERM)
+            world.pass_time(before)
+            world.end_daemon(signal.SIGKILL)
+            with self.failing_disk():
+                world.start_daemon()
+                world.pass_time(failing)
+            self.start_broker_after(0)
+
+    @contextlib.contextmanager
+    def failing_disk(self):
+        """A disk that fails for a moment is no damage."""
+        before = self.world.disk.damaged_files()
+        self.world.disk.fail()
+        yield
+        self.world.disk.mend()
+        if self.world.disk.damaged_files() != before:
+            raise Failure("a file was put aside because the disk failed for a moment")
+
+    def damage_store(self):
+        down, world = self.outage(), self.world
+        with world.trouble(f"stop the broker for {down:.1f} s, kill -9 the daemon, damage its store",
+                           LINK_LOST + DAEMON_KILLED + STORE_DAMAGED) as trouble:
+            world.end_broker(signal.SIGTERM)
+            world.pass_time(down)
+            world.end_daemon(signal.SIGKILL)
+            world.say(f"  {world.disk.damage(self.chance)}")
+            log_position = len(world.daemon.log.read_text())
+            world.start_daemon()
+            self.start_broker_after(0)
+            world.wait_for("the backlog", lambda: world.status("store", "depth") == 0)
+            trouble.may_lose = world.told_as_lost(log_position)
+            world.say(f"  {trouble.may_lose} messages are told as lost")
 
     def start_daemon_after(self, seconds):
         self.world.pass_time(seconds)

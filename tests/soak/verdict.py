@@ -5,7 +5,8 @@ Robots' updates have no number on the wire, but the robots' record has one for e
 only once. So an arrival stands for the number that its robot said it under. The few payloads that a robot said more than once
 (it stood still) are compared by count and not looked at for order.
 
-Missing: acknowledged to the robot, but it arrived less often than it was acknowledged. Never allowed.
+Missing: acknowledged to the robot, but it arrived less often than it was acknowledged. Allowed only where the store was damaged
+    after that, for as many as the daemon has told as lost (Trouble.may_lose).
 Out of order: it arrived first after something that its robot said later. Never allowed.
 Duplicate: it arrived more often than it was said. Each needs a reason, a trouble that did not end before it was said and began
     before the copy arrived; and a trouble is a reason for a bounded number of them (Trouble.may_repeat).
@@ -35,12 +36,19 @@ class Trouble:
     begin: float
     end: float
     may_repeat: int  # messages that can arrive once more because of it
+    may_lose: int = 0  # messages that it has destroyed, as the daemon has told
 
 
 @dataclasses.dataclass
 class Duplicate:
     said: Said
     at: float
+
+
+@dataclasses.dataclass
+class Missing:
+    said: Said
+    count: int
 
 
 @dataclasses.dataclass
@@ -82,9 +90,12 @@ def judge(said, arrivals, troubles):
         said_by[one.robot].append(one)
     for one in arrivals:
         arrived_by[one.robot].append(one)
-    tallies, duplicates, complaints = {}, [], []
+    tallies, duplicates, missing, complaints = {}, [], [], []
     for robot in sorted(said_by.keys() | arrived_by.keys()):
-        tallies[robot] = judge_robot(robot, said_by[robot], arrived_by[robot], duplicates, complaints)
+        tallies[robot] = judge_robot(robot, said_by[robot], arrived_by[robot], duplicates, missing, complaints)
+    for one in not_told(missing, troubles):
+        complaints.append(f"{one.said.robot}: acknowledged and missing: number {one.said.number}, acknowledged at "
+                          f"{one.said.acknowledged_at:.3f}: {one.said.payload}")
     for one in without_reason(duplicates, troubles):
         complaints.append(f"{one.said.robot}: duplicate without a reason: number {one.said.number}, said at "
                           f"{one.said.at:.3f}, again at {one.at:.3f}: {one.said.payload}")
@@ -100,7 +111,17 @@ def without_reason(duplicates, troubles):
     return left
 
 
-def judge_robot(robot, said, arrivals, duplicates, complaints):
+def not_told(missing, troubles):
+    """Each trouble takes as many as it may of those that were acknowledged before its end."""
+    left = [one for one in missing for _ in range(one.count)]
+    for trouble in troubles:
+        taken = [one for one in left if one.said.acknowledged_at < trouble.end][:trouble.may_lose]
+        for one in taken:
+            left.remove(one)
+    return left
+
+
+def judge_robot(robot, said, arrivals, duplicates, missing, complaints):
     tally = Tally(said=len(said))
     said_as, arrived_as = collections.defaultdict(list), collections.defaultdict(list)
     for one in said:
@@ -116,8 +137,7 @@ def judge_robot(robot, said, arrivals, duplicates, complaints):
         tally.arrived += min(len(times), len(ones))
         if len(times) < len(acknowledged):
             tally.missing += len(acknowledged) - len(times)
-            complaints.append(f"{robot}: acknowledged and missing: number {acknowledged[-1].number}, "
-                              f"acknowledged at {acknowledged[-1].acknowledged_at:.3f}: {payload}")
+            missing.append(Missing(acknowledged[-1], len(acknowledged) - len(times)))
         copies = [Duplicate(ones[0], at) for at in times[len(ones):]]
         tally.duplicates += len(copies)
         duplicates += copies

@@ -35,6 +35,14 @@ class Verdict(unittest.TestCase):
         self.assertEqual(tally.missing, 1)
         self.assertIn("number 3", complaints[0])
 
+    def test_what_damage_took_must_have_been_told(self):
+        for may_lose, complaints_expected in ((0, 2), (1, 1), (2, 0), (9, 0)):
+            tally, complaints = verdict((SECOND, 11.2), troubles=[Trouble(12.5, 13, 0, may_lose)])
+            self.assertEqual(tally.missing, 2)
+            self.assertEqual(len(complaints), complaints_expected)
+        _, complaints = verdict((FIRST, 10.2), troubles=[Trouble(11, 12, 0, 5)])
+        self.assertEqual(len(complaints), 1)  # acknowledged after the damage
+
     def test_order_is_that_of_first_arrivals(self):
         tally, complaints = verdict((THIRD, 12.2), (FIRST, 12.3))
         self.assertEqual(tally.out_of_order, 1)

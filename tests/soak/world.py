@@ -3,15 +3,16 @@
 run. Waits for conditions only, and notices a program that ends unasked."""
 import contextlib
 import json
-import os
 import pathlib
 import random
+import re
 import signal
 import socket
 import struct
 import subprocess
 import time
 
+from disk import Disk
 from program import PATIENCE_S, Failure, Program, free_port
 from subscriber import Subscriber
 from verdict import Arrival, Trouble, read_record
@@ -22,7 +23,6 @@ FIRST_BLE_ADDRESS = 0x0100
 # A bad radio. One request at a time, as MQTT-SN 1.2 wants it: with more, the radio itself would change the order.
 THREAD_OPTIONS = ("--loss=0.05 --duplicate=0.05 --reorder=0.05 --delay-ms=5 --outstanding=1 --retry=1 --keep-alive=5 "
                   "--give-up-s=0").split()
-STORE_SIZE = "16m"
 
 
 class World:
@@ -32,11 +32,7 @@ class World:
         self.troubles, self.commands_sent = [], {fleet: 0 for fleet in FLEETS}
         self.random = random.Random(seed)  # of the commands; that of the acts is their own
         self.next_command_at = 0.0
-        self.store = self.directory / "store"
-        self.store.mkdir(mode=0o700)
-        self.can_fill_disk = has_own_mounts and subprocess.run(
-            ["mount", "-t", "tmpfs", "-o", f"size={STORE_SIZE},mode=0700", "store", self.store],
-            stderr=subprocess.DEVNULL).returncode == 0
+        self.disk = Disk(self.directory / "store", has_own_mounts)
         self.broker_port, self.mqttsn_port = free_port(socket.SOCK_STREAM), free_port(socket.SOCK_DGRAM)
         self.subscriber = Subscriber(self.broker_port, PREFIX)
         self.broker = Program(self.directory, "broker", ["mosquitto", "-c", self.write_broker_configuration()])
@@ -70,7 +66,7 @@ class World:
             "robots": ble_names,
             "ble_mesh": {"enabled": True, "device": str(self.directory / "board")},
             "mqttsn": {"listen": [f"127.0.0.1:{self.mqttsn_port}"], "multicast_group": None},
-            "store": {"directory": str(self.store)},
+            "store": {"directory": str(self.disk.directory)},
             "log": {"traffic": "off"},
             "control": {"socket": str(self.directory / "control.sock")}}, indent=2))
         return path
@@ -108,12 +104,19 @@ class World:
 
     @contextlib.contextmanager
     def trouble(self, text, may_repeat):
-        """What goes on inside may make so many messages arrive once more."""
+        """What goes on inside may make so many messages arrive once more; and it may lose as many as its `may_lose`, which the
+        act sets to what the daemon has told."""
         self.say(text)
         trouble = Trouble(time.time(), float("inf"), may_repeat)
         self.troubles.append(trouble)
-        yield
+        yield trouble
         trouble.end = time.time()
+
+    def told_as_lost(self, log_position):
+        """Messages that the daemon has told as lost or damaged since its log was so long."""
+        log = self.daemon.log.read_text()[log_position:]
+        patterns = (r"(\d+) are lost", r"(\d+) damaged ones became dead letters", r"(\d+) messages in \S+ are damaged")
+        return sum(int(number) for pattern in patterns for number in re.findall(pattern, log))
 
     # The programs
 
@@ -182,18 +185,7 @@ class World:
             if program.is_running():
                 program.send(signal.SIGKILL)
                 program.process.wait()
-        if self.can_fill_disk:
-            subprocess.run(["umount", "--lazy", self.store], check=False)
-
-    # The disk
-
-    def fill_disk(self):
-        with contextlib.suppress(OSError), open(self.store / "filler", "wb", buffering=0) as filler:
-            while filler.write(b"\0" * 4096):
-                pass
-
-    def free_disk(self):
-        os.unlink(self.store / "filler")
+        self.disk.unmount()
 
     # What is said and heard
 
