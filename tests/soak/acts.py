@@ -202,6 +202,7 @@ class Acts:
             world.wait_for("the backlog", lambda: world.status("store", "depth") == 0)
             trouble.may_lose = world.told_as_lost(log_position)
             world.say(f"  {trouble.may_lose} messages are told as lost")
+            world.disk.remove_damaged_files()
 
     def start_daemon_after(self, seconds):
         self.world.pass_time(seconds)

@@ -94,6 +94,11 @@ class Disk:
         """What the daemon has put aside."""
         return [path.name for path in self.directory.iterdir() if ".corrupt-" in path.name]
 
+    def remove_damaged_files(self):
+        """On so small a disk they would soon leave no room to save anything."""
+        for name in self.damaged_files():
+            os.unlink(self.directory / name)
+
 
 def succeeds(*command):
     with contextlib.suppress(FileNotFoundError):
