@@ -14,6 +14,7 @@ import time
 
 from disk import Disk
 from program import PATIENCE_S, Failure, Program, free_port
+from proxy import Mqtt311Proxy
 from subscriber import Subscriber
 from verdict import Arrival, Trouble, read_record
 
@@ -23,10 +24,11 @@ FIRST_BLE_ADDRESS = 0x0100
 # A bad radio. One request at a time, as MQTT-SN 1.2 wants it: with more, the radio itself would change the order.
 THREAD_OPTIONS = ("--loss=0.05 --duplicate=0.05 --reorder=0.05 --delay-ms=5 --outstanding=1 --retry=1 --keep-alive=5 "
                   "--give-up-s=0").split()
+MAX_PACKET_BYTES = 1000  # far more than a robot's message needs
 
 
 class World:
-    def __init__(self, bin_directory, directory, seed, has_own_mounts):
+    def __init__(self, bin_directory, directory, seed, has_own_mounts, mqtt=5):
         self.bin, self.directory = pathlib.Path(bin_directory), pathlib.Path(directory)
         self.begin = time.time()
         self.troubles, self.commands_sent = [], {fleet: 0 for fleet in FLEETS}
@@ -34,7 +36,10 @@ class World:
         self.next_command_at = 0.0
         self.disk = Disk(self.directory / "store", has_own_mounts)
         self.broker_port, self.mqttsn_port = free_port(socket.SOCK_STREAM), free_port(socket.SOCK_DGRAM)
+        self.mqtt = mqtt
+        self.link_port = Mqtt311Proxy(self.broker_port).port if mqtt == 3 else self.broker_port
         self.subscriber = Subscriber(self.broker_port, PREFIX)
+        self.is_broker_there = self.is_daemon_wanted = self.are_robots_wanted = False
         self.broker = Program(self.directory, "broker", ["mosquitto", "-c", self.write_broker_configuration()])
         self.daemon = Program(self.directory, "daemon",
                               [self.bin / "slam-gatewayd", "--config", self.write_daemon_configuration()])
@@ -42,7 +47,6 @@ class World:
                                                               "--id-prefix", fleet, "--robots", FLEETS[fleet],
                                                               "--record", self.directory / f"{fleet}.record"])
                        for fleet, arguments in self.fleet_arguments().items()}
-        self.is_broker_there = self.is_daemon_wanted = self.are_robots_wanted = False
 
     def fleet_arguments(self):
         thread = ["thread", "--gateway", f"127.0.0.1:{self.mqttsn_port}", *THREAD_OPTIONS]
@@ -51,9 +55,24 @@ class World:
 
     def write_broker_configuration(self):
         path = self.directory / "mosquitto.conf"
+        self.access = self.directory / "access"
+        self.refuse_nothing()
         path.write_text(f"listener {self.broker_port} 127.0.0.1\nallow_anonymous true\nset_tcp_nodelay true\n"
-                        "max_queued_messages 0\nuser root\n")
+                        f"max_queued_messages 0\nuser root\nmax_packet_size {MAX_PACKET_BYTES}\nacl_file {self.access}\n")
         return path
+
+    def refuse(self, robot):
+        """From now on, or from the broker's start, it takes nothing of this robot."""
+        self.access.write_text(f"topic deny {PREFIX}/robot/{robot}/#\ntopic readwrite #\n")
+        self.reload_broker()
+
+    def refuse_nothing(self):
+        self.access.write_text("topic readwrite #\n")
+        self.reload_broker()
+
+    def reload_broker(self):
+        if self.is_broker_there:
+            self.broker.send(signal.SIGHUP)
 
     def write_daemon_configuration(self):
         path = self.directory / "gateway.json"
@@ -62,7 +81,7 @@ class World:
         path.write_text(json.dumps({
             "gateway": {"id": "soak"},
             # A short keep-alive, so that a broker that stands still is sometimes given up.
-            "broker": {"uri": f"mqtt://127.0.0.1:{self.broker_port}", "keep_alive_s": 5},
+            "broker": {"uri": f"mqtt://127.0.0.1:{self.link_port}", "keep_alive_s": 5},
             "robots": ble_names,
             "ble_mesh": {"enabled": True, "device": str(self.directory / "board")},
             "mqttsn": {"listen": [f"127.0.0.1:{self.mqttsn_port}"], "multicast_group": None},
