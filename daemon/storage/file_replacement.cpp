@@ -16,6 +16,7 @@ const std::string& FileReplacement::begin() const {
   std::error_code ignored;
   fs::remove(unfinished_path_ + "-wal", ignored);
   fs::remove(unfinished_path_, ignored);
+  make_room_for_copy(path_);
   make_store_file(fs::path(path_).parent_path(), unfinished_path_);
   return unfinished_path_;
 }

@@ -129,7 +129,7 @@ bool SqliteSessionStore::save_if_damaged(const SqliteError& why) {
       file.write(saved.sessions);
       file.move_log_into_file();
     }
-    const std::string aside = replacement_.finish("corrupt");
+    const std::string aside = replacement_.finish(damaged_word);
     verdict_.reset();
     notice(Severity::error,
            fmt::format("the sessions in {} were damaged ({}): {} were saved, other MQTT-SN clients "

@@ -233,7 +233,7 @@ bool SqliteStore::save_if_damaged(const SqliteError& why) {
 
 void SqliteStore::save(MessageRecovery& recovery, const std::string& why) {
   recovery.save_to(replacement_.begin(), settings_.max_bytes);
-  const std::string aside = replacement_.finish("corrupt");
+  const std::string aside = replacement_.finish(damaged_word);
   tell(Severity::error, fmt::format("the store {} was damaged ({}): {}; the damaged file is {}",
                                     path_, why, saved_text(recovery.result()), aside));
 }

@@ -8,14 +8,18 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <chrono>
 #include <cstdio>
 #include <cstring>
 #include <filesystem>
+#include <vector>
 
 namespace slamgw {
 namespace {
+
+namespace fs = std::filesystem;
 
 [[noreturn]] void fail(const std::string& what) {
   throw std::runtime_error(fmt::format("{}: {}", what, std::strerror(errno)));
@@ -81,17 +85,31 @@ std::string name_aside(const std::string& path, const char* word, int attempt) {
   return attempt == 0 ? name : fmt::format("{}-{}", name, attempt);
 }
 
-int count_aside(const std::string& path) {
-  const std::filesystem::path file(path);
-  const std::string start = file.filename().string() + ".";
-  int count = 0;
-  for (const auto& entry : std::filesystem::directory_iterator(file.parent_path())) {
+/// The files with `word` in their names (empty: with any), the oldest first.
+std::vector<fs::path> files_aside(const std::string& path, const std::string& word) {
+  const fs::path file(path);
+  const std::string start = file.filename().string() + "." + word;
+  std::vector<fs::path> found;
+  for (const auto& entry : fs::directory_iterator(file.parent_path())) {
     const std::string name = entry.path().filename().string();
     const bool is_log = name.ends_with("-wal") || name.ends_with("-shm");
     if (name.starts_with(start) && name.find("Z", start.size()) != std::string::npos && !is_log)
-      ++count;
+      found.push_back(entry.path());
   }
-  return count;
+  std::sort(found.begin(), found.end());
+  return found;
+}
+
+void remove_with_log(const fs::path& file) {
+  std::error_code ignored;
+  fs::remove(file.string() + "-wal", ignored);
+  fs::remove(file, ignored);
+}
+
+std::uintmax_t size_or_nothing(const std::string& path) {
+  std::error_code error;
+  const std::uintmax_t size = fs::file_size(path, error);
+  return error ? 0 : size;
 }
 
 }  // namespace
@@ -143,11 +161,21 @@ SqliteDatabase open_store_file(const std::string& path, const StoreFormat& forma
   return database;
 }
 
+void make_room_for_copy(const std::string& path) {
+  const std::uintmax_t needed = size_or_nothing(path) + size_or_nothing(path + "-wal");
+  for (const fs::path& oldest : files_aside(path, damaged_word)) {
+    std::error_code error;
+    if (fs::space(oldest.parent_path(), error).available > needed || error) return;
+    remove_with_log(oldest);
+  }
+}
+
 std::string put_store_file_aside(const std::string& path, const char* word) {
-  if (count_aside(path) >= max_files_aside) {
-    throw std::runtime_error(
-        fmt::format("{} damaged files lie beside {}: the disk is failing; move them away",
-                    max_files_aside, path));
+  const std::vector<fs::path> damaged = files_aside(path, damaged_word);
+  for (std::size_t i = 0; i + max_damaged_files <= damaged.size(); ++i) remove_with_log(damaged[i]);
+  if (files_aside(path, {}).size() >= max_files_aside) {
+    throw std::runtime_error(fmt::format(
+        "{} files that were put aside lie beside {}; move them away", max_files_aside, path));
   }
   for (int attempt = 0;; ++attempt) {
     const std::string aside = name_aside(path, word, attempt);

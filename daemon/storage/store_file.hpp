@@ -21,9 +21,14 @@ class ForeignFile : public std::runtime_error {
 
 /// How long a predecessor that is still closing is waited for.
 inline constexpr int store_busy_wait_ms = 3000;
-/// Damaged files beside one store. When there are so many the disk is failing, and no more are
-/// made: the store stays closed until somebody has looked.
-inline constexpr int max_files_aside = 16;
+/// Damaged files that are kept beside one store: all that could be read of them was saved, so only
+/// the newest are of use to an expert.
+inline constexpr std::size_t max_damaged_files = 4;
+/// Files of others that were found in the store's place and put aside. They are never removed: when
+/// there are so many, the store stays closed until somebody has looked.
+inline constexpr std::size_t max_files_aside = 16;
+/// The word in a damaged file's name.
+inline constexpr const char* damaged_word = "corrupt";
 
 struct StoreTable {
   const char* name = "";
@@ -53,9 +58,11 @@ SqliteDatabase open_store_file(const std::string& path, const StoreFormat& forma
                                bool is_known = false);
 
 /// Renames the file and its log to a free name, `<path>.<word>-<time>`, and returns that name;
-/// nothing when there is no file.
+/// nothing when there is no file. Of damaged ones the oldest go.
 /// Throws std::runtime_error when that fails or there are `max_files_aside` already.
 std::string put_store_file_aside(const std::string& path, const char* word);
+/// Removes the oldest damaged files beside `path` while the disk has no room for one more copy.
+void make_room_for_copy(const std::string& path);
 
 /// For people; what to do where that is known.
 std::string words_for(const SqliteError& error);

@@ -221,13 +221,28 @@ TEST_F(StoreDamage, WhatWasPutAsideIsNeverOverwritten) {
 }
 
 TEST_F(StoreDamage, AFailingDiskDoesNotFillItselfWithDamagedFiles) {
-  for (int i = 0; i < max_files_aside; ++i)
-    write_file(path + ".corrupt-20260101T00000" + std::to_string(i) + "Z", "");
+  for (int i = 0; i < 9; ++i) {
+    const std::string aside = path + ".corrupt-20260101T00000" + std::to_string(i) + "Z";
+    write_file(aside, "");
+    write_file(aside + "-wal", "");
+  }
+  write_file(path, std::string(9000, 'x'));
+  StoreUser user(directory.path());
+  ASSERT_TRUE(user.await<StoreOpened>()) << user.notices();
+  EXPECT_EQ(count_aside(directory.path()), max_damaged_files);
+  EXPECT_FALSE(std::filesystem::exists(path + ".corrupt-20260101T000005Z")) << "the oldest go";
+  EXPECT_FALSE(std::filesystem::exists(path + ".corrupt-20260101T000005Z-wal"));
+  EXPECT_TRUE(std::filesystem::exists(path + ".corrupt-20260101T000006Z"));
+}
+
+TEST_F(StoreDamage, FilesOfOthersThatWerePutAsideAreNeverRemoved) {
+  for (std::size_t i = 0; i < max_files_aside; ++i)
+    write_file(path + ".replaced-20260101T0000" + std::to_string(10 + i) + "Z", "");
   write_file(path, std::string(9000, 'x'));
   StoreUser user(directory.path());
   ASSERT_TRUE(user.await<StoreAbsent>());
   EXPECT_NE(user.notices().find("move them away"), std::string::npos) << user.notices();
-  std::filesystem::remove(path + ".corrupt-20260101T000000Z");
+  std::filesystem::remove(path + ".replaced-20260101T000010Z");
   EXPECT_TRUE(user.await<StoreOpened>()) << "as soon as somebody has looked";
 }
 
