@@ -26,6 +26,7 @@ struct Arguments {
   std::string payload;
   bool is_hex = false;
   std::string uuid;
+  std::uint64_t minutes = 5;
   bool is_forced = false;
   bool is_confirmed = false;
   std::vector<std::uint64_t> ids;
@@ -105,6 +106,15 @@ void add_ble_changes(CLI::App& ble, Arguments& a, const auto& ask) {
   provision->add_option("UUID", a.uuid, "As `ble scan` shows it")->required();
   provision->add_option("--id", a.robot, "The robot's name from then on")->required();
   provision->callback(ask("provision", Answer::node));
+  CLI::App* permit = ble.add_subcommand("permit-join", "Let new robots in, and show who joins");
+  permit->add_option("--minutes", a.minutes, "For how long; 0 ends it")
+      ->check(CLI::Range(0, 24 * 60))
+      ->capture_default_str();
+  permit->add_option("--id", a.robot, "One robot only, and its name from then on");
+  permit->callback([&a, order = ask("permit-join", Answer::joining)] {
+    order();
+    a.order.request["minutes"] = a.minutes;
+  });
   CLI::App* remove = ble.add_subcommand("remove", "Put a robot out of the mesh");
   remove->add_option("ROBOT", a.robot, "The robot's id")->required();
   remove->add_flag("--force", a.is_forced, "Forget it even when it does not answer");

@@ -16,6 +16,7 @@ enum class Answer : std::uint8_t {
   watch,
   outcome,
   scan,
+  joining,  ///< asked again and again until nobody joins any more
   nodes,
   node,
   done,

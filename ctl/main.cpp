@@ -7,6 +7,7 @@
 #include <fstream>
 #include <iostream>
 #include <iterator>
+#include <thread>
 #include <utility>
 
 #include "ctl/command_line.hpp"
@@ -28,6 +29,7 @@ constexpr std::chrono::seconds answer_patience{10};
 constexpr std::chrono::seconds outcome_patience{45};
 /// It ends orders about the mesh within 180 s.
 constexpr std::chrono::seconds order_patience{200};
+constexpr std::chrono::milliseconds joining_interval{500};
 
 /// https://no-color.org: set, and not empty.
 bool is_colour_unwanted() {
@@ -52,6 +54,7 @@ std::string text_of(const Order& order, const nlohmann::json& result) {
     case Answer::node: return make_show().nodes(nlohmann::json::array({result}));
     case Answer::done: return make_show().done(result);
     case Answer::resent: return make_show().resent(result);
+    case Answer::joining: return make_show().joining(result);
     case Answer::dead_letters:
     case Answer::exported: break;  // print_dead_letters()
   }
@@ -64,6 +67,7 @@ std::chrono::seconds patience_for(Answer answer) {
     case Answer::robots:
     case Answer::watch:
     case Answer::nodes:
+    case Answer::joining:
     case Answer::dead_letters:
     case Answer::exported: break;
     case Answer::outcome: return outcome_patience;
@@ -120,6 +124,24 @@ void warn_of_unheard(Connection& connection, const nlohmann::json& request) {
         << "' has been heard; watching for it (slam-gatewayctl robots lists those that were)\n";
 }
 
+/// Shows who joins until nobody may any more. With --json an event a line.
+int show_joining(Connection& connection, const Order& order) {
+  auto news = connection.ask(order.request, answer_patience);
+  if (!order.json) std::cout << make_show().joining_head(news) << std::flush;
+  bool has_joined = false;
+  while (news.value("seconds_left", 0) > 0 || news.value("under_way", 0) > 0) {
+    std::this_thread::sleep_for(joining_interval);
+    news =
+        connection.ask({{"command", "ble joining"}, {"after", news.at("last")}}, answer_patience);
+    for (const auto& event : news.at("events")) {
+      has_joined = has_joined || event.value("event", "") == "joined";
+      std::cout << text_of(order, event) << std::flush;
+    }
+  }
+  if (!order.json) std::cout << "new robots may not join any more\n";
+  return has_joined || order.request.value("minutes", 0) == 0 ? 0 : exit_failed;
+}
+
 int run(Order order) {
   if (!order.file.empty()) order.request["text"] = read_mesh(order.file);
   Connection connection(order.socket);
@@ -128,6 +150,7 @@ int run(Order order) {
     print_dead_letters(connection, std::move(order));
     return 0;
   }
+  if (order.answer == Answer::joining) return show_joining(connection, order);
   const bool is_send = order.answer == Answer::outcome;
   const auto result = connection.ask(order.request, patience_for(order.answer));
   if (order.answer == Answer::watch)

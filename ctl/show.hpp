@@ -24,6 +24,9 @@ class Show {
   std::string devices(const nlohmann::json& devices) const;
   /// Robots of the BLE mesh.
   std::string nodes(const nlohmann::json& nodes) const;
+  /// How long new robots may join, and what one of them has come to.
+  std::string joining_head(const nlohmann::json& news) const;
+  std::string joining(const nlohmann::json& event) const;
   /// Messages that were set aside: the head of the table, and a page of it.
   std::string dead_letters_head(const nlohmann::json& first_page) const;
   std::string dead_letters(const nlohmann::json& letters) const;

@@ -36,6 +36,22 @@ std::string Show::nodes(const json& nodes) const {
   return out;
 }
 
+std::string Show::joining_head(const json& news) const {
+  const std::uint64_t seconds = count_at(news, "seconds_left");
+  if (seconds == 0) return {};
+  return fmt::format(
+      "new robots may join for {}; Ctrl-C ends this display only, --minutes 0 ends joining\n",
+      show_seconds(seconds));
+}
+
+std::string Show::joining(const json& event) const {
+  const std::string what = text_at(event, "event");
+  const std::string robot = text_at(event, "robot");
+  const std::string why = text_at(event, "why");
+  return fmt::format("{} {}{}{}\n", pad(text_at(event, "uuid"), 32), paint(what, pad(what, 10)),
+                     robot.empty() ? "" : " " + robot, why.empty() ? "" : ": " + why);
+}
+
 std::string Show::done(const json& done) const {
   if (done.contains("nodes"))
     return fmt::format("imported: the mesh has {} robots\n", count_at(done, "nodes"));

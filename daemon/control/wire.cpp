@@ -3,6 +3,8 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+
 #include "daemon/control/trace_json.hpp"
 #include "daemon/core/utf8.hpp"
 
@@ -15,6 +17,12 @@ std::optional<std::string> text_of(const json& request, const char* key) {
   const auto found = request.find(key);
   if (found == request.end() || !found->is_string()) return std::nullopt;
   return found->get<std::string>();
+}
+
+/// 0 when it is missing or no such number.
+std::uint64_t number_of(const json& request, const char* key) {
+  const auto found = request.find(key);
+  return found != request.end() && found->is_number_unsigned() ? found->get<std::uint64_t>() : 0;
 }
 
 bool is_true(const json& request, const char* key) {
@@ -51,6 +59,15 @@ Result<Request, std::string> parse_order(const std::string& command, const json&
     if (!uuid || !robot) return std::string("ble provision needs the texts uuid and robot");
     return Request(ProvisionOrder{*uuid, *robot});
   }
+  if (command == "ble permit-join") {
+    const auto minutes = request.find("minutes");
+    if (minutes == request.end() || !minutes->is_number_unsigned())
+      return std::string("ble permit-join needs the number minutes");
+    constexpr std::uint64_t most = 24 * 60;
+    const auto count = std::min(minutes->get<std::uint64_t>(), most);
+    return Request(PermitJoinOrder{std::chrono::minutes(count), robot.value_or("")});
+  }
+  if (command == "ble joining") return Request(JoinEventsOrder{number_of(request, "after")});
   if (command == "ble remove") {
     if (!robot) return std::string("ble remove needs the text robot");
     return Request(RemoveOrder{*robot, is_true(request, "force")});
@@ -60,8 +77,8 @@ Result<Request, std::string> parse_order(const std::string& command, const json&
     return Request(ImportOrder{*text});
   }
   return fmt::format(
-      "unknown command '{}'; there are ble scan, provision, nodes, remove, import, "
-      "reset-board",
+      "unknown command '{}'; there are ble scan, provision, permit-join, joining, nodes, remove, "
+      "import, reset-board",
       command);
 }
 
@@ -84,9 +101,7 @@ std::optional<DeadLetterChoice> parse_choice(const json& request) {
 
 Result<Request, std::string> parse_store_order(const std::string& command, const json& request) {
   if (command == "store list") {
-    const auto after = request.find("after");
-    const bool has_after = after != request.end() && after->is_number_unsigned();
-    return Request(ListDeadLetters{has_after ? after->get<std::uint64_t>() : 0,
+    return Request(ListDeadLetters{number_of(request, "after"),
                                    text_of(request, "topic").value_or(""),
                                    is_true(request, "payloads")});
   }

@@ -8,6 +8,8 @@
 //             {"command": "send", "robot": "...", "type": "...", "payload_hex": "..."}
 //             {"command": "ble scan" | "ble nodes" | "ble reset-board"}
 //             {"command": "ble provision", "uuid": "...", "robot": "..."}
+//             {"command": "ble permit-join", "minutes": number, "robot": optional}
+//             {"command": "ble joining", "after": optional number of an event}
 //             {"command": "ble remove", "robot": "...", "force": optional}
 //             {"command": "ble import", "text": "..."}
 //             {"command": "store list", "after": optional id, "topic": optional, "payloads":

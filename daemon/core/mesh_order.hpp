@@ -4,6 +4,8 @@
 // logged, never in an answer.
 #pragma once
 
+#include <chrono>
+#include <cstdint>
 #include <functional>
 #include <string>
 #include <variant>
@@ -16,6 +18,16 @@ struct ProvisionOrder {
   std::string uuid;   ///< 32 hex digits, hyphens allowed
   std::string robot;  ///< its name from then on
 };
+/// Lets new robots in for a while, whatever the configuration says; 0 minutes: no longer. Answered
+/// at once, as JoinEventsOrder.
+struct PermitJoinOrder {
+  std::chrono::minutes time{0};
+  std::string robot;  ///< the one that may join gets this name; empty: all may
+};
+/// Who has joined since: how long it goes on, and events with numbers above `after`.
+struct JoinEventsOrder {
+  std::uint64_t after = 0;
+};
 struct NodesOrder {};
 struct RemoveOrder {
   std::string robot;
@@ -27,8 +39,8 @@ struct ImportOrder {
 /// Clears the board for good and starts it up anew.
 struct ResetBoardOrder {};
 
-using MeshOrder =
-    std::variant<ScanOrder, ProvisionOrder, NodesOrder, RemoveOrder, ImportOrder, ResetBoardOrder>;
+using MeshOrder = std::variant<ScanOrder, ProvisionOrder, PermitJoinOrder, JoinEventsOrder,
+                               NodesOrder, RemoveOrder, ImportOrder, ResetBoardOrder>;
 
 /// Either a JSON document or, when the order was refused or failed, a sentence.
 struct OrderAnswer {

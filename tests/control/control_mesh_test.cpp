@@ -60,6 +60,45 @@ TEST_F(ControlMeshIo, TakesARobotInAndNamesIt) {
   EXPECT_EQ(ordered.robot, "r1");
 }
 
+TEST_F(ControlMeshIo, ShowsWhoJoinsUntilTheTimeIsOver) {
+  start();
+  const auto child = launch({"ble", "permit-join", "--minutes", "3", "--id", "r1"});
+  ASSERT_TRUE(wait_until([&] { return handler.orders.size() == 1; }));
+  const auto permit = order_of<PermitJoinOrder>(handler);
+  EXPECT_EQ(permit.time, std::chrono::minutes(3));
+  EXPECT_EQ(permit.robot, "r1");
+  handler.orders[0].done({R"({"seconds_left":180,"under_way":0,"last":7,"events":[]})", {}});
+  ASSERT_TRUE(wait_until([&] { return handler.orders.size() == 2; }));
+  EXPECT_EQ(std::get<JoinEventsOrder>(handler.orders[1].order).after, 7u);
+  handler.orders[1].done(
+      {R"({"seconds_left":100,"under_way":1,"last":8,"events":[{"number":8,"event":"joining",
+           "uuid":"736c616d000000000000000000000001","robot":"r1","why":""}]})",
+       {}});
+  ASSERT_TRUE(wait_until([&] { return handler.orders.size() == 3; }));
+  EXPECT_EQ(std::get<JoinEventsOrder>(handler.orders[2].order).after, 8u);
+  handler.orders[2].done(
+      {R"({"seconds_left":0,"under_way":0,"last":9,"events":[{"number":9,"event":"joined",
+           "uuid":"736c616d000000000000000000000001","robot":"r1","why":""}]})",
+       {}});
+  const Ended result = finish(*child);
+  EXPECT_EQ(result.status, 0) << result.err;
+  EXPECT_EQ(result.out,
+            "new robots may join for 3 min 0 s; Ctrl-C ends this display only, --minutes 0 ends "
+            "joining\n"
+            "736c616d000000000000000000000001 joining    r1\n"
+            "736c616d000000000000000000000001 joined     r1\n"
+            "new robots may not join any more\n");
+}
+
+TEST_F(ControlMeshIo, SaysThatNobodyHasJoinedByItsStatus) {
+  start();
+  const OrderAnswer nobody{R"({"seconds_left":0,"under_way":0,"last":0,"events":[]})", {}};
+  EXPECT_EQ(order({"permit-join"}, nobody).status, 1);
+  EXPECT_EQ(order_of<PermitJoinOrder>(handler).time, std::chrono::minutes(5));
+  EXPECT_EQ(order({"permit-join", "--minutes", "0"}, nobody).status, 0);
+  EXPECT_EQ(order({"permit-join", "--minutes", "2000"}, nobody).status, 2);
+}
+
 TEST_F(ControlMeshIo, ListsAndRemovesNodes) {
   start();
   EXPECT_EQ(order({"nodes"}, {"[]", {}}).out, "no robot is in the mesh yet\n");

@@ -30,9 +30,10 @@ TEST(ControlWire, TellsWhatIsWrongWithARequest) {
   EXPECT_EQ(error(R"({"command": "stop"})"),
             "unknown command 'stop'; there are status, robots, watch, send, ble ..., store ...");
   EXPECT_EQ(error(R"({"command": "ble scan"})"), "none");
-  EXPECT_EQ(error(R"({"command": "ble dance"})"),
-            "unknown command 'ble dance'; there are ble scan, provision, nodes, remove, import, "
-            "reset-board");
+  EXPECT_EQ(
+      error(R"({"command": "ble dance"})"),
+      "unknown command 'ble dance'; there are ble scan, provision, permit-join, joining, nodes, "
+      "remove, import, reset-board");
   for (const std::string_view command : {"provision", "remove", "import"})
     EXPECT_NE(error(R"({"command": "ble )" + std::string(command) + R"(", "uuid": 5})"), "none");
   for (const std::string_view hex : {"0", "0g", "0 ", "5x"})

@@ -156,6 +156,7 @@ void Provisioner::on_stored(const std::string& problem, TimePoint now) {
 
 void Provisioner::advance(TimePoint now) {
   if (order_ && now >= order_->due) on_order_due(now);
+  close_permit(now);
   if (is_up_ && database()) {
     follow_session(now);
     follow_conversations(now);
@@ -164,6 +165,10 @@ void Provisioner::advance(TimePoint now) {
   }
   write_ledger(now);
   if (is_up_) issue_next_command(now);
+}
+
+void Provisioner::close_permit(TimePoint now) {
+  if (permit_.on_time(now)) say(Severity::notice, "new robots may not join any more");
 }
 
 void Provisioner::write_ledger(TimePoint now) {
@@ -230,12 +235,13 @@ void Provisioner::issue_next_command(TimePoint) {
 bool Provisioner::wants_scan() const {
   if (session_ || chosen_) return false;
   if (is_ordered(OrderKind::scan) || is_ordered(OrderKind::provision)) return true;
-  return settings_.provisioning.enabled && database() != nullptr;
+  return (settings_.provisioning.enabled || permit_.is_open()) && database() != nullptr;
 }
 
 std::optional<TimePoint> Provisioner::deadline() const {
   std::optional<TimePoint> next = ledger_.deadline();
   if (order_) next = earlier(next, order_->due);
+  next = earlier(next, permit_.deadline());
   if (!is_up_ || !database()) return next;
   if (session_) next = earlier(next, session_->deadline());
   for (const auto& [address, conversation] : conversations_)

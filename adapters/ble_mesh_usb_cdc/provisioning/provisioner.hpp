@@ -14,6 +14,7 @@
 #include "adapters/ble_mesh_usb_cdc/provisioning/address_plan.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/candidates.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/device_key_sweep.hpp"
+#include "adapters/ble_mesh_usb_cdc/provisioning/join_permit.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/mesh_ledger.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_configuration.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/provisioning_session.hpp"
@@ -127,6 +128,7 @@ class Provisioner {
   void issue_next_command(TimePoint now);
   bool issue(std::optional<Bytes> frame, InFlight errand);
   bool wants_scan() const;
+  void close_permit(TimePoint now);
   void say(Severity severity, std::string text, std::string robot = {});
 
   // provisioner_joining.cpp: devices become nodes
@@ -162,6 +164,8 @@ class Provisioner {
   void take(const ProvisionOrder& wanted, TimePoint now);
   void take(const RemoveOrder& wanted, TimePoint now);
   void take(const ImportOrder& wanted, TimePoint now);
+  void permit_join(std::uint64_t id, const PermitJoinOrder& wanted, TimePoint now);
+  std::string problem_with_name(const std::string& robot, const std::optional<Uuid>& uuid) const;
   void answer(std::string json);
   void refuse(std::string why);
   void on_order_due(TimePoint now);
@@ -188,6 +192,7 @@ class Provisioner {
   std::optional<InFlight> in_flight_;
   bool is_scanning_ = false;
   Candidates candidates_;
+  JoinPermit permit_;
   std::optional<Chosen> chosen_;
   std::optional<ProvisioningSession> session_;
   std::uint8_t context_ = 0;      ///< of the session; the other one next time, as this may hang

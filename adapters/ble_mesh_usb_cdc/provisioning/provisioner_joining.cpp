@@ -20,7 +20,9 @@ bool has_prefix(const Uuid& uuid, std::string_view prefix) {
 }  // namespace
 
 bool Provisioner::is_wanted(const Candidate& candidate, TimePoint now) const {
-  if (!settings_.provisioning.enabled || database()->was_removed(candidate.uuid)) return false;
+  const bool may_join = settings_.provisioning.enabled || permit_.is_open();
+  if (!may_join || database()->was_removed(candidate.uuid)) return false;
+  if (permit_.is_open() && !permit_.admits(candidate.uuid)) return false;
   const Node* node = database()->find(candidate.uuid);
   if (node != nullptr && node->state != NodeState::reserved) {
     // It was reset by hand, unless somebody only says so in its place: the real one is still heard.
@@ -49,7 +51,10 @@ void Provisioner::choose_next(TimePoint now) {
   }
   const Candidate* next =
       candidates_.next([&](const Candidate& candidate) { return is_wanted(candidate, now); }, now);
-  if (next != nullptr) reserve(*next, {}, now);
+  if (next == nullptr) return;
+  const Uuid uuid = next->uuid;
+  if (!reserve(*next, permit_.is_open() ? permit_.robot() : std::string(), now)) return;
+  permit_.on_chosen(uuid);
 }
 
 bool Provisioner::reserve(const Candidate& candidate, const std::string& name, TimePoint now) {
@@ -82,6 +87,9 @@ bool Provisioner::reserve(const Candidate& candidate, const std::string& name, T
     }
   }
   node->address = *address;
+  if (!name.empty())
+    for (Node& other : database.nodes)  // one that did not get as far as the mesh
+      if (other.state == NodeState::reserved && other.name == name) other.name.clear();
   if (!name.empty()) node->name = name;
   if (!name.empty()) database.forget_removed(uuid);
   const bool is_in_order = name.empty() && configured_name(*address) == nullptr;
@@ -188,6 +196,7 @@ void Provisioner::on_joined(TimePoint now) {
   say(Severity::notice,
       fmt::format("{} is in the mesh, at 0x{:04x}, UUID {}", id, node.address, to_hex(node.uuid)),
       id);
+  permit_.on_joined(node.uuid, id);
   warn_of_replay_list(node);
 }
 
@@ -216,6 +225,7 @@ void Provisioner::on_session_failed(TimePoint now) {
     chosen_ = Chosen{uuid, false, true};
     return;
   }
+  permit_.on_failed(uuid, why);
   candidates_.on_failure(uuid, now);
   const Candidate* candidate = candidates_.find(uuid, now);
   const Duration pause = pause_after(candidate ? candidate->failures : 1);

@@ -126,6 +126,7 @@ void Provisioner::on_configured(const Node& known) {
   if (is_outdated(before))
     return say(Severity::notice, fmt::format("{} is configured anew: {}", id, changes_from(before)),
                id);
+  permit_.on_configured(node.uuid, id);
   say(Severity::notice, fmt::format("{} is configured", id), id);
   if (is_ordered(OrderKind::provision, node.uuid)) answer(node_json(node));
 }
@@ -148,6 +149,7 @@ void Provisioner::on_not_configured(const Node& node, const std::string& problem
   const Duration pause = pause_after(++upkeep.failures);
   upkeep.retry_at = now + pause;
   upkeep.problem = problem;
+  permit_.on_failed(node.uuid, problem);
   const std::string id = id_of(node.address);
   const bool has_old = node.state == NodeState::configured;
   say(Severity::warning,

@@ -25,6 +25,12 @@ void Provisioner::on_order(std::uint64_t id, MeshOrder order, TimePoint now) {
     actions_.push(OrderEnded{id, {nodes_json(), {}}});
     return;
   }
+  if (const auto* permit = std::get_if<PermitJoinOrder>(&order))
+    return permit_join(id, *permit, now);
+  if (const auto* events = std::get_if<JoinEventsOrder>(&order)) {
+    actions_.push(OrderEnded{id, {permit_.json(events->after, now), {}}});
+    return;
+  }
   if (order_) {
     actions_.push(OrderEnded{id, {{}, "another command for this mesh is still under way"}});
     return;
@@ -34,6 +40,8 @@ void Provisioner::on_order(std::uint64_t id, MeshOrder order, TimePoint now) {
   std::visit(overloaded{
                  [&](const ScanOrder&) { take_scan(now); },
                  [&](const ProvisionOrder& what) { take(what, now); },
+                 [](const PermitJoinOrder&) {},
+                 [](const JoinEventsOrder&) {},
                  [](const NodesOrder&) {},
                  [&](const RemoveOrder& what) { take(what, now); },
                  [&](const ImportOrder& what) { take(what, now); },
@@ -52,14 +60,10 @@ void Provisioner::take_scan(TimePoint now) {
 void Provisioner::take(const ProvisionOrder& wanted, TimePoint now) {
   const auto uuid = parse_uuid(wanted.uuid);
   if (!uuid) return refuse("the UUID is not 32 hex digits; `ble scan` shows who is there");
-  if (!is_valid_level(wanted.robot))
-    return refuse("a robot's id is 1 to 64 bytes without + # / and control characters");
   if (!database()) return refuse(std::string(no_keys));
   if (!is_up_) return refuse("the BLE link is down: " + down_reason_);
-  for (const Node& node : database()->nodes)
-    if (node.uuid != *uuid && id_of(node.address) == wanted.robot)
-      return refuse(fmt::format("{} is another robot already: UUID {}, address 0x{:04x}",
-                                wanted.robot, to_hex(node.uuid), node.address));
+  if (std::string problem = problem_with_name(wanted.robot, uuid); !problem.empty())
+    return refuse(std::move(problem));
   const Node* known = database()->find(*uuid);
   if (known != nullptr && known->state != NodeState::reserved && !candidates_.find(*uuid, now))
     return refuse(fmt::format("it is in the mesh already, as {}", id_of(known->address)));
@@ -67,6 +71,39 @@ void Provisioner::take(const ProvisionOrder& wanted, TimePoint now) {
   order_->due = now + search_time_limit;
   order_->uuid = *uuid;
   order_->robot = wanted.robot;
+}
+
+std::string Provisioner::problem_with_name(const std::string& robot,
+                                           const std::optional<Uuid>& uuid) const {
+  if (!is_valid_level(robot))
+    return "a robot's id is 1 to 64 bytes without + # / and control characters";
+  for (const Node& node : database()->nodes)
+    if (node.uuid != uuid && node.state != NodeState::reserved && id_of(node.address) == robot)
+      return fmt::format("{} is another robot already: UUID {}, address 0x{:04x}", robot,
+                         to_hex(node.uuid), node.address);
+  return {};
+}
+
+void Provisioner::permit_join(std::uint64_t id, const PermitJoinOrder& wanted, TimePoint now) {
+  std::string problem = database() ? "" : std::string(no_keys);
+  const bool is_closing = wanted.time.count() <= 0;
+  if (problem.empty() && !wanted.robot.empty() && !is_closing)
+    problem = problem_with_name(wanted.robot, std::nullopt);
+  if (problem.empty() && !is_up_ && !is_closing) problem = "the BLE link is down: " + down_reason_;
+  if (!problem.empty()) {
+    actions_.push(OrderEnded{id, {{}, std::move(problem)}});
+    return;
+  }
+  const bool was_open = permit_.is_open();
+  is_closing ? permit_.close() : permit_.open(wanted.time, wanted.robot, now);
+  if (permit_.is_open() || was_open)
+    say(Severity::notice,
+        is_closing ? "an operator lets no new robots join any more"
+                   : fmt::format("an operator lets new robots join for {} min{}",
+                                 std::min(wanted.time, JoinPermit::longest).count(),
+                                 wanted.robot.empty() ? "" : ", one, as " + wanted.robot));
+  actions_.push(OrderEnded{id, {permit_.json(~std::uint64_t{0}, now), {}}});
+  advance(now);
 }
 
 void Provisioner::take(const RemoveOrder& wanted, TimePoint now) {
