@@ -123,6 +123,10 @@ void add_ble_changes(CLI::App& ble, Arguments& a, const auto& ask) {
   import->add_option("FILE", a.order.file, "Its database: of Nordic's Python tool, or a mesh.json")
       ->required();
   import->callback(ask("import", Answer::done));
+  CLI::App* exported = ble.add_subcommand("export", "Let another gateway join this mesh");
+  exported->add_option("FILE", a.order.file, "A new file, for `ble import` there; holds the keys")
+      ->required();
+  exported->callback(ask("export", Answer::mesh));
   CLI::App* reset = ble.add_subcommand("reset-board", "Clear the serial board and set it up anew");
   reset->add_flag("--yes", a.is_confirmed, "Robots may ignore the gateway for a while: do it");
   reset->callback([&a, order = ask("reset-board", Answer::done)] {

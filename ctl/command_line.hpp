@@ -22,6 +22,7 @@ enum class Answer : std::uint8_t {
   done,
   dead_letters,  ///< page by page, as a table
   exported,      ///< page by page, a JSON document a line
+  mesh,          ///< into a file
   resent,
 };
 
@@ -30,7 +31,7 @@ struct Order {
   bool json = false;
   Answer answer = Answer::status;
   nlohmann::json request;
-  std::string file;  ///< whose text goes with the request as `text`; empty: none
+  std::string file;  ///< whose text goes with the request as `text`, or that gets the answer's
 };
 
 /// What slam-gatewayctl does by itself, on the host that the gateway runs on.

@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // slam-gatewayctl: arguments to a request, the daemon's answer to text or JSON. Exit status: 0
 // done, 1 failed, 2 wrong arguments.
+#include <fcntl.h>
 #include <unistd.h>
 
+#include <cerrno>
 #include <cstdlib>
+#include <cstring>
 #include <fstream>
 #include <iostream>
 #include <iterator>
@@ -55,6 +58,7 @@ std::string text_of(const Order& order, const nlohmann::json& result) {
     case Answer::done: return make_show().done(result);
     case Answer::resent: return make_show().resent(result);
     case Answer::joining: return make_show().joining(result);
+    case Answer::mesh: return make_show().exported_mesh(result);
     case Answer::dead_letters:
     case Answer::exported: break;  // print_dead_letters()
   }
@@ -74,6 +78,7 @@ std::chrono::seconds patience_for(Answer answer) {
     case Answer::scan:
     case Answer::node:
     case Answer::resent:
+    case Answer::mesh:
     case Answer::done: return order_patience;
   }
   return answer_patience;
@@ -87,6 +92,42 @@ std::string read_mesh(const std::string& path) {
   const auto json = nlohmann::json::parse(text, nullptr, false);
   if (json.is_discarded()) throw Failure(path + " is no JSON");
   return json.dump();
+}
+
+/// A new file that only its owner can read: it holds the mesh's keys.
+class SecretFile {
+ public:
+  explicit SecretFile(const std::string& path)
+      : path_(path), file_(::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600)) {
+    if (file_ < 0) throw Failure(path + " can't be made: " + std::strerror(errno));
+  }
+  ~SecretFile() {
+    ::close(file_);
+    if (!is_complete_) ::unlink(path_.c_str());
+  }
+  SecretFile(const SecretFile&) = delete;
+  SecretFile& operator=(const SecretFile&) = delete;
+
+  void write(const std::string& text) {
+    is_complete_ = ::write(file_, text.data(), text.size()) == static_cast<ssize_t>(text.size()) &&
+                   ::fsync(file_) == 0;
+    if (!is_complete_) throw Failure(path_ + " can't be written: " + std::strerror(errno));
+  }
+
+ private:
+  std::string path_;
+  int file_;
+  bool is_complete_ = false;
+};
+
+/// The file comes first: an address is handed out only when there is a place for it.
+int export_mesh(const Order& order) {
+  SecretFile file(order.file);
+  Connection connection(order.socket);
+  const auto exported = connection.ask(order.request, patience_for(order.answer));
+  file.write(exported.at("mesh").get<std::string>());
+  std::cout << text_of(order, {{"file", order.file}, {"address", exported.at("address")}});
+  return 0;
 }
 
 /// As many as there may be, a page at a time. As one JSON document with --json.
@@ -143,6 +184,7 @@ int show_joining(Connection& connection, const Order& order) {
 }
 
 int run(Order order) {
+  if (order.answer == Answer::mesh) return export_mesh(order);
   if (!order.file.empty()) order.request["text"] = read_mesh(order.file);
   Connection connection(order.socket);
   if (order.answer == Answer::watch) warn_of_unheard(connection, order.request);

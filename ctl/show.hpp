@@ -24,6 +24,7 @@ class Show {
   std::string devices(const nlohmann::json& devices) const;
   /// Robots of the BLE mesh.
   std::string nodes(const nlohmann::json& nodes) const;
+  std::string exported_mesh(const nlohmann::json& exported) const;
   /// How long new robots may join, and what one of them has come to.
   std::string joining_head(const nlohmann::json& news) const;
   std::string joining(const nlohmann::json& event) const;

@@ -36,6 +36,15 @@ std::string Show::nodes(const json& nodes) const {
   return out;
 }
 
+std::string Show::exported_mesh(const json& exported) const {
+  const std::string file = text_at(exported, "file");
+  return fmt::format(
+      "{} holds the mesh's keys, for one other gateway. There: set ble_mesh.address to {}, "
+      "restart\n"
+      "slam-gateway, and: slam-gatewayctl ble import {}\n",
+      file, text_at(exported, "address"), file);
+}
+
 std::string Show::joining_head(const json& news) const {
   const std::uint64_t seconds = count_at(news, "seconds_left");
   if (seconds == 0) return {};

@@ -54,6 +54,7 @@ Result<Request, std::string> parse_order(const std::string& command, const json&
   const auto text = text_of(request, "text");
   if (command == "ble scan") return Request(ScanOrder{});
   if (command == "ble nodes") return Request(NodesOrder{});
+  if (command == "ble export") return Request(ExportOrder{});
   if (command == "ble reset-board") return Request(ResetBoardOrder{});
   if (command == "ble provision") {
     if (!uuid || !robot) return std::string("ble provision needs the texts uuid and robot");
@@ -78,7 +79,7 @@ Result<Request, std::string> parse_order(const std::string& command, const json&
   }
   return fmt::format(
       "unknown command '{}'; there are ble scan, provision, permit-join, joining, nodes, remove, "
-      "import, reset-board",
+      "import, export, reset-board",
       command);
 }
 

@@ -36,11 +36,14 @@ struct RemoveOrder {
 struct ImportOrder {
   std::string text;  ///< a mesh database
 };
+/// What another gateway needs to join this mesh with a board of its own: `{"address", "mesh"}`, the
+/// unicast address that it gets, and its mesh database as text. The one answer that holds keys.
+struct ExportOrder {};
 /// Clears the board for good and starts it up anew.
 struct ResetBoardOrder {};
 
 using MeshOrder = std::variant<ScanOrder, ProvisionOrder, PermitJoinOrder, JoinEventsOrder,
-                               NodesOrder, RemoveOrder, ImportOrder, ResetBoardOrder>;
+                               NodesOrder, RemoveOrder, ImportOrder, ExportOrder, ResetBoardOrder>;
 
 /// Either a JSON document or, when the order was refused or failed, a sentence.
 struct OrderAnswer {

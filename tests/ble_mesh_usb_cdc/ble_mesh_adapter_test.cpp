@@ -239,6 +239,21 @@ TEST_F(BleMeshAdapterTest, StaysOffWithTheAddressOfARobot) {
   EXPECT_TRUE(board.commands.empty());
 }
 
+TEST_F(BleMeshAdapterTest, StaysOffWithAnAddressThatIsNotItsOwn) {
+  NodeDatabase guest;
+  guest.guest_address = 2;
+  ASSERT_EQ(MeshFile(directory.string()).create(guest), "");
+  make_adapter();
+  adapter->start();
+  EXPECT_TRUE(listener.has_notice("ble_mesh.address must be 0x0002"));
+  NodeDatabase first;
+  first.gateways = {settings.address};
+  ASSERT_EQ(MeshFile(directory.string()).replace(first), "");
+  make_adapter();
+  adapter->start();
+  EXPECT_TRUE(listener.has_notice("was given to another gateway of this mesh"));
+}
+
 TEST_F(BleMeshAdapterTest, AKeyFileIsNeverReplaced) {
   const MeshFile file(directory.string());
   EXPECT_EQ(file.create({}), "");

@@ -32,7 +32,8 @@ struct PermitRig : ProvisioningRig {
   }
   std::vector<std::string> story() {
     std::vector<std::string> lines;
-    for (const json& event : news()["events"])
+    const json all = news();
+    for (const json& event : all["events"])
       lines.push_back(event["event"].get<std::string>() + " " + event["robot"].get<std::string>());
     return lines;
   }
@@ -46,9 +47,9 @@ TEST(PermitJoin, LetsRobotsInForAWhileAndTellsIt) {
   EXPECT_EQ(opened["seconds_left"], 300);
   EXPECT_EQ(opened["events"], json::array());
   ASSERT_TRUE(rig.all_configured(60s));
-  EXPECT_EQ(rig.story(), (std::vector<std::string>{"joining ", "joined ble-0100", "joining ",
-                                                   "configured ble-0100", "joined ble-0101",
-                                                   "configured ble-0101"}));
+  EXPECT_EQ(rig.story(),
+            (std::vector<std::string>{"joining ", "joined ble-0100", "joining ", "joined ble-0101",
+                                      "configured ble-0100", "configured ble-0101"}));
   EXPECT_EQ(rig.news(3)["events"].size(), 3u);
   EXPECT_EQ(rig.news()["under_way"], 0);
   rig.pass(5min);

@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // `slam-gatewayctl ble ...`: what it orders, what it shows, and how long it waits.
+#include <filesystem>
+
 #include "tests/control/control_program_fixture.hpp"
 
 namespace slamgw::test {
@@ -136,6 +138,26 @@ TEST_F(ControlMeshIo, ImportsALargeMesh) {
   large["nodes"] = std::string(300 * 1024, 'x');
   write_file(directory / "mesh.json", large.dump());
   EXPECT_EQ(order({"import", directory / "mesh.json"}, {R"({"nodes":3})", {}}).status, 0);
+}
+
+TEST_F(ControlMeshIo, ExportsIntoANewFileThatOnlyItsOwnerReads) {
+  start();
+  const std::string file = directory / "other.json";
+  const Ended result =
+      order({"export", file}, {R"({"address":"0x0002","mesh":"{\"k\":1}\n"})", {}});
+  EXPECT_EQ(result.status, 0) << result.err;
+  order_of<ExportOrder>(handler);
+  EXPECT_EQ(read_file(file), "{\"k\":1}\n");
+  EXPECT_EQ(std::filesystem::status(file).permissions(), std::filesystem::perms(0600));
+  EXPECT_NE(result.out.find("set ble_mesh.address to 0x0002"), std::string::npos) << result.out;
+  EXPECT_EQ(result.out.find("\"k\""), std::string::npos);
+  const Ended again = order({"export", file}, {"{}", {}});
+  EXPECT_EQ(again.status, 1);
+  EXPECT_NE(again.err.find("File exists"), std::string::npos) << again.err;
+  EXPECT_TRUE(handler.orders.empty());
+  const std::string refused = directory / "refused.json";
+  EXPECT_EQ(order({"export", refused}, {{}, "another gateway provisions this mesh"}).status, 1);
+  EXPECT_FALSE(std::filesystem::exists(refused));
 }
 
 TEST_F(ControlMeshIo, ClearsTheBoardOnlyWhenToldTwice) {

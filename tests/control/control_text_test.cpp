@@ -33,7 +33,7 @@ TEST(ControlWire, TellsWhatIsWrongWithARequest) {
   EXPECT_EQ(
       error(R"({"command": "ble dance"})"),
       "unknown command 'ble dance'; there are ble scan, provision, permit-join, joining, nodes, "
-      "remove, import, reset-board");
+      "remove, import, export, reset-board");
   for (const std::string_view command : {"provision", "remove", "import"})
     EXPECT_NE(error(R"({"command": "ble )" + std::string(command) + R"(", "uuid": 5})"), "none");
   for (const std::string_view hex : {"0", "0g", "0 ", "5x"})

@@ -21,6 +21,24 @@ std::uint64_t random_seed() {
   return std::uint64_t{device()} << 32 | device();
 }
 
+/// No two in one mesh may send from the same address: robots would drop the messages of one.
+void check_address(const NodeDatabase& database, std::uint16_t address, std::string& problem) {
+  if (const Node* const taken = database.find_address(address))
+    problem = fmt::format(
+        "ble_mesh.address 0x{:04x} is a robot's (UUID {} in mesh.json): choose one that none has",
+        address, to_hex(taken->uuid));
+  if (database.guest_address && *database.guest_address != address)
+    problem = fmt::format(
+        "ble_mesh.address must be 0x{:04x}, which the gateway that provisions this mesh has given "
+        "this one",
+        *database.guest_address);
+  if (std::ranges::find(database.gateways, address) != database.gateways.end())
+    problem = fmt::format(
+        "ble_mesh.address 0x{:04x} was given to another gateway of this mesh: choose one that none "
+        "has",
+        address);
+}
+
 /// The machine for `settings.protocol`; `problem` says why it must stay off.
 std::unique_ptr<MeshMachine> make_machine(const Settings& settings, TopicScheme topics,
                                           RobotNames names, const MeshFile& file,
@@ -36,11 +54,7 @@ std::unique_ptr<MeshMachine> make_machine(const Settings& settings, TopicScheme 
   } else {
     database = *loaded;
   }
-  const Node* const taken = database ? database->find_address(settings.address) : nullptr;
-  if (taken != nullptr)
-    problem = fmt::format(
-        "ble_mesh.address 0x{:04x} is a robot's (UUID {} in mesh.json): choose one that none has",
-        settings.address, to_hex(taken->uuid));
+  if (database) check_address(*database, settings.address, problem);
   return std::make_unique<BleMesh>(settings, std::move(topics), std::move(names),
                                    std::move(database), fill_random, random_seed());
 }

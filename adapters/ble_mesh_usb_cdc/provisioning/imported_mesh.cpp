@@ -87,6 +87,14 @@ Result<NodeDatabase, Refusal> decode_imported_mesh(std::string_view text) {
   return *database;
 }
 
+std::string exported_mesh_json(NodeDatabase database, std::uint16_t address) {
+  database.guest_address = address;
+  database.gateways.clear();  // known to the one that hands them out
+  return nlohmann::ordered_json{{"address", fmt::format("0x{:04x}", address)},
+                                {"mesh", encode_node_database(database)}}
+      .dump();
+}
+
 Result<NodeDatabase, Refusal> merge_imported_mesh(const std::optional<NodeDatabase>& own,
                                                   NodeDatabase imported,
                                                   std::uint16_t gateway_address) {
@@ -94,6 +102,17 @@ Result<NodeDatabase, Refusal> merge_imported_mesh(const std::optional<NodeDataba
     return Refusal{
         "this gateway has another mesh already, and robots have its keys: move its mesh.json away "
         "first (and clear the serial board: ble reset-board), then import again"};
+  if (imported.guest_address && own && !own->guest_address)
+    return Refusal{"this gateway provisions this mesh itself; the file is for another one"};
+  if (imported.guest_address && *imported.guest_address != gateway_address)
+    return Refusal{
+        fmt::format("it was exported for a gateway whose ble_mesh.address is 0x{:04x}: set that, "
+                    "restart slam-gateway and import it again",
+                    *imported.guest_address)};
+  if (imported.guest_address) {
+    if (own) imported.iv_index = std::max(own->iv_index, imported.iv_index);
+    return imported;  // all that the other gateway knows
+  }
   NodeDatabase merged = own.value_or(imported);
   if (!own) merged.nodes.clear();
   merged.iv_index = std::max(merged.iv_index, imported.iv_index);

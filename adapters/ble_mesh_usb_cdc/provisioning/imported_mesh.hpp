@@ -17,8 +17,12 @@ namespace slamgw::ble {
 /// as configured and are left as they are.
 Result<NodeDatabase, Refusal> decode_imported_mesh(std::string_view text);
 
+/// For ExportOrder: the mesh as `address`, another gateway, needs it. Holds keys.
+std::string exported_mesh_json(NodeDatabase database, std::uint16_t address);
+
 /// The imported mesh, with what is known already: `own` is the mesh that there is, if any. Another
-/// network than that, and addresses that two nodes or a node and the gateway share, are refused.
+/// network than that, and addresses that two nodes or a node and the gateway share, are refused,
+/// and so is what was exported for a gateway with another address.
 Result<NodeDatabase, Refusal> merge_imported_mesh(const std::optional<NodeDatabase>& own,
                                                   NodeDatabase imported,
                                                   std::uint16_t gateway_address);

@@ -98,6 +98,23 @@ bool read_removed(const Json& json, NodeDatabase& database) {
   return true;
 }
 
+/// False when it is damaged.
+bool read_gateways(const Json& json, NodeDatabase& database) {
+  if (json.contains("guest")) {
+    database.guest_address = read_unicast(json, "guest");
+    if (!database.guest_address) return false;
+  }
+  if (!json.contains("gateways")) return true;
+  const auto* gateways = read_array(json, "gateways");
+  if (gateways == nullptr || gateways->size() > first_robot_address) return false;
+  for (const auto& member : *gateways) {
+    const auto address = read_unicast(Json{{"address", member}}, "address");
+    if (!address) return false;
+    database.gateways.push_back(*address);
+  }
+  return true;
+}
+
 }  // namespace
 
 std::string encode_node_database(const NodeDatabase& database) {
@@ -114,6 +131,9 @@ std::string encode_node_database(const NodeDatabase& database) {
                                {"address", address_text(node.address)},
                                {"elements", node.elements}});
   }
+  for (const std::uint16_t address : database.gateways)
+    json["gateways"].push_back(address_text(address));
+  if (database.guest_address) json["guest"] = address_text(*database.guest_address);
   return json.dump(2) + "\n";
 }
 
@@ -130,7 +150,8 @@ Result<NodeDatabase, DecodeError> decode_node_database(std::string_view text) {
   if (*version == keys_only_version) return database;
   const auto iv_index = read_count(json, "iv_index", UINT32_MAX);
   const auto next_address = read_text(json, "next_address");
-  if (!iv_index || !next_address || !read_nodes(json, database) || !read_removed(json, database))
+  if (!iv_index || !next_address || !read_nodes(json, database) || !read_removed(json, database) ||
+      !read_gateways(json, database))
     return DecodeError::bad_value;
   database.iv_index = *iv_index;
   // One past the last address when all were handed out.

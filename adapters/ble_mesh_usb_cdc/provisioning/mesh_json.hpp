@@ -7,7 +7,9 @@
 //               "device_key": KEY unless reserved, "ttl": NUMBER or absent,
 //               "gateway": "0x0001" or absent, "groups": ["0xc002"] with "gateway",
 //               "changing": true or absent}],
-//    "removed": [{"uuid": UUID, "address": "0x0107", "elements": 1}]}
+//    "removed": [{"uuid": UUID, "address": "0x0107", "elements": 1}],
+//    "gateways": ["0x0002"] or absent: addresses that other gateways were given,
+//    "guest": "0x0002" or absent: this gateway's, given by the one that provisions the mesh}
 //
 // KEY and UUID are 32 hex digits. Version 1 held the two keys only and is still read. Called by
 // MeshFile and for imports.

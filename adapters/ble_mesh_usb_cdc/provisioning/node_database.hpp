@@ -67,6 +67,10 @@ struct NodeDatabase {
   std::uint16_t next_address = 0x0100;    ///< none from here up has been handed out in order
   std::vector<Node> nodes = {};           ///< in the order in which they came
   std::vector<RemovedNode> removed = {};  ///< oldest first
+  /// Unicast addresses of other gateways in this mesh (`ble export`).
+  std::vector<std::uint16_t> gateways = {};
+  /// There when another gateway provisions this mesh: the unicast address that it gave this one.
+  std::optional<std::uint16_t> guest_address = {};
 
   Node* find(const Uuid& uuid);
   const Node* find(const Uuid& uuid) const;

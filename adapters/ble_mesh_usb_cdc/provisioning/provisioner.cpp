@@ -8,6 +8,8 @@
 #include <charconv>
 #include <utility>
 
+#include "adapters/ble_mesh_usb_cdc/provisioning/imported_mesh.hpp"
+
 namespace slamgw::ble {
 
 std::optional<Uuid> parse_uuid(std::string_view text) {
@@ -56,7 +58,8 @@ void Provisioner::on_link_down(const std::string& why, TimePoint now) {
   sweep_.reset();
   is_swept_ = false;
   if (is_restart) return;  // asked for, on the way to a new robot
-  const bool needs_link = order_ && order_->kind != OrderKind::import_mesh;
+  const bool needs_link =
+      order_ && order_->kind != OrderKind::import_mesh && order_->kind != OrderKind::export_mesh;
   if (needs_link && order_->kind != OrderKind::reset_board)
     refuse("the BLE link went down: " + why);
   advance(now);
@@ -139,6 +142,13 @@ void Provisioner::on_stored(const std::string& problem, TimePoint now) {
   if (!problem.empty() && !std::exchange(was_store_problem_said_, true))
     say(Severity::error, problem + "; no robot is taken in until they can be stored");
   if (problem.empty()) was_store_problem_said_ = false;
+  if (is_ordered(OrderKind::export_mesh)) {
+    if (!problem.empty()) {
+      refuse(problem);
+    } else if (ledger_.is_saved()) {
+      answer(exported_mesh_json(*database(), order_->address));
+    }
+  }
   if (is_ordered(OrderKind::import_mesh)) {
     if (!problem.empty()) {
       ledger_.revert(std::move(order_->before));
@@ -235,7 +245,8 @@ void Provisioner::issue_next_command(TimePoint) {
 bool Provisioner::wants_scan() const {
   if (session_ || chosen_) return false;
   if (is_ordered(OrderKind::scan) || is_ordered(OrderKind::provision)) return true;
-  return (settings_.provisioning.enabled || permit_.is_open()) && database() != nullptr;
+  return (settings_.provisioning.enabled || permit_.is_open()) && database() != nullptr &&
+         !is_guest();
 }
 
 std::optional<TimePoint> Provisioner::deadline() const {

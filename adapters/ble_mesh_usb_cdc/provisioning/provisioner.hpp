@@ -109,7 +109,14 @@ class Provisioner {
     int failures = 0;
     std::string problem;
   };
-  enum class OrderKind : std::uint8_t { scan, provision, remove, import_mesh, reset_board };
+  enum class OrderKind : std::uint8_t {
+    scan,
+    provision,
+    remove,
+    import_mesh,
+    export_mesh,
+    reset_board
+  };
   struct Order {
     std::uint64_t id = 0;
     OrderKind kind = OrderKind::scan;
@@ -118,6 +125,7 @@ class Provisioner {
     std::string robot;                   ///< provision, remove
     bool is_forced = false;              ///< remove
     std::optional<NodeDatabase> before;  ///< import
+    std::uint16_t address = 0;           ///< export: of the other gateway
   };
 
   // provisioner.cpp: what is to be done now
@@ -128,6 +136,8 @@ class Provisioner {
   void issue_next_command(TimePoint now);
   bool issue(std::optional<Bytes> frame, InFlight errand);
   bool wants_scan() const;
+  /// Another gateway takes robots in and configures them.
+  bool is_guest() const { return database() != nullptr && database()->guest_address; }
   void close_permit(TimePoint now);
   void say(Severity severity, std::string text, std::string robot = {});
 
@@ -135,6 +145,8 @@ class Provisioner {
   bool is_wanted(const Candidate& candidate, TimePoint now) const;
   void choose_next(TimePoint now);
   bool reserve(const Candidate& candidate, const std::string& name, TimePoint now);
+  /// Of others than nodes: gateways, and robots that another tool has taken in.
+  std::set<std::uint16_t> taken_addresses() const;
   std::optional<std::uint16_t> address_for(const Candidate& candidate,
                                            const std::string& name) const;
   void begin_session(TimePoint now);
@@ -164,6 +176,8 @@ class Provisioner {
   void take(const ProvisionOrder& wanted, TimePoint now);
   void take(const RemoveOrder& wanted, TimePoint now);
   void take(const ImportOrder& wanted, TimePoint now);
+  void take_export(TimePoint now);
+  std::optional<std::uint16_t> address_for_gateway() const;
   void permit_join(std::uint64_t id, const PermitJoinOrder& wanted, TimePoint now);
   std::string problem_with_name(const std::string& robot, const std::optional<Uuid>& uuid) const;
   void answer(std::string json);

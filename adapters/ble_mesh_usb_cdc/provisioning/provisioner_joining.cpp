@@ -20,7 +20,7 @@ bool has_prefix(const Uuid& uuid, std::string_view prefix) {
 }  // namespace
 
 bool Provisioner::is_wanted(const Candidate& candidate, TimePoint now) const {
-  const bool may_join = settings_.provisioning.enabled || permit_.is_open();
+  const bool may_join = (settings_.provisioning.enabled || permit_.is_open()) && !is_guest();
   if (!may_join || database()->was_removed(candidate.uuid)) return false;
   if (permit_.is_open() && !permit_.admits(candidate.uuid)) return false;
   const Node* node = database()->find(candidate.uuid);
@@ -99,13 +99,19 @@ bool Provisioner::reserve(const Candidate& candidate, const std::string& name, T
   return true;
 }
 
+std::set<std::uint16_t> Provisioner::taken_addresses() const {
+  std::set<std::uint16_t> taken = strangers_;
+  taken.insert(settings_.address);
+  taken.insert(database()->gateways.begin(), database()->gateways.end());
+  return taken;
+}
+
 std::optional<std::uint16_t> Provisioner::address_for(const Candidate& candidate,
                                                       const std::string& name) const {
   const Node* node = database()->find(candidate.uuid);
   AddressWish wish{.elements = std::max<std::uint8_t>(candidate.elements, 1),
                    .preferred = {},
-                   .taken = strangers_};
-  wish.taken.insert(settings_.address);
+                   .taken = taken_addresses()};
   const auto is_free = [&](std::uint16_t address) {
     return is_address_free(*database(), address, wish.elements, wish.taken, candidate.uuid);
   };
@@ -159,10 +165,8 @@ void Provisioner::keep_addresses(TimePoint now) {
   const Node* node = database()->find(session_->uuid());
   const std::uint8_t elements = session_->elements();
   candidates_.on_elements(session_->uuid(), elements);
-  std::set<std::uint16_t> taken = strangers_;
-  taken.insert(settings_.address);
   if (node == nullptr) return session_->fail("an operator has put it out");
-  if (!is_address_free(*database(), node->address, elements, taken, node->uuid))
+  if (!is_address_free(*database(), node->address, elements, taken_addresses(), node->uuid))
     return session_->fail(
         fmt::format("its {} elements need as many addresses in a row, which 0x{:04x} does not "
                     "have; it gets others at the next attempt",

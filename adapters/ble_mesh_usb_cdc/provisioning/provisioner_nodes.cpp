@@ -11,6 +11,7 @@
 namespace slamgw::ble {
 
 bool Provisioner::wants_configuration(const Node& node) const {
+  if (is_guest()) return false;
   const bool is_behind = node.state == NodeState::provisioned || is_outdated(node);
   return is_behind && !conversations_.contains(node.address) &&
          !(session_ && session_->uuid() == node.uuid);

@@ -16,6 +16,9 @@ using Json = nlohmann::ordered_json;
 
 constexpr std::string_view no_keys =
     "this gateway does not have the mesh's keys: bring the mesh in with `ble import`";
+constexpr std::string_view not_here =
+    "another gateway provisions this mesh (this one was brought in with `ble import`): do it there";
+constexpr std::uint16_t first_gateway_address = 0x0001;
 constexpr Duration short_order_time_limit = std::chrono::seconds{20};
 
 }  // namespace
@@ -45,6 +48,7 @@ void Provisioner::on_order(std::uint64_t id, MeshOrder order, TimePoint now) {
                  [](const NodesOrder&) {},
                  [&](const RemoveOrder& what) { take(what, now); },
                  [&](const ImportOrder& what) { take(what, now); },
+                 [&](const ExportOrder&) { take_export(now); },
                  [&](const ResetBoardOrder&) { take_reset(now); },
              },
              order);
@@ -61,6 +65,7 @@ void Provisioner::take(const ProvisionOrder& wanted, TimePoint now) {
   const auto uuid = parse_uuid(wanted.uuid);
   if (!uuid) return refuse("the UUID is not 32 hex digits; `ble scan` shows who is there");
   if (!database()) return refuse(std::string(no_keys));
+  if (is_guest()) return refuse(std::string(not_here));
   if (!is_up_) return refuse("the BLE link is down: " + down_reason_);
   if (std::string problem = problem_with_name(wanted.robot, uuid); !problem.empty())
     return refuse(std::move(problem));
@@ -86,6 +91,7 @@ std::string Provisioner::problem_with_name(const std::string& robot,
 
 void Provisioner::permit_join(std::uint64_t id, const PermitJoinOrder& wanted, TimePoint now) {
   std::string problem = database() ? "" : std::string(no_keys);
+  if (is_guest()) problem = not_here;
   const bool is_closing = wanted.time.count() <= 0;
   if (problem.empty() && !wanted.robot.empty() && !is_closing)
     problem = problem_with_name(wanted.robot, std::nullopt);
@@ -108,6 +114,7 @@ void Provisioner::permit_join(std::uint64_t id, const PermitJoinOrder& wanted, T
 
 void Provisioner::take(const RemoveOrder& wanted, TimePoint now) {
   if (!database()) return refuse(std::string(no_keys));
+  if (is_guest()) return refuse(std::string(not_here));
   const auto& nodes = database()->nodes;
   const auto node = std::ranges::find_if(
       nodes, [&](const Node& each) { return id_of(each.address) == wanted.robot; });
@@ -139,6 +146,27 @@ void Provisioner::take(const ImportOrder& wanted, TimePoint now) {
   order_->before = std::move(own);
   strangers_.clear();
   ledger_.begin(std::move(*merged), false);
+}
+
+/// The address is on disk before the other gateway gets it: no robot and no third gateway will.
+void Provisioner::take_export(TimePoint now) {
+  if (!database()) return refuse(std::string(no_keys));
+  if (is_guest()) return refuse(std::string(not_here));
+  const auto address = address_for_gateway();
+  if (!address) return refuse("no unicast address below 0x0100 is left for another gateway");
+  order_->kind = OrderKind::export_mesh;
+  order_->due = now + short_order_time_limit;
+  order_->address = *address;
+  ledger_.change().gateways.push_back(*address);
+}
+
+std::optional<std::uint16_t> Provisioner::address_for_gateway() const {
+  const std::set<std::uint16_t> taken = taken_addresses();
+  for (std::uint16_t address = first_gateway_address; address < first_robot_address; ++address)
+    if (configured_name(address) == nullptr && !was_used_before(*database(), address, 1) &&
+        is_address_free(*database(), address, 1, taken, {}))
+      return address;
+  return std::nullopt;
 }
 
 void Provisioner::take_reset(TimePoint now) {
@@ -174,6 +202,7 @@ void Provisioner::on_order_due(TimePoint now) {
     }
     case OrderKind::remove:
     case OrderKind::import_mesh:
+    case OrderKind::export_mesh:
     case OrderKind::reset_board: break;
   }
   refuse("it takes long and goes on by itself; see `ble nodes`");
