@@ -183,6 +183,12 @@ INSTANTIATE_TEST_SUITE_P(
         Case{R"({"robots": ["r"]})", "g.json:1: robots[0]: ", "a group of keys"},
         Case{R"({"robots": [{"ble_address": 5}]})", "g.json:1: robots[0].id: ", "is missing"},
         Case{R"({"robots": [{"id": "r"}]})", "g.json:1: robots[0]: ", "has no address"},
+        Case{R"({"robots": [{"id": "r", "origin": 5}]})",
+             "g.json:1: robots[0].origin: ", "a group of keys"},
+        Case{R"({"robots": [{"id": "r", "origin": {"heading_deg": 400}}]})",
+             "g.json:1: robots[0].origin.heading_deg: ", "360"},
+        Case{R"({"web": {"listen": "8321"}})", "g.json:1: web.listen: ", "IPv4:PORT"},
+        Case{R"({"web": {"hosts": ["a host"]}})", "g.json:1: web.hosts[0]: ", "host names"},
         Case{R"({"robots": [{"id": "a/b", "ble_address": 5}]})",
              "g.json:1: robots[0].id: ", "1-64 bytes without + # /"},
         Case{"{\"robots\": [{\"id\": \"r\", \"ble_address\": 5},\n"

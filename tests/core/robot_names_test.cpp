@@ -36,6 +36,13 @@ TEST(RobotNames, GivesNoClientTheNameOfABleRobot) {
   EXPECT_EQ(names.of_client("ble-robot"), "ble-robot");
 }
 
+TEST(RobotNames, AnEntryThatOnlyTellsAnOriginTakesNoName) {
+  const RobotNames placed({{"robot1", std::nullopt, std::nullopt, RobotOrigin{1, 2, 3}},
+                           {"ble-0042", std::nullopt, std::nullopt, RobotOrigin{}}});
+  EXPECT_EQ(placed.of_client("robot1"), "robot1");
+  EXPECT_EQ(placed.ble_address_of("ble-0042"), 0x0042);
+}
+
 TEST(RobotNames, FindsNoAddressForWhatIsNoBleRobot) {
   EXPECT_EQ(names.ble_address_of("robot1"), std::nullopt);
   EXPECT_EQ(names.ble_address_of("ble-zzzz"), std::nullopt);

@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: Apache-2.0
+// What slam-gateway-web reads at its start, with real files and modes: its own secrets, and none of
+// the daemon's.
+#include "web/server/io/startup.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+
+#include "tests/support/temp_dir.hpp"
+
+namespace slamgw::web::test {
+namespace {
+
+constexpr const char* token = "0123456789abcdef";
+
+class WebStartup : public testing::Test {
+ protected:
+  void write(const std::string& name, const std::string& text, unsigned mode = 0600) {
+    slamgw::test::write_file(path(name), text, mode);
+  }
+  std::string path(const std::string& name) const { return directory_ / name; }
+  Startup load() const { return load_startup(path("gateway.json")); }
+  std::string problem() const {
+    const Startup startup = load();
+    return startup.parsed.problems.empty() ? "" : to_string(startup.parsed.problems.front());
+  }
+
+  void SetUp() override { unsetenv("CREDENTIALS_DIRECTORY"); }
+
+ private:
+  slamgw::test::TempDir directory_;
+};
+
+TEST_F(WebStartup, OnlyWatchesWhenNoTokenIsSet) {
+  write("gateway.json", "{}");
+  EXPECT_EQ(problem(), "");
+  EXPECT_EQ(load().token, "");
+  EXPECT_EQ(load().parsed.config.web.listen, "127.0.0.1:8321");
+}
+
+TEST_F(WebStartup, TakesTheTokensOneLine) {
+  write("gateway.json", R"({"web": {"token_file": "token"}})");
+  write("token", std::string(token) + "\n");
+  EXPECT_EQ(problem(), "");
+  EXPECT_EQ(load().token, token);
+}
+
+TEST_F(WebStartup, RefusesATokenThatOthersCanRead) {
+  write("gateway.json", R"({"web": {"token_file": "token"}})");
+  for (const unsigned mode : {0644u, 0604u, 0602u}) {
+    write("token", token, mode);
+    EXPECT_NE(problem().find("web.token_file"), std::string::npos) << mode;
+    EXPECT_NE(problem().find("chmod o="), std::string::npos) << mode;
+    EXPECT_EQ(load().token, "") << mode;
+  }
+  write("token", token, 0640);
+  EXPECT_EQ(problem(), "");
+}
+
+TEST_F(WebStartup, RefusesWhatIsNoTokenAndNeverShowsIt) {
+  write("gateway.json", R"({"web": {"token_file": "token"}})");
+  EXPECT_NE(problem().find("cannot be read"), std::string::npos) << "it is missing";
+  for (const std::string text : {"", "\n", "short-secret", "two words of a secret",
+                                 "line-of-a-secret-1\nline-of-a-secret-2"}) {
+    write("token", text);
+    EXPECT_NE(problem().find("holds no token"), std::string::npos) << text;
+    EXPECT_EQ(problem().find("secret-"), std::string::npos) << text;
+  }
+  write("token", std::string(257, 'x'));
+  EXPECT_NE(problem().find("holds no token"), std::string::npos);
+}
+
+TEST_F(WebStartup, HasCredentialsOfItsOwnAndLeavesTheDaemonsAlone) {
+  write("gateway.json",
+        R"({"broker": {"credentials_file": "of-the-daemon.json", "uri": "mqtts://broker",
+            "tls": {"certificate_file": "of-the-daemon.pem", "key_file": "of-the-daemon.key"}}})");
+  EXPECT_EQ(problem(), "") << "the daemon's files are not looked at";
+  EXPECT_FALSE(load().parsed.config.broker.credentials);
+  EXPECT_FALSE(load().parsed.config.broker.key_file) << "it cannot be read";
+  write("web-credentials.json", R"({"username": "page", "password": "p"})");
+  ASSERT_TRUE(load().parsed.config.broker.credentials);
+  EXPECT_EQ(load().parsed.config.broker.credentials->username, "page");
+  write("web-credentials.json", R"({"username": "page", "password": "p"})", 0644);
+  EXPECT_NE(problem().find("can be read or changed by others"), std::string::npos);
+}
+
+TEST_F(WebStartup, TellsTheGatewaysProblemsToo) {
+  write("gateway.json", R"({"web": {"listn": "127.0.0.1:1"}})");
+  EXPECT_NE(problem().find("did you mean"), std::string::npos) << problem();
+  EXPECT_NE(load_startup(path("missing.json")).parsed.problems.size(), 0u);
+}
+
+}  // namespace
+}  // namespace slamgw::web::test
