@@ -8,12 +8,12 @@ import net from 'node:net';
 import { readFileSync } from 'node:fs';
 import { join } from 'node:path';
 import { after, before, test as each } from 'node:test';
-import { World, eventually, keepDirectory, token } from './world.mjs';
+import { PATIENCE_MS, World, eventually, keepDirectory, token } from './world.mjs';
 
 let world;
 const isShort = Boolean(process.env.SLAMGW_SHORT);
 function test(name, body) {
-  each(name, { skip: isShort && !name.startsWith('*'), timeout: 120000 }, body);
+  each(name, { skip: isShort && !name.startsWith('*'), timeout: 10 * PATIENCE_MS }, body);
 }
 // Opens a page for the test, looks at its errors at the end, and closes it.
 function pageTest(name, options, body) {
@@ -27,7 +27,7 @@ function pageTest(name, options, body) {
     }
   });
 }
-const until = (page, what, ...more) => page.waitForFunction(what, ...more, { timeout: 40000 });
+const until = (page, what, ...more) => page.waitForFunction(what, ...more);
 const shot = (page, name) => page.screenshot({ path: join(keepDirectory, name) });
 const hostile = '<img src=x onerror=alert(1)>';
 

@@ -16,7 +16,7 @@ export const bin = process.env.SLAMGW_BIN;
 export const keepDirectory = process.env.SLAMGW_KEEP;
 export const token = 'a-token-of-the-tests-0123456789';
 const run = promisify(execFile);
-const PATIENCE_MS = 40000; // machines are shared; a passing test never waits for it
+export const PATIENCE_MS = 90000; // machines are shared; a passing test never waits for it
 
 export async function eventually(what, check) {
   const end = Date.now() + PATIENCE_MS;
@@ -55,6 +55,9 @@ export class World {
   async build({ thread = 3, ble = 3, origins = {}, daemon = true }) {
     this.directory = mkdtempSync(join(tmpdir(), 'slam-gateway-web-'));
     this.processes = new Map();
+    // A run that is interrupted leaves nothing behind.
+    process.on('exit', () => this.processes.forEach((child) => child.kill('SIGKILL')));
+    for (const signal of ['SIGINT', 'SIGTERM']) process.on(signal, () => process.exit(1));
     this.ports = { broker: await freeTcp(), web: await freeTcp(), watching: await freeTcp(), mqttsn: await freeUdp() };
     this.write('mosquitto.conf', `listener ${this.ports.broker} 127.0.0.1\nallow_anonymous true\nset_tcp_nodelay true\nmax_queued_messages 100000\n`);
     writeFileSync(join(this.directory, 'token'), token + '\n', { mode: 0o600 });
@@ -150,6 +153,7 @@ export class World {
   async open({ url = this.url, view = 'map', width = 1280, height = 800, unlocked = false, ...options } = {}) {
     const context = await this.browser.newContext({ viewport: { width, height }, acceptDownloads: true, ...options });
     const page = await context.newPage();
+    page.setDefaultTimeout(PATIENCE_MS);
     page.errors = [];
     page.on('pageerror', (error) => page.errors.push(error.message));
     page.on('console', (message) => message.type() === 'error' && page.errors.push(message.text()));
