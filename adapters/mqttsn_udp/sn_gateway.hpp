@@ -35,6 +35,13 @@ class SnGateway {
   /// Messages to this address need no proof that it receives.
   void validate(const IpAddress& address) { context_.validation.validate(address); }
 
+  /// Clients may not go by these names (a device speaks only for itself), unless the configuration
+  /// says so.
+  void refuse_names(const NameCheck& is_elsewhere) {
+    uplink_.refuse_names(is_elsewhere);
+    connecting_.refuse_names(is_elsewhere);
+  }
+
   /// The configuration was read again. Clients that are called otherwise by now have to connect
   /// again; subscriptions that are not allowed any more end.
   void reconfigure(TopicPolicy policy, RobotNames names, TimePoint now);

@@ -31,6 +31,11 @@ Meshes::Meshes(boost::asio::io_context& io, const Config& config, const TopicSch
         io, config.mqttsn, policy_of(config, scheme), names, listener, &sessions, &descriptors);
     thread_ = adapter.get();
     adapters_[Mesh::thread] = std::move(adapter);
+    thread_->refuse_names([this](const std::string& robot) {
+      return std::ranges::any_of(all_meshes, [&](Mesh mesh) {
+        return mesh != Mesh::thread && presence_of(mesh, robot).has_value();
+      });
+    });
   }
 }
 
@@ -93,6 +98,11 @@ void Meshes::reconfigure(const Config& config, bool has_other_robots, bool has_o
 
 void Meshes::manage_ble(MeshOrder order, OrderDone done) {
   if (!ble_) return done({{}, "the BLE mesh is not enabled: set ble_mesh.enabled to true"});
+  const auto* provision = std::get_if<ProvisionOrder>(&order);
+  const auto* permit = std::get_if<PermitJoinOrder>(&order);
+  const std::string name = provision ? provision->robot : permit ? permit->robot : "";
+  if (presence_of(Mesh::thread, name) && !presence_of(Mesh::ble, name))
+    return done({{}, name + " is a robot on Thread"});
   ble_->manage(std::move(order), std::move(done));
 }
 

@@ -45,6 +45,12 @@ void check_robots(const Located& located) {
     const std::string path = fmt::format("robots[{}]", i);
     require(located, path, "id");
     if (!robot.id.empty()) ids.add(robot.id, path + ".id");
+    const auto implied = RobotNames().ble_address_of(robot.id);
+    if (implied && implied != robot.ble_address)
+      located.problem(path + ".id",
+                      fmt::format("is the name of the BLE robot at 0x{:04x}; another id, or that "
+                                  "ble_address, is needed",
+                                  *implied));
     if (robot.ble_address) addresses.add(*robot.ble_address, path + ".ble_address");
     if (robot.mqttsn_client_id) client_ids.add(*robot.mqttsn_client_id, path + ".mqttsn_client_id");
     if (!located.is_set(path + ".ble_address") && !located.is_set(path + ".mqttsn_client_id") &&

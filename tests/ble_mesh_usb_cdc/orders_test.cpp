@@ -81,6 +81,15 @@ TEST(Orders, ProvisionTakesTheConfiguredAddressOfAName) {
   EXPECT_EQ(rig.answer()["robot"], "other");
 }
 
+TEST(Orders, ProvisionRefusesTheNameOfADeviceOnThread) {
+  const RobotNames names({{"r1", {}, "client-1", {}}});
+  ProvisioningRig rig(by_hand(), test_database(), names);
+  rig.add(1);
+  rig.start();
+  rig.order(ProvisionOrder{uuid_1, "r1"});
+  EXPECT_NE(text_of(rig.answer()).find("on Thread"), std::string::npos) << rig.answer();
+}
+
 TEST(Orders, ProvisionSaysWhatIsWrong) {
   JoinedRig rig;
   const auto answer_to = [&](std::string uuid, std::string robot) {

@@ -2,6 +2,8 @@
 // Connecting (R23-R41).
 #include <gtest/gtest.h>
 
+#include <set>
+
 #include "tests/mqttsn_udp/sn_rig.hpp"
 
 namespace slamgw::mqttsn {
@@ -293,6 +295,41 @@ TEST(SnGateway, R41_TakesTheDisconnectedAndLostForStrangers) {
   rig.publish(1, id, 1, 5);
   EXPECT_EQ(rig.last_to(1), "DISCONNECT plain");
   EXPECT_TRUE(rig.reports.empty());
+}
+
+TEST(SnGateway, R31_RefusesTheNamesOfRobotsOnOtherMeshes) {
+  SnRig rig({}, {{"both", 0x0102, "c2", {}}, {"on-ble", 0x0101, {}, {}}});
+  std::set<std::string> elsewhere{"lego-1", "both", "on-ble"};
+  rig.gateway.refuse_names([&](const std::string& robot) { return elsewhere.contains(robot); });
+  for (const std::string name : {"lego-1", "on-ble", "both", "ble-0100"}) {
+    rig.send(1, Connect{false, true, 1, 60, name});
+    EXPECT_EQ(rig.last_to(1), "CONNACK code=3") << name;
+  }
+  rig.connect(2, "c2");
+  EXPECT_EQ(rig.presence.back().robot, "both") << "the configuration says so";
+  rig.send(3, Connect{true, true, 1, 60, "lego-2"});
+  elsewhere.insert("lego-2");  // taken in meanwhile
+  rig.send(3, WillTopic{WireQos::zero, false, ""});
+  EXPECT_EQ(rig.last_to(3), "CONNACK code=3");
+}
+
+TEST(SnGateway, R81_NobodyPublishesForARobotOfAnotherMesh) {
+  Settings settings;
+  settings.allow_unconnected_publish = true;
+  const std::vector<std::string> robots = {"ble-0100", "lego-1", "on-ble", "free", "both"};
+  for (std::size_t i = 0; i < robots.size(); ++i) {
+    settings.predefined_topics.push_back(
+        {static_cast<std::uint16_t>(i + 1), "ntnu-slam/robot/" + robots[i] + "/adv", {}});
+  }
+  SnRig rig(settings, {{"both", 0x0102, "c2", {}}, {"on-ble", 0x0101, {}, {}}},
+            {"ntnu-slam/robot/#"});
+  rig.gateway.refuse_names([](const std::string& robot) { return robot == "lego-1"; });
+  for (std::uint16_t id = 1; id <= robots.size(); ++id)
+    rig.send(1, Publish{false, WireQos::minus_one, false, TopicIdType::predefined, id, 0, {}});
+  ASSERT_EQ(rig.reports.size(), 2U);
+  EXPECT_EQ(rig.reports[0].robot, "free");
+  EXPECT_EQ(rig.reports[1].robot, "both");
+  EXPECT_EQ(rig.counter("unconnected_refused"), 3U);
 }
 
 }  // namespace

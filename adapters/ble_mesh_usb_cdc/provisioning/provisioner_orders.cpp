@@ -82,6 +82,10 @@ std::string Provisioner::problem_with_name(const std::string& robot,
                                            const std::optional<Uuid>& uuid) const {
   if (!is_valid_level(robot))
     return "a robot's id is 1 to 64 bytes without + # / and control characters";
+  const auto& configured = names_.configured();
+  const auto name = std::ranges::find(configured, robot, &RobotName::id);
+  if (name != configured.end() && !name->ble_address)
+    return robot + " is a robot on Thread: \"robots\" gives it no ble_address";
   for (const Node& node : database()->nodes)
     if (node.uuid != uuid && node.state != NodeState::reserved && id_of(node.address) == robot)
       return fmt::format("{} is another robot already: UUID {}, address 0x{:04x}", robot,

@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <utility>
 
 #include "adapters/mqttsn_udp/limits.hpp"
@@ -20,9 +21,8 @@ bool can_resume(const ClientSession& session) {
 
 void Connecting::on_connect(const Peer& peer, const LocalAddress& local, const Connect& connect,
                             std::uint64_t fingerprint, TimePoint now) {
-  const bool is_supported = connect.protocol == protocol_id && is_valid_level(connect.client_id);
-  auto robot = is_supported ? context_.names.of_client(connect.client_id) : std::nullopt;
-  if (!robot || !is_valid_level(*robot)) return refuse_name(peer, local, connect, now);
+  auto robot = robot_of(connect);
+  if (!robot) return refuse_name(peer, local, connect, now);
   if (is_repetition(peer, connect, fingerprint, now)) {
     ClientSession& session = *context_.clients.find(peer);
     lifecycle_.on_heard(session, now);
@@ -38,6 +38,20 @@ void Connecting::on_connect(const Peer& peer, const LocalAddress& local, const C
   std::optional<Will> kept;
   if (known && can_resume(*known) && !connect.clean_session) kept = known->will;  // R45
   complete(peer, attempt, std::move(kept), now);
+}
+
+/// Nothing for a client that may not connect. One that the configuration names may have an address
+/// on another mesh too; any other must not go by the name of a robot there.
+std::optional<std::string> Connecting::robot_of(const Connect& connect) const {
+  if (connect.protocol != protocol_id || !is_valid_level(connect.client_id)) return std::nullopt;
+  auto robot = context_.names.of_client(connect.client_id);
+  if (!robot || !is_valid_level(*robot)) return std::nullopt;
+  const auto& configured = context_.names.configured();
+  const bool is_configured = std::ranges::any_of(configured, [&](const RobotName& name) {
+    return name.mqttsn_client_id == connect.client_id;
+  });
+  if (!is_configured && is_elsewhere_ && is_elsewhere_(*robot)) return std::nullopt;
+  return robot;
 }
 
 /// The CONNACK was lost: said again, and nothing that was registered since is wiped (R35).
@@ -152,6 +166,8 @@ Connecting::Attempt Connecting::take(const Peer& peer) {
 void Connecting::complete(const Peer& peer, const Attempt& attempt, std::optional<Will> will,
                           TimePoint now) {
   const Connect& connect = attempt.connect;
+  if (robot_of(connect) != attempt.robot)  // names have changed during the handshake
+    return refuse_name(peer, attempt.local, connect, now);
   ClientSession* former = context_.clients.find(peer);
   if (former && former->client_id != connect.client_id) lifecycle_.displace(*former, now);  // R37
   ClientSession* session = context_.clients.find(connect.client_id);
@@ -182,7 +198,7 @@ void Connecting::complete(const Peer& peer, const Attempt& attempt, std::optiona
 
 void Connecting::refuse_name(const Peer& peer, const LocalAddress& local, const Connect& connect,
                              TimePoint now) {
-  const char* why = "another robot has this name in the configuration";
+  const char* why = "another robot has this name, in the configuration or on another mesh";
   if (!is_valid_level(connect.client_id))
     why =
         "a client id must be one topic level of 1 to 64 octets, without + # / and control "

@@ -24,6 +24,7 @@ class Connecting {
 
   void on_connect(const Peer& peer, const LocalAddress& local, const Connect& connect,
                   std::uint64_t fingerprint, TimePoint now);
+  void refuse_names(NameCheck is_elsewhere) { is_elsewhere_ = std::move(is_elsewhere); }
   bool is_open(const Peer& peer) const { return attempts_.contains(peer); }
   /// These only while a handshake is open. WILLMSG before WILLTOPIC ends it (R29).
   void on_willtopic(const Peer& peer, const LocalAddress& local, const WillTopic& will,
@@ -51,6 +52,7 @@ class Connecting {
     std::uint64_t stranger = 0;  // its key in strangers_; 0: a session is known here
   };
 
+  std::optional<std::string> robot_of(const Connect& connect) const;
   bool is_repetition(const Peer& peer, const Connect& connect, std::uint64_t fingerprint,
                      TimePoint now) const;
   void begin(const Peer& peer, Attempt attempt, TimePoint now);
@@ -69,6 +71,7 @@ class Connecting {
   Wills& wills_;
   Refusals& refusals_;
   FloodGuard& guard_;
+  NameCheck is_elsewhere_;
   std::unordered_map<Peer, Attempt, PeerHash> attempts_;  // at most max_handshakes
   std::map<std::uint64_t, Peer> strangers_;  // of these, whose client has no session; oldest first
   std::uint64_t last_stranger_ = 0;

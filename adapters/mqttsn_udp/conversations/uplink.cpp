@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <utility>
 
 #include "adapters/mqttsn_udp/conversations/own_names.hpp"
@@ -81,12 +82,13 @@ void Uplink::on_unconnected_publish(const Peer& peer, const ClientSession* sessi
   const auto parsed = scheme.parse_robot_topic(topic);
   std::string robot = session ? session->robot : std::string(parsed ? parsed->robot : "");
   const bool is_allowed = context_.settings.allow_unconnected_publish &&
-                          is_valid_topic_name(topic) &&
+                          is_valid_topic_name(topic) && (session || !is_foreign(robot)) &&
                           context_.policy.may_publish(client_id, robot, topic);
   if (!is_allowed) {
     const std::string who = session ? robot : to_string(peer);
     const char* remedy = context_.settings.allow_unconnected_publish
-                             ? "its topic is unknown, or topics.extra_publish does not allow it"
+                             ? "its topic is unknown or another robot's, or "
+                               "topics.extra_publish does not allow it"
                              : "mqttsn.allow_unconnected_publish is false";
     return refusals_.on_refusal(
         Count::unconnected_refused, who,
@@ -95,6 +97,15 @@ void Uplink::on_unconnected_publish(const Peer& peer, const ClientSession* sessi
   context_.tally.count(Count::published_up);
   context_.emit(Report{Mesh::thread, std::move(robot), std::move(topic), std::move(publish.payload),
                        Qos::at_most_once, publish.retain, Receipt{Mesh::thread, 0}});
+}
+
+/// Whether the configuration, the form of the name or another mesh gives it to a robot elsewhere.
+bool Uplink::is_foreign(const std::string& robot) const {
+  if (robot.empty()) return false;
+  const auto& configured = context_.names.configured();
+  const auto known = std::ranges::find(configured, robot, &RobotName::id);
+  if (known != configured.end()) return !known->mqttsn_client_id;
+  return !context_.names.of_client(robot) || (is_elsewhere_ && is_elsewhere_(robot));
 }
 
 void Uplink::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome) {

@@ -3,12 +3,17 @@
 // the receipt fires, never before. Repetitions go up once (R75, R76).
 #pragma once
 
+#include <functional>
+#include <string>
 #include <unordered_map>
 
 #include "adapters/mqttsn_udp/context.hpp"
 #include "adapters/mqttsn_udp/conversations/refusals.hpp"
 
 namespace slamgw::mqttsn {
+
+/// Whether a robot of another mesh goes by this name.
+using NameCheck = std::function<bool(const std::string& robot)>;
 
 class Uplink {
  public:
@@ -19,6 +24,7 @@ class Uplink {
   /// QoS -1: from anywhere, `session` may be null; never answered (R81).
   void on_unconnected_publish(const Peer& peer, const ClientSession* session, Publish publish,
                               TimePoint now);
+  void refuse_names(NameCheck is_elsewhere) { is_elsewhere_ = std::move(is_elsewhere); }
   /// Unknown receipts (of a session that is gone) are ignored.
   void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome);
   /// By the topic policy; a refusal is counted, and said once for each device.
@@ -34,6 +40,7 @@ class Uplink {
     std::uint16_t msg_id;
   };
 
+  bool is_foreign(const std::string& robot) const;
   Result<std::string, ReturnCode> topic_of(ClientSession& session, const Publish& publish,
                                            TimePoint now);
   void publish_once(ClientSession& session, Publish publish, std::string topic, TimePoint now);
@@ -48,6 +55,7 @@ class Uplink {
 
   Context& context_;
   Refusals& refusals_;
+  NameCheck is_elsewhere_;
   std::uint64_t last_receipt_ = 0;
   std::unordered_map<std::uint64_t, Open> open_;  // bounded by max_open_receipts for each client
 };

@@ -35,6 +35,9 @@ class MqttsnAdapter final : public MeshShell<SnGateway> {
   void stop() override;
   Counters counters() const override;
 
+  /// Before start(): clients may not go by the names of other meshes' robots.
+  void refuse_names(const NameCheck& is_elsewhere) { gateway_.refuse_names(is_elsewhere); }
+
   /// `topics.*` and `robots` of the configuration, read again.
   void reconfigure(TopicPolicy policy, RobotNames names);
 
