@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // ./dev browser-test --bench: 100 robots at 5/s with 2000 obstacle points each on the map. Frames a second in headless
 // Chromium, CPU and memory of slam-gateway-web and of the page, octets of the page. Prints one JSON object; no test.
-import { spawn } from 'node:child_process';
 import { readFileSync } from 'node:fs';
 import { setTimeout as sleep } from 'node:timers/promises';
 import { World } from './world.mjs';
@@ -9,12 +8,12 @@ import { World } from './world.mjs';
 const ROBOTS = Number(process.env.SLAMGW_BENCH_ROBOTS ?? 100);
 const SECONDS = Number(process.env.SLAMGW_BENCH_SECONDS ?? 30);
 const world = await World.start({ thread: 0, ble: 0, daemon: false });
-const feed = spawn('python3', [new URL('feed.py', import.meta.url).pathname, String(world.ports.broker), String(ROBOTS)], { stdio: 'inherit' });
+world.spawn('feed', 'python3', [new URL('feed.py', import.meta.url).pathname, String(world.ports.broker), String(ROBOTS)]);
 const page = await world.open();
 const pid = world.processes.get('web').pid;
 const ticks = () => readFileSync(`/proc/${pid}/stat`, 'utf8').split(' ').slice(13, 15).reduce((sum, n) => sum + Number(n), 0);
 const resident = () => Number(/VmRSS:\s+(\d+)/.exec(readFileSync(`/proc/${pid}/status`, 'utf8'))[1]);
-await page.waitForFunction((n) => window.slamgw.model.robots.size >= n, ROBOTS, { timeout: 60000 });
+await page.waitForFunction((n) => window.slamgw.model.robots.size >= n, ROBOTS);
 // 2000 points each: those of the first minutes, made at once.
 await page.evaluate(() => {
   for (const robot of window.slamgw.model.robots.values()) {
@@ -58,5 +57,4 @@ for (const name of ['', ...new Set(await page.evaluate(() => performance.getEntr
   if (response.ok) result.page_octets_compressed += Number(response.headers.get('content-length'));
 }
 console.log(JSON.stringify(result, null, 1));
-feed.kill();
 await world.stop();
