@@ -69,6 +69,11 @@ constexpr auto common_keys = std::to_array<SchemaKey>({
        v.text(c.gateway_id, is_gateway_id, "1-32 letters, digits, - and _");
      }},
     {"broker.uri", read_broker_uri},
+    {"broker.client",
+     [](Value v, Config& c) {
+       v.one_of(c.broker.client,
+                {{"paho", MqttClient::paho}, {"mosquitto", MqttClient::mosquitto}});
+     }},
     {"broker.client_id",
      [](Value v, Config& c) { v.text(c.broker.client_id, is_client_id, client_id_words); }},
     {"broker.credentials_file", [](Value v, Config& c) { v.file_path(c.broker.credentials_file); }},

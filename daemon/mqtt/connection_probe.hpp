@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Finds out in words why no connection to the broker came about, by trying its steps again: name,
-// TCP, TLS. Paho tells no reasons. Blocks for a few seconds at most: called on PahoLink's lane.
+// The steps to a broker before MQTT: name, TCP, TLS. For a client that tells no reasons (Paho) they
+// are tried again to find out in words why no connection came about. Blocks for a few seconds at
+// most: called on the lane of a link.
 #pragma once
 
 #include <string>
@@ -16,8 +17,16 @@ struct Reachability {
 };
 Reachability probe_broker(const BrokerSettings& broker);
 
-/// The addresses of the broker's host as literals, in the resolver's order; empty when the name is
-/// not known.
-std::vector<std::string> resolve_host(const std::string& host);
+struct HostAddresses {
+  std::vector<std::string> literals;  ///< in the resolver's order
+  std::string problem;                ///< why there is none, for the operator
+};
+HostAddresses resolve_host(const BrokerSettings& broker);
+
+// Words for what the probe finds; a client that sees it by itself uses the same.
+/// `error`: of connect().
+std::string explain_no_connection(const BrokerSettings& broker, int error);
+/// Somebody answers who is no broker, or closes the connection.
+std::string explain_stranger(const BrokerSettings& broker);
 
 }  // namespace slamgw

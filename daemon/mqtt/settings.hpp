@@ -16,7 +16,11 @@ struct Credentials {
   bool operator==(const Credentials&) const = default;
 };
 
+/// The library that speaks MQTT to the broker.
+enum class MqttClient : std::uint8_t { paho, mosquitto };
+
 struct BrokerSettings {
+  MqttClient client = MqttClient::paho;
   std::string host = "127.0.0.1";  ///< a name or an address; IPv6 without brackets
   std::uint16_t port = 1883;
   bool tls = false;        ///< `mqtts://`

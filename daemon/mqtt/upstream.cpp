@@ -9,6 +9,7 @@
 
 #include "daemon/core/subscription_table.hpp"
 #include "daemon/mqtt/connect_failure.hpp"
+#include "daemon/mqtt/mosquitto/mosquitto_link.hpp"
 #include "daemon/mqtt/paho/paho_link.hpp"
 #include "daemon/mqtt/user_properties.hpp"
 
@@ -90,10 +91,19 @@ void Upstream::retry_now() {
 void Upstream::connect() {
   is_waiting_ = false;
   if (read_credentials_) settings_.credentials = read_credentials_();
-  MqttLinkListener& listener = *this;
-  link_ = std::make_shared<PahoLink>(
-      io_, lane_, LinkOptions{settings_, version(), will_, attempt_++}, listener);
+  link_ = make_link({settings_, version(), will_, attempt_++});
   link_->connect();
+}
+
+std::shared_ptr<MqttLink> Upstream::make_link(LinkOptions options) {
+  MqttLinkListener& listener = *this;
+  switch (options.broker.client) {
+    case MqttClient::paho:
+      return std::make_shared<PahoLink>(io_, lane_, std::move(options), listener);
+    case MqttClient::mosquitto:
+      return std::make_shared<MosquittoLink>(io_, lane_, std::move(options), listener);
+  }
+  return nullptr;
 }
 
 void Upstream::connect_in(Duration wait) {

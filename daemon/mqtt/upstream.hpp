@@ -51,6 +51,7 @@ class Upstream final : private MqttLinkListener {
 
  private:
   void connect();
+  std::shared_ptr<MqttLink> make_link(LinkOptions options);
   void connect_in(Duration wait);
   void reconnect_later(const std::string& why);
   void drop_link(bool is_orderly);

@@ -87,9 +87,9 @@ std::string describe_mqttsn(const mqttsn::Settings& settings) {
 }
 
 std::string describe_broker(const BrokerSettings& settings) {
-  const auto& [host, port, tls, gateway_id, client_id, credentials_file, credentials, ca_file,
-               certificate_file, key_file, keep_alive, max_inflight] = settings;
-  return all(host, port, tls, gateway_id, client_id, credentials_file, credentials, ca_file,
+  const auto& [client, host, port, tls, gateway_id, client_id, credentials_file, credentials,
+               ca_file, certificate_file, key_file, keep_alive, max_inflight] = settings;
+  return all(client, host, port, tls, gateway_id, client_id, credentials_file, credentials, ca_file,
              certificate_file, key_file, keep_alive, max_inflight);
 }
 

@@ -17,8 +17,9 @@ namespace {
 
 using namespace std::chrono_literals;
 
-using BrokerClosing = WithEitherVersion;
-INSTANTIATE_TEST_SUITE_P(Over, BrokerClosing, either_version, name_of_version);
+using BrokerClosing = WithEachClientAndVersion;
+INSTANTIATE_TEST_SUITE_P(Over, BrokerClosing, testing::Combine(each_client, either_version),
+                         BrokerClosing::name);
 
 std::size_t distinct(std::vector<std::string> lines) {
   std::sort(lines.begin(), lines.end());
@@ -39,12 +40,12 @@ bool talk_until(DeliveryRig& gateway, std::uint64_t& number,
 
 /// U+0085 is refused at every door of the gateway; here it is let through.
 TEST_P(BrokerClosing, AMessageForWhichMosquittoClosesBecomesADeadLetterAndTheOthersFlow) {
-  BrokerOfVersion broker(GetParam());
+  BrokerOfVersion broker(version());
   const test::Subscriber subscriber(broker, "r/2/#", "%t %p");
   test::TempDir store;
   std::uint64_t number = 1;
   {
-    DeliveryRig gateway(broker.link_port(), store.path());
+    DeliveryRig gateway(settings_for(broker.link_port()), store.path());
     ASSERT_TRUE(gateway.sees([&] { return gateway.is_up; }));
     gateway.submit("r/1/a\xc2\x85", 1);
     ASSERT_TRUE(talk_until(gateway, number, [&] {
@@ -55,7 +56,7 @@ TEST_P(BrokerClosing, AMessageForWhichMosquittoClosesBecomesADeadLetterAndTheOth
     EXPECT_LE(gateway.ups, 8u) << "lost four times, or a few more when nothing else was answered";
     EXPECT_EQ(gateway.fired.at(1), ReceiptOutcome::safe);
   }
-  DeliveryRig again(broker.link_port(), store.path());
+  DeliveryRig again(settings_for(broker.link_port()), store.path());
   ASSERT_TRUE(again.sees([&] { return again.is_up; }));
   ASSERT_TRUE(talk_until(again, number, [&] { return again.fired.size() >= 100; }));
   EXPECT_EQ(again.ups, 1u) << "a dead letter stays one";
@@ -69,7 +70,7 @@ TEST(BrokerClosing311, AMessageThatIsTooLargeBecomesADeadLetterAndTheOthersFlow)
   test::Mosquitto broker("max_packet_size 500");
   test::Mqtt311Proxy proxy(broker.port());
   const test::Subscriber subscriber(broker, "r/#", "%t %l");
-  DeliveryRig gateway(proxy.port());
+  DeliveryRig gateway(settings_for(proxy.port()));
   ASSERT_TRUE(gateway.sees([&] { return gateway.is_up; }));
   std::uint64_t number = 1;
   gateway.submit_bytes("r/1/map", Bytes(600, 'x'), 1);
@@ -86,7 +87,7 @@ TEST(BrokerClosing311, AMessageThatIsTooLargeBecomesADeadLetterAndTheOthersFlow)
 TEST(BrokerClosingNats, ARobotWithADotInItsNameDoesNotDisconnectTheOthers) {
   if (!test::NatsServer::is_installed()) GTEST_SKIP() << "nats-server is not installed";
   test::NatsServer broker;
-  DeliveryRig gateway(broker.mqtt_port());
+  DeliveryRig gateway(settings_for(broker.mqtt_port()));
   ASSERT_TRUE(gateway.sees([&] { return gateway.is_up; }));
   std::uint64_t number = 100;
   gateway.submit("robot/lo.ad0/update", 1);
@@ -114,9 +115,9 @@ std::uint64_t unix_ms() {
 /// The broker stands still for 25 s. What it had taken into its own socket cannot be called back:
 /// that is what was sent until the gateway noticed.
 TEST_P(BrokerClosing, UnacknowledgedMessagesDoNotComeOutLateAfterAStall) {
-  BrokerOfVersion broker(GetParam());
+  BrokerOfVersion broker(version());
   const test::Subscriber subscriber(broker, "r/#", "%U %p");
-  DeliveryRig gateway(broker.link_port());
+  DeliveryRig gateway(settings_for(broker.link_port()));
   ASSERT_TRUE(gateway.sees([&] { return gateway.is_up; }));
   constexpr std::uint64_t stall_ms = 25000;
   std::uint64_t last = 0;

@@ -30,12 +30,17 @@ std::vector<std::string> without_repeats(const std::vector<std::string>& lines) 
   return once;
 }
 
-using BrokerDelivery = WithEitherVersion;
-INSTANTIATE_TEST_SUITE_P(Over, BrokerDelivery, either_version, name_of_version);
+using BrokerDelivery = WithEachClientAndVersion;
+INSTANTIATE_TEST_SUITE_P(Over, BrokerDelivery, testing::Combine(each_client, either_version),
+                         BrokerDelivery::name);
+using BrokerRefusal = WithEachClient;
+INSTANTIATE_TEST_SUITE_P(Over, BrokerRefusal, each_client, BrokerRefusal::name);
+using BrokerLimit = WithEachClient;
+INSTANTIATE_TEST_SUITE_P(Over, BrokerLimit, each_client, BrokerLimit::name);
 
 TEST_P(BrokerDelivery, LosesNothingThatWasInFlightWhenTheBrokerIsKilled) {
-  BrokerOfVersion broker(GetParam());
-  DeliveryRig gateway(broker.link_port());
+  BrokerOfVersion broker(version());
+  DeliveryRig gateway(settings_for(broker.link_port()));
   ASSERT_TRUE(gateway.sees([&] { return gateway.is_up; }));
   std::vector<std::string> received;
   std::uint64_t number = 0;
@@ -60,13 +65,13 @@ TEST_P(BrokerDelivery, LosesNothingThatWasInFlightWhenTheBrokerIsKilled) {
 }
 
 /// Debian 12's Mosquitto closes the connection after each PUBACK that refuses.
-TEST(BrokerRefusal, MessagesWaitUntilTheAccessControlListIsCorrected) {
+TEST_P(BrokerRefusal, MessagesWaitUntilTheAccessControlListIsCorrected) {
   test::TempDir directory;
   const std::string access = directory / "access";
   test::write_file(access, "topic readwrite r/1/#\ntopic read r/2/#\ntopic readwrite gw/#\n");
   Mosquitto broker("acl_file " + access);
   const Subscriber subscriber(broker, "r/#", "%t %p");
-  DeliveryRig gateway(broker.port());
+  DeliveryRig gateway(settings_for(broker.port()));
   ASSERT_TRUE(gateway.sees([&] { return gateway.is_up; }));
   for (std::uint64_t i = 1; i <= 200; ++i) {
     gateway.submit("r/1/update", i);
@@ -91,10 +96,10 @@ TEST(BrokerRefusal, MessagesWaitUntilTheAccessControlListIsCorrected) {
   EXPECT_TRUE(gateway.logs("takes messages on r/2/update again"));
 }
 
-TEST(BrokerLimit, AMessageThatIsTooLargeBecomesADeadLetterAndTheOthersFlow) {
+TEST_P(BrokerLimit, AMessageThatIsTooLargeBecomesADeadLetterAndTheOthersFlow) {
   Mosquitto broker("max_packet_size 500");
   const Subscriber subscriber(broker, "r/#", "%t");
-  DeliveryRig gateway(broker.port());
+  DeliveryRig gateway(settings_for(broker.port()));
   ASSERT_TRUE(gateway.sees([&] { return gateway.is_up; }));
   gateway.submit("r/1/update", 1);
   gateway.submit_bytes("r/1/update", Bytes(600, 'x'), 2);

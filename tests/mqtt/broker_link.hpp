@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A Upstream with a loop of its own and a listener that remembers.
+// An Upstream with a loop of its own and a listener that remembers.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -9,6 +9,7 @@
 #include <optional>
 #include <set>
 #include <string>
+#include <tuple>
 #include <vector>
 
 #include "daemon/mqtt/upstream.hpp"
@@ -75,16 +76,45 @@ class BrokerOfVersion : public test::Mosquitto {
   std::optional<test::Mqtt311Proxy> proxy_;
 };
 
-/// A test of what holds with either version.
-class WithEitherVersion : public testing::TestWithParam<MqttVersion> {};
-inline const auto either_version = testing::Values(MqttVersion::v5, MqttVersion::v3_1_1);
-inline std::string name_of_version(const testing::TestParamInfo<MqttVersion>& version) {
-  return version.param == MqttVersion::v5 ? "Mqtt5" : "Mqtt311";
+inline std::string name_of(MqttClient client) {
+  return client == MqttClient::paho ? "Paho" : "Mosquitto";
 }
+inline std::string name_of(MqttVersion version) {
+  return version == MqttVersion::v5 ? "Mqtt5" : "Mqtt311";
+}
+inline const auto each_client = testing::Values(MqttClient::paho, MqttClient::mosquitto);
+inline const auto either_version = testing::Values(MqttVersion::v5, MqttVersion::v3_1_1);
+
+/// A test of what holds with each client library.
+class WithEachClient : public testing::TestWithParam<MqttClient> {
+ public:
+  static BrokerSettings settings_for(std::uint16_t port,
+                                     std::optional<Credentials> credentials = {}) {
+    BrokerSettings settings = slamgw::settings_for(port, std::move(credentials));
+    settings.client = GetParam();
+    return settings;
+  }
+  static std::string name(const testing::TestParamInfo<MqttClient>& client) {
+    return name_of(client.param);
+  }
+};
+
+/// A test of what holds with each client library and either version.
+class WithEachClientAndVersion
+    : public testing::TestWithParam<std::tuple<MqttClient, MqttVersion>> {
+ public:
+  static MqttVersion version() { return std::get<MqttVersion>(GetParam()); }
+  static BrokerSettings settings_for(std::uint16_t port) {
+    BrokerSettings settings = slamgw::settings_for(port);
+    settings.client = std::get<MqttClient>(GetParam());
+    return settings;
+  }
+  static std::string name(const testing::TestParamInfo<ParamType>& info) {
+    return name_of(std::get<MqttClient>(info.param)) + name_of(std::get<MqttVersion>(info.param));
+  }
+};
 
 struct Link {
-  explicit Link(std::uint16_t port, std::optional<Credentials> credentials = {})
-      : Link(settings_for(port, std::move(credentials))) {}
   explicit Link(const BrokerSettings& settings, Upstream::ReadCredentials read = {}) {
     upstream = std::make_unique<Upstream>(io, settings,
                                           LastWill{"gw/state", R"({"state":"offline"})"}, listener);

@@ -24,7 +24,7 @@ class DeliveryRig : private UpstreamListener {
   static constexpr std::size_t window = 16;
 
   /// `store`: a directory that outlives it, for a daemon that is started again; empty: its own.
-  explicit DeliveryRig(std::uint16_t port, std::string store = {})
+  explicit DeliveryRig(BrokerSettings settings, std::string store = {})
       : store_directory_(store.empty() ? directory.path() : std::move(store)),
         outbox(window, store_settings().max_bytes),
         driver_(io, outbox,
@@ -37,7 +37,7 @@ class DeliveryRig : private UpstreamListener {
                    machine.on_store_event(std::move(event), now);
                  });
                }),
-        upstream_(io, settings_for(port), LastWill{"gw/state", "offline"}, *this) {
+        upstream_(io, std::move(settings), LastWill{"gw/state", "offline"}, *this) {
     store_.start();
     upstream_.start();
   }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Upstream against a real Mosquitto.
+// Upstream against a real Mosquitto, with each client library.
 #include <gtest/gtest.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -20,29 +20,32 @@ using test::eventually;
 using test::Mosquitto;
 using test::Subscriber;
 
-using UpstreamOf = WithEitherVersion;
-INSTANTIATE_TEST_SUITE_P(Broker, UpstreamOf, either_version, name_of_version);
+using UpstreamOf = WithEachClientAndVersion;
+INSTANTIATE_TEST_SUITE_P(Over, UpstreamOf, testing::Combine(each_client, either_version),
+                         UpstreamOf::name);
+using Upstreams = WithEachClient;
+INSTANTIATE_TEST_SUITE_P(Over, Upstreams, each_client, Upstreams::name);
 
 TEST_P(UpstreamOf, PublishesAtEachQosAndSaysWhenTheBrokerHasIt) {
-  BrokerOfVersion broker(GetParam());
+  BrokerOfVersion broker(version());
   Subscriber subscriber(broker, "t/#", "%t %q %r %p");
-  Link link(broker.link_port());
+  Link link(settings_for(broker.link_port()));
   ASSERT_TRUE(link.comes_up());
-  EXPECT_EQ(link.upstream->version(), GetParam());
-  EXPECT_EQ(link.listener.limits.receive_maximum, GetParam() == MqttVersion::v5 ? 20 : 65535)
+  EXPECT_EQ(link.upstream->version(), version());
+  EXPECT_EQ(link.listener.limits.receive_maximum, version() == MqttVersion::v5 ? 20 : 65535)
       << "Mosquitto's default, and none";
   for (std::uint64_t qos = 0; qos <= 2; ++qos) {
     link.upstream->publish(
         qos + 1, {"t/" + std::to_string(qos), to_bytes("hello"), static_cast<Qos>(qos), false});
   }
   EXPECT_TRUE(link.sees([&] { return link.listener.published.size() == 3; }));
-  EXPECT_TRUE(eventually([&] { return subscriber.lines().size() == 3; }));
+  EXPECT_TRUE(link.sees([&] { return subscriber.lines().size() == 3; }));
 }
 
 TEST_P(UpstreamOf, SaysOfEachOfManyThatItIsWrittenAndKeepsTheirOrder) {
-  BrokerOfVersion broker(GetParam());
+  BrokerOfVersion broker(version());
   Subscriber subscriber(broker, "t", "%p");
-  Link link(broker.link_port());
+  Link link(settings_for(broker.link_port()));
   ASSERT_TRUE(link.comes_up());
   constexpr std::uint64_t count = 250;  // Paho buffers 512
   std::vector<std::string> expected;
@@ -53,14 +56,14 @@ TEST_P(UpstreamOf, SaysOfEachOfManyThatItIsWrittenAndKeepsTheirOrder) {
     link.upstream->publish(i, {"t", to_bytes(expected.back()), qos, false});
   }
   EXPECT_TRUE(link.sees([&] { return link.listener.published.size() == count; }));
-  EXPECT_TRUE(eventually([&] { return subscriber.lines().size() == count; }));
+  EXPECT_TRUE(link.sees([&] { return subscriber.lines().size() == count; }));
   EXPECT_EQ(subscriber.lines(), expected);
 }
 
 TEST_P(UpstreamOf, ReceivesWhatItSubscribedTo) {
-  BrokerOfVersion broker(GetParam());
+  BrokerOfVersion broker(version());
   test::mosquitto_publish(broker, {"-r", "-t", "down/kept", "-m", "old"});
-  Link link(broker.link_port());
+  Link link(settings_for(broker.link_port()));
   ASSERT_TRUE(link.comes_up());
   link.upstream->subscribe("down/#", Qos::at_least_once, 1);
   ASSERT_TRUE(link.sees([&] { return link.listener.messages.size() == 1; }));
@@ -85,9 +88,9 @@ TEST_P(UpstreamOf, ReceivesWhatItSubscribedTo) {
   EXPECT_EQ(link.listener.messages[3].topic, "other");
 }
 
-TEST(Upstream, TellsTheCopiesForOverlappingSubscriptionsApart) {
+TEST_P(Upstreams, TellsTheCopiesForOverlappingSubscriptionsApart) {
   Mosquitto broker;
-  Link link(broker.port());
+  Link link(settings_for(broker.port()));
   ASSERT_TRUE(link.comes_up());
   link.upstream->subscribe("down/+", Qos::at_least_once, 7);
   link.upstream->subscribe("down/cmd", Qos::at_least_once, 8);
@@ -100,8 +103,8 @@ TEST(Upstream, TellsTheCopiesForOverlappingSubscriptionsApart) {
 }
 
 TEST_P(UpstreamOf, ComesBackAfterTheBrokerWasKilled) {
-  BrokerOfVersion broker(GetParam());
-  Link link(broker.link_port());
+  BrokerOfVersion broker(version());
+  Link link(settings_for(broker.link_port()));
   ASSERT_TRUE(link.comes_up());
   broker.kill();
   ASSERT_TRUE(link.sees([&] { return !link.listener.is_up; }));
@@ -113,8 +116,8 @@ TEST_P(UpstreamOf, ComesBackAfterTheBrokerWasKilled) {
 }
 
 TEST_P(UpstreamOf, TakesALostConnectionForNoRefusal) {
-  BrokerOfVersion broker(GetParam());
-  Link link(broker.link_port());
+  BrokerOfVersion broker(version());
+  Link link(settings_for(broker.link_port()));
   ASSERT_TRUE(link.comes_up());
   broker.pause();  // nothing is acknowledged
   for (std::uint64_t i = 1; i <= 12; ++i) {
@@ -131,41 +134,41 @@ TEST_P(UpstreamOf, TakesALostConnectionForNoRefusal) {
   }
 }
 
-TEST(Upstream, WaitsForABrokerThatIsNotThereYet) {
+TEST_P(Upstreams, WaitsForABrokerThatIsNotThereYet) {
   const std::uint16_t port = test::free_tcp_port();
-  Link link(port);
+  Link link(settings_for(port));
   ASSERT_TRUE(link.sees([&] { return link.listener.reasons.size() >= 2; })) << "keeps trying";
   EXPECT_NE(link.listener.reasons[0].find("Connection refused"), std::string::npos)
       << link.listener.reasons[0];
 }
 
-TEST(Upstream, SaysThatThePasswordIsWrongAndNeverWhichOneItIs) {
+TEST_P(Upstreams, SaysThatThePasswordIsWrongAndNeverWhichOneItIs) {
   Mosquitto broker({}, "gw", "right");
-  Link link(broker.port(), Credentials{"gw", "s3cret-but-wrong"});
+  Link link(settings_for(broker.port(), Credentials{"gw", "s3cret-but-wrong"}));
   ASSERT_TRUE(link.sees([&] { return link.listener.reasons.size() >= 2; }));
   EXPECT_NE(link.listener.reasons[0].find("authorise"), std::string::npos)
       << link.listener.reasons[0];
   EXPECT_NE(link.listener.reasons[0].find("'gw'"), std::string::npos) << link.listener.reasons[0];
   EXPECT_EQ(link.listener.reasons[0].find("s3cret"), std::string::npos);
 
-  Link right(broker.port(), Credentials{"gw", "right"});
+  Link right(settings_for(broker.port(), Credentials{"gw", "right"}));
   EXPECT_TRUE(right.comes_up());
 }
 
-TEST(Upstream, FallsBackToMqtt311WhereTheBrokerRefusesMqtt5) {
+TEST_P(Upstreams, FallsBackToMqtt311WhereTheBrokerRefusesMqtt5) {
   Mosquitto broker;
   test::Mqtt311Proxy old(broker.port());
-  Link link(old.port());
+  Link link(settings_for(old.port()));
   ASSERT_TRUE(link.comes_up());
   EXPECT_EQ(link.upstream->version(), MqttVersion::v3_1_1);
   EXPECT_EQ(old.turned_away(), 1u);
   EXPECT_TRUE(link.listener.reasons.empty()) << "an operator need not know";
 }
 
-TEST(Upstream, FallsBackToMqtt311WhereTheBrokerClosesOnMqtt5) {
+TEST_P(Upstreams, FallsBackToMqtt311WhereTheBrokerClosesOnMqtt5) {
   Mosquitto broker;
   test::Mqtt311Proxy old(broker.port(), test::Mqtt311Proxy::Answer::close);
-  Link link(old.port());
+  Link link(settings_for(old.port()));
   ASSERT_TRUE(link.comes_up());
   EXPECT_EQ(link.upstream->version(), MqttVersion::v3_1_1);
   link.upstream->publish(1, {"t", to_bytes("x"), Qos::at_least_once, false});
@@ -180,7 +183,7 @@ BrokerMessage message_of(std::size_t packet_bytes, Qos qos, std::size_t property
   return message;
 }
 
-TEST(Upstream, FindsTheLargestPacketThatTheBrokerTakesToTheOctet) {
+TEST_P(Upstreams, FindsTheLargestPacketThatTheBrokerTakesToTheOctet) {
   // With MQTT 5, Mosquitto closes the connection on a larger one.
   for (const std::uint32_t limit : {120u, 500u, 20000u}) {
     Mosquitto broker("max_packet_size " + std::to_string(limit));
@@ -207,11 +210,11 @@ TEST(Upstream, FindsTheLargestPacketThatTheBrokerTakesToTheOctet) {
   }
 }
 
-TEST(Upstream, PublishesAtTheHighestQosThatTheBrokerTakes) {
+TEST_P(Upstreams, PublishesAtTheHighestQosThatTheBrokerTakes) {
   for (const int highest : {0, 1}) {
     Mosquitto broker("max_qos " + std::to_string(highest));
     Subscriber subscriber(broker, "t", "%q %p");
-    Link link(broker.port());
+    Link link(settings_for(broker.port()));
     ASSERT_TRUE(link.comes_up());
     EXPECT_EQ(link.listener.limits.max_qos, static_cast<Qos>(highest));
     for (std::uint64_t qos = 0; qos <= 2; ++qos) {
@@ -223,10 +226,10 @@ TEST(Upstream, PublishesAtTheHighestQosThatTheBrokerTakes) {
   }
 }
 
-TEST(Upstream, GoesWithoutRetainedMessagesWhereTheBrokerKeepsNone) {
+TEST_P(Upstreams, GoesWithoutRetainedMessagesWhereTheBrokerKeepsNone) {
   Mosquitto broker("retain_available false");
   Subscriber subscriber(broker, "t", "%p");
-  Link link(broker.port());
+  Link link(settings_for(broker.port()));
   ASSERT_TRUE(link.comes_up());
   EXPECT_FALSE(link.listener.limits.keeps_retained);
   link.upstream->publish(1, {"t", to_bytes("x"), Qos::at_least_once, true});
@@ -235,7 +238,7 @@ TEST(Upstream, GoesWithoutRetainedMessagesWhereTheBrokerKeepsNone) {
   EXPECT_TRUE(link.listener.reasons.empty()) << link.listener.reasons[0];
 }
 
-TEST(Upstream, ChecksTheBrokersCertificateAndItsName) {
+TEST_P(Upstreams, ChecksTheBrokersCertificateAndItsName) {
   const test::Certificates right("localhost");
   const test::Certificates stranger("localhost");
   const std::uint16_t tls_port = test::free_tcp_port();
@@ -264,7 +267,7 @@ TEST(Upstream, ChecksTheBrokersCertificateAndItsName) {
   }
 }
 
-TEST(Upstream, SaysThatTheBrokerWantsAClientCertificate) {
+TEST_P(Upstreams, SaysThatTheBrokerWantsAClientCertificate) {
   const test::Certificates right("localhost");
   const std::uint16_t tls_port = test::free_tcp_port();
   Mosquitto broker("listener " + std::to_string(tls_port) + " 127.0.0.1\ncertfile " +
@@ -285,11 +288,11 @@ TEST(Upstream, SaysThatTheBrokerWantsAClientCertificate) {
 }
 
 TEST_P(UpstreamOf, LeavesTheBrokerItsLastWill) {
-  BrokerOfVersion broker(GetParam());
+  BrokerOfVersion broker(version());
   Subscriber subscriber(broker, "gw/state", "%r %p");
   const pid_t child = fork();
   if (child == 0) {
-    Link link(broker.link_port());
+    Link link(settings_for(broker.link_port()));
     link.comes_up();
     raise(SIGKILL);
   }
@@ -300,15 +303,15 @@ TEST_P(UpstreamOf, LeavesTheBrokerItsLastWill) {
 }
 
 TEST_P(UpstreamOf, AnOrderlyStopPublishesNoWillAndLosesNothing) {
-  BrokerOfVersion broker(GetParam());
+  BrokerOfVersion broker(version());
   Subscriber subscriber(broker, "#", "%t");
-  Link link(broker.link_port());
+  Link link(settings_for(broker.link_port()));
   ASSERT_TRUE(link.comes_up());
   link.upstream->publish(1, {"last", to_bytes("x"), Qos::at_least_once, false});
   link.upstream->stop();
-  ASSERT_TRUE(eventually([&] { return !subscriber.lines().empty(); }));
+  ASSERT_TRUE(link.sees([&] { return !subscriber.lines().empty(); }));
   test::mosquitto_publish(broker, {"-t", "after", "-m", "x"});
-  ASSERT_TRUE(eventually([&] { return subscriber.lines().back() == "after"; }));
+  ASSERT_TRUE(link.sees([&] { return subscriber.lines().back() == "after"; }));
   EXPECT_EQ(subscriber.lines(), (std::vector<std::string>{"last", "after"}));
 }
 

@@ -28,8 +28,9 @@ MAX_PACKET_BYTES = 1000  # far more than a robot's message needs
 
 
 class World:
-    def __init__(self, bin_directory, directory, seed, has_own_mounts, mqtt=5):
+    def __init__(self, bin_directory, directory, seed, has_own_mounts, mqtt=5, client="paho"):
         self.bin, self.directory = pathlib.Path(bin_directory), pathlib.Path(directory)
+        self.client = client  # the daemon's broker.client
         self.begin = time.time()
         self.troubles, self.commands_sent = [], {fleet: 0 for fleet in FLEETS}
         self.random = random.Random(seed)  # of the commands; that of the acts is their own
@@ -81,7 +82,7 @@ class World:
         path.write_text(json.dumps({
             "gateway": {"id": "soak"},
             # A short keep-alive, so that a broker that stands still is sometimes given up.
-            "broker": {"uri": f"mqtt://127.0.0.1:{self.link_port}", "keep_alive_s": 5},
+            "broker": {"uri": f"mqtt://127.0.0.1:{self.link_port}", "client": self.client, "keep_alive_s": 5},
             "robots": ble_names,
             "ble_mesh": {"enabled": True, "device": str(self.directory / "board")},
             "mqttsn": {"listen": [f"127.0.0.1:{self.mqttsn_port}"], "multicast_group": None},

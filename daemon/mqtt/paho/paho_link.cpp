@@ -165,7 +165,7 @@ void PahoLink::open() {
 /// Paho tries one address of a name only, and an IPv4 one if there is any. TLS needs the name.
 std::string PahoLink::host_of_attempt() const {
   if (settings_.tls) return settings_.host;
-  const std::vector<std::string> addresses = resolve_host(settings_.host);
+  const std::vector<std::string> addresses = resolve_host(settings_).literals;
   return addresses.empty() ? settings_.host : addresses[options_.attempt % addresses.size()];
 }
 

@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: Apache-2.0
+// The properties of an MQTT 5 PUBLISH in libmosquitto's form, and those of its CONNACK and PUBLISH
+// in ours.
+#pragma once
+
+#include <mosquitto.h>
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "daemon/core/messages.hpp"
+#include "daemon/mqtt/broker_limits.hpp"
+#include "daemon/mqtt/version_choice.hpp"
+
+namespace slamgw {
+
+class PublishProperties {
+ public:
+  PublishProperties(MqttVersion version, std::string gateway_id)
+      : version_(version), gateway_id_(std::move(gateway_id)) {}
+  ~PublishProperties() { clear(); }
+  PublishProperties(const PublishProperties&) = delete;
+  PublishProperties& operator=(const PublishProperties&) = delete;
+
+  /// Those of `message`; null when there are none. Good until the next call.
+  const mosquitto_property* of(const BrokerMessage& message);
+
+ private:
+  void add(std::string_view name, const std::string& value);
+  void clear() { mosquitto_property_free_all(&list_); }
+
+  const MqttVersion version_;
+  const std::string gateway_id_;
+  mosquitto_property* list_ = nullptr;
+};
+
+BrokerLimits limits_of(const mosquitto_property* connack);
+/// MQTT 5 section 3.3.2.3.8; empty with MQTT 3.1.1.
+std::vector<std::uint32_t> subscriptions_of(const mosquitto_property* publish);
+
+}  // namespace slamgw
