@@ -18,20 +18,41 @@ constexpr std::size_t screen_columns = 80;
 
 // ---- the table of robots
 
-enum Column : std::size_t { id, mesh, address, state, seen, messages, rate, rssi, queue, count };
+enum Column : std::size_t {
+  id,
+  mesh,
+  address,
+  state,
+  seen,
+  up,
+  down,
+  repeats,
+  rate,
+  p99,
+  rssi,
+  queue,
+  count
+};
 using Row = std::array<std::string, Column::count>;
 
+std::string number_or_dash(const json& robot, const char* key, const char* format, double scale) {
+  const auto found = robot.find(key);
+  if (found == robot.end() || !found->is_number()) return "-";
+  return fmt::format(fmt::runtime(format), found->get<double>() / scale);
+}
+
 Row robot_row(const json& robot, std::chrono::system_clock::time_point now) {
-  const auto signal = robot.find("rssi_dbm");
-  const bool has_signal = signal != robot.end() && signal->is_number();
   return {text_at(robot, "id"),
           text_at(robot, "mesh"),
           text_at(robot, "address"),
           text_at(robot, "state"),
           show_age(text_at(robot, "last_seen"), now),
           fmt::format("{}", count_at(robot, "messages")),
+          fmt::format("{}", count_at(robot, "commands")),
+          fmt::format("{}", count_at(robot, "repeats")),
           fmt::format("{:.1f}", number_at(robot, "rate_hz")),
-          has_signal ? fmt::format("{}", signal->get<int>()) : "-",
+          number_or_dash(robot, "latency_p99_us", "{:.0f}", 1000),
+          number_or_dash(robot, "rssi_dbm", "{:.0f}", 1),
           fmt::format("{}", count_at(robot, "queue"))};
 }
 
@@ -149,7 +170,7 @@ std::string Show::mesh_line(std::string name, const json& mesh) const {
 
 std::string Show::robots(const json& robots) const {
   std::vector<Row> rows{
-      {"ROBOT", "MESH", "ADDRESS", "STATE", "SEEN", "MESSAGES", "HZ", "RSSI", "QUEUE"}};
+      {"ROBOT", "MESH", "ADDRESS", "STATE", "SEEN", "UP", "DOWN", "REP", "HZ", "P99", "RSSI", "Q"}};
   for (const json& robot : robots) rows.push_back(robot_row(robot, now_));
   if (rows.size() == 1) return "no robot has been heard yet\n";
   const auto widths = fit(rows);
@@ -161,7 +182,7 @@ std::string Show::robots(const json& robots) const {
     line += " " + pad(cut_start(row[address], widths[address]), widths[address]);
     const std::string padded = pad(row[state], widths[state]);
     line += " " + (is_head ? padded : paint(row[state], padded));
-    for (const Column column : {seen, messages, rate, rssi, queue})
+    for (const Column column : {seen, up, down, repeats, rate, p99, rssi, queue})
       line += " " + pad_left(row[column], widths[column]);
     out += line + "\n";
   }

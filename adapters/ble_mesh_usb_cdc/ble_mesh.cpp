@@ -10,6 +10,7 @@ namespace slamgw::ble {
 namespace {
 
 constexpr const char* gateway_ends = "the gateway ends";
+constexpr std::chrono::seconds sign_of_life_interval{1};
 
 std::optional<MeshKeys> keys_of(const std::optional<NodeDatabase>& database) {
   return database ? std::optional(database->keys) : std::nullopt;
@@ -174,10 +175,16 @@ void BleMesh::on_heard(Robot& robot, TimePoint now) {
   provisioner_.on_heard(robot.address, now);
   robot.last_heard = now;
   robot.is_awaited = false;
-  if (std::exchange(robot.is_online, true)) return;
+  if (std::exchange(robot.is_online, true)) return tell_heard(robot, now);
   robot.retained_given.clear();
   announce(robot, Presence::online);
   subscribe(robot);  // makes the broker send what is retained for it again
+}
+
+void BleMesh::tell_heard(Robot& robot, TimePoint now) {
+  if (now - robot.told_heard < sign_of_life_interval) return;
+  robot.told_heard = now;
+  emit(SignOfLife{Mesh::ble, robot.id});
 }
 
 void BleMesh::announce(Robot& robot, Presence presence) {

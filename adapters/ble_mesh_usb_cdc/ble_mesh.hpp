@@ -107,6 +107,7 @@ class BleMesh final : public MeshMachine {
   Robot* robot_at(std::uint16_t address, TimePoint now);
   Robot* robot_called(std::string_view id);
   void on_heard(Robot& robot, TimePoint now);
+  void tell_heard(Robot& robot, TimePoint now);
   void on_silent(Robot& robot);
   void announce(Robot& robot, Presence presence);
   void subscribe(const Robot& robot);

@@ -209,8 +209,13 @@ void App::publish_stats_regularly() {
 
 void App::publish_stats() {
   if (!broker_link_.is_up) return;  // of no use later
-  Upload upload{{scheme_.stats_topic(), to_bytes(status().dump()), Qos::at_most_once, false}, {}};
-  perform(upload);
+  const auto publish = [this](std::string topic, const nlohmann::json& json) {
+    const std::string text = json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+    Upload upload{{std::move(topic), to_bytes(text), Qos::at_most_once, false}, {}};
+    perform(upload);
+  };
+  publish(scheme_.stats_topic(), status());
+  publish(scheme_.numbers_topic(), numbers_json(status_.robots({}, read_clocks().mono)));
 }
 
 void App::perform(Upload& action) {
@@ -251,6 +256,9 @@ void App::perform(PublishAtBroker& action) {
 void App::perform(FireReceipt& action) {
   for (TrafficObserver* observer : traffic_observers_)
     observer->on_receipt(action.receipt, action.outcome, read_clocks().mono);
+  gateway_driver_.input([&](Gateway& gateway, TimePoint now) {
+    gateway.on_receipt(action.receipt, action.outcome, now);
+  });
   meshes_.fire(action.receipt, action.outcome);
 }
 

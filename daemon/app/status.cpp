@@ -3,6 +3,11 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <span>
+
 namespace slamgw {
 namespace {
 
@@ -97,11 +102,19 @@ json to_json(const RobotStatus& robot) {
            {"last_seen", to_iso8601(robot.last_seen)},
            {"messages", robot.messages},
            {"commands", robot.commands},
+           {"bytes_up", robot.bytes_up},
+           {"bytes_down", robot.bytes_down},
+           {"repeats", robot.repeats},
+           {"gaps", robot.gaps},
            {"rate_hz", robot.rate_hz},
+           {"latency_p50_us", nullptr},
+           {"latency_p99_us", nullptr},
            {"rssi_dbm", nullptr},
            {"ttl", nullptr},
            {"hops", nullptr},
            {"queue", robot.queue}};
+  if (robot.latency) row["latency_p50_us"] = robot.latency->p50.count();
+  if (robot.latency) row["latency_p99_us"] = robot.latency->p99.count();
   if (robot.radio) row["rssi_dbm"] = robot.radio->rssi_dbm;
   if (robot.radio) row["ttl"] = robot.radio->ttl;
   if (robot.radio && robot.radio->hops) row["hops"] = *robot.radio->hops;
@@ -123,6 +136,26 @@ json to_json(const Status& status) {
           {"queue", to_json(status.queue)},
           {"control", to_json(status.control)},
           {"memory_rss_bytes", status.memory_rss_bytes}};
+}
+
+json numbers_json(std::vector<RobotStatus> robots) {
+  const std::size_t count = std::min(robots.size(), max_robots_in_numbers);
+  std::ranges::partial_sort(robots, robots.begin() + static_cast<std::ptrdiff_t>(count),
+                            std::ranges::greater(), &RobotStatus::last_seen);
+  json rows = json::object();
+  for (const RobotStatus& robot : std::span(robots).first(count)) {
+    json& row = rows[robot.id] = {
+        {"up", robot.messages},      {"down", robot.commands},
+        {"repeats", robot.repeats},  {"rate_hz", std::round(robot.rate_hz * 100) / 100},
+        {"latency_p50_us", nullptr}, {"latency_p99_us", nullptr},
+        {"rssi_dbm", nullptr},       {"last_heard", to_iso8601(robot.last_seen)}};
+    if (robot.latency) row["latency_p50_us"] = robot.latency->p50.count();
+    if (robot.latency) row["latency_p99_us"] = robot.latency->p99.count();
+    if (robot.radio) row["rssi_dbm"] = robot.radio->rssi_dbm;
+  }
+  json numbers{{"robots", std::move(rows)}};
+  if (robots.size() > count) numbers["left_out"] = robots.size() - count;
+  return numbers;
 }
 
 json to_json(const std::vector<RobotStatus>& robots) {

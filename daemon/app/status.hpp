@@ -12,6 +12,7 @@
 
 #include "daemon/core/broker_link.hpp"
 #include "daemon/core/messages.hpp"
+#include "daemon/core/robot_numbers.hpp"
 
 namespace slamgw {
 
@@ -96,15 +97,26 @@ struct RobotStatus {
   std::string address;
   Presence state = Presence::offline;
   WallTime since{};
-  WallTime last_seen{};
+  WallTime last_seen{};  ///< any sign of life
   std::uint64_t messages = 0;
   std::uint64_t commands = 0;
+  std::uint64_t bytes_up = 0;  ///< of payloads
+  std::uint64_t bytes_down = 0;
+  std::uint64_t repeats = 0;
+  std::uint64_t gaps = 0;  ///< RobotNumbers::gaps
   double rate_hz = 0;
+  std::optional<LatencyWindow::Percentiles> latency;
   std::optional<RadioFacts> radio;
   std::uint64_t queue = 0;
 };
 
 nlohmann::json to_json(const Status& status);
 nlohmann::json to_json(const std::vector<RobotStatus>& robots);
+
+/// Robots in one message of the `numbers` topic: those that were heard last. The others are in
+/// `left_out`.
+inline constexpr std::size_t max_robots_in_numbers = 1000;
+/// What `<prefix>/gateway/<gw>/numbers` says of each robot.
+nlohmann::json numbers_json(std::vector<RobotStatus> robots);
 
 }  // namespace slamgw

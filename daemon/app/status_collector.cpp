@@ -122,9 +122,14 @@ RobotStatus StatusCollector::robot(const std::string& id, const Robot& robot, Ti
           presence.presence,
           presence.since,
           robot.last_seen,
-          robot.messages_up,
-          robot.messages_down,
-          robot.rate.per_second(now),
+          robot.numbers.up(),
+          robot.numbers.down(),
+          robot.numbers.bytes_up(),
+          robot.numbers.bytes_down(),
+          robot.numbers.repeats(),
+          robot.numbers.gaps(),
+          robot.numbers.rate_hz(now),
+          robot.numbers.latency(now),
           robot.radio,
           adapter ? adapter->queued_for(id) : 0};
 }

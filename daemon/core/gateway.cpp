@@ -11,6 +11,9 @@
 namespace slamgw {
 namespace {
 
+/// How old `last_seen` of a retained presence may be while its robot is heard.
+constexpr std::chrono::minutes presence_refresh{5};
+
 using Json = nlohmann::ordered_json;  // keys in the order of the contract
 
 Json presence_json(const Robot& robot) {
@@ -65,7 +68,9 @@ void Gateway::handle(Report report, const Now& now) {
   const Robot* known = registry_.find(report.robot);
   const bool is_first_by_radio = report.radio && known && !known->radio;
   Robot* robot = registry_.on_report(report, now);
-  if (robot && is_first_by_radio) announce(report.robot, *robot);  // its presence came before
+  if (robot && is_first_by_radio) announce(report.robot, *robot, now);  // its presence came before
+  if (!report.is_will) on_heard(report.robot, robot, now);
+  open_receipts_.add(report.receipt, report.robot, now);
   const auto own = scheme_.parse_robot_topic(report.topic);
   const std::string type(own ? own->type : std::string_view{report.topic});
 
@@ -119,8 +124,8 @@ void Gateway::reject(const Report& report, std::string_view type, Robot* robot, 
 }
 
 void Gateway::handle(PresenceChange change, const Now& now) {
-  const Robot* robot = registry_.on_presence(change, now);
-  if (robot) announce(change.robot, *robot);
+  Robot* robot = registry_.on_presence(change, now);
+  if (robot) announce(change.robot, *robot, now);
   actions_.push(Notice{Severity::info,
                        fmt::format("{} {} is {} at {}", to_string(change.mesh), change.robot,
                                    to_string(change.presence), change.address),
@@ -128,7 +133,21 @@ void Gateway::handle(PresenceChange change, const Now& now) {
 }
 
 void Gateway::handle(SignOfLife sign, const Now& now) {
-  registry_.on_sign_of_life(sign.robot, now);
+  on_heard(sign.robot, registry_.on_sign_of_life(sign.robot, now), now);
+}
+
+/// `last_seen` of the retained presence goes along with a robot that is heard, at a distance.
+void Gateway::on_heard(const std::string& id, Robot* robot, TimePoint now) {
+  if (robot && now - robot->announced >= presence_refresh && robot->presence().is_known)
+    announce(id, *robot, now);
+}
+
+void Gateway::on_receipt(const Receipt& receipt, ReceiptOutcome outcome, TimePoint now) {
+  const auto open = open_receipts_.take(receipt);
+  Robot* robot = open && outcome == ReceiptOutcome::safe ? registry_.find(open->robot) : nullptr;
+  if (!robot) return;
+  robot->numbers.on_safe(std::chrono::duration_cast<std::chrono::microseconds>(now - open->since),
+                         now);
 }
 
 void Gateway::handle(SubscribeRequest request, const Now&) {
@@ -180,7 +199,11 @@ void Gateway::handle(LinkChange change, const Now&) {
                        Occasion::mesh_link});
 }
 
-void Gateway::handle(MeshStep step, const Now&) { actions_.push(std::move(step)); }
+void Gateway::handle(MeshStep step, const Now&) {
+  Robot* robot = step.kind == MeshStep::Kind::repeat ? registry_.find(step.robot) : nullptr;
+  if (robot) robot->numbers.on_repeat();
+  actions_.push(std::move(step));
+}
 
 void Gateway::handle(Notice notice, const Now&) { actions_.push(std::move(notice)); }
 
@@ -208,7 +231,7 @@ CommandId Gateway::deliver(BrokerMessage message, const Now& now) {
   const std::string robot(target->robot);
   Command command{commands_.next_id(), robot, std::string(target->type), carrier_for(robot),
                   message.retain};
-  registry_.on_command(robot);
+  if (Robot* known = registry_.find(robot)) known->numbers.on_down(message.payload.size());
   actions_.push(TrafficEvent{.direction = Direction::down,
                              .mesh = command.carrier,
                              .robot = robot,
@@ -265,7 +288,7 @@ void Gateway::on_broker_link(const Now& now) {
   if (leftovers_.is_looking())
     actions_.push(SubscribeAtBroker{leftovers_.filter(), Qos::at_least_once, own_subscription});
   tell_state();
-  for (const auto& [id, robot] : registry_.robots()) announce(id, robot);
+  for (auto& [id, robot] : registry_.robots()) announce(id, robot, now);
 }
 
 std::optional<TimePoint> Gateway::deadline() const {
@@ -329,7 +352,8 @@ void Gateway::tell_state() {
   publish_retained(scheme_.state_topic(), state.dump());
 }
 
-void Gateway::announce(const std::string& id, const Robot& robot) {
+void Gateway::announce(const std::string& id, Robot& robot, TimePoint now) {
+  robot.announced = now;
   // While the broker is away nothing is queued: everything is said again when it comes.
   if (broker_.is_up) publish_retained(scheme_.presence_topic(id), presence_json(robot).dump());
 }

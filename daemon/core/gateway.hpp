@@ -13,6 +13,7 @@
 #include "daemon/core/leftover_robots.hpp"
 #include "daemon/core/messages.hpp"
 #include "daemon/core/normalizer.hpp"
+#include "daemon/core/open_receipts.hpp"
 #include "daemon/core/protocol_machine.hpp"
 #include "daemon/core/robot_registry.hpp"
 #include "daemon/core/subscription_table.hpp"
@@ -86,6 +87,8 @@ class Gateway {
   /// what still waits for the broker.
   void on_broker_link(const Now& now);
   void on_subscribe_result(const std::string& filter, bool granted);
+  /// The receipt of a Report has fired: for the robot's numbers.
+  void on_receipt(const Receipt& receipt, ReceiptOutcome outcome, TimePoint now);
   /// The store has no room for messages that are acknowledged, or has it again: `state` says so.
   void on_store(bool is_full);
   bool is_store_full() const { return is_store_full_; }
@@ -124,7 +127,8 @@ class Gateway {
                     const Now& now);
   void reject(const Report& report, std::string_view type, Robot* robot, Bytes payload,
               const Now& now);
-  void announce(const std::string& id, const Robot& robot);
+  void on_heard(const std::string& id, Robot* robot, TimePoint now);
+  void announce(const std::string& id, Robot& robot, TimePoint now);
   void tell_state();
   void publish_retained(std::string topic, std::string payload);
 
@@ -136,6 +140,7 @@ class Gateway {
   LeftoverRobots leftovers_;
   PresenceQuery presence_on_;
   CommandLedger commands_;
+  OpenReceipts open_receipts_;
   Traffic traffic_;
   PerMesh<LinkState> mesh_links_;
   bool is_store_full_ = false;

@@ -4,28 +4,6 @@
 #include <algorithm>
 
 namespace slamgw {
-namespace {
-
-constexpr std::chrono::seconds rate_window{5};
-
-}  // namespace
-
-void RateMeter::on_message(TimePoint now) {
-  if (now - window_start_ >= rate_window) {
-    in_previous_ = now - window_start_ < 2 * rate_window ? in_window_ : 0;
-    in_window_ = 0;
-    window_start_ = now;
-  }
-  ++in_window_;
-}
-
-double RateMeter::per_second(TimePoint now) const {
-  const auto age = now - window_start_;
-  if (age >= 2 * rate_window) return 0;
-  const std::chrono::duration<double> covered = rate_window + age;
-  return (in_previous_ + in_window_) / covered.count();
-}
-
 Mesh Robot::mesh() const {
   for (const Presence wanted : {Presence::online, Presence::asleep}) {
     const auto is_there = [&](Mesh mesh) {
@@ -65,22 +43,22 @@ Robot* RobotRegistry::on_report(const Report& report, const Now& now) {
   Robot* robot = find_or_add(report.robot);
   if (!robot) return nullptr;
   if (report.is_will) return robot;
-  ++robot->messages_up;
-  robot->rate.on_message(now.mono);
+  robot->numbers.on_up(report.payload.size(), now.mono);
   robot->last_seen = now.wall;
   robot->last_mesh = report.mesh;
   robot->radio = report.radio;
   return robot;
 }
 
-void RobotRegistry::on_sign_of_life(const std::string& robot, const Now& now) {
-  const auto known = robots_.find(robot);
-  if (known != robots_.end()) known->second.last_seen = now.wall;
+Robot* RobotRegistry::on_sign_of_life(const std::string& robot, const Now& now) {
+  Robot* known = find(robot);
+  if (known) known->last_seen = now.wall;
+  return known;
 }
 
-void RobotRegistry::on_command(const std::string& robot) {
+Robot* RobotRegistry::find(const std::string& robot) {
   const auto known = robots_.find(robot);
-  if (known != robots_.end()) ++known->second.messages_down;
+  return known != robots_.end() ? &known->second : nullptr;
 }
 
 const Robot* RobotRegistry::find(const std::string& robot) const {

@@ -11,20 +11,9 @@
 
 #include "daemon/core/burst.hpp"
 #include "daemon/core/messages.hpp"
+#include "daemon/core/robot_numbers.hpp"
 
 namespace slamgw {
-
-/// Messages per second over the last five to ten seconds.
-class RateMeter {
- public:
-  void on_message(TimePoint now);
-  double per_second(TimePoint now) const;
-
- private:
-  TimePoint window_start_{};
-  std::uint32_t in_window_ = 0;
-  std::uint32_t in_previous_ = 0;
-};
 
 /// One robot's life on one mesh.
 struct MeshPresence {
@@ -38,9 +27,8 @@ struct Robot {
   PerMesh<MeshPresence> on_mesh;
   Mesh last_mesh = Mesh::thread;  ///< where it last came, went or spoke
   WallTime last_seen{};
-  std::uint64_t messages_up = 0;
-  std::uint64_t messages_down = 0;
-  RateMeter rate;
+  RobotNumbers numbers;
+  TimePoint announced{};            ///< its presence was published last
   std::optional<RadioFacts> radio;  ///< of its last message
   Burst rejected_burst;
 
@@ -58,14 +46,15 @@ class RobotRegistry {
   /// The robot after the change; nothing when there is no room for it.
   Robot* on_presence(const PresenceChange& change, const Now& now);
   Robot* on_report(const Report& report, const Now& now);
-  /// Of a robot that is known already.
-  void on_sign_of_life(const std::string& robot, const Now& now);
-  void on_command(const std::string& robot);
+  /// These are of robots that are known already; null otherwise.
+  Robot* on_sign_of_life(const std::string& robot, const Now& now);
+  Robot* find(const std::string& robot);
 
   const Robot* find(const std::string& robot) const;
   /// Empty when it was never there.
   std::string address_of(const std::string& robot, Mesh mesh) const;
   const std::map<std::string, Robot>& robots() const { return robots_; }
+  std::map<std::string, Robot>& robots() { return robots_; }
   /// How many robots are online, asleep, offline (all meshes considered).
   std::size_t count(Presence presence) const { return counts_[static_cast<std::size_t>(presence)]; }
   std::uint64_t untracked() const { return untracked_; }

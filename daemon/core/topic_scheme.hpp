@@ -43,6 +43,7 @@ class TopicScheme {
 
   std::string state_topic() const { return gateway_root_ + "state"; }
   std::string stats_topic() const { return gateway_root_ + "stats"; }
+  std::string numbers_topic() const { return gateway_root_ + "numbers"; }
   std::string presence_topic(std::string_view robot) const;
   std::string outcome_topic(std::string_view robot) const;
   std::string rejected_topic(std::string_view robot, std::string_view type) const;

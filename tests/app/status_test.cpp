@@ -74,5 +74,37 @@ TEST(RobotsJson, IsAnArrayWithARowForEach) {
   EXPECT_EQ(row["ttl"], 3);
 }
 
+TEST(NumbersJson, IsWhatTheContractSays) {
+  RobotStatus robot;
+  robot.id = "r";
+  robot.messages = 7;
+  robot.commands = 2;
+  robot.repeats = 1;
+  robot.rate_hz = 4.999;
+  robot.last_seen = WallTime{1'700'000'000s};
+  EXPECT_EQ(numbers_json({robot}), json::parse(R"({"robots": {"r": {"up": 7, "down": 2,
+      "repeats": 1, "rate_hz": 5.0, "latency_p50_us": null, "latency_p99_us": null,
+      "rssi_dbm": null, "last_heard": "2023-11-14T22:13:20Z"}}})"));
+  robot.latency = {1500us, 9ms};
+  robot.radio = RadioFacts{-61, 2, 3};
+  const json row = numbers_json({robot})["robots"]["r"];
+  EXPECT_EQ(row["latency_p50_us"], 1500);
+  EXPECT_EQ(row["latency_p99_us"], 9000);
+  EXPECT_EQ(row["rssi_dbm"], -61);
+}
+
+TEST(NumbersJson, IsBoundedAndNamesTheRobotsThatWereHeardLast) {
+  std::vector<RobotStatus> robots(max_robots_in_numbers + 3);
+  for (std::size_t i = 0; i < robots.size(); ++i) {
+    robots[i].id = std::to_string(i);
+    robots[i].last_seen = WallTime{std::chrono::seconds(i)};
+  }
+  const json numbers = numbers_json(robots);
+  EXPECT_EQ(numbers["robots"].size(), max_robots_in_numbers);
+  EXPECT_EQ(numbers["left_out"], 3);
+  EXPECT_FALSE(numbers["robots"].contains("0"));
+  EXPECT_TRUE(numbers["robots"].contains(std::to_string(robots.size() - 1)));
+}
+
 }  // namespace
 }  // namespace slamgw

@@ -379,7 +379,7 @@ TEST_F(GatewayTest, DoesTheSameWhateverTheWallClockSays) {
         if (const auto* upload = std::get_if<Upload>(&*action)) done += upload->message.topic + " ";
       }
     }
-    return done + std::to_string(it.registry().find("a")->rate.per_second(mono));
+    return done + std::to_string(it.registry().find("a")->numbers.rate_hz(mono));
   };
   const WallTime boot{10s};  // a board without a clock, before it hears of the time
   const WallTime present{1'800'000'000s};

@@ -15,14 +15,6 @@ Report report_of(const std::string& robot, Mesh mesh) {
   return report;
 }
 
-TEST(RateMeter, MeasuresASteadyRateAndForgetsIt) {
-  RateMeter meter;
-  TimePoint now{1h};
-  for (int i = 0; i < 100; ++i) meter.on_message(now += 200ms);
-  EXPECT_NEAR(meter.per_second(now), 5.0, 0.5);
-  EXPECT_EQ(meter.per_second(now + 20s), 0.0);
-}
-
 TEST(RobotRegistry, SpeaksForTheMeshWhereARobotIsOnline) {
   RobotRegistry registry;
   registry.on_presence({Mesh::ble, "a", Presence::online, "0x0100"}, {});
@@ -69,7 +61,7 @@ TEST(RobotRegistry, AWillIsNoSignOfLife) {
   registry.on_sign_of_life("unknown", late);
   EXPECT_EQ(registry.find("a")->last_seen, late.wall);
   EXPECT_FALSE(registry.find("unknown"));
-  EXPECT_EQ(registry.find("a")->messages_up, 1u);
+  EXPECT_EQ(registry.find("a")->numbers.up(), 1u);
 }
 
 TEST(RobotRegistry, TracksABoundedNumberAndCountsTheRest) {

@@ -33,6 +33,7 @@ struct Robot {
   bool is_announced = false;  ///< somebody was told that it is online or offline
   bool is_awaited = false;    ///< offline as soon as it is silent for long enough
   TimePoint last_heard{};
+  TimePoint told_heard{};                      ///< somebody was told that it was heard
   std::optional<std::uint8_t> sent_ttl;        ///< that it was told to publish with
   std::uint8_t highest_ttl = 0;                ///< on arrival; the robot sends with at least this
   std::optional<std::uint16_t> appkey_handle;  ///< of its last vendor message

@@ -1,0 +1,98 @@
+// SPDX-License-Identifier: Apache-2.0
+// How much one robot says and is told, and how long its messages take to be safe. Bounded: a few
+// counters, and at most 2 KiB of latencies. Pure; part of the registry.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "daemon/core/time.hpp"
+
+namespace slamgw {
+
+/// Messages per second over the last five to ten seconds.
+class RateMeter {
+ public:
+  void on_message(TimePoint now);
+  double per_second(TimePoint now) const;
+
+ private:
+  TimePoint window_start_{};
+  std::uint32_t in_window_ = 0;
+  std::uint32_t in_previous_ = 0;
+};
+
+/// The newest latencies of the last minute.
+class LatencyWindow {
+ public:
+  static constexpr std::size_t max_samples = 256;
+  static constexpr std::chrono::seconds length{60};
+
+  struct Percentiles {
+    std::chrono::microseconds p50{0};
+    std::chrono::microseconds p99{0};
+  };
+
+  void add(std::chrono::microseconds latency, TimePoint now);
+  /// Nothing when no message of the last minute has become safe.
+  std::optional<Percentiles> percentiles(TimePoint now) const;
+
+ private:
+  /// Milliseconds of the monotonic clock; they come round after 49 days, which only differences of
+  /// up to a minute may meet.
+  using Stamp = std::uint32_t;
+  static Stamp stamp(TimePoint now);
+  struct Sample {
+    std::uint32_t latency_us = 0;
+    Stamp at = 0;
+  };
+
+  std::vector<Sample> samples_;  // a ring once it is full
+  std::size_t next_ = 0;
+};
+
+class RobotNumbers {
+ public:
+  /// A pause of more than so many usual intervals between a robot's messages is a gap.
+  static constexpr int gap_factor = 3;
+  /// Before it has sent so many messages, its usual interval is not known.
+  static constexpr std::uint64_t messages_to_know = 8;
+
+  /// `bytes`: of the payload.
+  void on_up(std::size_t bytes, TimePoint now);
+  void on_down(std::size_t bytes);
+  void on_repeat() { ++repeats_; }
+  /// One of its messages is with the broker or on disk, so long after it came.
+  void on_safe(std::chrono::microseconds latency, TimePoint now) { latency_.add(latency, now); }
+
+  std::uint64_t up() const { return up_; }
+  std::uint64_t down() const { return down_; }
+  std::uint64_t bytes_up() const { return bytes_up_; }
+  std::uint64_t bytes_down() const { return bytes_down_; }
+  /// Of its messages that came again and did not go up.
+  std::uint64_t repeats() const { return repeats_; }
+  /// Pauses that were unusual for it: an estimate of interruptions, not of lost messages.
+  std::uint64_t gaps() const { return gaps_; }
+  double rate_hz(TimePoint now) const { return rate_.per_second(now); }
+  std::optional<LatencyWindow::Percentiles> latency(TimePoint now) const {
+    return latency_.percentiles(now);
+  }
+
+ private:
+  void note_interval(Duration interval);
+
+  std::uint64_t up_ = 0;
+  std::uint64_t down_ = 0;
+  std::uint64_t bytes_up_ = 0;
+  std::uint64_t bytes_down_ = 0;
+  std::uint64_t repeats_ = 0;
+  std::uint64_t gaps_ = 0;
+  TimePoint last_up_{};
+  Duration usual_interval_{};
+  RateMeter rate_;
+  LatencyWindow latency_;
+};
+
+}  // namespace slamgw
