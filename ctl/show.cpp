@@ -149,6 +149,8 @@ std::string Show::status(const json& status) const {
       fmt::format("Messages  {} in, {} out, {} dropped, {} stored, {} rejected\n",
                   count_at(traffic, "up"), count_at(traffic, "down"), count_at(traffic, "dropped"),
                   count_at(traffic, "stored"), count_at(traffic, "rejected"));
+  if (const std::uint64_t count = count_at(traffic, "inbound_dropped"); count > 0)
+    out += fmt::format("          {} of the broker's were lost: they came too fast\n", count);
   out +=
       fmt::format("Store     {} messages, {} of {}\n", count_at(store, "depth"),
                   show_bytes(count_at(store, "bytes")), show_bytes(count_at(store, "max_bytes")));

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "daemon/config/load.hpp"
+#include "daemon/core/utf8.hpp"
 #include "daemon/observability/log.hpp"
 
 namespace slamgw {
@@ -77,7 +78,7 @@ App::App(Config config, std::string config_file)
             if (control_) control_->publish(event);
           }),
       traffic_observers_{&traffic_log_, &trace_},
-      status_(config_, broker_link_, gateway_, outbox_, meshes_, started_.mono) {}
+      status_(config_, broker_link_, gateway_, outbox_, meshes_, upstream_, started_.mono) {}
 
 App::~App() = default;
 
@@ -200,6 +201,7 @@ void App::publish_stats_regularly() {
   stats_timer_.expires_after(stats_interval);
   stats_timer_.async_wait([this](boost::system::error_code error) {
     if (error) return;
+    warn_of_lost_messages();
     publish_stats();
     traffic_log_.write_overdue(read_clocks().mono);
     flush_log();
@@ -207,10 +209,22 @@ void App::publish_stats_regularly() {
   });
 }
 
+/// Once for each burst: this is called every stats_interval.
+void App::warn_of_lost_messages() {
+  const std::uint64_t dropped = upstream_.inbound_dropped();
+  const std::uint64_t news = dropped - std::exchange(inbound_dropped_, dropped);
+  if (news == 0) return;
+  log_event(Severity::warning,
+            fmt::format("{} messages of the broker were lost: they came faster than this host "
+                        "takes them; see topics.extra_subscribe and what servers publish",
+                        news));
+}
+
 void App::publish_stats() {
   if (!broker_link_.is_up) return;  // of no use later
   const auto publish = [this](std::string topic, const nlohmann::json& json) {
-    const std::string text = json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+    const std::string text =
+        escape_unprintable(json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
     Upload upload{{std::move(topic), to_bytes(text), Qos::at_most_once, false}, {}};
     perform(upload);
   };

@@ -56,6 +56,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   void close_everything();
   void publish_stats_regularly();
   void publish_stats();
+  void warn_of_lost_messages();
 
   // What the core leaves:
   void perform(Upload& action);
@@ -123,6 +124,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   std::unique_ptr<ControlServer> control_;
   std::vector<TrafficObserver*> traffic_observers_;
   OperatorCommands operator_commands_;
+  std::uint64_t inbound_dropped_ = 0;  // as far as the log has told
   StatusCollector status_;
 };
 

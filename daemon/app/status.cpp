@@ -74,7 +74,8 @@ json to_json(const Status::Messages& messages) {
           {"refused", messages.refused},
           {"set_aside", messages.set_aside},
           {"rejected", messages.rejected},
-          {"stored", messages.stored}};
+          {"stored", messages.stored},
+          {"inbound_dropped", messages.inbound_dropped}};
 }
 
 json to_json(const Status::Store& store) {

@@ -55,6 +55,7 @@ struct Status {
     std::uint64_t set_aside = 0;
     std::uint64_t rejected = 0;
     std::uint64_t stored = 0;
+    std::uint64_t inbound_dropped = 0;  ///< the broker's, for want of room on their way to the loop
   };
   struct Commands {
     std::uint64_t open = 0;  ///< without an outcome yet

@@ -36,10 +36,18 @@ Status::Robots count(const RobotRegistry& registry) {
           registry.count(Presence::offline), registry.robots().size(), registry.untracked()};
 }
 
-Status::Messages count(const Gateway::Traffic& passed, const Outbox& outbox) {
+Status::Messages count(const Gateway::Traffic& passed, const Outbox& outbox,
+                       const Upstream& upstream) {
   const Outbox::Statistics& sent = outbox.statistics();
-  return {passed.up,    passed.down,    sent.published,  sent.dropped,
-          sent.refused, sent.set_aside, passed.rejected, outbox.backlog().stored_total()};
+  return {passed.up,
+          passed.down,
+          sent.published,
+          sent.dropped,
+          sent.refused,
+          sent.set_aside,
+          passed.rejected,
+          outbox.backlog().stored_total(),
+          upstream.inbound_dropped()};
 }
 
 }  // namespace
@@ -58,7 +66,7 @@ Status StatusCollector::status(Counters control, TimePoint now) const {
   status.broker = broker(now);
   status.meshes = mesh_links();
   status.robots = count(gateway_.registry());
-  status.messages = count(gateway_.traffic(), outbox_);
+  status.messages = count(gateway_.traffic(), outbox_, upstream_);
   status.commands = {gateway_.open_commands(), gateway_.traffic().late_outcomes};
   status.store = store(now);
   status.queue = {outbox_.unsaved(), outbox_.queued_bytes(), Outbox::max_queued_bytes};

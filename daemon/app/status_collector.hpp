@@ -11,6 +11,7 @@
 #include "daemon/config/config.hpp"
 #include "daemon/core/gateway.hpp"
 #include "daemon/delivery/outbox.hpp"
+#include "daemon/mqtt/upstream.hpp"
 #include "daemon/observability/service_notifier.hpp"
 
 namespace slamgw {
@@ -22,12 +23,14 @@ class StatusCollector {
  public:
   /// What it asks outlives it.
   StatusCollector(const Config& config, const BrokerLink& broker, const Gateway& gateway,
-                  const Outbox& outbox, const Meshes& meshes, TimePoint started)
+                  const Outbox& outbox, const Meshes& meshes, const Upstream& upstream,
+                  TimePoint started)
       : config_(config),
         broker_(broker),
         gateway_(gateway),
         outbox_(outbox),
         meshes_(meshes),
+        upstream_(upstream),
         started_(started) {}
 
   /// `control`: counters of the control socket.
@@ -47,6 +50,7 @@ class StatusCollector {
   const Gateway& gateway_;
   const Outbox& outbox_;
   const Meshes& meshes_;
+  const Upstream& upstream_;
   const TimePoint started_;
 };
 

@@ -116,7 +116,9 @@ Result<Request, std::string> parse_store_order(const std::string& command, const
 }
 
 std::string ordered_line(const nlohmann::ordered_json& document) {
-  return document.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n";
+  return escape_unprintable(
+             document.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace)) +
+         "\n";
 }
 
 }  // namespace
@@ -151,7 +153,7 @@ std::string lost_line(std::uint64_t count, WallTime at) {
 }
 
 std::string to_line(const json& json) {
-  return json.dump(-1, ' ', false, json::error_handler_t::replace) + "\n";
+  return escape_unprintable(json.dump(-1, ' ', false, json::error_handler_t::replace)) + "\n";
 }
 
 std::optional<Bytes> parse_hex(std::string_view text) {
@@ -166,15 +168,6 @@ std::optional<Bytes> parse_hex(std::string_view text) {
   return bytes;
 }
 
-bool is_printable(std::string_view text) {
-  if (!is_utf8(text)) return false;
-  for (std::size_t i = 0; i < text.size(); ++i) {
-    const auto octet = static_cast<unsigned char>(text[i]);
-    if (octet < 0x20 || octet == 0x7f) return false;
-    // U+0080 to U+009F, which some terminals obey like escape sequences
-    if (octet == 0xc2 && static_cast<unsigned char>(text[i + 1]) < 0xa0) return false;
-  }
-  return true;
-}
+bool is_printable(std::string_view text) { return slamgw::is_printable(text); }
 
 }  // namespace slamgw::control

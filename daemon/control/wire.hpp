@@ -70,7 +70,7 @@ std::string to_line(const nlohmann::json& json);
 
 /// Hex digits in pairs, any case; nothing when it is anything else.
 std::optional<Bytes> parse_hex(std::string_view text);
-/// UTF-8 without control characters: safe to show on a terminal.
+/// As slamgw::is_printable: safe to show on a terminal.
 bool is_printable(std::string_view text);
 
 }  // namespace slamgw::control

@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/core/utf8.hpp"
 
+#include <fmt/format.h>
+
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
@@ -50,7 +53,49 @@ bool is_non_character(std::uint32_t code_point) {
   return (code_point >= 0xfdd0 && code_point <= 0xfdef) || (code_point & 0xfffe) == 0xfffe;
 }
 
+struct Range {
+  std::uint32_t first;
+  std::uint32_t last;
+};
+
+bool is_hidden(std::uint32_t code_point) {
+  constexpr Range hidden[] = {
+      {0x61c, 0x61c}, {0x200e, 0x200f}, {0x2028, 0x2029}, {0x202a, 0x202e}, {0x2066, 0x2069}};
+  return std::ranges::any_of(hidden, [code_point](const Range& range) {
+    return code_point >= range.first && code_point <= range.last;
+  });
+}
+
 }  // namespace
+
+bool is_printable(std::string_view text) {
+  while (!text.empty()) {
+    const auto code_point = take_code_point(text);
+    if (!code_point || is_control(*code_point) || is_hidden(*code_point)) return false;
+  }
+  return true;
+}
+
+std::string escape_unprintable(std::string_view text) {
+  std::string out;
+  out.reserve(text.size());
+  while (!text.empty()) {
+    std::string_view rest = text;
+    const auto code_point = take_code_point(rest);
+    if (!code_point || *code_point < 0x20) {
+      out += fmt::format("\\x{:02x}", static_cast<std::uint8_t>(text[0]));
+      text.remove_prefix(1);
+      continue;
+    }
+    if (is_control(*code_point) || is_hidden(*code_point)) {
+      out += fmt::format("\\u{:04x}", *code_point);
+    } else {
+      out += text.substr(0, text.size() - rest.size());
+    }
+    text = rest;
+  }
+  return out;
+}
 
 bool is_utf8(std::string_view text) {
   while (!text.empty()) {

@@ -1,12 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <string>
 #include <string_view>
 
 namespace slamgw {
 
 /// Well-formed UTF-8 as of RFC 3629: no overlong forms, no surrogates, nothing above U+10FFFF.
 bool is_utf8(std::string_view text);
+
+/// UTF-8 that shows as it is written: no control characters (U+0000-001F, U+007F-009F, which some
+/// terminals obey like escape sequences), no line separators (U+2028, U+2029), and nothing that
+/// turns the direction of what follows (U+061C, U+200E-200F, U+202A-202E, U+2066-2069), by which
+/// one text can look like another.
+bool is_printable(std::string_view text);
+
+/// With escapes in place of what is_printable() forbids: `\uXXXX`, as in JSON, and `\xNN` for
+/// characters below U+0020 and for octets that are no UTF-8, of which a JSON document has none.
+std::string escape_unprintable(std::string_view text);
 
 /// Text that every broker takes as a string of MQTT: at most 65 535 octets of well-formed UTF-8
 /// without what MQTT 5 section 1.5.4 forbids (U+0000) and without what it advises against: control

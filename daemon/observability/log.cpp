@@ -10,6 +10,7 @@
 #include <cstdlib>
 #include <memory>
 
+#include "daemon/core/utf8.hpp"
 #include "daemon/observability/journal_sink.hpp"
 #include "daemon/observability/notice_fields.hpp"
 
@@ -48,20 +49,6 @@ spdlog::sink_ptr make_sink() {
   formatter->add_flag<SeverityFlag>('*').set_pattern("%Y-%m-%dT%H:%M:%S.%e%z %^%*%$ %v");
   sink->set_formatter(std::move(formatter));
   return sink;
-}
-
-std::string escaped(std::string_view text) {
-  std::string out;
-  out.reserve(text.size());
-  for (const char c : text) {
-    const auto octet = static_cast<unsigned char>(c);
-    if (octet < 0x20 || octet == 0x7f) {
-      out += fmt::format("\\x{:02x}", octet);
-    } else {
-      out += c;
-    }
-  }
-  return out;
 }
 
 }  // namespace
@@ -103,7 +90,7 @@ bool is_logged(Severity severity) { return severity >= least_severity; }
 void log_event(Severity severity, std::string_view text, const LogFields& fields) {
   if (!is_logged(severity)) return;
   context = {severity, &fields};
-  spdlog::log(to_spdlog(severity), "{}", escaped(text));
+  spdlog::log(to_spdlog(severity), "{}", escape_unprintable(text));
   context.fields = nullptr;
 }
 
