@@ -16,14 +16,14 @@ import time
 
 from program import Failure
 from stranger import Stranger
-from world import FLEETS, MAX_PACKET_BYTES, PREFIX
+from world import FLEETS
 
 WINDOW = 16  # broker.max_inflight
 FORGET_BATCH = 256  # Backlog::forget_batch
 LINK_LOST = WINDOW
 DAEMON_KILLED = WINDOW + FORGET_BATCH + sum(FLEETS.values())
 BOARD_LOST = FLEETS["ble"]
-MOST_CLOSINGS = 12  # until the culprit is found, or while a topic is refused
+MOST_CLOSINGS = 12  # while a robot is refused
 STORE_DAMAGED = 4000
 
 
@@ -36,7 +36,7 @@ class Acts:
         acts = [self.kill_daemon, self.kill_daemon_again_and_again, self.stop_daemon, self.kill_broker, self.take_broker_away,
                 self.lose_both, self.kill_daemon_as_it_catches_up, self.stall_broker, self.kill_daemon_at_a_stalled_broker,
                 self.unplug_board, self.restart_board, self.damage_store]
-        acts += [self.poison, self.send_a_crowd_of_strangers]
+        acts += [self.send_a_crowd_of_strangers]
         if self.world.mqtt == 5:  # an MQTT 3.1.1 broker acknowledges what it does not take
             acts += [self.refuse_a_robot]
         if self.world.disk.can_be_filled:
@@ -217,18 +217,6 @@ class Acts:
             world.pass_time(refusing)
             world.refuse_nothing()
             world.wait_for("the end of the refusal", lambda: world.status("broker", "refused", "topics") == 0)
-
-    def poison(self):
-        """A message that is too large for the broker, which says so with MQTT 5 and closes the connection with MQTT 3.1.1."""
-        world = self.world
-        with world.trouble("a robot's message closes the connection to the broker", MOST_CLOSINGS * LINK_LOST):
-            before = world.status("store", "dead_letters")
-            since = time.time()
-            if not Stranger(world.mqttsn_port).publish("poisoner", f"{PREFIX}/robot/poisoner/map",
-                                                       b"x" * (MAX_PACKET_BYTES + 1)):
-                raise Failure("the message that is too large was not acknowledged")
-            world.wait_for("the dead letter", lambda: world.status("store", "dead_letters") == before + 1)
-            world.wait_for_link(since)
 
     def send_a_crowd_of_strangers(self):
         count, lasts, world = self.chance.randrange(500, 3000), self.outage() / 4, self.world

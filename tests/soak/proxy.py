@@ -26,6 +26,8 @@ class Mqtt311Proxy:
             connect = client.recv(4096)
             while len(connect) < 16 and (more := client.recv(4096)):
                 connect += more
+            if len(connect) < 16:  # it only tried whether somebody listens
+                return None
             body_at = next(at for at in range(1, 5) if connect[at] < 0x80) + 1
             if connect[body_at + LEVEL_AT - 1] == 5:
                 return client.sendall(REFUSED)

@@ -24,7 +24,6 @@ FIRST_BLE_ADDRESS = 0x0100
 # A bad radio. One request at a time, as MQTT-SN 1.2 wants it: with more, the radio itself would change the order.
 THREAD_OPTIONS = ("--loss=0.05 --duplicate=0.05 --reorder=0.05 --delay-ms=5 --outstanding=1 --retry=1 --keep-alive=5 "
                   "--give-up-s=0").split()
-MAX_PACKET_BYTES = 1000  # far more than a robot's message needs
 
 
 class World:
@@ -59,7 +58,7 @@ class World:
         self.access = self.directory / "access"
         self.refuse_nothing()
         path.write_text(f"listener {self.broker_port} 127.0.0.1\nallow_anonymous true\nset_tcp_nodelay true\n"
-                        f"max_queued_messages 0\nuser root\nmax_packet_size {MAX_PACKET_BYTES}\nacl_file {self.access}\n")
+                        f"max_queued_messages 0\nuser root\nacl_file {self.access}\n")
         return path
 
     def refuse(self, robot):
