@@ -9,6 +9,7 @@
 #include <optional>
 #include <set>
 #include <string>
+#include <utility>
 
 #include "daemon/core/messages.hpp"
 #include "daemon/fleet/fleet_message.hpp"
@@ -62,6 +63,11 @@ class CommandTurns {
                 const std::string& own_gateway, TimePoint now);
   /// Our own `Taken` came back: this command is ours, unless a gateway of a lesser id took it too.
   std::optional<Waiting> on_own_taken(std::uint64_t id);
+  /// All that wait, in the order they came.
+  std::deque<Waiting> take_all() {
+    waiting_octets_ = 0;
+    return std::exchange(waiting_, {});
+  }
   /// A new life begins: what was being taken is to be taken again.
   void on_new_life();
   /// A gateway has told an outcome, of what it has taken itself or in the place of a dead one.

@@ -46,24 +46,47 @@ Ownership::Ownership(FleetTopics topics, Settings settings, LocalRobots local_ro
       settings_(settings),
       local_robots_(std::move(local_robots)),
       me_(topics_.gateway()),
+      is_looking_(settings.enabled != Enabled::no),
       life_(settings.process & ~Life{0xffff}) {}
 
 void Ownership::on_broker_link(bool is_up, const Now& now) {
   is_link_up_ = is_up;
+  is_muted_ = false;
   if (!is_up || settings_.enabled == Enabled::no) return;
-  actions_.push(SubscribeFleet{topics_.state_filter()});
-  if (phase_ == Phase::alone && settings_.enabled == Enabled::automatic) return;
+  subscribe(topics_.state_filter());
+  if (phase_ == Phase::alone && settings_.enabled == Enabled::automatic) {
+    is_looking_ = true;
+    looked_ = now.mono + listening;
+    return;
+  }
   wake_up(now);
 }
 
+/// A broker that kept this gateway's session has sent commands that others have taken meanwhile,
+/// and what they said: both are known by now.
+void Ownership::end_look() {
+  is_looking_ = false;
+  looked_.reset();
+  for (auto& waiting : turns_.take_all()) actions_.push(CarryOut{std::move(waiting.message)});
+  for (auto& [robot, question] : std::exchange(questions_, {}))
+    for (Report& will : question.wills) actions_.push(PublishWill{std::move(will)});
+}
+
 void Ownership::wake_up(const Now& now) {
+  is_looking_ = false;
+  looked_.reset();
   for (const std::string& filter : {topics_.all_filter(), topics_.own_filter(),
                                     topics_.command_filter(), topics_.outcome_filter()}) {
-    actions_.push(SubscribeFleet{filter});
+    subscribe(filter);
   }
-  last_company_ = now.mono;
+  last_company_ = woken_ = now.mono;
   next_beat_ = now.mono;
   if (phase_ == Phase::alone || now.mono >= dead_at_) begin_life(now.mono);
+}
+
+/// The core asks for it again at each connection.
+void Ownership::subscribe(const std::string& filter) {
+  if (subscribed_.insert(filter).second) actions_.push(SubscribeFleet{filter});
 }
 
 void Ownership::begin_life(TimePoint now) {
@@ -79,25 +102,27 @@ void Ownership::begin_life(TimePoint now) {
   for (auto& [robot, question] : questions_) question.asked.reset();
 }
 
-void Ownership::fall_asleep(const Now&) {
+void Ownership::fall_asleep(std::string why) {
   phase_ = Phase::alone;
   for (const std::string& filter : {topics_.all_filter(), topics_.own_filter(),
                                     topics_.command_filter(), topics_.outcome_filter()}) {
-    actions_.push(UnsubscribeFleet{filter});
+    if (subscribed_.erase(filter) > 0) actions_.push(UnsubscribeFleet{filter});
   }
-  for (const std::string& robot : local_robots_())
+  for (const auto& [robot, is_online] : local_robots_())
     if (!held_.contains(robot)) actions_.push(TakeOverRobot{robot, {}, {}});
   held_.clear();
   claiming_.clear();
   heard_.clear();
   table_ = {};
   peers_ = {};
-  notice(Severity::notice, "no other gateway is about any more; this one serves every robot");
+  notice(Severity::notice, std::move(why));
 }
 
 void Ownership::on_other_gateway(const std::string& gateway, const Now& now) {
   last_company_ = now.mono;
-  if (phase_ != Phase::alone || settings_.enabled != Enabled::automatic || !is_link_up_) return;
+  if (phase_ != Phase::alone || settings_.enabled != Enabled::automatic || !is_link_up_ ||
+      is_muted_)
+    return;
   notice(Severity::notice,
          fmt::format("gateway '{}' is on this broker too: from now on they agree who serves which "
                      "robot (fleet.enabled)",
@@ -113,27 +138,46 @@ bool Ownership::is_busy() const {
 }
 
 std::optional<TimePoint> Ownership::deadline() const {
-  if (phase_ == Phase::alone || !is_link_up_) return std::nullopt;
+  if (!is_link_up_) return std::nullopt;
+  if (phase_ == Phase::alone) return looked_;
   return is_busy() ? std::min(next_beat_, last_look_ + look_interval) : next_beat_;
 }
 
 void Ownership::on_deadline(const Now& now) {
-  if (phase_ == Phase::alone || !is_link_up_) return;
+  if (!is_link_up_) return;
+  if (phase_ == Phase::alone) {
+    if (looked_ && now.mono >= *looked_) end_look();
+    return;
+  }
   last_look_ = now.mono;
   if (now.mono >= dead_at_) begin_life(now.mono);
   if (now.mono >= next_beat_) {
     send_beat(now.mono);
     end_overdue_commands(now.mono);
     forget_the_dead(now.mono);
-    if (peers_.count_alive(now.mono) > 0 || !online_.empty()) last_company_ = now.mono;
+    if (peers_.count_alive(now.mono) > 0 || !states_.empty()) last_company_ = now.mono;
     if (settings_.enabled == Enabled::automatic && now.mono - last_company_ >= asleep_after)
-      return fall_asleep(now);
+      return fall_asleep("no other gateway is about any more; this one serves every robot");
+    if (is_refused(now.mono)) {
+      is_muted_ = true;
+      return fall_asleep(
+          "the broker gives back nothing of what this gateway writes under fleet/: check its "
+          "access "
+          "control list (docs/fleet.md). Until the next connection this gateway serves every robot "
+          "that it hears, as if it were alone");
+    }
   }
   if (phase_ == Phase::joining) finish_joining(now);
   look_at_claims(now);
   decide_commands(now);
   look_at_questions(now);
   tell_outcomes(now.mono);
+}
+
+/// With `true` it goes on trying and serves nobody: the operator has asked for one owner.
+bool Ownership::is_refused(TimePoint now) const {
+  constexpr std::chrono::seconds patience{10};
+  return settings_.enabled == Enabled::automatic && !was_ever_echoed_ && now - woken_ >= patience;
 }
 
 Duration Ownership::period() const {
@@ -159,6 +203,7 @@ void Ownership::on_own_beat(const Beat& beat, TimePoint now) {
       std::max(leased_until_, sent + std::chrono::duration_cast<Duration>(wait * lease_periods));
   const TimePoint dead_at = sent + wait * death_periods;
   dead_at_ = has_echo_ ? std::max(dead_at_, dead_at) : dead_at;
+  was_ever_echoed_ = true;
   if (!std::exchange(has_echo_, true)) joined_ = now;
 }
 
@@ -175,13 +220,14 @@ void Ownership::finish_joining(const Now& now) {
   if (!is_leased(now.mono) || since < std::max<Duration>(listening, period() * 2)) return;
   if (!is_in_step(now.mono) && since < longest_joining + period() * 2) return;
   phase_ = Phase::member;
-  for (const std::string& robot : local_robots_()) {
+  for (const auto& [robot, is_online] : local_robots_()) {
     const auto* row = table_.find(robot);
     if (row && is_living(row->claim, now.mono)) {
       actions_.push(GiveUpRobot{robot, row->claim, false});
       continue;
     }
-    const Claim mine{row ? row->claim.epoch + 1 : 0, me_, life_};
+    const std::uint64_t first_epoch = is_online ? 1 : 0;
+    const Claim mine{row ? row->claim.epoch + 1 : first_epoch, me_, life_};
     Claiming claiming;
     if (row && row->claim.gateway != me_) claiming.former = row->claim.gateway;
     claiming.since = claiming.said = now.mono;
@@ -337,7 +383,7 @@ void Ownership::own(const std::string& robot, const Now& now) {
 
 void Ownership::on_command(BrokerMessage message, std::string robot, std::string type,
                            const Now& now) {
-  if (phase_ == Phase::alone || (message.retain && speaks_for(robot, now.mono))) {
+  if (!is_shared() || (message.retain && speaks_for(robot, now.mono))) {
     actions_.push(CarryOut{std::move(message)});
     return;
   }
@@ -414,7 +460,7 @@ void Ownership::end_overdue_commands(TimePoint now) {
 }
 
 void Ownership::on_will(Report will, const Now& now) {
-  if (phase_ == Phase::alone) {
+  if (!is_shared()) {
     actions_.push(PublishWill{std::move(will)});
     return;
   }

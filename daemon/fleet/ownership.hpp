@@ -72,8 +72,12 @@ using OwnershipAction =
     std::variant<PublishNow, SubscribeFleet, UnsubscribeFleet, TakeOverRobot, GiveUpRobot, CarryOut,
                  EndCommand, TellOutcome, PublishWill, Notice>;
 
-/// The robots that have a session or were heard at this gateway.
-using LocalRobots = std::function<std::vector<std::string>()>;
+/// A robot that has a session or was heard at this gateway.
+struct LocalRobot {
+  std::string robot;
+  bool is_online = true;  ///< its claim beats that of a gateway where it is not
+};
+using LocalRobots = std::function<std::vector<LocalRobot>()>;
 
 class Ownership {
  public:
@@ -110,11 +114,21 @@ class Ownership {
   };
   Phase phase() const { return phase_; }
   bool is_alone() const { return phase_ == Phase::alone; }
+  /// Commands and wills wait here: others are about, or it is too early to know.
+  bool is_shared() const { return phase_ != Phase::alone || is_looking_; }
   /// Presence, and what operators see: false when another living gateway has the robot.
   bool speaks_for(const std::string& robot, TimePoint now) const;
   /// Whether this gateway may act for the robot just now: owns it, and its lease lasts.
   bool may_act_for(const std::string& robot, TimePoint now) const;
   bool is_leased(TimePoint now) const { return now < leased_until_; }
+
+  /// What another gateway's retained `state` says.
+  struct State {
+    std::string version;
+    std::string since;
+  };
+  const std::map<std::string, State>& states() const { return states_; }
+  const std::string& name() const { return me_; }
 
   struct Place {
     std::string gateway;
@@ -147,8 +161,11 @@ class Ownership {
     bool is_echoed = false;
   };
 
+  void end_look();
   void wake_up(const Now& now);
-  void fall_asleep(const Now& now);
+  void subscribe(const std::string& filter);
+  void fall_asleep(std::string why);
+  bool is_refused(TimePoint now) const;
   void begin_life(TimePoint now);
   void send_beat(TimePoint now);
   Duration period() const;
@@ -206,6 +223,8 @@ class Ownership {
 
   Phase phase_ = Phase::alone;
   bool is_link_up_ = false;
+  bool is_looking_;  ///< it is not known yet whether others are about
+  std::optional<TimePoint> looked_;
   Life life_;
   TimePoint joined_{};  ///< when the first beat of this life came back, else its start
   bool has_echo_ = false;
@@ -213,9 +232,13 @@ class Ownership {
   TimePoint dead_at_{};  ///< when others call this life dead
   TimePoint next_beat_{};
   TimePoint last_look_{};
-  TimePoint last_company_{};      ///< when another gateway was last about
-  std::set<std::string> online_;  ///< other gateways whose `state` says so; at most max_peers
+  TimePoint woken_{};
+  bool was_ever_echoed_ = false;
+  bool is_muted_ = false;                ///< the broker does not let this gateway speak to others
+  TimePoint last_company_{};             ///< when another gateway was last about
+  std::map<std::string, State> states_;  ///< other gateways that are online; at most max_peers
 
+  std::set<std::string> subscribed_;
   ClaimTable table_;
   Peers peers_;
   std::unordered_set<std::string> held_;  ///< robots that this gateway owns

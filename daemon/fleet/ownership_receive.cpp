@@ -28,11 +28,15 @@ void Ownership::on_gateway_state(const BrokerMessage& message, std::string_view 
   const auto json =
       nlohmann::json::parse(message.payload.begin(), message.payload.end(), nullptr, false);
   const bool is_online = json.is_object() && json.value("state", nlohmann::json{}) == "online";
+  const std::string id(gateway);
   if (!is_online) {
-    online_.erase(std::string(gateway));
-  } else if (online_.size() < Peers::max_peers) {
-    online_.emplace(gateway);
-    on_other_gateway(std::string(gateway), now);
+    states_.erase(id);
+  } else if (states_.size() < Peers::max_peers) {
+    const auto text = [&](const char* key) {
+      return json.contains(key) && json[key].is_string() ? json[key].get<std::string>() : "";
+    };
+    states_[id] = {text("version"), text("since")};
+    on_other_gateway(id, now);
   }
 }
 
@@ -42,22 +46,21 @@ bool Ownership::on_broker_message(const BrokerMessage& message, const Now& now) 
     on_gateway_state(message, *gateway, now);
     return *gateway != me_;
   }
-  if (phase_ == Phase::alone) return topics_.sender(message.topic).has_value();
-  if (const auto outcome = topics_.outcome(message.topic)) {
-    const auto json =
-        nlohmann::json::parse(message.payload.begin(), message.payload.end(), nullptr, false);
-    if (json.is_object() && json.contains("type") && json["type"].is_string())
-      on_outcome(std::string(outcome->gateway), std::string(outcome->robot), json["type"], now);
+  if (const auto sender = topics_.sender(message.topic)) {
+    if (message.retain) return true;  // nobody of us retains: a mistake or a forgery
+    if (const auto read = decode(*sender, message.payload)) {
+      on_fleet_message(*read, now);
+    } else {
+      on_malformed(*sender, now.mono);
+    }
     return true;
   }
-  const auto sender = topics_.sender(message.topic);
-  if (!sender) return false;
-  if (message.retain) return true;  // nobody of us retains: a mistake or a forgery
-  if (const auto read = decode(*sender, message.payload)) {
-    on_fleet_message(*read, now);
-  } else {
-    on_malformed(*sender, now.mono);
-  }
+  const auto outcome = topics_.outcome(message.topic);
+  if (!outcome) return false;
+  const auto json =
+      nlohmann::json::parse(message.payload.begin(), message.payload.end(), nullptr, false);
+  if (json.is_object() && json.contains("type") && json["type"].is_string())
+    on_outcome(std::string(outcome->gateway), std::string(outcome->robot), json["type"], now);
   return true;
 }
 
@@ -73,8 +76,9 @@ void Ownership::on_malformed(std::string_view sender, TimePoint now) {
 }
 
 void Ownership::on_fleet_message(const FleetMessage& message, const Now& now) {
-  if (phase_ == Phase::alone) return;
   const bool is_own = message.sender == me_;
+  if (!is_own) on_other_gateway(message.sender, now);
+  if (phase_ == Phase::alone) return;
   if (is_own && message.life != life_) {
     if ((message.life >> 16U) != (life_ >> 16U))
       if (const auto count = restless_.on_event(now.mono); count)
@@ -87,7 +91,6 @@ void Ownership::on_fleet_message(const FleetMessage& message, const Now& now) {
     ++void_claims_;  // a forgery, or old; if it is neither, the next digest tells
     return;
   }
-  if (!is_own) on_other_gateway(message.sender, now);
   std::visit([&](const auto& body) { handle(message.sender, message.life, body, now); },
              message.body);
 }

@@ -15,7 +15,7 @@ enum class Enabled : std::uint8_t {
 };
 
 struct Settings {
-  Enabled enabled = Enabled::automatic;
+  Enabled enabled = Enabled::automatic;  ///< `fleet.enabled`
   /// Random, another one for each start of the process; its lower 16 bits are not used.
   Life process = 0;
 };

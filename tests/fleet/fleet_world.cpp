@@ -121,8 +121,8 @@ void FleetWorld::start(int gateway) {
   node.process = random_();
   Settings settings{options_.enabled, (node.process << 16U) | 0xabcdU};
   node.ownership = std::make_unique<Ownership>(FleetTopics("p", node.name), settings, [&node] {
-    std::vector<std::string> local;
-    for (const auto& [robot, heard] : node.sessions) local.push_back(robot);
+    std::vector<LocalRobot> local;
+    for (const auto& [robot, heard] : node.sessions) local.push_back({robot, true});
     return local;
   });
   restore_link(gateway);
@@ -172,7 +172,6 @@ void FleetWorld::cut_link(int gateway) {
   if (!node.is_running) return;
   story_.push_back(fmt::format("{} {} is cut off", now_.count(), gateway));
   node.is_link_up = false;
-  node.filters.clear();
   input(gateway, [&](Node& each) { each.ownership->on_broker_link(false, clock_of(each)); });
 }
 
@@ -181,6 +180,10 @@ void FleetWorld::restore_link(int gateway) {
   if (!node.is_running || node.is_link_up) return;
   node.is_link_up = true;
   input(gateway, [&](Node& each) { each.ownership->on_broker_link(true, clock_of(each)); });
+  for (const auto& [topic, message] : retained_) {
+    for (const std::string& filter : node.filters)  // the core asks for them again
+      if (filter_matches(filter, topic)) deliver(-1, gateway, message);
+  }
   publish(gateway, {"p/gateway/" + node.name + "/state", to_bytes(R"({"state":"online"})"),
                     Qos::at_least_once, true});
 }
@@ -366,6 +369,7 @@ void FleetWorld::forge(const std::string& topic, const std::string& payload) {
 void FleetWorld::publish(int from, const BrokerMessage& message) {
   if (from >= 0) {
     if (!nodes_[static_cast<std::size_t>(from)]->is_link_up) return;
+    if (is_fleet_forbidden_ && message.topic.starts_with("p/fleet/")) return;
     ++published_;
     const auto json =
         nlohmann::json::parse(message.payload.begin(), message.payload.end(), nullptr, false);

@@ -63,6 +63,9 @@ class FleetWorld {
   /// Octets in the name of any gateway.
   void forge(const std::string& topic, const std::string& payload);
 
+  /// The broker takes nothing under fleet/ from now on, and says nothing.
+  void forbid_fleet() { is_fleet_forbidden_ = true; }
+
   int gateways() const { return static_cast<int>(nodes_.size()); }
   int robots() const { return static_cast<int>(robots_.size()); }
   int place_of(int robot) const { return robots_[static_cast<std::size_t>(robot)].at; }
@@ -141,6 +144,7 @@ class FleetWorld {
   std::map<std::pair<int, int>, milliseconds> last_delivery_;  // one writer's messages keep order
   std::map<std::string, BrokerMessage> retained_;
   std::uint64_t published_ = 0;
+  bool is_fleet_forbidden_ = false;
   std::map<std::string, std::uint64_t> kinds_;
   Judgement seen_;
   std::vector<std::string> story_;

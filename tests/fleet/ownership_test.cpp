@@ -12,8 +12,6 @@ using namespace std::chrono_literals;
 TEST(Ownership, OneGatewayAloneSaysNothing) {
   FleetWorld world({.gateways = 1, .robots = 3, .enabled = Enabled::automatic});
   world.run(30s);
-  world.command(1);
-  world.run(1s);
   EXPECT_TRUE(world.ownership(0).is_alone());
   EXPECT_EQ(world.published_by_kind("beat"), 0U);
   EXPECT_EQ(world.published_by_kind("claim"), 0U);
@@ -106,6 +104,15 @@ TEST(Ownership, ForgedClaimsOfUnknownGatewaysAreVoid) {
   world.forge("p/fleet/to/gw-1/gw-0", R"({"v":1,"b":"0","k":"table"})");
   world.run(3s);
   EXPECT_EQ(world.actors(0), std::vector<int>{0});
+}
+
+TEST(Ownership, ServesItsRobotsWhenTheBrokerForbidsTheFleet) {
+  FleetWorld world({.gateways = 2, .robots = 2, .enabled = Enabled::automatic});
+  world.forbid_fleet();
+  world.run(30s);
+  EXPECT_TRUE(world.ownership(0).is_alone());
+  EXPECT_TRUE(world.ownership(1).is_alone());
+  EXPECT_EQ(world.actors(0), (std::vector<int>{0, 1}));  // as before there were fleets
 }
 
 TEST(Ownership, RobotMayBeNamedAsAGateway) {
