@@ -339,7 +339,8 @@ void App::tell_broker_link() {
 }
 
 void App::on_link_up(bool, const BrokerLimits& limits) {
-  broker_link_ = {true, read_clocks().wall, {}};
+  broker_link_ = {true, read_clocks().wall, {}, broker_uri(upstream_.broker())};
+  broker_log_.rename(broker_link_.uri);
   std::string detail = upstream_.version() == MqttVersion::v5 ? "MQTT 5" : "MQTT 3.1.1";
   if (const std::string words = to_words(limits); !words.empty()) detail += "; it takes " + words;
   log_notice(broker_log_.on_up(detail));
@@ -353,7 +354,7 @@ void App::on_link_down(const std::string& why) {
   const Now now = read_clocks();
   if (const auto notice = broker_log_.on_down(why, now.mono)) log_notice(*notice);
   const bool was_up = std::exchange(broker_link_.is_up, false);
-  if (why != broker_link_.why) broker_link_ = {false, now.wall, why};
+  if (why != broker_link_.why) broker_link_ = {false, now.wall, why, {}};
   if (!was_up) return;
   outbox_driver_.input([](Outbox& outbox, TimePoint at) { outbox.on_link_down(at); });
   tell_broker_link();

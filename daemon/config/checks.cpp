@@ -103,7 +103,7 @@ void check_tls_keys(const Located& located) {
   for (const auto& [key, file] : {std::pair{"ca_file", &broker.ca_file},
                                   std::pair{"certificate_file", &broker.certificate_file},
                                   std::pair{"key_file", &broker.key_file}}) {
-    if (*file && !broker.tls)
+    if (*file && !broker.uses_tls())
       located.problem(fmt::format("broker.tls.{}", key),
                       "has no effect without TLS; a broker.uri with mqtts:// is needed");
   }

@@ -25,19 +25,40 @@ constexpr std::string_view topic_words =
 
 // The parts of the table, a function for each group of keys.
 
-void read_broker_uri(Value value, Config& config) {
+std::optional<BrokerAddress> broker_address(Value value) {
   const auto* text = value.node().value.get_ptr<const std::string*>();
   if (text != nullptr && text->find('@') != std::string::npos) {
     value.problem(  // never shown: it may hold a password
         "a user name or password in the URI is not allowed; allowed: mqtt://HOST[:PORT], and the "
         "user in the file that broker.credentials_file names");
-    return;
+    return std::nullopt;
   }
   const auto uri = text == nullptr ? std::nullopt : parse_broker_uri(*text);
-  if (!uri) return value.not_allowed("mqtt://HOST[:PORT] or mqtts://HOST[:PORT], IPv6 in [ ]");
-  config.broker.host = uri->host;
-  config.broker.port = uri->port;
-  config.broker.tls = uri->tls;
+  if (uri) return BrokerAddress{uri->host, uri->port, uri->tls};
+  value.not_allowed("mqtt://HOST[:PORT] or mqtts://HOST[:PORT], IPv6 in [ ], or a list of them");
+  return std::nullopt;
+}
+
+void read_broker_uri(Value value, Config& config) {
+  std::vector<BrokerAddress> brokers;
+  const auto read = [&brokers](Value each) {
+    const auto address = broker_address(each);
+    if (address && std::find(brokers.begin(), brokers.end(), *address) != brokers.end())
+      return each.problem("is in this list already; each entry once is allowed");
+    if (address) brokers.push_back(*address);
+  };
+  if (!value.node().value.is_array()) {
+    read(value);
+  } else if (value.node().value.empty()) {
+    value.not_allowed("mqtt://HOST[:PORT] or mqtts://HOST[:PORT], or a list of them");
+  } else {
+    value.list(read, "broker URIs");
+  }
+  if (brokers.empty()) return;
+  config.broker.host = brokers.front().host;
+  config.broker.port = brokers.front().port;
+  config.broker.tls = brokers.front().tls;
+  config.broker.others.assign(brokers.begin() + 1, brokers.end());
 }
 
 void read_groups(Value value, Config& config) {

@@ -11,8 +11,9 @@ namespace slamgw {
 
 struct BrokerLink {
   bool is_up = false;
-  WallTime since{};  ///< of this state, or of the reason why it is down
-  std::string why;   ///< it is down; empty while it is up
+  WallTime since{};   ///< of this state, or of the reason why it is down
+  std::string why;    ///< it is down; empty while it is up
+  std::string uri{};  ///< of the broker that it is up to; empty while it is down
 };
 
 }  // namespace slamgw

@@ -10,6 +10,8 @@ namespace slamgw {
 std::string explain_connect_failure(int code);
 /// Another client has our id.
 std::string explain_rival(const std::string& client_id);
+/// The reason code of MQTT 5's DISCONNECT for that.
+inline constexpr int session_taken_over = 0x8e;
 bool is_version_refusal(int code);
 bool is_not_authorised(int code);
 /// Words for an MQTT 5 PUBACK or PUBREC reason code.

@@ -20,8 +20,9 @@ namespace slamgw {
 /// away (a restart, a crash). Not longer: a robot must not obey yesterday's command. MQTT 3.1.1
 /// knows no such limit, so there nothing is kept.
 inline constexpr std::uint32_t session_expiry_s = 300;
-/// From the attempt to the CONNACK, name look-up included.
+/// From the attempt to the CONNACK, name look-up included; and when another broker is to be tried.
 inline constexpr std::chrono::seconds connect_timeout{10};
+inline constexpr std::chrono::seconds connect_timeout_of_many{3};
 /// Time given to the broker at an orderly end, to read what is still to be written.
 inline constexpr std::chrono::milliseconds goodbye_timeout{500};
 
@@ -36,6 +37,7 @@ struct LinkOptions {
   BrokerSettings broker;
   MqttVersion version = MqttVersion::v5;
   LastWill will;
+  std::chrono::seconds timeout = connect_timeout;
   unsigned attempt = 0;  ///< a host may have several addresses: each attempt tries the next
 };
 
@@ -56,7 +58,8 @@ class MqttLinkListener {
   virtual void on_connected(bool session_present, const BrokerLimits& limits) = 0;
   virtual void on_connect_failed(ConnectFailure failure) = 0;
   /// After on_connected() only.
-  virtual void on_lost(std::string why) = 0;
+  /// `is_taken_over`: the broker says that another client has connected with our id.
+  virtual void on_lost(std::string why, bool is_taken_over) = 0;
   virtual void on_published(std::uint64_t sequence) = 0;
   virtual void on_publish_refused(std::uint64_t sequence, const Refusal& refusal) = 0;
   virtual void on_subscribe_result(const std::string& filter, bool granted) = 0;

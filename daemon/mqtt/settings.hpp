@@ -3,10 +3,12 @@
 // the contract's.
 #pragma once
 
+#include <algorithm>
 #include <chrono>
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <vector>
 
 namespace slamgw {
 
@@ -19,13 +21,22 @@ struct Credentials {
 /// The library that speaks MQTT to the broker.
 enum class MqttClient : std::uint8_t { paho, mosquitto };
 
+struct BrokerAddress {
+  std::string host;  ///< a name or an address; IPv6 without brackets
+  std::uint16_t port = 1883;
+  bool tls = false;  ///< `mqtts://`
+  bool operator==(const BrokerAddress&) const = default;
+};
+
 struct BrokerSettings {
   MqttClient client = MqttClient::paho;
   std::string host = "127.0.0.1";  ///< a name or an address; IPv6 without brackets
   std::uint16_t port = 1883;
-  bool tls = false;        ///< `mqtts://`
-  std::string gateway_id;  ///< for the user property `gateway`
-  std::string client_id;   ///< `slam-gateway-<gateway.id>` unless set
+  bool tls = false;                   ///< `mqtts://`
+  std::vector<BrokerAddress> others;  ///< tried after it, in this order
+  std::string gateway_id;             ///< for the user property `gateway`
+  std::string
+      client_id;  ///< `slam-gateway-<gateway.id>` unless set; %n: the broker's place, from 1
   std::optional<std::string>
       credentials_file;  ///< nothing: the systemd credential `broker`, if there is one
   std::optional<Credentials> credentials;  ///< what that file says
@@ -34,6 +45,12 @@ struct BrokerSettings {
   std::optional<std::string> key_file;
   std::chrono::seconds keep_alive{30};
   std::size_t max_inflight = 16;
+
+  /// With any of the brokers.
+  bool uses_tls() const {
+    return tls ||
+           std::any_of(others.begin(), others.end(), [](const auto& each) { return each.tls; });
+  }
   bool operator==(const BrokerSettings&) const = default;
 };
 

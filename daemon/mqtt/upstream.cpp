@@ -18,15 +18,20 @@ namespace {
 
 constexpr std::chrono::milliseconds first_wait{500};
 constexpr std::chrono::milliseconds longest_wait{30000};
-/// A connection that lasts so long ends the back-off.
-constexpr std::chrono::seconds stable_after{10};
-constexpr unsigned suspicious_lives = 2;
 /// From a change of the network to its use: addresses and routes come one after the other.
 constexpr std::chrono::milliseconds network_settles{300};
 
 /// Nobody publishes there: a SUBSCRIBE to it asks the broker for an answer, whatever its access
 /// control list says.
 constexpr const char* question = "slam-gateway/alive";
+
+/// `%n` in a client id is the broker's number: some clusters keep a client's queue on the node
+/// where it was made, so that the id is of no use at another while that node is away (RabbitMQ).
+std::string client_id_at(std::size_t place, std::string id) {
+  if (const auto mark = id.find("%n"); mark != std::string::npos)
+    id.replace(mark, 2, std::to_string(place + 1));
+  return id;
+}
 
 /// Names the rejected user and where to fix it.
 std::string explain_credentials(const BrokerSettings& settings) {
@@ -56,11 +61,30 @@ Upstream::Upstream(boost::asio::io_context& io, BrokerSettings settings, LastWil
       reconnect_timer_(io),
       stall_timer_(io),
       backoff_(first_wait, longest_wait),
-      random_(std::random_device{}()) {}
+      random_(std::random_device{}()) {
+  make_places();
+}
 
 Upstream::~Upstream() { stop(); }
 
 void Upstream::start() { connect(); }
+
+void Upstream::make_places() {
+  places_ = {Place{{settings_.host, settings_.port, settings_.tls}, {}, will_}};
+  for (const BrokerAddress& other : settings_.others) places_.push_back(Place{other, {}, will_});
+  at_ = 0;
+  tried_ = 0;
+}
+
+BrokerSettings Upstream::broker() const {
+  BrokerSettings broker = settings_;
+  broker.others.clear();
+  broker.host = place().address.host;
+  broker.port = place().address.port;
+  broker.tls = place().address.tls;
+  broker.client_id = client_id_at(at_, broker.client_id);
+  return broker;
+}
 
 void Upstream::stop() {
   reconnect_timer_.cancel();
@@ -72,9 +96,7 @@ void Upstream::stop() {
 void Upstream::reconfigure(const BrokerSettings& settings) {
   if (settings == settings_) return;
   settings_ = settings;
-  version_ = {};
-  will_.qos = Qos::at_least_once;
-  will_.is_retained = true;
+  make_places();
   backoff_.reset();
   const bool was_up = is_up_;
   drop_link(true);
@@ -91,7 +113,8 @@ void Upstream::retry_now() {
 void Upstream::connect() {
   is_waiting_ = false;
   if (read_credentials_) settings_.credentials = read_credentials_();
-  link_ = make_link({settings_, version(), will_, attempt_++});
+  const auto timeout = places_.size() > 1 ? connect_timeout_of_many : connect_timeout;
+  link_ = make_link({broker(), version(), place().will, timeout, place().attempt++});
   link_->connect();
 }
 
@@ -122,24 +145,36 @@ void Upstream::drop_link(bool is_orderly) {
   std::exchange(link_, nullptr)->abandon(is_orderly);
 }
 
-void Upstream::reconnect_later(const std::string& why) {
+/// To the next broker: at once, until all were tried; then after a pause. `least`: a pause in any
+/// case.
+void Upstream::go_on(const std::string& why, Duration least) {
   drop_link(false);
+  std::string words = why;
+  if (places_.size() > 1)
+    words = fmt::format("{} port {}: {}", place().address.host, place().address.port, why);
+  at_ = (at_ + 1) % places_.size();
   const double jitter = std::uniform_real_distribution<double>(0, 1)(random_);
-  connect_in(backoff_.next_wait(jitter));
-  listener_.on_link_down(why);
+  Duration wait = std::chrono::duration_cast<Duration>(least * (0.5 + 0.5 * jitter));
+  if (++tried_ >= places_.size()) {
+    wait = std::max<Duration>(wait, backoff_.next_wait(jitter));
+    tried_ = 0;
+  }
+  connect_in(wait);
+  listener_.on_link_down(words);
 }
 
 void Upstream::on_connected(bool session_present, const BrokerLimits& limits) {
   is_up_ = true;
   limits_ = limits;
-  attempt_ = 0;
+  place().attempt = 0;
   up_since_ = std::chrono::steady_clock::now();
   stall_watch_.on_link_up(up_since_);
+  rivals_.on_up(up_since_);
   listener_.on_link_up(session_present, limits);
 }
 
 void Upstream::on_connect_failed(ConnectFailure failure) {
-  if (version_.on_failed(failure.answer) || adapt_will(failure.code)) {
+  if (place().version.on_failed(failure.answer) || adapt_will(failure.code)) {
     drop_link(false);
     connect();
     return;
@@ -147,29 +182,31 @@ void Upstream::on_connect_failed(ConnectFailure failure) {
   if (failure.is_not_authorised) {
     failure.text += explain_credentials(settings_);
   }
-  reconnect_later(failure.text);
+  go_on(failure.text, Duration::zero());
 }
 
 /// True when the broker refuses the last will for a property that it can go without.
 bool Upstream::adapt_will(int code) {
   constexpr int retain_not_supported = 0x9a;
   constexpr int qos_not_supported = 0x9b;
-  if (code == retain_not_supported) return std::exchange(will_.is_retained, false);
+  if (code == retain_not_supported) return std::exchange(place().will.is_retained, false);
   if (code == qos_not_supported)
-    return std::exchange(will_.qos, Qos::at_most_once) != Qos::at_most_once;
+    return std::exchange(place().will.qos, Qos::at_most_once) != Qos::at_most_once;
   return false;
 }
 
 /// Two gateways with one client id throw each other out without end; not every broker says so.
-void Upstream::on_lost(std::string why) {
-  version_.on_lost();
-  const bool has_lasted = std::chrono::steady_clock::now() - up_since_ >= stable_after;
-  if (has_lasted) backoff_.reset();
-  short_lives_ = has_lasted ? 0 : short_lives_ + 1;
-  if (short_lives_ == suspicious_lives)
+void Upstream::on_lost(std::string why, bool is_taken_over) {
+  place().version.on_lost();
+  const TimePoint now = std::chrono::steady_clock::now();
+  if (now - up_since_ >= RivalWatch::stable_after) {
+    backoff_.reset();
+    tried_ = 0;
+  }
+  if (rivals_.on_lost(is_taken_over, now) && !is_taken_over)
     why += fmt::format(" soon after it came up, again and again; perhaps {}",
-                       explain_rival(settings_.client_id));
-  reconnect_later(why);
+                       explain_rival(broker().client_id));
+  go_on(why, rivals_.pause());
 }
 
 void Upstream::on_published(std::uint64_t sequence) { listener_.on_published(sequence); }
@@ -217,7 +254,8 @@ void Upstream::on_stall_deadline(TimePoint now) {
     case StallWatch::Step::silent: return listener_.on_silence(true);
     case StallWatch::Step::stalled:
       return on_lost(
-          fmt::format("the broker has not answered for {} s", StallWatch::stalled_after.count()));
+          fmt::format("the broker has not answered for {} s", StallWatch::stalled_after.count()),
+          false);
   }
 }
 

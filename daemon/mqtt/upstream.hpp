@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The way to the broker: one MqttLink at a time, reconnected for ever with back-off, MQTT 5 with
-// fallback to 3.1.1. Keeps to the limits that the broker names. Knows nothing of robots; the outbox
-// decides what is published again.
+// The way to the broker, or to one of several: one MqttLink at a time, reconnected for ever, once
+// round the list without a pause and then with back-off; MQTT 5 with fallback to 3.1.1. Keeps to
+// the limits that the broker names. Knows nothing of robots; the outbox decides what is published
+// again.
 #pragma once
 
 #include <boost/asio/io_context.hpp>
@@ -12,9 +13,11 @@
 #include <optional>
 #include <random>
 #include <string>
+#include <vector>
 
 #include "daemon/mqtt/backoff.hpp"
 #include "daemon/mqtt/mqtt_link.hpp"
+#include "daemon/mqtt/rival_watch.hpp"
 #include "daemon/mqtt/stall_watch.hpp"
 #include "daemon/mqtt/upstream_listener.hpp"
 
@@ -45,15 +48,28 @@ class Upstream final : private MqttLinkListener {
   void subscribe(const std::string& filter, Qos qos, std::uint32_t id);
   void unsubscribe(const std::string& filter);
 
-  MqttVersion version() const { return version_.version(); }
+  MqttVersion version() const { return place().version.version(); }
+  /// The settings of the broker that is connected, or tried now.
+  BrokerSettings broker() const;
   /// The broker's messages that were lost for want of room on their way to the loop.
   std::uint64_t inbound_dropped() const;
 
  private:
+  /// One of the brokers of the list, and what was learnt of it.
+  struct Place {
+    BrokerAddress address;
+    VersionChoice version;
+    LastWill will;
+    unsigned attempt = 0;
+  };
+
+  Place& place() { return places_[at_]; }
+  const Place& place() const { return places_[at_]; }
+  void make_places();
   void connect();
   std::shared_ptr<MqttLink> make_link(LinkOptions options);
   void connect_in(Duration wait);
-  void reconnect_later(const std::string& why);
+  void go_on(const std::string& why, Duration least);
   void drop_link(bool is_orderly);
   void watch_for_stall();
   void on_stall_deadline(TimePoint now);
@@ -62,7 +78,7 @@ class Upstream final : private MqttLinkListener {
 
   void on_connected(bool session_present, const BrokerLimits& limits) override;
   void on_connect_failed(ConnectFailure failure) override;
-  void on_lost(std::string why) override;
+  void on_lost(std::string why, bool is_taken_over) override;
   void on_published(std::uint64_t sequence) override;
   void on_publish_refused(std::uint64_t sequence, const Refusal& refusal) override;
   void on_subscribe_result(const std::string& filter, bool granted) override;
@@ -71,7 +87,7 @@ class Upstream final : private MqttLinkListener {
   boost::asio::io_context& io_;
   boost::asio::thread_pool lane_{1};  ///< for whatever of a link may block
   BrokerSettings settings_;
-  LastWill will_;
+  const LastWill will_;
   UpstreamListener& listener_;
   boost::asio::steady_timer reconnect_timer_;
   boost::asio::steady_timer stall_timer_;
@@ -79,14 +95,15 @@ class Upstream final : private MqttLinkListener {
   StallWatch stall_watch_;
   Backoff backoff_;
   std::minstd_rand random_;
-  VersionChoice version_;
+  std::vector<Place> places_;
+  std::size_t at_ = 0;     ///< in `places_`
+  std::size_t tried_ = 0;  ///< places in a row, without success or pause
   std::shared_ptr<MqttLink> link_;
   BrokerLimits limits_;  ///< of the connection that is up
   bool is_up_ = false;
   bool is_waiting_ = false;  ///< for reconnect_timer_
-  unsigned attempt_ = 0;
   TimePoint up_since_{};
-  unsigned short_lives_ = 0;  ///< connections in a row that did not last
+  RivalWatch rivals_;
   ReadCredentials read_credentials_;
   std::uint64_t inbound_dropped_ = 0;  ///< by former links
 };

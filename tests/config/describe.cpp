@@ -20,6 +20,7 @@ std::string show(std::chrono::seconds value) { return std::to_string(value.count
 std::string show(const Credentials& value);
 std::string show(const RobotName& value);
 std::string show(const RobotOrigin& value);
+std::string show(const BrokerAddress& value);
 std::string show(const ble::WillSettings& value);
 std::string show(const mqttsn::PredefinedTopic& value);
 
@@ -48,6 +49,11 @@ std::string show(const Credentials& value) {
 std::string show(const RobotOrigin& value) {
   const auto& [x_cm, y_cm, heading_deg] = value;
   return all(x_cm, y_cm, heading_deg);
+}
+
+std::string show(const BrokerAddress& value) {
+  const auto& [host, port, tls] = value;
+  return all(host, port, tls);
 }
 
 std::string show(const RobotName& value) {
@@ -87,10 +93,11 @@ std::string describe_mqttsn(const mqttsn::Settings& settings) {
 }
 
 std::string describe_broker(const BrokerSettings& settings) {
-  const auto& [client, host, port, tls, gateway_id, client_id, credentials_file, credentials,
-               ca_file, certificate_file, key_file, keep_alive, max_inflight] = settings;
-  return all(client, host, port, tls, gateway_id, client_id, credentials_file, credentials, ca_file,
-             certificate_file, key_file, keep_alive, max_inflight);
+  const auto& [client, host, port, tls, others, gateway_id, client_id, credentials_file,
+               credentials, ca_file, certificate_file, key_file, keep_alive, max_inflight] =
+      settings;
+  return all(client, host, port, tls, others, gateway_id, client_id, credentials_file, credentials,
+             ca_file, certificate_file, key_file, keep_alive, max_inflight);
 }
 
 }  // namespace

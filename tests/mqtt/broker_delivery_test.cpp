@@ -64,6 +64,23 @@ TEST_P(BrokerDelivery, LosesNothingThatWasInFlightWhenTheBrokerIsKilled) {
     EXPECT_EQ(reason.find("0xff"), std::string::npos) << reason;
 }
 
+TEST_P(BrokerDelivery, LosesNothingWhenItMovesToTheNextBroker) {
+  BrokerOfVersion first(version());
+  BrokerOfVersion second(version());
+  BrokerSettings settings = settings_for(first.link_port());
+  settings.others = {{"127.0.0.1", second.link_port(), false}};
+  DeliveryRig gateway(settings);
+  ASSERT_TRUE(gateway.sees([&] { return gateway.is_up; }));
+  const Subscriber subscriber(second, "t", "%p");
+  first.pause();  // it acknowledges nothing any more
+  for (std::uint64_t i = 1; i <= 100; ++i) gateway.submit("t", i);
+  first.kill();
+  ASSERT_TRUE(gateway.sees([&] { return gateway.fired.size() == 100; }));
+  ASSERT_TRUE(gateway.sees([&] { return without_repeats(subscriber.lines()).size() == 100; }));
+  EXPECT_EQ(without_repeats(subscriber.lines()), numbers(1, 100));
+  EXPECT_EQ(gateway.outbox.statistics().refused, 0u);
+}
+
 /// Debian 12's Mosquitto closes the connection after each PUBACK that refuses.
 TEST_P(BrokerRefusal, MessagesWaitUntilTheAccessControlListIsCorrected) {
   test::TempDir directory;

@@ -58,7 +58,7 @@ MosquittoLink::MosquittoLink(boost::asio::io_context& io, boost::asio::thread_po
 MosquittoLink::~MosquittoLink() = default;
 
 void MosquittoLink::connect() {
-  timeout_.expires_after(connect_timeout);
+  timeout_.expires_after(options_.timeout);
   timeout_.async_wait([self = shared_from_this()](error_code error) {
     if (error || self->is_abandoned_ || self->is_open_) return;
     self->fail({0, self->is_reached_ ? explain_stranger(self->settings_)
@@ -324,7 +324,7 @@ void MosquittoLink::after_call(int result, int error) {
 }
 
 std::string MosquittoLink::explain_loss(const Ended& end) const {
-  if (end.result == MQTT_RC_SESSION_TAKEN_OVER) return explain_rival(settings_.client_id);
+  if (end.result == session_taken_over) return explain_rival(settings_.client_id);
   if (end.result >= first_reason) return explain_connect_failure(end.result);
   if (end.result == MOSQ_ERR_KEEPALIVE) return "connection lost: the broker does not answer";
   if (end.result == MOSQ_ERR_ERRNO && !is_closing(end.error) && end.error != EPROTO)
@@ -378,7 +378,8 @@ void MosquittoLink::tell(const Answered& answer) {
 }
 
 void MosquittoLink::tell(const Ended& end) {
-  is_open_ ? listener_.on_lost(explain_loss(end)) : fail(explain_failure(end));
+  if (!is_open_) return fail(explain_failure(end));
+  listener_.on_lost(explain_loss(end), end.result == session_taken_over);
 }
 
 void MosquittoLink::tell(const Published& published) {

@@ -181,7 +181,7 @@ void PahoLink::set_connect_options() {
     options.set_clean_session(true);
   }
   options.set_keep_alive_interval(settings_.keep_alive);
-  options.set_connect_timeout(connect_timeout);
+  options.set_connect_timeout(options_.timeout);
   options.set_automatic_reconnect(false);
   if (settings_.credentials) {
     options.set_user_name(settings_.credentials->username);
@@ -207,7 +207,7 @@ void PahoLink::set_tls_options() {
 
 /// `code`: of the CONNACK, or 0. The reason is looked for on the lane, for that may take a while.
 void PahoLink::report_failure(int code) {
-  const bool is_in_time = std::chrono::steady_clock::now() - opened_ < connect_timeout;
+  const bool is_in_time = std::chrono::steady_clock::now() - opened_ < options_.timeout;
   post_to_lane([code, is_in_time](PahoLink& session) {
     session.post_to_loop([&session, failure = session.explain_failure(code, is_in_time)](
                              MqttLinkListener& listener) {
@@ -338,14 +338,16 @@ void PahoLink::connection_lost(const std::string& cause) {
   tell_lost(cause.empty() ? "connection lost" : "connection lost: " + cause);
 }
 
-void PahoLink::tell_lost(std::string why) {
-  post_to_loop([why = std::move(why)](MqttLinkListener& listener) { listener.on_lost(why); });
+void PahoLink::tell_lost(std::string why, bool is_taken_over) {
+  post_to_loop([why = std::move(why), is_taken_over](MqttLinkListener& listener) {
+    listener.on_lost(why, is_taken_over);
+  });
 }
 
 void PahoLink::tell_ended(int reason) {
-  constexpr int session_taken_over = 0x8e;
-  tell_lost(reason == session_taken_over ? explain_rival(settings_.client_id)
-                                         : explain_connect_failure(reason));
+  const bool is_taken_over = reason == session_taken_over;
+  tell_lost(is_taken_over ? explain_rival(settings_.client_id) : explain_connect_failure(reason),
+            is_taken_over);
 }
 
 void PahoLink::message_arrived(mqtt::const_message_ptr message) {

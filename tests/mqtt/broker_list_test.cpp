@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: Apache-2.0
+// Several brokers in the configuration, with each client library: real ones that are killed or
+// stand still.
+#include <gtest/gtest.h>
+
+#include "tests/mqtt/broker_link.hpp"
+#include "tests/support/certificates.hpp"
+#include "tests/support/free_port.hpp"
+#include "tests/support/mosquitto.hpp"
+
+namespace slamgw {
+namespace {
+
+using test::Mosquitto;
+using test::Subscriber;
+
+class BrokerList : public WithEachClient {
+ public:
+  static BrokerSettings list_of(std::initializer_list<std::uint16_t> ports) {
+    BrokerSettings settings = settings_for(*ports.begin());
+    for (const std::uint16_t port : ports) settings.others.push_back({"127.0.0.1", port, false});
+    settings.others.erase(settings.others.begin());
+    return settings;
+  }
+};
+INSTANTIATE_TEST_SUITE_P(Over, BrokerList, each_client, BrokerList::name);
+
+TEST_P(BrokerList, GoesToTheNextOneAtOnceWhenItsConnectionBreaks) {
+  Mosquitto first;
+  Mosquitto second;
+  Link link(list_of({first.port(), second.port()}));
+  ASSERT_TRUE(link.comes_up());
+  EXPECT_EQ(link.upstream->broker().port, first.port());
+  first.kill();
+  ASSERT_TRUE(link.sees([&] { return link.listener.ups == 2; }));
+  EXPECT_EQ(link.upstream->broker().port, second.port());
+  EXPECT_EQ(link.listener.reasons.size(), 1u) << link.listener.reasons.back();
+  Subscriber subscriber(second, "t");
+  link.upstream->publish(1, {"t", to_bytes("x"), Qos::at_least_once, false});
+  EXPECT_TRUE(link.sees([&] { return subscriber.lines().size() == 1; }));
+}
+
+TEST_P(BrokerList, StaysWithTheNextOneWhenTheFirstIsBack) {
+  Mosquitto first;
+  Mosquitto second;
+  Link link(list_of({first.port(), second.port()}));
+  ASSERT_TRUE(link.comes_up());
+  first.kill();
+  ASSERT_TRUE(link.sees([&] { return link.listener.ups == 2; }));
+  first.start();
+  second.kill();
+  ASSERT_TRUE(link.sees([&] { return link.listener.ups == 3; }));
+  EXPECT_EQ(link.upstream->broker().port, first.port()) << "round the list again";
+}
+
+TEST_P(BrokerList, TriesAllInOrder) {
+  Mosquitto last;
+  const std::uint16_t nobody = test::free_tcp_port();
+  const std::uint16_t nobody_either = test::free_tcp_port();
+  Link link(list_of({nobody, nobody_either, last.port()}));
+  ASSERT_TRUE(link.comes_up());
+  ASSERT_EQ(link.listener.reasons.size(), 2u);
+  EXPECT_NE(link.listener.reasons[0].find("port " + std::to_string(nobody)), std::string::npos);
+  EXPECT_NE(link.listener.reasons[1].find("port " + std::to_string(nobody_either)),
+            std::string::npos);
+}
+
+TEST_P(BrokerList, ChecksEachBrokersOwnName) {
+  const test::Certificates right("localhost");
+  const std::uint16_t tls_port = test::free_tcp_port();
+  Mosquitto broker("listener " + std::to_string(tls_port) + " 127.0.0.1\ncertfile " +
+                   right.certificate() + "\nkeyfile " + right.key());
+  BrokerSettings settings = settings_for(tls_port);
+  settings.tls = true;  // the certificate is not for 127.0.0.1
+  settings.ca_file = right.ca();
+  settings.others = {{"localhost", tls_port, true}};
+  Link link(settings);
+  ASSERT_TRUE(link.comes_up());
+  EXPECT_EQ(link.upstream->broker().host, "localhost");
+  EXPECT_NE(link.listener.reasons[0].find("is not for '127.0.0.1'"), std::string::npos)
+      << link.listener.reasons[0];
+}
+
+TEST_P(BrokerList, GivesEachBrokerItsOwnClientId) {
+  Mosquitto second;
+  BrokerSettings settings = list_of({test::free_tcp_port(), second.port()});
+  settings.client_id = "gw-%n";
+  Link link(settings);
+  ASSERT_TRUE(link.comes_up());
+  EXPECT_EQ(link.upstream->broker().client_id, "gw-2");
+}
+
+TEST_P(BrokerList, LeavesABrokerThatStandsStill) {
+  Mosquitto first;
+  Mosquitto second;
+  BrokerSettings settings = list_of({first.port(), second.port()});
+  settings.keep_alive = std::chrono::seconds(5);
+  Link link(settings);
+  ASSERT_TRUE(link.comes_up());
+  first.pause();
+  ASSERT_TRUE(link.sees([&] { return link.listener.ups == 2; }));
+  EXPECT_EQ(link.upstream->broker().port, second.port());
+  first.resume();
+}
+
+}  // namespace
+}  // namespace slamgw

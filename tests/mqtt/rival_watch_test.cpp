@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/mqtt/rival_watch.hpp"
+
+#include <gtest/gtest.h>
+
+namespace slamgw {
+namespace {
+
+using namespace std::chrono_literals;
+
+TEST(RivalWatch, BelievesTheBrokerAtOnce) {
+  RivalWatch watch;
+  watch.on_up(TimePoint{0s});
+  EXPECT_TRUE(watch.on_lost(true, TimePoint{1h}));
+  EXPECT_EQ(watch.pause(), RivalWatch::first_pause);
+}
+
+TEST(RivalWatch, SuspectsARivalWhenConnectionsEndSoonAgainAndAgain) {
+  RivalWatch watch;
+  watch.on_up(TimePoint{0s});
+  EXPECT_FALSE(watch.on_lost(false, TimePoint{1s})) << "a broker that restarts";
+  EXPECT_EQ(watch.pause(), 0s);
+  watch.on_up(TimePoint{2s});
+  EXPECT_TRUE(watch.on_lost(false, TimePoint{3s}));
+}
+
+/// Two gateways that both watch: each takes over after its own pause.
+TEST(RivalWatch, TwoThatTakeOverFromEachOtherDoSoMoreAndMoreSeldom) {
+  RivalWatch watch;
+  TimePoint now{0s};
+  std::size_t takeovers = 0;
+  Duration before = 0s;
+  while (now < TimePoint{1h}) {
+    watch.on_up(now);
+    now += std::max<Duration>(watch.pause(), 1s);  // the rival's pause is as long as ours
+    ASSERT_TRUE(watch.on_lost(true, now));
+    EXPECT_GE(watch.pause(), before);
+    before = watch.pause();
+    now += watch.pause();
+    ++takeovers;
+  }
+  EXPECT_EQ(watch.pause(), RivalWatch::longest_pause);
+  EXPECT_LE(takeovers, 20u) << "an hour";
+}
+
+TEST(RivalWatch, ForgetsItWhenAConnectionLasts) {
+  RivalWatch watch;
+  watch.on_up(TimePoint{0s});
+  watch.on_lost(true, TimePoint{1s});
+  watch.on_up(TimePoint{3s});
+  EXPECT_FALSE(watch.on_lost(false, TimePoint{1h}));
+  EXPECT_EQ(watch.pause(), 0s);
+}
+
+}  // namespace
+}  // namespace slamgw
