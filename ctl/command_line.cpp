@@ -74,6 +74,18 @@ void add_commands(CLI::App& app, Arguments& a) {
   });
 }
 
+void add_record(CLI::App& app, Arguments& a) {
+  CLI::App* record =
+      app.add_subcommand("record", "Robots' messages and commands into a file, until Ctrl-C");
+  record->add_option("FILE", a.order.file, "New, or continued")->required();
+  record->add_option("--robot", a.robot, "Only this robot");
+  record->callback([&a] {
+    a.order.answer = Answer::record;
+    a.order.request["command"] = "watch";
+    if (!a.robot.empty()) a.order.request["robot"] = a.robot;
+  });
+}
+
 void add_send(CLI::App& app, Arguments& a) {
   CLI::App* send = app.add_subcommand("send", "Send a command to a robot and tell its outcome");
   send->add_option("ROBOT", a.robot, "The robot's id")->required();
@@ -211,6 +223,11 @@ void add_host_tasks(CLI::App& app, Arguments& a) {
                 "Configuration, credentials, mesh keys and kept messages into one file");
   add_with_file("restore", HostTask::Kind::restore,
                 "Bring a backup back, on this host or a new one");
+  CLI::App* replay = add("replay", HostTask::Kind::replay,
+                         "Publish recorded messages of robots with the recorded timing");
+  replay->add_option("FILE", a.task.file, "Made by record")->required();
+  replay->add_option("--broker", a.task.broker, "mqtt://host:port; else the configuration's");
+  replay->add_option("--speed", a.task.speed, "2: twice as fast")->check(CLI::Range(0.001, 1000.0));
   add_with_file("report", HostTask::Kind::report,
                 "What somebody who helps wants to see, no secrets");
 }
@@ -222,7 +239,7 @@ std::optional<std::string> complaint_about_verb(const CLI::App& app,
   constexpr std::size_t longest_compared = 64;
   for (std::size_t i = 0; i < words.size(); ++i) {
     if (words[i].starts_with("-")) {
-      if (words[i] == "--socket" || words[i] == "--config") ++i;
+      if (words[i] == "--socket" || words[i] == "--config" || words[i] == "--broker") ++i;
       continue;
     }
     std::string nearest;
@@ -252,6 +269,7 @@ std::variant<Order, HostTask, Exit> parse_command_line(int argc, const char* con
   app.fallthrough();
   app.require_subcommand(1);
   add_commands(app, arguments);
+  add_record(app, arguments);
   add_send(app, arguments);
   add_ble(app, arguments);
   add_store(app, arguments);

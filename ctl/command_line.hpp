@@ -14,6 +14,7 @@ enum class Answer : std::uint8_t {
   status,
   robots,
   watch,
+  record,  ///< watch events into `file`
   outcome,
   scan,
   joining,  ///< asked again and again until nobody joins any more
@@ -36,13 +37,15 @@ struct Order {
 
 /// What slam-gatewayctl does by itself, on the host that the gateway runs on.
 struct HostTask {
-  enum class Kind : std::uint8_t { backup, restore, report, doctor };
+  enum class Kind : std::uint8_t { backup, restore, report, doctor, replay };
   Kind kind = Kind::doctor;
   std::string socket = Order{}.socket;
   bool json = false;
   std::string configuration = "/etc/slam-gateway/gateway.json";
-  std::string file;   ///< the archive, but for doctor
-  std::string robot;  ///< of doctor; empty: the whole way
+  std::string file;    ///< the archive or the recording; none for doctor
+  std::string robot;   ///< of doctor; empty: the whole way
+  std::string broker;  ///< of replay; empty: the one of the configuration
+  double speed = 1;    ///< of replay
 };
 
 struct Exit {

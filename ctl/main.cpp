@@ -2,6 +2,7 @@
 // slam-gatewayctl: arguments to a request, the daemon's answer to text or JSON. Exit status: 0
 // done, 1 failed, 2 wrong arguments.
 #include <fcntl.h>
+#include <fmt/format.h>
 #include <unistd.h>
 
 #include <cerrno>
@@ -17,9 +18,11 @@
 #include "ctl/connection.hpp"
 #include "ctl/host/backup.hpp"
 #include "ctl/host/examination.hpp"
+#include "ctl/host/replay.hpp"
 #include "ctl/host/report.hpp"
 #include "ctl/show.hpp"
 #include "ctl/text.hpp"
+#include "daemon/config/rules.hpp"
 #include "daemon/control/wire.hpp"
 
 namespace {
@@ -51,6 +54,7 @@ std::string text_of(const Order& order, const nlohmann::json& result) {
     case Answer::status: return make_show().status(result);
     case Answer::robots: return make_show().robots(result);
     case Answer::watch: return make_show().event(result);
+    case Answer::record: break;  // record()
     case Answer::outcome: return make_show().outcome(result);
     case Answer::scan: return make_show().devices(result);
     case Answer::nodes: return make_show().nodes(result);
@@ -70,6 +74,7 @@ std::chrono::seconds patience_for(Answer answer) {
     case Answer::status:
     case Answer::robots:
     case Answer::watch:
+    case Answer::record:
     case Answer::nodes:
     case Answer::joining:
     case Answer::dead_letters:
@@ -183,10 +188,29 @@ int show_joining(Connection& connection, const Order& order) {
   return has_joined || order.request.value("minutes", 0) == 0 ? 0 : exit_failed;
 }
 
+/// Until the daemon hangs up, or Ctrl-C: each line is written at once.
+[[noreturn]] void record(Connection& connection, const Order& order) {
+  warn_of_unheard(connection, order.request);
+  std::ofstream file(order.file, std::ios::app | std::ios::binary);
+  if (!file.is_open()) throw Failure(order.file + " can't be written: " + std::strerror(errno));
+  connection.ask(order.request, answer_patience);
+  std::cerr << "recording to " << order.file << " until Ctrl-C\n";
+  while (true) {
+    const auto event = connection.next_event();
+    if (!is_recorded(event)) continue;
+    if (text_at(event, "event") == "lost")
+      std::cerr << "slam-gatewayctl: " << count_at(event, "lost") << " events were lost\n";
+    file << slamgw::control::to_line(event) << std::flush;
+    if (!file.good()) throw Failure(order.file + " can't be written: is the disk full?");
+  }
+}
+
 int run(Order order) {
   if (order.answer == Answer::mesh) return export_mesh(order);
-  if (!order.file.empty()) order.request["text"] = read_mesh(order.file);
+  if (order.answer != Answer::record && !order.file.empty())
+    order.request["text"] = read_mesh(order.file);
   Connection connection(order.socket);
+  if (order.answer == Answer::record) record(connection, order);
   if (order.answer == Answer::watch) warn_of_unheard(connection, order.request);
   if (order.answer == Answer::dead_letters || order.answer == Answer::exported) {
     print_dead_letters(connection, std::move(order));
@@ -216,11 +240,50 @@ int doctor(const Installation& installation, const HostTask& task) {
   return has_problem(findings) ? exit_failed : 0;
 }
 
+slamgw::BrokerSettings broker_for(const Installation& installation, const HostTask& task) {
+  const auto& [config, problems, warnings, places] = installation.parsed();
+  if (task.broker.empty()) {
+    if (!problems.empty())
+      throw Failure(to_string(problems.front()) + " (or name another broker with --broker)");
+    return config.broker;
+  }
+  const auto uri = slamgw::parse_broker_uri(task.broker);
+  if (!uri) throw Failure(task.broker + " is no mqtt://host:port or mqtts://host:port");
+  slamgw::BrokerSettings broker = problems.empty() ? config.broker : slamgw::BrokerSettings{};
+  broker.host = uri->host;
+  broker.port = uri->port;
+  broker.tls = uri->tls;
+  broker.credentials.reset();  // they are for the broker of the configuration
+  return broker;
+}
+
+int replay(const Installation& installation, const HostTask& task) {
+  std::ifstream file(task.file, std::ios::binary);
+  if (!file.is_open()) throw Failure(task.file + " can't be read: " + std::strerror(errno));
+  auto messages = read_recording(file, task.file);
+  if (messages.empty()) throw Failure(task.file + " holds no message of a robot");
+  const slamgw::BrokerSettings broker = broker_for(installation, task);
+  const std::chrono::duration<double> length = messages.back().after;
+  std::cerr << fmt::format("{} messages in {:.1f} s to {}:{}\n", messages.size(),
+                           length.count() / task.speed, broker.host, broker.port);
+  const Replayed done = replay(std::move(messages), broker, task.speed);
+  if (task.json) {
+    std::cout << slamgw::control::to_line(
+        {{"published", done.published}, {"refused", done.refused}});
+  } else {
+    std::cout << done.published << " messages published";
+    if (done.refused > 0) std::cout << ", " << done.refused << " refused: " << done.why;
+    std::cout << '\n';
+  }
+  return done.refused == 0 ? 0 : exit_failed;
+}
+
 int run(const HostTask& task) {
   const Installation installation(task.configuration);
   std::string told;
   switch (task.kind) {
     case HostTask::Kind::doctor: return doctor(installation, task);
+    case HostTask::Kind::replay: return replay(installation, task);
     case HostTask::Kind::backup: told = backup(installation, task.file); break;
     case HostTask::Kind::restore: told = restore(installation, task.file); break;
     case HostTask::Kind::report: told = report(installation, task.socket, task.file); break;

@@ -55,6 +55,7 @@ void Trace::on_traffic(const TrafficEvent& event) {
         .bytes = event.payload.size(),
         .radio = event.radio,
         .command = event.command,
+        .why = event.is_rejected ? "no update: published under rejected/" : "",
         .update = event.update,
         .payload = event.payload});
 }

@@ -42,7 +42,7 @@ struct TraceEvent {
   std::optional<std::chrono::microseconds> latency{};
   CommandId command = CommandId::none;
   std::optional<CommandResult> outcome{};
-  std::string why{};  ///< of `refused` and `outcome`; may be empty
+  std::string why{};  ///< of `refused`, `outcome`, `arrived` (under rejected/); may be empty
   std::optional<Update> update{};
   std::optional<Bytes> payload{};  ///< of `arrived` and `command`
 };

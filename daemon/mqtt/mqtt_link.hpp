@@ -27,7 +27,7 @@ inline constexpr std::chrono::seconds connect_timeout_of_many{3};
 inline constexpr std::chrono::milliseconds goodbye_timeout{500};
 
 struct LastWill {
-  std::string topic;
+  std::string topic;  ///< empty: no will
   std::string payload;
   Qos qos = Qos::at_least_once;
   bool is_retained = true;

@@ -96,6 +96,17 @@ TEST_F(TraceTest, KnowsWhoseAStoredMessageIsLongAfterItsReceipt) {
   EXPECT_EQ(events[0].type, "update");
 }
 
+TEST_F(TraceTest, SaysWhatGoesUpUnderRejected) {
+  trace.turn(true);
+  trace.on_traffic(message(1));
+  TrafficEvent rejected = message(2);
+  rejected.is_rejected = true;
+  trace.on_traffic(rejected);
+  ASSERT_EQ(kinds(), (std::vector{Kind::arrived, Kind::arrived}));
+  EXPECT_EQ(events[0].why, "");
+  EXPECT_NE(events[1].why, "");
+}
+
 TEST_F(TraceTest, JoinsACommandsWayDown) {
   trace.turn(true);
   TrafficEvent command = message(0);

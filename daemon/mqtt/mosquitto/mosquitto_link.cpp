@@ -106,8 +106,9 @@ int MosquittoLink::start_client(const std::string& address) {
   // Packets wait for write(), which sends them together; no thread is started by this.
   mosquitto_threaded_set(client, true);
   const LastWill& will = options_.will;
-  mosquitto_will_set(client, will.topic.c_str(), static_cast<int>(will.payload.size()),
-                     will.payload.data(), static_cast<int>(will.qos), will.is_retained);
+  if (!will.topic.empty())
+    mosquitto_will_set(client, will.topic.c_str(), static_cast<int>(will.payload.size()),
+                       will.payload.data(), static_cast<int>(will.qos), will.is_retained);
   if (settings_.credentials)
     mosquitto_username_pw_set(client, settings_.credentials->username.c_str(),
                               settings_.credentials->password.c_str());

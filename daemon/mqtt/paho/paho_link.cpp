@@ -187,9 +187,10 @@ void PahoLink::set_connect_options() {
     options.set_user_name(settings_.credentials->username);
     options.set_password(settings_.credentials->password);
   }
-  options.set_will(mqtt::will_options(options_.will.topic, options_.will.payload,
-                                      static_cast<int>(options_.will.qos),
-                                      options_.will.is_retained));
+  const LastWill& will = options_.will;
+  if (!will.topic.empty())
+    options.set_will(
+        mqtt::will_options(will.topic, will.payload, static_cast<int>(will.qos), will.is_retained));
   if (settings_.tls) {
     set_tls_options();
     options.set_ssl(tls_options_);

@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: Apache-2.0
+// What `slam-gatewayctl record` writes, `replay` reads.
+#include "ctl/host/recording.hpp"
+
+#include <gtest/gtest.h>
+
+#include <sstream>
+
+#include "ctl/connection.hpp"
+#include "daemon/control/trace_json.hpp"
+
+namespace slamgw::test {
+namespace {
+
+using namespace std::chrono_literals;
+
+TraceEvent arrival(std::chrono::microseconds at, const std::string& topic) {
+  return {.kind = TraceEvent::Kind::arrived,
+          .at = WallTime{1'700'000'000s + at},
+          .robot = "r",
+          .topic = topic,
+          .qos = Qos::at_least_once,
+          .payload = Bytes{1, 0xff}};
+}
+
+std::vector<ctl::RecordedMessage> read(const std::string& text) {
+  std::istringstream in(text);
+  return ctl::read_recording(in, "file");
+}
+
+TEST(Recording, HoldsRobotsMessagesWithTheirTiming) {
+  TraceEvent command = arrival(1s, "p/server/r/cmd");
+  command.kind = TraceEvent::Kind::command;
+  std::string text;
+  for (const TraceEvent& event :
+       {arrival(0us, "p/robot/r/a"), command, arrival(1200ms + 42us, "p/robot/r/b")}) {
+    EXPECT_TRUE(ctl::is_recorded(control::to_json(event)));
+    text += control::to_json(event).dump() + "\n";
+  }
+  text += control::lost_json(3, WallTime{}).dump() + "\n";
+  const auto messages = read(text);
+  ASSERT_EQ(messages.size(), 2u);
+  EXPECT_EQ(messages[0].after, 0us);
+  EXPECT_EQ(messages[0].message.topic, "p/robot/r/a");
+  EXPECT_EQ(messages[0].message.payload, (Bytes{1, 0xff}));
+  EXPECT_EQ(messages[0].message.qos, Qos::at_least_once);
+  EXPECT_EQ(messages[1].after, 1200042us);
+  EXPECT_EQ(messages[1].message.topic, "p/robot/r/b");
+}
+
+TEST(Recording, LeavesOutWhatBecameOfMessages) {
+  TraceEvent event = arrival(0us, "t");
+  for (const auto kind : {TraceEvent::Kind::published, TraceEvent::Kind::acknowledged,
+                          TraceEvent::Kind::repeat, TraceEvent::Kind::outcome}) {
+    event.kind = kind;
+    EXPECT_FALSE(ctl::is_recorded(control::to_json(event)));
+  }
+}
+
+TEST(Recording, LeavesOutWhatWasNotPublishedAsItCame) {
+  TraceEvent event = arrival(0us, "p/robot/r/update");
+  event.why = "no update";
+  EXPECT_TRUE(read(control::to_json(event).dump() + "\n").empty());
+}
+
+TEST(Recording, NamesTheLineThatIsNone) {
+  const std::string good = control::to_json(arrival(0us, "t")).dump() + "\n";
+  EXPECT_TRUE(read("").empty());
+  for (const std::string_view bad :
+       {"x", "5", "{}", R"({"at": "yesterday", "event": "lost"})",
+        R"({"at": "2023-11-14T22:13:20Z", "event": "arrived", "topic": "t", "payload": "0"})",
+        R"({"at": "2023-11-14T22:13:20Z", "event": "arrived", "topic": "t/#", "payload": "00"})",
+        R"({"at": "2023-11-14T22:13:20Z", "event": "arrived", "payload": "00", "qos": 1})"}) {
+    try {
+      read(good + std::string(bad));
+      ADD_FAILURE() << bad;
+    } catch (const ctl::Failure& failure) {
+      EXPECT_TRUE(std::string(failure.what()).starts_with("file:2: ")) << failure.what();
+    }
+  }
+}
+
+}  // namespace
+}  // namespace slamgw::test
