@@ -253,6 +253,7 @@ slamgw::BrokerSettings broker_for(const Installation& installation, const HostTa
   broker.host = uri->host;
   broker.port = uri->port;
   broker.tls = uri->tls;
+  broker.others.clear();
   broker.credentials.reset();  // they are for the broker of the configuration
   return broker;
 }

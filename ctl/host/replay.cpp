@@ -26,6 +26,7 @@ class Replay final : private UpstreamListener {
   Replay(std::vector<RecordedMessage> messages, BrokerSettings broker, double speed)
       : messages_(std::move(messages)),
         speed_(speed),
+        untried_(broker.others.size()),
         timer_(io_),
         upstream_(io_, std::move(broker), no_will, *this) {}
 
@@ -40,10 +41,14 @@ class Replay final : private UpstreamListener {
 
  private:
   void on_link_up(bool, const BrokerLimits&) override {
+    untried_ = 0;
     begun_ = std::chrono::steady_clock::now();
     proceed();
   }
-  void on_link_down(const std::string& why) override { end("the broker: " + why); }
+  void on_link_down(const std::string& why) override {
+    if (untried_ == 0) return end("the broker: " + why);
+    --untried_;
+  }
   void on_published(std::uint64_t) override {
     ++replayed_.published;
     proceed();
@@ -84,6 +89,7 @@ class Replay final : private UpstreamListener {
 
   std::vector<RecordedMessage> messages_;
   double speed_;
+  std::size_t untried_;  ///< brokers after this one
   boost::asio::io_context io_{1};
   boost::asio::steady_timer timer_;
   Upstream upstream_;

@@ -61,6 +61,14 @@ TEST(Replay, LosesNoneOfABurst) {
   EXPECT_EQ(subscriber.lines(), expected);
 }
 
+TEST(Replay, GoesToTheFirstBrokerOfTheListThatIsThere) {
+  Mosquitto broker;
+  BrokerSettings settings = at_port(free_tcp_port());
+  settings.others.push_back({settings.host, broker.port(), false});
+  EXPECT_EQ(ctl::replay({recorded(0us, "p/t", {1}, Qos::at_least_once)}, settings, 1).published,
+            1u);
+}
+
 TEST(Replay, SaysThatNoBrokerIsThere) {
   const std::uint16_t port = free_tcp_port();
   try {
