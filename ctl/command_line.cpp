@@ -62,6 +62,14 @@ void add_commands(CLI::App& app, Arguments& a) {
         a.order.answer = Answer::done;
         a.order.request["command"] = "reload";
       });
+  CLI::App* forget = app.add_subcommand(
+      "forget", "Take a robot that is not there out of what is known, here and at the broker");
+  forget->add_option("ROBOT", a.robot, "The robot's id")->required();
+  forget->callback([&a] {
+    a.order.answer = Answer::done;
+    a.order.request["command"] = "forget";
+    a.order.request["robot"] = a.robot;
+  });
   CLI::App* watch =
       app.add_subcommand("watch", "What happens to each message, as it happens, until Ctrl-C");
   watch->add_option("--robot", a.robot, "Only this robot");

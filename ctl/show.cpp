@@ -141,6 +141,10 @@ std::string Show::status(const json& status) const {
   out += fmt::format("Broker    {} {} since {}\n", paint(state, pad(state, 8)),
                      text_at(broker, "uri"), text_at(broker, "since"));
   if (!why.empty() && state != "up") out += fmt::format("                   {}\n", why);
+  if (const auto rights = broker.find("missing_rights"); rights != broker.end())
+    for (const json& right : *rights)
+      out += fmt::format("          {} {}; grant: {}\n", paint("refused", "no right:"),
+                         text_at(right, "what"), text_at(right, "grant"));
   for (const auto& [name, mesh] : meshes.items()) out += mesh_line(name, mesh);
   out += fmt::format("Robots    {} online, {} asleep, {} offline ({} known)\n",
                      count_at(robots, "online"), count_at(robots, "asleep"),

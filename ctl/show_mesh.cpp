@@ -69,6 +69,13 @@ std::string Show::done(const json& done) const {
            "they were restarted\n";
   if (done.contains("discarded"))
     return fmt::format("{} dead letters were discarded\n", count_at(done, "discarded"));
+  if (done.contains("forgotten")) {
+    const auto was_known = done.find("was_known");
+    return text_at(done, "forgotten") + " is forgotten" +
+           (was_known != done.end() && *was_known == true
+                ? "\n"
+                : "; it was not known here, what the broker retains of it is cleared\n");
+  }
   if (done.contains("in_force")) {
     const std::string restart = text_at(done, "needs_restart");
     return "in force: " + text_at(done, "in_force") + "\n" +

@@ -39,6 +39,7 @@ class Examination {
     thread();
     ble();
     broker();
+    rights();
     store();
     robots();
     return std::move(findings_);
@@ -180,6 +181,15 @@ class Examination {
           fmt::format("{} is {}: {}", uri, state, why),
           "/usr/share/doc/slam-gateway/troubleshooting.md, broker.md");
     }
+  }
+
+  void rights() {
+    const json& broker = group_at(facts_.status, "broker");
+    const auto missing = broker.find("missing_rights");
+    if (missing == broker.end() || !missing->is_array()) return;
+    for (const json& right : *missing)
+      add("broker: rights", Health::problem, text_at(right, "what"),
+          "in the broker's access control list: " + text_at(right, "grant"));
   }
 
   void store() {

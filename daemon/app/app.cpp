@@ -32,6 +32,18 @@ void make_store_directory(const std::string& path) {
                         path, error.message()));
 }
 
+Gateway::Settings gateway_settings(const Config& config, const Now& started) {
+  Gateway::Settings settings{SLAMGW_VERSION, config.update_mode, started.wall};
+  settings.probes_rights = true;
+  return settings;
+}
+
+std::set<std::string> ids_of(const std::vector<RobotName>& robots) {
+  std::set<std::string> ids;
+  for (const RobotName& robot : robots) ids.insert(robot.id);
+  return ids;
+}
+
 }  // namespace
 
 App::App(Config config, std::string config_file)
@@ -44,7 +56,7 @@ App::App(Config config, std::string config_file)
       stop_timer_(io_),
       notifier_(io_, [this] { return status_.service_state(); }),
       gateway_(
-          scheme_, {SLAMGW_VERSION, config_.update_mode, started_.wall}, broker_link_,
+          scheme_, gateway_settings(config_, started_), broker_link_,
           [this](Mesh mesh, const std::string& robot) { return meshes_.presence_of(mesh, robot); }),
       gateway_driver_(io_, gateway_,
                       [this](GatewayAction& action) {
@@ -89,6 +101,7 @@ void App::run() {
   store_.start();
   wait_for_signal();
   start_control();
+  tell_configured_robots();
   start_meshes();
   upstream_.read_credentials_with([this] { return load_credentials(config_.broker); });
   upstream_.start();
@@ -151,12 +164,29 @@ OrderAnswer App::reload() {
   return {answer_json(reload).dump(), {}};
 }
 
+void App::tell_configured_robots() {
+  gateway_driver_.input([this](Gateway& gateway, const Now& now) {
+    gateway.on_configured(ids_of(config_.robots), now);
+  });
+}
+
+/// A broker that is left for another one is told that this gateway is gone from there: an orderly
+/// end takes the last will back. Its sequence is none of the outbox's.
+void App::say_goodbye_to(const BrokerSettings& left) {
+  if (!broker_link_.is_up || broker_uri(left) == broker_uri(config_.broker)) return;
+  constexpr std::uint64_t nobody_waits = 0;
+  upstream_.publish(nobody_waits, {scheme_.state_topic(), to_bytes(R"({"state":"offline"})"),
+                                   Qos::at_least_once, true});
+}
+
 void App::apply(const Reload& reload) {
-  config_ = reload.config;
+  const BrokerSettings left = std::exchange(config_, reload.config).broker;
   configure_log(config_.log.level);
   traffic_log_.reconfigure(config_.log.traffic);
   meshes_.reconfigure(config_, reload.has_other_robots, reload.has_other_topics);
+  tell_configured_robots();
   broker_log_.rename(broker_uri(config_.broker));
+  say_goodbye_to(left);
   upstream_.reconfigure(config_.broker);
 }
 
@@ -204,6 +234,7 @@ void App::publish_stats_regularly() {
     warn_of_lost_messages();
     publish_stats();
     traffic_log_.write_overdue(read_clocks().mono);
+    if (const auto summary = presence_lines_.summary()) log_notice(*summary);
     flush_log();
     publish_stats_regularly();
   });
@@ -261,7 +292,9 @@ void App::perform(MeshStep& step) {
   for (TrafficObserver* observer : traffic_observers_) observer->on_mesh_step(step, read_clocks());
 }
 
-void App::perform(Notice& notice) { log_notice(notice); }
+void App::perform(Notice& notice) {
+  if (presence_lines_.may_write(notice, read_clocks().mono)) log_notice(notice);
+}
 
 void App::perform(PublishAtBroker& action) {
   upstream_.publish(action.sequence, std::move(action.message));
@@ -316,6 +349,18 @@ void App::send(const std::string& robot, const std::string& type, Bytes payload,
     };
     operator_commands_.send(robot, type, std::move(payload), submit, std::move(done));
   });
+}
+
+OrderAnswer App::forget(const std::string& robot) {
+  std::string problem;
+  bool was_known = false;
+  gateway_driver_.input([&](Gateway& gateway, TimePoint) {
+    was_known = gateway.registry().find(robot) != nullptr;
+    problem = gateway.forget(robot);
+  });
+  if (!problem.empty()) return {{}, problem};
+  log_event(Severity::notice, fmt::format("{} is forgotten, as an operator asked", robot));
+  return {nlohmann::json{{"forgotten", robot}, {"was_known", was_known}}.dump(), {}};
 }
 
 void App::manage_store(StoreOrder order, OrderDone done) {
@@ -375,7 +420,7 @@ void App::on_publish_refused(std::uint64_t sequence, const Refusal& refusal) {
 
 void App::on_subscribe_result(const std::string& filter, bool granted) {
   gateway_driver_.input(
-      [&](Gateway& gateway, const Now&) { gateway.on_subscribe_result(filter, granted); });
+      [&](Gateway& gateway, const Now& now) { gateway.on_subscribe_result(filter, granted, now); });
 }
 
 void App::on_message(BrokerMessage message, std::vector<std::uint32_t> subscriptions) {

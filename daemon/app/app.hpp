@@ -24,6 +24,7 @@
 #include "daemon/mqtt/upstream.hpp"
 #include "daemon/mqtt/upstream_listener.hpp"
 #include "daemon/observability/link_log.hpp"
+#include "daemon/observability/presence_lines.hpp"
 #include "daemon/observability/service_notifier.hpp"
 #include "daemon/observability/traffic_log.hpp"
 #include "daemon/runtime/descriptor_store.hpp"
@@ -49,6 +50,9 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   void start_control();
   void wait_for_signal();
   OrderAnswer reload() override;
+  OrderAnswer forget(const std::string& robot) override;
+  void tell_configured_robots();
+  void say_goodbye_to(const BrokerSettings& left);
   /// Puts in force what can change while the daemon runs.
   void apply(const Reload& reload);
   void stop();
@@ -120,6 +124,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
 
   LinkLog broker_log_;
   TrafficLog traffic_log_;
+  PresenceLines presence_lines_;
   Trace trace_;
   std::unique_ptr<ControlServer> control_;
   std::vector<TrafficObserver*> traffic_observers_;

@@ -36,11 +36,15 @@ std::string explain_refused(const Status::Broker& broker) {
 json to_json(const Status::Broker& broker) {
   json refused = json::array();
   for (const Status::RefusedTopic& topic : broker.refused) refused.push_back(to_json(topic));
+  json rights = json::array();
+  for (const MissingRight& right : broker.missing_rights)
+    rights.push_back({{"what", right.what}, {"grant", right.grant}});
   const char* state = broker.link.is_up ? "up" : "down";
   return {{"state", broker.is_refusing() ? "refusing" : state},
           {"uri", broker.uri},
           {"since", to_iso8601(broker.link.since)},
           {"why", broker.is_refusing() ? explain_refused(broker) : broker.link.why},
+          {"missing_rights", std::move(rights)},
           {"refused", {{"topics", broker.refused_topics}, {"list", std::move(refused)}}}};
 }
 

@@ -12,6 +12,7 @@
 
 #include "daemon/core/broker_link.hpp"
 #include "daemon/core/messages.hpp"
+#include "daemon/core/rights_probe.hpp"
 #include "daemon/core/robot_numbers.hpp"
 
 namespace slamgw {
@@ -29,6 +30,7 @@ struct Status {
     std::string uri;
     BrokerLink link;
     std::uint64_t refused_topics = 0;
+    std::vector<MissingRight> missing_rights;
     std::vector<RefusedTopic> refused;  ///< those that have waited longest; a few of them
     /// It is there, and does not take everything.
     bool is_refusing() const { return link.is_up && refused_topics > 0; }

@@ -31,6 +31,8 @@ class ControlHandler {
   virtual void manage_ble(MeshOrder order, OrderDone done) = 0;
   /// What an operator orders about dead letters. The same.
   virtual void manage_store(StoreOrder order, OrderDone done) = 0;
+  /// Takes a robot that is not there out of what is known, here and at the broker.
+  virtual OrderAnswer forget(const std::string& robot) = 0;
   /// Reads the configuration again. What is in force now and what only a restart changes, or the
   /// problems, a line each; then nothing has changed.
   virtual OrderAnswer reload() = 0;

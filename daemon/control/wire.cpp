@@ -131,6 +131,11 @@ Result<Request, std::string> parse_request(std::string_view line) {
   if (*command == "robots") return Request(RobotsRequest{text_of(request, "robot")});
   if (*command == "reload") return Request(ReloadRequest{});
   if (*command == "send") return parse_send(request);
+  if (*command == "forget") {
+    const auto robot = text_of(request, "robot");
+    if (!robot) return std::string("forget needs the text robot");
+    return Request(ForgetRequest{*robot});
+  }
   if (*command == "watch")
     return Request(WatchRequest{text_of(request, "robot"), text_of(request, "type")});
   if (command->starts_with("ble ")) return parse_order(*command, request);

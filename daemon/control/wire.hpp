@@ -5,6 +5,7 @@
 //   request   {"command": "status" | "reload"}
 //             {"command": "robots", "robot": optional}
 //             {"command": "watch", "robot": optional, "type": optional}
+//             {"command": "forget", "robot": "..."}
 //             {"command": "send", "robot": "...", "type": "...", "payload_hex": "..."}
 //             {"command": "ble scan" | "ble nodes" | "ble export" | "ble reset-board"}
 //             {"command": "ble provision", "uuid": "...", "robot": "..."}
@@ -42,6 +43,9 @@ struct RobotsRequest {
   std::optional<std::string> robot;
 };
 struct ReloadRequest {};
+struct ForgetRequest {
+  std::string robot;
+};
 /// Nothing: any robot, any type.
 struct WatchRequest {
   std::optional<std::string> robot;
@@ -52,8 +56,8 @@ struct SendRequest {
   std::string type;
   Bytes payload;
 };
-using Request = std::variant<StatusRequest, RobotsRequest, ReloadRequest, WatchRequest, SendRequest,
-                             MeshOrder, StoreOrder>;
+using Request = std::variant<StatusRequest, RobotsRequest, ReloadRequest, ForgetRequest,
+                             WatchRequest, SendRequest, MeshOrder, StoreOrder>;
 
 /// A request, or what is wrong with it in words.
 Result<Request, std::string> parse_request(std::string_view line);

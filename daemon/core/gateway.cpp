@@ -57,6 +57,7 @@ Gateway::Gateway(TopicScheme scheme, Settings settings, const BrokerLink& broker
       settings_(std::move(settings)),
       broker_(broker),
       leftovers_(scheme_.presence_topic("+")),
+      rights_(scheme_),
       presence_on_(std::move(presence_on)),
       commands_(settings_.max_open_commands) {}
 
@@ -68,6 +69,7 @@ void Gateway::handle(Report report, const Now& now) {
   const Robot* known = registry_.find(report.robot);
   const bool is_first_by_radio = report.radio && known && !known->radio;
   Robot* robot = registry_.on_report(report, now);
+  withdraw_evicted();
   if (robot && is_first_by_radio) announce(report.robot, *robot, now);  // its presence came before
   if (!report.is_will) on_heard(report.robot, robot, now);
   open_receipts_.add(report.receipt, report.robot, now);
@@ -125,6 +127,8 @@ void Gateway::reject(const Report& report, std::string_view type, Robot* robot, 
 
 void Gateway::handle(PresenceChange change, const Now& now) {
   Robot* robot = registry_.on_presence(change, now);
+  withdraw_evicted();
+  to_withdraw_.erase(change.robot);
   if (robot) announce(change.robot, *robot, now);
   actions_.push(Notice{Severity::info,
                        fmt::format("{} {} is {} at {}", to_string(change.mesh), change.robot,
@@ -210,6 +214,7 @@ void Gateway::handle(Notice notice, const Now&) { actions_.push(std::move(notice
 void Gateway::on_broker_message(BrokerMessage message,
                                 std::span<const SubscriptionId> subscriptions, const Now& now) {
   if (leftovers_.take(message)) return;
+  if (rights_.take(message, now)) return probe_rights({});
   // Retained messages come for the subscription that asked for them only.
   if (!message.retain && !subscriptions_.is_copy_to_take(message, subscriptions)) return;
   deliver(std::move(message), now);
@@ -275,6 +280,7 @@ std::optional<Mesh> Gateway::carrier_for(const std::string& robot) const {
 }
 
 void Gateway::on_broker_link(const Now& now) {
+  rights_.on_broker_link(broker_.is_up && settings_.probes_rights);
   if (!broker_.is_up) {
     for (auto& [mesh, filter] : subscriptions_.on_broker_gone()) {
       actions_.push(AnswerSubscribe{mesh, std::move(filter), true});
@@ -287,12 +293,17 @@ void Gateway::on_broker_link(const Now& now) {
   leftovers_.on_broker_up(now.mono);
   if (leftovers_.is_looking())
     actions_.push(SubscribeAtBroker{leftovers_.filter(), Qos::at_least_once, own_subscription});
+  if (settings_.probes_rights)
+    for (const std::string& filter : rights_.filters())
+      actions_.push(SubscribeAtBroker{filter, Qos::at_most_once, own_subscription});
   tell_state();
+  for (const std::string& robot : std::exchange(to_withdraw_, {})) withdraw(robot);
   for (auto& [id, robot] : registry_.robots()) announce(id, robot, now);
 }
 
 std::optional<TimePoint> Gateway::deadline() const {
-  return earlier(commands_.deadline(), broker_.is_up ? leftovers_.deadline() : std::nullopt);
+  const auto of_broker = earlier(leftovers_.deadline(), rights_.deadline());
+  return earlier(commands_.deadline(), broker_.is_up ? of_broker : std::nullopt);
 }
 
 void Gateway::on_deadline(const Now& now) {
@@ -302,7 +313,14 @@ void Gateway::on_deadline(const Now& now) {
               CommandResult::timeout, CommandLedger::patience,
               "the mesh has not told its outcome"});
   }
-  if (broker_.is_up) end_leftovers(now);
+  if (!broker_.is_up) return;
+  end_leftovers(now);
+  probe_rights(rights_.on_tick(now));
+}
+
+void Gateway::probe_rights(std::vector<BrokerMessage> messages) {
+  for (BrokerMessage& message : messages) actions_.push(Upload{std::move(message), {}});
+  if (auto notice = rights_.next_notice()) actions_.push(std::move(*notice));
 }
 
 /// Marks leftovers that were not heard as offline; the time is unknown.
@@ -320,7 +338,13 @@ void Gateway::end_leftovers(const Now& now) {
   }
 }
 
-void Gateway::on_subscribe_result(const std::string& filter, bool granted) {
+void Gateway::on_subscribe_result(const std::string& filter, bool granted, const Now& now) {
+  if (rights_.is_own(filter)) {
+    auto question = rights_.on_subscribe_result(filter, granted, now);
+    std::vector<BrokerMessage> messages;
+    if (question) messages.push_back(std::move(*question));
+    return probe_rights(std::move(messages));
+  }
   for (const Mesh mesh : subscriptions_.on_answer(filter, granted)) {
     actions_.push(AnswerSubscribe{mesh, filter, granted});
   }
@@ -334,6 +358,40 @@ void Gateway::on_subscribe_result(const std::string& filter, bool granted) {
 
 void Gateway::on_store(bool is_full) {
   if (std::exchange(is_store_full_, is_full) != is_full && broker_.is_up) tell_state();
+}
+
+void Gateway::on_configured(std::set<std::string> robots, const Now&) {
+  const std::set<std::string> before = registry_.configured();
+  registry_.set_configured(std::move(robots));
+  for (const std::string& robot : before) {
+    const Robot* known = registry_.find(robot);
+    const bool is_there = known && known->presence().presence != Presence::offline;
+    if (!registry_.is_configured(robot) && !is_there) forget(robot);
+  }
+}
+
+std::string Gateway::forget(const std::string& robot) {
+  if (!is_valid_level(robot)) return "a robot's id is one topic level";
+  const Robot* known = registry_.find(robot);
+  if (known && known->presence().presence != Presence::offline)
+    return fmt::format("{} is {}: switch it off first, or it would be back at once", robot,
+                       to_string(known->presence().presence));
+  registry_.forget(robot);
+  withdraw(robot);
+  return {};
+}
+
+/// An empty retained message takes a retained one from the broker.
+void Gateway::withdraw(const std::string& robot) {
+  if (broker_.is_up) {
+    publish_retained(scheme_.presence_topic(robot), "");
+  } else if (to_withdraw_.size() < RobotRegistry::max_robots) {
+    to_withdraw_.insert(robot);
+  }
+}
+
+void Gateway::withdraw_evicted() {
+  for (const std::string& robot : registry_.take_evicted()) withdraw(robot);
 }
 
 void Gateway::on_stop() {

@@ -5,6 +5,7 @@
 
 #include <functional>
 #include <optional>
+#include <set>
 #include <string>
 #include <variant>
 
@@ -15,6 +16,7 @@
 #include "daemon/core/normalizer.hpp"
 #include "daemon/core/open_receipts.hpp"
 #include "daemon/core/protocol_machine.hpp"
+#include "daemon/core/rights_probe.hpp"
 #include "daemon/core/robot_registry.hpp"
 #include "daemon/core/subscription_table.hpp"
 #include "daemon/core/topic_scheme.hpp"
@@ -63,6 +65,7 @@ class Gateway {
     UpdateMode update_mode = UpdateMode::positions;
     WallTime started{};  ///< "since" in `state`
     std::size_t max_open_commands = CommandLedger::default_max_open;
+    bool probes_rights = false;  ///< says something to itself at each connect (RightsProbe)
   };
   struct Traffic {
     std::uint64_t up = 0;             ///< robots' messages that went to the outbox
@@ -86,9 +89,15 @@ class Gateway {
   /// every robot's presence again (a broker without persistence has forgotten them). Down: answers
   /// what still waits for the broker.
   void on_broker_link(const Now& now);
-  void on_subscribe_result(const std::string& filter, bool granted);
+  void on_subscribe_result(const std::string& filter, bool granted, const Now& now);
   /// The receipt of a Report has fired: for the robot's numbers.
   void on_receipt(const Receipt& receipt, ReceiptOutcome outcome, TimePoint now);
+  /// The ids that `robots` of the configuration gives: they keep their place. What has left the
+  /// configuration and is not there now is forgotten.
+  void on_configured(std::set<std::string> robots, const Now& now);
+  /// Takes a robot out of the registry and its retained presence from the broker, also one that
+  /// only an earlier life of the daemon knew. What is wrong with that in words; empty when done.
+  std::string forget(const std::string& robot);
   /// The store has no room for messages that are acknowledged, or has it again: `state` says so.
   void on_store(bool is_full);
   bool is_store_full() const { return is_store_full_; }
@@ -100,6 +109,8 @@ class Gateway {
   void on_deadline(const Now& now);
 
   const RobotRegistry& registry() const { return registry_; }
+  /// What the broker's access list keeps from this gateway, as far as it is known.
+  std::vector<MissingRight> missing_rights() const { return rights_.missing(); }
   std::size_t open_commands() const { return commands_.size(); }
   const Traffic& traffic() const { return traffic_; }
   struct LinkState {
@@ -123,6 +134,9 @@ class Gateway {
   std::optional<Mesh> carrier_for(const std::string& robot) const;
   void conclude(CommandOutcome outcome);
   void end_leftovers(const Now& now);
+  void withdraw(const std::string& robot);
+  void withdraw_evicted();
+  void probe_rights(std::vector<BrokerMessage> messages);
   void tell_traffic(const Report& report, const std::string& type, const Normalized& normalized,
                     const Now& now);
   void reject(const Report& report, std::string_view type, Robot* robot, Bytes payload,
@@ -138,6 +152,8 @@ class Gateway {
   RobotRegistry registry_;
   SubscriptionTable subscriptions_;
   LeftoverRobots leftovers_;
+  RightsProbe rights_;
+  std::set<std::string> to_withdraw_;  // retained presence to clear when the broker is back
   PresenceQuery presence_on_;
   CommandLedger commands_;
   OpenReceipts open_receipts_;

@@ -2,6 +2,7 @@
 #include "daemon/core/robot_registry.hpp"
 
 #include <algorithm>
+#include <functional>
 
 namespace slamgw {
 Mesh Robot::mesh() const {
@@ -19,12 +20,51 @@ Mesh Robot::mesh() const {
 Robot* RobotRegistry::find_or_add(const std::string& robot) {
   const auto known = robots_.find(robot);
   if (known != robots_.end()) return &known->second;
-  if (robots_.size() >= max_robots) {
+  if (robots_.size() >= capacity_) make_room();
+  if (robots_.size() >= capacity_) {
     ++untracked_;
     return nullptr;
   }
   ++counts_[static_cast<std::size_t>(Presence::offline)];
   return &robots_[robot];
+}
+
+/// Many at once, because finding them looks at every robot.
+void RobotRegistry::make_room() {
+  std::vector<std::map<std::string, Robot>::iterator> candidates;
+  for (auto robot = robots_.begin(); robot != robots_.end(); ++robot)
+    if (!is_configured(robot->first)) candidates.push_back(robot);
+  const std::size_t count = std::min(
+      candidates.size(), std::max<std::size_t>(1, std::min(evicted_at_once, capacity_ / 16)));
+  const auto heard_for = [](const auto& robot) {
+    return robot->second.last_heard - robot->second.first_heard;
+  };
+  std::ranges::nth_element(candidates, candidates.begin() + static_cast<std::ptrdiff_t>(count),
+                           std::ranges::less(), heard_for);
+  candidates.resize(count);
+  for (const auto& robot : candidates) {
+    evicted_.push_back(robot->first);
+    ++evicted_total_;
+    remove(robot);
+  }
+}
+
+void RobotRegistry::remove(std::map<std::string, Robot>::iterator robot) {
+  --counts_[static_cast<std::size_t>(robot->second.presence().presence)];
+  robots_.erase(robot);
+}
+
+bool RobotRegistry::forget(const std::string& robot) {
+  const auto known = robots_.find(robot);
+  if (known == robots_.end()) return false;
+  remove(known);
+  return true;
+}
+
+void Robot::on_heard(const Now& now) {
+  if (first_heard == TimePoint{}) first_heard = now.mono;
+  last_heard = now.mono;
+  last_seen = now.wall;
 }
 
 Robot* RobotRegistry::on_presence(const PresenceChange& change, const Now& now) {
@@ -35,7 +75,7 @@ Robot* RobotRegistry::on_presence(const PresenceChange& change, const Now& now) 
   there = {true, change.presence, change.address, now.wall};
   robot->last_mesh = change.mesh;
   ++counts_[static_cast<std::size_t>(robot->presence().presence)];
-  if (change.presence != Presence::offline) robot->last_seen = now.wall;
+  if (change.presence != Presence::offline) robot->on_heard(now);
   return robot;
 }
 
@@ -44,7 +84,7 @@ Robot* RobotRegistry::on_report(const Report& report, const Now& now) {
   if (!robot) return nullptr;
   if (report.is_will) return robot;
   robot->numbers.on_up(report.payload.size(), now.mono);
-  robot->last_seen = now.wall;
+  robot->on_heard(now);
   robot->last_mesh = report.mesh;
   robot->radio = report.radio;
   return robot;
@@ -52,7 +92,7 @@ Robot* RobotRegistry::on_report(const Report& report, const Now& now) {
 
 Robot* RobotRegistry::on_sign_of_life(const std::string& robot, const Now& now) {
   Robot* known = find(robot);
-  if (known) known->last_seen = now.wall;
+  if (known) known->on_heard(now);
   return known;
 }
 

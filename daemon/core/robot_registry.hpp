@@ -7,7 +7,10 @@
 #include <cstdint>
 #include <map>
 #include <optional>
+#include <set>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "daemon/core/burst.hpp"
 #include "daemon/core/messages.hpp"
@@ -27,11 +30,14 @@ struct Robot {
   PerMesh<MeshPresence> on_mesh;
   Mesh last_mesh = Mesh::thread;  ///< where it last came, went or spoke
   WallTime last_seen{};
+  TimePoint first_heard{};
+  TimePoint last_heard{};  ///< any sign of life
   RobotNumbers numbers;
   TimePoint announced{};            ///< its presence was published last
   std::optional<RadioFacts> radio;  ///< of its last message
   Burst rejected_burst;
 
+  void on_heard(const Now& now);
   /// The mesh that speaks for it: one where it is online, else asleep, else the last one.
   Mesh mesh() const;
   const MeshPresence& presence() const { return on_mesh[mesh()]; }
@@ -39,13 +45,27 @@ struct Robot {
 
 class RobotRegistry {
  public:
-  /// A robot beyond this many is not tracked (its messages still pass); twice the default of
-  /// `mqttsn.max_clients`.
+  /// Twice the default of `mqttsn.max_clients`. When it is reached, `evicted_at_once` of the least
+  /// useful go: those that are not configured and were heard over the shortest time. So a crowd of
+  /// strangers pushes out itself.
   static constexpr std::size_t max_robots = 20000;
+  static constexpr std::size_t evicted_at_once = 1000;
+
+  explicit RobotRegistry(std::size_t capacity = max_robots) : capacity_(capacity) {}
+
+  /// Robots of the configuration are never evicted. One that is beyond the capacity with them alone
+  /// is not tracked (its messages still pass).
+  void set_configured(std::set<std::string> robots) { configured_ = std::move(robots); }
+  bool is_configured(const std::string& robot) const { return configured_.contains(robot); }
+  const std::set<std::string>& configured() const { return configured_; }
 
   /// The robot after the change; nothing when there is no room for it.
   Robot* on_presence(const PresenceChange& change, const Now& now);
   Robot* on_report(const Report& report, const Now& now);
+  /// False when it is not known.
+  bool forget(const std::string& robot);
+  /// Robots that had to make room since the last call.
+  std::vector<std::string> take_evicted() { return std::exchange(evicted_, {}); }
   /// These are of robots that are known already; null otherwise.
   Robot* on_sign_of_life(const std::string& robot, const Now& now);
   Robot* find(const std::string& robot);
@@ -58,11 +78,18 @@ class RobotRegistry {
   /// How many robots are online, asleep, offline (all meshes considered).
   std::size_t count(Presence presence) const { return counts_[static_cast<std::size_t>(presence)]; }
   std::uint64_t untracked() const { return untracked_; }
+  std::uint64_t evicted() const { return evicted_total_; }
 
  private:
+  void make_room();
+  void remove(std::map<std::string, Robot>::iterator robot);
   Robot* find_or_add(const std::string& robot);
 
+  std::size_t capacity_;
   std::map<std::string, Robot> robots_;
+  std::set<std::string> configured_;
+  std::vector<std::string> evicted_;
+  std::uint64_t evicted_total_ = 0;
   std::array<std::size_t, 3> counts_{};  // by Presence
   std::uint64_t untracked_ = 0;
 };

@@ -95,9 +95,11 @@ bool filter_matches(std::string_view filter, std::string_view topic) {
 }
 
 TopicScheme::TopicScheme(std::string prefix, std::string gateway_id)
-    : robot_root_(prefix + "/robot/"),
-      command_root_(prefix + "/server/"),
-      gateway_root_(std::move(prefix) + "/gateway/" + std::move(gateway_id) + "/") {}
+    : prefix_(std::move(prefix)),
+      gateway_id_(std::move(gateway_id)),
+      robot_root_(prefix_ + "/robot/"),
+      command_root_(prefix_ + "/server/"),
+      gateway_root_(prefix_ + "/gateway/" + gateway_id_ + "/") {}
 
 std::string TopicScheme::robot_topic(std::string_view robot, std::string_view type) const {
   return robot_root_ + std::string(robot) + "/" + std::string(type);

@@ -48,10 +48,14 @@ class TopicScheme {
   std::string outcome_topic(std::string_view robot) const;
   std::string rejected_topic(std::string_view robot, std::string_view type) const;
 
+  const std::string& prefix() const { return prefix_; }
+  const std::string& gateway_id() const { return gateway_id_; }
   const std::string& robot_root() const { return robot_root_; }      ///< `<prefix>/robot/`
   const std::string& command_root() const { return command_root_; }  ///< `<prefix>/server/`
 
  private:
+  std::string prefix_;
+  std::string gateway_id_;
   std::string robot_root_;
   std::string command_root_;
   std::string gateway_root_;

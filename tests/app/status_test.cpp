@@ -24,7 +24,7 @@ TEST(StatusJson, HasTheNamesThatPeopleScriptAgainst) {
                                                   "memory_rss_bytes", "meshes", "messages", "queue",
                                                   "robots", "store", "uptime_s", "version"}));
   EXPECT_EQ(names(status["broker"]),
-            (std::set<std::string>{"refused", "since", "state", "uri", "why"}));
+            (std::set<std::string>{"missing_rights", "refused", "since", "state", "uri", "why"}));
   EXPECT_EQ(names(status["meshes"]), (std::set<std::string>{"ble", "thread"}));
   EXPECT_EQ(names(status["robots"]),
             (std::set<std::string>{"asleep", "known", "offline", "online", "untracked"}));
@@ -33,11 +33,12 @@ TEST(StatusJson, HasTheNamesThatPeopleScriptAgainst) {
 
 TEST(StatusJson, SaysOfEachLinkHowItIs) {
   Status status;
-  status.broker = {"mqtt://b:1883", {false, WallTime{1'700'000'000s}, "refused"}, 0, {}};
+  status.broker = {"mqtt://b:1883", {false, WallTime{1'700'000'000s}, "refused"}, 0, {}, {}};
   status.meshes[Mesh::thread] = {true, true, "UDP [::]:47193", {{"received", 7}}};
   const json out = to_json(status);
   EXPECT_EQ(out["broker"], json::parse(R"({"state": "down", "uri": "mqtt://b:1883",
                                            "since": "2023-11-14T22:13:20Z", "why": "refused",
+                                           "missing_rights": [],
                                            "refused": {"topics": 0, "list": []}})"));
   EXPECT_EQ(out["meshes"]["ble"]["state"], "disabled");
   EXPECT_EQ(out["meshes"]["thread"], json::parse(R"({"enabled": true, "state": "up",
@@ -46,13 +47,18 @@ TEST(StatusJson, SaysOfEachLinkHowItIs) {
 
 TEST(StatusJson, SaysThatTheBrokerRefusesOnlyWhileItIsThere) {
   Status status;
-  status.broker = {"u", {false, {}, "gone"}, 2, {{"t", {0x87, "not authorised"}, 3, 1, 9s}}};
+  status.broker = {"u",
+                   {false, {}, "gone"},
+                   2,
+                   {{"commands may not come", "topic read p/server/#"}},
+                   {{"t", {0x87, "not authorised"}, 3, 1, 9s}}};
   EXPECT_EQ(to_json(status)["broker"]["state"], "down");
   EXPECT_EQ(to_json(status)["broker"]["why"], "gone");
   status.broker.link = {true, {}, {}};
   const json broker = to_json(status)["broker"];
   EXPECT_EQ(broker["state"], "refusing");
   EXPECT_EQ(broker["why"], "not authorised on t (3 messages wait), and 1 more topics");
+  EXPECT_EQ(broker["missing_rights"][0]["grant"], "topic read p/server/#");
   EXPECT_EQ(broker["refused"], json::parse(R"({"topics": 2, "list": [{"topic": "t", "code": 135,
       "why": "not authorised", "waiting": 3, "tries": 1, "for_s": 9}]})"));
 }

@@ -36,6 +36,7 @@ class FakeHandler : public ControlHandler {
   OrderAnswer reload_answer{R"({"in_force": "log"})", {}};
   std::vector<Sent> sent;
   std::vector<bool> watched;
+  std::vector<std::string> forgotten;
   std::vector<Ordered> orders;
   struct StoreOrdered {
     StoreOrder order;
@@ -63,6 +64,11 @@ class FakeHandler : public ControlHandler {
     if (order_answer) done(*order_answer);
   }
   OrderAnswer reload() override { return reload_answer; }
+  OrderAnswer forget(const std::string& robot) override {
+    forgotten.push_back(robot);
+    if (robot == "online") return {{}, "online is online: switch it off first"};
+    return {nlohmann::json{{"forgotten", robot}, {"was_known", robot == "old"}}.dump(), {}};
+  }
   void manage_store(StoreOrder order, OrderDone done) override {
     store_orders.push_back({std::move(order), done});
     if (store_answers.empty()) return;

@@ -195,7 +195,7 @@ TEST_F(GatewayTest, PassesTheBrokersAnswerToWhoAsked) {
   broker_comes();
   say(SubscribeRequest{Mesh::thread, "f", Qos::at_least_once});
   EXPECT_TRUE(drain<AnswerSubscribe>().empty());
-  gateway.on_subscribe_result("f", false);
+  gateway.on_subscribe_result("f", false, now);
   const auto answers = drain<AnswerSubscribe>();
   ASSERT_EQ(answers.size(), 1u);
   EXPECT_FALSE(answers[0].granted);
@@ -336,7 +336,7 @@ TEST_F(GatewayTest, TakesOneCopyOfAMessageForOverlappingSubscriptions) {
   broker_comes();
   for (const char* filter : {"ntnu-slam/server/a/+", "ntnu-slam/server/a/cmd"}) {
     say(SubscribeRequest{Mesh::thread, filter, Qos::at_least_once});
-    gateway.on_subscribe_result(filter, true);
+    gateway.on_subscribe_result(filter, true, now);
   }
   const auto subscriptions = drain<SubscribeAtBroker>();
   ASSERT_EQ(subscriptions.size(), 2u);

@@ -64,14 +64,47 @@ TEST(RobotRegistry, AWillIsNoSignOfLife) {
   EXPECT_EQ(registry.find("a")->numbers.up(), 1u);
 }
 
-TEST(RobotRegistry, TracksABoundedNumberAndCountsTheRest) {
-  RobotRegistry registry;
-  for (std::size_t i = 0; i < RobotRegistry::max_robots; ++i) {
-    ASSERT_TRUE(registry.on_report(report_of("r" + std::to_string(i), Mesh::thread), {}));
+/// Heard at each of these seconds.
+void hear(RobotRegistry& registry, const std::string& robot, int from_s, int to_s) {
+  for (int second = from_s; second <= to_s; second += 10)
+    registry.on_report(report_of(robot, Mesh::thread), {TimePoint{1h} + 1s * second, {}});
+}
+
+TEST(RobotRegistry, ACrowdOfStrangersPushesOutItself) {
+  RobotRegistry registry(100);
+  registry.set_configured({"configured"});
+  registry.on_presence({Mesh::thread, "configured", Presence::offline, ""}, {TimePoint{1h}, {}});
+  hear(registry, "honest", 0, 3600);
+  for (int i = 0; i < 1000; ++i) {
+    const std::string stranger = "s" + std::to_string(i);
+    registry.on_presence({Mesh::thread, stranger, Presence::online, ""}, {TimePoint{2h}, {}});
+    ASSERT_TRUE(registry.find(stranger)) << "a newcomer has a place";
+    ASSERT_LE(registry.robots().size(), 100u);
   }
+  EXPECT_TRUE(registry.find("configured"));
+  EXPECT_TRUE(registry.find("honest"));
+  EXPECT_EQ(registry.evicted(), registry.take_evicted().size());
+  EXPECT_GE(registry.evicted(), 902u);
+  EXPECT_EQ(registry.count(Presence::online) + registry.count(Presence::offline),
+            registry.robots().size());
+}
+
+TEST(RobotRegistry, DoesNotTrackMoreThanAConfigurationLeavesRoomFor) {
+  RobotRegistry registry(3);
+  registry.set_configured({"a", "b", "c"});
+  for (const char* robot : {"a", "b", "c"}) hear(registry, robot, 0, 0);
   EXPECT_FALSE(registry.on_report(report_of("one more", Mesh::thread), {}));
   EXPECT_EQ(registry.untracked(), 1u);
-  EXPECT_TRUE(registry.on_report(report_of("r0", Mesh::thread), {})) << "known ones still count";
+  EXPECT_TRUE(registry.on_report(report_of("a", Mesh::thread), {}));
+}
+
+TEST(RobotRegistry, ForgetsARobot) {
+  RobotRegistry registry;
+  registry.on_presence({Mesh::ble, "a", Presence::online, ""}, {});
+  EXPECT_TRUE(registry.forget("a"));
+  EXPECT_FALSE(registry.forget("a"));
+  EXPECT_EQ(registry.count(Presence::online), 0u);
+  EXPECT_TRUE(registry.robots().empty());
 }
 
 }  // namespace

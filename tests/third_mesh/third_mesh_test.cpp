@@ -121,24 +121,27 @@ class ThirdMesh : public testing::Test, private MeshListener {
     driver.input([&](Gateway& it, const Now& now) { it.on_mesh_event(std::move(event), now); });
   }
   void perform(GatewayAction& action) {
-    std::visit(
-        overloaded{
-            [&](Upload& it) {
-              if (it.receipt.is_owed()) mesh.on_receipt(it.receipt.id, ReceiptOutcome::safe);
-              at_broker.push_back(std::move(it.message));
-            },
-            [&](SubscribeAtBroker& it) {
-              driver.input([&](Gateway& g, const Now&) { g.on_subscribe_result(it.filter, true); });
-            },
-            [&](DeliverToMeshes& it) {
-              mesh.on_broker_message(it.message, it.command_on(Mesh::zigbee));
-            },
-            [&](AnswerSubscribe& it) {
-              if (it.mesh == Mesh::zigbee) mesh.on_subscribe_result(it.filter, it.granted);
-            },
-            [&](TrafficEvent& it) { traffic.push_back(traffic_text(it, {})); },
-            [](UnsubscribeAtBroker&) {}, [](CommandOutcome&) {}, [](MeshStep&) {}, [](Notice&) {}},
-        action);
+    std::visit(overloaded{[&](Upload& it) {
+                            if (it.receipt.is_owed())
+                              mesh.on_receipt(it.receipt.id, ReceiptOutcome::safe);
+                            at_broker.push_back(std::move(it.message));
+                          },
+                          [&](SubscribeAtBroker& it) {
+                            driver.input([&](Gateway& g, const Now& now) {
+                              g.on_subscribe_result(it.filter, true, now);
+                            });
+                          },
+                          [&](DeliverToMeshes& it) {
+                            mesh.on_broker_message(it.message, it.command_on(Mesh::zigbee));
+                          },
+                          [&](AnswerSubscribe& it) {
+                            if (it.mesh == Mesh::zigbee)
+                              mesh.on_subscribe_result(it.filter, it.granted);
+                          },
+                          [&](TrafficEvent& it) { traffic.push_back(traffic_text(it, {})); },
+                          [](UnsubscribeAtBroker&) {}, [](CommandOutcome&) {}, [](MeshStep&) {},
+                          [](Notice&) {}},
+               action);
   }
   void robot_says(const std::string& robot, Bytes payload) {
     mesh.input([&](ZigbeeMachine& it, const Now&) { it.on_frame(robot, std::move(payload)); });

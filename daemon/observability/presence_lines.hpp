@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+// Lines of the log about robots that come and go: as many as a fleet needs, and no flood from a
+// crowd of strangers. Pure.
+#pragma once
+
+#include <fmt/format.h>
+#include <cstdint>
+#include <optional>
+#include <utility>
+
+#include "daemon/core/messages.hpp"
+#include "daemon/observability/line_budget.hpp"
+
+namespace slamgw {
+
+class PresenceLines {
+ public:
+  /// A thousand robots that come at once, with a third for their going.
+  static constexpr std::int64_t lines_at_once = 1500;
+  static constexpr std::int64_t lines_per_second = 20;
+
+  /// False when there were too many; other notices always may.
+  bool may_write(const Notice& notice, TimePoint now) {
+    if (notice.occasion != Occasion::robot_presence || budget_.take(now)) return true;
+    ++left_out_;
+    return false;
+  }
+  /// How many were left out since the last call; to be called every few seconds.
+  std::optional<Notice> summary() {
+    const std::uint64_t count = std::exchange(left_out_, 0);
+    if (count == 0) return std::nullopt;
+    return Notice{
+        Severity::warning,
+        fmt::format("{} robots came or went without a line of their own: too many at once", count),
+        {},
+        Occasion::robot_presence};
+  }
+
+ private:
+  LineBudget budget_{lines_at_once, lines_per_second};
+  std::uint64_t left_out_ = 0;
+};
+
+}  // namespace slamgw

@@ -1,0 +1,130 @@
+// SPDX-License-Identifier: Apache-2.0
+// What is forgotten here leaves the broker too; and the gateway's own rights there.
+#include <gtest/gtest.h>
+
+#include <map>
+
+#include "daemon/core/gateway.hpp"
+
+namespace slamgw {
+namespace {
+
+using namespace std::chrono_literals;
+
+class GatewayForget : public testing::Test {
+ protected:
+  void presence(const std::string& robot, Presence is) {
+    gateway.on_mesh_event(PresenceChange{Mesh::thread, robot, is, "a"}, now);
+    drain();
+  }
+  void broker_is(bool is_up) {
+    broker.is_up = is_up;
+    gateway.on_broker_link(now);
+    drain();
+  }
+  void pass(Duration time) {
+    now.mono += time;
+    gateway.on_deadline(now);
+    drain();
+  }
+  /// Plays the broker: keeps what is retained, and brings messages back as far as it may be read.
+  void drain() {
+    while (auto action = gateway.next_action()) {
+      if (const auto* upload = std::get_if<Upload>(&*action)) receive(upload->message);
+      if (const auto* subscribe = std::get_if<SubscribeAtBroker>(&*action))
+        gateway.on_subscribe_result(subscribe->filter, true, now);
+      if (const auto* notice = std::get_if<Notice>(&*action)) notices.push_back(notice->text);
+    }
+  }
+  void receive(const BrokerMessage& message) {
+    const std::string text(as_text(message.payload));
+    if (message.retain && text.empty()) retained.erase(message.topic);
+    if (message.retain && !text.empty()) retained[message.topic] = text;
+    const bool is_probe = message.topic.ends_with("/probe");
+    if (is_probe && (may_read_commands || !message.topic.starts_with("p/server/")))
+      gateway.on_broker_message(message, {}, now);
+  }
+  bool is_retained(const std::string& robot) const {
+    return retained.contains("p/gateway/g/robots/" + robot);
+  }
+
+  Now now{TimePoint{1h}, WallTime{1'700'000'000s}};
+  BrokerLink broker{true, {}, {}};
+  Gateway gateway{TopicScheme("p", "g"),
+                  {.version = "1", .probes_rights = true},
+                  broker,
+                  [](Mesh, const std::string&) { return Presence::online; }};
+  bool may_read_commands = true;
+  std::map<std::string, std::string> retained;
+  std::vector<std::string> notices;
+};
+
+TEST_F(GatewayForget, TakesARobotFromTheBroker) {
+  presence("r", Presence::online);
+  EXPECT_NE(gateway.forget("r"), "") << "it is there";
+  presence("r", Presence::offline);
+  EXPECT_TRUE(is_retained("r"));
+  EXPECT_EQ(gateway.forget("r"), "");
+  drain();
+  EXPECT_FALSE(is_retained("r"));
+  EXPECT_FALSE(gateway.registry().find("r"));
+  EXPECT_NE(gateway.forget("a/b"), "");
+}
+
+TEST_F(GatewayForget, TakesARobotOfAnEarlierLifeFromTheBroker) {
+  retained["p/gateway/g/robots/old"] = "{}";
+  EXPECT_EQ(gateway.forget("old"), "");
+  drain();
+  EXPECT_FALSE(is_retained("old"));
+}
+
+TEST_F(GatewayForget, ClearsWhatIsRetainedWhenTheBrokerIsBack) {
+  presence("r", Presence::offline);
+  presence("back", Presence::offline);
+  broker_is(false);
+  EXPECT_EQ(gateway.forget("r"), "");
+  EXPECT_EQ(gateway.forget("back"), "");
+  drain();
+  EXPECT_TRUE(is_retained("r"));
+  presence("back", Presence::online);
+  broker_is(true);
+  EXPECT_FALSE(is_retained("r"));
+  EXPECT_TRUE(is_retained("back"));
+}
+
+TEST_F(GatewayForget, WithdrawsWhatLeavesTheConfiguration) {
+  gateway.on_configured({"gone", "here", "kept"}, now);
+  presence("gone", Presence::offline);
+  presence("here", Presence::online);
+  presence("kept", Presence::offline);
+  gateway.on_configured({"kept"}, now);
+  drain();
+  EXPECT_FALSE(is_retained("gone"));
+  EXPECT_TRUE(is_retained("here")) << "it goes under another name of its own, or is a stranger now";
+  EXPECT_TRUE(is_retained("kept"));
+}
+
+TEST_F(GatewayForget, KnowsThatItMayDoAllAtTheBroker) {
+  broker_is(true);
+  pass(11s);
+  EXPECT_TRUE(gateway.missing_rights().empty());
+  EXPECT_TRUE(notices.empty());
+}
+
+TEST_F(GatewayForget, SaysWhichRightIsMissingAndWhenItIsThere) {
+  may_read_commands = false;
+  broker_is(true);
+  EXPECT_TRUE(gateway.missing_rights().empty()) << "it may be on its way";
+  ASSERT_TRUE(gateway.deadline());
+  pass(11s);
+  ASSERT_EQ(gateway.missing_rights().size(), 1u);
+  EXPECT_NE(gateway.missing_rights()[0].grant.find("topic read p/server/#"), std::string::npos);
+  ASSERT_EQ(notices.size(), 1u);
+  may_read_commands = true;
+  pass(61s);
+  EXPECT_TRUE(gateway.missing_rights().empty());
+  EXPECT_EQ(notices.size(), 2u);
+}
+
+}  // namespace
+}  // namespace slamgw
