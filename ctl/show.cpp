@@ -72,6 +72,20 @@ std::array<std::size_t, Column::count> fit(const std::vector<Row>& rows) {
   return widths;
 }
 
+/// Why robots are offline; of a few.
+std::string absent_lines(const json& robots) {
+  constexpr int most = 10;
+  std::string out;
+  int count = 0;
+  for (const json& robot : robots) {
+    const std::string why = text_at(robot, "why");
+    if (why.empty() || ++count > most) continue;
+    out += fmt::format("{}: {}\n", text_at(robot, "id"), why);
+  }
+  if (count > most) out += fmt::format("({} more are offline)\n", count - most);
+  return out;
+}
+
 /// What robots were refused, if anything; the log names the robots and the reasons.
 std::string refused_line(const json& counters) {
   constexpr std::pair<const char*, const char*> kinds[] = {
@@ -192,7 +206,7 @@ std::string Show::robots(const json& robots) const {
       line += " " + pad_left(row[column], widths[column]);
     out += line + "\n";
   }
-  return out;
+  return out + absent_lines(robots);
 }
 
 std::string Show::event(const json& event) const {

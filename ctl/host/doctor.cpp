@@ -262,10 +262,12 @@ std::vector<Finding> examine_robot(const std::string& robot, const json& robots,
   }
   const std::string state = text_at(*row, "state");
   const std::string why = text_at(*row, "why");
+  const std::string said = text_at(*row, "last_type");
   findings.push_back({"heard",
                       Health::well,
-                      fmt::format("last at {} on {} from {}", text_at(*row, "last_seen"),
-                                  text_at(*row, "mesh"), text_at(*row, "address")),
+                      fmt::format("last at {} on {} from {}{}", text_at(*row, "last_seen"),
+                                  text_at(*row, "mesh"), text_at(*row, "address"),
+                                  said.empty() ? "" : "; its last message was of type " + said),
                       {}});
   findings.push_back({"state", state == "offline" ? Health::problem : Health::well,
                       state + " since " + text_at(*row, "since") + (why.empty() ? "" : ": " + why),

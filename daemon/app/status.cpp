@@ -105,6 +105,8 @@ json to_json(const RobotStatus& robot) {
            {"state", to_string(robot.state)},
            {"since", to_iso8601(robot.since)},
            {"last_seen", to_iso8601(robot.last_seen)},
+           {"last_type", robot.last_type},
+           {"why", robot.why},
            {"messages", robot.messages},
            {"commands", robot.commands},
            {"bytes_up", robot.bytes_up},
@@ -161,6 +163,24 @@ json numbers_json(std::vector<RobotStatus> robots) {
   json numbers{{"robots", std::move(rows)}};
   if (robots.size() > count) numbers["left_out"] = robots.size() - count;
   return numbers;
+}
+
+std::string why_absent(const RobotStatus& robot, const Status::MeshLink& link) {
+  if (robot.state != Presence::offline) return {};
+  const std::string mesh(to_string(robot.mesh));
+  if (link.is_enabled && !link.is_up)
+    return fmt::format("the {} link is down: {}", mesh, link.detail);
+  if (robot.last_seen == WallTime{}) return "nothing was heard of it since the daemon started";
+  const auto silence =
+      std::chrono::duration_cast<std::chrono::seconds>(robot.since - robot.last_seen);
+  if (robot.mesh == Mesh::ble)
+    return fmt::format("the board had not heard it for {} s (presence.offline_after_s)",
+                       silence.count());
+  // A client that says goodbye was heard in that moment.
+  if (silence <= std::chrono::seconds{1})
+    return "it said goodbye (DISCONNECT) and has not connected since";
+  return fmt::format("its keep-alive ran out after {} s of silence; it has not connected since",
+                     silence.count());
 }
 
 json to_json(const std::vector<RobotStatus>& robots) {

@@ -100,7 +100,9 @@ struct RobotStatus {
   std::string address;
   Presence state = Presence::offline;
   WallTime since{};
-  WallTime last_seen{};  ///< any sign of life
+  WallTime last_seen{};   ///< any sign of life; the epoch: none since the daemon started
+  std::string last_type;  ///< of its last message
+  std::string why;        ///< it is offline, as far as that is known; else empty
   std::uint64_t messages = 0;
   std::uint64_t commands = 0;
   std::uint64_t bytes_up = 0;  ///< of payloads
@@ -115,6 +117,9 @@ struct RobotStatus {
 
 nlohmann::json to_json(const Status& status);
 nlohmann::json to_json(const std::vector<RobotStatus>& robots);
+
+/// Why a robot is offline, in words for operators; empty while it is not.
+std::string why_absent(const RobotStatus& robot, const Status::MeshLink& link);
 
 /// Robots in one message of the `numbers` topic: those that were heard last. The others are in
 /// `left_out`.

@@ -125,22 +125,27 @@ std::vector<RobotStatus> StatusCollector::robots(const std::optional<std::string
 RobotStatus StatusCollector::robot(const std::string& id, const Robot& robot, TimePoint now) const {
   const MeshPresence& presence = robot.presence();
   const MeshAdapter* adapter = meshes_.find(robot.mesh());
-  return {id,
-          robot.mesh(),
-          presence.address,
-          presence.presence,
-          presence.since,
-          robot.last_seen,
-          robot.numbers.up(),
-          robot.numbers.down(),
-          robot.numbers.bytes_up(),
-          robot.numbers.bytes_down(),
-          robot.numbers.repeats(),
-          robot.numbers.gaps(),
-          robot.numbers.rate_hz(now),
-          robot.numbers.latency(now),
-          robot.radio,
-          adapter ? adapter->queued_for(id) : 0};
+  RobotStatus status;
+  status.id = id;
+  status.mesh = robot.mesh();
+  status.address = presence.address;
+  status.state = presence.presence;
+  status.since = presence.since;
+  status.last_seen = robot.last_seen;
+  status.last_type = robot.last_type;
+  status.messages = robot.numbers.up();
+  status.commands = robot.numbers.down();
+  status.bytes_up = robot.numbers.bytes_up();
+  status.bytes_down = robot.numbers.bytes_down();
+  status.repeats = robot.numbers.repeats();
+  status.gaps = robot.numbers.gaps();
+  status.rate_hz = robot.numbers.rate_hz(now);
+  status.latency = robot.numbers.latency(now);
+  status.radio = robot.radio;
+  status.queue = adapter ? adapter->queued_for(id) : 0;
+  const Gateway::LinkState& link = gateway_.mesh_link(robot.mesh());
+  status.why = why_absent(status, {adapter != nullptr, link.is_up, link.detail, {}});
+  return status;
 }
 
 ServiceState StatusCollector::service_state() const {

@@ -78,6 +78,7 @@ void Gateway::handle(Report report, const Now& now) {
 
   Normalized normalized = normalize(own ? own->type : std::string_view{}, std::move(report.payload),
                                     settings_.update_mode);
+  if (robot && !report.is_will) robot->last_type = type;
   tell_traffic(report, type, normalized, now);
   if (normalized.is_rejected) {
     reject(report, type, robot, std::move(normalized.payload), now);

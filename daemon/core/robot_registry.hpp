@@ -33,6 +33,7 @@ struct Robot {
   TimePoint first_heard{};
   TimePoint last_heard{};  ///< any sign of life
   RobotNumbers numbers;
+  std::string last_type;            ///< of its last message; empty: it said nothing yet
   TimePoint announced{};            ///< its presence was published last
   std::optional<RadioFacts> radio;  ///< of its last message
   Burst rejected_burst;

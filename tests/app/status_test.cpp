@@ -80,6 +80,24 @@ TEST(RobotsJson, IsAnArrayWithARowForEach) {
   EXPECT_EQ(row["ttl"], 3);
 }
 
+TEST(WhyAbsent, NamesWhatIsKnown) {
+  RobotStatus robot;
+  robot.state = Presence::online;
+  Status::MeshLink link{true, true, "UDP", {}};
+  EXPECT_EQ(why_absent(robot, link), "");
+  robot.state = Presence::offline;
+  robot.since = WallTime{1'700'000'000s};
+  EXPECT_EQ(why_absent(robot, link), "nothing was heard of it since the daemon started");
+  robot.last_seen = robot.since - 300ms;
+  EXPECT_NE(why_absent(robot, link).find("said goodbye"), std::string::npos);
+  robot.last_seen = robot.since - 90s;
+  EXPECT_NE(why_absent(robot, link).find("ran out after 90 s"), std::string::npos);
+  robot.mesh = Mesh::ble;
+  EXPECT_NE(why_absent(robot, link).find("not heard it for 90 s"), std::string::npos);
+  link = {true, false, "no board", {}};
+  EXPECT_EQ(why_absent(robot, link), "the ble link is down: no board");
+}
+
 TEST(NumbersJson, IsWhatTheContractSays) {
   RobotStatus robot;
   robot.id = "r";
