@@ -49,7 +49,7 @@ void read_broker_uri(Value value, Config& config) {
   };
   if (!value.node().value.is_array()) {
     read(value);
-  } else if (value.node().value.empty()) {
+  } else if (value.node().children.empty()) {
     value.not_allowed("mqtt://HOST[:PORT] or mqtts://HOST[:PORT], or a list of them");
   } else {
     value.list(read, "broker URIs");

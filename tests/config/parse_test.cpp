@@ -40,6 +40,16 @@ TEST(ParseConfig, ReadsTheBrokersUri) {
   EXPECT_EQ(broker("mqtts://[fd00::1]:65535"), "fd00::1 65535 tls");
 }
 
+TEST(ParseConfig, ReadsAListOfBrokers) {
+  const Parsed parsed(R"({"broker": {"uri": ["mqtt://a", "mqtts://b", "mqtt://c:1"]}})");
+  EXPECT_EQ(parsed.lines_of_problems, "");
+  EXPECT_EQ(parsed.config.broker.host, "a");
+  EXPECT_EQ(parsed.config.broker.others,
+            (std::vector<BrokerAddress>{{"b", 8883, true}, {"c", 1, false}}));
+  for (const char* const bad : {"[]", R"(["mqtt://a", "mqtt://a"])", R"(["x"])"})
+    EXPECT_NE(Parsed(std::string(R"({"broker": {"uri": )") + bad + "}}").lines_of_problems, "");
+}
+
 TEST(ParseConfig, ReadsAddressesAsTextOrNumbers) {
   const Parsed parsed(R"({"ble_mesh": {"address": "0x7FFF", "groups": [49152, "0xfeff"]},
       "robots": [{"id": "a", "ble_address": 256}, {"id": "b", "ble_address": "0x101"}]})");
