@@ -170,6 +170,7 @@ void Upstream::on_connected(bool session_present, const BrokerLimits& limits) {
   up_since_ = std::chrono::steady_clock::now();
   stall_watch_.on_link_up(up_since_);
   rivals_.on_up(up_since_);
+  unanswered_ = 0;
   listener_.on_link_up(session_present, limits);
 }
 
@@ -203,15 +204,19 @@ void Upstream::on_lost(std::string why, bool is_taken_over) {
     backoff_.reset();
     tried_ = 0;
   }
-  if (rivals_.on_lost(is_taken_over, now) && !is_taken_over)
+  if (rivals_.on_lost(is_taken_over, unanswered_ > 0, now) && !is_taken_over)
     why += fmt::format(" soon after it came up, again and again; perhaps {}",
                        explain_rival(broker().client_id));
   go_on(why, rivals_.pause());
 }
 
-void Upstream::on_published(std::uint64_t sequence) { listener_.on_published(sequence); }
+void Upstream::on_published(std::uint64_t sequence) {
+  if (unanswered_ > 0) --unanswered_;
+  listener_.on_published(sequence);
+}
 
 void Upstream::on_publish_refused(std::uint64_t sequence, const Refusal& refusal) {
+  if (unanswered_ > 0) --unanswered_;
   listener_.on_publish_refused(sequence, refusal);
 }
 
@@ -229,6 +234,7 @@ void Upstream::on_message(BrokerMessage message, std::vector<std::uint32_t> subs
 
 void Upstream::publish(std::uint64_t sequence, BrokerMessage message) {
   if (!is_up_ || !keep_to_limits(sequence, message)) return;
+  ++unanswered_;
   link_->publish(sequence, std::move(message));
   stall_watch_.on_sent();
   if (!is_stall_timer_armed_) watch_for_stall();

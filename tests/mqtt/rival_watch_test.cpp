@@ -11,17 +11,28 @@ using namespace std::chrono_literals;
 TEST(RivalWatch, BelievesTheBrokerAtOnce) {
   RivalWatch watch;
   watch.on_up(TimePoint{0s});
-  EXPECT_TRUE(watch.on_lost(true, TimePoint{1h}));
+  EXPECT_TRUE(watch.on_lost(true, false, TimePoint{1h}));
   EXPECT_EQ(watch.pause(), RivalWatch::first_pause);
 }
 
 TEST(RivalWatch, SuspectsARivalWhenConnectionsEndSoonAgainAndAgain) {
   RivalWatch watch;
   watch.on_up(TimePoint{0s});
-  EXPECT_FALSE(watch.on_lost(false, TimePoint{1s})) << "a broker that restarts";
+  EXPECT_FALSE(watch.on_lost(false, false, TimePoint{1s})) << "a broker that restarts";
   EXPECT_EQ(watch.pause(), 0s);
   watch.on_up(TimePoint{2s});
-  EXPECT_TRUE(watch.on_lost(false, TimePoint{3s}));
+  EXPECT_TRUE(watch.on_lost(false, false, TimePoint{3s}));
+}
+
+/// A message for which the broker closes the connection is found out by sending it again; pauses
+/// would keep everybody else waiting meanwhile.
+TEST(RivalWatch, TakesALossWithMessagesUnderWayForNoRival) {
+  RivalWatch watch;
+  for (int second = 0; second < 8; second += 2) {
+    watch.on_up(TimePoint{std::chrono::seconds(second)});
+    EXPECT_FALSE(watch.on_lost(false, true, TimePoint{std::chrono::seconds(second + 1)}));
+    EXPECT_EQ(watch.pause(), 0s);
+  }
 }
 
 /// Two gateways that both watch: each takes over after its own pause.
@@ -33,7 +44,7 @@ TEST(RivalWatch, TwoThatTakeOverFromEachOtherDoSoMoreAndMoreSeldom) {
   while (now < TimePoint{1h}) {
     watch.on_up(now);
     now += std::max<Duration>(watch.pause(), 1s);  // the rival's pause is as long as ours
-    ASSERT_TRUE(watch.on_lost(true, now));
+    ASSERT_TRUE(watch.on_lost(true, false, now));
     EXPECT_GE(watch.pause(), before);
     before = watch.pause();
     now += watch.pause();
@@ -46,9 +57,9 @@ TEST(RivalWatch, TwoThatTakeOverFromEachOtherDoSoMoreAndMoreSeldom) {
 TEST(RivalWatch, ForgetsItWhenAConnectionLasts) {
   RivalWatch watch;
   watch.on_up(TimePoint{0s});
-  watch.on_lost(true, TimePoint{1s});
+  watch.on_lost(true, false, TimePoint{1s});
   watch.on_up(TimePoint{3s});
-  EXPECT_FALSE(watch.on_lost(false, TimePoint{1h}));
+  EXPECT_FALSE(watch.on_lost(false, false, TimePoint{1h}));
   EXPECT_EQ(watch.pause(), 0s);
 }
 

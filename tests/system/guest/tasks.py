@@ -157,6 +157,7 @@ def report_has_no_secret():
 def backup_comes_back_on_a_new_card():
     """the SD card is dead: a backup brings configuration, credentials, mesh and messages to a purged system"""
     robots = Robots("thread", "--robots", 1, "--id-prefix", "kept", "--messages", 60, "--linger-s", 2)
+    wait_for("the robot", lambda: "kept1" in run("slam-gatewayctl", "robots"))  # without a broker it finds no gateway
     with broker_away():
         wait_for("stored messages", lambda: status()["store"]["depth"] > 20)
         run("slam-gatewayctl", "backup", BACKUP)
@@ -214,6 +215,7 @@ def broker_with_its_own_certificates():
         run("systemctl", "reload", "slam-gateway")
         wait_for("the refusal of another name", lambda: "certificate" in status()["broker"]["why"])
     listener.unlink()
+    pathlib.Path("/etc/slam-gateway/ca.pem").unlink()
     run("systemctl", "restart", "mosquitto")
     wait_for_status("broker up")
 
