@@ -32,6 +32,12 @@ std::int64_t unix_ms() {
   return std::chrono::duration_cast<std::chrono::milliseconds>(now).count();
 }
 
+std::vector<BrokerAddress> places_of(const BrokerSettings& settings) {
+  std::vector<BrokerAddress> places{{settings.host, settings.port, settings.tls}};
+  places.insert(places.end(), settings.others.begin(), settings.others.end());
+  return places;
+}
+
 /// Takes the three user properties of the gateway's messages.
 void read_properties(const mqtt5__property* properties, BrokerMessage& message) {
   const mosquitto_property* next = properties;
@@ -58,6 +64,7 @@ BrokerLink::BrokerLink(boost::asio::io_context& io, BrokerSettings settings,
                        std::vector<std::string> filters, Listener listener)
     : io_(io),
       settings_(std::move(settings)),
+      places_(places_of(settings_)),
       filters_(std::move(filters)),
       listener_(std::move(listener)) {
   mosquitto_lib_init();
@@ -71,7 +78,10 @@ BrokerLink::~BrokerLink() {
     is_stopping_ = true;
   }
   wake_.notify_all();
-  mosquitto_disconnect(client_);
+  {
+    const std::lock_guard lock(client_mutex_);
+    mosquitto_disconnect(client_);
+  }
   thread_.join();
   mosquitto_destroy(client_);
   mosquitto_lib_cleanup();
@@ -83,7 +93,7 @@ void BrokerLink::set_up_client() {
   mosquitto_threaded_set(client_, true);
   if (const auto& login = settings_.credentials)
     mosquitto_username_pw_set(client_, login->username.c_str(), login->password.c_str());
-  if (settings_.tls) set_up_tls();
+  if (places_[at_].tls) set_up_tls();
   mosquitto_connect_v5_callback_set(
       client_, [](mosquitto*, void* self, int reason, int, const mosquitto_property*) {
         of(self).on_connected(reason);
@@ -115,6 +125,7 @@ void BrokerLink::set_up_tls() {
 
 std::optional<int> BrokerLink::publish(const std::string& topic, const std::string& payload) {
   int id = 0;
+  const std::lock_guard lock(client_mutex_);
   if (!is_up_ || mosquitto_publish(client_, &id, topic.c_str(), static_cast<int>(payload.size()),
                                    payload.data(), 1, false) != MOSQ_ERR_SUCCESS)
     return std::nullopt;
@@ -131,9 +142,23 @@ void BrokerLink::run() {
     if (was_up) pause = first_pause;
     tell_failure(failure);
     choose_version(failure);
+    go_to_next_broker();
+    if (at_ != 0 && !was_up) {  // once round the list without a pause
+      if (!wait(std::chrono::milliseconds::zero())) return;
+      continue;
+    }
     if (!wait(pause)) return;
     pause = std::min<std::chrono::milliseconds>(pause * 2, longest_pause);
   }
+}
+
+/// A client of libmosquitto keeps its TLS for good, so another broker gets another client.
+void BrokerLink::go_to_next_broker() {
+  if (places_.size() < 2) return;
+  const std::lock_guard lock(client_mutex_);
+  at_ = (at_ + 1) % places_.size();
+  mosquitto_destroy(client_);
+  set_up_client();
 }
 
 /// Until the connection ends; why it did.
@@ -141,7 +166,7 @@ int BrokerLink::stay_connected() {
   connack_ = 0;
   mosquitto_int_option(client_, MOSQ_OPT_PROTOCOL_VERSION,
                        is_version_5_ ? MQTT_PROTOCOL_V5 : MQTT_PROTOCOL_V311);
-  int failure = mosquitto_connect(client_, settings_.host.c_str(), settings_.port,
+  int failure = mosquitto_connect(client_, places_[at_].host.c_str(), places_[at_].port,
                                   static_cast<int>(settings_.keep_alive.count()));
   while (failure == MOSQ_ERR_SUCCESS) {
     failure = mosquitto_loop(client_, loop_ms, 1);

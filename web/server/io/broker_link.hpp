@@ -64,6 +64,8 @@ class BrokerLink {
   void hand_over(Happening happening);
   void deliver();
 
+  void go_to_next_broker();
+
   static BrokerLink& of(void* object) { return *static_cast<BrokerLink*>(object); }
   void on_connected(int reason);
   void on_message(std::string topic, std::string payload, bool is_retained,
@@ -71,9 +73,12 @@ class BrokerLink {
 
   boost::asio::io_context& io_;
   const BrokerSettings settings_;
+  const std::vector<BrokerAddress> places_;  ///< `broker.uri`, in its order
+  std::size_t at_ = 0;                       ///< in `places_`; on the link's thread
   const std::vector<std::string> filters_;
   Listener listener_;
 
+  std::mutex client_mutex_;  ///< held while `client_` is replaced or published with
   mosquitto* client_ = nullptr;
   bool is_version_5_ = true;
   int connack_ = 0;   ///< the last reason code; on the link's thread

@@ -29,10 +29,17 @@ std::string site_json(const Config& config, const std::string& version) {
       .dump();
 }
 
+/// All of them: which one it is, the link decides.
 std::string broker_uri(const BrokerSettings& broker) {
-  const bool is_ipv6 = broker.host.find(':') != std::string::npos;
-  return fmt::format("{}://{}:{}", broker.tls ? "mqtts" : "mqtt",
-                     is_ipv6 ? "[" + broker.host + "]" : broker.host, broker.port);
+  std::vector<BrokerAddress> places{{broker.host, broker.port, broker.tls}};
+  places.insert(places.end(), broker.others.begin(), broker.others.end());
+  std::string text;
+  for (const BrokerAddress& place : places) {
+    const bool is_ipv6 = place.host.find(':') != std::string::npos;
+    text += fmt::format("{}{}://{}:{}", text.empty() ? "" : ", ", place.tls ? "mqtts" : "mqtt",
+                        is_ipv6 ? "[" + place.host + "]" : place.host, place.port);
+  }
+  return text;
 }
 
 std::uint64_t resident_bytes() {
