@@ -345,9 +345,10 @@ ConnectFailure MosquittoLink::explain_failure(const Ended& end) const {
                                           : explain_handshake_failure(reason)};
     if (!tls_->has_shaken_hands())
       return {0, explain_handshake_failure("the broker closed the connection")};
-    // The reset may overtake the alert that says why.
-    if (end.error == ECONNRESET && !settings_.certificate_file)
-      return {0, explain_tls_end(std::strerror(ECONNRESET)), ConnectAnswer::closed};
+    // The end of the connection may overtake the alert that says why.
+    const bool is_cut = end.error == ECONNRESET || end.error == EPROTO;
+    if (is_cut && !settings_.certificate_file)
+      return {0, explain_tls_end(std::strerror(end.error)), ConnectAnswer::closed};
   }
   if (is_closed) return {0, explain_stranger(settings_), ConnectAnswer::closed};
   if (end.result == MOSQ_ERR_ERRNO) return {0, explain_no_connection(settings_, end.error)};
