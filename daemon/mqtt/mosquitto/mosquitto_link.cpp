@@ -180,6 +180,7 @@ void MosquittoLink::await_connection() {
     int error = 0;
     socklen_t size = sizeof error;
     getsockopt(self->socket_.native_handle(), SOL_SOCKET, SO_ERROR, &error, &size);
+    if (is_closing(error)) return self->fail(self->explain_failure({MOSQ_ERR_ERRNO, error}));
     if (error != 0) return self->fail({0, explain_no_connection(self->settings_, error)});
     self->is_reached_ = true;
     self->on_readable();  // CONNECT, or the TLS handshake
