@@ -342,7 +342,7 @@ void App::on_watched(bool is_watched) {
 
 void App::send(const std::string& robot, const std::string& type, Bytes payload,
                std::function<void(nlohmann::json)> done) {
-  // Its outcome is performed when the input returns, so that whoever waits is known by then.
+  // The outcome is performed when the input returns; by then `done` is registered.
   gateway_driver_.input([&](Gateway& gateway, const Now& now) {
     const auto submit = [&](const std::string& to, const std::string& what, Bytes bytes) {
       return gateway.on_operator_command(to, what, std::move(bytes), now);

@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/app/status_collector.hpp"
 
-#include <fmt/format.h>
-#include <unistd.h>
-
 #include <fstream>
 
 namespace slamgw {
@@ -52,11 +49,7 @@ Status::Messages count(const Gateway::Traffic& passed, const Outbox& outbox,
 
 }  // namespace
 
-std::string broker_uri(const BrokerSettings& broker) {
-  const bool is_ipv6 = broker.host.find(':') != std::string::npos;
-  const std::string host = is_ipv6 ? "[" + broker.host + "]" : broker.host;
-  return fmt::format("{}://{}:{}", broker.tls ? "mqtts" : "mqtt", host, broker.port);
-}
+std::string broker_uri(const BrokerSettings& broker) { return broker.addresses().front().uri(); }
 
 Status StatusCollector::status(Counters control, TimePoint now) const {
   Status status;

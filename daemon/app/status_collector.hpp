@@ -16,7 +16,7 @@
 
 namespace slamgw {
 
-/// `mqtt://host:port`, as in the configuration.
+/// The first one of the configuration.
 std::string broker_uri(const BrokerSettings& broker);
 
 class StatusCollector {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The smoothed round trip to one peer and its variation (RFC 6298 section 2), for whoever repeats
-// what stays unanswered. Pure; when to measure, and how to back off, is the caller's.
+// The smoothed round trip to one peer and its variation (RFC 6298 section 2): how long to wait
+// before a message that stays unanswered is repeated. Pure; when to measure, and how to back off,
+// is the caller's.
 #pragma once
 
 #include "daemon/core/time.hpp"

@@ -171,7 +171,7 @@ void Ownership::merge(const std::string& robot, const Claim& claim, const std::s
   if (held_.contains(robot) || claiming != claiming_.end()) {
     give_way(robot, claim);
   } else if (from == me_) {
-    // Whoever had it from us must make way as well.
+    // The gateway that took the robot over from this one must give way as well.
     const bool has_passed_on = row && row->gateway != claim.gateway && is_living(*row, now.mono);
     release(robot, has_passed_on ? *row : claim, claim.gateway, {});
   }

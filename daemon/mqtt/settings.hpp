@@ -25,6 +25,12 @@ struct BrokerAddress {
   std::string host;  ///< a name or an address; IPv6 without brackets
   std::uint16_t port = 1883;
   bool tls = false;  ///< `mqtts://`
+  /// `mqtt://host:port`, as in the configuration.
+  std::string uri() const {
+    const bool is_ipv6 = host.find(':') != std::string::npos;
+    return (tls ? "mqtts://" : "mqtt://") + (is_ipv6 ? "[" + host + "]" : host) + ":" +
+           std::to_string(port);
+  }
   bool operator==(const BrokerAddress&) const = default;
 };
 
@@ -46,6 +52,12 @@ struct BrokerSettings {
   std::chrono::seconds keep_alive{30};
   std::size_t max_inflight = 16;
 
+  /// All of `broker.uri`, in its order; never empty.
+  std::vector<BrokerAddress> addresses() const {
+    std::vector<BrokerAddress> all{{host, port, tls}};
+    all.insert(all.end(), others.begin(), others.end());
+    return all;
+  }
   /// With any of the brokers.
   bool uses_tls() const {
     return tls ||

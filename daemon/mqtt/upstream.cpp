@@ -70,8 +70,9 @@ Upstream::~Upstream() { stop(); }
 void Upstream::start() { connect(); }
 
 void Upstream::make_places() {
-  places_ = {Place{{settings_.host, settings_.port, settings_.tls}, {}, will_}};
-  for (const BrokerAddress& other : settings_.others) places_.push_back(Place{other, {}, will_});
+  places_.clear();
+  for (BrokerAddress& address : settings_.addresses())
+    places_.push_back(Place{std::move(address), {}, will_});
   at_ = 0;
   tried_ = 0;
 }

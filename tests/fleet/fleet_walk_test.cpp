@@ -27,6 +27,14 @@ int pick(std::mt19937& random, int count) {
   return std::uniform_int_distribution<int>(0, count - 1)(random);
 }
 
+/// The robots of that gateway look for another one.
+void leave(FleetWorld& world, int victim, std::mt19937& random) {
+  for (int robot = 0; robot < world.robots(); ++robot) {
+    if (world.place_of(robot) == victim)
+      world.roam(robot, (victim + 1 + pick(random, world.gateways() - 1)) % world.gateways());
+  }
+}
+
 class FleetWalk : public testing::TestWithParam<std::uint32_t> {};
 
 TEST_P(FleetWalk, RobotsRoamAndObey) {
@@ -54,10 +62,7 @@ TEST_P(FleetWalk, GatewaysDieAndComeBack) {
       world.command(pick(random, world.robots()));
       world.run(50ms);
     }
-    for (int robot = 0; robot < world.robots(); ++robot) {  // robots look for another gateway
-      if (world.place_of(robot) == victim)
-        world.roam(robot, (victim + 1 + pick(random, world.gateways() - 1)) % world.gateways());
-    }
+    leave(world, victim, random);
     world.run(milliseconds(pick(random, 8000)));
     world.start(victim);
     world.run(milliseconds(pick(random, 3000)));
@@ -74,10 +79,7 @@ TEST_P(FleetWalk, GatewaysStandStillAndGoOn) {
     const int victim = pick(random, world.gateways());
     world.pause(victim);
     world.run(milliseconds(pick(random, 3000)));
-    for (int robot = 0; robot < world.robots(); ++robot) {
-      if (world.place_of(robot) == victim)
-        world.roam(robot, (victim + 1 + pick(random, world.gateways() - 1)) % world.gateways());
-    }
+    leave(world, victim, random);
     for (int step = 0; step < 20; ++step) {
       world.command(pick(random, world.robots()));
       world.run(100ms);

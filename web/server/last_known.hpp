@@ -13,7 +13,8 @@ namespace slamgw::web {
 
 class LastKnown {
  public:
-  /// Ten thousand robots on a few gateways; whoever can publish under the prefix could make more.
+  /// Enough for ten thousand robots on a few gateways. Every client that may publish under the
+  /// prefix could make more topics, hence the bound.
   static constexpr std::size_t max_topics = 20'000;
   static constexpr std::size_t max_bytes = 16 << 20;
 

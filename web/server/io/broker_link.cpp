@@ -32,12 +32,6 @@ std::int64_t unix_ms() {
   return std::chrono::duration_cast<std::chrono::milliseconds>(now).count();
 }
 
-std::vector<BrokerAddress> places_of(const BrokerSettings& settings) {
-  std::vector<BrokerAddress> places{{settings.host, settings.port, settings.tls}};
-  places.insert(places.end(), settings.others.begin(), settings.others.end());
-  return places;
-}
-
 /// Takes the three user properties of the gateway's messages.
 void read_properties(const mqtt5__property* properties, BrokerMessage& message) {
   const mosquitto_property* next = properties;
@@ -64,7 +58,7 @@ BrokerLink::BrokerLink(boost::asio::io_context& io, BrokerSettings settings,
                        std::vector<std::string> filters, Listener listener)
     : io_(io),
       settings_(std::move(settings)),
-      places_(places_of(settings_)),
+      places_(settings_.addresses()),
       filters_(std::move(filters)),
       listener_(std::move(listener)) {
   mosquitto_lib_init();

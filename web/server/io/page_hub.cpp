@@ -31,14 +31,9 @@ std::string site_json(const Config& config, const std::string& version) {
 
 /// All of them: which one it is, the link decides.
 std::string broker_uri(const BrokerSettings& broker) {
-  std::vector<BrokerAddress> places{{broker.host, broker.port, broker.tls}};
-  places.insert(places.end(), broker.others.begin(), broker.others.end());
   std::string text;
-  for (const BrokerAddress& place : places) {
-    const bool is_ipv6 = place.host.find(':') != std::string::npos;
-    text += fmt::format("{}{}://{}:{}", text.empty() ? "" : ", ", place.tls ? "mqtts" : "mqtt",
-                        is_ipv6 ? "[" + place.host + "]" : place.host, place.port);
-  }
+  for (const BrokerAddress& address : broker.addresses())
+    text += (text.empty() ? "" : ", ") + address.uri();
   return text;
 }
 
