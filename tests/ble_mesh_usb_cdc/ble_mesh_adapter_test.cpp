@@ -15,6 +15,7 @@
 #include <fstream>
 #include <functional>
 
+#include "tests/ble_mesh_usb_cdc/event_log.hpp"
 #include "tests/ble_mesh_usb_cdc/fake_board.hpp"
 #include "tests/ble_mesh_usb_cdc/hex.hpp"
 #include "tests/ble_mesh_usb_cdc/slow_port.hpp"
@@ -70,28 +71,9 @@ class PluggedBoard {
   std::array<std::uint8_t, 512> buffer_{};
 };
 
-class Listener : public MeshListener {
+class Listener : public MeshListener, public EventLog {
  public:
   void on_mesh_event(MeshEvent event) override { events.push_back(std::move(event)); }
-
-  template <class T>
-  std::vector<T> all() const {
-    std::vector<T> found;
-    for (const MeshEvent& event : events)
-      if (const T* typed = std::get_if<T>(&event)) found.push_back(*typed);
-    return found;
-  }
-  bool is_up() const {
-    const auto changes = all<LinkChange>();
-    return !changes.empty() && changes.back().is_up;
-  }
-  bool has_notice(const std::string& text) const {
-    for (const Notice& notice : all<Notice>())
-      if (notice.text.find(text) != std::string::npos) return true;
-    return false;
-  }
-
-  std::vector<MeshEvent> events;
 };
 
 class BleMeshAdapterTest : public ::testing::Test {

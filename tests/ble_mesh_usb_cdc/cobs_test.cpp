@@ -9,6 +9,7 @@
 
 #include "adapters/ble_mesh_usb_cdc/cobs/cobs_mesh.hpp"
 #include "adapters/ble_mesh_usb_cdc/cobs/lien_frame.hpp"
+#include "tests/ble_mesh_usb_cdc/event_log.hpp"
 #include "tests/ble_mesh_usb_cdc/hex.hpp"
 
 namespace slamgw::ble {
@@ -111,7 +112,7 @@ TEST(LienFrame, RefusesEveryFlippedBit) {
 
 // --- The mesh ------------------------------------------------------------------------------------
 
-class CobsMeshTest : public ::testing::Test {
+class CobsMeshTest : public ::testing::Test, protected EventLog {
  protected:
   void make(CobsContent content, std::optional<std::string> robot = "nr1") {
     Settings settings;
@@ -147,18 +148,10 @@ class CobsMeshTest : public ::testing::Test {
       if (auto* event = std::get_if<MeshEvent>(&*action)) events.push_back(std::move(*event));
     }
   }
-  template <class T>
-  std::vector<T> all() const {
-    std::vector<T> found;
-    for (const MeshEvent& event : events)
-      if (const T* typed = std::get_if<T>(&event)) found.push_back(*typed);
-    return found;
-  }
 
   TimePoint now{};
   std::optional<CobsMesh> mesh;
   std::vector<Bytes> written;
-  std::vector<MeshEvent> events;
 };
 
 TEST_F(CobsMeshTest, PositionsBecomeTheConfiguredRobotsUpdates) {

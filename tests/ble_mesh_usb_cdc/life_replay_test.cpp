@@ -10,6 +10,7 @@
 #include <numeric>
 
 #include "adapters/ble_mesh_usb_cdc/ble_mesh.hpp"
+#include "tests/ble_mesh_usb_cdc/event_log.hpp"
 #include "tests/ble_mesh_usb_cdc/hex.hpp"
 #include "tests/support/transcript.hpp"
 
@@ -138,7 +139,7 @@ RandomSource recorded_private_key(const Transcript& transcript) {
 /// BleMesh in front of a recording: each command that it writes must be the recorded one, and gets
 /// the recorded answers. Inside one situation the order is free, because the answers do not depend
 /// on it. What the recorded operator and server did is done when it is its turn.
-class LifeReplay {
+class LifeReplay : public EventLog {
  public:
   LifeReplay(Transcript transcript, Settings settings)
       : transcript_(std::move(transcript)),
@@ -161,14 +162,6 @@ class LifeReplay {
     if (next() != nullptr && !has_failed_)
       ADD_FAILURE() << "line " << next()->line << " (" << next()->situation
                     << ") is not reached: " << to_hex(next()->command);
-  }
-
-  template <class T>
-  std::vector<T> all() const {
-    std::vector<T> found;
-    for (const MeshEvent& event : events)
-      if (const T* typed = std::get_if<T>(&event)) found.push_back(*typed);
-    return found;
   }
 
  private:
@@ -301,7 +294,6 @@ class LifeReplay {
  public:
   TimePoint now{};
   BleMesh mesh;
-  std::vector<MeshEvent> events;
   NodeDatabase stored;
   std::vector<OrderAnswer> answers;
   std::vector<Bytes> written_after_end;

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "adapters/ble_mesh_usb_cdc/ble_mesh.hpp"
+#include "tests/ble_mesh_usb_cdc/event_log.hpp"
 #include "tests/ble_mesh_usb_cdc/fake_board.hpp"
 #include "tests/ble_mesh_usb_cdc/hex.hpp"
 
@@ -37,7 +38,7 @@ inline RandomSource test_random() {
   };
 }
 
-class MeshRig {
+class MeshRig : public EventLog {
  public:
   explicit MeshRig(Settings settings = {}, std::optional<NodeDatabase> database = test_database(),
                    RobotNames names = RobotNames({{"nr1", 0x0100, {}}}))
@@ -99,17 +100,6 @@ class MeshRig {
     }
   }
 
-  template <class T>
-  std::vector<T> all() const {
-    std::vector<T> found;
-    for (const MeshEvent& event : events)
-      if (const T* typed = std::get_if<T>(&event)) found.push_back(*typed);
-    return found;
-  }
-  bool is_up() const {
-    const auto changes = all<LinkChange>();
-    return !changes.empty() && changes.back().is_up;
-  }
   /// Messages that the board sent to `destination`, as hex.
   std::vector<std::string> sent_to(std::uint16_t destination) const {
     std::vector<std::string> found;
@@ -121,12 +111,6 @@ class MeshRig {
     for (const Counter& counter : mesh.counters())
       if (counter.name == name) return counter.value;
     return ~std::uint64_t{0};
-  }
-  bool has_notice(std::string_view text) const { return count_notices(text) > 0; }
-  std::ptrdiff_t count_notices(std::string_view text) const {
-    return std::ranges::count_if(all<Notice>(), [&](const Notice& notice) {
-      return notice.text.find(text) != std::string::npos;
-    });
   }
 
   /// From the board, like its answers; `say` is at once.
@@ -140,7 +124,6 @@ class MeshRig {
   FakeBoard board;
   std::function<void(Bytes&)> spoil;  ///< what the serial line does to a transfer, either way
   BleMesh mesh;
-  std::vector<MeshEvent> events;
   std::vector<TimePoint> event_times;    ///< of each of them
   std::vector<std::size_t> sent_before;  ///< packets on air when each of them was said
   std::vector<Duration> reopens;
