@@ -4,6 +4,7 @@
 
 #include <utility>
 
+#include "adapters/mqttsn_udp/conversations/own_names.hpp"
 #include "adapters/mqttsn_udp/limits.hpp"
 
 namespace slamgw::mqttsn {
@@ -21,6 +22,7 @@ SnGateway::SnGateway(Settings settings, TopicPolicy policy, RobotNames names, Ra
       lifecycle_(context_, subscriptions_, downlink_, uplink_, wills_),
       sleep_(context_, downlink_, lifecycle_),
       connecting_(context_, lifecycle_, downlink_, wills_, refusals_, guard_),
+      renaming_(context_, subscriptions_, lifecycle_, connecting_),
       discovery_(context_, guard_) {}
 
 void SnGateway::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint) {
@@ -70,7 +72,7 @@ void SnGateway::advance(ClientSession& session, TimePoint now) {
 void SnGateway::expire_commands(TimePoint now) {
   std::vector<ClientSession*> waiting;  // nothing is sent before all are withdrawn
   while (const auto command = commands_.pop_overdue(now)) {
-    ClientSession* session = context_.clients.find_robot(command->robot);
+    ClientSession* session = context_.clients.find(command->client_id);
     std::string why = session ? downlink_.withdraw(*session, *command) : "the robot has gone";
     commands_.end(command, CommandResult::timeout, std::move(why), now);
     if (session) waiting.push_back(session);
@@ -88,16 +90,10 @@ void SnGateway::reconfigure(TopicPolicy policy, RobotNames names, TimePoint now)
   context_.policy = std::move(policy);
   context_.names = std::move(names);
   refusals_.forget_all();
-  std::vector<std::string> ids;
-  for (const auto& [id, session] : context_.clients.all()) ids.push_back(id);
-  for (const std::string& id : ids) {
-    ClientSession& session = *context_.clients.find(id);
-    if (context_.names.of_client(id) == session.robot) {
-      subscriptions_.drop_forbidden(session, now);
-    } else {
-      if (session.is_connected()) context_.send(session, Disconnect{});
-      lifecycle_.expel(session, "the robot has another name now", now);
-    }
+  renaming_.on_names(now);
+  for (const auto& [id, session] : context_.clients.all()) {
+    subscriptions_.drop_forbidden(*session, now);
+    advance(*session, now);
   }
 }
 
@@ -118,14 +114,7 @@ SnGateway::ClientCounts SnGateway::client_counts() const {
 std::optional<Presence> SnGateway::presence_of(const std::string& robot) const {
   const ClientSession* session = context_.clients.find_robot(robot);
   if (!session) return std::nullopt;
-  switch (session->state()) {
-    case ClientState::active: return Presence::online;
-    case ClientState::asleep:
-    case ClientState::awake: return Presence::asleep;
-    case ClientState::disconnected:
-    case ClientState::lost: break;
-  }
-  return Presence::offline;
+  return mqttsn::presence_of(session->state());
 }
 
 std::size_t SnGateway::queued_for(const std::string& robot) const {
@@ -168,14 +157,16 @@ void SnGateway::refuse_commands(const SessionSnapshot& snapshot, TimePoint now) 
 }
 
 bool SnGateway::restore(const SessionSnapshot& snapshot, TimePoint now) {
-  const bool is_same_robot = is_valid_level(snapshot.client_id) && is_valid_level(snapshot.robot) &&
-                             context_.names.of_client(snapshot.client_id) == snapshot.robot;
-  if (!is_same_robot || context_.clients.is_full() || context_.clients.find(snapshot.client_id)) {
+  const auto robot = connecting_.robot_of(snapshot.client_id);
+  if (!robot || !is_valid_level(snapshot.robot) || context_.clients.is_full() ||
+      context_.clients.find(snapshot.client_id)) {
     refuse_commands(snapshot, now);
     return false;
   }
-  ClientSession& session = lifecycle_.begin(snapshot.client_id, snapshot.robot, now);
+  ClientSession& session = lifecycle_.begin(snapshot.client_id, *robot, now);
   apply(snapshot, session, now);
+  if (*robot != snapshot.robot)
+    rename_topics(context_.policy.scheme(), session, snapshot.robot, *robot);
   adopt_commands(session.delivery);
   if (snapshot.peer) {
     const IpAddress& address = snapshot.peer->endpoint.address;

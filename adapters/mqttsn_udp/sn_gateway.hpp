@@ -11,6 +11,7 @@
 #include "adapters/mqttsn_udp/conversations/connecting.hpp"
 #include "adapters/mqttsn_udp/conversations/discovery.hpp"
 #include "adapters/mqttsn_udp/conversations/fan_out.hpp"
+#include "adapters/mqttsn_udp/conversations/renaming.hpp"
 #include "adapters/mqttsn_udp/conversations/sleep.hpp"
 
 namespace slamgw::mqttsn {
@@ -42,8 +43,8 @@ class SnGateway {
     connecting_.refuse_names(is_elsewhere);
   }
 
-  /// The configuration was read again. Clients that are called otherwise by now have to connect
-  /// again; subscriptions that are not allowed any more end.
+  /// The configuration was read again. Sessions go on, under other names where robots have others;
+  /// subscriptions that are not allowed any more end.
   void reconfigure(TopicPolicy policy, RobotNames names, TimePoint now);
 
   Counters counters() const { return context_.tally.counters(); }
@@ -74,8 +75,8 @@ class SnGateway {
   /// Nothing: there is no such session any more.
   std::optional<SessionSnapshot> snapshot(const std::string& client_id, TimePoint now) const;
   /// Before the first datagram. The client goes on as if nothing had happened. False when it can't
-  /// be taken (known already, no room, or another name for the client by now); its commands are
-  /// refused then.
+  /// be taken (known already, no room, or its client id is another robot's name by now); its
+  /// commands are refused then.
   bool restore(const SessionSnapshot& snapshot, TimePoint now);
 
  private:
@@ -124,6 +125,7 @@ class SnGateway {
   Sleep sleep_;
   FloodGuard guard_;
   Connecting connecting_;
+  Renaming renaming_;
   Discovery discovery_;
   Burst malformed_;
 };

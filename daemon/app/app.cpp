@@ -185,6 +185,9 @@ void App::apply(const Reload& reload) {
   traffic_log_.reconfigure(config_.log.traffic);
   meshes_.reconfigure(config_, reload.has_other_robots, reload.has_other_topics);
   tell_configured_robots();
+  for (const std::string& name : reload.replaced_names) {
+    gateway_driver_.input([&](Gateway& gateway, const Now&) { gateway.forget(name); });
+  }
   broker_log_.rename(broker_uri(config_.broker));
   say_goodbye_to(left);
   upstream_.reconfigure(config_.broker);

@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <string_view>
 #include <utility>
 
@@ -25,13 +26,33 @@ std::string keys_for_restart(const Config& now, const Config& wanted) {
   return keys;
 }
 
+std::vector<std::string> default_names(const std::vector<RobotName>& robots) {
+  const RobotNames unnamed;
+  std::vector<std::string> names;
+  for (const RobotName& robot : robots) {
+    if (robot.ble_address) names.push_back(unnamed.of_ble(*robot.ble_address));
+    if (robot.mqttsn_client_id) names.push_back(*robot.mqttsn_client_id);
+  }
+  return names;
+}
+
+std::vector<std::string> replaced_names(const std::vector<RobotName>& now,
+                                        const std::vector<RobotName>& wanted) {
+  std::vector<std::string> replaced = default_names(wanted);
+  std::erase_if(replaced, [&](const std::string& name) {
+    return std::ranges::count(default_names(now), name) > 0 ||
+           std::ranges::count(wanted, name, &RobotName::id) > 0;
+  });
+  return replaced;
+}
+
 }  // namespace
 
 Reload reload_of(const Config& now, Config wanted) {
   Reload reload{now, now.robots != wanted.robots,
                 now.topics.extra_publish != wanted.topics.extra_publish ||
                     now.topics.extra_subscribe != wanted.topics.extra_subscribe,
-                keys_for_restart(now, wanted)};
+                keys_for_restart(now, wanted), replaced_names(now.robots, wanted.robots)};
   Config& config = reload.config;
   config.log = wanted.log;
   config.robots = std::move(wanted.robots);

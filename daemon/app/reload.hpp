@@ -5,6 +5,7 @@
 
 #include <nlohmann/json.hpp>
 #include <string>
+#include <vector>
 
 #include "daemon/config/config.hpp"
 
@@ -16,6 +17,8 @@ struct Reload {
   bool has_other_topics = false;
   /// The groups of keys that differ and are only read at start, as a list for people; may be empty.
   std::string needs_restart;
+  /// Default names (a client id, `ble-0100`) of robots that have another name now.
+  std::vector<std::string> replaced_names{};
 };
 
 Reload reload_of(const Config& now, Config wanted);

@@ -48,5 +48,14 @@ TEST(Reload, NamesWhatNeedsARestartAndLeavesItAsItIs) {
   EXPECT_FALSE(reload.has_other_topics);
 }
 
+TEST(Reload, NamesTheDefaultNamesThatNoRobotHasAnyMore) {
+  Config now;
+  now.robots = {{"lego", 0x0100, "nrf-1"}};
+  Config wanted;
+  wanted.robots = {{"tank", 0x0100, "nrf-1"}, {"nrf-3", 0x0101, "nrf-2"}, {"c", {}, "nrf-3"}};
+  EXPECT_EQ(reload_of(now, wanted).replaced_names, (std::vector<std::string>{"ble-0101", "nrf-2"}))
+      << "nrf-1 and ble-0100 had a name before, nrf-3 is one";
+}
+
 }  // namespace
 }  // namespace slamgw

@@ -5,6 +5,9 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <thread>
+
+#include "tests/e2e/device.hpp"
 #include "tests/e2e/gateway_process.hpp"
 #include "tests/support/eventually.hpp"
 #include "tests/support/mosquitto.hpp"
@@ -40,8 +43,9 @@ TEST(Reload, GivesRobotsOnBothMeshesTheirNewNamesWithoutANewStart) {
     return eventually([&] {
       for (const std::string& line : presence.lines()) {
         const std::size_t space = line.find(' ');
-        if (line.substr(0, space).ends_with("/" + robot) &&
-            json::parse(line.substr(space + 1))["state"] == state)
+        const json told = json::parse(line.substr(space + 1), nullptr, false);
+        if (line.substr(0, space).ends_with("/" + robot) && told.is_object() &&
+            told["state"] == state)
           return true;
       }
       return false;
@@ -55,6 +59,45 @@ TEST(Reload, GivesRobotsOnBothMeshesTheirNewNamesWithoutANewStart) {
   EXPECT_FALSE(gateway.logs("robot1 is offline")) << gateway.log();
   EXPECT_EQ(gateway.ctl({"send", "lego", "cmd", "10,-20"})["outcome"], "delivered");
   EXPECT_EQ(gateway.ctl({"send", "robot1", "cmd", "10,-20"})["outcome"], "delivered");
+}
+
+/// Topics of the retained presence that a new subscriber is given.
+std::vector<std::string> retained_presence(const Mosquitto& broker) {
+  Subscriber late(broker, "ntnu-slam/gateway/test/robots/+", "%t");
+  eventually([&] { return !late.lines().empty(); });
+  return late.lines();
+}
+
+TEST(Reload, GoesOnWithTheSessionOfAThreadRobotUnderItsNewName) {
+  Mosquitto broker;
+  GatewayProcess gateway(configuration_for(broker));
+  Device robot(gateway.mqttsn_address());
+  robot.insist(sim::sn::connect("nrf-7", 60, sim::sn::flag_clean_session), sim::sn::Type::connack);
+  robot.send(sim::sn::register_topic(1, "ntnu-slam/robot/nrf-7/adv"));
+  const std::uint16_t adv = robot.expect(sim::sn::Type::regack).topic_id;
+  robot.send(sim::sn::subscribe(1, 2, "ntnu-slam/server/nrf-7/cmd"));
+  const std::uint16_t cmd = robot.expect(sim::sn::Type::suback).topic_id;
+  ASSERT_TRUE(eventually([&] { return gateway.logs("nrf-7 is online"); })) << gateway.log();
+  Subscriber named(broker, "ntnu-slam/robot/#", "%t %p");
+
+  gateway.reload([](json& wanted) {
+    wanted["robots"] = {{{"id", "tank"}, {"mqttsn_client_id", "nrf-7"}}};
+  });
+  ASSERT_TRUE(eventually([&] { return gateway.logs("tank is online"); })) << gateway.log();
+
+  robot.send(sim::sn::publish(1, adv, 3, std::vector<std::uint8_t>{'h', 'i'}));
+  robot.expect(sim::sn::Type::puback);
+  ASSERT_TRUE(eventually([&] { return !named.lines().empty(); })) << gateway.log();
+  EXPECT_EQ(named.lines().front(), "ntnu-slam/robot/tank/adv hi");
+  std::thread answering([&] {
+    const auto command = robot.expect(sim::sn::Type::publish);
+    EXPECT_EQ(command.topic_id, cmd);
+    robot.send(sim::sn::puback(cmd, command.msg_id, sim::sn::accepted));
+  });
+  EXPECT_EQ(gateway.ctl({"send", "tank", "cmd", "10,-20"})["outcome"], "delivered");
+  answering.join();
+  EXPECT_EQ(retained_presence(broker),
+            std::vector<std::string>{"ntnu-slam/gateway/test/robots/tank"});
 }
 
 TEST(Reload, NamesAllThatNeedsARestartInOneLine) {

@@ -236,8 +236,9 @@ TEST(SnGateway, TakesNewNamesAndRulesWithoutDroppingSessions) {
   rig.gateway.reconfigure(TopicPolicy(TopicScheme("ntnu-slam", "gw"), {}, {"b"}),
                           RobotNames({{"tank", {}, "r2"}}), rig.now);
   rig.broker_link(true);  // drains
-  EXPECT_EQ(rig.last_to(2), "DISCONNECT plain") << "it is called tank by now";
   EXPECT_TRUE(rig.is_silent(1));
+  EXPECT_TRUE(rig.is_silent(2));
+  EXPECT_EQ(rig.presence.back().robot, "tank");
   rig.broker("a/x");
   EXPECT_TRUE(rig.is_silent(1)) << "not allowed any more";
   rig.subscribe(1, "b", 0);
@@ -245,8 +246,6 @@ TEST(SnGateway, TakesNewNamesAndRulesWithoutDroppingSessions) {
   EXPECT_EQ(rig.sent_to(1).size(), 1U);
   rig.publish(1, id, 1, 7);
   EXPECT_EQ(rig.reports.size(), 1U) << "the session goes on";
-  rig.connect(2, "r2");
-  EXPECT_EQ(rig.presence.back().robot, "tank");
 }
 
 }  // namespace

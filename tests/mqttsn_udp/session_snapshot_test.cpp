@@ -127,13 +127,13 @@ TEST(SnGateway, RefusesTheCommandsOfASessionThatCannotGoOn) {
   SnRig before;
   leave_two_commands(before);
   const auto snapshot = *before.gateway.snapshot("r1", before.now);
-  SnRig renamed({}, {{"other", {}, "r1"}});
-  EXPECT_FALSE(renamed.gateway.restore(snapshot, before.now));
-  renamed.broker_link(true);  // drains
-  ASSERT_EQ(renamed.outcomes.size(), 2U);
-  EXPECT_EQ(renamed.outcomes[1].robot, "r1");
-  EXPECT_EQ(renamed.outcomes[1].type, "run");
-  EXPECT_EQ(renamed.outcomes[1].result, CommandResult::refused);
+  SnRig after({}, {{"r1", {}, "other"}});
+  EXPECT_FALSE(after.gateway.restore(snapshot, before.now));
+  after.broker_link(true);  // drains
+  ASSERT_EQ(after.outcomes.size(), 2U);
+  EXPECT_EQ(after.outcomes[1].robot, "r1");
+  EXPECT_EQ(after.outcomes[1].type, "run");
+  EXPECT_EQ(after.outcomes[1].result, CommandResult::refused);
 }
 
 TEST(SnGateway, TakesNoCommandFromADamagedRecord) {
@@ -354,8 +354,8 @@ TEST(SnGateway, DoesNotRestoreWhatNoLongerFits) {
   before.connect(1, "r1");
   const auto snapshot = before.gateway.snapshot("r1", TimePoint{});
   ASSERT_TRUE(snapshot);
-  SnRig renamed({}, {{"tank", {}, "r1"}});
-  EXPECT_FALSE(renamed.gateway.restore(*snapshot, renamed.now)) << "another name by now";
+  SnRig taken({}, {{"r1", {}, "tank"}});
+  EXPECT_FALSE(taken.gateway.restore(*snapshot, taken.now)) << "another robot's name";
   SnRig twice;
   EXPECT_TRUE(twice.gateway.restore(*snapshot, twice.now));
   EXPECT_FALSE(twice.gateway.restore(*snapshot, twice.now));

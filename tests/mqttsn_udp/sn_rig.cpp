@@ -15,10 +15,8 @@ bool is_command_filter(const std::string& filter) {
 SnRig::SnRig(Settings settings, std::vector<RobotName> names,
              std::vector<std::string> extra_publish, std::vector<std::string> extra_subscribe,
              RandomSource random)
-    : gateway(std::move(settings),
-              TopicPolicy(TopicScheme("ntnu-slam", "gw"), std::move(extra_publish),
-                          std::move(extra_subscribe)),
-              RobotNames(std::move(names)), std::move(random)) {
+    : policy(TopicScheme("ntnu-slam", "gw"), std::move(extra_publish), std::move(extra_subscribe)),
+      gateway(std::move(settings), policy, RobotNames(std::move(names)), std::move(random)) {
   broker_link(true);
   multicasts.clear();
 }
@@ -105,6 +103,11 @@ void SnRig::broker_link(bool is_up) {
 
 void SnRig::stop() {
   gateway.on_stop(now);
+  drain();
+}
+
+void SnRig::rename(std::vector<RobotName> names) {
+  gateway.reconfigure(policy, RobotNames(std::move(names)), now);
   drain();
 }
 

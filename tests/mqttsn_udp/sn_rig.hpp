@@ -42,6 +42,8 @@ class SnRig {
   void subscribe_result(const std::string& filter, bool granted);
   void broker_link(bool is_up);
   void stop();
+  /// The configuration is read again: `robots` of it now says this, and all else is as it was.
+  void rename(std::vector<RobotName> names);
 
   /// Lets time pass, firing each deadline on its way.
   void pass(Duration time);
@@ -65,6 +67,7 @@ class SnRig {
 
   std::uint64_t counter(std::string_view name) const;
 
+  const TopicPolicy policy;
   SnGateway gateway;
   TimePoint now{std::chrono::hours(1)};
   /// The core answers each SubscribeRequest at once unless this is off.

@@ -21,6 +21,17 @@ namespace slamgw::mqttsn {
 
 enum class ClientState : std::uint8_t { active, asleep, awake, disconnected, lost };
 
+constexpr Presence presence_of(ClientState state) {
+  switch (state) {
+    case ClientState::active: return Presence::online;
+    case ClientState::asleep:
+    case ClientState::awake: return Presence::asleep;
+    case ClientState::disconnected:
+    case ClientState::lost: break;
+  }
+  return Presence::offline;
+}
+
 struct Will {
   std::string topic;
   Bytes message;

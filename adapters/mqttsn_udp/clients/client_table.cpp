@@ -32,6 +32,12 @@ ClientSession& ClientTable::create(const std::string& client_id, const std::stri
   return *(by_id_[client_id] = std::move(session));
 }
 
+void ClientTable::rename(ClientSession& session, const std::string& robot) {
+  if (find_robot(session.robot) == &session) by_robot_.erase(session.robot);
+  session.robot = robot;
+  by_robot_[robot] = &session;
+}
+
 void ClientTable::erase(ClientSession& session) {
   unbind(session);
   timers_.disarm(session.timer_armed, &session);

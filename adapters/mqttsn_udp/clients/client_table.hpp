@@ -29,6 +29,8 @@ class ClientTable {
 
   bool is_full() const { return by_id_.size() >= max_clients_; }
   ClientSession& create(const std::string& client_id, const std::string& robot);
+  /// Two sessions may swap their names, one after the other.
+  void rename(ClientSession& session, const std::string& robot);
   /// The session ends here: `session` dangles afterwards.
   void erase(ClientSession& session);
 

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "adapters/mqttsn_udp/clients/retransmission_timeout.hpp"
+#include "adapters/mqttsn_udp/clients/topic_table.hpp"
 #include "adapters/mqttsn_udp/protocol/packet.hpp"
 #include "daemon/core/messages.hpp"
 #include "daemon/core/time.hpp"
@@ -19,7 +20,8 @@ namespace slamgw::mqttsn {
 /// A message under `<prefix>/server/<robot>/<type>`, whose outcome is told exactly once.
 struct Command {
   CommandId id = CommandId::none;  ///< none: from before a restart
-  std::string robot;
+  std::string client_id;           ///< who is to carry it out
+  std::string robot;               ///< its name when the command came
   std::string type;
   TimePoint came{};
   bool is_reported = false;
@@ -35,6 +37,7 @@ struct Outgoing {
   std::uint16_t msg_id = 0;          ///< not 0: it was sent under this id, and goes on with DUP
   bool was_refused_once = false;     ///< "invalid topic id": said again once (R86)
   std::size_t octets() const { return message->topic.size() + message->payload.size(); }
+  void rename(const NewName& new_name);
 };
 
 /// Messages that wait, oldest first. A std::vector, because an empty std::deque takes 576 octets
@@ -52,6 +55,7 @@ class DeliveryQueue {
   void push_back(Outgoing outgoing);
   void push_front(Outgoing outgoing);
   Outgoing take(std::size_t index);
+  void rename(const NewName& new_name);
 
  private:
   std::vector<Outgoing> waiting_;
@@ -115,6 +119,9 @@ struct Delivery {
   std::size_t wake_budget = 0;        ///< messages that this wake-up may still bring (R122)
   std::optional<Outgoing> last_qos0;  ///< for "invalid topic id" at QoS 0 (R86)
   std::uint16_t last_qos0_id = 0;
+
+  /// All of the above goes on under other topics.
+  void rename(const NewName& new_name);
 };
 
 }  // namespace slamgw::mqttsn

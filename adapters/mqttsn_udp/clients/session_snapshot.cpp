@@ -61,7 +61,7 @@ std::shared_ptr<Command> command_of(const MessageSnapshot& message, const Sessio
   const Duration away = has_rebooted ? Duration(limits::command_patience) : now - saved_at;
   const Duration age = std::min<Duration>(*message.command_age + away, limits::command_patience);
   return std::make_shared<Command>(
-      Command{CommandId::none, snapshot.robot, type, now - age, false});
+      Command{CommandId::none, snapshot.client_id, snapshot.robot, type, now - age, false});
 }
 
 SessionSnapshot to_snapshot(const ClientSession& session, TimePoint now) {

@@ -23,7 +23,7 @@ std::optional<std::uint16_t> TopicTable::assign(std::string_view name,
   const std::size_t grows = name.size() - std::min(name.size(), topic.name.size());
   if (grows > 0 && !may_take(2 * grows)) return std::nullopt;
   discharge_for(topic.name);
-  ids_.erase(topic.name);
+  if (id_of(topic.name) == id) ids_.erase(topic.name);
   topic = {std::string(name), false, false, ++last_use_};
   ids_.emplace(topic.name, *id);
   charge_for(topic.name);
@@ -69,6 +69,15 @@ void TopicTable::set_own(std::uint16_t id) {
 
 void TopicTable::touch(std::uint16_t id) {
   if (Topic* topic = find(id)) topic->used = ++last_use_;
+}
+
+void TopicTable::rename(const NewName& new_name) {
+  std::vector<Topic> topics = std::exchange(topics_, {});
+  clear();
+  for (Topic& topic : topics) {
+    if (auto name = new_name(topic.name)) topic.name = std::move(*name);
+    restore(std::move(topic));
+  }
 }
 
 void TopicTable::restore(Topic topic) {

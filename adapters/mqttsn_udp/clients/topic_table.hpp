@@ -6,6 +6,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <optional>
 #include <span>
@@ -16,6 +17,9 @@
 #include "adapters/mqttsn_udp/clients/name_budget.hpp"
 
 namespace slamgw::mqttsn {
+
+/// What a topic is called from now on; nothing when it keeps its name.
+using NewName = std::function<std::optional<std::string>(const std::string& topic)>;
 
 class TopicTable {
  public:
@@ -52,6 +56,8 @@ class TopicTable {
   };
   /// In the order of their ids, from 1.
   const std::vector<Topic>& topics() const { return topics_; }
+  /// Ids keep their meaning under other names. A name may have several ids afterwards.
+  void rename(const NewName& new_name);
   /// The next id, from before a restart.
   void restore(Topic topic);
   void clear();

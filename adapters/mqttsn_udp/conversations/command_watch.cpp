@@ -29,8 +29,8 @@ std::shared_ptr<Command> CommandWatch::begin(const ClientSession& session, const
                                              CommandId id, TimePoint now) {
   const auto parsed = context_.policy.scheme().parse_command_topic(topic);
   if (!parsed || parsed->robot != session.robot) return nullptr;
-  auto command = std::make_shared<Command>(
-      Command{id, std::string(parsed->robot), std::string(parsed->type), now, false});
+  auto command = std::make_shared<Command>(Command{
+      id, session.client_id, std::string(parsed->robot), std::string(parsed->type), now, false});
   open_.push_back(command);
   return command;
 }
@@ -45,7 +45,7 @@ void CommandWatch::end(const std::shared_ptr<Command>& command, CommandResult re
                        std::string why, TimePoint now) {
   if (!command || std::exchange(command->is_reported, true)) return;
   // After a restart it is not told again; a delivery has marked its session already.
-  if (const ClientSession* session = context_.clients.find_robot(command->robot);
+  if (const ClientSession* session = context_.clients.find(command->client_id);
       session && result != CommandResult::delivered)
     context_.set_dirty(*session);
   const auto after = std::chrono::duration_cast<std::chrono::milliseconds>(now - command->came);

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "adapters/mqttsn_udp/conversations/own_names.hpp"
 #include "adapters/mqttsn_udp/limits.hpp"
 
 namespace slamgw::mqttsn {
@@ -21,8 +22,8 @@ bool can_resume(const ClientSession& session) {
 
 void Connecting::on_connect(const Peer& peer, const LocalAddress& local, const Connect& connect,
                             std::uint64_t fingerprint, TimePoint now) {
-  auto robot = robot_of(connect);
-  if (!robot) return refuse_name(peer, local, connect, now);
+  auto robot = robot_of(connect.client_id);
+  if (!robot || connect.protocol != protocol_id) return refuse_name(peer, local, connect, now);
   if (is_repetition(peer, connect, fingerprint, now)) {
     ClientSession& session = *context_.clients.find(peer);
     lifecycle_.on_heard(session, now);
@@ -40,16 +41,15 @@ void Connecting::on_connect(const Peer& peer, const LocalAddress& local, const C
   complete(peer, attempt, std::move(kept), now);
 }
 
-/// Nothing for a client that may not connect. One that the configuration names may have an address
-/// on another mesh too; any other must not go by the name of a robot there.
-std::optional<std::string> Connecting::robot_of(const Connect& connect) const {
-  if (connect.protocol != protocol_id || !is_valid_level(connect.client_id)) return std::nullopt;
-  auto robot = context_.names.of_client(connect.client_id);
+/// A client that the configuration names may have an address on another mesh too; any other must
+/// not go by the name of a robot there.
+std::optional<std::string> Connecting::robot_of(const std::string& client_id) const {
+  if (!is_valid_level(client_id)) return std::nullopt;
+  auto robot = context_.names.of_client(client_id);
   if (!robot || !is_valid_level(*robot)) return std::nullopt;
   const auto& configured = context_.names.configured();
-  const bool is_configured = std::ranges::any_of(configured, [&](const RobotName& name) {
-    return name.mqttsn_client_id == connect.client_id;
-  });
+  const bool is_configured = std::ranges::any_of(
+      configured, [&](const RobotName& name) { return name.mqttsn_client_id == client_id; });
   if (!is_configured && is_elsewhere_ && is_elsewhere_(*robot)) return std::nullopt;
   return robot;
 }
@@ -166,14 +166,18 @@ Connecting::Attempt Connecting::take(const Peer& peer) {
 void Connecting::complete(const Peer& peer, const Attempt& attempt, std::optional<Will> will,
                           TimePoint now) {
   const Connect& connect = attempt.connect;
-  if (robot_of(connect) != attempt.robot)  // names have changed during the handshake
-    return refuse_name(peer, attempt.local, connect, now);
+  const auto robot = robot_of(connect.client_id);  // names may change during the handshake
+  if (!robot) return refuse_name(peer, attempt.local, connect, now);
+  if (will && *robot != attempt.robot) {
+    auto own = replace_robot(context_.policy.scheme(), will->topic, attempt.robot, *robot);
+    if (own) will->topic = std::move(*own);
+  }
   ClientSession* former = context_.clients.find(peer);
   if (former && former->client_id != connect.client_id) lifecycle_.displace(*former, now);  // R37
   ClientSession* session = context_.clients.find(connect.client_id);
   if (!session) {
     if (!lifecycle_.make_room(now)) return refuse_for_room(peer, attempt.local, now);
-    session = &lifecycle_.begin(connect.client_id, attempt.robot, now);
+    session = &lifecycle_.begin(connect.client_id, *robot, now);
   }
   if (connect.clean_session || !can_resume(*session)) {
     lifecycle_.clean(*session, "the robot has begun a new session", now);

@@ -24,6 +24,8 @@ class Connecting {
 
   void on_connect(const Peer& peer, const LocalAddress& local, const Connect& connect,
                   std::uint64_t fingerprint, TimePoint now);
+  /// The name that this client's robot goes by; nothing when it may not connect.
+  std::optional<std::string> robot_of(const std::string& client_id) const;
   void refuse_names(NameCheck is_elsewhere) { is_elsewhere_ = std::move(is_elsewhere); }
   bool is_open(const Peer& peer) const { return attempts_.contains(peer); }
   /// These only while a handshake is open. WILLMSG before WILLTOPIC ends it (R29).
@@ -52,7 +54,6 @@ class Connecting {
     std::uint64_t stranger = 0;  // its key in strangers_; 0: a session is known here
   };
 
-  std::optional<std::string> robot_of(const Connect& connect) const;
   bool is_repetition(const Peer& peer, const Connect& connect, std::uint64_t fingerprint,
                      TimePoint now) const;
   void begin(const Peer& peer, Attempt attempt, TimePoint now);

@@ -1,6 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "adapters/mqttsn_udp/conversations/own_names.hpp"
 
+#include <algorithm>
+#include <iterator>
+#include <map>
+#include <utility>
+
 namespace slamgw::mqttsn {
 
 std::optional<std::string> replace_robot(const TopicScheme& scheme, std::string_view topic,
@@ -26,6 +31,44 @@ std::string to_client_name(const TopicScheme& scheme, const ClientSession& sessi
                            const std::string& topic) {
   if (!session.uses_client_id) return topic;
   return replace_robot(scheme, topic, session.robot, session.client_id).value_or(topic);
+}
+
+namespace {
+
+/// A client that has both names of a filter gets its messages at the higher QoS.
+void rename_filters(ClientSession& session, const NewName& new_name) {
+  std::map<std::string, Subscription, std::less<>> renamed;
+  for (auto at = session.subscriptions.begin(); at != session.subscriptions.end();) {
+    const auto next = std::next(at);
+    if (auto filter = new_name(at->first)) {
+      auto node = session.subscriptions.extract(at);
+      node.key() = std::move(*filter);
+      renamed.insert(std::move(node));
+    }
+    at = next;
+  }
+  for (auto& [filter, subscription] : renamed) {
+    Subscription& kept = session.subscriptions.try_emplace(filter, subscription).first->second;
+    kept.qos = std::max(kept.qos, subscription.qos);
+  }
+}
+
+}  // namespace
+
+void rename_topics(const TopicScheme& scheme, ClientSession& session, std::string_view from,
+                   const std::string& to) {
+  bool has_own = false;
+  const auto new_name = [&](const std::string& topic) {
+    auto own = replace_robot(scheme, topic, from, to);
+    has_own |= own.has_value();
+    return own;
+  };
+  session.topics.rename(new_name);
+  rename_filters(session, new_name);
+  session.delivery.rename(new_name);
+  if (session.will)
+    session.will->topic = new_name(session.will->topic).value_or(session.will->topic);
+  if (from == session.client_id) session.uses_client_id = has_own;
 }
 
 }  // namespace slamgw::mqttsn

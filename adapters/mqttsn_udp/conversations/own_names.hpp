@@ -21,4 +21,10 @@ std::string to_broker_name(const TopicScheme& scheme, ClientSession& session, st
 std::string to_client_name(const TopicScheme& scheme, const ClientSession& session,
                            const std::string& topic);
 
+/// The client's robot was called `from` and is called `to`: all that the session keeps of its own
+/// topics goes on under the new name, and the client is spoken to as before. Leaves the robot's
+/// name itself and all indexes to the caller.
+void rename_topics(const TopicScheme& scheme, ClientSession& session, std::string_view from,
+                   const std::string& to);
+
 }  // namespace slamgw::mqttsn

@@ -162,6 +162,33 @@ void Subscriptions::restore(ClientSession& session, TimePoint now) {
   }
 }
 
+/// Those of the session's filters that name this robot.
+std::vector<std::string> Subscriptions::filters_of(const ClientSession& session,
+                                                   const std::string& robot) const {
+  std::vector<std::string> filters;
+  for (const auto& [filter, subscription] : session.subscriptions) {
+    if (replace_robot(context_.policy.scheme(), filter, robot, robot)) filters.push_back(filter);
+  }
+  return filters;
+}
+
+void Subscriptions::suspend(ClientSession& session, const std::string& robot, TimePoint now) {
+  for (const std::string& filter : filters_of(session, robot)) {
+    remove_subscriber(filter, session);
+    unsubscribe_unwanted(filter, now);
+  }
+}
+
+void Subscriptions::resume(ClientSession& session, TimePoint now) {
+  for (const std::string& filter : filters_of(session, session.robot)) {
+    Subscription& subscription = session.subscriptions.at(filter);
+    subscription.granted_at = now;
+    subscription.retained_wait.emplace();
+    add_subscriber(filter, session, subscription);
+    requests_.ask(filter, subscription.qos, {}, now);
+  }
+}
+
 void Subscriptions::listen_for_commands(const ClientSession& session, TimePoint now) {
   const std::string filter = context_.policy.scheme().command_filter(session.robot);
   if (!listening_.insert(filter).second) return;

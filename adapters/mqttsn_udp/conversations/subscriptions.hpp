@@ -49,6 +49,12 @@ class Subscriptions {
   /// Asks the broker for the subscriptions of a session that comes back from the store.
   void restore(ClientSession& session, TimePoint now);
 
+  /// The broker is not asked any more for what concerns `robot`: it is a name that the client's
+  /// robot gives up or takes over.
+  void suspend(ClientSession& session, const std::string& robot, TimePoint now);
+  /// It is asked again, after a rename: the subscriptions are new ones of the robot's new name.
+  void resume(ClientSession& session, TimePoint now);
+
   /// The gateway itself hears all commands for the client's robot, so that one of a type that the
   /// client has not subscribed to has its outcome too. From the session's begin to its end.
   void listen_for_commands(const ClientSession& session, TimePoint now);
@@ -71,6 +77,7 @@ class Subscriptions {
   void add_subscriber(const std::string& filter, ClientSession& session,
                       Subscription& subscription);
   void remove_subscriber(const std::string& filter, ClientSession& session);
+  std::vector<std::string> filters_of(const ClientSession& session, const std::string& robot) const;
   /// Nobody has the filter any more: tells the broker.
   void unsubscribe_unwanted(const std::string& filter, TimePoint now);
   void notice_refusal(const ClientSession& session, const std::string& filter, TimePoint now);

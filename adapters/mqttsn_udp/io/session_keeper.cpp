@@ -28,7 +28,7 @@ SessionKeeper::Restored SessionKeeper::restore(TimePoint now) {
   if (!useless.empty()) {
     restored.severity = Severity::warning;
     restored.text += fmt::format(
-        "{}{} stored MQTT-SN sessions can't go on (another name by now, no room, or "
+        "{}{} stored MQTT-SN sessions can't go on (another robot's name, no room, or "
         "damaged): these clients have to connect again",
         taken > 0 ? "; " : "", useless.size());
     store_.save(std::move(useless));

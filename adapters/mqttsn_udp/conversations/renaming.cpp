@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "adapters/mqttsn_udp/conversations/renaming.hpp"
+
+#include <utility>
+#include <vector>
+
+#include "adapters/mqttsn_udp/conversations/own_names.hpp"
+
+namespace slamgw::mqttsn {
+
+/// All former names are left before new ones are taken: robots may swap theirs.
+void Renaming::on_names(TimePoint now) {
+  std::vector<ClientSession*> gone;
+  std::vector<Renamed> renamed;
+  for (const auto& [id, session] : context_.clients.all()) {
+    if (context_.names.of_client(id) == session->robot) continue;
+    if (auto robot = connecting_.robot_of(id)) {
+      renamed.push_back({session.get(), std::move(*robot)});
+    } else {
+      gone.push_back(session.get());
+    }
+  }
+  for (ClientSession* session : gone) {
+    if (session->is_connected()) context_.send(*session, Disconnect{});
+    lifecycle_.expel(*session, "another robot has this name now", now);
+  }
+  for (const Renamed& one : renamed) leave_name(one, now);
+  for (const Renamed& one : renamed) enter_name(one, now);
+}
+
+void Renaming::leave_name(const Renamed& renamed, TimePoint now) {
+  ClientSession& session = *renamed.session;
+  if (session.told_presence) lifecycle_.tell_presence(session, Presence::offline);
+  subscriptions_.suspend(session, session.robot, now);
+  subscriptions_.suspend(session, renamed.robot, now);
+  subscriptions_.stop_listening(session, now);
+}
+
+void Renaming::enter_name(const Renamed& renamed, TimePoint now) {
+  ClientSession& session = *renamed.session;
+  rename_topics(context_.policy.scheme(), session, session.robot, renamed.robot);
+  context_.clients.rename(session, renamed.robot);
+  subscriptions_.listen_for_commands(session, now);
+  subscriptions_.resume(session, now);
+  if (std::exchange(session.told_presence, std::nullopt))
+    lifecycle_.tell_presence(session, presence_of(session.state()));
+  context_.set_dirty(session);
+}
+
+}  // namespace slamgw::mqttsn

@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+// The configuration gives robots other names while their clients are connected: each session goes
+// on under the new name, unnoticed by its client.
+#pragma once
+
+#include "adapters/mqttsn_udp/conversations/connecting.hpp"
+
+namespace slamgw::mqttsn {
+
+class Renaming {
+ public:
+  Renaming(Context& context, Subscriptions& subscriptions, Lifecycle& lifecycle,
+           const Connecting& connecting)
+      : context_(context),
+        subscriptions_(subscriptions),
+        lifecycle_(lifecycle),
+        connecting_(connecting) {}
+
+  /// The context has other names. A client whose id is now another robot's name is disconnected.
+  void on_names(TimePoint now);
+
+ private:
+  /// A session, and what its robot is called from now on.
+  struct Renamed {
+    ClientSession* session = nullptr;
+    std::string robot;
+  };
+
+  void leave_name(const Renamed& renamed, TimePoint now);
+  void enter_name(const Renamed& renamed, TimePoint now);
+
+  Context& context_;
+  Subscriptions& subscriptions_;
+  Lifecycle& lifecycle_;
+  const Connecting& connecting_;
+};
+
+}  // namespace slamgw::mqttsn
