@@ -3,6 +3,7 @@
 import collections
 import os
 import textwrap
+import warnings
 
 import matplotlib
 
@@ -21,8 +22,12 @@ STYLE = {
     "axes.grid": True, "axes.grid.axis": "y", "grid.color": "#dddddd", "grid.linewidth": 0.6, "axes.axisbelow": True,
     "axes.titlesize": 9, "axes.titleweight": "bold", "axes.titlelocation": "left", "legend.frameon": False,
     "svg.hashsalt": "slam-gateway-experiment", "svg.fonttype": "path",
+    "text.parse_math": False,  # a robot may have $ in its name
 }
 WIDTH_IN, PANEL_IN, CAPTION_CHARACTERS, LINE_IN = 6.6, 2.9, 112, 0.15
+MOST_BINS = 500     # of a histogram; one value far off must not make millions
+MOST_SERIES = 4     # robots that get a colour of their own
+MOST_OF_A_NAME = 24
 
 
 def draw(directory, result, events):
@@ -36,7 +41,8 @@ def draw(directory, result, events):
     text = caption(result)
     heights = [1.75 if panel is _ring else 1 for panel in panels]
     caption_in = LINE_IN * (len(text.splitlines()) + 1)
-    with plt.rc_context(STYLE):
+    with plt.rc_context(STYLE), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph")  # a name in a script that the font lacks
         figure = plt.figure(figsize=(WIDTH_IN, 0.55 + PANEL_IN * sum(heights) + caption_in))
         whole_in = figure.get_figheight()
         grid = figure.add_gridspec(len(panels), 1, left=0.1, right=0.97, top=1 - (0.62 if len(panels) > 1 or heights[0] > 1 else 0.45) / whole_in,
@@ -89,24 +95,48 @@ def _intervals(axes, result, events):
     gaps = measure.pooled(measure.intervals_ms(events, result["conditions"]["type"]))
     if not len(gaps):
         return _nothing(axes)
-    wide = gaps.max() > 7.5 * period
+    thesis_ms = result["thesis"]["numbers"].get("interval_ms") or result["thesis"]["numbers"].get("spikes_near_ms")
+    thesis_ms = thesis_ms if isinstance(thesis_ms, (int, float)) and result["conditions"]["time_compressed"] == 1 else 0
+    wide = max(gaps.max(), thesis_ms) > 7.5 * period
     bin_ms = period / 4 if wide else period / 10
-    end = max(5 * period, numpy.percentile(gaps, 99.9) + 2 * bin_ms)
+    end = max(5 * period, numpy.percentile(gaps, 99.9) + 2 * bin_ms, 1.05 * thesis_ms)
+    bin_ms = max(bin_ms, end / MOST_BINS)
     # Bins are centred on multiples of their width, so that none ends at a multiple of the period.
-    axes.hist(numpy.minimum(gaps, end), bins=numpy.arange(-bin_ms / 2, end + bin_ms, bin_ms), color=COLOURS[result["mesh"]])
+    heights, edges, _ = axes.hist(numpy.minimum(gaps, end), bins=numpy.arange(-bin_ms / 2, end + bin_ms, bin_ms), color=COLOURS.get(result["mesh"], GREY))
     _count_logarithmically(axes)
     axes.set_xlim(0, end + bin_ms)
     if not wide:
         axes.set_xticks(numpy.arange(0, end + period, period))
-    for shown, share in result["measured"]["interval_shares"].items():
-        if shown != "longer" and share > 0 and not wide:
-            count = int(round(share * len(gaps)))
-            axes.annotate(f"{share:.1%}", (float(shown), count), xytext=(12, 2), textcoords="offset points", fontsize=8)
-    thesis_ms = result["thesis"]["numbers"].get("interval_ms") or result["thesis"]["numbers"].get("spikes_near_ms")
-    if thesis_ms and not result["conditions"]["time_compressed"] != 1:
+    if not wide and result["mesh"] == "ble":  # on Thread a gap is a delay
+        _tell_shares(axes, result["measured"]["interval_shares"], period, heights, edges)
+    if thesis_ms:
         _thesis_line(axes, thesis_ms, f"thesis: {thesis_ms} ms")
     axes.set_xlabel(f"time between two arrivals at the gateway / ms, in bins of {bin_ms:g} ms" + _compressed(result))
     axes.set_ylabel("messages")
+
+
+def _tell_shares(axes, shares, period, heights, edges):
+    """Beside the tallest bin near each multiple of the period."""
+    middles = (edges[:-1] + edges[1:]) / 2
+    for shown, share in shares.items():
+        if shown == "longer" or share == 0:
+            continue
+        near = numpy.flatnonzero(numpy.abs(middles - float(shown)) <= period / 2)
+        if len(near):
+            tallest = near[numpy.argmax(heights[near])]
+            axes.annotate(f"{share:.1%}", (edges[tallest + 1], heights[tallest]), xytext=(4, 1), textcoords="offset points", fontsize=8)
+
+
+def _count_whole(axes):
+    """An axis of messages, of which there are no halves."""
+    axes.yaxis.set_major_locator(matplotlib.ticker.MaxNLocator(integer=True, min_n_ticks=1))
+    axes.set_ylabel("messages")
+
+
+def _shown(name):
+    """A robot's name in a legend, which leaves out what begins with an underscore."""
+    short = name if len(name) <= MOST_OF_A_NAME else name[:MOST_OF_A_NAME - 1] + "…"
+    return f" {short}" if short.startswith("_") else short
 
 
 def _count_logarithmically(axes):
@@ -134,18 +164,20 @@ def _latency(axes, result, events):
     values, where = _latencies(result, events)
     if not values:
         return _nothing(axes)
-    series = {robot: ones for robot, ones in values.items() if len(ones)}
+    series = {_shown(robot): ones for robot, ones in values.items() if len(ones)}
+    if len(series) > MOST_SERIES:
+        series = {f"{len(series)} robots": measure.pooled(values)}
     what = "PUBLISH to PUBACK" if result["mesh"] == "thread" else "SET to STATUS"
-    if len(series) == 1:
+    if len(values) == 1:
         series = {f"{what}, seen by the {where}": next(iter(series.values()))}
     gateway = measure.gateway_latencies_ms(events, result["conditions"]["type"])
-    if where == "robot" and len(series) == 1 and gateway:
+    if where == "robot" and len(values) == 1 and gateway:
         series["of that in the gateway, with the broker"] = measure.pooled(gateway)
     whole = numpy.concatenate(list(series.values()))
     end = float(numpy.percentile(whole, 99.5)) * 1.15 + 1
-    bin_ms = 1 if end < 150 else 5 if end < 750 else 50
+    bin_ms = 1 if end < 150 else 5 if end < 750 else 50 if end < 50 * MOST_BINS else float(f"{end / MOST_BINS:.1g}")
     bins = numpy.arange(0, end + 2 * bin_ms, bin_ms)
-    colours = [COLOURS[result["mesh"]], SECOND, "#7b3294", "#636363"]
+    colours = [COLOURS.get(result["mesh"], GREY), SECOND, "#7b3294", "#636363"]
     for index, (name, ones) in enumerate(series.items()):
         mean = float(ones.mean())
         axes.hist(numpy.minimum(ones, end), bins=bins, color=colours[index % 4], alpha=0.75,
@@ -156,8 +188,8 @@ def _latency(axes, result, events):
     axes.set_ylim(0, axes.get_ylim()[1] * (1.12 + 0.08 * len(series)))
     axes.legend(loc="upper right", fontsize=8)
     later = f"; the last one holds {beyond} later" if beyond else ""
-    axes.set_xlabel(f"{what} / ms, in bins of {bin_ms} ms{later}")
-    axes.set_ylabel("messages")
+    axes.set_xlabel(f"{what} / ms, in bins of {bin_ms:g} ms{later}")
+    _count_whole(axes)
 
 
 def _hop_values(result, events):
@@ -176,13 +208,14 @@ def _hop_all(axes, result, events):
     if not len(values):
         return _nothing(axes)
     retry = 8000 / result["conditions"]["time_compressed"]
-    axes.hist(values, bins=numpy.arange(0, max(2.4 * retry, values.max() + retry / 20), retry / 40), color=COLOURS["thread"])
+    end = max(2.4 * retry, values.max() + retry / 20)
+    axes.hist(values, bins=numpy.arange(0, end, max(retry / 40, end / MOST_BINS)), color=COLOURS["thread"])
     _count_logarithmically(axes)
     axes.set_xlim(0, None)
     for times in (1, 2):
         axes.axvline(times * retry, color=THESIS, linestyle="--", linewidth=1)
         late = int(numpy.sum((values >= (times - 0.1) * retry) & (values < (times + 0.9) * retry)))
-        axes.annotate(f"thesis: {8 * times} s\nhere {late} messages", (times * retry, 1), xycoords=("data", "axes fraction"),
+        axes.annotate(f"thesis: {8 * times} s\nhere: {late} of {len(values)}", (times * retry, 1), xycoords=("data", "axes fraction"),
                       xytext=(4, -2), textcoords="offset points", va="top", color=THESIS, fontsize=8)
     axes.set_title("8.10  all messages")
     axes.set_xlabel(f"{what} / ms" + _compressed(result))
@@ -201,7 +234,7 @@ def _hop_first(axes, result, events):
     axes.legend(loc="upper right", fontsize=8)
     axes.set_title("8.11  without those that the client repeated")
     axes.set_xlabel(f"{what} / ms")
-    axes.set_ylabel("messages")
+    _count_whole(axes)
 
 
 def _hop_repeats(axes, result, events):
@@ -219,7 +252,7 @@ def _hop_repeats(axes, result, events):
     axes.legend(loc="upper right", fontsize=8)
     axes.set_title("8.12  repeats for each message")
     axes.set_xlabel("repeats on its way to the gateway")
-    axes.set_ylabel("messages")
+    _count_whole(axes)
 
 
 def _counts(axes, result, events):
@@ -232,10 +265,10 @@ def _counts(axes, result, events):
     bars = [(name, value) for name, value in bars if value is not None]
     colours = {"lost": THESIS, "received\ntwice": SECOND}
     drawn = axes.bar([name for name, _ in bars], [value for _, value in bars], width=0.6,
-                     color=[colours.get(name, COLOURS[result["mesh"]]) for name, _ in bars])
+                     color=[colours.get(name, COLOURS.get(result["mesh"], GREY)) for name, _ in bars])
     axes.bar_label(drawn, fontsize=9, padding=2)
     axes.set_ylim(0, max(1, max(value for _, value in bars)) * 1.12)
-    axes.set_ylabel("messages")
+    _count_whole(axes)
 
 
 def _probe_delay(axes, result, events):
@@ -243,16 +276,16 @@ def _probe_delay(axes, result, events):
     if not len(delays):
         return _nothing(axes)
     end = float(numpy.percentile(delays, 99.5)) * 1.1 + 1
-    axes.hist(numpy.minimum(delays, end), bins=60, color=COLOURS[result["mesh"]])
+    axes.hist(numpy.minimum(delays, end), bins=60, color=COLOURS.get(result["mesh"], GREY))
     axes.set_xlabel("later than the fastest probe / ms")
-    axes.set_ylabel("messages")
+    _count_whole(axes)
 
 
 def _ring(axes, result, events):
     positions, obstacles = measure.points(events)
     if not len(obstacles):
         return _nothing(axes)
-    axes.scatter(obstacles[:, 0], obstacles[:, 1], s=7, color=COLOURS[result["mesh"]], alpha=0.45, linewidths=0,
+    axes.scatter(obstacles[:, 0], obstacles[:, 1], s=7, color=COLOURS.get(result["mesh"], GREY), alpha=0.45, linewidths=0,
                  label=f"{len(obstacles)} obstacles", zorder=3)
     axes.plot(positions[:, 0], positions[:, 1], color=SECOND, linewidth=0.9, label="the robot's way", zorder=2)
     circle = result["measured"].get("ring")
@@ -286,13 +319,13 @@ def caption(result):
                  f"Here: {_here(result)}."]
     if result["simulated"]:
         how = result["conditions"].get("simulated_as", "")
-        sentences.append(f"Simulated robots and radio, seed {result['conditions']['seed']}{': ' + how if how else ''}.")
+        sentences.append(f"Simulated robots and radio, seed {result['conditions'].get('seed')}{f': {how}' if how else ''}.")
     if result["differs"]:
-        sentences.append(f"Not as by default: {'; '.join(result['differs'])}.")
-    sentences.append(f"The thesis does not tell: {result['thesis']['unknown']}. Chosen: {result['thesis']['chosen']}.")
+        sentences.append(f"Differs from the thesis's setting: {'; '.join(result['differs'])}.")
+    sentences.append(f"Not told by the thesis: {result['thesis']['unknown']}. Chosen here: {result['thesis']['chosen']}.")
     if not result["complete"]:
         sentences.append(f"NOT COMPLETE: {result.get('ended_early', 'the run was cut off')}.")
-    for incident in result["incidents"][:2]:
+    for incident in [one for one in result["incidents"] if one["what"] != result.get("ended_early")][:2]:
         sentences.append(f"At {incident['t_us'] / 1e6:.0f} s: {incident['what']}.")
     return "\n".join(line for sentence in sentences for line in textwrap.wrap(sentence, CAPTION_CHARACTERS))
 

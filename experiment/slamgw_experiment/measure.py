@@ -251,8 +251,11 @@ def fitted_circle(places):
             "rms_error_cm": round(float(numpy.sqrt(numpy.mean(errors ** 2))), 2), "points": int(len(places))}
 
 
-def measured(events, message_type, period_ms, settle_s=0):
-    """The whole of `measured` in result.json. `settle_s`: how long a message may still come after it was made."""
+def measured(events, message_type, period_ms, settle_s=0, in_ring=False):
+    """The whole of `measured` in result.json. `settle_s`: how long a message may still come after it was made.
+
+    `in_ring`: the robot drives in a ring, so a circle through its obstacles means something.
+    """
     gaps = intervals_ms(events, message_type)
     all_gaps = pooled(gaps)
     # On Thread a gap is a delay: clients repeat what got lost.
@@ -262,7 +265,7 @@ def measured(events, message_type, period_ms, settle_s=0):
     gateway = gateway_latencies_ms(events, message_type)
     delays = probe_delays_ms(events)
     client, link = repeats_by_message(events)
-    positions, obstacles = points(events)
+    positions, obstacles = points(events) if in_ring else ((), ())
     sizes = collections.Counter(event.bytes for event in events if event.is_arrival_of(message_type))
     result = {
         "counts": counts(events, message_type),
@@ -281,7 +284,7 @@ def measured(events, message_type, period_ms, settle_s=0):
     if link:
         result["messages_repeated_on_link"] = {
             str(n): count for n, count in sorted(collections.Counter(link.values()).items())}
-    if message_type == "update" and len(obstacles):
+    if in_ring and message_type == "update" and len(obstacles):
         result["ring"] = fitted_circle(obstacles)
         result["positions"] = int(len(positions))
     return result

@@ -20,8 +20,9 @@ th, td { border-bottom: 1px solid #ddd; padding: .25rem .6rem; text-align: right
 
 # The rows of every comparison: name, and where it stands in `measured`.
 ROWS = [
-    ("arrived", ("counts", "arrived"), "{:.0f}"),
+    ("made by the robot", ("counts", "measured"), "{:.0f}"),
     ("sent", ("loss", "exact", "sent"), "{:.0f}"),
+    ("arrived", ("counts", "arrived"), "{:.0f}"),
     ("lost, exactly", ("loss", "exact", "share"), "{:.2%}"),
     ("lost, estimated from gaps", ("loss", "estimate", "share"), "{:.2%}"),
     ("interval, median / ms", ("interval_ms", "p50"), "{:.1f}"),
@@ -80,7 +81,7 @@ def _html_table(results, heads):
 
 def _figure(directory, result):
     if result is None:
-        return '<p class="none">nothing to put beside it</p>'
+        return '<p class="none">The other folder has no such result.</p>'
     path = os.path.join(directory, "figure.svg")
     try:
         with open(path, "rb") as file:
@@ -100,7 +101,7 @@ def _page(title, note, sections, is_simulated):
 
 def _write(path, text):
     try:
-        with open(path, "w", encoding="utf-8") as file:
+        with open(path, "w", encoding="utf-8", errors="replace") as file:
             file.write(text)
     except OSError as error:
         raise folder.BadFolder(f"{path} cannot be written: {error.strerror}") from error
@@ -126,6 +127,7 @@ def compare(directories, out):
     """Writes the page; returns the text tables."""
     left, right = (results_in(directory) for directory in directories)
     labels = [os.path.basename(os.path.abspath(directory)) for directory in directories]
+    labels = labels if labels[0] != labels[1] else directories
     if len(left) == 1 and len(right) == 1:
         pairs = [(next(iter(left)), next(iter(left.values())), next(iter(right.values())))]
     else:
@@ -153,7 +155,7 @@ def write_both(out, directory):
             continue
         placed.update(name for name in names if name in found)
         results = [side[1] for side in sides if side]
-        inner = "".join(f"<div>{_figure(*side) if side else _figure('', None)}</div>" for side in sides)
+        inner = "".join(f"<div>{_figure(*side)}</div>" if side else "<div></div>" for side in sides)
         heading = f"<h2>{html.escape(question)}</h2>" if question else ""
         sections.append(f'{heading}<div class="pair">{inner}</div>{_html_table(results, [name_of(one) for one in results])}')
     for name in sorted(found.keys() - placed):
@@ -173,10 +175,10 @@ def _conclusion(found):
     if None not in means:
         extra = (f"<p>With two robots on BLE Mesh a STATUS took {means[1] - means[0]:+.1f} ms on average against one robot; "
                  "the thesis saw an indication of +10 ms.</p>")
-    heads = ["experiment", "arrived", "sent", "lost, exactly", "lost, estimated", "acknowledged, mean / ms", "99 % / ms"]
-    paths = [("counts", "arrived"), ("loss", "exact", "sent"), ("loss", "exact", "share"), ("loss", "estimate", "share"),
+    heads = ["experiment", "made by the robot", "sent", "arrived", "lost, exactly", "lost, estimated", "acknowledged, mean / ms", "99 % / ms"]
+    paths = [("counts", "measured"), ("loss", "exact", "sent"), ("counts", "arrived"), ("loss", "exact", "share"), ("loss", "estimate", "share"),
              ("acknowledged_after_ms", "robot", "mean"), ("acknowledged_after_ms", "robot", "p99")]
-    forms = ["{:.0f}", "{:.0f}", "{:.2%}", "{:.2%}", "{:.1f}", "{:.1f}"]
+    forms = ["{:.0f}", "{:.0f}", "{:.0f}", "{:.2%}", "{:.2%}", "{:.1f}", "{:.1f}"]
     lines = []
     for result in results:
         values = [value_of(result, path) for path in paths]

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every kind of figure is drawn, from full, single and empty runs; captions say what they must."""
+import dataclasses
 import os
 import tempfile
 import unittest
@@ -69,6 +70,37 @@ class Figures(unittest.TestCase):
         events = some_events(5, "update")
         caption = figures.caption(result_of(catalogue.find("ble-hop"), "ble", events, complete=False))
         self.assertIn("NOT COMPLETE", caption)
+
+
+    def test_names_of_robots_are_text(self):
+        """Not formulas of Matplotlib, and none is left out of the legend."""
+        names = ["$\\frac{x$", "_hidden", "<img src=x onerror=alert(1)>" + "x" * 40, "机器人"]
+        experiment = catalogue.find("ble-two-robots")
+        for count in (2, 4, 9):
+            events = [dataclasses.replace(event, robot=(names + list("abcde"))[n])
+                      for n in range(count) for event in some_events(5, "update")]
+            with self.subTest(count=count), tempfile.TemporaryDirectory() as directory:
+                result = result_of(experiment, "ble", events)
+                result["differs"] = ["the simulator with $\\int"]
+                figures.draw(directory, result, events)
+                self.assertGreater(os.path.getsize(os.path.join(directory, "figure.png")), 1000)
+
+    def test_one_value_far_off_makes_no_millions_of_bins(self):
+        for name in ("ble-one-obstacle", "ble-latency", "thread-hop"):
+            experiment = catalogue.find(name)
+            events = some_events(20, "update")
+            for event in events[-3:]:
+                event.t_us += 2 ** 50
+            with self.subTest(name=name), tempfile.TemporaryDirectory() as directory:
+                figures.draw(directory, result_of(experiment, experiment.meshes[0], events), events)
+                self.assertLess(os.path.getsize(os.path.join(directory, "figure.svg")), 1_000_000)
+
+    def test_only_the_experiment_in_the_ring_fits_a_circle(self):
+        events = some_events(9, "update")
+        for n, event in enumerate(events):
+            event.payload = event.payload and f"00000000{n + 1:02x}00{n * n % 250:02x}00"
+        self.assertNotIn("ring", measure.measured(events, "update", 200))
+        self.assertIn("ring", measure.measured(events, "update", 200, in_ring=True))
 
 
 class Page(unittest.TestCase):
