@@ -7,8 +7,10 @@ All three are read leniently: a member that is missing or of another type is lef
 import csv
 import dataclasses
 import datetime
+import string
 
 GATEWAY, ROBOTS, BROKER = "gateway", "robots", "broker"
+LARGEST = 2 ** 53  # the largest number that survives JSON and a double
 
 # name: (type, what it says in the documentation)
 COLUMNS = {
@@ -87,9 +89,16 @@ def _as(kind, value):
     if kind is str:
         return value if isinstance(value, str) else str(value)
     try:
-        return kind(value)
-    except (TypeError, ValueError):
+        number = kind(value)
+    except (TypeError, ValueError, OverflowError):
         return None
+    return number if abs(number) <= LARGEST else None  # not a number is neither
+
+
+def _hex(value):
+    """Octets in hexadecimal digits; empty for anything else."""
+    text = _as(str, value)
+    return text if len(text) % 2 == 0 and not set(text) - set(string.hexdigits) else ""
 
 
 def read_probe(payload_hex):
@@ -109,7 +118,7 @@ def from_members(source, members):
     for name, (kind, _) in COLUMNS.items():
         if name in members and name not in ("t_us", "source"):
             setattr(event, name, _as(kind, members[name]))
-    event.payload = event.payload or _as(str, members.get("payload_hex"))
+    event.payload = _hex(event.payload or members.get("payload_hex"))
     event.outcome = event.outcome or _as(str, members.get("why"))
     if not event.event and source == GATEWAY:
         event.event = "command" if event.direction == "down" else "arrived"
@@ -143,6 +152,7 @@ def read_csv(path):
             if len(row) != len(COLUMNS):
                 continue
             values = {name: _as(kind, text) for (name, (kind, _)), text in zip(COLUMNS.items(), row)}
+            values["payload"] = _hex(values["payload"])
             if values["t_us"] is not None:
                 events.append(Event(**values))
     events.sort(key=lambda event: event.t_us)

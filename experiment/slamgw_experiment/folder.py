@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """A result folder: events.csv while it is written, result.json, and reading both back."""
+import contextlib
+import csv
 import json
 import os
 
-from slamgw_experiment import events, measure
+from slamgw_experiment import catalogue, events, measure
 
 FORMAT = 1
 EVENTS, RESULT = "events.csv", "result.json"
@@ -13,21 +15,41 @@ class BadFolder(Exception):
     """Tells in one line what is wrong with a folder, and what to do."""
 
 
+class CannotWrite(Exception):
+    """The disk is full, or fails."""
+
+
 class Recorder:
-    """Writes events as they come, so that whatever ends the program leaves them."""
+    """Writes events as they come, so that whatever ends the program leaves them. A second one in the same folder fails."""
 
     def __init__(self, directory):
-        self._file = open(os.path.join(directory, EVENTS), "w", newline="", encoding="utf-8")
-        events.write_header(self._file)
+        self._path = os.path.join(directory, EVENTS)
+        try:
+            self._file = open(self._path, "x", newline="", encoding="utf-8", errors="backslashreplace")
+            events.write_header(self._file)
+            self._file.flush()
+        except FileExistsError as error:
+            raise BadFolder(f"{self._path} is there already: another run writes to this folder; choose another with --out") from error
+        except OSError as error:
+            raise BadFolder(f"{self._path} cannot be written: {error.strerror}") from error
 
     def write(self, event):
-        events.write_row(self._file, event)
+        self._attempt(lambda: events.write_row(self._file, event))
 
     def flush(self):
-        self._file.flush()
+        self._attempt(self._file.flush)
+
+    def _attempt(self, write):
+        try:
+            write()
+        except OSError as error:
+            raise CannotWrite(f"{self._path} cannot be written: {error.strerror}") from error
 
     def close(self):
-        self._file.close()
+        try:
+            self._file.close()
+        except OSError:
+            pass  # the same failure again: what could not be written before is still in the buffer
 
 
 def make(path):
@@ -36,18 +58,38 @@ def make(path):
         os.makedirs(path, exist_ok=True)
         if os.listdir(path):
             raise BadFolder(f"{path} is not empty; choose another with --out, results are never overwritten")
-    except (FileExistsError, NotADirectoryError, PermissionError) as error:
+    except OSError as error:
         raise BadFolder(f"{path} cannot be used: {error.strerror}") from error
     return path
+
+
+def make_new(path):
+    """A folder of this name that was not there; `path-2`, `path-3`, ... when it is taken."""
+    number = 1
+    while True:
+        chosen = path if number == 1 else f"{path}-{number}"
+        try:
+            os.mkdir(chosen)
+            return chosen
+        except FileExistsError:
+            number += 1
+        except OSError as error:
+            raise BadFolder(f"{chosen} cannot be made: {error.strerror}; name another place with --out") from error
 
 
 def write_result(directory, result):
     """In one step, so that a reader finds the old one or the new one."""
     path = os.path.join(directory, RESULT)
-    with open(path + ".new", "w", encoding="utf-8") as file:
-        json.dump(result, file, indent=2, allow_nan=False)
-        file.write("\n")
-    os.replace(path + ".new", path)
+    try:
+        with open(path + ".new", "w", encoding="utf-8") as file:
+            json.dump(result, file, indent=2, allow_nan=False)
+            file.write("\n")
+        os.replace(path + ".new", path)
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            os.unlink(path + ".new")
+        raise BadFolder(f"{path} cannot be written: {error.strerror}; {EVENTS} has what came so far, and plot counts and draws "
+                        "it once there is room") from error
 
 
 def read_result(directory):
@@ -57,14 +99,47 @@ def read_result(directory):
             result = json.load(file)
     except FileNotFoundError as error:
         raise BadFolder(f"{directory} has no {RESULT}: it is no result folder of this program") from error
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise BadFolder(f"{path} cannot be read: {error}") from error
     if not isinstance(result, dict) or "format" not in result:
         raise BadFolder(f"{path} was not written by this program")
     if result["format"] != FORMAT:
         raise BadFolder(f"{path} has format {result['format']}, and this program reads {FORMAT}; it was written by "
                         f"{result.get('program', 'another version')}")
+    check_members(path, result)
     return result
+
+
+# What the figures and pages need of result.json, beside `measured`, which is counted anew. A type, or a tuple of them.
+NUMBER = (int, float)
+MEMBERS = {
+    "experiment": str, "title": str, "mesh": str, "complete": bool, "simulated": bool, "incidents": list, "differs": list,
+    "conditions": dict, "conditions.type": str, "conditions.period_ms": NUMBER, "conditions.time_compressed": NUMBER,
+    "thesis": dict, "thesis.where": str, "thesis.result": str, "thesis.unknown": str, "thesis.chosen": str, "thesis.numbers": dict,
+}
+
+
+def check_members(path, result):
+    """Raises BadFolder for a result that lacks a member, or has one of another type."""
+    def bad(name):
+        raise BadFolder(f"{path}: {name} is missing, or not what this program writes there")
+
+    for name, kind in MEMBERS.items():
+        value = result
+        for step in name.split("."):
+            value = value.get(step)
+        if not isinstance(value, kind) or kind is NUMBER and not 0 < value < 1e12:
+            bad(name)
+    settle_s = result["conditions"].get("settle_s", 0)
+    if not isinstance(settle_s, NUMBER) or not 0 <= settle_s < 1e6:
+        bad("conditions.settle_s")
+    if not all(isinstance(text, str) for text in result["differs"]):
+        bad("differs")
+    for one in result["incidents"]:
+        if not isinstance(one, dict) or not isinstance(one.get("t_us"), NUMBER) or not isinstance(one.get("what"), str):
+            bad("incidents")
+    if not all(isinstance(value, (*NUMBER, list)) for value in result["thesis"]["numbers"].values()):
+        bad("thesis.numbers")
 
 
 def read_events(directory):
@@ -75,7 +150,7 @@ def read_events(directory):
         raise BadFolder(str(error)) from error
     except FileNotFoundError as error:
         raise BadFolder(f"{directory} has no {EVENTS}") from error
-    except (OSError, UnicodeDecodeError, ValueError) as error:
+    except (OSError, UnicodeDecodeError, ValueError, csv.Error) as error:
         raise BadFolder(f"{path} cannot be read: {error}") from error
 
 
@@ -83,10 +158,7 @@ def measure_again(directory):
     """(result, events), with `measured` counted anew from events.csv."""
     result = read_result(directory)
     ones = read_events(directory)
-    try:
-        message_type, period_ms = result["conditions"]["type"], float(result["conditions"]["period_ms"])
-        settle_s = float(result["conditions"].get("settle_s", 0))
-    except (KeyError, TypeError, ValueError) as error:
-        raise BadFolder(f"{os.path.join(directory, RESULT)} lacks conditions.type or .period_ms") from error
-    result["measured"] = measure.measured(ones, message_type, period_ms, settle_s)
+    conditions, experiment = result["conditions"], catalogue.find(result["experiment"])
+    result["measured"] = measure.measured(ones, conditions["type"], float(conditions["period_ms"]),
+                                          float(conditions.get("settle_s", 0)), experiment is not None and experiment.is_in_ring())
     return result, ones

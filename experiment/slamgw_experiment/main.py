@@ -11,7 +11,7 @@ import sys
 from slamgw_experiment import catalogue, figures, folder, page
 from slamgw_experiment.programs import Missing, Programs
 from slamgw_experiment.run import SETTLE_S, Run
-from slamgw_experiment.sites import DEFAULT_SOCKET, RunningDaemon, SimulatedSite
+from slamgw_experiment.sites import DEFAULT_PREFIX, DEFAULT_SOCKET, RunningDaemon, SimulatedSite
 
 WRONG_ARGUMENTS = 2
 
@@ -32,15 +32,16 @@ class Asked:
 
 
 class Stop:
-    """Ctrl-C and SIGTERM end a run in order; the second one ends the program."""
+    """Ctrl-C, SIGTERM and a closed terminal end a run with its folder; the second signal ends it where it is."""
 
     def __init__(self):
         self.asked = False
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, self._on_signal)
 
-    def _on_signal(self, number, _):
-        signal.signal(number, signal.SIG_DFL)
+    def _on_signal(self, *_):
+        if self.asked:
+            raise KeyboardInterrupt
         self.asked = True
 
     def __call__(self):
@@ -51,10 +52,39 @@ def positive(kind):
     def read(text):
         value = kind(text)
         if not 0 < value < 1e9:
-            raise argparse.ArgumentTypeError(f"{text} is not above 0")
+            raise argparse.ArgumentTypeError(f"{text} is not above 0 and below 1e9")
         return value
     read.__name__ = kind.__name__
     return read
+
+
+def seed(text):
+    value = int(text)
+    if not 0 <= value < 2 ** 64:
+        raise argparse.ArgumentTypeError(f"{text} is not 0 to 18446744073709551615")
+    return value
+
+
+def robot_ids(text):
+    ids = list(dict.fromkeys(one.strip() for one in text.split(",") if one.strip()))
+    if not ids:
+        raise argparse.ArgumentTypeError("no robot is named; slam-gatewayctl robots lists them")
+    return ids
+
+
+def host_and_port(text):
+    host, colon, port = text.rpartition(":")
+    host = host[1:-1] if host.startswith("[") and host.endswith("]") else host
+    if not (host and colon and port.isdecimal() and 0 < int(port) < 65536):
+        raise argparse.ArgumentTypeError(f"{text} is not HOST:PORT, as in 127.0.0.1:1883 or [::1]:1883")
+    return host, port
+
+
+def options(text):
+    try:
+        return shlex.split(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text} cannot be split into options: {error}") from error
 
 
 def parser(version):
@@ -66,9 +96,9 @@ def parser(version):
     run = verbs.add_parser("run", help="measure; leaves a folder with events.csv, result.json, figure.svg and figure.png")
     run.add_argument("name", metavar="NAME", help="an experiment, or all")
     who = run.add_mutually_exclusive_group(required=True)
-    who.add_argument("--robots", metavar="ID,...", help="real robots that the running daemon hears")
+    who.add_argument("--robots", type=robot_ids, metavar="ID,...", help="real robots that the running daemon hears")
     who.add_argument("--sim", action="store_true", help="simulated robots, with a broker and a daemon of their own")
-    run.add_argument("--seed", type=int, default=1, help="of the simulator (default: 1)")
+    run.add_argument("--seed", type=seed, default=1, help="of the simulator (default: 1)")
     run.add_argument("--messages", type=positive(int), help="of each robot (default: as in the thesis, else 1000)")
     run.add_argument("--period-ms", type=positive(float), help="between two messages of a robot (default: 200)")
     run.add_argument("--out", metavar="DIR", help="a new folder (default: NAME and the time)")
@@ -79,9 +109,12 @@ def parser(version):
     run.add_argument("--wait-s", type=positive(float), default=60, help="for the first message (default: 60)")
     run.add_argument("--compress", type=positive(float), default=1,
                      help="Thread with --sim: period and repeats so many times shorter (default: 1)")
-    run.add_argument("--sim-args", default="", metavar="TEXT", help="more options for slam-gateway-sim")
+    run.add_argument("--sim-args", type=options, default=[], metavar="TEXT", help="more options for slam-gateway-sim")
     run.add_argument("--socket", default=DEFAULT_SOCKET, metavar="PATH", help=f"of the daemon (default: {DEFAULT_SOCKET})")
-    run.add_argument("--broker", metavar="HOST:PORT", help="with --robots: also count what a subscriber at this broker gets")
+    run.add_argument("--broker", type=host_and_port, metavar="HOST:PORT",
+                     help="with --robots: also count what a subscriber at this broker gets")
+    run.add_argument("--topic-prefix", default=DEFAULT_PREFIX, metavar="TOPIC",
+                     help=f"with --broker: topics.prefix of the daemon (default: {DEFAULT_PREFIX})")
     plot = verbs.add_parser("plot", help="count and draw again from events.csv")
     plot.add_argument("directory", metavar="DIR")
     compare = verbs.add_parser("compare", help="two results, or two folders of results, on one page")
@@ -93,16 +126,30 @@ def parser(version):
 def main(version, bin_directory=None, arguments=None):
     asked = parser(version).parse_args(arguments)
     try:
-        if asked.verb == "list":
-            return list_experiments()
-        if asked.verb == "plot":
-            return plot(asked.directory)
-        if asked.verb == "compare":
-            return compare(asked.directories, asked.out)
-        return run(asked, version, Programs(bin_directory))
+        status = perform(asked, version, bin_directory)
+        sys.stdout.flush()
+        return status
     except (folder.BadFolder, Missing) as error:
-        print(f"slam-gateway-experiment: {error}", file=sys.stderr)
+        complaint = str(error)
+    except BrokenPipeError:  # whoever reads what is printed has gone
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
+    except OSError as error:
+        complaint = f"{error.filename or 'a file'}: {error.strerror or error}"
+    except KeyboardInterrupt:
+        complaint = "interrupted"
+    print(f"slam-gateway-experiment: {complaint}", file=sys.stderr)
+    return 1
+
+
+def perform(asked, version, bin_directory):
+    if asked.verb == "list":
+        return list_experiments()
+    if asked.verb == "plot":
+        return plot(asked.directory)
+    if asked.verb == "compare":
+        return compare(asked.directories, asked.out)
+    return run(asked, version, Programs(bin_directory))
 
 
 def list_experiments():
@@ -151,13 +198,14 @@ def run(asked, version, programs):
         return WRONG_ARGUMENTS
     stop = Stop()
     now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
-    out = folder.make(asked.out or f"{asked.name}-{now}")
+    out = folder.make(asked.out) if asked.out else folder.make_new(f"{asked.name}-{now}")
     if len(runs) == 1:
         return run_one(asked, *runs[0], out, version, programs, stop)
     statuses = []
-    for experiment, mesh in runs:
+    for number, (experiment, mesh) in enumerate(runs, 1):
         if stop():
             break
+        print(f"{number} of {len(runs)}: {experiment.name} on {figures.MESH_NAMES[mesh]}", file=sys.stderr)
         name = experiment.name if len(experiment.meshes) == 1 else f"{experiment.name}-{mesh}"
         statuses.append(run_one(asked, experiment, mesh, folder.make(os.path.join(out, name)), version, programs, stop))
     index = os.path.join(out, "index.html")
@@ -175,21 +223,21 @@ def run_one(asked, experiment, mesh, out, version, programs, stop):
     if asked.name == "all":
         messages = min(messages, experiment.messages)
     request = Asked(messages, asked.period_ms or experiment.period_ms, message_type, asked.seed, asked.wait_s, compress,
-                    asked.format, version, asked.sim_args, SETTLE_S[mesh])
+                    asked.format, version, shlex.join(asked.sim_args), SETTLE_S[mesh])
     if asked.sim:
-        site = simulated_site(asked, experiment, mesh, payload, request, programs)
+        site = simulated_site(asked, experiment, mesh, payload, request, programs, stop)
     else:
-        site = RunningDaemon(programs, asked.socket, asked.robots.split(","), asked.broker)
+        site = RunningDaemon(programs, asked.socket, asked.robots, asked.broker, asked.topic_prefix)
     status = Run(experiment, mesh, site, out, request, programs, stop).measure()
     print(os.path.join(out, "figure.svg"))
     return status
 
 
-def simulated_site(asked, experiment, mesh, payload, request, programs):
+def simulated_site(asked, experiment, mesh, payload, request, programs, stop):
     period_ms = request.period_ms / request.compress
-    options = [*catalogue.simulator_options(experiment, mesh), "--payload", payload, "--seed", str(request.seed),
+    own = [*catalogue.simulator_options(experiment, mesh), "--payload", payload, "--seed", str(request.seed),
                "--messages", str(request.messages), "--rate", f"{1000 / period_ms:.6f}"]
     if mesh == catalogue.THREAD:
-        options += ["--retry", f"{8 / request.compress:.6f}"]
-    return SimulatedSite(programs, mesh, experiment.robots, [*options, *shlex.split(asked.sim_args)], experiment.daemon,
-                         request.message_type)
+        own += ["--retry", f"{8 / request.compress:.6f}"]
+    return SimulatedSite(programs, mesh, experiment.robots, [*own, *asked.sim_args], experiment.daemon,
+                         request.message_type, stop)

@@ -45,14 +45,22 @@ WHERE_FROM = {
 }
 
 
+# Ends a child with this program, also when this program is killed; part of util-linux.
+WITH_PARENT = ("setpriv", "--pdeathsig", "TERM", "--")
+NO_REASON = "Run with --help"  # the last line of a program that refuses its arguments
+
+
 class Child:
-    """A process in a session of its own, so that Ctrl-C ends this program first; what it says goes to `log`."""
+    """A process in a session of its own, so that Ctrl-C ends this program first; what it says goes to `log`.
+
+    To be made in the main thread: the kernel ends the child together with the thread that made it.
+    """
 
     def __init__(self, arguments, log, stdout=None):
         self.name = os.path.basename(arguments[0])
         self.log_path = log
         with open(log, "ab") as file:
-            self.process = subprocess.Popen(arguments, stdin=subprocess.DEVNULL, stdout=stdout or file, stderr=file,
+            self.process = subprocess.Popen([*WITH_PARENT, *arguments], stdin=subprocess.DEVNULL, stdout=stdout or file, stderr=file,
                                             start_new_session=True)
 
     def has_ended(self):
@@ -61,10 +69,10 @@ class Child:
     def last_words(self):
         try:
             with open(self.log_path, encoding="utf-8", errors="replace") as file:
-                lines = file.read().strip().splitlines()
+                lines = [line for line in file.read().splitlines() if line.strip() and not line.startswith(NO_REASON)]
         except OSError:
             return ""
-        return lines[-1] if lines else ""
+        return lines[-1].strip() if lines else ""
 
     def end(self, patience_s=5):
         if self.has_ended():

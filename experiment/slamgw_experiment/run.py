@@ -41,19 +41,25 @@ class Progress:
 
     def _write(self, text):
         if self._is_terminal:
-            self._file.write("\r" + text.ljust(self._width))
+            self._put("\r" + text.ljust(self._width))
             self._width = len(text)
         else:
-            self._file.write(text + "\n")
-        self._file.flush()
+            self._put(text + "\n")
+
+    def _put(self, text):
+        """A terminal that was closed, or a pipe that nobody reads, must not end a run."""
+        try:
+            self._file.write(text)
+            self._file.flush()
+        except OSError:
+            pass
 
     def say(self, text):
         """A whole line of its own."""
         if self._is_terminal and self._width:
-            self._file.write("\n")
+            text = "\n" + text
             self._width = 0
-        self._file.write(text + "\n")
-        self._file.flush()
+        self._put(text + "\n")
 
 
 class Run:
@@ -78,37 +84,46 @@ class Run:
         self._robots_ended_us = None
         self._settles_until_s = None
         self._trouble = None
+        self._daemon = {}        # its status at the start
         self._begun = datetime.datetime.now(datetime.timezone.utc)
 
     def measure(self):
         """Runs, writes the folder, returns the exit status: 0, or 1 when it is not what was asked for."""
-        folder.write_result(self._directory, self._result(None, False, {}))
-        recorder = folder.Recorder(self._directory)
-        daemon = {}
-        ended = "the site did not start"
+        try:
+            recorder = folder.Recorder(self._directory)
+            folder.write_result(self._directory, self._result(None, False, {}))
+            ended = self._record(recorder)
+        finally:
+            self._site.close()
+        return self._finish(ended)
+
+    def _record(self, recorder):
+        """None when all is there, else why not; the recorder is closed."""
         try:
             self._site.start()
-            daemon = self._site.status() or {}
-            self._check_broker(daemon, at_start=True)
+            self._daemon = self._site.status() or {}
+            self._check_broker(self._daemon, at_start=True)
             sources = self._site.open_sources(self._lines, self._axis.now_us)
             self._site.start_robots()
-            ended = self._read(recorder, sources)
+            return self._read(recorder, sources)
         except SiteFailure as failure:
-            ended = str(failure)
+            return str(failure)
+        except folder.CannotWrite as error:
+            return str(error)
         finally:
             recorder.close()
-            self._site.close()
-        return self._finish(ended, daemon)
 
-    def _finish(self, ended, daemon):
+    def _finish(self, ended):
         ones = folder.read_events(self._directory)
-        measured = measure.measured(ones, self._asked.message_type, self._period_ms(), self._settle_s())
+        measured = measure.measured(ones, self._asked.message_type, self._period_ms(), self._settle_s(),
+                                    self._experiment.is_in_ring())
         if not ended and not measured["counts"]["arrived"]:
             ended = "no message of the wanted type arrived"
-        result = self._result(measured, not ended, daemon)
+        result = self._result(measured, not ended, self._daemon)
         if ended:
             result["ended_early"] = ended
-            self._progress.say(f"{self._experiment.name}: {ended}. What came so far is in {self._directory}")
+            told = "" if ended == self._trouble else f"{ended}. "
+            self._progress.say(f"{self._experiment.name}: {told}What came so far is in {self._directory}")
         folder.write_result(self._directory, result)
         figures.draw(self._directory, result, ones)
         if self._asked.format == "mcap":
@@ -141,7 +156,7 @@ class Run:
                 self._note(trouble)
             if sources[events.GATEWAY].has_ended:
                 self._take(recorder)
-                return self._trouble or "the daemon's trace has ended: the daemon was stopped, or cut this program off"
+                return self._trouble or self._site.why_trace_ended()
             end = self._end(passed_s)
             if end is not False:
                 self._take(recorder)

@@ -14,6 +14,7 @@ from slamgw_experiment.programs import Child, Lines, lines_of_growing_file, line
 
 START_PATIENCE_S = 20
 DEFAULT_SOCKET = "/run/slam-gateway/control.sock"
+DEFAULT_PREFIX = "ntnu-slam"
 
 
 class SiteFailure(Exception):
@@ -25,12 +26,16 @@ class RunningDaemon:
 
     simulator_arguments = None
 
-    def __init__(self, programs, socket_path, robots, broker=None):
+    def __init__(self, programs, socket_path, robots, broker=None, topic_prefix=DEFAULT_PREFIX):
+        """`broker`: (host, port) of a broker where a subscriber counts too."""
+        self._directory = tempfile.mkdtemp(prefix="slam-gateway-experiment-")
         self._programs = programs
-        self._socket = socket_path
+        self._socket = socket_path or self._path("control.sock")
         self._broker = broker
+        self._topic_prefix = topic_prefix
         self.robots = robots
         self._children = []
+        self._watch = self._subscriber = None
 
     def start(self):
         if not self.status():
@@ -44,7 +49,15 @@ class RunningDaemon:
         return False
 
     def trouble(self):
+        """A program that should run and does not, in words; None when all do."""
+        if self._subscriber and self._subscriber.has_ended():
+            return (f"the subscriber at {':'.join(self._broker)} has ended: {self._subscriber.last_words() or 'it says nothing'}; "
+                    "what the broker got is not counted")
         return None
+
+    def why_trace_ended(self):
+        words = self._watch.last_words() if self._watch else ""
+        return "the daemon's trace has ended: " + (words or "the daemon was stopped, or cut this program off")
 
     def _ctl(self, *command):
         try:
@@ -66,23 +79,23 @@ class RunningDaemon:
 
     def open_sources(self, lines, now_us):
         """Begins to read; returns the sources by name."""
-        watch = self._child("slam-gatewayctl", "--socket", self._socket, "--json", "watch", stdout=subprocess.PIPE)
-        sources = {events.GATEWAY: Lines(events.GATEWAY, lines, now_us).start(lines_of_pipe(watch.process.stdout))}
+        self._watch = self._child("slam-gatewayctl", "--socket", self._socket, "--json", "watch", stdout=subprocess.PIPE)
+        sources = {events.GATEWAY: Lines(events.GATEWAY, lines, now_us).start(lines_of_pipe(self._watch.process.stdout))}
         if self._broker:
             sources[events.BROKER] = self._subscribe(lines, now_us)
         return sources
 
     def _subscribe(self, lines, now_us):
-        host, _, port = self._broker.rpartition(":")
-        subscriber = self._child("mosquitto_sub", "-h", host, "-p", port, "-q", "1", "-t", f"{self.topic_prefix()}/robot/+/+",
-                                 "-F", "%U %t %x", stdout=subprocess.PIPE)
-        return Lines(events.BROKER, lines, now_us).start(lines_of_pipe(subscriber.process.stdout))
+        host, port = self._broker
+        self._subscriber = self._child("mosquitto_sub", "-h", host, "-p", port, "-q", "1", "-t", f"{self._topic_prefix}/robot/+/+",
+                                       "-F", "%U %t %x", stdout=subprocess.PIPE)
+        return Lines(events.BROKER, lines, now_us).start(lines_of_pipe(self._subscriber.process.stdout))
 
-    def topic_prefix(self):
-        return "ntnu-slam"
+    def _path(self, name):
+        return os.path.join(self._directory, name)
 
     def _log(self, name):
-        return os.devnull
+        return self._path(name + ".log")
 
     def _child(self, name, *arguments, **more):
         child = Child([self._programs.find(name), *arguments], self._log(name), **more)
@@ -90,30 +103,28 @@ class RunningDaemon:
         return child
 
     def close(self):
-        for child in reversed(self._children):
-            child.end()
+        try:
+            for child in reversed(self._children):
+                child.end()
+        finally:
+            shutil.rmtree(self._directory, ignore_errors=True)
 
 
 class SimulatedSite(RunningDaemon):
     """Mosquitto, slam-gatewayd and slam-gateway-sim on free loopback ports, in a temporary folder that goes with them."""
 
-    def __init__(self, programs, mesh, robots, simulator_options, daemon_keys, message_type):
-        self._directory = tempfile.mkdtemp(prefix="slam-gateway-experiment-")
-        super().__init__(programs, os.path.join(self._directory, "control.sock"), [f"robot{n + 1}" for n in range(robots)])
+    def __init__(self, programs, mesh, robots, simulator_options, daemon_keys, message_type, stop=lambda: False):
+        """`stop` is a function that tells of Ctrl-C."""
+        super().__init__(programs, None, [f"robot{n + 1}" for n in range(robots)])
+        self._stop = stop
         self._mesh = mesh
         self._keys = daemon_keys
         self._min_com = "probe" if message_type == "probe" else "adv"
         self._mqtt_port, self._mqttsn_port = free_port(socket.SOCK_STREAM), free_port(socket.SOCK_DGRAM)
-        self._broker = f"127.0.0.1:{self._mqtt_port}"
+        self._broker = "127.0.0.1", str(self._mqtt_port)
         self._where = (["--tty", self._path("board")] if mesh == BLE else ["--gateway", f"127.0.0.1:{self._mqttsn_port}"])
         self.simulator_arguments = [mesh, "--robots", str(robots), *simulator_options]
         self._mosquitto = self._daemon = self._simulator = None
-
-    def _path(self, name):
-        return os.path.join(self._directory, name)
-
-    def _log(self, name):
-        return self._path(name + ".log")
 
     def start(self):
         for name in ("mosquitto", "mosquitto_sub", "slam-gatewayd", "slam-gatewayctl", "slam-gateway-sim"):
@@ -152,13 +163,12 @@ class SimulatedSite(RunningDaemon):
         return sources
 
     def trouble(self):
-        """A program that should run and does not, in words; None when all do."""
         for child in (self._mosquitto, self._daemon):
             if child and child.has_ended():
                 return f"{child.name} has ended with status {child.process.returncode}: {child.last_words()}"
         if self.have_robots_ended() and self._simulator.process.returncode not in (0, 3):
             return f"slam-gateway-sim has ended with status {self._simulator.process.returncode}: {self._simulator.last_words()}"
-        return None
+        return super().trouble()
 
     def _is_broker_there(self):
         with socket.socket() as probe:
@@ -167,6 +177,8 @@ class SimulatedSite(RunningDaemon):
     def _await(self, is_there, child):
         end = time.monotonic() + START_PATIENCE_S
         while not is_there():
+            if self._stop():
+                raise SiteFailure("interrupted")
             if child.has_ended() or time.monotonic() > end:
                 raise SiteFailure(f"{child.name} did not start: {child.last_words() or 'it says nothing'}")
             time.sleep(0.05)
@@ -174,15 +186,6 @@ class SimulatedSite(RunningDaemon):
     def _write(self, name, text):
         with open(self._path(name), "w", encoding="utf-8") as file:
             file.write(text)
-
-    def close(self):
-        try:
-            if self._simulator:
-                self._simulator.end()
-            super().close()
-        finally:
-            shutil.rmtree(self._directory, ignore_errors=True)
-
 
 def free_port(kind):
     with socket.socket(socket.AF_INET, kind) as probe:

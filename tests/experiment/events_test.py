@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reading the sources, the clock that is stepped, and events.csv."""
+import itertools
+import json
 import os
 import tempfile
 import unittest
+
+import recount
 
 from slamgw_experiment import events, folder
 from slamgw_experiment.clock import Axis
@@ -144,6 +148,41 @@ class Csv(unittest.TestCase):
                 file.write(text)
             with self.assertRaises(folder.BadFolder):
                 folder.read_result(self.directory.name)
+
+    def test_a_result_that_lacks_a_member_is_told(self):
+        whole = recount.WHOLE
+        folder.check_members("result.json", whole)
+        for name, wrong in itertools.product(folder.MEMBERS, (None, "absent", [[]], -1)):
+            with self.subTest(name=name, wrong=wrong):
+                broken = json.loads(json.dumps(whole))
+                *above, last = name.split(".")
+                inner = broken[above[0]] if above else broken
+                inner.pop(last) if wrong == "absent" else inner.update({last: wrong})
+                if wrong == -1 or wrong == "absent" or not isinstance(wrong, folder.MEMBERS[name]):
+                    with self.assertRaisesRegex(folder.BadFolder, "is missing, or not what"):
+                        folder.check_members("result.json", broken)
+        for member in ({"incidents": [1]}, {"incidents": [{"what": "w"}]}, {"differs": [1]}):
+            with self.assertRaisesRegex(folder.BadFolder, "incidents|differs"):
+                folder.check_members("result.json", whole | member)
+
+    def test_nonsense_in_the_file_is_left_out_or_told(self):
+        recorder = folder.Recorder(self.directory.name)
+        for payload, t_us in (("zz", 1), ("abc", 2), ("0a00ecff", 3)):
+            recorder.write(events.Event(t_us=t_us, source="gateway", event="arrived", robot="r", type="update", payload=payload))
+        recorder.close()
+        with open(self.path(), "a", encoding="utf-8") as file:
+            file.write("9" * 30 + "," * 20 + "\n" + "nan" + "," * 20 + "\n" + "1e400" + "," * 20 + "\n")
+        read = folder.read_events(self.directory.name)
+        self.assertEqual([(one.t_us, one.payload) for one in read], [(1, ""), (2, ""), (3, "0a00ecff")])
+        self.assertEqual(events.from_members(events.GATEWAY, {"bytes": float("inf"), "rssi_dbm": float("nan")}).rssi_dbm, None)
+        with open(self.path(), "a", encoding="utf-8") as file:
+            file.write('"' + "x" * 200_000)
+        with self.assertRaisesRegex(folder.BadFolder, "cannot be read: .*field"):
+            folder.read_events(self.directory.name)
+
+    def test_a_default_folder_is_always_a_new_one(self):
+        first, second = (folder.make_new(self.path("ring-1")) for _ in range(2))
+        self.assertEqual(second, first + "-2")
 
     def test_results_are_never_overwritten(self):
         with open(self.path("precious"), "w", encoding="utf-8"):

@@ -122,7 +122,7 @@ class Whole(unittest.TestCase):
             for event in events:
                 recorder.write(event)
             recorder.close()
-            folder.write_result(directory, {"format": folder.FORMAT, "conditions": {"type": "update", "period_ms": 200}})
+            folder.write_result(directory, recount.WHOLE)
             result, _ = folder.measure_again(directory)
             folder.write_result(directory, result)
             recount.check(self, directory)

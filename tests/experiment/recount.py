@@ -6,6 +6,12 @@ import math
 import os
 import statistics
 
+# The least that a result.json has.
+WHOLE = {"format": 1, "experiment": "ble-latency", "title": "t", "mesh": "ble", "complete": True, "simulated": False,
+         "incidents": [{"t_us": 1, "what": "w"}], "differs": ["d"],
+         "conditions": {"type": "update", "period_ms": 200, "time_compressed": 1, "settle_s": 0},
+         "thesis": {"where": "w", "result": "r", "unknown": "u", "chosen": "c", "numbers": {"n": 1, "m": [1, 2]}}}
+
 
 def rows_of(directory):
     with open(os.path.join(directory, "events.csv"), newline="", encoding="utf-8") as file:

@@ -4,6 +4,7 @@ import contextlib
 import io
 import json
 import os
+import resource
 import signal
 import subprocess
 import tempfile
@@ -16,7 +17,7 @@ import recount
 from slamgw_experiment import catalogue, events, folder, main
 from slamgw_experiment.clock import Axis
 from slamgw_experiment.programs import Programs
-from slamgw_experiment.run import Run
+from slamgw_experiment.run import Progress, Run
 
 PROGRAM = os.environ["SLAMGW_EXPERIMENT"]
 
@@ -54,6 +55,9 @@ class Site:
 
     def trouble(self):
         return None
+
+    def why_trace_ended(self):
+        return "the daemon's trace has ended"
 
     def open_sources(self, lines, now_us):
         self.lines, self.now_us = lines, now_us
@@ -155,6 +159,37 @@ class Runs(unittest.TestCase):
         status, result, _ = self.run_on(Site(script), draws_again=True)
         self.assertEqual((status, result["ended_early"], result["measured"]["counts"]["arrived"]), (1, "interrupted", 4))
 
+    def test_a_full_disk_keeps_what_came_and_ends_what_runs(self):
+        """A limit on the size of files stands in for the disk; room comes back when the site has ended."""
+        soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+
+        class FullDisk(Site):
+            def close(self):
+                resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+                super().close()
+
+        def script(site):
+            resource.setrlimit(resource.RLIMIT_FSIZE, (6000, hard))
+            arrive(site, 300, 0.002)
+        status, result, said = self.run_on(FullDisk(script), messages=300, draws_again=True)
+        self.assertEqual((status, result["complete"]), (1, False))
+        self.assertIn("events.csv cannot be written: File too large", said)
+        self.assertGreater(result["measured"]["counts"]["arrived"], 20)
+
+    def test_a_terminal_that_was_closed_ends_no_run(self):
+        class Closed(io.StringIO):
+            def write(self, _):
+                raise OSError(5, "Input/output error")
+        progress = Progress("ring", Closed())
+        progress.show(1, 10, 2, 0)
+        progress.say("all is well")
+
+    def test_two_runs_do_not_write_into_one_folder(self):
+        recorder = folder.Recorder(self.directory.name)
+        self.addCleanup(recorder.close)
+        with self.assertRaisesRegex(folder.BadFolder, "another run writes to this folder"):
+            self.run_on(Site(lambda site: None))
+
     def test_the_clock_steps(self):
         step_us = [0]
         axis = Axis(lambda: time.time_ns() // 1000 + step_us[0])
@@ -174,6 +209,33 @@ class Runs(unittest.TestCase):
         self.assertGreater(result["measured"]["interval_ms"]["min"], 0)
 
 
+def write_program(directory, name, text):
+    path = os.path.join(directory, name)
+    with open(path, "w", encoding="utf-8") as file:
+        file.write(f"#!/bin/sh\n{text}\n")
+    os.chmod(path, 0o755)
+
+
+def eventually(is_so, patience_s=30):
+    end = time.monotonic() + patience_s
+    while time.monotonic() < end:
+        if is_so():
+            return True
+        time.sleep(0.02)
+    return False
+
+
+def is_alive(pid_file):
+    """Whether the process of which the file has the id runs; one that has ended and was not waited for does not."""
+    try:
+        with open(pid_file, encoding="utf-8") as file:
+            pid = file.read().strip()
+        with open(f"/proc/{pid}/stat", encoding="utf-8") as file:
+            return file.read().rsplit(")", 1)[1].split()[0] != "Z"
+    except OSError:
+        return False
+
+
 class Program(unittest.TestCase):
     """The program itself, as a user starts it."""
 
@@ -190,9 +252,74 @@ class Program(unittest.TestCase):
     def test_wrong_arguments_end_with_two(self):
         for arguments, words in ((["run", "ble-latency"], "--robots --sim"), (["run", "nothing", "--sim"], "there is no experiment"),
                                  (["run", "ble-hop", "--sim", "--mesh", "thread"], "on BLE Mesh only"),
-                                 (["run", "ring", "--sim", "--messages", "-1"], "not above 0"), ([], "required")):
+                                 (["run", "ring", "--sim", "--messages", "-1"], "not above 0"), ([], "required"),
+                                 (["run", "ring", "--sim", "--messages", "1000000000"], "below 1e9"),
+                                 (["run", "ring", "--sim", "--period-ms", "nan"], "not above 0"),
+                                 (["run", "ring", "--sim", "--seed", "-1"], "not 0 to"),
+                                 (["run", "ring", "--sim", "--sim-args", "'"], "cannot be split into options"),
+                                 (["run", "ring", "--robots", " ,"], "no robot is named"),
+                                 (["run", "ring", "--robots", "r1", "--broker", "here"], "not HOST:PORT")):
             status, _, err = self.run_program(*arguments)
             self.assertEqual((status, words in err), (2, True), err)
+
+    def test_a_simulator_that_refuses_its_options_is_quoted(self):
+        with tempfile.TemporaryDirectory() as directory:
+            status, _, err = self.run_program("run", "ring", "--sim", "--messages", "3", "--sim-args", "--qos 7", "--out", f"{directory}/out")
+        self.assertEqual(status, 1)
+        self.assertRegex(err, "slam-gateway-sim has ended with status 2: .*7")
+        self.assertEqual(err.count("has ended with status 2"), 1)
+
+    def test_ctrl_c_while_the_broker_starts(self):
+        with tempfile.TemporaryDirectory() as directory:
+            write_program(directory, "mosquitto", f"[ $1 = -h ] || echo $$ >{directory}/pid; [ $1 = -h ] || exec sleep 60")
+            program = subprocess.Popen([PROGRAM, "run", "ring", "--sim", "--out", f"{directory}/out"], stderr=subprocess.PIPE, text=True,
+                                       stdout=subprocess.DEVNULL, env={**os.environ, "PATH": f"{directory}:{os.environ['PATH']}"})
+            self.addCleanup(lambda: program.poll() is None and program.kill())
+            self.assertTrue(eventually(lambda: os.path.exists(f"{directory}/pid")))
+            program.send_signal(signal.SIGINT)
+            _, err = program.communicate(timeout=15)
+            self.assertEqual(program.returncode, 1)
+            self.assertIn("interrupted. What came so far is in", err)
+            self.assertTrue(eventually(lambda: not is_alive(f"{directory}/pid")))
+
+    def test_a_killed_program_takes_its_children_along(self):
+        with tempfile.TemporaryDirectory() as directory:
+            write_program(directory, "mosquitto", f"[ $1 = -h ] || echo $$ >{directory}/pid; [ $1 = -h ] || exec sleep 60")
+            program = subprocess.Popen([PROGRAM, "run", "ring", "--sim", "--out", f"{directory}/out"], stderr=subprocess.DEVNULL,
+                                       stdout=subprocess.DEVNULL, env={**os.environ, "PATH": f"{directory}:{os.environ['PATH']}",
+                                                                       "TMPDIR": directory})
+            self.addCleanup(lambda: program.poll() is None and program.kill())
+            self.assertTrue(eventually(lambda: os.path.exists(f"{directory}/pid") and is_alive(f"{directory}/pid")))
+            program.kill()
+            program.wait(15)
+            self.assertTrue(eventually(lambda: not is_alive(f"{directory}/pid")))
+
+    def test_a_broker_that_refuses_the_subscriber_is_told(self):
+        """With robots of a daemon that is played by a script."""
+        line = {"event": "arrived", "robot": "r1", "mesh": "ble", "type": "update", "direction": "up", "payload": "0a00ecff"}
+        with tempfile.TemporaryDirectory() as directory:
+            write_program(directory, "slam-gatewayctl", "case \"$*\" in *status*) echo '{\"broker\": {\"state\": \"up\"}}' ;; "
+                          f"*watch*) for n in 1 2 3 4 5; do echo '{json.dumps(line)}'; sleep 1; done; sleep 60 ;; esac")
+            with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
+                status = main.main("0.1.0", directory, ["run", "ble-unreliable", "--robots", "r1", "--messages", "3", "--broker",
+                                                        "127.0.0.1:1", "--out", f"{directory}/out"])
+            self.assertEqual(status, 1)
+            with open(f"{directory}/out/result.json", encoding="utf-8") as file:
+                incidents = [one["what"] for one in json.load(file)["incidents"]]
+            self.assertEqual(len(incidents), 1)
+            self.assertRegex(incidents[0], "the subscriber at 127.0.0.1:1 has ended: .*refused")
+
+    def test_a_folder_without_write_permission_is_told(self):
+        status, _, err = self.run_program("run", "ring", "--sim", "--out", "/proc/self/out")
+        self.assertEqual(status, 1)
+        self.assertRegex(err, "^slam-gateway-experiment: /proc/self/out cannot be used: .*\n$")
+
+    def test_nobody_reads_the_list(self):
+        program = subprocess.Popen([PROGRAM, "list"], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        program.stdout.close()
+        with program.stderr:
+            self.assertEqual(program.stderr.read(), b"")
+        self.assertEqual(program.wait(15), 1)
 
     def test_no_daemon_is_told(self):
         with tempfile.TemporaryDirectory() as directory:
