@@ -21,6 +21,7 @@ SnGateway::SnGateway(Settings settings, TopicPolicy policy, RobotNames names, Ra
       wills_(context_, refusals_),
       lifecycle_(context_, subscriptions_, downlink_, uplink_, wills_),
       sleep_(context_, downlink_, lifecycle_),
+      roaming_(context_, lifecycle_),
       connecting_(context_, lifecycle_, downlink_, wills_, refusals_, guard_),
       renaming_(context_, subscriptions_, lifecycle_, connecting_),
       discovery_(context_, guard_) {}
@@ -52,6 +53,7 @@ void SnGateway::on_broker_link(bool is_up, TimePoint now) {
 void SnGateway::on_deadline(TimePoint now) {
   discovery_.on_deadline(now);
   connecting_.on_deadline(now);
+  while (const auto waited = roaming_.take_overdue(now)) connect(*waited, now);
   subscriptions_.on_deadline(now);
   expire_commands(now);
   while (ClientSession* session = context_.clients.pop_due(now)) on_time(*session, now);
@@ -83,7 +85,7 @@ void SnGateway::expire_commands(TimePoint now) {
 std::optional<TimePoint> SnGateway::deadline() const {
   return earlier(
       earlier(earlier(discovery_.deadline(), connecting_.deadline()), subscriptions_.deadline()),
-      earlier(context_.clients.earliest(), commands_.deadline()));
+      earlier(earlier(context_.clients.earliest(), commands_.deadline()), roaming_.deadline()));
 }
 
 void SnGateway::reconfigure(TopicPolicy policy, RobotNames names, TimePoint now) {
@@ -154,6 +156,22 @@ void SnGateway::refuse_commands(const SessionSnapshot& snapshot, TimePoint now) 
     commands_.end(command_of(message, snapshot, now), CommandResult::refused,
                   "the robot's session can't go on", now);
   }
+}
+
+void SnGateway::connect(const Roaming::WaitingConnect& waited, TimePoint now) {
+  connecting_.on_connect(waited.peer, waited.local, waited.connect, waited.fingerprint, now);
+  if (ClientSession* session = context_.clients.find(waited.peer)) advance(*session, now);
+}
+
+void SnGateway::take_over(const std::string& robot, std::optional<SessionSnapshot> session,
+                          TimePoint now) {
+  if (session && session->robot == robot && !context_.clients.find_robot(robot)) {
+    session->saved_at = now;  // the other gateway's clock says nothing here
+    session->peer.reset();
+    session->state = ClientState::disconnected;
+    restore(*session, now);
+  }
+  if (const auto waited = roaming_.take(robot)) connect(*waited, now);
 }
 
 bool SnGateway::restore(const SessionSnapshot& snapshot, TimePoint now) {

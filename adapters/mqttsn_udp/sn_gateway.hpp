@@ -12,6 +12,7 @@
 #include "adapters/mqttsn_udp/conversations/discovery.hpp"
 #include "adapters/mqttsn_udp/conversations/fan_out.hpp"
 #include "adapters/mqttsn_udp/conversations/renaming.hpp"
+#include "adapters/mqttsn_udp/conversations/roaming.hpp"
 #include "adapters/mqttsn_udp/conversations/sleep.hpp"
 
 namespace slamgw::mqttsn {
@@ -63,6 +64,15 @@ class SnGateway {
 
   /// Whether every MeshStep is told, or only repeats.
   void on_trace(bool is_on) { context_.is_traced = is_on; }
+  /// Asked for each CONNECT that takes up a session which is not here.
+  void ask_where_served(Roaming::ServedElsewhere ask) { roaming_.ask(std::move(ask)); }
+  /// Another gateway serves the robot: see Roaming::give_up.
+  std::optional<SessionSnapshot> give_up(const std::string& robot, TimePoint now) {
+    return roaming_.give_up(robot, now);
+  }
+  /// The robot is this gateway's; `session` is what its former gateway knew.
+  void take_over(const std::string& robot, std::optional<SessionSnapshot> session, TimePoint now);
+
   /// The daemon ends: what no session keeps and cannot be delivered any more is refused now.
   void on_stop(TimePoint now);
 
@@ -95,6 +105,7 @@ class SnGateway {
     TimePoint now;
   };
 
+  void connect(const Roaming::WaitingConnect& connect, TimePoint now);
   void receive(const Arrival& arrival, Packet packet);
   void advance_client_at(const Arrival& arrival);
   bool receive_in_handshake(const Arrival& arrival, Packet& packet);
@@ -123,6 +134,7 @@ class SnGateway {
   Wills wills_;
   Lifecycle lifecycle_;
   Sleep sleep_;
+  Roaming roaming_;
   FloodGuard guard_;
   Connecting connecting_;
   Renaming renaming_;

@@ -69,6 +69,8 @@ void SnGateway::receive(const Arrival& arrival, Packet packet) {
   if (is_for_clients(packet)) return context_.tally.count(Count::unexpected);
   renew_local(arrival);
   if (const auto* connect = std::get_if<Connect>(&packet)) {
+    if (roaming_.takes(arrival.peer, arrival.local, *connect, arrival.fingerprint, arrival.now))
+      return;
     connecting_.on_connect(arrival.peer, arrival.local, *connect, arrival.fingerprint, arrival.now);
     return advance_client_at(arrival);
   }

@@ -78,6 +78,8 @@ App::App(Config config, std::string config_file)
       session_store_(io_, config_.store.directory, [this](Notice notice) { perform(notice); }),
       upstream_(io_, config_.broker, {scheme_.state_topic(), R"({"state":"offline"})"}, *this),
       meshes_(io_, config_, scheme_, session_store_, descriptors_, *this),
+      fleet_(io_, config_, gateway_, gateway_driver_, meshes_, upstream_,
+             [this](BrokerMessage message) { submit(std::move(message), {}); }),
       network_watch_(std::make_shared<InterfaceWatch>(io_)),
       broker_log_(broker_uri(config_.broker)),
       traffic_log_(config_.log.traffic),
@@ -221,6 +223,7 @@ void App::close_everything() {
   }
   traffic_log_.write_overdue(TimePoint::max());
   meshes_.stop();
+  fleet_.stop();
   gateway_driver_.stop();
   outbox_driver_.stop();
   network_watch_->stop();
@@ -267,9 +270,13 @@ void App::publish_stats() {
 }
 
 void App::perform(Upload& action) {
-  outbox_driver_.input([&](Outbox& outbox, TimePoint now) {
-    outbox.submit(std::move(action.message), action.receipt, now);
-  });
+  if (action.outcome_after && !fleet_.is_alone()) return fleet_.tell_outcome(action);
+  submit(std::move(action.message), action.receipt);
+}
+
+void App::submit(BrokerMessage message, const Receipt& receipt) {
+  outbox_driver_.input(
+      [&](Outbox& outbox, TimePoint now) { outbox.submit(std::move(message), receipt, now); });
 }
 
 void App::perform(SubscribeAtBroker& action) {
@@ -377,6 +384,7 @@ void App::manage_ble(MeshOrder order, OrderDone done) {
 // --- The meshes and the broker -------------------------------------------------------------------
 
 void App::on_mesh_event(MeshEvent event) {
+  fleet_.on_mesh_event(event);
   gateway_driver_.input(
       [&](Gateway& gateway, const Now& now) { gateway.on_mesh_event(std::move(event), now); });
 }
@@ -384,6 +392,7 @@ void App::on_mesh_event(MeshEvent event) {
 void App::tell_broker_link() {
   gateway_driver_.input([](Gateway& gateway, const Now& now) { gateway.on_broker_link(now); });
   meshes_.on_broker_link(broker_link_.is_up);
+  fleet_.on_broker_link(broker_link_.is_up);
 }
 
 void App::on_link_up(bool, const BrokerLimits& limits) {
@@ -413,10 +422,12 @@ void App::on_silence(bool is_silent) {
 }
 
 void App::on_published(std::uint64_t sequence) {
+  if (FleetMember::is_own(sequence)) return;
   outbox_driver_.input([&](Outbox& outbox, TimePoint now) { outbox.on_published(sequence, now); });
 }
 
 void App::on_publish_refused(std::uint64_t sequence, const Refusal& refusal) {
+  if (FleetMember::is_own(sequence)) return;
   outbox_driver_.input(
       [&](Outbox& outbox, TimePoint now) { outbox.on_publish_refused(sequence, refusal, now); });
 }
@@ -427,6 +438,7 @@ void App::on_subscribe_result(const std::string& filter, bool granted) {
 }
 
 void App::on_message(BrokerMessage message, std::vector<std::uint32_t> subscriptions) {
+  if (fleet_.on_message(message)) return;
   gateway_driver_.input([&](Gateway& gateway, const Now& now) {
     gateway.on_broker_message(std::move(message), subscriptions, now);
   });

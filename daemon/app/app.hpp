@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "daemon/app/fleet_member.hpp"
 #include "daemon/app/meshes.hpp"
 #include "daemon/app/operator_commands.hpp"
 #include "daemon/app/reload.hpp"
@@ -64,6 +65,8 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
 
   // What the core leaves:
   void perform(Upload& action);
+  void perform(AwaitTurn& action) { fleet_.perform(action); }
+  void perform(AskAboutRobot& action) { fleet_.perform(action); }
   void perform(SubscribeAtBroker& action);
   void perform(UnsubscribeAtBroker& action);
   void perform(DeliverToMeshes& action);
@@ -80,6 +83,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   void perform(DeliveryStep& step);
   /// The gateway is told when the store has become full or has room again.
   void on_outbox_drained();
+  void submit(BrokerMessage message, const Receipt& receipt);
 
   void on_mesh_event(MeshEvent event) override;
 
@@ -120,6 +124,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   SqliteSessionStore session_store_;
   Upstream upstream_;
   Meshes meshes_;
+  FleetMember fleet_;
   std::shared_ptr<InterfaceWatch> network_watch_;
 
   LinkLog broker_log_;

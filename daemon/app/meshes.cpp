@@ -96,6 +96,18 @@ void Meshes::reconfigure(const Config& config, bool has_other_robots, bool has_o
   if (ble_ && has_other_robots) ble_->reconfigure(names);
 }
 
+void Meshes::ask_where_served(std::function<bool(const std::string& robot)> served_elsewhere) {
+  if (thread_) thread_->ask_where_served(std::move(served_elsewhere));
+}
+
+Bytes Meshes::give_up(const std::string& robot) {
+  return thread_ ? thread_->give_up(robot) : Bytes{};
+}
+
+void Meshes::take_over(const std::string& robot, ByteView session) {
+  if (thread_) thread_->take_over(robot, session);
+}
+
 void Meshes::manage_ble(MeshOrder order, OrderDone done) {
   if (!ble_) return done({{}, "the BLE mesh is not enabled: set ble_mesh.enabled to true"});
   const auto* provision = std::get_if<ProvisionOrder>(&order);

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <boost/asio/io_context.hpp>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -49,6 +50,11 @@ class Meshes {
   void trace(bool is_on);
   /// `robots` and `topics.extra_*` of the configuration, read again.
   void reconfigure(const Config& config, bool has_other_robots, bool has_other_topics);
+  /// A CONNECT for a session that is not here waits when it may be at another gateway.
+  void ask_where_served(std::function<bool(const std::string& robot)> served_elsewhere);
+  /// Another gateway serves the robot. Its session, as octets; may be empty.
+  Bytes give_up(const std::string& robot);
+  void take_over(const std::string& robot, ByteView session);
   void manage_ble(MeshOrder order, OrderDone done);
 
  private:

@@ -37,6 +37,9 @@ Json outcome_json(const CommandOutcome& outcome) {
           {"why", outcome.why}};
 }
 
+/// As the broker publishes it for us.
+constexpr std::string_view last_will_state = R"({"state":"offline"})";
+
 /// Superseded is normal; no warning.
 Severity severity_of(CommandResult result) {
   switch (result) {
@@ -66,6 +69,14 @@ void Gateway::on_mesh_event(MeshEvent event, const Now& now) {
 }
 
 void Gateway::handle(Report report, const Now& now) {
+  if (report.is_will && ownership_.is_shared()) {
+    actions_.push(AskAboutRobot{std::move(report)});
+    return;
+  }
+  pass_up(std::move(report), now);
+}
+
+void Gateway::pass_up(Report report, const Now& now) {
   const Robot* known = registry_.find(report.robot);
   const bool is_first_by_radio = report.radio && known && !known->radio;
   Robot* robot = registry_.on_report(report, now);
@@ -188,7 +199,8 @@ void Gateway::conclude(CommandOutcome outcome) {
       outcome.robot, Occasion::command_outcome, outcome.after});
   actions_.push(Upload{{scheme_.outcome_topic(outcome.robot),
                         to_bytes(outcome_json(outcome).dump()), Qos::at_least_once, false},
-                       {}});
+                       {},
+                       outcome.after});
   actions_.push(std::move(outcome));
 }
 
@@ -218,11 +230,34 @@ void Gateway::on_broker_message(BrokerMessage message,
   if (rights_.take(message, now)) return probe_rights({});
   // Retained messages come for the subscription that asked for them only.
   if (!message.retain && !subscriptions_.is_copy_to_take(message, subscriptions)) return;
+  // The last will of a connection that was cut off long ago: this gateway lives.
+  if (message.topic == scheme_.state_topic()) {
+    if (as_text(message.payload) == last_will_state && !is_stopping_) tell_state();
+    return;
+  }
+  const auto target = scheme_.parse_command_topic(message.topic);
+  if (target && ownership_.is_shared()) {
+    const std::string robot(target->robot);
+    const std::string type(target->type);
+    actions_.push(AwaitTurn{std::move(message), robot, type});
+    return;
+  }
   deliver(std::move(message), now);
 }
 
 CommandId Gateway::on_operator_command(const std::string& robot, const std::string& type,
                                        Bytes payload, const Now& now) {
+  if (!ownership_.speaks_for(robot)) {
+    const CommandId id = commands_.next_id();
+    conclude({std::nullopt,
+              id,
+              robot,
+              type,
+              CommandResult::refused,
+              {},
+              "another gateway serves this robot"});
+    return id;
+  }
   return deliver(
       {scheme_.command_topic(robot, type), std::move(payload), Qos::at_least_once, false}, now);
 }
@@ -331,6 +366,10 @@ void Gateway::end_leftovers(const Now& now) {
   actions_.push(UnsubscribeAtBroker{leftovers_.filter()});
   for (const auto& [id, text] : *leftovers) {
     if (registry_.find(id)) continue;
+    if (!ownership_.speaks_for(id)) {
+      publish_retained(scheme_.presence_topic(id), {});
+      continue;
+    }
     Json presence = Json::parse(text, nullptr, false);
     if (!presence.is_object() || presence.value("state", Json{}) == "offline") continue;
     presence["state"] = "offline";
@@ -414,7 +453,21 @@ void Gateway::tell_state() {
 void Gateway::announce(const std::string& id, Robot& robot, TimePoint now) {
   robot.announced = now;
   // While the broker is away nothing is queued: everything is said again when it comes.
-  if (broker_.is_up) publish_retained(scheme_.presence_topic(id), presence_json(robot).dump());
+  if (broker_.is_up && ownership_.speaks_for(id))
+    publish_retained(scheme_.presence_topic(id), presence_json(robot).dump());
+}
+
+void Gateway::on_taken_over(const std::string& robot, const std::string& dead_owner,
+                            const Now& now) {
+  if (!broker_.is_up) return;
+  if (!dead_owner.empty()) publish_retained(scheme_.presence_topic_at(dead_owner, robot), {});
+  Robot* known = registry_.find(robot);
+  if (known && known->presence().is_known) announce(robot, *known, now);
+}
+
+void Gateway::on_given_up(const std::string& robot) {
+  registry_.forget(robot);
+  withdraw(robot);
 }
 
 void Gateway::publish_retained(std::string topic, std::string payload) {

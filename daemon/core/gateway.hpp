@@ -15,6 +15,7 @@
 #include "daemon/core/messages.hpp"
 #include "daemon/core/normalizer.hpp"
 #include "daemon/core/open_receipts.hpp"
+#include "daemon/core/ownership_query.hpp"
 #include "daemon/core/protocol_machine.hpp"
 #include "daemon/core/rights_probe.hpp"
 #include "daemon/core/robot_registry.hpp"
@@ -30,6 +31,18 @@ namespace slamgw {
 struct Upload {
   BrokerMessage message;
   Receipt receipt;
+  /// Set for the outcome of a command: how long after the command.
+  std::optional<std::chrono::milliseconds> outcome_after{};
+};
+/// Several gateways heard this command: on_turn() when it is this one's.
+struct AwaitTurn {
+  BrokerMessage message;
+  std::string robot;
+  std::string type;
+};
+/// The robot is silent here; on_silence() when no gateway has heard it since.
+struct AskAboutRobot {
+  Report will;
 };
 struct SubscribeAtBroker {
   std::string filter;
@@ -52,8 +65,9 @@ struct AnswerSubscribe {
   bool granted = false;
 };
 
-using GatewayAction = std::variant<Upload, SubscribeAtBroker, UnsubscribeAtBroker, DeliverToMeshes,
-                                   AnswerSubscribe, CommandOutcome, TrafficEvent, MeshStep, Notice>;
+using GatewayAction =
+    std::variant<Upload, AwaitTurn, AskAboutRobot, SubscribeAtBroker, UnsubscribeAtBroker,
+                 DeliverToMeshes, AnswerSubscribe, CommandOutcome, TrafficEvent, MeshStep, Notice>;
 
 /// Asks a mesh: MeshAdapter::presence_of.
 using PresenceQuery = std::function<std::optional<Presence>(Mesh, const std::string& robot)>;
@@ -98,6 +112,17 @@ class Gateway {
   /// Takes a robot out of the registry and its retained presence from the broker, also one that
   /// only an earlier life of the daemon knew. What is wrong with that in words; empty when done.
   std::string forget(const std::string& robot);
+  void share_with(OwnershipQuery ownership) { ownership_ = std::move(ownership); }
+  /// A command of AwaitTurn is this gateway's to carry out.
+  void on_turn(BrokerMessage command, const Now& now) { deliver(std::move(command), now); }
+  /// The will of AskAboutRobot is true.
+  void on_silence(Report will, const Now& now) { pass_up(std::move(will), now); }
+  /// The robot is this gateway's from now on. `dead_owner` may have left its presence behind.
+  void on_taken_over(const std::string& robot, const std::string& dead_owner, const Now& now);
+  /// Another gateway serves the robot; nothing of it is left in the meshes.
+  void on_given_up(const std::string& robot);
+  /// A command that no mesh of this gateway carries has ended.
+  void on_ended_elsewhere(CommandOutcome outcome) { conclude(std::move(outcome)); }
   /// The store has no room for messages that are acknowledged, or has it again: `state` says so.
   void on_store(bool is_full);
   bool is_store_full() const { return is_store_full_; }
@@ -129,6 +154,7 @@ class Gateway {
   void handle(LinkChange change, const Now& now);
   void handle(MeshStep step, const Now& now);
   void handle(Notice notice, const Now& now);
+  void pass_up(Report report, const Now& now);
   CommandId deliver(BrokerMessage message, const Now& now);
   void deliver_command(const Command& command, BrokerMessage message, const Now& now);
   std::optional<Mesh> carrier_for(const std::string& robot) const;
@@ -154,6 +180,7 @@ class Gateway {
   LeftoverRobots leftovers_;
   RightsProbe rights_;
   std::set<std::string> to_withdraw_;  // retained presence to clear when the broker is back
+  OwnershipQuery ownership_;
   PresenceQuery presence_on_;
   CommandLedger commands_;
   OpenReceipts open_receipts_;

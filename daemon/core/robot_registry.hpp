@@ -70,7 +70,6 @@ class RobotRegistry {
   /// These are of robots that are known already; null otherwise.
   Robot* on_sign_of_life(const std::string& robot, const Now& now);
   Robot* find(const std::string& robot);
-
   const Robot* find(const std::string& robot) const;
   /// Empty when it was never there.
   std::string address_of(const std::string& robot, Mesh mesh) const;

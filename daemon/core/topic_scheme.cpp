@@ -99,7 +99,8 @@ TopicScheme::TopicScheme(std::string prefix, std::string gateway_id)
       gateway_id_(std::move(gateway_id)),
       robot_root_(prefix_ + "/robot/"),
       command_root_(prefix_ + "/server/"),
-      gateway_root_(prefix_ + "/gateway/" + gateway_id_ + "/") {}
+      gateways_root_(prefix_ + "/gateway/"),
+      gateway_root_(gateways_root_ + gateway_id_ + "/") {}
 
 std::string TopicScheme::robot_topic(std::string_view robot, std::string_view type) const {
   return robot_root_ + std::string(robot) + "/" + std::string(type);
@@ -125,6 +126,11 @@ std::optional<TopicScheme::RobotAndType> TopicScheme::parse_command_topic(
 
 std::string TopicScheme::presence_topic(std::string_view robot) const {
   return gateway_root_ + "robots/" + std::string(robot);
+}
+
+std::string TopicScheme::presence_topic_at(const std::string& gateway,
+                                           std::string_view robot) const {
+  return gateways_root_ + gateway + "/robots/" + std::string(robot);
 }
 
 std::string TopicScheme::outcome_topic(std::string_view robot) const {

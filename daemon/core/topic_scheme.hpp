@@ -45,6 +45,8 @@ class TopicScheme {
   std::string stats_topic() const { return gateway_root_ + "stats"; }
   std::string numbers_topic() const { return gateway_root_ + "numbers"; }
   std::string presence_topic(std::string_view robot) const;
+  /// Where another gateway tells a robot's presence.
+  std::string presence_topic_at(const std::string& gateway, std::string_view robot) const;
   std::string outcome_topic(std::string_view robot) const;
   std::string rejected_topic(std::string_view robot, std::string_view type) const;
 
@@ -58,6 +60,7 @@ class TopicScheme {
   std::string gateway_id_;
   std::string robot_root_;
   std::string command_root_;
+  std::string gateways_root_;
   std::string gateway_root_;
 };
 

@@ -140,7 +140,7 @@ class ThirdMesh : public testing::Test, private MeshListener {
                           },
                           [&](TrafficEvent& it) { traffic.push_back(traffic_text(it, {})); },
                           [](UnsubscribeAtBroker&) {}, [](CommandOutcome&) {}, [](MeshStep&) {},
-                          [](Notice&) {}},
+                          [](AwaitTurn&) {}, [](AskAboutRobot&) {}, [](Notice&) {}},
                action);
   }
   void robot_says(const std::string& robot, Bytes payload) {

@@ -197,6 +197,7 @@ void Connecting::complete(const Peer& peer, const Attempt& attempt, std::optiona
   context_.tally.count(Count::connects);
   context_.send(*session, Connack{ReturnCode::accepted});
   lifecycle_.enter(*session, ClientState::active, now);
+  context_.emit(SignOfLife{Mesh::thread, session->robot});
   context_.set_dirty(*session);
 }
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "adapters/mqttsn_udp/io/mqttsn_adapter.hpp"
+#include "adapters/mqttsn_udp/clients/session_codec.hpp"
 
 #include <fmt/format.h>
 
@@ -112,6 +113,18 @@ std::string MqttsnAdapter::kept_name(const std::string& listen) const {
                                  settings_.multicast_group.value_or(""));
   std::replace(name.begin(), name.end(), ':', '.');
   return name;
+}
+
+Bytes MqttsnAdapter::give_up(const std::string& robot) {
+  std::optional<SessionSnapshot> kept;
+  input([&](SnGateway& gateway, const Now& now) { kept = gateway.give_up(robot, now); });
+  return kept ? encode_session(*kept) : Bytes{};
+}
+
+void MqttsnAdapter::take_over(const std::string& robot, ByteView session) {
+  input([&](SnGateway& gateway, const Now& now) {
+    gateway.take_over(robot, session.empty() ? std::nullopt : decode_session(session), now);
+  });
 }
 
 void MqttsnAdapter::reconfigure(TopicPolicy policy, RobotNames names) {

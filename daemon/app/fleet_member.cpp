@@ -1,0 +1,174 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/app/fleet_member.hpp"
+
+#include <random>
+#include <utility>
+
+#include "daemon/observability/log.hpp"
+
+namespace slamgw {
+namespace {
+
+fleet::Settings settings_of(const Config& config) {
+  std::random_device random;
+  const bool is_on = config.fleet == fleet::Enabled::yes;
+  return {is_on ? config.fleet : fleet::Enabled::no, (std::uint64_t{random()} << 32U) | random()};
+}
+
+}  // namespace
+
+FleetMember::FleetMember(boost::asio::io_context& io, const Config& config, Gateway& gateway,
+                         MachineDriver<Gateway>& gateway_driver, Meshes& meshes, Upstream& upstream,
+                         Submit submit)
+    : gateway_(gateway),
+      gateway_driver_(gateway_driver),
+      meshes_(meshes),
+      upstream_(upstream),
+      submit_(std::move(submit)),
+      ownership_({config.topics.prefix, config.gateway_id}, settings_of(config),
+                 [this] { return local_robots(); }),
+      driver_(io, ownership_, [this](fleet::OwnershipAction& action) {
+        std::visit([this](auto& what) { perform(what); }, action);
+      }) {
+  gateway_.share_with({[this] { return ownership_.is_shared(); },
+                       [this](const std::string& robot) {
+                         return ownership_.speaks_for(robot, read_clocks().mono);
+                       }});
+  meshes_.ask_where_served([this](const std::string& robot) {
+    return !ownership_.speaks_for(robot, read_clocks().mono);
+  });
+}
+
+std::vector<fleet::LocalRobot> FleetMember::local_robots() const {
+  std::vector<fleet::LocalRobot> local;
+  for (const auto& [id, robot] : gateway_.registry().robots()) {
+    if (robot.presence().is_known)
+      local.push_back({id, robot.presence().presence != Presence::offline});
+  }
+  return local;
+}
+
+void FleetMember::on_broker_link(bool is_up) {
+  driver_.input([&](auto& ownership, const Now& now) { ownership.on_broker_link(is_up, now); });
+}
+
+bool FleetMember::on_message(const BrokerMessage& message) {
+  bool is_taken = false;
+  driver_.input([&](auto& ownership, const Now& now) {
+    is_taken = ownership.on_broker_message(message, now);
+  });
+  return is_taken;
+}
+
+void FleetMember::on_mesh_event(const MeshEvent& event) {
+  if (ownership_.is_alone()) return;
+  const std::string* heard = nullptr;
+  if (const auto* sign = std::get_if<SignOfLife>(&event)) heard = &sign->robot;
+  if (const auto* report = std::get_if<Report>(&event); report && !report->is_will)
+    heard = &report->robot;
+  if (!heard) return;
+  driver_.input([&](auto& ownership, const Now& now) { ownership.on_heard(*heard, now); });
+}
+
+void FleetMember::perform(AwaitTurn& action) {
+  driver_.input([&](auto& ownership, const Now& now) {
+    ownership.on_command(std::move(action.message), std::move(action.robot), std::move(action.type),
+                         now);
+  });
+}
+
+void FleetMember::perform(AskAboutRobot& action) {
+  driver_.input(
+      [&](auto& ownership, const Now& now) { ownership.on_will(std::move(action.will), now); });
+}
+
+void FleetMember::tell_outcome(Upload& action) {
+  driver_.input([&](auto& ownership, const Now& now) {
+    ownership.on_own_outcome(std::move(action.message), *action.outcome_after, now);
+  });
+}
+
+void FleetMember::perform(fleet::PublishNow& action) {
+  upstream_.publish(next_sequence_++, std::move(action.message));
+}
+
+/// As if a mesh had asked: the core keeps it over reconnects, and knows about copies.
+void FleetMember::perform(fleet::SubscribeFleet& action) {
+  gateway_driver_.input([&](Gateway& gateway, const Now& now) {
+    gateway.on_mesh_event(SubscribeRequest{Mesh::thread, action.filter, action.qos}, now);
+  });
+}
+
+void FleetMember::perform(fleet::UnsubscribeFleet& action) {
+  gateway_driver_.input([&](Gateway& gateway, const Now& now) {
+    gateway.on_mesh_event(UnsubscribeRequest{Mesh::thread, action.filter}, now);
+  });
+}
+
+void FleetMember::perform(fleet::TakeOverRobot& action) {
+  meshes_.take_over(action.robot, action.session);
+  gateway_driver_.input([&](Gateway& gateway, const Now& now) {
+    gateway.on_taken_over(action.robot, action.dead_owner, now);
+  });
+}
+
+void FleetMember::perform(fleet::GiveUpRobot& action) {
+  Bytes session = meshes_.give_up(action.robot);
+  gateway_driver_.input([&](Gateway& gateway, const Now&) { gateway.on_given_up(action.robot); });
+  if (!action.is_awaited) return;
+  driver_.input([&](auto& ownership, const Now&) {
+    ownership.on_given_up(action.robot, action.to, std::move(session));
+  });
+}
+
+void FleetMember::perform(fleet::CarryOut& action) {
+  gateway_driver_.input(
+      [&](Gateway& gateway, const Now& now) { gateway.on_turn(std::move(action.command), now); });
+}
+
+void FleetMember::perform(fleet::EndCommand& action) {
+  gateway_driver_.input([&](Gateway& gateway, const Now&) {
+    gateway.on_ended_elsewhere({std::nullopt, CommandId::none, action.robot, action.type,
+                                action.result, std::chrono::milliseconds(0), action.why});
+  });
+}
+
+void FleetMember::perform(fleet::TellOutcome& action) { submit_(std::move(action.message)); }
+
+void FleetMember::perform(fleet::PublishWill& action) {
+  gateway_driver_.input(
+      [&](Gateway& gateway, const Now& now) { gateway.on_silence(std::move(action.will), now); });
+}
+
+void FleetMember::perform(Notice& notice) { log_notice(notice); }
+
+nlohmann::ordered_json FleetMember::status(const Now& now) const {
+  using Json = nlohmann::ordered_json;
+  constexpr const char* phases[] = {"alone", "joining", "member"};
+  Json gateways = Json::array();
+  const auto add = [&](const std::string& id, bool is_alive, std::uint64_t robots) {
+    Json gateway{{"gateway", id}, {"alive", is_alive}, {"robots", robots}};
+    if (const auto state = ownership_.states().find(id); state != ownership_.states().end()) {
+      gateway["version"] = state->second.version;
+      gateway["since"] = state->second.since;
+    }
+    gateways.push_back(std::move(gateway));
+  };
+  for (const auto& [id, peer] : ownership_.peers().all())
+    add(id, ownership_.peers().is_alive(id, now.mono), peer.digest.count);
+  Json robots = Json::array();
+  for (const auto& [robot, row] : ownership_.claims().rows()) {
+    const auto place = ownership_.place_of(robot, now.mono);
+    robots.push_back({{"robot", robot},
+                      {"gateway", place->gateway},
+                      {"since", to_iso8601(place->since)},
+                      {"served", place->is_alive}});
+  }
+  return {{"gateway", ownership_.name()},
+          {"phase", phases[static_cast<std::size_t>(ownership_.phase())]},
+          {"acts", ownership_.is_alone() || ownership_.is_leased(now.mono)},
+          {"others", std::move(gateways)},
+          {"robots", std::move(robots)}};
+}
+
+}  // namespace slamgw

@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: Apache-2.0
+// This gateway among others: the shell around fleet::Ownership. Hands it what meshes and broker
+// say, and does what it decides.
+#pragma once
+
+#include <boost/asio/io_context.hpp>
+#include <functional>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "daemon/app/meshes.hpp"
+#include "daemon/config/config.hpp"
+#include "daemon/core/gateway.hpp"
+#include "daemon/fleet/ownership.hpp"
+#include "daemon/mqtt/upstream.hpp"
+#include "daemon/runtime/machine_driver.hpp"
+
+namespace slamgw {
+
+class FleetMember {
+ public:
+  /// Through the outbox.
+  using Submit = std::function<void(BrokerMessage)>;
+
+  /// All of them outlive it.
+  FleetMember(boost::asio::io_context& io, const Config& config, Gateway& gateway,
+              MachineDriver<Gateway>& gateway_driver, Meshes& meshes, Upstream& upstream,
+              Submit submit);
+
+  void on_broker_link(bool is_up);
+  /// True when the message was between gateways.
+  bool on_message(const BrokerMessage& message);
+  void on_mesh_event(const MeshEvent& event);
+  void perform(AwaitTurn& action);
+  void perform(AskAboutRobot& action);
+  void tell_outcome(Upload& action);
+  bool is_alone() const { return ownership_.is_alone(); }
+  /// Its messages do not go through the outbox.
+  static bool is_own(std::uint64_t sequence) { return sequence >= first_sequence; }
+  /// For `slam-gatewayctl fleet`.
+  nlohmann::ordered_json status(const Now& now) const;
+  Counters counters() const { return ownership_.counters(); }
+  void stop() { driver_.stop(); }
+
+ private:
+  static constexpr std::uint64_t first_sequence = std::uint64_t{1} << 63U;
+
+  std::vector<fleet::LocalRobot> local_robots() const;
+  void perform(fleet::PublishNow& action);
+  void perform(fleet::SubscribeFleet& action);
+  void perform(fleet::UnsubscribeFleet& action);
+  void perform(fleet::TakeOverRobot& action);
+  void perform(fleet::GiveUpRobot& action);
+  void perform(fleet::CarryOut& action);
+  void perform(fleet::EndCommand& action);
+  void perform(fleet::TellOutcome& action);
+  void perform(fleet::PublishWill& action);
+  void perform(Notice& notice);
+
+  Gateway& gateway_;
+  MachineDriver<Gateway>& gateway_driver_;
+  Meshes& meshes_;
+  Upstream& upstream_;
+  Submit submit_;
+  fleet::Ownership ownership_;
+  MachineDriver<fleet::Ownership> driver_;
+  std::uint64_t next_sequence_ = first_sequence;
+};
+
+}  // namespace slamgw

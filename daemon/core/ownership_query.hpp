@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the core asks about robots that several gateways could serve. Answered by the fleet's
+// Ownership; without one, every robot is this gateway's.
+#pragma once
+
+#include <functional>
+#include <string>
+
+namespace slamgw {
+
+struct OwnershipQuery {
+  /// Other gateways are about: commands and wills wait for their turn.
+  std::function<bool()> is_shared = [] { return false; };
+  /// False when another living gateway serves the robot: its presence is not this gateway's to
+  /// tell.
+  std::function<bool(const std::string& robot)> speaks_for = [](const std::string&) {
+    return true;
+  };
+};
+
+}  // namespace slamgw
