@@ -90,8 +90,23 @@ bool SubscriptionTable::is_copy_to_take(const BrokerMessage& message,
     ++copies;
   });
   if (ids.empty()) return copies < 2 || is_first_in_row(message, copies);
-  // No subscription stands yet when the message has overtaken its SUBACK.
-  return best.id == 0 || std::find(ids.begin(), ids.end(), best.id) != ids.end();
+  if (is_copy_of_last(message, ids)) return false;
+  ids_of_last_.clear();
+  if (best.id != 0) return std::ranges::find(ids, best.id) != ids.end();
+  repeated_ = message;
+  ids_of_last_.assign(ids.begin(), ids.end());
+  return true;
+}
+
+/// Copies of one message name different subscriptions; an equal message names the same again.
+bool SubscriptionTable::is_copy_of_last(const BrokerMessage& message,
+                                        std::span<const SubscriptionId> ids) {
+  const bool is_equal = !ids_of_last_.empty() && message.topic == repeated_.topic &&
+                        message.payload == repeated_.payload;
+  if (!is_equal || std::ranges::find_first_of(ids_of_last_, ids) != ids_of_last_.end())
+    return false;
+  ids_of_last_.insert(ids_of_last_.end(), ids.begin(), ids.end());
+  return true;
 }
 
 /// Copies may differ in QoS: each comes at that of its subscription.

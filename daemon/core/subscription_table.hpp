@@ -56,14 +56,17 @@ class SubscriptionTable {
   /// A message that matches several of our subscriptions comes once for each, one after the other.
   /// Exactly one copy is to be taken: that of the highest QoS, and then of the lowest id, among the
   /// subscriptions that stand.
-  /// Where the broker names no `ids` (MQTT 3.1.1), the first of as many equal messages in a row as
-  /// there are such subscriptions. Not for retained messages: they come for one subscription each.
+  /// While none of them stands (the broker sends what it kept for us while we restarted), the
+  /// first. Where the broker names no `ids` (MQTT 3.1.1), the first of as many equal messages in a
+  /// row as there are such subscriptions. Not for retained messages: they come for one subscription
+  /// each.
   bool is_copy_to_take(const BrokerMessage& message, std::span<const SubscriptionId> ids);
 
  private:
   void forget(std::map<std::string, Wanted>::iterator wanted);
   SubscriptionId make_id(std::string_view filter) const;
   bool is_first_in_row(const BrokerMessage& message, std::size_t copies);
+  bool is_copy_of_last(const BrokerMessage& message, std::span<const SubscriptionId> ids);
 
   std::map<std::string, Wanted> wanted_;
   TopicTree<StandingSubscription> standing_;  // at the broker
@@ -71,6 +74,8 @@ class SubscriptionTable {
   /// The last message that had copies and no id, and how many of them are still to come.
   BrokerMessage repeated_;
   std::size_t copies_to_come_ = 0;
+  /// Of the last message that came while none of its subscriptions stood: what copies of it named.
+  std::vector<SubscriptionId> ids_of_last_;
 };
 
 }  // namespace slamgw

@@ -61,6 +61,18 @@ TEST_F(SubscriptionTableTest, TakesTheOtherCopyWhileASubscriptionDoesNotStandYet
   EXPECT_NE(takes("server/a/cmd", {standing}), takes("server/a/cmd", {asked}));
 }
 
+TEST_F(SubscriptionTableTest, TakesOneCopyOfWhatTheBrokerKeptWhileNothingStands) {
+  const SubscriptionId any = subscribe("server/+/+");
+  const SubscriptionId exact = subscribe("server/a/cmd");
+  table.on_broker_gone();
+  EXPECT_TRUE(takes("server/a/cmd", {any}));
+  EXPECT_FALSE(takes("server/a/cmd", {exact}));
+  EXPECT_TRUE(takes("server/a/cmd", {any})) << "the same once more";
+  table.on_answer("server/a/cmd", true);
+  EXPECT_FALSE(takes("server/a/cmd", {exact})) << "its other copy, after the answer";
+  EXPECT_TRUE(takes("server/a/cmd", {exact}));
+}
+
 TEST_F(SubscriptionTableTest, R103_CountsCopiesOfABrokerThatNamesNoSubscription) {
   subscribe("server/a/+");
   EXPECT_TRUE(takes("server/a/cmd", {}));
