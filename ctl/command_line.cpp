@@ -57,6 +57,11 @@ void add_commands(CLI::App& app, Arguments& a) {
     a.order.answer = Answer::robots;
     a.order.request["command"] = "robots";
   });
+  app.add_subcommand("fleet", "The gateways of this broker, and which robot is where")
+      ->callback([&a] {
+        a.order.answer = Answer::fleet;
+        a.order.request["command"] = "fleet";
+      });
   app.add_subcommand("reload", "Read the configuration again; tells what only a restart changes")
       ->callback([&a] {
         a.order.answer = Answer::done;

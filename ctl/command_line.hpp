@@ -13,6 +13,7 @@ namespace slamgw::ctl {
 enum class Answer : std::uint8_t {
   status,
   robots,
+  fleet,
   watch,
   record,  ///< watch events into `file`
   outcome,

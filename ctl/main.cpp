@@ -53,6 +53,7 @@ std::string text_of(const Order& order, const nlohmann::json& result) {
   switch (order.answer) {
     case Answer::status: return make_show().status(result);
     case Answer::robots: return make_show().robots(result);
+    case Answer::fleet: return make_show().fleet(result);
     case Answer::watch: return make_show().event(result);
     case Answer::record: break;  // record()
     case Answer::outcome: return make_show().outcome(result);
@@ -73,6 +74,7 @@ std::chrono::seconds patience_for(Answer answer) {
   switch (answer) {
     case Answer::status:
     case Answer::robots:
+    case Answer::fleet:
     case Answer::watch:
     case Answer::record:
     case Answer::nodes:

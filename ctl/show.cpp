@@ -235,10 +235,13 @@ std::string Show::paint(std::string_view state, std::string text) const {
   if (!with_colour_) return text;
   const auto is = [state](std::string_view name) { return state == name; };
   std::string_view colour;
-  if (is("up") || is("online") || is("delivered") || is("sent") || is("configured")) colour = "32";
-  if (is("asleep") || is("superseded") || is("provisioned") || is("repeat")) colour = "33";
+  if (is("up") || is("online") || is("delivered") || is("sent") || is("configured") || is("member"))
+    colour = "32";
+  if (is("asleep") || is("superseded") || is("provisioned") || is("repeat") || is("joining") ||
+      is("apart"))
+    colour = "33";
   if (is("down") || is("offline") || is("timeout") || is("refused") || is("reserved") ||
-      is("refusing") || is("lost"))
+      is("refusing") || is("lost") || is("silent") || is("cut off"))
     colour = "31";
   return colour.empty() ? text : fmt::format("\033[{}m{}\033[0m", colour, text);
 }

@@ -18,6 +18,7 @@ class Show {
 
   std::string status(const nlohmann::json& status) const;
   std::string robots(const nlohmann::json& robots) const;
+  std::string fleet(const nlohmann::json& fleet) const;
   std::string event(const nlohmann::json& event) const;
   std::string outcome(const nlohmann::json& outcome) const;
   /// Devices that no mesh has.

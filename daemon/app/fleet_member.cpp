@@ -7,12 +7,14 @@
 #include "daemon/observability/log.hpp"
 
 namespace slamgw {
+
+using Json = nlohmann::ordered_json;
+
 namespace {
 
 fleet::Settings settings_of(const Config& config) {
   std::random_device random;
-  const bool is_on = config.fleet == fleet::Enabled::yes;
-  return {is_on ? config.fleet : fleet::Enabled::no, (std::uint64_t{random()} << 32U) | random()};
+  return {config.fleet, (std::uint64_t{random()} << 32U) | random()};
 }
 
 }  // namespace
@@ -25,6 +27,7 @@ FleetMember::FleetMember(boost::asio::io_context& io, const Config& config, Gate
       meshes_(meshes),
       upstream_(upstream),
       submit_(std::move(submit)),
+      started_(read_clocks().wall),
       ownership_({config.topics.prefix, config.gateway_id}, settings_of(config),
                  [this] { return local_robots(); }),
       driver_(io, ownership_, [this](fleet::OwnershipAction& action) {
@@ -142,33 +145,66 @@ void FleetMember::perform(fleet::PublishWill& action) {
 
 void FleetMember::perform(Notice& notice) { log_notice(notice); }
 
-nlohmann::ordered_json FleetMember::status(const Now& now) const {
-  using Json = nlohmann::ordered_json;
-  constexpr const char* phases[] = {"alone", "joining", "member"};
-  Json gateways = Json::array();
-  const auto add = [&](const std::string& id, bool is_alive, std::uint64_t robots) {
-    Json gateway{{"gateway", id}, {"alive", is_alive}, {"robots", robots}};
-    if (const auto state = ownership_.states().find(id); state != ownership_.states().end()) {
-      gateway["version"] = state->second.version;
-      gateway["since"] = state->second.since;
+// --- For operators -------------------------------------------------------------------------------
+
+const char* FleetMember::state(TimePoint now) const {
+  using Phase = fleet::Ownership::Phase;
+  switch (ownership_.phase()) {
+    case Phase::alone: return "alone";
+    case Phase::joining: return "joining";
+    case Phase::member: return ownership_.is_leased(now) ? "member" : "cut off";
+  }
+  return "";
+}
+
+/// This gateway, those whose beats were heard, and those that are on the broker without beats.
+Json FleetMember::gateways(const Now& now) const {
+  const auto& states = ownership_.states();
+  const auto& peers = ownership_.peers();
+  const auto row = [&](const std::string& id, const char* state, std::uint64_t robots) {
+    Json gateway{{"gateway", id}, {"state", state}, {"robots", robots}};
+    if (const auto told = states.find(id); told != states.end()) {
+      gateway["version"] = told->second.version;
+      gateway["since"] = told->second.since;
     }
-    gateways.push_back(std::move(gateway));
+    return gateway;
   };
-  for (const auto& [id, peer] : ownership_.peers().all())
-    add(id, ownership_.peers().is_alive(id, now.mono), peer.digest.count);
-  Json robots = Json::array();
+  const auto local = local_robots();
+  Json own =
+      row(ownership_.name(), state(now.mono), is_alone() ? local.size() : ownership_.owned());
+  own["version"] = SLAMGW_VERSION;
+  own["since"] = to_iso8601(started_);
+  Json rows = Json::array({std::move(own)});
+  for (const auto& [id, peer] : peers.all())
+    rows.push_back(row(id, peers.is_alive(id, now.mono) ? "member" : "silent", peer.digest.count));
+  for (const auto& each : states)
+    if (!peers.find(each.first)) rows.push_back(row(each.first, "apart", 0));
+  return rows;
+}
+
+/// `since`: when this gateway learned that the robot is there.
+Json FleetMember::robots(const Now& now) const {
+  Json rows = Json::array();
+  const auto add = [&](const std::string& robot, const std::string& gateway, WallTime since,
+                       bool is_served) {
+    rows.push_back({{"robot", robot},
+                    {"gateway", gateway},
+                    {"since", to_iso8601(since)},
+                    {"served", is_served}});
+  };
+  if (is_alone()) {
+    for (const auto& [id, robot] : gateway_.registry().robots())
+      if (robot.presence().is_known) add(id, ownership_.name(), robot.presence().since, true);
+  }
   for (const auto& [robot, row] : ownership_.claims().rows()) {
     const auto place = ownership_.place_of(robot, now.mono);
-    robots.push_back({{"robot", robot},
-                      {"gateway", place->gateway},
-                      {"since", to_iso8601(place->since)},
-                      {"served", place->is_alive}});
+    add(robot, place->gateway, place->since, place->is_alive);
   }
-  return {{"gateway", ownership_.name()},
-          {"phase", phases[static_cast<std::size_t>(ownership_.phase())]},
-          {"acts", ownership_.is_alone() || ownership_.is_leased(now.mono)},
-          {"others", std::move(gateways)},
-          {"robots", std::move(robots)}};
+  return rows;
+}
+
+Json FleetMember::status(const Now& now) const {
+  return {{"gateway", ownership_.name()}, {"gateways", gateways(now)}, {"robots", robots(now)}};
 }
 
 }  // namespace slamgw

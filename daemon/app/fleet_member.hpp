@@ -38,7 +38,7 @@ class FleetMember {
   bool is_alone() const { return ownership_.is_alone(); }
   /// Its messages do not go through the outbox.
   static bool is_own(std::uint64_t sequence) { return sequence >= first_sequence; }
-  /// For `slam-gatewayctl fleet`.
+  /// For `slam-gatewayctl fleet`: this gateway first.
   nlohmann::ordered_json status(const Now& now) const;
   Counters counters() const { return ownership_.counters(); }
   void stop() { driver_.stop(); }
@@ -47,6 +47,9 @@ class FleetMember {
   static constexpr std::uint64_t first_sequence = std::uint64_t{1} << 63U;
 
   std::vector<fleet::LocalRobot> local_robots() const;
+  const char* state(TimePoint now) const;
+  nlohmann::ordered_json gateways(const Now& now) const;
+  nlohmann::ordered_json robots(const Now& now) const;
   void perform(fleet::PublishNow& action);
   void perform(fleet::SubscribeFleet& action);
   void perform(fleet::UnsubscribeFleet& action);
@@ -63,6 +66,7 @@ class FleetMember {
   Meshes& meshes_;
   Upstream& upstream_;
   Submit submit_;
+  const WallTime started_;
   fleet::Ownership ownership_;
   MachineDriver<fleet::Ownership> driver_;
   std::uint64_t next_sequence_ = first_sequence;

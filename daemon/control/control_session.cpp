@@ -111,6 +111,10 @@ void ControlSession::perform(const control::ReloadRequest&) {
   answer(control::order_line(handler_.reload()));
 }
 
+void ControlSession::perform(const control::FleetRequest&) {
+  answer(control::result_line(handler_.fleet()));
+}
+
 void ControlSession::perform(const control::ForgetRequest& request) {
   answer(control::order_line(handler_.forget(request.robot)));
 }

@@ -2,7 +2,7 @@
 // The control socket's language: a line of JSON each way. Pure; spoken by ControlServer and
 // slam-gatewayctl.
 //
-//   request   {"command": "status" | "reload"}
+//   request   {"command": "status" | "reload" | "fleet"}
 //             {"command": "robots", "robot": optional}
 //             {"command": "watch", "robot": optional, "type": optional}
 //             {"command": "forget", "robot": "..."}
@@ -43,6 +43,7 @@ struct RobotsRequest {
   std::optional<std::string> robot;
 };
 struct ReloadRequest {};
+struct FleetRequest {};
 struct ForgetRequest {
   std::string robot;
 };
@@ -56,8 +57,8 @@ struct SendRequest {
   std::string type;
   Bytes payload;
 };
-using Request = std::variant<StatusRequest, RobotsRequest, ReloadRequest, ForgetRequest,
-                             WatchRequest, SendRequest, MeshOrder, StoreOrder>;
+using Request = std::variant<StatusRequest, RobotsRequest, ReloadRequest, FleetRequest,
+                             ForgetRequest, WatchRequest, SendRequest, MeshOrder, StoreOrder>;
 
 /// A request, or what is wrong with it in words.
 Result<Request, std::string> parse_request(std::string_view line);

@@ -29,6 +29,7 @@ class FakeHandler : public ControlHandler {
 
   nlohmann::json status_answer = {{"version", "1.2.3"}};
   nlohmann::json robots_answer = nlohmann::json::array();
+  nlohmann::json fleet_answer = {{"gateway", "room-a"}, {"gateways", nlohmann::json::array()}};
   struct Ordered {
     MeshOrder order;
     OrderDone done;
@@ -54,6 +55,7 @@ class FakeHandler : public ControlHandler {
       if (row["id"] == *robot) found.push_back(row);
     return found;
   }
+  nlohmann::json fleet() override { return fleet_answer; }
   void on_watched(bool is_watched) override { watched.push_back(is_watched); }
   void send(const std::string& robot, const std::string& type, Bytes payload,
             std::function<void(nlohmann::json)> done) override {

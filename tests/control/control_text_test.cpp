@@ -130,6 +130,34 @@ TEST(CtlShow, ColoursOnlyWhereAskedFor) {
   EXPECT_EQ(ctl::Show(true, noon).outcome(outcome), "\033[32mdelivered\033[0m after 1 ms\n");
 }
 
+TEST(CtlShow, TellsGatewaysAndWhereRobotsAre) {
+  const json fleet = {{"gateway", "room-a"},
+                      {"gateways",
+                       {{{"gateway", "room-a"},
+                         {"state", "member"},
+                         {"robots", 2},
+                         {"version", "1.2.3"},
+                         {"since", "1970-01-01T11:00:00Z"}},
+                        {{"gateway", "room-bb"}, {"state", "silent"}, {"robots", 1}}}},
+                      {"robots",
+                       {{{"robot", "lego-1"},
+                         {"gateway", "room-a"},
+                         {"since", "1970-01-01T11:59:30Z"},
+                         {"served", true}},
+                        {{"robot", "r\033[2J"},
+                         {"gateway", "room-bb"},
+                         {"since", "1970-01-01T11:30:00Z"},
+                         {"served", false}}}}};
+  EXPECT_EQ(ctl::Show(false, noon).fleet(fleet),
+            "GATEWAY STATE   ROBOTS UP   VERSION\n"
+            "room-a  member       2 1h   1.2.3\n"
+            "room-bb silent       1\n"
+            "\n"
+            "ROBOT  GATEWAY SINCE\n"
+            "lego-1 room-a  30s\n"
+            "r?[2J  room-bb 30m (that gateway is silent)\n");
+}
+
 TEST(CtlShow, LetsNothingThroughToTheTerminal) {
   const json robots = {{{"id", "r\033[2J"}, {"address", "\u009b1m"}, {"state", "x\n"}}};
   const std::string shown = ctl::Show(false, noon).robots(robots);
@@ -147,6 +175,7 @@ TEST(CtlShow, SurvivesAnswersOfAnyShape) {
     const ctl::Show show(false, noon);
     EXPECT_TRUE(show.status(answer).ends_with('\n'));
     EXPECT_TRUE(show.robots(answer).ends_with('\n'));
+    EXPECT_TRUE(show.fleet(answer).ends_with('\n'));
     EXPECT_TRUE(show.event(answer).ends_with('\n'));
     EXPECT_TRUE(show.outcome(answer).ends_with('\n'));
     EXPECT_TRUE(show.devices(answer).ends_with('\n'));
