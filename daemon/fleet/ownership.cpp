@@ -46,12 +46,13 @@ Ownership::Ownership(FleetTopics topics, Settings settings, LocalRobots local_ro
       settings_(settings),
       local_robots_(std::move(local_robots)),
       me_(topics_.gateway()),
-      is_looking_(settings.enabled != Enabled::no),
+      is_looking_(settings.enabled == Enabled::yes),
       life_(settings.process & ~Life{0xffff}) {}
 
 void Ownership::on_broker_link(bool is_up, const Now& now) {
   is_link_up_ = is_up;
   is_muted_ = false;
+  if (!is_up && phase_ == Phase::alone && looked_) end_look();  // nothing waits for the broker
   if (!is_up || settings_.enabled == Enabled::no) return;
   subscribe(topics_.state_filter());
   if (phase_ == Phase::alone && settings_.enabled == Enabled::automatic) {
@@ -387,7 +388,9 @@ void Ownership::on_command(BrokerMessage message, std::string robot, std::string
     actions_.push(CarryOut{std::move(message)});
     return;
   }
-  if (message.retain) return;
+  const bool is_probe =
+      type == "probe" && (robot == me_ || states_.contains(robot) || peers_.find(robot));
+  if (message.retain || is_probe) return;  // a gateway that tries its rights
   turns_.add(std::move(message), std::move(robot), std::move(type), now.mono);
   decide_commands(now);
 }

@@ -16,6 +16,8 @@ using std::chrono::milliseconds;
 
 constexpr milliseconds ask_interval{2000};
 constexpr milliseconds table_interval{20};
+/// Retained states that answer one subscription come within this time of each other.
+constexpr milliseconds state_spread{200};
 constexpr milliseconds objection_interval{1000};
 /// A robot that was heard so lately may be claimed once more when a greater claim turns up.
 constexpr milliseconds fresh{3000};
@@ -24,7 +26,11 @@ constexpr milliseconds fresh{3000};
 
 void Ownership::on_gateway_state(const BrokerMessage& message, std::string_view gateway,
                                  const Now& now) {
-  if (gateway == me_) return;
+  if (gateway == me_) {
+    // The broker has answered this gateway's subscription; other states come at the same time.
+    if (looked_) looked_ = std::min(*looked_, now.mono + state_spread);
+    return;
+  }
   const auto json =
       nlohmann::json::parse(message.payload.begin(), message.payload.end(), nullptr, false);
   const bool is_online = json.is_object() && json.value("state", nlohmann::json{}) == "online";

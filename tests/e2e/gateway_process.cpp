@@ -19,7 +19,7 @@ std::string last_line(const std::string& text) {
 }  // namespace
 
 GatewayProcess::GatewayProcess(nlohmann::json configuration) : mqttsn_port_(free_udp_port()) {
-  configuration["gateway"]["id"] = "test";
+  if (!configuration.contains("gateway")) configuration["gateway"]["id"] = "test";
   configuration["control"]["socket"] = directory_ / "control.sock";
   configuration["store"]["directory"] = directory_ / "store";
   configuration["mqttsn"]["listen"] = {fmt::format("[::]:{}", mqttsn_port_)};

@@ -17,8 +17,8 @@ namespace slamgw::test {
 /// slam-gatewayd with a configuration of its own in a directory of its own.
 class GatewayProcess {
  public:
-  /// `configuration` is completed with a control socket, a store directory and an MQTT-SN port on
-  /// loopback.
+  /// `configuration` is completed with a control socket, a store directory, an MQTT-SN port on
+  /// loopback and, when it names no gateway, the id `test`.
   explicit GatewayProcess(nlohmann::json configuration);
 
   GatewayProcess(const GatewayProcess&) = delete;

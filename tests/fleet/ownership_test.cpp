@@ -17,6 +17,57 @@ TEST(Ownership, OneGatewayAloneSaysNothing) {
   EXPECT_EQ(world.published_by_kind("claim"), 0U);
 }
 
+/// One gateway without a world around it.
+class Newcomer : public testing::Test {
+ protected:
+  static constexpr Life process = 0x10000;
+  Now at(Duration after) const { return {TimePoint{} + 1h + after, {}}; }
+  void command(Duration after) {
+    ownership.on_command({"p/server/r/cmd", {}, Qos::at_least_once, false}, "r", "cmd", at(after));
+  }
+  void own_state_comes_back(Duration after) {
+    ownership.on_broker_message(
+        {"p/gateway/gw-0/state", to_bytes(R"({"state":"online"})"), Qos::at_least_once, false},
+        at(after));
+  }
+  std::size_t carried_out() {
+    std::size_t count = 0;
+    while (const auto action = ownership.next_action())
+      count += std::holds_alternative<CarryOut>(*action) ? 1 : 0;
+    return count;
+  }
+  Ownership ownership{
+      {"p", "gw-0"}, {Enabled::automatic, process}, [] { return std::vector<LocalRobot>{}; }};
+};
+
+TEST_F(Newcomer, CarriesOutCommandsWhileItHasNeverSeenTheBroker) {
+  EXPECT_FALSE(ownership.is_shared());
+  command(0s);
+  EXPECT_EQ(carried_out(), 1U);
+}
+
+TEST_F(Newcomer, HoldsCommandsUntilTheBrokerHasToldWhoElseIsThere) {
+  ownership.on_broker_link(true, at(0s));
+  command(10ms);
+  own_state_comes_back(20ms);
+  ownership.on_deadline(at(30ms));
+  EXPECT_EQ(carried_out(), 0U);
+  ASSERT_TRUE(ownership.deadline());
+  EXPECT_LT(*ownership.deadline(), at(300ms).mono);
+  ownership.on_deadline(at(300ms));
+  EXPECT_EQ(carried_out(), 1U);
+  EXPECT_FALSE(ownership.is_shared());
+  EXPECT_FALSE(ownership.deadline());
+}
+
+TEST_F(Newcomer, HoldsNothingWhenTheBrokerGoesMeanwhile) {
+  ownership.on_broker_link(true, at(0s));
+  command(10ms);
+  ownership.on_broker_link(false, at(20ms));
+  EXPECT_EQ(carried_out(), 1U);
+  EXPECT_FALSE(ownership.is_shared());
+}
+
 TEST(Ownership, WakesUpWhenAnotherGatewayIsThereAndSleepsWhenItHasGone) {
   FleetWorld world({.gateways = 2, .robots = 3, .enabled = Enabled::automatic});
   world.kill(1);
@@ -113,6 +164,14 @@ TEST(Ownership, ServesItsRobotsWhenTheBrokerForbidsTheFleet) {
   EXPECT_TRUE(world.ownership(0).is_alone());
   EXPECT_TRUE(world.ownership(1).is_alone());
   EXPECT_EQ(world.actors(0), (std::vector<int>{0, 1}));  // as before there were fleets
+}
+
+TEST(Ownership, TheProbeOfAnotherGatewayIsNoCommand) {
+  FleetWorld world({.gateways = 2, .robots = 1});
+  world.run(5s);
+  world.forge("p/server/gw-0/probe", "1-1");
+  world.run(10s);
+  EXPECT_EQ(world.published_by_kind("taken"), 0U);
 }
 
 TEST(Ownership, RobotMayBeNamedAsAGateway) {
