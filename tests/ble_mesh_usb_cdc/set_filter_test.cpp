@@ -90,6 +90,21 @@ TEST(SetFilter, ARepeatThatCrossedItsStatusIsNotAnswered) {
   }
 }
 
+/// A busy host hands a repeat over late, just after the STATUS has left: neither a new message, nor
+/// one to be answered.
+TEST(SetFilter, ALateRepeatThatCrossedItsStatusIsNeitherNewNorAnswered) {
+  for (const auto doubt : {SetFilter::Doubt::take_for_repeat, SetFilter::Doubt::take_for_new}) {
+    SetFilter filter;
+    const auto set = [&](milliseconds at) {
+      return filter.on_set(hex("01"), iv, doubt, TimePoint{} + at);
+    };
+    EXPECT_EQ(set(0ms), SetFilter::Verdict::fresh);
+    filter.on_answered(TimePoint{} + 330ms);
+    EXPECT_EQ(set(420ms), SetFilter::Verdict::repeat_open) << "140 ms late";
+    EXPECT_EQ(set(700ms), SetFilter::Verdict::fresh) << "it was a new one: its own first repeat";
+  }
+}
+
 TEST(SetFilter, TheFirstMessageMayBeEmpty) {
   SetFilter filter;
   EXPECT_EQ(filter.on_set({}, iv, SetFilter::Doubt::take_for_repeat, TimePoint{}),

@@ -21,6 +21,10 @@ SetFilter::Verdict SetFilter::on_set(ByteView payload, Duration interval, Doubt 
                                      TimePoint now) {
   const bool is_equal = state_ != State::idle && !number_ && std::ranges::equal(payload, payload_);
   const Copies fitting = fitting_copies(interval, now);
+  if (is_equal && fitting == 0 && has_crossed(now)) {
+    pattern_.on_repeat();
+    return Verdict::repeat_open;
+  }
   const Duration gap = now - last_heard_;
   last_heard_ = now;
   if (is_equal && (state_ == State::open || is_repeat(fitting, interval, doubt, now))) {
@@ -63,14 +67,18 @@ SetFilter::Verdict SetFilter::on_numbered_set(std::uint8_t number, ByteView payl
 }
 
 SetFilter::Verdict SetFilter::on_repeat(TimePoint now) const {
-  const bool has_crossed = now - last_answered_ < crossing_time;
-  return state_ == State::open || has_crossed ? Verdict::repeat_open : Verdict::repeat_answered;
+  return state_ == State::open || has_crossed(now) ? Verdict::repeat_open
+                                                   : Verdict::repeat_answered;
+}
+
+bool SetFilter::has_crossed(TimePoint now) const {
+  return state_ == State::answered && now - last_answered_ < crossing_time;
 }
 
 bool SetFilter::is_repeat(Copies fitting, Duration interval, Doubt doubt, TimePoint now) const {
   if (fitting == 0) return false;
   // The robot sends it again when it is new: nothing is lost, and nothing acknowledged wrongly.
-  if (now - last_answered_ < crossing_time) return true;
+  if (has_crossed(now)) return true;
   if (const auto period = pattern_.period()) return !pattern_.may_be_new(*period, interval, now);
   return doubt == Doubt::take_for_repeat && !is_schedule_deceptive_;
 }

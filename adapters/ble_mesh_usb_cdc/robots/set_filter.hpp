@@ -23,6 +23,8 @@
 //
 // A STATUS does not say which SET it is for. A repeat that was on its way when the STATUS left is
 // therefore not answered: a second STATUS could meet the robot's next SET and acknowledge that.
+// When such a repeat also comes off the schedule (a relay or a busy host has delayed it), it counts
+// as not heard at all; a robot whose new message it was sends that again.
 #pragma once
 
 #include <cstdint>
@@ -40,8 +42,9 @@ class SetFilter {
   static constexpr Duration tolerance = std::chrono::milliseconds{30};
   /// Reliable publish gives up after at most this long.
   static constexpr Duration longest_exchange = std::chrono::seconds{60};
-  /// How long a repeat and a STATUS can take to cross: a few hops.
-  static constexpr Duration crossing_time = std::chrono::milliseconds{60};
+  /// How long a STATUS and then a repeat can be under way: a few hops, two segments, a busy host.
+  /// Below the shortest interval of repeats.
+  static constexpr Duration crossing_time = std::chrono::milliseconds{100};
 
   /// What to do with an answered SET that comes again when both can be.
   enum class Doubt : std::uint8_t {
@@ -76,6 +79,7 @@ class SetFilter {
   Copies fitting_copies(Duration interval, TimePoint now) const;
   bool is_repeat(Copies fitting, Duration interval, Doubt doubt, TimePoint now) const;
   Verdict on_repeat(TimePoint now) const;
+  bool has_crossed(TimePoint now) const;
 
   State state_ = State::idle;
   Bytes payload_;
