@@ -59,7 +59,7 @@ class Replay final : private UpstreamListener {
     proceed();
   }
   void on_silence(bool) override {}
-  void on_subscribe_result(const std::string&, bool) override {}
+  void on_subscribe_result(const std::string&, SubscribeAnswer) override {}
   void on_message(BrokerMessage, std::vector<std::uint32_t>) override {}
 
   TimePoint due(const RecordedMessage& message) const {

@@ -432,9 +432,9 @@ void App::on_publish_refused(std::uint64_t sequence, const Refusal& refusal) {
       [&](Outbox& outbox, TimePoint now) { outbox.on_publish_refused(sequence, refusal, now); });
 }
 
-void App::on_subscribe_result(const std::string& filter, bool granted) {
+void App::on_subscribe_result(const std::string& filter, SubscribeAnswer answer) {
   gateway_driver_.input(
-      [&](Gateway& gateway, const Now& now) { gateway.on_subscribe_result(filter, granted, now); });
+      [&](Gateway& gateway, const Now& now) { gateway.on_subscribe_result(filter, answer, now); });
 }
 
 void App::on_message(BrokerMessage message, std::vector<std::uint32_t> subscriptions) {

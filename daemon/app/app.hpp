@@ -93,7 +93,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   void tell_broker_link();
   void on_published(std::uint64_t sequence) override;
   void on_publish_refused(std::uint64_t sequence, const Refusal& refusal) override;
-  void on_subscribe_result(const std::string& filter, bool granted) override;
+  void on_subscribe_result(const std::string& filter, SubscribeAnswer answer) override;
   void on_message(BrokerMessage message, std::vector<std::uint32_t> subscriptions) override;
 
   nlohmann::json status() override;

@@ -40,6 +40,18 @@ Json outcome_json(const CommandOutcome& outcome) {
 /// As the broker publishes it for us.
 constexpr std::string_view last_will_state = R"({"state":"offline"})";
 
+std::string explain(const std::string& filter, SubscribeAnswer answer) {
+  if (answer == SubscribeAnswer::closes_connection)
+    return fmt::format(
+        "the broker closes the connection at the subscription {}: it is set aside for an hour, "
+        "and nothing under it reaches robots. Some brokers do that at a space or a `.` in a name",
+        filter);
+  return fmt::format(
+      "the broker refuses the subscription {}: check its access control list for this gateway's "
+      "user",
+      filter);
+}
+
 /// Superseded is normal; no warning.
 Severity severity_of(CommandResult result) {
   switch (result) {
@@ -317,10 +329,10 @@ std::optional<Mesh> Gateway::carrier_for(const std::string& robot) const {
 
 void Gateway::on_broker_link(const Now& now) {
   rights_.on_broker_link(broker_.is_up && settings_.probes_rights);
+  subscribers_wait_until_.reset();
   if (!broker_.is_up) {
-    for (auto& [mesh, filter] : subscriptions_.on_broker_gone()) {
-      actions_.push(AnswerSubscribe{mesh, std::move(filter), true});
-    }
+    subscriptions_.on_broker_gone();
+    subscribers_wait_until_ = now.mono + subscribe_patience;
     return;
   }
   for (const auto& [filter, wanted] : subscriptions_.wanted()) {
@@ -339,7 +351,7 @@ void Gateway::on_broker_link(const Now& now) {
 
 std::optional<TimePoint> Gateway::deadline() const {
   const auto of_broker = earlier(leftovers_.deadline(), rights_.deadline());
-  return earlier(commands_.deadline(), broker_.is_up ? of_broker : std::nullopt);
+  return earlier(commands_.deadline(), broker_.is_up ? of_broker : subscribers_wait_until_);
 }
 
 void Gateway::on_deadline(const Now& now) {
@@ -349,9 +361,16 @@ void Gateway::on_deadline(const Now& now) {
               CommandResult::timeout, CommandLedger::patience,
               "the mesh has not told its outcome"});
   }
+  if (subscribers_wait_until_ && now.mono >= *subscribers_wait_until_) answer_waiting_subscribers();
   if (!broker_.is_up) return;
   end_leftovers(now);
   probe_rights(rights_.on_tick(now));
+}
+
+void Gateway::answer_waiting_subscribers() {
+  subscribers_wait_until_.reset();
+  for (auto& [mesh, filter] : subscriptions_.take_all_waiting())
+    actions_.push(AnswerSubscribe{mesh, std::move(filter), true});
 }
 
 void Gateway::probe_rights(std::vector<BrokerMessage> messages) {
@@ -378,7 +397,9 @@ void Gateway::end_leftovers(const Now& now) {
   }
 }
 
-void Gateway::on_subscribe_result(const std::string& filter, bool granted, const Now& now) {
+void Gateway::on_subscribe_result(const std::string& filter, SubscribeAnswer answer,
+                                  const Now& now) {
+  const bool granted = answer == SubscribeAnswer::granted;
   if (rights_.is_own(filter)) {
     auto question = rights_.on_subscribe_result(filter, granted, now);
     std::vector<BrokerMessage> messages;
@@ -388,12 +409,7 @@ void Gateway::on_subscribe_result(const std::string& filter, bool granted, const
   for (const Mesh mesh : subscriptions_.on_answer(filter, granted)) {
     actions_.push(AnswerSubscribe{mesh, filter, granted});
   }
-  if (granted) return;
-  actions_.push(Notice{Severity::warning,
-                       fmt::format("the broker refuses the subscription {}: check its access "
-                                   "control list for this gateway's user",
-                                   filter),
-                       {}});
+  if (!granted) actions_.push(Notice{Severity::warning, explain(filter, answer), {}});
 }
 
 void Gateway::on_store(bool is_full) {

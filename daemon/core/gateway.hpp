@@ -19,6 +19,7 @@
 #include "daemon/core/protocol_machine.hpp"
 #include "daemon/core/rights_probe.hpp"
 #include "daemon/core/robot_registry.hpp"
+#include "daemon/core/subscribe_answer.hpp"
 #include "daemon/core/subscription_table.hpp"
 #include "daemon/core/topic_scheme.hpp"
 #include "daemon/core/traffic_event.hpp"
@@ -74,6 +75,10 @@ using PresenceQuery = std::function<std::optional<Presence>(Mesh, const std::str
 
 class Gateway {
  public:
+  /// A broker that closes the connection at a filter is found out in this time; and devices ask
+  /// again after 10 s (MQTT-SN 1.2 section 7.2).
+  static constexpr std::chrono::seconds subscribe_patience{8};
+
   struct Settings {
     std::string version;
     UpdateMode update_mode = UpdateMode::positions;
@@ -100,10 +105,11 @@ class Gateway {
   CommandId on_operator_command(const std::string& robot, const std::string& type, Bytes payload,
                                 const Now& now);
   /// The link to the broker has come or gone. Up: subscribes everything again, says `online` and
-  /// every robot's presence again (a broker without persistence has forgotten them). Down: answers
-  /// what still waits for the broker.
+  /// every robot's presence again (a broker without persistence has forgotten them). Down: who
+  /// waits for the broker's answer to a subscription gets it when the broker is back, or else
+  /// after `subscribe_patience` the gateway's own: taken.
   void on_broker_link(const Now& now);
-  void on_subscribe_result(const std::string& filter, bool granted, const Now& now);
+  void on_subscribe_result(const std::string& filter, SubscribeAnswer answer, const Now& now);
   /// The receipt of a Report has fired: for the robot's numbers.
   void on_receipt(const Receipt& receipt, ReceiptOutcome outcome, TimePoint now);
   /// The ids that `robots` of the configuration gives: they keep their place. What has left the
@@ -163,6 +169,7 @@ class Gateway {
   void withdraw(const std::string& robot);
   void withdraw_evicted();
   void probe_rights(std::vector<BrokerMessage> messages);
+  void answer_waiting_subscribers();
   void tell_traffic(const Report& report, const std::string& type, const Normalized& normalized,
                     const Now& now);
   void reject(const Report& report, std::string_view type, Robot* robot, Bytes payload,
@@ -177,6 +184,7 @@ class Gateway {
   const BrokerLink& broker_;
   RobotRegistry registry_;
   SubscriptionTable subscriptions_;
+  std::optional<TimePoint> subscribers_wait_until_;  ///< while the broker is away
   LeftoverRobots leftovers_;
   RightsProbe rights_;
   std::set<std::string> to_withdraw_;  // retained presence to clear when the broker is back

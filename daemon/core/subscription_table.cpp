@@ -54,14 +54,17 @@ std::vector<Mesh> SubscriptionTable::on_answer(const std::string& filter, bool g
   std::vector<Mesh> meshes = take_waiting(known->second);
   if (granted) {
     standing_[filter] = {known->second.id, known->second.qos};
-  } else {
-    forget(known);
+    return meshes;
   }
+  for (const Mesh mesh : all_meshes) {
+    const bool is_named = std::ranges::find(meshes, mesh) != meshes.end();
+    if (known->second.by_mesh[mesh] && !is_named) meshes.push_back(mesh);
+  }
+  forget(known);
   return meshes;
 }
 
-std::vector<SubscriptionTable::Waiting> SubscriptionTable::on_broker_gone() {
-  standing_.clear();
+std::vector<SubscriptionTable::Waiting> SubscriptionTable::take_all_waiting() {
   std::vector<Waiting> waiting;
   for (auto& [filter, wanted] : wanted_) {
     for (const Mesh mesh : take_waiting(wanted)) waiting.push_back({mesh, filter});

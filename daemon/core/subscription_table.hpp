@@ -44,14 +44,16 @@ class SubscriptionTable {
   /// `mesh` waits for the broker's answer about `filter`.
   void await(Mesh mesh, const std::string& filter);
   /// The broker has answered: one mesh for each answer that was waited for. A refused filter is
-  /// forgotten.
+  /// forgotten, and each mesh that wanted it without waiting is named too.
   std::vector<Mesh> on_answer(const std::string& filter, bool granted);
   struct Waiting {
     Mesh mesh;
     std::string filter;
   };
-  /// The broker is gone, and with it all subscriptions there: those who waited.
-  std::vector<Waiting> on_broker_gone();
+  /// The broker is gone, and with it all subscriptions there.
+  void on_broker_gone() { standing_.clear(); }
+  /// Those who still wait for an answer, and now no longer do.
+  std::vector<Waiting> take_all_waiting();
 
   /// A message that matches several of our subscriptions comes once for each, one after the other.
   /// Exactly one copy is to be taken: that of the highest QoS, and then of the lowest id, among the

@@ -60,6 +60,7 @@ Upstream::Upstream(boost::asio::io_context& io, BrokerSettings settings, LastWil
       listener_(listener),
       reconnect_timer_(io),
       stall_timer_(io),
+      trial_timer_(io),
       backoff_(first_wait, longest_wait),
       random_(std::random_device{}()) {
   make_places();
@@ -90,6 +91,7 @@ BrokerSettings Upstream::broker() const {
 void Upstream::stop() {
   reconnect_timer_.cancel();
   stall_timer_.cancel();
+  trial_timer_.cancel();
   drop_link(true);
   lane_.join();
 }
@@ -98,6 +100,7 @@ void Upstream::reconfigure(const BrokerSettings& settings) {
   if (settings == settings_) return;
   settings_ = settings;
   make_places();
+  suspects_ = {};
   backoff_.reset();
   const bool was_up = is_up_;
   drop_link(true);
@@ -140,6 +143,7 @@ void Upstream::connect_in(Duration wait) {
 
 void Upstream::drop_link(bool is_orderly) {
   is_up_ = false;
+  is_trying_suspects_ = false;
   stall_watch_.on_link_down();
   if (!link_) return;
   inbound_dropped_ += link_->inbound_dropped();
@@ -165,14 +169,44 @@ void Upstream::go_on(const std::string& why, Duration least) {
 }
 
 void Upstream::on_connected(bool session_present, const BrokerLimits& limits) {
-  is_up_ = true;
   limits_ = limits;
+  is_session_present_ = session_present;
   place().attempt = 0;
   up_since_ = std::chrono::steady_clock::now();
-  stall_watch_.on_link_up(up_since_);
   rivals_.on_up(up_since_);
   unanswered_ = 0;
-  listener_.on_link_up(session_present, limits);
+  begin_trials();
+}
+
+void Upstream::come_up() {
+  is_up_ = true;
+  stall_watch_.on_link_up(std::chrono::steady_clock::now());
+  listener_.on_link_up(is_session_present_, limits_);
+}
+
+/// Suspects have the connection for themselves. The question comes first: a broker that does not
+/// answer even that has not closed the connection for a suspect.
+void Upstream::begin_trials() {
+  if (!suspects_.has_suspects()) return come_up();
+  is_trying_suspects_ = true;
+  link_->subscribe(question, Qos::at_most_once, own_subscription);
+  trial_timer_.expires_after(FilterSuspects::trial_timeout);
+  trial_timer_.async_wait([this](boost::system::error_code error) {
+    if (!error && is_trying_suspects_) end_trials();
+  });
+}
+
+void Upstream::try_next_suspect() {
+  const auto suspect = suspects_.next_trial();
+  if (!suspect) return end_trials();
+  link_->subscribe(suspect->filter, suspect->qos, suspect->id);
+}
+
+void Upstream::end_trials() {
+  suspects_.acquit_all();
+  is_trying_suspects_ = false;
+  trial_timer_.cancel();
+  come_up();
 }
 
 void Upstream::on_connect_failed(ConnectFailure failure) {
@@ -205,9 +239,12 @@ void Upstream::on_lost(std::string why, bool is_taken_over) {
     backoff_.reset();
     tried_ = 0;
   }
-  if (rivals_.on_lost(is_taken_over, unanswered_ > 0, now) && !is_taken_over)
+  const bool has_unanswered = unanswered_ > 0 || suspects_.has_unanswered();
+  if (rivals_.on_lost(is_taken_over, has_unanswered, now) && !is_taken_over)
     why += fmt::format(" soon after it came up, again and again; perhaps {}",
                        explain_rival(broker().client_id));
+  if (const auto filter = suspects_.on_lost(now))
+    listener_.on_subscribe_result(*filter, SubscribeAnswer::closes_connection);
   go_on(why, rivals_.pause());
 }
 
@@ -222,11 +259,14 @@ void Upstream::on_publish_refused(std::uint64_t sequence, const Refusal& refusal
 }
 
 void Upstream::on_subscribe_result(const std::string& filter, bool granted) {
+  suspects_.on_answered(filter);
+  if (is_trying_suspects_) return try_next_suspect();
   if (filter == question) {
     if (stall_watch_.on_answer(std::chrono::steady_clock::now())) listener_.on_silence(false);
     return;
   }
-  listener_.on_subscribe_result(filter, granted);
+  listener_.on_subscribe_result(filter,
+                                granted ? SubscribeAnswer::granted : SubscribeAnswer::refused);
 }
 
 void Upstream::on_message(BrokerMessage message, std::vector<std::uint32_t> subscriptions) {
@@ -288,10 +328,20 @@ bool Upstream::keep_to_limits(std::uint64_t sequence, BrokerMessage& message) {
 }
 
 void Upstream::subscribe(const std::string& filter, Qos qos, std::uint32_t id) {
-  if (is_up_) link_->subscribe(filter, qos, id);
+  if (!is_up_) return;
+  if (suspects_.is_aside(filter, std::chrono::steady_clock::now())) {
+    boost::asio::post(io_, [this, filter, link = std::weak_ptr(link_)] {
+      if (!link.expired() && link.lock() == link_)
+        listener_.on_subscribe_result(filter, SubscribeAnswer::closes_connection);
+    });
+    return;
+  }
+  suspects_.on_sent({filter, qos, id});
+  link_->subscribe(filter, qos, id);
 }
 
 void Upstream::unsubscribe(const std::string& filter) {
+  suspects_.forget(filter);
   if (is_up_) link_->unsubscribe(filter);
 }
 

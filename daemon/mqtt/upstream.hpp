@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "daemon/mqtt/backoff.hpp"
+#include "daemon/mqtt/filter_suspects.hpp"
 #include "daemon/mqtt/mqtt_link.hpp"
 #include "daemon/mqtt/rival_watch.hpp"
 #include "daemon/mqtt/stall_watch.hpp"
@@ -71,6 +72,10 @@ class Upstream final : private MqttLinkListener {
   void connect_in(Duration wait);
   void go_on(const std::string& why, Duration least);
   void drop_link(bool is_orderly);
+  void come_up();
+  void begin_trials();
+  void try_next_suspect();
+  void end_trials();
   void watch_for_stall();
   void on_stall_deadline(TimePoint now);
   bool keep_to_limits(std::uint64_t sequence, BrokerMessage& message);
@@ -91,6 +96,7 @@ class Upstream final : private MqttLinkListener {
   UpstreamListener& listener_;
   boost::asio::steady_timer reconnect_timer_;
   boost::asio::steady_timer stall_timer_;
+  boost::asio::steady_timer trial_timer_;
   bool is_stall_timer_armed_ = false;
   StallWatch stall_watch_;
   Backoff backoff_;
@@ -99,9 +105,12 @@ class Upstream final : private MqttLinkListener {
   std::size_t at_ = 0;     ///< in `places_`
   std::size_t tried_ = 0;  ///< places in a row, without success or pause
   std::shared_ptr<MqttLink> link_;
-  BrokerLimits limits_;  ///< of the connection that is up
+  BrokerLimits limits_;  ///< of the connection
+  bool is_session_present_ = false;
   bool is_up_ = false;
-  bool is_waiting_ = false;  ///< for reconnect_timer_
+  FilterSuspects suspects_;
+  bool is_trying_suspects_ = false;  ///< connected, and only with them
+  bool is_waiting_ = false;          ///< for reconnect_timer_
   TimePoint up_since_{};
   std::size_t unanswered_ = 0;  ///< publishes, on the connection that is up
   RivalWatch rivals_;

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "daemon/core/messages.hpp"
+#include "daemon/core/subscribe_answer.hpp"
 #include "daemon/mqtt/broker_limits.hpp"
 
 namespace slamgw {
@@ -28,7 +29,7 @@ class UpstreamListener {
   /// The broker has answered `sequence` with a reason code of 0x80 or above, or would: it is larger
   /// than the broker's limit. (What merely failed is reported by on_link_down.)
   virtual void on_publish_refused(std::uint64_t sequence, const Refusal& refusal) = 0;
-  virtual void on_subscribe_result(const std::string& filter, bool granted) = 0;
+  virtual void on_subscribe_result(const std::string& filter, SubscribeAnswer answer) = 0;
   /// `subscriptions`: the ids of our subscriptions that it came for; empty with MQTT 3.1.1.
   virtual void on_message(BrokerMessage message, std::vector<std::uint32_t> subscriptions) = 0;
 };

@@ -32,7 +32,7 @@ class GatewayForget : public testing::Test {
     while (auto action = gateway.next_action()) {
       if (const auto* upload = std::get_if<Upload>(&*action)) receive(upload->message);
       if (const auto* subscribe = std::get_if<SubscribeAtBroker>(&*action))
-        gateway.on_subscribe_result(subscribe->filter, true, now);
+        gateway.on_subscribe_result(subscribe->filter, SubscribeAnswer::granted, now);
       if (const auto* notice = std::get_if<Notice>(&*action)) notices.push_back(notice->text);
     }
   }

@@ -195,17 +195,42 @@ TEST_F(GatewayTest, PassesTheBrokersAnswerToWhoAsked) {
   broker_comes();
   say(SubscribeRequest{Mesh::thread, "f", Qos::at_least_once});
   EXPECT_TRUE(drain<AnswerSubscribe>().empty());
-  gateway.on_subscribe_result("f", false, now);
+  gateway.on_subscribe_result("f", SubscribeAnswer::refused, now);
   const auto answers = drain<AnswerSubscribe>();
   ASSERT_EQ(answers.size(), 1u);
   EXPECT_FALSE(answers[0].granted);
   EXPECT_EQ(answers[0].mesh, Mesh::thread);
 }
 
-TEST_F(GatewayTest, AnswersWhoStillWaitsWhenTheBrokerGoes) {
+TEST_F(GatewayTest, WhoWaitsWhenTheBrokerGoesGetsItsAnswerWhenItIsBack) {
+  broker_comes();
+  say(SubscribeRequest{Mesh::thread, "f", Qos::at_least_once});
+  broker_is(false);
+  gateway.on_subscribe_result("f", SubscribeAnswer::closes_connection, now);
+  const auto answers = drain<AnswerSubscribe>();
+  ASSERT_EQ(answers.size(), 1u);
+  EXPECT_FALSE(answers[0].granted);
+}
+
+TEST_F(GatewayTest, ARefusalReachesTheMeshesThatNoLongerWaitToo) {
+  say(SubscribeRequest{Mesh::ble, "f", Qos::at_least_once});
+  say(SubscribeRequest{Mesh::thread, "f", Qos::at_least_once});
+  ASSERT_EQ(drain<AnswerSubscribe>().size(), 2u);
+  broker_comes();
+  gateway.on_subscribe_result("f", SubscribeAnswer::refused, now);
+  const auto answers = drain<AnswerSubscribe>();
+  ASSERT_EQ(answers.size(), 2u);
+  EXPECT_FALSE(answers[0].granted || answers[1].granted);
+}
+
+TEST_F(GatewayTest, AnswersWhoWaitsWhenTheBrokerStaysAway) {
   broker_comes();
   say(SubscribeRequest{Mesh::ble, "f", Qos::at_least_once});
   broker_is(false);
+  EXPECT_TRUE(drain<AnswerSubscribe>().empty());
+  now.mono += Gateway::subscribe_patience;
+  ASSERT_EQ(gateway.deadline(), now.mono);
+  gateway.on_deadline(now);
   const auto answers = drain<AnswerSubscribe>();
   ASSERT_EQ(answers.size(), 1u);
   EXPECT_TRUE(answers[0].granted);
@@ -336,7 +361,7 @@ TEST_F(GatewayTest, TakesOneCopyOfAMessageForOverlappingSubscriptions) {
   broker_comes();
   for (const char* filter : {"ntnu-slam/server/a/+", "ntnu-slam/server/a/cmd"}) {
     say(SubscribeRequest{Mesh::thread, filter, Qos::at_least_once});
-    gateway.on_subscribe_result(filter, true, now);
+    gateway.on_subscribe_result(filter, SubscribeAnswer::granted, now);
   }
   const auto subscriptions = drain<SubscribeAtBroker>();
   ASSERT_EQ(subscriptions.size(), 2u);

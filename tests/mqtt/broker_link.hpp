@@ -35,8 +35,9 @@ struct RecordingListener final : UpstreamListener {
   void on_publish_refused(std::uint64_t sequence, const Refusal& refusal) override {
     refused[sequence] = refusal;
   }
-  void on_subscribe_result(const std::string& filter, bool granted) override {
-    subscribed[filter] = granted;
+  void on_subscribe_result(const std::string& filter, SubscribeAnswer answer) override {
+    subscribed[filter] = answer == SubscribeAnswer::granted;
+    if (answer == SubscribeAnswer::closes_connection) set_aside.insert(filter);
   }
   void on_message(BrokerMessage message, std::vector<std::uint32_t> ids) override {
     messages.push_back(std::move(message));
@@ -51,6 +52,7 @@ struct RecordingListener final : UpstreamListener {
   std::set<std::uint64_t> published;
   std::map<std::uint64_t, Refusal> refused;
   std::map<std::string, bool> subscribed;
+  std::set<std::string> set_aside;  // filters at which the broker closes
   std::vector<BrokerMessage> messages;
   std::vector<std::vector<std::uint32_t>> subscriptions;  // of each message
 };

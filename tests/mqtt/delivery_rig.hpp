@@ -58,6 +58,7 @@ class DeliveryRig : private UpstreamListener {
                      {Mesh::thread, qos == Qos::at_most_once ? 0 : receipt}, now);
     });
   }
+  void subscribe(const std::string& filter) { upstream_.subscribe(filter, Qos::at_least_once, 1); }
   bool sees(const std::function<bool()>& condition,
             std::chrono::milliseconds limit = test::patience) {
     return test::eventually(io, condition, limit);
@@ -119,7 +120,7 @@ class DeliveryRig : private UpstreamListener {
       machine.on_publish_refused(sequence, refusal, now);
     });
   }
-  void on_subscribe_result(const std::string&, bool) override {}
+  void on_subscribe_result(const std::string&, SubscribeAnswer) override {}
   void on_message(BrokerMessage, std::vector<std::uint32_t>) override {}
 
   MachineDriver<Outbox> driver_;

@@ -117,6 +117,19 @@ TEST(SnGateway, R100_RefusesWithoutRoomAndWhenTheBrokerDoes) {
   EXPECT_EQ(rig.last_to(1), "SUBACK qos=0 id=0 msg=8 code=1");
 }
 
+TEST(SnGateway, R100_ARefusalThatComesLateEndsTheSubscriptionAndIsToldAtTheNextRequest) {
+  SnRig rig;
+  rig.connect(1, "r1");
+  rig.subscribe(1, "a/x");
+  rig.subscribe_result("a/x", false);  // granted while the broker was away
+  rig.broker("a/x");
+  EXPECT_TRUE(rig.is_silent(1));
+  rig.answers_subscribes = false;
+  rig.send(1, by_name("a/x", 9));
+  rig.subscribe_result("a/x", false);
+  EXPECT_EQ(rig.last_to(1), "SUBACK qos=0 id=0 msg=9 code=3");
+}
+
 TEST(SnGateway, R101_EndsASubscriptionWithItsLastClient) {
   SnRig rig;
   for (unsigned n = 1; n <= 3; ++n) {

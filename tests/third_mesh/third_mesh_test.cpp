@@ -128,7 +128,7 @@ class ThirdMesh : public testing::Test, private MeshListener {
                           },
                           [&](SubscribeAtBroker& it) {
                             driver.input([&](Gateway& g, const Now& now) {
-                              g.on_subscribe_result(it.filter, true, now);
+                              g.on_subscribe_result(it.filter, SubscribeAnswer::granted, now);
                             });
                           },
                           [&](DeliverToMeshes& it) {

@@ -64,6 +64,7 @@ std::vector<ClientSession*> Subscriptions::on_subscribe_result(const std::string
     answers_.release(*session, waiting.ticket, waiting.answer);
     answered.push_back(session.get());
   }
+  if (!granted) drop_everywhere(filter, now);
   return answered;
 }
 
@@ -110,6 +111,13 @@ void Subscriptions::drop(ClientSession& session, const std::string& filter, Time
   session.subscriptions.erase(filter);
   context_.set_dirty(session);
   unsubscribe_unwanted(filter, now);
+}
+
+/// The broker has refused what was granted while it was away.
+void Subscriptions::drop_everywhere(const std::string& filter, TimePoint now) {
+  const std::vector<Match>* const subscribers = subscribers_.find(filter);
+  if (!subscribers) return;
+  for (const Match& match : std::vector<Match>(*subscribers)) drop(*match.session, filter, now);
 }
 
 void Subscriptions::add_subscriber(const std::string& filter, ClientSession& session,

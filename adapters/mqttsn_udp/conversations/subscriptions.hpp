@@ -74,6 +74,7 @@ class Subscriptions {
                      const std::string& filter, TimePoint now) const;
   void ask_broker(ClientSession& session, const std::string& filter, Qos qos, Suback answer,
                   TimePoint now);
+  void drop_everywhere(const std::string& filter, TimePoint now);
   void add_subscriber(const std::string& filter, ClientSession& session,
                       Subscription& subscription);
   void remove_subscriber(const std::string& filter, ClientSession& session);

@@ -29,6 +29,8 @@ constexpr std::chrono::seconds shortest_keep_alive{5};
 constexpr int first_reason = 0x80;
 /// One call reads all that answers our own packets, and at least this many.
 constexpr int packets_at_once = 1;
+/// No packet id: the library refuses the filter itself.
+constexpr int not_sent = 0;
 /// Not a port: see start_client().
 constexpr int no_port = -1;
 
@@ -282,7 +284,12 @@ void MosquittoLink::subscribe(std::string filter, Qos qos, std::uint32_t id) {
   const int result = mosquitto_subscribe_v5(client_.get(), &packet_id, filter.c_str(),
                                             static_cast<int>(qos), 0, properties);
   mosquitto_property_free_all(&properties);
-  if (result == MOSQ_ERR_SUCCESS) subscribing_.emplace_back(packet_id, std::move(filter));
+  if (result == MOSQ_ERR_SUCCESS) {
+    subscribing_.emplace_back(packet_id, std::move(filter));
+  } else if (result != MOSQ_ERR_NO_CONN && result != MOSQ_ERR_NOMEM) {
+    subscribing_.emplace_back(not_sent, std::move(filter));
+    events_.push_back(Subscribed{not_sent, false});
+  }
   write_soon();
 }
 
