@@ -33,10 +33,12 @@ FleetMember::FleetMember(boost::asio::io_context& io, const Config& config, Gate
       driver_(io, ownership_, [this](fleet::OwnershipAction& action) {
         std::visit([this](auto& what) { perform(what); }, action);
       }) {
-  gateway_.share_with({[this] { return ownership_.is_shared(); },
-                       [this](const std::string& robot) {
-                         return ownership_.speaks_for(robot, read_clocks().mono);
-                       }});
+  gateway_.share_with(
+      {[this] { return ownership_.is_shared(); },
+       [this] { return !ownership_.is_alone() && upstream_.version() == MqttVersion::v3_1_1; },
+       [this](const std::string& robot) {
+         return ownership_.speaks_for(robot, read_clocks().mono);
+       }});
   meshes_.ask_where_served([this](const std::string& robot) {
     return !ownership_.speaks_for(robot, read_clocks().mono);
   });

@@ -180,6 +180,12 @@ void Gateway::on_receipt(const Receipt& receipt, ReceiptOutcome outcome, TimePoi
 
 void Gateway::handle(SubscribeRequest request, const Now&) {
   const auto& wanted = subscriptions_.add(request.mesh, request.filter, request.qos);
+  if (ownership_.hears_all_commands() && is_of_commands(request.filter)) {
+    subscriptions_.cover(request.filter);
+    actions_.push(AnswerSubscribe{request.mesh, std::move(request.filter), true});
+    return;
+  }
+  if (is_of_all_commands(request.filter) && broker_.is_up) cover_commands();
   if (!broker_.is_up) {  // taken now, subscribed as soon as the broker is there
     actions_.push(AnswerSubscribe{request.mesh, std::move(request.filter), true});
     return;
@@ -188,7 +194,32 @@ void Gateway::handle(SubscribeRequest request, const Now&) {
   actions_.push(SubscribeAtBroker{std::move(request.filter), wanted.qos, wanted.id});
 }
 
+bool Gateway::is_of_all_commands(const std::string& filter) const {
+  return filter == scheme_.command_topic("+", "+");
+}
+
+/// Of some robots' commands only.
+bool Gateway::is_of_commands(const std::string& filter) const {
+  const std::string all = scheme_.command_topic("+", "+");
+  return filter != all && filter.starts_with(std::string_view(all).substr(0, all.size() - 3));
+}
+
+/// The subscription to all commands comes or goes: robots' own ones go or come again.
+void Gateway::cover_commands() {
+  const bool hears_all = ownership_.hears_all_commands();
+  for (const std::string& filter : subscriptions_.set_cover(
+           [&](const std::string& each) { return hears_all && is_of_commands(each); })) {
+    const auto& wanted = subscriptions_.wanted().at(filter);
+    if (wanted.is_covered) {
+      actions_.push(UnsubscribeAtBroker{filter});
+    } else {
+      actions_.push(SubscribeAtBroker{filter, wanted.qos, wanted.id});
+    }
+  }
+}
+
 void Gateway::handle(UnsubscribeRequest request, const Now&) {
+  if (is_of_all_commands(request.filter) && broker_.is_up) cover_commands();
   const bool was_last = subscriptions_.remove(request.mesh, request.filter);
   if (was_last && broker_.is_up) actions_.push(UnsubscribeAtBroker{std::move(request.filter)});
 }
@@ -242,11 +273,7 @@ void Gateway::on_broker_message(BrokerMessage message,
   if (rights_.take(message, now)) return probe_rights({});
   // Retained messages come for the subscription that asked for them only.
   if (!message.retain && !subscriptions_.is_copy_to_take(message, subscriptions)) return;
-  // The last will of a connection that was cut off long ago: this gateway lives.
-  if (message.topic == scheme_.state_topic()) {
-    if (as_text(message.payload) == last_will_state && !is_stopping_) tell_state();
-    return;
-  }
+  if (message.topic == scheme_.state_topic()) return on_own_state(message);
   const auto target = scheme_.parse_command_topic(message.topic);
   if (target && ownership_.is_shared()) {
     const std::string robot(target->robot);
@@ -255,6 +282,16 @@ void Gateway::on_broker_message(BrokerMessage message,
     return;
   }
   deliver(std::move(message), now);
+}
+
+/// A last will that comes after the `online` is of a connection that was cut off long ago; one that
+/// comes before it is overwritten.
+void Gateway::on_own_state(const BrokerMessage& message) {
+  if (as_text(message.payload) != last_will_state) {
+    is_state_heard_ = true;
+  } else if (is_state_heard_ && !is_stopping_) {
+    tell_state();
+  }
 }
 
 CommandId Gateway::on_operator_command(const std::string& robot, const std::string& type,
@@ -328,6 +365,7 @@ std::optional<Mesh> Gateway::carrier_for(const std::string& robot) const {
 }
 
 void Gateway::on_broker_link(const Now& now) {
+  is_state_heard_ = false;
   rights_.on_broker_link(broker_.is_up && settings_.probes_rights);
   subscribers_wait_until_.reset();
   if (!broker_.is_up) {
@@ -335,8 +373,11 @@ void Gateway::on_broker_link(const Now& now) {
     subscribers_wait_until_ = now.mono + subscribe_patience;
     return;
   }
+  subscriptions_.set_cover([this](const std::string& filter) {
+    return ownership_.hears_all_commands() && is_of_commands(filter);
+  });
   for (const auto& [filter, wanted] : subscriptions_.wanted()) {
-    actions_.push(SubscribeAtBroker{filter, wanted.qos, wanted.id});
+    if (!wanted.is_covered) actions_.push(SubscribeAtBroker{filter, wanted.qos, wanted.id});
   }
   leftovers_.on_broker_up(now.mono);
   if (leftovers_.is_looking())

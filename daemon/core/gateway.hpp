@@ -176,7 +176,11 @@ class Gateway {
               const Now& now);
   void on_heard(const std::string& id, Robot* robot, TimePoint now);
   void announce(const std::string& id, Robot& robot, TimePoint now);
+  bool is_of_commands(const std::string& filter) const;
+  bool is_of_all_commands(const std::string& filter) const;
+  void cover_commands();
   void tell_state();
+  void on_own_state(const BrokerMessage& message);
   void publish_retained(std::string topic, std::string payload);
 
   TopicScheme scheme_;
@@ -196,6 +200,7 @@ class Gateway {
   PerMesh<LinkState> mesh_links_;
   bool is_store_full_ = false;
   bool is_stopping_ = false;
+  bool is_state_heard_ = false;  ///< the `online` of this connection has come back
   ActionQueue<GatewayAction> actions_;
 };
 

@@ -43,6 +43,25 @@ void SubscriptionTable::forget(std::map<std::string, Wanted>::iterator wanted) {
   wanted_.erase(wanted);
 }
 
+void SubscriptionTable::cover(const std::string& filter) {
+  const auto known = wanted_.find(filter);
+  if (known == wanted_.end()) return;
+  known->second.is_covered = true;
+  standing_.erase(filter);
+}
+
+std::vector<std::string> SubscriptionTable::set_cover(
+    const std::function<bool(const std::string& filter)>& is_covered) {
+  std::vector<std::string> changed;
+  for (auto& [filter, wanted] : wanted_) {
+    const bool before = std::exchange(wanted.is_covered, is_covered(filter));
+    if (before == wanted.is_covered) continue;
+    standing_.erase(filter);
+    changed.push_back(filter);
+  }
+  return changed;
+}
+
 void SubscriptionTable::await(Mesh mesh, const std::string& filter) {
   const auto known = wanted_.find(filter);
   if (known != wanted_.end()) ++known->second.waiting[mesh];
@@ -52,6 +71,7 @@ std::vector<Mesh> SubscriptionTable::on_answer(const std::string& filter, bool g
   const auto known = wanted_.find(filter);
   if (known == wanted_.end()) return {};  // not wanted any more
   std::vector<Mesh> meshes = take_waiting(known->second);
+  if (granted && known->second.is_covered) return meshes;
   if (granted) {
     standing_[filter] = {known->second.id, known->second.qos};
     return meshes;

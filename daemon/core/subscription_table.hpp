@@ -5,6 +5,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <set>
 #include <span>
@@ -32,6 +33,7 @@ class SubscriptionTable {
   struct Wanted {
     SubscriptionId id = 0;        ///< made from the filter: the same after a restart
     Qos qos = Qos::at_most_once;  ///< the highest that anybody asked for
+    bool is_covered = false;      ///< another subscription brings it: not for the broker
     PerMesh<bool> by_mesh;
     PerMesh<unsigned> waiting;  ///< answers that the mesh waits for
   };
@@ -46,6 +48,10 @@ class SubscriptionTable {
   /// The broker has answered: one mesh for each answer that was waited for. A refused filter is
   /// forgotten, and each mesh that wanted it without waiting is named too.
   std::vector<Mesh> on_answer(const std::string& filter, bool granted);
+  void cover(const std::string& filter);
+  /// Those that are covered or not from now on and were not before; neither stands at the broker.
+  std::vector<std::string> set_cover(
+      const std::function<bool(const std::string& filter)>& is_covered);
   struct Waiting {
     Mesh mesh;
     std::string filter;

@@ -26,14 +26,14 @@ constexpr milliseconds fresh{3000};
 
 void Ownership::on_gateway_state(const BrokerMessage& message, std::string_view gateway,
                                  const Now& now) {
-  if (gateway == me_) {
-    // The broker has answered this gateway's subscription; other states come at the same time.
-    if (looked_) looked_ = std::min(*looked_, now.mono + state_spread);
-    return;
-  }
   const auto json =
       nlohmann::json::parse(message.payload.begin(), message.payload.end(), nullptr, false);
   const bool is_online = json.is_object() && json.value("state", nlohmann::json{}) == "online";
+  if (gateway == me_) {
+    // The broker has answered this gateway's subscription; other states come at the same time.
+    if (is_online && looked_) looked_ = std::min(*looked_, now.mono + state_spread);
+    return;
+  }
   const std::string id(gateway);
   if (!is_online) {
     states_.erase(id);

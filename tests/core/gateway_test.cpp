@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <map>
 #include <nlohmann/json.hpp>
 
@@ -442,6 +443,46 @@ TEST_F(GatewayTest, SaysOfflineWhenItStops) {
   ASSERT_EQ(uploads.size(), 1u);
   EXPECT_EQ(as_text(uploads[0].message.payload), R"({"state":"offline"})");
   EXPECT_TRUE(uploads[0].message.retain);
+}
+
+TEST_F(GatewayTest, KeepsRobotsSubscriptionsAwayFromABrokerThatSendsAllCommandsAnyway) {
+  const std::string all = "ntnu-slam/server/+/+";
+  const std::string of_r1 = "ntnu-slam/server/r1/+";
+  bool hears_all = false;
+  OwnershipQuery ownership;
+  ownership.hears_all_commands = [&] { return hears_all; };
+  gateway.share_with(ownership);
+  broker_comes();
+  say(SubscribeRequest{Mesh::thread, of_r1, Qos::at_least_once});
+  EXPECT_EQ(drain<SubscribeAtBroker>().size(), 1u);
+
+  hears_all = true;
+  say(SubscribeRequest{Mesh::thread, all, Qos::at_least_once});
+  EXPECT_EQ(drain<UnsubscribeAtBroker>().size(), 1u) << "r1's";
+  say(SubscribeRequest{Mesh::thread, "ntnu-slam/server/r2/cmd", Qos::at_least_once});
+  const auto answers = drain<AnswerSubscribe>();
+  ASSERT_EQ(answers.size(), 1u);
+  EXPECT_TRUE(answers[0].granted);
+  broker_is(true);
+  const auto again = drain<SubscribeAtBroker>();
+  EXPECT_TRUE(std::ranges::none_of(
+      again, [](const auto& each) { return each.filter.starts_with("ntnu-slam/server/r"); }));
+
+  hears_all = false;
+  say(UnsubscribeRequest{Mesh::thread, all});
+  EXPECT_EQ(drain<SubscribeAtBroker>().size(), 2u) << "those of r1 and r2";
+}
+
+TEST_F(GatewayTest, SaysOnlineAgainWhenALastWillComesLate) {
+  const auto state = [&](const char* text) {
+    gateway.on_broker_message(
+        {"ntnu-slam/gateway/pi1/state", to_bytes(text), Qos::at_least_once, false}, {}, now);
+    return drain<Upload>().size();
+  };
+  broker_comes();
+  EXPECT_EQ(state(R"({"state":"offline"})"), 0u) << "of the connection before";
+  EXPECT_EQ(state(R"({"state":"online"})"), 0u);
+  EXPECT_EQ(state(R"({"state":"offline"})"), 1u);
 }
 
 TEST_F(GatewayTest, NeverSaysOnlineAgainAfterItHasStopped) {
