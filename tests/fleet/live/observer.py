@@ -20,10 +20,19 @@ def frame(kind, body):
 class Observer:
     def __init__(self, port, prefix, name="observer"):
         self.messages, self.retained, self.buffer, self.msg_id = [], {}, bytearray(), 0
-        self.socket = socket.create_connection(("127.0.0.1", port))
+        self.is_subscribed = False
+        self.socket = socket.create_connection(("127.0.0.1", port), timeout=10)
         self.socket.sendall(frame(0x10, text("MQTT") + b"\x04\x02\x00\x00" + text(name)))
+        if self.socket.recv(4) != b"\x20\x02\x00\x00":
+            raise OSError("the broker does not accept the observer yet")
         self.socket.sendall(frame(0x82, b"\x00\x01" + text(f"{prefix}/#") + b"\x00"))
         self.socket.setblocking(False)
+        deadline = time.monotonic() + 10
+        while not self.is_subscribed:
+            if time.monotonic() > deadline:
+                raise OSError("the broker does not answer the observer's subscription")
+            self.receive()
+            time.sleep(0.01)
 
     def publish(self, topic, payload):
         self.msg_id = self.msg_id % 65535 + 1
@@ -53,6 +62,7 @@ class Observer:
             return False
         kind, body = self.buffer[0], bytes(self.buffer[at:at + length])
         del self.buffer[:at + length]
+        self.is_subscribed = self.is_subscribed or kind >> 4 == 9
         if kind >> 4 == 3:
             size = int.from_bytes(body[:2], "big")
             topic, payload = body[2:2 + size].decode(), body[2 + size:]
