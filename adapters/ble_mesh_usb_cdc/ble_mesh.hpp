@@ -11,7 +11,7 @@
 #include <string>
 #include <utility>
 
-#include "adapters/ble_mesh_usb_cdc/mesh_machine.hpp"
+#include "adapters/ble_mesh_usb_cdc/mesh_action.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/board_link.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/provisioner.hpp"
 #include "adapters/ble_mesh_usb_cdc/robots/robot.hpp"
@@ -24,7 +24,7 @@
 
 namespace slamgw::ble {
 
-class BleMesh final : public MeshMachine {
+class BleMesh {
  public:
   /// Six times what the stock board's replay list holds; more is not a mesh this board can hear.
   static constexpr std::size_t max_robots = 256;
@@ -36,33 +36,33 @@ class BleMesh final : public MeshMachine {
   BleMesh(Settings settings, TopicScheme topics, RobotNames names,
           std::optional<NodeDatabase> database, RandomSource random, std::uint64_t seed);
 
-  void on_start() override;
-  void on_port_open(TimePoint now) override;
-  void on_port_closed(const std::string& why, TimePoint now) override;
-  void on_bytes(ByteView bytes, TimePoint now) override;
-  void on_keys(const MeshKeys& keys, TimePoint now) override;
-  void on_keys_failed(const std::string& why, TimePoint now) override;
-  void on_stored(const std::string& problem, TimePoint now) override;
-  void on_order(std::uint64_t id, MeshOrder order, TimePoint now) override;
-  void on_names(RobotNames names, TimePoint now) override;
+  void on_start();
+  void on_port_open(TimePoint now);
+  void on_port_closed(const std::string& why, TimePoint now);
+  void on_bytes(ByteView bytes, TimePoint now);
+  void on_keys(const MeshKeys& keys, TimePoint now);
+  void on_keys_failed(const std::string& why, TimePoint now);
+  void on_stored(const std::string& problem, TimePoint now);
+  void on_order(std::uint64_t id, MeshOrder order, TimePoint now);
+  void on_names(RobotNames names, TimePoint now);
 
-  void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now) override;
-  void on_broker_message(const BrokerMessage& message, CommandId command, TimePoint now) override;
-  void on_subscribe_result(const std::string& filter, bool granted, TimePoint now) override;
-  void on_broker_link(bool is_up, TimePoint now) override;
-  void on_trace(bool is_on) override { is_traced_ = is_on; }
-  void on_stop(TimePoint now) override;
+  void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now);
+  void on_broker_message(const BrokerMessage& message, CommandId command, TimePoint now);
+  void on_subscribe_result(const std::string& filter, bool granted, TimePoint now);
+  void on_broker_link(bool is_up, TimePoint now);
+  void on_trace(bool is_on) { is_traced_ = is_on; }
+  void on_stop(TimePoint now);
 
-  std::optional<MeshAction> next_action() override { return actions_.pop(); }
-  std::optional<TimePoint> deadline() const override;
-  void on_deadline(TimePoint now) override;
-  std::optional<Presence> presence_of(std::string_view robot) const override;
-  Counters counters() const override;
+  std::optional<MeshAction> next_action() { return actions_.pop(); }
+  std::optional<TimePoint> deadline() const;
+  void on_deadline(TimePoint now);
+  std::optional<Presence> presence_of(std::string_view robot) const;
+  Counters counters() const;
   const NodeDatabase* unsaved() const { return provisioner_.unsaved(); }
   /// Commands that have no outcome yet.
   std::vector<OpenCommand> open_commands() const;
   /// How many of them are for this robot.
-  std::size_t queued_for(std::string_view robot) const override;
+  std::size_t queued_for(std::string_view robot) const;
 
  private:
   struct MeshCounters {

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "adapters/ble_mesh_usb_cdc/io/ble_mesh_adapter.hpp"
+#include "adapters/ble_mesh_usb_cdc/io/cobs_adapter.hpp"
 #include "adapters/mqttsn_udp/io/mqttsn_adapter.hpp"
 
 namespace slamgw {
@@ -20,12 +21,7 @@ Meshes::Meshes(boost::asio::io_context& io, const Config& config, const TopicSch
                SessionStore& sessions, DescriptorStore& descriptors, MeshListener& listener)
     : scheme_(scheme) {
   const RobotNames names(config.robots);
-  if (config.ble_mesh.enabled) {
-    auto adapter = std::make_unique<ble::BleMeshAdapter>(io, config.ble_mesh, scheme, names,
-                                                         config.store.directory, listener);
-    ble_ = adapter.get();
-    adapters_[Mesh::ble] = std::move(adapter);
-  }
+  if (config.ble_mesh.enabled) make_ble(io, config, listener);
   if (config.mqttsn.enabled) {
     auto adapter = std::make_unique<mqttsn::MqttsnAdapter>(
         io, config.mqttsn, policy_of(config, scheme), names, listener, &sessions, &descriptors);
@@ -36,6 +32,26 @@ Meshes::Meshes(boost::asio::io_context& io, const Config& config, const TopicSch
         return mesh != Mesh::thread && presence_of(mesh, robot).has_value();
       });
     });
+  }
+}
+
+void Meshes::make_ble(boost::asio::io_context& io, const Config& config, MeshListener& listener) {
+  const RobotNames names(config.robots);
+  switch (config.ble_mesh.protocol) {
+    case ble::Protocol::nordic_serial: {
+      auto adapter = std::make_unique<ble::BleMeshAdapter>(io, config.ble_mesh, scheme_, names,
+                                                           config.store.directory, listener);
+      ble_ = adapter.get();
+      adapters_[Mesh::ble] = std::move(adapter);
+      break;
+    }
+    case ble::Protocol::cobs: {
+      auto adapter =
+          std::make_unique<ble::CobsAdapter>(io, config.ble_mesh, scheme_, names, listener);
+      cobs_ = adapter.get();
+      adapters_[Mesh::ble] = std::move(adapter);
+      break;
+    }
   }
 }
 
@@ -94,6 +110,7 @@ void Meshes::reconfigure(const Config& config, bool has_other_robots, bool has_o
   if (thread_ && (has_other_robots || has_other_topics))
     thread_->reconfigure(policy_of(config, scheme_), names);
   if (ble_ && has_other_robots) ble_->reconfigure(names);
+  if (cobs_ && has_other_robots) cobs_->reconfigure(names);
 }
 
 void Meshes::ask_where_served(std::function<bool(const std::string& robot)> served_elsewhere) {
@@ -109,6 +126,9 @@ void Meshes::take_over(const std::string& robot, ByteView session) {
 }
 
 void Meshes::manage_ble(MeshOrder order, OrderDone done) {
+  if (cobs_)
+    return done(
+        {{}, "not supported by this link: ble_mesh.protocol is \"cobs\", which has no mesh"});
   if (!ble_) return done({{}, "the BLE mesh is not enabled: set ble_mesh.enabled to true"});
   const auto* provision = std::get_if<ProvisionOrder>(&order);
   const auto* permit = std::get_if<PermitJoinOrder>(&order);

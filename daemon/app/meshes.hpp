@@ -20,7 +20,8 @@ namespace slamgw {
 
 namespace ble {
 class BleMeshAdapter;
-}
+class CobsAdapter;
+}  // namespace ble
 namespace mqttsn {
 class MqttsnAdapter;
 }
@@ -58,9 +59,12 @@ class Meshes {
   void manage_ble(MeshOrder order, OrderDone done);
 
  private:
+  void make_ble(boost::asio::io_context& io, const Config& config, MeshListener& listener);
+
   const TopicScheme scheme_;
   PerMesh<std::unique_ptr<MeshAdapter>> adapters_;
-  ble::BleMeshAdapter* ble_ = nullptr;       // of `adapters_`
+  ble::BleMeshAdapter* ble_ = nullptr;       // of `adapters_`, with protocol nordic-serial
+  ble::CobsAdapter* cobs_ = nullptr;         // of `adapters_`, with protocol cobs
   mqttsn::MqttsnAdapter* thread_ = nullptr;  // of `adapters_`
 };
 

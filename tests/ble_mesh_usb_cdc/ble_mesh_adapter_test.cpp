@@ -15,6 +15,7 @@
 #include <fstream>
 #include <functional>
 
+#include "adapters/ble_mesh_usb_cdc/io/cobs_adapter.hpp"
 #include "tests/ble_mesh_usb_cdc/event_log.hpp"
 #include "tests/ble_mesh_usb_cdc/fake_board.hpp"
 #include "tests/ble_mesh_usb_cdc/hex.hpp"
@@ -261,21 +262,23 @@ TEST_F(BleMeshAdapterTest, SaysWhenKeysCannotBeStoredAndLeavesTheBoardAlone) {
 TEST_F(BleMeshAdapterTest, HearsPositionsFromABoardThatOnlyStreams) {
   settings.protocol = Protocol::cobs;
   settings.robot_id = "nr1";
-  make_adapter();
+  CobsAdapter streams(io, settings, TopicScheme("ntnu-slam", "gw"), names, listener);
   plug();
-  adapter->start();
+  streams.start();
   ASSERT_TRUE(eventually([&] { return listener.is_up(); }));
   plugged->say(hex("00 02 0a 03 ec ff 01 00"));
   ASSERT_TRUE(eventually([&] { return !listener.all<Report>().empty(); }));
   EXPECT_EQ(listener.all<Report>()[0].topic, "ntnu-slam/robot/nr1/update");
   EXPECT_TRUE(board.commands.empty()) << "nothing is written to such a board";
+  streams.stop();
 }
 
 TEST_F(BleMeshAdapterTest, StaysOffWhenNobodySaysWhosePositionsTheyAre) {
   settings.protocol = Protocol::cobs;
-  make_adapter();
-  adapter->start();
+  CobsAdapter streams(io, settings, TopicScheme("ntnu-slam", "gw"), names, listener);
+  streams.start();
   EXPECT_TRUE(listener.has_notice("ble_mesh.robot_id"));
+  streams.stop();
 }
 
 TEST_F(BleMeshAdapterTest, StopDoesNotWaitForABoardThatTakesNoData) {

@@ -53,11 +53,6 @@ void CobsMesh::on_port_closed(const std::string& why, TimePoint) {
   emit(LinkChange{Mesh::ble, false, why});
 }
 
-void CobsMesh::on_order(std::uint64_t id, MeshOrder, TimePoint) {
-  actions_.push(OrderEnded{
-      id, {{}, "not supported by this link: ble_mesh.protocol is \"cobs\", which has no mesh"}});
-}
-
 void CobsMesh::on_names(RobotNames names, TimePoint) {
   names_ = std::move(names);
   if (settings_.cobs_content != CobsContent::lien) return;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Boards that only stream COBS frames: the thesis's positions, which carry no source and belong to
 // one configured robot, or the older robots' frames with an address (lien_frame.hpp). There is no
-// way to command a robot on such a link. Called by BleMeshAdapter.
+// way to command a robot on such a link. Called by CobsAdapter.
 #pragma once
 
 #include <cstdint>
@@ -12,7 +12,7 @@
 #include "adapters/ble_mesh_usb_cdc/cobs/cobs.hpp"
 #include "adapters/ble_mesh_usb_cdc/cobs/lien_connection.hpp"
 #include "adapters/ble_mesh_usb_cdc/cobs/lien_frame.hpp"
-#include "adapters/ble_mesh_usb_cdc/mesh_machine.hpp"
+#include "adapters/ble_mesh_usb_cdc/mesh_action.hpp"
 #include "adapters/ble_mesh_usb_cdc/settings.hpp"
 #include "daemon/core/burst.hpp"
 #include "daemon/core/robot_names.hpp"
@@ -20,34 +20,34 @@
 
 namespace slamgw::ble {
 
-class CobsMesh final : public MeshMachine {
+using CobsAction = std::variant<WriteSerial, MeshEvent>;
+
+class CobsMesh {
  public:
   /// With positions `settings.robot_id` is set.
   CobsMesh(Settings settings, TopicScheme topics, RobotNames names);
 
-  void on_start() override;
-  void on_port_open(TimePoint now) override;
-  void on_port_closed(const std::string& why, TimePoint now) override;
-  void on_bytes(ByteView bytes, TimePoint now) override;
-  void on_keys(const MeshKeys&, TimePoint) override {}  // never asked for
-  void on_keys_failed(const std::string&, TimePoint) override {}
-  void on_stored(const std::string&, TimePoint) override {}
-  void on_order(std::uint64_t id, MeshOrder order, TimePoint now) override;
+  void on_start();
+  void on_port_open(TimePoint now);
+  void on_port_closed(const std::string& why, TimePoint now);
+  void on_bytes(ByteView bytes, TimePoint now);
   /// With positions the one robot's name is a setting.
-  void on_names(RobotNames names, TimePoint now) override;
+  void on_names(RobotNames names, TimePoint now);
 
-  void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now) override;
+  void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now);
   /// Answered with the outcome "refused" when the robot is on this link.
-  void on_broker_message(const BrokerMessage& message, CommandId command, TimePoint now) override;
-  void on_subscribe_result(const std::string& filter, bool granted, TimePoint now) override;
-  void on_broker_link(bool is_up, TimePoint now) override;
-  void on_trace(bool) override {}  // nothing is sent, and acknowledging is the frame's own affair
+  void on_broker_message(const BrokerMessage& message, CommandId command, TimePoint now);
+  void on_subscribe_result(const std::string& filter, bool granted, TimePoint now);
+  void on_broker_link(bool is_up, TimePoint now);
+  void on_trace(bool) {}      // nothing is sent, and acknowledging is the frame's own affair
+  void on_stop(TimePoint) {}  // no command waits
 
-  std::optional<MeshAction> next_action() override { return actions_.pop(); }
-  std::optional<TimePoint> deadline() const override;
-  void on_deadline(TimePoint now) override;
-  std::optional<Presence> presence_of(std::string_view robot) const override;
-  Counters counters() const override;
+  std::optional<CobsAction> next_action() { return actions_.pop(); }
+  std::optional<TimePoint> deadline() const;
+  void on_deadline(TimePoint now);
+  std::optional<Presence> presence_of(std::string_view robot) const;
+  std::size_t queued_for(std::string_view) const { return 0; }
+  Counters counters() const;
 
  private:
   /// A robot. Keyed by its Lien address, of which there are 255; with positions there is one.
@@ -76,7 +76,7 @@ class CobsMesh final : public MeshMachine {
   Settings settings_;
   TopicScheme topics_;
   RobotNames names_;
-  ActionQueue<MeshAction> actions_;
+  ActionQueue<CobsAction> actions_;
   CobsSplitter splitter_;
   bool is_up_ = false;
   std::string down_reason_;

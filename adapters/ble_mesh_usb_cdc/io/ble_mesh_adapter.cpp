@@ -8,9 +8,6 @@
 #include <random>
 #include <utility>
 
-#include "adapters/ble_mesh_usb_cdc/ble_mesh.hpp"
-#include "adapters/ble_mesh_usb_cdc/cobs/cobs_mesh.hpp"
-
 namespace slamgw::ble {
 namespace {
 
@@ -39,15 +36,11 @@ void check_address(const NodeDatabase& database, std::uint16_t address, std::str
         address);
 }
 
-/// The machine for `settings.protocol`; `problem` says why it must stay off.
-std::unique_ptr<MeshMachine> make_machine(const Settings& settings, TopicScheme topics,
-                                          RobotNames names, const MeshFile& file,
-                                          std::string& problem) {
-  if (settings.protocol == Protocol::cobs) {
-    if (settings.cobs_content == CobsContent::positions && !settings.robot_id)
-      problem = "ble_mesh.robot_id is not set: positions do not say whose they are";
-    return std::make_unique<CobsMesh>(settings, std::move(topics), std::move(names));
-  }
+}  // namespace
+
+BleMeshAdapter::Made BleMeshAdapter::make(const Settings& settings, TopicScheme topics,
+                                          RobotNames names, const MeshFile& file) {
+  std::string problem;
   std::optional<NodeDatabase> database;
   if (const auto loaded = file.load(); !loaded.has_value()) {
     problem = loaded.error().why;
@@ -55,73 +48,41 @@ std::unique_ptr<MeshMachine> make_machine(const Settings& settings, TopicScheme 
     database = *loaded;
   }
   if (database) check_address(*database, settings.address, problem);
-  return std::make_unique<BleMesh>(settings, std::move(topics), std::move(names),
-                                   std::move(database), fill_random, random_seed());
+  return {std::make_unique<BleMesh>(settings, std::move(topics), std::move(names),
+                                    std::move(database), fill_random, random_seed()),
+          std::move(problem)};
 }
 
-}  // namespace
-
-BleMeshAdapter::BleMeshAdapter(asio::io_context& io, Settings settings, TopicScheme topics,
-                               RobotNames names, std::string store_directory,
+BleMeshAdapter::BleMeshAdapter(asio::io_context& io, const Settings& settings, TopicScheme topics,
+                               RobotNames names, const std::string& store_directory,
                                MeshListener& listener, OpenPort open_port)
-    : settings_(std::move(settings)),
+    : SerialShell(io, settings,
+                  make(settings, std::move(topics), std::move(names), MeshFile(store_directory)),
+                  listener, std::move(open_port)),
       file_(store_directory),
-      command_file_(store_directory),
-      listener_(listener),
-      mesh_(make_machine(settings_, std::move(topics), std::move(names), file_, problem_)),
-      robots_(dynamic_cast<const BleMesh*>(mesh_.get())),
-      driver_(io, *mesh_, [this](MeshAction& action) { perform(action); }),
-      line_(io,
-            open_port ? std::move(open_port)
-                      : [settings = settings_] { return open_serial_port(settings); },
-            {.on_open = [this] { on_port_open(); },
-             .on_bytes =
-                 [this](ByteView bytes) {
-                   driver_.input(
-                       [bytes](MeshMachine& mesh, TimePoint now) { mesh.on_bytes(bytes, now); });
-                 },
-             .on_failed = [this](const std::string& why) { on_port_failed(why); },
-             .on_open_stuck = [this](const std::string& why) { on_port_closed(why); },
-             .on_close_stuck = [this](const std::string& why) { on_close_stuck(why); }}),
-      timer_(io) {}
+      command_file_(store_directory) {}
 
 void BleMeshAdapter::start() {
-  is_stopped_ = false;
   end_interrupted_commands();
-  if (!problem_.empty()) {
-    listener_.on_mesh_event(Notice{Severity::error, problem_, {}});
-    listener_.on_mesh_event(LinkChange{Mesh::ble, false, problem_});
-    return;
-  }
-  driver_.input([](MeshMachine& mesh, TimePoint) { mesh.on_start(); });
-  open_after(Duration::zero());
+  SerialShell::start();
 }
 
 void BleMeshAdapter::stop() {
-  is_stopped_ = true;
-  driver_.stop();
-  timer_.cancel();
-  line_.stop();
+  SerialShell::stop();
   orders_.clear();
   disk_.join();
   // What changed while the last write was under way, such as the key of a robot that just joined.
-  if (const NodeDatabase* unsaved = robots_ ? robots_->unsaved() : nullptr) file_.replace(*unsaved);
-  if (robots_ != nullptr && are_commands_changed_)
-    command_file_.write(encode_open_commands(robots_->open_commands(), read_clocks()));
-}
-
-void BleMeshAdapter::reconfigure(RobotNames names) {
-  if (is_stopped_ || !problem_.empty()) return;
-  driver_.input([&](MeshMachine& mesh, TimePoint now) { mesh.on_names(std::move(names), now); });
+  if (const NodeDatabase* unsaved = machine().unsaved()) file_.replace(*unsaved);
+  if (are_commands_changed_)
+    command_file_.write(encode_open_commands(machine().open_commands(), read_clocks()));
 }
 
 void BleMeshAdapter::manage(MeshOrder order, OrderDone done) {
-  if (is_stopped_) return done({{}, "slam-gatewayd ends"});
-  if (!problem_.empty()) return done({{}, problem_});
+  if (is_stopped()) return done({{}, "slam-gatewayd ends"});
+  if (!problem().empty()) return done({{}, problem()});
   const std::uint64_t id = ++last_order_;
   orders_.emplace(id, std::move(done));
-  driver_.input(
-      [&](MeshMachine& mesh, TimePoint now) { mesh.on_order(id, std::move(order), now); });
+  input([&](BleMesh& mesh, TimePoint now) { mesh.on_order(id, std::move(order), now); });
 }
 
 void BleMeshAdapter::end_order(OrderEnded& ended) {
@@ -133,18 +94,14 @@ void BleMeshAdapter::end_order(OrderEnded& ended) {
 }
 
 void BleMeshAdapter::perform(MeshAction& action) {
-  if (is_stopped_) return;
   std::visit(overloaded{
-                 [this](WriteSerial& serial) { line_.write(serial.bytes); },
-                 [this](ReopenPort& reopen) {
-                   line_.close();
-                   open_after(reopen.after);
-                 },
+                 [this](WriteSerial& serial) { write(serial); },
+                 [this](ReopenPort& port) { reopen(port); },
                  [this](GenerateKeys&) { generate_keys(); },
                  [this](StoreMesh& mesh) { store(std::move(mesh.database)); },
                  [this](CommandsChanged&) { keep_commands(); },
                  [this](OrderEnded& ended) { end_order(ended); },
-                 [this](MeshEvent& event) { listener_.on_mesh_event(std::move(event)); },
+                 [this](MeshEvent& event) { listener().on_mesh_event(std::move(event)); },
              },
              action);
 }
@@ -159,30 +116,29 @@ void BleMeshAdapter::generate_keys() {
 void BleMeshAdapter::on_keys_stored(const std::optional<MeshKeys>& keys,
                                     const std::string& problem) {
   if (problem.empty()) {
-    listener_.on_mesh_event(
+    listener().on_mesh_event(
         Notice{Severity::notice,
                "a new BLE mesh begins: " + file_.path() +
                    " holds its keys; keep a backup, without them every robot must join anew",
                {}});
   }
-  driver_.input([&](MeshMachine& mesh, TimePoint now) {
+  input([&](BleMesh& mesh, TimePoint now) {
     problem.empty() ? mesh.on_keys(*keys, now) : mesh.on_keys_failed(problem, now);
   });
 }
 
 void BleMeshAdapter::store(NodeDatabase database) {
-  write_file(
-      [this, database = std::move(database)] { return file_.replace(database); },
-      [this](const std::string& problem) {
-        driver_.input([&](MeshMachine& mesh, TimePoint now) { mesh.on_stored(problem, now); });
-      });
+  write_file([this, database = std::move(database)] { return file_.replace(database); },
+             [this](const std::string& problem) {
+               input([&](BleMesh& mesh, TimePoint now) { mesh.on_stored(problem, now); });
+             });
 }
 
 void BleMeshAdapter::end_interrupted_commands() {
   const Now now = read_clocks();
   const auto interrupted = command_file_.load(now);
   if (!interrupted)
-    listener_.on_mesh_event(
+    listener().on_mesh_event(
         Notice{Severity::warning,
                command_file_.path() +
                    " is damaged: commands that were under way over BLE before the restart have no "
@@ -190,7 +146,7 @@ void BleMeshAdapter::end_interrupted_commands() {
                {}});
   if (interrupted && interrupted->empty()) return;
   for (const OpenCommand& command : interrupted.value_or(std::vector<OpenCommand>{}))
-    listener_.on_mesh_event(outcome_after_restart(command, now));
+    listener().on_mesh_event(outcome_after_restart(command, now));
   kept_commands_ = "unknown";
   keep_commands();
 }
@@ -198,9 +154,9 @@ void BleMeshAdapter::end_interrupted_commands() {
 /// One write at a time; what changes meanwhile is in the next one.
 void BleMeshAdapter::keep_commands() {
   are_commands_changed_ = true;
-  if (is_keeping_commands_ || robots_ == nullptr) return;
+  if (is_keeping_commands_) return;
   are_commands_changed_ = false;
-  std::string text = encode_open_commands(robots_->open_commands(), read_clocks());
+  std::string text = encode_open_commands(machine().open_commands(), read_clocks());
   if (text == kept_commands_) return;
   kept_commands_ = text;
   is_keeping_commands_ = true;
@@ -209,7 +165,7 @@ void BleMeshAdapter::keep_commands() {
                is_keeping_commands_ = false;
                const bool is_news = !problem.empty() && !is_command_problem_known_;
                is_command_problem_known_ = !problem.empty();
-               if (is_news) listener_.on_mesh_event(Notice{Severity::warning, problem, {}});
+               if (is_news) listener().on_mesh_event(Notice{Severity::warning, problem, {}});
                if (!problem.empty()) kept_commands_ = "unknown";
                if (are_commands_changed_) keep_commands();
              });
@@ -217,41 +173,11 @@ void BleMeshAdapter::keep_commands() {
 
 void BleMeshAdapter::write_file(std::function<std::string()> write,
                                 std::function<void(const std::string&)> done) {
-  asio::post(disk_, [this, write = std::move(write), done = std::move(done),
-                     loop = timer_.get_executor()] {
-    asio::post(loop, [this, problem = write(), done, alive = std::weak_ptr(alive_)] {
-      if (!alive.expired() && !is_stopped_) done(problem);
+  asio::post(disk_, [this, write = std::move(write), done = std::move(done), executor = loop()] {
+    asio::post(executor, [this, problem = write(), done, alive = std::weak_ptr(alive_)] {
+      if (!alive.expired() && !is_stopped()) done(problem);
     });
   });
-}
-
-// --- The port ------------------------------------------------------------------------------------
-
-void BleMeshAdapter::open_after(Duration delay) {
-  timer_.expires_after(delay);
-  timer_.async_wait([this](boost::system::error_code error) {
-    if (!error && !is_stopped_) line_.open();
-  });
-}
-
-void BleMeshAdapter::on_port_open() {
-  open_delay_ = first_open_delay;
-  driver_.input([](MeshMachine& mesh, TimePoint now) { mesh.on_port_open(now); });
-}
-
-void BleMeshAdapter::on_port_failed(const std::string& why) {
-  open_after(open_delay_);
-  open_delay_ = std::min(open_delay_ * 2, max_open_delay);
-  on_port_closed(why);
-}
-
-void BleMeshAdapter::on_close_stuck(const std::string& why) {
-  if (stuck_burst_.on_event(std::chrono::steady_clock::now()))
-    listener_.on_mesh_event(Notice{Severity::warning, why, {}});
-}
-
-void BleMeshAdapter::on_port_closed(const std::string& why) {
-  driver_.input([&](MeshMachine& mesh, TimePoint now) { mesh.on_port_closed(why, now); });
 }
 
 }  // namespace slamgw::ble

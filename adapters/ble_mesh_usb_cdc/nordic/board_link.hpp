@@ -11,7 +11,7 @@
 #include <string>
 #include <variant>
 
-#include "adapters/ble_mesh_usb_cdc/mesh_machine.hpp"
+#include "adapters/ble_mesh_usb_cdc/mesh_action.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/board_traffic.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/frame.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/line_health.hpp"

@@ -9,7 +9,7 @@
 #include <string>
 #include <variant>
 
-#include "adapters/ble_mesh_usb_cdc/mesh_machine.hpp"
+#include "adapters/ble_mesh_usb_cdc/mesh_action.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/board_link.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/address_plan.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/candidates.hpp"

@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: Apache-2.0
+// The I/O shell of a board that only streams COBS frames. Loop's thread only.
+#pragma once
+
+#include "adapters/ble_mesh_usb_cdc/cobs/cobs_mesh.hpp"
+#include "adapters/ble_mesh_usb_cdc/io/serial_shell.hpp"
+
+namespace slamgw::ble {
+
+class CobsAdapter final : public SerialShell<CobsMesh> {
+ public:
+  /// As BleMeshAdapter, without files.
+  CobsAdapter(boost::asio::io_context& io, const Settings& settings, TopicScheme topics,
+              RobotNames names, MeshListener& listener, OpenPort open_port = {});
+
+ private:
+  void perform(CobsAction& action) override;
+};
+
+}  // namespace slamgw::ble

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+// What BleMesh, and the parts that it is made of, ask of BleMeshAdapter.
+#pragma once
+
+#include <string>
+#include <variant>
+
+#include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
+#include "daemon/core/mesh_order.hpp"
+#include "daemon/core/messages.hpp"
+#include "daemon/core/protocol_machine.hpp"
+
+namespace slamgw::ble {
+
+/// To the port, in order.
+struct WriteSerial {
+  Bytes bytes;
+};
+/// Close the port, wait, open it again; answered by on_port_open or on_port_closed.
+struct ReopenPort {
+  Duration after{};
+};
+/// Make keys for a new mesh and store them; answered by on_keys or on_keys_failed.
+struct GenerateKeys {};
+
+/// Put the mesh's database on disk; answered by on_stored. Holds secrets.
+struct StoreMesh {
+  NodeDatabase database;
+};
+/// BleMesh::open_commands() may be other ones than before; keep them over a crash.
+struct CommandsChanged {};
+/// An operator's order has ended; once for each.
+struct OrderEnded {
+  std::uint64_t id = 0;
+  OrderAnswer answer;
+};
+
+using MeshAction = std::variant<WriteSerial, ReopenPort, GenerateKeys, StoreMesh, CommandsChanged,
+                                OrderEnded, MeshEvent>;
+
+}  // namespace slamgw::ble
