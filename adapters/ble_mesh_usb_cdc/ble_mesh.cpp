@@ -142,7 +142,7 @@ Robot* BleMesh::robot_at(std::uint16_t source, TimePoint now) {
                   {}});
     return nullptr;
   }
-  return &robots_.try_emplace(address, address, provisioner_.id_of(address), settings_.ttl)
+  return &robots_.try_emplace(address, address, provisioner_.nodes().id_of(address), settings_.ttl)
               .first->second;
 }
 

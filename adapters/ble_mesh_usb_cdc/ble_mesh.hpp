@@ -58,7 +58,10 @@ class BleMesh {
   void on_deadline(TimePoint now);
   std::optional<Presence> presence_of(std::string_view robot) const;
   Counters counters() const;
-  const NodeDatabase* unsaved() const { return provisioner_.unsaved(); }
+  const NodeDatabase* unsaved() const {
+    const NodeTable& nodes = provisioner_.nodes();
+    return nodes.ledger().is_saved() ? nullptr : nodes.database();
+  }
   /// Commands that have no outcome yet.
   std::vector<OpenCommand> open_commands() const;
   /// How many of them are for this robot.

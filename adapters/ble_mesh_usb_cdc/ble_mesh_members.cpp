@@ -42,12 +42,12 @@ void BleMesh::on_provisioner_action(ProvisionerAction action, TimePoint now) {
 }
 
 void BleMesh::follow_nodes(TimePoint now) {
-  const NodeDatabase* database = provisioner_.database();
+  const NodeDatabase* database = provisioner_.nodes().database();
   std::vector<std::uint16_t> gone;
   for (auto& [address, robot] : robots_) {
     const Node* node = database ? database->find_address(address) : nullptr;
     const bool is_node = node != nullptr && node->state != NodeState::reserved;
-    const bool is_the_same = is_node && provisioner_.id_of(address) == robot.id;
+    const bool is_the_same = is_node && provisioner_.nodes().id_of(address) == robot.id;
     if ((robot.is_node || is_node) && !is_the_same) gone.push_back(address);
   }
   for (const std::uint16_t address : gone) {
@@ -62,7 +62,7 @@ void BleMesh::follow_nodes(TimePoint now) {
 }
 
 void BleMesh::add_node(const Node& node) {
-  const std::string id = provisioner_.id_of(node.address);
+  const std::string id = provisioner_.nodes().id_of(node.address);
   const auto [entry, is_new] = robots_.try_emplace(node.address, node.address, id, settings_.ttl);
   Robot& robot = entry->second;
   robot.is_node = true;
@@ -90,7 +90,7 @@ void BleMesh::on_names(RobotNames names, TimePoint now) {
   provisioner_.on_names(names_);
   std::vector<Robot*> renamed;
   for (auto& [address, robot] : robots_)
-    if (provisioner_.id_of(address) != robot.id) renamed.push_back(&robot);
+    if (provisioner_.nodes().id_of(address) != robot.id) renamed.push_back(&robot);
   // All go before any comes: two may have changed their names with each other.
   for (Robot* robot : renamed) leave_name(*robot, "the robot is called otherwise by now", now);
   for (Robot* robot : renamed) {
@@ -98,7 +98,7 @@ void BleMesh::on_names(RobotNames names, TimePoint now) {
     if (was_only_configured) {
       robots_.erase(std::uint16_t{robot->address});
     } else {
-      take_name(*robot, provisioner_.id_of(robot->address));
+      take_name(*robot, provisioner_.nodes().id_of(robot->address));
     }
   }
   add_configured();
@@ -120,7 +120,7 @@ void BleMesh::take_name(Robot& robot, std::string id) {
 }
 
 std::uint16_t BleMesh::primary_of(std::uint16_t address) const {
-  const NodeDatabase* database = provisioner_.database();
+  const NodeDatabase* database = provisioner_.nodes().database();
   const Node* node = database ? database->find_address(address) : nullptr;
   return node && node->state != NodeState::reserved ? node->address : address;
 }

@@ -26,7 +26,7 @@ TEST(Provisioning, TakesTenRobotsInAndConfiguresThem) {
     EXPECT_EQ(rig.board.devices.at(address)->app_key, Bytes(16, 0x22));
   }
   EXPECT_TRUE(rig.board.devices.device_keys.empty()) << "they are not left on the board";
-  EXPECT_LE(rig.board.devices.most_device_keys, Provisioner::max_conversations);
+  EXPECT_LE(rig.board.devices.most_device_keys, NodeConversations::max_conversations);
   EXPECT_TRUE(rig.board.devices.is_scanning) << "for those that come later";
 }
 

@@ -272,7 +272,7 @@ TEST(ReconfigurationOfMany, IsNotHeldUpByRobotsThatAreSwitchedOff) {
   next.add(21);
   next.pass(25s);
   EXPECT_TRUE(next.has_notice("ble-0114 is configured"));
-  EXPECT_LE(next.board.devices.most_device_keys, Provisioner::max_conversations);
+  EXPECT_LE(next.board.devices.most_device_keys, NodeConversations::max_conversations);
   for (FakeDevice& device : next.board.devices.devices) device.deaf_to.clear();
   for (std::uint16_t address = 0x0100; address < 0x0113; ++address)
     next.hear(address, "04 00 59 00");

@@ -2,6 +2,7 @@
 // Two gateways, each with its own board, in one mesh: the first exports, the second imports.
 #include <gtest/gtest.h>
 
+#include "adapters/ble_mesh_usb_cdc/provisioning/address_plan.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/mesh_json.hpp"
 #include "tests/ble_mesh_usb_cdc/provisioning_rig.hpp"
 

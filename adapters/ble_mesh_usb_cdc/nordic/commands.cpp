@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "adapters/ble_mesh_usb_cdc/nordic/commands.hpp"
 
+#include <charconv>
+#include <string>
+
 #include "adapters/ble_mesh_usb_cdc/nordic/frame.hpp"
 
 namespace slamgw::ble {
@@ -60,6 +63,19 @@ Bytes encode_packet_send(const PacketSend& packet, SerialVersion version) {
   if (version >= SerialVersion::sdk_2_0) params.write_u8(0);  // 32-bit TransMIC
   if (version >= SerialVersion::sdk_3_0) params.write_u8(0);  // master credentials, not friendship
   return encode(CommandOpcode::packet_send, params.write(packet.payload).bytes());
+}
+
+std::optional<Uuid> parse_uuid(std::string_view text) {
+  std::string digits(text);
+  std::erase(digits, '-');
+  Uuid uuid{};
+  if (digits.size() != uuid.size() * 2) return std::nullopt;
+  for (std::size_t i = 0; i < uuid.size(); ++i) {
+    const char* const first = digits.data() + 2 * i;
+    const auto [end, error] = std::from_chars(first, first + 2, uuid[i], 16);
+    if (error != std::errc{} || end != first + 2) return std::nullopt;
+  }
+  return uuid;
 }
 
 }  // namespace slamgw::ble

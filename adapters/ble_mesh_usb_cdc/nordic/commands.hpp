@@ -6,6 +6,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <string_view>
 
 #include "daemon/core/bytes.hpp"
@@ -49,6 +50,8 @@ enum class CommandOpcode : std::uint8_t {
 using Key = std::array<std::uint8_t, 16>;
 /// Of a device, most significant octet first.
 using Uuid = std::array<std::uint8_t, 16>;
+/// 32 hex digits, hyphens allowed.
+std::optional<Uuid> parse_uuid(std::string_view text);
 
 /// The secrets of one mesh. Never printed, never in a Notice.
 struct MeshKeys {

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Devices become nodes: who is next, which address it gets, and what comes of it.
+#include "adapters/ble_mesh_usb_cdc/provisioning/admission.hpp"
+
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <utility>
 
-#include "adapters/ble_mesh_usb_cdc/provisioning/provisioner.hpp"
+#include "adapters/ble_mesh_usb_cdc/provisioning/address_plan.hpp"
 
 namespace slamgw::ble {
 namespace {
@@ -19,228 +21,259 @@ bool has_prefix(const Uuid& uuid, std::string_view prefix) {
 
 }  // namespace
 
-bool Provisioner::is_wanted(const Candidate& candidate, TimePoint now) const {
-  const bool may_join = (settings_.provisioning.enabled || permit_.is_open()) && !is_guest();
-  if (!may_join || database()->was_removed(candidate.uuid)) return false;
-  if (permit_.is_open() && !permit_.admits(candidate.uuid)) return false;
-  const Node* node = database()->find(candidate.uuid);
-  if (node != nullptr && node->state != NodeState::reserved) {
-    // It was reset by hand, unless somebody only says so in its place: the real one is still heard.
-    const auto found = upkeep_.find(node->uuid);
-    const auto is_past = [&](const std::optional<TimePoint>& when) {
-      return !when || now - *when >= reset_silence;
-    };
-    const bool is_silent = found == upkeep_.end() ||
-                           (is_past(found->second.heard_at) && is_past(found->second.joined_at));
-    return is_silent && !conversations_.contains(node->address);
-  }
-  const auto& prefixes = settings_.provisioning.uuid_prefixes;
-  return prefixes.empty() || std::ranges::any_of(prefixes, [&](const std::string& prefix) {
-           return has_prefix(candidate.uuid, prefix);
-         });
+Admission::Admission(const Settings& settings, const BoardState& board, NodeTable& nodes,
+                     OpenOrder& order, ProvisionerActions& actions, RandomSource random)
+    : settings_(settings),
+      board_(board),
+      nodes_(nodes),
+      order_(order),
+      actions_(actions),
+      random_(std::move(random)) {
+  if (settings.provisioning.static_oob) static_oob_ = parse_uuid(*settings.provisioning.static_oob);
 }
 
-void Provisioner::choose_next(TimePoint now) {
-  // Beacons come again and again: who is not due now will be looked at with the next one.
-  if (session_ || chosen_ || is_ordered(OrderKind::scan)) return;
-  if (is_ordered(OrderKind::provision)) {
+void Admission::on_event(const ProvisioningEvent& event, TimePoint now) {
+  if (const auto* beacon = std::get_if<UnprovisionedBeacon>(&event)) {
+    candidates_.on_beacon(*beacon, now);
+  } else if (session_) {
+    session_->on_event(event, now);
+  }
+}
+
+void Admission::on_command_ended(const CommandEnded& ended) {
+  if (session_) session_->on_command_ended(ended);
+}
+
+void Admission::on_link_down(TimePoint now) {
+  if (!session_) return;
+  session_->fail("the BLE link went down: " + board_.down_reason);
+  on_session_failed(now);
+}
+
+bool Admission::wants_scan() const {
+  if (session_ || chosen_) return false;
+  if (order_.is(OpenOrder::Kind::scan) || order_.is(OpenOrder::Kind::provision)) return true;
+  return is_open() && nodes_.database() != nullptr && !nodes_.is_guest();
+}
+
+// --- Who is next ---------------------------------------------------------------------------------
+
+void Admission::choose_next(const IsBusy& is_busy, TimePoint now) {
+  // Beacons come again and again: a device that is not due now is considered with its next one.
+  if (session_ || chosen_ || order_.is(OpenOrder::Kind::scan)) return;
+  if (order_.is(OpenOrder::Kind::provision)) {
     const Candidate* ordered = candidates_.find(order_->uuid, now);
     if (ordered != nullptr && reserve(*ordered, order_->robot, now))
       order_->due = now + order_time_limit;
     return;
   }
-  const Candidate* next =
-      candidates_.next([&](const Candidate& candidate) { return is_wanted(candidate, now); }, now);
+  const Candidate* next = candidates_.next(
+      [&](const Candidate& candidate) { return is_wanted(candidate, is_busy, now); }, now);
   if (next == nullptr) return;
   const Uuid uuid = next->uuid;
   if (!reserve(*next, permit_.is_open() ? permit_.robot() : std::string(), now)) return;
   permit_.on_chosen(uuid);
 }
 
-bool Provisioner::reserve(const Candidate& candidate, const std::string& name, TimePoint now) {
-  const Uuid uuid = candidate.uuid;
+bool Admission::is_wanted(const Candidate& candidate, const IsBusy& is_busy, TimePoint now) const {
+  if (!is_open() || nodes_.is_guest()) return false;
+  if (nodes_.database()->was_removed(candidate.uuid)) return false;
+  if (permit_.is_open() && !permit_.admits(candidate.uuid)) return false;
+  const Node* node = nodes_.find(candidate.uuid);
+  // It was reset by hand, unless the beacon is spoofed: then the real one is still heard.
+  if (node != nullptr && node->state != NodeState::reserved)
+    return was_silent(*node, now) && !is_busy(*node);
+  const auto& prefixes = settings_.provisioning.uuid_prefixes;
+  return prefixes.empty() || std::ranges::any_of(prefixes, [&](const std::string& prefix) {
+           return has_prefix(candidate.uuid, prefix);
+         });
+}
+
+bool Admission::was_silent(const Node& node, TimePoint now) const {
+  const auto is_past = [&](const std::optional<TimePoint>& when) {
+    return !when || now - *when >= reset_silence;
+  };
+  const NodeHistory* history = nodes_.find_history(node.uuid);
+  return history == nullptr || (is_past(history->heard_at) && is_past(history->joined_at));
+}
+
+bool Admission::reserve(const Candidate& candidate, const std::string& name, TimePoint now) {
   const auto elements = std::max<std::uint8_t>(candidate.elements, 1);
-  const bool has_room = database()->find(uuid) != nullptr || make_room();
-  const auto address = has_room ? address_for(candidate, name) : std::nullopt;
-  if (!address) {
-    const std::string why =
-        has_room ? "no unicast address is left for it"
-                 : fmt::format("the mesh has {} nodes already", NodeDatabase::max_nodes);
-    candidates_.on_failure(uuid, now);
-    say(Severity::warning, fmt::format("the device {} was not taken in: {}", to_hex(uuid), why));
-    if (is_ordered(OrderKind::provision, uuid)) refuse(why);
-    return false;
+  const bool has_room = nodes_.find(candidate.uuid) != nullptr || make_room();
+  const auto address = has_room ? nodes_.address_for(candidate.uuid, elements, name) : std::nullopt;
+  if (address) {
+    keep(candidate, *address, name);
+    return true;
   }
-  NodeDatabase& database = ledger_.change();
-  bool needs_restart = was_used_before(database, *address, elements);
-  Node* node = database.find(uuid);
+  const Uuid uuid = candidate.uuid;
+  const std::string why =
+      has_room ? "no unicast address is left for it"
+               : fmt::format("the mesh has {} nodes already", NodeDatabase::max_nodes);
+  candidates_.on_failure(uuid, now);
+  notify(Severity::warning, fmt::format("the device {} was not taken in: {}", to_hex(uuid), why));
+  if (order_.is(OpenOrder::Kind::provision, uuid)) order_.refuse(why);
+  return false;
+}
+
+/// The address is the device's from now on; it joins as soon as the disk has that.
+void Admission::keep(const Candidate& candidate, std::uint16_t address, const std::string& name) {
+  const auto elements = std::max<std::uint8_t>(candidate.elements, 1);
+  NodeDatabase& database = nodes_.ledger().change();
+  bool needs_restart = was_used_before(database, address, elements);
+  Node* node = database.find(candidate.uuid);
   if (node == nullptr) {
     node = &database.nodes.emplace_back();
-    node->uuid = uuid;
+    node->uuid = candidate.uuid;
     node->elements = elements;
   } else if (node->state != NodeState::reserved) {
-    if (node->address == *address) {
+    if (node->address == address) {
       needs_restart = true;
     } else {
       database.retire(node->address, node->elements, Uuid{});
       node->state = NodeState::reserved;
     }
   }
-  node->address = *address;
-  if (!name.empty())
+  node->address = address;
+  if (!name.empty()) {
     for (Node& other : database.nodes)  // one that did not get as far as the mesh
       if (other.state == NodeState::reserved && other.name == name) other.name.clear();
-  if (!name.empty()) node->name = name;
-  if (!name.empty()) database.forget_removed(uuid);
-  const bool is_in_order = name.empty() && configured_name(*address) == nullptr;
-  if (is_in_order && *address >= database.next_address)
-    database.next_address = static_cast<std::uint16_t>(*address + elements);
-  chosen_ = Chosen{uuid, needs_restart};
-  return true;
-}
-
-std::set<std::uint16_t> Provisioner::taken_addresses() const {
-  std::set<std::uint16_t> taken = strangers_;
-  taken.insert(settings_.address);
-  taken.insert(database()->gateways.begin(), database()->gateways.end());
-  return taken;
-}
-
-std::optional<std::uint16_t> Provisioner::address_for(const Candidate& candidate,
-                                                      const std::string& name) const {
-  const Node* node = database()->find(candidate.uuid);
-  AddressWish wish{.elements = std::max<std::uint8_t>(candidate.elements, 1),
-                   .preferred = {},
-                   .taken = taken_addresses()};
-  const auto is_free = [&](std::uint16_t address) {
-    return is_address_free(*database(), address, wish.elements, wish.taken, candidate.uuid);
-  };
-  if (const auto named = name.empty() ? std::nullopt : names_.ble_address_of(name))
-    return is_free(*named) ? named : std::nullopt;
-  // The configuration's name for an address would win over the operator's.
-  const bool may_stay =
-      node != nullptr && (name.empty() || configured_name(node->address) == nullptr);
-  if (may_stay && is_free(node->address)) return node->address;
-  for (const RobotName& configured : names_.configured()) {
-    if (!configured.ble_address) continue;
-    if (name.empty()) {
-      wish.preferred.push_back(*configured.ble_address);
-    } else {
-      wish.taken.insert(*configured.ble_address);
-    }
+    node->name = name;
+    database.forget_removed(candidate.uuid);
   }
-  return choose_address(*database(), wish);
+  const bool is_next_free = name.empty() && nodes_.configured_name(address) == nullptr;
+  if (is_next_free && address >= database.next_address)
+    database.next_address = static_cast<std::uint16_t>(address + elements);
+  chosen_ = Chosen{candidate.uuid, needs_restart};
 }
 
-bool Provisioner::make_room() {
-  const auto& nodes = database()->nodes;
+bool Admission::make_room() {
+  const auto& nodes = nodes_.database()->nodes;
   if (nodes.size() < NodeDatabase::max_nodes) return true;
   const auto unfinished = std::ranges::find(nodes, NodeState::reserved, &Node::state);
   if (unfinished == nodes.end()) return false;
-  forget(*unfinished);
+  candidates_.erase(unfinished->uuid);
+  nodes_.remove(unfinished->uuid);
   return true;
 }
 
-void Provisioner::begin_session(TimePoint now) {
-  const Node* node = database()->find(chosen_->uuid);
+// --- The session ---------------------------------------------------------------------------------
+
+void Admission::continue_session(bool is_board_free, TimePoint now) {
+  if (session_) {
+    session_->on_deadline(now);
+    if (session_->wants_addresses()) keep_addresses(now);
+    if (session_->device_key()) on_joined(now);
+    if (session_->state() == ProvisioningSession::State::succeeded) {
+      session_.reset();
+    } else if (session_->state() == ProvisioningSession::State::failed) {
+      on_session_failed(now);
+    }
+  }
+  // Not before the last answer for an earlier session is there, which could be taken for its own.
+  const bool is_ready = chosen_ && !chosen_->needs_restart && nodes_.ledger().is_saved();
+  if (!session_ && is_board_free && is_ready) begin_session(now);
+}
+
+void Admission::begin_session(TimePoint now) {
+  const Chosen chosen = *std::exchange(chosen_, std::nullopt);
+  const Node* node = nodes_.find(chosen.uuid);
   const auto pair = make_key_pair(random_);
   if (node == nullptr || !pair) {
-    if (!pair) say(Severity::error, "no randomness for the keys of a new robot");
-    candidates_.on_failure(chosen_->uuid, now);
-    if (is_ordered(OrderKind::provision, chosen_->uuid)) refuse("it can't be taken in now");
-    chosen_.reset();
+    if (!pair) notify(Severity::error, "no randomness for the keys of a new robot");
+    candidates_.on_failure(chosen.uuid, now);
+    if (order_.is(OpenOrder::Kind::provision, chosen.uuid))
+      order_.refuse("it can't be taken in now");
     return;
   }
+  const NodeDatabase& database = *nodes_.database();
   context_ = context_ == 0 ? 1 : 0;
-  is_last_context_ = chosen_->is_last_context;
-  session_.emplace(ProvisioningSession::Request{{context_, node->uuid, database()->keys.net_key,
-                                                 database()->iv_index, node->address, version_},
+  is_last_context_ = chosen.is_last_context;
+  session_.emplace(ProvisioningSession::Request{{context_, node->uuid, database.keys.net_key,
+                                                 database.iv_index, node->address, board_.version},
                                                 *pair,
                                                 static_oob_},
                    now);
-  chosen_.reset();
 }
 
-void Provisioner::keep_addresses(TimePoint now) {
-  const Node* node = database()->find(session_->uuid());
+void Admission::keep_addresses(TimePoint now) {
+  const Node* node = nodes_.find(session_->uuid());
   const std::uint8_t elements = session_->elements();
   candidates_.on_elements(session_->uuid(), elements);
   if (node == nullptr) return session_->fail("an operator has put it out");
-  if (!is_address_free(*database(), node->address, elements, taken_addresses(), node->uuid))
+  if (!is_address_free(*nodes_.database(), node->address, elements, nodes_.taken_addresses(),
+                       node->uuid))
     return session_->fail(
         fmt::format("its {} elements need as many addresses in a row, which 0x{:04x} does not "
                     "have; it gets others at the next attempt",
                     elements, node->address));
   if (node->elements != elements) {
-    NodeDatabase& database = ledger_.change();
+    NodeDatabase& database = nodes_.ledger().change();
     database.find(session_->uuid())->elements = elements;
     const std::uint32_t end = node->address + elements;
-    const bool is_in_order = node->address + 1U == database.next_address;
-    if (is_in_order) database.next_address = static_cast<std::uint16_t>(end);
+    const bool is_next_free = node->address + 1U == database.next_address;
+    if (is_next_free) database.next_address = static_cast<std::uint16_t>(end);
   }
-  if (ledger_.is_saved()) session_->on_addresses(now);
+  if (nodes_.ledger().is_saved()) session_->on_addresses(now);
 }
 
-void Provisioner::on_joined(TimePoint now) {
-  const Node* known = database()->find(session_->uuid());
+void Admission::on_joined(TimePoint now) {
+  const Node* known = nodes_.find(session_->uuid());
   const Key& device_key = *session_->device_key();
   if (known == nullptr) return;
   if (known->state != NodeState::reserved && known->device_key == device_key) return;
-  Node& node = *ledger_.change().find(session_->uuid());
+  Node& node = *nodes_.ledger().change().find(session_->uuid());
   node.device_key = device_key;
   node.state = NodeState::provisioned;
   node.ttl.reset();
   node.told.reset();
   candidates_.erase(node.uuid);
-  Upkeep& upkeep = upkeep_[node.uuid];
-  upkeep = Upkeep{};
-  upkeep.joined_at = now;
-  actions_.push(NodesChanged{});
-  const std::string id = id_of(node.address);
-  say(Severity::notice,
+  NodeHistory& history = nodes_.history(node.uuid);
+  history = NodeHistory{};
+  history.joined_at = now;
+  nodes_.announce_change();
+  const std::string id = nodes_.id_of(node.address);
+  notify(
+      Severity::notice,
       fmt::format("{} is in the mesh, at 0x{:04x}, UUID {}", id, node.address, to_hex(node.uuid)),
       id);
   permit_.on_joined(node.uuid, id);
   warn_of_replay_list(node);
 }
 
-void Provisioner::warn_of_replay_list(const Node& node) {
+void Admission::warn_of_replay_list(const Node& node) {
   std::size_t sources = 0;
-  for (const Node& each : database()->nodes)
+  for (const Node& each : nodes_.database()->nodes)
     sources += each.state == NodeState::reserved ? 0 : each.elements;
   if (sources <= replay_list_size) return;
-  const std::string id = id_of(node.address);
-  say(Severity::warning,
-      fmt::format("{} may not be heard: a stock serial board remembers {} sources, and the mesh "
-                  "has {}",
-                  id, replay_list_size, sources),
-      id);
+  const std::string id = nodes_.id_of(node.address);
+  notify(Severity::warning,
+         fmt::format("{} may not be heard: a stock serial board remembers {} sources, and the mesh "
+                     "has {}",
+                     id, replay_list_size, sources),
+         id);
 }
 
-void Provisioner::on_session_failed(TimePoint now) {
-  const Uuid uuid = session_->uuid();
-  const std::string why = session_->failure();
-  const bool has_joined = session_->device_key().has_value();
-  const bool may_try_other = session_->is_context_busy() && !is_last_context_;
-  const bool is_key_lost = session_->is_key_lost();
-  session_.reset();
-  if (has_joined) return;
-  if (may_try_other) {
+void Admission::on_session_failed(TimePoint now) {
+  const ProvisioningSession session = *std::exchange(session_, std::nullopt);
+  if (session.device_key()) return;  // it has joined all the same
+  const Uuid uuid = session.uuid();
+  if (session.is_context_busy() && !is_last_context_) {
     chosen_ = Chosen{uuid, false, true};
     return;
   }
-  permit_.on_failed(uuid, why);
+  permit_.on_failed(uuid, session.failure());
   candidates_.on_failure(uuid, now);
   const Candidate* candidate = candidates_.find(uuid, now);
   const Duration pause = pause_after(candidate ? candidate->failures : 1);
-  if (is_key_lost) candidates_.erase(uuid);  // until it is heard again
+  if (session.is_key_lost()) candidates_.erase(uuid);  // until it is heard again
   const std::string what_next =
-      is_key_lost ? std::string("reset it by hand, then it joins anew")
-                  : fmt::format("the next attempt is in {} s if it is still there",
-                                std::chrono::duration_cast<std::chrono::seconds>(pause).count());
-  say(Severity::warning,
-      fmt::format("the device {} was not taken in: {}; {}", to_hex(uuid), why, what_next));
-  if (is_ordered(OrderKind::provision, uuid)) refuse(why);
+      session.is_key_lost()
+          ? std::string("reset it by hand, then it joins anew")
+          : fmt::format("the next attempt is in {} s if it is still there",
+                        std::chrono::duration_cast<std::chrono::seconds>(pause).count());
+  notify(Severity::warning, fmt::format("the device {} was not taken in: {}; {}", to_hex(uuid),
+                                        session.failure(), what_next));
+  if (order_.is(OpenOrder::Kind::provision, uuid)) order_.refuse(session.failure());
 }
 
 }  // namespace slamgw::ble

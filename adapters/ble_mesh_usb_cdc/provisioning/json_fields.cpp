@@ -14,30 +14,19 @@ constexpr std::uint16_t first_group = 0xc000;
 constexpr std::uint16_t last_group = 0xfeff;
 constexpr std::size_t max_groups = last_group - first_group + 1;
 
-template <class T>
-bool parse_hex(std::string_view digits, T& out) {
+bool parse_address(std::string_view digits, std::uint16_t& out) {
+  if (digits.starts_with("0x")) digits.remove_prefix(2);
   const char* const end = digits.data() + digits.size();
   const auto [stop, error] = std::from_chars(digits.data(), end, out, hexadecimal);
   return error == std::errc{} && stop == end;
-}
-
-bool parse_address(std::string_view digits, std::uint16_t& out) {
-  if (digits.starts_with("0x")) digits.remove_prefix(2);
-  return parse_hex(digits, out);
 }
 
 }  // namespace
 
 std::optional<std::array<std::uint8_t, 16>> read_octets(const nlohmann::json& json,
                                                         const char* name) {
-  auto digits = read_text(json, name);
-  if (!digits) return std::nullopt;
-  std::erase(*digits, '-');
-  std::array<std::uint8_t, 16> octets{};
-  if (digits->size() != octets.size() * 2) return std::nullopt;
-  for (std::size_t i = 0; i < octets.size(); ++i)
-    if (!parse_hex(std::string_view(*digits).substr(2 * i, 2), octets[i])) return std::nullopt;
-  return octets;
+  const auto digits = read_text(json, name);
+  return digits ? parse_uuid(*digits) : std::nullopt;
 }
 
 std::optional<std::uint16_t> read_unicast(const nlohmann::json& json, const char* name) {

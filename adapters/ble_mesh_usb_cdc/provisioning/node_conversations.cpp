@@ -1,24 +1,63 @@
 // SPDX-License-Identifier: Apache-2.0
-// Nodes are told how to live in the mesh, and put out of it.
+#include "adapters/ble_mesh_usb_cdc/provisioning/node_conversations.hpp"
+
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
 #include <algorithm>
 #include <utility>
 
-#include "adapters/ble_mesh_usb_cdc/provisioning/provisioner.hpp"
-
 namespace slamgw::ble {
 
-bool Provisioner::wants_configuration(const Node& node) const {
-  if (is_guest()) return false;
-  const bool is_behind = node.state == NodeState::provisioned || is_outdated(node);
-  return is_behind && !conversations_.contains(node.address) &&
-         !(session_ && session_->uuid() == node.uuid);
+// --- Inputs --------------------------------------------------------------------------------------
+
+bool NodeConversations::on_message(const MessageReceived& message, TimePoint now) {
+  return std::ranges::any_of(conversations_,
+                             [&](auto& each) { return each.second.on_message(message, now); });
 }
 
-/// Configured otherwise than the settings say. Who was not configured by this is left alone.
-bool Provisioner::is_outdated(const Node& node) const {
+void NodeConversations::on_send_refused(std::uint16_t address, const std::string& why,
+                                        TimePoint now) {
+  const auto found = conversations_.find(address);
+  if (found != conversations_.end()) found->second.on_send_refused(why, now);
+}
+
+void NodeConversations::on_link_down() {
+  conversations_.clear();
+  sweep_.reset();
+  is_swept_ = false;
+}
+
+void NodeConversations::on_command_ended(const CommandEnded& ended, TimePoint now) {
+  if (commanded_ == 0) {
+    if (sweep_) sweep_->on_command_ended(ended);
+    return;
+  }
+  const auto found = conversations_.find(commanded_);
+  if (found != conversations_.end()) found->second.on_command_ended(ended, now);
+}
+
+std::optional<Bytes> NodeConversations::next_command() {
+  commanded_ = 0;
+  if (sweep_)
+    if (auto command = sweep_->command()) return command;
+  for (const auto& [address, conversation] : conversations_) {
+    commanded_ = address;
+    if (auto command = conversation.command()) return command;
+  }
+  return std::nullopt;
+}
+
+// --- Who is next ---------------------------------------------------------------------------------
+
+bool NodeConversations::needs_configuration(const Node& node) const {
+  if (nodes_.is_guest()) return false;
+  const bool is_behind = node.state == NodeState::provisioned || is_outdated(node);
+  return is_behind && !is_talking_with(node) && !admission_.is_joining(node.uuid);
+}
+
+/// Its configuration differs from the settings. A node that another tool configured is left alone.
+bool NodeConversations::is_outdated(const Node& node) const {
   if (node.state != NodeState::configured || !node.told) return false;
   return node.told->is_changing || node.ttl != settings_.ttl ||
          node.told->gateway_address != settings_.address ||
@@ -27,36 +66,36 @@ bool Provisioner::is_outdated(const Node& node) const {
 
 /// True when the disk has to know first: a change that breaks off half-way is not forgotten, even
 /// when the settings are changed back meanwhile.
-bool Provisioner::begin_changes() {
+bool NodeConversations::begin_changes() {
   const auto is_new = [&](const Node& node) {
     return is_outdated(node) && !node.told->is_changing;
   };
-  if (std::ranges::none_of(database()->nodes, is_new)) return false;
-  for (Node& node : ledger_.change().nodes)
+  if (std::ranges::none_of(nodes_.database()->nodes, is_new)) return false;
+  for (Node& node : nodes_.ledger().change().nodes)
     if (is_new(node)) node.told->is_changing = true;
-  actions_.push(NodesChanged{});
+  nodes_.announce_change();
   return true;
 }
 
-void Provisioner::begin_conversations(TimePoint now) {
-  if (!next_configuration() || *next_configuration() > now) return;
-  if (begin_changes()) return;
-  if (!is_swept_) {
-    if (!sweep_) sweep_.emplace();
-    if (!sweep_->is_done()) return;
-    is_swept_ = true;
-    sweep_.reset();
-  }
-  const ConfigurationSettings settings{database()->keys.app_key, settings_.address, settings_.ttl,
-                                       settings_.groups};
+/// The board's table of device keys has to be empty before the first conversation.
+bool NodeConversations::has_swept() {
+  if (is_swept_) return true;
+  if (!sweep_) sweep_.emplace();
+  if (!sweep_->is_done()) return false;
+  is_swept_ = true;
+  sweep_.reset();
+  return true;
+}
+
+void NodeConversations::begin_due(TimePoint now) {
+  if (!next_begin() || *next_begin() > now) return;
+  if (begin_changes() || !has_swept()) return;
+  const ConfigurationSettings settings{nodes_.database()->keys.app_key, settings_.address,
+                                       settings_.ttl, settings_.groups};
   const auto begin = [&](const Node& node, NodeConfiguration::Purpose purpose) {
-    conversations_.try_emplace(node.address, node, purpose, settings, subnet_handle_);
+    conversations_.try_emplace(node.address, node, purpose, settings, board_.subnet_handle);
   };
-  if (is_ordered(OrderKind::remove)) {
-    const Node* node = database()->find(order_->uuid);
-    if (node != nullptr && !conversations_.contains(node->address))
-      begin(*node, NodeConfiguration::Purpose::reset);
-  }
+  if (const Node* node = node_to_reset()) begin(*node, NodeConfiguration::Purpose::reset);
   while (conversations_.size() < max_conversations) {
     const Node* node = next_node(now);
     if (node == nullptr) return;
@@ -64,14 +103,21 @@ void Provisioner::begin_conversations(TimePoint now) {
   }
 }
 
-/// Who is there comes first, then who waits longest: those that are switched off hold up nobody.
-const Node* Provisioner::next_node(TimePoint now) {
+const Node* NodeConversations::node_to_reset() const {
+  if (!order_.is(OpenOrder::Kind::remove)) return nullptr;
+  const Node* node = nodes_.find(order_->uuid);
+  return node != nullptr && !is_talking_with(*node) ? node : nullptr;
+}
+
+/// Nodes that were heard come first, then those that wait longest: a node that is switched off
+/// holds up nobody.
+const Node* NodeConversations::next_node(TimePoint now) {
   const Node* next = nullptr;
   std::pair<bool, TimePoint> next_turn;
-  for (const Node& node : database()->nodes) {
-    const Upkeep& upkeep = upkeep_[node.uuid];
-    if (!wants_configuration(node) || upkeep.retry_at > now) continue;
-    const std::pair turn{!upkeep.heard_at && !upkeep.joined_at, upkeep.retry_at};
+  for (const Node& node : nodes_.database()->nodes) {
+    const NodeHistory& history = nodes_.history(node.uuid);
+    if (!needs_configuration(node) || history.retry_at > now) continue;
+    const std::pair turn{!history.heard_at && !history.joined_at, history.retry_at};
     if (next == nullptr || turn < next_turn) {
       next = &node;
       next_turn = turn;
@@ -80,28 +126,49 @@ const Node* Provisioner::next_node(TimePoint now) {
   return next;
 }
 
-std::optional<TimePoint> Provisioner::next_configuration() const {
-  if (!is_up_ || !database() || !ledger_.is_saved()) return std::nullopt;
+std::optional<TimePoint> NodeConversations::next_begin() const {
+  if (!board_.is_up || !nodes_.database() || !nodes_.ledger().is_saved()) return std::nullopt;
   if (conversations_.size() >= max_conversations) return std::nullopt;
-  if (chosen_ && chosen_->needs_restart) return std::nullopt;
-  if (!is_swept_ && !conversations_.empty()) return std::nullopt;
+  if (admission_.wants_restart()) return std::nullopt;
+  if (!is_swept_ && !is_idle()) return std::nullopt;
   if (sweep_ && !sweep_->is_done()) return std::nullopt;
+  if (node_to_reset() != nullptr) return TimePoint::min();
   std::optional<TimePoint> next;
-  if (is_ordered(OrderKind::remove)) {
-    const Node* node = database()->find(order_->uuid);
-    if (node != nullptr && !conversations_.contains(node->address)) next = TimePoint::min();
-  }
-  for (const Node& node : database()->nodes) {
-    if (!wants_configuration(node)) continue;
-    const auto upkeep = upkeep_.find(node.uuid);
-    next = earlier(next, upkeep == upkeep_.end() ? TimePoint::min() : upkeep->second.retry_at);
+  for (const Node& node : nodes_.database()->nodes) {
+    if (!needs_configuration(node)) continue;
+    const NodeHistory* history = nodes_.find_history(node.uuid);
+    next = earlier(next, history ? history->retry_at : TimePoint::min());
   }
   return next;
 }
 
-void Provisioner::end_conversation(NodeConfiguration conversation, TimePoint now) {
+std::optional<TimePoint> NodeConversations::deadline() const {
+  std::optional<TimePoint> next = next_begin();
+  for (const auto& [address, conversation] : conversations_)
+    next = earlier(next, conversation.deadline());
+  return next;
+}
+
+// --- What came of it -----------------------------------------------------------------------------
+
+void NodeConversations::continue_all(TimePoint now) {
+  for (auto next = conversations_.begin(); next != conversations_.end();) {
+    const auto found = next++;
+    NodeConfiguration& conversation = found->second;
+    conversation.on_deadline(now);
+    if (auto access = conversation.take_message(now))
+      actions_.push(SendUnderDeviceKey{conversation.address(), conversation.devkey_handle(),
+                                       std::move(*access)});
+    if (conversation.state() == NodeConfiguration::State::running) continue;
+    const NodeConfiguration ended = std::move(conversation);
+    conversations_.erase(found);
+    end(ended, now);
+  }
+}
+
+void NodeConversations::end(const NodeConfiguration& conversation, TimePoint now) {
   if (conversation.is_key_table_unclear()) is_swept_ = false;
-  const Node* node = database()->find_address(conversation.address());
+  const Node* node = nodes_.database()->find_address(conversation.address());
   if (node == nullptr) return;
   const bool is_done = conversation.state() == NodeConfiguration::State::succeeded;
   switch (conversation.purpose()) {
@@ -113,26 +180,26 @@ void Provisioner::end_conversation(NodeConfiguration conversation, TimePoint now
   on_not_configured(*node, conversation.problem(), now);
 }
 
-void Provisioner::on_configured(const Node& known) {
-  Node& node = *ledger_.change().find(known.uuid);
+void NodeConversations::on_configured(const Node& known) {
+  Node& node = *nodes_.ledger().change().find(known.uuid);
   const Node before = node;
   node.state = NodeState::configured;
   node.ttl = settings_.ttl;
   node.told = Told{settings_.address, settings_.groups};
-  Upkeep& upkeep = upkeep_[node.uuid];
-  upkeep.failures = 0;
-  upkeep.problem.clear();
-  actions_.push(NodesChanged{});
-  const std::string id = id_of(node.address);
+  NodeHistory& history = nodes_.history(node.uuid);
+  history.failures = 0;
+  history.problem.clear();
+  nodes_.announce_change();
+  const std::string id = nodes_.id_of(node.address);
   if (is_outdated(before))
-    return say(Severity::notice, fmt::format("{} is configured anew: {}", id, changes_from(before)),
-               id);
-  permit_.on_configured(node.uuid, id);
-  say(Severity::notice, fmt::format("{} is configured", id), id);
-  if (is_ordered(OrderKind::provision, node.uuid)) answer(node_json(node));
+    return notify(Severity::notice,
+                  fmt::format("{} is configured anew: {}", id, changes_from(before)), id);
+  admission_.permit().on_configured(node.uuid, id);
+  notify(Severity::notice, fmt::format("{} is configured", id), id);
+  if (order_.is(OpenOrder::Kind::provision, node.uuid)) order_.answer(nodes_.json(node));
 }
 
-std::string Provisioner::changes_from(const Node& before) const {
+std::string NodeConversations::changes_from(const Node& before) const {
   std::vector<std::string> changes;
   if (before.told->gateway_address != settings_.address)
     changes.push_back(fmt::format("it publishes to 0x{:04x}", settings_.address));
@@ -145,60 +212,43 @@ std::string Provisioner::changes_from(const Node& before) const {
   return fmt::format("{}", fmt::join(changes, "; "));
 }
 
-void Provisioner::on_not_configured(const Node& node, const std::string& problem, TimePoint now) {
-  Upkeep& upkeep = upkeep_[node.uuid];
-  const Duration pause = pause_after(++upkeep.failures);
-  upkeep.retry_at = now + pause;
-  upkeep.problem = problem;
-  permit_.on_failed(node.uuid, problem);
-  const std::string id = id_of(node.address);
+void NodeConversations::on_not_configured(const Node& node, const std::string& problem,
+                                          TimePoint now) {
+  NodeHistory& history = nodes_.history(node.uuid);
+  const Duration pause = pause_after(++history.failures);
+  history.retry_at = now + pause;
+  history.problem = problem;
+  admission_.permit().on_failed(node.uuid, problem);
+  const std::string id = nodes_.id_of(node.address);
   const bool has_old = node.state == NodeState::configured;
-  say(Severity::warning,
+  notify(
+      Severity::warning,
       fmt::format("{} {}: {}; the next attempt is in {} s", id,
                   has_old ? "still has its old configuration" : "is in the mesh but not configured",
                   problem, std::chrono::duration_cast<std::chrono::seconds>(pause).count()),
       id);
-  if (!has_old && is_ordered(OrderKind::provision, node.uuid)) answer(node_json(node));
+  if (!has_old && order_.is(OpenOrder::Kind::provision, node.uuid))
+    order_.answer(nodes_.json(node));
 }
 
-void Provisioner::on_reset(const Node& node, bool is_done, const std::string& problem,
-                           TimePoint now) {
-  const bool is_ordered_now = is_ordered(OrderKind::remove, node.uuid);
-  const std::string id = id_of(node.address);
-  upkeep_[node.uuid].retry_at = now;
-  if (!is_done && !(is_ordered_now && order_->is_forced)) {
-    if (is_ordered_now)
-      refuse(
+void NodeConversations::on_reset(const Node& node, bool is_done, const std::string& problem,
+                                 TimePoint now) {
+  const bool is_ordered = order_.is(OpenOrder::Kind::remove, node.uuid);
+  const std::string id = nodes_.id_of(node.address);
+  nodes_.history(node.uuid).retry_at = now;
+  if (!is_done && !(is_ordered && order_->is_forced)) {
+    if (is_ordered)
+      order_.refuse(
           fmt::format("{} is still in the mesh: {}; bring it in reach, or have it forgotten "
                       "with --force",
                       id, problem));
     return;
   }
-  const std::string json = node_json(node);
-  forget(node);
-  say(Severity::notice, fmt::format("{} was put out of the mesh", id), id);
-  if (is_ordered_now) answer(json);
-}
-
-void Provisioner::forget(const Node& node) {
-  const Uuid uuid = node.uuid;
-  ledger_.change().remove(uuid);
-  upkeep_.erase(uuid);
-  candidates_.erase(uuid);
-  actions_.push(NodesChanged{});
-}
-
-const std::string* Provisioner::configured_name(std::uint16_t address) const {
-  for (const RobotName& name : names_.configured())
-    if (name.ble_address == address) return &name.id;
-  return nullptr;
-}
-
-std::string Provisioner::id_of(std::uint16_t address) const {
-  const Node* node = database() ? database()->find_address(address) : nullptr;
-  if (node == nullptr) return names_.of_ble(address);
-  if (!node->name.empty() && configured_name(node->address) == nullptr) return node->name;
-  return names_.of_ble(node->address);
+  const std::string json = nodes_.json(node);
+  admission_.candidates().erase(node.uuid);
+  nodes_.remove(node.uuid);
+  notify(Severity::notice, fmt::format("{} was put out of the mesh", id), id);
+  if (is_ordered) order_.answer(json);
 }
 
 }  // namespace slamgw::ble

@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: Apache-2.0
+// Configures nodes and resets those that an operator removes: who is next, a few conversations at
+// once, and what came of each. Part of Provisioner.
+#pragma once
+
+#include <map>
+#include <optional>
+#include <string>
+
+#include "adapters/ble_mesh_usb_cdc/provisioning/admission.hpp"
+#include "adapters/ble_mesh_usb_cdc/provisioning/device_key_sweep.hpp"
+#include "adapters/ble_mesh_usb_cdc/provisioning/node_configuration.hpp"
+
+namespace slamgw::ble {
+
+class NodeConversations {
+ public:
+  /// The stock board sends four segmented messages at a time; one is left for commands to robots.
+  static constexpr std::size_t max_conversations = 3;
+
+  /// All of them outlive it.
+  NodeConversations(const Settings& settings, const BoardState& board, NodeTable& nodes,
+                    Admission& admission, OpenOrder& order, ProvisionerActions& actions)
+      : settings_(settings),
+        board_(board),
+        nodes_(nodes),
+        admission_(admission),
+        order_(order),
+        actions_(actions) {}
+
+  /// True when the message was an answer to a conversation, and not from a robot's own models.
+  bool on_message(const MessageReceived& message, TimePoint now);
+  void on_send_refused(std::uint16_t address, const std::string& why, TimePoint now);
+  void on_link_down();
+  /// The command that next_command gave last has ended.
+  void on_command_ended(const CommandEnded& ended, TimePoint now);
+
+  /// Carries those that are under way on.
+  void continue_all(TimePoint now);
+  void begin_due(TimePoint now);
+  /// What the board should do next, until on_command_ended.
+  std::optional<Bytes> next_command();
+  std::optional<TimePoint> deadline() const;
+
+  bool is_idle() const { return conversations_.empty(); }
+  bool is_talking_with(const Node& node) const { return conversations_.contains(node.address); }
+
+  /// The reset of a node has ended, or none is needed.
+  void on_reset(const Node& node, bool is_done, const std::string& problem, TimePoint now);
+
+ private:
+  bool needs_configuration(const Node& node) const;
+  bool is_outdated(const Node& node) const;
+  bool begin_changes();
+  bool has_swept();
+  const Node* node_to_reset() const;
+  const Node* next_node(TimePoint now);
+  std::optional<TimePoint> next_begin() const;
+  void end(const NodeConfiguration& conversation, TimePoint now);
+  void on_configured(const Node& known);
+  void on_not_configured(const Node& node, const std::string& problem, TimePoint now);
+  std::string changes_from(const Node& before) const;
+  void notify(Severity severity, std::string text, const std::string& robot) {
+    actions_.push(Notice{severity, std::move(text), robot});
+  }
+
+  const Settings& settings_;
+  const BoardState& board_;
+  NodeTable& nodes_;
+  Admission& admission_;
+  OpenOrder& order_;
+  ProvisionerActions& actions_;
+  std::map<std::uint16_t, NodeConfiguration> conversations_;  ///< by address
+  std::uint16_t commanded_ = 0;  ///< whose command the board has; 0: the sweep's
+  std::optional<DeviceKeySweep> sweep_;
+  bool is_swept_ = false;
+};
+
+}  // namespace slamgw::ble

@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: Apache-2.0
+// The nodes of the mesh: what the disk has of them (MeshLedger), what they are called, and what was
+// seen of them since the daemon started. Part of Provisioner.
+#pragma once
+
+#include <map>
+#include <optional>
+#include <set>
+#include <string>
+
+#include "adapters/ble_mesh_usb_cdc/provisioning/mesh_ledger.hpp"
+#include "adapters/ble_mesh_usb_cdc/provisioning/provisioner_action.hpp"
+#include "adapters/ble_mesh_usb_cdc/settings.hpp"
+#include "daemon/core/robot_names.hpp"
+
+namespace slamgw::ble {
+
+/// One node, since the daemon started.
+struct NodeHistory {
+  std::optional<TimePoint> heard_at;
+  std::optional<TimePoint> joined_at;
+  TimePoint retry_at = TimePoint::min();  ///< of its configuration
+  int failures = 0;                       ///< of its configuration, in a row
+  std::string problem;                    ///< why it is not configured; empty when it is
+};
+
+class NodeTable {
+ public:
+  NodeTable(const Settings& settings, RobotNames names, std::optional<NodeDatabase> database,
+            ProvisionerActions& actions)
+      : settings_(settings),
+        names_(std::move(names)),
+        ledger_(std::move(database)),
+        actions_(actions) {}
+
+  /// Nothing while the gateway has no keys of the mesh.
+  const NodeDatabase* database() const { return ledger_.database(); }
+  MeshLedger& ledger() { return ledger_; }
+  const MeshLedger& ledger() const { return ledger_; }
+  /// Another gateway takes robots in and configures them.
+  bool is_guest() const { return database() != nullptr && database()->guest_address; }
+  const Node* find(const Uuid& uuid) const { return database() ? database()->find(uuid) : nullptr; }
+
+  /// A node, or its name, is different from before.
+  void announce_change() { actions_.push(NodesChanged{}); }
+  /// It is no node any more, and is taken in again only by hand.
+  void remove(Uuid uuid);
+  /// Another mesh takes the place of this one.
+  void replace(NodeDatabase database);
+
+  void on_names(RobotNames names) { names_ = std::move(names); }
+  const RobotNames& names() const { return names_; }
+  /// What the robot with this unicast address is called.
+  std::string id_of(std::uint16_t address) const;
+  /// What the configuration calls it; null when it does not name it.
+  const std::string* configured_name(std::uint16_t address) const;
+
+  /// A message came from this unicast address.
+  void on_heard(std::uint16_t address, TimePoint now);
+  NodeHistory& history(const Uuid& uuid) { return histories_[uuid]; }
+  /// Null when nothing happened to it yet.
+  const NodeHistory* find_history(const Uuid& uuid) const;
+
+  /// Unicast addresses of others than nodes: gateways, and robots that another tool has taken in.
+  std::set<std::uint16_t> taken_addresses() const;
+  /// For a new robot, or one that was reset by hand. `name`: given by an operator; may be empty.
+  std::optional<std::uint16_t> address_for(const Uuid& uuid, std::uint8_t elements,
+                                           const std::string& name) const;
+  /// For another gateway (`ble export`).
+  std::optional<std::uint16_t> address_for_gateway() const;
+
+  /// `slam-gatewayctl ble nodes`.
+  std::string json() const;
+  std::string json(const Node& node) const;
+
+ private:
+  const Settings& settings_;
+  RobotNames names_;
+  MeshLedger ledger_;
+  ProvisionerActions& actions_;
+  std::map<Uuid, NodeHistory> histories_;
+  /// Heard, but no node: robots that another tool has taken in. At most NodeDatabase::max_nodes.
+  std::set<std::uint16_t> strangers_;
+};
+
+}  // namespace slamgw::ble

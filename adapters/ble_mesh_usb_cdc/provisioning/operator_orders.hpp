@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+// What operators order (`slam-gatewayctl ble ...`), and the answers they get: at once, or when the
+// one order that may be under way is fulfilled. No answer but that to `ble export` holds a key.
+// Part of Provisioner.
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "adapters/ble_mesh_usb_cdc/provisioning/node_conversations.hpp"
+
+namespace slamgw::ble {
+
+class OperatorOrders {
+ public:
+  static constexpr Duration scan_time = std::chrono::seconds{10};
+  /// For a device that an operator named to be heard.
+  static constexpr Duration search_time_limit = std::chrono::seconds{30};
+
+  /// All of them outlive it.
+  OperatorOrders(const Settings& settings, const BoardState& board, NodeTable& nodes,
+                 Admission& admission, NodeConversations& conversations, OpenOrder& order,
+                 ProvisionerActions& actions)
+      : settings_(settings),
+        board_(board),
+        nodes_(nodes),
+        admission_(admission),
+        conversations_(conversations),
+        order_(order),
+        actions_(actions) {}
+
+  void on_order(std::uint64_t id, const MeshOrder& order, TimePoint now);
+  void on_link_down();
+  void on_board_cleared(bool is_done, const std::string& why);
+  /// Called after the ledger; `problem` is empty when the database is on disk.
+  void on_stored(const std::string& problem);
+  void on_deadline(TimePoint now);
+
+ private:
+  void take(const ScanOrder&, TimePoint now);
+  void take(const ProvisionOrder& wanted, TimePoint now);
+  void take(const RemoveOrder& wanted, TimePoint now);
+  void take(const ImportOrder& wanted, TimePoint now);
+  void take(const ExportOrder&, TimePoint now);
+  void take(const ResetBoardOrder&, TimePoint now);
+  OrderAnswer permit_join(const PermitJoinOrder& wanted, TimePoint now);
+  std::string problem_with_permit(const PermitJoinOrder& wanted) const;
+  std::string problem_with_mesh() const;
+  std::string problem_with_name(const std::string& robot, const std::optional<Uuid>& uuid) const;
+  std::string link_is_down() const { return "the BLE link is down: " + board_.down_reason; }
+  std::string scan_json(TimePoint now) const;
+
+  const Settings& settings_;
+  const BoardState& board_;
+  NodeTable& nodes_;
+  Admission& admission_;
+  NodeConversations& conversations_;
+  OpenOrder& order_;
+  ProvisionerActions& actions_;
+};
+
+}  // namespace slamgw::ble

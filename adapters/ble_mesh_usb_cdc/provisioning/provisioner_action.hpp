@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+// What Provisioner, and the parts that it is made of, ask of BleMesh, and know of the serial board.
+#pragma once
+
+#include <string>
+#include <variant>
+
+#include "adapters/ble_mesh_usb_cdc/mesh_action.hpp"
+
+namespace slamgw::ble {
+
+/// To the board; answered by on_command_ended unless the link goes down.
+struct BoardCommand {
+  Bytes frame;
+};
+struct SendUnderDeviceKey {
+  std::uint16_t address = 0;
+  std::uint16_t devkey_handle = 0;
+  Bytes access;
+};
+/// Nodes, or their names, are different from before.
+struct NodesChanged {};
+/// The mesh has other keys than the board was started up with.
+struct UseKeys {
+  MeshKeys keys;
+};
+/// Answered by on_board_cleared.
+struct ClearBoard {};
+
+struct BoardState {
+  bool is_up = false;
+  std::string down_reason = "not started";
+  std::uint16_t subnet_handle = 0;                 ///< told when it came up last
+  SerialVersion version = SerialVersion::sdk_3_1;  ///< of its firmware
+};
+
+using ProvisionerAction = std::variant<BoardCommand, SendUnderDeviceKey, NodesChanged, UseKeys,
+                                       ClearBoard, StoreMesh, OrderEnded, Notice>;
+using ProvisionerActions = ActionQueue<ProvisionerAction>;
+
+}  // namespace slamgw::ble
