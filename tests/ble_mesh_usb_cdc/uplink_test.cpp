@@ -276,7 +276,7 @@ TEST_F(Uplink, AsksAgainForASubscriptionThatWasNotGranted) {
 
 TEST_F(Uplink, TheNumberOfRobotsIsBounded) {
   for (std::uint16_t address = 1; address <= 300; ++address) rig.hear(address, "04 00 59 00");
-  EXPECT_EQ(rig.counter("robots_online"), BleMesh::max_robots);
+  EXPECT_EQ(rig.counter("robots_online"), Robots::max_robots);
   EXPECT_TRUE(rig.has_notice("beyond the 256"));
 }
 

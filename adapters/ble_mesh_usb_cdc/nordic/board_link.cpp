@@ -254,11 +254,13 @@ void BoardLink::on_drop_counter(std::uint32_t total, TimePoint now) {
 
 // --- What is to be sent --------------------------------------------------------------------------
 
-bool BoardLink::send(Outgoing message, TimePoint now) {
-  if (!is_up_ || !traffic_.send(std::move(message))) return false;
+void BoardLink::send(Outgoing message, TimePoint now) {
+  if (!is_up_ || !traffic_.send(std::move(message))) {
+    ++counters_.sends_dropped;
+    return;
+  }
   take_traffic_actions();
   send_next(now);
-  return true;
 }
 
 bool BoardLink::command(Bytes frame, TimePoint now) {

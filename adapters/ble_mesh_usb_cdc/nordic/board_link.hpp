@@ -52,6 +52,7 @@ struct LinkCounters {
   std::uint64_t board_drops = 0;   ///< events lost inside the board (command 0x14)
   std::uint64_t sent = 0;
   std::uint64_t send_refused = 0;
+  std::uint64_t sends_dropped = 0;  ///< not taken: the link was down or the queue full
   std::uint64_t tx_complete = 0;
 };
 
@@ -81,10 +82,9 @@ class BoardLink {
   void on_keys_failed(const std::string& why, TimePoint now);
 
   bool is_up() const { return is_up_; }
-  /// False when it was not taken: the link is down or the queue full. A message that is already
-  /// waiting is not queued twice. What is longer than the firmware sends ends in
-  /// SendRefused.
-  bool send(Outgoing message, TimePoint now);
+  /// Drops it when the link is down or the queue full: senders repeat. A message that is already
+  /// waiting is not queued twice. A message longer than the firmware sends ends in SendRefused.
+  void send(Outgoing message, TimePoint now);
   /// Takes a message back if it still waits.
   void withdraw(std::uint16_t destination, const Bytes& payload) {
     traffic_.withdraw(destination, payload);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What BleMesh knows about one robot. Plain state; BleMesh holds the rules.
+// What BleMesh knows about one robot. Plain state; Robots, Uplink and Downlink hold the rules.
 #pragma once
 
 #include <array>
@@ -39,7 +39,7 @@ struct Robot {
   std::optional<std::uint16_t> appkey_handle;  ///< of its last vendor message
   std::array<Inbox, vendor_model_count> inboxes;
   CommandQueue commands;
-  /// Topics whose retained message it got since it came online; at most BleMesh::max_retained.
+  /// Topics whose retained message it got since it came online; at most Downlink::max_retained.
   std::set<std::string, std::less<>> retained_given;
   bool is_subscribed = true;  ///< false: the broker said no, to be asked again
 

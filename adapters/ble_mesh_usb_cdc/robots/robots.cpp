@@ -1,83 +1,60 @@
 // SPDX-License-Identifier: Apache-2.0
-// BleMesh's members: carries between Provisioner and the board, and keeps the robots in step with
-// the database of nodes.
-#include <algorithm>
-#include <vector>
+#include "adapters/ble_mesh_usb_cdc/robots/robots.hpp"
 
-#include "adapters/ble_mesh_usb_cdc/ble_mesh.hpp"
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "adapters/ble_mesh_usb_cdc/robots/will.hpp"
 
 namespace slamgw::ble {
+namespace {
 
-void BleMesh::on_stored(const std::string& problem, TimePoint now) {
-  provisioner_.on_stored(problem, now);
-  settle(now);
+constexpr std::chrono::seconds sign_of_life_interval{1};
+
+template <class Map>
+auto find_id(Map& robots, std::string_view id) -> decltype(&robots.begin()->second) {
+  for (auto& [address, robot] : robots)
+    if (robot.id == id) return &robot;
+  return nullptr;
 }
 
-void BleMesh::on_order(std::uint64_t id, MeshOrder order, TimePoint now) {
-  provisioner_.on_order(id, std::move(order), now);
-  settle(now);
-}
+}  // namespace
 
-void BleMesh::on_provisioner_action(ProvisionerAction action, TimePoint now) {
-  std::visit(overloaded{
-                 // Not taken means that the link has gone down; Provisioner hears of it next.
-                 [&](BoardCommand& command) { link_.command(std::move(command.frame), now); },
-                 [&](SendUnderDeviceKey& message) {
-                   if (!link_.send({message.address, message.devkey_handle,
-                                    std::move(message.access), false},
-                                   now))
-                     ++counters_.sends_dropped;  // repeated by Provisioner
-                 },
-                 [&](NodesChanged&) { follow_nodes(now); },
-                 [&](UseKeys& use) { link_.change_keys(use.keys, now); },
-                 [&](ClearBoard&) {
-                   if (!link_.clear_board(now))
-                     provisioner_.on_board_cleared(false, "the BLE link is down", now);
-                 },
-                 [&](StoreMesh& store) { actions_.push(std::move(store)); },
-                 [&](OrderEnded& ended) { actions_.push(std::move(ended)); },
-                 [&](Notice& notice) { emit(std::move(notice)); },
-             },
-             action);
-}
+// --- Who they are --------------------------------------------------------------------------------
 
-void BleMesh::follow_nodes(TimePoint now) {
-  const NodeDatabase* database = provisioner_.nodes().database();
-  std::vector<std::uint16_t> gone;
-  for (auto& [address, robot] : robots_) {
-    const Node* node = database ? database->find_address(address) : nullptr;
-    const bool is_node = node != nullptr && node->state != NodeState::reserved;
-    const bool is_the_same = is_node && provisioner_.nodes().id_of(address) == robot.id;
-    if ((robot.is_node || is_node) && !is_the_same) gone.push_back(address);
+Robot* Robots::at(std::uint16_t source, TimePoint now) {
+  const std::uint16_t address = primary_of(source);
+  if (Robot* const known = find(address)) return known;
+  if (robots_.size() >= max_robots) {
+    if (const auto count = full_throttle_.on_event(now))
+      emit(Notice{Severity::warning,
+                  fmt::format("{} message(s) from robots beyond the {} that the BLE mesh has room "
+                              "for were ignored",
+                              *count, max_robots),
+                  {}});
+    return nullptr;
   }
-  for (const std::uint16_t address : gone) {
-    take_out(robots_.at(address), now);
-    robots_.erase(address);
-  }
-  if (database == nullptr) return;
-  for (const Node& node : database->nodes) {
-    const bool has_room = robots_.contains(node.address) || robots_.size() < max_robots;
-    if (node.state != NodeState::reserved && has_room) add_node(node);
-  }
+  return &robots_.try_emplace(address, address, nodes_.id_of(address), settings_.ttl).first->second;
 }
 
-void BleMesh::add_node(const Node& node) {
-  const std::string id = provisioner_.nodes().id_of(node.address);
-  const auto [entry, is_new] = robots_.try_emplace(node.address, node.address, id, settings_.ttl);
-  Robot& robot = entry->second;
-  robot.is_node = true;
-  robot.sent_ttl = node.sent_ttl();
-  if (is_new) subscribe(robot);
+std::uint16_t Robots::primary_of(std::uint16_t address) const {
+  const NodeDatabase* database = nodes_.database();
+  const Node* node = database ? database->find_address(address) : nullptr;
+  return node && node->state != NodeState::reserved ? node->address : address;
 }
 
-void BleMesh::take_out(Robot& robot, TimePoint now) {
-  leave_name(robot, "the robot was put out of the mesh", now);
-  std::erase_if(open_receipts_,
-                [&](const auto& open) { return open.second.first == robot.address; });
+Robot* Robots::find(std::uint16_t address) {
+  const auto found = robots_.find(address);
+  return found == robots_.end() ? nullptr : &found->second;
 }
 
-void BleMesh::add_configured() {
-  for (const RobotName& name : names_.configured()) {
+Robot* Robots::find(std::string_view id) { return find_id(robots_, id); }
+
+const Robot* Robots::find(std::string_view id) const { return find_id(robots_, id); }
+
+void Robots::add_configured() {
+  for (const RobotName& name : nodes_.names().configured()) {
     if (!name.ble_address) continue;
     const auto [entry, is_new] =
         robots_.try_emplace(*name.ble_address, *name.ble_address, name.id, settings_.ttl);
@@ -85,33 +62,55 @@ void BleMesh::add_configured() {
   }
 }
 
-void BleMesh::on_names(RobotNames names, TimePoint now) {
-  names_ = std::move(names);
-  provisioner_.on_names(names_);
+void Robots::on_nodes_changed(TimePoint now) {
+  const NodeDatabase* database = nodes_.database();
+  for (auto next = robots_.begin(); next != robots_.end();) {
+    const auto entry = next++;
+    Robot& robot = entry->second;
+    const Node* node = database ? database->find_address(robot.address) : nullptr;
+    const bool is_node = node != nullptr && node->state != NodeState::reserved;
+    const bool is_the_same = is_node && nodes_.id_of(robot.address) == robot.id;
+    if ((!robot.is_node && !is_node) || is_the_same) continue;
+    leave_name(robot, "the robot was put out of the mesh", now);
+    robots_.erase(entry);
+  }
+  if (database == nullptr) return;
+  for (const Node& node : database->nodes) {
+    const bool has_room = robots_.contains(node.address) || robots_.size() < max_robots;
+    if (node.state == NodeState::reserved || !has_room) continue;
+    const auto [entry, is_new] =
+        robots_.try_emplace(node.address, node.address, nodes_.id_of(node.address), settings_.ttl);
+    Robot& robot = entry->second;
+    robot.is_node = true;
+    robot.sent_ttl = node.sent_ttl();
+    if (is_new) subscribe(robot);
+  }
+}
+
+void Robots::on_names(TimePoint now) {
   std::vector<Robot*> renamed;
   for (auto& [address, robot] : robots_)
-    if (provisioner_.nodes().id_of(address) != robot.id) renamed.push_back(&robot);
+    if (nodes_.id_of(address) != robot.id) renamed.push_back(&robot);
   // All go before any comes: two may have changed their names with each other.
-  for (Robot* robot : renamed) leave_name(*robot, "the robot is called otherwise by now", now);
+  for (Robot* robot : renamed) leave_name(*robot, "the robot was renamed", now);
   for (Robot* robot : renamed) {
     const bool was_only_configured = !robot->is_node && !robot->is_announced;
     if (was_only_configured) {
       robots_.erase(std::uint16_t{robot->address});
     } else {
-      take_name(*robot, provisioner_.nodes().id_of(robot->address));
+      take_name(*robot, nodes_.id_of(robot->address));
     }
   }
   add_configured();
-  settle(now);
 }
 
-void BleMesh::leave_name(Robot& robot, const std::string& why, TimePoint now) {
+void Robots::leave_name(Robot& robot, const std::string& why, TimePoint now) {
   if (robot.is_online) announce(robot, Presence::offline);
-  conclude(robot, robot.commands.refuse_all(why, now));
+  downlink_.refuse_all(robot, why, now);
   emit(UnsubscribeRequest{Mesh::ble, topics_.command_filter(robot.id)});
 }
 
-void BleMesh::take_name(Robot& robot, std::string id) {
+void Robots::take_name(Robot& robot, std::string id) {
   robot.id = std::move(id);
   robot.retained_given.clear();
   robot.is_subscribed = true;
@@ -119,10 +118,61 @@ void BleMesh::take_name(Robot& robot, std::string id) {
   if (robot.is_online) announce(robot, Presence::online);
 }
 
-std::uint16_t BleMesh::primary_of(std::uint16_t address) const {
-  const NodeDatabase* database = provisioner_.nodes().database();
-  const Node* node = database ? database->find_address(address) : nullptr;
-  return node && node->state != NodeState::reserved ? node->address : address;
+// --- Who is there --------------------------------------------------------------------------------
+
+std::uint64_t Robots::online() const {
+  return static_cast<std::uint64_t>(
+      std::ranges::count_if(robots_, [](const auto& entry) { return entry.second.is_online; }));
+}
+
+void Robots::on_link_up(TimePoint now) {
+  for (auto& [address, robot] : robots_) {
+    if (robot.is_online) subscribe(robot);  // for retained messages that came while it was down
+    if (robot.is_node) robot.await(now);
+  }
+}
+
+void Robots::on_heard(Robot& robot, TimePoint now) {
+  robot.last_heard = now;
+  robot.is_awaited = false;
+  if (!robot.is_online) {
+    robot.is_online = true;
+    robot.retained_given.clear();
+    announce(robot, Presence::online);
+    return subscribe(robot);  // makes the broker send what is retained for it again
+  }
+  if (now - robot.told_heard < sign_of_life_interval) return;
+  robot.told_heard = now;
+  emit(SignOfLife{Mesh::ble, robot.id});
+}
+
+void Robots::on_deadline(Robot& robot, TimePoint now) {
+  if (!robot.is_expected() || now < robot.last_heard + settings_.offline_after) return;
+  robot.is_awaited = false;
+  const bool was_online = std::exchange(robot.is_online, false);
+  announce(robot, Presence::offline);
+  if (settings_.will && was_online) emit(will_report(*settings_.will, robot.id));
+}
+
+void Robots::announce(Robot& robot, Presence presence) {
+  robot.is_announced = true;
+  emit(PresenceChange{Mesh::ble, robot.id, presence, fmt::format("0x{:04x}", robot.address)});
+}
+
+// --- Subscriptions -------------------------------------------------------------------------------
+
+void Robots::subscribe(const Robot& robot) {
+  emit(SubscribeRequest{Mesh::ble, topics_.command_filter(robot.id), Qos::at_least_once});
+}
+
+void Robots::on_subscribe_result(const std::string& filter, bool granted) {
+  for (auto& [address, robot] : robots_)
+    if (topics_.command_filter(robot.id) == filter) robot.is_subscribed = granted;
+}
+
+void Robots::on_broker_up() {
+  for (auto& [address, robot] : robots_)
+    if (!std::exchange(robot.is_subscribed, true)) subscribe(robot);
 }
 
 }  // namespace slamgw::ble

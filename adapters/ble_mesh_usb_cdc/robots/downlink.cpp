@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "adapters/ble_mesh_usb_cdc/robots/downlink.hpp"
+
+namespace slamgw::ble {
+
+void Downlink::on_command(Robot& robot, std::string_view type, const BrokerMessage& message,
+                          CommandId id, TimePoint now) {
+  if (message.retain && !may_take_retained(robot, message)) return;
+  const auto refuse = [&](std::string why) {
+    conclude(robot, {{id, std::string(type), CommandResult::refused, {}, std::move(why), {}}});
+  };
+  if (is_stopping_) return refuse(gateway_ends);
+  if (!link_.is_up()) return refuse("the BLE link is down: " + down_reason_);
+  auto command = make_command(settings_, type, message.payload, ++last_tid_);
+  if (!command.has_value()) return refuse(command.error().why);
+  command->id = id;
+  conclude(robot, robot.commands.add(std::move(*command), now));
+  actions_.push(CommandsChanged{});
+  transmit_due(robot, now);
+}
+
+bool Downlink::may_take_retained(Robot& robot, const BrokerMessage& message) const {
+  if (!robot.is_online || !link_.is_up() || robot.retained_given.size() >= max_retained)
+    return false;
+  return robot.retained_given.insert(message.topic).second;
+}
+
+void Downlink::on_status(Robot& robot, Opcode status, TimePoint now) {
+  conclude(robot, robot.commands.on_status(status, now));
+  transmit_due(robot, now);
+}
+
+void Downlink::on_deadline(Robot& robot, TimePoint now) {
+  conclude(robot, robot.commands.on_deadline(now));
+  transmit_due(robot, now);
+}
+
+void Downlink::refuse_all(Robot& robot, const std::string& why, TimePoint now) {
+  conclude(robot, robot.commands.refuse_all(why, now));
+}
+
+void Downlink::transmit_due(Robot& robot, TimePoint now) {
+  auto access = robot.commands.next_transmission(now);
+  if (!access) return;
+  actions_.push(CommandsChanged{});
+  if (is_traced_) {
+    const CommandQueue::UnderWay sent = robot.commands.under_way();
+    emit(MeshStep{.kind = MeshStep::Kind::sent,
+                  .mesh = Mesh::ble,
+                  .robot = robot.id,
+                  .topic = topics_.command_topic(robot.id, sent.command.type),
+                  .wire = {std::nullopt, sent.copies > 1},
+                  .bytes = sent.command.access.size(),
+                  .command = sent.command.id});
+  }
+  // What the link does not take is repeated by the queue.
+  link_.send({robot.address, robot.appkey_handle, std::move(*access), false}, now);
+}
+
+void Downlink::conclude(const Robot& robot, EndedCommands ended) {
+  if (!ended.empty()) actions_.push(CommandsChanged{});
+  for (EndedCommand& command : ended) {
+    ++ended_[static_cast<std::size_t>(command.result)];
+    if (!command.access.empty()) link_.withdraw(robot.address, command.access);
+    emit(CommandOutcome{Mesh::ble, command.id, robot.id, std::move(command.type), command.result,
+                        command.after, std::move(command.why)});
+  }
+}
+
+}  // namespace slamgw::ble

@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+// The way down: a command from the broker goes into its robot's queue, is sent and repeated through
+// the board, and ends in one outcome. Part of BleMesh.
+#pragma once
+
+#include <array>
+#include <string>
+#include <string_view>
+
+#include "adapters/ble_mesh_usb_cdc/mesh_action.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/board_link.hpp"
+#include "adapters/ble_mesh_usb_cdc/robots/robot.hpp"
+#include "adapters/ble_mesh_usb_cdc/settings.hpp"
+#include "daemon/core/topic_scheme.hpp"
+
+namespace slamgw::ble {
+
+class Downlink {
+ public:
+  /// Retained topics for one robot.
+  static constexpr std::size_t max_retained = 32;
+  static constexpr const char* gateway_ends = "the gateway ends";
+
+  /// All of them outlive it. `is_traced`: each transmission is told.
+  Downlink(const Settings& settings, const TopicScheme& topics, BoardLink& link,
+           ActionQueue<MeshAction>& actions, const bool& is_traced)
+      : settings_(settings),
+        topics_(topics),
+        link_(link),
+        actions_(actions),
+        is_traced_(is_traced) {}
+
+  /// A command of this type for `robot`.
+  void on_command(Robot& robot, std::string_view type, const BrokerMessage& message, CommandId id,
+                  TimePoint now);
+  /// The robot sent a STATUS.
+  void on_status(Robot& robot, Opcode status, TimePoint now);
+  void on_deadline(Robot& robot, TimePoint now);
+  void refuse_all(Robot& robot, const std::string& why, TimePoint now);
+  void on_link_down(const std::string& why) { down_reason_ = why; }
+  /// The daemon ends: no command is taken any more.
+  void on_stop() { is_stopping_ = true; }
+
+  std::uint64_t ended(CommandResult result) const {
+    return ended_[static_cast<std::size_t>(result)];
+  }
+
+ private:
+  bool may_take_retained(Robot& robot, const BrokerMessage& message) const;
+  void transmit_due(Robot& robot, TimePoint now);
+  void conclude(const Robot& robot, EndedCommands ended);
+  void emit(MeshEvent event) { actions_.push(std::move(event)); }
+
+  const Settings& settings_;
+  const TopicScheme& topics_;
+  BoardLink& link_;
+  ActionQueue<MeshAction>& actions_;
+  const bool& is_traced_;
+  std::string down_reason_ = "not started";
+  std::uint8_t last_tid_ = 0;
+  bool is_stopping_ = false;
+  std::array<std::uint64_t, command_result_count> ended_{};  ///< by CommandResult
+};
+
+}  // namespace slamgw::ble

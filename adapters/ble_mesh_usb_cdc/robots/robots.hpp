@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: Apache-2.0
+// The robots on the mesh: who they are, who is there, and which topics the broker is asked for on
+// their behalf. Part of BleMesh.
+#pragma once
+
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "adapters/ble_mesh_usb_cdc/provisioning/node_table.hpp"
+#include "adapters/ble_mesh_usb_cdc/robots/downlink.hpp"
+#include "adapters/ble_mesh_usb_cdc/robots/robot.hpp"
+#include "daemon/core/burst.hpp"
+
+namespace slamgw::ble {
+
+class Robots {
+ public:
+  /// Six times what the stock board's replay list holds; more is not a mesh this board can hear.
+  static constexpr std::size_t max_robots = 256;
+
+  /// All of them outlive it.
+  Robots(const Settings& settings, const TopicScheme& topics, const NodeTable& nodes,
+         Downlink& downlink, ActionQueue<MeshAction>& actions)
+      : settings_(settings),
+        topics_(topics),
+        nodes_(nodes),
+        downlink_(downlink),
+        actions_(actions) {}
+
+  auto begin() { return robots_.begin(); }
+  auto end() { return robots_.end(); }
+  auto begin() const { return robots_.begin(); }
+  auto end() const { return robots_.end(); }
+
+  /// The robot that has this address on any of its elements; made when it is new. Null when there
+  /// is no room for it.
+  Robot* at(std::uint16_t source, TimePoint now);
+  /// Null when there is none with this address on its first element.
+  Robot* find(std::uint16_t address);
+  Robot* find(std::string_view id);
+  const Robot* find(std::string_view id) const;
+  std::uint64_t online() const;
+
+  /// Adds those that the configuration names.
+  void add_configured();
+  /// The nodes are others than before: adds and removes robots.
+  void on_nodes_changed(TimePoint now);
+  /// The nodes have other names than before. What is owed to a renamed robot stays owed.
+  void on_names(TimePoint now);
+
+  void on_link_up(TimePoint now);
+  void on_heard(Robot& robot, TimePoint now);
+  /// Marks the robot as offline when it was silent for too long.
+  void on_deadline(Robot& robot, TimePoint now);
+  void on_subscribe_result(const std::string& filter, bool granted);
+  /// Asks again for the topics that the broker did not grant.
+  void on_broker_up();
+
+ private:
+  void leave_name(Robot& robot, const std::string& why, TimePoint now);
+  void take_name(Robot& robot, std::string id);
+  std::uint16_t primary_of(std::uint16_t address) const;
+  void announce(Robot& robot, Presence presence);
+  void subscribe(const Robot& robot);
+  void emit(MeshEvent event) { actions_.push(std::move(event)); }
+
+  const Settings& settings_;
+  const TopicScheme& topics_;
+  const NodeTable& nodes_;
+  Downlink& downlink_;
+  ActionQueue<MeshAction>& actions_;
+  std::map<std::uint16_t, Robot> robots_;
+  Burst full_throttle_;
+};
+
+}  // namespace slamgw::ble

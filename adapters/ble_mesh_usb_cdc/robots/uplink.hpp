@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: Apache-2.0
+// The way up: an access message from a robot becomes a report, and its receipt the STATUS that the
+// robot waits for. Part of BleMesh.
+#pragma once
+
+#include <optional>
+#include <string_view>
+
+#include "adapters/ble_mesh_usb_cdc/robots/robots.hpp"
+
+namespace slamgw::ble {
+
+struct UplinkCounters {
+  std::uint64_t reports = 0;
+  std::uint64_t repeats = 0;
+  std::uint64_t rejected = 0;
+  std::uint64_t unknown_opcodes = 0;
+  std::uint64_t statuses_sent = 0;
+};
+
+class Uplink {
+ public:
+  /// All of them outlive it. `is_traced`: each acknowledgement is told.
+  Uplink(const Settings& settings, const TopicScheme& topics, BoardLink& link, Robots& robots,
+         Downlink& downlink, ActionQueue<MeshAction>& actions, const bool& is_traced)
+      : settings_(settings),
+        topics_(topics),
+        link_(link),
+        robots_(robots),
+        downlink_(downlink),
+        actions_(actions),
+        is_traced_(is_traced) {}
+
+  /// A message from `robot` that no configuration of it answers to.
+  void on_message(Robot& robot, const MessageReceived& message, TimePoint now);
+  void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now);
+  /// Counts a message that cannot be used, and names the reason once in a while.
+  void reject(std::uint16_t source, std::string_view why, TimePoint now);
+
+  const UplinkCounters& counters() const { return counters_; }
+
+ private:
+  /// A message of one of the vendor models.
+  struct VendorReport {
+    Robot& robot;
+    VendorModel model;
+    const MessageReceived& message;
+    ByteView params;
+    std::optional<std::uint8_t> number = {};  ///< of its transaction
+  };
+
+  void on_vendor_message(Robot& robot, VendorMessage kind, const MessageReceived& message,
+                         ByteView params, TimePoint now);
+  void on_set(const VendorReport& set, TimePoint now);
+  SetFilter::Verdict judge(const VendorReport& set, TimePoint now) const;
+  void report(const VendorReport& what, std::uint64_t receipt_id);
+  void report_repeat(const VendorReport& set);
+  void send_status(const Robot& robot, std::uint16_t element, Bytes status, TimePoint now);
+  const std::string& type_of(VendorModel model) const;
+  void emit(MeshEvent event) { actions_.push(std::move(event)); }
+
+  const Settings& settings_;
+  const TopicScheme& topics_;
+  BoardLink& link_;
+  Robots& robots_;
+  Downlink& downlink_;
+  ActionQueue<MeshAction>& actions_;
+  const bool& is_traced_;
+  std::uint64_t last_receipt_ = 0;
+  Burst reject_throttle_;
+  UplinkCounters counters_;
+};
+
+}  // namespace slamgw::ble
