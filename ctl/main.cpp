@@ -235,7 +235,7 @@ int doctor(const Installation& installation, const HostTask& task) {
     findings = examine(gather_facts(installation, task.socket));
   } else {
     Connection connection(task.socket);
-    findings = examine_robot(task.robot, connection.ask({{"command", "robots"}}, answer_patience),
+    findings = examine_robot(task.robot, gather_robot_facts(task.robot, connection),
                              installation.parsed());
   }
   std::cout << (task.json ? slamgw::control::to_line(to_json(findings)) : to_text(findings));

@@ -235,11 +235,33 @@ std::string addresses_of(const RobotName& robot) {
   return text;
 }
 
+/// The row whose `key` is that robot; null when there is none.
+const json* row_of(const json& rows, const char* key, const std::string& robot) {
+  const auto row = std::find_if(rows.begin(), rows.end(),
+                                [&](const json& other) { return text_at(other, key) == robot; });
+  return row == rows.end() ? nullptr : &*row;
+}
+
+Finding node_finding(const json& node) {
+  const std::string state = text_at(node, "state");
+  const std::string problem = text_at(node, "problem");
+  const std::string where = "has address " + text_at(node, "address") + " in the mesh";
+  if (state == "configured" && problem.empty())
+    return {"ble: node", Health::well, where + " and is configured", {}};
+  const char* const missing = state == "configured"    ? ""
+                              : state == "provisioned" ? ", but is not configured"
+                                                       : ", but did not finish joining";
+  return {"ble: node", Health::warning, where + missing + (problem.empty() ? "" : ": " + problem),
+          fmt::format("switch it on and bring it near; if that does not help: slam-gatewayctl ble "
+                      "remove {} --force, and let it join again",
+                      text_at(node, "robot"))};
+}
+
 }  // namespace
 
 std::vector<Finding> examine(const HostFacts& facts) { return Examination(facts).run(); }
 
-std::vector<Finding> examine_robot(const std::string& robot, const json& robots,
+std::vector<Finding> examine_robot(const std::string& robot, const RobotFacts& facts,
                                    const ParseResult& configuration) {
   const auto& named = configuration.config.robots;
   const auto configured = std::find_if(named.begin(), named.end(),
@@ -247,9 +269,13 @@ std::vector<Finding> examine_robot(const std::string& robot, const json& robots,
   std::vector<Finding> findings;
   if (configured != named.end())
     findings.push_back({"configuration", Health::well, "is " + addresses_of(*configured), {}});
-  const auto row = std::find_if(robots.begin(), robots.end(),
-                                [&](const json& r) { return text_at(r, "id") == robot; });
-  if (row == robots.end()) {
+  if (const json* node = row_of(facts.nodes, "robot", robot))
+    findings.push_back(node_finding(*node));
+  if (!facts.refusal.empty())
+    findings.push_back({"thread: refused", Health::warning, facts.refusal,
+                        "journalctl -u slam-gateway ROBOT_ID=" + robot});
+  const json* const row = row_of(facts.robots, "id", robot);
+  if (row == nullptr) {
     findings.push_back(
         {"heard", Health::problem,
          fmt::format("no robot '{}' was heard since the daemon started, on either mesh", robot),

@@ -44,8 +44,14 @@ struct HostFacts {
 /// In the order of the way.
 std::vector<Finding> examine(const HostFacts& facts);
 
-/// What is known of one robot and of why it is silent; `robots` is the daemon's answer to `robots`.
-std::vector<Finding> examine_robot(const std::string& robot, const nlohmann::json& robots,
+struct RobotFacts {
+  nlohmann::json robots;  ///< the daemon's answer to `robots`
+  nlohmann::json nodes;   ///< its answer to `ble nodes`; null without a BLE mesh
+  std::string refusal;    ///< the journal's newest line on what was refused to it; may be empty
+};
+
+/// What is known of one robot, and of why it is silent.
+std::vector<Finding> examine_robot(const std::string& robot, const RobotFacts& facts,
                                    const ParseResult& configuration);
 
 nlohmann::json to_json(const std::vector<Finding>& findings);

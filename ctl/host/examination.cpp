@@ -159,4 +159,18 @@ HostFacts gather_facts(const Installation& installation, const std::string& sock
   return facts;
 }
 
+RobotFacts gather_robot_facts(const std::string& robot, Connection& daemon) {
+  RobotFacts facts;
+  facts.robots = daemon.ask({{"command", "robots"}}, answer_patience);
+  try {
+    facts.nodes = daemon.ask({{"command", "ble nodes"}}, answer_patience);
+  } catch (const Failure&) {  // without a BLE mesh there are none
+  }
+  const ProgramResult lines =
+      run_program({"journalctl", "-q", "--no-pager", "-u", "slam-gateway", "--since", "-1d", "-n",
+                   "1", "-o", "cat", "-g", "may not |refuse", "ROBOT_ID=" + robot});
+  if (lines.status == 0) facts.refusal = lines.output.substr(0, lines.output.find('\n'));
+  return facts;
+}
+
 }  // namespace slamgw::ctl

@@ -5,6 +5,7 @@
 
 #include <string>
 
+#include "ctl/connection.hpp"
 #include "ctl/host/doctor.hpp"
 #include "ctl/host/installation.hpp"
 
@@ -12,5 +13,7 @@ namespace slamgw::ctl {
 
 /// Takes up to some seconds; nothing that it does changes anything.
 HostFacts gather_facts(const Installation& installation, const std::string& socket);
+/// Asks the daemon, and the journal of the last day.
+RobotFacts gather_robot_facts(const std::string& robot, Connection& daemon);
 
 }  // namespace slamgw::ctl

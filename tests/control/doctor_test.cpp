@@ -103,26 +103,46 @@ TEST(Doctor, TakesAnyAnswerOfTheDaemon) {
     facts.status = status;
     EXPECT_FALSE(to_text(examine(facts)).empty());
   }
-  EXPECT_FALSE(examine_robot("r", json(3), {}).empty());
+  EXPECT_FALSE(examine_robot("r", {json(3), json(4), "x"}, {}).empty());
 }
 
 TEST(Doctor, TellsWhatIsKnownOfOneRobot) {
   ParseResult configuration;
   configuration.config.robots = {{"r1", 0x100, std::nullopt}};
-  const json robots = {{{"id", "r1"},
-                        {"mesh", "ble"},
-                        {"address", "0x0100"},
-                        {"state", "offline"},
-                        {"since", "2026-01-01T00:00:00Z"},
-                        {"last_seen", "2026-01-01T00:00:00Z"},
-                        {"why", "not heard for 30 s"},
-                        {"messages", 7}}};
-  const std::string text = to_text(examine_robot("r1", robots, configuration));
+  RobotFacts facts;
+  facts.robots = {{{"id", "r1"},
+                   {"mesh", "ble"},
+                   {"address", "0x0100"},
+                   {"state", "offline"},
+                   {"since", "2026-01-01T00:00:00Z"},
+                   {"last_seen", "2026-01-01T00:00:00Z"},
+                   {"why", "not heard for 30 s"},
+                   {"messages", 7}}};
+  const std::string text = to_text(examine_robot("r1", facts, configuration));
   EXPECT_NE(text.find("ble 0x0100"), text.npos);
   EXPECT_NE(text.find("offline since 2026-01-01T00:00:00Z: not heard for 30 s"), text.npos);
   EXPECT_NE(text.find("7 messages up"), text.npos);
-  const auto unknown = examine_robot("r2", robots, configuration);
+  const auto unknown = examine_robot("r2", facts, configuration);
   EXPECT_TRUE(has_problem(unknown));
+}
+
+TEST(Doctor, TellsWhyARobotNeverSpoke) {
+  RobotFacts facts;
+  facts.robots = json::array();
+  facts.nodes = {{{"robot", "r1"},
+                  {"address", "0x0100"},
+                  {"state", "provisioned"},
+                  {"problem", "it does not answer"}}};
+  facts.refusal = "[fd00::1]:9 may not connect as 'r1' (CONNACK 0x03): another robot has this name";
+  const std::string text = to_text(examine_robot("r1", facts, {}));
+  EXPECT_NE(text.find("has address 0x0100 in the mesh, but is not configured: it does not answer"),
+            text.npos)
+      << text;
+  EXPECT_NE(text.find("slam-gatewayctl ble remove r1 --force"), text.npos);
+  EXPECT_NE(text.find("thread: refused: " + facts.refusal), text.npos);
+  facts.nodes[0] = {{"robot", "r1"}, {"address", "0x0100"}, {"state", "configured"}};
+  EXPECT_NE(to_text(examine_robot("r1", facts, {})).find("0x0100 in the mesh and is configured"),
+            text.npos);
 }
 
 TEST(Report, HidesSecretsAndKeepsTheRest) {

@@ -23,7 +23,7 @@ make_guest_tree() {
     --customize-hook='printf "127.0.0.1 localhost guest\n::1 localhost\n" >"$1/etc/hosts"'
   rm -rf "$tree/root/debs"
   mkdir "$tree/root/debs"
-  cp "$work"/debs/*.deb "$tree/root/debs/"
+  cp "$work"/debs/*.deb "$work"/debs/more/*.deb "$tree/root/debs/"
   fetch_dependencies || { chroot "$tree/root" apt-get -qq update && fetch_dependencies; } ||
     die "what the packages depend on can't be fetched"
 }

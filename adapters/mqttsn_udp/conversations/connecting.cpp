@@ -210,9 +210,9 @@ void Connecting::refuse_name(const Peer& peer, const LocalAddress& local, const 
         "characters";
   if (connect.protocol != protocol_id) why = "it speaks another version of MQTT-SN than 1.2";
   refusals_.on_refusal(Count::connects_refused, connect.client_id,
-                       fmt::format("{} may not connect as '{}': {}", to_string(peer),
+                       fmt::format("{} may not connect as '{}' (CONNACK 0x03): {}", to_string(peer),
                                    connect.client_id.substr(0, limits::max_told_id), why),
-                       {}, now);
+                       is_valid_level(connect.client_id) ? connect.client_id : std::string{}, now);
   answer_refused(peer, local, ReturnCode::not_supported, now);
 }
 

@@ -5,6 +5,7 @@ import sys
 
 import broker_and_traffic
 import install_and_remove
+import page_and_experiment
 import tasks
 import trouble
 from stepping import run_steps
@@ -24,6 +25,7 @@ STEPS = [
     trouble.restarts_refuse_no_message,
     trouble.watchdog_restarts_a_stopped_daemon,
     *tasks.STEPS,
+    *page_and_experiment.STEPS,
     install_and_remove.upgrade_keeps_what_is_undelivered,
     install_and_remove.remove_keeps_the_state,
     install_and_remove.purge_takes_everything,
