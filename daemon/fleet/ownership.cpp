@@ -27,7 +27,6 @@ constexpr milliseconds sign_patience{500};
 constexpr milliseconds look_interval{50};
 constexpr milliseconds listening{1000};
 constexpr milliseconds longest_joining{3000};
-constexpr milliseconds objection_interval{1000};
 constexpr std::chrono::seconds asleep_after{60};
 constexpr std::size_t max_heard = 20'000;        // as RobotRegistry
 constexpr std::size_t max_wills = 16;            // of one robot

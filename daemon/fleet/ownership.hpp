@@ -143,6 +143,8 @@ class Ownership {
   Life life() const { return life_; }
 
  private:
+  static constexpr std::chrono::milliseconds objection_interval{1000};
+
   /// A robot that this gateway has claimed and does not own yet.
   struct Claiming {
     std::string former;    ///< who is asked to make way

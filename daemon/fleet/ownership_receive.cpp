@@ -18,7 +18,6 @@ constexpr milliseconds ask_interval{2000};
 constexpr milliseconds table_interval{20};
 /// Retained states that answer one subscription come within this time of each other.
 constexpr milliseconds state_spread{200};
-constexpr milliseconds objection_interval{1000};
 /// A robot that was heard so lately may be claimed once more when a greater claim turns up.
 constexpr milliseconds fresh{3000};
 

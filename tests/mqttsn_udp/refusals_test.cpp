@@ -38,8 +38,9 @@ TEST(SnGateway, TellsARefusedClientIdOnce) {
     rig.send(3, Connect{false, true, 2, 60, "r3"});
   }
   ASSERT_EQ(rig.notices.size(), 3U);
-  EXPECT_NE(rig.notices[0].text.find("[fd00::1]:47193 may not connect as 'no/level' (CONNACK 0x03)"),
-            std::string::npos);
+  EXPECT_NE(
+      rig.notices[0].text.find("[fd00::1]:47193 may not connect as 'no/level' (CONNACK 0x03)"),
+      std::string::npos);
   EXPECT_NE(rig.notices[1].text.find("another robot has this name"), std::string::npos);
   EXPECT_NE(rig.notices[2].text.find("another version"), std::string::npos);
   EXPECT_EQ(rig.counter("connects_refused"), 9U);

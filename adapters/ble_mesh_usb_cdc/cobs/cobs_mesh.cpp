@@ -12,7 +12,7 @@ namespace slamgw::ble {
 namespace {
 
 constexpr std::uint8_t only_peer = 0;  // with positions
-constexpr std::size_t position_bytes = 4;
+constexpr std::size_t lien_position_bytes = 4;
 
 }  // namespace
 
@@ -120,8 +120,8 @@ void CobsMesh::on_lien_frame(const LienFrame& frame, TimePoint now) {
 
 void CobsMesh::on_lien_message(Peer& peer, ByteView message, std::uint64_t receipt_id) {
   // The position alone is what servers know as an update; heading and distances follow below.
-  if (message.front() == lien_update_message && message.size() > position_bytes)
-    report(peer, settings_.sensor_update_type, message.subspan(1, position_bytes), 0);
+  if (message.front() == lien_update_message && message.size() > lien_position_bytes)
+    report(peer, settings_.sensor_update_type, message.subspan(1, lien_position_bytes), 0);
   // The type octet stays in: a message of 4n octets would be read as coordinates by old servers.
   const auto known = lien_type_name(message.front());
   report(peer, known ? std::string(*known) : fmt::format("lien_{}", message.front()), message,

@@ -6,7 +6,7 @@
 namespace slamgw::ble {
 namespace {
 
-using EventResult = Result<ProvisioningEvent, DecodeError>;
+using ProvisioningEventResult = Result<ProvisioningEvent, DecodeError>;
 
 template <std::size_t size>
 void read_array(ByteReader& params, std::array<std::uint8_t, size>& out) {
@@ -14,31 +14,31 @@ void read_array(ByteReader& params, std::array<std::uint8_t, size>& out) {
   std::copy(octets.begin(), octets.end(), out.begin());  // nothing after a short read
 }
 
-EventResult finish(const ByteReader& params, ProvisioningEvent event) {
+ProvisioningEventResult finish_provisioning(const ByteReader& params, ProvisioningEvent event) {
   if (!params.ok()) return DecodeError::too_short;
   if (!params.at_end()) return DecodeError::wrong_length;
   return event;
 }
 
-EventResult decode_beacon(ByteReader params) {
+ProvisioningEventResult decode_beacon(ByteReader params) {
   UnprovisionedBeacon event;
   read_array(params, event.uuid);
   event.rssi_dbm = static_cast<std::int8_t>(params.read_u8());
   params.read(8);  // whether it has GATT; address type and address
-  return finish(params, event);
+  return finish_provisioning(params, event);
 }
 
-EventResult decode_capabilities(ByteReader params) {
+ProvisioningEventResult decode_capabilities(ByteReader params) {
   CapabilitiesReceived event;
   event.context = params.read_u8();
   event.elements = params.read_u8();
   params.read_u8();  // public key out of band
   event.static_oob_types = params.read_u8();
   params.read(6);  // output and input OOB, for which nobody is there
-  return finish(params, event);
+  return finish_provisioning(params, event);
 }
 
-EventResult decode_complete(ByteReader params) {
+ProvisioningEventResult decode_complete(ByteReader params) {
   ProvisioningComplete event;
   event.context = params.read_u8();
   params.read(6);  // IV index and network key index, as they were given
@@ -46,32 +46,32 @@ EventResult decode_complete(ByteReader params) {
   params.read(2);  // flags
   read_array(params, event.device_key);
   params.read(16);  // the network key
-  return finish(params, event);
+  return finish_provisioning(params, event);
 }
 
-EventResult decode_authentication(ByteReader params) {
+ProvisioningEventResult decode_authentication(ByteReader params) {
   AuthenticationRequested event;
   event.context = params.read_u8();
   event.method = params.read_u8();
   params.read(2);  // action and size
-  return finish(params, event);
+  return finish_provisioning(params, event);
 }
 
-EventResult decode_ecdh(ByteReader params) {
+ProvisioningEventResult decode_ecdh(ByteReader params) {
   EcdhRequested event;
   event.context = params.read_u8();
   read_array(params, event.peer);
   params.read(32);  // the private key that the board was given
-  return finish(params, event);
+  return finish_provisioning(params, event);
 }
 
 template <class T>
-EventResult decode_octets(ByteReader params) {
+ProvisioningEventResult decode_octets(ByteReader params) {
   T event;
   event.context = params.read_u8();
   if constexpr (requires { event.reason; }) event.reason = params.read_u8();
   if constexpr (requires { event.error; }) event.error = params.read_u8();
-  return finish(params, event);
+  return finish_provisioning(params, event);
 }
 
 }  // namespace

@@ -11,7 +11,6 @@ namespace slamgw::ble {
 namespace {
 
 constexpr std::uint16_t key_index = 0;  // of both keys: one mesh, one application
-constexpr std::uint16_t last_unicast_address = 0x7fff;
 
 std::vector<std::uint16_t> read_numbers(ByteReader& data) {
   std::vector<std::uint16_t> numbers;

@@ -10,12 +10,12 @@
 #include <set>
 #include <vector>
 
+#include "adapters/ble_mesh_usb_cdc/nordic/address_book.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
 
 namespace slamgw::ble {
 
 inline constexpr std::uint16_t first_robot_address = 0x0100;
-inline constexpr std::uint16_t last_unicast_address = 0x7fff;
 
 struct AddressWish {
   std::uint8_t elements = 1;

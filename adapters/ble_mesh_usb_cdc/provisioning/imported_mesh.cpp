@@ -16,8 +16,6 @@ namespace {
 
 using Json = nlohmann::json;
 
-constexpr std::size_t max_elements = 255;
-
 /// The key with index 0 in a list of `{"index", "key"}`.
 std::optional<Key> read_key_0(const Json& json, const char* list) {
   const auto* keys = read_array(json, list);
@@ -34,7 +32,7 @@ bool is_configured(const Json& node) {
   return app_keys != nullptr && !app_keys->empty();
 }
 
-std::optional<Node> read_node(const Json& json) {
+std::optional<Node> read_imported_node(const Json& json) {
   const auto uuid = read_octets(json, "UUID");
   const auto device_key = read_octets(json, "deviceKey");
   const auto address = read_unicast(json, "unicastAddress");
@@ -63,7 +61,7 @@ Result<NodeDatabase, Refusal> decode_tool_database(const Json& json) {
   if (nodes == nullptr || nodes->size() > NodeDatabase::max_nodes)
     return Refusal{fmt::format("nodes is no list of at most {}", NodeDatabase::max_nodes)};
   for (std::size_t i = 0; i < nodes->size(); ++i) {
-    auto node = (*nodes)[i].is_object() ? read_node((*nodes)[i]) : std::nullopt;
+    auto node = (*nodes)[i].is_object() ? read_imported_node((*nodes)[i]) : std::nullopt;
     if (!node)
       return Refusal{fmt::format("nodes[{}] lacks a UUID, a deviceKey or a unicastAddress", i)};
     // The robots' names must differ; the tool's need not.

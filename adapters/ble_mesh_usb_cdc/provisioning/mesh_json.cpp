@@ -17,7 +17,6 @@ using OrderedJson = nlohmann::ordered_json;
 
 constexpr std::uint32_t keys_only_version = 1;
 constexpr std::uint32_t format_version = 2;
-constexpr std::uint32_t max_elements = 255;
 constexpr std::uint32_t max_ttl = 127;
 
 std::string address_text(std::uint16_t address) { return fmt::format("0x{:04x}", address); }

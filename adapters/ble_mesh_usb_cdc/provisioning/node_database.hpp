@@ -13,6 +13,8 @@
 
 namespace slamgw::ble {
 
+inline constexpr std::uint32_t max_elements = 255;  ///< of one node
+
 /// How far a robot has come on its way into the mesh.
 enum class NodeState : std::uint8_t {
   reserved,     ///< has an address; whether it took it is not known

@@ -43,7 +43,7 @@ def waits_for_a_board():
     write_credentials(PASSWORDS["slam-gateway"])
     write_config(ble_mesh={"enabled": True, "device": "auto"})
     restart()
-    wait_for_status("broker up, thread up, ble down")
+    wait_for_status("broker up, ble down, thread up")
     demand(driver_is_loaded(), "the service has not had the driver loaded")
 
 
@@ -104,7 +104,7 @@ def takes_a_board_after_that_boot():
     """after that boot: the service runs, the board is plugged in, its robots are heard"""
     demand(NOT_LOADED.is_symlink() and not run("journalctl", "-b", "-q", "-u", "systemd-modules-load", "-g", "cdc_acm",
                                                status=None), "the driver was loaded at boot")
-    wait_for_status("broker up, thread up, ble down")
+    wait_for_status("broker up, ble down, thread up")
     world["board"] = UsbBoard(robots=3)
     world["board"].plug_in()
     wait_for_status("ble up")
