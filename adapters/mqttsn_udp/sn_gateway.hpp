@@ -7,13 +7,12 @@
 #include <string>
 #include <vector>
 
-#include "adapters/mqttsn_udp/clients/session_snapshot.hpp"
-#include "adapters/mqttsn_udp/conversations/connecting.hpp"
 #include "adapters/mqttsn_udp/conversations/discovery.hpp"
 #include "adapters/mqttsn_udp/conversations/fan_out.hpp"
+#include "adapters/mqttsn_udp/conversations/inbound_registration.hpp"
 #include "adapters/mqttsn_udp/conversations/renaming.hpp"
+#include "adapters/mqttsn_udp/conversations/restoring.hpp"
 #include "adapters/mqttsn_udp/conversations/roaming.hpp"
-#include "adapters/mqttsn_udp/conversations/sleep.hpp"
 
 namespace slamgw::mqttsn {
 
@@ -49,14 +48,8 @@ class SnGateway {
   void reconfigure(TopicPolicy policy, RobotNames names, TimePoint now);
 
   Counters counters() const { return context_.tally.counters(); }
-  struct ClientCounts {
-    std::size_t active = 0;
-    std::size_t asleep = 0;  ///< awake ones too
-    std::size_t disconnected = 0;
-    std::size_t lost = 0;
-  };
   /// For status; looks at every client.
-  ClientCounts client_counts() const;
+  ClientCounts client_counts() const { return context_.clients.counts(); }
   /// Nothing when no client has this name.
   std::optional<Presence> presence_of(const std::string& robot) const;
   /// Messages waiting for this robot, the one in flight included.
@@ -82,21 +75,15 @@ class SnGateway {
   /// All sessions are to be taken again, for what changes too often to be marked each time (the
   /// window of R76).
   void set_all_dirty();
-  /// Nothing: there is no such session any more.
-  std::optional<SessionSnapshot> snapshot(const std::string& client_id, TimePoint now) const;
-  /// Before the first datagram. The client goes on as if nothing had happened. False when it can't
-  /// be taken (known already, no room, or its client id is another robot's name by now); its
-  /// commands are refused then.
-  bool restore(const SessionSnapshot& snapshot, TimePoint now);
+  /// See Restoring. Sessions are restored before the first datagram.
+  std::optional<SessionSnapshot> snapshot(const std::string& client_id, TimePoint now) const {
+    return restoring_.snapshot(client_id, now);
+  }
+  bool restore(const SessionSnapshot& snapshot, TimePoint now) {
+    return restoring_.restore(snapshot, now);
+  }
 
  private:
-  /// Sends what may be sent, ends a wake-up that has nothing left, and sets the timer.
-  void advance(ClientSession& session, TimePoint now);
-  void on_time(ClientSession& session, TimePoint now);
-  /// Commands whose time is over are withdrawn and reported.
-  void expire_commands(TimePoint now);
-  void adopt_commands(const Delivery& delivery);
-  void refuse_commands(const SessionSnapshot& snapshot, TimePoint now);
   /// One message and where it came from.
   struct Arrival {
     Peer peer;
@@ -115,11 +102,7 @@ class SnGateway {
   void renew_local(const Arrival& arrival);
   ClientSession* session_of(const Arrival& arrival);
   ClientSession* pinging_session(const Arrival& arrival, const Pingreq& pingreq);
-  void move_to(ClientSession& session, const Arrival& arrival);
-  bool revive(ClientSession& session, TimePoint now);
   void handle(ClientSession& session, Packet& packet, TimePoint now);
-  void register_topic(ClientSession& session, const Register& request, TimePoint now);
-  bool makes_too_many_types(ClientSession& session, const std::string& topic, TimePoint now);
   void on_stranger(const Arrival& arrival, bool is_answered);
   void on_malformed(const Endpoint& from, TimePoint now);
 
@@ -131,13 +114,16 @@ class SnGateway {
   Downlink downlink_;
   FanOut fan_out_;
   Uplink uplink_;
+  InboundRegistration registration_;
   Wills wills_;
   Lifecycle lifecycle_;
   Sleep sleep_;
+  Supervision supervision_;
   Roaming roaming_;
   FloodGuard guard_;
   Connecting connecting_;
   Renaming renaming_;
+  Restoring restoring_;
   Discovery discovery_;
   Burst malformed_;
 };

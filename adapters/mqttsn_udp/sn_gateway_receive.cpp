@@ -39,7 +39,7 @@ bool is_late_answer(const Packet& packet) {
 
 void SnGateway::on_datagram(const Endpoint& from, const LocalAddress& to, ByteView bytes,
                             TimePoint now) {
-  expire_commands(now);
+  supervision_.expire_commands(now);
   context_.tally.count(Count::datagrams_in);
   context_.validation.on_received(from.address, bytes.size());
   if (bytes.size() > limits::max_datagram_octets) {
@@ -99,7 +99,8 @@ void SnGateway::renew_local(const Arrival& arrival) {
 
 /// A handshake may have made it active.
 void SnGateway::advance_client_at(const Arrival& arrival) {
-  if (ClientSession* session = context_.clients.find(arrival.peer)) advance(*session, arrival.now);
+  if (ClientSession* session = context_.clients.find(arrival.peer))
+    supervision_.advance(*session, arrival.now);
 }
 
 /// True when the message was the handshake's.
@@ -125,27 +126,19 @@ void SnGateway::receive_from_client(const Arrival& arrival, Packet packet) {
     return context_.tally.count(Count::unexpected);
   lifecycle_.on_heard(*session, arrival.now);
   handle(*session, packet, arrival.now);
-  advance(*session, arrival.now);
+  supervision_.advance(*session, arrival.now);
 }
 
 /// The connected client at this address; a lost one comes back by its first word (R113).
 ClientSession* SnGateway::session_of(const Arrival& arrival) {
   ClientSession* session = context_.clients.find(arrival.peer);
   if (!session) return nullptr;
-  return session->is_connected() || revive(*session, arrival.now) ? session : nullptr;
-}
-
-bool SnGateway::revive(ClientSession& session, TimePoint now) {
-  if (session.state() != ClientState::lost || !context_.settings.revive_lost) return false;
-  context_.tally.count(Count::clients_revived);
-  lifecycle_.enter(session, ClientState::active, now);
-  context_.set_dirty(session);
-  return true;
+  return session->is_connected() || lifecycle_.revive(*session, arrival.now) ? session : nullptr;
 }
 
 void SnGateway::handle(ClientSession& session, Packet& packet, TimePoint now) {
   std::visit(overloaded{
-                 [&](const Register& p) { register_topic(session, p, now); },
+                 [&](const Register& p) { registration_.on_register(session, p, now); },
                  [&](const Regack& p) { downlink_.on_regack(session, p, now); },
                  [&](Publish& p) { uplink_.on_publish(session, std::move(p), now); },
                  [&](const Puback& p) { downlink_.on_puback(session, p, now); },
@@ -164,59 +157,20 @@ void SnGateway::handle(ClientSession& session, Packet& packet, TimePoint now) {
              packet);
 }
 
-/// A client may need an id for what it publishes and for what it listens to (R57, R61).
-void SnGateway::register_topic(ClientSession& session, const Register& request, TimePoint now) {
-  if (!answers_.has_room(session)) return;
-  const std::string topic = to_broker_name(context_.policy.scheme(), session, request.topic_name);
-  const auto answer = [&](std::uint16_t id, ReturnCode code) {
-    answers_.answer(session, Regack{id, request.msg_id, code});
-  };
-  if (!is_valid_topic_name(topic)) return answer(0, ReturnCode::not_supported);
-  if (!context_.policy.may_subscribe(session.client_id, session.robot, topic) &&
-      !uplink_.may_publish(session, topic, now))
-    return answer(0, ReturnCode::not_supported);
-  if (makes_too_many_types(session, topic, now)) return answer(0, ReturnCode::not_supported);
-  const auto id = assign_topic(session, topic);
-  if (id) {
-    session.topics.set_own(*id);
-    session.topics.set_told(*id, true);
-    context_.set_dirty(session);
-    return answer(*id, ReturnCode::accepted);
-  }
-  if (!context_.is_full_silent()) answer(0, ReturnCode::congestion);
-}
-
-/// Each type of a robot costs all who listen to it a topic id.
-bool SnGateway::makes_too_many_types(ClientSession& session, const std::string& topic,
-                                     TimePoint now) {
-  const std::string own = context_.policy.scheme().robot_root() + session.robot + "/";
-  if (!topic.starts_with(own) || session.topics.id_of(topic)) return false;
-  const auto types = std::ranges::count_if(
-      session.topics.topics(),
-      [&](const TopicTable::Topic& known) { return known.is_own && known.name.starts_with(own); });
-  if (static_cast<std::size_t>(types) < limits::max_types_per_robot) return false;
-  refusals_.on_refusal(
-      Count::topics_refused, "types " + session.client_id,
-      fmt::format("{} may not make more than {} types of messages: '{}' is refused", session.robot,
-                  limits::max_types_per_robot, topic),
-      session.robot, now);
-  return true;
-}
-
 void SnGateway::receive_pingreq(const Arrival& arrival, const Pingreq& pingreq) {
   ClientSession* session = pinging_session(arrival, pingreq);
   if (!session) return on_stranger(arrival, true);
   lifecycle_.on_heard(*session, arrival.now);
   switch (session->state()) {
     case ClientState::lost:
-      if (!revive(*session, arrival.now)) return on_stranger(arrival, true);
+      if (!lifecycle_.revive(*session, arrival.now)) return on_stranger(arrival, true);
       [[fallthrough]];
     case ClientState::active: context_.send(*session, Pingresp{}); break;
     case ClientState::asleep:
     case ClientState::awake: sleep_.wake(*session, arrival.now); break;
     case ClientState::disconnected: return on_stranger(arrival, true);
   }
-  advance(*session, arrival.now);
+  supervision_.advance(*session, arrival.now);
 }
 
 /// Who asks, and whether from where it may: a sleeping client from anywhere (R118), others from
@@ -225,21 +179,9 @@ ClientSession* SnGateway::pinging_session(const Arrival& arrival, const Pingreq&
   ClientSession* here = context_.clients.find(arrival.peer);
   if (pingreq.client_id.empty() || (here && here->client_id == pingreq.client_id)) return here;
   ClientSession* session = context_.clients.find(pingreq.client_id);
-  const bool may_move = session && (session->state() == ClientState::asleep ||
-                                    session->state() == ClientState::awake);
-  if (!may_move) return nullptr;
-  move_to(*session, arrival);
+  if (!session || !Sleep::is_asleep(*session)) return nullptr;
+  sleep_.follow(*session, arrival.peer, arrival.local, arrival.now);
   return session;
-}
-
-void SnGateway::move_to(ClientSession& session, const Arrival& arrival) {
-  if (ClientSession* former = context_.clients.find(arrival.peer))
-    lifecycle_.displace(*former, arrival.now);
-  const bool is_new_address = session.peer != arrival.peer;
-  context_.clients.bind(session, arrival.peer, arrival.local);
-  if (is_new_address) downlink_.on_address(session);
-  context_.set_dirty(session);
-  lifecycle_.tell_presence(session, Presence::asleep);
 }
 
 void SnGateway::receive_disconnect(const Arrival& arrival, const Disconnect& disconnect) {
@@ -254,7 +196,7 @@ void SnGateway::receive_disconnect(const Arrival& arrival, const Disconnect& dis
   const std::uint16_t duration_s = disconnect.duration_s.value_or(0);
   if (duration_s == 0) return lifecycle_.disconnect(*session, arrival.now);  // R115
   sleep_.fall_asleep(*session, std::chrono::seconds(duration_s), arrival.now);
-  lifecycle_.schedule(*session);
+  supervision_.advance(*session, arrival.now);
 }
 
 void SnGateway::on_stranger(const Arrival& arrival, bool is_answered) {

@@ -38,6 +38,14 @@ void Lifecycle::enter(ClientSession& session, ClientState state, TimePoint now) 
   if (session.told_presence) tell_presence(session, Presence::offline);
 }
 
+bool Lifecycle::revive(ClientSession& session, TimePoint now) {
+  if (session.state() != ClientState::lost || !context_.settings.revive_lost) return false;
+  context_.tally.count(Count::clients_revived);
+  enter(session, ClientState::active, now);
+  context_.set_dirty(session);
+  return true;
+}
+
 void Lifecycle::disconnect(ClientSession& session, TimePoint now) {
   if (session.is_clean) return expel(session, "the robot has disconnected", now);
   leave(session, ClientState::disconnected, now);
@@ -75,16 +83,6 @@ bool Lifecycle::make_room(TimePoint now) {
   return true;
 }
 
-bool Lifecycle::is_overdue(const ClientSession& session, TimePoint now) const {
-  const auto at = lost_at(session);
-  return at && *at <= now;
-}
-
-void Lifecycle::schedule(ClientSession& session) {
-  if (const auto next = earlier(lost_at(session), downlink_.next_time(session)))
-    context_.clients.wake_by(session, *next);
-}
-
 /// Said once for each change of state or address.
 void Lifecycle::tell_presence(ClientSession& session, Presence presence) {
   const bool is_same_place = presence == Presence::offline || session.told_peer == session.peer;
@@ -93,21 +91,6 @@ void Lifecycle::tell_presence(ClientSession& session, Presence presence) {
   session.told_peer = session.peer;
   context_.emit(PresenceChange{Mesh::thread, session.robot, presence,
                                session.peer ? to_string(*session.peer) : std::string()});
-}
-
-/// An awake client is supervised by the repetitions of what it is sent.
-std::optional<TimePoint> Lifecycle::lost_at(const ClientSession& session) const {
-  std::chrono::seconds duration{0};
-  switch (session.state()) {
-    case ClientState::active: duration = session.keep_alive; break;
-    case ClientState::asleep: duration = session.sleep_duration; break;
-    case ClientState::awake:
-    case ClientState::disconnected:
-    case ClientState::lost: return std::nullopt;
-  }
-  if (duration.count() == 0) duration = limits::max_supervision;
-  const std::chrono::duration<double> allowed = duration * context_.settings.keep_alive_tolerance;
-  return session.last_heard + std::chrono::duration_cast<Duration>(allowed);
 }
 
 void Lifecycle::expel(ClientSession& session, const std::string& why, TimePoint now) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The states of a client and what each transition brings with it (MQTT-SN 1.2 section 6.14):
-// supervision, presence, what is kept and what is forgotten.
+// presence, what is kept and what is forgotten.
 #pragma once
 
 #include "adapters/mqttsn_udp/context.hpp"
@@ -25,8 +25,10 @@ class Lifecycle {
   void on_heard(ClientSession& session, TimePoint now);
   /// A session for a client that has none; there must be room.
   ClientSession& begin(const std::string& client_id, const std::string& robot, TimePoint now);
-  /// The one writer of the state; presence and supervision follow it.
+  /// The one writer of the state; presence follows it.
   void enter(ClientSession& session, ClientState state, TimePoint now);
+  /// A lost client is heard again (R113). False when it is not lost, or may not come back.
+  bool revive(ClientSession& session, TimePoint now);
   /// These two may end the session: it must not be used afterwards.
   void disconnect(ClientSession& session, TimePoint now);
   void lose(ClientSession& session, TimePoint now);
@@ -40,13 +42,9 @@ class Lifecycle {
   /// A place for a new client, by forgetting the longest gone; false when there is none.
   bool make_room(TimePoint now);
 
-  /// Nothing was heard for longer than its keep-alive or sleep allows.
-  bool is_overdue(const ClientSession& session, TimePoint now) const;
-  void schedule(ClientSession& session);
   void tell_presence(ClientSession& session, Presence presence);
 
  private:
-  std::optional<TimePoint> lost_at(const ClientSession& session) const;
   void forget(ClientSession& session, const std::string& why, TimePoint now);
   void leave(ClientSession& session, ClientState state, TimePoint now);
 

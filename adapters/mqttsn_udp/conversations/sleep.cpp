@@ -17,6 +17,16 @@ void Sleep::wake(ClientSession& session, TimePoint now) {
       session.delivery.queue.size() + context_.settings.max_sleeping_messages;
 }
 
+void Sleep::follow(ClientSession& session, const Peer& peer, const LocalAddress& local,
+                   TimePoint now) {
+  if (ClientSession* former = context_.clients.find(peer)) lifecycle_.displace(*former, now);
+  const bool is_new_address = session.peer != peer;
+  context_.clients.bind(session, peer, local);
+  if (is_new_address) downlink_.on_address(session);
+  context_.set_dirty(session);
+  lifecycle_.tell_presence(session, Presence::asleep);
+}
+
 void Sleep::settle(ClientSession& session, TimePoint now) {
   if (session.state() != ClientState::awake || !session.answers.empty()) return;
   if (downlink_.is_awaiting(session)) return;

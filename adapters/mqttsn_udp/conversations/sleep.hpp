@@ -21,6 +21,11 @@ class Sleep {
   /// PINGREQ: what waits is sent, and some of what comes meanwhile (R118, R122). A repeated PINGREQ
   /// changes nothing (R123).
   void wake(ClientSession& session, TimePoint now);
+  static bool is_asleep(const ClientSession& session) {
+    return presence_of(session.state()) == Presence::asleep;
+  }
+  /// Its PINGREQ came from this address, perhaps a new one (R118).
+  void follow(ClientSession& session, const Peer& peer, const LocalAddress& local, TimePoint now);
   /// After each step of the delivery: with nothing left to send or to await, PINGRESP lets the
   /// client sleep again for the same duration (R119, R120).
   void settle(ClientSession& session, TimePoint now);

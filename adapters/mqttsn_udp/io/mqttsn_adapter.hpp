@@ -47,7 +47,7 @@ class MqttsnAdapter final : public MeshShell<SnGateway> {
 
   /// In the order of `mqttsn.listen`, after start().
   std::vector<std::uint16_t> bound_ports() const;
-  SnGateway::ClientCounts client_counts() const { return gateway_.client_counts(); }
+  ClientCounts client_counts() const { return gateway_.client_counts(); }
 
  private:
   MachineDriver<SnGateway>& driver() override { return driver_; }

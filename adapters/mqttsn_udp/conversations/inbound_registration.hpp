@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+// REGISTER from clients (MQTT-SN 1.2 section 6.5). TopicRegistration is the other way round.
+#pragma once
+
+#include "adapters/mqttsn_udp/conversations/answers.hpp"
+#include "adapters/mqttsn_udp/conversations/uplink.hpp"
+
+namespace slamgw::mqttsn {
+
+class InboundRegistration {
+ public:
+  InboundRegistration(Context& context, Answers& answers, Uplink& uplink, Refusals& refusals)
+      : context_(context), answers_(answers), uplink_(uplink), refusals_(refusals) {}
+
+  void on_register(ClientSession& session, const Register& request, TimePoint now);
+
+ private:
+  bool makes_too_many_types(ClientSession& session, const std::string& topic, TimePoint now);
+
+  Context& context_;
+  Answers& answers_;
+  Uplink& uplink_;
+  Refusals& refusals_;
+};
+
+}  // namespace slamgw::mqttsn

@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+// A session leaves the machine as a snapshot and goes on from one: over a restart of the daemon, or
+// at another gateway (R47; contract section 6, promise 7).
+#pragma once
+
+#include "adapters/mqttsn_udp/clients/session_snapshot.hpp"
+#include "adapters/mqttsn_udp/conversations/connecting.hpp"
+#include "adapters/mqttsn_udp/conversations/supervision.hpp"
+
+namespace slamgw::mqttsn {
+
+class Restoring {
+ public:
+  Restoring(Context& context, Subscriptions& subscriptions, CommandWatch& commands,
+            Downlink& downlink, Lifecycle& lifecycle, const Connecting& connecting,
+            Supervision& supervision)
+      : context_(context),
+        subscriptions_(subscriptions),
+        commands_(commands),
+        downlink_(downlink),
+        lifecycle_(lifecycle),
+        connecting_(connecting),
+        supervision_(supervision) {}
+
+  /// Nothing: there is no such session (any more).
+  std::optional<SessionSnapshot> snapshot(const std::string& client_id, TimePoint now) const;
+  /// The client goes on as if nothing had happened. False when it can't be taken (known already, no
+  /// room, or its client id is another robot's name by now); its commands are refused then.
+  bool restore(const SessionSnapshot& snapshot, TimePoint now);
+
+ private:
+  void adopt_commands(const Delivery& delivery);
+  void refuse_commands(const SessionSnapshot& snapshot, TimePoint now);
+
+  Context& context_;
+  Subscriptions& subscriptions_;
+  CommandWatch& commands_;
+  Downlink& downlink_;
+  Lifecycle& lifecycle_;
+  const Connecting& connecting_;
+  Supervision& supervision_;
+};
+
+}  // namespace slamgw::mqttsn
