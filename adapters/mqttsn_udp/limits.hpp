@@ -31,7 +31,7 @@ constexpr std::chrono::seconds subscribe_interval{1};
 /// Requests to the broker for one filter, each of which brings all its retained messages again.
 constexpr unsigned broker_subscribe_burst = 8;
 constexpr std::chrono::seconds broker_subscribe_interval{2};
-/// Filters whose rate is remembered when nobody waits for them.
+/// Filters whose rate is remembered while no SUBSCRIBE for them is open.
 constexpr std::size_t max_paced_filters = 20000;
 /// SUBACKs that wait for the broker, and answers that wait behind them to keep their order.
 constexpr std::size_t max_pending_answers = 32;
@@ -61,7 +61,7 @@ constexpr std::size_t max_handshakes = 1024;
 constexpr std::chrono::hours min_absence{24};
 /// T_WAIT, "more than 5 minutes": how long a client that said "congestion" is left alone.
 constexpr std::chrono::seconds t_wait{310};
-/// Changed sessions that nobody has asked for.
+/// Changed sessions that were not written yet.
 constexpr std::size_t max_dirty = 65536;
 /// Supervision of a client that gave Duration 0 (R38).
 constexpr std::chrono::seconds max_supervision{3600};

@@ -1,12 +1,39 @@
 // SPDX-License-Identifier: Apache-2.0
-// Wiring, time and what does not come from clients. Their messages are in sn_gateway_receive.cpp.
+// From a datagram to the class of its concern: who sent it, in what state that client is, and
+// whether the message fits there (MQTT-SN 1.2 section 6.14). Then what does not come from clients.
 #include "adapters/mqttsn_udp/sn_gateway.hpp"
+
+#include <fmt/format.h>
 
 #include <utility>
 
 #include "adapters/mqttsn_udp/limits.hpp"
 
 namespace slamgw::mqttsn {
+namespace {
+
+template <class... Types>
+bool is_one_of(const Packet& packet) {
+  return (std::holds_alternative<Types>(packet) || ...);
+}
+
+/// Never meant for a gateway (R6).
+bool is_for_clients(const Packet& packet) {
+  return is_one_of<Advertise, GwInfo, Connack, WillTopicReq, WillMsgReq, Suback, Unsuback,
+                   WillTopicResp, WillMsgResp>(packet);
+}
+
+/// Dropped when they come from a stranger; everything else is answered by DISCONNECT (R39).
+bool is_silent_from_strangers(const Packet& packet) {
+  return is_one_of<Pingresp, WillTopic, WillMsg>(packet);
+}
+
+/// Answers to earlier requests of the gateway: they do not end a handshake (R29).
+bool is_late_answer(const Packet& packet) {
+  return is_one_of<Pingresp, Regack, Puback, Pubrec, Pubcomp>(packet);
+}
+
+}  // namespace
 
 SnGateway::SnGateway(Settings settings, TopicPolicy policy, RobotNames names, RandomSource random)
     : context_(std::move(settings), std::move(policy), std::move(names)),
@@ -28,6 +55,186 @@ SnGateway::SnGateway(Settings settings, TopicPolicy policy, RobotNames names, Ra
       restoring_(context_, subscriptions_, commands_, downlink_, lifecycle_, connecting_,
                  supervision_),
       discovery_(context_, guard_) {}
+
+void SnGateway::on_datagram(const Endpoint& from, const LocalAddress& to, ByteView bytes,
+                            TimePoint now) {
+  supervision_.expire_commands(now);
+  context_.tally.count(Count::datagrams_in);
+  context_.validation.on_received(from.address, bytes.size());
+  if (bytes.size() > limits::max_datagram_octets) {
+    context_.tally.count(Count::oversized);
+    return on_malformed(from, now);
+  }
+  Peer peer{from, {}};
+  std::uint8_t radius = 0;
+  if (is_encapsulated(bytes)) {
+    if (!context_.settings.forwarders) return context_.tally.count(Count::unexpected);
+    auto outer = decode_encapsulation(bytes);
+    if (!outer) return on_malformed(from, now);
+    peer.node_id = std::move(outer->node_id);
+    radius = outer->radius;
+    bytes = outer->inner;
+  }
+  Result<Packet, DecodeError> packet = decode(bytes);
+  if (!packet) return on_malformed(from, now);
+  if (auto* search = std::get_if<SearchGw>(&*packet)) {
+    if (peer.node_id.empty()) radius = search->radius;
+    return discovery_.on_searchgw(peer, to, SearchGw{radius}, now);
+  }
+  receive({std::move(peer), to, fingerprint(bytes), now}, std::move(*packet));
+}
+
+void SnGateway::receive(const Arrival& arrival, Packet packet) {
+  if (is_for_clients(packet)) return context_.tally.count(Count::unexpected);
+  renew_local(arrival);
+  if (const auto* connect = std::get_if<Connect>(&packet)) {
+    if (roaming_.takes(arrival.peer, arrival.local, *connect, arrival.fingerprint, arrival.now))
+      return;
+    connecting_.on_connect(arrival.peer, arrival.local, *connect, arrival.fingerprint, arrival.now);
+    return advance_client_at(arrival);
+  }
+  auto* publish = std::get_if<Publish>(&packet);
+  if (publish && publish->qos == WireQos::minus_one) {
+    ClientSession* session = context_.clients.find(arrival.peer);
+    if (session && session->is_connected()) lifecycle_.on_heard(*session, arrival.now);
+    return uplink_.on_unconnected_publish(arrival.peer, session, std::move(*publish), arrival.now);
+  }
+  if (connecting_.is_open(arrival.peer) && receive_in_handshake(arrival, packet))
+    return advance_client_at(arrival);
+  if (const auto* pingreq = std::get_if<Pingreq>(&packet))
+    return receive_pingreq(arrival, *pingreq);
+  if (const auto* disconnect = std::get_if<Disconnect>(&packet))
+    return receive_disconnect(arrival, *disconnect);
+  receive_from_client(arrival, std::move(packet));
+}
+
+/// Each client is answered from the address that it has written to last (R17).
+void SnGateway::renew_local(const Arrival& arrival) {
+  ClientSession* session = context_.clients.find(arrival.peer);
+  if (!session || session->local == arrival.local) return;
+  session->local = arrival.local;
+  context_.set_dirty(*session);
+}
+
+/// A handshake may have made it active.
+void SnGateway::advance_client_at(const Arrival& arrival) {
+  if (ClientSession* session = context_.clients.find(arrival.peer))
+    supervision_.advance(*session, arrival.now);
+}
+
+/// True when the message was the handshake's.
+bool SnGateway::receive_in_handshake(const Arrival& arrival, Packet& packet) {
+  if (const auto* topic = std::get_if<WillTopic>(&packet)) {
+    connecting_.on_willtopic(arrival.peer, arrival.local, *topic, arrival.now);
+  } else if (auto* message = std::get_if<WillMsg>(&packet)) {
+    connecting_.on_willmsg(arrival.peer, arrival.local, std::move(*message), arrival.now);
+  } else if (is_late_answer(packet)) {
+    return false;
+  } else {
+    connecting_.abandon(arrival.peer);
+  }
+  return true;
+}
+
+void SnGateway::receive_from_client(const Arrival& arrival, Packet packet) {
+  ClientSession* session = session_of(arrival);
+  if (!session) return on_stranger(arrival, !is_silent_from_strangers(packet));
+  if (const auto* will = std::get_if<WillMsg>(&packet))
+    return connecting_.on_late_willmsg(*session, *will, arrival.now);
+  if (std::holds_alternative<WillTopic>(packet))  // of a handshake that is over
+    return context_.tally.count(Count::unexpected);
+  lifecycle_.on_heard(*session, arrival.now);
+  handle(*session, packet, arrival.now);
+  supervision_.advance(*session, arrival.now);
+}
+
+/// The connected client at this address; a lost one comes back by its first word (R113).
+ClientSession* SnGateway::session_of(const Arrival& arrival) {
+  ClientSession* session = context_.clients.find(arrival.peer);
+  if (!session) return nullptr;
+  return session->is_connected() || lifecycle_.revive(*session, arrival.now) ? session : nullptr;
+}
+
+void SnGateway::handle(ClientSession& session, Packet& packet, TimePoint now) {
+  std::visit(overloaded{
+                 [&](const Register& p) { registration_.on_register(session, p, now); },
+                 [&](const Regack& p) { downlink_.on_regack(session, p, now); },
+                 [&](Publish& p) { uplink_.on_publish(session, std::move(p), now); },
+                 [&](const Puback& p) { downlink_.on_puback(session, p, now); },
+                 [&](const Pubrec& p) { downlink_.on_pubrec(session, p, now); },
+                 [&](const Pubrel& p) { uplink_.on_pubrel(session, p, now); },
+                 [&](const Pubcomp& p) { downlink_.on_pubcomp(session, p, now); },
+                 [&](const Subscribe& p) { subscriptions_.on_subscribe(session, p, now); },
+                 [&](const Unsubscribe& p) {
+                   subscriptions_.on_unsubscribe(session, p, now);
+                   downlink_.drop_unwanted(session, now);
+                 },
+                 [&](const WillTopicUpd& p) { wills_.on_willtopicupd(session, p, now); },
+                 [&](WillMsgUpd& p) { wills_.on_willmsgupd(session, std::move(p)); },
+                 [](const auto&) {},  // PINGRESP: a sign of life, no more (R108)
+             },
+             packet);
+}
+
+void SnGateway::receive_pingreq(const Arrival& arrival, const Pingreq& pingreq) {
+  ClientSession* session = pinging_session(arrival, pingreq);
+  if (!session) return on_stranger(arrival, true);
+  lifecycle_.on_heard(*session, arrival.now);
+  switch (session->state()) {
+    case ClientState::lost:
+      if (!lifecycle_.revive(*session, arrival.now)) return on_stranger(arrival, true);
+      [[fallthrough]];
+    case ClientState::active: context_.send(*session, Pingresp{}); break;
+    case ClientState::asleep:
+    case ClientState::awake: sleep_.wake(*session, arrival.now); break;
+    case ClientState::disconnected: return on_stranger(arrival, true);
+  }
+  supervision_.advance(*session, arrival.now);
+}
+
+/// Who asks, and whether from where it may: a sleeping client from anywhere (R118), others from
+/// their address only (R113, R128).
+ClientSession* SnGateway::pinging_session(const Arrival& arrival, const Pingreq& pingreq) {
+  ClientSession* here = context_.clients.find(arrival.peer);
+  if (pingreq.client_id.empty() || (here && here->client_id == pingreq.client_id)) return here;
+  ClientSession* session = context_.clients.find(pingreq.client_id);
+  if (!session || !Sleep::is_asleep(*session)) return nullptr;
+  sleep_.follow(*session, arrival.peer, arrival.local, arrival.now);
+  return session;
+}
+
+void SnGateway::receive_disconnect(const Arrival& arrival, const Disconnect& disconnect) {
+  ClientSession* session = context_.clients.find(arrival.peer);
+  if (!session || !session->is_connected()) {
+    if (!guard_.may_answer(arrival.peer, arrival.now))
+      return context_.tally.count(Count::unanswered);
+    return context_.send(arrival.peer, arrival.local, Disconnect{});  // R40, R131
+  }
+  lifecycle_.on_heard(*session, arrival.now);
+  context_.send(*session, Disconnect{});
+  const std::uint16_t duration_s = disconnect.duration_s.value_or(0);
+  if (duration_s == 0) return lifecycle_.disconnect(*session, arrival.now);  // R115
+  sleep_.fall_asleep(*session, std::chrono::seconds(duration_s), arrival.now);
+  supervision_.advance(*session, arrival.now);
+}
+
+void SnGateway::on_stranger(const Arrival& arrival, bool is_answered) {
+  context_.tally.count(Count::strangers);
+  if (!is_answered || !context_.settings.disconnect_unknown) return;
+  if (!guard_.may_answer(arrival.peer, arrival.now)) return context_.tally.count(Count::unanswered);
+  context_.send(arrival.peer, arrival.local, Disconnect{});
+}
+
+void SnGateway::on_malformed(const Endpoint& from, TimePoint now) {
+  context_.tally.count(Count::malformed);
+  if (const auto times = malformed_.on_event(now)) {
+    context_.emit(Notice{Severity::notice,
+                         fmt::format("{} datagrams that are no MQTT-SN 1.2 were dropped, the last "
+                                     "one from {}",
+                                     *times, to_string(Peer{from, {}})),
+                         {}});
+  }
+}
 
 void SnGateway::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint) {
   uplink_.on_receipt(receipt_id, outcome);

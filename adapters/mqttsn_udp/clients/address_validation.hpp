@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Protects third parties from datagrams that somebody asks for in their name. An address is
+// Protects third parties from datagrams that an attacker requests in their name. An address is
 // validated once it has answered something that only its owner can have read: a REGACK, PUBACK or
-// PUBREC with a MsgId that nobody can guess. Until then it is sent at most as many octets as came
+// PUBREC with an unforeseeable MsgId. Until then it is sent at most as many octets as came
 // from it (RFC 9000 section 8 does so with a factor of 3). Octets are those of MQTT-SN messages,
 // without UDP and IP headers. Pure.
 #pragma once

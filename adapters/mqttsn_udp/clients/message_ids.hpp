@@ -9,7 +9,7 @@
 
 namespace slamgw::mqttsn {
 
-/// Numbers that nobody can foresee.
+/// Unforeseeable numbers.
 using RandomSource = std::function<std::uint16_t()>;
 
 /// The next MsgIds follow an unforeseeable one: an answer to them shows that the client receives.

@@ -16,7 +16,7 @@ class NameBudget {
   /// The same for a subscription, with its levels in the common tree.
   static constexpr std::size_t of_filter(std::size_t length) { return 2 * length + 512; }
 
-  /// Whether somebody who holds `held` may take `octets` more.
+  /// Whether a client that holds `held` octets may take `octets` more.
   bool may_take(std::size_t held, std::size_t octets) const {
     return held + octets <= limits::name_octets_for_each ||
            taken_ + octets <= limits::name_octets_together;

@@ -97,7 +97,7 @@ SessionSnapshot to_snapshot(const ClientSession& session, TimePoint now) {
 
 void apply(const SessionSnapshot& snapshot, ClientSession& session, TimePoint now) {
   session.local = snapshot.local;
-  // Indices of interfaces may be others by now; only a link-local address says nothing without.
+  // Interface indices may have changed; only link-local addresses are useless without one.
   if (!is_link_local(session.local.address)) session.local.interface = 0;
   session.is_clean = snapshot.is_clean;
   session.uses_client_id = snapshot.uses_client_id;

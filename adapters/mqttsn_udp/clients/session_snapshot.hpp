@@ -33,7 +33,7 @@ struct MessageSnapshot {
   std::optional<std::chrono::milliseconds> command_age{};
 };
 
-/// A message that was acknowledged lately: its repetition is none of the core's concern (R76).
+/// A recently acknowledged message: its repetition is acknowledged again and not reported (R76).
 struct RepeatSnapshot {
   std::uint16_t msg_id = 0;
   std::uint16_t topic_id = 0;

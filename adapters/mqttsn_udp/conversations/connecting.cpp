@@ -134,7 +134,7 @@ void Connecting::begin(const Peer& peer, Attempt attempt, TimePoint now) {
   prompt(peer, added, now);
 }
 
-/// Somebody who makes up client ids must not shut out the robots: a handshake takes one round trip,
+/// An attacker who makes up client ids must not shut out robots: a handshake takes one round trip,
 /// so the oldest unfinished one of a stranger is the least likely to be honest.
 bool Connecting::make_room() {
   if (attempts_.size() < limits::max_handshakes) return true;

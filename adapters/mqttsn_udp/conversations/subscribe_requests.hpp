@@ -32,7 +32,7 @@ class SubscribeRequests {
   void ask(const std::string& filter, Qos qos, Waiting waiting, TimePoint now);
   /// The broker's answer: to all these.
   std::vector<Waiting> on_result(const std::string& filter, TimePoint now);
-  /// Nobody wants the filter any more; those who still waited.
+  /// No client has the filter any more. Returns the SUBSCRIBEs that were still waiting.
   std::vector<Waiting> forget(const std::string& filter, TimePoint now);
   void on_broker_link(bool is_up) { is_broker_up_ = is_up; }
 

@@ -39,7 +39,7 @@ class Subscriptions {
   /// topic (R102).
   bool takes_retained(Subscription& subscription, const std::string& topic, TimePoint now) const;
 
-  /// Whoever has a filter that matches, once for each filter.
+  /// All subscriptions that match; a session with several such filters comes several times.
   std::vector<Match> match(const std::string& topic) const;
   bool is_wanted(const ClientSession& session, const std::string& topic) const;
   void drop(ClientSession& session, const std::string& filter, TimePoint now);
@@ -79,7 +79,7 @@ class Subscriptions {
                       Subscription& subscription);
   void remove_subscriber(const std::string& filter, ClientSession& session);
   std::vector<std::string> filters_of(const ClientSession& session, const std::string& robot) const;
-  /// Nobody has the filter any more: tells the broker.
+  /// Unsubscribes at the broker when no client has the filter any more.
   void unsubscribe_unwanted(const std::string& filter, TimePoint now);
   void notice_refusal(const ClientSession& session, const std::string& filter, TimePoint now);
 

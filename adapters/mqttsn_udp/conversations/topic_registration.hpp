@@ -31,7 +31,7 @@ class TopicRegistration {
   /// Of an outgoing message that is ready, which uses it now.
   static std::optional<std::uint16_t> topic_id(ClientSession& session, const Outgoing& outgoing);
 
-  /// The topic that the answer decides about; nothing when nobody waits for it (R68) or the client
+  /// The topic that the answer decides about; nothing when no REGISTER is open (R68) or the client
   /// is congested.
   std::optional<std::string> on_regack(ClientSession& session, const Regack& regack, TimePoint now);
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Values to octets. Never fails: whoever builds a packet keeps to the ranges in packet.hpp.
+// Values to octets. Never fails: the caller keeps to the ranges in packet.hpp.
 #include "adapters/mqttsn_udp/protocol/flags.hpp"
 #include "adapters/mqttsn_udp/protocol/packet.hpp"
 
