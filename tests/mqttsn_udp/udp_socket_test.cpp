@@ -1,11 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // Which sockets of an earlier process are taken over: those that are bound as a new one would be.
+// And what becomes of datagrams that are sent together.
 #include "adapters/mqttsn_udp/io/udp_socket.hpp"
 
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <numeric>
+
 #include "tests/mqttsn_udp/thread_network.hpp"
+#include "tests/support/eventually.hpp"
 
 namespace slamgw::mqttsn {
 namespace {
@@ -54,6 +58,66 @@ TEST_F(KeptSocket, IsNotUsedWhenItIsNoUdpSocket) {
   ASSERT_EQ(pipe(ends), 0);
   EXPECT_FALSE(UdpSocket(io, "[::]:47193", "", ends[0]).is_taken_over());
   close(ends[1]);
+}
+
+/// A socket that sends to another one on the same loop.
+class SentTogether : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    receiver->start([this](const UdpSocket::Datagram& datagram) {
+      arrived.push_back(datagram.bytes.empty() ? -1 : datagram.bytes.front());
+    });
+  }
+  void send_soon(std::uint8_t first, std::size_t octets = 1, std::uint32_t interface = 0) {
+    sender->send_soon({loopback, receiver->port()}, {}, interface, Bytes(octets, first));
+  }
+  void run_until(std::size_t count) {
+    EXPECT_TRUE(test::eventually([&] {
+      io.poll();
+      return arrived.size() >= count;
+    }));
+  }
+
+  static constexpr IpAddress loopback{0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0xff, 0xff, 127, 0, 0, 1};
+  boost::asio::io_context io;
+  std::shared_ptr<UdpSocket> sender = std::make_shared<UdpSocket>(io, "[::]:0", "");
+  std::shared_ptr<UdpSocket> receiver = std::make_shared<UdpSocket>(io, "127.0.0.1:0", "");
+  std::vector<int> arrived;
+};
+
+TEST_F(SentTogether, GoInOrderAndOnlyAfterTheHandler) {
+  for (std::uint8_t i = 0; i < 200; ++i) send_soon(i);
+  run_until(200);
+  std::vector<int> all(200);
+  std::iota(all.begin(), all.end(), 0);
+  EXPECT_EQ(arrived, all);
+}
+
+TEST_F(SentTogether, OneThatTheKernelRefusesCostsTheOthersNothing) {
+  constexpr std::size_t too_long = 70000;
+  send_soon(1);
+  send_soon(2, too_long);
+  send_soon(3);
+  send_soon(4, too_long);
+  run_until(2);
+  EXPECT_EQ(arrived, (std::vector<int>{1, 3}));
+  EXPECT_EQ(sender->sends_failed(), 2u);
+}
+
+TEST_F(SentTogether, AnInterfaceThatHasGoneIsForgotten) {
+  constexpr std::uint32_t no_such_interface = 4711;
+  send_soon(1, 1, no_such_interface);
+  send_soon(2);
+  run_until(2);
+  EXPECT_EQ(arrived, (std::vector<int>{1, 2}));
+  EXPECT_EQ(sender->sends_failed(), 0u);
+}
+
+TEST_F(SentTogether, WhatIsPutOffGoesBeforeTheSocketCloses) {
+  send_soon(1);
+  sender->close();
+  run_until(1);
+  EXPECT_EQ(sender->sends_failed(), 0u);
 }
 
 }  // namespace

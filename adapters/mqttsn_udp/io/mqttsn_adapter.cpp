@@ -72,6 +72,7 @@ void MqttsnAdapter::stop_listening() {
 /// restart.
 void MqttsnAdapter::stop() {
   driver_.stop();
+  for (const auto& socket : sockets_) socket->flush();
   if (keeper_) keeper_->stop();
   interface_watch_->stop();
   watch_timer_.cancel();
@@ -100,7 +101,10 @@ void MqttsnAdapter::open() {
 }
 
 void MqttsnAdapter::close() {
-  for (const auto& socket : sockets_) socket->close();
+  for (const auto& socket : sockets_) {
+    socket->close();
+    sends_failed_ += socket->sends_failed();
+  }
   sockets_.clear();
   for (const std::string& listen : settings_.listen) {
     if (descriptors_) descriptors_->drop(kept_name(listen));
@@ -136,10 +140,14 @@ void MqttsnAdapter::reconfigure(TopicPolicy policy, RobotNames names) {
 Counters MqttsnAdapter::counters() const {
   Counters counters = gateway_.counters();
   std::uint64_t dropped = 0;
-  for (const auto& socket : sockets_) dropped += socket->kernel_drops();
+  std::uint64_t sends_failed = sends_failed_;
+  for (const auto& socket : sockets_) {
+    dropped += socket->kernel_drops();
+    sends_failed += socket->sends_failed();
+  }
   counters.push_back({"kernel_drops", dropped});
   counters.push_back({"truncated", truncated_});
-  counters.push_back({"sends_failed", sends_failed_});
+  counters.push_back({"sends_failed", sends_failed});
   return counters;
 }
 
@@ -171,21 +179,18 @@ void MqttsnAdapter::perform(Action& action) {
 
 void MqttsnAdapter::perform(SendDatagram& action) {
   const LocalAddress& from = action.from;
-  const auto can_reach = [&](const auto& socket) {
-    return socket->can_reach(to_asio(action.to).address());
-  };
+  const auto can_reach = [&](const auto& socket) { return socket->can_reach(action.to.address); };
   auto socket = sockets_.end();
   if (from.socket < sockets_.size() && can_reach(sockets_[from.socket])) {
     socket = sockets_.begin() + from.socket;
   } else {  // a restored session may predate a change of `mqttsn.listen`
     socket = std::find_if(sockets_.begin(), sockets_.end(), can_reach);
   }
-  // The interface may have been made again under another index; its address is the same.
-  const bool is_sent =
-      socket != sockets_.end() &&
-      ((*socket)->send(action.to, from.address, from.interface, action.bytes) ||
-       (from.interface != 0 && (*socket)->send(action.to, from.address, 0, action.bytes)));
-  if (!is_sent) ++sends_failed_;
+  if (socket == sockets_.end()) {
+    ++sends_failed_;
+  } else {
+    (*socket)->send_soon(action.to, from.address, from.interface, std::move(action.bytes));
+  }
 }
 
 void MqttsnAdapter::perform(SendMulticast& action) {
@@ -203,7 +208,7 @@ void MqttsnAdapter::advertise_on(const NetworkInterface& interface, ByteView byt
   for (const auto& socket : sockets_) {
     const Endpoint to = from_asio({group, socket->port()});
     const bool is_sent =
-        socket->can_reach(group) && socket->send(to, *source, interface.index, bytes);
+        socket->send(to, *source, interface.index, Bytes(bytes.begin(), bytes.end()));
     if (is_sent && interface.has_carrier) advertised_from_[interface.index] = *source;
   }
 }

@@ -85,7 +85,7 @@ class MqttsnAdapter final : public MeshShell<SnGateway> {
   std::map<std::uint32_t, IpAddress> advertised_from_;  // by interface; the last successful ones
   std::shared_ptr<InterfaceWatch> interface_watch_;
   boost::asio::steady_timer watch_timer_;
-  std::uint64_t sends_failed_ = 0;
+  std::uint64_t sends_failed_ = 0;  ///< for want of a socket, and on sockets that were closed
   std::uint64_t truncated_ = 0;
 };
 

@@ -8,6 +8,8 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
+#include <boost/asio/defer.hpp>
 #include <cerrno>
 #include <charconv>
 #include <cstring>
@@ -15,6 +17,8 @@
 #include <stdexcept>
 #include <string_view>
 #include <utility>
+
+#include "adapters/mqttsn_udp/io/outgoing_datagram.hpp"
 
 namespace slamgw::mqttsn {
 namespace {
@@ -131,29 +135,6 @@ void read_control(msghdr& header, UdpSocket::Datagram& datagram, std::uint32_t& 
   }
 }
 
-template <class Info>
-void write_control(msghdr& header, int level, int type, const Info& info) {
-  header.msg_controllen = CMSG_SPACE(sizeof info);
-  cmsghdr* c = CMSG_FIRSTHDR(&header);
-  c->cmsg_level = level;
-  c->cmsg_type = type;
-  c->cmsg_len = CMSG_LEN(sizeof info);
-  std::memcpy(CMSG_DATA(c), &info, sizeof info);
-}
-
-void write_source(msghdr& header, bool is_ipv6, const IpAddress& from, std::uint32_t interface) {
-  if (is_ipv6) {
-    in6_pktinfo info{};
-    std::memcpy(&info.ipi6_addr, from.data(), 16);
-    info.ipi6_ifindex = interface;
-    return write_control(header, IPPROTO_IPV6, IPV6_PKTINFO, info);
-  }
-  in_pktinfo info{};
-  if (is_ipv4(from)) std::memcpy(&info.ipi_spec_dst, from.data() + 12, 4);
-  info.ipi_ifindex = static_cast<int>(interface);
-  write_control(header, IPPROTO_IP, IP_PKTINFO, info);
-}
-
 /// What to do about it, where that is known.
 std::string advise(const boost::system::error_code& error, unsigned port) {
   if (error == asio::error::address_in_use) {
@@ -174,7 +155,7 @@ std::string advise(const boost::system::error_code& error, unsigned port) {
 }  // namespace
 
 /// What one call to the kernel brings: at full rate they come in dozens.
-struct UdpSocket::Batch {
+struct UdpSocket::Incoming {
   static constexpr int size = 16;
 
   sockaddr_storage from[size];
@@ -198,13 +179,23 @@ struct UdpSocket::Batch {
   }
 };
 
-UdpSocket::~UdpSocket() = default;
+/// What one call to the kernel takes.
+struct UdpSocket::Outgoing {
+  static constexpr unsigned size = 64;
+
+  unsigned count = 0;
+  std::array<OutgoingDatagram, size> datagrams;
+  std::array<mmsghdr, size> headers;
+};
+
+UdpSocket::~UdpSocket() { flush(); }
 
 UdpSocket::UdpSocket(asio::io_context& io, const std::string& listen, const std::string& interface,
                      int kept)
     : socket_(io),
       is_bound_to_interface_(!interface.empty()),
-      batch_(std::make_unique_for_overwrite<Batch>()) {
+      incoming_(std::make_unique_for_overwrite<Incoming>()),
+      outgoing_(std::make_unique<Outgoing>()) {
   const udp::endpoint endpoint = parse_listen(listen);
   try {
     open(endpoint, interface, kept);
@@ -266,6 +257,7 @@ void UdpSocket::start(Receive receive) {
 void UdpSocket::stop_receiving() { receive_ = nullptr; }
 
 void UdpSocket::close() {
+  flush();
   boost::system::error_code ignored;
   socket_.close(ignored);
 }
@@ -284,49 +276,67 @@ void UdpSocket::wait() {
 /// too and mean nothing for a server.
 bool UdpSocket::receive_batch() {
   if (!socket_.is_open() || !receive_) return false;
-  mmsghdr* const headers = batch_->prepare();
-  const int count = recvmmsg(socket_.native_handle(), headers, Batch::size, MSG_DONTWAIT, nullptr);
+  mmsghdr* const headers = incoming_->prepare();
+  const int count =
+      recvmmsg(socket_.native_handle(), headers, Incoming::size, MSG_DONTWAIT, nullptr);
   if (count < 0) return errno != EAGAIN && errno != EWOULDBLOCK;
   for (int i = 0; i < count && receive_; ++i) {
     Datagram datagram;
-    datagram.from = from_sockaddr(batch_->from[i]);
-    datagram.bytes = ByteView(batch_->bytes[i], headers[i].msg_len);
+    datagram.from = from_sockaddr(incoming_->from[i]);
+    datagram.bytes = ByteView(incoming_->bytes[i], headers[i].msg_len);
     datagram.is_truncated = (headers[i].msg_hdr.msg_flags & MSG_TRUNC) != 0;
     read_control(headers[i].msg_hdr, datagram, kernel_drops_);
     if (is_bound_to_interface_) datagram.from.scope_id = 0;  // it changes with the interface
     receive_(datagram);
   }
-  return count == Batch::size;
+  return count == Incoming::size;
 }
 
 bool UdpSocket::send(const Endpoint& to, const IpAddress& from, std::uint32_t interface,
-                     ByteView bytes) {
-  if (!socket_.is_open()) return false;
-  udp::endpoint target = to_asio(to);
-  if (is_ipv6_ && target.address().is_v4()) {
-    target.address(asio::ip::make_address_v6(asio::ip::v4_mapped, target.address().to_v4()));
-  } else if (is_ipv6_ != target.address().is_v6()) {
-    return false;
+                     Bytes bytes) {
+  if (!socket_.is_open() || !can_reach(to.address)) return false;
+  OutgoingDatagram datagram;
+  datagram.fill(is_ipv6_, to, from, interface, std::move(bytes));
+  return transmit(datagram);
+}
+
+void UdpSocket::send_soon(const Endpoint& to, const IpAddress& from, std::uint32_t interface,
+                          Bytes bytes) {
+  outgoing_->datagrams[outgoing_->count++].fill(is_ipv6_, to, from, interface, std::move(bytes));
+  if (outgoing_->count == Outgoing::size) return flush();
+  if (outgoing_->count > 1) return;
+  asio::defer(socket_.get_executor(), [socket = weak_from_this()] {
+    if (const auto alive = socket.lock()) alive->flush();
+  });
+}
+
+/// A datagram that cannot be sent ends the call before it; the others are sent all the same.
+void UdpSocket::flush() {
+  const unsigned count = std::exchange(outgoing_->count, 0);
+  for (unsigned i = 0; i < count; ++i)
+    outgoing_->headers[i] = {outgoing_->datagrams[i].header(), 0};
+  for (unsigned sent = 0; sent < count;) {
+    const int taken = sendmmsg(socket_.native_handle(), &outgoing_->headers[sent], count - sent,
+                               MSG_DONTWAIT | MSG_NOSIGNAL);
+    if (taken > 0) {
+      sent += static_cast<unsigned>(taken);
+    } else {
+      send_again(outgoing_->datagrams[sent++]);
+    }
   }
-  alignas(cmsghdr) std::uint8_t control[control_octets] = {};
-  iovec part{const_cast<std::uint8_t*>(bytes.data()), bytes.size()};  // sendmsg only reads it
-  msghdr header{};
-  header.msg_name = target.data();
-  header.msg_namelen = static_cast<socklen_t>(target.size());
-  header.msg_iov = &part;
-  header.msg_iovlen = 1;
-  if (from != IpAddress{} || interface != 0) {
-    header.msg_control = control;
-    // Towards IPv4 also "any source" must be an IPv4 address.
-    const bool is_ipv4 = target.address().is_v4() || target.address().to_v6().is_v4_mapped();
-    const bool is_any = is_ipv4 && from == IpAddress{};
-    write_source(header, is_ipv6_, is_any ? mapped(in_addr{}) : from, interface);
-  }
-  return sendmsg(socket_.native_handle(), &header, MSG_DONTWAIT | MSG_NOSIGNAL) >= 0;
+}
+
+/// The interface may have been made again under another index; its address is the same.
+void UdpSocket::send_again(OutgoingDatagram& datagram) {
+  if (!datagram.forget_interface() || !transmit(datagram)) ++sends_failed_;
+}
+
+bool UdpSocket::transmit(const OutgoingDatagram& datagram) {
+  return sendmsg(socket_.native_handle(), &datagram.header(), MSG_DONTWAIT | MSG_NOSIGNAL) >= 0;
 }
 
 bool UdpSocket::join(const asio::ip::address& group, std::uint32_t interface) {
-  if (!can_reach(group)) return false;
+  if (!can_reach(from_asio({group, 0}).address)) return false;
   int result = 0;
   if (group.is_v6()) {
     ipv6_mreq request{};

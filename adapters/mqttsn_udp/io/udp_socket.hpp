@@ -15,6 +15,8 @@
 
 namespace slamgw::mqttsn {
 
+class OutgoingDatagram;
+
 /// Owned by shared_ptr: a wait that is under way keeps it alive.
 class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
  public:
@@ -44,7 +46,12 @@ class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
   void close();
 
   /// Never blocks: what the kernel does not take is lost, as datagrams are. False then.
-  bool send(const Endpoint& to, const IpAddress& from, std::uint32_t interface, ByteView bytes);
+  bool send(const Endpoint& to, const IpAddress& from, std::uint32_t interface, Bytes bytes);
+  /// After the present handler of the loop, with others, for which one call to the kernel is
+  /// enough. can_reach(to.address) holds. When `interface` does not take it, the kernel chooses.
+  void send_soon(const Endpoint& to, const IpAddress& from, std::uint32_t interface, Bytes bytes);
+  /// Does now what send_soon() has put off.
+  void flush();
   /// Joins `group` there; true also when it had been joined before.
   bool join(const boost::asio::ip::address& group, std::uint32_t interface);
 
@@ -52,20 +59,25 @@ class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
   int descriptor() { return socket_.native_handle(); }
   bool is_taken_over() const { return is_taken_over_; }
   /// By its family; a socket on `[::]` reaches IPv4 too.
-  bool can_reach(const boost::asio::ip::address& to) const {
-    return to.is_v6() ? is_ipv6_ : !is_ipv6_ || takes_ipv4_too_;
+  bool can_reach(const IpAddress& to) const {
+    return is_ipv4(to) ? !is_ipv6_ || takes_ipv4_too_ : is_ipv6_;
   }
   /// Datagrams that the kernel had to drop because we were too slow.
   std::uint32_t kernel_drops() const { return kernel_drops_; }
+  /// Of send_soon().
+  std::uint64_t sends_failed() const { return sends_failed_; }
 
  private:
-  struct Batch;
+  struct Incoming;
+  struct Outgoing;
 
   void open(const boost::asio::ip::udp::endpoint& endpoint, const std::string& interface, int kept);
   void set_options();
   void bind_to(const std::string& interface);
   void wait();
   bool receive_batch();
+  void send_again(OutgoingDatagram& datagram);
+  bool transmit(const OutgoingDatagram& datagram);
 
   boost::asio::ip::udp::socket socket_;
   bool is_ipv6_ = false;
@@ -74,7 +86,9 @@ class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
   bool is_taken_over_ = false;
   std::uint16_t port_ = 0;
   std::uint32_t kernel_drops_ = 0;
-  std::unique_ptr<Batch> batch_;
+  std::uint64_t sends_failed_ = 0;
+  std::unique_ptr<Incoming> incoming_;
+  std::unique_ptr<Outgoing> outgoing_;
   Receive receive_;  ///< empty: nothing is received
 };
 
