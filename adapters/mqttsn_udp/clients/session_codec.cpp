@@ -4,12 +4,14 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
+#include "adapters/mqttsn_udp/clients/cbor_writer.hpp"
+
 namespace slamgw::mqttsn {
 namespace {
 
 using Json = nlohmann::json;
 
-constexpr int version = 1;
+constexpr unsigned version = 1;
 
 using std::chrono::milliseconds;
 
@@ -18,12 +20,6 @@ TimePoint clock_time(const Json& json) {
   constexpr std::uint64_t latest_ms = 1'000'000'000'000;  // 31 years after the host's start
   return TimePoint(milliseconds(std::min(json.get<std::uint64_t>(), latest_ms)));
 }
-
-std::int64_t clock_ms(TimePoint time) {
-  return std::chrono::duration_cast<milliseconds>(time.time_since_epoch()).count();
-}
-
-Json binary(ByteView octets) { return Json::binary(Bytes(octets.begin(), octets.end())); }
 
 Bytes octets(const Json& json) { return json.get_binary(); }
 
@@ -42,24 +38,10 @@ IpAddress address(const Json& json) {
   return out;
 }
 
-Json to_json(const Peer& peer) {
-  return {{"address", binary(peer.endpoint.address)},
-          {"port", peer.endpoint.port},
-          {"scope", peer.endpoint.scope_id},
-          {"node", binary(as_bytes(peer.node_id))}};
-}
-
 Peer to_peer(const Json& json) {
   const Bytes node = octets(json.at("node"));
   return {{address(json.at("address")), json.at("port"), json.at("scope")},
           std::string(node.begin(), node.end())};
-}
-
-Json to_json(const Will& will) {
-  return {{"topic", will.topic},
-          {"message", binary(will.message)},
-          {"qos", will.qos},
-          {"retain", will.retain}};
 }
 
 Will to_will(const Json& json) {
@@ -67,27 +49,9 @@ Will to_will(const Json& json) {
           json.at("retain")};
 }
 
-Json to_json(const SubscriptionSnapshot& s) {
-  return Json::array({s.filter, s.qos, s.topic_id_type, s.topic_id});
-}
-
 SubscriptionSnapshot to_subscription(const Json& json) {
   return {json.at(0), checked(json.at(1), Qos::exactly_once),
           checked(json.at(2), TopicIdType::short_name), json.at(3)};
-}
-
-Json to_json(const MessageSnapshot& m) {
-  Json json{{"topic", m.message.topic},
-            {"payload", binary(m.message.payload)},
-            {"sent_qos", m.message.qos},
-            {"retain", m.message.retain},
-            {"qos", m.qos},
-            {"type", m.topic_id_type},
-            {"predefined", m.predefined_id},
-            {"msg_id", m.msg_id},
-            {"released", false}};  // for versions that keep the message until PUBCOMP
-  if (m.command_age) json["command_ms"] = m.command_age->count();
-  return json;
 }
 
 MessageSnapshot to_message(const Json& json) {
@@ -103,28 +67,9 @@ MessageSnapshot to_message(const Json& json) {
   return m;
 }
 
-Json to_json(const TopicTable::Topic& topic) {
-  return Json::array({topic.name, topic.is_told, topic.is_own});
-}
-
 /// Sessions of former versions do not say whose a topic is: then it keeps its id.
 TopicTable::Topic to_topic(const Json& json) {
   return {json.at(0), json.at(1), json.size() < 3 || json.at(2).get<bool>()};
-}
-
-Json to_json(const RepeatSnapshot& repeat) {
-  return Json::array({repeat.msg_id, repeat.topic_id, repeat.fingerprint, repeat.age.count()});
-}
-
-Json to_json(const std::pair<std::uint16_t, std::uint64_t>& inbound) {
-  return Json::array({inbound.first, inbound.second});
-}
-
-template <class Range>
-Json to_array(const Range& range) {
-  Json array = Json::array();
-  for (const auto& element : range) array.push_back(to_json(element));
-  return array;
 }
 
 SessionSnapshot to_session(const Json& json) {
@@ -163,38 +108,136 @@ SessionSnapshot to_session(const Json& json) {
   return out;
 }
 
+template <class Duration>
+std::uint64_t count_of(Duration duration) {
+  return static_cast<std::uint64_t>(duration.count());
+}
+
+template <class Enum>
+unsigned number_of(Enum value) {
+  return static_cast<unsigned>(value);
+}
+
+void write(CborWriter& out, const Peer& peer) {
+  out.begin_map();
+  out.write("address", ByteView(peer.endpoint.address));
+  out.write("port", peer.endpoint.port);
+  out.write("scope", peer.endpoint.scope_id);
+  out.write("node", as_bytes(peer.node_id));
+  out.end();
+}
+
+void write(CborWriter& out, const Will& will) {
+  out.begin_map();
+  out.write("topic", std::string_view(will.topic));
+  out.write("message", ByteView(will.message));
+  out.write("qos", number_of(will.qos));
+  out.write("retain", will.retain);
+  out.end();
+}
+
+void write(CborWriter& out, const SubscriptionSnapshot& subscription) {
+  out.begin_array();
+  out.write(std::string_view(subscription.filter));
+  out.write(number_of(subscription.qos));
+  out.write(number_of(subscription.topic_id_type));
+  out.write(subscription.topic_id);
+  out.end();
+}
+
+void write(CborWriter& out, const MessageSnapshot& message) {
+  out.begin_map();
+  out.write("topic", std::string_view(message.message.topic));
+  out.write("payload", ByteView(message.message.payload));
+  out.write("sent_qos", number_of(message.message.qos));
+  out.write("retain", message.message.retain);
+  out.write("qos", number_of(message.qos));
+  out.write("type", number_of(message.topic_id_type));
+  out.write("predefined", message.predefined_id);
+  out.write("msg_id", message.msg_id);
+  out.write("released", false);  // for versions that keep the message until PUBCOMP
+  if (message.command_age) out.write("command_ms", count_of(*message.command_age));
+  out.end();
+}
+
+void write(CborWriter& out, const TopicTable::Topic& topic) {
+  out.begin_array();
+  out.write(std::string_view(topic.name));
+  out.write(topic.is_told);
+  out.write(topic.is_own);
+  out.end();
+}
+
+void write(CborWriter& out, const RepeatSnapshot& repeat) {
+  out.begin_array();
+  out.write(repeat.msg_id);
+  out.write(repeat.topic_id);
+  out.write(repeat.fingerprint);
+  out.write(count_of(repeat.age));
+  out.end();
+}
+
+void write(CborWriter& out, const std::pair<std::uint16_t, std::uint64_t>& inbound) {
+  out.begin_array();
+  out.write(inbound.first);
+  out.write(inbound.second);
+  out.end();
+}
+
+void write(CborWriter& out, std::uint16_t msg_id) { out.write(msg_id); }
+
+template <class Range>
+void write_all(CborWriter& out, std::string_view name, const Range& range) {
+  out.write(name);
+  out.begin_array();
+  for (const auto& element : range) write(out, element);
+  out.end();
+}
+
 }  // namespace
 
 Bytes encode_session(const SessionSnapshot& snapshot) {
-  Json json{{"version", version},
-            {"client_id", snapshot.client_id},
-            {"robot", snapshot.robot},
-            {"state", snapshot.state},
-            {"local", binary(snapshot.local.address)},
-            {"interface", snapshot.local.interface},
-            {"socket", snapshot.local.socket},
-            {"clean", snapshot.is_clean},
-            {"uses_client_id", snapshot.uses_client_id},
-            {"keep_alive_s", snapshot.keep_alive.count()},
-            {"sleep_s", snapshot.sleep_duration.count()},
-            {"topics", to_array(snapshot.topics)},
-            {"subscriptions", to_array(snapshot.subscriptions)},
-            {"messages", to_array(snapshot.messages)},
-            {"released", snapshot.released},
-            {"inbound_qos2", to_array(snapshot.inbound_qos2)},
-            {"repeats", to_array(snapshot.repeats)},
-            {"last_msg_id", snapshot.last_msg_id}};
-  if (snapshot.peer) json["peer"] = to_json(*snapshot.peer);
-  if (!snapshot.is_validated) json["allowance"] = snapshot.allowance;
-  if (snapshot.saved_at) json["saved_ms"] = clock_ms(*snapshot.saved_at);
-  if (snapshot.will) json["will"] = to_json(*snapshot.will);
-  return Json::to_cbor(json);
+  CborWriter out;
+  out.begin_map();
+  out.write("version", version);
+  out.write("client_id", std::string_view(snapshot.client_id));
+  out.write("robot", std::string_view(snapshot.robot));
+  out.write("state", number_of(snapshot.state));
+  out.write("local", ByteView(snapshot.local.address));
+  out.write("interface", snapshot.local.interface);
+  out.write("socket", snapshot.local.socket);
+  out.write("clean", snapshot.is_clean);
+  out.write("uses_client_id", snapshot.uses_client_id);
+  out.write("keep_alive_s", count_of(snapshot.keep_alive));
+  out.write("sleep_s", count_of(snapshot.sleep_duration));
+  write_all(out, "topics", snapshot.topics);
+  write_all(out, "subscriptions", snapshot.subscriptions);
+  write_all(out, "messages", snapshot.messages);
+  write_all(out, "released", snapshot.released);
+  write_all(out, "inbound_qos2", snapshot.inbound_qos2);
+  write_all(out, "repeats", snapshot.repeats);
+  out.write("last_msg_id", snapshot.last_msg_id);
+  if (!snapshot.is_validated) out.write("allowance", snapshot.allowance);
+  if (snapshot.saved_at)
+    out.write(
+        "saved_ms",
+        count_of(std::chrono::duration_cast<milliseconds>(snapshot.saved_at->time_since_epoch())));
+  if (snapshot.peer) {
+    out.write("peer");
+    write(out, *snapshot.peer);
+  }
+  if (snapshot.will) {
+    out.write("will");
+    write(out, *snapshot.will);
+  }
+  out.end();
+  return out.take();
 }
 
 std::optional<SessionSnapshot> decode_session(ByteView content) {
   try {
     const Json json = Json::from_cbor(content.begin(), content.end());
-    if (json.at("version").get<int>() != version) return std::nullopt;
+    if (json.at("version").get<unsigned>() != version) return std::nullopt;
     return to_session(json);
   } catch (const Json::exception&) {
     return std::nullopt;
