@@ -45,6 +45,17 @@ std::optional<std::uint32_t> take_code_point(std::string_view& rest) {
   return code_point;
 }
 
+/// Takes the printable ASCII off the front, which is all of nearly every text, and returns it.
+std::string_view take_plain(std::string_view& text) {
+  const auto end = std::ranges::find_if(text, [](char c) {
+    const auto octet = static_cast<std::uint8_t>(c);
+    return octet < 0x20 || octet > 0x7e;
+  });
+  const std::string_view plain(text.begin(), end);
+  text.remove_prefix(plain.size());
+  return plain;
+}
+
 bool is_control(std::uint32_t code_point) {
   return code_point <= 0x1f || (code_point >= 0x7f && code_point <= 0x9f);
 }
@@ -69,7 +80,7 @@ bool is_hidden(std::uint32_t code_point) {
 }  // namespace
 
 bool is_printable(std::string_view text) {
-  while (!text.empty()) {
+  while (take_plain(text), !text.empty()) {
     const auto code_point = take_code_point(text);
     if (!code_point || is_control(*code_point) || is_hidden(*code_point)) return false;
   }
@@ -79,7 +90,7 @@ bool is_printable(std::string_view text) {
 std::string escape_unprintable(std::string_view text) {
   std::string out;
   out.reserve(text.size());
-  while (!text.empty()) {
+  while (out += take_plain(text), !text.empty()) {
     std::string_view rest = text;
     const auto code_point = take_code_point(rest);
     if (!code_point || *code_point < 0x20) {
@@ -98,7 +109,7 @@ std::string escape_unprintable(std::string_view text) {
 }
 
 bool is_utf8(std::string_view text) {
-  while (!text.empty()) {
+  while (take_plain(text), !text.empty()) {
     if (!take_code_point(text)) return false;
   }
   return true;
@@ -106,7 +117,7 @@ bool is_utf8(std::string_view text) {
 
 bool is_mqtt_text(std::string_view text) {
   if (text.size() > max_mqtt_text_octets) return false;
-  while (!text.empty()) {
+  while (take_plain(text), !text.empty()) {
     const auto code_point = take_code_point(text);
     if (!code_point || is_control(*code_point) || is_non_character(*code_point)) return false;
   }
