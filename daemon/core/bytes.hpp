@@ -46,9 +46,11 @@ class ByteReader {
   bool ok_ = true;
 };
 
-/// Appends to a buffer of its own.
+/// Appends to a buffer of its own, which has room for a short message from the beginning.
 class ByteWriter {
  public:
+  ByteWriter() { bytes_.reserve(short_message); }
+
   ByteWriter& write_u8(std::uint8_t value);
   ByteWriter& write_u16_be(std::uint16_t value);
   ByteWriter& write_u16_le(std::uint16_t value);
@@ -62,6 +64,8 @@ class ByteWriter {
   Bytes take() { return std::move(bytes_); }
 
  private:
+  static constexpr std::size_t short_message = 32;
+
   Bytes bytes_;
 };
 

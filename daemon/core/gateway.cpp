@@ -113,8 +113,9 @@ void Gateway::pass_up(Report report, const Now& now) {
                        report.receipt});
 }
 
-void Gateway::tell_traffic(const Report& report, const std::string& type,
-                           const Normalized& normalized, const Now& now) {
+/// Takes `normalized.update` along.
+void Gateway::tell_traffic(const Report& report, const std::string& type, Normalized& normalized,
+                           const Now& now) {
   actions_.push(TrafficEvent{.direction = Direction::up,
                              .mesh = report.mesh,
                              .robot = report.robot,
@@ -122,7 +123,7 @@ void Gateway::tell_traffic(const Report& report, const std::string& type,
                              .topic = report.topic,
                              .payload = normalized.payload,
                              .qos = report.qos,
-                             .update = normalized.update,
+                             .update = std::move(normalized.update),
                              .wall = now.wall,
                              .at = now.mono,
                              .receipt = report.receipt,

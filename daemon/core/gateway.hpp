@@ -170,7 +170,7 @@ class Gateway {
   void withdraw_evicted();
   void probe_rights(std::vector<BrokerMessage> messages);
   void answer_waiting_subscribers();
-  void tell_traffic(const Report& report, const std::string& type, const Normalized& normalized,
+  void tell_traffic(const Report& report, const std::string& type, Normalized& normalized,
                     const Now& now);
   void reject(const Report& report, std::string_view type, Robot* robot, Bytes payload,
               const Now& now);

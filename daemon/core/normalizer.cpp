@@ -21,12 +21,13 @@ Bytes encode(const Update& update, UpdateMode mode, Bytes as_it_came) {
 
 Normalized normalize(std::string_view type, Bytes payload, UpdateMode mode) {
   if (type != update_type) return {std::move(payload), std::nullopt, false};
-  const auto update = parse_update(payload);
+  auto update = parse_update(payload);
   if (!update.has_value()) {
     const bool is_rejected = mode != UpdateMode::raw;  // raw reads nothing, so it refuses nothing
     return {std::move(payload), std::nullopt, is_rejected};
   }
-  return {encode(*update, mode, std::move(payload)), *update, false};
+  Bytes encoded = encode(*update, mode, std::move(payload));
+  return {std::move(encoded), std::move(*update), false};
 }
 
 }  // namespace slamgw

@@ -3,12 +3,14 @@
 // Pure; part of Gateway.
 #pragma once
 
+#include <functional>
 #include <map>
 #include <optional>
 #include <string>
 #include <utility>
 
 #include "daemon/core/messages.hpp"
+#include "daemon/core/recycling_allocator.hpp"
 
 namespace slamgw {
 
@@ -27,13 +29,16 @@ class OpenReceipts {
       open_.insert_or_assign({receipt.mesh, receipt.id}, Open{robot, now});
   }
   std::optional<Open> take(const Receipt& receipt) {
-    const auto node = open_.extract({receipt.mesh, receipt.id});
-    if (node.empty()) return std::nullopt;
-    return std::move(node.mapped());
+    const auto found = open_.find(Key{receipt.mesh, receipt.id});
+    if (found == open_.end()) return std::nullopt;
+    Open open = std::move(found->second);
+    open_.erase(found);
+    return open;
   }
 
  private:
-  std::map<std::pair<Mesh, std::uint64_t>, Open> open_;
+  using Key = std::pair<Mesh, std::uint64_t>;
+  std::map<Key, Open, std::less<>, RecyclingAllocator<std::pair<const Key, Open>>> open_;
 };
 
 }  // namespace slamgw

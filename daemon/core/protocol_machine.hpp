@@ -7,10 +7,10 @@
 #pragma once
 
 #include <concepts>
-#include <deque>
 #include <optional>
 #include <utility>
 #include <variant>
+#include <vector>
 
 #include "daemon/core/time.hpp"
 
@@ -33,21 +33,31 @@ template <ProtocolMachine Machine>
 using ActionOf = typename decltype(std::declval<Machine&>().next_action())::value_type;
 
 /// The action queue of a machine. Bounded by its shell: a shell drains to empty before it takes the
-/// next input from outside, so the queue holds what one input can cause.
+/// next input from outside, so the queue holds what one input can cause. Keeps its memory, so that
+/// nothing is allocated for the next input.
 template <class Action>
 class ActionQueue {
  public:
   void push(Action action) { actions_.push_back(std::move(action)); }
 
   std::optional<Action> pop() {
-    if (actions_.empty()) return std::nullopt;
-    std::optional<Action> first(std::move(actions_.front()));
-    actions_.pop_front();
-    return first;
+    if (first_ == actions_.size()) return std::nullopt;
+    std::optional<Action> action(std::move(actions_[first_++]));
+    if (first_ == actions_.size()) clear();
+    return action;
   }
 
  private:
-  std::deque<Action> actions_;
+  static constexpr std::size_t kept_capacity = 256;
+
+  void clear() {
+    actions_.clear();
+    first_ = 0;
+    if (actions_.capacity() > kept_capacity) actions_ = {};
+  }
+
+  std::vector<Action> actions_;
+  std::size_t first_ = 0;  ///< that has not been taken
 };
 
 /// The earlier of two optional deadlines.

@@ -26,6 +26,7 @@ Result<Update, UpdateError> parse_update(ByteView payload) {
 
   ByteReader reader(payload);
   Update update{read_position(reader), {}};
+  update.obstacles.reserve(pairs - 1);
   while (update.obstacles.size() + 1 < pairs) update.obstacles.push_back(read_position(reader));
   return update;
 }

@@ -6,10 +6,13 @@
 
 #include <cstddef>
 #include <deque>
+#include <functional>
 #include <list>
 #include <string_view>
 #include <unordered_map>
+#include <utility>
 
+#include "daemon/core/recycling_allocator.hpp"
 #include "daemon/delivery/outbox_entry.hpp"
 
 namespace slamgw {
@@ -56,15 +59,17 @@ class FairQueue {
   /// Of the flow's name. Two names with one hash share their turns, which harms neither's order.
   using Key = std::size_t;
   struct Flow {
-    std::list<OutboxEntry> entries;
+    std::list<OutboxEntry, RecyclingAllocator<OutboxEntry>> entries;
     std::size_t bytes = 0;
   };
 
   static Key key_of(std::string_view topic);
   void forget_empty_flows();
 
-  std::unordered_map<Key, Flow> flows_;  // none is empty
-  std::deque<Key> turns_;                // each flow once
+  std::unordered_map<Key, Flow, std::hash<Key>, std::equal_to<>,
+                     RecyclingAllocator<std::pair<const Key, Flow>>>
+      flows_;                                       // none is empty
+  std::deque<Key, RecyclingAllocator<Key>> turns_;  // each flow once
   std::size_t size_ = 0;
 };
 

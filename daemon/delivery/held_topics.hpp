@@ -121,8 +121,13 @@ class HeldTopics {
   /// are not held nothing happens. True when it is the first that was accepted.
   void on_published(std::string_view topic);
   bool on_answered(std::string_view topic, Answer answer);
-  /// What was in memory only of topics that are held no longer.
-  std::deque<OutboxEntry> take_released() { return std::exchange(released_, {}); }
+  /// What was in memory only of topics that are held no longer: the next of it.
+  std::optional<OutboxEntry> take_released() {
+    if (released_.empty()) return std::nullopt;
+    std::optional<OutboxEntry> first(std::move(released_.front()));
+    released_.pop_front();
+    return first;
+  }
 
   void on_link_down();
   /// Pauses go on: Debian 12's Mosquitto closes the connection after each PUBACK that refuses, and

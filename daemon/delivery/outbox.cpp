@@ -360,7 +360,7 @@ void Outbox::set_aside(Entry entry, const Refusal& refusal, std::uint32_t tries,
 }
 
 void Outbox::place_released(TimePoint now) {
-  for (Entry& entry : backlog_.held().take_released()) place(std::move(entry), now);
+  while (auto entry = backlog_.held().take_released()) place(std::move(*entry), now);
 }
 
 void Outbox::say(std::optional<Notice> notice) {

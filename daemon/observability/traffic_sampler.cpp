@@ -22,11 +22,10 @@ std::optional<std::uint64_t> TrafficSampler::sample(const TrafficEvent& event, T
     case TrafficLogMode::all: return 1;
     case TrafficLogMode::sampled: break;
   }
-  std::string stream = event.robot + '/' + event.type;
-  if (event.direction == Direction::down) stream += '/';
-  if (streams_.size() >= max_streams && !streams_.contains(stream)) stream.clear();
-  return streams_.try_emplace(std::move(stream), std::chrono::seconds{1})
-      .first->second.on_event(now);
+  stream_.assign(event.robot).append(1, '/').append(event.type);
+  if (event.direction == Direction::down) stream_ += '/';
+  if (streams_.size() >= max_streams && !streams_.contains(stream_)) stream_.clear();
+  return streams_.try_emplace(stream_, std::chrono::seconds{1}).first->second.on_event(now);
 }
 
 }  // namespace slamgw

@@ -44,6 +44,7 @@ class TrafficSampler {
   LineBudget budget_{lines_at_once, lines_per_second};
   std::uint64_t without_line_ = 0;
   std::unordered_map<std::string, Burst> streams_;
+  std::string stream_;  // of the present message; keeps its memory
 };
 
 }  // namespace slamgw

@@ -39,32 +39,44 @@ const RepeatFilter::Entry* RepeatFilter::find(std::uint16_t msg_id, std::uint64_
          entries_[gone_].receipt_id == 0) {
     pop_front();
   }
-  const auto same = [&](const Entry& entry) {
+  const auto is_same = [&](const Entry& entry) {
     const bool is_fresh = entry.receipt_id != 0 || now - entry.came <= limits::repeat_window;
-    return entry.msg_id == msg_id && entry.fingerprint == fingerprint && is_fresh;
+    return entry.fingerprint == fingerprint && is_fresh;
   };
-  const auto end = entries_.rend() - static_cast<std::ptrdiff_t>(gone_);
-  const auto found = std::find_if(entries_.rbegin(), end, same);
-  return found == end ? nullptr : &*found;
+  const Entry* newest = nullptr;
+  auto from = msg_ids_.begin() + static_cast<std::ptrdiff_t>(gone_);
+  while ((from = std::find(from, msg_ids_.end(), msg_id)) != msg_ids_.end()) {
+    const Entry& entry = entries_[static_cast<std::size_t>(from++ - msg_ids_.begin())];
+    if (is_same(entry)) newest = &entry;
+  }
+  return newest;
 }
 
 void RepeatFilter::add(const Entry& entry) {
   if (size() >= limits::max_repeats) pop_front();
   entries_.push_back(entry);
+  msg_ids_.push_back(entry.msg_id);
 }
 
-void RepeatFilter::clear() {
-  entries_ = {};
-  gone_ = 0;
-}
+void RepeatFilter::clear() { *this = {}; }
 
 /// Removed in halves, so that each entry is moved a bounded number of times.
 void RepeatFilter::pop_front() {
   ++gone_;
   if (2 * gone_ < entries_.size()) return;
-  entries_.erase(entries_.begin(), entries_.begin() + static_cast<std::ptrdiff_t>(gone_));
-  entries_.shrink_to_fit();
+  erase(0, gone_);
   gone_ = 0;
+}
+
+void RepeatFilter::erase(std::size_t begin, std::size_t end) {
+  const auto of = [](auto& all, std::size_t at) {
+    return all.begin() + static_cast<std::ptrdiff_t>(at);
+  };
+  entries_.erase(of(entries_, begin), of(entries_, end));
+  msg_ids_.erase(of(msg_ids_, begin), of(msg_ids_, end));
+  if (2 * entries_.size() > entries_.capacity()) return;
+  entries_.shrink_to_fit();
+  msg_ids_.shrink_to_fit();
 }
 
 std::optional<RepeatFilter::Entry> RepeatFilter::on_safe(std::uint64_t receipt_id) {
@@ -78,7 +90,8 @@ std::optional<RepeatFilter::Entry> RepeatFilter::on_refused(std::uint64_t receip
   const auto found = find_receipt(receipt_id);
   if (found == entries_.rend()) return std::nullopt;
   const Entry entry = *found;
-  entries_.erase(std::next(found).base());
+  const auto at = static_cast<std::size_t>(&*found - entries_.data());
+  erase(at, at + 1);
   return entry;
 }
 

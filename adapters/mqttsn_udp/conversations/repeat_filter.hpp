@@ -42,12 +42,14 @@ class RepeatFilter {
  private:
   std::size_t size() const { return entries_.size() - gone_; }
   void pop_front();
+  void erase(std::size_t begin, std::size_t end);
   /// entries_.rend() when there is none.
   std::vector<Entry>::reverse_iterator find_receipt(std::uint64_t receipt_id);
 
   // No std::deque: an empty one has 576 octets, for each of thousands of clients.
-  std::vector<Entry> entries_;  // oldest first
-  std::size_t gone_ = 0;        // at the front of entries_, not yet removed
+  std::vector<Entry> entries_;          // oldest first
+  std::vector<std::uint16_t> msg_ids_;  // of entries_: what is looked through for each message
+  std::size_t gone_ = 0;                // at the front of both, not yet removed
 };
 
 }  // namespace slamgw::mqttsn

@@ -6,9 +6,11 @@
 #include <functional>
 #include <string>
 #include <unordered_map>
+#include <utility>
 
 #include "adapters/mqttsn_udp/context.hpp"
 #include "adapters/mqttsn_udp/conversations/refusals.hpp"
+#include "daemon/core/recycling_allocator.hpp"
 
 namespace slamgw::mqttsn {
 
@@ -57,7 +59,9 @@ class Uplink {
   Refusals& refusals_;
   NameCheck is_elsewhere_;
   std::uint64_t last_receipt_ = 0;
-  std::unordered_map<std::uint64_t, Open> open_;  // bounded by max_open_receipts for each client
+  std::unordered_map<std::uint64_t, Open, std::hash<std::uint64_t>, std::equal_to<>,
+                     RecyclingAllocator<std::pair<const std::uint64_t, Open>>>
+      open_;  // bounded by max_open_receipts for each client
 };
 
 }  // namespace slamgw::mqttsn

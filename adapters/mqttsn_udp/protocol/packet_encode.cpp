@@ -132,18 +132,23 @@ class BodyWriter {
 }  // namespace
 
 Bytes encode(const Packet& packet) {
-  ByteWriter body;
-  BodyWriter write_body(body);
+  constexpr std::uint8_t later = 0;
+  ByteWriter writer;
+  writer.write_u8(later).write_u8(later);
+  BodyWriter write_body(writer);
   const MsgType type = std::visit(write_body, packet);
-  const std::size_t short_total = 2 + body.size();
-  ByteWriter message;
+  Bytes message = writer.take();
+  message[1] = static_cast<std::uint8_t>(type);
+  const std::size_t short_total = message.size();
   if (short_total <= 255) {
-    message.write_u8(static_cast<std::uint8_t>(short_total));
-  } else {
-    message.write_u8(0x01).write_u16_be(static_cast<std::uint16_t>(short_total + 2));
+    message[0] = static_cast<std::uint8_t>(short_total);
+    return message;
   }
-  message.write_u8(static_cast<std::uint8_t>(type)).write(body.bytes());
-  return message.take();
+  const std::size_t total = short_total + 2;
+  message[0] = 0x01;
+  message.insert(message.begin() + 1,
+                 {static_cast<std::uint8_t>(total >> 8), static_cast<std::uint8_t>(total & 0xff)});
+  return message;
 }
 
 Bytes encode_encapsulation(std::uint8_t radius, std::string_view node_id, ByteView inner) {

@@ -9,6 +9,11 @@ namespace slamgw {
 
 const mosquitto_property* PublishProperties::of(const BrokerMessage& message) {
   if (version_ != MqttVersion::v5 || !message.provenance) return nullptr;
+  const WallTime to_the_ms =
+      std::chrono::floor<std::chrono::milliseconds>(message.provenance->received_at);
+  const Provenance said{message.provenance->mesh, to_the_ms};
+  if (list_ && said_.mesh == said.mesh && said_.received_at == said.received_at) return list_;
+  said_ = said;
   clear();
   add(mesh_property, std::string(to_string(message.provenance->mesh)));
   add(gateway_property, gateway_id_);
