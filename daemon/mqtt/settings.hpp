@@ -40,6 +40,7 @@ struct BrokerSettings {
   std::uint16_t port = 1883;
   bool tls = false;                   ///< `mqtts://`
   std::vector<BrokerAddress> others;  ///< tried after it, in this order
+  bool returns_to_first = false;      ///< leaves another one when the first is there again
   std::string gateway_id;             ///< for the user property `gateway`
   std::string
       client_id;  ///< `slam-gateway-<gateway.id>` unless set; %n: the broker's place, from 1

@@ -9,6 +9,7 @@
 
 #include "daemon/core/subscription_table.hpp"
 #include "daemon/mqtt/connect_failure.hpp"
+#include "daemon/mqtt/connection_probe.hpp"
 #include "daemon/mqtt/mosquitto/mosquitto_link.hpp"
 #include "daemon/mqtt/paho/paho_link.hpp"
 #include "daemon/mqtt/user_properties.hpp"
@@ -18,6 +19,10 @@ namespace {
 
 constexpr std::chrono::milliseconds first_wait{500};
 constexpr std::chrono::milliseconds longest_wait{30000};
+/// Between two looks at the first broker, from another one (`broker.return_to_first`): longer and
+/// longer while it takes connections and is not well all the same.
+constexpr std::chrono::seconds first_look_back{5};
+constexpr std::chrono::seconds longest_look_back{600};
 /// From a change of the network to its use: addresses and routes come one after the other.
 constexpr std::chrono::milliseconds network_settles{300};
 
@@ -61,6 +66,8 @@ Upstream::Upstream(boost::asio::io_context& io, BrokerSettings settings, LastWil
       reconnect_timer_(io),
       stall_timer_(io),
       trial_timer_(io),
+      return_timer_(io),
+      return_backoff_(first_look_back, longest_look_back),
       backoff_(first_wait, longest_wait),
       random_(std::random_device{}()) {
   make_places();
@@ -93,6 +100,7 @@ void Upstream::stop() {
   stall_timer_.cancel();
   trial_timer_.cancel();
   drop_link(true);
+  if (scout_) scout_->join();
   lane_.join();
 }
 
@@ -145,6 +153,8 @@ void Upstream::drop_link(bool is_orderly) {
   is_up_ = false;
   is_trying_suspects_ = false;
   stall_watch_.on_link_down();
+  stall_timer_.cancel();
+  return_timer_.cancel();
   if (!link_) return;
   inbound_dropped_ += link_->inbound_dropped();
   std::exchange(link_, nullptr)->abandon(is_orderly);
@@ -158,7 +168,7 @@ void Upstream::go_on(const std::string& why, Duration least) {
   if (places_.size() > 1)
     words = fmt::format("{} port {}: {}", place().address.host, place().address.port, why);
   at_ = (at_ + 1) % places_.size();
-  const double jitter = std::uniform_real_distribution<double>(0, 1)(random_);
+  const double jitter = random_jitter();
   Duration wait = std::chrono::duration_cast<Duration>(least * (0.5 + 0.5 * jitter));
   if (++tried_ >= places_.size()) {
     wait = std::max<Duration>(wait, backoff_.next_wait(jitter));
@@ -180,7 +190,10 @@ void Upstream::on_connected(bool session_present, const BrokerLimits& limits) {
 
 void Upstream::come_up() {
   is_up_ = true;
-  stall_watch_.on_link_up(std::chrono::steady_clock::now());
+  stall_watch_.on_link_up(settings_.keep_alive, std::chrono::steady_clock::now());
+  watch_for_stall();
+  if (at_ != 0 && settings_.returns_to_first)
+    look_back_in(return_backoff_.next_wait(random_jitter()));
   listener_.on_link_up(is_session_present_, limits_);
 }
 
@@ -208,6 +221,40 @@ void Upstream::end_trials() {
   trial_timer_.cancel();
   come_up();
 }
+
+void Upstream::look_back_in(Duration wait) {
+  return_timer_.expires_after(wait);
+  return_timer_.async_wait([this](boost::system::error_code error) {
+    if (!error && is_up_) look_back();
+  });
+}
+
+/// The steps before MQTT only: with our client id a cluster would end the connection that is up.
+void Upstream::look_back() {
+  BrokerSettings first = settings_;
+  first.others.clear();
+  if (!scout_) scout_.emplace(1);
+  boost::asio::post(*scout_, [this, first, link = std::weak_ptr(link_)] {
+    const bool is_well = probe_broker(first).is_reachable;
+    boost::asio::post(io_, [this, is_well, link] {
+      if (!is_up_ || link.expired() || link.lock() != link_) return;
+      if (is_well) return return_to_first();
+      return_backoff_.reset();
+      look_back_in(return_backoff_.next_wait(random_jitter()));
+    });
+  });
+}
+
+void Upstream::return_to_first() {
+  drop_link(true);
+  at_ = 0;
+  tried_ = 0;
+  listener_.on_link_down("the first broker of the list is there again");
+  connect_in(Duration::zero());
+}
+
+/// Between 0 and 1.
+double Upstream::random_jitter() { return std::uniform_real_distribution<double>(0, 1)(random_); }
 
 void Upstream::on_connect_failed(ConnectFailure failure) {
   if (place().version.on_failed(failure.answer) || adapt_will(failure.code)) {
@@ -237,6 +284,7 @@ void Upstream::on_lost(std::string why, bool is_taken_over) {
   const TimePoint now = std::chrono::steady_clock::now();
   if (now - up_since_ >= RivalWatch::stable_after) {
     backoff_.reset();
+    if (at_ == 0) return_backoff_.reset();
     tried_ = 0;
   }
   const bool has_unanswered = unanswered_ > 0 || suspects_.has_unanswered();
@@ -277,13 +325,11 @@ void Upstream::publish(std::uint64_t sequence, BrokerMessage message) {
   if (!is_up_ || !keep_to_limits(sequence, message)) return;
   ++unanswered_;
   link_->publish(sequence, std::move(message));
-  stall_watch_.on_sent();
-  if (!is_stall_timer_armed_) watch_for_stall();
+  if (stall_watch_.on_sent()) watch_for_stall();
 }
 
 void Upstream::watch_for_stall() {
   const auto deadline = stall_watch_.deadline();
-  is_stall_timer_armed_ = deadline.has_value();
   if (!deadline) return;
   stall_timer_.expires_at(*deadline);
   stall_timer_.async_wait([this](boost::system::error_code error) {
@@ -301,7 +347,7 @@ void Upstream::on_stall_deadline(TimePoint now) {
     case StallWatch::Step::silent: return listener_.on_silence(true);
     case StallWatch::Step::stalled:
       return on_lost(
-          fmt::format("the broker has not answered for {} s", StallWatch::stalled_after.count()),
+          fmt::format("the broker has not answered for {} s", stall_watch_.patience().count()),
           false);
   }
 }

@@ -76,6 +76,10 @@ class Upstream final : private MqttLinkListener {
   void begin_trials();
   void try_next_suspect();
   void end_trials();
+  void look_back_in(Duration wait);
+  void look_back();
+  void return_to_first();
+  double random_jitter();
   void watch_for_stall();
   void on_stall_deadline(TimePoint now);
   bool keep_to_limits(std::uint64_t sequence, BrokerMessage& message);
@@ -97,7 +101,10 @@ class Upstream final : private MqttLinkListener {
   boost::asio::steady_timer reconnect_timer_;
   boost::asio::steady_timer stall_timer_;
   boost::asio::steady_timer trial_timer_;
-  bool is_stall_timer_armed_ = false;
+  boost::asio::steady_timer return_timer_;
+  /// For looking whether the first broker is well, which blocks; made when that is asked for.
+  std::optional<boost::asio::thread_pool> scout_;
+  Backoff return_backoff_;
   StallWatch stall_watch_;
   Backoff backoff_;
   std::minstd_rand random_;

@@ -93,11 +93,12 @@ std::string describe_mqttsn(const mqttsn::Settings& settings) {
 }
 
 std::string describe_broker(const BrokerSettings& settings) {
-  const auto& [client, host, port, tls, others, gateway_id, client_id, credentials_file,
-               credentials, ca_file, certificate_file, key_file, keep_alive, max_inflight] =
-      settings;
-  return all(client, host, port, tls, others, gateway_id, client_id, credentials_file, credentials,
-             ca_file, certificate_file, key_file, keep_alive, max_inflight);
+  const auto& [client, host, port, tls, others, returns_to_first, gateway_id, client_id,
+               credentials_file, credentials, ca_file, certificate_file, key_file, keep_alive,
+               max_inflight] = settings;
+  return all(client, host, port, tls, others, returns_to_first, gateway_id, client_id,
+             credentials_file, credentials, ca_file, certificate_file, key_file, keep_alive,
+             max_inflight);
 }
 
 }  // namespace

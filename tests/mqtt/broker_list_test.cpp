@@ -53,6 +53,21 @@ TEST_P(BrokerList, StaysWithTheNextOneWhenTheFirstIsBack) {
   EXPECT_EQ(link.upstream->broker().port, first.port()) << "round the list again";
 }
 
+TEST_P(BrokerList, GoesBackToTheFirstWhenThatIsAskedFor) {
+  Mosquitto first;
+  Mosquitto second;
+  BrokerSettings settings = list_of({first.port(), second.port()});
+  settings.returns_to_first = true;
+  Link link(settings);
+  ASSERT_TRUE(link.comes_up());
+  first.kill();
+  ASSERT_TRUE(link.sees([&] { return link.listener.ups == 2; }));
+  EXPECT_EQ(link.upstream->broker().port, second.port());
+  first.start();
+  ASSERT_TRUE(link.sees([&] { return link.listener.ups == 3; }));
+  EXPECT_EQ(link.upstream->broker().port, first.port());
+}
+
 TEST_P(BrokerList, TriesAllInOrder) {
   Mosquitto last;
   const std::uint16_t nobody = test::free_tcp_port();

@@ -10,16 +10,37 @@ using namespace std::chrono_literals;
 using Step = StallWatch::Step;
 
 struct StallWatchTest : testing::Test {
-  StallWatchTest() { watch.on_link_up(now); }
+  StallWatchTest() { watch.on_link_up(keep_alive, now); }
   Step pass(Duration time) { return watch.on_deadline(now += time); }
 
+  static constexpr auto keep_alive = 30s;
   TimePoint now{1h};
   StallWatch watch;
 };
 
-TEST_F(StallWatchTest, AsksNothingWhileNothingIsSent) {
+TEST_F(StallWatchTest, AsksOnceAKeepAliveWhileNothingIsSent) {
+  EXPECT_EQ(pass(keep_alive - 1s), Step::none);
+  EXPECT_EQ(pass(1s), Step::ask);
+  EXPECT_FALSE(watch.on_answer(now));
+  EXPECT_EQ(watch.deadline(), now + keep_alive);
+}
+
+TEST_F(StallWatchTest, ASilentBrokerIsLeftWithinTwoKeepAlives) {
+  for (const auto short_or_long : {1s, 2s, 5s, 30s, 600s}) {
+    StallWatch idle;
+    idle.on_link_up(short_or_long, now);
+    TimePoint at = now;
+    while (idle.on_deadline(at) != Step::stalled) at = *idle.deadline();
+    EXPECT_LE(at - now, 2 * short_or_long);
+  }
+}
+
+TEST_F(StallWatchTest, WhatIsSentBringsTheQuestionForward) {
+  EXPECT_TRUE(watch.on_sent());
+  EXPECT_FALSE(watch.on_sent()) << "no later than before";
+  EXPECT_EQ(watch.deadline(), now + StallWatch::interval);
+  watch.on_link_down();
   EXPECT_FALSE(watch.deadline());
-  EXPECT_EQ(pass(1h), Step::none);
 }
 
 TEST_F(StallWatchTest, AsksOnceASecondWhileSomethingIsSent) {
@@ -34,7 +55,7 @@ TEST_F(StallWatchTest, AsksOnceASecondWhileSomethingIsSent) {
   EXPECT_LE(questions, 10);
   pass(1s);
   watch.on_answer(now);
-  EXPECT_FALSE(watch.deadline()) << "the last answer came after all that was sent";
+  EXPECT_EQ(watch.deadline(), now + keep_alive) << "the last answer came after all that was sent";
 }
 
 TEST_F(StallWatchTest, WhatWasSentAfterTheQuestionIsAskedForToo) {

@@ -214,7 +214,6 @@ void MosquittoLink::await_writable() {
 
 void MosquittoLink::on_readable() {
   if (is_over_) return;
-  last_heard_ = now();
   errno = 0;
   const int result = mosquitto_loop_read(client_.get(), packets_at_once);
   after_call(result, errno);
@@ -234,7 +233,7 @@ void MosquittoLink::watch_handshake() {
   if (got < 0 && errno != EAGAIN) after_call(MOSQ_ERR_ERRNO, errno);
 }
 
-/// Keep-alive, and a silent broker is left: two keep-alives after its last word at most.
+/// Keep-alive. A silent broker is left by Upstream.
 void MosquittoLink::await_tick() {
   tick_.expires_after(tick);
   tick_.async_wait([self = shared_from_this()](error_code error) {
@@ -248,8 +247,6 @@ void MosquittoLink::on_tick() {
   errno = 0;
   const int result = mosquitto_loop_misc(client_.get());
   after_call(result, errno);
-  const auto patience = 2 * std::max(settings_.keep_alive, shortest_keep_alive) - tick;
-  if (is_open_ && !is_over_ && now() - last_heard_ > patience) after_call(MOSQ_ERR_KEEPALIVE, 0);
   if (!is_over_) write();  // the ping
   deliver();
 }

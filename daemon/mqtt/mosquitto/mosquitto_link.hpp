@@ -120,7 +120,6 @@ class MosquittoLink final : public MqttLink, public std::enable_shared_from_this
   bool is_writable_awaited_ = false;
   bool is_write_due_ = false;
   std::size_t unwritten_ = 0;  ///< packets that the next write() sends
-  TimePoint last_heard_{};
   std::vector<Event> events_;
   std::vector<Event> delivered_;                          ///< those of the present deliver()
   std::vector<std::pair<int, std::uint64_t>> in_flight_;  ///< packet ids and sequences, in order
