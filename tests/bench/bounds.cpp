@@ -67,7 +67,7 @@ double octets_written(pid_t process) {
 /// All of it acknowledged to the clients, which means: stored.
 void store(World& world, std::size_t clients, std::uint32_t each) {
   Poller poller;
-  Swarm swarm(world.sn_port(), clients, poller, 0);
+  Swarm swarm(world.sn_address(), clients, poller, 0);
   swarm.connect_all(connects_at_once);
   for (std::uint32_t sequence = 0; sequence < each; ++sequence) {
     for (std::size_t client = 0; client < clients; ++client)
@@ -82,17 +82,18 @@ void store(World& world, std::size_t clients, std::uint32_t each) {
 
 }  // namespace
 
-void traffic_lines(Report& report, unsigned rounds) {
+void traffic_lines(Report& report, const Plan& plan) {
   World quiet;
   World talkative(nlohmann::json{{"log", {{"traffic", "all"}}}});
   Load load;
   load.clients = 100;
+  load.duration = plan.span;
   std::vector<double> shares;
-  for (unsigned i = 0; i < rounds; ++i) {
+  for (unsigned i = 0; i < plan.rounds; ++i) {
     const RunResult without =
-        through_gateway(quiet, "100 clients flat out, log.traffic sampled", load);
+        through_gateway(quiet.target(), "100 clients flat out, log.traffic sampled", load);
     const RunResult with =
-        through_gateway(talkative, "100 clients flat out, log.traffic all", load);
+        through_gateway(talkative.target(), "100 clients flat out, log.traffic all", load);
     report.add(without);
     report.add(with);
     shares.push_back(100 * with.per_second / without.per_second);
@@ -129,12 +130,12 @@ void backlog(Report& report) {
   load.per_second = 500;
   load.duration = 2s;
   Run run("50 clients x 10/s while 20 000 stored messages go", "gateway", load,
-          world.broker.port());
-  Swarm fresh(world.sn_port(), load.clients, run.poller(), Run::first_sender_token, clients);
+          world.broker_address());
+  Swarm fresh(world.sn_address(), load.clients, run.poller(), Run::first_sender_token, clients);
   fresh.connect_all(connects_at_once);
   expect(run.listen([](const Arrivals& all) { return all.others().count > 0; }, 60s),
          "no backlog comes");
-  RunResult result = run.drive(fresh, world.pid());
+  RunResult result = run.drive(fresh, world.pid(), world.sn_port());
   run.listen([](const Arrivals& all) { return all.others().count >= clients * each; }, 30s);
   const Arrivals::Others& stored = run.arrivals().others();
   report.add(result);
@@ -174,8 +175,8 @@ void ble_link(Report& report) {
   load.pace = Pace::fixed_rate;
   load.clients = robots;
   load.per_second = robots * rate;
-  const RunResult paho =
-      Run("16 clients x 16/s, QoS 1", "paho", load, world.broker.port()).watch_paho();
+  const RunResult paho = Run("16 clients x 16/s, QoS 1", "paho", load, world.broker_address())
+                             .watch(SLAMGW_BENCH_PAHO, false);
   report.add(paho);
   report.budget_at_most(
       "a saturated serial line at 115 200 baud, CPU of the loop", link, 3, "% of a core",

@@ -3,15 +3,16 @@
 // shares out, and what its links and lines cost.
 #pragma once
 
+#include "tests/bench/plan.hpp"
 #include "tests/bench/report.hpp"
 
 namespace slamgw::bench {
 
-void traffic_lines(Report& report, unsigned rounds);
+void traffic_lines(Report& report, const Plan& plan);
 void start_to_ready(Report& report);
 void backlog(Report& report);
 /// What a flood of one client does to the others.
-void fairness(Report& report, unsigned rounds);
+void fairness(Report& report, const Plan& plan);
 void ble_link(Report& report);
 /// A million connects and 100 000 topics; takes minutes.
 void memory(Report& report);

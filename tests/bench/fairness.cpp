@@ -54,19 +54,21 @@ struct Pair {
   double ratio() const { return beside / alone; }
 };
 
-using Way = RunResult (&)(World&, const std::string&, const Load&, const std::function<void()>&);
+using Way = RunResult (&)(const Target&, const std::string&, const Load&,
+                          const std::function<void()>&);
 using MakeFlood = std::function<std::unique_ptr<Flood>()>;
 
-Pair measure(World& world, Report& report, Way way, const MakeFlood& make_flood) {
+Pair measure(const Target& target, Report& report, const Plan& plan, Way way,
+             const MakeFlood& make_flood) {
   Load load;
   load.pace = Pace::fixed_rate;
   load.clients = others;
   load.per_second = 1000;
-  load.duration = std::chrono::seconds(8);
-  const RunResult alone = way(world, "100 clients x 10/s, alone", load, {});
+  load.duration = 2 * plan.span;
+  const RunResult alone = way(target, "100 clients x 10/s, alone", load, {});
   std::unique_ptr<Flood> flood;
   const RunResult beside =
-      way(world, "100 clients x 10/s, beside a flood", load, [&] { flood = make_flood(); });
+      way(target, "100 clients x 10/s, beside a flood", load, [&] { flood = make_flood(); });
   report.add(alone);
   report.add(beside);
   return {alone.latency.p99_ms, beside.latency.p99_ms, flood->per_second()};
@@ -80,19 +82,19 @@ std::string describe(const std::vector<Pair>& pairs) {
 
 }  // namespace
 
-void fairness(Report& report, unsigned rounds) {
+void fairness(Report& report, const Plan& plan) {
   World world;
   Poller unread;  // the flood is QoS 0: nothing comes back
   std::vector<Pair> ours, floors;
-  for (unsigned i = 0; i < rounds; ++i) {
-    ours.push_back(measure(world, report, through_gateway, [&] {
-      auto swarm = std::make_unique<Swarm>(world.sn_port(), 1, unread, 0, others);
+  for (unsigned i = 0; i < plan.rounds; ++i) {
+    ours.push_back(measure(world.target(), report, plan, through_gateway, [&] {
+      auto swarm = std::make_unique<Swarm>(world.sn_address(), 1, unread, 0, others);
       swarm->connect_all(1);
       return std::make_unique<Flood>(std::move(swarm), 0);
     }));
-    floors.push_back(measure(world, report, straight, [&] {
+    floors.push_back(measure(world.target(), report, plan, straight, [&] {
       return std::make_unique<Flood>(
-          std::make_unique<RawSender>(world.broker.port(), others + 1, unread, 0, "bench-flood"),
+          std::make_unique<RawSender>(world.broker_address(), others + 1, unread, 0, "bench-flood"),
           others);
     }));
   }

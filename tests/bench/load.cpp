@@ -26,10 +26,10 @@ std::uint32_t next_run_number() {
 
 }  // namespace
 
-Run::Run(std::string name, std::string way, Load load, std::uint16_t broker_port)
+Run::Run(std::string name, std::string way, Load load, const Address& broker)
     : number_(next_run_number()),
-      broker_port_(broker_port),
-      subscriber_(broker_port, "bench-subscriber"),
+      broker_(broker),
+      subscriber_(broker, "bench-subscriber"),
       arrivals_(number_, load.clients),
       sequences_(load.clients) {
   result_.name = std::move(name);
@@ -42,13 +42,15 @@ Run::Run(std::string name, std::string way, Load load, std::uint16_t broker_port
   poller_.add(subscriber_.descriptor(), 0);
 }
 
-RunResult Run::drive(Sender& sender, pid_t process) {
+RunResult Run::drive(Sender& sender, pid_t process, std::uint16_t udp_port) {
   const ProcessUsage before = usage_of(process);
+  const std::uint64_t drops_before = dropped_datagrams(udp_port);
   const double generator_before = usage_of(getpid()).cpu_s;
   const auto begin = Clock::now();
   switch (result_.load.pace) {
     case Pace::flat_out: send_flat_out(sender); break;
-    case Pace::fixed_rate: send_at_rate(sender); break;
+    case Pace::fixed_rate:
+    case Pace::aligned: send_at_rate(sender); break;
     case Pace::at_once: send_at_once(sender); break;
   }
   result_.generator_cpu = (usage_of(getpid()).cpu_s - generator_before) /
@@ -61,26 +63,27 @@ RunResult Run::drive(Sender& sender, pid_t process) {
   result_.context_switches =
       static_cast<double>(after.context_switches - before.context_switches) / received;
   result_.rss_kib = after.rss_kib;
+  result_.drops = dropped_datagrams(udp_port) - drops_before;
   result_.repeats = sender.repeats();
   return result_;
 }
 
-RunResult Run::watch_paho(bool has_properties) {
+RunResult Run::watch(const std::string& program, bool has_properties) {
   const test::TempDir directory;
   const Load& load = result_.load;
   const auto begin = Clock::now();
-  test::ChildProcess paho(
-      {SLAMGW_BENCH_PAHO, std::to_string(broker_port_), std::to_string(number_),
+  test::ChildProcess floor(
+      {program, std::to_string(broker_.port()), std::to_string(number_),
        std::to_string(load.clients), std::to_string(load.qos), std::to_string(load.per_second),
        std::to_string(load.duration.count()), has_properties ? "properties" : "plain"},
       directory / "out", directory / "err");
   const double generator_before = usage_of(getpid()).cpu_s;
-  while (paho.is_running()) turn(nullptr, Clock::now() + std::chrono::milliseconds(20));
+  while (floor.is_running()) turn(nullptr, Clock::now() + std::chrono::milliseconds(20));
   result_.generator_cpu = (usage_of(getpid()).cpu_s - generator_before) /
                           std::chrono::duration<double>(Clock::now() - begin).count();
   const auto report = nlohmann::json::parse(test::read_file(directory / "out"), nullptr, false);
   if (report.is_discarded())
-    throw std::runtime_error("the Paho floor failed: " + test::read_file(directory / "err"));
+    throw std::runtime_error(program + " failed: " + test::read_file(directory / "err"));
   result_.sent = report.at("sent");
   drain(nullptr);
   finish(Clock::time_point(std::chrono::nanoseconds(report.at("begin_ns").get<std::int64_t>())));
@@ -116,11 +119,15 @@ void Run::send_flat_out(Sender& sender) {
 }
 
 void Run::send_at_rate(Sender& sender) {
-  const auto gap = std::chrono::nanoseconds(std::int64_t(1e9 / result_.load.per_second));
+  const Load& load = result_.load;
+  const std::uint64_t together = load.pace == Pace::aligned ? load.clients : 1;
+  const auto gap =
+      std::chrono::nanoseconds(std::int64_t(1e9 * static_cast<double>(together) / load.per_second));
   const auto begin = Clock::now();
-  for (auto due = begin; due < begin + result_.load.duration;) {
-    for (; due <= Clock::now(); due += gap)
-      submit(sender, result_.sent % result_.load.clients, due);
+  for (auto due = begin; due < begin + load.duration;) {
+    for (; due <= Clock::now(); due += gap) {
+      for (std::uint64_t i = 0; i < together; ++i) submit(sender, result_.sent % load.clients, due);
+    }
     sender.flush();
     turn(&sender, due);
   }

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Does memory stay flat: after a million connects and disconnects, after 100 000 topics.
 #include <fmt/format.h>
-#include <netinet/in.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
@@ -17,15 +16,9 @@ namespace sn = sim::sn;
 /// Clients that ask one thing at a time and wait for the answer, for at most a second.
 class Asker {
  public:
-  explicit Asker(std::uint16_t port) : descriptor_(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0)) {
-    sockaddr_in gateway{};
-    gateway.sin_family = AF_INET;
-    gateway.sin_port = htons(port);
-    gateway.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  explicit Asker(const Address& gateway) : descriptor_(open_connected(gateway, SOCK_DGRAM)) {
     const timeval limit{1, 0};
     setsockopt(descriptor_, SOL_SOCKET, SO_RCVTIMEO, &limit, sizeof limit);
-    if (connect(descriptor_, reinterpret_cast<sockaddr*>(&gateway), sizeof gateway) != 0)
-      throw std::runtime_error("no socket");
   }
   ~Asker() { close(descriptor_); }
   Asker(const Asker&) = delete;
@@ -49,7 +42,7 @@ class Asker {
 
 void come_and_go(World& world, std::size_t times) {
   constexpr std::size_t ids = 10000;
-  Asker asker(world.sn_port());
+  Asker asker(world.sn_address());
   for (std::size_t i = 0; i < times; ++i) {
     asker.ask(sn::connect(robot_id(i % ids), 60, sn::flag_clean_session), sn::Type::connack);
     asker.ask(sn::disconnect(), sn::Type::disconnect);
@@ -58,7 +51,7 @@ void come_and_go(World& world, std::size_t times) {
 
 void register_topics(World& world, std::size_t clients, std::size_t each) {
   for (std::size_t client = 0; client < clients; ++client) {
-    Asker asker(world.sn_port());
+    Asker asker(world.sn_address());
     asker.ask(sn::connect(robot_id(client), 60, sn::flag_clean_session), sn::Type::connack);
     for (std::size_t topic = 0; topic < each; ++topic)
       asker.ask(

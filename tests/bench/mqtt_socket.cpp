@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/bench/mqtt_socket.hpp"
 
-#include <arpa/inet.h>
 #include <netinet/in.h>
 #include <netinet/tcp.h>
 #include <sys/socket.h>
@@ -37,16 +36,8 @@ std::size_t u16_at(ByteView bytes, std::size_t offset) {
 
 }  // namespace
 
-MqttSocket::MqttSocket(std::uint16_t port, std::string_view client_id)
-    : descriptor_(socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0)) {
-  sockaddr_in broker{};
-  broker.sin_family = AF_INET;
-  broker.sin_port = htons(port);
-  broker.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  if (connect(descriptor_, reinterpret_cast<sockaddr*>(&broker), sizeof broker) != 0) {
-    close(descriptor_);
-    throw std::runtime_error("no broker there");
-  }
+MqttSocket::MqttSocket(const Address& broker, std::string_view client_id)
+    : descriptor_(open_connected(broker, SOCK_STREAM)) {
   const int on = 1;
   setsockopt(descriptor_, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
   Bytes body;

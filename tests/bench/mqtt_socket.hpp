@@ -7,14 +7,15 @@
 #include <functional>
 #include <string_view>
 
+#include "tests/bench/address.hpp"
 #include "tests/bench/message.hpp"
 
 namespace slamgw::bench {
 
 class MqttSocket {
  public:
-  /// Connects to 127.0.0.1 and waits for the CONNACK. Throws std::runtime_error.
-  MqttSocket(std::uint16_t port, std::string_view client_id);
+  /// Connects and waits for the CONNACK. Throws std::runtime_error.
+  MqttSocket(const Address& broker, std::string_view client_id);
   ~MqttSocket();
   MqttSocket(const MqttSocket&) = delete;
   MqttSocket& operator=(const MqttSocket&) = delete;

@@ -9,7 +9,7 @@
 namespace slamgw::bench {
 
 struct ProcessUsage {
-  double cpu_s = 0;                    ///< user and system, all threads; in steps of 10 ms
+  double cpu_s = 0;                    ///< of all threads that live
   std::uint64_t context_switches = 0;  ///< voluntary and not, all threads that live
   std::uint64_t rss_kib = 0;
 };

@@ -14,9 +14,9 @@ constexpr std::size_t broker_window = 16;
 
 class RawSender final : public Sender {
  public:
-  RawSender(std::uint16_t broker_port, std::size_t clients, Poller& poller, std::uint64_t token,
+  RawSender(const Address& broker, std::size_t clients, Poller& poller, std::uint64_t token,
             std::string_view client_id = "bench-raw")
-      : clients_(clients), socket_(broker_port, client_id) {
+      : clients_(clients), socket_(broker, client_id) {
     poller.add(socket_.descriptor(), token);
     socket_.on_puback = [this](std::uint16_t) {
       --unacknowledged_;

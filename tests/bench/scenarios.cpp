@@ -6,113 +6,145 @@
 #include <utility>
 
 #include "tests/bench/bounds.hpp"
+#include "tests/bench/loads.hpp"
 #include "tests/bench/swarm.hpp"
-#include "tests/bench/world.hpp"
 
 namespace slamgw::bench {
 namespace {
 
-RunResult by_paho(World& world, const std::string& name, const Load& load) {
-  return Run(name, "paho", load, world.broker.port()).watch_paho();
+/// The daemon with either MQTT client library.
+struct Pair {
+  World paho;
+  World mosquitto{with_mosquitto};
+};
+
+RunResult by_floor(World& world, const NamedLoad& load, const std::string& way, const char* program,
+                   bool has_properties) {
+  return Run(load.name, way, load.load, world.broker_address()).watch(program, has_properties);
 }
 
-RunResult by_paho_5(World& world, const std::string& name, const Load& load) {
-  return Run(name, "paho 5", load, world.broker.port()).watch_paho(true);
-}
-
-/// The same load on all ways, within the same minute. `paho_5` sends what the gateway does: with
-/// properties, by MQTT 5; it shows what of our cost is Paho's.
+/// The same load on all ways, within the same minute. `paho 5` and `libmosquitto` send what the
+/// gateway does, by MQTT 5 and with properties: they show what of our cost is the library's.
 struct Round {
-  RunResult gateway, raw, paho, paho_5;
+  RunResult paho, mosquitto, raw, paho_floor, paho_5_floor, mosquitto_floor;
 
-  Round(World& world, Report& report, const std::string& name, const Load& load)
-      : gateway(through_gateway(world, name, load)),
-        raw(straight(world, name, load)),
-        paho(by_paho(world, name, load)),
-        paho_5(by_paho_5(world, name, load)) {
-    for (const RunResult* run : {&gateway, &raw, &paho, &paho_5}) report.add(*run);
+  Round(Pair& pair, Report& report, const NamedLoad& load)
+      : paho(through_gateway(pair.paho.target(), load.name, load.load)),
+        mosquitto(through_gateway(pair.mosquitto.target(), load.name, load.load)),
+        raw(straight(pair.paho.target(), load.name, load.load)),
+        paho_floor(by_floor(pair.paho, load, "paho", SLAMGW_BENCH_PAHO, false)),
+        paho_5_floor(by_floor(pair.paho, load, "paho 5", SLAMGW_BENCH_PAHO, true)),
+        mosquitto_floor(by_floor(pair.paho, load, "libmosquitto", SLAMGW_BENCH_MOSQUITTO, true)) {
+    for (const RunResult* run :
+         {&paho, &mosquitto, &raw, &paho_floor, &paho_5_floor, &mosquitto_floor})
+      report.add(*run);
   }
 };
 
-void flat_out(World& world, Report& report, unsigned count, unsigned qos) {
-  Load load;
-  load.clients = 100;
-  load.qos = qos;
-  const std::string name = fmt::format("100 clients flat out, QoS {}", qos);
-  std::vector<Round> rounds;
-  for (unsigned i = 0; i < count; ++i) rounds.emplace_back(world, report, name, load);
-  const auto per_second = [&](RunResult Round::*way) {
-    return median_of(rounds, [&](const Round& round) { return (round.*way).per_second; });
-  };
-  const auto share = [&](RunResult Round::*floor) {
-    return median_of(rounds, [&](const Round& round) {
-      return 100 * round.gateway.per_second / (round.*floor).per_second;
+class Rounds {
+ public:
+  Rounds(Pair& pair, Report& report, const NamedLoad& load, unsigned count) {
+    for (unsigned i = 0; i < count; ++i) rounds_.emplace_back(pair, report, load);
+  }
+  /// Of `value(round)`.
+  template <class Value>
+  double median(Value&& value) const {
+    return median_of(rounds_, value);
+  }
+  double per_second(RunResult Round::*way) const {
+    return median([&](const Round& round) { return (round.*way).per_second; });
+  }
+  double cpu_us(RunResult Round::*way) const {
+    return median([&](const Round& round) { return (round.*way).cpu_us; });
+  }
+  double share(RunResult Round::*way, RunResult Round::*floor) const {
+    return median([&](const Round& round) {
+      return 100 * (round.*way).per_second / (round.*floor).per_second;
     });
-  };
+  }
+  double latency(RunResult Round::*way, double Percentiles::*which) const {
+    return median([&](const Round& round) { return (round.*way).latency.*which; });
+  }
+
+ private:
+  std::vector<Round> rounds_;
+};
+
+void flat_out(Pair& pair, Report& report, const Plan& plan, unsigned qos) {
+  const NamedLoad load = flat_out_load(plan, qos);
+  const Rounds rounds(pair, report, load, plan.rounds);
   report.budget_at_least(
-      name + ", throughput of bare Paho C++'s", share(&Round::paho), 85, "%",
+      load.name + ", throughput of bare Paho C++'s", rounds.share(&Round::paho, &Round::paho_floor),
+      85, "%",
       fmt::format("{:.0f}/s to {:.0f}/s; of the raw floor's {:.0f}/s: {:.0f} %; "
                   "of Paho's with the same properties, {:.0f}/s: {:.0f} %",
-                  per_second(&Round::gateway), per_second(&Round::paho), per_second(&Round::raw),
-                  share(&Round::raw), per_second(&Round::paho_5), share(&Round::paho_5)));
-  const auto cpu = [&](RunResult Round::*way) {
-    return median_of(rounds, [&](const Round& round) { return (round.*way).cpu_us; });
-  };
+                  rounds.per_second(&Round::paho), rounds.per_second(&Round::paho_floor),
+                  rounds.per_second(&Round::raw), rounds.share(&Round::paho, &Round::raw),
+                  rounds.per_second(&Round::paho_5_floor),
+                  rounds.share(&Round::paho, &Round::paho_5_floor)));
   report.budget_at_most(
-      name + ", CPU over bare Paho C++'s",
-      median_of(rounds,
-                [](const Round& round) { return round.gateway.cpu_us - round.paho.cpu_us; }),
+      load.name + ", CPU over bare Paho C++'s",
+      rounds.median([](const Round& round) { return round.paho.cpu_us - round.paho_floor.cpu_us; }),
       12, "us/message",
       fmt::format("{:.1f} us to {:.1f} us; Paho's with the same properties {:.1f} us",
-                  cpu(&Round::gateway), cpu(&Round::paho), cpu(&Round::paho_5)));
+                  rounds.cpu_us(&Round::paho), rounds.cpu_us(&Round::paho_floor),
+                  rounds.cpu_us(&Round::paho_5_floor)));
+  const double least_per_second = qos == 0 ? 45000 : 35000;
+  report.budget_at_least(
+      load.name + ", `mosquitto`, throughput", rounds.per_second(&Round::mosquitto),
+      least_per_second, "/s",
+      fmt::format("bare libmosquitto {:.0f}/s", rounds.per_second(&Round::mosquitto_floor)));
+  report.budget_at_most(
+      load.name + ", `mosquitto`, CPU", rounds.cpu_us(&Round::mosquitto), qos == 0 ? 8 : 20,
+      "us/message",
+      fmt::format("bare libmosquitto {:.1f} us", rounds.cpu_us(&Round::mosquitto_floor)));
 }
 
-void fixed_rate(World& world, Report& report, unsigned count) {
-  Load load;
-  load.pace = Pace::fixed_rate;
-  load.clients = 1000;
-  load.per_second = 5000;
-  for (const unsigned qos : {1U, 0U}) {
-    load.qos = qos;
-    const std::string name = fmt::format("1000 clients x 5/s, QoS {}", qos);
-    std::vector<Round> rounds;
-    for (unsigned i = 0; i < count; ++i) rounds.emplace_back(world, report, name, load);
-    if (qos == 0) continue;  // the budgets are for QoS 1
+void fixed_rate(Pair& pair, Report& report, const Plan& plan) {
+  for (const auto& [qos, pace] : {std::pair{1U, Pace::fixed_rate}, std::pair{1U, Pace::aligned},
+                                  std::pair{0U, Pace::fixed_rate}}) {
+    const NamedLoad load = steady_load(plan, qos, pace);
+    const Rounds rounds(pair, report, load, plan.rounds);
+    if (qos == 0 || pace == Pace::aligned) continue;  // the budgets are for the others
     const auto added = [&](const std::string& what, double Percentiles::*which, double budget) {
-      const auto of = [&](RunResult Round::*way) {
-        return median_of(rounds, [&](const Round& round) { return (round.*way).latency.*which; });
-      };
       report.budget_at_most(
-          name + ", latency added to the raw floor's, " + what,
-          median_of(rounds,
-                    [&](const Round& round) {
-                      return round.gateway.latency.*which - round.raw.latency.*which;
-                    }),
+          load.name + ", latency added to the raw floor's, " + what,
+          rounds.median([&](const Round& round) {
+            return round.paho.latency.*which - round.raw.latency.*which;
+          }),
           budget, "ms",
-          fmt::format("{:.3f} ms to {:.3f} ms", of(&Round::gateway), of(&Round::raw)));
+          fmt::format("{:.3f} ms to {:.3f} ms", rounds.latency(&Round::paho, which),
+                      rounds.latency(&Round::raw, which)));
     };
     added("p50", &Percentiles::p50_ms, 0.15);
     added("p99", &Percentiles::p99_ms, 0.5);
+    const std::string with = load.name + ", `mosquitto`, ";
+    report.budget_at_most(with + "p50", rounds.latency(&Round::mosquitto, &Percentiles::p50_ms),
+                          0.115, "ms");
+    report.budget_at_most(with + "p99", rounds.latency(&Round::mosquitto, &Percentiles::p99_ms), 1,
+                          "ms");
+    report.budget_at_most(with + "CPU", rounds.cpu_us(&Round::mosquitto), 50, "us/message");
   }
 }
 
 /// In a daemon of its own, whose memory nothing before has touched.
-void many_clients(Report& report) {
+void many_clients(Report& report, const Plan& plan) {
   World world;
   Load load;
   load.pace = Pace::fixed_rate;
   load.clients = 10;
   load.per_second = 5000;
-  load.duration = std::chrono::seconds(8);
-  const RunResult few = through_gateway(world, "10 clients x 500/s, QoS 1", load);
+  load.duration = 2 * plan.span;
+  const RunResult few = through_gateway(world.target(), "10 clients x 500/s, QoS 1", load);
   report.add(few);
 
   load.clients = 10000;
   const double kib_before = static_cast<double>(usage_of(world.pid()).rss_kib);
   const std::string name = "10 000 clients x 0.5/s, QoS 1";
   double kib_idle = 0;
-  const RunResult many = through_gateway(
-      world, name, load, [&] { kib_idle = static_cast<double>(usage_of(world.pid()).rss_kib); });
+  const RunResult many = through_gateway(world.target(), name, load, [&] {
+    kib_idle = static_cast<double>(usage_of(world.pid()).rss_kib);
+  });
   report.add(many);
   report.budget_at_most(name + ", lost", static_cast<double>(many.lost()), 0, "messages");
   report.budget_at_most(name + ", RSS", static_cast<double>(many.rss_kib) / 1024, 40, "MiB");
@@ -123,23 +155,28 @@ void many_clients(Report& report) {
                         fmt::format("{:.1f} us to {:.1f} us", many.cpu_us, few.cpu_us));
 }
 
-void idle(Report& report) {
-  World world;
-  report.budget_at_most("idle, no clients, RSS",
-                        static_cast<double>(usage_of(world.pid()).rss_kib) / 1024, 12, "MiB");
-  Poller poller;
-  Swarm swarm(world.sn_port(), 1000, poller, 0);
-  swarm.connect_all(1);
-  report.budget_at_most("CONNECT to CONNACK, p50, one at a time",
-                        percentiles_of(swarm.connect_times()).p50_ms, 0.5, "ms");
-  settle(world);
-  const auto begin = Clock::now();
-  const double cpu_before = usage_of(world.pid()).cpu_s;
-  poller.wait(begin + std::chrono::seconds(20), [](std::uint64_t) {});
-  const std::chrono::duration<double> took = Clock::now() - begin;
-  report.budget_at_most("idle, 1000 clients, CPU",
-                        100 * (usage_of(world.pid()).cpu_s - cpu_before) / took.count(), 0.1,
-                        "% of a core");
+void idle(Report& report, const Plan& plan, World&& world, double base_mib) {
+  const Idle idle = look_at_idle(world.target(), plan);
+  const std::string way = " (" + world.way + ")";
+  report.budget_at_most("idle, no clients, RSS" + way, idle.kib_before / 1024, base_mib, "MiB");
+  report.budget_at_most("idle, 1000 clients with a keep-alive of 60 s, CPU" + way, idle.cpu_percent,
+                        0.15, "% of a core",
+                        fmt::format("{:.2f} KiB of RSS for each", idle.kib_each));
+  report.budget_at_most("idle, PINGREQ without an answer" + way,
+                        static_cast<double>(idle.unanswered), 0, "");
+}
+
+void connects(Report& report, World&& world) {
+  const std::string way = " (" + world.way + ")";
+  const Connects alone = look_at_connects(world.target(), 1);
+  report.budget_at_most("CONNECT to CONNACK, p50, one at a time" + way, alone.latency.p50_ms, 0.5,
+                        "ms");
+  report.budget_at_most("CONNECT and REGISTER, one at a time, CPU" + way, alone.cpu_us, 100,
+                        "us/client");
+  const Connects many = look_at_connects(world.target(), connects_at_once);
+  report.budget_at_most(
+      fmt::format("CONNECT and REGISTER, {} at a time, CPU{}", connects_at_once, way), many.cpu_us,
+      100, "us/client", fmt::format("CONNECT to CONNACK p50 {:.2f} ms", many.latency.p50_ms));
 }
 
 void burst(Report& report) {
@@ -147,7 +184,7 @@ void burst(Report& report) {
   Load load;
   load.pace = Pace::at_once;
   load.clients = 5000;
-  const RunResult run = through_gateway(world, "5000 datagrams at once, QoS 1", load);
+  const RunResult run = through_gateway(world.target(), "5000 datagrams at once, QoS 1", load);
   report.add(run);
   report.budget_at_most(run.name + ", lost end to end", static_cast<double>(run.lost()), 0,
                         "messages", fmt::format("{} repeated by the clients", run.repeats));
@@ -155,22 +192,29 @@ void burst(Report& report) {
 
 }  // namespace
 
-void run_scenarios(Report& report, unsigned rounds, const std::string& only) {
+void run_scenarios(Report& report, const Plan& plan, const std::string& only) {
   const auto is_wanted = [&](std::string_view name) { return only.empty() || only == name; };
   if (is_wanted("flat_out") || is_wanted("fixed_rate")) {
-    World world;
+    Pair pair;
     if (is_wanted("flat_out")) {
-      for (const unsigned qos : {0U, 1U}) flat_out(world, report, rounds, qos);
+      for (const unsigned qos : {0U, 1U}) flat_out(pair, report, plan, qos);
     }
-    if (is_wanted("fixed_rate")) fixed_rate(world, report, rounds);
+    if (is_wanted("fixed_rate")) fixed_rate(pair, report, plan);
   }
-  if (is_wanted("many")) many_clients(report);
-  if (is_wanted("idle")) idle(report);
+  if (is_wanted("many")) many_clients(report, plan);
+  if (is_wanted("idle")) {
+    idle(report, plan, World(), 12);
+    idle(report, plan, World(with_mosquitto), 9);
+  }
+  if (is_wanted("connect")) {
+    connects(report, World());
+    connects(report, World(with_mosquitto));
+  }
   if (is_wanted("burst")) burst(report);
-  if (is_wanted("traffic")) traffic_lines(report, rounds);
+  if (is_wanted("traffic")) traffic_lines(report, plan);
   if (is_wanted("start")) start_to_ready(report);
   if (is_wanted("backlog")) backlog(report);
-  if (is_wanted("fairness")) fairness(report, rounds);
+  if (is_wanted("fairness")) fairness(report, plan);
   if (is_wanted("ble")) ble_link(report);
   if (only == "memory") memory(report);  // minutes: by its name only
 }

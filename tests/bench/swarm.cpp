@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/bench/swarm.hpp"
 
-#include <arpa/inet.h>
-#include <netinet/in.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
@@ -16,27 +14,13 @@ namespace sn = sim::sn;
 /// Shorter than MQTT-SN's 10-15 s (section 7.2), so that a lost datagram costs a run little.
 constexpr std::chrono::seconds retry_interval{1};
 constexpr std::chrono::seconds connect_limit{60};
-constexpr std::uint16_t keep_alive_s = 600;  // no PINGREQ within a run
-
-int open_socket(std::uint16_t port) {
-  const int descriptor = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
-  sockaddr_in gateway{};
-  gateway.sin_family = AF_INET;
-  gateway.sin_port = htons(port);
-  gateway.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  if (descriptor < 0 ||
-      connect(descriptor, reinterpret_cast<sockaddr*>(&gateway), sizeof gateway) != 0)
-    throw std::runtime_error("no socket for a client: too many open files?");
-  return descriptor;
-}
-
 }  // namespace
 
-Swarm::Swarm(std::uint16_t gateway_port, std::size_t clients, Poller& poller,
-             std::uint64_t first_token, std::size_t first_client)
+Swarm::Swarm(const Address& gateway, std::size_t clients, Poller& poller, std::uint64_t first_token,
+             std::size_t first_client)
     : poller_(poller), first_token_(first_token), first_client_(first_client), clients_(clients) {
   for (std::size_t i = 0; i < clients; ++i) {
-    clients_[i].descriptor = open_socket(gateway_port);
+    clients_[i].descriptor = open_connected(gateway, SOCK_DGRAM, SOCK_NONBLOCK);
     poller_.add(clients_[i].descriptor, first_token_ + i);
   }
 }
@@ -57,7 +41,8 @@ void Swarm::connect_all(std::size_t at_once) {
     for (; started < clients_.size() && started - ready_ < at_once; ++started) {
       clients_[started].state = State::connecting;
       request(clients_[started],
-              sn::connect(robot_id(first_client_ + started), keep_alive_s, sn::flag_clean_session));
+              sn::connect(robot_id(first_client_ + started),
+                          static_cast<std::uint16_t>(keep_alive.count()), sn::flag_clean_session));
     }
     poller_.wait(now + std::chrono::milliseconds(50), [this](std::uint64_t token) {
       if (token >= first_token_) on_readable(token);
@@ -65,6 +50,13 @@ void Swarm::connect_all(std::size_t at_once) {
     on_tick(now);
   }
   repeats_ = 0;
+}
+
+void Swarm::ping_next() {
+  const Client& client = clients_[next_ping_];
+  next_ping_ = (next_ping_ + 1) % clients_.size();
+  ++pings_unanswered_;
+  transmit(client, sn::pingreq({}));
 }
 
 std::optional<std::size_t> Swarm::free_client() {
@@ -113,6 +105,8 @@ void Swarm::on_packet(Client& client, std::size_t index, const sn::Packet& packe
     --busy_;
     --unfinished_;
     if (!client.waiting.empty()) start_next(client);
+  } else if (packet.type == sn::Type::pingresp) {
+    --pings_unanswered_;
   } else if (packet.type == sn::Type::disconnect && client.state != State::connecting) {
     // Before the CONNACK it was for a client that had this port before.
     throw std::runtime_error("the gateway has disconnected " + robot_id(index));

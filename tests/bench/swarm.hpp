@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "simulation/thread/packet.hpp"
+#include "tests/bench/address.hpp"
 #include "tests/bench/sender.hpp"
 
 namespace slamgw::bench {
@@ -16,7 +17,7 @@ class Swarm final : public Sender {
  public:
   /// `poller` tells of client i as token `first_token` + i. Their ids begin with that of
   /// `first_client`.
-  Swarm(std::uint16_t gateway_port, std::size_t clients, Poller& poller, std::uint64_t first_token,
+  Swarm(const Address& gateway, std::size_t clients, Poller& poller, std::uint64_t first_token,
         std::size_t first_client = 0);
   ~Swarm() override;
   Swarm(const Swarm&) = delete;
@@ -24,6 +25,10 @@ class Swarm final : public Sender {
 
   /// CONNECT and REGISTER for all, `at_once` of them side by side. Throws when it does not end.
   void connect_all(std::size_t at_once);
+  /// The next client, in turn, says that it is alive. Each has to within `keep_alive`.
+  void ping_next();
+  std::uint64_t pings_unanswered() const { return pings_unanswered_; }
+  static constexpr std::chrono::seconds keep_alive{60};
   /// From CONNECT to CONNACK, each client, in ns.
   std::vector<std::int64_t>& connect_times() { return connect_times_; }
 
@@ -63,6 +68,8 @@ class Swarm final : public Sender {
   std::size_t busy_ = 0;
   std::size_t next_ = 0;
   std::uint64_t repeats_ = 0;
+  std::size_t next_ping_ = 0;
+  std::uint64_t pings_unanswered_ = 0;
 };
 
 }  // namespace slamgw::bench

@@ -21,7 +21,9 @@ nlohmann::json with_broker(nlohmann::json configuration, const test::Mosquitto& 
 
 }  // namespace
 
-World::World(nlohmann::json extra) : gateway(with_broker(std::move(extra), broker)) {
+World::World(nlohmann::json extra)
+    : gateway(with_broker(extra, broker)),
+      way(extra == with_mosquitto ? "gateway mosquitto" : "gateway") {
   const bool is_ready = eventually([this] {
     auto status = gateway.ctl({"status"});
     return status.is_object() && status["broker"]["state"] == "up" &&
@@ -33,6 +35,10 @@ World::World(nlohmann::json extra) : gateway(with_broker(std::move(extra), broke
 std::uint16_t World::sn_port() const {
   const std::string address = gateway.mqttsn_address();
   return static_cast<std::uint16_t>(std::stoi(address.substr(address.rfind(':') + 1)));
+}
+
+Target World::target() {
+  return {way, sn_address(), broker_address(), pid(), [this] { bench::settle(*this); }};
 }
 
 bool World::is_broker_up() const {
@@ -56,21 +62,21 @@ void settle(World& world) {
   if (!is_quiet) throw std::runtime_error("the daemon does not come to rest");
 }
 
-RunResult through_gateway(World& world, const std::string& name, const Load& load,
+RunResult through_gateway(const Target& target, const std::string& name, const Load& load,
                           const std::function<void()>& when_ready) {
-  Run run(name, "gateway", load, world.broker.port());
-  Swarm swarm(world.sn_port(), load.clients, run.poller(), Run::first_sender_token);
+  Run run(name, target.way, load, target.broker);
+  Swarm swarm(target.gateway, load.clients, run.poller(), Run::first_sender_token);
   swarm.connect_all(connects_at_once);
-  settle(world);
+  target.settle();
   if (when_ready) when_ready();
-  return run.drive(swarm, world.pid());
+  return run.drive(swarm, target.process, target.gateway.port());
 }
 
-RunResult straight(World& world, const std::string& name, const Load& load,
+RunResult straight(const Target& target, const std::string& name, const Load& load,
                    const std::function<void()>& when_ready) {
-  settle(world);
-  Run run(name, "raw", load, world.broker.port());
-  RawSender sender(world.broker.port(), load.clients, run.poller(), Run::first_sender_token);
+  target.settle();
+  Run run(name, "raw", load, target.broker);
+  RawSender sender(target.broker, load.clients, run.poller(), Run::first_sender_token);
   if (when_ready) when_ready();
   return run.drive(sender, 0);
 }

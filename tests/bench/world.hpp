@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is measured: the built daemon between load and a real Mosquitto, all on loopback.
+// What is measured: the built daemon between load and a real Mosquitto, all on loopback; or any
+// other gateway, wherever it is.
 #pragma once
 
 #include <functional>
+#include <nlohmann/json.hpp>
+#include <string>
 
 #include "tests/bench/load.hpp"
 #include "tests/e2e/gateway_process.hpp"
@@ -10,16 +13,32 @@
 
 namespace slamgw::bench {
 
+/// Any MQTT-SN gateway, and the broker behind it.
+struct Target {
+  std::string way = "gateway";  ///< its row in the table
+  Address gateway;
+  Address broker;
+  pid_t process = 0;               ///< 0: its use cannot be told
+  std::function<void()> settle{};  ///< returns when it is at rest
+};
+
+/// `broker.client` of the configuration.
+inline const nlohmann::json with_mosquitto{{"broker", {{"client", "mosquitto"}}}};
+
 /// A broker, and the daemon in front of it with nothing but defaults, and `extra`.
 struct World {
   explicit World(nlohmann::json extra = nlohmann::json::object());
 
+  Address sn_address() const { return loopback(sn_port()); }
+  Address broker_address() const { return loopback(broker.port()); }
   std::uint16_t sn_port() const;
+  Target target();
   pid_t pid() { return gateway.process().pid(); }
   bool is_broker_up() const;
 
   test::Mosquitto broker;
   test::GatewayProcess gateway;
+  const std::string way;
 };
 
 /// Until what was done before has reached the broker (presence messages, perhaps by way of the
@@ -30,10 +49,10 @@ void settle(World& world);
 constexpr std::size_t connects_at_once = 50;
 
 /// `when_ready`: called when all clients are connected and at rest, before the first message.
-RunResult through_gateway(World& world, const std::string& name, const Load& load,
+RunResult through_gateway(const Target& target, const std::string& name, const Load& load,
                           const std::function<void()>& when_ready = {});
 /// The raw floor of the same load.
-RunResult straight(World& world, const std::string& name, const Load& load,
+RunResult straight(const Target& target, const std::string& name, const Load& load,
                    const std::function<void()>& when_ready = {});
 
 }  // namespace slamgw::bench

@@ -1,0 +1,12 @@
+// SPDX-License-Identifier: Apache-2.0
+// Counts what this program allocates: operator new is replaced (allocations.cpp).
+#pragma once
+
+#include <cstdint>
+
+namespace slamgw::bench {
+
+/// Since the program began.
+std::uint64_t allocations();
+
+}  // namespace slamgw::bench
