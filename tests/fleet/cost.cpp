@@ -86,7 +86,11 @@ class Fleet {
   }
   milliseconds settle(milliseconds step, milliseconds most) {
     const milliseconds begin = now_;
-    while (unsettled() > 0 && now_ - begin < most) run(step);
+    while (unsettled() > 0 && now_ - begin < most) {
+      for (int i = 0; i < load_.robots; ++i)
+        input(robots_[i].at, [&](Ownership& it) { it.on_heard(name_of(i), clock()); });
+      run(step);
+    }
     return now_ - begin;
   }
   void begin_to_count() {
