@@ -44,6 +44,21 @@ TEST(WebMirror, GatewaysDocumentsAreJsonValues) {
   EXPECT_EQ(mirrored("ntnu-slam/gateway/g/state", "{broken")["encoding"], "text");
 }
 
+/// Our parser stops at a NUL and skips a byte order mark; a browser's does neither, and closes the
+/// connection for what is no UTF-8.
+TEST(WebMirror, WhatOnlyBeginsLikeJsonDoesNotBreakTheMessage) {
+  for (const std::string& payload :
+       {"{\"state\":\"online\"}\0\xff{{{"s, "1\0"s, "\xef\xbb\xbf{}"s, "\"\xc3\x28\""s}) {
+    const auto text =
+        to_page({"ntnu-slam/gateway/g/state", payload, 0, false, {}, {}, {}}, TopicKind::state);
+    ASSERT_TRUE(text);
+    EXPECT_EQ(text->find('\0'), text->npos);
+    EXPECT_EQ(text->find("\"payload\":\xef"), text->npos);
+    EXPECT_EQ(text->find('\xff'), text->npos);
+    EXPECT_NE(json::parse(*text)["encoding"], "json");
+  }
+}
+
 TEST(WebMirror, RobotsOctetsAreHexAndTheirWordsText) {
   EXPECT_EQ(mirrored("ntnu-slam/robot/r/update", "\x0a\0\xec\xff"s)["payload"], "0a00ecff");
   EXPECT_EQ(mirrored("ntnu-slam/robot/r/update", "    ")["encoding"], "hex")

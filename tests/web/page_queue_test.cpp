@@ -4,6 +4,8 @@
 
 #include <gtest/gtest.h>
 
+#include "web/server/last_known.hpp"
+
 namespace slamgw::web::test {
 namespace {
 
@@ -44,6 +46,29 @@ TEST(WebQueue, DropsTheOldestEventsAndSaysHowMany) {
   std::size_t left = 0;
   while (queue.pop()) ++left;
   EXPECT_EQ(left, fitting - 1);
+}
+
+TEST(WebQueue, WhatWaitedBeforeAllComesAnewIsDropped) {
+  PageQueue queue;
+  queue.push_state("ghost", text("old"));
+  queue.push_state("stats", text("old"));
+  queue.push_event(text("event"));
+  queue.begin_anew("hello", text("hello"));
+  queue.push_state("stats", text("new"));
+  for (const char* expected : {"hello", "new", "event"}) EXPECT_EQ(*queue.pop(), expected);
+  EXPECT_EQ(queue.pop(), nullptr);
+}
+
+/// Topics that are made and taken back, each a state of its own, must not fill the memory.
+TEST(WebQueue, APageThatTakesNoStatesIsGivenUp) {
+  PageQueue queue;
+  const SharedText large = text(std::string(1000, 'x'));
+  std::size_t number = 0;
+  while (queue.push_state("topic" + std::to_string(number), large)) ASSERT_LT(++number, 100'000u);
+  EXPECT_GT(number, LastKnown::max_topics) << "all that is known fits";
+  EXPECT_TRUE(queue.push_state("topic0", large)) << "what waits already may be renewed";
+  for (int i = 0; i < 5; ++i) EXPECT_EQ(queue.pop(), large);
+  EXPECT_TRUE(queue.push_state("new", large));
 }
 
 TEST(WebQueue, OneLargeEventPassesAlone) {

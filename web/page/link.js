@@ -4,6 +4,16 @@
 const PAUSES_MS = [300, 1000, 2000, 5000];
 const TOKEN = 'slamgw-token';
 
+// null for what is none of our program's messages: one that cannot be read must not end the others.
+function read(text) {
+  try {
+    const message = JSON.parse(text);
+    return typeof message.topic === 'string' ? message : null;
+  } catch {
+    return null;
+  }
+}
+
 export class Link {
   constructor(listener) {
     this.listener = listener;
@@ -21,7 +31,8 @@ export class Link {
       this.listener.onOpen();
     };
     socket.onmessage = (event) => {
-      const message = JSON.parse(event.data);
+      const message = read(event.data);
+      if (!message) return;
       if (message.topic === '$web/token' && !message.payload.accepted) sessionStorage.removeItem(TOKEN);
       this.listener.onMessage(message);
     };

@@ -201,6 +201,12 @@ export class Model {
       this.origins = said.origins;
       this.takesToken = said.takes_token;
       this.version = said.version;
+      // All states come anew after it; what was taken back meanwhile does not.
+      this.gateways.clear();
+      for (const robot of this.robots.values()) {
+        robot.presence.clear();
+        robot.numbers = null;
+      }
       for (const robot of this.robots.values()) robot.setOrigin(Object.hasOwn(said.origins, robot.id) ? said.origins[robot.id] : null);
     } else if (name === 'broker') this.broker = said;
     else if (name === 'token') this.maySend = said.accepted;

@@ -12,11 +12,17 @@ bool LastKnown::keep(std::string_view topic, SharedText text) {
   return true;
 }
 
-void LastKnown::forget(std::string_view topic) {
+bool LastKnown::forget(std::string_view topic) {
   const auto known = topics_.find(topic);
-  if (known == topics_.end()) return;
+  if (known == topics_.end()) return false;
   bytes_ -= known->first.size() + known->second->size();
   topics_.erase(known);
+  return true;
+}
+
+void LastKnown::forget_all() {
+  topics_.clear();
+  bytes_ = 0;
 }
 
 }  // namespace slamgw::web

@@ -21,7 +21,9 @@ class LastKnown {
   /// False when there is no room. An empty payload, which takes a retained message back, is a text
   /// of its own that is not kept.
   bool keep(std::string_view topic, SharedText text);
-  void forget(std::string_view topic);
+  /// Whether it was known.
+  bool forget(std::string_view topic);
+  void forget_all();
   const std::map<std::string, SharedText, std::less<>>& topics() const { return topics_; }
 
  private:

@@ -18,6 +18,14 @@ bool is_plain_text(std::string_view text) {
   });
 }
 
+/// JSON that may stand inside another document. The parser stops at a NUL and skips a byte order
+/// mark; neither may reach a page, whose browser would close the connection or refuse the message.
+bool is_embeddable_json(std::string_view text) {
+  constexpr std::string_view byte_order_mark = "\xef\xbb\xbf";
+  return is_utf8(text) && text.find('\0') == text.npos && !text.starts_with(byte_order_mark) &&
+         json::accept(text);
+}
+
 /// Positions are octets also where they happen to look like text.
 bool is_octets(std::string_view topic, std::string_view payload) {
   const std::string_view type = topic.substr(topic.rfind('/') + 1);
@@ -27,7 +35,7 @@ bool is_octets(std::string_view topic, std::string_view payload) {
 void append_payload(std::string& out, const BrokerMessage& message, TopicKind kind) {
   const bool is_gateways = kind == TopicKind::state || kind == TopicKind::event;
   const std::string_view payload = message.payload;
-  if (is_gateways && json::accept(payload)) {
+  if (is_gateways && is_embeddable_json(payload)) {
     out.append(payload).append(R"(,"encoding":"json")");
   } else if (!is_octets(message.topic, payload) && is_plain_text(payload)) {
     append_json_text(out, payload);

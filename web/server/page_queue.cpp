@@ -4,15 +4,36 @@
 #include "web/server/mirror.hpp"
 
 namespace slamgw::web {
+namespace {
 
-void PageQueue::push_state(std::string_view topic, SharedText text) {
+/// With what the containers take for an entry.
+std::size_t cost_of(std::string_view topic, const std::string& text) {
+  constexpr std::size_t entry_bytes = 200;
+  return 2 * topic.size() + text.size() + entry_bytes;
+}
+
+}  // namespace
+
+bool PageQueue::push_state(std::string_view topic, SharedText text) {
   const auto waiting = states_.find(topic);
+  const std::size_t before = waiting == states_.end() ? 0 : cost_of(topic, *waiting->second);
+  const std::size_t after = state_bytes_ - before + cost_of(topic, *text);
+  if (after > max_state_bytes) return false;
+  state_bytes_ = after;
   if (waiting != states_.end()) {
     waiting->second = std::move(text);
-    return;
+    return true;
   }
   order_.emplace_back(topic);
   states_.emplace(topic, std::move(text));
+  return true;
+}
+
+void PageQueue::begin_anew(std::string_view topic, SharedText text) {
+  order_.clear();
+  states_.clear();
+  state_bytes_ = 0;
+  push_state(topic, std::move(text));
 }
 
 void PageQueue::push_event(SharedText text) {
@@ -35,6 +56,7 @@ SharedText PageQueue::pop() {
   if (!order_.empty()) {
     const auto state = states_.find(order_.front());
     SharedText text = std::move(state->second);
+    state_bytes_ -= cost_of(state->first, *text);
     states_.erase(state);
     order_.pop_front();
     return text;

@@ -17,11 +17,17 @@ using SharedText = std::shared_ptr<const std::string>;
 class PageQueue {
  public:
   /// About two seconds of a hundred robots: a page that is further behind is better off with what
-  /// is new. States have no bound of their own: each waits once, and LastKnown bounds them.
+  /// is new.
   static constexpr std::size_t max_event_bytes = 256 * 1024;
+  /// Twice what LastKnown may hold: all of it, and what was taken back meanwhile. A page that lets
+  /// more wait is not there any more.
+  static constexpr std::size_t max_state_bytes = 32 << 20;
 
-  /// Replaces the text of `topic` that waits, if one does.
-  void push_state(std::string_view topic, SharedText text);
+  /// Replaces the text of `topic` that waits, if one does. False when too many wait: the page is to
+  /// be given up, for what it shows would be wrong for ever.
+  bool push_state(std::string_view topic, SharedText text);
+  /// Drops the states that wait: all of them come anew after `text`.
+  void begin_anew(std::string_view topic, SharedText text);
   void push_event(SharedText text);
   /// States first, then events; nothing (null) when nothing waits.
   SharedText pop();
@@ -32,6 +38,7 @@ class PageQueue {
  private:
   std::deque<std::string> order_;  ///< topics of states
   std::map<std::string, SharedText, std::less<>> states_;
+  std::size_t state_bytes_ = 0;
   std::deque<SharedText> events_;
   std::size_t event_bytes_ = 0;
   std::uint64_t dropped_ = 0;

@@ -521,7 +521,8 @@ pageTest('* a robot with a hostile name is text in every view', {}, async (page)
 });
 
 pageTest('nonsense on the topics harms nothing', {}, async (page) => {
-  for (const payload of ['', '{', '[]', 'null', '5', '{"state":5}', '{"robots":{"x":[]}}', '{"robots":[1]}', '{"meshes":{"ble":null}}', Buffer.from('fffe00', 'hex'), '{"x":1e999,"y":{}}']) {
+  for (const payload of ['', '{', '[]', 'null', '5', '{"state":5}', '{"robots":{"x":[]}}', '{"robots":[1]}', '{"meshes":{"ble":null}}', Buffer.from('fffe00', 'hex'), '{"x":1e999,"y":{}}',
+    Buffer.from('{"state":"online"}\0\xff{', 'latin1'), '\ufeff{"state":"online"}']) {
     for (const topic of ['gateway/odd/state', 'gateway/odd/stats', 'gateway/odd/numbers', 'gateway/odd/robots/odd', 'gateway/odd/commands/odd', 'robot/odd/update', 'robot/odd', 'server/odd/cmd', 'gateway/odd']) await world.publish(`ntnu-slam/${topic}`, payload);
   }
   for (const view of ['robots', 'trace', 'map']) {
@@ -586,6 +587,8 @@ test('garbage for HTTP ends its connection only', async () => {
 
 pageTest('* the broker goes and comes back; a command meanwhile is refused at once', { unlocked: true }, async (page) => {
   await manyPoints(page);
+  await world.publish('ntnu-slam/gateway/ghost/state', '{"state":"online"}', '-r');
+  await until(page, () => window.slamgw.model.gateways.has('ghost'));
   await world.end('broker');
   await until(page, () => document.querySelector('#link').textContent === 'Broker away');
   await choose(page, 'robot1');
@@ -596,6 +599,7 @@ pageTest('* the broker goes and comes back; a command meanwhile is refused at on
   await shot(page, 'trouble.png');
   await world.startBroker();
   await until(page, () => document.querySelector('#link').textContent === 'Live');
+  await until(page, () => window.slamgw.model.gateways.has('here') && !window.slamgw.model.gateways.has('ghost')); // this broker keeps nothing
   const before = await page.evaluate(() => window.slamgw.model.robots.get('robot1').messages);
   await until(page, (count) => window.slamgw.model.robots.get('robot1').messages > count + 3, before);
 });

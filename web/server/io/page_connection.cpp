@@ -2,6 +2,7 @@
 #include "web/server/io/page_connection.hpp"
 
 #include <boost/asio/buffer.hpp>
+#include <boost/asio/post.hpp>
 
 #include "web/server/answers.hpp"
 
@@ -61,7 +62,12 @@ void PageConnection::on_text(const std::string& text) {
 }
 
 void PageConnection::tell_state(std::string_view topic, const SharedText& text) {
-  queue_.push_state(topic, text);
+  if (!queue_.push_state(topic, text)) give_up();
+  write();
+}
+
+void PageConnection::tell_anew(std::string_view topic, const SharedText& text) {
+  queue_.begin_anew(topic, text);
   write();
 }
 
@@ -83,6 +89,11 @@ void PageConnection::write() {
                         if (error) return self->close();
                         self->write();
                       });
+}
+
+/// Posted, for the hub goes through its pages just now.
+void PageConnection::give_up() {
+  boost::asio::post(socket_.get_executor(), [self = shared_from_this()] { self->close(); });
 }
 
 /// The hub forgets the page at once; operations that are under way end with an error, and with the

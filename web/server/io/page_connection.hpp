@@ -24,6 +24,7 @@ class PageConnection : public Page, public std::enable_shared_from_this<PageConn
 
   void accept(const boost::beast::http::request<boost::beast::http::empty_body>& request);
   void tell_state(std::string_view topic, const SharedText& text) override;
+  void tell_anew(std::string_view topic, const SharedText& text) override;
   void tell_event(const SharedText& text) override;
   std::uint64_t dropped() const override { return queue_.dropped(); }
 
@@ -31,6 +32,7 @@ class PageConnection : public Page, public std::enable_shared_from_this<PageConn
   void read();
   void on_text(const std::string& text);
   void write();
+  void give_up();
   void close();
 
   boost::beast::websocket::stream<boost::beast::tcp_stream> socket_;

@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <utility>
 
 #include "daemon/observability/log.hpp"
 
@@ -105,7 +106,7 @@ void PageHub::on_message(const BrokerMessage& message) {
   auto page_text = to_page(message, kind);
   if (kind == TopicKind::foreign || !page_text) return;
   const SharedText text = share(std::move(*page_text));
-  if (kind == TopicKind::state) keep(message, text);
+  if (kind == TopicKind::state && !keep(message, text)) return;
   for (Page* page : pages_) {
     if (kind == TopicKind::state)
       page->tell_state(message.topic, text);
@@ -114,21 +115,28 @@ void PageHub::on_message(const BrokerMessage& message) {
   }
 }
 
-void PageHub::keep(const BrokerMessage& message, const SharedText& text) {
-  if (!message.payload.empty()) {
-    known_.keep(message.topic, text);
-    return;
-  }
-  known_.forget(message.topic);  // a retained message was taken back
+bool PageHub::keep(const BrokerMessage& message, const SharedText& text) {
+  if (!message.payload.empty()) return known_.keep(message.topic, text);
+  if (!known_.forget(message.topic)) return false;  // a retained message was taken back
   const auto [gateway, rest] = topics_.gateway_topic(message.topic);
-  if (rest != "state") return;
-  for (const char* each : {"stats", "numbers"})
-    known_.forget(fmt::format("{}/gateway/{}/{}", topics_.prefix(), gateway, each));
+  for (const char* each : {"stats", "numbers"}) {
+    if (rest == "state")
+      known_.forget(fmt::format("{}/gateway/{}/{}", topics_.prefix(), gateway, each));
+  }
+  return true;
+}
+
+/// What was taken back while the connection was away was not told: all states come again now.
+void PageHub::begin_anew() {
+  known_.forget_all();
+  const SharedText text = share(greeting());
+  for (Page* page : pages_) page->tell_anew("$web/hello", text);
 }
 
 void PageHub::on_broker(bool is_up, const std::string& why) {
   own_.broker_is_connected = is_up;
   why_ = why;
+  if (is_up && std::exchange(was_connected_, true)) begin_anew();
   if (is_up)
     log_event(Severity::notice, "connected to the broker at " + broker_);
   else

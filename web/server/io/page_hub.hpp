@@ -25,6 +25,8 @@ class Page {
  public:
   virtual ~Page() = default;
   virtual void tell_state(std::string_view topic, const SharedText& text) = 0;
+  /// All states come anew after this one.
+  virtual void tell_anew(std::string_view topic, const SharedText& text) = 0;
   virtual void tell_event(const SharedText& text) = 0;
   virtual std::uint64_t dropped() const = 0;
 };
@@ -55,7 +57,9 @@ class PageHub {
   void on_message(const BrokerMessage& message);
   void on_broker(bool is_up, const std::string& why);
   void on_refused(int message_id, const std::string& why);
-  void keep(const BrokerMessage& message, const SharedText& text);
+  /// Whether pages are to be told: not of what there is no room for, nor of what nobody knew.
+  bool keep(const BrokerMessage& message, const SharedText& text);
+  void begin_anew();
   std::string greeting() const;
   std::string broker_state() const;
 
@@ -64,6 +68,7 @@ class PageHub {
   std::string site_;    ///< JSON members of the greeting: gateway's prefix, origins, version
   std::string broker_;  ///< its URI
   std::string why_ = "connecting";
+  bool was_connected_ = false;
   LastKnown known_;
   OutcomeCounts outcomes_;
   OwnNumbers own_;
