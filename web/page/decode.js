@@ -6,6 +6,9 @@ const signed = (hex, at) => {
   return ((high << 8 | low) << 16) >> 16;
 };
 
+// What int16 holds, in JSON too: far beyond it, a step on the map no longer changes a coordinate.
+const isPlace = (number) => Number.isFinite(number) && Math.abs(number) <= 32768;
+
 // {x, y, obstacles: [x, y, ...]} or null. 4 + 4n octets, n = 0..4, perhaps a stray one behind; or JSON.
 export function decodeUpdate(message) {
   const hex = message.payload;
@@ -19,7 +22,7 @@ export function decodeUpdate(message) {
   try {
     const { x, y, obstacles = [] } = JSON.parse(hex);
     const flat = obstacles.slice(0, 4).flatMap((o) => [o.x, o.y]);
-    return [x, y, ...flat].every(Number.isFinite) ? { x, y, obstacles: flat } : null;
+    return [x, y, ...flat].every(isPlace) ? { x, y, obstacles: flat } : null;
   } catch {
     return null;
   }

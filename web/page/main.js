@@ -84,11 +84,18 @@ function step(by) {
 
 // ---- the list beside the map
 const sorted = () => [...model.robots.values()].sort((a, b) => byName(a.id, b.id));
+// What a first visitor may do: mend what is wrong, or look at simulated robots.
+function emptyHint() {
+  const [first] = problems(model);
+  if (first) return `${first.title}. ${first.remedy}`;
+  return model.robots.size ? '' : 'Nothing is wrong; no robot has come yet. To see one without hardware: slam-gateway-sim thread --gateway localhost:47193';
+}
 function drawList() {
   const wanted = $('find').value.toLowerCase();
   const robots = sorted().filter((robot) => robot.id.toLowerCase().includes(wanted));
   $('find').hidden = model.robots.size < 12;
   $('empty').hidden = robots.some((robot) => robot.pose);
+  if (!$('empty').hidden) setText($('empty-hint'), emptyHint());
   keep($('list'), robots.length, () => {
     const swatch = element('input', { type: 'checkbox' });
     return element('li', {}, swatch, element('button', { type: 'button' }, element('span', { class: 'name' }), element('span', { class: 'muted' })));

@@ -32,6 +32,16 @@ class View {
   }
 }
 
+// Where a name of this width can stand beside a robot without covering another name; null when nowhere.
+function freePlace(px, py, width, taken) {
+  for (const [x, y] of [[px + 12, py - 12], [px + 12, py + 14], [px - 12 - width, py - 12], [px - 12 - width, py + 14]]) {
+    if (taken.some(([left, top, wide]) => x < left + wide && left < x + width && Math.abs(y - top) < 14)) continue;
+    taken.push([x, y, width]);
+    return [x, y];
+  }
+  return null;
+}
+
 export class WorldMap {
   constructor(canvas, model, actions) {
     Object.assign(this, { canvas, model, actions });
@@ -323,10 +333,13 @@ export class WorldMap {
     context.strokeStyle = this.colours.card;
     context.fillStyle = this.colours.text;
     const withEdge = robots.length <= 30;
-    for (const robot of robots) {
+    const taken = [];
+    for (const robot of robots.toReversed()) { // the chosen one first
       if (!robot.pose) continue;
       const name = robot.id.length > 24 ? robot.id.slice(0, 23) + '…' : robot.id;
-      const [x, y] = [view.px(robot.pose.x) + 12, view.py(robot.pose.y) - 12];
+      const place = withEdge ? freePlace(view.px(robot.pose.x), view.py(robot.pose.y), context.measureText(name).width, taken) : null;
+      if (withEdge && !place) continue; // two names in one place can't be read
+      const [x, y] = place ?? [view.px(robot.pose.x) + 12, view.py(robot.pose.y) - 12];
       if (withEdge) context.strokeText(name, x, y);
       context.fillText(name, x, y);
     }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Robots and gateways: what is wrong first, with its remedy; who hangs on which gateway; a table with sparklines.
+// Robots and gateways: what is wrong first, with its remedy; which robot is on which gateway; a table with sparklines.
 import { $, colour, element, keep, setText, surface, svg } from './dom.js';
 
 const STALE_STATS_MS = 35000; // three of a gateway's stats are missing
@@ -101,6 +101,9 @@ export class RobotsView {
       const id = event.target.closest('tr')?.robot;
       if (id) this.choose(id);
     });
+    $('table').tBodies[0].addEventListener('keydown', (event) => {
+      if (event.key === 'Enter' && event.target.robot) this.choose(event.target.robot);
+    });
   }
 
   draw() {
@@ -168,7 +171,7 @@ function newRow() {
   const cells = COLUMNS.map(([name, , , isNumber]) => element('td', { 'data-name': name, class: isNumber ? 'number' : null }));
   cells[1].append(element('span', { class: 'state' }, element('span', { class: 'dot' }), element('span')));
   cells[4].append(element('canvas'));
-  return element('tr', {}, ...cells);
+  return element('tr', { tabindex: 0, title: 'Show it on the map' }, ...cells);
 }
 function fillRow(row, robot, now) {
   row.robot = robot.id;

@@ -371,7 +371,7 @@ pageTest('a script that somehow got into the page does not run', {}, async (page
 
 // ---- robots and gateways
 
-pageTest('the table and the picture show who hangs on which gateway over which mesh', { view: 'robots' }, async (page) => {
+pageTest('the table and the picture show which robot is on which gateway over which mesh', { view: 'robots' }, async (page) => {
   await until(page, () => [...document.querySelectorAll('#table tbody tr')].filter((row) => /^robot\d/.test(row.textContent) && row.textContent.includes('online')).length >= 6);
   const row = (name) => page.locator('#table tbody tr', { has: page.locator('td:first-child', { hasText: new RegExp(`^${name}$`) }) });
   assert.match(await row('robot1').textContent(), /online.*Thread.*here/);
@@ -520,8 +520,29 @@ pageTest('* a robot with a hostile name is text in every view', {}, async (page)
   await world.publish('ntnu-slam/gateway/other/state', '', '-r');
 });
 
+pageTest('a first visitor without robots is told what to do', {}, async (page) => {
+  await page.evaluate(() => {
+    const { model, map } = window.slamgw;
+    model.robots.clear();
+    model.takeRobot = () => {};
+    model.takePresence = () => {};
+    model.takeNumbers = () => {};
+    map.repaint();
+  });
+  await until(page, () => /slam-gateway-sim thread/.test(document.querySelector('#empty-hint').textContent));
+  await page.evaluate(() => { window.slamgw.model.gateways.clear(); window.slamgw.model.takeGateway = () => {}; });
+  await until(page, () => /^No gateway has been heard/.test(document.querySelector('#empty-hint').textContent));
+});
+
+pageTest('a robot is chosen from the table by the keyboard', { view: 'robots' }, async (page) => {
+  await until(page, () => document.querySelectorAll('#table tbody tr').length >= 6);
+  await page.focus('#table tbody tr');
+  await page.keyboard.press('Enter');
+  await until(page, () => !document.querySelector('#map').hidden && window.slamgw.map.chosen !== null);
+});
+
 pageTest('nonsense on the topics harms nothing', {}, async (page) => {
-  for (const payload of ['', '{', '[]', 'null', '5', '{"state":5}', '{"robots":{"x":[]}}', '{"robots":[1]}', '{"meshes":{"ble":null}}', Buffer.from('fffe00', 'hex'), '{"x":1e999,"y":{}}',
+  for (const payload of ['', '{', '[]', 'null', '5', '{"state":5}', '{"robots":{"x":[]}}', '{"robots":[1]}', '{"meshes":{"ble":null}}', Buffer.from('fffe00', 'hex'), '{"x":1e999,"y":{}}', '{"x":1e22,"y":0,"obstacles":[{"x":-1e300,"y":1}]}',
     Buffer.from('{"state":"online"}\0\xff{', 'latin1'), '\ufeff{"state":"online"}']) {
     for (const topic of ['gateway/odd/state', 'gateway/odd/stats', 'gateway/odd/numbers', 'gateway/odd/robots/odd', 'gateway/odd/commands/odd', 'robot/odd/update', 'robot/odd', 'server/odd/cmd', 'gateway/odd']) await world.publish(`ntnu-slam/${topic}`, payload);
   }
