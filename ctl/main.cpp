@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <cmath>
 #include <cstdlib>
 #include <cstring>
 #include <fstream>
@@ -261,6 +262,7 @@ slamgw::BrokerSettings broker_for(const Installation& installation, const HostTa
 }
 
 int replay(const Installation& installation, const HostTask& task) {
+  if (!std::isfinite(task.speed)) throw Failure("--speed is no number");
   std::ifstream file(task.file, std::ios::binary);
   if (!file.is_open()) throw Failure(task.file + " can't be read: " + std::strerror(errno));
   auto messages = read_recording(file, task.file);

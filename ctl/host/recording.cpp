@@ -23,8 +23,9 @@ using std::chrono::microseconds;
 std::optional<microseconds> parse_time(const std::string& text) {
   std::tm time{};
   int length = 0;
-  const int fields = std::sscanf(text.c_str(), "%d-%d-%dT%d:%d:%d%n", &time.tm_year, &time.tm_mon,
-                                 &time.tm_mday, &time.tm_hour, &time.tm_min, &time.tm_sec, &length);
+  const int fields =
+      std::sscanf(text.c_str(), "%4d-%2d-%2dT%2d:%2d:%2d%n", &time.tm_year, &time.tm_mon,
+                  &time.tm_mday, &time.tm_hour, &time.tm_min, &time.tm_sec, &length);
   if (fields != 6) return std::nullopt;
   time.tm_year -= 1900;
   time.tm_mon -= 1;
@@ -47,6 +48,20 @@ std::optional<BrokerMessage> message_of(const json& event) {
   return BrokerMessage{topic, *payload, static_cast<Qos>(qos), false, {}};
 }
 
+/// The clock was set while it was recorded, for instance on a host that starts without the time:
+/// waiting it out would look like a replay that hangs.
+void check_gaps(const std::vector<RecordedMessage>& messages, const std::string& name) {
+  constexpr std::chrono::days longest{30};
+  for (std::size_t i = 1; i < messages.size(); ++i) {
+    const auto gap = messages[i].after - messages[i - 1].after;
+    if (gap > longest)
+      throw Failure(
+          fmt::format("{}: {} days lie between messages {} and {} in order of time, so the "
+                      "clock was set meanwhile; remove the lines on one side of it",
+                      name, std::chrono::floor<std::chrono::days>(gap).count(), i, i + 1));
+  }
+}
+
 }  // namespace
 
 bool is_recorded(const json& event) {
@@ -66,12 +81,15 @@ std::vector<RecordedMessage> read_recording(std::istream& in, const std::string&
     const bool is_message =
         event.is_object() && text_at(event, "event") == "arrived" && text_at(event, "why").empty();
     const auto message = is_message ? message_of(event) : std::nullopt;
+    const bool is_cut = event.is_discarded() && in.eof();  // whoever wrote it was killed
+    if (is_cut && number > 1) break;
     if (!at || (is_message && !message))
       throw Failure(
           fmt::format("{}:{}: is no line that slam-gatewayctl record writes", name, number));
     if (message) messages.push_back({*at, *message});
   }
   std::ranges::stable_sort(messages, {}, &RecordedMessage::after);
+  check_gaps(messages, name);
   if (!messages.empty()) {
     const microseconds first = messages.front().after;
     for (RecordedMessage& message : messages) message.after -= first;

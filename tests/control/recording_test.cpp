@@ -48,6 +48,24 @@ TEST(Recording, HoldsRobotsMessagesWithTheirTiming) {
   EXPECT_EQ(messages[1].message.topic, "p/robot/r/b");
 }
 
+/// A recorder that was killed, or whose disk was full.
+TEST(Recording, LeavesOutALastLineThatWasCut) {
+  const std::string line = control::to_json(arrival(0us, "p/robot/r/a")).dump();
+  EXPECT_EQ(read(line + "\n" + line.substr(0, 40)).size(), 1u);
+  EXPECT_EQ(read(line).size(), 1u) << "whole, though without its end of line";
+  EXPECT_THROW(read(line.substr(0, 40)), ctl::Failure) << "a file that is none";
+  EXPECT_THROW(read(line.substr(0, 40) + "\n" + line), ctl::Failure);
+}
+
+TEST(Recording, RefusesAClockThatWasSetMeanwhile) {
+  const auto text = [](std::chrono::microseconds at) {
+    return control::to_json(arrival(at, "p/robot/r/a")).dump() + "\n";
+  };
+  EXPECT_EQ(read(text(0us) + text(29 * 24h)).size(), 2u);
+  EXPECT_THROW(read(text(0us) + text(31 * 24h)), ctl::Failure);
+  EXPECT_THROW(read(text(0us) + text(-365 * 24h)), ctl::Failure);
+}
+
 TEST(Recording, LeavesOutWhatBecameOfMessages) {
   TraceEvent event = arrival(0us, "t");
   for (const auto kind : {TraceEvent::Kind::published, TraceEvent::Kind::acknowledged,
