@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// ./dev browser-test --bench: 100 robots at 5/s with 2000 obstacle points each on the map. Frames a second in headless
-// Chromium, CPU and memory of slam-gateway-web and of the page, octets of the page. Prints one JSON object; no test.
+// ./dev browser-test --bench [--soak-minutes N]: 100 robots at 5/s with 2000 obstacle points each on the map. Frames a
+// second in headless Chromium, CPU and memory of slam-gateway-web and of the page, octets of the page. Prints one JSON
+// object; no test. With --soak-minutes the page stays open so long, and memory is told once a minute: it must stay flat.
 import { readFileSync } from 'node:fs';
 import { setTimeout as sleep } from 'node:timers/promises';
 import { World } from './world.mjs';
 
 const ROBOTS = Number(process.env.SLAMGW_BENCH_ROBOTS ?? 100);
 const SECONDS = Number(process.env.SLAMGW_BENCH_SECONDS ?? 30);
+const SOAK_MINUTES = Number(process.env.SLAMGW_SOAK_MINUTES || 0);
 const world = await World.start({ thread: 0, ble: 0, daemon: false });
 world.spawn('feed', 'python3', [new URL('feed.py', import.meta.url).pathname, String(world.ports.broker), String(ROBOTS)]);
 const page = await world.open();
@@ -55,6 +57,20 @@ result.page_octets_compressed = 0;
 for (const name of ['', ...new Set(await page.evaluate(() => performance.getEntriesByType('resource').map((entry) => new URL(entry.name).pathname.slice(1))))]) {
   const response = await fetch(world.url + name, { headers: { 'accept-encoding': 'gzip' } });
   if (response.ok) result.page_octets_compressed += Number(response.headers.get('content-length'));
+}
+
+// The heap after a collection; without it the garbage since the last one would be counted.
+const session = await page.context().newCDPSession(page);
+const memory = async () => {
+  await session.send('HeapProfiler.collectGarbage');
+  return { program_rss_mib: resident() / 1024, page_heap_mib: (await session.send('Runtime.getHeapUsage')).usedSize / 1048576 };
+};
+if (SOAK_MINUTES) result.soak = [];
+for (let minute = 0; minute <= SOAK_MINUTES && SOAK_MINUTES; minute++) {
+  if (minute) await sleep(60000);
+  const now = { minute, ...(await memory()), frames: await page.evaluate(() => window.slamgw.map.frames), messages: await world.metric('slamgw_web_messages_total') };
+  console.error(JSON.stringify(now));
+  result.soak.push(now);
 }
 console.log(JSON.stringify(result, null, 1));
 await world.stop();
