@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Why bytes from the board, the mesh or a file could not be read. Counted by whoever asked.
+// Why bytes from the board, the mesh or a file could not be read. The caller counts it.
 #pragma once
 
 #include <cstdint>

@@ -39,7 +39,7 @@ class CommandLedger {
   std::size_t size() const { return open_.size(); }
 
   std::optional<TimePoint> deadline() const;
-  /// Ends those whose time is over.
+  /// Ends overdue commands.
   std::vector<Command> take_overdue(TimePoint now);
 
  private:

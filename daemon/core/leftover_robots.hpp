@@ -26,7 +26,7 @@ class LeftoverRobots {
   /// Whether it still looks; until then its filter is to be subscribed.
   bool is_looking() const { return is_looking_; }
   void on_broker_up(TimePoint now);
-  /// True when the message is a presence: nobody else's business.
+  /// True when the message is a presence; the caller drops it.
   bool take(const BrokerMessage& message);
 
   struct Leftover {

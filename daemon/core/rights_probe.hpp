@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Whether the broker lets this gateway do what it must. A broker may grant a subscription and send
 // nothing (Mosquitto does, when the access list has no right to read), or take a message and drop
-// it; nobody is told. So at each connect the gateway says something to itself where it publishes
+// it, and say nothing. So at each connect the gateway says something to itself where it publishes
 // and where commands come from, and listens for it. Pure; driven by Gateway.
 #pragma once
 
@@ -38,7 +38,7 @@ class RightsProbe {
   /// The broker's answer for one of the filters; what is to be published now (QoS 0, not retained).
   std::optional<BrokerMessage> on_subscribe_result(const std::string& filter, bool granted,
                                                    const Now& now);
-  /// True when the message is one of the probe's: nobody else's business.
+  /// True when the message is one of the probe's; the caller drops it.
   bool take(const BrokerMessage& message, TimePoint now);
   std::optional<TimePoint> deadline() const;
   /// At the deadline, or any time. What is to be published again.

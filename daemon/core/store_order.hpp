@@ -32,7 +32,7 @@ struct ListDeadLetters {
 struct ResendOrder {
   DeadLetterChoice choice;
 };
-/// Gone for good. Answer: `{"discarded"}`.
+/// Deletes them. Answer: `{"discarded"}`.
 struct DiscardOrder {
   DeadLetterChoice choice;
 };

@@ -39,7 +39,7 @@ class SubscriptionTable {
   };
 
   const Wanted& add(Mesh mesh, const std::string& filter, Qos qos);
-  /// True when nobody wants the filter any more.
+  /// True when the filter has no subscriber left.
   bool remove(Mesh mesh, const std::string& filter);
   const std::map<std::string, Wanted>& wanted() const { return wanted_; }
 

@@ -19,7 +19,7 @@ struct TraceEvent {
     repeat,        ///< it came again and did not go up
     stored,        ///< the disk has it
     published,     ///< the broker has it; QoS 0: handed to the network
-    acknowledged,  ///< the robot was told that it is safe
+    acknowledged,  ///< the robot got its acknowledgement
     refused,       ///< by the gateway or by the broker
     command,       ///< a message to a robot came from the broker or an operator
     sent,          ///< it was handed to the radio; several times when it is repeated

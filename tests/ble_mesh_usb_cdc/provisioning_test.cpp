@@ -140,7 +140,7 @@ TEST(Provisioning, NamesEachFailureAndTakesOthersFirst) {
     rig.board.devices.closes_at = event;
     rig.start();
     EXPECT_TRUE(rig.all_configured(60s)) << int{event};
-    EXPECT_TRUE(rig.has_notice("was not taken in: the provisioning link ended")) << int{event};
+    EXPECT_TRUE(rig.has_notice("did not join: the provisioning link ended")) << int{event};
     EXPECT_EQ(rig.board.devices.devices[0].address, 0x0100) << "it keeps its address";
     EXPECT_EQ(rig.stored.back().nodes.size(), 2u);
   }

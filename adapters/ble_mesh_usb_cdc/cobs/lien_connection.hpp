@@ -26,7 +26,7 @@ class LienConnection {
   struct ArqOutcome {
     std::optional<Bytes> reply = {};    ///< data of an ARQ frame for the robot
     std::optional<Bytes> message = {};  ///< complete; to be followed by on_safe or on_refused
-    bool is_new_connection = false;     ///< what was open is void
+    bool is_new_connection = false;     ///< an open message is void
   };
   ArqOutcome on_arq(ByteView data);
   /// The last message is safe; the reply to send.

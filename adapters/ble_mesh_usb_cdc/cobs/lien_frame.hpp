@@ -37,7 +37,7 @@ Bytes encode_lien_frame(const LienFrame& frame);
 Result<LienFrame, DecodeError> decode_lien_frame(ByteView raw);
 
 /// The name of a message by its first octet, for the topic's type; nothing for those that only the
-/// server sends and for numbers that nobody uses.
+/// server sends and for unused numbers.
 std::optional<std::string_view> lien_type_name(std::uint8_t message_type);
 inline constexpr std::uint8_t lien_update_message = 1;
 

@@ -23,7 +23,7 @@ struct UsbPort {
 };
 
 /// The one port that can be the mesh board, or a sentence for the operator: none, a board that
-/// waits in its boot loader, or several, among which nobody should guess. Thread co-processors
+/// waits in its boot loader, or several, among which guessing is dangerous. Thread co-processors
 /// (1915:cafe) are never candidates.
 Result<UsbPort, Refusal> choose_device(const std::vector<UsbPort>& ports);
 

@@ -42,7 +42,7 @@ std::string explain_open_failure(const std::string& path, int error, const NodeA
                       "there [Service] and DeviceAllow={} rw, then restart",
                       kind_of(path)));
     case EBUSY:
-    case EAGAIN:  // somebody's flock()
+    case EAGAIN:  // another program holds a flock()
       return fmt::format("{} is busy: another program has it open; sudo fuser -v {} shows which",
                          path, path);
     default: return say("check its cable and ble_mesh.device");

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // One port from opening to closing, on a thread of its own. What it reads is collected and posted
 // to the loop, one post at a time. Made by SerialLine for each attempt; the thread keeps this
-// object alive, so a port that is stuck in the kernel holds up nobody.
+// object alive, so a port that is stuck in the kernel delays nothing else.
 #pragma once
 
 #include <boost/asio/io_context.hpp>

@@ -32,7 +32,7 @@ class SerialLine {
   /// udev gives a new node its group some milliseconds after the node is there.
   static constexpr Duration permission_grace = std::chrono::seconds{2};
   static constexpr Duration permission_retry = std::chrono::milliseconds{100};
-  /// Opening or closing that takes longer is told.
+  /// Opening or closing that takes longer is reported.
   static constexpr Duration stuck_after = std::chrono::seconds{5};
   /// `stop` waits so long for the port to close, so that the next program finds it free.
   static constexpr Duration stop_limit = std::chrono::milliseconds{250};
@@ -57,7 +57,7 @@ class SerialLine {
   void close();
   /// Nothing happens while it is not open.
   void write(ByteView bytes);
-  /// As close, and for good; waits at most `stop_limit`. A port whose closing takes longer is left
+  /// As close, but final; waits at most `stop_limit`. A port whose closing takes longer is left
   /// to the end of the process.
   void stop();
 

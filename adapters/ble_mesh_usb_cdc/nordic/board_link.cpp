@@ -54,7 +54,7 @@ void BoardLink::get_in_step_again(TimePoint now) {
   if (health_.losses() >= LineHealth::noticeable_losses && loss_burst_.on_event(now))
     actions_.push(Notice{Severity::warning,
                          fmt::format("octets are lost or added on the serial line to the board, {} "
-                                     "times in a row by now: messages are lost meanwhile",
+                                     "times in a row so far: messages are lost meanwhile",
                                      health_.losses()),
                          {}});
   begin_resync(now);

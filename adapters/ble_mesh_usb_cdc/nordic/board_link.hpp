@@ -99,7 +99,7 @@ class BoardLink {
   bool clear_board(TimePoint now);
   /// The mesh's keys are others than before; starts the board up with them.
   void change_keys(const MeshKeys& keys, TimePoint now);
-  /// These two were told by the board that was started up last.
+  /// Both are of the board that was started up last.
   std::uint16_t subnet_handle() const { return subnet_handle_; }
   SerialVersion version() const { return version_; }
 

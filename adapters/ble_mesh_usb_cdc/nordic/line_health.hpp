@@ -17,7 +17,7 @@ class LineHealth {
  public:
   /// As often in a row the link may get in step again before the line is called unusable.
   static constexpr int max_losses = 8;
-  /// From so many on in a row the operator is told.
+  /// From so many in a row on, the operator gets a warning.
   static constexpr int noticeable_losses = 3;
   /// A loss that comes later than this after the one before begins a new row.
   static constexpr Duration stable_time = std::chrono::seconds{10};

@@ -34,7 +34,7 @@ ProvisioningEventResult decode_capabilities(ByteReader params) {
   event.elements = params.read_u8();
   params.read_u8();  // public key out of band
   event.static_oob_types = params.read_u8();
-  params.read(6);  // output and input OOB, for which nobody is there
+  params.read(6);  // output and input OOB: unsupported
   return finish_provisioning(params, event);
 }
 

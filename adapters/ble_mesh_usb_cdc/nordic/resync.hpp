@@ -38,7 +38,7 @@ class Resync {
   std::optional<Bytes> on_deadline(TimePoint now);
 
   State state() const { return state_; }
-  /// Octets that came since `start`: none means that nobody is there.
+  /// Octets that came since `start`: none means that no board answers.
   std::size_t octets_seen() const { return octets_seen_; }
   /// A zero was refused as only Nordic's firmware does, so that it is there even without an Echo.
   bool has_seen_refusal() const { return has_seen_refusal_; }

@@ -123,7 +123,7 @@ void StartUp::on_subnets(const CommandResponse& response) {
     notice(
         Severity::warning,
         "the serial board already holds a network key and no mesh.json exists here: the board is "
-        "used as it is, and its robots are heard, but none can be taken in or put out; restore "
+        "used as it is, and its robots are heard, but none can join or be removed; restore "
         "mesh.json from a backup, or bring the mesh in with slam-gatewayctl ble import");
   step_ = first_writing_step();
 }

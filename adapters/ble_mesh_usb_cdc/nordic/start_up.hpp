@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What to ask and tell a board that is in step, in an order that is safe whatever state it is in:
-// first read, then add what is missing, and stop rather than change what somebody else configured.
+// first read, then add what is missing, and stop rather than change another tool's configuration.
 // Never clears the board (0xac would also reset its sequence numbers, and every robot's replay
 // protection would then discard what the gateway sends). No timing: one command, its response, the
 // next. Called by BoardLink.

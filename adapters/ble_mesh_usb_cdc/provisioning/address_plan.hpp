@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Which unicast address a new robot gets. In this order: the addresses that `robots` names, as they
-// stand there; the next one in order from 0x0100; one that was passed over; at last the one whose
+// stand there; the next free one from 0x0100; one that was passed over; at last the one whose
 // robot was removed longest ago, because the other nodes' replay lists may still know it. Called by
 // Provisioner.
 #pragma once

@@ -110,7 +110,7 @@ bool Admission::reserve(const Candidate& candidate, const std::string& name, Tim
       has_room ? "no unicast address is left for it"
                : fmt::format("the mesh has {} nodes already", NodeDatabase::max_nodes);
   candidates_.on_failure(uuid, now);
-  notify(Severity::warning, fmt::format("the device {} was not taken in: {}", to_hex(uuid), why));
+  notify(Severity::warning, fmt::format("the device {} did not join: {}", to_hex(uuid), why));
   if (order_.is(OpenOrder::Kind::provision, uuid)) order_.refuse(why);
   return false;
 }
@@ -181,8 +181,7 @@ void Admission::begin_session(TimePoint now) {
   if (node == nullptr || !pair) {
     if (!pair) notify(Severity::error, "no randomness for the keys of a new robot");
     candidates_.on_failure(chosen.uuid, now);
-    if (order_.is(OpenOrder::Kind::provision, chosen.uuid))
-      order_.refuse("it can't be taken in now");
+    if (order_.is(OpenOrder::Kind::provision, chosen.uuid)) order_.refuse("it can't join now");
     return;
   }
   const NodeDatabase& database = *nodes_.database();
@@ -199,7 +198,7 @@ void Admission::keep_addresses(TimePoint now) {
   const Node* node = nodes_.find(session_->uuid());
   const std::uint8_t elements = session_->elements();
   candidates_.on_elements(session_->uuid(), elements);
-  if (node == nullptr) return session_->fail("an operator has put it out");
+  if (node == nullptr) return session_->fail("an operator removed it");
   if (!is_address_free(*nodes_.database(), node->address, elements, nodes_.taken_addresses(),
                        node->uuid))
     return session_->fail(
@@ -255,7 +254,7 @@ void Admission::warn_of_replay_list(const Node& node) {
 
 void Admission::on_session_failed(TimePoint now) {
   const ProvisioningSession session = *std::exchange(session_, std::nullopt);
-  if (session.device_key()) return;  // it has joined all the same
+  if (session.device_key()) return;  // it has joined; only the link failed
   const Uuid uuid = session.uuid();
   if (session.is_context_busy() && !is_last_context_) {
     chosen_ = Chosen{uuid, false, true};
@@ -271,7 +270,7 @@ void Admission::on_session_failed(TimePoint now) {
           ? std::string("reset it by hand, then it joins anew")
           : fmt::format("the next attempt is in {} s if it is still there",
                         std::chrono::duration_cast<std::chrono::seconds>(pause).count());
-  notify(Severity::warning, fmt::format("the device {} was not taken in: {}; {}", to_hex(uuid),
+  notify(Severity::warning, fmt::format("the device {} did not join: {}; {}", to_hex(uuid),
                                         session.failure(), what_next));
   if (order_.is(OpenOrder::Kind::provision, uuid)) order_.refuse(session.failure());
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Devices that say they are in no mesh: who was heard when, and whose turn it is. After a failure a
+// Devices that say they are in no mesh: when each was heard, and which is next. After a failure a
 // device waits longer each time, so that it does not hold up the others. Called by Provisioner.
 #pragma once
 
@@ -43,7 +43,7 @@ class Candidates {
   const Candidate* find(const Uuid& uuid, TimePoint now) const;
   /// The one with the fewest failures, then the first heard, among those that are due and wanted.
   const Candidate* next(const Filter& is_wanted, TimePoint now) const;
-  /// Who was heard lately.
+  /// The devices that were heard lately.
   std::vector<Candidate> all(TimePoint now) const;
 
  private:

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a robot has to be told, from what it says it has: the application key for its models,
+// The requests that configure a robot, by its composition data: the application key for its models,
 // publication to the gateway for those that speak, groups for those that listen. Only models that
 // it has; at least the thesis's (thesis 5.2.1), on/off and health. Called by NodeConfiguration.
 #pragma once

@@ -76,7 +76,7 @@ std::optional<SharedSecret> shared_secret(const KeyPair& own, const PublicKey& p
   const Number x(BN_new());
   if (!scalar || !peer_x || !peer_y || !peer_point || !common || !x) return std::nullopt;
   SharedSecret secret;
-  // Setting the coordinates fails for what is not on the curve.
+  // Setting the coordinates fails for a point that is not on the curve.
   const bool is_made =
       EC_POINT_set_affine_coordinates(group.get(), peer_point.get(), peer_x.get(), peer_y.get(),
                                       nullptr) == 1 &&

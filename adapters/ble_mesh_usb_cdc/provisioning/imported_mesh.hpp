@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // An existing network brought in by an operator: the database of Nordic's Python tool
 // (interactive_pyaci), of mesh apps that write the same members (Mesh CDB), or another gateway's
-// mesh.json. Secrets stay out of what is refused. Called for `slam-gatewayctl ble import`.
+// mesh.json. Refusals hold no secrets. Called for `slam-gatewayctl ble import`.
 #pragma once
 
 #include <optional>

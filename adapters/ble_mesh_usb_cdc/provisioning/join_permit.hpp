@@ -33,7 +33,7 @@ class JoinPermit {
 
   /// Whether this device may join now.
   bool admits(const Uuid& uuid) const;
-  /// What it will be called; empty: as the configuration says.
+  /// The name that it will get; empty: as the configuration says.
   const std::string& robot() const { return robot_; }
 
   /// A device was chosen while the permit was open. The rest is noted only of such devices.

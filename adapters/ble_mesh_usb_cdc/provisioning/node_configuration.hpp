@@ -34,7 +34,7 @@ class NodeConfiguration {
   /// The command that the board should get now, until on_command_ended.
   std::optional<Bytes> command() const;
   void on_command_ended(const CommandEnded& ended, TimePoint now);
-  /// What is to be sent to the node now, under `devkey_handle()`.
+  /// The message to send to the node now, under `devkey_handle()`.
   std::optional<Bytes> take_message(TimePoint now);
   /// True when it is an answer under this node's device key.
   bool on_message(const MessageReceived& message, TimePoint now);
@@ -49,7 +49,7 @@ class NodeConfiguration {
   std::uint16_t devkey_handle() const { return devkey_handle_; }
   /// Why it failed, or which requests the node refused; empty when all went well.
   const std::string& problem() const { return problem_; }
-  /// The board did not take the device key: its table holds what nobody knows.
+  /// The board did not take the device key: its key table has unknown entries.
   bool is_key_table_unclear() const { return is_key_table_unclear_; }
 
  private:

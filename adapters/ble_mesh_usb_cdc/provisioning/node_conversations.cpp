@@ -247,7 +247,7 @@ void NodeConversations::on_reset(const Node& node, bool is_done, const std::stri
   const std::string json = nodes_.json(node);
   admission_.candidates().erase(node.uuid);
   nodes_.remove(node.uuid);
-  notify(Severity::notice, fmt::format("{} was put out of the mesh", id), id);
+  notify(Severity::notice, fmt::format("{} was removed from the mesh", id), id);
   if (is_ordered) order_.answer(json);
 }
 

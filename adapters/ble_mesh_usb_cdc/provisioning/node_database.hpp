@@ -19,15 +19,15 @@ inline constexpr std::uint32_t max_elements = 255;  ///< of one node
 enum class NodeState : std::uint8_t {
   reserved,     ///< has an address; whether it took it is not known
   provisioned,  ///< its device key is known
-  configured,   ///< has been told everything that it needs
+  configured,   ///< has its whole configuration
 };
 std::string_view to_string(NodeState state);
 
-/// What a node was told besides the TTL.
+/// The configuration that a node has besides the TTL.
 struct Told {
   std::uint16_t gateway_address = 0;  ///< where it publishes to
   std::vector<std::uint16_t> groups;
-  bool is_changing = false;  ///< it is being told otherwise, and may have some of each
+  bool is_changing = false;  ///< it is being changed, and may have parts of both
 };
 
 struct Node {
@@ -37,8 +37,8 @@ struct Node {
   NodeState state = NodeState::reserved;
   Key device_key{};                 ///< means nothing while `reserved`
   std::string name;                 ///< given by an operator; may be empty
-  std::optional<std::uint8_t> ttl;  ///< that it was told to publish with
-  std::optional<Told> told;         ///< nothing: by another tool, or before this was kept
+  std::optional<std::uint8_t> ttl;  ///< that it was configured to publish with
+  std::optional<Told> told;         ///< nothing: configured by another tool, or by an old version
 
   /// Nothing when it is not known.
   std::optional<std::uint8_t> sent_ttl() const {
@@ -50,8 +50,8 @@ struct Node {
   }
 };
 
-/// A node that was put out of the mesh. Its address is handed out again after all others, and it is
-/// taken in again only by hand.
+/// A node that was removed from the mesh. Its address is given away again after all others, and it
+/// joins again only on an operator's order.
 struct RemovedNode {
   Uuid uuid{};  ///< zeros: welcome again
   std::uint16_t address = 0;
@@ -82,7 +82,7 @@ struct NodeDatabase {
   bool was_removed(const Uuid& uuid) const;
   /// Takes the node out and remembers that.
   void remove(Uuid uuid);
-  /// Its address is used again after all others. `uuid`: not taken in by itself; zeros for none.
+  /// Its address is used again after all others. `uuid`: joins only on order; zeros for none.
   void retire(std::uint16_t address, std::uint8_t elements, const Uuid& uuid);
   /// The device is welcome again; its address stays retired.
   void forget_removed(const Uuid& uuid);

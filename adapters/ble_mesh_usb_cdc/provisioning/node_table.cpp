@@ -40,7 +40,7 @@ std::string NodeTable::id_of(std::uint16_t address) const {
   return names_.of_ble(node->address);
 }
 
-// --- What was seen -------------------------------------------------------------------------------
+// --- Since the start -----------------------------------------------------------------------------
 
 void NodeTable::on_heard(std::uint16_t address, TimePoint now) {
   const Node* node = database() ? database()->find_address(address) : nullptr;

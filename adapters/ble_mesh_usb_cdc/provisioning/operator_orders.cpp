@@ -152,10 +152,10 @@ void OperatorOrders::take(const RemoveOrder& wanted, TimePoint now) {
   order_->due = now + Admission::order_time_limit;
   order_->uuid = node->uuid;
   order_->is_forced = wanted.is_forced;
-  if (admission_.is_chosen(node->uuid)) return order_.refuse("it is just being taken in");
+  if (admission_.is_chosen(node->uuid)) return order_.refuse("it is joining right now");
   if (node->state == NodeState::reserved || (!board_.is_up && wanted.is_forced))
     return conversations_.on_reset(*node, true, {}, now);
-  if (!board_.is_up) order_.refuse(link_is_down() + "; --force forgets the robot all the same");
+  if (!board_.is_up) order_.refuse(link_is_down() + "; --force forgets the robot anyway");
 }
 
 // --- The mesh ------------------------------------------------------------------------------------
@@ -170,7 +170,7 @@ void OperatorOrders::take(const ImportOrder& wanted, TimePoint now) {
   if (!merged.has_value())
     return order_.refuse("the file can't be imported: " + merged.error().why);
   if (!nodes_.ledger().is_saved())
-    return order_.refuse("the mesh is just being changed; try again");
+    return order_.refuse("the mesh is being changed right now; try again");
   order_->kind = Kind::import_mesh;
   order_->due = now + Admission::order_time_limit;
   order_->before = std::move(own);
@@ -244,7 +244,7 @@ void OperatorOrders::on_deadline(TimePoint now) {
     case Kind::export_mesh:
     case Kind::reset_board: break;
   }
-  order_.refuse("it takes long and goes on by itself; see `ble nodes`");
+  order_.refuse("it takes longer and continues without you; see `ble nodes`");
 }
 
 }  // namespace slamgw::ble

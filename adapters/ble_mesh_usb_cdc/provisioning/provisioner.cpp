@@ -46,7 +46,7 @@ void Provisioner::on_command_ended(const CommandEnded& ended, TimePoint now) {
                                          to_string(ended.status)),
                              {}});
       break;
-    case Purpose::restart: break;  // the board can't; the robot is taken in all the same
+    case Purpose::restart: break;  // the board can't; the robot joins anyway
     case Purpose::session: admission_.on_command_ended(ended); break;
     case Purpose::conversation: conversations_.on_command_ended(ended, now); break;
   }
@@ -80,7 +80,7 @@ void Provisioner::on_stored(const std::string& problem, TimePoint now) {
   nodes_.ledger().on_stored(problem.empty(), now);
   if (!problem.empty() && !is_store_problem_known_)
     actions_.push(
-        Notice{Severity::error, problem + "; no robot is taken in until they can be stored", {}});
+        Notice{Severity::error, problem + "; no robot joins until they can be stored", {}});
   is_store_problem_known_ = !problem.empty();
   orders_.on_stored(problem);
   advance(now);

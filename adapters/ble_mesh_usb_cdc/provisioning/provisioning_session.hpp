@@ -45,7 +45,7 @@ class ProvisioningSession {
   /// It failed after the device had joined: nothing but a reset by hand brings it back.
   bool is_key_lost() const { return is_key_lost_; }
   const Uuid& uuid() const { return request_.command.uuid; }
-  /// Known once the device has told its capabilities; 0 before.
+  /// Known once the device has sent its capabilities; 0 before.
   std::uint8_t elements() const { return elements_; }
   /// It waits until an address is kept for each element.
   bool wants_addresses() const {

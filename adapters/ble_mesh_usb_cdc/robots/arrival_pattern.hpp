@@ -25,7 +25,7 @@ class ArrivalPattern {
   static constexpr Duration lost = std::chrono::milliseconds{45};
   /// A message this close to its time is on time: twice what is regular.
   static constexpr Duration tolerance = std::chrono::milliseconds{25};
-  /// After a longer silence the robot may do something else: what was learned is forgotten.
+  /// After a longer silence the robot may do something else: its pattern is forgotten.
   static constexpr Duration longest_gap = std::chrono::seconds{60};
 
   /// A message that is new arrived. `is_certain`: whatever the pattern says; the distance between

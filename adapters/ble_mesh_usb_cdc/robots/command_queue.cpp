@@ -99,7 +99,7 @@ EndedCommands CommandQueue::refuse_all(const std::string& why, TimePoint now) {
 std::optional<Bytes> CommandQueue::next_transmission(TimePoint now) {
   if (outstanding_) {
     if (now < outstanding_->first_sent + outstanding_->next_offset) return std::nullopt;
-    // Several times after a long pause: what was missed is not sent in a burst.
+    // Several times after a long pause: missed repeats are not sent in a burst.
     while (now >= outstanding_->first_sent + outstanding_->next_offset)
       outstanding_->next_offset *= 2;
     ++outstanding_->copies;

@@ -30,7 +30,7 @@ struct EndedCommand {
   CommandResult result = CommandResult::delivered;
   std::chrono::milliseconds after{0};
   std::string why;  ///< empty when delivered
-  Bytes access;     ///< what was sent and must not be sent any more; empty when nothing was
+  Bytes access;     ///< was sent, and must not be sent again; empty when nothing was
 };
 using EndedCommands = std::vector<EndedCommand>;
 
@@ -47,9 +47,9 @@ class CommandQueue {
   EndedCommands add(Command command, TimePoint now);
   /// The robot sent a STATUS.
   EndedCommands on_status(Opcode status, TimePoint now);
-  /// The board did not take the last transmission; told if the command ends for want of an answer.
+  /// The board did not take the last transmission; the outcome names it if no answer comes.
   void on_send_refused(const std::string& why);
-  /// Ends what is over time.
+  /// Ends overdue commands.
   EndedCommands on_deadline(TimePoint now);
   EndedCommands refuse_all(const std::string& why, TimePoint now);
 

@@ -21,7 +21,7 @@ class Downlink {
   static constexpr std::size_t max_retained = 32;
   static constexpr const char* gateway_ends = "the gateway ends";
 
-  /// All of them outlive it. `is_traced`: each transmission is told.
+  /// All of them outlive it. `is_traced`: each transmission is a MeshStep.
   Downlink(const Settings& settings, const TopicScheme& topics, BoardLink& link,
            ActionQueue<MeshAction>& actions, const bool& is_traced)
       : settings_(settings),

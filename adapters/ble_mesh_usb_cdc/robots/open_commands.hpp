@@ -26,7 +26,7 @@ std::string encode_open_commands(const std::vector<OpenCommand>& commands, const
 /// Reads the first line of `text`; what follows is of an earlier, longer one. Nothing when it is
 /// damaged. A time ahead of `now` counts as `now`.
 std::optional<std::vector<OpenCommand>> decode_open_commands(std::string_view text, const Now& now);
-/// What is told of a command that an earlier daemon had under way.
+/// The outcome of a command that an earlier daemon had under way.
 CommandOutcome outcome_after_restart(const OpenCommand& command, TimePoint now);
 
 }  // namespace slamgw::ble

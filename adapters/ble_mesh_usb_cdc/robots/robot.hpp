@@ -30,11 +30,11 @@ struct Robot {
   std::string id;
   bool is_node = false;  ///< in the database of nodes
   bool is_online = false;
-  bool is_announced = false;  ///< somebody was told that it is online or offline
+  bool is_announced = false;  ///< its presence was published at least once
   bool is_awaited = false;    ///< offline as soon as it is silent for long enough
   TimePoint last_heard{};
-  TimePoint told_heard{};                      ///< somebody was told that it was heard
-  std::optional<std::uint8_t> sent_ttl;        ///< that it was told to publish with
+  TimePoint told_heard{};                      ///< of the last SignOfLife
+  std::optional<std::uint8_t> sent_ttl;        ///< that it was configured to publish with
   std::uint8_t highest_ttl = 0;                ///< on arrival; the robot sends with at least this
   std::optional<std::uint16_t> appkey_handle;  ///< of its last vendor message
   std::array<Inbox, vendor_model_count> inboxes;
@@ -49,7 +49,7 @@ struct Robot {
     return static_cast<std::uint8_t>(*sent_ttl - ttl_on_arrival);
   }
   bool is_expected() const { return is_online || is_awaited; }
-  /// Says that it is offline unless it is heard: what was said before a restart may be wrong.
+  /// Announces it as offline unless it is heard: what the broker keeps may predate a restart.
   void await(TimePoint now) {
     if (is_announced) return;
     is_awaited = true;

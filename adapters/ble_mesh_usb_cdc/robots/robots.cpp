@@ -71,7 +71,7 @@ void Robots::on_nodes_changed(TimePoint now) {
     const bool is_node = node != nullptr && node->state != NodeState::reserved;
     const bool is_the_same = is_node && nodes_.id_of(robot.address) == robot.id;
     if ((!robot.is_node && !is_node) || is_the_same) continue;
-    leave_name(robot, "the robot was put out of the mesh", now);
+    leave_name(robot, "the robot was removed from the mesh", now);
     robots_.erase(entry);
   }
   if (database == nullptr) return;

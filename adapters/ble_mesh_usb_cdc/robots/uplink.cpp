@@ -35,7 +35,7 @@ void Uplink::on_message(Robot& robot, const MessageReceived& message, TimePoint 
     on_vendor_message(robot, *kind, message, access->params, now);
   } else if (access->opcode == generic_on_off_status || access->opcode == simple_on_off_status) {
     downlink_.on_status(robot, access->opcode, now);
-  } else if (access->opcode != health_current_status) {  // which only says that it is there
+  } else if (access->opcode != health_current_status) {  // a sign of life, no more
     ++counters_.unknown_opcodes;
   }
 }

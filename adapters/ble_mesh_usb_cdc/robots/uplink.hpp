@@ -20,7 +20,7 @@ struct UplinkCounters {
 
 class Uplink {
  public:
-  /// All of them outlive it. `is_traced`: each acknowledgement is told.
+  /// All of them outlive it. `is_traced`: each acknowledgement is a MeshStep.
   Uplink(const Settings& settings, const TopicScheme& topics, BoardLink& link, Robots& robots,
          Downlink& downlink, ActionQueue<MeshAction>& actions, const bool& is_traced)
       : settings_(settings),
