@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "daemon/config/load.hpp"
+#include "daemon/core/result.hpp"
 #include "daemon/core/utf8.hpp"
 #include "daemon/observability/log.hpp"
 
@@ -66,7 +67,15 @@ App::App(Config config, std::string config_file)
       outbox_driver_(
           io_, outbox_,
           [this](OutboxAction& action) {
-            std::visit([this](auto& what) { perform(what); }, action);
+            std::visit(overloaded{
+                           [this](PublishAtBroker& publish) {
+                             upstream_.publish(publish.sequence, std::move(publish.message));
+                           },
+                           [this](WriteToStore& write) { store_.ask(std::move(write)); },
+                           [this](LoadFromStore& load) { store_.ask(load); },
+                           [this](auto& what) { perform(what); },
+                       },
+                       action);
           },
           [this] { on_outbox_drained(); }),
       store_(io_, config_.store,
@@ -306,10 +315,6 @@ void App::perform(Notice& notice) {
   if (presence_lines_.may_write(notice, read_clocks().mono)) log_notice(notice);
 }
 
-void App::perform(PublishAtBroker& action) {
-  upstream_.publish(action.sequence, std::move(action.message));
-}
-
 void App::perform(FireReceipt& action) {
   for (TrafficObserver* observer : traffic_observers_)
     observer->on_receipt(action.receipt, action.outcome, read_clocks().mono);
@@ -318,10 +323,6 @@ void App::perform(FireReceipt& action) {
   });
   meshes_.fire(action.receipt, action.outcome);
 }
-
-void App::perform(WriteToStore& action) { store_.ask(std::move(action)); }
-
-void App::perform(LoadFromStore& action) { store_.ask(action); }
 
 void App::perform(DeliveryStep& step) {
   for (TrafficObserver* observer : traffic_observers_)

@@ -76,10 +76,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   void perform(MeshStep& step);
   void perform(Notice& notice);
   // What the outbox leaves:
-  void perform(PublishAtBroker& action);
   void perform(FireReceipt& action);
-  void perform(WriteToStore& action);
-  void perform(LoadFromStore& action);
   void perform(DeliveryStep& step);
   /// The gateway is told when the store has become full or has room again.
   void on_outbox_drained();

@@ -168,7 +168,7 @@ void MqttsnAdapter::on_datagram(std::uint8_t socket, const UdpSocket::Datagram& 
     if (!source) return;  // no address yet; a searching client asks again
     to.address = *source;
   }
-  input([&](SnGateway& gateway, TimePoint now) {
+  driver_.input([&](SnGateway& gateway, TimePoint now) {
     gateway.on_datagram(datagram.from, to, datagram.bytes, now);
   });
 }
