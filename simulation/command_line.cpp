@@ -159,6 +159,8 @@ void add_ble(CLI::App& app, BleOptions& options, BleTexts& texts) {
       ->check(CLI::IsMember({"2.2.0", "3.1.0", "5.0.0"}))
       ->capture_default_str();
   app.add_flag("--acknowledged", options.is_acknowledged, "Robots use acknowledged messages (SET)");
+  app.add_flag("--numbered", options.is_numbered,
+               "With --acknowledged: messages have a transaction number (SET_NUMBERED)");
   app.add_flag("--unprovisioned", options.is_unprovisioned, "Robots wait to be provisioned");
   app.add_option("--uuid-prefix", texts.uuid_prefix,
                  "With --unprovisioned: how the robots' UUIDs begin, up to 24 hex digits")

@@ -90,6 +90,7 @@ struct BleOptions {
   const ble::Firmware* firmware = &ble::firmware_3_1_0;  ///< of board and robots
   unsigned hops = 1;
   bool is_acknowledged = false;
+  bool is_numbered = false;  ///< acknowledged ones have a transaction number
   bool is_unicast = false;
   bool has_segment_timing = false;
   std::optional<ble::OnBusy> on_busy;

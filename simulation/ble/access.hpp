@@ -45,6 +45,8 @@ enum class Vendor : std::uint8_t {
   pos_cmd_get = 0xce,
   pos_cmd_set_unreliable = 0xcf,
   pos_cmd_status = 0xd0,
+  min_com_set_numbered = 0xd1,
+  sensor_update_set_numbered = 0xd2,
 };
 
 /// Generic OnOff, two octets, big-endian on air.

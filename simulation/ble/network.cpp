@@ -25,6 +25,7 @@ RobotSettings robot_settings(const BleOptions& options, unsigned number) {
   settings.number = number;
   settings.ttl = ttl_of(options);
   settings.is_acknowledged = options.is_acknowledged;
+  settings.is_numbered = options.is_numbered;
   settings.has_segment_timing = options.has_segment_timing;
   settings.obeys = options.common.obeys;
   settings.is_recorded = options.common.is_recorded();

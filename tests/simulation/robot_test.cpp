@@ -75,6 +75,27 @@ TEST_F(RobotTest, IntroducesItselfThenPublishesToItsGroups) {
   EXPECT_TRUE(robot_->has_sent_everything());
 }
 
+/// The STATUS of a repeat that comes after the next message acknowledges nothing (the daemon's
+/// README on BLE, "What robots' firmware should do").
+TEST_F(RobotTest, ANumberedMessageTakesOnlyItsOwnStatus) {
+  RobotSettings settings;
+  settings.is_acknowledged = settings.is_numbered = true;
+  begin(settings);
+  pass(milliseconds{10});
+  ASSERT_EQ(sent_.size(), 1U);
+  EXPECT_EQ(to_hex(sent_[0].message.payload), "d1 59 00 01 01 00 0d 12 09 06");
+  ask("c8 59 00 00 01");
+  sent_.clear();
+  pass(milliseconds{250});
+  ASSERT_GE(sent_.size(), 1U);
+  EXPECT_EQ(to_hex(sent_[0].message.payload).substr(0, 11), "d2 59 00 02");
+  ask("cc 59 00 00 01");
+  ask("cc 59 00 00");
+  EXPECT_EQ(robot_->tally().acknowledged, 0U);
+  ask("cc 59 00 00 02");
+  EXPECT_EQ(robot_->tally().acknowledged, 1U);
+}
+
 TEST_F(RobotTest, WaitsUntilTheBoardCanHear) {
   begin({});
   pass(seconds{5}, {});

@@ -44,7 +44,9 @@ std::optional<ModelId> receiver_of(ByteView message) {
     case Vendor::simple_on_off_status:
     case Vendor::sensor_update_set:
     case Vendor::sensor_update_get:
-    case Vendor::sensor_update_set_unreliable: return std::nullopt;
+    case Vendor::sensor_update_set_unreliable:
+    case Vendor::min_com_set_numbered:
+    case Vendor::sensor_update_set_numbered: return std::nullopt;
   }
   return std::nullopt;
 }

@@ -123,22 +123,33 @@ void Robot::cancel() {
   reliable_.reset();
 }
 
-void Robot::publish(bool is_update, const Bytes& parameters, const Publication& to, TimePoint now) {
-  const bool is_positions = is_update && body_.introduces_itself();  // probes are of min_com
+MeshMessage Robot::set_message(bool is_positions, const Bytes& parameters, const Publication& to) {
+  if (settings_.is_acknowledged && settings_.is_numbered) {
+    Bytes numbered{++transaction_};
+    put(numbered, parameters);
+    const Vendor set =
+        is_positions ? Vendor::sensor_update_set_numbered : Vendor::min_com_set_numbered;
+    return {settings_.address, to.address, to.ttl, vendor_message(set, numbered)};
+  }
   const Vendor set = is_positions ? Vendor::sensor_update_set : Vendor::min_com_set;
   const Vendor set_unreliable =
       is_positions ? Vendor::sensor_update_set_unreliable : Vendor::min_com_set_unreliable;
+  return {settings_.address, to.address, to.ttl,
+          vendor_message(settings_.is_acknowledged ? set : set_unreliable, parameters)};
+}
+
+void Robot::publish(bool is_update, const Bytes& parameters, const Publication& to, TimePoint now) {
+  const bool is_positions = is_update && body_.introduces_itself();  // probes are of min_com
   const Vendor status = is_positions ? Vendor::sensor_update_status : Vendor::min_com_status;
-  const MeshMessage message{
-      settings_.address, to.address, to.ttl,
-      vendor_message(settings_.is_acknowledged ? set : set_unreliable, parameters)};
+  const MeshMessage message = set_message(is_positions, parameters, to);
   if (is_update) {
     ++tally_.sent;
     record(UpdateEvent::Kind::sent, produced_, parameters);
   }
   if (settings_.is_acknowledged) {
     const Duration interval = reliable_interval(to.ttl, message.payload.size());
-    reliable_ = Reliable{message,      status,         is_update ? produced_ : 0,
+    const Bytes of_status = settings_.is_numbered ? Bytes{0x00, transaction_} : Bytes{};
+    reliable_ = Reliable{message,      status,         is_update ? produced_ : 0, of_status,
                          interval * 2, now + interval, now + reliable_timeout};
   }
   if (!may_transmit(message, now)) return;  // the reliable layer tries again when a repeat is due
@@ -217,7 +228,7 @@ void Robot::on_vendor(Vendor opcode, const MeshMessage& message, TimePoint now) 
     case Vendor::min_com_status:
     case Vendor::sensor_update_status:
       if (!is_unicast(message.destination)) return;  // Nordic's reliable publish wants it so
-      if (!reliable_ || reliable_->status != opcode) return;
+      if (!is_status_for_open(opcode, parameters)) return;
       if (reliable_->number > 0) {
         ++tally_.acknowledged;
         record(UpdateEvent::Kind::acknowledged, reliable_->number);
@@ -228,8 +239,16 @@ void Robot::on_vendor(Vendor opcode, const MeshMessage& message, TimePoint now) 
     case Vendor::sensor_update_set:
     case Vendor::sensor_update_get:
     case Vendor::sensor_update_set_unreliable:
+    case Vendor::min_com_set_numbered:
+    case Vendor::sensor_update_set_numbered:
     case Vendor::pos_cmd_status: return;
   }
+}
+
+bool Robot::is_status_for_open(Vendor opcode, ByteView parameters) const {
+  if (!reliable_ || reliable_->status != opcode) return false;
+  const Bytes& expected = reliable_->status_parameters;
+  return expected.empty() || std::ranges::equal(parameters, expected);
 }
 
 void Robot::on_on_off(const MeshMessage& message, ByteView parameters, bool is_simple,

@@ -24,6 +24,7 @@ struct RobotSettings {
   unsigned number = 1;            ///< from 1
   std::uint8_t ttl = default_ttl;
   bool is_acknowledged = false;  ///< SET with repeats until STATUS, else SET_UNRELIABLE
+  bool is_numbered = false;      ///< its SETs have a transaction number, and STATUS names it
   bool has_segment_timing = false;
   /// Nothing: no update is measured while one is under way, so that `messages` are complete. Else
   /// one is measured each period, and `messages` counts those that could not be sent, too.
@@ -76,12 +77,15 @@ class Robot {
   struct Reliable {
     MeshMessage message;
     Vendor status;
-    std::uint64_t number;  ///< of an update; else 0
+    std::uint64_t number;     ///< of an update; else 0
+    Bytes status_parameters;  ///< what STATUS must have for it; empty: anything
     Duration interval;
     TimePoint repeat_at;
     TimePoint gives_up_at;
   };
 
+  MeshMessage set_message(bool is_positions, const Bytes& parameters, const Publication& to);
+  bool is_status_for_open(Vendor opcode, ByteView parameters) const;
   void publish_health(const std::optional<Publication>& to, TimePoint now);
   void produce(const Publications& publications, TimePoint now);
   void tick(const Publication& to, TimePoint now);
@@ -105,6 +109,7 @@ class Robot {
   TimePoint first_update_{};  ///< when the first was measured; then `produced_` is above 0
   TimePoint next_health_{};
   std::uint64_t produced_ = 0;
+  std::uint8_t transaction_ = 0;  ///< of the last numbered SET
   std::optional<Reliable> reliable_;
   TimePoint segmented_until_{};  ///< --segment-timing: no other segmented message before
   bool is_on_ = true;
