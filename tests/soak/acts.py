@@ -16,7 +16,7 @@ import time
 
 from program import Failure
 from stranger import Stranger
-from world import FLEETS
+from world import FLEETS, LARGEST_PACKET
 
 WINDOW = 16  # broker.max_inflight
 FORGET_BATCH = 256  # Backlog::forget_batch
@@ -25,6 +25,7 @@ DAEMON_KILLED = WINDOW + FORGET_BATCH + sum(FLEETS.values())
 BOARD_LOST = FLEETS["ble"]
 MOST_CLOSINGS = 12  # while a robot is refused
 STORE_DAMAGED = 4000
+SMALL_PACKET = 400  # robots' messages are smaller, the gateway's statistics are not
 
 
 class Acts:
@@ -36,7 +37,9 @@ class Acts:
         acts = [self.kill_daemon, self.kill_daemon_again_and_again, self.stop_daemon, self.kill_broker, self.take_broker_away,
                 self.lose_both, self.kill_daemon_as_it_catches_up, self.stall_broker, self.kill_daemon_at_a_stalled_broker,
                 self.unplug_board, self.restart_board, self.damage_store]
-        acts += [self.send_a_crowd_of_strangers]
+        acts += [self.send_a_crowd_of_strangers, self.shrink_packets]
+        if self.world.clock.can_be_moved:
+            acts += [self.move_clock, self.move_clock_of_a_killed_daemon]
         if self.world.mqtt == 5:  # an MQTT 3.1.1 broker acknowledges what it does not take
             acts += [self.refuse_a_robot]
         if self.world.disk.can_be_filled:
@@ -214,9 +217,38 @@ class Acts:
         refusing, robot, world = self.outage(), self.chance.choice(self.world.robot_ids()), self.world
         with world.trouble(f"the broker refuses {robot} for {refusing:.1f} s", MOST_CLOSINGS * LINK_LOST):
             world.refuse(robot)
+            world.open_gap()  # it closes the connection
             world.pass_time(refusing)
             world.refuse_nothing()
             world.wait_for("the end of the refusal", lambda: world.status("broker", "refused", "topics") == 0)
+            world.close_gaps()
+
+    def shrink_packets(self):
+        """An MQTT 5 broker tells its limit at the next connection only. Before that, and with MQTT 3.1.1, it closes the connection at
+        what is too large, until the gateway has found out what that is."""
+        lasts, world = self.outage() + 12, self.world  # longer than what it says regularly takes
+        with world.trouble(f"the broker takes packets of {SMALL_PACKET} octets only, for {lasts:.1f} s", MOST_CLOSINGS * LINK_LOST):
+            world.take_packets_of(SMALL_PACKET)
+            world.open_gap()
+            world.pass_time(lasts)
+            world.take_packets_of(LARGEST_PACKET)
+            world.wait_for_link(time.time())
+
+    def move_clock(self):
+        hours, lasts, world = self.hours(), self.outage() / 2, self.world
+        with world.trouble(f"the clock jumps by {hours:+.1f} h", 0):
+            world.clock.move(hours * 3600)
+            world.pass_time(lasts)
+
+    def move_clock_of_a_killed_daemon(self):
+        hours, down, world = self.hours(), self.moment(), self.world
+        with world.trouble(f"kill -9 the daemon for {down:.1f} s; the clock jumps by {hours:+.1f} h meanwhile", DAEMON_KILLED):
+            world.end_daemon(signal.SIGKILL)
+            world.clock.move(hours * 3600)
+            self.start_daemon_after(down)
+
+    def hours(self):
+        return self.chance.choice((-1, 1)) * self.chance.uniform(1, 12)
 
     def send_a_crowd_of_strangers(self):
         count, lasts, world = self.chance.randrange(500, 3000), self.outage() / 4, self.world

@@ -3,6 +3,7 @@
 run. Waits for conditions only, and notices a program that ends unasked."""
 import contextlib
 import json
+import math
 import pathlib
 import random
 import re
@@ -12,6 +13,8 @@ import struct
 import subprocess
 import time
 
+from clock import MovedClock
+from commands import Gap, Outcome, Sent
 from disk import Disk
 from program import PATIENCE_S, Failure, Program, free_port
 from proxy import Mqtt311Proxy
@@ -21,6 +24,8 @@ from verdict import Arrival, Trouble, read_record
 PREFIX = "ntnu-slam"
 FLEETS = {"thread1_": 4, "thread2_": 4, "ble": 3}  # prefix of the robots' ids: how many
 FIRST_BLE_ADDRESS = 0x0100
+LARGEST_PACKET = 268435455  # of MQTT
+REST_S = 100  # between two `cmd` to one robot: their outcomes can't be taken for each other's
 # A bad radio. One request at a time, as MQTT-SN 1.2 wants it: with more, the radio itself would change the order.
 THREAD_OPTIONS = ("--loss=0.05 --duplicate=0.05 --reorder=0.05 --delay-ms=5 --outstanding=1 --retry=1 --keep-alive=5 "
                   "--give-up-s=0").split()
@@ -31,9 +36,10 @@ class World:
         self.bin, self.directory = pathlib.Path(bin_directory), pathlib.Path(directory)
         self.client = client  # the daemon's broker.client
         self.begin = time.time()
-        self.troubles, self.commands_sent = [], {fleet: 0 for fleet in FLEETS}
+        self.troubles, self.gaps, self.commands = [], [], []
         self.random = random.Random(seed)  # of the commands; that of the acts is their own
         self.next_command_at = 0.0
+        self.obeyed_at = {}  # robot: when it was last sent a `cmd`
         self.disk = Disk(self.directory / "store", has_own_mounts)
         self.broker_port, self.mqttsn_port = free_port(socket.SOCK_STREAM), free_port(socket.SOCK_DGRAM)
         self.mqtt = mqtt
@@ -41,8 +47,9 @@ class World:
         self.subscriber = Subscriber(self.broker_port, PREFIX)
         self.is_broker_there = self.is_daemon_wanted = self.are_robots_wanted = False
         self.broker = Program(self.directory, "broker", ["mosquitto", "-c", self.write_broker_configuration()])
+        self.clock = MovedClock(self.directory)
         self.daemon = Program(self.directory, "daemon",
-                              [self.bin / "slam-gatewayd", "--config", self.write_daemon_configuration()])
+                              [*self.clock.prefix(), self.bin / "slam-gatewayd", "--config", self.write_daemon_configuration()])
         self.robots = {fleet: Program(self.directory, fleet, [self.bin / "slam-gateway-sim", *arguments, "--seed", seed,
                                                               "--id-prefix", fleet, "--robots", FLEETS[fleet],
                                                               "--record", self.directory / f"{fleet}.record"])
@@ -51,15 +58,22 @@ class World:
     def fleet_arguments(self):
         thread = ["thread", "--gateway", f"127.0.0.1:{self.mqttsn_port}", *THREAD_OPTIONS]
         return {"thread1_": [*thread, "--qos", 1], "thread2_": [*thread, "--qos", 2],
-                "ble": ["ble", "--tty", self.directory / "board", "--acknowledged", "--rate", 3]}
+                "ble": ["ble", "--tty", self.directory / "board", "--acknowledged", "--numbered", "--rate", 3]}
 
     def write_broker_configuration(self):
         path = self.directory / "mosquitto.conf"
         self.access = self.directory / "access"
         self.refuse_nothing()
-        path.write_text(f"listener {self.broker_port} 127.0.0.1\nallow_anonymous true\nset_tcp_nodelay true\n"
-                        f"max_queued_messages 0\nuser root\nacl_file {self.access}\n")
+        self.configuration = path
+        self.take_packets_of(LARGEST_PACKET)
         return path
+
+    def take_packets_of(self, octets):
+        """From now on, or from its start, the broker takes packets up to this size."""
+        self.configuration.write_text(f"listener {self.broker_port} 127.0.0.1\nallow_anonymous true\nset_tcp_nodelay true\n"
+                                      f"max_queued_messages 0\nuser root\nacl_file {self.access}\n"
+                                      f"max_packet_size {octets}\n")
+        self.reload_broker()
 
     def refuse(self, robot):
         """From now on, or from the broker's start, it takes nothing of this robot."""
@@ -109,9 +123,17 @@ class World:
             self.check_programs()
             if self.is_broker_there and time.monotonic() > self.next_command_at:
                 self.next_command_at = time.monotonic() + 1
-                self.send_command(self.random.choice(self.robot_ids()), "cmd",
-                                  struct.pack("<hh", self.random.randint(-60, 60), self.random.randint(-60, 60)))
+                self.send_some_command()
             time.sleep(min(0.05, max(left, 0)))
+
+    def send_some_command(self):
+        """One that the robot obeys, or else one of a type that no other has."""
+        robot = self.random.choice(self.robot_ids())
+        payload = struct.pack("<hh", self.random.randint(-60, 60), self.random.randint(-60, 60))
+        if time.monotonic() - self.obeyed_at.get(robot, -math.inf) < REST_S:
+            return self.send_command(robot, f"act{len(self.commands)}", payload)
+        self.obeyed_at[robot] = time.monotonic()
+        return self.send_command(robot, "cmd", payload)
 
     def check_programs(self):
         expected = [*self.robots.values()] if self.are_robots_wanted else []
@@ -145,6 +167,7 @@ class World:
 
     def end_daemon(self, signal_number):
         self.is_daemon_wanted = False
+        self.open_gap(is_kill=signal_number == signal.SIGKILL)
         status = self.daemon.end(signal_number)
         if signal_number == signal.SIGTERM and status != 0:
             raise Failure(f"the daemon's orderly end: {self.daemon.tail()}")
@@ -164,12 +187,14 @@ class World:
 
     def end_broker(self, signal_number):
         self.is_broker_there = False
+        self.open_gap(loses_queue=True)
         self.broker.end(signal_number)
         if not self.subscriber.wait_for_end():
             raise Failure("the subscriber's connection outlives the broker")
 
     def pause_broker(self):
         self.is_broker_there = False
+        self.open_gap()
         self.broker.send(signal.SIGSTOP)
 
     def resume_broker(self):
@@ -181,13 +206,23 @@ class World:
             return True
         return False
 
+    def open_gap(self, loses_queue=False, is_kill=False):
+        """An MQTT 3.1.1 broker keeps no commands for a daemon that is away."""
+        self.gaps.append(Gap(time.time(), math.inf, loses_queue or self.mqtt == 3, is_kill))
+
+    def close_gaps(self):
+        for gap in self.gaps:
+            gap.end = min(gap.end, time.time())
+
     def wait_for_daemon_at_broker(self, since):
         self.wait_for("the daemon at the broker", lambda: self.subscriber.online_at > since)
+        self.close_gaps()
 
     def wait_for_link(self, since):
         """Its link to the broker stands, be it the old one."""
         self.wait_for("traffic", lambda: self.status("broker", "state") == "up" and self.subscriber.messages
                       and self.subscriber.messages[-1][0] > since)
+        self.close_gaps()
 
     def start_robots(self):
         for robots in self.robots.values():
@@ -215,7 +250,7 @@ class World:
         result = subprocess.run(["mosquitto_pub", "-h", "127.0.0.1", "-p", str(self.broker_port), "-q", "1", "-s",
                                  "-t", f"{PREFIX}/server/{robot}/{kind}"], input=payload, timeout=PATIENCE_S, check=False)
         if result.returncode == 0:
-            self.commands_sent[fleet_of(robot)] += 1
+            self.commands.append(Sent(robot, kind, time.time()))
 
     def status(self, *path):
         """A field of `slam-gatewayctl status`; None when the daemon does not answer."""
@@ -244,12 +279,11 @@ class World:
         return arrivals
 
     def outcomes(self):
-        """(robot, type, outcome)"""
         outcomes = []
-        for _, topic, payload in list(self.subscriber.messages):
+        for at, topic, payload in list(self.subscriber.messages):
             if topic.startswith(f"{PREFIX}/gateway/soak/commands/"):
-                outcome = json.loads(payload)
-                outcomes.append((topic.rsplit("/", 1)[1], outcome["type"], outcome["outcome"]))
+                said = json.loads(payload)
+                outcomes.append(Outcome(topic.rsplit("/", 1)[1], said["type"], said["outcome"], said["after_ms"], at))
         return outcomes
 
 
