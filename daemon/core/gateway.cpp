@@ -44,7 +44,8 @@ std::string explain(const std::string& filter, SubscribeAnswer answer) {
   if (answer == SubscribeAnswer::closes_connection)
     return fmt::format(
         "the broker closes the connection at the subscription {}: it is set aside for an hour, "
-        "and nothing under it reaches robots. Some brokers do that at a space or a `.` in a name",
+        "and nothing under it reaches robots. Some brokers do that at characters that they do not "
+        "take, or at many levels",
         filter);
   return fmt::format(
       "the broker refuses the subscription {}: check its access control list for this gateway's "

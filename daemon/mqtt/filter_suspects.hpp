@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which SUBSCRIBE a broker may have closed the connection for: NATS does so for a space in a
-// filter, and others for filters that they forbid. What was unanswered at two losses in a row is
-// tried alone, before anything else uses the new connection; a filter that loses the connection
-// alone twice is set aside for an hour. Pure; part of Upstream.
+// Which SUBSCRIBE a broker may have closed the connection for: Mosquitto does so for a control
+// character and for more than 200 levels, others for filters that they forbid. What was unanswered
+// at two losses in a row is tried alone, before anything else uses the new connection; a filter
+// that loses the connection alone twice is set aside for an hour. Pure; part of Upstream.
 #pragma once
 
 #include <chrono>

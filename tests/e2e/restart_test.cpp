@@ -5,11 +5,14 @@
 #include <signal.h>
 
 #include <map>
+#include <optional>
+#include <tuple>
 
 #include "tests/e2e/device.hpp"
 #include "tests/e2e/gateway_process.hpp"
 #include "tests/support/eventually.hpp"
 #include "tests/support/mosquitto.hpp"
+#include "tests/support/mqtt311_proxy.hpp"
 
 namespace slamgw::test {
 namespace {
@@ -17,8 +20,14 @@ namespace {
 using nlohmann::json;
 using sim::sn::Type;
 
-class Restart : public testing::TestWithParam<int> {
+/// The signal that ends the daemon, and whether the broker knows MQTT 5.
+class Restart : public testing::TestWithParam<std::tuple<int, bool>> {
  protected:
+  std::string broker_uri() {
+    if (std::get<bool>(GetParam())) return broker.uri();
+    proxy.emplace(broker.port());
+    return "mqtt://127.0.0.1:" + std::to_string(proxy->port());
+  }
   void connect() {
     // Before, a SUBACK does not mean that the broker has the subscription.
     ASSERT_TRUE(eventually([&] { return gateway.logs(" connected (MQTT"); })) << gateway.log();
@@ -40,13 +49,14 @@ class Restart : public testing::TestWithParam<int> {
   }
   /// The daemon ends as the parameter says, and another one takes its place.
   void restart() {
-    gateway.process().send_signal(GetParam());
+    gateway.process().send_signal(std::get<int>(GetParam()));
     ASSERT_TRUE(eventually([&] { return !gateway.process().is_running(); }));
     gateway.start();
   }
 
   Mosquitto broker;
-  GatewayProcess gateway{json{{"broker", {{"uri", broker.uri()}}}}};
+  std::optional<Mqtt311Proxy> proxy;
+  GatewayProcess gateway{json{{"broker", {{"uri", broker_uri()}}}}};
   Device device{gateway.mqttsn_address()};
   std::uint16_t topic_id = 0;
 };
@@ -83,9 +93,13 @@ TEST_P(Restart, DoesNotLoseTheOutcomeOfACommand) {
   EXPECT_EQ(json::parse(outcomes.lines()[0])["outcome"], "delivered");
 }
 
-INSTANTIATE_TEST_SUITE_P(After, Restart, testing::Values(SIGTERM, SIGKILL), [](const auto& how) {
-  return how.param == SIGTERM ? "Sigterm" : "Sigkill";
-});
+INSTANTIATE_TEST_SUITE_P(After, Restart,
+                         testing::Combine(testing::Values(SIGTERM, SIGKILL), testing::Bool()),
+                         [](const auto& how) {
+                           const bool is_orderly = std::get<int>(how.param) == SIGTERM;
+                           return std::string(is_orderly ? "Sigterm" : "Sigkill") +
+                                  (std::get<bool>(how.param) ? "Mqtt5" : "Mqtt311");
+                         });
 
 TEST(CommandsOverBle, HaveTheirOutcomeOverAKill) {
   Mosquitto broker;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Brokers that close the connection at a filter in place of refusing it: a fake one in both
-// versions, and NATS.
+// Brokers that close the connection at a filter in place of refusing it: a fake one, and Mosquitto;
+// and NATS, which refuses.
 #include <gtest/gtest.h>
 
 #include "tests/mqtt/broker_link.hpp"
@@ -19,7 +19,7 @@ INSTANTIATE_TEST_SUITE_P(Over, FilterTrial, testing::Combine(each_client, either
 /// As the core does at each connect.
 struct SubscribedLink : Link {
   using Link::Link;
-  /// Until `bad` is set aside.
+  /// True when `bad` is refused or set aside, and `good` granted.
   bool finds_out(const std::string& bad, const std::string& good) {
     int ups = 0;
     const auto step = [&] {
@@ -29,7 +29,9 @@ struct SubscribedLink : Link {
         for (const std::string& filter : {good, bad})
           upstream->subscribe(filter, Qos::at_least_once, 7);
       }
-      return listener.set_aside.contains(bad) && listener.is_up && listener.subscribed[good];
+      const auto answer = listener.subscribed.find(bad);
+      const bool is_refused = answer != listener.subscribed.end() && !answer->second;
+      return listener.is_up && is_refused && listener.subscribed[good];
     };
     return sees(step);
   }
@@ -62,13 +64,24 @@ TEST_P(FilterTrial, AFilterForWhichTheBrokerClosesIsSetAsideAndTheRestGoesOn) {
     EXPECT_EQ(reason.find("perhaps"), std::string::npos) << "no rival is suspected: " << reason;
 }
 
-TEST(FilterTrialNats, ARobotWithADotInItsNameDoesNotDisconnectTheOthers) {
+/// U+0085 is refused at every door of the gateway; here it is let through. libmosquitto does not
+/// send it.
+TEST_P(FilterTrial, AFilterForWhichMosquittoClosesDoesNotDisconnectTheOthers) {
+  BrokerOfVersion broker(version());
+  SubscribedLink link(settings_for(broker.link_port()));
+  const std::string bad = "server/a\xc2\x85/#";
+  ASSERT_TRUE(link.finds_out(bad, "server/r1/#")) << testing::PrintToString(link.listener.reasons);
+  EXPECT_FALSE(link.listener.subscribed[bad]);
+}
+
+/// NATS makes subjects of filters, which have no `.` and no space.
+TEST_P(FilterTrial, AFilterThatNatsCannotHaveIsRefusedAlone) {
   if (!test::NatsServer::is_installed()) GTEST_SKIP() << "nats-server is not installed";
+  if (version() == MqttVersion::v5) GTEST_SKIP() << "NATS speaks MQTT 3.1.1";
   test::NatsServer broker;
   SubscribedLink link(settings_for(broker.mqtt_port()));
-  ASSERT_TRUE(link.finds_out("ntnu-slam/server/lo.ad0/#", "ntnu-slam/server/r1/#"))
-      << testing::PrintToString(link.listener.reasons);
-  EXPECT_EQ(link.listener.set_aside, std::set<std::string>{"ntnu-slam/server/lo.ad0/#"});
+  EXPECT_TRUE(link.finds_out("ntnu-slam/server/lo.ad0/#", "ntnu-slam/server/r1/#"));
+  EXPECT_EQ(link.listener.ups, 1);
 }
 
 }  // namespace
