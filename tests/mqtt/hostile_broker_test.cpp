@@ -248,6 +248,19 @@ TEST_P(HostileBroker, LosesNothingAndRecovers) {
   EXPECT_LT(mallinfo2().uordblks, memory + (32U << 20U));
 }
 
+/// libmosquitto reads on the loop's thread, where nothing piles up.
+TEST(RetainedFlood, WhatTheLoopDoesNotTakeInTimeIsCounted) {
+  FakeBroker broker;
+  broker.misbehave(retained_flood());
+  Link link(settings_for(broker.port()));
+  ASSERT_TRUE(link.comes_up());
+  link.upstream->subscribe("s/#", Qos::at_most_once, 1);
+  // The loop stands still meanwhile.
+  ASSERT_TRUE(test::eventually([&] { return link.upstream->inbound_dropped() > 0; }));
+  EXPECT_TRUE(link.sees(
+      [&] { return link.listener.messages.size() + link.upstream->inbound_dropped() == 20000; }));
+}
+
 INSTANTIATE_TEST_SUITE_P(Over, HostileBroker,
                          testing::Combine(each_client, either_version,
                                           testing::Range(std::size_t{0}, vices().size())),

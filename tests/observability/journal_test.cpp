@@ -14,6 +14,7 @@
 #include "daemon/observability/journal_entry.hpp"
 #include "daemon/observability/journal_sink.hpp"
 #include "daemon/observability/line_budget.hpp"
+#include "daemon/observability/presence_lines.hpp"
 #include "daemon/observability/traffic_sampler.hpp"
 #include "daemon/observability/traffic_text.hpp"
 #include "tests/support/temp_dir.hpp"
@@ -96,6 +97,21 @@ std::string latency_of(const TrafficEntry& entry) {
   for (const LogField& field : entry.fields)
     if (field.name == "LATENCY_US") return field.value;
   return "none";
+}
+
+TEST(PresenceLines, AreNoFloodFromACrowdAndNothingElseIsLeftOut) {
+  PresenceLines lines;
+  const TimePoint now{1h};
+  const Notice presence{Severity::info, "r1 is online", "r1", Occasion::robot_presence};
+  std::int64_t written = 0;
+  for (int i = 0; i < 20000; ++i) written += lines.may_write(presence, now) ? 1 : 0;
+  EXPECT_EQ(written, PresenceLines::lines_at_once);
+  EXPECT_TRUE(lines.may_write(Notice{Severity::warning, "text", {}}, now));
+  const auto summary = lines.summary();
+  ASSERT_TRUE(summary);
+  EXPECT_EQ(summary->text.find("18500 robots"), 0u) << summary->text;
+  EXPECT_FALSE(lines.summary());
+  EXPECT_TRUE(lines.may_write(presence, now + 1s));
 }
 
 class AwaitedLinesTest : public testing::Test {
