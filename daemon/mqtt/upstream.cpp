@@ -180,6 +180,7 @@ void Upstream::go_on(const std::string& why, Duration least) {
 
 void Upstream::on_connected(bool session_present, const BrokerLimits& limits) {
   limits_ = limits;
+  if (limits_.max_packet_bytes == 0) limits_.max_packet_bytes.reset();  // a protocol error
   is_session_present_ = session_present;
   place().attempt = 0;
   up_since_ = std::chrono::steady_clock::now();

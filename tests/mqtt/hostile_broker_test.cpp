@@ -9,6 +9,7 @@
 #include <set>
 #include <string>
 #include <tuple>
+#include <utility>
 #include <vector>
 
 #include "tests/mqtt/delivery_rig.hpp"
@@ -216,12 +217,17 @@ class HostileBroker
 };
 
 TEST_P(HostileBroker, LosesNothingAndRecovers) {
+  const bool is_fatal = std::get<0>(GetParam()) == MqttClient::mosquitto &&
+                        version() == MqttVersion::v5 &&
+                        std::string_view(vice().name) == "AnUnknownProperty";
+  if (is_fatal) GTEST_SKIP() << "an assertion of libmosquitto 2.0.11 fails (CONTRIBUTING.md)";
   constexpr std::uint64_t messages = 40;
   constexpr std::size_t enough = 12;  // packets or connections of a broker that misbehaves
   take_up(vice().misbehaviour);
   const std::size_t memory = mallinfo2().uordblks;
   DeliveryRig gateway(settings());
   std::uint64_t number = 0;
+  std::size_t ups = 0;
   const auto talk = [&] {
     if (number >= messages) return;
     ++number;
@@ -229,7 +235,8 @@ TEST_P(HostileBroker, LosesNothingAndRecovers) {
   };
   ASSERT_TRUE(gateway.sees([&] {
     talk();
-    if (gateway.is_up) gateway.subscribe("server/r/#");
+    if (gateway.is_up && std::exchange(ups, gateway.ups) != gateway.ups)
+      gateway.subscribe("server/r/#");
     return number >= messages && (packets_ >= enough || broker.connections() >= 4);
   })) << testing::PrintToString(gateway.reasons);
   take_up({});
@@ -237,14 +244,21 @@ TEST_P(HostileBroker, LosesNothingAndRecovers) {
                            std::chrono::minutes{2}))
       << gateway.outbox.depth() << testing::PrintToString(gateway.reasons)
       << testing::PrintToString(gateway.notices);
-  const std::vector<std::string> arrived = broker.arrived();
-  const std::size_t dead = gateway.outbox.backlog().dead_letters().count;
-  std::size_t missing = 0;
-  for (const auto& [receipt, outcome] : gateway.fired) {
-    const std::string message = "r/" + std::to_string(receipt % 4) + " " + std::to_string(receipt);
-    if (outcome == ReceiptOutcome::safe) missing += std::ranges::count(arrived, message) == 0;
-  }
-  EXPECT_LE(missing, dead) << "acknowledged, and neither with the broker nor a dead letter";
+  // What is larger than the broker's limit is a dead letter.
+  const auto missing = [&] {
+    const std::vector<std::string> arrived = broker.arrived();
+    return static_cast<std::size_t>(std::ranges::count_if(gateway.fired, [&](const auto& fired) {
+      const auto& [receipt, outcome] = fired;
+      const std::string message =
+          "r/" + std::to_string(receipt % 4) + " " + std::to_string(receipt);
+      return outcome == ReceiptOutcome::safe && std::ranges::count(arrived, message) == 0;
+    }));
+  };
+  EXPECT_TRUE(gateway.sees([&] {
+    return missing() <= gateway.outbox.backlog().dead_letters().count;
+  })) << missing()
+      << " acknowledged, and neither with the broker nor dead letters; of those: "
+      << gateway.outbox.backlog().dead_letters().count;
   EXPECT_LT(mallinfo2().uordblks, memory + (32U << 20U));
 }
 
