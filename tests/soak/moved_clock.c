@@ -14,45 +14,45 @@
 #include <time.h>
 #include <unistd.h>
 
-static volatile const int64_t *offset;
+static volatile const int64_t* offset;
 
 __attribute__((constructor)) static void map_offset(void) {
-  const char *path = getenv("MOVED_CLOCK");
+  const char* path = getenv("MOVED_CLOCK");
   const int file = path ? open(path, O_RDONLY | O_CLOEXEC) : -1;
   if (file < 0) return;
-  void *page = mmap(NULL, sizeof *offset, PROT_READ, MAP_SHARED, file, 0);
+  void* page = mmap(NULL, sizeof *offset, PROT_READ, MAP_SHARED, file, 0);
   close(file);
   if (page != MAP_FAILED) offset = page;
 }
 
 static int64_t moved_by(void) { return offset ? *offset : 0; }
 
-int clock_gettime(clockid_t clock, struct timespec *time) {
-  static int (*real)(clockid_t, struct timespec *);
-  if (!real) real = (int (*)(clockid_t, struct timespec *))dlsym(RTLD_NEXT, "clock_gettime");
+int clock_gettime(clockid_t clock, struct timespec* time) {
+  static int (*real)(clockid_t, struct timespec*);
+  if (!real) real = (int (*)(clockid_t, struct timespec*))dlsym(RTLD_NEXT, "clock_gettime");
   const int result = real(clock, time);
   if (result == 0 && clock == CLOCK_REALTIME) time->tv_sec += moved_by();
   return result;
 }
 
-int gettimeofday(struct timeval *restrict time, void *restrict zone) {
-  static int (*real)(struct timeval *, void *);
-  if (!real) real = (int (*)(struct timeval *, void *))dlsym(RTLD_NEXT, "gettimeofday");
+int gettimeofday(struct timeval* restrict time, void* restrict zone) {
+  static int (*real)(struct timeval*, void*);
+  if (!real) real = (int (*)(struct timeval*, void*))dlsym(RTLD_NEXT, "gettimeofday");
   const int result = real(time, zone);
   if (result == 0) time->tv_sec += moved_by();
   return result;
 }
 
-time_t time(time_t *out) {
+time_t time(time_t* out) {
   struct timespec now;
   clock_gettime(CLOCK_REALTIME, &now);
   if (out) *out = now.tv_sec;
   return now.tv_sec;
 }
 
-int sem_timedwait(sem_t *restrict semaphore, const struct timespec *restrict until) {
-  static int (*real)(sem_t *, const struct timespec *);
-  if (!real) real = (int (*)(sem_t *, const struct timespec *))dlsym(RTLD_NEXT, "sem_timedwait");
+int sem_timedwait(sem_t* restrict semaphore, const struct timespec* restrict until) {
+  static int (*real)(sem_t*, const struct timespec*);
+  if (!real) real = (int (*)(sem_t*, const struct timespec*))dlsym(RTLD_NEXT, "sem_timedwait");
   struct timespec end = *until;
   end.tv_sec -= moved_by();
   return real(semaphore, &end);
@@ -60,11 +60,11 @@ int sem_timedwait(sem_t *restrict semaphore, const struct timespec *restrict unt
 
 // Only the daemon's MQTT client waits like this for a time of the wall clock; waits for one of the
 // monotonic clock are years away from it.
-int pthread_cond_timedwait(pthread_cond_t *restrict condition, pthread_mutex_t *restrict mutex,
-                           const struct timespec *restrict until) {
-  static int (*real)(pthread_cond_t *, pthread_mutex_t *, const struct timespec *);
+int pthread_cond_timedwait(pthread_cond_t* restrict condition, pthread_mutex_t* restrict mutex,
+                           const struct timespec* restrict until) {
+  static int (*real)(pthread_cond_t*, pthread_mutex_t*, const struct timespec*);
   if (!real)
-    real = (int (*)(pthread_cond_t *, pthread_mutex_t *, const struct timespec *))dlvsym(
+    real = (int (*)(pthread_cond_t*, pthread_mutex_t*, const struct timespec*))dlvsym(
         RTLD_NEXT, "pthread_cond_timedwait", "GLIBC_2.3.2");
   const time_t years = 20LL * 365 * 24 * 3600;
   struct timespec end = *until;
