@@ -87,7 +87,10 @@ class Disk:
             length = 512 if way == "a zeroed sector" else 4096
             at -= at % length
             octets[at:at + length] = bytes(len(octets[at:at + length]))
-        path.write_bytes(octets)
+        try:
+            path.write_bytes(octets)
+        except OSError as error:  # what failed writes have left of the file system
+            return f"not damaged: {error}"
         return f"{way} at {at} of {path.name}"
 
     def damaged_files(self):
