@@ -161,7 +161,7 @@ void CobsMesh::report(const Peer& peer, std::string_view type, ByteView payload,
 
 void CobsMesh::reject(std::string_view why, TimePoint now) {
   ++rejected_;
-  if (const auto count = reject_burst_.on_event(now))
+  if (const auto count = reject_throttle_.on_event(now))
     emit(Notice{
         Severity::warning,
         fmt::format("{} frame(s) from the serial line rejected, the last because {}", *count, why),

@@ -85,7 +85,7 @@ class CobsMesh {
   std::uint64_t last_receipt_ = 0;
   std::uint64_t reports_ = 0;
   std::uint64_t rejected_ = 0;
-  Burst reject_burst_;
+  Burst reject_throttle_;
 };
 
 }  // namespace slamgw::ble

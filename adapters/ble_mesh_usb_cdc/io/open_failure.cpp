@@ -31,13 +31,13 @@ std::string explain_denial(const std::string& path, const NodeAccess& access) {
 }  // namespace
 
 std::string explain_open_failure(const std::string& path, int error, const NodeAccess& access) {
-  const auto say = [&](const std::string& what_to_do) {
+  const auto explain = [&](const std::string& what_to_do) {
     return fmt::format("{} can't be opened: {}; {}", path, std::strerror(error), what_to_do);
   };
   switch (error) {
-    case EACCES: return say(explain_denial(path, access));
+    case EACCES: return explain(explain_denial(path, access));
     case EPERM:
-      return say(
+      return explain(
           fmt::format("the service's sandbox keeps it out: systemctl edit slam-gateway, "
                       "there [Service] and DeviceAllow={} rw, then restart",
                       kind_of(path)));
@@ -45,7 +45,7 @@ std::string explain_open_failure(const std::string& path, int error, const NodeA
     case EAGAIN:  // another program holds a flock()
       return fmt::format("{} is busy: another program has it open; sudo fuser -v {} shows which",
                          path, path);
-    default: return say("check its cable and ble_mesh.device");
+    default: return explain("check its cable and ble_mesh.device");
   }
 }
 

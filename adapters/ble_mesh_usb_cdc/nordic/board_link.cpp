@@ -51,7 +51,7 @@ void BoardLink::on_lost_step(TimePoint now) {
 
 void BoardLink::get_in_step_again(TimePoint now) {
   if (const auto why = health_.verdict()) return give_up(*why, max_unusable_delay);
-  if (health_.losses() >= LineHealth::noticeable_losses && loss_burst_.on_event(now))
+  if (health_.losses() >= LineHealth::noticeable_losses && loss_throttle_.on_event(now))
     actions_.push(Notice{Severity::warning,
                          fmt::format("octets are lost or added on the serial line to the board, {} "
                                      "times in a row so far: messages are lost meanwhile",
@@ -70,7 +70,7 @@ void BoardLink::begin_start_up(TimePoint now) {
 }
 
 void BoardLink::continue_start_up(TimePoint now) {
-  for (Notice& notice : start_up_->take_notices()) say_once(notice.severity, notice.text);
+  for (Notice& notice : start_up_->take_notices()) notify_once(notice.severity, notice.text);
   switch (start_up_->state()) {
     case StartUp::State::commanding: issue(start_up_->command(), Issuer::start_up, now); break;
     case StartUp::State::needs_keys: on_keys_needed(now); break;
@@ -94,7 +94,7 @@ void BoardLink::refuse(const std::string& why, TimePoint now) {
   stage_ = Stage::refused;
   retry_at_ = now + refusal_interval;
   go_down(why);
-  say_once(Severity::error, why);
+  notify_once(Severity::error, why);
 }
 
 void BoardLink::on_started(TimePoint now) {
@@ -156,7 +156,7 @@ void BoardLink::on_frame(const Bytes& frame, TimePoint now) {
   Result<Event, DecodeError> event = decode_event(frame);
   if (!event.has_value()) {
     ++counters_.malformed_events;
-    if (const auto count = malformed_burst_.on_event(now))
+    if (const auto count = malformed_throttle_.on_event(now))
       actions_.push(Notice{Severity::warning,
                            fmt::format("the serial board sent {} malformed event(s)", *count),
                            {}});
@@ -244,7 +244,7 @@ void BoardLink::on_drop_counter(std::uint32_t total, TimePoint now) {
   const std::uint32_t before = std::exchange(dropped_events_, total).value_or(total);
   if (total <= before) return;  // the first reading, no change, or the board restarted unseen
   counters_.board_drops += total - before;
-  if (drop_burst_.on_event(now))
+  if (drop_throttle_.on_event(now))
     actions_.push(Notice{Severity::warning,
                          fmt::format("the serial board dropped {} event(s) since it was last "
                                      "asked: the serial line is too slow for this mesh",
@@ -391,13 +391,13 @@ void BoardLink::go_down(const std::string& why) {
   traffic_.on_link_down();
   if (stage_ == Stage::closed) is_clear_wanted_ = false;
   const bool was_up = std::exchange(is_up_, false);
-  if (was_up) said_.clear();
+  if (was_up) notified_.clear();
   if (std::exchange(down_reason_, why) == why && !was_up) return;
   actions_.push(LinkIsDown{why});
 }
 
-void BoardLink::say_once(Severity severity, const std::string& text) {
-  if (said_.size() >= max_said || !said_.insert(text).second) return;
+void BoardLink::notify_once(Severity severity, const std::string& text) {
+  if (notified_.size() >= max_notified || !notified_.insert(text).second) return;
   actions_.push(Notice{severity, text, {}});
 }
 

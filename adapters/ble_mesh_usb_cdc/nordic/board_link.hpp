@@ -69,8 +69,8 @@ class BoardLink {
   static constexpr int max_busy_answers = 25;
   /// How often a board that must not be used is looked at again.
   static constexpr Duration refusal_interval = std::chrono::seconds{30};
-  /// Different notices about one attempt after the other; more are not said until it was up again.
-  static constexpr std::size_t max_said = 16;
+  /// Different notices about one attempt after the other; more are dropped until it was up again.
+  static constexpr std::size_t max_notified = 16;
 
   /// `seed` makes the Echo nonces.
   BoardLink(LinkSettings settings, std::optional<MeshKeys> keys, std::uint64_t seed);
@@ -144,7 +144,7 @@ class BoardLink {
   void on_silence();
   void give_up(const std::string& why, Duration max_delay);
   void go_down(const std::string& why);
-  void say_once(Severity severity, const std::string& text);
+  void notify_once(Severity severity, const std::string& text);
 
   LinkSettings settings_;
   std::optional<MeshKeys> keys_;
@@ -153,7 +153,7 @@ class BoardLink {
   bool is_up_ = false;
   bool are_keys_requested_ = false;
   std::string down_reason_;
-  std::set<std::string> said_;  ///< notices since the link last went down
+  std::set<std::string> notified_;  ///< notices since the link last went down
   FrameDecoder decoder_;
   Resync resync_;
   std::optional<StartUp> start_up_;
@@ -170,9 +170,9 @@ class BoardLink {
   SerialVersion version_ = SerialVersion::sdk_3_1;
   bool is_clear_wanted_ = false;
   std::optional<std::uint32_t> dropped_events_;
-  Burst drop_burst_;
-  Burst loss_burst_{std::chrono::minutes{1}};
-  Burst malformed_burst_;
+  Burst drop_throttle_;
+  Burst loss_throttle_{std::chrono::minutes{1}};
+  Burst malformed_throttle_;
   LinkCounters counters_;
 };
 

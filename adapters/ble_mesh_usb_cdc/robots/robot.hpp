@@ -33,7 +33,7 @@ struct Robot {
   bool is_announced = false;  ///< its presence was published at least once
   bool is_awaited = false;    ///< offline as soon as it is silent for long enough
   TimePoint last_heard{};
-  TimePoint told_heard{};                      ///< of the last SignOfLife
+  TimePoint sign_of_life_at{};                 ///< of the last SignOfLife
   std::optional<std::uint8_t> sent_ttl;        ///< that it was configured to publish with
   std::uint8_t highest_ttl = 0;                ///< on arrival; the robot sends with at least this
   std::optional<std::uint16_t> appkey_handle;  ///< of its last vendor message

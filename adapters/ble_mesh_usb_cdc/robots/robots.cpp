@@ -141,8 +141,8 @@ void Robots::on_heard(Robot& robot, TimePoint now) {
     announce(robot, Presence::online);
     return subscribe(robot);  // makes the broker send what is retained for it again
   }
-  if (now - robot.told_heard < sign_of_life_interval) return;
-  robot.told_heard = now;
+  if (now - robot.sign_of_life_at < sign_of_life_interval) return;
+  robot.sign_of_life_at = now;
   emit(SignOfLife{Mesh::ble, robot.id});
 }
 
