@@ -140,7 +140,7 @@ void BleMesh::on_stored(const std::string& problem, TimePoint now) {
   settle(now);
 }
 
-void BleMesh::on_order(std::uint64_t id, const MeshOrder& order, TimePoint now) {
+void BleMesh::on_order(std::uint64_t id, const BleOrder& order, TimePoint now) {
   provisioner_.on_order(id, order, now);
   settle(now);
 }

@@ -33,7 +33,7 @@ class BleMesh {
   /// `problem` is empty when the database is on disk.
   void on_stored(const std::string& problem, TimePoint now);
   /// `id` comes back in OrderEnded.
-  void on_order(std::uint64_t id, const MeshOrder& order, TimePoint now);
+  void on_order(std::uint64_t id, const BleOrder& order, TimePoint now);
   /// `robots` of the configuration was read again. A renamed robot goes under its old name and
   /// comes under the new one; what is owed to it stays owed.
   void on_names(RobotNames names, TimePoint now);

@@ -6,7 +6,7 @@
 #include <variant>
 
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
-#include "daemon/core/mesh_order.hpp"
+#include "daemon/core/ble_order.hpp"
 #include "daemon/core/messages.hpp"
 #include "daemon/core/protocol_machine.hpp"
 

@@ -378,7 +378,7 @@ void App::manage_store(StoreOrder order, OrderDone done) {
   store_.perform(std::move(order), std::move(done));
 }
 
-void App::manage_ble(MeshOrder order, OrderDone done) {
+void App::manage_ble(BleOrder order, OrderDone done) {
   meshes_.manage_ble(std::move(order), std::move(done));
 }
 

@@ -99,7 +99,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   void on_watched(bool is_watched) override;
   void send(const std::string& robot, const std::string& type, Bytes payload,
             std::function<void(nlohmann::json)> done) override;
-  void manage_ble(MeshOrder order, OrderDone done) override;
+  void manage_ble(BleOrder order, OrderDone done) override;
   void manage_store(StoreOrder order, OrderDone done) override;
 
   Config config_;

@@ -125,7 +125,7 @@ void Meshes::take_over(const std::string& robot, ByteView session) {
   if (thread_) thread_->take_over(robot, session);
 }
 
-void Meshes::manage_ble(MeshOrder order, OrderDone done) {
+void Meshes::manage_ble(BleOrder order, OrderDone done) {
   if (cobs_)
     return done(
         {{}, "not supported by this link: ble_mesh.protocol is \"cobs\", which has no mesh"});

@@ -11,8 +11,8 @@
 
 #include "daemon/config/config.hpp"
 #include "daemon/core/adapter.hpp"
+#include "daemon/core/ble_order.hpp"
 #include "daemon/core/gateway.hpp"
-#include "daemon/core/mesh_order.hpp"
 #include "daemon/core/session_store.hpp"
 #include "daemon/runtime/descriptor_store.hpp"
 
@@ -56,7 +56,7 @@ class Meshes {
   /// Another gateway serves the robot. Its session, as octets; may be empty.
   Bytes give_up(const std::string& robot);
   void take_over(const std::string& robot, ByteView session);
-  void manage_ble(MeshOrder order, OrderDone done);
+  void manage_ble(BleOrder order, OrderDone done);
 
  private:
   void make_ble(boost::asio::io_context& io, const Config& config, MeshListener& listener);

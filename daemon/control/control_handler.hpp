@@ -9,8 +9,8 @@
 #include <optional>
 #include <string>
 
+#include "daemon/core/ble_order.hpp"
 #include "daemon/core/bytes.hpp"
-#include "daemon/core/mesh_order.hpp"
 #include "daemon/core/store_order.hpp"
 
 namespace slamgw {
@@ -30,7 +30,7 @@ class ControlHandler {
   virtual void send(const std::string& robot, const std::string& type, Bytes payload,
                     std::function<void(nlohmann::json)> done) = 0;
   /// What an operator orders about the BLE mesh. `done` is called once, now or minutes later.
-  virtual void manage_ble(MeshOrder order, OrderDone done) = 0;
+  virtual void manage_ble(BleOrder order, OrderDone done) = 0;
   /// What an operator orders about dead letters. The same.
   virtual void manage_store(StoreOrder order, OrderDone done) = 0;
   /// Takes a robot that is not there out of what is known, here and at the broker.

@@ -125,7 +125,7 @@ void ControlSession::perform(const control::WatchRequest& request) {
   on_watch_();
 }
 
-void ControlSession::perform(MeshOrder& order) {
+void ControlSession::perform(BleOrder& order) {
   handler_.manage_ble(std::move(order), answer_order());
 }
 

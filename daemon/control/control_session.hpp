@@ -66,7 +66,7 @@ class ControlSession : public std::enable_shared_from_this<ControlSession> {
   void perform(const control::ForgetRequest& request);
   void perform(const control::WatchRequest& request);
   void perform(control::SendRequest& request);
-  void perform(MeshOrder& order);
+  void perform(BleOrder& order);
   void perform(StoreOrder& order);
   OrderDone answer_order();
   void answer(const std::string& line);

@@ -29,8 +29,8 @@
 #include <string_view>
 #include <variant>
 
+#include "daemon/core/ble_order.hpp"
 #include "daemon/core/bytes.hpp"
-#include "daemon/core/mesh_order.hpp"
 #include "daemon/core/result.hpp"
 #include "daemon/core/store_order.hpp"
 #include "daemon/core/trace_event.hpp"
@@ -58,7 +58,7 @@ struct SendRequest {
   Bytes payload;
 };
 using Request = std::variant<StatusRequest, RobotsRequest, ReloadRequest, FleetRequest,
-                             ForgetRequest, WatchRequest, SendRequest, MeshOrder, StoreOrder>;
+                             ForgetRequest, WatchRequest, SendRequest, BleOrder, StoreOrder>;
 
 /// A request, or what is wrong with it in words.
 Result<Request, std::string> parse_request(std::string_view line);

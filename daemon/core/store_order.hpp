@@ -9,7 +9,7 @@
 #include <variant>
 #include <vector>
 
-#include "daemon/core/mesh_order.hpp"
+#include "daemon/core/ble_order.hpp"
 
 namespace slamgw {
 

@@ -48,7 +48,7 @@ struct ProvisioningRig : MeshRig {
       if (is_lost) device.address = 0;
     }
   }
-  std::uint64_t order(MeshOrder what) {
+  std::uint64_t order(BleOrder what) {
     mesh.on_order(++last_order, std::move(what), now);
     run_for(Duration::zero());
     return last_order;

@@ -73,9 +73,9 @@ TEST(SecondGateway, NeitherTakesRobotsInNorChangesThem) {
   EXPECT_FALSE(second.board.devices.is_scanning);
   EXPECT_EQ(second.on_disk().nodes.size(), 1u);
   EXPECT_EQ(second.board.count(0x9c), 0u) << "no device key is used";
-  for (const MeshOrder& wanted :
-       {MeshOrder(ProvisionOrder{to_hex(Bytes(16, 9)), "r9"}), MeshOrder(PermitJoinOrder{5min, {}}),
-        MeshOrder(RemoveOrder{"ble-0100", true}), MeshOrder(ExportOrder{})}) {
+  for (const BleOrder& wanted :
+       {BleOrder(ProvisionOrder{to_hex(Bytes(16, 9)), "r9"}), BleOrder(PermitJoinOrder{5min, {}}),
+        BleOrder(RemoveOrder{"ble-0100", true}), BleOrder(ExportOrder{})}) {
     second.order(wanted);
     EXPECT_NE(error_of(second).find("another gateway provisions this mesh"), std::string::npos);
   }

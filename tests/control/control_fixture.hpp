@@ -31,7 +31,7 @@ class FakeHandler : public ControlHandler {
   nlohmann::json robots_answer = nlohmann::json::array();
   nlohmann::json fleet_answer = {{"gateway", "room-a"}, {"gateways", nlohmann::json::array()}};
   struct Ordered {
-    MeshOrder order;
+    BleOrder order;
     OrderDone done;
   };
   OrderAnswer reload_answer{R"({"in_force": "log"})", {}};
@@ -61,7 +61,7 @@ class FakeHandler : public ControlHandler {
             std::function<void(nlohmann::json)> done) override {
     sent.push_back({robot, type, std::move(payload), std::move(done)});
   }
-  void manage_ble(MeshOrder order, OrderDone done) override {
+  void manage_ble(BleOrder order, OrderDone done) override {
     orders.push_back({std::move(order), done});
     if (order_answer) done(*order_answer);
   }

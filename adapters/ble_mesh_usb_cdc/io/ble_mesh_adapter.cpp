@@ -77,7 +77,7 @@ void BleMeshAdapter::stop() {
     command_file_.write(encode_open_commands(machine().open_commands(), read_clocks()));
 }
 
-void BleMeshAdapter::manage(MeshOrder order, OrderDone done) {
+void BleMeshAdapter::manage(BleOrder order, OrderDone done) {
   if (is_stopped()) return done({{}, "slam-gatewayd ends"});
   if (!problem().empty()) return done({{}, problem()});
   const std::uint64_t id = ++last_order_;

@@ -30,7 +30,7 @@ class BleMeshAdapter final : public SerialShell<BleMesh> {
   void stop() override;
   /// What operators order about the mesh and its robots; `done` is called once, now or later, and
   /// never after stop().
-  void manage(MeshOrder order, OrderDone done);
+  void manage(BleOrder order, OrderDone done);
 
  private:
   static Made make(const Settings& settings, TopicScheme topics, RobotNames names,

@@ -20,7 +20,7 @@ constexpr std::uint64_t no_events = ~std::uint64_t{0};
 
 }  // namespace
 
-void OperatorOrders::on_order(std::uint64_t id, const MeshOrder& order, TimePoint now) {
+void OperatorOrders::on_order(std::uint64_t id, const BleOrder& order, TimePoint now) {
   const auto answer = [&](OrderAnswer what) { actions_.push(OrderEnded{id, std::move(what)}); };
   const auto begin = [&](const auto& wanted) {
     if (order_) return answer({{}, "another command for this mesh is still under way"});

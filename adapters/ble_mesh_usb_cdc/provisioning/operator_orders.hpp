@@ -29,7 +29,7 @@ class OperatorOrders {
         order_(order),
         actions_(actions) {}
 
-  void on_order(std::uint64_t id, const MeshOrder& order, TimePoint now);
+  void on_order(std::uint64_t id, const BleOrder& order, TimePoint now);
   void on_link_down();
   void on_board_cleared(bool is_done, const std::string& why);
   /// Called after the ledger; `problem` is empty when the database is on disk.

@@ -91,7 +91,7 @@ void Provisioner::on_board_cleared(bool is_done, const std::string& why, TimePoi
   advance(now);
 }
 
-void Provisioner::on_order(std::uint64_t id, const MeshOrder& order, TimePoint now) {
+void Provisioner::on_order(std::uint64_t id, const BleOrder& order, TimePoint now) {
   orders_.on_order(id, order, now);
   advance(now);
 }

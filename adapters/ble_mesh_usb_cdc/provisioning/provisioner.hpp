@@ -37,7 +37,7 @@ class Provisioner {
   void on_new_mesh(const MeshKeys& keys);
   void on_stored(const std::string& problem, TimePoint now);
   void on_board_cleared(bool is_done, const std::string& why, TimePoint now);
-  void on_order(std::uint64_t id, const MeshOrder& order, TimePoint now);
+  void on_order(std::uint64_t id, const BleOrder& order, TimePoint now);
   /// `robots` of the configuration was read again.
   void on_names(RobotNames names) { nodes_.on_names(std::move(names)); }
 

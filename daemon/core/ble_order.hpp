@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What an operator wants done to a mesh and its robots (`slam-gatewayctl ble ...`), and the answer.
-// Plain values between the control socket and a mesh's machine. An imported mesh holds keys: never
-// logged, never in an answer.
+// What an operator wants done to the BLE mesh and its robots (`slam-gatewayctl ble ...`), and the
+// answer. Plain values between the control socket and a mesh's machine. An imported mesh holds
+// keys: never logged, never in an answer.
 #pragma once
 
 #include <chrono>
@@ -42,8 +42,8 @@ struct ExportOrder {};
 /// Clears the board for good and starts it up anew.
 struct ResetBoardOrder {};
 
-using MeshOrder = std::variant<ScanOrder, ProvisionOrder, PermitJoinOrder, JoinEventsOrder,
-                               NodesOrder, RemoveOrder, ImportOrder, ExportOrder, ResetBoardOrder>;
+using BleOrder = std::variant<ScanOrder, ProvisionOrder, PermitJoinOrder, JoinEventsOrder,
+                              NodesOrder, RemoveOrder, ImportOrder, ExportOrder, ResetBoardOrder>;
 
 /// Either a JSON document or, when the order was refused or failed, a sentence.
 struct OrderAnswer {
