@@ -326,7 +326,7 @@ void Ownership::give_way(const std::string& robot, const Claim& to) {
     return;
   }
   claiming_.erase(robot);
-  release(robot, to, to.gateway, {});
+  actions_.push(GiveUpRobot{robot, to, true});  // it may have a session here already
 }
 
 void Ownership::on_given_up(const std::string& robot, const Claim& to, Bytes session) {

@@ -171,7 +171,9 @@ void Ownership::merge(const std::string& robot, const Claim& claim, const std::s
   const bool is_void = row && !is_mine(*row) && !is_living(*row, now.mono);
   if (row && !is_void && claim <= *row) return on_lesser_claim(robot, claim, *row, from, now);
   const auto claiming = claiming_.find(robot);
-  const bool was_behind = claiming != claiming_.end() && row && claim.epoch > row->epoch;
+  // Who asks this gateway to make way has heard the robot after it had this gateway's claim.
+  const bool was_behind =
+      claiming != claiming_.end() && row && claim.epoch > row->epoch && from != me_;
   if (!table_.set(robot, claim, now.wall)) return;
   if (held_.contains(robot) || claiming != claiming_.end()) {
     give_way(robot, claim);

@@ -17,7 +17,7 @@ using sim::sn::Type;
 
 class TwoGateways : public testing::Test {
  protected:
-  static constexpr std::uint8_t keep_alive_s = 2;
+  static constexpr std::uint8_t keep_alive_s = 60;
 
   static json configuration(const Mosquitto& broker, const std::string& id) {
     return {{"gateway", {{"id", id}}}, {"broker", {{"uri", broker.uri()}}}};
@@ -63,33 +63,26 @@ class TwoGateways : public testing::Test {
 };
 
 TEST_F(TwoGateways, RobotThatMovesHasOneGatewayOneOutcomeAndNoWill) {
-  Device r1_at_a{a.mqttsn_address()};
-  Device r2_at_a{a.mqttsn_address()};
-  connect_with_will(r1_at_a, "r1");
-  subscribe(r1_at_a, "r1");
+  Device at_a{a.mqttsn_address()};
+  connect_with_will(at_a, "r1");
+  subscribe(at_a, "r1");
   ASSERT_TRUE(eventually([&] { return place_of(b, "r1") == "a"; })) << b.log();
 
-  Device r1_at_b{b.mqttsn_address()};
-  connect_with_will(r2_at_a, "r2");  // will be silent for as long as r1 is at a
-  connect_with_will(r1_at_b, "r1");
+  Device at_b{b.mqttsn_address()};
+  connect_with_will(at_b, "r1");
   ASSERT_TRUE(eventually([&] { return place_of(a, "r1") == "b"; })) << a.log();
+  // Without a session of the robot there is nothing that a could publish its will for.
+  ASSERT_TRUE(eventually([&] { return a.ctl({"robots"}).empty(); })) << a.log();
 
   // The subscription came along; the gateway tells the topic's id anew.
   mosquitto_publish(broker, {"-q", "1", "-t", "ntnu-slam/server/r1/cmd", "-m", "1,2"});
-  const auto topic = r1_at_b.expect(Type::register_topic);
-  r1_at_b.send(sim::sn::regack(topic.topic_id, topic.msg_id, sim::sn::accepted));
-  const auto message = r1_at_b.expect(Type::publish);
-  r1_at_b.send(sim::sn::puback(message.topic_id, message.msg_id, sim::sn::accepted));
+  const auto topic = at_b.expect(Type::register_topic);
+  at_b.send(sim::sn::regack(topic.topic_id, topic.msg_id, sim::sn::accepted));
+  const auto message = at_b.expect(Type::publish);
+  at_b.send(sim::sn::puback(message.topic_id, message.msg_id, sim::sn::accepted));
   ASSERT_TRUE(eventually([&] { return count("ntnu-slam/gateway/b/commands/r1") == 1; }));
-
-  const auto has_spoken = [&] {
-    r1_at_b.send(sim::sn::pingreq(""));
-    return count("ntnu-slam/robot/r2/gone") == 1;
-  };
-  ASSERT_TRUE(eventually(has_spoken)) << a.log();
   EXPECT_EQ(count("ntnu-slam/robot/r1/gone"), 0U);
   EXPECT_EQ(count("ntnu-slam/gateway/a/commands/r1"), 0U);
-  EXPECT_EQ(count("ntnu-slam/gateway/b/commands/r1"), 1U);
 
   const Subscriber presence{broker, "ntnu-slam/gateway/+/robots/r1", "%t %p"};
   ASSERT_TRUE(eventually([&] { return !presence.lines().empty(); }));
