@@ -90,7 +90,7 @@ TEST(Recording, NamesTheLineThatIsNone) {
         R"({"at": "2023-11-14T22:13:20Z", "event": "arrived", "topic": "t/#", "payload": "00"})",
         R"({"at": "2023-11-14T22:13:20Z", "event": "arrived", "payload": "00", "qos": 1})"}) {
     try {
-      read(good + std::string(bad));
+      read(good + std::string(bad) + "\n");
       ADD_FAILURE() << bad;
     } catch (const ctl::Failure& failure) {
       EXPECT_TRUE(std::string(failure.what()).starts_with("file:2: ")) << failure.what();
