@@ -6,6 +6,7 @@
 #include <gtest/gtest.h>
 
 #include <cstdlib>
+#include <filesystem>
 
 #include "tests/support/temp_dir.hpp"
 
@@ -83,6 +84,20 @@ TEST_F(WebStartup, HasCredentialsOfItsOwnAndLeavesTheDaemonsAlone) {
   EXPECT_EQ(load().parsed.config.broker.credentials->username, "page");
   write("web-credentials.json", R"({"username": "page", "password": "p"})", 0644);
   EXPECT_NE(problem().find("can be read or changed by others"), std::string::npos);
+}
+
+TEST_F(WebStartup, RefusesCredentialsBehindSystemdsCopyThatOthersCanRead) {
+  write("gateway.json", "{}");
+  std::filesystem::create_directory(path("copies"));
+  write("copies/broker", R"({"username": "page", "password": "p"})");
+  setenv("CREDENTIALS_DIRECTORY", path("copies").c_str(), 1);
+  EXPECT_EQ(problem(), "") << "the service may not be allowed to look at the file itself";
+  write("web-credentials.json", R"({"username": "page", "password": "p"})", 0644);
+  EXPECT_NE(problem().find("web-credentials.json can be read or changed by others"),
+            std::string::npos);
+  write("web-credentials.json", R"({"username": "page", "password": "p"})", 0600);
+  EXPECT_EQ(problem(), "");
+  unsetenv("CREDENTIALS_DIRECTORY");
 }
 
 TEST_F(WebStartup, TellsTheGatewaysProblemsToo) {

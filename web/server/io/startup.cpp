@@ -27,6 +27,7 @@ void read_own_credentials(ParseResult& result, const std::string& config_file) {
   named.reset();
   if (directory != nullptr) {
     surroundings.credentials_directory = directory;
+    surroundings.credential_source = own.string();
   } else if (std::error_code error; std::filesystem::exists(own, error)) {
     named = own.string();
   }
