@@ -336,6 +336,29 @@ TEST(SessionCodec, SurvivesDamage) {
   EXPECT_GT(restored, 0U);
 }
 
+/// It may come from whoever may write for another gateway at the broker.
+TEST(SessionCodec, SurvivesWhatIsNestedWithoutEnd) {
+  constexpr std::size_t octets = 130'000;
+  for (const std::uint8_t head :
+       std::initializer_list<std::uint8_t>{0x9f, 0xbf, 0x7f, 0x5f, 0x81, 0xa1, 0xc1, 0xd8}) {
+    EXPECT_FALSE(decode_session(Bytes(octets, head))) << unsigned{head};
+    Bytes keyed;  // as the value of a map's key, and the next in that
+    while (keyed.size() < octets) keyed.insert(keyed.end(), {0xbf, 0x61, 'a', head});
+    EXPECT_FALSE(decode_session(keyed)) << unsigned{head};
+  }
+}
+
+TEST(SessionCodec, RefusesLengthsBeyondTheOctets) {
+  for (const std::uint8_t head : std::initializer_list<std::uint8_t>{0x5b, 0x7b, 0x9b, 0xbb}) {
+    Bytes huge(9, 0xff);
+    huge[0] = head;
+    EXPECT_FALSE(decode_session(huge)) << unsigned{head};
+    huge.resize(4);
+    EXPECT_FALSE(decode_session(huge)) << unsigned{head};
+  }
+  EXPECT_FALSE(decode_session({}));
+}
+
 TEST(SnGateway, RestoresNoSubscriptionThatIsNotAllowedAnyMore) {
   SnRig before;
   before.connect(1, "r1");

@@ -15,6 +15,79 @@ constexpr unsigned version = 1;
 
 using std::chrono::milliseconds;
 
+/// The octets of a session may come from another gateway by way of the broker, and the library
+/// parses each level of CBOR on the stack: so depth and lengths are checked before, without
+/// recursion. What else is wrong with the octets the library finds out.
+class CborBounds {
+ public:
+  explicit CborBounds(ByteView content) : left_(content) {}
+
+  /// At most `max_depth` deep, no string in pieces and no tag, and each length is within the
+  /// octets.
+  bool hold() {
+    do {
+      if (!take_item()) return false;
+      while (!open_.empty() && open_.back() == 0) open_.pop_back();
+    } while (!open_.empty());
+    return left_.empty();
+  }
+
+ private:
+  static constexpr std::size_t max_depth = 8;  // a session needs 3
+  static constexpr std::uint64_t until_break = UINT64_MAX;
+  enum Major : unsigned { unsigned_type, negative, octets, text, array, map, tag, simple };
+
+  /// RFC 8949 section 3: three bits of major type, five that say where the argument is.
+  bool take_item() {
+    constexpr unsigned indefinite = 31;
+    if (left_.empty()) return false;
+    const unsigned major = left_[0] >> 5U;
+    const unsigned code = left_[0] & 31U;
+    left_ = left_.subspan(1);
+    if (major == simple && code == indefinite) return take_break();
+    if (!open_.empty() && open_.back() != until_break) --open_.back();
+    if (code == indefinite) return (major == array || major == map) && open(until_break);
+    const auto argument = take_argument(code);
+    if (!argument) return false;
+    switch (major) {
+      case octets:
+      case text:
+        if (*argument > left_.size()) return false;
+        left_ = left_.subspan(static_cast<std::size_t>(*argument));
+        return true;
+      case array: return *argument <= left_.size() && open(*argument);
+      case map: return *argument <= left_.size() / 2 && open(*argument * 2);
+      default: return major != tag;
+    }
+  }
+
+  bool take_break() {
+    if (open_.empty() || open_.back() != until_break) return false;
+    open_.pop_back();
+    return true;
+  }
+
+  bool open(std::uint64_t items) {
+    open_.push_back(items);
+    return open_.size() <= max_depth;
+  }
+
+  std::optional<std::uint64_t> take_argument(unsigned code) {
+    constexpr unsigned in_head = 24;
+    constexpr unsigned longest = 27;  // 8 octets
+    if (code < in_head) return code;
+    const std::size_t size = std::size_t{1} << (code - in_head);
+    if (code > longest || size > left_.size()) return std::nullopt;
+    std::uint64_t argument = 0;
+    for (const std::uint8_t octet : left_.first(size)) argument = argument << 8U | octet;
+    left_ = left_.subspan(size);
+    return argument;
+  }
+
+  ByteView left_;
+  std::vector<std::uint64_t> open_;  // for each level the items that are still to come
+};
+
 /// Of the monotonic clock; one that its type can't hold becomes the latest that we take.
 TimePoint clock_time(const Json& json) {
   constexpr std::uint64_t latest_ms = 1'000'000'000'000;  // 31 years after the host's start
@@ -235,6 +308,7 @@ Bytes encode_session(const SessionSnapshot& snapshot) {
 }
 
 std::optional<SessionSnapshot> decode_session(ByteView content) {
+  if (!CborBounds(content).hold()) return std::nullopt;
   try {
     const Json json = Json::from_cbor(content.begin(), content.end());
     if (json.at("version").get<unsigned>() != version) return std::nullopt;
