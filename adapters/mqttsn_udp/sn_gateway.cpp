@@ -312,12 +312,27 @@ void SnGateway::connect(const Roaming::WaitingConnect& waited, TimePoint now) {
     supervision_.advance(*session, now);
 }
 
+/// What another gateway says of a session is no more than the client itself could have said here.
+/// Commands do not roam: the gateway that had them has told what they came to.
+void SnGateway::keep_what_may_roam(SessionSnapshot& session) const {
+  session.peer.reset();
+  session.state = ClientState::disconnected;
+  const auto is_forbidden = [&](const Will& will) {
+    return !is_valid_topic_name(will.topic) ||
+           !context_.policy.may_publish(session.client_id, session.robot, will.topic);
+  };
+  if (session.will && is_forbidden(*session.will)) session.will.reset();
+  std::erase_if(session.messages, [](const MessageSnapshot& message) {
+    return message.command_age || !is_valid_topic_name(message.message.topic);
+  });
+}
+
 void SnGateway::take_over(const std::string& robot, std::optional<SessionSnapshot> session,
                           TimePoint now) {
-  if (session && session->robot == robot && !context_.clients.find_robot(robot)) {
+  if (session && session->robot == robot && !context_.clients.find_robot(robot) &&
+      context_.names.of_client(session->client_id) == robot) {
+    keep_what_may_roam(*session);
     session->saved_at = now;  // the other gateway's clock says nothing here
-    session->peer.reset();
-    session->state = ClientState::disconnected;
     restoring_.restore(*session, now);
   }
   if (const auto waited = roaming_.take(robot)) connect(*waited, now);

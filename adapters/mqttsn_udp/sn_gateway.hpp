@@ -93,6 +93,7 @@ class SnGateway {
   };
 
   void connect(const Roaming::WaitingConnect& connect, TimePoint now);
+  void keep_what_may_roam(SessionSnapshot& session) const;
   void receive(const Arrival& arrival, Packet packet);
   void advance_client_at(const Arrival& arrival);
   bool receive_in_handshake(const Arrival& arrival, Packet& packet);

@@ -384,5 +384,63 @@ TEST(SnGateway, DoesNotRestoreWhatNoLongerFits) {
   EXPECT_FALSE(twice.gateway.restore(*snapshot, twice.now));
 }
 
+/// A session as another gateway would hand it over, which has all that may roam.
+SessionSnapshot roaming_session() {
+  SnRig rig;
+  rig.send(1, Connect{true, false, 1, 60, "r1"});
+  rig.send(1, WillTopic{WireQos::one, true, "ntnu-slam/robot/r1/gone"});
+  rig.send(1, WillMsg{to_bytes("bye")});
+  rig.subscribe(1, "a/x", 1);
+  rig.broker("a/x", "waits", 1);
+  auto session = *rig.gateway.snapshot("r1", rig.now);
+  session.peer.reset();
+  session.state = ClientState::disconnected;
+  return session;
+}
+
+TEST(SnGateway, TakesOverASessionWithItsWillAndItsMessages) {
+  const auto session = roaming_session();
+  SnRig rig;
+  rig.gateway.take_over("r1", session, rig.now);
+  const auto taken = rig.gateway.snapshot("r1", rig.now);
+  ASSERT_TRUE(taken);
+  EXPECT_TRUE(taken->will);
+  EXPECT_EQ(taken->messages.size(), 1U);
+}
+
+TEST(SnGateway, TakesOverNoSessionOfAClientThatIsAnotherRobot) {
+  auto session = roaming_session();
+  session.client_id = "r2";
+  SnRig rig;
+  rig.gateway.take_over("r1", session, rig.now);
+  EXPECT_FALSE(rig.gateway.snapshot("r2", rig.now));
+  EXPECT_TRUE(rig.presence.empty());
+}
+
+TEST(SnGateway, TakesOverNoWillThatTheClientMayNotHave) {
+  for (const std::string topic : {"ntnu-slam/robot/r2/gone", "elsewhere", "a/#", ""}) {
+    auto session = roaming_session();
+    session.will->topic = topic;
+    SnRig rig;
+    rig.gateway.take_over("r1", session, rig.now);
+    const auto taken = rig.gateway.snapshot("r1", rig.now);
+    ASSERT_TRUE(taken);
+    EXPECT_FALSE(taken->will) << topic;
+  }
+}
+
+TEST(SnGateway, TakesOverNoCommandsAndNoInvalidTopics) {
+  auto session = roaming_session();
+  session.messages.assign(3, session.messages.at(0));
+  session.messages[1].message.topic = "ntnu-slam/server/r1/cmd";
+  session.messages[1].command_age = std::chrono::seconds(1);
+  session.messages[2].message.topic = "a/#";
+  SnRig rig;
+  rig.gateway.take_over("r1", session, rig.now);
+  EXPECT_EQ(rig.gateway.queued_for("r1"), 1U);
+  rig.pass_s(60);
+  EXPECT_TRUE(rig.outcomes.empty());
+}
+
 }  // namespace
 }  // namespace slamgw::mqttsn
