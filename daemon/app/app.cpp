@@ -436,6 +436,7 @@ void App::on_publish_refused(std::uint64_t sequence, const Refusal& refusal) {
 void App::on_subscribe_result(const std::string& filter, SubscribeAnswer answer) {
   gateway_driver_.input(
       [&](Gateway& gateway, const Now& now) { gateway.on_subscribe_result(filter, answer, now); });
+  fleet_.on_subscribe_result(filter, answer);
 }
 
 void App::on_message(BrokerMessage message, std::vector<std::uint32_t> subscriptions) {

@@ -57,6 +57,11 @@ void FleetMember::on_broker_link(bool is_up) {
   driver_.input([&](auto& ownership, const Now& now) { ownership.on_broker_link(is_up, now); });
 }
 
+void FleetMember::on_subscribe_result(const std::string& filter, SubscribeAnswer answer) {
+  driver_.input(
+      [&](auto& ownership, const Now& now) { ownership.on_subscribe_result(filter, answer, now); });
+}
+
 bool FleetMember::on_message(const BrokerMessage& message) {
   bool is_taken = false;
   driver_.input([&](auto& ownership, const Now& now) {
@@ -133,8 +138,9 @@ void FleetMember::perform(fleet::CarryOut& action) {
 
 void FleetMember::perform(fleet::EndCommand& action) {
   gateway_driver_.input([&](Gateway& gateway, const Now&) {
-    gateway.on_ended_elsewhere({std::nullopt, CommandId::none, action.robot, action.type,
-                                action.result, std::chrono::milliseconds(0), action.why});
+    gateway.on_ended_elsewhere(
+        {std::nullopt, CommandId::none, action.robot, action.type, action.result,
+         std::chrono::duration_cast<std::chrono::milliseconds>(action.after), action.why});
   });
 }
 

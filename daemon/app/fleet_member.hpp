@@ -29,6 +29,7 @@ class FleetMember {
               Submit submit);
 
   void on_broker_link(bool is_up);
+  void on_subscribe_result(const std::string& filter, SubscribeAnswer answer);
   /// True when the message was between gateways.
   bool on_message(const BrokerMessage& message);
   void on_mesh_event(const MeshEvent& event);

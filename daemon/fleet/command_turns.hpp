@@ -76,6 +76,8 @@ class CommandTurns {
   /// Asks about each whose outcome is overdue: `tell` it here, `forget` it, or `wait`.
   enum class Fate : std::uint8_t { wait, tell, forget };
   std::vector<Owed> take_overdue(const std::function<Fate(const Owed&)>& fate_of, TimePoint now);
+  /// Nobody else is about whose outcomes could be missing.
+  void forget_owed() { owed_.clear(); }
   bool is_empty() const { return waiting_.empty(); }
   bool has_owed() const { return !owed_.empty(); }
   std::size_t size() const { return waiting_.size(); }

@@ -26,6 +26,8 @@ constexpr milliseconds release_patience{5000};
 constexpr milliseconds sign_patience{500};
 constexpr milliseconds look_interval{50};
 constexpr milliseconds listening{1000};
+/// A broker may take half a second for each subscription.
+constexpr std::chrono::seconds longest_look{10};
 constexpr milliseconds longest_joining{3000};
 constexpr std::chrono::seconds asleep_after{60};
 constexpr std::size_t max_heard = 20'000;        // as RobotRegistry
@@ -51,23 +53,48 @@ Ownership::Ownership(FleetTopics topics, Settings settings, LocalRobots local_ro
 void Ownership::on_broker_link(bool is_up, const Now& now) {
   is_link_up_ = is_up;
   is_muted_ = false;
-  if (!is_up && phase_ == Phase::alone && looked_) end_look();  // nothing waits for the broker
+  was_ever_echoed_ = false;
+  // Nothing waits for the broker.
+  if (!is_up && phase_ == Phase::alone && looked_) end_look(now.mono);
   if (!is_up || settings_.enabled == Enabled::no) return;
   subscribe(topics_.state_filter());
   if (phase_ == Phase::alone && settings_.enabled == Enabled::automatic) {
     is_looking_ = true;
-    looked_ = now.mono + listening;
+    is_state_answered_ = false;
+    looked_ = now.mono + longest_look;
     return;
   }
   wake_up(now);
 }
 
+void Ownership::on_subscribe_result(const std::string& filter, SubscribeAnswer answer,
+                                    const Now& now) {
+  // The next connection asks again, unless asking is what closes it.
+  if (answer == SubscribeAnswer::refused) subscribed_.erase(filter);
+  if (!looked_ || filter != topics_.state_filter()) return;
+  if (answer != SubscribeAnswer::granted) return end_look(now.mono);
+  if (!std::exchange(is_state_answered_, true)) looked_ = std::min(*looked_, now.mono + listening);
+}
+
 /// A broker that kept this gateway's session has sent commands that others have taken meanwhile,
 /// and what they said: both are known by now.
-void Ownership::end_look() {
+void Ownership::end_look(TimePoint now) {
   is_looking_ = false;
   looked_.reset();
-  for (auto& waiting : turns_.take_all()) actions_.push(CarryOut{std::move(waiting.message)});
+  decide_alone(now);
+}
+
+/// Nobody else is about: what waited for the others waits no longer.
+void Ownership::decide_alone(TimePoint now) {
+  for (auto& waiting : turns_.take_all()) {
+    const Duration age = now - waiting.came;
+    if (waiting.is_refusal || age >= CommandTurns::kept_for) {
+      actions_.push(EndCommand{waiting.robot, waiting.type, CommandResult::refused,
+                               "the gateways did not agree in time on who carries it out", age});
+    } else {
+      actions_.push(CarryOut{std::move(waiting.message)});
+    }
+  }
   for (auto& [robot, question] : std::exchange(questions_, {}))
     for (Report& will : question.wills) actions_.push(PublishWill{std::move(will)});
 }
@@ -102,7 +129,7 @@ void Ownership::begin_life(TimePoint now) {
   for (auto& [robot, question] : questions_) question.asked.reset();
 }
 
-void Ownership::fall_asleep(std::string why) {
+void Ownership::fall_asleep(std::string why, TimePoint now) {
   phase_ = Phase::alone;
   for (const std::string& filter : {topics_.all_filter(), topics_.own_filter(),
                                     topics_.command_filter(), topics_.outcome_filter()}) {
@@ -115,6 +142,9 @@ void Ownership::fall_asleep(std::string why) {
   heard_.clear();
   table_ = {};
   peers_ = {};
+  decide_alone(now);
+  turns_.forget_owed();
+  tell_outcomes(now);
   notice(Severity::notice, std::move(why));
 }
 
@@ -146,7 +176,7 @@ std::optional<TimePoint> Ownership::deadline() const {
 void Ownership::on_deadline(const Now& now) {
   if (!is_link_up_) return;
   if (phase_ == Phase::alone) {
-    if (looked_ && now.mono >= *looked_) end_look();
+    if (looked_ && now.mono >= *looked_) end_look(now.mono);
     return;
   }
   last_look_ = now.mono;
@@ -157,14 +187,16 @@ void Ownership::on_deadline(const Now& now) {
     forget_the_dead(now.mono);
     if (peers_.count_alive(now.mono) > 0 || !states_.empty()) last_company_ = now.mono;
     if (settings_.enabled == Enabled::automatic && now.mono - last_company_ >= asleep_after)
-      return fall_asleep("no other gateway is about any more; this one serves every robot");
+      return fall_asleep("no other gateway is about any more; this one serves every robot",
+                         now.mono);
     if (is_refused(now.mono)) {
       is_muted_ = true;
       return fall_asleep(
           "the broker gives back nothing of what this gateway writes under fleet/: check its "
           "access "
           "control list (docs/fleet.md). Until the next connection this gateway serves every robot "
-          "that it hears, as if it were alone");
+          "that it hears, as if it were alone",
+          now.mono);
     }
   }
   if (phase_ == Phase::joining) finish_joining(now);
@@ -429,7 +461,8 @@ void Ownership::on_own_taken(const Taken& taken, const Now& now) {
   auto own = turns_.on_own_taken(taken.id);
   if (!own) return;
   const auto end = [&](const char* why) {
-    actions_.push(EndCommand{own->robot, own->type, CommandResult::refused, why});
+    actions_.push(
+        EndCommand{own->robot, own->type, CommandResult::refused, why, now.mono - own->came});
   };
   if (own->is_refusal) return end("no gateway serves this robot");
   if (!may_act_for(own->robot, now.mono))
@@ -456,8 +489,11 @@ void Ownership::end_overdue_commands(TimePoint now) {
                                                                             : Fate::wait;
   };
   for (const auto& owed : turns_.take_overdue(fate_of, now)) {
-    actions_.push(EndCommand{owed.robot, owed.type, CommandResult::timeout,
-                             fmt::format("gateway '{}' took it and died", owed.gateway)});
+    actions_.push(EndCommand{owed.robot,
+                             owed.type,
+                             CommandResult::timeout,
+                             fmt::format("gateway '{}' took it and died", owed.gateway),
+                             {}});
   }
 }
 

@@ -18,6 +18,7 @@
 #include "daemon/core/burst.hpp"
 #include "daemon/core/messages.hpp"
 #include "daemon/core/protocol_machine.hpp"
+#include "daemon/core/subscribe_answer.hpp"
 #include "daemon/fleet/claim_table.hpp"
 #include "daemon/fleet/command_turns.hpp"
 #include "daemon/fleet/fleet_topics.hpp"
@@ -59,6 +60,7 @@ struct EndCommand {
   std::string type;
   CommandResult result = CommandResult::refused;
   std::string why;
+  Duration after{};  ///< since it came here; zero: it did not
 };
 /// Stored, if the broker is away.
 struct TellOutcome {
@@ -84,6 +86,8 @@ class Ownership {
   Ownership(FleetTopics topics, Settings settings, LocalRobots local_robots);
 
   void on_broker_link(bool is_up, const Now& now);
+  /// What the broker says to a subscription, of the fleet or not.
+  void on_subscribe_result(const std::string& filter, SubscribeAnswer answer, const Now& now);
   /// True when the message was the fleet's own business.
   bool on_broker_message(const BrokerMessage& message, const Now& now);
   /// As the message above, read already.
@@ -163,10 +167,11 @@ class Ownership {
     bool is_echoed = false;
   };
 
-  void end_look();
+  void end_look(TimePoint now);
+  void decide_alone(TimePoint now);
   void wake_up(const Now& now);
   void subscribe(const std::string& filter);
-  void fall_asleep(std::string why);
+  void fall_asleep(std::string why, TimePoint now);
   bool is_refused(TimePoint now) const;
   void begin_life(TimePoint now);
   void send_beat(TimePoint now);
@@ -225,8 +230,9 @@ class Ownership {
 
   Phase phase_ = Phase::alone;
   bool is_link_up_ = false;
-  bool is_looking_;  ///< it is not known yet whether others are about
-  std::optional<TimePoint> looked_;
+  bool is_looking_;                  ///< it is not known yet whether others are about
+  std::optional<TimePoint> looked_;  ///< then it is, as far as the broker tells
+  bool is_state_answered_ = false;   ///< the broker has answered the subscription to states
   Life life_;
   TimePoint joined_{};  ///< when the first beat of this life came back, else its start
   bool has_echo_ = false;

@@ -29,8 +29,12 @@ void Ownership::on_gateway_state(const BrokerMessage& message, std::string_view 
       nlohmann::json::parse(message.payload.begin(), message.payload.end(), nullptr, false);
   const bool is_online = json.is_object() && json.value("state", nlohmann::json{}) == "online";
   if (gateway == me_) {
-    // The broker has answered this gateway's subscription; other states come at the same time.
-    if (is_online && looked_) looked_ = std::min(*looked_, now.mono + state_spread);
+    // Retained, whatever it says: the broker answers this gateway's subscription with it, and other
+    // states come at the same time. A live one says nothing about the others.
+    if (message.retain && looked_) {
+      is_state_answered_ = true;
+      looked_ = std::min(*looked_, now.mono + state_spread);
+    }
     return;
   }
   const std::string id(gateway);

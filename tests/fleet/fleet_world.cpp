@@ -180,6 +180,7 @@ void FleetWorld::restore_link(int gateway) {
   if (!node.is_running || node.is_link_up) return;
   node.is_link_up = true;
   input(gateway, [&](Node& each) { each.ownership->on_broker_link(true, clock_of(each)); });
+  for (const std::string& filter : node.filters) answer_subscribe(gateway, filter);
   for (const auto& [topic, message] : retained_) {
     for (const std::string& filter : node.filters)  // the core asks for them again
       if (filter_matches(filter, topic)) deliver(-1, gateway, message);
@@ -263,6 +264,7 @@ void FleetWorld::perform(int gateway, PublishNow& action) { publish(gateway, act
 
 void FleetWorld::perform(int gateway, SubscribeFleet& action) {
   nodes_[static_cast<std::size_t>(gateway)]->filters.insert(action.filter);
+  answer_subscribe(gateway, action.filter);
   for (const auto& [topic, message] : retained_) {
     if (filter_matches(action.filter, topic)) deliver(-1, gateway, message);
   }
@@ -394,6 +396,18 @@ void FleetWorld::publish(int from, const BrokerMessage& message) {
 std::uint64_t FleetWorld::published_by_kind(const std::string& kind) const {
   const auto found = kinds_.find(kind);
   return found == kinds_.end() ? 0 : found->second;
+}
+
+void FleetWorld::answer_subscribe(int gateway, const std::string& filter) {
+  milliseconds& last = last_delivery_[{-1, gateway}];
+  last = std::max(last, now_ + random_delay());
+  const std::uint64_t process = nodes_[static_cast<std::size_t>(gateway)]->process;
+  at(last, [this, gateway, process, filter] {
+    to_gateway(gateway, [this, process, filter](Node& node) {
+      if (node.process == process && node.is_link_up)
+        node.ownership->on_subscribe_result(filter, SubscribeAnswer::granted, clock_of(node));
+    });
+  });
 }
 
 void FleetWorld::deliver(int from, int to, const BrokerMessage& message) {

@@ -125,6 +125,7 @@ class FleetWorld {
   void perform(int gateway, Notice& action);
   void publish(int from, const BrokerMessage& message);
   void deliver(int from, int to, const BrokerMessage& message);
+  void answer_subscribe(int gateway, const std::string& filter);
   void tell_outcome(int gateway, const std::string& robot, const std::string& id);
   void supervise(int gateway);
   void withdraw_leftovers(int gateway);

@@ -2,6 +2,8 @@
 // What is promised to users of a fleet, one sentence each.
 #include <gtest/gtest.h>
 
+#include <array>
+
 #include "tests/fleet/fleet_world.hpp"
 
 namespace slamgw::fleet::test {
@@ -25,10 +27,13 @@ class Newcomer : public testing::Test {
   void command(Duration after) {
     ownership.on_command({"p/server/r/cmd", {}, Qos::at_least_once, false}, "r", "cmd", at(after));
   }
-  void own_state_comes_back(Duration after) {
-    ownership.on_broker_message(
-        {"p/gateway/gw-0/state", to_bytes(R"({"state":"online"})"), Qos::at_least_once, false},
-        at(after));
+  void state_comes(const std::string& gateway, Duration after, bool retain = true) {
+    ownership.on_broker_message({"p/gateway/" + gateway + "/state",
+                                 to_bytes(R"({"state":"online"})"), Qos::at_least_once, retain},
+                                at(after));
+  }
+  void states_answered(Duration after, SubscribeAnswer answer = SubscribeAnswer::granted) {
+    ownership.on_subscribe_result("p/gateway/+/state", answer, at(after));
   }
   std::size_t carried_out() {
     std::size_t count = 0;
@@ -49,7 +54,7 @@ TEST_F(Newcomer, CarriesOutCommandsWhileItHasNeverSeenTheBroker) {
 TEST_F(Newcomer, HoldsCommandsUntilTheBrokerHasToldWhoElseIsThere) {
   ownership.on_broker_link(true, at(0s));
   command(10ms);
-  own_state_comes_back(20ms);
+  state_comes("gw-0", 20ms);
   ownership.on_deadline(at(30ms));
   EXPECT_EQ(carried_out(), 0U);
   ASSERT_TRUE(ownership.deadline());
@@ -58,6 +63,103 @@ TEST_F(Newcomer, HoldsCommandsUntilTheBrokerHasToldWhoElseIsThere) {
   EXPECT_EQ(carried_out(), 1U);
   EXPECT_FALSE(ownership.is_shared());
   EXPECT_FALSE(ownership.deadline());
+}
+
+TEST_F(Newcomer, ListensFromTheAnswerToItsSubscriptionOn) {
+  ownership.on_broker_link(true, at(0s));
+  command(10ms);
+  state_comes("gw-0", 20ms, false);  // what it has said itself tells nothing about others
+  ownership.on_deadline(at(1500ms));
+  EXPECT_EQ(carried_out(), 0U);
+  states_answered(2s);
+  ownership.on_deadline(at(2900ms));
+  EXPECT_EQ(carried_out(), 0U);
+  states_answered(2900ms);  // the same filter, of a robot
+  ownership.on_deadline(at(3s));
+  EXPECT_EQ(carried_out(), 1U);
+  EXPECT_FALSE(ownership.is_shared());
+}
+
+TEST_F(Newcomer, WakesUpWhenTheBrokerIsSlowToNameTheOthers) {
+  ownership.on_broker_link(true, at(0s));
+  command(10ms);
+  ownership.on_deadline(at(1100ms));
+  states_answered(2s);
+  state_comes("gw-0", 2s);
+  state_comes("gw-1", 2100ms);
+  ownership.on_deadline(at(2300ms));
+  EXPECT_EQ(carried_out(), 0U);
+  EXPECT_EQ(ownership.phase(), Ownership::Phase::joining);
+}
+
+TEST_F(Newcomer, DoesNotWaitForEverForABrokerThatAnswersNoSubscription) {
+  ownership.on_broker_link(true, at(0s));
+  command(10ms);
+  ASSERT_EQ(ownership.deadline(), at(10s).mono);
+  ownership.on_deadline(at(10s));
+  EXPECT_EQ(carried_out(), 1U);
+}
+
+TEST_F(Newcomer, DoesNotWaitForStatesThatTheBrokerRefuses) {
+  for (const auto answer : {SubscribeAnswer::refused, SubscribeAnswer::closes_connection}) {
+    ownership.on_broker_link(true, at(0s));
+    command(10ms);
+    states_answered(20ms, answer);
+    EXPECT_EQ(carried_out(), 1U);
+    EXPECT_FALSE(ownership.is_shared());
+  }
+}
+
+TEST_F(Newcomer, AsksAgainForWhatTheBrokerHasRefused) {
+  const auto asked = [&] {
+    std::size_t count = 0;
+    while (const auto action = ownership.next_action())
+      count += std::holds_alternative<SubscribeFleet>(*action) ? 1 : 0;
+    return count;
+  };
+  ownership.on_broker_link(true, at(0s));
+  EXPECT_EQ(asked(), 1U);
+  states_answered(20ms, SubscribeAnswer::refused);
+  ownership.on_broker_link(false, at(1s));
+  ownership.on_broker_link(true, at(2s));
+  EXPECT_EQ(asked(), 1U);
+  states_answered(2020ms, SubscribeAnswer::closes_connection);
+  ownership.on_broker_link(false, at(3s));
+  ownership.on_broker_link(true, at(4s));
+  EXPECT_EQ(asked(), 0U) << "asking again would close the connection again";
+}
+
+/// Nothing that it writes under fleet/ comes back, so that it goes on alone.
+TEST_F(Newcomer, DecidesWhatWaitedWhenItFallsAsleep) {
+  ownership.on_broker_link(true, at(0s));
+  states_answered(10ms);
+  state_comes("gw-1", 20ms);
+  ASSERT_EQ(ownership.phase(), Ownership::Phase::joining);
+  command(9s);
+  Report will;
+  will.robot = "r";
+  will.is_will = true;
+  ownership.on_will(will, at(9s));
+  ownership.on_own_outcome({"p/gateway/gw-0/commands/r", {}, Qos::at_least_once, false}, 1s,
+                           at(9s));
+  const auto decided = [&] {
+    std::array<std::size_t, 3> count{};
+    while (const auto action = ownership.next_action()) {
+      count[0] += std::holds_alternative<CarryOut>(*action) ? 1 : 0;
+      count[1] += std::holds_alternative<PublishWill>(*action) ? 1 : 0;
+      count[2] += std::holds_alternative<TellOutcome>(*action) ? 1 : 0;
+    }
+    return count;
+  };
+  ownership.on_deadline(at(10s));
+  EXPECT_EQ(decided(), (std::array<std::size_t, 3>{0, 0, 0}));
+  ownership.on_deadline(at(11s));
+  ASSERT_TRUE(ownership.is_alone());
+  EXPECT_EQ(decided(), (std::array<std::size_t, 3>{1, 1, 1}));
+  ownership.on_broker_link(false, at(12s));
+  ownership.on_broker_link(true, at(5h));
+  ownership.on_deadline(at(6h));
+  EXPECT_EQ(decided(), (std::array<std::size_t, 3>{0, 0, 0}));
 }
 
 TEST_F(Newcomer, HoldsNothingWhenTheBrokerGoesMeanwhile) {
