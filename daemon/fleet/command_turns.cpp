@@ -33,7 +33,7 @@ void CommandTurns::make_room() {
   }
 }
 
-std::vector<Taken> CommandTurns::decide(const Choose& choose) {
+std::vector<Taken> CommandTurns::decide(const Choose& choose, TimePoint now) {
   std::vector<Taken> said;
   std::erase_if(waiting_, [&](Waiting& waiting) {
     if (waiting.taking != 0) return false;
@@ -41,6 +41,8 @@ std::vector<Taken> CommandTurns::decide(const Choose& choose) {
     if (choice == Choice::take || choice == Choice::refuse) {
       waiting.taking = ++last_id_;
       waiting.is_refusal = choice == Choice::refuse;
+      waiting.said = now;
+      waiting.is_repeated = false;
       said.push_back({waiting.taking, waiting.key, waiting.robot, waiting.type});
     }
     if (choice != Choice::forget) return false;
@@ -50,15 +52,29 @@ std::vector<Taken> CommandTurns::decide(const Choose& choose) {
   return said;
 }
 
+/// Under the same id: others know it already if it was only the echo that was lost.
+std::vector<Taken> CommandTurns::repeat(TimePoint now) {
+  std::vector<Taken> said;
+  for (Waiting& waiting : waiting_) {
+    if (waiting.taking == 0 || now - waiting.said < repeat_interval) continue;
+    waiting.said = now;
+    waiting.is_repeated = true;
+    if (now - waiting.came >= owner_patience) waiting.is_refusal = true;
+    said.push_back({waiting.taking, waiting.key, waiting.robot, waiting.type});
+  }
+  return said;
+}
+
 /// True when there is an equal command here. One that we are taking ourselves goes only to the
-/// gateway of lesser id, which sees it in the same way.
+/// gateway of lesser id, which sees it in the same way, unless ours was lost, which that one can't
+/// have seen.
 bool CommandTurns::cancel(std::uint64_t key, bool is_stronger) {
   auto equal = std::ranges::find_if(
       waiting_, [&](const Waiting& waiting) { return waiting.key == key && waiting.taking == 0; });
   if (equal == waiting_.end()) {
     equal = std::ranges::find(waiting_, key, &Waiting::key);
     if (equal == waiting_.end()) return false;
-    if (!is_stronger) return true;
+    if (!is_stronger && !equal->is_repeated) return true;
   }
   waiting_octets_ -= equal->message.payload.size();
   waiting_.erase(equal);

@@ -22,6 +22,7 @@ class CommandTurns {
   static constexpr std::chrono::seconds owner_patience{5};
   /// A living owner may not have got it: after so long somebody refuses it in its place.
   static constexpr std::chrono::seconds last_patience{8};
+  static constexpr std::chrono::seconds repeat_interval{1};
   /// Then it is forgotten: nobody could take it.
   static constexpr std::chrono::seconds kept_for{12};
   /// What others took is remembered: a copy of a command may come later than that news.
@@ -41,6 +42,8 @@ class CommandTurns {
     TimePoint came{};
     std::uint64_t taking = 0;  ///< the id of our Taken that is under way; 0: none
     bool is_refusal = false;   ///< we take it only to refuse it
+    TimePoint said{};          ///< when our Taken went out last
+    bool is_repeated = false;  ///< our Taken may have been lost
   };
   /// What a gateway has taken and not yet told an outcome of.
   struct Owed {
@@ -57,7 +60,9 @@ class CommandTurns {
   enum class Choice : std::uint8_t { wait, take, refuse, forget };
   using Choose = std::function<Choice(const Waiting&)>;
   /// Asks for each that is not being taken; leaves what is to be said to all.
-  std::vector<Taken> decide(const Choose& choose);
+  std::vector<Taken> decide(const Choose& choose, TimePoint now);
+  /// What was said and has not come back, to be said again: it may have been lost.
+  std::vector<Taken> repeat(TimePoint now);
   /// Somebody else has taken one.
   void on_taken(const std::string& gateway, Life life, const Taken& taken,
                 const std::string& own_gateway, TimePoint now);

@@ -102,8 +102,9 @@ void Ownership::decide_alone(TimePoint now) {
 void Ownership::wake_up(const Now& now) {
   is_looking_ = false;
   looked_.reset();
-  for (const std::string& filter : {topics_.all_filter(), topics_.own_filter(),
-                                    topics_.command_filter(), topics_.outcome_filter()}) {
+  // The commands first: who hears the others and not the commands would miss what they leave to it.
+  for (const std::string& filter : {topics_.command_filter(), topics_.all_filter(),
+                                    topics_.own_filter(), topics_.outcome_filter()}) {
     subscribe(filter);
   }
   last_company_ = woken_ = now.mono;
@@ -228,6 +229,7 @@ void Ownership::send_beat(TimePoint now) {
 }
 
 void Ownership::on_own_beat(const Beat& beat, TimePoint now) {
+  if (beat.sent_ms < 0 || beat.sent_ms > to_ms(now)) return;  // a forgery
   const milliseconds age(to_ms(now) - beat.sent_ms);
   const TimePoint sent = now - age;
   const milliseconds wait(beat.period_ms);
@@ -429,8 +431,10 @@ void Ownership::on_command(BrokerMessage message, std::string robot, std::string
 void Ownership::decide_commands(const Now& now) {
   if (turns_.is_empty()) return;
   const auto said = turns_.decide(
-      [&](const CommandTurns::Waiting& waiting) { return choose(waiting, now.mono); });
+      [&](const CommandTurns::Waiting& waiting) { return choose(waiting, now.mono); }, now.mono);
   for (const Taken& taken : said) tell_all(taken);
+  if (!is_leased(now.mono)) return;
+  for (const Taken& taken : turns_.repeat(now.mono)) tell_all(taken);
 }
 
 CommandTurns::Choice Ownership::choose(const CommandTurns::Waiting& waiting, TimePoint now) const {

@@ -20,14 +20,13 @@ constexpr milliseconds table_interval{20};
 constexpr milliseconds state_spread{200};
 /// A robot that was heard so lately may be claimed once more when a greater claim turns up.
 constexpr milliseconds fresh{3000};
+/// Ten times what a gateway says in its state; a larger one is not of a gateway.
+constexpr std::size_t max_state_octets = 4096;
 
 }  // namespace
 
 void Ownership::on_gateway_state(const BrokerMessage& message, std::string_view gateway,
                                  const Now& now) {
-  const auto json =
-      nlohmann::json::parse(message.payload.begin(), message.payload.end(), nullptr, false);
-  const bool is_online = json.is_object() && json.value("state", nlohmann::json{}) == "online";
   if (gateway == me_) {
     // Retained, whatever it says: the broker answers this gateway's subscription with it, and other
     // states come at the same time. A live one says nothing about the others.
@@ -37,6 +36,10 @@ void Ownership::on_gateway_state(const BrokerMessage& message, std::string_view 
     }
     return;
   }
+  if (message.payload.size() > max_state_octets) return;
+  const auto json =
+      nlohmann::json::parse(message.payload.begin(), message.payload.end(), nullptr, false);
+  const bool is_online = json.is_object() && json.value("state", nlohmann::json{}) == "online";
   const std::string id(gateway);
   if (!is_online) {
     states_.erase(id);

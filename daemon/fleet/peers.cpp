@@ -19,9 +19,10 @@ milliseconds Peers::Way::delay_of(const Beat& beat, TimePoint now) {
   }
   shortest_ms = std::min(shortest_ms, took);
   const std::int64_t shortest = std::min(shortest_ms, shortest_before_ms);
-  constexpr std::int64_t longest_ms = 3'600'000;
-  const bool is_far = took > 0 && shortest < took - longest_ms;
-  return milliseconds(is_far ? longest_ms : took - shortest);
+  constexpr std::uint64_t longest_ms = 3'600'000;
+  const std::uint64_t longer =
+      static_cast<std::uint64_t>(took) - static_cast<std::uint64_t>(shortest);  // shortest <= took
+  return milliseconds(std::min(longer, longest_ms));
 }
 
 bool Peers::on_beat(const std::string& gateway, Life life, const Beat& beat, TimePoint now) {

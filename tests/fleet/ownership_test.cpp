@@ -170,6 +170,149 @@ TEST_F(Newcomer, HoldsNothingWhenTheBrokerGoesMeanwhile) {
   EXPECT_FALSE(ownership.is_shared());
 }
 
+TEST_F(Newcomer, IgnoresAStateThatIsTooLargeForAGateway) {
+  ownership.on_broker_link(true, at(0s));
+  const std::string version(5000, '1');
+  ownership.on_broker_message(
+      {"p/gateway/gw-1/state", to_bytes(R"({"state":"online","version":")" + version + R"("})"),
+       Qos::at_least_once, true},
+      at(10ms));
+  EXPECT_TRUE(ownership.states().empty());
+  EXPECT_TRUE(ownership.is_alone());
+}
+
+TEST_F(Newcomer, HearsCommandsBeforeItHearsTheOthers) {
+  ownership.on_broker_link(true, at(0s));
+  state_comes("gw-1", 10ms);
+  std::vector<std::string> filters;
+  while (const auto action = ownership.next_action())
+    if (const auto* asked = std::get_if<SubscribeFleet>(&*action)) filters.push_back(asked->filter);
+  ASSERT_EQ(filters.size(), 5U);
+  EXPECT_EQ(filters[1], "p/server/+/+");
+}
+
+TEST_F(Newcomer, HasNoLeaseFromABeatThatItCannotHaveSent) {
+  ownership.on_broker_link(true, at(0s));
+  state_comes("gw-1", 10ms);
+  for (const std::int64_t sent_ms : {std::int64_t{-1}, INT64_MIN, INT64_MAX, 3'600'021L}) {
+    ownership.on_fleet_message({"gw-0", ownership.life(), Beat{sent_ms, 60'000, 0, 0}}, at(20ms));
+    EXPECT_FALSE(ownership.is_leased(at(20ms).mono)) << sent_ms;
+  }
+  ownership.on_fleet_message({"gw-0", ownership.life(), Beat{3'600'019, 500, 0, 0}}, at(20ms));
+  EXPECT_TRUE(ownership.is_leased(at(20ms).mono));
+}
+
+TEST(Peers, BeatWithAnyNumberDelaysAtMostByAnHour) {
+  Peers peers;
+  const TimePoint start{1h};
+  constexpr std::int64_t start_ms = 3'600'000;
+  // As if it had taken INT64_MIN milliseconds, and the next none.
+  peers.on_beat("gw", 1, Beat{INT64_MIN + start_ms, 500, 0, 0}, start);
+  peers.on_beat("gw", 1, Beat{start_ms + 1000, 500, 0, 0}, start + 1s);
+  EXPECT_TRUE(peers.is_alive("gw", start + 1400ms));
+  EXPECT_FALSE(peers.is_alive("gw", start + 2s)) << "its way was far longer than the shortest";
+  peers.on_beat("gw", 2, Beat{INT64_MAX, 500, 0, 0}, start + 3s);
+  peers.on_beat("gw", 2, Beat{INT64_MIN, 500, 0, 0}, start + 4s);
+  EXPECT_FALSE(peers.is_alive("gw", start + 7s));
+}
+
+/// A gateway whose robot is "r", and a broker that gives back what it writes, or loses it.
+class LoopedBack : public Newcomer {
+ protected:
+  void SetUp() override {
+    ownership.on_broker_link(true, at(0s));
+    states_answered(0s);
+    state_comes("gw-1", 0s);
+    pass(4s);
+    ownership.on_heard("r", at(now));
+    pass(1s);
+    ASSERT_TRUE(ownership.may_act_for("r", at(now).mono));
+  }
+  void pass(Duration span) {
+    for (const Duration end = now + span; now < end; now += 10ms) {
+      while (auto action = ownership.next_action())
+        std::visit([&](auto& what) { take(what); }, *action);
+      ownership.on_deadline(at(now));
+    }
+  }
+  template <class Action>
+  void take(Action&) {}
+  void take(CarryOut&) { ++carried; }
+  void take(EndCommand& action) { ends.push_back(action); }
+  void take(PublishNow& action) {
+    const auto message = decode("gw-0", action.message.payload);
+    ASSERT_TRUE(message);
+    const auto* taken = std::get_if<Taken>(&message->body);
+    if (taken) said.push_back(*taken);
+    if (!is_writing_lost && (!taken || said.size() > lost))
+      ownership.on_broker_message(action.message, at(now));
+  }
+  Duration now{};
+  bool is_writing_lost = false;
+  std::size_t lost = 0;  ///< that many of what it takes
+  std::vector<Taken> said;
+  std::vector<EndCommand> ends;
+  int carried = 0;
+};
+
+TEST_F(LoopedBack, SaysAgainWhatItTakesWhenThatWasLost) {
+  lost = 2;
+  command(now);
+  pass(1900ms);
+  ASSERT_EQ(said.size(), 2U);
+  EXPECT_EQ(carried, 0);
+  pass(10s);
+  ASSERT_EQ(said.size(), 3U) << "once a second, until it comes back";
+  EXPECT_EQ(said[0].id, said[2].id);
+  EXPECT_EQ(carried, 1);
+  EXPECT_TRUE(ends.empty());
+}
+
+TEST_F(LoopedBack, RefusesWhatItCouldTakeOnlyTooLate) {
+  lost = 6;
+  command(now);
+  pass(10s);
+  EXPECT_EQ(carried, 0);
+  ASSERT_EQ(ends.size(), 1U);
+  EXPECT_EQ(ends[0].result, CommandResult::refused);
+  EXPECT_GE(ends[0].after, 6s);
+  EXPECT_LT(ends[0].after, 6200ms);
+}
+
+TEST_F(LoopedBack, LeavesACommandToWhoeverTookItWhileItsOwnWordWasLost) {
+  lost = SIZE_MAX;
+  command(now);
+  pass(1500ms);
+  const Taken theirs{7, CommandTurns::key_of({"p/server/r/cmd", {}, Qos::at_least_once, false}),
+                     "r", "cmd"};
+  ownership.on_fleet_message({"gw-1", 0x20001, theirs}, at(now));
+  pass(10s);
+  EXPECT_EQ(said.size(), 2U);
+  EXPECT_EQ(carried, 0);
+  EXPECT_TRUE(ends.empty());
+}
+
+TEST_F(LoopedBack, RefusesWhenItFallsAsleepWhatIsTooOldToBeCarriedOut) {
+  lost = SIZE_MAX;
+  ownership.on_broker_message(
+      {"p/gateway/gw-1/state", to_bytes(R"({"state":"offline"})"), Qos::at_least_once, false},
+      at(now));
+  command(now);
+  pass(70s);
+  ASSERT_TRUE(ownership.is_alone());
+  EXPECT_EQ(carried, 0);
+  ASSERT_EQ(ends.size(), 1U);
+  EXPECT_GE(ends[0].after, 50s);
+}
+
+TEST_F(LoopedBack, GoesOnAloneWhenTheBrokerForbidsTheFleetLater) {
+  is_writing_lost = true;
+  ownership.on_broker_link(false, at(now));
+  ownership.on_broker_link(true, at(now));
+  pass(15s);
+  EXPECT_TRUE(ownership.is_alone());
+}
+
 TEST(Ownership, WakesUpWhenAnotherGatewayIsThereAndSleepsWhenItHasGone) {
   FleetWorld world({.gateways = 2, .robots = 3, .enabled = Enabled::automatic});
   world.kill(1);
