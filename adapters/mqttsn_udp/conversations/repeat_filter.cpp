@@ -92,6 +92,7 @@ std::optional<RepeatFilter::Entry> RepeatFilter::on_refused(std::uint64_t receip
   const Entry entry = *found;
   const auto at = static_cast<std::size_t>(&*found - entries_.data());
   erase(at, at + 1);
+  if (at < gone_) --gone_;
   return entry;
 }
 
