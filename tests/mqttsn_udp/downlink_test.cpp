@@ -273,6 +273,23 @@ TEST(SnGateway, HearsAllCommandsForItsRobotsAsLongAsTheirSessionsLast) {
   EXPECT_TRUE(rig.listening.empty());
 }
 
+TEST(SnGateway, AsksForARobotsCommandsAgainWhenTheBrokerThatRefusedThemIsBack) {
+  SnRig rig;
+  for (unsigned n = 1; n <= 3; ++n) {
+    rig.connect(n, "r" + std::to_string(n));
+    if (n < 3) rig.subscribe_result("ntnu-slam/server/r" + std::to_string(n) + "/+", false);
+  }
+  rig.send(2, Disconnect{});
+  for (int i = 0; i < 2; ++i) {
+    rig.broker_link(false);
+    rig.broker_link(true);
+    rig.broker_link(true);  // told again
+  }
+  ASSERT_EQ(rig.subscribes.size(), 1U) << "the broker grants it now";
+  EXPECT_EQ(rig.subscribes[0].filter, "ntnu-slam/server/r1/+");
+  EXPECT_EQ(rig.subscribes[0].qos, Qos::at_least_once);
+}
+
 TEST(SnGateway, TellsNoOutcomeOfCommandsThatOthersOverhear) {
   SnRig rig({}, {}, {}, {"ntnu-slam/server/#"});
   rig.connect(1, "watcher");

@@ -130,6 +130,26 @@ TEST(SnGateway, R100_ARefusalThatComesLateEndsTheSubscriptionAndIsToldAtTheNextR
   EXPECT_EQ(rig.last_to(1), "SUBACK qos=0 id=0 msg=9 code=3");
 }
 
+TEST(SnGateway, R100_ARefusalIsNotToldAsAGrantToThoseWhoStillWait) {
+  SnRig rig;
+  for (unsigned n = 1; n <= 3; ++n) rig.connect(n, "r" + std::to_string(n));
+  rig.answers_subscribes = false;
+  for (unsigned n = 1; n <= 3; ++n) rig.send(n, by_name("a/no", 7));
+  rig.send(1, by_name("a/no", 8));
+  rig.subscribe_result("a/no", false);
+  EXPECT_EQ(rig.sent_to(1), Lines{"SUBACK qos=0 id=0 msg=7 code=3"});
+  EXPECT_TRUE(rig.is_silent(2)) << "the broker's answer to its own request is still to come";
+  EXPECT_TRUE(rig.unsubscribes.empty());
+  ASSERT_EQ(rig.subscribes.size(), 2U);
+  rig.subscribe_result("a/no", false);
+  EXPECT_EQ(rig.sent_to(1), Lines{"SUBACK qos=0 id=0 msg=8 code=3"});
+  for (const unsigned n : {2U, 3U})
+    EXPECT_EQ(rig.sent_to(n), Lines{"SUBACK qos=0 id=0 msg=7 code=3"});
+  EXPECT_EQ(rig.unsubscribes.size(), 1U);
+  rig.broker("a/no");
+  for (unsigned n = 1; n <= 3; ++n) EXPECT_TRUE(rig.is_silent(n));
+}
+
 TEST(SnGateway, R101_EndsASubscriptionWithItsLastClient) {
   SnRig rig;
   for (unsigned n = 1; n <= 3; ++n) {

@@ -42,6 +42,16 @@ std::vector<SubscribeRequests::Waiting> SubscribeRequests::forget(const std::str
   return left;
 }
 
+std::unordered_set<const ClientSession*> SubscribeRequests::sessions_waiting_for(
+    const std::string& filter) const {
+  std::unordered_set<const ClientSession*> sessions;
+  const auto known = requests_.find(filter);
+  if (known == requests_.end()) return sessions;
+  for (const auto* all : {&known->second.open, &known->second.joined})
+    for (const Waiting& waiting : *all) sessions.insert(waiting.session.lock().get());
+  return sessions;
+}
+
 void SubscribeRequests::on_deadline(TimePoint now) {
   while (const auto filter = timers_.pop_due(now)) {
     Request& request = requests_.at(*filter);

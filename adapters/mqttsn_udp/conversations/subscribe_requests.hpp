@@ -8,6 +8,7 @@
 #include <memory>
 #include <string>
 #include <unordered_map>
+#include <unordered_set>
 #include <vector>
 
 #include "adapters/mqttsn_udp/clients/timer_queue.hpp"
@@ -34,6 +35,8 @@ class SubscribeRequests {
   std::vector<Waiting> on_result(const std::string& filter, TimePoint now);
   /// No client has the filter any more. Returns the SUBSCRIBEs that were still waiting.
   std::vector<Waiting> forget(const std::string& filter, TimePoint now);
+  /// The sessions that still wait for an answer about this filter.
+  std::unordered_set<const ClientSession*> sessions_waiting_for(const std::string& filter) const;
   void on_broker_link(bool is_up) { is_broker_up_ = is_up; }
 
   std::optional<TimePoint> deadline() const { return timers_.earliest(); }

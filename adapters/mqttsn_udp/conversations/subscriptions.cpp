@@ -59,12 +59,12 @@ std::vector<ClientSession*> Subscriptions::on_subscribe_result(const std::string
       if (wait && broker_up_since_) wait->until = now + limits::retained_wait;
     } else if (!granted) {
       waiting.answer = {WireQos::zero, 0, waiting.answer.msg_id, ReturnCode::not_supported};
-      drop(*session, filter, now);
     }
     answers_.release(*session, waiting.ticket, waiting.answer);
     answered.push_back(session.get());
   }
   if (!granted) drop_everywhere(filter, now);
+  note_listening(filter, granted);
   return answered;
 }
 
@@ -74,6 +74,8 @@ void Subscriptions::on_broker_link(bool is_up, TimePoint now) {
     broker_up_since_.reset();
   } else if (!broker_up_since_) {
     broker_up_since_ = now;
+    for (const std::string& filter : std::exchange(refused_listening_, {}))
+      requests_.ask(filter, Qos::at_least_once, {}, now);
   }
 }
 
@@ -113,11 +115,14 @@ void Subscriptions::drop(ClientSession& session, const std::string& filter, Time
   unsubscribe_unwanted(filter, now);
 }
 
-/// The broker has refused what was granted while it was away.
+/// The broker has refused it, perhaps after it was granted while the broker was away. Those who
+/// still wait get an answer of their own.
 void Subscriptions::drop_everywhere(const std::string& filter, TimePoint now) {
   const std::vector<Match>* const subscribers = subscribers_.find(filter);
   if (!subscribers) return;
-  for (const Match& match : std::vector<Match>(*subscribers)) drop(*match.session, filter, now);
+  const auto waiting = requests_.sessions_waiting_for(filter);
+  for (const Match& match : std::vector<Match>(*subscribers))
+    if (!waiting.contains(match.session)) drop(*match.session, filter, now);
 }
 
 void Subscriptions::add_subscriber(const std::string& filter, ClientSession& session,
@@ -205,7 +210,16 @@ void Subscriptions::listen_for_commands(const ClientSession& session, TimePoint 
 
 void Subscriptions::stop_listening(const ClientSession& session, TimePoint now) {
   const std::string filter = context_.policy.scheme().command_filter(session.robot);
+  refused_listening_.erase(filter);
   if (listening_.erase(filter) > 0) unsubscribe_unwanted(filter, now);
+}
+
+void Subscriptions::note_listening(const std::string& filter, bool granted) {
+  if (granted) {
+    refused_listening_.erase(filter);
+  } else if (listening_.contains(filter)) {
+    refused_listening_.insert(filter);
+  }
 }
 
 Result<Subscriptions::Wish, ReturnCode> Subscriptions::read(ClientSession& session,

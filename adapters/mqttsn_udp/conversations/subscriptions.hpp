@@ -78,6 +78,8 @@ class Subscriptions {
   void add_subscriber(const std::string& filter, ClientSession& session,
                       Subscription& subscription);
   void remove_subscriber(const std::string& filter, ClientSession& session);
+  /// The broker's answer, as far as it concerns `listen_for_commands`.
+  void note_listening(const std::string& filter, bool granted);
   std::vector<std::string> filters_of(const ClientSession& session, const std::string& robot) const;
   /// Unsubscribes at the broker when no client has the filter any more.
   void unsubscribe_unwanted(const std::string& filter, TimePoint now);
@@ -89,6 +91,8 @@ class Subscriptions {
   TopicTree<std::vector<Match>> subscribers_;
   SubscribeRequests requests_;
   std::unordered_set<std::string> listening_;  // filters of `listen_for_commands`
+  /// Those of them that the broker refused: it is asked again when it comes back.
+  std::unordered_set<std::string> refused_listening_;
   std::optional<TimePoint> broker_up_since_;
 };
 
