@@ -223,7 +223,7 @@ void Gateway::cover_commands() {
 void Gateway::handle(UnsubscribeRequest request, const Now&) {
   if (is_of_all_commands(request.filter) && broker_.is_up) cover_commands();
   const bool was_last = subscriptions_.remove(request.mesh, request.filter);
-  if (was_last && broker_.is_up) actions_.push(UnsubscribeAtBroker{std::move(request.filter)});
+  if (was_last) actions_.push(UnsubscribeAtBroker{std::move(request.filter)});
 }
 
 void Gateway::handle(CommandOutcome outcome, const Now&) {

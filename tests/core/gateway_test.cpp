@@ -247,6 +247,17 @@ TEST_F(GatewayTest, EndsASubscriptionWithTheLastMeshThatWantsIt) {
   EXPECT_EQ(drain<UnsubscribeAtBroker>().size(), 1u);
 }
 
+TEST_F(GatewayTest, TellsTheLinkThatNobodyWantsAFilterAlsoWhileTheBrokerIsAway) {
+  broker_comes();
+  say(SubscribeRequest{Mesh::thread, "f", Qos::at_least_once});
+  broker_is(false);
+  drain<UnsubscribeAtBroker>();
+  say(UnsubscribeRequest{Mesh::thread, "f"});
+  const auto unwanted = drain<UnsubscribeAtBroker>();
+  ASSERT_EQ(unwanted.size(), 1u) << "it remembers what it has sent";
+  EXPECT_EQ(unwanted[0].filter, "f");
+}
+
 class CommandsTest : public GatewayTest {
  protected:
   static constexpr const char* topic = "ntnu-slam/server/a/cmd";
