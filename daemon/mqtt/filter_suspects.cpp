@@ -20,16 +20,14 @@ void FilterSuspects::on_answered(const std::string& filter) {
   record = {std::move(record.subscription), false, true, 0, 0};
 }
 
-void FilterSuspects::forget(const std::string& filter) {
-  if (on_trial_ != filter) records_.erase(filter);
-}
+void FilterSuspects::forget(const std::string& filter) { records_.erase(filter); }
 
 std::optional<std::string> FilterSuspects::on_lost(TimePoint now) {
   const bool is_recent = now - std::exchange(last_loss_, now) <= memory;
   if (on_trial_) {
     const std::string filter = *std::exchange(on_trial_, std::nullopt);
-    if (++records_[filter].losses_alone < losses_alone) return std::nullopt;
-    acquit_all();
+    const auto known = records_.find(filter);
+    if (known == records_.end() || ++known->second.losses_alone < losses_alone) return std::nullopt;
     set_aside(filter, now);
     return filter;
   }

@@ -41,7 +41,7 @@ class FilterSuspects {
   /// It went to the broker.
   void on_sent(WantedSubscription subscription);
   void on_answered(const std::string& filter);
-  /// Nobody wants it any more.
+  /// Nobody wants it any more, or the broker has refused it.
   void forget(const std::string& filter);
   /// The connection is lost. The filter that is set aside for it.
   std::optional<std::string> on_lost(TimePoint now);

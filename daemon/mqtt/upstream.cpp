@@ -292,7 +292,9 @@ void Upstream::on_lost(std::string why, bool is_taken_over) {
   if (rivals_.on_lost(is_taken_over, has_unanswered, now) && !is_taken_over)
     why += fmt::format(" soon after it came up, again and again; perhaps {}",
                        explain_rival(broker().client_id));
-  if (const auto filter = suspects_.on_lost(now))
+  if (is_taken_over) suspects_.acquit_all();  // the rival is the reason
+  if (const auto filter = suspects_.on_lost(now)) {
+    backoff_.reset();  // the cause is found
     listener_.on_subscribe_result(*filter, SubscribeAnswer::closes_connection);
   go_on(why, rivals_.pause());
 }
@@ -305,6 +307,7 @@ void Upstream::on_published(std::uint64_t sequence) {
 void Upstream::on_publish_refused(std::uint64_t sequence, const Refusal& refusal) {
   if (unanswered_ > 0) --unanswered_;
   listener_.on_publish_refused(sequence, refusal);
+  }
 }
 
 void Upstream::on_subscribe_result(const std::string& filter, bool granted) {
@@ -320,6 +323,7 @@ void Upstream::on_subscribe_result(const std::string& filter, bool granted) {
 
 void Upstream::on_message(BrokerMessage message, std::vector<std::uint32_t> subscriptions) {
   listener_.on_message(std::move(message), std::move(subscriptions));
+  if (!granted) suspects_.forget(filter);
 }
 
 void Upstream::publish(std::uint64_t sequence, BrokerMessage message) {

@@ -43,7 +43,7 @@ class Upstream final : private MqttLinkListener {
   /// nothing comes after it.
   void stop();
 
-  // No effect while the link is down:
+  // No effect while the link is down, except that what was unsubscribed is no longer remembered:
   void publish(std::uint64_t sequence, BrokerMessage message);
   /// `id` comes back with each message for this subscription (MQTT 5).
   void subscribe(const std::string& filter, Qos qos, std::uint32_t id);

@@ -3,6 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include <set>
+
 namespace slamgw {
 namespace {
 
@@ -102,6 +104,35 @@ TEST_F(FilterSuspectsTest, RemembersABoundedNumber) {
   }
   EXPECT_FALSE(suspects.is_aside("f0", now));
   EXPECT_TRUE(suspects.is_aside("f" + std::to_string(2 * FilterSuspects::most_aside - 1), now));
+}
+
+TEST_F(FilterSuspectsTest, TheOtherSuspectsAreTriedNextWhenOneIsSetAside) {
+  const std::set<std::string> bad{"bad0", "bad1", "bad2"};
+  const std::size_t needed = 2 + bad.size() * FilterSuspects::losses_alone;
+  std::set<std::string> aside;
+  for (std::size_t losses = 0; losses < needed; ++losses) {
+    if (next_trial().empty()) {
+      send("good");
+      for (const std::string& filter : bad) send(filter);
+    }
+    if (const std::string filter = lose(); !filter.empty()) aside.insert(filter);
+  }
+  EXPECT_EQ(aside, bad);
+  EXPECT_EQ(next_trial(), "good");
+  suspects.on_answered("good");
+  EXPECT_FALSE(suspects.has_suspects());
+}
+
+TEST_F(FilterSuspectsTest, WhatIsForgottenOnTrialIsNotRemembered) {
+  for (int i = 0; i < 2; ++i) {
+    send("a");
+    lose();
+  }
+  ASSERT_EQ(next_trial(), "a");
+  suspects.forget("a");
+  EXPECT_EQ(lose(), "");
+  EXPECT_FALSE(suspects.has_suspects());
+  EXPECT_EQ(next_trial(), "");
 }
 
 TEST_F(FilterSuspectsTest, WhatNobodyWantsIsForgotten) {

@@ -64,6 +64,29 @@ TEST_P(FilterTrial, AFilterForWhichTheBrokerClosesIsSetAsideAndTheRestGoesOn) {
     EXPECT_EQ(reason.find("perhaps"), std::string::npos) << "no rival is suspected: " << reason;
 }
 
+/// With a back-off that goes on, and all doubts forgotten at each find, this would take minutes.
+TEST_P(FilterTrial, SeveralSuchFiltersAreFoundOneAfterTheOther) {
+  FakeBroker broker;
+  broker.misbehave([&](FakeBroker::Connection& connection, const FakeBroker::Packet& packet) {
+    if (version() == MqttVersion::v3_1_1 && connection.is_v5()) {
+      connection.send({0x20, 3, 0, 0x84, 0});
+      connection.close();
+      return true;
+    }
+    if (packet.type() != FakeBroker::subscribe || !packet.contains("lo.ad")) return false;
+    connection.close();
+    return true;
+  });
+  SubscribedLink link(settings_for(broker.port()));
+  const std::set<std::string> bad{"lo.ad0", "lo.ad1", "lo.ad2", "lo.ad3"};
+  int ups = 0;
+  EXPECT_TRUE(link.sees([&] {
+    if (link.listener.is_up && std::exchange(ups, link.listener.ups) != link.listener.ups)
+      for (const std::string& filter : bad) link.upstream->subscribe(filter, Qos::at_least_once, 7);
+    return link.listener.set_aside == bad;
+  })) << testing::PrintToString(link.listener.set_aside);
+}
+
 /// U+0085 is refused at every door of the gateway; here it is let through. libmosquitto does not
 /// send it.
 TEST_P(FilterTrial, AFilterForWhichMosquittoClosesDoesNotDisconnectTheOthers) {
