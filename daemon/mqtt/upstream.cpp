@@ -252,7 +252,12 @@ void Upstream::return_to_first() {
   tried_ = 0;
   listener_.on_link_down("the first broker of the list is there again");
   connect_in(Duration::zero());
+/// Says at the broker that is left what the last will would: an orderly end takes that back.
 }
+  constexpr std::uint64_t nobody_waits = 0;
+  const LastWill& will = place().will;
+  if (!will.topic.empty())
+    publish(nobody_waits, {will.topic, to_bytes(will.payload), will.qos, will.is_retained});
 
 /// Between 0 and 1.
 double Upstream::random_jitter() { return std::uniform_real_distribution<double>(0, 1)(random_); }

@@ -68,6 +68,26 @@ TEST_P(BrokerList, GoesBackToTheFirstWhenThatIsAskedFor) {
   EXPECT_EQ(link.upstream->broker().port, first.port());
 }
 
+TEST_P(BrokerList, LeavesItsLastWillAtTheBrokerThatItLeavesForTheFirst) {
+  Mosquitto first;
+  Mosquitto second;
+  BrokerSettings settings = list_of({first.port(), second.port()});
+  settings.returns_to_first = true;
+  Link link(settings);
+  ASSERT_TRUE(link.comes_up());
+  first.kill();
+  ASSERT_TRUE(link.sees([&] { return link.listener.ups == 2; }));
+  link.upstream->publish(1, {"gw/state", to_bytes("online"), Qos::at_least_once, true});
+  ASSERT_TRUE(link.sees([&] { return link.listener.published.contains(1); }));
+  Subscriber subscriber(second, "gw/state", "%p");
+  ASSERT_TRUE(link.sees([&] { return subscriber.lines().size() == 1; }));
+  first.start();
+  ASSERT_TRUE(link.sees([&] { return link.listener.ups == 3; }));
+  EXPECT_TRUE(link.sees([&] { return subscriber.lines().size() == 2; }));
+  EXPECT_EQ(subscriber.lines().back(), R"({"state":"offline"})");
+  EXPECT_EQ(link.listener.published, std::set<std::uint64_t>{1});
+}
+
 TEST_P(BrokerList, TriesAllInOrder) {
   Mosquitto last;
   const std::uint16_t nobody = test::free_tcp_port();
