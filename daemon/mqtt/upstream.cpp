@@ -319,7 +319,9 @@ void Upstream::on_subscribe_result(const std::string& filter, bool granted) {
   suspects_.on_answered(filter);
   if (is_trying_suspects_) return try_next_suspect();
   if (filter == question) {
-    if (stall_watch_.on_answer(std::chrono::steady_clock::now())) listener_.on_silence(false);
+    const bool was_silent = stall_watch_.on_answer(std::chrono::steady_clock::now());
+    watch_for_stall();  // perhaps earlier now
+    if (was_silent) listener_.on_silence(false);
     return;
   }
   listener_.on_subscribe_result(filter,
