@@ -100,7 +100,7 @@ void Upstream::stop() {
   stall_timer_.cancel();
   trial_timer_.cancel();
   drop_link(true);
-  if (scout_) scout_->join();
+  if (scout_) scout_->stop();  // joined by its destructor: a look at the broker may take long
   lane_.join();
 }
 
