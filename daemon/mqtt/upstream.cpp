@@ -189,9 +189,15 @@ void Upstream::on_connected(bool session_present, const BrokerLimits& limits) {
   begin_trials();
 }
 
+std::chrono::seconds Upstream::keep_alive_in_use() const {
+  const bool is_bounded = settings_.client == MqttClient::mosquitto;
+  return is_bounded ? std::max(settings_.keep_alive, MosquittoLink::shortest_keep_alive)
+                    : settings_.keep_alive;
+}
+
 void Upstream::come_up() {
   is_up_ = true;
-  stall_watch_.on_link_up(settings_.keep_alive, std::chrono::steady_clock::now());
+  stall_watch_.on_link_up(keep_alive_in_use(), std::chrono::steady_clock::now());
   watch_for_stall();
   if (at_ != 0 && settings_.returns_to_first)
     look_back_in(return_backoff_.next_wait(random_jitter()));
@@ -246,18 +252,18 @@ void Upstream::look_back() {
   });
 }
 
+/// Says at the broker that is left what the last will would: an orderly end takes that back.
 void Upstream::return_to_first() {
+  constexpr std::uint64_t nobody_waits = 0;
+  const LastWill& will = place().will;
+  if (!will.topic.empty())
+    publish(nobody_waits, {will.topic, to_bytes(will.payload), will.qos, will.is_retained});
   drop_link(true);
   at_ = 0;
   tried_ = 0;
   listener_.on_link_down("the first broker of the list is there again");
   connect_in(Duration::zero());
-/// Says at the broker that is left what the last will would: an orderly end takes that back.
 }
-  constexpr std::uint64_t nobody_waits = 0;
-  const LastWill& will = place().will;
-  if (!will.topic.empty())
-    publish(nobody_waits, {will.topic, to_bytes(will.payload), will.qos, will.is_retained});
 
 /// Between 0 and 1.
 double Upstream::random_jitter() { return std::uniform_real_distribution<double>(0, 1)(random_); }
@@ -301,6 +307,7 @@ void Upstream::on_lost(std::string why, bool is_taken_over) {
   if (const auto filter = suspects_.on_lost(now)) {
     backoff_.reset();  // the cause is found
     listener_.on_subscribe_result(*filter, SubscribeAnswer::closes_connection);
+  }
   go_on(why, rivals_.pause());
 }
 
@@ -312,11 +319,11 @@ void Upstream::on_published(std::uint64_t sequence) {
 void Upstream::on_publish_refused(std::uint64_t sequence, const Refusal& refusal) {
   if (unanswered_ > 0) --unanswered_;
   listener_.on_publish_refused(sequence, refusal);
-  }
 }
 
 void Upstream::on_subscribe_result(const std::string& filter, bool granted) {
   suspects_.on_answered(filter);
+  if (!granted) suspects_.forget(filter);
   if (is_trying_suspects_) return try_next_suspect();
   if (filter == question) {
     const bool was_silent = stall_watch_.on_answer(std::chrono::steady_clock::now());
@@ -330,7 +337,6 @@ void Upstream::on_subscribe_result(const std::string& filter, bool granted) {
 
 void Upstream::on_message(BrokerMessage message, std::vector<std::uint32_t> subscriptions) {
   listener_.on_message(std::move(message), std::move(subscriptions));
-  if (!granted) suspects_.forget(filter);
 }
 
 void Upstream::publish(std::uint64_t sequence, BrokerMessage message) {

@@ -72,6 +72,7 @@ class Upstream final : private MqttLinkListener {
   void connect_in(Duration wait);
   void go_on(const std::string& why, Duration least);
   void drop_link(bool is_orderly);
+  std::chrono::seconds keep_alive_in_use() const;
   void come_up();
   void begin_trials();
   void try_next_suspect();

@@ -22,9 +22,8 @@ namespace {
 
 using boost::system::error_code;
 
-/// Whole seconds are libmosquitto's unit of time, and less than this its shortest keep-alive.
+/// Whole seconds are libmosquitto's unit of time.
 constexpr std::chrono::seconds tick{1};
-constexpr std::chrono::seconds shortest_keep_alive{5};
 /// Reason codes of the broker's DISCONNECT begin here; smaller numbers are the library's errors.
 constexpr int first_reason = 0x80;
 /// One call reads all that answers our own packets, and at least this many.

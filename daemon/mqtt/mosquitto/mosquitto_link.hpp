@@ -10,6 +10,7 @@
 #include <boost/asio/posix/stream_descriptor.hpp>
 #include <boost/asio/steady_timer.hpp>
 #include <boost/asio/thread_pool.hpp>
+#include <chrono>
 #include <cstdint>
 #include <memory>
 #include <string>
@@ -27,6 +28,9 @@ namespace slamgw {
 
 class MosquittoLink final : public MqttLink, public std::enable_shared_from_this<MosquittoLink> {
  public:
+  /// The library takes no shorter one; that is used in place of a shorter one in the settings.
+  static constexpr std::chrono::seconds shortest_keep_alive{5};
+
   MosquittoLink(boost::asio::io_context& io, boost::asio::thread_pool& lane, LinkOptions options,
                 MqttLinkListener& listener);
   ~MosquittoLink() override;
