@@ -53,7 +53,7 @@ class ActionQueue {
   void clear() {
     actions_.clear();
     first_ = 0;
-    if (actions_.capacity() > kept_capacity) actions_ = {};
+    if (actions_.capacity() > kept_capacity) std::vector<Action>().swap(actions_);
   }
 
   std::vector<Action> actions_;

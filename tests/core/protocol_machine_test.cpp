@@ -48,5 +48,28 @@ TEST(ActionQueue, GivesActionsInTheirOrder) {
   EXPECT_EQ(queue.pop(), std::nullopt);
 }
 
+/// Counts how often an action is moved: more often while the queue has to grow.
+struct CountedAction {
+  explicit CountedAction(int& count) : moves(&count) {}
+  CountedAction(CountedAction&& other) noexcept : moves(other.moves) { ++*moves; }
+  CountedAction(const CountedAction&) = default;
+  CountedAction& operator=(const CountedAction&) = default;
+  int* moves;
+};
+
+TEST(ActionQueue, KeepsTheMemoryOfAFewActionsAndGivesBackThatOfABurst) {
+  int moves = 0;
+  const auto moves_after = [&](int burst) {
+    ActionQueue<CountedAction> queue;
+    for (int i = 0; i < burst; ++i) queue.push(CountedAction(moves));
+    while (queue.pop()) continue;
+    moves = 0;
+    for (int i = 0; i < 100; ++i) queue.push(CountedAction(moves));
+    return moves;
+  };
+  EXPECT_EQ(moves_after(200), 100) << "nothing grows";
+  EXPECT_GT(moves_after(10000), 100) << "it begins small again";
+}
+
 }  // namespace
 }  // namespace slamgw
