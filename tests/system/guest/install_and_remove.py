@@ -108,7 +108,7 @@ def remove_keeps_the_state():
 
 def purge_takes_everything():
     """purge: nothing of it is left but the user"""
-    run("dpkg", "--purge", "slam-gateway")
+    run("dpkg", "--purge", "slam-gateway-web", "slam-gateway")
     for path in (STATE, CONFIG.parent, "/run/slam-gateway", "/usr/share/doc/slam-gateway",
                  "/usr/lib/sysctl.d/60-slam-gateway.conf", "/usr/lib/credstore/slam-gateway.broker"):
         demand(not pathlib.Path(path).exists(), f"{path} is left")

@@ -121,7 +121,8 @@ export class World {
   async publish(topic, payload, ...options) {
     const isEmpty = payload.length === 0;
     const child = run('mosquitto_pub', ['-p', String(this.ports.broker), '-q', '1', '-t', topic, isEmpty ? '-n' : '-s', ...options]);
-    child.child.stdin.end(payload);
+    if (isEmpty) child.child.stdin.destroy(); // it reads nothing then, and may have ended already
+    else child.child.stdin.end(payload);
     await child;
   }
   // int16 pairs, as a robot sends them
