@@ -101,8 +101,8 @@ class SerialShell : public MeshShell<Machine> {
 
   void open_after(Duration delay) {
     timer_.expires_after(delay);
-    timer_.async_wait([this](boost::system::error_code error) {
-      if (!error && !is_stopped_) line_.open();
+    timer_.async_wait([this, life = std::weak_ptr(life_)](boost::system::error_code error) {
+      if (!error && !life.expired() && !is_stopped_) line_.open();
     });
   }
   void on_port_open() {
@@ -131,6 +131,7 @@ class SerialShell : public MeshShell<Machine> {
   Duration open_delay_ = first_open_delay;
   Burst stuck_throttle_{std::chrono::minutes{10}};  ///< a hung board is closed again and again
   bool is_stopped_ = true;
+  std::shared_ptr<void> life_ = std::make_shared<char>();  ///< a queued handler can't be cancelled
 };
 
 }  // namespace slamgw::ble
