@@ -81,7 +81,7 @@ std::vector<RecordedMessage> read_recording(std::istream& in, const std::string&
     const bool is_message =
         event.is_object() && text_at(event, "event") == "arrived" && text_at(event, "why").empty();
     const auto message = is_message ? message_of(event) : std::nullopt;
-    const bool is_cut = event.is_discarded() && in.eof();  // whoever wrote it was killed
+    const bool is_cut = event.is_discarded() && in.eof();  // the program that wrote it was killed
     if (is_cut && number > 1) break;
     if (!at || (is_message && !message))
       throw Failure(

@@ -189,7 +189,7 @@ TEST(SnGateway, DeliversWhatWaitedForARobotThatIsRenamed) {
   ASSERT_EQ(rig.outcomes.size(), 2U);
   for (const CommandOutcome& outcome : rig.outcomes) {
     EXPECT_EQ(outcome.result, CommandResult::delivered);
-    EXPECT_EQ(outcome.robot, "nrf-7") << "whoever sent it knows that name";
+    EXPECT_EQ(outcome.robot, "nrf-7") << "the sender knows the robot by that name";
   }
 }
 

@@ -336,7 +336,7 @@ TEST(SessionCodec, SurvivesDamage) {
   EXPECT_GT(restored, 0U);
 }
 
-/// It may come from whoever may write for another gateway at the broker.
+/// A client that may write under another gateway's name at the broker can send it.
 TEST(SessionCodec, SurvivesWhatIsNestedWithoutEnd) {
   constexpr std::size_t octets = 130'000;
   for (const std::uint8_t head :
