@@ -23,6 +23,29 @@ class BrokerList : public WithEachClient {
     return settings;
   }
 };
+
+/// A link to the first of two brokers.
+struct TwoBrokers {
+  explicit TwoBrokers(bool returns_to_first = false) : link(settings(returns_to_first)) {}
+  BrokerSettings settings(bool returns_to_first) const {
+    BrokerSettings settings = BrokerList::list_of({first.port(), second.port()});
+    settings.returns_to_first = returns_to_first;
+    return settings;
+  }
+  /// Kills the first broker once the link is up there; whether the link then comes up at the
+  /// second.
+  bool moves_on() {
+    if (!link.comes_up()) return false;
+    first.kill();
+    return link.sees([&] { return link.listener.ups == 2; }) &&
+           link.upstream->broker().port == second.port();
+  }
+
+  Mosquitto first;
+  Mosquitto second;
+  Link link;
+};
+
 INSTANTIATE_TEST_SUITE_P(Over, BrokerList, each_client, BrokerList::name);
 
 TEST_P(BrokerList, GoesToTheNextOneAtOnceWhenItsConnectionBreaks) {
@@ -41,12 +64,9 @@ TEST_P(BrokerList, GoesToTheNextOneAtOnceWhenItsConnectionBreaks) {
 }
 
 TEST_P(BrokerList, StaysWithTheNextOneWhenTheFirstIsBack) {
-  Mosquitto first;
-  Mosquitto second;
-  Link link(list_of({first.port(), second.port()}));
-  ASSERT_TRUE(link.comes_up());
-  first.kill();
-  ASSERT_TRUE(link.sees([&] { return link.listener.ups == 2; }));
+  TwoBrokers brokers;
+  auto& [first, second, link] = brokers;
+  ASSERT_TRUE(brokers.moves_on());
   first.start();
   second.kill();
   ASSERT_TRUE(link.sees([&] { return link.listener.ups == 3; }));
@@ -54,29 +74,18 @@ TEST_P(BrokerList, StaysWithTheNextOneWhenTheFirstIsBack) {
 }
 
 TEST_P(BrokerList, GoesBackToTheFirstWhenThatIsAskedFor) {
-  Mosquitto first;
-  Mosquitto second;
-  BrokerSettings settings = list_of({first.port(), second.port()});
-  settings.returns_to_first = true;
-  Link link(settings);
-  ASSERT_TRUE(link.comes_up());
-  first.kill();
-  ASSERT_TRUE(link.sees([&] { return link.listener.ups == 2; }));
-  EXPECT_EQ(link.upstream->broker().port, second.port());
+  TwoBrokers brokers(true);
+  auto& [first, second, link] = brokers;
+  ASSERT_TRUE(brokers.moves_on());
   first.start();
   ASSERT_TRUE(link.sees([&] { return link.listener.ups == 3; }));
   EXPECT_EQ(link.upstream->broker().port, first.port());
 }
 
 TEST_P(BrokerList, LeavesItsLastWillAtTheBrokerThatItLeavesForTheFirst) {
-  Mosquitto first;
-  Mosquitto second;
-  BrokerSettings settings = list_of({first.port(), second.port()});
-  settings.returns_to_first = true;
-  Link link(settings);
-  ASSERT_TRUE(link.comes_up());
-  first.kill();
-  ASSERT_TRUE(link.sees([&] { return link.listener.ups == 2; }));
+  TwoBrokers brokers(true);
+  auto& [first, second, link] = brokers;
+  ASSERT_TRUE(brokers.moves_on());
   link.upstream->publish(1, {"gw/state", to_bytes("online"), Qos::at_least_once, true});
   ASSERT_TRUE(link.sees([&] { return link.listener.published.contains(1); }));
   Subscriber subscriber(second, "gw/state", "%p");

@@ -37,10 +37,11 @@ struct SubscribedLink : Link {
   }
 };
 
-TEST_P(FilterTrial, AFilterForWhichTheBrokerClosesIsSetAsideAndTheRestGoesOn) {
-  FakeBroker broker;
-  broker.misbehave([&](FakeBroker::Connection& connection, const FakeBroker::Packet& packet) {
-    if (version() == MqttVersion::v3_1_1 && connection.is_v5()) {
+/// Closes the connection for each SUBSCRIBE that names `lo.ad`; takes version 5 only if `version`
+/// is that.
+auto closing_for_load(MqttVersion version) {
+  return [version](FakeBroker::Connection& connection, const FakeBroker::Packet& packet) {
+    if (version == MqttVersion::v3_1_1 && connection.is_v5()) {
       connection.send({0x20, 3, 0, 0x84, 0});
       connection.close();
       return true;
@@ -48,7 +49,12 @@ TEST_P(FilterTrial, AFilterForWhichTheBrokerClosesIsSetAsideAndTheRestGoesOn) {
     if (packet.type() != FakeBroker::subscribe || !packet.contains("lo.ad")) return false;
     connection.close();
     return true;
-  });
+  };
+}
+
+TEST_P(FilterTrial, AFilterForWhichTheBrokerClosesIsSetAsideAndTheRestGoesOn) {
+  FakeBroker broker;
+  broker.misbehave(closing_for_load(version()));
   SubscribedLink link(settings_for(broker.port()));
   ASSERT_TRUE(link.finds_out("server/lo.ad0/#", "server/r1/#"))
       << testing::PrintToString(link.listener.reasons);
@@ -67,16 +73,7 @@ TEST_P(FilterTrial, AFilterForWhichTheBrokerClosesIsSetAsideAndTheRestGoesOn) {
 /// With a back-off that goes on, and all doubts forgotten at each find, this would take minutes.
 TEST_P(FilterTrial, SeveralSuchFiltersAreFoundOneAfterTheOther) {
   FakeBroker broker;
-  broker.misbehave([&](FakeBroker::Connection& connection, const FakeBroker::Packet& packet) {
-    if (version() == MqttVersion::v3_1_1 && connection.is_v5()) {
-      connection.send({0x20, 3, 0, 0x84, 0});
-      connection.close();
-      return true;
-    }
-    if (packet.type() != FakeBroker::subscribe || !packet.contains("lo.ad")) return false;
-    connection.close();
-    return true;
-  });
+  broker.misbehave(closing_for_load(version()));
   SubscribedLink link(settings_for(broker.port()));
   const std::set<std::string> bad{"lo.ad0", "lo.ad1", "lo.ad2", "lo.ad3"};
   int ups = 0;
