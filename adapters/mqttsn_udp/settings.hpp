@@ -37,6 +37,7 @@ struct Settings {
   bool revive_lost = true;  ///< R113
   bool forwarders = true;
   bool disconnect_unknown = true;
+  bool is_full_silent() const { return when_full == WhenFull::silent; }
   bool operator==(const Settings&) const = default;
 };
 

@@ -36,39 +36,45 @@ bool is_late_answer(const Packet& packet) {
 }  // namespace
 
 SnGateway::SnGateway(Settings settings, TopicPolicy policy, RobotNames names, RandomSource random)
-    : context_(std::move(settings), std::move(policy), std::move(names)),
-      refusals_(context_),
-      answers_(context_),
-      subscriptions_(context_, answers_, refusals_),
-      commands_(context_),
-      downlink_(context_, subscriptions_, commands_, std::move(random)),
+    : settings_(std::move(settings)),
+      rules_{std::move(policy), std::move(names), PredefinedTopics(settings_.predefined_topics)},
+      clients_(settings_.max_clients),
+      output_(tally_),
+      refusals_(output_, tally_),
+      answers_(output_),
+      subscriptions_(settings_, rules_, clients_, output_, changed_, tally_, answers_, refusals_),
+      commands_(rules_, clients_, output_, changed_),
+      downlink_(settings_, rules_, output_, changed_, tally_, subscriptions_, commands_,
+                std::move(random)),
       fan_out_(subscriptions_, commands_),
-      uplink_(context_, refusals_),
-      registration_(context_, answers_, uplink_, refusals_),
-      wills_(context_, refusals_),
-      lifecycle_(context_, subscriptions_, downlink_, uplink_, wills_),
-      sleep_(context_, downlink_, lifecycle_),
-      supervision_(context_, commands_, downlink_, lifecycle_, sleep_),
-      roaming_(context_, lifecycle_),
-      connecting_(context_, lifecycle_, downlink_, wills_, refusals_, guard_),
-      renaming_(context_, subscriptions_, lifecycle_, connecting_),
-      restoring_(context_, subscriptions_, commands_, downlink_, lifecycle_, connecting_,
-                 supervision_),
-      discovery_(context_, guard_) {}
+      uplink_(settings_, rules_, clients_, output_, changed_, tally_, refusals_),
+      registration_(settings_, rules_, changed_, answers_, uplink_, refusals_),
+      wills_(rules_, output_, changed_, refusals_),
+      lifecycle_(settings_, clients_, output_, changed_, tally_, subscriptions_, downlink_, uplink_,
+                 wills_),
+      sleep_(settings_, clients_, output_, changed_, downlink_, lifecycle_),
+      supervision_(settings_, clients_, commands_, downlink_, lifecycle_, sleep_),
+      roaming_(rules_, clients_, output_, lifecycle_),
+      connecting_(settings_, rules_, clients_, output_, changed_, tally_, lifecycle_, downlink_,
+                  wills_, refusals_, guard_),
+      renaming_(rules_, clients_, output_, changed_, subscriptions_, lifecycle_, connecting_),
+      restoring_(rules_, clients_, output_, subscriptions_, commands_, downlink_, lifecycle_,
+                 connecting_, supervision_),
+      discovery_(settings_, clients_, output_, tally_, guard_) {}
 
 void SnGateway::on_datagram(const Endpoint& from, const LocalAddress& to, ByteView bytes,
                             TimePoint now) {
   supervision_.expire_commands(now);
-  context_.tally.count(Count::datagrams_in);
-  context_.validation.on_received(from.address, bytes.size());
+  tally_.count(Count::datagrams_in);
+  output_.validation.on_received(from.address, bytes.size());
   if (bytes.size() > limits::max_datagram_octets) {
-    context_.tally.count(Count::oversized);
+    tally_.count(Count::oversized);
     return on_malformed(from, now);
   }
   Peer peer{from, {}};
   std::uint8_t radius = 0;
   if (is_encapsulated(bytes)) {
-    if (!context_.settings.forwarders) return context_.tally.count(Count::unexpected);
+    if (!settings_.forwarders) return tally_.count(Count::unexpected);
     auto outer = decode_encapsulation(bytes);
     if (!outer) return on_malformed(from, now);
     peer.node_id = std::move(outer->node_id);
@@ -85,7 +91,7 @@ void SnGateway::on_datagram(const Endpoint& from, const LocalAddress& to, ByteVi
 }
 
 void SnGateway::receive(const Arrival& arrival, Packet packet) {
-  if (is_for_clients(packet)) return context_.tally.count(Count::unexpected);
+  if (is_for_clients(packet)) return tally_.count(Count::unexpected);
   renew_local(arrival);
   if (const auto* connect = std::get_if<Connect>(&packet)) {
     if (roaming_.takes(arrival.peer, arrival.local, *connect, arrival.fingerprint, arrival.now))
@@ -95,7 +101,7 @@ void SnGateway::receive(const Arrival& arrival, Packet packet) {
   }
   auto* publish = std::get_if<Publish>(&packet);
   if (publish && publish->qos == WireQos::minus_one) {
-    ClientSession* session = context_.clients.find(arrival.peer);
+    ClientSession* session = clients_.find(arrival.peer);
     if (session && session->is_connected()) lifecycle_.on_heard(*session, arrival.now);
     return uplink_.on_unconnected_publish(arrival.peer, session, std::move(*publish), arrival.now);
   }
@@ -110,15 +116,15 @@ void SnGateway::receive(const Arrival& arrival, Packet packet) {
 
 /// Each client is answered from the address that it has written to last (R17).
 void SnGateway::renew_local(const Arrival& arrival) {
-  ClientSession* session = context_.clients.find(arrival.peer);
+  ClientSession* session = clients_.find(arrival.peer);
   if (!session || session->local == arrival.local) return;
   session->local = arrival.local;
-  context_.set_dirty(*session);
+  changed_.mark(*session);
 }
 
 /// A handshake may have made it active.
 void SnGateway::advance_client_at(const Arrival& arrival) {
-  if (ClientSession* session = context_.clients.find(arrival.peer))
+  if (ClientSession* session = clients_.find(arrival.peer))
     supervision_.advance(*session, arrival.now);
 }
 
@@ -142,7 +148,7 @@ void SnGateway::receive_from_client(const Arrival& arrival, Packet packet) {
   if (const auto* will = std::get_if<WillMsg>(&packet))
     return connecting_.on_late_willmsg(*session, *will, arrival.now);
   if (std::holds_alternative<WillTopic>(packet))  // of a handshake that is over
-    return context_.tally.count(Count::unexpected);
+    return tally_.count(Count::unexpected);
   lifecycle_.on_heard(*session, arrival.now);
   handle(*session, packet, arrival.now);
   supervision_.advance(*session, arrival.now);
@@ -150,7 +156,7 @@ void SnGateway::receive_from_client(const Arrival& arrival, Packet packet) {
 
 /// The connected client at this address; a lost one comes back by its first word (R113).
 ClientSession* SnGateway::session_of(const Arrival& arrival) {
-  ClientSession* session = context_.clients.find(arrival.peer);
+  ClientSession* session = clients_.find(arrival.peer);
   if (!session) return nullptr;
   return session->is_connected() || lifecycle_.revive(*session, arrival.now) ? session : nullptr;
 }
@@ -184,7 +190,7 @@ void SnGateway::receive_pingreq(const Arrival& arrival, const Pingreq& pingreq) 
     case ClientState::lost:
       if (!lifecycle_.revive(*session, arrival.now)) return on_stranger(arrival, true);
       [[fallthrough]];
-    case ClientState::active: context_.send(*session, Pingresp{}); break;
+    case ClientState::active: output_.send(*session, Pingresp{}); break;
     case ClientState::asleep:
     case ClientState::awake: sleep_.wake(*session, arrival.now); break;
     case ClientState::disconnected: return on_stranger(arrival, true);
@@ -195,23 +201,22 @@ void SnGateway::receive_pingreq(const Arrival& arrival, const Pingreq& pingreq) 
 /// Who asks, and whether from where it may: a sleeping client from anywhere (R118), others from
 /// their address only (R113, R128).
 ClientSession* SnGateway::pinging_session(const Arrival& arrival, const Pingreq& pingreq) {
-  ClientSession* here = context_.clients.find(arrival.peer);
+  ClientSession* here = clients_.find(arrival.peer);
   if (pingreq.client_id.empty() || (here && here->client_id == pingreq.client_id)) return here;
-  ClientSession* session = context_.clients.find(pingreq.client_id);
+  ClientSession* session = clients_.find(pingreq.client_id);
   if (!session || !Sleep::is_asleep(*session)) return nullptr;
   sleep_.follow(*session, arrival.peer, arrival.local, arrival.now);
   return session;
 }
 
 void SnGateway::receive_disconnect(const Arrival& arrival, const Disconnect& disconnect) {
-  ClientSession* session = context_.clients.find(arrival.peer);
+  ClientSession* session = clients_.find(arrival.peer);
   if (!session || !session->is_connected()) {
-    if (!guard_.may_answer(arrival.peer, arrival.now))
-      return context_.tally.count(Count::unanswered);
-    return context_.send(arrival.peer, arrival.local, Disconnect{});  // R40, R131
+    if (!guard_.may_answer(arrival.peer, arrival.now)) return tally_.count(Count::unanswered);
+    return output_.send(arrival.peer, arrival.local, Disconnect{});  // R40, R131
   }
   lifecycle_.on_heard(*session, arrival.now);
-  context_.send(*session, Disconnect{});
+  output_.send(*session, Disconnect{});
   const std::uint16_t duration_s = disconnect.duration_s.value_or(0);
   if (duration_s == 0) return lifecycle_.disconnect(*session, arrival.now);  // R115
   sleep_.fall_asleep(*session, std::chrono::seconds(duration_s), arrival.now);
@@ -219,20 +224,20 @@ void SnGateway::receive_disconnect(const Arrival& arrival, const Disconnect& dis
 }
 
 void SnGateway::on_stranger(const Arrival& arrival, bool is_answered) {
-  context_.tally.count(Count::strangers);
-  if (!is_answered || !context_.settings.disconnect_unknown) return;
-  if (!guard_.may_answer(arrival.peer, arrival.now)) return context_.tally.count(Count::unanswered);
-  context_.send(arrival.peer, arrival.local, Disconnect{});
+  tally_.count(Count::strangers);
+  if (!is_answered || !settings_.disconnect_unknown) return;
+  if (!guard_.may_answer(arrival.peer, arrival.now)) return tally_.count(Count::unanswered);
+  output_.send(arrival.peer, arrival.local, Disconnect{});
 }
 
 void SnGateway::on_malformed(const Endpoint& from, TimePoint now) {
-  context_.tally.count(Count::malformed);
+  tally_.count(Count::malformed);
   if (const auto times = malformed_.on_event(now)) {
-    context_.emit(Notice{Severity::notice,
-                         fmt::format("{} datagrams that are no MQTT-SN 1.2 were dropped, the last "
-                                     "one from {}",
-                                     *times, to_string(Peer{from, {}})),
-                         {}});
+    output_.emit(Notice{Severity::notice,
+                        fmt::format("{} datagrams that are no MQTT-SN 1.2 were dropped, the last "
+                                    "one from {}",
+                                    *times, to_string(Peer{from, {}})),
+                        {}});
   }
 }
 
@@ -275,41 +280,40 @@ std::optional<TimePoint> SnGateway::deadline() const {
 }
 
 void SnGateway::reconfigure(TopicPolicy policy, RobotNames names, TimePoint now) {
-  context_.policy = std::move(policy);
-  context_.names = std::move(names);
+  rules_.policy = std::move(policy);
+  rules_.names = std::move(names);
   refusals_.forget_all();
   renaming_.on_names(now);
-  for (const auto& [id, session] : context_.clients.all()) {
+  for (const auto& [id, session] : clients_.all()) {
     subscriptions_.drop_forbidden(*session, now);
     supervision_.advance(*session, now);
   }
 }
 
 std::optional<Presence> SnGateway::presence_of(const std::string& robot) const {
-  const ClientSession* session = context_.clients.find_robot(robot);
+  const ClientSession* session = clients_.find_robot(robot);
   if (!session) return std::nullopt;
   return mqttsn::presence_of(session->state());
 }
 
 std::size_t SnGateway::queued_for(const std::string& robot) const {
-  const ClientSession* session = context_.clients.find_robot(robot);
+  const ClientSession* session = clients_.find_robot(robot);
   if (!session) return 0;
   return session->delivery.queue.size() + (session->delivery.publishing ? 1 : 0);
 }
 
 void SnGateway::on_stop(TimePoint now) {
   downlink_.on_stop();
-  for (const auto& [id, session] : context_.clients.all()) downlink_.refuse_unkept(*session, now);
+  for (const auto& [id, session] : clients_.all()) downlink_.refuse_unkept(*session, now);
 }
 
 void SnGateway::set_all_dirty() {
-  for (const auto& [id, session] : context_.clients.all()) context_.set_dirty(*session);
+  for (const auto& [id, session] : clients_.all()) changed_.mark(*session);
 }
 
 void SnGateway::connect(const Roaming::WaitingConnect& waited, TimePoint now) {
   connecting_.on_connect(waited.peer, waited.local, waited.connect, waited.fingerprint, now);
-  if (ClientSession* session = context_.clients.find(waited.peer))
-    supervision_.advance(*session, now);
+  if (ClientSession* session = clients_.find(waited.peer)) supervision_.advance(*session, now);
 }
 
 /// What another gateway says of a session is no more than the client itself could have said here.
@@ -319,7 +323,7 @@ void SnGateway::keep_what_may_roam(SessionSnapshot& session) const {
   session.state = ClientState::disconnected;
   const auto is_forbidden = [&](const Will& will) {
     return !is_valid_topic_name(will.topic) ||
-           !context_.policy.may_publish(session.client_id, session.robot, will.topic);
+           !rules_.policy.may_publish(session.client_id, session.robot, will.topic);
   };
   if (session.will && is_forbidden(*session.will)) session.will.reset();
   std::erase_if(session.messages, [](const MessageSnapshot& message) {
@@ -329,8 +333,8 @@ void SnGateway::keep_what_may_roam(SessionSnapshot& session) const {
 
 void SnGateway::take_over(const std::string& robot, std::optional<SessionSnapshot> session,
                           TimePoint now) {
-  if (session && session->robot == robot && !context_.clients.find_robot(robot) &&
-      context_.names.of_client(session->client_id) == robot) {
+  if (session && session->robot == robot && !clients_.find_robot(robot) &&
+      rules_.names.of_client(session->client_id) == robot) {
     keep_what_may_roam(*session);
     session->saved_at = now;  // the other gateway's clock says nothing here
     restoring_.restore(*session, now);

@@ -31,10 +31,10 @@ class SnGateway {
   void on_interface(std::uint32_t index) { discovery_.on_interface(index); }
   void on_deadline(TimePoint now);
   std::optional<TimePoint> deadline() const;
-  std::optional<Action> next_action() { return context_.next_action(); }
+  std::optional<Action> next_action() { return output_.next_action(); }
 
   /// Messages to this address need no proof that it receives.
-  void validate(const IpAddress& address) { context_.validation.validate(address); }
+  void validate(const IpAddress& address) { output_.validation.validate(address); }
 
   /// Clients may not go by these names (a device speaks only for itself), unless the configuration
   /// says so.
@@ -47,16 +47,16 @@ class SnGateway {
   /// subscriptions that are not allowed any more end.
   void reconfigure(TopicPolicy policy, RobotNames names, TimePoint now);
 
-  Counters counters() const { return context_.tally.counters(); }
+  Counters counters() const { return tally_.counters(); }
   /// For status; looks at every client.
-  ClientCounts client_counts() const { return context_.clients.counts(); }
+  ClientCounts client_counts() const { return clients_.counts(); }
   /// Nothing when no client has this name.
   std::optional<Presence> presence_of(const std::string& robot) const;
   /// Messages waiting for this robot, the one in flight included.
   std::size_t queued_for(const std::string& robot) const;
 
   /// Whether every MeshStep is told, or only repeats.
-  void on_trace(bool is_on) { context_.is_traced = is_on; }
+  void on_trace(bool is_on) { output_.is_traced = is_on; }
   /// Asked for each CONNECT that takes up a session which is not here.
   void ask_where_served(Roaming::ServedElsewhere ask) { roaming_.ask(std::move(ask)); }
   /// Another gateway serves the robot: see Roaming::give_up.
@@ -70,8 +70,8 @@ class SnGateway {
   void on_stop(TimePoint now);
 
   /// The clients whose sessions have changed or ended and were not taken yet, at most `max`.
-  std::vector<std::string> take_dirty(std::size_t max) { return context_.take_dirty(max); }
-  bool has_dirty() const { return context_.has_dirty(); }
+  std::vector<std::string> take_dirty(std::size_t max) { return changed_.take(max); }
+  bool has_dirty() const { return changed_.has_any(); }
   /// All sessions are to be taken again, for what changes too often to be marked each time (the
   /// window of R76).
   void set_all_dirty();
@@ -107,7 +107,12 @@ class SnGateway {
   void on_stranger(const Arrival& arrival, bool is_answered);
   void on_malformed(const Endpoint& from, TimePoint now);
 
-  Context context_;
+  const Settings settings_;
+  NameRules rules_;
+  ClientTable clients_;
+  ChangedSessions changed_;
+  Tally tally_;
+  Output output_;
   Refusals refusals_;
   Answers answers_;
   Subscriptions subscriptions_;

@@ -13,7 +13,7 @@ bool Answers::has_room(const ClientSession& session) const {
 }
 
 void Answers::answer(ClientSession& session, Packet packet) {
-  if (session.answers.empty()) return context_.send(session, packet);
+  if (session.answers.empty()) return output_.send(session, packet);
   session.answers.push_back({0, 0, std::move(packet)});
 }
 
@@ -34,7 +34,7 @@ void Answers::release(ClientSession& session, std::uint64_t ticket, Packet packe
                    [&](const PendingAnswer& answer) { return answer.ticket == ticket; });
   if (held != session.answers.end()) held->packet = std::move(packet);
   while (!session.answers.empty() && session.answers.front().packet) {
-    context_.send(session, *session.answers.front().packet);
+    output_.send(session, *session.answers.front().packet);
     session.answers.erase(session.answers.begin());
   }
   if (session.answers.empty()) session.answers = {};  // its memory too

@@ -3,13 +3,13 @@
 // SUBACK that waits for the broker, later answers wait too.
 #pragma once
 
-#include "adapters/mqttsn_udp/context.hpp"
+#include "adapters/mqttsn_udp/output.hpp"
 
 namespace slamgw::mqttsn {
 
 class Answers {
  public:
-  explicit Answers(Context& context) : context_(context) {}
+  explicit Answers(Output& output) : output_(output) {}
 
   /// False when too many answers wait: the request should be ignored, its sender repeats it.
   bool has_room(const ClientSession& session) const;
@@ -21,7 +21,7 @@ class Answers {
   void release(ClientSession& session, std::uint64_t ticket, Packet packet);
 
  private:
-  Context& context_;
+  Output& output_;
   std::uint64_t last_ticket_ = 0;
 };
 

@@ -9,25 +9,25 @@
 namespace slamgw::mqttsn {
 
 bool CommandWatch::is_command_for(const ClientSession& session, const std::string& topic) const {
-  const auto parsed = context_.policy.scheme().parse_command_topic(topic);
+  const auto parsed = rules_.policy.scheme().parse_command_topic(topic);
   return parsed && parsed->robot == session.robot;
 }
 
 void CommandWatch::refuse_unsubscribed(const std::string& topic, CommandId id) {
-  const auto parsed = context_.policy.scheme().parse_command_topic(topic);
+  const auto parsed = rules_.policy.scheme().parse_command_topic(topic);
   if (!parsed) return;
-  context_.emit(CommandOutcome{Mesh::thread,
-                               id,
-                               std::string(parsed->robot),
-                               std::string(parsed->type),
-                               CommandResult::refused,
-                               {},
-                               "the robot has not subscribed to " + topic});
+  output_.emit(CommandOutcome{Mesh::thread,
+                              id,
+                              std::string(parsed->robot),
+                              std::string(parsed->type),
+                              CommandResult::refused,
+                              {},
+                              "the robot has not subscribed to " + topic});
 }
 
 std::shared_ptr<Command> CommandWatch::begin(const ClientSession& session, const std::string& topic,
                                              CommandId id, TimePoint now) {
-  const auto parsed = context_.policy.scheme().parse_command_topic(topic);
+  const auto parsed = rules_.policy.scheme().parse_command_topic(topic);
   if (!parsed || parsed->robot != session.robot) return nullptr;
   auto command = std::make_shared<Command>(Command{
       id, session.client_id, std::string(parsed->robot), std::string(parsed->type), now, false});
@@ -45,12 +45,12 @@ void CommandWatch::end(const std::shared_ptr<Command>& command, CommandResult re
                        std::string why, TimePoint now) {
   if (!command || std::exchange(command->is_reported, true)) return;
   // After a restart it is not told again; a delivery has marked its session already.
-  if (const ClientSession* session = context_.clients.find(command->client_id);
+  if (const ClientSession* session = clients_.find(command->client_id);
       session && result != CommandResult::delivered)
-    context_.set_dirty(*session);
+    changed_.mark(*session);
   const auto after = std::chrono::duration_cast<std::chrono::milliseconds>(now - command->came);
-  context_.emit(CommandOutcome{Mesh::thread, command->id, command->robot, command->type, result,
-                               after, std::move(why)});
+  output_.emit(CommandOutcome{Mesh::thread, command->id, command->robot, command->type, result,
+                              after, std::move(why)});
 }
 
 std::optional<TimePoint> CommandWatch::deadline() const {

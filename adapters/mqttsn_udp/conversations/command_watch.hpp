@@ -6,13 +6,18 @@
 #include <deque>
 #include <memory>
 
-#include "adapters/mqttsn_udp/context.hpp"
+#include "adapters/mqttsn_udp/clients/changed_sessions.hpp"
+#include "adapters/mqttsn_udp/clients/client_table.hpp"
+#include "adapters/mqttsn_udp/name_rules.hpp"
+#include "adapters/mqttsn_udp/output.hpp"
 
 namespace slamgw::mqttsn {
 
 class CommandWatch {
  public:
-  explicit CommandWatch(Context& context) : context_(context) {}
+  CommandWatch(const NameRules& rules, ClientTable& clients, Output& output,
+               ChangedSessions& changed)
+      : rules_(rules), clients_(clients), output_(output), changed_(changed) {}
 
   /// Whether `topic` is one for commands to this client's robot.
   bool is_command_for(const ClientSession& session, const std::string& topic) const;
@@ -33,7 +38,10 @@ class CommandWatch {
   std::shared_ptr<Command> pop_overdue(TimePoint now);
 
  private:
-  Context& context_;
+  const NameRules& rules_;
+  ClientTable& clients_;
+  Output& output_;
+  ChangedSessions& changed_;
   std::deque<std::shared_ptr<Command>> open_;  // in the order they came, so in that of their ends
 };
 

@@ -25,17 +25,17 @@ void Connecting::on_connect(const Peer& peer, const LocalAddress& local, const C
   auto robot = robot_of(connect.client_id);
   if (!robot || connect.protocol != protocol_id) return refuse_name(peer, local, connect, now);
   if (is_repetition(peer, connect, fingerprint, now)) {
-    ClientSession& session = *context_.clients.find(peer);
+    ClientSession& session = *clients_.find(peer);
     lifecycle_.on_heard(session, now);
     session.connect_fingerprint = fingerprint;
-    return context_.send(session, Connack{ReturnCode::accepted});
+    return output_.send(session, Connack{ReturnCode::accepted});
   }
-  const bool is_known = context_.clients.find(connect.client_id) != nullptr;
-  if (!is_known && !context_.clients.has_room(now)) return refuse_for_room(peer, local, now);
+  const bool is_known = clients_.find(connect.client_id) != nullptr;
+  if (!is_known && !clients_.has_room(now)) return refuse_for_room(peer, local, now);
   Attempt attempt{local, connect, std::move(*robot), fingerprint, Stage::topic, {}, 0, {}};
   if (connect.will) return begin(peer, std::move(attempt), now);
   if (is_open(peer)) take(peer);
-  const ClientSession* known = context_.clients.find(connect.client_id);
+  const ClientSession* known = clients_.find(connect.client_id);
   std::optional<Will> kept;
   if (known && can_resume(*known) && !connect.clean_session) kept = known->will;  // R45
   complete(peer, attempt, std::move(kept), now);
@@ -45,9 +45,9 @@ void Connecting::on_connect(const Peer& peer, const LocalAddress& local, const C
 /// not go by the name of a robot there.
 std::optional<std::string> Connecting::robot_of(const std::string& client_id) const {
   if (!is_valid_level(client_id)) return std::nullopt;
-  auto robot = context_.names.of_client(client_id);
+  auto robot = rules_.names.of_client(client_id);
   if (!robot || !is_valid_level(*robot)) return std::nullopt;
-  const auto& configured = context_.names.configured();
+  const auto& configured = rules_.names.configured();
   const bool is_configured = std::ranges::any_of(
       configured, [&](const RobotName& name) { return name.mqttsn_client_id == client_id; });
   if (!is_configured && is_elsewhere_ && is_elsewhere_(*robot)) return std::nullopt;
@@ -57,7 +57,7 @@ std::optional<std::string> Connecting::robot_of(const std::string& client_id) co
 /// The CONNACK was lost: said again, and nothing that was registered since is wiped (R35).
 bool Connecting::is_repetition(const Peer& peer, const Connect& connect, std::uint64_t fingerprint,
                                TimePoint now) const {
-  const ClientSession* session = context_.clients.find(peer);
+  const ClientSession* session = clients_.find(peer);
   return session && session->client_id == connect.client_id &&
          session->state() == ClientState::active && session->connect_fingerprint == fingerprint &&
          now - session->connected_at <= limits::repeat_window;
@@ -75,7 +75,7 @@ void Connecting::on_willtopic(const Peer& peer, const LocalAddress& local, const
       wills_.allowed_topic(attempt.connect.client_id, attempt.robot, will.topic, will.qos, now);
   if (!topic) {
     const Attempt done = take(peer);
-    context_.tally.count(Count::connects_refused);
+    tally_.count(Count::connects_refused);
     return answer_refused(peer, done.local, ReturnCode::not_supported, now);
   }
   attempt.will = {std::move(*topic), {}, static_cast<Qos>(will.qos), will.retain};
@@ -97,30 +97,30 @@ void Connecting::on_late_willmsg(const ClientSession& session, const WillMsg& wi
   const bool is_repetition = session.connect_fingerprint != 0 && session.will &&
                              session.will->message == will.message &&
                              now - session.connected_at <= limits::repeat_window;
-  if (!is_repetition) return context_.tally.count(Count::unexpected);
-  context_.send(session, Connack{ReturnCode::accepted});
+  if (!is_repetition) return tally_.count(Count::unexpected);
+  output_.send(session, Connack{ReturnCode::accepted});
 }
 
 void Connecting::abandon(const Peer& peer) {
   const Attempt attempt = take(peer);
-  context_.send(peer, attempt.local, Disconnect{});
+  output_.send(peer, attempt.local, Disconnect{});
 }
 
 void Connecting::on_deadline(TimePoint now) {
   while (const auto peer = timers_.pop_due(now)) {
     Attempt& attempt = attempts_.at(*peer);
     attempt.armed.reset();
-    if (attempt.repeats >= context_.settings.retry_count) {  // R27: the client repeats CONNECT
-      context_.tally.count(Count::handshakes_given_up);
+    if (attempt.repeats >= settings_.retry_count) {  // R27: the client repeats CONNECT
+      tally_.count(Count::handshakes_given_up);
       take(*peer);
       continue;
     }
     ++attempt.repeats;
-    if (context_.validation.is_validated(peer->endpoint.address)) {
-      context_.tally.count(Count::retransmitted);
+    if (output_.validation.is_validated(peer->endpoint.address)) {
+      tally_.count(Count::retransmitted);
       prompt(*peer, attempt, now);
     } else {  // the client repeats its CONNECT or WILLTOPIC when this was lost
-      timers_.arm_by(attempt.armed, *peer, now + context_.settings.retry_interval);
+      timers_.arm_by(attempt.armed, *peer, now + settings_.retry_interval);
     }
   }
 }
@@ -128,7 +128,7 @@ void Connecting::on_deadline(TimePoint now) {
 void Connecting::begin(const Peer& peer, Attempt attempt, TimePoint now) {
   if (is_open(peer)) take(peer);  // R28: from the beginning
   if (!make_room()) return refuse_for_room(peer, attempt.local, now);
-  const bool is_stranger = !context_.clients.find(attempt.connect.client_id);
+  const bool is_stranger = !clients_.find(attempt.connect.client_id);
   Attempt& added = attempts_[peer] = std::move(attempt);
   if (is_stranger) strangers_.emplace(added.stranger = ++last_stranger_, peer);
   prompt(peer, added, now);
@@ -139,19 +139,19 @@ void Connecting::begin(const Peer& peer, Attempt attempt, TimePoint now) {
 bool Connecting::make_room() {
   if (attempts_.size() < limits::max_handshakes) return true;
   if (strangers_.empty()) return false;
-  context_.tally.count(Count::handshakes_given_up);
+  tally_.count(Count::handshakes_given_up);
   take(Peer(strangers_.begin()->second));
   return true;
 }
 
 void Connecting::prompt(const Peer& peer, Attempt& attempt, TimePoint now) {
   if (attempt.stage == Stage::topic) {
-    context_.send(peer, attempt.local, WillTopicReq{});
+    output_.send(peer, attempt.local, WillTopicReq{});
   } else {
-    context_.send(peer, attempt.local, WillMsgReq{});
+    output_.send(peer, attempt.local, WillMsgReq{});
   }
   timers_.disarm(attempt.armed, peer);
-  timers_.arm_by(attempt.armed, peer, now + context_.settings.retry_interval);
+  timers_.arm_by(attempt.armed, peer, now + settings_.retry_interval);
 }
 
 Connecting::Attempt Connecting::take(const Peer& peer) {
@@ -169,12 +169,12 @@ void Connecting::complete(const Peer& peer, const Attempt& attempt, std::optiona
   const auto robot = robot_of(connect.client_id);  // names may change during the handshake
   if (!robot) return refuse_name(peer, attempt.local, connect, now);
   if (will && *robot != attempt.robot) {
-    auto own = replace_robot(context_.policy.scheme(), will->topic, attempt.robot, *robot);
+    auto own = replace_robot(rules_.policy.scheme(), will->topic, attempt.robot, *robot);
     if (own) will->topic = std::move(*own);
   }
-  ClientSession* former = context_.clients.find(peer);
+  ClientSession* former = clients_.find(peer);
   if (former && former->client_id != connect.client_id) lifecycle_.displace(*former, now);  // R37
-  ClientSession* session = context_.clients.find(connect.client_id);
+  ClientSession* session = clients_.find(connect.client_id);
   if (!session) {
     if (!lifecycle_.make_room(now)) return refuse_for_room(peer, attempt.local, now);
     session = &lifecycle_.begin(connect.client_id, *robot, now);
@@ -192,13 +192,13 @@ void Connecting::complete(const Peer& peer, const Attempt& attempt, std::optiona
   session->connect_fingerprint = attempt.fingerprint;
   session->connected_at = now;
   const bool is_new_address = session->peer != peer;
-  context_.clients.bind(*session, peer, attempt.local);
+  clients_.bind(*session, peer, attempt.local);
   if (is_new_address) downlink_.on_address(*session);
-  context_.tally.count(Count::connects);
-  context_.send(*session, Connack{ReturnCode::accepted});
+  tally_.count(Count::connects);
+  output_.send(*session, Connack{ReturnCode::accepted});
   lifecycle_.enter(*session, ClientState::active, now);
-  context_.emit(SignOfLife{Mesh::thread, session->robot});
-  context_.set_dirty(*session);
+  output_.emit(SignOfLife{Mesh::thread, session->robot});
+  changed_.mark(*session);
 }
 
 void Connecting::refuse_name(const Peer& peer, const LocalAddress& local, const Connect& connect,
@@ -218,17 +218,17 @@ void Connecting::refuse_name(const Peer& peer, const LocalAddress& local, const 
 
 void Connecting::answer_refused(const Peer& peer, const LocalAddress& local, ReturnCode code,
                                 TimePoint now) {
-  if (!guard_.may_answer(peer, now)) return context_.tally.count(Count::unanswered);
-  context_.send(peer, local, Connack{code});
+  if (!guard_.may_answer(peer, now)) return tally_.count(Count::unanswered);
+  output_.send(peer, local, Connack{code});
 }
 
 void Connecting::refuse_for_room(const Peer& peer, const LocalAddress& local, TimePoint now) {
   refusals_.on_refusal(Count::connects_refused, {},
                        fmt::format("{} and others can't connect: mqttsn.max_clients is {}, and as "
                                    "many are here or connecting",
-                                   to_string(peer), context_.settings.max_clients),
+                                   to_string(peer), settings_.max_clients),
                        {}, now);
-  if (context_.is_full_silent()) return;  // the client tries again (R33)
+  if (settings_.is_full_silent()) return;  // the client tries again (R33)
   answer_refused(peer, local, ReturnCode::congestion, now);
 }
 

@@ -13,9 +13,15 @@ namespace slamgw::mqttsn {
 
 class Connecting {
  public:
-  Connecting(Context& context, Lifecycle& lifecycle, Downlink& downlink, Wills& wills,
-             Refusals& refusals, FloodGuard& guard)
-      : context_(context),
+  Connecting(const Settings& settings, const NameRules& rules, ClientTable& clients, Output& output,
+             ChangedSessions& changed, Tally& tally, Lifecycle& lifecycle, Downlink& downlink,
+             Wills& wills, Refusals& refusals, FloodGuard& guard)
+      : settings_(settings),
+        rules_(rules),
+        clients_(clients),
+        output_(output),
+        changed_(changed),
+        tally_(tally),
         lifecycle_(lifecycle),
         downlink_(downlink),
         wills_(wills),
@@ -66,7 +72,12 @@ class Connecting {
   void answer_refused(const Peer& peer, const LocalAddress& local, ReturnCode code, TimePoint now);
   void refuse_for_room(const Peer& peer, const LocalAddress& local, TimePoint now);
 
-  Context& context_;
+  const Settings& settings_;
+  const NameRules& rules_;
+  ClientTable& clients_;
+  Output& output_;
+  ChangedSessions& changed_;
+  Tally& tally_;
   Lifecycle& lifecycle_;
   Downlink& downlink_;
   Wills& wills_;

@@ -7,21 +7,20 @@ namespace slamgw::mqttsn {
 /// sleepy ones (R15).
 void Discovery::on_searchgw(const Peer& peer, const LocalAddress& local, const SearchGw& search,
                             TimePoint now) {
-  if (!is_broker_up_ || !context_.clients.has_room(now)) return;  // R20
-  if (!guard_.may_answer(peer, now)) return context_.tally.count(Count::unanswered);
-  context_.send(peer, local, GwInfo{context_.settings.gateway_id, {}}, search.radius);
+  if (!is_broker_up_ || !clients_.has_room(now)) return;  // R20
+  if (!guard_.may_answer(peer, now)) return tally_.count(Count::unanswered);
+  output_.send(peer, local, GwInfo{settings_.gateway_id, {}}, search.radius);
 }
 
 void Discovery::on_broker_link(bool is_up, TimePoint now) {
   const bool has_come = is_up && !is_broker_up_;
   is_broker_up_ = is_up;
   if (!is_up) next_advertise_.reset();
-  if (has_come && context_.settings.multicast_group) advertise(now);
+  if (has_come && settings_.multicast_group) advertise(now);
 }
 
 void Discovery::on_interface(std::uint32_t index) {
-  if (is_broker_up_ && context_.settings.multicast_group)
-    context_.send_multicast(advertisement(), index);
+  if (is_broker_up_ && settings_.multicast_group) output_.send_multicast(advertisement(), index);
 }
 
 void Discovery::on_deadline(TimePoint now) {
@@ -29,13 +28,13 @@ void Discovery::on_deadline(TimePoint now) {
 }
 
 void Discovery::advertise(TimePoint now) {
-  context_.send_multicast(advertisement());
-  next_advertise_ = now + context_.settings.advertise_interval;
+  output_.send_multicast(advertisement());
+  next_advertise_ = now + settings_.advertise_interval;
 }
 
 Advertise Discovery::advertisement() const {
-  const auto interval = context_.settings.advertise_interval.count();
-  return {context_.settings.gateway_id, static_cast<std::uint16_t>(interval)};
+  const auto interval = settings_.advertise_interval.count();
+  return {settings_.gateway_id, static_cast<std::uint16_t>(interval)};
 }
 
 }  // namespace slamgw::mqttsn

@@ -3,14 +3,19 @@
 // served.
 #pragma once
 
-#include "adapters/mqttsn_udp/context.hpp"
+#include "adapters/mqttsn_udp/clients/client_table.hpp"
 #include "adapters/mqttsn_udp/conversations/flood_guard.hpp"
+#include "adapters/mqttsn_udp/output.hpp"
+#include "adapters/mqttsn_udp/settings.hpp"
+#include "adapters/mqttsn_udp/tally.hpp"
 
 namespace slamgw::mqttsn {
 
 class Discovery {
  public:
-  Discovery(Context& context, FloodGuard& guard) : context_(context), guard_(guard) {}
+  Discovery(const Settings& settings, ClientTable& clients, Output& output, Tally& tally,
+            FloodGuard& guard)
+      : settings_(settings), clients_(clients), output_(output), tally_(tally), guard_(guard) {}
 
   void on_searchgw(const Peer& peer, const LocalAddress& local, const SearchGw& search,
                    TimePoint now);
@@ -26,7 +31,10 @@ class Discovery {
   void advertise(TimePoint now);
   Advertise advertisement() const;
 
-  Context& context_;
+  const Settings& settings_;
+  ClientTable& clients_;
+  Output& output_;
+  Tally& tally_;
   FloodGuard& guard_;
   bool is_broker_up_ = false;
   std::optional<TimePoint> next_advertise_;

@@ -68,14 +68,18 @@ std::string why_unsent(const ClientSession& session, const Outgoing& waiting, bo
 
 }  // namespace
 
-Downlink::Downlink(Context& context, Subscriptions& subscriptions, CommandWatch& commands,
-                   RandomSource random)
-    : context_(context),
+Downlink::Downlink(const Settings& settings, const NameRules& rules, Output& output,
+                   ChangedSessions& changed, Tally& tally, Subscriptions& subscriptions,
+                   CommandWatch& commands, RandomSource random)
+    : settings_(settings),
+      output_(output),
+      changed_(changed),
+      tally_(tally),
       subscriptions_(subscriptions),
       commands_(commands),
-      retransmission_(context.settings),
-      registration_(context, retransmission_),
-      release_(context, retransmission_),
+      retransmission_(settings),
+      registration_(rules, output, tally, retransmission_),
+      release_(output, changed, tally, retransmission_),
       random_(std::move(random)) {}
 
 void Downlink::enqueue(ClientSession& session, Outgoing outgoing, TimePoint now) {
@@ -86,10 +90,10 @@ void Downlink::enqueue(ClientSession& session, Outgoing outgoing, TimePoint now)
   const bool is_unanswered =
       TopicRegistration::is_set_aside(session.delivery, outgoing.message->topic);
   if (is_unanswered && (outgoing.command || !outlives_connection)) {
-    context_.tally.count(Count::queue_dropped);
+    tally_.count(Count::queue_dropped);
     return refuse(session, outgoing, "the robot does not answer messages on this topic", now);
   }
-  if (outgoing.qos != Qos::at_most_once) context_.set_dirty(session);
+  if (outgoing.qos != Qos::at_most_once) changed_.mark(session);
   session.delivery.queue.push_back(std::move(outgoing));
   keep_in_bounds(session, now);
 }
@@ -128,7 +132,7 @@ bool Downlink::send_next(ClientSession& session, TimePoint now) {
         publish(session, delivery.queue.take(i), now);
         return true;
       case TopicRegistration::Readiness::impossible:
-        context_.tally.count(Count::queue_dropped);
+        tally_.count(Count::queue_dropped);
         refuse(session, delivery.queue.take(i), "the robot has no topic id left", now);
         return true;
       case TopicRegistration::Readiness::waits_shortly: must_commands_wait |= is_command; break;
@@ -143,14 +147,14 @@ bool Downlink::send_next(ClientSession& session, TimePoint now) {
 /// What asks for an answer may use up the allowance of an address that has not shown that it
 /// receives; other messages leave enough for a REGISTER, and end when one stays unanswered.
 bool Downlink::is_within_allowance(const ClientSession& session, const Outgoing& outgoing) const {
-  if (context_.is_validated(session)) return true;
+  if (output_.is_validated(session)) return true;
   std::size_t octets = 7 + outgoing.message->payload.size();
   if (outgoing.qos == Qos::at_most_once) {
     const auto is_unanswered = [](const auto& open) { return !open.attempt.is_fresh(); };
     if (std::ranges::any_of(session.delivery.registering, is_unanswered)) return false;
     octets += registration_.probe_octets();
   }
-  return context_.may_send(session, octets);
+  return output_.may_send(session, octets);
 }
 
 void Downlink::publish(ClientSession& session, Outgoing outgoing, TimePoint now) {
@@ -175,12 +179,12 @@ void Downlink::publish(ClientSession& session, Outgoing outgoing, TimePoint now)
 void Downlink::transmit(ClientSession& session, const Outgoing& outgoing, std::uint16_t topic_id,
                         std::uint16_t msg_id) {
   const bool is_dup = outgoing.msg_id != 0 && !session.delivery.refuses_dup;
-  context_.send(session,
-                Publish{is_dup, static_cast<WireQos>(outgoing.qos), outgoing.message->retain,
-                        outgoing.topic_id_type, topic_id, msg_id, outgoing.message->payload});
-  if (!context_.is_traced) return;
+  output_.send(session,
+               Publish{is_dup, static_cast<WireQos>(outgoing.qos), outgoing.message->retain,
+                       outgoing.topic_id_type, topic_id, msg_id, outgoing.message->payload});
+  if (!output_.is_traced) return;
   const bool has_id = outgoing.qos != Qos::at_most_once;
-  context_.emit(
+  output_.emit(
       MeshStep{.kind = MeshStep::Kind::sent,
                .mesh = Mesh::thread,
                .robot = session.robot,
@@ -192,13 +196,13 @@ void Downlink::transmit(ClientSession& session, const Outgoing& outgoing, std::u
 }
 
 void Downlink::on_address(ClientSession& session) {
-  if (random_ && !context_.is_validated(session)) restart_message_ids(session.delivery, random_());
+  if (random_ && !output_.is_validated(session)) restart_message_ids(session.delivery, random_());
 }
 
 /// The client has read a MsgId that was sent to this address and to no other.
 void Downlink::on_answer(const ClientSession& session, std::uint16_t msg_id) {
   if (session.peer && is_since_restart(session.delivery, msg_id))
-    context_.validation.validate(session.peer->endpoint.address);
+    output_.validation.validate(session.peer->endpoint.address);
 }
 
 void Downlink::learn_from_answer(ClientSession& session, std::uint16_t msg_id, TimePoint now) {
@@ -214,7 +218,7 @@ void Downlink::on_regack(ClientSession& session, const Regack& regack, TimePoint
   };
   if (std::ranges::any_of(session.delivery.registering, is_open)) on_answer(session, regack.msg_id);
   const auto topic = registration_.on_regack(session, regack, now);
-  if (topic) context_.set_dirty(session);
+  if (topic) changed_.mark(session);
   switch (regack.code) {
     case ReturnCode::accepted: return;
     case ReturnCode::congestion: return pause(session, now);
@@ -266,20 +270,20 @@ void Downlink::on_pubrec(ClientSession& session, const Pubrec& pubrec, TimePoint
   if (release_.on_pubrec(session, pubrec.msg_id)) return;
   learn_from_answer(session, pubrec.msg_id, now);
   const auto received = take_unacknowledged(delivery, pubrec.msg_id);
-  if (!received) return context_.send(session, Pubrel{pubrec.msg_id});  // R92
+  if (!received) return output_.send(session, Pubrel{pubrec.msg_id});  // R92
   finish(session, *received, CommandResult::delivered, "", now);
   release_.begin(session, pubrec.msg_id, now);
 }
 
 void Downlink::on_pubcomp(ClientSession& session, const Pubcomp& pubcomp, TimePoint now) {
-  if (Release::on_pubcomp(session.delivery, pubcomp.msg_id, now)) context_.set_dirty(session);
+  if (Release::on_pubcomp(session.delivery, pubcomp.msg_id, now)) changed_.mark(session);
 }
 
 void Downlink::finish(ClientSession& session, const Outgoing& outgoing, CommandResult result,
                       std::string why, TimePoint now) {
   if (result == CommandResult::delivered || result == CommandResult::sent)
-    context_.tally.count(Count::delivered_down);
-  if (outgoing.qos != Qos::at_most_once) context_.set_dirty(session);
+    tally_.count(Count::delivered_down);
+  if (outgoing.qos != Qos::at_most_once) changed_.mark(session);
   commands_.end(outgoing.command, result, std::move(why), now);
 }
 
@@ -338,7 +342,7 @@ bool Downlink::on_time(ClientSession& session, TimePoint now) {
   switch (retransmission_.on_time(open.attempt, now)) {
     case Retransmission::Due::nothing: break;
     case Retransmission::Due::repeat:
-      context_.tally.count(Count::retransmitted);
+      tally_.count(Count::retransmitted);
       transmit(session, open.what, open.topic_id, open.attempt.msg_id);
       break;
     case Retransmission::Due::give_up: is_silent |= give_up(session, now); break;
@@ -349,7 +353,7 @@ bool Downlink::on_time(ClientSession& session, TimePoint now) {
 /// A client that said nothing at all rests until it is heard (R133). One that answers other things
 /// is spared this topic.
 bool Downlink::give_up(ClientSession& session, TimePoint now) {
-  context_.tally.count(Count::deliveries_given_up);
+  tally_.count(Count::deliveries_given_up);
   const Publishing open = *std::exchange(session.delivery.publishing, std::nullopt);
   const bool was_heard = session.last_heard > open.attempt.begun;
   session.delivery.is_stalled = !was_heard;
@@ -366,7 +370,7 @@ bool Downlink::give_up(ClientSession& session, TimePoint now) {
 
 /// Messages on a topic whose REGISTER stays unanswered stay for clients that keep their messages.
 void Downlink::drop_unregistered(ClientSession& session, const std::string& topic, TimePoint now) {
-  context_.tally.count(Count::deliveries_given_up);
+  tally_.count(Count::deliveries_given_up);
   drop_if(session, "the robot did not answer the registration of this topic", now,
           [&](const Outgoing& waiting) {
             const bool is_lasting = is_kept(session) && waiting.qos != Qos::at_most_once;
@@ -418,7 +422,7 @@ void Downlink::drop_if(ClientSession& session, const std::string& why, TimePoint
 
 std::string Downlink::withdraw(ClientSession& session, const Command& command) {
   Delivery& delivery = session.delivery;
-  context_.set_dirty(session);
+  changed_.mark(session);
   if (delivery.publishing && delivery.publishing->what.command.get() == &command) {
     remember_abandoned(delivery, std::exchange(delivery.publishing, std::nullopt)->what);
     return "no acknowledgement";
@@ -426,7 +430,7 @@ std::string Downlink::withdraw(ClientSession& session, const Command& command) {
   const auto waiting = std::ranges::find_if(
       delivery.queue, [&](const Outgoing& outgoing) { return outgoing.command.get() == &command; });
   if (waiting == delivery.queue.end()) return "no acknowledgement";
-  std::string why = why_unsent(session, *waiting, !context_.is_validated(session));
+  std::string why = why_unsent(session, *waiting, !output_.is_validated(session));
   const auto index = static_cast<std::size_t>(waiting - delivery.queue.begin());
   remember_abandoned(delivery, delivery.queue.take(index));
   return why;
@@ -445,29 +449,29 @@ void Downlink::keep_in_bounds(ClientSession& session, TimePoint now) {
   const bool is_listening =
       session.state() == ClientState::active || session.state() == ClientState::awake;
   std::size_t max_messages =
-      is_listening ? limits::max_queued_messages : context_.settings.max_sleeping_messages;
-  const bool is_held = session.is_clean && !context_.is_validated(session);
+      is_listening ? limits::max_queued_messages : settings_.max_sleeping_messages;
+  const bool is_held = session.is_clean && !output_.is_validated(session);
   if (is_held) max_messages = std::min(max_messages, limits::max_queued_unvalidated);
   while (delivery.queue.size() > max_messages ||
          delivery.queue.octets() > limits::max_queued_octets) {
-    context_.tally.count(Count::queue_dropped);
+    tally_.count(Count::queue_dropped);
     refuse(session, session.delivery.queue.take(least_useful(delivery)),
            "the robot's queue is full", now);
   }
 }
 
 bool Downlink::is_too_large(ClientSession& session, const Outgoing& outgoing, TimePoint now) {
-  const bool fits = context_.fits(session, 7 + outgoing.message->payload.size()) &&
-                    context_.fits(session, 6 + outgoing.message->topic.size());
+  const bool fits = output_.fits(session, 7 + outgoing.message->payload.size()) &&
+                    output_.fits(session, 6 + outgoing.message->topic.size());
   if (fits) return false;
-  context_.tally.count(Count::too_large_down);
+  tally_.count(Count::too_large_down);
   refuse(session, outgoing, "larger than the network carries", now);
   if (const auto times = too_large_.on_event(now)) {
-    context_.emit(Notice{Severity::warning,
-                         fmt::format("a message on '{}' for {} is larger than the network carries "
-                                     "and was dropped ({} times)",
-                                     outgoing.message->topic, session.robot, *times),
-                         session.robot});
+    output_.emit(Notice{Severity::warning,
+                        fmt::format("a message on '{}' for {} is larger than the network carries "
+                                    "and was dropped ({} times)",
+                                    outgoing.message->topic, session.robot, *times),
+                        session.robot});
   }
   return true;
 }

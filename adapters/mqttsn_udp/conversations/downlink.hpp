@@ -7,21 +7,26 @@
 
 #include <string>
 
+#include "adapters/mqttsn_udp/clients/changed_sessions.hpp"
 #include "adapters/mqttsn_udp/clients/message_ids.hpp"
-#include "adapters/mqttsn_udp/context.hpp"
 #include "adapters/mqttsn_udp/conversations/command_watch.hpp"
 #include "adapters/mqttsn_udp/conversations/release.hpp"
 #include "adapters/mqttsn_udp/conversations/retransmission.hpp"
 #include "adapters/mqttsn_udp/conversations/subscriptions.hpp"
 #include "adapters/mqttsn_udp/conversations/topic_registration.hpp"
+#include "adapters/mqttsn_udp/name_rules.hpp"
+#include "adapters/mqttsn_udp/output.hpp"
+#include "adapters/mqttsn_udp/settings.hpp"
+#include "adapters/mqttsn_udp/tally.hpp"
 #include "daemon/core/burst.hpp"
 
 namespace slamgw::mqttsn {
 
 class Downlink {
  public:
-  Downlink(Context& context, Subscriptions& subscriptions, CommandWatch& commands,
-           RandomSource random);
+  Downlink(const Settings& settings, const NameRules& rules, Output& output,
+           ChangedSessions& changed, Tally& tally, Subscriptions& subscriptions,
+           CommandWatch& commands, RandomSource random);
 
   /// Takes the message, or says why not. `pump()` sends it.
   void enqueue(ClientSession& session, Outgoing outgoing, TimePoint now);
@@ -83,7 +88,10 @@ class Downlink {
   template <class Predicate>
   void drop_if(ClientSession& session, const std::string& why, TimePoint now, Predicate is_dropped);
 
-  Context& context_;
+  const Settings& settings_;
+  Output& output_;
+  ChangedSessions& changed_;
+  Tally& tally_;
   Subscriptions& subscriptions_;
   CommandWatch& commands_;
   Retransmission retransmission_;

@@ -15,12 +15,12 @@ namespace slamgw::mqttsn {
 void InboundRegistration::on_register(ClientSession& session, const Register& request,
                                       TimePoint now) {
   if (!answers_.has_room(session)) return;
-  const std::string topic = to_broker_name(context_.policy.scheme(), session, request.topic_name);
+  const std::string topic = to_broker_name(rules_.policy.scheme(), session, request.topic_name);
   const auto answer = [&](std::uint16_t id, ReturnCode code) {
     answers_.answer(session, Regack{id, request.msg_id, code});
   };
   if (!is_valid_topic_name(topic)) return answer(0, ReturnCode::not_supported);
-  if (!context_.policy.may_subscribe(session.client_id, session.robot, topic) &&
+  if (!rules_.policy.may_subscribe(session.client_id, session.robot, topic) &&
       !uplink_.may_publish(session, topic, now))
     return answer(0, ReturnCode::not_supported);
   if (makes_too_many_types(session, topic, now)) return answer(0, ReturnCode::not_supported);
@@ -28,16 +28,16 @@ void InboundRegistration::on_register(ClientSession& session, const Register& re
   if (id) {
     session.topics.set_own(*id);
     session.topics.set_told(*id, true);
-    context_.set_dirty(session);
+    changed_.mark(session);
     return answer(*id, ReturnCode::accepted);
   }
-  if (!context_.is_full_silent()) answer(0, ReturnCode::congestion);
+  if (!settings_.is_full_silent()) answer(0, ReturnCode::congestion);
 }
 
 /// Each type of a robot costs all who listen to it a topic id.
 bool InboundRegistration::makes_too_many_types(ClientSession& session, const std::string& topic,
                                                TimePoint now) {
-  const std::string own = context_.policy.scheme().robot_root() + session.robot + "/";
+  const std::string own = rules_.policy.scheme().robot_root() + session.robot + "/";
   if (!topic.starts_with(own) || session.topics.id_of(topic)) return false;
   const auto types = std::ranges::count_if(
       session.topics.topics(),

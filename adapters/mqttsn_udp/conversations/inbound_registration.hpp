@@ -9,15 +9,23 @@ namespace slamgw::mqttsn {
 
 class InboundRegistration {
  public:
-  InboundRegistration(Context& context, Answers& answers, Uplink& uplink, Refusals& refusals)
-      : context_(context), answers_(answers), uplink_(uplink), refusals_(refusals) {}
+  InboundRegistration(const Settings& settings, const NameRules& rules, ChangedSessions& changed,
+                      Answers& answers, Uplink& uplink, Refusals& refusals)
+      : settings_(settings),
+        rules_(rules),
+        changed_(changed),
+        answers_(answers),
+        uplink_(uplink),
+        refusals_(refusals) {}
 
   void on_register(ClientSession& session, const Register& request, TimePoint now);
 
  private:
   bool makes_too_many_types(ClientSession& session, const std::string& topic, TimePoint now);
 
-  Context& context_;
+  const Settings& settings_;
+  const NameRules& rules_;
+  ChangedSessions& changed_;
   Answers& answers_;
   Uplink& uplink_;
   Refusals& refusals_;

@@ -11,12 +11,12 @@ void Lifecycle::on_heard(ClientSession& session, TimePoint now) {
   downlink_.on_heard(session);
   if (now - session.told_heard < limits::sign_of_life_interval) return;
   session.told_heard = now;
-  context_.emit(SignOfLife{Mesh::thread, session.robot});
+  output_.emit(SignOfLife{Mesh::thread, session.robot});
 }
 
 ClientSession& Lifecycle::begin(const std::string& client_id, const std::string& robot,
                                 TimePoint now) {
-  ClientSession& session = context_.clients.create(client_id, robot);
+  ClientSession& session = clients_.create(client_id, robot);
   subscriptions_.listen_for_commands(session, now);
   return session;
 }
@@ -26,7 +26,7 @@ void Lifecycle::enter(ClientSession& session, ClientState state, TimePoint now) 
   switch (state) {
     case ClientState::active:
       session.last_heard = now;
-      context_.clients.set_needed(session);
+      clients_.set_needed(session);
       return tell_presence(session, Presence::online);
     case ClientState::asleep: session.last_heard = now; [[fallthrough]];
     case ClientState::awake: return tell_presence(session, Presence::asleep);
@@ -34,15 +34,15 @@ void Lifecycle::enter(ClientSession& session, ClientState state, TimePoint now) 
     case ClientState::lost: break;
   }
   const Duration kept = session.is_clean ? Duration::zero() : Duration(limits::min_absence);
-  context_.clients.set_evictable(session, now + kept);
+  clients_.set_evictable(session, now + kept);
   if (session.told_presence) tell_presence(session, Presence::offline);
 }
 
 bool Lifecycle::revive(ClientSession& session, TimePoint now) {
-  if (session.state() != ClientState::lost || !context_.settings.revive_lost) return false;
-  context_.tally.count(Count::clients_revived);
+  if (session.state() != ClientState::lost || !settings_.revive_lost) return false;
+  tally_.count(Count::clients_revived);
   enter(session, ClientState::active, now);
-  context_.set_dirty(session);
+  changed_.mark(session);
   return true;
 }
 
@@ -52,15 +52,15 @@ void Lifecycle::disconnect(ClientSession& session, TimePoint now) {
 }
 
 void Lifecycle::lose(ClientSession& session, TimePoint now) {
-  context_.tally.count(Count::clients_lost);
+  tally_.count(Count::clients_lost);
   wills_.publish(session);
-  const bool may_come_back = context_.settings.revive_lost && session.peer;
+  const bool may_come_back = settings_.revive_lost && session.peer;
   if (session.is_clean && !may_come_back) return expel(session, "the robot is lost", now);
   leave(session, ClientState::lost, now);
 }
 
 void Lifecycle::displace(ClientSession& session, TimePoint now) {
-  context_.clients.unbind(session);
+  clients_.unbind(session);
   if (session.state() == ClientState::active) lose(session, now);
 }
 
@@ -74,10 +74,10 @@ void Lifecycle::clean(ClientSession& session, const std::string& why, TimePoint 
 }
 
 bool Lifecycle::make_room(TimePoint now) {
-  while (context_.clients.is_full()) {
-    ClientSession* gone = context_.clients.evictable(now);
+  while (clients_.is_full()) {
+    ClientSession* gone = clients_.evictable(now);
     if (!gone) return false;
-    context_.tally.count(Count::clients_evicted);
+    tally_.count(Count::clients_evicted);
     forget(*gone, "the robot's session made room for another", now);
   }
   return true;
@@ -89,8 +89,8 @@ void Lifecycle::tell_presence(ClientSession& session, Presence presence) {
   if (session.told_presence == presence && is_same_place) return;
   session.told_presence = presence;
   session.told_peer = session.peer;
-  context_.emit(PresenceChange{Mesh::thread, session.robot, presence,
-                               session.peer ? to_string(*session.peer) : std::string()});
+  output_.emit(PresenceChange{Mesh::thread, session.robot, presence,
+                              session.peer ? to_string(*session.peer) : std::string()});
 }
 
 void Lifecycle::expel(ClientSession& session, const std::string& why, TimePoint now) {
@@ -101,8 +101,8 @@ void Lifecycle::expel(ClientSession& session, const std::string& why, TimePoint 
 void Lifecycle::forget(ClientSession& session, const std::string& why, TimePoint now) {
   clean(session, why, now);
   subscriptions_.stop_listening(session, now);
-  context_.set_dirty(session);
-  context_.clients.erase(session);
+  changed_.mark(session);
+  clients_.erase(session);
 }
 
 void Lifecycle::leave(ClientSession& session, ClientState state, TimePoint now) {
@@ -115,7 +115,7 @@ void Lifecycle::leave(ClientSession& session, ClientState state, TimePoint now) 
   } else {
     downlink_.drop_volatile(session, why, now);
   }
-  context_.set_dirty(session);
+  changed_.mark(session);
 }
 
 }  // namespace slamgw::mqttsn

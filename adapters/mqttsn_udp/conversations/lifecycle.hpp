@@ -3,19 +3,28 @@
 // presence, what is kept and what is forgotten.
 #pragma once
 
-#include "adapters/mqttsn_udp/context.hpp"
+#include "adapters/mqttsn_udp/clients/changed_sessions.hpp"
+#include "adapters/mqttsn_udp/clients/client_table.hpp"
 #include "adapters/mqttsn_udp/conversations/downlink.hpp"
 #include "adapters/mqttsn_udp/conversations/subscriptions.hpp"
 #include "adapters/mqttsn_udp/conversations/uplink.hpp"
 #include "adapters/mqttsn_udp/conversations/wills.hpp"
+#include "adapters/mqttsn_udp/output.hpp"
+#include "adapters/mqttsn_udp/settings.hpp"
+#include "adapters/mqttsn_udp/tally.hpp"
 
 namespace slamgw::mqttsn {
 
 class Lifecycle {
  public:
-  Lifecycle(Context& context, Subscriptions& subscriptions, Downlink& downlink, Uplink& uplink,
-            Wills& wills)
-      : context_(context),
+  Lifecycle(const Settings& settings, ClientTable& clients, Output& output,
+            ChangedSessions& changed, Tally& tally, Subscriptions& subscriptions,
+            Downlink& downlink, Uplink& uplink, Wills& wills)
+      : settings_(settings),
+        clients_(clients),
+        output_(output),
+        changed_(changed),
+        tally_(tally),
         subscriptions_(subscriptions),
         downlink_(downlink),
         uplink_(uplink),
@@ -48,7 +57,11 @@ class Lifecycle {
   void forget(ClientSession& session, const std::string& why, TimePoint now);
   void leave(ClientSession& session, ClientState state, TimePoint now);
 
-  Context& context_;
+  const Settings& settings_;
+  ClientTable& clients_;
+  Output& output_;
+  ChangedSessions& changed_;
+  Tally& tally_;
   Subscriptions& subscriptions_;
   Downlink& downlink_;
   Uplink& uplink_;

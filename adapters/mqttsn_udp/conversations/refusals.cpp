@@ -10,7 +10,7 @@ namespace slamgw::mqttsn {
 
 void Refusals::on_refusal(Count what, std::string_view who, std::string text,
                           const std::string& robot, TimePoint now) {
-  context_.tally.count(what);
+  tally_.count(what);
   const std::uint64_t key =
       std::hash<std::string_view>{}(who)*31 + static_cast<std::uint64_t>(what);
   if (told_.contains(key)) return;
@@ -21,7 +21,7 @@ void Refusals::on_refusal(Count what, std::string_view who, std::string text,
   }
   told_.insert(key);
   oldest_first_.push_back(key);
-  context_.emit(Notice{Severity::notice, std::move(text), robot});
+  output_.emit(Notice{Severity::notice, std::move(text), robot});
 }
 
 void Refusals::forget_all() {

@@ -10,13 +10,14 @@
 #include <unordered_set>
 
 #include "adapters/mqttsn_udp/clients/token_bucket.hpp"
-#include "adapters/mqttsn_udp/context.hpp"
+#include "adapters/mqttsn_udp/output.hpp"
+#include "adapters/mqttsn_udp/tally.hpp"
 
 namespace slamgw::mqttsn {
 
 class Refusals {
  public:
-  explicit Refusals(Context& context) : context_(context) {}
+  Refusals(Output& output, Tally& tally) : output_(output), tally_(tally) {}
 
   /// `who` is a client id, or an address where that is not known; `robot` may be empty. `what` is
   /// counted in any case; `text` says what was refused and what would allow it.
@@ -26,7 +27,8 @@ class Refusals {
   void forget_all();
 
  private:
-  Context& context_;
+  Output& output_;
+  Tally& tally_;
   TokenBucket lines_;
   std::unordered_set<std::uint64_t> told_;  // hashes of kind and client; at most max_told_refusals
   std::deque<std::uint64_t> oldest_first_;

@@ -20,15 +20,15 @@ void Release::begin(ClientSession& session, std::uint16_t msg_id, TimePoint now)
   if (delivery.releasing.size() >= limits::max_open_releases)
     delivery.releasing.erase(delivery.releasing.begin());
   delivery.releasing.push_back({retransmission_.begin(delivery, msg_id, now)});
-  context_.set_dirty(session);
-  context_.send(session, Pubrel{msg_id});
+  changed_.mark(session);
+  output_.send(session, Pubrel{msg_id});
 }
 
 bool Release::on_pubrec(ClientSession& session, std::uint16_t msg_id) {
   const auto open = find(session.delivery, msg_id);
   if (open == session.delivery.releasing.end()) return false;
   open->attempt.repeats = std::max(open->attempt.repeats, 1U);
-  context_.send(session, Pubrel{msg_id});
+  output_.send(session, Pubrel{msg_id});
   return true;
 }
 
@@ -58,7 +58,7 @@ void Release::resume(ClientSession& session, TimePoint now) {
   for (Releasing& open : delivery.releasing) {
     if (open.attempt.repeat_at || session.last_heard <= open.attempt.begun) continue;
     open.attempt = retransmission_.begin(delivery, open.attempt.msg_id, now);
-    context_.send(session, Pubrel{open.attempt.msg_id});
+    output_.send(session, Pubrel{open.attempt.msg_id});
   }
 }
 
@@ -70,8 +70,8 @@ bool Release::on_time(ClientSession& session, TimePoint now) {
     switch (retransmission_.on_time(open.attempt, now)) {
       case Retransmission::Due::nothing: return false;
       case Retransmission::Due::repeat:
-        context_.tally.count(Count::retransmitted);
-        context_.send(session, Pubrel{open.attempt.msg_id});
+        tally_.count(Count::retransmitted);
+        output_.send(session, Pubrel{open.attempt.msg_id});
         return false;
       case Retransmission::Due::give_up: break;
     }
@@ -80,7 +80,7 @@ bool Release::on_time(ClientSession& session, TimePoint now) {
     is_silent |= !was_heard;
     return was_heard;
   };
-  if (std::erase_if(session.delivery.releasing, is_over) > 0) context_.set_dirty(session);
+  if (std::erase_if(session.delivery.releasing, is_over) > 0) changed_.mark(session);
   return is_silent;
 }
 

@@ -12,8 +12,8 @@ namespace slamgw::mqttsn {
 void Renaming::on_names(TimePoint now) {
   std::vector<ClientSession*> gone;
   std::vector<Renamed> renamed;
-  for (const auto& [id, session] : context_.clients.all()) {
-    if (context_.names.of_client(id) == session->robot) continue;
+  for (const auto& [id, session] : clients_.all()) {
+    if (rules_.names.of_client(id) == session->robot) continue;
     if (auto robot = connecting_.robot_of(id)) {
       renamed.push_back({session.get(), std::move(*robot)});
     } else {
@@ -21,7 +21,7 @@ void Renaming::on_names(TimePoint now) {
     }
   }
   for (ClientSession* session : gone) {
-    if (session->is_connected()) context_.send(*session, Disconnect{});
+    if (session->is_connected()) output_.send(*session, Disconnect{});
     lifecycle_.expel(*session, "another robot has this name now", now);
   }
   for (const Renamed& one : renamed) leave_name(one, now);
@@ -38,13 +38,13 @@ void Renaming::leave_name(const Renamed& renamed, TimePoint now) {
 
 void Renaming::enter_name(const Renamed& renamed, TimePoint now) {
   ClientSession& session = *renamed.session;
-  rename_topics(context_.policy.scheme(), session, session.robot, renamed.robot);
-  context_.clients.rename(session, renamed.robot);
+  rename_topics(rules_.policy.scheme(), session, session.robot, renamed.robot);
+  clients_.rename(session, renamed.robot);
   subscriptions_.listen_for_commands(session, now);
   subscriptions_.resume(session, now);
   if (std::exchange(session.told_presence, std::nullopt))
     lifecycle_.tell_presence(session, presence_of(session.state()));
-  context_.set_dirty(session);
+  changed_.mark(session);
 }
 
 }  // namespace slamgw::mqttsn

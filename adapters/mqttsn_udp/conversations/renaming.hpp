@@ -9,9 +9,12 @@ namespace slamgw::mqttsn {
 
 class Renaming {
  public:
-  Renaming(Context& context, Subscriptions& subscriptions, Lifecycle& lifecycle,
-           const Connecting& connecting)
-      : context_(context),
+  Renaming(const NameRules& rules, ClientTable& clients, Output& output, ChangedSessions& changed,
+           Subscriptions& subscriptions, Lifecycle& lifecycle, const Connecting& connecting)
+      : rules_(rules),
+        clients_(clients),
+        output_(output),
+        changed_(changed),
         subscriptions_(subscriptions),
         lifecycle_(lifecycle),
         connecting_(connecting) {}
@@ -29,7 +32,10 @@ class Renaming {
   void leave_name(const Renamed& renamed, TimePoint now);
   void enter_name(const Renamed& renamed, TimePoint now);
 
-  Context& context_;
+  const NameRules& rules_;
+  ClientTable& clients_;
+  Output& output_;
+  ChangedSessions& changed_;
   Subscriptions& subscriptions_;
   Lifecycle& lifecycle_;
   const Connecting& connecting_;

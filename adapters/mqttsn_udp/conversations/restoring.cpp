@@ -7,12 +7,12 @@ namespace slamgw::mqttsn {
 
 std::optional<SessionSnapshot> Restoring::snapshot(const std::string& client_id,
                                                    TimePoint now) const {
-  const ClientSession* session = context_.clients.find(client_id);
+  const ClientSession* session = clients_.find(client_id);
   if (!session) return std::nullopt;
   SessionSnapshot out = to_snapshot(*session, now);
-  out.is_validated = context_.is_validated(*session);
+  out.is_validated = output_.is_validated(*session);
   if (!out.is_validated)
-    out.allowance = context_.validation.allowance(session->peer->endpoint.address);
+    out.allowance = output_.validation.allowance(session->peer->endpoint.address);
   return out;
 }
 
@@ -31,21 +31,21 @@ void Restoring::refuse_commands(const SessionSnapshot& snapshot, TimePoint now) 
 
 bool Restoring::restore(const SessionSnapshot& snapshot, TimePoint now) {
   const auto robot = connecting_.robot_of(snapshot.client_id);
-  if (!robot || !is_valid_level(snapshot.robot) || context_.clients.is_full() ||
-      context_.clients.find(snapshot.client_id)) {
+  if (!robot || !is_valid_level(snapshot.robot) || clients_.is_full() ||
+      clients_.find(snapshot.client_id)) {
     refuse_commands(snapshot, now);
     return false;
   }
   ClientSession& session = lifecycle_.begin(snapshot.client_id, *robot, now);
   apply(snapshot, session, now);
   if (*robot != snapshot.robot)
-    rename_topics(context_.policy.scheme(), session, snapshot.robot, *robot);
+    rename_topics(rules_.policy.scheme(), session, snapshot.robot, *robot);
   adopt_commands(session.delivery);
   if (snapshot.peer) {
     const IpAddress& address = snapshot.peer->endpoint.address;
-    if (snapshot.is_validated) context_.validation.validate(address);
-    context_.validation.restore_allowance(address, snapshot.allowance);
-    context_.clients.bind(session, *snapshot.peer, session.local);
+    if (snapshot.is_validated) output_.validation.validate(address);
+    output_.validation.restore_allowance(address, snapshot.allowance);
+    clients_.bind(session, *snapshot.peer, session.local);
     downlink_.on_address(session);
   }
   subscriptions_.restore(session, now);

@@ -11,10 +11,12 @@ namespace slamgw::mqttsn {
 
 class Restoring {
  public:
-  Restoring(Context& context, Subscriptions& subscriptions, CommandWatch& commands,
-            Downlink& downlink, Lifecycle& lifecycle, const Connecting& connecting,
-            Supervision& supervision)
-      : context_(context),
+  Restoring(const NameRules& rules, ClientTable& clients, Output& output,
+            Subscriptions& subscriptions, CommandWatch& commands, Downlink& downlink,
+            Lifecycle& lifecycle, const Connecting& connecting, Supervision& supervision)
+      : rules_(rules),
+        clients_(clients),
+        output_(output),
         subscriptions_(subscriptions),
         commands_(commands),
         downlink_(downlink),
@@ -32,7 +34,9 @@ class Restoring {
   void adopt_commands(const Delivery& delivery);
   void refuse_commands(const SessionSnapshot& snapshot, TimePoint now);
 
-  Context& context_;
+  const NameRules& rules_;
+  ClientTable& clients_;
+  Output& output_;
   Subscriptions& subscriptions_;
   CommandWatch& commands_;
   Downlink& downlink_;

@@ -9,13 +9,12 @@ namespace slamgw::mqttsn {
 bool Roaming::takes(const Peer& peer, const LocalAddress& local, const Connect& connect,
                     std::uint64_t fingerprint, TimePoint now) {
   if (std::ranges::find(waiting_, peer, &WaitingConnect::peer) != waiting_.end()) return true;
-  if (connect.clean_session || waiting_.size() >= max_waiting ||
-      context_.clients.find(connect.client_id))
+  if (connect.clean_session || waiting_.size() >= max_waiting || clients_.find(connect.client_id))
     return false;
-  const auto robot = context_.names.of_client(connect.client_id);
+  const auto robot = rules_.names.of_client(connect.client_id);
   if (!robot || !is_valid_level(*robot) || !served_elsewhere_(*robot)) return false;
   waiting_.push_back({peer, local, connect, fingerprint, *robot, now + patience});
-  context_.emit(SignOfLife{Mesh::thread, *robot});
+  output_.emit(SignOfLife{Mesh::thread, *robot});
   return true;
 }
 
@@ -38,7 +37,7 @@ std::optional<TimePoint> Roaming::deadline() const {
 }
 
 std::optional<SessionSnapshot> Roaming::give_up(const std::string& robot, TimePoint now) {
-  ClientSession* session = context_.clients.find_robot(robot);
+  ClientSession* session = clients_.find_robot(robot);
   if (!session) return std::nullopt;
   std::optional<SessionSnapshot> kept;
   if (!session->is_clean) {

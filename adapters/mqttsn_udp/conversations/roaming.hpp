@@ -8,9 +8,11 @@
 #include <optional>
 #include <string>
 
+#include "adapters/mqttsn_udp/clients/client_table.hpp"
 #include "adapters/mqttsn_udp/clients/session_snapshot.hpp"
-#include "adapters/mqttsn_udp/context.hpp"
 #include "adapters/mqttsn_udp/conversations/lifecycle.hpp"
+#include "adapters/mqttsn_udp/name_rules.hpp"
+#include "adapters/mqttsn_udp/output.hpp"
 
 namespace slamgw::mqttsn {
 
@@ -32,7 +34,8 @@ class Roaming {
   };
   using ServedElsewhere = std::function<bool(const std::string& robot)>;
 
-  Roaming(Context& context, Lifecycle& lifecycle) : context_(context), lifecycle_(lifecycle) {}
+  Roaming(const NameRules& rules, ClientTable& clients, Output& output, Lifecycle& lifecycle)
+      : rules_(rules), clients_(clients), output_(output), lifecycle_(lifecycle) {}
 
   void ask(ServedElsewhere served_elsewhere) { served_elsewhere_ = std::move(served_elsewhere); }
   /// True when the CONNECT waits: a repetition of one that does, or a client whose session may be
@@ -49,7 +52,9 @@ class Roaming {
   std::optional<SessionSnapshot> give_up(const std::string& robot, TimePoint now);
 
  private:
-  Context& context_;
+  const NameRules& rules_;
+  ClientTable& clients_;
+  Output& output_;
   Lifecycle& lifecycle_;
   ServedElsewhere served_elsewhere_ = [](const std::string&) { return false; };
   std::deque<WaitingConnect> waiting_;  // in the order they came

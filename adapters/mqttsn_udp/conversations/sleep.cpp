@@ -7,30 +7,29 @@ void Sleep::fall_asleep(ClientSession& session, std::chrono::seconds duration, T
   session.sleep_duration = duration;
   downlink_.rest(session);
   lifecycle_.enter(session, ClientState::asleep, now);
-  context_.set_dirty(session);
+  changed_.mark(session);
 }
 
 void Sleep::wake(ClientSession& session, TimePoint now) {
   if (session.state() != ClientState::asleep) return;
   lifecycle_.enter(session, ClientState::awake, now);
-  session.delivery.wake_budget =
-      session.delivery.queue.size() + context_.settings.max_sleeping_messages;
+  session.delivery.wake_budget = session.delivery.queue.size() + settings_.max_sleeping_messages;
 }
 
 void Sleep::follow(ClientSession& session, const Peer& peer, const LocalAddress& local,
                    TimePoint now) {
-  if (ClientSession* former = context_.clients.find(peer)) lifecycle_.displace(*former, now);
+  if (ClientSession* former = clients_.find(peer)) lifecycle_.displace(*former, now);
   const bool is_new_address = session.peer != peer;
-  context_.clients.bind(session, peer, local);
+  clients_.bind(session, peer, local);
   if (is_new_address) downlink_.on_address(session);
-  context_.set_dirty(session);
+  changed_.mark(session);
   lifecycle_.tell_presence(session, Presence::asleep);
 }
 
 void Sleep::settle(ClientSession& session, TimePoint now) {
   if (session.state() != ClientState::awake || !session.answers.empty()) return;
   if (downlink_.is_awaiting(session)) return;
-  context_.send(session, Pingresp{});
+  output_.send(session, Pingresp{});
   sleep_again(session, now);
 }
 

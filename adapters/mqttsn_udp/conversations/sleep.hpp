@@ -5,16 +5,25 @@
 //   active --DISCONNECT(duration)--> asleep --PINGREQ--> awake --nothing left: PINGRESP--> asleep
 #pragma once
 
-#include "adapters/mqttsn_udp/context.hpp"
+#include "adapters/mqttsn_udp/clients/changed_sessions.hpp"
+#include "adapters/mqttsn_udp/clients/client_table.hpp"
 #include "adapters/mqttsn_udp/conversations/downlink.hpp"
 #include "adapters/mqttsn_udp/conversations/lifecycle.hpp"
+#include "adapters/mqttsn_udp/output.hpp"
+#include "adapters/mqttsn_udp/settings.hpp"
 
 namespace slamgw::mqttsn {
 
 class Sleep {
  public:
-  Sleep(Context& context, Downlink& downlink, Lifecycle& lifecycle)
-      : context_(context), downlink_(downlink), lifecycle_(lifecycle) {}
+  Sleep(const Settings& settings, ClientTable& clients, Output& output, ChangedSessions& changed,
+        Downlink& downlink, Lifecycle& lifecycle)
+      : settings_(settings),
+        clients_(clients),
+        output_(output),
+        changed_(changed),
+        downlink_(downlink),
+        lifecycle_(lifecycle) {}
 
   /// DISCONNECT with a duration: nothing is sent from now on, messages wait (R114, R116, R126).
   void fall_asleep(ClientSession& session, std::chrono::seconds duration, TimePoint now);
@@ -35,7 +44,10 @@ class Sleep {
  private:
   void sleep_again(ClientSession& session, TimePoint now);
 
-  Context& context_;
+  const Settings& settings_;
+  ClientTable& clients_;
+  Output& output_;
+  ChangedSessions& changed_;
   Downlink& downlink_;
   Lifecycle& lifecycle_;
 };

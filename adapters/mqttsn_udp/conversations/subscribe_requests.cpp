@@ -67,7 +67,7 @@ void SubscribeRequests::advance(const std::string& filter, Request& request, Tim
                                                      limits::broker_subscribe_interval, now))) {
     request.open = std::exchange(request.joined, {});
     const Qos qos = std::exchange(request.qos, Qos::at_most_once);
-    context_.emit(SubscribeRequest{Mesh::thread, filter, qos});
+    output_.emit(SubscribeRequest{Mesh::thread, filter, qos});
   }
   schedule(filter, request, now);
 }

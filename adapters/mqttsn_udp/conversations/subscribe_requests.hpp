@@ -13,7 +13,7 @@
 
 #include "adapters/mqttsn_udp/clients/timer_queue.hpp"
 #include "adapters/mqttsn_udp/clients/token_bucket.hpp"
-#include "adapters/mqttsn_udp/context.hpp"
+#include "adapters/mqttsn_udp/output.hpp"
 
 namespace slamgw::mqttsn {
 
@@ -26,7 +26,7 @@ class SubscribeRequests {
     Suback answer;
   };
 
-  explicit SubscribeRequests(Context& context) : context_(context) {}
+  explicit SubscribeRequests(Output& output) : output_(output) {}
 
   /// False when too many wait for an answer about this filter.
   bool has_room(const std::string& filter) const;
@@ -56,7 +56,7 @@ class SubscribeRequests {
   /// Looks again when the next may be asked, or the pace needs to be remembered no longer.
   void schedule(const std::string& filter, Request& request, TimePoint now);
 
-  Context& context_;
+  Output& output_;
   bool is_broker_up_ = false;
   std::unordered_map<std::string, Request> requests_;
   TimerQueue<std::string> timers_;

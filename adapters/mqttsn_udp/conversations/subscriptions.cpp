@@ -22,7 +22,7 @@ void Subscriptions::on_subscribe(ClientSession& session, const Subscribe& reques
   if (is_repetition(session, request, filter, now)) return answers_.answer(session, answer);
 
   if (!session.subscribe_rate.take(limits::subscribe_burst, limits::subscribe_interval, now)) {
-    context_.tally.count(Count::subscribes_bounded);
+    tally_.count(Count::subscribes_bounded);
     return refuse(session, request, ReturnCode::congestion);
   }
   const bool is_new = !session.subscriptions.contains(filter);
@@ -32,7 +32,7 @@ void Subscriptions::on_subscribe(ClientSession& session, const Subscribe& reques
                   std::nullopt, RetainedWait{}};
   if (is_new) add_subscriber(filter, session, subscription);
   if (request.topic_id_type == TopicIdType::normal) session.topics.set_told(wish->topic_id, true);
-  context_.set_dirty(session);
+  changed_.mark(session);
   ask_broker(session, filter, qos, answer, now);
 }
 
@@ -111,7 +111,7 @@ void Subscriptions::drop(ClientSession& session, const std::string& filter, Time
   if (!session.subscriptions.contains(filter)) return;
   remove_subscriber(filter, session);
   session.subscriptions.erase(filter);
-  context_.set_dirty(session);
+  changed_.mark(session);
   unsubscribe_unwanted(filter, now);
 }
 
@@ -129,12 +129,12 @@ void Subscriptions::add_subscriber(const std::string& filter, ClientSession& ses
                                    Subscription& subscription) {
   subscribers_[filter].push_back({&session, &subscription});
   session.filter_octets += NameBudget::of_filter(filter.size());
-  context_.clients.names().take(NameBudget::of_filter(filter.size()));
+  clients_.names().take(NameBudget::of_filter(filter.size()));
 }
 
 void Subscriptions::remove_subscriber(const std::string& filter, ClientSession& session) {
   session.filter_octets -= NameBudget::of_filter(filter.size());
-  context_.clients.names().give_back(NameBudget::of_filter(filter.size()));
+  clients_.names().give_back(NameBudget::of_filter(filter.size()));
   std::vector<Match>& subscribers = subscribers_[filter];
   std::erase_if(subscribers, [&](const Match& match) { return match.session == &session; });
   if (subscribers.empty()) subscribers_.erase(filter);
@@ -142,7 +142,7 @@ void Subscriptions::remove_subscriber(const std::string& filter, ClientSession& 
 
 void Subscriptions::unsubscribe_unwanted(const std::string& filter, TimePoint now) {
   if (subscribers_.find(filter) || listening_.contains(filter)) return;
-  context_.emit(UnsubscribeRequest{Mesh::thread, filter});
+  output_.emit(UnsubscribeRequest{Mesh::thread, filter});
   // No answer is owed to us any more.
   for (const SubscribeRequests::Waiting& waiting : requests_.forget(filter, now)) {
     if (const auto session = waiting.session.lock())
@@ -158,7 +158,7 @@ void Subscriptions::drop_all(ClientSession& session, TimePoint now) {
 void Subscriptions::drop_forbidden(ClientSession& session, TimePoint now) {
   std::vector<std::string> forbidden;
   for (const auto& [filter, subscription] : session.subscriptions) {
-    if (!context_.policy.may_subscribe(session.client_id, session.robot, filter))
+    if (!rules_.policy.may_subscribe(session.client_id, session.robot, filter))
       forbidden.push_back(filter);
   }
   for (const std::string& filter : forbidden) drop(session, filter, now);
@@ -167,7 +167,7 @@ void Subscriptions::drop_forbidden(ClientSession& session, TimePoint now) {
 void Subscriptions::restore(ClientSession& session, TimePoint now) {
   std::erase_if(session.subscriptions, [&](const auto& entry) {
     return !is_valid_filter(entry.first) ||
-           !context_.policy.may_subscribe(session.client_id, session.robot, entry.first);
+           !rules_.policy.may_subscribe(session.client_id, session.robot, entry.first);
   });
   for (auto& [filter, subscription] : session.subscriptions) {
     add_subscriber(filter, session, subscription);
@@ -180,7 +180,7 @@ std::vector<std::string> Subscriptions::filters_of(const ClientSession& session,
                                                    const std::string& robot) const {
   std::vector<std::string> filters;
   for (const auto& [filter, subscription] : session.subscriptions) {
-    if (replace_robot(context_.policy.scheme(), filter, robot, robot)) filters.push_back(filter);
+    if (replace_robot(rules_.policy.scheme(), filter, robot, robot)) filters.push_back(filter);
   }
   return filters;
 }
@@ -203,13 +203,13 @@ void Subscriptions::resume(ClientSession& session, TimePoint now) {
 }
 
 void Subscriptions::listen_for_commands(const ClientSession& session, TimePoint now) {
-  const std::string filter = context_.policy.scheme().command_filter(session.robot);
+  const std::string filter = rules_.policy.scheme().command_filter(session.robot);
   if (!listening_.insert(filter).second) return;
   requests_.ask(filter, Qos::at_least_once, {}, now);
 }
 
 void Subscriptions::stop_listening(const ClientSession& session, TimePoint now) {
-  const std::string filter = context_.policy.scheme().command_filter(session.robot);
+  const std::string filter = rules_.policy.scheme().command_filter(session.robot);
   refused_listening_.erase(filter);
   if (listening_.erase(filter) > 0) unsubscribe_unwanted(filter, now);
 }
@@ -235,7 +235,7 @@ Result<Subscriptions::Wish, ReturnCode> Subscriptions::read(ClientSession& sessi
   const bool is_sane =
       is_valid_filter(*filter) && static_cast<std::size_t>(slashes) < limits::max_filter_levels;
   if (!is_sane) return ReturnCode::not_supported;
-  if (!context_.policy.may_subscribe(session.client_id, session.robot, *filter)) {
+  if (!rules_.policy.may_subscribe(session.client_id, session.robot, *filter)) {
     notice_refusal(session, *filter, now);
     return ReturnCode::not_supported;
   }
@@ -243,7 +243,7 @@ Result<Subscriptions::Wish, ReturnCode> Subscriptions::read(ClientSession& sessi
   if (is_new && session.subscriptions.size() >= limits::max_subscriptions_per_client)
     return ReturnCode::congestion;
   const std::size_t octets = NameBudget::of_filter(filter->size());
-  if (is_new && !context_.clients.names().may_take(session.filter_octets, octets))
+  if (is_new && !clients_.names().may_take(session.filter_octets, octets))
     return ReturnCode::congestion;
   if (request.topic_id_type == TopicIdType::predefined) return Wish{*filter, request.topic_id};
   if (request.topic_id_type == TopicIdType::short_name || has_wildcard(*filter))
@@ -260,7 +260,7 @@ const std::string* Subscriptions::name(ClientSession& session, TopicIdType type,
   switch (type) {
     case TopicIdType::normal: storage = topic_name; break;
     case TopicIdType::predefined: {
-      const std::string* known = context_.predefined.name_of(session.client_id, topic_id);
+      const std::string* known = rules_.predefined.name_of(session.client_id, topic_id);
       if (!known) return nullptr;
       storage = *known;
       break;
@@ -268,12 +268,12 @@ const std::string* Subscriptions::name(ClientSession& session, TopicIdType type,
     case TopicIdType::short_name: storage = short_name(topic_id); return &storage;
     case TopicIdType::reserved: return nullptr;
   }
-  storage = to_broker_name(context_.policy.scheme(), session, std::move(storage));
+  storage = to_broker_name(rules_.policy.scheme(), session, std::move(storage));
   return &storage;
 }
 
 void Subscriptions::refuse(ClientSession& session, const Subscribe& request, ReturnCode code) {
-  if (code == ReturnCode::congestion && context_.is_full_silent()) return;
+  if (code == ReturnCode::congestion && settings_.is_full_silent()) return;
   answers_.answer(session, Suback{WireQos::zero, 0, request.msg_id, code});
 }
 
@@ -292,7 +292,7 @@ bool Subscriptions::is_repetition(const ClientSession& session, const Subscribe&
 void Subscriptions::ask_broker(ClientSession& session, const std::string& filter, Qos qos,
                                Suback answer, TimePoint now) {
   const std::uint64_t ticket = answers_.hold(session, answer.msg_id);
-  requests_.ask(filter, qos, {context_.clients.weak(session), ticket, answer}, now);
+  requests_.ask(filter, qos, {clients_.weak(session), ticket, answer}, now);
 }
 
 void Subscriptions::notice_refusal(const ClientSession& session, const std::string& filter,

@@ -7,10 +7,15 @@
 #include <unordered_set>
 #include <vector>
 
-#include "adapters/mqttsn_udp/context.hpp"
+#include "adapters/mqttsn_udp/clients/changed_sessions.hpp"
+#include "adapters/mqttsn_udp/clients/client_table.hpp"
 #include "adapters/mqttsn_udp/conversations/answers.hpp"
 #include "adapters/mqttsn_udp/conversations/refusals.hpp"
 #include "adapters/mqttsn_udp/conversations/subscribe_requests.hpp"
+#include "adapters/mqttsn_udp/name_rules.hpp"
+#include "adapters/mqttsn_udp/output.hpp"
+#include "adapters/mqttsn_udp/settings.hpp"
+#include "adapters/mqttsn_udp/tally.hpp"
 #include "daemon/core/topic_tree.hpp"
 
 namespace slamgw::mqttsn {
@@ -23,8 +28,18 @@ class Subscriptions {
     Subscription* subscription = nullptr;
   };
 
-  Subscriptions(Context& context, Answers& answers, Refusals& refusals)
-      : context_(context), answers_(answers), refusals_(refusals), requests_(context) {}
+  Subscriptions(const Settings& settings, const NameRules& rules, ClientTable& clients,
+                Output& output, ChangedSessions& changed, Tally& tally, Answers& answers,
+                Refusals& refusals)
+      : settings_(settings),
+        rules_(rules),
+        clients_(clients),
+        output_(output),
+        changed_(changed),
+        tally_(tally),
+        answers_(answers),
+        refusals_(refusals),
+        requests_(output) {}
 
   void on_subscribe(ClientSession& session, const Subscribe& request, TimePoint now);
   void on_unsubscribe(ClientSession& session, const Unsubscribe& request, TimePoint now);
@@ -85,7 +100,12 @@ class Subscriptions {
   void unsubscribe_unwanted(const std::string& filter, TimePoint now);
   void notice_refusal(const ClientSession& session, const std::string& filter, TimePoint now);
 
-  Context& context_;
+  const Settings& settings_;
+  const NameRules& rules_;
+  ClientTable& clients_;
+  Output& output_;
+  ChangedSessions& changed_;
+  Tally& tally_;
   Answers& answers_;
   Refusals& refusals_;
   TopicTree<std::vector<Match>> subscribers_;

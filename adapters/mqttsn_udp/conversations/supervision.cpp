@@ -9,12 +9,12 @@
 namespace slamgw::mqttsn {
 
 std::optional<TimePoint> Supervision::deadline() const {
-  return earlier(context_.clients.earliest(), commands_.deadline());
+  return earlier(clients_.earliest(), commands_.deadline());
 }
 
 void Supervision::on_deadline(TimePoint now) {
   expire_commands(now);
-  while (ClientSession* session = context_.clients.pop_due(now)) on_time(*session, now);
+  while (ClientSession* session = clients_.pop_due(now)) on_time(*session, now);
 }
 
 void Supervision::on_time(ClientSession& session, TimePoint now) {
@@ -28,13 +28,13 @@ void Supervision::advance(ClientSession& session, TimePoint now) {
   downlink_.pump(session, now);
   sleep_.settle(session, now);
   if (const auto next = earlier(lost_at(session), downlink_.next_time(session)))
-    context_.clients.wake_by(session, *next);
+    clients_.wake_by(session, *next);
 }
 
 void Supervision::expire_commands(TimePoint now) {
   std::vector<ClientSession*> waiting;  // nothing is sent before all are withdrawn
   while (const auto command = commands_.pop_overdue(now)) {
-    ClientSession* session = context_.clients.find(command->client_id);
+    ClientSession* session = clients_.find(command->client_id);
     std::string why = session ? downlink_.withdraw(*session, *command) : "the robot has gone";
     commands_.end(command, CommandResult::timeout, std::move(why), now);
     if (session) waiting.push_back(session);
@@ -53,7 +53,7 @@ std::optional<TimePoint> Supervision::lost_at(const ClientSession& session) cons
     case ClientState::lost: return std::nullopt;
   }
   if (duration.count() == 0) duration = limits::max_supervision;
-  const std::chrono::duration<double> allowed = duration * context_.settings.keep_alive_tolerance;
+  const std::chrono::duration<double> allowed = duration * settings_.keep_alive_tolerance;
   return session.last_heard + std::chrono::duration_cast<Duration>(allowed);
 }
 

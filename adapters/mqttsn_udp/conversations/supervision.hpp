@@ -10,9 +10,10 @@ namespace slamgw::mqttsn {
 
 class Supervision {
  public:
-  Supervision(Context& context, CommandWatch& commands, Downlink& downlink, Lifecycle& lifecycle,
-              Sleep& sleep)
-      : context_(context),
+  Supervision(const Settings& settings, ClientTable& clients, CommandWatch& commands,
+              Downlink& downlink, Lifecycle& lifecycle, Sleep& sleep)
+      : settings_(settings),
+        clients_(clients),
         commands_(commands),
         downlink_(downlink),
         lifecycle_(lifecycle),
@@ -30,7 +31,8 @@ class Supervision {
   void on_time(ClientSession& session, TimePoint now);
   std::optional<TimePoint> lost_at(const ClientSession& session) const;
 
-  Context& context_;
+  const Settings& settings_;
+  ClientTable& clients_;
   CommandWatch& commands_;
   Downlink& downlink_;
   Lifecycle& lifecycle_;

@@ -42,7 +42,7 @@ TopicRegistration::Readiness TopicRegistration::prepare(ClientSession& session,
   const bool is_busy = std::ranges::any_of(
       delivery.registering, [](const Registering& other) { return other.attempt.is_fresh(); });
   if (is_busy) return Readiness::waits_shortly;  // R66
-  if (!context_.may_send(session, 6 + topic.size())) return Readiness::is_held;
+  if (!output_.may_send(session, 6 + topic.size())) return Readiness::is_held;
   if (delivery.registering.size() >= limits::max_open_registers) {
     if (!outgoing.command) return Readiness::waits;
     delivery.registering.erase(delivery.registering.begin());
@@ -56,7 +56,7 @@ TopicRegistration::Readiness TopicRegistration::prepare(ClientSession& session,
 void TopicRegistration::probe(ClientSession& session, TimePoint now) {
   const std::string topic = probe_topic();
   if (is_set_aside(session.delivery, topic)) return;
-  if (!context_.may_send(session, probe_octets())) return;
+  if (!output_.may_send(session, probe_octets())) return;
   if (const auto id = assign_topic(session, topic)) begin(session, *id, now);
 }
 
@@ -64,7 +64,7 @@ std::size_t TopicRegistration::probe_octets() const { return 6 + probe_topic().s
 
 /// The first level of all topics: every client that asked for some of them in full has paid for it.
 std::string TopicRegistration::probe_topic() const {
-  const std::string& root = context_.policy.scheme().robot_root();
+  const std::string& root = rules_.policy.scheme().robot_root();
   return root.substr(0, root.find('/'));
 }
 
@@ -78,8 +78,8 @@ void TopicRegistration::begin(ClientSession& session, std::uint16_t topic_id, Ti
 void TopicRegistration::transmit(const ClientSession& session, const Registering& registering) {
   const std::string* name = session.topics.name_of(registering.topic_id);
   if (!name) return;
-  context_.send(session, Register{registering.topic_id, registering.attempt.msg_id,
-                                  to_client_name(context_.policy.scheme(), session, *name)});
+  output_.send(session, Register{registering.topic_id, registering.attempt.msg_id,
+                                 to_client_name(rules_.policy.scheme(), session, *name)});
 }
 
 std::optional<std::uint16_t> TopicRegistration::topic_id(ClientSession& session,
@@ -126,7 +126,7 @@ std::vector<TopicRegistration::Unanswered> TopicRegistration::on_time(ClientSess
     Registering& open = delivery.registering[i];
     const auto due = retransmission_.on_time(open.attempt, now);
     if (due == Retransmission::Due::repeat) {
-      context_.tally.count(Count::retransmitted);
+      tally_.count(Count::retransmitted);
       transmit(session, open);
     }
     if (due != Retransmission::Due::give_up) {
@@ -163,7 +163,7 @@ void TopicRegistration::set_aside(ClientSession& session, const std::string& top
   ++entry->failures;
   entry->ends_when_heard = entry->failures == 1 && session.last_heard <= begun;
   entry->until = entry->ends_when_heard ? TimePoint::max() : now + pause_after(entry->failures);
-  context_.tally.count(Count::topics_set_aside);
+  tally_.count(Count::topics_set_aside);
   tell(session, topic);
 }
 
@@ -181,11 +181,11 @@ void TopicRegistration::on_heard(Delivery& delivery) {
 
 void TopicRegistration::tell(ClientSession& session, const std::string& topic) {
   if (std::exchange(session.delivery.was_told_set_aside, true)) return;
-  context_.emit(Notice{Severity::notice,
-                       fmt::format("{} does not answer messages on '{}': they pause, at first for "
-                                   "{} s, then longer; other topics go on",
-                                   session.robot, topic, limits::first_set_aside.count()),
-                       session.robot});
+  output_.emit(Notice{Severity::notice,
+                      fmt::format("{} does not answer messages on '{}': they pause, at first for "
+                                  "{} s, then longer; other topics go on",
+                                  session.robot, topic, limits::first_set_aside.count()),
+                      session.robot});
 }
 
 }  // namespace slamgw::mqttsn

@@ -6,15 +6,18 @@
 
 #include <string>
 
-#include "adapters/mqttsn_udp/context.hpp"
 #include "adapters/mqttsn_udp/conversations/retransmission.hpp"
+#include "adapters/mqttsn_udp/name_rules.hpp"
+#include "adapters/mqttsn_udp/output.hpp"
+#include "adapters/mqttsn_udp/tally.hpp"
 
 namespace slamgw::mqttsn {
 
 class TopicRegistration {
  public:
-  TopicRegistration(Context& context, const Retransmission& retransmission)
-      : context_(context), retransmission_(retransmission) {}
+  TopicRegistration(const NameRules& rules, Output& output, Tally& tally,
+                    const Retransmission& retransmission)
+      : rules_(rules), output_(output), tally_(tally), retransmission_(retransmission) {}
 
   enum class Readiness : std::uint8_t {
     ready,          ///< the client knows the id
@@ -55,7 +58,9 @@ class TopicRegistration {
   void transmit(const ClientSession& session, const Registering& registering);
   void tell(ClientSession& session, const std::string& topic);
 
-  Context& context_;
+  const NameRules& rules_;
+  Output& output_;
+  Tally& tally_;
   const Retransmission& retransmission_;
 };
 

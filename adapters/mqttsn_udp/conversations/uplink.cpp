@@ -39,15 +39,15 @@ void Uplink::on_publish(ClientSession& session, Publish publish, TimePoint now) 
   switch (publish.qos) {
     case WireQos::zero:
     case WireQos::minus_one:
-      context_.tally.count(Count::published_up);
-      return context_.emit(Report{.mesh = Mesh::thread,
-                                  .robot = session.robot,
-                                  .topic = std::move(*topic),
-                                  .payload = std::move(publish.payload),
-                                  .qos = Qos::at_most_once,
-                                  .retain = publish.retain,
-                                  .receipt = {},
-                                  .wire = wire_facts(publish)});
+      tally_.count(Count::published_up);
+      return output_.emit(Report{.mesh = Mesh::thread,
+                                 .robot = session.robot,
+                                 .topic = std::move(*topic),
+                                 .payload = std::move(publish.payload),
+                                 .qos = Qos::at_most_once,
+                                 .retain = publish.retain,
+                                 .receipt = {},
+                                 .wire = wire_facts(publish)});
     case WireQos::one: return publish_once(session, std::move(publish), std::move(*topic), now);
     case WireQos::two:
       return publish_exactly_once(session, std::move(publish), std::move(*topic), now);
@@ -61,9 +61,9 @@ void Uplink::on_pubrel(ClientSession& session, const Pubrel& pubrel, TimePoint n
   if (found != session.inbound_qos2.end() && found->second.receipt_id == 0) {
     session.repeats.add({found->second.fingerprint, now, 0, 0, pubrel.msg_id});
     session.inbound_qos2.erase(found);
-    context_.set_dirty(session);
+    changed_.mark(session);
   }
-  context_.send(session, Pubcomp{pubrel.msg_id});
+  output_.send(session, Pubcomp{pubrel.msg_id});
 }
 
 void Uplink::on_unconnected_publish(const Peer& peer, const ClientSession* session, Publish publish,
@@ -71,22 +71,22 @@ void Uplink::on_unconnected_publish(const Peer& peer, const ClientSession* sessi
   const std::string client_id = session ? session->client_id : std::string();
   std::string topic;
   if (publish.topic_id_type == TopicIdType::predefined) {
-    const std::string* name = context_.predefined.name_of(client_id, publish.topic_id);
+    const std::string* name = rules_.predefined.name_of(client_id, publish.topic_id);
     if (name) topic = *name;
   } else if (publish.topic_id_type == TopicIdType::short_name) {
     topic = short_name(publish.topic_id);
   }
-  const TopicScheme& scheme = context_.policy.scheme();
+  const TopicScheme& scheme = rules_.policy.scheme();
   if (session)
     topic = replace_robot(scheme, topic, client_id, session->robot).value_or(std::move(topic));
   const auto parsed = scheme.parse_robot_topic(topic);
   std::string robot = session ? session->robot : std::string(parsed ? parsed->robot : "");
-  const bool is_allowed = context_.settings.allow_unconnected_publish &&
-                          is_valid_topic_name(topic) && (session || !is_foreign(robot)) &&
-                          context_.policy.may_publish(client_id, robot, topic);
+  const bool is_allowed = settings_.allow_unconnected_publish && is_valid_topic_name(topic) &&
+                          (session || !is_foreign(robot)) &&
+                          rules_.policy.may_publish(client_id, robot, topic);
   if (!is_allowed) {
     const std::string who = session ? robot : to_string(peer);
-    const char* remedy = context_.settings.allow_unconnected_publish
+    const char* remedy = settings_.allow_unconnected_publish
                              ? "its topic is unknown or another robot's, or "
                                "topics.extra_publish does not allow it"
                              : "mqttsn.allow_unconnected_publish is false";
@@ -94,18 +94,18 @@ void Uplink::on_unconnected_publish(const Peer& peer, const ClientSession* sessi
         Count::unconnected_refused, who,
         fmt::format("a message of QoS -1 from {} is refused: {}", who, remedy), {}, now);
   }
-  context_.tally.count(Count::published_up);
-  context_.emit(Report{Mesh::thread, std::move(robot), std::move(topic), std::move(publish.payload),
-                       Qos::at_most_once, publish.retain, Receipt{Mesh::thread, 0}});
+  tally_.count(Count::published_up);
+  output_.emit(Report{Mesh::thread, std::move(robot), std::move(topic), std::move(publish.payload),
+                      Qos::at_most_once, publish.retain, Receipt{Mesh::thread, 0}});
 }
 
 /// Whether the configuration, the form of the name or another mesh gives it to a robot elsewhere.
 bool Uplink::is_foreign(const std::string& robot) const {
   if (robot.empty()) return false;
-  const auto& configured = context_.names.configured();
+  const auto& configured = rules_.names.configured();
   const auto known = std::ranges::find(configured, robot, &RobotName::id);
   if (known != configured.end()) return !known->mqttsn_client_id;
-  return !context_.names.of_client(robot) || (is_elsewhere_ && is_elsewhere_(robot));
+  return !rules_.names.of_client(robot) || (is_elsewhere_ && is_elsewhere_(robot));
 }
 
 void Uplink::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome) {
@@ -136,9 +136,9 @@ Result<std::string, ReturnCode> Uplink::topic_of(ClientSession& session, const P
       const std::string* name =
           publish.topic_id_type == TopicIdType::normal
               ? session.topics.name_of(publish.topic_id)
-              : context_.predefined.name_of(session.client_id, publish.topic_id);
+              : rules_.predefined.name_of(session.client_id, publish.topic_id);
       if (!name) {
-        context_.tally.count(Count::unknown_topic_ids);
+        tally_.count(Count::unknown_topic_ids);
         return ReturnCode::invalid_topic_id;
       }
       topic = *name;
@@ -148,7 +148,7 @@ Result<std::string, ReturnCode> Uplink::topic_of(ClientSession& session, const P
     case TopicIdType::short_name: topic = short_name(publish.topic_id); break;
     case TopicIdType::reserved: return ReturnCode::not_supported;
   }
-  topic = to_broker_name(context_.policy.scheme(), session, std::move(topic));
+  topic = to_broker_name(rules_.policy.scheme(), session, std::move(topic));
   if (!is_valid_topic_name(topic)) return ReturnCode::not_supported;
   if (!may_publish(session, topic, now)) return ReturnCode::not_supported;
   return topic;
@@ -160,7 +160,7 @@ void Uplink::publish_once(ClientSession& session, Publish publish, std::string t
   if (const auto* known = session.repeats.find(publish.msg_id, mark, now)) {
     tell_repeat(session, publish, std::move(topic));
     if (known->receipt_id == 0)
-      context_.send(session, Puback{publish.topic_id, publish.msg_id, ReturnCode::accepted});
+      output_.send(session, Puback{publish.topic_id, publish.msg_id, ReturnCode::accepted});
     return;
   }
   if (session.open_receipts >= limits::max_open_receipts)
@@ -179,7 +179,7 @@ void Uplink::publish_exactly_once(ClientSession& session, Publish publish, std::
   if (is_open || session.repeats.find(publish.msg_id, mark, now)) {
     tell_repeat(session, publish, std::move(topic));
     const bool is_safe = !is_open || known->second.receipt_id == 0;
-    if (is_safe) context_.send(session, Pubrec{publish.msg_id});
+    if (is_safe) output_.send(session, Pubrec{publish.msg_id});
     return;
   }
   const bool is_full = session.open_receipts >= limits::max_open_receipts ||
@@ -188,35 +188,35 @@ void Uplink::publish_exactly_once(ClientSession& session, Publish publish, std::
   if (is_full) return refuse(session, publish, ReturnCode::congestion);
   // Another message under the same MsgId: the client has given up the former.
   session.inbound_qos2[publish.msg_id] = {mark, last_receipt_ + 1};
-  context_.set_dirty(session);
+  changed_.mark(session);
   report(session, std::move(publish), std::move(topic));
 }
 
 void Uplink::report(ClientSession& session, Publish publish, std::string topic) {
   const auto qos = static_cast<Qos>(publish.qos);
   const std::uint64_t id = ++last_receipt_;
-  open_[id] = {context_.clients.weak(session), qos, publish.topic_id, publish.msg_id};
+  open_[id] = {clients_.weak(session), qos, publish.topic_id, publish.msg_id};
   ++session.open_receipts;
-  context_.tally.count(Count::published_up);
-  context_.emit(Report{.mesh = Mesh::thread,
-                       .robot = session.robot,
-                       .topic = std::move(topic),
-                       .payload = std::move(publish.payload),
-                       .qos = qos,
-                       .retain = publish.retain,
-                       .receipt = {Mesh::thread, id},
-                       .wire = wire_facts(publish)});
+  tally_.count(Count::published_up);
+  output_.emit(Report{.mesh = Mesh::thread,
+                      .robot = session.robot,
+                      .topic = std::move(topic),
+                      .payload = std::move(publish.payload),
+                      .qos = qos,
+                      .retain = publish.retain,
+                      .receipt = {Mesh::thread, id},
+                      .wire = wire_facts(publish)});
 }
 
 void Uplink::tell_repeat(const ClientSession& session, const Publish& publish, std::string topic) {
-  context_.tally.count(Count::repeats_suppressed);
-  context_.emit(MeshStep{.kind = MeshStep::Kind::repeat,
-                         .mesh = Mesh::thread,
-                         .robot = session.robot,
-                         .topic = std::move(topic),
-                         .qos = qos_of(publish),
-                         .wire = wire_facts(publish),
-                         .bytes = publish.payload.size()});
+  tally_.count(Count::repeats_suppressed);
+  output_.emit(MeshStep{.kind = MeshStep::Kind::repeat,
+                        .mesh = Mesh::thread,
+                        .robot = session.robot,
+                        .topic = std::move(topic),
+                        .qos = qos_of(publish),
+                        .wire = wire_facts(publish),
+                        .bytes = publish.payload.size()});
 }
 
 void Uplink::on_safe(ClientSession& session, std::uint64_t receipt_id, const Open& open) {
@@ -227,56 +227,56 @@ void Uplink::on_safe(ClientSession& session, std::uint64_t receipt_id, const Ope
     const auto found = session.inbound_qos2.find(open.msg_id);
     is_known = found != session.inbound_qos2.end() && found->second.receipt_id == receipt_id;
     if (is_known) found->second.receipt_id = 0;
-    if (is_known) context_.set_dirty(session);
+    if (is_known) changed_.mark(session);
   }
   if (!is_known || !session.is_connected()) return;
   if (open.qos == Qos::at_least_once) {
-    context_.send(session, Puback{open.topic_id, open.msg_id, ReturnCode::accepted});
+    output_.send(session, Puback{open.topic_id, open.msg_id, ReturnCode::accepted});
   } else {
-    context_.send(session, Pubrec{open.msg_id});
+    output_.send(session, Pubrec{open.msg_id});
   }
-  if (!context_.is_traced) return;
-  context_.emit(MeshStep{.kind = MeshStep::Kind::acknowledged,
-                         .mesh = Mesh::thread,
-                         .robot = session.robot,
-                         .receipt = {Mesh::thread, receipt_id}});
+  if (!output_.is_traced) return;
+  output_.emit(MeshStep{.kind = MeshStep::Kind::acknowledged,
+                        .mesh = Mesh::thread,
+                        .robot = session.robot,
+                        .receipt = {Mesh::thread, receipt_id}});
 }
 
 /// Not acknowledged, so the robot keeps it; its repetition is a new message.
 void Uplink::on_refused(ClientSession& session, std::uint64_t receipt_id, const Open& open) {
-  context_.tally.count(Count::receipts_refused);
+  tally_.count(Count::receipts_refused);
   const bool was_qos1 = session.repeats.on_refused(receipt_id).has_value();
   const auto found = session.inbound_qos2.find(open.msg_id);
   const bool was_qos2 =
       found != session.inbound_qos2.end() && found->second.receipt_id == receipt_id;
   if (was_qos2) session.inbound_qos2.erase(found);
-  const bool is_said = (was_qos1 || was_qos2) && !context_.is_full_silent();
+  const bool is_said = (was_qos1 || was_qos2) && !settings_.is_full_silent();
   if (is_said && session.is_connected())
-    context_.send(session, Puback{open.topic_id, open.msg_id, ReturnCode::congestion});
-  if (!context_.is_traced) return;
-  context_.emit(MeshStep{.kind = MeshStep::Kind::refused,
-                         .mesh = Mesh::thread,
-                         .robot = session.robot,
-                         .receipt = {Mesh::thread, receipt_id},
-                         .why = "the gateway has no room for it; the robot keeps it"});
+    output_.send(session, Puback{open.topic_id, open.msg_id, ReturnCode::congestion});
+  if (!output_.is_traced) return;
+  output_.emit(MeshStep{.kind = MeshStep::Kind::refused,
+                        .mesh = Mesh::thread,
+                        .robot = session.robot,
+                        .receipt = {Mesh::thread, receipt_id},
+                        .why = "the gateway has no room for it; the robot keeps it"});
 }
 
 void Uplink::refuse(ClientSession& session, const Publish& publish, ReturnCode code) {
-  if (context_.is_traced) {
-    context_.emit(MeshStep{.kind = MeshStep::Kind::refused,
-                           .mesh = Mesh::thread,
-                           .robot = session.robot,
-                           .qos = qos_of(publish),
-                           .wire = wire_facts(publish),
-                           .bytes = publish.payload.size(),
-                           .why = std::string(reason_of(code))});
+  if (output_.is_traced) {
+    output_.emit(MeshStep{.kind = MeshStep::Kind::refused,
+                          .mesh = Mesh::thread,
+                          .robot = session.robot,
+                          .qos = qos_of(publish),
+                          .wire = wire_facts(publish),
+                          .bytes = publish.payload.size(),
+                          .why = std::string(reason_of(code))});
   }
-  if (code == ReturnCode::congestion && context_.is_full_silent()) return;
-  context_.send(session, Puback{publish.topic_id, publish.msg_id, code});
+  if (code == ReturnCode::congestion && settings_.is_full_silent()) return;
+  output_.send(session, Puback{publish.topic_id, publish.msg_id, code});
 }
 
 bool Uplink::may_publish(ClientSession& session, const std::string& topic, TimePoint now) {
-  if (context_.policy.may_publish(session.client_id, session.robot, topic)) return true;
+  if (rules_.policy.may_publish(session.client_id, session.robot, topic)) return true;
   refusals_.on_refusal(Count::topics_refused, "publish " + session.client_id,
                        fmt::format("{} may not publish to '{}': a matching filter in "
                                    "topics.extra_publish would allow it",

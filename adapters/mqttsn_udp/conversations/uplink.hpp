@@ -8,8 +8,13 @@
 #include <unordered_map>
 #include <utility>
 
-#include "adapters/mqttsn_udp/context.hpp"
+#include "adapters/mqttsn_udp/clients/changed_sessions.hpp"
+#include "adapters/mqttsn_udp/clients/client_table.hpp"
 #include "adapters/mqttsn_udp/conversations/refusals.hpp"
+#include "adapters/mqttsn_udp/name_rules.hpp"
+#include "adapters/mqttsn_udp/output.hpp"
+#include "adapters/mqttsn_udp/settings.hpp"
+#include "adapters/mqttsn_udp/tally.hpp"
 #include "daemon/core/recycling_allocator.hpp"
 
 namespace slamgw::mqttsn {
@@ -19,7 +24,15 @@ using NameCheck = std::function<bool(const std::string& robot)>;
 
 class Uplink {
  public:
-  Uplink(Context& context, Refusals& refusals) : context_(context), refusals_(refusals) {}
+  Uplink(const Settings& settings, const NameRules& rules, ClientTable& clients, Output& output,
+         ChangedSessions& changed, Tally& tally, Refusals& refusals)
+      : settings_(settings),
+        rules_(rules),
+        clients_(clients),
+        output_(output),
+        changed_(changed),
+        tally_(tally),
+        refusals_(refusals) {}
 
   void on_publish(ClientSession& session, Publish publish, TimePoint now);
   void on_pubrel(ClientSession& session, const Pubrel& pubrel, TimePoint now);
@@ -55,7 +68,12 @@ class Uplink {
   void refuse(ClientSession& session, const Publish& publish, ReturnCode code);
   void tell_repeat(const ClientSession& session, const Publish& publish, std::string topic);
 
-  Context& context_;
+  const Settings& settings_;
+  const NameRules& rules_;
+  ClientTable& clients_;
+  Output& output_;
+  ChangedSessions& changed_;
+  Tally& tally_;
   Refusals& refusals_;
   NameCheck is_elsewhere_;
   std::uint64_t last_receipt_ = 0;

@@ -12,10 +12,9 @@ namespace slamgw::mqttsn {
 std::optional<std::string> Wills::allowed_topic(const std::string& client_id,
                                                 const std::string& robot, const std::string& topic,
                                                 WireQos qos, TimePoint now) {
-  std::string name =
-      replace_robot(context_.policy.scheme(), topic, client_id, robot).value_or(topic);
+  std::string name = replace_robot(rules_.policy.scheme(), topic, client_id, robot).value_or(topic);
   const bool is_will = qos != WireQos::minus_one && is_valid_topic_name(name);
-  if (is_will && context_.policy.may_publish(client_id, robot, name)) return name;
+  if (is_will && rules_.policy.may_publish(client_id, robot, name)) return name;
   refusals_.on_refusal(
       Count::wills_refused, client_id,
       is_will
@@ -41,22 +40,22 @@ void Wills::on_willtopicupd(ClientSession& session, const WillTopicUpd& update, 
   } else {
     code = ReturnCode::not_supported;
   }
-  context_.set_dirty(session);
-  context_.send(session, WillTopicResp{code});
+  changed_.mark(session);
+  output_.send(session, WillTopicResp{code});
 }
 
 void Wills::on_willmsgupd(ClientSession& session, WillMsgUpd update) {
-  if (!session.will) return context_.send(session, WillMsgResp{ReturnCode::not_supported});
+  if (!session.will) return output_.send(session, WillMsgResp{ReturnCode::not_supported});
   session.will->message = std::move(update.message);
-  context_.set_dirty(session);
-  context_.send(session, WillMsgResp{ReturnCode::accepted});
+  changed_.mark(session);
+  output_.send(session, WillMsgResp{ReturnCode::accepted});
 }
 
 void Wills::publish(const ClientSession& session) {
   if (!session.will) return;
   const Will& will = *session.will;
-  context_.emit(Report{Mesh::thread, session.robot, will.topic, will.message, will.qos, will.retain,
-                       Receipt{Mesh::thread, 0}, true});
+  output_.emit(Report{Mesh::thread, session.robot, will.topic, will.message, will.qos, will.retain,
+                      Receipt{Mesh::thread, 0}, true});
 }
 
 }  // namespace slamgw::mqttsn

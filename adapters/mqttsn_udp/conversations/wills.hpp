@@ -5,14 +5,17 @@
 
 #include <string>
 
-#include "adapters/mqttsn_udp/context.hpp"
+#include "adapters/mqttsn_udp/clients/changed_sessions.hpp"
 #include "adapters/mqttsn_udp/conversations/refusals.hpp"
+#include "adapters/mqttsn_udp/name_rules.hpp"
+#include "adapters/mqttsn_udp/output.hpp"
 
 namespace slamgw::mqttsn {
 
 class Wills {
  public:
-  Wills(Context& context, Refusals& refusals) : context_(context), refusals_(refusals) {}
+  Wills(const NameRules& rules, Output& output, ChangedSessions& changed, Refusals& refusals)
+      : rules_(rules), output_(output), changed_(changed), refusals_(refusals) {}
 
   /// The will's topic as the broker knows it; nothing when this client may not have such a will
   /// (R55), which is counted and told.
@@ -24,7 +27,9 @@ class Wills {
   void publish(const ClientSession& session);
 
  private:
-  Context& context_;
+  const NameRules& rules_;
+  Output& output_;
+  ChangedSessions& changed_;
   Refusals& refusals_;
 };
 
