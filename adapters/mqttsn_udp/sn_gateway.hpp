@@ -131,7 +131,7 @@ class SnGateway {
   Renaming renaming_;
   Restoring restoring_;
   Discovery discovery_;
-  Burst malformed_;
+  LogThrottle malformed_;
 };
 
 }  // namespace slamgw::mqttsn

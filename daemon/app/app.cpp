@@ -112,7 +112,7 @@ void App::run() {
   store_.start();
   wait_for_signal();
   start_control();
-  tell_configured_robots();
+  report_configured_robots();
   start_meshes();
   upstream_.read_credentials_with([this] { return load_credentials(config_.broker); });
   upstream_.start();
@@ -175,7 +175,7 @@ OrderAnswer App::reload() {
   return {answer_json(reload).dump(), {}};
 }
 
-void App::tell_configured_robots() {
+void App::report_configured_robots() {
   gateway_driver_.input([this](Gateway& gateway, const Now& now) {
     gateway.on_configured(ids_of(config_.robots), now);
   });
@@ -195,7 +195,7 @@ void App::apply(const Reload& reload) {
   configure_log(config_.log.level);
   traffic_log_.reconfigure(config_.log.traffic);
   meshes_.reconfigure(config_, reload.has_other_robots, reload.has_other_topics);
-  tell_configured_robots();
+  report_configured_robots();
   for (const std::string& name : reload.replaced_names) {
     gateway_driver_.input([&](Gateway& gateway, const Now&) { gateway.forget(name); });
   }
@@ -279,7 +279,7 @@ void App::publish_stats() {
 }
 
 void App::perform(Upload& action) {
-  if (action.outcome_after && !fleet_.is_alone()) return fleet_.tell_outcome(action);
+  if (action.outcome_after && !fleet_.is_alone()) return fleet_.report_outcome(action);
   submit(std::move(action.message), action.receipt);
 }
 
@@ -390,7 +390,7 @@ void App::on_mesh_event(MeshEvent event) {
       [&](Gateway& gateway, const Now& now) { gateway.on_mesh_event(std::move(event), now); });
 }
 
-void App::tell_broker_link() {
+void App::report_broker_link() {
   gateway_driver_.input([](Gateway& gateway, const Now& now) { gateway.on_broker_link(now); });
   meshes_.on_broker_link(broker_link_.is_up);
   fleet_.on_broker_link(broker_link_.is_up);
@@ -405,7 +405,7 @@ void App::on_link_up(bool, const BrokerLimits& limits) {
   // The outbox first: else what the gateway says about itself would go to the disk on its way.
   outbox_driver_.input(
       [&](Outbox& outbox, TimePoint now) { outbox.on_link_up(limits.receive_maximum, now); });
-  tell_broker_link();
+  report_broker_link();
 }
 
 void App::on_link_down(const std::string& why) {
@@ -415,7 +415,7 @@ void App::on_link_down(const std::string& why) {
   if (why != broker_link_.why) broker_link_ = {false, now.wall, why, {}};
   if (!was_up) return;
   outbox_driver_.input([](Outbox& outbox, TimePoint at) { outbox.on_link_down(at); });
-  tell_broker_link();
+  report_broker_link();
 }
 
 void App::on_silence(bool is_silent) {

@@ -92,7 +92,7 @@ void FleetMember::perform(AskAboutRobot& action) {
       [&](auto& ownership, const Now& now) { ownership.on_will(std::move(action.will), now); });
 }
 
-void FleetMember::tell_outcome(Upload& action) {
+void FleetMember::report_outcome(Upload& action) {
   driver_.input([&](auto& ownership, const Now& now) {
     ownership.on_own_outcome(std::move(action.message), *action.outcome_after, now);
   });

@@ -35,7 +35,7 @@ class FleetMember {
   void on_mesh_event(const MeshEvent& event);
   void perform(AwaitTurn& action);
   void perform(AskAboutRobot& action);
-  void tell_outcome(Upload& action);
+  void report_outcome(Upload& action);
   bool is_alone() const { return ownership_.is_alone(); }
   /// Its messages do not go through the outbox.
   static bool is_own(std::uint64_t sequence) { return sequence >= first_sequence; }

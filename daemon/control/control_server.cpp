@@ -96,7 +96,7 @@ bool ControlServer::has_watchers() const {
                      [](const auto& session) { return session->is_watching(); });
 }
 
-void ControlServer::tell_whether_watched() {
+void ControlServer::report_whether_watched() {
   const bool is_watched = has_watchers();
   if (std::exchange(was_watched_, is_watched) != is_watched) handler_.on_watched(is_watched);
 }
@@ -148,10 +148,10 @@ void ControlServer::admit(ControlSession::Socket socket) {
   }
   ++counters_.clients;
   auto session = std::make_shared<ControlSession>(
-      std::move(socket), limits_, counters_, handler_, [this] { tell_whether_watched(); },
+      std::move(socket), limits_, counters_, handler_, [this] { report_whether_watched(); },
       [this](ControlSession& ended) {
         std::erase_if(sessions_, [&ended](const auto& each) { return each.get() == &ended; });
-        tell_whether_watched();
+        report_whether_watched();
       });
   sessions_.push_back(session);
   session->start();

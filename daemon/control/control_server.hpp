@@ -43,7 +43,7 @@ class ControlServer {
   void accept();
   void on_accept(boost::system::error_code error, ControlSession::Socket socket);
   void admit(ControlSession::Socket socket);
-  void tell_whether_watched();
+  void report_whether_watched();
 
   boost::asio::io_context& io_;
   boost::asio::local::stream_protocol::acceptor acceptor_;

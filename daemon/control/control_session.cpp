@@ -48,7 +48,7 @@ void ControlSession::offer(const std::string& line) {
 }
 
 void ControlSession::offer_event(const std::string& line, WallTime at) {
-  tell_lost();
+  report_lost();
   if (lost_ > 0 || queued() + line.size() > limits_.queued_bytes) {
     ++counters_.events_lost;
     ++lost_;
@@ -59,7 +59,7 @@ void ControlSession::offer_event(const std::string& line, WallTime at) {
   write_waiting();
 }
 
-void ControlSession::tell_lost() {
+void ControlSession::report_lost() {
   if (lost_ == 0 || queued() > limits_.queued_bytes / 2) return;
   waiting_ += control::lost_line(std::exchange(lost_, 0), lost_at_);
   write_waiting();
@@ -170,7 +170,7 @@ void ControlSession::write_waiting() {
 void ControlSession::on_written(error_code error) {
   writing_.clear();
   if (error) return end();
-  tell_lost();
+  report_lost();
   if (!waiting_.empty()) return write_waiting();
   if (ends_after_answer_) return end();
   if (!watch_) read_line();

@@ -72,7 +72,7 @@ class ControlSession : public std::enable_shared_from_this<ControlSession> {
   void answer(const std::string& line);
   /// Queues an answer for a watcher, or ends it when too much waits already.
   void offer(const std::string& line);
-  void tell_lost();
+  void report_lost();
   std::size_t queued() const { return writing_.size() + waiting_.size(); }
   void on_written(boost::system::error_code error);
   void write_waiting();

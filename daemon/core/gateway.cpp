@@ -103,7 +103,7 @@ void Gateway::pass_up(Report report, const Now& now) {
   Normalized normalized = normalize(own ? own->type : std::string_view{}, std::move(report.payload),
                                     settings_.update_mode);
   if (robot && !report.is_will) robot->last_type = type;
-  tell_traffic(report, type, normalized, now);
+  report_traffic(report, type, normalized, now);
   if (normalized.is_rejected) {
     reject(report, type, robot, std::move(normalized.payload), now);
     return;
@@ -115,8 +115,8 @@ void Gateway::pass_up(Report report, const Now& now) {
 }
 
 /// Takes `normalized.update` along.
-void Gateway::tell_traffic(const Report& report, const std::string& type, Normalized& normalized,
-                           const Now& now) {
+void Gateway::report_traffic(const Report& report, const std::string& type, Normalized& normalized,
+                             const Now& now) {
   actions_.push(TrafficEvent{.direction = Direction::up,
                              .mesh = report.mesh,
                              .robot = report.robot,
@@ -136,7 +136,7 @@ void Gateway::tell_traffic(const Report& report, const std::string& type, Normal
 void Gateway::reject(const Report& report, std::string_view type, Robot* robot, Bytes payload,
                      const Now& now) {
   ++traffic_.rejected;
-  const auto due = robot ? robot->rejected_burst.on_event(now.mono) : std::nullopt;
+  const auto due = robot ? robot->rejected_throttle.on_event(now.mono) : std::nullopt;
   if (due) {
     actions_.push(Notice{
         Severity::warning,
@@ -292,7 +292,7 @@ void Gateway::on_own_state(const BrokerMessage& message) {
   if (as_text(message.payload) != last_will_state) {
     is_state_heard_ = true;
   } else if (is_state_heard_ && !is_stopping_) {
-    tell_state();
+    publish_state();
   }
 }
 
@@ -387,7 +387,7 @@ void Gateway::on_broker_link(const Now& now) {
   if (settings_.probes_rights)
     for (const std::string& filter : rights_.filters())
       actions_.push(SubscribeAtBroker{filter, Qos::at_most_once, own_subscription});
-  tell_state();
+  publish_state();
   for (const std::string& robot : std::exchange(to_withdraw_, {})) withdraw(robot);
   for (auto& [id, robot] : registry_.robots()) announce(id, robot, now);
 }
@@ -456,7 +456,7 @@ void Gateway::on_subscribe_result(const std::string& filter, SubscribeAnswer ans
 }
 
 void Gateway::on_store(bool is_full) {
-  if (std::exchange(is_store_full_, is_full) != is_full && broker_.is_up) tell_state();
+  if (std::exchange(is_store_full_, is_full) != is_full && broker_.is_up) publish_state();
 }
 
 void Gateway::on_configured(std::set<std::string> robots, const Now&) {
@@ -495,11 +495,11 @@ void Gateway::withdraw_evicted() {
 
 void Gateway::on_stop() {
   is_stopping_ = true;
-  if (broker_.is_up) tell_state();  // else its last will has said the same
+  if (broker_.is_up) publish_state();  // else its last will has said the same
 }
 
 /// "offline" also when the broker comes only now: after an orderly end no last will corrects it.
-void Gateway::tell_state() {
+void Gateway::publish_state() {
   if (is_stopping_)
     return publish_retained(scheme_.state_topic(), Json{{"state", "offline"}}.dump());
   Json state{{"state", "online"},

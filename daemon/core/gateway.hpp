@@ -170,8 +170,8 @@ class Gateway {
   void withdraw_evicted();
   void probe_rights(std::vector<BrokerMessage> messages);
   void answer_waiting_subscribers();
-  void tell_traffic(const Report& report, const std::string& type, Normalized& normalized,
-                    const Now& now);
+  void report_traffic(const Report& report, const std::string& type, Normalized& normalized,
+                      const Now& now);
   void reject(const Report& report, std::string_view type, Robot* robot, Bytes payload,
               const Now& now);
   void on_heard(const std::string& id, Robot* robot, TimePoint now);
@@ -179,7 +179,7 @@ class Gateway {
   bool is_of_commands(const std::string& filter) const;
   bool is_of_all_commands(const std::string& filter) const;
   void cover_commands();
-  void tell_state();
+  void publish_state();
   void on_own_state(const BrokerMessage& message);
   void publish_retained(std::string topic, std::string payload);
 

@@ -12,7 +12,7 @@
 #include <utility>
 #include <vector>
 
-#include "daemon/core/burst.hpp"
+#include "daemon/core/log_throttle.hpp"
 #include "daemon/core/messages.hpp"
 #include "daemon/core/robot_numbers.hpp"
 
@@ -36,7 +36,7 @@ struct Robot {
   std::string last_type;            ///< of its last message; empty: it said nothing yet
   TimePoint announced{};            ///< its presence was published last
   std::optional<RadioFacts> radio;  ///< of its last message
-  Burst rejected_burst;
+  LogThrottle rejected_throttle;
 
   void on_heard(const Now& now);
   /// The mesh that speaks for it: one where it is online, else asleep, else the last one.

@@ -43,7 +43,7 @@ void Trace::on_traffic(const TrafficEvent& event) {
   const bool is_up = event.direction == Direction::up;
   if (is_up && event.receipt.is_owed()) follow(key_of(event.receipt), event);
   if (!is_up && event.command != CommandId::none) follow(key_of(event.command), event);
-  tell({.kind = is_up ? TraceEvent::Kind::arrived : TraceEvent::Kind::command,
+  emit({.kind = is_up ? TraceEvent::Kind::arrived : TraceEvent::Kind::command,
         .at = event.wall,
         .direction = event.direction,
         .mesh = event.mesh,
@@ -78,7 +78,7 @@ void Trace::on_mesh_step(const MeshStep& step, const Now& now) {
                    .why = step.why};
   complete(event, find(key), now.mono);
   if (!is_down) followed_.erase(key);  // acknowledged or refused: its last event
-  tell(std::move(event));
+  emit(std::move(event));
 }
 
 void Trace::on_delivery_step(const DeliveryStep& step, const Now& now) {
@@ -93,7 +93,7 @@ void Trace::on_delivery_step(const DeliveryStep& step, const Now& now) {
                    .latency = duration_cast<microseconds>(now.mono - step.submitted),
                    .why = step.why};
   complete(event, find(key_of(step.receipt)), now.mono);
-  tell(std::move(event));
+  emit(std::move(event));
 }
 
 void Trace::on_outcome(const CommandOutcome& outcome, const Now& now) {
@@ -112,7 +112,7 @@ void Trace::on_outcome(const CommandOutcome& outcome, const Now& now) {
   complete(event, find(key), now.mono);
   if (!event.latency) event.latency = outcome.after;
   followed_.erase(key);
-  tell(std::move(event));
+  emit(std::move(event));
 }
 
 void Trace::follow(const Key& key, const TrafficEvent& event) {
@@ -148,7 +148,7 @@ void Trace::complete(TraceEvent& event, const Followed* followed, TimePoint now)
   if (event.robot.empty() && parsed) event.robot = parsed->robot;
 }
 
-void Trace::tell(TraceEvent event) {
+void Trace::emit(TraceEvent event) {
   if (event.mesh && !event.robot.empty()) event.address = address_of_(event.robot, *event.mesh);
   sink_(event);
 }

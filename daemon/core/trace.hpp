@@ -59,7 +59,7 @@ class Trace final : public TrafficObserver {
   const Followed* find(const Key& key) const;
   /// Fills in what the step did not tell.
   void complete(TraceEvent& event, const Followed* followed, TimePoint now) const;
-  void tell(TraceEvent event);
+  void emit(TraceEvent event);
 
   TopicScheme scheme_;
   AddressOf address_of_;

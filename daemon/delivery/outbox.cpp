@@ -97,14 +97,14 @@ void Outbox::place_all_again(Entries returned, TimePoint now, bool is_overdue, S
 
 /// QoS 0 that is too old, or whose topic the broker does not take.
 void Outbox::drop(const Entry& entry, const char* why) {
-  tell(DeliveryStep::Kind::refused, entry, why);
+  trace(DeliveryStep::Kind::refused, entry, why);
   ++statistics_.dropped;
   queued_bytes_ -= entry.cost();
 }
 
 void Outbox::refuse(const Entry& entry, TimePoint now) {
   queued_bytes_ -= entry.cost();
-  if (const auto count = full_burst_.on_event(now)) {
+  if (const auto count = full_throttle_.on_event(now)) {
     auto text = fmt::format("{} messages refused: {} MiB wait in memory for the broker", *count,
                             queued_bytes_ >> 20);
     if (backlog_.is_full())
@@ -121,7 +121,7 @@ void Outbox::refuse(const Entry& entry, TimePoint now) {
   }
   if (!entry.receipt.is_owed()) {
     ++statistics_.dropped;
-    return tell(DeliveryStep::Kind::refused, entry, "there is no room for it");
+    return trace(DeliveryStep::Kind::refused, entry, "there is no room for it");
   }
   ++statistics_.refused;
   actions_.push(FireReceipt{entry.receipt, ReceiptOutcome::refused});
@@ -226,12 +226,12 @@ void Outbox::on_lost_alone(Entry entry, TimePoint now) {
   const bool is_convicted = backlog_.held().on_lost_alone(topic, answers_, now);
   const std::uint32_t tries = held_topics().tries(topic);
   if (entry.is_unacknowledged()) {
-    say(refusal_notices_.on_unacknowledged(entry.message,
-                                           {0, "the connection is lost when one is sent"}, now));
+    notify(refusal_notices_.on_unacknowledged(entry.message,
+                                              {0, "the connection is lost when one is sent"}, now));
     return drop(entry, "the connection is lost when it is sent");
   }
   if (tries == 1)
-    say(refusal_notices_.on_held(topic, {0, "the connection is lost when they are sent"}, now));
+    notify(refusal_notices_.on_held(topic, {0, "the connection is lost when they are sent"}, now));
   if (!is_convicted) return give_back(std::move(entry), now);
   set_aside(std::move(entry), {0, "the connection was lost each time when it was sent alone"},
             tries, now);
@@ -254,12 +254,12 @@ void Outbox::on_published(std::uint64_t sequence, TimePoint now) {
   if (!entry->is_stored) queued_bytes_ -= entry->cost();
   if (!entry->is_unacknowledged()) is_stalled_ = false;
   ++statistics_.published;
-  tell(DeliveryStep::Kind::published, *entry);
+  trace(DeliveryStep::Kind::published, *entry);
   if (entry->receipt.is_owed()) actions_.push(FireReceipt{entry->receipt, ReceiptOutcome::safe});
   if (entry->row != 0) backlog_.forget(*entry, now);
   const auto answer = is_answer ? HeldTopics::Answer::accepted : HeldTopics::Answer::neither;
   if (backlog_.held().on_answered(entry->message.topic, answer))
-    say(refusal_notices_.on_accepted(entry->message.topic, now));
+    notify(refusal_notices_.on_accepted(entry->message.topic, now));
   place_released(now);
   proceed(now);
 }
@@ -280,13 +280,13 @@ void Outbox::on_publish_refused(std::uint64_t sequence, const Refusal& refusal, 
   note_answer(sequence);
   suspects_.on_refused(now);
   if (entry.is_unacknowledged()) {
-    say(refusal_notices_.on_unacknowledged(entry.message, refusal, now));
+    notify(refusal_notices_.on_unacknowledged(entry.message, refusal, now));
     backlog_.held().on_answered(topic, HeldTopics::Answer::neither);
     drop(entry, "the broker refuses it");
     return proceed(now);
   }
   is_stalled_ = false;
-  tell(DeliveryStep::Kind::refused, entry, "the broker: " + refusal.why);
+  trace(DeliveryStep::Kind::refused, entry, "the broker: " + refusal.why);
   backlog_.held().on_answered(
       topic, is_topics_fault ? HeldTopics::Answer::refused : HeldTopics::Answer::neither);
   if (is_topics_fault) hold(topic, refusal, now);
@@ -315,7 +315,7 @@ void Outbox::hold(const std::string& topic, const Refusal& refusal, TimePoint no
   HeldTopics& held = backlog_.held();
   const bool is_new = !held.has(topic);
   if (held.hold(topic, refusal, in_flight_.count(topic), now))
-    say(refusal_notices_.on_held(topic, refusal, now));
+    notify(refusal_notices_.on_held(topic, refusal, now));
   if (is_new) hold_back(topic, now);
 }
 
@@ -347,12 +347,12 @@ void Outbox::set_aside(Entry entry, const Refusal& refusal, std::uint32_t tries,
   const Receipt receipt = entry.receipt;
   if (backlog_.set_aside(entry, refusal, tries)) {
     ++statistics_.set_aside;
-    say(refusal_notices_.on_set_aside(message, refusal, now));
+    notify(refusal_notices_.on_set_aside(message, refusal, now));
   } else if (entry.row == 0 && receipt.is_owed()) {
     queued_bytes_ -= entry.cost();
     ++statistics_.refused;
     actions_.push(FireReceipt{receipt, ReceiptOutcome::refused});
-    say(refusal_notices_.on_dropped(message, refusal, now));
+    notify(refusal_notices_.on_dropped(message, refusal, now));
   } else {
     if (refusal.code != 0) hold(message.topic, refusal, now);
     give_back(std::move(entry), now);
@@ -363,7 +363,7 @@ void Outbox::place_released(TimePoint now) {
   while (auto entry = backlog_.held().take_released()) place(std::move(*entry), now);
 }
 
-void Outbox::say(std::optional<Notice> notice) {
+void Outbox::notify(std::optional<Notice> notice) {
   if (notice) actions_.push(std::move(*notice));
 }
 
@@ -466,11 +466,11 @@ void Outbox::handle(StoreWritten&, TimePoint) {
     entry.is_stored = true;
     make_safe(entry);
   }
-  say(store_trouble_.on_written());
+  notify(store_trouble_.on_written());
 }
 
 void Outbox::make_safe(Entry& entry) {
-  tell(DeliveryStep::Kind::stored, entry);
+  trace(DeliveryStep::Kind::stored, entry);
   queued_bytes_ -= entry.cost();
   if (entry.dead_letter != 0) resending_.erase(entry.dead_letter);
   const Receipt owed = std::exchange(entry.receipt, Receipt{});
@@ -482,12 +482,12 @@ void Outbox::handle(StoreWriteFailed& failed, TimePoint now) {
   for (Entry& entry : in_flight_.entries())
     if (entry.is_being_copied()) backlog_.abandon_copy(entry);
   drop_dead_letters(unsaved);
-  say(store_trouble_.on_write_failed(failed.why, now));
+  notify(store_trouble_.on_write_failed(failed.why, now));
   place_all_again(std::move(unsaved), now);
 }
 
 void Outbox::handle(StoreLoaded& loaded, TimePoint now) {
-  say(store_trouble_.on_loaded());
+  notify(store_trouble_.on_loaded());
   const std::size_t missing = backlog_.on_loaded(std::move(loaded), now);
   if (missing == 0) return;
   actions_.push(Notice{Severity::error,
@@ -500,7 +500,7 @@ void Outbox::handle(StoreLoaded& loaded, TimePoint now) {
 
 void Outbox::handle(StoreLoadFailed& failed, TimePoint now) {
   backlog_.on_load_failed(now);
-  say(store_trouble_.on_load_failed(failed.why, now));
+  notify(store_trouble_.on_load_failed(failed.why, now));
 }
 
 void Outbox::handle(ResendDeadLetters& resend, TimePoint now) {
@@ -528,7 +528,7 @@ void Outbox::drop_dead_letters(Entries& unsaved) {
   });
 }
 
-void Outbox::tell(DeliveryStep::Kind kind, const Entry& entry, std::string why) {
+void Outbox::trace(DeliveryStep::Kind kind, const Entry& entry, std::string why) {
   if (!is_traced_ || !entry.message.provenance) return;
   actions_.push(DeliveryStep{kind, entry.message.topic, entry.message.qos,
                              entry.message.payload.size(), entry.message.provenance->mesh,

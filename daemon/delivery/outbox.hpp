@@ -16,7 +16,7 @@
 #include <unordered_set>
 #include <variant>
 
-#include "daemon/core/burst.hpp"
+#include "daemon/core/log_throttle.hpp"
 #include "daemon/core/messages.hpp"
 #include "daemon/core/protocol_machine.hpp"
 #include "daemon/core/traffic_event.hpp"
@@ -135,7 +135,7 @@ class Outbox {
   void handle(ResendDeadLetters& resend, TimePoint now);
   void handle(Notice& notice, TimePoint) { actions_.push(std::move(notice)); }
   void begin_anew(Entries in_memory, TimePoint now);
-  void tell(DeliveryStep::Kind kind, const Entry& entry, std::string why = {});
+  void trace(DeliveryStep::Kind kind, const Entry& entry, std::string why = {});
   void make_safe(Entry& entry);
   void drop_dead_letters(Entries& unsaved);
 
@@ -163,7 +163,7 @@ class Outbox {
   void give_back(Entry entry, TimePoint now);
   void set_aside(Entry entry, const Refusal& refusal, std::uint32_t tries, TimePoint now);
   void place_released(TimePoint now);
-  void say(std::optional<Notice> notice);
+  void notify(std::optional<Notice> notice);
   void expire_unacknowledged(TimePoint now);
 
   std::uint64_t store_max_bytes_;
@@ -196,7 +196,7 @@ class Outbox {
   std::optional<TimePoint> stop_check_;
   Statistics statistics_;
   RefusalNotices refusal_notices_;
-  Burst full_burst_;
+  LogThrottle full_throttle_;
   StoreTrouble store_trouble_;
   ActionQueue<OutboxAction> actions_;
 };

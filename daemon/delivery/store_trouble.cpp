@@ -24,7 +24,7 @@ std::optional<Notice> StoreTrouble::fail(std::string& trouble, const std::string
                                          TimePoint now) {
   ++failures_;
   trouble = "it cannot be " + why;
-  if (!burst_.on_event(now)) return std::nullopt;
+  if (!throttle_.on_event(now)) return std::nullopt;
   return Notice{Severity::error,
                 fmt::format("the store cannot be {}; until it can, messages wait in memory and "
                             "robots for the broker's acknowledgement",
@@ -35,7 +35,7 @@ std::optional<Notice> StoreTrouble::fail(std::string& trouble, const std::string
 std::optional<Notice> StoreTrouble::end(std::string& trouble) {
   if (trouble.empty()) return std::nullopt;
   trouble.clear();
-  burst_ = Burst(interval);  // the next failure is news
+  throttle_ = LogThrottle(interval);  // the next failure is news
   if (!why().empty()) return std::nullopt;
   return Notice{Severity::notice, "the store works again", {}};
 }

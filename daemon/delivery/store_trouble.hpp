@@ -7,7 +7,7 @@
 #include <optional>
 #include <string>
 
-#include "daemon/core/burst.hpp"
+#include "daemon/core/log_throttle.hpp"
 #include "daemon/core/messages.hpp"
 
 namespace slamgw {
@@ -34,7 +34,7 @@ class StoreTrouble {
   std::string write_;
   std::string read_;
   std::uint64_t failures_ = 0;
-  Burst burst_{interval};
+  LogThrottle throttle_{interval};
 };
 
 }  // namespace slamgw

@@ -15,7 +15,7 @@
 #include <variant>
 #include <vector>
 
-#include "daemon/core/burst.hpp"
+#include "daemon/core/log_throttle.hpp"
 #include "daemon/core/messages.hpp"
 #include "daemon/core/protocol_machine.hpp"
 #include "daemon/core/subscribe_answer.hpp"
@@ -265,8 +265,8 @@ class Ownership {
   std::optional<TimePoint> table_told_;
   TimePoint forgotten_at_{};
   std::vector<std::string> stale_;  ///< rows of the dead at the last sweep
-  Burst restless_{std::chrono::minutes{1}};
-  Burst malformed_burst_;
+  LogThrottle restless_{std::chrono::minutes{1}};
+  LogThrottle malformed_throttle_;
   std::uint64_t malformed_ = 0;
   std::uint64_t void_claims_ = 0;  ///< of gateways or lives that do not live
   std::uint64_t roams_in_ = 0;

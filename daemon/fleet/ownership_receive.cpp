@@ -78,7 +78,7 @@ bool Ownership::on_broker_message(const BrokerMessage& message, const Now& now) 
 
 void Ownership::on_malformed(std::string_view sender, TimePoint now) {
   ++malformed_;
-  if (const auto count = malformed_burst_.on_event(now)) {
+  if (const auto count = malformed_throttle_.on_event(now)) {
     notice(
         Severity::warning,
         fmt::format("{} messages under fleet/ in the name of '{}' are no fleet messages; who may "

@@ -19,7 +19,7 @@ std::optional<Notice> LinkLog::on_down(const std::string& why, TimePoint now) {
   const bool is_news = why != why_;
   if (is_news) {
     why_ = why;
-    same_reason_ = Burst(summary_interval);
+    same_reason_ = LogThrottle(summary_interval);
   }
   const auto attempts = same_reason_.on_event(now);
   if (!attempts) return std::nullopt;

@@ -6,7 +6,7 @@
 #include <optional>
 #include <string>
 
-#include "daemon/core/burst.hpp"
+#include "daemon/core/log_throttle.hpp"
 #include "daemon/core/messages.hpp"
 
 namespace slamgw {
@@ -25,7 +25,7 @@ class LinkLog {
 
   std::string uri_;
   std::string why_;  ///< of the last line; empty while it is up
-  Burst same_reason_{summary_interval};
+  LogThrottle same_reason_{summary_interval};
 };
 
 }  // namespace slamgw

@@ -50,7 +50,7 @@ void ServiceNotifier::ready() {
   sd_notify(0, "READY=1");
   if (std::getenv("NOTIFY_SOCKET") == nullptr || std::exchange(is_running_, true)) return;
   if (watchdog_interval_) feed_watchdog();
-  tell_status();
+  report_status();
 }
 
 void ServiceNotifier::reloading() {
@@ -73,7 +73,7 @@ void ServiceNotifier::feed_watchdog() {
   });
 }
 
-void ServiceNotifier::tell_status() {
+void ServiceNotifier::report_status() {
   if (!is_running_) return;
   const ServiceState state = state_();
   const std::uint64_t before =
@@ -85,7 +85,7 @@ void ServiceNotifier::tell_status() {
   }
   status_timer_.expires_after(status_interval);
   status_timer_.async_wait([this](boost::system::error_code error) {
-    if (!error) tell_status();
+    if (!error) report_status();
   });
 }
 

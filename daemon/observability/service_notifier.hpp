@@ -42,7 +42,7 @@ class ServiceNotifier {
 
  private:
   void feed_watchdog();
-  void tell_status();
+  void report_status();
 
   boost::asio::steady_timer watchdog_timer_;
   boost::asio::steady_timer status_timer_;

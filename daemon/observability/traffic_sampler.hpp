@@ -8,7 +8,7 @@
 #include <string>
 #include <unordered_map>
 
-#include "daemon/core/burst.hpp"
+#include "daemon/core/log_throttle.hpp"
 #include "daemon/core/traffic_event.hpp"
 #include "daemon/observability/line_budget.hpp"
 #include "daemon/observability/log_settings.hpp"
@@ -43,7 +43,7 @@ class TrafficSampler {
   TrafficLogMode mode_;
   LineBudget budget_{lines_at_once, lines_per_second};
   std::uint64_t without_line_ = 0;
-  std::unordered_map<std::string, Burst> streams_;
+  std::unordered_map<std::string, LogThrottle> streams_;
   std::string stream_;  // of the present message; keeps its memory
 };
 

@@ -75,7 +75,7 @@ std::vector<SessionStore::Session> SqliteSessionStore::open_and_load() {
   const auto give_up_at = std::chrono::steady_clock::now() + patience_.opening;
   while (!open()) {
     if (!is_doubtful_ || std::chrono::steady_clock::now() > give_up_at) {
-      tell_failure();
+      report_failure();
       return {};
     }
     std::this_thread::sleep_for(patience_.look);
@@ -148,7 +148,7 @@ void SqliteSessionStore::close_as_it_is() {
   file_.reset();
 }
 
-void SqliteSessionStore::tell_failure() {
+void SqliteSessionStore::report_failure() {
   if (std::exchange(why_told_, why_closed_) == why_closed_) return;
   notice(Severity::warning,
          fmt::format("sessions of MQTT-SN clients are not kept: {}. After a restart they have to "
@@ -162,7 +162,7 @@ void SqliteSessionStore::notice(Severity severity, std::string text) {
 
 bool SqliteSessionStore::write(const Changes& changes) {
   if (!file_ && !open()) {
-    tell_failure();
+    report_failure();
     return false;
   }
   loaded_.clear();
@@ -174,7 +174,7 @@ bool SqliteSessionStore::write(const Changes& changes) {
   } catch (const SqliteError& error) {
     why_closed_ = fmt::format("{}: {}", path_, error.what());
     if (error.is_corrupt()) close_as_it_is();
-    tell_failure();
+    report_failure();
     return false;
   }
   if (!std::exchange(why_told_, {}).empty())

@@ -52,7 +52,7 @@ class SqliteSessionStore final : public SessionStore {
   bool write(const Changes& changes);
   void sync_later();
   void sync();
-  void tell_failure();
+  void report_failure();
   void notice(Severity severity, std::string text);
 
   const std::string directory_;

@@ -134,10 +134,10 @@ void SqliteStore::perform(const LoadFromStore& load) {
   const std::size_t damaged = loaded.damaged.size();
   post(std::move(loaded));
   if (damaged == 0) return;
-  tell(Severity::error,
-       fmt::format("{} messages in {} are damaged: they are dead letters now (slam-gatewayctl "
-                   "store list)",
-                   damaged, path_));
+  notify(Severity::error,
+         fmt::format("{} messages in {} are damaged: they are dead letters now (slam-gatewayctl "
+                     "store list)",
+                     damaged, path_));
   post(DeadLettersChanged{file_->dead_letters()});
 }
 
@@ -175,7 +175,7 @@ void SqliteStore::open() {
     close_as_it_is();
     why_closed_ = error.what();
   }
-  tell_closed();
+  report_closed();
   try_again_after(patience_.reopen);
 }
 
@@ -195,13 +195,13 @@ void SqliteStore::on_opened() {
   closed_since_.reset();
   unconfirmed_.clear();
   if (const auto& missed = file_->missed(); missed && missed->messages + missed->dead_letters > 0) {
-    tell(Severity::error,
-         fmt::format("{} is not the file that was written last: {} messages and {} dead letters "
-                     "that were stored are not in it",
-                     path_, missed->messages, missed->dead_letters));
+    notify(Severity::error,
+           fmt::format("{} is not the file that was written last: {} messages and {} dead letters "
+                       "that were stored are not in it",
+                       path_, missed->messages, missed->dead_letters));
   }
   if (!std::exchange(why_told_, {}).empty()) {
-    tell(Severity::notice, fmt::format("the store {} could be opened now", path_));
+    notify(Severity::notice, fmt::format("the store {} could be opened now", path_));
   }
   try_again_after(patience_.reopen);
   if (is_open_for_outbox_) return post(DeadLettersChanged{file_->dead_letters()});
@@ -234,8 +234,8 @@ bool SqliteStore::save_if_damaged(const SqliteError& why) {
 void SqliteStore::save(MessageRecovery& recovery, const std::string& why) {
   recovery.save_to(replacement_.begin(), settings_.max_bytes);
   const std::string aside = replacement_.finish(damaged_word);
-  tell(Severity::error, fmt::format("the store {} was damaged ({}): {}; the damaged file is {}",
-                                    path_, why, saved_text(recovery.result()), aside));
+  notify(Severity::error, fmt::format("the store {} was damaged ({}): {}; the damaged file is {}",
+                                      path_, why, saved_text(recovery.result()), aside));
 }
 
 /// Somebody has moved, removed or replaced the file while it was open: what it holds is written
@@ -248,10 +248,11 @@ void SqliteStore::put_back_in_place() {
     close_as_it_is();
     tally_.reset();
     try_to_open();
-    tell(Severity::error,
-         fmt::format("{} was moved, removed or replaced while it was in use: what it held is there "
-                     "again{}",
-                     path_, aside.empty() ? "" : "; what was there instead is " + aside));
+    notify(
+        Severity::error,
+        fmt::format("{} was moved, removed or replaced while it was in use: what it held is there "
+                    "again{}",
+                    path_, aside.empty() ? "" : "; what was there instead is " + aside));
   } catch (const SqliteError&) {
     throw;
   } catch (const std::runtime_error& error) {
@@ -260,13 +261,13 @@ void SqliteStore::put_back_in_place() {
 }
 
 /// The outbox is told that there is no store only while it knows of none.
-void SqliteStore::tell_closed() {
+void SqliteStore::report_closed() {
   const bool is_first = why_told_.empty();
   if (std::exchange(why_told_, why_closed_) != why_closed_) {
-    tell(Severity::warning,
-         fmt::format("no store: {}. Robots get their acknowledgements from the broker only; "
-                     "what is undelivered does not survive a restart",
-                     why_closed_));
+    notify(Severity::warning,
+           fmt::format("no store: {}. Robots get their acknowledgements from the broker only; "
+                       "what is undelivered does not survive a restart",
+                       why_closed_));
   }
   if (is_open_for_outbox_ || !is_first) return;
   ++generation_;
@@ -296,7 +297,7 @@ void SqliteStore::post(StoreEvent event) {
   thread_.report([this, what = std::move(event)]() mutable { on_event_(std::move(what)); });
 }
 
-void SqliteStore::tell(Severity severity, std::string text) {
+void SqliteStore::notify(Severity severity, std::string text) {
   post(Notice{severity, std::move(text), {}});
 }
 

@@ -59,7 +59,7 @@ class SqliteStore {
   void open();
   void try_to_open();
   void on_opened();
-  void tell_closed();
+  void report_closed();
   void close_as_it_is();
   bool save_if_damaged(const SqliteError& why);
   void save(MessageRecovery& recovery, const std::string& why);
@@ -67,7 +67,7 @@ class SqliteStore {
   void put_back_in_place();
   void try_again_after(std::chrono::milliseconds time);
   void post(StoreEvent event);
-  void tell(Severity severity, std::string text);
+  void notify(Severity severity, std::string text);
 
   const StoreSettings settings_;
   const StorePatience patience_;

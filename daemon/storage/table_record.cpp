@@ -143,14 +143,14 @@ std::optional<TableRecord> read_record(DatabasePages& pages, ByteView page, std:
 
 void for_each_record(
     DatabasePages& pages,
-    const std::function<void(std::uint32_t, std::uint32_t, const TableRecord&)>& look) {
+    const std::function<void(std::uint32_t, std::uint32_t, const TableRecord&)>& take) {
   Bytes page;
   Bytes buffer;
   for (std::uint32_t version = 0; version < pages.versions().size(); ++version) {
     pages.read(pages.versions()[version], page);
     for (const std::size_t cell : cells_of(page, pages.versions()[version].page)) {
       const auto record = read_record(pages, page, cell, buffer);
-      if (record) look(version, static_cast<std::uint32_t>(cell), *record);
+      if (record) take(version, static_cast<std::uint32_t>(cell), *record);
     }
   }
 }

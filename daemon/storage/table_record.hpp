@@ -36,10 +36,10 @@ std::optional<TableRecord> read_record(DatabasePages& pages, ByteView page, std:
                                        Bytes& buffer);
 
 /// Every record that can be found in any version of any page. `version` is an index in
-/// pages.versions(), `cell` as for read_record(). The record is gone when `look` returns.
+/// pages.versions(), `cell` as for read_record(). The record is gone when `take` returns.
 void for_each_record(DatabasePages& pages,
                      const std::function<void(std::uint32_t version, std::uint32_t cell,
-                                              const TableRecord& record)>& look);
+                                              const TableRecord& record)>& take);
 
 /// What the columns of a record hold, a letter for each: t text, b blob, i integer, r real,
 /// 0 NULL, which stands for the number of the row.

@@ -14,7 +14,7 @@
 #include "adapters/ble_mesh_usb_cdc/cobs/lien_frame.hpp"
 #include "adapters/ble_mesh_usb_cdc/mesh_action.hpp"
 #include "adapters/ble_mesh_usb_cdc/settings.hpp"
-#include "daemon/core/burst.hpp"
+#include "daemon/core/log_throttle.hpp"
 #include "daemon/core/robot_names.hpp"
 #include "daemon/core/topic_scheme.hpp"
 
@@ -85,7 +85,7 @@ class CobsMesh {
   std::uint64_t last_receipt_ = 0;
   std::uint64_t reports_ = 0;
   std::uint64_t rejected_ = 0;
-  Burst reject_throttle_;
+  LogThrottle reject_throttle_;
 };
 
 }  // namespace slamgw::ble

@@ -14,7 +14,7 @@
 #include "adapters/ble_mesh_usb_cdc/io/serial_line.hpp"
 #include "adapters/ble_mesh_usb_cdc/mesh_action.hpp"
 #include "adapters/ble_mesh_usb_cdc/settings.hpp"
-#include "daemon/core/burst.hpp"
+#include "daemon/core/log_throttle.hpp"
 #include "daemon/core/robot_names.hpp"
 #include "daemon/runtime/mesh_shell.hpp"
 
@@ -129,7 +129,8 @@ class SerialShell : public MeshShell<Machine> {
   SerialLine line_;
   boost::asio::steady_timer timer_;  ///< the next attempt to open
   Duration open_delay_ = first_open_delay;
-  Burst stuck_throttle_{std::chrono::minutes{10}};  ///< a hung board is closed again and again
+  LogThrottle stuck_throttle_{
+      std::chrono::minutes{10}};  ///< a hung board is closed again and again
   bool is_stopped_ = true;
   std::shared_ptr<void> life_ = std::make_shared<char>();  ///< a queued handler can't be cancelled
 };

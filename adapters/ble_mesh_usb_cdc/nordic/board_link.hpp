@@ -17,7 +17,7 @@
 #include "adapters/ble_mesh_usb_cdc/nordic/line_health.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/resync.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/start_up.hpp"
-#include "daemon/core/burst.hpp"
+#include "daemon/core/log_throttle.hpp"
 #include "daemon/core/protocol_machine.hpp"
 
 namespace slamgw::ble {
@@ -170,9 +170,9 @@ class BoardLink {
   SerialVersion version_ = SerialVersion::sdk_3_1;
   bool is_clear_wanted_ = false;
   std::optional<std::uint32_t> dropped_events_;
-  Burst drop_throttle_;
-  Burst loss_throttle_{std::chrono::minutes{1}};
-  Burst malformed_throttle_;
+  LogThrottle drop_throttle_;
+  LogThrottle loss_throttle_{std::chrono::minutes{1}};
+  LogThrottle malformed_throttle_;
   LinkCounters counters_;
 };
 

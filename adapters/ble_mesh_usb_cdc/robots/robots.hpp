@@ -11,7 +11,7 @@
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_table.hpp"
 #include "adapters/ble_mesh_usb_cdc/robots/downlink.hpp"
 #include "adapters/ble_mesh_usb_cdc/robots/robot.hpp"
-#include "daemon/core/burst.hpp"
+#include "daemon/core/log_throttle.hpp"
 
 namespace slamgw::ble {
 
@@ -72,7 +72,7 @@ class Robots {
   Downlink& downlink_;
   ActionQueue<MeshAction>& actions_;
   std::map<std::uint16_t, Robot> robots_;
-  Burst full_throttle_;
+  LogThrottle full_throttle_;
 };
 
 }  // namespace slamgw::ble

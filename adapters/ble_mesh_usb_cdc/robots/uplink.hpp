@@ -67,7 +67,7 @@ class Uplink {
   ActionQueue<MeshAction>& actions_;
   const bool& is_traced_;
   std::uint64_t last_receipt_ = 0;
-  Burst reject_throttle_;
+  LogThrottle reject_throttle_;
   UplinkCounters counters_;
 };
 

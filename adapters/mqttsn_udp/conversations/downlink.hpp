@@ -18,7 +18,7 @@
 #include "adapters/mqttsn_udp/output.hpp"
 #include "adapters/mqttsn_udp/settings.hpp"
 #include "adapters/mqttsn_udp/tally.hpp"
-#include "daemon/core/burst.hpp"
+#include "daemon/core/log_throttle.hpp"
 
 namespace slamgw::mqttsn {
 
@@ -99,7 +99,7 @@ class Downlink {
   Release release_;
   RandomSource random_;
   bool is_stopping_ = false;
-  Burst too_large_;
+  LogThrottle too_large_;
 };
 
 }  // namespace slamgw::mqttsn

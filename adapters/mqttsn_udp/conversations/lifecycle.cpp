@@ -27,15 +27,15 @@ void Lifecycle::enter(ClientSession& session, ClientState state, TimePoint now) 
     case ClientState::active:
       session.last_heard = now;
       clients_.set_needed(session);
-      return tell_presence(session, Presence::online);
+      return report_presence(session, Presence::online);
     case ClientState::asleep: session.last_heard = now; [[fallthrough]];
-    case ClientState::awake: return tell_presence(session, Presence::asleep);
+    case ClientState::awake: return report_presence(session, Presence::asleep);
     case ClientState::disconnected:
     case ClientState::lost: break;
   }
   const Duration kept = session.is_clean ? Duration::zero() : Duration(limits::min_absence);
   clients_.set_evictable(session, now + kept);
-  if (session.told_presence) tell_presence(session, Presence::offline);
+  if (session.told_presence) report_presence(session, Presence::offline);
 }
 
 bool Lifecycle::revive(ClientSession& session, TimePoint now) {
@@ -84,7 +84,7 @@ bool Lifecycle::make_room(TimePoint now) {
 }
 
 /// Said once for each change of state or address.
-void Lifecycle::tell_presence(ClientSession& session, Presence presence) {
+void Lifecycle::report_presence(ClientSession& session, Presence presence) {
   const bool is_same_place = presence == Presence::offline || session.told_peer == session.peer;
   if (session.told_presence == presence && is_same_place) return;
   session.told_presence = presence;
@@ -94,7 +94,7 @@ void Lifecycle::tell_presence(ClientSession& session, Presence presence) {
 }
 
 void Lifecycle::expel(ClientSession& session, const std::string& why, TimePoint now) {
-  tell_presence(session, Presence::offline);
+  report_presence(session, Presence::offline);
   forget(session, why, now);
 }
 

@@ -51,7 +51,7 @@ class Lifecycle {
   /// A place for a new client, by forgetting the longest gone; false when there is none.
   bool make_room(TimePoint now);
 
-  void tell_presence(ClientSession& session, Presence presence);
+  void report_presence(ClientSession& session, Presence presence);
 
  private:
   void forget(ClientSession& session, const std::string& why, TimePoint now);

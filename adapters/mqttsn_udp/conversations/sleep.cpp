@@ -23,7 +23,7 @@ void Sleep::follow(ClientSession& session, const Peer& peer, const LocalAddress&
   clients_.bind(session, peer, local);
   if (is_new_address) downlink_.on_address(session);
   changed_.mark(session);
-  lifecycle_.tell_presence(session, Presence::asleep);
+  lifecycle_.report_presence(session, Presence::asleep);
 }
 
 void Sleep::settle(ClientSession& session, TimePoint now) {

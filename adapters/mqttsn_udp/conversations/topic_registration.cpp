@@ -164,7 +164,7 @@ void TopicRegistration::set_aside(ClientSession& session, const std::string& top
   entry->ends_when_heard = entry->failures == 1 && session.last_heard <= begun;
   entry->until = entry->ends_when_heard ? TimePoint::max() : now + pause_after(entry->failures);
   tally_.count(Count::topics_set_aside);
-  tell(session, topic);
+  notify_set_aside(session, topic);
 }
 
 bool TopicRegistration::is_set_aside(const Delivery& delivery, const std::string& topic) {
@@ -179,7 +179,7 @@ void TopicRegistration::on_heard(Delivery& delivery) {
   }
 }
 
-void TopicRegistration::tell(ClientSession& session, const std::string& topic) {
+void TopicRegistration::notify_set_aside(ClientSession& session, const std::string& topic) {
   if (std::exchange(session.delivery.was_told_set_aside, true)) return;
   output_.emit(Notice{Severity::notice,
                       fmt::format("{} does not answer messages on '{}': they pause, at first for "

@@ -56,7 +56,7 @@ class TopicRegistration {
   std::string probe_topic() const;
   void begin(ClientSession& session, std::uint16_t topic_id, TimePoint now);
   void transmit(const ClientSession& session, const Registering& registering);
-  void tell(ClientSession& session, const std::string& topic);
+  void notify_set_aside(ClientSession& session, const std::string& topic);
 
   const NameRules& rules_;
   Output& output_;

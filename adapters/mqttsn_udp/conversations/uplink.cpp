@@ -158,7 +158,7 @@ void Uplink::publish_once(ClientSession& session, Publish publish, std::string t
                           TimePoint now) {
   const std::uint64_t mark = fingerprint(publish);
   if (const auto* known = session.repeats.find(publish.msg_id, mark, now)) {
-    tell_repeat(session, publish, std::move(topic));
+    report_repeat(session, publish, std::move(topic));
     if (known->receipt_id == 0)
       output_.send(session, Puback{publish.topic_id, publish.msg_id, ReturnCode::accepted});
     return;
@@ -177,7 +177,7 @@ void Uplink::publish_exactly_once(ClientSession& session, Publish publish, std::
   const auto known = session.inbound_qos2.find(publish.msg_id);
   const bool is_open = known != session.inbound_qos2.end() && known->second.fingerprint == mark;
   if (is_open || session.repeats.find(publish.msg_id, mark, now)) {
-    tell_repeat(session, publish, std::move(topic));
+    report_repeat(session, publish, std::move(topic));
     const bool is_safe = !is_open || known->second.receipt_id == 0;
     if (is_safe) output_.send(session, Pubrec{publish.msg_id});
     return;
@@ -208,7 +208,8 @@ void Uplink::report(ClientSession& session, Publish publish, std::string topic) 
                       .wire = wire_facts(publish)});
 }
 
-void Uplink::tell_repeat(const ClientSession& session, const Publish& publish, std::string topic) {
+void Uplink::report_repeat(const ClientSession& session, const Publish& publish,
+                           std::string topic) {
   tally_.count(Count::repeats_suppressed);
   output_.emit(MeshStep{.kind = MeshStep::Kind::repeat,
                         .mesh = Mesh::thread,

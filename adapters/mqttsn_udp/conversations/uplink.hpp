@@ -66,7 +66,7 @@ class Uplink {
   void on_safe(ClientSession& session, std::uint64_t receipt_id, const Open& open);
   void on_refused(ClientSession& session, std::uint64_t receipt_id, const Open& open);
   void refuse(ClientSession& session, const Publish& publish, ReturnCode code);
-  void tell_repeat(const ClientSession& session, const Publish& publish, std::string topic);
+  void report_repeat(const ClientSession& session, const Publish& publish, std::string topic);
 
   const Settings& settings_;
   const NameRules& rules_;

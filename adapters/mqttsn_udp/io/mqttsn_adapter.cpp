@@ -38,7 +38,7 @@ MqttsnAdapter::MqttsnAdapter(asio::io_context& io, Settings settings, TopicPolic
       driver_(
           io, gateway_, [this](Action& action) { perform(action); },
           [this] {  // whatever was done may have changed sessions
-            if (keeper_) keeper_->look();
+            if (keeper_) keeper_->save_soon();
           }),
       interface_watch_(std::make_shared<InterfaceWatch>(io)),
       watch_timer_(io) {
@@ -56,7 +56,7 @@ void MqttsnAdapter::start() {
   if (settings_.interface.empty() || interface_index_ != 0) {
     open();
   } else {
-    tell_link(false, "there is no interface " + settings_.interface + " yet" + interface_advice);
+    report_link(false, "there is no interface " + settings_.interface + " yet" + interface_advice);
   }
   interface_watch_->start([this] { look_at_interfaces_in(change_settles); });
   watch_interfaces();
@@ -97,7 +97,7 @@ void MqttsnAdapter::open() {
         [this, index](const UdpSocket::Datagram& datagram) { on_datagram(index, datagram); });
     where += fmt::format("{}{}", where.empty() ? "" : ", ", listen);
   }
-  tell_link(true, "UDP " + where);
+  report_link(true, "UDP " + where);
 }
 
 void MqttsnAdapter::close() {
@@ -237,12 +237,12 @@ void MqttsnAdapter::follow_interface() {
   interface_index_ = index;
   close();
   if (index == 0)
-    return tell_link(false, "interface " + settings_.interface + " has gone" + interface_advice);
+    return report_link(false, "interface " + settings_.interface + " has gone" + interface_advice);
   try {
     open();
   } catch (const std::runtime_error& error) {
     close();
-    tell_link(false, error.what());
+    report_link(false, error.what());
   }
 }
 
@@ -290,7 +290,7 @@ std::uint32_t MqttsnAdapter::index_of_interface() const {
   return 0;
 }
 
-void MqttsnAdapter::tell_link(bool is_up, std::string detail) {
+void MqttsnAdapter::report_link(bool is_up, std::string detail) {
   listener_.on_mesh_event(LinkChange{Mesh::thread, is_up, std::move(detail)});
 }
 

@@ -70,7 +70,7 @@ class MqttsnAdapter final : public MeshShell<SnGateway> {
   const NetworkInterface* find_interface(std::uint32_t index) const;
   bool is_served(const NetworkInterface& interface) const;
   std::uint32_t index_of_interface() const;
-  void tell_link(bool is_up, std::string detail);
+  void report_link(bool is_up, std::string detail);
 
   const Settings settings_;
   MeshListener& listener_;

@@ -36,7 +36,7 @@ SessionKeeper::Restored SessionKeeper::restore(TimePoint now) {
   return restored;
 }
 
-void SessionKeeper::look() {
+void SessionKeeper::save_soon() {
   if (is_armed_ || !gateway_.has_dirty()) return;
   is_armed_ = true;
   timer_.expires_after(interval);
@@ -44,7 +44,7 @@ void SessionKeeper::look() {
     if (error) return;
     is_armed_ = false;
     if (!store_.is_busy()) save_some();
-    look();
+    save_soon();
   });
 }
 

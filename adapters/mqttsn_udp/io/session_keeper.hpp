@@ -27,7 +27,7 @@ class SessionKeeper {
   /// Once, before the first datagram.
   Restored restore(TimePoint now);
   /// Something may have changed; costs nothing when it has not.
-  void look();
+  void save_soon();
   /// Hands over everything, with what is not marked as changed each time.
   void stop();
 

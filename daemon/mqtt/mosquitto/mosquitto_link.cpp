@@ -368,13 +368,13 @@ void MosquittoLink::deliver() {
     delivered_.swap(events_);
     for (Event& event : delivered_) {
       if (is_abandoned_) break;
-      std::visit([this](auto& what) { tell(what); }, event);
+      std::visit([this](auto& what) { handle(what); }, event);
     }
     delivered_.clear();
   }
 }
 
-void MosquittoLink::tell(const Answered& answer) {
+void MosquittoLink::handle(const Answered& answer) {
   if (answer.code == 0) {
     is_open_ = true;
     timeout_.cancel();
@@ -386,12 +386,12 @@ void MosquittoLink::tell(const Answered& answer) {
         is_not_authorised(answer.code)});
 }
 
-void MosquittoLink::tell(const Ended& end) {
+void MosquittoLink::handle(const Ended& end) {
   if (!is_open_) return fail(explain_failure(end));
   listener_.on_lost(explain_loss(end), end.result == session_taken_over);
 }
 
-void MosquittoLink::tell(const Published& published) {
+void MosquittoLink::handle(const Published& published) {
   const auto found = std::find_if(in_flight_.begin(), in_flight_.end(), [&](const auto& each) {
     return each.first == published.packet_id;
   });
@@ -403,7 +403,7 @@ void MosquittoLink::tell(const Published& published) {
                                {published.reason, explain_publish_refusal(published.reason)});
 }
 
-void MosquittoLink::tell(const Subscribed& subscribed) {
+void MosquittoLink::handle(const Subscribed& subscribed) {
   const auto found = std::find_if(subscribing_.begin(), subscribing_.end(), [&](const auto& each) {
     return each.first == subscribed.packet_id;
   });
@@ -413,11 +413,11 @@ void MosquittoLink::tell(const Subscribed& subscribed) {
   listener_.on_subscribe_result(filter, subscribed.granted);
 }
 
-void MosquittoLink::tell(Arrived& arrived) {
+void MosquittoLink::handle(Arrived& arrived) {
   listener_.on_message(std::move(arrived.message), std::move(arrived.subscriptions));
 }
 
-void MosquittoLink::tell(const NotSendable& not_sendable) {
+void MosquittoLink::handle(const NotSendable& not_sendable) {
   listener_.on_publish_refused(
       not_sendable.sequence,
       {MQTT_RC_TOPIC_NAME_INVALID, explain_publish_refusal(MQTT_RC_TOPIC_NAME_INVALID)});

@@ -97,12 +97,12 @@ class MosquittoLink final : public MqttLink, public std::enable_shared_from_this
   /// After each call into the library: ends the connection when it says so.
   void after_call(int result, int error);
   void deliver();
-  void tell(const Answered& answer);
-  void tell(const Ended& end);
-  void tell(const Published& published);
-  void tell(const Subscribed& subscribed);
-  void tell(Arrived& arrived);
-  void tell(const NotSendable& not_sendable);
+  void handle(const Answered& answer);
+  void handle(const Ended& end);
+  void handle(const Published& published);
+  void handle(const Subscribed& subscribed);
+  void handle(Arrived& arrived);
+  void handle(const NotSendable& not_sendable);
   void fail(ConnectFailure failure);
   ConnectFailure explain_failure(const Ended& end) const;
   std::string explain_loss(const Ended& end) const;

@@ -75,7 +75,7 @@ class PahoLink::PublishListener final : public mqtt::iaction_listener {
 
   void on_failure(const mqtt::token& token) override {
     if (const auto refusal = refusal_of(token)) return finish(token, refusal);
-    session_.tell_lost(fmt::format("a publish failed (Paho {})", token.get_return_code()));
+    session_.report_lost(fmt::format("a publish failed (Paho {})", token.get_return_code()));
   }
 
  private:
@@ -153,7 +153,7 @@ void PahoLink::open() {
     publish_form_.emplace(options_.version, settings_.gateway_id);
     client_->set_callback(*this);  // before connect: later it can deadlock
     client_->set_disconnected_handler([this](const mqtt::properties&, mqtt::ReasonCode reason) {
-      tell_ended(static_cast<int>(reason));  // connection_lost is not called then
+      report_ended(static_cast<int>(reason));  // connection_lost is not called then
     });
     set_connect_options();
     connect_token_ = client_->connect(connect_options_, nullptr, *connect_listener_);
@@ -250,7 +250,7 @@ void PahoLink::publish_all() {
                        *publish_listener_);
     }
   } catch (const mqtt::exception& error) {
-    tell_lost(fmt::format("a publish failed (Paho {})", error.get_return_code()));
+    report_lost(fmt::format("a publish failed (Paho {})", error.get_return_code()));
   }
 }
 
@@ -278,7 +278,7 @@ void PahoLink::subscribe(std::string filter, Qos qos, std::uint32_t id) {
                                  *session.subscribe_listener_, mqtt::subscribe_options(),
                                  properties);
     } catch (const mqtt::exception& error) {
-      session.tell_lost(fmt::format("a subscribe failed (Paho {})", error.get_return_code()));
+      session.report_lost(fmt::format("a subscribe failed (Paho {})", error.get_return_code()));
     }
   });
 }
@@ -336,19 +336,19 @@ void PahoLink::close(bool is_orderly) {
 }
 
 void PahoLink::connection_lost(const std::string& cause) {
-  tell_lost(cause.empty() ? "connection lost" : "connection lost: " + cause);
+  report_lost(cause.empty() ? "connection lost" : "connection lost: " + cause);
 }
 
-void PahoLink::tell_lost(std::string why, bool is_taken_over) {
+void PahoLink::report_lost(std::string why, bool is_taken_over) {
   post_to_loop([why = std::move(why), is_taken_over](MqttLinkListener& listener) {
     listener.on_lost(why, is_taken_over);
   });
 }
 
-void PahoLink::tell_ended(int reason) {
+void PahoLink::report_ended(int reason) {
   const bool is_taken_over = reason == session_taken_over;
-  tell_lost(is_taken_over ? explain_rival(settings_.client_id) : explain_connect_failure(reason),
-            is_taken_over);
+  report_lost(is_taken_over ? explain_rival(settings_.client_id) : explain_connect_failure(reason),
+              is_taken_over);
 }
 
 void PahoLink::message_arrived(mqtt::const_message_ptr message) {

@@ -11,10 +11,10 @@
 
 namespace slamgw {
 
-class Burst {
+class LogThrottle {
  public:
   /// At most one line each `interval`.
-  explicit Burst(Duration interval = std::chrono::seconds{10}) : interval_(interval) {}
+  explicit LogThrottle(Duration interval = std::chrono::seconds{10}) : interval_(interval) {}
 
   /// One more event. A number when a line is due now: how many events it stands for (1 for the
   /// first of a burst).
