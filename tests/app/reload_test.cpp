@@ -40,7 +40,12 @@ TEST(Reload, NamesWhatNeedsARestartAndLeavesItAsItIs) {
   EXPECT_EQ(reload.needs_restart,
             "gateway.id, broker.max_inflight, topics.prefix, payload.update, "
             "ble_mesh.* or presence.*, mqttsn.*, store.*, control.socket");
-  EXPECT_EQ(answer_json(reload)["needs_restart"], reload.needs_restart);
+  const auto answer = answer_json(reload);
+  EXPECT_EQ(answer["needs_restart"], reload.needs_restart);
+  EXPECT_EQ(
+      answer["in_force"],
+      "log, robots, topics.extra_publish, topics.extra_subscribe, broker (except max_inflight)")
+      << "nothing that needs a restart is called in force";
   EXPECT_EQ(reload.config.broker.max_inflight, 16);
   EXPECT_EQ(reload.config.broker.gateway_id, now.broker.gateway_id);
   EXPECT_EQ(reload.config.topics.prefix, now.topics.prefix);
