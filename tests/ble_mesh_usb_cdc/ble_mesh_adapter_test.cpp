@@ -6,6 +6,7 @@
 #include <fcntl.h>
 #include <gtest/gtest.h>
 #include <stdlib.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <boost/asio/buffer.hpp>
@@ -339,6 +340,31 @@ TEST_F(BleMeshAdapterTest, KeepsWhatIsUnderWayOnDiskUntilItEnds) {
   adapter->stop();
   EXPECT_TRUE(kept().empty());
   EXPECT_EQ(listener.all<CommandOutcome>().size(), 2u);
+}
+
+TEST_F(BleMeshAdapterTest, TheFileOfCommandsHoldsNoContentAndIsForNobodyElse) {
+  const mode_t mask = ::umask(0);
+  names = RobotNames({{"nr1", 0x0100, {}}});
+  make_adapter();
+  plug();
+  adapter->start();
+  ASSERT_TRUE(eventually([&] { return listener.is_up(); }));
+  const Bytes content(8, 'K');
+  adapter->on_broker_message({"ntnu-slam/server/nr1/x", content, Qos::at_least_once, false},
+                             CommandId{1});
+  const std::string path = directory / "ble-commands.json";
+  std::string text;
+  EXPECT_TRUE(eventually([&] {
+    std::ifstream file(path);
+    text.assign(std::istreambuf_iterator<char>(file), {});
+    return text.find("nr1") != std::string::npos;
+  }));
+  ::umask(mask);
+  EXPECT_EQ(text.find("KK"), text.npos) << text;
+  EXPECT_EQ(text.find("4b4b"), text.npos) << text;
+  struct stat facts {};
+  ASSERT_EQ(::stat(path.c_str(), &facts), 0);
+  EXPECT_EQ(facts.st_mode & 0777U, 0600U);
 }
 
 TEST_F(BleMeshAdapterTest, SaysWhenTheFileOfCommandsIsDamaged) {

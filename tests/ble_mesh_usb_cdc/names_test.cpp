@@ -3,6 +3,8 @@
 // nothing by it.
 #include <gtest/gtest.h>
 
+#include <map>
+
 #include "tests/ble_mesh_usb_cdc/mesh_rig.hpp"
 #include "tests/ble_mesh_usb_cdc/provisioning_rig.hpp"
 
@@ -69,6 +71,28 @@ TEST(Names, ACommandUnderTheOldNameEndsWithItsReason) {
   EXPECT_EQ(rig.all<CommandOutcome>()[0].robot, "nr1");
   EXPECT_EQ(rig.all<CommandOutcome>()[0].result, CommandResult::refused);
   EXPECT_EQ(presence_of(rig).back(), "ble-0100 online");
+}
+
+/// Whoever has the mesh's keys may send as any address; the name follows from that and from the
+/// configuration, never from what it says.
+TEST(Names, ADeviceWithTheMeshesKeysHasTheNameOfTheAddressThatItUses) {
+  MeshRig rig({}, test_database(), RobotNames({{"nr1", 0x0100, {}}, {"lego", 0x0200, {}}}));
+  rig.start();
+  const std::map<std::uint16_t, std::string> names{
+      {0x0100, "nr1"}, {0x0200, "lego"}, {0x0201, "ble-0201"}, {0x7fff, "ble-7fff"}};
+  for (const auto& [address, name] : names) {
+    rig.events.clear();
+    rig.hear(address, "cb 59 00 6e 72 31 00");  // "nr1" in its payload
+    const auto reports = rig.all<Report>();
+    ASSERT_EQ(reports.size(), 1u);
+    EXPECT_EQ(reports[0].robot, name);
+    EXPECT_EQ(reports[0].topic, "ntnu-slam/robot/" + name + "/update");
+  }
+  rig.events.clear();
+  for (const std::uint16_t nobodys :
+       std::initializer_list<std::uint16_t>{0, 0x8001, 0xc003, 0xffff})
+    rig.hear(nobodys, "cb 59 00 01 00 02 00");
+  EXPECT_TRUE(rig.all<Report>().empty()) << "no device has such an address";
 }
 
 TEST(Names, TwoRobotsMayExchangeTheirs) {

@@ -151,6 +151,24 @@ TEST(Orders, RemoveResetsTheRobotAndDoesNotTakeItBack) {
   EXPECT_EQ(rig.answer()["address"], "0x0101") << rig.answer();
 }
 
+/// What is removed may have been stolen: it knows the keys that the others go on with.
+TEST(Orders, RemoveChangesNoKey) {
+  JoinedRig rig;
+  rig.add(2);
+  rig.pass(30s);
+  ASSERT_EQ(rig.configured(), 2u);
+  const NodeDatabase before = rig.on_disk();
+  rig.order(RemoveOrder{"ble-0100"});
+  rig.pass(2s);
+  EXPECT_EQ(rig.answer()["robot"], "ble-0100") << rig.answer();
+  const NodeDatabase& after = rig.on_disk();
+  EXPECT_EQ(after.keys.net_key, before.keys.net_key);
+  EXPECT_EQ(after.keys.app_key, before.keys.app_key);
+  ASSERT_EQ(after.nodes.size(), 1u);
+  EXPECT_EQ(after.nodes[0].device_key, before.nodes[1].device_key);
+  EXPECT_EQ(rig.board.subnets.size(), 1u);
+}
+
 TEST(Orders, RemoveOfASilentRobotNeedsForce) {
   JoinedRig rig;
   rig.device().deaf_to = {"8049"};

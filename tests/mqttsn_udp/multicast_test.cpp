@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Discovery by real multicast.
+// Discovery by real multicast, and which networks are served.
 #include <gtest/gtest.h>
 #include <net/if.h>
 
@@ -69,6 +69,29 @@ TEST_F(Multicast, R19_HearsItsOwnInterfaceOnly) {
   search(on_thread);
   EXPECT_EQ(receive(rig.io, on_thread), "GWINFO gw=1 address=");
   EXPECT_EQ(receive(rig.io, on_lan, nullptr, std::chrono::milliseconds(50)), "nothing");
+}
+
+/// Nor by unicast, not even with the Thread interface's address over the other wire, where hosts
+/// answer for all of their addresses.
+TEST_F(Multicast, ServesItsOwnInterfaceOnly) {
+  const auto answer_on_lan = [&](UdpRig& rig, const std::string& address) {
+    udp::socket client = robot(rig.io, "eth0", "198.51.100.2");
+    client.send_to(boost::asio::buffer(encode(Connect{false, true, 1, 60, "intruder"})),
+                   {make_address(address), port});
+    return receive(rig.io, client, nullptr, std::chrono::milliseconds(100));
+  };
+  {
+    UdpRig open = UdpRig::as_is(settings());
+    EXPECT_EQ(answer_on_lan(open, "198.51.100.1"), "CONNACK code=0") << "all networks are served";
+    EXPECT_EQ(answer_on_lan(open, "192.0.2.1"), "CONNACK code=0");
+  }
+  UdpRig rig = UdpRig::as_is(settings("wpan0"));
+  EXPECT_EQ(answer_on_lan(rig, "198.51.100.1"), "nothing");
+  EXPECT_EQ(answer_on_lan(rig, "192.0.2.1"), "nothing");
+  udp::socket on_thread = robot(rig.io, "wpan0", "192.0.2.2");
+  on_thread.send_to(boost::asio::buffer(encode(Connect{false, true, 1, 60, "r1"})),
+                    {make_address("192.0.2.1"), port});
+  EXPECT_EQ(receive(rig.io, on_thread), "CONNACK code=0");
 }
 
 TEST_F(Multicast, R19_HearsIpv4GroupsOnASocketForBoth) {

@@ -41,7 +41,8 @@ def runs_once_installed():
 
 
 def is_confined():
-    """confinement: systemd-analyze security says 1.5 or less"""
+    """confinement: systemd-analyze security says 1.5 or less, and memory is limited"""
+    demand(service("MemoryMax") == str(512 << 20), f"MemoryMax: {service('MemoryMax')}")
     verdict = run("systemd-analyze", "security", "--no-pager", "--threshold=15", "slam-gateway").splitlines()[-1]
     return re.sub(r"[^ -~]", "", verdict).strip()
 
