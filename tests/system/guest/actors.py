@@ -16,6 +16,7 @@ PASSWORDS = {"slam-gateway": "Zwischen-den-Zeilen-7", "slam-server": "Unter-der-
              "slam-gateway-web": "Ueber-den-Zaun-6"}
 WEB_RIGHTS = ["user slam-gateway-web", "topic read ntnu-slam/#"]  # docs/web.md
 WRONG_PASSWORD = "Aus-der-Luft-9"
+ACL = pathlib.Path("/etc/mosquitto/slam-gateway.acl")
 EXAMPLES = pathlib.Path("/usr/share/doc/slam-gateway/examples")
 
 
@@ -26,7 +27,7 @@ def set_up_broker():
     named = [line.split()[1] for line in acl if line.startswith("user ")]
     demand(named == list(PASSWORDS)[:2], f"the example's access control list is for {named}")
     pathlib.Path("/etc/mosquitto/conf.d/slam-gateway.conf").write_text(example, encoding="utf-8")
-    pathlib.Path("/etc/mosquitto/slam-gateway.acl").write_text("\n".join(acl + WEB_RIGHTS) + "\n", encoding="utf-8")
+    ACL.write_text("\n".join(acl + WEB_RIGHTS) + "\n", encoding="utf-8")
     users = "/etc/mosquitto/slam-gateway.passwd"
     pathlib.Path(users).touch()
     for user, password in PASSWORDS.items():

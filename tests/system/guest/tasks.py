@@ -7,8 +7,9 @@ import pathlib
 import signal
 import socket
 import subprocess
+import tempfile
 
-from actors import PASSWORDS, Robots, as_server
+from actors import ACL, PASSWORDS, Listener, Robots, as_server, demand_nothing_lost, retained
 from machine import (CONFIG, CREDENTIALS, GATEWAY, STATE, demand, now, restart, run, says, service, status, wait_for,
                      wait_for_status, write_credentials)
 
@@ -145,6 +146,77 @@ def doctor_finds_what_is_wrong():
     demand(finding(doctor("nobody", expected_status=1), "heard")["health"] == "problem", "an unknown robot is well")
 
 
+def refused_topic_loses_nothing():
+    """a topic that the broker refuses: status names it; all of it arrives once the rights are corrected"""
+    rights = ACL.read_text(encoding="utf-8")
+    topic = "ntnu-slam/robot/shy1/update"
+    listener = Listener(topic)
+    # The gateway's own right only: its user comes first (actors.set_up_broker).
+    ACL.write_text(rights.replace("topic readwrite ntnu-slam/robot/#", "topic read ntnu-slam/robot/#", 1), encoding="utf-8")
+    try:
+        run("systemctl", "reload", "mosquitto")
+        robots = Robots("thread", "--robots", 1, "--id-prefix", "shy", "--messages", 5)
+        wait_for("the refused topic", lambda: any(entry["topic"] == topic for entry in status()["broker"]["refused"]["list"]))
+        demand(topic in run("slam-gatewayctl", "status"), "the status does not name the topic")
+    finally:
+        ACL.write_text(rights, encoding="utf-8")
+        run("systemctl", "reload", "mosquitto")
+    listener.wait_for({topic: 5})
+    demand_nothing_lost(robots.result())
+    listener.end()
+
+
+def reserve_broker_takes_over():
+    """a second broker in reserve: used while the first one is away, and left again for it"""
+    reserve = subprocess.Popen(["mosquitto", "-p", "1884"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    with site_settings():
+        site(broker={"uri": ["mqtt://127.0.0.1:1883", "mqtt://127.0.0.1:1884"], "return_to_first": True})
+        check_config()
+        run("systemctl", "reload", "slam-gateway")
+        wait_for("the first broker", lambda: in_use() == "mqtt://127.0.0.1:1883")
+        run("systemctl", "stop", "mosquitto")
+        wait_for("the broker in reserve", lambda: in_use() == "mqtt://127.0.0.1:1884")
+        run("systemctl", "start", "mosquitto")
+        wait_for("the first broker again", lambda: in_use() == "mqtt://127.0.0.1:1883")
+    reserve.terminate()
+    reserve.wait()
+    wait_for_status("broker up")
+
+
+def in_use():
+    broker = status()["broker"]
+    return broker["uri"] if broker["state"] == "up" else None
+
+
+def robot_is_forgotten():
+    """forget: a robot that is gone for good leaves the list and the broker"""
+    Robots("thread", "--robots", 1, "--id-prefix", "gone", "--messages", 2).result()
+    demand("gone1" in run("slam-gatewayctl", "robots"), "the robot was not heard")
+    demand(retained("robots/gone1"), "the broker has nothing of it")
+    run("slam-gatewayctl", "forget", "gone1")
+    demand("gone1" not in run("slam-gatewayctl", "robots"), "it is still in the list")
+    left = run("mosquitto_sub", *as_server(), "-t", f"ntnu-slam/gateway/{GATEWAY}/robots/gone1", "-C", "1", "-W", "2",
+               status=None)
+    demand("{" not in left, f"the broker still has {left}")
+
+
+def gateways_agree():
+    """several gateways: the two name each other, and doctor sees that they agree"""
+    with tempfile.TemporaryDirectory() as directory:
+        other = pathlib.Path(directory) / "gateway.json"
+        other.write_text(json.dumps({
+            "gateway": {"id": "room-b"}, "broker": {"credentials_file": str(CREDENTIALS)}, "store": {"directory": directory},
+            "mqttsn": {"listen": ["127.0.0.1:47194"], "multicast_group": None},
+            "control": {"socket": directory + "/control.sock"}}), encoding="utf-8")
+        process = subprocess.Popen(["slam-gatewayd", "--config", str(other)], stdout=subprocess.DEVNULL,
+                                   stderr=subprocess.DEVNULL)
+        wait_for("the other gateway", lambda: finding(doctor(), "fleet")["detail"] == "agrees with room-b")
+        fleet = run("slam-gatewayctl", "--socket", directory + "/control.sock", "fleet")
+        demand(GATEWAY in fleet and "room-b" in fleet, fleet)
+        process.terminate()
+        demand(process.wait() == 0, "the other gateway did not end well")
+
+
 def report_has_no_secret():
     """report: an archive with journal and status, without passwords"""
     run("slam-gatewayctl", "report", "/root/report.tar.gz")
@@ -255,8 +327,12 @@ STEPS = [
     log_level_is_changed,
     another_program_has_the_port,
     robot_is_renamed,
+    robot_is_forgotten,
+    refused_topic_loses_nothing,
+    reserve_broker_takes_over,
     broker_with_its_own_certificates,
     second_gateway_with_the_same_id,
+    gateways_agree,
     doctor_finds_what_is_wrong,
     report_has_no_secret,
     full_disk_and_room_again,
