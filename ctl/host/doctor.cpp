@@ -40,6 +40,7 @@ class Examination {
     ble();
     broker();
     rights();
+    fleet();
     store();
     robots();
     return std::move(findings_);
@@ -190,6 +191,37 @@ class Examination {
     for (const json& right : *missing)
       add("broker: rights", Health::problem, text_at(right, "what"),
           "in the broker's access control list: " + text_at(right, "grant"));
+  }
+
+  /// This gateway is the first row (FleetMember::status).
+  void fleet() {
+    const auto rows = facts_.fleet.is_object() ? facts_.fleet.find("gateways") : facts_.fleet.end();
+    if (rows == facts_.fleet.end() || !rows->is_array() || rows->empty()) return;
+    const std::string own = text_at(rows->front(), "state");
+    if (own == "cut off")
+      add("fleet", Health::problem, "this gateway does not hear itself in time: it serves no robot",
+          "is the broker reachable and quick? slam-gatewayctl status");
+    std::string members;
+    for (const json& row : *rows) {
+      const std::string name = text_at(row, "gateway");
+      const std::string state = text_at(row, "state");
+      if (&row == &rows->front()) continue;
+      if (state == "member") members += (members.empty() ? "" : ", ") + name;
+      if (state == "silent")
+        add("fleet", Health::warning, name + " has fallen silent: its robots are taken over",
+            "on its host: systemctl status slam-gateway");
+      if (state == "apart")
+        add("fleet", Health::warning,
+            name + " is on this broker too, and the two do not agree who serves which robot",
+            "fleet.enabled on both, and the rights of both under fleet/: "
+            "/usr/share/doc/slam-gateway/fleet.md");
+    }
+    if (own == "joining")
+      add("fleet", Health::warning, "this gateway is joining the others", "look again in 10 s");
+    else if (!members.empty())
+      add("fleet", Health::well, "agrees with " + members);
+    else if (rows->size() == 1)
+      add("fleet", Health::well, "no other gateway is on this broker");
   }
 
   void store() {

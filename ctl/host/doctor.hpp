@@ -34,6 +34,7 @@ struct HostFacts {
   ParseResult configuration;
   nlohmann::json status;       ///< the daemon's; null when it does not answer
   std::string status_failure;  ///< why it does not
+  nlohmann::json fleet;        ///< the daemon's answer to `fleet`; null when there is none
   std::string own_version;
   std::vector<InterfaceFacts> interfaces;
   std::optional<bool> is_search_answered;  ///< a SEARCHGW of our own; nothing: not tried

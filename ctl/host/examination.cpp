@@ -147,6 +147,7 @@ HostFacts gather_facts(const Installation& installation, const std::string& sock
   try {
     Connection connection(socket);
     facts.status = connection.ask({{"command", "status"}}, answer_patience);
+    facts.fleet = connection.ask({{"command", "fleet"}}, answer_patience);
   } catch (const Failure& failure) {
     facts.status_failure = failure.what();
   }

@@ -101,7 +101,8 @@ App::App(Config config, std::string config_file)
             if (control_) control_->publish(event);
           }),
       traffic_observers_{&traffic_log_, &trace_},
-      status_(config_, broker_link_, gateway_, outbox_, meshes_, upstream_, started_.mono) {}
+      status_(config_, broker_link_, gateway_, outbox_, meshes_, upstream_, fleet_, started_.mono) {
+}
 
 App::~App() = default;
 

@@ -41,6 +41,9 @@ class FleetMember {
   static bool is_own(std::uint64_t sequence) { return sequence >= first_sequence; }
   /// For `slam-gatewayctl fleet`: this gateway first.
   nlohmann::ordered_json status(const Now& now) const;
+  std::vector<MissingRight> missing_rights(TimePoint now) const {
+    return ownership_.missing_rights(now);
+  }
   Counters counters() const { return ownership_.counters(); }
   void stop() { driver_.stop(); }
 

@@ -72,6 +72,8 @@ Status::Broker StatusCollector::broker(TimePoint now) const {
   const HeldTopics& held = outbox_.held_topics();
   const std::string uri = broker_.is_up ? broker_.uri : broker_uri(config_.broker);
   Status::Broker broker{uri, broker_, held.refused(), gateway_.missing_rights(), {}};
+  for (MissingRight& right : fleet_.missing_rights(now))
+    broker.missing_rights.push_back(std::move(right));
   for (const HeldTopic& topic : held.list(most_refused_listed)) {
     broker.refused.push_back({topic.topic, topic.refusal, topic.waiting, topic.tries,
                               duration_cast<seconds>(now - topic.since)});

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "daemon/app/fleet_member.hpp"
 #include "daemon/app/meshes.hpp"
 #include "daemon/app/status.hpp"
 #include "daemon/config/config.hpp"
@@ -24,13 +25,14 @@ class StatusCollector {
   /// What it asks outlives it.
   StatusCollector(const Config& config, const BrokerLink& broker, const Gateway& gateway,
                   const Outbox& outbox, const Meshes& meshes, const Upstream& upstream,
-                  TimePoint started)
+                  const FleetMember& fleet, TimePoint started)
       : config_(config),
         broker_(broker),
         gateway_(gateway),
         outbox_(outbox),
         meshes_(meshes),
         upstream_(upstream),
+        fleet_(fleet),
         started_(started) {}
 
   /// `control`: counters of the control socket.
@@ -51,6 +53,7 @@ class StatusCollector {
   const Outbox& outbox_;
   const Meshes& meshes_;
   const Upstream& upstream_;
+  const FleetMember& fleet_;
   const TimePoint started_;
 };
 

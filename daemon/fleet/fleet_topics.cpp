@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/fleet/fleet_topics.hpp"
 
+#include <fmt/format.h>
+
 #include <utility>
 
 namespace slamgw::fleet {
@@ -20,6 +22,11 @@ FleetTopics::FleetTopics(const std::string& prefix, std::string gateway)
       root_(prefix + "/fleet/"),
       gateways_(prefix + "/gateway/"),
       commands_(prefix + "/server/") {}
+
+std::string FleetTopics::rights() const {
+  return fmt::format("topic write {0}all/{1}, topic write {0}to/+/{1}, topic read {0}#", root_,
+                     gateway_);
+}
 
 std::optional<std::string_view> FleetTopics::sender(std::string_view topic) const {
   if (!cut(topic, root_)) return std::nullopt;

@@ -34,6 +34,8 @@ class FleetTopics {
   std::string all_filter() const { return root_ + "all/+"; }
   std::string own_filter() const { return root_ + "to/" + gateway_ + "/+"; }
   std::string outcome_filter() const { return gateways_ + "+/commands/+"; }
+  /// The lines of Mosquitto's access control list that let this gateway take part.
+  std::string rights() const;
   std::string command_filter() const { return commands_ + "+/+"; }
 
  private:

@@ -190,13 +190,15 @@ void Ownership::on_deadline(const Now& now) {
     if (settings_.enabled == Enabled::automatic && now.mono - last_company_ >= asleep_after)
       return fall_asleep("no other gateway is about any more; this one serves every robot",
                          now.mono);
-    if (is_refused(now.mono)) {
+    // With `true` it goes on trying and serves nobody: the operator has asked for one owner.
+    if (settings_.enabled == Enabled::automatic && is_unheard(now.mono)) {
       is_muted_ = true;
       return fall_asleep(
-          "the broker gives back nothing of what this gateway writes under fleet/: check its "
-          "access "
-          "control list (docs/fleet.md). Until the next connection this gateway serves every robot "
-          "that it hears, as if it were alone",
+          fmt::format("the broker gives back nothing of what this gateway writes under fleet/. "
+                      "Its access control list needs, for this gateway's user: {} "
+                      "(docs/fleet.md). Until the next connection this gateway serves every robot "
+                      "that it hears, as if it were alone",
+                      topics_.rights()),
           now.mono);
     }
   }
@@ -207,10 +209,11 @@ void Ownership::on_deadline(const Now& now) {
   tell_outcomes(now.mono);
 }
 
-/// With `true` it goes on trying and serves nobody: the operator has asked for one owner.
-bool Ownership::is_refused(TimePoint now) const {
-  constexpr std::chrono::seconds patience{10};
-  return settings_.enabled == Enabled::automatic && !was_ever_echoed_ && now - woken_ >= patience;
+std::vector<MissingRight> Ownership::missing_rights(TimePoint now) const {
+  const bool tries = is_link_up_ && phase_ != Phase::alone;
+  if (!is_muted_ && !(tries && is_unheard(now))) return {};
+  return {{"other gateways do not hear this one: its own messages under fleet/ do not come back",
+           topics_.rights()}};
 }
 
 Duration Ownership::period() const {

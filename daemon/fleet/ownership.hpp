@@ -18,6 +18,7 @@
 #include "daemon/core/log_throttle.hpp"
 #include "daemon/core/messages.hpp"
 #include "daemon/core/protocol_machine.hpp"
+#include "daemon/core/rights_probe.hpp"
 #include "daemon/core/subscribe_answer.hpp"
 #include "daemon/fleet/claim_table.hpp"
 #include "daemon/fleet/command_turns.hpp"
@@ -125,6 +126,8 @@ class Ownership {
   /// Whether this gateway may act for the robot just now: owns it, and its lease lasts.
   bool may_act_for(const std::string& robot, TimePoint now) const;
   bool is_leased(TimePoint now) const { return now < leased_until_; }
+  /// What the broker's access control list keeps this gateway from, as far as that shows.
+  std::vector<MissingRight> missing_rights(TimePoint now) const;
 
   /// What another gateway's retained `state` says.
   struct State {
@@ -148,6 +151,7 @@ class Ownership {
 
  private:
   static constexpr std::chrono::milliseconds objection_interval{1000};
+  static constexpr std::chrono::seconds echo_patience{10};
 
   /// A robot that this gateway has claimed and does not own yet.
   struct Claiming {
@@ -172,7 +176,10 @@ class Ownership {
   void wake_up(const Now& now);
   void subscribe(const std::string& filter);
   void fall_asleep(std::string why, TimePoint now);
-  bool is_refused(TimePoint now) const;
+  /// A broker that lets nothing through does not say so.
+  bool is_unheard(TimePoint now) const {
+    return !was_ever_echoed_ && now - woken_ >= echo_patience;
+  }
   void begin_life(TimePoint now);
   void send_beat(TimePoint now);
   Duration period() const;

@@ -95,12 +95,48 @@ TEST(Doctor, NamesEachStepThatIsBroken) {
   EXPECT_EQ(problems_of(facts), "clock; store: set aside; robots; ");
 }
 
+json fleet_of(std::initializer_list<std::pair<const char*, const char*>> gateways) {
+  json rows = json::array();
+  for (const auto& [name, state] : gateways) rows.push_back({{"gateway", name}, {"state", state}});
+  return {{"gateway", "room-a"}, {"gateways", std::move(rows)}, {"robots", json::array()}};
+}
+
+TEST(Doctor, LooksAtTheOtherGateways) {
+  HostFacts facts = healthy();
+  facts.fleet = fleet_of({{"room-a", "alone"}});
+  EXPECT_EQ(problems_of(facts), "");
+  EXPECT_NE(to_text(examine(facts)).find("fleet: no other gateway"), std::string::npos);
+  facts.fleet = fleet_of({{"room-a", "member"}, {"room-b", "member"}, {"room-c", "member"}});
+  EXPECT_EQ(problems_of(facts), "");
+  EXPECT_NE(to_text(examine(facts)).find("fleet: agrees with room-b, room-c"), std::string::npos);
+  facts.fleet = fleet_of({{"room-a", "member"}, {"room-b", "silent"}});
+  EXPECT_EQ(problems_of(facts), "fleet; ");
+  facts.fleet = fleet_of({{"room-a", "alone"}, {"room-b", "apart"}});
+  EXPECT_EQ(problems_of(facts), "fleet; ");
+  EXPECT_FALSE(has_problem(examine(facts)));
+  facts.fleet = fleet_of({{"room-a", "joining"}});
+  EXPECT_EQ(problems_of(facts), "fleet; ");
+  facts.fleet = fleet_of({{"room-a", "cut off"}, {"room-b", "member"}});
+  EXPECT_TRUE(has_problem(examine(facts)));
+}
+
+/// The fleet's rights come with the others (StatusCollector::broker).
+TEST(Doctor, NamesTheLineThatGrantsWhatIsMissing) {
+  HostFacts facts = healthy();
+  const std::string grant = "topic read p/fleet/#";
+  facts.status["broker"]["missing_rights"] = {{{"what", "not heard"}, {"grant", grant}}};
+  EXPECT_EQ(problems_of(facts), "broker: rights; ");
+  EXPECT_NE(to_text(examine(facts)).find(grant), std::string::npos);
+}
+
 TEST(Doctor, TakesAnyAnswerOfTheDaemon) {
   HostFacts facts = healthy();
   for (const json& status :
        {json(5), json::array(), json::object(), json("x"),
         json{{"broker", 1}, {"store", {{"full", "x"}}}, {"meshes", {{"thread", 2}}}}}) {
-    facts.status = status;
+    facts.status = facts.fleet = status;
+    EXPECT_FALSE(to_text(examine(facts)).empty());
+    facts.fleet = {{"gateways", status}};
     EXPECT_FALSE(to_text(examine(facts)).empty());
   }
   EXPECT_FALSE(examine_robot("r", {json(3), json(4), "x"}, {}).empty());

@@ -162,6 +162,41 @@ TEST_F(Newcomer, DecidesWhatWaitedWhenItFallsAsleep) {
   EXPECT_EQ(decided(), (std::array<std::size_t, 3>{0, 0, 0}));
 }
 
+/// The lines are those of docs/fleet.md.
+TEST_F(Newcomer, NamesTheRightsThatItLacks) {
+  ownership.on_broker_link(true, at(0s));
+  state_comes("gw-1", 20ms);
+  EXPECT_TRUE(ownership.missing_rights(at(9s).mono).empty()) << "not before its time";
+  ownership.on_deadline(at(11s));
+  ASSERT_TRUE(ownership.is_alone());
+  const auto missing = ownership.missing_rights(at(11s).mono);
+  ASSERT_EQ(missing.size(), 1U);
+  EXPECT_EQ(missing[0].grant,
+            "topic write p/fleet/all/gw-0, topic write p/fleet/to/+/gw-0, topic read p/fleet/#");
+  bool is_told = false;
+  while (const auto action = ownership.next_action()) {
+    const auto* notice = std::get_if<Notice>(&*action);
+    is_told = is_told || (notice && notice->text.find(missing[0].grant) != std::string::npos);
+  }
+  EXPECT_TRUE(is_told);
+  ownership.on_broker_link(false, at(12s));
+  ownership.on_broker_link(true, at(13s));
+  EXPECT_TRUE(ownership.missing_rights(at(13s).mono).empty()) << "a new connection, a new try";
+}
+
+/// With `true` it goes on trying, and nobody would know why it carries out nothing.
+TEST_F(Newcomer, NamesTheRightsThatItLacksWhileItGoesOnTrying) {
+  Ownership ordered{
+      {"p", "gw-0"}, {Enabled::yes, process}, [] { return std::vector<LocalRobot>{}; }};
+  ordered.on_broker_link(true, at(0s));
+  EXPECT_TRUE(ordered.missing_rights(at(9s).mono).empty());
+  ordered.on_deadline(at(10s));
+  EXPECT_FALSE(ordered.is_alone());
+  EXPECT_EQ(ordered.missing_rights(at(10s).mono).size(), 1U);
+  ordered.on_broker_link(false, at(11s));
+  EXPECT_TRUE(ordered.missing_rights(at(30s).mono).empty()) << "the broker is away";
+}
+
 TEST_F(Newcomer, HoldsNothingWhenTheBrokerGoesMeanwhile) {
   ownership.on_broker_link(true, at(0s));
   command(10ms);
