@@ -1,0 +1,311 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/fleet/robot_claims.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <string_view>
+#include <utility>
+
+namespace slamgw::fleet {
+namespace {
+
+using std::chrono::milliseconds;
+
+/// A claim for a robot that nobody has is won after so long without a greater one.
+constexpr milliseconds settling{300};
+constexpr milliseconds claim_repeats{1000};
+/// A living owner that neither answers nor objects is passed over then.
+constexpr milliseconds release_patience{5000};
+/// A robot that was heard so lately may be claimed once more when a greater claim turns up.
+constexpr milliseconds fresh{3000};
+constexpr std::size_t max_heard = 20'000;  // as RobotRegistry
+
+}  // namespace
+
+void RobotClaims::on_heard(const std::string& robot, const Now& now) {
+  if (heard_.size() >= max_heard && !heard_.contains(robot)) return;
+  heard_[robot] = now.mono;
+  if (!context_.may_act(now.mono)) return;
+  if (held_.contains(robot) || claiming_.contains(robot)) return;
+  claim_unless_guarded(robot, now);
+}
+
+void RobotClaims::on_question(const std::string& robot, const std::string& sender, const Now& now) {
+  if (!context_.may_act(now.mono)) return;
+  const auto* row = context_.table.find(robot);
+  if (row && row->claim.gateway == sender && !claiming_.contains(robot)) claim(robot, now);
+}
+
+void RobotClaims::claim_unless_guarded(const std::string& robot, const Now& now) {
+  const auto* row = context_.table.find(robot);
+  const bool has_owner = row && context_.is_living(row->claim, now.mono);
+  if (has_owner && !guard_.may_claim(robot, now.mono)) return;
+  const unsigned in_a_row = has_owner ? guard_.on_claim(robot, now.mono) : 0;
+  if (in_a_row > RoamGuard::free_claims) {
+    if (const auto count = restless_.on_event(now.mono)) {
+      context_.notice(
+          Severity::warning,
+          fmt::format("robot '{}' moves between this gateway and '{}' again and again; are there "
+                      "two robots with this name? ({} like it since the last line)",
+                      robot, row->claim.gateway, *count),
+          robot);
+    }
+  }
+  claim(robot, now);
+}
+
+void RobotClaims::claim(const std::string& robot, const Now& now) {
+  const auto* row = context_.table.find(robot);
+  if (row && row->claim.epoch >= max_epoch) return;
+  Claiming claiming;
+  claiming.since = now.mono;
+  if (row && row->claim.gateway != context_.me) {
+    claiming.former = row->claim.gateway;
+    if (context_.is_living(row->claim, now.mono))
+      claiming.awaited[row->claim.gateway] = row->claim.life;
+  }
+  const Claim mine{row ? row->claim.epoch + 1 : 1, context_.me, context_.lease.life()};
+  if (!context_.table.set(robot, mine, now.wall)) return;
+  say_claim(robot, claiming_[robot] = std::move(claiming), now.mono);
+}
+
+void RobotClaims::say_claim(const std::string& robot, Claiming& claiming, TimePoint now) {
+  claiming.said = now;
+  const std::string from =
+      claiming.awaited.empty() ? std::string() : claiming.awaited.begin()->first;
+  context_.tell_all(ClaimRobot{robot, context_.table.find(robot)->claim.epoch, from});
+}
+
+void RobotClaims::on_own_claim(const std::string& robot, std::uint64_t epoch, const Now& now) {
+  const auto claiming = claiming_.find(robot);
+  if (claiming == claiming_.end() || context_.table.find(robot)->claim.epoch != epoch) return;
+  if (!claiming->second.echoed) claiming->second.echoed = now.mono;
+  if (is_won(claiming->second, now.mono)) own(robot);
+}
+
+bool RobotClaims::is_won(Claiming& claiming, TimePoint now) const {
+  if (!claiming.echoed || !context_.lease.is_valid(now)) return false;
+  const bool is_late = now - claiming.since >= release_patience;
+  std::erase_if(claiming.awaited, [&](const auto& each) {
+    return is_late || !context_.peers.is_alive(each.first, each.second, now);
+  });
+  if (!claiming.awaited.empty()) return false;
+  return claiming.was_released || now - *claiming.echoed >= settling;
+}
+
+void RobotClaims::on_deadline(const Now& now) {
+  std::vector<std::string> won;
+  for (auto& [robot, claiming] : claiming_) {
+    if (is_won(claiming, now.mono)) {
+      won.push_back(robot);
+    } else if (now.mono - claiming.said >= claim_repeats && context_.lease.is_valid(now.mono)) {
+      say_claim(robot, claiming, now.mono);
+    }
+  }
+  for (const std::string& robot : won) own(robot);
+}
+
+void RobotClaims::own(const std::string& robot) {
+  auto claiming = claiming_.extract(robot);
+  Claiming& won = claiming.mapped();
+  held_.insert(robot);
+  has_won_ = true;
+  if (!won.former.empty()) ++roams_in_;
+  const bool left_behind = !won.former.empty() && !won.released.contains(won.former);
+  context_.actions.push(
+      TakeOverRobot{robot, left_behind ? won.former : std::string(), std::move(won.session)});
+}
+
+// --- Others' claims ------------------------------------------------------------------------------
+
+void RobotClaims::merge(const std::string& robot, const Claim& claim, const std::string& from,
+                        const Now& now) {
+  const auto* known = context_.table.find(robot);
+  const std::optional<Claim> row = known ? std::optional(known->claim) : std::nullopt;
+  const bool is_void = row && !context_.is_mine(*row) && !context_.is_living(*row, now.mono);
+  if (row && !is_void && claim <= *row) return on_lesser_claim(robot, claim, *row, from, now);
+  const auto claiming = claiming_.find(robot);
+  // Who asks this gateway to make way has heard the robot after it had this gateway's claim.
+  const bool was_behind =
+      claiming != claiming_.end() && row && claim.epoch > row->epoch && from != context_.me;
+  if (!context_.table.set(robot, claim, now.wall)) return;
+  if (held_.contains(robot) || claiming != claiming_.end()) {
+    give_way(robot, claim);
+  } else if (from == context_.me) {
+    // The gateway that took the robot over from this one must give way as well.
+    const bool has_passed_on =
+        row && row->gateway != claim.gateway && context_.is_living(*row, now.mono);
+    release(robot, has_passed_on ? *row : claim, claim.gateway, {});
+  }
+  const auto heard = heard_.find(robot);
+  if (was_behind && heard != heard_.end() && now.mono - heard->second < fresh &&
+      context_.lease.is_valid(now.mono))
+    claim_unless_guarded(robot, now);
+}
+
+void RobotClaims::on_lesser_claim(const std::string& robot, const Claim& claim, const Claim& row,
+                                  const std::string& from, const Now& now) {
+  if (!context_.is_mine(row)) {
+    if (from == context_.me) release(robot, row, claim.gateway, {});
+    return;
+  }
+  const auto claiming = claiming_.find(robot);
+  if (claiming != claiming_.end()) {  // a rival, who will see the greater claim and make way
+    if (!claiming->second.released.contains(claim.gateway))
+      claiming->second.awaited[claim.gateway] = claim.life;
+    return;
+  }
+  TimePoint& last = objected_[robot];
+  if (now.mono - last < objection_interval) return;
+  last = now.mono;
+  context_.tell_all(ClaimRobot{robot, row.epoch, {}});
+}
+
+/// A greater claim than ours has come.
+void RobotClaims::give_way(const std::string& robot, const Claim& to) {
+  if (held_.erase(robot) > 0) {
+    ++roams_out_;
+    heard_.erase(robot);
+    context_.actions.push(GiveUpRobot{robot, to, true});
+    context_.notice(Severity::info,
+                    fmt::format("robot '{}' is with gateway '{}' now", robot, to.gateway), robot);
+    return;
+  }
+  claiming_.erase(robot);
+  context_.actions.push(GiveUpRobot{robot, to, true});  // it may have a session here already
+}
+
+void RobotClaims::on_given_up(const std::string& robot, const Claim& to, Bytes session) {
+  constexpr std::size_t max_session_octets = max_payload_octets / 2 - 1024;  // it travels as hex
+  if (session.size() > max_session_octets) {
+    context_.notice(
+        Severity::warning,
+        fmt::format("the session of '{}' has {} octets: too many to follow it to gateway '{}'",
+                    robot, session.size(), to.gateway),
+        robot);
+    session.clear();
+  }
+  release(robot, to, to.gateway, std::move(session));
+}
+
+void RobotClaims::release(const std::string& robot, const Claim& to, const std::string& receiver,
+                          Bytes session) {
+  context_.publish(context_.topics.to(receiver), Release{robot, to, std::move(session)});
+}
+
+void RobotClaims::on_release(const std::string& sender, const Release& release, const Now& now) {
+  const auto found = claiming_.find(release.robot);
+  if (found == claiming_.end()) return;
+  Claiming& claiming = found->second;
+  const Claim& mine = context_.table.find(release.robot)->claim;
+  if (release.to > mine) {
+    if (context_.is_living(release.to, now.mono)) return merge(release.robot, release.to, {}, now);
+  } else if (release.to != mine && context_.is_living(release.to, now.mono) &&
+             !claiming.released.contains(release.to.gateway)) {
+    claiming.awaited[release.to.gateway] = release.to.life;  // made way for that one
+  }
+  claiming.released.insert(sender);
+  claiming.awaited.erase(sender);
+  claiming.was_released = true;
+  if (!release.session.empty() && release.to == mine) claiming.session = release.session;
+  if (is_won(claiming, now.mono)) own(release.robot);
+}
+
+// --- Many at once --------------------------------------------------------------------------------
+
+void RobotClaims::begin_life() {
+  held_.clear();
+  claiming_.clear();
+}
+
+void RobotClaims::forget_all() {
+  begin_life();
+  heard_.clear();
+  context_.table = {};
+}
+
+void RobotClaims::join(const std::vector<LocalRobot>& local, const Now& now) {
+  ClaimTable& table = context_.table;
+  for (const auto& [robot, is_online] : local) {
+    const auto* row = table.find(robot);
+    if (row && context_.is_living(row->claim, now.mono)) {
+      context_.actions.push(GiveUpRobot{robot, row->claim, false});
+      continue;
+    }
+    const std::uint64_t first_epoch = is_online ? 1 : 0;
+    const Claim mine{row ? row->claim.epoch + 1 : first_epoch, context_.me, context_.lease.life()};
+    Claiming claiming;
+    if (row && row->claim.gateway != context_.me) claiming.former = row->claim.gateway;
+    claiming.since = claiming.said = now.mono;
+    claiming.is_bulk = true;
+    if (table.set(robot, mine, now.wall)) claiming_[robot] = std::move(claiming);
+  }
+  const Life life = context_.lease.life();
+  for (Life past = context_.lease.first_life(); past < life; ++past)
+    table.erase_life(context_.me, past);
+  if (!claiming_.empty()) tell_table(context_.topics.all());
+}
+
+void RobotClaims::tell_table(const std::string& topic) {
+  Table table;
+  for (const auto& [robot, row] : context_.table.rows()) {
+    if (!context_.is_mine(row.claim)) continue;
+    if (table.rows.size() == max_table_rows) {
+      table.upto = table.rows.back().robot;
+      context_.publish(topic, table);
+      table = {table.upto, {}, {}};
+    }
+    table.rows.push_back({robot, row.claim.epoch});
+  }
+  context_.publish(topic, table);
+}
+
+void RobotClaims::on_table(const std::string& sender, Life life, const Table& table,
+                           const Now& now) {
+  if (sender == context_.me) {
+    for (const auto& [robot, epoch] : table.rows) on_own_claim(robot, epoch, now);
+    return;
+  }
+  std::set<std::string_view> told;
+  for (const auto& [robot, epoch] : table.rows) {
+    told.insert(robot);
+    merge(robot, {epoch, sender, life}, {}, now);
+  }
+  std::vector<std::string> dropped;
+  const auto& rows = context_.table.rows();
+  for (auto row = rows.upper_bound(table.after); row != rows.end(); ++row) {
+    const auto& [robot, entry] = *row;
+    if (!table.upto.empty() && robot > table.upto) break;
+    const bool is_theirs = entry.claim.gateway == sender && entry.claim.life == life;
+    if (is_theirs && !told.contains(robot)) dropped.push_back(robot);
+  }
+  for (const std::string& robot : dropped) context_.table.erase(robot);
+}
+
+void RobotClaims::forget_the_dead(TimePoint now) {
+  std::vector<std::string> stale;
+  for (const auto& [robot, row] : context_.table.rows())
+    if (!context_.is_mine(row.claim) && !context_.is_living(row.claim, now)) stale.push_back(robot);
+  for (const std::string& robot : std::exchange(stale_, stale))
+    if (std::ranges::binary_search(stale, robot)) context_.table.erase(robot);
+  std::erase_if(objected_,
+                [&](const auto& each) { return now - each.second > objection_interval; });
+}
+
+// --- Questions -----------------------------------------------------------------------------------
+
+bool RobotClaims::speaks_for(const std::string& robot, TimePoint now) const {
+  if (held_.contains(robot)) return true;
+  const auto claiming = claiming_.find(robot);
+  if (claiming != claiming_.end()) return claiming->second.awaited.empty();
+  const auto* row = context_.table.find(robot);
+  return !row || !context_.is_living(row->claim, now);
+}
+
+std::optional<TimePoint> RobotClaims::heard_at(const std::string& robot) const {
+  const auto heard = heard_.find(robot);
+  return heard == heard_.end() ? std::nullopt : std::optional(heard->second);
+}
+
+}  // namespace slamgw::fleet

@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: Apache-2.0
+// Which robots this gateway claims, owns and makes way for: the greatest claim wins, and the owner
+// before must have made way or be dead. Pure; part of Ownership.
+#pragma once
+
+#include <map>
+#include <optional>
+#include <set>
+#include <string>
+#include <unordered_map>
+#include <unordered_set>
+#include <utility>
+#include <vector>
+
+#include "daemon/core/log_throttle.hpp"
+#include "daemon/fleet/context.hpp"
+#include "daemon/fleet/roam_guard.hpp"
+
+namespace slamgw::fleet {
+
+/// A robot that has a session or was heard at this gateway.
+struct LocalRobot {
+  std::string robot;
+  bool is_online = true;  ///< its claim beats that of a gateway where it is not
+};
+
+class RobotClaims {
+ public:
+  explicit RobotClaims(Context& context) : context_(context) {}
+
+  /// By radio, here.
+  void on_heard(const std::string& robot, const Now& now);
+  /// Somebody asks whether the robot was heard; for who says to own it.
+  void on_question(const std::string& robot, const std::string& sender, const Now& now);
+  void on_own_claim(const std::string& robot, std::uint64_t epoch, const Now& now);
+  void on_claim(const std::string& robot, const Claim& claim, const std::string& from,
+                const Now& now) {
+    merge(robot, claim, from, now);
+  }
+  void on_release(const std::string& sender, const Release& release, const Now& now);
+  void on_table(const std::string& sender, Life life, const Table& table, const Now& now);
+  /// Answers GiveUpRobot.
+  void on_given_up(const std::string& robot, const Claim& to, Bytes session);
+  void on_deadline(const Now& now);
+
+  /// A new life has claimed nothing yet.
+  void begin_life();
+  /// Claims at once what is here and nobody else has; gives up what others have taken over.
+  void join(const std::vector<LocalRobot>& local, const Now& now);
+  void forget_all();
+  /// Claims of the dead that nobody has taken over since the last call.
+  void forget_the_dead(TimePoint now);
+  void tell_table(const std::string& topic);
+
+  bool is_held(const std::string& robot) const { return held_.contains(robot); }
+  std::size_t held() const { return held_.size(); }
+  bool is_claiming() const { return !claiming_.empty(); }
+  /// False when another living gateway has the robot.
+  bool speaks_for(const std::string& robot, TimePoint now) const;
+  std::optional<TimePoint> heard_at(const std::string& robot) const;
+  /// Whether a robot has become this gateway's since the last call.
+  bool take_has_won() { return std::exchange(has_won_, false); }
+  std::uint64_t roams_in() const { return roams_in_; }
+  std::uint64_t roams_out() const { return roams_out_; }
+
+ private:
+  static constexpr std::chrono::milliseconds objection_interval{1000};
+
+  /// A robot that this gateway has claimed and does not own yet.
+  struct Claiming {
+    std::string former;    ///< who is asked to make way
+    bool is_bulk = false;  ///< claimed with a Table
+    TimePoint since{};
+    TimePoint said{};
+    std::optional<TimePoint> echoed;
+    std::map<std::string, Life> awaited;  ///< who may serve the robot still
+    std::set<std::string> released;
+    bool was_released = false;  ///< somebody made way: no need to wait for rivals
+    Bytes session;
+  };
+
+  /// The one place where another gateway's claim enters the table.
+  void merge(const std::string& robot, const Claim& claim, const std::string& from, const Now& now);
+  void on_lesser_claim(const std::string& robot, const Claim& claim, const Claim& row,
+                       const std::string& from, const Now& now);
+  void give_way(const std::string& robot, const Claim& to);
+  void release(const std::string& robot, const Claim& to, const std::string& receiver,
+               Bytes session);
+  void claim(const std::string& robot, const Now& now);
+  void claim_unless_guarded(const std::string& robot, const Now& now);
+  void say_claim(const std::string& robot, Claiming& claiming, TimePoint now);
+  bool is_won(Claiming& claiming, TimePoint now) const;
+  void own(const std::string& robot);
+
+  Context& context_;
+  std::unordered_set<std::string> held_;  ///< robots that this gateway owns
+  std::map<std::string, Claiming> claiming_;
+  std::unordered_map<std::string, TimePoint> heard_;
+  std::map<std::string, TimePoint> objected_;
+  std::vector<std::string> stale_;  ///< rows of the dead at the last sweep
+  RoamGuard guard_;
+  LogThrottle restless_{std::chrono::minutes{1}};
+  bool has_won_ = false;
+  std::uint64_t roams_in_ = 0;
+  std::uint64_t roams_out_ = 0;
+};
+
+}  // namespace slamgw::fleet

@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: Apache-2.0
+// Commands that all gateways of a fleet hear: this gateway takes those of its robots, refuses those
+// that nobody could take, and sees to it that each has one outcome. Pure; part of Ownership.
+#pragma once
+
+#include <deque>
+#include <string>
+
+#include "daemon/fleet/command_turns.hpp"
+#include "daemon/fleet/context.hpp"
+#include "daemon/fleet/robot_claims.hpp"
+
+namespace slamgw::fleet {
+
+class SharedCommands {
+ public:
+  SharedCommands(Context& context, const RobotClaims& claims)
+      : context_(context), claims_(claims) {}
+
+  void add(BrokerMessage message, std::string robot, std::string type, const Now& now);
+  void on_own_taken(const Taken& taken, const Now& now);
+  void on_taken(const std::string& gateway, Life life, const Taken& taken, TimePoint now);
+  void on_own_outcome(BrokerMessage outcome, Duration after, TimePoint now);
+  void on_outcome(const std::string& gateway, const std::string& robot, const std::string& type,
+                  TimePoint now);
+  void decide(TimePoint now);
+  /// Nobody else is about: what waited for the others waits no longer.
+  void decide_alone(TimePoint now);
+  /// Nobody else is about whose outcomes could be missing.
+  void forget_owed() { turns_.forget_owed(); }
+  void end_overdue(TimePoint now);
+  void tell_outcomes(TimePoint now);
+  void begin_life() { turns_.on_new_life(); }
+
+  bool is_busy() const { return !turns_.is_empty() || !untold_.empty(); }
+  std::uint64_t dropped() const { return turns_.dropped(); }
+
+ private:
+  struct Untold {
+    BrokerMessage outcome;
+    TimePoint came{};
+  };
+
+  CommandTurns::Choice choose(const CommandTurns::Waiting& waiting, TimePoint now) const;
+  int rank_for(const std::string& robot, TimePoint now) const;
+
+  Context& context_;
+  const RobotClaims& claims_;
+  CommandTurns turns_;
+  std::deque<Untold> untold_;  ///< outcomes that wait for the lease; at most max_untold
+};
+
+}  // namespace slamgw::fleet
