@@ -97,9 +97,12 @@ TEST_P(BrokerRefusal, MessagesWaitUntilTheAccessControlListIsCorrected) {
   ASSERT_TRUE(gateway.sees([&] { return gateway.fired.size() == 400; })) << "safe on disk";
   for (const auto& [receipt, outcome] : gateway.fired) EXPECT_EQ(outcome, ReceiptOutcome::safe);
   ASSERT_TRUE(gateway.sees([&] { return without_repeats(subscriber.lines()).size() == 200; }));
+  ASSERT_TRUE(gateway.sees([&] { return gateway.outbox.held_topics().size() == 1; }));
+  ASSERT_TRUE(gateway.sees([&] {
+    const auto held = gateway.outbox.held_topics().list(1);
+    return held.size() == 1 && held[0].tries >= 2;
+  }));
   EXPECT_TRUE(gateway.logs("does not take messages on r/2/update: not authorised (0x87)"));
-  ASSERT_EQ(gateway.outbox.held_topics().size(), 1u);
-  ASSERT_TRUE(gateway.sees([&] { return gateway.outbox.held_topics().list(1)[0].tries >= 2; }));
 
   test::write_file(access, "topic readwrite #\n");
   broker.reload();
