@@ -79,6 +79,21 @@ TEST(WebMirror, TopicsWithMarkupAndControlCharactersStayJson) {
   EXPECT_TRUE(mirrored("ntnu-slam/robot/\xff/adv", "x").is_null()) << "no UTF-8";
 }
 
+/// Several messages travel in one, a line feed between them.
+TEST(WebMirror, AMessageIsOneLine) {
+  const std::string pretty = "{\n  \"state\": \"on\\nline\",\r\n\t\"since\": [\n]\n}";
+  const auto text =
+      to_page({"ntnu-slam/gateway/g/state", pretty, 0, false, {}, {}, {}}, TopicKind::state);
+  ASSERT_TRUE(text);
+  EXPECT_EQ(text->find('\n'), text->npos);
+  EXPECT_EQ(json::parse(*text)["payload"], json::parse(pretty));
+  for (const char* payload : {"two\nlines", "\n"})
+    EXPECT_EQ(
+        to_page({"ntnu-slam/robot/r\n/adv", payload, 0, false, "\n", "\n", "\n"}, TopicKind::robot)
+            ->find('\n'),
+        text->npos);
+}
+
 TEST(WebMirror, LongPayloadsAreOnlyCounted) {
   const json message = mirrored("ntnu-slam/robot/r/adv", std::string(max_robot_payload + 1, 'a'));
   EXPECT_EQ(message["payload"], "");

@@ -71,6 +71,28 @@ TEST(WebQueue, APageThatTakesNoStatesIsGivenUp) {
   EXPECT_TRUE(queue.push_state("new", large));
 }
 
+TEST(WebQueue, GivesWhatWaitsTogetherALineEach) {
+  PageQueue queue;
+  EXPECT_EQ(queue.take(), "");
+  queue.push_event(text("event"));
+  queue.push_state("state", text("online"));
+  EXPECT_EQ(queue.take(), "online\nevent");
+  EXPECT_EQ(queue.take(), "");
+  EXPECT_TRUE(queue.is_empty());
+}
+
+TEST(WebQueue, GivesNotAllOfMuchAtOnce) {
+  PageQueue queue;
+  constexpr std::size_t size = 1000;
+  for (int i = 0; i < 200; ++i) queue.push_event(text(std::string(size, 'x')));
+  const std::string first = queue.take();
+  EXPECT_GE(first.size(), PageQueue::enough_bytes);
+  EXPECT_LT(first.size(), PageQueue::enough_bytes + size + 1);
+  std::size_t octets = first.size();
+  while (!queue.is_empty()) octets += queue.take().size();
+  EXPECT_GT(octets, 200 * size);
+}
+
 TEST(WebQueue, OneLargeEventPassesAlone) {
   PageQueue queue;
   queue.push_event(text(std::string(PageQueue::max_event_bytes * 2, 'x')));

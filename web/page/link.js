@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The WebSocket: mirrors the broker's topics to `listener.onMessage`, comes back by itself.
+// The WebSocket: mirrors the broker's topics to `listener.onMessage`, comes back by itself. Each message holds one or
+// several of ours, a line each.
 // A token is told as the first message, never in a URL; it stays in this tab's session.
 const PAUSES_MS = [300, 1000, 2000, 5000];
 const TOKEN = 'slamgw-token';
@@ -30,12 +31,12 @@ export class Link {
       if (sessionStorage.getItem(TOKEN)) this.say('$web/token', sessionStorage.getItem(TOKEN));
       this.listener.onOpen();
     };
-    socket.onmessage = (event) => {
-      const message = read(event.data);
+    socket.onmessage = (event) => event.data.split('\n').forEach((line) => {
+      const message = read(line);
       if (!message) return;
       if (message.topic === '$web/token' && !message.payload.accepted) sessionStorage.removeItem(TOKEN);
       this.listener.onMessage(message);
-    };
+    });
     socket.onclose = () => {
       this.listener.onClose();
       setTimeout(() => this.connect(), PAUSES_MS[Math.min(this.tries++, PAUSES_MS.length - 1)]);

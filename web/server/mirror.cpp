@@ -36,7 +36,11 @@ void append_payload(std::string& out, const BrokerMessage& message, TopicKind ki
   const bool is_gateways = kind == TopicKind::state || kind == TopicKind::event;
   const std::string_view payload = message.payload;
   if (is_gateways && is_embeddable_json(payload)) {
-    out.append(payload).append(R"(,"encoding":"json")");
+    const auto begin = static_cast<std::ptrdiff_t>(out.size());
+    out.append(payload);
+    // A message is one line; a line feed in JSON is only ever a space between tokens.
+    std::replace(out.begin() + begin, out.end(), '\n', ' ');
+    out.append(R"(,"encoding":"json")");
   } else if (!is_octets(message.topic, payload) && is_plain_text(payload)) {
     append_json_text(out, payload);
     out += R"(,"encoding":"text")";

@@ -8,6 +8,8 @@
 // UTF-8 without control characters, "hex" the octets in hexadecimal digits, two each (everything
 // else; `update` and `cmd` always, unless they are JSON objects).
 //
+// Each is one line: several of them travel in one WebSocket message, a line feed between them.
+//
 // Topics that begin with `$web/` are this program's own word: no MQTT subscription brings such.
 #pragma once
 

@@ -68,4 +68,15 @@ SharedText PageQueue::pop() {
   return text;
 }
 
+std::string PageQueue::take() {
+  std::string lines;
+  while (lines.size() < enough_bytes) {
+    const SharedText text = pop();
+    if (!text) break;
+    if (!lines.empty()) lines += '\n';
+    lines += *text;
+  }
+  return lines;
+}
+
 }  // namespace slamgw::web

@@ -29,8 +29,13 @@ class PageQueue {
   /// Drops the states that wait: all of them come anew after `text`.
   void begin_anew(std::string_view topic, SharedText text);
   void push_event(SharedText text);
+  /// One write for many messages: beyond this size the next write takes what is left.
+  static constexpr std::size_t enough_bytes = 64 * 1024;
+
   /// States first, then events; nothing (null) when nothing waits.
   SharedText pop();
+  /// Several of them at once, a line each; empty when nothing waits.
+  std::string take();
 
   bool is_empty() const { return states_.empty() && events_.empty() && untold_ == 0; }
   std::uint64_t dropped() const { return dropped_; }  ///< events, since the page came

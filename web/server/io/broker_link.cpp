@@ -11,6 +11,7 @@
 #include <cstdlib>
 #include <random>
 #include <stdexcept>
+#include <utility>
 
 namespace slamgw::web {
 namespace {
@@ -60,7 +61,8 @@ BrokerLink::BrokerLink(boost::asio::io_context& io, BrokerSettings settings,
       settings_(std::move(settings)),
       places_(settings_.addresses()),
       filters_(std::move(filters)),
-      listener_(std::move(listener)) {
+      listener_(std::move(listener)),
+      gather_(io) {
   mosquitto_lib_init();
   set_up_client();
   thread_ = std::thread([this] { run(); });
@@ -211,27 +213,35 @@ void BrokerLink::on_message(std::string topic, std::string payload, bool is_reta
 }
 
 void BrokerLink::hand_over(Happening happening) {
-  bool is_first = false;
+  bool is_due = false;
   {
     const std::lock_guard lock(mutex_);
     if (waiting_.size() >= max_waiting && std::holds_alternative<BrokerMessage>(happening)) {
       ++overruns_;
       return;
     }
-    is_first = waiting_.empty();
     waiting_.push_back(std::move(happening));
+    is_due = std::exchange(is_delivery_due_, true);
   }
-  if (is_first) boost::asio::post(io_, [this] { deliver(); });
+  if (!is_due) boost::asio::post(io_, [this] { deliver(); });
 }
 
 // ---- on the loop's thread
 
+/// The first of a row at once. While messages come, the loop looks again by itself, so that it is
+/// woken once for many.
 void BrokerLink::deliver() {
   std::vector<Happening> batch;
   {
     const std::lock_guard lock(mutex_);
     batch.swap(waiting_);
+    is_delivery_due_ = !batch.empty();
   }
+  if (batch.empty()) return;
+  gather_.expires_after(gathering);
+  gather_.async_wait([this](boost::system::error_code end) {
+    if (!end) deliver();
+  });
   for (const Happening& happening : batch) {
     if (const auto* message = std::get_if<BrokerMessage>(&happening))
       listener_.on_message(*message);

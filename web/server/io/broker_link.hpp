@@ -6,6 +6,7 @@
 
 #include <atomic>
 #include <boost/asio/io_context.hpp>
+#include <boost/asio/steady_timer.hpp>
 #include <condition_variable>
 #include <functional>
 #include <mutex>
@@ -32,6 +33,8 @@ class BrokerLink {
   };
   /// What waits for the loop: two seconds of a busy broker.
   static constexpr std::size_t max_waiting = 20'000;
+  /// What comes within so much reaches the loop together. A page draws a frame each 16 ms.
+  static constexpr std::chrono::milliseconds gathering{10};
 
   BrokerLink(boost::asio::io_context& io, BrokerSettings settings, std::vector<std::string> filters,
              Listener listener);
@@ -90,6 +93,8 @@ class BrokerLink {
   std::condition_variable wake_;
   bool is_stopping_ = false;
   std::vector<Happening> waiting_;
+  bool is_delivery_due_ = false;      ///< deliver() is posted, or its timer runs
+  boost::asio::steady_timer gather_;  ///< on the loop
   std::thread thread_;
 };
 

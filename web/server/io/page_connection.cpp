@@ -3,6 +3,7 @@
 
 #include <boost/asio/buffer.hpp>
 #include <boost/asio/post.hpp>
+#include <utility>
 
 #include "web/server/answers.hpp"
 
@@ -26,6 +27,7 @@ PageConnection::PageConnection(beast::tcp_stream stream, PageHub& hub)
       response.insert({name.data(), name.size()}, {value.data(), value.size()});
   }));
   socket_.read_message_max(max_page_message);
+  socket_.auto_fragment(false);  // else a system call for each 4 KiB
 }
 
 PageConnection::~PageConnection() {
@@ -63,29 +65,38 @@ void PageConnection::on_text(const std::string& text) {
 
 void PageConnection::tell_state(std::string_view topic, const SharedText& text) {
   if (!queue_.push_state(topic, text)) give_up();
-  write();
+  write_soon();
 }
 
 void PageConnection::tell_anew(std::string_view topic, const SharedText& text) {
   queue_.begin_anew(topic, text);
-  write();
+  write_soon();
 }
 
 void PageConnection::tell_event(const SharedText& text) {
   queue_.push_event(text);
-  write();
+  write_soon();
+}
+
+/// When all that is told in this turn of the loop waits.
+void PageConnection::write_soon() {
+  if (!writing_.empty() || std::exchange(is_write_posted_, true)) return;
+  boost::asio::post(socket_.get_executor(), [self = shared_from_this()] {
+    self->is_write_posted_ = false;
+    self->write();
+  });
 }
 
 void PageConnection::write() {
-  if (writing_ || !is_open_) return;
-  writing_ = queue_.pop();
-  if (!writing_) {
+  if (!writing_.empty() || !is_open_) return;
+  writing_ = queue_.take();
+  if (writing_.empty()) {
     if (ends_) close();
     return;
   }
-  socket_.async_write(boost::asio::buffer(*writing_),
+  socket_.async_write(boost::asio::buffer(writing_),
                       [self = shared_from_this()](beast::error_code error, std::size_t) {
-                        self->writing_.reset();
+                        self->writing_ = {};
                         if (error) return self->close();
                         self->write();
                       });

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The WebSocket of one page (RFC 6455, Boost.Beast). Lives as long as its connection; one write is
-// under way at a time, the rest waits in a PageQueue.
+// under way at a time, the rest waits in a PageQueue. What the loop tells in one turn goes out in
+// one WebSocket message.
 #pragma once
 
 #include <boost/asio/steady_timer.hpp>
@@ -31,6 +32,7 @@ class PageConnection : public Page, public std::enable_shared_from_this<PageConn
  private:
   void read();
   void on_text(const std::string& text);
+  void write_soon();
   void write();
   void give_up();
   void close();
@@ -39,9 +41,10 @@ class PageConnection : public Page, public std::enable_shared_from_this<PageConn
   PageHub& hub_;
   PageSession session_;
   PageQueue queue_;
-  SharedText writing_;
+  std::string writing_;
   boost::beast::flat_buffer input_;
   bool is_open_ = false;
+  bool is_write_posted_ = false;
   bool ends_ = false;
 };
 
