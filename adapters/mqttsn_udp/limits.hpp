@@ -47,6 +47,8 @@ constexpr std::size_t max_abandoned = 16;
 /// How long a client is spared a topic that it does not answer: at first, doubled, at most.
 constexpr std::chrono::seconds first_set_aside{60};
 constexpr std::chrono::seconds longest_set_aside{3600};
+/// Topics that one client left unanswered and whose failures are remembered: a listener to a fleet.
+constexpr std::size_t max_set_aside = 128;
 /// QoS 1 and 2 messages of one client that are not yet safe; Nordic's client has four.
 constexpr std::size_t max_open_receipts = 64;
 /// QoS 2 exchanges of one client between PUBLISH and PUBREL.

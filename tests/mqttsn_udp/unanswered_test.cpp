@@ -73,6 +73,28 @@ TEST(SnGateway, SetsATopicAsideWithAGrowingPauseAndSaysItOnce) {
   EXPECT_GE(rig.counter("topics_set_aside"), 8U);
 }
 
+TEST(SnGateway, RemembersOnlySoManyTopicsThatAClientDoesNotAnswer) {
+  DeafRig rig;
+  const auto topic = [](std::size_t i) {
+    return "ntnu-slam/robot/x" + std::to_string(i) + "/update";
+  };
+  const auto leave_unanswered = [&](std::size_t i) {
+    rig.broker(topic(i), "u", 1);
+    for (int part = 0; part < 5; ++part) {
+      rig.pass_s(9);
+      rig.send(1, Pingreq{});
+    }
+  };
+  for (std::size_t i = 0; i <= limits::max_set_aside; ++i) leave_unanswered(i);
+  leave_unanswered(0);
+  rig.pass(limits::first_set_aside);
+  rig.sent_to(1);
+  rig.broker(topic(0), "u", 1);
+  const Lines lines = rig.sent_to(1);
+  ASSERT_FALSE(lines.empty()) << "its first failure was forgotten, so its pause was the first one";
+  EXPECT_TRUE(lines[0].starts_with("REGISTER")) << lines[0];
+}
+
 TEST(SnGateway, DeliversATopicThatWasSetAsideOnceItIsAnswered) {
   DeafRig rig(false);
   rig.broker("ntnu-slam/robot/x/update", "1", 1);

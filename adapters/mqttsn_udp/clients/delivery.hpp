@@ -106,7 +106,7 @@ struct Delivery {
   std::optional<Publishing> publishing;
   std::vector<Registering> registering;  ///< at most max_open_registers, at most one fresh
   std::vector<Releasing> releasing;      ///< at most max_open_releases, oldest first
-  std::vector<SetAside> set_aside;
+  std::vector<SetAside> set_aside;       ///< at most max_set_aside, oldest first
   /// MsgIds of QoS 2 commands that have failed: a late PUBREC must not have them carried out.
   std::vector<std::uint16_t> abandoned;  ///< at most max_abandoned, oldest first
   std::uint16_t last_msg_id = 0;

@@ -19,6 +19,14 @@ auto find_set_aside(Delivery& delivery, const std::string& topic) {
   return std::ranges::find(delivery.set_aside, topic, &SetAside::topic);
 }
 
+/// The failures of a topic whose pause is over are forgotten first.
+void make_room(std::vector<SetAside>& set_aside) {
+  if (set_aside.size() < limits::max_set_aside) return;
+  const auto is_over = [](const SetAside& entry) { return !entry.until; };
+  const auto over = std::ranges::find_if(set_aside, is_over);
+  set_aside.erase(over != set_aside.end() ? over : set_aside.begin());
+}
+
 Duration pause_after(unsigned failures) {
   Duration pause = limits::first_set_aside;
   for (unsigned i = 1; i < failures && pause < limits::longest_set_aside; ++i) pause *= 2;
@@ -157,6 +165,7 @@ void TopicRegistration::set_aside(ClientSession& session, const std::string& top
   Delivery& delivery = session.delivery;
   auto entry = find_set_aside(delivery, topic);
   if (entry == delivery.set_aside.end()) {
+    make_room(delivery.set_aside);
     delivery.set_aside.push_back({topic});
     entry = std::prev(delivery.set_aside.end());
   }
