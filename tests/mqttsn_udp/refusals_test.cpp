@@ -111,6 +111,60 @@ TEST(SnGateway, RegistersAgainForASleeperThatAnswersNotSupportedWithTopicId0) {
   EXPECT_EQ(rig.sent_to(1), Lines{"PINGRESP"}) << "with its topic id it means what it says";
 }
 
+/// As simon622's client, which disconnects when it is sent QoS 2 under an id that it has forgotten.
+TEST(SnGateway, TellsAllIdsAgainToASleeperThatForgetsThem) {
+  SnRig rig;
+  rig.connect(1, "r1");
+  rig.subscribe(1, "a/x", 1);
+  rig.subscribe(1, "a/y", 2);
+  rig.sleep(1, 100);
+  rig.broker("a/x", "1", 1);
+  rig.broker("a/y", "2", 2);
+  rig.send(1, Pingreq{"r1"});
+  rig.send(1, Puback{0, 1, ReturnCode::not_supported});
+  rig.send(1, Regack{1, 2, ReturnCode::accepted});
+  rig.sent_to(1);
+  rig.send(1, Puback{1, 3, ReturnCode::accepted});
+  EXPECT_EQ(rig.sent_to(1), Lines{"REGISTER id=2 msg=4 topic=a/y"});
+  rig.send(1, Regack{2, 4, ReturnCode::accepted});
+  EXPECT_EQ(rig.sent_to(1), Lines{"PUBLISH dup=0 qos=2 retain=0 normal id=2 msg=5 data=32"});
+  rig.send(1, Pubrec{5});
+  rig.send(1, Pubcomp{5});
+  EXPECT_EQ(rig.last_to(1), "PINGRESP");
+
+  rig.broker("a/y", "3", 2);
+  rig.send(1, Pingreq{"r1"});
+  EXPECT_EQ(rig.last_to(1), "PUBLISH dup=0 qos=2 retain=0 normal id=2 msg=6 data=33")
+      << "what it was told while it is asleep it remembers";
+  rig.send(1, Pubrec{6});
+  rig.send(1, Pubcomp{6});
+
+  rig.sleep(1, 100);
+  rig.broker("a/y", "4", 2);
+  rig.send(1, Pingreq{"r1"});
+  EXPECT_EQ(rig.last_to(1), "REGISTER id=2 msg=7 topic=a/y") << "it went to sleep anew";
+}
+
+/// It gets PINGRESP behind a message of QoS 0, and refuses the message when it is asleep again.
+TEST(SnGateway, TellsAllIdsAgainToASleeperThatRefusesQos0) {
+  SnRig rig;
+  rig.connect(1, "r1");
+  rig.subscribe(1, "a/x", 0);
+  rig.subscribe(1, "a/y", 2);
+  rig.sleep(1, 100);
+  rig.broker("a/x", "1", 0);
+  rig.send(1, Pingreq{"r1"});
+  rig.sent_to(1);
+  rig.send(1, Puback{0, 0, ReturnCode::not_supported});
+  EXPECT_TRUE(rig.is_silent(1));
+  rig.broker("a/y", "2", 2);
+  rig.send(1, Pingreq{"r1"});
+  EXPECT_EQ(rig.sent_to(1), Lines{"REGISTER id=1 msg=1 topic=a/x"});
+  rig.send(1, Regack{1, 1, ReturnCode::accepted});
+  EXPECT_EQ(rig.sent_to(1), (Lines{"PUBLISH dup=0 qos=0 retain=0 normal id=1 msg=0 data=31",
+                                   "REGISTER id=2 msg=2 topic=a/y"}));
+}
+
 /// As RIOT's emcute does with every repetition.
 TEST(SnGateway, RepeatsWithoutDupForAClientThatRefusesIt) {
   SnRig rig;

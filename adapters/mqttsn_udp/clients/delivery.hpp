@@ -115,6 +115,7 @@ struct Delivery {
   std::optional<TimePoint> paused_until;  ///< the client said "congestion" (T_WAIT)
   bool is_stalled = false;                ///< no answer to a PUBLISH: rests until heard (R133)
   bool refuses_dup = false;  ///< it answers 0x03 to a PUBLISH with DUP, as RIOT's emcute does
+  bool forgets_ids_asleep = false;    ///< of topics, as simon622's client does
   bool was_told_set_aside = false;    ///< the operator's notice, once for each client
   std::size_t wake_budget = 0;        ///< messages that this wake-up may still bring (R122)
   std::optional<Outgoing> last_qos0;  ///< for "invalid topic id" at QoS 0 (R86)

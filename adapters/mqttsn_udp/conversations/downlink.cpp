@@ -287,11 +287,16 @@ void Downlink::finish(ClientSession& session, const Outgoing& outgoing, CommandR
   commands_.end(outgoing.command, result, std::move(why), now);
 }
 
-/// The client has forgotten the id: told again, said again once under a new MsgId (R86).
+/// The client has forgotten the id: told again, said again once under a new MsgId (R86). One that
+/// forgets while it sleeps forgets all ids, and each time.
 void Downlink::register_again(ClientSession& session, Outgoing outgoing) {
   if (outgoing.topic_id_type != TopicIdType::normal || outgoing.was_refused_once) return;
-  if (const auto id = session.topics.id_of(outgoing.message->topic))
+  if (session.state() == ClientState::awake || session.state() == ClientState::asleep) {
+    session.delivery.forgets_ids_asleep = true;
+    session.topics.set_all_untold();
+  } else if (const auto id = session.topics.id_of(outgoing.message->topic)) {
     session.topics.set_told(*id, false);
+  }
   outgoing.was_refused_once = true;
   outgoing.msg_id = 0;
   session.delivery.queue.push_front(std::move(outgoing));

@@ -5,6 +5,7 @@ namespace slamgw::mqttsn {
 
 void Sleep::fall_asleep(ClientSession& session, std::chrono::seconds duration, TimePoint now) {
   session.sleep_duration = duration;
+  if (session.delivery.forgets_ids_asleep) session.topics.set_all_untold();
   downlink_.rest(session);
   lifecycle_.enter(session, ClientState::asleep, now);
   changed_.mark(session);
