@@ -93,6 +93,13 @@ Json fields(const Table& table) {
   return {{"k", "table"}, {"after", table.after}, {"upto", table.upto}, {"rows", std::move(rows)}};
 }
 
+Json fields(const Hears& hears) {
+  Json rows = Json::array();
+  for (const auto& [robot, level_db, age_ms] : hears.rows)
+    rows.push_back(Json::array({robot, level_db, age_ms}));
+  return {{"k", "hears"}, {"up", hears.is_board_up}, {"rows", std::move(rows)}};
+}
+
 Beat read_beat(const Json& json) {
   constexpr std::uint64_t max_period_ms = 60'000;
   Beat beat;
@@ -125,6 +132,21 @@ Table read_table(const Json& json) {
   return table;
 }
 
+Hears read_hears(const Json& json) {
+  constexpr int highest_level_db = 100;
+  Hears hears{json.at("up").get<bool>(), {}};
+  const Json& rows = json.at("rows");
+  if (!rows.is_array() || rows.size() > max_table_rows) reject();
+  for (const Json& row : rows) {
+    if (!row.at(1).is_number_integer()) reject();
+    const auto level_db = row.at(1).get<std::int64_t>();
+    if (level_db < Hears::lowest_level_db || level_db > highest_level_db) reject();
+    hears.rows.push_back(
+        {level(row.at(0)), static_cast<int>(level_db), at_most(row.at(2), UINT32_MAX)});
+  }
+  return hears;
+}
+
 Body read_body(const Json& json) {
   const auto& kind = json.at("k").get_ref<const std::string&>();
   if (kind == "beat") return read_beat(json);
@@ -140,6 +162,7 @@ Body read_body(const Json& json) {
   if (kind == "release") return read_release(json);
   if (kind == "ask") return AskTable{};
   if (kind == "table") return read_table(json);
+  if (kind == "hears") return read_hears(json);
   reject();
 }
 

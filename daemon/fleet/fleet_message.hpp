@@ -3,8 +3,9 @@
 // that no engine stumbles over them; the last level of each topic names the sender, so that a
 // broker's access control list can tie it to the user. Pure.
 //
-//   <prefix>/fleet/all/<sender>        to everybody: Beat (QoS 0), ClaimRobot, AskForSign, Taken,
-//   Table <prefix>/fleet/to/<gateway>/<sender>    to one: AskTable, Table, Release, Heard
+//   <prefix>/fleet/all/<sender>           to everybody: Beat and Hears (QoS 0), ClaimRobot,
+//                                         AskForSign, Taken, Table
+//   <prefix>/fleet/to/<gateway>/<sender>  to one: AskTable, Table, Release, Heard
 #pragma once
 
 #include <optional>
@@ -72,7 +73,21 @@ struct Table {
   std::vector<Row> rows;
 };
 
-using Body = std::variant<Beat, ClaimRobot, AskForSign, Heard, Taken, Release, AskTable, Table>;
+/// What the sender's board hears in a mesh that boards of other gateways hear, too.
+struct Hears {
+  /// Nothing is known of the level.
+  static constexpr int lowest_level_db = -1000;
+  struct Row {
+    std::string robot;
+    int level_db = lowest_level_db;  ///< SignalLevel
+    std::uint64_t age_ms = 0;        ///< since it was heard last
+  };
+  bool is_board_up = false;
+  std::vector<Row> rows;  ///< at most max_table_rows
+};
+
+using Body =
+    std::variant<Beat, ClaimRobot, AskForSign, Heard, Taken, Release, AskTable, Table, Hears>;
 
 struct FleetMessage {
   std::string sender;

@@ -75,6 +75,7 @@ void Ownership::on_subscribe_result(const std::string& filter, SubscribeAnswer a
 void Ownership::end_look(TimePoint now) {
   is_looking_ = false;
   looked_.reset();
+  if (is_link_up_) has_looked_ = true;
   decide_alone(now);
 }
 
@@ -86,6 +87,7 @@ void Ownership::decide_alone(TimePoint now) {
 }
 
 void Ownership::wake_up(const Now& now) {
+  has_looked_ = true;
   is_looking_ = false;
   looked_.reset();
   // The commands first: who hears the others and not the commands would miss what they leave to it.
@@ -244,6 +246,17 @@ void Ownership::on_heard(const std::string& robot, const Now& now) {
   if (is_alone()) return;
   questions_.erase(robot);
   claims_.on_heard(robot, now);
+}
+
+void Ownership::on_heard_too(const std::string& robot, std::optional<SignalLevel> level,
+                             const Now& now) {
+  questions_.erase(robot);
+  claims_.on_heard_too(robot, level, now);
+}
+
+bool Ownership::may_serve(const std::string& robot, TimePoint now) const {
+  if (settings_.enabled == Enabled::no) return true;
+  return may_act_for(robot, now) && (!is_alone() || (has_looked_ && !is_looking_));
 }
 
 void Ownership::on_given_up(const std::string& robot, const Claim& to, Bytes session) {
@@ -424,6 +437,10 @@ void Ownership::handle(const std::string& sender, Life, const AskTable&, const N
   if (sender == context_.me || (table_told_ && now.mono - *table_told_ < table_interval)) return;
   table_told_ = now.mono;
   claims_.tell_table(context_.topics.to(sender));
+}
+
+void Ownership::handle(const std::string& sender, Life, const Hears& hears, const Now& now) {
+  if (sender != context_.me) claims_.on_hears(sender, hears, now);
 }
 
 void Ownership::handle(const std::string& sender, Life life, const Table& table, const Now& now) {

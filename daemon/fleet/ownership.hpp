@@ -38,6 +38,11 @@ class Ownership {
   void on_fleet_message(const FleetMessage& message, const Now& now);
   /// The robot was heard by radio here just now.
   void on_heard(const std::string& robot, const Now& now);
+  /// As on_heard, of a robot in a mesh that boards of other gateways hear, too: it is claimed only
+  /// when nobody serves it, or when this gateway should (BoardChoice).
+  void on_heard_too(const std::string& robot, std::optional<SignalLevel> level, const Now& now);
+  /// This gateway's board in such a mesh works, or does not.
+  void on_board(bool is_up, const Now& now) { claims_.on_board(is_up, now); }
   /// A message for a robot from the broker, which only its owner may carry out.
   void on_command(BrokerMessage message, std::string robot, std::string type, const Now& now);
   /// The robot's keep-alive is over here.
@@ -68,6 +73,8 @@ class Ownership {
   bool may_act_for(const std::string& robot, TimePoint now) const {
     return is_alone() || (context_.may_act(now) && claims_.is_held(robot));
   }
+  /// The same for a robot that other gateways hear, too: not before it is known who is about.
+  bool may_serve(const std::string& robot, TimePoint now) const;
   bool is_leased(TimePoint now) const { return context_.lease.is_valid(now); }
   /// What the broker's access control list keeps this gateway from, as far as that shows.
   std::vector<MissingRight> missing_rights(TimePoint now) const;
@@ -122,6 +129,7 @@ class Ownership {
   void handle(const std::string& sender, Life life, const Release& release, const Now& now);
   void handle(const std::string& sender, Life life, const AskTable& ask, const Now& now);
   void handle(const std::string& sender, Life life, const Table& table, const Now& now);
+  void handle(const std::string& sender, Life life, const Hears& hears, const Now& now);
   void decide_won(TimePoint now);
   void compare_digest(const std::string& gateway, Life life, TimePoint now);
   bool is_in_step(TimePoint now) const;
@@ -145,6 +153,7 @@ class Ownership {
   bool is_looking_;                  ///< it is not known yet whether others are about
   std::optional<TimePoint> looked_;  ///< then it is, as far as the broker tells
   bool is_state_answered_ = false;   ///< the broker has answered the subscription to states
+  bool has_looked_ = false;          ///< it was known once who is about
   TimePoint next_beat_{};
   TimePoint last_look_{};
   TimePoint woken_{};

@@ -31,6 +31,40 @@ void RobotClaims::on_heard(const std::string& robot, const Now& now) {
   claim_unless_guarded(robot, now);
 }
 
+void RobotClaims::on_heard_too(const std::string& robot, std::optional<SignalLevel> level,
+                               const Now& now) {
+  boards_.on_heard(robot, level, now.mono);
+  if (context_.phase == Phase::alone) return;
+  if (boards_.knows(robot)) heard_[robot] = now.mono;
+  claim_if_chosen(robot, now);
+}
+
+void RobotClaims::on_board(bool is_up, const Now& now) {
+  if (boards_.on_board(is_up)) choose_boards(now);
+}
+
+void RobotClaims::on_hears(const std::string& sender, const Hears& hears, const Now& now) {
+  boards_.on_hears(sender, hears, now.mono);
+  for (const std::string& robot : boards_.candidates(now.mono)) claim_if_chosen(robot, now);
+}
+
+void RobotClaims::claim_if_chosen(const std::string& robot, const Now& now) {
+  if (!context_.may_act(now.mono) || held_.contains(robot) || claiming_.contains(robot)) return;
+  const auto* row = context_.table.find(robot);
+  const bool has_owner = row && context_.is_living(row->claim, now.mono);
+  if (!has_owner || boards_.should_take(robot, row->claim.gateway, now.mono))
+    claim_unless_guarded(robot, now);
+}
+
+/// Also of robots that say nothing just now: one that repeats its message ever more slowly must not
+/// have to say it once more before somebody serves it.
+void RobotClaims::choose_boards(const Now& now) {
+  if (!context_.may_act(now.mono)) return;
+  if (const auto hears = boards_.next_hears(now.mono))
+    context_.publish(context_.topics.all(), *hears, Qos::at_most_once);
+  for (const std::string& robot : boards_.candidates(now.mono)) claim_if_chosen(robot, now);
+}
+
 void RobotClaims::on_question(const std::string& robot, const std::string& sender, const Now& now) {
   if (!context_.may_act(now.mono)) return;
   const auto* row = context_.table.find(robot);
@@ -95,6 +129,7 @@ bool RobotClaims::is_won(Claiming& claiming, TimePoint now) const {
 }
 
 void RobotClaims::on_deadline(const Now& now) {
+  choose_boards(now);
   std::vector<std::string> won;
   for (auto& [robot, claiming] : claiming_) {
     if (is_won(claiming, now.mono)) {
@@ -139,8 +174,9 @@ void RobotClaims::merge(const std::string& robot, const Claim& claim, const std:
     release(robot, has_passed_on ? *row : claim, claim.gateway, {});
   }
   const auto heard = heard_.find(robot);
-  if (was_behind && heard != heard_.end() && now.mono - heard->second < fresh &&
-      context_.lease.is_valid(now.mono))
+  const bool is_heard_here_only = !boards_.knows(robot);
+  if (was_behind && is_heard_here_only && heard != heard_.end() &&
+      now.mono - heard->second < fresh && context_.lease.is_valid(now.mono))
     claim_unless_guarded(robot, now);
 }
 
@@ -221,6 +257,7 @@ void RobotClaims::begin_life() {
 
 void RobotClaims::forget_all() {
   begin_life();
+  boards_.forget_others();
   heard_.clear();
   context_.table = {};
 }

@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "daemon/core/log_throttle.hpp"
+#include "daemon/fleet/board_choice.hpp"
 #include "daemon/fleet/context.hpp"
 #include "daemon/fleet/roam_guard.hpp"
 
@@ -30,6 +31,10 @@ class RobotClaims {
 
   /// By radio, here.
   void on_heard(const std::string& robot, const Now& now);
+  /// By a board that is not the only one to hear it.
+  void on_heard_too(const std::string& robot, std::optional<SignalLevel> level, const Now& now);
+  void on_board(bool is_up, const Now& now);
+  void on_hears(const std::string& sender, const Hears& hears, const Now& now);
   /// Somebody asks whether the robot was heard; for who says to own it.
   void on_question(const std::string& robot, const std::string& sender, const Now& now);
   void on_own_claim(const std::string& robot, std::uint64_t epoch, const Now& now);
@@ -88,6 +93,8 @@ class RobotClaims {
                Bytes session);
   void claim(const std::string& robot, const Now& now);
   void claim_unless_guarded(const std::string& robot, const Now& now);
+  void claim_if_chosen(const std::string& robot, const Now& now);
+  void choose_boards(const Now& now);
   void say_claim(const std::string& robot, Claiming& claiming, TimePoint now);
   bool is_won(Claiming& claiming, TimePoint now) const;
   void own(const std::string& robot);
@@ -99,6 +106,7 @@ class RobotClaims {
   std::map<std::string, TimePoint> objected_;
   std::vector<std::string> stale_;  ///< rows of the dead at the last sweep
   RoamGuard guard_;
+  BoardChoice boards_;
   LogThrottle restless_{std::chrono::minutes{1}};
   bool has_won_ = false;
   std::uint64_t roams_in_ = 0;

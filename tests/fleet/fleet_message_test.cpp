@@ -22,6 +22,12 @@ TEST(FleetMessage, ComesBackAsItWas) {
   const auto table = read(encode(1, Table{"a", "c", {{"b", 4}, {"c", 5}}}));
   ASSERT_TRUE(table);
   EXPECT_EQ(std::get<Table>(table->body).rows.size(), 2U);
+  const auto hears = read(encode(1, Hears{true, {{"r.1 *", -61, 120}, {"s", -1000, 0}}}));
+  ASSERT_TRUE(hears);
+  EXPECT_TRUE(std::get<Hears>(hears->body).is_board_up);
+  EXPECT_EQ(std::get<Hears>(hears->body).rows.at(0).robot, "r.1 *");
+  EXPECT_EQ(std::get<Hears>(hears->body).rows.at(0).level_db, -61);
+  EXPECT_EQ(std::get<Hears>(hears->body).rows.at(0).age_ms, 120U);
 }
 
 TEST(FleetMessage, IsNothingWhenAnythingIsWrong) {
@@ -47,6 +53,14 @@ TEST(FleetMessage, IsNothingWhenAnythingIsWrong) {
           R"({"v":1,"b":"1","k":"release","robot":"a","epoch":1,"to":"b","life":"1","session":"0"})",
           R"({"v":1,"b":"1","k":"table","after":"b","upto":"","rows":[["a",1]]})",
           R"({"v":1,"b":"1","k":"table","after":"","upto":"","rows":[["a"]]})",
+          R"({"v":1,"b":"1","k":"hears","rows":[]})",
+          R"({"v":1,"b":"1","k":"hears","up":1,"rows":[]})",
+          R"({"v":1,"b":"1","k":"hears","up":true,"rows":{}})",
+          R"({"v":1,"b":"1","k":"hears","up":true,"rows":[["a",-60]]})",
+          R"({"v":1,"b":"1","k":"hears","up":true,"rows":[["a",-60.5,0]]})",
+          R"({"v":1,"b":"1","k":"hears","up":true,"rows":[["a",101,0]]})",
+          R"({"v":1,"b":"1","k":"hears","up":true,"rows":[["a",-60,-1]]})",
+          R"({"v":1,"b":"1","k":"hears","up":true,"rows":[["a/b",-60,1]]})",
       }) {
     EXPECT_FALSE(read(text)) << text;
   }
