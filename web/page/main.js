@@ -141,9 +141,10 @@ function drawPilot() {
 
 // ---- the head
 function drawLink() {
-  const isGood = model.isOpen && model.broker.state === 'up';
-  $('link').className = `chip ${isGood ? 'good' : 'bad'}`;
-  setText($('link'), !model.isOpen ? 'No connection' : model.broker.state === 'up' ? 'Live' : 'Broker away');
+  const lacksRights = Object.keys(model.broker.unreadable ?? {}).length > 0;
+  const state = !model.isOpen ? 'No connection' : model.broker.state !== 'up' ? 'Broker away' : lacksRights ? 'Rights missing' : 'Live';
+  $('link').className = `chip ${state === 'Live' ? 'good' : 'bad'}`;
+  setText($('link'), state);
   $('link').title = model.isOpen ? `${model.broker.uri ?? ''} ${model.broker.why ?? ''}` : 'slam-gateway-web does not answer; the page tries again';
   setText($('unlock'), model.maySend ? 'Commands on' : model.takesToken ? 'Unlock' : 'Only watching');
   $('unlock').disabled = !model.takesToken;

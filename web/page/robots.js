@@ -27,7 +27,10 @@ export function problems(model) {
   const add = (title, remedy, isWarning = false) => found.push({ title, remedy: remedy || '', isWarning });
   if (!model.isOpen) return [{ title: 'This page has lost slam-gateway-web', remedy: 'It tries again by itself. Is the service running? systemctl status slam-gateway-web' }];
   if (model.broker.state !== 'up') add(`slam-gateway-web does not reach the broker at ${model.broker.uri}`, model.broker.why);
-  else if (model.gateways.size === 0) add('No gateway has been heard on this broker', `Is slam-gateway running, and is its topics.prefix "${model.prefix}"? slam-gatewayctl status`);
+  for (const [filter, why] of Object.entries(model.broker.unreadable ?? {}))
+    add(`The broker does not let this page read ${filter}`, `${why}. In its access control list, for slam-gateway-web's user: topic read ${filter}`);
+  if (model.broker.state === 'up' && model.gateways.size === 0 && !Object.keys(model.broker.unreadable ?? {}).length)
+    add('No gateway has been heard on this broker', `Is slam-gateway running, and is its topics.prefix "${model.prefix}"? slam-gatewayctl status. May slam-gateway-web's user read ${model.prefix}/# at the broker?`);
   for (const gateway of model.gateways.values()) problemsOf(gateway, model, add);
   for (const robot of model.robots.values()) {
     if (robot.state === 'offline' && gatewayIsThere(model, robot)) add(`${robot.id} is offline`, `Silent for ${age(model.now() - lastHeard(robot))}. Is it switched on and in range? slam-gatewayctl doctor ${robot.id}`, true);
@@ -44,6 +47,8 @@ function problemsOf(gateway, model, add) {
   if (!stats) return;
   if (model.now() - gateway.statsAt > STALE_STATS_MS) add(`${name} has sent no stats for ${age(model.now() - gateway.statsAt)}`, 'It may hang. On its host: slam-gatewayctl status', true);
   if (stats.broker?.state && stats.broker.state !== 'up') add(`${name}: broker ${stats.broker.state}`, stats.broker.why);
+  const rights = stats.broker?.missing_rights;
+  for (const right of Array.isArray(rights) ? rights.slice(0, 10) : []) add(`${name} lacks a right at the broker: ${right?.what}`, `In the access control list: ${right?.grant}`);
   for (const [mesh, link] of Object.entries(stats.meshes ?? {})) {
     if (link?.state === 'down') add(`${name}: the link to ${meshNames[mesh] ?? mesh} is down`, link.detail);
   }

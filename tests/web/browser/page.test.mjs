@@ -506,7 +506,7 @@ pageTest('* a robot with a hostile name is text in every view', {}, async (page)
   }
   await world.publish(`ntnu-slam/gateway/other/commands/${hostile}`, JSON.stringify({ type: 'cmd', outcome: hostile, why: hostile }));
   await world.publish('ntnu-slam/gateway/other/state', JSON.stringify({ state: 'online', version: hostile }), '-r');
-  await world.publish('ntnu-slam/gateway/other/stats', JSON.stringify({ version: hostile, broker: { state: 'down', why: hostile }, meshes: { [hostile]: { state: 'down', detail: hostile } }, store: [], robots: null }));
+  await world.publish('ntnu-slam/gateway/other/stats', JSON.stringify({ version: hostile, broker: { state: 'down', why: hostile, missing_rights: [{ what: hostile, grant: 'topic read x/#' }] }, meshes: { [hostile]: { state: 'down', detail: hostile } }, store: [], robots: null }));
   await until(page, (all) => all.every((name) => window.slamgw.model.robots.get(name)?.state === 'online'), names);
   const listed = () => page.$$eval('#list .name', (all) => all.map((one) => one.textContent));
   await eventually('all names are listed', async () => names.every((name) => undefined !== name) && (await listed()).filter((name) => names.includes(name)).length === names.length);
@@ -515,6 +515,7 @@ pageTest('* a robot with a hostile name is text in every view', {}, async (page)
     await page.waitForTimeout(700); // two rounds of the tables
     assert.equal(await page.$$eval('img:not(h1 img), #table script, #messages script, b, [onerror], [onload]', (all) => all.length), 0, view);
     assert.ok((await page.textContent('body')).includes(hostile), view);
+    if (view === 'robots') assert.ok((await page.textContent('#problems')).includes('In the access control list: topic read x/#'));
   }
   for (const name of names) await world.publish(`ntnu-slam/gateway/other/robots/${name}`, '', '-r');
   await world.publish('ntnu-slam/gateway/other/state', '', '-r');
@@ -542,7 +543,7 @@ pageTest('a robot is chosen from the table by the keyboard', { view: 'robots' },
 });
 
 pageTest('nonsense on the topics harms nothing', {}, async (page) => {
-  for (const payload of ['', '{', '[]', 'null', '5', '{"state":5}', '{"robots":{"x":[]}}', '{"robots":[1]}', '{"meshes":{"ble":null}}', Buffer.from('fffe00', 'hex'), '{"x":1e999,"y":{}}', '{"x":1e22,"y":0,"obstacles":[{"x":-1e300,"y":1}]}',
+  for (const payload of ['', '{', '[]', 'null', '5', '{"state":5}', '{"robots":{"x":[]}}', '{"robots":[1]}', '{"meshes":{"ble":null}}', '{"broker":{"missing_rights":[1,null,{"what":{}}]}}', '{"broker":{"missing_rights":{"a":1}}}', Buffer.from('fffe00', 'hex'), '{"x":1e999,"y":{}}', '{"x":1e22,"y":0,"obstacles":[{"x":-1e300,"y":1}]}',
     Buffer.from('{"state":"online"}\0\xff{', 'latin1'), '\ufeff{"state":"online"}']) {
     for (const topic of ['gateway/odd/state', 'gateway/odd/stats', 'gateway/odd/numbers', 'gateway/odd/robots/odd', 'gateway/odd/commands/odd', 'robot/odd/update', 'robot/odd', 'server/odd/cmd', 'gateway/odd']) await world.publish(`ntnu-slam/${topic}`, payload);
   }
@@ -553,6 +554,16 @@ pageTest('nonsense on the topics harms nothing', {}, async (page) => {
   assert.equal(await page.textContent('#link'), 'Live');
 });
 
+
+test('a subscription that the broker refuses is told, with the line that grants it', async () => {
+  const page = await world.open({ url: await world.startStrict(), view: 'robots' });
+  await until(page, () => /does not let this page read ntnu-slam\/robot\/#/.test(document.querySelector('#problems').textContent));
+  assert.match(await page.textContent('#problems'), /topic read ntnu-slam\/gateway\/#/);
+  assert.equal(await page.textContent('#link'), 'Rights missing');
+  await page.context().close();
+  await world.end('strict');
+  await world.end('strictBroker');
+});
 
 const handshake = (socket) => socket.write(`GET /api HTTP/1.1\r\nHost: 127.0.0.1:${world.ports.web}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n`);
 

@@ -2,7 +2,7 @@
 // What the browser tests stand on: Mosquitto, slam-gatewayd, simulated robots, slam-gateway-web and Chromium, all real, on
 // free ports of loopback in a directory of their own.
 import { execFile, spawn } from 'node:child_process';
-import { mkdtempSync, openSync, rmSync, writeFileSync } from 'node:fs';
+import { existsSync, mkdtempSync, openSync, rmSync, writeFileSync } from 'node:fs';
 import { createRequire } from 'node:module';
 import net from 'node:net';
 import dgram from 'node:dgram';
@@ -58,19 +58,20 @@ export class World {
     // A run that is interrupted leaves nothing behind.
     process.on('exit', () => this.processes.forEach((child) => child.kill('SIGKILL')));
     for (const signal of ['SIGINT', 'SIGTERM']) process.on(signal, () => process.exit(1));
-    this.ports = { broker: await freeTcp(), web: await freeTcp(), watching: await freeTcp(), mqttsn: await freeUdp() };
+    this.ports = { broker: await freeTcp(), web: await freeTcp(), watching: await freeTcp(), mqttsn: await freeUdp(), strictBroker: await freeTcp(), strict: await freeTcp() };
     this.write('mosquitto.conf', `listener ${this.ports.broker} 127.0.0.1\nallow_anonymous true\nset_tcp_nodelay true\nmax_queued_messages 100000\n`);
     writeFileSync(join(this.directory, 'token'), token + '\n', { mode: 0o600 });
     const robots = [...Array(ble).keys()].map((i) => ({ id: `robot${thread + i + 1}`, ble_address: `0x01${String(i).padStart(2, '0')}` }));
     for (const [id, origin] of Object.entries(origins)) robots.push({ id, origin });
-    const config = (web) => JSON.stringify({
-      gateway: { id: 'here' }, broker: { uri: `mqtt://127.0.0.1:${this.ports.broker}` }, robots,
+    const config = (web, broker = this.ports.broker) => JSON.stringify({
+      gateway: { id: 'here' }, broker: { uri: `mqtt://127.0.0.1:${broker}` }, robots,
       ble_mesh: { enabled: ble > 0, device: join(this.directory, 'board') },
       mqttsn: { listen: [`127.0.0.1:${this.ports.mqttsn}`], multicast_group: null },
       store: { directory: join(this.directory, 'store') }, control: { socket: join(this.directory, 'control.sock') }, web,
     });
     this.write('gateway.json', config({ listen: `127.0.0.1:${this.ports.web}`, token_file: 'token' }));
     this.write('watching.json', config({ listen: `127.0.0.1:${this.ports.watching}` }));
+    this.write('strict.json', config({ listen: `127.0.0.1:${this.ports.strict}` }, this.ports.strictBroker));
     await this.startBroker();
     await Promise.all([this.startWeb('web', 'gateway.json'), this.startWeb('watching', 'watching.json')]);
     if (daemon) this.startDaemon();
@@ -104,6 +105,16 @@ export class World {
   async startWeb(name = 'web', file = 'gateway.json') {
     this.spawn(name, join(bin, 'slam-gateway-web'), ['--config', join(this.directory, file)]);
     await eventually('slam-gateway-web listens', () => answers(this.ports[name]));
+  }
+  // A broker that refuses subscriptions in so many words, and the program on it.
+  async startStrict() {
+    this.write('rights.json', JSON.stringify({ defaultACLAccess: { publishClientSend: true, publishClientReceive: true, subscribe: false, unsubscribe: true } }));
+    const plugin = ['/usr/lib/x86_64-linux-gnu', '/usr/lib/aarch64-linux-gnu', '/usr/lib'].map((place) => `${place}/mosquitto_dynamic_security.so`).find(existsSync);
+    this.write('strict.conf', `listener ${this.ports.strictBroker} 127.0.0.1\nallow_anonymous true\nplugin ${plugin}\nplugin_opt_config_file ${join(this.directory, 'rights.json')}\n`);
+    this.spawn('strictBroker', 'mosquitto', ['-c', join(this.directory, 'strict.conf')]);
+    await eventually('the strict broker listens', () => answers(this.ports.strictBroker));
+    await this.startWeb('strict', 'strict.json');
+    return `http://127.0.0.1:${this.ports.strict}/`;
   }
   startDaemon() {
     this.spawn('daemon', join(bin, 'slam-gatewayd'), ['--config', join(this.directory, 'gateway.json')]);

@@ -102,6 +102,10 @@ void BrokerLink::set_up_client() {
         {static_cast<const char*>(message->payload), static_cast<std::size_t>(message->payloadlen)},
         message->retain, properties);
   });
+  mosquitto_subscribe_v5_callback_set(client_, [](mosquitto*, void* self, int id, int count,
+                                                  const int* answers, const mosquitto_property*) {
+    if (count > 0) of(self).on_subscribed(id, answers[0]);
+  });
   mosquitto_publish_v5_callback_set(
       client_, [](mosquitto*, void* self, int id, int reason, const mosquitto_property*) {
         if (reason >= MQTT_RC_UNSPECIFIED)
@@ -198,11 +202,22 @@ bool BrokerLink::wait(std::chrono::milliseconds time) {
 void BrokerLink::on_connected(int reason) {
   connack_ = reason;
   if (reason != 0) return;
-  for (const std::string& filter : filters_)
-    mosquitto_subscribe(client_, nullptr, filter.c_str(), 0);
+  asked_.clear();
+  for (const std::string& filter : filters_) {
+    int id = 0;
+    if (mosquitto_subscribe(client_, &id, filter.c_str(), 0) == MOSQ_ERR_SUCCESS)
+      asked_[id] = filter;
+  }
   is_up_ = true;
   told_.clear();
   hand_over(StateChange{true, {}});
+}
+
+/// MQTT 3.1.1 knows one code for a refusal, 0x80.
+void BrokerLink::on_subscribed(int message_id, int answer) {
+  const auto asked = asked_.find(message_id);
+  if (asked == asked_.end() || answer < MQTT_RC_UNSPECIFIED) return;
+  hand_over(Unreadable{asked->second, is_version_5_ ? mosquitto_reason_string(answer) : "refused"});
 }
 
 void BrokerLink::on_message(std::string topic, std::string payload, bool is_retained,
@@ -249,6 +264,8 @@ void BrokerLink::deliver() {
       listener_.on_state(state->is_up, state->why);
     else if (const auto* refusal = std::get_if<Refusal>(&happening))
       listener_.on_refused(refusal->message_id, refusal->why);
+    else if (const auto* unreadable = std::get_if<Unreadable>(&happening))
+      listener_.on_unreadable(unreadable->filter, unreadable->why);
   }
 }
 

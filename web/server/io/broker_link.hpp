@@ -9,6 +9,7 @@
 #include <boost/asio/steady_timer.hpp>
 #include <condition_variable>
 #include <functional>
+#include <map>
 #include <mutex>
 #include <string>
 #include <thread>
@@ -30,6 +31,8 @@ class BrokerLink {
     std::function<void(const BrokerMessage&)> on_message;
     std::function<void(bool is_up, const std::string& why)> on_state;
     std::function<void(int message_id, const std::string& why)> on_refused;
+    /// Until the next connection nothing of this filter comes.
+    std::function<void(const std::string& filter, const std::string& why)> on_unreadable;
   };
   /// What waits for the loop: two seconds of a busy broker.
   static constexpr std::size_t max_waiting = 20'000;
@@ -55,7 +58,11 @@ class BrokerLink {
     int message_id;
     std::string why;
   };
-  using Happening = std::variant<BrokerMessage, StateChange, Refusal>;
+  struct Unreadable {
+    std::string filter;
+    std::string why;
+  };
+  using Happening = std::variant<BrokerMessage, StateChange, Refusal, Unreadable>;
 
   void set_up_client();
   void set_up_tls();
@@ -71,6 +78,7 @@ class BrokerLink {
 
   static BrokerLink& of(void* object) { return *static_cast<BrokerLink*>(object); }
   void on_connected(int reason);
+  void on_subscribed(int message_id, int answer);
   void on_message(std::string topic, std::string payload, bool is_retained,
                   const mqtt5__property* properties);
 
@@ -84,8 +92,9 @@ class BrokerLink {
   std::mutex client_mutex_;  ///< held while `client_` is replaced or published with
   mosquitto* client_ = nullptr;
   bool is_version_5_ = true;
-  int connack_ = 0;   ///< the last reason code; on the link's thread
-  std::string told_;  ///< the failure that was told last
+  int connack_ = 0;                   ///< the last reason code; on the link's thread
+  std::string told_;                  ///< the failure that was told last
+  std::map<int, std::string> asked_;  ///< filters by message id; on the link's thread
   std::atomic<bool> is_up_ = false;
   std::atomic<std::uint64_t> overruns_ = 0;
 

@@ -72,7 +72,10 @@ PageHub::PageHub(boost::asio::io_context& io, const Config& config, std::string 
       link_(io, config.broker, filters(config.topics.prefix),
             {[this](const BrokerMessage& message) { on_message(message); },
              [this](bool is_up, const std::string& why) { on_broker(is_up, why); },
-             [this](int id, const std::string& why) { on_refused(id, why); }}) {}
+             [this](int id, const std::string& why) { on_refused(id, why); },
+             [this](const std::string& filter, const std::string& why) {
+               on_unreadable(filter, why);
+             }}) {}
 
 void PageHub::join(Page& page) {
   page.tell_state("$web/hello", share(greeting()));
@@ -142,6 +145,18 @@ void PageHub::on_broker(bool is_up, const std::string& why) {
   else
     log_event(Severity::warning,
               fmt::format("no connection to the broker at {}: {}", broker_, why));
+  unreadable_.clear();
+  tell_broker_state();
+}
+
+void PageHub::on_unreadable(const std::string& filter, const std::string& why) {
+  log_event(Severity::warning,
+            fmt::format("the broker does not let this program read {}: {}", filter, why));
+  unreadable_[filter] = why;
+  tell_broker_state();
+}
+
+void PageHub::tell_broker_state() {
   const SharedText text = share(broker_state());
   for (Page* page : pages_) page->tell_state("$web/broker", text);
 }
@@ -168,7 +183,14 @@ std::string PageHub::broker_state() const {
   append_json_text(payload, broker_);
   payload += own_.broker_is_connected ? R"(,"state":"up","why":)" : R"(,"state":"down","why":)";
   append_json_text(payload, why_);
-  return own_message("broker", payload + "}");
+  payload += R"(,"unreadable":{)";
+  for (const auto& [filter, why] : unreadable_) {
+    if (payload.back() != '{') payload += ',';
+    append_json_text(payload, filter);
+    payload += ':';
+    append_json_text(payload, why);
+  }
+  return own_message("broker", payload + "}}");
 }
 
 std::string PageHub::metrics() {

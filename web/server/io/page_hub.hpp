@@ -6,6 +6,7 @@
 
 #include <boost/asio/io_context.hpp>
 #include <deque>
+#include <map>
 #include <memory>
 #include <optional>
 #include <set>
@@ -57,6 +58,8 @@ class PageHub {
   void on_message(const BrokerMessage& message);
   void on_broker(bool is_up, const std::string& why);
   void on_refused(int message_id, const std::string& why);
+  void on_unreadable(const std::string& filter, const std::string& why);
+  void tell_broker_state();
   /// Whether pages are to be told: not of what there is no room for, nor of what nobody knew.
   bool keep(const BrokerMessage& message, const SharedText& text);
   void begin_anew();
@@ -69,6 +72,7 @@ class PageHub {
   std::string broker_;  ///< its URI
   std::string why_ = "connecting";
   bool was_connected_ = false;
+  std::map<std::string, std::string> unreadable_;  ///< filters that the broker refuses: why
   LastKnown known_;
   OutcomeCounts outcomes_;
   OwnNumbers own_;
