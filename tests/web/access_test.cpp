@@ -43,7 +43,7 @@ TEST(WebAccess, TokenIsComparedWhole) {
 
 class WebAnswers : public testing::Test {
  protected:
-  Answers answers{AccessRules({}), [] { return std::string("metrics"); }};
+  Answers answers{AccessRules({})};
   Request get(std::string_view target) const {
     Request request;
     request.method = "GET";
@@ -56,7 +56,7 @@ class WebAnswers : public testing::Test {
 TEST_F(WebAnswers, GiveThePageItsFilesAndTheMetrics) {
   EXPECT_EQ(answers.to(get("/")).content_type, "text/html; charset=utf-8");
   EXPECT_EQ(answers.to(get("/?x=1")).status, 200u);
-  EXPECT_EQ(answers.to(get("/metrics")).text, "metrics");
+  EXPECT_TRUE(answers.to(get("/metrics")).is_metrics);
   for (const char* path :
        {"/index.html/..", "/../server/main.cpp", "/etc/passwd", "//", "", "/%2e"})
     EXPECT_EQ(answers.to(get(path)).status, 404u) << path;
@@ -66,6 +66,9 @@ TEST_F(WebAnswers, RefuseForeignHostOriginAndMethods) {
   Request request = get("/");
   request.host = "evil.example:8321";
   EXPECT_EQ(answers.to(request).status, 403u);
+  request.target = "/metrics";
+  EXPECT_EQ(answers.to(request).status, 403u);
+  EXPECT_FALSE(answers.to(request).is_metrics);
   request = get("/api");
   request.is_upgrade = true;
   EXPECT_TRUE(answers.to(request).is_web_socket);

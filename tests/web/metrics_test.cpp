@@ -5,6 +5,7 @@
 
 #include <gtest/gtest.h>
 
+#include "web/server/exposition.hpp"
 #include "web/server/mirror.hpp"
 
 namespace slamgw::web::test {
@@ -85,6 +86,23 @@ TEST_F(WebMetrics, TakeNonsenseForNothing) {
     outcomes.add("g", payload);
   }
   EXPECT_TRUE(outcomes.counts().empty());
+}
+
+TEST_F(WebMetrics, ManyRobotsAreAllTold) {
+  hear("g/state", R"({"state":"online"})");
+  for (int i = 0; i < 1000; ++i)
+    hear("g/robots/r" + std::to_string(i), R"({"state":"online","mesh":"ble"})");
+  EXPECT_TRUE(has(R"(slamgw_robot_online{gateway="g",robot="r999",mesh="ble"} 1)"));
+  EXPECT_TRUE(has("slamgw_web_left_out_samples 0"));
+}
+
+/// Names come from the broker, and whoever may publish there can make many and long ones.
+TEST(WebExposition, LeavesOutWhatDoesNotFit) {
+  Exposition out;
+  const std::string name(1 << 20, 'x');
+  for (int i = 0; i < 26; ++i) out.add("slamgw_x", "X.", {{"robot", name}}, i);
+  EXPECT_GT(out.left_out(), 0u);
+  EXPECT_LT(out.text().size(), Exposition::max_bytes + name.size() + 1000);
 }
 
 TEST_F(WebMetrics, CountOutcomesAndBoundTheirSeries) {

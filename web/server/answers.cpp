@@ -4,7 +4,6 @@
 #include <array>
 
 namespace slamgw::web {
-namespace {
 
 Answer refuse(unsigned status, std::string why) {
   Answer answer;
@@ -12,8 +11,6 @@ Answer refuse(unsigned status, std::string why) {
   answer.text = std::move(why) + "\n";
   return answer;
 }
-
-}  // namespace
 
 std::span<const std::pair<std::string_view, std::string_view>> safety_headers() {
   static constexpr auto headers = std::to_array<std::pair<std::string_view, std::string_view>>({
@@ -50,7 +47,7 @@ Answer Answers::to(const Request& request) const {
   if (path == "/metrics") {
     Answer answer;
     answer.content_type = "text/plain; version=0.0.4; charset=utf-8";
-    answer.text = metrics_();
+    answer.is_metrics = true;
     return answer;
   }
   return file(request);

@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// What an HTTP request gets: one of the page's files, the metrics, or a refusal. Pure; the caller
-// reads sockets. Everything here is GET or HEAD.
+// What an HTTP request gets: one of the page's files, a refusal, or leave for the WebSocket or the
+// metrics, which the caller makes. Pure; the caller reads sockets. Everything here is GET or HEAD.
 #pragma once
 
-#include <functional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -33,7 +32,11 @@ struct Answer {
   std::string_view etag{};
   bool is_gzip = false;
   bool is_web_socket = false;  ///< nothing to send: the upgrade is allowed
+  bool is_metrics = false;     ///< `text` is still to be made
 };
+
+/// A line of text instead of what was asked for.
+Answer refuse(unsigned status, std::string why);
 
 /// Header fields of every answer. The page loads nothing from elsewhere, is in no frame, and makes
 /// no markup of text (Trusted Types).
@@ -43,8 +46,7 @@ class Answers {
  public:
   static constexpr std::string_view socket_path = "/api";  // as in Zigbee2MQTT
 
-  Answers(AccessRules access, std::function<std::string()> metrics)
-      : access_(std::move(access)), metrics_(std::move(metrics)) {}
+  explicit Answers(AccessRules access) : access_(std::move(access)) {}
 
   Answer to(const Request& request) const;
 
@@ -52,7 +54,6 @@ class Answers {
   Answer file(const Request& request) const;
 
   AccessRules access_;
-  std::function<std::string()> metrics_;
 };
 
 }  // namespace slamgw::web

@@ -3,6 +3,8 @@
 
 #include <fmt/format.h>
 
+#include <iterator>
+
 namespace slamgw::web {
 namespace {
 
@@ -28,26 +30,33 @@ std::string_view type_of(std::string_view name, const Labels& labels) {
 
 void Exposition::add(std::string_view name, std::string_view help, const Labels& labels,
                      double value) {
+  if (bytes_ > max_bytes) {
+    ++left_out_;
+    return;
+  }
   auto family = families_.find(name);
   if (family == families_.end()) {
     Family fresh{std::string(help), std::string(type_of(name, labels)), {}};
     family = families_.emplace(name, std::move(fresh)).first;
   }
   std::string& out = family->second.samples;
+  const std::size_t before = out.size();
   out += name;
   if (!labels.empty()) {
     out += '{';
     for (const auto& [label, text] : labels) append_label(out, label, text);
     out += '}';
   }
-  out += fmt::format(" {}\n", value);
+  fmt::format_to(std::back_inserter(out), " {}\n", value);
+  bytes_ += out.size() - before;
 }
 
 std::string Exposition::text() const {
   std::string out;
+  out.reserve(bytes_ + families_.size() * 256);
   for (const auto& [name, family] : families_)
-    out += fmt::format("# HELP {} {}\n# TYPE {} {}\n{}", name, family.help, name, family.type,
-                       family.samples);
+    fmt::format_to(std::back_inserter(out), "# HELP {} {}\n# TYPE {} {}\n{}", name, family.help,
+                   name, family.type, family.samples);
   return out;
 }
 

@@ -3,6 +3,7 @@
 // (https://prometheus.io/docs/instrumenting/exposition_formats/). Pure.
 #pragma once
 
+#include <cstdint>
 #include <map>
 #include <string>
 #include <string_view>
@@ -15,9 +16,14 @@ using Labels = std::vector<std::pair<std::string_view, std::string>>;
 
 class Exposition {
  public:
+  /// Enough for twenty thousand robots. Their names come from the broker, hence the bound.
+  static constexpr std::size_t max_bytes = 24 << 20;
+
   /// The samples of one name stay together, as the format wants it. The type follows from the name
-  /// and the labels: `_total` is a counter, a label `quantile` a summary, the rest are gauges.
+  /// and the labels: `_total` is a counter, a label `quantile` a summary, the rest are gauges. What
+  /// does not fit is left out and counted.
   void add(std::string_view name, std::string_view help, const Labels& labels, double value);
+  std::uint64_t left_out() const { return left_out_; }
   std::string text() const;
 
  private:
@@ -27,6 +33,8 @@ class Exposition {
     std::string samples;
   };
   std::map<std::string, Family, std::less<>> families_;
+  std::size_t bytes_ = 0;
+  std::uint64_t left_out_ = 0;
 };
 
 }  // namespace slamgw::web

@@ -19,9 +19,16 @@ constexpr int exit_failed = 1;
 constexpr int exit_arguments = 2;
 constexpr int exit_configuration = 78;  // EX_CONFIG
 
+/// Connections live in their operations; these must end while what they use is still there.
+class Loop : public boost::asio::io_context {
+ public:
+  Loop() : io_context(1) {}
+  void end_operations() { shutdown(); }
+};
+
 void serve(const slamgw::web::Startup& startup) {
   const slamgw::Config& config = startup.parsed.config;
-  boost::asio::io_context io(1);
+  Loop io;
   boost::asio::signal_set signals(io, SIGTERM, SIGINT);
   signals.async_wait([&io](boost::system::error_code, int) { io.stop(); });
   slamgw::web::PageHub hub(io, config, startup.token, SLAMGW_VERSION);
@@ -32,6 +39,8 @@ void serve(const slamgw::web::Startup& startup) {
   sd_notify(0, "READY=1");
   io.run();
   sd_notify(0, "STOPPING=1");
+  hub.end();
+  io.end_operations();
 }
 
 int run(const slamgw::web::Startup& startup) {

@@ -8,6 +8,7 @@
 #include <initializer_list>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <set>
 
 #include "web/server/exposition.hpp"
 
@@ -183,19 +184,24 @@ void add_robots(Exposition& out, const std::string& gateway, const json& numbers
 
 json payload_of(const SharedText& message) {
   json document = json::parse(*message, nullptr, false);
-  return document.is_object() ? document.value("payload", json()) : json();
+  if (!document.is_object()) return {};
+  const auto payload = document.find("payload");
+  return payload == document.end() ? json() : std::move(*payload);
 }
 
+/// Reads each document once.
 class Gateways {
  public:
   Gateways(const Topics& topics, const LastKnown& known) : topics_(topics), known_(known) {}
 
-  void add_to(Exposition& out) const {
+  void add_to(Exposition& out) {
     for (const auto& [topic, message] : known_.topics()) {
       const auto [name, rest] = topics_.gateway_topic(topic);
-      if (rest == "state")
-        out.add("slamgw_gateway_up", "Whether the gateway is there.",
-                {{"gateway", std::string(name)}}, is_online(payload_of(message)) ? 1 : 0);
+      if (rest != "state") continue;
+      const bool is_up = is_online(payload_of(message));
+      if (!is_up) gone_.insert(name);
+      out.add("slamgw_gateway_up", "Whether the gateway is there.",
+              {{"gateway", std::string(name)}}, is_up ? 1 : 0);
     }
     for (const auto& [topic, message] : known_.topics()) add_topic(out, topic, message);
   }
@@ -203,16 +209,10 @@ class Gateways {
  private:
   static bool is_online(const json& state) { return text(state, {"state"}) == "online"; }
 
-  bool is_gone(std::string_view gateway) const {
-    const auto state =
-        known_.topics().find(topics_.prefix() + "/gateway/" + std::string(gateway) + "/state");
-    return state != known_.topics().end() && !is_online(payload_of(state->second));
-  }
-
   void add_topic(Exposition& out, std::string_view topic, const SharedText& message) const {
     constexpr std::string_view robots = "robots/";
     const auto [name, rest] = topics_.gateway_topic(topic);
-    if (rest == "state" || is_gone(name)) return;
+    if (rest == "state" || gone_.contains(name)) return;
     const std::string gateway(name);
     if (rest == "stats") add_stats(out, gateway, payload_of(message));
     if (rest == "numbers") add_robots(out, gateway, payload_of(message));
@@ -227,6 +227,7 @@ class Gateways {
 
   const Topics& topics_;
   const LastKnown& known_;
+  std::set<std::string_view> gone_;  ///< views of the topics
 };
 
 }  // namespace
@@ -240,13 +241,16 @@ void OutcomeCounts::add(std::string_view gateway, std::string_view payload) {
 
 std::string metrics_text(const OwnNumbers& own, const Topics& topics, const LastKnown& known,
                          const OutcomeCounts& outcomes) {
+  Exposition gateways;
+  Gateways(topics, known).add_to(gateways);
   Exposition out;
   add_own(out, own);
-  Gateways(topics, known).add_to(out);
+  out.add("slamgw_web_left_out_samples", "Samples left out here because there are too many.", {},
+          static_cast<double>(gateways.left_out()));
   for (const auto& [key, count] : outcomes.counts())
     out.add("slamgw_commands_total", "Commands by how they ended, since slam-gateway-web started.",
             {{"gateway", key.first}, {"outcome", key.second}}, static_cast<double>(count));
-  return out.text();
+  return out.text() + gateways.text();
 }
 
 }  // namespace slamgw::web

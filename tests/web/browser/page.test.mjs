@@ -615,6 +615,24 @@ test('garbage for HTTP ends its connection only', async () => {
   assert.equal((await ask('/', {})).status, 200);
 });
 
+test('the metrics of nineteen thousand robots do not hold up the page', async () => {
+  await world.publishMany(Array.from({ length: 19000 }, (_, i) => [`ntnu-slam/gateway/many/robots/r${i}`, '{"state":"online","mesh":"thread","address":"[fd00::1]:1"}']));
+  await eventually('they are known', async () => (await ask('/metrics', {})).text.includes('robot="r18999"'));
+  const order = [];
+  await Promise.all([
+    ask('/metrics', {}).then(({ text }) => order.push(text.split('\n').filter((line) => line.startsWith('slamgw_robot_online')).length)),
+    ask('/icon.svg', {}).then(({ status }) => order.push(status)),
+  ]);
+  assert.equal(order[0], 200, 'the file first, though it was asked for later');
+  assert.ok(order[1] >= 19000, String(order));
+  // Nobody else gets one while two are made or read; all ends in order.
+  const statuses = (await Promise.all(Array.from({ length: 6 }, () => ask('/metrics', {})))).map(({ status }) => status);
+  assert.ok(statuses.includes(200) && statuses.every((status) => [200, 503].includes(status)), statuses.join());
+  assert.equal((await ask('/metrics', {})).status, 200);
+  await world.end('web'); // the tests that follow have six robots again
+  await world.startWeb();
+});
+
 // ---- what goes and comes back
 
 pageTest('* the broker goes and comes back; a command meanwhile is refused at once', { unlocked: true }, async (page) => {
@@ -654,9 +672,20 @@ pageTest('a gateway that died comes first in what is wrong, with the remedy', { 
   await until(page, () => ![...document.querySelectorAll('#problems li')].some((line) => line.textContent.includes('Gateway here is offline')));
 });
 
-test('every program has ended well at the end', async () => {
+test('every program has ended well at the end, with pages open', async () => {
   const web = world.processes.get('web');
+  const page = await world.open();
+  const slow = net.connect(world.ports.web, '127.0.0.1', () => handshake(slow));
+  const idle = net.connect(world.ports.web, '127.0.0.1', () => idle.write('GET /metrics HTTP/1.1\r\nHost: localhost\r\n\r\n'));
+  for (const socket of [slow, idle]) {
+    socket.on('error', () => {});
+    await new Promise((resolve) => socket.once('data', resolve));
+    socket.pause();
+  }
   web.kill('SIGTERM');
   assert.equal(await web.ended, 0);
   world.processes.delete('web');
+  slow.destroy();
+  idle.destroy();
+  await page.context().close();
 });

@@ -136,6 +136,28 @@ export class World {
     else child.child.stdin.end(payload);
     await child;
   }
+  // Many at once, over one MQTT 3.1.1 connection at QoS 0: [topic, payload] each.
+  async publishMany(messages) {
+    const text = (value) => {
+      const octets = Buffer.from(value);
+      return Buffer.concat([Buffer.from([octets.length >> 8, octets.length & 255]), octets]);
+    };
+    const packet = (type, ...parts) => {
+      const body = Buffer.concat(parts);
+      const length = [];
+      for (let left = body.length; ; left >>= 7) {
+        length.push(left & 127 | (left > 127 ? 128 : 0));
+        if (left <= 127) break;
+      }
+      return Buffer.concat([Buffer.from([type, ...length]), body]);
+    };
+    const socket = net.connect(this.ports.broker, '127.0.0.1');
+    socket.write(packet(0x10, text('MQTT'), Buffer.from([4, 2, 0, 0]), text('')));
+    await new Promise((resolve, reject) => socket.once('data', resolve).once('error', reject));
+    for (const [topic, payload] of messages) socket.write(packet(0x30, text(topic), Buffer.from(payload)));
+    socket.end(packet(0xe0));
+    await new Promise((resolve) => socket.once('close', resolve).resume());
+  }
   // int16 pairs, as a robot sends them
   static positions(...numbers) {
     const octets = Buffer.alloc(numbers.length * 2);

@@ -48,13 +48,22 @@ void HttpConnection::on_request() {
     std::make_shared<PageConnection>(std::move(stream_), server_.hub())->accept(parser_->get());
     return;
   }
-  if (answer.is_web_socket) {
-    answer = Answer{};
-    answer.status = 503;
-    answer.text = "Too many pages are open.\n";
+  if (answer.is_web_socket) answer = refuse(503, "Too many pages are open.");
+  if (answer.is_metrics) {
+    scrape_ = server_.hub().begin_scrape();
+    if (scrape_) return send_metrics(std::move(answer));
+    answer = refuse(503, "Too many ask for the metrics at once.");
   }
   if (answer.status >= 400) server_.hub().count_refused_request();
   send(std::move(answer));
+}
+
+void HttpConnection::send_metrics(Answer answer) {
+  server_.hub().make_metrics(
+      [self = shared_from_this(), answer = std::move(answer)](std::string text) mutable {
+        answer.text = std::move(text);
+        self->send(std::move(answer));
+      });
 }
 
 void HttpConnection::send(Answer answer) {
@@ -77,12 +86,19 @@ void HttpConnection::send(Answer answer) {
   response_.keep_alive(request.keep_alive() && answer.status < 400);
   if (answer.status != 304) response_.content_length(size);
   stream_.expires_after(idle_limit);
-  http::async_write(
-      stream_, response_, [self = shared_from_this()](beast::error_code error, std::size_t) {
-        if (error) return;
-        if (self->response_.keep_alive()) return self->read();
-        self->stream_.socket().shutdown(boost::asio::ip::tcp::socket::shutdown_send, error);
-      });
+  http::async_write(stream_, response_,
+                    [self = shared_from_this()](beast::error_code error, std::size_t) {
+                      if (!error) self->on_sent();
+                    });
+}
+
+void HttpConnection::on_sent() {
+  const bool goes_on = response_.keep_alive();
+  response_ = {};  // metrics are large
+  scrape_.reset();
+  if (goes_on) return read();
+  beast::error_code ignored;
+  stream_.socket().shutdown(boost::asio::ip::tcp::socket::shutdown_send, ignored);
 }
 
 }  // namespace slamgw::web

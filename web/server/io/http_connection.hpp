@@ -28,13 +28,16 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   using Response = boost::beast::http::response<boost::beast::http::string_body>;
 
   void on_request();
+  void send_metrics(Answer answer);
   void send(Answer answer);
+  void on_sent();
 
   boost::beast::tcp_stream stream_;
   WebServer& server_;
   boost::beast::flat_buffer input_;
   std::optional<Parser> parser_;
   Response response_;
+  std::shared_ptr<void> scrape_;
 };
 
 }  // namespace slamgw::web

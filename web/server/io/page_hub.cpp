@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <boost/asio/post.hpp>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <utility>
@@ -69,6 +70,7 @@ PageHub::PageHub(boost::asio::io_context& io, const Config& config, std::string 
       site_(site_json(config, version)),
       broker_(broker_uri(config.broker)),
       own_{.version = std::move(version)},
+      io_(io),
       link_(io, config.broker, filters(config.topics.prefix),
             {[this](const BrokerMessage& message) { on_message(message); },
              [this](bool is_up, const std::string& why) { on_broker(is_up, why); },
@@ -193,13 +195,24 @@ std::string PageHub::broker_state() const {
   return own_message("broker", payload + "}}");
 }
 
-std::string PageHub::metrics() {
+std::shared_ptr<void> PageHub::begin_scrape() {
+  if (*scrapes_ >= max_scrapes) return nullptr;
+  ++*scrapes_;
+  return {scrapes_.get(), [scrapes = scrapes_](void*) { --*scrapes; }};
+}
+
+void PageHub::make_metrics(std::function<void(std::string)> done) {
   own_.pages = pages_.size();
   own_.messages_dropped = dropped_by_gone_ + link_.overruns();
   for (const Page* page : pages_) own_.messages_dropped += page->dropped();
   own_.cpu_seconds = cpu_seconds();
   own_.resident_bytes = resident_bytes();
-  return metrics_text(own_, topics_, known_, outcomes_);
+  boost::asio::post(metrics_thread_, [this, own = own_, known = known_, outcomes = outcomes_,
+                                      done = std::move(done)]() mutable {
+    std::string text = metrics_text(own, topics_, known, outcomes);
+    boost::asio::post(
+        io_, [text = std::move(text), done = std::move(done)]() mutable { done(std::move(text)); });
+  });
 }
 
 }  // namespace slamgw::web

@@ -5,7 +5,9 @@
 #pragma once
 
 #include <boost/asio/io_context.hpp>
+#include <boost/asio/thread_pool.hpp>
 #include <deque>
+#include <functional>
 #include <map>
 #include <memory>
 #include <optional>
@@ -52,7 +54,16 @@ class PageHub {
   std::string publish(const CommandRequest& command);
 
   void count_refused_request() { ++own_.requests_refused; }
-  std::string metrics();
+
+  /// Metrics that are made, or wait until somebody has read them. Prometheus asks with one
+  /// connection; of many robots the text has megabytes.
+  static constexpr unsigned max_scrapes = 2;
+  /// Held from the question to the end of the answer; null when too many ask.
+  std::shared_ptr<void> begin_scrape();
+  /// Reads thousands of documents, so on a thread of its own; `done` comes on the loop.
+  void make_metrics(std::function<void(std::string)> done);
+  /// Before the loop drops what waits: then nothing comes to it any more.
+  void end() { metrics_thread_.join(); }
 
  private:
   void on_message(const BrokerMessage& message);
@@ -80,7 +91,10 @@ class PageHub {
   std::size_t connections_ = 0;
   std::set<Page*> pages_;
   std::deque<std::pair<int, std::string>> sent_;  ///< topics of the newest commands
+  std::shared_ptr<unsigned> scrapes_ = std::make_shared<unsigned>(0);
+  boost::asio::io_context& io_;
   BrokerLink link_;
+  boost::asio::thread_pool metrics_thread_{1};
 };
 
 }  // namespace slamgw::web

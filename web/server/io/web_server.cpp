@@ -27,7 +27,7 @@ tcp::endpoint endpoint_of(const std::string& listen) {
 
 WebServer::WebServer(asio::io_context& io, const Settings& settings, PageHub& hub)
     : hub_(hub),
-      answers_(AccessRules(settings.hosts), [&hub] { return hub.metrics(); }),
+      answers_(AccessRules(settings.hosts)),
       acceptor_(io, endpoint_of(settings.listen)),
       pause_(io) {
   accept();
