@@ -29,6 +29,7 @@ const robotsView = new RobotsView(model, (id) => {
 });
 const traceView = new TraceView(model);
 model.onRay = (...ray) => map.grid.ray(...ray);
+model.mayLeave = (robot) => robot !== map.chosen;
 model.onMessage = (row) => traceView.take(row);
 model.onOutcome = (robot, command) => {
   if (!robot || (robot !== map.chosen && command.outcome !== 'delivered')) toast(`${robot ? `${robot.id}: ` : ''}${words(command)}`);
@@ -96,6 +97,8 @@ function drawList() {
   $('find').hidden = model.robots.size < 12;
   $('empty').hidden = robots.some((robot) => robot.pose);
   if (!$('empty').hidden) setText($('empty-hint'), emptyHint());
+  $('left-out').hidden = model.leftOut.size === 0;
+  setText($('left-out'), model.leftOutWords);
   keep($('list'), robots.length, () => {
     const swatch = element('input', { type: 'checkbox' });
     return element('li', {}, swatch, element('button', { type: 'button' }, element('span', { class: 'name' }), element('span', { class: 'muted' })));

@@ -4,6 +4,11 @@
 import { decodeUpdate } from './decode.js';
 
 export const MAX_ROBOTS = 1000;
+const MAX_LEFT_OUT = 20000; // robots that are not kept: their names and presence are
+const MAX_ID = 64; // contract
+const QUIET_MS = 10000; // whom a newcomer may replace: else a thousand and one would push each other out
+const LOOK_MS = 1000; // between two looks for the quiet ones
+const MAX_AHEAD_MS = 60000; // a gateway's clock; what was heard later than that is a lie
 export const MAX_POINTS = 4000; // of one robot
 export const MAX_TRAIL = 400;
 const MAX_MESSAGES = 3000;
@@ -139,8 +144,16 @@ export class Robot {
   get state() {
     return this.best?.state ?? 'unknown';
   }
+  // Any sign of life, here or at its gateway; 0: none.
+  lastHeard(now) {
+    return Math.max(this.heard, past(this.numbers?.last_heard, now), past(this.best?.last_seen, now));
+  }
 }
 
+const past = (text, now) => {
+  const at = Date.parse(text);
+  return at <= now + MAX_AHEAD_MS ? at : 0;
+};
 const rank = (said) => ['offline', 'asleep', 'online'].indexOf(said.state);
 const isObject = (value) => value !== null && typeof value === 'object' && !Array.isArray(value);
 
@@ -153,6 +166,10 @@ export class Model {
     this.isOpen = false;
     this.broker = { state: 'down', why: 'connecting' };
     this.robots = new Map();
+    this.roster = 0; // changes with the set of robots
+    this.leftOut = new Map(); // robots that there is no room for: presence
+    this.quiet = []; // those that may make room, the quietest last
+    this.lookedAt = -Infinity;
     this.gateways = new Map();
     this.messages = []; // newest last
     this.lost = 0; // events that a slow page did not get
@@ -160,6 +177,7 @@ export class Model {
     this.onRay = () => {};
     this.onMessage = () => {};
     this.onOutcome = () => {};
+    this.mayLeave = () => true; // whether nobody looks at this robot
     this.revision = 0; // changes with everything that a table shows
   }
 
@@ -167,13 +185,47 @@ export class Model {
     return Date.now() + this.skew;
   }
 
-  robot(id) {
-    let robot = this.robots.get(id);
-    if (!robot && this.robots.size < MAX_ROBOTS) {
-      robot = new Robot(id, this.robots.size, Object.hasOwn(this.origins, id) ? this.origins[id] : null);
-      this.robots.set(id, robot);
+  // `heard`: when the robot was heard, ms. Null for a robot that there is no room for.
+  robot(id, heard) {
+    const known = this.robots.get(id);
+    if (known) return known;
+    const number = this.robots.size < MAX_ROBOTS ? this.robots.size : this.makeRoom(heard);
+    if (number === null) {
+      this.leaveOut(id, new Map());
+      return null;
     }
+    const robot = new Robot(id, number, Object.hasOwn(this.origins, id) ? this.origins[id] : null);
+    robot.presence = this.leftOut.get(id) ?? robot.presence;
+    this.robots.set(id, robot);
+    this.leftOut.delete(id);
+    this.roster++;
     return robot;
+  }
+  leaveOut(id, presence) {
+    if (!this.leftOut.has(id) && this.leftOut.size < MAX_LEFT_OUT && id.length <= MAX_ID) this.leftOut.set(id, presence);
+  }
+  // The number, and with it the colour, of the least recently heard robot, which goes. Null when all are livelier than
+  // one that was heard at `heard`.
+  makeRoom(heard) {
+    if (performance.now() - this.lookedAt > LOOK_MS) {
+      this.lookedAt = performance.now();
+      this.quiet = [...this.robots.values()].map((robot) => [robot, robot.lastHeard(this.now())]).sort(([, a], [, b]) => b - a);
+    }
+    while (this.quiet.length) {
+      const [robot, was] = this.quiet.at(-1);
+      const isQuiet = robot.lastHeard(this.now()) === was && robot.pending.length === 0 && this.mayLeave(robot);
+      if (isQuiet && !(was + QUIET_MS < heard)) return null;
+      this.quiet.pop();
+      if (!isQuiet) continue;
+      this.robots.delete(robot.id);
+      this.leaveOut(robot.id, robot.presence);
+      return robot.number;
+    }
+    return null;
+  }
+  get leftOutWords() {
+    const count = this.leftOut.size;
+    return count ? `${count < MAX_LEFT_OUT ? count : `At least ${count}`} more robots are not shown: a page keeps the ${MAX_ROBOTS} that were heard last` : '';
   }
   gateway(id) {
     let gateway = this.gateways.get(id);
@@ -207,6 +259,7 @@ export class Model {
         robot.presence.clear();
         robot.numbers = null;
       }
+      this.leftOut.clear();
       for (const robot of this.robots.values()) robot.setOrigin(Object.hasOwn(said.origins, robot.id) ? said.origins[robot.id] : null);
     } else if (name === 'broker') this.broker = said;
     else if (name === 'token') this.maySend = said.accepted;
@@ -215,7 +268,7 @@ export class Model {
   }
 
   takeRobot(message, id, type) {
-    const robot = this.robot(id);
+    const robot = this.robot(id, message.retain ? 0 : message.at);
     this.note(message, 'robot', id, type);
     if (!robot) return;
     if (!message.retain) {
@@ -241,14 +294,16 @@ export class Model {
   }
   takeNumbers(gateway, said) {
     for (const [id, numbers] of Object.entries(isObject(said?.robots) ? said.robots : {})) {
-      const robot = this.robot(id);
-      if (robot && isObject(numbers)) robot.numbers = { ...numbers, gateway };
+      const robot = isObject(numbers) ? this.robot(id, past(numbers.last_heard, this.now())) : null;
+      if (robot) robot.numbers = { ...numbers, gateway };
     }
   }
   takePresence(gateway, id, said) {
-    const robot = said ? this.robot(id) : this.robots.get(id);
-    if (said) robot?.presence.set(gateway, said);
-    else robot?.presence.delete(gateway);
+    const robot = said ? this.robot(id, past(said.last_seen, this.now())) : this.robots.get(id);
+    const presence = robot?.presence ?? this.leftOut.get(id);
+    if (said) presence?.set(gateway, said);
+    else presence?.delete(gateway);
+    if (!said && presence?.size === 0) this.leftOut.delete(id);
   }
 
   // ---- commands: an outcome names robot and type, so the oldest that waits for one of this type gets it

@@ -18,7 +18,6 @@ export function age(ms) {
 }
 const bytes = (value) => (!Number.isFinite(value) ? '–' : value < 1e6 ? `${(value / 1024).toFixed(0)} KiB` : `${(value / 1048576).toFixed(1)} MiB`);
 
-const lastHeard = (robot) => Math.max(robot.heard, Date.parse(robot.numbers?.last_heard) || 0, Date.parse(robot.best?.last_seen) || 0);
 const rssi = (robot) => robot.numbers?.rssi_dbm ?? robot.best?.rssi_dbm;
 
 // {title, remedy, isWarning}: worst first.
@@ -33,8 +32,9 @@ export function problems(model) {
     add('No gateway has been heard on this broker', `Is slam-gateway running, and is its topics.prefix "${model.prefix}"? slam-gatewayctl status. May slam-gateway-web's user read ${model.prefix}/# at the broker?`);
   for (const gateway of model.gateways.values()) problemsOf(gateway, model, add);
   for (const robot of model.robots.values()) {
-    if (robot.state === 'offline' && gatewayIsThere(model, robot)) add(`${robot.id} is offline`, `Silent for ${age(model.now() - lastHeard(robot))}. Is it switched on and in range? slam-gatewayctl doctor ${robot.id}`, true);
+    if (robot.state === 'offline' && gatewayIsThere(model, robot)) add(`${robot.id} is offline`, `Silent for ${age(model.now() - robot.lastHeard(model.now()))}. Is it switched on and in range? slam-gatewayctl doctor ${robot.id}`, true);
   }
+  if (model.leftOut.size) add(model.leftOutWords, 'The map, the table and the trace’s filter have the others. All are in /metrics and slam-gatewayctl robots.', true);
   if (model.lost > 0) add(`This page was too slow for ${model.lost} messages`, 'They are missing in the map and the trace; the numbers are right.', true);
   return found.sort((a, b) => a.isWarning - b.isWarning);
 }
@@ -69,7 +69,7 @@ const COLUMNS = [
   ['Latency p50', (r) => ms(r.numbers?.latency_p50_us), (r) => -(r.numbers?.latency_p50_us ?? -1), true],
   ['p99', (r) => ms(r.numbers?.latency_p99_us), (r) => -(r.numbers?.latency_p99_us ?? -1), true],
   ['RSSI', (r) => (Number.isFinite(rssi(r)) ? `${rssi(r)} dBm` : '–'), (r) => rssi(r) ?? 1, true],
-  ['Silent', (r, now) => (lastHeard(r) ? age(Math.max(0, now - lastHeard(r))) : '–'), (r) => lastHeard(r), true],
+  ['Silent', (r, now) => (r.lastHeard(now) ? age(Math.max(0, now - r.lastHeard(now))) : '–'), (r, now) => r.lastHeard(now), true],
   ['Messages', (r) => String(r.numbers?.up ?? r.messages), (r) => -(r.numbers?.up ?? r.messages), true],
   ['Repeats', (r) => number(r.numbers?.repeats), (r) => -(r.numbers?.repeats ?? 0), true],
 ];
@@ -92,6 +92,8 @@ const byText = new Intl.Collator(undefined, { numeric: true }).compare;
 export class RobotsView {
   constructor(model, choose) {
     Object.assign(this, { model, choose, sort: 0, isUp: true });
+    // Of a thousand sparklines only those are drawn that can be seen.
+    this.eyes = new IntersectionObserver((entries) => entries.forEach(({ target, isIntersecting }) => { target.isSeen = isIntersecting; }));
     const head = $('table').tHead.rows[0];
     COLUMNS.forEach(([name, , , isNumber], i) => {
       const button = element('button', { type: 'button' }, name);
@@ -141,8 +143,16 @@ export class RobotsView {
       else cell.removeAttribute('aria-sort');
     });
     const body = $('table').tBodies[0];
-    keep(body, robots.length, newRow);
-    robots.forEach(([robot], i) => fillRow(body.rows[i], robot, now));
+    keep(body, robots.length, () => this.newRow());
+    const rows = [...body.rows];
+    robots.forEach(([robot], i) => fillRow(rows[i], robot, now));
+    // After all texts: each look at a canvas' size would lay out the whole table anew.
+    robots.forEach(([robot], i) => rows[i].isSeen && sparkline(rows[i].querySelector('canvas'), robot, now));
+  }
+  newRow() {
+    const row = newRow();
+    this.eyes.observe(row);
+    return row;
   }
   drawGateways() {
     const body = $('gateways').tBodies[0];
@@ -186,7 +196,6 @@ function fillRow(row, robot, now) {
       cell.firstChild.firstChild.className = `dot ${order.includes(robot.state) ? robot.state : 'unknown'}`;
       setText(cell.firstChild.lastChild, robot.state);
     } else if (show) setText(cell, show(robot, now));
-    else sparkline(cell.firstChild, robot, now);
   });
 }
 function sparkline(canvas, robot, now) {

@@ -101,8 +101,8 @@ export class TraceView {
     this.drawCharts();
   }
   drawRobots() {
-    if (this.known === this.model.robots.size) return;
-    this.known = this.model.robots.size;
+    if (this.known === this.model.roster) return;
+    this.known = this.model.roster;
     const select = $('trace-robot');
     const names = [...this.model.robots.keys()].sort(new Intl.Collator(undefined, { numeric: true }).compare);
     const chosen = select.value;

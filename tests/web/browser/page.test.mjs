@@ -555,6 +555,22 @@ pageTest('nonsense on the topics harms nothing', {}, async (page) => {
 });
 
 
+pageTest('of more than a thousand robots the least recently heard makes room, and the page says that there are more', {}, async (page) => {
+  await until(page, () => [...window.slamgw.model.robots.keys()].filter((id) => /^robot\d$/.test(id)).length === 6);
+  await world.publishMany(Array.from({ length: 1200 }, (_, i) => [`ntnu-slam/robot/crowd${i}/adv`, 'x']));
+  await until(page, () => window.slamgw.model.robots.size === 1000 && window.slamgw.model.leftOut.size >= 206);
+  await until(page, () => /^\d+ more robots are not shown/.test(document.querySelector('#left-out').textContent));
+  await eventually('a newcomer is shown', async () => { // once the others have been silent for 10 s
+    await world.update('newcomer', 10, 20, 30, 40);
+    return page.evaluate(() => window.slamgw.model.robots.get('newcomer')?.pose);
+  });
+  const kept = await page.evaluate(() => ({ size: window.slamgw.model.robots.size, names: [...window.slamgw.model.robots.keys()] }));
+  assert.equal(kept.size, 1000);
+  for (let i = 1; i <= 6; i++) assert.ok(kept.names.includes(`robot${i}`), 'who speaks stays');
+  await page.click('#tab-robots');
+  await until(page, () => document.querySelector('#problems').textContent.includes('more robots are not shown'));
+});
+
 test('a subscription that the broker refuses is told, with the line that grants it', async () => {
   const page = await world.open({ url: await world.startStrict(), view: 'robots' });
   await until(page, () => /does not let this page read ntnu-slam\/robot\/#/.test(document.querySelector('#problems').textContent));
