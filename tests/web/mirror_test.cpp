@@ -94,10 +94,24 @@ TEST(WebMirror, AMessageIsOneLine) {
         text->npos);
 }
 
+/// The contract's ids have 64 octets; a broker takes topics of 64 KiB, and a page keeps thousands.
+TEST(WebMirror, LongTopicsAreNotPassedOn) {
+  const std::string head = "ntnu-slam/robot/r/";
+  EXPECT_FALSE(mirrored(head + std::string(max_topic - head.size(), 'a'), "x").is_null());
+  EXPECT_TRUE(mirrored(head + std::string(max_topic, 'a'), "x").is_null());
+}
+
 TEST(WebMirror, LongPayloadsAreOnlyCounted) {
   const json message = mirrored("ntnu-slam/robot/r/adv", std::string(max_robot_payload + 1, 'a'));
   EXPECT_EQ(message["payload"], "");
   EXPECT_EQ(message["bytes"], max_robot_payload + 1);
+}
+
+TEST(WebMirror, OnlyNumbersMayBeLong) {
+  const std::string value = "\"" + std::string(100'000, 'a') + "\"";
+  EXPECT_EQ(mirrored("ntnu-slam/gateway/g/numbers", value)["encoding"], "json");
+  for (const char* rest : {"state", "stats", "robots/r", "commands/r", "rejected/r/update"})
+    EXPECT_EQ(mirrored("ntnu-slam/gateway/g/"s + rest, value)["bytes"], value.size()) << rest;
 }
 
 TEST(WebLastKnown, IsBoundedAndForgets) {

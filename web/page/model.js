@@ -12,6 +12,7 @@ const MAX_AHEAD_MS = 60000; // a gateway's clock; what was heard later than that
 export const MAX_POINTS = 4000; // of one robot
 export const MAX_TRAIL = 400;
 const MAX_MESSAGES = 3000;
+const MAX_NOTED = 4096; // octets of one of them; robots' own are never longer
 const MAX_GATEWAYS = 100;
 const SECONDS = 60;
 const SENSOR_LIMIT_CM = 80;
@@ -154,6 +155,11 @@ const past = (text, now) => {
   const at = Date.parse(text);
   return at <= now + MAX_AHEAD_MS ? at : 0;
 };
+// What is kept of a long document; 3000 of them are.
+const shortened = (message) => {
+  const bytes = JSON.stringify(message.payload).length;
+  return bytes > MAX_NOTED ? { ...message, payload: '', encoding: 'text', bytes } : message;
+};
 const rank = (said) => ['offline', 'asleep', 'online'].indexOf(said.state);
 const isObject = (value) => value !== null && typeof value === 'object' && !Array.isArray(value);
 
@@ -290,7 +296,7 @@ export class Model {
     else if (what === 'numbers') this.takeNumbers(id, said);
     else if (what === 'robots') this.takePresence(id, rest, said);
     else if (what === 'commands' && said) this.takeOutcome(rest, said);
-    if (what !== 'stats' && what !== 'numbers') this.note(message, `gateway ${id}`, rest.split('/')[0], what);
+    if (what !== 'stats' && what !== 'numbers') this.note(said ? shortened(message) : message, `gateway ${id}`, rest.split('/')[0], what);
   }
   takeNumbers(gateway, said) {
     for (const [id, numbers] of Object.entries(isObject(said?.robots) ? said.robots : {})) {

@@ -26,6 +26,13 @@ bool is_embeddable_json(std::string_view text) {
          json::accept(text);
 }
 
+/// Only `numbers` grow with the robots; a page keeps thousands of the others.
+std::size_t longest_payload(std::string_view topic, TopicKind kind) {
+  constexpr std::size_t max_state_payload = 64 * 1024;
+  if (kind != TopicKind::state) return max_robot_payload;
+  return topic.ends_with("/numbers") ? max_gateway_payload : max_state_payload;
+}
+
 /// Positions are octets also where they happen to look like text.
 bool is_octets(std::string_view topic, std::string_view payload) {
   const std::string_view type = topic.substr(topic.rfind('/') + 1);
@@ -92,9 +99,8 @@ void append_json_text(std::string& out, std::string_view utf8) {
 }
 
 std::optional<std::string> to_page(const BrokerMessage& message, TopicKind kind) {
-  if (!is_utf8(message.topic)) return std::nullopt;
-  const bool is_gateways = kind == TopicKind::state || kind == TopicKind::event;
-  const std::size_t longest = is_gateways ? max_gateway_payload : max_robot_payload;
+  if (message.topic.size() > max_topic || !is_utf8(message.topic)) return std::nullopt;
+  const std::size_t longest = longest_payload(message.topic, kind);
   std::string out = R"({"topic":)";
   out.reserve(message.topic.size() + 2 * std::min(message.payload.size(), longest) + 192);
   append_json_text(out, message.topic);

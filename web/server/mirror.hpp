@@ -35,11 +35,13 @@ struct BrokerMessage {
   std::string received_at;
 };
 
-/// Longest payloads that are passed on. A gateway's numbers hold a line for each of its robots.
+/// Longest topics and payloads that are passed on. A gateway's numbers hold a line for each of its
+/// robots.
+inline constexpr std::size_t max_topic = 1024;
 inline constexpr std::size_t max_robot_payload = 4096;
 inline constexpr std::size_t max_gateway_payload = 2 << 20;
 
-/// Nothing when the topic is no UTF-8.
+/// Nothing when the topic is no UTF-8, or too long.
 std::optional<std::string> to_page(const BrokerMessage& message, TopicKind kind);
 /// A message of this program's own; `payload_json` is JSON text.
 std::string own_message(std::string_view name, std::string_view payload_json);

@@ -166,13 +166,24 @@ int BrokerLink::stay_connected() {
   connack_ = 0;
   mosquitto_int_option(client_, MOSQ_OPT_PROTOCOL_VERSION,
                        is_version_5_ ? MQTT_PROTOCOL_V5 : MQTT_PROTOCOL_V311);
-  int failure = mosquitto_connect(client_, places_[at_].host.c_str(), places_[at_].port,
-                                  static_cast<int>(settings_.keep_alive.count()));
+  int failure = start_connection();
   while (failure == MOSQ_ERR_SUCCESS) {
     failure = mosquitto_loop(client_, loop_ms, 1);
     const std::lock_guard lock(mutex_);
     if (is_stopping_) return MOSQ_ERR_SUCCESS;
   }
+  return failure;
+}
+
+/// With MQTT 5 the broker does not send what would not be shown: a packet may have 256 MB.
+int BrokerLink::start_connection() {
+  mosquitto_property* properties = nullptr;
+  if (is_version_5_)
+    mosquitto_property_add_int32(&properties, MQTT_PROP_MAXIMUM_PACKET_SIZE, max_packet);
+  const int failure = mosquitto_connect_bind_v5(
+      client_, places_[at_].host.c_str(), places_[at_].port,
+      static_cast<int>(settings_.keep_alive.count()), nullptr, properties);
+  mosquitto_property_free_all(&properties);
   return failure;
 }
 
@@ -231,9 +242,12 @@ void BrokerLink::hand_over(Happening happening) {
   bool is_due = false;
   {
     const std::lock_guard lock(mutex_);
-    if (waiting_.size() >= max_waiting && std::holds_alternative<BrokerMessage>(happening)) {
-      ++overruns_;
-      return;
+    if (const auto* message = std::get_if<BrokerMessage>(&happening)) {
+      if (waiting_.size() >= max_waiting || waiting_bytes_ > max_waiting_bytes) {
+        ++overruns_;
+        return;
+      }
+      waiting_bytes_ += message->topic.size() + message->payload.size();
     }
     waiting_.push_back(std::move(happening));
     is_due = std::exchange(is_delivery_due_, true);
@@ -250,6 +264,7 @@ void BrokerLink::deliver() {
   {
     const std::lock_guard lock(mutex_);
     batch.swap(waiting_);
+    waiting_bytes_ = 0;
     is_delivery_due_ = !batch.empty();
   }
   if (batch.empty()) return;

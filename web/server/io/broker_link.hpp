@@ -36,6 +36,8 @@ class BrokerLink {
   };
   /// What waits for the loop: two seconds of a busy broker.
   static constexpr std::size_t max_waiting = 20'000;
+  static constexpr std::size_t max_waiting_bytes = 32 << 20;
+  static constexpr std::uint32_t max_packet = 4 << 20;  ///< twice max_gateway_payload
   /// What comes within so much reaches the loop together. A page draws a frame each 16 ms.
   static constexpr std::chrono::milliseconds gathering{10};
 
@@ -68,6 +70,7 @@ class BrokerLink {
   void set_up_tls();
   void run();
   int stay_connected();
+  int start_connection();
   void choose_version(int failure);
   void tell_failure(int failure);
   bool wait(std::chrono::milliseconds time);
@@ -102,6 +105,7 @@ class BrokerLink {
   std::condition_variable wake_;
   bool is_stopping_ = false;
   std::vector<Happening> waiting_;
+  std::size_t waiting_bytes_ = 0;
   bool is_delivery_due_ = false;      ///< deliver() is posted, or its timer runs
   boost::asio::steady_timer gather_;  ///< on the loop
   std::thread thread_;
