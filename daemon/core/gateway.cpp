@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
+#include "daemon/core/announcements.hpp"
 #include "daemon/core/result.hpp"
 
 namespace slamgw {
@@ -15,27 +16,6 @@ namespace {
 constexpr std::chrono::minutes presence_refresh{5};
 
 using Json = nlohmann::ordered_json;  // keys in the order of the contract
-
-Json presence_json(const Robot& robot) {
-  const MeshPresence& presence = robot.presence();
-  Json json{{"state", to_string(presence.presence)},
-            {"mesh", to_string(robot.mesh())},
-            {"address", presence.address},
-            {"since", to_iso8601(presence.since)},
-            {"last_seen", to_iso8601(robot.last_seen)}};
-  if (!robot.radio) return json;
-  json["rssi_dbm"] = robot.radio->rssi_dbm;
-  json["ttl"] = robot.radio->ttl;
-  if (robot.radio->hops) json["hops"] = *robot.radio->hops;
-  return json;
-}
-
-Json outcome_json(const CommandOutcome& outcome) {
-  return {{"type", outcome.type},
-          {"outcome", to_string(outcome.result)},
-          {"after_ms", outcome.after.count()},
-          {"why", outcome.why}};
-}
 
 /// As the broker publishes it for us.
 constexpr std::string_view last_will_state = R"({"state":"offline"})";
@@ -242,8 +222,8 @@ void Gateway::conclude(CommandOutcome outcome) {
                   outcome.robot, outcome.type, to_string(outcome.result), outcome.after.count(),
                   outcome.why.empty() ? "" : ": ", outcome.why),
       outcome.robot, Occasion::command_outcome, outcome.after});
-  actions_.push(Upload{{scheme_.outcome_topic(outcome.robot),
-                        to_bytes(outcome_json(outcome).dump()), Qos::at_least_once, false},
+  actions_.push(Upload{{scheme_.outcome_topic(outcome.robot), to_bytes(outcome_json(outcome)),
+                        Qos::at_least_once, false},
                        {},
                        outcome.after});
   actions_.push(std::move(outcome));
@@ -513,7 +493,7 @@ void Gateway::announce(const std::string& id, Robot& robot, TimePoint now) {
   robot.announced = now;
   // While the broker is away nothing is queued: everything is said again when it comes.
   if (broker_.is_up && ownership_.speaks_for(id))
-    publish_retained(scheme_.presence_topic(id), presence_json(robot).dump());
+    publish_retained(scheme_.presence_topic(id), presence_json(robot));
 }
 
 void Gateway::on_taken_over(const std::string& robot, const std::string& dead_owner,
