@@ -10,6 +10,7 @@
 #include <optional>
 #include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "daemon/core/time.hpp"
@@ -31,10 +32,15 @@ class ConnectionSuspects {
   void on_written(const OutboxEntry& entry);
   /// The broker has answered it, and so has read all that was sent before it.
   void on_answered(std::uint64_t sequence);
-  void on_refused(TimePoint now) { refused_ = now; }
-  /// The broker has closed the connection because it refused a message.
-  bool is_loss_explained(TimePoint now) const {
-    return refused_ && now - *refused_ < refusal_to_loss;
+  struct Refused {
+    std::string topic;
+    Refusal refusal;
+    TimePoint at{};
+  };
+  void on_refused(Refused refused) { refused_ = std::move(refused); }
+  /// The refusal for which the broker has closed the connection; null: there was none.
+  const Refused* explanation(TimePoint now) const {
+    return refused_ && now - refused_->at < refusal_to_loss ? &*refused_ : nullptr;
   }
   /// The connection is lost, and nothing explains it. Returns the topics that were unanswered at
   /// the loss before too.
@@ -51,7 +57,7 @@ class ConnectionSuspects {
   std::deque<Written> written_;  // by rising sequence, after the last answer
   std::set<std::string> last_unanswered_;
   TimePoint last_loss_{};
-  std::optional<TimePoint> refused_;
+  std::optional<Refused> refused_;  ///< the last one of this connection
 };
 
 }  // namespace slamgw

@@ -104,21 +104,9 @@ void Outbox::drop(const Entry& entry, const char* why) {
 
 void Outbox::refuse(const Entry& entry, TimePoint now) {
   queued_bytes_ -= entry.cost();
-  if (const auto count = full_throttle_.on_event(now)) {
-    auto text = fmt::format("{} messages refused: {} MiB wait in memory for the broker", *count,
-                            queued_bytes_ >> 20);
-    if (backlog_.is_full())
-      text = fmt::format(
-          "the store is full ({} bytes, store.max_bytes {}): {} new messages are not "
-          "acknowledged; robots keep them",
-          backlog_.bytes(), store_max_bytes_, *count);
-    else if (is_kept_out(entry))
-      text = fmt::format(
-          "{} new messages are not acknowledged: the broker does not take their "
-          "topics, and those that wait for it leave no more room",
-          *count);
-    actions_.push(Notice{Severity::warning, std::move(text), {}});
-  }
+  if (const auto count = full_throttle_.on_event(now))
+    actions_.push(no_room_notice({*count, backlog_.is_full() ? backlog_.bytes() : 0,
+                                  store_max_bytes_, is_kept_out(entry), queued_bytes_}));
   if (!entry.receipt.is_owed()) {
     ++statistics_.dropped;
     return trace(DeliveryStep::Kind::refused, entry, "there is no room for it");
@@ -184,7 +172,17 @@ bool Outbox::publish_next(TimePoint now) {
   const bool is_fresh_ready = !waiting_.empty() && in_flight_.has_room_for(waiting_.front());
   if (!is_stored_ready && !is_fresh_ready) return false;
   const bool takes_stored = is_stored_ready && (!is_fresh_ready || in_flight_.is_backlogs_turn());
+  if (hold_doubted(takes_stored ? *stored : waiting_.front(), now)) return true;
   publish(takes_stored ? backlog_.take_next() : waiting_.pop(), now);
+  return true;
+}
+
+/// As if the broker had refused it now: to ask would cost all robots the connection.
+bool Outbox::hold_doubted(const Entry& next, TimePoint now) {
+  const Refusal* const reason = doubted_.reason(next.message.topic);
+  if (!reason || next.is_unacknowledged() || held_topics().has(next.message.topic)) return false;
+  const std::string topic = next.message.topic;
+  hold(topic, *reason, now);
   return true;
 }
 
@@ -214,7 +212,10 @@ bool Outbox::publish_suspect(TimePoint now) {
 void Outbox::look_for_cause(TimePoint now) {
   const std::optional<Trial> trial = std::exchange(trial_, std::nullopt);
   trial_waits_until_.reset();
-  if (suspects_.is_loss_explained(now)) return backlog_.held().on_loss_after_refusal(now);
+  if (const auto* refused = suspects_.explanation(now)) {
+    doubted_.add(refused->topic, refused->refusal);
+    return backlog_.held().on_loss_after_refusal(now);
+  }
   if (trial) return on_lost_alone(*in_flight_.take(trial->sequence, now), now);
   for (const std::string& topic : suspects_.on_loss(in_flight_.entries(), now)) {
     if (backlog_.held().suspect(topic, now)) hold_back(topic, now);
@@ -258,8 +259,10 @@ void Outbox::on_published(std::uint64_t sequence, TimePoint now) {
   if (entry->receipt.is_owed()) actions_.push(FireReceipt{entry->receipt, ReceiptOutcome::safe});
   if (entry->row != 0) backlog_.forget(*entry, now);
   const auto answer = is_answer ? HeldTopics::Answer::accepted : HeldTopics::Answer::neither;
+  if (is_answer) doubted_.on_accepted(entry->message.topic);
   if (backlog_.held().on_answered(entry->message.topic, answer))
     notify(refusal_notices_.on_accepted(entry->message.topic, now));
+  if (held_topics().empty()) doubted_.clear();
   place_released(now);
   proceed(now);
 }
@@ -278,7 +281,7 @@ void Outbox::on_publish_refused(std::uint64_t sequence, const Refusal& refusal, 
   if (is_topics_fault) save_in_flight(topic);
   Entry entry = std::move(*in_flight_.take(sequence, now));
   note_answer(sequence);
-  suspects_.on_refused(now);
+  suspects_.on_refused({topic, refusal, now});
   if (entry.is_unacknowledged()) {
     notify(refusal_notices_.on_unacknowledged(entry.message, refusal, now));
     backlog_.held().on_answered(topic, HeldTopics::Answer::neither);
@@ -401,8 +404,7 @@ void Outbox::expire_unacknowledged(TimePoint now) {
   };
   waiting_.erase_if(is_too_old);
   backlog_.drop_behind(is_too_old);
-  // At most one look at the whole queue each second, however closely the messages followed each
-  // other.
+  // At most one look at the whole queue each second.
   expiry_check_.reset();
   if (oldest_left) {
     expiry_check_ = std::max(*oldest_left + max_unacknowledged_age, now + std::chrono::seconds{1});
@@ -582,8 +584,6 @@ bool Outbox::is_settled() const {
   if (backlog_.state() == Backlog::State::opening) return waiting_.empty();
   return backlog_.is_settled() || !backlog_.can_keep();
 }
-
-// What there is.
 
 std::size_t Outbox::unsaved() const {
   std::size_t count = waiting_.size() + backlog_.behind() + backlog_.unsaved();

@@ -22,6 +22,7 @@
 #include "daemon/core/traffic_event.hpp"
 #include "daemon/delivery/backlog.hpp"
 #include "daemon/delivery/connection_suspects.hpp"
+#include "daemon/delivery/doubted_flows.hpp"
 #include "daemon/delivery/fair_queue.hpp"
 #include "daemon/delivery/message_store.hpp"
 #include "daemon/delivery/outbox_entry.hpp"
@@ -155,6 +156,7 @@ class Outbox {
   void save_in_flight(std::string_view topic);
   void note_answer(std::uint64_t sequence);
   bool publish_suspect(TimePoint now);
+  bool hold_doubted(const Entry& next, TimePoint now);
   void look_for_cause(TimePoint now);
   void on_lost_alone(Entry entry, TimePoint now);
   void hold(const std::string& topic, const Refusal& refusal, TimePoint now);
@@ -180,6 +182,7 @@ class Outbox {
   std::size_t queued_bytes_ = 0;
 
   ConnectionSuspects suspects_;
+  DoubtedFlows doubted_;
   std::uint64_t answers_ = 0;  // of the broker
   /// A suspect's message that is under way alone, and until when the others wait for its answer.
   struct Trial {

@@ -19,6 +19,22 @@ std::string advice_for(const Refusal& refusal) {
 
 }  // namespace
 
+Notice no_room_notice(const NoRoom& no_room) {
+  auto text = fmt::format("{} messages refused: {} MiB wait in memory for the broker",
+                          no_room.count, no_room.memory_bytes >> 20);
+  if (no_room.store_bytes > 0)
+    text = fmt::format(
+        "the store is full ({} bytes, store.max_bytes {}): {} new messages are not acknowledged; "
+        "robots keep them",
+        no_room.store_bytes, no_room.store_max_bytes, no_room.count);
+  else if (no_room.is_of_held_topic)
+    text = fmt::format(
+        "{} new messages are not acknowledged: the broker does not take their topics, and those "
+        "that wait for it leave no more room",
+        no_room.count);
+  return {Severity::warning, std::move(text), {}};
+}
+
 std::optional<Notice> RefusalNotices::within_budget(Severity severity, std::string text,
                                                     TimePoint now) {
   if (lines_ == 0 || now - begin_ >= interval) {

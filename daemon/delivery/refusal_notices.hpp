@@ -3,6 +3,7 @@
 // only so many lines in a row. Pure; part of the outbox.
 #pragma once
 
+#include <cstdint>
 #include <optional>
 #include <string>
 #include <unordered_set>
@@ -11,6 +12,16 @@
 #include "daemon/delivery/held_topics.hpp"
 
 namespace slamgw {
+
+/// Why a message was not taken in.
+struct NoRoom {
+  std::uint64_t count = 0;        ///< messages that the line stands for
+  std::uint64_t store_bytes = 0;  ///< while the store is full; else 0
+  std::uint64_t store_max_bytes = 0;
+  bool is_of_held_topic = false;
+  std::size_t memory_bytes = 0;
+};
+Notice no_room_notice(const NoRoom& no_room);
 
 class RefusalNotices {
  public:

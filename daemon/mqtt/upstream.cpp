@@ -23,6 +23,7 @@ constexpr std::chrono::milliseconds longest_wait{30000};
 /// longer while it takes connections and is not well all the same.
 constexpr std::chrono::seconds first_look_back{5};
 constexpr std::chrono::seconds longest_look_back{600};
+constexpr std::chrono::seconds refusal_to_loss{1};
 /// From a change of the network to its use: addresses and routes come one after the other.
 constexpr std::chrono::milliseconds network_settles{300};
 
@@ -299,6 +300,8 @@ void Upstream::on_lost(std::string why, bool is_taken_over) {
     if (at_ == 0) return_backoff_.reset();
     tried_ = 0;
   }
+  // Debian 12's Mosquitto closes after a refusal. The outbox sees to it that this is seldom.
+  if (now - refused_at_ < refusal_to_loss) backoff_.reset();
   const bool has_unanswered = unanswered_ > 0 || suspects_.has_unanswered();
   if (rivals_.on_lost(is_taken_over, has_unanswered, now) && !is_taken_over)
     why += fmt::format(" soon after it came up, again and again; perhaps {}",
@@ -318,6 +321,7 @@ void Upstream::on_published(std::uint64_t sequence) {
 
 void Upstream::on_publish_refused(std::uint64_t sequence, const Refusal& refusal) {
   if (unanswered_ > 0) --unanswered_;
+  refused_at_ = std::chrono::steady_clock::now();
   listener_.on_publish_refused(sequence, refusal);
 }
 

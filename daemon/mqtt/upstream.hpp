@@ -121,6 +121,7 @@ class Upstream final : private MqttLinkListener {
   bool is_waiting_ = false;          ///< for reconnect_timer_
   TimePoint up_since_{};
   std::size_t unanswered_ = 0;  ///< publishes, on the connection that is up
+  TimePoint refused_at_{};      ///< when the broker last refused a publish
   RivalWatch rivals_;
   ReadCredentials read_credentials_;
   std::uint64_t inbound_dropped_ = 0;  ///< by former links

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <functional>
+#include <optional>
 #include <string>
 
 #include "daemon/delivery/outbox.hpp"
@@ -239,6 +240,45 @@ TEST_F(OutboxClosingTest, ABrokerThatClosesAfterRefusingAccusesNobodyAndIsSeldom
   EXPECT_EQ(said("connection is lost"), 0);
   EXPECT_LE(closings, 40u) << "of 10 topics in ten minutes";
   settle();
+  test::expect_promises_kept(*this, topic_of, closings);
+}
+
+/// A robot with a hundred topics that the access list forbids, while the broker was away.
+TEST_F(OutboxClosingTest, OneRobotsForbiddenTopicsCostTheOthersFewConnections) {
+  link_up();
+  say("r/evil/adv");
+  acknowledge_first();
+  link_down();
+  for (int topic = 0; topic < 120; ++topic) say("r/evil/t" + std::to_string(topic));
+  say("r/evil/adv");
+  for (int i = 0; i < 10; ++i) say("r/good/adv");
+  std::optional<TimePoint> all_of_good;
+  const TimePoint begin = now;
+  link_up();
+  const auto serve = [&](Duration time, bool is_list_corrected) {
+    for (const TimePoint end = now + time; now < end; pass(100ms)) {
+      while (!under_way.empty()) {
+        const std::string topic = under_way.front().message.topic;
+        if (is_list_corrected || !topic.starts_with("r/evil/t")) {
+          acknowledge_first();
+          continue;
+        }
+        refuse_first();
+        link_down();
+        ++closings;
+        link_up();
+      }
+      if (!all_of_good && received_of("r/good/adv").size() == 10) all_of_good = now;
+    }
+  };
+  serve(10min, false);
+  ASSERT_TRUE(all_of_good);
+  EXPECT_LE(*all_of_good - begin, 1s) << "others do not wait for it";
+  EXPECT_EQ(received_of("r/evil/adv").size(), 2u) << "what the broker took before goes on";
+  EXPECT_LE(closings, 20u);
+  serve(30min, true);
+  EXPECT_EQ(outbox->depth(), 0u) << "the list was corrected";
+  EXPECT_TRUE(store.dead_letters.empty());
   test::expect_promises_kept(*this, topic_of, closings);
 }
 
