@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Preloaded into the daemon by the soak: moves its wall clock by as many seconds as the file of
 // MOVED_CLOCK says at that moment (8 octets). Waits for a time of the wall clock are the kernel's,
-// which knows the real one, so their ends are moved back. The monotonic clock is left alone.
+// which knows the real one, so their ends are moved. The monotonic clock is left alone.
 #define _GNU_SOURCE
 #include <dlfcn.h>
+#include <errno.h>
 #include <fcntl.h>
 #include <pthread.h>
 #include <semaphore.h>
@@ -59,7 +60,7 @@ int sem_timedwait(sem_t* restrict semaphore, const struct timespec* restrict unt
 }
 
 // Only the daemon's MQTT client waits like this for a time of the wall clock; waits for one of the
-// monotonic clock are years away from it.
+// monotonic clock are years away from it. As the kernel does: a step while it waits counts.
 int pthread_cond_timedwait(pthread_cond_t* restrict condition, pthread_mutex_t* restrict mutex,
                            const struct timespec* restrict until) {
   static int (*real)(pthread_cond_t*, pthread_mutex_t*, const struct timespec*);
@@ -67,7 +68,17 @@ int pthread_cond_timedwait(pthread_cond_t* restrict condition, pthread_mutex_t* 
     real = (int (*)(pthread_cond_t*, pthread_mutex_t*, const struct timespec*))dlvsym(
         RTLD_NEXT, "pthread_cond_timedwait", "GLIBC_2.3.2");
   const time_t years = 20LL * 365 * 24 * 3600;
-  struct timespec end = *until;
-  if (end.tv_sec > years) end.tv_sec -= moved_by();
-  return real(condition, mutex, &end);
+  const int64_t second_ns = 1000000000, slice_ns = 20000000;
+  if (until->tv_sec < years) return real(condition, mutex, until);
+  for (;;) {
+    struct timespec now;
+    clock_gettime(CLOCK_REALTIME, &now);
+    int64_t left = (until->tv_sec - now.tv_sec) * second_ns + until->tv_nsec - now.tv_nsec;
+    const int is_last = left <= slice_ns;
+    left = left < 0 ? 0 : is_last ? left : slice_ns;
+    int64_t end = (now.tv_sec - moved_by()) * second_ns + now.tv_nsec + left;
+    const struct timespec next = {end / second_ns, end % second_ns};
+    const int result = real(condition, mutex, &next);
+    if (result != ETIMEDOUT || is_last) return result;
+  }
 }

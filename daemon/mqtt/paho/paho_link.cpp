@@ -119,6 +119,7 @@ PahoLink::PahoLink(boost::asio::io_context& io, boost::asio::thread_pool& lane, 
       settings_(options_.broker),
       listener_(listener),
       nudge_timer_(io),
+      connect_timer_(io),
       connect_listener_(std::make_unique<ConnectListener>(*this)),
       publish_listener_(std::make_unique<PublishListener>(*this)),
       subscribe_listener_(std::make_unique<SubscribeListener>(*this)) {
@@ -157,6 +158,7 @@ void PahoLink::open() {
     });
     set_connect_options();
     connect_token_ = client_->connect(connect_options_, nullptr, *connect_listener_);
+    post_to_loop([this](MqttLinkListener&) { watch_connect(); });
   } catch (const mqtt::exception&) {
     report_failure(0);
   }
@@ -228,6 +230,13 @@ ConnectFailure PahoLink::explain_failure(int code, bool is_in_time) const {
   const bool is_closed = found.is_reachable && is_in_time;
   return {0, std::move(found.text), is_closed ? ConnectAnswer::closed : ConnectAnswer::other,
           false};
+}
+
+void PahoLink::watch_connect() {
+  connect_timer_.expires_after(options_.timeout + connect_grace);
+  connect_timer_.async_wait([self = shared_from_this()](boost::system::error_code error) {
+    if (!error && !self->is_abandoned_ && !self->has_answered_) self->report_failure(0);
+  });
 }
 
 void PahoLink::publish(std::uint64_t sequence, BrokerMessage message) {
@@ -316,6 +325,7 @@ void PahoLink::nudge() {
 void PahoLink::abandon(bool is_orderly) {
   is_abandoned_ = true;
   nudge_timer_.cancel();
+  connect_timer_.cancel();
   post_to_lane([is_orderly](PahoLink& session) { session.close(is_orderly); });
 }
 

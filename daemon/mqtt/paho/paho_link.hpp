@@ -52,6 +52,9 @@ class PahoLink final : public MqttLink,
   /// so many; half of what the outbox hands over at once, so that it never waits for the rest.
   static constexpr std::size_t written_at_once = 16;
 
+  /// Paho looks for a connect that takes too long every four seconds.
+  static constexpr std::chrono::seconds connect_grace{5};
+
   struct Publication {
     std::uint64_t sequence;
     BrokerMessage message;
@@ -65,6 +68,9 @@ class PahoLink final : public MqttLink,
   void watch_progress();
   /// Wakes Paho's send thread when it sleeps on something to send: its signals get lost.
   void nudge();
+  /// Paho 1.3.12 waits by the wall clock between its looks: when that is set back by an hour, it
+  /// would not notice for an hour that the broker does not answer.
+  void watch_connect();
 
   void connected(const std::string&) override {}
   void connection_lost(const std::string& cause) override;
@@ -96,6 +102,7 @@ class PahoLink final : public MqttLink,
   const BrokerSettings& settings_;  ///< of `options_`
   MqttLinkListener& listener_;
   boost::asio::steady_timer nudge_timer_;
+  boost::asio::steady_timer connect_timer_;
   SendNudge nudge_;
   bool is_nudge_armed_ = false;
   std::chrono::steady_clock::time_point opened_{};
