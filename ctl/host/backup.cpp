@@ -21,6 +21,7 @@
 #include "ctl/connection.hpp"
 #include "ctl/host/program.hpp"
 #include "ctl/host/work_directory.hpp"
+#include "daemon/config/service_rights.hpp"
 
 namespace slamgw::ctl {
 namespace {

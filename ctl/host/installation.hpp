@@ -10,7 +10,6 @@
 
 namespace slamgw::ctl {
 
-inline constexpr const char* service_user = "slam-gateway";
 inline constexpr const char* service_unit = "slam-gateway.service";
 inline constexpr const char* service_configuration = "/etc/slam-gateway/gateway.json";
 

@@ -58,19 +58,25 @@ class CredentialsReader {
 
 constexpr std::string_view key_of_file = "broker.credentials_file";
 
+/// At the key, if the configuration sets it; else at the file itself.
+void report(const Located& located, const std::string& path, const std::string& wrong) {
+  if (located.is_set(std::string(key_of_file)))
+    located.problem(std::string(key_of_file), path + " " + wrong);
+  else
+    located.context.problems.push_back({path, 1, "file", wrong});
+}
+
 bool is_guarded(const Located& located, const std::string& path, const FileText& file) {
   if ((file.mode & others) == 0) return true;
-  located.problem(
-      std::string(key_of_file),
-      fmt::format("{} can be read or changed by others (mode {:04o}); type: chmod o= {}", path,
-                  file.mode, path));
+  report(located, path,
+         fmt::format("can be read or changed by others (mode {:04o}); type: sudo chmod o= {}",
+                     file.mode, path));
   return false;
 }
 
 void cannot_be_read(const Located& located, const std::string& path, const FileError& error) {
-  located.problem(std::string(key_of_file),
-                  fmt::format("{} cannot be read: {}; a readable file with {} is needed", path,
-                              error.text, shape));
+  report(located, path,
+         fmt::format("cannot be read: {}; a readable file with {} is needed", error.text, shape));
 }
 
 std::optional<Credentials> read_file(const Located& located, const std::string& path,

@@ -10,6 +10,7 @@
 #include <filesystem>
 
 #include "daemon/config/credentials.hpp"
+#include "daemon/config/service_rights.hpp"
 #include "daemon/config/system_files.hpp"
 
 namespace slamgw {
@@ -55,6 +56,30 @@ void warn_of_readable_secret(ParseResult& result, const SystemFiles& files) {
                    file->mode, path, path)});
 }
 
+/// Root reads everything; the service, whose configuration this is, does not.
+void check_service_rights(ParseResult& result) {
+  const auto check = [&result](const std::string& file, const Place& at, const std::string& key) {
+    if (may_user_read(service_user, file)) return;
+    result.problems.push_back(
+        {at.file, at.line, key,
+         fmt::format("{}cannot be read by the service's user {}; type: sudo chgrp {} {} && sudo "
+                     "chmod 640 {}",
+                     file == at.file ? "" : file + " ", service_user, service_user, file, file)});
+  };
+  for (const std::string& name : configuration_files(service_configuration))
+    check(name, {name, 1}, "file");
+  const BrokerSettings& broker = result.config.broker;
+  const std::pair<const char*, const std::optional<std::string>&> named[] = {
+      {"broker.credentials_file", broker.credentials_file},
+      {"broker.tls.ca_file", broker.ca_file},
+      {"broker.tls.certificate_file", broker.certificate_file},
+      {"broker.tls.key_file", broker.key_file}};
+  for (const auto& [key, file] : named) {
+    const auto place = result.places.find(key);
+    if (file && place != result.places.end()) check(*file, place->second, key);
+  }
+}
+
 ParseResult load_parts(const std::string& path, const Surroundings& surroundings,
                        const SystemFiles& files) {
   std::vector<ConfigFile> parts;
@@ -98,6 +123,7 @@ ParseResult load_config(const std::string& path) {
   const SystemFiles files;
   ParseResult result = load_parts(path, read_surroundings(path), files);
   warn_of_readable_secret(result, files);
+  if (path == service_configuration) check_service_rights(result);
   return result;
 }
 

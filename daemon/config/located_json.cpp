@@ -67,7 +67,8 @@ class TreeBuilder : public nlohmann::json_sax<nlohmann::json> {
   }
 
   bool parse_error(std::size_t, const std::string&, const nlohmann::detail::exception& e) override {
-    return fail(syntax_words(e.what()));
+    return fail(is_key_outside() ? "a key stands outside of { }; write { ... } around everything"
+                                 : syntax_words(e.what()));
   }
 
  private:
@@ -126,6 +127,9 @@ class TreeBuilder : public nlohmann::json_sax<nlohmann::json> {
     }
     return result;
   }
+
+  /// A text that is the whole document, and then more: `"broker": {...}`, pasted without braces.
+  bool is_key_outside() const { return open_.empty() && out_.root.value.is_string(); }
 
   bool fail(std::string words) {
     out_.problems = {{file_, line_, "syntax", std::move(words)}};

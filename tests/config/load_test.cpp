@@ -16,6 +16,8 @@
 #include <functional>
 #include <memory>
 
+#include "daemon/config/service_rights.hpp"
+
 namespace slamgw::test {
 namespace {
 
@@ -113,7 +115,7 @@ TEST_F(LoadConfig, RefusesCredentialsThatOthersCanRead) {
   EXPECT_EQ(
       problems_of(text),
       "gateway.json:1: broker.credentials_file: c.json can be read or changed by others (mode "
-      "0604); type: chmod o= c.json\n");
+      "0604); type: sudo chmod o= c.json\n");
   write("c.json", R"({"username": "u", "password": "p"})", 0640);
   EXPECT_EQ(problems_of(text), "");
 }
@@ -141,6 +143,17 @@ TEST_F(LoadConfig, TakesSystemdsCredential) {
   const ParseResult result = load_config(write("gateway.json", "{}"));
   ASSERT_TRUE(result.config.broker.credentials);
   EXPECT_EQ(result.config.broker.credentials->username, "from systemd");
+}
+
+TEST_F(LoadConfig, RootLearnsWhatTheServicesUserMayNotRead) {
+  if (geteuid() != 0) GTEST_SKIP() << "only root can ask for somebody else";
+  std::filesystem::permissions(directory_, std::filesystem::perms(0755));
+  EXPECT_FALSE(may_user_read("nobody", write("closed.json", "{}", 0600)));
+  EXPECT_TRUE(may_user_read("nobody", write("open.json", "{}", 0644)));
+  EXPECT_TRUE(may_user_read("nobody", directory_ / "missing.json")) << "no question of rights";
+  EXPECT_TRUE(may_user_read("no-such-user", directory_ / "closed.json"));
+  std::filesystem::permissions(directory_, std::filesystem::perms(0700));
+  EXPECT_FALSE(may_user_read("nobody", directory_ / "open.json")) << "nor may it pass there";
 }
 
 TEST_F(LoadConfig, SitesOwnFilesWinKeyByKeyInOrderOfName) {

@@ -116,9 +116,11 @@ TEST(ParseConfig, NamesTheFileThatTheServicesCredentialIsCopiedFrom) {
                 "\n");
   files.errors.clear();
   files.files[source] = {R"({"username": "u", "password": "p"})", 0644};
-  EXPECT_NE(Parsed("{}", {"pi", "/run/creds", source}, files)
-                .lines_of_problems.find("type: chmod o= " + source),
-            std::string::npos);
+  EXPECT_EQ(Parsed("{}", {"pi", "/run/creds", source}, files).lines_of_problems,
+            source +
+                ":1: file: can be read or changed by others (mode 0644); type: sudo chmod o= " +
+                source + "\n")
+      << "the file that the operator edits";
 }
 
 TEST(ParseConfig, ChecksButDoesNotUseWhatOnlyTheServiceReads) {

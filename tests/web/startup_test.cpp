@@ -93,7 +93,7 @@ TEST_F(WebStartup, RefusesCredentialsBehindSystemdsCopyThatOthersCanRead) {
   setenv("CREDENTIALS_DIRECTORY", path("copies").c_str(), 1);
   EXPECT_EQ(problem(), "") << "the service may not be allowed to look at the file itself";
   write("web-credentials.json", R"({"username": "page", "password": "p"})", 0644);
-  EXPECT_NE(problem().find("web-credentials.json can be read or changed by others"),
+  EXPECT_NE(problem().find("web-credentials.json:1: file: can be read or changed by others"),
             std::string::npos);
   write("web-credentials.json", R"({"username": "page", "password": "p"})", 0600);
   EXPECT_EQ(problem(), "");

@@ -72,10 +72,10 @@ def doctor(*robot, expected_status=None):
 def open_credentials_stop_the_service_for_good():
     """credentials that others can read: refused with what to type, and not started again and again"""
     CREDENTIALS.chmod(0o644)
-    demand(f"type: chmod o= {CREDENTIALS}" in check_config(78), "--check-config does not say what to type")
+    demand(f"type: sudo chmod o= {CREDENTIALS}" in check_config(78), "--check-config does not say what to type")
     since = now()
     run("systemctl", "restart", "slam-gateway", status=1)
-    demand(says(f"type: chmod o= {CREDENTIALS}", *since), "the journal does not say what to type")
+    demand(says(f"type: sudo chmod o= {CREDENTIALS}", *since), "the journal does not say what to type")
     demand(service("ActiveState") == "failed" and service("ExecMainStatus") == "78", "the service is started again")
     run("chmod", "o=", CREDENTIALS)
     restart()
@@ -109,6 +109,17 @@ def site_keys_win_and_are_named():
         site(log={"level": "loud"})
         demand(check_config(78).startswith(f"{SITE}:1: log.level: "), "the problem is not named by its file")
         run("systemctl", "reload", "slam-gateway", status=1)
+
+
+def unreadable_file_is_named_before_the_restart():
+    """a file that root reads and the service may not: --check-config, as root, says what to type"""
+    with site_settings():
+        site(log={"level": "debug"})
+        SITE.chmod(0o600)
+        told = check_config(78)
+        demand(f"{SITE}:1: file: cannot be read by the service's user slam-gateway; type: sudo chgrp" in told, told)
+        run("sh", "-ec", told.partition("type: ")[2].replace("sudo ", ""))
+        demand(check_config().endswith("OK") and SITE.stat().st_mode & 0o777 == 0o640, "what it says does not help")
 
 
 def another_program_has_the_port():
@@ -324,6 +335,7 @@ STEPS = [
     broken_credentials_are_named_as_the_operator_knows_them,
     password_in_the_wrong_file,
     site_keys_win_and_are_named,
+    unreadable_file_is_named_before_the_restart,
     log_level_is_changed,
     another_program_has_the_port,
     robot_is_renamed,
