@@ -1,11 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "ctl/host/backup.hpp"
 
-#include <fcntl.h>
 #include <fmt/chrono.h>
 #include <fmt/format.h>
 #include <pwd.h>
-#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -19,6 +17,7 @@
 #include <sstream>
 
 #include "ctl/connection.hpp"
+#include "ctl/host/archive_file.hpp"
 #include "ctl/host/program.hpp"
 #include "ctl/host/work_directory.hpp"
 #include "daemon/config/service_rights.hpp"
@@ -36,6 +35,7 @@ struct Manifest {
   std::string configuration;
   fs::path state;
   std::vector<fs::path> elsewhere;
+  std::string gateway;  ///< its id, by default the host's name; empty in older archives
 };
 
 std::string without_root(const fs::path& path) { return path.relative_path().string(); }
@@ -45,6 +45,7 @@ void write_manifest(const fs::path& directory, const Manifest& manifest) {
                               {"version", SLAMGW_VERSION},
                               {"configuration", manifest.configuration},
                               {"state", manifest.state.string()},
+                              {"gateway", manifest.gateway},
                               {"elsewhere", nlohmann::json::array()}};
   for (const fs::path& path : manifest.elsewhere) json["elsewhere"].push_back(path.string());
   std::ofstream(directory / manifest_name) << json.dump(2) << '\n';
@@ -58,7 +59,8 @@ Manifest read_manifest(const std::string& archive) {
   if (json.value("format", 0) > archive_format)
     throw Failure(fmt::format("{} was written by slam-gateway {}; install that version first",
                               archive, json.value("version", "?")));
-  Manifest manifest{json.value("configuration", ""), json.value("state", ""), {}};
+  Manifest manifest{
+      json.value("configuration", ""), json.value("state", ""), {}, json.value("gateway", "")};
   for (const auto& path : json.value("elsewhere", nlohmann::json::array()))
     manifest.elsewhere.emplace_back(path.get<std::string>());
   return manifest;
@@ -114,6 +116,20 @@ void give_to_service(const fs::path& state) {
   run_or_fail({"chown", "-R", fmt::format("{}:{}", service_user, service_user), state.string()});
 }
 
+/// On a host of another name the gateway would begin anew at the broker, and what is retained under
+/// its old name would stay there.
+std::string words_on_new_name(const Manifest& manifest) {
+  const std::string now = Installation(manifest.configuration).parsed().config.gateway_id;
+  if (manifest.gateway.empty() || manifest.gateway == now) return {};
+  return fmt::format(
+      "This gateway is called '{}' here, after its host; in the backup it was '{}'. To keep that "
+      "name, write\n  {{\"gateway\": {{\"id\": \"{}\"}}}}\ninto {} and type: sudo systemctl "
+      "restart "
+      "slam-gateway\n",
+      now, manifest.gateway, manifest.gateway,
+      (fs::path(manifest.configuration).replace_extension(".d") / "id.json").string());
+}
+
 void need_rights(const Installation& installation, const char* verb) {
   if (installation.is_service() && geteuid() != 0)
     throw Failure(
@@ -127,17 +143,13 @@ void need_rights(const Installation& installation, const char* verb) {
 std::string backup(const Installation& installation, const std::string& file) {
   need_rights(installation, "backup");
   const Manifest manifest{installation.configuration(), installation.state(),
-                          installation.files_elsewhere()};
+                          installation.files_elsewhere(), installation.parsed().config.gateway_id};
   const WorkDirectory work;
   write_manifest(work.path(), manifest);
-  const std::string unfinished = file + ".unfinished";
-  unlink(unfinished.c_str());
-  const int made = open(unfinished.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
-  if (made < 0) throw Failure(file + ": " + std::strerror(errno));
-  close(made);
+  ArchiveFile archive(file);
   std::vector<std::string> words{"tar",
                                  "-czf",
-                                 unfinished,
+                                 archive.path(),
                                  "-C",
                                  work.path().string(),
                                  manifest_name,
@@ -147,14 +159,11 @@ std::string backup(const Installation& installation, const std::string& file) {
   std::error_code error;
   if (fs::is_directory(manifest.state, error)) words.push_back(without_root(manifest.state));
   for (const fs::path& path : manifest.elsewhere) words.push_back(without_root(path));
-  try {
+  {
     const ServicePause pause(installation);
     run_or_fail(words);
-  } catch (...) {
-    unlink(unfinished.c_str());
-    throw;
   }
-  fs::rename(unfinished, file);
+  archive.finish();
   return fmt::format(
       "{}: configuration, credentials, mesh keys, kept messages and sessions ({} bytes).\n"
       "It holds secrets; only you can read it. Bring it back with: sudo slam-gatewayctl restore "
@@ -190,7 +199,8 @@ std::string restore(const Installation& installation, const std::string& file) {
     if (installation.is_service()) give_to_service(manifest.state);
   }
   if (installation.is_service()) run_program({"systemctl", "start", "--no-block", service_unit});
-  return told + "Restored; look at: slam-gatewayctl status\n";
+  return told + words_on_new_name(manifest) +
+         "Restored; the service starts now. Look at: sudo slam-gatewayctl doctor\n";
 }
 
 }  // namespace slamgw::ctl

@@ -1,10 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "ctl/host/report.hpp"
 
-#include <fcntl.h>
 #include <fmt/format.h>
-#include <sys/stat.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <cctype>
@@ -14,6 +11,7 @@
 #include <vector>
 
 #include "ctl/connection.hpp"
+#include "ctl/host/archive_file.hpp"
 #include "ctl/host/program.hpp"
 #include "ctl/host/work_directory.hpp"
 #include "daemon/config/load.hpp"
@@ -121,6 +119,7 @@ std::string without_secrets(std::string_view text) {
 
 std::string report(const Installation& installation, const std::string& socket,
                    const std::string& file) {
+  ArchiveFile archive(file);
   const WorkDirectory work;
   const fs::path directory = work.path() / "slam-gateway-report";
   fs::create_directory(directory);
@@ -130,8 +129,8 @@ std::string report(const Installation& installation, const std::string& socket,
   write(directory / "robots.json", ask(socket, "robots"));
   for (const Source& source : sources())
     write(directory / source.name, run_program(source.words).output);
-  umask(0077);
-  run_or_fail({"tar", "-czf", file, "-C", work.path().string(), "slam-gateway-report"});
+  run_or_fail({"tar", "-czf", archive.path(), "-C", work.path().string(), "slam-gateway-report"});
+  archive.finish();
   return fmt::format(
       "{}: versions, configuration without secrets, status, robots, the journal's last hour, "
       "kernel "

@@ -4,7 +4,9 @@
 
 #include <gtest/gtest.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
+#include <cstdlib>
 #include <fstream>
 #include <iterator>
 
@@ -87,11 +89,59 @@ TEST_F(Backup, KeepsWhatARestoreReplaces) {
   EXPECT_EQ(test::read_file(aside + "/messages.db-wal"), "newer log");
 }
 
+TEST_F(Backup, BelongsToWhoTypedSudo) {
+  if (geteuid() != 0) GTEST_SKIP() << "only root can give files away";
+  constexpr unsigned nobody = 65534;
+  setenv("SUDO_UID", "65534", 1);
+  setenv("SUDO_GID", "65534", 1);
+  backup(installation(), archive());
+  report(installation(), root() / "no.sock", root() / "report.tar.gz");
+  setenv("SUDO_UID", "x", 1);
+  backup(installation(), root() / "roots.tar.gz");
+  unsetenv("SUDO_UID");
+  unsetenv("SUDO_GID");
+  for (const char* const name : {"backup.tar.gz", "report.tar.gz"}) {
+    struct stat status {};
+    stat((root() / name).c_str(), &status);
+    EXPECT_EQ(status.st_uid, nobody) << name;
+    EXPECT_EQ(status.st_gid, nobody) << name;
+    EXPECT_EQ(mode(name), 0600U) << name;
+  }
+  struct stat status {};
+  stat((root() / "roots.tar.gz").c_str(), &status);
+  EXPECT_EQ(status.st_uid, 0U);
+}
+
+TEST_F(Backup, SaysThatTheGatewayGetsAnotherName) {
+  backup(installation(), archive());
+  const std::string same = restore(installation(), archive());
+  EXPECT_EQ(same.find("is called"), same.npos);
+  run_or_fail({"gunzip", archive()});
+  const std::string tar = root() / "backup.tar";
+  const std::string manifest = run_or_fail({"tar", "-xOf", tar, "slam-gateway-backup.json"});
+  const std::size_t at = manifest.find("\"gateway\": \"") + 12;
+  ASSERT_LT(at, manifest.size());
+  write("slam-gateway-backup.json",
+        manifest.substr(0, at) + "old-pi" + manifest.substr(manifest.find('"', at)));
+  run_or_fail({"tar", "--delete", "-f", tar, "slam-gateway-backup.json"});
+  run_or_fail({"tar", "-rf", tar, "-C", root(), "slam-gateway-backup.json"});
+  run_or_fail({"gzip", tar});
+  const std::string told = restore(installation(), archive());
+  EXPECT_NE(told.find("in the backup it was 'old-pi'"), told.npos) << told;
+  EXPECT_NE(told.find(R"({"gateway": {"id": "old-pi"}})"), told.npos) << told;
+}
+
 TEST_F(Backup, RefusesWhatIsNone) {
   write("other", "no archive");
   EXPECT_THROW(restore(installation(), root() / "other"), Failure);
   EXPECT_THROW(restore(installation(), root() / "missing"), Failure);
   EXPECT_THROW(backup(installation(), root() / "no/such/directory"), Failure);
+  try {
+    report(installation(), "no.sock", "/no/such/report");
+    FAIL();
+  } catch (const Failure& failure) {
+    EXPECT_STREQ(failure.what(), "/no/such/report: No such file or directory");
+  }
   EXPECT_EQ(read("state/mesh.json"), "the mesh's keys");
 }
 
