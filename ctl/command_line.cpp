@@ -28,6 +28,7 @@ struct Arguments {
   std::string uuid;
   std::uint64_t minutes = 5;
   bool is_forced = false;
+  int address = 0;
   bool is_confirmed = false;
   std::vector<std::uint64_t> ids;
   std::string topic;
@@ -151,7 +152,12 @@ void add_ble_changes(CLI::App& ble, Arguments& a, const auto& ask) {
   CLI::App* exported = ble.add_subcommand("export", "Let another gateway join this mesh");
   exported->add_option("FILE", a.order.file, "A new file, for `ble import` there; holds the keys")
       ->required();
-  exported->callback(ask("export", Answer::mesh));
+  exported->add_option("--address", a.address, "It has joined already: the address that it got")
+      ->check(CLI::Range(1, 0x7fff));
+  exported->callback([&a, order = ask("export", Answer::mesh)] {
+    order();
+    if (a.address != 0) a.order.request["address"] = a.address;
+  });
   CLI::App* reset = ble.add_subcommand("reset-board", "Clear the serial board and set it up anew");
   reset->add_flag("--yes", a.is_confirmed, "Robots may ignore the gateway for a while: do it");
   reset->callback([&a, order = ask("reset-board", Answer::done)] {

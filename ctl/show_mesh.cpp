@@ -41,7 +41,8 @@ std::string Show::exported_mesh(const json& exported) const {
   return fmt::format(
       "{} holds the mesh's keys, for one other gateway. There: set ble_mesh.address to {}, "
       "restart\n"
-      "slam-gateway, and: slam-gatewayctl ble import {}\n",
+      "slam-gateway (if it has that address already, leave it), and: slam-gatewayctl ble import "
+      "{}\n",
       file, text_at(exported, "address"), file);
 }
 

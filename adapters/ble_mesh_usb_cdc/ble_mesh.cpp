@@ -12,17 +12,25 @@ std::optional<MeshKeys> keys_of(const std::optional<NodeDatabase>& database) {
   return database ? std::optional(database->keys) : std::nullopt;
 }
 
+std::vector<std::uint16_t> heard_groups(const Settings& settings) {
+  std::vector<std::uint16_t> groups = settings.groups;
+  if (settings.gateway_group) groups.push_back(*settings.gateway_group);
+  return groups;
+}
+
 }  // namespace
 
 BleMesh::BleMesh(Settings settings, TopicScheme topics, RobotNames names,
                  std::optional<NodeDatabase> database, RandomSource random, std::uint64_t seed)
     : settings_(std::move(settings)),
       topics_(std::move(topics)),
-      link_({{settings_.address, settings_.groups}, settings_.ttl}, keys_of(database), seed),
-      provisioner_(settings_, std::move(names), std::move(database), std::move(random)),
+      link_({{settings_.address, heard_groups(settings_)}, settings_.ttl}, keys_of(database), seed),
+      provisioner_(settings_, topics_.gateway_id(), std::move(names), std::move(database),
+                   std::move(random)),
       downlink_(settings_, topics_, link_, actions_, is_traced_),
       robots_(settings_, topics_, provisioner_.nodes(), downlink_, actions_),
-      uplink_(settings_, topics_, link_, robots_, downlink_, actions_, is_traced_) {}
+      gate_(provisioner_.nodes()),
+      uplink_(settings_, topics_, link_, robots_, downlink_, gate_, actions_, is_traced_) {}
 
 void BleMesh::on_start() {
   robots_.add_configured();
@@ -79,7 +87,7 @@ void BleMesh::on_link_action(LinkAction action, TimePoint now) {
           [&](LinkIsDown& down) { on_link_down(down.why, now); },
           [&](SendRefused& refused) { on_send_refused(refused, now); },
           [&](MessageReceived& message) { on_message(message, now); },
-          [&](Heartbeat& heartbeat) { hear(heartbeat.source, now); },
+          [&](Heartbeat& heartbeat) { hear(heartbeat.source, nullptr, now); },
           [&](IvUpdate& update) {
             emit(Notice{
                 Severity::info, fmt::format("the mesh's IV index is {}", update.iv_index), {}});
@@ -119,18 +127,59 @@ void BleMesh::on_send_refused(const SendRefused& refused, TimePoint now) {
 void BleMesh::on_message(const MessageReceived& message, TimePoint now) {
   if (message.source == 0 || message.source > last_unicast_address)
     return uplink_.reject(message.source, "its source is no unicast address", now);
-  Robot* robot = hear(message.source, now);
+  Robot* robot = hear(message.source, &message, now);
   if (robot == nullptr) return;
   if (provisioner_.on_message(message, now)) return settle(now);
   uplink_.on_message(*robot, message, now);
 }
 
-Robot* BleMesh::hear(std::uint16_t source, TimePoint now) {
+Robot* BleMesh::hear(std::uint16_t source, const MessageReceived* message, TimePoint now) {
+  if (gate_.is_stranger(source)) {
+    on_stranger(source, now);
+    return nullptr;
+  }
   Robot* robot = robots_.at(source, now);
   if (robot == nullptr) return nullptr;
+  if (gate_.is_shared()) {
+    HeardRobot heard{robot->id, {}};
+    if (message != nullptr)
+      heard.radio = RadioFacts{message->rssi_dbm, robot->hops(message->ttl), message->ttl};
+    actions_.push(std::move(heard));
+  }
   provisioner_.on_heard(robot->address, now);
   robots_.on_heard(*robot, now);
   return robot;
+}
+
+void BleMesh::on_stranger(std::uint16_t source, TimePoint now) {
+  if (const auto count = stranger_throttle_.on_event(now))
+    emit(Notice{Severity::warning,
+                fmt::format("{} message(s) of robots that this gateway does not know were left to "
+                            "the gateway that provisions this mesh, the last from 0x{:04x}: export "
+                            "the mesh there again (ble export --address 0x{:04x}) and import it "
+                            "here, then this gateway can serve them too",
+                            *count, source, settings_.address),
+                {}});
+}
+
+// --- Other gateways in this mesh -----------------------------------------------------------------
+
+void BleMesh::on_taken_over(const std::string& id, TimePoint now) {
+  Robot* robot = robots_.find(id);
+  if (robot == nullptr || !is_shared()) return;
+  robots_.on_taken_over(*robot);
+  uplink_.on_taken_over(*robot, now);
+  settle(now);
+}
+
+/// The robot may have got the command that is under way; its answer comes to this board, and the
+/// other gateway's next command must not be overtaken by a repeat.
+void BleMesh::on_given_up(const std::string& id, TimePoint now) {
+  Robot* robot = robots_.find(id);
+  if (robot == nullptr || !is_shared()) return;
+  uplink_.on_given_up(*robot);
+  downlink_.refuse_all(*robot, "another gateway serves the robot now", now);
+  settle(now);
 }
 
 // --- The nodes -----------------------------------------------------------------------------------
@@ -255,6 +304,7 @@ Counters BleMesh::counters() const {
           {"repeats", up.repeats},
           {"rejected", up.rejected},
           {"unknown_opcodes", up.unknown_opcodes},
+          {"left_to_others", up.left_to_others},
           {"statuses_sent", up.statuses_sent},
           {"commands_delivered", downlink_.ended(CommandResult::delivered)},
           {"commands_timeout", downlink_.ended(CommandResult::timeout)},

@@ -42,6 +42,14 @@ class BleMesh {
   void on_broker_message(const BrokerMessage& message, CommandId command, TimePoint now);
   void on_subscribe_result(const std::string& filter, bool granted, TimePoint now);
   void on_broker_link(bool is_up, TimePoint now);
+  /// In a mesh that several gateways share: asked before anything of a robot is dealt with.
+  void ask_who_serves(ServiceGate::MayServe may_serve) { gate_.ask(std::move(may_serve)); }
+  /// Other gateways have boards in this mesh.
+  bool is_shared() const { return gate_.is_shared(); }
+  bool is_link_up() const { return link_.is_up(); }
+  /// In such a mesh: this gateway, or another one, serves the robot from now on.
+  void on_taken_over(const std::string& robot, TimePoint now);
+  void on_given_up(const std::string& robot, TimePoint now);
   /// Whether every MeshStep is told, or only repeats.
   void on_trace(bool is_on) { is_traced_ = is_on; }
   /// The daemon ends: no command is taken or waited for any more. What robots were promised to hear
@@ -68,8 +76,10 @@ class BleMesh {
   void on_link_down(const std::string& why, TimePoint now);
   void on_send_refused(const SendRefused& refused, TimePoint now);
   void on_message(const MessageReceived& message, TimePoint now);
-  /// The robot that this came from, which is online now; null when there is no room for it.
-  Robot* hear(std::uint16_t source, TimePoint now);
+  /// The robot that this came from, which is online now; null when there is no room for it, or
+  /// when it is another gateway's to deal with.
+  Robot* hear(std::uint16_t source, const MessageReceived* message, TimePoint now);
+  void on_stranger(std::uint16_t source, TimePoint now);
   void emit(MeshEvent event) { actions_.push(std::move(event)); }
 
   Settings settings_;
@@ -80,7 +90,9 @@ class BleMesh {
   Provisioner provisioner_;
   Downlink downlink_;
   Robots robots_;
+  ServiceGate gate_;
   Uplink uplink_;
+  LogThrottle stranger_throttle_{std::chrono::minutes{10}};
 };
 
 }  // namespace slamgw::ble

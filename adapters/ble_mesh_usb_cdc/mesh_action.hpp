@@ -2,6 +2,7 @@
 // What BleMesh, and the parts that it is made of, ask of BleMeshAdapter.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <variant>
 
@@ -29,6 +30,11 @@ struct StoreMesh {
 };
 /// BleMesh::open_commands() may be other ones than before; keep them over a crash.
 struct CommandsChanged {};
+/// The board has heard a robot of a mesh that other gateways' boards hear, too.
+struct HeardRobot {
+  std::string robot;
+  std::optional<RadioFacts> radio;  ///< nothing for a heartbeat
+};
 /// An operator's order has ended; once for each.
 struct OrderEnded {
   std::uint64_t id = 0;
@@ -36,6 +42,6 @@ struct OrderEnded {
 };
 
 using MeshAction = std::variant<WriteSerial, ReopenPort, GenerateKeys, StoreMesh, CommandsChanged,
-                                OrderEnded, MeshEvent>;
+                                HeardRobot, OrderEnded, MeshEvent>;
 
 }  // namespace slamgw::ble

@@ -38,6 +38,9 @@ struct Settings {
   std::uint16_t address = 0x0001;  ///< the gateway's unicast address
   std::uint8_t ttl = 4;            ///< 0, 2-127
   std::vector<std::uint16_t> groups = {0xc002, 0xc003, 0xc004};
+  /// That robots publish to, so that the boards of several gateways hear them; nothing: they
+  /// publish to `address`.
+  std::optional<std::uint16_t> gateway_group;
   std::string min_com_type = "adv";
   std::string sensor_update_type = "update";
   std::string pos_cmd_type = "cmd";
@@ -48,6 +51,9 @@ struct Settings {
   std::optional<std::string> robot_id;
   std::chrono::seconds offline_after{30};  ///< `presence.offline_after_s`
   bool operator==(const Settings&) const = default;
+
+  /// Where robots publish to.
+  std::uint16_t destination() const { return gateway_group.value_or(address); }
 };
 
 }  // namespace slamgw::ble

@@ -42,6 +42,11 @@ FleetMember::FleetMember(boost::asio::io_context& io, const Config& config, Gate
   meshes_.ask_where_served([this](const std::string& robot) {
     return !ownership_.speaks_for(robot, read_clocks().mono);
   });
+  meshes_.share_ble(
+      [this](const std::string& robot) { return ownership_.may_serve(robot, read_clocks().mono); },
+      [this](const std::string& robot, const std::optional<RadioFacts>& radio) {
+        on_heard_too(robot, radio);
+      });
 }
 
 std::vector<fleet::LocalRobot> FleetMember::local_robots() const {
@@ -70,14 +75,32 @@ bool FleetMember::on_message(const BrokerMessage& message) {
   return is_taken;
 }
 
+/// What was heard in a shared mesh comes to on_heard_too().
 void FleetMember::on_mesh_event(const MeshEvent& event) {
+  const auto* link = std::get_if<LinkChange>(&event);
+  if (link && meshes_.is_shared(link->mesh))
+    driver_.input([&](auto& ownership, const Now& now) { ownership.on_board(link->is_up, now); });
   if (ownership_.is_alone()) return;
   const std::string* heard = nullptr;
-  if (const auto* sign = std::get_if<SignOfLife>(&event)) heard = &sign->robot;
-  if (const auto* report = std::get_if<Report>(&event); report && !report->is_will)
+  if (const auto* sign = std::get_if<SignOfLife>(&event); sign && !meshes_.is_shared(sign->mesh))
+    heard = &sign->robot;
+  if (const auto* report = std::get_if<Report>(&event);
+      report && !report->is_will && !meshes_.is_shared(report->mesh))
     heard = &report->robot;
   if (!heard) return;
   driver_.input([&](auto& ownership, const Now& now) { ownership.on_heard(*heard, now); });
+}
+
+/// The mesh may be shared since just now, and the link have come up before.
+void FleetMember::on_heard_too(const std::string& robot, const std::optional<RadioFacts>& radio) {
+  std::optional<fleet::SignalLevel> level;
+  if (radio)
+    level = fleet::SignalLevel{radio->rssi_dbm -
+                               fleet::SignalLevel::relay_cost_db * radio->hops.value_or(0)};
+  driver_.input([&](auto& ownership, const Now& now) {
+    ownership.on_board(true, now);
+    ownership.on_heard_too(robot, level, now);
+  });
 }
 
 void FleetMember::perform(AwaitTurn& action) {

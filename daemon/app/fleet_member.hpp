@@ -51,6 +51,7 @@ class FleetMember {
   static constexpr std::uint64_t first_sequence = std::uint64_t{1} << 63U;
 
   std::vector<fleet::LocalRobot> local_robots() const;
+  void on_heard_too(const std::string& robot, const std::optional<RadioFacts>& radio);
   const char* state(TimePoint now) const;
   nlohmann::ordered_json gateways(const Now& now) const;
   nlohmann::ordered_json robots(const Now& now) const;

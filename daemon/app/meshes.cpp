@@ -117,12 +117,23 @@ void Meshes::ask_where_served(std::function<bool(const std::string& robot)> serv
   if (thread_) thread_->ask_where_served(std::move(served_elsewhere));
 }
 
+void Meshes::share_ble(std::function<bool(const std::string& robot)> may_serve, OnHeard on_heard) {
+  if (!ble_) return;
+  ble_->share_with(std::move(may_serve), [on_heard = std::move(on_heard)](const auto& heard) {
+    on_heard(heard.robot, heard.radio);
+  });
+}
+
+bool Meshes::is_shared(Mesh mesh) const { return mesh == Mesh::ble && ble_ && ble_->is_shared(); }
+
 Bytes Meshes::give_up(const std::string& robot) {
+  if (ble_) ble_->give_up(robot);
   return thread_ ? thread_->give_up(robot) : Bytes{};
 }
 
 void Meshes::take_over(const std::string& robot, ByteView session) {
   if (thread_) thread_->take_over(robot, session);
+  if (ble_) ble_->take_over(robot);
 }
 
 void Meshes::manage_ble(BleOrder order, OrderDone done) {

@@ -53,6 +53,13 @@ class Meshes {
   void reconfigure(const Config& config, bool has_other_robots, bool has_other_topics);
   /// A CONNECT for a session that is not here waits when it may be at another gateway.
   void ask_where_served(std::function<bool(const std::string& robot)> served_elsewhere);
+  /// In a BLE mesh that several gateways share: `may_serve` is asked before anything of a robot is
+  /// dealt with, `on_heard` told of each message of a robot, and how well it was heard.
+  using OnHeard =
+      std::function<void(const std::string& robot, const std::optional<RadioFacts>& radio)>;
+  void share_ble(std::function<bool(const std::string& robot)> may_serve, OnHeard on_heard);
+  /// Other gateways have boards in this mesh.
+  bool is_shared(Mesh mesh) const;
   /// Another gateway serves the robot. Its session, as octets; may be empty.
   Bytes give_up(const std::string& robot);
   void take_over(const std::string& robot, ByteView session);

@@ -82,6 +82,10 @@ void check_ble_mesh(const Located& located) {
   if (ble.pos_cmd_type == "run")
     located.problem("ble_mesh.types.pos_cmd",
                     "\"run\" is the type of on/off commands; any other type is allowed");
+  if (ble.gateway_group && std::ranges::find(ble.groups, *ble.gateway_group) != ble.groups.end())
+    located.problem("ble_mesh.gateway_group",
+                    "is in ble_mesh.groups, to which robots are subscribed: they would acknowledge "
+                    "each other's messages; any other group is allowed");
   const bool is_positions_stream =
       ble.protocol == ble::Protocol::cobs && ble.cobs_content == ble::CobsContent::positions;
   if (is_positions_stream && !located.is_set("ble_mesh.robot_id"))

@@ -207,6 +207,10 @@ constexpr auto ble_mesh_keys = std::to_array<SchemaKey>({
     {"ble_mesh.address", [](Value v, Config& c) { v.address(c.ble_mesh.address, 0x0001, 0x7fff); }},
     {"ble_mesh.ttl", read_ttl},
     {"ble_mesh.groups", read_groups},
+    {"ble_mesh.gateway_group",
+     [](Value v, Config& c) {
+       if (!v.is_null()) v.address(c.ble_mesh.gateway_group.emplace(), 0xc000, 0xfeff);
+     }},
     {"ble_mesh.types.min_com",
      [](Value v, Config& c) { v.text(c.ble_mesh.min_com_type, is_valid_level, level_words); }},
     {"ble_mesh.types.sensor_update",

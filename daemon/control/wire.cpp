@@ -54,7 +54,13 @@ Result<Request, std::string> parse_order(const std::string& command, const json&
   const auto text = text_of(request, "text");
   if (command == "ble scan") return Request(ScanOrder{});
   if (command == "ble nodes") return Request(NodesOrder{});
-  if (command == "ble export") return Request(ExportOrder{});
+  if (command == "ble export") {
+    constexpr std::uint64_t last_unicast_address = 0x7fff;
+    const std::uint64_t address = number_of(request, "address");
+    if (address > last_unicast_address)
+      return std::string("ble export takes a unicast address, up to 0x7fff");
+    return Request(ExportOrder{static_cast<std::uint16_t>(address)});
+  }
   if (command == "ble reset-board") return Request(ResetBoardOrder{});
   if (command == "ble provision") {
     if (!uuid || !robot) return std::string("ble provision needs the texts uuid and robot");

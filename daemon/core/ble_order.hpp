@@ -38,7 +38,9 @@ struct ImportOrder {
 };
 /// What another gateway needs to join this mesh with a board of its own: `{"address", "mesh"}`, the
 /// unicast address that it gets, and its mesh database as text. The one answer that holds keys.
-struct ExportOrder {};
+struct ExportOrder {
+  std::uint16_t address = 0;  ///< that gateway has joined already, with this one; 0: gets a new one
+};
 /// Clears the board for good and starts it up anew.
 struct ResetBoardOrder {};
 

@@ -227,6 +227,7 @@ class LifeReplay : public EventLog {
                      mesh.on_stored({}, now);
                    },
                    [](CommandsChanged&) {},
+                   [](HeardRobot&) {},
                    [&](OrderEnded& ended) { answers.push_back(std::move(ended.answer)); },
                    [&](MeshEvent& event) {
                      if (const auto* report = std::get_if<Report>(&event))

@@ -136,6 +136,7 @@ class MeshRig : public EventLog {
   std::string store_problem;
   std::vector<OpenCommand> kept;  ///< over a crash
   std::vector<OrderAnswer> answers;
+  std::vector<HeardRobot> heard;
 
  private:
   struct Delivery {
@@ -165,6 +166,7 @@ class MeshRig : public EventLog {
                        if (answers_stores) mesh.on_stored(store_problem, now);
                      },
                      [&](CommandsChanged&) { kept = mesh.open_commands(); },
+                     [&](HeardRobot& robot) { heard.push_back(std::move(robot)); },
                      [&](OrderEnded& ended) { answers.push_back(std::move(ended.answer)); },
                      [&](MeshEvent& event) {
                        events.push_back(std::move(event));

@@ -58,7 +58,7 @@ TEST(NodeDatabase, SurvivesTheFile) {
   EXPECT_EQ(again->nodes.at(0).name, "nr 1");
   EXPECT_EQ(again->nodes.at(0).ttl, 4);
   ASSERT_TRUE(again->nodes.at(0).told && again->nodes.at(1).told);
-  EXPECT_EQ(again->nodes.at(0).told->gateway_address, 0x0001);
+  EXPECT_EQ(again->nodes.at(0).told->destination, 0x0001);
   EXPECT_EQ(again->nodes.at(0).told->groups, (std::vector<std::uint16_t>{0xc002, 0xfeff}));
   EXPECT_TRUE(again->nodes.at(0).told->is_changing);
   EXPECT_TRUE(again->nodes.at(1).told->groups.empty());
@@ -119,9 +119,9 @@ TEST(NodeDatabase, RefusesEveryDamage) {
       {"\"0x0102\"", "\"0x8000\""},  // no unicast address
       {"\"elements\": 3", "\"elements\": 0"},
       {"\"provisioned\"", "\"elsewhere\""},
-      {"\"reserved\"", "\"configured\""},  // without a device key
-      {"\"gateway\": \"0x0001\"", "\"gateway\": \"0xc001\""},
-      {"\"0xc002\"", "\"0x7fff\""},  // no group
+      {"\"reserved\"", "\"configured\""},                      // without a device key
+      {"\"gateway\": \"0x0001\"", "\"gateway\": \"0x8001\""},  // virtual
+      {"\"0xc002\"", "\"0x7fff\""},                            // no group
       {"\"0xfeff\"", "\"0xff00\""},
       {"\"0xfeff\"", "1"},
       {"\"groups\": []", "\"groups\": {}"},

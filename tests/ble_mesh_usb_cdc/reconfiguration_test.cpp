@@ -132,7 +132,21 @@ TEST_F(Reconfiguration, TellsAnotherAddressOfTheGateway) {
   ASSERT_TRUE(next.is_told_in(5s));
   EXPECT_TRUE(next.has_notice("ble-0100 is configured anew: it publishes to 0x0002"));
   EXPECT_EQ(std::ranges::count(next.device().requests, "0300010200000004000059000600"), 1);
-  EXPECT_EQ(next.on_disk().nodes[0].told->gateway_address, 0x0002);
+  EXPECT_EQ(next.on_disk().nodes[0].told->destination, 0x0002);
+}
+
+TEST_F(Reconfiguration, TellsTheGroupOfTheGateways) {
+  Settings settings;
+  settings.gateway_group = 0xc010;
+  NextRig next(first, settings);
+  next.start();
+  ASSERT_TRUE(next.is_told_in(5s));
+  EXPECT_TRUE(next.has_notice("ble-0100 is configured anew: it publishes to 0xc010"));
+  EXPECT_EQ(std::ranges::count(next.device().requests, "03000110c0000004000059000600"), 1);
+  EXPECT_EQ(next.on_disk().nodes[0].told->destination, 0xc010);
+  const auto again = decode_node_database(encode_node_database(next.on_disk()));
+  ASSERT_TRUE(again.has_value());
+  EXPECT_EQ(again->nodes[0].told->destination, 0xc010);
 }
 
 TEST_F(Reconfiguration, NamesAllThatChanged) {

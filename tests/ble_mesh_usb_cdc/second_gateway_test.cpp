@@ -77,7 +77,8 @@ TEST(SecondGateway, NeitherTakesRobotsInNorChangesThem) {
        {BleOrder(ProvisionOrder{to_hex(Bytes(16, 9)), "r9"}), BleOrder(PermitJoinOrder{5min, {}}),
         BleOrder(RemoveOrder{"ble-0100", true}), BleOrder(ExportOrder{})}) {
     second.order(wanted);
-    EXPECT_NE(error_of(second).find("another gateway provisions this mesh"), std::string::npos);
+    EXPECT_NE(error_of(second).find("gateway 'gw' provisions this mesh"), std::string::npos)
+        << error_of(second);
   }
 }
 
@@ -127,21 +128,29 @@ TEST(SecondGateway, KnowsAllRobotsAfterAnotherImport) {
   second.run_for(2s);
   first.add(2);
   ASSERT_TRUE(first.all_configured(30s));
-  NodeDatabase later = first.on_disk();
-  later.guest_address = 2;
-  later.nodes.back().name = "lego-2";
-  second.order(ImportOrder{encode_node_database(later)});
+  second.hear(0x0101, "cb 59 00 0a 00 ec ff", 0xc003);
+  EXPECT_TRUE(second.all<Report>().empty()) << "its name is not known here";
+  first.order(ExportOrder{2});
+  second.order(ImportOrder{first.answer()["mesh"]});
   EXPECT_EQ(second.answer()["nodes"], 2) << error_of(second);
   EXPECT_EQ(second.on_disk().guest_address, 2);
+  EXPECT_EQ(first.on_disk().gateways, std::vector<std::uint16_t>{2});
+  second.hear(0x0101, "cb 59 00 0a 00 ec ff", 0xc003);
+  EXPECT_EQ(second.all<Report>().size(), 1u);
+  first.order(ExportOrder{3});
+  EXPECT_NE(error_of(first).find("no gateway of this mesh was given the address 0x0003"),
+            std::string::npos);
 }
 
 TEST(SecondGateway, WhatItIsSurvivesARestart) {
   NodeDatabase database = test_database();
   database.guest_address = 2;
+  database.host = "room-a";
   database.gateways = {3, 4};
   const auto read = decode_node_database(encode_node_database(database));
   ASSERT_TRUE(read.has_value());
   EXPECT_EQ(read->guest_address, 2);
+  EXPECT_EQ(read->host, "room-a");
   EXPECT_EQ(read->gateways, (std::vector<std::uint16_t>{3, 4}));
   EXPECT_FALSE(
       decode_node_database(R"({"version":2,"net_key":"00000000000000000000000000000000",)"

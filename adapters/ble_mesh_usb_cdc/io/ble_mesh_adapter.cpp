@@ -85,6 +85,19 @@ void BleMeshAdapter::manage(BleOrder order, OrderDone done) {
   input([&](BleMesh& mesh, TimePoint now) { mesh.on_order(id, std::move(order), now); });
 }
 
+void BleMeshAdapter::share_with(ServiceGate::MayServe may_serve, OnHeard on_heard) {
+  on_heard_ = std::move(on_heard);
+  input([&](BleMesh& mesh, TimePoint) { mesh.ask_who_serves(std::move(may_serve)); });
+}
+
+void BleMeshAdapter::take_over(const std::string& robot) {
+  input([&](BleMesh& mesh, TimePoint now) { mesh.on_taken_over(robot, now); });
+}
+
+void BleMeshAdapter::give_up(const std::string& robot) {
+  input([&](BleMesh& mesh, TimePoint now) { mesh.on_given_up(robot, now); });
+}
+
 void BleMeshAdapter::end_order(OrderEnded& ended) {
   const auto waiting = orders_.find(ended.id);
   if (waiting == orders_.end()) return;
@@ -100,6 +113,7 @@ void BleMeshAdapter::perform(MeshAction& action) {
                  [this](GenerateKeys&) { generate_keys(); },
                  [this](StoreMesh& mesh) { store(std::move(mesh.database)); },
                  [this](CommandsChanged&) { keep_commands(); },
+                 [this](HeardRobot& heard) { on_heard_(heard); },
                  [this](OrderEnded& ended) { end_order(ended); },
                  [this](MeshEvent& event) { listener().on_mesh_event(std::move(event)); },
              },

@@ -31,6 +31,14 @@ class BleMeshAdapter final : public SerialShell<BleMesh> {
   /// What operators order about the mesh and its robots; `done` is called once, now or later, and
   /// never after stop().
   void manage(BleOrder order, OrderDone done);
+  /// In a mesh that several gateways share: `may_serve` is asked, `on_heard` told of each message.
+  /// Before start().
+  using OnHeard = std::function<void(const HeardRobot& heard)>;
+  void share_with(ServiceGate::MayServe may_serve, OnHeard on_heard);
+  bool is_shared() const { return machine().is_shared(); }
+  bool is_link_up() const { return machine().is_link_up(); }
+  void take_over(const std::string& robot);
+  void give_up(const std::string& robot);
 
  private:
   static Made make(const Settings& settings, TopicScheme topics, RobotNames names,
@@ -47,6 +55,7 @@ class BleMeshAdapter final : public SerialShell<BleMesh> {
   void end_interrupted_commands();
   void keep_commands();
 
+  OnHeard on_heard_ = [](const HeardRobot&) {};
   MeshFile file_;
   CommandFile command_file_;
   std::string kept_commands_;              ///< what the file was last given

@@ -93,7 +93,7 @@ void add_model(std::vector<ConfigurationStep>& steps, const ConfigurationSetting
                              model_app_status, element, model));
   if (is_one_of(vendor_clients, model) || model == health_server) {
     const std::uint8_t period = model == health_server ? period_10_s : std::uint8_t{0};
-    const Publication publication{element, settings.gateway_address, settings.ttl, period, model};
+    const Publication publication{element, settings.destination, settings.ttl, period, model};
     steps.push_back(model_step("the publication", encode_model_publication_set(publication),
                                model_publication_status, element, model));
   }

@@ -35,7 +35,7 @@ struct ConfigurationStep {
 
 struct ConfigurationSettings {
   Key app_key{};
-  std::uint16_t gateway_address = 0x0001;
+  std::uint16_t destination = 0x0001;  ///< of what the robot publishes: a gateway, or their group
   std::uint8_t ttl = 4;
   std::vector<std::uint16_t> groups;
 };

@@ -85,8 +85,10 @@ Result<NodeDatabase, Refusal> decode_imported_mesh(std::string_view text) {
   return *database;
 }
 
-std::string exported_mesh_json(NodeDatabase database, std::uint16_t address) {
+std::string exported_mesh_json(NodeDatabase database, std::uint16_t address,
+                               const std::string& host) {
   database.guest_address = address;
+  database.host = host;
   database.gateways.clear();  // known to the one that hands them out
   return nlohmann::ordered_json{{"address", fmt::format("0x{:04x}", address)},
                                 {"mesh", encode_node_database(database)}}

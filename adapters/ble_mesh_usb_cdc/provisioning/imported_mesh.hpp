@@ -5,6 +5,7 @@
 #pragma once
 
 #include <optional>
+#include <string>
 #include <string_view>
 
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
@@ -17,8 +18,10 @@ namespace slamgw::ble {
 /// as configured and are left as they are.
 Result<NodeDatabase, Refusal> decode_imported_mesh(std::string_view text);
 
-/// For ExportOrder: the mesh as `address`, another gateway, needs it. Holds keys.
-std::string exported_mesh_json(NodeDatabase database, std::uint16_t address);
+/// For ExportOrder: the mesh as `address`, another gateway, needs it. `host`: the `gateway.id` of
+/// this one. Holds keys.
+std::string exported_mesh_json(NodeDatabase database, std::uint16_t address,
+                               const std::string& host);
 
 /// The imported mesh, with what is known already: `own` is the mesh that there is, if any. Another
 /// network than that, and addresses that two nodes or a node and the gateway share, are refused,

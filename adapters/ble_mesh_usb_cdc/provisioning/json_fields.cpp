@@ -21,6 +21,10 @@ bool parse_address(std::string_view digits, std::uint16_t& out) {
   return error == std::errc{} && stop == end;
 }
 
+bool is_group_address(std::uint16_t address) {
+  return address >= first_group && address <= last_group;
+}
+
 }  // namespace
 
 std::optional<std::array<std::uint8_t, 16>> read_octets(const nlohmann::json& json,
@@ -40,6 +44,14 @@ std::optional<std::uint16_t> read_unicast(const nlohmann::json& json, const char
   return address;
 }
 
+std::optional<std::uint16_t> read_destination(const nlohmann::json& json, const char* name) {
+  if (const auto unicast = read_unicast(json, name)) return unicast;
+  std::uint16_t group = 0;
+  const auto text = read_text(json, name);
+  if (!text || !parse_address(*text, group) || !is_group_address(group)) return std::nullopt;
+  return group;
+}
+
 std::optional<std::vector<std::uint16_t>> read_groups(const nlohmann::json& json,
                                                       const char* name) {
   const auto* list = read_array(json, name);
@@ -48,7 +60,7 @@ std::optional<std::vector<std::uint16_t>> read_groups(const nlohmann::json& json
   for (const auto& text : *list) {
     std::uint16_t& group = groups.emplace_back();
     if (!text.is_string() || !parse_address(text.get<std::string>(), group)) return std::nullopt;
-    if (group < first_group || group > last_group) return std::nullopt;
+    if (!is_group_address(group)) return std::nullopt;
   }
   return groups;
 }

@@ -17,6 +17,8 @@ std::optional<std::array<std::uint8_t, 16>> read_octets(const nlohmann::json& js
                                                         const char* name);
 /// A number, or text of up to 4 hex digits with or without 0x; 0x0001-0x7fff.
 std::optional<std::uint16_t> read_unicast(const nlohmann::json& json, const char* name);
+/// Such a text or number, or the text of a group address.
+std::optional<std::uint16_t> read_destination(const nlohmann::json& json, const char* name);
 /// A list of such texts; each 0xc000-0xfeff.
 std::optional<std::vector<std::uint16_t>> read_groups(const nlohmann::json& json, const char* name);
 std::optional<std::string> read_text(const nlohmann::json& json, const char* name);

@@ -30,7 +30,7 @@ OrderedJson node_json(const Node& node) {
   if (node.state != NodeState::reserved) json["device_key"] = to_hex(node.device_key);
   if (node.ttl) json["ttl"] = *node.ttl;
   if (!node.told) return json;
-  json["gateway"] = address_text(node.told->gateway_address);
+  json["gateway"] = address_text(node.told->destination);
   json["groups"] = OrderedJson::array();
   for (const std::uint16_t group : node.told->groups) json["groups"].push_back(address_text(group));
   if (node.told->is_changing) json["changing"] = true;
@@ -48,10 +48,10 @@ std::optional<NodeState> read_state(const Json& json) {
 bool read_told(const Json& json, Node& node) {
   if (const auto ttl = read_count(json, "ttl", max_ttl)) node.ttl = static_cast<std::uint8_t>(*ttl);
   if (!json.contains("gateway") || !json.contains("groups")) return true;
-  const auto gateway_address = read_unicast(json, "gateway");
+  const auto destination = read_destination(json, "gateway");
   auto groups = read_groups(json, "groups");
-  if (!gateway_address || !groups) return false;
-  node.told = Told{*gateway_address, std::move(*groups), json.value("changing", Json()) == true};
+  if (!destination || !groups) return false;
+  node.told = Told{*destination, std::move(*groups), json.value("changing", Json()) == true};
   return true;
 }
 
@@ -102,6 +102,8 @@ bool read_gateways(const Json& json, NodeDatabase& database) {
   if (json.contains("guest")) {
     database.guest_address = read_unicast(json, "guest");
     if (!database.guest_address) return false;
+    database.host = read_text(json, "host").value_or("");
+    if (!is_valid_level(database.host)) database.host.clear();
   }
   if (!json.contains("gateways")) return true;
   const auto* gateways = read_array(json, "gateways");
@@ -133,6 +135,7 @@ std::string encode_node_database(const NodeDatabase& database) {
   for (const std::uint16_t address : database.gateways)
     json["gateways"].push_back(address_text(address));
   if (database.guest_address) json["guest"] = address_text(*database.guest_address);
+  if (!database.host.empty()) json["host"] = database.host;
   return json.dump(2) + "\n";
 }
 

@@ -5,11 +5,13 @@
 //    "nodes": [{"uuid": UUID, "address": "0x0100", "elements": 1, "name": TEXT or absent,
 //               "state": "reserved" | "provisioned" | "configured",
 //               "device_key": KEY unless reserved, "ttl": NUMBER or absent,
-//               "gateway": "0x0001" or absent, "groups": ["0xc002"] with "gateway",
+//               "gateway": "0x0001" or absent: what it publishes to, a gateway or their group,
+//               "groups": ["0xc002"] with "gateway",
 //               "changing": true or absent}],
 //    "removed": [{"uuid": UUID, "address": "0x0107", "elements": 1}],
 //    "gateways": ["0x0002"] or absent: addresses that other gateways were given,
-//    "guest": "0x0002" or absent: this gateway's, given by the one that provisions the mesh}
+//    "guest": "0x0002" or absent: this gateway's, given by the one that provisions the mesh,
+//    "host": "room-a" or absent: that one's gateway.id}
 //
 // KEY and UUID are 32 hex digits. Version 1 held the two keys only and is still read. Called by
 // MeshFile and for imports.

@@ -60,7 +60,7 @@ bool NodeConversations::needs_configuration(const Node& node) const {
 bool NodeConversations::is_outdated(const Node& node) const {
   if (node.state != NodeState::configured || !node.told) return false;
   return node.told->is_changing || node.ttl != settings_.ttl ||
-         node.told->gateway_address != settings_.address ||
+         node.told->destination != settings_.destination() ||
          !std::ranges::is_permutation(node.told->groups, settings_.groups);
 }
 
@@ -90,7 +90,7 @@ bool NodeConversations::has_swept() {
 void NodeConversations::begin_due(TimePoint now) {
   if (!next_begin() || *next_begin() > now) return;
   if (begin_changes() || !has_swept()) return;
-  const ConfigurationSettings settings{nodes_.database()->keys.app_key, settings_.address,
+  const ConfigurationSettings settings{nodes_.database()->keys.app_key, settings_.destination(),
                                        settings_.ttl, settings_.groups};
   const auto begin = [&](const Node& node, NodeConfiguration::Purpose purpose) {
     conversations_.try_emplace(node.address, node, purpose, settings, board_.subnet_handle);
@@ -185,7 +185,7 @@ void NodeConversations::on_configured(const Node& known) {
   const Node before = node;
   node.state = NodeState::configured;
   node.ttl = settings_.ttl;
-  node.told = Told{settings_.address, settings_.groups};
+  node.told = Told{settings_.destination(), settings_.groups};
   NodeHistory& history = nodes_.history(node.uuid);
   history.failures = 0;
   history.problem.clear();
@@ -201,8 +201,8 @@ void NodeConversations::on_configured(const Node& known) {
 
 std::string NodeConversations::changes_from(const Node& before) const {
   std::vector<std::string> changes;
-  if (before.told->gateway_address != settings_.address)
-    changes.push_back(fmt::format("it publishes to 0x{:04x}", settings_.address));
+  if (before.told->destination != settings_.destination())
+    changes.push_back(fmt::format("it publishes to 0x{:04x}", settings_.destination()));
   if (before.ttl != settings_.ttl) changes.push_back(fmt::format("its TTL is {}", settings_.ttl));
   if (!std::ranges::is_permutation(before.told->groups, settings_.groups))
     changes.push_back(settings_.groups.empty() ? "it has no groups"

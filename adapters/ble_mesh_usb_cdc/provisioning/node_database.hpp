@@ -25,7 +25,7 @@ std::string_view to_string(NodeState state);
 
 /// The configuration that a node has besides the TTL.
 struct Told {
-  std::uint16_t gateway_address = 0;  ///< where it publishes to
+  std::uint16_t destination = 0;  ///< where it publishes to: a gateway, or a group of gateways
   std::vector<std::uint16_t> groups;
   bool is_changing = false;  ///< it is being changed, and may have parts of both
 };
@@ -73,6 +73,7 @@ struct NodeDatabase {
   std::vector<std::uint16_t> gateways = {};
   /// There when another gateway provisions this mesh: the unicast address that it gave this one.
   std::optional<std::uint16_t> guest_address = {};
+  std::string host = {};  ///< `gateway.id` of the gateway that provisions it; may be empty
 
   Node* find(const Uuid& uuid);
   const Node* find(const Uuid& uuid) const;

@@ -25,6 +25,11 @@ void NodeTable::replace(NodeDatabase database) {
   ledger_.begin(std::move(database), false);
 }
 
+bool NodeTable::is_node(std::uint16_t address) const {
+  const Node* node = database() ? database()->find_address(address) : nullptr;
+  return node != nullptr && node->state != NodeState::reserved;
+}
+
 // --- Names ---------------------------------------------------------------------------------------
 
 const std::string* NodeTable::configured_name(std::uint16_t address) const {

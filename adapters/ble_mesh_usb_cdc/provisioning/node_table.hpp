@@ -39,6 +39,10 @@ class NodeTable {
   const MeshLedger& ledger() const { return ledger_; }
   /// Another gateway takes robots in and configures them.
   bool is_guest() const { return database() != nullptr && database()->guest_address; }
+  /// Other gateways have boards in this mesh.
+  bool is_shared() const { return is_guest() || (database() && !database()->gateways.empty()); }
+  /// A node that is in the mesh has this address on any of its elements.
+  bool is_node(std::uint16_t address) const;
   const Node* find(const Uuid& uuid) const { return database() ? database()->find(uuid) : nullptr; }
 
   /// A node, or its name, is different from before.

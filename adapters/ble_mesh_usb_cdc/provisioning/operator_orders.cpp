@@ -44,9 +44,10 @@ std::string OperatorOrders::problem_with_mesh() const {
   if (!nodes_.database())
     return "this gateway does not have the mesh's keys: bring the mesh in with `ble import`";
   if (nodes_.is_guest())
-    return "another gateway provisions this mesh (this one was brought in with `ble import`): do "
-           "it "
-           "there";
+    return fmt::format(
+        "{} provisions this mesh, which was brought in here with `ble import`: do it there",
+        nodes_.database()->host.empty() ? "another gateway"
+                                        : fmt::format("gateway '{}'", nodes_.database()->host));
   return {};
 }
 
@@ -178,8 +179,15 @@ void OperatorOrders::take(const ImportOrder& wanted, TimePoint now) {
 }
 
 /// The address is on disk before the other gateway gets it: no robot and no third gateway will.
-void OperatorOrders::take(const ExportOrder&, TimePoint now) {
+void OperatorOrders::take(const ExportOrder& wanted, TimePoint now) {
   if (std::string problem = problem_with_mesh(); !problem.empty()) return order_.refuse(problem);
+  const NodeDatabase& database = *nodes_.database();
+  if (wanted.address != 0) {
+    if (std::ranges::find(database.gateways, wanted.address) == database.gateways.end())
+      return order_.refuse(
+          fmt::format("no gateway of this mesh was given the address 0x{:04x}", wanted.address));
+    return order_.answer(exported_mesh_json(database, wanted.address, gateway_));
+  }
   const auto address = nodes_.address_for_gateway();
   if (!address) return order_.refuse("no unicast address below 0x0100 is left for another gateway");
   order_->kind = Kind::export_mesh;
@@ -197,10 +205,28 @@ void OperatorOrders::on_stored(const std::string& problem) {
   }
   if (!nodes_.ledger().is_saved()) return;
   const NodeDatabase& database = *nodes_.database();
-  if (!is_import) return order_.answer(exported_mesh_json(database, order_->address));
+  if (!is_import) return order_.answer(exported_mesh_json(database, order_->address, gateway_));
   if (!order_->before) actions_.push(UseKeys{database.keys});
   nodes_.announce_change();
+  warn_of_unheard_robots();
   order_.answer(fmt::format(R"({{"nodes":{}}})", database.nodes.size()));
+}
+
+/// Of a mesh that another gateway provisions: this board must hear what robots publish to.
+void OperatorOrders::warn_of_unheard_robots() {
+  if (!nodes_.is_guest()) return;
+  const auto is_unheard = [&](const Node& node) {
+    return node.told && node.told->destination != settings_.destination();
+  };
+  const auto& nodes = nodes_.database()->nodes;
+  const auto node = std::ranges::find_if(nodes, is_unheard);
+  if (node == nodes.end()) return;
+  actions_.push(Notice{
+      Severity::warning,
+      fmt::format("robots of this mesh publish to 0x{:04x}, which this gateway does not hear: give "
+                  "the same ble_mesh.gateway_group to all gateways of the mesh",
+                  node->told->destination),
+      {}});
 }
 
 void OperatorOrders::take(const ResetBoardOrder&, TimePoint now) {

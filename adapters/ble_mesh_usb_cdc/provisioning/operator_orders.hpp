@@ -20,14 +20,15 @@ class OperatorOrders {
   /// All of them outlive it.
   OperatorOrders(const Settings& settings, const BoardState& board, NodeTable& nodes,
                  Admission& admission, NodeConversations& conversations, OpenOrder& order,
-                 ProvisionerActions& actions)
+                 ProvisionerActions& actions, std::string gateway)
       : settings_(settings),
         board_(board),
         nodes_(nodes),
         admission_(admission),
         conversations_(conversations),
         order_(order),
-        actions_(actions) {}
+        actions_(actions),
+        gateway_(std::move(gateway)) {}
 
   void on_order(std::uint64_t id, const BleOrder& order, TimePoint now);
   void on_link_down();
@@ -41,11 +42,12 @@ class OperatorOrders {
   void take(const ProvisionOrder& wanted, TimePoint now);
   void take(const RemoveOrder& wanted, TimePoint now);
   void take(const ImportOrder& wanted, TimePoint now);
-  void take(const ExportOrder&, TimePoint now);
+  void take(const ExportOrder& wanted, TimePoint now);
   void take(const ResetBoardOrder&, TimePoint now);
   OrderAnswer permit_join(const PermitJoinOrder& wanted, TimePoint now);
   std::string problem_with_permit(const PermitJoinOrder& wanted) const;
   std::string problem_with_mesh() const;
+  void warn_of_unheard_robots();
   std::string problem_with_name(const std::string& robot, const std::optional<Uuid>& uuid) const;
   std::string link_is_down() const { return "the BLE link is down: " + board_.down_reason; }
   std::string scan_json(TimePoint now) const;
@@ -57,6 +59,7 @@ class OperatorOrders {
   NodeConversations& conversations_;
   OpenOrder& order_;
   ProvisionerActions& actions_;
+  const std::string gateway_;  ///< `gateway.id`
 };
 
 }  // namespace slamgw::ble

@@ -7,12 +7,13 @@
 
 namespace slamgw::ble {
 
-Provisioner::Provisioner(const Settings& settings, RobotNames names,
+Provisioner::Provisioner(const Settings& settings, std::string gateway, RobotNames names,
                          std::optional<NodeDatabase> database, RandomSource random)
     : nodes_(settings, std::move(names), std::move(database), actions_),
       admission_(settings, board_, nodes_, order_, actions_, std::move(random)),
       conversations_(settings, board_, nodes_, admission_, order_, actions_),
-      orders_(settings, board_, nodes_, admission_, conversations_, order_, actions_) {}
+      orders_(settings, board_, nodes_, admission_, conversations_, order_, actions_,
+              std::move(gateway)) {}
 
 // --- Inputs --------------------------------------------------------------------------------------
 

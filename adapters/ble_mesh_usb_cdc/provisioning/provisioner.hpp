@@ -15,9 +15,9 @@ namespace slamgw::ble {
 
 class Provisioner {
  public:
-  /// `settings` outlive it.
-  Provisioner(const Settings& settings, RobotNames names, std::optional<NodeDatabase> database,
-              RandomSource random);
+  /// `settings` outlive it. `gateway`: `gateway.id`, for gateways that join this mesh.
+  Provisioner(const Settings& settings, std::string gateway, RobotNames names,
+              std::optional<NodeDatabase> database, RandomSource random);
   Provisioner(const Provisioner&) = delete;
   Provisioner& operator=(const Provisioner&) = delete;
 

@@ -9,10 +9,29 @@
 #include <string>
 
 #include "adapters/ble_mesh_usb_cdc/access/vendor_models.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/events.hpp"
 #include "adapters/ble_mesh_usb_cdc/robots/command_queue.hpp"
 #include "adapters/ble_mesh_usb_cdc/robots/set_filter.hpp"
 
 namespace slamgw::ble {
+
+/// An acknowledged message that was left to another gateway, and comes again and again.
+struct UnservedSet {
+  MessageReceived message;  ///< its first copy
+  TimePoint first{};
+  TimePoint last{};
+  bool is_repeated = false;
+
+  /// Reliable publish doubles the time between copies: what comes much sooner is a new message.
+  bool may_come_again(TimePoint now) const {
+    return now - first <= SetFilter::longest_exchange && (now - last) * 5 >= (last - first) * 2;
+  }
+  /// The robot waits for its STATUS still: its next copy is not overdue.
+  bool is_open(TimePoint now) const {
+    constexpr Duration lateness = std::chrono::milliseconds{200};
+    return is_repeated && now - last <= last - first + lateness;
+  }
+};
 
 /// Acknowledged messages of one model.
 struct Inbox {
@@ -20,6 +39,7 @@ struct Inbox {
   std::uint64_t open_receipt = 0;  ///< 0: none
   std::uint16_t element = 0;       ///< that the last message came from
   Bytes status;                    ///< the access message that acknowledges it
+  std::optional<UnservedSet> unserved;
 };
 
 struct Robot {

@@ -132,6 +132,10 @@ void Robots::on_link_up(TimePoint now) {
   }
 }
 
+void Robots::on_taken_over(Robot& robot) {
+  if (robot.is_online) announce(robot, Presence::online);
+}
+
 void Robots::on_heard(Robot& robot, TimePoint now) {
   robot.last_heard = now;
   robot.is_awaited = false;

@@ -42,6 +42,8 @@ void Uplink::on_message(Robot& robot, const MessageReceived& message, TimePoint 
 
 void Uplink::on_vendor_message(Robot& robot, VendorMessage kind, const MessageReceived& message,
                                ByteView params, TimePoint now) {
+  const bool is_answer = kind.kind == MessageKind::status;
+  if (!is_answer && !gate_.is_open_for(robot)) return leave_to_owner(robot, kind, message, now);
   switch (kind.kind) {
     case MessageKind::set: return on_set({robot, kind.model, message, params}, now);
     case MessageKind::set_numbered:
@@ -52,6 +54,44 @@ void Uplink::on_vendor_message(Robot& robot, VendorMessage kind, const MessageRe
       return send_status(robot, message.source, encode_status(kind.model), now);
     case MessageKind::status: return downlink_.on_status(robot, opcode_of(kind), now);
   }
+}
+
+void Uplink::leave_to_owner(Robot& robot, VendorMessage kind, const MessageReceived& message,
+                            TimePoint now) {
+  ++counters_.left_to_others;
+  Inbox& inbox = inbox_of(robot, kind.model);
+  auto unserved = std::move(inbox.unserved);
+  forget(inbox);
+  if (kind.kind != MessageKind::set && kind.kind != MessageKind::set_numbered) return;
+  const bool is_again =
+      unserved && unserved->message.payload == message.payload && unserved->may_come_again(now);
+  if (!is_again) unserved = {message, now, now};
+  unserved->is_repeated = is_again;
+  unserved->last = now;
+  inbox.unserved = std::move(unserved);
+}
+
+void Uplink::forget(Inbox& inbox) {
+  link_.withdraw(inbox.element, inbox.status);
+  inbox = {};
+}
+
+void Uplink::on_given_up(Robot& robot) {
+  for (Inbox& inbox : robot.inboxes) forget(inbox);
+}
+
+void Uplink::on_taken_over(Robot& robot, TimePoint now) {
+  for (Inbox& inbox : robot.inboxes) {
+    const auto unserved = std::move(inbox.unserved);
+    forget(inbox);
+    if (unserved && unserved->is_open(now)) take_up(robot, *unserved);
+  }
+}
+
+/// As if its copies had been heard by an owner: the filter knows when the next one is due.
+void Uplink::take_up(Robot& robot, const UnservedSet& unserved) {
+  for (const TimePoint heard : {unserved.first, unserved.last})
+    on_message(robot, unserved.message, heard);
 }
 
 /// Of `update` nothing is lost for the sake of no doubles; all else goes up once, if that can be.
@@ -129,6 +169,7 @@ void Uplink::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePo
       }
   if (inbox == nullptr) return;
   inbox->open_receipt = 0;
+  if (!gate_.is_open_for(*robot)) return forget(*inbox);
   switch (outcome) {
     case ReceiptOutcome::safe:
       inbox->filter.on_answered(now);

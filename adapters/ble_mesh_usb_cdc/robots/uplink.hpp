@@ -7,6 +7,7 @@
 #include <string_view>
 
 #include "adapters/ble_mesh_usb_cdc/robots/robots.hpp"
+#include "adapters/ble_mesh_usb_cdc/robots/service_gate.hpp"
 
 namespace slamgw::ble {
 
@@ -15,6 +16,7 @@ struct UplinkCounters {
   std::uint64_t repeats = 0;
   std::uint64_t rejected = 0;
   std::uint64_t unknown_opcodes = 0;
+  std::uint64_t left_to_others = 0;  ///< another gateway serves the robot
   std::uint64_t statuses_sent = 0;
 };
 
@@ -22,18 +24,25 @@ class Uplink {
  public:
   /// All of them outlive it. `is_traced`: each acknowledgement is a MeshStep.
   Uplink(const Settings& settings, const TopicScheme& topics, BoardLink& link, Robots& robots,
-         Downlink& downlink, ActionQueue<MeshAction>& actions, const bool& is_traced)
+         Downlink& downlink, const ServiceGate& gate, ActionQueue<MeshAction>& actions,
+         const bool& is_traced)
       : settings_(settings),
         topics_(topics),
         link_(link),
         robots_(robots),
         downlink_(downlink),
+        gate_(gate),
         actions_(actions),
         is_traced_(is_traced) {}
 
   /// A message from `robot` that no configuration of it answers to.
   void on_message(Robot& robot, const MessageReceived& message, TimePoint now);
   void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now);
+  /// Another gateway serves the robot: what is not yet acknowledged is not acknowledged any more.
+  void on_given_up(Robot& robot);
+  /// This gateway serves the robot from now on: what it says next is new, and what it says again
+  /// and again because nobody has answered it goes up now.
+  void on_taken_over(Robot& robot, TimePoint now);
   /// Counts a message that cannot be used, and names the reason once in a while.
   void reject(std::uint16_t source, std::string_view why, TimePoint now);
 
@@ -52,7 +61,11 @@ class Uplink {
   void on_vendor_message(Robot& robot, VendorMessage kind, const MessageReceived& message,
                          ByteView params, TimePoint now);
   void on_set(const VendorReport& set, TimePoint now);
+  void take_up(Robot& robot, const UnservedSet& unserved);
   SetFilter::Verdict judge(const VendorReport& set, TimePoint now) const;
+  void leave_to_owner(Robot& robot, VendorMessage kind, const MessageReceived& message,
+                      TimePoint now);
+  void forget(Inbox& inbox);
   void report(const VendorReport& what, std::uint64_t receipt_id);
   void report_repeat(const VendorReport& set);
   void send_status(const Robot& robot, std::uint16_t element, Bytes status, TimePoint now);
@@ -64,6 +77,7 @@ class Uplink {
   BoardLink& link_;
   Robots& robots_;
   Downlink& downlink_;
+  const ServiceGate& gate_;
   ActionQueue<MeshAction>& actions_;
   const bool& is_traced_;
   std::uint64_t last_receipt_ = 0;

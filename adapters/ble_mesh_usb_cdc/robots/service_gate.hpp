@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+// Whether this gateway deals with what a robot says. In a mesh that only this gateway's board
+// hears, always. In one that several gateways share, all boards hear a robot, and one gateway
+// alone, its owner, reports and acknowledges what it says; the others are silent. Part of BleMesh.
+#pragma once
+
+#include <functional>
+#include <string>
+#include <utility>
+
+#include "adapters/ble_mesh_usb_cdc/provisioning/node_table.hpp"
+#include "adapters/ble_mesh_usb_cdc/robots/robot.hpp"
+
+namespace slamgw::ble {
+
+class ServiceGate {
+ public:
+  /// Whether this gateway owns the robot just now.
+  using MayServe = std::function<bool(const std::string& robot)>;
+
+  /// `nodes` outlives it.
+  explicit ServiceGate(const NodeTable& nodes) : nodes_(nodes) {}
+
+  void ask(MayServe may_serve) { may_serve_ = std::move(may_serve); }
+  /// Other gateways have boards in this mesh.
+  bool is_shared() const { return nodes_.is_shared(); }
+  bool is_open_for(const Robot& robot) const { return !is_shared() || may_serve_(robot.id); }
+  /// A robot that joined after the mesh was brought in here: the gateway that took it in knows its
+  /// name, this one does not, and would publish under another.
+  bool is_stranger(std::uint16_t address) const {
+    return nodes_.is_guest() && !nodes_.is_node(address);
+  }
+
+ private:
+  const NodeTable& nodes_;
+  MayServe may_serve_ = [](const std::string&) { return true; };
+};
+
+}  // namespace slamgw::ble
