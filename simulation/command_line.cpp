@@ -11,6 +11,7 @@ namespace slamgw::sim {
 namespace {
 
 constexpr int wrong_arguments = 2;
+constexpr int max_boards = 4;
 constexpr std::size_t max_client_id = 23;    // MQTT-SN 1.2 section 5.3.1
 constexpr std::size_t max_uuid_prefix = 12;  // leaves room for the seed and the robot's number
 
@@ -148,8 +149,20 @@ struct BleTexts {
 };
 
 void add_ble(CLI::App& app, BleOptions& options, BleTexts& texts) {
-  app.add_option("--tty", options.tty, "Where to put the board's serial port (a symbolic link)")
-      ->required();
+  app.add_option("--tty", options.ttys,
+                 "Where to put the board's serial port (a symbolic link); several: as many boards, "
+                 "which hear the same robots")
+      ->required()
+      ->delimiter(',')
+      ->expected(1, max_boards);
+  app.add_option("--board-loss", options.board_loss,
+                 "Part of its messages that each board loses besides, each way")
+      ->check(CLI::Range(0.0, 1.0))
+      ->delimiter(',');
+  app.add_option("--board-level-db", options.board_level_db,
+                 "How much better or worse than usual each board hears (RSSI)")
+      ->check(CLI::Range(-60, 60))
+      ->delimiter(',');
   add_common(app, options.common);
   app.add_option("--hops", options.hops, "Radio hops between each robot and the board")
       ->check(CLI::Range(1U, 126U))
@@ -244,6 +257,9 @@ BleOptions finish_ble(BleOptions options, const BleTexts& texts) {
   options.firmware = ble::find_firmware(texts.firmware);
   if (options.has_heartbeats && !options.firmware->has_heartbeats) {
     throw CLI::ValidationError("--heartbeats", "needs --firmware 5.0.0");
+  }
+  if (options.ttys.size() > 1 && !options.state.empty()) {
+    throw CLI::ValidationError("--state", "keeps one board only");
   }
   options.net_key = parse_key("--net-key", texts.net_key);
   options.app_key = parse_key("--app-key", texts.app_key);

@@ -86,7 +86,9 @@ struct ThreadOptions {
 
 struct BleOptions {
   RobotOptions common;
-  std::string tty;
+  std::vector<std::string> ttys{""};  ///< of each board; all hear the same robots
+  std::vector<double> board_loss;     ///< of each board's messages, both ways; besides `loss`
+  std::vector<int> board_level_db;    ///< how much better or worse than usual each board hears
   const ble::Firmware* firmware = &ble::firmware_3_1_0;  ///< of board and robots
   unsigned hops = 1;
   bool is_acknowledged = false;

@@ -51,6 +51,23 @@ RadioSettings radio_settings(const BleOptions& options) {
   return settings;
 }
 
+template <class Value>
+Value value_of(const std::vector<Value>& values, std::size_t index) {
+  return values.empty() ? Value{} : values[std::min(index, values.size() - 1)];
+}
+
+/// To a unicast address segments are repeated until they are acknowledged. `transmit` sends them
+/// once, at the given time. The time that the repeats took, or nothing when the message has failed.
+template <class Transmit>
+std::optional<Duration> transmit_until_acknowledged(std::uint8_t ttl, TimePoint now,
+                                                    Transmit&& transmit) {
+  for (int i = 0; i < segmented_transmissions; ++i) {
+    const Duration repeats = retry_interval(ttl) * i;
+    if (transmit(now + repeats)) return repeats;
+  }
+  return std::nullopt;
+}
+
 /// The prefix, octets that depend on the seed, and the robot's number in the last two.
 Key make_uuid(const BleOptions& options, unsigned number) {
   Random random(options.common.seed, 0, Use::uuid);
@@ -77,10 +94,14 @@ Node::Settings node_settings(const BleOptions& options, unsigned number) {
 
 Network::Network(const BleOptions& options)
     : options_(options),
-      board_(*options.firmware, Random(options.common.seed, 0, Use::provisioning)),
       radio_(radio_settings(options), Random(options.common.seed, 0, Use::radio)),
       pb_adv_(options.common.loss, Random(options.common.seed, 0, Use::pb_adv)) {
-  if (options.is_configured) board_.configure(to_key(options.net_key), to_key(options.app_key));
+  constexpr unsigned beyond_all_robots = 0x8000;  // each board has randomness of its own
+  for (unsigned i = 0; i < options.ttys.size(); ++i) {
+    const unsigned number = i == 0 ? 0 : beyond_all_robots + i;
+    boards_.emplace_back(*options.firmware, Random(options.common.seed, number, Use::provisioning));
+  }
+  if (options.is_configured) boards_[0].configure(to_key(options.net_key), to_key(options.app_key));
   for (unsigned number = 1; number <= options.common.robots; ++number) {
     robots_.emplace_back(robot_settings(options, number),
                          RobotBody(options.common.seed, number, options.common.body));
@@ -97,14 +118,14 @@ void Network::restore_node(unsigned number, NodeConfiguration configuration,
 }
 
 void Network::on_start(TimePoint now) {
-  board_.on_power_up();
+  for (Board& board : boards_) board.on_power_up();
   for (Node& node : nodes_) node.on_start(now);
   for (Robot& robot : robots_) robot.on_start(now);
   if (options_.has_heartbeats) next_heartbeats_ = now + heartbeat_interval;
 }
 
-void Network::on_host_bytes(ByteView bytes, TimePoint now) {
-  board_.on_host_bytes(bytes, now);
+void Network::on_host_bytes(ByteView bytes, TimePoint now, std::size_t board) {
+  boards_[board].on_host_bytes(bytes, now);
   carry(now);
 }
 
@@ -124,10 +145,13 @@ std::optional<std::pair<unsigned, std::string>> Network::next_failed_assertion()
   return first;
 }
 
-void Network::reboot_board(TimePoint now, Duration downtime) { board_.reboot(now, downtime); }
+void Network::reboot_board(TimePoint now, Duration downtime, std::size_t board) {
+  boards_[board].reboot(now, downtime);
+}
 
 TimePoint Network::deadline() const {
-  std::optional<TimePoint> next = first_of(radio_.next_arrival(), board_.deadline());
+  std::optional<TimePoint> next = radio_.next_arrival();
+  for (const Board& board : boards_) next = first_of(next, board.deadline());
   next = first_of(first_of(next, pb_adv_.next_arrival()), next_heartbeats_);
   if (!transfers_.empty()) next = first_of(next, transfers_.begin()->first);
   for (const Node& node : nodes_) next = first_of(next, node.deadline());
@@ -136,14 +160,17 @@ TimePoint Network::deadline() const {
 }
 
 void Network::on_deadline(TimePoint now) {
-  if (!run_air(now)) {
-    if (const auto due = board_.deadline(); due && *due <= now) {
-      board_.on_deadline(now);
-    } else if (!run_nodes(now) && !run_heartbeats(now)) {
-      run_robots(now);
-    }
-  }
+  if (!run_air(now) && !run_boards(now) && !run_nodes(now) && !run_heartbeats(now)) run_robots(now);
   carry(now);
+}
+
+bool Network::run_boards(TimePoint now) {
+  for (Board& board : boards_) {
+    if (const auto due = board.deadline(); !due || *due > now) continue;
+    board.on_deadline(now);
+    return true;
+  }
+  return false;
 }
 
 bool Network::run_air(TimePoint now) {
@@ -158,7 +185,7 @@ bool Network::run_air(TimePoint now) {
   if (transfers_.empty() || transfers_.begin()->first > now) return false;
   const Transfer ended = transfers_.begin()->second;
   transfers_.erase(transfers_.begin());
-  board_.on_transfer_ended(ended.id, ended.is_acknowledged);
+  boards_[ended.board].on_transfer_ended(ended.id, ended.is_acknowledged);
   return true;
 }
 
@@ -167,10 +194,9 @@ bool Network::run_nodes(TimePoint now) {
     if (!node.deadline() || *node.deadline() > now) continue;
     node.on_deadline(now);
     const std::optional<Key> uuid = node.next_beacon();
-    if (uuid && !radio_.loses_beacon()) {
-      const auto number = static_cast<std::uint16_t>(node.number());
-      board_.on_beacon({*uuid, number, radio_.rssi_dbm(number)});
-    }
+    const auto number = static_cast<std::uint16_t>(node.number());
+    for (Board& board : boards_)
+      if (uuid && !radio_.loses_beacon()) board.on_beacon({*uuid, number, radio_.rssi_dbm(number)});
     return true;
   }
   return false;
@@ -182,8 +208,11 @@ bool Network::run_heartbeats(TimePoint now) {
   if (!next_heartbeats_ || *next_heartbeats_ > now) return false;
   next_heartbeats_ = now + heartbeat_interval;
   for (const Node& node : nodes_) {
-    if (node.address() == 0 || radio_.loses_message()) continue;
-    board_.on_heartbeat(node.address(), ttl_of(options_), static_cast<std::uint8_t>(options_.hops));
+    if (node.address() == 0) continue;
+    for (Board& board : boards_)
+      if (!radio_.loses_message())
+        board.on_heartbeat(node.address(), ttl_of(options_),
+                           static_cast<std::uint8_t>(options_.hops));
   }
   return true;
 }
@@ -197,11 +226,13 @@ void Network::run_robots(TimePoint now) {
 }
 
 bool Network::is_heard(Address destination, TimePoint now) {
-  if (!has_begun_) has_begun_ = board_.is_ready_for(destination, now);
-  return has_begun_ && board_.hears(destination);
+  const auto any = [&](auto&& does) { return std::any_of(boards_.begin(), boards_.end(), does); };
+  has_begun_ =
+      has_begun_ || any([&](const Board& board) { return board.is_ready_for(destination, now); });
+  return has_begun_ && any([&](const Board& board) { return board.hears(destination); });
 }
 
-/// A robot's updates wait for the board to hear them, so that a run with --messages is complete.
+/// A robot's updates wait for a board to hear them, so that a run with --messages is complete.
 Robot::Publications Network::publications_of(std::size_t index, TimePoint now) {
   if (!options_.is_unprovisioned) return fixed_publications(now);
   Robot::Publications publications = nodes_[index].publications(now);
@@ -219,7 +250,7 @@ Robot::Publications Network::for_payload(Robot::Publications publications) const
 }
 
 Robot::Publications Network::fixed_publications(TimePoint now) {
-  const Address gateway = board_.local_address();
+  const Address gateway = boards_[0].local_address();
   const std::uint8_t ttl = ttl_of(options_);
   Robot::Publications publications;
   if (is_heard(options_.is_unicast ? gateway : sensor_update_group, now)) {
@@ -230,10 +261,10 @@ Robot::Publications Network::fixed_publications(TimePoint now) {
   return for_payload(publications);
 }
 
-/// Robots and board hear each other; robots don't listen to robots.
+/// Robots and boards hear each other; robots don't listen to robots, nor boards to boards.
 void Network::deliver(const Reception& reception, TimePoint now) {
   const MeshMessage& message = reception.message;
-  if (message.source != board_.local_address()) return board_.on_radio(reception);
+  if (reception.board) return boards_[*reception.board].on_radio(reception);
   for (std::size_t i = 0; i < nodes_.size(); ++i) {
     const bool was_gone = nodes_[i].failed_assertion().has_value();
     if (nodes_[i].on_message(message, now)) robots_[i].on_message(message, now);
@@ -244,22 +275,30 @@ void Network::deliver(const Reception& reception, TimePoint now) {
 }
 
 void Network::deliver(const PbAdv::Arrival& arrival, TimePoint now) {
-  if (arrival.is_to_board) return board_.on_link_signal(arrival.signal, now);
+  if (arrival.is_to_board) {
+    for (Board& board : boards_) board.on_link_signal(arrival.signal, now);  // each knows its links
+    return;
+  }
   for (Node& node : nodes_) {
     if (node.takes(arrival.signal)) return node.on_link_signal(arrival.signal, now);
   }
 }
 
 void Network::carry(TimePoint now) {
-  while (auto transmission = board_.next_transmission()) {
+  for (std::size_t i = 0; i < boards_.size(); ++i) carry_of_board(i, now);
+  for (std::size_t i = 0; i < nodes_.size(); ++i) carry_of_robot(i, now);
+}
+
+void Network::carry_of_board(std::size_t index, TimePoint now) {
+  Board& board = boards_[index];
+  while (auto transmission = board.next_transmission()) {
     if (transmission->transfer) {
-      begin_transfer(*transmission, now);
+      begin_transfer(index, *transmission, now);
     } else {
-      transmit(false, transmission->message, now);
+      transmit_to_robots(index, transmission->message, now);
     }
   }
-  while (auto signal = board_.next_link_signal()) pb_adv_.transmit(false, std::move(*signal), now);
-  for (std::size_t i = 0; i < nodes_.size(); ++i) carry_of_robot(i, now);
+  while (auto signal = board.next_link_signal()) pb_adv_.transmit(false, std::move(*signal), now);
 }
 
 void Network::carry_of_robot(std::size_t index, TimePoint now) {
@@ -268,14 +307,15 @@ void Network::carry_of_robot(std::size_t index, TimePoint now) {
   while (auto signal = node.next_link_signal()) pb_adv_.transmit(true, std::move(*signal), now);
   while (auto answer = node.next_answer()) {
     if (segment_count(answer->payload.size()) > 1) {
-      transmit_until_acknowledged(true, *answer, now);
+      transmit_until_acknowledged(
+          answer->ttl, now, [&](TimePoint then) { return transmit_to_boards(*answer, then); });
     } else {
-      transmit(true, *answer, now);
+      transmit_to_boards(*answer, now);
     }
   }
   while (auto outgoing = robot.next_transmission()) {
     const bool is_on_its_way =
-        node.prepare(outgoing->message) && transmit(true, outgoing->message, now);
+        node.prepare(outgoing->message) && transmit_to_boards(outgoing->message, now);
     if (!is_on_its_way && outgoing->is_unacknowledged_update) robot.on_update_dropped();
   }
   robot.set_address(node.address());
@@ -286,37 +326,52 @@ bool Network::can_reach(const MeshMessage& message) const {
                      [&](const Node& node) { return node.reaches(message); });
 }
 
-bool Network::transmit(bool is_to_board, const MeshMessage& message, TimePoint now) {
-  return radio_.transmit(message, is_to_board ? board_.local_address() : message.destination, now);
+double Network::loss_of(std::size_t board) const { return value_of(options_.board_loss, board); }
+
+std::vector<Receiver> Network::receivers() const {
+  std::vector<Receiver> all;
+  for (std::size_t i = 0; i < boards_.size(); ++i)
+    all.push_back(
+        {boards_[i].local_address(), i, loss_of(i), value_of(options_.board_level_db, i)});
+  return all;
 }
 
-/// To a unicast address segments are repeated until they are acknowledged: the time that the
-/// repeats took, or nothing when the message has failed.
-std::optional<Duration> Network::transmit_until_acknowledged(bool is_to_board,
-                                                             const MeshMessage& message,
-                                                             TimePoint now) {
-  for (int i = 0; i < segmented_transmissions; ++i) {
-    const Duration repeats = retry_interval(message.ttl) * i;
-    if (transmit(is_to_board, message, now + repeats)) return repeats;
+/// Whether it reaches the board that it is for, or one of them.
+bool Network::transmit_to_boards(const MeshMessage& message, TimePoint now) {
+  const std::vector<bool> reached = radio_.transmit(message, receivers(), now);
+  bool is_for_one = false;
+  for (std::size_t i = 0; i < boards_.size(); ++i) {
+    if (message.destination != boards_[i].local_address()) continue;
+    if (reached[i]) return true;
+    is_for_one = true;
   }
-  return std::nullopt;
+  return !is_for_one && std::find(reached.begin(), reached.end(), true) != reached.end();
+}
+
+bool Network::transmit_to_robots(std::size_t board, const MeshMessage& message, TimePoint now) {
+  return radio_.transmit(message, {{message.destination, {}, loss_of(board)}}, now).front();
 }
 
 /// To a group segments are repeated blindly.
-void Network::begin_transfer(const PacketSender::Transmission& transmission, TimePoint now) {
+void Network::begin_transfer(std::size_t board, const PacketSender::Transmission& transmission,
+                             TimePoint now) {
   const MeshMessage& message = transmission.message;
   Duration duration = Radio::segment_time * static_cast<int>(segment_count(message.payload.size()));
   if (options_.has_segment_timing) duration = segmented_session(message.destination, message.ttl);
   bool is_acknowledged = true;
   if (!is_unicast(message.destination)) {
-    transmit(false, message, now);
+    transmit_to_robots(board, message, now);
   } else {
     std::optional<Duration> repeats;
-    if (can_reach(message)) repeats = transmit_until_acknowledged(false, message, now);
+    if (can_reach(message)) {
+      repeats = transmit_until_acknowledged(message.ttl, now, [&](TimePoint then) {
+        return transmit_to_robots(board, message, then);
+      });
+    }
     is_acknowledged = repeats.has_value();
     duration = repeats ? duration + *repeats : failed_session(message.ttl);
   }
-  transfers_.emplace(now + duration, Transfer{*transmission.transfer, is_acknowledged});
+  transfers_.emplace(now + duration, Transfer{board, *transmission.transfer, is_acknowledged});
 }
 
 bool Network::has_sent_everything() const {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The board, the air and the robots together, on one clock that the caller provides: after every
+// The boards, the air and the robots together, on one clock that the caller provides: after every
 // input it fetches host packets until there are none, and calls `on_deadline` when `deadline()` has
 // passed. SerialSide puts it behind a pty; tests run it on a virtual clock.
 #pragma once
@@ -19,6 +19,8 @@
 
 namespace slamgw::sim::ble {
 
+/// A mesh of robots behind one board, or behind several, each of which has a gateway of its own and
+/// hears all robots. They are counted from 0.
 class Network {
  public:
   static constexpr std::chrono::seconds heartbeat_interval{10};
@@ -26,17 +28,19 @@ class Network {
   explicit Network(const BleOptions& options);
 
   void on_start(TimePoint now);
-  void on_host_bytes(ByteView bytes, TimePoint now);
+  void on_host_bytes(ByteView bytes, TimePoint now, std::size_t board = 0);
   /// One event only: the host gets its chance to read between two of them, as on a real wire.
   void on_deadline(TimePoint now);
   TimePoint deadline() const;
-  std::optional<Bytes> next_host_packet() { return board_.next_host_packet(); }
+  std::optional<Bytes> next_host_packet(std::size_t board = 0) {
+    return boards_[board].next_host_packet();
+  }
   /// What has happened to updates, robot by robot: its number (from 1) and the event.
   std::optional<std::pair<unsigned, UpdateEvent>> next_event();
   /// A robot whose firmware has failed an assertion, and which: its number (from 1) and the words.
   std::optional<std::pair<unsigned, std::string>> next_failed_assertion();
   /// The board restarts, without power for `downtime`; the robots go on.
-  void reboot_board(TimePoint now, Duration downtime = Board::reboot_time);
+  void reboot_board(TimePoint now, Duration downtime = Board::reboot_time, std::size_t board = 0);
 
   /// All updates are sent, acknowledged where asked for, and nothing is in the air.
   bool has_sent_everything() const;
@@ -44,15 +48,16 @@ class Network {
   /// In the order of the robots' numbers, as `nodes()`.
   const std::vector<Robot>& robots() const { return robots_; }
   const std::vector<Node>& nodes() const { return nodes_; }
-  const Board& board() const { return board_; }
+  const Board& board(std::size_t board = 0) const { return boards_[board]; }
 
   /// Before the start, from a state file.
-  void restore_board(BoardFlash flash) { board_.restore(std::move(flash)); }
+  void restore_board(BoardFlash flash) { boards_[0].restore(std::move(flash)); }
   void restore_node(unsigned number, NodeConfiguration configuration, std::uint32_t next_sequence);
 
  private:
-  /// A segmented message of the board that is under way.
+  /// A segmented message of a board that is under way.
   struct Transfer {
+    std::size_t board;
     std::uint64_t id;
     bool is_acknowledged;
   };
@@ -65,18 +70,22 @@ class Network {
   void carry_of_robot(std::size_t index, TimePoint now);
   void deliver(const Reception& reception, TimePoint now);
   void deliver(const PbAdv::Arrival& arrival, TimePoint now);
-  void begin_transfer(const PacketSender::Transmission& transmission, TimePoint now);
+  bool run_boards(TimePoint now);
+  void carry_of_board(std::size_t index, TimePoint now);
+  void begin_transfer(std::size_t board, const PacketSender::Transmission& transmission,
+                      TimePoint now);
   bool can_reach(const MeshMessage& message) const;
-  bool transmit(bool is_to_board, const MeshMessage& message, TimePoint now);
-  std::optional<Duration> transmit_until_acknowledged(bool is_to_board, const MeshMessage& message,
-                                                      TimePoint now);
+  bool transmit_to_boards(const MeshMessage& message, TimePoint now);
+  bool transmit_to_robots(std::size_t board, const MeshMessage& message, TimePoint now);
+  std::vector<Receiver> receivers() const;
+  double loss_of(std::size_t board) const;
   Robot::Publications publications_of(std::size_t index, TimePoint now);
   Robot::Publications fixed_publications(TimePoint now);
   Robot::Publications for_payload(Robot::Publications publications) const;
   bool is_heard(Address destination, TimePoint now);
 
   BleOptions options_;
-  Board board_;
+  std::deque<Board> boards_;  ///< at least one
   Radio radio_;
   PbAdv pb_adv_;
   std::vector<Robot> robots_;

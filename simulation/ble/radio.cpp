@@ -6,19 +6,28 @@
 
 namespace slamgw::sim::ble {
 
-bool Radio::transmit(MeshMessage message, Address receiver, TimePoint now) {
-  const bool is_lost = loses_message();
-  const std::int8_t rssi = rssi_dbm(message.source);
-  // Relays forward only TTL 2 and above (Mesh Profile 3.4.5.2).
-  const bool is_too_far = settings_.hops > 1 && message.ttl < settings_.hops;
-  if (is_lost || is_too_far || in_flight_.size() >= max_in_flight) return false;
+std::vector<bool> Radio::transmit(const MeshMessage& message,
+                                  const std::vector<Receiver>& receivers, TimePoint now) {
+  std::vector<bool> reached;
+  std::optional<Duration> sending;  // as long as it takes, whoever hears it
+  for (const Receiver& receiver : receivers) {
+    const bool is_lost = loses_message() || (receiver.loss > 0 && random_.chance(receiver.loss));
+    const int rssi = rssi_dbm(message.source) + receiver.level_db;
+    // Relays forward only TTL 2 and above (Mesh Profile 3.4.5.2).
+    const bool is_too_far = settings_.hops > 1 && message.ttl < settings_.hops;
+    reached.push_back(!is_lost && !is_too_far && in_flight_.size() < max_in_flight);
+    if (!reached.back()) continue;
 
-  const auto segments = static_cast<unsigned>(segment_count(message.payload.size()));
-  TimePoint& last = last_arrival_[{message.source, receiver}];
-  last = std::max(last, now + time_of_segments(message.source, segments, now) + travel_time());
-  const auto ttl = static_cast<std::uint8_t>(message.ttl - (settings_.hops - 1));
-  in_flight_.emplace(last, Reception{std::move(message), ttl, rssi});
-  return true;
+    const auto segments = static_cast<unsigned>(segment_count(message.payload.size()));
+    if (!sending) sending = time_of_segments(message.source, segments, now);
+    TimePoint& last = last_arrival_[{message.source, receiver.address}];
+    last = std::max(last, now + *sending + travel_time());
+    const auto ttl = static_cast<std::uint8_t>(message.ttl - (settings_.hops - 1));
+    in_flight_.emplace(last,
+                       Reception{message, ttl, static_cast<std::int8_t>(std::clamp(rssi, -127, 20)),
+                                 receiver.board});
+  }
+  return reached;
 }
 
 bool Radio::loses_message() {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The air between the board and its robots: latency per hop and segment, and losses from a seed.
+// The air between boards and robots: latency per hop and segment, and losses from a seed.
 // Messages from one node to another keep their order, whatever address they are sent to, because
 // replay protection would drop a message that another has overtaken.
 #pragma once
@@ -14,6 +14,14 @@
 #include "simulation/random.hpp"
 
 namespace slamgw::sim::ble {
+
+/// Who can receive a message: one of the boards, or the robots.
+struct Receiver {
+  Address address = 0;  ///< tells the order that is kept
+  std::optional<std::size_t> board{};
+  double loss = 0;   ///< of its own, besides those of the hops
+  int level_db = 0;  ///< how much better or worse than usual it hears
+};
 
 struct RadioSettings {
   unsigned hops = 1;  ///< between each robot and the board; relays take 1 off the TTL each
@@ -30,8 +38,10 @@ class Radio {
 
   Radio(RadioSettings settings, Random random) : settings_(std::move(settings)), random_(random) {}
 
-  /// False when the message is lost on its way. `receiver` tells the order that is kept.
-  bool transmit(MeshMessage message, Address receiver, TimePoint now);
+  /// For each receiver whether the message reaches it; it may be lost on its way to one and not to
+  /// another.
+  std::vector<bool> transmit(const MeshMessage& message, const std::vector<Receiver>& receivers,
+                             TimePoint now);
   std::optional<TimePoint> next_arrival() const;
   /// The first message that has arrived by `now`.
   std::optional<Reception> take(TimePoint now);

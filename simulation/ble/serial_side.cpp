@@ -2,19 +2,17 @@
 #include "simulation/ble/serial_side.hpp"
 
 #include <fmt/core.h>
-#include <unistd.h>
 
-#include <array>
+#include <algorithm>
 #include <boost/asio/io_context.hpp>
-#include <boost/asio/posix/stream_descriptor.hpp>
 #include <boost/asio/signal_set.hpp>
 #include <boost/asio/steady_timer.hpp>
-#include <cerrno>
 #include <csignal>
+#include <deque>
 #include <stdexcept>
 
+#include "simulation/ble/board_port.hpp"
 #include "simulation/ble/network.hpp"
-#include "simulation/ble/pseudo_terminal.hpp"
 #include "simulation/ble/state_file.hpp"
 #include "simulation/update_record.hpp"
 
@@ -28,7 +26,6 @@ constexpr int no_terminal = 1;
 constexpr int robot_is_gone = 3;
 constexpr std::chrono::seconds progress_interval{10};
 constexpr std::chrono::seconds periodic_interval{1};
-constexpr std::chrono::seconds unplugged_time{2};
 constexpr std::chrono::milliseconds drain_step{100};
 constexpr int drain_steps = 50;  // the host gets 5 s to read what is left
 
@@ -41,14 +38,9 @@ class SerialSide {
   void pump();
   void write_record();
   void report_failed_assertions();
-  void flush_to_host();
-  void wait_writable();
-  void read_from_host();
+  void flush_to_hosts();
   void wait_signal();
   void on_signal(int signal);
-  void restart_board();
-  void unplug_board();
-  void plug_in_board();
   void do_periodic_work();
   void save_state();
   void report_progress();
@@ -57,31 +49,27 @@ class SerialSide {
 
   const BleOptions& options_;
   asio::io_context io_;
-  std::optional<PseudoTerminal> terminal_;  ///< nothing while the board is unplugged
-  asio::posix::stream_descriptor master_;
   asio::signal_set signals_{io_, SIGINT, SIGTERM, SIGUSR1};
   asio::steady_timer next_event_{io_};
-  asio::steady_timer plug_{io_};
   asio::steady_timer periodic_{io_};
   asio::steady_timer progress_{io_};
   asio::steady_timer end_{io_};
   Network network_;
+  std::deque<BoardPort> ports_;
   UpdateRecord record_;
   std::string saved_state_;
-  Bytes to_host_;      ///< what is left of the packet that is being written
-  Bytes last_packet_;  ///< the one before
-  unsigned restarts_ = 0;
-  bool is_waiting_writable_ = false;
+  std::size_t restarted_ = 0;  ///< how many times a board was restarted, and unplugged: in turn
+  std::size_t unplugged_ = 0;
   bool is_ending_ = false;
 };
 
 SerialSide::SerialSide(const BleOptions& options)
     : options_(options),
-      terminal_(options.tty),
-      master_(io_, dup(terminal_->master())),
       network_(options),
       record_(options.common.record, options.common.trace, "ble") {
   signals_.add(SIGUSR2);
+  for (std::size_t board = 0; board < options.ttys.size(); ++board)
+    ports_.emplace_back(io_, options.ttys[board], network_, board, [this] { pump(); });
   if (options.state.empty()) return;
   saved_state_ = read_state(options.state);
   try {
@@ -92,15 +80,16 @@ SerialSide::SerialSide(const BleOptions& options)
 }
 
 int SerialSide::run() {
-  fmt::print(stderr, "serial board at {} ({}), {} robots behind it\n", options_.tty,
-             terminal_->slave_name(), options_.common.robots);
+  for (const BoardPort& port : ports_)
+    fmt::print(stderr, "serial board at {} ({}), {} robots behind it\n", port.tty(),
+               port.slave_name(), options_.common.robots);
   if (options_.common.robots > ReplayList::capacity) {
     fmt::print(stderr, "the board's replay list has {} places: it hears no more robots than that\n",
                ReplayList::capacity);
   }
   wait_signal();
   network_.on_start(std::chrono::steady_clock::now());
-  read_from_host();
+  for (BoardPort& port : ports_) port.read_from_host();
   do_periodic_work();
   report_progress();
   pump();
@@ -127,60 +116,30 @@ void SerialSide::wait_signal() {
 }
 
 void SerialSide::on_signal(int signal) {
-  if (signal == SIGUSR1) return restart_board();
-  if (signal == SIGUSR2) return unplug_board();
+  if (signal == SIGUSR1) return ports_[restarted_++ % ports_.size()].restart_board();
+  if (signal == SIGUSR2) return ports_[unplugged_++ % ports_.size()].unplug_board();
   io_.stop();
-}
-
-/// Every other restart cuts an event: the host takes what the board says first for the rest of it.
-void SerialSide::restart_board() {
-  fmt::print(stderr, "the board restarts\n");
-  const bool is_torn = ++restarts_ % 2 == 0 && terminal_ && to_host_.empty();
-  if (is_torn && ::write(terminal_->master(), last_packet_.data(), last_packet_.size() / 2) < 0) {
-    fmt::print(stderr, "the host reads nothing\n");
-  }
-  to_host_.clear();
-  network_.reboot_board(std::chrono::steady_clock::now());
-  pump();
-}
-
-void SerialSide::unplug_board() {
-  if (!terminal_) return;
-  fmt::print(stderr, "the board is unplugged for {} s\n", unplugged_time.count());
-  master_.close();
-  terminal_.reset();
-  to_host_.clear();
-  is_waiting_writable_ = false;
-  network_.reboot_board(std::chrono::steady_clock::now(), unplugged_time + Board::reboot_time);
-  plug_.expires_after(unplugged_time);
-  plug_.async_wait([this](error_code error) {
-    if (!error) plug_in_board();
-  });
-  pump();
-}
-
-void SerialSide::plug_in_board() {
-  terminal_.emplace(options_.tty);
-  master_.assign(dup(terminal_->master()));
-  fmt::print(stderr, "the board is back at {} ({})\n", options_.tty, terminal_->slave_name());
-  read_from_host();
 }
 
 void SerialSide::pump() {
   write_record();
   report_failed_assertions();
-  flush_to_host();
+  flush_to_hosts();
   while (network_.deadline() <= std::chrono::steady_clock::now()) {
     network_.on_deadline(std::chrono::steady_clock::now());
     write_record();
     report_failed_assertions();
-    flush_to_host();
+    flush_to_hosts();
   }
   finish_when_done();
   next_event_.expires_at(network_.deadline());
   next_event_.async_wait([this](error_code error) {
     if (!error) pump();
   });
+}
+
+void SerialSide::flush_to_hosts() {
+  for (BoardPort& port : ports_) port.flush_to_host();
 }
 
 void SerialSide::write_record() {
@@ -196,50 +155,8 @@ void SerialSide::report_failed_assertions() {
   }
 }
 
-/// Packets leave the board's transmit buffer only when the pty takes them: a host that does not
-/// read makes it overflow, as on the real one.
-void SerialSide::flush_to_host() {
-  while (terminal_ && !is_waiting_writable_) {
-    if (to_host_.empty()) {
-      std::optional<Bytes> packet = network_.next_host_packet();
-      if (!packet) return;
-      to_host_ = std::move(*packet);
-      last_packet_ = to_host_;
-    }
-    const ssize_t written = ::write(terminal_->master(), to_host_.data(), to_host_.size());
-    if (written < 0 && errno == EINTR) continue;
-    if (written < 0) return wait_writable();
-    to_host_.erase(to_host_.begin(), to_host_.begin() + written);
-  }
-}
-
-void SerialSide::wait_writable() {
-  is_waiting_writable_ = true;
-  master_.async_wait(asio::posix::stream_descriptor::wait_write, [this](error_code error) {
-    if (error) return;
-    is_waiting_writable_ = false;
-    flush_to_host();
-  });
-}
-
-void SerialSide::read_from_host() {
-  master_.async_wait(asio::posix::stream_descriptor::wait_read, [this](error_code error) {
-    if (error) return;
-    std::array<std::uint8_t, 4096> buffer;
-    const ssize_t octets = ::read(terminal_->master(), buffer.data(), buffer.size());
-    // Octet by octet, as on a wire: the board answers the first packets before it gets the last.
-    for (ssize_t i = 0; i < octets; ++i) {
-      network_.on_host_bytes(ByteView(buffer).subspan(static_cast<std::size_t>(i), 1),
-                             std::chrono::steady_clock::now());
-      flush_to_host();
-    }
-    pump();
-    read_from_host();
-  });
-}
-
 void SerialSide::do_periodic_work() {
-  if (terminal_) terminal_->allow_next_host();
+  for (BoardPort& port : ports_) port.allow_next_host();
   save_state();
   periodic_.expires_after(periodic_interval);
   periodic_.async_wait([this](error_code error) {
@@ -279,10 +196,11 @@ void SerialSide::finish_when_done() {
   });
 }
 
-/// Closing the pty throws away what the host has not read, so this ends when three looks in a row
+/// Closing a pty throws away what the host has not read, so this ends when three looks in a row
 /// found nothing unread.
 void SerialSide::drain(int steps_left, int quiet_steps) {
-  const bool is_quiet = !terminal_ || (terminal_->unread_octets() == 0 && to_host_.empty());
+  const bool is_quiet = std::all_of(ports_.begin(), ports_.end(),
+                                    [](const BoardPort& port) { return port.is_quiet(); });
   quiet_steps = is_quiet ? quiet_steps + 1 : 0;
   if (quiet_steps >= 3 || steps_left == 0) return io_.stop();
   end_.expires_after(drain_step);

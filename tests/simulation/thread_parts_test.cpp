@@ -70,7 +70,7 @@ TEST(CommandLine, HasTheDocumentedDefaults) {
   EXPECT_EQ(thread.keep_alive_s, 60U);
   EXPECT_EQ(thread.sleep_s, 0U);
   const auto ble = std::get<BleOptions>(parse({"ble", "--tty", "/tmp/board"}));
-  EXPECT_EQ(ble.tty, "/tmp/board");
+  EXPECT_EQ(ble.ttys, std::vector<std::string>{"/tmp/board"});
   EXPECT_EQ(ble.hops, 1U);
   EXPECT_FALSE(ble.is_acknowledged);
   EXPECT_EQ(ble.on_busy, std::nullopt);

@@ -22,6 +22,7 @@ struct Reception {
   MeshMessage message;
   std::uint8_t ttl = 0;  ///< on arrival
   std::int8_t rssi_dbm = 0;
+  std::optional<std::size_t> board{};  ///< that hears it; nothing: the robots do
 };
 
 class Board {
