@@ -146,7 +146,21 @@ TEST(SnGateway, TakesNoCommandFromADamagedRecord) {
   ASSERT_TRUE(after.gateway.restore(snapshot, after.now));
   after.pass_s(60);
   ASSERT_EQ(after.outcomes.size(), 1U);
-  EXPECT_EQ(after.outcomes[0].after, limits::command_patience);
+  EXPECT_EQ(after.outcomes[0].after, std::chrono::hours(1));
+}
+
+/// In a fleet another gateway has told the outcome by then, and this one must see that.
+TEST(SnGateway, TellsTheWholeAgeOfACommandThatItFindsLate) {
+  SnRig before, after;
+  leave_two_commands(before);
+  const auto snapshot = *before.gateway.snapshot("r1", before.now);
+  after.now = before.now + std::chrono::minutes(5);
+  ASSERT_TRUE(after.gateway.restore(snapshot, after.now));
+  after.broker_link(true);  // drains
+  after.pass_s(1);
+  ASSERT_EQ(after.outcomes.size(), 2U);
+  EXPECT_EQ(after.outcomes[0].result, CommandResult::timeout);
+  EXPECT_GE(after.outcomes[0].after, std::chrono::minutes(5));
 }
 
 TEST(SnGateway, TellsNoOutcomeAgainAfterARestart) {

@@ -11,6 +11,12 @@ namespace {
 
 using std::chrono::milliseconds;
 
+/// The age that a command of a damaged record may claim.
+constexpr std::chrono::hours longest_command_age{1};
+/// For how long the daemon was away when the host was rebooted: nobody knows. By then the others of
+/// a fleet have told the outcomes of what it had taken (fleet::CommandTurns::outcome_patience).
+constexpr std::chrono::seconds unknown_absence{31};
+
 MessageSnapshot to_snapshot(const Outgoing& waiting, TimePoint now) {
   MessageSnapshot out{*waiting.message, waiting.qos, waiting.topic_id_type, waiting.predefined_id,
                       waiting.msg_id};
@@ -58,8 +64,8 @@ std::shared_ptr<Command> command_of(const MessageSnapshot& message, const Sessio
     return nullptr;
   const TimePoint saved_at = snapshot.saved_at.value_or(now);
   const bool has_rebooted = now < saved_at;
-  const Duration away = has_rebooted ? Duration(limits::command_patience) : now - saved_at;
-  const Duration age = std::min<Duration>(*message.command_age + away, limits::command_patience);
+  const Duration away = has_rebooted ? Duration(unknown_absence) : now - saved_at;
+  const Duration age = std::min<Duration>(*message.command_age + away, longest_command_age);
   return std::make_shared<Command>(
       Command{CommandId::none, snapshot.client_id, snapshot.robot, type, now - age, false});
 }
