@@ -212,6 +212,7 @@ void App::stop() {
   on_watched(false);
   control_.reset();
   meshes_.stop_listening();
+  fleet_.on_stop();
   gateway_driver_.input([](Gateway& gateway, const Now&) { gateway.on_stop(); });
   outbox_driver_.input([](Outbox& outbox, TimePoint now) { outbox.on_stop(now); });
   stop_when_flushed(read_clocks().mono + flush_patience);
@@ -280,7 +281,7 @@ void App::publish_stats() {
 }
 
 void App::perform(Upload& action) {
-  if (action.outcome_after && !fleet_.is_alone()) return fleet_.report_outcome(action);
+  if (action.outcome_after && fleet_.may_be_shared()) return fleet_.report_outcome(action);
   submit(std::move(action.message), action.receipt);
 }
 
@@ -391,13 +392,13 @@ void App::on_mesh_event(MeshEvent event) {
       [&](Gateway& gateway, const Now& now) { gateway.on_mesh_event(std::move(event), now); });
 }
 
-void App::report_broker_link() {
+void App::report_broker_link(bool is_session_present) {
   gateway_driver_.input([](Gateway& gateway, const Now& now) { gateway.on_broker_link(now); });
   meshes_.on_broker_link(broker_link_.is_up);
-  fleet_.on_broker_link(broker_link_.is_up);
+  fleet_.on_broker_link(broker_link_.is_up, is_session_present);
 }
 
-void App::on_link_up(bool, const BrokerLimits& limits) {
+void App::on_link_up(bool session_present, const BrokerLimits& limits) {
   broker_link_ = {true, read_clocks().wall, {}, broker_uri(upstream_.broker())};
   broker_log_.rename(broker_link_.uri);
   std::string detail = upstream_.version() == MqttVersion::v5 ? "MQTT 5" : "MQTT 3.1.1";
@@ -406,7 +407,7 @@ void App::on_link_up(bool, const BrokerLimits& limits) {
   // The outbox first: else what the gateway says about itself would go to the disk on its way.
   outbox_driver_.input(
       [&](Outbox& outbox, TimePoint now) { outbox.on_link_up(limits.receive_maximum, now); });
-  report_broker_link();
+  report_broker_link(session_present);
 }
 
 void App::on_link_down(const std::string& why) {
@@ -416,7 +417,7 @@ void App::on_link_down(const std::string& why) {
   if (why != broker_link_.why) broker_link_ = {false, now.wall, why, {}};
   if (!was_up) return;
   outbox_driver_.input([](Outbox& outbox, TimePoint at) { outbox.on_link_down(at); });
-  report_broker_link();
+  report_broker_link(false);
 }
 
 void App::on_silence(bool is_silent) {
@@ -441,7 +442,6 @@ void App::on_subscribe_result(const std::string& filter, SubscribeAnswer answer)
 }
 
 void App::on_message(BrokerMessage message, std::vector<std::uint32_t> subscriptions) {
-  if (fleet_.on_message(message)) return;
   gateway_driver_.input([&](Gateway& gateway, const Now& now) {
     gateway.on_broker_message(std::move(message), subscriptions, now);
   });

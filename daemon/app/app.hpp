@@ -87,7 +87,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   void on_link_up(bool session_present, const BrokerLimits& limits) override;
   void on_link_down(const std::string& why) override;
   void on_silence(bool is_silent) override;
-  void report_broker_link();
+  void report_broker_link(bool is_session_present);
   void on_published(std::uint64_t sequence) override;
   void on_publish_refused(std::uint64_t sequence, const Refusal& refusal) override;
   void on_subscribe_result(const std::string& filter, SubscribeAnswer answer) override;

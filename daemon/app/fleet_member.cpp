@@ -38,7 +38,8 @@ FleetMember::FleetMember(boost::asio::io_context& io, const Config& config, Gate
        [this] { return !ownership_.is_alone() && upstream_.version() == MqttVersion::v3_1_1; },
        [this](const std::string& robot) {
          return ownership_.speaks_for(robot, read_clocks().mono);
-       }});
+       },
+       [this](const BrokerMessage& message) { return takes(message); }});
   meshes_.ask_where_served([this](const std::string& robot) {
     return !ownership_.speaks_for(robot, read_clocks().mono);
   });
@@ -58,8 +59,14 @@ std::vector<fleet::LocalRobot> FleetMember::local_robots() const {
   return local;
 }
 
-void FleetMember::on_broker_link(bool is_up) {
-  driver_.input([&](auto& ownership, const Now& now) { ownership.on_broker_link(is_up, now); });
+void FleetMember::on_broker_link(bool is_up, bool is_session_kept) {
+  driver_.input([&](auto& ownership, const Now& now) {
+    ownership.on_broker_link(is_up, now, is_session_kept);
+  });
+}
+
+void FleetMember::on_stop() {
+  driver_.input([](auto& ownership, const Now&) { ownership.on_stop(); });
 }
 
 void FleetMember::on_subscribe_result(const std::string& filter, SubscribeAnswer answer) {
@@ -67,7 +74,7 @@ void FleetMember::on_subscribe_result(const std::string& filter, SubscribeAnswer
       [&](auto& ownership, const Now& now) { ownership.on_subscribe_result(filter, answer, now); });
 }
 
-bool FleetMember::on_message(const BrokerMessage& message) {
+bool FleetMember::takes(const BrokerMessage& message) {
   bool is_taken = false;
   driver_.input([&](auto& ownership, const Now& now) {
     is_taken = ownership.on_broker_message(message, now);
@@ -125,17 +132,15 @@ void FleetMember::perform(fleet::PublishNow& action) {
   upstream_.publish(next_sequence_++, std::move(action.message));
 }
 
-/// As if a mesh had asked: the core keeps it over reconnects, and knows about copies.
+/// The core keeps it over reconnects, and knows about copies.
 void FleetMember::perform(fleet::SubscribeFleet& action) {
-  gateway_driver_.input([&](Gateway& gateway, const Now& now) {
-    gateway.on_mesh_event(SubscribeRequest{Mesh::thread, action.filter, action.qos}, now);
-  });
+  gateway_driver_.input(
+      [&](Gateway& gateway, const Now&) { gateway.subscribe_own(action.filter, action.qos); });
 }
 
 void FleetMember::perform(fleet::UnsubscribeFleet& action) {
-  gateway_driver_.input([&](Gateway& gateway, const Now& now) {
-    gateway.on_mesh_event(UnsubscribeRequest{Mesh::thread, action.filter}, now);
-  });
+  gateway_driver_.input(
+      [&](Gateway& gateway, const Now& now) { gateway.unsubscribe_own(action.filter, now); });
 }
 
 void FleetMember::perform(fleet::TakeOverRobot& action) {
@@ -149,8 +154,8 @@ void FleetMember::perform(fleet::GiveUpRobot& action) {
   Bytes session = meshes_.give_up(action.robot);
   gateway_driver_.input([&](Gateway& gateway, const Now&) { gateway.on_given_up(action.robot); });
   if (!action.is_awaited) return;
-  driver_.input([&](auto& ownership, const Now&) {
-    ownership.on_given_up(action.robot, action.to, std::move(session));
+  driver_.input([&](auto& ownership, const Now& now) {
+    ownership.on_given_up(action.robot, action.to, std::move(session), now);
   });
 }
 

@@ -28,15 +28,13 @@ class FleetMember {
               MachineDriver<Gateway>& gateway_driver, Meshes& meshes, Upstream& upstream,
               Submit submit);
 
-  void on_broker_link(bool is_up);
+  void on_broker_link(bool is_up, bool is_session_kept);
   void on_subscribe_result(const std::string& filter, SubscribeAnswer answer);
-  /// True when the message was between gateways.
-  bool on_message(const BrokerMessage& message);
   void on_mesh_event(const MeshEvent& event);
   void perform(AwaitTurn& action);
   void perform(AskAboutRobot& action);
   void report_outcome(Upload& action);
-  bool is_alone() const { return ownership_.is_alone(); }
+  bool may_be_shared() const { return ownership_.may_be_shared(); }
   /// Its messages do not go through the outbox.
   static bool is_own(std::uint64_t sequence) { return sequence >= first_sequence; }
   /// For `slam-gatewayctl fleet`: this gateway first.
@@ -45,11 +43,15 @@ class FleetMember {
     return ownership_.missing_rights(now);
   }
   Counters counters() const { return ownership_.counters(); }
+  /// Before the outbox ends.
+  void on_stop();
   void stop() { driver_.stop(); }
 
  private:
   static constexpr std::uint64_t first_sequence = std::uint64_t{1} << 63U;
 
+  bool is_alone() const { return ownership_.is_alone(); }
+  bool takes(const BrokerMessage& message);
   std::vector<fleet::LocalRobot> local_robots() const;
   void on_heard_too(const std::string& robot, const std::optional<RadioFacts>& radio);
   const char* state(TimePoint now) const;

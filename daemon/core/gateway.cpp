@@ -162,12 +162,11 @@ void Gateway::on_receipt(const Receipt& receipt, ReceiptOutcome outcome, TimePoi
 
 void Gateway::handle(SubscribeRequest request, const Now&) {
   const auto& wanted = subscriptions_.add(request.mesh, request.filter, request.qos);
-  if (ownership_.hears_all_commands() && is_of_commands(request.filter)) {
+  if (is_covered(request.filter)) {
     subscriptions_.cover(request.filter);
     actions_.push(AnswerSubscribe{request.mesh, std::move(request.filter), true});
     return;
   }
-  if (is_of_all_commands(request.filter) && broker_.is_up) cover_commands();
   if (!broker_.is_up) {  // taken now, subscribed as soon as the broker is there
     actions_.push(AnswerSubscribe{request.mesh, std::move(request.filter), true});
     return;
@@ -180,17 +179,18 @@ bool Gateway::is_of_all_commands(const std::string& filter) const {
   return filter == scheme_.command_topic("+", "+");
 }
 
-/// Of some robots' commands only.
-bool Gateway::is_of_commands(const std::string& filter) const {
+/// It is of some robots' commands, and the subscription to all commands brings these too.
+bool Gateway::is_covered(const std::string& filter) const {
+  if (!is_all_granted_ || !ownership_.hears_all_commands()) return false;
   const std::string all = scheme_.command_topic("+", "+");
   return filter != all && filter.starts_with(std::string_view(all).substr(0, all.size() - 3));
 }
 
-/// The subscription to all commands comes or goes: robots' own ones go or come again.
-void Gateway::cover_commands() {
-  const bool hears_all = ownership_.hears_all_commands();
-  for (const std::string& filter : subscriptions_.set_cover(
-           [&](const std::string& each) { return hears_all && is_of_commands(each); })) {
+/// The subscription to all commands stands now or has gone: robots' own ones go or come again.
+void Gateway::cover_commands(TimePoint now) {
+  cover_settles_ = now + cover_settling;
+  for (const std::string& filter :
+       subscriptions_.set_cover([&](const std::string& each) { return is_covered(each); })) {
     const auto& wanted = subscriptions_.wanted().at(filter);
     if (wanted.is_covered) {
       actions_.push(UnsubscribeAtBroker{filter});
@@ -200,8 +200,20 @@ void Gateway::cover_commands() {
   }
 }
 
+void Gateway::subscribe_own(const std::string& filter, Qos qos) {
+  const auto& wanted = subscriptions_.add_own(filter, qos);
+  if (broker_.is_up) actions_.push(SubscribeAtBroker{filter, wanted.qos, wanted.id});
+}
+
+void Gateway::unsubscribe_own(const std::string& filter, const Now& now) {
+  if (is_of_all_commands(filter)) {
+    is_all_granted_ = false;
+    if (broker_.is_up) cover_commands(now.mono);
+  }
+  if (subscriptions_.remove_own(filter)) actions_.push(UnsubscribeAtBroker{filter});
+}
+
 void Gateway::handle(UnsubscribeRequest request, const Now&) {
-  if (is_of_all_commands(request.filter) && broker_.is_up) cover_commands();
   const bool was_last = subscriptions_.remove(request.mesh, request.filter);
   if (was_last) actions_.push(UnsubscribeAtBroker{std::move(request.filter)});
 }
@@ -255,6 +267,7 @@ void Gateway::on_broker_message(BrokerMessage message,
   if (rights_.take(message, now)) return probe_rights({});
   // Retained messages come for the subscription that asked for them only.
   if (!message.retain && !subscriptions_.is_copy_to_take(message, subscriptions)) return;
+  if (ownership_.takes(message)) return;
   if (message.topic == scheme_.state_topic()) return on_own_state(message);
   const auto target = scheme_.parse_command_topic(message.topic);
   if (target && ownership_.is_shared()) {
@@ -348,6 +361,7 @@ std::optional<Mesh> Gateway::carrier_for(const std::string& robot) const {
 
 void Gateway::on_broker_link(const Now& now) {
   is_state_heard_ = false;
+  cover_settles_.reset();
   rights_.on_broker_link(broker_.is_up && settings_.probes_rights);
   subscribers_wait_until_.reset();
   if (!broker_.is_up) {
@@ -355,9 +369,7 @@ void Gateway::on_broker_link(const Now& now) {
     subscribers_wait_until_ = now.mono + subscribe_patience;
     return;
   }
-  subscriptions_.set_cover([this](const std::string& filter) {
-    return ownership_.hears_all_commands() && is_of_commands(filter);
-  });
+  subscriptions_.set_cover([this](const std::string& filter) { return is_covered(filter); });
   for (const auto& [filter, wanted] : subscriptions_.wanted()) {
     if (!wanted.is_covered) actions_.push(SubscribeAtBroker{filter, wanted.qos, wanted.id});
   }
@@ -373,7 +385,8 @@ void Gateway::on_broker_link(const Now& now) {
 }
 
 std::optional<TimePoint> Gateway::deadline() const {
-  const auto of_broker = earlier(leftovers_.deadline(), rights_.deadline());
+  const auto of_broker =
+      earlier(cover_settles_, earlier(leftovers_.deadline(), rights_.deadline()));
   return earlier(commands_.deadline(), broker_.is_up ? of_broker : subscribers_wait_until_);
 }
 
@@ -386,6 +399,10 @@ void Gateway::on_deadline(const Now& now) {
   }
   if (subscribers_wait_until_ && now.mono >= *subscribers_wait_until_) answer_waiting_subscribers();
   if (!broker_.is_up) return;
+  if (cover_settles_ && now.mono >= *cover_settles_) {
+    cover_settles_.reset();
+    subscriptions_.forget_covered();
+  }
   end_leftovers(now);
   probe_rights(rights_.on_tick(now));
 }
@@ -431,6 +448,10 @@ void Gateway::on_subscribe_result(const std::string& filter, SubscribeAnswer ans
   }
   for (const Mesh mesh : subscriptions_.on_answer(filter, granted)) {
     actions_.push(AnswerSubscribe{mesh, filter, granted});
+  }
+  if (is_of_all_commands(filter)) {
+    is_all_granted_ = granted;
+    if (broker_.is_up) cover_commands(now.mono);
   }
   if (!granted) actions_.push(Notice{Severity::warning, explain(filter, answer), {}});
 }

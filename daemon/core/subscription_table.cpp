@@ -19,12 +19,23 @@ std::vector<Mesh> take_waiting(SubscriptionTable::Wanted& wanted) {
 
 }  // namespace
 
-const SubscriptionTable::Wanted& SubscriptionTable::add(Mesh mesh, const std::string& filter,
-                                                        Qos qos) {
+SubscriptionTable::Wanted& SubscriptionTable::row(const std::string& filter, Qos qos) {
   Wanted& wanted = wanted_[filter];
   if (wanted.id == 0) used_ids_.insert(wanted.id = make_id(filter));
-  wanted.by_mesh[mesh] = true;
   wanted.qos = std::max(wanted.qos, qos);
+  return wanted;
+}
+
+const SubscriptionTable::Wanted& SubscriptionTable::add(Mesh mesh, const std::string& filter,
+                                                        Qos qos) {
+  Wanted& wanted = row(filter, qos);
+  wanted.by_mesh[mesh] = true;
+  return wanted;
+}
+
+const SubscriptionTable::Wanted& SubscriptionTable::add_own(const std::string& filter, Qos qos) {
+  Wanted& wanted = row(filter, qos);
+  wanted.is_own = true;
   return wanted;
 }
 
@@ -32,8 +43,20 @@ bool SubscriptionTable::remove(Mesh mesh, const std::string& filter) {
   const auto known = wanted_.find(filter);
   if (known == wanted_.end()) return false;
   known->second.by_mesh[mesh] = false;
-  if (std::ranges::find(known->second.by_mesh, true) != known->second.by_mesh.end()) return false;
-  forget(known);
+  return forget_if_unwanted(known);
+}
+
+bool SubscriptionTable::remove_own(const std::string& filter) {
+  const auto known = wanted_.find(filter);
+  if (known == wanted_.end()) return true;
+  known->second.is_own = false;
+  return forget_if_unwanted(known);
+}
+
+bool SubscriptionTable::forget_if_unwanted(std::map<std::string, Wanted>::iterator wanted) {
+  const PerMesh<bool>& by_mesh = wanted->second.by_mesh;
+  if (wanted->second.is_own || std::ranges::find(by_mesh, true) != by_mesh.end()) return false;
+  forget(wanted);
   return true;
 }
 
@@ -55,11 +78,14 @@ std::vector<std::string> SubscriptionTable::set_cover(
   std::vector<std::string> changed;
   for (auto& [filter, wanted] : wanted_) {
     const bool before = std::exchange(wanted.is_covered, is_covered(filter));
-    if (before == wanted.is_covered) continue;
-    standing_.erase(filter);
-    changed.push_back(filter);
+    if (before != wanted.is_covered) changed.push_back(filter);
   }
   return changed;
+}
+
+void SubscriptionTable::forget_covered() {
+  for (const auto& [filter, wanted] : wanted_)
+    if (wanted.is_covered) standing_.erase(filter);
 }
 
 void SubscriptionTable::await(Mesh mesh, const std::string& filter) {

@@ -34,13 +34,17 @@ class SubscriptionTable {
     SubscriptionId id = 0;        ///< made from the filter: the same after a restart
     Qos qos = Qos::at_most_once;  ///< the highest that anybody asked for
     bool is_covered = false;      ///< another subscription brings it: not for the broker
+    bool is_own = false;          ///< the gateway itself wants it, to hear other gateways
     PerMesh<bool> by_mesh;
     PerMesh<unsigned> waiting;  ///< answers that the mesh waits for
   };
 
   const Wanted& add(Mesh mesh, const std::string& filter, Qos qos);
-  /// True when the filter has no subscriber left.
+  const Wanted& add_own(const std::string& filter, Qos qos);
+  /// True when the filter has lost its last subscriber.
   bool remove(Mesh mesh, const std::string& filter);
+  /// True when the filter has no subscriber now, also if it had none before.
+  bool remove_own(const std::string& filter);
   const std::map<std::string, Wanted>& wanted() const { return wanted_; }
 
   /// `mesh` waits for the broker's answer about `filter`.
@@ -49,9 +53,11 @@ class SubscriptionTable {
   /// forgotten, and each mesh that wanted it without waiting is named too.
   std::vector<Mesh> on_answer(const std::string& filter, bool granted);
   void cover(const std::string& filter);
-  /// Those that are covered or not from now on and were not before; neither stands at the broker.
+  /// Those that are covered or not from now on and were not before. What is covered stands until
+  /// forget_covered(): a broker may send copies for it until it has read the UNSUBSCRIBE.
   std::vector<std::string> set_cover(
       const std::function<bool(const std::string& filter)>& is_covered);
+  void forget_covered();
   struct Waiting {
     Mesh mesh;
     std::string filter;
@@ -71,6 +77,8 @@ class SubscriptionTable {
   bool is_copy_to_take(const BrokerMessage& message, std::span<const SubscriptionId> ids);
 
  private:
+  Wanted& row(const std::string& filter, Qos qos);
+  bool forget_if_unwanted(std::map<std::string, Wanted>::iterator wanted);
   void forget(std::map<std::string, Wanted>::iterator wanted);
   SubscriptionId make_id(std::string_view filter) const;
   bool is_first_in_row(const BrokerMessage& message, std::size_t copies);

@@ -7,6 +7,7 @@
 
 #include "daemon/core/protocol_machine.hpp"
 #include "daemon/fleet/claim_table.hpp"
+#include "daemon/fleet/done_commands.hpp"
 #include "daemon/fleet/fleet_topics.hpp"
 #include "daemon/fleet/lease.hpp"
 #include "daemon/fleet/ownership_action.hpp"
@@ -43,6 +44,7 @@ struct Context {
   Lease lease;
   Peers peers;
   ClaimTable table;
+  DoneCommands done;
   ActionQueue<OwnershipAction> actions;
 };
 

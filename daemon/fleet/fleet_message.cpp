@@ -61,7 +61,8 @@ Json fields(const Beat& beat) {
           {"sent", beat.sent_ms},
           {"period", beat.period_ms},
           {"count", beat.count},
-          {"digest", to_hex64(beat.digest)}};
+          {"digest", to_hex64(beat.digest)},
+          {"up", beat.up_ms}};
 }
 Json fields(const ClaimRobot& claim) {
   return {{"k", "claim"}, {"robot", claim.robot}, {"epoch", claim.epoch}, {"from", claim.from}};
@@ -71,11 +72,10 @@ Json fields(const AskForSign& ask) {
 }
 Json fields(const Heard& heard) { return {{"k", "heard"}, {"robot", heard.robot}}; }
 Json fields(const Taken& taken) {
-  return {{"k", "taken"},
-          {"id", taken.id},
-          {"key", to_hex64(taken.key)},
-          {"robot", taken.robot},
-          {"type", taken.type}};
+  Json json{{"k", "taken"},         {"id", taken.id},     {"key", to_hex64(taken.key)},
+            {"robot", taken.robot}, {"type", taken.type}, {"age", taken.age_ms}};
+  if (taken.is_refusal) json["refused"] = true;
+  return json;
 }
 Json fields(const Release& release) {
   Json json{{"k", "release"},
@@ -84,6 +84,8 @@ Json fields(const Release& release) {
             {"to", release.to.gateway},
             {"life", to_hex64(release.to.life)}};
   if (!release.session.empty()) json["session"] = to_hex(release.session);
+  for (const auto& [id, key, type, age_ms] : release.done)
+    json["done"].push_back(Json::array({id, to_hex64(key), type, age_ms}));
   return json;
 }
 Json fields(const AskTable&) { return {{"k", "ask"}}; }
@@ -107,8 +109,30 @@ Beat read_beat(const Json& json) {
   beat.period_ms = static_cast<std::uint32_t>(at_most(json.at("period"), max_period_ms));
   beat.count = at_most(json.at("count"), UINT32_MAX);
   beat.digest = hex64(json.at("digest"));
+  if (json.contains("up")) beat.up_ms = at_most(json["up"], max_epoch);
   if (beat.period_ms == 0) reject();
   return beat;
+}
+
+Taken read_taken(const Json& json) {
+  Taken taken{at_most(json.at("id"), max_epoch),
+              hex64(json.at("key")),
+              level(json.at("robot")),
+              level(json.at("type")),
+              0,
+              false};
+  if (json.contains("age")) taken.age_ms = at_most(json["age"], max_epoch);
+  if (json.contains("refused")) taken.is_refusal = json["refused"].get<bool>();
+  return taken;
+}
+
+std::vector<DoneCommand> read_done(const Json& json) {
+  if (!json.is_array() || json.size() > max_done_commands) reject();
+  std::vector<DoneCommand> done;
+  for (const Json& row : json)
+    done.push_back({at_most(row.at(0), max_epoch), hex64(row.at(1)), level(row.at(2)),
+                    at_most(row.at(3), max_epoch)});
+  return done;
 }
 
 Release read_release(const Json& json) {
@@ -117,6 +141,7 @@ Release read_release(const Json& json) {
                   {}};
   if (json.contains("session"))
     release.session = octets(json["session"].get_ref<const std::string&>());
+  if (json.contains("done")) release.done = read_done(json["done"]);
   return release;
 }
 
@@ -156,9 +181,7 @@ Body read_body(const Json& json) {
   if (kind == "sign")
     return AskForSign{level(json.at("robot")), at_most(json.at("silent"), max_epoch)};
   if (kind == "heard") return Heard{level(json.at("robot"))};
-  if (kind == "taken")
-    return Taken{at_most(json.at("id"), max_epoch), hex64(json.at("key")), level(json.at("robot")),
-                 level(json.at("type"))};
+  if (kind == "taken") return read_taken(json);
   if (kind == "release") return read_release(json);
   if (kind == "ask") return AskTable{};
   if (kind == "table") return read_table(json);

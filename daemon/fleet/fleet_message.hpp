@@ -8,6 +8,7 @@
 //   <prefix>/fleet/to/<gateway>/<sender>  to one: AskTable, Table, Release, Heard
 #pragma once
 
+#include <algorithm>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -15,6 +16,7 @@
 #include <vector>
 
 #include "daemon/core/bytes.hpp"
+#include "daemon/core/time.hpp"
 #include "daemon/fleet/claim.hpp"
 
 namespace slamgw::fleet {
@@ -30,6 +32,7 @@ struct Beat {
   std::uint32_t period_ms = 0;  ///< until the next one
   std::uint64_t count = 0;      ///< robots that the sender claims
   std::uint64_t digest = 0;     ///< of its claims: ClaimTable::Digest
+  std::uint64_t up_ms = 0;      ///< for how long the sender's life has heard everything
 };
 /// `from`: the gateway that is to release the robot; empty when nobody has it.
 struct ClaimRobot {
@@ -48,13 +51,24 @@ struct Taken {
   std::uint64_t key = 0;  ///< CommandTurns::key_of
   std::string robot;
   std::string type;
+  std::uint64_t age_ms = 0;  ///< since the command came to the sender
+  bool is_refusal = false;   ///< the sender takes it only to refuse it
 };
+/// A command that somebody has dealt with.
+struct DoneCommand {
+  std::uint64_t id = 0;
+  std::uint64_t key = 0;
+  std::string type;
+  std::uint64_t age_ms = 0;
+};
+inline constexpr std::size_t max_done_commands = 64;
 /// Answers a claim: the sender does not serve the robot and makes way for `to`, which may be
 /// another claim than the one that is answered.
 struct Release {
   std::string robot;
   Claim to;
-  Bytes session;  ///< of the robot at the sender, for the new owner; may be empty
+  Bytes session;                    ///< of the robot at the sender, for the new owner; may be empty
+  std::vector<DoneCommand> done{};  ///< of the robot, lately: the receiver may have missed that
 };
 /// Answers AskForSign: the sender has heard the robot since.
 struct Heard {
@@ -94,6 +108,17 @@ struct FleetMessage {
   Life life = 0;
   Body body;
 };
+
+inline std::uint64_t to_age_ms(Duration age) {
+  return static_cast<std::uint64_t>(
+      std::chrono::duration_cast<std::chrono::milliseconds>(std::max(age, Duration::zero()))
+          .count());
+}
+/// When it came, by the receiver's clock. A stranger may send any age; an hour counts at most.
+inline TimePoint came_before(TimePoint now, std::uint64_t age_ms) {
+  constexpr std::uint64_t longest_ms = 3'600'000;
+  return now - std::chrono::milliseconds(std::min(age_ms, longest_ms));
+}
 
 std::string encode(Life life, const Body& body);
 /// Nothing when the payload is not what this version or a compatible one sends.

@@ -24,6 +24,8 @@ class Lease {
   TimePoint life_began() const { return life_began_; }
   /// When the first beat of this life came back, else its start.
   TimePoint joined() const { return joined_; }
+  /// For how long this life hears what others say.
+  Duration up(TimePoint now) const { return has_echo_ ? now - joined_ : Duration::zero(); }
   bool is_valid(TimePoint now) const { return now < until_; }
   /// Others call this life dead by now, or soon will.
   bool is_life_over(TimePoint now) const { return now >= dead_at_; }

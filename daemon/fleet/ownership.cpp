@@ -16,13 +16,17 @@ using std::chrono::milliseconds;
 /// Contract: at most two beats a second. In a large fleet fewer, so that a gateway hears 200.
 constexpr milliseconds shortest_period{500};
 constexpr milliseconds period_per_gateway{5};
-constexpr milliseconds sign_patience{500};
+/// An answer takes two ways through the broker, of which each may take a second in a busy cluster.
+constexpr milliseconds sign_patience{3000};
+constexpr int sign_round_trips = 4;
 constexpr milliseconds look_interval{50};
 constexpr milliseconds listening{1000};
 /// A broker may take half a second for each subscription.
 constexpr std::chrono::seconds longest_look{10};
 constexpr milliseconds longest_joining{3000};
 constexpr std::chrono::seconds asleep_after{60};
+/// A gateway that is `online` and has said nothing for so long is gone, or cut off.
+constexpr std::chrono::hours silent_after{1};
 constexpr std::size_t max_wills = 16;  // of one robot
 constexpr std::chrono::minutes forget_interval{5};
 constexpr milliseconds ask_interval{2000};
@@ -44,12 +48,14 @@ Ownership::Ownership(FleetTopics topics, Settings settings, LocalRobots local_ro
       context_(std::move(topics), settings.process),
       is_looking_(settings.enabled == Enabled::yes) {}
 
-void Ownership::on_broker_link(bool is_up, const Now& now) {
+void Ownership::on_broker_link(bool is_up, const Now& now, bool is_session_kept) {
   is_link_up_ = is_up;
+  is_session_kept_ = is_up && is_session_kept;
   is_muted_ = false;
   was_ever_echoed_ = false;
   // Nothing waits for the broker.
   if (!is_up && is_alone() && looked_) end_look(now.mono);
+  if (settings_.enabled == Enabled::no) unsubscribe_stale();
   if (!is_up || settings_.enabled == Enabled::no) return;
   subscribe(context_.topics.state_filter());
   if (is_alone() && settings_.enabled == Enabled::automatic) {
@@ -74,9 +80,23 @@ void Ownership::on_subscribe_result(const std::string& filter, SubscribeAnswer a
 /// and what they said: both are known by now.
 void Ownership::end_look(TimePoint now) {
   is_looking_ = false;
+  has_looked_ = has_looked_ || is_link_up_;
   looked_.reset();
-  if (is_link_up_) has_looked_ = true;
   decide_alone(now);
+  if (has_looked_) commands_.tell_outcomes(now);
+  unsubscribe_stale();
+}
+
+/// What an earlier process has subscribed for company. A broker that kept its session would send
+/// this gateway commands of other gateways' robots.
+void Ownership::unsubscribe_stale() {
+  if (!std::exchange(is_session_kept_, false)) return;
+  const FleetTopics& topics = context_.topics;
+  for (const std::string& filter :
+       {topics.all_filter(), topics.own_filter(), topics.command_filter(), topics.outcome_filter(),
+        topics.state_filter()}) {
+    if (!subscribed_.contains(filter)) context_.actions.push(UnsubscribeFleet{filter});
+  }
 }
 
 /// Nobody else is about: what waited for the others waits no longer.
@@ -87,8 +107,9 @@ void Ownership::decide_alone(TimePoint now) {
 }
 
 void Ownership::wake_up(const Now& now) {
-  has_looked_ = true;
   is_looking_ = false;
+  has_looked_ = true;
+  look_again_.reset();
   looked_.reset();
   // The commands first: who hears the others and not the commands would miss what they leave to it.
   const FleetTopics& topics = context_.topics;
@@ -116,9 +137,13 @@ void Ownership::begin_life(TimePoint now) {
 
 void Ownership::fall_asleep(std::string why, TimePoint now) {
   context_.phase = Phase::alone;
+  // One that is `online` and silent may be cut off: if it comes back, its beats wake this one up.
+  const bool is_somebody_silent = !states_.empty() && !is_muted_;
+  if (is_somebody_silent) look_again_ = now + silent_after;
   const FleetTopics& topics = context_.topics;
   for (const std::string& filter : {topics.all_filter(), topics.own_filter(),
                                     topics.command_filter(), topics.outcome_filter()}) {
+    if (is_somebody_silent && filter == topics.all_filter()) continue;
     if (subscribed_.erase(filter) > 0) context_.actions.push(UnsubscribeFleet{filter});
   }
   for (const auto& [robot, is_online] : local_robots_())
@@ -144,13 +169,13 @@ void Ownership::on_other_gateway(const std::string& gateway, const Now& now) {
 // --- Time ----------------------------------------------------------------------------------------
 
 bool Ownership::is_busy() const {
-  return context_.phase == Phase::joining || claims_.is_claiming() || !questions_.empty() ||
+  return context_.phase == Phase::joining || claims_.is_busy() || !questions_.empty() ||
          commands_.is_busy();
 }
 
 std::optional<TimePoint> Ownership::deadline() const {
   if (!is_link_up_) return std::nullopt;
-  if (is_alone()) return looked_;
+  if (is_alone()) return earlier(looked_, look_again_);
   return is_busy() ? std::min(next_beat_, last_look_ + look_interval) : next_beat_;
 }
 
@@ -158,6 +183,7 @@ void Ownership::on_deadline(const Now& now) {
   if (!is_link_up_) return;
   if (is_alone()) {
     if (looked_ && now.mono >= *looked_) end_look(now.mono);
+    if (look_again_ && now.mono >= *look_again_) wake_up(now);
     return;
   }
   last_look_ = now.mono;
@@ -178,7 +204,9 @@ void Ownership::on_deadline(const Now& now) {
 
 /// False when this gateway is alone from now on.
 bool Ownership::keep_company(TimePoint now) {
-  if (context_.peers.count_alive(now) > 0 || !states_.empty()) last_company_ = now;
+  const bool is_company = std::ranges::any_of(
+      states_, [&](const auto& each) { return now - each.second.heard < silent_after; });
+  if (context_.peers.count_alive(now) > 0 || is_company) last_company_ = now;
   if (settings_.enabled == Enabled::automatic && now - last_company_ >= asleep_after) {
     fall_asleep("no other gateway is about any more; this one serves every robot", now);
   } else if (settings_.enabled == Enabled::automatic && is_unheard(now)) {
@@ -213,7 +241,9 @@ void Ownership::send_beat(TimePoint now) {
   const auto period_ms = std::chrono::duration_cast<milliseconds>(wait).count();
   context_.publish(
       context_.topics.all(),
-      Beat{to_ms(now), static_cast<std::uint32_t>(period_ms), digest.count, digest.hash},
+      Beat{to_ms(now), static_cast<std::uint32_t>(period_ms), digest.count, digest.hash,
+           static_cast<std::uint64_t>(
+               std::chrono::duration_cast<milliseconds>(context_.lease.up(now)).count())},
       Qos::at_most_once);
   next_beat_ = now + wait;
 }
@@ -259,8 +289,9 @@ bool Ownership::may_serve(const std::string& robot, TimePoint now) const {
   return may_act_for(robot, now) && (!is_alone() || (has_looked_ && !is_looking_));
 }
 
-void Ownership::on_given_up(const std::string& robot, const Claim& to, Bytes session) {
-  claims_.on_given_up(robot, to, std::move(session));
+void Ownership::on_given_up(const std::string& robot, const Claim& to, Bytes session,
+                            const Now& now) {
+  claims_.on_given_up(robot, to, std::move(session), now.mono);
 }
 
 void Ownership::on_command(BrokerMessage message, std::string robot, std::string type,
@@ -277,6 +308,7 @@ void Ownership::on_command(BrokerMessage message, std::string robot, std::string
 
 void Ownership::on_own_outcome(BrokerMessage outcome, Duration after, const Now& now) {
   commands_.on_own_outcome(std::move(outcome), after, now.mono);
+  if (!is_alone() || has_looked_) commands_.tell_outcomes(now.mono);
 }
 
 void Ownership::on_outcome(const std::string& gateway, const std::string& robot,
@@ -298,14 +330,17 @@ void Ownership::look_at_questions(const Now& now) {
   if (!context_.may_act(now.mono)) return;
   for (auto each = questions_.begin(); each != questions_.end();) {
     const bool is_over = !speaks_for(each->first, now.mono) || is_answered(each->second, now);
-    if (!is_over && !each->second.asked) ask_for_sign(each->first, each->second, now.mono);
+    const bool is_lost = each->second.asked && !each->second.echoed &&
+                         now.mono - *each->second.asked >= sign_patience;
+    if (!is_over && (!each->second.asked || is_lost))
+      ask_for_sign(each->first, each->second, now.mono);
     each = is_over ? questions_.erase(each) : std::next(each);
   }
 }
 
 void Ownership::ask_for_sign(const std::string& robot, Question& question, TimePoint now) {
   question.asked = now;
-  question.is_echoed = false;
+  question.echoed.reset();
   const auto heard = claims_.heard_at(robot);
   const Duration silent = heard ? now - *heard : Duration(1h);
   context_.tell_all(AskForSign{
@@ -315,9 +350,10 @@ void Ownership::ask_for_sign(const std::string& robot, Question& question, TimeP
 /// A will is published when nobody has heard the robot since, and this gateway could have learned
 /// of it.
 bool Ownership::is_answered(Question& question, const Now& now) {
-  const bool is_silent =
-      question.asked && question.is_echoed && now.mono - *question.asked >= sign_patience;
-  if (!is_silent) return false;
+  if (!question.asked || !question.echoed) return false;
+  const Duration enough =
+      std::max<Duration>(sign_patience, (*question.echoed - *question.asked) * sign_round_trips);
+  if (now.mono - *question.asked < enough) return false;
   for (Report& will : question.wills) context_.actions.push(PublishWill{std::move(will)});
   return true;
 }
@@ -351,7 +387,7 @@ void Ownership::on_gateway_state(const BrokerMessage& message, std::string_view 
     const auto text = [&](const char* key) {
       return json.contains(key) && json[key].is_string() ? json[key].get<std::string>() : "";
     };
-    states_[id] = {text("version"), text("since")};
+    states_[id] = {text("version"), text("since"), now.mono};
     on_other_gateway(id, now);
   }
 }
@@ -360,7 +396,7 @@ bool Ownership::on_broker_message(const BrokerMessage& message, const Now& now) 
   if (settings_.enabled == Enabled::no) return false;
   if (const auto gateway = context_.topics.gateway_of_state(message.topic)) {
     on_gateway_state(message, *gateway, now);
-    return *gateway != context_.me;
+    return false;
   }
   if (const auto sender = context_.topics.sender(message.topic)) {
     if (message.retain) return true;  // nobody of us retains: a mistake or a forgery
@@ -377,7 +413,7 @@ bool Ownership::on_broker_message(const BrokerMessage& message, const Now& now) 
       nlohmann::json::parse(message.payload.begin(), message.payload.end(), nullptr, false);
   if (json.is_object() && json.contains("type") && json["type"].is_string())
     on_outcome(std::string(outcome->gateway), std::string(outcome->robot), json["type"], now);
-  return true;
+  return false;
 }
 
 void Ownership::on_malformed(std::string_view sender, TimePoint now) {
@@ -395,12 +431,7 @@ void Ownership::on_fleet_message(const FleetMessage& message, const Now& now) {
   const bool is_own = message.sender == context_.me;
   if (!is_own) on_other_gateway(message.sender, now);
   if (is_alone()) return;
-  if (is_own && message.life != life()) {
-    if ((message.life >> 16U) != (life() >> 16U))
-      if (const auto count = restless_.on_event(now.mono); count)
-        context_.notice(Severity::error, "another process uses this gateway.id on this broker");
-    return;
-  }
+  if (is_own && message.life != life()) return on_foreign_life(message, now.mono);
   const bool is_beat = std::holds_alternative<Beat>(message.body);
   const bool is_news = std::holds_alternative<Taken>(message.body);  // true even of the dead
   if (!is_own && !is_beat && !is_news &&
@@ -410,6 +441,16 @@ void Ownership::on_fleet_message(const FleetMessage& message, const Now& now) {
   }
   std::visit([&](const auto& body) { handle(message.sender, message.life, body, now); },
              message.body);
+}
+
+/// Of a former life, or of another process. A broker that kept the session of this gateway's former
+/// process delivers what that one has said, but no beats (QoS 0), and not one after the other.
+void Ownership::on_foreign_life(const FleetMessage& message, TimePoint now) {
+  const bool is_beat = std::holds_alternative<Beat>(message.body);
+  if (!is_beat || (message.life >> 16U) == (life() >> 16U)) return;
+  const bool is_second = std::exchange(rival_, message.life) == message.life;
+  if (is_second && rivals_.on_event(now))
+    context_.notice(Severity::error, "another process uses this gateway.id on this broker");
 }
 
 void Ownership::handle(const std::string& sender, Life life, const Beat& beat, const Now& now) {
@@ -458,8 +499,10 @@ void Ownership::handle(const std::string& sender, Life life, const ClaimRobot& c
   decide_won(now.mono);
 }
 
-void Ownership::handle(const std::string& sender, Life, const Release& release, const Now& now) {
+void Ownership::handle(const std::string& sender, Life life, const Release& release,
+                       const Now& now) {
   if (sender == context_.me) return;
+  commands_.on_release(sender, life, release, now.mono);
   claims_.on_release(sender, release, now);
   decide_won(now.mono);
 }
@@ -472,7 +515,8 @@ void Ownership::handle(const std::string& sender, Life life, const Taken& taken,
 void Ownership::handle(const std::string& sender, Life, const AskForSign& ask, const Now& now) {
   if (sender == context_.me) {
     const auto question = questions_.find(ask.robot);
-    if (question != questions_.end() && question->second.asked) question->second.is_echoed = true;
+    if (question != questions_.end() && question->second.asked && !question->second.echoed)
+      question->second.echoed = now.mono;
     return;
   }
   const auto heard = claims_.heard_at(ask.robot);

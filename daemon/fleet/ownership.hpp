@@ -29,10 +29,11 @@ class Ownership {
  public:
   Ownership(FleetTopics topics, Settings settings, LocalRobots local_robots);
 
-  void on_broker_link(bool is_up, const Now& now);
+  /// `is_session_kept`: the broker still has what an earlier connection has subscribed.
+  void on_broker_link(bool is_up, const Now& now, bool is_session_kept = false);
   /// What the broker says to a subscription, of the fleet or not.
   void on_subscribe_result(const std::string& filter, SubscribeAnswer answer, const Now& now);
-  /// True when the message was the fleet's own business.
+  /// True when the message is between gateways, and not for robots.
   bool on_broker_message(const BrokerMessage& message, const Now& now);
   /// As the message above, read already.
   void on_fleet_message(const FleetMessage& message, const Now& now);
@@ -48,10 +49,12 @@ class Ownership {
   /// The robot's keep-alive is over here.
   void on_will(Report will, const Now& now);
   /// Answers GiveUpRobot.
-  void on_given_up(const std::string& robot, const Claim& to, Bytes session);
+  void on_given_up(const std::string& robot, const Claim& to, Bytes session, const Now& now);
   /// What a command here has come to, `after` it came. Others tell it in this gateway's place when
   /// it was cut off, so it is held back meanwhile, and dropped when it is too late.
   void on_own_outcome(BrokerMessage outcome, Duration after, const Now& now);
+  /// The daemon ends: outcomes that were held back are for the store.
+  void on_stop() { commands_.tell_all_outcomes(); }
   /// Another gateway has told the outcome of a command.
   void on_outcome(const std::string& gateway, const std::string& robot, const std::string& type,
                   const Now& now);
@@ -65,6 +68,10 @@ class Ownership {
   bool is_alone() const { return context_.phase == Phase::alone; }
   /// Commands and wills wait here: others are about, or it is too early to know.
   bool is_shared() const { return !is_alone() || is_looking_; }
+  /// Others may be about, or have told outcomes before this process began.
+  bool may_be_shared() const {
+    return settings_.enabled != Enabled::no && (!is_alone() || !has_looked_);
+  }
   /// Presence, and what operators see: false when another living gateway has the robot.
   bool speaks_for(const std::string& robot, TimePoint now) const {
     return is_alone() || claims_.speaks_for(robot, now);
@@ -83,6 +90,7 @@ class Ownership {
   struct State {
     std::string version;
     std::string since;
+    TimePoint heard{};
   };
   const std::map<std::string, State>& states() const { return states_; }
   const std::string& name() const { return context_.me; }
@@ -105,7 +113,7 @@ class Ownership {
   struct Question {
     std::vector<Report> wills;
     std::optional<TimePoint> asked;
-    bool is_echoed = false;
+    std::optional<TimePoint> echoed;
   };
 
   void end_look(TimePoint now);
@@ -113,6 +121,8 @@ class Ownership {
   void wake_up(const Now& now);
   void subscribe(const std::string& filter);
   void fall_asleep(std::string why, TimePoint now);
+  void unsubscribe_stale();
+  void on_foreign_life(const FleetMessage& message, TimePoint now);
   /// A broker that lets nothing through does not say so.
   bool is_unheard(TimePoint now) const {
     return !was_ever_echoed_ && now - woken_ >= echo_patience;
@@ -153,7 +163,9 @@ class Ownership {
   bool is_looking_;                  ///< it is not known yet whether others are about
   std::optional<TimePoint> looked_;  ///< then it is, as far as the broker tells
   bool is_state_answered_ = false;   ///< the broker has answered the subscription to states
-  bool has_looked_ = false;          ///< it was known once who is about
+  bool has_looked_ = false;          ///< in this process
+  bool is_session_kept_ = false;     ///< the broker may have subscriptions of an earlier process
+  std::optional<TimePoint> look_again_;  ///< for gateways that are `online` and silent
   TimePoint next_beat_{};
   TimePoint last_look_{};
   TimePoint woken_{};
@@ -166,7 +178,8 @@ class Ownership {
   std::map<std::string, Question> questions_;
   std::optional<TimePoint> table_told_;
   TimePoint forgotten_at_{};
-  LogThrottle restless_{std::chrono::minutes{1}};
+  LogThrottle rivals_{std::chrono::minutes{1}};
+  Life rival_ = 0;  ///< whose beat came last in this gateway's name
   LogThrottle malformed_throttle_;
   std::uint64_t malformed_ = 0;
   std::uint64_t void_claims_ = 0;  ///< of gateways or lives that do not live

@@ -7,6 +7,13 @@ namespace slamgw::fleet {
 
 using std::chrono::milliseconds;
 
+namespace {
+
+/// A stranger may send any number.
+constexpr std::uint64_t longest_up_ms = 30ULL * 24 * 3'600'000;
+
+}  // namespace
+
 milliseconds Peers::Way::delay_of(const Beat& beat, TimePoint now) {
   const std::int64_t now_ms =
       std::chrono::duration_cast<milliseconds>(now.time_since_epoch()).count();
@@ -36,13 +43,15 @@ bool Peers::on_beat(const std::string& gateway, Life life, const Beat& beat, Tim
       past.push_back(known->second.life);
       if (past.size() > max_past_lives) past.pop_front();
     }
-    peers_[gateway] = {life, {}, {}, 0, {}};
+    peers_[gateway] = {};
+    peers_[gateway].life = life;
     ways_[gateway] = {};
   }
   Peer& peer = peers_[gateway];
-  const TimePoint lasts =
-      now - ways_[gateway].delay_of(beat, now) + milliseconds(beat.period_ms) * death_periods;
-  peer.alive_until = std::max(peer.alive_until, lasts);
+  const TimePoint sent = now - ways_[gateway].delay_of(beat, now);
+  peer.alive_until =
+      std::max<TimePoint>(peer.alive_until, sent + milliseconds(beat.period_ms) * death_periods);
+  peer.hears_since = sent - milliseconds(std::min(beat.up_ms, longest_up_ms));
   peer.digest = {beat.count, beat.digest};
   return true;
 }
@@ -70,6 +79,12 @@ bool Peers::is_alive(const std::string& gateway, TimePoint now) const {
 std::size_t Peers::count_alive(TimePoint now) const {
   return static_cast<std::size_t>(std::ranges::count_if(
       peers_, [&](const auto& peer) { return now < peer.second.alive_until; }));
+}
+
+bool Peers::has_witness(TimePoint since, TimePoint now) const {
+  return std::ranges::any_of(peers_, [&](const auto& each) {
+    return now < each.second.alive_until && each.second.hears_since <= since;
+  });
 }
 
 void Peers::forget_dead(TimePoint now) {

@@ -28,6 +28,7 @@ class Peers {
   struct Peer {
     Life life = 0;
     TimePoint alive_until{};
+    TimePoint hears_since{};  ///< it has heard everything since then
     ClaimTable::Digest digest{};
     unsigned mismatches = 0;            ///< beats in a row whose digest was not ours
     std::optional<TimePoint> asked_at;  ///< for its table
@@ -42,6 +43,8 @@ class Peers {
   std::map<std::string, Peer>& all() { return peers_; }
   const std::map<std::string, Peer>& all() const { return peers_; }
   std::size_t count_alive(TimePoint now) const;
+  /// Some gateway that lives has heard all that was said since then.
+  bool has_witness(TimePoint since, TimePoint now) const;
   /// Forgets gateways that have been dead for `forget_after`.
   void forget_dead(TimePoint now);
 

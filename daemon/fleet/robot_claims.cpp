@@ -17,6 +17,8 @@ constexpr milliseconds settling{300};
 constexpr milliseconds claim_repeats{1000};
 /// A living owner that neither answers nor objects is passed over then.
 constexpr milliseconds release_patience{5000};
+/// For the gateway before to make way; a session that comes later is lost.
+constexpr milliseconds passing_patience{2000};
 /// A robot that was heard so lately may be claimed once more when a greater claim turns up.
 constexpr milliseconds fresh{3000};
 constexpr std::size_t max_heard = 20'000;  // as RobotRegistry
@@ -94,12 +96,13 @@ void RobotClaims::claim(const std::string& robot, const Now& now) {
   if (row && row->claim.epoch >= max_epoch) return;
   Claiming claiming;
   claiming.since = now.mono;
+  claiming.epoch = row ? row->claim.epoch + 1 : 1;
   if (row && row->claim.gateway != context_.me) {
     claiming.former = row->claim.gateway;
     if (context_.is_living(row->claim, now.mono))
       claiming.awaited[row->claim.gateway] = row->claim.life;
   }
-  const Claim mine{row ? row->claim.epoch + 1 : 1, context_.me, context_.lease.life()};
+  const Claim mine{claiming.epoch, context_.me, context_.lease.life()};
   if (!context_.table.set(robot, mine, now.wall)) return;
   say_claim(robot, claiming_[robot] = std::move(claiming), now.mono);
 }
@@ -115,7 +118,7 @@ void RobotClaims::on_own_claim(const std::string& robot, std::uint64_t epoch, co
   const auto claiming = claiming_.find(robot);
   if (claiming == claiming_.end() || context_.table.find(robot)->claim.epoch != epoch) return;
   if (!claiming->second.echoed) claiming->second.echoed = now.mono;
-  if (is_won(claiming->second, now.mono)) own(robot);
+  if (is_won(claiming->second, now.mono)) own(robot, now.mono);
 }
 
 bool RobotClaims::is_won(Claiming& claiming, TimePoint now) const {
@@ -138,13 +141,22 @@ void RobotClaims::on_deadline(const Now& now) {
       say_claim(robot, claiming, now.mono);
     }
   }
-  for (const std::string& robot : won) own(robot);
+  for (const std::string& robot : won) own(robot, now.mono);
+  std::vector<std::string> passed;
+  for (auto& [robot, passing] : passing_) {
+    std::erase_if(passing.awaited, [&](const auto& each) {
+      return !context_.peers.is_alive(each.first, each.second, now.mono);
+    });
+    const bool is_over = passing.awaited.empty() || now.mono >= passing.until;
+    if (is_over && passing.is_given_up) passed.push_back(robot);
+  }
+  for (const std::string& robot : passed) pass_on(robot, now.mono);
 }
 
-void RobotClaims::own(const std::string& robot) {
+void RobotClaims::own(const std::string& robot, TimePoint now) {
   auto claiming = claiming_.extract(robot);
   Claiming& won = claiming.mapped();
-  held_.insert(robot);
+  held_[robot] = now;
   has_won_ = true;
   if (!won.former.empty()) ++roams_in_;
   const bool left_behind = !won.former.empty() && !won.released.contains(won.former);
@@ -166,12 +178,12 @@ void RobotClaims::merge(const std::string& robot, const Claim& claim, const std:
       claiming != claiming_.end() && row && claim.epoch > row->epoch && from != context_.me;
   if (!context_.table.set(robot, claim, now.wall)) return;
   if (held_.contains(robot) || claiming != claiming_.end()) {
-    give_way(robot, claim);
+    give_way(robot, claim, now.mono);
   } else if (from == context_.me) {
     // The gateway that took the robot over from this one must give way as well.
     const bool has_passed_on =
         row && row->gateway != claim.gateway && context_.is_living(*row, now.mono);
-    release(robot, has_passed_on ? *row : claim, claim.gateway, {});
+    release(robot, has_passed_on ? *row : claim, claim.gateway, {}, now.mono);
   }
   const auto heard = heard_.find(robot);
   const bool is_heard_here_only = !boards_.knows(robot);
@@ -183,7 +195,7 @@ void RobotClaims::merge(const std::string& robot, const Claim& claim, const std:
 void RobotClaims::on_lesser_claim(const std::string& robot, const Claim& claim, const Claim& row,
                                   const std::string& from, const Now& now) {
   if (!context_.is_mine(row)) {
-    if (from == context_.me) release(robot, row, claim.gateway, {});
+    if (from == context_.me) release(robot, row, claim.gateway, {}, now.mono);
     return;
   }
   const auto claiming = claiming_.find(robot);
@@ -199,7 +211,7 @@ void RobotClaims::on_lesser_claim(const std::string& robot, const Claim& claim, 
 }
 
 /// A greater claim than ours has come.
-void RobotClaims::give_way(const std::string& robot, const Claim& to) {
+void RobotClaims::give_way(const std::string& robot, const Claim& to, TimePoint now) {
   if (held_.erase(robot) > 0) {
     ++roams_out_;
     heard_.erase(robot);
@@ -208,11 +220,41 @@ void RobotClaims::give_way(const std::string& robot, const Claim& to) {
                     fmt::format("robot '{}' is with gateway '{}' now", robot, to.gateway), robot);
     return;
   }
-  claiming_.erase(robot);
+  pass_on(robot, now);  // one that was passed on before must not wait for this one
+  if (auto claiming = claiming_.extract(robot); !claiming.empty()) {
+    Claiming& mine = claiming.mapped();
+    // Claimed at the same time, it waits for this one. Claimed later, it has made way first.
+    const bool is_rival = to.epoch <= mine.epoch;
+    if (is_rival) mine.awaited.erase(to.gateway);
+    passing_[robot] = {to, std::move(mine.awaited), std::move(mine.session), now + passing_patience,
+                       false};
+  }
   context_.actions.push(GiveUpRobot{robot, to, true});  // it may have a session here already
 }
 
-void RobotClaims::on_given_up(const std::string& robot, const Claim& to, Bytes session) {
+void RobotClaims::pass_on(const std::string& robot, TimePoint now) {
+  auto passing = passing_.extract(robot);
+  if (passing.empty()) return;
+  const Claim& to = passing.mapped().to;
+  release(robot, to, to.gateway, std::move(passing.mapped().session), now);
+}
+
+void RobotClaims::on_passed(const std::string& sender, const Release& release, TimePoint now) {
+  const auto found = passing_.find(release.robot);
+  if (found == passing_.end()) return;
+  Passing& passing = found->second;
+  const Claim& made_way_for = release.to;
+  if (!release.session.empty() && made_way_for.gateway == context_.me && passing.session.empty())
+    passing.session = release.session;
+  if (made_way_for.gateway != context_.me && made_way_for.gateway != passing.to.gateway &&
+      context_.is_living(made_way_for, now))
+    passing.awaited[made_way_for.gateway] = made_way_for.life;
+  passing.awaited.erase(sender);
+  if (passing.is_given_up && passing.awaited.empty()) pass_on(release.robot, now);
+}
+
+void RobotClaims::on_given_up(const std::string& robot, const Claim& to, Bytes session,
+                              TimePoint now) {
   constexpr std::size_t max_session_octets = max_payload_octets / 2 - 1024;  // it travels as hex
   if (session.size() > max_session_octets) {
     context_.notice(
@@ -222,15 +264,22 @@ void RobotClaims::on_given_up(const std::string& robot, const Claim& to, Bytes s
         robot);
     session.clear();
   }
-  release(robot, to, to.gateway, std::move(session));
+  const auto passing = passing_.find(robot);
+  if (passing == passing_.end() || passing->second.to != to)
+    return release(robot, to, to.gateway, std::move(session), now);
+  if (!session.empty()) passing->second.session = std::move(session);
+  passing->second.is_given_up = true;
+  if (passing->second.awaited.empty()) pass_on(robot, now);
 }
 
 void RobotClaims::release(const std::string& robot, const Claim& to, const std::string& receiver,
-                          Bytes session) {
-  context_.publish(context_.topics.to(receiver), Release{robot, to, std::move(session)});
+                          Bytes session, TimePoint now) {
+  context_.publish(context_.topics.to(receiver),
+                   Release{robot, to, std::move(session), context_.done.of(robot, now)});
 }
 
 void RobotClaims::on_release(const std::string& sender, const Release& release, const Now& now) {
+  on_passed(sender, release, now.mono);
   const auto found = claiming_.find(release.robot);
   if (found == claiming_.end()) return;
   Claiming& claiming = found->second;
@@ -245,7 +294,7 @@ void RobotClaims::on_release(const std::string& sender, const Release& release, 
   claiming.awaited.erase(sender);
   claiming.was_released = true;
   if (!release.session.empty() && release.to == mine) claiming.session = release.session;
-  if (is_won(claiming, now.mono)) own(release.robot);
+  if (is_won(claiming, now.mono)) own(release.robot, now.mono);
 }
 
 // --- Many at once --------------------------------------------------------------------------------
@@ -253,6 +302,7 @@ void RobotClaims::on_release(const std::string& sender, const Release& release, 
 void RobotClaims::begin_life() {
   held_.clear();
   claiming_.clear();
+  passing_.clear();
 }
 
 void RobotClaims::forget_all() {
@@ -275,7 +325,7 @@ void RobotClaims::join(const std::vector<LocalRobot>& local, const Now& now) {
     Claiming claiming;
     if (row && row->claim.gateway != context_.me) claiming.former = row->claim.gateway;
     claiming.since = claiming.said = now.mono;
-    claiming.is_bulk = true;
+    claiming.epoch = mine.epoch;
     if (table.set(robot, mine, now.wall)) claiming_[robot] = std::move(claiming);
   }
   const Life life = context_.lease.life();
@@ -338,6 +388,11 @@ bool RobotClaims::speaks_for(const std::string& robot, TimePoint now) const {
   if (claiming != claiming_.end()) return claiming->second.awaited.empty();
   const auto* row = context_.table.find(robot);
   return !row || !context_.is_living(row->claim, now);
+}
+
+std::optional<TimePoint> RobotClaims::held_since(const std::string& robot) const {
+  const auto held = held_.find(robot);
+  return held == held_.end() ? std::nullopt : std::optional(held->second);
 }
 
 std::optional<TimePoint> RobotClaims::heard_at(const std::string& robot) const {

@@ -8,7 +8,6 @@
 #include <set>
 #include <string>
 #include <unordered_map>
-#include <unordered_set>
 #include <utility>
 #include <vector>
 
@@ -45,7 +44,7 @@ class RobotClaims {
   void on_release(const std::string& sender, const Release& release, const Now& now);
   void on_table(const std::string& sender, Life life, const Table& table, const Now& now);
   /// Answers GiveUpRobot.
-  void on_given_up(const std::string& robot, const Claim& to, Bytes session);
+  void on_given_up(const std::string& robot, const Claim& to, Bytes session, TimePoint now);
   void on_deadline(const Now& now);
 
   /// A new life has claimed nothing yet.
@@ -58,8 +57,10 @@ class RobotClaims {
   void tell_table(const std::string& topic);
 
   bool is_held(const std::string& robot) const { return held_.contains(robot); }
+  /// Since when the robot is this gateway's; nothing when it is not.
+  std::optional<TimePoint> held_since(const std::string& robot) const;
   std::size_t held() const { return held_.size(); }
-  bool is_claiming() const { return !claiming_.empty(); }
+  bool is_busy() const { return !claiming_.empty() || !passing_.empty(); }
   /// False when another living gateway has the robot.
   bool speaks_for(const std::string& robot, TimePoint now) const;
   std::optional<TimePoint> heard_at(const std::string& robot) const;
@@ -73,8 +74,8 @@ class RobotClaims {
 
   /// A robot that this gateway has claimed and does not own yet.
   struct Claiming {
-    std::string former;    ///< who is asked to make way
-    bool is_bulk = false;  ///< claimed with a Table
+    std::string former;  ///< who is asked to make way
+    std::uint64_t epoch = 0;
     TimePoint since{};
     TimePoint said{};
     std::optional<TimePoint> echoed;
@@ -84,24 +85,37 @@ class RobotClaims {
     Bytes session;
   };
 
+  /// A robot that went on to a third gateway before the first had made way for this one. The third
+  /// waits for this one, and this one for the first, whose session it passes on.
+  struct Passing {
+    Claim to;
+    std::map<std::string, Life> awaited;
+    Bytes session;
+    TimePoint until{};
+    bool is_given_up = false;  ///< nothing of the robot is left here
+  };
+
   /// The one place where another gateway's claim enters the table.
   void merge(const std::string& robot, const Claim& claim, const std::string& from, const Now& now);
   void on_lesser_claim(const std::string& robot, const Claim& claim, const Claim& row,
                        const std::string& from, const Now& now);
-  void give_way(const std::string& robot, const Claim& to);
+  void give_way(const std::string& robot, const Claim& to, TimePoint now);
+  void pass_on(const std::string& robot, TimePoint now);
+  void on_passed(const std::string& sender, const Release& release, TimePoint now);
   void release(const std::string& robot, const Claim& to, const std::string& receiver,
-               Bytes session);
+               Bytes session, TimePoint now);
   void claim(const std::string& robot, const Now& now);
   void claim_unless_guarded(const std::string& robot, const Now& now);
   void claim_if_chosen(const std::string& robot, const Now& now);
   void choose_boards(const Now& now);
   void say_claim(const std::string& robot, Claiming& claiming, TimePoint now);
   bool is_won(Claiming& claiming, TimePoint now) const;
-  void own(const std::string& robot);
+  void own(const std::string& robot, TimePoint now);
 
   Context& context_;
-  std::unordered_set<std::string> held_;  ///< robots that this gateway owns
+  std::unordered_map<std::string, TimePoint> held_;  ///< robots that this gateway owns, since when
   std::map<std::string, Claiming> claiming_;
+  std::map<std::string, Passing> passing_;
   std::unordered_map<std::string, TimePoint> heard_;
   std::map<std::string, TimePoint> objected_;
   std::vector<std::string> stale_;  ///< rows of the dead at the last sweep

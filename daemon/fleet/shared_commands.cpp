@@ -11,15 +11,41 @@
 namespace slamgw::fleet {
 namespace {
 
-constexpr std::size_t max_untold = 65'536;       // as CommandLedger
-constexpr std::chrono::seconds told_within{30};  // before CommandTurns::outcome_patience
+using namespace std::chrono_literals;
+
+constexpr std::size_t max_untold = 65'536;  // as CommandLedger
+/// Who would tell an overdue outcome in another gateway's place, and was cut off itself when it
+/// became due, gives that gateway so long to come back and tell it.
+constexpr std::chrono::seconds owner_returns{10};
+/// A process that others hear again in a new life before its command is so old tells the outcome
+/// itself; it has not forgotten the command.
+constexpr std::chrono::seconds back_in_time{28};
 
 }  // namespace
 
 void SharedCommands::add(BrokerMessage message, std::string robot, std::string type,
                          const Now& now) {
-  turns_.add(std::move(message), std::move(robot), std::move(type), now.mono);
-  decide(now.mono);
+  const auto choose_now = [&](const auto& waiting) { return choose(waiting, now.mono); };
+  for (const Taken& taken :
+       turns_.add(std::move(message), std::move(robot), std::move(type), choose_now, now.mono))
+    context_.tell_all(taken);
+  refuse_dropped(now.mono);
+}
+
+/// There was no room for them. Their owner says so, or who is alone.
+void SharedCommands::refuse_dropped(TimePoint now) {
+  for (const auto& waiting : turns_.take_dropped()) {
+    const bool is_owner = context_.may_act(now) && claims_.is_held(waiting.robot);
+    if (is_owner)
+      context_.tell_all(Taken{waiting.taking, waiting.key, waiting.robot, waiting.type});
+    if (is_owner || context_.phase == Phase::alone)
+      refuse(waiting, "too many commands are on their way", now);
+  }
+}
+
+void SharedCommands::refuse(const CommandTurns::Waiting& waiting, std::string why, TimePoint now) {
+  context_.actions.push(EndCommand{waiting.robot, waiting.type, CommandResult::refused,
+                                   std::move(why), now - waiting.came});
 }
 
 void SharedCommands::decide(TimePoint now) {
@@ -29,15 +55,19 @@ void SharedCommands::decide(TimePoint now) {
   for (const Taken& taken : said) context_.tell_all(taken);
   if (!context_.lease.is_valid(now)) return;
   for (const Taken& taken : turns_.repeat(now)) context_.tell_all(taken);
+  for (const auto& waiting : turns_.take_refused(now)) {
+    refuse(waiting,
+           waiting.is_refusal ? "no gateway serves this robot"
+                              : "the robot moved to another gateway just then",
+           now);
+  }
 }
 
 void SharedCommands::decide_alone(TimePoint now) {
   for (auto& waiting : turns_.take_all()) {
     const Duration age = now - waiting.came;
     if (waiting.is_refusal || age >= CommandTurns::kept_for) {
-      context_.actions.push(EndCommand{waiting.robot, waiting.type, CommandResult::refused,
-                                       "the gateways did not agree in time on who carries it out",
-                                       age});
+      refuse(waiting, "the gateways did not agree in time on who carries it out", now);
     } else {
       context_.actions.push(CarryOut{std::move(waiting.message)});
     }
@@ -56,8 +86,17 @@ CommandTurns::Choice SharedCommands::choose(const CommandTurns::Waiting& waiting
   const bool has_owner =
       row && (context_.is_mine(row->claim) || context_.is_living(row->claim, now));
   const Duration patience = has_owner ? CommandTurns::last_patience : CommandTurns::owner_patience;
-  if (age >= patience && rank_for(waiting.robot, now) == 0) return Choice::refuse;
+  if (age < patience) return Choice::wait;
+  const int rank = rank_for(waiting.robot, now);
+  const bool is_next = rank <= CommandTurns::max_refusal_turns &&
+                       age >= patience + CommandTurns::refusal_turn * rank;
+  if (is_next) return Choice::refuse;
   return is_over ? Choice::forget : Choice::wait;
+}
+
+bool SharedCommands::still_owns(const CommandTurns::Waiting& waiting, TimePoint now) const {
+  const auto since = claims_.held_since(waiting.robot);
+  return context_.may_act(now) && since && *since <= waiting.taken;
 }
 
 /// Somebody has to speak for a robot that nobody serves: the living gateway of the greatest hash.
@@ -71,21 +110,20 @@ int SharedCommands::rank_for(const std::string& robot, TimePoint now) const {
 }
 
 void SharedCommands::on_own_taken(const Taken& taken, const Now& now) {
-  auto own = turns_.on_own_taken(taken.id);
+  auto own = turns_.on_own_taken(
+      taken.id, [&](const auto& waiting) { return still_owns(waiting, now.mono); }, now.mono);
   if (!own) return;
-  const auto end = [&](const char* why) {
-    context_.actions.push(
-        EndCommand{own->robot, own->type, CommandResult::refused, why, now.mono - own->came});
-  };
-  if (own->is_refusal) return end("no gateway serves this robot");
-  if (!context_.may_act(now.mono) || !claims_.is_held(own->robot))
-    return end("the robot moved to another gateway just then");
+  if (own->said - own->came >= CommandTurns::owner_patience)
+    return refuse(*own, "the broker took too long", now.mono);
   context_.actions.push(CarryOut{std::move(own->message)});
 }
 
 void SharedCommands::on_taken(const std::string& gateway, Life life, const Taken& taken,
                               TimePoint now) {
-  turns_.on_taken(gateway, life, taken, context_.me, now);
+  const auto answer = turns_.on_taken(
+      gateway, life, taken, context_.me,
+      [&](const auto& waiting) { return still_owns(waiting, now); }, now);
+  if (answer && context_.lease.is_valid(now)) context_.tell_all(*answer);
 }
 
 void SharedCommands::on_outcome(const std::string& gateway, const std::string& robot,
@@ -93,20 +131,30 @@ void SharedCommands::on_outcome(const std::string& gateway, const std::string& r
   if (gateway != context_.me) turns_.on_outcome(gateway, robot, type, now);
 }
 
-/// The first may have started too late to know of it: then the next tells the outcome.
-void SharedCommands::end_overdue(TimePoint now) {
+/// Gateways tell it by turns: the first may have started too late to know of it.
+CommandTurns::Fate SharedCommands::fate_of(const CommandTurns::Owed& owed, TimePoint now) const {
   using Fate = CommandTurns::Fate;
   constexpr std::chrono::seconds turn{2};
   constexpr int max_turns = 8;
-  const auto fate_of = [&](const CommandTurns::Owed& owed) {
-    if (context_.peers.is_alive(owed.gateway, owed.life, now)) return Fate::forget;
-    if (!context_.lease.is_valid(now)) return Fate::wait;
-    const int rank = rank_for(owed.robot, now);
-    if (rank > max_turns) return Fate::forget;
-    return now - owed.taken >= CommandTurns::outcome_patience + turn * rank ? Fate::tell
-                                                                            : Fate::wait;
-  };
-  for (const auto& owed : turns_.take_overdue(fate_of, now)) {
+  if (context_.peers.is_alive(owed.gateway, owed.life, now)) return Fate::forget;
+  if (!context_.may_act(now)) return Fate::wait;
+  const Peers::Peer* owner = context_.peers.find(owed.gateway);
+  if (owner && is_earlier_life(owed.life, owner->life) &&
+      context_.peers.is_alive(owed.gateway, now) && owner->hears_since <= owed.came + back_in_time)
+    return Fate::forget;
+  const TimePoint due = owed.taken + CommandTurns::outcome_patience;
+  const TimePoint back = context_.lease.life_began();
+  if (back > due && context_.peers.has_witness(owed.taken, now)) return Fate::forget;
+  const int rank = rank_for(owed.robot, now);
+  if (rank > max_turns) return Fate::forget;
+  const bool was_away = back > owed.taken;
+  const TimePoint mine = (was_away ? std::max(due, back + owner_returns) : due) + turn * rank;
+  return now >= mine ? Fate::tell : Fate::wait;
+}
+
+void SharedCommands::end_overdue(TimePoint now) {
+  const auto ask = [&](const CommandTurns::Owed& owed) { return fate_of(owed, now); };
+  for (const auto& owed : turns_.take_overdue(ask, now)) {
     context_.actions.push(EndCommand{owed.robot,
                                      owed.type,
                                      CommandResult::timeout,
@@ -115,21 +163,40 @@ void SharedCommands::end_overdue(TimePoint now) {
   }
 }
 
-void SharedCommands::on_own_outcome(BrokerMessage outcome, Duration after, TimePoint now) {
-  if (untold_.size() >= max_untold) untold_.pop_front();
-  untold_.push_back({std::move(outcome), now - after});
-  tell_outcomes(now);
+void SharedCommands::on_release(const std::string& gateway, Life life, const Release& release,
+                                TimePoint now) {
+  for (const DoneCommand& done : release.done)
+    turns_.on_done(gateway, life, release.robot, done, now);
 }
 
-/// From a former life only as long as nobody else has told it.
+void SharedCommands::on_own_outcome(BrokerMessage outcome, Duration after, TimePoint now) {
+  if (untold_.size() >= max_untold) {
+    context_.actions.push(TellOutcome{std::move(untold_.front().outcome)});
+    untold_.pop_front();
+  }
+  untold_.push_back({std::move(outcome), now - after});
+}
+
+/// What became due while this gateway was cut off is told by whoever has heard all the time; if
+/// nobody has, it is told here. Who that is shows when this gateway has joined the others.
 void SharedCommands::tell_outcomes(TimePoint now) {
   const bool is_alone = context_.phase == Phase::alone;
   if (!is_alone && !context_.lease.is_valid(now)) return;
   for (Untold& untold : std::exchange(untold_, {})) {
-    const bool is_too_late =
-        untold.came < context_.lease.life_began() && now - untold.came >= told_within;
-    if (is_alone || !is_too_late) context_.actions.push(TellOutcome{std::move(untold.outcome)});
+    const bool was_away = context_.lease.joined() > untold.came + back_in_time;
+    if (is_alone || !was_away) {
+      context_.actions.push(TellOutcome{std::move(untold.outcome)});
+    } else if (context_.phase != Phase::member) {
+      untold_.push_back(std::move(untold));
+    } else if (!context_.peers.has_witness(untold.came, now)) {
+      context_.actions.push(TellOutcome{std::move(untold.outcome)});
+    }
   }
+}
+
+void SharedCommands::tell_all_outcomes() {
+  for (Untold& untold : std::exchange(untold_, {}))
+    context_.actions.push(TellOutcome{std::move(untold.outcome)});
 }
 
 }  // namespace slamgw::fleet

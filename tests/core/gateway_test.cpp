@@ -468,8 +468,12 @@ TEST_F(GatewayTest, KeepsRobotsSubscriptionsAwayFromABrokerThatSendsAllCommandsA
   EXPECT_EQ(drain<SubscribeAtBroker>().size(), 1u);
 
   hears_all = true;
-  say(SubscribeRequest{Mesh::thread, all, Qos::at_least_once});
-  EXPECT_EQ(drain<UnsubscribeAtBroker>().size(), 1u) << "r1's";
+  gateway.subscribe_own(all, Qos::at_least_once);
+  EXPECT_TRUE(drain<UnsubscribeAtBroker>().empty()) << "the broker has not granted it yet";
+  say(SubscribeRequest{Mesh::thread, "ntnu-slam/server/r3/cmd", Qos::at_least_once});
+  EXPECT_EQ(drain<SubscribeAtBroker>().size(), 1u);
+  gateway.on_subscribe_result(all, SubscribeAnswer::granted, now);
+  EXPECT_EQ(drain<UnsubscribeAtBroker>().size(), 2u) << "r1's and r3's";
   say(SubscribeRequest{Mesh::thread, "ntnu-slam/server/r2/cmd", Qos::at_least_once});
   const auto answers = drain<AnswerSubscribe>();
   ASSERT_EQ(answers.size(), 1u);
@@ -480,8 +484,83 @@ TEST_F(GatewayTest, KeepsRobotsSubscriptionsAwayFromABrokerThatSendsAllCommandsA
       again, [](const auto& each) { return each.filter.starts_with("ntnu-slam/server/r"); }));
 
   hears_all = false;
-  say(UnsubscribeRequest{Mesh::thread, all});
-  EXPECT_EQ(drain<SubscribeAtBroker>().size(), 2u) << "those of r1 and r2";
+  gateway.unsubscribe_own(all, now);
+  EXPECT_EQ(drain<SubscribeAtBroker>().size(), 3u) << "those of r1, r2 and r3";
+  hears_all = true;
+  say(SubscribeRequest{Mesh::thread, "ntnu-slam/server/r4/cmd", Qos::at_least_once});
+  EXPECT_EQ(drain<SubscribeAtBroker>().size(), 1u) << "it has to be granted again first";
+}
+
+TEST_F(GatewayTest, KeepsRobotsSubscriptionsWhereTheBrokerRefusesToSendAllCommands) {
+  const std::string all = "ntnu-slam/server/+/+";
+  OwnershipQuery ownership;
+  ownership.hears_all_commands = [] { return true; };
+  gateway.share_with(ownership);
+  broker_comes();
+  say(SubscribeRequest{Mesh::thread, "ntnu-slam/server/r1/+", Qos::at_least_once});
+  gateway.subscribe_own(all, Qos::at_least_once);
+  gateway.on_subscribe_result(all, SubscribeAnswer::granted, now);
+  EXPECT_EQ(drain<UnsubscribeAtBroker>().size(), 1u);
+  broker_is(true);  // another broker of the list
+  drain<SubscribeAtBroker>();
+  gateway.on_subscribe_result(all, SubscribeAnswer::refused, now);
+  const auto again = drain<SubscribeAtBroker>();
+  ASSERT_EQ(again.size(), 1u);
+  EXPECT_EQ(again[0].filter, "ntnu-slam/server/r1/+");
+}
+
+TEST_F(GatewayTest, TakesOneCopyUntilTheBrokerHasReadWhatItNeedNotSendAnyMore) {
+  const std::string all = "ntnu-slam/server/+/+";
+  OwnershipQuery ownership;
+  ownership.hears_all_commands = [] { return true; };
+  gateway.share_with(ownership);
+  const std::string of_r1 = "ntnu-slam/server/r1/+";
+  broker_comes();
+  say(SubscribeRequest{Mesh::thread, of_r1, Qos::at_least_once});
+  gateway.on_subscribe_result(of_r1, SubscribeAnswer::granted, now);
+  gateway.subscribe_own(all, Qos::at_least_once);
+  gateway.on_subscribe_result(all, SubscribeAnswer::granted, now);
+  const auto delivered = [&] {
+    for (int copy = 0; copy < 2; ++copy)
+      gateway.on_broker_message(
+          {"ntnu-slam/server/r1/cmd", to_bytes("1"), Qos::at_least_once, false}, {}, now);
+    return drain<DeliverToMeshes>().size();
+  };
+  EXPECT_EQ(delivered(), 1u);
+  now.mono += Gateway::cover_settling;
+  gateway.on_deadline(now);
+  EXPECT_EQ(delivered(), 2u) << "two equal commands";
+}
+
+TEST_F(GatewayTest, KeepsTheFleetsSubscriptionWhenARobotLeavesTheSame) {
+  const std::string filter = "ntnu-slam/gateway/+/state";
+  broker_comes();
+  gateway.subscribe_own(filter, Qos::at_least_once);
+  say(SubscribeRequest{Mesh::thread, filter, Qos::at_least_once});
+  EXPECT_EQ(drain<SubscribeAtBroker>().size(), 2u);
+  say(UnsubscribeRequest{Mesh::thread, filter});
+  EXPECT_TRUE(drain<UnsubscribeAtBroker>().empty());
+  gateway.unsubscribe_own(filter, now);
+  EXPECT_EQ(drain<UnsubscribeAtBroker>().size(), 1u);
+  gateway.unsubscribe_own(filter, now);
+  EXPECT_EQ(drain<UnsubscribeAtBroker>().size(), 1u) << "a former process may have left it";
+}
+
+TEST_F(GatewayTest, GivesRobotsWhatTheFleetReadsTooButNotWhatIsBetweenGateways) {
+  std::vector<std::string> shown;
+  OwnershipQuery ownership;
+  ownership.takes = [&](const BrokerMessage& message) {
+    shown.push_back(message.topic);
+    return message.topic.starts_with("ntnu-slam/fleet/");
+  };
+  gateway.share_with(ownership);
+  broker_comes();
+  for (const char* topic : {"ntnu-slam/gateway/b/state", "ntnu-slam/fleet/all/b"})
+    gateway.on_broker_message({topic, to_bytes("{}"), Qos::at_least_once, false}, {}, now);
+  EXPECT_EQ(shown.size(), 2u);
+  const auto delivered = drain<DeliverToMeshes>();
+  ASSERT_EQ(delivered.size(), 1u);
+  EXPECT_EQ(delivered[0].message.topic, "ntnu-slam/gateway/b/state");
 }
 
 TEST_F(GatewayTest, SaysOnlineAgainWhenALastWillComesLate) {

@@ -174,7 +174,7 @@ class Fleet {
       if (auto* said = std::get_if<PublishNow>(&*action)) publish(gateway, said->message);
       if (auto* taken = std::get_if<TakeOverRobot>(&*action)) arrived(gateway, taken->robot);
       if (auto* given = std::get_if<GiveUpRobot>(&*action); given && given->is_awaited)
-        node.ownership->on_given_up(given->robot, given->to, {});
+        node.ownership->on_given_up(given->robot, given->to, {}, clock());
     }
     const auto deadline = node.ownership->deadline();
     if (!deadline) return;

@@ -111,6 +111,28 @@ TEST_P(FleetWalk, LinksBreakAndRobotsDie) {
   expect_good(world, "cut");
 }
 
+/// What the broker would have sent meanwhile is lost. A cut is too short for anybody to be called
+/// dead.
+TEST_P(FleetWalk, ShortCutsWithoutASessionAtTheBroker) {
+  FleetWorld world({.seed = GetParam()});
+  std::mt19937 random(GetParam() + 5000);
+  world.run(5s);
+  for (int round = 0; round < 60; ++round) {
+    const int victim = pick(random, world.gateways());
+    world.cut_link(victim);
+    for (int step = 0; step < 4; ++step) {
+      if (pick(random, 4) == 0)
+        world.roam(pick(random, world.robots()), pick(random, world.gateways()));
+      world.command(pick(random, world.robots()));
+      world.run(milliseconds(pick(random, 100)));
+    }
+    world.restore_link(victim);
+    world.run(milliseconds(pick(random, 1000)));
+  }
+  world.run(60s);
+  expect_good(world, "cut without session");
+}
+
 /// Both sides may act while they are apart: without a quorum nobody can know. They must end in one.
 TEST_P(FleetWalk, SidesThatWereApartEndInOneOwner) {
   FleetWorld world({.seed = GetParam()});

@@ -29,6 +29,8 @@ struct FleetWorld::Node {
   std::set<std::string> filters;
   std::vector<std::function<void()>> waiting;    // what came while it was paused
   std::map<std::string, milliseconds> sessions;  // robots, and when they were heard; kept on disk
+  std::map<std::string, Bytes> kept;             // what a new owner gets of them
+  std::vector<BrokerMessage> stored;             // for when the link is up again
   std::optional<milliseconds> armed;
 };
 
@@ -101,6 +103,8 @@ void FleetWorld::speak(int robot, std::uint64_t visit) {
   const std::string name = robot_name(robot);
   to_gateway(who.at, [this, name](Node& node) {
     node.sessions[name] = now_;
+    if (robots_[static_cast<std::size_t>(robot_number(name))].visit == 1)
+      node.kept[name] = to_bytes(name);
     node.ownership->on_heard(name, clock_of(node));
   });
   at(now_ + pace, [this, robot, visit] { speak(robot, visit); });
@@ -187,6 +191,7 @@ void FleetWorld::restore_link(int gateway) {
   }
   publish(gateway, {"p/gateway/" + node.name + "/state", to_bytes(R"({"state":"online"})"),
                     Qos::at_least_once, true});
+  for (const BrokerMessage& message : std::exchange(node.stored, {})) publish(gateway, message);
 }
 
 void FleetWorld::set_side(int gateway, int side) {
@@ -277,6 +282,8 @@ void FleetWorld::perform(int gateway, UnsubscribeFleet& action) {
 void FleetWorld::perform(int gateway, TakeOverRobot& action) {
   story_.push_back(fmt::format("{} {} takes over {} (dead: '{}')", now_.count(), gateway,
                                action.robot, action.dead_owner));
+  Bytes& kept = nodes_[static_cast<std::size_t>(gateway)]->kept[action.robot];
+  if (kept.empty()) kept = action.session;
   const auto presence = [&](const std::string& name, const char* what) {
     publish(-1, {"p/gateway/" + name + "/robots/" + action.robot, to_bytes(what),
                  Qos::at_least_once, true});
@@ -291,7 +298,10 @@ void FleetWorld::perform(int gateway, GiveUpRobot& action) {
                                action.to.gateway));
   node.sessions.erase(action.robot);
   publish(-1, {"p/gateway/" + node.name + "/robots/" + action.robot, {}, Qos::at_least_once, true});
-  if (action.is_awaited) node.ownership->on_given_up(action.robot, action.to, to_bytes("session"));
+  Bytes session = std::move(node.kept[action.robot]);
+  node.kept.erase(action.robot);
+  if (action.is_awaited)
+    node.ownership->on_given_up(action.robot, action.to, std::move(session), clock_of(node));
 }
 
 void FleetWorld::perform(int gateway, CarryOut& action) {
@@ -343,7 +353,13 @@ void FleetWorld::perform(int gateway, TellOutcome& action) {
     ++seen_.doubled_outcomes;
     story_.push_back(fmt::format("{} SECOND OUTCOME of {} at {}", now_.count(), id, gateway));
   }
-  publish(gateway, action.message);
+  publish_stored(gateway, action.message);
+}
+
+void FleetWorld::publish_stored(int gateway, const BrokerMessage& message) {
+  Node& node = *nodes_[static_cast<std::size_t>(gateway)];
+  if (!node.is_link_up) return node.stored.push_back(message);
+  publish(gateway, message);
 }
 
 void FleetWorld::perform(int gateway, PublishWill& action) {
@@ -457,6 +473,12 @@ void FleetWorld::look() {
   at(now_ + look_pace, [this] { look(); });
 }
 
+bool FleetWorld::has_session(int robot) const {
+  const Node& node = *nodes_[static_cast<std::size_t>(robots_[static_cast<std::size_t>(robot)].at)];
+  const auto kept = node.kept.find(robot_name(robot));
+  return kept != node.kept.end() && !kept->second.empty();
+}
+
 FleetWorld::Judgement FleetWorld::judge() const {
   Judgement all = seen_;
   for (const Command& command : commands_)
@@ -468,6 +490,7 @@ FleetWorld::Judgement FleetWorld::judge() const {
       continue;
     }
     if (actors(i) != std::vector<int>{robot.at}) ++all.without_owner;
+    if (!has_session(i)) ++all.lost_sessions;
     int online = 0;
     for (int gateway = 0; gateway < gateways(); ++gateway) {
       const auto entry =

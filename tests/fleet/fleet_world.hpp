@@ -42,6 +42,7 @@ class FleetWorld {
     int two_owners = 0;        ///< looks at which two gateways could act for one robot
     int without_owner = 0;     ///< robots, at the end
     int strange_presence = 0;  ///< robots whose retained presence is not one `online`, at the end
+    int lost_sessions = 0;     ///< robots whose session is not where they are, at the end
   };
 
   explicit FleetWorld(Options options);
@@ -77,6 +78,8 @@ class FleetWorld {
   std::uint64_t published_by_kind(const std::string& kind) const;
   std::chrono::milliseconds now() const { return now_; }
   std::string describe() const;
+  /// Whether the gateway where the robot is has what the first one knew of it.
+  bool has_session(int robot) const;
   bool is_trusted = true;  ///< false while two sides are apart: both may act
 
  private:
@@ -124,6 +127,7 @@ class FleetWorld {
   void perform(int gateway, PublishWill& action);
   void perform(int gateway, Notice& action);
   void publish(int from, const BrokerMessage& message);
+  void publish_stored(int gateway, const BrokerMessage& message);
   void deliver(int from, int to, const BrokerMessage& message);
   void answer_subscribe(int gateway, const std::string& filter);
   void tell_outcome(int gateway, const std::string& robot, const std::string& id);
