@@ -3,10 +3,12 @@
 // says.
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 #include "tests/e2e/device.hpp"
 #include "tests/e2e/gateway_process.hpp"
+#include "tests/support/broker_of_version.hpp"
 #include "tests/support/eventually.hpp"
-#include "tests/support/mosquitto.hpp"
 
 namespace slamgw::test {
 namespace {
@@ -14,7 +16,7 @@ namespace {
 using nlohmann::json;
 using sim::sn::Type;
 
-class CommandFates : public testing::Test {
+class CommandFates : public OverEitherVersion {
  protected:
   static constexpr std::uint8_t accepted = 0;
   static constexpr std::uint8_t not_supported = 3;
@@ -36,12 +38,13 @@ class CommandFates : public testing::Test {
     device.send(sim::sn::puback(command.topic_id, command.msg_id, code));
   }
 
-  Mosquitto broker;
-  GatewayProcess gateway{json{{"broker", {{"uri", broker.uri()}}}}};
+  GatewayProcess gateway{json{{"broker", {{"uri", broker.link_uri()}}}}};
   Device device{gateway.mqttsn_address()};
 };
 
-TEST_F(CommandFates, OfAnOperatorBesideThoseOfTheServerHaveTheirOwnOutcome) {
+INSTANTIATE_TEST_SUITE_P(Over, CommandFates, either_version, CommandFates::name);
+
+TEST_P(CommandFates, OfAnOperatorBesideThoseOfTheServerHaveTheirOwnOutcome) {
   for (const char* text : {"one", "two"})
     mosquitto_publish(broker, {"-q", "1", "-t", "ntnu-slam/server/r1/cmd", "-m", text});
   ASSERT_TRUE(is_queue(2)) << gateway.log();

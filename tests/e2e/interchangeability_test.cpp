@@ -9,8 +9,8 @@
 #include <set>
 
 #include "tests/e2e/gateway_process.hpp"
+#include "tests/support/broker_of_version.hpp"
 #include "tests/support/eventually.hpp"
-#include "tests/support/mosquitto.hpp"
 
 namespace slamgw::test {
 namespace {
@@ -22,8 +22,8 @@ constexpr int updates = 20;
 const std::vector<std::string> world{"--robots", "3",  "--messages", "20",
                                      "--rate",   "25", "--seed",     "7"};
 
-json configuration(const Mosquitto& broker) {
-  json out{{"broker", {{"uri", broker.uri()}}},
+json configuration(const BrokerOfVersion& broker) {
+  json out{{"broker", {{"uri", broker.link_uri()}}},
            {"ble_mesh", {{"enabled", true}}},
            {"robots", json::array()}};
   for (int n = 1; n <= robots; ++n) {
@@ -52,8 +52,8 @@ struct Heard {
 };
 
 template <class ArgumentsOf>
-Heard hear(ArgumentsOf arguments_of) {
-  Mosquitto broker;
+Heard hear(MqttVersion version, ArgumentsOf arguments_of) {
+  BrokerOfVersion broker(version);
   Subscriber subscriber(broker, "ntnu-slam/robot/#");
   GatewayProcess gateway(configuration(broker));
   SimulatorProcess simulator(arguments_of(gateway));
@@ -67,9 +67,12 @@ Heard hear(ArgumentsOf arguments_of) {
   return heard;
 }
 
-TEST(EndToEnd, TheSameRobotsSayTheSameOnEitherMesh) {
-  const Heard thread = hear(thread_arguments);
-  const Heard ble = hear(ble_arguments);
+class EndToEnd : public testing::TestWithParam<MqttVersion> {};
+INSTANTIATE_TEST_SUITE_P(Over, EndToEnd, either_version, OverEitherVersion::name);
+
+TEST_P(EndToEnd, TheSameRobotsSayTheSameOnEitherMesh) {
+  const Heard thread = hear(GetParam(), thread_arguments);
+  const Heard ble = hear(GetParam(), ble_arguments);
   EXPECT_EQ(thread.lines, ble.lines);
   EXPECT_EQ(thread.report["lost"], 0) << thread.report;
   EXPECT_EQ(ble.report["lost"], 0) << ble.report;
@@ -99,10 +102,10 @@ void expect_command_reaches_robot(std::vector<std::string> arguments, GatewayPro
   EXPECT_EQ(simulator.report()["robots"]["robot1"]["commands_received"], 2);
 }
 
-TEST(EndToEnd, TheSameCommandsReachARobotOnEitherMesh) {
+TEST_P(EndToEnd, TheSameCommandsReachARobotOnEitherMesh) {
   for (const bool is_ble : {false, true}) {
     SCOPED_TRACE(is_ble ? "BLE Mesh" : "Thread");
-    Mosquitto broker;
+    BrokerOfVersion broker(GetParam());
     GatewayProcess gateway(configuration(broker));
     std::vector<std::string> arguments{"--robots", "1", "--seed", "3"};
     if (is_ble) {

@@ -5,14 +5,12 @@
 #include <signal.h>
 
 #include <map>
-#include <optional>
 #include <tuple>
 
 #include "tests/e2e/device.hpp"
 #include "tests/e2e/gateway_process.hpp"
+#include "tests/support/broker_of_version.hpp"
 #include "tests/support/eventually.hpp"
-#include "tests/support/mosquitto.hpp"
-#include "tests/support/mqtt311_proxy.hpp"
 
 namespace slamgw::test {
 namespace {
@@ -20,14 +18,9 @@ namespace {
 using nlohmann::json;
 using sim::sn::Type;
 
-/// The signal that ends the daemon, and whether the broker knows MQTT 5.
-class Restart : public testing::TestWithParam<std::tuple<int, bool>> {
+/// The signal that ends the daemon, and what the broker knows.
+class Restart : public testing::TestWithParam<std::tuple<int, MqttVersion>> {
  protected:
-  std::string broker_uri() {
-    if (std::get<bool>(GetParam())) return broker.uri();
-    proxy.emplace(broker.port());
-    return "mqtt://127.0.0.1:" + std::to_string(proxy->port());
-  }
   void connect() {
     // Before, a SUBACK does not mean that the broker has the subscription.
     ASSERT_TRUE(eventually([&] { return gateway.logs(" connected (MQTT"); })) << gateway.log();
@@ -54,9 +47,8 @@ class Restart : public testing::TestWithParam<std::tuple<int, bool>> {
     gateway.start();
   }
 
-  Mosquitto broker;
-  std::optional<Mqtt311Proxy> proxy;
-  GatewayProcess gateway{json{{"broker", {{"uri", broker_uri()}}}}};
+  BrokerOfVersion broker{std::get<MqttVersion>(GetParam())};
+  GatewayProcess gateway{json{{"broker", {{"uri", broker.link_uri()}}}}};
   Device device{gateway.mqttsn_address()};
   std::uint16_t topic_id = 0;
 };
@@ -94,17 +86,19 @@ TEST_P(Restart, DoesNotLoseTheOutcomeOfACommand) {
 }
 
 INSTANTIATE_TEST_SUITE_P(After, Restart,
-                         testing::Combine(testing::Values(SIGTERM, SIGKILL), testing::Bool()),
+                         testing::Combine(testing::Values(SIGTERM, SIGKILL), either_version),
                          [](const auto& how) {
                            const bool is_orderly = std::get<int>(how.param) == SIGTERM;
                            return std::string(is_orderly ? "Sigterm" : "Sigkill") +
-                                  (std::get<bool>(how.param) ? "Mqtt5" : "Mqtt311");
+                                  name_of(std::get<MqttVersion>(how.param));
                          });
 
-TEST(CommandsOverBle, HaveTheirOutcomeOverAKill) {
-  Mosquitto broker;
+using CommandsOverBle = OverEitherVersion;
+INSTANTIATE_TEST_SUITE_P(Over, CommandsOverBle, either_version, CommandsOverBle::name);
+
+TEST_P(CommandsOverBle, HaveTheirOutcomeOverAKill) {
   Subscriber outcomes(broker, "ntnu-slam/gateway/test/commands/#", "%t %p");
-  GatewayProcess gateway(json{{"broker", {{"uri", broker.uri()}}},
+  GatewayProcess gateway(json{{"broker", {{"uri", broker.link_uri()}}},
                               {"ble_mesh", {{"enabled", true}}},
                               {"robots", json::array({{{"id", "r1"}, {"ble_address", 0x0100}}})}});
   SimulatorProcess nobody_hears(

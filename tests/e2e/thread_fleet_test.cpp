@@ -10,8 +10,8 @@
 #include <filesystem>
 
 #include "tests/e2e/gateway_process.hpp"
+#include "tests/support/broker_of_version.hpp"
 #include "tests/support/eventually.hpp"
-#include "tests/support/mosquitto.hpp"
 
 namespace slamgw::test {
 namespace {
@@ -28,9 +28,11 @@ std::vector<std::string> thread_arguments(const GatewayProcess& gateway,
 }
 
 /// tests/e2e/fleet_check: what was acknowledged is upstream, once and in order.
-Finished check_fleet(const std::vector<std::string>& options) {
+Finished check_fleet(MqttVersion version, const std::vector<std::string>& options) {
+  const std::string only = version == MqttVersion::v3_1_1 ? "MQTT=3" : "MQTT=5";
   std::vector<std::string> arguments{
-      SLAMGW_FLEET_CHECK, std::filesystem::path(SLAMGW_SIM).parent_path(), "--outstanding", "1"};
+      "env",           only, SLAMGW_FLEET_CHECK, std::filesystem::path(SLAMGW_SIM).parent_path(),
+      "--outstanding", "1"};
   arguments.insert(arguments.end(), options.begin(), options.end());
   return run_program(arguments);
 }
@@ -43,9 +45,11 @@ std::string state_of(const GatewayProcess& gateway, const std::string& robot) {
   return {};
 }
 
-TEST(ThreadFleet, ASleepingRobotGetsACommandOnceWhenItWakes) {
-  Mosquitto broker;
-  GatewayProcess gateway(json{{"broker", {{"uri", broker.uri()}}}});
+using ThreadFleet = OverEitherVersion;
+INSTANTIATE_TEST_SUITE_P(Over, ThreadFleet, either_version, ThreadFleet::name);
+
+TEST_P(ThreadFleet, ASleepingRobotGetsACommandOnceWhenItWakes) {
+  GatewayProcess gateway(json{{"broker", {{"uri", broker.link_uri()}}}});
   Subscriber outcomes(broker, "ntnu-slam/gateway/test/commands/#", "%p");
   Subscriber updates(broker, "ntnu-slam/robot/robot1/update");
   SimulatorProcess simulator(
@@ -68,30 +72,30 @@ TEST(ThreadFleet, ASleepingRobotGetsACommandOnceWhenItWakes) {
   EXPECT_GE(report["wakes"], 2) << report;
 }
 
-TEST(ThreadFleet, SleepingRobotsLoseNothingOnABadRadio) {
-  const Finished check = check_fleet({"--robots", "20", "--sleep", "1", "--messages", "8", "--rate",
-                                      "4", "--loss", "0.05", "--retry", "0.3"});
+TEST_P(ThreadFleet, SleepingRobotsLoseNothingOnABadRadio) {
+  const Finished check =
+      check_fleet(GetParam(), {"--robots", "20", "--sleep", "1", "--messages", "8", "--rate", "4",
+                               "--loss", "0.05", "--retry", "0.3"});
   EXPECT_EQ(check.status, 0) << check.out << check.err;
   EXPECT_NE(check.out.find("\"wakes\""), std::string::npos) << check.out;
 }
 
-TEST(ThreadFleet, RoamingRobotsLoseNothingOnABadRadio) {
-  const Finished check =
-      check_fleet({"--robots", "20", "--roam", "0.9", "--messages", "15", "--rate", "8", "--retry",
+TEST_P(ThreadFleet, RoamingRobotsLoseNothingOnABadRadio) {
+  const Finished check = check_fleet(
+      GetParam(), {"--robots", "20", "--roam", "0.9", "--messages", "15", "--rate", "8", "--retry",
                    "0.35", "--delay-ms", "10", "--reorder", "0.1", "--duplicate", "0.1"});
   EXPECT_EQ(check.status, 0) << check.out << check.err;
   EXPECT_NE(check.out.find("\"roamed\""), std::string::npos) << check.out;
 }
 
-TEST(ThreadFleet, ALargerFleetLosesNothingAcknowledgedOnABadRadio) {
-  const Finished check = check_fleet(
-      {"--robots", "100", "--loss", "0.1", "--messages", "4", "--rate", "5", "--retry", "0.5"});
+TEST_P(ThreadFleet, ALargerFleetLosesNothingAcknowledgedOnABadRadio) {
+  const Finished check = check_fleet(GetParam(), {"--robots", "100", "--loss", "0.1", "--messages",
+                                                  "4", "--rate", "5", "--retry", "0.5"});
   EXPECT_EQ(check.status, 0) << check.out << check.err;
 }
 
-TEST(ThreadFleet, OnlyTheVanishedRobotsWillIsPublished) {
-  Mosquitto broker;
-  GatewayProcess gateway(json{{"broker", {{"uri", broker.uri()}}}});
+TEST_P(ThreadFleet, OnlyTheVanishedRobotsWillIsPublished) {
+  GatewayProcess gateway(json{{"broker", {{"uri", broker.link_uri()}}}});
   Subscriber wills(broker, "ntnu-slam/robot/+/will", "%t %p");
   SimulatorProcess simulator(thread_arguments(
       gateway, {"--robots", "2", "--messages", "3", "--keep-alive", "1", "--vanish", "0.5"}));
@@ -100,9 +104,8 @@ TEST(ThreadFleet, OnlyTheVanishedRobotsWillIsPublished) {
   EXPECT_EQ(wills.lines(), std::vector<std::string>{"ntnu-slam/robot/robot2/will Disconnected"});
 }
 
-TEST(ThreadFleet, AChangedWillIsTheOneThatIsPublished) {
-  Mosquitto broker;
-  GatewayProcess gateway(json{{"broker", {{"uri", broker.uri()}}}});
+TEST_P(ThreadFleet, AChangedWillIsTheOneThatIsPublished) {
+  GatewayProcess gateway(json{{"broker", {{"uri", broker.link_uri()}}}});
   Subscriber all(broker, "ntnu-slam/robot/robot1/+", "%t %p");
   SimulatorProcess simulator(
       thread_arguments(gateway, {"--robots", "1", "--messages", "6", "--will-updates", "0.3",
@@ -122,10 +125,9 @@ TEST(ThreadFleet, AChangedWillIsTheOneThatIsPublished) {
   EXPECT_FALSE(said("ntnu-slam/robot/robot1/will Disconnected"));
 }
 
-TEST(ThreadFleet, RobotsThatNeverConnectAreHeardWhenAllowed) {
-  Mosquitto broker;
+TEST_P(ThreadFleet, RobotsThatNeverConnectAreHeardWhenAllowed) {
   GatewayProcess gateway(
-      json{{"broker", {{"uri", broker.uri()}}},
+      json{{"broker", {{"uri", broker.link_uri()}}},
            {"mqttsn",
             {{"allow_unconnected_publish", true},
              {"predefined_topics", {{{"id", 1}, {"name", "ntnu-slam/robot/robot1/update"}}}}}}});

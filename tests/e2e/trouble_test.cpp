@@ -10,6 +10,7 @@
 #include <boost/asio/ip/udp.hpp>
 
 #include "tests/e2e/gateway_process.hpp"
+#include "tests/support/broker_of_version.hpp"
 #include "tests/support/eventually.hpp"
 #include "tests/support/free_port.hpp"
 #include "tests/support/mosquitto.hpp"
@@ -30,10 +31,12 @@ long cpu_ticks(pid_t pid) {
   return user + system;
 }
 
-TEST(Trouble, ABrokerThatIsDownAtStartIsWaitedFor) {
-  Mosquitto broker;
+using BrokerThatIsDown = OverEitherVersion;
+INSTANTIATE_TEST_SUITE_P(Over, BrokerThatIsDown, either_version, BrokerThatIsDown::name);
+
+TEST_P(BrokerThatIsDown, AtStartIsWaitedFor) {
   broker.kill();
-  GatewayProcess gateway(json{{"broker", {{"uri", broker.uri()}}}});
+  GatewayProcess gateway(json{{"broker", {{"uri", broker.link_uri()}}}});
   ASSERT_TRUE(eventually([&] { return gateway.logs("is not reached"); })) << gateway.log();
   SimulatorProcess simulator({"thread", "--gateway", gateway.mqttsn_address(), "--robots", "2",
                               "--messages", "5", "--rate", "20"});
@@ -44,7 +47,8 @@ TEST(Trouble, ABrokerThatIsDownAtStartIsWaitedFor) {
   const json report = simulator.report();
   EXPECT_EQ(report["lost"], 0) << report;
   EXPECT_EQ(report["acknowledged"], report["sent"]) << report;
-  EXPECT_TRUE(gateway.logs("connected (MQTT 5)"));
+  EXPECT_TRUE(gateway.logs(GetParam() == MqttVersion::v5 ? "connected (MQTT 5)"
+                                                         : "connected (MQTT 3.1.1)"));
 }
 
 TEST(Trouble, AWrongPasswordIsNamedWithoutBeingShown) {

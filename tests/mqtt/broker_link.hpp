@@ -13,9 +13,8 @@
 #include <vector>
 
 #include "daemon/mqtt/upstream.hpp"
+#include "tests/support/broker_of_version.hpp"
 #include "tests/support/eventually.hpp"
-#include "tests/support/mosquitto.hpp"
-#include "tests/support/mqtt311_proxy.hpp"
 
 namespace slamgw {
 
@@ -66,26 +65,14 @@ inline BrokerSettings settings_for(std::uint16_t port,
   return settings;
 }
 
-/// A real Mosquitto to test a link with: as it is, or as a broker that knows MQTT 3.1.1 only.
-class BrokerOfVersion : public test::Mosquitto {
- public:
-  explicit BrokerOfVersion(MqttVersion version) {
-    if (version == MqttVersion::v3_1_1) proxy_.emplace(port());
-  }
-  std::uint16_t link_port() const { return proxy_ ? proxy_->port() : port(); }
-
- private:
-  std::optional<test::Mqtt311Proxy> proxy_;
-};
+using test::BrokerOfVersion;
+using test::either_version;
+using test::name_of;
 
 inline std::string name_of(MqttClient client) {
   return client == MqttClient::paho ? "Paho" : "Mosquitto";
 }
-inline std::string name_of(MqttVersion version) {
-  return version == MqttVersion::v5 ? "Mqtt5" : "Mqtt311";
-}
 inline const auto each_client = testing::Values(MqttClient::paho, MqttClient::mosquitto);
-inline const auto either_version = testing::Values(MqttVersion::v5, MqttVersion::v3_1_1);
 
 /// A test of what holds with each client library.
 class WithEachClient : public testing::TestWithParam<MqttClient> {

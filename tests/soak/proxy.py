@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A broker that knows MQTT 3.1.1 only: a proxy before the real one, which refuses each CONNECT of MQTT 5. Used by World."""
+"""A broker that knows MQTT 3.1.1 only: a proxy before the real one, which refuses each CONNECT of MQTT 5. Used by World;
+as a program (proxy.py BROKER-PORT) it prints its own port and serves until it is ended."""
 import contextlib
 import selectors
 import socket
+import sys
 import threading
 
 REFUSED = bytes([0x20, 3, 0, 0x84, 0])  # CONNACK of MQTT 5: unsupported protocol version
@@ -50,3 +52,8 @@ def pump(client, broker):
                 if not octets:
                     return
                 other[key.fileobj].sendall(octets)
+
+
+if __name__ == "__main__":
+    print(Mqtt311Proxy(int(sys.argv[1])).port, flush=True)
+    threading.Event().wait()
