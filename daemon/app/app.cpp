@@ -213,7 +213,7 @@ void App::stop() {
   control_.reset();
   meshes_.stop_listening();
   fleet_.on_stop();
-  gateway_driver_.input([](Gateway& gateway, const Now&) { gateway.on_stop(); });
+  gateway_driver_.input([](Gateway& gateway, const Now& now) { gateway.on_stop(now); });
   outbox_driver_.input([](Outbox& outbox, TimePoint now) { outbox.on_stop(now); });
   stop_when_flushed(read_clocks().mono + flush_patience);
 }

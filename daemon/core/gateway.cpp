@@ -234,6 +234,22 @@ void Gateway::conclude(CommandOutcome outcome) {
                   outcome.robot, outcome.type, to_string(outcome.result), outcome.after.count(),
                   outcome.why.empty() ? "" : ": ", outcome.why),
       outcome.robot, Occasion::command_outcome, outcome.after});
+  publish_outcome(std::move(outcome));
+}
+
+/// Names that nobody knows can be made up without end: one line for a burst of them.
+void Gateway::refuse_unknown(CommandOutcome outcome, const Now& now) {
+  if (const auto count = unknown_throttle_.on_event(now.mono)) {
+    actions_.push(Notice{
+        Severity::warning,
+        fmt::format("- {} {} refused: {}{}", outcome.robot, outcome.type, outcome.why,
+                    *count > 1 ? fmt::format(" ({} like it since the last line)", *count) : ""),
+        outcome.robot, Occasion::command_outcome});
+  }
+  publish_outcome(std::move(outcome));
+}
+
+void Gateway::publish_outcome(CommandOutcome outcome) {
   actions_.push(Upload{{scheme_.outcome_topic(outcome.robot), to_bytes(outcome_json(outcome)),
                         Qos::at_least_once, false},
                        {},
@@ -264,19 +280,58 @@ void Gateway::handle(Notice notice, const Now&) { actions_.push(std::move(notice
 void Gateway::on_broker_message(BrokerMessage message,
                                 std::span<const SubscriptionId> subscriptions, const Now& now) {
   if (leftovers_.take(message)) return;
-  if (rights_.take(message, now)) return probe_rights({});
+  if (rights_.take(message, now)) return on_own_question();
   // Retained messages come for the subscription that asked for them only.
   if (!message.retain && !subscriptions_.is_copy_to_take(message, subscriptions)) return;
   if (ownership_.takes(message)) return;
   if (message.topic == scheme_.state_topic()) return on_own_state(message);
   const auto target = scheme_.parse_command_topic(message.topic);
-  if (target && ownership_.is_shared()) {
-    const std::string robot(target->robot);
-    const std::string type(target->type);
-    actions_.push(AwaitTurn{std::move(message), robot, type});
-    return;
+  if (!target || !ownership_.is_shared()) return take_command(std::move(message), now);
+  const std::string robot(target->robot);
+  const std::string type(target->type);
+  actions_.push(AwaitTurn{std::move(message), robot, type});
+}
+
+/// It matches the subscription to all commands as well: a broker that sends a copy for each
+/// subscription has sent two.
+void Gateway::on_own_question() {
+  if (rights_.copies() && subscriptions_.is_standing(scheme_.command_topic("+", "+")))
+    subscriptions_.set_sends_copies(*rights_.copies() > 1);
+  probe_rights({});
+}
+
+/// A command that is this gateway's, or another message of the broker. Commands for one robot keep
+/// their order.
+void Gateway::take_command(BrokerMessage message, const Now& now) {
+  const auto target = scheme_.parse_command_topic(message.topic);
+  const std::string robot(target ? target->robot : std::string_view{});
+  if (target && is_stray(message, robot)) {
+    if (target->type == RightsProbe::level) return;  // a gateway that tries its rights
+    strays_.add(std::move(message), robot, now.mono);
+    return deliver_strays(strays_.take_overdue(now.mono), now);
   }
+  if (target && !strays_.is_empty()) deliver_strays(strays_.take_for(robot), now);
   deliver(std::move(message), now);
+}
+
+/// A command that came only because this gateway hears all commands, for a robot that no mesh knows
+/// yet. A retained one waits at the broker.
+bool Gateway::is_stray(const BrokerMessage& message, const std::string& robot) const {
+  return !message.retain && !is_stopping_ && !ownership_.is_shared() &&
+         subscriptions_.is_only_of(scheme_.command_topic("+", "+"), message.topic) &&
+         !carrier_for(robot);
+}
+
+/// Other gateways may be about by now; then they agree on who answers.
+void Gateway::deliver_strays(std::vector<StrayCommands::Stray> strays, const Now& now) {
+  for (StrayCommands::Stray& stray : strays) {
+    if (!ownership_.is_shared()) {
+      deliver(std::move(stray.message), now, now.mono - stray.came);
+      continue;
+    }
+    const std::string type(scheme_.parse_command_topic(stray.message.topic)->type);
+    actions_.push(AwaitTurn{std::move(stray.message), std::move(stray.robot), type});
+  }
 }
 
 /// A last will that comes after the `online` is of a connection that was cut off long ago; one that
@@ -306,7 +361,7 @@ CommandId Gateway::on_operator_command(const std::string& robot, const std::stri
       {scheme_.command_topic(robot, type), std::move(payload), Qos::at_least_once, false}, now);
 }
 
-CommandId Gateway::deliver(BrokerMessage message, const Now& now) {
+CommandId Gateway::deliver(BrokerMessage message, const Now& now, Duration waited) {
   ++traffic_.down;
   const auto target = scheme_.parse_command_topic(message.topic);
   if (!target) {
@@ -328,24 +383,32 @@ CommandId Gateway::deliver(BrokerMessage message, const Now& now) {
                              .wall = now.wall,
                              .at = now.mono,
                              .command = command.id});
-  deliver_command(command, std::move(message), now);
+  deliver_command(command, std::move(message), now, waited);
   return command.id;
 }
 
 /// The message goes to the meshes in any case: other robots may listen to it.
-void Gateway::deliver_command(const Command& command, BrokerMessage message, const Now& now) {
+void Gateway::deliver_command(const Command& command, BrokerMessage message, const Now& now,
+                              Duration waited) {
   const bool is_open = command.carrier && commands_.open(command, now);
   const CommandId id = is_open ? command.id : CommandId::none;
   actions_.push(DeliverToMeshes{std::move(message), id, command.carrier});
-  if (is_open || command.is_retained) return;  // a retained one waits at the broker
-  conclude({command.carrier,
-            command.id,
-            command.robot,
-            command.type,
-            CommandResult::refused,
-            {},
-            command.carrier ? "too many commands are on their way"
-                            : "no robot of this name is known here"});
+  if (!is_open && !command.is_retained)
+    refuse(command, now, waited);  // else it waits at the broker
+}
+
+void Gateway::refuse(const Command& command, const Now& now, Duration waited) {
+  CommandOutcome outcome{command.carrier,
+                         command.id,
+                         command.robot,
+                         command.type,
+                         CommandResult::refused,
+                         std::chrono::duration_cast<std::chrono::milliseconds>(waited),
+                         "too many commands are on their way"};
+  if (command.carrier) return conclude(std::move(outcome));
+  outcome.why = registry_.find(command.robot) ? "the robot is not connected"
+                                              : "no robot of this name is known here";
+  refuse_unknown(std::move(outcome), now);
 }
 
 /// A robot with addresses on several meshes gets a command once: where it can be reached.
@@ -387,7 +450,8 @@ void Gateway::on_broker_link(const Now& now) {
 std::optional<TimePoint> Gateway::deadline() const {
   const auto of_broker =
       earlier(cover_settles_, earlier(leftovers_.deadline(), rights_.deadline()));
-  return earlier(commands_.deadline(), broker_.is_up ? of_broker : subscribers_wait_until_);
+  return earlier(earlier(commands_.deadline(), strays_.deadline()),
+                 broker_.is_up ? of_broker : subscribers_wait_until_);
 }
 
 void Gateway::on_deadline(const Now& now) {
@@ -397,6 +461,7 @@ void Gateway::on_deadline(const Now& now) {
               CommandResult::timeout, CommandLedger::patience,
               "the mesh has not told its outcome"});
   }
+  deliver_strays(strays_.take_overdue(now.mono), now);
   if (subscribers_wait_until_ && now.mono >= *subscribers_wait_until_) answer_waiting_subscribers();
   if (!broker_.is_up) return;
   if (cover_settles_ && now.mono >= *cover_settles_) {
@@ -494,8 +559,9 @@ void Gateway::withdraw_evicted() {
   for (const std::string& robot : registry_.take_evicted()) withdraw(robot);
 }
 
-void Gateway::on_stop() {
+void Gateway::on_stop(const Now& now) {
   is_stopping_ = true;
+  deliver_strays(strays_.take_overdue(TimePoint::max()), now);
   if (broker_.is_up) publish_state();  // else its last will has said the same
 }
 

@@ -19,6 +19,7 @@
 #include "daemon/core/protocol_machine.hpp"
 #include "daemon/core/rights_probe.hpp"
 #include "daemon/core/robot_registry.hpp"
+#include "daemon/core/stray_commands.hpp"
 #include "daemon/core/subscribe_answer.hpp"
 #include "daemon/core/subscription_table.hpp"
 #include "daemon/core/topic_scheme.hpp"
@@ -126,7 +127,7 @@ class Gateway {
   std::string forget(const std::string& robot);
   void share_with(OwnershipQuery ownership) { ownership_ = std::move(ownership); }
   /// A command of AwaitTurn is this gateway's to carry out.
-  void on_turn(BrokerMessage command, const Now& now) { deliver(std::move(command), now); }
+  void on_turn(BrokerMessage command, const Now& now) { take_command(std::move(command), now); }
   /// The will of AskAboutRobot is true.
   void on_silence(Report will, const Now& now) { pass_up(std::move(will), now); }
   /// The robot is this gateway's from now on. `dead_owner` may have left its presence behind.
@@ -139,7 +140,7 @@ class Gateway {
   void on_store(bool is_full);
   bool is_store_full() const { return is_store_full_; }
   /// The daemon ends in order: from now on `state` is `offline`, as the last will would say.
-  void on_stop();
+  void on_stop(const Now& now);
 
   std::optional<GatewayAction> next_action() { return actions_.pop(); }
   std::optional<TimePoint> deadline() const;
@@ -167,10 +168,19 @@ class Gateway {
   void handle(MeshStep step, const Now& now);
   void handle(Notice notice, const Now& now);
   void pass_up(Report report, const Now& now);
-  CommandId deliver(BrokerMessage message, const Now& now);
-  void deliver_command(const Command& command, BrokerMessage message, const Now& now);
+  void on_own_question();
+  void take_command(BrokerMessage message, const Now& now);
+  bool is_stray(const BrokerMessage& message, const std::string& robot) const;
+  void deliver_strays(std::vector<StrayCommands::Stray> strays, const Now& now);
+  /// `waited`: before it came here.
+  CommandId deliver(BrokerMessage message, const Now& now, Duration waited = {});
+  void deliver_command(const Command& command, BrokerMessage message, const Now& now,
+                       Duration waited);
+  void refuse(const Command& command, const Now& now, Duration waited);
   std::optional<Mesh> carrier_for(const std::string& robot) const;
   void conclude(CommandOutcome outcome);
+  void refuse_unknown(CommandOutcome outcome, const Now& now);
+  void publish_outcome(CommandOutcome outcome);
   void end_leftovers(const Now& now);
   void withdraw(const std::string& robot);
   void withdraw_evicted();
@@ -201,6 +211,8 @@ class Gateway {
   OwnershipQuery ownership_;
   PresenceQuery presence_on_;
   CommandLedger commands_;
+  StrayCommands strays_;
+  LogThrottle unknown_throttle_;
   OpenReceipts open_receipts_;
   Traffic traffic_;
   PerMesh<LinkState> mesh_links_;

@@ -9,11 +9,6 @@
 #include "daemon/core/protocol_machine.hpp"
 
 namespace slamgw {
-namespace {
-
-constexpr std::string_view level = "probe";
-
-}  // namespace
 
 RightsProbe::RightsProbe(const TopicScheme& scheme)
     : places_{{{fmt::format("{}/gateway/{}/{}", scheme.prefix(), scheme.gateway_id(), level),
@@ -38,6 +33,7 @@ bool RightsProbe::is_own(const std::string& filter) const {
 
 void RightsProbe::on_broker_link(bool is_up) {
   is_broker_up_ = is_up;
+  copies_.reset();
   for (Place& place : places_)
     if (place.state == State::waiting) place.state = State::idle;
 }
@@ -68,11 +64,22 @@ bool RightsProbe::take(const BrokerMessage& message, TimePoint now) {
   const auto place = std::find_if(places_.begin(), places_.end(),
                                   [&](const Place& p) { return p.topic == message.topic; });
   if (place == places_.end()) return false;
+  count_copies(*place, as_text(message.payload));
   if (place->nonce.empty() || as_text(message.payload) != place->nonce) return true;
   place->state = State::heard;
   place->nonce.clear();
   round_trip_ = now - place->sent;
   return true;
+}
+
+void RightsProbe::count_copies(const Place& place, std::string_view said) {
+  if (&place != &places_.back()) return;
+  if (!place.nonce.empty() && said == place.nonce) {
+    heard_under_server_ = said;
+    copies_ = 1;
+  } else if (copies_ && said == heard_under_server_) {
+    ++*copies_;
+  }
 }
 
 std::vector<BrokerMessage> RightsProbe::on_tick(const Now& now) {

@@ -8,6 +8,7 @@
 #include <array>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "daemon/core/messages.hpp"
@@ -24,6 +25,8 @@ struct MissingRight {
 
 class RightsProbe {
  public:
+  /// The last level of its topics; no robot's command.
+  static constexpr std::string_view level = "probe";
   /// A broker answers within milliseconds; a message that was not back by then was not let through.
   static constexpr std::chrono::seconds patience{10};
   /// While something is missing it is tried again: an access list may be corrected meanwhile.
@@ -38,6 +41,9 @@ class RightsProbe {
   /// The broker's answer for one of the filters; what is to be published now (QoS 0, not retained).
   std::optional<BrokerMessage> on_subscribe_result(const std::string& filter, bool granted,
                                                    const Now& now);
+  /// How many copies of the newest message under `server/` have come back; nothing while none has.
+  /// They come in a row. A broker that sends several has sent one for each subscription.
+  std::optional<unsigned> copies() const { return copies_; }
   /// True when the message is one of the probe's; the caller drops it.
   bool take(const BrokerMessage& message, TimePoint now);
   std::optional<TimePoint> deadline() const;
@@ -63,10 +69,13 @@ class RightsProbe {
   };
 
   BrokerMessage ask(Place& place, const Now& now);
+  void count_copies(const Place& place, std::string_view said);
 
-  std::array<Place, 2> places_;
+  std::array<Place, 2> places_;  // under gateway/, under server/
   bool is_broker_up_ = false;
   std::uint64_t asked_ = 0;
+  std::string heard_under_server_;
+  std::optional<unsigned> copies_;
   std::optional<Duration> round_trip_;
   std::vector<MissingRight> told_;
 };

@@ -118,6 +118,16 @@ std::vector<SubscriptionTable::Waiting> SubscriptionTable::take_all_waiting() {
   return waiting;
 }
 
+bool SubscriptionTable::is_only_of(const std::string& filter, const std::string& topic) const {
+  const auto known = wanted_.find(filter);
+  if (known == wanted_.end()) return false;
+  bool is_only = true;
+  standing_.match(topic, [&](const StandingSubscription& standing) {
+    is_only = is_only && standing.id == known->second.id;
+  });
+  return is_only;
+}
+
 /// From the filter (FNV-1a): messages that the broker kept for us while we restarted come with the
 /// id that their subscription had then.
 SubscriptionId SubscriptionTable::make_id(std::string_view filter) const {
@@ -138,7 +148,8 @@ bool SubscriptionTable::is_copy_to_take(const BrokerMessage& message,
     if (best.id == 0 || is_better) best = standing;
     ++copies;
   });
-  if (ids.empty()) return copies < 2 || is_first_in_row(message, copies);
+  if (ids.empty())
+    return copies < 2 || !sends_copies_.value_or(true) || is_first_in_row(message, copies);
   if (is_copy_of_last(message, ids)) return false;
   ids_of_last_.clear();
   if (best.id != 0) return std::ranges::find(ids, best.id) != ids.end();

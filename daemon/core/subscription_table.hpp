@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <functional>
 #include <map>
+#include <optional>
 #include <set>
 #include <span>
 #include <string>
@@ -63,7 +64,17 @@ class SubscriptionTable {
     std::string filter;
   };
   /// The broker is gone, and with it all subscriptions there.
-  void on_broker_gone() { standing_.clear(); }
+  void on_broker_gone() {
+    standing_.clear();
+    sends_copies_.reset();
+  }
+  bool is_standing(const std::string& filter) { return standing_.find(filter) != nullptr; }
+  /// True when `filter` is wanted, and no other filter that stands brings the topic.
+  bool is_only_of(const std::string& filter, const std::string& topic) const;
+  /// What was learned of a broker that names no `ids`: whether it sends a message once for each
+  /// subscription, as Mosquitto does, or once only, as RabbitMQ does. MQTT 3.1.1 allows both
+  /// (section 3.3.5). Until then it is taken to send copies.
+  void set_sends_copies(bool sends_copies) { sends_copies_ = sends_copies; }
   /// Those who still wait for an answer, and now no longer do.
   std::vector<Waiting> take_all_waiting();
 
@@ -90,6 +101,7 @@ class SubscriptionTable {
   /// The last message that had copies and no id, and how many of them are still to come.
   BrokerMessage repeated_;
   std::size_t copies_to_come_ = 0;
+  std::optional<bool> sends_copies_;  ///< of this connection's broker; nothing: not known
   /// Of the last message that came while none of its subscriptions stood: what copies of it named.
   std::vector<SubscriptionId> ids_of_last_;
 };

@@ -59,6 +59,8 @@ void Ownership::on_broker_link(bool is_up, const Now& now, bool is_session_kept)
   if (!is_up || settings_.enabled == Enabled::no) return;
   subscribe(context_.topics.state_filter());
   if (is_alone() && settings_.enabled == Enabled::automatic) {
+    // Commands for robots that nobody knows have an outcome, too.
+    subscribe(context_.topics.command_filter());
     is_looking_ = true;
     is_state_answered_ = false;
     looked_ = now.mono + longest_look;
@@ -113,6 +115,9 @@ void Ownership::wake_up(const Now& now) {
   looked_.reset();
   // The commands first: who hears the others and not the commands would miss what they leave to it.
   const FleetTopics& topics = context_.topics;
+  // A gateway that was alone asks for them once more, so that the core looks again at robots' own
+  // filters.
+  if (is_alone()) subscribed_.erase(topics.command_filter());
   for (const std::string& filter : {topics.command_filter(), topics.all_filter(),
                                     topics.own_filter(), topics.outcome_filter()}) {
     subscribe(filter);
@@ -146,6 +151,7 @@ void Ownership::fall_asleep(std::string why, TimePoint now) {
     if (is_somebody_silent && filter == topics.all_filter()) continue;
     if (subscribed_.erase(filter) > 0) context_.actions.push(UnsubscribeFleet{filter});
   }
+  if (!is_muted_) subscribe(topics.command_filter());
   for (const auto& [robot, is_online] : local_robots_())
     if (!claims_.is_held(robot)) context_.actions.push(TakeOverRobot{robot, {}, {}});
   claims_.forget_all();

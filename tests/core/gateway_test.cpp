@@ -449,7 +449,7 @@ TEST_F(GatewayTest, SaysInItsStateThatTheStoreIsFullAsLongAsItIs) {
 
 TEST_F(GatewayTest, SaysOfflineWhenItStops) {
   broker_comes();
-  gateway.on_stop();
+  gateway.on_stop(now);
   const auto uploads = drain<Upload>();
   ASSERT_EQ(uploads.size(), 1u);
   EXPECT_EQ(as_text(uploads[0].message.payload), R"({"state":"offline"})");
@@ -576,7 +576,7 @@ TEST_F(GatewayTest, SaysOnlineAgainWhenALastWillComesLate) {
 }
 
 TEST_F(GatewayTest, NeverSaysOnlineAgainAfterItHasStopped) {
-  gateway.on_stop();
+  gateway.on_stop(now);
   EXPECT_TRUE(drain<Upload>().empty()) << "its last will has said it";
   broker_is(true);  // while it waits for messages to be taken
   gateway.on_store(true);

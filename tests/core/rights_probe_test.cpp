@@ -81,6 +81,23 @@ TEST_F(RightsProbeTest, KnowsItsOwnMessagesOnly) {
   EXPECT_FALSE(probe_.take({"lab/server/gw1/cmd", {}, Qos::at_most_once, false}, after(3ms).mono));
 }
 
+TEST_F(RightsProbeTest, CountsCopiesOfItsNewestMessageUnderServer) {
+  connect();
+  EXPECT_FALSE(probe_.copies());
+  probe_.take(sent_[0], after(3ms).mono);
+  EXPECT_FALSE(probe_.copies()) << "under gateway/";
+  BrokerMessage others = sent_[1];
+  others.payload = to_bytes("somebody's");
+  probe_.take(others, after(3ms).mono);
+  EXPECT_FALSE(probe_.copies());
+  for (const unsigned copy : {1u, 2u}) {
+    probe_.take(sent_[1], after(3ms).mono);
+    EXPECT_EQ(probe_.copies(), copy);
+  }
+  probe_.on_broker_link(true);
+  EXPECT_FALSE(probe_.copies());
+}
+
 TEST_F(RightsProbeTest, WaitsForNothingWhileTheBrokerIsAway) {
   connect();
   probe_.on_broker_link(false);

@@ -90,6 +90,28 @@ TEST_F(SubscriptionTableTest, R103_CountsCopiesOfABrokerThatNamesNoSubscription)
   EXPECT_TRUE(takes("server/a/cmd", {}));
 }
 
+TEST_F(SubscriptionTableTest, TakesEveryMessageOfABrokerThatSendsNoCopies) {
+  subscribe("server/+/+");
+  subscribe("server/a/+");
+  table.set_sends_copies(false);
+  EXPECT_TRUE(takes("server/a/cmd", {}));
+  EXPECT_TRUE(takes("server/a/cmd", {})) << "the same command again";
+  table.on_broker_gone();
+  subscribe("server/+/+");
+  subscribe("server/a/+");
+  EXPECT_TRUE(takes("server/a/cmd", {}));
+  EXPECT_FALSE(takes("server/a/cmd", {})) << "another broker perhaps: nothing is known of it yet";
+}
+
+TEST_F(SubscriptionTableTest, KnowsWhatOneFilterAloneBrings) {
+  EXPECT_FALSE(table.is_only_of("server/+/+", "server/a/cmd")) << "nobody wants it";
+  subscribe("server/+/+");
+  EXPECT_TRUE(table.is_only_of("server/+/+", "server/a/cmd"));
+  subscribe("server/a/+");
+  EXPECT_FALSE(table.is_only_of("server/+/+", "server/a/cmd"));
+  EXPECT_TRUE(table.is_only_of("server/+/+", "server/b/cmd"));
+}
+
 TEST_F(SubscriptionTableTest, LetsTheOthersStandInForAFilterThatHasGone) {
   subscribe("server/a/+");
   const SubscriptionId exact = subscribe("server/a/cmd");

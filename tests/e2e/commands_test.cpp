@@ -59,5 +59,48 @@ TEST_P(CommandFates, OfAnOperatorBesideThoseOfTheServerHaveTheirOwnOutcome) {
   EXPECT_EQ(json::parse(read_file(gateway / "outcome"))["outcome"], "delivered");
 }
 
+/// `r1` is the only robot of a gateway that is alone on the broker.
+TEST_P(CommandFates, OfRobotsThatNobodyKnowsAreToldAndThoseOfTheOthersOnce) {
+  Subscriber outcomes(broker, "ntnu-slam/gateway/test/commands/#", "%t %p");
+  const auto say = [&](const std::string& topic, const std::string& text) {
+    mosquitto_publish(broker, {"-q", "1", "-t", "ntnu-slam/server/" + topic, "-m", text});
+  };
+  say("nobody/cmd", "go");
+  say("another-gateway/probe", "1-1");
+  for (int i = 0; i < 2; ++i) say("r1/cmd", "the same");
+  for (int i = 0; i < 2; ++i) answer(accepted);
+  ASSERT_TRUE(eventually([&] { return outcomes.lines().size() >= 3; })) << gateway.log();
+  say("nobody/run", "last");
+  ASSERT_TRUE(eventually([&] { return outcomes.lines().size() >= 4; })) << gateway.log();
+  std::vector<std::string> told;
+  for (const std::string& line : outcomes.lines()) {
+    const json outcome = json::parse(line.substr(line.find('{')));
+    told.push_back(
+        line.substr(line.find("/commands/") + 10, line.find(' ') - line.find("/commands/") - 10) +
+        " " + outcome["type"].get<std::string>() + " " + outcome["outcome"].get<std::string>());
+  }
+  std::sort(told.begin(), told.end());
+  EXPECT_EQ(told, (std::vector<std::string>{"nobody cmd refused", "nobody run refused",
+                                            "r1 cmd delivered", "r1 cmd delivered"}));
+  EXPECT_TRUE(device.is_silent()) << "a copy of the broker is no command";
+}
+
+/// RabbitMQ and HiveMQ do so too.
+TEST(CommandsOfABrokerWithoutCopies, AreAllCarriedOut) {
+  BrokerOfVersion broker(MqttVersion::v3_1_1, "allow_duplicate_messages false");
+  GatewayProcess gateway(json{{"broker", {{"uri", broker.link_uri()}}}});
+  Device device(gateway.mqttsn_address());
+  ASSERT_TRUE(eventually([&] { return gateway.logs(" connected (MQTT"); })) << gateway.log();
+  device.insist(sim::sn::connect("r1", 60, sim::sn::flag_clean_session), Type::connack);
+  device.send(sim::sn::subscribe(1, 2, "ntnu-slam/server/r1/cmd"));
+  device.expect(Type::suback);
+  for (int i = 0; i < 4; ++i) {
+    mosquitto_publish(broker,
+                      {"-q", "1", "-t", "ntnu-slam/server/r1/cmd", "-m", "the same each time"});
+    const auto command = device.expect(Type::publish);
+    device.send(sim::sn::puback(command.topic_id, command.msg_id, sim::sn::accepted));
+  }
+}
+
 }  // namespace
 }  // namespace slamgw::test

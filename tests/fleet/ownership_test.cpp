@@ -118,7 +118,7 @@ TEST_F(Newcomer, AsksAgainForWhatTheBrokerHasRefused) {
     return count;
   };
   ownership.on_broker_link(true, at(0s));
-  EXPECT_EQ(asked(), 1U);
+  EXPECT_EQ(asked(), 2U) << "states and commands";
   states_answered(20ms, SubscribeAnswer::refused);
   ownership.on_broker_link(false, at(1s));
   ownership.on_broker_link(true, at(2s));
@@ -222,8 +222,32 @@ TEST_F(Newcomer, HearsCommandsBeforeItHearsTheOthers) {
   std::vector<std::string> filters;
   while (const auto action = ownership.next_action())
     if (const auto* asked = std::get_if<SubscribeFleet>(&*action)) filters.push_back(asked->filter);
-  ASSERT_EQ(filters.size(), 5U);
-  EXPECT_EQ(filters[1], "p/server/+/+");
+  ASSERT_EQ(filters.size(), 6U);
+  EXPECT_EQ(filters[1], "p/server/+/+") << "alone";
+  EXPECT_EQ(filters[2], "p/server/+/+") << "with others";
+}
+
+TEST_F(Newcomer, GoesOnHearingCommandsWhenTheOthersHaveGone) {
+  const auto hears_commands = [&] {
+    std::optional<bool> hears;
+    while (const auto action = ownership.next_action()) {
+      if (const auto* asked = std::get_if<SubscribeFleet>(&*action))
+        if (asked->filter == "p/server/+/+") hears = true;
+      if (const auto* left = std::get_if<UnsubscribeFleet>(&*action))
+        if (left->filter == "p/server/+/+") hears = false;
+    }
+    return hears;
+  };
+  ownership.on_broker_link(true, at(0s));
+  EXPECT_EQ(hears_commands(), true);
+  states_answered(10ms);
+  state_comes("gw-1", 20ms);
+  ownership.on_deadline(at(11s));  // nothing that it writes under fleet/ comes back
+  ASSERT_TRUE(ownership.is_alone());
+  EXPECT_EQ(hears_commands(), false) << "others are about: it speaks for its own robots only";
+  ownership.on_broker_link(false, at(12s));
+  ownership.on_broker_link(true, at(13s));
+  EXPECT_EQ(hears_commands(), true);
 }
 
 TEST_F(Newcomer, HasNoLeaseFromABeatThatItCannotHaveSent) {
