@@ -13,7 +13,8 @@ void LeftoverRobots::on_broker_up(TimePoint now) {
 bool LeftoverRobots::take(const BrokerMessage& message) {
   const std::string_view prefix(filter_.data(), filter_.size() - 1);  // without the "+"
   if (!is_looking_ || !message.topic.starts_with(prefix)) return false;
-  if (message.retain && !message.payload.empty() && found_.size() < max_robots)
+  const bool is_presence = !message.payload.empty() && message.payload.size() <= max_octets;
+  if (message.retain && is_presence && found_.size() < max_robots)
     found_[message.topic.substr(prefix.size())].assign(message.payload.begin(),
                                                        message.payload.end());
   return true;

@@ -18,6 +18,8 @@ class LeftoverRobots {
   /// every 10 s), sessions of MQTT-SN clients are there from the start.
   static constexpr std::chrono::seconds grace{40};
   static constexpr std::size_t max_robots = 10000;
+  /// Ten times what the gateway says of a robot; a larger one is not its own.
+  static constexpr std::size_t max_octets = 4096;
 
   /// `filter` matches the retained presence of all robots of this gateway.
   explicit LeftoverRobots(std::string filter) : filter_(std::move(filter)) {}

@@ -11,6 +11,7 @@
 #include "tests/mqtt/broker_link.hpp"
 #include "tests/support/free_port.hpp"
 #include "tests/support/mosquitto.hpp"
+#include "tests/support/temp_dir.hpp"
 
 namespace slamgw {
 namespace {
@@ -41,6 +42,27 @@ TEST_P(BrokerSession, BringsTheCommandsThatCameWhileTheDaemonRestarted) {
   EXPECT_EQ(link.listener.messages[0].payload, to_bytes("one"));
   EXPECT_EQ(link.listener.messages[1].payload, to_bytes("two"));
   EXPECT_EQ(link.listener.subscriptions[0], std::vector<std::uint32_t>{77});
+}
+
+/// As retained messages they would come again at each connection.
+TEST_P(BrokerSession, BringsNoMessageThatIsTooLargeForADaemon) {
+  Mosquitto broker;
+  const test::TempDir directory;
+  test::write_file(directory / "large", std::string(max_inbound_packet_octets + 1, 'x'));
+  for (const char* qos : {"0", "1", "2"})
+    test::mosquitto_publish(broker, {"-r", "-q", qos, "-t", std::string("server/large/") + qos,
+                                     "-f", directory / "large"});
+  Link link(settings_for(broker.port()));
+  ASSERT_TRUE(link.comes_up());
+  link.upstream->subscribe("server/+/+", Qos::exactly_once, 77);
+  ASSERT_TRUE(link.sees([&] { return link.listener.subscribed.contains("server/+/+"); }));
+  for (int i = 0; i < 40; ++i)  // more than Mosquitto sends without an answer
+    test::mosquitto_publish(broker,
+                            {"-q", "1", "-t", "server/large/cmd", "-f", directory / "large"});
+  send_command(broker, "small");
+  ASSERT_TRUE(link.sees([&] { return !link.listener.messages.empty(); }));
+  EXPECT_EQ(link.listener.messages[0].payload, to_bytes("small"));
+  EXPECT_TRUE(link.listener.reasons.empty()) << link.listener.reasons[0];
 }
 
 TEST_P(BrokerSession, TellsWhereARobotsMessageCameFrom) {

@@ -125,6 +125,8 @@ int MosquittoLink::start_client(const std::string& address) {
     // later connect, and then refuses the port.
     mosquitto_property* properties = nullptr;
     mosquitto_property_add_int32(&properties, MQTT_PROP_SESSION_EXPIRY_INTERVAL, session_expiry_s);
+    mosquitto_property_add_int32(&properties, MQTT_PROP_MAXIMUM_PACKET_SIZE,
+                                 max_inbound_packet_octets);
     mosquitto_connect_bind_v5(client, address.c_str(), no_port, keep_alive, nullptr, properties);
     mosquitto_property_free_all(&properties);
   }

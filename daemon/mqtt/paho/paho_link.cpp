@@ -171,6 +171,10 @@ std::string PahoLink::host_of_attempt() const {
   return addresses.empty() ? settings_.host : addresses[options_.attempt % addresses.size()];
 }
 
+/// The default, said all the same: where nothing is said, Mosquitto 2.0.11 counts 20, and each
+/// message that is too large for us stays counted, so that after 20 no command comes any more.
+constexpr std::int32_t largest_receive_maximum = 65535;
+
 /// In place: copies of Paho's options forget or lose their properties.
 void PahoLink::set_connect_options() {
   mqtt::connect_options& options = connect_options_;
@@ -178,7 +182,9 @@ void PahoLink::set_connect_options() {
   if (options_.version == MqttVersion::v5) {
     options.set_clean_start(false);
     options.set_properties(mqtt::properties(
-        {{mqtt::property::SESSION_EXPIRY_INTERVAL, std::int32_t{session_expiry_s}}}));
+        {{mqtt::property::SESSION_EXPIRY_INTERVAL, std::int32_t{session_expiry_s}},
+         {mqtt::property::MAXIMUM_PACKET_SIZE, std::int32_t{max_inbound_packet_octets}},
+         {mqtt::property::RECEIVE_MAXIMUM, largest_receive_maximum}}));
   } else {
     options.set_clean_session(true);
   }
@@ -362,14 +368,18 @@ void PahoLink::report_ended(int reason) {
 }
 
 void PahoLink::message_arrived(mqtt::const_message_ptr message) {
-  if (inbound_waiting_ >= max_inbound_waiting) {
+  const std::size_t octets = message->get_topic().size() + message->get_payload().size();
+  if (inbound_waiting_ >= max_inbound_waiting ||
+      inbound_octets_ + octets > max_inbound_waiting_octets) {
     ++inbound_dropped_;
     return;
   }
   ++inbound_waiting_;
-  post_to_loop([this, arrived = from_paho(*message),
+  inbound_octets_ += octets;
+  post_to_loop([this, octets, arrived = from_paho(*message),
                 ids = subscriptions_of(*message)](MqttLinkListener& listener) {
     --inbound_waiting_;
+    inbound_octets_ -= octets;
     listener.on_message(arrived, ids);
   });
 }

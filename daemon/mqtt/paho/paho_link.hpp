@@ -33,6 +33,7 @@ class PahoLink final : public MqttLink,
   /// What waits between Paho's receive thread and the loop; beyond it messages are dropped and
   /// counted.
   static constexpr std::size_t max_inbound_waiting = 10000;
+  static constexpr std::size_t max_inbound_waiting_octets = std::size_t{32} * 1024 * 1024;
   /// Cap on Paho's own queue; the outbox's windows stay well below it.
   static constexpr int max_buffered_in_paho = 512;
 
@@ -114,6 +115,7 @@ class PahoLink final : public MqttLink,
   std::atomic<std::size_t> unwritten_{0};  // QoS 0 that Paho has
   Handover<std::uint64_t> written_;        // of them
   std::atomic<std::size_t> inbound_waiting_{0};
+  std::atomic<std::size_t> inbound_octets_{0};
   std::atomic<std::uint64_t> inbound_dropped_{0};
 
   // The tokens and options outlive the client, which is destroyed first.
