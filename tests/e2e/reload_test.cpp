@@ -100,6 +100,30 @@ TEST(Reload, GoesOnWithTheSessionOfAThreadRobotUnderItsNewName) {
             std::vector<std::string>{"ntnu-slam/gateway/test/robots/tank"});
 }
 
+TEST(Reload, TakesWhatLeavesTheConfigurationFromTheBrokerThatIsLeft) {
+  Mosquitto left;
+  Mosquitto next;
+  json configuration = configuration_for(left);
+  configuration["robots"] = {{{"id", "tank"}, {"mqttsn_client_id", "nrf-7"}}};
+  GatewayProcess gateway(configuration);
+  Device robot(gateway.mqttsn_address());
+  robot.insist(sim::sn::connect("nrf-7", 60, sim::sn::flag_clean_session), sim::sn::Type::connack);
+  robot.send(sim::sn::disconnect());
+  robot.expect(sim::sn::Type::disconnect);
+  ASSERT_FALSE(retained_presence(left).empty()) << gateway.log();
+
+  gateway.reload([&](json& wanted) {
+    wanted.erase("robots");
+    wanted["broker"]["uri"] = next.uri();
+  });
+
+  Subscriber there(next, "ntnu-slam/gateway/test/state", "%p");
+  ASSERT_TRUE(eventually([&] { return !there.lines().empty(); })) << gateway.log();
+  Subscriber late(left, "ntnu-slam/gateway/test/#", "%r %t");
+  ASSERT_TRUE(eventually([&] { return !late.lines().empty(); }));
+  EXPECT_EQ(late.lines(), std::vector<std::string>{"1 ntnu-slam/gateway/test/state"});
+}
+
 TEST(Reload, NamesAllThatNeedsARestartInOneLine) {
   Mosquitto broker;
   GatewayProcess gateway(configuration_for(broker));
