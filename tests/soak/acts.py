@@ -16,7 +16,7 @@ import time
 
 from program import Failure
 from stranger import Stranger
-from world import FLEETS, LARGEST_PACKET
+from world import FLEETS, LARGEST_PACKET, PREFIX
 
 WINDOW = 16  # broker.max_inflight
 FORGET_BATCH = 256  # Backlog::forget_batch
@@ -37,7 +37,7 @@ class Acts:
         acts = [self.kill_daemon, self.kill_daemon_again_and_again, self.stop_daemon, self.kill_broker, self.take_broker_away,
                 self.lose_both, self.kill_daemon_as_it_catches_up, self.stall_broker, self.kill_daemon_at_a_stalled_broker,
                 self.unplug_board, self.restart_board, self.damage_store]
-        acts += [self.send_a_crowd_of_strangers, self.shrink_packets]
+        acts += [self.send_a_crowd_of_strangers, self.shrink_packets, self.poison]
         if self.world.clock.can_be_moved:
             acts += [self.move_clock, self.move_clock_of_a_killed_daemon]
         if self.world.mqtt == 5:  # an MQTT 3.1.1 broker acknowledges what it does not take
@@ -255,6 +255,16 @@ class Acts:
         with world.trouble(f"{count} strangers connect", 0):
             Stranger(world.mqttsn_port).send_crowd(count)
             world.pass_time(lasts)
+
+    def poison(self):
+        """Text for which Mosquitto closes the connection: a robot that sends it does not cost the others theirs."""
+        world = self.world
+        with world.trouble("a robot sends poison", 0):
+            before = world.connections()
+            Stranger(world.mqttsn_port).send_poison(PREFIX)
+            world.pass_time(2)
+            if world.connections() != before:
+                raise Failure("a robot's poison has cost the connection to the broker")
 
     def start_daemon_after(self, seconds):
         self.world.pass_time(seconds)

@@ -25,6 +25,7 @@ PREFIX = "ntnu-slam"
 FLEETS = {"thread1_": 4, "thread2_": 4, "ble": 3}  # prefix of the robots' ids: how many
 FIRST_BLE_ADDRESS = 0x0100
 LARGEST_PACKET = 268435455  # of MQTT
+NOBODY = "nobody"  # a name that no robot has; commands to it have an outcome too
 REST_S = 100  # between two `cmd` to one robot: their outcomes can't be taken for each other's
 # A bad radio. One request at a time, as MQTT-SN 1.2 wants it: with more, the radio itself would change the order.
 THREAD_OPTIONS = ("--loss=0.05 --duplicate=0.05 --reorder=0.05 --delay-ms=5 --outstanding=1 --retry=1 --keep-alive=5 "
@@ -128,9 +129,9 @@ class World:
 
     def send_some_command(self):
         """One that the robot obeys, or else one of a type that no other has."""
-        robot = self.random.choice(self.robot_ids())
+        robot = self.random.choice([*self.robot_ids(), NOBODY])
         payload = struct.pack("<hh", self.random.randint(-60, 60), self.random.randint(-60, 60))
-        if time.monotonic() - self.obeyed_at.get(robot, -math.inf) < REST_S:
+        if robot == NOBODY or time.monotonic() - self.obeyed_at.get(robot, -math.inf) < REST_S:
             return self.send_command(robot, f"act{len(self.commands)}", payload)
         self.obeyed_at[robot] = time.monotonic()
         return self.send_command(robot, "cmd", payload)
@@ -152,6 +153,10 @@ class World:
         self.troubles.append(trouble)
         yield trouble
         trouble.end = time.time()
+
+    def connections(self):
+        """How often the daemons so far have connected to the broker."""
+        return self.daemon.log.read_text().count(" connected (MQTT")
 
     def told_as_lost(self, log_position):
         """Messages that the daemon has told as lost or damaged since its log was so long."""
@@ -288,4 +293,5 @@ class World:
 
 
 def fleet_of(robot):
-    return next(fleet for fleet in FLEETS if robot.startswith(fleet))
+    """None for NOBODY."""
+    return next((fleet for fleet in FLEETS if robot.startswith(fleet)), None)
