@@ -64,7 +64,8 @@ TEST_F(Backup, BringsEverythingBack) {
   struct stat after {};
   stat("/", &before);
   const auto mode_before = fs::status(root()).permissions();
-  restore(installation(), archive());
+  const std::string back = restore(installation(), archive());
+  EXPECT_EQ(back.find("is called"), back.npos) << "on a host of the same name";
   stat("/", &after);
   EXPECT_EQ(after.st_mode, before.st_mode) << "of the directories above nothing changes";
   EXPECT_EQ(fs::status(root()).permissions(), mode_before);
@@ -114,8 +115,6 @@ TEST_F(Backup, BelongsToWhoTypedSudo) {
 
 TEST_F(Backup, SaysThatTheGatewayGetsAnotherName) {
   backup(installation(), archive());
-  const std::string same = restore(installation(), archive());
-  EXPECT_EQ(same.find("is called"), same.npos);
   run_or_fail({"gunzip", archive()});
   const std::string tar = root() / "backup.tar";
   const std::string manifest = run_or_fail({"tar", "-xOf", tar, "slam-gateway-backup.json"});
