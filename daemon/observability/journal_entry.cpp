@@ -33,11 +33,12 @@ int journal_priority(Severity severity) {
   return LOG_ERR;
 }
 
-std::string journal_entry(Severity severity, std::string_view text, const LogFields& fields) {
+std::string journal_entry(std::string_view program, Severity severity, std::string_view text,
+                          const LogFields& fields) {
   std::string entry;
   append(entry, "MESSAGE", text);
   append(entry, "PRIORITY", std::to_string(journal_priority(severity)));
-  append(entry, "SYSLOG_IDENTIFIER", "slam-gatewayd");
+  append(entry, "SYSLOG_IDENTIFIER", program);
   for (const LogField& field : fields) append(entry, field.name, field.value);
   return entry;
 }

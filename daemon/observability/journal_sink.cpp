@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/observability/journal_sink.hpp"
 
+#include <errno.h>
 #include <fmt/format.h>
 
 #include "daemon/observability/journal_entry.hpp"
@@ -11,7 +12,8 @@ namespace slamgw {
 void JournalSink::sink_it_(const spdlog::details::log_msg& message) {
   const std::string_view text(message.payload.data(), message.payload.size());
   static const LogFields none;
-  socket_.send(journal_entry(context_.severity, text, context_.fields ? *context_.fields : none),
+  socket_.send(journal_entry(program_invocation_short_name, context_.severity, text,
+                             context_.fields ? *context_.fields : none),
                context_.severity >= Severity::notice);
 }
 
@@ -22,8 +24,8 @@ void JournalSink::flush_() {
   if (lost_said_at_ && now - *lost_said_at_ < lost_interval) return;
   const std::string text =
       fmt::format("{} log entries are lost: the journal did not take them", lost_);
-  socket_.send(journal_entry(Severity::warning, text, {}), false);
-  if (socket_.take_lost() > 0) return;  // in vain, this time too
+  socket_.send(journal_entry(program_invocation_short_name, Severity::warning, text, {}), false);
+  if (socket_.take_lost() > 0) return;  // still failing
   lost_ = 0;
   lost_said_at_ = now;
 }

@@ -162,12 +162,13 @@ TEST_F(AwaitedLinesTest, AreNoMoreThanTheirBound) {
 // ---- what an entry looks like
 
 TEST(JournalEntry, IsAFieldALine) {
-  EXPECT_EQ(journal_entry(Severity::warning, "text", {{"ROBOT_ID", "r=1"}}),
-            "MESSAGE=text\nPRIORITY=4\nSYSLOG_IDENTIFIER=slam-gatewayd\nROBOT_ID=r=1\n");
+  EXPECT_EQ(journal_entry("slam-gateway-web", Severity::warning, "text", {{"ROBOT_ID", "r=1"}}),
+            "MESSAGE=text\nPRIORITY=4\nSYSLOG_IDENTIFIER=slam-gateway-web\nROBOT_ID=r=1\n");
 }
 
 TEST(JournalEntry, GivesTheLengthOfAValueWithLineEnds) {
-  const std::string entry = journal_entry(Severity::info, "", {{"TOPIC", "a\nPRIORITY=0"}});
+  const std::string entry =
+      journal_entry("slam-gatewayd", Severity::info, "", {{"TOPIC", "a\nPRIORITY=0"}});
   const std::string expected("TOPIC\n\x0c\0\0\0\0\0\0\0a\nPRIORITY=0\n", 6 + 8 + 12 + 1);
   EXPECT_NE(entry.find(expected), std::string::npos) << "nobody forges a field";
 }
