@@ -251,29 +251,49 @@ void add_host_tasks(CLI::App& app, Arguments& a) {
                 "What somebody who helps wants to see, no secrets");
 }
 
-/// CLI11 says of a misspelt verb only that one is required. The first word that is neither an
-/// option nor an option's value is the verb.
+std::string verbs_of(const CLI::App& app) {
+  std::string names;
+  for (const CLI::App* known : app.get_subcommands({}))
+    names += (names.empty() ? "" : ", ") + known->get_name();
+  return names;
+}
+
+/// With half of the word to be changed it is a guess, and all are named.
+std::string suggestion(const CLI::App& app, const std::string& word) {
+  constexpr std::size_t longest_compared = 64;
+  std::string nearest;
+  std::size_t least = std::string::npos;
+  for (const CLI::App* known : app.get_subcommands({})) {
+    const std::size_t distance = edit_distance(word.substr(0, longest_compared), known->get_name());
+    if (distance < least) nearest = known->get_name();
+    least = std::min(least, distance);
+  }
+  return 2 * least <= word.size() ? "did you mean " + nearest + "?" : "there are: " + verbs_of(app);
+}
+
+/// CLI11 says of a verb that is missing or misspelt only that one is required. The first word that
+/// is neither an option nor an option's value is the verb, and for `ble` and `store` the second.
 std::optional<std::string> complaint_about_verb(const CLI::App& app,
                                                 const std::vector<std::string>& words) {
-  constexpr std::size_t longest_compared = 64;
+  const CLI::App* group = &app;
+  std::string before;
   for (std::size_t i = 0; i < words.size(); ++i) {
     if (words[i].starts_with("-")) {
+      if (words[i] == "--help" || words[i] == "-h" || words[i] == "--version") return std::nullopt;
       if (words[i] == "--socket" || words[i] == "--config" || words[i] == "--broker") ++i;
       continue;
     }
-    std::string nearest;
-    std::size_t least = std::string::npos;
-    for (const CLI::App* known : app.get_subcommands({})) {
-      if (known->get_name() == words[i]) return std::nullopt;
-      const std::size_t distance =
-          edit_distance(words[i].substr(0, longest_compared), known->get_name());
-      if (distance < least) nearest = known->get_name();
-      least = std::min(least, distance);
-    }
-    return "there is no command '" + text_at({{"word", words[i]}}, "word") + "'; did you mean " +
-           nearest + "? slam-gatewayctl --help lists them";
+    const auto known = group->get_subcommands(
+        [&word = words[i]](const CLI::App* verb) { return verb->get_name() == word; });
+    if (known.empty())
+      return "there is no command '" + before + text_at({{"word", words[i]}}, "word") + "'; " +
+             suggestion(*group, words[i]) + " (slam-gatewayctl " + before + "--help)";
+    if (known.front()->get_require_subcommand_min() == 0) return std::nullopt;
+    group = known.front();
+    before += words[i] + " ";
   }
-  return std::nullopt;
+  return "a command is missing; there are: " + verbs_of(*group) + " (slam-gatewayctl " + before +
+         "--help)";
 }
 
 }  // namespace

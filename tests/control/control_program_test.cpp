@@ -246,7 +246,16 @@ TEST_F(ControlProgramIo, EndsWithTwoForWrongArguments) {
   }
   EXPECT_NE(run({"--socket", "x", "robot"}).err.find("'robot'; did you mean robots?"),
             std::string::npos);
+  EXPECT_NE(run({"frobnicate"}).err.find("'frobnicate'; there are: status, robots"),
+            std::string::npos)
+      << "no guess where none is near";
+  EXPECT_NE(run({"stat"}).err.find("did you mean status?"), std::string::npos);
+  EXPECT_NE(run({"ble", "node"}).err.find("'ble node'; did you mean nodes?"), std::string::npos);
+  EXPECT_NE(run({"--json", "store"}).err.find("a command is missing; there are: list, export"),
+            std::string::npos);
+  EXPECT_NE(run({}).err.find("a command is missing; there are: status"), std::string::npos);
   EXPECT_EQ(run({"--help"}).status, 0);
+  EXPECT_EQ(run({"ble", "--help"}).status, 0);
   EXPECT_EQ(run({"--version"}).out, "slam-gatewayctl " SLAMGW_VERSION "\n");
 }
 
