@@ -144,7 +144,7 @@ void add_ble_changes(CLI::App& ble, Arguments& a, const auto& ask) {
   CLI::App* remove = ble.add_subcommand("remove", "Put a robot out of the mesh");
   remove->add_option("ROBOT", a.robot, "The robot's id")->required();
   remove->add_flag("--force", a.is_forced, "Forget it even when it does not answer");
-  remove->callback(ask("remove", Answer::node));
+  remove->callback(ask("remove", Answer::removed));
   CLI::App* import = ble.add_subcommand("import", "Bring an existing mesh in");
   import->add_option("FILE", a.order.file, "Its database: of Nordic's Python tool, or a mesh.json")
       ->required();

@@ -21,6 +21,7 @@ enum class Answer : std::uint8_t {
   joining,  ///< asked again and again until nobody joins any more
   nodes,
   node,
+  removed,  ///< from the mesh
   done,
   dead_letters,  ///< page by page, as a table
   exported,      ///< page by page, a JSON document a line

@@ -24,16 +24,18 @@ constexpr std::size_t max_line_bytes = std::size_t{64} << 20;
   struct stat status {};
   const bool is_there = stat(path.c_str(), &status) == 0;
   if (error == ENOENT)
-    throw Failure("slam-gatewayd is not running: there is no " + path +
-                  "; start it with: systemctl start slam-gateway");
+    throw NotRunning("slam-gatewayd is not running: there is no " + path +
+                     "; start it with: sudo systemctl start slam-gateway");
   if (error == EACCES)
-    throw Failure("no permission for " + path +
-                  ": join the group slam-gateway (adduser USER slam-gateway, then log in again)");
+    throw Failure(
+        "no permission for " + path +
+        ": join the group slam-gateway (sudo adduser \"$USER\" slam-gateway), then log in "
+        "again");
   if (is_there && !S_ISSOCK(status.st_mode))
     throw Failure(path + " is no socket; name the one that control.socket says with --socket");
   if (error == ECONNREFUSED)
-    throw Failure("slam-gatewayd is not running: nobody answers at " + path +
-                  "; start it with: systemctl start slam-gateway");
+    throw NotRunning("slam-gatewayd is not running: nobody answers at " + path +
+                     "; start it with: sudo systemctl start slam-gateway");
   throw Failure(path + ": " + std::strerror(error));
 }
 

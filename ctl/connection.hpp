@@ -16,8 +16,14 @@ struct Failure : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
+/// Nobody listens at the daemon's socket.
+struct NotRunning : Failure {
+  using Failure::Failure;
+};
+
 class Connection {
  public:
+  /// Throws Failure, and NotRunning when there is no daemon.
   explicit Connection(std::string path);
   ~Connection();
   Connection(const Connection&) = delete;

@@ -61,6 +61,7 @@ std::string text_of(const Order& order, const nlohmann::json& result) {
     case Answer::scan: return make_show().devices(result);
     case Answer::nodes: return make_show().nodes(result);
     case Answer::node: return make_show().nodes(nlohmann::json::array({result}));
+    case Answer::removed: return make_show().removed(result);
     case Answer::done: return make_show().done(result);
     case Answer::resent: return make_show().resent(result);
     case Answer::joining: return make_show().joining(result);
@@ -85,6 +86,7 @@ std::chrono::seconds patience_for(Answer answer) {
     case Answer::outcome: return outcome_patience;
     case Answer::scan:
     case Answer::node:
+    case Answer::removed:
     case Answer::resent:
     case Answer::mesh:
     case Answer::done: return order_patience;
@@ -269,7 +271,7 @@ int replay(const Installation& installation, const HostTask& task) {
   if (messages.empty()) throw Failure(task.file + " holds no message of a robot");
   const slamgw::BrokerSettings broker = broker_for(installation, task);
   const std::chrono::duration<double> length = messages.back().after;
-  std::cerr << fmt::format("{} messages in {:.1f} s to {}:{}\n", messages.size(),
+  std::cerr << fmt::format("publishing {} messages over {:.1f} s to {}:{}\n", messages.size(),
                            length.count() / task.speed, broker.host, broker.port);
   const Replayed done = replay(std::move(messages), broker, task.speed);
   if (task.json) {

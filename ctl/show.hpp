@@ -25,6 +25,8 @@ class Show {
   std::string devices(const nlohmann::json& devices) const;
   /// Robots of the BLE mesh.
   std::string nodes(const nlohmann::json& nodes) const;
+  /// What became of a robot that was put out of the mesh.
+  std::string removed(const nlohmann::json& node) const;
   std::string exported_mesh(const nlohmann::json& exported) const;
   /// How long new robots may join, and what one of them has come to.
   std::string joining_head(const nlohmann::json& news) const;

@@ -36,6 +36,14 @@ std::string Show::nodes(const json& nodes) const {
   return out;
 }
 
+std::string Show::removed(const json& node) const {
+  return fmt::format(
+      "{} ({}) is out of the mesh; only this takes it in again: slam-gatewayctl ble provision {} "
+      "--id {}\n",
+      text_at(node, "robot"), text_at(node, "address"), text_at(node, "uuid"),
+      text_at(node, "robot"));
+}
+
 std::string Show::exported_mesh(const json& exported) const {
   const std::string file = text_at(exported, "file");
   return fmt::format(
@@ -75,7 +83,8 @@ std::string Show::done(const json& done) const {
     return text_at(done, "forgotten") + " is forgotten" +
            (was_known != done.end() && *was_known == true
                 ? "\n"
-                : "; it was not known here, what the broker retains of it is cleared\n");
+                : "; it was not known here, what the broker retains of it is cleared once the "
+                  "broker is there\n");
   }
   if (done.contains("in_force")) {
     const std::string restart = text_at(done, "needs_restart");

@@ -64,7 +64,8 @@ class Examination {
   void daemon() {
     if (facts_.status.is_null())
       return add("daemon", Health::problem, facts_.status_failure,
-                 "systemctl status slam-gateway; journalctl -u slam-gateway -n 50");
+                 facts_.is_running ? "sudo slam-gatewayctl doctor"
+                                   : "sudo journalctl -u slam-gateway -n 20 says why");
     const std::string version = text_at(facts_.status, "version");
     if (version != facts_.own_version)
       return add("daemon", Health::warning,
@@ -99,6 +100,13 @@ class Examination {
     const std::string& wanted = config_.mqttsn.interface;
     const InterfaceFacts* const interface = find_interface(wanted);
     if (!wanted.empty()) thread_interface(wanted, interface);
+    if (facts_.taken_port)
+      add("thread: port", Health::problem,
+          fmt::format("another program has UDP port {}", *facts_.taken_port),
+          fmt::format("sudo ss -ulpn 'sport = :{}' names it; when it has ended: sudo systemctl "
+                      "restart slam-gateway",
+                      *facts_.taken_port));
+    if (!facts_.is_running) return link("thread", "thread");
     if (config_.mqttsn.multicast_group && (wanted.empty() || interface)) multicast(wanted);
     link("thread", "thread");
     if (facts_.is_search_answered) search();
@@ -179,9 +187,17 @@ class Examination {
       add("broker", Health::well, uri + " is connected");
     } else {
       add("broker", state == "down" ? Health::problem : Health::warning,
-          fmt::format("{} is {}: {}", uri, state, why),
-          "/usr/share/doc/slam-gateway/troubleshooting.md, broker.md");
+          fmt::format("{} is {}: {}", uri, state, why), broker_remedy(state, why));
     }
+  }
+
+  static std::string broker_remedy(const std::string& state, const std::string& why) {
+    if (state == "refusing")
+      return "the broker's access control list: /usr/share/doc/slam-gateway/broker.md";
+    if (why.find("Connection refused") != why.npos)
+      return "on the broker's host: systemctl status mosquitto; without a `listener` line it "
+             "serves localhost only: /usr/share/doc/slam-gateway/broker.md";
+    return "/usr/share/doc/slam-gateway/troubleshooting.md, broker.md";
   }
 
   void rights() {
@@ -304,9 +320,16 @@ std::vector<Finding> examine_robot(const std::string& robot, const RobotFacts& f
   if (const json* node = row_of(facts.nodes, "robot", robot))
     findings.push_back(node_finding(*node));
   if (!facts.refusal.empty())
-    findings.push_back({"thread: refused", Health::warning, facts.refusal,
+    findings.push_back({"refused", Health::warning, facts.refusal,
                         "journalctl -u slam-gateway ROBOT_ID=" + robot});
   const json* const row = row_of(facts.robots, "id", robot);
+  const json* const elsewhere = row_of(facts.fleet_robots, "robot", robot);
+  if (row == nullptr && elsewhere != nullptr) {
+    findings.push_back({"fleet", Health::well,
+                        "is served by gateway " + text_at(*elsewhere, "gateway"),
+                        fmt::format("on that gateway's host: slam-gatewayctl doctor {}", robot)});
+    return findings;
+  }
   if (row == nullptr) {
     findings.push_back(
         {"heard", Health::problem,

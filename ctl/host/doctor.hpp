@@ -34,10 +34,12 @@ struct HostFacts {
   ParseResult configuration;
   nlohmann::json status;       ///< the daemon's; null when it does not answer
   std::string status_failure;  ///< why it does not
+  bool is_running = true;      ///< somebody listens at its socket
   nlohmann::json fleet;        ///< the daemon's answer to `fleet`; null when there is none
   std::string own_version;
   std::vector<InterfaceFacts> interfaces;
-  std::optional<bool> is_search_answered;  ///< a SEARCHGW of our own; nothing: not tried
+  std::optional<bool> is_search_answered;   ///< a SEARCHGW of our own; nothing: not tried
+  std::optional<std::uint16_t> taken_port;  ///< of mqttsn.listen; looked at when it does not run
   std::optional<bool> is_clock_synchronised;
   std::optional<std::uint64_t> state_free_bytes;  ///< where store.directory lies
 };
@@ -49,6 +51,7 @@ struct RobotFacts {
   nlohmann::json robots;  ///< the daemon's answer to `robots`
   nlohmann::json nodes;   ///< its answer to `ble nodes`; null without a BLE mesh
   std::string refusal;    ///< the journal's newest line on what was refused to it; may be empty
+  nlohmann::json fleet_robots;  ///< the robots of its answer to `fleet`; null when there are none
 };
 
 /// What is known of one robot, and of why it is silent.

@@ -10,6 +10,7 @@
 #include <unistd.h>
 
 #include <array>
+#include <cerrno>
 #include <charconv>
 #include <chrono>
 #include <cstring>
@@ -19,6 +20,8 @@
 
 #include "ctl/connection.hpp"
 #include "ctl/host/program.hpp"
+#include "ctl/text.hpp"
+#include "daemon/core/time.hpp"
 
 namespace slamgw::ctl {
 namespace {
@@ -131,6 +134,37 @@ std::optional<bool> search(const mqttsn::Settings& settings) {
   return is_answered;
 }
 
+/// The first port of `mqttsn.listen` that nobody can bind now.
+std::optional<std::uint16_t> taken_port(const mqttsn::Settings& settings) {
+  for (const std::string& listen : settings.listen) {
+    std::uint16_t port = 0;
+    const std::size_t digits = listen.rfind(':') + 1;
+    std::from_chars(listen.data() + digits, listen.data() + listen.size(), port);
+    sockaddr_in6 address{};
+    address.sin6_family = AF_INET6;
+    address.sin6_port = htons(port);
+    const int udp = socket(AF_INET6, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+    if (udp < 0) return std::nullopt;
+    const bool is_taken =
+        bind(udp, reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0 &&
+        errno == EADDRINUSE;
+    close(udp);
+    if (is_taken) return port;
+  }
+  return std::nullopt;
+}
+
+/// The first of the journal's entries as JSON, as `time: text`; empty when there is none.
+std::string dated_line(const std::string& text) {
+  const auto entry = nlohmann::json::parse(text.substr(0, text.find('\n')), nullptr, false);
+  const std::string digits = text_at(entry, "__REALTIME_TIMESTAMP");  // microseconds
+  std::int64_t microseconds = 0;
+  std::from_chars(digits.data(), digits.data() + digits.size(), microseconds);
+  const std::string said = text_at(entry, "MESSAGE");
+  if (said.empty()) return {};
+  return to_iso8601(WallTime(std::chrono::microseconds(microseconds))) + ": " + said;
+}
+
 std::optional<bool> clock_state() {
   const ProgramResult shown =
       run_program({"timedatectl", "show", "-p", "NTPSynchronized", "--value"});
@@ -148,11 +182,18 @@ HostFacts gather_facts(const Installation& installation, const std::string& sock
     Connection connection(socket);
     facts.status = connection.ask({{"command", "status"}}, answer_patience);
     facts.fleet = connection.ask({{"command", "fleet"}}, answer_patience);
+  } catch (const NotRunning& failure) {
+    facts.is_running = false;
+    facts.status_failure = failure.what();
   } catch (const Failure& failure) {
     facts.status_failure = failure.what();
   }
   facts.interfaces = read_interfaces();
-  facts.is_search_answered = search(installation.parsed().config.mqttsn);
+  const mqttsn::Settings& mqttsn = installation.parsed().config.mqttsn;
+  if (facts.is_running)
+    facts.is_search_answered = search(mqttsn);
+  else if (mqttsn.enabled)
+    facts.taken_port = taken_port(mqttsn);
   facts.is_clock_synchronised = clock_state();
   std::error_code error;
   const fs::space_info space = fs::space(installation.state(), error);
@@ -163,14 +204,16 @@ HostFacts gather_facts(const Installation& installation, const std::string& sock
 RobotFacts gather_robot_facts(const std::string& robot, Connection& daemon) {
   RobotFacts facts;
   facts.robots = daemon.ask({{"command", "robots"}}, answer_patience);
+  const auto fleet = daemon.ask({{"command", "fleet"}}, answer_patience);
+  if (const auto rows = fleet.find("robots"); rows != fleet.end()) facts.fleet_robots = *rows;
   try {
     facts.nodes = daemon.ask({{"command", "ble nodes"}}, answer_patience);
   } catch (const Failure&) {  // without a BLE mesh there are none
   }
   const ProgramResult lines =
       run_program({"journalctl", "-q", "--no-pager", "-u", "slam-gateway", "--since", "-1d", "-n",
-                   "1", "-o", "cat", "-g", "may not |refuse", "ROBOT_ID=" + robot});
-  if (lines.status == 0) facts.refusal = lines.output.substr(0, lines.output.find('\n'));
+                   "1", "-o", "json", "-g", "may not |refuse", "ROBOT_ID=" + robot});
+  if (lines.status == 0) facts.refusal = dated_line(lines.output);
   return facts;
 }
 

@@ -105,7 +105,14 @@ TEST_F(ControlMeshIo, ListsAndRemovesNodes) {
   start();
   EXPECT_EQ(order({"nodes"}, {"[]", {}}).out, "no robot is in the mesh yet\n");
   order_of<NodesOrder>(handler);
-  EXPECT_EQ(order({"remove", "r1"}, {R"({"robot":"r1"})", {}}).status, 0);
+  const Ended removed =
+      order({"remove", "r1"},
+            {R"({"robot":"r1","uuid":"736c","address":"0x0100","state":"configured"})", {}});
+  EXPECT_EQ(removed.status, 0);
+  EXPECT_EQ(removed.out,
+            "r1 (0x0100) is out of the mesh; only this takes it in again: slam-gatewayctl ble "
+            "provision 736c --id r1\n")
+      << "not its row, which looks as if it were still there";
   EXPECT_EQ(order_of<RemoveOrder>(handler).robot, "r1");
   EXPECT_FALSE(order_of<RemoveOrder>(handler).is_forced);
   EXPECT_EQ(order({"remove", "r1", "--force"}, {R"({"robot":"r1"})", {}}).status, 0);

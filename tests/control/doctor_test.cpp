@@ -52,6 +52,11 @@ TEST(Doctor, NamesEachStepThatIsBroken) {
   facts.status = nullptr;
   facts.status_failure = "slam-gatewayd is not running";
   EXPECT_EQ(problems_of(facts), "daemon; thread; ");
+  facts.interfaces.clear();
+  facts.is_running = false;
+  facts.taken_port = 47193;
+  EXPECT_EQ(problems_of(facts), "daemon; thread: port; thread; ")
+      << "nothing follows from a daemon that has ended";
 
   facts = healthy();
   facts.own_version = "1.1";
@@ -139,7 +144,7 @@ TEST(Doctor, TakesAnyAnswerOfTheDaemon) {
     facts.fleet = {{"gateways", status}};
     EXPECT_FALSE(to_text(examine(facts)).empty());
   }
-  EXPECT_FALSE(examine_robot("r", {json(3), json(4), "x"}, {}).empty());
+  EXPECT_FALSE(examine_robot("r", {json(3), json(4), "x", json(5)}, {}).empty());
 }
 
 TEST(Doctor, TellsWhatIsKnownOfOneRobot) {
@@ -158,8 +163,11 @@ TEST(Doctor, TellsWhatIsKnownOfOneRobot) {
   EXPECT_NE(text.find("ble 0x0100"), text.npos);
   EXPECT_NE(text.find("offline since 2026-01-01T00:00:00Z: not heard for 30 s"), text.npos);
   EXPECT_NE(text.find("7 messages up"), text.npos);
-  const auto unknown = examine_robot("r2", facts, configuration);
-  EXPECT_TRUE(has_problem(unknown));
+  EXPECT_TRUE(has_problem(examine_robot("r2", facts, configuration)));
+  facts.fleet_robots = {{{"robot", "r2"}, {"gateway", "room-b"}}};
+  const auto elsewhere = examine_robot("r2", facts, configuration);
+  EXPECT_FALSE(has_problem(elsewhere));
+  EXPECT_NE(to_text(elsewhere).find("is served by gateway room-b"), std::string::npos);
 }
 
 TEST(Doctor, TellsWhyARobotNeverSpoke) {
@@ -175,7 +183,7 @@ TEST(Doctor, TellsWhyARobotNeverSpoke) {
             text.npos)
       << text;
   EXPECT_NE(text.find("slam-gatewayctl ble remove r1 --force"), text.npos);
-  EXPECT_NE(text.find("thread: refused: " + facts.refusal), text.npos);
+  EXPECT_NE(text.find("refused: " + facts.refusal), text.npos);
   facts.nodes[0] = {{"robot", "r1"}, {"address", "0x0100"}, {"state", "configured"}};
   EXPECT_NE(to_text(examine_robot("r1", facts, {})).find("0x0100 in the mesh and is configured"),
             text.npos);

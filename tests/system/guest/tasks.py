@@ -130,6 +130,7 @@ def another_program_has_the_port():
         since = now()
         run("systemctl", "start", "slam-gateway", status=None)
         wait_for("a line about the port", lambda: says("another MQTT-SN gateway has the port", *since))
+        wait_for("doctor's word on the port", lambda: finding(doctor(), "thread: port"))
     wait_for_status("broker up")
 
 
