@@ -212,6 +212,17 @@ def robot_is_forgotten():
     demand("{" not in left, f"the broker still has {left}")
 
 
+def old_name_is_taken_from_the_broker():
+    """a gateway that is gone: what is retained under its name goes by the command of docs/fleet.md, and nothing else"""
+    user = ("-u", "slam-gateway", "-P", PASSWORDS["slam-gateway"])
+    for topic in ("state", "robots/r"):
+        run("mosquitto_pub", *user, "-t", f"ntnu-slam/gateway/old-name/{topic}", "-r", "-q", "1", "-m", '{"state":"online"}')
+    clear = ("mosquitto_sub", *user, "-t", "ntnu-slam/gateway/old-name/#", "--retained-only", "--remove-retained", "-W", "2")
+    demand("online" in run(*clear, status=None), "nothing was there")
+    demand("online" not in run(*clear, status=None), "something is left")
+    demand(retained("state") == "online", "another gateway's state went too")
+
+
 def gateways_agree():
     """several gateways: the two name each other, and doctor sees that they agree"""
     with tempfile.TemporaryDirectory() as directory:
@@ -346,6 +357,7 @@ STEPS = [
     broker_with_its_own_certificates,
     second_gateway_with_the_same_id,
     gateways_agree,
+    old_name_is_taken_from_the_broker,
     doctor_finds_what_is_wrong,
     report_has_no_secret,
     full_disk_and_room_again,
