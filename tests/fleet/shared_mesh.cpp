@@ -244,7 +244,8 @@ void SharedMesh::perform(Node& node, OwnershipAction& action) {
                  [&](TakeOverRobot& what) { take_over(node, number_of(what.robot)); },
                  [&](GiveUpRobot& what) {
                    forget(node, number_of(what.robot));
-                   if (what.is_awaited) node.ownership->on_given_up(what.robot, what.to, {});
+                   if (what.is_awaited)
+                     node.ownership->on_given_up(what.robot, what.to, {}, clock());
                  },
                  [](auto&) {},
              },
