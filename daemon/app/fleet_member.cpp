@@ -140,7 +140,7 @@ void FleetMember::perform(fleet::SubscribeFleet& action) {
 
 void FleetMember::perform(fleet::UnsubscribeFleet& action) {
   gateway_driver_.input(
-      [&](Gateway& gateway, const Now& now) { gateway.unsubscribe_own(action.filter, now); });
+      [&](Gateway& gateway, const Now&) { gateway.unsubscribe_own(action.filter); });
 }
 
 void FleetMember::perform(fleet::TakeOverRobot& action) {

@@ -181,14 +181,15 @@ bool Gateway::is_of_all_commands(const std::string& filter) const {
 
 /// It is of some robots' commands, and the subscription to all commands brings these too.
 bool Gateway::is_covered(const std::string& filter) const {
-  if (!is_all_granted_ || !ownership_.hears_all_commands()) return false;
+  if (is_all_refused_ || !ownership_.hears_all_commands()) return false;
   const std::string all = scheme_.command_topic("+", "+");
   return filter != all && filter.starts_with(std::string_view(all).substr(0, all.size() - 3));
 }
 
-/// The subscription to all commands stands now or has gone: robots' own ones go or come again.
-void Gateway::cover_commands(TimePoint now) {
-  cover_settles_ = now + cover_settling;
+/// The subscription to all commands comes or goes: robots' own ones go or come again. They go at
+/// once, because of two that stand a broker may send two copies in any order. What comes until the
+/// other one stands is refused by another gateway, which hears it.
+void Gateway::cover_commands() {
   for (const std::string& filter :
        subscriptions_.set_cover([&](const std::string& each) { return is_covered(each); })) {
     const auto& wanted = subscriptions_.wanted().at(filter);
@@ -202,14 +203,12 @@ void Gateway::cover_commands(TimePoint now) {
 
 void Gateway::subscribe_own(const std::string& filter, Qos qos) {
   const auto& wanted = subscriptions_.add_own(filter, qos);
+  if (is_of_all_commands(filter) && broker_.is_up) cover_commands();
   if (broker_.is_up) actions_.push(SubscribeAtBroker{filter, wanted.qos, wanted.id});
 }
 
-void Gateway::unsubscribe_own(const std::string& filter, const Now& now) {
-  if (is_of_all_commands(filter)) {
-    is_all_granted_ = false;
-    if (broker_.is_up) cover_commands(now.mono);
-  }
+void Gateway::unsubscribe_own(const std::string& filter) {
+  if (is_of_all_commands(filter) && broker_.is_up) cover_commands();
   if (subscriptions_.remove_own(filter)) actions_.push(UnsubscribeAtBroker{filter});
 }
 
@@ -424,7 +423,6 @@ std::optional<Mesh> Gateway::carrier_for(const std::string& robot) const {
 
 void Gateway::on_broker_link(const Now& now) {
   is_state_heard_ = false;
-  cover_settles_.reset();
   rights_.on_broker_link(broker_.is_up && settings_.probes_rights);
   subscribers_wait_until_.reset();
   if (!broker_.is_up) {
@@ -448,8 +446,7 @@ void Gateway::on_broker_link(const Now& now) {
 }
 
 std::optional<TimePoint> Gateway::deadline() const {
-  const auto of_broker =
-      earlier(cover_settles_, earlier(leftovers_.deadline(), rights_.deadline()));
+  const auto of_broker = earlier(leftovers_.deadline(), rights_.deadline());
   return earlier(earlier(commands_.deadline(), strays_.deadline()),
                  broker_.is_up ? of_broker : subscribers_wait_until_);
 }
@@ -464,10 +461,6 @@ void Gateway::on_deadline(const Now& now) {
   deliver_strays(strays_.take_overdue(now.mono), now);
   if (subscribers_wait_until_ && now.mono >= *subscribers_wait_until_) answer_waiting_subscribers();
   if (!broker_.is_up) return;
-  if (cover_settles_ && now.mono >= *cover_settles_) {
-    cover_settles_.reset();
-    subscriptions_.forget_covered();
-  }
   end_leftovers(now);
   probe_rights(rights_.on_tick(now));
 }
@@ -515,8 +508,8 @@ void Gateway::on_subscribe_result(const std::string& filter, SubscribeAnswer ans
     actions_.push(AnswerSubscribe{mesh, filter, granted});
   }
   if (is_of_all_commands(filter)) {
-    is_all_granted_ = granted;
-    if (broker_.is_up) cover_commands(now.mono);
+    is_all_refused_ = !granted;
+    if (broker_.is_up) cover_commands();
   }
   if (!granted) actions_.push(Notice{Severity::warning, explain(filter, answer), {}});
 }

@@ -79,8 +79,6 @@ class Gateway {
   /// A broker that closes the connection at a filter is found out in this time; and devices ask
   /// again after 10 s (MQTT-SN 1.2 section 7.2).
   static constexpr std::chrono::seconds subscribe_patience{8};
-  /// For a broker to read the UNSUBSCRIBEs of what another subscription brings as well.
-  static constexpr std::chrono::seconds cover_settling{2};
 
   struct Settings {
     std::string version;
@@ -116,7 +114,7 @@ class Gateway {
   /// For the gateway itself, to hear others; asked for again at each connection.
   void subscribe_own(const std::string& filter, Qos qos);
   /// Also what only an earlier life of the daemon has subscribed, and the broker has kept.
-  void unsubscribe_own(const std::string& filter, const Now& now);
+  void unsubscribe_own(const std::string& filter);
   /// The receipt of a Report has fired: for the robot's numbers.
   void on_receipt(const Receipt& receipt, ReceiptOutcome outcome, TimePoint now);
   /// The ids that `robots` of the configuration gives: they keep their place. What has left the
@@ -194,7 +192,7 @@ class Gateway {
   void announce(const std::string& id, Robot& robot, TimePoint now);
   bool is_covered(const std::string& filter) const;
   bool is_of_all_commands(const std::string& filter) const;
-  void cover_commands(TimePoint now);
+  void cover_commands();
   void publish_state();
   void on_own_state(const BrokerMessage& message);
   void publish_retained(std::string topic, std::string payload);
@@ -219,8 +217,7 @@ class Gateway {
   bool is_store_full_ = false;
   bool is_stopping_ = false;
   bool is_state_heard_ = false;  ///< the `online` of this connection has come back
-  bool is_all_granted_ = false;  ///< the subscription to all commands, when asked last
-  std::optional<TimePoint> cover_settles_;
+  bool is_all_refused_ = false;  ///< the subscription to all commands, when asked last
   ActionQueue<GatewayAction> actions_;
 };
 

@@ -14,7 +14,7 @@ struct OwnershipQuery {
   /// Other gateways are about: commands and wills wait for their turn.
   std::function<bool()> is_shared = [] { return false; };
   /// Every command comes by one subscription, of whose copies a broker could not tell (MQTT 3.1.1):
-  /// once the broker has granted it, robots' own subscriptions to commands stay away from there.
+  /// unless the broker refuses it, robots' own subscriptions to commands stay away from there.
   std::function<bool()> hears_all_commands = [] { return false; };
   /// False when another living gateway serves the robot: its presence is not this gateway's to
   /// tell.

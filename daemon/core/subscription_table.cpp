@@ -78,14 +78,11 @@ std::vector<std::string> SubscriptionTable::set_cover(
   std::vector<std::string> changed;
   for (auto& [filter, wanted] : wanted_) {
     const bool before = std::exchange(wanted.is_covered, is_covered(filter));
-    if (before != wanted.is_covered) changed.push_back(filter);
+    if (before == wanted.is_covered) continue;
+    standing_.erase(filter);
+    changed.push_back(filter);
   }
   return changed;
-}
-
-void SubscriptionTable::forget_covered() {
-  for (const auto& [filter, wanted] : wanted_)
-    if (wanted.is_covered) standing_.erase(filter);
 }
 
 void SubscriptionTable::await(Mesh mesh, const std::string& filter) {

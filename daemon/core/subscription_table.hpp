@@ -54,11 +54,9 @@ class SubscriptionTable {
   /// forgotten, and each mesh that wanted it without waiting is named too.
   std::vector<Mesh> on_answer(const std::string& filter, bool granted);
   void cover(const std::string& filter);
-  /// Those that are covered or not from now on and were not before. What is covered stands until
-  /// forget_covered(): a broker may send copies for it until it has read the UNSUBSCRIBE.
+  /// Those that are covered or not from now on and were not before; neither stands at the broker.
   std::vector<std::string> set_cover(
       const std::function<bool(const std::string& filter)>& is_covered);
-  void forget_covered();
   struct Waiting {
     Mesh mesh;
     std::string filter;

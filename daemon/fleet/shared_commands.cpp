@@ -80,6 +80,9 @@ CommandTurns::Choice SharedCommands::choose(const CommandTurns::Waiting& waiting
   const Duration age = now - waiting.came;
   const bool is_over = age >= CommandTurns::kept_for;
   if (!context_.may_act(now)) return is_over ? Choice::forget : Choice::wait;
+  // Of what came before this life heard the others it may have missed who took it.
+  if (waiting.came < context_.lease.joined() && context_.peers.has_witness(waiting.came, now))
+    return is_over ? Choice::forget : Choice::wait;
   if (claims_.is_held(waiting.robot))
     return age < CommandTurns::owner_patience ? Choice::take : Choice::refuse;
   const auto* row = context_.table.find(waiting.robot);

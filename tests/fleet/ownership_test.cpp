@@ -346,7 +346,7 @@ TEST_F(Newcomer, UnsubscribesWhatAFormerProcessHasLeftAtTheBroker) {
   states_answered(10ms);
   ownership.on_deadline(at(2s));
   const std::set<std::string> company{"p/fleet/all/+", "p/fleet/to/gw-0/+",
-                                      "p/gateway/+/commands/+", "p/server/+/+"};
+                                      "p/gateway/+/commands/+"};
   EXPECT_EQ(unsubscribed(ownership), company);
   ownership.on_broker_link(false, at(3s));
   ownership.on_broker_link(true, at(4s), false);
@@ -562,6 +562,20 @@ TEST_F(LoopedBack, LeavesTheOutcomesOfADeadGatewayToWhoWasThereAllTheTime) {
     beat_of_gw_1(up_ms);
     pass(20s);
     EXPECT_EQ(ends.size(), up_ms == 100 ? 1U : 0U) << "nobody else has heard of it";
+  }
+}
+
+/// The subscription to commands stands before that to what others say.
+TEST_F(LoopedBack, LeavesWhatCameBeforeItHeardTheOthersToThem) {
+  for (const std::uint64_t up_ms : {100'000U, 0U}) {
+    ends.clear();
+    now += 40s;
+    pass(10ms);  // it notices that it was away
+    ownership.on_command({"p/server/other/cmd", {}, Qos::at_least_once, false}, "other", "cmd",
+                         at(now - 10ms));
+    beat_of_gw_1(up_ms);
+    pass(20s);
+    EXPECT_EQ(ends.size(), up_ms == 0 ? 1U : 0U) << "nobody else has heard of it";
   }
 }
 
