@@ -28,6 +28,13 @@ std::string random_client_id() {
   return fmt::format("slam-gateway-web-{:08x}", random());
 }
 
+/// The reasons of MQTT 5 (section 3.2.2.2) and of 3.1.1 (3.2.2.3).
+bool is_user_refused(int connack) {
+  return connack == MQTT_RC_BAD_USERNAME_OR_PASSWORD || connack == MQTT_RC_NOT_AUTHORIZED ||
+         connack == CONNACK_REFUSED_BAD_USERNAME_PASSWORD ||
+         connack == CONNACK_REFUSED_NOT_AUTHORIZED;
+}
+
 std::int64_t unix_ms() {
   const auto now = std::chrono::system_clock::now().time_since_epoch();
   return std::chrono::duration_cast<std::chrono::milliseconds>(now).count();
@@ -197,7 +204,13 @@ void BrokerLink::choose_version(int failure) {
 void BrokerLink::tell_failure(int failure) {
   std::string why = failure == MOSQ_ERR_ERRNO ? "the connection cannot be made, or was closed"
                                               : mosquitto_strerror(failure);
-  if (connack_ != 0)
+  if (is_user_refused(connack_))
+    why = fmt::format(
+        "the broker does not authorise this user ({}): correct web-credentials.json, beside "
+        "gateway.json, and restart slam-gateway-web",
+        settings_.credentials ? "'" + settings_.credentials->username + "'"
+                              : "no user name was sent");
+  else if (connack_ != 0)
     why = is_version_5_ ? mosquitto_reason_string(connack_) : mosquitto_connack_string(connack_);
   if (why == told_) return;
   told_ = why;
