@@ -59,6 +59,14 @@ TEST(WebMirror, WhatOnlyBeginsLikeJsonDoesNotBreakTheMessage) {
   }
 }
 
+TEST(WebMirror, DeepJsonIsText) {
+  const auto nested = [](std::size_t depth) {
+    return R"({"[[\"{{":)" + std::string(depth, '[') + std::string(depth, ']') + "}";
+  };
+  EXPECT_EQ(mirrored("ntnu-slam/gateway/g/state", nested(20))["encoding"], "json");
+  EXPECT_EQ(mirrored("ntnu-slam/gateway/g/state", nested(20'000))["encoding"], "text");
+}
+
 TEST(WebMirror, RobotsOctetsAreHexAndTheirWordsText) {
   EXPECT_EQ(mirrored("ntnu-slam/robot/r/update", "\x0a\0\xec\xff"s)["payload"], "0a00ecff");
   EXPECT_EQ(mirrored("ntnu-slam/robot/r/update", "    ")["encoding"], "hex")

@@ -31,18 +31,22 @@ export class Link {
       if (sessionStorage.getItem(TOKEN)) this.say('$web/token', sessionStorage.getItem(TOKEN));
       this.listener.onOpen();
     };
-    socket.onmessage = (event) => event.data.split('\n').forEach((line) => {
-      const message = read(line);
-      if (!message) return;
-      if (message.topic === '$web/token' && !message.payload.accepted) sessionStorage.removeItem(TOKEN);
-      this.listener.onMessage(message);
-    });
+    socket.onmessage = (event) => event.data.split('\n').forEach((line) => this.take(read(line)));
     socket.onclose = () => {
       this.listener.onClose();
       setTimeout(() => this.connect(), PAUSES_MS[Math.min(this.tries++, PAUSES_MS.length - 1)]);
     };
   }
 
+  take(message) {
+    if (!message) return;
+    if (message.topic === '$web/token' && !message.payload.accepted) sessionStorage.removeItem(TOKEN);
+    try {
+      this.listener.onMessage(message);
+    } catch (error) { // those that came with it are none the worse
+      console.error(error);
+    }
+  }
   unlock(token) {
     sessionStorage.setItem(TOKEN, token);
     return this.say('$web/token', token);

@@ -157,7 +157,8 @@ const past = (text, now) => {
 };
 // What is kept of a long document; 3000 of them are.
 const shortened = (message) => {
-  const bytes = JSON.stringify(message.payload).length;
+  const { payload } = message;
+  const bytes = typeof payload === 'string' ? payload.length : JSON.stringify(payload).length;
   return bytes > MAX_NOTED ? { ...message, payload: '', encoding: 'text', bytes } : message;
 };
 const rank = (said) => ['offline', 'asleep', 'online'].indexOf(said.state);
@@ -290,13 +291,13 @@ export class Model {
     const gateway = this.gateway(id);
     if (!gateway) return;
     const said = message.encoding === 'json' && isObject(message.payload) ? message.payload : null;
-    if (what === 'state' && message.payload === '') this.gateways.delete(id); // taken back
+    if (what === 'state' && message.payload === '' && message.bytes === undefined) this.gateways.delete(id); // taken back
     else if (what === 'state') gateway.state = said;
     else if (what === 'stats') Object.assign(gateway, { stats: said, statsAt: message.at });
     else if (what === 'numbers') this.takeNumbers(id, said);
     else if (what === 'robots') this.takePresence(id, rest, said);
     else if (what === 'commands' && said) this.takeOutcome(rest, said);
-    if (what !== 'stats' && what !== 'numbers') this.note(said ? shortened(message) : message, `gateway ${id}`, rest.split('/')[0], what);
+    if (what !== 'stats' && what !== 'numbers') this.note(shortened(message), `gateway ${id}`, rest.split('/')[0], what);
   }
   takeNumbers(gateway, said) {
     for (const [id, numbers] of Object.entries(isObject(said?.robots) ? said.robots : {})) {

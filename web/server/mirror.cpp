@@ -18,12 +18,29 @@ bool is_plain_text(std::string_view text) {
   });
 }
 
+/// Gateways' documents have four levels. A browser that makes text of thousands gives up.
+bool is_deep(std::string_view text) {
+  constexpr int max_depth = 32;
+  int depth = 0;
+  bool is_in_string = false;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    const char c = text[i];
+    if (c == '"') is_in_string = !is_in_string;
+    if (is_in_string && c == '\\') ++i;
+    if (is_in_string) continue;
+    if (c == '[' || c == '{') ++depth;
+    if (c == ']' || c == '}') --depth;
+    if (depth > max_depth) return true;
+  }
+  return false;
+}
+
 /// JSON that may stand inside another document. The parser stops at a NUL and skips a byte order
 /// mark; neither may reach a page, whose browser would close the connection or refuse the message.
 bool is_embeddable_json(std::string_view text) {
   constexpr std::string_view byte_order_mark = "\xef\xbb\xbf";
   return is_utf8(text) && text.find('\0') == text.npos && !text.starts_with(byte_order_mark) &&
-         json::accept(text);
+         !is_deep(text) && json::accept(text);
 }
 
 /// Only `numbers` grow with the robots; a page keeps thousands of the others.

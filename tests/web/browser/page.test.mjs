@@ -544,7 +544,7 @@ pageTest('a robot is chosen from the table by the keyboard', { view: 'robots' },
 
 pageTest('nonsense on the topics harms nothing', {}, async (page) => {
   for (const payload of ['', '{', '[]', 'null', '5', '{"state":5}', '{"robots":{"x":[]}}', '{"robots":[1]}', '{"meshes":{"ble":null}}', '{"broker":{"missing_rights":[1,null,{"what":{}}]}}', '{"broker":{"missing_rights":{"a":1}}}', Buffer.from('fffe00', 'hex'), '{"x":1e999,"y":{}}', '{"x":1e22,"y":0,"obstacles":[{"x":-1e300,"y":1}]}',
-    Buffer.from('{"state":"online"}\0\xff{', 'latin1'), '\ufeff{"state":"online"}']) {
+    Buffer.from('{"state":"online"}\0\xff{', 'latin1'), '\ufeff{"state":"online"}', `{"state":${'['.repeat(30000)}${']'.repeat(30000)}}`]) {
     for (const topic of ['gateway/odd/state', 'gateway/odd/stats', 'gateway/odd/numbers', 'gateway/odd/robots/odd', 'gateway/odd/commands/odd', 'robot/odd/update', 'robot/odd', 'server/odd/cmd', 'gateway/odd']) await world.publish(`ntnu-slam/${topic}`, payload);
   }
   for (const view of ['robots', 'trace', 'map']) {
@@ -569,6 +569,18 @@ pageTest('of more than a thousand robots the least recently heard makes room, an
   for (let i = 1; i <= 6; i++) assert.ok(kept.names.includes(`robot${i}`), 'who speaks stays');
   await page.click('#tab-robots');
   await until(page, () => document.querySelector('#problems').textContent.includes('more robots are not shown'));
+});
+
+pageTest('a message of megabytes stays with the broker', {}, async (page) => {
+  await world.publish('ntnu-slam/gateway/huge/state', `{"state":"${'x'.repeat(5 << 20)}"}`);
+  await world.publish('ntnu-slam/gateway/large/state', `{"state":"${'x'.repeat(100000)}"}`);
+  await world.publish('ntnu-slam/gateway/small/state', '{"state":"online"}');
+  await until(page, () => window.slamgw.model.gateways.has('small'));
+  const known = await page.evaluate(() => ['huge', 'large', 'small'].map((id) => window.slamgw.model.gateways.get(id)?.state));
+  assert.deepEqual(known, [undefined, null, { state: 'online' }]);
+  for (const payload of [`{"state":"${'x'.repeat(50000)}"}`, 'y'.repeat(50000)]) await world.publish('ntnu-slam/gateway/small/state', payload);
+  await until(page, () => window.slamgw.model.gateways.get('small').state === null);
+  assert.ok(await page.evaluate(() => window.slamgw.model.messages.every(({ message }) => JSON.stringify(message).length < 10000)));
 });
 
 test('a subscription that the broker refuses is told, with the line that grants it', async () => {
