@@ -209,8 +209,9 @@ class Examination {
           "in the broker's access control list: " + text_at(right, "grant"));
   }
 
-  /// This gateway is the first row (FleetMember::status).
+  /// This gateway is the first row (FleetMember::status). Without a broker all gateways are silent.
   void fleet() {
+    if (text_at(group_at(facts_.status, "broker"), "state") == "down") return;
     const auto rows = facts_.fleet.is_object() ? facts_.fleet.find("gateways") : facts_.fleet.end();
     if (rows == facts_.fleet.end() || !rows->is_array() || rows->empty()) return;
     const std::string own = text_at(rows->front(), "state");

@@ -121,8 +121,10 @@ TEST(Doctor, LooksAtTheOtherGateways) {
   EXPECT_FALSE(has_problem(examine(facts)));
   facts.fleet = fleet_of({{"room-a", "joining"}});
   EXPECT_EQ(problems_of(facts), "fleet; ");
-  facts.fleet = fleet_of({{"room-a", "cut off"}, {"room-b", "member"}});
+  facts.fleet = fleet_of({{"room-a", "cut off"}, {"room-b", "silent"}});
   EXPECT_TRUE(has_problem(examine(facts)));
+  facts.status["broker"]["state"] = "down";
+  EXPECT_EQ(problems_of(facts), "broker; ") << "the rest follows from it";
 }
 
 /// The fleet's rights come with the others (StatusCollector::broker).
