@@ -280,6 +280,12 @@ void App::publish_stats() {
   publish(scheme_.numbers_topic(), numbers_json(status_.robots({}, read_clocks().mono)));
 }
 
+void App::perform(PassUp& action) {
+  perform(action.event);
+  Upload upload = action.upload();
+  submit(std::move(upload.message), upload.receipt);
+}
+
 void App::perform(Upload& action) {
   if (action.outcome_after && fleet_.may_be_shared()) return fleet_.report_outcome(action);
   submit(std::move(action.message), action.receipt);

@@ -64,6 +64,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   void warn_of_lost_messages();
 
   // What the core leaves:
+  void perform(PassUp& action);
   void perform(Upload& action);
   void perform(AwaitTurn& action) { fleet_.perform(action); }
   void perform(AskAboutRobot& action) { fleet_.perform(action); }

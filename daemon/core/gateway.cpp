@@ -33,6 +33,23 @@ std::string explain(const std::string& filter, SubscribeAnswer answer) {
       filter);
 }
 
+TrafficEvent event_of(Report report, std::string type, Normalized normalized, const Now& now) {
+  return {.direction = Direction::up,
+          .mesh = report.mesh,
+          .robot = std::move(report.robot),
+          .type = std::move(type),
+          .topic = std::move(report.topic),
+          .payload = std::move(normalized.payload),
+          .qos = report.qos,
+          .update = std::move(normalized.update),
+          .wall = now.wall,
+          .at = now.mono,
+          .receipt = report.receipt,
+          .wire = report.wire,
+          .radio = report.radio,
+          .is_rejected = normalized.is_rejected};
+}
+
 /// Superseded is normal; no warning.
 Severity severity_of(CommandResult result) {
   switch (result) {
@@ -72,63 +89,46 @@ void Gateway::handle(Report report, const Now& now) {
 void Gateway::pass_up(Report report, const Now& now) {
   const Robot* known = registry_.find(report.robot);
   const bool is_first_by_radio = report.radio && known && !known->radio;
+  const bool retain = report.retain;
   Robot* robot = registry_.on_report(report, now);
   withdraw_evicted();
   if (robot && is_first_by_radio) announce(report.robot, *robot, now);  // its presence came before
   if (!report.is_will) on_heard(report.robot, robot, now);
   open_receipts_.add(report.receipt, report.robot, now);
   const auto own = scheme_.parse_robot_topic(report.topic);
-  const std::string type(own ? own->type : std::string_view{report.topic});
+  std::string type(own ? own->type : std::string_view{report.topic});
 
   Normalized normalized = normalize(own ? own->type : std::string_view{}, std::move(report.payload),
                                     settings_.update_mode);
   if (robot && !report.is_will) robot->last_type = type;
-  report_traffic(report, type, normalized, now);
-  if (normalized.is_rejected) {
-    reject(report, type, robot, std::move(normalized.payload), now);
-    return;
-  }
+  TrafficEvent event = event_of(std::move(report), std::move(type), std::move(normalized), now);
+  if (event.is_rejected) return reject(std::move(event), retain, robot, now);
   ++traffic_.up;
-  actions_.push(Upload{{std::move(report.topic), std::move(normalized.payload), report.qos,
-                        report.retain, Provenance{report.mesh, now.wall}},
-                       report.receipt});
+  actions_.push(PassUp{std::move(event), retain});
 }
 
-/// Takes `normalized.update` along.
-void Gateway::report_traffic(const Report& report, const std::string& type, Normalized& normalized,
-                             const Now& now) {
-  actions_.push(TrafficEvent{.direction = Direction::up,
-                             .mesh = report.mesh,
-                             .robot = report.robot,
-                             .type = type,
-                             .topic = report.topic,
-                             .payload = normalized.payload,
-                             .qos = report.qos,
-                             .update = std::move(normalized.update),
-                             .wall = now.wall,
-                             .at = now.mono,
-                             .receipt = report.receipt,
-                             .wire = report.wire,
-                             .radio = report.radio,
-                             .is_rejected = normalized.is_rejected});
+Upload PassUp::upload() {
+  return {{std::move(event.topic), std::move(event.payload), event.qos, retain,
+           Provenance{*event.mesh, event.wall}},
+          event.receipt};
 }
 
-void Gateway::reject(const Report& report, std::string_view type, Robot* robot, Bytes payload,
-                     const Now& now) {
+void Gateway::reject(TrafficEvent event, bool retain, Robot* robot, const Now& now) {
   ++traffic_.rejected;
+  actions_.push(event);
   const auto due = robot ? robot->rejected_throttle.on_event(now.mono) : std::nullopt;
   if (due) {
     actions_.push(Notice{
         Severity::warning,
         fmt::format("{} {}: {} bytes are no `update` (4 + 4n or 4 + 4n + 1, n = 0..4), published "
                     "under rejected/ as they came{}",
-                    to_string(report.mesh), report.robot, payload.size(),
+                    to_string(*event.mesh), event.robot, event.payload.size(),
                     *due > 1 ? fmt::format("; {} like it since the last line", *due) : ""),
-        report.robot, Occasion::rejected_payload});
+        event.robot, Occasion::rejected_payload});
   }
-  actions_.push(Upload{{scheme_.rejected_topic(report.robot, type), std::move(payload), report.qos,
-                        report.retain, Provenance{report.mesh, now.wall}},
-                       report.receipt});
+  PassUp up{std::move(event), retain};
+  up.event.topic = scheme_.rejected_topic(up.event.robot, up.event.type);
+  actions_.push(up.upload());
 }
 
 void Gateway::handle(PresenceChange change, const Now& now) {

@@ -36,6 +36,13 @@ struct Upload {
   /// Set for the outcome of a command: how long after the command.
   std::optional<std::chrono::milliseconds> outcome_after{};
 };
+/// A robot's message: told to those who watch, then given to the outbox as its upload().
+struct PassUp {
+  TrafficEvent event;
+  bool retain = false;
+  /// With the topic and the payload of `event`.
+  Upload upload();
+};
 /// Several gateways heard this command: on_turn() when it is this one's.
 struct AwaitTurn {
   BrokerMessage message;
@@ -68,7 +75,7 @@ struct AnswerSubscribe {
 };
 
 using GatewayAction =
-    std::variant<Upload, AwaitTurn, AskAboutRobot, SubscribeAtBroker, UnsubscribeAtBroker,
+    std::variant<PassUp, Upload, AwaitTurn, AskAboutRobot, SubscribeAtBroker, UnsubscribeAtBroker,
                  DeliverToMeshes, AnswerSubscribe, CommandOutcome, TrafficEvent, MeshStep, Notice>;
 
 /// Asks a mesh: MeshAdapter::presence_of.
@@ -184,10 +191,7 @@ class Gateway {
   void withdraw_evicted();
   void probe_rights(std::vector<BrokerMessage> messages);
   void answer_waiting_subscribers();
-  void report_traffic(const Report& report, const std::string& type, Normalized& normalized,
-                      const Now& now);
-  void reject(const Report& report, std::string_view type, Robot* robot, Bytes payload,
-              const Now& now);
+  void reject(TrafficEvent event, bool retain, Robot* robot, const Now& now);
   void on_heard(const std::string& id, Robot* robot, TimePoint now);
   void announce(const std::string& id, Robot& robot, TimePoint now);
   bool is_covered(const std::string& filter) const;

@@ -10,7 +10,7 @@ constexpr std::string_view update_type = "update";
 
 Bytes encode(const Update& update, UpdateMode mode, Bytes as_it_came) {
   switch (mode) {
-    case UpdateMode::positions: return encode_positions(update);
+    case UpdateMode::positions: return drop_stray_byte(std::move(as_it_came));
     case UpdateMode::json: return to_bytes(encode_json(update));
     case UpdateMode::raw: return as_it_came;
   }

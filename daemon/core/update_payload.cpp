@@ -31,13 +31,9 @@ Result<Update, UpdateError> parse_update(ByteView payload) {
   return update;
 }
 
-Bytes encode_positions(const Update& update) {
-  ByteWriter writer;
-  writer.write_i16_le(update.robot.x_cm).write_i16_le(update.robot.y_cm);
-  for (const Position& obstacle : update.obstacles) {
-    writer.write_i16_le(obstacle.x_cm).write_i16_le(obstacle.y_cm);
-  }
-  return writer.take();
+Bytes drop_stray_byte(Bytes payload) {
+  payload.resize(payload.size() - payload.size() % pair_bytes);
+  return payload;
 }
 
 std::string encode_json(const Update& update) {

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "daemon/core/bytes.hpp"
+#include "daemon/core/recycling_allocator.hpp"
 #include "daemon/core/result.hpp"
 
 namespace slamgw {
@@ -21,7 +22,7 @@ struct Position {
 
 struct Update {
   Position robot;
-  std::vector<Position> obstacles;  ///< 0..4
+  std::vector<Position, RecyclingAllocator<Position>> obstacles;  ///< 0..4
   bool operator==(const Update&) const = default;
 };
 
@@ -30,8 +31,8 @@ enum class UpdateError : std::uint8_t {
 };
 
 Result<Update, UpdateError> parse_update(ByteView payload);
-/// Canonical bytes: exactly 4 + 4n octets.
-Bytes encode_positions(const Update& update);
+/// Of what parse_update() can read, the canonical bytes: exactly 4 + 4n octets.
+Bytes drop_stray_byte(Bytes payload);
 /// `{"x":10,"y":-20,"obstacles":[{"x":100,"y":300}]}`
 std::string encode_json(const Update& update);
 

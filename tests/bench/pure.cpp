@@ -231,7 +231,8 @@ class HotPath {
   void handle(Other&) {}
   void handle(mqttsn::SendDatagram&) { ++acknowledged_; }
   void handle(MeshEvent& event) { core_.on_mesh_event(std::move(event), now_); }
-  void handle(Upload& upload) {
+  void handle(PassUp& up) {
+    Upload upload = up.upload();
     outbox_.submit(std::move(upload.message), upload.receipt, now_.mono);
   }
   void handle(PublishAtBroker& publish) { outbox_.on_published(publish.sequence, now_.mono); }

@@ -20,6 +20,9 @@ class GatewayTest : public testing::Test {
     std::vector<Action> wanted;
     while (auto action = gateway.next_action()) {
       if (auto* it = std::get_if<Action>(&*action)) wanted.push_back(std::move(*it));
+      auto* up = std::get_if<PassUp>(&*action);
+      if constexpr (std::is_same_v<Action, Upload>)
+        if (up) wanted.push_back(up->upload());
     }
     return wanted;
   }
@@ -72,11 +75,11 @@ TEST_F(GatewayTest, SendsAReportUpWithItsReceipt) {
 
 TEST_F(GatewayTest, ShowsTrafficDecoded) {
   say(update_from("NRF_5", {0x0a, 0x00, 0xec, 0xff}));
-  const auto traffic = drain<TrafficEvent>();
-  ASSERT_EQ(traffic.size(), 1u);
-  EXPECT_EQ(traffic[0].type, "update");
-  ASSERT_TRUE(traffic[0].update);
-  EXPECT_EQ(traffic[0].update->robot.y_cm, -20);
+  const auto passed = drain<PassUp>();
+  ASSERT_EQ(passed.size(), 1u);
+  EXPECT_EQ(passed[0].event.type, "update");
+  ASSERT_TRUE(passed[0].event.update);
+  EXPECT_EQ(passed[0].event.update->robot.y_cm, -20);
 }
 
 TEST_F(GatewayTest, PutsUnreadableUpdatesUnderRejectedAndSaysSoOncePerBurst) {

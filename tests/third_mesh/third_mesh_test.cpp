@@ -121,11 +121,11 @@ class ThirdMesh : public testing::Test, private MeshListener {
     driver.input([&](Gateway& it, const Now& now) { it.on_mesh_event(std::move(event), now); });
   }
   void perform(GatewayAction& action) {
-    std::visit(overloaded{[&](Upload& it) {
-                            if (it.receipt.is_owed())
-                              mesh.on_receipt(it.receipt.id, ReceiptOutcome::safe);
-                            at_broker.push_back(std::move(it.message));
+    std::visit(overloaded{[&](PassUp& it) {
+                            traffic.push_back(traffic_text(it.event, {}));
+                            give_to_broker(it.upload());
                           },
+                          [&](Upload& it) { give_to_broker(std::move(it)); },
                           [&](SubscribeAtBroker& it) {
                             driver.input([&](Gateway& g, const Now& now) {
                               g.on_subscribe_result(it.filter, SubscribeAnswer::granted, now);
@@ -142,6 +142,10 @@ class ThirdMesh : public testing::Test, private MeshListener {
                           [](UnsubscribeAtBroker&) {}, [](CommandOutcome&) {}, [](MeshStep&) {},
                           [](AwaitTurn&) {}, [](AskAboutRobot&) {}, [](Notice&) {}},
                action);
+  }
+  void give_to_broker(Upload upload) {
+    if (upload.receipt.is_owed()) mesh.on_receipt(upload.receipt.id, ReceiptOutcome::safe);
+    at_broker.push_back(std::move(upload.message));
   }
   void robot_says(const std::string& robot, Bytes payload) {
     mesh.input([&](ZigbeeMachine& it, const Now&) { it.on_frame(robot, std::move(payload)); });
