@@ -69,7 +69,8 @@ App::App(Config config, std::string config_file)
           [this](OutboxAction& action) {
             std::visit(overloaded{
                            [this](PublishAtBroker& publish) {
-                             upstream_.publish(publish.sequence, std::move(publish.message));
+                             if (const auto* message = outbox_.under_way(publish.sequence))
+                               upstream_.publish(publish.sequence, *message);
                            },
                            [this](WriteToStore& write) { store_.ask(std::move(write)); },
                            [this](LoadFromStore& load) { store_.ask(load); },

@@ -122,14 +122,14 @@ bool Backlog::set_aside(OutboxEntry& entry, const Refusal& refusal, std::uint32_
   return true;
 }
 
-std::deque<OutboxEntry> Backlog::hold_back(const std::string& topic) {
+OutboxEntries Backlog::hold_back(const std::string& topic) {
   const std::size_t slot = TopicCounts::slot(topic);
   std::erase_if(ready_, [&](const OutboxEntry& entry) {
     if (TopicCounts::slot(entry.message.topic) != slot) return false;
     held_.add_row(topic, entry.row);
     return true;
   });
-  std::deque<OutboxEntry> waited;
+  OutboxEntries waited;
   std::erase_if(behind_, [&](Behind& behind) {
     if (TopicCounts::slot(behind.entry.message.topic) != slot) return false;
     topics_.remove(behind.entry.message.topic);
@@ -145,9 +145,9 @@ void Backlog::queue_behind(OutboxEntry entry) {
   behind_.push_back({std::move(entry), last_row_});
 }
 
-std::deque<OutboxEntry> Backlog::take_behind() {
-  std::deque<OutboxEntry> taken = held_.take_unstored();
-  std::deque<OutboxEntry> behind =
+OutboxEntries Backlog::take_behind() {
+  OutboxEntries taken = held_.take_unstored();
+  OutboxEntries behind =
       take_behind_from(std::find_if(behind_.begin(), behind_.end(), [](const Behind& waiting) {
         return !waiting.entry.is_unacknowledged();
       }));
@@ -155,8 +155,8 @@ std::deque<OutboxEntry> Backlog::take_behind() {
   return taken;
 }
 
-std::deque<OutboxEntry> Backlog::take_behind_from(std::deque<Behind>::iterator first) {
-  std::deque<OutboxEntry> taken;
+OutboxEntries Backlog::take_behind_from(std::deque<Behind>::iterator first) {
+  OutboxEntries taken;
   for (auto behind = first; behind != behind_.end(); ++behind) {
     topics_.remove(behind->entry.message.topic);
     taken.push_back(std::move(behind->entry));
@@ -202,9 +202,9 @@ OutboxEntry Backlog::take_next_held() {
   return next;
 }
 
-std::deque<OutboxEntry> Backlog::on_opened(StoreOpened opened, TimePoint now) {
-  std::deque<OutboxEntry> in_memory = std::exchange(ready_, {});
-  std::deque<OutboxEntry> held = held_.on_store_opened(now);
+OutboxEntries Backlog::on_opened(StoreOpened opened, TimePoint now) {
+  OutboxEntries in_memory = std::exchange(ready_, {});
+  OutboxEntries held = held_.on_store_opened(now);
   std::move(held.begin(), held.end(), std::back_inserter(in_memory));
   for (std::deque<Saving>* queue : {&writing_, &saving_}) {
     for (Saving& saving : *queue) {
@@ -237,8 +237,8 @@ std::deque<OutboxEntry> Backlog::on_opened(StoreOpened opened, TimePoint now) {
   return in_memory;
 }
 
-std::deque<OutboxEntry> Backlog::on_absent(TimePoint now) {
-  std::deque<OutboxEntry> in_memory = on_opened({}, now);
+OutboxEntries Backlog::on_absent(TimePoint now) {
+  OutboxEntries in_memory = on_opened({}, now);
   state_ = State::absent;
   return in_memory;
 }
@@ -300,12 +300,12 @@ Backlog::Written Backlog::on_written() {
   return written;
 }
 
-std::deque<OutboxEntry> Backlog::on_write_failed(TimePoint now) {
+OutboxEntries Backlog::on_write_failed(TimePoint now) {
   // What waits for a row that there will not be finds its place again with the others.
   std::deque<Saving>& first_queue = writing_.empty() ? saving_ : writing_;
   const std::uint64_t first_row =
       first_queue.empty() ? last_row_ + 1 : first_queue.front().entry.row;
-  std::deque<OutboxEntry> unsaved = take_behind_from(
+  OutboxEntries unsaved = take_behind_from(
       std::lower_bound(behind_.begin(), behind_.end(), first_row,
                        [](const Behind& b, std::uint64_t row) { return b.after_row < row; }));
   for (std::deque<Saving>* queue : {&writing_, &saving_}) {

@@ -48,8 +48,8 @@ class Backlog {
   enum class State : std::uint8_t { opening, absent, working, failing };
 
   struct Written {
-    std::deque<OutboxEntry> entries;  ///< safe now, and no longer in memory here
-    std::uint64_t up_to_row = 0;      ///< copies up to this row are safe too
+    OutboxEntries entries;        ///< safe now, and no longer in memory here
+    std::uint64_t up_to_row = 0;  ///< copies up to this row are safe too
   };
 
   explicit Backlog(std::uint64_t max_bytes) : max_bytes_(max_bytes), held_(topics_) {}
@@ -82,13 +82,13 @@ class Backlog {
 
   /// `topic` is held from now on: what of it was read already waits there. Returns what of it
   /// waited in memory, to find its place anew.
-  std::deque<OutboxEntry> hold_back(const std::string& topic);
+  OutboxEntries hold_back(const std::string& topic);
 
   /// Waits in memory for its turn after all rows there are now.
   void queue_behind(OutboxEntry entry);
   /// The first of them that could be stored now, and all after it; those before keep their turn.
   /// And those in memory only of held topics.
-  std::deque<OutboxEntry> take_behind();
+  OutboxEntries take_behind();
   /// Drops those of them for which `is_dropped(entry)`.
   template <class Predicate>
   void drop_behind(Predicate is_dropped) {
@@ -107,11 +107,11 @@ class Backlog {
   OutboxEntry take_next_held();
 
   /// What was in memory only because a former store held it: to be stored again.
-  std::deque<OutboxEntry> on_opened(StoreOpened opened, TimePoint now);
-  std::deque<OutboxEntry> on_absent(TimePoint now);
+  OutboxEntries on_opened(StoreOpened opened, TimePoint now);
+  OutboxEntries on_absent(TimePoint now);
   Written on_written();
   /// Everything that waited to be stored, as it was given.
-  std::deque<OutboxEntry> on_write_failed(TimePoint now);
+  OutboxEntries on_write_failed(TimePoint now);
   /// How many messages the store should have had and does not have.
   std::size_t on_loaded(StoreLoaded loaded, TimePoint now);
   void on_load_failed(TimePoint now);
@@ -164,7 +164,7 @@ class Backlog {
   void release(const OutboxEntry& entry);
   std::deque<Saving>::iterator find(std::deque<Saving>& queue, std::uint64_t row);
   bool is_behinds_turn() const;
-  std::deque<OutboxEntry> take_behind_from(std::deque<Behind>::iterator first);
+  OutboxEntries take_behind_from(std::deque<Behind>::iterator first);
   void take_asides(WriteToStore& write);
   Saving* find_saving(std::uint64_t row);
   std::size_t on_held_loaded(StoreLoaded loaded, TimePoint now);
@@ -186,8 +186,8 @@ class Backlog {
   TopicCounts topics_;  // of all in saving_, writing_ (no copies), on disk, ready_ and behind_
   std::deque<Saving> saving_;
   std::deque<Saving> writing_;
-  std::deque<OutboxEntry> ready_;  // rows rise
-  std::deque<Behind> behind_;      // after_row rises
+  OutboxEntries ready_;        // rows rise
+  std::deque<Behind> behind_;  // after_row rises
 
   std::uint64_t cursor_ = 0;       // read up to this row
   std::size_t unloaded_ = 0;       // rows above it that are not in ahead_

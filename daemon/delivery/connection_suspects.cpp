@@ -7,8 +7,8 @@
 
 namespace slamgw {
 
-void ConnectionSuspects::on_written(const OutboxEntry& entry) {
-  written_.push_back({entry.sequence, entry.message.topic});
+void ConnectionSuspects::on_written(std::uint64_t sequence, std::string topic) {
+  written_.push_back({sequence, std::move(topic)});
   if (written_.size() > most_written) written_.pop_front();
 }
 
@@ -16,7 +16,7 @@ void ConnectionSuspects::on_answered(std::uint64_t sequence) {
   while (!written_.empty() && written_.front().sequence < sequence) written_.pop_front();
 }
 
-std::vector<std::string> ConnectionSuspects::on_loss(const std::deque<OutboxEntry>& unanswered,
+std::vector<std::string> ConnectionSuspects::on_loss(const OutboxEntries& unanswered,
                                                      TimePoint now) {
   std::set<std::string> topics;
   for (const OutboxEntry& entry : unanswered) topics.insert(entry.message.topic);

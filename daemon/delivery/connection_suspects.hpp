@@ -29,7 +29,7 @@ class ConnectionSuspects {
   static constexpr std::chrono::seconds refusal_to_loss{1};
 
   /// QoS 0 went to the network. `sequence` as in PublishAtBroker.
-  void on_written(const OutboxEntry& entry);
+  void on_written(std::uint64_t sequence, std::string topic);
   /// The broker has answered it, and so has read all that was sent before it.
   void on_answered(std::uint64_t sequence);
   struct Refused {
@@ -44,7 +44,7 @@ class ConnectionSuspects {
   }
   /// The connection is lost, and nothing explains it. Returns the topics that were unanswered at
   /// the loss before too.
-  std::vector<std::string> on_loss(const std::deque<OutboxEntry>& unanswered, TimePoint now);
+  std::vector<std::string> on_loss(const OutboxEntries& unanswered, TimePoint now);
   /// A new connection: what was written to the old one is the past.
   void on_link_up();
 
@@ -54,7 +54,8 @@ class ConnectionSuspects {
     std::string topic;
   };
 
-  std::deque<Written> written_;  // by rising sequence, after the last answer
+  std::deque<Written, RecyclingAllocator<Written>>
+      written_;  // by rising sequence, after the last answer
   std::set<std::string> last_unanswered_;
   TimePoint last_loss_{};
   std::optional<Refused> refused_;  ///< the last one of this connection

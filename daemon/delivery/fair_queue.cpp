@@ -44,8 +44,8 @@ OutboxEntry FairQueue::pop() {
   return entry;
 }
 
-std::deque<OutboxEntry> FairQueue::take(std::string_view topic) {
-  std::deque<OutboxEntry> taken;
+OutboxEntries FairQueue::take(std::string_view topic) {
+  OutboxEntries taken;
   const auto position = flows_.find(key_of(topic));
   if (position == flows_.end()) return taken;
   Flow& flow = position->second;
@@ -63,7 +63,7 @@ std::deque<OutboxEntry> FairQueue::take(std::string_view topic) {
   return taken;
 }
 
-std::deque<OutboxEntry> FairQueue::take_all() {
+OutboxEntries FairQueue::take_all() {
   std::vector<OutboxEntry*> all;  // entries are large: each is moved once
   all.reserve(size_);
   for (auto& [key, flow] : flows_) {
@@ -71,7 +71,7 @@ std::deque<OutboxEntry> FairQueue::take_all() {
   }
   std::stable_sort(all.begin(), all.end(),
                    [](const OutboxEntry* a, const OutboxEntry* b) { return a->order < b->order; });
-  std::deque<OutboxEntry> taken;
+  OutboxEntries taken;
   for (OutboxEntry* entry : all) taken.push_back(std::move(*entry));
   *this = {};
   return taken;

@@ -29,9 +29,9 @@ class FairQueue {
   const OutboxEntry& front() const { return flows_.find(turns_.front())->second.entries.front(); }
   OutboxEntry pop();
   /// What waits of `topic`, in the order of submission.
-  std::deque<OutboxEntry> take(std::string_view topic);
+  OutboxEntries take(std::string_view topic);
   /// Everything, in the order of submission.
-  std::deque<OutboxEntry> take_all();
+  OutboxEntries take_all();
 
   /// `visit(entry)` for each, in no particular order.
   template <class Visit>

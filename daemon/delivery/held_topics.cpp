@@ -156,8 +156,8 @@ void HeldTopics::add(OutboxEntry entry) {
   if (lane.phase == Phase::idle) advance(slot);
 }
 
-std::deque<OutboxEntry> HeldTopics::take_unstored() {
-  std::deque<OutboxEntry> taken;
+OutboxEntries HeldTopics::take_unstored() {
+  OutboxEntries taken;
   for (auto& [slot, lane] : lanes_) {
     std::move(lane.unstored.begin(), lane.unstored.end(), std::back_inserter(taken));
     lane.unstored.clear();
@@ -228,8 +228,8 @@ void HeldTopics::end_loading() {
   }
 }
 
-std::deque<OutboxEntry> HeldTopics::on_store_opened(TimePoint now) {
-  std::deque<OutboxEntry> in_memory;
+OutboxEntries HeldTopics::on_store_opened(TimePoint now) {
+  OutboxEntries in_memory;
   for (auto& [slot, lane] : lanes_) {
     std::move(lane.loaded.begin(), lane.loaded.end(), std::back_inserter(in_memory));
     lane.loaded.clear();
@@ -277,7 +277,7 @@ OutboxEntry HeldTopics::take_next() {
   runnable_.pop_front();
   lane.phase = Phase::waiting;
   const bool is_stored = !lane.loaded.empty();
-  std::deque<OutboxEntry>& source = is_stored ? lane.loaded : lane.unstored;
+  OutboxEntries& source = is_stored ? lane.loaded : lane.unstored;
   OutboxEntry entry = std::move(source.front());
   source.pop_front();
   if (is_stored) {

@@ -89,7 +89,7 @@ class HeldTopics {
   /// order of submission.
   void add(OutboxEntry entry);
   /// All that are in memory only, to find their places anew.
-  std::deque<OutboxEntry> take_unstored();
+  OutboxEntries take_unstored();
   std::size_t unstored() const;
   std::size_t unstored_bytes() const { return unstored_bytes_; }
 
@@ -100,7 +100,7 @@ class HeldTopics {
   std::vector<std::string> on_loaded(StoreLoaded loaded, TimePoint now);
   void on_load_failed();
   /// Another store: rows mean nothing any more. Returns what was loaded from the former one.
-  std::deque<OutboxEntry> on_store_opened(TimePoint now);
+  OutboxEntries on_store_opened(TimePoint now);
 
   /// Counts all that are on disk, in `counts`.
   void count_stored(TopicCounts& counts) const;
@@ -169,9 +169,9 @@ class HeldTopics {
     std::uint32_t losses = 0;           ///< in a row, while its oldest message was alone
     std::uint64_t answers_at_loss = 0;  ///< at the first of them
     std::size_t under_way = 0;
-    std::deque<std::uint64_t> rows;    ///< on disk, rising
-    std::deque<OutboxEntry> loaded;    ///< from there
-    std::deque<OutboxEntry> unstored;  ///< in memory only
+    std::deque<std::uint64_t> rows;  ///< on disk, rising
+    OutboxEntries loaded;            ///< from there
+    OutboxEntries unstored;          ///< in memory only
   };
 
   Lane* find(std::string_view topic);
@@ -199,7 +199,7 @@ class HeldTopics {
   std::optional<TimePoint> tries_put_off_;  // of topics that were not accepted since
   std::size_t loaded_ = 0;                  // in all lanes
   std::size_t unstored_bytes_ = 0;
-  std::deque<OutboxEntry> released_;
+  OutboxEntries released_;
 };
 
 }  // namespace slamgw

@@ -240,18 +240,17 @@ void Outbox::on_lost_alone(Entry entry, TimePoint now) {
 
 void Outbox::publish(Entry entry, TimePoint now) {
   entry.sequence = next_sequence_++;
-  PublishAtBroker action{entry.sequence, entry.message};
-  if (entry.is_probe) action.message.qos = Qos::at_least_once;
-  actions_.push(std::move(action));
+  if (entry.is_probe) entry.message.qos = Qos::at_least_once;
+  actions_.push(PublishAtBroker{entry.sequence});
   backlog_.held().on_published(entry.message.topic);
   in_flight_.add(std::move(entry), now);
 }
 
 void Outbox::on_published(std::uint64_t sequence, TimePoint now) {
-  const std::optional<Entry> entry = in_flight_.take(sequence, now);
+  std::optional<Entry> entry = in_flight_.take(sequence, now);
   if (!entry) return;  // from before a reconnect
   const bool is_answer = !entry->is_unacknowledged() || entry->is_probe;
-  is_answer ? note_answer(sequence) : suspects_.on_written(*entry);
+  if (is_answer) note_answer(sequence);
   if (!entry->is_stored) queued_bytes_ -= entry->cost();
   if (!entry->is_unacknowledged()) is_stalled_ = false;
   ++statistics_.published;
@@ -263,6 +262,7 @@ void Outbox::on_published(std::uint64_t sequence, TimePoint now) {
   if (backlog_.held().on_answered(entry->message.topic, answer))
     notify(refusal_notices_.on_accepted(entry->message.topic, now));
   if (held_topics().empty()) doubted_.clear();
+  if (!is_answer) suspects_.on_written(sequence, std::move(entry->message.topic));
   place_released(now);
   proceed(now);
 }

@@ -32,9 +32,9 @@
 
 namespace slamgw {
 
+/// Which message that is, Outbox::under_way() says: it stays where it is.
 struct PublishAtBroker {
   std::uint64_t sequence = 0;
-  BrokerMessage message;
 };
 struct FireReceipt {
   Receipt receipt;
@@ -100,6 +100,12 @@ class Outbox {
   void on_trace(bool is_on) { is_traced_ = is_on; }
 
   std::optional<OutboxAction> next_action() { return actions_.pop(); }
+  /// The message of a PublishAtBroker, good until the next input; null when it is answered, or the
+  /// connection that it was for is lost.
+  const BrokerMessage* under_way(std::uint64_t sequence) {
+    const Entry* const entry = in_flight_.find(sequence);
+    return entry ? &entry->message : nullptr;
+  }
   std::optional<TimePoint> deadline() const;
   void on_deadline(TimePoint now);
 
@@ -121,7 +127,7 @@ class Outbox {
 
  private:
   using Entry = OutboxEntry;
-  using Entries = std::deque<Entry>;
+  using Entries = OutboxEntries;
   using Slots = std::unordered_set<std::size_t>;  // TopicCounts::slot
 
   void handle(StoreOpened& opened, TimePoint now);

@@ -3,10 +3,11 @@
 #pragma once
 
 #include <cstdint>
-
+#include <deque>
 #include <utility>
 
 #include "daemon/core/messages.hpp"
+#include "daemon/core/recycling_allocator.hpp"
 #include "daemon/delivery/message_store.hpp"
 
 namespace slamgw {
@@ -28,13 +29,16 @@ struct OutboxEntry {
   bool is_probe = false;
   bool is_from_backlog = false;  ///< it takes the turns of the backlog
 
-  bool is_unacknowledged() const { return message.qos == Qos::at_most_once; }
+  /// QoS 0, also while it is under way as a probe.
+  bool is_unacknowledged() const { return is_probe || message.qos == Qos::at_most_once; }
   /// Under way to the broker and to the disk at once.
   bool is_being_copied() const { return row != 0 && !is_stored; }
   std::size_t cost() const {
     return message.topic.size() + message.payload.size() + overhead_bytes;
   }
 };
+
+using OutboxEntries = std::deque<OutboxEntry, RecyclingAllocator<OutboxEntry>>;
 
 inline OutboxEntry entry_from_store(StoredMessage stored, TimePoint now) {
   OutboxEntry entry;

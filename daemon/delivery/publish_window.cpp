@@ -41,7 +41,7 @@ void PublishWindow::add(OutboxEntry entry, TimePoint now) {
   entries_.push_back(std::move(entry));
 }
 
-std::deque<OutboxEntry>::iterator PublishWindow::position_of(std::uint64_t sequence) {
+OutboxEntries::iterator PublishWindow::position_of(std::uint64_t sequence) {
   const auto found = std::lower_bound(
       entries_.begin(), entries_.end(), sequence,
       [](const OutboxEntry& e, std::uint64_t wanted) { return e.sequence < wanted; });
@@ -76,7 +76,7 @@ std::optional<OutboxEntry> PublishWindow::take(std::uint64_t sequence, TimePoint
   return entry;
 }
 
-std::deque<OutboxEntry> PublishWindow::take_all() {
+OutboxEntries PublishWindow::take_all() {
   acknowledged_ = from_backlog_ = retries_ = unacknowledged_ = 0;
   is_unacknowledged_paused_ = false;
   return std::exchange(entries_, {});

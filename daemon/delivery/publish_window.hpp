@@ -42,10 +42,10 @@ class PublishWindow {
   /// How many of `topic`, QoS 0 too.
   std::size_t count(std::string_view topic) const;
   std::optional<OutboxEntry> take(std::uint64_t sequence, TimePoint now);
-  std::deque<OutboxEntry> take_all();
+  OutboxEntries take_all();
   /// By rising sequence. Whoever changes is_from_backlog calls forget_backlog().
-  std::deque<OutboxEntry>& entries() { return entries_; }
-  const std::deque<OutboxEntry>& entries() const { return entries_; }
+  OutboxEntries& entries() { return entries_; }
+  const OutboxEntries& entries() const { return entries_; }
   /// None of them is from the backlog any more.
   void forget_backlog() { from_backlog_ = 0; }
 
@@ -56,11 +56,11 @@ class PublishWindow {
   }
 
  private:
-  std::deque<OutboxEntry>::iterator position_of(std::uint64_t sequence);
+  OutboxEntries::iterator position_of(std::uint64_t sequence);
 
   std::size_t size_;
   std::size_t effective_size_ = 0;
-  std::deque<OutboxEntry> entries_;
+  OutboxEntries entries_;
   std::size_t acknowledged_ = 0;  // QoS 1 and 2
   std::size_t from_backlog_ = 0;
   std::size_t retries_ = 0;

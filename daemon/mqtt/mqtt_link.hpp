@@ -77,8 +77,8 @@ class MqttLink {
   virtual void connect() = 0;
 
   // Between on_connected() and abandon():
-  /// `message` is within the broker's limits.
-  virtual void publish(std::uint64_t sequence, BrokerMessage message) = 0;
+  /// `message` is within the broker's limits, and needed no longer than the call lasts.
+  virtual void publish(std::uint64_t sequence, const BrokerMessage& message) = 0;
   /// `id` comes back with each message for this subscription (MQTT 5).
   virtual void subscribe(std::string filter, Qos qos, std::uint32_t id) = 0;
   virtual void unsubscribe(std::string filter) = 0;

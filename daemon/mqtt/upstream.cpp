@@ -343,10 +343,21 @@ void Upstream::on_message(BrokerMessage message, std::vector<std::uint32_t> subs
   listener_.on_message(std::move(message), std::move(subscriptions));
 }
 
-void Upstream::publish(std::uint64_t sequence, BrokerMessage message) {
-  if (!is_up_ || !keep_to_limits(sequence, message)) return;
+void Upstream::publish(std::uint64_t sequence, const BrokerMessage& message) {
+  if (!is_up_) return;
+  const bool is_beyond_limits =
+      message.qos > limits_.max_qos || (message.retain && !limits_.keeps_retained);
+  if (!is_beyond_limits) return hand_over(sequence, message);
+  BrokerMessage lowered = message;
+  lowered.qos = std::min(message.qos, limits_.max_qos);
+  lowered.retain = message.retain && limits_.keeps_retained;
+  hand_over(sequence, lowered);
+}
+
+void Upstream::hand_over(std::uint64_t sequence, const BrokerMessage& message) {
+  if (!fits_packet(sequence, message)) return;
   ++unanswered_;
-  link_->publish(sequence, std::move(message));
+  link_->publish(sequence, message);
   if (stall_watch_.on_sent()) watch_for_stall();
 }
 
@@ -376,9 +387,7 @@ void Upstream::on_stall_deadline(TimePoint now) {
 
 /// False when the broker would not take it in any form: it is refused in the broker's place, for a
 /// packet that is too large makes brokers close the connection.
-bool Upstream::keep_to_limits(std::uint64_t sequence, BrokerMessage& message) {
-  message.qos = std::min(message.qos, limits_.max_qos);
-  message.retain = message.retain && limits_.keeps_retained;
+bool Upstream::fits_packet(std::uint64_t sequence, const BrokerMessage& message) {
   if (!limits_.max_packet_bytes) return true;
   std::optional<std::size_t> property_bytes;
   if (version() == MqttVersion::v5)

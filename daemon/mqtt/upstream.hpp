@@ -44,7 +44,7 @@ class Upstream final : private MqttLinkListener {
   void stop();
 
   // No effect while the link is down, except that what was unsubscribed is no longer remembered:
-  void publish(std::uint64_t sequence, BrokerMessage message);
+  void publish(std::uint64_t sequence, const BrokerMessage& message);
   /// `id` comes back with each message for this subscription (MQTT 5).
   void subscribe(const std::string& filter, Qos qos, std::uint32_t id);
   void unsubscribe(const std::string& filter);
@@ -83,7 +83,8 @@ class Upstream final : private MqttLinkListener {
   double random_jitter();
   void watch_for_stall();
   void on_stall_deadline(TimePoint now);
-  bool keep_to_limits(std::uint64_t sequence, BrokerMessage& message);
+  void hand_over(std::uint64_t sequence, const BrokerMessage& message);
+  bool fits_packet(std::uint64_t sequence, const BrokerMessage& message);
   bool adapt_will(int code);
 
   void on_connected(bool session_present, const BrokerLimits& limits) override;

@@ -75,7 +75,7 @@ class OutboxRig {
     drain();
   }
   void acknowledge_first() {
-    const PublishAtBroker first = std::move(under_way.front());
+    const Published first = std::move(under_way.front());
     under_way.pop_front();
     receive(first.message);
     outbox->on_published(first.sequence, now);
@@ -90,7 +90,7 @@ class OutboxRig {
     under_way.pop_front();
     if (code == topic_name_invalid) set_aside.insert({refused.topic, number_in(refused)});
     std::set<std::string>& passing = may_overtake[{refused.topic, number_in(refused)}];
-    for (const PublishAtBroker& other : under_way) {
+    for (const Published& other : under_way) {
       if (other.message.topic == refused.topic) passing.insert(number_in(other.message));
     }
     outbox->on_publish_refused(sequence, {code, "said so"}, now);
@@ -150,7 +150,11 @@ class OutboxRig {
   bool is_store_quick = false;  ///< it serves at once
   std::unique_ptr<Outbox> outbox;
   bool is_up = false;
-  std::deque<PublishAtBroker> under_way;
+  struct Published {
+    std::uint64_t sequence = 0;
+    BrokerMessage message;
+  };
+  std::deque<Published> under_way;
   std::vector<std::string> published_topics;
   std::map<std::string, std::vector<std::string>> received;  ///< by topic, payloads as text
   std::map<std::uint64_t, std::vector<ReceiptOutcome>> fired;
@@ -171,8 +175,10 @@ class OutboxRig {
     received[message.topic].emplace_back(as_text(message.payload));
   }
   void perform(PublishAtBroker& publish) {
-    published_topics.push_back(publish.message.topic);
-    under_way.push_back(std::move(publish));
+    const BrokerMessage* const message = outbox->under_way(publish.sequence);
+    ASSERT_TRUE(message) << "it is not under way";
+    published_topics.push_back(message->topic);
+    under_way.push_back({publish.sequence, *message});
   }
   void perform(FireReceipt& fire) { fired[fire.receipt.id].push_back(fire.outcome); }
   void perform(WriteToStore& write) { store.ask(std::move(write)); }

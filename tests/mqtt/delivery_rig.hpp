@@ -89,7 +89,8 @@ class DeliveryRig : private UpstreamListener {
   StoreSettings store_settings() const { return {store_directory_, 1u << 28}; }
 
   void perform(PublishAtBroker& publish) {
-    upstream_.publish(publish.sequence, std::move(publish.message));
+    if (const auto* message = outbox.under_way(publish.sequence))
+      upstream_.publish(publish.sequence, *message);
   }
   void perform(FireReceipt& fire) { fired[fire.receipt.id] = fire.outcome; }
   void perform(WriteToStore& write) { store_.ask(std::move(write)); }

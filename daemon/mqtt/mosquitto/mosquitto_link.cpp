@@ -252,7 +252,7 @@ void MosquittoLink::on_tick() {
   deliver();
 }
 
-void MosquittoLink::publish(std::uint64_t sequence, BrokerMessage message) {
+void MosquittoLink::publish(std::uint64_t sequence, const BrokerMessage& message) {
   if (is_over_) return;
   int id = 0;
   const bool is_text = message.topic.find('\0') == std::string::npos;  // C knows no such text

@@ -36,7 +36,7 @@ class MosquittoLink final : public MqttLink, public std::enable_shared_from_this
   ~MosquittoLink() override;
 
   void connect() override;
-  void publish(std::uint64_t sequence, BrokerMessage message) override;
+  void publish(std::uint64_t sequence, const BrokerMessage& message) override;
   void subscribe(std::string filter, Qos qos, std::uint32_t id) override;
   void unsubscribe(std::string filter) override;
   void abandon(bool is_orderly) override;

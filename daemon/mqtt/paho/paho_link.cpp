@@ -245,10 +245,10 @@ void PahoLink::watch_connect() {
   });
 }
 
-void PahoLink::publish(std::uint64_t sequence, BrokerMessage message) {
+void PahoLink::publish(std::uint64_t sequence, const BrokerMessage& message) {
   nudge_.on_publish(std::chrono::steady_clock::now());
   if (!is_nudge_armed_) watch_progress();
-  if (publications_.give({sequence, std::move(message)}) != 1) return;
+  if (publications_.give({sequence, message}) != 1) return;
   post_to_lane([](PahoLink& session) { session.publish_all(); });
 }
 

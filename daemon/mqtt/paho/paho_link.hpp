@@ -42,7 +42,7 @@ class PahoLink final : public MqttLink,
   ~PahoLink() override;
 
   void connect() override;
-  void publish(std::uint64_t sequence, BrokerMessage message) override;
+  void publish(std::uint64_t sequence, const BrokerMessage& message) override;
   void subscribe(std::string filter, Qos qos, std::uint32_t id) override;
   void unsubscribe(std::string filter) override;
   void abandon(bool is_orderly) override;
