@@ -52,6 +52,7 @@ MosquittoLink::MosquittoLink(boost::asio::io_context& io, boost::asio::thread_po
       timeout_(io),
       tick_(io),
       socket_(io),
+      writable_(io),
       properties_(options_.version, settings_.gateway_id) {
   [[maybe_unused]] static const int once = mosquitto_lib_init();
 }
@@ -90,7 +91,8 @@ void MosquittoLink::open(const HostAddresses& addresses) {
     return deliver();
   }
   adopt_socket();
-  await_connection();
+  if (!is_over_) await_connection();
+  deliver();
 }
 
 /// 0 when a connection is under way, else libmosquitto's error.
@@ -173,24 +175,47 @@ void MosquittoLink::set_callbacks() {
 void MosquittoLink::adopt_socket() {
   const int descriptor = mosquitto_socket(client_.get());
   fcntl(descriptor, F_SETFD, FD_CLOEXEC);
-  socket_.assign(fcntl(descriptor, F_DUPFD_CLOEXEC, 0));
+  duplicate(descriptor, socket_);
+}
+
+/// False when the process may not have more; the connection ends then.
+bool MosquittoLink::duplicate(int descriptor, boost::asio::posix::stream_descriptor& to) {
+  const int duplicate = fcntl(descriptor, F_DUPFD_CLOEXEC, 0);
+  if (duplicate < 0) {
+    after_call(MOSQ_ERR_ERRNO, errno);
+    return false;
+  }
+  to.assign(duplicate);
+  return true;
+}
+
+/// `then` is called once, unless the link is abandoned before.
+template <class Then>
+void MosquittoLink::when_writable(Then then) {
+  if (!duplicate(socket_.native_handle(), writable_)) return;
+  writable_.async_wait(boost::asio::posix::descriptor_base::wait_write,
+                       [self = shared_from_this(), then](error_code error) {
+                         if (error || self->is_abandoned_) return;
+                         self->writable_.close();
+                         then(*self);
+                       });
 }
 
 void MosquittoLink::await_connection() {
-  socket_.async_wait(boost::asio::posix::descriptor_base::wait_write, [self = shared_from_this()](
-                                                                          error_code failure) {
-    if (failure || self->is_abandoned_) return;
-    int error = 0;
-    socklen_t size = sizeof error;
-    getsockopt(self->socket_.native_handle(), SOL_SOCKET, SO_ERROR, &error, &size);
-    if (is_closing(error)) return self->fail(self->explain_failure({MOSQ_ERR_ERRNO, error}));
-    if (error != 0) return self->fail({0, explain_no_connection(self->settings_, error)});
-    self->is_reached_ = true;
-    self->on_readable();  // CONNECT, or the TLS handshake
-    if (self->is_over_ || self->is_abandoned_) return;
-    self->await_readable();
-    self->await_tick();
-  });
+  when_writable([](MosquittoLink& link) { link.on_connection(); });
+}
+
+void MosquittoLink::on_connection() {
+  int error = 0;
+  socklen_t size = sizeof error;
+  getsockopt(socket_.native_handle(), SOL_SOCKET, SO_ERROR, &error, &size);
+  if (is_closing(error)) return fail(explain_failure({MOSQ_ERR_ERRNO, error}));
+  if (error != 0) return fail({0, explain_no_connection(settings_, error)});
+  is_reached_ = true;
+  on_readable();  // CONNECT, or the TLS handshake
+  if (is_over_ || is_abandoned_) return;
+  await_readable();
+  await_tick();
 }
 
 void MosquittoLink::await_readable() {
@@ -203,14 +228,12 @@ void MosquittoLink::await_readable() {
 }
 
 void MosquittoLink::await_writable() {
-  if (std::exchange(is_writable_awaited_, true)) return;
-  socket_.async_wait(boost::asio::posix::descriptor_base::wait_write,
-                     [self = shared_from_this()](error_code error) {
-                       self->is_writable_awaited_ = false;
-                       if (error || self->is_abandoned_ || self->is_over_) return;
-                       self->write();
-                       self->deliver();
-                     });
+  if (writable_.is_open()) return;
+  when_writable([](MosquittoLink& link) {
+    if (link.is_over_) return;
+    link.write();
+    link.deliver();
+  });
 }
 
 void MosquittoLink::on_readable() {
@@ -434,6 +457,7 @@ void MosquittoLink::abandon(bool is_orderly) {
   is_abandoned_ = true;
   timeout_.cancel();
   tick_.cancel();
+  if (writable_.is_open()) writable_.close();
   if (socket_.is_open()) goodbye_socket_ = socket_.release();
   if (!is_orderly || is_over_ || !is_open_) {
     const linger at_once{1, 0};

@@ -83,9 +83,13 @@ class MosquittoLink final : public MqttLink, public std::enable_shared_from_this
   int start_client(const std::string& address);
   void set_callbacks();
   void adopt_socket();
+  bool duplicate(int descriptor, boost::asio::posix::stream_descriptor& to);
   void await_connection();
+  void on_connection();
   void await_readable();
   void await_writable();
+  template <class Then>
+  void when_writable(Then then);
   void await_tick();
   void on_readable();
   void watch_handshake();
@@ -116,12 +120,14 @@ class MosquittoLink final : public MqttLink, public std::enable_shared_from_this
   boost::asio::steady_timer tick_;
   /// A duplicate: the library closes its own whenever it likes.
   boost::asio::posix::stream_descriptor socket_;
+  /// Another duplicate, only while the socket is to be written: Asio would look for that at each
+  /// later wait for reading too, and find it at once.
+  boost::asio::posix::stream_descriptor writable_;
   bool is_abandoned_ = false;
   bool has_failed_ = false;  ///< told on_connect_failed()
   bool is_reached_ = false;  ///< by TCP
   bool is_open_ = false;     ///< told on_connected()
   bool is_over_ = false;     ///< the library has no connection any more
-  bool is_writable_awaited_ = false;
   bool is_write_due_ = false;
   std::size_t unwritten_ = 0;  ///< packets that the next write() sends
   std::vector<Event> events_;
