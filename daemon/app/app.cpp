@@ -271,14 +271,14 @@ void App::warn_of_lost_messages() {
 
 void App::publish_stats() {
   if (!broker_link_.is_up) return;  // of no use later
-  const auto publish = [this](std::string topic, const nlohmann::json& json) {
-    const std::string text =
-        escape_unprintable(json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
-    Upload upload{{std::move(topic), to_bytes(text), Qos::at_most_once, false}, {}};
+  const auto publish = [this](std::string topic, std::string_view text) {
+    Upload upload{{std::move(topic), to_bytes(escape_unprintable(text)), Qos::at_most_once, false},
+                  {}};
     perform(upload);
   };
-  publish(scheme_.stats_topic(), status());
-  publish(scheme_.numbers_topic(), numbers_json(status_.robots({}, read_clocks().mono)));
+  publish(scheme_.stats_topic(),
+          status().dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+  publish(scheme_.numbers_topic(), numbers_text(status_.robots({}, read_clocks().mono)));
 }
 
 void App::perform(PassUp& action) {

@@ -4,8 +4,8 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cmath>
 #include <functional>
+#include <iterator>
 #include <span>
 
 namespace slamgw {
@@ -145,24 +145,31 @@ json to_json(const Status& status) {
           {"memory_rss_bytes", status.memory_rss_bytes}};
 }
 
-json numbers_json(std::vector<RobotStatus> robots) {
+/// For a thousand robots every 10 s, so without a tree of JSON values before.
+std::string numbers_text(std::vector<RobotStatus> robots) {
   const std::size_t count = std::min(robots.size(), max_robots_in_numbers);
   std::ranges::partial_sort(robots, robots.begin() + static_cast<std::ptrdiff_t>(count),
                             std::ranges::greater(), &RobotStatus::last_seen);
-  json rows = json::object();
+  const auto latency = [](const RobotStatus& robot,
+                          std::chrono::microseconds LatencyWindow::Percentiles::*which) {
+    return robot.latency ? fmt::to_string(((*robot.latency).*which).count()) : "null";
+  };
+  std::string text = R"({"robots":{)";
   for (const RobotStatus& robot : std::span(robots).first(count)) {
-    json& row = rows[robot.id] = {
-        {"up", robot.messages},      {"down", robot.commands},
-        {"repeats", robot.repeats},  {"rate_hz", std::round(robot.rate_hz * 100) / 100},
-        {"latency_p50_us", nullptr}, {"latency_p99_us", nullptr},
-        {"rssi_dbm", nullptr},       {"last_heard", to_iso8601(robot.last_seen)}};
-    if (robot.latency) row["latency_p50_us"] = robot.latency->p50.count();
-    if (robot.latency) row["latency_p99_us"] = robot.latency->p99.count();
-    if (robot.radio) row["rssi_dbm"] = robot.radio->rssi_dbm;
+    if (!text.ends_with('{')) text += ',';
+    fmt::format_to(std::back_inserter(text),
+                   R"({}:{{"up":{},"down":{},"repeats":{},"rate_hz":{:.2f},"latency_p50_us":{},)"
+                   R"("latency_p99_us":{},"rssi_dbm":{},"last_heard":"{}"}})",
+                   json(robot.id).dump(-1, ' ', false, json::error_handler_t::replace),
+                   robot.messages, robot.commands, robot.repeats, robot.rate_hz,
+                   latency(robot, &LatencyWindow::Percentiles::p50),
+                   latency(robot, &LatencyWindow::Percentiles::p99),
+                   robot.radio ? fmt::to_string(robot.radio->rssi_dbm) : "null",
+                   to_iso8601(robot.last_seen));
   }
-  json numbers{{"robots", std::move(rows)}};
-  if (robots.size() > count) numbers["left_out"] = robots.size() - count;
-  return numbers;
+  text += '}';
+  if (robots.size() > count) text += fmt::format(R"(,"left_out":{})", robots.size() - count);
+  return text + '}';
 }
 
 std::string why_absent(const RobotStatus& robot, const Status::MeshLink& link) {

@@ -124,7 +124,7 @@ std::string why_absent(const RobotStatus& robot, const Status::MeshLink& link);
 /// Robots in one message of the `numbers` topic: those that were heard last. The others are in
 /// `left_out`.
 inline constexpr std::size_t max_robots_in_numbers = 1000;
-/// What `<prefix>/gateway/<gw>/numbers` says of each robot.
-nlohmann::json numbers_json(std::vector<RobotStatus> robots);
+/// What `<prefix>/gateway/<gw>/numbers` says of each robot: JSON.
+std::string numbers_text(std::vector<RobotStatus> robots);
 
 }  // namespace slamgw

@@ -1,29 +1,39 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/core/time.hpp"
 
-#include <fmt/chrono.h>
 #include <fmt/format.h>
 
 namespace slamgw {
+namespace {
 
-std::string to_iso8601(WallTime time) {
-  const auto seconds = std::chrono::floor<std::chrono::seconds>(time);
-  return fmt::format("{:%Y-%m-%dT%H:%M:%SZ}",
-                     fmt::gmtime(std::chrono::system_clock::to_time_t(seconds)));
+/// `YYYY-MM-DDThh:mm:ss`, written for each presence and many messages: fmt's own formats of times
+/// take a multiple.
+std::string to_the_second(WallTime time) {
+  const auto day = std::chrono::floor<std::chrono::days>(time);
+  const std::chrono::year_month_day date(day);
+  const std::chrono::hh_mm_ss clock(std::chrono::floor<std::chrono::seconds>(time - day));
+  return fmt::format("{:04}-{:02}-{:02}T{:02}:{:02}:{:02}", static_cast<int>(date.year()),
+                     static_cast<unsigned>(date.month()), static_cast<unsigned>(date.day()),
+                     clock.hours().count(), clock.minutes().count(), clock.seconds().count());
 }
 
+/// What `time` has beyond its whole second.
+template <class Unit>
+auto fraction(WallTime time) {
+  const auto second = std::chrono::floor<std::chrono::seconds>(time);
+  return std::chrono::duration_cast<Unit>(time - second).count();
+}
+
+}  // namespace
+
+std::string to_iso8601(WallTime time) { return to_the_second(time) + "Z"; }
+
 std::string to_iso8601_ms(WallTime time) {
-  const auto seconds = std::chrono::floor<std::chrono::seconds>(time);
-  const auto ms = std::chrono::duration_cast<std::chrono::milliseconds>(time - seconds);
-  return fmt::format("{:%Y-%m-%dT%H:%M:%S}.{:03}Z",
-                     fmt::gmtime(std::chrono::system_clock::to_time_t(seconds)), ms.count());
+  return fmt::format("{}.{:03}Z", to_the_second(time), fraction<std::chrono::milliseconds>(time));
 }
 
 std::string to_iso8601_us(WallTime time) {
-  const auto seconds = std::chrono::floor<std::chrono::seconds>(time);
-  const auto us = std::chrono::duration_cast<std::chrono::microseconds>(time - seconds);
-  return fmt::format("{:%Y-%m-%dT%H:%M:%S}.{:06}Z",
-                     fmt::gmtime(std::chrono::system_clock::to_time_t(seconds)), us.count());
+  return fmt::format("{}.{:06}Z", to_the_second(time), fraction<std::chrono::microseconds>(time));
 }
 
 }  // namespace slamgw

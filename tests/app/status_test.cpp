@@ -98,7 +98,7 @@ TEST(WhyAbsent, NamesWhatIsKnown) {
   EXPECT_EQ(why_absent(robot, link), "the ble link is down: no board");
 }
 
-TEST(NumbersJson, IsWhatTheContractSays) {
+TEST(NumbersText, IsWhatTheContractSays) {
   RobotStatus robot;
   robot.id = "r";
   robot.messages = 7;
@@ -106,24 +106,31 @@ TEST(NumbersJson, IsWhatTheContractSays) {
   robot.repeats = 1;
   robot.rate_hz = 4.999;
   robot.last_seen = WallTime{1'700'000'000s};
-  EXPECT_EQ(numbers_json({robot}), json::parse(R"({"robots": {"r": {"up": 7, "down": 2,
+  EXPECT_EQ(json::parse(numbers_text({robot})), json::parse(R"({"robots": {"r": {"up": 7, "down": 2,
       "repeats": 1, "rate_hz": 5.0, "latency_p50_us": null, "latency_p99_us": null,
       "rssi_dbm": null, "last_heard": "2023-11-14T22:13:20Z"}}})"));
   robot.latency = {1500us, 9ms};
   robot.radio = RadioFacts{-61, 2, 3};
-  const json row = numbers_json({robot})["robots"]["r"];
+  const json row = json::parse(numbers_text({robot}))["robots"]["r"];
   EXPECT_EQ(row["latency_p50_us"], 1500);
   EXPECT_EQ(row["latency_p99_us"], 9000);
   EXPECT_EQ(row["rssi_dbm"], -61);
 }
 
-TEST(NumbersJson, IsBoundedAndNamesTheRobotsThatWereHeardLast) {
+TEST(NumbersText, IsJsonWhateverRobotsAreCalled) {
+  RobotStatus robot;
+  robot.id = "say \"hi\"\\\xc3\xb8";
+  EXPECT_TRUE(json::parse(numbers_text({robot, robot}))["robots"].contains(robot.id));
+  EXPECT_EQ(json::parse(numbers_text({})), json::parse(R"({"robots": {}})"));
+}
+
+TEST(NumbersText, IsBoundedAndNamesTheRobotsThatWereHeardLast) {
   std::vector<RobotStatus> robots(max_robots_in_numbers + 3);
   for (std::size_t i = 0; i < robots.size(); ++i) {
     robots[i].id = std::to_string(i);
     robots[i].last_seen = WallTime{std::chrono::seconds(i)};
   }
-  const json numbers = numbers_json(robots);
+  const json numbers = json::parse(numbers_text(robots));
   EXPECT_EQ(numbers["robots"].size(), max_robots_in_numbers);
   EXPECT_EQ(numbers["left_out"], 3);
   EXPECT_FALSE(numbers["robots"].contains("0"));
