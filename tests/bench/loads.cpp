@@ -78,10 +78,11 @@ void compare(const Target& target, Report& report, const Plan& plan) {
       report.add(straight(target, each.name, each.load));
     }
   }
+  // Before the look at connects: a gateway may keep what it knows of those clients.
+  const Idle idle = look_at_idle(target, plan);
   const Connects connects = look_at_connects(target, 1);
   fmt::print("\nCONNECT to CONNACK, one at a time: p50 {:.3f} ms, p99 {:.3f} ms\n",
              connects.latency.p50_ms, connects.latency.p99_ms);
-  const Idle idle = look_at_idle(target, plan);
   fmt::print("1000 idle clients with a keep-alive of 60 s: {} PINGREQ unanswered\n",
              idle.unanswered);
   if (target.process == 0) return;

@@ -53,7 +53,9 @@ int main(int argc, char** argv) {
   options.add_option("--only", only, "one part")
       ->check(CLI::IsMember(std::vector<std::string>(part_names.begin(), part_names.end())));
   auto* other = options.add_option("--gateway", gateway, "HOST:PORT of another MQTT-SN gateway");
-  options.add_option("--broker", broker, "HOST:PORT of the broker behind it")->needs(other);
+  auto* behind =
+      options.add_option("--broker", broker, "HOST:PORT of the broker behind it")->needs(other);
+  other->needs(behind);
   options.add_option("--process", process, "its process id on this host, for CPU and memory")
       ->needs(other);
   CLI11_PARSE(options, argc, argv);

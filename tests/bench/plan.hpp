@@ -12,7 +12,7 @@ struct Plan {
   std::chrono::seconds idle{30};         ///< of a look at idle clients
 
   /// Shows that everything works, and orders of magnitude.
-  static Plan quick() { return {1, std::chrono::milliseconds(1000), std::chrono::seconds(5)}; }
+  static Plan quick() { return {1, std::chrono::milliseconds(1000), std::chrono::seconds(10)}; }
 };
 
 }  // namespace slamgw::bench
