@@ -147,7 +147,9 @@ CommandTurns::Fate SharedCommands::fate_of(const CommandTurns::Owed& owed, TimeP
     return Fate::forget;
   const TimePoint due = owed.taken + CommandTurns::outcome_patience;
   const TimePoint back = context_.lease.life_began();
-  if (back > due && context_.peers.has_witness(owed.taken, now)) return Fate::forget;
+  // What came while it was away may have come late, and behind its outcome.
+  const bool may_have_missed = owed.taken < context_.lease.joined();
+  if (may_have_missed && context_.peers.has_witness(owed.taken, now)) return Fate::forget;
   const int rank = rank_for(owed.robot, now);
   if (rank > max_turns) return Fate::forget;
   const bool was_away = back > owed.taken;

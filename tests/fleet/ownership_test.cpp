@@ -579,6 +579,16 @@ TEST_F(LoopedBack, LeavesWhatCameBeforeItHeardTheOthersToThem) {
   }
 }
 
+/// It comes from the broker's session for this gateway, after the outcome.
+TEST_F(LoopedBack, LeavesWhatWasTakenWhileItWasAwayToWhoWasThere) {
+  now += 10s;
+  pass(10ms);  // it notices that it was away
+  beat_of_gw_1(100'000);
+  ownership.on_fleet_message({"gw-2", 0x30001, Taken{1, 1, "r", "cmd", 0, false}}, at(now - 5ms));
+  pass(60s);
+  EXPECT_TRUE(ends.empty());
+}
+
 TEST_F(LoopedBack, GatewayThatTakesACommandAgainInANewLifeOwesOneOutcome) {
   ownership.on_fleet_message({"gw-2", 0x30001, Taken{1, 7, "r", "cmd", {}}}, at(now));
   pass(3s);
