@@ -45,7 +45,7 @@ std::int64_t to_ms(TimePoint time) {
 Ownership::Ownership(FleetTopics topics, Settings settings, LocalRobots local_robots)
     : settings_(settings),
       local_robots_(std::move(local_robots)),
-      context_(std::move(topics), settings.process),
+      membership_(std::move(topics), settings.process),
       is_looking_(settings.enabled == Enabled::yes) {}
 
 void Ownership::on_broker_link(bool is_up, const Now& now, bool is_session_kept) {
@@ -57,10 +57,10 @@ void Ownership::on_broker_link(bool is_up, const Now& now, bool is_session_kept)
   if (!is_up && is_alone() && looked_) end_look(now.mono);
   if (settings_.enabled == Enabled::no) unsubscribe_stale();
   if (!is_up || settings_.enabled == Enabled::no) return;
-  subscribe(context_.topics.state_filter());
+  subscribe(membership_.topics.state_filter());
   if (is_alone() && settings_.enabled == Enabled::automatic) {
     // Commands for robots that nobody knows have an outcome, too.
-    subscribe(context_.topics.command_filter());
+    subscribe(membership_.topics.command_filter());
     is_looking_ = true;
     is_state_answered_ = false;
     looked_ = now.mono + longest_look;
@@ -73,7 +73,7 @@ void Ownership::on_subscribe_result(const std::string& filter, SubscribeAnswer a
                                     const Now& now) {
   // The next connection asks again, unless asking is what closes it.
   if (answer == SubscribeAnswer::refused) subscribed_.erase(filter);
-  if (!looked_ || filter != context_.topics.state_filter()) return;
+  if (!looked_ || filter != membership_.topics.state_filter()) return;
   if (answer != SubscribeAnswer::granted) return end_look(now.mono);
   if (!std::exchange(is_state_answered_, true)) looked_ = std::min(*looked_, now.mono + listening);
 }
@@ -93,11 +93,11 @@ void Ownership::end_look(TimePoint now) {
 /// this gateway commands of other gateways' robots.
 void Ownership::unsubscribe_stale() {
   if (!std::exchange(is_session_kept_, false)) return;
-  const FleetTopics& topics = context_.topics;
+  const FleetTopics& topics = membership_.topics;
   for (const std::string& filter :
        {topics.all_filter(), topics.own_filter(), topics.command_filter(), topics.outcome_filter(),
         topics.state_filter()}) {
-    if (!subscribed_.contains(filter)) context_.actions.push(UnsubscribeFleet{filter});
+    if (!subscribed_.contains(filter)) membership_.actions.push(UnsubscribeFleet{filter});
   }
 }
 
@@ -105,7 +105,7 @@ void Ownership::unsubscribe_stale() {
 void Ownership::decide_alone(TimePoint now) {
   commands_.decide_alone(now);
   for (auto& [robot, question] : std::exchange(questions_, {}))
-    for (Report& will : question.wills) context_.actions.push(PublishWill{std::move(will)});
+    for (Report& will : question.wills) membership_.actions.push(PublishWill{std::move(will)});
 }
 
 void Ownership::wake_up(const Now& now) {
@@ -114,7 +114,7 @@ void Ownership::wake_up(const Now& now) {
   look_again_.reset();
   looked_.reset();
   // The commands first: who hears the others and not the commands would miss what they leave to it.
-  const FleetTopics& topics = context_.topics;
+  const FleetTopics& topics = membership_.topics;
   // A gateway that was alone asks for them once more, so that the core looks again at robots' own
   // filters.
   if (is_alone()) subscribed_.erase(topics.command_filter());
@@ -124,58 +124,58 @@ void Ownership::wake_up(const Now& now) {
   }
   last_company_ = woken_ = now.mono;
   next_beat_ = now.mono;
-  if (is_alone() || context_.lease.is_life_over(now.mono)) begin_life(now.mono);
+  if (is_alone() || membership_.lease.is_life_over(now.mono)) begin_life(now.mono);
 }
 
 /// The core asks for it again at each connection.
 void Ownership::subscribe(const std::string& filter) {
-  if (subscribed_.insert(filter).second) context_.actions.push(SubscribeFleet{filter});
+  if (subscribed_.insert(filter).second) membership_.actions.push(SubscribeFleet{filter});
 }
 
 void Ownership::begin_life(TimePoint now) {
-  context_.phase = Phase::joining;
-  context_.lease.begin_life(now);
+  membership_.phase = Phase::joining;
+  membership_.lease.begin_life(now);
   claims_.begin_life();
   commands_.begin_life();
   for (auto& [robot, question] : questions_) question.asked.reset();
 }
 
 void Ownership::fall_asleep(std::string why, TimePoint now) {
-  context_.phase = Phase::alone;
+  membership_.phase = Phase::alone;
   // One that is `online` and silent may be cut off: if it comes back, its beats wake this one up.
   const bool is_somebody_silent = !states_.empty() && !is_muted_;
   if (is_somebody_silent) look_again_ = now + silent_after;
-  const FleetTopics& topics = context_.topics;
+  const FleetTopics& topics = membership_.topics;
   for (const std::string& filter : {topics.all_filter(), topics.own_filter(),
                                     topics.command_filter(), topics.outcome_filter()}) {
     if (is_somebody_silent && filter == topics.all_filter()) continue;
-    if (subscribed_.erase(filter) > 0) context_.actions.push(UnsubscribeFleet{filter});
+    if (subscribed_.erase(filter) > 0) membership_.actions.push(UnsubscribeFleet{filter});
   }
   if (!is_muted_) subscribe(topics.command_filter());
   for (const auto& [robot, is_online] : local_robots_())
-    if (!claims_.is_held(robot)) context_.actions.push(TakeOverRobot{robot, {}, {}});
+    if (!claims_.is_held(robot)) membership_.actions.push(TakeOverRobot{robot, {}, {}});
   claims_.forget_all();
-  context_.peers = {};
+  membership_.peers = {};
   decide_alone(now);
   commands_.forget_owed();
   commands_.tell_outcomes(now);
-  context_.notice(Severity::notice, std::move(why));
+  membership_.notice(Severity::notice, std::move(why));
 }
 
 void Ownership::on_other_gateway(const std::string& gateway, const Now& now) {
   last_company_ = now.mono;
   if (!is_alone() || settings_.enabled != Enabled::automatic || !is_link_up_ || is_muted_) return;
-  context_.notice(Severity::notice,
-                  fmt::format("gateway '{}' is on this broker too: from now on they agree who "
-                              "serves which robot (fleet.enabled)",
-                              gateway));
+  membership_.notice(Severity::notice,
+                     fmt::format("gateway '{}' is on this broker too: from now on they agree who "
+                                 "serves which robot (fleet.enabled)",
+                                 gateway));
   wake_up(now);
 }
 
 // --- Time ----------------------------------------------------------------------------------------
 
 bool Ownership::is_busy() const {
-  return context_.phase == Phase::joining || claims_.is_busy() || !questions_.empty() ||
+  return membership_.phase == Phase::joining || claims_.is_busy() || !questions_.empty() ||
          commands_.is_busy();
 }
 
@@ -193,14 +193,14 @@ void Ownership::on_deadline(const Now& now) {
     return;
   }
   last_look_ = now.mono;
-  if (context_.lease.is_life_over(now.mono)) begin_life(now.mono);
+  if (membership_.lease.is_life_over(now.mono)) begin_life(now.mono);
   if (now.mono >= next_beat_) {
     send_beat(now.mono);
     commands_.end_overdue(now.mono);
     forget_the_dead(now.mono);
     if (!keep_company(now.mono)) return;
   }
-  if (context_.phase == Phase::joining) finish_joining(now);
+  if (membership_.phase == Phase::joining) finish_joining(now);
   claims_.on_deadline(now);
   decide_won(now.mono);
   commands_.decide(now.mono);
@@ -212,7 +212,7 @@ void Ownership::on_deadline(const Now& now) {
 bool Ownership::keep_company(TimePoint now) {
   const bool is_company = std::ranges::any_of(
       states_, [&](const auto& each) { return now - each.second.heard < silent_after; });
-  if (context_.peers.count_alive(now) > 0 || is_company) last_company_ = now;
+  if (membership_.peers.count_alive(now) > 0 || is_company) last_company_ = now;
   if (settings_.enabled == Enabled::automatic && now - last_company_ >= asleep_after) {
     fall_asleep("no other gateway is about any more; this one serves every robot", now);
   } else if (settings_.enabled == Enabled::automatic && is_unheard(now)) {
@@ -223,7 +223,7 @@ bool Ownership::keep_company(TimePoint now) {
                     "Its access control list needs, for this gateway's user: {} "
                     "(docs/fleet.md). Until the next connection this gateway serves every robot "
                     "that it hears, as if it were alone",
-                    context_.topics.rights()),
+                    membership_.topics.rights()),
         now);
   }
   return !is_alone();
@@ -233,46 +233,47 @@ std::vector<MissingRight> Ownership::missing_rights(TimePoint now) const {
   const bool tries = is_link_up_ && !is_alone();
   if (!is_muted_ && !(tries && is_unheard(now))) return {};
   return {{"other gateways do not hear this one: its own messages under fleet/ do not come back",
-           context_.topics.rights()}};
+           membership_.topics.rights()}};
 }
 
 Duration Ownership::period() const {
-  const auto gateways = static_cast<int>(context_.peers.all().size()) + 1;
+  const auto gateways = static_cast<int>(membership_.peers.all().size()) + 1;
   return std::max<Duration>(shortest_period, period_per_gateway * gateways);
 }
 
 void Ownership::send_beat(TimePoint now) {
   const Duration wait = period();
-  const auto digest = context_.table.digest_of(context_.me, context_.lease.life());
+  const auto digest = membership_.table.digest_of(membership_.me, membership_.lease.life());
   const auto period_ms = std::chrono::duration_cast<milliseconds>(wait).count();
-  context_.publish(
-      context_.topics.all(),
+  membership_.publish(
+      membership_.topics.all(),
       Beat{to_ms(now), static_cast<std::uint32_t>(period_ms), digest.count, digest.hash,
            static_cast<std::uint64_t>(
-               std::chrono::duration_cast<milliseconds>(context_.lease.up(now)).count())},
+               std::chrono::duration_cast<milliseconds>(membership_.lease.up(now)).count())},
       Qos::at_most_once);
   next_beat_ = now + wait;
 }
 
 bool Ownership::is_in_step(TimePoint now) const {
-  return std::ranges::all_of(context_.peers.all(), [&](const auto& each) {
+  return std::ranges::all_of(membership_.peers.all(), [&](const auto& each) {
     const auto& [gateway, peer] = each;
-    return now >= peer.alive_until || context_.table.digest_of(gateway, peer.life) == peer.digest;
+    return now >= peer.alive_until ||
+           membership_.table.digest_of(gateway, peer.life) == peer.digest;
   });
 }
 
 void Ownership::finish_joining(const Now& now) {
-  const Duration since = now.mono - context_.lease.joined();
+  const Duration since = now.mono - membership_.lease.joined();
   if (!is_leased(now.mono) || since < std::max<Duration>(listening, period() * 2)) return;
   if (!is_in_step(now.mono) && since < longest_joining + period() * 2) return;
-  context_.phase = Phase::member;
+  membership_.phase = Phase::member;
   claims_.join(local_robots_(), now);
 }
 
 void Ownership::forget_the_dead(TimePoint now) {
   if (now - forgotten_at_ < forget_interval) return;
   forgotten_at_ = now;
-  context_.peers.forget_dead(now);
+  membership_.peers.forget_dead(now);
   claims_.forget_the_dead(now);
 }
 
@@ -303,11 +304,11 @@ void Ownership::on_given_up(const std::string& robot, const Claim& to, Bytes ses
 void Ownership::on_command(BrokerMessage message, std::string robot, std::string type,
                            const Now& now) {
   if (!is_shared() || (message.retain && speaks_for(robot, now.mono))) {
-    context_.actions.push(CarryOut{std::move(message)});
+    membership_.actions.push(CarryOut{std::move(message)});
     return;
   }
   const bool is_of_gateway =
-      robot == context_.me || states_.contains(robot) || context_.peers.find(robot);
+      robot == membership_.me || states_.contains(robot) || membership_.peers.find(robot);
   if (message.retain || (type == "probe" && is_of_gateway)) return;  // it tries its rights
   commands_.add(std::move(message), std::move(robot), std::move(type), now);
 }
@@ -324,7 +325,7 @@ void Ownership::on_outcome(const std::string& gateway, const std::string& robot,
 
 void Ownership::on_will(Report will, const Now& now) {
   if (!is_shared()) {
-    context_.actions.push(PublishWill{std::move(will)});
+    membership_.actions.push(PublishWill{std::move(will)});
     return;
   }
   Question& question = questions_[will.robot];
@@ -333,7 +334,7 @@ void Ownership::on_will(Report will, const Now& now) {
 }
 
 void Ownership::look_at_questions(const Now& now) {
-  if (!context_.may_act(now.mono)) return;
+  if (!membership_.may_act(now.mono)) return;
   for (auto each = questions_.begin(); each != questions_.end();) {
     const bool is_over = !speaks_for(each->first, now.mono) || is_answered(each->second, now);
     const bool is_lost = each->second.asked && !each->second.echoed &&
@@ -349,7 +350,7 @@ void Ownership::ask_for_sign(const std::string& robot, Question& question, TimeP
   question.echoed.reset();
   const auto heard = claims_.heard_at(robot);
   const Duration silent = heard ? now - *heard : Duration(1h);
-  context_.tell_all(AskForSign{
+  membership_.tell_all(AskForSign{
       robot, static_cast<std::uint64_t>(std::chrono::duration_cast<milliseconds>(silent).count())});
 }
 
@@ -360,7 +361,7 @@ bool Ownership::is_answered(Question& question, const Now& now) {
   const Duration enough =
       std::max<Duration>(sign_patience, (*question.echoed - *question.asked) * sign_round_trips);
   if (now.mono - *question.asked < enough) return false;
-  for (Report& will : question.wills) context_.actions.push(PublishWill{std::move(will)});
+  for (Report& will : question.wills) membership_.actions.push(PublishWill{std::move(will)});
   return true;
 }
 
@@ -373,7 +374,7 @@ void Ownership::decide_won(TimePoint now) {
 
 void Ownership::on_gateway_state(const BrokerMessage& message, std::string_view gateway,
                                  const Now& now) {
-  if (gateway == context_.me) {
+  if (gateway == membership_.me) {
     // Retained, whatever it says: the broker answers this gateway's subscription with it, and other
     // states come at the same time. A live one says nothing about the others.
     if (message.retain && looked_) {
@@ -400,11 +401,11 @@ void Ownership::on_gateway_state(const BrokerMessage& message, std::string_view 
 
 bool Ownership::on_broker_message(const BrokerMessage& message, const Now& now) {
   if (settings_.enabled == Enabled::no) return false;
-  if (const auto gateway = context_.topics.gateway_of_state(message.topic)) {
+  if (const auto gateway = membership_.topics.gateway_of_state(message.topic)) {
     on_gateway_state(message, *gateway, now);
     return false;
   }
-  if (const auto sender = context_.topics.sender(message.topic)) {
+  if (const auto sender = membership_.topics.sender(message.topic)) {
     if (message.retain) return true;  // nobody of us retains: a mistake or a forgery
     if (const auto read = decode(*sender, message.payload)) {
       on_fleet_message(*read, now);
@@ -413,7 +414,7 @@ bool Ownership::on_broker_message(const BrokerMessage& message, const Now& now) 
     }
     return true;
   }
-  const auto outcome = context_.topics.outcome(message.topic);
+  const auto outcome = membership_.topics.outcome(message.topic);
   if (!outcome) return false;
   const auto json =
       nlohmann::json::parse(message.payload.begin(), message.payload.end(), nullptr, false);
@@ -425,7 +426,7 @@ bool Ownership::on_broker_message(const BrokerMessage& message, const Now& now) 
 void Ownership::on_malformed(std::string_view sender, TimePoint now) {
   ++malformed_;
   if (const auto count = malformed_throttle_.on_event(now)) {
-    context_.notice(
+    membership_.notice(
         Severity::warning,
         fmt::format("{} messages under fleet/ in the name of '{}' are no fleet messages; who may "
                     "write there?",
@@ -434,14 +435,14 @@ void Ownership::on_malformed(std::string_view sender, TimePoint now) {
 }
 
 void Ownership::on_fleet_message(const FleetMessage& message, const Now& now) {
-  const bool is_own = message.sender == context_.me;
+  const bool is_own = message.sender == membership_.me;
   if (!is_own) on_other_gateway(message.sender, now);
   if (is_alone()) return;
   if (is_own && message.life != life()) return on_foreign_life(message, now.mono);
   const bool is_beat = std::holds_alternative<Beat>(message.body);
   const bool is_news = std::holds_alternative<Taken>(message.body);  // true even of the dead
   if (!is_own && !is_beat && !is_news &&
-      !context_.peers.is_alive(message.sender, message.life, now.mono)) {
+      !membership_.peers.is_alive(message.sender, message.life, now.mono)) {
     ++void_claims_;  // a forgery, or old; if it is neither, the next digest tells
     return;
   }
@@ -456,38 +457,38 @@ void Ownership::on_foreign_life(const FleetMessage& message, TimePoint now) {
   if (!is_beat || (message.life >> 16U) == (life() >> 16U)) return;
   const bool is_second = std::exchange(rival_, message.life) == message.life;
   if (is_second && rivals_.on_event(now))
-    context_.notice(Severity::error, "another process uses this gateway.id on this broker");
+    membership_.notice(Severity::error, "another process uses this gateway.id on this broker");
 }
 
 void Ownership::handle(const std::string& sender, Life life, const Beat& beat, const Now& now) {
-  if (sender == context_.me) {
-    if (context_.lease.on_own_beat(beat, now.mono)) was_ever_echoed_ = true;
-  } else if (context_.peers.on_beat(sender, life, beat, now.mono)) {
+  if (sender == membership_.me) {
+    if (membership_.lease.on_own_beat(beat, now.mono)) was_ever_echoed_ = true;
+  } else if (membership_.peers.on_beat(sender, life, beat, now.mono)) {
     compare_digest(sender, life, now.mono);
   }
 }
 
 /// One difference may be a claim that overtook the beat; two in a row are a claim that was lost.
 void Ownership::compare_digest(const std::string& gateway, Life life, TimePoint now) {
-  Peers::Peer& peer = *context_.peers.find(gateway);
-  if (context_.table.digest_of(gateway, life) == peer.digest) {
+  Peers::Peer& peer = *membership_.peers.find(gateway);
+  if (membership_.table.digest_of(gateway, life) == peer.digest) {
     peer.mismatches = 0;
     return;
   }
-  const unsigned enough = context_.phase == Phase::joining ? 1 : 2;
+  const unsigned enough = membership_.phase == Phase::joining ? 1 : 2;
   if (++peer.mismatches < enough || (peer.asked_at && now - *peer.asked_at < ask_interval)) return;
   peer.asked_at = now;
-  context_.publish(context_.topics.to(gateway), AskTable{});
+  membership_.publish(membership_.topics.to(gateway), AskTable{});
 }
 
 void Ownership::handle(const std::string& sender, Life, const AskTable&, const Now& now) {
-  if (sender == context_.me || (table_told_ && now.mono - *table_told_ < table_interval)) return;
+  if (sender == membership_.me || (table_told_ && now.mono - *table_told_ < table_interval)) return;
   table_told_ = now.mono;
-  claims_.tell_table(context_.topics.to(sender));
+  claims_.tell_table(membership_.topics.to(sender));
 }
 
 void Ownership::handle(const std::string& sender, Life, const Hears& hears, const Now& now) {
-  if (sender != context_.me) claims_.on_hears(sender, hears, now);
+  if (sender != membership_.me) claims_.on_hears(sender, hears, now);
 }
 
 void Ownership::handle(const std::string& sender, Life life, const Table& table, const Now& now) {
@@ -497,7 +498,7 @@ void Ownership::handle(const std::string& sender, Life life, const Table& table,
 
 void Ownership::handle(const std::string& sender, Life life, const ClaimRobot& claim,
                        const Now& now) {
-  if (sender == context_.me) {
+  if (sender == membership_.me) {
     claims_.on_own_claim(claim.robot, claim.epoch, now);
   } else {
     claims_.on_claim(claim.robot, {claim.epoch, sender, life}, claim.from, now);
@@ -507,19 +508,19 @@ void Ownership::handle(const std::string& sender, Life life, const ClaimRobot& c
 
 void Ownership::handle(const std::string& sender, Life life, const Release& release,
                        const Now& now) {
-  if (sender == context_.me) return;
+  if (sender == membership_.me) return;
   commands_.on_release(sender, life, release, now.mono);
   claims_.on_release(sender, release, now);
   decide_won(now.mono);
 }
 
 void Ownership::handle(const std::string& sender, Life life, const Taken& taken, const Now& now) {
-  if (sender == context_.me) return commands_.on_own_taken(taken, now);
+  if (sender == membership_.me) return commands_.on_own_taken(taken, now);
   commands_.on_taken(sender, life, taken, now.mono);
 }
 
 void Ownership::handle(const std::string& sender, Life, const AskForSign& ask, const Now& now) {
-  if (sender == context_.me) {
+  if (sender == membership_.me) {
     const auto question = questions_.find(ask.robot);
     if (question != questions_.end() && question->second.asked && !question->second.echoed)
       question->second.echoed = now.mono;
@@ -527,21 +528,21 @@ void Ownership::handle(const std::string& sender, Life, const AskForSign& ask, c
   }
   const auto heard = claims_.heard_at(ask.robot);
   if (!heard || now.mono - *heard >= milliseconds(ask.silent_ms)) return;
-  context_.publish(context_.topics.to(sender), Heard{ask.robot});
+  membership_.publish(membership_.topics.to(sender), Heard{ask.robot});
   claims_.on_question(ask.robot, sender, now);
 }
 
 void Ownership::handle(const std::string& sender, Life, const Heard& heard, const Now&) {
-  if (sender != context_.me) questions_.erase(heard.robot);
+  if (sender != membership_.me) questions_.erase(heard.robot);
 }
 
 // --- For operators -------------------------------------------------------------------------------
 
 std::optional<Ownership::Place> Ownership::place_of(const std::string& robot, TimePoint now) const {
-  const auto* row = context_.table.find(robot);
+  const auto* row = membership_.table.find(robot);
   if (!row) return std::nullopt;
   return Place{row->claim.gateway, row->since,
-               context_.is_mine(row->claim) || context_.is_living(row->claim, now)};
+               membership_.is_mine(row->claim) || membership_.is_living(row->claim, now)};
 }
 
 Counters Ownership::counters() const {

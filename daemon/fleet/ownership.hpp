@@ -16,7 +16,7 @@
 #include "daemon/core/messages.hpp"
 #include "daemon/core/rights_probe.hpp"
 #include "daemon/core/subscribe_answer.hpp"
-#include "daemon/fleet/context.hpp"
+#include "daemon/fleet/membership.hpp"
 #include "daemon/fleet/robot_claims.hpp"
 #include "daemon/fleet/settings.hpp"
 #include "daemon/fleet/shared_commands.hpp"
@@ -59,13 +59,13 @@ class Ownership {
   void on_outcome(const std::string& gateway, const std::string& robot, const std::string& type,
                   const Now& now);
 
-  std::optional<OwnershipAction> next_action() { return context_.actions.pop(); }
+  std::optional<OwnershipAction> next_action() { return membership_.actions.pop(); }
   std::optional<TimePoint> deadline() const;
   void on_deadline(const Now& now);
 
   using Phase = fleet::Phase;
-  Phase phase() const { return context_.phase; }
-  bool is_alone() const { return context_.phase == Phase::alone; }
+  Phase phase() const { return membership_.phase; }
+  bool is_alone() const { return membership_.phase == Phase::alone; }
   /// Commands and wills wait here: others are about, or it is too early to know.
   bool is_shared() const { return !is_alone() || is_looking_; }
   /// Others may be about, or have told outcomes before this process began.
@@ -78,11 +78,11 @@ class Ownership {
   }
   /// Whether this gateway may act for the robot just now: owns it, and its lease lasts.
   bool may_act_for(const std::string& robot, TimePoint now) const {
-    return is_alone() || (context_.may_act(now) && claims_.is_held(robot));
+    return is_alone() || (membership_.may_act(now) && claims_.is_held(robot));
   }
   /// The same for a robot that other gateways hear, too: not before it is known who is about.
   bool may_serve(const std::string& robot, TimePoint now) const;
-  bool is_leased(TimePoint now) const { return context_.lease.is_valid(now); }
+  bool is_leased(TimePoint now) const { return membership_.lease.is_valid(now); }
   /// What the broker's access control list keeps this gateway from, as far as that shows.
   std::vector<MissingRight> missing_rights(TimePoint now) const;
 
@@ -93,7 +93,7 @@ class Ownership {
     TimePoint heard{};
   };
   const std::map<std::string, State>& states() const { return states_; }
-  const std::string& name() const { return context_.me; }
+  const std::string& name() const { return membership_.me; }
 
   struct Place {
     std::string gateway;
@@ -101,11 +101,11 @@ class Ownership {
     bool is_alive = false;
   };
   std::optional<Place> place_of(const std::string& robot, TimePoint now) const;
-  const ClaimTable& claims() const { return context_.table; }
-  const Peers& peers() const { return context_.peers; }
+  const ClaimTable& claims() const { return membership_.table; }
+  const Peers& peers() const { return membership_.peers; }
   std::size_t owned() const { return claims_.held(); }
   Counters counters() const;
-  Life life() const { return context_.lease.life(); }
+  Life life() const { return membership_.lease.life(); }
 
  private:
   static constexpr std::chrono::seconds echo_patience{10};
@@ -155,9 +155,9 @@ class Ownership {
 
   Settings settings_;
   LocalRobots local_robots_;
-  Context context_;
-  RobotClaims claims_{context_};
-  SharedCommands commands_{context_, claims_};
+  Membership membership_;
+  RobotClaims claims_{membership_};
+  SharedCommands commands_{membership_, claims_};
 
   bool is_link_up_ = false;
   bool is_looking_;                  ///< it is not known yet whether others are about

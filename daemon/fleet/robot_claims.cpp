@@ -28,7 +28,7 @@ constexpr std::size_t max_heard = 20'000;  // as RobotRegistry
 void RobotClaims::on_heard(const std::string& robot, const Now& now) {
   if (heard_.size() >= max_heard && !heard_.contains(robot)) return;
   heard_[robot] = now.mono;
-  if (!context_.may_act(now.mono)) return;
+  if (!membership_.may_act(now.mono)) return;
   if (held_.contains(robot) || claiming_.contains(robot)) return;
   claim_unless_guarded(robot, now);
 }
@@ -36,7 +36,7 @@ void RobotClaims::on_heard(const std::string& robot, const Now& now) {
 void RobotClaims::on_heard_too(const std::string& robot, std::optional<SignalLevel> level,
                                const Now& now) {
   boards_.on_heard(robot, level, now.mono);
-  if (context_.phase == Phase::alone) return;
+  if (membership_.phase == Phase::alone) return;
   if (boards_.knows(robot)) heard_[robot] = now.mono;
   claim_if_chosen(robot, now);
 }
@@ -51,9 +51,9 @@ void RobotClaims::on_hears(const std::string& sender, const Hears& hears, const 
 }
 
 void RobotClaims::claim_if_chosen(const std::string& robot, const Now& now) {
-  if (!context_.may_act(now.mono) || held_.contains(robot) || claiming_.contains(robot)) return;
-  const auto* row = context_.table.find(robot);
-  const bool has_owner = row && context_.is_living(row->claim, now.mono);
+  if (!membership_.may_act(now.mono) || held_.contains(robot) || claiming_.contains(robot)) return;
+  const auto* row = membership_.table.find(robot);
+  const bool has_owner = row && membership_.is_living(row->claim, now.mono);
   if (!has_owner || boards_.should_take(robot, row->claim.gateway, now.mono))
     claim_unless_guarded(robot, now);
 }
@@ -61,26 +61,26 @@ void RobotClaims::claim_if_chosen(const std::string& robot, const Now& now) {
 /// Also of robots that say nothing just now: one that repeats its message ever more slowly must not
 /// have to say it once more before somebody serves it.
 void RobotClaims::choose_boards(const Now& now) {
-  if (!context_.may_act(now.mono)) return;
+  if (!membership_.may_act(now.mono)) return;
   if (const auto hears = boards_.next_hears(now.mono))
-    context_.publish(context_.topics.all(), *hears, Qos::at_most_once);
+    membership_.publish(membership_.topics.all(), *hears, Qos::at_most_once);
   for (const std::string& robot : boards_.candidates(now.mono)) claim_if_chosen(robot, now);
 }
 
 void RobotClaims::on_question(const std::string& robot, const std::string& sender, const Now& now) {
-  if (!context_.may_act(now.mono)) return;
-  const auto* row = context_.table.find(robot);
+  if (!membership_.may_act(now.mono)) return;
+  const auto* row = membership_.table.find(robot);
   if (row && row->claim.gateway == sender && !claiming_.contains(robot)) claim(robot, now);
 }
 
 void RobotClaims::claim_unless_guarded(const std::string& robot, const Now& now) {
-  const auto* row = context_.table.find(robot);
-  const bool has_owner = row && context_.is_living(row->claim, now.mono);
+  const auto* row = membership_.table.find(robot);
+  const bool has_owner = row && membership_.is_living(row->claim, now.mono);
   if (has_owner && !guard_.may_claim(robot, now.mono)) return;
   const unsigned in_a_row = has_owner ? guard_.on_claim(robot, now.mono) : 0;
   if (in_a_row > RoamGuard::free_claims) {
     if (const auto count = restless_.on_event(now.mono)) {
-      context_.notice(
+      membership_.notice(
           Severity::warning,
           fmt::format("robot '{}' moves between this gateway and '{}' again and again; are there "
                       "two robots with this name? ({} like it since the last line)",
@@ -92,18 +92,18 @@ void RobotClaims::claim_unless_guarded(const std::string& robot, const Now& now)
 }
 
 void RobotClaims::claim(const std::string& robot, const Now& now) {
-  const auto* row = context_.table.find(robot);
+  const auto* row = membership_.table.find(robot);
   if (row && row->claim.epoch >= max_epoch) return;
   Claiming claiming;
   claiming.since = now.mono;
   claiming.epoch = row ? row->claim.epoch + 1 : 1;
-  if (row && row->claim.gateway != context_.me) {
+  if (row && row->claim.gateway != membership_.me) {
     claiming.former = row->claim.gateway;
-    if (context_.is_living(row->claim, now.mono))
+    if (membership_.is_living(row->claim, now.mono))
       claiming.awaited[row->claim.gateway] = row->claim.life;
   }
-  const Claim mine{claiming.epoch, context_.me, context_.lease.life()};
-  if (!context_.table.set(robot, mine, now.wall)) return;
+  const Claim mine{claiming.epoch, membership_.me, membership_.lease.life()};
+  if (!membership_.table.set(robot, mine, now.wall)) return;
   say_claim(robot, claiming_[robot] = std::move(claiming), now.mono);
 }
 
@@ -111,21 +111,21 @@ void RobotClaims::say_claim(const std::string& robot, Claiming& claiming, TimePo
   claiming.said = now;
   const std::string from =
       claiming.awaited.empty() ? std::string() : claiming.awaited.begin()->first;
-  context_.tell_all(ClaimRobot{robot, context_.table.find(robot)->claim.epoch, from});
+  membership_.tell_all(ClaimRobot{robot, membership_.table.find(robot)->claim.epoch, from});
 }
 
 void RobotClaims::on_own_claim(const std::string& robot, std::uint64_t epoch, const Now& now) {
   const auto claiming = claiming_.find(robot);
-  if (claiming == claiming_.end() || context_.table.find(robot)->claim.epoch != epoch) return;
+  if (claiming == claiming_.end() || membership_.table.find(robot)->claim.epoch != epoch) return;
   if (!claiming->second.echoed) claiming->second.echoed = now.mono;
   if (is_won(claiming->second, now.mono)) own(robot, now.mono);
 }
 
 bool RobotClaims::is_won(Claiming& claiming, TimePoint now) const {
-  if (!claiming.echoed || !context_.lease.is_valid(now)) return false;
+  if (!claiming.echoed || !membership_.lease.is_valid(now)) return false;
   const bool is_late = now - claiming.since >= release_patience;
   std::erase_if(claiming.awaited, [&](const auto& each) {
-    return is_late || !context_.peers.is_alive(each.first, each.second, now);
+    return is_late || !membership_.peers.is_alive(each.first, each.second, now);
   });
   if (!claiming.awaited.empty()) return false;
   return claiming.was_released || now - *claiming.echoed >= settling;
@@ -137,7 +137,7 @@ void RobotClaims::on_deadline(const Now& now) {
   for (auto& [robot, claiming] : claiming_) {
     if (is_won(claiming, now.mono)) {
       won.push_back(robot);
-    } else if (now.mono - claiming.said >= claim_repeats && context_.lease.is_valid(now.mono)) {
+    } else if (now.mono - claiming.said >= claim_repeats && membership_.lease.is_valid(now.mono)) {
       say_claim(robot, claiming, now.mono);
     }
   }
@@ -145,7 +145,7 @@ void RobotClaims::on_deadline(const Now& now) {
   std::vector<std::string> passed;
   for (auto& [robot, passing] : passing_) {
     std::erase_if(passing.awaited, [&](const auto& each) {
-      return !context_.peers.is_alive(each.first, each.second, now.mono);
+      return !membership_.peers.is_alive(each.first, each.second, now.mono);
     });
     const bool is_over = passing.awaited.empty() || now.mono >= passing.until;
     if (is_over && passing.is_given_up) passed.push_back(robot);
@@ -160,7 +160,7 @@ void RobotClaims::own(const std::string& robot, TimePoint now) {
   has_won_ = true;
   if (!won.former.empty()) ++roams_in_;
   const bool left_behind = !won.former.empty() && !won.released.contains(won.former);
-  context_.actions.push(
+  membership_.actions.push(
       TakeOverRobot{robot, left_behind ? won.former : std::string(), std::move(won.session)});
 }
 
@@ -168,34 +168,34 @@ void RobotClaims::own(const std::string& robot, TimePoint now) {
 
 void RobotClaims::merge(const std::string& robot, const Claim& claim, const std::string& from,
                         const Now& now) {
-  const auto* known = context_.table.find(robot);
+  const auto* known = membership_.table.find(robot);
   const std::optional<Claim> row = known ? std::optional(known->claim) : std::nullopt;
-  const bool is_void = row && !context_.is_mine(*row) && !context_.is_living(*row, now.mono);
+  const bool is_void = row && !membership_.is_mine(*row) && !membership_.is_living(*row, now.mono);
   if (row && !is_void && claim <= *row) return on_lesser_claim(robot, claim, *row, from, now);
   const auto claiming = claiming_.find(robot);
   // Who asks this gateway to make way has heard the robot after it had this gateway's claim.
   const bool was_behind =
-      claiming != claiming_.end() && row && claim.epoch > row->epoch && from != context_.me;
-  if (!context_.table.set(robot, claim, now.wall)) return;
+      claiming != claiming_.end() && row && claim.epoch > row->epoch && from != membership_.me;
+  if (!membership_.table.set(robot, claim, now.wall)) return;
   if (held_.contains(robot) || claiming != claiming_.end()) {
     give_way(robot, claim, now.mono);
-  } else if (from == context_.me) {
+  } else if (from == membership_.me) {
     // The gateway that took the robot over from this one must give way as well.
     const bool has_passed_on =
-        row && row->gateway != claim.gateway && context_.is_living(*row, now.mono);
+        row && row->gateway != claim.gateway && membership_.is_living(*row, now.mono);
     release(robot, has_passed_on ? *row : claim, claim.gateway, {}, now.mono);
   }
   const auto heard = heard_.find(robot);
   const bool is_heard_here_only = !boards_.knows(robot);
   if (was_behind && is_heard_here_only && heard != heard_.end() &&
-      now.mono - heard->second < fresh && context_.lease.is_valid(now.mono))
+      now.mono - heard->second < fresh && membership_.lease.is_valid(now.mono))
     claim_unless_guarded(robot, now);
 }
 
 void RobotClaims::on_lesser_claim(const std::string& robot, const Claim& claim, const Claim& row,
                                   const std::string& from, const Now& now) {
-  if (!context_.is_mine(row)) {
-    if (from == context_.me) release(robot, row, claim.gateway, {}, now.mono);
+  if (!membership_.is_mine(row)) {
+    if (from == membership_.me) release(robot, row, claim.gateway, {}, now.mono);
     return;
   }
   const auto claiming = claiming_.find(robot);
@@ -207,7 +207,7 @@ void RobotClaims::on_lesser_claim(const std::string& robot, const Claim& claim, 
   TimePoint& last = objected_[robot];
   if (now.mono - last < objection_interval) return;
   last = now.mono;
-  context_.tell_all(ClaimRobot{robot, row.epoch, {}});
+  membership_.tell_all(ClaimRobot{robot, row.epoch, {}});
 }
 
 /// A greater claim than ours has come.
@@ -215,9 +215,10 @@ void RobotClaims::give_way(const std::string& robot, const Claim& to, TimePoint 
   if (held_.erase(robot) > 0) {
     ++roams_out_;
     heard_.erase(robot);
-    context_.actions.push(GiveUpRobot{robot, to, true});
-    context_.notice(Severity::info,
-                    fmt::format("robot '{}' is with gateway '{}' now", robot, to.gateway), robot);
+    membership_.actions.push(GiveUpRobot{robot, to, true});
+    membership_.notice(Severity::info,
+                       fmt::format("robot '{}' is with gateway '{}' now", robot, to.gateway),
+                       robot);
     return;
   }
   pass_on(robot, now);  // one that was passed on before must not wait for this one
@@ -229,7 +230,7 @@ void RobotClaims::give_way(const std::string& robot, const Claim& to, TimePoint 
     passing_[robot] = {to, std::move(mine.awaited), std::move(mine.session), now + passing_patience,
                        false};
   }
-  context_.actions.push(GiveUpRobot{robot, to, true});  // it may have a session here already
+  membership_.actions.push(GiveUpRobot{robot, to, true});  // it may have a session here already
 }
 
 void RobotClaims::pass_on(const std::string& robot, TimePoint now) {
@@ -244,10 +245,10 @@ void RobotClaims::on_passed(const std::string& sender, const Release& release, T
   if (found == passing_.end()) return;
   Passing& passing = found->second;
   const Claim& made_way_for = release.to;
-  if (!release.session.empty() && made_way_for.gateway == context_.me && passing.session.empty())
+  if (!release.session.empty() && made_way_for.gateway == membership_.me && passing.session.empty())
     passing.session = release.session;
-  if (made_way_for.gateway != context_.me && made_way_for.gateway != passing.to.gateway &&
-      context_.is_living(made_way_for, now))
+  if (made_way_for.gateway != membership_.me && made_way_for.gateway != passing.to.gateway &&
+      membership_.is_living(made_way_for, now))
     passing.awaited[made_way_for.gateway] = made_way_for.life;
   passing.awaited.erase(sender);
   if (passing.is_given_up && passing.awaited.empty()) pass_on(release.robot, now);
@@ -257,7 +258,7 @@ void RobotClaims::on_given_up(const std::string& robot, const Claim& to, Bytes s
                               TimePoint now) {
   constexpr std::size_t max_session_octets = max_payload_octets / 2 - 1024;  // it travels as hex
   if (session.size() > max_session_octets) {
-    context_.notice(
+    membership_.notice(
         Severity::warning,
         fmt::format("the session of '{}' has {} octets: too many to follow it to gateway '{}'",
                     robot, session.size(), to.gateway),
@@ -274,8 +275,8 @@ void RobotClaims::on_given_up(const std::string& robot, const Claim& to, Bytes s
 
 void RobotClaims::release(const std::string& robot, const Claim& to, const std::string& receiver,
                           Bytes session, TimePoint now) {
-  context_.publish(context_.topics.to(receiver),
-                   Release{robot, to, std::move(session), context_.done.of(robot, now)});
+  membership_.publish(membership_.topics.to(receiver),
+                      Release{robot, to, std::move(session), membership_.done.of(robot, now)});
 }
 
 void RobotClaims::on_release(const std::string& sender, const Release& release, const Now& now) {
@@ -283,10 +284,11 @@ void RobotClaims::on_release(const std::string& sender, const Release& release, 
   const auto found = claiming_.find(release.robot);
   if (found == claiming_.end()) return;
   Claiming& claiming = found->second;
-  const Claim& mine = context_.table.find(release.robot)->claim;
+  const Claim& mine = membership_.table.find(release.robot)->claim;
   if (release.to > mine) {
-    if (context_.is_living(release.to, now.mono)) return merge(release.robot, release.to, {}, now);
-  } else if (release.to != mine && context_.is_living(release.to, now.mono) &&
+    if (membership_.is_living(release.to, now.mono))
+      return merge(release.robot, release.to, {}, now);
+  } else if (release.to != mine && membership_.is_living(release.to, now.mono) &&
              !claiming.released.contains(release.to.gateway)) {
     claiming.awaited[release.to.gateway] = release.to.life;  // made way for that one
   }
@@ -309,48 +311,49 @@ void RobotClaims::forget_all() {
   begin_life();
   boards_.forget_others();
   heard_.clear();
-  context_.table = {};
+  membership_.table = {};
 }
 
 void RobotClaims::join(const std::vector<LocalRobot>& local, const Now& now) {
-  ClaimTable& table = context_.table;
+  ClaimTable& table = membership_.table;
   for (const auto& [robot, is_online] : local) {
     const auto* row = table.find(robot);
-    if (row && context_.is_living(row->claim, now.mono)) {
-      context_.actions.push(GiveUpRobot{robot, row->claim, false});
+    if (row && membership_.is_living(row->claim, now.mono)) {
+      membership_.actions.push(GiveUpRobot{robot, row->claim, false});
       continue;
     }
     const std::uint64_t first_epoch = is_online ? 1 : 0;
-    const Claim mine{row ? row->claim.epoch + 1 : first_epoch, context_.me, context_.lease.life()};
+    const Claim mine{row ? row->claim.epoch + 1 : first_epoch, membership_.me,
+                     membership_.lease.life()};
     Claiming claiming;
-    if (row && row->claim.gateway != context_.me) claiming.former = row->claim.gateway;
+    if (row && row->claim.gateway != membership_.me) claiming.former = row->claim.gateway;
     claiming.since = claiming.said = now.mono;
     claiming.epoch = mine.epoch;
     if (table.set(robot, mine, now.wall)) claiming_[robot] = std::move(claiming);
   }
-  const Life life = context_.lease.life();
-  for (Life past = context_.lease.first_life(); past < life; ++past)
-    table.erase_life(context_.me, past);
-  if (!claiming_.empty()) tell_table(context_.topics.all());
+  const Life life = membership_.lease.life();
+  for (Life past = membership_.lease.first_life(); past < life; ++past)
+    table.erase_life(membership_.me, past);
+  if (!claiming_.empty()) tell_table(membership_.topics.all());
 }
 
 void RobotClaims::tell_table(const std::string& topic) {
   Table table;
-  for (const auto& [robot, row] : context_.table.rows()) {
-    if (!context_.is_mine(row.claim)) continue;
+  for (const auto& [robot, row] : membership_.table.rows()) {
+    if (!membership_.is_mine(row.claim)) continue;
     if (table.rows.size() == max_table_rows) {
       table.upto = table.rows.back().robot;
-      context_.publish(topic, table);
+      membership_.publish(topic, table);
       table = {table.upto, {}, {}};
     }
     table.rows.push_back({robot, row.claim.epoch});
   }
-  context_.publish(topic, table);
+  membership_.publish(topic, table);
 }
 
 void RobotClaims::on_table(const std::string& sender, Life life, const Table& table,
                            const Now& now) {
-  if (sender == context_.me) {
+  if (sender == membership_.me) {
     for (const auto& [robot, epoch] : table.rows) on_own_claim(robot, epoch, now);
     return;
   }
@@ -360,22 +363,23 @@ void RobotClaims::on_table(const std::string& sender, Life life, const Table& ta
     merge(robot, {epoch, sender, life}, {}, now);
   }
   std::vector<std::string> dropped;
-  const auto& rows = context_.table.rows();
+  const auto& rows = membership_.table.rows();
   for (auto row = rows.upper_bound(table.after); row != rows.end(); ++row) {
     const auto& [robot, entry] = *row;
     if (!table.upto.empty() && robot > table.upto) break;
     const bool is_theirs = entry.claim.gateway == sender && entry.claim.life == life;
     if (is_theirs && !told.contains(robot)) dropped.push_back(robot);
   }
-  for (const std::string& robot : dropped) context_.table.erase(robot);
+  for (const std::string& robot : dropped) membership_.table.erase(robot);
 }
 
 void RobotClaims::forget_the_dead(TimePoint now) {
   std::vector<std::string> stale;
-  for (const auto& [robot, row] : context_.table.rows())
-    if (!context_.is_mine(row.claim) && !context_.is_living(row.claim, now)) stale.push_back(robot);
+  for (const auto& [robot, row] : membership_.table.rows())
+    if (!membership_.is_mine(row.claim) && !membership_.is_living(row.claim, now))
+      stale.push_back(robot);
   for (const std::string& robot : std::exchange(stale_, stale))
-    if (std::ranges::binary_search(stale, robot)) context_.table.erase(robot);
+    if (std::ranges::binary_search(stale, robot)) membership_.table.erase(robot);
   std::erase_if(objected_,
                 [&](const auto& each) { return now - each.second > objection_interval; });
 }
@@ -386,8 +390,8 @@ bool RobotClaims::speaks_for(const std::string& robot, TimePoint now) const {
   if (held_.contains(robot)) return true;
   const auto claiming = claiming_.find(robot);
   if (claiming != claiming_.end()) return claiming->second.awaited.empty();
-  const auto* row = context_.table.find(robot);
-  return !row || !context_.is_living(row->claim, now);
+  const auto* row = membership_.table.find(robot);
+  return !row || !membership_.is_living(row->claim, now);
 }
 
 std::optional<TimePoint> RobotClaims::held_since(const std::string& robot) const {

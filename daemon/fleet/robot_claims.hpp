@@ -13,7 +13,7 @@
 
 #include "daemon/core/log_throttle.hpp"
 #include "daemon/fleet/board_choice.hpp"
-#include "daemon/fleet/context.hpp"
+#include "daemon/fleet/membership.hpp"
 #include "daemon/fleet/roam_guard.hpp"
 
 namespace slamgw::fleet {
@@ -26,7 +26,7 @@ struct LocalRobot {
 
 class RobotClaims {
  public:
-  explicit RobotClaims(Context& context) : context_(context) {}
+  explicit RobotClaims(Membership& membership) : membership_(membership) {}
 
   /// By radio, here.
   void on_heard(const std::string& robot, const Now& now);
@@ -112,7 +112,7 @@ class RobotClaims {
   bool is_won(Claiming& claiming, TimePoint now) const;
   void own(const std::string& robot, TimePoint now);
 
-  Context& context_;
+  Membership& membership_;
   std::unordered_map<std::string, TimePoint> held_;  ///< robots that this gateway owns, since when
   std::map<std::string, Claiming> claiming_;
   std::map<std::string, Passing> passing_;

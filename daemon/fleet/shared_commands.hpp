@@ -7,15 +7,15 @@
 #include <string>
 
 #include "daemon/fleet/command_turns.hpp"
-#include "daemon/fleet/context.hpp"
+#include "daemon/fleet/membership.hpp"
 #include "daemon/fleet/robot_claims.hpp"
 
 namespace slamgw::fleet {
 
 class SharedCommands {
  public:
-  SharedCommands(Context& context, const RobotClaims& claims)
-      : context_(context), claims_(claims) {}
+  SharedCommands(Membership& membership, const RobotClaims& claims)
+      : membership_(membership), claims_(claims) {}
 
   void add(BrokerMessage message, std::string robot, std::string type, const Now& now);
   void on_own_taken(const Taken& taken, const Now& now);
@@ -53,9 +53,9 @@ class SharedCommands {
   void refuse_dropped(TimePoint now);
   int rank_for(const std::string& robot, TimePoint now) const;
 
-  Context& context_;
+  Membership& membership_;
   const RobotClaims& claims_;
-  CommandTurns turns_{context_.done};
+  CommandTurns turns_{membership_.done};
   std::deque<Untold> untold_;  ///< outcomes that wait for the lease; at most max_untold
 };
 

@@ -21,8 +21,8 @@ enum class Phase : std::uint8_t {
   member,
 };
 
-struct Context {
-  Context(FleetTopics own_topics, Life process);
+struct Membership {
+  Membership(FleetTopics own_topics, Life process);
 
   bool is_mine(const Claim& claim) const {
     return claim.gateway == me && claim.life == lease.life();

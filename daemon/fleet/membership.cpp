@@ -1,18 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "daemon/fleet/context.hpp"
+#include "daemon/fleet/membership.hpp"
 
 #include <utility>
 
 namespace slamgw::fleet {
 
-Context::Context(FleetTopics own_topics, Life process)
+Membership::Membership(FleetTopics own_topics, Life process)
     : topics(std::move(own_topics)), me(topics.gateway()), lease(process) {}
 
-void Context::publish(std::string topic, const Body& body, Qos qos) {
+void Membership::publish(std::string topic, const Body& body, Qos qos) {
   actions.push(PublishNow{{std::move(topic), to_bytes(encode(lease.life(), body)), qos, false}});
 }
 
-void Context::notice(Severity severity, std::string text, const std::string& robot) {
+void Membership::notice(Severity severity, std::string text, const std::string& robot) {
   actions.push(Notice{severity, std::move(text), robot});
 }
 
