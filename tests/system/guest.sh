@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-# A throw-away Debian that runs one command. Sourced by tests/system/run, which sets $work and $suite, together with
+# A throw-away Debian that runs one command. Sourced by tests/system/run, which sets $work, $suite and $arch, together with
 # container.sh or machine.sh: these say what it is made of (extra_packages, tree_options) and how it boots (make_guest,
 # boot).
 # shellcheck shell=bash disable=SC2154
@@ -14,8 +14,10 @@ guest_packages=systemd,systemd-sysv,dbus,kmod,procps,iproute2,python3,openssl,mo
 make_guest_tree() {
   tree=$work/$1-$suite
   # shellcheck disable=SC2016 # "$1" is mmdebstrap's
-  packaging/debian-tree "$tree" "$suite" "$(dpkg --print-architecture)" "$(sha256sum <tests/system/guest/job.service)" \
+  packaging/debian-tree "$tree" "$suite" "$arch" "$(cat tests/system/guest/job{,.service} | sha256sum)" \
     --include="$guest_packages$extra_packages" "${tree_options[@]}" \
+    --customize-hook='upload tests/system/guest/job /usr/local/sbin/job' \
+    --customize-hook='chmod 755 "$1/usr/local/sbin/job"' \
     --customize-hook='upload tests/system/guest/job.service /etc/systemd/system/job.service' \
     --customize-hook='chroot "$1" systemctl -q enable job' \
     --customize-hook='chroot "$1" systemctl -q mask apt-daily.timer apt-daily-upgrade.timer systemd-firstboot' \
@@ -26,6 +28,7 @@ make_guest_tree() {
   cp "$work"/debs/*.deb "$work"/debs/more/*.deb "$tree/root/debs/"
   fetch_dependencies || { chroot "$tree/root" apt-get -qq update && fetch_dependencies; } ||
     die "what the packages depend on can't be fetched"
+  rm -rf "$tree/root/debs"
 }
 
 fetch_dependencies() {

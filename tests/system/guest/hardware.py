@@ -13,6 +13,8 @@ from machine import demand, run, wait_for
 GADGET = pathlib.Path("/sys/kernel/config/usb_gadget/board")
 PORT = pathlib.Path("/dev/ttyACM0")
 BOARD_END = pathlib.Path("/dev/ttyGS0")
+RADIO = "radio0"
+INTERFACE = "wpan0"  # as OpenThread's border router calls its own
 SERIAL_NUMBER = "000683000001"
 PREFIX = "fd00:db8:0:1"
 
@@ -84,39 +86,38 @@ class Radios:
         run("modprobe", "ieee802154_6lowpan")
         run("modprobe", "fakelb", f"numlbs={len(self.nodes)}")
         phys = sorted(re.findall(r"^wpan_phy (\S+)$", run("iwpan", "phy"), re.MULTILINE), key=lambda name: int(name[3:]))
-        self.wpan = {}
         for number, (node, phy) in enumerate(zip(self.nodes, phys), 1):
             if node:
                 run("ip", "netns", "add", node)
                 run("ip", "-n", node, "link", "set", "lo", "up")
                 run("iwpan", "phy", phy, "set", "netns", "name", node)
-            wpan = re.findall(r"Interface (wpan\d+)$", run(*in_namespace(node, "iwpan", "dev")), re.MULTILINE)[0]
-            self.wpan[node] = wpan
-            run(*in_namespace(node, "iwpan", "dev", wpan, "set", "pan_id", "0xface"))
-            run(*in_namespace(node, "iwpan", "dev", wpan, "set", "short_addr", f"0x{number:04x}"))
-            run(*in_namespace(node, "ip", "link", "set", wpan, "up"))
+            name = re.findall(r"Interface (wpan\d+)$", run(*in_namespace(node, "iwpan", "dev")), re.MULTILINE)[0]
+            run(*in_namespace(node, "ip", "link", "set", name, "name", RADIO))
+            run(*in_namespace(node, "iwpan", "dev", RADIO, "set", "pan_id", "0xface"))
+            run(*in_namespace(node, "iwpan", "dev", RADIO, "set", "short_addr", f"0x{number:04x}"))
+            run(*in_namespace(node, "ip", "link", "set", RADIO, "up"))
             self.make_interface(node)
 
     def address(self, node=""):
         return f"{PREFIX}::{self.nodes.index(node) + 1}"
 
     def make_interface(self, node=""):
-        run(*in_namespace(node, "ip", "link", "add", "link", self.wpan[node], "name", "lowpan0", "type", "lowpan"))
-        run(*in_namespace(node, "sysctl", "-qw", "net.ipv6.conf.lowpan0.accept_dad=0"))
-        run(*in_namespace(node, "ip", "link", "set", "lowpan0", "up"))
-        run(*in_namespace(node, "ip", "address", "add", f"{self.address(node)}/64", "dev", "lowpan0", "nodad"))
+        run(*in_namespace(node, "ip", "link", "add", "link", RADIO, "name", INTERFACE, "type", "lowpan"))
+        run(*in_namespace(node, "sysctl", "-qw", f"net.ipv6.conf.{INTERFACE}.accept_dad=0"))
+        run(*in_namespace(node, "ip", "link", "set", INTERFACE, "up"))
+        run(*in_namespace(node, "ip", "address", "add", f"{self.address(node)}/64", "dev", INTERFACE, "nodad"))
 
     def delete_interface(self):
-        run("ip", "link", "delete", "lowpan0")
+        run("ip", "link", "delete", INTERFACE)
 
     @staticmethod
     def interface_index():
-        return int(pathlib.Path("/sys/class/net/lowpan0/ifindex").read_text(encoding="ascii"))
+        return int(pathlib.Path("/sys/class/net", INTERFACE, "ifindex").read_text(encoding="ascii"))
 
     def lose(self, percent):
         """Part of the frames that each radio sends."""
         for node in self.nodes:
-            run(*in_namespace(node, "tc", "qdisc", "replace", "dev", self.wpan[node], "root", "netem", "loss",
+            run(*in_namespace(node, "tc", "qdisc", "replace", "dev", RADIO, "root", "netem", "loss",
                               f"{percent}%"))
 
 

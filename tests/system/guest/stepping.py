@@ -4,13 +4,13 @@ import json
 import pathlib
 import time
 
-from machine import journal, run
+from machine import Failure, demand, journal, run
 
 PROGRESS = pathlib.Path("/job/progress.json")
 
 
 class Reboot(Exception):
-    """Raised at a step's end: the guest starts anew, and the next step follows."""
+    """Raised by a step: the guest starts anew, and the step is called again."""
 
 
 def progress():
@@ -19,18 +19,30 @@ def progress():
     return json.loads(PROGRESS.read_text(encoding="utf-8"))
 
 
-def run_steps(steps):
-    """0 when all have passed."""
+def chosen(steps, names):
+    """All steps, or those of that name."""
+    known = [step.__name__ for step in steps]
+    unknown = [name for name in names if name not in known]
+    demand(not unknown, f"no such step: {' '.join(unknown)}; the steps are\n  " + "\n  ".join(known))
+    return [step for step in steps if not names or step.__name__ in names]
+
+
+def run_steps(steps, names=()):
+    """0 when all have passed, or those of that name."""
+    try:
+        steps = chosen(steps, names)
+    except Failure as failure:
+        print(failure, flush=True)
+        return 2
     done = progress()
     for number in range(done["next"], len(steps)):
         step = steps[number]
         began = time.monotonic()
-        done["next"] = number + 1
+        done["next"] = number
         try:
             note = step()
         except Reboot:
             PROGRESS.write_text(json.dumps(done), encoding="utf-8")
-            print(f"ok      {step.__doc__}", flush=True)
             run("systemctl", "reboot")
             time.sleep(3600)  # ended by that
         except Exception as error:  # a step that breaks is a step that failed, and the next ones still tell something
