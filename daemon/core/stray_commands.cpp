@@ -27,8 +27,7 @@ std::vector<StrayCommands::Stray> StrayCommands::take_overdue(TimePoint now) {
 std::vector<StrayCommands::Stray> StrayCommands::take_for(std::string_view robot) {
   const auto first = std::stable_partition(waiting_.begin(), waiting_.end(),
                                            [&](const Stray& each) { return each.robot != robot; });
-  std::vector<Stray> taken(std::make_move_iterator(first),
-                           std::make_move_iterator(waiting_.end()));
+  std::vector<Stray> taken(std::make_move_iterator(first), std::make_move_iterator(waiting_.end()));
   waiting_.erase(first, waiting_.end());
   for (const Stray& each : taken) octets_ -= each.message.payload.size();
   return taken;

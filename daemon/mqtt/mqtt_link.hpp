@@ -20,9 +20,9 @@ namespace slamgw {
 /// away (a restart, a crash). Not longer: a robot must not obey yesterday's command. MQTT 3.1.1
 /// knows no such limit, so there nothing is kept.
 inline constexpr std::uint32_t session_expiry_s = 300;
-/// The largest packet that an MQTT 5 broker may send: four times what a gateway says to another, and
-/// far more than a robot can take. Without it one message of 256 MiB would end the daemon for want
-/// of memory; MQTT 3.1.1 knows no such limit.
+/// The largest packet that an MQTT 5 broker may send: four times what a gateway says to another,
+/// and far more than a robot can take. Without it one message of 256 MiB would end the daemon for
+/// want of memory; MQTT 3.1.1 knows no such limit.
 inline constexpr std::uint32_t max_inbound_packet_octets = 1024 * 1024;
 /// From the attempt to the CONNACK, name look-up included; and when another broker is to be tried.
 inline constexpr std::chrono::seconds connect_timeout{10};
