@@ -27,9 +27,9 @@ BleMesh::BleMesh(Settings settings, TopicScheme topics, RobotNames names,
       link_({{settings_.address, heard_groups(settings_)}, settings_.ttl}, keys_of(database), seed),
       provisioner_(settings_, topics_.gateway_id(), std::move(names), std::move(database),
                    std::move(random)),
-      downlink_(settings_, topics_, link_, actions_, is_traced_),
+      gate_(provisioner_.nodes(), settings_.gateway_group.has_value()),
+      downlink_(settings_, topics_, link_, gate_, actions_, is_traced_),
       robots_(settings_, topics_, provisioner_.nodes(), downlink_, actions_),
-      gate_(provisioner_.nodes()),
       uplink_(settings_, topics_, link_, robots_, downlink_, gate_, actions_, is_traced_) {}
 
 void BleMesh::on_start() {
@@ -167,7 +167,7 @@ void BleMesh::on_stranger(std::uint16_t source, TimePoint now) {
 void BleMesh::on_taken_over(const std::string& id, TimePoint now) {
   Robot* robot = robots_.find(id);
   if (robot == nullptr || !is_shared()) return;
-  robots_.on_taken_over(*robot);
+  robots_.on_taken_over(*robot, now);
   uplink_.on_taken_over(*robot, now);
   settle(now);
 }

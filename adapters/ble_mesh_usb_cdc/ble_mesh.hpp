@@ -88,9 +88,9 @@ class BleMesh {
   bool is_traced_ = false;
   BoardLink link_;
   Provisioner provisioner_;
+  ServiceGate gate_;
   Downlink downlink_;
   Robots robots_;
-  ServiceGate gate_;
   Uplink uplink_;
   LogThrottle stranger_throttle_{std::chrono::minutes{10}};
 };

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "daemon/fleet/peers.hpp"
 
@@ -60,9 +61,9 @@ bool BoardChoice::should_take(const std::string& robot, const std::string& owner
   const auto known = robots_.find(robot);
   if (!is_board_up_ || known == robots_.end() || now - known->second.last() >= recent) return false;
   Here& here = known->second;
+  if (std::exchange(here.compared_with, owner) != owner) here.better_since.reset();
+  if (is_board_down(owner, now)) return true;
   const auto board = boards_.find(owner);
-  if (board != boards_.end() && !board->second.is_up && now - board->second.told < recent)
-    return true;
   // An owner that has not told of this robot yet is given as long as one that has missed it.
   const auto [elsewhere, is_new] = here.elsewhere.try_emplace(owner);
   if (is_new) elsewhere->second = {Hears::lowest_level_db, {}, 1, now};
@@ -74,6 +75,11 @@ bool BoardChoice::should_take(const std::string& robot, const std::string& owner
   }
   if (!here.better_since) here.better_since = now;
   return now - *here.better_since >= better_for;
+}
+
+bool BoardChoice::is_board_down(const std::string& gateway, TimePoint now) const {
+  const auto board = boards_.find(gateway);
+  return board != boards_.end() && !board->second.is_up && now - board->second.told < recent;
 }
 
 /// Messages were missed only if the owner has spoken since it should have heard them.

@@ -45,8 +45,10 @@ class BoardChoice {
   /// Whether this gateway's own board works. True when that has changed.
   bool on_board(bool is_up) {
     const bool is_news = std::exchange(is_board_up_, is_up) != is_up;
-    if (is_news) told_.reset();
-    return is_news;
+    if (!is_news) return false;
+    told_.reset();
+    for (auto& [robot, here] : robots_) here.better_since.reset();
+    return true;
   }
   /// This gateway's board has heard the robot. `level`: nothing where it is not known.
   void on_heard(const std::string& robot, std::optional<SignalLevel> level, TimePoint now);
@@ -56,6 +58,8 @@ class BoardChoice {
   bool knows(const std::string& robot) const { return robots_.contains(robot); }
   /// Whether this gateway should take the robot from its living owner. Asked again and again.
   bool should_take(const std::string& robot, const std::string& owner, TimePoint now);
+  /// The gateway has told so lately.
+  bool is_board_down(const std::string& gateway, TimePoint now) const;
   /// For the others, when it is time to.
   std::optional<Hears> next_hears(TimePoint now);
   /// Nobody else is about.
@@ -77,6 +81,7 @@ class BoardChoice {
     std::optional<double> level_db;               ///< smoothed
     std::array<TimePoint, most_missed> latest{};  ///< when it was heard, the newest last
     std::map<std::string, Elsewhere> elsewhere;   ///< by gateway
+    std::string compared_with;                    ///< the owner that `better_since` is about
     std::optional<TimePoint> better_since;
 
     TimePoint last() const { return latest.back(); }

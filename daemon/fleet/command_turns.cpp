@@ -163,6 +163,7 @@ std::optional<Taken> CommandTurns::answer(const Taken& taken, TimePoint now) con
 /// Kept under an id of this gateway, which may have to hand it on.
 void CommandTurns::on_done(const std::string& gateway, Life life, const std::string& robot,
                            const DoneCommand& done, TimePoint now) {
+  forget_old(now);
   if (!is_news(gateway, life, done.id, now)) return;
   const TimePoint came = came_before(now, done.age_ms);
   done_.add({robot, {++last_id_, done.key, done.type, 0}, came, false}, now);

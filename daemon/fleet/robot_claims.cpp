@@ -54,8 +54,10 @@ void RobotClaims::claim_if_chosen(const std::string& robot, const Now& now) {
   if (!membership_.may_act(now.mono) || held_.contains(robot) || claiming_.contains(robot)) return;
   const auto* row = membership_.table.find(robot);
   const bool has_owner = row && membership_.is_living(row->claim, now.mono);
-  if (!has_owner || boards_.should_take(robot, row->claim.gateway, now.mono))
-    claim_unless_guarded(robot, now);
+  if (has_owner && !boards_.should_take(robot, row->claim.gateway, now.mono)) return;
+  // Nobody answers the robot meanwhile, so the guard against two robots of one name must not wait.
+  if (has_owner && boards_.is_board_down(row->claim.gateway, now.mono)) return claim(robot, now);
+  claim_unless_guarded(robot, now);
 }
 
 /// Also of robots that say nothing just now: one that repeats its message ever more slowly must not
@@ -322,6 +324,7 @@ void RobotClaims::join(const std::vector<LocalRobot>& local, const Now& now) {
       membership_.actions.push(GiveUpRobot{robot, row->claim, false});
       continue;
     }
+    if (row && row->claim.epoch >= max_epoch) continue;  // until it is forgotten
     const std::uint64_t first_epoch = is_online ? 1 : 0;
     const Claim mine{row ? row->claim.epoch + 1 : first_epoch, membership_.me,
                      membership_.lease.life()};

@@ -110,6 +110,42 @@ TEST_F(SharedMesh, NothingIsAcknowledgedWithoutTheLease) {
   EXPECT_EQ(statuses(), 1u);
 }
 
+/// Another gateway calls this one dead and commands the robot: no repeat may overtake that.
+TEST_F(SharedMesh, ACommandIsNotSentWithoutTheLease) {
+  take_over();
+  rig.hear(robot, "cb 59 00 0a 00 ec ff", group);
+  rig.run_for(1s);
+  const std::size_t before = rig.sent_to(robot).size();
+  rig.command("nr1/run", {1});
+  rig.run_for(20ms);
+  const std::size_t sent = rig.sent_to(robot).size();
+  EXPECT_EQ(sent, before + 1);
+  rig.command("nr1/cmd", {10, 0, 20, 0});
+  is_owner = false;
+  rig.run_for(40s);
+  EXPECT_EQ(rig.sent_to(robot).size(), sent);
+  const auto outcomes = rig.all<CommandOutcome>();
+  ASSERT_EQ(outcomes.size(), 2u);
+  for (const CommandOutcome& outcome : outcomes) EXPECT_EQ(outcome.result, CommandResult::refused);
+}
+
+TEST_F(SharedMesh, ARetainedCommandComesFromTheOwnerOnly) {
+  rig.hear(robot, update_set, group);
+  rig.command("nr1/run", {1}, true);
+  rig.run_for(1s);
+  EXPECT_TRUE(rig.sent_to(robot).empty());
+  const std::size_t subscribed = rig.all<SubscribeRequest>().size();
+  take_over();
+  EXPECT_GT(rig.all<SubscribeRequest>().size(), subscribed) << "the broker sends it again";
+  rig.command("nr1/run", {1}, true);
+  EXPECT_EQ(statuses(), 1u);
+  give_up();
+  rig.run_for(20s);
+  const std::size_t asked = rig.all<SubscribeRequest>().size();
+  take_over();
+  EXPECT_EQ(rig.all<SubscribeRequest>().size(), asked) << "it has had it";
+}
+
 /// The robot stands still: the same update again is a new message, of which another gateway may
 /// know nothing.
 TEST_F(SharedMesh, WhatWasAnsweredBeforeIsNotTakenForARepeat) {

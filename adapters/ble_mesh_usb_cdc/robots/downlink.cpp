@@ -22,6 +22,7 @@ void Downlink::on_command(Robot& robot, std::string_view type, const BrokerMessa
 bool Downlink::may_take_retained(Robot& robot, const BrokerMessage& message) const {
   if (!robot.is_online || !link_.is_up() || robot.retained_given.size() >= max_retained)
     return false;
+  if (!gate_.is_open_for(robot)) return false;
   return robot.retained_given.insert(message.topic).second;
 }
 
@@ -42,6 +43,8 @@ void Downlink::refuse_all(Robot& robot, const std::string& why, TimePoint now) {
 void Downlink::transmit_due(Robot& robot, TimePoint now) {
   auto access = robot.commands.next_transmission(now);
   if (!access) return;
+  if (!gate_.is_open_for(robot))
+    return refuse_all(robot, "another gateway may serve the robot by now", now);
   actions_.push(CommandsChanged{});
   if (is_traced_) {
     const CommandQueue::UnderWay sent = robot.commands.under_way();

@@ -10,6 +10,7 @@
 #include "adapters/ble_mesh_usb_cdc/mesh_action.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/board_link.hpp"
 #include "adapters/ble_mesh_usb_cdc/robots/robot.hpp"
+#include "adapters/ble_mesh_usb_cdc/robots/service_gate.hpp"
 #include "adapters/ble_mesh_usb_cdc/settings.hpp"
 #include "daemon/core/topic_scheme.hpp"
 
@@ -23,10 +24,11 @@ class Downlink {
 
   /// All of them outlive it. `is_traced`: each transmission is a MeshStep.
   Downlink(const Settings& settings, const TopicScheme& topics, BoardLink& link,
-           ActionQueue<MeshAction>& actions, const bool& is_traced)
+           const ServiceGate& gate, ActionQueue<MeshAction>& actions, const bool& is_traced)
       : settings_(settings),
         topics_(topics),
         link_(link),
+        gate_(gate),
         actions_(actions),
         is_traced_(is_traced) {}
 
@@ -54,6 +56,7 @@ class Downlink {
   const Settings& settings_;
   const TopicScheme& topics_;
   BoardLink& link_;
+  const ServiceGate& gate_;
   ActionQueue<MeshAction>& actions_;
   const bool& is_traced_;
   std::string down_reason_ = "not started";

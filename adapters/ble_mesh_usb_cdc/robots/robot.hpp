@@ -59,6 +59,7 @@ struct Robot {
   std::optional<std::uint16_t> appkey_handle;  ///< of its last vendor message
   std::array<Inbox, vendor_model_count> inboxes;
   CommandQueue commands;
+  TimePoint online_since{};
   /// Topics whose retained message it got since it came online; at most Downlink::max_retained.
   std::set<std::string, std::less<>> retained_given;
   bool is_subscribed = true;  ///< false: the broker said no, to be asked again

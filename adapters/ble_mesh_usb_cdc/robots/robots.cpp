@@ -11,6 +11,8 @@ namespace slamgw::ble {
 namespace {
 
 constexpr std::chrono::seconds sign_of_life_interval{1};
+/// Gateways that hear a robot come agree within this time who serves it.
+constexpr std::chrono::seconds newly_online{10};
 
 template <class Map>
 auto find_id(Map& robots, std::string_view id) -> decltype(&robots.begin()->second) {
@@ -132,8 +134,11 @@ void Robots::on_link_up(TimePoint now) {
   }
 }
 
-void Robots::on_taken_over(Robot& robot) {
-  if (robot.is_online) announce(robot, Presence::online);
+void Robots::on_taken_over(Robot& robot, TimePoint now) {
+  if (!robot.is_online) return;
+  announce(robot, Presence::online);
+  // One that has been here for longer got what is retained from its owner then.
+  if (now - robot.online_since < newly_online) subscribe(robot);
 }
 
 void Robots::on_heard(Robot& robot, TimePoint now) {
@@ -141,6 +146,7 @@ void Robots::on_heard(Robot& robot, TimePoint now) {
   robot.is_awaited = false;
   if (!robot.is_online) {
     robot.is_online = true;
+    robot.online_since = now;
     robot.retained_given.clear();
     announce(robot, Presence::online);
     return subscribe(robot);  // makes the broker send what is retained for it again

@@ -52,7 +52,7 @@ class Robots {
 
   void on_link_up(TimePoint now);
   /// This gateway serves the robot from now on: says again whether it is there.
-  void on_taken_over(Robot& robot);
+  void on_taken_over(Robot& robot, TimePoint now);
   void on_heard(Robot& robot, TimePoint now);
   /// Marks the robot as offline when it was silent for too long.
   void on_deadline(Robot& robot, TimePoint now);

@@ -18,12 +18,13 @@ class ServiceGate {
   /// Whether this gateway owns the robot just now.
   using MayServe = std::function<bool(const std::string& robot)>;
 
-  /// `nodes` outlives it.
-  explicit ServiceGate(const NodeTable& nodes) : nodes_(nodes) {}
+  /// `nodes` outlives it. `has_group`: robots publish to a group of the gateways; else one board
+  /// alone hears them, whoever else was given the keys.
+  ServiceGate(const NodeTable& nodes, bool has_group) : nodes_(nodes), has_group_(has_group) {}
 
   void ask(MayServe may_serve) { may_serve_ = std::move(may_serve); }
   /// Other gateways have boards in this mesh.
-  bool is_shared() const { return nodes_.is_shared(); }
+  bool is_shared() const { return has_group_ && nodes_.is_shared(); }
   bool is_open_for(const Robot& robot) const { return !is_shared() || may_serve_(robot.id); }
   /// A robot that joined after the mesh was brought in here: the gateway that took it in knows its
   /// name, this one does not, and would publish under another.
@@ -33,6 +34,7 @@ class ServiceGate {
 
  private:
   const NodeTable& nodes_;
+  const bool has_group_;
   MayServe may_serve_ = [](const std::string&) { return true; };
 };
 
