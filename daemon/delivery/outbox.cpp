@@ -213,7 +213,7 @@ void Outbox::look_for_cause(TimePoint now) {
   const std::optional<Trial> trial = std::exchange(trial_, std::nullopt);
   trial_waits_until_.reset();
   if (const auto* refused = suspects_.explanation(now)) {
-    doubted_.add(refused->topic, refused->refusal);
+    if (!refused->refusal.is_permanent()) doubted_.add(refused->topic, refused->refusal);
     return backlog_.held().on_loss_after_refusal(now);
   }
   if (trial) return on_lost_alone(*in_flight_.take(trial->sequence, now), now);
