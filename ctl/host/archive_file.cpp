@@ -41,14 +41,20 @@ void give_to_caller(int file) {
 ArchiveFile::ArchiveFile(std::string file)
     : file_(std::move(file)), unfinished_(file_ + ".unfinished") {
   unlink(unfinished_.c_str());
-  const int made = open(unfinished_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
-  if (made < 0) throw Failure(file_ + ": " + std::strerror(errno));
-  give_to_caller(made);
-  close(made);
+  made_ = open(unfinished_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
+  if (made_ < 0) throw Failure(file_ + ": " + std::strerror(errno));
 }
 
-ArchiveFile::~ArchiveFile() { unlink(unfinished_.c_str()); }
+ArchiveFile::~ArchiveFile() {
+  close(made_);
+  unlink(unfinished_.c_str());
+}
 
-void ArchiveFile::finish() { std::filesystem::rename(unfinished_, file_); }
+/// Not before: in /tmp the kernel does not let root write to another user's file
+/// (fs.protected_regular in proc_sys_fs(5)).
+void ArchiveFile::finish() {
+  give_to_caller(made_);
+  std::filesystem::rename(unfinished_, file_);
+}
 
 }  // namespace slamgw::ctl

@@ -24,6 +24,7 @@ class ArchiveFile {
  private:
   std::string file_;
   std::string unfinished_;
+  int made_ = -1;  ///< the unfinished file
 };
 
 }  // namespace slamgw::ctl
