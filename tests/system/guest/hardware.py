@@ -86,11 +86,12 @@ class Radios:
         run("modprobe", "ieee802154_6lowpan")
         run("modprobe", "fakelb", f"numlbs={len(self.nodes)}")
         phys = sorted(re.findall(r"^wpan_phy (\S+)$", run("iwpan", "phy"), re.MULTILINE), key=lambda name: int(name[3:]))
-        for number, (node, phy) in enumerate(zip(self.nodes, phys), 1):
-            if node:
-                run("ip", "netns", "add", node)
-                run("ip", "-n", node, "link", "set", "lo", "up")
-                run("iwpan", "phy", phy, "set", "netns", "name", node)
+        # All that leave first: a radio that waits here may have the name that INTERFACE is to get.
+        for node, phy in zip(nodes, phys[1:]):
+            run("ip", "netns", "add", node)
+            run("ip", "-n", node, "link", "set", "lo", "up")
+            run("iwpan", "phy", phy, "set", "netns", "name", node)
+        for number, node in enumerate(self.nodes, 1):
             name = re.findall(r"Interface (wpan\d+)$", run(*in_namespace(node, "iwpan", "dev")), re.MULTILINE)[0]
             run(*in_namespace(node, "ip", "link", "set", name, "name", RADIO))
             run(*in_namespace(node, "iwpan", "dev", RADIO, "set", "pan_id", "0xface"))
