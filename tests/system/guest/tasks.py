@@ -233,7 +233,7 @@ def gateways_agree():
             "control": {"socket": directory + "/control.sock"}}), encoding="utf-8")
         process = subprocess.Popen(["slam-gatewayd", "--config", str(other)], stdout=subprocess.DEVNULL,
                                    stderr=subprocess.DEVNULL)
-        wait_for("the other gateway", lambda: finding(doctor(), "fleet")["detail"] == "agrees with room-b")
+        wait_for("the other gateway", lambda: (finding(doctor(), "fleet") or {}).get("detail") == "agrees with room-b")
         fleet = run("slam-gatewayctl", "--socket", directory + "/control.sock", "fleet")
         demand(GATEWAY in fleet and "room-b" in fleet, fleet)
         process.terminate()
