@@ -143,7 +143,7 @@ def fleets():
     if "fleets" not in world:
         world["radios"] = Radios(NODES)
         gateway = f"[{world['radios'].address()}]:47193"
-        world["fleets"] = [RecordedRobots(gateway, "--robots", "2", "--rate", "2", "--keep-alive", "10", "--id-prefix",
+        world["fleets"] = [RecordedRobots(gateway, "--robots", "2", "--rate", "2", "--keep-alive", "60", "--id-prefix",
                                           f"{node}-", node=node)
                            for node in NODES]
     for fleet in world["fleets"]:
@@ -173,12 +173,14 @@ def loses_no_robot_on_a_bad_radio():
     """6LoWPAN with 20 % of the frames lost each way: no robot is lost, and each obeys"""
     behind_radios, before, since = fleets(), thread_counters(), time.time()
     world["radios"].lose(20)
-    for name in FLEET:
-        obeys(name)
-    for fleet in behind_radios:
-        fleet.wait_for_each(60, since)
-    demand_all_there(before)
-    world["radios"].lose(0)
+    try:
+        for name in FLEET:
+            obeys(name)
+        for fleet in behind_radios:
+            fleet.wait_for_each(60, since)
+        demand_all_there(before)
+    finally:
+        world["radios"].lose(0)
     repeated = thread_counters()["repeats_suppressed"] - before["repeats_suppressed"]
     demand(repeated > 0, "no update came twice: nothing was lost on the radio")
     return f"{repeated} updates came more than once, after a lost acknowledgement"
