@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Which of several gateways serves a robot that the boards of all of them hear, because they share
-// one mesh: whoever has it keeps it, until another hears it clearly better for a while, or hears it
-// when its owner does not. Gateways tell each other what they hear (`Hears`); each decides for
+// one mesh. Its owner keeps it until another gateway hears it clearly better for a while, or hears
+// it when the owner does not. Gateways tell each other what they hear (`Hears`); each decides for
 // itself whether to claim. Pure; part of RobotClaims.
 #pragma once
 

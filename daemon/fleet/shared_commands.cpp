@@ -183,8 +183,8 @@ void SharedCommands::on_own_outcome(BrokerMessage outcome, Duration after, TimeP
   untold_.push_back({std::move(outcome), now - after});
 }
 
-/// What became due while this gateway was cut off is told by whoever has heard all the time; if
-/// nobody has, it is told here. Who that is shows when this gateway has joined the others.
+/// Outcomes that became due while this gateway was cut off are published by a gateway that was
+/// connected all the time; if there is none, by this one. That is known once it has joined.
 void SharedCommands::tell_outcomes(TimePoint now) {
   const bool is_alone = membership_.phase == Phase::alone;
   if (!is_alone && !membership_.lease.is_valid(now)) return;

@@ -9,7 +9,7 @@ namespace slamgw::sim::ble {
 std::vector<bool> Radio::transmit(const MeshMessage& message,
                                   const std::vector<Receiver>& receivers, TimePoint now) {
   std::vector<bool> reached;
-  std::optional<Duration> sending;  // as long as it takes, whoever hears it
+  std::optional<Duration> sending;  // the time on the air, the same for all receivers
   for (const Receiver& receiver : receivers) {
     const bool is_lost = loses_message() || (receiver.loss > 0 && random_.chance(receiver.loss));
     const int rssi = rssi_dbm(message.source) + receiver.level_db;

@@ -18,8 +18,8 @@ class ServiceGate {
   /// Whether this gateway owns the robot just now.
   using MayServe = std::function<bool(const std::string& robot)>;
 
-  /// `nodes` outlives it. `has_group`: robots publish to a group of the gateways; else one board
-  /// alone hears them, whoever else was given the keys.
+  /// `nodes` outlives it. `has_group`: robots publish to a group of the gateways. Without one, a
+  /// single board hears them, even if other gateways have the keys.
   ServiceGate(const NodeTable& nodes, bool has_group) : nodes_(nodes), has_group_(has_group) {}
 
   void ask(MayServe may_serve) { may_serve_ = std::move(may_serve); }
