@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What Nordic's board tells whoever opens its port, by its recordings: all that it hears, and keys
-// only in the moment in which a robot joins (docs/security.md).
+// What Nordic's board tells the program that opens its port, by its recordings: all that it hears,
+// and keys only in the moment in which a robot joins (docs/security.md).
 #include <gtest/gtest.h>
 
 #include <algorithm>

@@ -73,8 +73,8 @@ TEST(Names, ACommandUnderTheOldNameEndsWithItsReason) {
   EXPECT_EQ(presence_of(rig).back(), "ble-0100 online");
 }
 
-/// Whoever has the mesh's keys may send as any address; the name follows from that and from the
-/// configuration, never from what it says.
+/// A device that has the mesh's keys may send as any address; the name follows from that and from
+/// the configuration, never from what it says.
 TEST(Names, ADeviceWithTheMeshesKeysHasTheNameOfTheAddressThatItUses) {
   MeshRig rig({}, test_database(), RobotNames({{"nr1", 0x0100, {}}, {"lego", 0x0200, {}}}));
   rig.start();

@@ -34,7 +34,7 @@ struct FleetWorld::Node {
   std::optional<milliseconds> armed;
 };
 
-FleetWorld::FleetWorld(Options options) : options_(options), random_(options.seed) {
+FleetWorld::FleetWorld(Options options) : VirtualTime(options.seed), options_(options) {
   for (int i = 0; i < options.gateways; ++i) {
     auto node = std::make_unique<Node>();
     node->name = gateway_name(i);
@@ -61,28 +61,8 @@ Now FleetWorld::clock_of(const Node& node) const {
   return {TimePoint(since), WallTime(since)};
 }
 
-void FleetWorld::at(milliseconds when, std::function<void()> act) {
-  events_.push({when, ++order_, std::move(act)});
-}
-
 milliseconds FleetWorld::random_delay() {
-  return milliseconds(std::uniform_int_distribution<std::int64_t>(
-      options_.least_delay.count(), options_.most_delay.count())(random_));
-}
-
-bool FleetWorld::chance(double probability) {
-  return std::uniform_real_distribution<>(0, 1)(random_) < probability;
-}
-
-void FleetWorld::run(milliseconds span) {
-  const milliseconds end = now_ + span;
-  while (!events_.empty() && events_.top().at <= end) {
-    const Event event = events_.top();
-    events_.pop();
-    now_ = event.at;
-    event.act();
-  }
-  now_ = end;
+  return between(options_.least_delay, options_.most_delay);
 }
 
 // --- robots ------------------------------------------------------------------------------------

@@ -8,19 +8,16 @@
 #include <functional>
 #include <map>
 #include <memory>
-#include <queue>
-#include <random>
 #include <set>
 #include <string>
 #include <vector>
 
 #include "daemon/fleet/ownership.hpp"
+#include "tests/fleet/virtual_time.hpp"
 
 namespace slamgw::fleet::test {
 
-using std::chrono::milliseconds;
-
-class FleetWorld {
+class FleetWorld : public VirtualTime {
  public:
   struct Options {
     std::uint32_t seed = 1;
@@ -48,7 +45,6 @@ class FleetWorld {
   explicit FleetWorld(Options options);
   ~FleetWorld();
 
-  void run(milliseconds span);
   void roam(int robot, int gateway);
   /// It says nothing any more.
   void silence(int robot);
@@ -98,18 +94,7 @@ class FleetWorld {
     int outcomes = 0;
     int promised = 0;  ///< ends of which only the robot and the type are known
   };
-  struct Event {
-    milliseconds at{};
-    std::uint64_t order = 0;
-    std::function<void()> act;
-    bool operator<(const Event& other) const {
-      return std::pair(other.at, other.order) < std::pair(at, order);
-    }
-  };
-
-  void at(milliseconds when, std::function<void()> act);
   milliseconds random_delay();
-  bool chance(double probability);
   void speak(int robot, std::uint64_t visit);
   void look();
   void to_gateway(int gateway, std::function<void(Node&)> input);
@@ -139,10 +124,6 @@ class FleetWorld {
   Now clock_of(const Node& node) const;
 
   Options options_;
-  std::mt19937 random_;
-  milliseconds now_{0};
-  std::uint64_t order_ = 0;
-  std::priority_queue<Event> events_;
   std::vector<std::unique_ptr<Node>> nodes_;
   std::vector<Robot> robots_;
   std::vector<Command> commands_;

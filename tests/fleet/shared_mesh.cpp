@@ -42,7 +42,9 @@ struct SharedMesh::Node {
 };
 
 SharedMesh::SharedMesh(Options options)
-    : options_(options), random_(options.seed), robots_(static_cast<std::size_t>(options.robots)) {
+    : VirtualTime(options.seed),
+      options_(options),
+      robots_(static_cast<std::size_t>(options.robots)) {
   for (int i = 0; i < options.gateways; ++i) {
     nodes_.push_back(std::make_unique<Node>());
     nodes_.back()->name = "gw-" + std::to_string(i);
@@ -53,29 +55,7 @@ SharedMesh::SharedMesh(Options options)
 
 SharedMesh::~SharedMesh() = default;
 
-void SharedMesh::at(milliseconds when, std::function<void()> act) {
-  events_.push({when, ++order_, std::move(act)});
-}
-
-bool SharedMesh::chance(double probability) {
-  return std::uniform_real_distribution<>(0, 1)(random_) < probability;
-}
-
-milliseconds SharedMesh::delay() {
-  return milliseconds(
-      std::uniform_int_distribution<std::int64_t>(1, options_.most_delay.count())(random_));
-}
-
-void SharedMesh::run(milliseconds span) {
-  const milliseconds end = now_ + span;
-  while (!events_.empty() && events_.top().at <= end) {
-    const Event event = events_.top();
-    events_.pop();
-    now_ = event.at;
-    event.act();
-  }
-  now_ = end;
-}
+milliseconds SharedMesh::delay() { return between(milliseconds(1), options_.most_delay); }
 
 // --- Robots --------------------------------------------------------------------------------------
 

@@ -9,19 +9,16 @@
 #include <functional>
 #include <map>
 #include <memory>
-#include <queue>
-#include <random>
 #include <set>
 #include <string>
 #include <vector>
 
 #include "daemon/fleet/ownership.hpp"
+#include "tests/fleet/virtual_time.hpp"
 
 namespace slamgw::fleet::test {
 
-using std::chrono::milliseconds;
-
-class SharedMesh {
+class SharedMesh : public VirtualTime {
  public:
   struct Options {
     std::uint32_t seed = 1;
@@ -35,7 +32,6 @@ class SharedMesh {
   explicit SharedMesh(Options options);
   ~SharedMesh();
 
-  void run(milliseconds span);
   void kill(int gateway);
   void start(int gateway);
   void cut_link(int gateway);
@@ -74,17 +70,6 @@ class SharedMesh {
     std::map<std::uint64_t, int> arrived;
     std::set<std::uint64_t> acknowledged;
   };
-  struct Event {
-    milliseconds at{};
-    std::uint64_t order = 0;
-    std::function<void()> act;
-    bool operator<(const Event& other) const {
-      return std::pair(other.at, other.order) < std::pair(at, order);
-    }
-  };
-
-  void at(milliseconds when, std::function<void()> act);
-  bool chance(double probability);
   milliseconds delay();
   void say(int robot);
   void say_copy(int robot, std::uint64_t number);
@@ -101,10 +86,6 @@ class SharedMesh {
   static std::string name_of(int robot) { return "r" + std::to_string(robot); }
 
   Options options_;
-  std::mt19937 random_;
-  milliseconds now_{0};
-  std::uint64_t order_ = 0;
-  std::priority_queue<Event> events_;
   std::vector<std::unique_ptr<Node>> nodes_;
   std::vector<Robot> robots_;
   int two_owners_ = 0;

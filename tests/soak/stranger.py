@@ -5,7 +5,7 @@ import socket
 
 CONNECT, REGISTER, PUBLISH, SUBSCRIBE = 0x04, 0x0A, 0x0C, 0x12
 CLEAN_SESSION, QOS_1 = 0x04, 0x20
-# Mosquitto closes the connection of whoever sends these.
+# Mosquitto closes the connection of a client that sends these.
 POISON = ("a\u0085", "a\u0001", "a\ufdd0", "a\ufffe", "a\U0001ffff", "/".join("a" * 202))
 
 

@@ -96,7 +96,7 @@ TEST_F(WebMetrics, ManyRobotsAreAllTold) {
   EXPECT_TRUE(has("slamgw_web_left_out_samples 0"));
 }
 
-/// Names come from the broker, and whoever may publish there can make many and long ones.
+/// Names come from the broker; any client that may publish there can make many and long ones.
 TEST(WebExposition, LeavesOutWhatDoesNotFit) {
   Exposition out;
   const std::string name(1 << 20, 'x');
