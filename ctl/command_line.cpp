@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <iostream>
 #include <optional>
-#include <string>
 #include <vector>
 
 #include "ctl/payload.hpp"
@@ -16,6 +15,10 @@ namespace slamgw::ctl {
 namespace {
 
 constexpr int exit_arguments = 2;
+/// The daemon reports a command's outcome within 30 s, and gives up on it 5 s later.
+constexpr std::chrono::seconds outcome_patience{45};
+/// It ends orders about the mesh within 180 s.
+constexpr std::chrono::seconds order_patience{200};
 
 struct Arguments {
   Order order;
@@ -35,7 +38,7 @@ struct Arguments {
   bool is_all = false;
 };
 
-/// A payload like "-5,7" is no option; CLI11 is told so by a "--" before it.
+/// A payload like "-5,7" is no option; a "--" before it says so to CLI11.
 std::vector<std::string> with_payload_marked(int argc, const char* const* argv) {
   std::vector<std::string> words(argv + 1, argv + argc);
   const auto send = std::find(words.begin(), words.end(), "send");
@@ -50,58 +53,52 @@ std::vector<std::string> with_payload_marked(int argc, const char* const* argv) 
   return words;
 }
 
+/// What a verb does that the daemon answers: the request gets what the user gave of its options.
+auto ask(Arguments& a, const std::string& command, Answer answer,
+         std::chrono::seconds patience = answer_patience) {
+  return [&a, command, answer, patience] {
+    a.order.answer = answer;
+    a.order.patience = patience;
+    auto& request = a.order.request;
+    request["command"] = command;
+    if (!a.robot.empty()) request["robot"] = a.robot;
+    if (!a.type.empty()) request["type"] = a.type;
+    if (!a.uuid.empty()) request["uuid"] = a.uuid;
+    if (a.is_forced) request["force"] = true;
+    if (a.address != 0) request["address"] = a.address;
+    if (!a.ids.empty()) request["ids"] = a.ids;
+    if (!a.topic.empty()) request["topic"] = a.topic;
+    if (a.is_all) request["all"] = true;
+    if (answer == Answer::exported) request["payloads"] = true;
+  };
+}
+
 void add_commands(CLI::App& app, Arguments& a) {
-  app.add_subcommand("status", "Links, robots, messages, store and memory")->callback([&a] {
-    a.order.request["command"] = "status";
-  });
-  app.add_subcommand("robots", "A row for each robot")->callback([&a] {
-    a.order.answer = Answer::robots;
-    a.order.request["command"] = "robots";
-  });
+  app.add_subcommand("status", "Links, robots, messages, store and memory")
+      ->callback(ask(a, "status", Answer::status));
+  app.add_subcommand("robots", "A row for each robot")->callback(ask(a, "robots", Answer::robots));
   app.add_subcommand("fleet", "The gateways of this broker, and which robot is where")
-      ->callback([&a] {
-        a.order.answer = Answer::fleet;
-        a.order.request["command"] = "fleet";
-      });
-  app.add_subcommand("reload", "Read the configuration again; tells what only a restart changes")
-      ->callback([&a] {
-        a.order.answer = Answer::done;
-        a.order.request["command"] = "reload";
-      });
-  CLI::App* forget = app.add_subcommand(
-      "forget", "Take a robot that is not there out of what is known, here and at the broker");
+      ->callback(ask(a, "fleet", Answer::fleet));
+  app.add_subcommand("reload", "Read the configuration again; names what needs a restart")
+      ->callback(ask(a, "reload", Answer::done, order_patience));
+  CLI::App* forget =
+      app.add_subcommand("forget", "Forget an offline robot, here and at the broker");
   forget->add_option("ROBOT", a.robot, "The robot's id")->required();
-  forget->callback([&a] {
-    a.order.answer = Answer::done;
-    a.order.request["command"] = "forget";
-    a.order.request["robot"] = a.robot;
-  });
+  forget->callback(ask(a, "forget", Answer::done, order_patience));
   CLI::App* watch =
       app.add_subcommand("watch", "What happens to each message, as it happens, until Ctrl-C");
   watch->add_option("--robot", a.robot, "Only this robot");
   watch->add_option("--type", a.type, "Only messages of this type");
-  watch->callback([&a] {
-    a.order.answer = Answer::watch;
-    a.order.request["command"] = "watch";
-    if (!a.robot.empty()) a.order.request["robot"] = a.robot;
-    if (!a.type.empty()) a.order.request["type"] = a.type;
-  });
-}
-
-void add_record(CLI::App& app, Arguments& a) {
+  watch->callback(ask(a, "watch", Answer::watch));
   CLI::App* record =
       app.add_subcommand("record", "Robots' messages and commands into a file, until Ctrl-C");
   record->add_option("FILE", a.order.file, "New, or continued")->required();
   record->add_option("--robot", a.robot, "Only this robot");
-  record->callback([&a] {
-    a.order.answer = Answer::record;
-    a.order.request["command"] = "watch";
-    if (!a.robot.empty()) a.order.request["robot"] = a.robot;
-  });
+  record->callback(ask(a, "watch", Answer::record));
 }
 
 void add_send(CLI::App& app, Arguments& a) {
-  CLI::App* send = app.add_subcommand("send", "Send a command to a robot and tell its outcome");
+  CLI::App* send = app.add_subcommand("send", "Send a command to a robot and print its outcome");
   send->add_option("ROBOT", a.robot, "The robot's id")->required();
   send->add_option("TYPE", a.type, "cmd, run, or any other type")->required();
   send->add_option("PAYLOAD", a.payload, "Text; for cmd: X,Y in cm")->required();
@@ -110,6 +107,7 @@ void add_send(CLI::App& app, Arguments& a) {
     const auto payload = parse_payload(a.type, a.payload, a.is_hex);
     if (!payload) throw CLI::ValidationError("PAYLOAD", payload.error());
     a.order.answer = Answer::outcome;
+    a.order.patience = outcome_patience;
     a.order.request = {{"command", "send"},
                        {"robot", a.robot},
                        {"type", a.type},
@@ -117,50 +115,43 @@ void add_send(CLI::App& app, Arguments& a) {
   });
 }
 
-/// `remove`, `reset-board`: what can't be undone needs a word more.
 constexpr const char* reset_board_warning =
     "reset-board makes the serial board forget its keys, addresses and sequence numbers for good. "
-    "The "
-    "daemon gives it the mesh's keys and address again at once, but robots discard what the "
-    "gateway says "
-    "until its sequence numbers have passed the old ones, or until each robot was restarted. Say "
-    "--yes "
-    "if that is what you want";
+    "The daemon gives it the mesh's keys and address again at once, but robots discard what the "
+    "gateway says until its sequence numbers have passed the old ones, or until each robot was "
+    "restarted. Say --yes if that is what you want";
 
-void add_ble_changes(CLI::App& ble, Arguments& a, const auto& ask) {
+void add_ble_changes(CLI::App& ble, Arguments& a) {
   CLI::App* provision = ble.add_subcommand("provision", "Take a new robot into the mesh");
   provision->add_option("UUID", a.uuid, "As `ble scan` shows it")->required();
   provision->add_option("--id", a.robot, "The robot's name from then on")->required();
-  provision->callback(ask("provision", Answer::node));
+  provision->callback(ask(a, "ble provision", Answer::node, order_patience));
   CLI::App* permit = ble.add_subcommand("permit-join", "Let new robots in, and show who joins");
   permit->add_option("--minutes", a.minutes, "For how long; 0 ends it")
       ->check(CLI::Range(0, 24 * 60))
       ->capture_default_str();
   permit->add_option("--id", a.robot, "One robot only, and its name from then on");
-  permit->callback([&a, order = ask("permit-join", Answer::joining)] {
+  permit->callback([&a, order = ask(a, "ble permit-join", Answer::joining)] {
     order();
     a.order.request["minutes"] = a.minutes;
   });
-  CLI::App* remove = ble.add_subcommand("remove", "Put a robot out of the mesh");
+  CLI::App* remove = ble.add_subcommand("remove", "Remove a robot from the mesh");
   remove->add_option("ROBOT", a.robot, "The robot's id")->required();
   remove->add_flag("--force", a.is_forced, "Forget it even when it does not answer");
-  remove->callback(ask("remove", Answer::removed));
-  CLI::App* import = ble.add_subcommand("import", "Bring an existing mesh in");
+  remove->callback(ask(a, "ble remove", Answer::removed, order_patience));
+  CLI::App* import = ble.add_subcommand("import", "Import an existing mesh");
   import->add_option("FILE", a.order.file, "Its database: of Nordic's Python tool, or a mesh.json")
       ->required();
-  import->callback(ask("import", Answer::done));
+  import->callback(ask(a, "ble import", Answer::done, order_patience));
   CLI::App* exported = ble.add_subcommand("export", "Let another gateway join this mesh");
   exported->add_option("FILE", a.order.file, "A new file, for `ble import` there; holds the keys")
       ->required();
   exported->add_option("--address", a.address, "It has joined already: the address that it got")
       ->check(CLI::Range(1, 0x7fff));
-  exported->callback([&a, order = ask("export", Answer::mesh)] {
-    order();
-    if (a.address != 0) a.order.request["address"] = a.address;
-  });
+  exported->callback(ask(a, "ble export", Answer::mesh, order_patience));
   CLI::App* reset = ble.add_subcommand("reset-board", "Clear the serial board and set it up anew");
   reset->add_flag("--yes", a.is_confirmed, "Robots may ignore the gateway for a while: do it");
-  reset->callback([&a, order = ask("reset-board", Answer::done)] {
+  reset->callback([&a, order = ask(a, "ble reset-board", Answer::done, order_patience)] {
     if (!a.is_confirmed) throw CLI::ValidationError("reset-board", reset_board_warning);
     order();
   });
@@ -169,18 +160,10 @@ void add_ble_changes(CLI::App& ble, Arguments& a, const auto& ask) {
 void add_ble(CLI::App& app, Arguments& a) {
   CLI::App* ble = app.add_subcommand("ble", "Robots of the BLE mesh");
   ble->require_subcommand(1);
-  const auto ask = [&a](const std::string& command, Answer answer) {
-    return [&a, command, answer] {
-      a.order.answer = answer;
-      a.order.request["command"] = "ble " + command;
-      if (!a.robot.empty()) a.order.request["robot"] = a.robot;
-      if (!a.uuid.empty()) a.order.request["uuid"] = a.uuid;
-      if (a.is_forced) a.order.request["force"] = true;
-    };
-  };
-  ble->add_subcommand("scan", "New robots in reach")->callback(ask("scan", Answer::scan));
-  ble->add_subcommand("nodes", "Robots in the mesh")->callback(ask("nodes", Answer::nodes));
-  add_ble_changes(*ble, a, ask);
+  ble->add_subcommand("scan", "New robots in reach")
+      ->callback(ask(a, "ble scan", Answer::scan, order_patience));
+  ble->add_subcommand("nodes", "Robots in the mesh")->callback(ask(a, "ble nodes", Answer::nodes));
+  add_ble_changes(*ble, a);
 }
 
 void add_dead_letter_choice(CLI::App& command, Arguments& a, Answer answer) {
@@ -189,14 +172,11 @@ void add_dead_letter_choice(CLI::App& command, Arguments& a, Answer answer) {
   auto* const all = command.add_flag("--all", a.is_all, "All of them");
   ids->excludes(topic)->excludes(all);
   topic->excludes(all);
-  command.callback([&a, answer, name = command.get_name()] {
+  const std::string name = "store " + command.get_name();
+  command.callback([&a, name, order = ask(a, name, answer, order_patience)] {
     if (a.ids.empty() && a.topic.empty() && !a.is_all)
-      throw CLI::ValidationError("store " + name, "say which: ids, --topic or --all");
-    a.order.answer = answer;
-    a.order.request["command"] = "store " + name;
-    if (!a.ids.empty()) a.order.request["ids"] = a.ids;
-    if (!a.topic.empty()) a.order.request["topic"] = a.topic;
-    if (a.is_all) a.order.request["all"] = true;
+      throw CLI::ValidationError(name, "say which: ids, --topic or --all");
+    order();
   });
 }
 
@@ -206,12 +186,7 @@ void add_store(CLI::App& app, Arguments& a) {
   const auto add_listing = [&](const char* name, const char* what, Answer answer) {
     CLI::App* listing = store->add_subcommand(name, what);
     listing->add_option("--topic", a.topic, "Only those of this topic");
-    listing->callback([&a, answer] {
-      a.order.answer = answer;
-      a.order.request["command"] = "store list";
-      if (!a.topic.empty()) a.order.request["topic"] = a.topic;
-      if (answer == Answer::exported) a.order.request["payloads"] = true;
-    });
+    listing->callback(ask(a, "store list", answer));
   };
   add_listing("list", "A row for each: topic, reason, tries, age", Answer::dead_letters);
   add_listing("export", "All there is of each, one JSON document a line", Answer::exported);
@@ -240,15 +215,13 @@ void add_host_tasks(CLI::App& app, Arguments& a) {
   };
   add_with_file("backup", HostTask::Kind::backup,
                 "Configuration, credentials, mesh keys and kept messages into one file");
-  add_with_file("restore", HostTask::Kind::restore,
-                "Bring a backup back, on this host or a new one");
+  add_with_file("restore", HostTask::Kind::restore, "Restore a backup, on this host or a new one");
   CLI::App* replay = add("replay", HostTask::Kind::replay,
                          "Publish recorded messages of robots with the recorded timing");
   replay->add_option("FILE", a.task.file, "Made by record")->required();
   replay->add_option("--broker", a.task.broker, "mqtt://host:port; else the configuration's");
   replay->add_option("--speed", a.task.speed, "2: twice as fast")->check(CLI::Range(0.001, 1000.0));
-  add_with_file("report", HostTask::Kind::report,
-                "What somebody who helps wants to see, no secrets");
+  add_with_file("report", HostTask::Kind::report, "What support needs to see, without secrets");
 }
 
 std::string verbs_of(const CLI::App& app) {
@@ -308,7 +281,6 @@ std::variant<Order, HostTask, Exit> parse_command_line(int argc, const char* con
   app.fallthrough();
   app.require_subcommand(1);
   add_commands(app, arguments);
-  add_record(app, arguments);
   add_send(app, arguments);
   add_ble(app, arguments);
   add_store(app, arguments);

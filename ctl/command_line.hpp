@@ -7,6 +7,8 @@
 #include <string>
 #include <variant>
 
+#include "ctl/connection.hpp"
+
 namespace slamgw::ctl {
 
 /// How the answer is shown.
@@ -33,6 +35,7 @@ struct Order {
   std::string socket = "/run/slam-gateway/control.sock";
   bool json = false;
   Answer answer = Answer::status;
+  std::chrono::seconds patience = answer_patience;
   nlohmann::json request;
   std::string file;  ///< whose text goes with the request as `text`, or that gets the answer's
 };

@@ -34,7 +34,7 @@ constexpr std::size_t max_line_bytes = std::size_t{64} << 20;
   if (is_there && !S_ISSOCK(status.st_mode))
     throw Failure(path + " is no socket; name the one that control.socket says with --socket");
   if (error == ECONNREFUSED)
-    throw NotRunning("slam-gatewayd is not running: nobody answers at " + path +
+    throw NotRunning("slam-gatewayd is not running: no answer at " + path +
                      "; start it with: sudo systemctl start slam-gateway");
   throw Failure(path + ": " + std::strerror(error));
 }

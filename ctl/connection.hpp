@@ -5,18 +5,20 @@
 
 #include <chrono>
 #include <nlohmann/json.hpp>
-#include <optional>
 #include <stdexcept>
 #include <string>
 
 namespace slamgw::ctl {
+
+/// How long the daemon may take for an answer that it has at once.
+inline constexpr std::chrono::seconds answer_patience{10};
 
 /// Ends the program with status 1 and this text.
 struct Failure : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-/// Nobody listens at the daemon's socket.
+/// No daemon listens at the socket.
 struct NotRunning : Failure {
   using Failure::Failure;
 };

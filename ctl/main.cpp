@@ -31,11 +31,6 @@ namespace {
 using namespace slamgw::ctl;
 
 constexpr int exit_failed = 1;
-constexpr std::chrono::seconds answer_patience{10};
-/// The daemon tells a command's outcome within 30 s, and gives up on it 5 s later.
-constexpr std::chrono::seconds outcome_patience{45};
-/// It ends orders about the mesh within 180 s.
-constexpr std::chrono::seconds order_patience{200};
 constexpr std::chrono::milliseconds joining_interval{500};
 
 /// https://no-color.org: set, and not empty.
@@ -44,54 +39,32 @@ bool is_colour_unwanted() {
   return value != nullptr && *value != '\0';
 }
 
-Show make_show() {
+Screen this_screen() {
   const bool with_colour = isatty(STDOUT_FILENO) == 1 && !is_colour_unwanted();
-  return Show(with_colour, std::chrono::system_clock::now());
+  return {with_colour, std::chrono::system_clock::now()};
 }
 
 std::string text_of(const Order& order, const nlohmann::json& result) {
   if (order.json) return slamgw::control::to_line(result);
   switch (order.answer) {
-    case Answer::status: return make_show().status(result);
-    case Answer::robots: return make_show().robots(result);
-    case Answer::fleet: return make_show().fleet(result);
-    case Answer::watch: return make_show().event(result);
+    case Answer::status: return show::status(result, this_screen());
+    case Answer::robots: return show::robots(result, this_screen());
+    case Answer::fleet: return show::fleet(result, this_screen());
+    case Answer::watch: return show::event(result, this_screen());
     case Answer::record: break;  // record()
-    case Answer::outcome: return make_show().outcome(result);
-    case Answer::scan: return make_show().devices(result);
-    case Answer::nodes: return make_show().nodes(result);
-    case Answer::node: return make_show().nodes(nlohmann::json::array({result}));
-    case Answer::removed: return make_show().removed(result);
-    case Answer::done: return make_show().done(result);
-    case Answer::resent: return make_show().resent(result);
-    case Answer::joining: return make_show().joining(result);
-    case Answer::mesh: return make_show().exported_mesh(result);
+    case Answer::outcome: return show::outcome(result, this_screen());
+    case Answer::scan: return show::devices(result);
+    case Answer::nodes: return show::nodes(result, this_screen());
+    case Answer::node: return show::nodes(nlohmann::json::array({result}), this_screen());
+    case Answer::removed: return show::removed(result);
+    case Answer::done: return show::done(result);
+    case Answer::resent: return show::resent(result);
+    case Answer::joining: return show::joining(result, this_screen());
+    case Answer::mesh: return show::exported_mesh(result);
     case Answer::dead_letters:
     case Answer::exported: break;  // print_dead_letters()
   }
   return {};
-}
-
-std::chrono::seconds patience_for(Answer answer) {
-  switch (answer) {
-    case Answer::status:
-    case Answer::robots:
-    case Answer::fleet:
-    case Answer::watch:
-    case Answer::record:
-    case Answer::nodes:
-    case Answer::joining:
-    case Answer::dead_letters:
-    case Answer::exported: break;
-    case Answer::outcome: return outcome_patience;
-    case Answer::scan:
-    case Answer::node:
-    case Answer::removed:
-    case Answer::resent:
-    case Answer::mesh:
-    case Answer::done: return order_patience;
-  }
-  return answer_patience;
 }
 
 /// As JSON without its white space, if it is JSON: it goes over the socket as one line.
@@ -134,26 +107,26 @@ class SecretFile {
 int export_mesh(const Order& order) {
   SecretFile file(order.file);
   Connection connection(order.socket);
-  const auto exported = connection.ask(order.request, patience_for(order.answer));
+  const auto exported = connection.ask(order.request, order.patience);
   file.write(exported.at("mesh").get<std::string>());
   std::cout << text_of(order, {{"file", order.file}, {"address", exported.at("address")}});
   return 0;
 }
 
-/// As many as there may be, a page at a time. As one JSON document with --json.
+/// Prints all dead letters, a page at a time; with --json as one JSON document.
 void print_dead_letters(Connection& connection, Order order) {
   const bool is_table = order.answer == Answer::dead_letters && !order.json;
   const bool is_document = order.answer == Answer::dead_letters && order.json;
   const char* separator = "";
   auto page = connection.ask(order.request, answer_patience);
-  if (is_table) std::cout << make_show().dead_letters_head(page);
+  if (is_table) std::cout << show::dead_letters_head(page);
   if (is_document) {
     std::cout << "{\"count\":" << page.value("count", 0) << ",\"bytes\":" << page.value("bytes", 0)
               << ",\"letters\":[";
   }
   while (page.value("more", false)) {
     const auto& letters = page.at("letters");
-    if (is_table) std::cout << make_show().dead_letters(letters);
+    if (is_table) std::cout << show::dead_letters(letters, this_screen());
     for (const auto& letter : letters) {
       if (is_document) std::cout << std::exchange(separator, ",\n") << letter.dump();
       if (order.answer == Answer::exported) std::cout << slamgw::control::to_line(letter);
@@ -175,10 +148,26 @@ void warn_of_unheard(Connection& connection, const nlohmann::json& request) {
         << "' has been heard; watching for it (slam-gatewayctl robots lists those that were)\n";
 }
 
-/// Shows who joins until nobody may any more. With --json an event a line.
+/// A command that was refused here may be for a robot of another gateway.
+void name_other_gateway(Connection& connection, const std::string& robot) {
+  const auto fleet = connection.ask({{"command", "fleet"}}, answer_patience);
+  const auto robots = fleet.find("robots");
+  if (robots == fleet.end()) return;
+  for (const auto& row : *robots) {
+    const std::string gateway = text_at(row, "gateway");
+    if (text_at(row, "robot") != robot || gateway == text_at(fleet, "gateway")) continue;
+    if (!row.value("served", true)) continue;  // by a gateway that is silent
+    std::cerr << fmt::format(
+        "slam-gatewayctl: {} is served by gateway {}: send from that gateway's host, or publish to "
+        "the robot's topic at the broker\n",
+        robot, gateway);
+  }
+}
+
+/// Shows who joins until joining ends. With --json an event a line.
 int show_joining(Connection& connection, const Order& order) {
   auto news = connection.ask(order.request, answer_patience);
-  if (!order.json) std::cout << make_show().joining_head(news) << std::flush;
+  if (!order.json) std::cout << show::joining_head(news) << std::flush;
   bool has_joined = false;
   while (news.value("seconds_left", 0) > 0 || news.value("under_way", 0) > 0) {
     std::this_thread::sleep_for(joining_interval);
@@ -223,12 +212,13 @@ int run(Order order) {
   }
   if (order.answer == Answer::joining) return show_joining(connection, order);
   const bool is_send = order.answer == Answer::outcome;
-  const auto result = connection.ask(order.request, patience_for(order.answer));
+  const auto result = connection.ask(order.request, order.patience);
   if (order.answer == Answer::watch)
     while (true) std::cout << text_of(order, connection.next_event()) << std::flush;
   std::cout << text_of(order, result);
   if (order.answer == Answer::resent) return result.value("left", 0) == 0 ? 0 : exit_failed;
   const std::string outcome = is_send ? result.value("outcome", "") : "";
+  if (outcome == "refused") name_other_gateway(connection, text_at(order.request, "robot"));
   return !is_send || outcome == "delivered" || outcome == "sent" ? 0 : exit_failed;
 }
 
@@ -287,15 +277,15 @@ int replay(const Installation& installation, const HostTask& task) {
 
 int run(const HostTask& task) {
   const Installation installation(task.configuration);
-  std::string told;
+  std::string text;
   switch (task.kind) {
     case HostTask::Kind::doctor: return doctor(installation, task);
     case HostTask::Kind::replay: return replay(installation, task);
-    case HostTask::Kind::backup: told = backup(installation, task.file); break;
-    case HostTask::Kind::restore: told = restore(installation, task.file); break;
-    case HostTask::Kind::report: told = report(installation, task.socket, task.file); break;
+    case HostTask::Kind::backup: text = backup(installation, task.file); break;
+    case HostTask::Kind::restore: text = restore(installation, task.file); break;
+    case HostTask::Kind::report: text = report(installation, task.socket, task.file); break;
   }
-  std::cout << (task.json ? slamgw::control::to_line({{"file", task.file}, {"text", told}}) : told);
+  std::cout << (task.json ? slamgw::control::to_line({{"file", task.file}, {"text", text}}) : text);
   return 0;
 }
 

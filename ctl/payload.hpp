@@ -10,8 +10,8 @@
 
 namespace slamgw::ctl {
 
-/// With `is_hex` pairs of hex digits; for `cmd` else `X,Y` as two little-endian int16 (contract of
-/// the thesis's robots: centimetres); else the text itself. The error says what is allowed.
+/// With `is_hex` pairs of hex digits; for `cmd` else `X,Y` as two little-endian int16, centimetres
+/// (docs/topics.md); else the text itself. The error says what is allowed.
 Result<Bytes, std::string> parse_payload(std::string_view type, std::string_view text, bool is_hex);
 
 }  // namespace slamgw::ctl

@@ -10,6 +10,23 @@
 #include "ctl/text.hpp"
 
 namespace slamgw::ctl {
+
+std::string Screen::paint(std::string_view state, std::string text) const {
+  if (!with_colour) return text;
+  const auto is = [state](std::string_view name) { return state == name; };
+  std::string_view colour;
+  if (is("up") || is("online") || is("delivered") || is("sent") || is("configured") || is("member"))
+    colour = "32";
+  if (is("asleep") || is("superseded") || is("provisioned") || is("repeat") || is("joining") ||
+      is("apart"))
+    colour = "33";
+  if (is("down") || is("offline") || is("timeout") || is("refused") || is("reserved") ||
+      is("refusing") || is("lost") || is("silent") || is("cut off"))
+    colour = "31";
+  return colour.empty() ? text : fmt::format("\033[{}m{}\033[0m", colour, text);
+}
+
+namespace show {
 namespace {
 
 using nlohmann::json;
@@ -35,10 +52,10 @@ enum Column : std::size_t {
 };
 using Row = std::array<std::string, Column::count>;
 
-std::string number_or_dash(const json& robot, const char* key, const char* format, double scale) {
+std::string number_or_dash(const json& robot, const char* key, double scale) {
   const auto found = robot.find(key);
   if (found == robot.end() || !found->is_number()) return "-";
-  return fmt::format(fmt::runtime(format), found->get<double>() / scale);
+  return fmt::format("{:.0f}", found->get<double>() / scale);
 }
 
 Row robot_row(const json& robot, std::chrono::system_clock::time_point now) {
@@ -51,8 +68,8 @@ Row robot_row(const json& robot, std::chrono::system_clock::time_point now) {
           fmt::format("{}", count_at(robot, "commands")),
           fmt::format("{}", count_at(robot, "repeats")),
           fmt::format("{:.1f}", number_at(robot, "rate_hz")),
-          number_or_dash(robot, "latency_p99_us", "{:.0f}", 1000),
-          number_or_dash(robot, "rssi_dbm", "{:.0f}", 1),
+          number_or_dash(robot, "latency_p99_us", 1000),
+          number_or_dash(robot, "rssi_dbm", 1),
           fmt::format("{}", count_at(robot, "queue"))};
 }
 
@@ -72,7 +89,7 @@ std::array<std::size_t, Column::count> fit(const std::vector<Row>& rows) {
   return widths;
 }
 
-/// Why robots are offline; of a few.
+/// Why robots are offline; of the first ten.
 std::string absent_lines(const json& robots) {
   constexpr int most = 10;
   std::string out;
@@ -99,6 +116,15 @@ std::string refused_line(const json& counters) {
       text += fmt::format("{}{} {}", text.empty() ? "" : ", ", count, words);
   }
   return text.empty() ? "" : "          refused: " + text + "\n";
+}
+
+std::string mesh_line(std::string name, const json& mesh, const Screen& screen) {
+  if (name == "ble") name = "BLE";
+  if (!name.empty() && name[0] >= 'a' && name[0] <= 'z') name[0] -= 'a' - 'A';
+  const std::string state = text_at(mesh, "state");
+  const std::string detail = text_at(mesh, "detail");
+  return pad(name, 10) + screen.paint(state, detail.empty() ? state : pad(state, 9)) + detail +
+         "\n" + refused_line(group_at(mesh, "counters"));
 }
 
 std::string payload_text(const json& event) {
@@ -140,7 +166,7 @@ std::string event_details(const json& event) {
 
 }  // namespace
 
-std::string Show::status(const json& status) const {
+std::string status(const json& status, const Screen& screen) {
   const json& broker = group_at(status, "broker");
   const json& meshes = group_at(status, "meshes");
   const json& robots = group_at(status, "robots");
@@ -152,14 +178,14 @@ std::string Show::status(const json& status) const {
                   show_bytes(count_at(status, "memory_rss_bytes")));
   const std::string state = text_at(broker, "state");
   const std::string why = text_at(broker, "why");
-  out += fmt::format("Broker    {} {} since {}\n", paint(state, pad(state, 8)),
+  out += fmt::format("Broker    {} {} since {}\n", screen.paint(state, pad(state, 8)),
                      text_at(broker, "uri"), text_at(broker, "since"));
   if (!why.empty() && state != "up") out += fmt::format("                   {}\n", why);
   if (const auto rights = broker.find("missing_rights"); rights != broker.end())
     for (const json& right : *rights)
-      out += fmt::format("          {} {}; grant: {}\n", paint("refused", "no right:"),
+      out += fmt::format("          {} {}; grant: {}\n", screen.paint("refused", "no right:"),
                          text_at(right, "what"), text_at(right, "grant"));
-  for (const auto& [name, mesh] : meshes.items()) out += mesh_line(name, mesh);
+  for (const auto& [name, mesh] : meshes.items()) out += mesh_line(name, mesh, screen);
   out += fmt::format("Robots    {} online, {} asleep, {} offline ({} known)\n",
                      count_at(robots, "online"), count_at(robots, "asleep"),
                      count_at(robots, "offline"), count_at(robots, "known"));
@@ -175,23 +201,14 @@ std::string Show::status(const json& status) const {
   if (const std::uint64_t count = count_at(store, "dead_letters"); count > 0)
     out += fmt::format("          {} dead letters: see slam-gatewayctl store list\n", count);
   if (const std::string trouble = text_at(store, "why"); !trouble.empty())
-    out += fmt::format("          {} {}\n", paint("down", text_at(store, "state")), trouble);
+    out += fmt::format("          {} {}\n", screen.paint("down", text_at(store, "state")), trouble);
   return out;
 }
 
-std::string Show::mesh_line(std::string name, const json& mesh) const {
-  if (name == "ble") name = "BLE";
-  if (!name.empty() && name[0] >= 'a' && name[0] <= 'z') name[0] -= 'a' - 'A';
-  const std::string state = text_at(mesh, "state");
-  const std::string detail = text_at(mesh, "detail");
-  return pad(name, 10) + paint(state, detail.empty() ? state : pad(state, 9)) + detail + "\n" +
-         refused_line(group_at(mesh, "counters"));
-}
-
-std::string Show::robots(const json& robots) const {
+std::string robots(const json& robots, const Screen& screen) {
   std::vector<Row> rows{
       {"ROBOT", "MESH", "ADDRESS", "STATE", "SEEN", "UP", "DOWN", "REP", "HZ", "P99", "RSSI", "Q"}};
-  for (const json& robot : robots) rows.push_back(robot_row(robot, now_));
+  for (const json& robot : robots) rows.push_back(robot_row(robot, screen.now));
   if (rows.size() == 1) return "no robot has been heard yet\n";
   const auto widths = fit(rows);
   std::string out;
@@ -201,7 +218,7 @@ std::string Show::robots(const json& robots) const {
     line += " " + pad(row[mesh], widths[mesh]);
     line += " " + pad(cut_start(row[address], widths[address]), widths[address]);
     const std::string padded = pad(row[state], widths[state]);
-    line += " " + (is_head ? padded : paint(row[state], padded));
+    line += " " + (is_head ? padded : screen.paint(row[state], padded));
     for (const Column column : {seen, up, down, repeats, rate, p99, rssi, queue})
       line += " " + pad_left(row[column], widths[column]);
     out += line + "\n";
@@ -209,41 +226,27 @@ std::string Show::robots(const json& robots) const {
   return out + absent_lines(robots);
 }
 
-std::string Show::event(const json& event) const {
+std::string event(const json& event, const Screen& screen) {
   const std::string kind = text_at(event, "event");
   const std::string time = text_at(event, "at");
   const std::string clock = time.size() >= 23 ? time.substr(11, 12) : time;  // milliseconds
   if (kind == "lost")
     return fmt::format("{} {} {} events: this terminal is too slow for all of them\n", clock,
-                       paint(kind, pad(kind, 12)), count_at(event, "lost"));
+                       screen.paint(kind, pad(kind, 12)), count_at(event, "lost"));
   const std::string mesh_name = text_at(event, "mesh");
   const std::string details = event_details(event);
-  return fmt::format("{} {} {} {} {}{}{}\n", clock, paint(kind, pad(kind, 12)),
+  return fmt::format("{} {} {} {} {}{}{}\n", clock, screen.paint(kind, pad(kind, 12)),
                      pad(mesh_name.empty() ? "-" : mesh_name, 6), pad(text_at(event, "robot"), 12),
                      details.empty() ? text_at(event, "type") : pad(text_at(event, "type"), 6),
                      details.empty() ? "" : "  ", details);
 }
 
-std::string Show::outcome(const json& outcome) const {
+std::string outcome(const json& outcome, const Screen& screen) {
   const std::string result = text_at(outcome, "outcome");
   const std::string why = text_at(outcome, "why");
-  return fmt::format("{} after {} ms{}{}\n", paint(result, result), count_at(outcome, "after_ms"),
-                     why.empty() ? "" : ": ", why);
+  return fmt::format("{} after {} ms{}{}\n", screen.paint(result, result),
+                     count_at(outcome, "after_ms"), why.empty() ? "" : ": ", why);
 }
 
-std::string Show::paint(std::string_view state, std::string text) const {
-  if (!with_colour_) return text;
-  const auto is = [state](std::string_view name) { return state == name; };
-  std::string_view colour;
-  if (is("up") || is("online") || is("delivered") || is("sent") || is("configured") || is("member"))
-    colour = "32";
-  if (is("asleep") || is("superseded") || is("provisioned") || is("repeat") || is("joining") ||
-      is("apart"))
-    colour = "33";
-  if (is("down") || is("offline") || is("timeout") || is("refused") || is("reserved") ||
-      is("refusing") || is("lost") || is("silent") || is("cut off"))
-    colour = "31";
-  return colour.empty() ? text : fmt::format("\033[{}m{}\033[0m", colour, text);
-}
-
+}  // namespace show
 }  // namespace slamgw::ctl

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What slam-gatewayctl shows of the gateways on one broker; the rest of Show is in show.cpp.
+// What slam-gatewayctl shows of the gateways on one broker.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -7,7 +7,7 @@
 #include "ctl/show.hpp"
 #include "ctl/text.hpp"
 
-namespace slamgw::ctl {
+namespace slamgw::ctl::show {
 
 using nlohmann::json;
 
@@ -28,17 +28,17 @@ std::size_t widest(const json& rows, const char* key, std::size_t head) {
 
 }  // namespace
 
-std::string Show::fleet(const json& fleet) const {
+std::string fleet(const json& fleet, const Screen& screen) {
   const json gateways = list_at(fleet, "gateways");
   const json robots = list_at(fleet, "robots");
   const std::size_t width = std::max(widest(gateways, "gateway", 7), widest(robots, "gateway", 7));
   std::string out = pad("GATEWAY", width) + " STATE   ROBOTS UP   VERSION\n";
   for (const json& gateway : gateways) {
     const std::string state = text_at(gateway, "state");
-    const std::string age = show_age(text_at(gateway, "since"), now_);
+    const std::string age = show_age(text_at(gateway, "since"), screen.now);
     std::string line =
         fmt::format("{} {} {:>6} {} {}", pad(cut_end(text_at(gateway, "gateway"), width), width),
-                    paint(state, pad(state, 7)), count_at(gateway, "robots"), pad(age, 4),
+                    screen.paint(state, pad(state, 7)), count_at(gateway, "robots"), pad(age, 4),
                     text_at(gateway, "version"));
     line.erase(line.find_last_not_of(' ') + 1);
     out += line + "\n";
@@ -51,10 +51,10 @@ std::string Show::fleet(const json& fleet) const {
     const bool is_lost = served != robot.end() && *served == false;
     out += fmt::format("{} {} {}{}\n", pad(cut_end(text_at(robot, "robot"), id), id),
                        pad(cut_end(text_at(robot, "gateway"), width), width),
-                       show_age(text_at(robot, "since"), now_),
-                       is_lost ? " " + paint("down", "(that gateway is silent)") : "");
+                       show_age(text_at(robot, "since"), screen.now),
+                       is_lost ? " " + screen.paint("down", "(that gateway is silent)") : "");
   }
   return out;
 }
 
-}  // namespace slamgw::ctl
+}  // namespace slamgw::ctl::show

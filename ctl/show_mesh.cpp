@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// What slam-gatewayctl shows of the BLE mesh; the rest of Show is in show.cpp.
+// What slam-gatewayctl shows of the BLE mesh.
 #include <fmt/format.h>
 
 #include "ctl/show.hpp"
 #include "ctl/text.hpp"
 
-namespace slamgw::ctl {
+namespace slamgw::ctl::show {
 
 using nlohmann::json;
 
-std::string Show::devices(const json& devices) const {
+std::string devices(const json& devices) {
   if (devices.empty()) return "no new robot is in reach\n";
   std::string out = pad("UUID", 33) + "RSSI SEEN " + pad("STATE", 8) + "ROBOT\n";
   for (const json& device : devices) {
@@ -21,7 +21,7 @@ std::string Show::devices(const json& devices) const {
   return out;
 }
 
-std::string Show::nodes(const json& nodes) const {
+std::string nodes(const json& nodes, const Screen& screen) {
   if (nodes.empty()) return "no robot is in the mesh yet\n";
   std::string out =
       pad("ROBOT", 17) + pad("ADDRESS", 8) + pad("UUID", 33) + pad("STATE", 12) + "\n";
@@ -30,13 +30,13 @@ std::string Show::nodes(const json& nodes) const {
     const std::string problem = text_at(node, "problem");
     out += fmt::format("{} {} {} {}\n", pad(cut_end(text_at(node, "robot"), 16), 16),
                        pad(text_at(node, "address"), 7), pad(text_at(node, "uuid"), 32),
-                       paint(state, state));
+                       screen.paint(state, state));
     if (!problem.empty()) out += "  " + problem + "\n";
   }
   return out;
 }
 
-std::string Show::removed(const json& node) const {
+std::string removed(const json& node) {
   return fmt::format(
       "{} ({}) is out of the mesh; only this takes it in again: slam-gatewayctl ble provision {} "
       "--id {}\n",
@@ -44,17 +44,16 @@ std::string Show::removed(const json& node) const {
       text_at(node, "robot"));
 }
 
-std::string Show::exported_mesh(const json& exported) const {
+std::string exported_mesh(const json& exported) {
   const std::string file = text_at(exported, "file");
   return fmt::format(
       "{} holds the mesh's keys, for one other gateway. There: set ble_mesh.address to {}, "
-      "restart\n"
-      "slam-gateway (if it has that address already, leave it), and: slam-gatewayctl ble import "
-      "{}\n",
+      "restart\nslam-gateway (if it has that address already, leave it), and: slam-gatewayctl ble "
+      "import {}\n",
       file, text_at(exported, "address"), file);
 }
 
-std::string Show::joining_head(const json& news) const {
+std::string joining_head(const json& news) {
   const std::uint64_t seconds = count_at(news, "seconds_left");
   if (seconds == 0) return {};
   return fmt::format(
@@ -62,15 +61,16 @@ std::string Show::joining_head(const json& news) const {
       show_seconds(seconds));
 }
 
-std::string Show::joining(const json& event) const {
+std::string joining(const json& event, const Screen& screen) {
   const std::string what = text_at(event, "event");
   const std::string robot = text_at(event, "robot");
   const std::string why = text_at(event, "why");
-  return fmt::format("{} {}{}{}\n", pad(text_at(event, "uuid"), 32), paint(what, pad(what, 10)),
-                     robot.empty() ? "" : " " + robot, why.empty() ? "" : ": " + why);
+  return fmt::format("{} {}{}{}\n", pad(text_at(event, "uuid"), 32),
+                     screen.paint(what, pad(what, 10)), robot.empty() ? "" : " " + robot,
+                     why.empty() ? "" : ": " + why);
 }
 
-std::string Show::done(const json& done) const {
+std::string done(const json& done) {
   if (done.contains("nodes"))
     return fmt::format("imported: the mesh has {} robots\n", count_at(done, "nodes"));
   if (done.contains("cleared"))
@@ -83,8 +83,8 @@ std::string Show::done(const json& done) const {
     return text_at(done, "forgotten") + " is forgotten" +
            (was_known != done.end() && *was_known == true
                 ? "\n"
-                : "; it was not known here, what the broker retains of it is cleared once the "
-                  "broker is there\n");
+                : "; it was not known here; its retained presence is cleared once the broker "
+                  "is connected\n");
   }
   if (done.contains("in_force")) {
     const std::string restart = text_at(done, "needs_restart");
@@ -94,4 +94,4 @@ std::string Show::done(const json& done) const {
   return "done\n";
 }
 
-}  // namespace slamgw::ctl
+}  // namespace slamgw::ctl::show

@@ -1,33 +1,33 @@
 // SPDX-License-Identifier: Apache-2.0
-// What slam-gatewayctl shows of dead letters; the rest of Show is in show.cpp.
+// What slam-gatewayctl shows of dead letters.
 #include <fmt/format.h>
 
 #include "ctl/show.hpp"
 #include "ctl/text.hpp"
 
-namespace slamgw::ctl {
+namespace slamgw::ctl::show {
 
 using nlohmann::json;
 
-std::string Show::dead_letters_head(const json& first_page) const {
+std::string dead_letters_head(const json& first_page) {
   const std::uint64_t count = count_at(first_page, "count");
   if (count == 0) return "no dead letters\n";
   return fmt::format("{} dead letters, {}\n{:>8} {:>4} {:>6} {:>5} TOPIC: REASON\n", count,
                      show_bytes(count_at(first_page, "bytes")), "ID", "AGE", "BYTES", "TRIES");
 }
 
-std::string Show::dead_letters(const json& letters) const {
+std::string dead_letters(const json& letters, const Screen& screen) {
   std::string out;
   for (const json& letter : letters) {
     out +=
         fmt::format("{:>8} {:>4} {:>6} {:>5} {}: {}\n", count_at(letter, "id"),
-                    show_age(text_at(letter, "stored_at"), now_), count_at(letter, "bytes"),
+                    show_age(text_at(letter, "stored_at"), screen.now), count_at(letter, "bytes"),
                     count_at(letter, "tries"), text_at(letter, "topic"), text_at(letter, "reason"));
   }
   return out;
 }
 
-std::string Show::resent(const json& done) const {
+std::string resent(const json& done) {
   const std::uint64_t left = count_at(done, "left");
   std::string out = fmt::format("{} dead letters are sent again\n", count_at(done, "resent"));
   if (left > 0) {
@@ -38,4 +38,4 @@ std::string Show::resent(const json& done) const {
   return out;
 }
 
-}  // namespace slamgw::ctl
+}  // namespace slamgw::ctl::show

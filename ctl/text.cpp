@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <ctime>
 
-#include "daemon/control/wire.hpp"
+#include "daemon/core/utf8.hpp"
 
 namespace slamgw::ctl {
 namespace {
@@ -54,9 +54,9 @@ std::string text_at(const nlohmann::json& object, const char* key) {
   const auto found = object.find(key);
   if (found == object.end() || !found->is_string()) return "";
   std::string text = found->get<std::string>();
-  if (control::is_printable(text)) return text;
+  if (is_printable(text)) return text;
   for (char& c : text)
-    if (!control::is_printable(std::string_view(&c, 1))) c = '?';
+    if (!is_printable(std::string_view(&c, 1))) c = '?';
   return text;
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Pieces of text for Show: safe, measured in columns, and in units that people read.
+// Pieces of text for show.hpp: safe, measured in columns, and in units that people read.
 #pragma once
 
 #include <chrono>

@@ -3,14 +3,13 @@
 #include <systemd/sd-daemon.h>
 
 #include <CLI/CLI.hpp>
-#include <cstdio>
 #include <exception>
 #include <iostream>
 #include <string_view>
 
 #include "daemon/app/app.hpp"
 #include "daemon/config/default_config.hpp"
-#include "daemon/config/load.hpp"
+#include "daemon/config/io/load.hpp"
 #include "daemon/observability/log.hpp"
 
 namespace {

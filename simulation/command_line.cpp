@@ -163,6 +163,10 @@ void add_ble(CLI::App& app, BleOptions& options, BleTexts& texts) {
                  "How much better or worse than usual each board hears (RSSI)")
       ->check(CLI::Range(-60, 60))
       ->delimiter(',');
+  app.add_option("--board-fade", options.board_fade_s,
+                 "Each board fades out and in once in so many seconds (0: never)")
+      ->check(CLI::Range(0.0, 3600.0))
+      ->delimiter(',');
   add_common(app, options.common);
   app.add_option("--hops", options.hops, "Radio hops between each robot and the board")
       ->check(CLI::Range(1U, 126U))

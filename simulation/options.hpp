@@ -11,7 +11,6 @@
 #include <vector>
 
 #include "simulation/ble/firmware.hpp"
-#include "simulation/ble/on_busy.hpp"
 #include "simulation/bytes.hpp"
 #include "simulation/robot_body.hpp"
 #include "simulation/time.hpp"
@@ -89,6 +88,7 @@ struct BleOptions {
   std::vector<std::string> ttys{""};  ///< of each board; all hear the same robots
   std::vector<double> board_loss;     ///< of each board's messages, both ways; besides `loss`
   std::vector<int> board_level_db;    ///< how much better or worse than usual each board hears
+  std::vector<double> board_fade_s;   ///< each board fades out and in once in that time; 0: never
   const ble::Firmware* firmware = &ble::firmware_3_1_0;  ///< of board and robots
   unsigned hops = 1;
   bool is_acknowledged = false;

@@ -3,8 +3,6 @@
 
 #include <fmt/format.h>
 
-#include "adapters/ble_mesh_usb_cdc/provisioning/address_plan.hpp"
-
 namespace slamgw::ble {
 namespace {
 
@@ -142,8 +140,7 @@ Robot* BleMesh::hear(std::uint16_t source, const MessageReceived* message, TimeP
   if (robot == nullptr) return nullptr;
   if (gate_.is_shared()) {
     HeardRobot heard{robot->id, {}};
-    if (message != nullptr)
-      heard.radio = RadioFacts{message->rssi_dbm, robot->hops(message->ttl), message->ttl};
+    if (message != nullptr) heard.radio = robot->radio_facts(*message);
     actions_.push(std::move(heard));
   }
   provisioner_.on_heard(robot->address, now);

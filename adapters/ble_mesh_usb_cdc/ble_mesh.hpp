@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The BLE mesh behind a serial board. Its parts do the work: BoardLink (the board), Provisioner
-// (who joins and is configured), Robots (who is there), Uplink and Downlink (what robots say and
-// are told). This class carries between them; no I/O, no clock. Called by BleMeshAdapter, which
-// drains its actions after each input.
+// (who joins and is configured), Robots (who is there), Uplink (robots' messages) and Downlink
+// (commands to them). This class carries between them; no I/O, no clock. Called by BleMeshAdapter,
+// which drains its actions after each input.
 #pragma once
 
 #include <optional>
@@ -34,8 +34,8 @@ class BleMesh {
   void on_stored(const std::string& problem, TimePoint now);
   /// `id` comes back in OrderEnded.
   void on_order(std::uint64_t id, const BleOrder& order, TimePoint now);
-  /// `robots` of the configuration was read again. A renamed robot goes under its old name and
-  /// comes under the new one; what is owed to it stays owed.
+  /// `robots` of the configuration was read again. A renamed robot goes offline under its old name
+  /// and comes online under the new one; its open receipts stay open.
   void on_names(RobotNames names, TimePoint now);
 
   void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now);
@@ -46,14 +46,13 @@ class BleMesh {
   void ask_who_serves(ServiceGate::MayServe may_serve) { gate_.ask(std::move(may_serve)); }
   /// Other gateways have boards in this mesh.
   bool is_shared() const { return gate_.is_shared(); }
-  bool is_link_up() const { return link_.is_up(); }
   /// In such a mesh: this gateway, or another one, serves the robot from now on.
   void on_taken_over(const std::string& robot, TimePoint now);
   void on_given_up(const std::string& robot, TimePoint now);
-  /// Whether every MeshStep is told, or only repeats.
+  /// Whether every MeshStep is reported, or only repeats.
   void on_trace(bool is_on) { is_traced_ = is_on; }
-  /// The daemon ends: no command is taken or waited for any more. What robots were promised to hear
-  /// is still sent.
+  /// The daemon ends: no command is accepted or waited for any more. Acknowledgements of robots'
+  /// messages are still sent.
   void on_stop(TimePoint now);
 
   std::optional<MeshAction> next_action() { return actions_.pop(); }
@@ -77,7 +76,7 @@ class BleMesh {
   void on_send_refused(const SendRefused& refused, TimePoint now);
   void on_message(const MessageReceived& message, TimePoint now);
   /// The robot that this came from, which is online now; null when there is no room for it, or
-  /// when it is another gateway's to deal with.
+  /// when another gateway serves it.
   Robot* hear(std::uint16_t source, const MessageReceived* message, TimePoint now);
   void on_stranger(std::uint16_t source, TimePoint now);
   void emit(MeshEvent event) { actions_.push(std::move(event)); }

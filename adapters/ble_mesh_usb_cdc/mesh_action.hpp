@@ -28,7 +28,7 @@ struct GenerateKeys {};
 struct StoreMesh {
   NodeDatabase database;
 };
-/// BleMesh::open_commands() may be other ones than before; keep them over a crash.
+/// BleMesh::open_commands() may have changed; write them down, they must survive a crash.
 struct CommandsChanged {};
 /// The board has heard a robot of a mesh that other gateways' boards hear, too.
 struct HeardRobot {

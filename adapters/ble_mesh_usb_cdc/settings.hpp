@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the configuration says about BLE Mesh (`ble_mesh.*`, `presence.*`); defaults are the
-// contract's.
+// What the configuration says about BLE Mesh (`ble_mesh.*`, `presence.*`); defaults as in
+// config/gateway.json.
 #pragma once
 
 #include <chrono>

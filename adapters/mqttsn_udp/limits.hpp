@@ -17,11 +17,11 @@ constexpr std::size_t max_subscriptions_per_client = 128;
 /// Types that one robot may register below its own name: each takes an id of every client that
 /// listens to all robots. The thesis's robots have three.
 constexpr std::size_t max_types_per_robot = 128;
-/// Memory for the names of all clients together, and what each may have in any case (about 20
-/// topics): 10 000 clients stay far below the service's 512 MiB.
+/// Memory for the names of all clients together, and what each may have in any case (a robot's two
+/// subscriptions and some 15 topics): 10 000 clients stay far below the service's 512 MiB.
 constexpr std::size_t name_octets_together = 128U * 1024 * 1024;
 constexpr std::size_t name_octets_for_each = 4096;
-/// Levels of a filter, so that one datagram can't make a thousand tree nodes.
+/// Levels of a filter: a node each in two trees (NameBudget::of_filter).
 constexpr std::size_t max_filter_levels = 64;
 /// SUBSCRIBEs for one filter that the broker has not answered: a whole fleet, twice.
 constexpr std::size_t max_open_per_filter = 20000;
@@ -70,17 +70,17 @@ constexpr std::chrono::seconds max_supervision{3600};
 /// Retained messages of a new subscription come right behind the broker's SUBACK.
 constexpr std::chrono::seconds retained_wait{10};
 constexpr std::size_t max_retained_per_wait = 1024;
-/// Promise 6 of the contract gives 30 s; a second of them is for the way to the broker.
+/// Promise 6 of docs/topics.md gives 30 s; a second of them is for the way to the broker.
 constexpr std::chrono::seconds command_patience{29};
 constexpr std::size_t max_tracked_commands = 65536;
-/// Clients whose refusals were told to the operator and are not told again, and how many of such
-/// lines are written at most: a burst, then so many a second.
-constexpr std::size_t max_told_refusals = 4096;
-/// Octets of a refused client id that are told.
-constexpr std::size_t max_told_id = 64;
+/// Clients whose refusals were logged and are not logged again, and how many of such lines are
+/// written at most: a burst, then so many a second.
+constexpr std::size_t max_logged_refusals = 4096;
+/// Octets of a refused client id in the log.
+constexpr std::size_t max_logged_id_octets = 64;
 constexpr unsigned refusal_lines_burst = 100;
 constexpr unsigned refusal_lines_per_second = 1;
-/// The core is told of one sign of life of a client in so much time.
+/// One sign of life of each client is reported to the core in so much time.
 constexpr std::chrono::seconds sign_of_life_interval{1};
 /// Addresses that have shown that they receive; an IPv6 one takes about 60 octets here.
 constexpr std::size_t max_validated_addresses = 65536;

@@ -1,23 +1,39 @@
 // SPDX-License-Identifier: Apache-2.0
-// The ways out of the machine: datagrams, as many octets as an address may be sent, and events.
-// Decides nothing about the protocol.
+// All that leaves the machine: datagrams, as many octets as an address may be sent, events, counts,
+// and which sessions are to be saved. Decides nothing about the protocol.
 #pragma once
 
-#include "adapters/mqttsn_udp/actions.hpp"
+#include <variant>
+
 #include "adapters/mqttsn_udp/clients/address_validation.hpp"
+#include "adapters/mqttsn_udp/clients/changed_sessions.hpp"
 #include "adapters/mqttsn_udp/clients/client_session.hpp"
+#include "adapters/mqttsn_udp/protocol/endpoint.hpp"
 #include "adapters/mqttsn_udp/protocol/packet.hpp"
 #include "adapters/mqttsn_udp/tally.hpp"
+#include "daemon/core/bytes.hpp"
+#include "daemon/core/messages.hpp"
 #include "daemon/core/protocol_machine.hpp"
 
 namespace slamgw::mqttsn {
 
+struct SendDatagram {
+  LocalAddress from;
+  Endpoint to;
+  Bytes bytes;
+};
+/// To the configured multicast group.
+struct SendMulticast {
+  Bytes bytes;
+  std::uint32_t interface = 0;  ///< index; 0: on every interface
+};
+
+using Action = std::variant<SendDatagram, SendMulticast, MeshEvent>;
+
 class Output {
  public:
-  explicit Output(Tally& tally) : tally_(tally) {}
-
   AddressValidation validation;
-  bool is_traced = false;  ///< every MeshStep is told, or only repeats
+  bool is_traced = false;  ///< every MeshStep is reported, or only repeats
 
   bool is_validated(const ClientSession& session) const;
   /// Whether a message of `octets` (with the 1-octet Length) may go to this client now.
@@ -34,12 +50,21 @@ class Output {
   /// On every interface, or on the one with this index.
   void send_multicast(const Packet& packet, std::uint32_t interface = 0);
   void emit(MeshEvent event) { actions_.push(std::move(event)); }
+  void count(Count what) { tally_.count(what); }
+  /// Something in the session that must survive a restart has changed.
+  void mark_changed(const ClientSession& session) { changed_.mark(session); }
+
   std::optional<Action> next_action() { return actions_.pop(); }
+  Counters counters() const { return tally_.counters(); }
+  bool has_changed() const { return changed_.has_any(); }
+  /// Client ids of at most `max` changed sessions; they are not marked any more.
+  std::vector<std::string> take_changed(std::size_t max) { return changed_.take(max); }
 
  private:
   static std::size_t overhead(const ClientSession& session, std::size_t octets);
 
-  Tally& tally_;
+  Tally tally_;
+  ChangedSessions changed_;
   ActionQueue<Action> actions_;
 };
 

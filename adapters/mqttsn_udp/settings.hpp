@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the configuration says about MQTT-SN (`mqttsn.*`); defaults are the contract's.
+// What the configuration says about MQTT-SN (`mqttsn.*`); defaults as in config/gateway.json.
 #pragma once
 
 #include <chrono>

@@ -39,42 +39,39 @@ SnGateway::SnGateway(Settings settings, TopicPolicy policy, RobotNames names, Ra
     : settings_(std::move(settings)),
       rules_{std::move(policy), std::move(names), PredefinedTopics(settings_.predefined_topics)},
       clients_(settings_.max_clients),
-      output_(tally_),
-      refusals_(output_, tally_),
-      answers_(output_),
-      subscriptions_(settings_, rules_, clients_, output_, changed_, tally_, answers_, refusals_),
-      commands_(rules_, clients_, output_, changed_),
-      downlink_(settings_, rules_, output_, changed_, tally_, subscriptions_, commands_,
-                std::move(random)),
+      refusals_(output_),
+      answers_(settings_, output_),
+      subscriptions_(rules_, broker_up_since_, clients_, output_, answers_, refusals_),
+      commands_(rules_, clients_, output_),
+      downlink_(settings_, rules_, output_, subscriptions_, commands_, std::move(random)),
       fan_out_(subscriptions_, commands_),
-      uplink_(settings_, rules_, clients_, output_, changed_, tally_, refusals_),
-      registration_(settings_, rules_, changed_, answers_, uplink_, refusals_),
-      wills_(rules_, output_, changed_, refusals_),
-      lifecycle_(settings_, clients_, output_, changed_, tally_, subscriptions_, downlink_, uplink_,
-                 wills_),
-      sleep_(settings_, clients_, output_, changed_, downlink_, lifecycle_),
+      uplink_(settings_, rules_, clients_, output_, refusals_),
+      registration_(rules_, output_, answers_, uplink_, refusals_),
+      wills_(rules_, output_, refusals_),
+      lifecycle_(settings_, clients_, output_, subscriptions_, downlink_, uplink_, wills_),
+      sleep_(settings_, clients_, output_, downlink_, lifecycle_),
       supervision_(settings_, clients_, commands_, downlink_, lifecycle_, sleep_),
       roaming_(rules_, clients_, output_, lifecycle_),
-      connecting_(settings_, rules_, clients_, output_, changed_, tally_, lifecycle_, downlink_,
-                  wills_, refusals_, guard_),
-      renaming_(rules_, clients_, output_, changed_, subscriptions_, lifecycle_, connecting_),
+      connecting_(settings_, rules_, clients_, output_, lifecycle_, downlink_, wills_, refusals_,
+                  guard_),
+      renaming_(rules_, clients_, output_, subscriptions_, lifecycle_, connecting_),
       restoring_(rules_, clients_, output_, subscriptions_, commands_, downlink_, lifecycle_,
                  connecting_, supervision_),
-      discovery_(settings_, clients_, output_, tally_, guard_) {}
+      discovery_(settings_, broker_up_since_, clients_, output_, guard_) {}
 
 void SnGateway::on_datagram(const Endpoint& from, const LocalAddress& to, ByteView bytes,
                             TimePoint now) {
   supervision_.expire_commands(now);
-  tally_.count(Count::datagrams_in);
+  output_.count(Count::datagrams_in);
   output_.validation.on_received(from.address, bytes.size());
   if (bytes.size() > limits::max_datagram_octets) {
-    tally_.count(Count::oversized);
+    output_.count(Count::oversized);
     return on_malformed(from, now);
   }
   Peer peer{from, {}};
   std::uint8_t radius = 0;
   if (is_encapsulated(bytes)) {
-    if (!settings_.forwarders) return tally_.count(Count::unexpected);
+    if (!settings_.forwarders) return output_.count(Count::unexpected);
     auto outer = decode_encapsulation(bytes);
     if (!outer) return on_malformed(from, now);
     peer.node_id = std::move(outer->node_id);
@@ -91,7 +88,7 @@ void SnGateway::on_datagram(const Endpoint& from, const LocalAddress& to, ByteVi
 }
 
 void SnGateway::receive(const Arrival& arrival, Packet packet) {
-  if (is_for_clients(packet)) return tally_.count(Count::unexpected);
+  if (is_for_clients(packet)) return output_.count(Count::unexpected);
   renew_local(arrival);
   if (const auto* connect = std::get_if<Connect>(&packet)) {
     if (roaming_.takes(arrival.peer, arrival.local, *connect, arrival.fingerprint, arrival.now))
@@ -119,7 +116,7 @@ void SnGateway::renew_local(const Arrival& arrival) {
   ClientSession* session = clients_.find(arrival.peer);
   if (!session || session->local == arrival.local) return;
   session->local = arrival.local;
-  changed_.mark(*session);
+  output_.mark_changed(*session);
 }
 
 /// A handshake may have made it active.
@@ -148,7 +145,7 @@ void SnGateway::receive_from_client(const Arrival& arrival, Packet packet) {
   if (const auto* will = std::get_if<WillMsg>(&packet))
     return connecting_.on_late_willmsg(*session, *will, arrival.now);
   if (std::holds_alternative<WillTopic>(packet))  // of a handshake that is over
-    return tally_.count(Count::unexpected);
+    return output_.count(Count::unexpected);
   lifecycle_.on_heard(*session, arrival.now);
   handle(*session, packet, arrival.now);
   supervision_.advance(*session, arrival.now);
@@ -212,7 +209,7 @@ ClientSession* SnGateway::pinging_session(const Arrival& arrival, const Pingreq&
 void SnGateway::receive_disconnect(const Arrival& arrival, const Disconnect& disconnect) {
   ClientSession* session = clients_.find(arrival.peer);
   if (!session || !session->is_connected()) {
-    if (!guard_.may_answer(arrival.peer, arrival.now)) return tally_.count(Count::unanswered);
+    if (!guard_.may_answer(arrival.peer, arrival.now)) return output_.count(Count::unanswered);
     return output_.send(arrival.peer, arrival.local, Disconnect{});  // R40, R131
   }
   lifecycle_.on_heard(*session, arrival.now);
@@ -224,14 +221,14 @@ void SnGateway::receive_disconnect(const Arrival& arrival, const Disconnect& dis
 }
 
 void SnGateway::on_stranger(const Arrival& arrival, bool is_answered) {
-  tally_.count(Count::strangers);
+  output_.count(Count::strangers);
   if (!is_answered || !settings_.disconnect_unknown) return;
-  if (!guard_.may_answer(arrival.peer, arrival.now)) return tally_.count(Count::unanswered);
+  if (!guard_.may_answer(arrival.peer, arrival.now)) return output_.count(Count::unanswered);
   output_.send(arrival.peer, arrival.local, Disconnect{});
 }
 
 void SnGateway::on_malformed(const Endpoint& from, TimePoint now) {
-  tally_.count(Count::malformed);
+  output_.count(Count::malformed);
   if (const auto times = malformed_.on_event(now)) {
     output_.emit(Notice{Severity::notice,
                         fmt::format("{} datagrams that are no MQTT-SN 1.2 were dropped, the last "
@@ -261,8 +258,14 @@ void SnGateway::on_subscribe_result(const std::string& filter, bool granted, Tim
 }
 
 void SnGateway::on_broker_link(bool is_up, TimePoint now) {
-  subscriptions_.on_broker_link(is_up, now);
-  discovery_.on_broker_link(is_up, now);
+  if (is_up == broker_up_since_.has_value()) return;
+  if (!is_up) {
+    broker_up_since_.reset();
+    return discovery_.on_broker_down();
+  }
+  broker_up_since_ = now;
+  subscriptions_.on_broker_up(now);
+  discovery_.on_broker_up(now);
 }
 
 void SnGateway::on_deadline(TimePoint now) {
@@ -308,7 +311,7 @@ void SnGateway::on_stop(TimePoint now) {
 }
 
 void SnGateway::set_all_dirty() {
-  for (const auto& [id, session] : clients_.all()) changed_.mark(*session);
+  for (const auto& [id, session] : clients_.all()) output_.mark_changed(*session);
 }
 
 void SnGateway::connect(const Roaming::WaitingConnect& waited, TimePoint now) {
@@ -317,7 +320,7 @@ void SnGateway::connect(const Roaming::WaitingConnect& waited, TimePoint now) {
 }
 
 /// What another gateway says of a session is no more than the client itself could have said here.
-/// Commands do not roam: the gateway that had them has told what they came to.
+/// Commands do not roam: the gateway that had them has reported their outcomes.
 void SnGateway::keep_what_may_roam(SessionSnapshot& session) const {
   session.peer.reset();
   session.state = ClientState::disconnected;

@@ -47,15 +47,13 @@ class SnGateway {
   /// subscriptions that are not allowed any more end.
   void reconfigure(TopicPolicy policy, RobotNames names, TimePoint now);
 
-  Counters counters() const { return tally_.counters(); }
-  /// For status; looks at every client.
-  ClientCounts client_counts() const { return clients_.counts(); }
+  Counters counters() const { return output_.counters(); }
   /// Nothing when no client has this name.
   std::optional<Presence> presence_of(const std::string& robot) const;
   /// Messages waiting for this robot, the one in flight included.
   std::size_t queued_for(const std::string& robot) const;
 
-  /// Whether every MeshStep is told, or only repeats.
+  /// Whether every MeshStep is reported, or only repeats.
   void on_trace(bool is_on) { output_.is_traced = is_on; }
   /// Asked for each CONNECT that takes up a session which is not here.
   void ask_where_served(Roaming::ServedElsewhere ask) { roaming_.ask(std::move(ask)); }
@@ -70,8 +68,8 @@ class SnGateway {
   void on_stop(TimePoint now);
 
   /// The clients whose sessions have changed or ended and were not taken yet, at most `max`.
-  std::vector<std::string> take_dirty(std::size_t max) { return changed_.take(max); }
-  bool has_dirty() const { return changed_.has_any(); }
+  std::vector<std::string> take_dirty(std::size_t max) { return output_.take_changed(max); }
+  bool has_dirty() const { return output_.has_changed(); }
   /// All sessions are to be taken again, for what changes too often to be marked each time (the
   /// window of R76).
   void set_all_dirty();
@@ -109,9 +107,8 @@ class SnGateway {
 
   const Settings settings_;
   NameRules rules_;
+  std::optional<TimePoint> broker_up_since_;  ///< nothing while the broker is away
   ClientTable clients_;
-  ChangedSessions changed_;
-  Tally tally_;
   Output output_;
   Refusals refusals_;
   Answers answers_;

@@ -44,7 +44,6 @@ enum class Count : std::uint8_t {
 class Tally {
  public:
   void count(Count what) { ++values_[static_cast<std::size_t>(what)]; }
-  std::uint64_t value(Count what) const { return values_[static_cast<std::size_t>(what)]; }
   Counters counters() const;
 
  private:

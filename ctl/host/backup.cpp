@@ -11,7 +11,6 @@
 #include <chrono>
 #include <cstring>
 #include <fstream>
-#include <iterator>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <sstream>
@@ -20,7 +19,7 @@
 #include "ctl/host/archive_file.hpp"
 #include "ctl/host/program.hpp"
 #include "ctl/host/work_directory.hpp"
-#include "daemon/config/service_rights.hpp"
+#include "daemon/config/io/service_rights.hpp"
 
 namespace slamgw::ctl {
 namespace {
@@ -124,8 +123,7 @@ std::string words_on_new_name(const Manifest& manifest) {
   return fmt::format(
       "This gateway is called '{}' here, after its host; in the backup it was '{}'. To keep that "
       "name, write\n  {{\"gateway\": {{\"id\": \"{}\"}}}}\ninto {} and type: sudo systemctl "
-      "restart "
-      "slam-gateway\n",
+      "restart slam-gateway\n",
       now, manifest.gateway, manifest.gateway,
       (fs::path(manifest.configuration).replace_extension(".d") / "id.json").string());
 }
@@ -185,13 +183,14 @@ std::string restore(const Installation& installation, const std::string& file) {
   const WorkDirectory unpacked;  // whole before anything here is touched
   run_or_fail({"tar", "-xzpf", file, "-C", unpacked.path().string(), "--exclude", manifest_name});
   const std::string suffix = time_suffix();
-  std::string told;
+  std::string report;
   {
     const ServicePause pause(installation);
     fs::create_directories(manifest.state);
     for (const fs::path& directory : {installation.etc(), manifest.state})
       if (const auto aside = move_content_aside(directory, suffix))
-        told += fmt::format("What was in {} is in {} now.\n", directory.string(), aside->string());
+        report +=
+            fmt::format("What was in {} is in {} now.\n", directory.string(), aside->string());
     put_in_place(unpacked.path(), installation.etc());
     put_in_place(unpacked.path(), manifest.state);
     for (const fs::path& path : manifest.elsewhere) put_in_place(unpacked.path(), path);
@@ -199,7 +198,7 @@ std::string restore(const Installation& installation, const std::string& file) {
     if (installation.is_service()) give_to_service(manifest.state);
   }
   if (installation.is_service()) run_program({"systemctl", "start", "--no-block", service_unit});
-  return told + words_on_new_name(manifest) +
+  return report + words_on_new_name(manifest) +
          "Restored; the service starts now. Look at: sudo slam-gatewayctl doctor\n";
 }
 

@@ -315,51 +315,47 @@ std::vector<Finding> examine_robot(const std::string& robot, const RobotFacts& f
   const auto& named = configuration.config.robots;
   const auto configured = std::find_if(named.begin(), named.end(),
                                        [&](const RobotName& name) { return name.id == robot; });
+  const std::string journal = "journalctl -u slam-gateway ROBOT_ID=" + robot;
   std::vector<Finding> findings;
+  const auto add = [&](const char* step, Health health, std::string detail,
+                       std::string remedy = {}) {
+    findings.push_back({step, health, std::move(detail), std::move(remedy)});
+  };
   if (configured != named.end())
-    findings.push_back({"configuration", Health::well, "is " + addresses_of(*configured), {}});
+    add("configuration", Health::well, "is " + addresses_of(*configured));
   if (const json* node = row_of(facts.nodes, "robot", robot))
     findings.push_back(node_finding(*node));
-  if (!facts.refusal.empty())
-    findings.push_back({"refused", Health::warning, facts.refusal,
-                        "journalctl -u slam-gateway ROBOT_ID=" + robot});
+  if (!facts.refusal.empty()) add("refused", Health::warning, facts.refusal, journal);
   const json* const row = row_of(facts.robots, "id", robot);
   const json* const elsewhere = row_of(facts.fleet_robots, "robot", robot);
   if (row == nullptr && elsewhere != nullptr) {
-    findings.push_back({"fleet", Health::well,
-                        "is served by gateway " + text_at(*elsewhere, "gateway"),
-                        fmt::format("on that gateway's host: slam-gatewayctl doctor {}", robot)});
+    add("fleet", Health::well, "is served by gateway " + text_at(*elsewhere, "gateway"),
+        "on that gateway's host: slam-gatewayctl doctor " + robot);
     return findings;
   }
   if (row == nullptr) {
-    findings.push_back(
-        {"heard", Health::problem,
-         fmt::format("no robot '{}' was heard since the daemon started, on either mesh", robot),
-         configured == named.end()
-             ? "slam-gatewayctl robots lists who was; a robot's id is its MQTT-SN client id, "
-               "ble-<address>, or what `robots` in the configuration says"
-             : "is it switched on, in reach, provisioned (slam-gatewayctl ble nodes), and is its "
-               "address or client id as above?"});
+    add("heard", Health::problem,
+        fmt::format("no robot '{}' was heard since the daemon started, on either mesh", robot),
+        configured == named.end()
+            ? "slam-gatewayctl robots lists who was; a robot's id is its MQTT-SN client id, "
+              "ble-<address>, or what `robots` in the configuration says"
+            : "is it switched on, in reach, provisioned (slam-gatewayctl ble nodes), and is its "
+              "address or client id as above?");
     return findings;
   }
   const std::string state = text_at(*row, "state");
   const std::string why = text_at(*row, "why");
-  const std::string said = text_at(*row, "last_type");
-  findings.push_back({"heard",
-                      Health::well,
-                      fmt::format("last at {} on {} from {}{}", text_at(*row, "last_seen"),
-                                  text_at(*row, "mesh"), text_at(*row, "address"),
-                                  said.empty() ? "" : "; its last message was of type " + said),
-                      {}});
-  findings.push_back({"state", state == "offline" ? Health::problem : Health::well,
-                      state + " since " + text_at(*row, "since") + (why.empty() ? "" : ": " + why),
-                      state == "offline" ? "journalctl -u slam-gateway ROBOT_ID=" + robot : ""});
-  findings.push_back(
-      {"traffic",
-       Health::well,
-       fmt::format("{} messages up, {} commands down, {} wait for it", count_at(*row, "messages"),
-                   count_at(*row, "commands"), count_at(*row, "queue")),
-       {}});
+  const std::string type = text_at(*row, "last_type");
+  add("heard", Health::well,
+      fmt::format("last at {} on {} from {}{}", text_at(*row, "last_seen"), text_at(*row, "mesh"),
+                  text_at(*row, "address"),
+                  type.empty() ? "" : "; its last message was of type " + type));
+  add("state", state == "offline" ? Health::problem : Health::well,
+      state + " since " + text_at(*row, "since") + (why.empty() ? "" : ": " + why),
+      state == "offline" ? journal : "");
+  add("traffic", Health::well,
+      fmt::format("{} messages up, {} commands down, {} wait for it", count_at(*row, "messages"),
+                  count_at(*row, "commands"), count_at(*row, "queue")));
   return findings;
 }
 

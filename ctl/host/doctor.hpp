@@ -38,8 +38,9 @@ struct HostFacts {
   nlohmann::json fleet;        ///< the daemon's answer to `fleet`; null when there is none
   std::string own_version;
   std::vector<InterfaceFacts> interfaces;
-  std::optional<bool> is_search_answered;   ///< a SEARCHGW of our own; nothing: not tried
-  std::optional<std::uint16_t> taken_port;  ///< of mqttsn.listen; looked at when it does not run
+  std::optional<bool> is_search_answered;  ///< a SEARCHGW of our own; nothing: not tried
+  /// Of mqttsn.listen, by another program; looked at when the daemon does not run.
+  std::optional<std::uint16_t> taken_port;
   std::optional<bool> is_clock_synchronised;
   std::optional<std::uint64_t> state_free_bytes;  ///< where store.directory lies
 };

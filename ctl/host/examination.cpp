@@ -4,21 +4,22 @@
 #include <arpa/inet.h>
 #include <ifaddrs.h>
 #include <net/if.h>
+#include <netdb.h>
 #include <netinet/in.h>
 #include <sys/socket.h>
 #include <sys/time.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <charconv>
 #include <chrono>
-#include <cstring>
 #include <fstream>
 #include <map>
+#include <span>
 #include <sstream>
 
-#include "ctl/connection.hpp"
 #include "ctl/host/program.hpp"
 #include "ctl/text.hpp"
 #include "daemon/core/time.hpp"
@@ -28,7 +29,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::chrono::seconds answer_patience{10};
 constexpr int search_attempts = 3;
 constexpr std::array<std::uint8_t, 3> searchgw{0x03, 0x01, 0x00};  // MQTT-SN 1.2 section 5.4.2
 constexpr std::uint8_t gwinfo_type = 0x02;
@@ -134,24 +134,46 @@ std::optional<bool> search(const mqttsn::Settings& settings) {
   return is_answered;
 }
 
-/// The first port of `mqttsn.listen` that nobody can bind now.
-std::optional<std::uint16_t> taken_port(const mqttsn::Settings& settings) {
-  for (const std::string& listen : settings.listen) {
-    std::uint16_t port = 0;
-    const std::size_t digits = listen.rfind(':') + 1;
-    std::from_chars(listen.data() + digits, listen.data() + listen.size(), port);
-    sockaddr_in6 address{};
-    address.sin6_family = AF_INET6;
-    address.sin6_port = htons(port);
-    const int udp = socket(AF_INET6, SOCK_DGRAM | SOCK_CLOEXEC, 0);
-    if (udp < 0) return std::nullopt;
-    const bool is_taken =
-        bind(udp, reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0 &&
-        errno == EADDRINUSE;
-    close(udp);
-    if (is_taken) return port;
+/// An entry of `mqttsn.listen`, ADDRESS:PORT or [ADDRESS]:PORT, can't be bound because something
+/// else is bound there.
+bool is_taken(std::string address, const std::string& port) {
+  if (address.starts_with('[') && address.ends_with(']'))
+    address = address.substr(1, address.size() - 2);
+  addrinfo hints{};
+  hints.ai_flags = AI_NUMERICHOST | AI_NUMERICSERV;
+  hints.ai_socktype = SOCK_DGRAM;
+  addrinfo* found = nullptr;
+  if (getaddrinfo(address.c_str(), port.c_str(), &hints, &found) != 0) return false;
+  const int udp = socket(found->ai_family, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  const bool is_taken =
+      udp >= 0 && bind(udp, found->ai_addr, found->ai_addrlen) != 0 && errno == EADDRINUSE;
+  if (udp >= 0) close(udp);
+  freeaddrinfo(found);
+  return is_taken;
+}
+
+/// The first port of these entries of `mqttsn.listen` that another program has.
+std::optional<std::uint16_t> taken_port(std::span<const std::string> entries) {
+  for (const std::string& listen : entries) {
+    const std::size_t colon = listen.rfind(':');
+    const std::string port = listen.substr(colon + 1);
+    if (!is_taken(listen.substr(0, colon), port)) continue;
+    std::uint16_t number = 0;
+    std::from_chars(port.data(), port.data() + port.size(), number);
+    return number;
   }
   return std::nullopt;
+}
+
+/// Between two starts of the service, systemd keeps so many of its UDP sockets open
+/// (FileDescriptorStoreMax=): those of the first entries of `mqttsn.listen`.
+std::size_t count_kept_sockets() {
+  const ProgramResult shown =
+      run_program({"systemctl", "show", "-P", "NFileDescriptorStore", service_unit});
+  std::size_t count = 0;
+  if (shown.status == 0)
+    std::from_chars(shown.output.data(), shown.output.data() + shown.output.size(), count);
+  return count;
 }
 
 /// The first of the journal's entries as JSON, as `time: text`; empty when there is none.
@@ -160,9 +182,9 @@ std::string dated_line(const std::string& text) {
   const std::string digits = text_at(entry, "__REALTIME_TIMESTAMP");  // microseconds
   std::int64_t microseconds = 0;
   std::from_chars(digits.data(), digits.data() + digits.size(), microseconds);
-  const std::string said = text_at(entry, "MESSAGE");
-  if (said.empty()) return {};
-  return to_iso8601(WallTime(std::chrono::microseconds(microseconds))) + ": " + said;
+  const std::string message = text_at(entry, "MESSAGE");
+  if (message.empty()) return {};
+  return to_iso8601(WallTime(std::chrono::microseconds(microseconds))) + ": " + message;
 }
 
 std::optional<bool> clock_state() {
@@ -190,10 +212,13 @@ HostFacts gather_facts(const Installation& installation, const std::string& sock
   }
   facts.interfaces = read_interfaces();
   const mqttsn::Settings& mqttsn = installation.parsed().config.mqttsn;
-  if (facts.is_running)
+  if (facts.is_running) {
     facts.is_search_answered = search(mqttsn);
-  else if (mqttsn.enabled)
-    facts.taken_port = taken_port(mqttsn);
+  } else if (mqttsn.enabled) {
+    const std::size_t kept = installation.is_service() ? count_kept_sockets() : 0;
+    const std::span<const std::string> entries(mqttsn.listen);
+    facts.taken_port = taken_port(entries.subspan(std::min(kept, entries.size())));
+  }
   facts.is_clock_synchronised = clock_state();
   std::error_code error;
   const fs::space_info space = fs::space(installation.state(), error);

@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "ctl/host/program.hpp"
-#include "daemon/config/load.hpp"
+#include "daemon/config/io/load.hpp"
 
 namespace slamgw::ctl {
 

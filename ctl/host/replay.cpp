@@ -6,7 +6,6 @@
 #include <boost/asio/executor_work_guard.hpp>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/steady_timer.hpp>
-#include <cmath>
 #include <optional>
 #include <utility>
 
@@ -18,7 +17,7 @@ namespace {
 
 /// Under way to the broker at once; more wait here, and what comes late is published at once.
 constexpr std::uint64_t max_under_way = 16;
-/// Nobody misses a replay that broke off.
+/// No last will: a replay that breaks off needs none.
 const LastWill no_will{};
 
 class Replay final : private UpstreamListener {

@@ -14,16 +14,13 @@
 #include "ctl/host/archive_file.hpp"
 #include "ctl/host/program.hpp"
 #include "ctl/host/work_directory.hpp"
-#include "daemon/config/load.hpp"
-#include "daemon/control/wire.hpp"
+#include "daemon/config/io/load.hpp"
 
 namespace slamgw::ctl {
 namespace {
 
 namespace fs = std::filesystem;
 using nlohmann::ordered_json;
-
-constexpr std::chrono::seconds answer_patience{10};
 
 /// A text file of the report, and the program whose output it is.
 struct Source {
@@ -43,16 +40,13 @@ const std::vector<Source>& sources() {
         "--no-pager"}},
       {"kernel.txt",
        {"sh", "-c",
-        "dmesg --time-format iso 2>&1 | grep -iE 'usb|tty|802154|6lowpan|wpan|"
-        "oom|mmc|I/O error' | tail -n 300"}},
+        "dmesg --time-format iso 2>&1 | "
+        "grep -iE 'usb|tty|802154|6lowpan|wpan|oom|mmc|I/O error' | tail -n 300"}},
       {"boards.txt",
-       {"sh", "-c",
-        "ls -l /dev/ttyACM* /dev/ttyUSB* /dev/serial/by-id "
-        "/dev/slam-gateway; lsusb"}},
+       {"sh", "-c", "ls -l /dev/ttyACM* /dev/ttyUSB* /dev/serial/by-id /dev/slam-gateway; lsusb"}},
       {"network.txt",
        {"sh", "-c",
-        "ip -br address; ip -br link; ip maddress; ss -lunp; sysctl "
-        "net.core.rmem_max"}},
+        "ip -br address; ip -br link; ip maddress; ss -lunp; sysctl net.core.rmem_max"}},
       {"disk.txt",
        {"sh", "-c",
         "df -h / /var/lib/slam-gateway; ls -l /etc/slam-gateway "
@@ -70,11 +64,11 @@ bool is_secret(std::string key) {
   return key == "pass" || key == "key";
 }
 
-void hide_secrets(ordered_json& json) {
-  for (auto& [key, value] : json.items()) {
+void hide_secrets(ordered_json& document) {
+  for (auto& [key, value] : document.items()) {
     if (value.is_structured()) {
       hide_secrets(value);
-    } else if (json.is_object() && is_secret(key) && !value.is_null()) {
+    } else if (document.is_object() && is_secret(key) && !value.is_null()) {
       value = "(not shown)";
     }
   }
@@ -133,9 +127,8 @@ std::string report(const Installation& installation, const std::string& socket,
   archive.finish();
   return fmt::format(
       "{}: versions, configuration without secrets, status, robots, the journal's last hour, "
-      "kernel "
-      "and boards.\nLook through it before you send it: robots' names, addresses and messages are "
-      "in it.\n",
+      "kernel and boards.\nLook through it before you send it: robots' names, addresses and "
+      "messages are in it.\n",
       file);
 }
 

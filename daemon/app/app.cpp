@@ -8,7 +8,8 @@
 #include <stdexcept>
 #include <utility>
 
-#include "daemon/config/load.hpp"
+#include "daemon/app/numbers_text.hpp"
+#include "daemon/config/io/load.hpp"
 #include "daemon/core/result.hpp"
 #include "daemon/core/utf8.hpp"
 #include "daemon/observability/log.hpp"
@@ -16,12 +17,13 @@
 namespace slamgw {
 namespace {
 
-constexpr std::chrono::seconds stats_interval{10};  // contract section 4
+constexpr std::chrono::seconds stats_interval{10};  // docs/topics.md
 /// Time given to the broker at shutdown; well below systemd's patience.
 constexpr std::chrono::seconds flush_patience{2};
 constexpr std::chrono::milliseconds flush_poll{20};
 
-/// Packages make it; without one (a demo, a developer) the daemon does, for itself alone.
+/// Packages make this directory; elsewhere (a demo, a developer) the daemon makes it, for itself
+/// alone.
 void make_store_directory(const std::string& path) {
   namespace fs = std::filesystem;
   std::error_code error;
@@ -69,8 +71,9 @@ App::App(Config config, std::string config_file)
           [this](OutboxAction& action) {
             std::visit(overloaded{
                            [this](PublishAtBroker& publish) {
-                             if (const auto* message = outbox_.under_way(publish.sequence))
-                               upstream_.publish(publish.sequence, *message);
+                             const auto* message = outbox_.under_way(publish.sequence);
+                             if (message)
+                               upstream_.publish(publish.sequence, *message, publish.is_trial);
                            },
                            [this](WriteToStore& write) { store_.ask(std::move(write)); },
                            [this](LoadFromStore& load) { store_.ask(load); },
@@ -81,15 +84,13 @@ App::App(Config config, std::string config_file)
           [this] { on_outbox_drained(); }),
       store_(io_, config_.store,
              [this](StoreEvent event) {
-               outbox_driver_.input([&](Outbox& outbox, TimePoint now) {
-                 outbox.on_store_event(std::move(event), now);
-               });
+               outbox_driver_.input(&Outbox::on_store_event, std::move(event));
              }),
       session_store_(io_, config_.store.directory, [this](Notice notice) { perform(notice); }),
       upstream_(io_, config_.broker, {scheme_.state_topic(), R"({"state":"offline"})"}, *this),
       meshes_(io_, config_, scheme_, session_store_, descriptors_, *this),
       fleet_(io_, config_, gateway_, gateway_driver_, meshes_, upstream_,
-             [this](BrokerMessage message) { submit(std::move(message), {}); }),
+             [this](BrokerMessage message) { submit(std::move(message), no_receipt); }),
       network_watch_(std::make_shared<InterfaceWatch>(io_)),
       broker_log_(broker_uri(config_.broker)),
       traffic_log_(config_.log.traffic),
@@ -130,7 +131,7 @@ void App::start_meshes() {
     log_event(Severity::warning,
               "no mesh is enabled: set mqttsn.enabled or ble_mesh.enabled to true");
   }
-  meshes_.start();
+  meshes_.each(&MeshAdapter::start);
   descriptors_.drop_rest();
 }
 
@@ -138,7 +139,7 @@ void App::start_control() {
   control_ = std::make_unique<ControlServer>(io_, config_.control_socket, *this);
   try {
     control_->start();
-  } catch (const std::runtime_error& error) {  // robots come before operators
+  } catch (const std::runtime_error& error) {  // robots matter more than operators
     log_event(Severity::warning,
               fmt::format("control.socket: {}; slam-gatewayctl will not work", error.what()));
     control_.reset();
@@ -178,14 +179,12 @@ OrderAnswer App::reload() {
 }
 
 void App::report_configured_robots() {
-  gateway_driver_.input([this](Gateway& gateway, const Now& now) {
-    gateway.on_configured(ids_of(config_.robots), now);
-  });
+  gateway_driver_.input(&Gateway::on_configured, ids_of(config_.robots));
 }
 
-/// A broker that is left for another one is told that this gateway is gone from there: an orderly
-/// end takes the last will back. Its sequence is none of the outbox's.
-void App::say_goodbye_to(const BrokerSettings& left) {
+/// Publishes `offline` at a broker that is left for another one, because a clean disconnect cancels
+/// the last will. The sequence number 0 is none of the outbox's.
+void App::publish_offline_at(const BrokerSettings& left) {
   if (!broker_link_.is_up || broker_uri(left) == broker_uri(config_.broker)) return;
   constexpr std::uint64_t nobody_waits = 0;
   upstream_.publish(nobody_waits, {scheme_.state_topic(), to_bytes(R"({"state":"offline"})"),
@@ -198,12 +197,11 @@ void App::apply(const Reload& reload) {
   traffic_log_.reconfigure(config_.log.traffic);
   meshes_.reconfigure(config_, reload.has_other_robots, reload.has_other_topics);
   report_configured_robots();
-  for (const std::string& name : reload.replaced_names) {
-    gateway_driver_.input([&](Gateway& gateway, const Now&) { gateway.forget(name); });
-  }
-  broker_log_.rename(broker_uri(config_.broker));
-  say_goodbye_to(left);
+  for (const std::string& name : reload.replaced_names)
+    gateway_driver_.input(&Gateway::forget, name);
+  publish_offline_at(left);
   upstream_.reconfigure(config_.broker);
+  broker_log_.rename(broker_uri(config_.broker));
 }
 
 void App::stop() {
@@ -212,10 +210,10 @@ void App::stop() {
   stats_timer_.cancel();
   on_watched(false);
   control_.reset();
-  meshes_.stop_listening();
+  meshes_.each(&MeshAdapter::stop_listening);
   fleet_.on_stop();
-  gateway_driver_.input([](Gateway& gateway, const Now& now) { gateway.on_stop(now); });
-  outbox_driver_.input([](Outbox& outbox, TimePoint now) { outbox.on_stop(now); });
+  gateway_driver_.input(&Gateway::on_stop);
+  outbox_driver_.input(&Outbox::on_stop);
   stop_when_flushed(read_clocks().mono + flush_patience);
 }
 
@@ -234,7 +232,7 @@ void App::close_everything() {
         fmt::format("{} messages are neither with the broker nor in the store", outbox_.unsaved()));
   }
   traffic_log_.write_overdue(TimePoint::max());
-  meshes_.stop();
+  meshes_.each(&MeshAdapter::stop);
   fleet_.stop();
   gateway_driver_.stop();
   outbox_driver_.stop();
@@ -270,15 +268,13 @@ void App::warn_of_lost_messages() {
 }
 
 void App::publish_stats() {
-  if (!broker_link_.is_up) return;  // of no use later
-  const auto publish = [this](std::string topic, std::string_view text) {
-    Upload upload{{std::move(topic), to_bytes(escape_unprintable(text)), Qos::at_most_once, false},
-                  {}};
-    perform(upload);
+  if (!broker_link_.is_up) return;  // old numbers are of no use later
+  const auto publish = [this](std::string topic, Bytes payload) {
+    submit({std::move(topic), std::move(payload), Qos::at_most_once, false}, no_receipt);
   };
-  publish(scheme_.stats_topic(),
-          status().dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
-  publish(scheme_.numbers_topic(), numbers_text(status_.robots({}, read_clocks().mono)));
+  publish(scheme_.stats_topic(), to_bytes(escape_unprintable(status().dump(
+                                     -1, ' ', false, nlohmann::json::error_handler_t::replace))));
+  publish(scheme_.numbers_topic(), numbers_text(gateway_.registry().robots(), read_clocks().mono));
 }
 
 void App::perform(PassUp& action) {
@@ -293,8 +289,7 @@ void App::perform(Upload& action) {
 }
 
 void App::submit(BrokerMessage message, const Receipt& receipt) {
-  outbox_driver_.input(
-      [&](Outbox& outbox, TimePoint now) { outbox.submit(std::move(message), receipt, now); });
+  outbox_driver_.input(&Outbox::submit, std::move(message), receipt);
 }
 
 void App::perform(SubscribeAtBroker& action) {
@@ -327,9 +322,7 @@ void App::perform(Notice& notice) {
 void App::perform(FireReceipt& action) {
   for (TrafficObserver* observer : traffic_observers_)
     observer->on_receipt(action.receipt, action.outcome, read_clocks().mono);
-  gateway_driver_.input([&](Gateway& gateway, TimePoint now) {
-    gateway.on_receipt(action.receipt, action.outcome, now);
-  });
+  gateway_driver_.input(&Gateway::on_receipt, action.receipt, action.outcome);
   meshes_.fire(action.receipt, action.outcome);
 }
 
@@ -341,7 +334,7 @@ void App::perform(DeliveryStep& step) {
 void App::on_outbox_drained() {
   const bool is_full = outbox_.backlog().is_full();
   if (gateway_.is_store_full() == is_full) return;
-  gateway_driver_.input([&](Gateway& gateway, TimePoint) { gateway.on_store(is_full); });
+  gateway_driver_.input(&Gateway::on_store, is_full);
 }
 
 // --- Operators -----------------------------------------------------------------------------------
@@ -356,8 +349,8 @@ nlohmann::json App::robots(const std::optional<std::string>& robot) {
 
 void App::on_watched(bool is_watched) {
   trace_.turn(is_watched);
-  meshes_.trace(is_watched);
-  outbox_driver_.input([&](Outbox& outbox, TimePoint) { outbox.on_trace(is_watched); });
+  meshes_.each(&MeshAdapter::trace, is_watched);
+  outbox_driver_.input(&Outbox::on_trace, is_watched);
 }
 
 void App::send(const std::string& robot, const std::string& type, Bytes payload,
@@ -395,13 +388,12 @@ void App::manage_ble(BleOrder order, OrderDone done) {
 
 void App::on_mesh_event(MeshEvent event) {
   fleet_.on_mesh_event(event);
-  gateway_driver_.input(
-      [&](Gateway& gateway, const Now& now) { gateway.on_mesh_event(std::move(event), now); });
+  gateway_driver_.input(&Gateway::on_mesh_event, std::move(event));
 }
 
 void App::report_broker_link(bool is_session_present) {
-  gateway_driver_.input([](Gateway& gateway, const Now& now) { gateway.on_broker_link(now); });
-  meshes_.on_broker_link(broker_link_.is_up);
+  gateway_driver_.input(&Gateway::on_broker_link);
+  meshes_.each(&MeshAdapter::on_broker_link, broker_link_.is_up);
   fleet_.on_broker_link(broker_link_.is_up, is_session_present);
 }
 
@@ -411,47 +403,49 @@ void App::on_link_up(bool session_present, const BrokerLimits& limits) {
   std::string detail = upstream_.version() == MqttVersion::v5 ? "MQTT 5" : "MQTT 3.1.1";
   if (const std::string words = to_words(limits); !words.empty()) detail += "; it takes " + words;
   log_notice(broker_log_.on_up(detail));
-  // The outbox first: else what the gateway says about itself would go to the disk on its way.
-  outbox_driver_.input(
-      [&](Outbox& outbox, TimePoint now) { outbox.on_link_up(limits.receive_maximum, now); });
+  // The outbox first: otherwise the gateway's own messages would take the way over the disk.
+  outbox_driver_.input(&Outbox::on_link_up, limits.receive_maximum);
   report_broker_link(session_present);
 }
 
 void App::on_link_down(const std::string& why) {
   const Now now = read_clocks();
   if (const auto notice = broker_log_.on_down(why, now.mono)) log_notice(*notice);
+  take_link_down(why, now);
+}
+
+void App::on_link_left(const std::string& why) {
+  log_notice(broker_log_.on_left(why));
+  take_link_down(why, read_clocks());
+}
+
+void App::take_link_down(const std::string& why, const Now& now) {
   const bool was_up = std::exchange(broker_link_.is_up, false);
   if (why != broker_link_.why) broker_link_ = {false, now.wall, why, {}};
   if (!was_up) return;
-  outbox_driver_.input([](Outbox& outbox, TimePoint at) { outbox.on_link_down(at); });
+  outbox_driver_.input(&Outbox::on_link_down);
   report_broker_link(false);
 }
 
-void App::on_silence(bool is_silent) {
-  outbox_driver_.input([&](Outbox& outbox, TimePoint at) { outbox.on_silence(is_silent, at); });
-}
+void App::on_silence(bool is_silent) { outbox_driver_.input(&Outbox::on_silence, is_silent); }
 
 void App::on_published(std::uint64_t sequence) {
-  if (FleetMember::is_own(sequence)) return;
-  outbox_driver_.input([&](Outbox& outbox, TimePoint now) { outbox.on_published(sequence, now); });
+  if (FleetMember::is_own(sequence)) return fleet_.on_published(sequence);
+  outbox_driver_.input(&Outbox::on_published, sequence);
 }
 
 void App::on_publish_refused(std::uint64_t sequence, const Refusal& refusal) {
-  if (FleetMember::is_own(sequence)) return;
-  outbox_driver_.input(
-      [&](Outbox& outbox, TimePoint now) { outbox.on_publish_refused(sequence, refusal, now); });
+  if (FleetMember::is_own(sequence)) return fleet_.on_publish_refused(sequence);
+  outbox_driver_.input(&Outbox::on_publish_refused, sequence, refusal);
 }
 
 void App::on_subscribe_result(const std::string& filter, SubscribeAnswer answer) {
-  gateway_driver_.input(
-      [&](Gateway& gateway, const Now& now) { gateway.on_subscribe_result(filter, answer, now); });
+  gateway_driver_.input(&Gateway::on_subscribe_result, filter, answer);
   fleet_.on_subscribe_result(filter, answer);
 }
 
 void App::on_message(BrokerMessage message, std::vector<std::uint32_t> subscriptions) {
-  gateway_driver_.input([&](Gateway& gateway, const Now& now) {
-    gateway.on_broker_message(std::move(message), subscriptions, now);
-  });
+  gateway_driver_.input(&Gateway::on_broker_message, std::move(message), subscriptions);
 }
 
 }  // namespace slamgw

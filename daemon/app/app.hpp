@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The composition root: makes the parts, carries what one leaves to the next, and ends them in
+// The composition root: makes the parts, passes the actions of one to the next, and stops them in
 // order. Decides nothing itself.
 #pragma once
 
@@ -53,7 +53,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   OrderAnswer reload() override;
   OrderAnswer forget(const std::string& robot) override;
   void report_configured_robots();
-  void say_goodbye_to(const BrokerSettings& left);
+  void publish_offline_at(const BrokerSettings& left);
   /// Puts in force what can change while the daemon runs.
   void apply(const Reload& reload);
   void stop();
@@ -68,6 +68,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   void perform(Upload& action);
   void perform(AwaitTurn& action) { fleet_.perform(action); }
   void perform(AskAboutRobot& action) { fleet_.perform(action); }
+  void perform(RobotForgotten& action) { fleet_.perform(action); }
   void perform(SubscribeAtBroker& action);
   void perform(UnsubscribeAtBroker& action);
   void perform(DeliverToMeshes& action);
@@ -79,7 +80,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   // What the outbox leaves:
   void perform(FireReceipt& action);
   void perform(DeliveryStep& step);
-  /// The gateway is told when the store has become full or has room again.
+  /// Tells the gateway when the store has become full or has room again.
   void on_outbox_drained();
   void submit(BrokerMessage message, const Receipt& receipt);
 
@@ -87,6 +88,8 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
 
   void on_link_up(bool session_present, const BrokerLimits& limits) override;
   void on_link_down(const std::string& why) override;
+  void on_link_left(const std::string& why) override;
+  void take_link_down(const std::string& why, const Now& now);
   void on_silence(bool is_silent) override;
   void report_broker_link(bool is_session_present);
   void on_published(std::uint64_t sequence) override;
@@ -133,7 +136,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   std::unique_ptr<ControlServer> control_;
   std::vector<TrafficObserver*> traffic_observers_;
   OperatorCommands operator_commands_;
-  std::uint64_t inbound_dropped_ = 0;  // as far as the log has told
+  std::uint64_t inbound_dropped_ = 0;  // those that the log has reported
   StatusCollector status_;
 };
 

@@ -33,10 +33,14 @@ class FleetMember {
   void on_mesh_event(const MeshEvent& event);
   void perform(AwaitTurn& action);
   void perform(AskAboutRobot& action);
+  void perform(RobotForgotten& action);
   void report_outcome(Upload& action);
   bool may_be_shared() const { return ownership_.may_be_shared(); }
   /// Its messages do not go through the outbox.
   static bool is_own(std::uint64_t sequence) { return sequence >= first_sequence; }
+  /// The broker has acknowledged one of them, or does not take it.
+  void on_published(std::uint64_t sequence);
+  void on_publish_refused(std::uint64_t sequence);
   /// For `slam-gatewayctl fleet`: this gateway first.
   nlohmann::ordered_json status(const Now& now) const;
   std::vector<MissingRight> missing_rights(TimePoint now) const {
@@ -49,6 +53,8 @@ class FleetMember {
 
  private:
   static constexpr std::uint64_t first_sequence = std::uint64_t{1} << 63U;
+  /// Of outcomes: theirs is the sum of this and PublishOutcomeNow::id.
+  static constexpr std::uint64_t first_outcome = first_sequence + (first_sequence >> 1U);
 
   bool is_alone() const { return ownership_.is_alone(); }
   bool takes(const BrokerMessage& message);
@@ -58,13 +64,15 @@ class FleetMember {
   nlohmann::ordered_json gateways(const Now& now) const;
   nlohmann::ordered_json robots(const Now& now) const;
   void perform(fleet::PublishNow& action);
+  void perform(fleet::AnnounceGateway& action);
   void perform(fleet::SubscribeFleet& action);
   void perform(fleet::UnsubscribeFleet& action);
   void perform(fleet::TakeOverRobot& action);
   void perform(fleet::GiveUpRobot& action);
   void perform(fleet::CarryOut& action);
   void perform(fleet::EndCommand& action);
-  void perform(fleet::TellOutcome& action);
+  void perform(fleet::PublishOutcomeNow& action);
+  void perform(fleet::PublishOutcome& action);
   void perform(fleet::PublishWill& action);
   void perform(Notice& notice);
 

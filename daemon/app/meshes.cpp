@@ -65,21 +65,6 @@ std::optional<Presence> Meshes::presence_of(Mesh mesh, const std::string& robot)
   return adapters_[mesh] ? adapters_[mesh]->presence_of(robot) : std::nullopt;
 }
 
-void Meshes::start() {
-  for (const auto& adapter : adapters_)
-    if (adapter) adapter->start();
-}
-
-void Meshes::stop_listening() {
-  for (const auto& adapter : adapters_)
-    if (adapter) adapter->stop_listening();
-}
-
-void Meshes::stop() {
-  for (const auto& adapter : adapters_)
-    if (adapter) adapter->stop();
-}
-
 void Meshes::deliver(const DeliverToMeshes& action) {
   for (const Mesh mesh : all_meshes)
     if (adapters_[mesh])
@@ -93,16 +78,6 @@ void Meshes::answer(const AnswerSubscribe& action) {
 
 void Meshes::fire(const Receipt& receipt, ReceiptOutcome outcome) {
   if (adapters_[receipt.mesh]) adapters_[receipt.mesh]->on_receipt(receipt.id, outcome);
-}
-
-void Meshes::on_broker_link(bool is_up) {
-  for (const auto& adapter : adapters_)
-    if (adapter) adapter->on_broker_link(is_up);
-}
-
-void Meshes::trace(bool is_on) {
-  for (const auto& adapter : adapters_)
-    if (adapter) adapter->trace(is_on);
 }
 
 void Meshes::reconfigure(const Config& config, bool has_other_robots, bool has_other_topics) {

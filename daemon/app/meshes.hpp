@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The meshes that are enabled: makes their shells from the configuration and hands each what is for
-// it. The one place of the daemon that knows the adapters by name.
+// The meshes that are enabled: makes their shells from the configuration and passes each its calls.
+// The one place of the daemon that knows the adapters by name.
 #pragma once
 
 #include <boost/asio/io_context.hpp>
@@ -38,23 +38,22 @@ class Meshes {
   bool has_any() const;
   std::optional<Presence> presence_of(Mesh mesh, const std::string& robot) const;
 
-  /// Throws std::runtime_error for what an operator must fix (an address in use).
-  void start();
-  void stop_listening();
-  void stop();
+  /// Calls a member of each mesh's shell: `each(&MeshAdapter::trace, true)`.
+  template <class Call, class... Arguments>
+  void each(Call call, const Arguments&... arguments) {
+    for (const auto& adapter : adapters_)
+      if (adapter) std::invoke(call, *adapter, arguments...);
+  }
 
   void deliver(const DeliverToMeshes& action);
   void answer(const AnswerSubscribe& action);
   void fire(const Receipt& receipt, ReceiptOutcome outcome);
-  void on_broker_link(bool is_up);
-  /// Whether somebody follows messages.
-  void trace(bool is_on);
   /// `robots` and `topics.extra_*` of the configuration, read again.
   void reconfigure(const Config& config, bool has_other_robots, bool has_other_topics);
   /// A CONNECT for a session that is not here waits when it may be at another gateway.
   void ask_where_served(std::function<bool(const std::string& robot)> served_elsewhere);
-  /// In a BLE mesh that several gateways share: `may_serve` is asked before anything of a robot is
-  /// dealt with, `on_heard` told of each message of a robot, and how well it was heard.
+  /// In a BLE mesh that several gateways share, `may_serve` is asked before a message of a robot is
+  /// handled, and `on_heard` is called for each message of a robot, with how well it was heard.
   using OnHeard =
       std::function<void(const std::string& robot, const std::optional<RadioFacts>& radio)>;
   void share_ble(std::function<bool(const std::string& robot)> may_serve, OnHeard on_heard);

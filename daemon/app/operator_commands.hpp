@@ -21,8 +21,8 @@ class OperatorCommands {
       std::function<CommandId(const std::string& robot, const std::string& type, Bytes payload)>;
   static constexpr std::size_t max_waiting = 64;
 
-  /// `done` is called at once when the command can't be sent, else when it has ended: the core sees
-  /// to that within 30 s.
+  /// `done` is called at once when the command can't be sent, else when it has ended, which the
+  /// core guarantees within 30 s.
   void send(const std::string& robot, const std::string& type, Bytes payload, const Submit& submit,
             Done done);
   /// Of any command.

@@ -66,11 +66,11 @@ Reload reload_of(const Config& now, Config wanted) {
 }
 
 nlohmann::ordered_json answer_json(const Reload& reload) {
-  nlohmann::ordered_json told{
+  nlohmann::ordered_json answer{
       {"in_force",
        "log, robots, topics.extra_publish, topics.extra_subscribe, broker (except max_inflight)"}};
-  if (!reload.needs_restart.empty()) told["needs_restart"] = reload.needs_restart;
-  return told;
+  if (!reload.needs_restart.empty()) answer["needs_restart"] = reload.needs_restart;
+  return answer;
 }
 
 }  // namespace slamgw

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// SIGHUP and `slam-gatewayctl reload`: what of a configuration that was read again can be in force
-// at once, and words for what can't. Pure.
+// SIGHUP and `slam-gatewayctl reload`: which parts of a configuration that was read again take
+// effect at once, and words for those that do not. Pure.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -23,7 +23,7 @@ struct Reload {
 
 Reload reload_of(const Config& now, Config wanted);
 
-/// `in_force` and, where something is left, `needs_restart`: what `slam-gatewayctl reload` tells.
+/// `in_force` and, where something is left, `needs_restart`: what `slam-gatewayctl reload` prints.
 nlohmann::ordered_json answer_json(const Reload& reload);
 
 }  // namespace slamgw

@@ -3,12 +3,16 @@
 
 #include <fmt/format.h>
 
-#include <algorithm>
-#include <functional>
-#include <iterator>
-#include <span>
-
 namespace slamgw {
+
+// Their names in the JSON are those of the members.
+NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(MissingRight, what, grant)
+NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(Status::Robots, online, asleep, offline, known, untracked)
+NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(Status::Messages, up, down, published, dropped, refused,
+                                   set_aside, rejected, stored, inbound_dropped)
+NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(Status::Commands, open, late)
+NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(Status::Queue, depth, bytes, max_bytes)
+
 namespace {
 
 using nlohmann::json;
@@ -36,15 +40,12 @@ std::string explain_refused(const Status::Broker& broker) {
 json to_json(const Status::Broker& broker) {
   json refused = json::array();
   for (const Status::RefusedTopic& topic : broker.refused) refused.push_back(to_json(topic));
-  json rights = json::array();
-  for (const MissingRight& right : broker.missing_rights)
-    rights.push_back({{"what", right.what}, {"grant", right.grant}});
   const char* state = broker.link.is_up ? "up" : "down";
   return {{"state", broker.is_refusing() ? "refusing" : state},
           {"uri", broker.uri},
           {"since", to_iso8601(broker.link.since)},
           {"why", broker.is_refusing() ? explain_refused(broker) : broker.link.why},
-          {"missing_rights", std::move(rights)},
+          {"missing_rights", broker.missing_rights},
           {"refused", {{"topics", broker.refused_topics}, {"list", std::move(refused)}}}};
 }
 
@@ -62,26 +63,6 @@ json to_json(const PerMesh<Status::MeshLink>& meshes) {
   return out;
 }
 
-json to_json(const Status::Robots& robots) {
-  return {{"online", robots.online},
-          {"asleep", robots.asleep},
-          {"offline", robots.offline},
-          {"known", robots.known},
-          {"untracked", robots.untracked}};
-}
-
-json to_json(const Status::Messages& messages) {
-  return {{"up", messages.up},
-          {"down", messages.down},
-          {"published", messages.published},
-          {"dropped", messages.dropped},
-          {"refused", messages.refused},
-          {"set_aside", messages.set_aside},
-          {"rejected", messages.rejected},
-          {"stored", messages.stored},
-          {"inbound_dropped", messages.inbound_dropped}};
-}
-
 json to_json(const Status::Store& store) {
   return {{"state", store.state},
           {"why", store.why},
@@ -92,10 +73,6 @@ json to_json(const Status::Store& store) {
           {"oldest_age_s", store.oldest_age.count()},
           {"dead_letters", store.dead_letters},
           {"failures", store.failures}};
-}
-
-json to_json(const Status::Queue& queue) {
-  return {{"depth", queue.depth}, {"bytes", queue.bytes}, {"max_bytes", queue.max_bytes}};
 }
 
 json to_json(const RobotStatus& robot) {
@@ -136,40 +113,14 @@ json to_json(const Status& status) {
           {"gateway", status.gateway},
           {"broker", to_json(status.broker)},
           {"meshes", to_json(status.meshes)},
-          {"robots", to_json(status.robots)},
-          {"messages", to_json(status.messages)},
-          {"commands", {{"open", status.commands.open}, {"late", status.commands.late}}},
+          {"robots", status.robots},
+          {"messages", status.messages},
+          {"commands", status.commands},
           {"store", to_json(status.store)},
-          {"queue", to_json(status.queue)},
+          {"queue", status.queue},
           {"control", to_json(status.control)},
+          {"fleet", to_json(status.fleet)},
           {"memory_rss_bytes", status.memory_rss_bytes}};
-}
-
-/// For a thousand robots every 10 s, so without a tree of JSON values before.
-std::string numbers_text(std::vector<RobotStatus> robots) {
-  const std::size_t count = std::min(robots.size(), max_robots_in_numbers);
-  std::ranges::partial_sort(robots, robots.begin() + static_cast<std::ptrdiff_t>(count),
-                            std::ranges::greater(), &RobotStatus::last_seen);
-  const auto latency = [](const RobotStatus& robot,
-                          std::chrono::microseconds LatencyWindow::Percentiles::*which) {
-    return robot.latency ? fmt::to_string(((*robot.latency).*which).count()) : "null";
-  };
-  std::string text = R"({"robots":{)";
-  for (const RobotStatus& robot : std::span(robots).first(count)) {
-    if (!text.ends_with('{')) text += ',';
-    fmt::format_to(std::back_inserter(text),
-                   R"({}:{{"up":{},"down":{},"repeats":{},"rate_hz":{:.2f},"latency_p50_us":{},)"
-                   R"("latency_p99_us":{},"rssi_dbm":{},"last_heard":"{}"}})",
-                   json(robot.id).dump(-1, ' ', false, json::error_handler_t::replace),
-                   robot.messages, robot.commands, robot.repeats, robot.rate_hz,
-                   latency(robot, &LatencyWindow::Percentiles::p50),
-                   latency(robot, &LatencyWindow::Percentiles::p99),
-                   robot.radio ? fmt::to_string(robot.radio->rssi_dbm) : "null",
-                   to_iso8601(robot.last_seen));
-  }
-  text += '}';
-  if (robots.size() > count) text += fmt::format(R"(,"left_out":{})", robots.size() - count);
-  return text + '}';
 }
 
 std::string why_absent(const RobotStatus& robot, const Status::MeshLink& link) {
@@ -183,7 +134,9 @@ std::string why_absent(const RobotStatus& robot, const Status::MeshLink& link) {
   if (robot.mesh == Mesh::ble)
     return fmt::format("the board had not heard it for {} s (presence.offline_after_s)",
                        silence.count());
-  // A client that says goodbye was heard in that moment.
+  if (robot.mesh != Mesh::thread)
+    return fmt::format("nothing had been heard of it for {} s", silence.count());
+  // A client that disconnects is heard at that moment.
   if (silence <= std::chrono::seconds{1})
     return "it said goodbye (DISCONNECT) and has not connected since";
   return fmt::format("its keep-alive ran out after {} s of silence; it has not connected since",

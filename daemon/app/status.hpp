@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// How the daemon is, as values, and the JSON that `slam-gatewayctl --json`, the control socket and
-// the `stats` topic tell of it (names are stable). Pure.
+// The daemon's status as values, and its JSON for `slam-gatewayctl --json`, the control socket and
+// the `stats` topic (names are stable). Pure.
 #pragma once
 
 #include <chrono>
@@ -31,8 +31,8 @@ struct Status {
     BrokerLink link;
     std::uint64_t refused_topics = 0;
     std::vector<MissingRight> missing_rights;
-    std::vector<RefusedTopic> refused;  ///< those that have waited longest; a few of them
-    /// It is there, and does not take everything.
+    std::vector<RefusedTopic> refused;  ///< the few that have waited longest
+    /// The link is up, but the broker refuses some topics.
     bool is_refusing() const { return link.is_up && refused_topics > 0; }
   };
   struct MeshLink {
@@ -57,7 +57,7 @@ struct Status {
     std::uint64_t set_aside = 0;
     std::uint64_t rejected = 0;
     std::uint64_t stored = 0;
-    std::uint64_t inbound_dropped = 0;  ///< the broker's, for want of room on their way to the loop
+    std::uint64_t inbound_dropped = 0;  ///< the broker's, lost for want of room in the Handover
   };
   struct Commands {
     std::uint64_t open = 0;  ///< without an outcome yet
@@ -91,18 +91,19 @@ struct Status {
   Store store;
   Queue queue;
   Counters control;
+  Counters fleet;
   std::uint64_t memory_rss_bytes = 0;
 };
 
 struct RobotStatus {
   std::string id;
-  Mesh mesh = Mesh::thread;
-  std::string address;
+  RequiredMesh mesh;
+  std::string address{};
   Presence state = Presence::offline;
   WallTime since{};
-  WallTime last_seen{};   ///< any sign of life; the epoch: none since the daemon started
-  std::string last_type;  ///< of its last message
-  std::string why;        ///< it is offline, as far as that is known; else empty
+  WallTime last_seen{};     ///< any sign of life; the epoch: none since the daemon started
+  std::string last_type{};  ///< of its last message
+  std::string why{};        ///< why it is offline, as far as known; else empty
   std::uint64_t messages = 0;
   std::uint64_t commands = 0;
   std::uint64_t bytes_up = 0;  ///< of payloads
@@ -110,8 +111,8 @@ struct RobotStatus {
   std::uint64_t repeats = 0;
   std::uint64_t gaps = 0;  ///< RobotNumbers::gaps
   double rate_hz = 0;
-  std::optional<LatencyWindow::Percentiles> latency;
-  std::optional<RadioFacts> radio;
+  std::optional<LatencyWindow::Percentiles> latency{};
+  std::optional<RadioFacts> radio{};
   std::uint64_t queue = 0;
 };
 
@@ -120,11 +121,5 @@ nlohmann::json to_json(const std::vector<RobotStatus>& robots);
 
 /// Why a robot is offline, in words for operators; empty while it is not.
 std::string why_absent(const RobotStatus& robot, const Status::MeshLink& link);
-
-/// Robots in one message of the `numbers` topic: those that were heard last. The others are in
-/// `left_out`.
-inline constexpr std::size_t max_robots_in_numbers = 1000;
-/// What `<prefix>/gateway/<gw>/numbers` says of each robot: JSON.
-std::string numbers_text(std::vector<RobotStatus> robots);
 
 }  // namespace slamgw

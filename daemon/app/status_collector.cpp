@@ -64,6 +64,7 @@ Status StatusCollector::status(Counters control, TimePoint now) const {
   status.store = store(now);
   status.queue = {outbox_.unsaved(), outbox_.queued_bytes(), Outbox::max_queued_bytes};
   status.control = std::move(control);
+  status.fleet = fleet_.counters();
   status.memory_rss_bytes = resident_bytes();
   return status;
 }
@@ -120,9 +121,7 @@ std::vector<RobotStatus> StatusCollector::robots(const std::optional<std::string
 RobotStatus StatusCollector::robot(const std::string& id, const Robot& robot, TimePoint now) const {
   const MeshPresence& presence = robot.presence();
   const MeshAdapter* adapter = meshes_.find(robot.mesh());
-  RobotStatus status;
-  status.id = id;
-  status.mesh = robot.mesh();
+  RobotStatus status{.id = id, .mesh = robot.mesh()};
   status.address = presence.address;
   status.state = presence.presence;
   status.since = presence.since;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Asks the parts of the daemon how they are. Reads only.
+// Collects the status from the parts of the daemon. Reads only.
 #pragma once
 
 #include <optional>
@@ -22,7 +22,7 @@ std::string broker_uri(const BrokerSettings& broker);
 
 class StatusCollector {
  public:
-  /// What it asks outlives it.
+  /// All of them outlive it.
   StatusCollector(const Config& config, const BrokerLink& broker, const Gateway& gateway,
                   const Outbox& outbox, const Meshes& meshes, const Upstream& upstream,
                   const FleetMember& fleet, TimePoint started)

@@ -4,8 +4,6 @@
 #include <fmt/format.h>
 #include <sys/un.h>
 
-#include <tuple>
-
 namespace slamgw {
 namespace {
 
@@ -127,6 +125,29 @@ void check_control_socket(const Located& located) {
                     fmt::format("is too long for a socket; {} bytes are allowed", longest));
 }
 
+enum class TlsFile : std::uint8_t { certificate, key };
+
+/// The PEM text when the file is good; nothing when it is not set or a problem was reported.
+std::optional<std::string> checked_text(const Located& located, const Files& files,
+                                        const std::string& key,
+                                        const std::optional<std::string>& path, TlsFile kind) {
+  if (!path) return std::nullopt;
+  const auto file = files.read(*path);
+  if (!file) {
+    located.problem(key, fmt::format("{} cannot be read: {}; a readable PEM file is needed", *path,
+                                     file.error().text));
+    return std::nullopt;
+  }
+  const std::string fault = kind == TlsFile::certificate ? files.certificate_fault(file->text)
+                                                         : files.key_fault(file->text);
+  if (fault.empty()) return file->text;
+  located.problem(
+      key, fmt::format(
+               "{} {}; a {} as PEM is needed", *path, fault,
+               kind == TlsFile::certificate ? "certificate" : "private key without pass phrase"));
+  return std::nullopt;
+}
+
 }  // namespace
 
 Place Located::place_of(std::string key) const {
@@ -150,6 +171,18 @@ void check_relations(const Located& located) {
   check_mqttsn(located);
   check_tls_keys(located);
   check_control_socket(located);
+}
+
+void check_tls_files(const Located& located, const Files& files) {
+  const BrokerSettings& broker = located.config.broker;
+  checked_text(located, files, "broker.tls.ca_file", broker.ca_file, TlsFile::certificate);
+  const auto certificate = checked_text(located, files, "broker.tls.certificate_file",
+                                        broker.certificate_file, TlsFile::certificate);
+  const auto key =
+      checked_text(located, files, "broker.tls.key_file", broker.key_file, TlsFile::key);
+  if (certificate && key && !files.key_matches(*certificate, *key))
+    located.problem("broker.tls.key_file",
+                    "does not belong to certificate_file; its own private key is needed");
 }
 
 }  // namespace slamgw

@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// What can be wrong between keys, each of them being right by itself. Called by the parser after
-// all keys are read.
+// Checks relations between keys, each of which is right by itself, and the files that keys name.
+// Called by the parser after all keys are read.
 #pragma once
 
 #include <map>
 #include <string>
 
 #include "daemon/config/config.hpp"
+#include "daemon/config/files.hpp"
 #include "daemon/config/value.hpp"
 
 namespace slamgw {
@@ -24,5 +25,8 @@ struct Located {
 };
 
 void check_relations(const Located& located);
+
+/// Checks the files that `broker.tls.*` names at the start rather than at the first connection.
+void check_tls_files(const Located& located, const Files& files);
 
 }  // namespace slamgw

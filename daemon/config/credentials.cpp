@@ -108,7 +108,7 @@ std::optional<Credentials> read_credential(const Located& located, const Surroun
       .read(file->text);
 }
 
-/// What the service will read, checked by somebody who is not the service.
+/// What the service will read, checked by another user.
 void check_source(const Located& located, ParseResult& result, const std::string& path,
                   const Files& files) {
   const auto file = files.read(path);

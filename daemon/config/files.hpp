@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the configuration needs of the world outside its text. One real implementation
-// (system_files.hpp) and the fake in tests/config.
+// What reading a configuration needs besides its text. One real implementation (system_files.hpp)
+// and the fake in tests/config.
 #pragma once
 
 #include <string>

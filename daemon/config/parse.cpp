@@ -2,16 +2,14 @@
 #include "daemon/config/parse.hpp"
 
 #include <fmt/format.h>
+#include <string_view>
 
 #include <algorithm>
 #include <filesystem>
 
 #include "daemon/config/checks.hpp"
 #include "daemon/config/credentials.hpp"
-#include "daemon/config/located_json.hpp"
 #include "daemon/config/rules.hpp"
-#include "daemon/config/schema.hpp"
-#include "daemon/config/tls_files.hpp"
 #include "daemon/config/value.hpp"
 
 namespace slamgw {

@@ -6,7 +6,6 @@
 #include <map>
 #include <span>
 #include <string>
-#include <string_view>
 
 #include "daemon/config/config.hpp"
 #include "daemon/config/files.hpp"
@@ -37,7 +36,7 @@ struct ConfigFile {
 struct ParseResult {
   Config config;      ///< to be used only when there are no problems
   Problems problems;  ///< by file in the order of reading, and by line
-  Problems warnings;  ///< what works, but somebody should look at
+  Problems warnings;  ///< what works, but should be looked at by an operator
   /// Where each key, group and list element is set that is set: `robots[0].id`.
   std::map<std::string, Place> places;
 

@@ -5,7 +5,6 @@
 #include <netinet/in.h>
 
 #include <algorithm>
-#include <array>
 #include <charconv>
 
 #include "daemon/core/topic_scheme.hpp"
@@ -128,9 +127,7 @@ bool is_listen_address(std::string_view text) {
 }
 
 bool is_host_name(std::string_view text) {
-  constexpr std::size_t max_host_name = 253;  // RFC 1035
-  return !text.empty() && text.size() <= max_host_name && text.front() != '.' &&
-         std::all_of(text.begin(), text.end(), [](char c) { return is_one_of(c, "-."); });
+  return !text.empty() && text.size() <= max_host_name && text.front() != '.' && all_of(text, "-.");
 }
 
 bool is_multicast_group(std::string_view text) {

@@ -304,15 +304,15 @@ constexpr auto mqttsn_keys = std::to_array<SchemaKey>({
      [](Value v, Config& c) { v.boolean(c.mqttsn.disconnect_unknown); }},
 });
 
-constexpr std::size_t key_count = common_keys.size() + ble_mesh_keys.size() + mqttsn_keys.size();
-
-constexpr std::array<SchemaKey, key_count> all_keys = [] {
-  std::array<SchemaKey, key_count> keys{};
-  auto end = std::copy(common_keys.begin(), common_keys.end(), keys.begin());
-  end = std::copy(ble_mesh_keys.begin(), ble_mesh_keys.end(), end);
-  std::copy(mqttsn_keys.begin(), mqttsn_keys.end(), end);
+template <std::size_t... sizes>
+constexpr auto joined(const std::array<SchemaKey, sizes>&... groups) {
+  std::array<SchemaKey, (sizes + ...)> keys{};
+  auto end = keys.begin();
+  ((end = std::copy(groups.begin(), groups.end(), end)), ...);
   return keys;
-}();
+}
+
+constexpr auto all_keys = joined(common_keys, ble_mesh_keys, mqttsn_keys);
 
 }  // namespace
 

@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // suggestion() of schema.hpp: which known key a misspelt one was meant to be.
-#include <algorithm>
 #include <limits>
 #include <set>
-#include <vector>
 
 #include "daemon/config/schema.hpp"
 #include "daemon/core/edit_distance.hpp"

@@ -57,11 +57,11 @@ bool has(std::string_view message, std::string_view fragment) {
 
 std::string syntax_words(std::string_view message) {
   // "...; last read: '<text of the file>'; expected ...": our rows must not match the file's text.
-  std::string said(message.substr(0, message.find("last read:")));
+  std::string reason(message.substr(0, message.find("last read:")));
   if (const std::size_t expected = message.rfind("; expected "); expected != message.npos)
-    said += message.substr(expected);
+    reason += message.substr(expected);
   for (const Row& row : rows)
-    if (has(said, row.fragment) && has(said, row.second)) return std::string(row.words);
+    if (has(reason, row.fragment) && has(reason, row.second)) return std::string(row.words);
   return "this is not JSON; compare with the output of slam-gatewayd --print-config";
 }
 

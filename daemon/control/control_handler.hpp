@@ -33,10 +33,10 @@ class ControlHandler {
   virtual void manage_ble(BleOrder order, OrderDone done) = 0;
   /// What an operator orders about dead letters. The same.
   virtual void manage_store(StoreOrder order, OrderDone done) = 0;
-  /// Takes a robot that is not there out of what is known, here and at the broker.
+  /// Removes a robot that is offline from the registry and its presence from the broker.
   virtual OrderAnswer forget(const std::string& robot) = 0;
-  /// Reads the configuration again. What is in force now and what only a restart changes, or the
-  /// problems, a line each; then nothing has changed.
+  /// Reads the configuration again. Answers what took effect and what needs a restart, or the
+  /// problems, one a line; then nothing has changed.
   virtual OrderAnswer reload() = 0;
 };
 

@@ -7,8 +7,6 @@
 #include <algorithm>
 #include <boost/asio/error.hpp>
 #include <boost/asio/write.hpp>
-#include <cerrno>
-#include <cstring>
 #include <filesystem>
 #include <stdexcept>
 #include <system_error>
@@ -36,7 +34,7 @@ void make_directory(const std::string& path) {
   if (error) fail(path, "its directory can't be made: " + error.message());
 }
 
-/// Removes a socket that nobody listens at. Leaves any other file alone.
+/// Removes a socket without a listener. Leaves any other file alone.
 void remove_stale(asio::io_context& io, const std::string& path) {
   struct stat status {};
   if (lstat(path.c_str(), &status) != 0) return;

@@ -28,14 +28,15 @@ class ControlServer {
   ControlServer(const ControlServer&) = delete;
   ControlServer& operator=(const ControlServer&) = delete;
 
-  /// Takes the place of a socket left over by a daemon that has died. Throws std::runtime_error
-  /// with what to mend: another daemon answers there, the directory can't be written, ...
+  /// Replaces a socket that a dead daemon has left. Throws std::runtime_error with what to fix:
+  /// another daemon answers there, the directory can't be written, ...
   void start();
   /// Ends all clients and removes the socket. The handler is not called any more.
   void stop();
 
   bool has_watchers() const;
-  /// To those that watch. One that does not keep up loses events and is told how many.
+  /// Sends the event to those that watch. One that does not keep up loses events and learns how
+  /// many.
   void publish(const TraceEvent& event);
   Counters counters() const;
 
@@ -54,7 +55,7 @@ class ControlServer {
   ControlCounters counters_;
   std::vector<std::shared_ptr<ControlSession>> sessions_;
   bool was_watched_ = false;
-  /// Gone with stop(): a completion that was under way already must not touch the server.
+  /// Reset by stop(), so that a completion that is already under way does not touch the server.
   std::shared_ptr<const int> alive_ = std::make_shared<int>();
 };
 

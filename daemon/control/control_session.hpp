@@ -51,8 +51,8 @@ class ControlSession : public std::enable_shared_from_this<ControlSession> {
   void close();
   bool wants(const TraceEvent& event) const;
   bool is_watching() const { return watch_.has_value(); }
-  /// Queues an event for a watcher, or counts it as lost when too much waits already. How many were
-  /// lost is told as soon as half of the room is free.
+  /// Queues an event for a watcher, or counts it as lost when too much waits already. The
+  /// number of lost ones is sent as soon as half of the room is free.
   void offer_event(const std::string& line, WallTime at);
 
  private:

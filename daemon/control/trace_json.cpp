@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/control/trace_json.hpp"
 
-#include "daemon/control/wire.hpp"
+#include "daemon/core/utf8.hpp"
 
 namespace slamgw::control {
 namespace {

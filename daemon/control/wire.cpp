@@ -4,6 +4,8 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <boost/algorithm/hex.hpp>
+#include <iterator>
 
 #include "daemon/control/trace_json.hpp"
 #include "daemon/core/utf8.hpp"
@@ -30,13 +32,6 @@ bool is_true(const json& request, const char* key) {
   return found != request.end() && *found == true;
 }
 
-std::optional<int> hex_digit(char c) {
-  if (c >= '0' && c <= '9') return c - '0';
-  if (c >= 'a' && c <= 'f') return c - 'a' + 10;
-  if (c >= 'A' && c <= 'F') return c - 'A' + 10;
-  return std::nullopt;
-}
-
 Result<Request, std::string> parse_send(const json& request) {
   const auto robot = text_of(request, "robot");
   const auto type = text_of(request, "type");
@@ -46,6 +41,11 @@ Result<Request, std::string> parse_send(const json& request) {
     return std::string("send needs the texts robot, type and payload_hex (pairs of hex digits)");
   }
   return Request(SendRequest{*robot, *type, *payload});
+}
+
+/// This socket's commands are those of slam-gatewayctl that ask the daemon.
+std::string unknown(const std::string& command) {
+  return fmt::format("unknown command '{}'; slam-gatewayctl --help lists all", command);
 }
 
 Result<Request, std::string> parse_order(const std::string& command, const json& request) {
@@ -83,10 +83,7 @@ Result<Request, std::string> parse_order(const std::string& command, const json&
     if (!text) return std::string("ble import needs the text of the file as text");
     return Request(ImportOrder{*text});
   }
-  return fmt::format(
-      "unknown command '{}'; there are ble scan, provision, permit-join, joining, nodes, remove, "
-      "import, export, reset-board",
-      command);
+  return unknown(command);
 }
 
 std::optional<DeadLetterChoice> parse_choice(const json& request) {
@@ -112,9 +109,7 @@ Result<Request, std::string> parse_store_order(const std::string& command, const
                                    text_of(request, "topic").value_or(""),
                                    is_true(request, "payloads")});
   }
-  if (command != "store resend" && command != "store discard") {
-    return fmt::format("unknown command '{}'; there are store list, resend, discard", command);
-  }
+  if (command != "store resend" && command != "store discard") return unknown(command);
   const auto choice = parse_choice(request);
   if (!choice) return command + " needs one of: ids (numbers), topic (a text), all (true)";
   if (command == "store resend") return Request(ResendOrder{*choice});
@@ -147,8 +142,7 @@ Result<Request, std::string> parse_request(std::string_view line) {
     return Request(WatchRequest{text_of(request, "robot"), text_of(request, "type")});
   if (command->starts_with("ble ")) return parse_order(*command, request);
   if (command->starts_with("store ")) return parse_store_order(*command, request);
-  return fmt::format(
-      "unknown command '{}'; there are status, robots, watch, send, ble ..., store ...", *command);
+  return unknown(*command);
 }
 
 std::string result_line(const json& result) { return to_line({{"result", result}}); }
@@ -169,17 +163,13 @@ std::string to_line(const json& json) {
 }
 
 std::optional<Bytes> parse_hex(std::string_view text) {
-  if (text.size() % 2 != 0) return std::nullopt;
-  Bytes bytes;
-  for (std::size_t i = 0; i < text.size(); i += 2) {
-    const auto high = hex_digit(text[i]);
-    const auto low = hex_digit(text[i + 1]);
-    if (!high || !low) return std::nullopt;
-    bytes.push_back(static_cast<std::uint8_t>(*high << 4 | *low));
+  try {
+    Bytes bytes;
+    boost::algorithm::unhex(text.begin(), text.end(), std::back_inserter(bytes));
+    return bytes;
+  } catch (const boost::algorithm::hex_decode_error&) {
+    return std::nullopt;
   }
-  return bytes;
 }
-
-bool is_printable(std::string_view text) { return slamgw::is_printable(text); }
 
 }  // namespace slamgw::control

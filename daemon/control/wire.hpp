@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The control socket's language: a line of JSON each way. Pure; spoken by ControlServer and
+// The control socket's language: a line of JSON each way. Pure; spoken by ControlSession and
 // slam-gatewayctl.
 //
 //   request   {"command": "status" | "reload" | "fleet"}
@@ -13,14 +13,13 @@
 //             {"command": "ble joining", "after": optional number of an event}
 //             {"command": "ble remove", "robot": "...", "force": optional}
 //             {"command": "ble import", "text": "..."}
-//             {"command": "store list", "after": optional id, "topic": optional, "payloads":
-//             optional}
+//             {"command": "store list", "after": optional id, "topic": optional,
+//              "payloads": optional}
 //             {"command": "store resend" | "store discard", "ids": [...] or "topic": "..." or
 //              "all": true}
 //   answer    {"result": ...} or {"error": "text"}
 //   watch     after its answer, {"event": {...}} for each event (trace_json.hpp) until the
-//   connection
-//             ends; what it is too slow for is counted in an event "lost"
+//             connection ends; an event "lost" counts those for which the client was too slow
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -63,7 +62,7 @@ using Request = std::variant<StatusRequest, RobotsRequest, ReloadRequest, FleetR
 /// A request, or what is wrong with it in words.
 Result<Request, std::string> parse_request(std::string_view line);
 
-/// With its line end. Text that is not UTF-8 is mended, not refused.
+/// With its line end. Replaces what is not UTF-8 with U+FFFD.
 std::string result_line(const nlohmann::json& result);
 /// Of an order: its JSON document, or its error.
 std::string order_line(const OrderAnswer& answer);
@@ -75,7 +74,5 @@ std::string to_line(const nlohmann::json& json);
 
 /// Hex digits in pairs, any case; nothing when it is anything else.
 std::optional<Bytes> parse_hex(std::string_view text);
-/// As slamgw::is_printable: safe to show on a terminal.
-bool is_printable(std::string_view text);
 
 }  // namespace slamgw::control

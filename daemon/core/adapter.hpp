@@ -12,14 +12,14 @@
 
 namespace slamgw {
 
-/// Told by adapters what their mesh says. Never from inside a question (presence_of, counters).
+/// Hears what a mesh reports; never called from inside a question (presence_of, counters).
 class MeshListener {
  public:
   virtual ~MeshListener() = default;
   virtual void on_mesh_event(MeshEvent event) = 0;
 };
 
-/// Told by the core what its mesh should do.
+/// Carries out what the core asks of one mesh.
 class MeshAdapter {
  public:
   virtual ~MeshAdapter() = default;
@@ -27,19 +27,18 @@ class MeshAdapter {
   /// Opens its sockets or port and keeps them open from then on, retrying by itself. Throws
   /// std::runtime_error only for what an operator must fix (an address in use).
   virtual void start() = 0;
-  /// The daemon is about to end: hears nothing new where it can be avoided, but still acknowledges
-  /// what it has heard. The outcome of each command that does not outlive the daemon is told now.
+  /// The daemon is about to end: takes no new messages where that can be avoided, but acknowledges
+  /// those it has. Reports the outcome of each command that does not outlive the daemon.
   virtual void stop_listening() {}
-  /// Orderly end: says goodbye where the protocol has one, closes everything. No events after it
-  /// returns.
+  /// Says goodbye where the protocol has one and closes everything. No events after it returns.
   virtual void stop() = 0;
 
   /// The receipt of an earlier Report fires. Called once for each owed receipt.
   virtual void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome) = 0;
-  /// A message from the broker, for the subscribers of this mesh. With a `command` it
-  /// is one for a robot of this mesh, which owes its CommandOutcome within 30 s; a retained one may
-  /// be passed over in silence, when the robot does not wait for it. Without, this mesh must not
-  /// give it to the robot that it commands: another mesh does.
+  /// A message from the broker, for the subscribers of this mesh. With a `command` the mesh carries
+  /// it and owes its CommandOutcome within 30 s; only a retained command for which the robot does
+  /// not wait may end without one. Without a `command` another mesh carries it, and this one must
+  /// not deliver it to the robot that the topic names.
   virtual void on_broker_message(const BrokerMessage& message, CommandId command) = 0;
   /// The broker's answer to an earlier SubscribeRequest, or the core's when it already holds that
   /// subscription.
@@ -47,7 +46,7 @@ class MeshAdapter {
   /// The link to the broker came or went.
   virtual void on_broker_link(bool is_up) = 0;
 
-  /// Whether somebody follows messages: tells every MeshStep, or only repeats.
+  /// On while an operator watches messages: reports every MeshStep; off: only repeats.
   virtual void trace(bool is_on) = 0;
 
   virtual Counters counters() const = 0;

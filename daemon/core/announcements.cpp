@@ -3,18 +3,28 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
 
+// Formatted directly, without a tree of JSON values: this runs for each robot that comes and each
+// command that ends. Keys are in the order of docs/topics.md.
 namespace slamgw {
+namespace {
 
-using Json = nlohmann::ordered_json;  // keys in the order of docs/topics.md
+/// As a JSON string; nearly always the same between two quotation marks.
+std::string json_string(std::string_view text) {
+  const bool is_plain = std::ranges::all_of(
+      text, [](char c) { return c >= ' ' && c <= '~' && c != '"' && c != '\\'; });
+  return is_plain ? fmt::format("\"{}\"", text) : nlohmann::json(text).dump();
+}
 
-/// Written for each robot that comes, so without a tree of JSON values before.
+}  // namespace
+
 std::string presence_json(const Robot& robot) {
   const MeshPresence& presence = robot.presence();
   std::string text = fmt::format(
       R"({{"state":"{}","mesh":"{}","address":{},"since":"{}","last_seen":"{}")",
-      to_string(presence.presence), to_string(robot.mesh()), Json(presence.address).dump(),
+      to_string(presence.presence), to_string(robot.mesh()), json_string(presence.address),
       to_iso8601(presence.since), to_iso8601(robot.last_seen));
   if (const auto& radio = robot.radio) {
     text += fmt::format(R"(,"rssi_dbm":{},"ttl":{})", radio->rssi_dbm, radio->ttl);
@@ -24,11 +34,9 @@ std::string presence_json(const Robot& robot) {
 }
 
 std::string outcome_json(const CommandOutcome& outcome) {
-  return Json{{"type", outcome.type},
-              {"outcome", to_string(outcome.result)},
-              {"after_ms", outcome.after.count()},
-              {"why", outcome.why}}
-      .dump();
+  return fmt::format(R"({{"type":{},"outcome":"{}","after_ms":{},"why":{}}})",
+                     json_string(outcome.type), to_string(outcome.result), outcome.after.count(),
+                     json_string(outcome.why));
 }
 
 }  // namespace slamgw

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the gateway tells the broker about robots and commands, as JSON (docs/topics.md). Pure;
+// What the gateway publishes about robots and commands, as JSON (docs/topics.md). Pure;
 // called by Gateway.
 #pragma once
 

@@ -18,20 +18,20 @@ struct ProvisionOrder {
   std::string uuid;   ///< 32 hex digits, hyphens allowed
   std::string robot;  ///< its name from then on
 };
-/// Lets new robots in for a while, whatever the configuration says; 0 minutes: no longer. Answered
-/// at once, as JoinEventsOrder.
+/// Allows robots to join for a while, whatever the configuration says; 0 minutes ends that.
+/// Answered at once, in the form of JoinEventsOrder.
 struct PermitJoinOrder {
   std::chrono::minutes time{0};
   std::string robot;  ///< the one that may join gets this name; empty: all may
 };
-/// Who has joined since: how long it goes on, and events with numbers above `after`.
+/// Asks who has joined: the answer has the time left, and the events numbered above `after`.
 struct JoinEventsOrder {
   std::uint64_t after = 0;
 };
 struct NodesOrder {};
 struct RemoveOrder {
   std::string robot;
-  bool is_forced = false;  ///< forget it even when it does not answer
+  bool is_forced = false;  ///< forget it even if it does not answer
 };
 struct ImportOrder {
   std::string text;  ///< a mesh database
@@ -39,7 +39,7 @@ struct ImportOrder {
 /// What another gateway needs to join this mesh with a board of its own: `{"address", "mesh"}`, the
 /// unicast address that it gets, and its mesh database as text. The one answer that holds keys.
 struct ExportOrder {
-  std::uint16_t address = 0;  ///< that gateway has joined already, with this one; 0: gets a new one
+  std::uint16_t address = 0;  ///< that the other gateway has already; 0: it gets a new one
 };
 /// Clears the board for good and starts it up anew.
 struct ResetBoardOrder {};

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The link to the broker as it is now. Written by App when the MQTT client tells
-// of a change; everybody else reads it.
+// The present state of the link to the broker, and how the broker answers a SUBSCRIBE. App writes
+// the state when the MQTT client reports a change; everybody else only reads it.
 #pragma once
 
+#include <cstdint>
 #include <string>
 
 #include "daemon/core/time.hpp"
@@ -11,9 +12,15 @@ namespace slamgw {
 
 struct BrokerLink {
   bool is_up = false;
-  WallTime since{};   ///< of this state, or of the reason why it is down
-  std::string why;    ///< it is down; empty while it is up
+  WallTime since{};   ///< since when it is in this state, or down for this reason
+  std::string why;    ///< why it is down; empty while it is up
   std::string uri{};  ///< of the broker that it is up to; empty while it is down
+};
+
+enum class SubscribeAnswer : std::uint8_t {
+  granted,
+  refused,            ///< by a reason code
+  closes_connection,  ///< the broker closes the connection in place of an answer
 };
 
 }  // namespace slamgw

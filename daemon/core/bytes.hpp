@@ -8,6 +8,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 namespace slamgw {
@@ -49,7 +50,11 @@ class ByteReader {
 /// Appends to a buffer of its own, which has room for a short message from the beginning.
 class ByteWriter {
  public:
-  ByteWriter() { bytes_.reserve(short_message); }
+  /// Writes into the memory of `buffer`.
+  explicit ByteWriter(Bytes buffer = {}) : bytes_(std::move(buffer)) {
+    bytes_.clear();
+    bytes_.reserve(short_message);
+  }
 
   ByteWriter& write_u8(std::uint8_t value);
   ByteWriter& write_u16_be(std::uint16_t value);
@@ -59,7 +64,6 @@ class ByteWriter {
   ByteWriter& write(ByteView bytes);
   ByteWriter& write(std::string_view text);
 
-  std::size_t size() const { return bytes_.size(); }
   const Bytes& bytes() const { return bytes_; }
   Bytes take() { return std::move(bytes_); }
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The commands that are on their way: gives each its id, knows which have no outcome yet, and which
-// have waited for too long. The last wall of promise 6 (each command ends once, within 30 s): the
-// meshes tell most outcomes, and sooner. Pure; part of Gateway.
+// Gives each command its id, remembers those without an outcome, and ends those that have waited
+// for too long. So each command ends once and within 30 s (docs/topics.md, promise 6) even if
+// its mesh never reports. Pure; part of Gateway.
 #pragma once
 
 #include <map>
@@ -19,7 +19,7 @@ struct Command {
   std::string robot;
   std::string type;
   std::optional<Mesh> carrier;  ///< nothing when no mesh knows the robot
-  bool is_retained = false;     ///< may be passed over: then it has no outcome
+  bool is_retained = false;     ///< its mesh may ignore it; then it has no outcome
 };
 
 class CommandLedger {

@@ -7,7 +7,6 @@
 #include <utility>
 
 #include "daemon/core/announcements.hpp"
-#include "daemon/core/result.hpp"
 
 namespace slamgw {
 namespace {
@@ -15,9 +14,9 @@ namespace {
 /// How old `last_seen` of a retained presence may be while its robot is heard.
 constexpr std::chrono::minutes presence_refresh{5};
 
-using Json = nlohmann::ordered_json;  // keys in the order of the contract
+using Json = nlohmann::ordered_json;  // keys in the order of docs/topics.md
 
-/// As the broker publishes it for us.
+/// The payload of our last will.
 constexpr std::string_view last_will_state = R"({"state":"offline"})";
 
 std::string explain(const std::string& filter, SubscribeAnswer answer) {
@@ -146,7 +145,7 @@ void Gateway::handle(SignOfLife sign, const Now& now) {
   on_heard(sign.robot, registry_.on_sign_of_life(sign.robot, now), now);
 }
 
-/// `last_seen` of the retained presence goes along with a robot that is heard, at a distance.
+/// Publishes the presence again when its `last_seen` is older than `presence_refresh`.
 void Gateway::on_heard(const std::string& id, Robot* robot, TimePoint now) {
   if (robot && now - robot->announced >= presence_refresh && robot->presence().is_known)
     announce(id, *robot, now);
@@ -161,13 +160,11 @@ void Gateway::on_receipt(const Receipt& receipt, ReceiptOutcome outcome, TimePoi
 }
 
 void Gateway::handle(SubscribeRequest request, const Now&) {
-  const auto& wanted = subscriptions_.add(request.mesh, request.filter, request.qos);
-  if (is_covered(request.filter)) {
-    subscriptions_.cover(request.filter);
-    actions_.push(AnswerSubscribe{request.mesh, std::move(request.filter), true});
-    return;
-  }
-  if (!broker_.is_up) {  // taken now, subscribed as soon as the broker is there
+  const auto& wanted =
+      subscriptions_.add(request.mesh, request.filter, request.qos, request.wants_retained);
+  subscriptions_.set_cover(request.filter, is_covered(request.filter, wanted));
+  // While the broker is away it is taken now, and subscribed as soon as the broker is there.
+  if (wanted.is_covered || !broker_.is_up) {
     actions_.push(AnswerSubscribe{request.mesh, std::move(request.filter), true});
     return;
   }
@@ -175,41 +172,40 @@ void Gateway::handle(SubscribeRequest request, const Now&) {
   actions_.push(SubscribeAtBroker{std::move(request.filter), wanted.qos, wanted.id});
 }
 
-bool Gateway::is_of_all_commands(const std::string& filter) const {
-  return filter == scheme_.command_topic("+", "+");
+/// True for a filter of commands whose messages the subscription to all commands brings. One that
+/// wants fresh commands only is covered from its beginning; one that the broker has stays there.
+bool Gateway::is_covered(const std::string& filter, const SubscriptionTable::Wanted& wanted) const {
+  if (filter == all_commands_ || !filter_matches(all_commands_, filter)) return false;
+  if (!is_all_refused_ && ownership_.hears_all_commands()) return true;
+  const auto all = subscriptions_.wanted().find(all_commands_);
+  return wanted.is_covered && !wanted.wants_retained && !is_all_refused_ &&
+         all != subscriptions_.wanted().end() && wanted.qos <= all->second.qos;
 }
 
-/// It is of some robots' commands, and the subscription to all commands brings these too.
-bool Gateway::is_covered(const std::string& filter) const {
-  if (is_all_refused_ || !ownership_.hears_all_commands()) return false;
-  const std::string all = scheme_.command_topic("+", "+");
-  return filter != all && filter.starts_with(std::string_view(all).substr(0, all.size() - 3));
-}
-
-/// The subscription to all commands comes or goes: robots' own ones go or come again. They go at
-/// once, because of two that stand a broker may send two copies in any order. What comes until the
-/// other one stands is refused by another gateway, which hears it.
+/// When the subscription to all commands starts, robots' own subscriptions to commands end; they
+/// return when it ends. They end at once, because a broker may send two copies in any order while
+/// both stand. Another gateway hears and refuses what comes before the new subscription stands.
 void Gateway::cover_commands() {
   for (const std::string& filter :
-       subscriptions_.set_cover([&](const std::string& each) { return is_covered(each); })) {
+       subscriptions_.set_cover(std::bind_front(&Gateway::is_covered, this))) {
     const auto& wanted = subscriptions_.wanted().at(filter);
-    if (wanted.is_covered) {
+    if (wanted.is_covered)
       actions_.push(UnsubscribeAtBroker{filter});
-    } else {
+    else
       actions_.push(SubscribeAtBroker{filter, wanted.qos, wanted.id});
-    }
   }
 }
 
 void Gateway::subscribe_own(const std::string& filter, Qos qos) {
   const auto& wanted = subscriptions_.add_own(filter, qos);
-  if (is_of_all_commands(filter) && broker_.is_up) cover_commands();
+  if (filter == all_commands_ && broker_.is_up) cover_commands();
   if (broker_.is_up) actions_.push(SubscribeAtBroker{filter, wanted.qos, wanted.id});
 }
 
 void Gateway::unsubscribe_own(const std::string& filter) {
-  if (is_of_all_commands(filter) && broker_.is_up) cover_commands();
-  if (subscriptions_.remove_own(filter)) actions_.push(UnsubscribeAtBroker{filter});
+  const bool was_last = subscriptions_.remove_own(filter);
+  if (filter == all_commands_ && broker_.is_up) cover_commands();
+  if (was_last) actions_.push(UnsubscribeAtBroker{filter});
 }
 
 void Gateway::handle(UnsubscribeRequest request, const Now&) {
@@ -218,7 +214,7 @@ void Gateway::handle(UnsubscribeRequest request, const Now&) {
 }
 
 void Gateway::handle(CommandOutcome outcome, const Now&) {
-  // One without an id was entered before a restart.
+  // A command without an id came before a restart.
   if (outcome.id != CommandId::none && !commands_.end(outcome.id)) {
     ++traffic_.late_outcomes;
     return;
@@ -236,7 +232,7 @@ void Gateway::conclude(CommandOutcome outcome) {
   publish_outcome(std::move(outcome));
 }
 
-/// Names that nobody knows can be made up without end: one line for a burst of them.
+/// One log line for a burst: a server can invent names without end.
 void Gateway::refuse_unknown(CommandOutcome outcome, const Now& now) {
   if (const auto count = unknown_throttle_.on_event(now.mono)) {
     actions_.push(Notice{
@@ -251,7 +247,7 @@ void Gateway::refuse_unknown(CommandOutcome outcome, const Now& now) {
 void Gateway::publish_outcome(CommandOutcome outcome) {
   actions_.push(Upload{{scheme_.outcome_topic(outcome.robot), to_bytes(outcome_json(outcome)),
                         Qos::at_least_once, false},
-                       {},
+                       no_receipt,
                        outcome.after});
   actions_.push(std::move(outcome));
 }
@@ -278,34 +274,34 @@ void Gateway::handle(Notice notice, const Now&) { actions_.push(std::move(notice
 
 void Gateway::on_broker_message(BrokerMessage message,
                                 std::span<const SubscriptionId> subscriptions, const Now& now) {
-  if (leftovers_.take(message)) return;
-  if (rights_.take(message, now)) return on_own_question();
+  if (leftovers_.take(message, now.mono)) return;
+  if (rights_.take(message)) return on_own_question();
   // Retained messages come for the subscription that asked for them only.
   if (!message.retain && !subscriptions_.is_copy_to_take(message, subscriptions)) return;
   if (ownership_.takes(message)) return;
-  if (message.topic == scheme_.state_topic()) return on_own_state(message);
   const auto target = scheme_.parse_command_topic(message.topic);
+  if (!target && message.topic == scheme_.state_topic()) return on_own_state(message);
   if (!target || !ownership_.is_shared()) return take_command(std::move(message), now);
   const std::string robot(target->robot);
   const std::string type(target->type);
   actions_.push(AwaitTurn{std::move(message), robot, type});
 }
 
-/// It matches the subscription to all commands as well: a broker that sends a copy for each
-/// subscription has sent two.
+/// The probe's message also matches the subscription to all commands, so a broker that sends one
+/// copy for each subscription has sent two.
 void Gateway::on_own_question() {
-  if (rights_.copies() && subscriptions_.is_standing(scheme_.command_topic("+", "+")))
+  if (rights_.copies() && subscriptions_.is_standing(all_commands_))
     subscriptions_.set_sends_copies(*rights_.copies() > 1);
   probe_rights({});
 }
 
-/// A command that is this gateway's, or another message of the broker. Commands for one robot keep
-/// their order.
+/// Takes a command that this gateway carries out, or another message of the broker. Commands for
+/// one robot keep their order.
 void Gateway::take_command(BrokerMessage message, const Now& now) {
   const auto target = scheme_.parse_command_topic(message.topic);
   const std::string robot(target ? target->robot : std::string_view{});
   if (target && is_stray(message, robot)) {
-    if (target->type == RightsProbe::level) return;  // a gateway that tries its rights
+    if (target->type == RightsProbe::level) return;  // the probe of a gateway
     strays_.add(std::move(message), robot, now.mono);
     return deliver_strays(strays_.take_overdue(now.mono), now);
   }
@@ -313,15 +309,14 @@ void Gateway::take_command(BrokerMessage message, const Now& now) {
   deliver(std::move(message), now);
 }
 
-/// A command that came only because this gateway hears all commands, for a robot that no mesh knows
-/// yet. A retained one waits at the broker.
+/// True for a command that only the subscription to all commands brought, for a robot that no mesh
+/// knows yet. Retained commands wait at the broker.
 bool Gateway::is_stray(const BrokerMessage& message, const std::string& robot) const {
-  return !message.retain && !is_stopping_ && !ownership_.is_shared() &&
-         subscriptions_.is_only_of(scheme_.command_topic("+", "+"), message.topic) &&
-         !carrier_for(robot);
+  return !message.retain && !is_stopping_ && !ownership_.is_shared() && !carrier_for(robot) &&
+         subscriptions_.is_only_of(all_commands_, message.topic);
 }
 
-/// Other gateways may be about by now; then they agree on who answers.
+/// Other gateways may have appeared meanwhile; then the gateways agree on who answers.
 void Gateway::deliver_strays(std::vector<StrayCommands::Stray> strays, const Now& now) {
   for (StrayCommands::Stray& stray : strays) {
     if (!ownership_.is_shared()) {
@@ -333,8 +328,8 @@ void Gateway::deliver_strays(std::vector<StrayCommands::Stray> strays, const Now
   }
 }
 
-/// A last will that comes after the `online` is of a connection that was cut off long ago; one that
-/// comes before it is overwritten.
+/// A last will that comes after our `online` belongs to an earlier connection, so `online` is
+/// published again. One that comes before it is overwritten by it.
 void Gateway::on_own_state(const BrokerMessage& message) {
   if (as_text(message.payload) != last_will_state) {
     is_state_heard_ = true;
@@ -393,7 +388,7 @@ void Gateway::deliver_command(const Command& command, BrokerMessage message, con
   const CommandId id = is_open ? command.id : CommandId::none;
   actions_.push(DeliverToMeshes{std::move(message), id, command.carrier});
   if (!is_open && !command.is_retained)
-    refuse(command, now, waited);  // else it waits at the broker
+    refuse(command, now, waited);  // a retained one waits at the broker
 }
 
 void Gateway::refuse(const Command& command, const Now& now, Duration waited) {
@@ -425,24 +420,23 @@ void Gateway::on_broker_link(const Now& now) {
   is_state_heard_ = false;
   rights_.on_broker_link(broker_.is_up && settings_.probes_rights);
   subscribers_wait_until_.reset();
+  subscriptions_.on_connection_changed();
   if (!broker_.is_up) {
-    subscriptions_.on_broker_gone();
     subscribers_wait_until_ = now.mono + subscribe_patience;
     return;
   }
-  subscriptions_.set_cover([this](const std::string& filter) { return is_covered(filter); });
-  for (const auto& [filter, wanted] : subscriptions_.wanted()) {
+  subscriptions_.set_cover(std::bind_front(&Gateway::is_covered, this));
+  for (const auto& [filter, wanted] : subscriptions_.wanted())
     if (!wanted.is_covered) actions_.push(SubscribeAtBroker{filter, wanted.qos, wanted.id});
-  }
   leftovers_.on_broker_up(now.mono);
-  if (leftovers_.is_looking())
+  if (leftovers_.is_collecting())
     actions_.push(SubscribeAtBroker{leftovers_.filter(), Qos::at_least_once, own_subscription});
   if (settings_.probes_rights)
     for (const std::string& filter : rights_.filters())
       actions_.push(SubscribeAtBroker{filter, Qos::at_most_once, own_subscription});
   publish_state();
   for (const std::string& robot : std::exchange(to_withdraw_, {})) withdraw(robot);
-  for (auto& [id, robot] : registry_.robots()) announce(id, robot, now);
+  for (auto& [id, robot] : registry_.robots()) announce(id, robot, now, /*has_just_come=*/false);
 }
 
 std::optional<TimePoint> Gateway::deadline() const {
@@ -456,7 +450,7 @@ void Gateway::on_deadline(const Now& now) {
     if (command.is_retained) continue;
     conclude({command.carrier, command.id, std::move(command.robot), std::move(command.type),
               CommandResult::timeout, CommandLedger::patience,
-              "the mesh has not told its outcome"});
+              "the mesh has not reported its outcome"});
   }
   deliver_strays(strays_.take_overdue(now.mono), now);
   if (subscribers_wait_until_ && now.mono >= *subscribers_wait_until_) answer_waiting_subscribers();
@@ -472,15 +466,16 @@ void Gateway::answer_waiting_subscribers() {
 }
 
 void Gateway::probe_rights(std::vector<BrokerMessage> messages) {
-  for (BrokerMessage& message : messages) actions_.push(Upload{std::move(message), {}});
+  for (BrokerMessage& message : messages) actions_.push(Upload{std::move(message), no_receipt});
   if (auto notice = rights_.next_notice()) actions_.push(std::move(*notice));
 }
 
 /// Marks leftovers that were not heard as offline; the time is unknown.
 void Gateway::end_leftovers(const Now& now) {
   const auto leftovers = leftovers_.finish(now.mono);
+  if (leftovers_.end_subscription(now.mono))
+    actions_.push(UnsubscribeAtBroker{leftovers_.filter()});
   if (!leftovers) return;
-  actions_.push(UnsubscribeAtBroker{leftovers_.filter()});
   for (const auto& [id, text] : *leftovers) {
     if (registry_.find(id)) continue;
     if (!ownership_.speaks_for(id)) {
@@ -499,19 +494,22 @@ void Gateway::on_subscribe_result(const std::string& filter, SubscribeAnswer ans
                                   const Now& now) {
   const bool granted = answer == SubscribeAnswer::granted;
   if (rights_.is_own(filter)) {
-    auto question = rights_.on_subscribe_result(filter, granted, now);
-    std::vector<BrokerMessage> messages;
-    if (question) messages.push_back(std::move(*question));
-    return probe_rights(std::move(messages));
+    if (auto question = rights_.on_subscribe_result(filter, granted, now))
+      return probe_rights({std::move(*question)});
+    return probe_rights({});
   }
-  for (const Mesh mesh : subscriptions_.on_answer(filter, granted)) {
+  for (const Mesh mesh : subscriptions_.on_answer(filter, granted))
     actions_.push(AnswerSubscribe{mesh, filter, granted});
-  }
-  if (is_of_all_commands(filter)) {
+  if (filter == all_commands_) {
     is_all_refused_ = !granted;
     if (broker_.is_up) cover_commands();
+    if (granted && !std::exchange(was_all_granted_, true))   // the broker may have kept those of
+      for (std::string& covered : subscriptions_.covered())  // an earlier process
+        actions_.push(UnsubscribeAtBroker{std::move(covered)});
+    if (auto question = rights_.ask_under_server(now)) probe_rights({std::move(*question)});
   }
-  if (!granted) actions_.push(Notice{Severity::warning, explain(filter, answer), {}});
+  if (granted) return leftovers_.on_granted(filter, now.mono);
+  actions_.push(Notice{Severity::warning, explain(filter, answer), {}});
 }
 
 void Gateway::on_store(bool is_full) {
@@ -536,10 +534,11 @@ std::string Gateway::forget(const std::string& robot) {
                        to_string(known->presence().presence));
   registry_.forget(robot);
   withdraw(robot);
+  actions_.push(RobotForgotten{robot});
   return {};
 }
 
-/// An empty retained message takes a retained one from the broker.
+/// An empty retained message deletes the retained one at the broker.
 void Gateway::withdraw(const std::string& robot) {
   if (broker_.is_up) {
     publish_retained(scheme_.presence_topic(robot), "");
@@ -549,7 +548,10 @@ void Gateway::withdraw(const std::string& robot) {
 }
 
 void Gateway::withdraw_evicted() {
-  for (const std::string& robot : registry_.take_evicted()) withdraw(robot);
+  for (const std::string& robot : registry_.take_evicted()) {
+    withdraw(robot);
+    actions_.push(RobotForgotten{robot});
+  }
 }
 
 void Gateway::on_stop(const Now& now) {
@@ -558,7 +560,8 @@ void Gateway::on_stop(const Now& now) {
   if (broker_.is_up) publish_state();  // else its last will has said the same
 }
 
-/// "offline" also when the broker comes only now: after an orderly end no last will corrects it.
+/// Publishes `offline` even if the broker comes only now: after a clean shutdown there is no last
+/// will.
 void Gateway::publish_state() {
   if (is_stopping_)
     return publish_retained(scheme_.state_topic(), Json{{"state", "offline"}}.dump());
@@ -569,10 +572,10 @@ void Gateway::publish_state() {
   publish_retained(scheme_.state_topic(), state.dump());
 }
 
-void Gateway::announce(const std::string& id, Robot& robot, TimePoint now) {
+void Gateway::announce(const std::string& id, Robot& robot, TimePoint now, bool has_just_come) {
   robot.announced = now;
-  // While the broker is away nothing is queued: everything is said again when it comes.
-  if (broker_.is_up && ownership_.speaks_for(id))
+  // While the broker is away nothing is queued: everything is published again when it comes.
+  if (broker_.is_up && ownership_.may_announce(id, robot.presence().presence, has_just_come))
     publish_retained(scheme_.presence_topic(id), presence_json(robot));
 }
 
@@ -590,7 +593,8 @@ void Gateway::on_given_up(const std::string& robot) {
 }
 
 void Gateway::publish_retained(std::string topic, std::string payload) {
-  actions_.push(Upload{{std::move(topic), to_bytes(payload), Qos::at_least_once, true}, {}});
+  actions_.push(
+      Upload{{std::move(topic), to_bytes(payload), Qos::at_least_once, true}, no_receipt});
 }
 
 }  // namespace slamgw

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The middle of everything: takes what the meshes and the broker say, leaves what is to be done
-// about it. Pure; knows no mesh's protocol and no MQTT client. The application drains its actions.
+// Connects the meshes with the broker: takes what they report and leaves actions. Pure; knows no
+// mesh's protocol and no MQTT client. The application drains its actions.
 #pragma once
 
 #include <functional>
@@ -20,7 +20,6 @@
 #include "daemon/core/rights_probe.hpp"
 #include "daemon/core/robot_registry.hpp"
 #include "daemon/core/stray_commands.hpp"
-#include "daemon/core/subscribe_answer.hpp"
 #include "daemon/core/subscription_table.hpp"
 #include "daemon/core/topic_scheme.hpp"
 #include "daemon/core/traffic_event.hpp"
@@ -28,30 +27,35 @@
 
 namespace slamgw {
 
-/// Give it to the outbox; the receipt fires from there. CommandOutcome, as an action: tell whoever
-/// waits for this command.
+/// Publish it by way of the outbox, which fires the receipt. CommandOutcome, as an action: report
+/// it to the operator who has sent this command.
 struct Upload {
   BrokerMessage message;
   Receipt receipt;
   /// Set for the outcome of a command: how long after the command.
   std::optional<std::chrono::milliseconds> outcome_after{};
 };
-/// A robot's message: told to those who watch, then given to the outbox as its upload().
+/// A robot's message: show it to the observers, then publish its upload().
 struct PassUp {
   TrafficEvent event;
   bool retain = false;
   /// With the topic and the payload of `event`.
   Upload upload();
 };
-/// Several gateways heard this command: on_turn() when it is this one's.
+/// Several gateways have this command; on_turn() follows when this one is to carry it out.
 struct AwaitTurn {
   BrokerMessage message;
   std::string robot;
   std::string type;
 };
-/// The robot is silent here; on_silence() when no gateway has heard it since.
+/// The robot has fallen silent here; on_silence() follows when no other gateway hears it.
 struct AskAboutRobot {
   Report will;
+};
+/// The core keeps nothing of the robot: it had to make room, or an operator wants it so. A session
+/// in its mesh stays, and is not handed over.
+struct RobotForgotten {
+  std::string robot;
 };
 struct SubscribeAtBroker {
   std::string filter;
@@ -69,22 +73,22 @@ struct DeliverToMeshes {
   CommandId command_on(Mesh mesh) const { return mesh == carrier ? command : CommandId::none; }
 };
 struct AnswerSubscribe {
-  Mesh mesh = Mesh::thread;
+  RequiredMesh mesh;
   std::string filter;
   bool granted = false;
 };
 
-using GatewayAction =
-    std::variant<PassUp, Upload, AwaitTurn, AskAboutRobot, SubscribeAtBroker, UnsubscribeAtBroker,
-                 DeliverToMeshes, AnswerSubscribe, CommandOutcome, TrafficEvent, MeshStep, Notice>;
+using GatewayAction = std::variant<PassUp, Upload, AwaitTurn, AskAboutRobot, RobotForgotten,
+                                   SubscribeAtBroker, UnsubscribeAtBroker, DeliverToMeshes,
+                                   AnswerSubscribe, CommandOutcome, TrafficEvent, MeshStep, Notice>;
 
 /// Asks a mesh: MeshAdapter::presence_of.
 using PresenceQuery = std::function<std::optional<Presence>(Mesh, const std::string& robot)>;
 
 class Gateway {
  public:
-  /// A broker that closes the connection at a filter is found out in this time; and devices ask
-  /// again after 10 s (MQTT-SN 1.2 section 7.2).
+  /// Enough to find out that a broker closes the connection at a filter, and less than the 10 s
+  /// after which devices ask again (MQTT-SN 1.2 section 7.2).
   static constexpr std::chrono::seconds subscribe_patience{8};
 
   struct Settings {
@@ -92,7 +96,7 @@ class Gateway {
     UpdateMode update_mode = UpdateMode::positions;
     WallTime started{};  ///< "since" in `state`
     std::size_t max_open_commands = CommandLedger::default_max_open;
-    bool probes_rights = false;  ///< says something to itself at each connect (RightsProbe)
+    bool probes_rights = false;  ///< checks the broker's access list (RightsProbe)
   };
   struct Traffic {
     std::uint64_t up = 0;             ///< robots' messages that went to the outbox
@@ -112,39 +116,43 @@ class Gateway {
   /// A command that an operator sends. The id comes back in a CommandOutcome.
   CommandId on_operator_command(const std::string& robot, const std::string& type, Bytes payload,
                                 const Now& now);
-  /// The link to the broker has come or gone. Up: subscribes everything again, says `online` and
-  /// every robot's presence again (a broker without persistence has forgotten them). Down: who
-  /// waits for the broker's answer to a subscription gets it when the broker is back, or else
-  /// after `subscribe_patience` the gateway's own: taken.
+  /// The link to the broker came up or went down. Up: subscribes everything again and publishes
+  /// `online` and every robot's presence again, because a broker without persistence has forgotten
+  /// them (OwnershipQuery::may_announce). Down: subscribers that wait for the broker's answer get
+  /// it when the broker is back; after `subscribe_patience` the gateway grants the subscription
+  /// itself.
   void on_broker_link(const Now& now);
   void on_subscribe_result(const std::string& filter, SubscribeAnswer answer, const Now& now);
-  /// For the gateway itself, to hear others; asked for again at each connection.
+  /// A subscription of the gateway itself, to hear other gateways; renewed at each connection.
   void subscribe_own(const std::string& filter, Qos qos);
-  /// Also what only an earlier life of the daemon has subscribed, and the broker has kept.
+  /// Also ends a subscription that an earlier process made and the broker has kept.
   void unsubscribe_own(const std::string& filter);
-  /// The receipt of a Report has fired: for the robot's numbers.
+  /// What this gateway says of itself, retained; also published when it changes, and at each
+  /// connection.
+  void publish_state();
+  /// The receipt of a Report has fired; updates the robot's numbers.
   void on_receipt(const Receipt& receipt, ReceiptOutcome outcome, TimePoint now);
-  /// The ids that `robots` of the configuration gives: they keep their place. What has left the
-  /// configuration and is not there now is forgotten.
+  /// The ids in `robots` of the configuration: these robots are never evicted. A robot that has
+  /// left the configuration and is offline is forgotten.
   void on_configured(std::set<std::string> robots, const Now& now);
-  /// Takes a robot out of the registry and its retained presence from the broker, also one that
-  /// only an earlier life of the daemon knew. What is wrong with that in words; empty when done.
+  /// Removes a robot from the registry and its retained presence from the broker, also a robot that
+  /// only an earlier process knew. Returns why that is not possible; empty when done.
   std::string forget(const std::string& robot);
   void share_with(OwnershipQuery ownership) { ownership_ = std::move(ownership); }
   /// A command of AwaitTurn is this gateway's to carry out.
   void on_turn(BrokerMessage command, const Now& now) { take_command(std::move(command), now); }
-  /// The will of AskAboutRobot is true.
+  /// No gateway hears the robot of AskAboutRobot: its will is published.
   void on_silence(Report will, const Now& now) { pass_up(std::move(will), now); }
-  /// The robot is this gateway's from now on. `dead_owner` may have left its presence behind.
+  /// This gateway serves the robot from now on. Removes the presence that `dead_owner` left.
   void on_taken_over(const std::string& robot, const std::string& dead_owner, const Now& now);
-  /// Another gateway serves the robot; nothing of it is left in the meshes.
+  /// Another gateway serves the robot; the meshes have forgotten it.
   void on_given_up(const std::string& robot);
   /// A command that no mesh of this gateway carries has ended.
   void on_ended_elsewhere(CommandOutcome outcome) { conclude(std::move(outcome)); }
-  /// The store has no room for messages that are acknowledged, or has it again: `state` says so.
+  /// The store has become full, or has room again; published in `state`.
   void on_store(bool is_full);
   bool is_store_full() const { return is_store_full_; }
-  /// The daemon ends in order: from now on `state` is `offline`, as the last will would say.
+  /// The daemon shuts down: publishes the `state` `offline`, as the last will would.
   void on_stop(const Now& now);
 
   std::optional<GatewayAction> next_action() { return actions_.pop(); }
@@ -152,7 +160,7 @@ class Gateway {
   void on_deadline(const Now& now);
 
   const RobotRegistry& registry() const { return registry_; }
-  /// What the broker's access list keeps from this gateway, as far as it is known.
+  /// Rights that the broker's access list does not give this gateway, as far as known.
   std::vector<MissingRight> missing_rights() const { return rights_.missing(); }
   std::size_t open_commands() const { return commands_.size(); }
   const Traffic& traffic() const { return traffic_; }
@@ -177,7 +185,7 @@ class Gateway {
   void take_command(BrokerMessage message, const Now& now);
   bool is_stray(const BrokerMessage& message, const std::string& robot) const;
   void deliver_strays(std::vector<StrayCommands::Stray> strays, const Now& now);
-  /// `waited`: before it came here.
+  /// `waited`: how long the command waited before this call.
   CommandId deliver(BrokerMessage message, const Now& now, Duration waited = {});
   void deliver_command(const Command& command, BrokerMessage message, const Now& now,
                        Duration waited);
@@ -193,15 +201,14 @@ class Gateway {
   void answer_waiting_subscribers();
   void reject(TrafficEvent event, bool retain, Robot* robot, const Now& now);
   void on_heard(const std::string& id, Robot* robot, TimePoint now);
-  void announce(const std::string& id, Robot& robot, TimePoint now);
-  bool is_covered(const std::string& filter) const;
-  bool is_of_all_commands(const std::string& filter) const;
+  void announce(const std::string& id, Robot& robot, TimePoint now, bool has_just_come = true);
+  bool is_covered(const std::string& filter, const SubscriptionTable::Wanted& wanted) const;
   void cover_commands();
-  void publish_state();
   void on_own_state(const BrokerMessage& message);
   void publish_retained(std::string topic, std::string payload);
 
   TopicScheme scheme_;
+  const std::string all_commands_ = scheme_.command_topic("+", "+");  ///< the filter
   Settings settings_;
   const BrokerLink& broker_;
   RobotRegistry registry_;
@@ -220,8 +227,9 @@ class Gateway {
   PerMesh<LinkState> mesh_links_;
   bool is_store_full_ = false;
   bool is_stopping_ = false;
-  bool is_state_heard_ = false;  ///< the `online` of this connection has come back
-  bool is_all_refused_ = false;  ///< the subscription to all commands, when asked last
+  bool is_state_heard_ = false;   ///< the `online` of this connection has come back
+  bool is_all_refused_ = false;   ///< the broker refused the subscription to all commands
+  bool was_all_granted_ = false;  ///< in this process
   ActionQueue<GatewayAction> actions_;
 };
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Robots that an earlier life of the daemon left behind as online in their retained presence: those
-// that are not heard again soon are to be called offline. Pure; part of Gateway.
+// Robots whose retained presence an earlier process left as online. Those that are not heard again
+// soon are to be marked offline. Pure; part of Gateway.
 #pragma once
 
 #include <map>
@@ -14,35 +14,45 @@ namespace slamgw {
 
 class LeftoverRobots {
  public:
-  /// After the broker was reached first. BLE robots that live are heard within it (a health status
-  /// every 10 s), sessions of MQTT-SN clients are there from the start.
+  /// From the first connection to the broker on. Living BLE robots are heard within it (a health
+  /// status every 10 s); sessions of MQTT-SN clients are restored at the start.
   static constexpr std::chrono::seconds grace{40};
+  /// After its SUBACK the broker sends what it has retained: when nothing more of it has come for
+  /// so long, the subscription can end. While it stands, the broker sends back each presence that
+  /// the gateway publishes.
+  static constexpr std::chrono::seconds retained_patience{5};
   static constexpr std::size_t max_robots = 10000;
-  /// Ten times what the gateway says of a robot; a larger one is not its own.
+  /// Ten times the size of a presence that the gateway writes; a larger one is not ours.
   static constexpr std::size_t max_octets = 4096;
 
   /// `filter` matches the retained presence of all robots of this gateway.
   explicit LeftoverRobots(std::string filter) : filter_(std::move(filter)) {}
 
   const std::string& filter() const { return filter_; }
-  /// Whether it still looks; until then its filter is to be subscribed.
-  bool is_looking() const { return is_looking_; }
+  /// True until finish(). Until then the gateway subscribes to `filter` at each new connection.
+  bool is_collecting() const { return is_collecting_; }
   void on_broker_up(TimePoint now);
+  /// The broker has granted `filter`, perhaps this one.
+  void on_granted(const std::string& filter, TimePoint now);
   /// True when the message is a presence; the caller drops it.
-  bool take(const BrokerMessage& message);
+  bool take(const BrokerMessage& message, TimePoint now);
+  /// True once for each connection: the filter is to be unsubscribed.
+  bool end_subscription(TimePoint now);
 
   struct Leftover {
     std::string robot;
     std::string presence;  ///< the JSON as it was retained, not offline
   };
   std::optional<TimePoint> deadline() const;
-  /// Once, when the time has come; ends the looking.
+  /// Returns the leftovers once, when `grace` is over.
   std::optional<std::vector<Leftover>> finish(TimePoint now);
 
  private:
   std::string filter_;
-  bool is_looking_ = true;
+  bool is_collecting_ = true;
   std::optional<TimePoint> up_since_;
+  bool is_subscribed_ = false;
+  std::optional<TimePoint> quiet_at_;
   std::map<std::string, std::string> found_;
 };
 

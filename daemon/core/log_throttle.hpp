@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// "Counted always, said once per burst": decides when a repeated event is worth a line, and how
-// many it stands for.
+// Decides when a repeated event is worth a log line, and how many events that line stands for: the
+// first of a burst at once, then at most one line for each interval.
 #pragma once
 
 #include <cstdint>
@@ -20,14 +20,14 @@ class LogThrottle {
   /// first of a burst).
   std::optional<std::uint64_t> on_event(TimePoint now) {
     ++pending_;
-    if (last_said_ && now - *last_said_ < interval_) return std::nullopt;
-    last_said_ = now;
+    if (last_line_at_ && now - *last_line_at_ < interval_) return std::nullopt;
+    last_line_at_ = now;
     return std::exchange(pending_, 0);
   }
 
  private:
   Duration interval_;
-  std::optional<TimePoint> last_said_;
+  std::optional<TimePoint> last_line_at_;
   std::uint64_t pending_ = 0;
 };
 

@@ -28,6 +28,16 @@ constexpr std::string_view to_string(Mesh mesh) {
   return {};
 }
 
+/// A member whose struct can't be made without naming its mesh: it has no default.
+class RequiredMesh {
+ public:
+  constexpr RequiredMesh(Mesh mesh) : mesh_(mesh) {}
+  constexpr operator Mesh() const { return mesh_; }
+
+ private:
+  Mesh mesh_;
+};
+
 /// One `T` for each mesh.
 template <class T>
 class PerMesh {

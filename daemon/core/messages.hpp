@@ -21,13 +21,15 @@ namespace slamgw {
 enum class Qos : std::uint8_t { at_most_once = 0, at_least_once = 1, exactly_once = 2 };
 
 /// The acknowledgement owed for one message. `id` is chosen by the mesh's machine, unique within
-/// that mesh for the life of the process; 0 means that nobody waits for an acknowledgement.
+/// that mesh for the life of the process; 0 means that nobody waits for an acknowledgement, and
+/// then the mesh does not matter.
 struct Receipt {
-  Mesh mesh = Mesh::thread;
+  RequiredMesh mesh;
   std::uint64_t id = 0;
   bool is_owed() const { return id != 0; }
   bool operator==(const Receipt&) const = default;
 };
+inline constexpr Receipt no_receipt{Mesh::thread, 0};
 
 /// How a receipt fires. `refused`: there is no room; the robot must not be acknowledged and keeps
 /// its message.
@@ -38,7 +40,7 @@ struct Refusal {
   int code = 0;     ///< MQTT 5 reason code, 0x80 and up; 0: the broker closes the connection
   std::string why;  ///< for people: "not authorised"
 
-  /// The fault is the message's, whatever the rights and quotas of tomorrow are.
+  /// The message itself is at fault: no change of rights or quotas will make it acceptable.
   bool is_permanent() const {
     constexpr int topic_name_invalid = 0x90;
     constexpr int packet_too_large = 0x95;
@@ -47,10 +49,10 @@ struct Refusal {
   }
 };
 
-/// What a mesh knows about the way that a message came.
+/// What a mesh knows about the path of a message.
 struct RadioFacts {
   int rssi_dbm = 0;                  ///< of the last hop
-  std::optional<std::uint8_t> hops;  ///< relays on the way; nothing where it can't be told
+  std::optional<std::uint8_t> hops;  ///< relays on the way; nothing where it is unknown
   std::uint8_t ttl = 0;              ///< on arrival
 };
 
@@ -58,28 +60,28 @@ struct RadioFacts {
 /// field.
 struct WireFacts {
   std::optional<std::uint16_t> message_id{};
-  std::optional<bool> is_dup{};  ///< sent again, says its sender
+  std::optional<bool> is_dup{};  ///< its sender marked it as a repeat
 };
 
 /// Up: what a robot said. `topic` is the full topic name (`<prefix>/robot/<robot>/<type>`, or one
 /// that `topics.extra_publish` allows); the mesh's machine has already made sure that this robot
 /// may use it.
 struct Report {
-  Mesh mesh = Mesh::thread;
+  RequiredMesh mesh;
   std::string robot;
   std::string topic;
   Bytes payload;
   Qos qos = Qos::at_most_once;
   bool retain = false;
   Receipt receipt;
-  bool is_will = false;  ///< said on the robot's behalf: no sign of life
+  bool is_will = false;  ///< a last will: no sign of life
   std::optional<RadioFacts> radio = {};
   WireFacts wire = {};
 };
 
-/// Where a robot's message came from, told to whoever asks (MQTT 5 user properties).
+/// Where a robot's message came from; published as MQTT 5 user properties.
 struct Provenance {
-  Mesh mesh = Mesh::thread;
+  RequiredMesh mesh;
   WallTime received_at{};
 };
 
@@ -90,22 +92,24 @@ struct BrokerMessage {
   Qos qos = Qos::at_most_once;
   bool retain = false;
   std::optional<Provenance> provenance{};  ///< of a robot's message on its way up
+  /// The broker says that it may have delivered it before (DUP). libmosquitto does not report it.
+  bool is_dup = false;
 };
 
 enum class Presence : std::uint8_t { online, asleep, offline };
 std::string_view to_string(Presence presence);
 
-/// A robot came, slept or went on one mesh. `address` is for people: `[fd00::1]:47193`, `0x0100`.
+/// A robot's new presence on one mesh. `address` is for people: `[fd00::1]:47193`, `0x0100`.
 struct PresenceChange {
-  Mesh mesh = Mesh::thread;
+  RequiredMesh mesh;
   std::string robot;
   Presence presence = Presence::online;
   std::string address;
 };
 
-/// A robot was heard, whatever it said (an acknowledgement, a ping): at most one a second for each.
+/// A robot was heard, by whatever message (an acknowledgement, a ping): at most once a second.
 struct SignOfLife {
-  Mesh mesh = Mesh::thread;
+  RequiredMesh mesh;
   std::string robot;
 };
 
@@ -117,12 +121,14 @@ struct SignOfLife {
 /// the core at once while the broker is away. UnsubscribeRequest when the mesh's last subscriber
 /// has gone.
 struct SubscribeRequest {
-  Mesh mesh = Mesh::thread;
+  RequiredMesh mesh;
   std::string filter;
   Qos qos = Qos::at_most_once;
+  /// False: fresh messages are enough, so no subscription is made where another one brings them.
+  bool wants_retained = true;
 };
 struct UnsubscribeRequest {
-  Mesh mesh = Mesh::thread;
+  RequiredMesh mesh;
   std::string filter;
 };
 
@@ -147,37 +153,37 @@ struct CommandOutcome {
   std::string why;  ///< empty when delivered or sent
 };
 
-/// What a mesh did with one message, besides reporting it or telling a command's outcome.
-/// `repeat`: a robot's message came again and did not go up; always told, with what is known.
-/// The others are told only while somebody follows messages (MeshAdapter::trace):
-/// `acknowledged`: the robot was told that its message is safe; `refused`: its message was not
-/// taken; `sent`: a message was handed to the radio, once more if `wire.is_dup`.
+/// What a mesh did with one message, besides reporting it or the outcome of a command. `repeat`: a
+/// robot's message came again and was not published again; always reported. The others are reported
+/// only while an operator watches (MeshAdapter::trace): `acknowledged`: the robot got its
+/// acknowledgement; `refused`: its message was not taken; `sent`: a message was handed to the
+/// radio, once more if `wire.is_dup`.
 struct MeshStep {
   enum class Kind : std::uint8_t { repeat, acknowledged, refused, sent };
   Kind kind = Kind::repeat;
-  Mesh mesh = Mesh::thread;
+  RequiredMesh mesh;
   std::string robot;
   std::string topic{};  ///< empty: that of the receipt or the command, or not known
   std::optional<Qos> qos{};
   WireFacts wire{};
   std::optional<std::size_t> bytes{};  ///< of the payload
   std::optional<RadioFacts> radio{};
-  Receipt receipt{};                    ///< of `acknowledged` and `refused`, where it had one
+  Receipt receipt = no_receipt;         ///< of `acknowledged` and `refused`, where it had one
   CommandId command = CommandId::none;  ///< of `sent`, when it is one
-  std::string why{};                    ///< it was refused
+  std::string why{};                    ///< why it was refused
 };
 
 /// The mesh's own link (the serial board, the UDP sockets) came up or went down; `detail` is for
 /// `status` and the log.
 struct LinkChange {
-  Mesh mesh = Mesh::thread;
+  RequiredMesh mesh;
   bool is_up = false;
   std::string detail;
 };
 
 enum class Severity : std::uint8_t { debug, info, notice, warning, error };
 
-/// What a log line is about, for those who look for one kind (the journal's MESSAGE_ID).
+/// The kind of a log line, to search for it by the journal's MESSAGE_ID.
 enum class Occasion : std::uint8_t {
   other,
   robot_message,  ///< traffic, in either direction
@@ -198,7 +204,7 @@ struct Notice {
   std::optional<std::chrono::microseconds> latency{};  ///< of a command, where known
 };
 
-/// What a mesh's machine tells the core.
+/// What a mesh's machine reports to the core.
 using MeshEvent = std::variant<Report, PresenceChange, SignOfLife, SubscribeRequest,
                                UnsubscribeRequest, CommandOutcome, LinkChange, MeshStep, Notice>;
 

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Makes one form of what robots say in several: only the type `update` is interpreted, every other
-// type passes unchanged.
+// Brings the payloads of type `update` into one form; every other type passes unchanged.
 #pragma once
 
 #include <optional>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Whose message each open receipt is for, and since when: for the latencies in a robot's numbers.
-// Pure; part of Gateway.
+// The robot and the time of each message whose receipt is open: for the latencies in a robot's
+// numbers. Pure; part of Gateway.
 #pragma once
 
 #include <functional>

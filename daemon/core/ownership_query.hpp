@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the core asks about robots that several gateways could serve. Answered by the fleet's
-// Ownership; without one, every robot is this gateway's.
+// Ownership; without one, this gateway serves every robot.
 #pragma once
 
 #include <functional>
@@ -11,17 +11,22 @@
 namespace slamgw {
 
 struct OwnershipQuery {
-  /// Other gateways are about: commands and wills wait for their turn.
+  /// True while there are other gateways: then commands and wills wait for their turn.
   std::function<bool()> is_shared = [] { return false; };
-  /// Every command comes by one subscription, of whose copies a broker could not tell (MQTT 3.1.1):
-  /// unless the broker refuses it, robots' own subscriptions to commands stay away from there.
+  /// True where one subscription brings all commands and the broker could not name the copies of
+  /// several (MQTT 3.1.1). Robots' own subscriptions to commands are then not made at the broker,
+  /// unless it refuses that one.
   std::function<bool()> hears_all_commands = [] { return false; };
-  /// False when another living gateway serves the robot: its presence is not this gateway's to
-  /// tell.
+  /// False when another living gateway serves the robot.
   std::function<bool(const std::string& robot)> speaks_for = [](const std::string&) {
     return true;
   };
-  /// Shown each message from the broker. True: it is between gateways, and not for robots.
+  /// Whether the robot's presence may be published: not when another living gateway serves it, and,
+  /// but for `offline`, not while that is not known. Then Gateway::on_taken_over() publishes it.
+  /// `has_just_come`: the robot was heard here just now.
+  std::function<bool(const std::string& robot, Presence presence, bool has_just_come)>
+      may_announce = [](const std::string&, Presence, bool) { return true; };
+  /// Sees each message from the broker. True when it is one between gateways.
   std::function<bool(const BrokerMessage& message)> takes = [](const BrokerMessage&) {
     return false;
   };

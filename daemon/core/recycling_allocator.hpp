@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// For containers that gain and lose a node with each message: what they free they get again, so
-// that nothing is allocated once a path is warm. Each thread keeps its own.
+// An allocator for containers that gain and lose a node with each message. It reuses the freed
+// blocks, so that a warm path allocates nothing. Each thread has a pool of its own.
 #pragma once
 
 #include <array>

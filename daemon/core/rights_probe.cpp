@@ -31,8 +31,8 @@ bool RightsProbe::is_own(const std::string& filter) const {
   return std::ranges::any_of(places_, [&](const Place& place) { return place.topic == filter; });
 }
 
-void RightsProbe::on_broker_link(bool is_up) {
-  is_broker_up_ = is_up;
+void RightsProbe::on_broker_link(bool is_probing) {
+  is_probing_ = is_probing;
   copies_.reset();
   for (Place& place : places_)
     if (place.state == State::waiting) place.state = State::idle;
@@ -49,7 +49,13 @@ std::optional<BrokerMessage> RightsProbe::on_subscribe_result(const std::string&
   return std::nullopt;
 }
 
-/// The wall clock tells messages of a former process apart, the number those of this one.
+std::optional<BrokerMessage> RightsProbe::ask_under_server(const Now& now) {
+  Place& place = places_.back();
+  if (place.state != State::heard) return std::nullopt;
+  return ask(place, now);
+}
+
+/// The wall clock distinguishes messages of a former process, the number those of this one.
 BrokerMessage RightsProbe::ask(Place& place, const Now& now) {
   const auto since_epoch = now.wall.time_since_epoch();
   place.nonce = fmt::format(
@@ -60,7 +66,7 @@ BrokerMessage RightsProbe::ask(Place& place, const Now& now) {
   return {place.topic, to_bytes(place.nonce), Qos::at_most_once, false};
 }
 
-bool RightsProbe::take(const BrokerMessage& message, TimePoint now) {
+bool RightsProbe::take(const BrokerMessage& message) {
   const auto place = std::find_if(places_.begin(), places_.end(),
                                   [&](const Place& p) { return p.topic == message.topic; });
   if (place == places_.end()) return false;
@@ -68,23 +74,22 @@ bool RightsProbe::take(const BrokerMessage& message, TimePoint now) {
   if (place->nonce.empty() || as_text(message.payload) != place->nonce) return true;
   place->state = State::heard;
   place->nonce.clear();
-  round_trip_ = now - place->sent;
   return true;
 }
 
-void RightsProbe::count_copies(const Place& place, std::string_view said) {
+void RightsProbe::count_copies(const Place& place, std::string_view payload) {
   if (&place != &places_.back()) return;
-  if (!place.nonce.empty() && said == place.nonce) {
-    heard_under_server_ = said;
+  if (!place.nonce.empty() && payload == place.nonce) {
+    heard_under_server_ = payload;
     copies_ = 1;
-  } else if (copies_ && said == heard_under_server_) {
+  } else if (copies_ && payload == heard_under_server_) {
     ++*copies_;
   }
 }
 
 std::vector<BrokerMessage> RightsProbe::on_tick(const Now& now) {
   std::vector<BrokerMessage> messages;
-  if (!is_broker_up_) return messages;
+  if (!is_probing_) return messages;
   for (Place& place : places_) {
     if (place.state == State::waiting && now.mono - place.sent >= patience)
       place.state = State::unheard;
@@ -97,7 +102,7 @@ std::vector<BrokerMessage> RightsProbe::on_tick(const Now& now) {
 std::optional<TimePoint> RightsProbe::deadline() const {
   std::optional<TimePoint> next;
   for (const Place& place : places_) {
-    if (!is_broker_up_) break;
+    if (!is_probing_) break;
     if (place.state == State::waiting) next = earlier(next, place.sent + patience);
     if (place.state == State::unheard) next = earlier(next, place.sent + retry);
   }
@@ -113,15 +118,16 @@ std::vector<MissingRight> RightsProbe::missing() const {
 
 std::optional<Notice> RightsProbe::next_notice() {
   std::vector<MissingRight> now_missing = missing();
-  if (now_missing == told_) return std::nullopt;
-  told_ = std::move(now_missing);
-  if (told_.empty())
+  if (now_missing == reported_) return std::nullopt;
+  reported_ = std::move(now_missing);
+  if (reported_.empty())
     return Notice{Severity::notice,
-                  "the broker's access control list is well again",
+                  "the broker's access control list gives all rights that this gateway needs",
                   {},
                   Occasion::broker_link};
   std::string text = "the broker's access control list lacks rights for this gateway's user";
-  for (const MissingRight& right : told_) text += fmt::format("; {}: {}", right.what, right.grant);
+  for (const MissingRight& right : reported_)
+    text += fmt::format("; {}: {}", right.what, right.grant);
   return Notice{Severity::warning, std::move(text), {}, Occasion::broker_link};
 }
 

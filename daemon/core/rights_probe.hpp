@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Whether the broker lets this gateway do what it must. A broker may grant a subscription and send
-// nothing (Mosquitto does, when the access list has no right to read), or take a message and drop
-// it, and say nothing. So at each connect the gateway says something to itself where it publishes
-// and where commands come from, and listens for it. Pure; driven by Gateway.
+// Finds out whether the broker's access list gives this gateway the rights that it needs. A broker
+// may grant a subscription and send nothing (Mosquitto does, without the right to read), or take a
+// message and drop it silently. So at each connect the gateway sends messages to itself, one where
+// it publishes and one where commands come from, and waits for both. Pure; driven by Gateway.
 #pragma once
 
 #include <array>
@@ -29,7 +29,7 @@ class RightsProbe {
   static constexpr std::string_view level = "probe";
   /// A broker answers within milliseconds; a message that was not back by then was not let through.
   static constexpr std::chrono::seconds patience{10};
-  /// While something is missing it is tried again: an access list may be corrected meanwhile.
+  /// A missing right is probed again after this time: the access list may have been corrected.
   static constexpr std::chrono::seconds retry{60};
 
   explicit RightsProbe(const TopicScheme& scheme);
@@ -37,29 +37,32 @@ class RightsProbe {
   /// To be subscribed at each connect.
   std::vector<std::string> filters() const;
   bool is_own(const std::string& filter) const;
-  void on_broker_link(bool is_up);
-  /// The broker's answer for one of the filters; what is to be published now (QoS 0, not retained).
+  /// At each change of the link: whether it probes, which it does while the broker is there and
+  /// the configuration wants it.
+  void on_broker_link(bool is_probing);
+  /// The broker's answer for one of the filters. Returns what to publish now (QoS 0, not retained).
   std::optional<BrokerMessage> on_subscribe_result(const std::string& filter, bool granted,
                                                    const Now& now);
+  /// Asks once more under `server/`: the answer before came too early for copies(). Nothing
+  /// while an answer is still to come.
+  std::optional<BrokerMessage> ask_under_server(const Now& now);
   /// How many copies of the newest message under `server/` have come back; nothing while none has.
   /// They come in a row. A broker that sends several has sent one for each subscription.
   std::optional<unsigned> copies() const { return copies_; }
   /// True when the message is one of the probe's; the caller drops it.
-  bool take(const BrokerMessage& message, TimePoint now);
+  bool take(const BrokerMessage& message);
   std::optional<TimePoint> deadline() const;
-  /// At the deadline, or any time. What is to be published again.
+  /// At the deadline, or any time. Returns what to publish again.
   std::vector<BrokerMessage> on_tick(const Now& now);
 
   /// Empty while nothing is known to be missing.
   std::vector<MissingRight> missing() const;
-  /// How long the last message was on its way to the broker and back.
-  std::optional<Duration> round_trip() const { return round_trip_; }
-  /// When what is missing has changed since the last call: a line for the log.
+  /// A line for the log when the missing rights have changed since the last call.
   std::optional<Notice> next_notice();
 
  private:
   enum class State : std::uint8_t { idle, waiting, heard, unheard };
-  /// One place to talk to itself.
+  /// One of the topics that it probes.
   struct Place {
     std::string topic;
     MissingRight right;
@@ -69,15 +72,14 @@ class RightsProbe {
   };
 
   BrokerMessage ask(Place& place, const Now& now);
-  void count_copies(const Place& place, std::string_view said);
+  void count_copies(const Place& place, std::string_view payload);
 
   std::array<Place, 2> places_;  // under gateway/, under server/
-  bool is_broker_up_ = false;
+  bool is_probing_ = false;      ///< the broker is there, and the configuration wants it
   std::uint64_t asked_ = 0;
   std::string heard_under_server_;
   std::optional<unsigned> copies_;
-  std::optional<Duration> round_trip_;
-  std::vector<MissingRight> told_;
+  std::vector<MissingRight> reported_;
 };
 
 }  // namespace slamgw

@@ -26,7 +26,7 @@ std::optional<std::uint16_t> parse_default_ble_id(std::string_view id) {
 }  // namespace
 
 RobotNames::RobotNames(std::vector<RobotName> names) : names_(std::move(names)) {
-  // An entry that only tells an origin gives no address a name.
+  // An entry with an origin only names no address.
   std::erase_if(names_,
                 [](const RobotName& name) { return !name.ble_address && !name.mqttsn_client_id; });
   for (const RobotName& name : names_) {

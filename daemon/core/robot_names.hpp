@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Which robot an address on a mesh is: what `robots` in the configuration says, else the defaults
-// of the contract. Immutable.
+// of docs/topics.md. Immutable.
 #pragma once
 
 #include <cstdint>
@@ -12,8 +12,8 @@
 
 namespace slamgw {
 
-/// Where the frame that a robot starts in lies in the room: what it calls (0, 0), and how far its
-/// x axis is turned from the room's, counter-clockwise.
+/// Where a robot's coordinate frame lies in the room: the position of its (0, 0), and how far its x
+/// axis is turned from the room's, counter-clockwise.
 struct RobotOrigin {
   double x_cm = 0;
   double y_cm = 0;
@@ -22,7 +22,7 @@ struct RobotOrigin {
 };
 
 /// One entry of `robots`: a fixed name, the addresses it goes by on either mesh, and its origin for
-/// those that draw maps. The gateway itself moves no position.
+/// programs that draw maps. The gateway itself changes no position.
 struct RobotName {
   std::string id;
   std::optional<std::uint16_t> ble_address;     ///< unicast address, 0x0001-0x7fff

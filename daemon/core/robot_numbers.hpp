@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// How much one robot says and is told, and how long its messages take to be safe. Bounded: a few
-// counters, and at most 2 KiB of latencies. Pure; part of the registry.
+// Counts one robot's messages and commands, and how long its messages take to be safe. Bounded: a
+// few counters, and at most 2 KiB of latencies. Pure; part of the registry.
 #pragma once
 
 #include <chrono>
@@ -64,14 +64,14 @@ class RobotNumbers {
   void on_up(std::size_t bytes, TimePoint now);
   void on_down(std::size_t bytes);
   void on_repeat() { ++repeats_; }
-  /// One of its messages is with the broker or on disk, so long after it came.
+  /// One of its messages reached the broker or the disk, `latency` after it came.
   void on_safe(std::chrono::microseconds latency, TimePoint now) { latency_.add(latency, now); }
 
   std::uint64_t up() const { return up_; }
   std::uint64_t down() const { return down_; }
   std::uint64_t bytes_up() const { return bytes_up_; }
   std::uint64_t bytes_down() const { return bytes_down_; }
-  /// Of its messages that came again and did not go up.
+  /// Its messages that came again and were not published again.
   std::uint64_t repeats() const { return repeats_; }
   /// Pauses that were unusual for it: an estimate of interruptions, not of lost messages.
   std::uint64_t gaps() const { return gaps_; }

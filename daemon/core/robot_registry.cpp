@@ -44,7 +44,6 @@ void RobotRegistry::make_room() {
   candidates.resize(count);
   for (const auto& robot : candidates) {
     evicted_.push_back(robot->first);
-    ++evicted_total_;
     remove(robot);
   }
 }

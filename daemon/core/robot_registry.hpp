@@ -46,16 +46,16 @@ struct Robot {
 
 class RobotRegistry {
  public:
-  /// Twice the default of `mqttsn.max_clients`. When it is reached, `evicted_at_once` of the least
-  /// useful go: those that are not configured and were heard over the shortest time. So a crowd of
-  /// strangers pushes out itself.
+  /// Twice the default of `mqttsn.max_clients`. When it is reached, `evicted_at_once` robots are
+  /// evicted: those that are not configured and were heard over the shortest time. So a crowd of
+  /// strangers evicts only strangers.
   static constexpr std::size_t max_robots = 20000;
   static constexpr std::size_t evicted_at_once = 1000;
 
   explicit RobotRegistry(std::size_t capacity = max_robots) : capacity_(capacity) {}
 
-  /// Robots of the configuration are never evicted. One that is beyond the capacity with them alone
-  /// is not tracked (its messages still pass).
+  /// Robots of the configuration are never evicted. When they alone fill the capacity, other robots
+  /// are not tracked (their messages still pass).
   void set_configured(std::set<std::string> robots) { configured_ = std::move(robots); }
   bool is_configured(const std::string& robot) const { return configured_.contains(robot); }
   const std::set<std::string>& configured() const { return configured_; }
@@ -78,7 +78,6 @@ class RobotRegistry {
   /// How many robots are online, asleep, offline (all meshes considered).
   std::size_t count(Presence presence) const { return counts_[static_cast<std::size_t>(presence)]; }
   std::uint64_t untracked() const { return untracked_; }
-  std::uint64_t evicted() const { return evicted_total_; }
 
  private:
   void make_room();
@@ -89,7 +88,6 @@ class RobotRegistry {
   std::map<std::string, Robot> robots_;
   std::set<std::string> configured_;
   std::vector<std::string> evicted_;
-  std::uint64_t evicted_total_ = 0;
   std::array<std::size_t, 3> counts_{};  // by Presence
   std::uint64_t untracked_ = 0;
 };

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where a mesh keeps the sessions of its robots over a restart of the daemon (contract section 6,
+// Where a mesh keeps the sessions of its robots over a restart of the daemon (docs/topics.md,
 // promise 7). What a session is made of is the mesh's concern. All calls on the loop's thread.
 #pragma once
 
@@ -24,11 +24,11 @@ class SessionStore {
 
   virtual ~SessionStore() = default;
 
-  /// All that is kept. Once, before the first save; may take as long as the disk takes.
+  /// Loads all kept sessions. Once, before the first save; takes as long as the disk takes.
   virtual std::vector<Session> load() = 0;
   /// Takes the changes over and never blocks; what can't be written now is written later.
   virtual void save(std::vector<Change> changes) = 0;
-  /// The last changes are not written yet: the next ones may wait, and be fewer.
+  /// True while changes are being written: the caller may wait and collect more of them.
   virtual bool is_busy() const = 0;
 };
 

@@ -27,7 +27,7 @@ struct ListDeadLetters {
   std::string topic;        ///< empty: any
   bool with_payloads = false;
 };
-/// Back among the undelivered messages, behind the others, oldest first. Those that are damaged
+/// Puts them back among the undelivered messages, behind the others, oldest first; damaged ones
 /// only when their ids are named. Answer: `{"resent", "left"}`.
 struct ResendOrder {
   DeadLetterChoice choice;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Commands for robots that no mesh knows. A robot may be known a moment later, so each waits here
-// that long before it is refused. Pure; part of Gateway, for a gateway that is alone on its broker:
-// among several, fleet::CommandTurns keeps what nobody serves.
+// for `patience` before it is refused. Pure; part of Gateway, for a gateway that is alone on its
+// broker: among several, fleet::CommandTurns keeps what nobody serves.
 #pragma once
 
 #include <deque>
@@ -17,7 +17,7 @@ class StrayCommands {
  public:
   /// With the 29 s that a mesh may take afterwards, a command still ends within 30 s.
   static constexpr std::chrono::milliseconds patience{500};
-  /// Beyond these the oldest go at once: a crowd of made-up names costs no more memory.
+  /// Beyond these bounds the oldest are refused at once, so invented names cost no more memory.
   static constexpr std::size_t max_waiting = 4096;
   static constexpr std::size_t max_octets = std::size_t{8} * 1024 * 1024;
 

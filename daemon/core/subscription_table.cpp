@@ -2,6 +2,7 @@
 #include "daemon/core/subscription_table.hpp"
 
 #include <algorithm>
+#include <tuple>
 #include <utility>
 
 namespace slamgw {
@@ -21,21 +22,24 @@ std::vector<Mesh> take_waiting(SubscriptionTable::Wanted& wanted) {
 
 SubscriptionTable::Wanted& SubscriptionTable::row(const std::string& filter, Qos qos) {
   Wanted& wanted = wanted_[filter];
-  if (wanted.id == 0) used_ids_.insert(wanted.id = make_id(filter));
+  if (wanted.id == 0) wanted.id = take_id(filter);
   wanted.qos = std::max(wanted.qos, qos);
   return wanted;
 }
 
 const SubscriptionTable::Wanted& SubscriptionTable::add(Mesh mesh, const std::string& filter,
-                                                        Qos qos) {
+                                                        Qos qos, bool wants_retained) {
+  const bool is_new = !wanted_.contains(filter);
   Wanted& wanted = row(filter, qos);
+  if (is_new) wanted.is_covered = !wants_retained;
   wanted.by_mesh[mesh] = true;
+  wanted.wants_retained = wanted.wants_retained || wants_retained;
   return wanted;
 }
 
 const SubscriptionTable::Wanted& SubscriptionTable::add_own(const std::string& filter, Qos qos) {
   Wanted& wanted = row(filter, qos);
-  wanted.is_own = true;
+  wanted.is_own = wanted.wants_retained = true;
   return wanted;
 }
 
@@ -62,27 +66,41 @@ bool SubscriptionTable::forget_if_unwanted(std::map<std::string, Wanted>::iterat
 
 void SubscriptionTable::forget(std::map<std::string, Wanted>::iterator wanted) {
   standing_.erase(wanted->first);
-  used_ids_.erase(wanted->second.id);
+  used_ids_.erase(std::ranges::lower_bound(used_ids_, wanted->second.id));
   wanted_.erase(wanted);
 }
 
-void SubscriptionTable::cover(const std::string& filter) {
+void SubscriptionTable::set_cover(const std::string& filter, bool is_covered) {
   const auto known = wanted_.find(filter);
   if (known == wanted_.end()) return;
-  known->second.is_covered = true;
-  standing_.erase(filter);
+  known->second.is_covered = is_covered;
+  if (is_covered) standing_.erase(filter);
+}
+
+void SubscriptionTable::on_connection_changed() {
+  standing_.clear();
+  sends_copies_.reset();
+  for (auto& [filter, wanted] : wanted_) wanted.is_covered = !wanted.wants_retained;
 }
 
 std::vector<std::string> SubscriptionTable::set_cover(
-    const std::function<bool(const std::string& filter)>& is_covered) {
+    const std::function<bool(const std::string& filter, const Wanted& wanted)>& is_covered) {
   std::vector<std::string> changed;
   for (auto& [filter, wanted] : wanted_) {
-    const bool before = std::exchange(wanted.is_covered, is_covered(filter));
+    const bool before = wanted.is_covered;
+    wanted.is_covered = is_covered(filter, wanted);
     if (before == wanted.is_covered) continue;
     standing_.erase(filter);
     changed.push_back(filter);
   }
   return changed;
+}
+
+std::vector<std::string> SubscriptionTable::covered() const {
+  std::vector<std::string> filters;
+  for (const auto& [filter, wanted] : wanted_)
+    if (wanted.is_covered) filters.push_back(filter);
+  return filters;
 }
 
 void SubscriptionTable::await(Mesh mesh, const std::string& filter) {
@@ -96,7 +114,7 @@ std::vector<Mesh> SubscriptionTable::on_answer(const std::string& filter, bool g
   std::vector<Mesh> meshes = take_waiting(known->second);
   if (granted && known->second.is_covered) return meshes;
   if (granted) {
-    standing_[filter] = {known->second.id, known->second.qos};
+    standing_[filter] = {known->second.id, known->second.qos, known->second.is_own};
     return meshes;
   }
   for (const Mesh mesh : all_meshes) {
@@ -131,7 +149,13 @@ SubscriptionId SubscriptionTable::make_id(std::string_view filter) const {
   std::uint32_t hash = 2166136261U;
   for (const char c : filter) hash = (hash ^ static_cast<unsigned char>(c)) * 16777619U;
   SubscriptionId id = hash % largest_id + 1;
-  while (used_ids_.contains(id)) id = id % largest_id + 1;
+  while (std::ranges::binary_search(used_ids_, id)) id = id % largest_id + 1;
+  return id;
+}
+
+SubscriptionId SubscriptionTable::take_id(std::string_view filter) {
+  const SubscriptionId id = make_id(filter);
+  used_ids_.insert(std::ranges::lower_bound(used_ids_, id), id);
   return id;
 }
 
@@ -140,9 +164,10 @@ bool SubscriptionTable::is_copy_to_take(const BrokerMessage& message,
   StandingSubscription best;
   std::size_t copies = 0;
   standing_.match(message.topic, [&](const StandingSubscription& standing) {
-    const bool is_better =
-        standing.qos == best.qos ? standing.id < best.id : standing.qos > best.qos;
-    if (best.id == 0 || is_better) best = standing;
+    const auto rank = [](const StandingSubscription& each) {
+      return std::tuple(each.qos, each.is_own, -std::int64_t{each.id});
+    };
+    if (best.id == 0 || rank(standing) > rank(best)) best = standing;
     ++copies;
   });
   if (ids.empty())

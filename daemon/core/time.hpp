@@ -19,7 +19,7 @@ using WallTime = std::chrono::system_clock::time_point;
 struct Now {
   TimePoint mono{};
   WallTime wall{};
-  /// For whoever needs nothing else.
+  /// For callers that need only this clock.
   operator TimePoint() const { return mono; }
 };
 

@@ -2,6 +2,7 @@
 #include "daemon/core/topic_scheme.hpp"
 
 #include <algorithm>
+#include <initializer_list>
 #include <utility>
 
 #include "daemon/core/utf8.hpp"
@@ -66,6 +67,16 @@ bool filter_covers(std::string_view outer, std::string_view inner) {
   }
 }
 
+/// In one piece of memory.
+std::string joined(std::initializer_list<std::string_view> parts) {
+  std::size_t size = 0;
+  for (const std::string_view part : parts) size += part.size();
+  std::string text;
+  text.reserve(size);
+  for (const std::string_view part : parts) text += part;
+  return text;
+}
+
 }  // namespace
 
 bool is_valid_level(std::string_view level) {
@@ -106,11 +117,11 @@ TopicScheme::TopicScheme(std::string prefix, std::string gateway_id)
       gateway_root_(gateways_root_ + gateway_id_ + "/") {}
 
 std::string TopicScheme::robot_topic(std::string_view robot, std::string_view type) const {
-  return robot_root_ + std::string(robot) + "/" + std::string(type);
+  return joined({robot_root_, robot, "/", type});
 }
 
 std::string TopicScheme::command_topic(std::string_view robot, std::string_view type) const {
-  return command_root_ + std::string(robot) + "/" + std::string(type);
+  return joined({command_root_, robot, "/", type});
 }
 
 std::string TopicScheme::command_filter(std::string_view robot) const {
@@ -128,20 +139,20 @@ std::optional<TopicScheme::RobotAndType> TopicScheme::parse_command_topic(
 }
 
 std::string TopicScheme::presence_topic(std::string_view robot) const {
-  return gateway_root_ + "robots/" + std::string(robot);
+  return joined({gateway_root_, "robots/", robot});
 }
 
 std::string TopicScheme::presence_topic_at(const std::string& gateway,
                                            std::string_view robot) const {
-  return gateways_root_ + gateway + "/robots/" + std::string(robot);
+  return joined({gateways_root_, gateway, "/robots/", robot});
 }
 
 std::string TopicScheme::outcome_topic(std::string_view robot) const {
-  return gateway_root_ + "commands/" + std::string(robot);
+  return joined({gateway_root_, "commands/", robot});
 }
 
 std::string TopicScheme::rejected_topic(std::string_view robot, std::string_view type) const {
-  return gateway_root_ + "rejected/" + std::string(robot) + "/" + std::string(type);
+  return joined({gateway_root_, "rejected/", robot, "/", type});
 }
 
 TopicPolicy::TopicPolicy(TopicScheme scheme, std::vector<std::string> extra_publish,

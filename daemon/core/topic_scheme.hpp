@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The topic tree of the contract, both directions, and who may use what in it. Pure functions on
+// The topic tree of docs/topics.md, both directions, and who may use what in it. Pure functions on
 // strings.
 #pragma once
 
@@ -45,7 +45,7 @@ class TopicScheme {
   std::string stats_topic() const { return gateway_root_ + "stats"; }
   std::string numbers_topic() const { return gateway_root_ + "numbers"; }
   std::string presence_topic(std::string_view robot) const;
-  /// Where another gateway tells a robot's presence.
+  /// Where another gateway publishes a robot's presence.
   std::string presence_topic_at(const std::string& gateway, std::string_view robot) const;
   std::string outcome_topic(std::string_view robot) const;
   std::string rejected_topic(std::string_view robot, std::string_view type) const;
@@ -64,7 +64,7 @@ class TopicScheme {
   std::string gateway_root_;
 };
 
-/// Who may do what on MQTT-SN (contract section 4). `%c` in an extra filter stands for the client
+/// Who may do what on MQTT-SN (docs/topics.md). `%c` in an extra filter stands for the client
 /// id.
 class TopicPolicy {
  public:

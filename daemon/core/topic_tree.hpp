@@ -20,19 +20,19 @@ class TopicTree {
   Value& operator[](std::string_view filter) {
     Node* node = &root_;
     for (Level level = Level::first_of(filter);; level = level.next()) {
+      if (auto* place = node->place_at(level)) return value_in(*place);
       auto& next = node->children[std::string(level.text)];
       if (!next) next = std::make_unique<Node>();
       node = next.get();
-      if (level.is_last) break;
+      if (level.is_last) return value_in(node->value);
     }
-    if (!node->value) node->value.emplace();
-    return *node->value;
   }
 
   /// Nothing when the filter has no value.
   Value* find(std::string_view filter) {
     Node* node = &root_;
     for (Level level = Level::first_of(filter);; level = level.next()) {
+      if (auto* place = node->place_at(level)) return *place ? &**place : nullptr;
       node = child(*node, level.text);
       if (!node) return nullptr;
       if (level.is_last) return node->value ? &*node->value : nullptr;
@@ -51,11 +51,6 @@ class TopicTree {
   }
 
  private:
-  struct Node {
-    std::map<std::string, std::unique_ptr<Node>, std::less<>> children;
-    std::optional<Value> value;
-  };
-
   /// One level of a topic or filter, and what follows it.
   struct Level {
     std::string_view text;
@@ -70,12 +65,31 @@ class TopicTree {
     Level next() const { return first_of(rest); }
   };
 
+  struct Node {
+    std::map<std::string, std::unique_ptr<Node>, std::less<>> children;
+    std::optional<Value> value;
+    /// Values of filters that end in `+` or `#` below this. Most filters do: so they need no node.
+    std::optional<Value> any;
+    std::optional<Value> rest;
+
+    bool is_empty() const { return !value && !any && !rest && children.empty(); }
+    /// Null: a filter that goes on at `level` has a child there.
+    std::optional<Value>* place_at(const Level& level) {
+      if (!level.is_last) return nullptr;
+      if (level.text == "#") return &rest;
+      return level.text == "+" ? &any : nullptr;
+    }
+  };
+
+  static Value& value_in(std::optional<Value>& place) { return place ? *place : place.emplace(); }
+
   static Node* child(const Node& node, std::string_view level) {
     const auto found = node.children.find(level);
     return found == node.children.end() ? nullptr : found->second.get();
   }
 
   static void erase_below(Node& node, const Level& level) {
+    if (auto* place = node.place_at(level)) return place->reset();
     const auto next = node.children.find(level.text);
     if (next == node.children.end()) return;
     if (level.is_last) {
@@ -83,25 +97,21 @@ class TopicTree {
     } else {
       erase_below(*next->second, level.next());
     }
-    if (!next->second->value && next->second->children.empty()) node.children.erase(next);
-  }
-
-  template <class Visit>
-  static void visit_value(const Node* node, Visit& visit) {
-    if (node && node->value) visit(*node->value);
+    if (next->second->is_empty()) node.children.erase(next);
   }
 
   template <class Visit>
   static void match_below(const Node& node, const Level& level, bool is_hidden, Visit& visit) {
-    if (!is_hidden) visit_value(child(node, "#"), visit);
+    if (!is_hidden && node.rest) visit(*node.rest);
+    if (!is_hidden && level.is_last && node.any) visit(*node.any);
     for (const Node* next : {child(node, level.text), is_hidden ? nullptr : child(node, "+")}) {
       if (!next) continue;
       if (!level.is_last) {
         match_below(*next, level.next(), false, visit);
         continue;
       }
-      visit_value(next, visit);
-      visit_value(child(*next, "#"), visit);  // "a/#" also matches "a"
+      if (next->value) visit(*next->value);
+      if (next->rest) visit(*next->rest);  // "a/#" also matches "a"
     }
   }
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Follows each message from its arrival to its acknowledgement and each command to its outcome:
-// joins what the core, the meshes and delivery tell into one stream of TraceEvents. Pure. While it
-// is off, each call costs one test of a flag.
+// joins what the core, the meshes and delivery report into one stream of TraceEvents. Pure. While
+// it is off, each call costs one test of a flag.
 #pragma once
 
 #include <cstdint>
@@ -19,7 +19,7 @@ namespace slamgw {
 class Trace final : public TrafficObserver {
  public:
   /// Messages and commands that are followed at once; the oldest is forgotten first, and its later
-  /// events lack what only its arrival told.
+  /// events lack what was known only on its arrival.
   static constexpr std::size_t max_followed = 65536;
 
   using Sink = std::function<void(const TraceEvent&)>;
@@ -31,7 +31,6 @@ class Trace final : public TrafficObserver {
 
   /// Off: forgets everything.
   void turn(bool is_on);
-  bool is_on() const { return is_on_; }
   std::size_t followed() const { return followed_.size(); }
 
   void on_traffic(const TrafficEvent& event) override;
@@ -40,7 +39,7 @@ class Trace final : public TrafficObserver {
   void on_outcome(const CommandOutcome& outcome, const Now& now) override;
 
  private:
-  /// What only the arrival tells.
+  /// What is known only at the arrival.
   struct Followed {
     std::string robot;
     std::string topic;
@@ -57,7 +56,7 @@ class Trace final : public TrafficObserver {
   static Key key_of(CommandId command);
   void follow(const Key& key, const TrafficEvent& event);
   const Followed* find(const Key& key) const;
-  /// Fills in what the step did not tell.
+  /// Fills in what the step leaves out.
   void complete(TraceEvent& event, const Followed* followed, TimePoint now) const;
   void emit(TraceEvent event);
 
@@ -66,7 +65,7 @@ class Trace final : public TrafficObserver {
   Sink sink_;
   bool is_on_ = false;
   std::map<Key, Followed> followed_;
-  std::deque<Key> order_;  ///< of arrival; at most max_followed, may name what has ended
+  std::deque<Key> order_;  ///< by arrival; at most max_followed; some may have ended
 };
 
 }  // namespace slamgw

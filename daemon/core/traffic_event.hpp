@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// One robot message as it passes the core, what becomes of it afterwards, and who is told of both:
-// the log, the numbers for each robot, the trace.
+// A robot message as it passes the core, what becomes of it, and the interface of those who observe
+// both: the log and the trace.
 #pragma once
 
 #include <optional>
@@ -23,15 +23,15 @@ struct TrafficEvent {
   Qos qos = Qos::at_most_once;
   std::optional<Update> update;  ///< when `type` is `update` and could be read
   WallTime wall{};
-  TimePoint at{};     ///< arrival in the gateway
-  Receipt receipt{};  ///< on its way up: fires when the broker or the disk has it
+  TimePoint at{};                ///< arrival in the gateway
+  Receipt receipt = no_receipt;  ///< on its way up: fires when the broker or the disk has it
   WireFacts wire{};
   std::optional<RadioFacts> radio{};
   CommandId command = CommandId::none;  ///< on its way down, when it is one
   bool is_rejected = false;             ///< `payload.update` could not read it
 };
 
-/// What delivery did with one message of a robot. Told only while somebody follows messages.
+/// What delivery did with one message of a robot. Reported only while an operator watches.
 /// `refused`: the broker does not take it, or it was QoS 0 and dropped.
 struct DeliveryStep {
   enum class Kind : std::uint8_t { stored, published, refused };
@@ -39,13 +39,13 @@ struct DeliveryStep {
   std::string topic;
   Qos qos = Qos::at_most_once;
   std::size_t bytes = 0;  ///< of the payload
-  Mesh mesh = Mesh::thread;
-  Receipt receipt{};  ///< may not be owed, or owed no longer
+  RequiredMesh mesh;
+  Receipt receipt = no_receipt;  ///< may not be owed, or owed no longer
   TimePoint submitted{};
-  std::string why{};  ///< it was refused
+  std::string why{};  ///< why it was refused
 };
 
-/// Told of each robot message that passes, in either direction, and what became of it.
+/// Sees each robot message that passes, in either direction, and what becomes of it.
 class TrafficObserver {
  public:
   virtual ~TrafficObserver() = default;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The thesis's `update` payload (contract section 5; thesis 6.3): little-endian int16 pairs in
+// The thesis's `update` payload (docs/topics.md; thesis 6.3): little-endian int16 pairs in
 // centimetres, `x y` of the robot, then up to four obstacles. Robots append one stray byte (their
 // struct is cut short; it is no count), which is dropped.
 #pragma once

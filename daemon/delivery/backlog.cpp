@@ -17,8 +17,8 @@ std::uint64_t cost_of(const OutboxEntry& entry) {
 
 bool Backlog::reserve(OutboxEntry& entry) {
   const std::uint64_t cost = cost_of(entry);
-  // Once full, full until a sixteenth is free: else small messages would slip in before a large
-  // one that was refused.
+  // A full store stays closed until a sixteenth of it is free. Otherwise small messages would
+  // enter ahead of a large one that was refused.
   if (taken() <= max_bytes_ - max_bytes_ / 16) is_full_ = false;
   if (is_full_ || cost > max_bytes_ || taken() > max_bytes_ - cost) {
     is_full_ = true;
@@ -110,7 +110,7 @@ bool Backlog::set_aside(OutboxEntry& entry, const Refusal& refusal, std::uint32_
   if (!can_keep() || !has_room) return false;
   if (entry.row == 0 && !reserve(entry)) return false;
   asides_.push_back({entry.row, refusal.why, refusal.code, tries});
-  dead_letters_.bytes += cost;  // the store tells exactly, but later
+  dead_letters_.bytes += cost;  // the store counts exactly, but later
   ++dead_letters_.count;
   if (entry.is_stored) {
     release(entry);
@@ -301,7 +301,7 @@ Backlog::Written Backlog::on_written() {
 }
 
 OutboxEntries Backlog::on_write_failed(TimePoint now) {
-  // What waits for a row that there will not be finds its place again with the others.
+  // Requeues entries that wait for rows that will never be written.
   std::deque<Saving>& first_queue = writing_.empty() ? saving_ : writing_;
   const std::uint64_t first_row =
       first_queue.empty() ? last_row_ + 1 : first_queue.front().entry.row;
@@ -360,7 +360,7 @@ std::size_t Backlog::on_held_loaded(StoreLoaded loaded, TimePoint now) {
   const std::vector<std::string> gone = held_.on_loaded(std::move(loaded), now);
   for (const std::string& topic : gone) topics_.remove(topic);
   rows_ -= std::min(rows_, gone.size());
-  return gone.size() - std::min(gone.size(), damaged);  // those are told by the store
+  return gone.size() - std::min(gone.size(), damaged);  // the store reports those
 }
 
 std::size_t Backlog::on_loaded(StoreLoaded loaded, TimePoint now) {
@@ -389,7 +389,7 @@ std::size_t Backlog::on_loaded(StoreLoaded loaded, TimePoint now) {
   return 0;
 }
 
-/// They are dead letters now. Of which topics they were nobody knows, so the topics are counted
+/// They are dead letters now. Their topics are unknown, so the topics are counted
 /// again as soon as everything else is in memory.
 void Backlog::pass_over_damaged(const StoreLoaded& loaded) {
   for (const std::uint64_t row : loaded.damaged) {

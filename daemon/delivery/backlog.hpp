@@ -86,8 +86,8 @@ class Backlog {
 
   /// Waits in memory for its turn after all rows there are now.
   void queue_behind(OutboxEntry entry);
-  /// The first of them that could be stored now, and all after it; those before keep their turn.
-  /// And those in memory only of held topics.
+  /// Returns the first entry behind the store that can be stored now and all after it, and the
+  /// entries of held topics that are only in memory. Earlier entries keep their turn.
   OutboxEntries take_behind();
   /// Drops those of them for which `is_dropped(entry)`.
   template <class Predicate>
@@ -106,7 +106,7 @@ class Backlog {
   const OutboxEntry* next_held(TimePoint now) { return held_.next(now); }
   OutboxEntry take_next_held();
 
-  /// What was in memory only because a former store held it: to be stored again.
+  /// Returns messages of a former store that are in memory; they have to be stored again.
   OutboxEntries on_opened(StoreOpened opened, TimePoint now);
   OutboxEntries on_absent(TimePoint now);
   Written on_written();
@@ -205,7 +205,7 @@ class Backlog {
   bool is_loading_ = false;
   bool is_loading_held_ = false;  // what was asked for is for held_
   bool is_stopping_ = false;
-  bool is_probe_due_ = false;  // an empty write tells whether a failing store works again
+  bool is_probe_due_ = false;  // an empty write shows whether a failing store works again
   std::optional<TimePoint> write_retry_;
   std::optional<TimePoint> load_retry_;
   std::chrono::seconds retry_wait_ = first_retry;

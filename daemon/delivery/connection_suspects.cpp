@@ -3,17 +3,23 @@
 
 #include <algorithm>
 #include <iterator>
-#include <utility>
+
+#include "daemon/core/spare_buffers.hpp"
 
 namespace slamgw {
 
 void ConnectionSuspects::on_written(std::uint64_t sequence, std::string topic) {
   written_.push_back({sequence, std::move(topic)});
-  if (written_.size() > most_written) written_.pop_front();
+  if (written_.size() > most_written) drop_oldest();
 }
 
 void ConnectionSuspects::on_answered(std::uint64_t sequence) {
-  while (!written_.empty() && written_.front().sequence < sequence) written_.pop_front();
+  while (!written_.empty() && written_.front().sequence < sequence) drop_oldest();
+}
+
+void ConnectionSuspects::drop_oldest() {
+  SpareBuffers<std::string>::give_back(std::move(written_.front().topic));
+  written_.pop_front();
 }
 
 std::vector<std::string> ConnectionSuspects::on_loss(const OutboxEntries& unanswered,

@@ -20,7 +20,7 @@ namespace slamgw {
 
 class ConnectionSuspects {
  public:
-  /// QoS 0 that was written and that nobody answers: more than a broker is sent in the time that
+  /// QoS 0 that was written, which has no answer: more than a broker is sent in the time that
   /// its closing takes to arrive, as a rule.
   static constexpr std::size_t most_written = 64;
   /// Two losses that lie further apart have nothing to do with each other.
@@ -53,6 +53,8 @@ class ConnectionSuspects {
     std::uint64_t sequence = 0;
     std::string topic;
   };
+
+  void drop_oldest();
 
   std::deque<Written, RecyclingAllocator<Written>>
       written_;  // by rising sequence, after the last answer

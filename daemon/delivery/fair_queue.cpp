@@ -2,9 +2,7 @@
 #include "daemon/delivery/fair_queue.hpp"
 
 #include <algorithm>
-#include <functional>
 #include <iterator>
-#include <utility>
 #include <vector>
 
 namespace slamgw {

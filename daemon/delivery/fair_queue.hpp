@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What waits in memory for the broker. Messages of one flow keep their order; flows take turns, one
-// message each, so that who sends much waits behind himself only. A flow is what a topic has in
+// message each, so a robot that sends much delays only itself. A flow is what a topic has in
 // front of its last level: all types of one robot are one flow. Pure; part of the outbox.
 #pragma once
 

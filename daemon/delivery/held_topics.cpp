@@ -43,7 +43,7 @@ void HeldTopics::advance(Slot slot) {
     lane.phase = Phase::wanting;
     wanting_.push_back(slot);
   } else if (!is_done(lane)) {
-    lane.phase = Phase::runnable;  // next() looks whether it may go
+    lane.phase = Phase::runnable;  // next() checks whether it may go
     runnable_.push_back(slot);
   } else if (lane.is_suspect && !lane.is_accepted) {
     wait_idle(slot, lane);
@@ -123,7 +123,9 @@ bool HeldTopics::on_lost_alone(const std::string& topic, std::uint64_t answers, 
 
 bool HeldTopics::wants_probe(std::string_view topic) const {
   const auto known = lanes_.find(TopicCounts::slot(topic));
-  return known != lanes_.end() && known->second.phase == Phase::idle && may_go(known->second);
+  const bool is_others_turn = !wanting_.empty() || !loading_.empty() || !runnable_.empty();
+  return !is_others_turn && known != lanes_.end() && known->second.phase == Phase::idle &&
+         may_go(known->second);
 }
 
 void HeldTopics::put_off_tries(TimePoint now) {
@@ -330,8 +332,8 @@ void HeldTopics::on_link_up(TimePoint now) {
   for (auto& [slot, lane] : lanes_) {
     lane.is_accepted = false;
     // A suspect waits until what else a connection begins with is through.
-    if (lane.phase != Phase::paused && lane.phase != Phase::idle)
-      pause(slot, lane, lane.is_suspect ? now + first_pause : now);
+    const TimePoint earliest = lane.is_suspect ? now + first_pause : now;
+    if (lane.phase != Phase::paused || lane.due < earliest) pause(slot, lane, earliest);
   }
   on_deadline(now);
 }

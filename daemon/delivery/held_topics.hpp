@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Topics whose messages the broker does not take for now. They wait without others waiting for
-// them, and their oldest message is tried again after growing pauses; one at a time, so that their
-// order holds. Those that are on disk stay there: only their rows are known here. Pure; part of the
-// outbox.
+// Topics whose messages the broker does not take for now. Other topics do not wait for them. The
+// oldest message of each is tried again after growing pauses, one at a time, which keeps the order.
+// Messages on disk stay there: only their rows are known here. Pure; part of the outbox.
 //
 //   paused -> wanting (a row is to be loaded) -> loading -> runnable -> waiting (for the answer)
 //
@@ -56,7 +55,6 @@ class HeldTopics {
   explicit HeldTopics(const TopicCounts& stored) : stored_(stored) {}
 
   bool empty() const { return lanes_.empty(); }
-  std::size_t size() const { return lanes_.size(); }
   bool has(std::string_view topic) const {
     return !lanes_.empty() && lanes_.contains(TopicCounts::slot(topic));
   }
@@ -71,7 +69,8 @@ class HeldTopics {
   /// answered others meanwhile. The next message is judged by itself. `answers`: how many the
   /// broker has given so far.
   bool on_lost_alone(const std::string& topic, std::uint64_t answers, TimePoint now);
-  /// QoS 0 never waits: a suspect without messages takes the next one for its trial.
+  /// QoS 0 never waits: a suspect without messages takes the next one for its trial, after those
+  /// that have messages.
   bool wants_probe(std::string_view topic) const;
   /// The broker closes the connection after a refusal, so refusals have to be rare: nothing is
   /// tried for a while, which grows until a message is accepted.
@@ -117,11 +116,11 @@ class HeldTopics {
   /// `neither`: it says nothing about the topic (QoS 0, or this message alone can't be taken);
   /// after `refused` comes hold().
   enum class Answer : std::uint8_t { accepted, refused, neither };
-  /// A message was handed to the broker, and was answered; wherever it came from. Of topics that
+  /// A message was handed to the broker, and was answered, from memory or disk. Of topics that
   /// are not held nothing happens. True when it is the first that was accepted.
   void on_published(std::string_view topic);
   bool on_answered(std::string_view topic, Answer answer);
-  /// What was in memory only of topics that are held no longer: the next of it.
+  /// The next message of a topic that is no longer held, from those that were only in memory.
   std::optional<OutboxEntry> take_released() {
     if (released_.empty()) return std::nullopt;
     std::optional<OutboxEntry> first(std::move(released_.front()));

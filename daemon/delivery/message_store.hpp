@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The border between the outbox and whatever keeps undelivered messages on disk: two requests, and
+// The border between the outbox and the store of undelivered messages on disk: two requests, and
 // the events that answer them. SqliteStore is behind it in the daemon, a fake with state in tests.
 // Events come in the order of the requests, on the loop's thread, never from inside a request.
 //
@@ -33,7 +33,7 @@ struct SetAside {
   std::uint64_t row = 0;    ///< stored, or among `keep` of the same request
   std::string reason;       ///< for people: "topic name invalid"
   int code = 0;             ///< MQTT 5 reason code of the refusal; 0: there is none
-  std::uint32_t tries = 0;  ///< how often it was published in vain
+  std::uint32_t tries = 0;  ///< how often it was published without success
 };
 
 /// A message that was set aside.
@@ -79,7 +79,7 @@ struct StoreOpened {
   TopicCounts topics;
   DeadLetterCounts dead_letters;
 };
-/// There is no store for now; the shell has told `why` in a Notice.
+/// There is no store for now; the shell has logged `why`.
 struct StoreAbsent {
   std::string why;
 };

@@ -32,8 +32,8 @@ bool Outbox::is_kept_out(const Entry& entry) const {
                              : held.unstored_bytes() > max_queued_bytes / held_share;
 }
 
-/// `entry` counts as queued already. No flow has more than all of them together, so below the half
-/// none is looked for.
+/// `queued_bytes_` includes `entry`. Below half of the bound every flow fits, so the flow is not
+/// looked up.
 bool Outbox::has_memory_for(const Entry& entry) const {
   if (2 * queued_bytes_ <= max_queued_bytes) return true;
   const std::size_t flow_bytes = waiting_.bytes_in_flow(entry.message.topic) + entry.cost();
@@ -69,9 +69,9 @@ void Outbox::place(Entry entry, TimePoint now, bool is_overdue) {
   }
 }
 
-/// The circumstances have changed: everything that waits in memory finds its place anew, in the
-/// order of submission. QoS 0 that waited for nothing still does, unless something that came before
-/// it on its topic has just gone to the store, or back to it (`moved`).
+/// Places every message that waits in memory again, in the order of submission, after the link or
+/// the store has changed. QoS 0 messages that waited only for the window keep doing so, unless an
+/// earlier message of their topic has just moved to the store or back to it (`moved`).
 void Outbox::place_all_again(Entries returned, TimePoint now, bool is_overdue, Slots moved) {
   Entries behind = backlog_.take_behind();
   std::move(behind.begin(), behind.end(), std::back_inserter(returned));
@@ -128,7 +128,7 @@ void Outbox::on_link_up(std::uint16_t receive_maximum, TimePoint now) {
 void Outbox::on_link_down(TimePoint now) {
   if (!is_up_) return;
   is_up_ = is_stalled_ = false;
-  look_for_cause(now);
+  find_cause_of_loss(now);
   Entries returned;
   Slots moved;
   for (Entry& entry : in_flight_.take_all()) {
@@ -177,7 +177,8 @@ bool Outbox::publish_next(TimePoint now) {
   return true;
 }
 
-/// As if the broker had refused it now: to ask would cost all robots the connection.
+/// Treats a doubted topic as refused, because asking the broker would cost all robots the
+/// connection.
 bool Outbox::hold_doubted(const Entry& next, TimePoint now) {
   const Refusal* const reason = doubted_.reason(next.message.topic);
   if (!reason || next.is_unacknowledged() || held_topics().has(next.message.topic)) return false;
@@ -186,8 +187,8 @@ bool Outbox::hold_doubted(const Entry& next, TimePoint now) {
   return true;
 }
 
-/// Alone, so others wait until all that is under way was answered, and then for its own answer;
-/// neither for long.
+/// Publishes a suspect's message alone: first everything under way must be answered, then the
+/// others wait for this answer. Both waits are bounded.
 bool Outbox::publish_suspect(TimePoint now) {
   if (!in_flight_.empty()) {
     if (!trial_waits_until_) trial_waits_until_ = now + HeldTopics::trial_patience;
@@ -209,7 +210,7 @@ bool Outbox::publish_suspect(TimePoint now) {
 }
 
 /// The link is lost: what may the broker have closed the connection for?
-void Outbox::look_for_cause(TimePoint now) {
+void Outbox::find_cause_of_loss(TimePoint now) {
   const std::optional<Trial> trial = std::exchange(trial_, std::nullopt);
   trial_waits_until_.reset();
   if (const auto* refused = suspects_.explanation(now)) {
@@ -241,7 +242,7 @@ void Outbox::on_lost_alone(Entry entry, TimePoint now) {
 void Outbox::publish(Entry entry, TimePoint now) {
   entry.sequence = next_sequence_++;
   if (entry.is_probe) entry.message.qos = Qos::at_least_once;
-  actions_.push(PublishAtBroker{entry.sequence});
+  actions_.push(PublishAtBroker{entry.sequence, trial_.has_value()});
   backlog_.held().on_published(entry.message.topic);
   in_flight_.add(std::move(entry), now);
 }
@@ -263,6 +264,7 @@ void Outbox::on_published(std::uint64_t sequence, TimePoint now) {
     notify(refusal_notices_.on_accepted(entry->message.topic, now));
   if (held_topics().empty()) doubted_.clear();
   if (!is_answer) suspects_.on_written(sequence, std::move(entry->message.topic));
+  entry->give_back_buffers();
   place_released(now);
   proceed(now);
 }
@@ -304,8 +306,8 @@ void Outbox::on_publish_refused(std::uint64_t sequence, const Refusal& refusal, 
   proceed(now);
 }
 
-/// Those of a topic of which a later message gets its row now: should they wait again, their rows
-/// must be in the order in which they were published.
+/// Stores copies of the messages of `topic` that are in flight, before a later message gets its
+/// row. If they have to wait again, their rows are then in the order of publishing.
 void Outbox::save_in_flight(std::string_view topic) {
   if (!backlog_.can_keep()) return;
   for (Entry& entry : in_flight_.entries()) {
@@ -322,7 +324,7 @@ void Outbox::hold(const std::string& topic, const Refusal& refusal, TimePoint no
   if (is_new) hold_back(topic, now);
 }
 
-/// What waits of a topic that is held from now on finds its place there.
+/// Moves the waiting messages of a newly held topic to HeldTopics.
 void Outbox::hold_back(const std::string& topic, TimePoint now) {
   for (Entry& entry : backlog_.hold_back(topic)) place(std::move(entry), now);
   for (Entry& entry : waiting_.take(topic)) place(std::move(entry), now);
@@ -404,11 +406,10 @@ void Outbox::expire_unacknowledged(TimePoint now) {
   };
   waiting_.erase_if(is_too_old);
   backlog_.drop_behind(is_too_old);
-  // At most one look at the whole queue each second.
+  // At most one pass over the whole queue each second.
   expiry_check_.reset();
-  if (oldest_left) {
+  if (oldest_left)
     expiry_check_ = std::max(*oldest_left + max_unacknowledged_age, now + std::chrono::seconds{1});
-  }
 }
 
 // The store: when messages go there, and what its answers mean for receipts and order.
@@ -427,17 +428,17 @@ void Outbox::handle(StoreOpened& opened, TimePoint now) {
                                      opened.count, age.count()),
                          {}});
   }
-  store_trouble_.begin_anew();
-  begin_anew(backlog_.on_opened(std::move(opened), now), now);
+  store_trouble_.reset();
+  start_over(backlog_.on_opened(std::move(opened), now), now);
 }
 
 void Outbox::handle(StoreAbsent& absent, TimePoint now) {
-  store_trouble_.begin_anew(std::move(absent.why));
-  begin_anew(backlog_.on_absent(now), now);
+  store_trouble_.reset(std::move(absent.why));
+  start_over(backlog_.on_absent(now), now);
 }
 
-/// `in_memory` and what is in flight are not in this store, whatever they were in before.
-void Outbox::begin_anew(Entries in_memory, TimePoint now) {
+/// `in_memory` and what is in flight are not in this store, even if an earlier one had them.
+void Outbox::start_over(Entries in_memory, TimePoint now) {
   for (Entry& entry : in_flight_.entries()) {
     if (entry.is_stored) queued_bytes_ += entry.cost();
     entry.is_stored = entry.is_from_backlog = false;
@@ -475,7 +476,7 @@ void Outbox::make_safe(Entry& entry) {
   trace(DeliveryStep::Kind::stored, entry);
   queued_bytes_ -= entry.cost();
   if (entry.dead_letter != 0) resending_.erase(entry.dead_letter);
-  const Receipt owed = std::exchange(entry.receipt, Receipt{});
+  const Receipt owed = std::exchange(entry.receipt, no_receipt);
   if (owed.is_owed()) actions_.push(FireReceipt{owed, ReceiptOutcome::safe});
 }
 
@@ -494,7 +495,7 @@ void Outbox::handle(StoreLoaded& loaded, TimePoint now) {
   if (missing == 0) return;
   actions_.push(Notice{Severity::error,
                        fmt::format("{} messages that were stored are no longer in the store: "
-                                   "its file was damaged, or somebody has changed it",
+                                   "its file was damaged, or another program has changed it",
                                    missing),
                        {}});
   place_all_again({}, now);
@@ -540,18 +541,18 @@ void Outbox::trace(DeliveryStep::Kind kind, const Entry& entry, std::string why)
 /// The oldest QoS 1 or 2 message that is neither with the broker nor with the store.
 std::optional<TimePoint> Outbox::oldest_unsaved() const {
   std::optional<TimePoint> oldest;
-  const auto look_at = [&](const Entry& entry) {
+  const auto consider = [&](const Entry& entry) {
     if (!entry.is_unacknowledged() && entry.row == 0) oldest = earlier(oldest, entry.submitted);
   };
-  for (const Entry& entry : in_flight_.entries()) look_at(entry);
-  waiting_.for_each(look_at);
+  for (const Entry& entry : in_flight_.entries()) consider(entry);
+  waiting_.for_each(consider);
   return oldest;
 }
 
 void Outbox::check_overdue(TimePoint now) {
   overdue_check_.reset();
   // While the broker is away everything goes to the store anyway; a store that cannot keep is
-  // looked at again when it can.
+  // checked again when it can.
   if (!is_up_ || !backlog_.can_keep()) return;
   const auto oldest = oldest_unsaved();
   if (oldest && now - *oldest < broker_patience) {
@@ -588,12 +589,6 @@ bool Outbox::is_settled() const {
 std::size_t Outbox::unsaved() const {
   std::size_t count = waiting_.size() + backlog_.behind() + backlog_.unsaved();
   for (const Entry& entry : in_flight_.entries()) count += entry.is_stored ? 0 : 1;
-  return count;
-}
-
-std::size_t Outbox::depth() const {
-  std::size_t count = waiting_.size() + backlog_.behind() + backlog_.rows();
-  for (const Entry& entry : in_flight_.entries()) count += entry.row != 0 ? 0 : 1;
   return count;
 }
 

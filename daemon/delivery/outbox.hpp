@@ -32,9 +32,10 @@
 
 namespace slamgw {
 
-/// Which message that is, Outbox::under_way() says: it stays where it is.
+/// The message stays in the outbox; Outbox::under_way() returns it.
 struct PublishAtBroker {
   std::uint64_t sequence = 0;
+  bool is_trial = false;  ///< of a topic for which the broker may close the connection
 };
 struct FireReceipt {
   Receipt receipt;
@@ -47,20 +48,20 @@ using OutboxAction =
 class Outbox {
  public:
   /// Bound of what is only in memory; beyond it acknowledged messages are refused and others
-  /// dropped. 64 MiB is minutes of a thousand robots and little on a Pi. One flow (FairQueue) may
-  /// have as much as it leaves free: half of it alone, less the more the others have.
+  /// dropped. 64 MiB hold minutes of a thousand robots and are little on a Pi. One flow (FairQueue)
+  /// may hold as much as is still free: half of the bound when it is alone, else less.
   static constexpr std::size_t max_queued_bytes = 64u << 20;
   /// Part of it that messages on held topics may take while they cannot be stored.
   static constexpr std::size_t held_share = 4;
   /// A message of this age whose topic was refused so often in a row is set aside.
   static constexpr std::chrono::hours hopeless_age{24};
   static constexpr std::uint32_t hopeless_tries = 10;
-  /// Contract, promise 5: QoS 0 is never queued behind an outage for longer.
+  /// docs/topics.md, promise 5: QoS 0 is never queued behind an outage for longer.
   static constexpr std::chrono::seconds max_unacknowledged_age{10};
   /// A broker that has not acknowledged a message for so long is slow: what is only in memory goes
   /// to the store, and robots need not wait for the broker.
   static constexpr std::chrono::seconds broker_patience{2};
-  /// An orderly end gives the broker so long; then what is left goes to the store.
+  /// Time given to the broker at shutdown; the remaining messages then go to the store.
   static constexpr std::chrono::seconds stop_patience{1};
 
   struct Statistics {
@@ -96,7 +97,7 @@ class Outbox {
   /// the store. The shell goes on until is_settled(), or as long as it can wait.
   void on_stop(TimePoint now);
 
-  /// Whether somebody follows messages: tells a DeliveryStep for each of robots' messages.
+  /// Whether an operator follows messages: then each of robots' messages makes DeliverySteps.
   void on_trace(bool is_on) { is_traced_ = is_on; }
 
   std::optional<OutboxAction> next_action() { return actions_.pop(); }
@@ -109,8 +110,6 @@ class Outbox {
   std::optional<TimePoint> deadline() const;
   void on_deadline(TimePoint now);
 
-  /// All that the broker does not have, in memory and on disk.
-  std::size_t depth() const;
   /// What is only in memory.
   std::size_t unsaved() const;
   std::size_t queued_bytes() const { return queued_bytes_; }
@@ -141,7 +140,7 @@ class Outbox {
   }
   void handle(ResendDeadLetters& resend, TimePoint now);
   void handle(Notice& notice, TimePoint) { actions_.push(std::move(notice)); }
-  void begin_anew(Entries in_memory, TimePoint now);
+  void start_over(Entries in_memory, TimePoint now);
   void trace(DeliveryStep::Kind kind, const Entry& entry, std::string why = {});
   void make_safe(Entry& entry);
   void drop_dead_letters(Entries& unsaved);
@@ -163,7 +162,7 @@ class Outbox {
   void note_answer(std::uint64_t sequence);
   bool publish_suspect(TimePoint now);
   bool hold_doubted(const Entry& next, TimePoint now);
-  void look_for_cause(TimePoint now);
+  void find_cause_of_loss(TimePoint now);
   void on_lost_alone(Entry entry, TimePoint now);
   void hold(const std::string& topic, const Refusal& refusal, TimePoint now);
   void hold_back(const std::string& topic, TimePoint now);

@@ -8,6 +8,7 @@
 
 #include "daemon/core/messages.hpp"
 #include "daemon/core/recycling_allocator.hpp"
+#include "daemon/core/spare_buffers.hpp"
 #include "daemon/delivery/message_store.hpp"
 
 namespace slamgw {
@@ -19,7 +20,7 @@ struct OutboxEntry {
   std::uint64_t order = 0;     ///< rises as messages are submitted; 0: read from the store
   std::uint64_t sequence = 0;  ///< of its present publication
   BrokerMessage message;
-  Receipt receipt;
+  Receipt receipt = no_receipt;
   TimePoint submitted{};
   std::uint64_t row = 0;          ///< in the store; 0: not handed to it
   std::uint64_t dead_letter = 0;  ///< its number there until it is stored; 0: it is none
@@ -35,6 +36,11 @@ struct OutboxEntry {
   bool is_being_copied() const { return row != 0 && !is_stored; }
   std::size_t cost() const {
     return message.topic.size() + message.payload.size() + overhead_bytes;
+  }
+  /// It is done with: the next messages have its memory.
+  void give_back_buffers() {
+    SpareBuffers<std::string>::give_back(std::move(message.topic));
+    SpareBuffers<Bytes>::give_back(std::move(message.payload));
   }
 };
 

@@ -14,9 +14,9 @@ namespace slamgw {
 
 class PublishWindow {
  public:
-  /// QoS 0 that is handed to the client and not yet written. There nobody takes turns any more, so
-  /// it is no more than what keeps the client busy. When it is reached, the next follow together as
-  /// soon as half of it is written: each handing over wakes a thread.
+  /// QoS 0 that is handed to the client and not yet written. There robots take no turns any more,
+  /// so it is no more than what keeps the client busy. When it is reached, the next follow together
+  /// as soon as half of it is written: each handing over wakes a thread.
   static constexpr std::size_t max_unacknowledged = 32;
 
   /// `size`: QoS 1 and 2 messages under way at once.
@@ -43,7 +43,7 @@ class PublishWindow {
   std::size_t count(std::string_view topic) const;
   std::optional<OutboxEntry> take(std::uint64_t sequence, TimePoint now);
   OutboxEntries take_all();
-  /// By rising sequence. Whoever changes is_from_backlog calls forget_backlog().
+  /// By rising sequence. A caller that changes is_from_backlog calls forget_backlog().
   OutboxEntries& entries() { return entries_; }
   const OutboxEntries& entries() const { return entries_; }
   /// None of them is from the backlog any more.

@@ -7,7 +7,7 @@
 
 namespace slamgw {
 
-void StoreTrouble::begin_anew(std::string why) {
+void StoreTrouble::reset(std::string why) {
   write_ = std::move(why);
   read_.clear();
 }

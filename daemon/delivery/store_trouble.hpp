@@ -23,7 +23,7 @@ class StoreTrouble {
   std::optional<Notice> on_written() { return end(write_); }
   std::optional<Notice> on_loaded() { return end(read_); }
   /// Another store, or none for the reason `why`.
-  void begin_anew(std::string why = {});
+  void reset(std::string why = {});
 
  private:
   static constexpr std::chrono::minutes interval{1};

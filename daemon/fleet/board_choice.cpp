@@ -79,15 +79,15 @@ bool BoardChoice::should_take(const std::string& robot, const std::string& owner
 
 bool BoardChoice::is_board_down(const std::string& gateway, TimePoint now) const {
   const auto board = boards_.find(gateway);
-  return board != boards_.end() && !board->second.is_up && now - board->second.told < recent;
+  return board != boards_.end() && !board->second.is_up && now - board->second.heard_from < recent;
 }
 
 /// Messages were missed only if the owner has spoken since it should have heard them.
 bool BoardChoice::is_deaf(const Elsewhere& owner, const Board* board, TimePoint now) const {
   if (owner.missed < most_missed || now - owner.missed_since < deaf_after) return false;
-  if (board && board->told >= owner.missed_since + tell_interval) return true;
-  const TimePoint told = board ? board->told : TimePoint{};
-  return now - std::max(told, owner.missed_since) >= silent_after;
+  if (board && board->heard_from >= owner.missed_since + hears_interval) return true;
+  const TimePoint last = board ? board->heard_from : TimePoint{};
+  return now - std::max(last, owner.missed_since) >= silent_after;
 }
 
 bool BoardChoice::is_better(const Here& here, const std::string& owner, TimePoint now) const {
@@ -104,8 +104,8 @@ std::optional<Hears> BoardChoice::next_hears(TimePoint now) {
   std::erase_if(robots_,
                 [&](const auto& each) { return now - each.second.last() >= forget_after; });
   if (robots_.empty() && !is_board_up_) return std::nullopt;
-  if (told_ && now - *told_ < tell_interval) return std::nullopt;
-  told_ = now;
+  if (hears_published_ && now - *hears_published_ < hears_interval) return std::nullopt;
+  hears_published_ = now;
   Hears hears{is_board_up_, {}};
   for (const auto& [robot, here] : robots_) {
     const Duration age = now - here.last();

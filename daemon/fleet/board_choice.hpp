@@ -35,7 +35,7 @@ class BoardChoice {
   static constexpr std::chrono::seconds deaf_after{2};
   /// One that tells nothing of what it hears has no board in this mesh, or none that works.
   static constexpr std::chrono::seconds silent_after{3};
-  static constexpr std::chrono::seconds tell_interval{1};
+  static constexpr std::chrono::seconds hears_interval{1};
   /// What was heard longer ago is not claimed and not compared.
   static constexpr std::chrono::seconds recent{5};
   static constexpr std::chrono::seconds forget_after{60};
@@ -46,7 +46,7 @@ class BoardChoice {
   bool on_board(bool is_up) {
     const bool is_news = std::exchange(is_board_up_, is_up) != is_up;
     if (!is_news) return false;
-    told_.reset();
+    hears_published_.reset();
     for (auto& [robot, here] : robots_) here.better_since.reset();
     return true;
   }
@@ -88,7 +88,7 @@ class BoardChoice {
   };
   struct Board {
     bool is_up = false;
-    TimePoint told{};
+    TimePoint heard_from{};
   };
 
   bool is_deaf(const Elsewhere& owner, const Board* board, TimePoint now) const;
@@ -97,7 +97,7 @@ class BoardChoice {
   bool is_board_up_ = false;
   std::map<std::string, Here> robots_;
   std::map<std::string, Board> boards_;  ///< of other gateways
-  std::optional<TimePoint> told_;
+  std::optional<TimePoint> hears_published_;
 };
 
 }  // namespace slamgw::fleet

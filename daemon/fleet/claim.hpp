@@ -14,11 +14,13 @@ namespace slamgw::fleet {
 /// everybody drops the claims of the old one.
 using Life = std::uint64_t;
 
-/// True when `a` is an earlier life than `b` of the same process. Of two processes nobody can tell.
-constexpr bool is_earlier_life(Life a, Life b) {
+constexpr bool is_same_process(Life a, Life b) {
   constexpr unsigned count_bits = 16;
-  return (a >> count_bits) == (b >> count_bits) && a < b;
+  return (a >> count_bits) == (b >> count_bits);
 }
+
+/// True when `a` is an earlier life than `b` of the same process. Of two processes nobody can tell.
+constexpr bool is_earlier_life(Life a, Life b) { return is_same_process(a, b) && a < b; }
 
 /// Compared by epoch first, then by gateway and life, so that two claims are never equal unless
 /// they are one.
@@ -32,5 +34,8 @@ struct Claim {
 
 /// A greater epoch is malformed: no robot moves so often. Fits into a double, as JSON readers want.
 inline constexpr std::uint64_t max_epoch = std::uint64_t{1} << 52U;
+/// A robot that moves once a second for 30 000 years. Only a forger gets here; who owns a robot
+/// under such an epoch begins again at 1, so that the robot can go on to others.
+inline constexpr std::uint64_t spent_epoch = std::uint64_t{1} << 40U;
 
 }  // namespace slamgw::fleet

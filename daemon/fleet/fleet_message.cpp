@@ -54,6 +54,11 @@ std::uint64_t at_most(const Json& json, std::uint64_t limit) {
   return json.get<std::uint64_t>();
 }
 
+std::int64_t clock_ms(const Json& json) {
+  if (!json.is_number_integer()) reject();
+  return json.get<std::int64_t>();
+}
+
 std::uint64_t epoch(const Json& json) { return at_most(json, max_epoch); }
 
 Json fields(const Beat& beat) {
@@ -62,7 +67,8 @@ Json fields(const Beat& beat) {
           {"period", beat.period_ms},
           {"count", beat.count},
           {"digest", to_hex64(beat.digest)},
-          {"up", beat.up_ms}};
+          {"up", beat.up_ms},
+          {"gapless", beat.gapless_ms}};
 }
 Json fields(const ClaimRobot& claim) {
   return {{"k", "claim"}, {"robot", claim.robot}, {"epoch", claim.epoch}, {"from", claim.from}};
@@ -75,6 +81,9 @@ Json fields(const Taken& taken) {
   Json json{{"k", "taken"},         {"id", taken.id},     {"key", to_hex64(taken.key)},
             {"robot", taken.robot}, {"type", taken.type}, {"age", taken.age_ms}};
   if (taken.is_refusal) json["refused"] = true;
+  if (taken.is_ended) json["told"] = true;
+  if (taken.sent_ms != 0) json["sent"] = taken.sent_ms;
+  if (taken.kept_ms != 0) json["kept"] = taken.kept_ms;
   return json;
 }
 Json fields(const Release& release) {
@@ -86,6 +95,7 @@ Json fields(const Release& release) {
   if (!release.session.empty()) json["session"] = to_hex(release.session);
   for (const auto& [id, key, type, age_ms] : release.done)
     json["done"].push_back(Json::array({id, to_hex64(key), type, age_ms}));
+  if (release.sent_ms != 0) json["sent"] = release.sent_ms;
   return json;
 }
 Json fields(const AskTable&) { return {{"k", "ask"}}; }
@@ -105,11 +115,12 @@ Json fields(const Hears& hears) {
 Beat read_beat(const Json& json) {
   constexpr std::uint64_t max_period_ms = 60'000;
   Beat beat;
-  beat.sent_ms = json.at("sent").get<std::int64_t>();
+  beat.sent_ms = clock_ms(json.at("sent"));
   beat.period_ms = static_cast<std::uint32_t>(at_most(json.at("period"), max_period_ms));
   beat.count = at_most(json.at("count"), UINT32_MAX);
   beat.digest = hex64(json.at("digest"));
   if (json.contains("up")) beat.up_ms = at_most(json["up"], max_epoch);
+  beat.gapless_ms = json.contains("gapless") ? at_most(json["gapless"], max_epoch) : beat.up_ms;
   if (beat.period_ms == 0) reject();
   return beat;
 }
@@ -120,14 +131,18 @@ Taken read_taken(const Json& json) {
               level(json.at("robot")),
               level(json.at("type")),
               0,
+              false,
               false};
   if (json.contains("age")) taken.age_ms = at_most(json["age"], max_epoch);
   if (json.contains("refused")) taken.is_refusal = json["refused"].get<bool>();
+  if (json.contains("told")) taken.is_ended = json["told"].get<bool>();
+  if (json.contains("sent")) taken.sent_ms = clock_ms(json["sent"]);
+  if (json.contains("kept")) taken.kept_ms = at_most(json["kept"], max_epoch);
   return taken;
 }
 
 std::vector<DoneCommand> read_done(const Json& json) {
-  if (!json.is_array() || json.size() > max_done_commands) reject();
+  if (!json.is_array() || json.size() > max_taken_commands) reject();
   std::vector<DoneCommand> done;
   for (const Json& row : json)
     done.push_back({at_most(row.at(0), max_epoch), hex64(row.at(1)), level(row.at(2)),
@@ -142,6 +157,7 @@ Release read_release(const Json& json) {
   if (json.contains("session"))
     release.session = octets(json["session"].get_ref<const std::string&>());
   if (json.contains("done")) release.done = read_done(json["done"]);
+  if (json.contains("sent")) release.sent_ms = clock_ms(json["sent"]);
   return release;
 }
 
@@ -150,9 +166,10 @@ Table read_table(const Json& json) {
   const Json& rows = json.at("rows");
   if (!rows.is_array() || rows.size() > max_table_rows) reject();
   for (const Json& row : rows) {
-    table.rows.push_back({level(row.at(0)), epoch(row.at(1))});
-    const std::string& robot = table.rows.back().robot;
-    if (robot <= table.after || (!table.upto.empty() && robot > table.upto)) reject();
+    Table::Row next{level(row.at(0)), epoch(row.at(1))};
+    const std::string& before = table.rows.empty() ? table.after : table.rows.back().robot;
+    if (next.robot <= before || (!table.upto.empty() && next.robot > table.upto)) reject();
+    table.rows.push_back(std::move(next));
   }
   return table;
 }

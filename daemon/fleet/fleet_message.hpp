@@ -28,11 +28,12 @@ inline constexpr std::size_t max_table_rows = 500;
 
 /// A sign of life. What came back to its sender is the sender's lease.
 struct Beat {
-  std::int64_t sent_ms = 0;     ///< the sender's monotonic clock; only differences are used
-  std::uint32_t period_ms = 0;  ///< until the next one
-  std::uint64_t count = 0;      ///< robots that the sender claims
-  std::uint64_t digest = 0;     ///< of its claims: ClaimTable::Digest
-  std::uint64_t up_ms = 0;      ///< for how long the sender's life has heard everything
+  std::int64_t sent_ms = 0;      ///< the sender's monotonic clock; only differences are used
+  std::uint32_t period_ms = 0;   ///< until the next one
+  std::uint64_t count = 0;       ///< robots that the sender claims
+  std::uint64_t digest = 0;      ///< of its claims: ClaimTable::Digest
+  std::uint64_t up_ms = 0;       ///< for how long the sender's life hears the others
+  std::uint64_t gapless_ms = 0;  ///< for how long it has missed nothing; not more than `up_ms`
 };
 /// `from`: the gateway that is to release the robot; empty when nobody has it.
 struct ClaimRobot {
@@ -51,8 +52,11 @@ struct Taken {
   std::uint64_t key = 0;  ///< CommandTurns::key_of
   std::string robot;
   std::string type;
-  std::uint64_t age_ms = 0;  ///< since the command came to the sender
-  bool is_refusal = false;   ///< the sender takes it only to refuse it
+  std::uint64_t age_ms = 0;   ///< since the command came to the sender
+  bool is_refusal = false;    ///< the sender takes it only to refuse it, or to tell its outcome
+  bool is_ended = false;      ///< the sender has published its outcome, or knows it
+  std::int64_t sent_ms = 0;   ///< as Beat::sent_ms, so that `age_ms` counts from then; 0: unknown
+  std::uint64_t kept_ms = 0;  ///< the broker may have kept it for the sender for so long before
 };
 /// A command that somebody has dealt with.
 struct DoneCommand {
@@ -61,7 +65,7 @@ struct DoneCommand {
   std::string type;
   std::uint64_t age_ms = 0;
 };
-inline constexpr std::size_t max_done_commands = 64;
+inline constexpr std::size_t max_taken_commands = 64;
 /// Answers a claim: the sender does not serve the robot and makes way for `to`, which may be
 /// another claim than the one that is answered.
 struct Release {
@@ -69,6 +73,7 @@ struct Release {
   Claim to;
   Bytes session;                    ///< of the robot at the sender, for the new owner; may be empty
   std::vector<DoneCommand> done{};  ///< of the robot, lately: the receiver may have missed that
+  std::int64_t sent_ms = 0;         ///< as in Taken
 };
 /// Answers AskForSign: the sender has heard the robot since.
 struct Heard {
@@ -109,6 +114,10 @@ struct FleetMessage {
   Body body;
 };
 
+/// Beat::sent_ms of what is sent at `time`.
+inline std::int64_t to_clock_ms(TimePoint time) {
+  return std::chrono::duration_cast<std::chrono::milliseconds>(time.time_since_epoch()).count();
+}
 inline std::uint64_t to_age_ms(Duration age) {
   return static_cast<std::uint64_t>(
       std::chrono::duration_cast<std::chrono::milliseconds>(std::max(age, Duration::zero()))
@@ -118,6 +127,11 @@ inline std::uint64_t to_age_ms(Duration age) {
 inline TimePoint came_before(TimePoint now, std::uint64_t age_ms) {
   constexpr std::uint64_t longest_ms = 3'600'000;
   return now - std::chrono::milliseconds(std::min(age_ms, longest_ms));
+}
+
+inline Duration kept_before(const Taken& taken) {
+  constexpr std::uint64_t longest_ms = 3'600'000;
+  return std::chrono::milliseconds(std::min(taken.kept_ms, longest_ms));
 }
 
 std::string encode(Life life, const Body& body);

@@ -19,6 +19,11 @@ class FleetTopics {
   std::string all() const { return root_ + "all/" + gateway_; }
   std::string to(const std::string& other) const { return root_ + "to/" + other + "/" + gateway_; }
 
+  /// A robot's retained entry at another gateway.
+  std::string presence(const std::string& other, const std::string& robot) const {
+    return gateways_ + other + "/robots/" + robot;
+  }
+
   /// Who sent a message of the fleet to us or to all; nothing when the topic is another one.
   std::optional<std::string_view> sender(std::string_view topic) const;
   /// Whose `state` it is.

@@ -7,11 +7,11 @@
 
 #include "daemon/core/protocol_machine.hpp"
 #include "daemon/fleet/claim_table.hpp"
-#include "daemon/fleet/done_commands.hpp"
 #include "daemon/fleet/fleet_topics.hpp"
 #include "daemon/fleet/lease.hpp"
 #include "daemon/fleet/ownership_action.hpp"
 #include "daemon/fleet/peers.hpp"
+#include "daemon/fleet/taken_commands.hpp"
 
 namespace slamgw::fleet {
 
@@ -35,7 +35,7 @@ struct Membership {
   bool may_act(TimePoint now) const { return phase == Phase::member && lease.is_valid(now); }
 
   void publish(std::string topic, const Body& body, Qos qos = Qos::at_least_once);
-  void tell_all(const Body& body) { publish(topics.all(), body); }
+  void publish_to_all(const Body& body) { publish(topics.all(), body); }
   void notice(Severity severity, std::string text, const std::string& robot = {});
 
   const FleetTopics topics;
@@ -44,7 +44,7 @@ struct Membership {
   Lease lease;
   Peers peers;
   ClaimTable table;
-  DoneCommands done;
+  TakenCommands commands;
   ActionQueue<OwnershipAction> actions;
 };
 

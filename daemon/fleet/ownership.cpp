@@ -7,38 +7,41 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
+#include "daemon/fleet/hash.hpp"
+
 namespace slamgw::fleet {
 namespace {
 
 using namespace std::chrono_literals;
 using std::chrono::milliseconds;
 
-/// Contract: at most two beats a second. In a large fleet fewer, so that a gateway hears 200.
+/// At most two beats a second. In a large fleet fewer, so that a gateway hears 200.
 constexpr milliseconds shortest_period{500};
 constexpr milliseconds period_per_gateway{5};
-/// An answer takes two ways through the broker, of which each may take a second in a busy cluster.
-constexpr milliseconds sign_patience{3000};
-constexpr int sign_round_trips = 4;
-constexpr milliseconds look_interval{50};
+/// How often claims, commands and wills that wait are checked.
+constexpr milliseconds busy_interval{50};
 constexpr milliseconds listening{1000};
 /// A broker may take half a second for each subscription.
-constexpr std::chrono::seconds longest_look{10};
+constexpr std::chrono::seconds longest_discovery{10};
 constexpr milliseconds longest_joining{3000};
+/// A gateway takes part so long after it has said that it is online.
+constexpr milliseconds newcomer_patience{15000};
 constexpr std::chrono::seconds asleep_after{60};
 /// A gateway that is `online` and has said nothing for so long is gone, or cut off.
 constexpr std::chrono::hours silent_after{1};
-constexpr std::size_t max_wills = 16;  // of one robot
 constexpr std::chrono::minutes forget_interval{5};
 constexpr milliseconds ask_interval{2000};
-constexpr milliseconds table_interval{20};
+/// A gateway that is online for so long and takes no part may not know of this one.
+constexpr milliseconds greeting_after{3000};
+/// Where the broker sends no retained states: before that gateway takes itself to be alone.
+constexpr milliseconds early_greeting_after{300};
+/// Who asks for this gateway's claims gets them. If more ask within this time, all get them at
+/// once: when a broker is whole again, half the fleet asks the other half.
+constexpr milliseconds table_interval{200};
 /// Retained states that answer one subscription come within this time of each other.
 constexpr milliseconds state_spread{200};
 /// Ten times what a gateway says in its state; a larger one is not of a gateway.
 constexpr std::size_t max_state_octets = 4096;
-
-std::int64_t to_ms(TimePoint time) {
-  return std::chrono::duration_cast<milliseconds>(time.time_since_epoch()).count();
-}
 
 }  // namespace
 
@@ -46,24 +49,30 @@ Ownership::Ownership(FleetTopics topics, Settings settings, LocalRobots local_ro
     : settings_(settings),
       local_robots_(std::move(local_robots)),
       membership_(std::move(topics), settings.process),
-      is_looking_(settings.enabled == Enabled::yes) {}
+      is_discovering_(settings.enabled == Enabled::yes) {}
 
 void Ownership::on_broker_link(bool is_up, const Now& now, bool is_session_kept) {
   is_link_up_ = is_up;
-  is_session_kept_ = is_up && is_session_kept;
-  is_muted_ = false;
-  was_ever_echoed_ = false;
+  is_muted_ = brings_retained_ = was_echoed_ = false;
+  if (is_up) {
+    subscriptions_.on_link_up(is_session_kept, now.mono);
+    commands_.on_link_up(is_session_kept, now.mono);
+  } else {
+    subscriptions_.on_link_down();
+    link_lost_ = now.mono;
+    commands_.on_link_lost(now.mono);
+  }
   // Nothing waits for the broker.
-  if (!is_up && is_alone() && looked_) end_look(now.mono);
-  if (settings_.enabled == Enabled::no) unsubscribe_stale();
+  if (!is_up && is_alone() && discovery_ends_) end_discovery(now.mono);
+  if (settings_.enabled == Enabled::no) subscriptions_.unsubscribe_stale();
   if (!is_up || settings_.enabled == Enabled::no) return;
-  subscribe(membership_.topics.state_filter());
+  subscriptions_.subscribe(membership_.topics.state_filter(), now.mono);
   if (is_alone() && settings_.enabled == Enabled::automatic) {
     // Commands for robots that nobody knows have an outcome, too.
-    subscribe(membership_.topics.command_filter());
-    is_looking_ = true;
+    subscriptions_.subscribe(membership_.topics.command_filter(), now.mono);
+    is_discovering_ = true;
     is_state_answered_ = false;
-    looked_ = now.mono + longest_look;
+    discovery_ends_ = now.mono + longest_discovery;
     return;
   }
   wake_up(now);
@@ -71,95 +80,87 @@ void Ownership::on_broker_link(bool is_up, const Now& now, bool is_session_kept)
 
 void Ownership::on_subscribe_result(const std::string& filter, SubscribeAnswer answer,
                                     const Now& now) {
-  // The next connection asks again, unless asking is what closes it.
-  if (answer == SubscribeAnswer::refused) subscribed_.erase(filter);
-  if (!looked_ || filter != membership_.topics.state_filter()) return;
-  if (answer != SubscribeAnswer::granted) return end_look(now.mono);
-  if (!std::exchange(is_state_answered_, true)) looked_ = std::min(*looked_, now.mono + listening);
+  subscriptions_.on_answer(filter, answer);
+  if (!discovery_ends_ || filter != membership_.topics.state_filter()) return;
+  if (answer != SubscribeAnswer::granted) return end_discovery(now.mono);
+  if (!std::exchange(is_state_answered_, true))
+    discovery_ends_ = std::min(*discovery_ends_, now.mono + listening);
 }
 
-/// A broker that kept this gateway's session has sent commands that others have taken meanwhile,
-/// and what they said: both are known by now.
-void Ownership::end_look(TimePoint now) {
-  is_looking_ = false;
-  has_looked_ = has_looked_ || is_link_up_;
-  looked_.reset();
+/// By now a broker that kept this gateway's session has sent the commands that others have taken
+/// meanwhile, and their messages.
+void Ownership::end_discovery(TimePoint now) {
+  is_discovering_ = false;
+  discovery_ends_.reset();
+  if (is_link_up_ && !std::exchange(has_discovered_, true)) take_over_local_robots();
   decide_alone(now);
-  if (has_looked_) commands_.tell_outcomes(now);
-  unsubscribe_stale();
+  if (has_discovered_) commands_.publish_outcomes(now);
+  subscriptions_.unsubscribe_stale();
 }
 
-/// What an earlier process has subscribed for company. A broker that kept its session would send
-/// this gateway commands of other gateways' robots.
-void Ownership::unsubscribe_stale() {
-  if (!std::exchange(is_session_kept_, false)) return;
-  const FleetTopics& topics = membership_.topics;
-  for (const std::string& filter :
-       {topics.all_filter(), topics.own_filter(), topics.command_filter(), topics.outcome_filter(),
-        topics.state_filter()}) {
-    if (!subscribed_.contains(filter)) membership_.actions.push(UnsubscribeFleet{filter});
-  }
-}
-
-/// Nobody else is about: what waited for the others waits no longer.
+/// No other gateway is on this broker: decides commands and wills that waited for the others. Not
+/// when the connection ended before discovery did: others may have dealt with the commands by now,
+/// and robots of an earlier process may live at other gateways.
 void Ownership::decide_alone(TimePoint now) {
+  if (!has_discovered_) return;
   commands_.decide_alone(now);
-  for (auto& [robot, question] : std::exchange(questions_, {}))
-    for (Report& will : question.wills) membership_.actions.push(PublishWill{std::move(will)});
+  wills_.publish_all();
 }
 
 void Ownership::wake_up(const Now& now) {
-  is_looking_ = false;
-  has_looked_ = true;
-  look_again_.reset();
-  looked_.reset();
-  // The commands first: who hears the others and not the commands would miss what they leave to it.
-  const FleetTopics& topics = membership_.topics;
-  // A gateway that was alone asks for them once more, so that the core looks again at robots' own
-  // filters.
-  if (is_alone()) subscribed_.erase(topics.command_filter());
-  for (const std::string& filter : {topics.command_filter(), topics.all_filter(),
-                                    topics.own_filter(), topics.outcome_filter()}) {
-    subscribe(filter);
+  is_discovering_ = false;
+  has_discovered_ = true;
+  rediscovery_due_.reset();
+  discovery_ends_.reset();
+  subscriptions_.subscribe_to_others(is_alone(), now.mono);
+  last_company_ = woken_ = next_beat_ = now.mono;
+  is_first_beat_ = true;
+  if (is_alone() || membership_.lease.is_life_over(now.mono)) {
+    begin_life(now.mono);
+  } else {
+    membership_.peers.on_own_gap(link_lost_, now.mono);
   }
-  last_company_ = woken_ = now.mono;
-  next_beat_ = now.mono;
-  if (is_alone() || membership_.lease.is_life_over(now.mono)) begin_life(now.mono);
+  if (!subscriptions_.is_session_kept()) membership_.lease.on_gap(now.mono);
 }
 
-/// The core asks for it again at each connection.
-void Ownership::subscribe(const std::string& filter) {
-  if (subscribed_.insert(filter).second) membership_.actions.push(SubscribeFleet{filter});
+void Ownership::on_stop() {
+  is_stopping_ = true;
+  commands_.publish_all_outcomes();
+  if (is_alone()) wills_.publish_all();
 }
 
 void Ownership::begin_life(TimePoint now) {
   membership_.phase = Phase::joining;
+  was_echoed_ = false;
+  woken_ = now;
   membership_.lease.begin_life(now);
   claims_.begin_life();
   commands_.begin_life();
-  for (auto& [robot, question] : questions_) question.asked.reset();
+  table_due_.reset();
+  wills_.begin_life();
 }
 
 void Ownership::fall_asleep(std::string why, TimePoint now) {
   membership_.phase = Phase::alone;
+  membership_.lease.give_up();
   // One that is `online` and silent may be cut off: if it comes back, its beats wake this one up.
   const bool is_somebody_silent = !states_.empty() && !is_muted_;
-  if (is_somebody_silent) look_again_ = now + silent_after;
-  const FleetTopics& topics = membership_.topics;
-  for (const std::string& filter : {topics.all_filter(), topics.own_filter(),
-                                    topics.command_filter(), topics.outcome_filter()}) {
-    if (is_somebody_silent && filter == topics.all_filter()) continue;
-    if (subscribed_.erase(filter) > 0) membership_.actions.push(UnsubscribeFleet{filter});
-  }
-  if (!is_muted_) subscribe(topics.command_filter());
-  for (const auto& [robot, is_online] : local_robots_())
-    if (!claims_.is_held(robot)) membership_.actions.push(TakeOverRobot{robot, {}, {}});
+  if (is_somebody_silent) rediscovery_due_ = now + silent_after;
+  subscriptions_.unsubscribe_from_others(/*keeps_beats=*/is_somebody_silent);
+  if (!is_muted_) subscriptions_.subscribe(membership_.topics.command_filter(), now);
+  take_over_local_robots();
   claims_.forget_all();
   membership_.peers = {};
   decide_alone(now);
   commands_.forget_owed();
-  commands_.tell_outcomes(now);
-  membership_.notice(Severity::notice, std::move(why));
+  commands_.publish_outcomes(now);
+  membership_.notice(is_muted_ ? Severity::warning : Severity::notice, std::move(why));
+}
+
+/// Nobody else is about.
+void Ownership::take_over_local_robots() {
+  for (const auto& [robot, is_online] : local_robots_())
+    if (!claims_.is_held(robot)) membership_.actions.push(TakeOverRobot{robot, {}, {}});
 }
 
 void Ownership::on_other_gateway(const std::string& gateway, const Now& now) {
@@ -175,37 +176,42 @@ void Ownership::on_other_gateway(const std::string& gateway, const Now& now) {
 // --- Time ----------------------------------------------------------------------------------------
 
 bool Ownership::is_busy() const {
-  return membership_.phase == Phase::joining || claims_.is_busy() || !questions_.empty() ||
+  return membership_.phase == Phase::joining || claims_.is_busy() || !wills_.is_empty() ||
          commands_.is_busy();
 }
 
 std::optional<TimePoint> Ownership::deadline() const {
   if (!is_link_up_) return std::nullopt;
-  if (is_alone()) return earlier(looked_, look_again_);
-  return is_busy() ? std::min(next_beat_, last_look_ + look_interval) : next_beat_;
+  if (is_alone()) return earlier(discovery_ends_, rediscovery_due_);
+  const TimePoint next =
+      is_busy() ? std::min(next_beat_, last_deadline_ + busy_interval) : next_beat_;
+  return earlier(next, table_due_);
 }
 
 void Ownership::on_deadline(const Now& now) {
   if (!is_link_up_) return;
   if (is_alone()) {
-    if (looked_ && now.mono >= *looked_) end_look(now.mono);
-    if (look_again_ && now.mono >= *look_again_) wake_up(now);
+    if (discovery_ends_ && now.mono >= *discovery_ends_) end_discovery(now.mono);
+    if (rediscovery_due_ && now.mono >= *rediscovery_due_) wake_up(now);
     return;
   }
-  last_look_ = now.mono;
+  last_deadline_ = now.mono;
+  membership_.lease.look(now.mono);
   if (membership_.lease.is_life_over(now.mono)) begin_life(now.mono);
   if (now.mono >= next_beat_) {
     send_beat(now.mono);
     commands_.end_overdue(now.mono);
     forget_the_dead(now.mono);
+    greet_newcomers(now.mono);
     if (!keep_company(now.mono)) return;
   }
   if (membership_.phase == Phase::joining) finish_joining(now);
+  publish_table_to_all(now.mono);
   claims_.on_deadline(now);
   decide_won(now.mono);
   commands_.decide(now.mono);
-  look_at_questions(now);
-  commands_.tell_outcomes(now.mono);
+  if (!wills_.is_empty()) wills_.decide(complete_since(now.mono), now.mono);
+  commands_.publish_outcomes(now.mono);
 }
 
 /// False when this gateway is alone from now on.
@@ -215,18 +221,26 @@ bool Ownership::keep_company(TimePoint now) {
   if (membership_.peers.count_alive(now) > 0 || is_company) last_company_ = now;
   if (settings_.enabled == Enabled::automatic && now - last_company_ >= asleep_after) {
     fall_asleep("no other gateway is about any more; this one serves every robot", now);
-  } else if (settings_.enabled == Enabled::automatic && is_unheard(now)) {
-    // With `true` it goes on trying and serves nobody: the operator has asked for one owner.
-    is_muted_ = true;
-    fall_asleep(
-        fmt::format("the broker gives back nothing of what this gateway writes under fleet/. "
-                    "Its access control list needs, for this gateway's user: {} "
-                    "(docs/fleet.md). Until the next connection this gateway serves every robot "
-                    "that it hears, as if it were alone",
-                    membership_.topics.rights()),
-        now);
+  } else if (is_unheard(now)) {
+    on_unheard(now);
   }
   return !is_alone();
+}
+
+/// With `true` it goes on trying and serves nobody: the operator has asked for one owner.
+void Ownership::on_unheard(TimePoint now) {
+  const bool gives_up = settings_.enabled == Enabled::automatic;
+  if (!gives_up && !unheard_.on_event(now)) return;
+  std::string text = fmt::format(
+      "the broker gives back nothing of what this gateway writes under fleet/. Its access control "
+      "list needs, for this gateway's user: {} (docs/fleet.md). Until {}",
+      membership_.topics.rights(),
+      gives_up ? "the next connection this gateway serves every robot that it hears, as if it were "
+                 "alone"
+               : "then this gateway carries out no command (fleet.enabled)");
+  if (!gives_up) return membership_.notice(Severity::warning, std::move(text));
+  is_muted_ = true;
+  fall_asleep(std::move(text), now);
 }
 
 std::vector<MissingRight> Ownership::missing_rights(TimePoint now) const {
@@ -247,11 +261,13 @@ void Ownership::send_beat(TimePoint now) {
   const auto period_ms = std::chrono::duration_cast<milliseconds>(wait).count();
   membership_.publish(
       membership_.topics.all(),
-      Beat{to_ms(now), static_cast<std::uint32_t>(period_ms), digest.count, digest.hash,
-           static_cast<std::uint64_t>(
-               std::chrono::duration_cast<milliseconds>(membership_.lease.up(now)).count())},
+      Beat{to_clock_ms(now), static_cast<std::uint32_t>(period_ms), digest.count, digest.hash,
+           to_age_ms(membership_.lease.up(now)), to_age_ms(membership_.lease.gapless(now))},
       Qos::at_most_once);
-  next_beat_ = now + wait;
+  // The second beat comes early: gateways that connect at once, because the broker was restarted,
+  // would send all their beats in the same millisecond.
+  const bool is_first = std::exchange(is_first_beat_, false);
+  next_beat_ = now + wait - milliseconds(is_first ? fnv1a(membership_.me) % period_ms : 0);
 }
 
 bool Ownership::is_in_step(TimePoint now) const {
@@ -277,23 +293,42 @@ void Ownership::forget_the_dead(TimePoint now) {
   claims_.forget_the_dead(now);
 }
 
+/// They do not know of this gateway where the broker's nodes keep retained messages each for
+/// itself, or where no subscription with a wildcard brings them (RabbitMQ).
+void Ownership::greet_newcomers(TimePoint now) {
+  const milliseconds after = brings_retained_ ? greeting_after : early_greeting_after;
+  bool is_due = false;
+  for (auto& [gateway, state] : states_) {
+    if (now - state.heard < after || membership_.peers.is_alive(gateway, now)) continue;
+    is_due |= !std::exchange(state.is_greeted, true);
+  }
+  if (is_due && !is_stopping_) membership_.actions.push(AnnounceGateway{});
+}
+
 // --- Robots --------------------------------------------------------------------------------------
 
 void Ownership::on_heard(const std::string& robot, const Now& now) {
-  if (is_alone()) return;
-  questions_.erase(robot);
-  claims_.on_heard(robot, now);
+  wills_.drop(robot);
+  if (!is_alone()) claims_.on_heard(robot, now);
 }
 
 void Ownership::on_heard_too(const std::string& robot, std::optional<SignalLevel> level,
                              const Now& now) {
-  questions_.erase(robot);
+  wills_.drop(robot);
   claims_.on_heard_too(robot, level, now);
 }
 
 bool Ownership::may_serve(const std::string& robot, TimePoint now) const {
   if (settings_.enabled == Enabled::no) return true;
-  return may_act_for(robot, now) && (!is_alone() || (has_looked_ && !is_looking_));
+  return may_act_for(robot, now) && (!is_alone() || (has_discovered_ && !is_discovering_));
+}
+
+bool Ownership::may_announce(const std::string& robot, Presence presence, bool has_just_come,
+                             TimePoint now) const {
+  if (!speaks_for(robot, now)) return false;
+  if (presence == Presence::offline) return true;
+  if (is_alone()) return has_just_come || !may_be_shared();
+  return membership_.phase == Phase::member && !membership_.lease.is_life_over(now);
 }
 
 void Ownership::on_given_up(const std::string& robot, const Claim& to, Bytes session,
@@ -302,7 +337,7 @@ void Ownership::on_given_up(const std::string& robot, const Claim& to, Bytes ses
 }
 
 void Ownership::on_command(BrokerMessage message, std::string robot, std::string type,
-                           const Now& now) {
+                           const Now& now, bool may_be_copy) {
   if (!is_shared() || (message.retain && speaks_for(robot, now.mono))) {
     membership_.actions.push(CarryOut{std::move(message)});
     return;
@@ -310,59 +345,39 @@ void Ownership::on_command(BrokerMessage message, std::string robot, std::string
   const bool is_of_gateway =
       robot == membership_.me || states_.contains(robot) || membership_.peers.find(robot);
   if (message.retain || (type == "probe" && is_of_gateway)) return;  // it tries its rights
-  commands_.add(std::move(message), std::move(robot), std::move(type), now);
+  commands_.add(std::move(message), std::move(robot), std::move(type), now,
+                may_be_copy && membership_.phase == Phase::joining);
 }
 
 void Ownership::on_own_outcome(BrokerMessage outcome, Duration after, const Now& now) {
   commands_.on_own_outcome(std::move(outcome), after, now.mono);
-  if (!is_alone() || has_looked_) commands_.tell_outcomes(now.mono);
+  if (is_alone() ? has_discovered_ : is_link_up_) commands_.publish_outcomes(now.mono);
 }
 
 void Ownership::on_outcome(const std::string& gateway, const std::string& robot,
-                           const std::string& type, const Now& now) {
-  commands_.on_outcome(gateway, robot, type, now.mono);
+                           const std::string& type, const Now& now, Duration after) {
+  commands_.on_outcome(gateway, robot, type, after, now.mono);
 }
 
 void Ownership::on_will(Report will, const Now& now) {
-  if (!is_shared()) {
+  if (!holds_wills()) {
     membership_.actions.push(PublishWill{std::move(will)});
     return;
   }
-  Question& question = questions_[will.robot];
-  if (question.wills.size() < max_wills) question.wills.push_back(std::move(will));
-  look_at_questions(now);
+  wills_.add(std::move(will));
+  wills_.decide(complete_since(now.mono), now.mono);
 }
 
-void Ownership::look_at_questions(const Now& now) {
-  if (!membership_.may_act(now.mono)) return;
-  for (auto each = questions_.begin(); each != questions_.end();) {
-    const bool is_over = !speaks_for(each->first, now.mono) || is_answered(each->second, now);
-    const bool is_lost = each->second.asked && !each->second.echoed &&
-                         now.mono - *each->second.asked >= sign_patience;
-    if (!is_over && (!each->second.asked || is_lost))
-      ask_for_sign(each->first, each->second, now.mono);
-    each = is_over ? questions_.erase(each) : std::next(each);
+/// A gateway that has just come takes part a while later, and may have robots before that.
+TimePoint Ownership::complete_since(TimePoint now) const {
+  TimePoint since = TimePoint::min();
+  for (const auto& [gateway, state] : states_) {
+    if (now - state.heard >= newcomer_patience) continue;
+    const Peers::Peer* peer = membership_.peers.find(gateway);
+    if (!peer || now >= peer->alive_until) return TimePoint::max();
+    since = std::max(since, peer->hears_since);
   }
-}
-
-void Ownership::ask_for_sign(const std::string& robot, Question& question, TimePoint now) {
-  question.asked = now;
-  question.echoed.reset();
-  const auto heard = claims_.heard_at(robot);
-  const Duration silent = heard ? now - *heard : Duration(1h);
-  membership_.tell_all(AskForSign{
-      robot, static_cast<std::uint64_t>(std::chrono::duration_cast<milliseconds>(silent).count())});
-}
-
-/// A will is published when nobody has heard the robot since, and this gateway could have learned
-/// of it.
-bool Ownership::is_answered(Question& question, const Now& now) {
-  if (!question.asked || !question.echoed) return false;
-  const Duration enough =
-      std::max<Duration>(sign_patience, (*question.echoed - *question.asked) * sign_round_trips);
-  if (now.mono - *question.asked < enough) return false;
-  for (Report& will : question.wills) membership_.actions.push(PublishWill{std::move(will)});
-  return true;
+  return since;
 }
 
 /// A robot that has just become this gateway's may have commands waiting.
@@ -374,12 +389,13 @@ void Ownership::decide_won(TimePoint now) {
 
 void Ownership::on_gateway_state(const BrokerMessage& message, std::string_view gateway,
                                  const Now& now) {
+  brings_retained_ = brings_retained_ || message.retain;
   if (gateway == membership_.me) {
     // Retained, whatever it says: the broker answers this gateway's subscription with it, and other
     // states come at the same time. A live one says nothing about the others.
-    if (message.retain && looked_) {
+    if (message.retain && discovery_ends_) {
       is_state_answered_ = true;
-      looked_ = std::min(*looked_, now.mono + state_spread);
+      discovery_ends_ = std::min(*discovery_ends_, now.mono + state_spread);
     }
     return;
   }
@@ -394,7 +410,8 @@ void Ownership::on_gateway_state(const BrokerMessage& message, std::string_view 
     const auto text = [&](const char* key) {
       return json.contains(key) && json[key].is_string() ? json[key].get<std::string>() : "";
     };
-    states_[id] = {text("version"), text("since"), now.mono};
+    const bool is_greeted = states_[id].is_greeted && states_[id].since == text("since");
+    states_[id] = {text("version"), text("since"), now.mono, is_greeted};
     on_other_gateway(id, now);
   }
 }
@@ -416,10 +433,9 @@ bool Ownership::on_broker_message(const BrokerMessage& message, const Now& now) 
   }
   const auto outcome = membership_.topics.outcome(message.topic);
   if (!outcome) return false;
-  const auto json =
-      nlohmann::json::parse(message.payload.begin(), message.payload.end(), nullptr, false);
-  if (json.is_object() && json.contains("type") && json["type"].is_string())
-    on_outcome(std::string(outcome->gateway), std::string(outcome->robot), json["type"], now);
+  if (const auto read = SharedCommands::read(message))
+    on_outcome(std::string(outcome->gateway), std::string(outcome->robot), read->type, now,
+               read->after);
   return false;
 }
 
@@ -439,15 +455,22 @@ void Ownership::on_fleet_message(const FleetMessage& message, const Now& now) {
   if (!is_own) on_other_gateway(message.sender, now);
   if (is_alone()) return;
   if (is_own && message.life != life()) return on_foreign_life(message, now.mono);
-  const bool is_beat = std::holds_alternative<Beat>(message.body);
-  const bool is_news = std::holds_alternative<Taken>(message.body);  // true even of the dead
-  if (!is_own && !is_beat && !is_news &&
-      !membership_.peers.is_alive(message.sender, message.life, now.mono)) {
+  if (!is_own && !counts(message, now.mono)) {
     ++void_claims_;  // a forgery, or old; if it is neither, the next digest tells
     return;
   }
   std::visit([&](const auto& body) { handle(message.sender, message.life, body, now); },
              message.body);
+}
+
+/// Beats and `taken` always count, questions about a robot and their answers (which are not
+/// repeated) from a life that may not have sent a beat yet, and all else from living gateways only.
+bool Ownership::counts(const FleetMessage& message, TimePoint now) const {
+  const Body& body = message.body;
+  if (std::holds_alternative<Beat>(body) || std::holds_alternative<Taken>(body)) return true;
+  if (std::holds_alternative<AskForSign>(body) || std::holds_alternative<Heard>(body))
+    return !membership_.peers.is_over(message.sender, message.life);
+  return membership_.peers.is_alive(message.sender, message.life, now);
 }
 
 /// Of a former life, or of another process. A broker that kept the session of this gateway's former
@@ -460,31 +483,52 @@ void Ownership::on_foreign_life(const FleetMessage& message, TimePoint now) {
     membership_.notice(Severity::error, "another process uses this gateway.id on this broker");
 }
 
+/// It renews the lease when all that others say comes, too: a broker may need half a second for
+/// each subscription, and grant the one to beats first.
+void Ownership::on_own_beat(const Beat& beat, TimePoint now) {
+  if (!Lease::is_possible(beat, now)) return;
+  was_echoed_ = has_been_echoed_ = true;
+  if (subscriptions_.are_answered(now)) membership_.lease.on_own_beat(beat, now);
+}
+
 void Ownership::handle(const std::string& sender, Life life, const Beat& beat, const Now& now) {
-  if (sender == membership_.me) {
-    if (membership_.lease.on_own_beat(beat, now.mono)) was_ever_echoed_ = true;
-  } else if (membership_.peers.on_beat(sender, life, beat, now.mono)) {
-    compare_digest(sender, life, now.mono);
-  }
+  if (sender == membership_.me) return on_own_beat(beat, now.mono);
+  const bool was_away = !membership_.peers.is_alive(sender, life, now.mono);
+  if (membership_.peers.on_beat(sender, life, beat, now.mono))
+    compare_digest(sender, life, was_away, now.mono);
 }
 
 /// One difference may be a claim that overtook the beat; two in a row are a claim that was lost.
-void Ownership::compare_digest(const std::string& gateway, Life life, TimePoint now) {
+/// What a gateway has claimed while it was away was lost in any case.
+void Ownership::compare_digest(const std::string& gateway, Life life, bool was_away,
+                               TimePoint now) {
   Peers::Peer& peer = *membership_.peers.find(gateway);
   if (membership_.table.digest_of(gateway, life) == peer.digest) {
     peer.mismatches = 0;
     return;
   }
-  const unsigned enough = membership_.phase == Phase::joining ? 1 : 2;
-  if (++peer.mismatches < enough || (peer.asked_at && now - *peer.asked_at < ask_interval)) return;
+  const Duration pause = membership_.table.is_full() ? ask_interval * 30 : ask_interval;
+  const unsigned enough = was_away || membership_.phase == Phase::joining ? 1 : 2;
+  if (++peer.mismatches < enough || (peer.asked_at && now - *peer.asked_at < pause)) return;
   peer.asked_at = now;
   membership_.publish(membership_.topics.to(gateway), AskTable{});
 }
 
 void Ownership::handle(const std::string& sender, Life, const AskTable&, const Now& now) {
-  if (sender == membership_.me || (table_told_ && now.mono - *table_told_ < table_interval)) return;
-  table_told_ = now.mono;
-  claims_.tell_table(membership_.topics.to(sender));
+  if (sender == membership_.me || table_due_) return;
+  if (table_published_ && now.mono - *table_published_ < table_interval) {
+    table_due_ = *table_published_ + table_interval;
+    return;
+  }
+  table_published_ = now.mono;
+  claims_.publish_table(membership_.topics.to(sender));
+}
+
+void Ownership::publish_table_to_all(TimePoint now) {
+  if (!table_due_ || now < *table_due_) return;
+  table_due_.reset();
+  table_published_ = now;
+  claims_.publish_table(membership_.topics.all());
 }
 
 void Ownership::handle(const std::string& sender, Life, const Hears& hears, const Now& now) {
@@ -521,9 +565,7 @@ void Ownership::handle(const std::string& sender, Life life, const Taken& taken,
 
 void Ownership::handle(const std::string& sender, Life, const AskForSign& ask, const Now& now) {
   if (sender == membership_.me) {
-    const auto question = questions_.find(ask.robot);
-    if (question != questions_.end() && question->second.asked && !question->second.echoed)
-      question->second.echoed = now.mono;
+    wills_.on_own_question(ask.robot, now.mono);
     return;
   }
   const auto heard = claims_.heard_at(ask.robot);
@@ -533,13 +575,13 @@ void Ownership::handle(const std::string& sender, Life, const AskForSign& ask, c
 }
 
 void Ownership::handle(const std::string& sender, Life, const Heard& heard, const Now&) {
-  if (sender != membership_.me) questions_.erase(heard.robot);
+  if (sender != membership_.me) wills_.drop(heard.robot);
 }
 
 // --- For operators -------------------------------------------------------------------------------
 
 std::optional<Ownership::Place> Ownership::place_of(const std::string& robot, TimePoint now) const {
-  const auto* row = membership_.table.find(robot);
+  const auto row = membership_.table.find(robot);
   if (!row) return std::nullopt;
   return Place{row->claim.gateway, row->since,
                membership_.is_mine(row->claim) || membership_.is_living(row->claim, now)};
@@ -548,9 +590,11 @@ std::optional<Ownership::Place> Ownership::place_of(const std::string& robot, Ti
 Counters Ownership::counters() const {
   return {{"fleet_malformed", malformed_},
           {"fleet_void", void_claims_},
+          {"fleet_claims_not_kept", claims_.not_kept()},
           {"fleet_roams_in", claims_.roams_in()},
           {"fleet_roams_out", claims_.roams_out()},
-          {"fleet_commands_dropped", commands_.dropped()}};
+          {"fleet_commands_dropped", commands_.dropped()},
+          {"lease_lapses", lease_lapses()}};
 }
 
 }  // namespace slamgw::fleet

@@ -2,6 +2,7 @@
 // What Ownership decides, for its shell to do.
 #pragma once
 
+#include <cstdint>
 #include <string>
 #include <variant>
 
@@ -14,6 +15,8 @@ namespace slamgw::fleet {
 struct PublishNow {
   BrokerMessage message;
 };
+/// This gateway's retained `state`, once more.
+struct AnnounceGateway {};
 struct SubscribeFleet {
   std::string filter;
   Qos qos = Qos::at_least_once;
@@ -44,16 +47,21 @@ struct EndCommand {
   std::string why;
   Duration after{};  ///< since it came here; zero: it did not
 };
+/// As PublishNow; answered by on_outcome_acknowledged() or on_outcome_refused().
+struct PublishOutcomeNow {
+  std::uint64_t id = 0;
+  BrokerMessage message;
+};
 /// Stored, if the broker is away.
-struct TellOutcome {
+struct PublishOutcome {
   BrokerMessage message;
 };
 struct PublishWill {
   Report will;
 };
 
-using OwnershipAction =
-    std::variant<PublishNow, SubscribeFleet, UnsubscribeFleet, TakeOverRobot, GiveUpRobot, CarryOut,
-                 EndCommand, TellOutcome, PublishWill, Notice>;
+using OwnershipAction = std::variant<PublishNow, AnnounceGateway, SubscribeFleet, UnsubscribeFleet,
+                                     TakeOverRobot, GiveUpRobot, CarryOut, EndCommand,
+                                     PublishOutcomeNow, PublishOutcome, PublishWill, Notice>;
 
 }  // namespace slamgw::fleet

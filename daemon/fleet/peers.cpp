@@ -12,48 +12,83 @@ namespace {
 /// A stranger may send any number.
 constexpr std::uint64_t longest_up_ms = 30ULL * 24 * 3'600'000;
 
+/// By two clocks. Unsigned meanwhile, because a stranger may send any number.
+std::int64_t way_ms(std::int64_t sent_ms, TimePoint now) {
+  return static_cast<std::int64_t>(static_cast<std::uint64_t>(to_clock_ms(now)) -
+                                   static_cast<std::uint64_t>(sent_ms));
+}
+
 }  // namespace
 
 milliseconds Peers::Way::delay_of(const Beat& beat, TimePoint now) {
-  const std::int64_t now_ms =
-      std::chrono::duration_cast<milliseconds>(now.time_since_epoch()).count();
-  // Unsigned, because a stranger may send any number.
-  const auto took = static_cast<std::int64_t>(static_cast<std::uint64_t>(now_ms) -
-                                              static_cast<std::uint64_t>(beat.sent_ms));
   if (now - window_start >= window) {
     shortest_before_ms = std::exchange(shortest_ms, INT64_MAX);
     window_start = now;
   }
-  shortest_ms = std::min(shortest_ms, took);
-  const std::int64_t shortest = std::min(shortest_ms, shortest_before_ms);
+  shortest_ms = std::min(shortest_ms, way_ms(beat.sent_ms, now));
+  return delay_of(beat.sent_ms, now);
+}
+
+milliseconds Peers::Way::delay_of(std::int64_t sent_ms, TimePoint now) const {
   constexpr std::uint64_t longest_ms = 3'600'000;
+  const std::int64_t took = way_ms(sent_ms, now);
+  const std::int64_t shortest = std::min(shortest_ms, shortest_before_ms);
+  if (took <= shortest) return {};
   const std::uint64_t longer =
-      static_cast<std::uint64_t>(took) - static_cast<std::uint64_t>(shortest);  // shortest <= took
+      static_cast<std::uint64_t>(took) - static_cast<std::uint64_t>(shortest);
   return milliseconds(std::min(longer, longest_ms));
 }
 
+bool Peers::is_over(const Peer& peer, Life life) {
+  const bool was_before = std::ranges::find(peer.past_lives, life) != peer.past_lives.end();
+  return was_before || is_earlier_life(life, peer.life);
+}
+
+bool Peers::is_over(const std::string& gateway, Life life) const {
+  const Peer* peer = find(gateway);
+  return peer && is_over(*peer, life);
+}
+
+bool Peers::begin_life(Peer& peer, Life life) {
+  if (is_over(peer, life)) return false;
+  std::vector<Life> past = std::move(peer.past_lives);
+  past.push_back(peer.life);
+  if (past.size() > max_past_lives) past.erase(past.begin());
+  peer = {};
+  peer.life = life;
+  peer.past_lives = std::move(past);
+  return true;
+}
+
 bool Peers::on_beat(const std::string& gateway, Life life, const Beat& beat, TimePoint now) {
-  const auto known = peers_.find(gateway);
-  if (known == peers_.end() && peers_.size() >= max_peers) return false;
-  if (known == peers_.end() || known->second.life != life) {
-    auto& past = past_lives_[gateway];
-    if (std::ranges::find(past, life) != past.end()) return false;
-    if (known != peers_.end()) {
-      if (is_earlier_life(life, known->second.life)) return false;
-      past.push_back(known->second.life);
-      if (past.size() > max_past_lives) past.pop_front();
-    }
-    peers_[gateway] = {};
-    peers_[gateway].life = life;
-    ways_[gateway] = {};
+  auto known = peers_.find(gateway);
+  if (known == peers_.end()) {
+    if (peers_.size() >= max_peers) return false;
+    known = peers_.try_emplace(gateway).first;
+    known->second.life = life;
   }
-  Peer& peer = peers_[gateway];
-  const TimePoint sent = now - ways_[gateway].delay_of(beat, now);
-  peer.alive_until =
-      std::max<TimePoint>(peer.alive_until, sent + milliseconds(beat.period_ms) * death_periods);
+  Peer& peer = known->second;
+  if (peer.life != life && !begin_life(peer, life)) return false;
+  const TimePoint sent = now - peer.way.delay_of(beat, now);
+  peer.period = milliseconds(beat.period_ms);
+  peer.alive_until = std::max<TimePoint>(peer.alive_until, sent + peer.period * death_periods);
   peer.hears_since = sent - milliseconds(std::min(beat.up_ms, longest_up_ms));
+  peer.gapless_since = sent - milliseconds(std::min(beat.gapless_ms, longest_up_ms));
   peer.digest = {beat.count, beat.digest};
   return true;
+}
+
+void Peers::on_own_gap(TimePoint lost, TimePoint now) {
+  for (auto& [gateway, peer] : peers_)
+    if (lost < peer.alive_until)
+      peer.alive_until = std::max<TimePoint>(peer.alive_until, now + peer.period * death_periods);
+}
+
+milliseconds Peers::delay_of(const std::string& gateway, Life life, std::int64_t sent_ms,
+                             TimePoint now) const {
+  const Peer* peer = find(gateway);
+  const bool is_known = peer && sent_ms != 0 && is_same_process(peer->life, life);
+  return is_known ? peer->way.delay_of(sent_ms, now) : milliseconds{};
 }
 
 const Peers::Peer* Peers::find(const std::string& gateway) const {
@@ -81,18 +116,27 @@ std::size_t Peers::count_alive(TimePoint now) const {
       peers_, [&](const auto& peer) { return now < peer.second.alive_until; }));
 }
 
+std::size_t Peers::count_alive_before(const std::string& name, TimePoint now) const {
+  return static_cast<std::size_t>(
+      std::count_if(peers_.begin(), peers_.lower_bound(name),
+                    [&](const auto& peer) { return now < peer.second.alive_until; }));
+}
+
 bool Peers::has_witness(TimePoint since, TimePoint now) const {
   return std::ranges::any_of(peers_, [&](const auto& each) {
     return now < each.second.alive_until && each.second.hears_since <= since;
   });
 }
 
+bool Peers::has_gapless_witness(TimePoint since, TimePoint now) const {
+  return std::ranges::any_of(peers_, [&](const auto& each) {
+    return now < each.second.alive_until && each.second.gapless_since <= since;
+  });
+}
+
 void Peers::forget_dead(TimePoint now) {
   std::erase_if(peers_,
                 [&](const auto& peer) { return now >= peer.second.alive_until + forget_after; });
-  const auto is_gone = [&](const auto& entry) { return !peers_.contains(entry.first); };
-  std::erase_if(ways_, is_gone);
-  std::erase_if(past_lives_, is_gone);
 }
 
 }  // namespace slamgw::fleet

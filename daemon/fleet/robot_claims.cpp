@@ -4,7 +4,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <string_view>
 #include <utility>
 
 namespace slamgw::fleet {
@@ -15,22 +14,52 @@ using std::chrono::milliseconds;
 /// A claim for a robot that nobody has is won after so long without a greater one.
 constexpr milliseconds settling{300};
 constexpr milliseconds claim_repeats{1000};
-/// A living owner that neither answers nor objects is passed over then.
+/// A living owner that neither answers nor objects is passed over then, but not while the beats
+/// that it has sent before it could hear the claim may hold its lease.
 constexpr milliseconds release_patience{5000};
-/// For the gateway before to make way; a session that comes later is lost.
-constexpr milliseconds passing_patience{2000};
+/// A larger period than that of `max_peers` gateways is forged.
+constexpr milliseconds longest_release_patience{30'000};
 /// A robot that was heard so lately may be claimed once more when a greater claim turns up.
 constexpr milliseconds fresh{3000};
-constexpr std::size_t max_heard = 20'000;  // as RobotRegistry
+/// Twice as many as the core keeps, which says what it forgets.
+constexpr std::size_t max_heard = 40'000;
 
 }  // namespace
 
 void RobotClaims::on_heard(const std::string& robot, const Now& now) {
-  if (heard_.size() >= max_heard && !heard_.contains(robot)) return;
-  heard_[robot] = now.mono;
-  if (!membership_.may_act(now.mono)) return;
-  if (held_.contains(robot) || claiming_.contains(robot)) return;
-  claim_unless_guarded(robot, now);
+  if (heard_.size() < max_heard || heard_.contains(robot)) heard_[robot] = now.mono;
+  if (!membership_.may_act(now.mono) || held_.contains(robot)) return;
+  const auto claiming = claiming_.find(robot);
+  if (claiming == claiming_.end()) return claim_unless_guarded(robot, now);
+  claiming->second.is_forgotten = false;
+}
+
+void RobotClaims::on_forgotten(const std::string& robot) {
+  heard_.erase(robot);
+  const auto claiming = claiming_.find(robot);
+  if (claiming != claiming_.end()) claiming->second.is_forgotten = true;
+  if (held_.erase(robot) > 0) drop_own_claim(robot);
+}
+
+void RobotClaims::drop_own_claim(const std::string& robot) {
+  const auto row = membership_.table.find(robot);
+  if (!row || !membership_.is_mine(row->claim)) return;
+  if (row->claim.epoch < spent_epoch) dropped_epoch_ = std::max(dropped_epoch_, row->claim.epoch);
+  membership_.table.erase(robot);
+}
+
+bool RobotClaims::keep(const std::string& robot, const Claim& claim, const Now& now) {
+  if (membership_.table.set(robot, claim, now.wall)) return true;
+  ++not_kept_;
+  if (const auto count = full_.on_event(now.mono))
+    membership_.notice(
+        Severity::warning,
+        fmt::format("{} robots are known in this fleet, and there is no room for '{}': nobody "
+                    "serves it, and commands for it are refused; does somebody invent names of "
+                    "robots? ({} claims like it since the last line)",
+                    membership_.table.size(), robot, *count),
+        robot);
+  return false;
 }
 
 void RobotClaims::on_heard_too(const std::string& robot, std::optional<SignalLevel> level,
@@ -52,7 +81,7 @@ void RobotClaims::on_hears(const std::string& sender, const Hears& hears, const 
 
 void RobotClaims::claim_if_chosen(const std::string& robot, const Now& now) {
   if (!membership_.may_act(now.mono) || held_.contains(robot) || claiming_.contains(robot)) return;
-  const auto* row = membership_.table.find(robot);
+  const auto row = membership_.table.find(robot);
   const bool has_owner = row && membership_.is_living(row->claim, now.mono);
   if (has_owner && !boards_.should_take(robot, row->claim.gateway, now.mono)) return;
   // Nobody answers the robot meanwhile, so the guard against two robots of one name must not wait.
@@ -71,12 +100,12 @@ void RobotClaims::choose_boards(const Now& now) {
 
 void RobotClaims::on_question(const std::string& robot, const std::string& sender, const Now& now) {
   if (!membership_.may_act(now.mono)) return;
-  const auto* row = membership_.table.find(robot);
+  const auto row = membership_.table.find(robot);
   if (row && row->claim.gateway == sender && !claiming_.contains(robot)) claim(robot, now);
 }
 
 void RobotClaims::claim_unless_guarded(const std::string& robot, const Now& now) {
-  const auto* row = membership_.table.find(robot);
+  const auto row = membership_.table.find(robot);
   const bool has_owner = row && membership_.is_living(row->claim, now.mono);
   if (has_owner && !guard_.may_claim(robot, now.mono)) return;
   const unsigned in_a_row = has_owner ? guard_.on_claim(robot, now.mono) : 0;
@@ -93,42 +122,73 @@ void RobotClaims::claim_unless_guarded(const std::string& robot, const Now& now)
   claim(robot, now);
 }
 
-void RobotClaims::claim(const std::string& robot, const Now& now) {
-  const auto* row = membership_.table.find(robot);
-  if (row && row->claim.epoch >= max_epoch) return;
-  Claiming claiming;
-  claiming.since = now.mono;
-  claiming.epoch = row ? row->claim.epoch + 1 : 1;
-  if (row && row->claim.gateway != membership_.me) {
-    claiming.former = row->claim.gateway;
-    if (membership_.is_living(row->claim, now.mono))
-      claiming.awaited[row->claim.gateway] = row->claim.life;
-  }
-  const Claim mine{claiming.epoch, membership_.me, membership_.lease.life()};
-  if (!membership_.table.set(robot, mine, now.wall)) return;
-  say_claim(robot, claiming_[robot] = std::move(claiming), now.mono);
+/// Nothing while a living gateway has the greatest of all. A claim of the dead need not be beaten,
+/// because nobody counts it.
+std::optional<std::uint64_t> RobotClaims::next_epoch(const Claim* known, std::uint64_t first,
+                                                     TimePoint now) const {
+  if (!known) return first;
+  const bool is_living = membership_.is_living(*known, now);
+  if (!is_living && known->epoch >= spent_epoch) return first;
+  if (known->epoch >= max_epoch) return std::nullopt;
+  return known->epoch + 1;
 }
 
-void RobotClaims::say_claim(const std::string& robot, Claiming& claiming, TimePoint now) {
+void RobotClaims::claim(const std::string& robot, const Now& now) {
+  const auto row = membership_.table.find(robot);
+  const auto epoch = next_epoch(row ? &row->claim : nullptr, 1, now.mono);
+  if (!epoch) return;
+  begin_claim(robot, std::max(*epoch, dropped_epoch_ + 1), now);
+  const auto claiming = claiming_.find(robot);
+  if (claiming != claiming_.end()) publish_claim(robot, claiming->second, now.mono);
+}
+
+/// No effect when the table is full.
+void RobotClaims::begin_claim(const std::string& robot, std::uint64_t epoch, const Now& now) {
+  const auto row = membership_.table.find(robot);
+  if (!keep(robot, {epoch, membership_.me, membership_.lease.life()}, now)) return;
+  Claiming& claiming = claiming_[robot] = {};
+  claiming.since = claiming.said = now.mono;
+  claiming.epoch = epoch;
+  if (!row || row->claim.gateway == membership_.me) return;
+  formers_[robot] = row->claim.gateway;
+  if (membership_.is_living(row->claim, now.mono))
+    claiming.awaited[row->claim.gateway] = row->claim.life;
+}
+
+void RobotClaims::publish_claim(const std::string& robot, Claiming& claiming, TimePoint now) {
   claiming.said = now;
   const std::string from =
       claiming.awaited.empty() ? std::string() : claiming.awaited.begin()->first;
-  membership_.tell_all(ClaimRobot{robot, membership_.table.find(robot)->claim.epoch, from});
+  // A broker that holds back messages with QoS 1 for an owner may still bring it those without.
+  const Qos qos = claiming.times_said++ % 2 == 0 ? Qos::at_least_once : Qos::at_most_once;
+  membership_.publish(membership_.topics.all(),
+                      ClaimRobot{robot, membership_.table.find(robot)->claim.epoch, from}, qos);
 }
 
 void RobotClaims::on_own_claim(const std::string& robot, std::uint64_t epoch, const Now& now) {
   const auto claiming = claiming_.find(robot);
   if (claiming == claiming_.end() || membership_.table.find(robot)->claim.epoch != epoch) return;
   if (!claiming->second.echoed) claiming->second.echoed = now.mono;
-  if (is_won(claiming->second, now.mono)) own(robot, now.mono);
+  if (is_won(claiming->second, now.mono)) own(robot, now);
+}
+
+Duration RobotClaims::patience_with(const std::string& gateway) const {
+  const Peers::Peer* peer = membership_.peers.find(gateway);
+  if (!peer) return release_patience;
+  return std::clamp<Duration>(peer->period * death_periods, release_patience,
+                              longest_release_patience);
+}
+
+void RobotClaims::erase_void(Gateways& awaited, TimePoint since, TimePoint now) const {
+  std::erase_if(awaited, [&](const auto& each) {
+    return now - since >= patience_with(each.first) ||
+           !membership_.peers.is_alive(each.first, each.second, now);
+  });
 }
 
 bool RobotClaims::is_won(Claiming& claiming, TimePoint now) const {
   if (!claiming.echoed || !membership_.lease.is_valid(now)) return false;
-  const bool is_late = now - claiming.since >= release_patience;
-  std::erase_if(claiming.awaited, [&](const auto& each) {
-    return is_late || !membership_.peers.is_alive(each.first, each.second, now);
-  });
+  erase_void(claiming.awaited, claiming.since, now);
   if (!claiming.awaited.empty()) return false;
   return claiming.was_released || now - *claiming.echoed >= settling;
 }
@@ -140,37 +200,56 @@ void RobotClaims::on_deadline(const Now& now) {
     if (is_won(claiming, now.mono)) {
       won.push_back(robot);
     } else if (now.mono - claiming.said >= claim_repeats && membership_.lease.is_valid(now.mono)) {
-      say_claim(robot, claiming, now.mono);
+      publish_claim(robot, claiming, now.mono);
     }
   }
-  for (const std::string& robot : won) own(robot, now.mono);
+  for (const std::string& robot : won) own(robot, now);
   std::vector<std::string> passed;
   for (auto& [robot, passing] : passing_) {
-    std::erase_if(passing.awaited, [&](const auto& each) {
-      return !membership_.peers.is_alive(each.first, each.second, now.mono);
-    });
-    const bool is_over = passing.awaited.empty() || now.mono >= passing.until;
-    if (is_over && passing.is_given_up) passed.push_back(robot);
+    erase_void(passing.awaited, passing.since, now.mono);
+    if (passing.awaited.empty()) {
+      if (passing.is_given_up) passed.push_back(robot);
+    } else if (now.mono - passing.said >= claim_repeats) {
+      passing.said = now.mono;  // it may have missed this claim, and hear the next one only
+      membership_.publish_to_all(ClaimRobot{robot, passing.epoch, passing.awaited.begin()->first});
+    }
   }
   for (const std::string& robot : passed) pass_on(robot, now.mono);
 }
 
-void RobotClaims::own(const std::string& robot, TimePoint now) {
+void RobotClaims::own(const std::string& robot, const Now& now) {
   auto claiming = claiming_.extract(robot);
   Claiming& won = claiming.mapped();
-  held_[robot] = now;
+  if (won.is_forgotten) {
+    withdraw_entry_of_former(robot, now.mono);
+    return drop_own_claim(robot);
+  }
+  held_[robot] = now.mono;
   has_won_ = true;
-  if (!won.former.empty()) ++roams_in_;
-  const bool left_behind = !won.former.empty() && !won.released.contains(won.former);
-  membership_.actions.push(
-      TakeOverRobot{robot, left_behind ? won.former : std::string(), std::move(won.session)});
+  auto former = formers_.extract(robot);
+  if (!former.empty() || won.was_released) ++roams_in_;
+  if (won.epoch >= spent_epoch) begin_again(robot, now);
+  membership_.actions.push(TakeOverRobot{
+      robot, former.empty() ? std::string() : std::move(former.mapped()), std::move(won.session)});
+}
+
+/// Others take the lower epoch from this gateway's table (on_table).
+void RobotClaims::begin_again(const std::string& robot, const Now& now) {
+  membership_.table.set(robot, {1, membership_.me, membership_.lease.life()}, now.wall);
+  publish_table(membership_.topics.all());
 }
 
 // --- Others' claims ------------------------------------------------------------------------------
 
+void RobotClaims::on_claim(const std::string& robot, const Claim& claim, const std::string& from,
+                           const Now& now) {
+  if (membership_.phase == Phase::joining) heard_.erase(robot);  // it has gone there since
+  merge(robot, claim, from, now);
+}
+
 void RobotClaims::merge(const std::string& robot, const Claim& claim, const std::string& from,
                         const Now& now) {
-  const auto* known = membership_.table.find(robot);
+  const auto known = membership_.table.find(robot);
   const std::optional<Claim> row = known ? std::optional(known->claim) : std::nullopt;
   const bool is_void = row && !membership_.is_mine(*row) && !membership_.is_living(*row, now.mono);
   if (row && !is_void && claim <= *row) return on_lesser_claim(robot, claim, *row, from, now);
@@ -178,7 +257,9 @@ void RobotClaims::merge(const std::string& robot, const Claim& claim, const std:
   // Who asks this gateway to make way has heard the robot after it had this gateway's claim.
   const bool was_behind =
       claiming != claiming_.end() && row && claim.epoch > row->epoch && from != membership_.me;
-  if (!membership_.table.set(robot, claim, now.wall)) return;
+  if (!keep(robot, claim, now)) return;
+  if (is_void && claim.epoch <= row->epoch && claim.gateway != row->gateway)
+    withdraw_unknown_entry(robot, row->gateway, claim.gateway, now.mono);
   if (held_.contains(robot) || claiming != claiming_.end()) {
     give_way(robot, claim, now.mono);
   } else if (from == membership_.me) {
@@ -197,7 +278,9 @@ void RobotClaims::merge(const std::string& robot, const Claim& claim, const std:
 void RobotClaims::on_lesser_claim(const std::string& robot, const Claim& claim, const Claim& row,
                                   const std::string& from, const Now& now) {
   if (!membership_.is_mine(row)) {
-    if (from == membership_.me) release(robot, row, claim.gateway, {}, now.mono);
+    const auto passing = passing_.find(robot);
+    const bool is_early = passing != passing_.end() && passing->second.to == row;
+    if (from == membership_.me && !is_early) release(robot, row, claim.gateway, {}, now.mono);
     return;
   }
   const auto claiming = claiming_.find(robot);
@@ -209,7 +292,7 @@ void RobotClaims::on_lesser_claim(const std::string& robot, const Claim& claim, 
   TimePoint& last = objected_[robot];
   if (now.mono - last < objection_interval) return;
   last = now.mono;
-  membership_.tell_all(ClaimRobot{robot, row.epoch, {}});
+  membership_.publish_to_all(ClaimRobot{robot, row.epoch, {}});
 }
 
 /// A greater claim than ours has come.
@@ -226,13 +309,41 @@ void RobotClaims::give_way(const std::string& robot, const Claim& to, TimePoint 
   pass_on(robot, now);  // one that was passed on before must not wait for this one
   if (auto claiming = claiming_.extract(robot); !claiming.empty()) {
     Claiming& mine = claiming.mapped();
+    withdraw_entry_of_former(robot, now);
     // Claimed at the same time, it waits for this one. Claimed later, it has made way first.
     const bool is_rival = to.epoch <= mine.epoch;
     if (is_rival) mine.awaited.erase(to.gateway);
-    passing_[robot] = {to, std::move(mine.awaited), std::move(mine.session), now + passing_patience,
+    passing_[robot] = {to,   mine.epoch, now, now, std::move(mine.awaited), std::move(mine.session),
                        false};
   }
   membership_.actions.push(GiveUpRobot{robot, to, true});  // it may have a session here already
+}
+
+/// The next gateway knows this one as the former, and not the one that died.
+void RobotClaims::withdraw_entry_of_former(const std::string& robot, TimePoint now) {
+  const auto former = formers_.extract(robot);
+  if (!former.empty()) withdraw_entry(robot, former.mapped(), now);
+}
+
+/// Of a gateway that lives it is not this one's to withdraw.
+void RobotClaims::withdraw_entry(const std::string& robot, const std::string& gateway,
+                                 TimePoint now) {
+  if (gateway == membership_.me || membership_.peers.is_alive(gateway, now)) return;
+  membership_.actions.push(PublishNow{{membership_.topics.presence(gateway, robot),
+                                       {},
+                                       Qos::at_least_once,
+                                       /*retain=*/true}});
+}
+
+/// Who claims a robot with no greater epoch than the dead gateway had does not know that it had it,
+/// and leaves its presence entry. Two members withdraw it: one of them may have missed the claim.
+void RobotClaims::withdraw_unknown_entry(const std::string& robot, const std::string& dead,
+                                         const std::string& claimant, TimePoint now) {
+  constexpr std::size_t enough = 2;
+  if (!membership_.may_act(now)) return;
+  std::size_t before = membership_.peers.count_alive_before(membership_.me, now);
+  if (claimant < membership_.me && membership_.peers.is_alive(claimant, now)) --before;
+  if (before < enough) withdraw_entry(robot, dead, now);
 }
 
 void RobotClaims::pass_on(const std::string& robot, TimePoint now) {
@@ -278,7 +389,8 @@ void RobotClaims::on_given_up(const std::string& robot, const Claim& to, Bytes s
 void RobotClaims::release(const std::string& robot, const Claim& to, const std::string& receiver,
                           Bytes session, TimePoint now) {
   membership_.publish(membership_.topics.to(receiver),
-                      Release{robot, to, std::move(session), membership_.done.of(robot, now)});
+                      Release{robot, to, std::move(session), membership_.commands.of(robot, now),
+                              to_clock_ms(now)});
 }
 
 void RobotClaims::on_release(const std::string& sender, const Release& release, const Now& now) {
@@ -286,7 +398,11 @@ void RobotClaims::on_release(const std::string& sender, const Release& release, 
   const auto found = claiming_.find(release.robot);
   if (found == claiming_.end()) return;
   Claiming& claiming = found->second;
-  const Claim& mine = membership_.table.find(release.robot)->claim;
+  const Claim mine = membership_.table.find(release.robot)->claim;
+  const bool is_to_me = release.to.gateway == mine.gateway && release.to.life == mine.life;
+  if (is_to_me && !release.session.empty()) claiming.session = release.session;
+  // The sender has made way for an earlier claim, and may have claimed the robot again since.
+  if (is_to_me && release.to < mine) return;
   if (release.to > mine) {
     if (membership_.is_living(release.to, now.mono))
       return merge(release.robot, release.to, {}, now);
@@ -296,9 +412,10 @@ void RobotClaims::on_release(const std::string& sender, const Release& release, 
   }
   claiming.released.insert(sender);
   claiming.awaited.erase(sender);
+  const auto former = formers_.find(release.robot);
+  if (former != formers_.end() && former->second == sender) formers_.erase(former);
   claiming.was_released = true;
-  if (!release.session.empty() && release.to == mine) claiming.session = release.session;
-  if (is_won(claiming, now.mono)) own(release.robot, now.mono);
+  if (is_won(claiming, now.mono)) own(release.robot, now);
 }
 
 // --- Many at once --------------------------------------------------------------------------------
@@ -307,49 +424,56 @@ void RobotClaims::begin_life() {
   held_.clear();
   claiming_.clear();
   passing_.clear();
+  dropped_epoch_ = 0;
 }
 
 void RobotClaims::forget_all() {
   begin_life();
+  formers_.clear();
   boards_.forget_others();
   heard_.clear();
-  membership_.table = {};
+  membership_.table.clear();
 }
 
 void RobotClaims::join(const std::vector<LocalRobot>& local, const Now& now) {
   ClaimTable& table = membership_.table;
   for (const auto& [robot, is_online] : local) {
-    const auto* row = table.find(robot);
+    const auto row = table.find(robot);
     if (row && membership_.is_living(row->claim, now.mono)) {
-      membership_.actions.push(GiveUpRobot{robot, row->claim, false});
+      if (has_come_here(robot)) claim(robot, now);
+      if (!claiming_.contains(robot)) {
+        withdraw_entry_of_former(robot, now.mono);
+        membership_.actions.push(GiveUpRobot{robot, row->claim, false});
+      }
       continue;
     }
-    if (row && row->claim.epoch >= max_epoch) continue;  // until it is forgotten
-    const std::uint64_t first_epoch = is_online ? 1 : 0;
-    const Claim mine{row ? row->claim.epoch + 1 : first_epoch, membership_.me,
-                     membership_.lease.life()};
-    Claiming claiming;
-    if (row && row->claim.gateway != membership_.me) claiming.former = row->claim.gateway;
-    claiming.since = claiming.said = now.mono;
-    claiming.epoch = mine.epoch;
-    if (table.set(robot, mine, now.wall)) claiming_[robot] = std::move(claiming);
+    const auto epoch = next_epoch(row ? &row->claim : nullptr, is_online ? 1 : 0, now.mono);
+    begin_claim(robot, epoch.value_or(1), now);
   }
   const Life life = membership_.lease.life();
   for (Life past = membership_.lease.first_life(); past < life; ++past)
     table.erase_life(membership_.me, past);
-  if (!claiming_.empty()) tell_table(membership_.topics.all());
+  if (!claiming_.empty()) publish_table(membership_.topics.all());
 }
 
-void RobotClaims::tell_table(const std::string& topic) {
+/// Heard since this life began, and claimed by nobody else after that. Not in a mesh that boards of
+/// other gateways hear, too.
+bool RobotClaims::has_come_here(const std::string& robot) const {
+  const auto heard = heard_.find(robot);
+  return heard != heard_.end() && heard->second >= membership_.lease.life_began() &&
+         !boards_.knows(robot);
+}
+
+void RobotClaims::publish_table(const std::string& topic) {
   Table table;
-  for (const auto& [robot, row] : membership_.table.rows()) {
-    if (!membership_.is_mine(row.claim)) continue;
+  for (auto& [robot, epoch] :
+       membership_.table.claims_of(membership_.me, membership_.lease.life())) {
     if (table.rows.size() == max_table_rows) {
       table.upto = table.rows.back().robot;
       membership_.publish(topic, table);
       table = {table.upto, {}, {}};
     }
-    table.rows.push_back({robot, row.claim.epoch});
+    table.rows.push_back({std::move(robot), epoch});
   }
   membership_.publish(topic, table);
 }
@@ -360,29 +484,46 @@ void RobotClaims::on_table(const std::string& sender, Life life, const Table& ta
     for (const auto& [robot, epoch] : table.rows) on_own_claim(robot, epoch, now);
     return;
   }
-  std::set<std::string_view> told;
+  std::size_t theirs = 0;
   for (const auto& [robot, epoch] : table.rows) {
-    told.insert(robot);
+    drop_spent(robot, {epoch, sender, life});
     merge(robot, {epoch, sender, life}, {}, now);
+    const auto row = membership_.table.find(robot);
+    theirs += row && row->claim.gateway == sender && row->claim.life == life ? 1 : 0;
   }
-  std::vector<std::string> dropped;
-  const auto& rows = membership_.table.rows();
-  for (auto row = rows.upper_bound(table.after); row != rows.end(); ++row) {
-    const auto& [robot, entry] = *row;
-    if (!table.upto.empty() && robot > table.upto) break;
-    const bool is_theirs = entry.claim.gateway == sender && entry.claim.life == life;
-    if (is_theirs && !told.contains(robot)) dropped.push_back(robot);
+  // Only then: drop_unlisted() reads the rows of the whole fleet.
+  if (membership_.table.digest_of(sender, life).count > theirs) drop_unlisted(sender, life, table);
+}
+
+/// The owner has begun again at a lower epoch.
+void RobotClaims::drop_spent(const std::string& robot, const Claim& listed) {
+  const auto row = membership_.table.find(robot);
+  if (row && row->claim.gateway == listed.gateway && row->claim.life == listed.life &&
+      row->claim.epoch >= spent_epoch && listed.epoch < spent_epoch)
+    membership_.table.erase(robot);
+}
+
+/// Claims of the sender that are missing in the range of its table.
+void RobotClaims::drop_unlisted(const std::string& sender, Life life, const Table& table) {
+  for (const auto& [robot, epoch] : membership_.table.claims_of(sender, life)) {
+    const bool is_in_range = robot > table.after && (table.upto.empty() || robot <= table.upto);
+    const bool is_listed = std::ranges::binary_search(table.rows, robot, {}, &Table::Row::robot);
+    if (is_in_range && !is_listed) membership_.table.erase(robot);
   }
-  for (const std::string& robot : dropped) membership_.table.erase(robot);
 }
 
 void RobotClaims::forget_the_dead(TimePoint now) {
-  std::vector<std::string> stale;
-  for (const auto& [robot, row] : membership_.table.rows())
-    if (!membership_.is_mine(row.claim) && !membership_.is_living(row.claim, now))
-      stale.push_back(robot);
-  for (const std::string& robot : std::exchange(stale_, stale))
-    if (std::ranges::binary_search(stale, robot)) membership_.table.erase(robot);
+  std::vector<ClaimTable::Owner> dead = membership_.table.owners();
+  std::erase_if(dead, [&](const auto& owner) {
+    const Claim claim{0, owner.first, owner.second};
+    return membership_.is_mine(claim) || membership_.is_living(claim, now);
+  });
+  for (const auto& owner : std::exchange(dead_, dead)) {
+    const auto& [gateway, life] = owner;
+    if (std::ranges::binary_search(dead, owner)) membership_.table.erase_life(gateway, life);
+  }
+  if (membership_.phase == Phase::member)
+    std::erase_if(formers_, [&](const auto& each) { return !claiming_.contains(each.first); });
   std::erase_if(objected_,
                 [&](const auto& each) { return now - each.second > objection_interval; });
 }
@@ -393,7 +534,7 @@ bool RobotClaims::speaks_for(const std::string& robot, TimePoint now) const {
   if (held_.contains(robot)) return true;
   const auto claiming = claiming_.find(robot);
   if (claiming != claiming_.end()) return claiming->second.awaited.empty();
-  const auto* row = membership_.table.find(robot);
+  const auto row = membership_.table.find(robot);
   return !row || !membership_.is_living(row->claim, now);
 }
 

@@ -32,15 +32,16 @@ class RobotClaims {
   void on_heard(const std::string& robot, const Now& now);
   /// By a board that is not the only one to hear it.
   void on_heard_too(const std::string& robot, std::optional<SignalLevel> level, const Now& now);
+  /// The core has forgotten the robot: what this gateway has heard and claimed of it goes, too.
+  /// Other gateways notice by the digest. It is claimed again when it is heard again.
+  void on_forgotten(const std::string& robot);
   void on_board(bool is_up, const Now& now);
   void on_hears(const std::string& sender, const Hears& hears, const Now& now);
-  /// Somebody asks whether the robot was heard; for who says to own it.
+  /// `sender` asks for a robot that was heard here: claims it if `sender` owns it.
   void on_question(const std::string& robot, const std::string& sender, const Now& now);
   void on_own_claim(const std::string& robot, std::uint64_t epoch, const Now& now);
   void on_claim(const std::string& robot, const Claim& claim, const std::string& from,
-                const Now& now) {
-    merge(robot, claim, from, now);
-  }
+                const Now& now);
   void on_release(const std::string& sender, const Release& release, const Now& now);
   void on_table(const std::string& sender, Life life, const Table& table, const Now& now);
   /// Answers GiveUpRobot.
@@ -49,12 +50,13 @@ class RobotClaims {
 
   /// A new life has claimed nothing yet.
   void begin_life();
-  /// Claims at once what is here and nobody else has; gives up what others have taken over.
+  /// Claims at once what is here and nobody else has, and what has come here while this gateway
+  /// joined; gives up what else others have taken over.
   void join(const std::vector<LocalRobot>& local, const Now& now);
   void forget_all();
-  /// Claims of the dead that nobody has taken over since the last call.
+  /// Claims of lives that were over at the last call already.
   void forget_the_dead(TimePoint now);
-  void tell_table(const std::string& topic);
+  void publish_table(const std::string& topic);
 
   bool is_held(const std::string& robot) const { return held_.contains(robot); }
   /// Since when the robot is this gateway's; nothing when it is not.
@@ -68,20 +70,25 @@ class RobotClaims {
   bool take_has_won() { return std::exchange(has_won_, false); }
   std::uint64_t roams_in() const { return roams_in_; }
   std::uint64_t roams_out() const { return roams_out_; }
+  /// Claims for which there was no room.
+  std::uint64_t not_kept() const { return not_kept_; }
 
  private:
   static constexpr std::chrono::milliseconds objection_interval{1000};
 
+  using Gateways = std::map<std::string, Life>;
+
   /// A robot that this gateway has claimed and does not own yet.
   struct Claiming {
-    std::string former;  ///< who is asked to make way
     std::uint64_t epoch = 0;
     TimePoint since{};
     TimePoint said{};
+    unsigned times_said = 0;
     std::optional<TimePoint> echoed;
-    std::map<std::string, Life> awaited;  ///< who may serve the robot still
+    Gateways awaited;  ///< who may serve the robot still
     std::set<std::string> released;
     bool was_released = false;  ///< somebody made way: no need to wait for rivals
+    bool is_forgotten = false;  ///< since it was heard last: it is not kept when it is won
     Bytes session;
   };
 
@@ -89,17 +96,27 @@ class RobotClaims {
   /// waits for this one, and this one for the first, whose session it passes on.
   struct Passing {
     Claim to;
-    std::map<std::string, Life> awaited;
+    std::uint64_t epoch = 0;  ///< of this gateway's claim
+    TimePoint since{};
+    TimePoint said{};
+    Gateways awaited;
     Bytes session;
-    TimePoint until{};
     bool is_given_up = false;  ///< nothing of the robot is left here
   };
 
   /// The one place where another gateway's claim enters the table.
   void merge(const std::string& robot, const Claim& claim, const std::string& from, const Now& now);
+  /// False, counted and told when there is no room.
+  bool keep(const std::string& robot, const Claim& claim, const Now& now);
+  void drop_own_claim(const std::string& robot);
   void on_lesser_claim(const std::string& robot, const Claim& claim, const Claim& row,
                        const std::string& from, const Now& now);
   void give_way(const std::string& robot, const Claim& to, TimePoint now);
+  void begin_claim(const std::string& robot, std::uint64_t epoch, const Now& now);
+  void withdraw_entry_of_former(const std::string& robot, TimePoint now);
+  void withdraw_entry(const std::string& robot, const std::string& gateway, TimePoint now);
+  void withdraw_unknown_entry(const std::string& robot, const std::string& dead,
+                              const std::string& claimant, TimePoint now);
   void pass_on(const std::string& robot, TimePoint now);
   void on_passed(const std::string& sender, const Release& release, TimePoint now);
   void release(const std::string& robot, const Claim& to, const std::string& receiver,
@@ -108,20 +125,37 @@ class RobotClaims {
   void claim_unless_guarded(const std::string& robot, const Now& now);
   void claim_if_chosen(const std::string& robot, const Now& now);
   void choose_boards(const Now& now);
-  void say_claim(const std::string& robot, Claiming& claiming, TimePoint now);
+  bool has_come_here(const std::string& robot) const;
+  void publish_claim(const std::string& robot, Claiming& claiming, TimePoint now);
   bool is_won(Claiming& claiming, TimePoint now) const;
-  void own(const std::string& robot, TimePoint now);
+  /// Who is dead, or was waited for long enough.
+  void erase_void(Gateways& awaited, TimePoint since, TimePoint now) const;
+  Duration patience_with(const std::string& gateway) const;
+  void own(const std::string& robot, const Now& now);
+  std::optional<std::uint64_t> next_epoch(const Claim* known, std::uint64_t first,
+                                          TimePoint now) const;
+  void begin_again(const std::string& robot, const Now& now);
+  void drop_spent(const std::string& robot, const Claim& listed);
+  void drop_unlisted(const std::string& sender, Life life, const Table& table);
 
   Membership& membership_;
   std::unordered_map<std::string, TimePoint> held_;  ///< robots that this gateway owns, since when
   std::map<std::string, Claiming> claiming_;
   std::map<std::string, Passing> passing_;
+  /// Who had a robot when this gateway claimed it, and has not made way: if it is dead, its
+  /// presence entry is left behind. Kept when this gateway's life ends before it has won the robot.
+  std::unordered_map<std::string, std::string> formers_;
   std::unordered_map<std::string, TimePoint> heard_;
   std::map<std::string, TimePoint> objected_;
-  std::vector<std::string> stale_;  ///< rows of the dead at the last sweep
+  std::vector<ClaimTable::Owner> dead_;  ///< that had claims at the last sweep
   RoamGuard guard_;
   BoardChoice boards_;
   LogThrottle restless_{std::chrono::minutes{1}};
+  LogThrottle full_{std::chrono::minutes{1}};
+  std::uint64_t not_kept_ = 0;
+  /// The greatest epoch of this life's claims that were dropped. Others may know them still, and a
+  /// lower claim would never replace them there.
+  std::uint64_t dropped_epoch_ = 0;
   bool has_won_ = false;
   std::uint64_t roams_in_ = 0;
   std::uint64_t roams_out_ = 0;

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <deque>
+#include <map>
 #include <string>
 
 #include "daemon/fleet/command_turns.hpp"
@@ -17,46 +18,83 @@ class SharedCommands {
   SharedCommands(Membership& membership, const RobotClaims& claims)
       : membership_(membership), claims_(claims) {}
 
-  void add(BrokerMessage message, std::string robot, std::string type, const Now& now);
+  void add(BrokerMessage message, std::string robot, std::string type, const Now& now,
+           bool may_be_copy = false);
   void on_own_taken(const Taken& taken, const Now& now);
-  void on_taken(const std::string& gateway, Life life, const Taken& taken, TimePoint now);
-  /// Who makes way for this gateway tells what it has dealt with.
+  void on_taken(const std::string& gateway, Life life, Taken taken, TimePoint now);
+  /// Who makes way for this gateway names what it has dealt with.
   void on_release(const std::string& gateway, Life life, const Release& release, TimePoint now);
-  /// What a command of this gateway has come to, `after` it came: told by tell_outcomes().
+  /// What a command of this gateway has come to, `after` it came: published by publish_outcomes().
   void on_own_outcome(BrokerMessage outcome, Duration after, TimePoint now);
   void on_outcome(const std::string& gateway, const std::string& robot, const std::string& type,
-                  TimePoint now);
+                  Duration after, TimePoint now);
+  struct Outcome {
+    std::string type;
+    Duration after{};  ///< zero when it does not say so
+  };
+  /// Of an outcome's JSON; nothing when it is none.
+  static std::optional<Outcome> read(const BrokerMessage& outcome);
   void decide(TimePoint now);
   /// Nobody else is about: what waited for the others waits no longer.
   void decide_alone(TimePoint now);
   /// Nobody else is about whose outcomes could be missing.
   void forget_owed() { turns_.forget_owed(); }
   void end_overdue(TimePoint now);
-  void tell_outcomes(TimePoint now);
+  void publish_outcomes(TimePoint now);
+  /// The broker has an outcome.
+  void on_outcome_acknowledged(std::uint64_t id);
+  /// The broker does not take an outcome: the store tries it again.
+  void on_outcome_refused(std::uint64_t id);
+  /// The broker may not have what it has not acknowledged: others may publish it.
+  void on_link_lost(TimePoint now);
+  /// `is_session_kept`: the broker delivers what came meanwhile.
+  void on_link_up(bool is_session_kept, TimePoint now);
   /// Whether others are about or not.
-  void tell_all_outcomes();
+  void publish_all_outcomes();
   void begin_life() { turns_.on_new_life(); }
 
-  bool is_busy() const { return !turns_.is_empty() || !untold_.empty(); }
+  bool is_busy() const { return !turns_.is_empty() || !unpublished_.empty(); }
   std::uint64_t dropped() const { return turns_.dropped(); }
 
  private:
-  struct Untold {
+  struct Unpublished {
     BrokerMessage outcome;
-    TimePoint came{};
+    TimePoint came{};  ///< the command
+    std::string robot;
+    std::string type;
   };
 
+  /// For how long the broker may have kept a command that comes now.
+  Duration kept_before(TimePoint now) const;
+  void publish(Unpublished unpublished);
+  void settle(Unpublished unpublished, TimePoint now);
+  /// Who knows what became of a command that came at `time`: this gateway, if its life heard the
+  /// others by then. Else it may have missed who took it, and its witnesses know: those that it
+  /// hears and that heard the others by then (Peers::has_witness, or without any gap
+  /// has_gapless_witness). If there is none, nobody knows but who took it.
+  bool heard_others(TimePoint time) const;
+  bool is_awaiting_return(TimePoint came, TimePoint now) const;
   CommandTurns::Choice choose(const CommandTurns::Waiting& waiting, TimePoint now) const;
-  CommandTurns::Fate fate_of(const CommandTurns::Owed& owed, TimePoint now) const;
+  CommandTurns::Choice choose_for_nobody(const CommandTurns::Waiting& waiting, TimePoint now) const;
+  CommandTurns::Fate fate_of(const TakenCommands::Entry& owed, TimePoint now) const;
+  bool is_left_to_others(TimePoint came, TimePoint now) const;
+  bool was_away_since(TimePoint came) const;
   bool still_owns(const CommandTurns::Waiting& waiting, TimePoint now) const;
   void refuse(const CommandTurns::Waiting& waiting, std::string why, TimePoint now);
   void refuse_dropped(TimePoint now);
-  int rank_for(const std::string& robot, TimePoint now) const;
+  int rank_for(const std::string& robot, TimePoint since, TimePoint now) const;
 
   Membership& membership_;
   const RobotClaims& claims_;
-  CommandTurns turns_{membership_.done};
-  std::deque<Untold> untold_;  ///< outcomes that wait for the lease; at most max_untold
+  CommandTurns turns_{membership_.commands};
+  /// Outcomes that wait for the lease; max_unpublished at most.
+  std::deque<Unpublished> unpublished_;
+  std::map<std::uint64_t, Unpublished>
+      unacknowledged_;  ///< that the broker has not acknowledged, by id
+  std::uint64_t last_published_ = 0;
+  std::optional<TimePoint> link_lost_;  ///< in this process
+  TimePoint link_up_{};
+  bool is_session_kept_ = false;
 };
 
 }  // namespace slamgw::fleet

@@ -26,7 +26,7 @@ HostAddresses resolve_host(const BrokerSettings& broker);
 // Words for what the probe finds; a client that sees it by itself uses the same.
 /// `error`: of connect().
 std::string explain_no_connection(const BrokerSettings& broker, int error);
-/// Somebody answers who is no broker, or closes the connection.
+/// The port answers, but not as a broker, or it closes the connection.
 std::string explain_stranger(const BrokerSettings& broker);
 
 }  // namespace slamgw

@@ -6,9 +6,10 @@
 
 namespace slamgw {
 
-void FilterSuspects::on_sent(WantedSubscription subscription) {
+void FilterSuspects::on_sent(const WantedSubscription& subscription) {
   Record& record = records_[subscription.filter];
-  record.subscription = std::move(subscription);
+  record.qos = subscription.qos;
+  record.id = subscription.id;
   record.is_under_way = true;
 }
 
@@ -17,7 +18,7 @@ void FilterSuspects::on_answered(const std::string& filter) {
   const auto known = records_.find(filter);
   if (known == records_.end()) return;
   Record& record = known->second;
-  record = {std::move(record.subscription), false, true, 0, 0};
+  record = {record.qos, record.id, false, true, 0, 0};
 }
 
 void FilterSuspects::forget(const std::string& filter) { records_.erase(filter); }
@@ -67,7 +68,7 @@ std::optional<WantedSubscription> FilterSuspects::next_trial() {
   for (const auto& [filter, record] : records_) {
     if (!record.is_suspect()) continue;
     on_trial_ = filter;
-    return record.subscription;
+    return WantedSubscription{filter, record.qos, record.id};
   }
   return std::nullopt;
 }

@@ -25,8 +25,8 @@ struct WantedSubscription {
 
 class FilterSuspects {
  public:
-  /// Losses in a row that make a suspect of an unanswered filter; more of one that this broker has
-  /// answered before.
+  /// Losses in a row that make an unanswered filter a suspect; a filter that this broker has
+  /// answered before needs more.
   static constexpr unsigned losses_of_new = 2;
   static constexpr unsigned losses_of_answered = 4;
   static constexpr unsigned losses_alone = 2;
@@ -39,7 +39,7 @@ class FilterSuspects {
   static constexpr std::chrono::seconds trial_timeout{5};
 
   /// It went to the broker.
-  void on_sent(WantedSubscription subscription);
+  void on_sent(const WantedSubscription& subscription);
   void on_answered(const std::string& filter);
   /// Nobody wants it any more, or the broker has refused it.
   void forget(const std::string& filter);
@@ -56,7 +56,8 @@ class FilterSuspects {
 
  private:
   struct Record {
-    WantedSubscription subscription;
+    Qos qos = Qos::at_most_once;
+    std::uint32_t id = 0;
     bool is_under_way = false;
     bool was_answered = false;
     unsigned losses = 0;

@@ -6,6 +6,7 @@
 
 #include <chrono>
 #include <cstdint>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -27,7 +28,7 @@ inline constexpr std::uint32_t max_inbound_packet_octets = 1024 * 1024;
 /// From the attempt to the CONNACK, name look-up included; and when another broker is to be tried.
 inline constexpr std::chrono::seconds connect_timeout{10};
 inline constexpr std::chrono::seconds connect_timeout_of_many{3};
-/// Time given to the broker at an orderly end, to read what is still to be written.
+/// Time given to the broker at shutdown to read what is still unsent.
 inline constexpr std::chrono::milliseconds goodbye_timeout{500};
 
 struct LastWill {
@@ -43,6 +44,8 @@ struct LinkOptions {
   LastWill will;
   std::chrono::seconds timeout = connect_timeout;
   unsigned attempt = 0;  ///< a host may have several addresses: each attempt tries the next
+  /// Takes the broker's messages, as UpstreamListener says; called like MqttLinkListener.
+  std::function<void(BrokerMessage, std::vector<std::uint32_t>)> on_message;
 };
 
 /// Why a connection could not be made. `code`: a CONNACK code of the version in use, or 0 when none
@@ -67,7 +70,6 @@ class MqttLinkListener {
   virtual void on_published(std::uint64_t sequence) = 0;
   virtual void on_publish_refused(std::uint64_t sequence, const Refusal& refusal) = 0;
   virtual void on_subscribe_result(const std::string& filter, bool granted) = 0;
-  virtual void on_message(BrokerMessage message, std::vector<std::uint32_t> subscriptions) = 0;
 };
 
 /// Called on the loop's thread; no call blocks.

@@ -13,8 +13,8 @@ namespace slamgw {
 
 class RivalWatch {
  public:
-  /// A connection that lasts so long is no rival's prey; one that ends soon after a pause of ours
-  /// may be, for the rival pauses too.
+  /// A connection that lasts this long rules out a rival. After a pause of ours the limit is
+  /// longer, because the rival pauses too.
   static constexpr std::chrono::seconds stable_after{10};
   static constexpr std::chrono::seconds first_pause{2};
   static constexpr std::chrono::seconds longest_pause{300};

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the configuration says about the broker and the store (`broker.*`, `store.*`); defaults are
-// the contract's.
+// What the configuration says about the broker and the store (`broker.*`, `store.*`); defaults as
+// in config/gateway.json.
 #pragma once
 
 #include <algorithm>

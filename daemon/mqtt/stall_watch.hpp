@@ -18,10 +18,10 @@ namespace slamgw {
 class StallWatch {
  public:
   static constexpr std::chrono::seconds interval{1};
-  /// After so long without an answer nothing more is sent that may not be late.
+  /// After this time without an answer, messages that must not be late (QoS 0) are held back.
   static constexpr std::chrono::seconds silent_after{2};
   /// Then the connection is given up: what was sent in the second before the question is not ten
-  /// seconds old yet (contract, promise 5). A shorter keep-alive shortens it, so that a silent
+  /// seconds old yet (docs/topics.md, promise 5). A shorter keep-alive shortens it: a silent
   /// broker is left two keep-alives after its last answer at most.
   static constexpr std::chrono::seconds stalled_after{8};
 

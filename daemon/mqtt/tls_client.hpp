@@ -46,7 +46,7 @@ class TlsClient {
   std::string problem_;
 };
 
-/// The newest error of OpenSSL on this thread in words, which are taken.
+/// Takes the newest error of OpenSSL on this thread off its queue and puts it into words.
 std::string last_tls_error();
 /// What to do about a TLS failure that is none of the certificate's; `reason` in OpenSSL's words.
 std::string explain_handshake_failure(const std::string& reason);

@@ -19,10 +19,10 @@ namespace {
 
 constexpr std::chrono::milliseconds first_wait{500};
 constexpr std::chrono::milliseconds longest_wait{30000};
-/// Between two looks at the first broker, from another one (`broker.return_to_first`): longer and
-/// longer while it takes connections and is not well all the same.
-constexpr std::chrono::seconds first_look_back{5};
-constexpr std::chrono::seconds longest_look_back{600};
+/// Pause between two probes of the first broker (`broker.return_to_first`). It grows while that
+/// broker takes connections and still cannot be used.
+constexpr std::chrono::seconds first_probe_pause{5};
+constexpr std::chrono::seconds longest_probe_pause{600};
 constexpr std::chrono::seconds refusal_to_loss{1};
 /// From a change of the network to its use: addresses and routes come one after the other.
 constexpr std::chrono::milliseconds network_settles{300};
@@ -68,7 +68,7 @@ Upstream::Upstream(boost::asio::io_context& io, BrokerSettings settings, LastWil
       stall_timer_(io),
       trial_timer_(io),
       return_timer_(io),
-      return_backoff_(first_look_back, longest_look_back),
+      return_backoff_(first_probe_pause, longest_probe_pause),
       backoff_(first_wait, longest_wait),
       random_(std::random_device{}()) {
   make_places();
@@ -113,7 +113,7 @@ void Upstream::reconfigure(const BrokerSettings& settings) {
   backoff_.reset();
   const bool was_up = is_up_;
   drop_link(true);
-  if (was_up) listener_.on_link_down("the configuration has changed");
+  if (was_up) listener_.on_link_left("the configuration has changed");
   connect_in(Duration::zero());
 }
 
@@ -127,7 +127,8 @@ void Upstream::connect() {
   is_waiting_ = false;
   if (read_credentials_) settings_.credentials = read_credentials_();
   const auto timeout = places_.size() > 1 ? connect_timeout_of_many : connect_timeout;
-  link_ = make_link({broker(), version(), place().will, timeout, place().attempt++});
+  link_ = make_link({broker(), version(), place().will, timeout, place().attempt++,
+                     std::bind_front(&UpstreamListener::on_message, &listener_)});
   link_->connect();
 }
 
@@ -187,6 +188,7 @@ void Upstream::on_connected(bool session_present, const BrokerLimits& limits) {
   up_since_ = std::chrono::steady_clock::now();
   rivals_.on_up(up_since_);
   unanswered_ = 0;
+  trial_.reset();
   begin_trials();
 }
 
@@ -201,7 +203,7 @@ void Upstream::come_up() {
   stall_watch_.on_link_up(keep_alive_in_use(), std::chrono::steady_clock::now());
   watch_for_stall();
   if (at_ != 0 && settings_.returns_to_first)
-    look_back_in(return_backoff_.next_wait(random_jitter()));
+    probe_first_broker_in(return_backoff_.next_wait(random_jitter()));
   listener_.on_link_up(is_session_present_, limits_);
 }
 
@@ -230,15 +232,15 @@ void Upstream::end_trials() {
   come_up();
 }
 
-void Upstream::look_back_in(Duration wait) {
+void Upstream::probe_first_broker_in(Duration wait) {
   return_timer_.expires_after(wait);
   return_timer_.async_wait([this](boost::system::error_code error) {
-    if (!error && is_up_) look_back();
+    if (!error && is_up_) probe_first_broker();
   });
 }
 
 /// The steps before MQTT only: with our client id a cluster would end the connection that is up.
-void Upstream::look_back() {
+void Upstream::probe_first_broker() {
   BrokerSettings first = settings_;
   first.others.clear();
   if (!scout_) scout_.emplace(1);
@@ -248,12 +250,12 @@ void Upstream::look_back() {
       if (!is_up_ || link.expired() || link.lock() != link_) return;
       if (is_well) return return_to_first();
       return_backoff_.reset();
-      look_back_in(return_backoff_.next_wait(random_jitter()));
+      probe_first_broker_in(return_backoff_.next_wait(random_jitter()));
     });
   });
 }
 
-/// Says at the broker that is left what the last will would: an orderly end takes that back.
+/// Publishes the last will at the broker before leaving it, because a clean DISCONNECT cancels it.
 void Upstream::return_to_first() {
   constexpr std::uint64_t nobody_waits = 0;
   const LastWill& will = place().will;
@@ -262,7 +264,7 @@ void Upstream::return_to_first() {
   drop_link(true);
   at_ = 0;
   tried_ = 0;
-  listener_.on_link_down("the first broker of the list is there again");
+  listener_.on_link_left("the first broker of the list takes connections again");
   connect_in(Duration::zero());
 }
 
@@ -301,7 +303,7 @@ void Upstream::on_lost(std::string why, bool is_taken_over) {
     tried_ = 0;
   }
   // Debian 12's Mosquitto closes after a refusal. The outbox sees to it that this is seldom.
-  if (now - refused_at_ < refusal_to_loss) backoff_.reset();
+  if (now - refused_at_ < refusal_to_loss || trial_) backoff_.reset();
   const bool has_unanswered = unanswered_ > 0 || suspects_.has_unanswered();
   if (rivals_.on_lost(is_taken_over, has_unanswered, now) && !is_taken_over)
     why += fmt::format(" soon after it came up, again and again; perhaps {}",
@@ -316,11 +318,13 @@ void Upstream::on_lost(std::string why, bool is_taken_over) {
 
 void Upstream::on_published(std::uint64_t sequence) {
   if (unanswered_ > 0) --unanswered_;
+  if (trial_ == sequence) trial_.reset();
   listener_.on_published(sequence);
 }
 
 void Upstream::on_publish_refused(std::uint64_t sequence, const Refusal& refusal) {
   if (unanswered_ > 0) --unanswered_;
+  if (trial_ == sequence) trial_.reset();
   refused_at_ = std::chrono::steady_clock::now();
   listener_.on_publish_refused(sequence, refusal);
 }
@@ -339,25 +343,19 @@ void Upstream::on_subscribe_result(const std::string& filter, bool granted) {
                                 granted ? SubscribeAnswer::granted : SubscribeAnswer::refused);
 }
 
-void Upstream::on_message(BrokerMessage message, std::vector<std::uint32_t> subscriptions) {
-  listener_.on_message(std::move(message), std::move(subscriptions));
-}
-
-void Upstream::publish(std::uint64_t sequence, const BrokerMessage& message) {
+void Upstream::publish(std::uint64_t sequence, const BrokerMessage& message, bool is_trial) {
   if (!is_up_) return;
-  const bool is_beyond_limits =
-      message.qos > limits_.max_qos || (message.retain && !limits_.keeps_retained);
-  if (!is_beyond_limits) return hand_over(sequence, message);
-  BrokerMessage lowered = message;
-  lowered.qos = std::min(message.qos, limits_.max_qos);
-  lowered.retain = message.retain && limits_.keeps_retained;
-  hand_over(sequence, lowered);
-}
-
-void Upstream::hand_over(std::uint64_t sequence, const BrokerMessage& message) {
-  if (!fits_packet(sequence, message)) return;
+  std::optional<BrokerMessage> lowered;  // a copy only where the broker cannot take it as it is
+  if (message.qos > limits_.max_qos || (message.retain && !limits_.keeps_retained)) {
+    lowered = message;
+    lowered->qos = std::min(message.qos, limits_.max_qos);
+    lowered->retain = message.retain && limits_.keeps_retained;
+  }
+  const BrokerMessage& accepted = lowered ? *lowered : message;
+  if (!fits_packet(sequence, accepted)) return;
   ++unanswered_;
-  link_->publish(sequence, message);
+  if (is_trial) trial_ = sequence;
+  link_->publish(sequence, accepted);
   if (stall_watch_.on_sent()) watch_for_stall();
 }
 

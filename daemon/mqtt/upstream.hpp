@@ -44,7 +44,9 @@ class Upstream final : private MqttLinkListener {
   void stop();
 
   // No effect while the link is down, except that what was unsubscribed is no longer remembered:
-  void publish(std::uint64_t sequence, const BrokerMessage& message);
+  /// `is_trial`: the broker may close the connection for it. Then the back-off starts again from
+  /// its first step; the outbox makes sure that such messages are rare.
+  void publish(std::uint64_t sequence, const BrokerMessage& message, bool is_trial = false);
   /// `id` comes back with each message for this subscription (MQTT 5).
   void subscribe(const std::string& filter, Qos qos, std::uint32_t id);
   void unsubscribe(const std::string& filter);
@@ -77,13 +79,12 @@ class Upstream final : private MqttLinkListener {
   void begin_trials();
   void try_next_suspect();
   void end_trials();
-  void look_back_in(Duration wait);
-  void look_back();
+  void probe_first_broker_in(Duration wait);
+  void probe_first_broker();
   void return_to_first();
   double random_jitter();
   void watch_for_stall();
   void on_stall_deadline(TimePoint now);
-  void hand_over(std::uint64_t sequence, const BrokerMessage& message);
   bool fits_packet(std::uint64_t sequence, const BrokerMessage& message);
   bool adapt_will(int code);
 
@@ -93,7 +94,6 @@ class Upstream final : private MqttLinkListener {
   void on_published(std::uint64_t sequence) override;
   void on_publish_refused(std::uint64_t sequence, const Refusal& refusal) override;
   void on_subscribe_result(const std::string& filter, bool granted) override;
-  void on_message(BrokerMessage message, std::vector<std::uint32_t> subscriptions) override;
 
   boost::asio::io_context& io_;
   boost::asio::thread_pool lane_{1};  ///< for whatever of a link may block
@@ -121,8 +121,9 @@ class Upstream final : private MqttLinkListener {
   bool is_trying_suspects_ = false;  ///< connected, and only with them
   bool is_waiting_ = false;          ///< for reconnect_timer_
   TimePoint up_since_{};
-  std::size_t unanswered_ = 0;  ///< publishes, on the connection that is up
-  TimePoint refused_at_{};      ///< when the broker last refused a publish
+  std::size_t unanswered_ = 0;          ///< publishes, on the connection that is up
+  std::optional<std::uint64_t> trial_;  ///< a publish that is not answered yet
+  TimePoint refused_at_{};              ///< when the broker last refused a publish
   RivalWatch rivals_;
   ReadCredentials read_credentials_;
   std::uint64_t inbound_dropped_ = 0;  ///< by former links

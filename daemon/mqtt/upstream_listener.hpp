@@ -6,13 +6,13 @@
 #include <string>
 #include <vector>
 
+#include "daemon/core/broker_link.hpp"
 #include "daemon/core/messages.hpp"
-#include "daemon/core/subscribe_answer.hpp"
 #include "daemon/mqtt/broker_limits.hpp"
 
 namespace slamgw {
 
-/// Always called on the loop's thread, never from inside a call to Upstream.
+/// Always called on the loop's thread, and never from inside a call to Upstream but reconfigure().
 class UpstreamListener {
  public:
   virtual ~UpstreamListener() = default;
@@ -21,6 +21,8 @@ class UpstreamListener {
   virtual void on_link_up(bool session_present, const BrokerLimits& limits) = 0;
   /// Connection lost or refused; `why` names the reason in words. May repeat while attempts fail.
   virtual void on_link_down(const std::string& why) = 0;
+  /// Upstream has ended a good connection to make another; `why` in words.
+  virtual void on_link_left(const std::string& why) { on_link_down(why); }
   /// The broker has not answered for StallWatch::silent_after, or has again: what must not be late
   /// is not sent meanwhile. Ends with on_link_down() at the latest.
   virtual void on_silence(bool is_silent) = 0;

@@ -20,7 +20,7 @@ class VersionChoice {
  public:
   /// Some brokers close an MQTT 5 connection without a CONNACK (RabbitMQ before 3.13); so does any
   /// that is killed at that moment, which hardly happens twice in a row.
-  static constexpr unsigned closings_that_tell = 2;
+  static constexpr unsigned closings_needed = 2;
 
   MqttVersion version() const { return version_; }
 
@@ -32,12 +32,12 @@ class VersionChoice {
     }
     closings_ = answer == ConnectAnswer::closed ? closings_ + 1 : 0;
     is_guess_ = answer == ConnectAnswer::closed;
-    if (closings_ < closings_that_tell && answer != ConnectAnswer::version_refused) return false;
+    if (closings_ < closings_needed && answer != ConnectAnswer::version_refused) return false;
     version_ = MqttVersion::v3_1_1;
     return true;
   }
 
-  /// A connection was lost. What was only guessed is tried anew: one more closing tells then.
+  /// A connection was lost. After a guess MQTT 5 is tried again; one more closing then decides.
   void on_lost() {
     if (is_guess_) version_ = MqttVersion::v5;
   }

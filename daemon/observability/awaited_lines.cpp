@@ -3,7 +3,6 @@
 
 #include <chrono>
 #include <iterator>
-#include <utility>
 
 namespace slamgw {
 

@@ -13,7 +13,7 @@ namespace slamgw {
 /// syslog(3)'s, as in `journalctl -p`: 3 error, 4 warning, 5 notice, 6 info, 7 debug.
 int journal_priority(Severity severity);
 
-/// Values may hold anything; field names are ours. `program` is who speaks in `journalctl`'s lines.
+/// Values may hold any octets. `program` is the name that `journalctl` shows in its lines.
 std::string journal_entry(std::string_view program, Severity severity, std::string_view text,
                           const LogFields& fields);
 

@@ -31,13 +31,13 @@ class JournalSink final : public spdlog::sinks::base_sink<spdlog::details::null_
   static constexpr std::chrono::seconds lost_interval{1};
 
   void sink_it_(const spdlog::details::log_msg& message) override;
-  /// Also now and then from outside: what is kept goes once the journal takes it.
+  /// Also called every few seconds: sends what was kept once the journal takes it.
   void flush_() override;
 
   const LogContext& context_;
   JournalSocket socket_;
-  std::uint64_t lost_ = 0;  ///< and not said yet
-  std::optional<std::chrono::steady_clock::time_point> lost_said_at_;
+  std::uint64_t lost_ = 0;  ///< and not reported yet
+  std::optional<std::chrono::steady_clock::time_point> lost_reported_at_;
 };
 
 }  // namespace slamgw

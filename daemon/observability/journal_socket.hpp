@@ -12,7 +12,7 @@ namespace slamgw {
 
 class JournalSocket {
  public:
-  /// Kept while the journal takes nothing; what comes then is lost, however much it matters.
+  /// Entries kept while the journal takes nothing; all further ones are lost.
   static constexpr std::size_t max_kept = 256;
 
   explicit JournalSocket(std::string path);
@@ -20,7 +20,7 @@ class JournalSocket {
   JournalSocket(const JournalSocket&) = delete;
   JournalSocket& operator=(const JournalSocket&) = delete;
 
-  /// Order is kept: nothing passes what is kept.
+  /// Keeps the order: no entry overtakes a kept one.
   void send(std::string entry, bool matters);
   /// Tries again what is kept. True when nothing is left.
   bool flush();

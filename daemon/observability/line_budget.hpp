@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// How many lines of one kind the log takes: what floods it must not push out what matters, and
-// journald drops what comes too fast, whatever it is. Pure.
+// Bounds how many lines of one kind are logged: journald drops whatever comes too fast, so a flood
+// of lines would push out those that matter. Pure.
 #pragma once
 
 #include <algorithm>
@@ -11,7 +11,7 @@
 
 namespace slamgw {
 
-/// Lines in a row, then so many a second.
+/// A burst of `at_once` lines, then `per_second` lines a second.
 class LineBudget {
  public:
   LineBudget(std::int64_t at_once, std::int64_t per_second)

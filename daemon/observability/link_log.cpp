@@ -3,8 +3,6 @@
 
 #include <fmt/format.h>
 
-#include <utility>
-
 namespace slamgw {
 
 Notice LinkLog::on_up(const std::string& detail) {
@@ -28,6 +26,11 @@ std::optional<Notice> LinkLog::on_down(const std::string& why, TimePoint now) {
                 fmt::format("broker {} is not reached: {}; trying again{}", uri_, why, again),
                 {},
                 Occasion::broker_link};
+}
+
+Notice LinkLog::on_left(const std::string& why) const {
+  return {
+      Severity::info, fmt::format("leaves broker {}: {}", uri_, why), {}, Occasion::broker_link};
 }
 
 }  // namespace slamgw

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the log says about the broker link: each change and each new reason at once, the same reason
-// again only summed up.
+// Lines of the log about the broker link: each change and each new reason at once, a repeated
+// reason as a summary.
 #pragma once
 
 #include <optional>
@@ -17,8 +17,10 @@ class LinkLog {
   void rename(std::string uri) { uri_ = std::move(uri); }
 
   Notice on_up(const std::string& detail);
-  /// Nothing when there is nothing new to say.
+  /// Nothing when there is no news.
   std::optional<Notice> on_down(const std::string& why, TimePoint now);
+  /// A good connection was ended for another one.
+  Notice on_left(const std::string& why) const;
 
  private:
   static constexpr std::chrono::seconds summary_interval{60};

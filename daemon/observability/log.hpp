@@ -25,10 +25,10 @@ using LogFields = std::vector<LogField>;
 void configure_log(Severity level);
 bool stderr_is_journal();
 bool is_logged(Severity severity);
-/// One event, one line: control characters in `text` are escaped, whoever they came from.
+/// One event, one line: control characters in `text` are escaped, whatever their source.
 void log_event(Severity severity, std::string_view text, const LogFields& fields = {});
 void log_notice(const Notice& notice);
-/// Every few seconds: what a stuck journal did not take is tried again.
+/// To be called every few seconds: tries again what a stuck journal did not take.
 void flush_log();
 
 std::string_view to_string(Severity severity);

@@ -15,17 +15,17 @@ namespace slamgw {
 
 class PresenceLines {
  public:
-  /// A thousand robots that come at once, with a third for their going.
+  /// Enough for a thousand robots that come at once and 500 that go.
   static constexpr std::int64_t lines_at_once = 1500;
   static constexpr std::int64_t lines_per_second = 20;
 
-  /// False when there were too many; other notices always may.
+  /// False when there were too many such lines; notices of other kinds always pass.
   bool may_write(const Notice& notice, TimePoint now) {
     if (notice.occasion != Occasion::robot_presence || budget_.take(now)) return true;
     ++left_out_;
     return false;
   }
-  /// How many were left out since the last call; to be called every few seconds.
+  /// Says how many were left out since the last call; to be called every few seconds.
   std::optional<Notice> summary() {
     const std::uint64_t count = std::exchange(left_out_, 0);
     if (count == 0) return std::nullopt;

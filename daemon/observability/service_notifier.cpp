@@ -19,7 +19,7 @@ std::optional<std::chrono::microseconds> half_of_watchdog() {
   return std::chrono::microseconds(limit_us / 2);
 }
 
-/// From systemd 253 on, it compares this to the time at which it asked for the reload.
+/// systemd 253 and later compare this with the time at which they asked for the reload.
 std::uint64_t monotonic_us() {
   timespec now{};
   clock_gettime(CLOCK_MONOTONIC, &now);
@@ -79,9 +79,9 @@ void ServiceNotifier::report_status() {
   const std::uint64_t before =
       std::exchange(messages_before_, state.messages).value_or(state.messages);
   std::string status = service_status(state, state.messages - before);
-  if (status != told_) {
-    told_ = std::move(status);
-    sd_notify(0, ("STATUS=" + told_).c_str());
+  if (status != last_status_) {
+    last_status_ = std::move(status);
+    sd_notify(0, ("STATUS=" + last_status_).c_str());
   }
   status_timer_.expires_after(status_interval);
   status_timer_.async_wait([this](boost::system::error_code error) {

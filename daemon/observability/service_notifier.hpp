@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// What systemd is told of the service: ready, reloading, stopping, one line of status, and signs of
+// Tells systemd about the service: ready, reloading, stopping, one line of status, and signs of
 // life for its watchdog. Does nothing where systemd did not start the daemon. Used by App on the
-// loop's thread; a loop that no longer turns no longer feeds the watchdog, which is the point.
+// loop's thread; a loop that hangs feeds the watchdog no longer, so that systemd restarts the
+// service.
 #pragma once
 
 #include <boost/asio/io_context.hpp>
@@ -17,7 +18,7 @@
 
 namespace slamgw {
 
-/// What the status line is made of.
+/// The values of the status line.
 struct ServiceState {
   bool broker_is_up = false;
   PerMesh<std::optional<bool>> mesh_is_up;  ///< nothing when not enabled
@@ -30,14 +31,14 @@ std::string service_status(const ServiceState& state, std::uint64_t messages_per
 
 class ServiceNotifier {
  public:
-  /// `state` is asked for once a second from ready() on.
+  /// `state` is called once a second from ready() on.
   ServiceNotifier(boost::asio::io_context& io, std::function<ServiceState()> state);
 
   /// The start is over, or a reload.
   void ready();
   /// Between SIGHUP and the next ready().
   void reloading();
-  /// The last word: no status and no sign of life comes after it (TimeoutStopSec= takes over).
+  /// The last notification: no status and no sign of life follows it (TimeoutStopSec= takes over).
   void stopping();
 
  private:
@@ -50,7 +51,7 @@ class ServiceNotifier {
   /// Half of what systemd allows between two signs of life; none when it does not watch.
   std::optional<std::chrono::microseconds> watchdog_interval_;
   std::optional<std::uint64_t> messages_before_;
-  std::string told_;
+  std::string last_status_;
   bool is_running_ = false;
 };
 

@@ -2,6 +2,7 @@
 #include "daemon/observability/traffic_sampler.hpp"
 
 #include <chrono>
+#include <functional>
 #include <utility>
 
 namespace slamgw {
@@ -24,8 +25,10 @@ std::optional<std::uint64_t> TrafficSampler::sample(const TrafficEvent& event, T
   }
   stream_.assign(event.robot).append(1, '/').append(event.type);
   if (event.direction == Direction::down) stream_ += '/';
-  if (streams_.size() >= max_streams && !streams_.contains(stream_)) stream_.clear();
-  return streams_.try_emplace(stream_, std::chrono::seconds{1}).first->second.on_event(now);
+  constexpr std::size_t all_others = 0;
+  std::size_t hash = std::hash<std::string>{}(stream_);
+  if (streams_.size() >= max_streams && !streams_.contains(hash)) hash = all_others;
+  return streams_.try_emplace(hash, std::chrono::seconds{1}).first->second.on_event(now);
 }
 
 }  // namespace slamgw

@@ -18,14 +18,14 @@ namespace slamgw {
 /// How many messages a line stands for.
 struct TrafficLine {
   std::uint64_t of_stream = 1;  ///< this robot's, in this direction, of this type
-  std::uint64_t of_others = 0;  ///< any robot's that had a line of their own if there were fewer
+  std::uint64_t of_others = 0;  ///< of any robot, left out because there were too many lines
 };
 
 /// `sampled`: the first of each robot, direction and type, then at most one a second, which says
 /// how many it stands for.
 class TrafficSampler {
  public:
-  /// Streams followed one by one; what is beyond shares one budget.
+  /// Streams that are sampled one by one; all further ones share one budget.
   static constexpr std::size_t max_streams = 65536;
   /// Never more than 9 000 lines in 30 s, where journald takes 10 000 of a service unless its unit
   /// says otherwise (RateLimitBurst= in journald.conf(5)). The rest is left for what matters.
@@ -34,7 +34,7 @@ class TrafficSampler {
 
   explicit TrafficSampler(TrafficLogMode mode) : mode_(mode) {}
 
-  /// What a line for this one stands for; nothing when there is to be none.
+  /// What the line for this message stands for; nothing when it gets no line.
   std::optional<TrafficLine> on_traffic(const TrafficEvent& event, TimePoint now);
 
  private:
@@ -43,8 +43,9 @@ class TrafficSampler {
   TrafficLogMode mode_;
   LineBudget budget_{lines_at_once, lines_per_second};
   std::uint64_t without_line_ = 0;
-  std::unordered_map<std::string, LogThrottle> streams_;
-  std::string stream_;  // of the present message; keeps its memory
+  /// By the hash of robot, type and direction; two streams that share one share their lines.
+  std::unordered_map<std::size_t, LogThrottle> streams_;
+  std::string stream_;  // of the current message; kept, so that its memory is reused
 };
 
 }  // namespace slamgw

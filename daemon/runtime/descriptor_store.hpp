@@ -21,7 +21,7 @@ class DescriptorStore {
 
   /// The descriptor that was kept under this name, from now on the caller's; -1 when there is none.
   int take(const std::string& name);
-  /// Closes those that nobody took, for good. Waits until systemd has closed them too, so that
+  /// Closes those that were not taken, for good. Waits until systemd has closed them too, so that
   /// their ports are free; at most for drop_patience.
   void drop_rest();
   static constexpr std::chrono::seconds drop_patience{5};

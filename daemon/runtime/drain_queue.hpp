@@ -28,16 +28,20 @@ class DrainQueue final : public boost::asio::execution_context::service {
 
   explicit DrainQueue(boost::asio::execution_context& io) : service(io) {}
 
-  /// Drains `member`, and what that causes, before it returns; from inside a drain, soon after.
-  void add(Member& member) {
+  /// Calls `change()`, then drains `member` and what that causes. Inside another call, in a change
+  /// or in a drain, it leaves the draining to that one.
+  template <class Change>
+  void add(Member& member, Change&& change) {
+    const bool is_outermost = !std::exchange(is_busy_, true);
+    change();
     if (std::ranges::find(waiting_, &member) == waiting_.end()) waiting_.push_back(&member);
-    if (std::exchange(is_draining_, true)) return;
+    if (!is_outermost) return;
     while (!waiting_.empty()) {
       Member& next = *waiting_.front();
       waiting_.pop_front();
       next.drain();
     }
-    is_draining_ = false;
+    is_busy_ = false;
   }
   /// `member` ends.
   void remove(Member& member) { std::erase(waiting_, &member); }
@@ -46,7 +50,7 @@ class DrainQueue final : public boost::asio::execution_context::service {
   void shutdown() override {}
 
   std::deque<Member*> waiting_;  // each at most once
-  bool is_draining_ = false;
+  bool is_busy_ = false;
 };
 
 }  // namespace slamgw

@@ -7,6 +7,7 @@
 #include <boost/asio/steady_timer.hpp>
 #include <functional>
 #include <optional>
+#include <type_traits>
 #include <utility>
 
 #include "daemon/core/protocol_machine.hpp"
@@ -39,11 +40,19 @@ class MachineDriver final : private DrainQueue::Member {
 
   const Machine& machine() const { return machine_; }
 
-  /// Calls `change(machine, now)`, then performs what came of it.
-  template <class Change>
-  void input(Change&& change) {
-    change(machine_, read_clocks());
-    queue_.add(*this);
+  /// Calls an input of the machine, `input(&Outbox::on_published, sequence)`, or a function with
+  /// the machine before the arguments, then performs what came of it. Either gets `now` behind the
+  /// arguments where it takes it. Inside an input of another machine, which asks this one, that is
+  /// performed when the other input is over.
+  template <class Input, class... Arguments>
+  void input(Input&& input, Arguments&&... arguments) {
+    queue_.add(*this, [&] {
+      if constexpr (std::is_invocable_v<Input, Machine&, Arguments..., const Now&>) {
+        std::invoke(input, machine_, std::forward<Arguments>(arguments)..., read_clocks());
+      } else {
+        std::invoke(input, machine_, std::forward<Arguments>(arguments)...);
+      }
+    });
   }
 
   /// No deadline fires any more.
@@ -60,7 +69,7 @@ class MachineDriver final : private DrainQueue::Member {
     arm();
   }
 
-  /// A deadline that moves away, as with each message, leaves the timer as it is: a look too early
+  /// A deadline that moves away, as with each message, leaves the timer as it is: a check too early
   /// costs less than to set it anew each time.
   void arm() {
     const std::optional<TimePoint> next = machine_.deadline();

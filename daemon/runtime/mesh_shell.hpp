@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the shell of every mesh has in common: hands what the core says to its machine, and answers
+// What the shell of every mesh has in common: passes the core's calls to its machine, and answers
 // questions from it. A mesh's own shell adds its sockets or port, and performs the machine's
 // actions.
 #pragma once
@@ -33,27 +33,17 @@ template <MeshProtocolMachine Machine>
 class MeshShell : public MeshAdapter {
  public:
   void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome) final {
-    input([&](Machine& machine, const Now& now) { machine.on_receipt(receipt_id, outcome, now); });
+    driver().input(&Machine::on_receipt, receipt_id, outcome);
   }
   void on_broker_message(const BrokerMessage& message, CommandId command) final {
-    input([&](Machine& machine, const Now& now) {
-      machine.on_broker_message(message, command, now);
-    });
+    driver().input(&Machine::on_broker_message, message, command);
   }
   void on_subscribe_result(const std::string& filter, bool granted) final {
-    input([&](Machine& machine, const Now& now) {
-      machine.on_subscribe_result(filter, granted, now);
-    });
+    driver().input(&Machine::on_subscribe_result, filter, granted);
   }
-  void on_broker_link(bool is_up) final {
-    input([&](Machine& machine, const Now& now) { machine.on_broker_link(is_up, now); });
-  }
-  void trace(bool is_on) final {
-    input([&](Machine& machine, const Now&) { machine.on_trace(is_on); });
-  }
-  void stop_listening() override {
-    input([](Machine& machine, const Now& now) { machine.on_stop(now); });
-  }
+  void on_broker_link(bool is_up) final { driver().input(&Machine::on_broker_link, is_up); }
+  void trace(bool is_on) final { driver().input(&Machine::on_trace, is_on); }
+  void stop_listening() override { driver().input(&Machine::on_stop); }
   std::optional<Presence> presence_of(const std::string& robot) const final {
     return driver().machine().presence_of(robot);
   }
@@ -66,9 +56,9 @@ class MeshShell : public MeshAdapter {
   virtual MachineDriver<Machine>& driver() = 0;
   virtual const MachineDriver<Machine>& driver() const = 0;
 
-  template <class Change>
-  void input(Change&& change) {
-    driver().input(std::forward<Change>(change));
+  template <class... Input>
+  void input(Input&&... input) {
+    driver().input(std::forward<Input>(input)...);
   }
 };
 

@@ -29,13 +29,12 @@ class DatabasePages {
   /// The current version of each page; and when the log is damaged all other versions behind them,
   /// because the version that should have followed may be lost.
   const std::vector<Version>& versions() const { return versions_; }
-  /// False, and counted, when the disk cannot read it. What can be read of it is there all the
-  /// same, the rest is zero.
+  /// False, and counted, when the disk cannot read all of it. `into` then has the readable parts
+  /// and zeros for the rest.
   bool read(const Version& version, Bytes& into);
   /// The current version of `page`. False when there is none or it cannot be read.
   bool read(std::uint32_t page, Bytes& into);
 
-  std::uint32_t page_bytes() const { return page_bytes_; }
   std::size_t unreadable() const { return unreadable_; }
 
  private:

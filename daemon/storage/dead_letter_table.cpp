@@ -55,19 +55,10 @@ void DeadLetterTable::add(const DeadLetterRow& letter, StoreContents& contents) 
     row.message.row = std::numeric_limits<std::int64_t>::max();
     while (has(row.message.row)) --row.message.row;
   }
-  insert_.bind(1, row.message.row)
-      .bind(2, row.message.topic)
-      .bind(3, row.message.payload)
-      .bind(4, row.message.qos)
-      .bind(5, row.message.retain)
-      .bind(6, row.message.stored_at)
-      .bind(7, row.message.mesh)
-      .bind(8, row.message.received_at)
-      .bind(9, row.reason)
-      .bind(10, row.code)
-      .bind(11, row.tries)
-      .bind(12, row.set_aside_at)
-      .bind(13, std::int64_t{checksum(row)})
+  insert_
+      .bind(row.message.row, row.message.topic, row.message.payload, row.message.qos,
+            row.message.retain, row.message.stored_at, row.message.mesh, row.message.received_at,
+            row.reason, row.code, row.tries, row.set_aside_at, std::int64_t{checksum(row)})
       .run();
   ++contents.dead_letters;
   contents.dead_letter_bytes +=
@@ -77,18 +68,18 @@ void DeadLetterTable::add(const DeadLetterRow& letter, StoreContents& contents) 
 bool DeadLetterTable::has(std::int64_t id) {
   const SqliteStatementReset reset{sizes_};
   sizes_.reset();
-  return sizes_.bind(1, id).step();
+  return sizes_.bind(id).step();
 }
 
 std::optional<std::int64_t> DeadLetterTable::erase(std::int64_t id, StoreContents& contents) {
   const SqliteStatementReset reset{sizes_};
   sizes_.reset();
-  if (!sizes_.bind(1, id).step()) return std::nullopt;
+  if (!sizes_.bind(id).step()) return std::nullopt;
   const std::int64_t stored_at = sizes_.number(0);
   const auto size = [this](int column) { return static_cast<std::size_t>(sizes_.number(column)); };
   contents.dead_letter_bytes -= cost(size(1), size(2), size(3));
   --contents.dead_letters;
-  erase_.bind(1, id).run();
+  erase_.bind(id).run();
   return stored_at;
 }
 
@@ -96,7 +87,7 @@ std::vector<ListedDeadLetter> DeadLetterTable::list(const std::string& topic, st
                                                     std::size_t max_count, std::size_t max_bytes) {
   const SqliteStatementReset reset{select_};
   select_.reset();
-  select_.bind(1, static_cast<std::int64_t>(after));
+  select_.bind(static_cast<std::int64_t>(after));
   std::vector<ListedDeadLetter> letters;
   std::size_t bytes = 0;
   while (letters.size() < max_count && bytes < max_bytes && select_.step()) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Replaces a store's file by a new one, whenever the process may end meanwhile: the new one is
+// Replaces a store's file by a new one, safely even if the process ends meanwhile: the new one is
 // written beside it, gets another name when it is complete, and from then on it is the file; the
 // former one is put aside. Blocks; used on the stores' threads. All members throw SqliteError or
 // std::runtime_error.

@@ -11,7 +11,6 @@
 #include <chrono>
 #include <filesystem>
 #include <random>
-#include <utility>
 
 #include "daemon/storage/store_file.hpp"
 
@@ -174,7 +173,7 @@ DeadLetterCounts MessageFile::dead_letters() const {
 StoreOpened MessageFile::summary() {
   StoreOpened opened;
   const std::int64_t now = wall_ms();
-  // SQLite tells a blob's length without reading it.
+  // SQLite knows a blob's length without reading it.
   SqliteStatement rows =
       database_.prepare("SELECT row, topic, length(payload), stored_at FROM messages ORDER BY row");
   while (rows.step()) {
@@ -189,14 +188,10 @@ StoreOpened MessageFile::summary() {
 }
 
 void MessageFile::save(const StoreContents& contents) {
-  save_.bind(1, contents.file)
-      .bind(2, contents.commits)
-      .bind(3, contents.messages)
-      .bind(4, contents.dead_letters)
-      .bind(5, contents.dead_letter_bytes)
-      .bind(6, contents.first_row)
-      .bind(7, contents.last_row)
-      .bind(8, std::int64_t{checksum(contents)})
+  save_
+      .bind(contents.file, contents.commits, contents.messages, contents.dead_letters,
+            contents.dead_letter_bytes, contents.first_row, contents.last_row,
+            std::int64_t{checksum(contents)})
       .run();
 }
 
@@ -237,15 +232,9 @@ void MessageFile::keep(const StoredMessage& stored, std::int64_t now, StoreConte
 }
 
 void MessageFile::insert(const MessageRow& row, StoreContents& contents) {
-  insert_.bind(1, row.row)
-      .bind(2, row.topic)
-      .bind(3, row.payload)
-      .bind(4, row.qos)
-      .bind(5, row.retain)
-      .bind(6, row.stored_at)
-      .bind(7, row.mesh)
-      .bind(8, row.received_at)
-      .bind(9, std::int64_t{checksum(row)})
+  insert_
+      .bind(row.row, row.topic, row.payload, row.qos, row.retain, row.stored_at, row.mesh,
+            row.received_at, std::int64_t{checksum(row)})
       .run();
   ++contents.messages;
   contents.last_row = std::max(contents.last_row, row.row);
@@ -254,7 +243,7 @@ void MessageFile::insert(const MessageRow& row, StoreContents& contents) {
 void MessageFile::set_aside(const SetAside& aside, std::int64_t now, StoreContents& contents) {
   const SqliteStatementReset reset{select_one_};
   select_one_.reset();
-  if (!select_one_.bind(1, static_cast<std::int64_t>(aside.row)).step()) return;
+  if (!select_one_.bind(static_cast<std::int64_t>(aside.row)).step()) return;
   const MessageRow row = message_row_at(select_one_);
   const bool is_good = is_whole(row, select_one_.number(8));
   const std::string_view reason = is_good ? aside.reason : damaged_on_disk;
@@ -263,7 +252,7 @@ void MessageFile::set_aside(const SetAside& aside, std::int64_t now, StoreConten
 }
 
 void MessageFile::erase(std::int64_t row, StoreContents& contents) {
-  erase_.bind(1, row).run();
+  erase_.bind(row).run();
   contents.messages -= database_.changed_rows();
 }
 
@@ -278,13 +267,13 @@ void MessageFile::drop_messages_above(std::uint64_t row, const std::vector<std::
   if (contents != contents_) end(transaction, contents);
 }
 
-/// The log is removed by nobody but SQLite, at the end.
+/// Only SQLite removes the log, at the end.
 bool MessageFile::is_in_place() {
   return !database_.has_moved() && access((path_ + "-wal").c_str(), F_OK) == 0;
 }
 
 void MessageFile::copy_to(const std::string& path) {
-  database_.prepare("VACUUM INTO ?").bind(1, std::string_view(path)).run();
+  database_.prepare("VACUUM INTO ?").bind(std::string_view(path)).run();
   const int file = ::open(path.c_str(), O_RDWR | O_CLOEXEC);
   const bool is_durable = file >= 0 && fsync(file) == 0;
   if (file >= 0) close(file);
@@ -344,14 +333,14 @@ StoreLoaded MessageFile::load(const LoadFromStore& request) {
   if (request.rows.empty()) {
     const SqliteStatementReset reset{select_};
     select_.reset();
-    select_.bind(1, static_cast<std::int64_t>(request.after))
-        .bind(2, static_cast<std::int64_t>(request.max_messages));
+    select_.bind(static_cast<std::int64_t>(request.after),
+                 static_cast<std::int64_t>(request.max_messages));
     while (!is_full() && select_.step()) take(select_);
   }
   for (std::size_t i = 0; i < request.rows.size() && !is_full(); ++i) {
     const SqliteStatementReset reset{select_one_};
     select_one_.reset();
-    if (select_one_.bind(1, static_cast<std::int64_t>(request.rows[i])).step()) take(select_one_);
+    if (select_one_.bind(static_cast<std::int64_t>(request.rows[i])).step()) take(select_one_);
   }
   set_damaged_aside(damaged, now);
   return loaded;

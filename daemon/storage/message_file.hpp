@@ -39,7 +39,6 @@ class MessageFile {
 
   /// Looks at every row once.
   StoreOpened summary();
-  const StoreContents& contents() const { return contents_; }
   DeadLetterCounts dead_letters() const;
   /// What the tally knew of another file that was here before; nothing when it was this one.
   const std::optional<StoreContents>& missed() const { return missed_; }
@@ -48,7 +47,7 @@ class MessageFile {
   void write(const WriteToStore& write);
   /// Rows that are not what was stored are set aside.
   StoreLoaded load(const LoadFromStore& request);
-  /// Removes messages above `row`: their write has failed as far as anybody was told. Those that
+  /// Removes messages above `row`: their write was reported as failed. Those that
   /// were dead letters before (`resent`) are dead letters again.
   void drop_messages_above(std::uint64_t row, const std::vector<std::uint64_t>& resent);
 

@@ -44,12 +44,12 @@ DeadLetterRow dead_letter_row(const TableRecord& record) {
 MessageRecovery::MessageRecovery(const std::string& path, const std::optional<StoreContents>& tally)
     : pages_(path, store_page_bytes), contents_(tally) {
   for_each_record(pages_, [this](std::uint32_t version, std::uint32_t cell,
-                                 const TableRecord& record) { look_at(version, cell, record); });
+                                 const TableRecord& record) { on_record(version, cell, record); });
   choose();
 }
 
-void MessageRecovery::look_at(std::uint32_t version, std::uint32_t cell,
-                              const TableRecord& record) {
+void MessageRecovery::on_record(std::uint32_t version, std::uint32_t cell,
+                                const TableRecord& record) {
   take_contents(record);
   const auto row = row_in(record);
   if (!row) return;
@@ -57,7 +57,7 @@ void MessageRecovery::look_at(std::uint32_t version, std::uint32_t cell,
   found_.push_back({row->table, record.row, row->is_good, is_current, version, cell});
 }
 
-/// Rows of older formats have no checksum: they are good as far as anybody can tell.
+/// Rows of older formats have no checksum: they are taken as good.
 std::optional<MessageRecovery::Row> MessageRecovery::row_in(const TableRecord& record) {
   const std::string shape = shape_of(record);
   if (shape == message_shape) {
@@ -83,8 +83,8 @@ void MessageRecovery::take_contents(const TableRecord& record) {
   if (!contents_ || contents.commits > contents_->commits) contents_ = contents;
 }
 
-/// One of each row: good ones first, current ones first among them. What is known to be delivered,
-/// or to have become a dead letter, is left out.
+/// Keeps the best version of each row: good before damaged, then current before old. Drops rows
+/// that were delivered or became dead letters.
 void MessageRecovery::choose() {
   const auto rank = [](const Found& found) {
     return std::tuple(found.table, found.row, !found.is_good, !found.is_current, found.version);

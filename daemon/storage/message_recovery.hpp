@@ -32,7 +32,7 @@ class MessageRecovery {
   MessageRecovery(const std::string& path, const std::optional<StoreContents>& tally);
 
   /// Parts of the file that the disk could not read. A disk that fails for a moment reads them at
-  /// the next look.
+  /// the next attempt.
   std::size_t unreadable() const { return pages_.unreadable(); }
   bool has_found_anything() const { return !found_.empty(); }
   Result result() const;
@@ -43,7 +43,7 @@ class MessageRecovery {
 
  private:
   enum class Table : std::uint8_t { messages, dead_letters };
-  /// A row, before and after damage to it is told from it.
+  /// A row as read, good or damaged.
   struct Row {
     Table table = Table::messages;
     DeadLetterRow values;  ///< of a message: the others are empty
@@ -59,7 +59,7 @@ class MessageRecovery {
   };
 
   static std::optional<Row> row_in(const TableRecord& record);
-  void look_at(std::uint32_t version, std::uint32_t cell, const TableRecord& record);
+  void on_record(std::uint32_t version, std::uint32_t cell, const TableRecord& record);
   void take_contents(const TableRecord& record);
   void choose();
   void drop_outdated(Table table, std::int64_t expected);

@@ -4,6 +4,7 @@
 #include <array>
 #include <boost/crc.hpp>
 #include <chrono>
+#include <iterator>
 
 namespace slamgw {
 namespace {
@@ -79,7 +80,7 @@ MessageRow row_of(std::uint64_t row, const BrokerMessage& message, std::int64_t 
   values.retain = message.retain ? 1 : 0;
   values.stored_at = stored_at;
   if (message.provenance) {
-    values.mesh = 1 + static_cast<std::int64_t>(message.provenance->mesh);
+    values.mesh = 1 + static_cast<std::int64_t>(index_of(message.provenance->mesh));
     values.received_at = milliseconds_since_1970(message.provenance->received_at);
   }
   return values;
@@ -91,8 +92,8 @@ BrokerMessage message_of(const MessageRow& row) {
   message.payload.assign(row.payload.begin(), row.payload.end());
   message.qos = row.qos == 2 ? Qos::exactly_once : Qos::at_least_once;
   message.retain = row.retain != 0;
-  if (row.mesh == 1 || row.mesh == 2) {
-    message.provenance = Provenance{row.mesh == 1 ? Mesh::ble : Mesh::thread,
+  if (row.mesh > 0 && row.mesh <= std::ssize(all_meshes)) {
+    message.provenance = Provenance{static_cast<Mesh>(row.mesh - 1),
                                     WallTime{std::chrono::milliseconds{row.received_at}}};
   }
   return message;

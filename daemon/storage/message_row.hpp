@@ -44,7 +44,7 @@ struct SavedRow {
 
 /// What the file holds, as of its last commit; its one row of `contents`.
 struct StoreContents {
-  std::int64_t file = 0;  ///< a random number that tells this file from any other
+  std::int64_t file = 0;  ///< a random number that identifies this file
   std::int64_t commits = 0;
   std::int64_t messages = 0;
   std::int64_t dead_letters = 0;

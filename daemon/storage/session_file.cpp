@@ -29,7 +29,8 @@ SqliteDatabase open(const std::string& path) {
                            "checksum INTEGER NOT NULL)",
                            tables, upgrades};
   SqliteDatabase database = open_store_file(path, format);
-  database.execute("PRAGMA synchronous = NORMAL");
+  // Sessions are read at a start and written one by one: 256 KiB of pages, in place of 2 MiB.
+  database.execute("PRAGMA synchronous = NORMAL; PRAGMA cache_size = -256");
   database.execute(
       fmt::format("PRAGMA max_page_count = {}", SessionFile::max_bytes / format.page_bytes)
           .c_str());
@@ -80,12 +81,9 @@ void SessionFile::write(const std::vector<SessionStore::Change>& changes) {
   SqliteTransaction transaction(database_);
   for (const auto& [id, content] : changes) {
     if (content) {
-      replace_.bind(1, std::string_view(id))
-          .bind(2, ByteView(*content))
-          .bind(3, checksum(id, *content))
-          .run();
+      replace_.bind(std::string_view(id), ByteView(*content), checksum(id, *content)).run();
     } else {
-      erase_.bind(1, std::string_view(id)).run();
+      erase_.bind(std::string_view(id)).run();
     }
   }
   transaction.commit();

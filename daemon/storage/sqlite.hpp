@@ -18,9 +18,8 @@ namespace slamgw {
 
 class SqliteError : public std::runtime_error {
  public:
+  /// `code`: a primary result code (SQLITE_FULL, SQLITE_CORRUPT, ...).
   SqliteError(int code, const std::string& text) : std::runtime_error(text), code_(code) {}
-  /// A primary result code (SQLITE_FULL, SQLITE_CORRUPT, ...).
-  int code() const { return code_; }
   /// What was read is no database, or a damaged one. A disk that fails to read can look like that.
   bool is_corrupt() const;
   /// The disk or the file system failed.
@@ -32,16 +31,20 @@ class SqliteError : public std::runtime_error {
   int code_;
 };
 
-/// A prepared statement. Parameters and columns are counted from 1 and from 0, as SQLite counts
-/// them. All members throw SqliteError.
+/// A prepared statement. Columns are counted from 0, as SQLite counts them. All members throw
+/// SqliteError.
 class SqliteStatement {
  public:
   SqliteStatement(sqlite3* database, const char* sql);
 
-  /// Values must outlive the next step().
-  SqliteStatement& bind(int parameter, std::int64_t value);
-  SqliteStatement& bind(int parameter, std::string_view text);
-  SqliteStatement& bind(int parameter, ByteView bytes);
+  /// One value for each parameter, in order: numbers, texts, octets. Texts and octets must outlive
+  /// the next step().
+  template <class... Values>
+  SqliteStatement& bind(const Values&... values) {
+    int parameter = 0;
+    (bind_at(++parameter, values), ...);
+    return *this;
+  }
   /// True when there is a row.
   bool step();
   /// Runs a statement without rows and makes it ready for the next time.
@@ -56,6 +59,9 @@ class SqliteStatement {
   struct Finalize {
     void operator()(sqlite3_stmt* statement) const;
   };
+  void bind_at(int parameter, std::int64_t value);
+  void bind_at(int parameter, std::string_view text);
+  void bind_at(int parameter, ByteView bytes);
   void check(int result) const;
   std::unique_ptr<sqlite3_stmt, Finalize> statement_;
 };

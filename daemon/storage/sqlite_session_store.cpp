@@ -78,7 +78,7 @@ std::vector<SessionStore::Session> SqliteSessionStore::open_and_load() {
       report_failure();
       return {};
     }
-    std::this_thread::sleep_for(patience_.look);
+    std::this_thread::sleep_for(patience_.check);
   }
   return std::move(loaded_);
 }
@@ -117,8 +117,8 @@ void SqliteSessionStore::try_to_open() {
                                       loaded.damaged, path_));
 }
 
-/// True when what is left of a damaged file is in its place. What goes wrong is tried again with
-/// the next look.
+/// True when what is left of a damaged file is in its place. What goes wrong is tried again at
+/// the next check.
 bool SqliteSessionStore::save_if_damaged(const SqliteError& why) {
   try {
     const SavedSessions saved(path_);
@@ -149,7 +149,7 @@ void SqliteSessionStore::close_as_it_is() {
 }
 
 void SqliteSessionStore::report_failure() {
-  if (std::exchange(why_told_, why_closed_) == why_closed_) return;
+  if (std::exchange(why_reported_, why_closed_) == why_closed_) return;
   notice(Severity::warning,
          fmt::format("sessions of MQTT-SN clients are not kept: {}. After a restart they have to "
                      "connect again",
@@ -177,7 +177,7 @@ bool SqliteSessionStore::write(const Changes& changes) {
     report_failure();
     return false;
   }
-  if (!std::exchange(why_told_, {}).empty())
+  if (!std::exchange(why_reported_, {}).empty())
     notice(Severity::notice, fmt::format("sessions are kept in {} again", path_));
   sync_later();
   return true;

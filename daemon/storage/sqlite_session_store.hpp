@@ -72,7 +72,7 @@ class SqliteSessionStore final : public SessionStore {
   std::vector<Session> loaded_;  // what the file held when it was opened
   bool is_doubtful_ = false;     // the disk may only fail for a moment
   std::string why_closed_;
-  std::string why_told_;      // as last said
+  std::string why_reported_;  // as last logged
   bool is_sync_due_ = false;  // something is written since the last sync()
 
   StoreThread thread_;

@@ -141,7 +141,7 @@ void SqliteStore::perform(const LoadFromStore& load) {
   post(DeadLettersChanged{file_->dead_letters()});
 }
 
-/// Errors of the disk go away or stay; only when they stay, and for damage, the file is looked at.
+/// Errors of the disk go away or stay; only when they stay, and for damage, the file is examined.
 void SqliteStore::on_request_failed(const SqliteError& error, bool is_load) {
   if (error.is_io_error() && is_load) verdict_.on_read_error(now());
   if (!error.is_corrupt() && !verdict_.is_persistent(now())) return;
@@ -166,7 +166,7 @@ void SqliteStore::open() {
     const bool is_doubtful = error.is_corrupt() || error.is_io_error();
     if (is_doubtful && save_if_damaged(error)) return open();
     if (is_doubtful && now() - *closed_since_ < patience_.opening) {
-      return try_again_after(patience_.look);
+      return try_again_after(patience_.check);
     }
   } catch (const ForeignFile& error) {
     close_as_it_is();
@@ -200,7 +200,7 @@ void SqliteStore::on_opened() {
                        "that were stored are not in it",
                        path_, missed->messages, missed->dead_letters));
   }
-  if (!std::exchange(why_told_, {}).empty()) {
+  if (!std::exchange(why_reported_, {}).empty()) {
     notify(Severity::notice, fmt::format("the store {} could be opened now", path_));
   }
   try_again_after(patience_.reopen);
@@ -211,8 +211,8 @@ void SqliteStore::on_opened() {
   post(std::move(opened));
 }
 
-/// True when what is left of a damaged file is in its place. What goes wrong is tried again with
-/// the next look.
+/// True when what is left of a damaged file is in its place. What goes wrong is tried again at
+/// the next check.
 bool SqliteStore::save_if_damaged(const SqliteError& why) {
   try {
     if (!tally_) return false;
@@ -238,7 +238,7 @@ void SqliteStore::save(MessageRecovery& recovery, const std::string& why) {
                                       path_, why, saved_text(recovery.result()), aside));
 }
 
-/// Somebody has moved, removed or replaced the file while it was open: what it holds is written
+/// The file was moved, removed or replaced while it was open: what it holds is written
 /// there again.
 void SqliteStore::put_back_in_place() {
   try {
@@ -260,10 +260,10 @@ void SqliteStore::put_back_in_place() {
   }
 }
 
-/// The outbox is told that there is no store only while it knows of none.
+/// Reports to the outbox that there is no store, but only while it knows of none.
 void SqliteStore::report_closed() {
-  const bool is_first = why_told_.empty();
-  if (std::exchange(why_told_, why_closed_) != why_closed_) {
+  const bool is_first = why_reported_.empty();
+  if (std::exchange(why_reported_, why_closed_) != why_closed_) {
     notify(Severity::warning,
            fmt::format("no store: {}. Robots get their acknowledgements from the broker only; "
                        "what is undelivered does not survive a restart",

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // The message store's shell: opens `messages.db` in `store.directory` and serves the outbox's
 // requests on a thread of its own, where a commit may take as long as the disk takes; events come
-// back through the loop. What a disk that fails for a moment says is not believed at once; of a
-// damaged file everything that can be read is saved, and the file is put aside. Without a usable
-// file the daemon goes on without a store, and this tries again.
+// back through the loop. A disk error alone does not count as damage. From a damaged file the shell
+// saves everything that can be read and puts the file aside. Without a usable file the daemon goes
+// on without a store, and the shell tries again.
 //
-// Once the outbox was told of a store (StoreOpened), that store never ends for it: while its file
+// Once the outbox has got a store (StoreOpened), that store never ends for it: while its file
 // cannot be used, requests fail, and when it can be used again they succeed.
 #pragma once
 
@@ -39,7 +39,7 @@ class SqliteStore {
   SqliteStore& operator=(const SqliteStore&) = delete;
 
   void start();
-  /// Does what was asked before, closes the file, and waits for that: as long as the disk takes.
+  /// Finishes the earlier requests, closes the file, and waits for both as long as the disk takes.
   void stop();
 
   /// The outbox has one write and one load under way; as many more may be from before an opening.
@@ -81,11 +81,11 @@ class SqliteStore {
   DamageVerdict verdict_;
   std::uint64_t generation_ = 0;            // openings and absences so far (message_store.hpp)
   bool is_open_for_outbox_ = false;         // StoreOpened was the last of both
-  std::uint64_t last_kept_row_ = 0;         // the outbox was told that it is stored
+  std::uint64_t last_kept_row_ = 0;         // the outbox was informed that it is stored
   std::vector<std::uint64_t> unconfirmed_;  // rows of a failed write that were dead letters before
   std::optional<TimePoint> closed_since_;
   std::string why_closed_;
-  std::string why_told_;  // as last said
+  std::string why_reported_;  // as last logged
 
   StoreThread thread_;
   boost::asio::steady_timer timer_;  // the next attempt to open, or the next check_place()

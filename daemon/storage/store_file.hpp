@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // How this daemon treats its SQLite files in `store.directory`: readable by the service only,
-// recognised by their `user_version`, never touched when they are somebody else's or newer, put
+// recognised by their `user_version`, never touched when they are another program's or newer, put
 // aside and never overwritten when they are damaged. Blocks; used on the stores' threads.
 #pragma once
 
@@ -19,13 +19,13 @@ class ForeignFile : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-/// How long a predecessor that is still closing is waited for.
+/// Time given to an earlier process that is still closing the file.
 inline constexpr int store_busy_wait_ms = 3000;
 /// Damaged files that are kept beside one store: all that could be read of them was saved, so only
 /// the newest are of use to an expert.
 inline constexpr std::size_t max_damaged_files = 4;
 /// Files of others that were found in the store's place and put aside. They are never removed: when
-/// there are so many, the store stays closed until somebody has looked.
+/// there are so many, the store stays closed until an operator has removed some.
 inline constexpr std::size_t max_files_aside = 16;
 /// The word in a damaged file's name.
 inline constexpr const char* damaged_word = "corrupt";
@@ -36,7 +36,7 @@ struct StoreTable {
   int column_count = 0;
 };
 
-/// What makes a file ours.
+/// How a file of ours is recognised and made.
 struct StoreFormat {
   int version = 0;          ///< `user_version`
   const char* create = "";  ///< statements that make the tables
@@ -64,10 +64,10 @@ std::string put_store_file_aside(const std::string& path, const char* word);
 /// Removes the oldest damaged files beside `path` while the disk has no room for one more copy.
 void make_room_for_copy(const std::string& path);
 
-/// For people; what to do where that is known.
+/// The error in words for people, and what to do where that is known.
 std::string words_for(const SqliteError& error);
 
-/// What renames in it have done is durable.
+/// Makes renames in the directory of `path` durable.
 void synchronise_directory_of(const std::string& path);
 
 }  // namespace slamgw

@@ -75,7 +75,7 @@ void StoreTally::write(const StoreContents& contents) {
   std::string line = line_of(contents);
   line.resize(line_bytes - 1, ' ');
   line += '\n';
-  // What a failure leaves is told from a whole line by its checksum.
+  // Its checksum distinguishes a whole line from what a failure leaves.
   [[maybe_unused]] const ssize_t written = pwrite(file_, line.data(), line.size(), 0);
 }
 

@@ -25,7 +25,7 @@ class StoreTally {
 
   /// Nothing when there is none yet, or it is damaged or of another format.
   std::optional<StoreContents> read() const;
-  /// A failure leaves an older tally or none, which costs certainty only.
+  /// After a failure the tally is older or missing; then lost commits may go unnoticed.
   void write(const StoreContents& contents);
 
  private:

@@ -79,7 +79,7 @@ class Run:
         self._incidents = []
         self._heard = {}         # robot: arrivals
         self._first_us = None
-        self._done = 0
+        self._sent = 0           # by simulated robots
         self._is_broker_up = True
         self._robots_ended_us = None
         self._settles_until_s = None
@@ -161,7 +161,7 @@ class Run:
             if end is not False:
                 self._take(recorder)
                 return end
-            self._progress.show(self._done, self._expected(), self._seconds_left(passed_s), passed_s)
+            self._progress.show(self._done(), self._expected(), self._seconds_left(passed_s), passed_s)
 
     def _take(self, recorder):
         """What has been read by now; waits a moment for the first line."""
@@ -193,9 +193,7 @@ class Run:
         if event.is_arrival_of(self._asked.message_type):
             self._heard[event.robot] = self._heard.get(event.robot, 0) + 1
             self._first_us = self._first_us if self._first_us is not None else event.t_us
-        is_step = event.event in ("sent", "refused") if source == events.ROBOTS else (
-            self._site.simulator_arguments is None and event.is_arrival_of(self._asked.message_type))
-        self._done += 1 if is_step else 0
+        self._sent += 1 if source == events.ROBOTS and event.event in ("sent", "refused") else 0
 
     def _is_wanted(self, event):
         return not event.robot or event.robot in self._site.robots
@@ -210,9 +208,17 @@ class Run:
     def _expected(self):
         return self._asked.messages * len(self._site.robots)
 
+    def _done(self):
+        """Of the expected messages. Robots that nobody stops go on while the last repeats are waited for."""
+        if self._site.simulator_arguments is not None:
+            return self._sent
+        return sum(min(count, self._asked.messages) for count in self._heard.values())
+
     def _seconds_left(self, passed_s):
         if self._first_us is None:
             return None
+        if self._settles_until_s is not None:
+            return max(0.0, self._settles_until_s - passed_s)
         whole_s = self._asked.messages * self._period_ms() / 1000
         return max(0.0, whole_s - (passed_s - self._first_us / 1e6))
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The releases of Nordic's nRF5 SDK for Mesh that board and robots can run, and what differs
-// between them (tests/vectors/nordic_board/README.md).
+// between them (tests/vectors/nordic_board/README.md); and what robots' own code can do.
 #pragma once
 
 #include <cstdint>
@@ -29,5 +29,11 @@ extern const Firmware firmware_5_0_0;
 
 /// Nothing (a null pointer) for a release that cannot be simulated.
 const Firmware* find_firmware(std::string_view release);
+
+/// What a robot does with an update while its last SET waits for its STATUS.
+enum class OnBusy : std::uint8_t {
+  cancel,  ///< forgets the old one, and skips this update, too (thesis 9.1: "cancelled")
+  refuse,  ///< drops this update; the old one is repeated until its STATUS (Nordic's access layer)
+};
 
 }  // namespace slamgw::sim::ble

@@ -2,6 +2,8 @@
 #include "simulation/ble/network.hpp"
 
 #include <algorithm>
+#include <chrono>
+#include <cmath>
 
 namespace slamgw::sim::ble {
 namespace {
@@ -54,6 +56,17 @@ RadioSettings radio_settings(const BleOptions& options) {
 template <class Value>
 Value value_of(const std::vector<Value>& values, std::size_t index) {
   return values.empty() ? Value{} : values[std::min(index, values.size() - 1)];
+}
+
+/// A board that fades hears so much worse before it hears nothing.
+constexpr double fade_db = 40;
+
+/// From 0, whole, to 1, gone, and back, once in `period_s`.
+double fading_of(double period_s, TimePoint now) {
+  if (period_s <= 0) return 0;
+  const double seconds = std::chrono::duration<double>(now.time_since_epoch()).count();
+  const double phase = std::fmod(seconds, period_s) / period_s;
+  return 1 - std::abs(1 - 2 * phase);
 }
 
 /// To a unicast address segments are repeated until they are acknowledged. `transmit` sends them
@@ -326,19 +339,24 @@ bool Network::can_reach(const MeshMessage& message) const {
                      [&](const Node& node) { return node.reaches(message); });
 }
 
-double Network::loss_of(std::size_t board) const { return value_of(options_.board_loss, board); }
+double Network::loss_of(std::size_t board, TimePoint now) const {
+  const double fading = fading_of(value_of(options_.board_fade_s, board), now);
+  return 1 - (1 - value_of(options_.board_loss, board)) * (1 - fading * fading);
+}
 
-std::vector<Receiver> Network::receivers() const {
+std::vector<Receiver> Network::receivers(TimePoint now) const {
   std::vector<Receiver> all;
-  for (std::size_t i = 0; i < boards_.size(); ++i)
-    all.push_back(
-        {boards_[i].local_address(), i, loss_of(i), value_of(options_.board_level_db, i)});
+  for (std::size_t i = 0; i < boards_.size(); ++i) {
+    const double fading = fading_of(value_of(options_.board_fade_s, i), now);
+    const int level_db = value_of(options_.board_level_db, i) - static_cast<int>(fading * fade_db);
+    all.push_back({boards_[i].local_address(), i, loss_of(i, now), level_db});
+  }
   return all;
 }
 
 /// Whether it reaches the board that it is for, or one of them.
 bool Network::transmit_to_boards(const MeshMessage& message, TimePoint now) {
-  const std::vector<bool> reached = radio_.transmit(message, receivers(), now);
+  const std::vector<bool> reached = radio_.transmit(message, receivers(now), now);
   bool is_for_one = false;
   for (std::size_t i = 0; i < boards_.size(); ++i) {
     if (message.destination != boards_[i].local_address()) continue;
@@ -349,7 +367,7 @@ bool Network::transmit_to_boards(const MeshMessage& message, TimePoint now) {
 }
 
 bool Network::transmit_to_robots(std::size_t board, const MeshMessage& message, TimePoint now) {
-  return radio_.transmit(message, {{message.destination, {}, loss_of(board)}}, now).front();
+  return radio_.transmit(message, {{message.destination, {}, loss_of(board, now)}}, now).front();
 }
 
 /// To a group segments are repeated blindly.

@@ -77,8 +77,8 @@ class Network {
   bool can_reach(const MeshMessage& message) const;
   bool transmit_to_boards(const MeshMessage& message, TimePoint now);
   bool transmit_to_robots(std::size_t board, const MeshMessage& message, TimePoint now);
-  std::vector<Receiver> receivers() const;
-  double loss_of(std::size_t board) const;
+  std::vector<Receiver> receivers(TimePoint now) const;
+  double loss_of(std::size_t board, TimePoint now) const;
   Robot::Publications publications_of(std::size_t index, TimePoint now);
   Robot::Publications fixed_publications(TimePoint now);
   Robot::Publications for_payload(Robot::Publications publications) const;

@@ -20,15 +20,17 @@ std::set<std::string> names(const json& object) {
 
 TEST(StatusJson, HasTheNamesThatPeopleScriptAgainst) {
   const json status = to_json(Status{});
-  EXPECT_EQ(names(status), (std::set<std::string>{"broker", "commands", "control", "gateway",
-                                                  "memory_rss_bytes", "meshes", "messages", "queue",
-                                                  "robots", "store", "uptime_s", "version"}));
+  EXPECT_EQ(names(status),
+            (std::set<std::string>{"broker", "commands", "control", "fleet", "gateway",
+                                   "memory_rss_bytes", "meshes", "messages", "queue", "robots",
+                                   "store", "uptime_s", "version"}));
   EXPECT_EQ(names(status["broker"]),
             (std::set<std::string>{"missing_rights", "refused", "since", "state", "uri", "why"}));
   EXPECT_EQ(names(status["meshes"]), (std::set<std::string>{"ble", "thread"}));
   EXPECT_EQ(names(status["robots"]),
             (std::set<std::string>{"asleep", "known", "offline", "online", "untracked"}));
   EXPECT_TRUE(status["control"].is_object());
+  EXPECT_TRUE(status["fleet"].is_object());
 }
 
 TEST(StatusJson, SaysOfEachLinkHowItIs) {
@@ -65,9 +67,7 @@ TEST(StatusJson, SaysThatTheBrokerRefusesOnlyWhileItIsThere) {
 
 TEST(RobotsJson, IsAnArrayWithARowForEach) {
   EXPECT_EQ(to_json(std::vector<RobotStatus>{}), json::array());
-  RobotStatus robot;
-  robot.id = "r";
-  robot.mesh = Mesh::ble;
+  RobotStatus robot{.id = "r", .mesh = Mesh::ble};
   robot.state = Presence::online;
   json row = to_json(std::vector{robot})[0];
   EXPECT_EQ(row["mesh"], "ble");
@@ -81,7 +81,7 @@ TEST(RobotsJson, IsAnArrayWithARowForEach) {
 }
 
 TEST(WhyAbsent, NamesWhatIsKnown) {
-  RobotStatus robot;
+  RobotStatus robot{.id = "r", .mesh = Mesh::thread};
   robot.state = Presence::online;
   Status::MeshLink link{true, true, "UDP", {}};
   EXPECT_EQ(why_absent(robot, link), "");
@@ -96,45 +96,6 @@ TEST(WhyAbsent, NamesWhatIsKnown) {
   EXPECT_NE(why_absent(robot, link).find("not heard it for 90 s"), std::string::npos);
   link = {true, false, "no board", {}};
   EXPECT_EQ(why_absent(robot, link), "the ble link is down: no board");
-}
-
-TEST(NumbersText, IsWhatTheContractSays) {
-  RobotStatus robot;
-  robot.id = "r";
-  robot.messages = 7;
-  robot.commands = 2;
-  robot.repeats = 1;
-  robot.rate_hz = 4.999;
-  robot.last_seen = WallTime{1'700'000'000s};
-  EXPECT_EQ(json::parse(numbers_text({robot})), json::parse(R"({"robots": {"r": {"up": 7, "down": 2,
-      "repeats": 1, "rate_hz": 5.0, "latency_p50_us": null, "latency_p99_us": null,
-      "rssi_dbm": null, "last_heard": "2023-11-14T22:13:20Z"}}})"));
-  robot.latency = {1500us, 9ms};
-  robot.radio = RadioFacts{-61, 2, 3};
-  const json row = json::parse(numbers_text({robot}))["robots"]["r"];
-  EXPECT_EQ(row["latency_p50_us"], 1500);
-  EXPECT_EQ(row["latency_p99_us"], 9000);
-  EXPECT_EQ(row["rssi_dbm"], -61);
-}
-
-TEST(NumbersText, IsJsonWhateverRobotsAreCalled) {
-  RobotStatus robot;
-  robot.id = "say \"hi\"\\\xc3\xb8";
-  EXPECT_TRUE(json::parse(numbers_text({robot, robot}))["robots"].contains(robot.id));
-  EXPECT_EQ(json::parse(numbers_text({})), json::parse(R"({"robots": {}})"));
-}
-
-TEST(NumbersText, IsBoundedAndNamesTheRobotsThatWereHeardLast) {
-  std::vector<RobotStatus> robots(max_robots_in_numbers + 3);
-  for (std::size_t i = 0; i < robots.size(); ++i) {
-    robots[i].id = std::to_string(i);
-    robots[i].last_seen = WallTime{std::chrono::seconds(i)};
-  }
-  const json numbers = json::parse(numbers_text(robots));
-  EXPECT_EQ(numbers["robots"].size(), max_robots_in_numbers);
-  EXPECT_EQ(numbers["left_out"], 3);
-  EXPECT_FALSE(numbers["robots"].contains("0"));
-  EXPECT_TRUE(numbers["robots"].contains(std::to_string(robots.size() - 1)));
 }
 
 }  // namespace

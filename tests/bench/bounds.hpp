@@ -5,6 +5,7 @@
 
 #include "tests/bench/plan.hpp"
 #include "tests/bench/report.hpp"
+#include "tests/bench/world.hpp"
 
 namespace slamgw::bench {
 
@@ -12,7 +13,7 @@ void traffic_lines(Report& report, const Plan& plan);
 void start_to_ready(Report& report);
 void backlog(Report& report);
 /// What a flood of one client does to the others.
-void fairness(Report& report, const Plan& plan);
+void fairness(Report& report, const Plan& plan, World&& world);
 void ble_link(Report& report);
 /// A million connects and 100 000 topics; takes minutes.
 void memory(Report& report);

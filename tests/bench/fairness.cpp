@@ -82,8 +82,7 @@ std::string describe(const std::vector<Pair>& pairs) {
 
 }  // namespace
 
-void fairness(Report& report, const Plan& plan) {
-  World world;
+void fairness(Report& report, const Plan& plan, World&& world) {
   Poller unread;  // the flood is QoS 0: nothing comes back
   std::vector<Pair> ours, floors;
   for (unsigned i = 0; i < plan.rounds; ++i) {
@@ -100,7 +99,8 @@ void fairness(Report& report, const Plan& plan) {
   }
   const auto ratio = [](const Pair& pair) { return pair.ratio(); };
   report.budget_at_most(
-      "the others' p99 while one client sends 10 000/s", median_of(ours, ratio), 2, "times",
+      "the others' p99 while one client sends 10 000/s (" + world.way + ")", median_of(ours, ratio),
+      2, "times",
       fmt::format("{}; raw, straight to the broker: {:.1f} times, {}; the one sent {:.0f}/s",
                   describe(ours), median_of(floors, ratio), describe(floors),
                   median_of(ours, [](const Pair& pair) { return pair.flood_per_second; })));

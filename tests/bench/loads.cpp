@@ -4,7 +4,9 @@
 #include <fmt/format.h>
 
 #include <stdexcept>
+#include <thread>
 
+#include "tests/bench/echo_floor.hpp"
 #include "tests/bench/swarm.hpp"
 
 namespace slamgw::bench {
@@ -12,6 +14,19 @@ namespace {
 
 double kib_of(const Target& target) {
   return static_cast<double>(usage_of(target.process).rss_kib);
+}
+
+constexpr std::size_t idle_clients = 1000;
+
+/// What follows the last CONNECT in small steps, as sessions that go to disk, is not idleness.
+void await_idleness(pid_t process) {
+  constexpr std::chrono::seconds span{1}, limit{10};
+  constexpr double at_rest_s = 0.001;
+  for (const auto end = Clock::now() + limit; Clock::now() < end;) {
+    const double before = usage_of(process).cpu_s;
+    std::this_thread::sleep_for(span);
+    if (usage_of(process).cpu_s - before < at_rest_s) return;
+  }
 }
 
 void ping_for(std::chrono::seconds span, std::size_t clients, Swarm& swarm, Poller& poller) {
@@ -37,24 +52,33 @@ NamedLoad steady_load(const Plan& plan, unsigned qos, Pace pace) {
 }
 
 Idle look_at_idle(const Target& target, const Plan& plan) {
-  constexpr std::size_t clients = 1000;
   Idle idle;
   target.settle();
   idle.kib_before = kib_of(target);
   Poller poller;
-  Swarm swarm(target.gateway, clients, poller, 0);
+  Swarm swarm(target.gateway, idle_clients, poller, 0);
   swarm.connect_all(1);
   target.settle();
-  idle.kib_each = (kib_of(target) - idle.kib_before) / clients;
+  await_idleness(target.process);
+  idle.kib_each = (kib_of(target) - idle.kib_before) / idle_clients;
   const auto begin = Clock::now();
   const double cpu_before = usage_of(target.process).cpu_s;
-  ping_for(plan.idle, clients, swarm, poller);
+  ping_for(plan.idle, idle_clients, swarm, poller);
   const std::chrono::duration<double> took = Clock::now() - begin;
   idle.cpu_percent = 100 * (usage_of(target.process).cpu_s - cpu_before) / took.count();
   poller.wait(Clock::now() + std::chrono::milliseconds(100),
               [&](std::uint64_t token) { swarm.on_readable(token); });
   idle.unanswered = swarm.pings_unanswered();
   return idle;
+}
+
+double look_at_echo(const Plan& plan) {
+  EchoFloor floor;
+  Poller poller;
+  Swarm swarm(floor.address(), idle_clients, poller, 0);
+  const double before = floor.cpu_s();
+  ping_for(plan.idle, idle_clients, swarm, poller);
+  return 100 * (floor.cpu_s() - before) / std::chrono::duration<double>(plan.idle).count();
 }
 
 Connects look_at_connects(const Target& target, std::size_t at_once) {

@@ -29,6 +29,8 @@ struct Idle {
 };
 /// 1000 clients that have nothing to say but PINGREQ, each once in its keep-alive of 60 s.
 Idle look_at_idle(const Target& target, const Plan& plan);
+/// The same pings to a socket that answers them and does nothing else; % of one core.
+double look_at_echo(const Plan& plan);
 
 struct Connects {
   double cpu_us = 0;    ///< for each client: CONNECT and REGISTER, and all that follows

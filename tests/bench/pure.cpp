@@ -12,7 +12,7 @@
 #include "daemon/core/normalizer.hpp"
 #include "daemon/core/trace.hpp"
 #include "daemon/delivery/outbox.hpp"
-#include "tests/bench/allocations.hpp"
+#include "tests/bench/hot_path.hpp"
 
 namespace slamgw {
 namespace {
@@ -172,100 +172,31 @@ void mqttsn_publish(benchmark::State& state) {
 }
 BENCHMARK(mqttsn_publish)->Arg(10)->Arg(1000)->Arg(10000);
 
-/// All of the pure way of a message, from a client's PUBLISH to its PUBACK, as App wires it.
-/// `range`: QoS. What the path allocates once it is warm is counted.
-class HotPath {
- public:
-  explicit HotPath(unsigned qos)
-      : qos_(static_cast<mqttsn::WireQos>(qos)),
-        core_(TopicScheme("ntnu-slam", "bench"), {"0", UpdateMode::positions, now_.wall}, link_,
-              [](Mesh, const std::string&) { return std::nullopt; }),
-        mesh_({}, TopicPolicy(TopicScheme("ntnu-slam", "bench"), {}, {}), RobotNames()),
-        outbox_(16, 1 << 20) {
-    outbox_.on_store_event(StoreAbsent{"none"}, now_);
-    outbox_.on_link_up(65535, now_);
-    for (std::size_t client = 0; client < clients; ++client) {
-      const std::string id = fmt::format("load-{:05}", client);
-      say(client, mqttsn::encode(mqttsn::Connect{false, true, mqttsn::protocol_id, 600, id}));
-      say(client, mqttsn::encode(mqttsn::Register{0, 1, "ntnu-slam/robot/" + id + "/update"}));
-    }
-  }
-
-  void publish_and_acknowledge() {
-    const std::size_t client = turn_ % clients;
-    datagram_.msg_id = static_cast<std::uint16_t>(turn_++ / clients % 65535 + 1);
-    datagram_.qos = qos_;
-    now_.mono += 30us;
-    const std::uint64_t before = bench::allocations();
-    const Bytes octets = mqttsn::encode(datagram_);
-    uncounted_ += bench::allocations() - before;  // the client's
-    say(client, octets);
-  }
-  std::uint64_t acknowledged() const { return acknowledged_; }
-  std::uint64_t uncounted() const { return uncounted_; }
-
- private:
-  static constexpr std::size_t clients = 100;
-
-  void say(std::size_t client, const Bytes& datagram) {
-    mqttsn::Endpoint from;
-    from.address[15] = 1;
-    from.port = static_cast<std::uint16_t>(1024 + client);
-    mesh_.on_datagram(from, {}, datagram, now_.mono);
-    drain();
-  }
-  void drain() {
-    if (const auto due = mesh_.deadline(); due && *due <= now_.mono) mesh_.on_deadline(now_.mono);
-    for (bool is_quiet = false; !is_quiet;) {
-      is_quiet = true;
-      for (; auto action = mesh_.next_action(); is_quiet = false) perform(*action);
-      for (; auto action = core_.next_action(); is_quiet = false) perform(*action);
-      for (; auto action = outbox_.next_action(); is_quiet = false) perform(*action);
-    }
-  }
-  template <class Action>
-  void perform(Action& action) {
-    std::visit([this](auto& what) { handle(what); }, action);
-  }
-  template <class Other>
-  void handle(Other&) {}
-  void handle(mqttsn::SendDatagram&) { ++acknowledged_; }
-  void handle(MeshEvent& event) { core_.on_mesh_event(std::move(event), now_); }
-  void handle(PassUp& up) {
-    Upload upload = up.upload();
-    outbox_.submit(std::move(upload.message), upload.receipt, now_.mono);
-  }
-  void handle(PublishAtBroker& publish) { outbox_.on_published(publish.sequence, now_.mono); }
-  void handle(FireReceipt& fired) {
-    core_.on_receipt(fired.receipt, fired.outcome, now_.mono);
-    if (fired.receipt.is_owed()) mesh_.on_receipt(fired.receipt.id, fired.outcome, now_.mono);
-  }
-
-  const mqttsn::WireQos qos_;
-  Now now_{start, WallTime{1'700'000'000s}};
-  const BrokerLink link_{true, {}, {}};
-  Gateway core_;
-  mqttsn::SnGateway mesh_;
-  Outbox outbox_;
-  mqttsn::Publish datagram_{false, mqttsn::WireQos::one, false, mqttsn::TopicIdType::normal, 1, 0,
-                            update};
-  std::uint64_t turn_ = 0;
-  std::uint64_t acknowledged_ = 0;
-  std::uint64_t uncounted_ = 0;
-};
-
+/// From a client's PUBLISH to its PUBACK, as App wires it. `range`: QoS.
 void publish_to_puback(benchmark::State& state) {
-  HotPath path(static_cast<unsigned>(state.range(0)));
+  bench::HotPath path(100, 30us);
+  const auto qos = static_cast<Qos>(state.range(0));
   constexpr int until_warm = 100'000;
-  for (int i = 0; i < until_warm; ++i) path.publish_and_acknowledge();
-  const std::uint64_t uncounted = path.uncounted();
-  const std::uint64_t before = bench::allocations();
-  for (auto _ : state) path.publish_and_acknowledge();
-  const std::uint64_t counted = bench::allocations() - before - (path.uncounted() - uncounted);
+  for (int i = 0; i < until_warm; ++i) path.publish(qos);
+  path.forget_allocations();
+  for (auto _ : state) path.publish(qos);
   state.counters["allocations"] =
-      static_cast<double>(counted) / static_cast<double>(state.iterations());
+      static_cast<double>(path.allocations()) / static_cast<double>(state.iterations());
 }
 BENCHMARK(publish_to_puback)->Arg(0)->Arg(1);
+
+/// From the broker's message to the PUBLISH, and from the client's PUBACK to the outcome at the
+/// broker.
+void command_to_outcome(benchmark::State& state) {
+  bench::HotPath path(100, 30us);
+  constexpr int until_warm = 10'000;
+  for (int i = 0; i < until_warm; ++i) path.command();
+  path.forget_allocations();
+  for (auto _ : state) path.command();
+  state.counters["allocations"] =
+      static_cast<double>(path.allocations()) / static_cast<double>(state.iterations());
+}
+BENCHMARK(command_to_outcome);
 
 }  // namespace
 }  // namespace slamgw

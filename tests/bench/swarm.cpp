@@ -107,7 +107,8 @@ void Swarm::on_packet(Client& client, std::size_t index, const sn::Packet& packe
     if (!client.waiting.empty()) start_next(client);
   } else if (packet.type == sn::Type::pingresp) {
     --pings_unanswered_;
-  } else if (packet.type == sn::Type::disconnect && client.state != State::connecting) {
+  } else if (packet.type == sn::Type::disconnect &&
+             (client.state == State::registering || client.state == State::ready)) {
     // Before the CONNACK it was for a client that had this port before.
     throw std::runtime_error("the gateway has disconnected " + robot_id(index));
   }

@@ -147,8 +147,8 @@ class CommandWalk {
       EXPECT_TRUE(ended.emplace(outcome->id, rig_.sent_before[i]).second) << "a second outcome";
       EXPECT_LE(rig_.event_times[i] - found->second.at, 30s);
       ++results[outcome->result];
-      const bool is_told_delivered = outcome->result == CommandResult::delivered;
-      if (is_told_delivered && found->second.is_numbered) {
+      const bool is_reported_delivered = outcome->result == CommandResult::delivered;
+      if (is_reported_delivered && found->second.is_numbered) {
         EXPECT_TRUE(received_.contains(outcome->id))
             << "command " << static_cast<std::uint64_t>(outcome->id) << " did not reach the robot";
       }

@@ -4,21 +4,10 @@
 #include <algorithm>
 
 #include "tests/ble_mesh_usb_cdc/hex.hpp"
+#include "tests/ble_mesh_usb_cdc/serial_frame.hpp"
 
 namespace slamgw::ble {
 namespace {
-
-Bytes frame(std::uint8_t opcode, ByteView params) {
-  ByteWriter writer;
-  writer.write_u8(static_cast<std::uint8_t>(1 + params.size())).write_u8(opcode).write(params);
-  return writer.take();
-}
-
-Bytes response(std::uint8_t opcode, std::uint8_t status, ByteView body = {}) {
-  return frame(0x84, ByteWriter{}.write_u8(opcode).write_u8(status).write(body).bytes());
-}
-
-Bytes number(std::uint16_t value) { return ByteWriter{}.write_u16_le(value).take(); }
 
 Bytes indexes(const std::vector<std::pair<std::uint16_t, Bytes>>& keys) {
   ByteWriter writer;

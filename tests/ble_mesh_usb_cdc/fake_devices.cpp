@@ -5,21 +5,12 @@
 
 #include "adapters/ble_mesh_usb_cdc/provisioning/ecdh.hpp"
 #include "tests/ble_mesh_usb_cdc/hex.hpp"
+#include "tests/ble_mesh_usb_cdc/serial_frame.hpp"
 
 namespace slamgw::ble {
 namespace {
 
 constexpr std::uint16_t first_handle = 8;
-
-Bytes frame(std::uint8_t opcode, const Bytes& params) {
-  return Bytes{static_cast<std::uint8_t>(1 + params.size()), opcode} + params;
-}
-
-Bytes response(std::uint8_t opcode, std::uint8_t status, const Bytes& data = {}) {
-  return frame(0x84, Bytes{opcode, status} + data);
-}
-
-Bytes number(std::uint16_t value) { return ByteWriter{}.write_u16_le(value).take(); }
 
 /// The devices' key pair.
 const KeyPair& device_pair() {
@@ -54,16 +45,16 @@ std::optional<Bytes> FakeDevices::execute(std::uint8_t opcode, ByteView params) 
     case 0x63: return provision(params);
     case 0x66:
       if (joining_ == nullptr) return response(opcode, 0x83);
-      return response(opcode, 0, {context_}) +
+      return response(opcode, 0, Bytes{context_}) +
              (params[1] == 1 ? event(0xc6, {context_, 1, 0, 16}) : ecdh_request());
     case 0x67:
       if (joining_ == nullptr) return response(opcode, 0x83);
       if (!std::ranges::equal(params.subspan(1), joining_->static_oob))
         return response(opcode, 0) + event(0xc9, {context_, 4}) + event(0xc2, {context_, 2});
-      return response(opcode, 0, {context_}) + ecdh_request();
+      return response(opcode, 0, Bytes{context_}) + ecdh_request();
     case 0x68:
       if (joining_ == nullptr) return response(opcode, 0x83);
-      return response(opcode, 0, {context_}) + complete(params.subspan(1));
+      return response(opcode, 0, Bytes{context_}) + complete(params.subspan(1));
     case 0x69: board_public_.assign(params.begin() + 32, params.end()); return response(opcode, 0);
     case 0x6a: return response(opcode, 0);
     case 0x9b: return response(opcode, 0, number(first_handle));
@@ -88,7 +79,7 @@ Bytes FakeDevices::provision(ByteView params) {
     return device.uuid == uuid && device.address == 0;
   });
   joining_ = found == devices.end() ? nullptr : &*found;
-  const Bytes accepted = response(0x63, 0, {context_});
+  const Bytes accepted = response(0x63, 0, Bytes{context_});
   if (joining_ == nullptr) return accepted;
   return accepted + event(0xc1, {context_}) + capabilities();
 }
@@ -97,12 +88,12 @@ Bytes FakeDevices::event(std::uint8_t opcode, Bytes params) {
   if (closes_at == opcode) {
     closes_at.reset();
     joining_ = nullptr;
-    return frame(0xc2, {context_, 2});
+    return frame(0xc2, Bytes{context_, 2});
   }
   if (fails_at && fails_at->first == opcode) {
     const std::uint8_t code = std::exchange(fails_at, std::nullopt)->second;
     joining_ = nullptr;
-    return frame(0xc9, {context_, code}) + frame(0xc2, {context_, 2});
+    return frame(0xc9, Bytes{context_, code}) + frame(0xc2, Bytes{context_, 2});
   }
   if (lost_events.erase(opcode) == 1) return {};
   return frame(opcode, params);

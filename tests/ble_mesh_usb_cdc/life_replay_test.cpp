@@ -34,11 +34,11 @@ constexpr std::uint8_t packet_send = 0xab;
 constexpr std::uint8_t tx_complete = 0xd2;
 constexpr std::size_t message_in_send = 12;
 
-std::uint8_t opcode_of(const Bytes& frame) { return frame.size() > 1 ? frame[1] : 0; }
+std::uint8_t frame_opcode_of(const Bytes& frame) { return frame.size() > 1 ? frame[1] : 0; }
 
 bool carries(const Bytes& frame, std::string_view access) {
   const Bytes wanted = hex(access);
-  return opcode_of(frame) == packet_send && frame.size() >= message_in_send + wanted.size() &&
+  return frame_opcode_of(frame) == packet_send && frame.size() >= message_in_send + wanted.size() &&
          std::ranges::equal(ByteView(frame).subspan(message_in_send, wanted.size()), wanted);
 }
 
@@ -88,16 +88,17 @@ std::vector<Exchange> without_overwrite(const std::vector<Exchange>& recorded) {
 /// octet in Provision, no credentials octet in Packet Send, no token in its answer and no TX
 /// Complete (ProvisioningReplay and transcript_test.cpp show each on its own recordings).
 void turn_into(const std::string& release, Exchange& exchange) {
-  if (opcode_of(exchange.command) == version_get) {
+  if (frame_opcode_of(exchange.command) == version_get) {
     const Transcript start = test::read_transcript("start_up.txt", "start_up", release);
     for (const Exchange& each : start.exchanges)
-      if (opcode_of(each.command) == version_get) exchange.answers = each.answers;
+      if (frame_opcode_of(each.command) == version_get) exchange.answers = each.answers;
   }
   if (release != "2.2.0") return;
-  if (opcode_of(exchange.command) == provision) exchange.command.pop_back();
-  if (opcode_of(exchange.command) == packet_send)
+  if (frame_opcode_of(exchange.command) == provision) exchange.command.pop_back();
+  if (frame_opcode_of(exchange.command) == packet_send)
     exchange.command.erase(exchange.command.begin() + message_in_send - 1);
-  if (opcode_of(exchange.command) == provision || opcode_of(exchange.command) == packet_send)
+  if (frame_opcode_of(exchange.command) == provision ||
+      frame_opcode_of(exchange.command) == packet_send)
     --exchange.command[0];
   std::erase_if(exchange.answers,
                 [](const RecordedPacket& packet) { return packet.octets[1] == tx_complete; });
@@ -122,7 +123,7 @@ std::array<std::uint8_t, size> octets_of(const Transcript& transcript, std::uint
                                          std::size_t at) {
   std::array<std::uint8_t, size> octets{};
   for (const Exchange& exchange : transcript.exchanges)
-    if (opcode_of(exchange.command) == opcode)
+    if (frame_opcode_of(exchange.command) == opcode)
       std::copy_n(exchange.command.begin() + static_cast<std::ptrdiff_t>(at), size, octets.begin());
   return octets;
 }
@@ -197,7 +198,7 @@ class LifeReplay : public EventLog {
     return true;
   }
   static Bytes without_layout(const Bytes& frame) {
-    if (opcode_of(frame) != packet_send) return {};
+    if (frame_opcode_of(frame) != packet_send) return {};
     const std::size_t head = frame[0] + 1U == frame.size() && frame[11] == 0 ? 12 : 11;
     return {frame.begin() + static_cast<std::ptrdiff_t>(head), frame.end()};
   }
@@ -241,7 +242,7 @@ class LifeReplay : public EventLog {
 
   void answer(const Bytes& written) {
     if (has_failed_) return;
-    if (opcode_of(written) == housekeeping_get && mesh_is_started()) {  // each 10 s
+    if (frame_opcode_of(written) == housekeeping_get && mesh_is_started()) {  // each 10 s
       from_board_.push_back(hex("07 84 14 00 00 00 00 00"));
       return;
     }
@@ -254,7 +255,7 @@ class LifeReplay : public EventLog {
         continue;
       is_done_[i] = true;
       for (const RecordedPacket& packet : exchange.answers)
-        from_board_.push_back(opcode_of(written) == echo ? echoed(written) : packet.octets);
+        from_board_.push_back(frame_opcode_of(written) == echo ? echoed(written) : packet.octets);
       return skip_polls();
     }
     has_failed_ = true;
@@ -265,7 +266,7 @@ class LifeReplay : public EventLog {
   /// The moment of a poll depends on the clock; what the robot said then is said.
   void skip_polls() {
     while (next() != nullptr && mesh_is_started() &&
-           opcode_of(next()->command) == housekeeping_get) {
+           frame_opcode_of(next()->command) == housekeeping_get) {
       const std::size_t at = static_cast<std::size_t>(next() - transcript_.exchanges.data());
       is_done_[at] = true;
       for (const RecordedPacket& packet : next_answers(at)) from_board_.push_back(packet.octets);
@@ -277,7 +278,7 @@ class LifeReplay : public EventLog {
     return rest;
   }
   static bool is_same(const Bytes& recorded, const Bytes& written) {
-    if (opcode_of(recorded) == echo) return opcode_of(written) == echo;
+    if (frame_opcode_of(recorded) == echo) return frame_opcode_of(written) == echo;
     return recorded == written;
   }
   static Bytes echoed(Bytes frame) {
@@ -346,7 +347,7 @@ TEST(LifeReplay, GoesAsRecordedWithStaticOobAndEachRelease) {
     EXPECT_EQ(to_hex(replay.stored.nodes[0].device_key),
               to_hex(octets_of<16>(recorded, devkey_add, 6)));
     ASSERT_EQ(replay.written_after_end.size(), 1u) << "the STATUS for the last update";
-    EXPECT_EQ(opcode_of(replay.written_after_end[0]), packet_send);
+    EXPECT_EQ(frame_opcode_of(replay.written_after_end[0]), packet_send);
   }
 }
 

@@ -17,6 +17,10 @@
 
 namespace slamgw::ble {
 
+inline constexpr std::uint16_t first_robot = 0x0100;
+/// An update that wants a STATUS: 10 and -20, two octets each.
+inline constexpr std::string_view update_set = "c9 59 00 0a 00 ec ff";
+
 inline MeshKeys test_keys() {
   MeshKeys keys;
   keys.net_key.fill(0x11);

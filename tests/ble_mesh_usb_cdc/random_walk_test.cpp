@@ -6,7 +6,7 @@
 #include <map>
 #include <random>
 
-#include "adapters/ble_mesh_usb_cdc/robots/reliable_publish.hpp"
+#include "adapters/ble_mesh_usb_cdc/access/robot_models.hpp"
 #include "tests/ble_mesh_usb_cdc/mesh_rig.hpp"
 
 namespace slamgw::ble {
@@ -42,7 +42,7 @@ class Walk {
   }
 
   void step() {
-    look();
+    collect();
     for (WalkRobot& robot : robots) act(robot);
     fire_receipts();
     if (chance(0.02)) {
@@ -55,8 +55,8 @@ class Walk {
     rig.run_for(20ms);
   }
 
-  /// Takes in what has happened since the last look.
-  void look() {
+  /// Takes in what has happened since the last call.
+  void collect() {
     for (; next_event < rig.events.size(); ++next_event)
       if (const auto* report = std::get_if<Report>(&rig.events[next_event]))
         reports.push_back(*report);
@@ -112,7 +112,7 @@ class Walk {
     rig.board.is_silent = false;
     for (int i = 0; i < 600; ++i) step();
     rig.run_for(60s);
-    look();
+    collect();
     EXPECT_TRUE(rig.is_up());
     EXPECT_EQ(rig.board.count(0xac), 0u) << "no operator has the board cleared";
     EXPECT_EQ(rig.all<CommandOutcome>().size(), commands) << "one outcome for each command";

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Configuration from this host's disk, with real modes and real certificates.
-#include "daemon/config/load.hpp"
+#include "daemon/config/io/load.hpp"
 
 #include <gtest/gtest.h>
 #include <openssl/bio.h>
@@ -16,7 +16,7 @@
 #include <functional>
 #include <memory>
 
-#include "daemon/config/service_rights.hpp"
+#include "daemon/config/io/service_rights.hpp"
 
 namespace slamgw::test {
 namespace {
@@ -170,6 +170,24 @@ TEST_F(LoadConfig, SitesOwnFilesWinKeyByKeyInOrderOfName) {
   EXPECT_EQ(result.config.broker.keep_alive, std::chrono::seconds{60});
   ASSERT_EQ(result.config.robots.size(), 1U);
   EXPECT_EQ(result.config.robots[0].id, "r");
+}
+
+TEST_F(LoadConfig, WarnsOfFilesThatItDoesNotRead) {
+  std::filesystem::create_directory(directory_ / "gateway.d");
+  write("gateway.d/site.json", "{}");
+  write("gateway.d/broker.jsn", R"({"broker": {"uri": "mqtt://other"}})");
+  write("gateway.d/robots", "{}");
+  for (const char* const put_aside : {"site.json~", ".site.json.swp", "site.json.dpkg-old"})
+    write(std::string("gateway.d/") + put_aside, "{}");
+  const ParseResult result = load_config(write("gateway.json", "{}"));
+  EXPECT_TRUE(result.problems.empty());
+  std::string warnings;
+  for (const Problem& warning : result.warnings)
+    warnings +=
+        std::filesystem::path(warning.file).filename().string() + ": " + warning.text + "\n";
+  EXPECT_EQ(warnings,
+            "broker.jsn: is not read, for its name does not end in .json; rename or remove it\n"
+            "robots: is not read, for its name does not end in .json; rename or remove it\n");
 }
 
 TEST_F(LoadConfig, NamesTheFileAndLineOfEachProblem) {

@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <boost/asio/ip/udp.hpp>
 #include <sstream>
 
 #include "tests/control/control_program_fixture.hpp"
@@ -224,6 +225,23 @@ TEST_F(ControlProgramIo, FailsWhenACommandWasNotDelivered) {
       "refused after 0 ms: no robot 'r1'\n");
 }
 
+TEST_F(ControlProgramIo, NamesTheGatewayThatServesTheRobot) {
+  start();
+  handler.fleet_answer["robots"] = {{{"robot", "r1"}, {"gateway", "room-b"}},
+                                    {{"robot", "r2"}, {"gateway", "room-a"}},
+                                    {{"robot", "r4"}, {"gateway", "dark"}, {"served", false}}};
+  const json refused = {
+      {"outcome", "refused"}, {"after_ms", 0}, {"why", "another gateway serves this robot"}};
+  const Ended elsewhere = send({"r1", "run", "1"}, refused);
+  EXPECT_EQ(elsewhere.status, 1);
+  EXPECT_EQ(elsewhere.out, "refused after 0 ms: another gateway serves this robot\n");
+  EXPECT_NE(elsewhere.err.find("r1 is served by gateway room-b"), std::string::npos)
+      << elsewhere.err;
+  EXPECT_EQ(send({"r2", "run", "1"}, refused).err, "") << "it is this gateway's";
+  EXPECT_EQ(send({"r3", "run", "1"}, refused).err, "") << "it is nobody's";
+  EXPECT_EQ(send({"r4", "run", "1"}, refused).err, "") << "that gateway is silent";
+}
+
 TEST_F(ControlProgramIo, EndsWithTwoForWrongArguments) {
   const std::vector<std::vector<std::string>> wrong = {
       {},
@@ -269,7 +287,7 @@ TEST_F(ControlProgramIo, SaysWhyTheDaemonCannotBeReached) {
   }
   result = run({"status"});
   EXPECT_EQ(result.status, 1);
-  EXPECT_NE(result.err.find("nobody answers at " + path), std::string::npos) << result.err;
+  EXPECT_NE(result.err.find("no answer at " + path), std::string::npos) << result.err;
   path = directory / "file";
   write_file(path, "");
   result = run({"robots"});
@@ -298,6 +316,26 @@ TEST_F(ControlProgramIo, IsNotFooledByAnotherProgramsSocket) {
   const Ended result = run({"status"});
   EXPECT_EQ(result.status, 1);
   EXPECT_NE(result.err.find("does not answer like slam-gatewayd"), std::string::npos) << result.err;
+}
+
+/// A UDP socket at a free port of that loopback address.
+boost::asio::ip::udp::socket take_port(boost::asio::io_context& io, const char* address) {
+  return {io, boost::asio::ip::udp::endpoint(boost::asio::ip::make_address(address), 0)};
+}
+
+TEST_F(ControlProgramIo, DoctorLooksAtTheAddressThatTheGatewayListensAt) {
+  const auto other = take_port(io, "127.0.0.2");
+  const std::string port = std::to_string(other.local_endpoint().port());
+  const auto doctor_for = [&](const std::string& listen) {
+    write_file(directory / "gateway.json",
+               R"({"mqttsn": {"listen": [")" + listen + ":" + port + R"("]}})");
+    return run({"doctor", "--config", directory / "gateway.json"}).out;
+  };
+  const std::string finding = "thread: port: another program has UDP port " + port;
+  EXPECT_EQ(doctor_for("127.0.0.1").find(finding), std::string::npos);
+  EXPECT_EQ(doctor_for("[::1]").find(finding), std::string::npos);
+  EXPECT_NE(doctor_for("127.0.0.2").find(finding), std::string::npos);
+  EXPECT_NE(doctor_for("0.0.0.0").find(finding), std::string::npos);
 }
 
 TEST_F(ControlProgramIo, ReloadSaysWhatOnlyARestartChanges) {

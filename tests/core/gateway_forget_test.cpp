@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <map>
+#include <set>
 
 #include "daemon/core/gateway.hpp"
 
@@ -34,6 +35,7 @@ class GatewayForget : public testing::Test {
       if (const auto* subscribe = std::get_if<SubscribeAtBroker>(&*action))
         gateway.on_subscribe_result(subscribe->filter, SubscribeAnswer::granted, now);
       if (const auto* notice = std::get_if<Notice>(&*action)) notices.push_back(notice->text);
+      if (const auto* gone = std::get_if<RobotForgotten>(&*action)) forgotten.insert(gone->robot);
     }
   }
   void receive(const BrokerMessage& message) {
@@ -57,6 +59,7 @@ class GatewayForget : public testing::Test {
   bool may_read_commands = true;
   std::map<std::string, std::string> retained;
   std::vector<std::string> notices;
+  std::set<std::string> forgotten;  ///< as the fleet is told
 };
 
 TEST_F(GatewayForget, TakesARobotFromTheBroker) {
@@ -102,6 +105,32 @@ TEST_F(GatewayForget, WithdrawsWhatLeavesTheConfiguration) {
   EXPECT_FALSE(is_retained("gone"));
   EXPECT_TRUE(is_retained("here")) << "it goes under another name of its own, or is a stranger now";
   EXPECT_TRUE(is_retained("kept"));
+}
+
+TEST_F(GatewayForget, TellsTheFleetWhatAnOperatorForgets) {
+  presence("r", Presence::online);
+  EXPECT_NE(gateway.forget("r"), "");
+  drain();
+  EXPECT_TRUE(forgotten.empty());
+  presence("r", Presence::offline);
+  EXPECT_EQ(gateway.forget("r"), "");
+  drain();
+  EXPECT_EQ(forgotten, std::set<std::string>{"r"});
+}
+
+TEST_F(GatewayForget, TellsTheFleetWhoHadToMakeRoom) {
+  for (std::size_t i = 0; i <= RobotRegistry::max_robots; ++i)
+    presence("r" + std::to_string(i), Presence::online);
+  EXPECT_EQ(forgotten.size(), RobotRegistry::evicted_at_once);
+  for (const std::string& robot : forgotten) EXPECT_FALSE(gateway.registry().find(robot));
+}
+
+/// The other gateway has it by then.
+TEST_F(GatewayForget, TellsTheFleetNothingOfARobotThatItHasGivenUp) {
+  presence("r", Presence::online);
+  gateway.on_given_up("r");
+  drain();
+  EXPECT_TRUE(forgotten.empty());
 }
 
 TEST_F(GatewayForget, KnowsThatItMayDoAllAtTheBroker) {

@@ -18,11 +18,11 @@ struct Case {
 };
 
 Report unreadable_update() {
-  Report report;
-  report.robot = "r";
-  report.topic = "ntnu-slam/robot/r/update";
-  report.payload = {1, 2, 3};
-  return report;
+  return {.mesh = Mesh::thread,
+          .robot = "r",
+          .topic = "ntnu-slam/robot/r/update",
+          .payload = {1, 2, 3},
+          .receipt = no_receipt};
 }
 
 CommandOutcome outcome(CommandResult result) {

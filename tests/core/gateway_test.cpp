@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "daemon/core/gateway.hpp"
-
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <map>
 #include <nlohmann/json.hpp>
+
+#include "tests/core/gateway_rig.hpp"
 
 namespace slamgw {
 namespace {
@@ -13,55 +12,7 @@ namespace {
 using namespace std::chrono_literals;
 using nlohmann::json;
 
-class GatewayTest : public testing::Test {
- protected:
-  template <class Action>
-  std::vector<Action> drain() {
-    std::vector<Action> wanted;
-    while (auto action = gateway.next_action()) {
-      if (auto* it = std::get_if<Action>(&*action)) wanted.push_back(std::move(*it));
-      auto* up = std::get_if<PassUp>(&*action);
-      if constexpr (std::is_same_v<Action, Upload>)
-        if (up) wanted.push_back(up->upload());
-    }
-    return wanted;
-  }
-
-  void say(MeshEvent event) { gateway.on_mesh_event(std::move(event), now); }
-  void broker_is(bool up) {
-    broker.is_up = up;
-    gateway.on_broker_link(now);
-  }
-  void broker_comes() {
-    broker_is(true);
-    while (gateway.next_action()) {
-    }
-  }
-
-  static Report update_from(const std::string& robot, Bytes payload) {
-    return {Mesh::thread,
-            robot,
-            "ntnu-slam/robot/" + robot + "/update",
-            std::move(payload),
-            Qos::at_least_once,
-            false,
-            Receipt{Mesh::thread, 7}};
-  }
-
-  Now now{TimePoint{1h}, WallTime{1'700'000'000s}};
-  static constexpr std::size_t max_open_commands = 20;
-  /// What the meshes answer when they are asked for a robot.
-  std::map<std::pair<Mesh, std::string>, Presence> reach;
-  BrokerLink broker;
-  Gateway gateway{TopicScheme("ntnu-slam", "pi1"),
-                  {"0.1.0", UpdateMode::positions, now.wall, max_open_commands},
-                  broker,
-                  [this](Mesh mesh, const std::string& robot) -> std::optional<Presence> {
-                    const auto known = reach.find({mesh, robot});
-                    if (known == reach.end()) return std::nullopt;
-                    return known->second;
-                  }};
-};
+using GatewayTest = test::GatewayRig;
 
 TEST_F(GatewayTest, SendsAReportUpWithItsReceipt) {
   say(update_from("NRF_5", {0x0a, 0x00, 0xec, 0xff, 0x99}));
@@ -167,7 +118,14 @@ TEST_F(GatewayTest, CallsRobotsOfAnEarlierLifeOfflineUnlessTheyAreHeard) {
   drain<Upload>();
   gateway.on_deadline(now);
   EXPECT_TRUE(drain<Upload>().empty()) << "too early";
-  now.mono += LeftoverRobots::grace;
+  gateway.on_subscribe_result(asked[0].filter, SubscribeAnswer::granted, now);
+  now.mono += LeftoverRobots::retained_patience;
+  EXPECT_EQ(gateway.deadline(), now.mono);
+  gateway.on_deadline(now);
+  const auto ended = drain<UnsubscribeAtBroker>();
+  ASSERT_EQ(ended.size(), 1u);
+  EXPECT_EQ(ended[0].filter, asked[0].filter);
+  now.mono += LeftoverRobots::grace - LeftoverRobots::retained_patience;
   EXPECT_EQ(gateway.deadline(), now.mono);
   gateway.on_deadline(now);
   std::vector<std::string> offline;
@@ -178,14 +136,36 @@ TEST_F(GatewayTest, CallsRobotsOfAnEarlierLifeOfflineUnlessTheyAreHeard) {
           upload->message.topic.substr(29) + " " +
           std::string(upload->message.payload.begin(), upload->message.payload.end()));
     }
-    if (const auto* end = std::get_if<UnsubscribeAtBroker>(&*action)) {
-      EXPECT_EQ(end->filter, asked[0].filter);
-    }
+    EXPECT_FALSE(std::holds_alternative<UnsubscribeAtBroker>(*action)) << "once";
   }
   ASSERT_EQ(offline.size(), 2u);
   EXPECT_EQ(offline[1], R"(gone {"state":"offline","mesh":"ble","since":"2023-11-14T22:13:20Z"})");
   gateway.on_deadline(now);
   EXPECT_TRUE(drain<Upload>().empty()) << "once";
+}
+
+TEST_F(GatewayTest, ListensForWhatItLeftBehindAsLongAsItComes) {
+  broker_is(true);
+  const std::string filter = drain<SubscribeAtBroker>().at(0).filter;
+  const auto unsubscribes_after = [&](Duration time) {
+    now.mono += time;
+    gateway.on_deadline(now);
+    return drain<UnsubscribeAtBroker>().size();
+  };
+  EXPECT_EQ(unsubscribes_after(LeftoverRobots::retained_patience), 0u) << "NATS may take long";
+  gateway.on_subscribe_result(filter, SubscribeAnswer::granted, now);
+  EXPECT_EQ(unsubscribes_after(LeftoverRobots::retained_patience / 2), 0u);
+  const SubscriptionId own[] = {own_subscription};
+  gateway.on_broker_message({"ntnu-slam/gateway/pi1/robots/late", to_bytes(R"({"state":"online"})"),
+                             Qos::at_least_once, true},
+                            own, now);
+  EXPECT_EQ(unsubscribes_after(LeftoverRobots::retained_patience / 2), 0u);
+  broker_is(false);
+  broker_is(true);
+  EXPECT_EQ(drain<SubscribeAtBroker>().size(), 1u) << "a new connection knows of no subscription";
+  gateway.on_subscribe_result(filter, SubscribeAnswer::granted, now);
+  EXPECT_EQ(unsubscribes_after(LeftoverRobots::retained_patience), 1u);
+  EXPECT_EQ(unsubscribes_after(LeftoverRobots::grace), 0u);
 }
 
 TEST_F(GatewayTest, AnswersSubscribersAtOnceWhileTheBrokerIsAway) {
@@ -324,20 +304,20 @@ TEST_F(CommandsTest, ToARobotThatNobodyKnowsAreRefusedAtOnce) {
 
 TEST_F(CommandsTest, HaveExactlyOneOutcomeEachWhateverTheMeshSays) {
   reach[{Mesh::ble, "a"}] = Presence::online;
-  const CommandId told_twice = server_sends().command;
-  const CommandId never_told = server_sends().command;
-  EXPECT_NE(told_twice, never_told);
-  mesh_ends(told_twice);
-  mesh_ends(told_twice);
+  const CommandId ended_twice = server_sends().command;
+  const CommandId never_ended = server_sends().command;
+  EXPECT_NE(ended_twice, never_ended);
+  mesh_ends(ended_twice);
+  mesh_ends(ended_twice);
   EXPECT_EQ(outcomes.size(), 1u);
   EXPECT_EQ(gateway.traffic().late_outcomes, 1u);
   ASSERT_TRUE(gateway.deadline());
   EXPECT_LT(*gateway.deadline(), now.mono + 30s);
   pass(30s);
   ASSERT_EQ(outcomes.size(), 2u);
-  EXPECT_EQ(outcomes[1].id, never_told);
+  EXPECT_EQ(outcomes[1].id, never_ended);
   EXPECT_EQ(outcomes[1].result, CommandResult::timeout);
-  mesh_ends(never_told);
+  mesh_ends(never_ended);
   EXPECT_EQ(outcomes.size(), 2u) << "too late";
 }
 
@@ -457,83 +437,6 @@ TEST_F(GatewayTest, SaysOfflineWhenItStops) {
   ASSERT_EQ(uploads.size(), 1u);
   EXPECT_EQ(as_text(uploads[0].message.payload), R"({"state":"offline"})");
   EXPECT_TRUE(uploads[0].message.retain);
-}
-
-TEST_F(GatewayTest, KeepsRobotsSubscriptionsAwayFromABrokerThatSendsAllCommandsAnyway) {
-  const std::string all = "ntnu-slam/server/+/+";
-  const std::string of_r1 = "ntnu-slam/server/r1/+";
-  bool hears_all = false;
-  OwnershipQuery ownership;
-  ownership.hears_all_commands = [&] { return hears_all; };
-  gateway.share_with(ownership);
-  broker_comes();
-  say(SubscribeRequest{Mesh::thread, of_r1, Qos::at_least_once});
-  EXPECT_EQ(drain<SubscribeAtBroker>().size(), 1u);
-
-  hears_all = true;
-  gateway.subscribe_own(all, Qos::at_least_once);
-  EXPECT_EQ(drain<UnsubscribeAtBroker>().size(), 1u) << "r1's";
-  say(SubscribeRequest{Mesh::thread, "ntnu-slam/server/r2/cmd", Qos::at_least_once});
-  const auto answers = drain<AnswerSubscribe>();
-  ASSERT_EQ(answers.size(), 1u);
-  EXPECT_TRUE(answers[0].granted);
-  broker_is(true);
-  const auto again = drain<SubscribeAtBroker>();
-  EXPECT_TRUE(std::ranges::none_of(
-      again, [](const auto& each) { return each.filter.starts_with("ntnu-slam/server/r"); }));
-
-  hears_all = false;
-  gateway.unsubscribe_own(all);
-  EXPECT_EQ(drain<SubscribeAtBroker>().size(), 2u) << "those of r1 and r2";
-}
-
-TEST_F(GatewayTest, KeepsRobotsSubscriptionsWhereTheBrokerRefusesToSendAllCommands) {
-  const std::string all = "ntnu-slam/server/+/+";
-  OwnershipQuery ownership;
-  ownership.hears_all_commands = [] { return true; };
-  gateway.share_with(ownership);
-  broker_comes();
-  say(SubscribeRequest{Mesh::thread, "ntnu-slam/server/r1/+", Qos::at_least_once});
-  gateway.subscribe_own(all, Qos::at_least_once);
-  EXPECT_EQ(drain<SubscribeAtBroker>().size(), 1u) << "that to all";
-  gateway.on_subscribe_result(all, SubscribeAnswer::granted, now);
-  broker_is(true);  // another broker of the list
-  drain<SubscribeAtBroker>();
-  gateway.on_subscribe_result(all, SubscribeAnswer::refused, now);
-  const auto again = drain<SubscribeAtBroker>();
-  ASSERT_EQ(again.size(), 1u);
-  EXPECT_EQ(again[0].filter, "ntnu-slam/server/r1/+");
-}
-
-TEST_F(GatewayTest, KeepsTheFleetsSubscriptionWhenARobotLeavesTheSame) {
-  const std::string filter = "ntnu-slam/gateway/+/state";
-  broker_comes();
-  gateway.subscribe_own(filter, Qos::at_least_once);
-  say(SubscribeRequest{Mesh::thread, filter, Qos::at_least_once});
-  EXPECT_EQ(drain<SubscribeAtBroker>().size(), 2u);
-  say(UnsubscribeRequest{Mesh::thread, filter});
-  EXPECT_TRUE(drain<UnsubscribeAtBroker>().empty());
-  gateway.unsubscribe_own(filter);
-  EXPECT_EQ(drain<UnsubscribeAtBroker>().size(), 1u);
-  gateway.unsubscribe_own(filter);
-  EXPECT_EQ(drain<UnsubscribeAtBroker>().size(), 1u) << "a former process may have left it";
-}
-
-TEST_F(GatewayTest, GivesRobotsWhatTheFleetReadsTooButNotWhatIsBetweenGateways) {
-  std::vector<std::string> shown;
-  OwnershipQuery ownership;
-  ownership.takes = [&](const BrokerMessage& message) {
-    shown.push_back(message.topic);
-    return message.topic.starts_with("ntnu-slam/fleet/");
-  };
-  gateway.share_with(ownership);
-  broker_comes();
-  for (const char* topic : {"ntnu-slam/gateway/b/state", "ntnu-slam/fleet/all/b"})
-    gateway.on_broker_message({topic, to_bytes("{}"), Qos::at_least_once, false}, {}, now);
-  EXPECT_EQ(shown.size(), 2u);
-  const auto delivered = drain<DeliverToMeshes>();
-  ASSERT_EQ(delivered.size(), 1u);
-  EXPECT_EQ(delivered[0].message.topic, "ntnu-slam/gateway/b/state");
 }
 
 TEST_F(GatewayTest, SaysOnlineAgainWhenALastWillComesLate) {

@@ -74,12 +74,11 @@ class GatewayNumbers : public testing::Test {
     return found;
   }
   Report report(std::uint64_t receipt) const {
-    Report made;
-    made.robot = "r";
-    made.topic = "p/robot/r/adv";
-    made.payload = {1, 2, 3};
-    made.receipt = {Mesh::thread, receipt};
-    return made;
+    return {.mesh = Mesh::thread,
+            .robot = "r",
+            .topic = "p/robot/r/adv",
+            .payload = {1, 2, 3},
+            .receipt = {Mesh::thread, receipt}};
   }
 
   Now now{TimePoint{1h}, WallTime{1'700'000'000s}};
@@ -97,8 +96,8 @@ TEST_F(GatewayNumbers, CountWhatARobotSaysAndIsTold) {
   gateway.on_receipt({Mesh::thread, 1}, ReceiptOutcome::safe, now);
   say(report(2));
   gateway.on_receipt({Mesh::thread, 2}, ReceiptOutcome::refused, now);
-  say(MeshStep{.kind = MeshStep::Kind::repeat, .robot = "r"});
-  say(MeshStep{.kind = MeshStep::Kind::sent, .robot = "r"});
+  say(MeshStep{.kind = MeshStep::Kind::repeat, .mesh = Mesh::thread, .robot = "r"});
+  say(MeshStep{.kind = MeshStep::Kind::sent, .mesh = Mesh::thread, .robot = "r"});
   gateway.on_broker_message({"p/server/r/cmd", {1, 2}, Qos::at_least_once, false}, {}, now);
   const RobotNumbers& numbers = gateway.registry().find("r")->numbers;
   EXPECT_EQ(numbers.up(), 2u);

@@ -9,10 +9,7 @@ namespace {
 using namespace std::chrono_literals;
 
 Report report_of(const std::string& robot, Mesh mesh) {
-  Report report;
-  report.robot = robot;
-  report.mesh = mesh;
-  return report;
+  return {.mesh = mesh, .robot = robot, .topic = {}, .payload = {}, .receipt = no_receipt};
 }
 
 TEST(RobotRegistry, SpeaksForTheMeshWhereARobotIsOnline) {
@@ -83,8 +80,7 @@ TEST(RobotRegistry, ACrowdOfStrangersPushesOutItself) {
   }
   EXPECT_TRUE(registry.find("configured"));
   EXPECT_TRUE(registry.find("honest"));
-  EXPECT_EQ(registry.evicted(), registry.take_evicted().size());
-  EXPECT_GE(registry.evicted(), 902u);
+  EXPECT_GE(registry.take_evicted().size(), 902u);
   EXPECT_EQ(registry.count(Presence::online) + registry.count(Presence::offline),
             registry.robots().size());
 }

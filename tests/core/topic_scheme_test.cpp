@@ -8,7 +8,7 @@ namespace {
 
 const TopicScheme scheme("ntnu-slam", "pi1");
 
-TEST(TopicScheme, BuildsTheTopicsOfTheContract) {
+TEST(TopicScheme, BuildsTheTopicsOfTheDocumentation) {
   EXPECT_EQ(scheme.robot_topic("NRF_5", "update"), "ntnu-slam/robot/NRF_5/update");
   EXPECT_EQ(scheme.command_topic("NRF_5", "cmd"), "ntnu-slam/server/NRF_5/cmd");
   EXPECT_EQ(scheme.command_filter("NRF_5"), "ntnu-slam/server/NRF_5/+");

@@ -47,5 +47,23 @@ TEST(TopicTree, ForgetsAFilterAndNothingElse) {
   EXPECT_TRUE(matches(tree, "a").empty());
 }
 
+TEST(TopicTree, ForgetsFiltersThatEndInAWildcardOneByOne) {
+  std::vector<std::string> filters{"a", "a/+", "a/#", "+", "#", "a/b", "a/b/+", "+/#", "a/+/c"};
+  TopicTree<std::string> tree;
+  for (const std::string& filter : filters) tree[filter] = filter;
+  while (!filters.empty()) {
+    tree.erase(filters.front());
+    EXPECT_EQ(tree.find(filters.front()), nullptr) << filters.front();
+    filters.erase(filters.begin());
+    for (const std::string topic : {"a", "b", "a/b", "a/x", "a/b/x", "a/b/c", "x/y"}) {
+      std::set<std::string> expected;
+      for (const std::string& filter : filters) {
+        if (filter_matches(filter, topic)) expected.insert(filter);
+      }
+      EXPECT_EQ(matches(tree, topic), expected) << topic << " without the first ones";
+    }
+  }
+}
+
 }  // namespace
 }  // namespace slamgw

@@ -47,8 +47,8 @@ class TraceTest : public testing::Test {
 
 TEST_F(TraceTest, TellsNothingAndKeepsNothingWhileNobodyListens) {
   trace.on_traffic(message(1));
-  trace.on_mesh_step({.kind = MeshStep::Kind::repeat, .robot = "r"}, now);
-  trace.on_delivery_step({}, now);
+  trace.on_mesh_step({.kind = MeshStep::Kind::repeat, .mesh = Mesh::thread, .robot = "r"}, now);
+  trace.on_delivery_step({.topic = "t", .mesh = Mesh::thread}, now);
   trace.on_outcome({}, now);
   EXPECT_TRUE(events.empty());
   EXPECT_EQ(trace.followed(), 0u);
@@ -90,7 +90,9 @@ TEST_F(TraceTest, JoinsAMessagesWayUp) {
 
 TEST_F(TraceTest, KnowsWhoseAStoredMessageIsLongAfterItsReceipt) {
   trace.turn(true);
-  trace.on_delivery_step({.kind = DeliveryStep::Kind::published, .topic = "p/robot/r/update"}, now);
+  trace.on_delivery_step(
+      {.kind = DeliveryStep::Kind::published, .topic = "p/robot/r/update", .mesh = Mesh::thread},
+      now);
   ASSERT_EQ(events.size(), 1u);
   EXPECT_EQ(events[0].robot, "r");
   EXPECT_EQ(events[0].type, "update");
@@ -143,8 +145,11 @@ TEST_F(TraceTest, ForgetsTheOldestOfTooMany) {
   for (std::uint64_t i = 1; i <= Trace::max_followed + 10; ++i) trace.on_traffic(message(i));
   EXPECT_EQ(trace.followed(), Trace::max_followed);
   events.clear();
-  trace.on_mesh_step(
-      {.kind = MeshStep::Kind::acknowledged, .robot = "r", .receipt = {Mesh::thread, 1}}, now);
+  trace.on_mesh_step({.kind = MeshStep::Kind::acknowledged,
+                      .mesh = Mesh::thread,
+                      .robot = "r",
+                      .receipt = {Mesh::thread, 1}},
+                     now);
   ASSERT_EQ(events.size(), 1u);
   EXPECT_FALSE(events[0].latency) << "forgotten, and told all the same";
   trace.turn(false);

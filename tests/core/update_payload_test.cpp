@@ -45,7 +45,7 @@ TEST(UpdatePayload, ReadsTheWholeRangeOfCoordinates) {
   EXPECT_EQ(update->robot, (Position{-32768, 32767}));
 }
 
-TEST(UpdatePayload, WritesTheJsonOfTheContract) {
+TEST(UpdatePayload, WritesTheJsonOfTheDocumentation) {
   EXPECT_EQ(encode_json(*parse_update(thesis_update)),
             R"({"x":10,"y":-20,"obstacles":[{"x":100,"y":300}]})");
   EXPECT_EQ(encode_json(Update{}), R"({"x":0,"y":0,"obstacles":[]})");

@@ -30,7 +30,7 @@ struct Play : test::OutboxRig {
   void expect_promises() {
     settle();
     test::expect_promises_kept(*this, topics, interruptions);
-    EXPECT_EQ(outbox->depth(), 0u);
+    EXPECT_EQ(depth(), 0u);
     EXPECT_EQ(outbox->queued_bytes(), 0u);
     EXPECT_TRUE(store.rows.empty());
   }

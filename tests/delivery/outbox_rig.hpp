@@ -30,7 +30,7 @@ class OutboxRig {
   void start() {
     outbox = std::make_unique<Outbox>(window, max_bytes);
     store.begin_process();
-    tell_store_opened();
+    open_store();
   }
   /// Everything in memory is gone, and so is what the store was asked and had not done.
   void die() {
@@ -39,7 +39,7 @@ class OutboxRig {
     is_up = false;
     outbox.reset();
   }
-  void tell_store_opened() {
+  void open_store() {
     outbox->on_store_event(store.open(now), now);
     drain();
   }
@@ -99,6 +99,9 @@ class OutboxRig {
   void refuse_all(int code = 0x87) {
     while (!under_way.empty()) refuse_first(code);
   }
+  /// What the broker does not have: the status shows it as the depths of queue and store. What is
+  /// being written counts in both.
+  std::size_t depth() const { return outbox->unsaved() + outbox->backlog().rows(); }
   std::vector<std::string> received_of(const std::string& topic) const {
     const auto found = received.find(topic);
     return found == received.end() ? std::vector<std::string>{} : found->second;

@@ -66,7 +66,7 @@ TEST_F(OutboxStoreTest, DrainsALongBacklogInOrderAPageAtATime) {
   EXPECT_EQ(received_of("b"), numbers(5000, 1000));
   EXPECT_LE(store.largest_page, Backlog::page_messages);
   EXPECT_TRUE(store.rows.empty());
-  EXPECT_EQ(outbox->depth(), 0u);
+  EXPECT_EQ(depth(), 0u);
   EXPECT_EQ(outbox->backlog().bytes(), 0u);
 }
 
@@ -320,7 +320,7 @@ TEST_F(OutboxStoreTest, AfterARestartTheBacklogComesBeforeFreshMessages) {
   die();
   start();
   EXPECT_TRUE(is_noticed("300 undelivered messages are in the store, the oldest 90 s old"));
-  EXPECT_EQ(outbox->depth(), 300u);
+  EXPECT_EQ(depth(), 300u);
   link_up();
   submit("t", 301);
   settle();
@@ -333,7 +333,7 @@ TEST_F(OutboxStoreTest, AStoreThatBeginsAnewGetsAgainWhatIsInMemory) {
   serve_store();  // two are in flight, three are ready
   store.rows.clear();
   submit("t", 6);
-  tell_store_opened();
+  open_store();
   serve_all();
   link_down();
   serve_all();
@@ -352,7 +352,7 @@ TEST_F(OutboxStoreTest, DeadLettersThatAreSentAgainAreDeliveredAndNoDeadLettersA
   drain();
   serve_all();
   EXPECT_EQ(store.dead_letters.size(), 3u);
-  EXPECT_EQ(outbox->depth(), 0u) << "an operator who orders it again does not send them twice";
+  EXPECT_EQ(depth(), 0u) << "an operator who orders it again does not send them twice";
   EXPECT_EQ(outbox->queued_bytes(), 0u);
   store.is_failing = false;
   pass(60s);
@@ -384,7 +384,7 @@ TEST_F(OutboxStoreTest, DamagedRowsAreLeftOutAndBlockNothing) {
   std::vector<std::string> expected = numbers(1, 600);
   for (const char* const lost : {"1", "100", "256", "257", "600"}) std::erase(expected, lost);
   EXPECT_EQ(received_of("t"), expected);
-  EXPECT_EQ(outbox->depth(), 0u);
+  EXPECT_EQ(depth(), 0u);
   EXPECT_EQ(outbox->backlog().bytes(), 0u);
   const std::size_t commits = store.commits;
   submit("t", 601);

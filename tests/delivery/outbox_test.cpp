@@ -23,7 +23,7 @@ TEST_F(OutboxTest, FiresAReceiptOnlyWhenTheBrokerHasTheMessage) {
   EXPECT_TRUE(fired.empty());
   acknowledge_first();
   EXPECT_TRUE(has_fired(1, ReceiptOutcome::safe));
-  EXPECT_EQ(outbox->depth(), 0u);
+  EXPECT_EQ(depth(), 0u);
   EXPECT_EQ(outbox->queued_bytes(), 0u);
 }
 
@@ -113,7 +113,7 @@ TEST_F(OutboxTest, IgnoresAnswersFromBeforeAReconnect) {
   outbox->on_published(old, now);
   drain();
   EXPECT_TRUE(fired.empty()) << "the broker may not have it: it is published again";
-  EXPECT_EQ(outbox->depth(), 1u);
+  EXPECT_EQ(outbox->unsaved(), 1u);
 }
 
 TEST_F(OutboxTest, AsksTheStoreWhileTheBrokerIsAwayAndFiresOnCommit) {
@@ -158,7 +158,7 @@ TEST_F(OutboxTest, DeadlineAlwaysLiesAheadAfterItWasServed) {
     submit("t", 0, Qos::at_most_once);
     pass(500ms);  // looks at the deadline
   }
-  EXPECT_LE(outbox->depth(), 24u);
+  EXPECT_LE(depth(), 24u);
 }
 
 TEST_F(OutboxTest, DropsUnacknowledgedMessagesThatWereUnderWay) {
@@ -166,7 +166,7 @@ TEST_F(OutboxTest, DropsUnacknowledgedMessagesThatWereUnderWay) {
   submit("t", 0, Qos::at_most_once);
   link_down();
   EXPECT_EQ(outbox->statistics().dropped, 1u);
-  EXPECT_EQ(outbox->depth(), 0u);
+  EXPECT_EQ(depth(), 0u);
 }
 
 TEST_F(OutboxTest, RefusesWhatItHasNoRoomForAndAcknowledgesNothing) {
@@ -176,7 +176,7 @@ TEST_F(OutboxTest, RefusesWhatItHasNoRoomForAndAcknowledgesNothing) {
   EXPECT_LE(outbox->queued_bytes(), Outbox::max_queued_bytes);
   EXPECT_TRUE(has_fired(80, ReceiptOutcome::refused));
   EXPECT_FALSE(fired.contains(1)) << "what is queued still waits for broker or store";
-  EXPECT_EQ(outbox->statistics().refused, 80u - outbox->depth());
+  EXPECT_EQ(outbox->statistics().refused, 80u - outbox->unsaved());
   EXPECT_EQ(notices.size(), 1u) << "said once";
 }
 

@@ -45,7 +45,7 @@ class Walk : public test::OutboxRig {
     ASSERT_LE(outbox->queued_bytes(), Outbox::max_queued_bytes);
     ASSERT_LE(outbox->backlog().bytes(), max_bytes);
     ASSERT_LE(under_way.size(), window + PublishWindow::max_unacknowledged);
-    ASSERT_GE(outbox->depth(), under_way.size());
+    ASSERT_GE(depth(), under_way.size());
   }
 
   void finish() {
@@ -57,7 +57,7 @@ class Walk : public test::OutboxRig {
     settle();
     EXPECT_TRUE(outbox->held_topics().empty());
     test::expect_promises_kept(*this, topics_, interruptions_);
-    EXPECT_EQ(outbox->depth(), 0u);
+    EXPECT_EQ(depth(), 0u);
     EXPECT_EQ(outbox->queued_bytes(), 0u);
     EXPECT_EQ(outbox->backlog().bytes(), 0u);
     EXPECT_TRUE(store.rows.empty());

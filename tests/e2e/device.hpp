@@ -59,6 +59,27 @@ class Device {
     EXPECT_TRUE(packet && packet->type == type);
     return packet.value_or(sim::sn::Packet{});
   }
+  /// A session that goes on, with a will on ntnu-slam/robot/<robot>/gone. Only an exchange like
+  /// that of the will proves its address to the gateway.
+  void connect_with_will(const std::string& robot) {
+    constexpr std::uint8_t keep_alive_s = 60;
+    insist(sim::sn::connect(robot, keep_alive_s, sim::sn::flag_will), sim::sn::Type::willtopicreq);
+    send(sim::sn::willtopic("ntnu-slam/robot/" + robot + "/gone", 0x20));
+    expect(sim::sn::Type::willmsgreq);
+    send(sim::sn::willmsg("will"));
+    EXPECT_EQ(expect(sim::sn::Type::connack).return_code, sim::sn::accepted);
+  }
+  void subscribe(const std::string& topic) {
+    send(sim::sn::subscribe(1, 2, topic));
+    EXPECT_EQ(expect(sim::sn::Type::suback).return_code, sim::sn::accepted);
+  }
+  /// Takes a command on a topic whose id it does not know yet.
+  void obey() {
+    const auto topic = expect(sim::sn::Type::register_topic);
+    send(sim::sn::regack(topic.topic_id, topic.msg_id, sim::sn::accepted));
+    const auto message = expect(sim::sn::Type::publish);
+    send(sim::sn::puback(message.topic_id, message.msg_id, sim::sn::accepted));
+  }
   bool is_silent() {
     boost::system::error_code error;
     return socket_.receive(boost::asio::buffer(buffer_), 0, error) == 0;

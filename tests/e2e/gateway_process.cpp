@@ -58,6 +58,14 @@ nlohmann::json GatewayProcess::ctl(const std::vector<std::string>& command) cons
   return nlohmann::json::parse(finished.out, nullptr, false);
 }
 
+std::string GatewayProcess::place_in_fleet(const std::string& robot) const {
+  const nlohmann::json fleet = ctl({"fleet"});
+  if (!fleet.is_object()) return "";
+  for (const nlohmann::json& row : fleet["robots"])
+    if (row["robot"] == robot) return row["gateway"];
+  return "";
+}
+
 std::string GatewayProcess::mqttsn_address() const {
   return fmt::format("127.0.0.1:{}", mqttsn_port_);
 }

@@ -37,6 +37,8 @@ class GatewayProcess {
   nlohmann::json ctl(const std::vector<std::string>& command) const;
 
   std::string mqttsn_address() const;
+  /// The gateway that serves the robot, by `slam-gatewayctl fleet` of this one; empty: none.
+  std::string place_in_fleet(const std::string& robot) const;
   std::string tty() const { return directory_ / "board"; }
   std::string operator/(std::string_view name) const { return directory_ / name; }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The command lines of the contract: what the programs print and with which status they end.
+// The command lines of the manual pages: what the programs print and with which status they end.
 #include <gtest/gtest.h>
 #include <signal.h>
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A fresh board and new robots: they join the mesh without a command typed, also when the daemon is
-// killed meanwhile, and operators take them in and out by hand.
+// A fresh board and new robots: they join the mesh without a command typed, also when the daemon
+// is killed meanwhile, and operators take them in and out by hand.
 #include <gtest/gtest.h>
 #include <signal.h>
 
@@ -15,7 +15,7 @@ namespace {
 
 using nlohmann::json;
 
-constexpr int robots = 10;
+constexpr int robot_count = 10;
 /// What an operator waits for ten robots; they usually need a quarter of it.
 constexpr std::chrono::seconds join_limit{60};
 
@@ -45,11 +45,11 @@ TEST(NewRobots, JoinByThemselvesAndObey) {
   Mosquitto broker;
   Subscriber updates(broker, "ntnu-slam/robot/+/update");
   GatewayProcess gateway(configuration(broker));
-  SimulatorProcess simulator(new_robots(gateway, robots));
-  ASSERT_TRUE(eventually([&] { return all_publish(updates, robots); }, join_limit))
+  SimulatorProcess simulator(new_robots(gateway, robot_count));
+  ASSERT_TRUE(eventually([&] { return all_publish(updates, robot_count); }, join_limit))
       << gateway.log();
   const json rows = gateway.ctl({"robots"});
-  ASSERT_EQ(rows.size(), static_cast<std::size_t>(robots));
+  ASSERT_EQ(rows.size(), static_cast<std::size_t>(robot_count));
   for (const json& row : rows) {
     EXPECT_EQ(row["state"], "online") << row;
     EXPECT_TRUE(row["rssi_dbm"].is_number()) << row;
@@ -61,7 +61,7 @@ TEST(NewRobots, JoinByThemselvesAndObey) {
   const json mesh = json::parse(keys);
   EXPECT_FALSE(gateway.logs(mesh["net_key"]) || gateway.logs(mesh["nodes"][0]["device_key"]));
   simulator.process().send_signal(SIGTERM);
-  EXPECT_EQ(simulator.report()["commands_received"], 2 * robots);
+  EXPECT_EQ(simulator.report()["commands_received"], 2 * robot_count);
 }
 
 TEST(Commands, HaveAnOutcomeWhenTheDaemonEndsBeforeTheRobotAnswers) {
@@ -87,7 +87,7 @@ TEST(Commands, HaveAnOutcomeWhenTheDaemonEndsBeforeTheRobotAnswers) {
 TEST(NewRobots, JoinThoughTheDaemonIsKilledMeanwhile) {
   Mosquitto broker;
   GatewayProcess gateway(configuration(broker));
-  SimulatorProcess simulator(new_robots(gateway, robots));
+  SimulatorProcess simulator(new_robots(gateway, robot_count));
   // Just after a robot's key was stored: one killed between a key and its storing has to be reset
   // by hand.
   ASSERT_TRUE(eventually([&] {
@@ -97,11 +97,11 @@ TEST(NewRobots, JoinThoughTheDaemonIsKilledMeanwhile) {
   gateway.process().wait();
   gateway.start();
   Subscriber updates(broker, "ntnu-slam/robot/+/update");
-  ASSERT_TRUE(eventually([&] { return all_publish(updates, robots); }, join_limit))
+  ASSERT_TRUE(eventually([&] { return all_publish(updates, robot_count); }, join_limit))
       << gateway.log() << gateway.ctl({"ble", "nodes"});
   std::set<std::string> addresses;
   for (const json& node : gateway.ctl({"ble", "nodes"})) addresses.insert(node["address"]);
-  EXPECT_EQ(addresses.size(), static_cast<std::size_t>(robots));
+  EXPECT_EQ(addresses.size(), static_cast<std::size_t>(robot_count));
 }
 
 TEST(NewRobots, AreToldWhenTheSettingsAreOthers) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Restarts, crashes and a reload that MQTT-SN devices do not notice (contract section 6, promise
+// Restarts, crashes and a reload that MQTT-SN devices do not notice (docs/topics.md, promise
 // 7). The device here speaks with the simulator's codec, which shares nothing with the daemon's.
 #include <gtest/gtest.h>
 #include <signal.h>

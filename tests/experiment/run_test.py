@@ -11,6 +11,7 @@ import tempfile
 import threading
 import time
 import unittest
+import unittest.mock
 
 import recount
 
@@ -83,9 +84,9 @@ class Runs(unittest.TestCase):
         self.addCleanup(self.directory.cleanup)
         self.is_stopped = False
 
-    def run_on(self, site, messages=10, wait_s=5, axis=None, draws_again=False):
+    def run_on(self, site, messages=10, wait_s=5, axis=None, draws_again=False, settle_s=0.0):
         """(status, result.json, what was said)"""
-        asked = main.Asked(messages, 200, "update", 1, wait_s, 1, "csv", "0.1.0")
+        asked = main.Asked(messages, 200, "update", 1, wait_s, 1, "csv", "0.1.0", settle_s=settle_s)
         said = io.StringIO()
         with contextlib.redirect_stderr(said):
             run = Run(catalogue.find("ble-unreliable"), "ble", site, self.directory.name, asked, Programs(),
@@ -105,6 +106,13 @@ class Runs(unittest.TestCase):
         self.assertEqual((status, result["complete"], result["simulated"]), (0, True, False))
         self.assertEqual(result["measured"]["counts"]["arrived"], 10)
         self.assertEqual(result["conditions"]["robots"], ["r1"])
+
+    def test_shows_no_more_messages_than_were_asked_for(self):
+        with unittest.mock.patch.object(Progress, "show", autospec=True) as show:
+            self.run_on(Site(lambda site: arrive(site, 60)), messages=20, settle_s=0.5)
+        shown = [call.args[1:3] for call in show.call_args_list]
+        self.assertEqual(shown[-1], (20, 20))
+        self.assertEqual(shown, sorted(shown))
 
     def test_a_robot_that_never_appears(self):
         status, result, said = self.run_on(Site(lambda site: None), wait_s=0.3, draws_again=True)
@@ -230,6 +238,8 @@ def is_alive(pid_file):
     try:
         with open(pid_file, encoding="utf-8") as file:
             pid = file.read().strip()
+        if not pid:
+            return False  # it is being written
         with open(f"/proc/{pid}/stat", encoding="utf-8") as file:
             return file.read().rsplit(")", 1)[1].split()[0] != "Z"
     except OSError:

@@ -19,6 +19,12 @@ TEST(FleetMessage, ComesBackAsItWas) {
   ASSERT_TRUE(release);
   EXPECT_EQ(std::get<Release>(release->body).to, (Claim{7, "gw-2", 9}));
   EXPECT_EQ(std::get<Release>(release->body).session, (Bytes{0, 255, 16}));
+  EXPECT_EQ(std::get<Release>(release->body).sent_ms, 0) << "a gateway of before may not say it";
+  const auto taken = read(encode(1, Taken{1, 2, "r", "cmd", 3, false, true, -4, 5}));
+  ASSERT_TRUE(taken);
+  EXPECT_TRUE(std::get<Taken>(taken->body).is_ended);
+  EXPECT_EQ(std::get<Taken>(taken->body).sent_ms, -4);
+  EXPECT_EQ(std::get<Taken>(taken->body).kept_ms, 5U);
   const auto table = read(encode(1, Table{"a", "c", {{"b", 4}, {"c", 5}}}));
   ASSERT_TRUE(table);
   EXPECT_EQ(std::get<Table>(table->body).rows.size(), 2U);
@@ -53,6 +59,8 @@ TEST(FleetMessage, IsNothingWhenAnythingIsWrong) {
           R"({"v":1,"b":"1","k":"release","robot":"a","epoch":1,"to":"b","life":"1","session":"0"})",
           R"({"v":1,"b":"1","k":"table","after":"b","upto":"","rows":[["a",1]]})",
           R"({"v":1,"b":"1","k":"table","after":"","upto":"","rows":[["a"]]})",
+          R"({"v":1,"b":"1","k":"table","after":"","upto":"","rows":[["b",1],["a",1]]})",
+          R"({"v":1,"b":"1","k":"table","after":"","upto":"","rows":[["a",1],["a",1]]})",
           R"({"v":1,"b":"1","k":"hears","rows":[]})",
           R"({"v":1,"b":"1","k":"hears","up":1,"rows":[]})",
           R"({"v":1,"b":"1","k":"hears","up":true,"rows":{}})",

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/fleet/fleet_world.hpp"
+#include "tests/fleet/will_of.hpp"
 
 #include <fmt/format.h>
 
@@ -12,6 +13,8 @@ constexpr milliseconds pace{300};         // between two messages of a robot
 constexpr milliseconds keep_alive{2000};  // a robot that is silent for longer is lost
 constexpr milliseconds leftovers_after{40000};
 constexpr milliseconds look_pace{20};
+constexpr milliseconds presence_pace{100};
+constexpr milliseconds longest_two_online{2000};  // contract
 constexpr milliseconds on_air{30};
 constexpr milliseconds timeout{2000};
 
@@ -26,7 +29,11 @@ struct FleetWorld::Node {
   int side = 0;
   std::chrono::hours clock_offset{0};
   std::uint64_t process = 0;
-  std::set<std::string> filters;
+  std::set<std::string> filters;              // what it wants to hear
+  std::set<std::string> standing;             // what of that the broker knows
+  milliseconds subscribed{0};                 // until then the broker is busy with the others
+  std::vector<BrokerMessage> kept_by_broker;  // for when the link is up again
+  int connection = 0;
   std::vector<std::function<void()>> waiting;    // what came while it was paused
   std::map<std::string, milliseconds> sessions;  // robots, and when they were heard; kept on disk
   std::map<std::string, Bytes> kept;             // what a new owner gets of them
@@ -45,17 +52,20 @@ FleetWorld::FleetWorld(Options options) : VirtualTime(options.seed), options_(op
   robots_.resize(static_cast<std::size_t>(options.robots));
   for (int i = 0; i < options.robots; ++i) roam(i, i % options.gateways);
   look();
+  look_at_presence();
 }
 
 FleetWorld::~FleetWorld() = default;
 
 std::string FleetWorld::robot_name(int robot) { return fmt::format("r o.b*{}", robot); }
+std::string FleetWorld::type_of(std::size_t command) const {
+  return options_.has_unique_types ? fmt::format("c{}", command) : "cmd";
+}
 int FleetWorld::robot_number(const std::string& name) { return std::stoi(name.substr(6)); }
 std::string FleetWorld::gateway_name(int gateway) { return fmt::format("gw-{}", gateway); }
 Ownership& FleetWorld::ownership(int gateway) {
-  return *nodes_[static_cast<std::size_t>(gateway)]->ownership;
+  return *nodes_.at(std::size_t(gateway))->ownership;
 }
-
 Now FleetWorld::clock_of(const Node& node) const {
   const auto since = now_ + node.clock_offset;
   return {TimePoint(since), WallTime(since)};
@@ -86,14 +96,20 @@ void FleetWorld::speak(int robot, std::uint64_t visit) {
     if (robots_[static_cast<std::size_t>(robot_number(name))].visit == 1)
       node.kept[name] = to_bytes(name);
     node.ownership->on_heard(name, clock_of(node));
+    const bool is_due = robots_[static_cast<std::size_t>(robot_number(name))].said++ % 20 == 0;
+    if (is_due && node.is_link_up && node.ownership->may_act_for(name, clock_of(node).mono))
+      publish(-1, {"p/gateway/" + node.name + "/robots/" + name, to_bytes("online"),
+                   Qos::at_least_once, true});
   });
   at(now_ + pace, [this, robot, visit] { speak(robot, visit); });
 }
 
 void FleetWorld::command(int robot) {
   const auto id = commands_.size();
-  commands_.push_back({robot, now_, 0, 0, 0});
-  publish(-1, {"p/server/" + robot_name(robot) + "/cmd", to_bytes(std::to_string(id)),
+  Command& command = commands_.emplace_back();
+  command.robot = robot;
+  command.said = now_;
+  publish(-1, {"p/server/" + robot_name(robot) + "/" + type_of(id), to_bytes(std::to_string(id)),
                Qos::at_least_once, false});
 }
 
@@ -134,6 +150,7 @@ void FleetWorld::kill(int gateway) {
   node.is_running = node.is_paused = node.is_link_up = false;
   node.waiting.clear();
   node.filters.clear();
+  node.standing.clear();
   publish(-1, {"p/gateway/" + node.name + "/state", to_bytes(R"({"state":"offline"})"),
                Qos::at_least_once, true});
 }
@@ -156,6 +173,7 @@ void FleetWorld::cut_link(int gateway) {
   if (!node.is_running) return;
   story_.push_back(fmt::format("{} {} is cut off", now_.count(), gateway));
   node.is_link_up = false;
+  ++node.connection;
   input(gateway, [&](Node& each) { each.ownership->on_broker_link(false, clock_of(each)); });
 }
 
@@ -163,14 +181,25 @@ void FleetWorld::restore_link(int gateway) {
   Node& node = *nodes_[static_cast<std::size_t>(gateway)];
   if (!node.is_running || node.is_link_up) return;
   node.is_link_up = true;
-  input(gateway, [&](Node& each) { each.ownership->on_broker_link(true, clock_of(each)); });
-  for (const std::string& filter : node.filters) answer_subscribe(gateway, filter);
-  for (const auto& [topic, message] : retained_) {
-    for (const std::string& filter : node.filters)  // the core asks for them again
-      if (filter_matches(filter, topic)) deliver(-1, gateway, message);
+  story_.push_back(fmt::format("{} {} is connected", now_.count(), gateway));
+  const bool is_session_kept = !node.standing.empty() && options_.keeps_sessions;
+  if (!is_session_kept) node.standing.clear();
+  const auto wanted = node.filters;  // of the connection before; the core asks for them again
+  node.subscribed = now_;
+  for (const std::string& filter : wanted) subscribe(gateway, filter);
+  for (const auto& [robot, heard] : node.sessions)  // as the core does
+    if (node.ownership->may_announce(robot, Presence::online, false, clock_of(node).mono))
+      publish(gateway, {"p/gateway/" + node.name + "/robots/" + robot, to_bytes("online"),
+                        Qos::at_least_once, true});
+  input(gateway,
+        [&](Node& each) { each.ownership->on_broker_link(true, clock_of(each), is_session_kept); });
+  for (const BrokerMessage& message : std::exchange(node.kept_by_broker, {}))
+    deliver(-1, gateway, message);
+  for (int from = 0; from < gateways(); ++from) {  // all of one session keeps its order
+    milliseconds& last = last_delivery_[{from, gateway}];
+    last = std::max(last, last_delivery_[{-1, gateway}]);
   }
-  publish(gateway, {"p/gateway/" + node.name + "/state", to_bytes(R"({"state":"online"})"),
-                    Qos::at_least_once, true});
+  say_online(gateway);
   for (const BrokerMessage& message : std::exchange(node.stored, {})) publish(gateway, message);
 }
 
@@ -191,10 +220,8 @@ void FleetWorld::supervise(int gateway) {
         if (now_ - heard > keep_alive) lost.push_back(robot);
       for (const std::string& robot : lost) {
         awake.sessions.erase(robot);
-        Report will;
-        will.robot = robot;
-        will.is_will = true;
-        awake.ownership->on_will(will, clock_of(awake));
+        publish(-1, {"p/gateway/" + awake.name + "/robots/" + robot, {}, Qos::at_least_once, true});
+        awake.ownership->on_will(will_of(robot), clock_of(awake));
       }
     });
     supervise(gateway);
@@ -248,15 +275,15 @@ void FleetWorld::arm(int gateway) {
 void FleetWorld::perform(int gateway, PublishNow& action) { publish(gateway, action.message); }
 
 void FleetWorld::perform(int gateway, SubscribeFleet& action) {
-  nodes_[static_cast<std::size_t>(gateway)]->filters.insert(action.filter);
-  answer_subscribe(gateway, action.filter);
-  for (const auto& [topic, message] : retained_) {
-    if (filter_matches(action.filter, topic)) deliver(-1, gateway, message);
-  }
+  Node& node = *nodes_[static_cast<std::size_t>(gateway)];
+  node.filters.insert(action.filter);
+  if (node.is_link_up) subscribe(gateway, action.filter);
 }
 
 void FleetWorld::perform(int gateway, UnsubscribeFleet& action) {
-  nodes_[static_cast<std::size_t>(gateway)]->filters.erase(action.filter);
+  Node& node = *nodes_[static_cast<std::size_t>(gateway)];
+  node.filters.erase(action.filter);
+  node.standing.erase(action.filter);
 }
 
 void FleetWorld::perform(int gateway, TakeOverRobot& action) {
@@ -288,6 +315,7 @@ void FleetWorld::perform(int gateway, CarryOut& action) {
   const std::string id(as_text(action.command.payload));
   Command& command = commands_[static_cast<std::size_t>(std::stoi(id))];
   const Robot& robot = robots_[static_cast<std::size_t>(command.robot)];
+  command.carried_out = now_;
   if (++command.on_air > 1) {
     ++seen_.doubled_commands;
     story_.push_back(fmt::format("{} DOUBLED {} at {}", now_.count(), id, gateway));
@@ -297,7 +325,8 @@ void FleetWorld::perform(int gateway, CarryOut& action) {
   at(now_ + (is_here ? on_air : timeout), [this, gateway, process, id] {
     to_gateway(gateway, [this, gateway, process, id](Node& node) {
       if (node.process == process)
-        tell_outcome(gateway, robot_name(commands_[std::stoul(id)].robot), id);
+        end_command(gateway, robot_name(commands_[std::stoul(id)].robot), id, "carried out",
+                    now_ - commands_[std::stoul(id)].carried_out);
     });
   });
 }
@@ -306,34 +335,55 @@ void FleetWorld::perform(int gateway, EndCommand& action) {
   // Which of equal commands it is does not matter to users: the oldest that has no outcome.
   const int robot = robot_number(action.robot);
   for (std::size_t i = 0; i < commands_.size(); ++i) {
-    if (commands_[i].robot != robot || commands_[i].outcomes + commands_[i].promised > 0) continue;
+    if (commands_[i].robot != robot || action.type != type_of(i)) continue;
+    if (!options_.has_unique_types && commands_[i].outcomes + commands_[i].promised > 0) continue;
     ++commands_[i].promised;
-    return tell_outcome(gateway, action.robot, std::to_string(i));
+    return end_command(gateway, action.robot, std::to_string(i), action.why, action.after);
   }
   ++seen_.doubled_outcomes;
   story_.push_back(fmt::format("{} OUTCOME TOO MANY for {} at {}: {}", now_.count(), action.robot,
                                gateway, action.why));
 }
 
-void FleetWorld::tell_outcome(int gateway, const std::string& robot, const std::string& id) {
-  Command& command = commands_[std::stoul(id)];
+void FleetWorld::end_command(int gateway, const std::string& robot, const std::string& id,
+                             const std::string& why, Duration after) {
   Node& node = *nodes_[static_cast<std::size_t>(gateway)];
-  const nlohmann::json outcome{{"type", "cmd"}, {"id", id}};
+  const nlohmann::json outcome{{"type", type_of(std::stoul(id))},
+                               {"id", id},
+                               {"why", why},
+                               {"after_ms", static_cast<std::uint64_t>(after.count() / 1'000'000)}};
   node.ownership->on_own_outcome({"p/gateway/" + node.name + "/commands/" + robot,
                                   to_bytes(outcome.dump()), Qos::at_least_once, false},
-                                 now_ - command.said, clock_of(node));
+                                 after, clock_of(node));
+}
+
+void FleetWorld::perform(int gateway, PublishOutcomeNow& action) {
+  Node& node = *nodes_[static_cast<std::size_t>(gateway)];
+  if (!node.is_link_up) return;
+  publish(gateway, action.message);
+  at(now_ + random_delay(),
+     [this, gateway, id = action.id, connection = node.connection, process = node.process] {
+       to_gateway(gateway, [id, connection, process](Node& each) {
+         if (each.process == process && each.connection == connection)
+           each.ownership->on_outcome_acknowledged(id);
+       });
+     });
 }
 
 /// Through the store: it reaches the broker, if late.
-void FleetWorld::perform(int gateway, TellOutcome& action) {
-  const auto json = nlohmann::json::parse(action.message.payload);
-  const std::string id = json["id"];
+/// The broker has it.
+void FleetWorld::count_outcome(int gateway, const BrokerMessage& message) {
+  const std::string id = nlohmann::json::parse(message.payload)["id"];
   Command& command = commands_[std::stoul(id)];
-  if (++command.outcomes > 1) {
-    ++seen_.doubled_outcomes;
-    story_.push_back(fmt::format("{} SECOND OUTCOME of {} at {}", now_.count(), id, gateway));
+  const std::string outcome = fmt::format("{} {}", gateway, as_text(message.payload));
+  if (command.outcome == outcome) {
+    ++seen_.repeated_outcomes;
+    return;
   }
-  publish_stored(gateway, action.message);
+  command.outcome = outcome;
+  if (++command.outcomes < 2) return;
+  ++seen_.doubled_outcomes;
+  story_.push_back(fmt::format("{} SECOND OUTCOME of {} at {}", now_.count(), id, gateway));
 }
 
 void FleetWorld::publish_stored(int gateway, const BrokerMessage& message) {
@@ -369,15 +419,20 @@ void FleetWorld::publish(int from, const BrokerMessage& message) {
     if (!nodes_[static_cast<std::size_t>(from)]->is_link_up) return;
     if (is_fleet_forbidden_ && message.topic.starts_with("p/fleet/")) return;
     ++published_;
+    if (message.topic.find("/commands/") != std::string::npos) count_outcome(from, message);
     const auto json =
         nlohmann::json::parse(message.payload.begin(), message.payload.end(), nullptr, false);
     ++kinds_[json.is_object() && json.contains("k") ? json["k"].get<std::string>() : "other"];
+    if (json.is_object() && json.contains("k") && json["k"] == "taken")
+      story_.push_back(fmt::format("{} {} {} {}, {} ms old", now_.count(), from,
+                                   json.contains("refused") ? "refuses" : "takes",
+                                   json["type"].get<std::string>(), json["age"].get<int>()));
   }
   if (message.retain) retained_[message.topic] = message;
   if (message.retain && message.payload.empty()) retained_.erase(message.topic);
   for (int to = 0; to < gateways(); ++to) {
     const Node& node = *nodes_[static_cast<std::size_t>(to)];
-    for (const std::string& filter : node.filters) {
+    for (const std::string& filter : node.standing) {
       if (!filter_matches(filter, message.topic)) continue;
       const auto side = from < 0 ? node.side : nodes_[static_cast<std::size_t>(from)]->side;
       if (side == node.side) {
@@ -389,44 +444,71 @@ void FleetWorld::publish(int from, const BrokerMessage& message) {
   }
 }
 
-std::uint64_t FleetWorld::published_by_kind(const std::string& kind) const {
-  const auto found = kinds_.find(kind);
-  return found == kinds_.end() ? 0 : found->second;
+void FleetWorld::subscribe(int gateway, const std::string& filter) {
+  Node& node = *nodes_[static_cast<std::size_t>(gateway)];
+  if (options_.subscribing == milliseconds(0)) return stand(gateway, filter);
+  const int times = chance(0.1) ? 10 : 1;
+  node.subscribed = std::max(now_, node.subscribed) + options_.subscribing * times;
+  at(node.subscribed,
+     [this, gateway, filter, process = node.process, connection = node.connection] {
+       const Node& each = *nodes_[static_cast<std::size_t>(gateway)];
+       const bool is_wanted = each.is_link_up && each.filters.contains(filter);
+       if (is_wanted && each.process == process && each.connection == connection)
+         stand(gateway, filter);
+     });
 }
 
-void FleetWorld::answer_subscribe(int gateway, const std::string& filter) {
+/// The broker knows of the subscription, sends what it retains, and answers.
+void FleetWorld::stand(int gateway, const std::string& filter) {
+  Node& node = *nodes_[static_cast<std::size_t>(gateway)];
+  node.standing.insert(filter);
   milliseconds& last = last_delivery_[{-1, gateway}];
   last = std::max(last, now_ + random_delay());
-  const std::uint64_t process = nodes_[static_cast<std::size_t>(gateway)]->process;
-  at(last, [this, gateway, process, filter] {
-    to_gateway(gateway, [this, process, filter](Node& node) {
-      if (node.process == process && node.is_link_up)
-        node.ownership->on_subscribe_result(filter, SubscribeAnswer::granted, clock_of(node));
+  at(last, [this, gateway, process = node.process, connection = node.connection, filter] {
+    to_gateway(gateway, [this, process, connection, filter](Node& each) {
+      if (each.process == process && each.connection == connection && each.is_link_up)
+        each.ownership->on_subscribe_result(filter, SubscribeAnswer::granted, clock_of(each));
     });
   });
+  for (const auto& [topic, message] : retained_)
+    if (filter_matches(filter, topic)) deliver(-1, gateway, message);
 }
 
 void FleetWorld::deliver(int from, int to, const BrokerMessage& message) {
   if (message.qos == Qos::at_most_once && chance(options_.lost)) return;
   milliseconds& last = last_delivery_[{from, to}];
   last = std::max(last, now_ + random_delay());
-  const std::uint64_t process = nodes_[static_cast<std::size_t>(to)]->process;
-  const auto arrive = [this, to, process, message] {
-    to_gateway(to, [this, process, message](Node& node) {
-      if (node.process != process || !node.is_link_up) return;
-      const FleetTopics topics("p", node.name);
-      if (node.ownership->on_broker_message(message, clock_of(node))) return;
-      const TopicScheme scheme("p", node.name);
-      const auto target = scheme.parse_command_topic(message.topic);
-      if (target)
-        node.ownership->on_command(message, std::string(target->robot), std::string(target->type),
-                                   clock_of(node));
-    });
+  const Node& node = *nodes_[static_cast<std::size_t>(to)];
+  const auto come = [this, to, message, process = node.process, connection = node.connection] {
+    Node& each = *nodes_[static_cast<std::size_t>(to)];
+    if (each.process != process) return;
+    const bool is_lost = message.qos == Qos::at_most_once || !options_.keeps_sessions;
+    if (each.connection == connection && each.is_link_up) {
+      to_gateway(to, [this, to, message, process, connection](Node& awake) {
+        if (awake.process == process && awake.connection == connection) arrive(to, message);
+      });
+    } else if (each.is_link_up && !is_lost) {
+      deliver(-1, to, message);  // behind what the broker has kept
+    } else if (!is_lost) {
+      each.kept_by_broker.push_back(message);
+    }
   };
-  at(last, arrive);
+  at(last, come);
   const bool is_command = message.topic.starts_with("p/server/");  // equal ones are two commands
   if (message.qos != Qos::at_most_once && !is_command && chance(options_.doubled))
-    at(last + random_delay(), arrive);
+    at(last + random_delay(), come);
+}
+
+void FleetWorld::arrive(int gateway, const BrokerMessage& message) {
+  Node& node = *nodes_[static_cast<std::size_t>(gateway)];
+  if (node.ownership->on_broker_message(message, clock_of(node))) return;
+  const TopicScheme scheme("p", node.name);
+  const auto target = scheme.parse_command_topic(message.topic);
+  if (!target) return;
+  const std::size_t id = std::stoul(std::string(as_text(message.payload)));
+  if (id < commands_.size()) commands_[id].was_heard = true;
+  node.ownership->on_command(message, std::string(target->robot), std::string(target->type),
+                             clock_of(node));
 }
 
 // --- judging -------------------------------------------------------------------------------------
@@ -453,6 +535,31 @@ void FleetWorld::look() {
   at(now_ + look_pace, [this] { look(); });
 }
 
+std::vector<int> FleetWorld::online_at(int robot) const {
+  std::vector<int> found;
+  for (int i = 0; i < gateways(); ++i)
+    if (retained_.contains("p/gateway/" + gateway_name(i) + "/robots/" + robot_name(robot)))
+      found.push_back(i);
+  return found;
+}
+
+void FleetWorld::look_at_presence() {
+  for (int i = 0; i < robots(); ++i) {
+    Robot& robot = robots_[static_cast<std::size_t>(i)];
+    const auto online = online_at(i);
+    if (online.size() < 2 || !is_trusted) {
+      robot.two_online.reset();
+    } else if (!robot.two_online) {
+      robot.two_online = now_;
+    } else if (now_ - *robot.two_online == longest_two_online + presence_pace) {
+      ++seen_.two_online;
+      story_.push_back(
+          fmt::format("{} TWO ONLINE of {}: {} {}", now_.count(), i, online[0], online[1]));
+    }
+  }
+  at(now_ + presence_pace, [this] { look_at_presence(); });
+}
+
 bool FleetWorld::has_session(int robot) const {
   const Node& node = *nodes_[static_cast<std::size_t>(robots_[static_cast<std::size_t>(robot)].at)];
   const auto kept = node.kept.find(robot_name(robot));
@@ -462,7 +569,7 @@ bool FleetWorld::has_session(int robot) const {
 FleetWorld::Judgement FleetWorld::judge() const {
   Judgement all = seen_;
   for (const Command& command : commands_)
-    if (command.outcomes == 0) ++all.missing_outcomes;
+    if (command.outcomes == 0) ++(command.was_heard ? all.missing_outcomes : all.unheard_commands);
   for (int i = 0; i < robots(); ++i) {
     const Robot& robot = robots_[static_cast<std::size_t>(i)];
     if (!robot.is_alive) {
@@ -471,13 +578,7 @@ FleetWorld::Judgement FleetWorld::judge() const {
     }
     if (actors(i) != std::vector<int>{robot.at}) ++all.without_owner;
     if (!has_session(i)) ++all.lost_sessions;
-    int online = 0;
-    for (int gateway = 0; gateway < gateways(); ++gateway) {
-      const auto entry =
-          retained_.find("p/gateway/" + gateway_name(gateway) + "/robots/" + robot_name(i));
-      if (entry != retained_.end()) online += gateway == robot.at ? 1 : 100;
-    }
-    if (online != 1) ++all.strange_presence;
+    if (online_at(i) != std::vector<int>{robot.at}) ++all.strange_presence;
   }
   return all;
 }

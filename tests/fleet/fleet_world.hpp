@@ -8,6 +8,7 @@
 #include <functional>
 #include <map>
 #include <memory>
+#include <optional>
 #include <set>
 #include <string>
 #include <vector>
@@ -28,15 +29,25 @@ class FleetWorld : public VirtualTime {
     double doubled = 0.05;  ///< of QoS 1 deliveries
     double lost = 0.02;     ///< of QoS 0 deliveries
     Enabled enabled = Enabled::yes;
+    bool has_unique_types = false;  ///< each command is of a type of its own
+    /// The broker keeps what it has for a gateway whose connection is down, but for QoS 0. Else it
+    /// forgets the gateway, which has to subscribe again.
+    bool keeps_sessions = false;
+    /// The broker takes a gateway's subscriptions one after the other, each in this time, and some
+    /// in ten times of it (NATS).
+    milliseconds subscribing{0};
   };
   /// What a user would notice; each 0 when all is well.
   struct Judgement {
-    int doubled_commands = 0;  ///< went on the air twice
-    int doubled_outcomes = 0;
-    int missing_outcomes = 0;
+    int doubled_commands = 0;   ///< went on the air twice
+    int doubled_outcomes = 0;   ///< two different ones
+    int repeated_outcomes = 0;  ///< word for word: the connection broke before the broker's answer
+    int missing_outcomes = 0;   ///< of commands that a gateway has heard
+    int unheard_commands = 0;   ///< which came while no gateway was there
     int false_wills = 0;
     int missing_wills = 0;
     int two_owners = 0;        ///< looks at which two gateways could act for one robot
+    int two_online = 0;        ///< times that a robot was `online` at two gateways for 2 s
     int without_owner = 0;     ///< robots, at the end
     int strange_presence = 0;  ///< robots whose retained presence is not one `online`, at the end
     int lost_sessions = 0;     ///< robots whose session is not where they are, at the end
@@ -57,6 +68,7 @@ class FleetWorld : public VirtualTime {
   void restore_link(int gateway);
   /// Gateways of different sides do not hear each other; the broker's nodes are apart.
   void set_side(int gateway, int side);
+  static std::string robot_name(int robot);
   /// Octets in the name of any gateway.
   void forge(const std::string& topic, const std::string& payload);
 
@@ -71,7 +83,10 @@ class FleetWorld : public VirtualTime {
   Judgement judge() const;
   Ownership& ownership(int gateway);
   std::uint64_t published() const { return published_; }
-  std::uint64_t published_by_kind(const std::string& kind) const;
+  std::uint64_t published_by_kind(const std::string& kind) const {
+    const auto found = kinds_.find(kind);
+    return found == kinds_.end() ? 0 : found->second;
+  }
   std::chrono::milliseconds now() const { return now_; }
   std::string describe() const;
   /// Whether the gateway where the robot is has what the first one knew of it.
@@ -84,41 +99,58 @@ class FleetWorld : public VirtualTime {
     int at = 0;
     bool is_alive = true;
     milliseconds last_said{-1};
+    unsigned said = 0;  ///< messages; presence is said again with some, as the core does
     std::uint64_t wills = 0;
     std::uint64_t visit = 0;
+    std::optional<milliseconds> two_online;  ///< since when it is `online` at two gateways
   };
   struct Command {
     int robot = 0;
     milliseconds said{};
+    bool was_heard = false;  ///< by any gateway
+    milliseconds carried_out{};
     int on_air = 0;
     int outcomes = 0;
-    int promised = 0;  ///< ends of which only the robot and the type are known
+    std::string outcome;  ///< the last one, and who has told it
+    int promised = 0;     ///< ends of which only the robot and the type are known
   };
   milliseconds random_delay();
   void speak(int robot, std::uint64_t visit);
   void look();
+  void look_at_presence();
+  std::vector<int> online_at(int robot) const;
   void to_gateway(int gateway, std::function<void(Node&)> input);
   void input(int gateway, const std::function<void(Node&)>& change);
   void drain(int gateway);
   void arm(int gateway);
   void perform(int gateway, PublishNow& action);
+  void perform(int gateway, AnnounceGateway&) { say_online(gateway); }
   void perform(int gateway, SubscribeFleet& action);
   void perform(int gateway, UnsubscribeFleet& action);
   void perform(int gateway, TakeOverRobot& action);
   void perform(int gateway, GiveUpRobot& action);
   void perform(int gateway, CarryOut& action);
   void perform(int gateway, EndCommand& action);
-  void perform(int gateway, TellOutcome& action);
+  void perform(int gateway, PublishOutcomeNow& action);
+  void perform(int gateway, PublishOutcome& action) { publish_stored(gateway, action.message); }
   void perform(int gateway, PublishWill& action);
   void perform(int gateway, Notice& action);
   void publish(int from, const BrokerMessage& message);
+  void say_online(int gateway) {
+    publish(gateway, {"p/gateway/" + gateway_name(gateway) + "/state",
+                      to_bytes(R"({"state":"online"})"), Qos::at_least_once, true});
+  }
   void publish_stored(int gateway, const BrokerMessage& message);
   void deliver(int from, int to, const BrokerMessage& message);
-  void answer_subscribe(int gateway, const std::string& filter);
-  void tell_outcome(int gateway, const std::string& robot, const std::string& id);
+  void subscribe(int gateway, const std::string& filter);
+  void stand(int gateway, const std::string& filter);
+  void arrive(int gateway, const BrokerMessage& message);
+  void count_outcome(int gateway, const BrokerMessage& message);
+  void end_command(int gateway, const std::string& robot, const std::string& id,
+                   const std::string& why, Duration after);
   void supervise(int gateway);
   void withdraw_leftovers(int gateway);
-  static std::string robot_name(int robot);
+  std::string type_of(std::size_t command) const;
   static int robot_number(const std::string& name);
   static std::string gateway_name(int gateway);
   Now clock_of(const Node& node) const;

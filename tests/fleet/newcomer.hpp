@@ -26,14 +26,19 @@ class Newcomer : public testing::Test {
   void states_answered(Duration after, SubscribeAnswer answer = SubscribeAnswer::granted) {
     ownership.on_subscribe_result("p/gateway/+/state", answer, at(after));
   }
+  void others_answered(Duration after) {
+    for (const char* filter :
+         {"p/server/+/+", "p/fleet/all/+", "p/fleet/to/gw-0/+", "p/gateway/+/commands/+"})
+      ownership.on_subscribe_result(filter, SubscribeAnswer::granted, at(after));
+  }
   std::size_t carried_out() {
     std::size_t count = 0;
     while (const auto action = ownership.next_action())
       count += std::holds_alternative<CarryOut>(*action) ? 1 : 0;
     return count;
   }
-  Ownership ownership{
-      {"p", "gw-0"}, {Enabled::automatic, process}, [] { return std::vector<LocalRobot>{}; }};
+  std::vector<LocalRobot> local;  ///< robots that it has
+  Ownership ownership{{"p", "gw-0"}, {Enabled::automatic, process}, [this] { return local; }};
 };
 
 }  // namespace slamgw::fleet::test

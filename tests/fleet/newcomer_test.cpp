@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What a gateway does until it knows who else is about, and when it is alone again.
 #include "tests/fleet/newcomer.hpp"
+#include "tests/fleet/will_of.hpp"
 
 #include <array>
 #include <set>
@@ -55,6 +56,20 @@ TEST_F(Newcomer, WakesUpWhenTheBrokerIsSlowToNameTheOthers) {
   EXPECT_EQ(ownership.phase(), Ownership::Phase::joining);
 }
 
+TEST_F(Newcomer, WarnsWhenTheBrokerLetsNothingThroughUnderFleet) {
+  ownership.on_broker_link(true, at(0s));
+  state_comes("gw-1", 0s);
+  for (Duration after{}; after < 12s; after += 100ms) ownership.on_deadline(at(after));
+  std::vector<Notice> warnings;
+  while (const auto action = ownership.next_action()) {
+    const auto* notice = std::get_if<Notice>(&*action);
+    if (notice && notice->severity == Severity::warning) warnings.push_back(*notice);
+  }
+  ASSERT_EQ(warnings.size(), 1U);
+  EXPECT_NE(warnings[0].text.find("topic write p/fleet/all/gw-0"), std::string::npos);
+  EXPECT_EQ(ownership.missing_rights(at(12s).mono).size(), 1U);
+}
+
 TEST_F(Newcomer, DoesNotWaitForEverForABrokerThatAnswersNoSubscription) {
   ownership.on_broker_link(true, at(0s));
   command(10ms);
@@ -92,6 +107,53 @@ TEST_F(Newcomer, AsksAgainForWhatTheBrokerHasRefused) {
   EXPECT_EQ(asked(), 0U) << "asking again would close the connection again";
 }
 
+/// The sessions of an earlier process are over here; their robots may live at other gateways.
+class NewcomerWithAWill : public Newcomer {
+ protected:
+  void will_is_due(Duration after) { ownership.on_will(will_of("r"), at(after)); }
+  std::size_t published() {
+    std::size_t count = 0;
+    while (const auto action = ownership.next_action())
+      count += std::holds_alternative<PublishWill>(*action) ? 1 : 0;
+    return count;
+  }
+};
+
+TEST_F(NewcomerWithAWill, WaitsUntilTheBrokerHasToldThatItIsAlone) {
+  will_is_due(0s);
+  ownership.on_broker_link(true, at(1s));
+  will_is_due(2s);
+  ownership.on_broker_link(false, at(3s));  // before it has answered
+  will_is_due(4s);
+  EXPECT_EQ(published(), 0U);
+  ownership.on_broker_link(true, at(5s));
+  states_answered(6s);
+  ownership.on_deadline(at(7s));
+  EXPECT_EQ(published(), 3U);
+  will_is_due(8s);
+  EXPECT_EQ(published(), 1U) << "it is alone";
+}
+
+TEST_F(NewcomerWithAWill, AsksTheOthersThatItFinds) {
+  will_is_due(0s);
+  ownership.on_broker_link(true, at(1s));
+  state_comes("gw-1", 2s);
+  ASSERT_EQ(ownership.phase(), Ownership::Phase::joining);
+  EXPECT_EQ(published(), 0U);
+}
+
+TEST_F(NewcomerWithAWill, KeepsItFromNobodyWhenTheRobotIsBackOrTheDaemonEnds) {
+  will_is_due(0s);
+  EXPECT_TRUE(ownership.is_holding_wills());
+  ownership.on_heard("r", at(1s));
+  EXPECT_FALSE(ownership.is_holding_wills());
+  will_is_due(2s);
+  ownership.on_stop();
+  EXPECT_EQ(published(), 1U) << "for the store";
+  will_is_due(3s);
+  EXPECT_EQ(published(), 1U);
+}
+
 /// Nothing that it writes under fleet/ comes back, so that it goes on alone.
 TEST_F(Newcomer, DecidesWhatWaitedWhenItFallsAsleep) {
   ownership.on_broker_link(true, at(0s));
@@ -99,10 +161,7 @@ TEST_F(Newcomer, DecidesWhatWaitedWhenItFallsAsleep) {
   state_comes("gw-1", 20ms);
   ASSERT_EQ(ownership.phase(), Ownership::Phase::joining);
   command(9s);
-  Report will;
-  will.robot = "r";
-  will.is_will = true;
-  ownership.on_will(will, at(9s));
+  ownership.on_will(will_of("r"), at(9s));
   ownership.on_own_outcome({"p/gateway/gw-0/commands/r", {}, Qos::at_least_once, false}, 1s,
                            at(9s));
   const auto decided = [&] {
@@ -110,7 +169,7 @@ TEST_F(Newcomer, DecidesWhatWaitedWhenItFallsAsleep) {
     while (const auto action = ownership.next_action()) {
       count[0] += std::holds_alternative<CarryOut>(*action) ? 1 : 0;
       count[1] += std::holds_alternative<PublishWill>(*action) ? 1 : 0;
-      count[2] += std::holds_alternative<TellOutcome>(*action) ? 1 : 0;
+      count[2] += std::holds_alternative<PublishOutcome>(*action) ? 1 : 0;
     }
     return count;
   };
@@ -160,12 +219,44 @@ TEST_F(Newcomer, NamesTheRightsThatItLacksWhileItGoesOnTrying) {
   EXPECT_TRUE(ordered.missing_rights(at(30s).mono).empty()) << "the broker is away";
 }
 
-TEST_F(Newcomer, HoldsNothingWhenTheBrokerGoesMeanwhile) {
+TEST_F(Newcomer, HoldsTheWillsOfABoundedNumberOfRobots) {
+  ownership.on_broker_link(true, at(0s));
+  const auto published = [&] {
+    std::size_t count = 0;
+    while (const auto action = ownership.next_action())
+      count += std::holds_alternative<PublishWill>(*action) ? 1 : 0;
+    return count;
+  };
+  for (std::size_t robot = 0; robot < PendingWills::max_robots; ++robot) {
+    ownership.on_will(will_of(std::to_string(robot)), at(1ms));
+  }
+  EXPECT_EQ(published(), 0U);
+  ownership.on_will(will_of("one more"), at(1ms));
+  EXPECT_EQ(published(), 1U);
+}
+
+/// Others may have carried it out while the broker was silent to this gateway only.
+TEST_F(Newcomer, HoldsCommandsOverAConnectionThatHasToldNothing) {
   ownership.on_broker_link(true, at(0s));
   command(10ms);
   ownership.on_broker_link(false, at(20ms));
-  EXPECT_EQ(carried_out(), 1U);
+  EXPECT_EQ(carried_out(), 0U);
   EXPECT_FALSE(ownership.is_shared());
+  ownership.on_broker_link(true, at(3s));
+  states_answered(3s);
+  ownership.on_deadline(at(5s));
+  EXPECT_EQ(carried_out(), 1U);
+}
+
+TEST_F(Newcomer, HoldsNothingWhenTheBrokerGoesThatHasToldWhoIsAbout) {
+  ownership.on_broker_link(true, at(0s));
+  states_answered(0s);
+  ownership.on_deadline(at(2s));
+  ownership.on_broker_link(false, at(3s));
+  ownership.on_broker_link(true, at(4s));
+  command(4s);
+  ownership.on_broker_link(false, at(4010ms));
+  EXPECT_EQ(carried_out(), 1U);
 }
 
 TEST_F(Newcomer, IgnoresAStateThatIsTooLargeForAGateway) {
@@ -216,6 +307,7 @@ TEST_F(Newcomer, GoesOnHearingCommandsWhenTheOthersHaveGone) {
 TEST_F(Newcomer, HasNoLeaseFromABeatThatItCannotHaveSent) {
   ownership.on_broker_link(true, at(0s));
   state_comes("gw-1", 10ms);
+  others_answered(10ms);
   for (const std::int64_t sent_ms : {std::int64_t{-1}, INT64_MIN, INT64_MAX, 3'600'021L}) {
     ownership.on_fleet_message({"gw-0", ownership.life(), Beat{sent_ms, 60'000, 0, 0}}, at(20ms));
     EXPECT_FALSE(ownership.is_leased(at(20ms).mono)) << sent_ms;
@@ -275,7 +367,7 @@ TEST_F(Newcomer, HoldsOutcomesBackUntilItKnowsWhetherOthersAreAbout) {
   const auto told = [&] {
     std::size_t count = 0;
     while (const auto action = ownership.next_action())
-      count += std::holds_alternative<TellOutcome>(*action) ? 1 : 0;
+      count += std::holds_alternative<PublishOutcome>(*action) ? 1 : 0;
     return count;
   };
   ownership.on_broker_link(true, at(1s));
@@ -292,7 +384,7 @@ TEST_F(Newcomer, LeavesOutcomesToTheStoreWhenItEndsBeforeItHasSeenTheBroker) {
   ownership.on_stop();
   const auto action = ownership.next_action();
   ASSERT_TRUE(action);
-  EXPECT_TRUE(std::holds_alternative<TellOutcome>(*action));
+  EXPECT_TRUE(std::holds_alternative<PublishOutcome>(*action));
 }
 
 /// The filters that the broker is asked to forget.

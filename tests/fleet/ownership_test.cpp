@@ -126,6 +126,53 @@ TEST(Ownership, ForgedClaimsOfUnknownGatewaysAreVoid) {
   EXPECT_EQ(world.actors(0), std::vector<int>{0});
 }
 
+/// As a client that may write under fleet/ in any name.
+void forge_claim(FleetWorld& world, const std::string& gateway, Life life, int robot,
+                 std::uint64_t epoch) {
+  world.forge("p/fleet/all/" + gateway,
+              encode(life, ClaimRobot{FleetWorld::robot_name(robot), epoch, {}}));
+}
+void forge_beat(FleetWorld& world, const std::string& gateway, Life life) {
+  world.forge("p/fleet/all/" + gateway, encode(life, Beat{world.now() / 1ms, 500, 1, 1, 0}));
+}
+
+class ForgedEpoch : public testing::TestWithParam<std::uint64_t> {};
+
+TEST_P(ForgedEpoch, CostsARobotSecondsWhenItsForgerIsSilent) {
+  FleetWorld world({.gateways = 3, .robots = 1});
+  world.run(5s);
+  for (int i = 0; i < 4; ++i) {
+    forge_beat(world, "evil", 0x70000);
+    forge_claim(world, "evil", 0x70000, 0, GetParam());
+    world.run(500ms);
+  }
+  world.run(4s);
+  EXPECT_EQ(world.actors(0), std::vector<int>{0});
+  for (const int place : {1, 0, 2}) {  // as before
+    world.roam(0, place);
+    world.run(1s);
+    EXPECT_EQ(world.actors(0), std::vector<int>{place});
+  }
+}
+
+/// Neither the gateway that is named nor the others keep such a claim.
+TEST_P(ForgedEpoch, CostsARobotSecondsWhenItIsInTheNameOfALivingGateway) {
+  FleetWorld world({.gateways = 3, .robots = 1});
+  world.run(5s);
+  forge_claim(world, "gw-1", world.ownership(1).life(), 0, GetParam());
+  world.run(8s);
+  EXPECT_EQ(world.actors(0), std::vector<int>{0});
+  for (const int place : {1, 0, 2}) {
+    world.roam(0, place);
+    world.run(2s);
+    EXPECT_EQ(world.actors(0), std::vector<int>{place});
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Highest, ForgedEpoch,
+                         testing::Values(max_epoch, max_epoch - 1, max_epoch - 2, spent_epoch,
+                                         spent_epoch - 1, 1000));
+
 TEST(Ownership, ServesItsRobotsWhenTheBrokerForbidsTheFleet) {
   FleetWorld world({.gateways = 2, .robots = 2, .enabled = Enabled::automatic});
   world.forbid_fleet();

@@ -9,7 +9,7 @@ namespace {
 constexpr milliseconds period{200};
 constexpr milliseconds first_repeat{280};  // with TTL 4
 constexpr milliseconds longest_exchange{60000};
-constexpr milliseconds on_air{10};
+constexpr milliseconds time_on_air{10};
 constexpr int usual_level_db = -60;
 
 }  // namespace
@@ -34,6 +34,8 @@ struct SharedMesh::Node {
   bool is_link_up = false;
   bool is_board_up = true;
   bool is_deaf = false;
+  std::set<std::string> filters;  // what it wants to hear
+  int connection = 0;
   std::map<int, int> level_db;
   std::map<int, Inbox> inboxes;
   std::map<int, Unserved> unserved;
@@ -65,18 +67,18 @@ void SharedMesh::say(int robot) {
   who.is_open = true;
   who.began = now_;
   who.copies = 0;
-  say_copy(robot, who.number);
+  send_copy(robot, who.number);
 }
 
-void SharedMesh::say_copy(int robot, std::uint64_t number) {
+void SharedMesh::send_copy(int robot, std::uint64_t number) {
   Robot& who = robots_[static_cast<std::size_t>(robot)];
   if (!who.is_open || who.number != number) return;
   const milliseconds next = who.began + first_repeat * (1 << who.copies++);
   for (const auto& node : nodes_)
     if (!chance(options_.radio_loss))
-      at(now_ + on_air, [this, to = node.get(), robot, number] { hear(*to, robot, number); });
+      at(now_ + time_on_air, [this, to = node.get(), robot, number] { hear(*to, robot, number); });
   if (next < who.began + longest_exchange)
-    return at(next, [this, robot, number] { say_copy(robot, number); });
+    return at(next, [this, robot, number] { send_copy(robot, number); });
   at(who.began + longest_exchange, [this, robot, number] { give_up(robot, number); });
 }
 
@@ -109,6 +111,7 @@ void SharedMesh::start(int gateway) {
   node.ownership = std::make_unique<Ownership>(FleetTopics("p", node.name),
                                                Settings{Enabled::yes, node.process << 16U},
                                                [] { return std::vector<LocalRobot>{}; });
+  node.filters.clear();
   input(node, [&] { node.ownership->on_board(node.is_board_up, clock()); });
   restore_link(gateway);
 }
@@ -130,7 +133,18 @@ void SharedMesh::cut_link(int gateway) {
 void SharedMesh::restore_link(int gateway) {
   Node& node = *nodes_[static_cast<std::size_t>(gateway)];
   node.is_link_up = true;
+  ++node.connection;
+  for (const std::string& filter : node.filters) subscribe(node, filter);
   input(node, [&] { node.ownership->on_broker_link(true, clock()); });
+}
+
+/// The broker answers.
+void SharedMesh::subscribe(Node& node, const std::string& filter) {
+  at(now_ + delay(), [this, &node, filter, connection = node.connection] {
+    if (node.connection != connection || !node.is_link_up) return;
+    input(node,
+          [&] { node.ownership->on_subscribe_result(filter, SubscribeAnswer::granted, clock()); });
+  });
 }
 
 void SharedMesh::set_board(int gateway, bool is_up) {
@@ -176,7 +190,7 @@ void SharedMesh::serve(Node& node, int robot, std::uint64_t number) {
   two_owners_ += others > 0 ? 1 : 0;
   const auto answer = [this, robot, number] {
     if (!chance(options_.radio_loss))
-      at(now_ + on_air, [this, robot, number] { on_status(robot, number); });
+      at(now_ + time_on_air, [this, robot, number] { on_status(robot, number); });
   };
   if (inbox.number == number) return inbox.is_open ? void() : answer();
   inbox = {number, true, ++node.last_receipt};
@@ -221,6 +235,10 @@ void SharedMesh::perform(Node& node, OwnershipAction& action) {
   const auto number_of = [](const std::string& robot) { return std::stoi(robot.substr(1)); };
   std::visit(overloaded{
                  [&](PublishNow& what) { publish(node, what.message); },
+                 [&](SubscribeFleet& what) {
+                   node.filters.insert(what.filter);
+                   if (node.is_link_up) subscribe(node, what.filter);
+                 },
                  [&](TakeOverRobot& what) { take_over(node, number_of(what.robot)); },
                  [&](GiveUpRobot& what) {
                    forget(node, number_of(what.robot));

@@ -72,13 +72,14 @@ class SharedMesh : public VirtualTime {
   };
   milliseconds delay();
   void say(int robot);
-  void say_copy(int robot, std::uint64_t number);
+  void send_copy(int robot, std::uint64_t number);
   void hear(Node& node, int robot, std::uint64_t number);
   void serve(Node& node, int robot, std::uint64_t number);
   void take_over(Node& node, int robot);
   void give_up(int robot, std::uint64_t number);
   void on_status(int robot, std::uint64_t number);
   void forget(Node& node, int robot);
+  void subscribe(Node& node, const std::string& filter);
   void input(Node& node, const std::function<void()>& change);
   void perform(Node& node, OwnershipAction& action);
   void publish(Node& node, const BrokerMessage& message);

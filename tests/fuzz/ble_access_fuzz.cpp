@@ -2,7 +2,7 @@
 // Any access message, any mesh.json and any mesh to import.
 #include <cstdlib>
 
-#include "adapters/ble_mesh_usb_cdc/access/vendor_models.hpp"
+#include "adapters/ble_mesh_usb_cdc/access/robot_models.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/imported_mesh.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/mesh_json.hpp"
 

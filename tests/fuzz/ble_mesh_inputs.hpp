@@ -80,7 +80,8 @@ class MeshInputs {
     event.write_u16_le(source).write_u16_le(1).write_u32_le(0).write_u8(4);
     for (int i = 0; i < 8; ++i) event.write_u8(0);
     event.write_u16_le(static_cast<std::uint16_t>(payload.size())).write(payload);
-    if (event.size() <= max_frame_params) mesh_.on_bytes(encode_frame(0xd0, event.bytes()), now_);
+    if (event.bytes().size() <= max_frame_params)
+      mesh_.on_bytes(encode_frame(0xd0, event.bytes()), now_);
   }
 
   void drain() {

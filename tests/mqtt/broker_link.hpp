@@ -29,6 +29,10 @@ struct RecordingListener final : UpstreamListener {
     reasons.push_back(why);
     is_up = false;
   }
+  void on_link_left(const std::string& why) override {
+    departures.push_back(why);
+    is_up = false;
+  }
   void on_silence(bool is_silent) override { silences += is_silent ? 1 : 0; }
   void on_published(std::uint64_t sequence) override { published.insert(sequence); }
   void on_publish_refused(std::uint64_t sequence, const Refusal& refusal) override {
@@ -48,6 +52,7 @@ struct RecordingListener final : UpstreamListener {
   bool is_up = false;
   BrokerLimits limits;
   std::vector<std::string> reasons;
+  std::vector<std::string> departures;
   std::set<std::uint64_t> published;
   std::map<std::uint64_t, Refusal> refused;
   std::map<std::string, bool> subscribed;

@@ -77,9 +77,12 @@ TEST_P(BrokerList, GoesBackToTheFirstWhenThatIsAskedFor) {
   TwoBrokers brokers(true);
   auto& [first, second, link] = brokers;
   ASSERT_TRUE(brokers.moves_on());
+  const std::size_t failures = link.listener.reasons.size();
   first.start();
   ASSERT_TRUE(link.sees([&] { return link.listener.ups == 3; }));
   EXPECT_EQ(link.upstream->broker().port, first.port());
+  EXPECT_EQ(link.listener.departures.size(), 1u);
+  EXPECT_EQ(link.listener.reasons.size(), failures) << "an intended change is no failure";
 }
 
 TEST_P(BrokerList, LeavesItsLastWillAtTheBrokerThatItLeavesForTheFirst) {

@@ -59,6 +59,8 @@ class DeliveryRig : private UpstreamListener {
     });
   }
   void subscribe(const std::string& filter) { upstream_.subscribe(filter, Qos::at_least_once, 1); }
+  /// What the broker does not have: the status shows it as the depths of queue and store.
+  std::size_t depth() const { return outbox.unsaved() + outbox.backlog().rows(); }
   bool sees(const std::function<bool()>& condition,
             std::chrono::milliseconds limit = test::patience) {
     return test::eventually(io, condition, limit);
@@ -89,8 +91,8 @@ class DeliveryRig : private UpstreamListener {
   StoreSettings store_settings() const { return {store_directory_, 1u << 28}; }
 
   void perform(PublishAtBroker& publish) {
-    if (const auto* message = outbox.under_way(publish.sequence))
-      upstream_.publish(publish.sequence, *message);
+    const auto* message = outbox.under_way(publish.sequence);
+    if (message) upstream_.publish(publish.sequence, *message, publish.is_trial);
   }
   void perform(FireReceipt& fire) { fired[fire.receipt.id] = fire.outcome; }
   void perform(WriteToStore& write) { store_.ask(std::move(write)); }

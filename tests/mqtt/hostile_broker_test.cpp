@@ -240,9 +240,9 @@ TEST_P(HostileBroker, LosesNothingAndRecovers) {
     return number >= messages && (packets_ >= enough || broker.connections() >= 2);
   })) << testing::PrintToString(gateway.reasons);
   take_up({});
-  ASSERT_TRUE(gateway.sees([&] { return gateway.is_up && gateway.outbox.depth() == 0; },
-                           std::chrono::minutes{2}))
-      << gateway.outbox.depth() << testing::PrintToString(gateway.reasons)
+  ASSERT_TRUE(
+      gateway.sees([&] { return gateway.is_up && gateway.depth() == 0; }, std::chrono::minutes{2}))
+      << gateway.depth() << testing::PrintToString(gateway.reasons)
       << testing::PrintToString(gateway.notices);
   // What is larger than the broker's limit is a dead letter.
   const auto missing = [&] {

@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/mqttsn_udp/fuzz_life.hpp"
 
+#include <algorithm>
+
 #include "adapters/mqttsn_udp/limits.hpp"
 
 namespace slamgw::mqttsn {
 namespace {
 
-constexpr std::size_t max_clients = 3;
+constexpr std::ptrdiff_t max_clients = 3;
 constexpr std::size_t max_sleeping = 4;
 
 Settings small_settings() {
@@ -87,6 +89,7 @@ bool FuzzLife::drain() {
       }
       const auto* asked = std::get_if<SubscribeRequest>(event);
       if (asked && asked_.size() < 256) asked_.push_back(asked->filter);
+      if (const auto* change = std::get_if<PresenceChange>(event)) robots_.insert(change->robot);
     }
   }
   return true;
@@ -101,8 +104,10 @@ bool FuzzLife::is_sound(const SendDatagram& sent) const {
 }
 
 bool FuzzLife::holds() const {
-  const auto counts = gateway_.client_counts();
-  return counts.active + counts.asleep + counts.disconnected + counts.lost <= max_clients &&
+  const auto is_here = [this](const std::string& robot) {
+    return gateway_.presence_of(robot).has_value();
+  };
+  return std::ranges::count_if(robots_, is_here) <= max_clients &&
          gateway_.queued_for("c") <= limits::max_queued_messages + 1;
 }
 

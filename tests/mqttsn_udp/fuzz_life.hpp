@@ -3,6 +3,8 @@
 // each: for the fuzzer, and for a short random run among the tests.
 #pragma once
 
+#include <set>
+#include <string>
 #include <vector>
 
 #include "adapters/mqttsn_udp/sn_gateway.hpp"
@@ -29,6 +31,7 @@ class FuzzLife {
   TimePoint now_{std::chrono::hours(1)};
   std::vector<std::uint64_t> owed_;
   std::vector<std::string> asked_;
+  std::set<std::string> robots_;  // that came or went, ever
 };
 
 }  // namespace slamgw::mqttsn

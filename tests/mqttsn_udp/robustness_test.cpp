@@ -8,8 +8,6 @@
 namespace slamgw::mqttsn {
 namespace {
 
-const std::string own_topic = "ntnu-slam/robot/r1/adv";
-
 Bytes wrapped(const std::string& node, const Packet& packet, std::uint8_t radius = 0) {
   return encode_encapsulation(radius, node, encode(packet));
 }
@@ -24,7 +22,8 @@ TEST(SnGateway, R133_StopsAfterItsRepetitionsUntilTheClientIsHeard) {
     rig.pass_s(1000);
     EXPECT_EQ(rig.sent_to(1).size(), 10U)
         << "five at an even pace, then ever more slowly, for 40 s";
-    EXPECT_EQ(rig.gateway.client_counts().active, 1U) << "keep-alive alone decides about lost";
+    EXPECT_EQ(rig.gateway.presence_of("r1"), Presence::online)
+        << "keep-alive alone decides about lost";
     rig.send(1, Pingreq{});
     const Lines lines = rig.sent_to(1);
     ASSERT_EQ(lines.size(), 2U);
@@ -138,7 +137,8 @@ TEST(SnGateway, R141_KeepsNodesApartAndLetsClientsMoveBetweenThem) {
   SnRig rig;
   rig.send_octets(1, wrapped("A", Connect{false, false, 1, 60, "r1"}));
   rig.send_octets(1, wrapped("B", Connect{false, false, 1, 60, "r2"}));
-  EXPECT_EQ(rig.gateway.client_counts().active, 2U);
+  EXPECT_EQ(rig.gateway.presence_of("r1"), Presence::online);
+  EXPECT_EQ(rig.gateway.presence_of("r2"), Presence::online);
   rig.send_octets(1,
                   wrapped("A", Subscribe{false, WireQos::zero, TopicIdType::normal, 1, "a/x", 0}));
   rig.sent_to(1);
@@ -193,7 +193,7 @@ TEST(SnGateway, R145_KeepsClientsWhileTheBrokerIsAway) {
   rig.publish(1, id, 1, 5);
   EXPECT_EQ(rig.reports.size(), 1U) << "whether there is room is for the core to say";
   rig.connect(2, "r2");
-  EXPECT_EQ(rig.gateway.client_counts().active, 2U) << "robots may come back meanwhile";
+  EXPECT_EQ(rig.gateway.presence_of("r2"), Presence::online) << "robots may come back meanwhile";
   rig.broker_link(true);
   rig.broker("a/x", "kept", 0, true);  // subscribed again: the broker repeats retained messages
   EXPECT_EQ(rig.sent_to(1).size(), 1U);

@@ -4,13 +4,6 @@
 #include <utility>
 
 namespace slamgw::mqttsn {
-namespace {
-
-bool is_command_filter(const std::string& filter) {
-  return filter.starts_with("ntnu-slam/server/") && filter.ends_with("/+");
-}
-
-}  // namespace
 
 SnRig::SnRig(Settings settings, std::vector<RobotName> names,
              std::vector<std::string> extra_publish, std::vector<std::string> extra_subscribe,
@@ -165,7 +158,7 @@ void SnRig::take(MeshEvent& event) {
                  [&](PresenceChange& e) { presence.push_back(std::move(e)); },
                  [&](SubscribeRequest& e) {
                    if (answers_subscribes) to_answer_.push_back(e.filter);
-                   if (is_command_filter(e.filter) && listening.insert(e.filter).second) return;
+                   if (!e.wants_retained && listening.insert(e.filter).second) return;
                    subscribes.push_back(std::move(e));
                  },
                  [&](UnsubscribeRequest& e) {

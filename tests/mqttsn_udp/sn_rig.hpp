@@ -14,6 +14,9 @@
 
 namespace slamgw::mqttsn {
 
+/// A topic that client r1 may publish.
+inline const std::string own_topic = "ntnu-slam/robot/r1/adv";
+
 class SnRig {
  public:
   explicit SnRig(Settings settings = {}, std::vector<RobotName> names = {},
@@ -58,7 +61,9 @@ class SnRig {
   std::vector<Report> reports;
   std::vector<PresenceChange> presence;
   std::vector<SubscribeRequest> subscribes;  ///< of clients
-  std::set<std::string> listening;           ///< the gateway's own, for commands
+  /// Those that need no retained messages: the gateway's own, for commands, and those of before a
+  /// restart.
+  std::set<std::string> listening;
   std::vector<UnsubscribeRequest> unsubscribes;
   std::vector<CommandOutcome> outcomes;
   std::vector<MeshStep> steps;

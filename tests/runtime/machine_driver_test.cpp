@@ -76,6 +76,25 @@ TEST_F(MachineDriverTest, DrainsMachinesOneAfterTheOtherNotInsideEachOther) {
                                              "a is empty", "b2"}));
 }
 
+/// As the core asks the fleet about a message while it takes it.
+TEST_F(MachineDriverTest, DrainsAMachineThatIsAskedInsideAChangeAfterThatChange) {
+  Echo first, second;
+  MachineDriver<Echo>* to_first = nullptr;
+  MachineDriver<Echo> b(io, second, [&](auto& action) {
+    note("b" + std::to_string(std::get<Say>(action).number));
+    tell(*to_first, 3);
+  });
+  MachineDriver<Echo> a(
+      io, first, [&](auto& action) { note("a" + std::to_string(std::get<Say>(action).number)); });
+  to_first = &a;
+  a.input([&](Echo& echo, TimePoint) {
+    tell(b, 1);
+    note("changes");
+    echo.on_number(2);
+  });
+  EXPECT_EQ(lines, (std::vector<std::string>{"changes", "b1", "a2", "a3"}));
+}
+
 TEST_F(MachineDriverTest, FiresDeadlinesUntilItIsStopped) {
   Echo echo;
   MachineDriver<Echo> driver(io, echo, [&](auto&) { note("fired"); });

@@ -12,7 +12,7 @@ Late: by its own account, or on arrival while nothing was broken.
 import collections
 import dataclasses
 
-PATIENCE_S = 30  # contract, promise 6
+PATIENCE_S = 30  # docs/topics.md, promise 6
 SLACK_S = 5  # a busy host; how long it takes to publish the outcome
 MOMENT_S = 1.5  # a command that came so short before a kill need not be on disk
 

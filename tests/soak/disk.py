@@ -30,10 +30,20 @@ class Disk:
             return None
         attached = subprocess.run(["losetup", "-f", "--show", self.image], capture_output=True, text=True, check=False)
         loop = attached.stdout.strip()
-        if attached.returncode != 0 or not succeeds("mount", "-t", "ext2", "-o", "errors=continue", loop, self.directory):
-            return None
-        os.rmdir(self.directory / "lost+found")
-        return loop
+        return loop if attached.returncode == 0 and self.mount(loop) else None
+
+    def mount(self, loop):
+        is_mounted = succeeds("mount", "-t", "ext2", "-o", "errors=continue", loop, self.directory)
+        with contextlib.suppress(OSError):  # e2fsck may have put something there
+            os.rmdir(self.directory / "lost+found")
+        return is_mounted
+
+    def repair(self):
+        """As a host does when it starts: after an I/O error at one of its tables the kernel takes no more of the file system."""
+        if self.loop and succeeds("umount", self.directory):
+            succeeds("e2fsck", "-f", "-y", self.loop)
+            if not self.mount(self.loop):
+                raise RuntimeError(f"{self.loop} cannot be mounted any more")
 
     def unmount(self):
         if self.loop:
@@ -68,12 +78,13 @@ class Disk:
         os.close(device)
 
     def forget_what_was_read(self):
-        for path in self.directory.iterdir():
+        for path in filter(pathlib.Path.is_file, self.directory.iterdir()):
             with open(path, "rb") as file:
                 os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
 
     def damage(self, chance):
-        """Hits the message store at one place, in one of the ways in which cards lose data. Says what it did."""
+        """Hits the message store at one place, in one of the ways in which cards lose data. Nobody uses it. Says what it did."""
+        self.repair()
         path = chance.choice([path for path in (self.directory / "messages.db", self.directory / "messages.db-wal")
                               if path.exists() and path.stat().st_size > 0])
         octets = bytearray(path.read_bytes())
@@ -87,10 +98,7 @@ class Disk:
             length = 512 if way == "a zeroed sector" else 4096
             at -= at % length
             octets[at:at + length] = bytes(len(octets[at:at + length]))
-        try:
-            path.write_bytes(octets)
-        except OSError as error:  # what failed writes have left of the file system
-            return f"not damaged: {error}"
+        path.write_bytes(octets)
         return f"{way} at {at} of {path.name}"
 
     def damaged_files(self):

@@ -113,12 +113,12 @@ TEST(SqliteSessionStore, WaitsForADiskThatFailsForAMoment) {
     process.save("r1", to_bytes("x"));
   }
   FaultyDisk::fails_reads = true;
-  std::thread mends([] {
+  std::thread repair([] {
     eventually([] { return FaultyDisk::failed_reads > 30; });
     FaultyDisk::fails_reads = false;
   });
   Process process(directory.path());
-  mends.join();
+  repair.join();
   EXPECT_EQ(process.names(), "r1 ");
   EXPECT_EQ(count_aside(directory.path()), 0U);
 }

@@ -1,25 +1,72 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/support/free_port.hpp"
 
+#include <fcntl.h>
+#include <sys/file.h>
+#include <unistd.h>
+
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
 #include <boost/asio/ip/udp.hpp>
+#include <filesystem>
+#include <random>
+#include <stdexcept>
+#include <string>
 
 namespace slamgw::test {
+namespace {
 
 using boost::asio::ip::tcp;
 using boost::asio::ip::udp;
 
-std::uint16_t free_tcp_port() {
+/// Below the ephemeral ports of Linux (from 32768), which anybody's sockets are given, and below
+/// those that tests/soak/program.py draws.
+constexpr std::uint16_t first_port = 10000;
+constexpr std::uint16_t last_port = 19999;
+
+/// Whether no other test process of this user has the port. The lock ends with this process.
+bool reserve(std::uint16_t port) {
+  const auto directory = std::filesystem::temp_directory_path() /
+                         ("slam-gateway-test-ports-" + std::to_string(::geteuid()));
+  std::filesystem::create_directories(directory);
+  const int fd =
+      ::open((directory / std::to_string(port)).c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+  if (fd < 0) throw std::runtime_error("cannot write to " + directory.string());
+  if (::flock(fd, LOCK_EX | LOCK_NB) == 0) return true;
+  ::close(fd);
+  return false;
+}
+
+template <typename Socket, typename Endpoint>
+bool binds(const Endpoint& endpoint) {
   boost::asio::io_context io;
-  tcp::acceptor acceptor(io, tcp::endpoint(boost::asio::ip::address_v4::loopback(), 0));
-  return acceptor.local_endpoint().port();
+  Socket socket(io, endpoint.protocol());
+  boost::system::error_code error;
+  socket.bind(endpoint, error);
+  return !error;
+}
+
+std::uint16_t free_port(bool (*is_free)(std::uint16_t)) {
+  static std::mt19937 random{std::random_device{}()};
+  std::uniform_int_distribution<std::uint16_t> any(first_port, last_port);
+  for (int tries = 0; tries < 10000; ++tries) {
+    const std::uint16_t port = any(random);
+    if (is_free(port) && reserve(port)) return port;
+  }
+  throw std::runtime_error("no port is free");
+}
+
+}  // namespace
+
+std::uint16_t free_tcp_port() {
+  return free_port([](std::uint16_t port) {
+    return binds<tcp::socket>(tcp::endpoint(boost::asio::ip::address_v4::loopback(), port));
+  });
 }
 
 std::uint16_t free_udp_port() {
-  boost::asio::io_context io;
-  udp::socket socket(io, udp::endpoint(udp::v6(), 0));
-  return socket.local_endpoint().port();
+  return free_port(
+      [](std::uint16_t port) { return binds<udp::socket>(udp::endpoint(udp::v6(), port)); });
 }
 
 }  // namespace slamgw::test

@@ -13,7 +13,7 @@ namespace {
 using boost::asio::ip::tcp;
 using Error = boost::system::error_code;
 
-constexpr std::uint8_t level_of_mqtt5 = 5;
+constexpr std::uint8_t refused_level = 5;
 
 /// The protocol level of a CONNECT (MQTT 5 section 3.1.2.2); nothing while it has not come.
 std::optional<std::uint8_t> level_of(const std::vector<std::uint8_t>& connect) {
@@ -38,7 +38,7 @@ class Mqtt311Proxy::Connection : public std::enable_shared_from_this<Connection>
           self->connect_.insert(self->connect_.end(), self->up_.begin(), self->up_.begin() + size);
           const auto level = level_of(self->connect_);
           if (!level) return self->read_connect();
-          if (*level == level_of_mqtt5) return self->turn_away();
+          if (*level == refused_level) return self->turn_away();
           self->pass_on();
         });
   }

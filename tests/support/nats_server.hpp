@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <string>
 
 #include "tests/support/child_process.hpp"
 #include "tests/support/temp_dir.hpp"
@@ -14,9 +15,11 @@ class NatsServer {
  public:
   static bool is_installed();
 
-  /// Returns when it accepts MQTT connections.
-  NatsServer();
+  /// Returns when it accepts MQTT connections. `extra_configuration`: users and their permissions.
+  explicit NatsServer(const std::string& extra_configuration = {});
   std::uint16_t mqtt_port() const { return mqtt_port_; }
+  /// What it has refused, among other things.
+  std::string log() const { return read_file(directory_ / "log"); }
 
  private:
   TempDir directory_;

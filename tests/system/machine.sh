@@ -5,7 +5,7 @@
 # and devices are kept, and each run begins there, with a copy of the disk that QEMU keeps to itself.
 # shellcheck shell=bash disable=SC2034,SC2054,SC2154
 
-extra_packages=,linux-image-$arch,initramfs-tools,udev,wpan-tools
+extra_packages=,linux-image-$arch,initramfs-tools,udev,wpan-tools,sudo,adduser
 # What its initial file system loads: the disk, and the directory that it shares with us.
 # shellcheck disable=SC2016 # "$1" is mmdebstrap's
 tree_options=(
@@ -16,7 +16,7 @@ guest_limit_s=14400
 boot_limit_s=3600
 
 prepare_guests() {
-  [ "$arch" = amd64 ] || die "--vm works on amd64 only"
+  run_programs_of "$arch"
   make_guest_tree "machine-$arch"
   choose_machine
   local begins_as
@@ -33,19 +33,29 @@ prepare_guests() {
   echo "$begins_as" >"$tree/begins-as"
 }
 
-# Sets qemu, the command.
+# Sets qemu, the command, and job_port, where a device can be plugged in.
 choose_machine() {
-  local kernel=("$tree"/root/boot/vmlinuz-*) initrd=("$tree"/root/boot/initrd.img-*)
-  qemu=(qemu-system-x86_64 -machine pc)
+  local processor console kernel=("$tree"/root/boot/vmlinuz-*) initrd=("$tree"/root/boot/initrd.img-*)
+  case $arch in
+    amd64)
+      qemu=(qemu-system-x86_64 -machine pc)
+      processor=Nehalem console=ttyS0 job_port=''
+      ;;
+    arm64)
+      qemu=(qemu-system-aarch64 -machine virt -device "pcie-root-port,id=job-port,chassis=1")
+      processor=cortex-a72 console=ttyAMA0 job_port=job-port
+      ;;
+    *) die "there is no machine of $arch" ;;
+  esac
   # /dev/kvm alone proves nothing: in some virtual machines it is there and slower than emulation.
-  if [ -w /dev/kvm ] && grep -qwE 'vmx|svm' /proc/cpuinfo; then
+  if [ "$arch" = "$(dpkg --print-architecture)" ] && [ -w /dev/kvm ] && grep -qwE 'vmx|svm' /proc/cpuinfo; then
     qemu+=(-accel kvm -cpu host -smp 2)
   else
-    qemu+=(-accel tcg -cpu Nehalem -smp 1 -icount shift=2)
+    qemu+=(-accel tcg -cpu "$processor" -smp 1 -icount shift=2)
   fi
   qemu+=(-m 1024 -nodefaults -nic none -display none -serial file:console -qmp unix:monitor,server=on,wait=off
     -kernel "${kernel[0]}" -initrd "${initrd[0]}"
-    -append 'console=ttyS0 root=/dev/vda rw quiet mitigations=off random.trust_cpu=on no_timer_check panic=5'
+    -append "console=$console root=/dev/vda rw quiet mitigations=off random.trust_cpu=on no_timer_check panic=5"
     -device virtio-rng-pci)
 }
 
@@ -76,6 +86,7 @@ make_guest() { :; }
 boot() {
   (cd "$2" && exec timeout --kill-after=20 "$guest_limit_s" "${qemu[@]}" -name "$1" -drive "$(disk ,snapshot=on)" \
     -fsdev "local,id=job,path=$2/job,security_model=none" -incoming "exec:cat '$tree/state'") </dev/null &
-  tests/system/monitor "$2" give-job || kill $!
+  # shellcheck disable=SC2086 # a word or none
+  tests/system/monitor "$2" give-job $job_port || kill $!
   wait $! || true
 }

@@ -14,6 +14,7 @@
 #include "daemon/observability/service_notifier.hpp"
 #include "daemon/observability/traffic_text.hpp"
 #include "daemon/runtime/mesh_shell.hpp"
+#include "daemon/storage/message_row.hpp"
 
 namespace slamgw {
 namespace {
@@ -140,7 +141,8 @@ class ThirdMesh : public testing::Test, private MeshListener {
                           },
                           [&](TrafficEvent& it) { traffic.push_back(traffic_text(it, {})); },
                           [](UnsubscribeAtBroker&) {}, [](CommandOutcome&) {}, [](MeshStep&) {},
-                          [](AwaitTurn&) {}, [](AskAboutRobot&) {}, [](Notice&) {}},
+                          [](AwaitTurn&) {}, [](AskAboutRobot&) {}, [](RobotForgotten&) {},
+                          [](Notice&) {}},
                action);
   }
   void give_to_broker(Upload upload) {
@@ -208,6 +210,21 @@ TEST(ThirdMeshParts, HaveAPlaceForIt) {
   Status status;
   status.meshes[Mesh::zigbee] = {true, true, "channel 15", {}};
   EXPECT_EQ(to_json(status)["meshes"]["zigbee"]["state"], "up");
+
+  RobotStatus robot{.id = "r", .mesh = Mesh::zigbee};
+  robot.last_seen = WallTime{10s};
+  robot.since = WallTime{50s};
+  EXPECT_EQ(why_absent(robot, {true, true, "", {}}), "nothing had been heard of it for 40 s");
+
+  for (const Mesh mesh : all_meshes) {
+    const BrokerMessage before{"t", {}, Qos::at_least_once, false, Provenance{mesh, WallTime{7s}}};
+    const BrokerMessage after = message_of(row_of(1, before, 0));
+    ASSERT_TRUE(after.provenance);
+    EXPECT_EQ(after.provenance->mesh, mesh) << "after a stay on the disk";
+  }
+  MessageRow row;
+  row.mesh = std::ssize(all_meshes) + 1;  // written by a later version
+  EXPECT_FALSE(message_of(row).provenance);
 
   SubscriptionTable table;
   for (const Mesh mesh : all_meshes) table.add(mesh, "f", Qos::at_least_once);

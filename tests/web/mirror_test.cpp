@@ -102,7 +102,7 @@ TEST(WebMirror, AMessageIsOneLine) {
         text->npos);
 }
 
-/// The contract's ids have 64 octets; a broker takes topics of 64 KiB, and a page keeps thousands.
+/// Ids have 64 octets at most; a broker takes topics of 64 KiB, and a page keeps thousands.
 TEST(WebMirror, LongTopicsAreNotPassedOn) {
   const std::string head = "ntnu-slam/robot/r/";
   EXPECT_FALSE(mirrored(head + std::string(max_topic - head.size(), 'a'), "x").is_null());

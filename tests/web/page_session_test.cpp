@@ -67,7 +67,7 @@ TEST_F(WebSession, EndsAfterThreeWrongTokens) {
   EXPECT_FALSE(say(wrong).ends);
   EXPECT_FALSE(say(wrong).ends);
   EXPECT_TRUE(say(wrong).ends);
-  EXPECT_FALSE(session.may_send());
+  EXPECT_FALSE(say(stop).publish);
 }
 
 TEST_F(WebSession, AWrongTokenTakesTheRightBack) {
@@ -80,7 +80,7 @@ TEST_F(WebSession, NobodyKnowsATokenThatIsNotSet) {
   const std::string none;
   PageSession watching(topics, none);
   watching.on_text(R"({"topic":"$web/token","payload":""})", now);
-  EXPECT_FALSE(watching.may_send());
+  EXPECT_FALSE(watching.on_text(stop, now).publish);
 }
 
 TEST_F(WebSession, SendsSoManyCommandsASecond) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The WebSocket: mirrors the broker's topics to `listener.onMessage`, comes back by itself. Each message holds one or
 // several of ours, a line each.
-// A token is told as the first message, never in a URL; it stays in this tab's session.
+// A token is sent as the first message, never in a URL; it stays in this tab's session.
 const PAUSES_MS = [300, 1000, 2000, 5000];
 const TOKEN = 'slamgw-token';
 

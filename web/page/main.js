@@ -85,7 +85,7 @@ function step(by) {
 
 // ---- the list beside the map
 const sorted = () => [...model.robots.values()].sort((a, b) => byName(a.id, b.id));
-// What a first visitor may do: mend what is wrong, or look at simulated robots.
+// Hints for a first visitor: fix what is wrong, or look at simulated robots.
 function emptyHint() {
   const [first] = problems(model);
   if (first) return `${first.title}. ${first.remedy}`;

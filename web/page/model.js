@@ -5,9 +5,9 @@ import { decodeUpdate } from './decode.js';
 
 export const MAX_ROBOTS = 1000;
 const MAX_LEFT_OUT = 20000; // robots that are not kept: their names and presence are
-const MAX_ID = 64; // contract
+const MAX_ID = 64; // docs/topics.md
 const QUIET_MS = 10000; // whom a newcomer may replace: else a thousand and one would push each other out
-const LOOK_MS = 1000; // between two looks for the quiet ones
+const LOOK_MS = 1000; // between two searches for the quiet ones
 const MAX_AHEAD_MS = 60000; // a gateway's clock; what was heard later than that is a lie
 export const MAX_POINTS = 4000; // of one robot
 export const MAX_TRAIL = 400;
@@ -112,7 +112,7 @@ export class Robot {
     this.times[slot] = at;
   }
 
-  // `see` is told each ray: (from x, y, to x, y, worth).
+  // `see` gets each ray: (from x, y, to x, y, worth).
   apply(update, at, see) {
     const pose = this.toRoom(update.x, update.y);
     const before = this.pose;
@@ -336,10 +336,10 @@ export class Model {
     Object.assign(command, { outcome, after, why, ended: performance.now() });
     this.onOutcome(robot, command);
   }
-  // What nobody told within the 30 s of the contract.
+  // Commands whose outcome did not come within 30 s (docs/topics.md, promise 6).
   expire() {
     for (const robot of this.robots.values())
-      while (robot.pending.length && performance.now() - robot.pending[0].begun > 35000) this.end(robot, 0, 'no outcome', undefined, 'nobody told one within 35 s');
+      while (robot.pending.length && performance.now() - robot.pending[0].begun > 35000) this.end(robot, 0, 'no outcome', undefined, 'none came within 35 s');
   }
 
   note(message, from, robot, type) {

@@ -1,10 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "web/server/metrics.hpp"
 
-#include <fmt/format.h>
-
-#include <array>
-#include <cmath>
 #include <initializer_list>
 #include <nlohmann/json.hpp>
 #include <optional>

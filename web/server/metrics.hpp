@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// `/metrics`: what the gateways tell about themselves, in Prometheus's text format 0.0.4. Pure.
+// `/metrics`: what the gateways publish about themselves, in Prometheus's text format 0.0.4. Pure.
 // Every name begins with `slamgw_`; seconds and bytes; counters end in `_total`. What a gateway
-// that is offline said last is not told as if it were of now.
+// that is offline sent last is not shown as if it were current.
 #pragma once
 
 #include <cstdint>

@@ -2,9 +2,9 @@
 #include "web/server/mirror.hpp"
 
 #include <algorithm>
-#include <array>
 #include <nlohmann/json.hpp>
 
+#include "daemon/core/bytes.hpp"
 #include "daemon/core/utf8.hpp"
 
 namespace slamgw::web {

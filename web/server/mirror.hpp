@@ -19,7 +19,6 @@
 #include <string_view>
 #include <variant>
 
-#include "daemon/core/bytes.hpp"
 #include "web/server/topics.hpp"
 
 namespace slamgw::web {

@@ -29,7 +29,7 @@ bool PageQueue::push_state(std::string_view topic, SharedText text) {
   return true;
 }
 
-void PageQueue::begin_anew(std::string_view topic, SharedText text) {
+void PageQueue::reset(std::string_view topic, SharedText text) {
   order_.clear();
   states_.clear();
   state_bytes_ = 0;
@@ -43,14 +43,14 @@ void PageQueue::push_event(SharedText text) {
     event_bytes_ -= events_.front()->size();
     events_.pop_front();
     ++dropped_;
-    ++untold_;
+    ++unreported_drops_;
   }
 }
 
 SharedText PageQueue::pop() {
-  if (untold_ > 0) {
-    const std::string count = R"({"messages":)" + std::to_string(untold_) + "}";
-    untold_ = 0;
+  if (unreported_drops_ > 0) {
+    const std::string count = R"({"messages":)" + std::to_string(unreported_drops_) + "}";
+    unreported_drops_ = 0;
     return std::make_shared<const std::string>(own_message("dropped", count));
   }
   if (!order_.empty()) {

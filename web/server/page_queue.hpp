@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What waits for one page. Of a state only the newest waits; of events the oldest are dropped when
-// the page is slow, and it is told how many. Pure; texts are shared among pages.
+// the page is slow, and it gets their number. Pure; texts are shared among pages.
 #pragma once
 
 #include <cstdint>
@@ -27,7 +27,7 @@ class PageQueue {
   /// be given up, for what it shows would be wrong for ever.
   bool push_state(std::string_view topic, SharedText text);
   /// Drops the states that wait: all of them come anew after `text`.
-  void begin_anew(std::string_view topic, SharedText text);
+  void reset(std::string_view topic, SharedText text);
   void push_event(SharedText text);
   /// One write for many messages: beyond this size the next write takes what is left.
   static constexpr std::size_t enough_bytes = 64 * 1024;
@@ -37,7 +37,6 @@ class PageQueue {
   /// Several of them at once, a line each; empty when nothing waits.
   std::string take();
 
-  bool is_empty() const { return states_.empty() && events_.empty() && untold_ == 0; }
   std::uint64_t dropped() const { return dropped_; }  ///< events, since the page came
 
  private:
@@ -47,7 +46,7 @@ class PageQueue {
   std::deque<SharedText> events_;
   std::size_t event_bytes_ = 0;
   std::uint64_t dropped_ = 0;
-  std::uint64_t untold_ = 0;
+  std::uint64_t unreported_drops_ = 0;
 };
 
 }  // namespace slamgw::web

@@ -26,7 +26,7 @@ PageSession::Reaction PageSession::on_token(const TokenOffer& offer) {
 }
 
 PageSession::Reaction PageSession::on_command(CommandRequest command, TimePoint now) {
-  if (!may_send_) return {refusal(command.topic, "this page only watches: it has told no token")};
+  if (!may_send_) return {refusal(command.topic, "this page only watches: it has sent no token")};
   if (!topics_.is_command_topic(command.topic))
     return {refusal(command.topic, "no command: only <prefix>/server/<id>/<type> is allowed")};
   if (!take_turn(now)) return {refusal(command.topic, "too many commands at once")};

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What one page may do: it watches until it has told the token, then it may send commands, so many
+// What one page may do: it watches until it has sent the token, then it may send commands, so many
 // a second. Pure: texts and `now` in, a reaction out.
 #pragma once
 
@@ -32,7 +32,6 @@ class PageSession {
     bool ends = false;  ///< the connection, after the reply
   };
   Reaction on_text(std::string_view text, TimePoint now);
-  bool may_send() const { return may_send_; }
 
  private:
   Reaction on_token(const TokenOffer& offer);

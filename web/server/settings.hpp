@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the configuration says about the live page (`web.*`); defaults are the contract's.
+// What the configuration says about the live page (`web.*`); defaults as in config/gateway.json.
 #pragma once
 
 #include <optional>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a topic of the contract's tree means to a page. Pure.
+// What a topic of docs/topics.md means to a page. Pure.
 #pragma once
 
 #include <cstdint>
@@ -9,8 +9,8 @@
 namespace slamgw::web {
 
 enum class TopicKind : std::uint8_t {
-  robot,    ///< `<prefix>/robot/<id>/<type>`: what a robot said
-  command,  ///< `<prefix>/server/<id>/<type>`: what it was told
+  robot,    ///< `<prefix>/robot/<id>/<type>`: a robot's message
+  command,  ///< `<prefix>/server/<id>/<type>`: a command to it
   state,    ///< of a gateway, the newest is all: `state`, `stats`, `numbers`, `robots/<id>`
   event,    ///< of a gateway, each one counts: `commands/<id>`, `rejected/<id>/<type>`
   foreign,  ///< nothing of the tree

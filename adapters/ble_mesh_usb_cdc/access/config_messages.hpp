@@ -42,7 +42,7 @@ Result<Composition, DecodeError> decode_composition(ByteView params);
 std::vector<std::uint16_t> decode_subscription_list(ByteView params, const ModelId& model);
 
 /// The largest TTL of Mesh Profile 1.0 section 4.2.2.5. Robots that run Nordic's code up to release
-/// 4.2.0 stop on a failed assertion when they are told to publish with 128 to 254.
+/// 4.2.0 stop on a failed assertion when they are configured to publish with 128 to 254.
 inline constexpr std::uint8_t max_publish_ttl = 127;
 
 struct Publication {

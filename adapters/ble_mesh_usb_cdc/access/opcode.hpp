@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // The head of an access message (Mesh Profile 1.0 section 3.7.3.1): an opcode of one, two or three
-// octets, then parameters. Called by BleMesh and the models next to this file.
+// octets, then parameters. Called by Uplink, NodeConfiguration and the codecs here.
 #pragma once
 
 #include <cstdint>
 
-#include "adapters/ble_mesh_usb_cdc/decode_error.hpp"
+#include "adapters/ble_mesh_usb_cdc/errors.hpp"
 #include "daemon/core/bytes.hpp"
 #include "daemon/core/result.hpp"
 

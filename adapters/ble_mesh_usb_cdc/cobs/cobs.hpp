@@ -5,7 +5,7 @@
 
 #include <vector>
 
-#include "adapters/ble_mesh_usb_cdc/decode_error.hpp"
+#include "adapters/ble_mesh_usb_cdc/errors.hpp"
 #include "daemon/core/bytes.hpp"
 #include "daemon/core/result.hpp"
 

@@ -39,7 +39,7 @@ class CobsMesh {
   void on_broker_message(const BrokerMessage& message, CommandId command, TimePoint now);
   void on_subscribe_result(const std::string& filter, bool granted, TimePoint now);
   void on_broker_link(bool is_up, TimePoint now);
-  void on_trace(bool) {}      // nothing is sent, and acknowledging is the frame's own affair
+  void on_trace(bool) {}      // no command is sent, and acknowledgements are not traced here
   void on_stop(TimePoint) {}  // no command waits
 
   std::optional<CobsAction> next_action() { return actions_.pop(); }
@@ -56,7 +56,7 @@ class CobsMesh {
     std::string address;  ///< for people
     bool is_online = false;
     TimePoint last_heard{};
-    bool is_subscribed = true;  ///< false: the broker said no, to be asked again
+    bool is_subscribed = true;  ///< false: the broker refused it; asked again later
     LienConnection connection = {};
     std::uint64_t open_receipt = 0;  ///< 0: none
   };

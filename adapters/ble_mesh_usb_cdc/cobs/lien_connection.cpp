@@ -68,7 +68,7 @@ LienConnection::ArqOutcome LienConnection::on_segment(std::uint8_t number, ByteV
   is_open_ = message.has_value();
   if (is_open_) return {.message = std::move(message)};
   if (stream_.size() >= length_octets && stream_[0] == 0 && stream_[1] == 0)
-    stream_.clear();  // says nothing
+    stream_.clear();  // an empty message
   expected_ = (expected_ + 1) & number_mask;
   return {.reply = acknowledge()};
 }

@@ -82,21 +82,17 @@ void BleMeshAdapter::manage(BleOrder order, OrderDone done) {
   if (!problem().empty()) return done({{}, problem()});
   const std::uint64_t id = ++last_order_;
   orders_.emplace(id, std::move(done));
-  input([&](BleMesh& mesh, TimePoint now) { mesh.on_order(id, std::move(order), now); });
+  input(&BleMesh::on_order, id, std::move(order));
 }
 
 void BleMeshAdapter::share_with(ServiceGate::MayServe may_serve, OnHeard on_heard) {
   on_heard_ = std::move(on_heard);
-  input([&](BleMesh& mesh, TimePoint) { mesh.ask_who_serves(std::move(may_serve)); });
+  input(&BleMesh::ask_who_serves, std::move(may_serve));
 }
 
-void BleMeshAdapter::take_over(const std::string& robot) {
-  input([&](BleMesh& mesh, TimePoint now) { mesh.on_taken_over(robot, now); });
-}
+void BleMeshAdapter::take_over(const std::string& robot) { input(&BleMesh::on_taken_over, robot); }
 
-void BleMeshAdapter::give_up(const std::string& robot) {
-  input([&](BleMesh& mesh, TimePoint now) { mesh.on_given_up(robot, now); });
-}
+void BleMeshAdapter::give_up(const std::string& robot) { input(&BleMesh::on_given_up, robot); }
 
 void BleMeshAdapter::end_order(OrderEnded& ended) {
   const auto waiting = orders_.find(ended.id);
@@ -129,35 +125,26 @@ void BleMeshAdapter::generate_keys() {
 
 void BleMeshAdapter::on_keys_stored(const std::optional<MeshKeys>& keys,
                                     const std::string& problem) {
-  if (problem.empty()) {
-    listener().on_mesh_event(
-        Notice{Severity::notice,
-               "a new BLE mesh begins: " + file_.path() +
-                   " holds its keys; keep a backup, without them every robot must join anew",
-               {}});
-  }
-  input([&](BleMesh& mesh, TimePoint now) {
-    problem.empty() ? mesh.on_keys(*keys, now) : mesh.on_keys_failed(problem, now);
-  });
+  if (problem.empty())
+    notify(Severity::notice,
+           "a new BLE mesh begins: " + file_.path() +
+               " holds its keys; keep a backup, without them every robot must join anew");
+  problem.empty() ? input(&BleMesh::on_keys, *keys) : input(&BleMesh::on_keys_failed, problem);
 }
 
 void BleMeshAdapter::store(NodeDatabase database) {
   write_file([this, database = std::move(database)] { return file_.replace(database); },
-             [this](const std::string& problem) {
-               input([&](BleMesh& mesh, TimePoint now) { mesh.on_stored(problem, now); });
-             });
+             [this](const std::string& problem) { input(&BleMesh::on_stored, problem); });
 }
 
 void BleMeshAdapter::end_interrupted_commands() {
   const Now now = read_clocks();
   const auto interrupted = command_file_.load(now);
   if (!interrupted)
-    listener().on_mesh_event(
-        Notice{Severity::warning,
-               command_file_.path() +
-                   " is damaged: commands that were under way over BLE before the restart have no "
-                   "outcome",
-               {}});
+    notify(Severity::warning,
+           command_file_.path() +
+               " is damaged: commands that were under way over BLE before the restart have no "
+               "outcome");
   if (interrupted && interrupted->empty()) return;
   for (const OpenCommand& command : interrupted.value_or(std::vector<OpenCommand>{}))
     listener().on_mesh_event(outcome_after_restart(command, now));
@@ -179,7 +166,7 @@ void BleMeshAdapter::keep_commands() {
                is_keeping_commands_ = false;
                const bool is_news = !problem.empty() && !is_command_problem_known_;
                is_command_problem_known_ = !problem.empty();
-               if (is_news) listener().on_mesh_event(Notice{Severity::warning, problem, {}});
+               if (is_news) notify(Severity::warning, problem);
                if (!problem.empty()) kept_commands_ = "unknown";
                if (are_commands_changed_) keep_commands();
              });

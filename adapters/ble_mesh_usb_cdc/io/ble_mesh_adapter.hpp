@@ -31,12 +31,11 @@ class BleMeshAdapter final : public SerialShell<BleMesh> {
   /// What operators order about the mesh and its robots; `done` is called once, now or later, and
   /// never after stop().
   void manage(BleOrder order, OrderDone done);
-  /// In a mesh that several gateways share: `may_serve` is asked, `on_heard` told of each message.
+  /// In a mesh that several gateways share: `may_serve` and `on_heard` are called for each message.
   /// Before start().
   using OnHeard = std::function<void(const HeardRobot& heard)>;
   void share_with(ServiceGate::MayServe may_serve, OnHeard on_heard);
   bool is_shared() const { return machine().is_shared(); }
-  bool is_link_up() const { return machine().is_link_up(); }
   void take_over(const std::string& robot);
   void give_up(const std::string& robot);
 
@@ -64,7 +63,7 @@ class BleMeshAdapter final : public SerialShell<BleMesh> {
   bool is_command_problem_known_ = false;  ///< to the operator
   std::map<std::uint64_t, OrderDone> orders_;
   std::uint64_t last_order_ = 0;
-  /// Gone with the adapter: a completion that was under way must not touch it.
+  /// Expires with the adapter, so that a completion that comes later does not touch it.
   std::shared_ptr<const int> alive_ = std::make_shared<int>();
   boost::asio::thread_pool disk_{1};  ///< writes mesh.json; last, so that it ends first
 };

@@ -4,11 +4,10 @@
 #pragma once
 
 #include <cstdint>
-#include <optional>
 #include <string>
 #include <vector>
 
-#include "adapters/ble_mesh_usb_cdc/refusal.hpp"
+#include "adapters/ble_mesh_usb_cdc/errors.hpp"
 #include "daemon/core/result.hpp"
 
 namespace slamgw::ble {

@@ -8,8 +8,8 @@
 #include <span>
 #include <string>
 
+#include "adapters/ble_mesh_usb_cdc/errors.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
-#include "adapters/ble_mesh_usb_cdc/refusal.hpp"
 #include "daemon/core/result.hpp"
 
 namespace slamgw::ble {

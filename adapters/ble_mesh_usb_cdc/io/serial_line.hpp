@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The octets of one serial port, for the loop: every call on the tty is made by a thread of its
-// own, because each of them may wait in the kernel (serial_port.hpp). Called by BleMeshAdapter on
+// own, because each of them may wait in the kernel (serial_port.hpp). Called by SerialShell on
 // the loop's thread, where all callbacks come as well.
 #pragma once
 
@@ -76,7 +76,7 @@ class SerialLine {
   OpenPort open_port_;
   Callbacks callbacks_;
   boost::asio::steady_timer stuck_timer_;
-  /// Gone with this object: a timer that has run out already must not touch it.
+  /// Expires with this object, so that a timer that has run out already does not touch it.
   std::shared_ptr<const int> alive_ = std::make_shared<int>();
   State state_ = State::closed;
   bool is_open_wanted_ = false;                   ///< while closing

@@ -16,8 +16,8 @@
 #include <cstring>
 #include <filesystem>
 
+#include "adapters/ble_mesh_usb_cdc/errors.hpp"
 #include "adapters/ble_mesh_usb_cdc/io/open_failure.hpp"
-#include "adapters/ble_mesh_usb_cdc/refusal.hpp"
 
 namespace slamgw::ble {
 namespace {
@@ -98,7 +98,7 @@ std::string user_name(uid_t id) {
   return found != nullptr ? found->pw_name : std::to_string(id);
 }
 
-/// What explain_open_failure needs, as far as the system tells. `error`: errno of the attempt.
+/// What explain_open_failure needs, as far as the system knows. `error`: errno of the attempt.
 OpenRefusal refuse_open(const std::string& path, int error) {
   NodeAccess access;
   struct stat status {};

@@ -3,7 +3,7 @@
 // descriptor. Pseudo-terminals, which libserialport does not know, are opened plainly.
 //
 // Any call here may wait in the kernel: to open and to set DTR until the device has answered, to
-// close for up to 30 s while it takes no data. Only SerialLine's thread makes them.
+// close for up to 30 s while it takes no data. Only SerialConnection's thread makes them.
 #pragma once
 
 #include <functional>

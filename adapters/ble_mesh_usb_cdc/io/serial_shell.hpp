@@ -29,11 +29,11 @@ class SerialShell : public MeshShell<Machine> {
   void start() override {
     is_stopped_ = false;
     if (!problem_.empty()) {
-      listener_.on_mesh_event(Notice{Severity::error, problem_, {}});
+      notify(Severity::error, problem_);
       listener_.on_mesh_event(LinkChange{Mesh::ble, false, problem_});
       return;
     }
-    this->input([](Machine& machine, TimePoint) { machine.on_start(); });
+    driver_.input(&Machine::on_start);
     open_after(Duration::zero());
   }
   void stop() override {
@@ -45,7 +45,7 @@ class SerialShell : public MeshShell<Machine> {
   /// `robots` of the configuration, read again. Robots stay in the mesh.
   void reconfigure(RobotNames names) {
     if (is_stopped_ || !problem_.empty()) return;
-    this->input([&](Machine& machine, TimePoint now) { machine.on_names(std::move(names), now); });
+    driver_.input(&Machine::on_names, std::move(names));
   }
 
  protected:
@@ -70,12 +70,7 @@ class SerialShell : public MeshShell<Machine> {
         line_(io,
               open_port ? std::move(open_port) : [settings] { return open_serial_port(settings); },
               {.on_open = [this] { on_port_open(); },
-               .on_bytes =
-                   [this](ByteView bytes) {
-                     this->input([bytes](Machine& machine, TimePoint now) {
-                       machine.on_bytes(bytes, now);
-                     });
-                   },
+               .on_bytes = [this](ByteView bytes) { driver_.input(&Machine::on_bytes, bytes); },
                .on_failed = [this](const std::string& why) { on_port_failed(why); },
                .on_open_stuck = [this](const std::string& why) { on_port_closed(why); },
                .on_close_stuck = [this](const std::string& why) { on_close_stuck(why); }}),
@@ -92,6 +87,9 @@ class SerialShell : public MeshShell<Machine> {
   bool is_stopped() const { return is_stopped_; }
   const std::string& problem() const { return problem_; }
   MeshListener& listener() { return listener_; }
+  void notify(Severity severity, std::string text) {
+    listener_.on_mesh_event(Notice{severity, std::move(text), {}});
+  }
   const Machine& machine() const { return *machine_; }
   boost::asio::any_io_executor loop() { return timer_.get_executor(); }
 
@@ -107,19 +105,16 @@ class SerialShell : public MeshShell<Machine> {
   }
   void on_port_open() {
     open_delay_ = first_open_delay;
-    this->input([](Machine& machine, TimePoint now) { machine.on_port_open(now); });
+    driver_.input(&Machine::on_port_open);
   }
   void on_port_failed(const std::string& why) {
     open_after(open_delay_);
     open_delay_ = std::min(open_delay_ * 2, max_open_delay);
     on_port_closed(why);
   }
-  void on_port_closed(const std::string& why) {
-    this->input([&](Machine& machine, TimePoint now) { machine.on_port_closed(why, now); });
-  }
+  void on_port_closed(const std::string& why) { driver_.input(&Machine::on_port_closed, why); }
   void on_close_stuck(const std::string& why) {
-    if (stuck_throttle_.on_event(std::chrono::steady_clock::now()))
-      listener_.on_mesh_event(Notice{Severity::warning, why, {}});
+    if (stuck_throttle_.on_event(std::chrono::steady_clock::now())) notify(Severity::warning, why);
   }
 
   std::string problem_;

@@ -52,11 +52,10 @@ void BoardLink::on_lost_step(TimePoint now) {
 void BoardLink::get_in_step_again(TimePoint now) {
   if (const auto why = health_.verdict()) return give_up(*why, max_unusable_delay);
   if (health_.losses() >= LineHealth::noticeable_losses && loss_throttle_.on_event(now))
-    actions_.push(Notice{Severity::warning,
-                         fmt::format("octets are lost or added on the serial line to the board, {} "
-                                     "times in a row so far: messages are lost meanwhile",
-                                     health_.losses()),
-                         {}});
+    warn(
+        fmt::format("octets are lost or added on the serial line to the board, {} times in a row "
+                    "so far: messages are lost meanwhile",
+                    health_.losses()));
   begin_resync(now);
 }
 
@@ -157,9 +156,7 @@ void BoardLink::on_frame(const Bytes& frame, TimePoint now) {
   if (!event.has_value()) {
     ++counters_.malformed_events;
     if (const auto count = malformed_throttle_.on_event(now))
-      actions_.push(Notice{Severity::warning,
-                           fmt::format("the serial board sent {} malformed event(s)", *count),
-                           {}});
+      warn(fmt::format("the serial board sent {} malformed event(s)", *count));
     return;
   }
   std::visit(overloaded{
@@ -245,11 +242,10 @@ void BoardLink::on_drop_counter(std::uint32_t total, TimePoint now) {
   if (total <= before) return;  // the first reading, no change, or the board restarted unseen
   counters_.board_drops += total - before;
   if (drop_throttle_.on_event(now))
-    actions_.push(Notice{Severity::warning,
-                         fmt::format("the serial board dropped {} event(s) since it was last "
-                                     "asked: the serial line is too slow for this mesh",
-                                     total - before),
-                         {}});
+    warn(
+        fmt::format("the serial board dropped {} event(s) since it was last asked: the serial line "
+                    "is too slow for this mesh",
+                    total - before));
 }
 
 // --- What is to be sent --------------------------------------------------------------------------

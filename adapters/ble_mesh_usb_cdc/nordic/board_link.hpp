@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The link to one serial board: gets in step with it, starts it up, keeps one command in flight and
-// starts again from the beginning whenever something is lost. Not the mesh: what robots say passes
+// starts again from the beginning whenever something is lost. Not the mesh: robots' messages pass
 // through unread, and what they are sent is BoardTraffic's. Called by BleMesh, which drains its
 // actions.
 #pragma once
@@ -67,9 +67,9 @@ class BoardLink {
   /// A board that is busy during start-up, such as while it writes its flash, is asked again.
   static constexpr Duration busy_pause = std::chrono::milliseconds{200};
   static constexpr int max_busy_answers = 25;
-  /// How often a board that must not be used is looked at again.
+  /// How often a board that must not be used is checked again.
   static constexpr Duration refusal_interval = std::chrono::seconds{30};
-  /// Different notices about one attempt after the other; more are dropped until it was up again.
+  /// Different notices while the link is down; others are dropped until it has been up again.
   static constexpr std::size_t max_notified = 16;
 
   /// `seed` makes the Echo nonces.
@@ -97,7 +97,7 @@ class BoardLink {
   /// Only on an operator's word: the one place that sends it. False when there is no board that
   /// could be cleared.
   bool clear_board(TimePoint now);
-  /// The mesh's keys are others than before; starts the board up with them.
+  /// The mesh has other keys than before; starts the board up with them.
   void change_keys(const MeshKeys& keys, TimePoint now);
   /// Both are of the board that was started up last.
   std::uint16_t subnet_handle() const { return subnet_handle_; }
@@ -145,6 +145,7 @@ class BoardLink {
   void give_up(const std::string& why, Duration max_delay);
   void go_down(const std::string& why);
   void notify_once(Severity severity, const std::string& text);
+  void warn(std::string text) { actions_.push(Notice{Severity::warning, std::move(text), {}}); }
 
   LinkSettings settings_;
   std::optional<MeshKeys> keys_;

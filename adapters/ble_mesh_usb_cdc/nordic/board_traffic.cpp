@@ -44,9 +44,12 @@ bool BoardTraffic::send(Outgoing message) {
 }
 
 void BoardTraffic::withdraw(std::uint16_t destination, const Bytes& payload) {
-  const auto is_meant = [&](const Outgoing& message) {
+  erase_messages([&](const Outgoing& message) {
     return message.destination == destination && message.payload == payload;
-  };
+  });
+}
+
+void BoardTraffic::erase_messages(const auto& is_meant) {
   std::erase_if(urgent_, is_meant);
   std::erase_if(normal_, is_meant);
 }
@@ -131,7 +134,7 @@ void BoardTraffic::on_handle_added(const CommandResponse& response) {
   }
   refuse(destination_, fmt::format("the board gives no handle for 0x{:04x} ({})", destination_,
                                    to_string(response.status)));
-  drop_messages_to(destination_);
+  erase_messages([&](const Outgoing& message) { return message.destination == destination_; });
 }
 
 void BoardTraffic::on_handle_checked(const CommandResponse& response) {
@@ -155,14 +158,6 @@ void BoardTraffic::on_sent(const CommandResponse& response) {
          response.status == Status::invalid_state
              ? "an earlier segmented message to this robot is still being sent"
              : fmt::format("the board refuses to send ({})", to_string(response.status)));
-}
-
-void BoardTraffic::drop_messages_to(std::uint16_t destination) {
-  const auto is_to = [destination](const Outgoing& message) {
-    return message.destination == destination;
-  };
-  std::erase_if(urgent_, is_to);
-  std::erase_if(normal_, is_to);
 }
 
 void BoardTraffic::refuse(std::uint16_t destination, std::string why) {

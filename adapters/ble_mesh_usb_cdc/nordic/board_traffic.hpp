@@ -56,7 +56,7 @@ class BoardTraffic {
   /// `source`: the gateway's unicast address.
   BoardTraffic(std::uint16_t source, std::uint8_t ttl) : source_(source), ttl_(ttl) {}
 
-  /// Also when it was only got in step again; what waits goes on.
+  /// Also when the link only got in step again; waiting messages stay.
   void on_started(Board board);
   /// Forgets what waits.
   void on_link_down();
@@ -93,7 +93,7 @@ class BoardTraffic {
   void on_handle_added(const CommandResponse& response);
   void on_handle_checked(const CommandResponse& response);
   void on_sent(const CommandResponse& response);
-  void drop_messages_to(std::uint16_t destination);
+  void erase_messages(const auto& is_meant);
   void refuse(std::uint16_t destination, std::string why);
 
   std::uint16_t source_;

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The commands of Nordic's serial protocol (versions 5 to 10) that the daemon sends, as complete
 // frames. Multi-byte numbers are little-endian on the wire, keys most significant octet first. What
-// the board answers: events.hpp. Called by Resync, StartUp and BoardLink.
+// the board answers: events.hpp. Called by Resync, StartUp, BoardLink, and what provisions and
+// configures robots.
 #pragma once
 
 #include <array>
@@ -53,6 +54,14 @@ using Uuid = std::array<std::uint8_t, 16>;
 /// 32 hex digits, hyphens allowed.
 std::optional<Uuid> parse_uuid(std::string_view text);
 
+/// The two coordinates of a point on P-256, X before Y, each most significant octet first.
+using PublicKey = std::array<std::uint8_t, 64>;
+using SharedSecret = std::array<std::uint8_t, 32>;
+struct KeyPair {
+  std::array<std::uint8_t, 32> private_key{};
+  PublicKey public_key{};
+};
+
 /// The secrets of one mesh. Never printed, never in a Notice.
 struct MeshKeys {
   Key net_key{};
@@ -95,5 +104,26 @@ Bytes encode_local_unicast_set(std::uint16_t address, std::uint16_t count);
 Bytes encode_packet_send(const PacketSend& packet, SerialVersion version);
 /// The commands whose only parameter is a handle, an address or an index.
 Bytes encode_command(CommandOpcode opcode, std::uint16_t parameter);
+
+/// 0x63. Key index 0, no IV update and no key refresh in progress, no attention signal.
+struct ProvisionCommand {
+  std::uint8_t context = 0;  ///< one of the board's two provisioning links
+  Uuid uuid{};
+  Key net_key{};
+  std::uint32_t iv_index = 0;
+  std::uint16_t address = 0;  ///< of the device's first element
+  SerialVersion version = SerialVersion::sdk_3_1;
+};
+
+enum class OobMethod : std::uint8_t { none = 0, static_data = 1 };
+
+Bytes encode_provision(const ProvisionCommand& command);
+Bytes encode_keypair_set(const KeyPair& pair);
+/// What the board itself can do: one element, no OOB.
+Bytes encode_capabilities_set();
+Bytes encode_oob_use(std::uint8_t context, OobMethod method);
+Bytes encode_auth_data(std::uint8_t context, const Key& static_oob);
+Bytes encode_ecdh_secret(std::uint8_t context, const SharedSecret& secret);
+Bytes encode_devkey_add(std::uint16_t owner, std::uint16_t subnet_handle, const Key& key);
 
 }  // namespace slamgw::ble

@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "adapters/ble_mesh_usb_cdc/nordic/events.hpp"
 
+#include <algorithm>
+#include <array>
+
 namespace slamgw::ble {
 namespace {
 
@@ -10,6 +13,12 @@ constexpr std::size_t max_received_payload = 235;
 
 Bytes to_owned(ByteView bytes) { return {bytes.begin(), bytes.end()}; }
 
+template <std::size_t size>
+void read_into(ByteReader& params, std::array<std::uint8_t, size>& out) {
+  const ByteView octets = params.read(size);
+  std::copy(octets.begin(), octets.end(), out.begin());  // nothing after a short read
+}
+
 EventResult finish(const ByteReader& params, Event event) {
   if (!params.ok()) return DecodeError::too_short;
   if (!params.at_end()) return DecodeError::wrong_length;
@@ -18,7 +27,7 @@ EventResult finish(const ByteReader& params, Event event) {
 
 EventResult decode_started(ByteReader params) {
   DeviceStarted event;
-  event.operating_mode = params.read_u8();
+  params.read_u8();  // operating mode: test, boot loader, application
   event.hardware_error = params.read_u8();
   params.read_u8();  // data credit: always 254
   return finish(params, event);
@@ -32,13 +41,12 @@ EventResult decode_response(ByteReader params) {
   return finish(params, std::move(event));
 }
 
-EventResult decode_received(ByteReader params, bool is_to_subscription) {
+EventResult decode_received(ByteReader params) {
   MessageReceived event;
-  event.is_to_subscription = is_to_subscription;
   event.source = params.read_u16_le();
-  event.destination = params.read_u16_le();
+  params.read(2);  // destination: 0xd0 a unicast address, 0xd1 an address handle
   event.appkey_handle = params.read_u16_le();
-  event.subnet_handle = params.read_u16_le();
+  params.read(2);  // subnet handle
   event.ttl = params.read_u8();
   params.read(7);  // advertising address type and address of the last relay
   event.rssi_dbm = static_cast<std::int8_t>(params.read_u8());
@@ -48,18 +56,72 @@ EventResult decode_received(ByteReader params, bool is_to_subscription) {
   return finish(params, std::move(event));
 }
 
-EventResult decode_heartbeat(ByteReader params) {
-  Heartbeat event;
-  event.initial_ttl = params.read_u8();
-  event.hops = params.read_u8();
-  event.features = params.read_u16_le();
-  event.source = params.read_u16_le();
+EventResult decode_tx_complete(ByteReader params) {
+  params.read_u32_le();  // the token of Packet Send's answer
+  return finish(params, TxComplete{});
+}
+
+EventResult decode_iv_update(ByteReader params) {
+  const IvUpdate event{params.read_u32_le()};
   return finish(params, event);
 }
 
+EventResult decode_heartbeat(ByteReader params) {
+  params.read(4);  // initial TTL, hops, features
+  const Heartbeat event{params.read_u16_le()};
+  return finish(params, event);
+}
+
+EventResult decode_beacon(ByteReader params) {
+  UnprovisionedBeacon event;
+  read_into(params, event.uuid);
+  event.rssi_dbm = static_cast<std::int8_t>(params.read_u8());
+  params.read(8);  // whether it has GATT; address type and address
+  return finish(params, event);
+}
+
+EventResult decode_capabilities(ByteReader params) {
+  CapabilitiesReceived event;
+  event.context = params.read_u8();
+  event.elements = params.read_u8();
+  params.read_u8();  // public key out of band
+  event.static_oob_types = params.read_u8();
+  params.read(6);  // output and input OOB: unsupported
+  return finish(params, event);
+}
+
+EventResult decode_complete(ByteReader params) {
+  ProvisioningComplete event;
+  event.context = params.read_u8();
+  params.read(10);  // IV index, network key index, address, flags
+  read_into(params, event.device_key);
+  params.read(16);  // the network key
+  return finish(params, event);
+}
+
+EventResult decode_authentication(ByteReader params) {
+  AuthenticationRequested event;
+  event.context = params.read_u8();
+  event.method = params.read_u8();
+  params.read(2);  // action and size
+  return finish(params, event);
+}
+
+EventResult decode_ecdh(ByteReader params) {
+  EcdhRequested event;
+  event.context = params.read_u8();
+  read_into(params, event.peer);
+  params.read(32);  // the private key that the board was given
+  return finish(params, event);
+}
+
+/// An event of a provisioning link that has no more than a reason.
 template <class T>
-EventResult decode_number(ByteReader params) {
-  const T event{params.read_u32_le()};
+EventResult decode_link(ByteReader params) {
+  T event;
+  event.context = params.read_u8();
+  if constexpr (requires { event.reason; }) event.reason = params.read_u8();
+  if constexpr (requires { event.error; }) event.error = params.read_u8();
   return finish(params, event);
 }
 
@@ -71,18 +133,22 @@ EventResult decode_event(ByteView frame) {
   if (!params.ok()) return DecodeError::too_short;
   switch (opcode) {
     case 0x81: return decode_started(params);
-    case 0x82: return Event{EchoResponse{to_owned(params.read_rest())}};
+    case 0x82: return Event{EchoResponse{}};
     case 0x84: return decode_response(params);
-    case 0xd0: return decode_received(params, false);
-    case 0xd1: return decode_received(params, true);
-    case 0xd2: return decode_number<TxComplete>(params);
-    case 0xd3: return decode_number<IvUpdate>(params);
+    case 0xc0: return decode_beacon(params);
+    case 0xc1: return decode_link<ProvisioningLinkOpened>(params);
+    case 0xc2: return decode_link<ProvisioningLinkClosed>(params);
+    case 0xc3: return decode_capabilities(params);
+    // 0xc4, 0xc8 and 0xca are for boards that are provisioned themselves.
+    case 0xc5: return decode_complete(params);
+    case 0xc6: return decode_authentication(params);
+    case 0xc7: return decode_ecdh(params);
+    case 0xc9: return decode_link<ProvisioningFailed>(params);
+    case 0xd0:
+    case 0xd1: return decode_received(params);
+    case 0xd2: return decode_tx_complete(params);
+    case 0xd3: return decode_iv_update(params);
     case 0xd8: return decode_heartbeat(params);
-  }
-  if (is_provisioning_event(opcode)) {
-    auto event = decode_provisioning_event(frame);
-    if (!event.has_value()) return event.error();
-    return Event{*event};
   }
   return Event{OtherEvent{opcode}};
 }

@@ -1,15 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// What Nordic's serial board tells its host: one event per frame. Opcodes that the daemon does not
-// use come out as OtherEvent, never as errors; firmware newer than this file must not look broken.
-// Called by BoardLink with what FrameDecoder found.
+// What Nordic's serial board reports to its host: one event per frame. Opcodes that the daemon does
+// not use come out as OtherEvent, never as errors; firmware newer than this file must not look
+// broken. Octets that the daemon has no use for are left out. Called by BoardLink with what
+// FrameDecoder found.
 #pragma once
 
 #include <cstdint>
 #include <string_view>
 #include <variant>
 
-#include "adapters/ble_mesh_usb_cdc/decode_error.hpp"
-#include "adapters/ble_mesh_usb_cdc/nordic/provisioning_events.hpp"
+#include "adapters/ble_mesh_usb_cdc/errors.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/commands.hpp"
 #include "daemon/core/bytes.hpp"
 #include "daemon/core/result.hpp"
 
@@ -17,14 +18,11 @@ namespace slamgw::ble {
 
 /// 0x81, the first event after every reset of the board.
 struct DeviceStarted {
-  std::uint8_t operating_mode = 0;  ///< 0 test, 1 boot loader, 2 application
   std::uint8_t hardware_error = 0;
 };
 
 /// 0x82
-struct EchoResponse {
-  Bytes payload;
-};
+struct EchoResponse {};
 
 /// The status octet of 0x84; codes outside this list stay as they came.
 enum class Status : std::uint8_t {
@@ -53,10 +51,7 @@ struct CommandResponse {
 /// 0xd0 and 0xd1: an access message for a local unicast or a subscribed address.
 struct MessageReceived {
   std::uint16_t source = 0;
-  std::uint16_t destination = 0;  ///< 0xd0: unicast address; 0xd1: address handle
-  bool is_to_subscription = false;
   std::uint16_t appkey_handle = 0;
-  std::uint16_t subnet_handle = 0;
   std::uint8_t ttl = 0;  ///< on arrival
   std::int8_t rssi_dbm = 0;
   std::uint16_t actual_length = 0;  ///< more than `payload` holds: the board cut it short
@@ -64,9 +59,7 @@ struct MessageReceived {
 };
 
 /// 0xd2
-struct TxComplete {
-  std::uint32_t token = 0;
-};
+struct TxComplete {};
 
 /// 0xd3
 struct IvUpdate {
@@ -75,9 +68,6 @@ struct IvUpdate {
 
 /// 0xd8, firmware 4.0 and newer.
 struct Heartbeat {
-  std::uint8_t initial_ttl = 0;
-  std::uint8_t hops = 0;
-  std::uint16_t features = 0;
   std::uint16_t source = 0;
 };
 
@@ -85,6 +75,56 @@ struct Heartbeat {
 struct OtherEvent {
   std::uint8_t opcode = 0;
 };
+
+// What the board reports while it scans for new devices and provisions one. A context is one of its
+// two provisioning links.
+
+/// 0xc0: a device that is in no mesh says so.
+struct UnprovisionedBeacon {
+  Uuid uuid{};
+  std::int8_t rssi_dbm = 0;
+};
+/// 0xc1
+struct ProvisioningLinkOpened {
+  std::uint8_t context = 0;
+};
+/// 0xc2; the context is free again.
+struct ProvisioningLinkClosed {
+  std::uint8_t context = 0;
+  /// 0 success, 1 time-out, 2 failed (Mesh Profile 1.0 section 5.3.1.4.3)
+  std::uint8_t reason = 0;
+};
+/// 0xc3
+struct CapabilitiesReceived {
+  std::uint8_t context = 0;
+  std::uint8_t elements = 0;
+  std::uint8_t static_oob_types = 0;  ///< bit 0: the device has static OOB data
+};
+/// 0xc5. Carries a device key: never printed.
+struct ProvisioningComplete {
+  std::uint8_t context = 0;
+  Key device_key{};
+};
+/// 0xc6
+struct AuthenticationRequested {
+  std::uint8_t context = 0;
+  std::uint8_t method = 0;  ///< 1: static OOB
+};
+/// 0xc7: the board leaves the Diffie-Hellman exchange to its host.
+struct EcdhRequested {
+  std::uint8_t context = 0;
+  PublicKey peer{};
+};
+/// 0xc9
+struct ProvisioningFailed {
+  std::uint8_t context = 0;
+  std::uint8_t error = 0;  ///< Mesh Profile 1.0 section 5.4.1.10
+};
+
+using ProvisioningEvent =
+    std::variant<UnprovisionedBeacon, ProvisioningLinkOpened, ProvisioningLinkClosed,
+                 CapabilitiesReceived, ProvisioningComplete, AuthenticationRequested, EcdhRequested,
+                 ProvisioningFailed>;
 
 using Event = std::variant<DeviceStarted, EchoResponse, CommandResponse, MessageReceived,
                            TxComplete, IvUpdate, Heartbeat, ProvisioningEvent, OtherEvent>;

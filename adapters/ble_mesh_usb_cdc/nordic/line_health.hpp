@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Whether it is worth going on with a serial line: what goes wrong on it is counted, and what it
-// points to is named. Nothing protects the octets on that line, so octets that are lost or added
-// show only as torn frames, refusals of commands that were never sent, and answers that do not
-// come. Called by BoardLink.
+// Decides whether a serial line is usable: counts what goes wrong on it and names the likely cause.
+// Nothing protects the octets on that line, so octets that are lost or added show only as torn
+// frames, refusals of commands that were never sent, and answers that do not come. Called by
+// BoardLink.
 #pragma once
 
 #include <cstdint>
@@ -15,7 +15,7 @@ namespace slamgw::ble {
 
 class LineHealth {
  public:
-  /// As often in a row the link may get in step again before the line is called unusable.
+  /// After so many losses in a row the line counts as unusable.
   static constexpr int max_losses = 8;
   /// From so many in a row on, the operator gets a warning.
   static constexpr int noticeable_losses = 3;
@@ -32,7 +32,7 @@ class LineHealth {
   void on_answer(std::uint8_t opcode);
 
   int losses() const { return losses_; }
-  /// Why the port should be closed; nothing while it is worth going on.
+  /// Why the port should be closed; nothing while the line is usable.
   std::optional<std::string> verdict() const;
   /// When the last loss is so long ago that the line counts as good.
   TimePoint stable_at() const { return last_loss_ + stable_time; }

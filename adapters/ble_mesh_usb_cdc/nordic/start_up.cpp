@@ -18,14 +18,6 @@ std::vector<std::uint16_t> read_numbers(ByteReader& data) {
   return numbers;
 }
 
-/// The board lists key indexes in table order, so a handle is its index's place in the list.
-std::optional<std::uint16_t> handle_of(const std::vector<std::uint16_t>& indexes,
-                                       std::uint16_t index) {
-  const auto found = std::find(indexes.begin(), indexes.end(), index);
-  if (found == indexes.end()) return std::nullopt;
-  return static_cast<std::uint16_t>(found - indexes.begin());
-}
-
 }  // namespace
 
 StartUp::StartUp(BoardSettings settings, std::optional<MeshKeys> keys)
@@ -147,24 +139,28 @@ void StartUp::on_subnet_added(const CommandResponse& response) {
   if (response.status == Status::rejected) {
     return refuse(
         "it holds another network key than this gateway's mesh.json: it belongs to another mesh, "
-        "or "
-        "its key arrived damaged; attach this mesh's board, or clear this one with slam-gatewayctl "
-        "ble reset-board --yes, or move mesh.json away to use the board with its own keys");
+        "or its key arrived damaged; attach this mesh's board, or clear this one with "
+        "slam-gatewayctl ble reset-board --yes, or move mesh.json away to use the board with its "
+        "own keys");
   }
-  const auto listed = handle_of(subnet_indexes_, key_index);
-  if (response.status == Status::internal && listed) {
-    subnet_handle_ = *listed;  // the same key is already there
-  } else {
-    ByteReader data(response.data);
-    subnet_handle_ = data.read_u16_le();
-    if (!check(response, data.ok(), "taking the network key")) return;
-    if (is_fresh_) {
-      notice(Severity::notice,
-             "the serial board was fresh and got this mesh's address and keys; robots that heard "
-             "an earlier board at this address may ignore it until their replay lists are renewed");
-    }
-  }
+  if (!take_handle(response, subnet_indexes_, subnet_handle_, "taking the network key")) return;
+  if (is_fresh_)
+    notice(Severity::notice,
+           "the serial board was fresh and got this mesh's address and keys; robots that heard an "
+           "earlier board at this address may ignore it until their replay lists are renewed");
   step_ = Step::get_appkeys;
+}
+
+bool StartUp::take_handle(const CommandResponse& response, const std::vector<std::uint16_t>& listed,
+                          std::uint16_t& handle, std::string_view what) {
+  const auto known = std::ranges::find(listed, key_index);
+  if (response.status == Status::internal && known != listed.end()) {
+    handle = static_cast<std::uint16_t>(known - listed.begin());  // the very same key is there
+    return true;
+  }
+  ByteReader data(response.data);
+  handle = data.read_u16_le();
+  return check(response, data.ok(), what);
 }
 
 void StartUp::on_appkeys(const CommandResponse& response) {
@@ -189,17 +185,9 @@ void StartUp::on_appkey_added(const CommandResponse& response) {
   if (response.status == Status::rejected)
     return refuse(
         "it holds another application key than this gateway's mesh.json: it belongs to another "
-        "mesh, "
-        "or its key arrived damaged; slam-gatewayctl ble reset-board --yes clears it");
-  const auto listed = handle_of(appkey_indexes_, key_index);
-  if (response.status == Status::internal && listed) {
-    appkey_handle_ = *listed;
-  } else {
-    ByteReader data(response.data);
-    appkey_handle_ = data.read_u16_le();
-    if (!check(response, data.ok(), "taking the application key")) return;
-  }
-  step_ = Step::get_handles;
+        "mesh, or its key arrived damaged; slam-gatewayctl ble reset-board --yes clears it");
+  if (take_handle(response, appkey_indexes_, appkey_handle_, "taking the application key"))
+    step_ = Step::get_handles;
 }
 
 void StartUp::on_handles(const CommandResponse& response) {

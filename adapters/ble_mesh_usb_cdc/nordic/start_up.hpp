@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// What to ask and tell a board that is in step, in an order that is safe whatever state it is in:
-// first read, then add what is missing, and stop rather than change another tool's configuration.
-// Never clears the board (0xac would also reset its sequence numbers, and every robot's replay
-// protection would then discard what the gateway sends). No timing: one command, its response, the
-// next. Called by BoardLink.
+// The questions and commands for a board that is in step, in an order that is safe whatever state
+// it is in: first read, then add what is missing, and stop rather than change another tool's
+// configuration. Never clears the board (0xac would also reset its sequence numbers, and every
+// robot's replay protection would then discard what the gateway sends). No timing: one command, its
+// response, the next. Called by BoardLink.
 #pragma once
 
 #include <cstdint>
@@ -88,6 +88,10 @@ class StartUp {
   void read_next_handle();
   void add_next_group();
   void refuse(std::string why);
+  /// Reads the handle of a key that was added. `listed`: the key indexes that the board had before,
+  /// in the order of its table, so that an index's place in it is the key's handle.
+  bool take_handle(const CommandResponse& response, const std::vector<std::uint16_t>& listed,
+                   std::uint16_t& handle, std::string_view what);
   /// True when `response` is success and holds what it must; refuses otherwise. Octets beyond
   /// those are ignored: firmware newer than this file may send more.
   bool check(const CommandResponse& response, bool is_complete, std::string_view what);
@@ -101,12 +105,12 @@ class StartUp {
   std::vector<Notice> notices_;
 
   SerialVersion version_ = SerialVersion::sdk_3_1;
-  std::string uuid_;  ///< in hex; empty when it did not tell
+  std::string uuid_;  ///< in hex; empty when it did not answer
   std::optional<std::uint32_t> dropped_events_;
   bool has_address_ = true;
   bool is_fresh_ = false;                      ///< it had neither address nor keys
-  std::vector<std::uint16_t> subnet_indexes_;  ///< in handle order
-  std::vector<std::uint16_t> appkey_indexes_;  ///< in handle order
+  std::vector<std::uint16_t> subnet_indexes_;  ///< as listed by the board
+  std::vector<std::uint16_t> appkey_indexes_;
   std::uint16_t subnet_handle_ = 0;
   std::uint16_t appkey_handle_ = 0;
   std::deque<std::uint16_t> unread_handles_;  ///< front: the one being read

@@ -2,7 +2,7 @@
 // Which unicast address a new robot gets. In this order: the addresses that `robots` names, as they
 // stand there; the next free one from 0x0100; one that was passed over; at last the one whose
 // robot was removed longest ago, because the other nodes' replay lists may still know it. Called by
-// Provisioner.
+// Admission.
 #pragma once
 
 #include <cstdint>

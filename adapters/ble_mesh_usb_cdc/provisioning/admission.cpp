@@ -98,9 +98,9 @@ bool Admission::was_silent(const Node& node, TimePoint now) const {
 }
 
 bool Admission::reserve(const Candidate& candidate, const std::string& name, TimePoint now) {
-  const auto elements = std::max<std::uint8_t>(candidate.elements, 1);
   const bool has_room = nodes_.find(candidate.uuid) != nullptr || make_room();
-  const auto address = has_room ? nodes_.address_for(candidate.uuid, elements, name) : std::nullopt;
+  const auto address =
+      has_room ? nodes_.address_for(candidate.uuid, candidate.elements, name) : std::nullopt;
   if (address) {
     keep(candidate, *address, name);
     return true;
@@ -117,14 +117,13 @@ bool Admission::reserve(const Candidate& candidate, const std::string& name, Tim
 
 /// The address is the device's from now on; it joins as soon as the disk has that.
 void Admission::keep(const Candidate& candidate, std::uint16_t address, const std::string& name) {
-  const auto elements = std::max<std::uint8_t>(candidate.elements, 1);
   NodeDatabase& database = nodes_.ledger().change();
-  bool needs_restart = was_used_before(database, address, elements);
+  bool needs_restart = was_used_before(database, address, candidate.elements);
   Node* node = database.find(candidate.uuid);
   if (node == nullptr) {
     node = &database.nodes.emplace_back();
     node->uuid = candidate.uuid;
-    node->elements = elements;
+    node->elements = candidate.elements;
   } else if (node->state != NodeState::reserved) {
     if (node->address == address) {
       needs_restart = true;
@@ -142,7 +141,7 @@ void Admission::keep(const Candidate& candidate, std::uint16_t address, const st
   }
   const bool is_next_free = name.empty() && nodes_.configured_name(address) == nullptr;
   if (is_next_free && address >= database.next_address)
-    database.next_address = static_cast<std::uint16_t>(address + elements);
+    database.next_address = static_cast<std::uint16_t>(address + candidate.elements);
   chosen_ = Chosen{candidate.uuid, needs_restart};
 }
 
@@ -224,7 +223,7 @@ void Admission::on_joined(TimePoint now) {
   node.device_key = device_key;
   node.state = NodeState::provisioned;
   node.ttl.reset();
-  node.told.reset();
+  node.applied.reset();
   candidates_.erase(node.uuid);
   NodeHistory& history = nodes_.history(node.uuid);
   history = NodeHistory{};

@@ -8,6 +8,7 @@
 #include <string>
 
 #include "adapters/ble_mesh_usb_cdc/provisioning/candidates.hpp"
+#include "adapters/ble_mesh_usb_cdc/provisioning/ecdh.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/join_permit.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_table.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/open_order.hpp"
@@ -17,13 +18,13 @@ namespace slamgw::ble {
 
 class Admission {
  public:
-  /// Sources whose sequence numbers the stock board remembers; it does not hear any more.
+  /// The stock board remembers the sequence numbers of so many sources, and does not hear others.
   static constexpr std::size_t replay_list_size = 40;
   /// A node is taken for reset only when it says so and was not heard for this long.
   static constexpr Duration reset_silence = std::chrono::seconds{5};
   static constexpr Duration order_time_limit = std::chrono::seconds{150};
 
-  /// A node that must not be provisioned anew now.
+  /// Whether a conversation with the node is under way, so that it must not be provisioned anew.
   using IsBusy = std::function<bool(const Node&)>;
 
   /// All but `random` outlive it.

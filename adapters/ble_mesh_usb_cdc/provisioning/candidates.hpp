@@ -1,15 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // Devices that say they are in no mesh: when each was heard, and which is next. After a failure a
-// device waits longer each time, so that it does not hold up the others. Called by Provisioner.
+// device waits longer each time, so that it does not hold up the others. Called by Admission.
 #pragma once
 
 #include <functional>
 #include <map>
-#include <optional>
 #include <vector>
 
-#include "adapters/ble_mesh_usb_cdc/nordic/provisioning_events.hpp"
-#include "daemon/core/protocol_machine.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/events.hpp"
+#include "daemon/core/time.hpp"
 
 namespace slamgw::ble {
 

@@ -32,8 +32,6 @@ bool is_one_of(const auto& list, const auto& value) {
   return std::ranges::find(list, value) != list.end();
 }
 
-Bytes number(std::uint16_t value) { return ByteWriter{}.write_u16_le(value).take(); }
-
 bool starts_with(ByteView bytes, const Bytes& head) {
   return bytes.size() >= head.size() && std::ranges::equal(bytes.first(head.size()), head);
 }
@@ -43,25 +41,21 @@ bool ends_with(ByteView bytes, const Bytes& tail) {
 }
 
 ConfigurationStep appkey_step(const Key& app_key) {
-  return {"the application key",
-          encode_appkey_add_message(app_key),
-          appkey_status,
-          true,
-          Bytes(3, 0),
-          {},
-          true};
+  return {.what = "the application key",
+          .request = encode_appkey_add_message(app_key),
+          .answer = appkey_status,
+          .echoed_head = Bytes(3, 0)};
 }
 
 /// A request about one model; its answer repeats element and model, whatever its status.
 ConfigurationStep model_step(std::string what, Bytes request, Opcode answer, std::uint16_t element,
                              const ModelId& model) {
-  return {fmt::format("{} of model {}", what, to_string(model)),
-          std::move(request),
-          answer,
-          true,
-          number(element),
-          encode_model_id(model),
-          false};
+  return {.what = fmt::format("{} of model {}", what, to_string(model)),
+          .request = std::move(request),
+          .answer = answer,
+          .echoed_head = ByteWriter{}.write_u16_le(element).take(),
+          .echoed_tail = encode_model_id(model),
+          .is_required = false};
 }
 
 /// Asks which groups the model has. One that knows no groups is right when none are wanted.
@@ -113,17 +107,18 @@ bool ConfigurationStep::is_answered_by(const AccessMessage& message) const {
 }
 
 ConfigurationStep composition_step() {
-  return {"the composition data",
-          encode_composition_data_get(),
-          composition_data_status,
-          false,
-          Bytes(1, 0),
-          {},
-          true};
+  return {.what = "the composition data",
+          .request = encode_composition_data_get(),
+          .answer = composition_data_status,
+          .has_status = false,
+          .echoed_head = Bytes(1, 0)};
 }
 
 ConfigurationStep node_reset_step() {
-  return {"the node reset", encode_node_reset(), node_reset_status, false, {}, {}, true};
+  return {.what = "the node reset",
+          .request = encode_node_reset(),
+          .answer = node_reset_status,
+          .has_status = false};
 }
 
 std::vector<ConfigurationStep> plan_configuration(const ConfigurationSettings& settings,

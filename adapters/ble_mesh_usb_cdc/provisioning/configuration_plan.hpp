@@ -23,8 +23,8 @@ struct ConfigurationStep {
   Bytes request;     ///< access message
   Opcode answer = 0;
   bool has_status = true;                            ///< the answer's first octet is a status
-  Bytes echoed_head;                                 ///< what comes after the status
-  Bytes echoed_tail;                                 ///< what the answer ends with
+  Bytes echoed_head = {};                            ///< what comes after the status
+  Bytes echoed_tail = {};                            ///< what the answer ends with
   bool is_required = true;                           ///< without it the rest makes no sense
   std::uint8_t also_done = 0;                        ///< a status that means as much as success
   std::optional<ModelElement> lists_groups_of = {};  ///< its answer is this model's groups
@@ -49,7 +49,7 @@ std::vector<ConfigurationStep> plan_configuration(const ConfigurationSettings& s
 /// What follows the list of groups that a model of the node has: it is left with those of the
 /// settings. Groups are taken away one by one, because a robot that runs Nordic's code stops on a
 /// failed assertion when Subscription Delete All or Overwrite meets a model with more subscriptions
-/// than the robot has subscription lists (all releases). Virtual addresses stay: a list tells their
+/// than the robot has subscription lists (all releases). Virtual addresses stay: a list names their
 /// hashes only, and they are deleted by their label.
 std::vector<ConfigurationStep> plan_groups(const ConfigurationSettings& settings,
                                            const ModelElement& of,

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Empties the board's table of device keys before the first conversation with a node: keys that an
 // earlier run left there have handles that no command reads, and a second Devkey Add for the same
-// node is refused. Called by Provisioner when no conversation is under way.
+// node is refused. Called by NodeConversations while none is under way.
 #pragma once
 
 #include <algorithm>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // P-256 for provisioning (Mesh Profile 1.0 section 5.4.2.3): the serial board leaves this to its
-// host. Arithmetic only: randomness comes from the caller. Called by Provisioner and
+// host. Arithmetic only: randomness comes from the caller. Called by Admission and
 // ProvisioningSession; nothing of it is ever printed.
 #pragma once
 
@@ -8,19 +8,12 @@
 #include <optional>
 #include <span>
 
-#include "adapters/ble_mesh_usb_cdc/nordic/provisioning_events.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/commands.hpp"
 
 namespace slamgw::ble {
 
 /// Fills a span with random octets fit for keys; false when the system has none to give.
 using RandomSource = std::function<bool(std::span<std::uint8_t>)>;
-
-using SharedSecret = std::array<std::uint8_t, 32>;
-
-struct KeyPair {
-  std::array<std::uint8_t, 32> private_key{};
-  PublicKey public_key{};
-};
 
 /// A fresh key pair for one provisioning; nothing when there is no randomness.
 std::optional<KeyPair> make_key_pair(const RandomSource& random);

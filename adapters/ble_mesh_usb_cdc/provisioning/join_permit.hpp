@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // For how long an operator lets new robots in although `ble_mesh.provisioning.enabled` is false,
 // and what has come of it (`slam-gatewayctl ble permit-join`). Forgotten when the daemon ends.
-// Pure; part of Provisioner.
+// Pure; part of Admission.
 #pragma once
 
 #include <chrono>
@@ -36,7 +36,8 @@ class JoinPermit {
   /// The name that it will get; empty: as the configuration says.
   const std::string& robot() const { return robot_; }
 
-  /// A device was chosen while the permit was open. The rest is noted only of such devices.
+  /// A device was chosen while the permit was open. The other events are noted only of such
+  /// devices.
   void on_chosen(const Uuid& uuid);
   void on_joined(const Uuid& uuid, const std::string& robot);
   void on_configured(const Uuid& uuid, const std::string& robot);

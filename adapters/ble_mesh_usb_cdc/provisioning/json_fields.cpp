@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "adapters/ble_mesh_usb_cdc/provisioning/json_fields.hpp"
 
+#include "adapters/ble_mesh_usb_cdc/nordic/address_book.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/commands.hpp"
+
 #include <charconv>
 #include <nlohmann/json.hpp>
-
-#include "adapters/ble_mesh_usb_cdc/provisioning/address_plan.hpp"
 
 namespace slamgw::ble {
 namespace {

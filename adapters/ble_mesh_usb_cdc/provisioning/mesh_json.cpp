@@ -5,6 +5,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "adapters/ble_mesh_usb_cdc/nordic/address_book.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/address_plan.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/json_fields.hpp"
 #include "daemon/core/topic_scheme.hpp"
@@ -29,11 +30,12 @@ OrderedJson node_json(const Node& node) {
   json["state"] = to_string(node.state);
   if (node.state != NodeState::reserved) json["device_key"] = to_hex(node.device_key);
   if (node.ttl) json["ttl"] = *node.ttl;
-  if (!node.told) return json;
-  json["gateway"] = address_text(node.told->destination);
+  if (!node.applied) return json;
+  json["gateway"] = address_text(node.applied->destination);
   json["groups"] = OrderedJson::array();
-  for (const std::uint16_t group : node.told->groups) json["groups"].push_back(address_text(group));
-  if (node.told->is_changing) json["changing"] = true;
+  for (const std::uint16_t group : node.applied->groups)
+    json["groups"].push_back(address_text(group));
+  if (node.applied->is_changing) json["changing"] = true;
   return json;
 }
 
@@ -45,13 +47,14 @@ std::optional<NodeState> read_state(const Json& json) {
 }
 
 /// False when it is damaged; without it the node stays as it is.
-bool read_told(const Json& json, Node& node) {
+bool read_applied(const Json& json, Node& node) {
   if (const auto ttl = read_count(json, "ttl", max_ttl)) node.ttl = static_cast<std::uint8_t>(*ttl);
   if (!json.contains("gateway") || !json.contains("groups")) return true;
   const auto destination = read_destination(json, "gateway");
   auto groups = read_groups(json, "groups");
   if (!destination || !groups) return false;
-  node.told = Told{*destination, std::move(*groups), json.value("changing", Json()) == true};
+  node.applied =
+      AppliedSettings{*destination, std::move(*groups), json.value("changing", Json()) == true};
   return true;
 }
 
@@ -67,7 +70,7 @@ std::optional<Node> read_node(const Json& json) {
   const auto device_key = read_octets(json, "device_key");
   if (!device_key && node.state != NodeState::reserved) return std::nullopt;
   node.device_key = device_key.value_or(Key{});
-  if (!read_told(json, node)) return std::nullopt;
+  if (!read_applied(json, node)) return std::nullopt;
   return node;
 }
 

@@ -20,7 +20,7 @@
 #include <string>
 #include <string_view>
 
-#include "adapters/ble_mesh_usb_cdc/decode_error.hpp"
+#include "adapters/ble_mesh_usb_cdc/errors.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
 #include "daemon/core/result.hpp"
 

@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // The mesh's database and whether the disk has it: nothing is used on the air before it is there
-// (an address before a device gets it, a device key before it is spoken with). Called by
-// Provisioner; BleMeshAdapter writes.
+// (an address before a device gets it, a device key before it is spoken with). Part of
+// NodeTable; BleMeshAdapter writes.
 #pragma once
 
 #include <optional>
-#include <string>
 
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
 #include "daemon/core/time.hpp"

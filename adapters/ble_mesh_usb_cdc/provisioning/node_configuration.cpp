@@ -7,7 +7,7 @@
 #include <iterator>
 #include <utility>
 
-#include "adapters/ble_mesh_usb_cdc/nordic/provisioning_commands.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/commands.hpp"
 
 namespace slamgw::ble {
 
@@ -102,7 +102,7 @@ void NodeConfiguration::on_answer(const AccessMessage& message, TimePoint now) {
 void NodeConfiguration::on_send_refused(const std::string& why, TimePoint now) {
   if (stage_ != Stage::talking) return;
   last_refusal_ = why;
-  pause_ = std::max(first_pause, pause_ / 2);  // that one does not count
+  pause_ = std::max(first_pause, pause_ / 2);  // nothing was sent
   send_at_ = now + refused_pause;
 }
 

@@ -1,13 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // The conversation with one node under its device key: its configuration, or its reset. The board
 // holds few device keys, so the key is loaded before and deleted after it. Requests go out one
-// after the other, each repeated until its answer comes. Called by Provisioner.
+// after the other, each repeated until its answer comes. Called by NodeConversations.
 #pragma once
 
 #include <deque>
 #include <optional>
 #include <string>
-#include <vector>
 
 #include "adapters/ble_mesh_usb_cdc/nordic/board_link.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/configuration_plan.hpp"

@@ -58,21 +58,22 @@ bool NodeConversations::needs_configuration(const Node& node) const {
 
 /// Its configuration differs from the settings. A node that another tool configured is left alone.
 bool NodeConversations::is_outdated(const Node& node) const {
-  if (node.state != NodeState::configured || !node.told) return false;
-  return node.told->is_changing || node.ttl != settings_.ttl ||
-         node.told->destination != settings_.destination() ||
-         !std::ranges::is_permutation(node.told->groups, settings_.groups);
+  if (node.state != NodeState::configured || !node.applied) return false;
+  return node.applied->is_changing || node.ttl != settings_.ttl ||
+         node.applied->destination != settings_.destination() ||
+         !std::ranges::is_permutation(node.applied->groups, settings_.groups);
 }
 
-/// True when the disk has to know first: a change that breaks off half-way is not forgotten, even
-/// when the settings are changed back meanwhile.
+/// Marks the nodes whose configuration will be changed. True when there are some: the disk must
+/// have the marks first, so that a change that breaks off half-way is completed later, even when
+/// the settings have been changed back by then.
 bool NodeConversations::begin_changes() {
   const auto is_new = [&](const Node& node) {
-    return is_outdated(node) && !node.told->is_changing;
+    return is_outdated(node) && !node.applied->is_changing;
   };
   if (std::ranges::none_of(nodes_.database()->nodes, is_new)) return false;
   for (Node& node : nodes_.ledger().change().nodes)
-    if (is_new(node)) node.told->is_changing = true;
+    if (is_new(node)) node.applied->is_changing = true;
   nodes_.announce_change();
   return true;
 }
@@ -168,7 +169,7 @@ void NodeConversations::continue_all(TimePoint now) {
 
 void NodeConversations::end(const NodeConfiguration& conversation, TimePoint now) {
   if (conversation.is_key_table_unclear()) is_swept_ = false;
-  const Node* node = nodes_.database()->find_address(conversation.address());
+  const Node* node = nodes_.find(conversation.address());
   if (node == nullptr) return;
   const bool is_done = conversation.state() == NodeConfiguration::State::succeeded;
   switch (conversation.purpose()) {
@@ -185,7 +186,7 @@ void NodeConversations::on_configured(const Node& known) {
   const Node before = node;
   node.state = NodeState::configured;
   node.ttl = settings_.ttl;
-  node.told = Told{settings_.destination(), settings_.groups};
+  node.applied = AppliedSettings{settings_.destination(), settings_.groups};
   NodeHistory& history = nodes_.history(node.uuid);
   history.failures = 0;
   history.problem.clear();
@@ -201,10 +202,10 @@ void NodeConversations::on_configured(const Node& known) {
 
 std::string NodeConversations::changes_from(const Node& before) const {
   std::vector<std::string> changes;
-  if (before.told->destination != settings_.destination())
+  if (before.applied->destination != settings_.destination())
     changes.push_back(fmt::format("it publishes to 0x{:04x}", settings_.destination()));
   if (before.ttl != settings_.ttl) changes.push_back(fmt::format("its TTL is {}", settings_.ttl));
-  if (!std::ranges::is_permutation(before.told->groups, settings_.groups))
+  if (!std::ranges::is_permutation(before.applied->groups, settings_.groups))
     changes.push_back(settings_.groups.empty() ? "it has no groups"
                                                : fmt::format("its groups are 0x{:04x}",
                                                              fmt::join(settings_.groups, ", 0x")));

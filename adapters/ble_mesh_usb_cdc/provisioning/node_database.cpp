@@ -30,12 +30,6 @@ const Node* NodeDatabase::find_address(std::uint16_t address) const {
   return found == nodes.end() ? nullptr : &*found;
 }
 
-Node* NodeDatabase::find_address(std::uint16_t address) {
-  const auto found =
-      std::ranges::find_if(nodes, [&](const Node& node) { return node.has_address(address); });
-  return found == nodes.end() ? nullptr : &*found;
-}
-
 bool NodeDatabase::was_removed(const Uuid& uuid) const {
   return std::ranges::find(removed, uuid, &RemovedNode::uuid) != removed.end();
 }

@@ -24,7 +24,7 @@ enum class NodeState : std::uint8_t {
 std::string_view to_string(NodeState state);
 
 /// The configuration that a node has besides the TTL.
-struct Told {
+struct AppliedSettings {
   std::uint16_t destination = 0;  ///< where it publishes to: a gateway, or a group of gateways
   std::vector<std::uint16_t> groups;
   bool is_changing = false;  ///< it is being changed, and may have parts of both
@@ -38,11 +38,12 @@ struct Node {
   Key device_key{};                 ///< means nothing while `reserved`
   std::string name;                 ///< given by an operator; may be empty
   std::optional<std::uint8_t> ttl;  ///< that it was configured to publish with
-  std::optional<Told> told;         ///< nothing: configured by another tool, or by an old version
+  /// Nothing: configured by another tool, or by an old version.
+  std::optional<AppliedSettings> applied;
 
   /// Nothing when it is not known.
   std::optional<std::uint8_t> sent_ttl() const {
-    return told && told->is_changing ? std::nullopt : ttl;
+    return applied && applied->is_changing ? std::nullopt : ttl;
   }
 
   bool has_address(std::uint16_t other) const {
@@ -78,7 +79,6 @@ struct NodeDatabase {
   Node* find(const Uuid& uuid);
   const Node* find(const Uuid& uuid) const;
   /// The node that has this address on any of its elements.
-  Node* find_address(std::uint16_t address);
   const Node* find_address(std::uint16_t address) const;
   bool was_removed(const Uuid& uuid) const;
   /// Takes the node out and remembers that.

@@ -25,9 +25,9 @@ void NodeTable::replace(NodeDatabase database) {
   ledger_.begin(std::move(database), false);
 }
 
-bool NodeTable::is_node(std::uint16_t address) const {
-  const Node* node = database() ? database()->find_address(address) : nullptr;
-  return node != nullptr && node->state != NodeState::reserved;
+const Node* NodeTable::find_joined(std::uint16_t address) const {
+  const Node* node = find(address);
+  return node != nullptr && node->state != NodeState::reserved ? node : nullptr;
 }
 
 // --- Names ---------------------------------------------------------------------------------------
@@ -39,7 +39,7 @@ const std::string* NodeTable::configured_name(std::uint16_t address) const {
 }
 
 std::string NodeTable::id_of(std::uint16_t address) const {
-  const Node* node = database() ? database()->find_address(address) : nullptr;
+  const Node* node = find(address);
   if (node == nullptr) return names_.of_ble(address);
   if (!node->name.empty() && configured_name(node->address) == nullptr) return node->name;
   return names_.of_ble(node->address);
@@ -48,7 +48,7 @@ std::string NodeTable::id_of(std::uint16_t address) const {
 // --- Since the start -----------------------------------------------------------------------------
 
 void NodeTable::on_heard(std::uint16_t address, TimePoint now) {
-  const Node* node = database() ? database()->find_address(address) : nullptr;
+  const Node* node = find(address);
   if (node == nullptr) {
     if (strangers_.size() < NodeDatabase::max_nodes) strangers_.insert(address);
     return;

@@ -41,9 +41,13 @@ class NodeTable {
   bool is_guest() const { return database() != nullptr && database()->guest_address; }
   /// Other gateways have boards in this mesh.
   bool is_shared() const { return is_guest() || (database() && !database()->gateways.empty()); }
-  /// A node that is in the mesh has this address on any of its elements.
-  bool is_node(std::uint16_t address) const;
   const Node* find(const Uuid& uuid) const { return database() ? database()->find(uuid) : nullptr; }
+  /// The node that has this address on any of its elements; null when there is none.
+  const Node* find(std::uint16_t address) const {
+    return database() ? database()->find_address(address) : nullptr;
+  }
+  /// The same, but null for a node that has not joined yet.
+  const Node* find_joined(std::uint16_t address) const;
 
   /// A node, or its name, is different from before.
   void announce_change() { actions_.push(NodesChanged{}); }

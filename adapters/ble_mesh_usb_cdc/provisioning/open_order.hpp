@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The one order of an operator that is under way, and its answer. Part of Provisioner;
-// OperatorOrders opens it, whatever fulfils it answers it.
+// OperatorOrders opens it, the part that fulfils it answers it.
 #pragma once
 
 #include <optional>

@@ -12,7 +12,7 @@
 namespace slamgw::ble {
 namespace {
 
-using Json = nlohmann::ordered_json;
+using OrderedJson = nlohmann::ordered_json;
 using Kind = OpenOrder::Kind;
 
 constexpr Duration short_order_time_limit = std::chrono::seconds{20};
@@ -77,7 +77,7 @@ void OperatorOrders::take(const ScanOrder&, TimePoint now) {
 
 void OperatorOrders::take(const ProvisionOrder& wanted, TimePoint now) {
   const auto uuid = parse_uuid(wanted.uuid);
-  if (!uuid) return order_.refuse("the UUID is not 32 hex digits; `ble scan` shows who is there");
+  if (!uuid) return order_.refuse("the UUID is not 32 hex digits; `ble scan` shows the devices");
   if (std::string problem = problem_with_mesh(); !problem.empty()) return order_.refuse(problem);
   if (!board_.is_up) return order_.refuse(link_is_down());
   if (std::string problem = problem_with_name(wanted.robot, uuid); !problem.empty())
@@ -110,29 +110,27 @@ OrderAnswer OperatorOrders::permit_join(const PermitJoinOrder& wanted, TimePoint
   const bool was_open = permit.is_open();
   is_closing ? permit.close() : permit.open(wanted.time, wanted.robot, now);
   if (permit.is_open() || was_open)
-    actions_.push(Notice{Severity::notice,
-                         is_closing
-                             ? "an operator lets no new robots join any more"
-                             : fmt::format("an operator lets new robots join for {} min{}",
-                                           std::min(wanted.time, JoinPermit::longest).count(),
-                                           wanted.robot.empty() ? "" : ", one, as " + wanted.robot),
-                         {}});
+    notify(Severity::notice,
+           is_closing ? "an operator lets no new robots join any more"
+                      : fmt::format("an operator lets new robots join for {} min{}",
+                                    std::min(wanted.time, JoinPermit::longest).count(),
+                                    wanted.robot.empty() ? "" : ", one, as " + wanted.robot));
   return {permit.json(no_events, now), {}};
 }
 
 std::string OperatorOrders::scan_json(TimePoint now) const {
-  Json devices = Json::array();
+  OrderedJson devices = OrderedJson::array();
   for (const Candidate& candidate : admission_.candidates().all(now)) {
     const Node* node = nodes_.find(candidate.uuid);
     const bool was_removed = nodes_.database() && nodes_.database()->was_removed(candidate.uuid);
     const auto age = std::chrono::duration_cast<std::chrono::seconds>(now - candidate.last_heard);
-    Json device{{"uuid", to_hex(candidate.uuid)},
-                {"rssi_dbm", candidate.rssi_dbm},
-                {"heard_s_ago", age.count()},
-                {"state", was_removed ? "removed"
-                          : node      ? "known"
-                                      : "new"},
-                {"robot", nullptr}};
+    OrderedJson device{{"uuid", to_hex(candidate.uuid)},
+                       {"rssi_dbm", candidate.rssi_dbm},
+                       {"heard_s_ago", age.count()},
+                       {"state", was_removed ? "removed"
+                                 : node      ? "known"
+                                             : "new"},
+                       {"robot", nullptr}};
     if (node != nullptr) device["robot"] = nodes_.id_of(node->address);
     devices.push_back(std::move(device));
   }
@@ -216,27 +214,23 @@ void OperatorOrders::on_stored(const std::string& problem) {
 void OperatorOrders::warn_of_unheard_robots() {
   if (!nodes_.is_guest()) return;
   const auto is_unheard = [&](const Node& node) {
-    return node.told && node.told->destination != settings_.destination();
+    return node.applied && node.applied->destination != settings_.destination();
   };
   const auto& nodes = nodes_.database()->nodes;
   const auto node = std::ranges::find_if(nodes, is_unheard);
   if (node == nodes.end()) return;
-  actions_.push(Notice{
-      Severity::warning,
-      fmt::format("robots of this mesh publish to 0x{:04x}, which this gateway does not hear: give "
-                  "the same ble_mesh.gateway_group to all gateways of the mesh",
-                  node->told->destination),
-      {}});
+  notify(Severity::warning,
+         fmt::format("robots of this mesh publish to 0x{:04x}, which this gateway does not hear: "
+                     "give the same ble_mesh.gateway_group to all gateways of the mesh",
+                     node->applied->destination));
 }
 
 void OperatorOrders::take(const ResetBoardOrder&, TimePoint now) {
   order_->kind = Kind::reset_board;
   order_->due = now + short_order_time_limit;
-  actions_.push(Notice{
-      Severity::warning,
-      "an operator has the serial board cleared: its sequence numbers start anew, and robots "
-      "ignore what the gateway says until they have passed the old ones or were restarted",
-      {}});
+  notify(Severity::warning,
+         "an operator has the serial board cleared: its sequence numbers start anew, and robots "
+         "ignore what the gateway says until they have passed the old ones or were restarted");
   actions_.push(ClearBoard{});
 }
 

@@ -51,6 +51,9 @@ class OperatorOrders {
   std::string problem_with_name(const std::string& robot, const std::optional<Uuid>& uuid) const;
   std::string link_is_down() const { return "the BLE link is down: " + board_.down_reason; }
   std::string scan_json(TimePoint now) const;
+  void notify(Severity severity, std::string text) {
+    actions_.push(Notice{severity, std::move(text), {}});
+  }
 
   const Settings& settings_;
   const BoardState& board_;

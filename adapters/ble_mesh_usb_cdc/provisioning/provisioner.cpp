@@ -42,10 +42,8 @@ void Provisioner::on_command_ended(const CommandEnded& ended, TimePoint now) {
   switch (*std::exchange(in_flight_, std::nullopt)) {
     case Purpose::scan_control:
       if (ended.status != Status::success && ended.status != Status::invalid_state)
-        actions_.push(Notice{Severity::warning,
-                             fmt::format("the serial board does not scan for new robots ({})",
-                                         to_string(ended.status)),
-                             {}});
+        notify(Severity::warning, fmt::format("the serial board does not scan for new robots ({})",
+                                              to_string(ended.status)));
       break;
     case Purpose::restart: break;  // the board can't; the robot joins anyway
     case Purpose::session: admission_.on_command_ended(ended); break;
@@ -80,8 +78,7 @@ void Provisioner::on_new_mesh(const MeshKeys& keys) {
 void Provisioner::on_stored(const std::string& problem, TimePoint now) {
   nodes_.ledger().on_stored(problem.empty(), now);
   if (!problem.empty() && !is_store_problem_known_)
-    actions_.push(
-        Notice{Severity::error, problem + "; no robot joins until they can be stored", {}});
+    notify(Severity::error, problem + "; no robot joins until they can be stored");
   is_store_problem_known_ = !problem.empty();
   orders_.on_stored(problem);
   advance(now);
@@ -102,7 +99,7 @@ void Provisioner::on_order(std::uint64_t id, const BleOrder& order, TimePoint no
 void Provisioner::advance(TimePoint now) {
   orders_.on_deadline(now);
   if (admission_.permit().on_time(now))
-    actions_.push(Notice{Severity::notice, "new robots may not join any more", {}});
+    notify(Severity::notice, "new robots may not join any more");
   if (board_.is_up && nodes_.database()) {
     admission_.continue_session(!in_flight_, now);
     conversations_.continue_all(now);

@@ -53,6 +53,9 @@ class Provisioner {
   void advance(TimePoint now);
   void issue_next_command();
   bool issue(std::optional<Bytes> frame, Purpose purpose);
+  void notify(Severity severity, std::string text) {
+    actions_.push(Notice{severity, std::move(text), {}});
+  }
 
   ProvisionerActions actions_;
   BoardState board_;

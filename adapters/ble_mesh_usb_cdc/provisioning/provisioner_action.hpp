@@ -6,6 +6,7 @@
 #include <variant>
 
 #include "adapters/ble_mesh_usb_cdc/mesh_action.hpp"
+#include "daemon/core/protocol_machine.hpp"
 
 namespace slamgw::ble {
 
@@ -30,7 +31,7 @@ struct ClearBoard {};
 struct BoardState {
   bool is_up = false;
   std::string down_reason = "not started";
-  std::uint16_t subnet_handle = 0;                 ///< told when it came up last
+  std::uint16_t subnet_handle = 0;                 ///< as the board named it when it came up last
   SerialVersion version = SerialVersion::sdk_3_1;  ///< of its firmware
 };
 

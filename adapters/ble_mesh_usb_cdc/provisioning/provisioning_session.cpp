@@ -6,6 +6,8 @@
 #include <array>
 #include <utility>
 
+#include "adapters/ble_mesh_usb_cdc/provisioning/ecdh.hpp"
+
 namespace slamgw::ble {
 namespace {
 
@@ -62,15 +64,20 @@ void ProvisioningSession::on_command_ended(const CommandEnded& ended) {
 
 void ProvisioningSession::on_event(const ProvisioningEvent& event, TimePoint now) {
   if (state_ != State::running) return;
-  std::visit([&](const auto& what) { on(what, now); }, event);
+  std::visit(
+      [&](const auto& what) {
+        if constexpr (requires { what.context; })
+          if (what.context == request_.command.context) on(what, now);
+      },
+      event);
 }
 
-void ProvisioningSession::on(const ProvisioningLinkOpened& event, TimePoint now) {
-  if (is_ours(event.context) && stage_ == Stage::opening) enter(Stage::awaiting_capabilities, now);
+void ProvisioningSession::on(const ProvisioningLinkOpened&, TimePoint now) {
+  if (stage_ == Stage::opening) enter(Stage::awaiting_capabilities, now);
 }
 
 void ProvisioningSession::on(const CapabilitiesReceived& event, TimePoint now) {
-  if (!is_ours(event.context) || stage_ > Stage::awaiting_capabilities) return;
+  if (stage_ > Stage::awaiting_capabilities) return;
   if (event.elements == 0) return fail("the device says that it has no element");
   elements_ = event.elements;
   static_oob_types_ = event.static_oob_types;
@@ -85,7 +92,7 @@ void ProvisioningSession::on_addresses(TimePoint now) {
 }
 
 void ProvisioningSession::on(const AuthenticationRequested& event, TimePoint now) {
-  if (!is_ours(event.context) || stage_ != Stage::exchanging || event.method == 0) return;
+  if (stage_ != Stage::exchanging || event.method == 0) return;
   if (event.method != static_method || !uses_static_oob())
     return fail(fmt::format("the serial board asks for OOB method {}", event.method));
   if (commands_.size() >= max_commands) return;
@@ -94,7 +101,7 @@ void ProvisioningSession::on(const AuthenticationRequested& event, TimePoint now
 }
 
 void ProvisioningSession::on(const EcdhRequested& event, TimePoint now) {
-  if (!is_ours(event.context) || stage_ != Stage::exchanging) return;
+  if (stage_ != Stage::exchanging) return;
   const auto secret = shared_secret(request_.key_pair, event.peer);
   if (!secret) return fail("the device's public key is no point of the curve");
   if (commands_.size() >= max_commands) return;
@@ -103,19 +110,18 @@ void ProvisioningSession::on(const EcdhRequested& event, TimePoint now) {
 }
 
 void ProvisioningSession::on(const ProvisioningComplete& event, TimePoint now) {
-  if (!is_ours(event.context) || stage_ != Stage::exchanging) return;
+  if (stage_ != Stage::exchanging) return;
   device_key_ = event.device_key;
   enter(Stage::closing, now);
 }
 
 void ProvisioningSession::on(const ProvisioningLinkClosed& event, TimePoint) {
-  if (!is_ours(event.context)) return;
   if (stage_ == Stage::closing) {
     state_ = State::succeeded;
   } else if (event.reason == closed_by_timeout) {
     fail("the provisioning link ended: time-out");
   } else if (event.reason == closed_in_success && stage_ == Stage::exchanging) {
-    is_key_lost_ = true;  // the board tells it once
+    is_key_lost_ = true;  // the board reports it once
     fail("it has taken its address, but its device key was lost on the serial line");
   } else {
     fail(event.reason == closed_in_success ? "the provisioning link ended early"
@@ -124,7 +130,7 @@ void ProvisioningSession::on(const ProvisioningLinkClosed& event, TimePoint) {
 }
 
 void ProvisioningSession::on(const ProvisioningFailed& event, TimePoint) {
-  if (!is_ours(event.context) || stage_ == Stage::closing) return;
+  if (stage_ == Stage::closing) return;
   const bool may_need_oob = (static_oob_types_ & 1) != 0 && !request_.static_oob;
   fail(fmt::format("{} (0x{:02x}){}", error_text(event.error), event.error,
                    may_need_oob ? "; the device has static OOB data, and "

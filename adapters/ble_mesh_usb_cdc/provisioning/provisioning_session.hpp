@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // One device on its way into the mesh, from the key pair to the end of the provisioning link
 // (Mesh Profile 1.0 section 5.4.1): the board speaks with the device, this answers the board.
-// Nothing here is ever printed. Called by Provisioner.
+// Nothing here is ever printed. Called by Admission.
 #pragma once
 
 #include <deque>
@@ -9,7 +9,6 @@
 #include <string>
 
 #include "adapters/ble_mesh_usb_cdc/nordic/board_link.hpp"
-#include "adapters/ble_mesh_usb_cdc/nordic/provisioning_commands.hpp"
 
 namespace slamgw::ble {
 
@@ -65,7 +64,7 @@ class ProvisioningSession {
     closing
   };
 
-  void on(const UnprovisionedBeacon&, TimePoint) {}
+  // What the board reports of this session's link.
   void on(const ProvisioningLinkOpened& event, TimePoint now);
   void on(const ProvisioningLinkClosed& event, TimePoint now);
   void on(const CapabilitiesReceived& event, TimePoint now);
@@ -73,7 +72,6 @@ class ProvisioningSession {
   void on(const EcdhRequested& event, TimePoint now);
   void on(const ProvisioningComplete& event, TimePoint now);
   void on(const ProvisioningFailed& event, TimePoint now);
-  bool is_ours(std::uint8_t context) const { return context == request_.command.context; }
   void enter(Stage stage, TimePoint now);
   bool uses_static_oob() const { return request_.static_oob && (static_oob_types_ & 1) != 0; }
 

@@ -3,6 +3,8 @@
 // and its variation (RFC 6298). Called by CommandQueue.
 #pragma once
 
+#include <algorithm>
+
 #include "daemon/core/round_trip.hpp"
 
 namespace slamgw::ble {
@@ -18,13 +20,18 @@ class AnswerTime {
   static constexpr Duration longest_timeout = std::chrono::seconds{30};
 
   /// The wait before the first repeat: at most `longest`, which it also is before the first answer.
-  Duration timeout(Duration longest) const;
+  Duration timeout(Duration longest) const {
+    return timeout_ == Duration::zero() ? longest : std::min(timeout_, longest);
+  }
   /// The robot answered a command that was sent once, this long after it was sent.
-  void on_answer(Duration round_trip);
-  /// It answered one that was sent several times, or did not answer. To which copy the answer is
-  /// cannot be told (Karn's rule): it teaches no round trip, but the timeout doubles until one is
+  void on_answer(Duration round_trip) {
+    round_trip_.on_answer(round_trip);
+    timeout_ = std::max(shortest_timeout, round_trip_.timeout());
+  }
+  /// It answered one that was sent several times, or did not answer. To which copy it answered
+  /// is unknown (Karn's rule): it teaches no round trip, but the timeout doubles until one is
   /// measured again.
-  void on_repeated();
+  void on_repeated() { timeout_ = std::min(2 * timeout_, longest_timeout); }
 
  private:
   RoundTrip round_trip_{granularity};

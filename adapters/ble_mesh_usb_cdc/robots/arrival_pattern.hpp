@@ -17,10 +17,10 @@ class ArrivalPattern {
   static constexpr std::size_t max_gaps = 15;
   /// With fewer the period counts as unknown.
   static constexpr std::size_t min_gaps = 12;
-  /// A gap is regular when it is this close to a whole number of periods, and as if something was
-  /// lost when it is far from that: lost copies shift a message by repeat intervals. One between
-  /// the two means that the robot or the radio is irregular; then, and unless most gaps are
-  /// regular, the period counts as unknown.
+  /// A gap that is at most `regular` away from a whole number of periods is regular. At one that is
+  /// `lost` or more away, copies were lost, which shifts a message by repeat intervals. With a gap
+  /// between the two the robot or the radio is irregular, and the period counts as unknown; it also
+  /// does when most gaps are not regular.
   static constexpr Duration regular = std::chrono::milliseconds{12};
   static constexpr Duration lost = std::chrono::milliseconds{45};
   /// A message this close to its time is on time: twice what is regular.

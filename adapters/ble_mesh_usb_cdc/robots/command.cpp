@@ -7,8 +7,7 @@
 #include <array>
 #include <optional>
 
-#include "adapters/ble_mesh_usb_cdc/access/on_off.hpp"
-#include "adapters/ble_mesh_usb_cdc/access/vendor_models.hpp"
+#include "adapters/ble_mesh_usb_cdc/access/robot_models.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/commands.hpp"
 
 namespace slamgw::ble {

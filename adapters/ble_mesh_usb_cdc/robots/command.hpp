@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // One command to a robot, as it goes over the mesh: made from a broker message under
-// `<prefix>/server/<id>/<type>`, or refused with a reason for the operator. Called by BleMesh.
+// `<prefix>/server/<id>/<type>`, or refused with a reason for the operator. Called by Downlink.
 #pragma once
 
 #include <string>
 #include <string_view>
 
 #include "adapters/ble_mesh_usb_cdc/access/opcode.hpp"
-#include "adapters/ble_mesh_usb_cdc/refusal.hpp"
+#include "adapters/ble_mesh_usb_cdc/errors.hpp"
 #include "adapters/ble_mesh_usb_cdc/settings.hpp"
 #include "daemon/core/messages.hpp"
 

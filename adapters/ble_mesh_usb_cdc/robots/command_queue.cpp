@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <utility>
 
-#include "adapters/ble_mesh_usb_cdc/robots/reliable_publish.hpp"
+#include "adapters/ble_mesh_usb_cdc/access/robot_models.hpp"
 #include "daemon/core/protocol_machine.hpp"
 
 namespace slamgw::ble {

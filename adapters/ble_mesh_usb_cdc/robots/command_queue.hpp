@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The commands on their way to one robot: one is sent and repeated until its STATUS comes, the
-// others wait. Every command that goes in comes out once, with its outcome. Called by BleMesh.
+// others wait. Every command that goes in comes out once, with its outcome. Called by Downlink.
 //
 // The first repeat comes when the robot should have answered (AnswerTime), but no later than after
 // iv, reliable publish's interval; each wait is twice the one before. A segmented message is
@@ -36,7 +36,7 @@ using EndedCommands = std::vector<EndedCommand>;
 
 class CommandQueue {
  public:
-  /// The contract promises an outcome within 30 s; the rest is for the way to the broker.
+  /// Promise 6 of docs/topics.md gives 30 s; the rest is for the way to the broker.
   static constexpr Duration time_limit = std::chrono::seconds{29};
   /// Waiting for their turn; more would only grow older than the time limit.
   static constexpr std::size_t max_waiting = 16;

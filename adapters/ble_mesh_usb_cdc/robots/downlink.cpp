@@ -44,7 +44,7 @@ void Downlink::transmit_due(Robot& robot, TimePoint now) {
   auto access = robot.commands.next_transmission(now);
   if (!access) return;
   if (!gate_.is_open_for(robot))
-    return refuse_all(robot, "another gateway may serve the robot by now", now);
+    return refuse_all(robot, "another gateway may serve the robot now", now);
   actions_.push(CommandsChanged{});
   if (is_traced_) {
     const CommandQueue::UnderWay sent = robot.commands.under_way();

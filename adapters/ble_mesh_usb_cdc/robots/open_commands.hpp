@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The commands to robots that have no outcome yet, as `ble-commands.json` keeps them: one line of
-// JSON. A daemon that was killed finds them there when it starts again, and tells their outcome.
+// JSON. A daemon that was killed finds them there when it starts again, and reports their outcome.
 // They are not sent again: the robot may have carried them out. Pure; CommandFile has the disk.
 #pragma once
 

@@ -8,7 +8,7 @@
 #include <set>
 #include <string>
 
-#include "adapters/ble_mesh_usb_cdc/access/vendor_models.hpp"
+#include "adapters/ble_mesh_usb_cdc/access/robot_models.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/events.hpp"
 #include "adapters/ble_mesh_usb_cdc/robots/command_queue.hpp"
 #include "adapters/ble_mesh_usb_cdc/robots/set_filter.hpp"
@@ -26,7 +26,7 @@ struct UnservedSet {
   bool may_come_again(TimePoint now) const {
     return now - first <= SetFilter::longest_exchange && (now - last) * 5 >= (last - first) * 2;
   }
-  /// The robot waits for its STATUS still: its next copy is not overdue.
+  /// The robot still waits for its STATUS: its next copy is not overdue.
   bool is_open(TimePoint now) const {
     constexpr Duration lateness = std::chrono::milliseconds{200};
     return is_repeated && now - last <= last - first + lateness;
@@ -62,12 +62,14 @@ struct Robot {
   TimePoint online_since{};
   /// Topics whose retained message it got since it came online; at most Downlink::max_retained.
   std::set<std::string, std::less<>> retained_given;
-  bool is_subscribed = true;  ///< false: the broker said no, to be asked again
+  bool is_subscribed = true;  ///< false: the broker refused it; asked again later
 
-  /// How many relays its message came through; nothing when it is not known with which TTL it sent.
-  std::optional<std::uint8_t> hops(std::uint8_t ttl_on_arrival) const {
-    if (!sent_ttl || *sent_ttl < ttl_on_arrival) return std::nullopt;
-    return static_cast<std::uint8_t>(*sent_ttl - ttl_on_arrival);
+  /// How its message came. The number of relays is known when the TTL is that it was sent with.
+  RadioFacts radio_facts(const MessageReceived& message) const {
+    RadioFacts facts{message.rssi_dbm, std::nullopt, message.ttl};
+    if (sent_ttl && *sent_ttl >= message.ttl)
+      facts.hops = static_cast<std::uint8_t>(*sent_ttl - message.ttl);
+    return facts;
   }
   bool is_expected() const { return is_online || is_awaited; }
   /// Announces it as offline unless it is heard: what the broker keeps may predate a restart.

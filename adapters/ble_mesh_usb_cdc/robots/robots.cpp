@@ -2,6 +2,7 @@
 #include "adapters/ble_mesh_usb_cdc/robots/robots.hpp"
 
 #include <fmt/format.h>
+#include <vector>
 
 #include <algorithm>
 
@@ -11,7 +12,7 @@ namespace slamgw::ble {
 namespace {
 
 constexpr std::chrono::seconds sign_of_life_interval{1};
-/// Gateways that hear a robot come agree within this time who serves it.
+/// The gateways that hear a new robot agree within this time which of them serves it.
 constexpr std::chrono::seconds newly_online{10};
 
 template <class Map>
@@ -26,7 +27,8 @@ auto find_id(Map& robots, std::string_view id) -> decltype(&robots.begin()->seco
 // --- Who they are --------------------------------------------------------------------------------
 
 Robot* Robots::at(std::uint16_t source, TimePoint now) {
-  const std::uint16_t address = primary_of(source);
+  const Node* node = nodes_.find_joined(source);
+  const std::uint16_t address = node != nullptr ? node->address : source;
   if (Robot* const known = find(address)) return known;
   if (robots_.size() >= max_robots) {
     if (const auto count = full_throttle_.on_event(now))
@@ -38,12 +40,6 @@ Robot* Robots::at(std::uint16_t source, TimePoint now) {
     return nullptr;
   }
   return &robots_.try_emplace(address, address, nodes_.id_of(address), settings_.ttl).first->second;
-}
-
-std::uint16_t Robots::primary_of(std::uint16_t address) const {
-  const NodeDatabase* database = nodes_.database();
-  const Node* node = database ? database->find_address(address) : nullptr;
-  return node && node->state != NodeState::reserved ? node->address : address;
 }
 
 Robot* Robots::find(std::uint16_t address) {
@@ -65,19 +61,17 @@ void Robots::add_configured() {
 }
 
 void Robots::on_nodes_changed(TimePoint now) {
-  const NodeDatabase* database = nodes_.database();
   for (auto next = robots_.begin(); next != robots_.end();) {
     const auto entry = next++;
     Robot& robot = entry->second;
-    const Node* node = database ? database->find_address(robot.address) : nullptr;
-    const bool is_node = node != nullptr && node->state != NodeState::reserved;
+    const bool is_node = nodes_.find_joined(robot.address) != nullptr;
     const bool is_the_same = is_node && nodes_.id_of(robot.address) == robot.id;
     if ((!robot.is_node && !is_node) || is_the_same) continue;
     leave_name(robot, "the robot was removed from the mesh", now);
     robots_.erase(entry);
   }
-  if (database == nullptr) return;
-  for (const Node& node : database->nodes) {
+  if (nodes_.database() == nullptr) return;
+  for (const Node& node : nodes_.database()->nodes) {
     const bool has_room = robots_.contains(node.address) || robots_.size() < max_robots;
     if (node.state == NodeState::reserved || !has_room) continue;
     const auto [entry, is_new] =
@@ -93,7 +87,7 @@ void Robots::on_names(TimePoint now) {
   std::vector<Robot*> renamed;
   for (auto& [address, robot] : robots_)
     if (nodes_.id_of(address) != robot.id) renamed.push_back(&robot);
-  // All go before any comes: two may have changed their names with each other.
+  // All leave their old names before one takes a new name: two may have swapped theirs.
   for (Robot* robot : renamed) leave_name(*robot, "the robot was renamed", now);
   for (Robot* robot : renamed) {
     const bool was_only_configured = !robot->is_node && !robot->is_announced;
@@ -137,7 +131,7 @@ void Robots::on_link_up(TimePoint now) {
 void Robots::on_taken_over(Robot& robot, TimePoint now) {
   if (!robot.is_online) return;
   announce(robot, Presence::online);
-  // One that has been here for longer got what is retained from its owner then.
+  // A robot that came earlier got its retained messages from the gateway that served it then.
   if (now - robot.online_since < newly_online) subscribe(robot);
 }
 

@@ -4,9 +4,7 @@
 #pragma once
 
 #include <map>
-#include <optional>
 #include <string>
-#include <vector>
 
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_table.hpp"
 #include "adapters/ble_mesh_usb_cdc/robots/downlink.hpp"
@@ -45,9 +43,9 @@ class Robots {
 
   /// Adds those that the configuration names.
   void add_configured();
-  /// The nodes are others than before: adds and removes robots.
+  /// The nodes have changed: adds and removes robots.
   void on_nodes_changed(TimePoint now);
-  /// The nodes have other names than before. What is owed to a renamed robot stays owed.
+  /// Names of nodes have changed. Open receipts of a renamed robot stay open.
   void on_names(TimePoint now);
 
   void on_link_up(TimePoint now);
@@ -63,7 +61,6 @@ class Robots {
  private:
   void leave_name(Robot& robot, const std::string& why, TimePoint now);
   void take_name(Robot& robot, std::string id);
-  std::uint16_t primary_of(std::uint16_t address) const;
   void announce(Robot& robot, Presence presence);
   void subscribe(const Robot& robot);
   void emit(MeshEvent event) { actions_.push(std::move(event)); }

@@ -29,7 +29,7 @@ class ServiceGate {
   /// A robot that joined after the mesh was brought in here: the gateway that took it in knows its
   /// name, this one does not, and would publish under another.
   bool is_stranger(std::uint16_t address) const {
-    return nodes_.is_guest() && !nodes_.is_node(address);
+    return nodes_.is_guest() && nodes_.find_joined(address) == nullptr;
   }
 
  private:

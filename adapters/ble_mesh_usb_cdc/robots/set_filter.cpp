@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <array>
 #include <chrono>
-#include <utility>
 
 namespace slamgw::ble {
 namespace {
@@ -77,7 +76,7 @@ bool SetFilter::has_crossed(TimePoint now) const {
 
 bool SetFilter::is_repeat(Copies fitting, Duration interval, Doubt doubt, TimePoint now) const {
   if (fitting == 0) return false;
-  // The robot sends it again when it is new: nothing is lost, and nothing acknowledged wrongly.
+  // If it is new after all, the robot sends it again: nothing is lost or wrongly acknowledged.
   if (has_crossed(now)) return true;
   if (const auto period = pattern_.period()) return !pattern_.may_be_new(*period, interval, now);
   return doubt == Doubt::take_for_repeat && !is_schedule_deceptive_;

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tells a robot's new acknowledged SET from its repeats of the last one. One filter for each robot
-// and model. Called by BleMesh.
+// and model. Called by Uplink.
 //
 // The models have no transaction number, every repeat is a fresh mesh message, and the serial board
-// tells no sequence number of the network layer: content and time are all that is left. (Firmware
+// reports no sequence number of the network layer: content and time are all that is left. (Firmware
 // can do better: see SetFilter::on_numbered_set.)
 //
 // While a SET is open (not answered), the robot refuses to send another: an equal one is a repeat.
@@ -46,7 +46,7 @@ class SetFilter {
   /// Below the shortest interval of repeats.
   static constexpr Duration crossing_time = std::chrono::milliseconds{100};
 
-  /// What to do with an answered SET that comes again when both can be.
+  /// What to do with an answered SET that comes again and can be either, new or a repeat.
   enum class Doubt : std::uint8_t {
     take_for_new,     ///< a doubled message is better than a lost one
     take_for_repeat,  ///< unless the robot's period, where it is known, says that it may be new

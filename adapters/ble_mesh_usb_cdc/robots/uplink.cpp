@@ -5,14 +5,13 @@
 
 #include <algorithm>
 
-#include "adapters/ble_mesh_usb_cdc/access/on_off.hpp"
-#include "adapters/ble_mesh_usb_cdc/robots/reliable_publish.hpp"
+#include "adapters/ble_mesh_usb_cdc/access/robot_models.hpp"
 
 namespace slamgw::ble {
 namespace {
 
 constexpr Opcode health_current_status = 0x04;
-/// The type whose payload the gateway reads (contract section 5).
+/// The type whose payload the gateway reads (docs/topics.md).
 constexpr std::string_view update_type = "update";
 constexpr const char* no_room = "the gateway has no room for it; the robot keeps it";
 
@@ -30,7 +29,7 @@ void Uplink::on_message(Robot& robot, const MessageReceived& message, TimePoint 
 
   robot.highest_ttl = std::max(robot.highest_ttl, message.ttl);
   if (const auto kind = vendor_message_of(access->opcode)) {
-    // Not from others: configuration messages come with a device key, which only answers those.
+    // Other messages may come under a device key, with which no STATUS is sent.
     robot.appkey_handle = message.appkey_handle;
     on_vendor_message(robot, *kind, message, access->params, now);
   } else if (access->opcode == generic_on_off_status || access->opcode == simple_on_off_status) {
@@ -88,13 +87,14 @@ void Uplink::on_taken_over(Robot& robot, TimePoint now) {
   }
 }
 
-/// As if its copies had been heard by an owner: the filter knows when the next one is due.
+/// Gives the copies that were heard to the filter, which then knows when the next one is due.
 void Uplink::take_up(Robot& robot, const UnservedSet& unserved) {
   for (const TimePoint heard : {unserved.first, unserved.last})
     on_message(robot, unserved.message, heard);
 }
 
-/// Of `update` nothing is lost for the sake of no doubles; all else goes up once, if that can be.
+/// In doubt an `update` goes up, because a lost one does more harm than a doubled one; a message of
+/// another type is then taken for a repeat.
 SetFilter::Verdict Uplink::judge(const VendorReport& set, TimePoint now) const {
   SetFilter& filter = inbox_of(set.robot, set.model).filter;
   if (set.number) return filter.on_numbered_set(*set.number, set.params, now);
@@ -130,32 +130,30 @@ void Uplink::on_set(const VendorReport& set, TimePoint now) {
 void Uplink::report(const VendorReport& what, std::uint64_t receipt_id) {
   ++counters_.reports;
   const Robot& robot = what.robot;
-  emit(Report{
-      .mesh = Mesh::ble,
-      .robot = robot.id,
-      .topic = topics_.robot_topic(robot.id, type_of(what.model)),
-      .payload = {what.params.begin(), what.params.end()},
-      .qos = Qos::at_least_once,
-      .retain = false,
-      .receipt = {Mesh::ble, receipt_id},
-      .is_will = false,
-      .radio = RadioFacts{what.message.rssi_dbm, robot.hops(what.message.ttl), what.message.ttl},
-      .wire = {what.number, std::nullopt}});
+  emit(Report{.mesh = Mesh::ble,
+              .robot = robot.id,
+              .topic = topics_.robot_topic(robot.id, type_of(what.model)),
+              .payload = {what.params.begin(), what.params.end()},
+              .qos = Qos::at_least_once,
+              .retain = false,
+              .receipt = {Mesh::ble, receipt_id},
+              .is_will = false,
+              .radio = robot.radio_facts(what.message),
+              .wire = {what.number, std::nullopt}});
 }
 
 /// A SET came again and does not go up.
 void Uplink::report_repeat(const VendorReport& set) {
   ++counters_.repeats;
   const Robot& robot = set.robot;
-  emit(MeshStep{
-      .kind = MeshStep::Kind::repeat,
-      .mesh = Mesh::ble,
-      .robot = robot.id,
-      .topic = topics_.robot_topic(robot.id, type_of(set.model)),
-      .qos = Qos::at_least_once,
-      .wire = {set.number, std::nullopt},
-      .bytes = set.params.size(),
-      .radio = RadioFacts{set.message.rssi_dbm, robot.hops(set.message.ttl), set.message.ttl}});
+  emit(MeshStep{.kind = MeshStep::Kind::repeat,
+                .mesh = Mesh::ble,
+                .robot = robot.id,
+                .topic = topics_.robot_topic(robot.id, type_of(set.model)),
+                .qos = Qos::at_least_once,
+                .wire = {set.number, std::nullopt},
+                .bytes = set.params.size(),
+                .radio = robot.radio_facts(set.message)});
 }
 
 void Uplink::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now) {

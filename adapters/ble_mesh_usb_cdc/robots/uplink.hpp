@@ -35,13 +35,13 @@ class Uplink {
         actions_(actions),
         is_traced_(is_traced) {}
 
-  /// A message from `robot` that no configuration of it answers to.
+  /// A message from `robot` that is no answer to a configuration request.
   void on_message(Robot& robot, const MessageReceived& message, TimePoint now);
   void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now);
   /// Another gateway serves the robot: what is not yet acknowledged is not acknowledged any more.
   void on_given_up(Robot& robot);
-  /// This gateway serves the robot from now on: what it says next is new, and what it says again
-  /// and again because nobody has answered it goes up now.
+  /// This gateway serves the robot from now on: its next message is new, and one that it repeats
+  /// because nobody has answered it goes up now.
   void on_taken_over(Robot& robot, TimePoint now);
   /// Counts a message that cannot be used, and names the reason once in a while.
   void reject(std::uint16_t source, std::string_view why, TimePoint now);

@@ -14,6 +14,8 @@ namespace slamgw::mqttsn {
 
 class CborWriter {
  public:
+  CborWriter() { out_.reserve(short_text); }
+
   void begin_array() { out_.push_back(0x9f); }
   void begin_map() { out_.push_back(0xbf); }
   void end() { out_.push_back(0xff); }
@@ -40,9 +42,15 @@ class CborWriter {
     write(value);
   }
 
-  Bytes take() { return std::move(out_); }
+  /// In no more memory than it needs: thousands may wait for the disk.
+  Bytes take() {
+    out_.shrink_to_fit();
+    return std::move(out_);
+  }
 
  private:
+  /// What a session of one topic takes, so that it is written into one piece of memory.
+  static constexpr std::size_t short_text = 512;
   // Major types, section 3.1
   static constexpr std::uint8_t unsigned_type = 0x00;
   static constexpr std::uint8_t octets_type = 0x40;

@@ -8,6 +8,7 @@
 #include <optional>
 #include <set>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "adapters/mqttsn_udp/clients/delivery.hpp"
@@ -81,13 +82,13 @@ class ClientSession {
   std::chrono::seconds keep_alive{0};
   std::chrono::seconds sleep_duration{0};
   TimePoint last_heard{};
-  TimePoint told_heard{};                 ///< when the core was last told of a sign of life
+  TimePoint sign_of_life_reported{};      ///< when a sign of life was last reported
   std::uint64_t connect_fingerprint = 0;  ///< of the last CONNECT; 0 once something else came (R35)
   TimePoint connected_at{};
-  std::optional<Presence> told_presence;  ///< what the core was told last, and where
-  std::optional<Peer> told_peer;
+  std::optional<Presence> reported_presence;  ///< the last one
+  std::size_t reported_peer = 0;  ///< and where: PeerHash of `peer`, which has 64 octets
 
-  std::optional<Will> will;
+  std::unique_ptr<Will> will;  ///< may be null
   TopicTable topics;
   std::map<std::string, Subscription, std::less<>> subscriptions;
   std::size_t filter_octets = 0;  ///< of these, charged to the NameBudget
@@ -105,6 +106,8 @@ class ClientSession {
   bool is_connected() const {
     return state_ != ClientState::disconnected && state_ != ClientState::lost;
   }
+  /// As TopicTable::assign(); no id is given anew that an open REGISTER or PUBLISH names.
+  std::optional<std::uint16_t> assign_topic(std::string_view name);
 
  private:
   friend class Lifecycle;  // the one writer

@@ -87,20 +87,6 @@ ClientSession* ClientTable::evictable(TimePoint now) {
   return *longest_gone;
 }
 
-ClientCounts ClientTable::counts() const {
-  ClientCounts counts;
-  for (const auto& [id, session] : by_id_) {
-    switch (session->state()) {
-      case ClientState::active: ++counts.active; break;
-      case ClientState::asleep:
-      case ClientState::awake: ++counts.asleep; break;
-      case ClientState::disconnected: ++counts.disconnected; break;
-      case ClientState::lost: ++counts.lost; break;
-    }
-  }
-  return counts;
-}
-
 bool ClientTable::has_room(TimePoint now) const {
   return !is_full() || (evictable_.earliest() && *evictable_.earliest() <= now);
 }

@@ -15,13 +15,6 @@
 
 namespace slamgw::mqttsn {
 
-struct ClientCounts {
-  std::size_t active = 0;
-  std::size_t asleep = 0;  ///< awake ones too
-  std::size_t disconnected = 0;
-  std::size_t lost = 0;
-};
-
 class ClientTable {
  public:
   explicit ClientTable(std::size_t max_clients) : max_clients_(max_clients) {}
@@ -34,8 +27,6 @@ class ClientTable {
   /// All sessions' names are charged to it.
   NameBudget& names() { return names_; }
 
-  /// Looks at every client.
-  ClientCounts counts() const;
   bool is_full() const { return by_id_.size() >= max_clients_; }
   ClientSession& create(const std::string& client_id, const std::string& robot);
   /// Two sessions may swap their names, one after the other.

@@ -17,7 +17,7 @@
 
 namespace slamgw::mqttsn {
 
-/// A message under `<prefix>/server/<robot>/<type>`, whose outcome is told exactly once.
+/// A message under `<prefix>/server/<robot>/<type>`, whose outcome is reported exactly once.
 struct Command {
   CommandId id = CommandId::none;  ///< none: from before a restart
   std::string client_id;           ///< who is to carry it out
@@ -35,7 +35,7 @@ struct Outgoing {
   std::uint16_t predefined_id = 0;
   std::shared_ptr<Command> command;  ///< may be null
   std::uint16_t msg_id = 0;          ///< not 0: it was sent under this id, and goes on with DUP
-  bool was_refused_once = false;     ///< "invalid topic id": said again once (R86)
+  bool was_refused_once = false;     ///< "invalid topic id": sent again once (R86)
   std::size_t octets() const { return message->topic.size() + message->payload.size(); }
   void rename(const NewName& new_name);
 };
@@ -44,7 +44,6 @@ struct Outgoing {
 /// for each of thousands of clients.
 class DeliveryQueue {
  public:
-  bool empty() const { return waiting_.empty(); }
   std::size_t size() const { return waiting_.size(); }
   /// Topic names and payloads together.
   std::size_t octets() const { return octets_; }
@@ -103,10 +102,10 @@ struct SetAside {
 
 struct Delivery {
   DeliveryQueue queue;
-  std::optional<Publishing> publishing;
-  std::vector<Registering> registering;  ///< at most max_open_registers, at most one fresh
-  std::vector<Releasing> releasing;      ///< at most max_open_releases, oldest first
-  std::vector<SetAside> set_aside;       ///< at most max_set_aside, oldest first
+  std::unique_ptr<Publishing> publishing;  ///< null as a rule: 160 octets less
+  std::vector<Registering> registering;    ///< at most max_open_registers, at most one fresh
+  std::vector<Releasing> releasing;        ///< at most max_open_releases, oldest first
+  std::vector<SetAside> set_aside;         ///< at most max_set_aside, oldest first
   /// MsgIds of QoS 2 commands that have failed: a late PUBREC must not have them carried out.
   std::vector<std::uint16_t> abandoned;  ///< at most max_abandoned, oldest first
   std::uint16_t last_msg_id = 0;
@@ -115,10 +114,10 @@ struct Delivery {
   std::optional<TimePoint> paused_until;  ///< the client said "congestion" (T_WAIT)
   bool is_stalled = false;                ///< no answer to a PUBLISH: rests until heard (R133)
   bool refuses_dup = false;  ///< it answers 0x03 to a PUBLISH with DUP, as RIOT's emcute does
-  bool forgets_ids_asleep = false;    ///< of topics, as simon622's client does
-  bool was_told_set_aside = false;    ///< the operator's notice, once for each client
-  std::size_t wake_budget = 0;        ///< messages that this wake-up may still bring (R122)
-  std::optional<Outgoing> last_qos0;  ///< for "invalid topic id" at QoS 0 (R86)
+  bool forgets_ids_asleep = false;      ///< of topics, as simon622's client does
+  bool is_set_aside_reported = false;   ///< the operator's notice, once for each client
+  std::size_t wake_budget = 0;          ///< messages that this wake-up may still bring (R122)
+  std::unique_ptr<Outgoing> last_qos0;  ///< for "invalid topic id" at QoS 0 (R86)
   std::uint16_t last_qos0_id = 0;
 
   /// All of the above goes on under other topics.

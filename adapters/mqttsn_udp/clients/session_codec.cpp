@@ -236,7 +236,7 @@ void write(CborWriter& out, const MessageSnapshot& message) {
 void write(CborWriter& out, const TopicTable::Topic& topic) {
   out.begin_array();
   out.write(std::string_view(topic.name));
-  out.write(topic.is_told);
+  out.write(topic.is_known);
   out.write(topic.is_own);
   out.end();
 }

@@ -13,8 +13,8 @@ using std::chrono::milliseconds;
 
 /// The age that a command of a damaged record may claim.
 constexpr std::chrono::hours longest_command_age{1};
-/// For how long the daemon was away when the host was rebooted: nobody knows. By then the others of
-/// a fleet have told the outcomes of what it had taken (fleet::CommandTurns::outcome_patience).
+/// Assumed absence after a reboot of the host, whose length is unknown. After this time the other
+/// gateways of a fleet have reported its commands (fleet::CommandTurns::outcome_patience).
 constexpr std::chrono::seconds unknown_absence{31};
 
 MessageSnapshot to_snapshot(const Outgoing& waiting, TimePoint now) {
@@ -81,7 +81,7 @@ SessionSnapshot to_snapshot(const ClientSession& session, TimePoint now) {
   out.uses_client_id = session.uses_client_id;
   out.keep_alive = session.keep_alive;
   out.sleep_duration = session.sleep_duration;
-  out.will = session.will;
+  if (session.will) out.will = *session.will;
   out.topics = session.topics.topics();
   for (const auto& [filter, s] : session.subscriptions)
     out.subscriptions.push_back({filter, s.qos, s.topic_id_type, s.topic_id});
@@ -110,7 +110,8 @@ void apply(const SessionSnapshot& snapshot, ClientSession& session, TimePoint no
   session.keep_alive = snapshot.keep_alive;
   session.sleep_duration = snapshot.sleep_duration;
   session.last_heard = now;
-  if (snapshot.will && is_valid_topic_name(snapshot.will->topic)) session.will = snapshot.will;
+  if (snapshot.will && is_valid_topic_name(snapshot.will->topic))
+    session.will = std::make_unique<Will>(*snapshot.will);
   for (const TopicTable::Topic& topic : snapshot.topics) session.topics.restore(topic);
   for (const SubscriptionSnapshot& s : snapshot.subscriptions) {
     Subscription subscription;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What of a session survives a restart of the daemon (R47, contract section 6, promise 7), as
+// What of a session survives a restart of the daemon (R47; docs/topics.md, promise 7), as
 // values that a store can write. Not: acknowledgements owed for messages that were not safe yet
 // (the robot repeats them).
 #pragma once
@@ -29,7 +29,7 @@ struct MessageSnapshot {
   TopicIdType topic_id_type = TopicIdType::normal;
   std::uint16_t predefined_id = 0;
   std::uint16_t msg_id = 0;  ///< not 0: it was sent under this id
-  /// A command whose outcome was not told yet: since when it waits.
+  /// How long a command without an outcome has waited.
   std::optional<std::chrono::milliseconds> command_age{};
 };
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Deadlines of many owners, ordered, so that neither a tick nor a message looks at all clients. An
+// Deadlines of many owners, ordered, so that neither a tick nor a message visits all clients. An
 // owner has at most one entry and keeps its time (`armed`), so nothing stale stays behind.
 #pragma once
 
@@ -14,7 +14,7 @@ namespace slamgw::mqttsn {
 template <class Key>
 class TimerQueue {
  public:
-  /// Fires at `at` or before: an entry that is already earlier stays, its owner looks again then.
+  /// Fires at `at` or before: an entry that is already earlier stays, its owner checks again then.
   void arm_by(std::optional<TimePoint>& armed, const Key& key, TimePoint at) {
     if (armed && *armed <= at) return;
     disarm(armed, key);

@@ -21,11 +21,11 @@ std::optional<std::uint16_t> TopicTable::assign(std::string_view name,
   if (!id) return std::nullopt;
   Topic& topic = topics_[*id - 1U];
   const std::size_t grows = name.size() - std::min(name.size(), topic.name.size());
-  if (grows > 0 && !may_take(2 * grows)) return std::nullopt;
+  if (grows > 0 && !may_take(grows)) return std::nullopt;
   discharge_for(topic.name);
-  if (id_of(topic.name) == id) ids_.erase(topic.name);
+  remove_name(*id);
   topic = {std::string(name), false, false, ++last_use_};
-  ids_.emplace(topic.name, *id);
+  add_name(*id);
   charge_for(topic.name);
   return id;
 }
@@ -46,21 +46,21 @@ const std::string* TopicTable::name_of(std::uint16_t id) const {
 }
 
 std::optional<std::uint16_t> TopicTable::id_of(std::string_view name) const {
-  const auto found = ids_.find(name);
-  if (found == ids_.end()) return std::nullopt;
-  return found->second;
+  const auto found = place_of(name);
+  if (found == by_name_.end() || topics_[*found - 1U].name != name) return std::nullopt;
+  return *found;
 }
 
-bool TopicTable::is_told(std::uint16_t id) const {
-  return id != 0 && id <= topics_.size() && topics_[id - 1U].is_told;
+bool TopicTable::is_known(std::uint16_t id) const {
+  return id != 0 && id <= topics_.size() && topics_[id - 1U].is_known;
 }
 
-void TopicTable::set_told(std::uint16_t id, bool told) {
-  if (Topic* topic = find(id)) topic->is_told = told;
+void TopicTable::set_known(std::uint16_t id, bool known) {
+  if (Topic* topic = find(id)) topic->is_known = known;
 }
 
-void TopicTable::set_all_untold() {
-  for (Topic& topic : topics_) topic.is_told = false;
+void TopicTable::forget_known() {
+  for (Topic& topic : topics_) topic.is_known = false;
 }
 
 void TopicTable::set_own(std::uint16_t id) {
@@ -84,13 +84,30 @@ void TopicTable::restore(Topic topic) {
   if (topics_.size() >= limits::max_topics_per_client) return;
   charge_for(topic.name);
   topics_.push_back(std::move(topic));
-  ids_.emplace(topics_.back().name, static_cast<std::uint16_t>(topics_.size()));
+  add_name(static_cast<std::uint16_t>(topics_.size()));
 }
 
 void TopicTable::clear() {
   if (budget_) budget_->give_back(std::exchange(octets_, 0));
   topics_.clear();
-  ids_.clear();
+  by_name_.clear();
+}
+
+std::vector<std::uint16_t>::const_iterator TopicTable::place_of(std::string_view name) const {
+  return std::ranges::lower_bound(by_name_, name, std::ranges::less(), [this](std::uint16_t id) {
+    return std::string_view(topics_[id - 1U].name);
+  });
+}
+
+/// Unless another id has this name already.
+void TopicTable::add_name(std::uint16_t id) {
+  const std::string& name = topics_[id - 1U].name;
+  if (!id_of(name)) by_name_.insert(place_of(name), id);
+}
+
+void TopicTable::remove_name(std::uint16_t id) {
+  const std::string& name = topics_[id - 1U].name;
+  if (id_of(name) == id) by_name_.erase(place_of(name));
 }
 
 TopicTable::Topic* TopicTable::find(std::uint16_t id) {

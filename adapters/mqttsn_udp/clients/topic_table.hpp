@@ -7,7 +7,6 @@
 
 #include <cstdint>
 #include <functional>
-#include <map>
 #include <optional>
 #include <span>
 #include <string>
@@ -39,10 +38,10 @@ class TopicTable {
   const std::string* name_of(std::uint16_t id) const;
   std::optional<std::uint16_t> id_of(std::string_view name) const;
 
-  /// Whether the client has been told this id in its present connection (R48, R65).
-  bool is_told(std::uint16_t id) const;
-  void set_told(std::uint16_t id, bool told);
-  void set_all_untold();
+  /// Whether the client has got this id in its present connection (R48, R65).
+  bool is_known(std::uint16_t id) const;
+  void set_known(std::uint16_t id, bool known);
+  void forget_known();
   /// The client has asked for this id, or uses it: it keeps its meaning.
   void set_own(std::uint16_t id);
   /// The gateway publishes with this id.
@@ -50,7 +49,7 @@ class TopicTable {
 
   struct Topic {
     std::string name;
-    bool is_told = false;
+    bool is_known = false;
     bool is_own = false;
     std::uint64_t used = 0;  ///< later uses have larger numbers
   };
@@ -64,13 +63,18 @@ class TopicTable {
 
  private:
   Topic* find(std::uint16_t id);
+  /// In by_name_: where `name` is, or belongs.
+  std::vector<std::uint16_t>::const_iterator place_of(std::string_view name) const;
+  void add_name(std::uint16_t id);
+  void remove_name(std::uint16_t id);
   bool may_take(std::size_t octets) const;
   void charge_for(const std::string& name);
   void discharge_for(const std::string& name);
   std::optional<std::uint16_t> longest_unused(std::span<const std::uint16_t> in_use) const;
 
   std::vector<Topic> topics_;
-  std::map<std::string, std::uint16_t, std::less<>> ids_;
+  /// One id for each name, in the order of names. A map would have each name once more.
+  std::vector<std::uint16_t> by_name_;
   std::uint64_t last_use_ = 0;
   std::size_t octets_ = 0;  // charged
   NameBudget* budget_ = nullptr;

@@ -17,6 +17,10 @@ void Answers::answer(ClientSession& session, Packet packet) {
   session.answers.push_back({0, 0, std::move(packet)});
 }
 
+void Answers::refuse_for_room(ClientSession& session, Packet congestion) {
+  if (!settings_.is_full_silent()) answer(session, std::move(congestion));
+}
+
 std::uint64_t Answers::hold(ClientSession& session, std::uint16_t msg_id) {
   session.answers.push_back({++last_ticket_, msg_id, std::nullopt});
   return last_ticket_;

@@ -44,10 +44,10 @@ void CommandWatch::adopt(const std::shared_ptr<Command>& command) {
 void CommandWatch::end(const std::shared_ptr<Command>& command, CommandResult result,
                        std::string why, TimePoint now) {
   if (!command || std::exchange(command->is_reported, true)) return;
-  // After a restart it is not told again; a delivery has marked its session already.
+  // After a restart it is not reported again; a delivery has marked its session already.
   if (const ClientSession* session = clients_.find(command->client_id);
       session && result != CommandResult::delivered)
-    changed_.mark(*session);
+    output_.mark_changed(*session);
   const auto after = std::chrono::duration_cast<std::chrono::milliseconds>(now - command->came);
   output_.emit(CommandOutcome{Mesh::thread, command->id, command->robot, command->type, result,
                               after, std::move(why)});

@@ -6,7 +6,6 @@
 #include <deque>
 #include <memory>
 
-#include "adapters/mqttsn_udp/clients/changed_sessions.hpp"
 #include "adapters/mqttsn_udp/clients/client_table.hpp"
 #include "adapters/mqttsn_udp/name_rules.hpp"
 #include "adapters/mqttsn_udp/output.hpp"
@@ -15,9 +14,8 @@ namespace slamgw::mqttsn {
 
 class CommandWatch {
  public:
-  CommandWatch(const NameRules& rules, ClientTable& clients, Output& output,
-               ChangedSessions& changed)
-      : rules_(rules), clients_(clients), output_(output), changed_(changed) {}
+  CommandWatch(const NameRules& rules, ClientTable& clients, Output& output)
+      : rules_(rules), clients_(clients), output_(output) {}
 
   /// Whether `topic` is one for commands to this client's robot.
   bool is_command_for(const ClientSession& session, const std::string& topic) const;
@@ -34,14 +32,13 @@ class CommandWatch {
            TimePoint now);
 
   std::optional<TimePoint> deadline() const;
-  /// A command whose time is over; its outcome is to be told by `end()`. Null when there is none.
+  /// A command whose time is over; `end()` reports its outcome. Null when there is none.
   std::shared_ptr<Command> pop_overdue(TimePoint now);
 
  private:
   const NameRules& rules_;
   ClientTable& clients_;
   Output& output_;
-  ChangedSessions& changed_;
   std::deque<std::shared_ptr<Command>> open_;  // in the order they came, so in that of their ends
 };
 

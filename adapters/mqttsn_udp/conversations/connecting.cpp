@@ -37,7 +37,8 @@ void Connecting::on_connect(const Peer& peer, const LocalAddress& local, const C
   if (is_open(peer)) take(peer);
   const ClientSession* known = clients_.find(connect.client_id);
   std::optional<Will> kept;
-  if (known && can_resume(*known) && !connect.clean_session) kept = known->will;  // R45
+  const bool may_keep = known && can_resume(*known) && !connect.clean_session;  // R45
+  if (may_keep && known->will) kept = *known->will;
   complete(peer, attempt, std::move(kept), now);
 }
 
@@ -54,7 +55,7 @@ std::optional<std::string> Connecting::robot_of(const std::string& client_id) co
   return robot;
 }
 
-/// The CONNACK was lost: said again, and nothing that was registered since is wiped (R35).
+/// The CONNACK was lost: it is sent again, and nothing that was registered since is wiped (R35).
 bool Connecting::is_repetition(const Peer& peer, const Connect& connect, std::uint64_t fingerprint,
                                TimePoint now) const {
   const ClientSession* session = clients_.find(peer);
@@ -75,7 +76,7 @@ void Connecting::on_willtopic(const Peer& peer, const LocalAddress& local, const
       wills_.allowed_topic(attempt.connect.client_id, attempt.robot, will.topic, will.qos, now);
   if (!topic) {
     const Attempt done = take(peer);
-    tally_.count(Count::connects_refused);
+    output_.count(Count::connects_refused);
     return answer_refused(peer, done.local, ReturnCode::not_supported, now);
   }
   attempt.will = {std::move(*topic), {}, static_cast<Qos>(will.qos), will.retain};
@@ -97,7 +98,7 @@ void Connecting::on_late_willmsg(const ClientSession& session, const WillMsg& wi
   const bool is_repetition = session.connect_fingerprint != 0 && session.will &&
                              session.will->message == will.message &&
                              now - session.connected_at <= limits::repeat_window;
-  if (!is_repetition) return tally_.count(Count::unexpected);
+  if (!is_repetition) return output_.count(Count::unexpected);
   output_.send(session, Connack{ReturnCode::accepted});
 }
 
@@ -111,13 +112,13 @@ void Connecting::on_deadline(TimePoint now) {
     Attempt& attempt = attempts_.at(*peer);
     attempt.armed.reset();
     if (attempt.repeats >= settings_.retry_count) {  // R27: the client repeats CONNECT
-      tally_.count(Count::handshakes_given_up);
+      output_.count(Count::handshakes_given_up);
       take(*peer);
       continue;
     }
     ++attempt.repeats;
     if (output_.validation.is_validated(peer->endpoint.address)) {
-      tally_.count(Count::retransmitted);
+      output_.count(Count::retransmitted);
       prompt(*peer, attempt, now);
     } else {  // the client repeats its CONNECT or WILLTOPIC when this was lost
       timers_.arm_by(attempt.armed, *peer, now + settings_.retry_interval);
@@ -139,7 +140,7 @@ void Connecting::begin(const Peer& peer, Attempt attempt, TimePoint now) {
 bool Connecting::make_room() {
   if (attempts_.size() < limits::max_handshakes) return true;
   if (strangers_.empty()) return false;
-  tally_.count(Count::handshakes_given_up);
+  output_.count(Count::handshakes_given_up);
   take(Peer(strangers_.begin()->second));
   return true;
 }
@@ -182,11 +183,11 @@ void Connecting::complete(const Peer& peer, const Attempt& attempt, std::optiona
   if (connect.clean_session || !can_resume(*session)) {
     lifecycle_.clean(*session, "the robot has begun a new session", now);
   } else {
-    session->topics.set_all_untold();  // R48
+    session->topics.forget_known();  // R48
     session->answers.clear();
     downlink_.on_reconnect(*session);
   }
-  session->will = std::move(will);
+  session->will = will ? std::make_unique<Will>(std::move(*will)) : nullptr;
   session->is_clean = connect.clean_session;
   session->keep_alive = std::chrono::seconds(connect.duration_s);
   session->connect_fingerprint = attempt.fingerprint;
@@ -194,11 +195,11 @@ void Connecting::complete(const Peer& peer, const Attempt& attempt, std::optiona
   const bool is_new_address = session->peer != peer;
   clients_.bind(*session, peer, attempt.local);
   if (is_new_address) downlink_.on_address(*session);
-  tally_.count(Count::connects);
+  output_.count(Count::connects);
   output_.send(*session, Connack{ReturnCode::accepted});
   lifecycle_.enter(*session, ClientState::active, now);
   output_.emit(SignOfLife{Mesh::thread, session->robot});
-  changed_.mark(*session);
+  output_.mark_changed(*session);
 }
 
 void Connecting::refuse_name(const Peer& peer, const LocalAddress& local, const Connect& connect,
@@ -211,14 +212,14 @@ void Connecting::refuse_name(const Peer& peer, const LocalAddress& local, const 
   if (connect.protocol != protocol_id) why = "it speaks another version of MQTT-SN than 1.2";
   refusals_.on_refusal(Count::connects_refused, connect.client_id,
                        fmt::format("{} may not connect as '{}' (CONNACK 0x03): {}", to_string(peer),
-                                   connect.client_id.substr(0, limits::max_told_id), why),
+                                   connect.client_id.substr(0, limits::max_logged_id_octets), why),
                        is_valid_level(connect.client_id) ? connect.client_id : std::string{}, now);
   answer_refused(peer, local, ReturnCode::not_supported, now);
 }
 
 void Connecting::answer_refused(const Peer& peer, const LocalAddress& local, ReturnCode code,
                                 TimePoint now) {
-  if (!guard_.may_answer(peer, now)) return tally_.count(Count::unanswered);
+  if (!guard_.may_answer(peer, now)) return output_.count(Count::unanswered);
   output_.send(peer, local, Connack{code});
 }
 

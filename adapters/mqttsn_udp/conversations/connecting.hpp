@@ -14,14 +14,12 @@ namespace slamgw::mqttsn {
 class Connecting {
  public:
   Connecting(const Settings& settings, const NameRules& rules, ClientTable& clients, Output& output,
-             ChangedSessions& changed, Tally& tally, Lifecycle& lifecycle, Downlink& downlink,
-             Wills& wills, Refusals& refusals, FloodGuard& guard)
+             Lifecycle& lifecycle, Downlink& downlink, Wills& wills, Refusals& refusals,
+             FloodGuard& guard)
       : settings_(settings),
         rules_(rules),
         clients_(clients),
         output_(output),
-        changed_(changed),
-        tally_(tally),
         lifecycle_(lifecycle),
         downlink_(downlink),
         wills_(wills),
@@ -76,8 +74,6 @@ class Connecting {
   const NameRules& rules_;
   ClientTable& clients_;
   Output& output_;
-  ChangedSessions& changed_;
-  Tally& tally_;
   Lifecycle& lifecycle_;
   Downlink& downlink_;
   Wills& wills_;

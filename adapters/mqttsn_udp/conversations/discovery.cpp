@@ -7,20 +7,17 @@ namespace slamgw::mqttsn {
 /// sleepy ones (R15).
 void Discovery::on_searchgw(const Peer& peer, const LocalAddress& local, const SearchGw& search,
                             TimePoint now) {
-  if (!is_broker_up_ || !clients_.has_room(now)) return;  // R20
-  if (!guard_.may_answer(peer, now)) return tally_.count(Count::unanswered);
+  if (!broker_up_since_ || !clients_.has_room(now)) return;  // R20
+  if (!guard_.may_answer(peer, now)) return output_.count(Count::unanswered);
   output_.send(peer, local, GwInfo{settings_.gateway_id, {}}, search.radius);
 }
 
-void Discovery::on_broker_link(bool is_up, TimePoint now) {
-  const bool has_come = is_up && !is_broker_up_;
-  is_broker_up_ = is_up;
-  if (!is_up) next_advertise_.reset();
-  if (has_come && settings_.multicast_group) advertise(now);
+void Discovery::on_broker_up(TimePoint now) {
+  if (settings_.multicast_group) advertise(now);
 }
 
 void Discovery::on_interface(std::uint32_t index) {
-  if (is_broker_up_ && settings_.multicast_group) output_.send_multicast(advertisement(), index);
+  if (broker_up_since_ && settings_.multicast_group) output_.send_multicast(advertisement(), index);
 }
 
 void Discovery::on_deadline(TimePoint now) {

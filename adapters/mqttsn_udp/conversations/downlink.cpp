@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <utility>
 
-#include "adapters/mqttsn_udp/clients/message_ids.hpp"
 #include "adapters/mqttsn_udp/limits.hpp"
 
 namespace slamgw::mqttsn {
@@ -21,7 +20,7 @@ bool is_kept(const ClientSession& session) {
 /// One that was given up and waits for its next try counts: its acknowledgement was late.
 std::optional<Outgoing> take_unacknowledged(Delivery& delivery, std::uint16_t msg_id) {
   if (delivery.publishing && delivery.publishing->attempt.msg_id == msg_id)
-    return std::exchange(delivery.publishing, std::nullopt)->what;
+    return std::exchange(delivery.publishing, nullptr)->what;
   const auto waiting = std::ranges::find(delivery.queue, msg_id, &Outgoing::msg_id);
   if (msg_id == 0 || waiting == delivery.queue.end()) return std::nullopt;
   return delivery.queue.take(static_cast<std::size_t>(waiting - delivery.queue.begin()));
@@ -69,17 +68,14 @@ std::string why_unsent(const ClientSession& session, const Outgoing& waiting, bo
 }  // namespace
 
 Downlink::Downlink(const Settings& settings, const NameRules& rules, Output& output,
-                   ChangedSessions& changed, Tally& tally, Subscriptions& subscriptions,
-                   CommandWatch& commands, RandomSource random)
+                   Subscriptions& subscriptions, CommandWatch& commands, RandomSource random)
     : settings_(settings),
       output_(output),
-      changed_(changed),
-      tally_(tally),
       subscriptions_(subscriptions),
       commands_(commands),
       retransmission_(settings),
-      registration_(rules, output, tally, retransmission_),
-      release_(output, changed, tally, retransmission_),
+      registration_(rules, output, retransmission_),
+      release_(output, retransmission_),
       random_(std::move(random)) {}
 
 void Downlink::enqueue(ClientSession& session, Outgoing outgoing, TimePoint now) {
@@ -90,10 +86,10 @@ void Downlink::enqueue(ClientSession& session, Outgoing outgoing, TimePoint now)
   const bool is_unanswered =
       TopicRegistration::is_set_aside(session.delivery, outgoing.message->topic);
   if (is_unanswered && (outgoing.command || !outlives_connection)) {
-    tally_.count(Count::queue_dropped);
+    output_.count(Count::queue_dropped);
     return refuse(session, outgoing, "the robot does not answer messages on this topic", now);
   }
-  if (outgoing.qos != Qos::at_most_once) changed_.mark(session);
+  if (outgoing.qos != Qos::at_most_once) output_.mark_changed(session);
   session.delivery.queue.push_back(std::move(outgoing));
   keep_in_bounds(session, now);
 }
@@ -132,7 +128,7 @@ bool Downlink::send_next(ClientSession& session, TimePoint now) {
         publish(session, delivery.queue.take(i), now);
         return true;
       case TopicRegistration::Readiness::impossible:
-        tally_.count(Count::queue_dropped);
+        output_.count(Count::queue_dropped);
         refuse(session, delivery.queue.take(i), "the robot has no topic id left", now);
         return true;
       case TopicRegistration::Readiness::waits_shortly: must_commands_wait |= is_command; break;
@@ -165,14 +161,14 @@ void Downlink::publish(ClientSession& session, Outgoing outgoing, TimePoint now)
     transmit(session, outgoing, topic_id, 0);
     finish(session, outgoing, CommandResult::sent, "", now);
     delivery.last_qos0_id = topic_id;
-    delivery.last_qos0 = std::move(outgoing);
+    delivery.last_qos0 = std::make_unique<Outgoing>(std::move(outgoing));
     return;
   }
   const std::uint16_t msg_id = outgoing.msg_id != 0 ? outgoing.msg_id : next_message_id(delivery);
   transmit(session, outgoing, topic_id, msg_id);
   outgoing.msg_id = msg_id;
-  delivery.publishing =
-      Publishing{std::move(outgoing), topic_id, retransmission_.begin(delivery, msg_id, now)};
+  delivery.publishing = std::make_unique<Publishing>(
+      Publishing{std::move(outgoing), topic_id, retransmission_.begin(delivery, msg_id, now)});
 }
 
 /// With DUP when the message was sent before, unless the client refuses that.
@@ -218,7 +214,7 @@ void Downlink::on_regack(ClientSession& session, const Regack& regack, TimePoint
   };
   if (std::ranges::any_of(session.delivery.registering, is_open)) on_answer(session, regack.msg_id);
   const auto topic = registration_.on_regack(session, regack, now);
-  if (topic) changed_.mark(session);
+  if (topic) output_.mark_changed(session);
   switch (regack.code) {
     case ReturnCode::accepted: return;
     case ReturnCode::congestion: return pause(session, now);
@@ -239,7 +235,7 @@ void Downlink::on_puback(ClientSession& session, const Puback& puback, TimePoint
                              (puback.code == ReturnCode::not_supported && puback.topic_id == 0);
   const bool is_qos0 = puback.msg_id == 0 && is_unknown_id && delivery.last_qos0 &&
                        (delivery.last_qos0_id == puback.topic_id || puback.topic_id == 0);
-  if (is_qos0) return register_again(session, *std::exchange(delivery.last_qos0, std::nullopt));
+  if (is_qos0) return register_again(session, *std::exchange(delivery.last_qos0, nullptr));
   learn_from_answer(session, puback.msg_id, now);
   if (puback.code == ReturnCode::congestion) {
     if (delivery.publishing && delivery.publishing->attempt.msg_id == puback.msg_id)
@@ -276,26 +272,26 @@ void Downlink::on_pubrec(ClientSession& session, const Pubrec& pubrec, TimePoint
 }
 
 void Downlink::on_pubcomp(ClientSession& session, const Pubcomp& pubcomp, TimePoint now) {
-  if (Release::on_pubcomp(session.delivery, pubcomp.msg_id, now)) changed_.mark(session);
+  if (Release::on_pubcomp(session.delivery, pubcomp.msg_id, now)) output_.mark_changed(session);
 }
 
 void Downlink::finish(ClientSession& session, const Outgoing& outgoing, CommandResult result,
                       std::string why, TimePoint now) {
   if (result == CommandResult::delivered || result == CommandResult::sent)
-    tally_.count(Count::delivered_down);
-  if (outgoing.qos != Qos::at_most_once) changed_.mark(session);
+    output_.count(Count::delivered_down);
+  if (outgoing.qos != Qos::at_most_once) output_.mark_changed(session);
   commands_.end(outgoing.command, result, std::move(why), now);
 }
 
-/// The client has forgotten the id: told again, said again once under a new MsgId (R86). One that
-/// forgets while it sleeps forgets all ids, and each time.
+/// Registers a topic id again that the client has forgotten, and sends the message once more under
+/// a new MsgId (R86). A client that forgets ids while it sleeps forgets all of them each time.
 void Downlink::register_again(ClientSession& session, Outgoing outgoing) {
   if (outgoing.topic_id_type != TopicIdType::normal || outgoing.was_refused_once) return;
   if (session.state() == ClientState::awake || session.state() == ClientState::asleep) {
     session.delivery.forgets_ids_asleep = true;
-    session.topics.set_all_untold();
+    session.topics.forget_known();
   } else if (const auto id = session.topics.id_of(outgoing.message->topic)) {
-    session.topics.set_told(*id, false);
+    session.topics.set_known(*id, false);
   }
   outgoing.was_refused_once = true;
   outgoing.msg_id = 0;
@@ -325,7 +321,7 @@ void Downlink::rest(ClientSession& session) {
   delivery.registering.clear();
   Release::rest(delivery);
   if (delivery.publishing)
-    delivery.queue.push_front(std::exchange(delivery.publishing, std::nullopt)->what);
+    delivery.queue.push_front(std::exchange(delivery.publishing, nullptr)->what);
 }
 
 bool Downlink::is_awaiting(const ClientSession& session) const {
@@ -347,7 +343,7 @@ bool Downlink::on_time(ClientSession& session, TimePoint now) {
   switch (retransmission_.on_time(open.attempt, now)) {
     case Retransmission::Due::nothing: break;
     case Retransmission::Due::repeat:
-      tally_.count(Count::retransmitted);
+      output_.count(Count::retransmitted);
       transmit(session, open.what, open.topic_id, open.attempt.msg_id);
       break;
     case Retransmission::Due::give_up: is_silent |= give_up(session, now); break;
@@ -358,8 +354,8 @@ bool Downlink::on_time(ClientSession& session, TimePoint now) {
 /// A client that said nothing at all rests until it is heard (R133). One that answers other things
 /// is spared this topic.
 bool Downlink::give_up(ClientSession& session, TimePoint now) {
-  tally_.count(Count::deliveries_given_up);
-  const Publishing open = *std::exchange(session.delivery.publishing, std::nullopt);
+  output_.count(Count::deliveries_given_up);
+  const Publishing open = *std::exchange(session.delivery.publishing, nullptr);
   const bool was_heard = session.last_heard > open.attempt.begun;
   session.delivery.is_stalled = !was_heard;
   if (is_kept(session)) {
@@ -375,7 +371,7 @@ bool Downlink::give_up(ClientSession& session, TimePoint now) {
 
 /// Messages on a topic whose REGISTER stays unanswered stay for clients that keep their messages.
 void Downlink::drop_unregistered(ClientSession& session, const std::string& topic, TimePoint now) {
-  tally_.count(Count::deliveries_given_up);
+  output_.count(Count::deliveries_given_up);
   drop_if(session, "the robot did not answer the registration of this topic", now,
           [&](const Outgoing& waiting) {
             const bool is_lasting = is_kept(session) && waiting.qos != Qos::at_most_once;
@@ -427,9 +423,9 @@ void Downlink::drop_if(ClientSession& session, const std::string& why, TimePoint
 
 std::string Downlink::withdraw(ClientSession& session, const Command& command) {
   Delivery& delivery = session.delivery;
-  changed_.mark(session);
+  output_.mark_changed(session);
   if (delivery.publishing && delivery.publishing->what.command.get() == &command) {
-    remember_abandoned(delivery, std::exchange(delivery.publishing, std::nullopt)->what);
+    remember_abandoned(delivery, std::exchange(delivery.publishing, nullptr)->what);
     return "no acknowledgement";
   }
   const auto waiting = std::ranges::find_if(
@@ -459,7 +455,7 @@ void Downlink::keep_in_bounds(ClientSession& session, TimePoint now) {
   if (is_held) max_messages = std::min(max_messages, limits::max_queued_unvalidated);
   while (delivery.queue.size() > max_messages ||
          delivery.queue.octets() > limits::max_queued_octets) {
-    tally_.count(Count::queue_dropped);
+    output_.count(Count::queue_dropped);
     refuse(session, session.delivery.queue.take(least_useful(delivery)),
            "the robot's queue is full", now);
   }
@@ -469,7 +465,7 @@ bool Downlink::is_too_large(ClientSession& session, const Outgoing& outgoing, Ti
   const bool fits = output_.fits(session, 7 + outgoing.message->payload.size()) &&
                     output_.fits(session, 6 + outgoing.message->topic.size());
   if (fits) return false;
-  tally_.count(Count::too_large_down);
+  output_.count(Count::too_large_down);
   refuse(session, outgoing, "larger than the network carries", now);
   if (const auto times = too_large_.on_event(now)) {
     output_.emit(Notice{Severity::warning,

@@ -7,7 +7,6 @@
 
 #include <string>
 
-#include "adapters/mqttsn_udp/clients/changed_sessions.hpp"
 #include "adapters/mqttsn_udp/clients/message_ids.hpp"
 #include "adapters/mqttsn_udp/conversations/command_watch.hpp"
 #include "adapters/mqttsn_udp/conversations/release.hpp"
@@ -17,7 +16,6 @@
 #include "adapters/mqttsn_udp/name_rules.hpp"
 #include "adapters/mqttsn_udp/output.hpp"
 #include "adapters/mqttsn_udp/settings.hpp"
-#include "adapters/mqttsn_udp/tally.hpp"
 #include "daemon/core/log_throttle.hpp"
 
 namespace slamgw::mqttsn {
@@ -25,8 +23,7 @@ namespace slamgw::mqttsn {
 class Downlink {
  public:
   Downlink(const Settings& settings, const NameRules& rules, Output& output,
-           ChangedSessions& changed, Tally& tally, Subscriptions& subscriptions,
-           CommandWatch& commands, RandomSource random);
+           Subscriptions& subscriptions, CommandWatch& commands, RandomSource random);
 
   /// Takes the message, or says why not. `pump()` sends it.
   void enqueue(ClientSession& session, Outgoing outgoing, TimePoint now);
@@ -90,8 +87,6 @@ class Downlink {
 
   const Settings& settings_;
   Output& output_;
-  ChangedSessions& changed_;
-  Tally& tally_;
   Subscriptions& subscriptions_;
   CommandWatch& commands_;
   Retransmission retransmission_;

@@ -5,7 +5,6 @@
 
 #include <algorithm>
 
-#include "adapters/mqttsn_udp/clients/topic_ids.hpp"
 #include "adapters/mqttsn_udp/conversations/own_names.hpp"
 #include "adapters/mqttsn_udp/limits.hpp"
 
@@ -24,14 +23,14 @@ void InboundRegistration::on_register(ClientSession& session, const Register& re
       !uplink_.may_publish(session, topic, now))
     return answer(0, ReturnCode::not_supported);
   if (makes_too_many_types(session, topic, now)) return answer(0, ReturnCode::not_supported);
-  const auto id = assign_topic(session, topic);
+  const auto id = session.assign_topic(topic);
   if (id) {
     session.topics.set_own(*id);
-    session.topics.set_told(*id, true);
-    changed_.mark(session);
+    session.topics.set_known(*id, true);
+    output_.mark_changed(session);
     return answer(*id, ReturnCode::accepted);
   }
-  if (!settings_.is_full_silent()) answer(0, ReturnCode::congestion);
+  answers_.refuse_for_room(session, Regack{0, request.msg_id, ReturnCode::congestion});
 }
 
 /// Each type of a robot costs all who listen to it a topic id.

@@ -9,23 +9,17 @@ namespace slamgw::mqttsn {
 
 class InboundRegistration {
  public:
-  InboundRegistration(const Settings& settings, const NameRules& rules, ChangedSessions& changed,
-                      Answers& answers, Uplink& uplink, Refusals& refusals)
-      : settings_(settings),
-        rules_(rules),
-        changed_(changed),
-        answers_(answers),
-        uplink_(uplink),
-        refusals_(refusals) {}
+  InboundRegistration(const NameRules& rules, Output& output, Answers& answers, Uplink& uplink,
+                      Refusals& refusals)
+      : rules_(rules), output_(output), answers_(answers), uplink_(uplink), refusals_(refusals) {}
 
   void on_register(ClientSession& session, const Register& request, TimePoint now);
 
  private:
   bool makes_too_many_types(ClientSession& session, const std::string& topic, TimePoint now);
 
-  const Settings& settings_;
   const NameRules& rules_;
-  ChangedSessions& changed_;
+  Output& output_;
   Answers& answers_;
   Uplink& uplink_;
   Refusals& refusals_;

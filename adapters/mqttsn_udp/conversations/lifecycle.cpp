@@ -9,8 +9,8 @@ void Lifecycle::on_heard(ClientSession& session, TimePoint now) {
   session.last_heard = now;
   session.connect_fingerprint = 0;
   downlink_.on_heard(session);
-  if (now - session.told_heard < limits::sign_of_life_interval) return;
-  session.told_heard = now;
+  if (now - session.sign_of_life_reported < limits::sign_of_life_interval) return;
+  session.sign_of_life_reported = now;
   output_.emit(SignOfLife{Mesh::thread, session.robot});
 }
 
@@ -35,14 +35,14 @@ void Lifecycle::enter(ClientSession& session, ClientState state, TimePoint now) 
   }
   const Duration kept = session.is_clean ? Duration::zero() : Duration(limits::min_absence);
   clients_.set_evictable(session, now + kept);
-  if (session.told_presence) report_presence(session, Presence::offline);
+  if (session.reported_presence) report_presence(session, Presence::offline);
 }
 
 bool Lifecycle::revive(ClientSession& session, TimePoint now) {
   if (session.state() != ClientState::lost || !settings_.revive_lost) return false;
-  tally_.count(Count::clients_revived);
+  output_.count(Count::clients_revived);
   enter(session, ClientState::active, now);
-  changed_.mark(session);
+  output_.mark_changed(session);
   return true;
 }
 
@@ -52,7 +52,7 @@ void Lifecycle::disconnect(ClientSession& session, TimePoint now) {
 }
 
 void Lifecycle::lose(ClientSession& session, TimePoint now) {
-  tally_.count(Count::clients_lost);
+  output_.count(Count::clients_lost);
   wills_.publish(session);
   const bool may_come_back = settings_.revive_lost && session.peer;
   if (session.is_clean && !may_come_back) return expel(session, "the robot is lost", now);
@@ -77,18 +77,19 @@ bool Lifecycle::make_room(TimePoint now) {
   while (clients_.is_full()) {
     ClientSession* gone = clients_.evictable(now);
     if (!gone) return false;
-    tally_.count(Count::clients_evicted);
+    output_.count(Count::clients_evicted);
     forget(*gone, "the robot's session made room for another", now);
   }
   return true;
 }
 
-/// Said once for each change of state or address.
+/// Reports each change of state or address once.
 void Lifecycle::report_presence(ClientSession& session, Presence presence) {
-  const bool is_same_place = presence == Presence::offline || session.told_peer == session.peer;
-  if (session.told_presence == presence && is_same_place) return;
-  session.told_presence = presence;
-  session.told_peer = session.peer;
+  const std::size_t place = session.peer ? PeerHash()(*session.peer) : 0;
+  const bool is_same_place = presence == Presence::offline || session.reported_peer == place;
+  if (session.reported_presence == presence && is_same_place) return;
+  session.reported_presence = presence;
+  session.reported_peer = place;
   output_.emit(PresenceChange{Mesh::thread, session.robot, presence,
                               session.peer ? to_string(*session.peer) : std::string()});
 }
@@ -101,7 +102,7 @@ void Lifecycle::expel(ClientSession& session, const std::string& why, TimePoint 
 void Lifecycle::forget(ClientSession& session, const std::string& why, TimePoint now) {
   clean(session, why, now);
   subscriptions_.stop_listening(session, now);
-  changed_.mark(session);
+  output_.mark_changed(session);
   clients_.erase(session);
 }
 
@@ -115,7 +116,7 @@ void Lifecycle::leave(ClientSession& session, ClientState state, TimePoint now) 
   } else {
     downlink_.drop_volatile(session, why, now);
   }
-  changed_.mark(session);
+  output_.mark_changed(session);
 }
 
 }  // namespace slamgw::mqttsn

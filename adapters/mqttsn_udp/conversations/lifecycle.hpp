@@ -3,7 +3,6 @@
 // presence, what is kept and what is forgotten.
 #pragma once
 
-#include "adapters/mqttsn_udp/clients/changed_sessions.hpp"
 #include "adapters/mqttsn_udp/clients/client_table.hpp"
 #include "adapters/mqttsn_udp/conversations/downlink.hpp"
 #include "adapters/mqttsn_udp/conversations/subscriptions.hpp"
@@ -11,20 +10,16 @@
 #include "adapters/mqttsn_udp/conversations/wills.hpp"
 #include "adapters/mqttsn_udp/output.hpp"
 #include "adapters/mqttsn_udp/settings.hpp"
-#include "adapters/mqttsn_udp/tally.hpp"
 
 namespace slamgw::mqttsn {
 
 class Lifecycle {
  public:
   Lifecycle(const Settings& settings, ClientTable& clients, Output& output,
-            ChangedSessions& changed, Tally& tally, Subscriptions& subscriptions,
-            Downlink& downlink, Uplink& uplink, Wills& wills)
+            Subscriptions& subscriptions, Downlink& downlink, Uplink& uplink, Wills& wills)
       : settings_(settings),
         clients_(clients),
         output_(output),
-        changed_(changed),
-        tally_(tally),
         subscriptions_(subscriptions),
         downlink_(downlink),
         uplink_(uplink),
@@ -60,8 +55,6 @@ class Lifecycle {
   const Settings& settings_;
   ClientTable& clients_;
   Output& output_;
-  ChangedSessions& changed_;
-  Tally& tally_;
   Subscriptions& subscriptions_;
   Downlink& downlink_;
   Uplink& uplink_;

@@ -11,13 +11,12 @@
 
 #include "adapters/mqttsn_udp/clients/token_bucket.hpp"
 #include "adapters/mqttsn_udp/output.hpp"
-#include "adapters/mqttsn_udp/tally.hpp"
 
 namespace slamgw::mqttsn {
 
 class Refusals {
  public:
-  Refusals(Output& output, Tally& tally) : output_(output), tally_(tally) {}
+  explicit Refusals(Output& output) : output_(output) {}
 
   /// `who` is a client id, or an address where that is not known; `robot` may be empty. `what` is
   /// counted in any case; `text` says what was refused and what would allow it.
@@ -28,9 +27,9 @@ class Refusals {
 
  private:
   Output& output_;
-  Tally& tally_;
   TokenBucket lines_;
-  std::unordered_set<std::uint64_t> told_;  // hashes of kind and client; at most max_told_refusals
+  // Hashes of kind and client; at most max_logged_refusals.
+  std::unordered_set<std::uint64_t> logged_;
   std::deque<std::uint64_t> oldest_first_;
 };
 

@@ -20,7 +20,7 @@ void Release::begin(ClientSession& session, std::uint16_t msg_id, TimePoint now)
   if (delivery.releasing.size() >= limits::max_open_releases)
     delivery.releasing.erase(delivery.releasing.begin());
   delivery.releasing.push_back({retransmission_.begin(delivery, msg_id, now)});
-  changed_.mark(session);
+  output_.mark_changed(session);
   output_.send(session, Pubrel{msg_id});
 }
 
@@ -70,7 +70,7 @@ bool Release::on_time(ClientSession& session, TimePoint now) {
     switch (retransmission_.on_time(open.attempt, now)) {
       case Retransmission::Due::nothing: return false;
       case Retransmission::Due::repeat:
-        tally_.count(Count::retransmitted);
+        output_.count(Count::retransmitted);
         output_.send(session, Pubrel{open.attempt.msg_id});
         return false;
       case Retransmission::Due::give_up: break;
@@ -80,7 +80,7 @@ bool Release::on_time(ClientSession& session, TimePoint now) {
     is_silent |= !was_heard;
     return was_heard;
   };
-  if (std::erase_if(session.delivery.releasing, is_over) > 0) changed_.mark(session);
+  if (std::erase_if(session.delivery.releasing, is_over) > 0) output_.mark_changed(session);
   return is_silent;
 }
 

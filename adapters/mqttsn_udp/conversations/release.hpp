@@ -3,18 +3,15 @@
 // has the message by then, so a PUBREL that stays unanswered holds nothing back.
 #pragma once
 
-#include "adapters/mqttsn_udp/clients/changed_sessions.hpp"
 #include "adapters/mqttsn_udp/conversations/retransmission.hpp"
 #include "adapters/mqttsn_udp/output.hpp"
-#include "adapters/mqttsn_udp/tally.hpp"
 
 namespace slamgw::mqttsn {
 
 class Release {
  public:
-  Release(Output& output, ChangedSessions& changed, Tally& tally,
-          const Retransmission& retransmission)
-      : output_(output), changed_(changed), tally_(tally), retransmission_(retransmission) {}
+  Release(Output& output, const Retransmission& retransmission)
+      : output_(output), retransmission_(retransmission) {}
 
   void begin(ClientSession& session, std::uint16_t msg_id, TimePoint now);
   /// A repeated PUBREC: answered, and the repetitions go on as they were. False when there is no
@@ -36,8 +33,6 @@ class Release {
 
  private:
   Output& output_;
-  ChangedSessions& changed_;
-  Tally& tally_;
   const Retransmission& retransmission_;
 };
 

@@ -30,7 +30,7 @@ void Renaming::on_names(TimePoint now) {
 
 void Renaming::leave_name(const Renamed& renamed, TimePoint now) {
   ClientSession& session = *renamed.session;
-  if (session.told_presence) lifecycle_.report_presence(session, Presence::offline);
+  if (session.reported_presence) lifecycle_.report_presence(session, Presence::offline);
   subscriptions_.suspend(session, session.robot, now);
   subscriptions_.suspend(session, renamed.robot, now);
   subscriptions_.stop_listening(session, now);
@@ -42,9 +42,9 @@ void Renaming::enter_name(const Renamed& renamed, TimePoint now) {
   clients_.rename(session, renamed.robot);
   subscriptions_.listen_for_commands(session, now);
   subscriptions_.resume(session, now);
-  if (std::exchange(session.told_presence, std::nullopt))
+  if (std::exchange(session.reported_presence, std::nullopt))
     lifecycle_.report_presence(session, presence_of(session.state()));
-  changed_.mark(session);
+  output_.mark_changed(session);
 }
 
 }  // namespace slamgw::mqttsn

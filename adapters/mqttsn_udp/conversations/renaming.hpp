@@ -9,17 +9,16 @@ namespace slamgw::mqttsn {
 
 class Renaming {
  public:
-  Renaming(const NameRules& rules, ClientTable& clients, Output& output, ChangedSessions& changed,
+  Renaming(const NameRules& rules, ClientTable& clients, Output& output,
            Subscriptions& subscriptions, Lifecycle& lifecycle, const Connecting& connecting)
       : rules_(rules),
         clients_(clients),
         output_(output),
-        changed_(changed),
         subscriptions_(subscriptions),
         lifecycle_(lifecycle),
         connecting_(connecting) {}
 
-  /// The context has other names. A client whose id is now another robot's name is disconnected.
+  /// NameRules has new names. Disconnects a client whose id is now another robot's name.
   void on_names(TimePoint now);
 
  private:
@@ -35,7 +34,6 @@ class Renaming {
   const NameRules& rules_;
   ClientTable& clients_;
   Output& output_;
-  ChangedSessions& changed_;
   Subscriptions& subscriptions_;
   Lifecycle& lifecycle_;
   const Connecting& connecting_;

@@ -74,7 +74,8 @@ void RepeatFilter::erase(std::size_t begin, std::size_t end) {
   };
   entries_.erase(of(entries_, begin), of(entries_, end));
   msg_ids_.erase(of(msg_ids_, begin), of(msg_ids_, end));
-  if (2 * entries_.size() > entries_.capacity()) return;
+  // A client that goes on as before fills what it has again and again.
+  if (4 * entries_.size() > entries_.capacity()) return;
   entries_.shrink_to_fit();
   msg_ids_.shrink_to_fit();
 }

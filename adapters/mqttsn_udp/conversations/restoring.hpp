@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A session leaves the machine as a snapshot and goes on from one: over a restart of the daemon, or
-// at another gateway (R47; contract section 6, promise 7).
+// at another gateway (R47; docs/topics.md, promise 7).
 #pragma once
 
 #include "adapters/mqttsn_udp/clients/session_snapshot.hpp"
@@ -27,7 +27,7 @@ class Restoring {
   /// Nothing: there is no such session (any more).
   std::optional<SessionSnapshot> snapshot(const std::string& client_id, TimePoint now) const;
   /// The client goes on as if nothing had happened. False when it can't be taken (known already, no
-  /// room, or its client id is another robot's name by now); its commands are refused then.
+  /// room, or its client id is now another robot's name); its commands are refused then.
   bool restore(const SessionSnapshot& snapshot, TimePoint now);
 
  private:

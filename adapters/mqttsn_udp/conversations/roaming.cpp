@@ -47,7 +47,7 @@ std::optional<SessionSnapshot> Roaming::give_up(const std::string& robot, TimePo
     std::erase_if(kept->messages,
                   [](const MessageSnapshot& message) { return message.command_age.has_value(); });
   }
-  session->told_presence = Presence::offline;  // the other gateway tells it
+  session->reported_presence = Presence::offline;  // the other gateway reports it
   lifecycle_.expel(*session, "the robot moved to another gateway", now);
   return kept;
 }

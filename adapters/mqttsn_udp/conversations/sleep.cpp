@@ -5,10 +5,10 @@ namespace slamgw::mqttsn {
 
 void Sleep::fall_asleep(ClientSession& session, std::chrono::seconds duration, TimePoint now) {
   session.sleep_duration = duration;
-  if (session.delivery.forgets_ids_asleep) session.topics.set_all_untold();
+  if (session.delivery.forgets_ids_asleep) session.topics.forget_known();
   downlink_.rest(session);
   lifecycle_.enter(session, ClientState::asleep, now);
-  changed_.mark(session);
+  output_.mark_changed(session);
 }
 
 void Sleep::wake(ClientSession& session, TimePoint now) {
@@ -23,7 +23,7 @@ void Sleep::follow(ClientSession& session, const Peer& peer, const LocalAddress&
   const bool is_new_address = session.peer != peer;
   clients_.bind(session, peer, local);
   if (is_new_address) downlink_.on_address(session);
-  changed_.mark(session);
+  output_.mark_changed(session);
   lifecycle_.report_presence(session, Presence::asleep);
 }
 

@@ -5,7 +5,6 @@
 //   active --DISCONNECT(duration)--> asleep --PINGREQ--> awake --nothing left: PINGRESP--> asleep
 #pragma once
 
-#include "adapters/mqttsn_udp/clients/changed_sessions.hpp"
 #include "adapters/mqttsn_udp/clients/client_table.hpp"
 #include "adapters/mqttsn_udp/conversations/downlink.hpp"
 #include "adapters/mqttsn_udp/conversations/lifecycle.hpp"
@@ -16,12 +15,11 @@ namespace slamgw::mqttsn {
 
 class Sleep {
  public:
-  Sleep(const Settings& settings, ClientTable& clients, Output& output, ChangedSessions& changed,
-        Downlink& downlink, Lifecycle& lifecycle)
+  Sleep(const Settings& settings, ClientTable& clients, Output& output, Downlink& downlink,
+        Lifecycle& lifecycle)
       : settings_(settings),
         clients_(clients),
         output_(output),
-        changed_(changed),
         downlink_(downlink),
         lifecycle_(lifecycle) {}
 
@@ -47,7 +45,6 @@ class Sleep {
   const Settings& settings_;
   ClientTable& clients_;
   Output& output_;
-  ChangedSessions& changed_;
   Downlink& downlink_;
   Lifecycle& lifecycle_;
 };

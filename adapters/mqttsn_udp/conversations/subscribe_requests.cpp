@@ -8,6 +8,17 @@
 #include "adapters/mqttsn_udp/limits.hpp"
 
 namespace slamgw::mqttsn {
+namespace {
+
+/// Paces end at whole multiples of this, so those of many filters at once: each time wakes the
+/// loop.
+using ForgetInterval = std::chrono::duration<Duration::rep, std::ratio<10>>;
+
+TimePoint forget_at(TimePoint full) {
+  return TimePoint(std::chrono::ceil<ForgetInterval>(full.time_since_epoch()));
+}
+
+}  // namespace
 
 bool SubscribeRequests::has_room(const std::string& filter) const {
   const auto known = requests_.find(filter);
@@ -15,10 +26,12 @@ bool SubscribeRequests::has_room(const std::string& filter) const {
          known->second.open.size() + known->second.joined.size() < limits::max_open_per_filter;
 }
 
-void SubscribeRequests::ask(const std::string& filter, Qos qos, Waiting waiting, TimePoint now) {
+void SubscribeRequests::ask(const std::string& filter, Qos qos, Waiting waiting, TimePoint now,
+                            bool wants_retained) {
   Request& request = requests_[filter];
   request.joined.push_back(std::move(waiting));
   request.qos = std::max(request.qos, qos);
+  request.wants_retained = request.wants_retained || wants_retained;
   advance(filter, request, now);
 }
 
@@ -63,11 +76,12 @@ void SubscribeRequests::on_deadline(TimePoint now) {
 /// Without a broker nothing is sent: the core answers at once, and asks for all when it is back.
 void SubscribeRequests::advance(const std::string& filter, Request& request, TimePoint now) {
   const bool is_due = request.open.empty() && !request.joined.empty();
-  if (is_due && (!is_broker_up_ || request.pace.take(limits::broker_subscribe_burst,
-                                                     limits::broker_subscribe_interval, now))) {
+  if (is_due && (!broker_up_since_ || request.pace.take(limits::broker_subscribe_burst,
+                                                        limits::broker_subscribe_interval, now))) {
     request.open = std::exchange(request.joined, {});
     const Qos qos = std::exchange(request.qos, Qos::at_most_once);
-    output_.emit(SubscribeRequest{Mesh::thread, filter, qos});
+    const bool wants_retained = std::exchange(request.wants_retained, false);
+    output_.emit(SubscribeRequest{Mesh::thread, filter, qos, wants_retained});
   }
   schedule(filter, request, now);
 }
@@ -85,7 +99,7 @@ void SubscribeRequests::schedule(const std::string& filter, Request& request, Ti
     requests_.erase(requests_.find(filter));
     return;
   }
-  timers_.arm_by(request.armed, filter, request.pace.full_at());
+  timers_.arm_by(request.armed, filter, forget_at(request.pace.full_at()));
 }
 
 }  // namespace slamgw::mqttsn

@@ -26,18 +26,19 @@ class SubscribeRequests {
     Suback answer;
   };
 
-  explicit SubscribeRequests(Output& output) : output_(output) {}
+  SubscribeRequests(const std::optional<TimePoint>& broker_up_since, Output& output)
+      : broker_up_since_(broker_up_since), output_(output) {}
 
   /// False when too many wait for an answer about this filter.
   bool has_room(const std::string& filter) const;
-  void ask(const std::string& filter, Qos qos, Waiting waiting, TimePoint now);
+  void ask(const std::string& filter, Qos qos, Waiting waiting, TimePoint now,
+           bool wants_retained = true);
   /// The broker's answer: to all these.
   std::vector<Waiting> on_result(const std::string& filter, TimePoint now);
   /// No client has the filter any more. Returns the SUBSCRIBEs that were still waiting.
   std::vector<Waiting> forget(const std::string& filter, TimePoint now);
   /// The sessions that still wait for an answer about this filter.
   std::unordered_set<const ClientSession*> sessions_waiting_for(const std::string& filter) const;
-  void on_broker_link(bool is_up) { is_broker_up_ = is_up; }
 
   std::optional<TimePoint> deadline() const { return timers_.earliest(); }
   void on_deadline(TimePoint now);
@@ -47,6 +48,7 @@ class SubscribeRequests {
     std::vector<Waiting> open;    // the broker thinks about these
     std::vector<Waiting> joined;  // these are asked together next
     Qos qos = Qos::at_most_once;  // the highest of `joined`
+    bool wants_retained = false;  // one of `joined` does
     TokenBucket pace;
     std::optional<TimePoint> armed;
   };
@@ -56,8 +58,8 @@ class SubscribeRequests {
   /// Looks again when the next may be asked, or the pace needs to be remembered no longer.
   void schedule(const std::string& filter, Request& request, TimePoint now);
 
+  const std::optional<TimePoint>& broker_up_since_;
   Output& output_;
-  bool is_broker_up_ = false;
   std::unordered_map<std::string, Request> requests_;
   TimerQueue<std::string> timers_;
 };

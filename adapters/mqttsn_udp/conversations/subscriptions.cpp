@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <utility>
 
-#include "adapters/mqttsn_udp/clients/topic_ids.hpp"
 #include "adapters/mqttsn_udp/conversations/own_names.hpp"
 #include "adapters/mqttsn_udp/limits.hpp"
 
@@ -22,7 +21,7 @@ void Subscriptions::on_subscribe(ClientSession& session, const Subscribe& reques
   if (is_repetition(session, request, filter, now)) return answers_.answer(session, answer);
 
   if (!session.subscribe_rate.take(limits::subscribe_burst, limits::subscribe_interval, now)) {
-    tally_.count(Count::subscribes_bounded);
+    output_.count(Count::subscribes_bounded);
     return refuse(session, request, ReturnCode::congestion);
   }
   const bool is_new = !session.subscriptions.contains(filter);
@@ -31,8 +30,8 @@ void Subscriptions::on_subscribe(ClientSession& session, const Subscribe& reques
   subscription = {qos,          request.topic_id_type, wish->topic_id, request.msg_id,
                   std::nullopt, RetainedWait{}};
   if (is_new) add_subscriber(filter, session, subscription);
-  if (request.topic_id_type == TopicIdType::normal) session.topics.set_told(wish->topic_id, true);
-  changed_.mark(session);
+  if (request.topic_id_type == TopicIdType::normal) session.topics.set_known(wish->topic_id, true);
+  output_.mark_changed(session);
   ask_broker(session, filter, qos, answer, now);
 }
 
@@ -68,15 +67,9 @@ std::vector<ClientSession*> Subscriptions::on_subscribe_result(const std::string
   return answered;
 }
 
-void Subscriptions::on_broker_link(bool is_up, TimePoint now) {
-  requests_.on_broker_link(is_up);
-  if (!is_up) {
-    broker_up_since_.reset();
-  } else if (!broker_up_since_) {
-    broker_up_since_ = now;
-    for (const std::string& filter : std::exchange(refused_listening_, {}))
-      requests_.ask(filter, Qos::at_least_once, {}, now);
-  }
+void Subscriptions::on_broker_up(TimePoint now) {
+  for (const std::string& filter : std::exchange(refused_listening_, {}))
+    requests_.ask(filter, Qos::at_least_once, {}, now, false);
 }
 
 /// What was subscribed while the broker was away gets its retained messages once it is back.
@@ -111,7 +104,7 @@ void Subscriptions::drop(ClientSession& session, const std::string& filter, Time
   if (!session.subscriptions.contains(filter)) return;
   remove_subscriber(filter, session);
   session.subscriptions.erase(filter);
-  changed_.mark(session);
+  output_.mark_changed(session);
   unsubscribe_unwanted(filter, now);
 }
 
@@ -128,13 +121,13 @@ void Subscriptions::drop_everywhere(const std::string& filter, TimePoint now) {
 void Subscriptions::add_subscriber(const std::string& filter, ClientSession& session,
                                    Subscription& subscription) {
   subscribers_[filter].push_back({&session, &subscription});
-  session.filter_octets += NameBudget::of_filter(filter.size());
-  clients_.names().take(NameBudget::of_filter(filter.size()));
+  session.filter_octets += NameBudget::of_filter(filter);
+  clients_.names().take(NameBudget::of_filter(filter));
 }
 
 void Subscriptions::remove_subscriber(const std::string& filter, ClientSession& session) {
-  session.filter_octets -= NameBudget::of_filter(filter.size());
-  clients_.names().give_back(NameBudget::of_filter(filter.size()));
+  session.filter_octets -= NameBudget::of_filter(filter);
+  clients_.names().give_back(NameBudget::of_filter(filter));
   std::vector<Match>& subscribers = subscribers_[filter];
   std::erase_if(subscribers, [&](const Match& match) { return match.session == &session; });
   if (subscribers.empty()) subscribers_.erase(filter);
@@ -165,14 +158,41 @@ void Subscriptions::drop_forbidden(ClientSession& session, TimePoint now) {
 }
 
 void Subscriptions::restore(ClientSession& session, TimePoint now) {
-  std::erase_if(session.subscriptions, [&](const auto& entry) {
-    return !is_valid_filter(entry.first) ||
-           !rules_.policy.may_subscribe(session.client_id, session.robot, entry.first);
-  });
-  for (auto& [filter, subscription] : session.subscriptions) {
-    add_subscriber(filter, session, subscription);
-    requests_.ask(filter, subscription.qos, {}, now);
+  std::vector<std::string> forbidden;
+  std::vector<std::string> too_large;
+  for (auto each = session.subscriptions.begin(); each != session.subscriptions.end();) {
+    auto& [filter, subscription] = *each;
+    const bool is_allowed = is_valid_filter(filter) &&
+                            rules_.policy.may_subscribe(session.client_id, session.robot, filter);
+    const bool has_room =
+        clients_.names().may_take(session.filter_octets, NameBudget::of_filter(filter));
+    if (is_allowed && has_room) {
+      add_subscriber(filter, session, subscription);
+      requests_.ask(filter, subscription.qos, {}, now, subscription.retained_wait.has_value());
+      ++each;
+      continue;
+    }
+    (is_allowed ? too_large : forbidden).push_back(filter);
+    each = session.subscriptions.erase(each);
   }
+  notice_given_up(session, std::move(forbidden), "topics.extra_subscribe no longer allows them",
+                  now);
+  notice_given_up(session, std::move(too_large),
+                  "all clients' filters together are larger than the bound", now);
+}
+
+void Subscriptions::notice_given_up(const ClientSession& session, std::vector<std::string> filters,
+                                    std::string_view why, TimePoint now) {
+  constexpr std::size_t most_named = 5;
+  if (filters.empty()) return;
+  std::ranges::sort(filters);
+  const std::size_t more = filters.size() - std::min(filters.size(), most_named);
+  filters.resize(filters.size() - more);
+  refusals_.on_refusal(Count::topics_refused, fmt::format("restore {} {}", session.client_id, why),
+                       fmt::format("{}'s kept subscriptions to '{}'{} are given up: {}",
+                                   session.robot, fmt::join(filters, "', '"),
+                                   more > 0 ? fmt::format(" and {} more", more) : "", why),
+                       session.robot, now);
 }
 
 /// Those of the session's filters that name this robot.
@@ -205,7 +225,7 @@ void Subscriptions::resume(ClientSession& session, TimePoint now) {
 void Subscriptions::listen_for_commands(const ClientSession& session, TimePoint now) {
   const std::string filter = rules_.policy.scheme().command_filter(session.robot);
   if (!listening_.insert(filter).second) return;
-  requests_.ask(filter, Qos::at_least_once, {}, now);
+  requests_.ask(filter, Qos::at_least_once, {}, now, false);
 }
 
 void Subscriptions::stop_listening(const ClientSession& session, TimePoint now) {
@@ -242,13 +262,13 @@ Result<Subscriptions::Wish, ReturnCode> Subscriptions::read(ClientSession& sessi
   const bool is_new = !session.subscriptions.contains(*filter);
   if (is_new && session.subscriptions.size() >= limits::max_subscriptions_per_client)
     return ReturnCode::congestion;
-  const std::size_t octets = NameBudget::of_filter(filter->size());
+  const std::size_t octets = NameBudget::of_filter(*filter);
   if (is_new && !clients_.names().may_take(session.filter_octets, octets))
     return ReturnCode::congestion;
   if (request.topic_id_type == TopicIdType::predefined) return Wish{*filter, request.topic_id};
   if (request.topic_id_type == TopicIdType::short_name || has_wildcard(*filter))
     return Wish{*filter, 0};  // R95, R96
-  const auto id = assign_topic(session, *filter);
+  const auto id = session.assign_topic(*filter);
   if (!id) return ReturnCode::congestion;
   session.topics.set_own(*id);
   return Wish{*filter, *id};
@@ -273,8 +293,9 @@ const std::string* Subscriptions::name(ClientSession& session, TopicIdType type,
 }
 
 void Subscriptions::refuse(ClientSession& session, const Subscribe& request, ReturnCode code) {
-  if (code == ReturnCode::congestion && settings_.is_full_silent()) return;
-  answers_.answer(session, Suback{WireQos::zero, 0, request.msg_id, code});
+  const Suback suback{WireQos::zero, 0, request.msg_id, code};
+  if (code == ReturnCode::congestion) return answers_.refuse_for_room(session, suback);
+  answers_.answer(session, suback);
 }
 
 /// A SUBSCRIBE whose SUBACK was lost (R99): nothing new, so no retained messages again.

@@ -4,18 +4,16 @@
 #pragma once
 
 #include <string>
+#include <string_view>
 #include <unordered_set>
 #include <vector>
 
-#include "adapters/mqttsn_udp/clients/changed_sessions.hpp"
 #include "adapters/mqttsn_udp/clients/client_table.hpp"
 #include "adapters/mqttsn_udp/conversations/answers.hpp"
 #include "adapters/mqttsn_udp/conversations/refusals.hpp"
 #include "adapters/mqttsn_udp/conversations/subscribe_requests.hpp"
 #include "adapters/mqttsn_udp/name_rules.hpp"
 #include "adapters/mqttsn_udp/output.hpp"
-#include "adapters/mqttsn_udp/settings.hpp"
-#include "adapters/mqttsn_udp/tally.hpp"
 #include "daemon/core/topic_tree.hpp"
 
 namespace slamgw::mqttsn {
@@ -28,18 +26,16 @@ class Subscriptions {
     Subscription* subscription = nullptr;
   };
 
-  Subscriptions(const Settings& settings, const NameRules& rules, ClientTable& clients,
-                Output& output, ChangedSessions& changed, Tally& tally, Answers& answers,
-                Refusals& refusals)
-      : settings_(settings),
-        rules_(rules),
+  /// `broker_up_since`: nothing while the broker is away.
+  Subscriptions(const NameRules& rules, const std::optional<TimePoint>& broker_up_since,
+                ClientTable& clients, Output& output, Answers& answers, Refusals& refusals)
+      : rules_(rules),
+        broker_up_since_(broker_up_since),
         clients_(clients),
         output_(output),
-        changed_(changed),
-        tally_(tally),
         answers_(answers),
         refusals_(refusals),
-        requests_(output) {}
+        requests_(broker_up_since, output) {}
 
   void on_subscribe(ClientSession& session, const Subscribe& request, TimePoint now);
   void on_unsubscribe(ClientSession& session, const Unsubscribe& request, TimePoint now);
@@ -47,7 +43,7 @@ class Subscriptions {
   std::vector<ClientSession*> on_subscribe_result(const std::string& filter, bool granted,
                                                   TimePoint now);
 
-  void on_broker_link(bool is_up, TimePoint now);
+  void on_broker_up(TimePoint now);
   std::optional<TimePoint> deadline() const { return requests_.deadline(); }
   void on_deadline(TimePoint now) { requests_.on_deadline(now); }
   /// Whether this retained message is one that the subscription still waits for; true once for each
@@ -98,14 +94,14 @@ class Subscriptions {
   std::vector<std::string> filters_of(const ClientSession& session, const std::string& robot) const;
   /// Unsubscribes at the broker when no client has the filter any more.
   void unsubscribe_unwanted(const std::string& filter, TimePoint now);
+  void notice_given_up(const ClientSession& session, std::vector<std::string> filters,
+                       std::string_view why, TimePoint now);
   void notice_refusal(const ClientSession& session, const std::string& filter, TimePoint now);
 
-  const Settings& settings_;
   const NameRules& rules_;
+  const std::optional<TimePoint>& broker_up_since_;
   ClientTable& clients_;
   Output& output_;
-  ChangedSessions& changed_;
-  Tally& tally_;
   Answers& answers_;
   Refusals& refusals_;
   TopicTree<std::vector<Match>> subscribers_;
@@ -113,7 +109,6 @@ class Subscriptions {
   std::unordered_set<std::string> listening_;  // filters of `listen_for_commands`
   /// Those of them that the broker refused: it is asked again when it comes back.
   std::unordered_set<std::string> refused_listening_;
-  std::optional<TimePoint> broker_up_since_;
 };
 
 }  // namespace slamgw::mqttsn

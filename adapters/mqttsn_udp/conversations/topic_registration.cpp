@@ -7,7 +7,6 @@
 #include <utility>
 
 #include "adapters/mqttsn_udp/clients/message_ids.hpp"
-#include "adapters/mqttsn_udp/clients/topic_ids.hpp"
 #include "adapters/mqttsn_udp/conversations/own_names.hpp"
 #include "adapters/mqttsn_udp/limits.hpp"
 
@@ -42,7 +41,7 @@ TopicRegistration::Readiness TopicRegistration::prepare(ClientSession& session,
   if (outgoing.topic_id_type != TopicIdType::normal) return Readiness::ready;
   const std::string& topic = outgoing.message->topic;
   const auto known = session.topics.id_of(topic);
-  if (known && session.topics.is_told(*known)) return Readiness::ready;
+  if (known && session.topics.is_known(*known)) return Readiness::ready;
   const auto open = std::ranges::find_if(
       delivery.registering, [&](const Registering& other) { return other.topic_id == known; });
   if (open != delivery.registering.end())
@@ -55,7 +54,7 @@ TopicRegistration::Readiness TopicRegistration::prepare(ClientSession& session,
     if (!outgoing.command) return Readiness::waits;
     delivery.registering.erase(delivery.registering.begin());
   }
-  const auto id = assign_topic(session, topic);
+  const auto id = session.assign_topic(topic);
   if (!id) return Readiness::impossible;
   begin(session, *id, now);
   return Readiness::waits_shortly;
@@ -65,7 +64,7 @@ void TopicRegistration::probe(ClientSession& session, TimePoint now) {
   const std::string topic = probe_topic();
   if (is_set_aside(session.delivery, topic)) return;
   if (!output_.may_send(session, probe_octets())) return;
-  if (const auto id = assign_topic(session, topic)) begin(session, *id, now);
+  if (const auto id = session.assign_topic(topic)) begin(session, *id, now);
 }
 
 std::size_t TopicRegistration::probe_octets() const { return 6 + probe_topic().size(); }
@@ -119,7 +118,7 @@ std::optional<std::string> TopicRegistration::on_regack(ClientSession& session,
   if (!name) return std::nullopt;
   const auto known = find_set_aside(delivery, *name);
   if (known != delivery.set_aside.end()) delivery.set_aside.erase(known);
-  if (regack.code == ReturnCode::accepted) session.topics.set_told(id, true);
+  if (regack.code == ReturnCode::accepted) session.topics.set_known(id, true);
   return *name;
 }
 
@@ -134,7 +133,7 @@ std::vector<TopicRegistration::Unanswered> TopicRegistration::on_time(ClientSess
     Registering& open = delivery.registering[i];
     const auto due = retransmission_.on_time(open.attempt, now);
     if (due == Retransmission::Due::repeat) {
-      tally_.count(Count::retransmitted);
+      output_.count(Count::retransmitted);
       transmit(session, open);
     }
     if (due != Retransmission::Due::give_up) {
@@ -172,7 +171,7 @@ void TopicRegistration::set_aside(ClientSession& session, const std::string& top
   ++entry->failures;
   entry->ends_when_heard = entry->failures == 1 && session.last_heard <= begun;
   entry->until = entry->ends_when_heard ? TimePoint::max() : now + pause_after(entry->failures);
-  tally_.count(Count::topics_set_aside);
+  output_.count(Count::topics_set_aside);
   notify_set_aside(session, topic);
 }
 
@@ -189,7 +188,7 @@ void TopicRegistration::on_heard(Delivery& delivery) {
 }
 
 void TopicRegistration::notify_set_aside(ClientSession& session, const std::string& topic) {
-  if (std::exchange(session.delivery.was_told_set_aside, true)) return;
+  if (std::exchange(session.delivery.is_set_aside_reported, true)) return;
   output_.emit(Notice{Severity::notice,
                       fmt::format("{} does not answer messages on '{}': they pause, at first for "
                                   "{} s, then longer; other topics go on",

@@ -9,15 +9,13 @@
 #include "adapters/mqttsn_udp/conversations/retransmission.hpp"
 #include "adapters/mqttsn_udp/name_rules.hpp"
 #include "adapters/mqttsn_udp/output.hpp"
-#include "adapters/mqttsn_udp/tally.hpp"
 
 namespace slamgw::mqttsn {
 
 class TopicRegistration {
  public:
-  TopicRegistration(const NameRules& rules, Output& output, Tally& tally,
-                    const Retransmission& retransmission)
-      : rules_(rules), output_(output), tally_(tally), retransmission_(retransmission) {}
+  TopicRegistration(const NameRules& rules, Output& output, const Retransmission& retransmission)
+      : rules_(rules), output_(output), retransmission_(retransmission) {}
 
   enum class Readiness : std::uint8_t {
     ready,          ///< the client knows the id
@@ -60,7 +58,6 @@ class TopicRegistration {
 
   const NameRules& rules_;
   Output& output_;
-  Tally& tally_;
   const Retransmission& retransmission_;
 };
 

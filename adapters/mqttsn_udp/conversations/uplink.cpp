@@ -4,10 +4,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <utility>
 
 #include "adapters/mqttsn_udp/conversations/own_names.hpp"
 #include "adapters/mqttsn_udp/limits.hpp"
+#include "daemon/core/spare_buffers.hpp"
 
 namespace slamgw::mqttsn {
 namespace {
@@ -39,14 +39,14 @@ void Uplink::on_publish(ClientSession& session, Publish publish, TimePoint now) 
   switch (publish.qos) {
     case WireQos::zero:
     case WireQos::minus_one:
-      tally_.count(Count::published_up);
+      output_.count(Count::published_up);
       return output_.emit(Report{.mesh = Mesh::thread,
                                  .robot = session.robot,
                                  .topic = std::move(*topic),
                                  .payload = std::move(publish.payload),
                                  .qos = Qos::at_most_once,
                                  .retain = publish.retain,
-                                 .receipt = {},
+                                 .receipt = no_receipt,
                                  .wire = wire_facts(publish)});
     case WireQos::one: return publish_once(session, std::move(publish), std::move(*topic), now);
     case WireQos::two:
@@ -61,7 +61,7 @@ void Uplink::on_pubrel(ClientSession& session, const Pubrel& pubrel, TimePoint n
   if (found != session.inbound_qos2.end() && found->second.receipt_id == 0) {
     session.repeats.add({found->second.fingerprint, now, 0, 0, pubrel.msg_id});
     session.inbound_qos2.erase(found);
-    changed_.mark(session);
+    output_.mark_changed(session);
   }
   output_.send(session, Pubcomp{pubrel.msg_id});
 }
@@ -94,9 +94,9 @@ void Uplink::on_unconnected_publish(const Peer& peer, const ClientSession* sessi
         Count::unconnected_refused, who,
         fmt::format("a message of QoS -1 from {} is refused: {}", who, remedy), {}, now);
   }
-  tally_.count(Count::published_up);
+  output_.count(Count::published_up);
   output_.emit(Report{Mesh::thread, std::move(robot), std::move(topic), std::move(publish.payload),
-                      Qos::at_most_once, publish.retain, Receipt{Mesh::thread, 0}});
+                      Qos::at_most_once, publish.retain, no_receipt});
 }
 
 /// Whether the configuration, the form of the name or another mesh gives it to a robot elsewhere.
@@ -138,10 +138,10 @@ Result<std::string, ReturnCode> Uplink::topic_of(ClientSession& session, const P
               ? session.topics.name_of(publish.topic_id)
               : rules_.predefined.name_of(session.client_id, publish.topic_id);
       if (!name) {
-        tally_.count(Count::unknown_topic_ids);
+        output_.count(Count::unknown_topic_ids);
         return ReturnCode::invalid_topic_id;
       }
-      topic = *name;
+      topic = SpareBuffers<std::string>::copy(*name);
       if (publish.topic_id_type == TopicIdType::normal) session.topics.set_own(publish.topic_id);
       break;
     }
@@ -188,7 +188,7 @@ void Uplink::publish_exactly_once(ClientSession& session, Publish publish, std::
   if (is_full) return refuse(session, publish, ReturnCode::congestion);
   // Another message under the same MsgId: the client has given up the former.
   session.inbound_qos2[publish.msg_id] = {mark, last_receipt_ + 1};
-  changed_.mark(session);
+  output_.mark_changed(session);
   report(session, std::move(publish), std::move(topic));
 }
 
@@ -197,7 +197,7 @@ void Uplink::report(ClientSession& session, Publish publish, std::string topic) 
   const std::uint64_t id = ++last_receipt_;
   open_[id] = {clients_.weak(session), qos, publish.topic_id, publish.msg_id};
   ++session.open_receipts;
-  tally_.count(Count::published_up);
+  output_.count(Count::published_up);
   output_.emit(Report{.mesh = Mesh::thread,
                       .robot = session.robot,
                       .topic = std::move(topic),
@@ -210,7 +210,7 @@ void Uplink::report(ClientSession& session, Publish publish, std::string topic) 
 
 void Uplink::report_repeat(const ClientSession& session, const Publish& publish,
                            std::string topic) {
-  tally_.count(Count::repeats_suppressed);
+  output_.count(Count::repeats_suppressed);
   output_.emit(MeshStep{.kind = MeshStep::Kind::repeat,
                         .mesh = Mesh::thread,
                         .robot = session.robot,
@@ -228,7 +228,7 @@ void Uplink::on_safe(ClientSession& session, std::uint64_t receipt_id, const Ope
     const auto found = session.inbound_qos2.find(open.msg_id);
     is_known = found != session.inbound_qos2.end() && found->second.receipt_id == receipt_id;
     if (is_known) found->second.receipt_id = 0;
-    if (is_known) changed_.mark(session);
+    if (is_known) output_.mark_changed(session);
   }
   if (!is_known || !session.is_connected()) return;
   if (open.qos == Qos::at_least_once) {
@@ -245,14 +245,14 @@ void Uplink::on_safe(ClientSession& session, std::uint64_t receipt_id, const Ope
 
 /// Not acknowledged, so the robot keeps it; its repetition is a new message.
 void Uplink::on_refused(ClientSession& session, std::uint64_t receipt_id, const Open& open) {
-  tally_.count(Count::receipts_refused);
+  output_.count(Count::receipts_refused);
   const bool was_qos1 = session.repeats.on_refused(receipt_id).has_value();
   const auto found = session.inbound_qos2.find(open.msg_id);
   const bool was_qos2 =
       found != session.inbound_qos2.end() && found->second.receipt_id == receipt_id;
   if (was_qos2) session.inbound_qos2.erase(found);
-  const bool is_said = (was_qos1 || was_qos2) && !settings_.is_full_silent();
-  if (is_said && session.is_connected())
+  const bool is_answered = (was_qos1 || was_qos2) && !settings_.is_full_silent();
+  if (is_answered && session.is_connected())
     output_.send(session, Puback{open.topic_id, open.msg_id, ReturnCode::congestion});
   if (!output_.is_traced) return;
   output_.emit(MeshStep{.kind = MeshStep::Kind::refused,

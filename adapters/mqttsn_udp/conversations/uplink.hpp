@@ -8,13 +8,11 @@
 #include <unordered_map>
 #include <utility>
 
-#include "adapters/mqttsn_udp/clients/changed_sessions.hpp"
 #include "adapters/mqttsn_udp/clients/client_table.hpp"
 #include "adapters/mqttsn_udp/conversations/refusals.hpp"
 #include "adapters/mqttsn_udp/name_rules.hpp"
 #include "adapters/mqttsn_udp/output.hpp"
 #include "adapters/mqttsn_udp/settings.hpp"
-#include "adapters/mqttsn_udp/tally.hpp"
 #include "daemon/core/recycling_allocator.hpp"
 
 namespace slamgw::mqttsn {
@@ -25,13 +23,11 @@ using NameCheck = std::function<bool(const std::string& robot)>;
 class Uplink {
  public:
   Uplink(const Settings& settings, const NameRules& rules, ClientTable& clients, Output& output,
-         ChangedSessions& changed, Tally& tally, Refusals& refusals)
+         Refusals& refusals)
       : settings_(settings),
         rules_(rules),
         clients_(clients),
         output_(output),
-        changed_(changed),
-        tally_(tally),
         refusals_(refusals) {}
 
   void on_publish(ClientSession& session, Publish publish, TimePoint now);
@@ -42,7 +38,7 @@ class Uplink {
   void refuse_names(NameCheck is_elsewhere) { is_elsewhere_ = std::move(is_elsewhere); }
   /// Unknown receipts (of a session that is gone) are ignored.
   void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome);
-  /// By the topic policy; a refusal is counted, and said once for each device.
+  /// By the topic policy; a refusal is counted, and logged once for each device.
   bool may_publish(ClientSession& session, const std::string& topic, TimePoint now);
   /// A new session: MsgIds start again.
   void forget(ClientSession& session);
@@ -72,8 +68,6 @@ class Uplink {
   const NameRules& rules_;
   ClientTable& clients_;
   Output& output_;
-  ChangedSessions& changed_;
-  Tally& tally_;
   Refusals& refusals_;
   NameCheck is_elsewhere_;
   std::uint64_t last_receipt_ = 0;

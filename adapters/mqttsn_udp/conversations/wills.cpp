@@ -33,21 +33,21 @@ void Wills::on_willtopicupd(ClientSession& session, const WillTopicUpd& update, 
     session.will.reset();
   } else if (auto topic =
                  allowed_topic(session.client_id, session.robot, update.topic, update.qos, now)) {
-    if (!session.will) session.will.emplace();
+    if (!session.will) session.will = std::make_unique<Will>();
     session.will->topic = std::move(*topic);
     session.will->qos = static_cast<Qos>(update.qos);
     session.will->retain = update.retain;
   } else {
     code = ReturnCode::not_supported;
   }
-  changed_.mark(session);
+  output_.mark_changed(session);
   output_.send(session, WillTopicResp{code});
 }
 
 void Wills::on_willmsgupd(ClientSession& session, WillMsgUpd update) {
   if (!session.will) return output_.send(session, WillMsgResp{ReturnCode::not_supported});
   session.will->message = std::move(update.message);
-  changed_.mark(session);
+  output_.mark_changed(session);
   output_.send(session, WillMsgResp{ReturnCode::accepted});
 }
 
@@ -55,7 +55,7 @@ void Wills::publish(const ClientSession& session) {
   if (!session.will) return;
   const Will& will = *session.will;
   output_.emit(Report{Mesh::thread, session.robot, will.topic, will.message, will.qos, will.retain,
-                      Receipt{Mesh::thread, 0}, true});
+                      no_receipt, true});
 }
 
 }  // namespace slamgw::mqttsn

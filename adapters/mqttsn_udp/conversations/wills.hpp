@@ -5,7 +5,6 @@
 
 #include <string>
 
-#include "adapters/mqttsn_udp/clients/changed_sessions.hpp"
 #include "adapters/mqttsn_udp/conversations/refusals.hpp"
 #include "adapters/mqttsn_udp/name_rules.hpp"
 #include "adapters/mqttsn_udp/output.hpp"
@@ -14,11 +13,11 @@ namespace slamgw::mqttsn {
 
 class Wills {
  public:
-  Wills(const NameRules& rules, Output& output, ChangedSessions& changed, Refusals& refusals)
-      : rules_(rules), output_(output), changed_(changed), refusals_(refusals) {}
+  Wills(const NameRules& rules, Output& output, Refusals& refusals)
+      : rules_(rules), output_(output), refusals_(refusals) {}
 
   /// The will's topic as the broker knows it; nothing when this client may not have such a will
-  /// (R55), which is counted and told.
+  /// (R55), which is counted and logged.
   std::optional<std::string> allowed_topic(const std::string& client_id, const std::string& robot,
                                            const std::string& topic, WireQos qos, TimePoint now);
   void on_willtopicupd(ClientSession& session, const WillTopicUpd& update, TimePoint now);
@@ -29,7 +28,6 @@ class Wills {
  private:
   const NameRules& rules_;
   Output& output_;
-  ChangedSessions& changed_;
   Refusals& refusals_;
 };
 

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "adapters/mqttsn_udp/io/mqttsn_adapter.hpp"
-#include "adapters/mqttsn_udp/clients/session_codec.hpp"
 
 #include <fmt/format.h>
 
@@ -8,6 +7,8 @@
 #include <random>
 #include <stdexcept>
 #include <utility>
+
+#include "adapters/mqttsn_udp/clients/session_codec.hpp"
 
 namespace slamgw::mqttsn {
 namespace {
@@ -36,8 +37,9 @@ MqttsnAdapter::MqttsnAdapter(asio::io_context& io, Settings settings, TopicPolic
                  return static_cast<std::uint16_t>((*device)());
                }),
       driver_(
-          io, gateway_, [this](Action& action) { perform(action); },
-          [this] {  // whatever was done may have changed sessions
+          io, gateway_,
+          [this](Action& action) { std::visit([this](auto& what) { perform(what); }, action); },
+          [this] {  // each input may have changed sessions
             if (keeper_) keeper_->save_soon();
           }),
       interface_watch_(std::make_shared<InterfaceWatch>(io)),
@@ -58,7 +60,7 @@ void MqttsnAdapter::start() {
   } else {
     report_link(false, "there is no interface " + settings_.interface + " yet" + interface_advice);
   }
-  interface_watch_->start([this] { look_at_interfaces_in(change_settles); });
+  interface_watch_->start([this] { check_interfaces_in(change_settles); });
   watch_interfaces();
   input([](SnGateway&, TimePoint) {});  // what restored sessions have to say
 }
@@ -93,9 +95,9 @@ void MqttsnAdapter::open() {
     if (descriptors_ && !sockets_.back()->is_taken_over())
       descriptors_->keep(kept_name(listen), sockets_.back()->descriptor());
     const auto index = static_cast<std::uint8_t>(i);
-    sockets_.back()->start(
-        [this, index](const UdpSocket::Datagram& datagram) { on_datagram(index, datagram); });
-    where += fmt::format("{}{}", where.empty() ? "" : ", ", listen);
+    sockets_.back()->start(std::bind_front(&MqttsnAdapter::on_datagram, this, index));
+    where += fmt::format("{}{}:{}", where.empty() ? "" : ", ", listen.substr(0, listen.rfind(':')),
+                         sockets_.back()->port());
   }
   report_link(true, "UDP " + where);
 }
@@ -126,15 +128,11 @@ Bytes MqttsnAdapter::give_up(const std::string& robot) {
 }
 
 void MqttsnAdapter::take_over(const std::string& robot, ByteView session) {
-  input([&](SnGateway& gateway, const Now& now) {
-    gateway.take_over(robot, session.empty() ? std::nullopt : decode_session(session), now);
-  });
+  input(&SnGateway::take_over, robot, session.empty() ? std::nullopt : decode_session(session));
 }
 
 void MqttsnAdapter::reconfigure(TopicPolicy policy, RobotNames names) {
-  input([&](SnGateway& gateway, TimePoint now) {
-    gateway.reconfigure(std::move(policy), std::move(names), now);
-  });
+  driver_.input(&SnGateway::reconfigure, std::move(policy), std::move(names));
 }
 
 Counters MqttsnAdapter::counters() const {
@@ -151,12 +149,6 @@ Counters MqttsnAdapter::counters() const {
   return counters;
 }
 
-std::vector<std::uint16_t> MqttsnAdapter::bound_ports() const {
-  std::vector<std::uint16_t> ports;
-  for (const auto& socket : sockets_) ports.push_back(socket->port());
-  return ports;
-}
-
 void MqttsnAdapter::on_datagram(std::uint8_t socket, const UdpSocket::Datagram& datagram) {
   if (datagram.is_truncated) ++truncated_;  // too long for the machine too, which counts it
   // A socket that is bound to an interface needs no index to find it, also when it is made again.
@@ -168,13 +160,7 @@ void MqttsnAdapter::on_datagram(std::uint8_t socket, const UdpSocket::Datagram& 
     if (!source) return;  // no address yet; a searching client asks again
     to.address = *source;
   }
-  driver_.input([&](SnGateway& gateway, TimePoint now) {
-    gateway.on_datagram(datagram.from, to, datagram.bytes, now);
-  });
-}
-
-void MqttsnAdapter::perform(Action& action) {
-  std::visit([this](auto& what) { perform(what); }, action);
+  driver_.input(&SnGateway::on_datagram, datagram.from, to, datagram.bytes);
 }
 
 void MqttsnAdapter::perform(SendDatagram& action) {
@@ -213,17 +199,21 @@ void MqttsnAdapter::advertise_on(const NetworkInterface& interface, ByteView byt
   }
 }
 
-void MqttsnAdapter::perform(MeshEvent& event) { listener_.on_mesh_event(std::move(event)); }
+/// A client does not wait for what the others make of its CONNECT.
+void MqttsnAdapter::perform(MeshEvent& event) {
+  for (const auto& socket : sockets_) socket->flush_answers();
+  listener_.on_mesh_event(std::move(event));
+}
 
 void MqttsnAdapter::watch_interfaces() {
   interfaces_ = read_network_interfaces();
   if (!settings_.interface.empty()) follow_interface();
   if (settings_.multicast_group) serve_multicast();
-  look_at_interfaces_in(watch_interval);
+  check_interfaces_in(watch_interval);
 }
 
-/// In place of the look that was planned.
-void MqttsnAdapter::look_at_interfaces_in(Duration delay) {
+/// Reschedules the next check of the interfaces.
+void MqttsnAdapter::check_interfaces_in(Duration delay) {
   watch_timer_.expires_after(delay);
   watch_timer_.async_wait([this](boost::system::error_code error) {
     if (!error) watch_interfaces();
@@ -246,8 +236,8 @@ void MqttsnAdapter::follow_interface() {
   }
 }
 
-/// Joins the group wherever that has not been done yet, and introduces the gateway where it has not
-/// been heard under its present address (R11).
+/// Joins the group on each interface that has not joined it yet, and introduces the gateway where
+/// it has not been heard under its present address (R11).
 void MqttsnAdapter::serve_multicast() {
   const auto group = asio::ip::make_address(*settings_.multicast_group);
   std::erase_if(advertised_from_, [&](const auto& past) {
@@ -261,7 +251,7 @@ void MqttsnAdapter::serve_multicast() {
     const auto past = advertised_from_.find(interface.index);
     const bool is_news = past == advertised_from_.end() || past->second != source;
     if (is_news && source && interface.has_carrier)
-      input([&](SnGateway& gateway, TimePoint) { gateway.on_interface(interface.index); });
+      driver_.input(&SnGateway::on_interface, interface.index);
   }
 }
 

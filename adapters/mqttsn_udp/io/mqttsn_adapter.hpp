@@ -45,15 +45,10 @@ class MqttsnAdapter final : public MeshShell<SnGateway> {
   /// `topics.*` and `robots` of the configuration, read again.
   void reconfigure(TopicPolicy policy, RobotNames names);
 
-  /// In the order of `mqttsn.listen`, after start().
-  std::vector<std::uint16_t> bound_ports() const;
-  ClientCounts client_counts() const { return gateway_.client_counts(); }
-
  private:
   MachineDriver<SnGateway>& driver() override { return driver_; }
   const MachineDriver<SnGateway>& driver() const override { return driver_; }
   void on_datagram(std::uint8_t socket, const UdpSocket::Datagram& datagram);
-  void perform(Action& action);
   void perform(SendDatagram& action);
   void perform(SendMulticast& action);
   void perform(MeshEvent& event);
@@ -62,7 +57,7 @@ class MqttsnAdapter final : public MeshShell<SnGateway> {
   std::string kept_name(const std::string& listen) const;
   /// Interfaces come and go, also that of `mqttsn.interface`; what is joined stays joined (R19).
   void watch_interfaces();
-  void look_at_interfaces_in(Duration delay);
+  void check_interfaces_in(Duration delay);
   void follow_interface();
   void serve_multicast();
   void advertise_on(const NetworkInterface& interface, ByteView bytes);
@@ -81,7 +76,7 @@ class MqttsnAdapter final : public MeshShell<SnGateway> {
   std::optional<SessionKeeper> keeper_;
   std::vector<std::shared_ptr<UdpSocket>> sockets_;     // none while the interface is away
   std::uint32_t interface_index_ = 0;                   // of `mqttsn.interface`; 0: it is away
-  std::vector<NetworkInterface> interfaces_;            // as of the last look
+  std::vector<NetworkInterface> interfaces_;            // as of the last check
   std::map<std::uint32_t, IpAddress> advertised_from_;  // by interface; the last successful ones
   std::shared_ptr<InterfaceWatch> interface_watch_;
   boost::asio::steady_timer watch_timer_;

@@ -4,6 +4,8 @@
 #include <cstring>
 #include <utility>
 
+#include "daemon/core/spare_buffers.hpp"
+
 namespace slamgw::mqttsn {
 namespace {
 
@@ -27,7 +29,7 @@ void OutgoingDatagram::fill(bool is_ipv6_socket, const Endpoint& to, const IpAdd
   is_to_ipv4_ = is_ipv4(to.address);
   from_ = from;
   interface_ = interface;
-  bytes_ = std::move(bytes);
+  SpareBuffers<Bytes>::give_back(std::exchange(bytes_, std::move(bytes)));
   part_ = {bytes_.data(), bytes_.size()};
   header_ = {};
   header_.msg_iov = &part_;

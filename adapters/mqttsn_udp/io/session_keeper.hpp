@@ -28,7 +28,7 @@ class SessionKeeper {
   Restored restore(TimePoint now);
   /// Something may have changed; costs nothing when it has not.
   void save_soon();
-  /// Hands over everything, with what is not marked as changed each time.
+  /// Saves all sessions, also what changes too often to be saved each time.
   void stop();
 
  private:

@@ -68,8 +68,8 @@ std::optional<int> flag(int descriptor, int level, int option) {
   return value;
 }
 
-/// The interface that a socket is bound to; nothing when that is gone, also when there is another
-/// one of its name by now.
+/// The interface that a socket is bound to; nothing when that is gone, also when another one has
+/// got its name.
 std::optional<std::string> bound_interface(int descriptor) {
   char name[IFNAMSIZ] = {};
   socklen_t size = sizeof name;
@@ -164,18 +164,26 @@ struct UdpSocket::Incoming {
   iovec parts[size];
   mmsghdr headers[size];
 
-  mmsghdr* prepare() {
+  Incoming() {
     for (int i = 0; i < size; ++i) {
       parts[i] = {bytes[i], buffer_octets};
-      msghdr& header = headers[i].msg_hdr = {};
+      headers[i] = {};
+      msghdr& header = headers[i].msg_hdr;
       header.msg_name = &from[i];
-      header.msg_namelen = sizeof from[i];
       header.msg_iov = &parts[i];
       header.msg_iovlen = 1;
       header.msg_control = control[i];
+    }
+    renew(size);
+  }
+  /// The kernel has written into the first `count`. The others stay out of the processor's cache:
+  /// one datagram at a time is usual.
+  void renew(int count) {
+    for (int i = 0; i < count; ++i) {
+      msghdr& header = headers[i].msg_hdr;
+      header.msg_namelen = sizeof from[i];
       header.msg_controllen = control_octets;
     }
-    return headers;
   }
 };
 
@@ -194,7 +202,7 @@ UdpSocket::UdpSocket(asio::io_context& io, const std::string& listen, const std:
                      int kept)
     : socket_(io),
       is_bound_to_interface_(!interface.empty()),
-      incoming_(std::make_unique_for_overwrite<Incoming>()),
+      incoming_(std::make_unique<Incoming>()),
       outgoing_(std::make_unique<Outgoing>()) {
   const udp::endpoint endpoint = parse_listen(listen);
   try {
@@ -266,17 +274,25 @@ void UdpSocket::wait() {
   socket_.async_wait(udp::socket::wait_read,
                      [this, alive = shared_from_this()](boost::system::error_code error) {
                        if (error || !socket_.is_open() || !receive_) return;
-                       for (int i = 0; i < max_batches_per_wake_up && receive_batch(); ++i) {
-                       }
+                       receive_batches();
                        if (socket_.is_open() && receive_) wait();
                      });
+}
+
+/// What is answered at once goes out at the end of this, without a turn of the loop.
+void UdpSocket::receive_batches() {
+  is_receiving_ = true;
+  for (int i = 0; i < max_batches_per_wake_up && receive_batch(); ++i) {
+  }
+  is_receiving_ = false;
+  flush();
 }
 
 /// False when nothing more is waiting. Errors of earlier sends (a port unreachable) come up here
 /// too and mean nothing for a server.
 bool UdpSocket::receive_batch() {
   if (!socket_.is_open() || !receive_) return false;
-  mmsghdr* const headers = incoming_->prepare();
+  mmsghdr* const headers = incoming_->headers;
   const int count =
       recvmmsg(socket_.native_handle(), headers, Incoming::size, MSG_DONTWAIT, nullptr);
   if (count < 0) return errno != EAGAIN && errno != EWOULDBLOCK;
@@ -287,8 +303,11 @@ bool UdpSocket::receive_batch() {
     datagram.is_truncated = (headers[i].msg_hdr.msg_flags & MSG_TRUNC) != 0;
     read_control(headers[i].msg_hdr, datagram, kernel_drops_);
     if (is_bound_to_interface_) datagram.from.scope_id = 0;  // it changes with the interface
+    is_at_last_ = i + 1 == count && count < Incoming::size;  // else more may be waiting
     receive_(datagram);
   }
+  is_at_last_ = false;
+  incoming_->renew(count);
   return count == Incoming::size;
 }
 
@@ -304,7 +323,7 @@ void UdpSocket::send_soon(const Endpoint& to, const IpAddress& from, std::uint32
                           Bytes bytes) {
   outgoing_->datagrams[outgoing_->count++].fill(is_ipv6_, to, from, interface, std::move(bytes));
   if (outgoing_->count == Outgoing::size) return flush();
-  if (outgoing_->count > 1) return;
+  if (outgoing_->count > 1 || is_receiving_) return;
   asio::defer(socket_.get_executor(), [socket = weak_from_this()] {
     if (const auto alive = socket.lock()) alive->flush();
   });
@@ -354,14 +373,6 @@ bool UdpSocket::join(const asio::ip::address& group, std::uint32_t interface) {
                         sizeof request);
   }
   return result == 0 || errno == EADDRINUSE;
-}
-
-udp::endpoint to_asio(const Endpoint& endpoint) {
-  asio::ip::address_v6::bytes_type octets;
-  std::copy(endpoint.address.begin(), endpoint.address.end(), octets.begin());
-  const asio::ip::address_v6 v6(octets, endpoint.scope_id);
-  if (v6.is_v4_mapped()) return {asio::ip::make_address_v4(asio::ip::v4_mapped, v6), endpoint.port};
-  return {v6, endpoint.port};
 }
 
 Endpoint from_asio(const udp::endpoint& endpoint) {

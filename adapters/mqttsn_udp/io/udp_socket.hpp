@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// One UDP socket of `mqttsn.listen`: tells for each datagram which local address it came to, and
+// One UDP socket of `mqttsn.listen`: reports the local address that each datagram came to, and
 // sends from a given local address (R17). I/O shell; knows nothing of MQTT-SN. Loop's thread only.
 #pragma once
 
@@ -52,6 +52,11 @@ class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
   void send_soon(const Endpoint& to, const IpAddress& from, std::uint32_t interface, Bytes bytes);
   /// Does now what send_soon() has put off.
   void flush();
+  /// The same once the last datagram of those that came together is being received, so that answers
+  /// to them leave together, and before what else they cause. Nothing happens at other times.
+  void flush_answers() {
+    if (is_at_last_) flush();
+  }
   /// Joins `group` there; true also when it had been joined before.
   bool join(const boost::asio::ip::address& group, std::uint32_t interface);
 
@@ -75,6 +80,7 @@ class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
   void set_options();
   void bind_to(const std::string& interface);
   void wait();
+  void receive_batches();
   bool receive_batch();
   void send_again(OutgoingDatagram& datagram);
   bool transmit(const OutgoingDatagram& datagram);
@@ -84,6 +90,8 @@ class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
   bool takes_ipv4_too_ = false;
   bool is_bound_to_interface_ = false;
   bool is_taken_over_ = false;
+  bool is_receiving_ = false;  // flush() follows
+  bool is_at_last_ = false;    // of the datagrams that came together
   std::uint16_t port_ = 0;
   std::uint32_t kernel_drops_ = 0;
   std::uint64_t sends_failed_ = 0;
@@ -92,8 +100,6 @@ class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
   Receive receive_;  ///< empty: nothing is received
 };
 
-/// Conversions, for the shell and its tests.
-boost::asio::ip::udp::endpoint to_asio(const Endpoint& endpoint);
 Endpoint from_asio(const boost::asio::ip::udp::endpoint& endpoint);
 
 }  // namespace slamgw::mqttsn

@@ -3,6 +3,7 @@
 // message is welcome is for SnGateway to say.
 #include "adapters/mqttsn_udp/protocol/flags.hpp"
 #include "adapters/mqttsn_udp/protocol/packet.hpp"
+#include "daemon/core/spare_buffers.hpp"
 
 namespace slamgw::mqttsn {
 namespace {
@@ -28,10 +29,7 @@ struct Flags {
 
 std::string read_text(ByteReader& in) { return std::string(as_text(in.read_rest())); }
 
-Bytes read_octets(ByteReader& in) {
-  const ByteView rest = in.read_rest();
-  return {rest.begin(), rest.end()};
-}
+Bytes read_octets(ByteReader& in) { return SpareBuffers<Bytes>::copy(in.read_rest()); }
 
 ReturnCode read_code(ByteReader& in) { return static_cast<ReturnCode>(in.read_u8()); }
 

@@ -2,6 +2,7 @@
 // Values to octets. Never fails: the caller keeps to the ranges in packet.hpp.
 #include "adapters/mqttsn_udp/protocol/flags.hpp"
 #include "adapters/mqttsn_udp/protocol/packet.hpp"
+#include "daemon/core/spare_buffers.hpp"
 
 namespace slamgw::mqttsn {
 namespace {
@@ -133,7 +134,7 @@ class BodyWriter {
 
 Bytes encode(const Packet& packet) {
   constexpr std::uint8_t later = 0;
-  ByteWriter writer;
+  ByteWriter writer(SpareBuffers<Bytes>::take());
   writer.write_u8(later).write_u8(later);
   BodyWriter write_body(writer);
   const MsgType type = std::visit(write_body, packet);

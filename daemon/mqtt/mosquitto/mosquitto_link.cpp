@@ -40,6 +40,19 @@ TimePoint now() { return std::chrono::steady_clock::now(); }
 
 MosquittoLink& link_of(void* object) { return *static_cast<MosquittoLink*>(object); }
 
+/// Why a connection did not come about; 0 when it stands. libmosquitto begins the TLS handshake
+/// before that, and when the connection is refused at once, as on this host, its handshake has
+/// taken the error from the socket.
+int connection_error(int socket) {
+  int error = 0;
+  socklen_t size = sizeof error;
+  getsockopt(socket, SOL_SOCKET, SO_ERROR, &error, &size);
+  sockaddr_storage broker{};
+  socklen_t broker_size = sizeof broker;
+  const bool stands = getpeername(socket, reinterpret_cast<sockaddr*>(&broker), &broker_size) == 0;
+  return error == 0 && !stands ? ECONNREFUSED : error;
+}
+
 }  // namespace
 
 MosquittoLink::MosquittoLink(boost::asio::io_context& io, boost::asio::thread_pool& lane,
@@ -163,7 +176,7 @@ void MosquittoLink::set_callbacks() {
         const auto* payload = static_cast<const std::uint8_t*>(message->payload);
         link_of(object).events_.push_back(
             Arrived{{message->topic, Bytes(payload, payload + message->payloadlen),
-                     static_cast<Qos>(message->qos), message->retain, std::nullopt},
+                     static_cast<Qos>(message->qos), message->retain, std::nullopt, false},
                     subscriptions_of(properties)});
       });
   // Until the connection is up: the library makes a text of each packet for it.
@@ -206,9 +219,7 @@ void MosquittoLink::await_connection() {
 }
 
 void MosquittoLink::on_connection() {
-  int error = 0;
-  socklen_t size = sizeof error;
-  getsockopt(socket_.native_handle(), SOL_SOCKET, SO_ERROR, &error, &size);
+  const int error = connection_error(socket_.native_handle());
   if (is_closing(error)) return fail(explain_failure({MOSQ_ERR_ERRNO, error}));
   if (error != 0) return fail({0, explain_no_connection(settings_, error)});
   is_reached_ = true;
@@ -307,6 +318,7 @@ void MosquittoLink::subscribe(std::string filter, Qos qos, std::uint32_t id) {
   mosquitto_property_free_all(&properties);
   if (result == MOSQ_ERR_SUCCESS) {
     subscribing_.emplace_back(packet_id, std::move(filter));
+    ++unwritten_;
   } else if (result != MOSQ_ERR_NO_CONN && result != MOSQ_ERR_NOMEM) {
     subscribing_.emplace_back(not_sent, std::move(filter));
     events_.push_back(Subscribed{not_sent, false});
@@ -439,7 +451,7 @@ void MosquittoLink::handle(const Subscribed& subscribed) {
 }
 
 void MosquittoLink::handle(Arrived& arrived) {
-  listener_.on_message(std::move(arrived.message), std::move(arrived.subscriptions));
+  options_.on_message(std::move(arrived.message), std::move(arrived.subscriptions));
 }
 
 void MosquittoLink::handle(const NotSendable& not_sendable) {
@@ -466,12 +478,12 @@ void MosquittoLink::abandon(bool is_orderly) {
     if (goodbye_socket_ >= 0) ::close(goodbye_socket_);
     return;
   }
-  boost::asio::post(lane_, [self = shared_from_this()] { self->say_goodbye(); });
+  boost::asio::post(lane_, [self = shared_from_this()] { self->disconnect_and_wait(); });
 }
 
 /// Waits until the broker has read all: it has closed its side too. A socket that is closed with
 /// something unread in it ends with a reset, which may overtake what was written.
-void MosquittoLink::say_goodbye() {
+void MosquittoLink::disconnect_and_wait() {
   const TimePoint end = now() + goodbye_timeout;
   const auto left_ms = [end] {
     return static_cast<int>(std::max<std::int64_t>(

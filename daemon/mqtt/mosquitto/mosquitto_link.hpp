@@ -77,7 +77,7 @@ class MosquittoLink final : public MqttLink, public std::enable_shared_from_this
 
   // On the lane:
   void prepare();
-  void say_goodbye();
+  void disconnect_and_wait();
 
   void open(const HostAddresses& addresses);
   int start_client(const std::string& address);

@@ -12,8 +12,10 @@ const mosquitto_property* PublishProperties::of(const BrokerMessage& message) {
   const WallTime to_the_ms =
       std::chrono::floor<std::chrono::milliseconds>(message.provenance->received_at);
   const Provenance said{message.provenance->mesh, to_the_ms};
-  if (list_ && said_.mesh == said.mesh && said_.received_at == said.received_at) return list_;
-  said_ = said;
+  if (list_ && provenance_in_list_->mesh == said.mesh &&
+      provenance_in_list_->received_at == said.received_at)
+    return list_;
+  provenance_in_list_ = said;
   clear();
   add(mesh_property, std::string(to_string(message.provenance->mesh)));
   add(gateway_property, gateway_id_);

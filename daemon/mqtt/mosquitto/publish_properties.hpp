@@ -33,7 +33,8 @@ class PublishProperties {
   const MqttVersion version_;
   const std::string gateway_id_;
   mosquitto_property* list_ = nullptr;
-  Provenance said_;  ///< in `list_`, to the millisecond: many messages may have the same
+  std::optional<Provenance>
+      provenance_in_list_;  ///< in `list_`, to the millisecond: many messages may have the same
 };
 
 BrokerLimits limits_of(const mosquitto_property* connack);

@@ -49,8 +49,9 @@ class PahoLink final : public MqttLink,
   std::uint64_t inbound_dropped() const override { return inbound_dropped_; }
 
  private:
-  /// QoS 0 that is written is told to the loop when nothing else is to be written, or in parts of
-  /// so many; half of what the outbox hands over at once, so that it never waits for the rest.
+  /// Batch size for reporting written QoS 0 messages to the loop; fewer are reported when nothing
+  /// else waits to be written. Half of what the outbox hands over at once, so that the outbox never
+  /// waits for the rest of a batch.
   static constexpr std::size_t written_at_once = 16;
 
   /// Paho looks for a connect that takes too long every four seconds.

@@ -72,8 +72,12 @@ void PublishForm::write_time(mqtt::message& form, WallTime time) {
 }
 
 BrokerMessage from_paho(const mqtt::message& message) {
-  return {message.get_topic(), to_bytes(message.get_payload()), static_cast<Qos>(message.get_qos()),
-          message.is_retained(), std::nullopt};
+  return {message.get_topic(),
+          to_bytes(message.get_payload()),
+          static_cast<Qos>(message.get_qos()),
+          message.is_retained(),
+          std::nullopt,
+          message.is_duplicate()};
 }
 
 std::vector<std::uint32_t> subscriptions_of(const mqtt::message& message) {

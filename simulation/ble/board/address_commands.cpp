@@ -19,10 +19,6 @@ Key label_of(ByteView params) {
   return label;
 }
 
-Reply reply_of(const Added& added) {
-  return added.status == Status::success ? reply_with(added.handle) : Reply{added.status};
-}
-
 Reply reply_of(Status status, Handle handle) {
   return status == Status::success ? reply_with(handle) : Reply{status};
 }

@@ -8,14 +8,10 @@ namespace {
 
 constexpr std::uint16_t max_key_index = 0x0fff;
 
-Key key_at(ByteView params, std::size_t offset) {
+Key key_in(ByteView params, std::size_t offset) {
   Key key{};
   std::copy_n(params.begin() + static_cast<std::ptrdiff_t>(offset), key.size(), key.begin());
   return key;
-}
-
-Reply reply_of(const Added& added) {
-  return added.status == Status::success ? reply_with(added.handle) : Reply{added.status};
 }
 
 }  // namespace
@@ -37,14 +33,14 @@ std::optional<Reply> KeyCommands::on_command(std::uint8_t opcode, ByteView param
 Reply KeyCommands::subnet_add(ByteView params) {
   const std::uint16_t index = get_u16_le(params, 0);
   if (index > max_key_index) return {Status::invalid_parameter};
-  return reply_of(flash_.subnets.add(index, 0, key_at(params, 2)));
+  return reply_of(flash_.subnets.add(index, 0, key_in(params, 2)));
 }
 
 /// Begins a key refresh.
 Reply KeyCommands::subnet_update(ByteView params) {
   const Handle handle = get_u16_le(params, 0);
   if (flash_.subnets.find(handle) == nullptr) return {Status::rejected};
-  const Status status = flash_.subnets.update(handle, key_at(params, 2));
+  const Status status = flash_.subnets.update(handle, key_in(params, 2));
   return status == Status::success ? reply_with(handle) : Reply{status};
 }
 
@@ -72,7 +68,7 @@ Reply KeyCommands::appkey_add(ByteView params) {
   const Handle subnet = get_u16_le(params, 2);
   if (flash_.subnets.find(subnet) == nullptr) return {Status::rejected};
   if (index > max_key_index) return {Status::invalid_parameter};
-  return reply_of(flash_.appkeys.add(index, subnet, key_at(params, 4)));
+  return reply_of(flash_.appkeys.add(index, subnet, key_in(params, 4)));
 }
 
 /// During a key refresh of its network only.
@@ -81,7 +77,7 @@ Reply KeyCommands::appkey_update(ByteView params) {
   const KeyTable::Slot* appkey = flash_.appkeys.find(handle);
   if (appkey == nullptr) return {Status::rejected};
   if (!flash_.subnets.find(appkey->subnet)->new_key) return {Status::invalid_state};
-  const Status status = flash_.appkeys.update(handle, key_at(params, 2));
+  const Status status = flash_.appkeys.update(handle, key_in(params, 2));
   return status == Status::success ? reply_with(handle) : Reply{status};
 }
 
@@ -109,7 +105,7 @@ Reply KeyCommands::devkey_add(ByteView params) {
   const Handle subnet = get_u16_le(params, 2);
   if (!is_unicast(owner)) return {Status::invalid_data};
   if (flash_.subnets.find(subnet) == nullptr) return {Status::rejected};
-  const Added added = flash_.devkeys.add(owner, subnet, key_at(params, 4));
+  const Added added = flash_.devkeys.add(owner, subnet, key_in(params, 4));
   return added.status == Status::success ? reply_with(added.handle) : Reply{Status::rejected};
 }
 

@@ -19,6 +19,10 @@ struct Added {
   Handle handle = 0;  ///< meaningful on success only
 };
 
+inline Reply reply_of(const Added& added) {
+  return added.status == Status::success ? reply_with(added.handle) : Reply{added.status};
+}
+
 class KeyTable {
  public:
   struct Slot {

@@ -5,7 +5,7 @@ namespace slamgw::sim::ble {
 namespace {
 
 constexpr std::uint16_t bind_op = 0x803d;
-constexpr std::uint16_t status_op = 0x803e;
+constexpr std::uint16_t binding_status_op = 0x803e;
 constexpr std::uint16_t unbind_op = 0x803f;
 constexpr std::uint16_t sig_get_op = 0x804b;
 constexpr std::uint16_t sig_list_op = 0x804c;
@@ -29,7 +29,8 @@ Answer BindingConfiguration::change(ByteView parameters, bool binds) {
   const std::optional<ModelId> id = model_id_at(parameters, 4);
   if (!id) return std::nullopt;
   const Address element = get_u16_le(parameters, 0);
-  Bytes out = begin_status(status_op, change(element, get_u16_le(parameters, 2), *id, binds));
+  Bytes out =
+      begin_status(binding_status_op, change(element, get_u16_le(parameters, 2), *id, binds));
   put(out, parameters);
   return out;
 }

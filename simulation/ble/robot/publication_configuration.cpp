@@ -6,10 +6,10 @@ namespace {
 
 constexpr std::uint16_t set_op = 0x03;
 constexpr std::uint16_t get_op = 0x8018;
-constexpr std::uint16_t status_op = 0x8019;
+constexpr std::uint16_t publication_status_op = 0x8019;
 constexpr std::uint16_t set_virtual_op = 0x801a;
 
-constexpr std::size_t address_at = 2;
+constexpr std::size_t published_address_at = 2;
 constexpr std::uint8_t max_ttl = 127;
 constexpr std::uint8_t use_default_ttl = 0xff;
 
@@ -44,19 +44,20 @@ std::optional<Answer> PublicationConfiguration::on_message(std::uint16_t opcode,
 }
 
 Answer PublicationConfiguration::set(ByteView parameters) {
-  const std::optional<ModelId> id = model_id_at(parameters, address_at + 2 + 5);
+  const std::optional<ModelId> id = model_id_at(parameters, published_address_at + 2 + 5);
   if (!id) return std::nullopt;
-  const Address address = get_u16_le(parameters, address_at);
+  const Address address = get_u16_le(parameters, published_address_at);
   return set(get_u16_le(parameters, 0),
-             publication_from(address, parameters.subspan(address_at + 2)), *id);
+             publication_from(address, parameters.subspan(published_address_at + 2)), *id);
 }
 
 Answer PublicationConfiguration::set_virtual(ByteView parameters) {
-  const std::optional<ModelId> id = model_id_at(parameters, address_at + sizeof(Key) + 5);
+  const std::optional<ModelId> id = model_id_at(parameters, published_address_at + sizeof(Key) + 5);
   if (!id) return std::nullopt;
-  const Address address = virtual_address(key_at(parameters, address_at));
+  const Address address = virtual_address(key_at(parameters, published_address_at));
   return set(get_u16_le(parameters, 0),
-             publication_from(address, parameters.subspan(address_at + sizeof(Key))), *id);
+             publication_from(address, parameters.subspan(published_address_at + sizeof(Key))),
+             *id);
 }
 
 /// TTLs between 127 and 255 are prohibited (section 4.2.2.6).
@@ -105,7 +106,7 @@ Bytes PublicationConfiguration::status(ConfigStatus status, Address element, Mod
   ModelPublication publication;
   if (status == ConfigStatus::success) publication = configuration_.find_model(id)->publication;
   if (publication.address != 0 && !is_periodic(id)) publication.period = undefined_period;
-  Bytes out = begin_status(status_op, status);
+  Bytes out = begin_status(publication_status_op, status);
   put_u16_le(out, element);
   put_u16_le(out, publication.address);
   const int credential = publication.has_friendship_credential ? 1 << 12 : 0;

@@ -8,7 +8,7 @@
 #include <optional>
 
 #include "simulation/ble/access.hpp"
-#include "simulation/ble/on_busy.hpp"
+#include "simulation/ble/firmware.hpp"
 #include "simulation/robot_body.hpp"
 #include "simulation/tally.hpp"
 #include "simulation/update_record.hpp"

@@ -11,7 +11,7 @@ constexpr std::uint16_t add_op = 0x801b;
 constexpr std::uint16_t remove_op = 0x801c;
 constexpr std::uint16_t remove_all_op = 0x801d;
 constexpr std::uint16_t overwrite_op = 0x801e;
-constexpr std::uint16_t status_op = 0x801f;
+constexpr std::uint16_t subscription_status_op = 0x801f;
 constexpr std::uint16_t add_virtual_op = 0x8020;
 constexpr std::uint16_t remove_virtual_op = 0x8021;
 constexpr std::uint16_t overwrite_virtual_op = 0x8022;
@@ -20,7 +20,7 @@ constexpr std::uint16_t sig_list_op = 0x802a;
 constexpr std::uint16_t vendor_get_op = 0x802b;
 constexpr std::uint16_t vendor_list_op = 0x802c;
 
-constexpr std::size_t address_at = 2;
+constexpr std::size_t subscribed_address_at = 2;
 
 }  // namespace
 
@@ -42,20 +42,20 @@ std::optional<Answer> SubscriptionConfiguration::on_message(std::uint16_t opcode
 }
 
 Answer SubscriptionConfiguration::change(ByteView parameters, Change change) {
-  const std::optional<ModelId> id = model_id_at(parameters, address_at + 2);
+  const std::optional<ModelId> id = model_id_at(parameters, subscribed_address_at + 2);
   if (!id) return std::nullopt;
   const Address element = get_u16_le(parameters, 0);
-  const Address group = get_u16_le(parameters, address_at);
+  const Address group = get_u16_le(parameters, subscribed_address_at);
   const bool is_allowed = is_group(group) && group != all_nodes;
   return status(is_allowed ? apply(element, group, *id, change) : ConfigStatus::invalid_address,
                 element, group, *id);
 }
 
 Answer SubscriptionConfiguration::change_virtual(ByteView parameters, Change change) {
-  const std::optional<ModelId> id = model_id_at(parameters, address_at + sizeof(Key));
+  const std::optional<ModelId> id = model_id_at(parameters, subscribed_address_at + sizeof(Key));
   if (!id) return std::nullopt;
   const Address element = get_u16_le(parameters, 0);
-  const Address group = virtual_address(key_at(parameters, address_at));
+  const Address group = virtual_address(key_at(parameters, subscribed_address_at));
   return status(apply(element, group, *id, change), element, group, *id);
 }
 
@@ -137,7 +137,7 @@ ConfigStatus SubscriptionConfiguration::can_subscribe(Address element, ModelId i
 
 Answer SubscriptionConfiguration::status(ConfigStatus status, Address element, Address group,
                                          ModelId id) const {
-  Bytes out = begin_status(status_op, status);
+  Bytes out = begin_status(subscription_status_op, status);
   put_u16_le(out, element);
   put_u16_le(out, group);
   put_model_id(out, id);

@@ -1,34 +1,60 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One BLE mesh on two boards: the simulator's robots, which both boards hear, are provisioned by the first gateway; the second
-one joins by export and import. Judges what the robots said against what came to the broker. Used by run."""
+"""One BLE mesh on two boards or more: the simulator's robots, which all boards hear, are provisioned by the first gateway; the others
+join by export and import. Judges what the robots said against what came to the broker. Used by run."""
+import datetime
+import itertools
 import json
 import pathlib
 import signal
 import subprocess
-from collections import Counter
+import time
+from collections import Counter, defaultdict
 
 from program import Program
 
-HOST, GUEST = 0, 1  # gateways
+HOST = 0  # the gateway that provisions
+FADE_S = 20  # in which a third board fades out and in once
 TYPE = "ping"
+# Another gateway serves a robot within so long, and what the robot has repeated meanwhile goes up at that moment (docs/fleet.md). What is
+# lost on the air goes up with the next repeat, and robots repeat ever more slowly.
+SILENCE_S = 5
+REPEAT_S = 1  # from a repeat until it is acknowledged
+CLAIM_S = 0.5  # between what goes up for the one gateway and the claim of the next
+
+
+def claims_in(messages):
+    """By robot: when a life of a gateway was first seen to claim it with each epoch, at once or in a table after it has joined anew."""
+    claims, seen = defaultdict(list), set()
+    for at, topic, payload in messages:
+        if topic.split("/")[1] != "fleet" or not (b'"claim"' in payload or b'"table"' in payload):
+            continue
+        message = json.loads(payload)
+        rows = message["rows"] if message["k"] == "table" else [[message["robot"], message["epoch"]]]
+        for robot, epoch in rows:
+            if (message["b"], robot, epoch) not in seen:
+                seen.add((message["b"], robot, epoch))
+                claims[robot].append(at)
+    return claims
 
 
 class BleMesh:
     def __init__(self, options, directory):
         self.bin, self.directory, self.robots = pathlib.Path(options.bin), directory, options.ble
-        self.ttys = [directory / f"board{i}" for i in (HOST, GUEST)]
+        self.gateways = range(options.boards)
+        self.ttys = [directory / f"board{i}" for i in self.gateways]
         self.record, self.trace = directory / "ble.record", directory / "ble.trace"
-        # The second board hears worse, so that robots go back to the first one when it is there again.
+        # The second board hears worse, so that robots go back to the first one when it is there again. A third one hears best while
+        # it is not faded out.
         self.simulator = Program(directory, "ble", [
             self.bin / "slam-gateway-sim", "ble", "--tty", ",".join(map(str, self.ttys)), "--unprovisioned", "--robots",
             options.ble, "--acknowledged", "--numbered", "--payload", "probe", "--rate", 4, "--seed", options.seed,
-            "--board-level-db", "0,-20", "--board-loss", options.ble_loss, "--record", self.record, "--trace", self.trace])
-        self.loss = options.ble_loss
+            "--board-level-db", "0,-20,15", "--board-fade", f"0,0,{FADE_S}", "--board-loss", options.ble_loss, "--record", self.record, "--trace", self.trace])
+        self.is_lossy = options.ble_loss > 0 or options.boards > 2
         self.names = {}  # of the simulator: the gateways' names
 
     def configuration(self, gateway):
         """Of the gateway, for its file; nothing for one without a board."""
-        if gateway > GUEST:
+        if gateway not in self.gateways:
             return {}
         return {"ble_mesh": {"enabled": True, "device": str(self.port(gateway)), "flow_control": "none",
                              "address": f"0x{gateway + 1:04x}", "gateway_group": "0xc010", "types": {"min_com": TYPE}}}
@@ -51,14 +77,14 @@ class BleMesh:
         self.names = {f"robot{int(node['uuid'][-4:], 16)}": node["robot"] for node in ready}
         return len(ready) == self.robots
 
-    def join(self):
+    def join(self, gateway):
         """docs/fleet.md: export, import, plug the board in."""
-        file = self.directory / "mesh.export"
-        for gateway, verb in ((HOST, "export"), (GUEST, "import")):
-            answer = self.ctl(gateway, "ble", verb, file)
+        file = self.directory / f"mesh{gateway}.export"
+        for place, verb in ((HOST, "export"), (gateway, "import")):
+            answer = self.ctl(place, "ble", verb, file)
             if answer.returncode != 0:
                 raise OSError(f"ble {verb}: {answer.stderr}")
-        self.plug_in(GUEST)
+        self.plug_in(gateway)
 
     def is_up(self, gateway):
         answer = self.ctl(gateway, "status")
@@ -69,54 +95,127 @@ class BleMesh:
         self.simulator.send(signal.SIGUSR2)
 
     def read_record(self):
-        sent, acknowledged, repeats = {}, {}, Counter()
+        """By (robot, number): (payload, when), when it was acknowledged, and when it was repeated."""
+        to_monotonic = time.monotonic() - time.time()
+        sent, acknowledged, repeats = {}, {}, defaultdict(list)
         for line in self.record.read_text().splitlines():
             what, robot, number, *rest = line.split()
             key = self.names[robot], int(number)
             if what == "sent":
-                sent[key] = (rest[0], float(rest[1]))
+                sent[key] = (rest[0], float(rest[1]) + to_monotonic)
             else:
-                acknowledged[key] = float(rest[0])
+                acknowledged[key] = float(rest[0]) + to_monotonic
         for line in self.trace.read_text().splitlines():
             event = json.loads(line)
             if event["event"] == "repeat":
-                repeats[self.names[event["robot"]], event["number"]] += 1
+                at = datetime.datetime.fromisoformat(event["at"].replace("Z", "+00:00")).timestamp()
+                repeats[self.names[event["robot"]], event["number"]].append(at + to_monotonic)
         return sent, acknowledged, repeats
 
-    def judge(self, messages, acts, outcomes):
-        """`messages`: (time, topic, payload) of the broker. `acts`: how often a gateway or a board was taken away, after each of
-        which every robot may change its owner."""
+    def judge(self, messages, told, bounds, findings):
+        """`messages`: (time, topic, payload) of the broker. `told`: the outcomes."""
         sent, acknowledged, repeats = self.read_record()
         robots = set(self.names.values())
-        arrived, claims = Counter(), Counter()
-        for _, topic, payload in messages:
+        came, claims = defaultdict(list), claims_in(messages)
+        for at, topic, payload in messages:
             levels = topic.split("/")
             if levels[1] == "robot" and levels[3] == TYPE:
-                arrived[levels[2], payload.hex()] += 1
-            elif levels[1] == "fleet" and b'"claim"' in payload:
-                claims[json.loads(payload)["robot"]] += 1
-        doubles = Counter()
-        unrepeated = 0
-        for (robot, number), (payload, _) in sent.items():
-            extra = max(arrived[robot, payload] - 1, 0)
-            doubles[robot] += extra
-            unrepeated += 1 if extra > repeats[robot, number] else 0
+                came[levels[2], payload.hex()].append(at)
+                if levels[2] not in robots and levels[2].startswith("ble-"):
+                    findings.add("ble_unknown", at, levels[2])
+        for key, at in acknowledged.items():
+            if not came[key[0], sent[key][0]]:
+                findings.add("ble_lost", at, f"{key}, sent at {sent[key][1]:.3f}")
+            self.judge_silence(key, sent[key][1], at, repeats[key], bounds, findings)
+        self.judge_given_up(sent, acknowledged, repeats, bounds, findings)
+        claimed = sum(len(claims[robot]) for robot in robots)
+        commands = self.judge_commands(told, claims, bounds, findings)
+        self.judge_copies(sent, came, claims, bounds, findings)
+        self.judge_order(sent, came, bounds, findings)
         silence = sorted(at - sent[key][1] for key, at in acknowledged.items())
-        received = json.loads(self.simulator.log.read_text().splitlines()[-1])["robots"]
-        obeyed = {self.names[name]: robot["commands_received"] for name, robot in received.items()}
-        commanded = Counter(robot for robot, _ in outcomes if robot in robots)
-        delivered = Counter(robot for (robot, _), results in outcomes.items() if robot in robots and "delivered" in results)
         return {
-            "ble_messages": len(acknowledged),
-            "ble_lost": sum(1 for key in acknowledged if not arrived[key[0], sent[key][0]]),
-            "ble_doubled": sum(doubles.values()),
-            "ble_doubled_beyond": unrepeated + sum(max(0, doubles[robot] - claims[robot] - acts) for robot in robots),
-            "ble_unknown": sum(1 for robot, _ in arrived if robot not in robots and robot.startswith("ble-")),
-            "ble_claims": sum(claims[robot] for robot in robots),
-            "ble_commands": sum(commanded.values()),
-            # What is lost on the air is repeated, and the robot counts repeats too.
-            "ble_commands_wrong": sum(1 for robot in robots if obeyed[robot] < delivered[robot] or
-                                      (self.loss == 0 and obeyed[robot] > commanded[robot])),
-            "ble_silence_p99_s": round(silence[len(silence) * 99 // 100], 3) if silence else None,
+            "ble_messages": len(acknowledged), "ble_claims": claimed,
+            **commands,
+            "ble_repeated": sum(1 for each in repeats.values() if each), "ble_silence_p99_s": round(silence[len(silence) * 99 // 100], 3) if silence else None,
             "ble_silence_max_s": round(silence[-1], 3) if silence else None,
         }
+
+    def judge_silence(self, key, since, until, repeats, bounds, findings):
+        late = since + SILENCE_S
+        later = [at for at in repeats if at >= late] if self.is_lossy else []
+        if until <= (min(later) + REPEAT_S if later else late):
+            return
+        is_bound = all(bounds.was_disturbed(gateway, since, until) for gateway in self.gateways)
+        findings.add("ble_waited_for_the_broker" if is_bound else "ble_silence_too_long", until,
+                     f"{key}: {until - since:.3f} s, since {since:.3f}")
+
+    def judge_given_up(self, sent, acknowledged, repeats, bounds, findings):
+        """A message that a robot gave up: nobody served it until a later one was acknowledged, or until the end."""
+        end = max([at for _, at in sent.values()] + list(acknowledged.values()), default=0.0)
+        for robot, number in sent.keys() - acknowledged.keys():
+            later = [at for (other, after), at in acknowledged.items() if other == robot and after > number]
+            self.judge_silence((robot, number), sent[robot, number][1], min(later, default=end), repeats[robot, number],
+                               bounds, findings)
+
+    def judge_copies(self, sent, came, claims, bounds, findings):
+        """Each time that a gateway stops serving a robot, at most one message of each of its models goes up twice; and so does what was on its
+        way to a broker when that connection broke. It ends in a claim, or the gateway goes on when it has its lease back."""
+        lost = {robot: [each for each in bounds.lapses if each.gateway in self.gateways] for robot in self.names.values()}
+        for robot in self.names.values():
+            claims[robot] += bounds.returns(self.gateways)
+        for (robot, number), (payload, at) in sent.items():
+            copies = came[robot, payload]
+            broken = sum(bounds.breaks(gateway, at, copies[0], copies[-1]) for gateway in self.gateways) if copies else 0
+            for one, next_one in zip(copies, copies[1:]):
+                claim = next((each for each in claims[robot] if one - CLAIM_S <= each <= next_one), None)
+                kind = "ble_doubled_beyond"
+                if claim is not None:
+                    claims[robot].remove(claim)
+                    kind = "ble_doubled"
+                elif (lapse := next((each for each in lost[robot] if one - CLAIM_S <= each.end and each.begin <= next_one), None)):
+                    lost[robot].remove(lapse)
+                    kind = "ble_doubled_when_lease_lapsed"
+                elif broken > 0:
+                    broken -= 1
+                    kind = "ble_doubled_when_broker_broke"
+                findings.add(kind, next_one, f"{robot} {number} sent at {at:.3f} came at {[round(each, 3) for each in copies]}")
+
+    def judge_order(self, sent, came, bounds, findings):
+        newest = {}
+        firsts = sorted((came[robot, payload][0], robot, number, at)
+                        for (robot, number), (payload, at) in sent.items() if came[robot, payload])
+        for arrived, robot, number, at in firsts:
+            if number < newest.get(robot, 0):
+                is_bound = any(bounds.may_be_overtaken(*pair, at, arrived) for pair in itertools.permutations(self.gateways, 2))
+                findings.add("ble_overtaken" if is_bound else "ble_out_of_order", arrived,
+                             f"{robot} {number} sent at {at:.3f} behind {newest[robot]}")
+            newest[robot] = max(number, newest.get(robot, 0))
+
+    def judge_commands(self, told, claims, bounds, findings):
+        """What is lost on the air is repeated, and the robot counts repeats too. One that was on the air when its robot changed its gateway, or
+        when its gateway had lost its lease, may have been obeyed though it is refused."""
+        received = json.loads(self.simulator.log.read_text().splitlines()[-1])["robots"]
+        obeyed = {self.names[name]: robot["commands_received"] for name, robot in received.items()}
+        results = {key: {json.loads(payload)["outcome"] for _, _, payload in said} for key, said in told.items()
+                   if key[0] in obeyed}
+        delivered = Counter(robot for (robot, _), outcomes in results.items() if "delivered" in outcomes)
+        told_of = Counter(robot for robot, _ in results)
+        for robot, count in obeyed.items():
+            if count < delivered[robot] or (not self.is_lossy and count > told_of[robot]):
+                findings.add("ble_commands_wrong", time.monotonic(),
+                             f"{robot} got {count}; {delivered[robot]} delivered of {told_of[robot]}")
+            excess = max(0, min(count, told_of[robot]) - delivered[robot])
+            unclear = sum(1 for key, said in told.items() if key[0] == robot and "delivered" not in results[key] and
+                          self.may_be_obeyed(claims[robot], said, bounds))
+            if excess > unclear and not self.is_lossy:
+                findings.add("ble_obeyed_though_refused", time.monotonic(),
+                             f"{robot} got {count}, {delivered[robot]} delivered, {unclear} in doubt")
+        return {"ble_commands": len(results), "ble_obeyed_all_the_same":
+                sum(max(0, count - delivered[robot]) for robot, count in obeyed.items())}
+
+    def may_be_obeyed(self, claims, said, bounds):
+        until = said[-1][0]
+        since = until - json.loads(said[-1][2])["after_ms"] / 1000
+        return (any(since - CLAIM_S <= claim <= until + CLAIM_S for claim in claims) or
+                any(bounds.was_disturbed(gateway, since, until) or bounds.has_lost_its_lease(gateway, since, until)
+                    for gateway in self.gateways))

@@ -8,7 +8,7 @@ import time
 CONNECT, CONNACK, WILLTOPICREQ, WILLTOPIC, WILLMSGREQ, WILLMSG = 0x04, 0x05, 0x06, 0x07, 0x08, 0x09
 REGISTER, REGACK, PUBLISH, PUBACK, SUBSCRIBE, SUBACK, DISCONNECT = 0x0A, 0x0B, 0x0C, 0x0D, 0x12, 0x13, 0x18
 DUP, QOS1, RETAIN, WILL, CLEAN = 0x80, 0x20, 0x10, 0x08, 0x04
-REPEAT_S, TRIES, PERIOD_S, KEEP_ALIVE_S = 0.7, 4, 0.25, 4
+REPEAT_S, TRIES, KEEP_ALIVE_S = 0.7, 4, 4
 
 
 def packet(kind, body):
@@ -16,37 +16,63 @@ def packet(kind, body):
 
 
 class Robot:
-    def __init__(self, name, prefix, gateways, is_clean, seed):
-        self.name, self.prefix, self.gateways, self.is_clean = name, prefix, gateways, is_clean
+    def __init__(self, name, prefix, gateways, make_socket, is_clean, period_s, seed):
+        self.name, self.prefix, self.gateways, self.is_clean, self.period_s = name, prefix, gateways, is_clean, period_s
+        self.make_socket = make_socket
         self.random = random.Random(seed)
         self.place = self.random.randrange(len(gateways))
+        self.places = []  # (since when, gateway)
         self.socket = None
-        self.sent, self.acknowledged, self.repeated = {}, {}, set()  # by number: when
-        self.commands = []  # (time, type, is_repeated)
-        self.outages = []  # seconds from the first try to the acknowledgement
+        self.sent, self.acknowledged = {}, {}  # by number: when
+        self.tries = {}  # by number: (when, gateway, moves before) of each time that it was said
+        self.acknowledged_by = {}  # by number: which gateway
+        self.commands = []  # (time, gateway, type) of each that is not the repetition of one
+        self.heard = {}  # by (gateway, message id): the last command's type
+        self.interruptions = []  # seconds, of each move and of each message that was not acknowledged at the first try
+        self.waits_since, self.is_interrupted = None, False
         self.number, self.msg_id, self.moves, self.refused_topics = 0, 0, 0, 0
         self.topic_id = 0
+        self.ended = float("inf")
         self.has_session = False  # its topic ids and subscriptions are believed to stand at the gateway
         self.move_to(self.place)
 
+    def fileno(self):
+        return self.socket.fileno()
+
+    def place_at(self, when):
+        return [place for since, place in self.places if since <= when][-1]
+
+    def wait(self):
+        if self.waits_since is None:
+            self.waits_since = time.monotonic()
+
+    def end_wait(self):
+        """It is served, or nothing more is asked of it."""
+        if self.is_interrupted and self.waits_since is not None:
+            self.interruptions.append(time.monotonic() - self.waits_since)
+        self.waits_since, self.is_interrupted = None, False
+
     def move_to(self, place):
         self.place = place
+        self.places.append((time.monotonic(), place))
         if self.socket:
             self.socket.close()
-        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket = self.make_socket(socket.SOCK_DGRAM)
         self.socket.setblocking(False)
-        self.socket.connect(("127.0.0.1", self.gateways[place]))
+        self.socket.connect(self.gateways[place])
         self.moves += 1
         self.connect()
 
     def connect(self):
+        self.wait()
+        self.is_interrupted = True
         flags = WILL | (CLEAN if self.is_clean else 0)
         if self.is_clean:
             self.has_session = False
         self.ask("connect", packet(CONNECT, bytes([flags, 1]) + KEEP_ALIVE_S.to_bytes(2, "big") + self.name.encode()))
 
     def ask(self, step, request):
-        self.step, self.request, self.tries, self.repeat_at = step, request, 0, 0.0
+        self.step, self.request, self.attempt, self.repeat_at = step, request, 0, 0.0
         if step == "publish" and self.number not in self.sent:
             self.sent[self.number] = time.monotonic()
 
@@ -64,14 +90,14 @@ class Robot:
             return self.ask("register", packet(REGISTER, b"\0\0" + self.next_id() + topic))
         self.has_session = True
         self.step, self.request = "idle", None
-        self.next_at = time.monotonic() + self.random.uniform(0.5, 1.5) * PERIOD_S
+        self.next_at = time.monotonic() + self.random.uniform(0.5, 1.5) * self.period_s
         if self.number in self.sent and self.number not in self.acknowledged:
-            self.say()  # what was not acknowledged is said again
+            return self.say()  # what was not acknowledged is said again
+        self.end_wait()
 
     def say(self):
+        self.wait()
         body = self.topic_id.to_bytes(2, "big") + self.next_id() + str(self.number).encode()
-        if self.number in self.sent:
-            self.repeated.add(self.number)
         self.ask("publish", packet(PUBLISH, bytes([QOS1]) + body))
 
     def on_time(self, now):
@@ -82,13 +108,15 @@ class Robot:
             return
         if now < self.repeat_at:
             return
-        if self.tries == TRIES:  # nobody answers: another gateway
+        if self.attempt == TRIES:  # nobody answers: another gateway
             others = [place for place in range(len(self.gateways)) if place != self.place]
             return self.move_to(self.random.choice(others))
-        if self.step == "publish" and self.tries > 0:
-            self.repeated.add(self.number)
+        if self.step == "publish" and self.attempt > 0:
+            self.is_interrupted = True
             self.request = self.request[:2] + bytes([self.request[2] | DUP]) + self.request[3:]
-        self.tries += 1
+        self.attempt += 1
+        if self.step == "publish":
+            self.tries.setdefault(self.number, []).append((now, self.place, self.moves))
         self.repeat_at = now + REPEAT_S
         self.send(self.request)
 
@@ -122,12 +150,11 @@ class Robot:
         elif kind == REGISTER:
             self.send(packet(REGACK, body[:4] + b"\0"))
         elif kind == PUBLISH:
-            self.commands.append((now, body[5:].decode(), bool(body[0] & DUP)))
+            self.on_command(body, now)
             self.send(packet(PUBACK, body[1:5] + b"\0"))
         elif kind == PUBACK and self.step == "publish" and body[2:4] == self.request[5:7]:
             if body[4] == 0:
-                self.acknowledged[self.number] = now
-                self.outages.append(now - self.sent[self.number])
+                self.acknowledged[self.number], self.acknowledged_by[self.number] = now, self.place
                 self.next_step()
             elif body[4] == 2:  # it does not know the topic id: begin anew
                 self.refused_topics += 1
@@ -135,3 +162,14 @@ class Robot:
                 self.connect()
         elif kind == DISCONNECT:
             self.connect()
+
+    def on_command(self, body, now):
+        key, kind = (self.place, body[3:5]), body[5:].decode()
+        if not (body[0] & DUP and self.heard.get(key) == kind):
+            self.commands.append((now, self.place, kind))
+        self.heard[key] = kind
+
+    def end(self):
+        """Whoever still waits has waited for so long at least. It says nothing more."""
+        self.end_wait()
+        self.ended = time.monotonic()

@@ -22,12 +22,12 @@ PREFIX = "fd00:db8:0:1"
 class UsbBoard:
     """A development kit: SEGGER's USB ids, a CDC ACM port on a virtual bus, and behind it a simulated board."""
 
-    def __init__(self, robots):
+    def __init__(self, robots, *options):
         self.directory = pathlib.Path(tempfile.mkdtemp())
         self.output = self.directory / "output"
         with open(self.output, "w", encoding="utf-8") as output, open(self.directory / "errors", "w") as errors:
             self.simulator = subprocess.Popen(["slam-gateway-sim", "ble", "--tty", self.directory / "tty", "--robots",
-                                               str(robots), "--id-prefix", "ble"], stdout=output, stderr=errors)
+                                               str(robots), "--id-prefix", "ble", *options], stdout=output, stderr=errors)
         wait_for("the simulated board", (self.directory / "tty").exists)
         self._make_gadget()
         self.cable = subprocess.Popen(["python3", pathlib.Path(__file__).with_name("cable.py"), BOARD_END,

@@ -74,6 +74,23 @@ def page_is_confined():
     return re.sub(r"[^ -~]", "", verdict).strip()
 
 
+def page_names_a_key_that_it_may_not_read():
+    """page: --check-config, as root, warns of the gateway's client key that the page's own user may not read"""
+    key = SITE.with_name("client.key")
+    key.write_text("-", encoding="ascii")
+    key.chmod(0o600)
+    SITE.write_text(json.dumps({"broker": {"uri": "mqtts://guest", "tls": {"certificate_file": "/etc/slam-gateway/client.pem",
+                                                                           "key_file": str(key)}}}), encoding="utf-8")
+    refused = run("slam-gateway-web", "--check-config")
+    run("chgrp", "slam-gateway-web", key)
+    key.chmod(0o640)
+    accepted = run("slam-gateway-web", "--check-config")
+    SITE.unlink()
+    key.unlink()
+    demand(f"warning: {key}:1: broker.tls.key_file: cannot be read by slam-gateway-web" in refused, refused)
+    demand("cannot be read" not in accepted, accepted)
+
+
 def page_may_die():
     """page: killed, it comes back; the daemon and its robots notice nothing"""
     robots = Robots("thread", "--robots", 1, "--id-prefix", "unmoved")
@@ -96,4 +113,4 @@ def experiment_is_repeated():
     return json.dumps(result["measured"]["counts"])
 
 
-STEPS = [page_shows_the_robots, page_is_confined, page_may_die, experiment_is_repeated]
+STEPS = [page_shows_the_robots, page_is_confined, page_names_a_key_that_it_may_not_read, page_may_die, experiment_is_repeated]

@@ -12,6 +12,7 @@ import tempfile
 from actors import ACL, PASSWORDS, Listener, Robots, as_server, demand_nothing_lost, retained
 from machine import (CONFIG, CREDENTIALS, GATEWAY, STATE, demand, now, restart, run, says, service, status, wait_for,
                      wait_for_status, write_credentials)
+from trouble import DROP_IN
 
 SITE = CONFIG.parent / "gateway.d/site.json"
 BACKUP = pathlib.Path("/root/gateway.tar.gz")
@@ -109,6 +110,12 @@ def site_keys_win_and_are_named():
         site(log={"level": "loud"})
         demand(check_config(78).startswith(f"{SITE}:1: log.level: "), "the problem is not named by its file")
         run("systemctl", "reload", "slam-gateway", status=1)
+        site(log={"level": "info"})
+        misnamed = SITE.with_suffix(".jsn")
+        misnamed.write_text("{}", encoding="utf-8")
+        told = check_config()
+        misnamed.unlink()
+        demand(f"warning: {misnamed}:1: file: is not read" in told, told)
 
 
 def unreadable_file_is_named_before_the_restart():
@@ -131,6 +138,23 @@ def another_program_has_the_port():
         run("systemctl", "start", "slam-gateway", status=None)
         wait_for("a line about the port", lambda: says("another MQTT-SN gateway has the port", *since))
         wait_for("doctor's word on the port", lambda: finding(doctor(), "thread: port"))
+    wait_for_status("broker up")
+
+
+def nobody_is_blamed_for_a_kept_port():
+    """port kept by systemd while the service waits for its restart: doctor blames no other program for it"""
+    DROP_IN.parent.mkdir(exist_ok=True)
+    DROP_IN.write_text("[Service]\nRestartSec=1h\n", encoding="utf-8")
+    run("systemctl", "daemon-reload")
+    run("systemctl", "kill", "--kill-whom=main", "-s", "KILL", "slam-gateway")
+    wait_for("the pause before a restart", lambda: service("SubState") == "auto-restart")
+    demand(service("NFileDescriptorStore") != "0", "systemd has not kept the socket")
+    findings = doctor(expected_status=1)
+    DROP_IN.unlink()
+    run("systemctl", "daemon-reload")
+    restart()
+    demand(finding(findings, "daemon")["health"] == "problem", "doctor has not seen that the daemon is away")
+    demand(not finding(findings, "thread: port"), f"doctor says: {finding(findings, 'thread: port')}")
     wait_for_status("broker up")
 
 
@@ -350,6 +374,7 @@ STEPS = [
     unreadable_file_is_named_before_the_restart,
     log_level_is_changed,
     another_program_has_the_port,
+    nobody_is_blamed_for_a_kept_port,
     robot_is_renamed,
     robot_is_forgotten,
     refused_topic_loses_nothing,

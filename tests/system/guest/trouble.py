@@ -3,6 +3,7 @@
 import contextlib
 import os
 import pathlib
+import re
 import signal
 import socket
 import time
@@ -50,7 +51,8 @@ def kill_goes_unnoticed():
     run("systemctl", "kill", "--kill-whom=main", "-s", "KILL", "slam-gateway")
     wait_for("the restart", lambda: int(service("NRestarts")) > restarts and service("ActiveState") == "active")
     wait_for_status("broker up")
-    demand(says("4 MQTT-SN sessions go on", *since), "the sessions were not restored")
+    restored = re.search(r"(\d+) MQTT-SN sessions go on", says("MQTT-SN sessions go on", *since) or "")
+    demand(restored and int(restored[1]) >= 4, "the sessions were not restored")
     wait_for("the robots' presence", lambda: all(retained(f"robots/killed{n}") == "online" for n in (1, 2, 3, 4)))
     demand(retained("state") == "online", "the gateway's retained state")
     run("slam-gatewayctl", "send", "killed3", "cmd", "5,6")  # no robot has connected again

@@ -147,7 +147,7 @@ void BrokerLink::run() {
     const int failure = stay_connected();
     const bool was_up = is_up_.exchange(false);
     if (was_up) pause = first_pause;
-    tell_failure(failure);
+    report_failure(failure);
     choose_version(failure);
     go_to_next_broker();
     if (at_ != 0 && !was_up) {  // once round the list without a pause
@@ -201,7 +201,7 @@ void BrokerLink::choose_version(int failure) {
   if (is_foreign) is_version_5_ = !is_version_5_;
 }
 
-void BrokerLink::tell_failure(int failure) {
+void BrokerLink::report_failure(int failure) {
   std::string why = failure == MOSQ_ERR_ERRNO ? "the connection cannot be made, or was closed"
                                               : mosquitto_strerror(failure);
   if (is_user_refused(connack_))
@@ -212,8 +212,8 @@ void BrokerLink::tell_failure(int failure) {
                               : "no user name was sent");
   else if (connack_ != 0)
     why = is_version_5_ ? mosquitto_reason_string(connack_) : mosquitto_connack_string(connack_);
-  if (why == told_) return;
-  told_ = why;
+  if (why == last_failure_) return;
+  last_failure_ = why;
   hand_over(StateChange{false, why});
 }
 
@@ -233,7 +233,7 @@ void BrokerLink::on_connected(int reason) {
       asked_[id] = filter;
   }
   is_up_ = true;
-  told_.clear();
+  last_failure_.clear();
   hand_over(StateChange{true, {}});
 }
 
@@ -270,7 +270,7 @@ void BrokerLink::hand_over(Happening happening) {
 
 // ---- on the loop's thread
 
-/// The first of a row at once. While messages come, the loop looks again by itself, so that it is
+/// The first of a row at once. While messages come, the loop checks again by itself, so that it is
 /// woken once for many.
 void BrokerLink::deliver() {
   std::vector<Happening> batch;

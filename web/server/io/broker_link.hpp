@@ -72,7 +72,7 @@ class BrokerLink {
   int stay_connected();
   int start_connection();
   void choose_version(int failure);
-  void tell_failure(int failure);
+  void report_failure(int failure);
   bool wait(std::chrono::milliseconds time);
   void hand_over(Happening happening);
   void deliver();
@@ -96,7 +96,7 @@ class BrokerLink {
   mosquitto* client_ = nullptr;
   bool is_version_5_ = true;
   int connack_ = 0;                   ///< the last reason code; on the link's thread
-  std::string told_;                  ///< the failure that was told last
+  std::string last_failure_;          ///< that the listener has
   std::map<int, std::string> asked_;  ///< filters by message id; on the link's thread
   std::atomic<bool> is_up_ = false;
   std::atomic<std::uint64_t> overruns_ = 0;

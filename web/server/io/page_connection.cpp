@@ -60,25 +60,25 @@ void PageConnection::on_text(const std::string& text) {
   if (reaction.publish) reaction.reply = hub_.publish(*reaction.publish);
   ends_ = reaction.ends;
   if (!reaction.reply.empty())
-    tell_event(std::make_shared<const std::string>(std::move(reaction.reply)));
+    send_event(std::make_shared<const std::string>(std::move(reaction.reply)));
 }
 
-void PageConnection::tell_state(std::string_view topic, const SharedText& text) {
+void PageConnection::send_state(std::string_view topic, const SharedText& text) {
   if (!queue_.push_state(topic, text)) give_up();
   write_soon();
 }
 
-void PageConnection::tell_anew(std::string_view topic, const SharedText& text) {
-  queue_.begin_anew(topic, text);
+void PageConnection::send_reset(std::string_view topic, const SharedText& text) {
+  queue_.reset(topic, text);
   write_soon();
 }
 
-void PageConnection::tell_event(const SharedText& text) {
+void PageConnection::send_event(const SharedText& text) {
   queue_.push_event(text);
   write_soon();
 }
 
-/// When all that is told in this turn of the loop waits.
+/// Runs when all that this turn of the loop sends is waiting.
 void PageConnection::write_soon() {
   if (!writing_.empty() || std::exchange(is_write_posted_, true)) return;
   boost::asio::post(socket_.get_executor(), [self = shared_from_this()] {

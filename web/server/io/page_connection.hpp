@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The WebSocket of one page (RFC 6455, Boost.Beast). Lives as long as its connection; one write is
-// under way at a time, the rest waits in a PageQueue. What the loop tells in one turn goes out in
+// under way at a time, the rest waits in a PageQueue. What one turn of the loop sends goes out in
 // one WebSocket message.
 #pragma once
 
@@ -15,19 +15,20 @@
 
 namespace slamgw::web {
 
-class PageConnection : public Page, public std::enable_shared_from_this<PageConnection> {
+class PageConnection : public std::enable_shared_from_this<PageConnection> {
  public:
   /// A page that takes nothing for so long is gone.
   static constexpr std::chrono::seconds silence_limit{30};
 
   PageConnection(boost::beast::tcp_stream stream, PageHub& hub);
-  ~PageConnection() override;
+  ~PageConnection();
 
   void accept(const boost::beast::http::request<boost::beast::http::empty_body>& request);
-  void tell_state(std::string_view topic, const SharedText& text) override;
-  void tell_anew(std::string_view topic, const SharedText& text) override;
-  void tell_event(const SharedText& text) override;
-  std::uint64_t dropped() const override { return queue_.dropped(); }
+  void send_state(std::string_view topic, const SharedText& text);
+  /// All states come anew after this one.
+  void send_reset(std::string_view topic, const SharedText& text);
+  void send_event(const SharedText& text);
+  std::uint64_t dropped() const { return queue_.dropped(); }
 
  private:
   void read();

@@ -12,11 +12,12 @@
 #include <utility>
 
 #include "daemon/observability/log.hpp"
+#include "web/server/io/page_connection.hpp"
 
 namespace slamgw::web {
 namespace {
 
-constexpr std::size_t max_sent = 100;  // commands that a refusal of the broker can be told for
+constexpr std::size_t max_sent = 100;  // commands whose refusal by the broker can be reported
 
 std::string site_json(const Config& config, const std::string& version) {
   nlohmann::json origins = nlohmann::json::object();
@@ -79,14 +80,14 @@ PageHub::PageHub(boost::asio::io_context& io, const Config& config, std::string 
                on_unreadable(filter, why);
              }}) {}
 
-void PageHub::join(Page& page) {
-  page.tell_state("$web/hello", share(greeting()));
-  page.tell_state("$web/broker", share(broker_state()));
-  for (const auto& [topic, text] : known_.topics()) page.tell_state(topic, text);
+void PageHub::join(PageConnection& page) {
+  page.send_state("$web/hello", share(greeting()));
+  page.send_state("$web/broker", share(broker_state()));
+  for (const auto& [topic, text] : known_.topics()) page.send_state(topic, text);
   pages_.insert(&page);
 }
 
-void PageHub::leave(Page& page) {
+void PageHub::leave(PageConnection& page) {
   if (pages_.erase(&page) > 0) dropped_by_gone_ += page.dropped();
 }
 
@@ -112,11 +113,11 @@ void PageHub::on_message(const BrokerMessage& message) {
   if (kind == TopicKind::foreign || !page_text) return;
   const SharedText text = share(std::move(*page_text));
   if (kind == TopicKind::state && !keep(message, text)) return;
-  for (Page* page : pages_) {
+  for (PageConnection* page : pages_) {
     if (kind == TopicKind::state)
-      page->tell_state(message.topic, text);
+      page->send_state(message.topic, text);
     else
-      page->tell_event(text);
+      page->send_event(text);
   }
 }
 
@@ -131,36 +132,36 @@ bool PageHub::keep(const BrokerMessage& message, const SharedText& text) {
   return true;
 }
 
-/// What was taken back while the connection was away was not told: all states come again now.
-void PageHub::begin_anew() {
+/// What was withdrawn while the connection was away is unknown: all states come again now.
+void PageHub::reset_pages() {
   known_.forget_all();
   const SharedText text = share(greeting());
-  for (Page* page : pages_) page->tell_anew("$web/hello", text);
+  for (PageConnection* page : pages_) page->send_reset("$web/hello", text);
 }
 
 void PageHub::on_broker(bool is_up, const std::string& why) {
   own_.broker_is_connected = is_up;
   why_ = why;
-  if (is_up && std::exchange(was_connected_, true)) begin_anew();
+  if (is_up && std::exchange(was_connected_, true)) reset_pages();
   if (is_up)
     log_event(Severity::notice, "connected to the broker at " + broker_);
   else
     log_event(Severity::warning,
               fmt::format("no connection to the broker at {}: {}", broker_, why));
   unreadable_.clear();
-  tell_broker_state();
+  send_broker_state();
 }
 
 void PageHub::on_unreadable(const std::string& filter, const std::string& why) {
   log_event(Severity::warning,
             fmt::format("the broker does not let this program read {}: {}", filter, why));
   unreadable_[filter] = why;
-  tell_broker_state();
+  send_broker_state();
 }
 
-void PageHub::tell_broker_state() {
+void PageHub::send_broker_state() {
   const SharedText text = share(broker_state());
-  for (Page* page : pages_) page->tell_state("$web/broker", text);
+  for (PageConnection* page : pages_) page->send_state("$web/broker", text);
 }
 
 void PageHub::on_refused(int message_id, const std::string& why) {
@@ -169,7 +170,7 @@ void PageHub::on_refused(int message_id, const std::string& why) {
   if (sent == sent_.end()) return;
   log_event(Severity::warning, fmt::format("the broker refused {}: {}", sent->second, why));
   const SharedText text = share(refusal(sent->second, "the broker refused it: " + why));
-  for (Page* page : pages_) page->tell_event(text);
+  for (PageConnection* page : pages_) page->send_event(text);
   sent_.erase(sent);
 }
 
@@ -204,7 +205,7 @@ std::shared_ptr<void> PageHub::begin_scrape() {
 void PageHub::make_metrics(std::function<void(std::string)> done) {
   own_.pages = pages_.size();
   own_.messages_dropped = dropped_by_gone_ + link_.overruns();
-  for (const Page* page : pages_) own_.messages_dropped += page->dropped();
+  for (const PageConnection* page : pages_) own_.messages_dropped += page->dropped();
   own_.cpu_seconds = cpu_seconds();
   own_.resident_bytes = resident_bytes();
   boost::asio::post(metrics_thread_, [this, own = own_, known = known_, outcomes = outcomes_,

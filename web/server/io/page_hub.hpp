@@ -10,7 +10,6 @@
 #include <functional>
 #include <map>
 #include <memory>
-#include <optional>
 #include <set>
 #include <string>
 
@@ -23,16 +22,7 @@
 
 namespace slamgw::web {
 
-/// An open page, as the hub sees it.
-class Page {
- public:
-  virtual ~Page() = default;
-  virtual void tell_state(std::string_view topic, const SharedText& text) = 0;
-  /// All states come anew after this one.
-  virtual void tell_anew(std::string_view topic, const SharedText& text) = 0;
-  virtual void tell_event(const SharedText& text) = 0;
-  virtual std::uint64_t dropped() const = 0;
-};
+class PageConnection;
 
 class PageHub {
  public:
@@ -47,8 +37,8 @@ class PageHub {
   void count_connection() { ++connections_; }
   void count_end() { --connections_; }
   /// The page gets what is known; then everything as it comes, until leave().
-  void join(Page& page);
-  void leave(Page& page);
+  void join(PageConnection& page);
+  void leave(PageConnection& page);
   PageSession new_session() const { return {topics_, token_}; }
   /// What could not be sent to the broker, for the page that wanted it; empty when it was.
   std::string publish(const CommandRequest& command);
@@ -70,10 +60,10 @@ class PageHub {
   void on_broker(bool is_up, const std::string& why);
   void on_refused(int message_id, const std::string& why);
   void on_unreadable(const std::string& filter, const std::string& why);
-  void tell_broker_state();
-  /// Whether pages are to be told: not of what there is no room for, nor of what nobody knew.
+  void send_broker_state();
+  /// Whether pages get it: false where there is no room, or when it withdraws what was not known.
   bool keep(const BrokerMessage& message, const SharedText& text);
-  void begin_anew();
+  void reset_pages();
   std::string greeting() const;
   std::string broker_state() const;
 
@@ -89,7 +79,7 @@ class PageHub {
   OwnNumbers own_;
   std::uint64_t dropped_by_gone_ = 0;
   std::size_t connections_ = 0;
-  std::set<Page*> pages_;
+  std::set<PageConnection*> pages_;
   std::deque<std::pair<int, std::string>> sent_;  ///< topics of the newest commands
   std::shared_ptr<unsigned> scrapes_ = std::make_shared<unsigned>(0);
   boost::asio::io_context& io_;

@@ -8,14 +8,16 @@
 #include <filesystem>
 
 #include "daemon/config/credentials.hpp"
-#include "daemon/config/load.hpp"
-#include "daemon/config/system_files.hpp"
+#include "daemon/config/io/load.hpp"
+#include "daemon/config/io/service_rights.hpp"
+#include "daemon/config/io/system_files.hpp"
 
 namespace slamgw::web {
 namespace {
 
 constexpr unsigned others = 0007;
 constexpr const char* token_key = "web.token_file";
+constexpr const char* own_user = "slam-gateway-web";  // of the packaged service
 
 void read_own_credentials(ParseResult& result, const std::string& config_file) {
   ConfigContext context{config_file, {}, {}};
@@ -68,13 +70,17 @@ std::string read_token(ParseResult& result, const std::string& path) {
   return token;
 }
 
-/// The gateway's client certificate is used where this program may read its key.
+/// The gateway's client certificate is used where this program may read its key. Root, who may, is
+/// reported when the service's user may not.
 void drop_unreadable_certificate(ParseResult& result) {
   BrokerSettings& broker = result.config.broker;
-  if (!broker.key_file || SystemFiles().read(*broker.key_file)) return;
+  if (!broker.key_file) return;
+  const bool is_readable = SystemFiles().read(*broker.key_file).has_value();
+  if (is_readable && may_user_read(own_user, *broker.key_file)) return;
   result.warnings.push_back({*broker.key_file, 1, "broker.tls.key_file",
                              "cannot be read by slam-gateway-web, which connects without a client "
                              "certificate"});
+  if (is_readable) return;
   broker.certificate_file.reset();
   broker.key_file.reset();
 }

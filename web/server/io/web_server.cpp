@@ -3,6 +3,7 @@
 
 #include <boost/asio/ip/address.hpp>
 #include <chrono>
+#include <string>
 
 #include "web/server/io/http_connection.hpp"
 

@@ -6,7 +6,6 @@
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
 #include <boost/asio/steady_timer.hpp>
-#include <string>
 
 #include "web/server/answers.hpp"
 #include "web/server/io/page_hub.hpp"

@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "adapters/ble_mesh_usb_cdc/access/robot_models.hpp"
+
+#include <array>
+
+namespace slamgw::ble {
+namespace {
+
+// c5..c8 min_com, c9..cc sensor_update, cd..d0 pos_cmd; d1, d2, d3 their SET_NUMBERED; then company
+// 0x0059, little-endian.
+constexpr Opcode first_opcode = 0xc55900;
+constexpr Opcode opcode_step = 0x010000;
+constexpr Opcode kinds = 4;
+constexpr Opcode first_numbered = vendor_model_count * kinds;
+constexpr Opcode generic_on_off_set = 0x8202;
+constexpr Opcode simple_on_off_set = 0xc15900;
+
+}  // namespace
+
+Opcode opcode_of(VendorMessage message) {
+  const auto model = static_cast<Opcode>(message.model);
+  const Opcode place = message.kind == MessageKind::set_numbered
+                           ? first_numbered + model
+                           : model * kinds + static_cast<Opcode>(message.kind);
+  return first_opcode + opcode_step * place;
+}
+
+std::optional<VendorMessage> vendor_message_of(Opcode opcode) {
+  if (opcode < first_opcode || (opcode - first_opcode) % opcode_step != 0) return std::nullopt;
+  const Opcode place = (opcode - first_opcode) / opcode_step;
+  if (place < first_numbered)
+    return VendorMessage{static_cast<VendorModel>(place / kinds),
+                         static_cast<MessageKind>(place % kinds)};
+  if (place - first_numbered >= vendor_model_count) return std::nullopt;
+  return VendorMessage{static_cast<VendorModel>(place - first_numbered), MessageKind::set_numbered};
+}
+
+Bytes encode_status(VendorModel model, std::optional<std::uint8_t> number) {
+  Bytes parameters{0};
+  if (number) parameters.push_back(*number);
+  return encode_access(opcode_of({model, MessageKind::status}), parameters);
+}
+
+Bytes encode_on_off_set(OnOffModel model, bool is_on, std::uint8_t tid) {
+  const std::array<std::uint8_t, 2> params{is_on ? std::uint8_t{1} : std::uint8_t{0}, tid};
+  return encode_access(model == OnOffModel::generic ? generic_on_off_set : simple_on_off_set,
+                       params);
+}
+
+Opcode on_off_status(OnOffModel model) {
+  return model == OnOffModel::generic ? generic_on_off_status : simple_on_off_status;
+}
+
+Duration reliable_interval(std::uint8_t ttl, std::size_t access_bytes) {
+  const std::size_t segments = segments_of(access_bytes);
+  return std::chrono::milliseconds{200 + 20 * ttl} +
+         std::chrono::milliseconds{20} * (segments > 1 ? static_cast<long>(segments) : 0L);
+}
+
+}  // namespace slamgw::ble

@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+// The messages that robots and the gateway exchange: those of the thesis's three vendor models, and
+// on/off through a boolean model. Which of two boolean models the robots have, Bluetooth's Generic
+// OnOff or Nordic's older Simple OnOff, is a matter of configuration.
+//
+// The vendor models (thesis 5.2.1, tables 5.1 and 5.2) have the four messages SET, GET,
+// SET_UNRELIABLE and STATUS each, at consecutive vendor opcodes of company 0x0059. This gateway
+// also hears a SET_NUMBERED of each, which the thesis does not have (README, "Robots").
+#pragma once
+
+#include <optional>
+
+#include "adapters/ble_mesh_usb_cdc/access/opcode.hpp"
+#include "adapters/ble_mesh_usb_cdc/settings.hpp"
+#include "daemon/core/time.hpp"
+
+namespace slamgw::ble {
+
+enum class VendorModel : std::uint8_t { min_com, sensor_update, pos_cmd };
+inline constexpr std::size_t vendor_model_count = 3;
+
+/// `set` is repeated by its sender until a `status` comes back; `set_unreliable` is sent once.
+/// `set_numbered` is a `set` with a transaction number of one octet before its parameters, which
+/// its repeats share; its `status` has the number after the state octet.
+enum class MessageKind : std::uint8_t { set, get, set_unreliable, status, set_numbered };
+
+struct VendorMessage {
+  VendorModel model = VendorModel::min_com;
+  MessageKind kind = MessageKind::set;
+  bool operator==(const VendorMessage&) const = default;
+};
+
+Opcode opcode_of(VendorMessage message);
+/// Nothing for opcodes of other models.
+std::optional<VendorMessage> vendor_message_of(Opcode opcode);
+
+/// A complete STATUS message: one state octet 00, as Nordic's models do it; then the transaction
+/// number of the SET_NUMBERED that it answers.
+Bytes encode_status(VendorModel model, std::optional<std::uint8_t> number = {});
+
+inline constexpr Opcode generic_on_off_status = 0x8204;
+inline constexpr Opcode simple_on_off_status = 0xc45900;
+
+/// An acknowledged Set. `tid` is new for each command and the same for its repeats: receivers
+/// drop a TID that they saw within 6 s.
+Bytes encode_on_off_set(OnOffModel model, bool is_on, std::uint8_t tid);
+/// The opcode that answers it.
+Opcode on_off_status(OnOffModel model);
+
+/// iv of Nordic's reliable publish (access_reliable.h): an acknowledged message is repeated at iv,
+/// 2iv, 4iv, 8iv ... after its first transmission until a STATUS comes back. Robots do it towards
+/// the gateway, and the gateway towards robots. 200 ms + 20 ms for each hop that the TTL allows +
+/// 20 ms for each segment if segmented.
+Duration reliable_interval(std::uint8_t ttl, std::size_t access_bytes);
+
+}  // namespace slamgw::ble

@@ -1,0 +1,172 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/config/io/load.hpp"
+
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cstdlib>
+#include <filesystem>
+
+#include "daemon/config/credentials.hpp"
+#include "daemon/config/io/service_rights.hpp"
+#include "daemon/config/io/system_files.hpp"
+
+namespace slamgw {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* service_configuration = "/etc/slam-gateway/gateway.json";
+
+/// `gateway.d` beside `gateway.json`: the site's own files.
+fs::path site_directory(const std::string& configuration) {
+  return fs::path(configuration).replace_extension(".d");
+}
+
+bool is_configuration(const fs::path& path) { return path.extension() == ".json"; }
+
+/// The file behind `LoadCredential=broker:slam-gateway.broker`, found as systemd.exec(5) finds it.
+std::string credential_source() {
+  for (const char* const store : {"/etc/credstore", "/run/credstore", "/usr/lib/credstore"}) {
+    std::error_code error;
+    const fs::path path = fs::canonical(fs::path(store) / "slam-gateway.broker", error);
+    if (!error) return path.string();
+  }
+  return {};
+}
+
+Surroundings read_surroundings(const std::string& configuration) {
+  std::array<char, 256> name{};  // POSIX's longest host name and a NUL
+  if (gethostname(name.data(), name.size() - 1) != 0) name[0] = '\0';
+  const char* credentials = std::getenv("CREDENTIALS_DIRECTORY");
+  const bool is_services = credentials != nullptr || configuration == service_configuration;
+  return {name.data(), credentials == nullptr ? "" : credentials,
+          is_services ? credential_source() : ""};
+}
+
+/// Names that editors and dpkg give to what they put aside.
+bool is_put_aside(const fs::path& name) {
+  return name.string().starts_with('.') || name.string().ends_with('~') ||
+         name.extension().string().starts_with(".dpkg-");
+}
+
+void warn_of_ignored_files(ParseResult& result, const std::string& configuration) {
+  std::vector<std::string> ignored;
+  std::error_code error;
+  for (const auto& entry : fs::directory_iterator(site_directory(configuration), error))
+    if (!is_configuration(entry.path()) && !is_put_aside(entry.path().filename()))
+      ignored.push_back(entry.path().string());
+  std::sort(ignored.begin(), ignored.end());
+  for (const std::string& path : ignored)
+    result.warnings.push_back(
+        {path, 1, "file", "is not read, for its name does not end in .json; rename or remove it"});
+}
+
+/// The one secret that may stand in the configuration itself. Packages ship the file readable by
+/// all.
+void warn_of_readable_secret(ParseResult& result, const SystemFiles& files) {
+  constexpr unsigned others_may_read = 0004;
+  constexpr const char* key = "ble_mesh.provisioning.static_oob";
+  const auto place = result.places.find(key);
+  if (!result.config.ble_mesh.provisioning.static_oob || place == result.places.end()) return;
+  const std::string& path = place->second.file;
+  const auto file = files.read(path);
+  if (!file || (file->mode & others_may_read) == 0) return;
+  result.warnings.push_back(
+      {path, place->second.line, key,
+       fmt::format("is a secret in a file that others can read (mode {:04o}); type: chown "
+                   "root:slam-gateway {} && chmod 640 {}",
+                   file->mode, path, path)});
+}
+
+/// Root may read every file; the service, whose configuration this is, may not.
+void check_service_rights(ParseResult& result) {
+  const auto check = [&result](const std::string& file, const Place& at, const std::string& key) {
+    if (may_user_read(service_user, file)) return;
+    result.problems.push_back(
+        {at.file, at.line, key,
+         fmt::format("{}cannot be read by the service's user {}; type: sudo chgrp {} {} && sudo "
+                     "chmod 640 {}",
+                     file == at.file ? "" : file + " ", service_user, service_user, file, file)});
+  };
+  for (const std::string& name : configuration_files(service_configuration))
+    check(name, {name, 1}, "file");
+  const BrokerSettings& broker = result.config.broker;
+  const std::pair<const char*, const std::optional<std::string>&> named[] = {
+      {"broker.credentials_file", broker.credentials_file},
+      {"broker.tls.ca_file", broker.ca_file},
+      {"broker.tls.certificate_file", broker.certificate_file},
+      {"broker.tls.key_file", broker.key_file}};
+  for (const auto& [key, file] : named) {
+    const auto place = result.places.find(key);
+    if (file && place != result.places.end()) check(*file, place->second, key);
+  }
+}
+
+ParseResult load_parts(const std::string& path, const Surroundings& surroundings,
+                       const SystemFiles& files) {
+  std::vector<ConfigFile> parts;
+  ParseResult unread;
+  for (const std::string& name : configuration_files(path)) {
+    const auto file = files.read(name);
+    if (file) {
+      parts.push_back({name, file->text});
+      continue;
+    }
+    const bool has_gateway = surroundings.is_daemon || path != service_configuration;
+    if (name == path && file.error().is_missing && !has_gateway) {
+      parts.push_back({name, "{}"});  // a page may run where no gateway is installed
+      continue;
+    }
+    std::string text = "cannot be read: " + file.error().text + "; a readable file is needed";
+    if (name == path && file.error().is_missing)
+      text += ", create it with: slam-gatewayd --print-config > " + path;
+    const bool may_miss = name != path && file.error().is_denied && !surroundings.is_daemon;
+    (may_miss ? unread.warnings : unread.problems).push_back({name, 1, "file", std::move(text)});
+  }
+  ParseResult result;
+  if (!parts.empty()) result = parse_config(parts, surroundings, files);
+  result.problems.insert(result.problems.begin(), unread.problems.begin(), unread.problems.end());
+  result.warnings.insert(result.warnings.begin(), unread.warnings.begin(), unread.warnings.end());
+  return result;
+}
+
+}  // namespace
+
+std::vector<std::string> configuration_files(const std::string& path) {
+  std::vector<std::string> paths{path};
+  std::error_code error;
+  for (const auto& entry : fs::directory_iterator(site_directory(path), error))
+    if (is_configuration(entry.path())) paths.push_back(entry.path().string());
+  std::sort(paths.begin() + 1, paths.end());
+  return paths;
+}
+
+ParseResult load_config(const std::string& path) {
+  const SystemFiles files;
+  ParseResult result = load_parts(path, read_surroundings(path), files);
+  warn_of_readable_secret(result, files);
+  warn_of_ignored_files(result, path);
+  if (path == service_configuration) check_service_rights(result);
+  return result;
+}
+
+ParseResult load_shared_config(const std::string& path) {
+  Surroundings surroundings = read_surroundings(path);
+  surroundings.is_daemon = false;
+  return load_parts(path, surroundings, SystemFiles());
+}
+
+std::optional<Credentials> load_credentials(const BrokerSettings& broker) {
+  ParseResult result;
+  result.config.broker = broker;
+  result.config.broker.credentials.reset();
+  ConfigContext context;
+  read_credentials(Located{result.config, result.places, context}, result,
+                   read_surroundings(service_configuration), SystemFiles());
+  return context.problems.empty() ? result.config.broker.credentials : broker.credentials;
+}
+
+}  // namespace slamgw

@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/fleet/taken_commands.hpp"
+
+#include <algorithm>
+#include <utility>
+
+namespace slamgw::fleet {
+
+void TakenCommands::add(Entry entry, bool is_owed, TimePoint now) {
+  while (!entries_.empty() &&
+         (now - entries_.front().taken > kept_for || entries_.size() >= max_entries)) {
+    drop_oldest();
+  }
+  const Number number = first_number_ + entries_.size();
+  std::vector<Number>& equal = by_key_[entry.command.key];
+  if (equal.size() == max_equal) equal.erase(equal.begin());
+  equal.push_back(number);
+  if (is_owed) owed_.insert(number);
+  entry.taken = now;
+  entries_.push_back(std::move(entry));
+}
+
+void TakenCommands::drop_oldest() {
+  const auto equal = by_key_.find(entries_.front().command.key);
+  if (equal->second.front() == first_number_) equal->second.erase(equal->second.begin());
+  if (equal->second.empty()) by_key_.erase(equal);
+  owed_.erase(first_number_);
+  entries_.pop_front();
+  ++first_number_;
+}
+
+const TakenCommands::Entry* TakenCommands::find(std::uint64_t key, const Matches& matches) const {
+  const auto equal = by_key_.find(key);
+  if (equal == by_key_.end()) return nullptr;
+  for (const Number number : equal->second)
+    if (matches(at(number))) return &at(number);
+  return nullptr;
+}
+
+const TakenCommands::Entry* TakenCommands::find_owed(const Matches& matches) const {
+  const auto owed = std::ranges::find_if(owed_, [&](Number number) { return matches(at(number)); });
+  return owed == owed_.end() ? nullptr : &at(*owed);
+}
+
+bool TakenCommands::take_missing_copy(std::uint64_t key, bool is_owner, TimePoint now) {
+  const auto equal = by_key_.find(key);
+  if (equal == by_key_.end()) return false;
+  for (const Number number : equal->second) {
+    Entry& entry = at(number);
+    const bool is_expected = is_owner ? now - entry.came <= owner_expects_copy_for
+                                      : now - entry.taken <= copy_expected_for;
+    if (is_expected && std::exchange(entry.is_copy_missing, false)) return true;
+  }
+  return false;
+}
+
+bool TakenCommands::has_ended(const std::string& robot, const std::string& type,
+                              TimePoint came) const {
+  const auto first = std::ranges::lower_bound(entries_, came, {}, &Entry::taken);
+  return std::any_of(first, entries_.end(), [&](const Entry& entry) {
+    return entry.is_own() && entry.is_ended && entry.robot == robot && entry.command.type == type &&
+           came_together(entry.came, came);
+  });
+}
+
+const TakenCommands::Entry* TakenCommands::find_own(const std::string& robot,
+                                                    const std::string& type,
+                                                    TimePoint taken) const {
+  auto entry = std::ranges::lower_bound(entries_, taken - heard_apart, {}, &Entry::taken);
+  for (; entry != entries_.end() && entry->taken < taken + heard_apart; ++entry)
+    if (entry->is_own() && entry->robot == robot && entry->command.type == type) return &*entry;
+  return nullptr;
+}
+
+void TakenCommands::end_own(const std::string& robot, const std::string& type, TimePoint taken) {
+  auto entry = std::ranges::lower_bound(entries_, taken - heard_apart, {}, &Entry::taken);
+  for (; entry != entries_.end() && entry->taken < taken + heard_apart; ++entry) {
+    const bool is_meant = entry->is_own() && entry->robot == robot && entry->command.type == type;
+    if (is_meant && !std::exchange(entry->is_ended, true)) return;
+  }
+}
+
+std::vector<DoneCommand> TakenCommands::of(const std::string& robot, TimePoint now) const {
+  std::vector<DoneCommand> done;
+  for (auto each = entries_.rbegin(); each != entries_.rend(); ++each) {
+    if (now - each->taken > handed_on_for || done.size() == max_taken_commands) break;
+    if (each->robot != robot || now - each->came > handed_on_for) continue;
+    done.push_back(each->command);
+    done.back().age_ms = to_age_ms(now - each->came);
+  }
+  return done;
+}
+
+void TakenCommands::end(std::uint64_t key, TimePoint came) {
+  std::erase_if(owed_, [&](Number number) {
+    Entry& entry = at(number);
+    const bool is_meant = entry.is_copy(key, came);
+    entry.is_ended = entry.is_ended || is_meant;
+    return is_meant;
+  });
+}
+
+void TakenCommands::forget_owed(const Matches& matches) {
+  std::erase_if(owed_, [&](Number number) { return matches(at(number)); });
+}
+
+}  // namespace slamgw::fleet

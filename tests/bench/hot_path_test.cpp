@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/bench/hot_path.hpp"
+
+#include <gtest/gtest.h>
+
+namespace slamgw::bench {
+namespace {
+
+using namespace std::chrono_literals;
+
+/// Each client says something ten times a second.
+constexpr std::uint16_t clients = 10;
+constexpr auto between = 10ms;
+/// What is remembered of messages for some time has its full size by then.
+constexpr int until_warm = 5000;
+constexpr int measured = 1000;
+
+TEST(HotPath, AllocatesNothingForAMessageOfQos0) {
+  HotPath path(clients, between);
+  for (int i = 0; i < until_warm; ++i) path.publish(Qos::at_most_once);
+  path.forget_allocations();
+  const std::uint64_t before = path.at_broker();
+  for (int i = 0; i < measured; ++i) path.publish(Qos::at_most_once);
+  EXPECT_EQ(path.at_broker() - before, measured);
+  EXPECT_EQ(path.allocations(), 0u);
+}
+
+TEST(HotPath, AllocatesNothingForAMessageOfQos1AndItsPuback) {
+  HotPath path(clients, between);
+  for (int i = 0; i < until_warm; ++i) path.publish(Qos::at_least_once);
+  path.forget_allocations();
+  const std::uint64_t at_broker = path.at_broker();
+  const std::uint64_t pubacks = path.sent_datagrams();
+  for (int i = 0; i < measured; ++i) path.publish(Qos::at_least_once);
+  EXPECT_EQ(path.at_broker() - at_broker, measured);
+  EXPECT_EQ(path.sent_datagrams() - pubacks, measured);
+  EXPECT_EQ(path.allocations(), 0u);
+}
+
+TEST(HotPath, AnswersAPingWithoutTheBrokerAndTheDisk) {
+  HotPath path(clients, between);
+  const std::uint64_t at_broker = path.at_broker();
+  const std::uint64_t at_disk = path.at_disk();
+  EXPECT_EQ(at_broker, clients);     // presence
+  EXPECT_EQ(at_disk, 3u * clients);  // sessions: CONNECT, REGISTER, SUBSCRIBE
+  const std::uint64_t before = path.sent_datagrams();
+  for (int i = 0; i < measured; ++i) path.ping();
+  EXPECT_EQ(path.sent_datagrams() - before, measured);
+  EXPECT_EQ(path.at_broker(), at_broker);
+  EXPECT_EQ(path.at_disk(), at_disk);
+}
+
+TEST(HotPath, AllocatesNothingForAPing) {
+  HotPath path(clients, between);
+  for (int i = 0; i < until_warm; ++i) path.ping();
+  path.forget_allocations();
+  const std::uint64_t pingresps = path.sent_datagrams();
+  for (int i = 0; i < measured; ++i) path.ping();
+  EXPECT_EQ(path.sent_datagrams() - pingresps, measured);
+  EXPECT_EQ(path.allocations(), 0u);
+}
+
+/// Its text is in a log line, an outcome and what both meshes get; commands are rare.
+TEST(HotPath, AllocatesAtMost21TimesForACommandAndItsOutcome) {
+  HotPath path(clients, between);
+  for (int i = 0; i < until_warm; ++i) path.command();
+  path.forget_allocations();
+  const std::uint64_t outcomes = path.at_broker();
+  for (int i = 0; i < measured; ++i) path.command();
+  EXPECT_EQ(path.at_broker() - outcomes, measured);
+  EXPECT_LE(path.allocations() / measured, 21u);
+}
+
+}  // namespace
+}  // namespace slamgw::bench

@@ -1,0 +1,391 @@
+// SPDX-License-Identifier: Apache-2.0
+// The adapter over a real pseudo-terminal with a FakeBoard at its other end: first light, unplug
+// and replug, and the file with the keys.
+#include "adapters/ble_mesh_usb_cdc/io/ble_mesh_adapter.hpp"
+
+#include <fcntl.h>
+#include <gtest/gtest.h>
+#include <stdlib.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <boost/asio/buffer.hpp>
+#include <boost/asio/posix/stream_descriptor.hpp>
+#include <boost/asio/write.hpp>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+
+#include "adapters/ble_mesh_usb_cdc/io/cobs_adapter.hpp"
+#include "tests/ble_mesh_usb_cdc/event_log.hpp"
+#include "tests/ble_mesh_usb_cdc/fake_board.hpp"
+#include "tests/ble_mesh_usb_cdc/hex.hpp"
+#include "tests/ble_mesh_usb_cdc/io/slow_port.hpp"
+
+namespace slamgw::ble {
+namespace {
+
+namespace asio = boost::asio;
+namespace fs = std::filesystem;
+using namespace std::chrono_literals;
+
+/// A pseudo-terminal linked at `path`; what is written there reaches `board`.
+class PluggedBoard {
+ public:
+  PluggedBoard(asio::io_context& io, fs::path path, FakeBoard& board)
+      : path_(std::move(path)), board_(board), master_(io, open_master()) {
+    fs::create_symlink(::ptsname(master_.native_handle()), path_);
+    read();
+  }
+  ~PluggedBoard() { fs::remove(path_); }
+
+  void say(const Bytes& bytes) { asio::write(master_, asio::buffer(bytes)); }
+
+ private:
+  static int open_master() {
+    const int master = ::posix_openpt(O_RDWR | O_NOCTTY);
+    ::grantpt(master);
+    ::unlockpt(master);
+    return master;
+  }
+
+  void read() {
+    master_.async_read_some(asio::buffer(buffer_), [this](auto error, std::size_t count) {
+      if (error == asio::error::operation_aborted) return;
+      if (error) return poll();  // nobody has the other end open
+      const Bytes answer = board_.on_bytes(ByteView(buffer_).first(count));
+      if (!answer.empty()) say(answer);
+      read();
+    });
+  }
+
+  void poll() {
+    timer_.expires_after(5ms);
+    timer_.async_wait([this](auto error) {
+      if (!error) read();
+    });
+  }
+
+  fs::path path_;
+  FakeBoard& board_;
+  asio::posix::stream_descriptor master_;
+  asio::steady_timer timer_{master_.get_executor()};
+  std::array<std::uint8_t, 512> buffer_{};
+};
+
+class Listener : public MeshListener, public EventLog {
+ public:
+  void on_mesh_event(MeshEvent event) override { events.push_back(std::move(event)); }
+};
+
+class BleMeshAdapterTest : public ::testing::Test {
+ protected:
+  BleMeshAdapterTest() {
+    std::string name = fs::temp_directory_path() / "slamgw-ble-XXXXXX";
+    directory = ::mkdtemp(name.data());
+    settings.device = directory / "tty";
+    make_adapter();
+  }
+  ~BleMeshAdapterTest() override {
+    adapter->stop();
+    plugged.reset();
+    io.poll();
+    fs::remove_all(directory);
+  }
+
+  void make_adapter() {
+    adapter = std::make_unique<BleMeshAdapter>(io, settings, TopicScheme("ntnu-slam", "gw"), names,
+                                               directory.string(), listener);
+  }
+  void plug() { plugged.emplace(io, directory / "tty", board); }
+  /// Runs the loop until `condition` holds; false after a limit that only a failure reaches.
+  bool eventually(const std::function<bool()>& condition) {
+    const auto limit = std::chrono::steady_clock::now() + 20s;
+    while (!condition() && std::chrono::steady_clock::now() < limit) {
+      io.restart();
+      io.run_one_for(20ms);
+    }
+    return condition();
+  }
+  std::string mesh_file() const {
+    std::ifstream file(directory / "mesh.json");
+    return {std::istreambuf_iterator<char>(file), {}};
+  }
+
+  asio::io_context io;
+  fs::path directory;
+  Settings settings;
+  RobotNames names;
+  FakeBoard board;
+  Listener listener;
+  std::unique_ptr<BleMeshAdapter> adapter;
+  std::optional<PluggedBoard> plugged;
+};
+
+TEST_F(BleMeshAdapterTest, BringsAFreshBoardUpAndCarriesAMessageBothWays) {
+  plug();
+  adapter->start();
+  ASSERT_TRUE(eventually([&] { return listener.is_up(); }));
+  EXPECT_EQ(fs::status(directory / "mesh.json").permissions(),
+            fs::perms::owner_read | fs::perms::owner_write);
+  EXPECT_NE(mesh_file().find(to_hex(board.subnets.at(0).second)), std::string::npos);
+
+  plugged->say(board.message(0x0100, hex("c9 59 00 0a 00 ec ff"), 0xc003));
+  ASSERT_TRUE(eventually([&] { return !listener.all<Report>().empty(); }));
+  const Report report = listener.all<Report>()[0];
+  EXPECT_EQ(report.topic, "ntnu-slam/robot/ble-0100/update");
+  adapter->on_receipt(report.receipt.id, ReceiptOutcome::safe);
+  ASSERT_TRUE(eventually([&] { return board.sent.size() == 1; }));
+  EXPECT_EQ(to_hex(board.sent[0].payload), "cc590000");
+
+  adapter->on_broker_message(
+      {"ntnu-slam/server/ble-0100/cmd", hex("0a 00 ec ff"), Qos::at_least_once, false},
+      CommandId{5});
+  ASSERT_TRUE(eventually([&] { return board.sent.size() == 2; }));
+  plugged->say(board.message(0x0100, hex("d0 59 00 00")));
+  ASSERT_TRUE(eventually([&] { return !listener.all<CommandOutcome>().empty(); }));
+  EXPECT_EQ(listener.all<CommandOutcome>()[0].id, CommandId{5});
+}
+
+TEST_F(BleMeshAdapterTest, SurvivesUnplugAndReplug) {
+  plug();
+  adapter->start();
+  ASSERT_TRUE(eventually([&] { return listener.is_up(); }));
+  for (int round = 0; round < 2; ++round) {
+    plugged.reset();
+    ASSERT_TRUE(eventually([&] { return !listener.is_up(); }));
+    plug();
+    ASSERT_TRUE(eventually([&] { return listener.is_up(); }));
+  }
+  EXPECT_EQ(board.subnets.size(), 1u);
+}
+
+TEST_F(BleMeshAdapterTest, KeepsTryingADeviceThatIsNotThere) {
+  adapter->start();
+  ASSERT_TRUE(eventually([&] { return listener.all<LinkChange>().size() == 1; }));
+  std::ofstream(directory / "tty") << "no terminal";  // the next attempts fail in another way
+  ASSERT_TRUE(eventually([&] { return listener.all<LinkChange>().size() == 2; }));
+  fs::remove(directory / "tty");
+  plug();
+  EXPECT_TRUE(eventually([&] { return listener.is_up(); }));
+}
+
+TEST_F(BleMeshAdapterTest, GivesAReplacementBoardTheStoredKeys) {
+  plug();
+  adapter->start();
+  ASSERT_TRUE(eventually([&] { return listener.is_up(); }));
+  const Bytes net_key = board.subnets.at(0).second;
+  adapter->stop();
+  plugged.reset();
+  io.poll();
+  listener.events.clear();
+  board = FakeBoard();
+  make_adapter();
+  plug();
+  adapter->start();
+  ASSERT_TRUE(eventually([&] { return listener.is_up(); }));
+  EXPECT_EQ(board.subnets.at(0).second, net_key);
+}
+
+TEST_F(BleMeshAdapterTest, StaysOffWithADamagedKeyFileAndKeepsIt) {
+  std::ofstream(directory / "mesh.json") << "{\"version\": 1, \"net_";
+  make_adapter();
+  plug();
+  adapter->start();
+  EXPECT_TRUE(listener.has_notice((directory / "mesh.json").string()));
+  ASSERT_EQ(listener.all<LinkChange>().size(), 1u);
+  EXPECT_FALSE(listener.is_up());
+  io.poll();
+  EXPECT_TRUE(board.commands.empty());
+  EXPECT_EQ(mesh_file(), "{\"version\": 1, \"net_");
+}
+
+TEST_F(BleMeshAdapterTest, StaysOffWhenTheKeyFileCannotBeRead) {
+  fs::create_directory(directory / "mesh.json");
+  make_adapter();
+  plug();
+  adapter->start();
+  EXPECT_TRUE(listener.has_notice("can't be read (Is a directory): the BLE mesh stays off"));
+  EXPECT_FALSE(listener.is_up());
+}
+
+TEST_F(BleMeshAdapterTest, StaysOffWithTheAddressOfARobot) {
+  NodeDatabase database;
+  Node& node = database.nodes.emplace_back();
+  node.address = settings.address;
+  node.state = NodeState::configured;
+  ASSERT_EQ(MeshFile(directory.string()).create(database), "");
+  make_adapter();
+  plug();
+  adapter->start();
+  EXPECT_TRUE(listener.has_notice("ble_mesh.address 0x0001 is a robot's"));
+  io.poll();
+  EXPECT_TRUE(board.commands.empty());
+}
+
+TEST_F(BleMeshAdapterTest, StaysOffWithAnAddressThatIsNotItsOwn) {
+  NodeDatabase guest;
+  guest.guest_address = 2;
+  ASSERT_EQ(MeshFile(directory.string()).create(guest), "");
+  make_adapter();
+  adapter->start();
+  EXPECT_TRUE(listener.has_notice("ble_mesh.address must be 0x0002"));
+  NodeDatabase first;
+  first.gateways = {settings.address};
+  ASSERT_EQ(MeshFile(directory.string()).replace(first), "");
+  make_adapter();
+  adapter->start();
+  EXPECT_TRUE(listener.has_notice("was given to another gateway of this mesh"));
+}
+
+TEST_F(BleMeshAdapterTest, AKeyFileIsNeverReplaced) {
+  const MeshFile file(directory.string());
+  EXPECT_EQ(file.create({}), "");
+  const std::string before = mesh_file();
+  NodeDatabase other;
+  other.keys.net_key.fill(9);
+  EXPECT_NE(file.create(other), "");
+  EXPECT_EQ(mesh_file(), before);
+  EXPECT_FALSE(fs::exists(directory / "mesh.json.new"));
+}
+
+TEST_F(BleMeshAdapterTest, SaysWhenKeysCannotBeStoredAndLeavesTheBoardAlone) {
+  settings.device = directory / "tty";
+  adapter =
+      std::make_unique<BleMeshAdapter>(io, settings, TopicScheme("ntnu-slam", "gw"), RobotNames(),
+                                       (directory / "missing").string(), listener);
+  plug();
+  adapter->start();
+  ASSERT_TRUE(eventually([&] { return listener.has_notice("can't be stored"); }));
+  EXPECT_TRUE(board.subnets.empty());
+}
+
+TEST_F(BleMeshAdapterTest, HearsPositionsFromABoardThatOnlyStreams) {
+  settings.protocol = Protocol::cobs;
+  settings.robot_id = "nr1";
+  CobsAdapter streams(io, settings, TopicScheme("ntnu-slam", "gw"), names, listener);
+  plug();
+  streams.start();
+  ASSERT_TRUE(eventually([&] { return listener.is_up(); }));
+  plugged->say(hex("00 02 0a 03 ec ff 01 00"));
+  ASSERT_TRUE(eventually([&] { return !listener.all<Report>().empty(); }));
+  EXPECT_EQ(listener.all<Report>()[0].topic, "ntnu-slam/robot/nr1/update");
+  EXPECT_TRUE(board.commands.empty()) << "nothing is written to such a board";
+  streams.stop();
+}
+
+TEST_F(BleMeshAdapterTest, StaysOffWhenNobodySaysWhosePositionsTheyAre) {
+  settings.protocol = Protocol::cobs;
+  CobsAdapter streams(io, settings, TopicScheme("ntnu-slam", "gw"), names, listener);
+  streams.start();
+  EXPECT_TRUE(listener.has_notice("ble_mesh.robot_id"));
+  streams.stop();
+}
+
+TEST_F(BleMeshAdapterTest, StopDoesNotWaitForABoardThatTakesNoData) {
+  const auto gates = std::make_shared<Gates>();
+  adapter =
+      std::make_unique<BleMeshAdapter>(io, settings, TopicScheme("ntnu-slam", "gw"), RobotNames(),
+                                       directory.string(), listener, open_slowly(settings, gates));
+  plug();
+  adapter->start();
+  ASSERT_TRUE(eventually([&] { return listener.is_up(); }));
+  gates->closing.shut();
+  adapter->stop();
+  EXPECT_TRUE(gates->closing.is_holding()) << "stop() came back first";
+  adapter.reset();
+  gates->closing.open();
+  make_adapter();
+}
+
+TEST_F(BleMeshAdapterTest, TellsTheOutcomeOfCommandsThatACrashInterrupted) {
+  const Now now = read_clocks();
+  ASSERT_EQ(CommandFile(directory).write(encode_open_commands(
+                {{"nr1", "cmd", now.mono - 2s, true}, {"nr2", "x", now.mono - 1s, false}}, now)),
+            "");
+  adapter->start();
+  const auto outcomes = listener.all<CommandOutcome>();
+  ASSERT_EQ(outcomes.size(), 2u);
+  EXPECT_EQ(outcomes[0].robot, "nr1");
+  EXPECT_EQ(outcomes[0].id, CommandId::none);
+  EXPECT_EQ(outcomes[0].result, CommandResult::timeout);
+  EXPECT_GE(outcomes[0].after, 2s - 2ms);
+  EXPECT_EQ(outcomes[1].result, CommandResult::refused);
+  EXPECT_NE(outcomes[1].why.find("before it was sent"), std::string::npos);
+  ASSERT_TRUE(eventually([&] { return CommandFile(directory).load(now)->empty(); }));
+  adapter->stop();
+  make_adapter();
+  adapter->start();
+  EXPECT_EQ(listener.all<CommandOutcome>().size(), 2u) << "once";
+}
+
+TEST_F(BleMeshAdapterTest, KeepsWhatIsUnderWayOnDiskUntilItEnds) {
+  names = RobotNames({{"nr1", 0x0100, {}}});
+  make_adapter();
+  plug();
+  adapter->start();
+  ASSERT_TRUE(eventually([&] { return listener.is_up(); }));
+  const auto kept = [&] {
+    return CommandFile(directory).load(read_clocks()).value_or(std::vector<OpenCommand>{});
+  };
+  for (std::uint64_t id = 1; id <= 2; ++id)
+    adapter->on_broker_message({"ntnu-slam/server/nr1/x", {1, 2}, Qos::at_least_once, false},
+                               CommandId{id});
+  ASSERT_TRUE(eventually([&] { return kept().size() == 2; }));
+  EXPECT_TRUE(kept()[0].is_sent);
+  EXPECT_FALSE(kept()[1].is_sent);
+  plugged->say(board.message(0x0100, hex("c8 59 00 00")));
+  ASSERT_TRUE(eventually([&] { return kept().size() == 1 && kept()[0].is_sent; }));
+  adapter->stop_listening();
+  adapter->stop();
+  EXPECT_TRUE(kept().empty());
+  EXPECT_EQ(listener.all<CommandOutcome>().size(), 2u);
+}
+
+TEST_F(BleMeshAdapterTest, TheFileOfCommandsHoldsNoContentAndIsForNobodyElse) {
+  const mode_t mask = ::umask(0);
+  names = RobotNames({{"nr1", 0x0100, {}}});
+  make_adapter();
+  plug();
+  adapter->start();
+  ASSERT_TRUE(eventually([&] { return listener.is_up(); }));
+  const Bytes content(8, 'K');
+  adapter->on_broker_message({"ntnu-slam/server/nr1/x", content, Qos::at_least_once, false},
+                             CommandId{1});
+  const std::string path = directory / "ble-commands.json";
+  std::string text;
+  EXPECT_TRUE(eventually([&] {
+    std::ifstream file(path);
+    text.assign(std::istreambuf_iterator<char>(file), {});
+    return text.find("nr1") != std::string::npos;
+  }));
+  ::umask(mask);
+  EXPECT_EQ(text.find("KK"), text.npos) << text;
+  EXPECT_EQ(text.find("4b4b"), text.npos) << text;
+  struct stat facts {};
+  ASSERT_EQ(::stat(path.c_str(), &facts), 0);
+  EXPECT_EQ(facts.st_mode & 0777U, 0600U);
+}
+
+TEST_F(BleMeshAdapterTest, SaysWhenTheFileOfCommandsIsDamaged) {
+  std::ofstream(directory / "ble-commands.json") << "[{\"robot\":";
+  adapter->start();
+  EXPECT_TRUE(listener.has_notice("ble-commands.json is damaged"));
+  EXPECT_TRUE(eventually([&] { return CommandFile(directory).load(read_clocks()).has_value(); }));
+}
+
+TEST_F(BleMeshAdapterTest, SaysNothingAfterStop) {
+  plug();
+  adapter->start();
+  ASSERT_TRUE(eventually([&] { return listener.is_up(); }));
+  adapter->stop();
+  const std::size_t before = listener.events.size();
+  plugged->say(board.message(0x0100, hex("c9 59 00 0a 00 ec ff"), 0xc003));
+  adapter->on_broker_link(true);
+  io.restart();
+  io.poll();
+  EXPECT_EQ(listener.events.size(), before);
+}
+
+}  // namespace
+}  // namespace slamgw::ble

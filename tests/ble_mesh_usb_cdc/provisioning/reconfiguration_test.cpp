@@ -1,0 +1,297 @@
+// SPDX-License-Identifier: Apache-2.0
+// The settings are others than at the last start: configured robots are told, unless another tool
+// configured them.
+#include <gtest/gtest.h>
+
+#include "adapters/ble_mesh_usb_cdc/provisioning/mesh_json.hpp"
+#include "tests/ble_mesh_usb_cdc/provisioning_rig.hpp"
+
+namespace slamgw::ble {
+namespace {
+
+using namespace std::chrono_literals;
+using Groups = std::set<std::uint16_t>;
+
+/// The daemon's next start, with the board and the robots as the last one left them.
+struct NextRig : ProvisioningRig {
+  NextRig(const ProvisioningRig& last, Settings settings)
+      : ProvisioningRig(std::move(settings), last.on_disk()) {
+    board = last.board;
+    for (FakeDevice& each : board.devices.devices) each.requests.clear();
+  }
+
+  bool is_configured_within(Duration limit) {
+    for (const TimePoint end = now + limit; now < end;) {
+      if (is_configured()) return true;
+      pass(500ms);
+    }
+    return false;
+  }
+  bool is_configured() const {
+    return std::ranges::none_of(on_disk().nodes,
+                                [](const Node& node) { return node.applied->is_changing; }) &&
+           has_notice("configured anew");
+  }
+  std::size_t requests() const {
+    std::size_t sum = 0;
+    for (const FakeDevice& each : board.devices.devices) sum += each.requests.size();
+    return sum;
+  }
+  FakeDevice& device() { return board.devices.devices[0]; }
+  nlohmann::json row() {
+    order(NodesOrder{});
+    return answer()[0];
+  }
+};
+
+class Reconfiguration : public ::testing::Test {
+ protected:
+  Reconfiguration() {
+    first.add(1);
+    first.start();
+    if (!first.all_configured(20s)) ADD_FAILURE() << "the robot did not join";
+    other_groups.groups = {0xc002, 0xc005};
+    other_ttl.ttl = 8;
+  }
+
+  Settings other_groups;
+  Settings other_ttl;
+  ProvisioningRig first;
+};
+
+TEST_F(Reconfiguration, IsSilentWhenAllIsAsBefore) {
+  NextRig next(first, {});
+  next.start();
+  next.pass(60s);
+  EXPECT_EQ(next.requests(), 0u);
+  EXPECT_EQ(next.board.count(0x9c), first.board.count(0x9c)) << "no device key was loaded";
+  EXPECT_TRUE(next.stored.empty());
+}
+
+TEST_F(Reconfiguration, TakesTheSameGroupsInAnotherOrderForTheSame) {
+  Settings settings;
+  std::ranges::reverse(settings.groups);
+  NextRig next(first, settings);
+  next.start();
+  next.pass(60s);
+  EXPECT_EQ(next.requests(), 0u);
+}
+
+TEST_F(Reconfiguration, TellsOtherGroups) {
+  NextRig next(first, other_groups);
+  next.start();
+  ASSERT_TRUE(next.is_configured_within(5s));
+  EXPECT_TRUE(next.has_notice("ble-0100 is configured anew: its groups are 0xc002, 0xc005"));
+  for (const auto& [model, groups] : next.device().subscriptions)
+    EXPECT_EQ(groups, (Groups{0xc002, 0xc005})) << model;
+  for (const NodeDatabase& database : next.stored)
+    EXPECT_EQ(database.nodes[0].state, NodeState::configured);
+  EXPECT_EQ(next.on_disk().nodes[0].applied->groups, other_groups.groups);
+  EXPECT_TRUE(next.board.devices.device_keys.empty());
+  NextRig third(next, other_groups);
+  third.start();
+  third.pass(60s);
+  EXPECT_EQ(third.requests(), 0u);
+}
+
+TEST_F(Reconfiguration, TellsThatThereAreNoGroups) {
+  Settings none;
+  none.groups.clear();
+  NextRig next(first, none);
+  next.start();
+  ASSERT_TRUE(next.is_configured_within(5s));
+  EXPECT_TRUE(next.has_notice("ble-0100 is configured anew: it has no groups"));
+  for (const auto& [model, groups] : next.device().subscriptions) EXPECT_EQ(groups, Groups{});
+}
+
+TEST_F(Reconfiguration, TellsAnotherTtlAndCountsHopsFromIt) {
+  NextRig next(first, other_ttl);
+  next.answers_stores = false;  // nothing is told before the disk knows
+  next.start();
+  next.pass(2s);
+  EXPECT_EQ(next.requests(), 0u);
+  next.hear(0x0100, "cb 59 00 01 00 02 00");
+  EXPECT_EQ(next.all<Report>().back().radio->hops, std::nullopt) << "it may be told just now";
+  next.answers_stores = true;
+  next.mesh.on_stored({}, next.now);
+  ASSERT_TRUE(next.is_configured_within(5s));
+  EXPECT_TRUE(next.has_notice("ble-0100 is configured anew: its TTL is 8"));
+  EXPECT_EQ(std::ranges::count(next.device().requests, "0300010100000008000059000600"), 1);
+  EXPECT_EQ(next.on_disk().nodes[0].ttl, 8);
+  next.hear(0x0100, "cb 59 00 01 00 02 00");
+  EXPECT_EQ(next.all<Report>().back().radio->hops, 4);
+}
+
+TEST_F(Reconfiguration, TellsAnotherAddressOfTheGateway) {
+  Settings settings;
+  settings.address = 0x0002;
+  NextRig next(first, settings);
+  next.start();
+  EXPECT_FALSE(next.is_up()) << "the board has the old address";
+  next.order(ResetBoardOrder{});
+  ASSERT_TRUE(next.is_configured_within(5s));
+  EXPECT_TRUE(next.has_notice("ble-0100 is configured anew: it publishes to 0x0002"));
+  EXPECT_EQ(std::ranges::count(next.device().requests, "0300010200000004000059000600"), 1);
+  EXPECT_EQ(next.on_disk().nodes[0].applied->destination, 0x0002);
+}
+
+TEST_F(Reconfiguration, TellsTheGroupOfTheGateways) {
+  Settings settings;
+  settings.gateway_group = 0xc010;
+  NextRig next(first, settings);
+  next.start();
+  ASSERT_TRUE(next.is_configured_within(5s));
+  EXPECT_TRUE(next.has_notice("ble-0100 is configured anew: it publishes to 0xc010"));
+  EXPECT_EQ(std::ranges::count(next.device().requests, "03000110c0000004000059000600"), 1);
+  EXPECT_EQ(next.on_disk().nodes[0].applied->destination, 0xc010);
+  const auto again = decode_node_database(encode_node_database(next.on_disk()));
+  ASSERT_TRUE(again.has_value());
+  EXPECT_EQ(again->nodes[0].applied->destination, 0xc010);
+}
+
+TEST_F(Reconfiguration, NamesAllThatChanged) {
+  Settings settings = other_groups;
+  settings.ttl = 8;
+  NextRig next(first, settings);
+  next.start();
+  ASSERT_TRUE(next.is_configured_within(5s));
+  EXPECT_TRUE(next.has_notice(": its TTL is 8; its groups are 0xc002, 0xc005"));
+}
+
+TEST_F(Reconfiguration, LetsTrafficPassMeanwhile) {
+  NextRig next(first, other_groups);
+  next.board.devices.devices[0].deaf_to = {"8029"};
+  next.start();
+  next.pass(2s);
+  ASSERT_GT(next.requests(), 0u);
+  next.hear(0x0100, "cb 59 00 01 00 02 00");
+  EXPECT_EQ(next.all<Report>().size(), 1u);
+  next.command("ble-0100/cmd", hex("01 00 02 00"));
+  EXPECT_EQ(next.sent_to(0x0100).back(), "cd590001000200");
+  EXPECT_EQ(next.row()["state"], "configured");
+}
+
+TEST_F(Reconfiguration, LeavesAloneWhomItDidNotConfigure) {
+  NodeDatabase database = first.on_disk();
+  database.nodes[0].applied.reset();  // as an older version wrote it, and imports
+  Settings settings = other_groups;
+  settings.ttl = 8;
+  ProvisioningRig next(settings, database);
+  next.board = first.board;
+  next.board.devices.devices[0].requests.clear();
+  next.start();
+  next.pass(60s);
+  EXPECT_TRUE(next.board.devices.devices[0].requests.empty());
+  EXPECT_TRUE(next.stored.empty());
+  next.hear(0x0100, "cb 59 00 01 00 02 00");
+  EXPECT_EQ(next.all<Report>().back().radio->hops, 0) << "it still sends with the old TTL";
+}
+
+TEST_F(Reconfiguration, TellsTheRobotsOfAGatewayWhosePlaceItTakes) {
+  ProvisioningRig next(other_ttl, std::nullopt);
+  next.board = first.board;
+  next.start();
+  next.order(ImportOrder{encode_node_database(first.on_disk())});
+  next.pass(5s);
+  EXPECT_EQ(next.answer()["nodes"], 1) << next.answer();
+  EXPECT_TRUE(next.has_notice("ble-0100 is configured anew: its TTL is 8"));
+}
+
+TEST_F(Reconfiguration, WaitsForARobotThatIsOutOfReach) {
+  NextRig next(first, other_groups);
+  next.device().deaf_to = {"80"};
+  next.start();
+  next.pass(22s);
+  EXPECT_TRUE(
+      next.has_notice("ble-0100 still has its old configuration: no answer to the composition data "
+                      "in 20 s; the next attempt is in 5 s"));
+  EXPECT_FALSE(next.has_notice("not configured"));
+  EXPECT_EQ(next.row()["state"], "configured");
+  EXPECT_EQ(next.row()["problem"], "no answer to the composition data in 20 s");
+  next.pass(120s);  // the next attempt is far
+  next.device().deaf_to.clear();
+  next.hear(0x0100, "04 00 59 00");
+  EXPECT_TRUE(next.is_configured_within(3s));
+  EXPECT_EQ(next.row()["problem"], "");
+}
+
+TEST_F(Reconfiguration, NamesWhatARobotRefuses) {
+  NextRig next(first, other_groups);
+  next.device().refuses = {{"801b000105c0", 0x05}};
+  next.start();
+  next.pass(4s);
+  EXPECT_TRUE(
+      next.has_notice("ble-0100 still has its old configuration: the subscription to 0xc005 of "
+                      "model 0x1000 was refused: insufficient resources (0x05)"));
+  EXPECT_FALSE(next.has_notice("configured anew"));
+  next.device().refuses.clear();
+  EXPECT_TRUE(next.is_configured_within(10s));
+}
+
+TEST_F(Reconfiguration, UndoesAChangeThatBrokeOffWhenTheSettingsAreAsBefore) {
+  NextRig next(first, other_groups);
+  next.device().deaf_to = {"801b"};
+  next.start();
+  next.pass(3s);
+  ASSERT_EQ(next.device().subscriptions.at("00010010"), Groups{0xc002});
+  NextRig third(next, {});
+  third.device().deaf_to.clear();
+  third.start();
+  ASSERT_TRUE(third.is_configured_within(5s));
+  EXPECT_TRUE(third.has_notice("ble-0100 is configured anew: as it was before"));
+  EXPECT_EQ(third.device().subscriptions.at("00010010"), (Groups{0xc002, 0xc003, 0xc004}));
+}
+
+TEST_F(Reconfiguration, EndsAsTheLastSettingsSayWheneverTheDaemonIsKilled) {
+  for (Duration life{}; life < 1s; life += 20ms) {
+    NextRig next(first, other_groups);
+    next.mesh.on_start();
+    next.open();
+    next.run_for(life);
+    NextRig third(next, {});
+    third.start();
+    third.pass(5s);
+    for (const auto& [model, groups] : third.device().subscriptions)
+      ASSERT_EQ(groups, (Groups{0xc002, 0xc003, 0xc004})) << model << " after " << life / 1ms;
+    ASSERT_FALSE(third.on_disk().nodes[0].applied->is_changing);
+  }
+}
+
+TEST_F(Reconfiguration, TakesInARobotThatWasResetByHandMeanwhile) {
+  NextRig next(first, other_groups);
+  next.device().address = 0;
+  next.start();
+  next.pass(40s);
+  EXPECT_EQ(next.device().address, 0x0100);
+  EXPECT_EQ(next.device().subscriptions.at("00010010"), (Groups{0xc002, 0xc005}));
+  EXPECT_EQ(next.on_disk().nodes[0].applied->groups, other_groups.groups);
+  EXPECT_TRUE(next.has_notice("ble-0100 is configured"));
+  EXPECT_FALSE(next.has_notice("configured anew"));
+}
+
+TEST(ReconfigurationOfMany, IsNotHeldUpByRobotsThatAreSwitchedOff) {
+  ProvisioningRig first;
+  for (std::uint8_t number = 1; number <= 20; ++number) first.add(number);
+  first.start();
+  ASSERT_TRUE(first.all_configured(60s));
+  Settings settings;
+  settings.ttl = 8;
+  NextRig next(first, settings);
+  for (FakeDevice& device : next.board.devices.devices) device.deaf_to = {"80"};
+  next.board.devices.at(0x0113)->deaf_to.clear();
+  next.start();
+  next.hear(0x0113, "04 00 59 00");
+  next.pass(25s);
+  EXPECT_TRUE(next.has_notice("ble-0113 is configured anew"));
+  next.add(21);
+  next.pass(25s);
+  EXPECT_TRUE(next.has_notice("ble-0114 is configured"));
+  EXPECT_LE(next.board.devices.most_device_keys, NodeConversations::max_conversations);
+  for (FakeDevice& device : next.board.devices.devices) device.deaf_to.clear();
+  for (std::uint16_t address = 0x0100; address < 0x0113; ++address)
+    next.hear(address, "04 00 59 00");
+  EXPECT_TRUE(next.is_configured_within(60s));
+}
+
+}  // namespace
+}  // namespace slamgw::ble

@@ -1,0 +1,302 @@
+// SPDX-License-Identifier: Apache-2.0
+// What robots say: reports, receipts and the STATUS they owe, presence.
+#include <gtest/gtest.h>
+
+#include "tests/ble_mesh_usb_cdc/mesh_rig.hpp"
+
+namespace slamgw::ble {
+namespace {
+
+using namespace std::chrono_literals;
+
+class Uplink : public ::testing::Test {
+ protected:
+  explicit Uplink(Settings settings = {}) : rig(std::move(settings)) { rig.start(); }
+
+  std::vector<std::string> statuses() {
+    rig.run_for(20ms);
+    return rig.sent_to(first_robot);
+  }
+
+  MeshRig rig;
+};
+
+TEST_F(Uplink, ReportsASetWithAReceiptAndAnswersWhenItIsSafe) {
+  rig.hear(first_robot, update_set, 0xc003);
+  const auto reports = rig.all<Report>();
+  ASSERT_EQ(reports.size(), 1u);
+  EXPECT_EQ(reports[0].robot, "nr1");
+  EXPECT_EQ(reports[0].topic, "ntnu-slam/robot/nr1/update");
+  EXPECT_EQ(reports[0].payload, hex("0a 00 ec ff"));
+  EXPECT_EQ(reports[0].qos, Qos::at_least_once);
+  EXPECT_FALSE(reports[0].retain);
+  EXPECT_TRUE(reports[0].receipt.is_owed());
+  EXPECT_TRUE(statuses().empty());
+  rig.receipt(reports[0].receipt.id);
+  EXPECT_EQ(statuses(), std::vector<std::string>{"cc590000"});
+  EXPECT_EQ(rig.board.sent.at(0).ttl, 4);
+}
+
+TEST_F(Uplink, NamesTypesByModel) {
+  rig.hear(first_robot, "c7 59 00 01");
+  rig.hear(first_robot, "cb 59 00 01");
+  rig.hear(first_robot, "cf 59 00 01");
+  const auto reports = rig.all<Report>();
+  ASSERT_EQ(reports.size(), 3u);
+  EXPECT_EQ(reports[0].topic, "ntnu-slam/robot/nr1/adv");
+  EXPECT_EQ(reports[1].topic, "ntnu-slam/robot/nr1/update");
+  EXPECT_EQ(reports[2].topic, "ntnu-slam/robot/nr1/cmd");
+}
+
+TEST_F(Uplink, UnreliableMessagesOweNothingAndAllGoUp) {
+  for (int i = 0; i < 3; ++i) rig.hear(first_robot, "cb 59 00 0a 00 ec ff");
+  const auto reports = rig.all<Report>();
+  ASSERT_EQ(reports.size(), 3u);
+  EXPECT_FALSE(reports[0].receipt.is_owed());
+  EXPECT_EQ(reports[0].qos, Qos::at_least_once);
+  EXPECT_TRUE(statuses().empty());
+}
+
+TEST_F(Uplink, RepeatsGoUpOnceAndAreAnsweredAgain) {
+  constexpr std::string_view greeting = "c5 59 00 68 69";
+  rig.hear(first_robot, greeting);
+  rig.run_for(280ms);
+  rig.hear(first_robot, greeting);  // before the receipt: nothing happens
+  EXPECT_EQ(rig.all<Report>().size(), 1u);
+  rig.receipt(1);
+  EXPECT_EQ(statuses().size(), 1u);
+  rig.run_for(260ms);  // iv after the last copy: the STATUS was lost
+  rig.hear(first_robot, greeting);
+  EXPECT_EQ(statuses().size(), 2u);
+  EXPECT_EQ(rig.all<Report>().size(), 1u);
+}
+
+TEST_F(Uplink, TellsOfRepeatsAlwaysAndOfTheRestWhileItIsTraced) {
+  rig.hear(first_robot, "d2 59 00 07 0a 00 ec ff");
+  rig.hear(first_robot, "d2 59 00 07 0a 00 ec ff");
+  rig.receipt(1);
+  auto steps = rig.all<MeshStep>();
+  ASSERT_EQ(steps.size(), 1u);
+  EXPECT_EQ(steps[0].kind, MeshStep::Kind::repeat);
+  EXPECT_EQ(steps[0].topic, "ntnu-slam/robot/nr1/update");
+  EXPECT_EQ(steps[0].wire.message_id, 7);
+  EXPECT_TRUE(steps[0].radio);
+  EXPECT_EQ(rig.all<Report>()[0].wire.message_id, 7);
+
+  rig.mesh.on_trace(true);
+  rig.hear(first_robot, "d2 59 00 08 0a 00 ec ff");
+  rig.receipt(2);
+  rig.hear(first_robot, "d2 59 00 09 0a 00 ec ff");
+  rig.receipt(3, ReceiptOutcome::refused);
+  rig.command("nr1/cmd", hex("01 00 02 00"));
+  rig.run_for(2s);
+  steps = rig.all<MeshStep>();
+  ASSERT_GE(steps.size(), 5u);
+  EXPECT_EQ(steps[1].kind, MeshStep::Kind::acknowledged);
+  EXPECT_EQ(steps[1].receipt, (Receipt{Mesh::ble, 2}));
+  EXPECT_EQ(steps[2].kind, MeshStep::Kind::refused);
+  EXPECT_EQ(steps[3].kind, MeshStep::Kind::sent);
+  EXPECT_EQ(steps[3].topic, "ntnu-slam/server/nr1/cmd");
+  EXPECT_EQ(steps[3].wire.is_dup, false);
+  EXPECT_EQ(steps[4].wire.is_dup, true);
+  EXPECT_EQ(steps[4].command, steps[3].command);
+}
+
+TEST_F(Uplink, AnUpdateThatMayBeNewGoesUpTwiceRatherThanNever) {
+  rig.hear(first_robot, update_set);
+  rig.receipt(1);
+  rig.run_for(280ms);
+  rig.hear(first_robot, update_set);
+  EXPECT_EQ(rig.all<Report>().size(), 2u);
+  rig.receipt(2);
+  EXPECT_EQ(statuses().size(), 2u);
+}
+
+TEST_F(Uplink, ARepeatedUpdateOfARobotWhosePeriodIsKnownGoesUpOnce) {
+  for (std::uint64_t i = 1; i <= 20; ++i) {
+    rig.hear(first_robot, "c9 59 00 " + to_hex(Bytes{static_cast<std::uint8_t>(i), 0, 0, 0}));
+    rig.receipt(i);
+    rig.run_for(i < 20 ? 200ms : 280ms);
+  }
+  rig.hear(first_robot, "c9 59 00 14 00 00 00");
+  EXPECT_EQ(rig.all<Report>().size(), 20u);
+  EXPECT_EQ(statuses().size(), 21u);
+}
+
+TEST_F(Uplink, MessagesThatWereWronglyTakenForRepeatsGoUpInTheEnd) {
+  for (std::uint64_t i = 1; i <= 8; ++i) {
+    rig.hear(first_robot, "c5 59 00 68 69");
+    rig.receipt(rig.all<Report>().back().receipt.id);
+    rig.run_for(280ms);
+  }
+  EXPECT_EQ(rig.sent_to(first_robot).size(), 8u);
+  EXPECT_EQ(rig.all<Report>().size(), 8u);
+}
+
+TEST_F(Uplink, ATransactionNumberTellsNewMessagesFromRepeats) {
+  rig.hear(first_robot, "d2 59 00 07 0a 00 ec ff");
+  rig.receipt(1);
+  EXPECT_EQ(statuses().back(), "cc59000007");
+  rig.run_for(260ms);
+  rig.hear(first_robot, "d2 59 00 08 0a 00 ec ff");  // at the time of a repeat
+  rig.receipt(2);
+  EXPECT_EQ(statuses().back(), "cc59000008");
+  rig.run_for(180ms);
+  rig.hear(first_robot, "d2 59 00 08 0a 00 ec ff");  // at the robot's own period
+  EXPECT_EQ(statuses().size(), 3u);
+  const auto reports = rig.all<Report>();
+  ASSERT_EQ(reports.size(), 2u);
+  EXPECT_EQ(reports[1].topic, "ntnu-slam/robot/nr1/update");
+  EXPECT_EQ(reports[1].payload, hex("0a 00 ec ff"));
+  rig.hear(first_robot, "d2 59 00");
+  EXPECT_EQ(rig.counter("rejected"), 1u);
+}
+
+TEST_F(Uplink, AStandingRobotsEqualSetsAllGoUp) {
+  for (const auto period : {200ms, 280ms, 294ms, 559ms, 1000ms}) {
+    const std::size_t before = rig.all<Report>().size();
+    for (int i = 0; i < 60; ++i) {
+      rig.hear(first_robot, update_set);
+      rig.receipt(rig.all<Report>().back().receipt.id);
+      rig.run_for(period);
+    }
+    EXPECT_EQ(rig.all<Report>().size(), before + 60) << period.count();
+    EXPECT_EQ(rig.sent_to(first_robot).size(), before + 60);
+  }
+}
+
+TEST_F(Uplink, ARefusedMessageIsNotAcknowledgedAndGoesUpAgain) {
+  rig.hear(first_robot, update_set);
+  rig.receipt(1, ReceiptOutcome::refused);
+  EXPECT_TRUE(statuses().empty());
+  rig.run_for(260ms);
+  rig.hear(first_robot, update_set);
+  ASSERT_EQ(rig.all<Report>().size(), 2u);
+  rig.receipt(2);
+  EXPECT_EQ(statuses().size(), 1u);
+}
+
+TEST_F(Uplink, ALateReceiptDoesNotAcknowledgeANewerMessage) {
+  rig.hear(first_robot, update_set);
+  rig.hear(first_robot, "c9 59 00 0b 00 ec ff");
+  rig.receipt(1);
+  EXPECT_TRUE(statuses().empty());
+  rig.receipt(2);
+  EXPECT_EQ(statuses().size(), 1u);
+}
+
+TEST_F(Uplink, ModelsHaveReceiptsOfTheirOwn) {
+  rig.hear(first_robot, update_set);
+  rig.hear(first_robot, "c5 59 00 68 69");
+  rig.receipt(1);
+  rig.receipt(2);
+  EXPECT_EQ(statuses(), (std::vector<std::string>{"cc590000", "c8590000"}));
+}
+
+TEST_F(Uplink, GetIsAnsweredAtOnce) {
+  rig.hear(first_robot, "ca 59 00");
+  EXPECT_EQ(statuses(), std::vector<std::string>{"cc590000"});
+  EXPECT_TRUE(rig.all<Report>().empty());
+}
+
+TEST_F(Uplink, RejectsWhatTheBoardCutShort) {
+  Bytes event = rig.board.message(first_robot, hex(update_set));
+  event[19] = 0xf0;  // actual length, low octet
+  rig.say(event);
+  EXPECT_TRUE(rig.all<Report>().empty());
+  EXPECT_EQ(rig.counter("rejected"), 1u);
+  EXPECT_TRUE(rig.has_notice("cut it short"));
+}
+
+TEST_F(Uplink, RejectsSourcesThatAreNoUnicastAddress) {
+  rig.hear(0xc003, update_set);
+  rig.hear(0x0000, update_set);
+  EXPECT_EQ(rig.counter("rejected"), 2u);
+  EXPECT_TRUE(rig.all<PresenceChange>().empty());
+  EXPECT_EQ(rig.count_notices("rejected"), 1) << "once per burst";
+}
+
+TEST_F(Uplink, CountsOpcodesOfOtherModels) {
+  rig.hear(first_robot, "82 31 00");
+  rig.hear(first_robot, "7f");
+  EXPECT_EQ(rig.counter("unknown_opcodes"), 1u);
+  EXPECT_EQ(rig.counter("rejected"), 1u);
+}
+
+TEST_F(Uplink, ARobotIsOnlineWhileItIsHeard) {
+  rig.hear(first_robot, "04 00 59 00");  // health status is enough
+  auto changes = rig.all<PresenceChange>();
+  ASSERT_EQ(changes.size(), 1u);
+  EXPECT_EQ(changes[0].presence, Presence::online);
+  EXPECT_EQ(changes[0].address, "0x0100");
+  rig.run_for(29s);
+  rig.hear(first_robot, "04 00 59 00");
+  rig.run_for(29s);
+  EXPECT_EQ(rig.all<PresenceChange>().size(), 1u);
+  rig.run_for(2s);
+  changes = rig.all<PresenceChange>();
+  ASSERT_EQ(changes.size(), 2u);
+  EXPECT_EQ(changes[1].presence, Presence::offline);
+  rig.hear(first_robot, update_set);
+  EXPECT_EQ(rig.all<PresenceChange>().size(), 3u);
+}
+
+TEST_F(Uplink, AHeartbeatCountsAsLife) {
+  rig.say(hex("07 d8 08 02 03 00 00 01"));
+  EXPECT_EQ(rig.all<PresenceChange>().size(), 1u);
+}
+
+TEST_F(Uplink, SubscribesForConfiguredRobotsAtStartAndForAllWhenTheyComeOnline) {
+  const auto filters = [&] {
+    std::vector<std::string> found;
+    for (const auto& request : rig.all<SubscribeRequest>()) found.push_back(request.filter);
+    return found;
+  };
+  EXPECT_EQ(filters(), std::vector<std::string>{"ntnu-slam/server/nr1/+"});
+  rig.hear(first_robot, update_set);
+  rig.hear(0x0205, update_set);
+  rig.hear(0x0205, update_set);
+  EXPECT_EQ(filters(), (std::vector<std::string>{"ntnu-slam/server/nr1/+", "ntnu-slam/server/nr1/+",
+                                                 "ntnu-slam/server/ble-0205/+"}));
+}
+
+TEST_F(Uplink, AsksAgainForASubscriptionThatWasNotGranted) {
+  rig.mesh.on_subscribe_result("ntnu-slam/server/nr1/+", false, rig.now);
+  const std::size_t before = rig.all<SubscribeRequest>().size();
+  rig.mesh.on_broker_link(true, rig.now);
+  rig.run_for(1ms);
+  EXPECT_EQ(rig.all<SubscribeRequest>().size(), before + 1);
+  rig.mesh.on_broker_link(true, rig.now);
+  rig.run_for(1ms);
+  EXPECT_EQ(rig.all<SubscribeRequest>().size(), before + 1);
+}
+
+TEST_F(Uplink, TheNumberOfRobotsIsBounded) {
+  for (std::uint16_t address = 1; address <= 300; ++address) rig.hear(address, "04 00 59 00");
+  EXPECT_EQ(rig.counter("robots_online"), Robots::max_robots);
+  EXPECT_TRUE(rig.has_notice("beyond the 256"));
+}
+
+Settings with_will() {
+  Settings settings;
+  settings.will = WillSettings{"ntnu-slam/robot/{id}/adv", "{id} gone"};
+  return settings;
+}
+
+class UplinkWithWill : public Uplink {
+ protected:
+  UplinkWithWill() : Uplink(with_will()) {}
+};
+
+TEST_F(UplinkWithWill, PublishesItWhenARobotGoesSilent) {
+  rig.hear(first_robot, "04 00 59 00");
+  rig.run_for(31s);
+  const auto reports = rig.all<Report>();
+  ASSERT_EQ(reports.size(), 1u);
+  EXPECT_EQ(reports[0].topic, "ntnu-slam/robot/nr1/adv");
+  EXPECT_EQ(reports[0].payload, to_bytes("{id} gone"));
+  EXPECT_FALSE(reports[0].receipt.is_owed());
+}
+
+}  // namespace
+}  // namespace slamgw::ble

@@ -1,0 +1,187 @@
+// SPDX-License-Identifier: Apache-2.0
+// The pure halves of the control socket: its language and slam-gatewayctl's texts.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <sstream>
+
+#include "ctl/payload.hpp"
+#include "ctl/show.hpp"
+#include "ctl/text.hpp"
+#include "daemon/control/wire.hpp"
+#include "daemon/core/utf8.hpp"
+
+namespace slamgw::test {
+namespace {
+
+using nlohmann::json;
+
+const auto noon = std::chrono::system_clock::from_time_t(43200);  // 1970-01-01T12:00:00Z
+
+TEST(ControlWire, TellsWhatIsWrongWithARequest) {
+  const auto error = [](std::string_view line) {
+    const auto request = control::parse_request(line);
+    return request ? std::string("none") : request.error();
+  };
+  EXPECT_EQ(error(R"({"command": "status"})"), "none");
+  EXPECT_EQ(error(R"({"command": "send", "robot": "r", "type": "t", "payload_hex": "0aFF"})"),
+            "none");
+  for (const std::string_view line : {"", "[]", "{}", "{\"command\": 5}", "\xff", "[[[[[["})
+    EXPECT_EQ(error(line), "a request is a line like {\"command\": \"status\"}") << line;
+  for (const std::string_view name : {"stop", "ble dance", "store lost"})
+    EXPECT_EQ(error(R"({"command": ")" + std::string(name) + "\"}"),
+              "unknown command '" + std::string(name) + "'; slam-gatewayctl --help lists all");
+  EXPECT_EQ(error(R"({"command": "ble scan"})"), "none");
+  for (const std::string_view command : {"provision", "remove", "import"})
+    EXPECT_NE(error(R"({"command": "ble )" + std::string(command) + R"(", "uuid": 5})"), "none");
+  for (const std::string_view hex : {"0", "0g", "0 ", "5x"})
+    EXPECT_NE(error(R"({"command": "send", "robot": "r", "type": "t", "payload_hex": ")" +
+                    std::string(hex) + "\"}"),
+              "none");
+}
+
+TEST(ControlWire, ReplacesWhatIsNotUtf8) {
+  EXPECT_EQ(json::parse(control::error_line("a\xff")), json({{"error", "a\ufffd"}}));
+}
+
+TEST(ControlWire, TakesOnlyHarmlessTextForPrintable) {
+  EXPECT_TRUE(is_printable("Grüße 🤖"));
+  EXPECT_TRUE(is_printable(""));
+  for (const std::string_view text : {"a\n", "\x1b[2J", "\x7f", "\xc2\x9b", "\xff", "\xc2"})
+    EXPECT_FALSE(is_printable(text));
+}
+
+TEST(CtlPayload, SaysWhatIsAllowed) {
+  EXPECT_EQ(*ctl::parse_payload("cmd", "+1,-1", false), (Bytes{1, 0, 0xff, 0xff}));
+  EXPECT_EQ(*ctl::parse_payload("other", "1,2", false), to_bytes("1,2"));
+  for (const std::string_view text : {"", ",", "1,", "1;2", "1, 2", "32768,0", "--1,0", "0x1,0"})
+    EXPECT_NE(ctl::parse_payload("cmd", text, false).error().find("X,Y"), std::string::npos);
+  EXPECT_NE(ctl::parse_payload("cmd", "1,2", true).error().find("hex"), std::string::npos);
+}
+
+TEST(CtlText, CutsAndPadsByCharacters) {
+  EXPECT_EQ(ctl::columns("äöü"), 3U);
+  EXPECT_EQ(ctl::cut_end("äöüx", 3), "äö~");
+  EXPECT_EQ(ctl::cut_start("xäöü", 3), "~öü");
+  EXPECT_EQ(ctl::cut_end("äöü", 3), "äöü");
+  EXPECT_EQ(ctl::pad("ä", 3), "ä  ");
+  EXPECT_EQ(ctl::pad_left("ä", 3), "  ä");
+}
+
+TEST(CtlText, KnowsHowWideTerminalsDraw) {
+  EXPECT_EQ(ctl::columns("ロボ1"), 5U);
+  EXPECT_EQ(ctl::columns("🤖"), 2U);
+  EXPECT_EQ(ctl::columns("e\u0301"), 1U) << "an accent of its own";
+  EXPECT_EQ(ctl::cut_end("ロボット", 4), "ロ~");
+  EXPECT_EQ(ctl::cut_start("ロボット", 4), "~ト");
+  EXPECT_EQ(ctl::columns("\xe3\x83"), 1U) << "cut short, still harmless";
+}
+
+TEST(CtlShow, FitsTablesInto80Columns) {
+  const std::string shared = "ロボットの名前は六十四オクテットまで";
+  json rows = json::array();
+  for (const std::string& id :
+       {std::string(64, 'x'), shared,
+        std::string("🤖🤖🤖🤖🤖🤖🤖🤖🤖🤖🤖🤖🤖🤖🤖🤖")})
+    rows.push_back({{"id", id},
+                    {"robot", id},
+                    {"mesh", "thread"},
+                    {"address", "[fd11:2233:4455:6677:8899:aabb:ccdd:eeff]:47193"},
+                    {"uuid", std::string(32, 'f')},
+                    {"state", "provisioned"},
+                    {"last_seen", "1970-01-01T11:59:30Z"},
+                    {"messages", 123456789},
+                    {"rate_hz", 1000.0},
+                    {"rssi_dbm", -101},
+                    {"heard_s_ago", 10},
+                    {"queue", 64}});
+  json nodes = rows;
+  for (json& node : nodes) node["address"] = "0x7fff";
+  json devices = rows;
+  for (json& device : devices) device["state"] = "removed";
+  const ctl::Screen screen{false, noon};
+  for (const std::string& text : {ctl::show::robots(rows, screen), ctl::show::nodes(nodes, screen),
+                                  ctl::show::devices(devices)}) {
+    std::istringstream lines(text);
+    int count = 0;
+    for (std::string line; std::getline(lines, line); ++count)
+      EXPECT_LE(ctl::columns(line), 80U) << line;
+    EXPECT_EQ(count, 4) << text;
+  }
+}
+
+TEST(CtlText, ShowsUnitsThatPeopleRead) {
+  EXPECT_EQ(ctl::show_bytes(1023), "1023 B");
+  EXPECT_EQ(ctl::show_bytes(1536), "1.5 KiB");
+  EXPECT_EQ(ctl::show_bytes(268435456), "256.0 MiB");
+  EXPECT_EQ(ctl::show_seconds(59), "59 s");
+  EXPECT_EQ(ctl::show_seconds(3599), "59 min 59 s");
+  EXPECT_EQ(ctl::show_seconds(7260), "2 h 1 min");
+  EXPECT_EQ(ctl::show_age("1970-01-01T11:59:30Z", noon), "30s");
+  EXPECT_EQ(ctl::show_age("1970-01-01T11:00:00Z", noon), "1h");
+  EXPECT_EQ(ctl::show_age("1970-01-01T13:00:00Z", noon), "0s");  // a clock that was set back
+  EXPECT_EQ(ctl::show_age("never", noon), "");
+}
+
+TEST(CtlShow, ColoursOnlyWhereAskedFor) {
+  const json outcome = {{"outcome", "delivered"}, {"after_ms", 1}};
+  EXPECT_EQ(ctl::show::outcome(outcome, {false, noon}), "delivered after 1 ms\n");
+  EXPECT_EQ(ctl::show::outcome(outcome, {true, noon}), "\033[32mdelivered\033[0m after 1 ms\n");
+}
+
+TEST(CtlShow, TellsGatewaysAndWhereRobotsAre) {
+  const json fleet = {{"gateway", "room-a"},
+                      {"gateways",
+                       {{{"gateway", "room-a"},
+                         {"state", "member"},
+                         {"robots", 2},
+                         {"version", "1.2.3"},
+                         {"since", "1970-01-01T11:00:00Z"}},
+                        {{"gateway", "room-bb"}, {"state", "silent"}, {"robots", 1}}}},
+                      {"robots",
+                       {{{"robot", "lego-1"},
+                         {"gateway", "room-a"},
+                         {"since", "1970-01-01T11:59:30Z"},
+                         {"served", true}},
+                        {{"robot", "r\033[2J"},
+                         {"gateway", "room-bb"},
+                         {"since", "1970-01-01T11:30:00Z"},
+                         {"served", false}}}}};
+  EXPECT_EQ(ctl::show::fleet(fleet, {false, noon}),
+            "GATEWAY STATE   ROBOTS UP   VERSION\n"
+            "room-a  member       2 1h   1.2.3\n"
+            "room-bb silent       1\n"
+            "\n"
+            "ROBOT  GATEWAY SINCE\n"
+            "lego-1 room-a  30s\n"
+            "r?[2J  room-bb 30m (that gateway is silent)\n");
+}
+
+TEST(CtlShow, LetsNothingThroughToTheTerminal) {
+  const json robots = {{{"id", "r\033[2J"}, {"address", "\u009b1m"}, {"state", "x\n"}}};
+  const std::string shown = ctl::show::robots(robots, {false, noon});
+  EXPECT_NE(shown.find("r?[2J"), std::string::npos) << shown;
+  EXPECT_EQ(shown.find('\033'), std::string::npos);
+  EXPECT_EQ(shown.find("\u009b"), std::string::npos);
+  EXPECT_EQ(std::count(shown.begin(), shown.end(), '\n'), 2);
+}
+
+TEST(CtlShow, SurvivesAnswersOfAnyShape) {
+  for (const std::string_view text :
+       {"null", "5", "[]", "[1]", "{}", R"({"broker": 5})",
+        R"([{"id": 5, "rate_hz": "x", "messages": -1}])", R"({"update": {"obstacles": [5]}})"}) {
+    const json answer = json::parse(text);
+    const ctl::Screen screen{false, noon};
+    EXPECT_TRUE(ctl::show::status(answer, screen).ends_with('\n'));
+    EXPECT_TRUE(ctl::show::robots(answer, screen).ends_with('\n'));
+    EXPECT_TRUE(ctl::show::fleet(answer, screen).ends_with('\n'));
+    EXPECT_TRUE(ctl::show::event(answer, screen).ends_with('\n'));
+    EXPECT_TRUE(ctl::show::outcome(answer, screen).ends_with('\n'));
+    EXPECT_TRUE(ctl::show::devices(answer).ends_with('\n'));
+    EXPECT_TRUE(ctl::show::nodes(answer, screen).ends_with('\n'));
+    EXPECT_TRUE(ctl::show::done(answer).ends_with('\n'));
+  }
+}
+
+}  // namespace
+}  // namespace slamgw::test

@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the judge of a live run forgives, and what it does not. Run as a test (ctest -R Fleet.Bounds)."""
+import pathlib
+import sys
+import unittest
+
+sys.path.insert(0, str(pathlib.Path(__file__).parent))
+from bounds import Absence, Bounds, Lapse  # noqa: E402
+from presence import contradictions  # noqa: E402
+
+END = float("inf")
+WHOLE = [(0.0, END)]
+
+
+def bounds(*absences, connections=(WHOLE, WHOLE), lapses=()):
+    return Bounds(list(absences), list(connections), subscribed_s=1, lapses=lapses)
+
+
+class Copies(unittest.TestCase):
+    def test_a_message_that_was_repeated_at_one_gateway_comes_once(self):
+        self.assertEqual(bounds().copies([(10, 0, 0), (10.7, 0, 0)], 10, 11), (1, 0))
+
+    def test_at_another_gateway_it_may_come_twice(self):
+        self.assertEqual(bounds().copies([(10, 0, 0), (10.7, 0, 0), (13, 1, 0)], 10, 13), (2, 0))
+
+    def test_and_back_from_another_one(self):
+        self.assertEqual(bounds().copies([(10, 0, 3), (13, 0, 5)], 10, 13), (2, 0))
+
+    def test_at_the_same_gateway_if_that_died_between(self):
+        dies = Absence("gateway killed", 0, 10.3, 10.6)
+        self.assertEqual(bounds(dies).copies([(10, 0, 0), (10.7, 0, 0)], 10, 11)[0], 2)
+        self.assertEqual(bounds(dies).copies([(10.4, 0, 0), (10.7, 0, 0)], 10, 11)[0], 1)
+
+    def test_a_connection_that_broke_under_it(self):
+        broken = bounds(connections=([(0, 20), (21, END)], WHOLE))
+        self.assertEqual(broken.copies([(19.5, 0, 0)], 19.6, 21.5), (1, 1))
+        self.assertEqual(broken.copies([(19.5, 1, 0)], 19.6, 21.5), (1, 0), "the other gateway's")
+        self.assertEqual(broken.copies([(10, 0, 0)], 10.1, 21.5), (1, 0), "it had come long before")
+        self.assertEqual(broken.copies([(20.5, 0, 0)], 21.2, 21.5), (1, 0), "it was said after that")
+
+    def test_a_cut_link_is_noticed_later(self):
+        cut = bounds(Absence("link cut", 0, 15, 22), connections=([(0, 25), (26, END)], WHOLE))
+        self.assertEqual(cut.copies([(14.9, 0, 0)], 14.95, 26.5), (1, 1))
+        self.assertEqual(cut.copies([(10, 0, 0)], 10.1, 26.5), (1, 0))
+
+    def test_a_gateway_that_died_has_not_logged_that_its_connection_broke(self):
+        dies = bounds(Absence("gateway killed", 0, 15, 18), connections=([(0, 18), (18.1, END)], WHOLE))
+        self.assertEqual(dies.copies([(14.9, 0, 0)], 14.95, 18.5), (1, 1))
+        self.assertEqual(dies.copies([(10, 0, 0)], 10.1, 18.5), (1, 0))
+
+
+class Order(unittest.TestCase):
+    cut = Absence("link cut", 0, 10, 12)
+
+    def test_whom_a_cut_off_gateway_has_acknowledged_is_overtaken_at_another_one(self):
+        self.assertTrue(bounds(self.cut).may_be_overtaken(0, 1, 11, 13))
+
+    def test_not_at_the_same_one_nor_by_way_of_a_whole_one(self):
+        self.assertFalse(bounds(self.cut).may_be_overtaken(0, 0, 11, 13))
+        self.assertFalse(bounds(self.cut).may_be_overtaken(1, 0, 11, 13))
+        self.assertFalse(bounds(self.cut).may_be_overtaken(0, 1, 40, 41))
+        self.assertFalse(bounds().may_be_overtaken(0, 1, 40, 41))
+
+
+class Wills(unittest.TestCase):
+    def test_nobody_hears_a_robot_at_a_gateway_that_is_cut_off(self):
+        cut = bounds(Absence("link cut", 0, 10, 22), connections=([(0, 18), (23, END)], WHOLE))
+        self.assertTrue(cut.may_have_a_will(0, 20))
+        self.assertFalse(cut.may_have_a_will(0, 12), "it was asked when the gateway could hear it")
+        self.assertFalse(cut.may_have_a_will(0, 24))
+        self.assertFalse(cut.may_have_a_will(1, 20))
+
+
+class Announcements(unittest.TestCase):
+    def test_a_gateway_that_is_back_names_its_robots_of_before_until_it_takes_part(self):
+        back = bounds(connections=([(0, 18), (23, END)], WHOLE))
+        self.assertTrue(back.may_announce_anew([0, 1], 23.2, 2.5))
+        self.assertFalse(back.may_announce_anew([0, 1], 23.2, 6))
+        self.assertFalse(back.may_announce_anew([0, 1], 30, 2.5))
+        self.assertFalse(back.may_announce_anew([0, 1], 0.5, 2.5), "it had none before")
+        self.assertFalse(back.may_announce_anew([1], 23.2, 2.5))
+
+    def test_so_does_one_that_was_stopped_and_whose_connection_stood_it(self):
+        back = bounds(Absence("gateway stopped", 0, 10, 20))
+        self.assertTrue(back.may_announce_anew([0, 1], 20.3, 2.5))
+        self.assertFalse(back.may_announce_anew([1], 20.3, 2.5))
+
+
+class Commands(unittest.TestCase):
+    def test_one_gateway_that_hears_is_enough(self):
+        self.assertFalse(bounds().may_be_unheard(10))
+        self.assertFalse(bounds(connections=([(0, 5), (15, END)], WHOLE)).may_be_unheard(10))
+
+    def test_nobody_hears_before_subscriptions_stand_or_behind_a_stopped_node(self):
+        self.assertTrue(bounds(connections=([(0, 5), (9.5, END)], [])).may_be_unheard(10))
+        stopped = Absence("node stopped", 2, 9, 14)
+        self.assertTrue(bounds(stopped, connections=([(0, 19), (20, END)], [(0, 16), (17, END)])).may_be_unheard(10))
+        self.assertFalse(bounds(stopped, connections=([(0, 19), (20, END)], WHOLE)).may_be_unheard(10), "that one stood it")
+
+    def test_all_who_heard_it_must_have_died(self):
+        first, second = Absence("gateway killed", 0, 12, 13), Absence("gateway killed", 1, 30, 31)
+        self.assertTrue(bounds(first, second).may_be_orphaned(10))
+        self.assertFalse(bounds(first).may_be_orphaned(10))
+        self.assertFalse(bounds(first, Absence("gateway killed", 1, 50, 51)).may_be_orphaned(10))
+
+    def test_one_that_was_on_the_air_when_the_robot_went_may_be_obeyed(self):
+        self.assertTrue(bounds().may_be_obeyed_all_the_same(0, 10, 11, moves=[10.5]))
+        self.assertFalse(bounds().may_be_obeyed_all_the_same(0, 10, 11, moves=[9, 12]))
+
+    def test_or_when_its_gateway_had_lost_its_lease(self):
+        stopped = bounds(Absence("gateway stopped", 0, 10.2, 14))
+        self.assertTrue(stopped.may_be_obeyed_all_the_same(0, 10, 15, moves=[]))
+        self.assertFalse(stopped.may_be_obeyed_all_the_same(1, 10, 15, moves=[]))
+        lapsed = bounds(lapses=[Lapse(0, 10.5, 11.5)])
+        self.assertTrue(lapsed.may_be_obeyed_all_the_same(0, 10, 11, moves=[]), "a broker that is late")
+        self.assertFalse(lapsed.may_be_obeyed_all_the_same(0, 12, 15, moves=[]))
+        self.assertFalse(lapsed.may_be_obeyed_all_the_same(1, 10, 11, moves=[]))
+
+    def test_whose_gateway_died_when_no_other_one_heard_the_outcome_is_told_twice(self):
+        dies = Absence("gateway killed", 0, 20, 22)
+        away = bounds(dies, connections=([(0, 20), (23, END)], [(0, 15), (21, END)]))
+        self.assertTrue(away.may_be_told_twice(0, 10, 19))
+        self.assertFalse(away.may_be_told_twice(0, 10, 13), "the other one heard it")
+        self.assertFalse(away.may_be_told_twice(1, 10, 19), "that one did not die")
+        back = bounds(connections=([(0, 20), (23, END)], [(0, 15), (21, END)]))
+        self.assertFalse(back.may_be_told_twice(0, 10, 19), "it was away for 3 s only")
+
+    def test_an_outcome_comes_again_only_if_that_gateways_connection_broke(self):
+        broken = bounds(connections=([(0, 20), (21, END)], WHOLE))
+        self.assertTrue(broken.may_come_again(0, 19.5, 21.5))
+        self.assertFalse(broken.may_come_again(1, 19.5, 21.5))
+        self.assertFalse(broken.may_come_again(0, 30, 31))
+
+
+class Presence(unittest.TestCase):
+    @staticmethod
+    def view(at, gateway, state):
+        return at, f"p/gateway/{gateway}/robots/r1", f'{{"state":"{state}"}}'.encode() if state else b""
+
+    def test_two_at_a_time_are_a_contradiction_until_one_goes(self):
+        views = [self.view(1, "a", "online"), self.view(5, "b", "online"), self.view(8, "a", "")]
+        self.assertEqual(list(contradictions(views, "r1")), [(5, 3, ["a", "b"])])
+        self.assertEqual(list(contradictions(views, "r2")), [])
+
+    def test_who_leaves_first_or_is_offline_is_none(self):
+        self.assertEqual(list(contradictions([self.view(1, "a", "online"), self.view(2, "a", "offline"),
+                                              self.view(5, "b", "online")], "r1")), [])
+
+    def test_it_ends_when_the_observer_is_cut_off(self):
+        views = [self.view(1, "a", "online"), self.view(5, "b", "online"), (6, None, None)]
+        self.assertEqual(list(contradictions(views, "r1")), [(5, 1, ["a", "b"])])
+
+
+if __name__ == "__main__":
+    unittest.main()

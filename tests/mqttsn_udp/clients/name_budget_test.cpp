@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a subscription is charged is what it takes: in the table of the clients and in the core's.
+#include "adapters/mqttsn_udp/clients/name_budget.hpp"
+
+#include <gtest/gtest.h>
+#include <malloc.h>
+
+#include <functional>
+
+#include "daemon/core/subscription_table.hpp"
+#include "tests/mqttsn_udp/sn_rig.hpp"
+
+namespace slamgw::mqttsn {
+namespace {
+
+constexpr unsigned clients = 32;
+constexpr unsigned filters_each = 64;
+
+/// Octets that are taken for each octet that is charged.
+double taken_of_charged(const std::function<std::string(unsigned)>& filter_of) {
+  SnRig rig;
+  SubscriptionTable core;
+  for (unsigned n = 1; n <= clients; ++n) rig.connect(n, "r" + std::to_string(n));
+  std::size_t charged = 0;
+  const std::size_t before = mallinfo2().uordblks;
+  for (unsigned i = 0; i < clients * filters_each; ++i) {
+    const std::string filter = filter_of(i);
+    rig.subscribe(1 + i % clients, filter);
+    core.add(Mesh::thread, filter, Qos::at_least_once);
+    core.await(Mesh::thread, filter);
+    core.on_answer(filter, true);
+    charged += NameBudget::of_filter(filter);
+  }
+  const std::size_t after = mallinfo2().uordblks;
+  return after < before ? 0 : static_cast<double>(after - before) / static_cast<double>(charged);
+}
+
+TEST(NameBudget, ChargesFiltersForWhatTheyTake) {
+  const double ordinary =
+      taken_of_charged([](unsigned i) { return "a/robot-" + std::to_string(i) + "/+"; });
+  if (ordinary == 0) GTEST_SKIP() << "the allocator of this build counts nothing";
+  EXPECT_LT(ordinary, 2);
+  EXPECT_LT(taken_of_charged([](unsigned i) {
+              std::string filter = "a/" + std::to_string(i);
+              for (int level = 2; level < 63; ++level) filter += "/x";
+              return filter + "/+";
+            }),
+            1.25);
+  EXPECT_LT(taken_of_charged([](unsigned i) {
+              return "a/" + std::to_string(i) + "/" + std::to_string(i) + "/" + std::to_string(i);
+            }),
+            2);
+}
+
+}  // namespace
+}  // namespace slamgw::mqttsn

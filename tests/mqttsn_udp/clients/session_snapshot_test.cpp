@@ -1,0 +1,512 @@
+// SPDX-License-Identifier: Apache-2.0
+// Sessions that outlive the daemon: a second gateway made from the first one's snapshots.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "adapters/mqttsn_udp/clients/name_budget.hpp"
+#include "adapters/mqttsn_udp/clients/session_codec.hpp"
+#include "adapters/mqttsn_udp/limits.hpp"
+#include "tests/mqttsn_udp/sn_rig.hpp"
+
+namespace slamgw::mqttsn {
+namespace {
+
+/// What a store would have: all that was dirty, read at once.
+void save(SnRig& rig, std::map<std::string, Bytes>& store) {
+  for (const std::string& id : rig.gateway.take_dirty(1000)) {
+    if (const auto snapshot = rig.gateway.snapshot(id, rig.now)) {
+      store[id] = encode_session(*snapshot);
+    } else {
+      store.erase(id);
+    }
+  }
+}
+
+void restart(SnRig& before, SnRig& after) {
+  std::map<std::string, Bytes> store;
+  save(before, store);
+  after.now = before.now;
+  for (const auto& [id, content] : store) {
+    const auto snapshot = decode_session(content);
+    ASSERT_TRUE(snapshot) << id;
+    EXPECT_TRUE(after.gateway.restore(*snapshot, after.now));
+  }
+  after.broker_link(true);  // drains what restoring left
+}
+
+TEST(SnGateway, R47_GoesOnAfterARestartAsIfNothingHadHappened) {
+  SnRig before;
+  before.send(1, Connect{true, true, 1, 60, "r1"});
+  before.send(1, WillTopic{WireQos::one, true, "ntnu-slam/robot/r1/gone"});
+  before.send(1, WillMsg{to_bytes("bye")});
+  const auto id = before.register_topic(1, own_topic);
+  before.subscribe(1, "a/x", 1);
+  SnRig after;
+  restart(before, after);
+  EXPECT_TRUE(after.listening.contains("a/x")) << "it has had the retained messages";
+  EXPECT_TRUE(after.subscribes.empty());
+  EXPECT_EQ(after.presence.at(0).presence, Presence::online);
+  EXPECT_TRUE(after.is_silent(1));
+  after.publish(1, id, 1, 7);
+  ASSERT_EQ(after.reports.size(), 1U);
+  EXPECT_EQ(after.reports[0].topic, own_topic);
+  after.broker("a/x", "down", 0);
+  EXPECT_EQ(after.last_to(1), "PUBLISH dup=0 qos=0 retain=0 normal id=2 msg=0 data=646f776e");
+  after.pass_s(100);
+  ASSERT_EQ(after.reports.size(), 2U);
+  EXPECT_TRUE(after.reports[1].is_will);
+  EXPECT_EQ(after.reports[1].payload, to_bytes("bye"));
+}
+
+/// As an earlier version has kept them, which let each client have them.
+TEST(SnGateway, RestoresNoMoreFiltersThanMayStandTogether) {
+  constexpr std::size_t clients = 45;
+  SnRig before;
+  before.connect(1, "c", false);
+  SessionSnapshot kept = before.gateway.snapshot("c", before.now).value();
+  SnRig after;
+  std::size_t charged = 0;
+  std::size_t restored = 0;
+  for (std::size_t n = 0; n < clients; ++n) {
+    kept.client_id = kept.robot = "c" + std::to_string(n);
+    kept.peer.reset();
+    kept.state = ClientState::disconnected;
+    kept.subscriptions.clear();
+    for (std::size_t i = 0; i < limits::max_subscriptions_per_client; ++i) {
+      std::string filter = "a/" + kept.client_id + "-" + std::to_string(i);
+      for (int level = 2; level < 64; ++level) filter += "/x";
+      kept.subscriptions.push_back({filter});
+    }
+    ASSERT_TRUE(after.gateway.restore(kept, after.now));
+    const auto came_back = after.gateway.snapshot(kept.client_id, after.now);
+    ASSERT_TRUE(came_back);
+    for (const auto& each : came_back->subscriptions) {
+      charged += NameBudget::of_filter(each.filter);
+      ++restored;
+    }
+  }
+  EXPECT_LE(charged, limits::name_octets_together);
+  EXPECT_GT(charged, limits::name_octets_together / 2);
+  EXPECT_LT(restored, clients * limits::max_subscriptions_per_client);
+  after.broker_link(true);
+  ASSERT_FALSE(after.notices.empty());
+  EXPECT_NE(after.notices.back().text.find("are larger than the bound"), std::string::npos)
+      << after.notices.back().text;
+}
+
+TEST(SnGateway, TellsWhichKeptSubscriptionIsNoLongerAllowed) {
+  SnRig before;
+  before.connect(1, "c", false);
+  SessionSnapshot kept = before.gateway.snapshot("c", before.now).value();
+  kept.subscriptions.push_back({"ntnu-slam/secret/#"});
+  kept.subscriptions.push_back({"x/+"});
+  SnRig after;
+  ASSERT_TRUE(after.gateway.restore(kept, after.now));
+  EXPECT_TRUE(after.gateway.snapshot("c", after.now).value().subscriptions.empty());
+  after.broker_link(true);
+  ASSERT_EQ(after.notices.size(), 1U);
+  EXPECT_NE(after.notices[0].text.find(
+                "c's kept subscriptions to 'ntnu-slam/secret/#', 'x/+' are given up"),
+            std::string::npos);
+}
+
+const std::string cmd_topic = "ntnu-slam/server/r1/cmd";
+const std::string run_topic = "ntnu-slam/server/r1/run";
+
+/// A `cmd` is in flight and a `run` waits behind it; they came nine seconds ago.
+void leave_two_commands(SnRig& before) {
+  before.connect(1, "r1", false, 6000);
+  before.subscribe(1, cmd_topic, 1);
+  before.subscribe(1, run_topic, 1);
+  before.broker(cmd_topic, "1", 1);
+  before.broker(run_topic, "2", 1);
+  before.pass_s(9);
+  before.gateway.set_all_dirty();
+}
+
+TEST(SnGateway, TellsTheOutcomesOfCommandsThatWereUnderWayAtARestart) {
+  SnRig before, after;
+  leave_two_commands(before);
+  restart(before, after);
+  after.pass_s(1);
+  after.send(1, Puback{1, 1, ReturnCode::accepted});
+  after.send(1, Puback{2, 2, ReturnCode::accepted});
+  ASSERT_EQ(after.outcomes.size(), 2U);
+  EXPECT_EQ(after.outcomes[0].type, "cmd");
+  EXPECT_EQ(after.outcomes[1].type, "run");
+  for (const CommandOutcome& outcome : after.outcomes) {
+    EXPECT_EQ(outcome.robot, "r1");
+    EXPECT_EQ(outcome.result, CommandResult::delivered);
+    EXPECT_EQ(outcome.after, std::chrono::seconds(10));
+  }
+}
+
+TEST(SnGateway, DoesNotGiveACommandMoreTimeBecauseOfARestart) {
+  SnRig before, after;
+  leave_two_commands(before);
+  restart(before, after);
+  after.pass_s(19);
+  EXPECT_TRUE(after.outcomes.empty());
+  after.broker(cmd_topic, "later", 1);
+  after.pass_s(1);
+  ASSERT_EQ(after.outcomes.size(), 2U);
+  EXPECT_EQ(after.outcomes[0].result, CommandResult::timeout);
+  EXPECT_EQ(after.outcomes[0].after, limits::command_patience);
+  after.pass_s(28);
+  EXPECT_EQ(after.outcomes.size(), 3U) << "in the order in which they came";
+}
+
+TEST(SnGateway, CountsTheTimeThatItWasAwayForCommandsToo) {
+  for (const bool is_rebooted : {false, true}) {
+    SnRig before, after;
+    leave_two_commands(before);
+    const auto snapshot = *before.gateway.snapshot("r1", before.now);
+    after.now =
+        is_rebooted ? TimePoint(std::chrono::seconds(70)) : before.now + std::chrono::seconds(15);
+    ASSERT_TRUE(after.gateway.restore(snapshot, after.now));
+    after.broker_link(true);  // drains
+    after.pass_s(is_rebooted ? 0 : 4);
+    EXPECT_EQ(after.outcomes.size(), is_rebooted ? 2U : 0U);
+    after.pass_s(1);
+    ASSERT_EQ(after.outcomes.size(), 2U);
+    EXPECT_EQ(after.outcomes[0].result, CommandResult::timeout);
+  }
+}
+
+TEST(SnGateway, RefusesTheCommandsOfASessionThatCannotGoOn) {
+  SnRig before;
+  leave_two_commands(before);
+  const auto snapshot = *before.gateway.snapshot("r1", before.now);
+  SnRig after({}, {{"r1", {}, "other"}});
+  EXPECT_FALSE(after.gateway.restore(snapshot, before.now));
+  after.broker_link(true);  // drains
+  ASSERT_EQ(after.outcomes.size(), 2U);
+  EXPECT_EQ(after.outcomes[1].robot, "r1");
+  EXPECT_EQ(after.outcomes[1].type, "run");
+  EXPECT_EQ(after.outcomes[1].result, CommandResult::refused);
+}
+
+TEST(SnGateway, TakesNoCommandFromADamagedRecord) {
+  SnRig before;
+  leave_two_commands(before);
+  auto snapshot = *before.gateway.snapshot("r1", before.now);
+  snapshot.messages[0].message.topic.back() = '\xff';
+  snapshot.messages[1].command_age = std::chrono::hours(1000);
+  SnRig after;
+  ASSERT_TRUE(after.gateway.restore(snapshot, after.now));
+  after.pass_s(60);
+  ASSERT_EQ(after.outcomes.size(), 1U);
+  EXPECT_EQ(after.outcomes[0].after, std::chrono::hours(1));
+}
+
+/// In a fleet another gateway has told the outcome by then, and this one must see that.
+TEST(SnGateway, TellsTheWholeAgeOfACommandThatItFindsLate) {
+  SnRig before, after;
+  leave_two_commands(before);
+  const auto snapshot = *before.gateway.snapshot("r1", before.now);
+  after.now = before.now + std::chrono::minutes(5);
+  ASSERT_TRUE(after.gateway.restore(snapshot, after.now));
+  after.broker_link(true);  // drains
+  after.pass_s(1);
+  ASSERT_EQ(after.outcomes.size(), 2U);
+  EXPECT_EQ(after.outcomes[0].result, CommandResult::timeout);
+  EXPECT_GE(after.outcomes[0].after, std::chrono::minutes(5));
+}
+
+TEST(SnGateway, TellsNoOutcomeAgainAfterARestart) {
+  SnRig before, after;
+  leave_two_commands(before);
+  std::map<std::string, Bytes> taken;
+  save(before, taken);
+  before.pass_s(30);
+  EXPECT_EQ(before.outcomes.size(), 2U);
+  restart(before, after);
+  EXPECT_EQ(after.gateway.queued_for("r1"), 0U) << "and it is not carried out";
+  after.pass_s(60);
+  EXPECT_TRUE(after.outcomes.empty());
+}
+
+TEST(SnGateway, TellsNoRefusalAgainAfterARestart) {
+  SnRig before, after;
+  before.connect(1, "r1", false, 6000);
+  before.subscribe(1, "ntnu-slam/server/r1/+", 1);
+  before.broker(cmd_topic, "1", 1);
+  std::map<std::string, Bytes> store;
+  save(before, store);
+  const auto asked = before.last_to(1);
+  ASSERT_TRUE(asked.starts_with("REGISTER")) << asked;
+  before.send(1, Regack{1, 1, ReturnCode::not_supported});
+  ASSERT_EQ(before.outcomes.size(), 1U);
+  restart(before, after);
+  after.pass_s(60);
+  EXPECT_TRUE(after.outcomes.empty());
+}
+
+TEST(SnGateway, KeepsAtItsEndWhatASleeperHadQueuedWhileItWasActive) {
+  Settings settings;
+  settings.max_sleeping_messages = 2;
+  SnRig rig(settings);
+  rig.connect(1, "r1");
+  rig.subscribe(1, "a/x", 1);
+  for (int i = 0; i < 10; ++i) rig.broker("a/x", "hi", 1);
+  rig.sleep(1, 300);
+  const auto queued = rig.gateway.queued_for("r1");
+  rig.stop();
+  EXPECT_EQ(rig.gateway.queued_for("r1"), queued);
+  EXPECT_EQ(queued, 10U);
+}
+
+TEST(SnGateway, RefusesAtItsEndWhatWaitsForARegistrationOrComesLater) {
+  SnRig rig;
+  rig.connect(1, "r1");
+  rig.subscribe(1, "ntnu-slam/server/r1/+", 1);
+  rig.broker(cmd_topic, "unregistered", 0);
+  EXPECT_TRUE(rig.outcomes.empty());
+  rig.stop();
+  EXPECT_EQ(rig.outcomes.size(), 1U);
+  rig.broker(run_topic, "too late", 0);
+  ASSERT_EQ(rig.outcomes.size(), 2U);
+  EXPECT_EQ(rig.outcomes[1].result, CommandResult::refused);
+}
+
+TEST(SnGateway, RefusesAtItsEndWhatNoSessionKeeps) {
+  SnRig rig;
+  rig.connect(1, "r1");
+  rig.subscribe(1, cmd_topic, 1);
+  rig.sleep(1, 300);
+  rig.broker(cmd_topic, "kept", 1);
+  rig.broker(cmd_topic, "not kept", 0);
+  rig.stop();
+  ASSERT_EQ(rig.outcomes.size(), 1U);
+  EXPECT_EQ(rig.outcomes[0].result, CommandResult::refused);
+  EXPECT_EQ(rig.gateway.queued_for("r1"), 1U);
+}
+
+TEST(SnGateway, R47_DeliversAfterARestartWhatWasInFlightAndWhatWaited) {
+  SnRig before;
+  before.connect(1, "r1", false);
+  before.subscribe(1, "a/x", 2);
+  before.broker("a/x", "1", 2);
+  before.broker("a/x", "2", 1);
+  before.broker("a/x", "lost", 0);
+  before.send(1, Pubrec{1});
+  SnRig after;
+  restart(before, after);
+  EXPECT_EQ(after.sent_to(1), Lines{"PUBREL msg=1"});
+  after.send(1, Pubcomp{1});
+  EXPECT_EQ(after.sent_to(1), Lines{"PUBLISH dup=0 qos=1 retain=0 normal id=1 msg=2 data=32"});
+  after.send(1, Puback{1, 2, ReturnCode::accepted});
+  EXPECT_EQ(after.gateway.queued_for("r1"), 0U);
+}
+
+TEST(SnGateway, R47_RemembersExactlyOnceOverARestart) {
+  SnRig before;
+  before.connect(1, "r1", false);
+  const auto id = before.register_topic(1, own_topic);
+  before.publish(1, id, 2, 7);
+  before.receipt(before.reports.at(0).receipt.id);
+  SnRig after;
+  restart(before, after);
+  after.publish(1, id, 2, 7);
+  EXPECT_TRUE(after.reports.empty());
+  EXPECT_EQ(after.last_to(1), "PUBREC msg=7");
+}
+
+TEST(SnGateway, R76_KnowsRepetitionsOverARestart) {
+  SnRig before;
+  before.connect(1, "r1");
+  const auto id = before.register_topic(1, own_topic);
+  before.publish(1, id, 1, 7, "step");
+  before.publish(1, id, 1, 8, "not safe yet");
+  before.receipt(before.reports.at(0).receipt.id);
+  before.pass_s(2);
+  before.gateway.set_all_dirty();
+  SnRig after;
+  restart(before, after);
+  after.publish(1, id, 1, 7, "step");
+  EXPECT_TRUE(after.reports.empty());
+  EXPECT_EQ(after.last_to(1), "PUBACK id=1 msg=7 code=0");
+  after.publish(1, id, 1, 8, "not safe yet");
+  EXPECT_EQ(after.reports.size(), 1U);
+}
+
+TEST(SnGateway, R47_RestoresSleepersAndTheDisconnected) {
+  SnRig before;
+  before.connect(1, "r1");
+  before.subscribe(1, "a/x", 1);
+  before.sleep(1, 100);
+  before.broker("a/x", "1", 1);
+  before.connect(2, "r2", false);
+  before.send(2, Disconnect{});
+  SnRig after;
+  restart(before, after);
+  EXPECT_EQ(after.gateway.presence_of("r1"), Presence::asleep);
+  EXPECT_EQ(after.gateway.presence_of("r2"), Presence::offline);
+  EXPECT_EQ(after.gateway.snapshot("r2", after.now)->state, ClientState::disconnected);
+  EXPECT_TRUE(after.is_silent(1));
+  after.send(1, Pingreq{"r1"});
+  EXPECT_EQ(after.sent_to(1).size(), 1U);
+}
+
+TEST(SnGateway, NamesOnlyTheSessionsThatChanged) {
+  SnRig rig;
+  rig.connect(1, "r1");
+  rig.connect(2, "r2");
+  EXPECT_EQ(rig.gateway.take_dirty(1000), (Lines{"r1", "r2"}));
+  rig.send(1, Pingreq{});
+  EXPECT_TRUE(rig.gateway.take_dirty(1000).empty());
+  rig.register_topic(2, "ntnu-slam/robot/r2/adv");
+  EXPECT_EQ(rig.gateway.take_dirty(1000), Lines{"r2"});
+  rig.send(1, Disconnect{});
+  EXPECT_EQ(rig.gateway.take_dirty(1000), Lines{"r1"});
+  EXPECT_FALSE(rig.gateway.snapshot("r1", TimePoint{})) << "a clean session is gone";
+}
+
+TEST(SnGateway, TakesSomeOfTheChangedSessionsAtATime) {
+  SnRig rig;
+  for (unsigned n = 0; n < 5; ++n) rig.connect(n, "r" + std::to_string(n));
+  EXPECT_EQ(rig.gateway.take_dirty(3).size(), 3U);
+  EXPECT_TRUE(rig.gateway.has_dirty());
+  EXPECT_EQ(rig.gateway.take_dirty(3).size(), 2U);
+  EXPECT_FALSE(rig.gateway.has_dirty());
+}
+
+/// Whatever became of the octets, restoring them harms nothing.
+TEST(SessionCodec, SurvivesDamage) {
+  SnRig before;
+  before.send(1, Connect{true, false, 1, 60, "r1"});
+  before.send(1, WillTopic{WireQos::one, true, "ntnu-slam/robot/r1/gone"});
+  before.send(1, WillMsg{to_bytes("bye")});
+  before.register_topic(1, own_topic);
+  before.subscribe(1, "a/x", 2);
+  before.broker("a/x", "1", 2);
+  before.broker("a/x", "2", 2);
+  const Bytes sound = encode_session(*before.gateway.snapshot("r1", before.now));
+  ASSERT_TRUE(decode_session(sound));
+  std::size_t restored = 0;
+  for (std::size_t at = 0; at < sound.size(); ++at) {
+    EXPECT_FALSE(decode_session(ByteView(sound).first(at))) << at;
+    for (const std::uint8_t mask : std::initializer_list<std::uint8_t>{0x01, 0xff}) {
+      Bytes damaged = sound;
+      damaged[at] ^= mask;
+      const auto snapshot = decode_session(damaged);
+      if (!snapshot) continue;
+      SnRig after;
+      restored += after.gateway.restore(*snapshot, after.now) ? 1 : 0;
+      after.broker_link(true);
+      after.send(1, Pingreq{"r1"});
+      after.pass_s(200);
+    }
+  }
+  EXPECT_GT(restored, 0U);
+}
+
+/// A client that may write under another gateway's name at the broker can send it.
+TEST(SessionCodec, SurvivesWhatIsNestedWithoutEnd) {
+  constexpr std::size_t octets = 130'000;
+  for (const std::uint8_t head :
+       std::initializer_list<std::uint8_t>{0x9f, 0xbf, 0x7f, 0x5f, 0x81, 0xa1, 0xc1, 0xd8}) {
+    EXPECT_FALSE(decode_session(Bytes(octets, head))) << unsigned{head};
+    Bytes keyed;  // as the value of a map's key, and the next in that
+    while (keyed.size() < octets) keyed.insert(keyed.end(), {0xbf, 0x61, 'a', head});
+    EXPECT_FALSE(decode_session(keyed)) << unsigned{head};
+  }
+}
+
+TEST(SessionCodec, RefusesLengthsBeyondTheOctets) {
+  for (const std::uint8_t head : std::initializer_list<std::uint8_t>{0x5b, 0x7b, 0x9b, 0xbb}) {
+    Bytes huge(9, 0xff);
+    huge[0] = head;
+    EXPECT_FALSE(decode_session(huge)) << unsigned{head};
+    huge.resize(4);
+    EXPECT_FALSE(decode_session(huge)) << unsigned{head};
+  }
+  EXPECT_FALSE(decode_session({}));
+}
+
+TEST(SnGateway, RestoresNoSubscriptionThatIsNotAllowedAnyMore) {
+  SnRig before;
+  before.connect(1, "r1");
+  before.subscribe(1, "a/x", 1);
+  auto snapshot = *before.gateway.snapshot("r1", before.now);
+  snapshot.subscriptions.push_back({"ntnu-slam/server/r2/cmd", Qos::at_least_once, {}, 9});
+  SnRig after;
+  EXPECT_TRUE(after.gateway.restore(snapshot, after.now));
+  after.broker_link(true);
+  EXPECT_TRUE(after.subscribes.empty());
+  EXPECT_EQ(after.listening, (std::set<std::string>{"a/x", "ntnu-slam/server/r1/+"}));
+}
+
+TEST(SnGateway, DoesNotRestoreWhatNoLongerFits) {
+  SnRig before;
+  before.connect(1, "r1");
+  const auto snapshot = before.gateway.snapshot("r1", TimePoint{});
+  ASSERT_TRUE(snapshot);
+  SnRig taken({}, {{"r1", {}, "tank"}});
+  EXPECT_FALSE(taken.gateway.restore(*snapshot, taken.now)) << "another robot's name";
+  SnRig twice;
+  EXPECT_TRUE(twice.gateway.restore(*snapshot, twice.now));
+  EXPECT_FALSE(twice.gateway.restore(*snapshot, twice.now));
+}
+
+/// A session as another gateway would hand it over, which has all that may roam.
+SessionSnapshot roaming_session() {
+  SnRig rig;
+  rig.send(1, Connect{true, false, 1, 60, "r1"});
+  rig.send(1, WillTopic{WireQos::one, true, "ntnu-slam/robot/r1/gone"});
+  rig.send(1, WillMsg{to_bytes("bye")});
+  rig.subscribe(1, "a/x", 1);
+  rig.broker("a/x", "waits", 1);
+  auto session = *rig.gateway.snapshot("r1", rig.now);
+  session.peer.reset();
+  session.state = ClientState::disconnected;
+  return session;
+}
+
+TEST(SnGateway, TakesOverASessionWithItsWillAndItsMessages) {
+  const auto session = roaming_session();
+  SnRig rig;
+  rig.gateway.take_over("r1", session, rig.now);
+  const auto taken = rig.gateway.snapshot("r1", rig.now);
+  ASSERT_TRUE(taken);
+  EXPECT_TRUE(taken->will);
+  EXPECT_EQ(taken->messages.size(), 1U);
+}
+
+TEST(SnGateway, TakesOverNoSessionOfAClientThatIsAnotherRobot) {
+  auto session = roaming_session();
+  session.client_id = "r2";
+  SnRig rig;
+  rig.gateway.take_over("r1", session, rig.now);
+  EXPECT_FALSE(rig.gateway.snapshot("r2", rig.now));
+  EXPECT_TRUE(rig.presence.empty());
+}
+
+TEST(SnGateway, TakesOverNoWillThatTheClientMayNotHave) {
+  for (const std::string topic : {"ntnu-slam/robot/r2/gone", "elsewhere", "a/#", ""}) {
+    auto session = roaming_session();
+    session.will->topic = topic;
+    SnRig rig;
+    rig.gateway.take_over("r1", session, rig.now);
+    const auto taken = rig.gateway.snapshot("r1", rig.now);
+    ASSERT_TRUE(taken);
+    EXPECT_FALSE(taken->will) << topic;
+  }
+}
+
+TEST(SnGateway, TakesOverNoCommandsAndNoInvalidTopics) {
+  auto session = roaming_session();
+  session.messages.assign(3, session.messages.at(0));
+  session.messages[1].message.topic = "ntnu-slam/server/r1/cmd";
+  session.messages[1].command_age = std::chrono::seconds(1);
+  session.messages[2].message.topic = "a/#";
+  SnRig rig;
+  rig.gateway.take_over("r1", session, rig.now);
+  EXPECT_EQ(rig.gateway.queued_for("r1"), 1U);
+  rig.pass_s(60);
+  EXPECT_TRUE(rig.outcomes.empty());
+}
+
+}  // namespace
+}  // namespace slamgw::mqttsn

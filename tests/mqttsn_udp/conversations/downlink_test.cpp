@@ -1,0 +1,318 @@
+// SPDX-License-Identifier: Apache-2.0
+// PUBLISH to clients (R85-R93), and the outcome of commands.
+#include <gtest/gtest.h>
+
+#include "adapters/mqttsn_udp/limits.hpp"
+#include "tests/mqttsn_udp/sn_rig.hpp"
+
+namespace slamgw::mqttsn {
+namespace {
+
+/// A client that has subscribed to "a/x" at QoS 2; its id is 1.
+struct DownlinkRig : SnRig {
+  explicit DownlinkRig(bool clean = true, std::uint16_t keep_alive_s = 6000) {
+    connect(1, "r1", clean, keep_alive_s);
+    subscribe(1, "a/x", 2);
+  }
+};
+
+TEST(SnGateway, R85_UsesTheKindOfIdThatTheClientSubscribedWith) {
+  Settings settings;
+  settings.predefined_topics = {{7, "a/seven", {}}};
+  SnRig rig(settings);
+  rig.connect(1, "r1");
+  rig.subscribe(1, "a/name", 0);
+  rig.send(1, Subscribe{false, WireQos::zero, TopicIdType::predefined, 2, "", 7});
+  rig.send(1, Subscribe{false, WireQos::zero, TopicIdType::short_name, 3, "", 0x6162});
+  rig.sent_to(1);
+  for (const char* topic : {"a/name", "a/seven", "ab"}) rig.broker(topic);
+  EXPECT_EQ(rig.sent_to(1), (Lines{"PUBLISH dup=0 qos=0 retain=0 normal id=1 msg=0 data=6869",
+                                   "PUBLISH dup=0 qos=0 retain=0 predefined id=7 msg=0 data=6869",
+                                   "PUBLISH dup=0 qos=0 retain=0 short id=24930 msg=0 data=6869"}));
+}
+
+TEST(SnGateway, R86_RegistersAgainWhatTheClientHasForgotten) {
+  DownlinkRig rig;
+  rig.broker("a/x", "hi", 1);
+  rig.sent_to(1);
+  rig.send(1, Puback{1, 1, ReturnCode::invalid_topic_id});
+  EXPECT_EQ(rig.sent_to(1), Lines{"REGISTER id=1 msg=2 topic=a/x"});
+  rig.send(1, Regack{1, 2, ReturnCode::accepted});
+  EXPECT_EQ(rig.sent_to(1), Lines{"PUBLISH dup=0 qos=1 retain=0 normal id=1 msg=3 data=6869"});
+  rig.send(1, Puback{1, 3, ReturnCode::invalid_topic_id});
+  EXPECT_TRUE(rig.is_silent(1)) << "once only";
+  EXPECT_EQ(rig.gateway.queued_for("r1"), 0U);
+}
+
+TEST(SnGateway, R86_RegistersAgainAtQos0Too) {
+  DownlinkRig rig;
+  rig.broker("a/x", "hi", 0);
+  rig.sent_to(1);
+  rig.send(1, Puback{1, 0, ReturnCode::invalid_topic_id});
+  EXPECT_EQ(rig.sent_to(1), Lines{"REGISTER id=1 msg=1 topic=a/x"});
+  rig.send(1, Regack{1, 1, ReturnCode::accepted});
+  EXPECT_EQ(rig.sent_to(1), Lines{"PUBLISH dup=0 qos=0 retain=0 normal id=1 msg=0 data=6869"});
+  rig.send(1, Puback{1, 0, ReturnCode::invalid_topic_id});
+  EXPECT_TRUE(rig.is_silent(1));
+}
+
+TEST(SnGateway, R86_LeavesACongestedClientAloneAndDropsWhatItRefuses) {
+  DownlinkRig rig;
+  rig.broker("a/x", "1", 1);
+  rig.send(1, Puback{1, 1, ReturnCode::congestion});
+  rig.sent_to(1);
+  rig.broker("a/x", "2", 0);
+  rig.pass(limits::t_wait - std::chrono::seconds(1));
+  EXPECT_TRUE(rig.is_silent(1));
+  rig.pass_s(2);
+  EXPECT_EQ(rig.last_to(1), "PUBLISH dup=1 qos=1 retain=0 normal id=1 msg=1 data=31");
+  rig.send(1, Puback{1, 1, ReturnCode::not_supported});
+  EXPECT_EQ(rig.last_to(1), "PUBLISH dup=0 qos=1 retain=0 normal id=1 msg=1 data=31")
+      << "once more, for DUP may be what it refused";
+  rig.send(1, Puback{1, 1, ReturnCode::not_supported});
+  EXPECT_EQ(rig.sent_to(1), Lines{"PUBLISH dup=0 qos=0 retain=0 normal id=1 msg=0 data=32"});
+  rig.broker("a/x", "3", 1);
+  rig.send(1, Puback{1, 2, static_cast<ReturnCode>(9)});
+  EXPECT_EQ(rig.gateway.queued_for("r1"), 0U);
+}
+
+TEST(SnGateway, R87_DeliversAtTheLowerQos) {
+  SnRig rig;
+  rig.connect(1, "r1");
+  rig.subscribe(1, "a/0", 0);
+  rig.subscribe(1, "a/1", 1);
+  rig.broker("a/0", "x", 2);
+  EXPECT_NE(rig.last_to(1).find("qos=0"), std::string::npos);
+  rig.broker("a/1", "x", 2);
+  EXPECT_NE(rig.last_to(1).find("qos=1"), std::string::npos);
+  rig.send(1, Puback{2, 1, ReturnCode::accepted});
+  rig.broker("a/1", "x", 0);
+  EXPECT_NE(rig.last_to(1).find("qos=0"), std::string::npos);
+}
+
+TEST(SnGateway, R88_RepeatsQos1WithDupAndQos2InBothHalves) {
+  DownlinkRig rig;
+  constexpr auto wait = RetransmissionTimeout::initial;
+  rig.broker("a/x", "1", 1);
+  rig.pass(wait - std::chrono::milliseconds(1));
+  EXPECT_EQ(rig.sent_to(1).size(), 1U);
+  rig.pass(std::chrono::milliseconds(1));
+  EXPECT_EQ(rig.sent_to(1), Lines{"PUBLISH dup=1 qos=1 retain=0 normal id=1 msg=1 data=31"});
+  rig.send(1, Puback{1, 1, ReturnCode::accepted});
+  rig.broker("a/x", "2", 2);
+  rig.pass(2 * wait);
+  EXPECT_EQ(rig.sent_to(1), (Lines{"PUBLISH dup=0 qos=2 retain=0 normal id=1 msg=2 data=32",
+                                   "PUBLISH dup=1 qos=2 retain=0 normal id=1 msg=2 data=32"}));
+  rig.send(1, Pubrec{2});
+  rig.pass(3 * wait);
+  EXPECT_EQ(rig.sent_to(1), Lines(2, "PUBREL msg=2"));
+  rig.send(1, Pubcomp{2});
+  rig.pass_s(100);
+  EXPECT_TRUE(rig.is_silent(1));
+}
+
+TEST(SnGateway, R89_TakesAPubackForTheEndOfAQos2Delivery) {
+  DownlinkRig rig;
+  rig.broker("a/x", "2", 2);
+  rig.sent_to(1);
+  rig.send(1, Puback{1, 1, ReturnCode::accepted});
+  rig.pass_s(100);
+  EXPECT_TRUE(rig.is_silent(1));
+  EXPECT_EQ(rig.gateway.queued_for("r1"), 0U);
+}
+
+TEST(SnGateway, R90_NumbersItsMessagesForEachClientWithoutZero) {
+  DownlinkRig before;
+  before.connect(2, "r2");
+  before.subscribe(2, "a/x", 1);
+  auto worn = *before.gateway.snapshot("r1", before.now);
+  worn.last_msg_id = 65534;
+  SnRig rig;
+  ASSERT_TRUE(rig.gateway.restore(worn, rig.now));
+  ASSERT_TRUE(rig.gateway.restore(*before.gateway.snapshot("r2", before.now), rig.now));
+  for (const std::uint16_t msg_id : {std::uint16_t{65535}, std::uint16_t{1}, std::uint16_t{2}}) {
+    rig.broker("a/x", "x", 1);
+    EXPECT_NE(rig.last_to(1).find("msg=" + std::to_string(msg_id) + " "), std::string::npos);
+    rig.send(1, Puback{1, msg_id, ReturnCode::accepted});
+  }
+  EXPECT_NE(rig.last_to(2).find("msg=1 "), std::string::npos) << "its own numbers";
+}
+
+TEST(SnGateway, R91_HasOneDeliveryInFlightAndKeepsTheOrder) {
+  DownlinkRig rig;
+  for (const char* payload : {"1", "2", "3"}) rig.broker("a/x", payload, 1);
+  rig.broker("a/x", "4", 0);
+  Lines all = rig.sent_to(1);
+  EXPECT_EQ(all.size(), 1U);
+  for (std::uint16_t i = 1; i <= 3; ++i) {
+    rig.send(1, Puback{1, i, ReturnCode::accepted});
+    for (const std::string& line : rig.sent_to(1)) all.push_back(line);
+  }
+  ASSERT_EQ(all.size(), 4U);
+  for (std::size_t i = 0; i < 4; ++i)
+    EXPECT_NE(all[i].find("data=3" + std::to_string(i + 1)), std::string::npos);
+}
+
+TEST(SnGateway, R92_IgnoresAcksNobodyWaitsForAndEndsUnknownQos2) {
+  DownlinkRig rig;
+  rig.send(1, Puback{1, 50, ReturnCode::accepted});
+  rig.send(1, Pubcomp{50});
+  EXPECT_TRUE(rig.is_silent(1));
+  rig.send(1, Pubrec{50});
+  EXPECT_EQ(rig.sent_to(1), Lines{"PUBREL msg=50"});
+}
+
+TEST(SnGateway, R93_SendsNothingToWhoDoesNotListen) {
+  DownlinkRig rig(false);
+  rig.sleep(1, 1000);
+  rig.broker("a/x", "1", 1);
+  rig.pass_s(100);
+  EXPECT_TRUE(rig.is_silent(1));
+  rig.send(1, Disconnect{});
+  rig.sent_to(1);
+  rig.broker("a/x", "2", 1);
+  rig.pass_s(100);
+  EXPECT_TRUE(rig.is_silent(1));
+  DownlinkRig lost(false, 60);
+  lost.pass_s(91);
+  lost.broker("a/x", "3", 1);
+  lost.pass_s(100);
+  EXPECT_TRUE(lost.is_silent(1));
+}
+
+TEST(SnGateway, TellsTheOutcomeOfEachCommandOnce) {
+  const std::string command = "ntnu-slam/server/r1/cmd";
+  SnRig rig;
+  rig.connect(1, "r1", false, 6000);
+  rig.subscribe(1, command, 1);
+  rig.broker(command, "0", 0);
+  ASSERT_EQ(rig.outcomes.size(), 1U);
+  EXPECT_EQ(rig.outcomes[0].result, CommandResult::sent) << "nobody acknowledges QoS 0";
+  EXPECT_EQ(rig.outcomes[0].type, "cmd");
+  EXPECT_EQ(rig.outcomes[0].id, CommandId{1});
+  rig.broker(command, "1", 1);
+  EXPECT_EQ(rig.outcomes.size(), 1U);
+  rig.pass_s(3);
+  rig.send(1, Puback{1, 1, ReturnCode::accepted});
+  ASSERT_EQ(rig.outcomes.size(), 2U);
+  EXPECT_EQ(rig.outcomes[1].result, CommandResult::delivered);
+  EXPECT_EQ(rig.outcomes[1].id, CommandId{2});
+  EXPECT_EQ(rig.outcomes[1].after, std::chrono::seconds(3));
+  rig.broker(command, "2", 1);
+  rig.pass_s(30);
+  ASSERT_EQ(rig.outcomes.size(), 3U);
+  EXPECT_EQ(rig.outcomes[2].result, CommandResult::timeout);
+  rig.send(1, Puback{1, 2, ReturnCode::accepted});
+  EXPECT_EQ(rig.outcomes.size(), 3U);
+  rig.broker(command, "3", 1);
+  rig.send(1, Puback{1, 3, ReturnCode::not_supported});
+  ASSERT_EQ(rig.outcomes.size(), 4U);
+  EXPECT_EQ(rig.outcomes[3].result, CommandResult::refused);
+}
+
+TEST(SnGateway, WithdrawsACommandThatASleepingRobotDoesNotFetchInTime) {
+  const std::string command = "ntnu-slam/server/r1/cmd";
+  SnRig rig;
+  rig.connect(1, "r1");
+  rig.subscribe(1, command, 1);
+  rig.sleep(1, 300);
+  rig.broker(command, "go", 0);
+  rig.pass_s(31);
+  ASSERT_EQ(rig.outcomes.size(), 1U);
+  EXPECT_EQ(rig.outcomes[0].result, CommandResult::timeout);
+  EXPECT_NE(rig.outcomes[0].why.find("sleeps"), std::string::npos);
+  rig.send(1, Pingreq{"r1"});
+  EXPECT_EQ(rig.sent_to(1), Lines{"PINGRESP"}) << "its operator believes that it was not obeyed";
+  EXPECT_EQ(rig.outcomes.size(), 1U);
+}
+
+TEST(SnGateway, RefusesCommandsThatTheRobotHasNotSubscribedTo) {
+  SnRig rig;
+  rig.connect(1, "r1");
+  rig.subscribe(1, "ntnu-slam/server/r1/run", 1);
+  rig.broker("ntnu-slam/server/r1/cmd", "go", 1);
+  ASSERT_EQ(rig.outcomes.size(), 1U);
+  EXPECT_EQ(rig.outcomes[0].id, CommandId{1});
+  EXPECT_EQ(rig.outcomes[0].result, CommandResult::refused);
+  EXPECT_EQ(rig.outcomes[0].why, "the robot has not subscribed to ntnu-slam/server/r1/cmd");
+  rig.broker("ntnu-slam/server/r1/cmd", "kept", 1, true);
+  EXPECT_EQ(rig.outcomes.size(), 1U) << "the broker keeps it until the robot subscribes";
+}
+
+TEST(SnGateway, LeavesCommandsThatAnotherMeshCarriesToIt) {
+  SnRig rig({}, {}, {}, {"ntnu-slam/server/#"});
+  rig.connect(1, "r1");
+  rig.subscribe(1, "ntnu-slam/server/r1/cmd", 1);
+  rig.connect(2, "watcher");
+  rig.subscribe(2, "ntnu-slam/server/#", 0);
+  rig.gateway.on_broker_message({"ntnu-slam/server/r1/cmd", {}, Qos::at_least_once, false},
+                                CommandId::none, rig.now);
+  rig.broker_link(true);  // drains
+  EXPECT_TRUE(rig.is_silent(1));
+  EXPECT_FALSE(rig.is_silent(2)) << "others may listen";
+  EXPECT_TRUE(rig.outcomes.empty());
+}
+
+TEST(SnGateway, HearsAllCommandsForItsRobotsAsLongAsTheirSessionsLast) {
+  const std::string filter = "ntnu-slam/server/r1/+";
+  SnRig rig;
+  rig.connect(1, "r1", false);
+  EXPECT_EQ(rig.listening, std::set<std::string>{filter});
+  EXPECT_TRUE(rig.subscribes.empty()) << "fresh commands are enough";
+  rig.subscribe(1, filter, 1);
+  ASSERT_EQ(rig.subscribes.size(), 1u) << "the client is to get the retained ones too";
+  rig.send(1, Unsubscribe{TopicIdType::normal, 5, filter, 0});
+  EXPECT_EQ(rig.listening, std::set<std::string>{filter}) << "not only for the client";
+  rig.send(1, Disconnect{});
+  EXPECT_EQ(rig.listening, std::set<std::string>{filter}) << "its session is kept";
+  rig.connect(1, "r1", true);
+  EXPECT_EQ(rig.listening, std::set<std::string>{filter});
+  SnRig after;
+  ASSERT_TRUE(after.gateway.restore(*rig.gateway.snapshot("r1", rig.now), rig.now));
+  after.broker_link(true);  // drains
+  EXPECT_EQ(after.listening, std::set<std::string>{filter});
+  rig.send(1, Disconnect{});
+  EXPECT_TRUE(rig.listening.empty());
+}
+
+TEST(SnGateway, WakesOnceToForgetThatItHasAskedForTheCommandsOfManyRobots) {
+  SnRig rig;
+  for (unsigned n = 1; n <= 5; ++n) {
+    rig.connect(n, "r" + std::to_string(n));
+    rig.pass(std::chrono::milliseconds(100));
+  }
+  const TimePoint first = *rig.gateway.deadline();
+  EXPECT_LE(first, rig.now + std::chrono::seconds(12));
+  rig.pass(first - rig.now);
+  EXPECT_GE(*rig.gateway.deadline(), rig.now + std::chrono::seconds(10)) << "the keep-alive";
+}
+
+TEST(SnGateway, AsksForARobotsCommandsAgainWhenTheBrokerThatRefusedThemIsBack) {
+  SnRig rig;
+  for (unsigned n = 1; n <= 3; ++n) {
+    rig.connect(n, "r" + std::to_string(n));
+    if (n < 3) rig.subscribe_result("ntnu-slam/server/r" + std::to_string(n) + "/+", false);
+  }
+  rig.send(2, Disconnect{});
+  for (int i = 0; i < 2; ++i) {
+    rig.broker_link(false);
+    rig.broker_link(true);
+    rig.broker_link(true);  // told again
+  }
+  ASSERT_EQ(rig.subscribes.size(), 1U) << "the broker grants it now";
+  EXPECT_EQ(rig.subscribes[0].filter, "ntnu-slam/server/r1/+");
+  EXPECT_EQ(rig.subscribes[0].qos, Qos::at_least_once);
+  EXPECT_FALSE(rig.subscribes[0].wants_retained);
+}
+
+TEST(SnGateway, TellsNoOutcomeOfCommandsThatOthersOverhear) {
+  SnRig rig({}, {}, {}, {"ntnu-slam/server/#"});
+  rig.connect(1, "watcher");
+  rig.subscribe(1, "ntnu-slam/server/#", 0);
+  rig.broker("ntnu-slam/server/r1/cmd", "go", 0);
+  EXPECT_FALSE(rig.is_silent(1));
+  EXPECT_TRUE(rig.outcomes.empty());
+}
+
+}  // namespace
+}  // namespace slamgw::mqttsn

@@ -1,0 +1,200 @@
+// SPDX-License-Identifier: Apache-2.0
+// Ping, keep-alive, loss and revival (R106-R113), and disconnecting (R130-R132).
+#include <gtest/gtest.h>
+
+#include "tests/mqttsn_udp/sn_rig.hpp"
+
+namespace slamgw::mqttsn {
+namespace {
+
+bool is_active(const SnRig& rig) { return rig.gateway.presence_of("r1") == Presence::online; }
+
+TEST(SnGateway, R106_AnswersAPlainPing) {
+  SnRig rig;
+  rig.connect(1, "r1");
+  rig.send(1, Pingreq{});
+  EXPECT_EQ(rig.sent_to(1), Lines{"PINGRESP"});
+}
+
+TEST(SnGateway, R107_TakesAPingWithClientIdFromAnActiveClientForAPing) {
+  SnRig rig;
+  rig.connect(1, "r1");
+  rig.subscribe(1, "a/x", 0);
+  rig.send(1, Pingreq{"r1"});
+  EXPECT_EQ(rig.sent_to(1), Lines{"PINGRESP"});
+  EXPECT_TRUE(is_active(rig));
+  rig.broker("a/x");
+  EXPECT_EQ(rig.sent_to(1).size(), 1U) << "nothing is buffered";
+}
+
+TEST(SnGateway, R108_TakesAPingrespAtAnyTimeAndNeedsNone) {
+  SnRig rig;
+  rig.connect(1, "r1");
+  rig.pass_s(80);
+  rig.send(1, Pingresp{});
+  EXPECT_TRUE(rig.is_silent(1));
+  rig.pass_s(80);
+  EXPECT_TRUE(is_active(rig)) << "it was a sign of life";
+}
+
+TEST(SnGateway, R109_TakesEveryMessageForASignOfLife) {
+  SnRig rig;
+  rig.connect(1, "r1");
+  const auto id = rig.register_topic(1, own_topic);
+  Unsubscribe unsubscribe;
+  unsubscribe.topic_name = "a/x";
+  Publish qos0;
+  qos0.topic_id = id;
+  for (const Packet& packet :
+       {Packet{qos0}, Packet{Puback{}}, Packet{Regack{}}, Packet{Pubcomp{}}, Packet{unsubscribe},
+        Packet{Register{0, 1, own_topic}}, Packet{Pingreq{}}, Packet{WillMsgUpd{}}}) {
+    rig.pass_s(80);
+    rig.send(1, packet);
+    ASSERT_TRUE(is_active(rig)) << describe(packet);
+  }
+  rig.pass_s(91);
+  EXPECT_FALSE(is_active(rig));
+}
+
+TEST(SnGateway, TellsEverySignOfLifeAtMostOnceASecond) {
+  SnRig rig;
+  rig.connect(1, "r1");
+  rig.signs_of_life = 0;
+  Subscribe subscribe;
+  subscribe.topic_name = "a/x";
+  for (const Packet& packet : {Packet{Pingreq{}}, Packet{Pingreq{"r1"}}, Packet{subscribe},
+                               Packet{Puback{}}, Packet{Regack{}}, Packet{Pubcomp{}}}) {
+    rig.pass_s(2);
+    for (int i = 0; i < 100; ++i) rig.send(1, packet);
+  }
+  EXPECT_EQ(rig.signs_of_life, 6U);
+}
+
+TEST(SnGateway, R110_WaitsOneAndAHalfDurations) {
+  for (const std::uint16_t duration_s :
+       {std::uint16_t{10}, std::uint16_t{60}, std::uint16_t{600}}) {
+    SnRig rig;
+    rig.connect(1, "r1", true, duration_s);
+    rig.pass(std::chrono::milliseconds(duration_s * 1500 - 1));
+    EXPECT_TRUE(is_active(rig)) << duration_s;
+    rig.pass(std::chrono::milliseconds(1));
+    EXPECT_FALSE(is_active(rig)) << duration_s;
+  }
+  Settings settings;
+  settings.keep_alive_tolerance = 3;
+  SnRig patient(settings);
+  patient.connect(1, "r1");
+  patient.pass_s(179);
+  EXPECT_TRUE(is_active(patient));
+}
+
+TEST(SnGateway, R111_KnowsOnlyTheTimeItIsGiven) {
+  SnRig rig;  // steady time is the only time that the machine's interface has
+  rig.connect(1, "r1");
+  ASSERT_TRUE(rig.gateway.deadline());
+  rig.gateway.on_deadline(rig.now);  // early: nothing happens
+  EXPECT_TRUE(is_active(rig));
+}
+
+TEST(SnGateway, R112_PublishesTheWillAndKeepsOrForgetsTheSession) {
+  Settings settings;
+  settings.revive_lost = false;
+  for (const bool clean : {true, false}) {
+    SnRig rig(settings);
+    rig.send(1, Connect{true, clean, 1, 60, "r1"});
+    rig.send(1, WillTopic{WireQos::zero, false, own_topic});
+    rig.send(1, WillMsg{});
+    rig.subscribe(1, "a/x");
+    rig.pass_s(100);
+    EXPECT_EQ(rig.reports.size(), 1U);
+    EXPECT_TRUE(rig.is_silent(1)) << "no DISCONNECT unasked";
+    EXPECT_EQ(rig.gateway.presence_of("r1").has_value(), !clean);
+    EXPECT_EQ(rig.unsubscribes.size(), clean ? 1U : 0U);
+    EXPECT_EQ(rig.presence.back().presence, Presence::offline);
+  }
+}
+
+TEST(SnGateway, R113_RevivesALostClientFromItsAddress) {
+  for (const bool clean : {true, false}) {
+    SnRig rig;
+    rig.connect(1, "r1", clean);
+    const auto id = rig.register_topic(1, own_topic);
+    rig.subscribe(1, "a/x", 0);
+    rig.pass_s(100);
+    rig.send(2, Pingreq{"r1"});
+    EXPECT_EQ(rig.last_to(2), "DISCONNECT plain") << "not from another address";
+    rig.send(1, Pingreq{"r1"});
+    EXPECT_EQ(rig.last_to(1), "PINGRESP");
+    EXPECT_EQ(rig.presence.back().presence, Presence::online);
+    rig.broker("a/x");
+    EXPECT_FALSE(rig.is_silent(1)) << "its subscription is still there";
+    rig.pass_s(100);
+    rig.publish(1, id, 0, 0);
+    EXPECT_EQ(rig.reports.back().topic, own_topic);
+    EXPECT_TRUE(is_active(rig));
+    EXPECT_EQ(rig.counter("clients_revived"), 2U);
+  }
+}
+
+TEST(SnGateway, R113_ForgetsALostCleanClientForANewOne) {
+  Settings settings;
+  settings.max_clients = 2;
+  SnRig rig(settings);
+  rig.connect(1, "r1");
+  rig.subscribe(1, "a/x");
+  rig.connect(2, "r2", true, 6000);
+  rig.send(3, Connect{false, true, 1, 60, "r3"});
+  EXPECT_TRUE(rig.is_silent(3));
+  rig.pass_s(100);
+  rig.send(3, Connect{false, true, 1, 60, "r3"});
+  EXPECT_EQ(rig.last_to(3), "CONNACK code=0");
+  EXPECT_EQ(rig.unsubscribes.size(), 1U);
+  rig.send(1, Pingreq{"r1"});
+  EXPECT_EQ(rig.last_to(1), "DISCONNECT plain");
+}
+
+TEST(SnGateway, R113_RevivesACleanClientWithoutWhatWasNotDelivered) {
+  SnRig rig;
+  rig.connect(1, "r1");
+  rig.subscribe(1, "a/x");
+  rig.broker("a/x", "1", 1);
+  rig.pass_s(100);
+  rig.sent_to(1);
+  rig.broker("a/x", "2", 1);
+  rig.send(1, Pingreq{"r1"});
+  EXPECT_EQ(rig.sent_to(1), Lines{"PINGRESP"});
+}
+
+TEST(SnGateway, R130_AnswersADisconnectAndSupervisesNoLonger) {
+  SnRig rig;
+  rig.connect(1, "r1", false);
+  rig.send(1, Disconnect{});
+  EXPECT_EQ(rig.sent_to(1), Lines{"DISCONNECT plain"});
+  EXPECT_EQ(rig.gateway.presence_of("r1"), Presence::offline);
+  EXPECT_EQ(rig.presence.back().presence, Presence::offline);
+  rig.pass_s(100000);
+  EXPECT_EQ(rig.gateway.presence_of("r1"), Presence::offline);
+  EXPECT_EQ(rig.counter("clients_lost"), 0U);
+  rig.send(1, Pingreq{"r1"});  // one that was lost would go on
+  EXPECT_EQ(rig.sent_to(1), Lines{"DISCONNECT plain"});
+}
+
+TEST(SnGateway, R131_AnswersARepeatedDisconnect) {
+  for (const bool clean : {true, false}) {
+    SnRig rig;
+    rig.connect(1, "r1", clean);
+    rig.send(1, Disconnect{});
+    rig.send(1, Disconnect{});
+    EXPECT_EQ(rig.sent_to(1), Lines(2, "DISCONNECT plain"));
+  }
+}
+
+TEST(SnGateway, R132_NeverSendsADuration) {
+  SnRig rig;
+  rig.connect(1, "r1");
+  rig.send(1, Disconnect{300});
+  EXPECT_EQ(to_hex(rig.datagrams.back().bytes), "0218");
+}
+
+}  // namespace
+}  // namespace slamgw::mqttsn

@@ -1,0 +1,157 @@
+// SPDX-License-Identifier: Apache-2.0
+// The shell with real UDP on loopback: answers come back from where they were asked, floods and
+// oversized datagrams harm nothing, broken sockets are told in words.
+#include "adapters/mqttsn_udp/io/mqttsn_adapter.hpp"
+
+#include <gtest/gtest.h>
+
+#include <boost/asio/ip/multicast.hpp>
+#include <boost/asio/ip/udp.hpp>
+
+#include "tests/mqttsn_udp/io/udp_rig.hpp"
+
+namespace slamgw::mqttsn {
+namespace {
+
+using boost::asio::ip::udp;
+
+TEST(MqttsnAdapter, R17_AnswersFromTheAddressThatWasAsked) {
+  UdpRig rig({"0.0.0.0:0", "[::]:0"});
+  const std::pair<const char*, std::size_t> ways[] = {
+      {"127.0.0.1", 0}, {"127.0.0.5", 0}, {"127.0.0.9", 1}, {"::1", 1}};
+  for (const auto& [address, index] : ways) {
+    UdpClient client(rig, address, index);
+    client.send(SearchGw{1});
+    EXPECT_EQ(client.receive(), "GWINFO gw=1 address=") << address;
+  }
+}
+
+TEST(MqttsnAdapter, R22_ListensWhereConfigurationSays) {
+  UdpRig rig({"127.0.0.1:0", "[::1]:0"});
+  UdpClient v4(rig, "127.0.0.1", 0);
+  UdpClient v6(rig, "::1", 1);
+  v4.send(Connect{false, true, 1, 60, "four"});
+  v6.send(Connect{false, true, 1, 60, "six"});
+  EXPECT_EQ(v4.receive(), "CONNACK code=0");
+  EXPECT_EQ(v6.receive(), "CONNACK code=0");
+  EXPECT_EQ(rig.adapter.presence_of("four"), Presence::online);
+  EXPECT_EQ(rig.adapter.presence_of("six"), Presence::online);
+}
+
+TEST(MqttsnAdapter, CarriesARobotsMessageUpAndACommandDown) {
+  UdpRig rig({"127.0.0.1:0"});
+  UdpClient robot(rig, "127.0.0.1");
+  robot.send(Connect{false, true, 1, 60, "r1"});
+  EXPECT_EQ(robot.receive(), "CONNACK code=0");
+  robot.send(Register{0, 1, "ntnu-slam/robot/r1/adv"});
+  EXPECT_EQ(robot.receive(), "REGACK id=1 msg=1 code=0");
+  Subscribe subscribe;
+  subscribe.msg_id = 2;
+  subscribe.topic_name = "ntnu-slam/server/r1/cmd";
+  robot.send(subscribe);
+  EXPECT_EQ(robot.receive(), "SUBACK qos=0 id=2 msg=2 code=0");
+  robot.send(Publish{false, WireQos::one, false, TopicIdType::normal, 1, 3, to_bytes("x")});
+  EXPECT_EQ(robot.receive(), "PUBACK id=1 msg=3 code=0");
+  ASSERT_EQ(rig.core.reports.size(), 1U);
+  rig.adapter.on_broker_message({"ntnu-slam/server/r1/cmd", to_bytes("y"), Qos{}, false},
+                                CommandId{1});
+  EXPECT_EQ(robot.receive(), "PUBLISH dup=0 qos=0 retain=0 normal id=2 msg=0 data=79");
+}
+
+/// What a CONNECT causes in the core, as its presence at the broker, comes behind the CONNACK.
+TEST(MqttsnAdapter, AnswersBeforeTheCoreBegins) {
+  struct Core final : MeshListener {
+    explicit Core(boost::asio::io_context& io) : client(io) {}
+    void on_mesh_event(MeshEvent event) override {
+      if (std::holds_alternative<PresenceChange>(event)) answer_octets = client.available();
+      if (const auto* link = std::get_if<LinkChange>(&event)) detail = link->detail;
+    }
+    udp::socket client;
+    std::string detail;
+    std::optional<std::size_t> answer_octets;  // when the presence was told
+  };
+  boost::asio::io_context io;
+  Core core(io);
+  MqttsnAdapter adapter(io, UdpRig::with({}, {"127.0.0.1:0"}),
+                        TopicPolicy(TopicScheme("ntnu-slam", "gw"), {}, {}), RobotNames(), core);
+  adapter.start();
+  adapter.on_broker_link(true);
+  const auto port = std::stoi(core.detail.substr(core.detail.rfind(':') + 1));
+  core.client.connect({boost::asio::ip::address_v4::loopback(), static_cast<std::uint16_t>(port)});
+  core.client.send(boost::asio::buffer(encode(Connect{false, true, 1, 60, "r1"})));
+  EXPECT_TRUE(test::eventually(io, [&] { return core.answer_octets.has_value(); }));
+  EXPECT_EQ(core.answer_octets, encode(Connack{}).size());
+  adapter.stop();
+}
+
+TEST(MqttsnAdapter, R9_NoticesOversizedDatagramsAndGoesOn) {
+  UdpRig rig({"127.0.0.1:0"});
+  UdpClient client(rig, "127.0.0.1");
+  client.send_octets(Bytes(65507, 0x0c));
+  client.send_octets(Bytes(1233, 0x0c));
+  client.send(SearchGw{0});
+  EXPECT_EQ(client.receive(), "GWINFO gw=1 address=");
+  std::map<std::string_view, std::uint64_t> counters;
+  for (const Counter& counter : rig.adapter.counters()) counters[counter.name] = counter.value;
+  EXPECT_EQ(counters["oversized"], 2U);
+  EXPECT_EQ(counters["truncated"], 1U);
+}
+
+TEST(MqttsnAdapter, R19_HearsSearchesByMulticastOnItsInterface) {
+  boost::asio::io_context io;
+  FakeCore core;
+  Settings settings;
+  settings.listen = {"0.0.0.0:0"};
+  settings.interface = "lo";
+  settings.multicast_group = "239.9.9.9";
+  MqttsnAdapter adapter(io, settings, TopicPolicy(TopicScheme("ntnu-slam", "gw"), {}, {}),
+                        RobotNames(), core);
+  adapter.start();
+  adapter.on_broker_link(true);
+  const auto loopback = boost::asio::ip::address_v4::loopback();
+  udp::socket client(io, {loopback, 0});
+  client.set_option(boost::asio::ip::multicast::outbound_interface(loopback));
+  client.non_blocking(true);
+  const udp::endpoint group(boost::asio::ip::make_address("239.9.9.9"), core.port());
+  client.send_to(boost::asio::buffer(encode(SearchGw{1})), group);
+  udp::endpoint from;
+  EXPECT_EQ(receive(io, client, &from), "GWINFO gw=1 address=");
+  EXPECT_EQ(from.address(), loopback);
+  adapter.stop();
+}
+
+TEST(MqttsnAdapter, R19_WaitsForAnInterfaceThatIsNotThereYet) {
+  boost::asio::io_context io;
+  FakeCore core;
+  Settings settings = UdpRig::with({}, {"127.0.0.1:0"});
+  settings.interface = "nowhere0";
+  MqttsnAdapter adapter(io, settings, TopicPolicy(TopicScheme("ntnu-slam", "gw"), {}, {}),
+                        RobotNames(), core);
+  adapter.start();
+  ASSERT_EQ(core.links.size(), 1U);
+  EXPECT_FALSE(core.links[0].is_up);
+  EXPECT_NE(core.links[0].detail.find("nowhere0"), std::string::npos);
+  adapter.on_broker_link(true);
+  EXPECT_EQ(core.links.size(), 1U) << "it still waits";
+  adapter.stop();
+}
+
+TEST(MqttsnAdapter, SaysInWordsWhatItCannotListenTo) {
+  boost::asio::io_context io;
+  udp::socket other(io, {boost::asio::ip::address_v4::loopback(), 0});
+  const std::string taken = "127.0.0.1:" + std::to_string(other.local_endpoint().port());
+  for (const std::string& listen : {taken, std::string("nonsense"), std::string("[::1:5")}) {
+    FakeCore core;
+    MqttsnAdapter adapter(io, UdpRig::with({}, {listen}),
+                          TopicPolicy(TopicScheme("ntnu-slam", "gw"), {}, {}), RobotNames(), core);
+    try {
+      adapter.start();
+      ADD_FAILURE() << listen;
+    } catch (const std::runtime_error& error) {
+      EXPECT_NE(std::string(error.what()).find(listen), std::string::npos) << error.what();
+    }
+  }
+}
+
+}  // namespace
+}  // namespace slamgw::mqttsn

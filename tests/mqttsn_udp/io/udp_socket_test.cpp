@@ -1,0 +1,145 @@
+// SPDX-License-Identifier: Apache-2.0
+// Which sockets of an earlier process are taken over: those that are bound as a new one would be.
+// And what becomes of datagrams that are sent together.
+#include "adapters/mqttsn_udp/io/udp_socket.hpp"
+
+#include <gtest/gtest.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <numeric>
+
+#include "tests/mqttsn_udp/io/thread_network.hpp"
+#include "tests/support/eventually.hpp"
+
+namespace slamgw::mqttsn {
+namespace {
+
+class KeptSocket : public ThreadNetwork {
+ protected:
+  /// Whether a socket that was made for the first is used for the second.
+  bool is_used(const std::string& listen, const std::string& interface,
+               const std::string& new_listen, const std::string& new_interface) {
+    const int kept = dup(UdpSocket(io, listen, interface).descriptor());
+    return UdpSocket(io, new_listen, new_interface, kept).is_taken_over();
+  }
+
+  boost::asio::io_context io;
+};
+
+TEST_F(KeptSocket, IsUsedWhenNothingHasChanged) {
+  for (const std::string listen : {"[::]:47193", "127.0.0.1:47193", "0.0.0.0:47193", "[::1]:1"}) {
+    EXPECT_TRUE(is_used(listen, "", listen, "")) << listen;
+    EXPECT_TRUE(is_used(listen, "lo", listen, "lo")) << listen;
+  }
+}
+
+TEST_F(KeptSocket, IsNotUsedForAnotherAddressPortFamilyOrInterface) {
+  EXPECT_FALSE(is_used("[::]:47193", "", "[::]:47194", ""));
+  EXPECT_FALSE(is_used("[::]:47193", "", "[::1]:47193", ""));
+  EXPECT_FALSE(is_used("[::]:47193", "", "0.0.0.0:47193", ""));
+  EXPECT_FALSE(is_used("0.0.0.0:47193", "", "127.0.0.1:47193", ""));
+  EXPECT_FALSE(is_used("[::]:47193", "", "[::]:47193", "wpan0"));
+  EXPECT_FALSE(is_used("[::]:47193", "wpan0", "[::]:47193", ""));
+  EXPECT_FALSE(is_used("[::]:47193", "wpan0", "[::]:47193", "eth0"));
+}
+
+TEST_F(KeptSocket, IsNotUsedWhenItsInterfaceWasMadeAgain) {
+  const int kept = dup(UdpSocket(io, "[::]:47193", "wpan0").descriptor());
+  remake("wpan0");
+  UdpSocket socket(io, "[::]:47193", "wpan0", kept);
+  EXPECT_FALSE(socket.is_taken_over());
+  EXPECT_EQ(socket.port(), 47193);
+}
+
+TEST_F(KeptSocket, IsNotUsedWhenItIsNoUdpSocket) {
+  const int tcp = ::socket(AF_INET6, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  EXPECT_FALSE(UdpSocket(io, "[::]:47193", "", tcp).is_taken_over());
+  int ends[2];
+  ASSERT_EQ(pipe(ends), 0);
+  EXPECT_FALSE(UdpSocket(io, "[::]:47193", "", ends[0]).is_taken_over());
+  close(ends[1]);
+}
+
+/// A socket that sends to another one on the same loop.
+class SentTogether : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    receiver->start([this](const UdpSocket::Datagram& datagram) {
+      arrived.push_back(datagram.bytes.empty() ? -1 : datagram.bytes.front());
+    });
+  }
+  void send_soon(std::uint8_t first, std::size_t octets = 1, std::uint32_t interface = 0) {
+    sender->send_soon({loopback, receiver->port()}, {}, interface, Bytes(octets, first));
+  }
+  void run_until(std::size_t count) {
+    EXPECT_TRUE(test::eventually([&] {
+      io.poll();
+      return arrived.size() >= count;
+    }));
+  }
+
+  static constexpr IpAddress loopback{0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0xff, 0xff, 127, 0, 0, 1};
+  boost::asio::io_context io;
+  std::shared_ptr<UdpSocket> sender = std::make_shared<UdpSocket>(io, "[::]:0", "");
+  std::shared_ptr<UdpSocket> receiver = std::make_shared<UdpSocket>(io, "127.0.0.1:0", "");
+  std::vector<int> arrived;
+};
+
+TEST_F(SentTogether, GoInOrderAndOnlyAfterTheHandler) {
+  for (std::uint8_t i = 0; i < 200; ++i) send_soon(i);
+  run_until(200);
+  std::vector<int> all(200);
+  std::iota(all.begin(), all.end(), 0);
+  EXPECT_EQ(arrived, all);
+}
+
+TEST_F(SentTogether, OneThatTheKernelRefusesCostsTheOthersNothing) {
+  constexpr std::size_t too_long = 70000;
+  send_soon(1);
+  send_soon(2, too_long);
+  send_soon(3);
+  send_soon(4, too_long);
+  run_until(2);
+  EXPECT_EQ(arrived, (std::vector<int>{1, 3}));
+  EXPECT_EQ(sender->sends_failed(), 2u);
+}
+
+TEST_F(SentTogether, AnInterfaceThatHasGoneIsForgotten) {
+  constexpr std::uint32_t no_such_interface = 4711;
+  send_soon(1, 1, no_such_interface);
+  send_soon(2);
+  run_until(2);
+  EXPECT_EQ(arrived, (std::vector<int>{1, 2}));
+  EXPECT_EQ(sender->sends_failed(), 0u);
+}
+
+TEST_F(SentTogether, WhatIsPutOffGoesBeforeTheSocketCloses) {
+  send_soon(1);
+  sender->close();
+  run_until(1);
+  EXPECT_EQ(sender->sends_failed(), 0u);
+}
+
+/// The answers to datagrams that came together are one call to the kernel, at the last of them.
+TEST_F(SentTogether, AnswersGoWithTheLastDatagramOfThoseThatCameTogether) {
+  const auto server = std::make_shared<UdpSocket>(io, "127.0.0.1:0", "");
+  std::vector<std::size_t> left_after;  // datagrams that had left after each one received
+  const auto count_left = [&] {
+    std::uint8_t octet = 0;
+    std::size_t count = 0;
+    while (recv(receiver->descriptor(), &octet, 1, MSG_DONTWAIT) >= 0) ++count;
+    return count;
+  };
+  server->start([&](const UdpSocket::Datagram& datagram) {
+    server->send_soon({loopback, receiver->port()}, {}, 0, Bytes{datagram.bytes.front()});
+    server->flush_answers();
+    left_after.push_back(count_left());
+  });
+  for (std::uint8_t i = 0; i < 3; ++i) sender->send({loopback, server->port()}, {}, 0, Bytes{i});
+  EXPECT_TRUE(test::eventually(io, [&] { return left_after.size() == 3; }));
+  EXPECT_EQ(left_after, (std::vector<std::size_t>{0, 0, 3}));
+}
+
+}  // namespace
+}  // namespace slamgw::mqttsn

@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/observability/link_log.hpp"
+
+#include <gtest/gtest.h>
+
+namespace slamgw {
+namespace {
+
+using namespace std::chrono_literals;
+
+TEST(LinkLog, WarnsOfANewReasonAtOnceAndSumsUpARepeatedOne) {
+  LinkLog log("mqtt://a");
+  const TimePoint start{};
+  const auto first = log.on_down("no route", start);
+  ASSERT_TRUE(first);
+  EXPECT_EQ(first->severity, Severity::warning);
+  EXPECT_EQ(first->text, "broker mqtt://a is not reached: no route; trying again");
+  EXPECT_FALSE(log.on_down("no route", start + 30s));
+  const auto other = log.on_down("refused", start + 31s);
+  ASSERT_TRUE(other);
+  EXPECT_EQ(other->text, "broker mqtt://a is not reached: refused; trying again");
+  EXPECT_FALSE(log.on_down("refused", start + 61s));
+  const auto summary = log.on_down("refused", start + 92s);
+  ASSERT_TRUE(summary);
+  EXPECT_EQ(summary->text, "broker mqtt://a is not reached: refused; trying again (2 attempts)");
+}
+
+TEST(LinkLog, DoesNotWarnOfABrokerThatIsLeftOnPurpose) {
+  LinkLog log("mqtt://a,mqtt://b");
+  log.rename("mqtt://b");
+  const Notice left = log.on_left("the first broker of the list takes connections again");
+  EXPECT_EQ(left.severity, Severity::info);
+  EXPECT_EQ(left.text,
+            "leaves broker mqtt://b: the first broker of the list takes connections again");
+  EXPECT_EQ(left.occasion, Occasion::broker_link);
+}
+
+}  // namespace
+}  // namespace slamgw

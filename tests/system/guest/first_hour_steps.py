@@ -1,0 +1,155 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: Apache-2.0
+"""The steps of ./dev system-test --first-hour: an operator in the virtual machine types the commands of docs/first-hour.md,
+taken from the page that is in the package, in their order."""
+import functools
+import re
+import subprocess
+import sys
+
+from hardware import INTERFACE, RecordedRobots, Radios, UsbBoard
+from machine import Failure, demand, run, wait_for
+from stepping import run_steps
+
+OPERATOR = "pi"
+# Words of commands that need another computer, a clock server, a mirror of Debian's, or a border router.
+NOT_HERE = ("raspberrypi.local", "git clone", "./dev ", "apt update", "timedatectl", "ot-ctl")
+LONGEST_S = 1000  # a command that is left running
+
+world = {}
+
+
+@functools.cache
+def page():
+    return run("sh", "-c", "dpkg-deb --fsys-tarfile /job/input/debs/slam-gateway_*.deb"
+                           " | tar -xO ./usr/share/doc/slam-gateway/first-hour.md")
+
+
+def commands(section):
+    """The lines of the section's blocks, with their comments."""
+    text = page().split(f"{section}\n", 1)[1].split("\n#", 1)[0]
+    lines = "".join(re.findall(r"```sh\n(.*?)```", text, re.DOTALL)).splitlines()
+    found = [line for line in lines if not any(word in line for word in NOT_HERE)]
+    demand(found, f"{section} has no commands")
+    return found
+
+
+def in_a_sentence(before, after=""):
+    """The command that stands between these words."""
+    found = re.search(re.escape(before) + "`([^`]+)`" + re.escape(after), page())
+    demand(found, f"the page has no command between '{before}' and '{after}'")
+    return found[1]
+
+
+def operator(command):
+    """Each command in a login of its own, so that a new group is in force."""
+    return ["runuser", "-l", OPERATOR, f"--session-command={command}"]
+
+
+def type_in(line):
+    """The command's output; typed again until that has what its comment quotes."""
+    promised = re.findall(r'"([^"]+)"', line.partition(" # ")[2])
+
+    def output():
+        text = run(*operator(line))
+        missing = [words for words in promised if words not in text]
+        demand(not missing, f"{line}\nhas not {missing}:\n{text}")
+        return text or "nothing"
+    return wait_for(line, output)
+
+
+class Terminal:
+    """Another one, in which a command is left running."""
+
+    def __init__(self, line):
+        self.process = subprocess.Popen(operator(f"exec timeout --foreground -s INT {LONGEST_S} stdbuf -oL {line}"),
+                                        text=True, errors="replace", bufsize=1, stdin=subprocess.DEVNULL,
+                                        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True)
+
+    def wait_for(self, pattern):
+        for text in self.process.stdout:
+            if re.search(pattern, text):
+                return
+        raise Failure(f"the command ended, and never said '{pattern}'")
+
+    def end(self):
+        run("pkill", "-INT", "-s", self.process.pid, status=None)
+        self.process.communicate()
+
+
+def installs_the_package():
+    """2 The package: installed from the operator's home, the operator in the group, status says that broker and Thread are up"""
+    run("useradd", "-m", "-s", "/bin/bash", "-G", "sudo", OPERATOR)
+    run("sh", "-c", f"echo '{OPERATOR} ALL=(ALL) NOPASSWD: ALL' >/etc/sudoers.d/{OPERATOR}")
+    run("sh", "-c", f"cp /job/input/debs/*.deb /job/input/debs/more/*.deb /home/{OPERATOR}/")
+    run("systemctl", "start", "mosquitto")  # as if it came only now
+    for line in commands("## 2 The package"):
+        type_in(line)
+
+
+def shows_simulated_robots():
+    """3 Watch: what robots send runs through the second terminal; the page in a browser"""
+    watching = Terminal(commands("## 3 Watch")[0])
+    at_broker = Terminal(in_a_sentence("at the broker: "))
+    robots = Terminal(commands("### Without robots")[0])
+    for name in ("robot1", "robot2"):
+        watching.wait_for(rf"{name} +update +x=-?\d+ y=-?\d+")
+        at_broker.wait_for(f"ntnu-slam/robot/{name}/update")
+    for terminal in (robots, at_broker, watching):
+        terminal.end()
+    wait_for("the page", lambda: "<html" in run("python3", "-c", "import urllib.request as r;"
+                                                "print(r.urlopen('http://127.0.0.1:8321/').read().decode())"))
+
+
+def lines_about(step, findings):
+    return [line for line in findings.splitlines() if line[9:].startswith(step)]
+
+
+def serves_thread():
+    """4 Thread: only its interface; doctor's lines about it begin with ok; a robot connects there"""
+    world["radios"] = Radios(["n1"])
+    typed = {line.split("  ")[0]: type_in(line) for line in commands("## 4 Thread")}
+    findings = typed["sudo slam-gatewayctl doctor"]
+    about = lines_about("thread", findings)
+    demand(len(about) > 2 and all(line.startswith("ok") for line in about), findings)
+    demand(INTERFACE in findings, "doctor does not name the interface")
+    world["robot"] = RecordedRobots(f"[{world['radios'].address()}]:47193", "--robots", "1", node="n1")
+    world["robot"].wait_for_each(3)
+
+
+def takes_a_board():
+    """5 BLE Mesh: the board is plugged in, doctor's line begins with ok, a new robot joins and is listed"""
+    world["board"] = UsbBoard(1, "--unprovisioned")
+    world["board"].plug_in()
+    lines = commands("## 5 BLE Mesh")
+    for line in lines[:-1]:
+        type_in(line)
+    wait_for("a board that is well",
+             lambda: [line for line in lines_about("ble: board", type_in(lines[-1])) if line.startswith("ok")])
+    listing = in_a_sentence("it joins within seconds. ", " lists it")
+    wait_for("a robot that has joined", lambda: re.search(r"^ble-[0-9a-f]{4} .*configured", type_in(listing), re.MULTILINE))
+
+
+def commands_a_robot():
+    """6 Command a robot: listed, told, watched"""
+    listing, sending, watching = commands("## 6 Command a robot")
+    wait_for("the robot again", lambda: re.search(r"^robot1 .* online", type_in(listing), re.MULTILINE))
+    promised = re.escape(sending.partition(" # ")[2].strip()).replace(r"\.\.\.", r"\d+")
+    told = type_in(sending)
+    demand(re.search(promised, told), f"{told}, not {promised}")
+    watcher = Terminal(watching)
+    watcher.wait_for("robot1")
+    watcher.end()
+    type_in(in_a_sentence("make a backup: "))
+
+
+STEPS = [
+    installs_the_package,
+    shows_simulated_robots,
+    serves_thread,
+    takes_a_board,
+    commands_a_robot,
+]
+
+if __name__ == "__main__":
+    sys.exit(run_steps(STEPS, sys.argv[1:]))
