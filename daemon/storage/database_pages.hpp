@@ -36,6 +36,7 @@ class DatabasePages {
   bool read(std::uint32_t page, Bytes& into);
 
   std::size_t unreadable() const { return unreadable_; }
+  bool is_log_damaged() const { return is_log_damaged_; }
 
  private:
   struct Frame {

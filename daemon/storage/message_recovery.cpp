@@ -23,6 +23,11 @@ constexpr std::string_view message_shape_of_version_1 = "0tbiii";
 constexpr std::string_view dead_letter_shape = "0tbiiiiitiiii";
 constexpr std::string_view contents_shape = "0iiiiiiii";
 
+std::size_t missing(std::int64_t expected, std::size_t found) {
+  return static_cast<std::size_t>(
+      std::max<std::int64_t>(0, expected - static_cast<std::int64_t>(found)));
+}
+
 MessageRow message_row(const TableRecord& record) {
   const auto& v = record.values;
   MessageRow row{record.row,  as_text(v[1].bytes), v[2].bytes,
@@ -80,6 +85,7 @@ void MessageRecovery::take_contents(const TableRecord& record) {
   const StoreContents contents{v[1].number, v[2].number, v[3].number, v[4].number,
                                v[5].number, v[6].number, v[7].number};
   if (v[8].number != checksum(contents)) return;
+  commits_in_file_ = std::max(commits_in_file_, contents.commits);
   if (!contents_ || contents.commits > contents_->commits) contents_ = contents;
 }
 
@@ -133,14 +139,24 @@ MessageRecovery::Result MessageRecovery::result() const {
   const std::size_t damaged_dead_letters = count(Table::dead_letters, false);
   result.damaged = damaged_messages + damaged_dead_letters;
   if (!contents_) return result;
-  const auto missing = [](std::int64_t expected, std::size_t found) {
-    return static_cast<std::size_t>(
-        std::max<std::int64_t>(0, expected - static_cast<std::int64_t>(found)));
-  };
-  result.lost_messages = missing(contents_->messages, result.messages + damaged_messages);
+  result.lost_messages = lost_messages(result.messages + damaged_messages);
   result.lost_dead_letters =
       missing(contents_->dead_letters, result.dead_letters + damaged_dead_letters);
   return result;
+}
+
+/// A lost message has a number between the first and the last that nothing that was found has.
+MessageRecovery::Lost MessageRecovery::lost_messages(std::size_t found) const {
+  const std::size_t at_least = missing(contents_->messages, found);
+  const bool lacks_newest = pages_.is_log_damaged() || commits_in_file_ < contents_->commits;
+  if (!lacks_newest) return {at_least, at_least};
+  std::set<std::int64_t> numbers;
+  for (const Found& one : found_) {
+    if (one.row >= contents_->first_row && one.row <= contents_->last_row) numbers.insert(one.row);
+  }
+  const std::int64_t span = contents_->last_row - contents_->first_row + 1;
+  const auto stored = static_cast<std::size_t>(std::max<std::int64_t>(0, contents_->messages));
+  return {at_least, std::max(at_least, std::min(stored, missing(span, numbers.size())))};
 }
 
 void MessageRecovery::save_to(const std::string& path, std::uint64_t max_bytes) {

@@ -19,11 +19,17 @@ namespace slamgw {
 
 class MessageRecovery {
  public:
+  /// Where the newest pages are lost, what is saved from older ones may have been delivered
+  /// before; then only bounds are known.
+  struct Lost {
+    std::size_t at_least = 0;
+    std::size_t at_most = 0;
+  };
   struct Result {
-    std::size_t messages = 0;                  ///< saved
-    std::size_t damaged = 0;                   ///< set aside as dead letters
-    std::size_t dead_letters = 0;              ///< saved, without the damaged
-    std::optional<std::size_t> lost_messages;  ///< nothing: how many there were is not known
+    std::size_t messages = 0;           ///< saved
+    std::size_t damaged = 0;            ///< set aside as dead letters
+    std::size_t dead_letters = 0;       ///< saved, without the damaged
+    std::optional<Lost> lost_messages;  ///< nothing: how many there were is not known
     std::optional<std::size_t> lost_dead_letters;
   };
 
@@ -65,9 +71,11 @@ class MessageRecovery {
   void drop_outdated(Table table, std::int64_t expected);
   SavedRow read_again(const Found& found);
   std::size_t count(Table table, bool is_good) const;
+  Lost lost_messages(std::size_t found) const;
 
   DatabasePages pages_;
   std::optional<StoreContents> contents_;  // the newest that is known
+  std::int64_t commits_in_file_ = 0;       // of the newest contents that the file itself holds
   std::vector<Found> found_;
 };
 

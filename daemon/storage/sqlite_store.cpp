@@ -21,7 +21,9 @@ std::string saved_text(const MessageRecovery::Result& result) {
     text += fmt::format(", {} damaged ones became dead letters", result.damaged);
   }
   if (!result.lost_messages) return text + ", and how many are lost is not known";
-  text += fmt::format(", {} are lost", *result.lost_messages);
+  const auto [at_least, at_most] = *result.lost_messages;
+  text += at_least == at_most ? fmt::format(", {} are lost", at_least)
+                              : fmt::format(", {} to {} are lost", at_least, at_most);
   if (*result.lost_dead_letters > 0) {
     text += fmt::format(" and {} dead letters", *result.lost_dead_letters);
   }
