@@ -3,7 +3,7 @@
 
 Robots' updates have no number on the wire, but the robots' record has one for each payload, and nearly every payload is said
 only once. So an arrival stands for the number that its robot said it under. The few payloads that a robot said more than once
-(it stood still) are compared by count and not looked at for order.
+(it stood still) are compared by count and not looked at for order; which of them are missing follows from when the others came.
 
 Missing: acknowledged to the robot, but it arrived less often than it was acknowledged. Allowed only where the store was damaged
     after that, for as many as the daemon has told as lost (Trouble.may_lose).
@@ -43,12 +43,6 @@ class Trouble:
 class Duplicate:
     said: Said
     at: float
-
-
-@dataclasses.dataclass
-class Missing:
-    said: Said
-    count: int
 
 
 @dataclasses.dataclass
@@ -94,8 +88,8 @@ def judge(said, arrivals, troubles):
     for robot in sorted(said_by.keys() | arrived_by.keys()):
         tallies[robot] = judge_robot(robot, said_by[robot], arrived_by[robot], duplicates, missing, complaints)
     for one in not_told(missing, troubles):
-        complaints.append(f"{one.said.robot}: acknowledged and missing: number {one.said.number}, acknowledged at "
-                          f"{one.said.acknowledged_at:.3f}: {one.said.payload}")
+        complaints.append(f"{one.robot}: acknowledged and missing: number {one.number}, acknowledged at "
+                          f"{one.acknowledged_at:.3f}: {one.payload}")
     for one in without_reason(duplicates, troubles):
         complaints.append(f"{one.said.robot}: duplicate without a reason: number {one.said.number}, said at "
                           f"{one.said.at:.3f}, again at {one.at:.3f}: {one.said.payload}")
@@ -113,12 +107,21 @@ def without_reason(duplicates, troubles):
 
 def not_told(missing, troubles):
     """Each trouble takes as many as it may of those that were acknowledged before its end."""
-    left = [one for one in missing for _ in range(one.count)]
+    left = sorted(missing, key=lambda one: one.acknowledged_at)
     for trouble in troubles:
-        taken = [one for one in left if one.said.acknowledged_at < trouble.end][:trouble.may_lose]
-        for one in taken:
-            left.remove(one)
+        taken = [one for one in left if one.acknowledged_at < trouble.end][:trouble.may_lose]
+        left = [one for one in left if one not in taken]
     return left
+
+
+def without_arrival(acknowledged, times):
+    """Those of equal updates that did not arrive, when too few did: each arrival is taken for the last one said before it."""
+    missing = list(acknowledged)
+    for time in sorted(times, reverse=True):
+        before = [one for one in missing if one.at <= time]
+        if before:
+            missing.remove(before[-1])
+    return missing[:max(0, len(acknowledged) - len(times))]
 
 
 def judge_robot(robot, said, arrivals, duplicates, missing, complaints):
@@ -135,9 +138,9 @@ def judge_robot(robot, said, arrivals, duplicates, missing, complaints):
         acknowledged = [one for one in ones if one.acknowledged_at is not None]
         tally.acknowledged += len(acknowledged)
         tally.arrived += min(len(times), len(ones))
-        if len(times) < len(acknowledged):
-            tally.missing += len(acknowledged) - len(times)
-            missing.append(Missing(acknowledged[-1], len(acknowledged) - len(times)))
+        lost = without_arrival(acknowledged, times)
+        tally.missing += len(lost)
+        missing += lost
         copies = [Duplicate(ones[0], at) for at in times[len(ones):]]
         tally.duplicates += len(copies)
         duplicates += copies

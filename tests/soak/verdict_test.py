@@ -73,6 +73,15 @@ class Verdict(unittest.TestCase):
         tally, _ = verdict((FIRST, 10.2), (THIRD, 12.2), record=record)
         self.assertEqual(tally.missing, 1)
 
+    def test_of_what_was_said_twice_that_one_is_missing_for_which_nothing_came(self):
+        record = RECORD[:5] + ["sent r1 4 0a00ecff18 13.0\n", "acknowledged r1 4 13.1\n"]
+        damage = Trouble(12.5, 12.9, 0, 1)
+        _, complaints = verdict((THIRD, 12.2), (FIRST, 13.2), troubles=[damage], record=record)
+        self.assertEqual(complaints, [])
+        _, complaints = verdict((FIRST, 10.2), (THIRD, 12.2), troubles=[damage], record=record)
+        self.assertEqual(len(complaints), 1)
+        self.assertIn("number 4", complaints[0])
+
     def test_nothing_arrives_that_nobody_said(self):
         _, complaints = verdict((FIRST, 10.2), (THIRD, 12.2), ("ffff", 12.3))
         self.assertEqual(complaints, ["r1: arrived but was never said: ffff"])
