@@ -13,9 +13,9 @@ using Json = nlohmann::ordered_json;
 
 namespace {
 
-fleet::Settings settings_of(const Config& config) {
+fleet::Settings settings_of(const Config& config, const FleetMemory& memory) {
   std::random_device random;
-  return {config.fleet, (std::uint64_t{random()} << 32U) | random()};
+  return {config.fleet, (std::uint64_t{random()} << 32U) | random(), memory.were_others_about()};
 }
 
 }  // namespace
@@ -29,7 +29,8 @@ FleetMember::FleetMember(boost::asio::io_context& io, const Config& config, Gate
       upstream_(upstream),
       submit_(std::move(submit)),
       started_(read_clocks().wall),
-      ownership_({config.topics.prefix, config.gateway_id}, settings_of(config),
+      memory_(config.store.directory),
+      ownership_({config.topics.prefix, config.gateway_id}, settings_of(config, memory_),
                  [this] { return local_robots(); }),
       driver_(io, ownership_, [this](fleet::OwnershipAction& action) {
         std::visit([this](auto& what) { perform(what); }, action);
@@ -141,6 +142,13 @@ void FleetMember::perform(fleet::PublishNow& action) {
 
 void FleetMember::perform(fleet::AnnounceGateway&) {
   gateway_driver_.input(&Gateway::publish_state);
+}
+
+void FleetMember::perform(fleet::RememberOthers& action) { memory_.remember(action.are_about); }
+
+void FleetMember::stop() {
+  driver_.stop();
+  memory_.stop();
 }
 
 /// The core keeps it over reconnects, and knows about copies.

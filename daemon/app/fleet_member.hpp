@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "daemon/app/fleet_memory.hpp"
 #include "daemon/app/meshes.hpp"
 #include "daemon/config/config.hpp"
 #include "daemon/core/gateway.hpp"
@@ -49,7 +50,7 @@ class FleetMember {
   Counters counters() const { return ownership_.counters(); }
   /// Before the outbox ends.
   void on_stop();
-  void stop() { driver_.stop(); }
+  void stop();
 
  private:
   static constexpr std::uint64_t first_sequence = std::uint64_t{1} << 63U;
@@ -65,6 +66,7 @@ class FleetMember {
   nlohmann::ordered_json robots(const Now& now) const;
   void perform(fleet::PublishNow& action);
   void perform(fleet::AnnounceGateway& action);
+  void perform(fleet::RememberOthers& action);
   void perform(fleet::SubscribeFleet& action);
   void perform(fleet::UnsubscribeFleet& action);
   void perform(fleet::TakeOverRobot& action);
@@ -82,6 +84,7 @@ class FleetMember {
   Upstream& upstream_;
   Submit submit_;
   const WallTime started_;
+  FleetMemory memory_;
   fleet::Ownership ownership_;
   MachineDriver<fleet::Ownership> driver_;
   std::uint64_t next_sequence_ = first_sequence;

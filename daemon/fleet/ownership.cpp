@@ -4,7 +4,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <nlohmann/json.hpp>
 #include <utility>
 
 #include "daemon/fleet/hash.hpp"
@@ -24,24 +23,16 @@ constexpr milliseconds listening{1000};
 /// A broker may take half a second for each subscription.
 constexpr std::chrono::seconds longest_discovery{10};
 constexpr milliseconds longest_joining{3000};
-/// A gateway takes part so long after it has said that it is online.
-constexpr milliseconds newcomer_patience{15000};
 constexpr std::chrono::seconds asleep_after{60};
-/// A gateway that is `online` and has said nothing for so long is gone, or cut off.
-constexpr std::chrono::hours silent_after{1};
+/// One that is `online` and silent may have been cut off.
+constexpr std::chrono::hours rediscovery_interval{1};
 constexpr std::chrono::minutes forget_interval{5};
 constexpr milliseconds ask_interval{2000};
-/// A gateway that is online for so long and takes no part may not know of this one.
-constexpr milliseconds greeting_after{3000};
-/// Where the broker sends no retained states: before that gateway takes itself to be alone.
-constexpr milliseconds early_greeting_after{300};
 /// Who asks for this gateway's claims gets them. If more ask within this time, all get them at
 /// once: when a broker is whole again, half the fleet asks the other half.
 constexpr milliseconds table_interval{200};
 /// Retained states that answer one subscription come within this time of each other.
 constexpr milliseconds state_spread{200};
-/// Ten times what a gateway says in its state; a larger one is not of a gateway.
-constexpr std::size_t max_state_octets = 4096;
 
 }  // namespace
 
@@ -49,11 +40,12 @@ Ownership::Ownership(FleetTopics topics, Settings settings, LocalRobots local_ro
     : settings_(settings),
       local_robots_(std::move(local_robots)),
       membership_(std::move(topics), settings.process),
-      is_discovering_(settings.enabled == Enabled::yes) {}
+      is_discovering_(settings.joins_at_once()) {}
 
 void Ownership::on_broker_link(bool is_up, const Now& now, bool is_session_kept) {
   is_link_up_ = is_up;
-  is_muted_ = brings_retained_ = was_echoed_ = false;
+  is_muted_ = was_echoed_ = false;
+  online_.on_link_change();
   if (is_up) {
     subscriptions_.on_link_up(is_session_kept, now.mono);
     commands_.on_link_up(is_session_kept, now.mono);
@@ -67,7 +59,7 @@ void Ownership::on_broker_link(bool is_up, const Now& now, bool is_session_kept)
   if (settings_.enabled == Enabled::no) subscriptions_.unsubscribe_stale();
   if (!is_up || settings_.enabled == Enabled::no) return;
   subscriptions_.subscribe(membership_.topics.state_filter(), now.mono);
-  if (is_alone() && settings_.enabled == Enabled::automatic) {
+  if (is_alone() && !settings_.joins_at_once()) {
     // Commands for robots that nobody knows have an outcome, too.
     subscriptions_.subscribe(membership_.topics.command_filter(), now.mono);
     is_discovering_ = true;
@@ -107,6 +99,13 @@ void Ownership::decide_alone(TimePoint now) {
   wills_.publish_all();
 }
 
+/// A broker that has just lost a node may not tell a gateway that starts who else is `online`.
+void Ownership::remember_others(bool are_about) {
+  const bool is_news = settings_.enabled == Enabled::automatic &&
+                       std::exchange(settings_.were_others_about, are_about) != are_about;
+  if (is_news) membership_.actions.push(RememberOthers{are_about});
+}
+
 void Ownership::wake_up(const Now& now) {
   is_discovering_ = false;
   has_discovered_ = true;
@@ -144,8 +143,8 @@ void Ownership::fall_asleep(std::string why, TimePoint now) {
   membership_.phase = Phase::alone;
   membership_.lease.give_up();
   // One that is `online` and silent may be cut off: if it comes back, its beats wake this one up.
-  const bool is_somebody_silent = !states_.empty() && !is_muted_;
-  if (is_somebody_silent) rediscovery_due_ = now + silent_after;
+  const bool is_somebody_silent = !online_.all().empty() && !is_muted_;
+  if (is_somebody_silent) rediscovery_due_ = now + rediscovery_interval;
   subscriptions_.unsubscribe_from_others(/*keeps_beats=*/is_somebody_silent);
   if (!is_muted_) subscriptions_.subscribe(membership_.topics.command_filter(), now);
   take_over_local_robots();
@@ -154,6 +153,7 @@ void Ownership::fall_asleep(std::string why, TimePoint now) {
   decide_alone(now);
   commands_.forget_owed();
   commands_.publish_outcomes(now);
+  if (!is_muted_) remember_others(is_somebody_silent);
   membership_.notice(is_muted_ ? Severity::warning : Severity::notice, std::move(why));
 }
 
@@ -165,6 +165,7 @@ void Ownership::take_over_local_robots() {
 
 void Ownership::on_other_gateway(const std::string& gateway, const Now& now) {
   last_company_ = now.mono;
+  remember_others(true);
   if (!is_alone() || settings_.enabled != Enabled::automatic || !is_link_up_ || is_muted_) return;
   membership_.notice(Severity::notice,
                      fmt::format("gateway '{}' is on this broker too: from now on they agree who "
@@ -202,7 +203,8 @@ void Ownership::on_deadline(const Now& now) {
     send_beat(now.mono);
     commands_.end_overdue(now.mono);
     forget_the_dead(now.mono);
-    greet_newcomers(now.mono);
+    if (online_.take_newcomers(membership_.peers, now.mono) && !is_stopping_)
+      membership_.actions.push(AnnounceGateway{});
     if (!keep_company(now.mono)) return;
   }
   if (membership_.phase == Phase::joining) finish_joining(now);
@@ -210,15 +212,14 @@ void Ownership::on_deadline(const Now& now) {
   claims_.on_deadline(now);
   decide_won(now.mono);
   commands_.decide(now.mono);
-  if (!wills_.is_empty()) wills_.decide(complete_since(now.mono), now.mono);
+  if (!wills_.is_empty())
+    wills_.decide(online_.complete_since(membership_.peers, now.mono), now.mono);
   commands_.publish_outcomes(now.mono);
 }
 
 /// False when this gateway is alone from now on.
 bool Ownership::keep_company(TimePoint now) {
-  const bool is_company = std::ranges::any_of(
-      states_, [&](const auto& each) { return now - each.second.heard < silent_after; });
-  if (membership_.peers.count_alive(now) > 0 || is_company) last_company_ = now;
+  if (membership_.peers.count_alive(now) > 0 || online_.is_any_about(now)) last_company_ = now;
   if (settings_.enabled == Enabled::automatic && now - last_company_ >= asleep_after) {
     fall_asleep("no other gateway is about any more; this one serves every robot", now);
   } else if (is_unheard(now)) {
@@ -293,18 +294,6 @@ void Ownership::forget_the_dead(TimePoint now) {
   claims_.forget_the_dead(now);
 }
 
-/// They do not know of this gateway where the broker's nodes keep retained messages each for
-/// itself, or where no subscription with a wildcard brings them (RabbitMQ).
-void Ownership::greet_newcomers(TimePoint now) {
-  const milliseconds after = brings_retained_ ? greeting_after : early_greeting_after;
-  bool is_due = false;
-  for (auto& [gateway, state] : states_) {
-    if (now - state.heard < after || membership_.peers.is_alive(gateway, now)) continue;
-    is_due |= !std::exchange(state.is_greeted, true);
-  }
-  if (is_due && !is_stopping_) membership_.actions.push(AnnounceGateway{});
-}
-
 // --- Robots --------------------------------------------------------------------------------------
 
 void Ownership::on_heard(const std::string& robot, const Now& now) {
@@ -343,7 +332,7 @@ void Ownership::on_command(BrokerMessage message, std::string robot, std::string
     return;
   }
   const bool is_of_gateway =
-      robot == membership_.me || states_.contains(robot) || membership_.peers.find(robot);
+      robot == membership_.me || online_.contains(robot) || membership_.peers.find(robot);
   if (message.retain || (type == "probe" && is_of_gateway)) return;  // it tries its rights
   commands_.add(std::move(message), std::move(robot), std::move(type), now,
                 may_be_copy && membership_.phase == Phase::joining);
@@ -365,19 +354,7 @@ void Ownership::on_will(Report will, const Now& now) {
     return;
   }
   wills_.add(std::move(will));
-  wills_.decide(complete_since(now.mono), now.mono);
-}
-
-/// A gateway that has just come takes part a while later, and may have robots before that.
-TimePoint Ownership::complete_since(TimePoint now) const {
-  TimePoint since = TimePoint::min();
-  for (const auto& [gateway, state] : states_) {
-    if (now - state.heard >= newcomer_patience) continue;
-    const Peers::Peer* peer = membership_.peers.find(gateway);
-    if (!peer || now >= peer->alive_until) return TimePoint::max();
-    since = std::max(since, peer->hears_since);
-  }
-  return since;
+  wills_.decide(online_.complete_since(membership_.peers, now.mono), now.mono);
 }
 
 /// A robot that has just become this gateway's may have commands waiting.
@@ -389,7 +366,7 @@ void Ownership::decide_won(TimePoint now) {
 
 void Ownership::on_gateway_state(const BrokerMessage& message, std::string_view gateway,
                                  const Now& now) {
-  brings_retained_ = brings_retained_ || message.retain;
+  if (message.retain) online_.on_retained();
   if (gateway == membership_.me) {
     // Retained, whatever it says: the broker answers this gateway's subscription with it, and other
     // states come at the same time. A live one says nothing about the others.
@@ -399,21 +376,8 @@ void Ownership::on_gateway_state(const BrokerMessage& message, std::string_view 
     }
     return;
   }
-  if (message.payload.size() > max_state_octets) return;
-  const auto json =
-      nlohmann::json::parse(message.payload.begin(), message.payload.end(), nullptr, false);
-  const bool is_online = json.is_object() && json.value("state", nlohmann::json{}) == "online";
   const std::string id(gateway);
-  if (!is_online) {
-    states_.erase(id);
-  } else if (states_.size() < Peers::max_peers) {
-    const auto text = [&](const char* key) {
-      return json.contains(key) && json[key].is_string() ? json[key].get<std::string>() : "";
-    };
-    const bool is_greeted = states_[id].is_greeted && states_[id].since == text("since");
-    states_[id] = {text("version"), text("since"), now.mono, is_greeted};
-    on_other_gateway(id, now);
-  }
+  if (online_.on_state(id, message.payload, now.mono)) on_other_gateway(id, now);
 }
 
 bool Ownership::on_broker_message(const BrokerMessage& message, const Now& now) {

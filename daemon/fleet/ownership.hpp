@@ -17,6 +17,7 @@
 #include "daemon/core/rights_probe.hpp"
 #include "daemon/fleet/fleet_subscriptions.hpp"
 #include "daemon/fleet/membership.hpp"
+#include "daemon/fleet/online_gateways.hpp"
 #include "daemon/fleet/pending_wills.hpp"
 #include "daemon/fleet/robot_claims.hpp"
 #include "daemon/fleet/settings.hpp"
@@ -110,14 +111,7 @@ class Ownership {
   /// What the broker's access control list keeps this gateway from, as far as that shows.
   std::vector<MissingRight> missing_rights(TimePoint now) const;
 
-  /// What another gateway's retained `state` says.
-  struct State {
-    std::string version;
-    std::string since;
-    TimePoint heard{};
-    bool is_greeted = false;  ///< this gateway has published its own state again for it
-  };
-  const std::map<std::string, State>& states() const { return states_; }
+  const std::map<std::string, OnlineGateways::State>& states() const { return online_.all(); }
   const std::string& name() const { return membership_.me; }
 
   struct Place {
@@ -173,9 +167,8 @@ class Ownership {
   void on_malformed(std::string_view sender, TimePoint now);
   bool is_busy() const;
   void finish_joining(const Now& now);
-  TimePoint complete_since(TimePoint now) const;
+  void remember_others(bool are_about);
   void forget_the_dead(TimePoint now);
-  void greet_newcomers(TimePoint now);
 
   Settings settings_;
   LocalRobots local_robots_;
@@ -199,10 +192,9 @@ class Ownership {
   bool was_echoed_ = false;       ///< on this connection, in this life
   bool has_been_echoed_ = false;  ///< on any
   LogThrottle unheard_{std::chrono::hours{1}};
-  bool brings_retained_ = false;         ///< the broker, to this connection: gateways' states
-  bool is_muted_ = false;                ///< the broker does not let this gateway speak to others
-  TimePoint last_company_{};             ///< when another gateway was last about
-  std::map<std::string, State> states_;  ///< other gateways that are online; at most max_peers
+  bool is_muted_ = false;     ///< the broker does not let this gateway speak to others
+  TimePoint last_company_{};  ///< when another gateway was last about
+  OnlineGateways online_;
 
   bool is_stopping_ = false;  ///< `online` is not published any more
   std::optional<TimePoint> table_published_;

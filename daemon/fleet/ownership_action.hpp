@@ -17,6 +17,10 @@ struct PublishNow {
 };
 /// This gateway's retained `state`, once more.
 struct AnnounceGateway {};
+/// For Settings::were_others_about of the next process.
+struct RememberOthers {
+  bool are_about = false;
+};
 struct SubscribeFleet {
   std::string filter;
   Qos qos = Qos::at_least_once;
@@ -60,8 +64,9 @@ struct PublishWill {
   Report will;
 };
 
-using OwnershipAction = std::variant<PublishNow, AnnounceGateway, SubscribeFleet, UnsubscribeFleet,
-                                     TakeOverRobot, GiveUpRobot, CarryOut, EndCommand,
-                                     PublishOutcomeNow, PublishOutcome, PublishWill, Notice>;
+using OwnershipAction =
+    std::variant<PublishNow, AnnounceGateway, RememberOthers, SubscribeFleet, UnsubscribeFleet,
+                 TakeOverRobot, GiveUpRobot, CarryOut, EndCommand, PublishOutcomeNow,
+                 PublishOutcome, PublishWill, Notice>;
 
 }  // namespace slamgw::fleet

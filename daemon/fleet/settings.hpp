@@ -18,6 +18,13 @@ struct Settings {
   Enabled enabled = Enabled::automatic;  ///< `fleet.enabled`
   /// Random, another one for each start of the process; its lower 16 bits are not used.
   Life process = 0;
+  /// When this gateway ran last, others were on its broker (RememberOthers).
+  bool were_others_about = false;
+
+  /// Without looking for others first.
+  bool joins_at_once() const {
+    return enabled == Enabled::yes || (enabled == Enabled::automatic && were_others_about);
+  }
 };
 
 }  // namespace slamgw::fleet

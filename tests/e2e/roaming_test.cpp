@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <filesystem>
 
 #include "tests/e2e/device.hpp"
 #include "tests/e2e/gateway_process.hpp"
@@ -62,10 +63,22 @@ TEST_F(TwoGateways, RobotThatMovesHasOneGatewayOneOutcomeAndNoWill) {
 
   const Subscriber presence{broker, "ntnu-slam/gateway/+/robots/r1", "%t %p"};
   ASSERT_TRUE(eventually([&] { return !presence.lines().empty(); }));
-  ASSERT_EQ(presence.lines().size(), 1U);
-  EXPECT_TRUE(
-      presence.lines()[0].starts_with("ntnu-slam/gateway/b/robots/r1 {\"state\":\"online\""))
-      << presence.lines()[0];
+  for (const std::string& line : presence.lines())
+    EXPECT_TRUE(line.starts_with("ntnu-slam/gateway/b/robots/r1 {\"state\":\"online\"")) << line;
+}
+
+/// The broker has lost its retained states, and `b` is not back yet.
+TEST_F(TwoGateways, AGatewayThatStartsAgainRemembersThatItIsNotAlone) {
+  ASSERT_TRUE(eventually([&] { return std::filesystem::exists(a / "store/other-gateways"); }));
+  a.process().send_signal(SIGKILL);
+  EXPECT_TRUE(a.process().wait());
+  b.process().send_signal(SIGKILL);
+  broker.kill();
+  broker.start();
+  const std::size_t before = a.log().size();
+  a.start();
+  ASSERT_TRUE(eventually([&] { return state_of(a) == "member"; })) << a.log();
+  EXPECT_EQ(a.log().substr(before).find("is on this broker too"), std::string::npos) << a.log();
 }
 
 }  // namespace

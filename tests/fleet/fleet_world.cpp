@@ -119,7 +119,7 @@ void FleetWorld::start(int gateway) {
   Node& node = *nodes_[static_cast<std::size_t>(gateway)];
   node.is_running = true;
   node.process = random_();
-  Settings settings{options_.enabled, (node.process << 16U) | 0xabcdU};
+  Settings settings{options_.enabled, (node.process << 16U) | 0xabcdU, remembers_others_[gateway]};
   node.ownership = std::make_unique<Ownership>(FleetTopics("p", node.name), settings, [&node] {
     std::vector<LocalRobot> local;
     for (const auto& [robot, heard] : node.sessions) local.push_back({robot, true});

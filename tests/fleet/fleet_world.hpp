@@ -125,6 +125,9 @@ class FleetWorld : public VirtualTime {
   void arm(int gateway);
   void perform(int gateway, PublishNow& action);
   void perform(int gateway, AnnounceGateway&) { say_online(gateway); }
+  void perform(int gateway, RememberOthers& action) {
+    remembers_others_[gateway] = action.are_about;
+  }
   void perform(int gateway, SubscribeFleet& action);
   void perform(int gateway, UnsubscribeFleet& action);
   void perform(int gateway, TakeOverRobot& action);
@@ -157,6 +160,7 @@ class FleetWorld : public VirtualTime {
 
   Options options_;
   std::vector<std::unique_ptr<Node>> nodes_;
+  std::map<int, bool> remembers_others_;  ///< gateway: over its processes
   std::vector<Robot> robots_;
   std::vector<Command> commands_;
   std::map<std::pair<int, int>, milliseconds> last_delivery_;  // one writer's messages keep order

@@ -128,6 +128,55 @@ TEST_F(LoopedBack, TakesPartAgainWhenItsMessagesComeBackWithinAMinute) {
   EXPECT_TRUE(notices.empty());
 }
 
+TEST_F(LoopedBack, RemembersOnceThatOthersAreAboutUntilNoneIs) {
+  EXPECT_EQ(remembered, std::vector<bool>{true});
+  beat_of_gw_1(9000);
+  pass(50s);
+  EXPECT_EQ(remembered, std::vector<bool>{true});
+  ownership.on_broker_message(
+      {"p/gateway/gw-1/state", to_bytes(R"({"state":"offline"})"), Qos::at_least_once, false},
+      at(now));
+  pass(5min);
+  EXPECT_TRUE(ownership.is_alone());
+  EXPECT_EQ(remembered, (std::vector<bool>{true, false}));
+}
+
+/// A gateway that starts, and remembers that it had company. The broker has no retained states for
+/// it: one of its nodes has just died.
+class Remembering : public LoopedBack {
+ protected:
+  Remembering() : LoopedBack(true) {}
+  void SetUp() override {
+    local = {{"r", true}};
+    ownership.on_broker_link(true, at(0s));
+    states_answered(0s);
+  }
+};
+
+TEST_F(Remembering, IsNotAloneOnlyBecauseNobodyIsTold) {
+  command(10ms);
+  pass(900ms);
+  EXPECT_FALSE(ownership.is_alone());
+  EXPECT_FALSE(ownership.may_announce("r", Presence::online, true, at(now).mono));
+  EXPECT_EQ(carried, 0);
+  beat_of_gw_1(9000);
+  comes_from_gw_1(Table{{}, {}, {{"r", 7}}});
+  pass(5s);
+  EXPECT_EQ(ownership.phase(), Ownership::Phase::member);
+  EXPECT_FALSE(ownership.may_act_for("r", at(now).mono)) << "it is at gw-1";
+  EXPECT_TRUE(remembered.empty()) << "no news";
+}
+
+TEST_F(Remembering, ServesItsRobotsSoonAndFallsAsleepWhenNobodyComes) {
+  pass(5s);
+  ownership.on_heard("r", at(now));
+  pass(1s);
+  EXPECT_TRUE(ownership.may_act_for("r", at(now).mono));
+  pass(60s);
+  EXPECT_TRUE(ownership.is_alone());
+  EXPECT_EQ(remembered, std::vector<bool>{false});
+}
+
 /// A gateway that joins, while gw-1 has claimed its robots "r", "x" and "y" by now.
 class Joining : public Reconnected {
  protected:
@@ -137,9 +186,6 @@ class Joining : public Reconnected {
     beat_of_gw_1(9000);
     comes_from_gw_1(Table{{}, {}, {{"r", 7}, {"x", 5}, {"y", 3}}});
     claims.clear();
-  }
-  void comes_from_gw_1(const Body& body) {
-    ownership.on_fleet_message({"gw-1", 0x20001, body}, at(now));
   }
   void join() {
     others_answered(now);

@@ -14,6 +14,7 @@ namespace slamgw::fleet::test {
 /// A gateway whose robot is "r", and a broker that gives back what it writes, or loses it.
 class LoopedBack : public Newcomer {
  protected:
+  using Newcomer::Newcomer;
   void SetUp() override {
     ownership.on_broker_link(true, at(0s));
     states_answered(0s);
@@ -47,6 +48,7 @@ class LoopedBack : public Newcomer {
   void take(PublishWill&) { ++wills; }
   void take(Notice& notice) { notices.push_back(notice); }
   void take(AnnounceGateway&) { ++greetings; }
+  void take(RememberOthers& action) { remembered.push_back(action.are_about); }
   void take(PublishNow& action) {
     if (action.message.topic.find("/robots/") != std::string::npos) {
       EXPECT_TRUE(action.message.retain && action.message.payload.empty());
@@ -72,6 +74,9 @@ class LoopedBack : public Newcomer {
     ownership.on_fleet_message({"gw-1", 0x20001, Beat{sent_ms, 60'000, 0, 0, up_ms, gapless_ms}},
                                at(now));
   }
+  void comes_from_gw_1(const Body& body) {
+    ownership.on_fleet_message({"gw-1", 0x20001, body}, at(now));
+  }
   /// It notices that it was away, and gets a command that came before it hears the others.
   void come_back_to_a_command() {
     now += 40s;
@@ -93,6 +98,7 @@ class LoopedBack : public Newcomer {
   std::vector<EndCommand> ends;
   std::vector<std::string> withdrawn;  ///< entries of robots at other gateways
   std::vector<Notice> notices;
+  std::vector<bool> remembered;  ///< for the next process: whether others are about
   int carried = 0;
   int told = 0;
   int wills = 0;

@@ -13,6 +13,9 @@ using namespace std::chrono_literals;
 /// One gateway without a world around it.
 class Newcomer : public testing::Test {
  protected:
+  explicit Newcomer(bool were_others_about = false)
+      : ownership({"p", "gw-0"}, {Enabled::automatic, process, were_others_about},
+                  [this] { return local; }) {}
   static constexpr Life process = 0x10000;
   Now at(Duration after) const { return {TimePoint{} + 1h + after, {}}; }
   void command(Duration after) {
@@ -38,7 +41,7 @@ class Newcomer : public testing::Test {
     return count;
   }
   std::vector<LocalRobot> local;  ///< robots that it has
-  Ownership ownership{{"p", "gw-0"}, {Enabled::automatic, process}, [this] { return local; }};
+  Ownership ownership;
 };
 
 }  // namespace slamgw::fleet::test

@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: Apache-2.0
+// `<store.directory>/other-gateways`: it is there when others were on this gateway's broker while
+// it ran last. A gateway that starts then takes part in the fleet at once, also when the broker is
+// in no state to say who else is `online`.
+#pragma once
+
+#include <boost/asio/thread_pool.hpp>
+#include <string>
+
+namespace slamgw {
+
+class FleetMemory {
+ public:
+  explicit FleetMemory(const std::string& directory) : path_(directory + "/other-gateways") {}
+
+  /// False also when the file cannot be read. Called before the loop runs.
+  bool were_others_about() const;
+  /// On a thread of its own. What cannot be written is not remembered.
+  void remember(bool are_others_about);
+  /// Waits for what is being written.
+  void stop() { disk_.join(); }
+
+ private:
+  std::string path_;
+  boost::asio::thread_pool disk_{1};
+};
+
+}  // namespace slamgw
