@@ -5,6 +5,7 @@
 #pragma once
 
 #include <boost/asio/thread_pool.hpp>
+#include <optional>
 #include <string>
 
 namespace slamgw {
@@ -18,11 +19,11 @@ class FleetMemory {
   /// On a thread of its own. What cannot be written is not remembered.
   void remember(bool are_others_about);
   /// Waits for what is being written.
-  void stop() { disk_.join(); }
+  void stop();
 
  private:
   std::string path_;
-  boost::asio::thread_pool disk_{1};
+  std::optional<boost::asio::thread_pool> disk_;  ///< most gateways never need one
 };
 
 }  // namespace slamgw
