@@ -131,29 +131,41 @@ void CommandTurns::begin_taking(std::map<Number, Waiting>::iterator each, bool i
   waiting.is_refusal = is_refusal;
   waiting.taken = waiting.last_sent = now;
   waiting.copies = 1;
+  waiting.has_moved = false;
   waiting.contested.reset();
   waiting.settles.reset();
   messages.push_back(to_taken(waiting, now));
 }
 
+/// Under the same id: who has heard that this gateway takes it has forgotten its own copy.
+void CommandTurns::turn_to_refusal(Waiting& waiting, TimePoint now, std::vector<Taken>& messages) {
+  waiting.is_refusal = true;
+  waiting.last_sent = now;
+  waiting.copies = 1;
+  waiting.contested.reset();
+  messages.push_back(to_taken(waiting, now));
+}
+
 /// Under the same id: others know it already if it was only the echo that was lost. A refusal is
 /// sent more than once in any case: who would object may have missed it.
-std::vector<Taken> CommandTurns::repeat(TimePoint now) {
+std::vector<Taken> CommandTurns::repeat(const StillOwns& still_owns, TimePoint now) {
   std::vector<Taken> messages;
-  for (const auto& [id, number] : std::map(taking_)) {
-    const auto each = waiting_.find(number);
-    Waiting& waiting = each->second;
+  for (const auto& [id, number] : taking_) {
+    Waiting& waiting = waiting_.at(number);
+    if (!waiting.is_refusal && !still_owns(waiting)) {
+      waiting.has_moved = true;
+      turn_to_refusal(waiting, now, messages);
+      continue;
+    }
     if (waiting.contested && !waiting.settles) {
       if (now - *waiting.contested < contest_patience) continue;
       waiting.contested.reset();
       if (!waiting.is_refusal) {
-        taking_.erase(id);
-        begin_taking(each, /*is_refusal=*/true, now, messages);
+        turn_to_refusal(waiting, now, messages);
         continue;
       }
     }
-    const bool is_enough =
-        waiting.settles && (!waiting.is_refusal || waiting.copies >= refusal_copies);
+    const bool is_enough = waiting.settles && waiting.copies >= refusal_copies;
     if (is_enough || now - waiting.last_sent < repeat_interval) continue;
     waiting.last_sent = now;
     ++waiting.copies;
@@ -163,10 +175,11 @@ std::vector<Taken> CommandTurns::repeat(TimePoint now) {
 }
 
 /// True when there is an equal command here. Of two gateways that take one, both see in the same
-/// way who must yield: who only refuses it, who has lost the robot, or else the greater id.
-bool CommandTurns::cancel(const std::string& gateway, const Taken& taken,
-                          const std::string& own_gateway, const StillOwns& still_owns,
-                          TimePoint now) {
+/// way who must yield: who only refuses it, who has lost the robot to the other one, or else the
+/// greater id. Who has lost it to a third one does not know whether the other one has, too: it
+/// turns to a refusal (repeat).
+bool CommandTurns::cancel(const Taker& taker, const Taken& taken, const std::string& own_gateway,
+                          const StillOwns& still_owns, TimePoint now) {
   const auto equal = by_key_.find(taken.key);
   if (equal == by_key_.end()) return false;
   const auto is_idle = [&](Number number) { return waiting_.at(number).taking == 0; };
@@ -177,10 +190,10 @@ bool CommandTurns::cancel(const std::string& gateway, const Taken& taken,
   // The other one yields to a refusal that this gateway has said in a former life, which may come
   // out late.
   const bool is_yielded_to =
-      mine.was_taken && mine.is_refusal && is_refusal && own_gateway < gateway;
+      mine.was_taken && mine.is_refusal && is_refusal && own_gateway < taker.gateway;
   bool must_yield = (mine.taking == 0 && !is_yielded_to) || (mine.is_refusal && !is_refusal);
   if (!must_yield && mine.taking != 0 && mine.is_refusal == is_refusal)
-    must_yield = is_refusal ? gateway < own_gateway : !still_owns(mine);
+    must_yield = is_refusal ? taker.gateway < own_gateway : taker.is_owner && !still_owns(mine);
   if (must_yield) {
     remove(each);
   } else if (mine.taking != 0 && !mine.settles && !mine.contested) {
@@ -189,10 +202,11 @@ bool CommandTurns::cancel(const std::string& gateway, const Taken& taken,
   return true;
 }
 
-std::optional<Taken> CommandTurns::on_taken(const std::string& gateway, Life life,
-                                            const Taken& taken, const std::string& own_gateway,
+std::optional<Taken> CommandTurns::on_taken(const Taker& taker, const Taken& taken,
+                                            const std::string& own_gateway,
                                             const StillOwns& still_owns,
                                             const TakenCommands::Matches& objects, TimePoint now) {
+  const auto& [gateway, life, is_owner] = taker;
   settle_early_outcomes(now);
   if (auto objection = answer(taken, objects, now)) return objection;
   const TimePoint came = came_before(now, taken.age_ms);
@@ -202,8 +216,12 @@ std::optional<Taken> CommandTurns::on_taken(const std::string& gateway, Life lif
   };
   if (!taken.is_refusal) commands_.forget_owed(yields);
   if (taken.is_ended) commands_.end(taken.key, came);
-  if (is_heard(gateway, life, taken.key, taken.id)) {  // the broker's copy, or said again
-    if (!taken.is_refusal) yield_refusal(taken, now);
+  const auto is_same = [&](const TakenCommands::Entry& entry) {
+    return entry.command.id == taken.id && entry.is_of(gateway, life);
+  };
+  if (commands_.find(taken.key, is_same)) {  // the broker's copy, or said again
+    if (taken.is_refusal) commands_.turn_to_refusal(taken.key, is_same);
+    if (!taken.is_refusal || gateway < own_gateway) yield_refusal(taken, now);
     return std::nullopt;
   }
   // Another gateway has taken it before, and this one's copy was cancelled then.
@@ -219,16 +237,9 @@ std::optional<Taken> CommandTurns::on_taken(const std::string& gateway, Life lif
   entry.kept = kept_before(taken);
   entry.is_refusal = taken.is_refusal;
   entry.is_ended = taken.is_ended || (early && entry.has_begun(early->began));
-  entry.is_copy_missing = !is_again && !cancel(gateway, taken, own_gateway, still_owns, now);
+  entry.is_copy_missing = !is_again && !cancel(taker, taken, own_gateway, still_owns, now);
   commands_.add(std::move(entry), !taken.is_ended && !early, now);
   return std::nullopt;
-}
-
-bool CommandTurns::is_heard(const std::string& gateway, Life life, std::uint64_t key,
-                            std::uint64_t id) const {
-  return commands_.find(key, [&](const TakenCommands::Entry& entry) {
-    return entry.command.id == id && entry.is_of(gateway, life);
-  });
 }
 
 /// As a command that is carried out, so that the other one yields.
@@ -302,7 +313,8 @@ bool CommandTurns::is_refusing(std::uint64_t key) const {
          });
 }
 
-/// Who has taken a command objects to this gateway's refusal by saying so again.
+/// Who has taken a command objects to this gateway's refusal by saying so again. Of two gateways
+/// that refuse what both had taken the one of the lesser name goes on.
 void CommandTurns::yield_refusal(const Taken& taken, TimePoint now) {
   const TakenCommands::Arrival theirs{came_before(now, taken.age_ms), kept_before(taken)};
   remove_one(taken.key, [&](const Waiting& waiting) {
@@ -322,16 +334,17 @@ bool CommandTurns::remove_one(std::uint64_t key,
   return true;
 }
 
-std::optional<CommandTurns::Waiting> CommandTurns::on_own_taken(std::uint64_t id,
+std::optional<CommandTurns::Waiting> CommandTurns::on_own_taken(const Taken& taken,
                                                                 const StillOwns& still_owns,
                                                                 TimePoint now) {
-  const auto number = taking_.find(id);
+  const auto number = taking_.find(taken.id);
   if (number == taking_.end()) return std::nullopt;
   const auto each = waiting_.find(number->second);
   Waiting& waiting = each->second;
+  if (waiting.is_refusal != taken.is_refusal) return std::nullopt;  // what it said before
   if (!waiting.is_refusal && still_owns(waiting)) return finish(each, false, now);
-  if (!waiting.settles) waiting.settles = now + refusal_settling;
-  return std::nullopt;
+  if (waiting.is_refusal && !waiting.settles) waiting.settles = now + refusal_settling;
+  return std::nullopt;  // repeat() turns one whose robot is lost to a refusal
 }
 
 std::vector<CommandTurns::Waiting> CommandTurns::take_refused(TimePoint now) {

@@ -68,6 +68,7 @@ class CommandTurns {
     Duration kept{};           ///< TakenCommands::Arrival
     std::uint64_t taking = 0;  ///< the id of our Taken that is under way; 0: none
     bool is_refusal = false;   ///< our Taken says that we only refuse it
+    bool has_moved = false;    ///< to another gateway, the robot, while our Taken was under way
     unsigned copies = 0;       ///< of our Taken
     TimePoint taken{};         ///< when our Taken was first sent
     TimePoint last_sent{};     ///< our Taken
@@ -104,11 +105,18 @@ class CommandTurns {
                          const Choose& choose, TimePoint now);
   /// Asks for each that is not being taken.
   std::vector<Taken> decide(const Choose& choose, TimePoint now);
-  /// Each Taken that has not come back, to be sent again: it may have been lost.
-  std::vector<Taken> repeat(TimePoint now);
+  /// Each Taken that has not come back, to be sent again: it may have been lost. One of a robot
+  /// that this gateway has lost meanwhile says from now on that the command is only refused: then
+  /// the new owner, which may have taken it, objects.
+  std::vector<Taken> repeat(const StillOwns& still_owns, TimePoint now);
+  struct Taker {
+    const std::string& gateway;
+    Life life = 0;
+    bool is_owner = false;  ///< of the command's robot, by now and as far as this gateway knows
+  };
   /// Somebody else takes one. What this gateway must answer when the other one wants to refuse a
   /// command that somebody has taken, and `objects` says that this gateway speaks for it.
-  std::optional<Taken> on_taken(const std::string& gateway, Life life, const Taken& taken,
+  std::optional<Taken> on_taken(const Taker& taker, const Taken& taken,
                                 const std::string& own_gateway, const StillOwns& still_owns,
                                 const TakenCommands::Matches& objects, TimePoint now);
   /// Who made way for this gateway has dealt with this command of the robot.
@@ -116,7 +124,8 @@ class CommandTurns {
                const DoneCommand& done, TimePoint now);
   /// Our own `Taken` came back: this command is ours. Nothing when it is to be refused: then
   /// take_refused() has it later, unless somebody else says until then that he takes it.
-  std::optional<Waiting> on_own_taken(std::uint64_t id, const StillOwns& still_owns, TimePoint now);
+  std::optional<Waiting> on_own_taken(const Taken& taken, const StillOwns& still_owns,
+                                      TimePoint now);
   /// Those that nobody else has taken while their refusal settled.
   std::vector<Waiting> take_refused(TimePoint now);
   /// Those that had no room.
@@ -167,7 +176,8 @@ class CommandTurns {
                   std::vector<Taken>& messages);
   void begin_taking(std::map<Number, Waiting>::iterator each, bool is_refusal, TimePoint now,
                     std::vector<Taken>& messages);
-  bool cancel(const std::string& gateway, const Taken& taken, const std::string& own_gateway,
+  static void turn_to_refusal(Waiting& waiting, TimePoint now, std::vector<Taken>& messages);
+  bool cancel(const Taker& taker, const Taken& taken, const std::string& own_gateway,
               const StillOwns& still_owns, TimePoint now);
   std::map<Number, Waiting>::iterator insert(Waiting waiting);
   Waiting remove(std::map<Number, Waiting>::iterator each);
@@ -175,8 +185,6 @@ class CommandTurns {
   std::optional<Taken> answer(const Taken& taken, const TakenCommands::Matches& objects,
                               TimePoint now) const;
   bool is_being_ended(const TakenCommands::Entry& owed, TimePoint now) const;
-  /// Its Taken was heard, or a release has named it.
-  bool is_heard(const std::string& gateway, Life life, std::uint64_t key, std::uint64_t id) const;
   std::optional<EarlyOutcome> take_early_outcome(const std::string& gateway, const Taken& taken,
                                                  TimePoint came);
   void forget_former_life(const std::string& gateway, Life life, std::uint64_t key, TimePoint came,

@@ -82,15 +82,16 @@ void SharedCommands::decide(TimePoint now) {
       [&](const CommandTurns::Waiting& waiting) { return choose(waiting, now); }, now);
   for (const Taken& taken : messages) membership_.publish_to_all(taken);
   if (!membership_.lease.is_valid(now)) return;
-  for (const Taken& taken : turns_.repeat(now)) membership_.publish_to_all(taken);
+  const auto owns = [&](const CommandTurns::Waiting& waiting) { return still_owns(waiting, now); };
+  for (const Taken& taken : turns_.repeat(owns, now)) membership_.publish_to_all(taken);
   for (auto& waiting : turns_.take_refused(now)) {
     if (waiting.outcome) {
       publish({std::move(*waiting.outcome), now, waiting.robot, waiting.type});
       continue;
     }
     refuse(waiting,
-           waiting.is_refusal ? "no gateway serves this robot"
-                              : "the robot moved to another gateway just then",
+           waiting.has_moved ? "the robot moved to another gateway just then"
+                             : "no gateway serves this robot",
            now);
   }
 }
@@ -175,7 +176,7 @@ int SharedCommands::rank_for(const std::string& robot, TimePoint since, TimePoin
 
 void SharedCommands::on_own_taken(const Taken& taken, const Now& now) {
   auto own = turns_.on_own_taken(
-      taken.id, [&](const auto& waiting) { return still_owns(waiting, now.mono); }, now.mono);
+      taken, [&](const auto& waiting) { return still_owns(waiting, now.mono); }, now.mono);
   if (!own) return;
   if (own->last_sent - own->came >= CommandTurns::owner_patience)
     return refuse(*own, "the broker took too long", now.mono);
@@ -193,8 +194,10 @@ void SharedCommands::on_taken(const std::string& gateway, Life life, Taken taken
     if (!speaks) speaks = rank_for(known.robot, TimePoint::max(), now) < speakers;
     return *speaks;
   };
+  const auto row = membership_.table.find(taken.robot);
+  const bool is_owner = row && row->claim.gateway == gateway && row->claim.life == life;
   const auto answer = turns_.on_taken(
-      gateway, life, taken, membership_.me,
+      {gateway, life, is_owner}, taken, membership_.me,
       [&](const auto& waiting) { return still_owns(waiting, now); }, objects, now);
   // That an outcome is published stays true whether this gateway takes part or not.
   if (answer && (answer->is_ended || membership_.lease.is_valid(now)))

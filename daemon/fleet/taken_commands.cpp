@@ -72,6 +72,13 @@ const TakenCommands::Entry* TakenCommands::find_own(const std::string& robot,
   return nullptr;
 }
 
+void TakenCommands::turn_to_refusal(std::uint64_t key, const Matches& matches) {
+  const auto equal = by_key_.find(key);
+  if (equal == by_key_.end()) return;
+  for (const Number number : equal->second)
+    if (matches(at(number))) at(number).is_refusal = true;
+}
+
 void TakenCommands::end_own(const std::string& robot, const std::string& type, TimePoint taken) {
   auto entry = std::ranges::lower_bound(entries_, taken - heard_apart, {}, &Entry::taken);
   for (; entry != entries_.end() && entry->taken < taken + heard_apart; ++entry) {

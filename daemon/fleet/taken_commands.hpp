@@ -90,6 +90,8 @@ class TakenCommands {
   std::vector<DoneCommand> of(const std::string& robot, TimePoint now) const;
   /// Somebody has published the outcome.
   void end(std::uint64_t key, TimePoint came);
+  /// Its taker does not carry it out any more.
+  void turn_to_refusal(std::uint64_t key, const Matches& matches);
   /// The broker has this gateway's outcome.
   void end_own(const std::string& robot, const std::string& type, TimePoint taken);
   /// Outcomes that are owed no longer. Asks about the oldest first.
