@@ -266,7 +266,11 @@ void RobotClaims::merge(const std::string& robot, const Claim& claim, const std:
     // The gateway that took the robot over from this one must give way as well.
     const bool has_passed_on =
         row && row->gateway != claim.gateway && membership_.is_living(*row, now.mono);
-    release(robot, has_passed_on ? *row : claim, claim.gateway, {}, now.mono);
+    if (has_passed_on) {
+      release(robot, *row, claim.gateway, {}, now.mono);
+    } else {  // the core may have forgotten it, and its mesh not
+      membership_.actions.push(GiveUpRobot{robot, claim, true});
+    }
   }
   const auto heard = heard_.find(robot);
   const bool is_heard_here_only = !boards_.knows(robot);

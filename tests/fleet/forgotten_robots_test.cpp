@@ -65,6 +65,22 @@ TEST_F(ForgottenRobots, OfOtherGatewaysStayWithThem) {
   EXPECT_EQ(ownership.place_of("x", at(now).mono)->gateway, "gw-1");
 }
 
+/// Its session is here still, and gw-1 has not noticed yet that it was forgotten.
+TEST_F(ForgottenRobots, AreHandedOverWithTheirSessions) {
+  beat_of_gw_1(9000);
+  ownership.on_forgotten("r");
+  pass(10ms);
+  given_up.clear();
+  ownership.on_fleet_message({"gw-1", 0x20001, ClaimRobot{"r", 2, "gw-0"}}, at(now));
+  pass(10ms);
+  EXPECT_EQ(given_up, std::vector<std::string>{"r"});
+  EXPECT_TRUE(releases.empty()) << "with the session only";
+  ownership.on_given_up("r", {2, "gw-1", 0x20001}, Bytes{1, 2, 3}, at(now));
+  pass(10ms);
+  ASSERT_EQ(releases.size(), 1U);
+  EXPECT_EQ(releases[0].session, (Bytes{1, 2, 3}));
+}
+
 /// The others ask for the table of the gateway whose digest has changed, once.
 TEST(ForgottenRobot, LeavesTheTablesOfTheOthersToo) {
   FleetWorld world({.gateways = 3, .robots = 2, .lost = 0});
@@ -101,6 +117,17 @@ TEST(ForgottenRobot, IsKnownToAllWhenItIsHeardAgainAtOnce) {
   world.roam(0, 1);
   world.run(1s);
   EXPECT_EQ(world.actors(0), std::vector<int>{1});
+}
+
+TEST(ForgottenRobot, TakesItsSessionAlongWhenItGoesOnAtOnce) {
+  FleetWorld world({.gateways = 3, .robots = 2, .lost = 0});
+  world.run(5s);
+  ASSERT_TRUE(world.has_session(0));
+  world.ownership(0).on_forgotten(FleetWorld::robot_name(0));
+  world.roam(0, 1);
+  world.run(2s);
+  EXPECT_EQ(world.actors(0), std::vector<int>{1});
+  EXPECT_TRUE(world.has_session(0));
 }
 
 /// More robots than a gateway can know, in the name of one that lives.
