@@ -429,6 +429,7 @@ void RobotClaims::begin_life() {
   claiming_.clear();
   passing_.clear();
   dropped_epoch_ = 0;
+  sweep_.clear();
 }
 
 void RobotClaims::forget_all() {
@@ -495,8 +496,10 @@ void RobotClaims::on_table(const std::string& sender, Life life, const Table& ta
     const auto row = membership_.table.find(robot);
     theirs += row && row->claim.gateway == sender && row->claim.life == life ? 1 : 0;
   }
-  // Only then: drop_unlisted() reads the rows of the whole fleet.
-  if (membership_.table.digest_of(sender, life).count > theirs) drop_unlisted(sender, life, table);
+  if (membership_.table.digest_of(sender, life).count > theirs)
+    for (const std::string& robot : sweep_.unlisted(membership_.table, sender, life, table))
+      membership_.table.erase(robot);
+  if (table.upto.empty()) sweep_.on_last_message(sender);
 }
 
 /// The owner has begun again at a lower epoch.
@@ -507,16 +510,8 @@ void RobotClaims::drop_spent(const std::string& robot, const Claim& listed) {
     membership_.table.erase(robot);
 }
 
-/// Claims of the sender that are missing in the range of its table.
-void RobotClaims::drop_unlisted(const std::string& sender, Life life, const Table& table) {
-  for (const auto& [robot, epoch] : membership_.table.claims_of(sender, life)) {
-    const bool is_in_range = robot > table.after && (table.upto.empty() || robot <= table.upto);
-    const bool is_listed = std::ranges::binary_search(table.rows, robot, {}, &Table::Row::robot);
-    if (is_in_range && !is_listed) membership_.table.erase(robot);
-  }
-}
-
 void RobotClaims::forget_the_dead(TimePoint now) {
+  sweep_.clear();  // of gateways that died before their last message
   std::vector<ClaimTable::Owner> dead = membership_.table.owners();
   std::erase_if(dead, [&](const auto& owner) {
     const Claim claim{0, owner.first, owner.second};

@@ -15,6 +15,7 @@
 #include "daemon/fleet/board_choice.hpp"
 #include "daemon/fleet/membership.hpp"
 #include "daemon/fleet/roam_guard.hpp"
+#include "daemon/fleet/table_sweep.hpp"
 
 namespace slamgw::fleet {
 
@@ -136,7 +137,6 @@ class RobotClaims {
                                           TimePoint now) const;
   void begin_again(const std::string& robot, const Now& now);
   void drop_spent(const std::string& robot, const Claim& listed);
-  void drop_unlisted(const std::string& sender, Life life, const Table& table);
 
   Membership& membership_;
   std::unordered_map<std::string, TimePoint> held_;  ///< robots that this gateway owns, since when
@@ -148,6 +148,7 @@ class RobotClaims {
   std::unordered_map<std::string, TimePoint> heard_;
   std::map<std::string, TimePoint> objected_;
   std::vector<ClaimTable::Owner> dead_;  ///< that had claims at the last sweep
+  TableSweep sweep_;
   RoamGuard guard_;
   BoardChoice boards_;
   LogThrottle restless_{std::chrono::minutes{1}};
