@@ -189,7 +189,7 @@ void SharedCommands::on_taken(const std::string& gateway, Life life, Taken taken
   constexpr int speakers = 3;
   std::optional<bool> speaks;  // one search among many equal commands asks once
   const auto objects = [&](const TakenCommands::Entry& known) {
-    if (known.is_own()) return known.is_ended || !is_left_to_others(known.came, now);
+    if (known.is_own()) return known.is_ended || !may_be_left_to_others(known.came, now);
     if (!known.is_ended || known.gateway == gateway) return false;
     if (!speaks) speaks = rank_for(known.robot, TimePoint::max(), now) < speakers;
     return *speaks;
@@ -271,6 +271,12 @@ void SharedCommands::on_own_outcome(BrokerMessage outcome, Duration after, TimeP
 /// joined.
 bool SharedCommands::is_left_to_others(TimePoint came, TimePoint now) const {
   return was_away_since(came) && membership_.peers.has_witness(came, now);
+}
+
+/// While this gateway joins, who was connected all the time is still to be heard.
+bool SharedCommands::may_be_left_to_others(TimePoint came, TimePoint now) const {
+  const bool is_known = membership_.phase == Phase::member;
+  return is_known ? is_left_to_others(came, now) : was_away_since(came);
 }
 
 bool SharedCommands::heard_others(TimePoint time) const {

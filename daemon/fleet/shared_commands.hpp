@@ -78,6 +78,7 @@ class SharedCommands {
   CommandTurns::Choice choose_for_nobody(const CommandTurns::Waiting& waiting, TimePoint now) const;
   CommandTurns::Fate fate_of(const TakenCommands::Entry& owed, TimePoint now) const;
   bool is_left_to_others(TimePoint came, TimePoint now) const;
+  bool may_be_left_to_others(TimePoint came, TimePoint now) const;
   bool was_away_since(TimePoint came) const;
   bool still_owns(const CommandTurns::Waiting& waiting, TimePoint now) const;
   void refuse(const CommandTurns::Waiting& waiting, std::string why, TimePoint now);

@@ -170,6 +170,29 @@ TEST_F(LateCommands, TakenThatComesLateTellsWhenTheCommandCame) {
   EXPECT_EQ(said[1].id, said[0].id);
 }
 
+/// It was cut off with its outcome untold, and is back before it has heard who was there all the
+/// time: gw-1, which leaves the command to it when it objects.
+TEST_F(LateCommands, OutcomeIsNotClaimedBeforeItIsKnownWhoWasThere) {
+  ownership.on_fleet_message({"gw-1", 0x20002, Beat{clock_of_gw_1(), 500, 0, 0, 100, 100}},
+                             at(now));
+  command(now);
+  pass(1s);
+  ASSERT_EQ(carried, 1);
+  now += 33s;
+  pass(50ms);  // it notices that it was away
+  const Taken theirs{1, said.at(0).key, "r", "cmd", 34'000, true, false, clock_of_gw_1()};
+  ownership.on_fleet_message({"gw-1", 0x20002, theirs}, at(now));
+  pass(10ms);
+  EXPECT_EQ(said.size(), 1U) << "it does not object";
+  ownership.on_fleet_message({"gw-1", 0x20002, Beat{clock_of_gw_1(), 60'000, 0, 0, 100'000, 100}},
+                             at(now));
+  ownership.on_own_outcome(
+      {"p/gateway/gw-0/commands/r", to_bytes(R"({"type":"cmd"})"), Qos::at_least_once, false}, 34s,
+      at(now));
+  pass(20s);
+  EXPECT_EQ(told, 0);
+}
+
 /// gw-2 took it late, was cut off for 35 s and leaves its outcome to this gateway, which is cut off
 /// in its turn before gw-2 would have been dead for long enough.
 TEST_F(LateCommands, OutcomeThatIsLeftToThisGatewayIsToldAtOnce) {
