@@ -25,7 +25,7 @@ CLAIM_S = 0.5  # between what goes up for the one gateway and the claim of the n
 def claims_in(messages):
     """By robot: when a life of a gateway was first seen to claim it with each epoch, at once or in a table after it has joined anew."""
     claims, seen = defaultdict(list), set()
-    for at, topic, payload in messages:
+    for at, topic, payload, _ in messages:
         if topic.split("/")[1] != "fleet" or not (b'"claim"' in payload or b'"table"' in payload):
             continue
         message = json.loads(payload)
@@ -112,15 +112,22 @@ class BleMesh:
                 repeats[self.names[event["robot"]], event["number"]].append(at + to_monotonic)
         return sent, acknowledged, repeats
 
+    def acknowledged(self, prefix):
+        """(topic, payload) of each message that was."""
+        sent, acknowledged, _ = self.read_record()
+        return {(f"{prefix}/robot/{robot}/{TYPE}", bytes.fromhex(sent[robot, number][0])) for robot, number in acknowledged}
+
     def judge(self, messages, told, bounds, findings):
-        """`messages`: (time, topic, payload) of the broker. `told`: the outcomes."""
+        """`messages`: those of the broker. `told`: the outcomes."""
         sent, acknowledged, repeats = self.read_record()
         robots = set(self.names.values())
         came, claims = defaultdict(list), claims_in(messages)
-        for at, topic, payload in messages:
+        late = set()
+        for at, topic, payload, is_late in messages:
             levels = topic.split("/")
             if levels[1] == "robot" and levels[3] == TYPE:
                 came[levels[2], payload.hex()].append(at)
+                late |= {(levels[2], payload.hex())} if is_late else set()
                 if levels[2] not in robots and levels[2].startswith("ble-"):
                     findings.add("ble_unknown", at, levels[2])
         for key, at in acknowledged.items():
@@ -131,10 +138,10 @@ class BleMesh:
         claimed = sum(len(claims[robot]) for robot in robots)
         commands = self.judge_commands(told, claims, bounds, findings)
         self.judge_copies(sent, came, claims, bounds, findings)
-        self.judge_order(sent, came, bounds, findings)
+        self.judge_order(sent, came, late, bounds, findings)
         silence = sorted(at - sent[key][1] for key, at in acknowledged.items())
         return {
-            "ble_messages": len(acknowledged), "ble_claims": claimed,
+            "ble_messages": len(acknowledged), "ble_claims": claimed, "ble_order_unknown": len(late),
             **commands,
             "ble_repeated": sum(1 for each in repeats.values() if each), "ble_silence_p99_s": round(silence[len(silence) * 99 // 100], 3) if silence else None,
             "ble_silence_max_s": round(silence[-1], 3) if silence else None,
@@ -180,10 +187,10 @@ class BleMesh:
                     kind = "ble_doubled_when_broker_broke"
                 findings.add(kind, next_one, f"{robot} {number} sent at {at:.3f} came at {[round(each, 3) for each in copies]}")
 
-    def judge_order(self, sent, came, bounds, findings):
+    def judge_order(self, sent, came, late, bounds, findings):
         newest = {}
         firsts = sorted((came[robot, payload][0], robot, number, at)
-                        for (robot, number), (payload, at) in sent.items() if came[robot, payload])
+                        for (robot, number), (payload, at) in sent.items() if came[robot, payload] and (robot, payload) not in late)
         for arrived, robot, number, at in firsts:
             if number < newest.get(robot, 0):
                 is_bound = any(bounds.may_be_overtaken(*pair, at, arrived) for pair in itertools.permutations(self.gateways, 2))
@@ -196,7 +203,7 @@ class BleMesh:
         when its gateway had lost its lease, may have been obeyed though it is refused."""
         received = json.loads(self.simulator.log.read_text().splitlines()[-1])["robots"]
         obeyed = {self.names[name]: robot["commands_received"] for name, robot in received.items()}
-        results = {key: {json.loads(payload)["outcome"] for _, _, payload in said} for key, said in told.items()
+        results = {key: {json.loads(each.payload)["outcome"] for each in said} for key, said in told.items()
                    if key[0] in obeyed}
         delivered = Counter(robot for (robot, _), outcomes in results.items() if "delivered" in outcomes)
         told_of = Counter(robot for robot, _ in results)
@@ -214,8 +221,8 @@ class BleMesh:
                 sum(max(0, count - delivered[robot]) for robot, count in obeyed.items())}
 
     def may_be_obeyed(self, claims, said, bounds):
-        until = said[-1][0]
-        since = until - json.loads(said[-1][2])["after_ms"] / 1000
+        until = said[-1].at
+        since = until - json.loads(said[-1].payload)["after_ms"] / 1000
         return (any(since - CLAIM_S <= claim <= until + CLAIM_S for claim in claims) or
                 any(bounds.was_disturbed(gateway, since, until) or bounds.has_lost_its_lease(gateway, since, until)
                     for gateway in self.gateways))

@@ -20,6 +20,7 @@ class Engine:
     subscribed_s = 1  # what it needs for the subscriptions of a gateway that connects
     keeps_retained_for_itself = False  # each node: what another one took is retained there only
     sends_retained_to_wildcards = True
+    repeats_in_a_connection = False  # what a client has not acknowledged for a while; others repeat it to one that is back
 
     def __init__(self, directory, host, prefix=(), count=1):
         self.directory, self.host, self.prefix = directory, host, list(prefix)
@@ -51,6 +52,8 @@ class Mosquitto(Engine):
 
 class Nats(Engine):
     subscribed_s = 10  # 6 s were seen
+    repeats_in_a_connection = True  # after 30 s
+
     def __init__(self, directory, host, prefix=()):
         self.routes = [free_port(socket.SOCK_STREAM) for _ in range(NODES)]
         self.watched = [free_port(socket.SOCK_STREAM) for _ in range(NODES)]

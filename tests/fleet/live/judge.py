@@ -1,10 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a run has come to: every message of a robot, every command, and where the broker said that each robot is. What it forgives is
-in bounds. Used by run."""
+in bounds. Used by run.
+
+Of a message that came late (streams: no live observer was there) it is not known when it was published. It counts as come, and its
+copies and its order are judged, with the time of its arrival as the latest possible one. Left out: whether a will was false
+(`wills_of_unknown_time`), whether an outcome came in time, how long the message took, the order of messages of BLE robots
+(`ble_order_unknown`). Presence is what live observers saw."""
 import datetime
 import json
 import time
 from collections import Counter, defaultdict
+from typing import NamedTuple
 
 from bounds import Bounds
 from presence import longest_contradiction
@@ -51,12 +57,23 @@ class Findings:
         self.told.append((at, f"{kind}: {what}", b""))
 
 
+class Outcome(NamedTuple):
+    at: float
+    gateway: int
+    payload: bytes
+    is_late: bool = False  # it came late (streams), and `at` is reckoned
+
+
 def judge_messages(fleet, bounds, messages, findings):
     came, robots = defaultdict(list), {robot.name: robot for robot in fleet.robots}
-    for at, topic, payload in messages:
+    late = set()
+    for at, topic, payload, is_late in messages:
         levels = topic.split("/")
         if levels[1] == "robot" and levels[3] == "note":
             came[levels[2], int(payload)].append(at)
+            late |= {(levels[2], int(payload))} if is_late else set()
+        elif levels[1] == "robot" and levels[3] == "gone" and is_late:
+            findings.add("wills_of_unknown_time", at, levels[2])
         elif levels[1] == "robot" and levels[3] == "gone" and at < robots[levels[2]].ended + KEEP_ALIVE_S:
             place = robots[levels[2]].place_at(at)
             findings.add("wills_of_cut_off" if bounds.may_have_a_will(place, at) else "false_wills", at, f"{levels[2]} at gw{place}")
@@ -66,11 +83,13 @@ def judge_messages(fleet, bounds, messages, findings):
                 findings.add("lost", at, f"{robot.name} {number}, acknowledged by gw{robot.acknowledged_by[number]}")
     for (name, number), times in came.items():
         judge_copies(bounds, name, number, robots[name].tries.get(number, []), times, findings)
-    for name, number, later in fleet.observers.late_notes():
+    behind, unjudged = fleet.observers.late_notes()
+    for name, number, later in behind:
         judge_order(bounds, robots[name], number, later, came[name, number][0], findings)
     return {"messages": sum(len(robot.acknowledged) for robot in fleet.robots),
+            "came_late": len(late), "order_unknown": unjudged,
             "arrival_p99_s": percentile([times[0] - robots[name].sent[number] for (name, number), times in came.items()
-                                         if times and number in robots[name].sent], 99),
+                                         if times and number in robots[name].sent and (name, number) not in late], 99),
             "sessions_begun_anew": sum(robot.refused_topics for robot in fleet.robots)}
 
 
@@ -101,20 +120,28 @@ def judge_silence(fleet):
             "silence_too_long": int(fleet.options.seconds >= 30 and (percentile(interruptions, 99) or 0) > SERVICE_S)}
 
 
-def outcomes_of(messages):
-    """By (robot, type): (when, gateway, payload) of each."""
+def outcomes_of(messages, commands):
+    """By (robot, type): the Outcomes, in the order of their times. `commands`: when each was published. That of an outcome which came late
+    is reckoned: it says how long the command took."""
     told = defaultdict(list)
-    for at, topic, payload in messages:
+    for at, topic, payload, is_late in messages:
         levels = topic.split("/")
         if levels[1] == "gateway" and levels[3] == "commands":
-            told[levels[4], json.loads(payload)["type"]].append((at, int(levels[2].removeprefix("gw-")), payload))
-    return dict(told)
+            key = levels[4], json.loads(payload)["type"]
+            when = min(at, said_at(commands.get(key, at), payload)) if is_late else at
+            told[key].append(Outcome(when, int(levels[2].removeprefix("gw-")), payload, is_late))
+    return {key: sorted(said) for key, said in told.items()}
+
+
+def said_at(commanded, payload):
+    """When an outcome was published, at the earliest: the gateway may have got the command late."""
+    return commanded + json.loads(payload)["after_ms"] / 1000
 
 
 def taken_in(messages):
     """By (robot, type): when gateways said that they take the command."""
     taken = defaultdict(list)
-    for at, topic, payload in messages:
+    for at, topic, payload, _ in messages:
         if topic.split("/")[1] == "fleet" and b'"taken"' in payload:
             message = json.loads(payload)
             taken[message["robot"], message["type"]].append(at)
@@ -132,21 +159,25 @@ def judge_commands(fleet, bounds, told, taken, findings):
         if carried_out[key] > 1:
             findings.add("delivered_twice", at, name)
         said = without_repetitions(bounds, told.get(key, []), findings)
-        results = [json.loads(payload)["outcome"] for _, _, payload in said]
+        results = [json.loads(each.payload)["outcome"] for each in said]
         outcomes.update(results)
         if len(said) > 1:
-            findings.add(twice_told(bounds, at, said), said[-1][0], f"{name} of {at:.3f}: {said}")
+            findings.add(twice_told(bounds, at, said), said[-1].at, f"{name} of {at:.3f}: {described(said)}")
         if not said and key in confirmed:
             findings.add(missing(bounds, at), at, name)
-        if said and said[0][0] > max([at, *(each for each in taken[key] if each < said[0][0])]) + OUTCOME_S:
-            findings.add("outcomes_late", said[0][0], f"{name} of {at:.3f}: {said}")
+        if said and not said[0].is_late and said[0].at > max([at, *(each for each in taken[key] if each < said[0].at)]) + OUTCOME_S:
+            findings.add("outcomes_late", said[0].at, f"{name} of {at:.3f}: {described(said)}")
         if key[0] in fleet.thread_names() and "delivered" in results and not carried_out[key]:
             findings.add("delivered_nowhere", at, name)
         if carried_out[key] and results and "delivered" not in results:
-            is_bound = may_be_obeyed(bounds, robots[key[0]], key[1], said[-1][0])
-            findings.add("obeyed_all_the_same" if is_bound else "obeyed_though_refused", at, f"{name}: {said}")
+            is_bound = may_be_obeyed(bounds, robots[key[0]], key[1], said[-1].at)
+            findings.add("obeyed_all_the_same" if is_bound else "obeyed_though_refused", at, f"{name}: {described(said)}")
     return {"commands": len(fleet.commands), "unconfirmed": sum(1 for key in fleet.commands if key not in confirmed),
             "outcomes": dict(outcomes)}
+
+
+def described(said):
+    return "; ".join(f"{each.at:.3f} gw{each.gateway} {each.payload.decode()}" + (" (late)" if each.is_late else "") for each in said)
 
 
 def may_be_obeyed(bounds, robot, kind, told):
@@ -157,9 +188,9 @@ def may_be_obeyed(bounds, robot, kind, told):
 
 def twice_told(bounds, at, said):
     """One `timeout` by another gateway, and the outcome of the gateway that took the command, whichever came first."""
-    own, late = sorted(said[:2], key=lambda each: json.loads(each[2])["outcome"] == "timeout")
-    is_bound = (len(said) == 2 and own[1] != late[1] and json.loads(own[2])["outcome"] != "timeout" and
-                json.loads(late[2])["outcome"] == "timeout" and bounds.may_be_told_twice(own[1], at, own[0]))
+    own, other = sorted(said[:2], key=lambda each: json.loads(each.payload)["outcome"] == "timeout")
+    is_bound = (len(said) == 2 and own.gateway != other.gateway and json.loads(own.payload)["outcome"] != "timeout" and
+                json.loads(other.payload)["outcome"] == "timeout" and bounds.may_be_told_twice(own.gateway, at, own.at))
     return "outcomes_doubled_when_all_were_cut_off" if is_bound else "outcomes_doubled"
 
 
@@ -171,12 +202,12 @@ def missing(bounds, at):
 
 def without_repetitions(bounds, said, findings):
     kept = []
-    for at, gateway, payload in said:
-        before = [other for other in kept if other[1:] == (gateway, payload)]
-        if before and bounds.may_come_again(gateway, before[0][0], at):
-            findings.add("outcomes_repeated_when_broker_broke", at, payload)
+    for each in said:
+        before = [other for other in kept if (other.gateway, other.payload) == (each.gateway, each.payload)]
+        if before and bounds.may_come_again(each.gateway, before[0].at, each.at):
+            findings.add("outcomes_repeated_when_broker_broke", each.at, each.payload)
         else:
-            kept.append((at, gateway, payload))
+            kept.append(each)
     return kept
 
 
@@ -204,15 +235,15 @@ def judge(fleet):
     messages = fleet.observers.messages()
     bounds = Bounds(fleet.trouble.absences, [connections(daemon.log) for daemon in fleet.daemons], fleet.engine.subscribed_s,
                     fleet.lapses.found)
-    told = outcomes_of(messages)
-    verdict = {"seed": fleet.options.seed, "engine": fleet.options.engine, **fleet.trouble.acts,
+    told = outcomes_of(messages, fleet.commands)
+    verdict = {"seed": fleet.options.seed, "engine": fleet.options.engine, **fleet.trouble.acts, **fleet.observers.verdict(),
                **judge_messages(fleet, bounds, messages, findings), **judge_silence(fleet),
                **judge_commands(fleet, bounds, told, taken_in(messages), findings), **judge_presence(fleet, bounds, findings),
                **(fleet.ble.judge(messages, told, bounds, findings) if fleet.ble else {})}
     for what in fleet.ended:
         findings.add("ended", time.monotonic(), what)
     verdict.update(sorted(findings.counts.items()))
-    verdict["fleet_messages"] = sum(1 for _, topic, _ in messages if topic.split("/")[1] == "fleet")
+    verdict["fleet_messages"] = sum(1 for _, topic, *_ in messages if topic.split("/")[1] == "fleet")
     verdict["lease_lapses"] = len(fleet.lapses.found)
     verdict.update(fleet.machine.verdict())
     verdict["broken"] = [key for key in BROKEN if verdict.get(key)]

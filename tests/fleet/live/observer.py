@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A small MQTT 3.1.1 client that hears everything below the prefix and publishes commands, and several of them, one on each
-node of a cluster, as one. Used by run."""
+"""A small MQTT 3.1.1 client that hears everything below the prefix and publishes commands. Used by observers."""
 import socket
 import time
-from collections import Counter, defaultdict
+
+from streams import Stream
 
 ANSWER_S = 10
 CONNACK, PUBLISH, PUBACK, SUBACK = 2, 3, 4, 9
+DUP, QOS, RETAIN = 0x08, 0x06, 0x01
+USER, PASSWORD, CLEAN_SESSION, SESSION_PRESENT = 0x80, 0x40, 0x02, 0x01
 
 
 def text(value):
@@ -23,23 +25,28 @@ def frame(kind, body):
 
 
 class Observer:
-    """On one node. It connects again when that breaks; what came meanwhile it has missed."""
+    """On one node. It connects again when that breaks. A live one has missed what came meanwhile; for a kept one the broker keeps it."""
 
-    def __init__(self, address, prefix, name, user, make_socket, retry_s):
+    def __init__(self, address, prefix, name, user, make_socket, retry_s, stream=None):
         self.address, self.prefix, self.name, self.user, self.make_socket = address, prefix, name, user, make_socket
-        self.retry_s = retry_s
-        self.messages, self.retained = [], {}
+        self.retry_s, self.stream = retry_s, stream or Stream(is_kept=False)
+        self.qos = 1 if self.stream.is_kept else 0
+        self.retained = {}
         self.presence = []  # (time, topic, payload): what the node says, and (time, None, None) when it does not say
         self.socket, self.begun = None, 0.0
         self.confirmed, self.unconfirmed, self.msg_id = set(), {}, 0
+        self.acknowledgements = bytearray()  # not yet written
         self.is_subscribed = False
+        self.session_is_subscribed = False  # the one that the broker keeps
 
     def connect(self):
         self.socket, self.buffer, self.begun = self.make_socket(socket.SOCK_STREAM), bytearray(), time.monotonic()
         self.unconfirmed, self.is_subscribed, self.retained = {}, False, {}
+        self.acknowledgements.clear()
         self.socket.settimeout(0.5)
         self.socket.connect(self.address)
-        flags, login = (0xC2, text(self.user) + text("any")) if self.user else (0x02, b"")
+        flags = (0 if self.stream.is_kept else CLEAN_SESSION) | (USER | PASSWORD if self.user else 0)
+        login = text(self.user) + text("any") if self.user else b""
         self.socket.sendall(frame(0x10, text("MQTT") + bytes([4, flags, 0, 0]) + text(self.name) + login))
         self.socket.setblocking(False)
 
@@ -50,7 +57,9 @@ class Observer:
         if self.socket:
             self.socket.close()
         if self.is_subscribed:
-            self.presence.append((time.monotonic(), None, None))
+            now = time.monotonic()
+            self.presence.append((now, None, None))
+            self.stream.end_connection(now)
         self.socket, self.is_subscribed = None, False
 
     def publish(self, topic, payload, key):
@@ -85,6 +94,9 @@ class Observer:
             return
         while self.socket and self.take():
             pass
+        if self.socket and self.acknowledgements:
+            self.write(bytes(self.acknowledgements))
+            self.acknowledgements.clear()
         if self.socket and not self.is_subscribed and time.monotonic() - self.begun > ANSWER_S:
             self.end()
 
@@ -106,96 +118,36 @@ class Observer:
 
     def on_packet(self, kind, body):
         if kind >> 4 == CONNACK:
-            if body[1] != 0:
-                return self.end()
-            self.write(frame(0x82, b"\x00\x01" + text(f"{self.prefix}/#") + b"\x00"))
+            self.on_connack(body[0] & SESSION_PRESENT, body[1])
         elif kind >> 4 == SUBACK:
-            if body[2] >= 0x80:
+            if body[2] != self.qos:
                 return self.end()
-            self.is_subscribed = True
+            self.begin(has_session=False)
         elif kind >> 4 == PUBACK:
             self.confirmed.add(self.unconfirmed.pop(int.from_bytes(body[:2], "big"), None))
         elif kind >> 4 == PUBLISH:
-            size = int.from_bytes(body[:2], "big")
-            topic, payload = body[2:2 + size].decode(), body[2 + size:]
-            self.retained[topic] = payload
-            if "/robots/" in topic:
-                self.presence.append((time.monotonic(), topic, payload))
-            if not kind & 1:
-                self.messages.append((time.monotonic(), topic, payload))
+            self.on_publish(kind, body)
 
+    def on_connack(self, has_session, code):
+        if code != 0:
+            return self.end()
+        if has_session and self.session_is_subscribed:
+            return self.begin(has_session=True)
+        self.session_is_subscribed = False
+        self.write(frame(0x82, b"\x00\x01" + text(f"{self.prefix}/#") + bytes([self.qos])))
 
-class Observers:
-    """A message has come as often as the observer has seen it that saw it most often: others were cut off."""
+    def begin(self, has_session):
+        self.is_subscribed, self.session_is_subscribed = True, self.stream.is_kept
+        self.stream.begin_connection(time.monotonic(), has_session)
 
-    def __init__(self, addresses, prefix, user, make_socket, name="observer"):
-        self.prefix = prefix
-        retry_s = 0.5 if len(addresses) > 1 else 0.01  # the only one must be there before the gateways are
-        self.all = [Observer(address, prefix, f"{name}{i}", user(f"{name}{i}") if user else None, make_socket, retry_s)
-                    for i, address in enumerate(addresses)]
-
-    def receive(self):
-        for each in self.all:
-            each.receive()
-
-    def connected(self):
-        return [each for each in self.all if each.socket]
-
-    def are_subscribed(self):
-        return all(each.is_subscribed for each in self.all)
-
-    def publish(self, topic, payload, key, random):
-        """False when no node takes anything just now."""
-        able = [each for each in self.all if each.is_subscribed and not each.unconfirmed]
-        if able:
-            random.choice(able).publish(topic, payload, key)
-        return bool(able)
-
-    def confirmed(self):
-        return set().union(*(each.confirmed for each in self.all))
-
-    def retained(self, topic):
-        """What the nodes say it is."""
-        return [each.retained.get(topic, b"") for each in self.all]
-
-    def presence(self):
-        return [each.presence for each in self.all]
-
-    def messages(self):
-        counts = [Counter(message[1:] for message in each.messages) for each in self.all]
-        best = {}
-        for i, count in enumerate(counts):
-            for key, number in count.items():
-                if number > best.get(key, (0, 0))[0]:
-                    best[key] = (number, i)
-        return sorted(message for i, each in enumerate(self.all) for message in each.messages if best[message[1:]][1] == i)
-
-    def notes(self):
-        return {key for each in self.all for key in self.notes_at(each)}
-
-    def late_notes(self):
-        """(robot, number, number before which it should have come): of messages of robots that came behind later ones at each
-        observer that saw them."""
-        late = [dict(self.late_at(each)) for each in self.all]
-        seen = defaultdict(set)
-        for i, each in enumerate(self.all):
-            for robot, number in self.notes_at(each):
-                seen[robot, number].add(i)
-        return [(*key, max(late[i][key] for i in places)) for key, places in seen.items()
-                if all(key in late[i] for i in places)]
-
-    @staticmethod
-    def notes_at(observer):
-        for _, topic, payload in observer.messages:
-            levels = topic.split("/")
-            if levels[1] == "robot" and levels[3] == "note":
-                yield levels[2], int(payload)
-
-    def late_at(self, observer):
-        newest, seen = {}, set()
-        for key in self.notes_at(observer):
-            robot, number = key
-            if key not in seen and number < newest.get(robot, 0):
-                yield key, newest[robot]
-            seen.add(key)
-            newest[robot] = max(number, newest.get(robot, 0))
+    def on_publish(self, kind, body):
+        size = int.from_bytes(body[:2], "big")
+        topic, payload = body[2:2 + size].decode(), body[2 + size:]
+        if kind & QOS:
+            self.acknowledgements += frame(0x40, payload[:2])
+            payload = payload[2:]
+        self.retained[topic] = payload
+        if "/robots/" in topic:
+            self.presence.append((time.monotonic(), topic, payload))
+        if not kind & RETAIN:
+            self.stream.add(time.monotonic(), topic, payload, bool(kind & DUP))

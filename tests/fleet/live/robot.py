@@ -39,6 +39,10 @@ class Robot:
     def fileno(self):
         return self.socket.fileno()
 
+    def acknowledged_messages(self):
+        """(topic, payload) of each."""
+        return {(f"{self.prefix}/robot/{self.name}/note", str(number).encode()) for number in self.acknowledged}
+
     def place_at(self, when):
         return [place for since, place in self.places if since <= when][-1]
 

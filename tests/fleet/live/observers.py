@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Observers on all nodes of a cluster, as one: a live one on each, and kept ones on some (streams says what each kind is for). Two kept
+ones are enough, for one node is away at a time. Used by run."""
+from observer import Observer
+from streams import Stream, late_notes, messages_of, unobserved_s
+
+
+class Observers:
+    def __init__(self, addresses, prefix, user, make_socket, name, kept, repeats_in_a_connection):
+        self.prefix = prefix
+        retry_s = 0.5 if len(addresses) > 1 else 0.01  # the only one must be there before the gateways are
+
+        def make(address, client, stream):
+            return Observer(address, prefix, client, user(client) if user else None, make_socket, retry_s, stream)
+
+        self.live = [make(address, f"{name}{i}", Stream(is_kept=False)) for i, address in enumerate(addresses)]
+        self.all = self.live + [make(address, f"{name}-kept{i}", Stream(True, repeats_in_a_connection))
+                                for i, address in enumerate(addresses[:kept])]
+
+    def receive(self):
+        for each in self.all:
+            each.receive()
+
+    def connected(self):
+        return [each for each in self.all if each.socket]
+
+    def are_subscribed(self):
+        return all(each.is_subscribed for each in self.all)
+
+    def publish(self, topic, payload, key, random):
+        """False when no node takes anything just now."""
+        able = [each for each in self.live if each.is_subscribed and not each.unconfirmed]
+        if able:
+            random.choice(able).publish(topic, payload, key)
+        return bool(able)
+
+    def confirmed(self):
+        return set().union(*(each.confirmed for each in self.live))
+
+    def retained(self, topic):
+        """What the nodes say it is."""
+        return [each.retained.get(topic, b"") for each in self.live]
+
+    def presence(self):
+        return [each.presence for each in self.live]
+
+    def streams(self):
+        return [each.stream for each in self.all]
+
+    def messages(self):
+        return messages_of(self.streams())
+
+    def arrived(self):
+        """(topic, payload) of all that came to any of them."""
+        return set().union(*(stream.arrived for stream in self.streams()))
+
+    def late_notes(self):
+        return late_notes(self.streams())
+
+    def verdict(self):
+        return {"sessions_lost": sum(len(stream.missed) for stream in self.streams()), "unobserved_s": unobserved_s(self.streams())}
