@@ -89,9 +89,11 @@ class Bounds:
         later messages arrive first."""
         return gateway != other and self.was_disturbed(gateway, sent, arrived)
 
-    def may_come_again(self, gateway, first, last):
-        """An outcome that was on its way to a node when the connection broke may come twice, word for word."""
-        return self.breaks(gateway, first, first, last) > 0
+    def may_come_again(self, gateway, said, first, last):
+        """An outcome that was on its way to a node when the connection broke may come twice, word for word. (once more for each connection
+        that broke) `said`: when the gateway said it. The second connection may deliver it before the first one does: a broker
+        reads what lies in a socket that the gateway has given up."""
+        return self.breaks(gateway, min(said, first), first, last)
 
     def may_be_obeyed_all_the_same(self, gateway, obeyed, told, moves):
         """Commands that are on the air when a robot changes its gateway, or when its gateway has lost its lease, end as `refused`; one that

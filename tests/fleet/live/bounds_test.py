@@ -127,9 +127,19 @@ class Commands(unittest.TestCase):
 
     def test_an_outcome_comes_again_only_if_that_gateways_connection_broke(self):
         broken = bounds(connections=([(0, 20), (21, END)], WHOLE))
-        self.assertTrue(broken.may_come_again(0, 19.5, 21.5))
-        self.assertFalse(broken.may_come_again(1, 19.5, 21.5))
-        self.assertFalse(broken.may_come_again(0, 30, 31))
+        self.assertEqual(broken.may_come_again(0, 19.4, 19.5, 21.5), 1)
+        self.assertEqual(broken.may_come_again(1, 19.4, 19.5, 21.5), 0)
+        self.assertEqual(broken.may_come_again(0, 30, 30, 31), 0)
+
+    def test_the_first_copy_may_lie_in_a_socket_that_the_gateway_has_given_up(self):
+        broken = bounds(connections=([(0, 20), (21, END)], WHOLE))
+        self.assertEqual(broken.may_come_again(0, 19.4, 21.5, 24), 1)
+        self.assertEqual(broken.may_come_again(0, 20.5, 21.5, 24), 0, "it was said after that")
+        self.assertEqual(broken.may_come_again(0, 10, 10.1, 24), 0, "it had come long before")
+
+    def test_once_more_for_each_connection_that_broke(self):
+        twice = bounds(connections=([(0, 20), (21, 21.4), (22, END)], WHOLE))
+        self.assertEqual(twice.may_come_again(0, 19.9, 21.5, 24), 2)
 
 
 class Presence(unittest.TestCase):

@@ -158,7 +158,7 @@ def judge_commands(fleet, bounds, told, taken, findings):
         name = f"{key[0]} {key[1]}"
         if carried_out[key] > 1:
             findings.add("delivered_twice", at, name)
-        said = without_repetitions(bounds, told.get(key, []), findings)
+        said = without_repetitions(bounds, at, told.get(key, []), findings)
         results = [json.loads(each.payload)["outcome"] for each in said]
         outcomes.update(results)
         if len(said) > 1:
@@ -200,12 +200,14 @@ def missing(bounds, at):
     return "orphaned" if bounds.may_be_orphaned(at) else "outcomes_missing"
 
 
-def without_repetitions(bounds, said, findings):
-    kept = []
+def without_repetitions(bounds, commanded, said, findings):
+    """Without copies, word for word, of what the same gateway said: as many as connections broke under it."""
+    kept, copies = [], Counter()
     for each in said:
-        before = [other for other in kept if (other.gateway, other.payload) == (each.gateway, each.payload)]
-        if before and bounds.may_come_again(each.gateway, before[0].at, each.at):
-            findings.add("outcomes_repeated_when_broker_broke", each.at, each.payload)
+        before = next((other for other in kept if (other.gateway, other.payload) == (each.gateway, each.payload)), None)
+        if before and copies[before] < bounds.may_come_again(each.gateway, said_at(commanded, each.payload), before.at, each.at):
+            copies[before] += 1
+            findings.add("outcomes_repeated_when_broker_broke", each.at, described([before, each]))
         else:
             kept.append(each)
     return kept

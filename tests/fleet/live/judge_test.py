@@ -1,18 +1,56 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the judge of a live run takes outcomes for. Run as a test (ctest -R Fleet.Judge)."""
+"""What the judge of a live run takes for one outcome. Run as a test (ctest -R Fleet.Judge)."""
 import json
 import pathlib
 import sys
 import unittest
 
 sys.path[:0] = [str(pathlib.Path(__file__).parent), str(pathlib.Path(__file__).parents[2] / "soak")]
-from judge import outcomes_of  # noqa: E402
+from bounds import Bounds  # noqa: E402
+from judge import Findings, outcomes_of, without_repetitions  # noqa: E402
 from streams import Message  # noqa: E402
+
+END = float("inf")
+WHOLE = [(0.0, END)]
+BROKE_AT_20 = [(0.0, 20.0), (21.0, END)]
 
 
 def outcome(at, gateway, what="delivered", after_ms=100, is_late=False):
     payload = json.dumps({"type": "c1", "outcome": what, "after_ms": after_ms, "why": ""}).encode()
     return Message(at, f"p/gateway/gw-{gateway}/commands/r1", payload, is_late)
+
+
+def told(commanded, *messages, connections=(BROKE_AT_20, WHOLE)):
+    """(outcomes that are left, those that were forgiven) of one command."""
+    findings = Findings()
+    said = outcomes_of(messages, {("r1", "c1"): commanded})["r1", "c1"]
+    kept = without_repetitions(Bounds([], list(connections), subscribed_s=1), commanded, said, findings)
+    return len(kept), findings.counts["outcomes_repeated_when_broker_broke"]
+
+
+class Repetitions(unittest.TestCase):
+    def test_a_copy_word_for_word_when_the_connection_broke_is_no_second_outcome(self):
+        self.assertEqual(told(19.5, outcome(19.6, 0), outcome(21.5, 0)), (1, 1))
+
+    def test_nor_is_one_whose_first_copy_lay_in_a_socket_that_was_given_up(self):
+        self.assertEqual(told(19.5, outcome(21.5, 0), outcome(25, 0)), (1, 1))
+
+    def test_it_is_one_if_no_connection_broke(self):
+        self.assertEqual(told(19.5, outcome(19.6, 0), outcome(21.5, 0), connections=(WHOLE, WHOLE)), (2, 0))
+        self.assertEqual(told(30, outcome(30.1, 0), outcome(30.5, 0)), (2, 0), "it was said after that")
+
+    def test_or_if_another_gateways_did(self):
+        self.assertEqual(told(19.5, outcome(19.6, 1), outcome(21.5, 1)), (2, 0))
+
+    def test_one_break_repeats_it_once(self):
+        self.assertEqual(told(19.5, outcome(19.6, 0), outcome(21.5, 0), outcome(21.9, 0)), (2, 1))
+
+    def test_other_words_are_another_outcome(self):
+        self.assertEqual(told(19.5, outcome(19.6, 0), outcome(21.5, 0, after_ms=101)), (2, 0))
+        self.assertEqual(told(19.5, outcome(19.6, 0), outcome(21.5, 0, "refused")), (2, 0))
+
+    def test_the_same_words_of_another_gateway_are_another_outcome(self):
+        self.assertEqual(told(19.5, outcome(19.6, 0), outcome(21.5, 1)), (2, 0))
 
 
 class LateOutcomes(unittest.TestCase):
