@@ -174,7 +174,8 @@ class BleMesh:
             copies = came[robot, payload]
             broken = sum(bounds.breaks(gateway, at, copies[0], copies[-1]) for gateway in self.gateways) if copies else 0
             for one, next_one in zip(copies, copies[1:]):
-                claim = next((each for each in claims[robot] if one - CLAIM_S <= each <= next_one), None)
+                since = self.went_up(at, one, bounds) - CLAIM_S
+                claim = next((each for each in claims[robot] if since <= each <= next_one), None)
                 kind = "ble_doubled_beyond"
                 if claim is not None:
                     claims[robot].remove(claim)
@@ -186,6 +187,11 @@ class BleMesh:
                     broken -= 1
                     kind = "ble_doubled_when_broker_broke"
                 findings.add(kind, next_one, f"{robot} {number} sent at {at:.3f} came at {[round(each, 3) for each in copies]}")
+
+    def went_up(self, sent, came, bounds):
+        """The earliest time at which a gateway may have published a message. While a node stands still a claim may overtake a message that was
+        published before it."""
+        return sent if any(bounds.was_disturbed(gateway, sent, came) for gateway in self.gateways) else came
 
     def judge_order(self, sent, came, late, bounds, findings):
         newest = {}

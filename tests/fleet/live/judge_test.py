@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the judge of a live run takes for one outcome. Run as a test (ctest -R Fleet.Judge)."""
+"""What the judge of a live run takes for one outcome, and for one message of a BLE robot. Run as a test (ctest -R Fleet.Judge)."""
 import json
 import pathlib
 import sys
 import unittest
 
 sys.path[:0] = [str(pathlib.Path(__file__).parent), str(pathlib.Path(__file__).parents[2] / "soak")]
-from bounds import Bounds  # noqa: E402
+from ble_mesh import BleMesh  # noqa: E402
+from bounds import Absence, Bounds  # noqa: E402
 from judge import Findings, outcomes_of, without_repetitions  # noqa: E402
 from streams import Message  # noqa: E402
 
@@ -61,6 +62,27 @@ class LateOutcomes(unittest.TestCase):
     def test_that_of_a_live_one_is_its_own(self):
         said = outcomes_of([outcome(40, 0, after_ms=500)], {("r1", "c1"): 10})["r1", "c1"]
         self.assertEqual((said[0].at, said[0].is_late), (40, False))
+
+
+class CopiesOfBleRobots(unittest.TestCase):
+    stands_still = Absence("node stopped", 1, 10, 13)
+
+    @staticmethod
+    def kinds(claims, came, *absences):
+        mesh, findings = BleMesh.__new__(BleMesh), Findings()
+        mesh.gateways, mesh.names = range(2), {"robot0": "ble-0100"}
+        bounds = Bounds(list(absences), [WHOLE, WHOLE], subscribed_s=1)
+        mesh.judge_copies({("ble-0100", 1): ("aa", 10.1)}, {("ble-0100", "aa"): came}, {"ble-0100": claims}, bounds, findings)
+        return dict(findings.counts)
+
+    def test_one_goes_up_twice_when_another_gateway_claims_its_robot(self):
+        self.assertEqual(self.kinds([11.0], [10.2, 11.5]), {"ble_doubled": 1})
+        self.assertEqual(self.kinds([], [10.2, 11.5]), {"ble_doubled_beyond": 1})
+
+    def test_the_claim_may_overtake_both_while_a_node_stands_still(self):
+        self.assertEqual(self.kinds([11.3], [12.7, 13.2], self.stands_still), {"ble_doubled": 1})
+        self.assertEqual(self.kinds([11.3], [12.7, 13.2]), {"ble_doubled_beyond": 1})
+        self.assertEqual(self.kinds([9.0], [12.7, 13.2], self.stands_still), {"ble_doubled_beyond": 1}, "it was claimed before")
 
 
 if __name__ == "__main__":
