@@ -114,14 +114,28 @@ class Bounds:
         """A robot that goes to a gateway which is cut off from the broker is silent to all others: its will is published."""
         return not any(each.begin + self.subscribed_s <= at and at - ASKED_S <= each.good_until for each in self.connections[gateway])
 
-    def may_announce_anew(self, gateways, begin, seconds):
+    def may_announce_anew(self, gateways, begin, seconds, earliest):
         """A gateway that was cut off, or was killed, announces its robots of before when it is back, and withdraws those that others serve
-        by now when it takes part again, or when it, or the broker, is back once more."""
+        by now when it takes part again, or when it, or the broker, is back once more. `earliest`: it may have done so before it was
+        seen, at `begin`."""
         longest = self.subscribed_s + JOIN_S
         returns = [each.begin for gateway in gateways for each in self.connections[gateway][1:]] + self.returns(gateways)
-        away = sum(max(0.0, min(absence.end, begin + seconds) - max(absence.begin, begin))
-                   for absence in self.absences if any(self.concerns(absence, gateway) for gateway in gateways))
-        return seconds - away <= longest and any(at <= begin <= at + longest for at in returns)
+        return (seconds - self.away_s(gateways, begin, begin + seconds) <= longest and
+                any(at <= begin and earliest <= at + longest for at in returns))
+
+    def away_s(self, gateways, begin, end):
+        """How long one of the gateways was away from `begin` to `end`, or a node, or had no connection that lasts until its subscriptions
+        stand."""
+        times = [(absence.begin, absence.end) for absence in self.absences
+                 if any(self.concerns(absence, gateway) for gateway in gateways)]
+        for gateway in gateways:
+            lasting = [each for each in self.connections[gateway] if each.end - each.begin > self.subscribed_s]
+            times += zip([0.0, *(each.good_until for each in lasting)], [*(each.begin for each in lasting), FOREVER])
+        away, known_until = 0.0, begin
+        for since, until in sorted(times):
+            away += max(0.0, min(until, end) - max(since, known_until))
+            known_until = max(known_until, min(until, end))
+        return away
 
     def returns(self, gateways):
         """When gateways went on that had been stopped or cut off, and so had lost their lease."""

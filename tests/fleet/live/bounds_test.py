@@ -74,16 +74,31 @@ class Wills(unittest.TestCase):
 class Announcements(unittest.TestCase):
     def test_a_gateway_that_is_back_names_its_robots_of_before_until_it_takes_part(self):
         back = bounds(connections=([(0, 18), (23, END)], WHOLE))
-        self.assertTrue(back.may_announce_anew([0, 1], 23.2, 2.5))
-        self.assertFalse(back.may_announce_anew([0, 1], 23.2, 6))
-        self.assertFalse(back.may_announce_anew([0, 1], 30, 2.5))
-        self.assertFalse(back.may_announce_anew([0, 1], 0.5, 2.5), "it had none before")
-        self.assertFalse(back.may_announce_anew([1], 23.2, 2.5))
+        self.assertTrue(back.may_announce_anew([0, 1], 23.2, 2.5, earliest=23.2))
+        self.assertFalse(back.may_announce_anew([0, 1], 23.2, 6, earliest=23.2))
+        self.assertFalse(back.may_announce_anew([0, 1], 30, 2.5, earliest=30))
+        self.assertFalse(back.may_announce_anew([0, 1], 0.5, 2.5, earliest=0.5), "it had none before")
+        self.assertFalse(back.may_announce_anew([1], 23.2, 2.5, earliest=23.2))
 
     def test_so_does_one_that_was_stopped_and_whose_connection_stood_it(self):
         back = bounds(Absence("gateway stopped", 0, 10, 20))
-        self.assertTrue(back.may_announce_anew([0, 1], 20.3, 2.5))
-        self.assertFalse(back.may_announce_anew([1], 20.3, 2.5))
+        self.assertTrue(back.may_announce_anew([0, 1], 20.3, 2.5, earliest=20.3))
+        self.assertFalse(back.may_announce_anew([1], 20.3, 2.5, earliest=20.3))
+
+    def test_it_may_have_done_so_before_an_observer_was_back_to_see_it(self):
+        back = bounds(connections=([(0, 18), (23, END)], WHOLE))
+        self.assertTrue(back.may_announce_anew([0, 1], 29, 2.5, earliest=22))
+        self.assertFalse(back.may_announce_anew([0, 1], 35, 2.5, earliest=29))
+
+    def test_it_cannot_withdraw_them_while_it_has_no_connection_that_lasts(self):
+        flaps = bounds(connections=([(0, 18), (23, 24), (30, 30.5), (32, END)], WHOLE))
+        self.assertTrue(flaps.may_announce_anew([0, 1], 23.2, 12, earliest=23.2))
+        self.assertFalse(flaps.may_announce_anew([0, 1], 23.2, 16, earliest=23.2))
+        self.assertFalse(bounds(connections=([(0, 18), (23, END)], WHOLE)).may_announce_anew([0, 1], 23.2, 12, earliest=23.2))
+
+    def test_time_in_which_both_were_away_counts_once(self):
+        away = bounds(Absence("node stopped", 0, 10, 14), connections=([(0, 12), (15, END)], [(0, 13), (16, END)]))
+        self.assertEqual(away.away_s([0, 1], 8, 20), 6)
 
 
 class Commands(unittest.TestCase):
@@ -144,12 +159,12 @@ class Commands(unittest.TestCase):
 
 class Presence(unittest.TestCase):
     @staticmethod
-    def view(at, gateway, state):
-        return at, f"p/gateway/{gateway}/robots/r1", f'{{"state":"{state}"}}'.encode() if state else b""
+    def view(at, gateway, state, is_retained=False):
+        return at, f"p/gateway/{gateway}/robots/r1", f'{{"state":"{state}"}}'.encode() if state else b"", is_retained
 
     def test_two_at_a_time_are_a_contradiction_until_one_goes(self):
         views = [self.view(1, "a", "online"), self.view(5, "b", "online"), self.view(8, "a", "")]
-        self.assertEqual(list(contradictions(views, "r1")), [(5, 3, ["a", "b"])])
+        self.assertEqual(list(contradictions(views, "r1")), [(5, 3, ["a", "b"], 5)])
         self.assertEqual(list(contradictions(views, "r2")), [])
 
     def test_who_leaves_first_or_is_offline_is_none(self):
@@ -157,8 +172,12 @@ class Presence(unittest.TestCase):
                                               self.view(5, "b", "online")], "r1")), [])
 
     def test_it_ends_when_the_observer_is_cut_off(self):
-        views = [self.view(1, "a", "online"), self.view(5, "b", "online"), (6, None, None)]
-        self.assertEqual(list(contradictions(views, "r1")), [(5, 1, ["a", "b"])])
+        views = [self.view(1, "a", "online"), self.view(5, "b", "online"), (6, None, None, False)]
+        self.assertEqual(list(contradictions(views, "r1")), [(5, 1, ["a", "b"], 5)])
+
+    def test_what_was_retained_may_have_begun_while_the_observer_was_cut_off(self):
+        views = [(2, None, None, False), self.view(6, "a", "online", True), self.view(6, "b", "online", True), self.view(7, "a", "")]
+        self.assertEqual(list(contradictions(views, "r1")), [(6, 1, ["a", "b"], 2)])
 
 
 if __name__ == "__main__":

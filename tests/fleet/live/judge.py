@@ -219,11 +219,11 @@ def judge_presence(fleet, bounds, findings):
         findings.add("strange_presence", time.monotonic(), line)
     longest, longest_at_return = 0.0, 0.0
 
-    def is_bound(begin, seconds, places):
-        return bounds.may_announce_anew([int(place.removeprefix("gw-")) for place in places], begin, seconds)
+    def is_bound(begin, seconds, places, earliest):
+        return bounds.may_announce_anew([int(place.removeprefix("gw-")) for place in places], begin, seconds, earliest)
 
     for name in fleet.names():
-        begin, seconds, places = longest_contradiction(fleet.observers.presence(), name, is_bound)
+        begin, seconds, places, _ = longest_contradiction(fleet.observers.presence(), name, is_bound)
         longest = max(longest, seconds)
         longest_at_return = max(longest_at_return, longest_contradiction(fleet.observers.presence(), name,
                                                                          lambda *each: not is_bound(*each))[1])

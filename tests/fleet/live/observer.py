@@ -32,7 +32,7 @@ class Observer:
         self.retry_s, self.stream = retry_s, stream or Stream(is_kept=False)
         self.qos = 1 if self.stream.is_kept else 0
         self.retained = {}
-        self.presence = []  # (time, topic, payload): what the node says, and (time, None, None) when it does not say
+        self.presence = []  # (time, topic, payload, is_retained): what the node says; without a topic when it does not say
         self.socket, self.begun = None, 0.0
         self.confirmed, self.unconfirmed, self.msg_id = set(), {}, 0
         self.acknowledgements = bytearray()  # not yet written
@@ -58,7 +58,7 @@ class Observer:
             self.socket.close()
         if self.is_subscribed:
             now = time.monotonic()
-            self.presence.append((now, None, None))
+            self.presence.append((now, None, None, False))
             self.stream.end_connection(now)
         self.socket, self.is_subscribed = None, False
 
@@ -148,6 +148,6 @@ class Observer:
             payload = payload[2:]
         self.retained[topic] = payload
         if "/robots/" in topic:
-            self.presence.append((time.monotonic(), topic, payload))
+            self.presence.append((time.monotonic(), topic, payload, bool(kind & RETAIN)))
         if not kind & RETAIN:
             self.stream.add(time.monotonic(), topic, payload, bool(kind & DUP))
