@@ -85,7 +85,7 @@ def judge_messages(fleet, bounds, messages, findings):
         judge_copies(bounds, name, number, robots[name].tries.get(number, []), times, findings)
     behind, unjudged = fleet.observers.late_notes()
     for name, number, later in behind:
-        judge_order(bounds, robots[name], number, later, came[name, number][0], findings)
+        judge_order(bounds, robots[name], number, later, came, findings)
     return {"messages": sum(len(robot.acknowledged) for robot in fleet.robots),
             "came_late": len(late), "order_unknown": unjudged,
             "arrival_p99_s": percentile([times[0] - robots[name].sent[number] for (name, number), times in came.items()
@@ -106,9 +106,22 @@ def judge_copies(bounds, name, number, tries, times, findings):
                  f"came at {[round(at, 3) for at in times]}")
 
 
-def judge_order(bounds, robot, number, later, arrived, findings):
+def waits_since(robot, number, came):
+    """When the robot said the first one of those before it that were still on their way by the same gateway, which keeps their order."""
+    since = robot.sent[number]
+    for before in range(number - 1, 0, -1):
+        times = came.get((robot.name, before))
+        if robot.acknowledged_by.get(before) != robot.acknowledged_by[number] or not times or times[0] < since:
+            break
+        since = robot.sent[before]
+    return since
+
+
+def judge_order(bounds, robot, number, later, came, findings):
+    arrived = came[robot.name, number][0]
     by, others = robot.acknowledged_by.get(number), {gateway for _, gateway, _ in robot.tries[later]}
-    is_bound = by is not None and any(bounds.may_be_overtaken(by, other, robot.sent[number], arrived) for other in others)
+    since = waits_since(robot, number, came) if by is not None else arrived
+    is_bound = by is not None and any(bounds.may_be_overtaken(by, other, since, arrived) for other in others)
     findings.add("overtaken_at_a_roam" if is_bound else "out_of_order", arrived,
                  f"{robot.name} {number} by gw{by}, sent at {robot.sent[number]:.3f}, behind {later}, said at {sorted(others)}")
 

@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the judge of a live run takes for one outcome, and for one message of a BLE robot. Run as a test (ctest -R Fleet.Judge)."""
+"""What the judge of a live run takes for one outcome, for one message of a BLE robot, and for its place. Run as a test (ctest -R Fleet.Judge)."""
 import json
 import pathlib
 import sys
 import unittest
+from types import SimpleNamespace
 
 sys.path[:0] = [str(pathlib.Path(__file__).parent), str(pathlib.Path(__file__).parents[2] / "soak")]
 from ble_mesh import BleMesh  # noqa: E402
 from bounds import Absence, Bounds  # noqa: E402
-from judge import Findings, outcomes_of, without_repetitions  # noqa: E402
+from judge import Findings, judge_order, outcomes_of, without_repetitions  # noqa: E402
 from streams import Message  # noqa: E402
 
 END = float("inf")
@@ -62,6 +63,27 @@ class LateOutcomes(unittest.TestCase):
     def test_that_of_a_live_one_is_its_own(self):
         said = outcomes_of([outcome(40, 0, after_ms=500)], {("r1", "c1"): 10})["r1", "c1"]
         self.assertEqual((said[0].at, said[0].is_late), (40, False))
+
+
+class Order(unittest.TestCase):
+    """The gateway 0 was cut off from 20 to 21, and its robot went on to another one."""
+
+    @staticmethod
+    def kinds(sent, came):
+        robot = SimpleNamespace(name="r1", sent=sent, acknowledged_by=dict.fromkeys(sent, 0), tries={9: [(22.5, 1, 1)]})
+        findings, number = Findings(), max(sent)
+        judge_order(Bounds([], [BROKE_AT_20, WHOLE], subscribed_s=1), robot, number, 9, {("r1", each): [at] for each, at in came.items()},
+                    findings)
+        return dict(findings.counts)
+
+    def test_what_waits_on_the_disk_is_overtaken(self):
+        self.assertEqual(self.kinds({1: 20.5}, {1: 23}), {"overtaken_at_a_roam": 1})
+
+    def test_so_is_what_waits_behind_it_when_the_gateway_is_back(self):
+        self.assertEqual(self.kinds({1: 20.5, 2: 21.2, 3: 21.6}, {1: 23, 2: 23.1, 3: 23.2}), {"overtaken_at_a_roam": 1})
+
+    def test_not_what_was_said_when_nothing_waited_any_more(self):
+        self.assertEqual(self.kinds({1: 20.5, 2: 22}, {1: 21.5, 2: 23}), {"out_of_order": 1})
 
 
 class CopiesOfBleRobots(unittest.TestCase):
