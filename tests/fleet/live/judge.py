@@ -12,7 +12,7 @@ import time
 from collections import Counter, defaultdict
 from typing import NamedTuple
 
-from bounds import Bounds
+from bounds import HURRY_S, Bounds
 from presence import longest_contradiction
 from robot import KEEP_ALIVE_S
 
@@ -75,8 +75,7 @@ def judge_messages(fleet, bounds, messages, findings):
         elif levels[1] == "robot" and levels[3] == "gone" and is_late:
             findings.add("wills_of_unknown_time", at, levels[2])
         elif levels[1] == "robot" and levels[3] == "gone" and at < robots[levels[2]].ended + KEEP_ALIVE_S:
-            place = robots[levels[2]].place_at(at)
-            findings.add("wills_of_cut_off" if bounds.may_have_a_will(place, at) else "false_wills", at, f"{levels[2]} at gw{place}")
+            judge_will(bounds, robots[levels[2]], at, findings)
     for robot in fleet.robots:
         for number, at in robot.acknowledged.items():
             if not came[robot.name, number]:
@@ -104,6 +103,13 @@ def judge_copies(bounds, name, number, tries, times, findings):
         kind = "doubled_when_broker_broke"
     findings.add(kind, times[-1], f"{name} {number}: said at {[(round(at, 3), f'gw{to}') for at, to, _ in tries]}, "
                  f"came at {[round(at, 3) for at in times]}")
+
+
+def judge_will(bounds, robot, at, findings):
+    """It may have been published a moment before it came, when the robot had not yet gone on."""
+    places = robot.places_between(at - HURRY_S, at)
+    is_bound = any(bounds.may_have_a_will(place, at) for place in places)
+    findings.add("wills_of_cut_off" if is_bound else "false_wills", at, f"{robot.name} at {sorted(f'gw{place}' for place in places)}")
 
 
 def waits_since(robot, number, came):

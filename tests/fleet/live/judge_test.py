@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the judge of a live run takes for one outcome, for one message of a BLE robot, and for its place. Run as a test (ctest -R Fleet.Judge)."""
+"""What the judge of a live run takes for one outcome, for one message of a BLE robot, and for a false will. Run as a test (ctest -R Fleet.Judge)."""
 import json
 import pathlib
 import sys
@@ -9,7 +9,8 @@ from types import SimpleNamespace
 sys.path[:0] = [str(pathlib.Path(__file__).parent), str(pathlib.Path(__file__).parents[2] / "soak")]
 from ble_mesh import BleMesh  # noqa: E402
 from bounds import Absence, Bounds  # noqa: E402
-from judge import Findings, judge_order, outcomes_of, without_repetitions  # noqa: E402
+from judge import Findings, judge_order, judge_will, outcomes_of, without_repetitions  # noqa: E402
+from robot import Robot  # noqa: E402
 from streams import Message  # noqa: E402
 
 END = float("inf")
@@ -84,6 +85,25 @@ class Order(unittest.TestCase):
 
     def test_not_what_was_said_when_nothing_waited_any_more(self):
         self.assertEqual(self.kinds({1: 20.5, 2: 22}, {1: 21.5, 2: 23}), {"out_of_order": 1})
+
+
+class Wills(unittest.TestCase):
+    """The gateway 0 was cut off from 20 to 26."""
+
+    @staticmethod
+    def kinds(at, *places):
+        robot, findings = Robot.__new__(Robot), Findings()
+        robot.name, robot.places = "r1", list(places)
+        judge_will(Bounds([], [[(0.0, 20.0), (26.0, END)], WHOLE], subscribed_s=1), robot, at, findings)
+        return dict(findings.counts)
+
+    def test_of_a_robot_at_a_gateway_that_is_cut_off(self):
+        self.assertEqual(self.kinds(25, (0, 0)), {"wills_of_cut_off": 1})
+        self.assertEqual(self.kinds(25, (0, 1)), {"false_wills": 1})
+
+    def test_or_that_was_there_a_moment_before(self):
+        self.assertEqual(self.kinds(25, (0, 0), (24.5, 1)), {"wills_of_cut_off": 1})
+        self.assertEqual(self.kinds(25, (0, 0), (23.5, 1)), {"false_wills": 1})
 
 
 class CopiesOfBleRobots(unittest.TestCase):

@@ -46,6 +46,11 @@ class Robot:
     def place_at(self, when):
         return [place for since, place in self.places if since <= when][-1]
 
+    def places_between(self, begin, end):
+        """Each gateway that it was at."""
+        return {self.place_at(begin if self.places[0][0] <= begin else end), self.place_at(end),
+                *(place for since, place in self.places if begin <= since <= end)}
+
     def wait(self):
         if self.waits_since is None:
             self.waits_since = time.monotonic()
