@@ -151,9 +151,14 @@ void FleetMember::stop() {
   memory_.stop();
 }
 
-/// The core keeps it over reconnects, and knows about copies.
+/// The core keeps it over reconnects, and knows about copies. With MQTT 3.1.1 the broker keeps
+/// nothing over them, so QoS 1 is worth little there, and NATS takes half a second for each such
+/// subscription and does not bring all to it (docs/fleet.md). Commands reach robots with the QoS
+/// with which they come here.
 void FleetMember::perform(fleet::SubscribeFleet& action) {
-  gateway_driver_.input(&Gateway::subscribe_own, action.filter, action.qos);
+  const bool is_live = upstream_.version() == MqttVersion::v3_1_1 && !action.is_for_robots;
+  gateway_driver_.input(&Gateway::subscribe_own, action.filter,
+                        is_live ? Qos::at_most_once : Qos::at_least_once);
 }
 
 void FleetMember::perform(fleet::UnsubscribeFleet& action) {

@@ -23,7 +23,7 @@ struct RememberOthers {
 };
 struct SubscribeFleet {
   std::string filter;
-  Qos qos = Qos::at_least_once;
+  bool is_for_robots = false;  ///< commands; else what gateways say, and say again when it is lost
 };
 struct UnsubscribeFleet {
   std::string filter;

@@ -7,8 +7,10 @@
 
 #include "tests/e2e/device.hpp"
 #include "tests/e2e/gateway_process.hpp"
+#include "tests/support/broker_of_version.hpp"
 #include "tests/support/eventually.hpp"
 #include "tests/support/mosquitto.hpp"
+#include "tests/support/temp_dir.hpp"
 
 namespace slamgw::test {
 namespace {
@@ -79,6 +81,24 @@ TEST_F(TwoGateways, AGatewayThatStartsAgainRemembersThatItIsNotAlone) {
   a.start();
   ASSERT_TRUE(eventually([&] { return state_of(a) == "member"; })) << a.log();
   EXPECT_EQ(a.log().substr(before).find("is on this broker too"), std::string::npos) << a.log();
+}
+
+/// NATS does not bring everything to subscribers with QoS 1, and takes its time to take them.
+TEST(FleetAtMqtt311, WhatGatewaysSayIsHeardWithQos0AndCommandsWithQos1) {
+  const TempDir directory;
+  const std::string log = directory / "mosquitto.log";
+  BrokerOfVersion broker(MqttVersion::v3_1_1, "log_dest file " + log + "\nlog_type subscribe\n");
+  const GatewayProcess a({{"gateway", {{"id", "a"}}}, {"broker", {{"uri", broker.link_uri()}}}});
+  const GatewayProcess b({{"gateway", {{"id", "b"}}}, {"broker", {{"uri", broker.link_uri()}}}});
+  ASSERT_TRUE(eventually([&] {
+    return a.ctl({"fleet"}).dump().find("member") != std::string::npos;
+  })) << a.log();
+  for (const char* subscription :
+       {" 0 ntnu-slam/fleet/all/+", " 0 ntnu-slam/fleet/to/a/+", " 0 ntnu-slam/gateway/+/state",
+        " 0 ntnu-slam/gateway/+/commands/+", " 1 ntnu-slam/server/+/+"})
+    EXPECT_TRUE(eventually([&] { return read_file(log).find(subscription) != std::string::npos; }))
+        << subscription;
+  EXPECT_EQ(read_file(log).find(" 1 ntnu-slam/fleet/"), std::string::npos);
 }
 
 }  // namespace
