@@ -414,7 +414,7 @@ void CommandTurns::on_outcome(const std::string& gateway, const std::string& rob
   const auto is_in_place = [&](const Entry& owed) {
     return owed.gateway != gateway && now - owed.came >= in_place_after && is_meant(owed);
   };
-  if (const Entry* owed = commands_.find_owed(is_certain))
+  if (const Entry* owed = commands_.find_owed(is_certain, began))
     return commands_.end(owed->command.key, owed->came);
   if (const Entry* in_place = commands_.find_owed(is_in_place))
     return forget_owed(in_place->command.key, in_place->came);

@@ -42,6 +42,17 @@ const TakenCommands::Entry* TakenCommands::find_owed(const Matches& matches) con
   return owed == owed_.end() ? nullptr : &at(*owed);
 }
 
+const TakenCommands::Entry* TakenCommands::find_owed(const Matches& matches,
+                                                     TimePoint began) const {
+  const Entry* best = nullptr;
+  for (const Number number : owed_) {
+    const Entry& entry = at(number);
+    if (matches(entry) && (!best || entry.apart_from(began) < best->apart_from(began)))
+      best = &entry;
+  }
+  return best;
+}
+
 bool TakenCommands::take_missing_copy(std::uint64_t key, bool is_owner, TimePoint now) {
   const auto equal = by_key_.find(key);
   if (equal == by_key_.end()) return false;

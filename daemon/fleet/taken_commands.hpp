@@ -3,6 +3,8 @@
 // gateway has got its own copy, and whether the outcome is known. Pure; part of Membership.
 #pragma once
 
+#include <algorithm>
+#include <chrono>
 #include <deque>
 #include <functional>
 #include <set>
@@ -63,8 +65,10 @@ class TakenCommands {
     }
     /// An outcome that counts from then is of this command. It names the type only, and two of one
     /// type may be under way to a robot.
-    bool has_begun(TimePoint time) const {
-      return came_together(came, time) || (!is_refusal && came_together(taken, time));
+    bool has_begun(TimePoint time) const { return apart_from(time) < heard_apart; }
+    Duration apart_from(TimePoint time) const {
+      const Duration from_came = std::chrono::abs(came - time);
+      return is_refusal ? from_came : std::min(from_came, std::chrono::abs(taken - time));
     }
     bool is_copy(std::uint64_t key, TimePoint time) const {
       return command.key == key && came_together(came, time);
@@ -79,6 +83,8 @@ class TakenCommands {
   const Entry* find(std::uint64_t key, const Matches& matches) const;
   /// The oldest with an outcome owed for which that holds.
   const Entry* find_owed(const Matches& matches) const;
+  /// Of those for which it holds, the one to which an outcome that counts from `began` fits best.
+  const Entry* find_owed(const Matches& matches, TimePoint began) const;
   /// True when this gateway's copy of such a command was missing: it has come. `is_owner`: of the
   /// command's robot.
   bool take_missing_copy(std::uint64_t key, bool is_owner, TimePoint now);

@@ -170,6 +170,23 @@ TEST_F(LateCommands, TakenThatComesLateTellsWhenTheCommandCame) {
   EXPECT_EQ(said[1].id, said[0].id);
 }
 
+/// Two refusals of one gateway, one of which is told: another gateway has missed the first of them.
+TEST_F(LateCommands, OutcomeIsThatOfTheCommandThatItsTimeFitsBest) {
+  pass(10s);
+  say(Taken{1, 7, "y", "cmd", 8000, true});
+  pass(110ms);
+  say(Taken{2, 8, "y", "cmd", 8000, true});
+  pass(2500ms);
+  ownership.on_outcome("gw-1", "y", "cmd", at(now), 10500ms);
+  ownership.on_fleet_message({"gw-2", 0x30001, Taken{1, 7, "y", "cmd", 10'610, true}}, at(now));
+  pass(10ms);
+  EXPECT_TRUE(said.empty()) << "that one has no outcome";
+  ownership.on_fleet_message({"gw-2", 0x30001, Taken{2, 8, "y", "cmd", 10'510, true}}, at(now));
+  pass(10ms);
+  ASSERT_EQ(said.size(), 1U);
+  EXPECT_TRUE(said[0].is_ended);
+}
+
 /// It was cut off with its outcome untold, and is back before it has heard who was there all the
 /// time: gw-1, which leaves the command to it when it objects.
 TEST_F(LateCommands, OutcomeIsNotClaimedBeforeItIsKnownWhoWasThere) {
