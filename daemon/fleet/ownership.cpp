@@ -52,7 +52,7 @@ void Ownership::on_broker_link(bool is_up, const Now& now, bool is_session_kept)
   } else {
     subscriptions_.on_link_down();
     link_lost_ = now.mono;
-    commands_.on_link_lost(now.mono);
+    commands_.on_link_lost(now.mono, !is_alone() && subscriptions_.are_answered(now.mono));
   }
   // Nothing waits for the broker.
   if (!is_up && is_alone() && discovery_ends_) end_discovery(now.mono);

@@ -125,8 +125,10 @@ CommandTurns::Choice SharedCommands::choose(const CommandTurns::Waiting& waiting
     return Choice::refuse;
   if (is_known_to_others) return age < CommandTurns::last_patience ? Choice::wait : Choice::forget;
   if (is_awaiting_return(waiting.came, now)) return Choice::wait;
+  // Another gateway may have taken it, unheard here.
+  const bool was_unheard = waiting.kept > Duration::zero() && waiting.came < unheard_until_;
   if (claims_.is_held(waiting.robot))
-    return age < CommandTurns::owner_patience ? Choice::take : Choice::refuse;
+    return age < CommandTurns::owner_patience && !was_unheard ? Choice::take : Choice::refuse;
   return choose_for_nobody(waiting, now);
 }
 
@@ -347,6 +349,8 @@ void SharedCommands::on_outcome_refused(std::uint64_t id) {
 void SharedCommands::on_link_up(bool is_session_kept, TimePoint now) {
   is_session_kept_ = is_session_kept;
   link_up_ = now;
+  are_others_kept_ = are_others_kept_ && is_session_kept;
+  if (is_session_kept && !are_others_kept_) unheard_until_ = now + kept_come_within;
 }
 
 Duration SharedCommands::kept_before(TimePoint now) const {
@@ -355,7 +359,8 @@ Duration SharedCommands::kept_before(TimePoint now) const {
 }
 
 /// On a connection that lasted too short the broker may not have sent what it had kept.
-void SharedCommands::on_link_lost(TimePoint now) {
+void SharedCommands::on_link_lost(TimePoint now, bool has_heard_others) {
+  are_others_kept_ = are_others_kept_ || has_heard_others;
   if (now - link_up_ > kept_come_within) link_lost_ = now;
   for (auto& [id, outcome] : std::exchange(unacknowledged_, {}))
     unpublished_.push_back(std::move(outcome));

@@ -46,7 +46,8 @@ class SharedCommands {
   /// The broker does not take an outcome: the store tries it again.
   void on_outcome_refused(std::uint64_t id);
   /// The broker may not have what it has not acknowledged: others may publish it.
-  void on_link_lost(TimePoint now);
+  /// `has_heard_others`: it had granted the subscriptions to what they say.
+  void on_link_lost(TimePoint now, bool has_heard_others);
   /// `is_session_kept`: the broker delivers what came meanwhile.
   void on_link_up(bool is_session_kept, TimePoint now);
   /// Whether others are about or not.
@@ -96,6 +97,10 @@ class SharedCommands {
   std::optional<TimePoint> link_lost_;  ///< in this process
   TimePoint link_up_{};
   bool is_session_kept_ = false;
+  /// With the commands the broker keeps what others say of them. Nobody knows of an earlier
+  /// process.
+  bool are_others_kept_ = true;
+  TimePoint unheard_until_{};  ///< commands that were kept without that come before
 };
 
 }  // namespace slamgw::fleet

@@ -170,6 +170,35 @@ TEST_F(LateCommands, TakenThatComesLateTellsWhenTheCommandCame) {
   EXPECT_EQ(said[1].id, said[0].id);
 }
 
+/// The broker has kept a command for this gateway, and what others said of it only if it had
+/// granted the subscription to that before the connection broke.
+TEST_F(LateCommands, KeptCommandIsRefusedWhenWhatOthersSaidOfItWasNotKept) {
+  ownership.on_fleet_message({"gw-1", 0x20002, Beat{clock_of_gw_1(), 500, 0, 0, 100, 100}},
+                             at(now));
+  for (const bool has_heard_others : {false, true}) {
+    carried = 0;
+    said.clear();
+    ownership.on_broker_link(false, at(now));
+    ownership.on_broker_link(true, at(now));
+    if (has_heard_others) others_answered(now);
+    pass(5s);
+    ownership.on_broker_link(false, at(now));
+    now += 20s;
+    ownership.on_broker_link(true, at(now), true);
+    others_answered(now);
+    command(now);
+    pass(3s);  // until it takes part
+    ownership.on_heard("r", at(now));
+    pass(1500ms);
+    EXPECT_EQ(carried, has_heard_others ? 1 : 0);
+    ASSERT_FALSE(said.empty());
+    EXPECT_EQ(said[0].is_refusal, !has_heard_others) << "who has carried it out objects";
+    command(now);
+    pass(1s);
+    EXPECT_EQ(carried, has_heard_others ? 2 : 1) << "one of now";
+  }
+}
+
 /// Two refusals of one gateway, one of which is told: another gateway has missed the first of them.
 TEST_F(LateCommands, OutcomeIsThatOfTheCommandThatItsTimeFitsBest) {
   pass(10s);
