@@ -92,12 +92,13 @@ void FleetWorld::speak(int robot, std::uint64_t visit) {
   who.last_said = now_;
   const std::string name = robot_name(robot);
   to_gateway(who.at, [this, name](Node& node) {
-    node.sessions[name] = now_;
+    const bool is_new = node.sessions.insert_or_assign(name, now_).second;
     if (robots_[static_cast<std::size_t>(robot_number(name))].visit == 1)
       node.kept[name] = to_bytes(name);
     node.ownership->on_heard(name, clock_of(node));
     const bool is_due = robots_[static_cast<std::size_t>(robot_number(name))].said++ % 20 == 0;
-    if (is_due && node.is_link_up && node.ownership->may_act_for(name, clock_of(node).mono))
+    if ((is_new || is_due) && node.is_link_up &&
+        node.ownership->may_act_for(name, clock_of(node).mono))
       publish(-1, {"p/gateway/" + node.name + "/robots/" + name, to_bytes("online"),
                    Qos::at_least_once, true});
   });
@@ -289,13 +290,15 @@ void FleetWorld::perform(int gateway, UnsubscribeFleet& action) {
 void FleetWorld::perform(int gateway, TakeOverRobot& action) {
   story_.push_back(fmt::format("{} {} takes over {} (dead: '{}')", now_.count(), gateway,
                                action.robot, action.dead_owner));
-  Bytes& kept = nodes_[static_cast<std::size_t>(gateway)]->kept[action.robot];
+  Node& node = *nodes_[static_cast<std::size_t>(gateway)];
+  Bytes& kept = node.kept[action.robot];
   if (kept.empty()) kept = action.session;
   const auto presence = [&](const std::string& name, const char* what) {
     publish(-1, {"p/gateway/" + name + "/robots/" + action.robot, to_bytes(what),
                  Qos::at_least_once, true});
   };
-  presence(gateway_name(gateway), "online");
+  // As the core does: a robot that another gateway has asked about may be elsewhere by now.
+  if (node.sessions.contains(action.robot)) presence(gateway_name(gateway), "online");
   if (!action.dead_owner.empty()) presence(action.dead_owner, "");
 }
 
