@@ -27,9 +27,9 @@ constexpr std::chrono::seconds back_in_time{28};
 /// that asks later hears of the other.
 constexpr std::chrono::seconds overlap{2};
 /// So long it hears the others before it does that, but for fleets of more than 100 gateways.
-constexpr std::chrono::seconds longest_joining{4};
+constexpr std::chrono::seconds joins_within{4};
 static_assert(TakenCommands::handed_on_for >
-              back_in_time + longest_joining + CommandTurns::refusal_settling);
+              back_in_time + joins_within + CommandTurns::refusal_settling);
 
 /// What a broker has kept for a gateway comes so soon after the connection.
 constexpr std::chrono::seconds kept_come_within{3};
@@ -119,12 +119,12 @@ CommandTurns::Choice SharedCommands::choose(const CommandTurns::Waiting& waiting
   if (waiting.outcome || !waiting.dead_owner.empty()) return Choice::refuse;
   // Witnesses have dealt with it when its time is over, or have left it to this gateway, which said
   // that it took it.
-  const bool is_known_to_others =
-      !heard_others(waiting.came) && membership_.peers.has_gapless_witness(waiting.came, now);
-  if (waiting.was_taken && (is_known_to_others || !claims_.is_held(waiting.robot)))
+  const Knower knower = who_knows_of(waiting.came, Gaps::none, now);
+  if (waiting.was_taken && (knower == Knower::witnesses || !claims_.is_held(waiting.robot)))
     return Choice::refuse;
-  if (is_known_to_others) return age < CommandTurns::last_patience ? Choice::wait : Choice::forget;
-  if (is_awaiting_return(waiting.came, now)) return Choice::wait;
+  if (knower == Knower::witnesses)
+    return age < CommandTurns::last_patience ? Choice::wait : Choice::forget;
+  if (knower == Knower::taker && may_taker_return(waiting.came, now)) return Choice::wait;
   // Another gateway may have taken it, unheard here.
   const bool was_unheard = waiting.kept > Duration::zero() && waiting.came < unheard_until_;
   if (claims_.is_held(waiting.robot))
@@ -152,8 +152,8 @@ CommandTurns::Choice SharedCommands::choose_for_nobody(const CommandTurns::Waiti
 
 /// A gateway that was there when the command came may have dealt with it, and was cut off as this
 /// one was.
-bool SharedCommands::is_awaiting_return(TimePoint came, TimePoint now) const {
-  return !heard_others(came) && now < membership_.lease.joined() + owner_returns &&
+bool SharedCommands::may_taker_return(TimePoint came, TimePoint now) const {
+  return now < membership_.lease.joined() + owner_returns &&
          std::ranges::any_of(membership_.peers.all(), [&](const auto& each) {
            const TimePoint alive_until = each.second.alive_until;
            return came < alive_until && alive_until <= now;
@@ -222,8 +222,9 @@ CommandTurns::Fate SharedCommands::fate_of(const TakenCommands::Entry& owed, Tim
   if (!membership_.may_act(now)) return Fate::wait;
   // What came while this gateway was away may have come late, and behind its outcome. A witness
   // need not be there any more when the outcome is due.
-  const bool has_heard = heard_others(owed.came);
-  if (!has_heard && membership_.peers.has_witness(owed.came, now)) return Fate::forget;
+  const Knower knower = who_knows_of(owed.came, Gaps::short_ones, now);
+  if (knower == Knower::witnesses) return Fate::forget;
+  const bool has_heard = knower == Knower::this_gateway;
   const Peers::Peer* owner = membership_.peers.find(owed.gateway);
   const bool is_back = owner && is_earlier_life(owed.life, owner->life) &&
                        membership_.peers.is_alive(owed.gateway, now);
@@ -272,13 +273,21 @@ void SharedCommands::on_own_outcome(BrokerMessage outcome, Duration after, TimeP
 /// connected all the time publishes it; if there is none, this one. That is known once it has
 /// joined.
 bool SharedCommands::is_left_to_others(TimePoint came, TimePoint now) const {
-  return was_away_since(came) && membership_.peers.has_witness(came, now);
+  return was_away_since(came) && who_knows_of(came, Gaps::short_ones, now) == Knower::witnesses;
 }
 
 /// While this gateway joins, who was connected all the time is still to be heard.
 bool SharedCommands::may_be_left_to_others(TimePoint came, TimePoint now) const {
   const bool is_known = membership_.phase == Phase::member;
   return is_known ? is_left_to_others(came, now) : was_away_since(came);
+}
+
+SharedCommands::Knower SharedCommands::who_knows_of(TimePoint came, Gaps gaps,
+                                                    TimePoint now) const {
+  if (heard_others(came)) return Knower::this_gateway;
+  const bool has_witness = gaps == Gaps::none ? membership_.peers.has_gapless_witness(came, now)
+                                              : membership_.peers.has_witness(came, now);
+  return has_witness ? Knower::witnesses : Knower::taker;
 }
 
 bool SharedCommands::heard_others(TimePoint time) const {

@@ -69,12 +69,17 @@ class SharedCommands {
   Duration kept_before(TimePoint now) const;
   void publish(Unpublished unpublished);
   void settle(Unpublished unpublished, TimePoint now);
-  /// Who knows what became of a command that came at `time`: this gateway, if its life heard the
-  /// others by then. Else it may have missed who took it, and its witnesses know: those that it
-  /// hears and that heard the others by then (Peers::has_witness, or without any gap
-  /// has_gapless_witness). If there is none, nobody knows but who took it.
+  /// Who knows what became of a command.
+  enum class Knower : std::uint8_t {
+    this_gateway,  ///< its life heard the others when the command came
+    witnesses,  ///< this one may have missed who took it; gateways that it hears heard the others
+    taker,      ///< nobody else
+  };
+  /// Whether a gateway counts as a witness that was cut off for a moment since then.
+  enum class Gaps : std::uint8_t { none, short_ones };
+  Knower who_knows_of(TimePoint came, Gaps gaps, TimePoint now) const;
   bool heard_others(TimePoint time) const;
-  bool is_awaiting_return(TimePoint came, TimePoint now) const;
+  bool may_taker_return(TimePoint came, TimePoint now) const;
   CommandTurns::Choice choose(const CommandTurns::Waiting& waiting, TimePoint now) const;
   CommandTurns::Choice choose_for_nobody(const CommandTurns::Waiting& waiting, TimePoint now) const;
   CommandTurns::Fate fate_of(const TakenCommands::Entry& owed, TimePoint now) const;
