@@ -123,9 +123,16 @@ bool HeldTopics::on_lost_alone(const std::string& topic, std::uint64_t answers, 
 
 bool HeldTopics::wants_probe(std::string_view topic) const {
   const auto known = lanes_.find(TopicCounts::slot(topic));
-  const bool is_others_turn = !wanting_.empty() || !loading_.empty() || !runnable_.empty();
-  return !is_others_turn && known != lanes_.end() && known->second.phase == Phase::idle &&
-         may_go(known->second);
+  if (known == lanes_.end() || known->second.phase != Phase::idle || !may_go(known->second))
+    return false;
+  // Tries of refused topics that are put off do not count: there is always one of several.
+  const bool is_others_turn =
+      !wanting_.empty() || !loading_.empty() || std::ranges::any_of(runnable_, [this](Slot slot) {
+        const auto lane = lanes_.find(slot);
+        return lane != lanes_.end() && lane->second.phase == Phase::runnable &&
+               may_go(lane->second);
+      });
+  return !is_others_turn;
 }
 
 void HeldTopics::put_off_tries(TimePoint now) {

@@ -153,7 +153,7 @@ void Ownership::fall_asleep(std::string why, TimePoint now) {
   decide_alone(now);
   commands_.forget_owed();
   commands_.publish_outcomes(now);
-  if (!is_muted_) remember_others(is_somebody_silent);
+  if (online_.all().empty()) remember_others(false);
   membership_.notice(is_muted_ ? Severity::warning : Severity::notice, std::move(why));
 }
 

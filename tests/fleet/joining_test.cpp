@@ -167,6 +167,14 @@ TEST_F(Remembering, IsNotAloneOnlyBecauseNobodyIsTold) {
   EXPECT_TRUE(remembered.empty()) << "no news";
 }
 
+/// The next connection does not wait for them again.
+TEST_F(Remembering, ForgetsThemWhenItMayNotSpeakAndNobodyIsOnline) {
+  is_writing_lost = true;
+  pass(11s);
+  EXPECT_TRUE(ownership.is_alone());
+  EXPECT_EQ(remembered, std::vector<bool>{false});
+}
+
 TEST_F(Remembering, ServesItsRobotsSoonAndFallsAsleepWhenNobodyComes) {
   pass(5s);
   ownership.on_heard("r", at(now));

@@ -28,6 +28,7 @@ class ClientTable {
   NameBudget& names() { return names_; }
 
   bool is_full() const { return by_id_.size() >= max_clients_; }
+  std::size_t size() const { return by_id_.size(); }
   ClientSession& create(const std::string& client_id, const std::string& robot);
   /// Two sessions may swap their names, one after the other.
   void rename(ClientSession& session, const std::string& robot);

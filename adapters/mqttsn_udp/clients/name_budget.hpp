@@ -27,6 +27,12 @@ class NameBudget {
     return held + octets <= limits::name_octets_for_each ||
            taken_ + octets <= limits::name_octets_together;
   }
+  /// The same for what was taken before a restart, by so many `clients` that are back: they come in
+  /// another order than then, and each had a small part of topics and one of filters for itself.
+  bool may_restore(std::size_t clients, std::size_t octets) const {
+    return taken_ + octets <=
+           limits::name_octets_together + 2 * clients * limits::name_octets_for_each;
+  }
   void take(std::size_t octets) { taken_ += octets; }
   void give_back(std::size_t octets) { taken_ -= octets; }
 

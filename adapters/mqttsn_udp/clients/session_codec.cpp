@@ -124,7 +124,8 @@ Will to_will(const Json& json) {
 
 SubscriptionSnapshot to_subscription(const Json& json) {
   return {json.at(0), checked(json.at(1), Qos::exactly_once),
-          checked(json.at(2), TopicIdType::short_name), json.at(3)};
+          checked(json.at(2), TopicIdType::short_name), json.at(3),
+          json.size() > 4 && json.at(4).get<bool>()};
 }
 
 MessageSnapshot to_message(const Json& json) {
@@ -215,6 +216,7 @@ void write(CborWriter& out, const SubscriptionSnapshot& subscription) {
   out.write(number_of(subscription.qos));
   out.write(number_of(subscription.topic_id_type));
   out.write(subscription.topic_id);
+  if (subscription.awaits_retained) out.write(true);
   out.end();
 }
 

@@ -84,7 +84,8 @@ SessionSnapshot to_snapshot(const ClientSession& session, TimePoint now) {
   if (session.will) out.will = *session.will;
   out.topics = session.topics.topics();
   for (const auto& [filter, s] : session.subscriptions)
-    out.subscriptions.push_back({filter, s.qos, s.topic_id_type, s.topic_id});
+    out.subscriptions.push_back(
+        {filter, s.qos, s.topic_id_type, s.topic_id, s.retained_wait && !s.retained_wait->until});
   add_messages(session.delivery, out.messages, now);
   for (const Releasing& open : session.delivery.releasing)
     out.released.push_back(open.attempt.msg_id);
@@ -118,6 +119,10 @@ void apply(const SessionSnapshot& snapshot, ClientSession& session, TimePoint no
     subscription.qos = s.qos;
     subscription.topic_id_type = s.topic_id_type;
     subscription.topic_id = s.topic_id;
+    if (s.awaits_retained) {
+      subscription.granted_at = now;
+      subscription.retained_wait.emplace();
+    }
     session.subscriptions.emplace(s.filter, std::move(subscription));
   }
   for (const RepeatSnapshot& repeat : snapshot.repeats)

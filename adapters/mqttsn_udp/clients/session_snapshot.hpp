@@ -20,6 +20,7 @@ struct SubscriptionSnapshot {
   Qos qos = Qos::at_most_once;
   TopicIdType topic_id_type = TopicIdType::normal;
   std::uint16_t topic_id = 0;
+  bool awaits_retained = false;  ///< the broker was away since it was granted
 };
 
 /// An undelivered QoS 1 or 2 message, the one that awaits its acknowledgement first.

@@ -70,15 +70,27 @@ std::vector<ClientSession*> Subscriptions::on_subscribe_result(const std::string
 void Subscriptions::on_broker_up(TimePoint now) {
   for (const std::string& filter : std::exchange(refused_listening_, {}))
     requests_.ask(filter, Qos::at_least_once, {}, now, false);
+  for (const auto& [id, session] : clients_.all()) {
+    bool has_begun = false;
+    for (auto& [name, subscription] : session->subscriptions) has_begun |= begin_wait(subscription);
+    if (has_begun) output_.mark_changed(*session);
+  }
 }
 
-/// What was subscribed while the broker was away gets its retained messages once it is back.
+/// What was subscribed while the broker was away gets its retained messages once it is back. False
+/// when it does not begin to wait for them now.
+bool Subscriptions::begin_wait(Subscription& subscription) const {
+  std::optional<RetainedWait>& wait = subscription.retained_wait;
+  if (!wait || wait->until || !subscription.granted_at || !broker_up_since_) return false;
+  wait->until = std::max(*subscription.granted_at, *broker_up_since_) + limits::retained_wait;
+  return true;
+}
+
 bool Subscriptions::takes_retained(Subscription& subscription, const std::string& topic,
                                    TimePoint now) const {
   std::optional<RetainedWait>& wait = subscription.retained_wait;
   if (!wait) return false;
-  if (!wait->until && subscription.granted_at && broker_up_since_)
-    wait->until = std::max(*subscription.granted_at, *broker_up_since_) + limits::retained_wait;
+  begin_wait(subscription);
   if (wait->until && *wait->until < now) {
     wait.reset();
     return false;
@@ -165,7 +177,7 @@ void Subscriptions::restore(ClientSession& session, TimePoint now) {
     const bool is_allowed = is_valid_filter(filter) &&
                             rules_.policy.may_subscribe(session.client_id, session.robot, filter);
     const bool has_room =
-        clients_.names().may_take(session.filter_octets, NameBudget::of_filter(filter));
+        clients_.names().may_restore(clients_.size(), NameBudget::of_filter(filter));
     if (is_allowed && has_room) {
       add_subscriber(filter, session, subscription);
       requests_.ask(filter, subscription.qos, {}, now, subscription.retained_wait.has_value());

@@ -86,6 +86,7 @@ class Subscriptions {
   void ask_broker(ClientSession& session, const std::string& filter, Qos qos, Suback answer,
                   TimePoint now);
   void drop_everywhere(const std::string& filter, TimePoint now);
+  bool begin_wait(Subscription& subscription) const;
   void add_subscriber(const std::string& filter, ClientSession& session,
                       Subscription& subscription);
   void remove_subscriber(const std::string& filter, ClientSession& session);
