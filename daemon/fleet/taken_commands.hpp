@@ -21,7 +21,7 @@ class TakenCommands {
  public:
   /// Two gateways hear one command within this time of each other. Of two equal ones that come
   /// closer together one may be taken for the other.
-  static constexpr std::chrono::milliseconds heard_apart{500};
+  static constexpr std::chrono::milliseconds heard_apart{1000};
   static bool came_together(TimePoint one, TimePoint other) {
     return one - other < heard_apart && other - one < heard_apart;
   }

@@ -236,6 +236,8 @@ def judge_presence(fleet, bounds, findings):
     """At the end, and all the time that it was observed."""
     for line in fleet.presence:
         findings.add("strange_presence", time.monotonic(), line)
+    for line in fleet.stale_presence:
+        findings.add("stale_presence_at_a_node", time.monotonic(), line)
     longest, longest_at_return = 0.0, 0.0
 
     def is_bound(begin, seconds, places, earliest):
