@@ -15,24 +15,39 @@ constexpr int max_boards = 4;
 constexpr std::size_t max_client_id = 23;    // MQTT-SN 1.2 section 5.3.1
 constexpr std::size_t max_uuid_prefix = 12;  // leaves room for the seed and the robot's number
 
+/// Lets an option take these words only. The help of CLI11's own transformer shows enumerators as
+/// control characters.
+template <typename Enum>
+void take_words(CLI::Option* option, const std::map<std::string, Enum>& values) {
+  std::string words;
+  for (const auto& [word, value] : values) words += (words.empty() ? "" : "|") + word;
+  const auto number_of = [values, words](std::string& text) {
+    const auto found = values.find(text);
+    if (found == values.end()) return fmt::format("'{}' is not one of {}", text, words);
+    text = std::to_string(static_cast<int>(found->second));
+    return std::string();
+  };
+  option->transform(CLI::Validator(number_of, ""))->type_name(words);
+}
+
 /// What robots measure and say.
 void add_body(CLI::App& app, BodySettings& body) {
   using Model = BodySettings::Model;
   using Payload = BodySettings::Payload;
   using Shape = World::Shape;
-  app.add_option("--robot", body.model, "usual, or thesis: formula and tower as in the thesis")
-      ->transform(CLI::CheckedTransformer(
-          std::map<std::string, Model>{{"usual", Model::usual}, {"thesis", Model::thesis}}));
+  take_words<Model>(
+      app.add_option("--robot", body.model, "usual, or thesis: formula and tower as in the thesis"),
+      {{"usual", Model::usual}, {"thesis", Model::thesis}});
   app.add_flag("--mirrored", body.is_mirrored,
                "With --robot thesis: pose and obstacles count angles differently");
-  app.add_option("--world", body.world, "ring of 160 cm, or room: an asymmetric one")
-      ->transform(CLI::CheckedTransformer(
-          std::map<std::string, Shape>{{"ring", Shape::ring}, {"room", Shape::room}}));
+  take_words<Shape>(
+      app.add_option("--world", body.world, "ring of 160 cm, or room: an asymmetric one"),
+      {{"ring", Shape::ring}, {"room", Shape::room}});
   app.add_flag("--stand", body.stands, "Robots stay where they start");
-  app.add_option("--payload", body.payload,
-                 "positions, full (of the robots before the thesis), or probe")
-      ->transform(CLI::CheckedTransformer(std::map<std::string, Payload>{
-          {"positions", Payload::positions}, {"full", Payload::full}, {"probe", Payload::probe}}));
+  take_words<Payload>(
+      app.add_option("--payload", body.payload,
+                     "positions, full (of the robots before the thesis), or probe"),
+      {{"positions", Payload::positions}, {"full", Payload::full}, {"probe", Payload::probe}});
   app.add_option("--max-obstacles", body.max_obstacles, "Obstacles in one update")
       ->check(CLI::Range(0U, 4U))
       ->capture_default_str();
@@ -191,10 +206,10 @@ void add_ble(CLI::App& app, BleOptions& options, BleTexts& texts) {
                "Robots publish to the board's unicast address instead of groups");
   app.add_flag("--segment-timing", options.has_segment_timing,
                "Segmented messages occupy their sender as long as on air");
-  app.add_option("--on-busy", options.on_busy,
-                 "What becomes of an update while a SET waits for its STATUS")
-      ->transform(CLI::CheckedTransformer(std::map<std::string, ble::OnBusy>{
-          {"cancel", ble::OnBusy::cancel}, {"refuse", ble::OnBusy::refuse}}));
+  take_words<ble::OnBusy>(
+      app.add_option("--on-busy", options.on_busy,
+                     "What becomes of an update while a SET waits for its STATUS"),
+      {{"cancel", ble::OnBusy::cancel}, {"refuse", ble::OnBusy::refuse}});
   app.add_option("--bearer-interval-ms", options.bearer_interval_ms,
                  "Least time between two packets of one node")
       ->check(CLI::Range(0U, 1000U))

@@ -16,6 +16,43 @@ CommandLine parse(std::vector<const char*> arguments) {
   return parse_command_line(static_cast<int>(arguments.size()), arguments.data());
 }
 
+std::string help_of(const char* mesh) {
+  testing::internal::CaptureStdout();
+  parse({mesh, "--help"});
+  return testing::internal::GetCapturedStdout();
+}
+
+TEST(CommandLine, NamesTheWordsThatAnOptionTakes) {
+  for (const char* const mesh : {"thread", "ble"}) {
+    const std::string help = help_of(mesh);
+    for (const char* const words :
+         {"--robot thesis|usual", "--world ring|room", "--payload full|positions|probe"})
+      EXPECT_NE(help.find(words), help.npos) << help;
+    EXPECT_EQ(help.find("->"), help.npos) << help;
+  }
+  EXPECT_NE(help_of("ble").find("--on-busy cancel|refuse"), std::string::npos);
+}
+
+TEST(CommandLine, AWrongWordIsToldWithTheRightOnes) {
+  testing::internal::CaptureStderr();
+  const CommandLine line = parse({"thread", "--gateway", "h:1", "--world", "moon"});
+  const std::string told = testing::internal::GetCapturedStderr();
+  ASSERT_TRUE(std::holds_alternative<int>(line));
+  EXPECT_EQ(std::get<int>(line), 2);
+  EXPECT_NE(told.find("--world: 'moon' is not one of ring|room"), told.npos) << told;
+}
+
+TEST(CommandLine, TakesTheWordsOfItsHelp) {
+  const CommandLine line = parse({"ble", "--tty", "t", "--world", "room", "--robot", "thesis",
+                                  "--payload", "probe", "--on-busy", "refuse"});
+  ASSERT_TRUE(std::holds_alternative<BleOptions>(line));
+  const auto& options = std::get<BleOptions>(line);
+  EXPECT_EQ(options.common.body.world, World::Shape::room);
+  EXPECT_EQ(options.common.body.model, BodySettings::Model::thesis);
+  EXPECT_EQ(options.common.body.payload, BodySettings::Payload::probe);
+  EXPECT_EQ(options.on_busy, ble::OnBusy::refuse);
+}
+
 TEST(Impairment, LosesAndDoublesAboutAsManyAsAsked) {
   sn::Impairment radio({0.2, 0.1, 0, milliseconds{5}}, Random(1, 1, Random::Use::uplink));
   int lost = 0;
