@@ -15,7 +15,7 @@ constexpr std::size_t longest_echo = 40;
 std::string description(const nlohmann::json& value) {
   switch (value.type()) {
     case nlohmann::json::value_t::object: return "a group in braces";
-    case nlohmann::json::value_t::array: return "a list";
+    case nlohmann::json::value_t::array: return value.empty() ? "an empty list" : "a list";
     case nlohmann::json::value_t::string:
       if (value.get_ref<const std::string&>().empty()) return "an empty text";
       if (value.get_ref<const std::string&>().size() > longest_echo) return "this text";

@@ -121,6 +121,8 @@ INSTANTIATE_TEST_SUITE_P(
         Case{R"({"broker": {"uri": "mqtt://1.2.3"}})", "g.json:1: broker.uri: ", "mqtts://HOST"},
         Case{R"({"broker": {"uri": "mqtt://h/x"}})", "g.json:1: broker.uri: ", "mqtts://HOST"},
         Case{R"({"broker": {"uri": 5}})", "g.json:1: broker.uri: ", "5 is not allowed"},
+        Case{R"({"broker": {"uri": []}})",
+             "g.json:1: broker.uri: ", "an empty list is not allowed"},
         Case{R"({"broker": {"keep_alive_s": 0}})",
              "g.json:1: broker.keep_alive_s: ", "a whole number from 1 to 65535"},
         Case{R"({"broker": {"keep_alive_s": "30"}})",
