@@ -140,6 +140,10 @@ void need_rights(const Installation& installation, const char* verb) {
 
 std::string backup(const Installation& installation, const std::string& file) {
   need_rights(installation, "backup");
+  // With a mistyped --config the state would be looked for in the default directory.
+  if (access(installation.configuration().c_str(), R_OK) != 0)
+    throw Failure(fmt::format("{}: {}; nothing was written", installation.configuration(),
+                              std::strerror(errno)));
   const Manifest manifest{installation.configuration(), installation.state(),
                           installation.files_elsewhere(), installation.parsed().config.gateway_id};
   const WorkDirectory work;

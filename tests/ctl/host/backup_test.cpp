@@ -144,6 +144,18 @@ TEST_F(Backup, RefusesWhatIsNone) {
   EXPECT_EQ(read("state/mesh.json"), "the mesh's keys");
 }
 
+TEST_F(Backup, NeedsTheConfigurationThatItIsToKeep) {
+  const Installation mistyped(root() / "etc/gatway.json");
+  try {
+    backup(mistyped, archive());
+    FAIL();
+  } catch (const Failure& failure) {
+    EXPECT_EQ(failure.what(), (root() / "etc/gatway.json").string() +
+                                  ": No such file or directory; nothing was written");
+  }
+  EXPECT_FALSE(fs::exists(archive()));
+}
+
 TEST_F(Backup, RefusesAnArchiveThatWritesElsewhere) {
   backup(installation(), archive());
   fs::create_directories(root() / "evil/tmp");
