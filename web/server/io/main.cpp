@@ -5,6 +5,7 @@
 #include <CLI/CLI.hpp>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/signal_set.hpp>
+#include <boost/system/system_error.hpp>
 #include <exception>
 #include <iostream>
 
@@ -50,6 +51,10 @@ int run(const slamgw::web::Startup& startup) {
   try {
     serve(startup);
     return 0;
+  } catch (const boost::system::system_error& error) {  // what() names a line of Boost's source
+    log_event(slamgw::Severity::error, "web.listen: can't use " + startup.parsed.config.web.listen +
+                                           ": " + error.code().message());
+    return exit_failed;
   } catch (const std::exception& error) {
     log_event(slamgw::Severity::error,
               "web.listen " + startup.parsed.config.web.listen + ": " + error.what());
