@@ -110,7 +110,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   const std::string config_file_;
   const TopicScheme scheme_;
   const Now started_;
-  BrokerLink broker_link_;
+  BrokerLink broker_link_{false, started_.wall, "no broker has answered since the start", {}};
   boost::asio::io_context io_{1};
   boost::asio::signal_set signals_;
   boost::asio::steady_timer stats_timer_;

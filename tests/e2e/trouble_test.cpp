@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/tcp.hpp>
 #include <boost/asio/ip/udp.hpp>
 
 #include "tests/e2e/gateway_process.hpp"
@@ -49,6 +50,20 @@ TEST_P(BrokerThatIsDown, AtStartIsWaitedFor) {
   EXPECT_EQ(report["acknowledged"], report["sent"]) << report;
   EXPECT_TRUE(gateway.logs(GetParam() == MqttVersion::v5 ? "connected (MQTT 5)"
                                                          : "connected (MQTT 3.1.1)"));
+}
+
+TEST(Trouble, ABrokerThatHasNotAnsweredYetIsDownSinceTheStart) {
+  using boost::asio::ip::tcp;
+  boost::asio::io_context io;
+  const tcp::acceptor silent(io, {boost::asio::ip::address_v4::loopback(), 0});
+  const std::string uri = "mqtt://127.0.0.1:" + std::to_string(silent.local_endpoint().port());
+  GatewayProcess gateway(json{{"broker", {{"uri", uri}}}});
+  json status;
+  ASSERT_TRUE(eventually([&] { return (status = gateway.ctl({"status"})).is_object(); }));
+  const json& broker = status["broker"];
+  EXPECT_EQ(broker["state"], "down");
+  EXPECT_EQ(broker["why"], "no broker has answered since the start");
+  EXPECT_NE(broker["since"].get<std::string>().substr(0, 4), "1970");
 }
 
 TEST(Trouble, AWrongPasswordIsNamedWithoutBeingShown) {
