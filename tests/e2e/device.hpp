@@ -31,7 +31,8 @@ class Device {
     socket_.send(boost::asio::buffer(octets), 0, refused);
     return !refused;
   }
-  /// The next message; its type must be `type`.
+  /// The next message; its type must be `type`. What insist() has asked for may come again before
+  /// it.
   sim::sn::Packet expect(sim::sn::Type type) {
     std::optional<sim::sn::Packet> packet;
     const bool has_come = eventually([&] {
@@ -39,7 +40,7 @@ class Device {
       const std::size_t size = socket_.receive(boost::asio::buffer(buffer_), 0, error);
       if (error) return false;
       packet = sim::sn::decode({buffer_.data(), size});
-      return true;
+      return !packet || packet->type == type || packet->type != insisted_;
     });
     EXPECT_TRUE(has_come) << "no answer";
     EXPECT_TRUE(packet && packet->type == type) << (packet ? int(packet->type) : -1);
@@ -57,6 +58,7 @@ class Device {
     });
     const auto packet = sim::sn::decode({buffer_.data(), size});
     EXPECT_TRUE(packet && packet->type == type);
+    insisted_ = type;
     return packet.value_or(sim::sn::Packet{});
   }
   /// A session that goes on, with a will on ntnu-slam/robot/<robot>/gone. Only an exchange like
@@ -81,14 +83,19 @@ class Device {
     send(sim::sn::puback(message.topic_id, message.msg_id, sim::sn::accepted));
   }
   bool is_silent() {
-    boost::system::error_code error;
-    return socket_.receive(boost::asio::buffer(buffer_), 0, error) == 0;
+    while (true) {
+      boost::system::error_code error;
+      const std::size_t size = socket_.receive(boost::asio::buffer(buffer_), 0, error);
+      const auto packet = sim::sn::decode({buffer_.data(), size});
+      if (size == 0 || !packet || packet->type != insisted_) return size == 0;
+    }
   }
 
  private:
   boost::asio::io_context io_;
   boost::asio::ip::udp::socket socket_;
   std::array<std::uint8_t, 2000> buffer_{};
+  std::optional<sim::sn::Type> insisted_;  ///< the answer to what was sent more than once
 };
 
 }  // namespace slamgw::test
