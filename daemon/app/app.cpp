@@ -398,9 +398,10 @@ void App::report_broker_link(bool is_session_present) {
 }
 
 void App::on_link_up(bool session_present, const BrokerLimits& limits) {
-  broker_link_ = {true, read_clocks().wall, {}, broker_uri(upstream_.broker())};
+  const bool is_v5 = upstream_.version() == MqttVersion::v5;
+  broker_link_ = {true, read_clocks().wall, {}, broker_uri(upstream_.broker()), is_v5};
   broker_log_.rename(broker_link_.uri);
-  std::string detail = upstream_.version() == MqttVersion::v5 ? "MQTT 5" : "MQTT 3.1.1";
+  std::string detail = is_v5 ? "MQTT 5" : "MQTT 3.1.1";
   if (const std::string words = to_words(limits); !words.empty()) detail += "; it takes " + words;
   log_notice(broker_log_.on_up(detail));
   // The outbox first: otherwise the gateway's own messages would take the way over the disk.

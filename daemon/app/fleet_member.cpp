@@ -39,8 +39,7 @@ FleetMember::FleetMember(boost::asio::io_context& io, const Config& config, Gate
   // of which a restarted gateway has many, before Ownership asks for all commands.
   if (config.fleet != fleet::Enabled::no)
     gateway_.subscribe_own(
-        TopicScheme(config.topics.prefix, config.gateway_id).command_topic("+", "+"),
-        Qos::at_least_once);
+        TopicScheme(config.topics.prefix, config.gateway_id).command_topic("+", "+"));
   gateway_.share_with(
       {[this] { return ownership_.is_shared() || ownership_.may_be_shared(); },
        [this] { return !ownership_.is_alone() && upstream_.version() == MqttVersion::v3_1_1; },
@@ -151,14 +150,9 @@ void FleetMember::stop() {
   memory_.stop();
 }
 
-/// The core keeps it over reconnects, and knows about copies. With MQTT 3.1.1 the broker keeps
-/// nothing over them, so QoS 1 is worth little there, and NATS takes half a second for each such
-/// subscription and does not bring all to it (docs/fleet.md). Commands reach robots with the QoS
-/// with which they come here.
+/// The core keeps it over reconnects, and knows about copies.
 void FleetMember::perform(fleet::SubscribeFleet& action) {
-  const bool is_live = upstream_.version() == MqttVersion::v3_1_1 && !action.is_for_robots;
-  gateway_driver_.input(&Gateway::subscribe_own, action.filter,
-                        is_live ? Qos::at_most_once : Qos::at_least_once);
+  gateway_driver_.input(&Gateway::subscribe_own, action.filter);
 }
 
 void FleetMember::perform(fleet::UnsubscribeFleet& action) {

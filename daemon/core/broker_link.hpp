@@ -12,9 +12,10 @@ namespace slamgw {
 
 struct BrokerLink {
   bool is_up = false;
-  WallTime since{};   ///< since when it is in this state, or down for this reason
-  std::string why;    ///< why it is down; empty while it is up
-  std::string uri{};  ///< of the broker that it is up to; empty while it is down
+  WallTime since{};           ///< since when it is in this state, or down for this reason
+  std::string why;            ///< why it is down; empty while it is up
+  std::string uri{};          ///< of the broker that it is up to; empty while it is down
+  bool keeps_session = true;  ///< while it is up: what comes while we are away (MQTT 5)
 };
 
 enum class SubscribeAnswer : std::uint8_t {

@@ -49,18 +49,6 @@ TrafficEvent event_of(Report report, std::string type, Normalized normalized, co
           .is_rejected = normalized.is_rejected};
 }
 
-/// Superseded is normal; no warning.
-Severity severity_of(CommandResult result) {
-  switch (result) {
-    case CommandResult::delivered:
-    case CommandResult::sent:
-    case CommandResult::superseded: return Severity::info;
-    case CommandResult::timeout:
-    case CommandResult::refused: break;
-  }
-  return Severity::warning;
-}
-
 }  // namespace
 
 Gateway::Gateway(TopicScheme scheme, Settings settings, const BrokerLink& broker,
@@ -179,7 +167,7 @@ bool Gateway::is_covered(const std::string& filter, const SubscriptionTable::Wan
   if (!is_all_refused_ && ownership_.hears_all_commands()) return true;
   const auto all = subscriptions_.wanted().find(all_commands_);
   return wanted.is_covered && !wanted.wants_retained && !is_all_refused_ &&
-         all != subscriptions_.wanted().end() && wanted.qos <= all->second.qos;
+         all != subscriptions_.wanted().end() && wanted.qos != Qos::exactly_once;
 }
 
 /// When the subscription to all commands starts, robots' own subscriptions to commands end; they
@@ -196,8 +184,8 @@ void Gateway::cover_commands() {
   }
 }
 
-void Gateway::subscribe_own(const std::string& filter, Qos qos) {
-  const auto& wanted = subscriptions_.add_own(filter, qos);
+void Gateway::subscribe_own(const std::string& filter) {
+  const auto& wanted = subscriptions_.add_own(filter);
   if (filter == all_commands_ && broker_.is_up) cover_commands();
   if (broker_.is_up) actions_.push(SubscribeAtBroker{filter, wanted.qos, wanted.id});
 }
@@ -280,6 +268,8 @@ void Gateway::on_broker_message(BrokerMessage message,
   if (!message.retain && !subscriptions_.is_copy_to_take(message, subscriptions)) return;
   if (ownership_.takes(message)) return;
   const auto target = scheme_.parse_command_topic(message.topic);
+  if (target && subscriptions_.qos(all_commands_) == Qos::at_most_once)
+    message.qos = std::max(message.qos, Qos::at_least_once);  // as the server may have sent it
   if (!target && message.topic == scheme_.state_topic()) return on_own_state(message);
   if (!target || !ownership_.is_shared()) return take_command(std::move(message), now);
   const std::string robot(target->robot);
@@ -420,7 +410,7 @@ void Gateway::on_broker_link(const Now& now) {
   is_state_heard_ = false;
   rights_.on_broker_link(broker_.is_up && settings_.probes_rights);
   subscribers_wait_until_.reset();
-  subscriptions_.on_connection_changed();
+  subscriptions_.on_connection_changed(broker_.keeps_session);
   if (!broker_.is_up) {
     subscribers_wait_until_ = now.mono + subscribe_patience;
     return;

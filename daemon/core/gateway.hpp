@@ -124,7 +124,7 @@ class Gateway {
   void on_broker_link(const Now& now);
   void on_subscribe_result(const std::string& filter, SubscribeAnswer answer, const Now& now);
   /// A subscription of the gateway itself, to hear other gateways; renewed at each connection.
-  void subscribe_own(const std::string& filter, Qos qos);
+  void subscribe_own(const std::string& filter);
   /// Also ends a subscription that an earlier process made and the broker has kept.
   void unsubscribe_own(const std::string& filter);
   /// What this gateway says of itself, retained; also published when it changes, and at each

@@ -23,4 +23,15 @@ std::string_view to_string(CommandResult result) {
   return "refused";
 }
 
+Severity severity_of(CommandResult result) {
+  switch (result) {
+    case CommandResult::delivered:
+    case CommandResult::sent:
+    case CommandResult::superseded: return Severity::info;
+    case CommandResult::timeout:
+    case CommandResult::refused: break;
+  }
+  return Severity::warning;
+}
+
 }  // namespace slamgw

@@ -182,6 +182,8 @@ struct LinkChange {
 };
 
 enum class Severity : std::uint8_t { debug, info, notice, warning, error };
+/// Superseded is normal; no warning.
+Severity severity_of(CommandResult result);
 
 /// The kind of a log line, to search for it by the journal's MESSAGE_ID.
 enum class Occasion : std::uint8_t {

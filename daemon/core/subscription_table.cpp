@@ -20,26 +20,32 @@ std::vector<Mesh> take_waiting(SubscriptionTable::Wanted& wanted) {
 
 }  // namespace
 
-SubscriptionTable::Wanted& SubscriptionTable::row(const std::string& filter, Qos qos) {
+SubscriptionTable::Wanted& SubscriptionTable::row(const std::string& filter) {
   Wanted& wanted = wanted_[filter];
   if (wanted.id == 0) wanted.id = take_id(filter);
-  wanted.qos = std::max(wanted.qos, qos);
   return wanted;
+}
+
+void SubscriptionTable::set_qos(Wanted& wanted) const {
+  wanted.qos = wanted.is_own ? std::max(wanted.mesh_qos, own_qos_) : wanted.mesh_qos;
 }
 
 const SubscriptionTable::Wanted& SubscriptionTable::add(Mesh mesh, const std::string& filter,
                                                         Qos qos, bool wants_retained) {
   const bool is_new = !wanted_.contains(filter);
-  Wanted& wanted = row(filter, qos);
+  Wanted& wanted = row(filter);
+  wanted.mesh_qos = std::max(wanted.mesh_qos, qos);
+  set_qos(wanted);
   if (is_new) wanted.is_covered = !wants_retained;
   wanted.by_mesh[mesh] = true;
   wanted.wants_retained = wanted.wants_retained || wants_retained;
   return wanted;
 }
 
-const SubscriptionTable::Wanted& SubscriptionTable::add_own(const std::string& filter, Qos qos) {
-  Wanted& wanted = row(filter, qos);
+const SubscriptionTable::Wanted& SubscriptionTable::add_own(const std::string& filter) {
+  Wanted& wanted = row(filter);
   wanted.is_own = wanted.wants_retained = true;
+  set_qos(wanted);
   return wanted;
 }
 
@@ -54,6 +60,7 @@ bool SubscriptionTable::remove_own(const std::string& filter) {
   const auto known = wanted_.find(filter);
   if (known == wanted_.end()) return true;
   known->second.is_own = false;
+  set_qos(known->second);
   return forget_if_unwanted(known);
 }
 
@@ -77,10 +84,14 @@ void SubscriptionTable::set_cover(const std::string& filter, bool is_covered) {
   if (is_covered) standing_.erase(filter);
 }
 
-void SubscriptionTable::on_connection_changed() {
+void SubscriptionTable::on_connection_changed(bool is_session_kept) {
   standing_.clear();
   sends_copies_.reset();
-  for (auto& [filter, wanted] : wanted_) wanted.is_covered = !wanted.wants_retained;
+  own_qos_ = is_session_kept ? Qos::at_least_once : Qos::at_most_once;
+  for (auto& [filter, wanted] : wanted_) {
+    wanted.is_covered = !wanted.wants_retained;
+    set_qos(wanted);
+  }
 }
 
 std::vector<std::string> SubscriptionTable::set_cover(
@@ -131,6 +142,11 @@ std::vector<SubscriptionTable::Waiting> SubscriptionTable::take_all_waiting() {
     for (const Mesh mesh : take_waiting(wanted)) waiting.push_back({mesh, filter});
   }
   return waiting;
+}
+
+std::optional<Qos> SubscriptionTable::qos(const std::string& filter) const {
+  const auto known = wanted_.find(filter);
+  return known == wanted_.end() ? std::nullopt : std::optional(known->second.qos);
 }
 
 bool SubscriptionTable::is_only_of(const std::string& filter, const std::string& topic) const {

@@ -33,18 +33,19 @@ struct StandingSubscription {
 class SubscriptionTable {
  public:
   struct Wanted {
-    SubscriptionId id = 0;        ///< made from the filter: the same after a restart
-    Qos qos = Qos::at_most_once;  ///< the highest that was asked for
-    bool is_covered = false;      ///< another one brings it: not subscribed at the broker
-    bool wants_retained = false;  ///< who wants it needs the retained messages too
-    bool is_own = false;          ///< the gateway itself wants it, to hear other gateways
+    SubscriptionId id = 0;             ///< made from the filter: the same after a restart
+    Qos mesh_qos = Qos::at_most_once;  ///< the highest that a mesh has asked for
+    Qos qos = Qos::at_most_once;       ///< at the broker
+    bool is_covered = false;           ///< another one brings it: not subscribed at the broker
+    bool wants_retained = false;       ///< who wants it needs the retained messages too
+    bool is_own = false;               ///< the gateway itself wants it, to hear other gateways
     PerMesh<bool> by_mesh;
     PerMesh<unsigned> waiting;  ///< answers that the mesh waits for
   };
 
   /// A new filter that need not bring retained messages is covered until set_cover().
   const Wanted& add(Mesh mesh, const std::string& filter, Qos qos, bool wants_retained = true);
-  const Wanted& add_own(const std::string& filter, Qos qos);
+  const Wanted& add_own(const std::string& filter);
   /// True when the filter has lost its last subscriber.
   bool remove(Mesh mesh, const std::string& filter);
   /// True when the filter has no subscriber now, also if it had none before.
@@ -67,9 +68,13 @@ class SubscriptionTable {
     std::string filter;
   };
   /// The broker is gone, and with it all subscriptions there; or it has just come. Filters that
-  /// need not bring retained messages are covered until set_cover().
-  void on_connection_changed();
+  /// need not bring retained messages are covered until set_cover(). The gateway's own have QoS 0
+  /// unless the broker keeps a session for it: then QoS 1 is worth little, NATS takes half a
+  /// second for each such subscription, and does not bring all to it (docs/fleet.md).
+  void on_connection_changed(bool is_session_kept);
   bool is_standing(const std::string& filter) { return standing_.find(filter) != nullptr; }
+  /// Nothing: nobody wants `filter`.
+  std::optional<Qos> qos(const std::string& filter) const;
   /// True when `filter` is wanted, and no other filter that stands brings the topic.
   bool is_only_of(const std::string& filter, const std::string& topic) const;
   /// What was learned of a broker that names no `ids`: whether it sends a message once for each
@@ -90,7 +95,8 @@ class SubscriptionTable {
   bool is_copy_to_take(const BrokerMessage& message, std::span<const SubscriptionId> ids);
 
  private:
-  Wanted& row(const std::string& filter, Qos qos);
+  Wanted& row(const std::string& filter);
+  void set_qos(Wanted& wanted) const;
   bool forget_if_unwanted(std::map<std::string, Wanted>::iterator wanted);
   void forget(std::map<std::string, Wanted>::iterator wanted);
   SubscriptionId take_id(std::string_view filter);
@@ -105,6 +111,7 @@ class SubscriptionTable {
   BrokerMessage repeated_;
   std::size_t copies_to_come_ = 0;
   std::optional<bool> sends_copies_;  ///< of this connection's broker; nothing: not known
+  Qos own_qos_ = Qos::at_least_once;
   /// Of the last message that came while none of its subscriptions stood: what copies of it named.
   std::vector<SubscriptionId> ids_of_last_;
 };

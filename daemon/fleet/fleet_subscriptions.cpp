@@ -37,7 +37,7 @@ void FleetSubscriptions::on_answer(const std::string& filter, SubscribeAnswer an
 void FleetSubscriptions::subscribe(const std::string& filter, TimePoint now) {
   if (!answers_.try_emplace(filter, Answer::missing).second) return;
   asked_ = now;
-  membership_.actions.push(SubscribeFleet{filter, filter == membership_.topics.command_filter()});
+  membership_.actions.push(SubscribeFleet{filter});
 }
 
 void FleetSubscriptions::subscribe_to_others(bool was_alone, TimePoint now) {

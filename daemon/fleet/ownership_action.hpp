@@ -23,7 +23,6 @@ struct RememberOthers {
 };
 struct SubscribeFleet {
   std::string filter;
-  bool is_for_robots = false;  ///< commands; else what gateways say, and say again when it is lost
 };
 struct UnsubscribeFleet {
   std::string filter;

@@ -29,7 +29,7 @@ class AllCommandsTest : public testing::Test {
     drain();
   }
   void hear_all() {
-    gateway.subscribe_own(all, Qos::at_least_once);
+    gateway.subscribe_own(all);
     drain();
     answer(all, SubscribeAnswer::granted);
     steps.clear();
@@ -39,25 +39,27 @@ class AllCommandsTest : public testing::Test {
     drain();
   }
   /// One copy for each subscription that the broker has been asked for, as Mosquitto sends them.
-  void server_sends() {
+  void server_sends(Qos qos = Qos::at_least_once) {
     for (const auto& [filter, id] : at_broker)
       if (filter == all || filter == of_a)
-        gateway.on_broker_message({"ntnu-slam/server/a/cmd", {1}, Qos::at_least_once, false},
-                                  std::vector{id}, now);
+        gateway.on_broker_message({"ntnu-slam/server/a/cmd", {1}, qos, false}, std::vector{id},
+                                  now);
     drain();
   }
   void drain() {
     while (auto action = gateway.next_action()) {
       if (auto* made = std::get_if<SubscribeAtBroker>(&*action)) {
         at_broker[made->filter] = made->id;
+        if (made->filter == all) qos_of_all = made->qos;
         steps.push_back("+" + made->filter);
       } else if (auto* ended = std::get_if<UnsubscribeAtBroker>(&*action)) {
         at_broker.erase(ended->filter);
         steps.push_back("-" + ended->filter);
       } else if (auto* answered = std::get_if<AnswerSubscribe>(&*action)) {
         granted += answered->granted ? 1 : 0;
-      } else if (std::holds_alternative<DeliverToMeshes>(*action)) {
+      } else if (const auto* command = std::get_if<DeliverToMeshes>(&*action)) {
         ++delivered;
+        delivered_with = command->message.qos;
       }
     }
   }
@@ -74,6 +76,8 @@ class AllCommandsTest : public testing::Test {
   std::vector<std::string> steps;
   int granted = 0;
   int delivered = 0;
+  std::optional<Qos> delivered_with;
+  std::optional<Qos> qos_of_all;
 };
 
 using Steps = std::vector<std::string>;
@@ -131,7 +135,39 @@ TEST_F(AllCommandsTest, AreNotEnoughForAFilterOfMoreLevelsBesideAnotherGateway) 
   EXPECT_EQ(steps, (Steps{"+ntnu-slam/server/a/#", "+ntnu-slam/server/a/b/c"}));
 }
 
-/// They come with QoS 1.
+/// NATS does not bring all to who subscribes with QoS 1. With which QoS the server has sent them is
+/// not known then, and a robot that does not acknowledge a command has missed it.
+TEST_F(AllCommandsTest, GoToRobotsWithQos1WhereTheBrokerBringsThemWithQos0) {
+  broker.keeps_session = false;
+  link(true);
+  hear_all();
+  want(of_a, false);
+  EXPECT_EQ(steps, Steps{}) << "they are enough for a filter of fresh commands";
+  server_sends(Qos::at_most_once);
+  EXPECT_EQ(delivered, 1);
+  EXPECT_EQ(delivered_with, Qos::at_least_once);
+}
+
+/// Of a list of brokers, one may speak MQTT 5 and another one MQTT 3.1.1.
+TEST_F(AllCommandsTest, AreAskedForWithTheQosThatSuitsEachBroker) {
+  hear_all();
+  EXPECT_EQ(qos_of_all, Qos::at_least_once);
+  broker.keeps_session = false;
+  link(false);
+  link(true);
+  EXPECT_EQ(qos_of_all, Qos::at_most_once);
+  broker.keeps_session = true;
+  link(false);
+  link(true);
+  EXPECT_EQ(qos_of_all, Qos::at_least_once);
+}
+
+TEST_F(AllCommandsTest, KeepTheQosThatTheyHadElsewhere) {
+  hear_all();
+  server_sends(Qos::at_most_once);
+  EXPECT_EQ(delivered_with, Qos::at_most_once);
+}
+
 TEST_F(AllCommandsTest, AreNotEnoughForQos2) {
   hear_all();
   want(of_a, false, Qos::exactly_once);
@@ -190,7 +226,7 @@ TEST(AllCommandsAtAStart, AreAskedForAndRobotsOwnFiltersAreNot) {
                   {"0.1.0", UpdateMode::positions, now.wall},
                   broker,
                   [](Mesh, const std::string&) { return std::optional(Presence::online); }};
-  gateway.subscribe_own(all, Qos::at_least_once);
+  gateway.subscribe_own(all);
   gateway.on_mesh_event(SubscribeRequest{Mesh::thread, of_a, Qos::at_least_once, false}, now);
   broker.is_up = true;
   gateway.on_broker_link(now);

@@ -26,7 +26,7 @@ TEST_F(GatewayOwnershipTest, KeepsRobotsSubscriptionsAwayFromABrokerThatSendsAll
   EXPECT_EQ(drain<SubscribeAtBroker>().size(), 1u);
 
   hears_all = true;
-  gateway.subscribe_own(all, Qos::at_least_once);
+  gateway.subscribe_own(all);
   EXPECT_EQ(drain<UnsubscribeAtBroker>().size(), 1u) << "r1's";
   say(SubscribeRequest{Mesh::thread, "ntnu-slam/server/r2/cmd", Qos::at_least_once});
   const auto answers = drain<AnswerSubscribe>();
@@ -49,7 +49,7 @@ TEST_F(GatewayOwnershipTest, KeepsRobotsSubscriptionsWhereTheBrokerRefusesToSend
   gateway.share_with(ownership);
   broker_comes();
   say(SubscribeRequest{Mesh::thread, "ntnu-slam/server/r1/+", Qos::at_least_once});
-  gateway.subscribe_own(all, Qos::at_least_once);
+  gateway.subscribe_own(all);
   EXPECT_EQ(drain<SubscribeAtBroker>().size(), 1u) << "that to all";
   gateway.on_subscribe_result(all, SubscribeAnswer::granted, now);
   broker_is(true);  // another broker of the list
@@ -63,7 +63,7 @@ TEST_F(GatewayOwnershipTest, KeepsRobotsSubscriptionsWhereTheBrokerRefusesToSend
 TEST_F(GatewayOwnershipTest, KeepsTheFleetsSubscriptionWhenARobotLeavesTheSame) {
   const std::string filter = "ntnu-slam/gateway/+/state";
   broker_comes();
-  gateway.subscribe_own(filter, Qos::at_least_once);
+  gateway.subscribe_own(filter);
   say(SubscribeRequest{Mesh::thread, filter, Qos::at_least_once});
   EXPECT_EQ(drain<SubscribeAtBroker>().size(), 2u);
   say(UnsubscribeRequest{Mesh::thread, filter});

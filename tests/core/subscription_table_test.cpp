@@ -64,7 +64,7 @@ TEST_F(SubscriptionTableTest, TakesTheOtherCopyWhileASubscriptionDoesNotStandYet
 TEST_F(SubscriptionTableTest, TakesOneCopyOfWhatTheBrokerKeptWhileNothingStands) {
   const SubscriptionId any = subscribe("server/+/+");
   const SubscriptionId exact = subscribe("server/a/cmd");
-  table.on_connection_changed();
+  table.on_connection_changed(/*is_session_kept=*/true);
   EXPECT_TRUE(takes("server/a/cmd", {any}));
   EXPECT_FALSE(takes("server/a/cmd", {exact}));
   EXPECT_TRUE(takes("server/a/cmd", {any})) << "the same once more";
@@ -96,7 +96,7 @@ TEST_F(SubscriptionTableTest, TakesEveryMessageOfABrokerThatSendsNoCopies) {
   table.set_sends_copies(false);
   EXPECT_TRUE(takes("server/a/cmd", {}));
   EXPECT_TRUE(takes("server/a/cmd", {})) << "the same command again";
-  table.on_connection_changed();
+  table.on_connection_changed(/*is_session_kept=*/true);
   subscribe("server/+/+");
   subscribe("server/a/+");
   EXPECT_TRUE(takes("server/a/cmd", {}));
@@ -123,7 +123,7 @@ TEST_F(SubscriptionTableTest, ForgetsWhatStoodAtABrokerThatHasGone) {
   subscribe("server/a/+");
   const SubscriptionId exact = subscribe("server/a/cmd");
   table.await(Mesh::ble, "server/a/+");
-  table.on_connection_changed();
+  table.on_connection_changed(/*is_session_kept=*/true);
   const auto waiting = table.take_all_waiting();
   ASSERT_EQ(waiting.size(), 1u);
   EXPECT_EQ(waiting[0].filter, "server/a/+");
