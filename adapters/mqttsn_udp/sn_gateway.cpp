@@ -35,10 +35,11 @@ bool is_late_answer(const Packet& packet) {
 
 }  // namespace
 
-SnGateway::SnGateway(Settings settings, TopicPolicy policy, RobotNames names, RandomSource random)
+SnGateway::SnGateway(Settings settings, TopicPolicy policy, RobotNames names, RandomSource random,
+                     TopicIdOf topic_ids)
     : settings_(std::move(settings)),
       rules_{std::move(policy), std::move(names), PredefinedTopics(settings_.predefined_topics)},
-      clients_(settings_.max_clients),
+      clients_(settings_.max_clients, topic_ids),
       refusals_(output_),
       answers_(settings_, output_),
       subscriptions_(rules_, broker_up_since_, clients_, output_, answers_, refusals_),

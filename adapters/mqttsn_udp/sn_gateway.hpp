@@ -19,7 +19,8 @@ namespace slamgw::mqttsn {
 class SnGateway {
  public:
   /// `random` makes MsgIds unforeseeable; without it they begin with 1.
-  SnGateway(Settings settings, TopicPolicy policy, RobotNames names, RandomSource random = {});
+  SnGateway(Settings settings, TopicPolicy policy, RobotNames names, RandomSource random = {},
+            TopicIdOf topic_ids = topic_id_of);
   SnGateway(const SnGateway&) = delete;
   SnGateway& operator=(const SnGateway&) = delete;
 

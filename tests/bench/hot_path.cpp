@@ -37,7 +37,9 @@ HotPath::HotPath(std::uint16_t clients, Duration between)
   for (std::uint16_t client = 0; client < clients; ++client) {
     const std::string id = id_of(client);
     on_datagram(client, mqttsn::Connect{false, true, mqttsn::protocol_id, 600, id});
-    on_datagram(client, mqttsn::Register{0, 1, scheme.robot_root() + id + "/update"});
+    const std::string update_topic = scheme.robot_root() + id + "/update";
+    on_datagram(client, mqttsn::Register{0, 1, update_topic});
+    update_ids_.push_back(mqttsn::topic_id_of(update_topic));
     on_datagram(client, mqttsn::Subscribe{false, mqttsn::WireQos::one, mqttsn::TopicIdType::normal,
                                           2, scheme.command_topic(id, "target"), 0});
   }
@@ -51,8 +53,9 @@ std::uint16_t HotPath::next_client() {
 void HotPath::publish(Qos qos) {
   const std::uint16_t client = next_client();
   const auto msg_id = static_cast<std::uint16_t>(turn_ / clients_ % 65535 + 1);
-  on_datagram(client, mqttsn::Publish{false, static_cast<mqttsn::WireQos>(qos), false,
-                                      mqttsn::TopicIdType::normal, 1, msg_id, update});
+  on_datagram(client,
+              mqttsn::Publish{false, static_cast<mqttsn::WireQos>(qos), false,
+                              mqttsn::TopicIdType::normal, update_ids_[client], msg_id, update});
 }
 
 void HotPath::command() {

@@ -66,6 +66,7 @@ class HotPath {
   std::uint64_t at_broker_ = 0;
   std::uint64_t at_disk_ = 0;
   std::uint64_t allocations_ = 0;
+  std::vector<std::uint16_t> update_ids_;   ///< of each client
   std::optional<mqttsn::Publish> command_;  ///< as the client has got it
 };
 

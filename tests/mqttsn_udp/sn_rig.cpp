@@ -9,7 +9,8 @@ SnRig::SnRig(Settings settings, std::vector<RobotName> names,
              std::vector<std::string> extra_publish, std::vector<std::string> extra_subscribe,
              RandomSource random)
     : policy(TopicScheme("ntnu-slam", "gw"), std::move(extra_publish), std::move(extra_subscribe)),
-      gateway(std::move(settings), policy, RobotNames(std::move(names)), std::move(random)) {
+      gateway(std::move(settings), policy, RobotNames(std::move(names)), std::move(random),
+              [](std::string_view) { return lowest_topic_id; }) {
   broker_link(true);
   multicasts.clear();
 }

@@ -24,6 +24,7 @@ std::weak_ptr<ClientSession> ClientTable::weak(const ClientSession& session) con
 
 ClientSession& ClientTable::create(const std::string& client_id, const std::string& robot) {
   auto session = std::make_shared<ClientSession>();
+  session->topics.number_by(topic_ids_);
   session->topics.charge(names_);
   session->client_id = client_id;
   session->robot = robot;

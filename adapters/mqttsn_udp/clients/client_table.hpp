@@ -17,7 +17,8 @@ namespace slamgw::mqttsn {
 
 class ClientTable {
  public:
-  explicit ClientTable(std::size_t max_clients) : max_clients_(max_clients) {}
+  explicit ClientTable(std::size_t max_clients, TopicIdOf topic_ids = topic_id_of)
+      : max_clients_(max_clients), topic_ids_(topic_ids) {}
 
   ClientSession* find(const std::string& client_id) const;
   ClientSession* find(const Peer& peer) const;
@@ -56,6 +57,7 @@ class ClientTable {
 
  private:
   std::size_t max_clients_;
+  TopicIdOf topic_ids_;
   NameBudget names_;  // outlives the sessions
   std::uint64_t last_serial_ = 0;
   std::unordered_map<std::string, std::shared_ptr<ClientSession>> by_id_;

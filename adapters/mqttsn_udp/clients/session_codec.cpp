@@ -141,9 +141,11 @@ MessageSnapshot to_message(const Json& json) {
   return m;
 }
 
-/// Sessions of former versions do not say whose a topic is: then it keeps its id.
-TopicTable::Topic to_topic(const Json& json) {
-  return {json.at(0), json.at(1), json.size() < 3 || json.at(2).get<bool>()};
+/// Sessions of former versions do not say whose a topic is: then it keeps its id. Nor do they say
+/// ids: theirs are in order, from 1.
+TopicTable::Topic to_topic(const Json& json, std::uint16_t place) {
+  return {json.at(0), json.size() < 4 ? place : json.at(3).get<std::uint16_t>(), json.at(1),
+          json.size() < 3 || json.at(2).get<bool>()};
 }
 
 SessionSnapshot to_session(const Json& json) {
@@ -157,7 +159,8 @@ SessionSnapshot to_session(const Json& json) {
   out.keep_alive = std::chrono::seconds(json.at("keep_alive_s").get<std::uint32_t>());
   out.sleep_duration = std::chrono::seconds(json.at("sleep_s").get<std::uint32_t>());
   if (json.contains("will")) out.will = to_will(json.at("will"));
-  for (const Json& topic : json.at("topics")) out.topics.push_back(to_topic(topic));
+  for (const Json& topic : json.at("topics"))
+    out.topics.push_back(to_topic(topic, static_cast<std::uint16_t>(out.topics.size() + 1)));
   for (const Json& s : json.at("subscriptions")) out.subscriptions.push_back(to_subscription(s));
   for (const Json& message : json.at("messages")) {
     // Sessions of 0.1 keep a message until PUBCOMP.
@@ -240,6 +243,7 @@ void write(CborWriter& out, const TopicTable::Topic& topic) {
   out.write(std::string_view(topic.name));
   out.write(topic.is_known);
   out.write(topic.is_own);
+  out.write(topic.id);
   out.end();
 }
 

@@ -55,7 +55,7 @@ struct SessionSnapshot {
   std::chrono::seconds keep_alive{0};
   std::chrono::seconds sleep_duration{0};
   std::optional<Will> will;
-  std::vector<TopicTable::Topic> topics;  ///< in the order of their ids, from 1
+  std::vector<TopicTable::Topic> topics;
   std::vector<SubscriptionSnapshot> subscriptions;
   std::vector<MessageSnapshot> messages;
   std::vector<std::uint16_t> released;  ///< MsgIds of QoS 2: PUBREC came, PUBREL is due

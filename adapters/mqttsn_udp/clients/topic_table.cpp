@@ -8,51 +8,61 @@
 
 namespace slamgw::mqttsn {
 
+/// FNV-1a.
+std::uint16_t topic_id_of(std::string_view name) {
+  std::uint32_t hash = 2166136261U;
+  for (const char c : name) hash = (hash ^ static_cast<unsigned char>(c)) * 16777619U;
+  return static_cast<std::uint16_t>(hash % highest_topic_id + lowest_topic_id);
+}
+
 std::optional<std::uint16_t> TopicTable::assign(std::string_view name,
                                                 std::span<const std::uint16_t> in_use) {
   if (const auto known = id_of(name)) return known;
   const bool has_room =
       topics_.size() < limits::max_topics_per_client && may_take(NameBudget::of_topic(name.size()));
-  if (has_room) {
-    restore({std::string(name), false, false, ++last_use_});
-    return static_cast<std::uint16_t>(topics_.size());
+  if (!has_room) {
+    const Topic* unused = longest_unused(in_use);
+    if (!unused) return std::nullopt;
+    const std::size_t grows = name.size() - std::min(name.size(), unused->name.size());
+    if (grows > 0 && !may_take(grows)) return std::nullopt;
+    erase(unused->id);
   }
-  const auto id = longest_unused(in_use);
-  if (!id) return std::nullopt;
-  Topic& topic = topics_[*id - 1U];
-  const std::size_t grows = name.size() - std::min(name.size(), topic.name.size());
-  if (grows > 0 && !may_take(grows)) return std::nullopt;
-  discharge_for(topic.name);
-  remove_name(*id);
-  topic = {std::string(name), false, false, ++last_use_};
-  add_name(*id);
-  charge_for(topic.name);
+  const std::uint16_t id = free_id(name);
+  restore({std::string(name), id, false, false, ++last_use_});
   return id;
 }
 
-std::optional<std::uint16_t> TopicTable::longest_unused(
-    std::span<const std::uint16_t> in_use) const {
-  std::optional<std::uint16_t> found;
-  for (std::size_t i = 0; i < topics_.size(); ++i) {
-    const auto id = static_cast<std::uint16_t>(i + 1);
-    if (topics_[i].is_own || std::ranges::find(in_use, id) != in_use.end()) continue;
-    if (!found || topics_[i].used < topics_[*found - 1U].used) found = id;
+/// There is one: a table holds far fewer topics than there are ids.
+std::uint16_t TopicTable::free_id(std::string_view name) const {
+  static_assert(limits::max_topics_per_client < highest_topic_id);
+  std::uint16_t id = wanted_id_(name);
+  while (find(id)) id = id == highest_topic_id ? lowest_topic_id : id + 1;
+  return id;
+}
+
+const TopicTable::Topic* TopicTable::longest_unused(std::span<const std::uint16_t> in_use) const {
+  const Topic* found = nullptr;
+  for (const Topic& topic : topics_) {
+    if (topic.is_own || std::ranges::find(in_use, topic.id) != in_use.end()) continue;
+    if (!found || topic.used < found->used) found = &topic;
   }
   return found;
 }
 
 const std::string* TopicTable::name_of(std::uint16_t id) const {
-  return id == 0 || id > topics_.size() ? nullptr : &topics_[id - 1U].name;
+  const Topic* topic = find(id);
+  return topic ? &topic->name : nullptr;
 }
 
 std::optional<std::uint16_t> TopicTable::id_of(std::string_view name) const {
   const auto found = place_of(name);
-  if (found == by_name_.end() || topics_[*found - 1U].name != name) return std::nullopt;
+  if (found == by_name_.end() || *name_of(*found) != name) return std::nullopt;
   return *found;
 }
 
 bool TopicTable::is_known(std::uint16_t id) const {
-  return id != 0 && id <= topics_.size() && topics_[id - 1U].is_known;
+  const Topic* topic = find(id);
+  return topic && topic->is_known;
 }
 
 void TopicTable::set_known(std::uint16_t id, bool known) {
@@ -82,9 +92,20 @@ void TopicTable::rename(const NewName& new_name) {
 
 void TopicTable::restore(Topic topic) {
   if (topics_.size() >= limits::max_topics_per_client) return;
+  const std::uint16_t id = topic.id;
+  const auto place = std::ranges::lower_bound(topics_, id, {}, &Topic::id);
+  const bool is_taken = place != topics_.end() && place->id == id;
+  if (is_taken || id < lowest_topic_id || id > highest_topic_id) return;
   charge_for(topic.name);
-  topics_.push_back(std::move(topic));
-  add_name(static_cast<std::uint16_t>(topics_.size()));
+  topics_.insert(place, std::move(topic));
+  add_name(id);
+}
+
+void TopicTable::erase(std::uint16_t id) {
+  const auto topic = std::ranges::lower_bound(topics_, id, {}, &Topic::id);
+  discharge_for(topic->name);
+  remove_name(id);
+  topics_.erase(topic);
 }
 
 void TopicTable::clear() {
@@ -95,23 +116,28 @@ void TopicTable::clear() {
 
 std::vector<std::uint16_t>::const_iterator TopicTable::place_of(std::string_view name) const {
   return std::ranges::lower_bound(by_name_, name, std::ranges::less(), [this](std::uint16_t id) {
-    return std::string_view(topics_[id - 1U].name);
+    return std::string_view(*name_of(id));
   });
 }
 
 /// Unless another id has this name already.
 void TopicTable::add_name(std::uint16_t id) {
-  const std::string& name = topics_[id - 1U].name;
+  const std::string& name = *name_of(id);
   if (!id_of(name)) by_name_.insert(place_of(name), id);
 }
 
 void TopicTable::remove_name(std::uint16_t id) {
-  const std::string& name = topics_[id - 1U].name;
+  const std::string& name = *name_of(id);
   if (id_of(name) == id) by_name_.erase(place_of(name));
 }
 
+const TopicTable::Topic* TopicTable::find(std::uint16_t id) const {
+  const auto found = std::ranges::lower_bound(topics_, id, {}, &Topic::id);
+  return found != topics_.end() && found->id == id ? &*found : nullptr;
+}
+
 TopicTable::Topic* TopicTable::find(std::uint16_t id) {
-  return id == 0 || id > topics_.size() ? nullptr : &topics_[id - 1U];
+  return const_cast<Topic*>(std::as_const(*this).find(id));
 }
 
 bool TopicTable::may_take(std::size_t octets) const {

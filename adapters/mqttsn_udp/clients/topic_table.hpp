@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // The normal topic ids of one client (MQTT-SN 1.2 section 6.5): its own numbers (R59), the same for
-// REGISTER and SUBSCRIBE (R61). An id that the client has asked for or publishes with is never
-// given anew while the session lives; of those that the gateway has made for its deliveries, the
-// longest unused one is, when the table is full.
+// REGISTER and SUBSCRIBE (R61). Ids are made from the names, so that a robot which goes on at a
+// gateway that knows an older session of it, or none, means the same topic there, or an unknown
+// one: CONNACK cannot say that a session is not there. An id that the client has asked for or
+// publishes with is never given anew while the session lives; of those that the gateway has made
+// for its deliveries, the longest unused one is, when the table is full.
 #pragma once
 
 #include <cstdint>
@@ -20,6 +22,14 @@ namespace slamgw::mqttsn {
 /// What a topic is called from now on; nothing when it keeps its name.
 using NewName = std::function<std::optional<std::string>(const std::string& topic)>;
 
+/// The id that a topic gets if no other one has it, from lowest_topic_id to highest_topic_id.
+using TopicIdOf = std::uint16_t (*)(std::string_view name);
+inline constexpr std::uint16_t lowest_topic_id = 1;
+inline constexpr std::uint16_t highest_topic_id = 0xfffe;  // section 5.3.11
+/// A hash: of 10 topics of a robot two want the same id once in 1500 times, and only then does it
+/// depend on who came first.
+std::uint16_t topic_id_of(std::string_view name);
+
 class TopicTable {
  public:
   TopicTable() = default;
@@ -29,9 +39,11 @@ class TopicTable {
 
   /// Names are charged to `budget` from now on, which outlives the table.
   void charge(NameBudget& budget) { budget_ = &budget; }
+  /// Where the ids of new topics come from.
+  void number_by(TopicIdOf wanted_id) { wanted_id_ = wanted_id; }
 
-  /// The id of `name`, assigned on first use: 0x0001 and up. Nothing when the table is full and no
-  /// id can be given anew; never one that is `in_use`.
+  /// The id of `name`, assigned on first use. Nothing when the table is full and no topic can be
+  /// forgotten for it; never one whose id is `in_use`.
   std::optional<std::uint16_t> assign(std::string_view name,
                                       std::span<const std::uint16_t> in_use = {});
   /// Nothing for an id that was never given out.
@@ -49,20 +61,24 @@ class TopicTable {
 
   struct Topic {
     std::string name;
+    std::uint16_t id = 0;
     bool is_known = false;
     bool is_own = false;
     std::uint64_t used = 0;  ///< later uses have larger numbers
   };
-  /// In the order of their ids, from 1.
+  /// In the order of their ids.
   const std::vector<Topic>& topics() const { return topics_; }
   /// Ids keep their meaning under other names. A name may have several ids afterwards.
   void rename(const NewName& new_name);
-  /// The next id, from before a restart.
+  /// From before a restart, or from another gateway. Ignored if the id is none, or taken.
   void restore(Topic topic);
   void clear();
 
  private:
   Topic* find(std::uint16_t id);
+  const Topic* find(std::uint16_t id) const;
+  std::uint16_t free_id(std::string_view name) const;
+  void erase(std::uint16_t id);
   /// In by_name_: where `name` is, or belongs.
   std::vector<std::uint16_t>::const_iterator place_of(std::string_view name) const;
   void add_name(std::uint16_t id);
@@ -70,8 +86,9 @@ class TopicTable {
   bool may_take(std::size_t octets) const;
   void charge_for(const std::string& name);
   void discharge_for(const std::string& name);
-  std::optional<std::uint16_t> longest_unused(std::span<const std::uint16_t> in_use) const;
+  const Topic* longest_unused(std::span<const std::uint16_t> in_use) const;
 
+  TopicIdOf wanted_id_ = topic_id_of;
   std::vector<Topic> topics_;
   /// One id for each name, in the order of names. A map would have each name once more.
   std::vector<std::uint16_t> by_name_;

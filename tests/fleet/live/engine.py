@@ -19,7 +19,7 @@ class Engine:
     user = None  # (name of a client -> user name); None: clients need none
     subscribed_s = 1  # what it needs for the subscriptions of a gateway that connects
     keeps_retained_for_itself = False  # each node: what another one took is retained there only
-    may_retain_what_ended = False  # a node that is back: what was withdrawn while it was away
+    may_nodes_differ = False  # in what they retain, for good, once a node was away
     sends_retained_to_wildcards = True
     repeats_in_a_connection = False  # what a client has not acknowledged for a while; others repeat it to one that is back
 
@@ -53,7 +53,7 @@ class Mosquitto(Engine):
 
 class Nats(Engine):
     subscribed_s = 10  # 6 s were seen
-    may_retain_what_ended = True
+    may_nodes_differ = True
     repeats_in_a_connection = True  # after 30 s
 
     def __init__(self, directory, host, prefix=()):

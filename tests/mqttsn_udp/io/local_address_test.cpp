@@ -56,7 +56,7 @@ class LocalAddressOf : public ThreadNetwork, public testing::WithParamInterface<
     Subscribe subscribe;
     subscribe.msg_id = 1;
     subscribe.topic_name = cmd_topic;
-    expect(rig, client, subscribe, "SUBACK qos=0 id=1 msg=1 code=0");
+    expect(rig, client, subscribe, "SUBACK qos=0 id=" + id + " msg=1 code=0");
     return client;
   }
 
@@ -73,7 +73,8 @@ class LocalAddressOf : public ThreadNetwork, public testing::WithParamInterface<
     rig.adapter.on_broker_message({cmd_topic, to_bytes("y"), {}, {}}, CommandId{1});
   }
 
-  const std::string delivered = "PUBLISH dup=0 qos=0 retain=0 normal id=1 msg=0 data=79";
+  const std::string id = std::to_string(topic_id_of(cmd_topic));
+  const std::string delivered = "PUBLISH dup=0 qos=0 retain=0 normal id=" + id + " msg=0 data=79";
   boost::asio::io_context io;  // of the clients
   MemoryStore store;
 };

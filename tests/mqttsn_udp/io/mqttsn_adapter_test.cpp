@@ -39,23 +39,25 @@ TEST(MqttsnAdapter, R22_ListensWhereConfigurationSays) {
 }
 
 TEST(MqttsnAdapter, CarriesARobotsMessageUpAndACommandDown) {
+  const std::uint16_t adv = topic_id_of("ntnu-slam/robot/r1/adv");
+  const std::string cmd = std::to_string(topic_id_of("ntnu-slam/server/r1/cmd"));
   UdpRig rig({"127.0.0.1:0"});
   UdpClient robot(rig, "127.0.0.1");
   robot.send(Connect{false, true, 1, 60, "r1"});
   EXPECT_EQ(robot.receive(), "CONNACK code=0");
   robot.send(Register{0, 1, "ntnu-slam/robot/r1/adv"});
-  EXPECT_EQ(robot.receive(), "REGACK id=1 msg=1 code=0");
+  EXPECT_EQ(robot.receive(), "REGACK id=" + std::to_string(adv) + " msg=1 code=0");
   Subscribe subscribe;
   subscribe.msg_id = 2;
   subscribe.topic_name = "ntnu-slam/server/r1/cmd";
   robot.send(subscribe);
-  EXPECT_EQ(robot.receive(), "SUBACK qos=0 id=2 msg=2 code=0");
-  robot.send(Publish{false, WireQos::one, false, TopicIdType::normal, 1, 3, to_bytes("x")});
-  EXPECT_EQ(robot.receive(), "PUBACK id=1 msg=3 code=0");
+  EXPECT_EQ(robot.receive(), "SUBACK qos=0 id=" + cmd + " msg=2 code=0");
+  robot.send(Publish{false, WireQos::one, false, TopicIdType::normal, adv, 3, to_bytes("x")});
+  EXPECT_EQ(robot.receive(), "PUBACK id=" + std::to_string(adv) + " msg=3 code=0");
   ASSERT_EQ(rig.core.reports.size(), 1U);
   rig.adapter.on_broker_message({"ntnu-slam/server/r1/cmd", to_bytes("y"), Qos{}, false},
                                 CommandId{1});
-  EXPECT_EQ(robot.receive(), "PUBLISH dup=0 qos=0 retain=0 normal id=2 msg=0 data=79");
+  EXPECT_EQ(robot.receive(), "PUBLISH dup=0 qos=0 retain=0 normal id=" + cmd + " msg=0 data=79");
 }
 
 /// What a CONNECT causes in the core, as its presence at the broker, comes behind the CONNACK.
