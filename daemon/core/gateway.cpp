@@ -493,8 +493,8 @@ void Gateway::on_subscribe_result(const std::string& filter, SubscribeAnswer ans
   if (filter == all_commands_) {
     is_all_refused_ = !granted;
     if (broker_.is_up) cover_commands();
-    if (granted && !std::exchange(was_all_granted_, true))   // the broker may have kept those of
-      for (std::string& covered : subscriptions_.covered())  // an earlier process
+    if (granted && !std::exchange(was_all_granted_, true) && broker_.keeps_session)
+      for (std::string& covered : subscriptions_.covered())  // of an earlier process
         actions_.push(UnsubscribeAtBroker{std::move(covered)});
     if (auto question = rights_.ask_under_server(now)) probe_rights({std::move(*question)});
   }
