@@ -124,25 +124,30 @@ void sort_by_place(Problems& problems, const std::vector<ConfigFile>& parts) {
   });
 }
 
-/// All parts as one tree; nothing when one of them is no JSON.
-std::optional<JsonNode> read_tree(const std::vector<ConfigFile>& parts, Problems& problems) {
-  std::optional<JsonNode> tree;
-  bool is_complete = true;
+/// The parts that can be read, as one tree.
+struct Tree {
+  std::optional<JsonNode> root;  ///< nothing when no part can be read
+  bool is_complete = true;       ///< whether all parts are in it
+};
+
+Tree read_tree(const std::vector<ConfigFile>& parts, Problems& problems) {
+  Tree tree;
   for (const ConfigFile& part : parts) {
     LocatedJson document = read_located_json(part.text, part.name);
     problems.insert(problems.end(), document.problems.begin(), document.problems.end());
-    is_complete = is_complete && document.is_complete;
-    if (!is_complete) continue;
-    if (!document.root.value.is_object()) {
+    if (!document.is_complete) {
+      tree.is_complete = false;
+    } else if (!document.root.value.is_object()) {
+      tree.is_complete = false;
       problems.push_back({part.name, document.root.place.line, "syntax",
                           "the configuration is not a group; write { ... } around it"});
-    } else if (tree) {
-      overlay(*tree, std::move(document.root));
+    } else if (tree.root) {
+      overlay(*tree.root, std::move(document.root));
     } else {
-      tree = std::move(document.root);
+      tree.root = std::move(document.root);
     }
   }
-  return is_complete ? tree : std::nullopt;
+  return tree;
 }
 
 }  // namespace
@@ -152,8 +157,10 @@ ParseResult parse_config(const std::vector<ConfigFile>& parts, const Surrounding
   ParseResult result;
   const std::string& first = parts.front().name;
   ConfigContext context{first, std::filesystem::path(first).parent_path().string(), {}};
-  if (const auto tree = read_tree(parts, context.problems)) {
-    Reader(result, context, retired).read_root(*tree);
+  const Tree tree = read_tree(parts, context.problems);
+  if (tree.root) Reader(result, context, retired).read_root(*tree.root);
+  // The part that can't be read may hold what keys of the others need beside them.
+  if (tree.is_complete) {
     fill_defaults(result.config, surroundings);
     const Located located{result.config, result.places, context};
     check_relations(located);

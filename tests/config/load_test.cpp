@@ -15,6 +15,7 @@
 #include <fstream>
 #include <functional>
 #include <memory>
+#include <sstream>
 
 #include "daemon/config/io/service_rights.hpp"
 
@@ -202,6 +203,26 @@ TEST_F(LoadConfig, NamesTheFileAndLineOfEachProblem) {
   EXPECT_NE(problems.find("\ngateway.d/c.json:1: robots[0]: "), problems.npos) << problems;
   write("gateway.d/b.json", "{");
   EXPECT_NE(problems_of("{}").find("gateway.d/b.json:1: syntax: "), std::string::npos);
+}
+
+TEST_F(LoadConfig, ASyntaxErrorHidesNoWrongKeyOfOtherFiles) {
+  std::filesystem::create_directory(directory_ / "gateway.d");
+  write("gateway.d/a.json", R"({"broker": {"url": 1}})");
+  write("gateway.d/b.json", R"({"broker": {"tls": {"key_file": "k.pem"}})");
+  write("gateway.d/c.json", R"(["mqttsn"])");
+  write("gateway.d/d.json", R"({"log": {"level": "loud"}})");
+  const std::string tls = R"({"broker": {"tls": {"certificate_file": "c.pem"}}})";
+  const std::string problems = problems_of(tls);
+  std::string places;
+  std::istringstream lines(problems);
+  for (std::string line; std::getline(lines, line);)
+    places += line.substr(0, line.find(": ", line.find(": ") + 2)) + "\n";
+  EXPECT_EQ(places,
+            "gateway.d/a.json:1: broker.url\n"
+            "gateway.d/b.json:1: syntax\n"
+            "gateway.d/c.json:1: syntax\n"
+            "gateway.d/d.json:1: log.level\n")
+      << problems << "what b.json may hold is not missed in gateway.json";
 }
 
 TEST_F(LoadConfig, RelativePathsStartBesideTheMainFile) {
