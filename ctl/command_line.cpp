@@ -194,7 +194,7 @@ void add_store(CLI::App& app, Arguments& a) {
       *store->add_subcommand("resend", "Send them again, behind what is undelivered"), a,
       Answer::resent);
   add_dead_letter_choice(*store->add_subcommand("discard", "Forget them for good"), a,
-                         Answer::done);
+                         Answer::discarded);
 }
 
 void add_host_tasks(CLI::App& app, Arguments& a) {

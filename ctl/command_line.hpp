@@ -29,6 +29,7 @@ enum class Answer : std::uint8_t {
   exported,      ///< page by page, a JSON document a line
   mesh,          ///< into a file
   resent,
+  discarded,
 };
 
 struct Order {

@@ -12,6 +12,7 @@
 #include <fstream>
 #include <iostream>
 #include <iterator>
+#include <set>
 #include <thread>
 #include <utility>
 
@@ -59,6 +60,7 @@ std::string text_of(const Order& order, const nlohmann::json& result) {
     case Answer::removed: return show::removed(result);
     case Answer::done: return show::done(result);
     case Answer::resent: return show::resent(result);
+    case Answer::discarded: return show::discarded(result);
     case Answer::joining: return show::joining(result, this_screen());
     case Answer::mesh: return show::exported_mesh(result);
     case Answer::dead_letters:
@@ -164,6 +166,19 @@ void name_other_gateway(Connection& connection, const std::string& robot) {
   }
 }
 
+/// An id or a topic that no dead letter has is mistyped, or another operator was faster.
+int status_of_letters(const nlohmann::json& request, std::uint64_t found) {
+  std::size_t named = request.contains("topic") ? 1 : 0;
+  if (const auto ids = request.find("ids"); ids != request.end())
+    named = ids->get<std::set<std::uint64_t>>().size();
+  if (found >= named) return 0;
+  std::cerr << "slam-gatewayctl: "
+            << (found == 0 ? "there is no such dead letter"
+                           : fmt::format("{} of these dead letters are not there", named - found))
+            << "; slam-gatewayctl store list shows all\n";
+  return exit_failed;
+}
+
 /// Shows who joins until joining ends. With --json an event a line.
 int show_joining(Connection& connection, const Order& order) {
   auto news = connection.ask(order.request, answer_patience);
@@ -216,7 +231,13 @@ int run(Order order) {
   if (order.answer == Answer::watch)
     while (true) std::cout << text_of(order, connection.next_event()) << std::flush;
   std::cout << text_of(order, result);
-  if (order.answer == Answer::resent) return result.value("left", 0) == 0 ? 0 : exit_failed;
+  if (order.answer == Answer::discarded)
+    return status_of_letters(order.request, count_at(result, "discarded"));
+  if (order.answer == Answer::resent) {
+    const std::uint64_t left = count_at(result, "left");
+    const int status = status_of_letters(order.request, count_at(result, "resent") + left);
+    return left == 0 ? status : exit_failed;
+  }
   const std::string outcome = is_send ? result.value("outcome", "") : "";
   if (outcome == "refused") name_other_gateway(connection, text_at(order.request, "robot"));
   return !is_send || outcome == "delivered" || outcome == "sent" ? 0 : exit_failed;

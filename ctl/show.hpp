@@ -45,6 +45,7 @@ std::string joining(const nlohmann::json& event, const Screen& screen);
 std::string dead_letters_head(const nlohmann::json& first_page);
 std::string dead_letters(const nlohmann::json& letters, const Screen& screen);
 std::string resent(const nlohmann::json& done);
+std::string discarded(const nlohmann::json& done);
 
 /// What an order has done: its members in words.
 std::string done(const nlohmann::json& done);

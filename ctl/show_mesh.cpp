@@ -76,8 +76,6 @@ std::string done(const json& done) {
   if (done.contains("cleared"))
     return "the serial board was cleared and is set up anew; robots may ignore the gateway until "
            "they were restarted\n";
-  if (done.contains("discarded"))
-    return fmt::format("{} dead letters were discarded\n", count_at(done, "discarded"));
   if (done.contains("forgotten")) {
     const auto was_known = done.find("was_known");
     return text_at(done, "forgotten") + " is forgotten" +

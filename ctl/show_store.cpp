@@ -38,4 +38,8 @@ std::string resent(const json& done) {
   return out;
 }
 
+std::string discarded(const json& done) {
+  return fmt::format("{} dead letters were discarded\n", count_at(done, "discarded"));
+}
+
 }  // namespace slamgw::ctl::show

@@ -88,6 +88,23 @@ TEST_F(ControlStoreIo, DiscardsWhatIsNamed) {
   EXPECT_FALSE(ordered<DiscardOrder>().choice.is_all);
 }
 
+TEST_F(ControlStoreIo, FailsWhenWhatIsNamedIsNotThere) {
+  const std::string remedy = "; slam-gatewayctl store list shows all\n";
+  Ended result = order({"discard", "99"}, {{R"({"discarded":0})", {}}});
+  EXPECT_EQ(result.status, 1);
+  EXPECT_EQ(result.err, "slam-gatewayctl: there is no such dead letter" + remedy);
+  result = order({"discard", "--json", "--topic", "a/b"}, {{R"({"discarded":0})", {}}});
+  EXPECT_EQ(result.status, 1);
+  EXPECT_EQ(result.out, "{\"discarded\":0}\n");
+  result = order({"discard", "7", "7", "98", "99"}, {{R"({"discarded":1})", {}}});
+  EXPECT_EQ(result.status, 1);
+  EXPECT_EQ(result.err, "slam-gatewayctl: 2 of these dead letters are not there" + remedy);
+  EXPECT_EQ(order({"discard", "7", "7"}, {{R"({"discarded":1})", {}}}).status, 0);
+  EXPECT_EQ(order({"discard", "--all"}, {{R"({"discarded":0})", {}}}).status, 0);
+  EXPECT_EQ(order({"resend", "99"}, {{R"({"resent":0,"left":0})", {}}}).status, 1);
+  EXPECT_EQ(order({"resend", "--all"}, {{R"({"resent":0,"left":0})", {}}}).status, 0);
+}
+
 TEST_F(ControlStoreIo, WantsToKnowWhich) {
   EXPECT_EQ(order({"discard"}, {}).status, 2);
   EXPECT_EQ(order({"resend"}, {}).status, 2);
