@@ -3,12 +3,14 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <cstdlib>
 #include <iostream>
 #include <optional>
 #include <vector>
 
 #include "ctl/payload.hpp"
 #include "ctl/text.hpp"
+#include "daemon/config/rules.hpp"
 #include "daemon/core/edit_distance.hpp"
 
 namespace slamgw::ctl {
@@ -197,6 +199,16 @@ void add_store(CLI::App& app, Arguments& a) {
                          Answer::discarded);
 }
 
+std::string complaint_about_broker(const std::string& uri) {
+  return parse_broker_uri(uri) ? "" : uri + " is no mqtt://host:port or mqtts://host:port";
+}
+
+/// Not CLI::Range, which lets "nan" pass.
+std::string complaint_about_speed(const std::string& factor) {
+  const double number = std::strtod(factor.c_str(), nullptr);
+  return number >= 0.001 && number <= 1000 ? "" : factor + " is no factor from 0.001 to 1000";
+}
+
 void add_host_tasks(CLI::App& app, Arguments& a) {
   const auto add = [&app, &a](const char* verb, HostTask::Kind kind, const char* what) {
     CLI::App* task = app.add_subcommand(verb, what);
@@ -219,8 +231,9 @@ void add_host_tasks(CLI::App& app, Arguments& a) {
   CLI::App* replay = add("replay", HostTask::Kind::replay,
                          "Publish recorded messages of robots with the recorded timing");
   replay->add_option("FILE", a.task.file, "Made by record")->required();
-  replay->add_option("--broker", a.task.broker, "mqtt://host:port; else the configuration's");
-  replay->add_option("--speed", a.task.speed, "2: twice as fast")->check(CLI::Range(0.001, 1000.0));
+  replay->add_option("--broker", a.task.broker, "mqtt://host:port; else the configuration's")
+      ->check(complaint_about_broker);
+  replay->add_option("--speed", a.task.speed, "2: twice as fast")->check(complaint_about_speed);
   add_with_file("report", HostTask::Kind::report, "What support needs to see, without secrets");
 }
 

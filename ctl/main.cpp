@@ -6,7 +6,6 @@
 #include <unistd.h>
 
 #include <cerrno>
-#include <cmath>
 #include <cstdlib>
 #include <cstring>
 #include <fstream>
@@ -263,19 +262,18 @@ slamgw::BrokerSettings broker_for(const Installation& installation, const HostTa
       throw Failure(to_string(problems.front()) + " (or name another broker with --broker)");
     return config.broker;
   }
-  const auto uri = slamgw::parse_broker_uri(task.broker);
-  if (!uri) throw Failure(task.broker + " is no mqtt://host:port or mqtts://host:port");
+  const auto uri =
+      slamgw::parse_broker_uri(task.broker).value();  // the command line has checked it
   slamgw::BrokerSettings broker = problems.empty() ? config.broker : slamgw::BrokerSettings{};
-  broker.host = uri->host;
-  broker.port = uri->port;
-  broker.tls = uri->tls;
+  broker.host = uri.host;
+  broker.port = uri.port;
+  broker.tls = uri.tls;
   broker.others.clear();
   broker.credentials.reset();  // they are for the broker of the configuration
   return broker;
 }
 
 int replay(const Installation& installation, const HostTask& task) {
-  if (!std::isfinite(task.speed)) throw Failure("--speed is no number");
   std::ifstream file(task.file, std::ios::binary);
   if (!file.is_open()) throw Failure(task.file + " can't be read: " + std::strerror(errno));
   auto messages = read_recording(file, task.file);

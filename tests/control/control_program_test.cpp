@@ -256,6 +256,9 @@ TEST_F(ControlProgramIo, EndsWithTwoForWrongArguments) {
       {"ble", "provision", "00"},
       {"ble", "reset-board"},
       {"ble", "import"},
+      {"replay", "recording", "--broker", "foo"},
+      {"replay", "recording", "--speed", "nan"},
+      {"replay", "recording", "--speed", "0"},
   };
   for (const auto& arguments : wrong) {
     const Ended result = run(arguments);
