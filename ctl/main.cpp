@@ -192,7 +192,8 @@ int show_joining(Connection& connection, const Order& order) {
       std::cout << text_of(order, event) << std::flush;
     }
   }
-  if (!order.json) std::cout << "new robots may not join any more\n";
+  std::cout << (order.json ? slamgw::control::to_line({{"event", "ended"}})
+                           : "new robots may not join any more\n");
   return has_joined || order.request.value("minutes", 0) == 0 ? 0 : exit_failed;
 }
 

@@ -98,6 +98,8 @@ TEST_F(ControlMeshIo, SaysThatNobodyHasJoinedByItsStatus) {
   EXPECT_EQ(order({"permit-join"}, nobody).status, 1);
   EXPECT_EQ(order_of<PermitJoinOrder>(handler).time, std::chrono::minutes(5));
   EXPECT_EQ(order({"permit-join", "--minutes", "0"}, nobody).status, 0);
+  EXPECT_EQ(order({"permit-join", "--minutes", "0", "--json"}, nobody).out,
+            "{\"event\":\"ended\"}\n");
   EXPECT_EQ(order({"permit-join", "--minutes", "2000"}, nobody).status, 2);
 }
 
