@@ -142,8 +142,9 @@ void synchronise_directory_of(const std::string& path) {
 }
 
 std::string words_for(const SqliteError& error) {
-  return error.is_locked() ? "another process has it open; does a second slam-gatewayd run?"
-                           : error.what();
+  return error.is_locked()
+             ? "another process has it open, perhaps a second slam-gatewayd: end one of the two"
+             : error.what();
 }
 
 SqliteDatabase open_store_file(const std::string& path, const StoreFormat& format, bool is_known) {
