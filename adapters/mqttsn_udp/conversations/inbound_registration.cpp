@@ -19,8 +19,7 @@ void InboundRegistration::on_register(ClientSession& session, const Register& re
     answers_.answer(session, Regack{id, request.msg_id, code});
   };
   if (!is_valid_topic_name(topic)) return answer(0, ReturnCode::not_supported);
-  if (!rules_.policy.may_subscribe(session.client_id, session.robot, topic) &&
-      !uplink_.may_publish(session, topic, now))
+  if (!may_listen_to(session, topic) && !uplink_.may_publish(session, topic, now))
     return answer(0, ReturnCode::not_supported);
   if (makes_too_many_types(session, topic, now)) return answer(0, ReturnCode::not_supported);
   const auto id = session.assign_topic(topic);
@@ -33,10 +32,22 @@ void InboundRegistration::on_register(ClientSession& session, const Register& re
   answers_.refuse_for_room(session, Regack{0, request.msg_id, ReturnCode::congestion});
 }
 
+/// A robot registers the topics of others, and those of its commands, to listen to them; its own
+/// only to publish, though it may listen to them as well.
+bool InboundRegistration::may_listen_to(const ClientSession& session,
+                                        const std::string& topic) const {
+  return !topic.starts_with(own_root(session)) &&
+         rules_.policy.may_subscribe(session.client_id, session.robot, topic);
+}
+
+std::string InboundRegistration::own_root(const ClientSession& session) const {
+  return rules_.policy.scheme().robot_root() + session.robot + "/";
+}
+
 /// Each type of a robot costs all who listen to it a topic id.
 bool InboundRegistration::makes_too_many_types(ClientSession& session, const std::string& topic,
                                                TimePoint now) {
-  const std::string own = rules_.policy.scheme().robot_root() + session.robot + "/";
+  const std::string own = own_root(session);
   if (!topic.starts_with(own) || session.topics.id_of(topic)) return false;
   const auto types = std::ranges::count_if(
       session.topics.topics(),

@@ -16,6 +16,8 @@ class InboundRegistration {
   void on_register(ClientSession& session, const Register& request, TimePoint now);
 
  private:
+  bool may_listen_to(const ClientSession& session, const std::string& topic) const;
+  std::string own_root(const ClientSession& session) const;
   bool makes_too_many_types(ClientSession& session, const std::string& topic, TimePoint now);
 
   const NameRules& rules_;

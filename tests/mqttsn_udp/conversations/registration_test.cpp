@@ -217,6 +217,24 @@ TEST(SnGateway, R63_RefusesNamesThatAreNoTopicsAndAFullTable) {
   EXPECT_EQ(rig.last_to(1), "REGACK id=0 msg=2 code=1");
 }
 
+TEST(SnGateway, R63_RefusesOwnNamesThatItWouldNotPublish) {
+  SnRig rig({}, {{"tank", {}, "nrf-7"}});
+  rig.connect(1, "nrf-7");
+  for (const std::string& name :
+       {std::string("ntnu-slam/robot/nrf-7/imu/raw"), std::string("ntnu-slam/robot/tank/"),
+        "ntnu-slam/robot/nrf-7/" + std::string(65, 'x')}) {
+    rig.send(1, Register{0, 1, name});
+    EXPECT_EQ(rig.last_to(1), "REGACK id=0 msg=1 code=3") << name;
+  }
+  for (const char* const name : {"ntnu-slam/server/nrf-7/cmd/fast", "ntnu-slam/robot/r2/imu/raw"}) {
+    const auto id = rig.register_topic(1, name);
+    EXPECT_NE(id, 0) << "it may listen to " << name;
+    rig.publish(1, id, 0, 0);
+    EXPECT_EQ(rig.last_to(1), "PUBACK id=" + std::to_string(id) + " msg=0 code=3") << name;
+  }
+  EXPECT_TRUE(rig.reports.empty());
+}
+
 TEST(SnGateway, R64_AnswersABurstInOrder) {
   SnRig rig;
   rig.connect(1, "r1");
