@@ -29,6 +29,9 @@ struct WillSettings {
   bool operator==(const WillSettings&) const = default;
 };
 
+/// Robots that the gateway configures publish their health so often, whatever else they say.
+inline constexpr std::chrono::seconds health_interval{10};
+
 struct Settings {
   bool enabled = false;
   std::string device = "auto";  ///< a path, or `auto`

@@ -173,6 +173,21 @@ void check_relations(const Located& located) {
   check_control_socket(located);
 }
 
+void warn_of_relations(const Located& located, Problems& warnings) {
+  const ble::Settings& ble = located.config.ble_mesh;
+  if (!ble.enabled || ble.protocol != ble::Protocol::nordic_serial) return;
+  if (ble.offline_after > ble::health_interval) return;
+  const std::string key = "presence.offline_after_s";
+  const Place place = located.place_of(key);
+  warnings.push_back(
+      {place.file, place.line, key,
+       fmt::format("is no longer than the {} s between two health messages of a BLE robot: one "
+                   "that says nothing else goes offline and online again each time; more than {} "
+                   "is needed, the default is {}",
+                   ble::health_interval.count(), ble::health_interval.count(),
+                   ble::Settings{}.offline_after.count())});
+}
+
 void check_tls_files(const Located& located, const Files& files) {
   const BrokerSettings& broker = located.config.broker;
   checked_text(located, files, "broker.tls.ca_file", broker.ca_file, TlsFile::certificate);

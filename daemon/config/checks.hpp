@@ -26,6 +26,9 @@ struct Located {
 
 void check_relations(const Located& located);
 
+/// What works, but not as an operator may think.
+void warn_of_relations(const Located& located, Problems& warnings);
+
 /// Checks the files that `broker.tls.*` names at the start rather than at the first connection.
 void check_tls_files(const Located& located, const Files& files);
 

@@ -165,6 +165,7 @@ ParseResult parse_config(const std::vector<ConfigFile>& parts, const Surrounding
     const Located located{result.config, result.places, context};
     check_relations(located);
     if (surroundings.is_daemon) {
+      warn_of_relations(located, result.warnings);
       read_credentials(located, result, surroundings, files);
       check_tls_files(located, files);
     }

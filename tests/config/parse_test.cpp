@@ -140,6 +140,22 @@ TEST(ParseConfig, ChecksButDoesNotUseWhatOnlyTheServiceReads) {
   EXPECT_NE(denied.warnings[0].text.find("sudo slam-gatewayd --check-config"), std::string::npos);
 }
 
+TEST(ParseConfig, WarnsOfASilenceThatIsShorterThanTheHealthInterval) {
+  const Parsed ten(R"({"ble_mesh": {"enabled": true}, "presence":
+{"offline_after_s": 10}})");
+  EXPECT_EQ(ten.lines_of_problems, "");
+  ASSERT_EQ(ten.warnings.size(), 1U);
+  EXPECT_TRUE(to_string(ten.warnings[0])
+                  .starts_with("/etc/slam-gateway/gateway.json:2: presence.offline_after_s: "))
+      << to_string(ten.warnings[0]);
+  const char* const good[] = {
+      R"({"ble_mesh": {"enabled": true}, "presence": {"offline_after_s": 11}})",
+      R"({"presence": {"offline_after_s": 1}})",
+      R"({"ble_mesh": {"enabled": true, "protocol": "cobs", "robot_id": "r"},
+          "presence": {"offline_after_s": 1}})"};
+  for (const char* const text : good) EXPECT_TRUE(Parsed(text).warnings.empty()) << text;
+}
+
 TEST(ParseConfig, WarnsOfKeysThatTheVersionBeforeKnew) {
   const RetiredKey retired[] = {{"broker.url", "broker.uri"}, {"mqttsn.turbo", ""}};
   const ParseResult result =

@@ -52,7 +52,7 @@ struct Publication {
   std::uint8_t period = 0;    ///< steps, and their resolution in the two upper bits; 0: none
   ModelId model;
 };
-/// Each 10 s: ten steps of one second.
+/// Each 10 s (health_interval): ten steps of one second.
 inline constexpr std::uint8_t period_10_s = 0x4a;
 
 Bytes encode_composition_data_get();
