@@ -8,6 +8,7 @@
 #include <cerrno>
 #include <cstdlib>
 #include <cstring>
+#include <filesystem>
 #include <fstream>
 #include <iostream>
 #include <iterator>
@@ -68,11 +69,19 @@ std::string text_of(const Order& order, const nlohmann::json& result) {
   return {};
 }
 
+std::ifstream open_file(const std::string& path) {
+  std::error_code error;
+  if (std::filesystem::is_directory(path, error))
+    throw Failure(path + " is a directory; a file is needed");
+  std::ifstream file(path, std::ios::binary);
+  if (!file.is_open()) throw Failure(path + " can't be read: " + std::strerror(errno));
+  return file;
+}
+
 /// As JSON without its white space, if it is JSON: it goes over the socket as one line.
 std::string read_mesh(const std::string& path) {
-  std::ifstream file(path, std::ios::binary);
+  std::ifstream file = open_file(path);
   const std::string text{std::istreambuf_iterator<char>(file), {}};
-  if (!file.is_open() || file.bad()) throw Failure(path + " can't be read");
   const auto json = nlohmann::json::parse(text, nullptr, false);
   if (json.is_discarded()) throw Failure(path + " is no JSON");
   return json.dump();
@@ -275,8 +284,7 @@ slamgw::BrokerSettings broker_for(const Installation& installation, const HostTa
 }
 
 int replay(const Installation& installation, const HostTask& task) {
-  std::ifstream file(task.file, std::ios::binary);
-  if (!file.is_open()) throw Failure(task.file + " can't be read: " + std::strerror(errno));
+  std::ifstream file = open_file(task.file);
   auto messages = read_recording(file, task.file);
   if (messages.empty()) throw Failure(task.file + " holds no message of a robot");
   const slamgw::BrokerSettings broker = broker_for(installation, task);

@@ -6,6 +6,7 @@
 
 #include <cerrno>
 #include <charconv>
+#include <cstdio>
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
@@ -40,6 +41,9 @@ void give_to_caller(int file) {
 
 ArchiveFile::ArchiveFile(std::string file)
     : file_(std::move(file)), unfinished_(file_ + ".unfinished") {
+  std::error_code error;
+  if (std::filesystem::is_directory(file_, error))
+    throw Failure(file_ + " is a directory; name a file in it");
   unlink(unfinished_.c_str());
   made_ = open(unfinished_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
   if (made_ < 0) throw Failure(file_ + ": " + std::strerror(errno));
@@ -54,7 +58,8 @@ ArchiveFile::~ArchiveFile() {
 /// (fs.protected_regular in proc_sys_fs(5)).
 void ArchiveFile::finish() {
   give_to_caller(made_);
-  std::filesystem::rename(unfinished_, file_);
+  if (rename(unfinished_.c_str(), file_.c_str()) != 0)
+    throw Failure(file_ + ": " + std::strerror(errno));
 }
 
 }  // namespace slamgw::ctl

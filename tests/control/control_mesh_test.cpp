@@ -135,7 +135,10 @@ TEST_F(ControlMeshIo, ImportsAFile) {
   EXPECT_EQ(result.status, 0) << result.err;
   EXPECT_EQ(result.out, "imported: the mesh has 3 robots\n");
   EXPECT_EQ(order_of<ImportOrder>(handler).text, R"({"netKeys":[]})");
-  EXPECT_NE(order({"import", directory / "none"}, {}).err.find("can't be read"), std::string::npos);
+  EXPECT_NE(order({"import", directory / "none"}, {}).err.find("none can't be read: No such file"),
+            std::string::npos);
+  EXPECT_NE(order({"import", directory.path()}, {}).err.find(" is a directory; a file is needed"),
+            std::string::npos);
   write_file(directory / "text", "no JSON");
   EXPECT_NE(order({"import", directory / "text"}, {}).err.find("is no JSON"), std::string::npos);
   EXPECT_TRUE(handler.orders.empty());

@@ -141,6 +141,12 @@ TEST_F(Backup, RefusesWhatIsNone) {
   } catch (const Failure& failure) {
     EXPECT_STREQ(failure.what(), "/no/such/report: No such file or directory");
   }
+  try {
+    report(installation(), "no.sock", root());
+    FAIL();
+  } catch (const Failure& failure) {
+    EXPECT_EQ(failure.what(), root().string() + " is a directory; name a file in it");
+  }
   EXPECT_EQ(read("state/mesh.json"), "the mesh's keys");
 }
 
