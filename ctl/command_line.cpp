@@ -237,6 +237,16 @@ void add_host_tasks(CLI::App& app, Arguments& a) {
   add_with_file("report", HostTask::Kind::report, "What support needs to see, without secrets");
 }
 
+/// An empty word is a variable of a script that is not set: `watch --robot ""` is not all robots.
+void refuse_empty_words(CLI::App& app) {
+  const auto complaint = [](const std::string& word) {
+    return word.empty() ? "is empty; a text is needed" : "";
+  };
+  for (CLI::Option* const option : app.get_options())
+    if (option->get_name() != "PAYLOAD") option->check(complaint);
+  for (CLI::App* const verb : app.get_subcommands({})) refuse_empty_words(*verb);
+}
+
 std::string verbs_of(const CLI::App& app) {
   std::string names;
   for (const CLI::App* known : app.get_subcommands({}))
@@ -298,6 +308,7 @@ std::variant<Order, HostTask, Exit> parse_command_line(int argc, const char* con
   add_ble(app, arguments);
   add_store(app, arguments);
   add_host_tasks(app, arguments);
+  refuse_empty_words(app);
   try {
     std::vector<std::string> words = with_payload_marked(argc, argv);
     if (const auto complaint = complaint_about_verb(app, words)) {
