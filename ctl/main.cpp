@@ -129,7 +129,10 @@ void print_dead_letters(Connection& connection, Order order) {
   const bool is_document = order.answer == Answer::dead_letters && order.json;
   const char* separator = "";
   auto page = connection.ask(order.request, answer_patience);
-  if (is_table) std::cout << show::dead_letters_head(page);
+  const std::string head = show::dead_letters_head(page);
+  if (is_table) std::cout << head;
+  if (order.answer == Answer::exported && page.at("letters").empty())
+    std::cerr << "slam-gatewayctl: " << head;
   if (is_document) {
     std::cout << "{\"count\":" << page.value("count", 0) << ",\"bytes\":" << page.value("bytes", 0)
               << ",\"letters\":[";

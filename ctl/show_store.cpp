@@ -12,6 +12,8 @@ using nlohmann::json;
 std::string dead_letters_head(const json& first_page) {
   const std::uint64_t count = count_at(first_page, "count");
   if (count == 0) return "no dead letters\n";
+  if (first_page.at("letters").empty())
+    return fmt::format("no dead letters of this topic; of others: {}\n", count);
   return fmt::format("{} dead letters, {}\n{:>8} {:>4} {:>6} {:>5} TOPIC: REASON\n", count,
                      show_bytes(count_at(first_page, "bytes")), "ID", "AGE", "BYTES", "TRIES");
 }

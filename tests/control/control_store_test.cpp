@@ -70,6 +70,16 @@ TEST_F(ControlStoreIo, ExportsADocumentALineWithPayloads) {
   EXPECT_EQ(ids, (std::vector<int>{7, 9, 12}));
 }
 
+TEST_F(ControlStoreIo, SaysThatThereIsNone) {
+  const OrderAnswer none{R"({"count":0,"letters":[],"more":false})", {}};
+  EXPECT_EQ(order({"list", "--topic", "t"}, {end_}).out,
+            "no dead letters of this topic; of others: 3\n");
+  const Ended result = order({"export"}, {none});
+  EXPECT_EQ(result.status, 0);
+  EXPECT_EQ(result.out, "");
+  EXPECT_EQ(result.err, "slam-gatewayctl: no dead letters\n");
+}
+
 TEST_F(ControlStoreIo, ResendsAndTellsWhatStays) {
   Ended result = order({"resend", "7", "9"}, {{R"({"resent":2,"left":0})", {}}});
   EXPECT_EQ(result.status, 0) << result.err;
