@@ -131,6 +131,8 @@ std::string why_absent(const RobotStatus& robot, const Status::MeshLink& link) {
   if (robot.last_seen == WallTime{}) return "nothing was heard of it since the daemon started";
   const auto silence =
       std::chrono::duration_cast<std::chrono::seconds>(robot.since - robot.last_seen);
+  if (robot.mesh == Mesh::ble && silence < std::chrono::seconds{1})  // the least that is allowed
+    return "it was removed from the mesh, or renamed";
   if (robot.mesh == Mesh::ble)
     return fmt::format("the board had not heard it for {} s (presence.offline_after_s)",
                        silence.count());

@@ -94,6 +94,8 @@ TEST(WhyAbsent, NamesWhatIsKnown) {
   EXPECT_NE(why_absent(robot, link).find("ran out after 90 s"), std::string::npos);
   robot.mesh = Mesh::ble;
   EXPECT_NE(why_absent(robot, link).find("not heard it for 90 s"), std::string::npos);
+  robot.last_seen = robot.since - 300ms;
+  EXPECT_EQ(why_absent(robot, link), "it was removed from the mesh, or renamed");
   link = {true, false, "no board", {}};
   EXPECT_EQ(why_absent(robot, link), "the ble link is down: no board");
 }
