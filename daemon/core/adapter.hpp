@@ -36,9 +36,9 @@ class MeshAdapter {
   /// The receipt of an earlier Report fires. Called once for each owed receipt.
   virtual void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome) = 0;
   /// A message from the broker, for the subscribers of this mesh. With a `command` the mesh carries
-  /// it and owes its CommandOutcome within 30 s; only a retained command for which the robot does
-  /// not wait may end without one. Without a `command` another mesh carries it, and this one must
-  /// not deliver it to the robot that the topic names.
+  /// it and owes its CommandOutcome within 30 s, less what it has waited; only a retained command
+  /// for which the robot does not wait may end without one. Without a `command` another mesh
+  /// carries it, and this one must not deliver it to the robot that the topic names.
   virtual void on_broker_message(const BrokerMessage& message, CommandId command) = 0;
   /// The broker's answer to an earlier SubscribeRequest, or the core's when it already holds that
   /// subscription.

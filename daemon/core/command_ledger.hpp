@@ -6,7 +6,9 @@
 
 #include <map>
 #include <optional>
+#include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "daemon/core/messages.hpp"
@@ -18,8 +20,9 @@ struct Command {
   CommandId id = CommandId::none;
   std::string robot;
   std::string type;
-  std::optional<Mesh> carrier;  ///< nothing when no mesh knows the robot
-  bool is_retained = false;     ///< its mesh may ignore it; then it has no outcome
+  std::optional<Mesh> carrier;         ///< nothing when no mesh knows the robot
+  bool is_retained = false;            ///< its mesh may ignore it; then it has no outcome
+  std::chrono::milliseconds waited{};  ///< BrokerMessage::waited
 };
 
 class CommandLedger {
@@ -35,7 +38,7 @@ class CommandLedger {
   /// False when there are too many.
   bool open(Command command, TimePoint now);
   /// False when it has ended before.
-  bool end(CommandId id) { return open_.erase(id) > 0; }
+  bool end(CommandId id);
   std::size_t size() const { return open_.size(); }
 
   std::optional<TimePoint> deadline() const;
@@ -45,12 +48,13 @@ class CommandLedger {
  private:
   struct Entry {
     Command command;
-    TimePoint since{};
+    TimePoint came{};
   };
 
   std::size_t max_open_;
   std::uint64_t last_id_ = 0;
-  std::map<CommandId, Entry> open_;  // in the order they came
+  std::map<CommandId, Entry> open_;
+  std::set<std::pair<TimePoint, CommandId>> by_age_;
 };
 
 }  // namespace slamgw

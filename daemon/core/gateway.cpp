@@ -309,8 +309,10 @@ bool Gateway::is_stray(const BrokerMessage& message, const std::string& robot) c
 /// Other gateways may have appeared meanwhile; then the gateways agree on who answers.
 void Gateway::deliver_strays(std::vector<StrayCommands::Stray> strays, const Now& now) {
   for (StrayCommands::Stray& stray : strays) {
+    stray.message.waited =
+        std::chrono::duration_cast<std::chrono::milliseconds>(now.mono - stray.came);
     if (!ownership_.is_shared()) {
-      deliver(std::move(stray.message), now, now.mono - stray.came);
+      deliver(std::move(stray.message), now);
       continue;
     }
     const std::string type(scheme_.parse_command_topic(stray.message.topic)->type);
@@ -345,7 +347,7 @@ CommandId Gateway::on_operator_command(const std::string& robot, const std::stri
       {scheme_.command_topic(robot, type), std::move(payload), Qos::at_least_once, false}, now);
 }
 
-CommandId Gateway::deliver(BrokerMessage message, const Now& now, Duration waited) {
+CommandId Gateway::deliver(BrokerMessage message, const Now& now) {
   ++traffic_.down;
   const auto target = scheme_.parse_command_topic(message.topic);
   if (!target) {
@@ -353,8 +355,8 @@ CommandId Gateway::deliver(BrokerMessage message, const Now& now, Duration waite
     return CommandId::none;
   }
   const std::string robot(target->robot);
-  Command command{commands_.next_id(), robot, std::string(target->type), carrier_for(robot),
-                  message.retain};
+  Command command{commands_.next_id(), robot,          std::string(target->type),
+                  carrier_for(robot),  message.retain, message.waited};
   if (Robot* known = registry_.find(robot)) known->numbers.on_down(message.payload.size());
   actions_.push(TrafficEvent{.direction = Direction::down,
                              .mesh = command.carrier,
@@ -367,27 +369,25 @@ CommandId Gateway::deliver(BrokerMessage message, const Now& now, Duration waite
                              .wall = now.wall,
                              .at = now.mono,
                              .command = command.id});
-  deliver_command(command, std::move(message), now, waited);
+  deliver_command(command, std::move(message), now);
   return command.id;
 }
 
 /// The message goes to the meshes in any case: other robots may listen to it.
-void Gateway::deliver_command(const Command& command, BrokerMessage message, const Now& now,
-                              Duration waited) {
+void Gateway::deliver_command(const Command& command, BrokerMessage message, const Now& now) {
   const bool is_open = command.carrier && commands_.open(command, now);
   const CommandId id = is_open ? command.id : CommandId::none;
   actions_.push(DeliverToMeshes{std::move(message), id, command.carrier});
-  if (!is_open && !command.is_retained)
-    refuse(command, now, waited);  // a retained one waits at the broker
+  if (!is_open && !command.is_retained) refuse(command, now);  // a retained one waits at the broker
 }
 
-void Gateway::refuse(const Command& command, const Now& now, Duration waited) {
+void Gateway::refuse(const Command& command, const Now& now) {
   CommandOutcome outcome{command.carrier,
                          command.id,
                          command.robot,
                          command.type,
                          CommandResult::refused,
-                         std::chrono::duration_cast<std::chrono::milliseconds>(waited),
+                         command.waited,
                          "too many commands are on their way"};
   if (command.carrier) return conclude(std::move(outcome));
   outcome.why = registry_.find(command.robot) ? "the robot is not connected"

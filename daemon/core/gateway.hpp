@@ -185,11 +185,9 @@ class Gateway {
   void take_command(BrokerMessage message, const Now& now);
   bool is_stray(const BrokerMessage& message, const std::string& robot) const;
   void deliver_strays(std::vector<StrayCommands::Stray> strays, const Now& now);
-  /// `waited`: how long the command waited before this call.
-  CommandId deliver(BrokerMessage message, const Now& now, Duration waited = {});
-  void deliver_command(const Command& command, BrokerMessage message, const Now& now,
-                       Duration waited);
-  void refuse(const Command& command, const Now& now, Duration waited);
+  CommandId deliver(BrokerMessage message, const Now& now);
+  void deliver_command(const Command& command, BrokerMessage message, const Now& now);
+  void refuse(const Command& command, const Now& now);
   std::optional<Mesh> carrier_for(const std::string& robot) const;
   void conclude(CommandOutcome outcome);
   void refuse_unknown(CommandOutcome outcome, const Now& now);

@@ -94,6 +94,9 @@ struct BrokerMessage {
   std::optional<Provenance> provenance{};  ///< of a robot's message on its way up
   /// The broker says that it may have delivered it before (DUP). libmosquitto does not report it.
   bool is_dup = false;
+  /// For how long a command has waited in the gateway before it is carried out. It counts of the
+  /// 30 s in which it has an outcome.
+  std::chrono::milliseconds waited{};
 };
 
 enum class Presence : std::uint8_t { online, asleep, offline };

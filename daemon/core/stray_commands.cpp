@@ -9,7 +9,8 @@ namespace slamgw {
 
 void StrayCommands::add(BrokerMessage message, std::string_view robot, TimePoint now) {
   octets_ += message.payload.size();
-  waiting_.push_back({std::move(message), std::string(robot), now});
+  const TimePoint came = now - message.waited;
+  waiting_.push_back({std::move(message), std::string(robot), came});
 }
 
 std::vector<StrayCommands::Stray> StrayCommands::take_overdue(TimePoint now) {

@@ -31,7 +31,7 @@ std::vector<Taken> CommandTurns::add(BrokerMessage message, std::string robot, s
   waiting.robot = std::move(robot);
   waiting.type = std::move(type);
   waiting.key = key_of(waiting.message);
-  waiting.came = now;
+  waiting.came = now - waiting.message.waited;
   waiting.kept = kept;
   std::vector<Taken> messages;
   decide_one(insert(std::move(waiting)), choose, now, messages);
@@ -46,8 +46,8 @@ std::map<CommandTurns::Number, CommandTurns::Waiting>::iterator CommandTurns::in
 }
 
 bool CommandTurns::add_outcome(const BrokerMessage& outcome, const std::string& robot,
-                               const std::string& type, TimePoint carried_out) {
-  const auto* done = commands_.find_own(robot, type, carried_out);
+                               const std::string& type, TimePoint came) {
+  const auto* done = commands_.find_own(robot, type, came);
   if (!done) return false;
   Waiting waiting;
   waiting.outcome = outcome;

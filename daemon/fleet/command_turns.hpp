@@ -138,7 +138,7 @@ class CommandTurns {
   void on_new_life();
   /// An outcome from a former life. False when it is not known which command it is of.
   bool add_outcome(const BrokerMessage& outcome, const std::string& robot, const std::string& type,
-                   TimePoint carried_out);
+                   TimePoint came);
   /// A gateway has published an outcome, of what it has taken itself or in the place of a dead one.
   /// `began`: when it had carried out, or got, the command.
   void on_outcome(const std::string& gateway, const std::string& robot, const std::string& type,

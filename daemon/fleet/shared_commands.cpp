@@ -96,6 +96,12 @@ void SharedCommands::decide(TimePoint now) {
   }
 }
 
+void SharedCommands::carry_out(CommandTurns::Waiting waiting, TimePoint now) {
+  waiting.message.waited =
+      std::chrono::duration_cast<std::chrono::milliseconds>(now - waiting.came);
+  membership_.actions.push(CarryOut{std::move(waiting.message)});
+}
+
 void SharedCommands::decide_alone(TimePoint now) {
   for (auto& waiting : turns_.take_all()) {
     const Duration age = now - waiting.came;
@@ -104,7 +110,7 @@ void SharedCommands::decide_alone(TimePoint now) {
     } else if (waiting.is_refusal || age >= CommandTurns::kept_for) {
       refuse(waiting, "the gateways did not agree in time on who carries it out", now);
     } else {
-      membership_.actions.push(CarryOut{std::move(waiting.message)});
+      carry_out(std::move(waiting), now);
     }
   }
 }
@@ -182,7 +188,7 @@ void SharedCommands::on_own_taken(const Taken& taken, const Now& now) {
   if (!own) return;
   if (own->last_sent - own->came >= CommandTurns::owner_patience)
     return refuse(*own, "the broker took too long", now.mono);
-  membership_.actions.push(CarryOut{std::move(own->message)});
+  carry_out(std::move(*own), now.mono);
 }
 
 void SharedCommands::on_taken(const std::string& gateway, Life life, Taken taken, TimePoint now) {
@@ -304,7 +310,7 @@ void SharedCommands::publish_outcomes(TimePoint now) {
   for (Unpublished& unpublished : std::exchange(unpublished_, {})) {
     if (is_alone) {
       membership_.actions.push(PublishOutcome{std::move(unpublished.outcome)});
-    } else if (unpublished.came >= membership_.lease.life_began()) {
+    } else if (is_of_this_life(unpublished)) {
       publish(std::move(unpublished));
     } else if (membership_.phase == Phase::member) {
       settle(std::move(unpublished), now);
@@ -312,6 +318,15 @@ void SharedCommands::publish_outcomes(TimePoint now) {
       unpublished_.push_back(std::move(unpublished));
     }
   }
+}
+
+/// It may have come before, and have been carried out in this life.
+bool SharedCommands::is_of_this_life(const Unpublished& unpublished) const {
+  const auto& [outcome, came, robot, type] = unpublished;
+  const TimePoint life_began = membership_.lease.life_began();
+  if (came >= life_began) return true;
+  const auto* own = membership_.commands.find_own(robot, type, came);
+  return own && own->taken >= life_began;
 }
 
 /// An outcome from before this life. Others may publish it in this gateway's place, or have

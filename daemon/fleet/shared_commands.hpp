@@ -69,6 +69,7 @@ class SharedCommands {
   Duration kept_before(TimePoint now) const;
   void publish(Unpublished unpublished);
   void settle(Unpublished unpublished, TimePoint now);
+  bool is_of_this_life(const Unpublished& unpublished) const;
   /// Who knows what became of a command.
   enum class Knower : std::uint8_t {
     this_gateway,  ///< its life heard the others when the command came
@@ -87,6 +88,7 @@ class SharedCommands {
   bool may_be_left_to_others(TimePoint came, TimePoint now) const;
   bool was_away_since(TimePoint came) const;
   bool still_owns(const CommandTurns::Waiting& waiting, TimePoint now) const;
+  void carry_out(CommandTurns::Waiting waiting, TimePoint now);
   void refuse(const CommandTurns::Waiting& waiting, std::string why, TimePoint now);
   void refuse_dropped(TimePoint now);
   int rank_for(const std::string& robot, TimePoint since, TimePoint now) const;

@@ -65,22 +65,28 @@ bool TakenCommands::take_missing_copy(std::uint64_t key, bool is_owner, TimePoin
   return false;
 }
 
-bool TakenCommands::has_ended(const std::string& robot, const std::string& type,
-                              TimePoint came) const {
-  const auto first = std::ranges::lower_bound(entries_, came, {}, &Entry::taken);
-  return std::any_of(first, entries_.end(), [&](const Entry& entry) {
-    return entry.is_own() && entry.is_ended && entry.robot == robot && entry.command.type == type &&
-           came_together(entry.came, came);
+/// The first one. It may have waited before it was taken.
+TakenCommands::Entries::const_iterator TakenCommands::find_own(const std::string& robot,
+                                                               const std::string& type,
+                                                               TimePoint came,
+                                                               const Matches& matches) const {
+  const auto first = std::ranges::lower_bound(entries_, came - heard_apart, {}, &Entry::taken);
+  return std::find_if(first, entries_.end(), [&](const Entry& entry) {
+    return entry.is_own() && entry.robot == robot && entry.command.type == type &&
+           came_together(entry.came, came) && matches(entry);
   });
 }
 
+bool TakenCommands::has_ended(const std::string& robot, const std::string& type,
+                              TimePoint came) const {
+  const auto is_ended = [](const Entry& entry) { return entry.is_ended; };
+  return find_own(robot, type, came, is_ended) != entries_.end();
+}
+
 const TakenCommands::Entry* TakenCommands::find_own(const std::string& robot,
-                                                    const std::string& type,
-                                                    TimePoint taken) const {
-  auto entry = std::ranges::lower_bound(entries_, taken - heard_apart, {}, &Entry::taken);
-  for (; entry != entries_.end() && entry->taken < taken + heard_apart; ++entry)
-    if (entry->is_own() && entry->robot == robot && entry->command.type == type) return &*entry;
-  return nullptr;
+                                                    const std::string& type, TimePoint came) const {
+  const auto own = find_own(robot, type, came, [](const Entry&) { return true; });
+  return own == entries_.end() ? nullptr : &*own;
 }
 
 void TakenCommands::turn_to_refusal(std::uint64_t key, const Matches& matches) {
@@ -90,12 +96,10 @@ void TakenCommands::turn_to_refusal(std::uint64_t key, const Matches& matches) {
     if (matches(at(number))) at(number).is_refusal = true;
 }
 
-void TakenCommands::end_own(const std::string& robot, const std::string& type, TimePoint taken) {
-  auto entry = std::ranges::lower_bound(entries_, taken - heard_apart, {}, &Entry::taken);
-  for (; entry != entries_.end() && entry->taken < taken + heard_apart; ++entry) {
-    const bool is_meant = entry->is_own() && entry->robot == robot && entry->command.type == type;
-    if (is_meant && !std::exchange(entry->is_ended, true)) return;
-  }
+void TakenCommands::end_own(const std::string& robot, const std::string& type, TimePoint came) {
+  const auto is_open = [](const Entry& entry) { return !entry.is_ended; };
+  const auto own = find_own(robot, type, came, is_open);
+  if (own != entries_.end()) entries_[std::size_t(own - entries_.begin())].is_ended = true;
 }
 
 std::vector<DoneCommand> TakenCommands::of(const std::string& robot, TimePoint now) const {

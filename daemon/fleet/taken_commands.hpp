@@ -90,8 +90,8 @@ class TakenCommands {
   bool take_missing_copy(std::uint64_t key, bool is_owner, TimePoint now);
   /// This gateway has published the outcome of such a command that came then.
   bool has_ended(const std::string& robot, const std::string& type, TimePoint came) const;
-  /// This gateway's own, taken then.
-  const Entry* find_own(const std::string& robot, const std::string& type, TimePoint taken) const;
+  /// This gateway's own that came then.
+  const Entry* find_own(const std::string& robot, const std::string& type, TimePoint came) const;
   /// The robot's, with their ages, the newest max_taken_commands.
   std::vector<DoneCommand> of(const std::string& robot, TimePoint now) const;
   /// Somebody has published the outcome.
@@ -99,7 +99,7 @@ class TakenCommands {
   /// Its taker does not carry it out any more.
   void turn_to_refusal(std::uint64_t key, const Matches& matches);
   /// The broker has this gateway's outcome.
-  void end_own(const std::string& robot, const std::string& type, TimePoint taken);
+  void end_own(const std::string& robot, const std::string& type, TimePoint came);
   /// Outcomes that are owed no longer. Asks about the oldest first.
   void forget_owed(const Matches& matches);
   void forget_owed() { owed_.clear(); }
@@ -110,11 +110,14 @@ class TakenCommands {
   static constexpr std::size_t max_equal = 512;
   using Number = std::uint64_t;  // of an entry, in the order of `taken`
 
+  using Entries = std::deque<Entry>;
+  Entries::const_iterator find_own(const std::string& robot, const std::string& type,
+                                   TimePoint came, const Matches& matches) const;
   Entry& at(Number number) { return entries_[number - first_number_]; }
   const Entry& at(Number number) const { return entries_[number - first_number_]; }
   void drop_oldest();
 
-  std::deque<Entry> entries_;
+  Entries entries_;
   Number first_number_ = 0;  ///< of the entry at the front; the others follow
   std::unordered_map<std::uint64_t, std::vector<Number>> by_key_;
   std::set<Number> owed_;

@@ -72,10 +72,12 @@ class MeshRig : public EventLog {
     mesh.on_receipt(id, outcome, now);
     drain();
   }
-  void command(std::string topic, Bytes payload, bool retain = false) {
-    mesh.on_broker_message(
-        {"ntnu-slam/server/" + std::move(topic), std::move(payload), Qos::at_least_once, retain},
-        CommandId{++last_command}, now);
+  void command(std::string topic, Bytes payload, bool retain = false,
+               std::chrono::milliseconds waited = {}) {
+    BrokerMessage message{"ntnu-slam/server/" + std::move(topic), std::move(payload),
+                          Qos::at_least_once, retain};
+    message.waited = waited;
+    mesh.on_broker_message(message, CommandId{++last_command}, now);
     drain();
   }
 

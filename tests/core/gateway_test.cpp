@@ -321,6 +321,24 @@ TEST_F(CommandsTest, HaveExactlyOneOutcomeEachWhateverTheMeshSays) {
   EXPECT_EQ(outcomes.size(), 2u) << "too late";
 }
 
+TEST_F(CommandsTest, EndInTimeAlsoWhenTheyHaveWaitedForTheFleet) {
+  reach[{Mesh::ble, "a"}] = Presence::online;
+  const CommandId fresh = server_sends().command;
+  gateway.on_turn({topic, {}, Qos::at_least_once, false, {}, false, 5s}, now);
+  const auto delivered = drain<DeliverToMeshes>();
+  ASSERT_EQ(delivered.size(), 1u);
+  EXPECT_EQ(delivered[0].message.waited, 5s);
+  EXPECT_EQ(gateway.deadline(), now.mono + CommandLedger::patience - 5s);
+  pass(25s);
+  ASSERT_EQ(outcomes.size(), 1u);
+  EXPECT_EQ(outcomes[0].id, delivered[0].command);
+  mesh_ends(delivered[0].command);
+  EXPECT_EQ(gateway.traffic().late_outcomes, 1u);
+  pass(5s);
+  ASSERT_EQ(outcomes.size(), 2u);
+  EXPECT_EQ(outcomes[1].id, fresh);
+}
+
 TEST_F(CommandsTest, FromBeforeARestartHaveNoIdAndAreTold) {
   mesh_ends(CommandId::none);
   mesh_ends(CommandId::none);

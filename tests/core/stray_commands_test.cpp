@@ -47,9 +47,14 @@ class StrayCommandsTest : public testing::Test {
     while (auto action = gateway.next_action()) {
       if (auto* upload = std::get_if<Upload>(&*action); upload && upload->outcome_after)
         outcomes.emplace_back(upload->message.topic, json::parse(upload->message.payload));
-      if (auto* delivery = std::get_if<DeliverToMeshes>(&*action); delivery && delivery->carrier)
+      if (auto* delivery = std::get_if<DeliverToMeshes>(&*action); delivery && delivery->carrier) {
         delivered.emplace_back(as_text(delivery->message.payload));
-      if (std::holds_alternative<AwaitTurn>(*action)) ++awaiting;
+        waited = delivery->message.waited;
+      }
+      if (auto* await = std::get_if<AwaitTurn>(&*action)) {
+        ++awaiting;
+        waited = await->message.waited;
+      }
       if (auto* notice = std::get_if<Notice>(&*action))
         lines += notice->occasion == Occasion::command_outcome ? 1 : 0;
     }
@@ -69,6 +74,7 @@ class StrayCommandsTest : public testing::Test {
   std::vector<std::pair<std::string, json>> outcomes;
   std::vector<std::string> delivered;
   int awaiting = 0;
+  Duration waited{};  ///< the last one of both
   int lines = 0;
 };
 
@@ -98,6 +104,7 @@ TEST_F(StrayCommandsTest, ReachARobotThatIsKnownAMomentLaterInTheirOrder) {
   known.insert("early");
   pass(StrayCommands::patience);
   EXPECT_EQ(delivered.back(), "5");
+  EXPECT_EQ(waited, StrayCommands::patience) << "its mesh has that much less time";
   ASSERT_EQ(outcomes.size(), 1u);
   EXPECT_EQ(outcomes[0].first, "ntnu-slam/gateway/pi1/commands/other");
 }
@@ -129,6 +136,7 @@ TEST_F(StrayCommandsTest, AreLeftToTheFleetWhenAnotherGatewayHasCome) {
   is_shared = true;
   pass(StrayCommands::patience);
   EXPECT_EQ(awaiting, 1);
+  EXPECT_EQ(waited, StrayCommands::patience);
   EXPECT_TRUE(outcomes.empty());
 }
 

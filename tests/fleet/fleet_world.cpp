@@ -318,7 +318,7 @@ void FleetWorld::perform(int gateway, CarryOut& action) {
   const std::string id(as_text(action.command.payload));
   Command& command = commands_[static_cast<std::size_t>(std::stoi(id))];
   const Robot& robot = robots_[static_cast<std::size_t>(command.robot)];
-  command.carried_out = now_;
+  command.came = now_ - action.command.waited;
   if (++command.on_air > 1) {
     ++seen_.doubled_commands;
     story_.push_back(fmt::format("{} DOUBLED {} at {}", now_.count(), id, gateway));
@@ -329,7 +329,7 @@ void FleetWorld::perform(int gateway, CarryOut& action) {
     to_gateway(gateway, [this, gateway, process, id](Node& node) {
       if (node.process == process)
         end_command(gateway, robot_name(commands_[std::stoul(id)].robot), id, "carried out",
-                    now_ - commands_[std::stoul(id)].carried_out);
+                    now_ - commands_[std::stoul(id)].came);
     });
   });
 }

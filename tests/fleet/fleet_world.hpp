@@ -108,7 +108,7 @@ class FleetWorld : public VirtualTime {
     int robot = 0;
     milliseconds said{};
     bool was_heard = false;  ///< by any gateway
-    milliseconds carried_out{};
+    milliseconds came{};     ///< to the gateway that carried it out
     int on_air = 0;
     int outcomes = 0;
     std::string outcome;  ///< the last one, and who has told it

@@ -38,7 +38,10 @@ class LoopedBack : public Newcomer {
   }
   void take(TakeOverRobot& action) { dead_owners[action.robot] = action.dead_owner; }
   void take(GiveUpRobot& action) { given_up.push_back(action.robot); }
-  void take(CarryOut&) { ++carried; }
+  void take(CarryOut& action) {
+    ++carried;
+    waited = action.command.waited;
+  }
   void take(EndCommand& action) { ends.push_back(action); }
   void take(PublishOutcomeNow& action) {
     ++told;
@@ -100,6 +103,7 @@ class LoopedBack : public Newcomer {
   std::vector<Notice> notices;
   std::vector<bool> remembered;  ///< for the next process: whether others are about
   int carried = 0;
+  Duration waited{};  ///< the last one of them
   int told = 0;
   int wills = 0;
   int greetings = 0;

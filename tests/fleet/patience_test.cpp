@@ -127,5 +127,52 @@ TEST_F(PassesOn, DoesNotWaitForAnOwnerThatHasDied) {
   EXPECT_EQ(releases.size(), 1U);
 }
 
+/// Its mesh has 30 s since it came; the outcome says how long ago that was.
+TEST_F(LoopedBack, TellsTheMeshForHowLongACommandHasWaited) {
+  command(now);
+  pass(100ms);
+  EXPECT_LE(waited, 20ms);
+  const std::uint64_t key = said.at(0).key;
+  said.clear();
+  lost = 3;
+  command(now);
+  pass(6s);
+  ASSERT_EQ(carried, 2);
+  EXPECT_GE(waited, 3s);
+  EXPECT_LE(waited, 3100ms);
+  ownership.on_own_outcome(
+      {"p/gateway/gw-0/commands/r", to_bytes(R"({"type":"cmd"})"), Qos::at_least_once, false}, 6s,
+      at(now));
+  pass(10ms);
+  EXPECT_EQ(told, 1);
+  said.clear();
+  comes_from_gw_1(Taken{1, key, "r", "cmd", 6000, true});
+  pass(10ms);
+  ASSERT_EQ(said.size(), 1U);
+  EXPECT_TRUE(said[0].is_ended) << "it knows that the outcome was of this command";
+}
+
+/// Its beats do not come back for so long that it begins anew.
+TEST_F(LoopedBack, TellsAtOnceTheOutcomeOfWhatItHasCarriedOutInThisLife) {
+  const Life before = ownership.life();
+  is_writing_lost = true;
+  pass(1500ms);
+  command(now);
+  pass(500ms);
+  is_writing_lost = false;
+  for (int i = 0; i < 50 && carried == 0; ++i) {
+    ownership.on_heard("r", at(now));
+    pass(100ms);
+  }
+  ASSERT_EQ(carried, 1);
+  ASSERT_NE(ownership.life(), before);
+  EXPECT_GE(waited, 1s) << "it came in the life before";
+  ownership.on_own_outcome(
+      {"p/gateway/gw-0/commands/r", to_bytes(R"({"type":"cmd"})"), Qos::at_least_once, false},
+      waited + 100ms, at(now));
+  pass(10ms);
+  EXPECT_EQ(told, 1);
+}
+
 }  // namespace
 }  // namespace slamgw::fleet::test

@@ -205,7 +205,7 @@ void CobsMesh::on_broker_message(const BrokerMessage& message, CommandId command
   const auto target = topics_.parse_command_topic(message.topic);
   if (!target || command == CommandId::none || !presence_of(target->robot)) return;
   emit(CommandOutcome{Mesh::ble, command, std::string(target->robot), std::string(target->type),
-                      CommandResult::refused, std::chrono::milliseconds{0},
+                      CommandResult::refused, message.waited,
                       "not supported by this link (ble_mesh.protocol is \"cobs\")"});
 }
 

@@ -21,18 +21,19 @@ EndedCommand end(const Command& command, TimePoint arrived, TimePoint now, Comma
 
 EndedCommands CommandQueue::add(Command command, TimePoint now) {
   EndedCommands ended;
+  const TimePoint arrived = now - command.waited;
   const auto older = std::ranges::find_if(waiting_, [&](const Entry& entry) {
     return command.is_replaceable && entry.command.type == command.type;
   });
   if (older != waiting_.end()) {
     ended.push_back(end(older->command, older->arrived, now, CommandResult::superseded,
                         "a newer one came before it was sent"));
-    *older = {std::move(command), now};
+    *older = {std::move(command), arrived};
   } else if (waiting_.size() >= max_waiting) {
-    ended.push_back(end(command, now, now, CommandResult::refused,
+    ended.push_back(end(command, arrived, now, CommandResult::refused,
                         "too many commands are waiting for this robot (at most 16)"));
   } else {
-    waiting_.push_back({std::move(command), now});
+    waiting_.push_back({std::move(command), arrived});
   }
   return ended;
 }

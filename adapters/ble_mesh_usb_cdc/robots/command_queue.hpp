@@ -69,7 +69,7 @@ class CommandQueue {
  private:
   struct Entry {
     Command command;
-    TimePoint arrived{};
+    TimePoint arrived{};  ///< at the gateway
   };
   struct Outstanding {
     Entry entry;

@@ -7,13 +7,15 @@ void Downlink::on_command(Robot& robot, std::string_view type, const BrokerMessa
                           CommandId id, TimePoint now) {
   if (message.retain && !may_take_retained(robot, message)) return;
   const auto refuse = [&](std::string why) {
-    conclude(robot, {{id, std::string(type), CommandResult::refused, {}, std::move(why), {}}});
+    conclude(robot,
+             {{id, std::string(type), CommandResult::refused, message.waited, std::move(why), {}}});
   };
   if (is_stopping_) return refuse(gateway_ends);
   if (!link_.is_up()) return refuse("the BLE link is down: " + down_reason_);
   auto command = make_command(settings_, type, message.payload, ++last_tid_);
   if (!command.has_value()) return refuse(command.error().why);
   command->id = id;
+  command->waited = message.waited;
   conclude(robot, robot.commands.add(std::move(*command), now));
   actions_.push(CommandsChanged{});
   transmit_due(robot, now);

@@ -13,25 +13,23 @@ bool CommandWatch::is_command_for(const ClientSession& session, const std::strin
   return parsed && parsed->robot == session.robot;
 }
 
-void CommandWatch::refuse_unsubscribed(const std::string& topic, CommandId id) {
-  const auto parsed = rules_.policy.scheme().parse_command_topic(topic);
+void CommandWatch::refuse_unsubscribed(const BrokerMessage& message, CommandId id) {
+  const auto parsed = rules_.policy.scheme().parse_command_topic(message.topic);
   if (!parsed) return;
-  output_.emit(CommandOutcome{Mesh::thread,
-                              id,
-                              std::string(parsed->robot),
-                              std::string(parsed->type),
-                              CommandResult::refused,
-                              {},
-                              "the robot has not subscribed to " + topic});
+  output_.emit(CommandOutcome{Mesh::thread, id, std::string(parsed->robot),
+                              std::string(parsed->type), CommandResult::refused, message.waited,
+                              "the robot has not subscribed to " + message.topic});
 }
 
-std::shared_ptr<Command> CommandWatch::begin(const ClientSession& session, const std::string& topic,
-                                             CommandId id, TimePoint now) {
-  const auto parsed = rules_.policy.scheme().parse_command_topic(topic);
+std::shared_ptr<Command> CommandWatch::begin(const ClientSession& session,
+                                             const BrokerMessage& message, CommandId id,
+                                             TimePoint now) {
+  const auto parsed = rules_.policy.scheme().parse_command_topic(message.topic);
   if (!parsed || parsed->robot != session.robot) return nullptr;
-  auto command = std::make_shared<Command>(Command{
-      id, session.client_id, std::string(parsed->robot), std::string(parsed->type), now, false});
-  open_.push_back(command);
+  auto command =
+      std::make_shared<Command>(Command{id, session.client_id, std::string(parsed->robot),
+                                        std::string(parsed->type), now - message.waited, false});
+  adopt(command);
   return command;
 }
 

@@ -20,10 +20,10 @@ class CommandWatch {
   /// Whether `topic` is one for commands to this client's robot.
   bool is_command_for(const ClientSession& session, const std::string& topic) const;
   /// The robot has not asked for commands of this type.
-  void refuse_unsubscribed(const std::string& topic, CommandId id);
-  /// Null when `topic` is no command for this client's robot, or when it is refused at once because
-  /// too many are open.
-  std::shared_ptr<Command> begin(const ClientSession& session, const std::string& topic,
+  void refuse_unsubscribed(const BrokerMessage& message, CommandId id);
+  /// Null when `message` is no command for this client's robot, or when it is refused at once
+  /// because too many are open.
+  std::shared_ptr<Command> begin(const ClientSession& session, const BrokerMessage& message,
                                  CommandId id, TimePoint now);
   /// From before a restart of the daemon: its outcome is still owed.
   void adopt(const std::shared_ptr<Command>& command);

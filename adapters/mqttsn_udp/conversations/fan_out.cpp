@@ -48,12 +48,11 @@ std::vector<FanOut::Recipient> FanOut::on_broker_message(const BrokerMessage& me
     outgoing.qos = std::min(message.qos, subscription->qos);
     outgoing.topic_id_type = subscription->topic_id_type;
     outgoing.predefined_id = subscription->topic_id;
-    outgoing.command = commands_.begin(*session, message.topic, command, now);
+    outgoing.command = commands_.begin(*session, message, command, now);
     has_robot = has_robot || outgoing.command;
     deliveries.push_back({session, std::move(outgoing)});
   }
-  if (command != CommandId::none && !has_robot)
-    commands_.refuse_unsubscribed(message.topic, command);
+  if (command != CommandId::none && !has_robot) commands_.refuse_unsubscribed(message, command);
   return deliveries;
 }
 

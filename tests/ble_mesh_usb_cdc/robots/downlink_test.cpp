@@ -55,6 +55,24 @@ TEST_F(Downlink, RepeatsOnReliablePublishsScheduleUntilTheTimeLimit) {
   EXPECT_EQ(outcomes()[0].why, "the robot did not answer");
 }
 
+TEST_F(Downlink, CommandThatHasWaitedInTheGatewayHasThatMuchLessTime) {
+  rig.command("nr1/cmd", hex("0a 00 ec ff"), false, 5s);
+  rig.command("nr1/hello", to_bytes("waits behind it"), false, 4s);
+  rig.run_for(23900ms);
+  EXPECT_TRUE(outcomes().empty());
+  rig.run_for(200ms);
+  ASSERT_EQ(outcomes().size(), 1u) << "29 s after it came to the gateway";
+  EXPECT_EQ(outcomes()[0].result, CommandResult::timeout);
+  EXPECT_EQ(outcomes()[0].after, 29s);
+  rig.run_for(1s);
+  ASSERT_EQ(outcomes().size(), 2u);
+  EXPECT_EQ(outcomes()[1].result, CommandResult::timeout);
+  rig.command("nr1/cmd", hex("0a"), false, 3s);
+  ASSERT_EQ(outcomes().size(), 3u);
+  EXPECT_EQ(outcomes()[2].result, CommandResult::refused);
+  EXPECT_EQ(outcomes()[2].after, 3s);
+}
+
 TEST_F(Downlink, OtherTypesGoThroughMinCom) {
   rig.command("nr1/hello", to_bytes("hi"));
   EXPECT_EQ(sent(), std::vector<std::string>{"c559006869"});

@@ -210,6 +210,34 @@ TEST(SnGateway, TellsTheOutcomeOfEachCommandOnce) {
   EXPECT_EQ(rig.outcomes[3].result, CommandResult::refused);
 }
 
+TEST(SnGateway, CommandThatHasWaitedInTheGatewayHasThatMuchLessTime) {
+  const std::string command = "ntnu-slam/server/r1/cmd";
+  SnRig rig;
+  rig.connect(1, "r1", false, 6000);
+  rig.subscribe(1, command, 1);
+  rig.broker(command, "fresh", 1);
+  const auto comes_after = [&](const std::string& topic, std::chrono::seconds waited) {
+    rig.gateway.on_broker_message(
+        {topic, to_bytes("go"), Qos::at_least_once, false, {}, false, waited}, CommandId{7},
+        rig.now);
+    rig.broker_link(true);  // drains
+  };
+  comes_after(command, std::chrono::seconds(5));
+  rig.pass(std::chrono::milliseconds(23'900));
+  EXPECT_TRUE(rig.outcomes.empty());
+  rig.pass(std::chrono::milliseconds(200));
+  ASSERT_EQ(rig.outcomes.size(), 1U) << "29 s after it came to the gateway, before the fresh one";
+  EXPECT_EQ(rig.outcomes[0].id, CommandId{7});
+  EXPECT_EQ(rig.outcomes[0].result, CommandResult::timeout);
+  EXPECT_EQ(rig.outcomes[0].after, std::chrono::seconds(29));
+  rig.pass_s(6);
+  EXPECT_EQ(rig.outcomes.size(), 2U);
+  comes_after("ntnu-slam/server/r1/run", std::chrono::seconds(4));
+  ASSERT_EQ(rig.outcomes.size(), 3U);
+  EXPECT_EQ(rig.outcomes[2].result, CommandResult::refused);
+  EXPECT_EQ(rig.outcomes[2].after, std::chrono::seconds(4));
+}
+
 TEST(SnGateway, WithdrawsACommandThatASleepingRobotDoesNotFetchInTime) {
   const std::string command = "ntnu-slam/server/r1/cmd";
   SnRig rig;
