@@ -55,6 +55,11 @@ class Messages(unittest.TestCase):
         self.assertEqual(came(away, kept(UP, (1, 7), (3, 7))), [(1, 7, False), (3, 7, True)])
         self.assertEqual(came(away, kept(UP, (1, 7), (1.5, "down"), (6, "up"), (6.1, 7))), [(1, 7, False), (6.1, 7, True)])
 
+    def test_two_live_observers_at_different_nodes_have_seen_all_while_a_third_was_away(self):
+        there, away, twice = live(UP, (1, 7)), live(UP, (1.5, "down"), (5, "up")), kept(UP, (1, 7), (3, 7))
+        self.assertEqual(came(there, there, away, twice), [(1, 7, False)])
+        self.assertEqual(came(there, away, away, twice), [(1, 7, False), (3, 7, True)], "its node may have stood still")
+
 
 class Repetitions(unittest.TestCase):
     away = live(UP, (0.5, "down"), (9, "up"))
