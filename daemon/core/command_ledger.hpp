@@ -4,11 +4,12 @@
 // its mesh never reports. Pure; part of Gateway.
 #pragma once
 
-#include <map>
+#include <boost/multi_index/hashed_index.hpp>
+#include <boost/multi_index/key.hpp>
+#include <boost/multi_index/ordered_index.hpp>
+#include <boost/multi_index_container.hpp>
 #include <optional>
-#include <set>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "daemon/core/messages.hpp"
@@ -46,15 +47,21 @@ class CommandLedger {
   std::vector<Command> take_overdue(TimePoint now);
 
  private:
-  struct Entry {
-    Command command;
+  struct Open {
+    CommandId id = CommandId::none;
     TimePoint came{};
+    Command command;
   };
+  using OpenCommands = boost::multi_index_container<
+      Open, boost::multi_index::indexed_by<
+                boost::multi_index::hashed_unique<boost::multi_index::key<&Open::id>>,
+                boost::multi_index::ordered_non_unique<boost::multi_index::key<&Open::came>>>>;
+  OpenCommands::nth_index<1>::type& by_age() { return open_.get<1>(); }
+  const OpenCommands::nth_index<1>::type& by_age() const { return open_.get<1>(); }
 
   std::size_t max_open_;
   std::uint64_t last_id_ = 0;
-  std::map<CommandId, Entry> open_;
-  std::set<std::pair<TimePoint, CommandId>> by_age_;
+  OpenCommands open_;
 };
 
 }  // namespace slamgw

@@ -309,8 +309,7 @@ bool Gateway::is_stray(const BrokerMessage& message, const std::string& robot) c
 /// Other gateways may have appeared meanwhile; then the gateways agree on who answers.
 void Gateway::deliver_strays(std::vector<StrayCommands::Stray> strays, const Now& now) {
   for (StrayCommands::Stray& stray : strays) {
-    stray.message.waited =
-        std::chrono::duration_cast<std::chrono::milliseconds>(now.mono - stray.came);
+    stray.message.waited = std::chrono::duration_cast<Waited>(now.mono - stray.came);
     if (!ownership_.is_shared()) {
       deliver(std::move(stray.message), now);
       continue;

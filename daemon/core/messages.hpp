@@ -85,6 +85,9 @@ struct Provenance {
   WallTime received_at{};
 };
 
+/// Milliseconds in 32 bits: messages are copied into many queues.
+using Waited = std::chrono::duration<std::uint32_t, std::milli>;
+
 /// An MQTT message, in either direction.
 struct BrokerMessage {
   std::string topic;
@@ -96,7 +99,7 @@ struct BrokerMessage {
   bool is_dup = false;
   /// For how long a command has waited in the gateway before it is carried out. It counts of the
   /// 30 s in which it has an outcome.
-  std::chrono::milliseconds waited{};
+  Waited waited{};
 };
 
 enum class Presence : std::uint8_t { online, asleep, offline };

@@ -97,8 +97,7 @@ void SharedCommands::decide(TimePoint now) {
 }
 
 void SharedCommands::carry_out(CommandTurns::Waiting waiting, TimePoint now) {
-  waiting.message.waited =
-      std::chrono::duration_cast<std::chrono::milliseconds>(now - waiting.came);
+  waiting.message.waited = std::chrono::duration_cast<Waited>(now - waiting.came);
   membership_.actions.push(CarryOut{std::move(waiting.message)});
 }
 

@@ -34,6 +34,7 @@ std::shared_ptr<Command> CommandWatch::begin(const ClientSession& session,
 }
 
 void CommandWatch::adopt(const std::shared_ptr<Command>& command) {
+  if (open_.empty() || open_.back()->came <= command->came) return open_.push_back(command);
   const auto place = std::ranges::upper_bound(open_, command->came, {},
                                               [](const auto& other) { return other->came; });
   open_.insert(place, command);
