@@ -335,11 +335,12 @@ void FleetWorld::perform(int gateway, CarryOut& action) {
 }
 
 void FleetWorld::perform(int gateway, EndCommand& action) {
-  // Which of equal commands it is does not matter to users: the oldest that has no outcome.
+  // Which of equal commands it is does not matter to users: the oldest heard one without any.
   const int robot = robot_number(action.robot);
   for (std::size_t i = 0; i < commands_.size(); ++i) {
-    if (commands_[i].robot != robot || action.type != type_of(i)) continue;
-    if (!options_.has_unique_types && commands_[i].outcomes + commands_[i].promised > 0) continue;
+    const Command& command = commands_[i];
+    if (command.robot != robot || !command.was_heard || action.type != type_of(i)) continue;
+    if (!options_.has_unique_types && command.outcomes + command.promised > 0) continue;
     ++commands_[i].promised;
     return end_command(gateway, action.robot, std::to_string(i), action.why, action.after);
   }

@@ -72,6 +72,8 @@ class FleetWorld : public VirtualTime {
   /// Octets in the name of any gateway.
   void forge(const std::string& topic, const std::string& payload);
 
+  /// From now on.
+  void lose_nothing() { options_.lost = 0; }
   /// The broker takes nothing under fleet/ from now on, and says nothing.
   void forbid_fleet() { is_fleet_forbidden_ = true; }
 
