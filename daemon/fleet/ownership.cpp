@@ -280,7 +280,7 @@ bool Ownership::is_in_step(TimePoint now) const {
 }
 
 void Ownership::finish_joining(const Now& now) {
-  const Duration since = now.mono - membership_.lease.joined();
+  const Duration since = membership_.lease.gapless(now.mono);
   if (!is_leased(now.mono) || since < std::max<Duration>(listening, period() * 2)) return;
   if (!is_in_step(now.mono) && since < longest_joining + period() * 2) return;
   membership_.phase = Phase::member;

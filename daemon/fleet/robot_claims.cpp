@@ -245,6 +245,15 @@ void RobotClaims::on_claim(const std::string& robot, const Claim& claim, const s
                            const Now& now) {
   if (membership_.phase == Phase::joining) heard_.erase(robot);  // it has gone there since
   merge(robot, claim, from, now);
+  if (from.empty()) name_owner(robot, claim, now.mono);
+}
+
+/// Who claims a robot as nobody's has missed its owner's claim, and its owner may miss this one.
+/// Two members say whose it is: one of them may have missed either.
+void RobotClaims::name_owner(const std::string& robot, const Claim& claim, TimePoint now) {
+  const auto row = membership_.table.find(robot);
+  if (!row || row->claim <= claim || !membership_.is_living(row->claim, now)) return;
+  if (is_among_first(claim.gateway, now)) release(robot, row->claim, claim.gateway, {}, now);
 }
 
 void RobotClaims::merge(const std::string& robot, const Claim& claim, const std::string& from,
@@ -343,11 +352,16 @@ void RobotClaims::withdraw_entry(const std::string& robot, const std::string& ga
 /// and leaves its presence entry. Two members withdraw it: one of them may have missed the claim.
 void RobotClaims::withdraw_unknown_entry(const std::string& robot, const std::string& dead,
                                          const std::string& claimant, TimePoint now) {
+  if (is_among_first(claimant, now)) withdraw_entry(robot, dead, now);
+}
+
+/// Whether this member is one of the first two by name, but for the claimant.
+bool RobotClaims::is_among_first(const std::string& claimant, TimePoint now) const {
   constexpr std::size_t enough = 2;
-  if (!membership_.may_act(now)) return;
+  if (!membership_.may_act(now)) return false;
   std::size_t before = membership_.peers.count_alive_before(membership_.me, now);
   if (claimant < membership_.me && membership_.peers.is_alive(claimant, now)) --before;
-  if (before < enough) withdraw_entry(robot, dead, now);
+  return before < enough;
 }
 
 void RobotClaims::pass_on(const std::string& robot, TimePoint now) {

@@ -118,6 +118,8 @@ class RobotClaims {
   void withdraw_entry(const std::string& robot, const std::string& gateway, TimePoint now);
   void withdraw_unknown_entry(const std::string& robot, const std::string& dead,
                               const std::string& claimant, TimePoint now);
+  void name_owner(const std::string& robot, const Claim& claim, TimePoint now);
+  bool is_among_first(const std::string& claimant, TimePoint now) const;
   void pass_on(const std::string& robot, TimePoint now);
   void on_passed(const std::string& sender, const Release& release, TimePoint now);
   void release(const std::string& robot, const Claim& to, const std::string& receiver,

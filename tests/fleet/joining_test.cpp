@@ -42,6 +42,23 @@ TEST_F(Reconnected, HasNoLeaseBeforeTheBrokerHasAnsweredAllSubscriptions) {
   EXPECT_EQ(ownership.phase(), Ownership::Phase::member);
 }
 
+/// What others have claimed meanwhile is lost, and who has may be cut off in its turn.
+TEST_F(Reconnected, ListensForASecondAgainWhenItWasCutOffForAMomentWhileItJoined) {
+  others_answered(now);
+  pass(900ms);
+  ASSERT_EQ(ownership.phase(), Ownership::Phase::joining);
+  const Life before = ownership.life();
+  ownership.on_broker_link(false, at(now));
+  now += 500ms;
+  ownership.on_broker_link(true, at(now));
+  others_answered(now);
+  pass(900ms);
+  EXPECT_EQ(ownership.phase(), Ownership::Phase::joining);
+  pass(600ms);
+  EXPECT_EQ(ownership.phase(), Ownership::Phase::member);
+  EXPECT_EQ(ownership.life(), before);
+}
+
 TEST_F(Reconnected, TakesPartWithoutASubscriptionThatTheBrokerRefuses) {
   broker_answers("p/fleet/all/+");
   broker_answers("p/fleet/to/gw-0/+");
