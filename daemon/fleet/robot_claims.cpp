@@ -322,12 +322,21 @@ void RobotClaims::give_way(const std::string& robot, const Claim& to, TimePoint 
   pass_on(robot, now);  // one that was passed on before must not wait for this one
   if (auto claiming = claiming_.extract(robot); !claiming.empty()) {
     Claiming& mine = claiming.mapped();
-    withdraw_entry_of_former(robot, now);
     // Claimed at the same time, it waits for this one. Claimed later, it has made way first.
     const bool is_rival = to.epoch <= mine.epoch;
     if (is_rival) mine.awaited.erase(to.gateway);
-    passing_[robot] = {to,   mine.epoch, now, now, std::move(mine.awaited), std::move(mine.session),
-                       false};
+    const auto former = formers_.find(robot);
+    const bool may_die =
+        former != formers_.end() && membership_.peers.is_alive(former->second, now);
+    passing_[robot] = {to,
+                       mine.epoch,
+                       now,
+                       now,
+                       std::move(mine.awaited),
+                       std::move(mine.session),
+                       false,
+                       may_die ? former->second : std::string()};
+    withdraw_entry_of_former(robot, now);
   }
   membership_.actions.push(GiveUpRobot{robot, to, true});  // it may have a session here already
 }
@@ -338,10 +347,11 @@ void RobotClaims::withdraw_entry_of_former(const std::string& robot, TimePoint n
   if (!former.empty()) withdraw_entry(robot, former.mapped(), now);
 }
 
-/// Of a gateway that lives it is not this one's to withdraw.
+/// Of a gateway that lives it is not this one's to withdraw. No effect without a gateway.
 void RobotClaims::withdraw_entry(const std::string& robot, const std::string& gateway,
                                  TimePoint now) {
-  if (gateway == membership_.me || membership_.peers.is_alive(gateway, now)) return;
+  if (gateway.empty() || gateway == membership_.me || membership_.peers.is_alive(gateway, now))
+    return;
   membership_.actions.push(PublishNow{{membership_.topics.presence(gateway, robot),
                                        {},
                                        Qos::at_least_once,
@@ -367,6 +377,7 @@ bool RobotClaims::is_among_first(const std::string& claimant, TimePoint now) con
 void RobotClaims::pass_on(const std::string& robot, TimePoint now) {
   auto passing = passing_.extract(robot);
   if (passing.empty()) return;
+  withdraw_entry(robot, passing.mapped().former, now);
   const Claim& to = passing.mapped().to;
   release(robot, to, to.gateway, std::move(passing.mapped().session), now);
 }
@@ -382,6 +393,7 @@ void RobotClaims::on_passed(const std::string& sender, const Release& release, T
       membership_.is_living(made_way_for, now))
     passing.awaited[made_way_for.gateway] = made_way_for.life;
   passing.awaited.erase(sender);
+  if (passing.former == sender) passing.former.clear();
   if (passing.is_given_up && passing.awaited.empty()) pass_on(release.robot, now);
 }
 

@@ -103,6 +103,7 @@ class RobotClaims {
     Gateways awaited;
     Bytes session;
     bool is_given_up = false;  ///< nothing of the robot is left here
+    std::string former;        ///< as in formers_; empty when it has made way
   };
 
   /// The one place where another gateway's claim enters the table.
