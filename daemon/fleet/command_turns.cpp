@@ -418,6 +418,7 @@ void CommandTurns::on_outcome(const std::string& gateway, const std::string& rob
     return commands_.end(owed->command.key, owed->came);
   if (const Entry* in_place = commands_.find_owed(is_in_place))
     return forget_owed(in_place->command.key, in_place->came);
+  if (commands_.end_of(gateway, robot, type, began)) return;  // its outcome was left to others
   settle_early_outcomes(now);
   early_outcomes_.push_back({gateway, robot, type, began, now});
   if (early_outcomes_.size() > max_early_outcomes) early_outcomes_.pop_front();

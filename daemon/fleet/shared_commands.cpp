@@ -361,7 +361,7 @@ void SharedCommands::on_outcome_acknowledged(std::uint64_t id) {
   const auto published = unacknowledged_.extract(id);
   if (!published) return;
   const Unpublished& known = published.mapped();
-  membership_.commands.end_own(known.robot, known.type, known.came);
+  membership_.commands.end_of({}, known.robot, known.type, known.came);
 }
 
 void SharedCommands::on_outcome_refused(std::uint64_t id) {

@@ -66,13 +66,14 @@ bool TakenCommands::take_missing_copy(std::uint64_t key, bool is_owner, TimePoin
 }
 
 /// The first one. It may have waited before it was taken.
-TakenCommands::Entries::const_iterator TakenCommands::find_own(const std::string& robot,
-                                                               const std::string& type,
-                                                               TimePoint came,
-                                                               const Matches& matches) const {
+TakenCommands::Entries::const_iterator TakenCommands::find_of(const std::string& gateway,
+                                                              const std::string& robot,
+                                                              const std::string& type,
+                                                              TimePoint came,
+                                                              const Matches& matches) const {
   const auto first = std::ranges::lower_bound(entries_, came - heard_apart, {}, &Entry::taken);
   return std::find_if(first, entries_.end(), [&](const Entry& entry) {
-    return entry.is_own() && entry.robot == robot && entry.command.type == type &&
+    return entry.gateway == gateway && entry.robot == robot && entry.command.type == type &&
            came_together(entry.came, came) && matches(entry);
   });
 }
@@ -80,12 +81,12 @@ TakenCommands::Entries::const_iterator TakenCommands::find_own(const std::string
 bool TakenCommands::has_ended(const std::string& robot, const std::string& type,
                               TimePoint came) const {
   const auto is_ended = [](const Entry& entry) { return entry.is_ended; };
-  return find_own(robot, type, came, is_ended) != entries_.end();
+  return find_of({}, robot, type, came, is_ended) != entries_.end();
 }
 
 const TakenCommands::Entry* TakenCommands::find_own(const std::string& robot,
                                                     const std::string& type, TimePoint came) const {
-  const auto own = find_own(robot, type, came, [](const Entry&) { return true; });
+  const auto own = find_of({}, robot, type, came, [](const Entry&) { return true; });
   return own == entries_.end() ? nullptr : &*own;
 }
 
@@ -96,10 +97,13 @@ void TakenCommands::turn_to_refusal(std::uint64_t key, const Matches& matches) {
     if (matches(at(number))) at(number).is_refusal = true;
 }
 
-void TakenCommands::end_own(const std::string& robot, const std::string& type, TimePoint came) {
+bool TakenCommands::end_of(const std::string& gateway, const std::string& robot,
+                           const std::string& type, TimePoint came) {
   const auto is_open = [](const Entry& entry) { return !entry.is_ended; };
-  const auto own = find_own(robot, type, came, is_open);
-  if (own != entries_.end()) entries_[std::size_t(own - entries_.begin())].is_ended = true;
+  const auto found = find_of(gateway, robot, type, came, is_open);
+  if (found == entries_.end()) return false;
+  entries_[std::size_t(found - entries_.begin())].is_ended = true;
+  return true;
 }
 
 std::vector<DoneCommand> TakenCommands::of(const std::string& robot, TimePoint now) const {

@@ -98,8 +98,10 @@ class TakenCommands {
   void end(std::uint64_t key, TimePoint came);
   /// Its taker does not carry it out any more.
   void turn_to_refusal(std::uint64_t key, const Matches& matches);
-  /// The broker has this gateway's outcome.
-  void end_own(const std::string& robot, const std::string& type, TimePoint came);
+  /// The broker has that gateway's outcome of a command that came then, of this one when it is
+  /// empty. False when no such command without an outcome is known.
+  bool end_of(const std::string& gateway, const std::string& robot, const std::string& type,
+              TimePoint came);
   /// Outcomes that are owed no longer. Asks about the oldest first.
   void forget_owed(const Matches& matches);
   void forget_owed() { owed_.clear(); }
@@ -111,8 +113,9 @@ class TakenCommands {
   using Number = std::uint64_t;  // of an entry, in the order of `taken`
 
   using Entries = std::deque<Entry>;
-  Entries::const_iterator find_own(const std::string& robot, const std::string& type,
-                                   TimePoint came, const Matches& matches) const;
+  Entries::const_iterator find_of(const std::string& gateway, const std::string& robot,
+                                  const std::string& type, TimePoint came,
+                                  const Matches& matches) const;
   Entry& at(Number number) { return entries_[number - first_number_]; }
   const Entry& at(Number number) const { return entries_[number - first_number_]; }
   void drop_oldest();

@@ -239,6 +239,18 @@ TEST_F(LateCommands, OutcomeIsNotClaimedBeforeItIsKnownWhoWasThere) {
   EXPECT_EQ(told, 0);
 }
 
+/// It came before this gateway heard the others, so gw-1 sees to it that it has an outcome.
+TEST_F(LateCommands, OutcomeThatItHasLeftToAnotherGatewayIsNotToldBySomebodyElse) {
+  say(Taken{7, key, robot, "cmd", 6000, true});
+  pass(1s);
+  ownership.on_outcome("gw-1", robot, "cmd", at(now), 7s);
+  pass(20s);
+  ownership.on_fleet_message({"gw-2", 0x30001, Taken{1, key, robot, "cmd", 27'000, true}}, at(now));
+  pass(10ms);
+  ASSERT_EQ(said.size(), 1U) << "it objects";
+  EXPECT_TRUE(said[0].is_ended);
+}
+
 /// gw-2 took it late, was cut off for 35 s and leaves its outcome to this gateway, which is cut off
 /// in its turn before gw-2 would have been dead for long enough.
 TEST_F(LateCommands, OutcomeThatIsLeftToThisGatewayIsToldAtOnce) {
