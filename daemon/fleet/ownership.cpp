@@ -396,7 +396,7 @@ bool Ownership::on_broker_message(const BrokerMessage& message, const Now& now) 
     return true;
   }
   const auto outcome = membership_.topics.outcome(message.topic);
-  if (!outcome) return false;
+  if (!outcome || commands_.is_heard_again(message, now.mono)) return false;
   if (const auto read = SharedCommands::read(message))
     on_outcome(std::string(outcome->gateway), std::string(outcome->robot), read->type, now,
                read->after);

@@ -216,6 +216,20 @@ void SharedCommands::on_outcome(const std::string& gateway, const std::string& r
   if (gateway != membership_.me) turns_.on_outcome(gateway, robot, type, now - after, now);
 }
 
+bool SharedCommands::is_heard_again(const BrokerMessage& outcome, TimePoint now) {
+  const auto is_old = [&](const auto& each) {
+    return now - each.second > CommandTurns::delivered_again_for;
+  };
+  auto& heard = heard_outcomes_;
+  while (!heard.empty() && (is_old(heard.front()) || heard.size() >= max_unpublished))
+    heard.pop_front();
+  const std::uint64_t words = CommandTurns::key_of(outcome);
+  const auto is_same = [&](const auto& each) { return each.first == words; };
+  if (outcome.is_dup && std::ranges::any_of(heard, is_same)) return true;
+  heard.emplace_back(words, now);
+  return false;
+}
+
 /// Gateways publish it by turns: the first may have missed that it is to.
 CommandTurns::Fate SharedCommands::fate_of(const TakenCommands::Entry& owed, TimePoint now) const {
   using Fate = CommandTurns::Fate;

@@ -6,6 +6,7 @@
 #include <deque>
 #include <map>
 #include <string>
+#include <utility>
 
 #include "daemon/fleet/command_turns.hpp"
 #include "daemon/fleet/membership.hpp"
@@ -28,6 +29,9 @@ class SharedCommands {
   void on_own_outcome(BrokerMessage outcome, Duration after, TimePoint now);
   void on_outcome(const std::string& gateway, const std::string& robot, const std::string& type,
                   Duration after, TimePoint now);
+  /// Asked for each outcome first: the broker brings this one again (DUP), word for word. It would
+  /// pass for that of another command of this type.
+  bool is_heard_again(const BrokerMessage& outcome, TimePoint now);
   struct Outcome {
     std::string type;
     Duration after{};  ///< zero when it does not say so
@@ -101,6 +105,8 @@ class SharedCommands {
   std::map<std::uint64_t, Unpublished>
       unacknowledged_;  ///< that the broker has not acknowledged, by id
   std::uint64_t last_published_ = 0;
+  /// Outcomes that came lately, by their words; max_unpublished at most.
+  std::deque<std::pair<std::uint64_t, TimePoint>> heard_outcomes_;
   std::optional<TimePoint> link_lost_;  ///< in this process
   TimePoint link_up_{};
   bool is_session_kept_ = false;

@@ -232,10 +232,8 @@ void FleetWorld::supervise(int gateway) {
 void FleetWorld::to_gateway(int gateway, std::function<void(Node&)> change) {
   Node& node = *nodes_[static_cast<std::size_t>(gateway)];
   if (!node.is_running) return;
-  if (node.is_paused) {
-    node.waiting.push_back([this, gateway, change] { input(gateway, change); });
-    return;
-  }
+  if (node.is_paused)
+    return node.waiting.push_back([this, gateway, change] { input(gateway, change); });
   input(gateway, change);
 }
 
@@ -374,7 +372,6 @@ void FleetWorld::perform(int gateway, PublishOutcomeNow& action) {
      });
 }
 
-/// Through the store: it reaches the broker, if late.
 /// The broker has it.
 void FleetWorld::count_outcome(int gateway, const BrokerMessage& message) {
   const std::string id = nlohmann::json::parse(message.payload)["id"];
@@ -482,14 +479,14 @@ void FleetWorld::deliver(int from, int to, const BrokerMessage& message) {
   if (message.qos == Qos::at_most_once && chance(options_.lost)) return;
   milliseconds& last = last_delivery_[{from, to}];
   last = std::max(last, now_ + random_delay());
-  const Node& node = *nodes_[static_cast<std::size_t>(to)];
-  const auto come = [this, to, message, process = node.process, connection = node.connection] {
+  const Node& node = *nodes_[std::size_t(to)];
+  const auto come = [this, to, life = node.process, link = node.connection](const auto& message) {
     Node& each = *nodes_[static_cast<std::size_t>(to)];
-    if (each.process != process) return;
+    if (each.process != life) return;
     const bool is_lost = message.qos == Qos::at_most_once || !options_.keeps_sessions;
-    if (each.connection == connection && each.is_link_up) {
-      to_gateway(to, [this, to, message, process, connection](Node& awake) {
-        if (awake.process == process && awake.connection == connection) arrive(to, message);
+    if (each.connection == link && each.is_link_up) {
+      to_gateway(to, [this, to, message, life, link](Node& awake) {
+        if (awake.process == life && awake.connection == link) arrive(to, message);
       });
     } else if (each.is_link_up && !is_lost) {
       deliver(-1, to, message);  // behind what the broker has kept
@@ -497,10 +494,12 @@ void FleetWorld::deliver(int from, int to, const BrokerMessage& message) {
       each.kept_by_broker.push_back(message);
     }
   };
-  at(last, come);
+  at(last, [come, message] { come(message); });
   const bool is_command = message.topic.starts_with("p/server/");  // equal ones are two commands
-  if (message.qos != Qos::at_most_once && !is_command && chance(options_.doubled))
-    at(last + random_delay(), come);
+  if (message.qos == Qos::at_most_once || is_command || !chance(options_.doubled)) return;
+  BrokerMessage again = message;
+  again.is_dup = true;
+  at(last + random_delay(), [come, again] { come(again); });
 }
 
 void FleetWorld::arrive(int gateway, const BrokerMessage& message) {

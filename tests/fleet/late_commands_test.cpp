@@ -239,6 +239,29 @@ TEST_F(LateCommands, OutcomeIsNotClaimedBeforeItIsKnownWhoWasThere) {
   EXPECT_EQ(told, 0);
 }
 
+/// gw-1 refuses two commands of one type, and has told the outcome of the first one. The broker
+/// brings that again.
+TEST_F(LateCommands, OutcomeThatComesAgainIsNotThatOfTheNextCommand) {
+  const std::uint64_t next = CommandTurns::key_of({"p/server/x/cmd", {1}, Qos::at_least_once});
+  say(Taken{7, key, robot, "cmd", 100, true});
+  say(Taken{8, next, robot, "cmd", 0, true});
+  BrokerMessage outcome{"p/gateway/gw-1/commands/x",
+                        to_bytes(R"({"type":"cmd","outcome":"refused","after_ms":100})"),
+                        Qos::at_least_once};
+  ownership.on_broker_message(outcome, at(now));
+  outcome.is_dup = true;
+  ownership.on_broker_message(outcome, at(now));
+  const auto objections_to = [&](std::uint64_t to) {
+    said.clear();
+    ownership.on_fleet_message({"gw-2", 0x30001, Taken{++taken_, to, robot, "cmd", 0, true}},
+                               at(now));
+    pass(10ms);
+    return said.size();
+  };
+  EXPECT_EQ(objections_to(key), 1U);
+  EXPECT_EQ(objections_to(next), 0U) << "it may have none";
+}
+
 /// It came before this gateway heard the others, so gw-1 sees to it that it has an outcome.
 TEST_F(LateCommands, OutcomeThatItHasLeftToAnotherGatewayIsNotToldBySomebodyElse) {
   say(Taken{7, key, robot, "cmd", 6000, true});
