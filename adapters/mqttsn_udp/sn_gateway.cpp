@@ -262,6 +262,7 @@ void SnGateway::on_broker_link(bool is_up, TimePoint now) {
   if (is_up == broker_up_since_.has_value()) return;
   if (!is_up) {
     broker_up_since_.reset();
+    subscriptions_.on_broker_down(now);
     return discovery_.on_broker_down();
   }
   broker_up_since_ = now;

@@ -422,13 +422,18 @@ void App::on_link_left(const std::string& why) {
 
 void App::take_link_down(const std::string& why, const Now& now) {
   const bool was_up = std::exchange(broker_link_.is_up, false);
+  broker_link_.is_silent = false;
   if (why != broker_link_.why) broker_link_ = {false, now.wall, why, {}};
   if (!was_up) return;
   outbox_driver_.input(&Outbox::on_link_down);
   report_broker_link(false);
 }
 
-void App::on_silence(bool is_silent) { outbox_driver_.input(&Outbox::on_silence, is_silent); }
+void App::on_silence(bool is_silent) {
+  broker_link_.is_silent = is_silent;
+  outbox_driver_.input(&Outbox::on_silence, is_silent);
+  gateway_driver_.input(&Gateway::on_broker_silence);
+}
 
 void App::on_published(std::uint64_t sequence) {
   if (FleetMember::is_own(sequence)) return fleet_.on_published(sequence);

@@ -16,6 +16,7 @@ struct BrokerLink {
   std::string why;            ///< why it is down; empty while it is up
   std::string uri{};          ///< of the broker that it is up to; empty while it is down
   bool keeps_session = true;  ///< while it is up: what comes while we are away (MQTT 5)
+  bool is_silent = false;     ///< it is up, and the broker has not answered for seconds
 };
 
 enum class SubscribeAnswer : std::uint8_t {

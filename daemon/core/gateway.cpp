@@ -152,12 +152,12 @@ void Gateway::handle(SubscribeRequest request, const Now&) {
       subscriptions_.add(request.mesh, request.filter, request.qos, request.wants_retained);
   subscriptions_.set_cover(request.filter, is_covered(request.filter, wanted));
   // While the broker is away it is taken now, and subscribed as soon as the broker is there.
-  if (wanted.is_covered || !broker_.is_up) {
-    actions_.push(AnswerSubscribe{request.mesh, std::move(request.filter), true});
-    return;
-  }
-  subscriptions_.await(request.mesh, request.filter);
-  actions_.push(SubscribeAtBroker{std::move(request.filter), wanted.qos, wanted.id});
+  const bool is_asked = broker_.is_up && !wanted.is_covered;
+  if (is_asked && !broker_.is_silent)
+    subscriptions_.await(request.mesh, request.filter);
+  else
+    actions_.push(AnswerSubscribe{request.mesh, request.filter, true});
+  if (is_asked) actions_.push(SubscribeAtBroker{std::move(request.filter), wanted.qos, wanted.id});
 }
 
 /// True for a filter of commands whose messages the subscription to all commands brings. One that
@@ -426,6 +426,10 @@ void Gateway::on_broker_link(const Now& now) {
   publish_state();
   for (const std::string& robot : std::exchange(to_withdraw_, {})) withdraw(robot);
   for (auto& [id, robot] : registry_.robots()) announce(id, robot, now, /*has_just_come=*/false);
+}
+
+void Gateway::on_broker_silence(const Now&) {
+  if (broker_.is_silent) answer_waiting_subscribers();
 }
 
 std::optional<TimePoint> Gateway::deadline() const {

@@ -122,6 +122,9 @@ class Gateway {
   /// it when the broker is back; after `subscribe_patience` the gateway grants the subscription
   /// itself.
   void on_broker_link(const Now& now);
+  /// The broker has fallen silent, or answers again (BrokerLink::is_silent). Subscribers do not
+  /// wait for a silent one: what it has not granted is subscribed at the next connection.
+  void on_broker_silence(const Now& now);
   void on_subscribe_result(const std::string& filter, SubscribeAnswer answer, const Now& now);
   /// A subscription of the gateway itself, to hear other gateways; renewed at each connection.
   void subscribe_own(const std::string& filter);

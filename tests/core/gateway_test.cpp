@@ -220,6 +220,28 @@ TEST_F(GatewayTest, AnswersWhoWaitsWhenTheBrokerStaysAway) {
   EXPECT_TRUE(answers[0].granted);
 }
 
+TEST_F(GatewayTest, SubscribersDoNotWaitForASilentBroker) {
+  broker_comes();
+  say(SubscribeRequest{Mesh::ble, "f", Qos::at_least_once});
+  drain<SubscribeAtBroker>();
+  broker.is_silent = true;
+  gateway.on_broker_silence(now);
+  EXPECT_EQ(drain<AnswerSubscribe>().size(), 1u);
+  say(SubscribeRequest{Mesh::thread, "g", Qos::at_least_once});
+  std::size_t answered = 0;
+  std::size_t asked = 0;
+  while (auto action = gateway.next_action()) {
+    answered += std::holds_alternative<AnswerSubscribe>(*action) ? 1 : 0;
+    asked += std::holds_alternative<SubscribeAtBroker>(*action) ? 1 : 0;
+  }
+  EXPECT_EQ(answered, 1u);
+  EXPECT_EQ(asked, 1u) << "it may answer yet";
+  broker.is_silent = false;
+  gateway.on_broker_silence(now);
+  say(SubscribeRequest{Mesh::thread, "h", Qos::at_least_once});
+  EXPECT_TRUE(drain<AnswerSubscribe>().empty());
+}
+
 TEST_F(GatewayTest, EndsASubscriptionWithTheLastMeshThatWantsIt) {
   broker_comes();
   say(SubscribeRequest{Mesh::thread, "f", Qos::at_least_once});

@@ -77,6 +77,18 @@ void Subscriptions::on_broker_up(TimePoint now) {
   }
 }
 
+/// What waits for retained messages waits for those of the next connection: these may never come.
+void Subscriptions::on_broker_down(TimePoint now) {
+  for (const auto& [id, session] : clients_.all()) {
+    for (auto& [name, subscription] : session->subscriptions) {
+      std::optional<RetainedWait>& wait = subscription.retained_wait;
+      if (!wait || !wait->until || *wait->until < now) continue;
+      wait->until.reset();
+      output_.mark_changed(*session);
+    }
+  }
+}
+
 /// What was subscribed while the broker was away gets its retained messages once it is back. False
 /// when it does not begin to wait for them now.
 bool Subscriptions::begin_wait(Subscription& subscription) const {

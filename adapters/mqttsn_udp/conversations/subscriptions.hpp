@@ -44,6 +44,7 @@ class Subscriptions {
                                                   TimePoint now);
 
   void on_broker_up(TimePoint now);
+  void on_broker_down(TimePoint now);
   std::optional<TimePoint> deadline() const { return requests_.deadline(); }
   void on_deadline(TimePoint now) { requests_.on_deadline(now); }
   /// Whether this retained message is one that the subscription still waits for; true once for each

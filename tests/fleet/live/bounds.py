@@ -41,16 +41,16 @@ class Connection:
 
 
 class Bounds:
-    def __init__(self, absences, connections, subscribed_s, lapses=()):
+    def __init__(self, absences, connections, subscribed_s, lapses=(), settle_s=SETTLE_S):
         """`connections`: for each gateway, (begin, end) of each. `subscribed_s`: what the engine needs to answer SUBSCRIBE."""
-        self.absences, self.subscribed_s, self.lapses = absences, subscribed_s, lapses
+        self.absences, self.subscribed_s, self.lapses, self.settle_s = absences, subscribed_s, lapses, settle_s
         self.connections = [[self.connection(gateway, *times) for times in each] for gateway, each in enumerate(connections)]
 
     def connection(self, gateway, begin, end):
         """A gateway that was killed has not logged the end; it notices a stopped node or a cut link later."""
         end = min([end] + [kill for kill in self.kills(gateway) if begin < kill < end])
         causes = [absence.begin for absence in self.absences
-                  if self.concerns(absence, gateway) and absence.begin <= end <= absence.end + SETTLE_S]
+                  if self.concerns(absence, gateway) and absence.begin <= end <= absence.end + self.settle_s]
         return Connection(begin, end, min([end, *causes]))
 
     def kills(self, gateway):

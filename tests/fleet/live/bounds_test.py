@@ -5,15 +5,15 @@ import sys
 import unittest
 
 sys.path.insert(0, str(pathlib.Path(__file__).parent))
-from bounds import Absence, Bounds, Lapse  # noqa: E402
+from bounds import SETTLE_S, Absence, Bounds, Lapse  # noqa: E402
 from presence import contradictions  # noqa: E402
 
 END = float("inf")
 WHOLE = [(0.0, END)]
 
 
-def bounds(*absences, connections=(WHOLE, WHOLE), lapses=()):
-    return Bounds(list(absences), list(connections), subscribed_s=1, lapses=lapses)
+def bounds(*absences, connections=(WHOLE, WHOLE), lapses=(), settle_s=SETTLE_S):
+    return Bounds(list(absences), list(connections), subscribed_s=1, lapses=lapses, settle_s=settle_s)
 
 
 class Copies(unittest.TestCase):
@@ -47,6 +47,12 @@ class Copies(unittest.TestCase):
         dies = bounds(Absence("gateway killed", 0, 15, 18), connections=([(0, 18), (18.1, END)], WHOLE))
         self.assertEqual(dies.copies([(14.9, 0, 0)], 14.95, 18.5), (1, 1))
         self.assertEqual(dies.copies([(10, 0, 0)], 10.1, 18.5), (1, 0))
+
+    def test_a_node_that_was_away_may_harm_the_connection_after_it_as_well(self):
+        twice = {"connections": ([(0, 25), (28, 36), (37, END)], WHOLE)}
+        stopped = Absence("node stopped", 1, 10, 21)
+        self.assertEqual(bounds(stopped, **twice, settle_s=16).copies([(21, 0, 0)], 21.1, 38), (1, 2))
+        self.assertEqual(bounds(stopped, **twice).copies([(21, 0, 0)], 21.1, 38), (1, 1))
 
 
 class Order(unittest.TestCase):

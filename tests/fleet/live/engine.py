@@ -8,6 +8,7 @@ import sys
 import time
 import urllib.request
 
+from bounds import SETTLE_S
 from program import Program, free_port
 
 NODES = 3
@@ -18,6 +19,7 @@ class Engine:
 
     user = None  # (name of a client -> user name); None: clients need none
     subscribed_s = 1  # what it needs for the subscriptions of a gateway that connects
+    settle_s = SETTLE_S  # after a node has come back, connections that it has harmed have ended
     keeps_retained_for_itself = False  # each node: what another one took is retained there only
     may_nodes_differ = False  # in what they retain, for good, once a node was away
     sends_retained_to_wildcards = True
@@ -53,6 +55,7 @@ class Mosquitto(Engine):
 
 class Nats(Engine):
     subscribed_s = 10  # 6 s were seen
+    settle_s = SETTLE_S + 4  # so long it waits for a stream before it closes the connection of who published
     may_nodes_differ = True
     repeats_in_a_connection = True  # after 30 s
 

@@ -54,6 +54,9 @@ class Findings:
 
     def add(self, kind, at, what):
         self.counts[kind] += 1
+        self.tell(kind, at, what)
+
+    def tell(self, kind, at, what):
         self.told.append((at, f"{kind}: {what}", b""))
 
 
@@ -132,8 +135,12 @@ def judge_order(bounds, robot, number, later, came, findings):
                  f"{robot.name} {number} by gw{by}, sent at {robot.sent[number]:.3f}, behind {later}, said at {sorted(others)}")
 
 
-def judge_silence(fleet):
-    interruptions = [each for robot in fleet.robots for each in robot.interruptions]
+def judge_silence(fleet, findings):
+    found = [(robot.name, *each) for robot in fleet.robots for each in robot.interruptions]
+    interruptions = [seconds for _, seconds, _ in found]
+    for name, seconds, asked in found:
+        if seconds > SERVICE_S:
+            findings.tell("silence_too_long", asked[0][0], f"{name} for {seconds:.1f} s: {asked}")
     return {"interruptions": len(interruptions), "silence_p50_s": percentile(interruptions, 50),
             "silence_p99_s": percentile(interruptions, 99), "silence_max_s": percentile(interruptions, 100),
             "silence_too_long": int(fleet.options.seconds >= 30 and (percentile(interruptions, 99) or 0) > SERVICE_S)}
@@ -257,10 +264,10 @@ def judge(fleet):
     findings = Findings()
     messages = fleet.observers.messages()
     bounds = Bounds(fleet.trouble.absences, [connections(daemon.log) for daemon in fleet.daemons], fleet.engine.subscribed_s,
-                    fleet.lapses.found)
+                    fleet.lapses.found, fleet.engine.settle_s)
     told = outcomes_of(messages, fleet.commands)
     verdict = {"seed": fleet.options.seed, "engine": fleet.options.engine, **fleet.trouble.acts, **fleet.observers.verdict(),
-               **judge_messages(fleet, bounds, messages, findings), **judge_silence(fleet),
+               **judge_messages(fleet, bounds, messages, findings), **judge_silence(fleet, findings),
                **judge_commands(fleet, bounds, told, taken_in(messages), findings), **judge_presence(fleet, bounds, findings),
                **(fleet.ble.judge(messages, told, bounds, findings) if fleet.ble else {})}
     for what in fleet.ended:

@@ -28,7 +28,8 @@ class Robot:
         self.acknowledged_by = {}  # by number: which gateway
         self.commands = []  # (time, gateway, type) of each that is not the repetition of one
         self.heard = {}  # by (gateway, message id): the last command's type
-        self.interruptions = []  # seconds, of each move and of each message that was not acknowledged at the first try
+        # (seconds, [(time, gateway, what it asked)]) of each move and of each message that was not acknowledged at the first try
+        self.interruptions, self.asked = [], []
         self.waits_since, self.is_interrupted = None, False
         self.number, self.msg_id, self.moves, self.refused_topics = 0, 0, 0, 0
         self.topic_id = 0
@@ -58,8 +59,8 @@ class Robot:
     def end_wait(self):
         """It is served, or nothing more is asked of it."""
         if self.is_interrupted and self.waits_since is not None:
-            self.interruptions.append(time.monotonic() - self.waits_since)
-        self.waits_since, self.is_interrupted = None, False
+            self.interruptions.append((time.monotonic() - self.waits_since, self.asked))
+        self.waits_since, self.is_interrupted, self.asked = None, False, []
 
     def move_to(self, place):
         self.place = place
@@ -82,6 +83,7 @@ class Robot:
 
     def ask(self, step, request):
         self.step, self.request, self.attempt, self.repeat_at = step, request, 0, 0.0
+        self.asked.append((round(time.monotonic(), 3), f"gw{self.place}", step))
         if step == "publish" and self.number not in self.sent:
             self.sent[self.number] = time.monotonic()
 

@@ -196,6 +196,22 @@ TEST(SnGateway, R102_StopsWaitingForRetainedMessages) {
   EXPECT_FALSE(rig.is_silent(1));
 }
 
+TEST(SnGateway, R102_WaitsAnewForRetainedMessagesThatABrokenConnectionHasLost) {
+  SnRig rig;
+  rig.connect(1, "r1");
+  rig.subscribe(1, "a/x", 0);
+  rig.pass_s(5);
+  rig.broker_link(false);
+  rig.pass_s(60);
+  rig.broker_link(true);
+  rig.broker("a/x", "kept", 0, true);
+  EXPECT_FALSE(rig.is_silent(1));
+  rig.broker_link(false);
+  rig.broker_link(true);
+  rig.broker("a/x", "kept", 0, true);
+  EXPECT_TRUE(rig.is_silent(1)) << "each topic once";
+}
+
 TEST(SnGateway, R103_DeliversOnceForOverlappingFilters) {
   SnRig rig;
   rig.connect(1, "r1");
