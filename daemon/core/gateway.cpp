@@ -157,7 +157,14 @@ void Gateway::handle(SubscribeRequest request, const Now&) {
     subscriptions_.await(request.mesh, request.filter);
   else
     actions_.push(AnswerSubscribe{request.mesh, request.filter, true});
-  if (is_asked) actions_.push(SubscribeAtBroker{std::move(request.filter), wanted.qos, wanted.id});
+  if (is_asked) ask_broker(request.filter, wanted);
+}
+
+/// On a broker that keeps no session all commands come with QoS 0, and so do robots' own filters of
+/// commands: a broker may bring copies of different QoS far apart, or where it sends one otherwise.
+void Gateway::ask_broker(const std::string& filter, const SubscriptionTable::Wanted& wanted) {
+  const bool is_live = hears_commands_live() && filter.starts_with(scheme_.command_root());
+  actions_.push(SubscribeAtBroker{filter, is_live ? Qos::at_most_once : wanted.qos, wanted.id});
 }
 
 /// True for a filter of commands whose messages the subscription to all commands brings. One that
@@ -167,7 +174,8 @@ bool Gateway::is_covered(const std::string& filter, const SubscriptionTable::Wan
   if (!is_all_refused_ && ownership_.hears_all_commands()) return true;
   const auto all = subscriptions_.wanted().find(all_commands_);
   return wanted.is_covered && !wanted.wants_retained && !is_all_refused_ &&
-         all != subscriptions_.wanted().end() && wanted.qos != Qos::exactly_once;
+         all != subscriptions_.wanted().end() &&
+         wanted.qos <= (hears_commands_live() ? Qos::at_least_once : all->second.qos);
 }
 
 /// When the subscription to all commands starts, robots' own subscriptions to commands end; they
@@ -180,14 +188,15 @@ void Gateway::cover_commands() {
     if (wanted.is_covered)
       actions_.push(UnsubscribeAtBroker{filter});
     else
-      actions_.push(SubscribeAtBroker{filter, wanted.qos, wanted.id});
+      ask_broker(filter, wanted);
   }
 }
 
 void Gateway::subscribe_own(const std::string& filter) {
   const auto& wanted = subscriptions_.add_own(filter);
+  has_asked_for_all_ = has_asked_for_all_ || filter == all_commands_;
   if (filter == all_commands_ && broker_.is_up) cover_commands();
-  if (broker_.is_up) actions_.push(SubscribeAtBroker{filter, wanted.qos, wanted.id});
+  if (broker_.is_up) ask_broker(filter, wanted);
 }
 
 void Gateway::unsubscribe_own(const std::string& filter) {
@@ -268,7 +277,7 @@ void Gateway::on_broker_message(BrokerMessage message,
   if (!message.retain && !subscriptions_.is_copy_to_take(message, subscriptions)) return;
   if (ownership_.takes(message)) return;
   const auto target = scheme_.parse_command_topic(message.topic);
-  if (target && subscriptions_.qos(all_commands_) == Qos::at_most_once)
+  if (hears_commands_live() && message.topic.starts_with(scheme_.command_root()))
     message.qos = std::max(message.qos, Qos::at_least_once);  // as the server may have sent it
   if (!target && message.topic == scheme_.state_topic()) return on_own_state(message);
   if (!target || !ownership_.is_shared()) return take_command(std::move(message), now);
@@ -416,7 +425,7 @@ void Gateway::on_broker_link(const Now& now) {
   }
   subscriptions_.set_cover(std::bind_front(&Gateway::is_covered, this));
   for (const auto& [filter, wanted] : subscriptions_.wanted())
-    if (!wanted.is_covered) actions_.push(SubscribeAtBroker{filter, wanted.qos, wanted.id});
+    if (!wanted.is_covered) ask_broker(filter, wanted);
   leftovers_.on_broker_up(now.mono);
   if (leftovers_.is_collecting())
     actions_.push(SubscribeAtBroker{leftovers_.filter(), Qos::at_least_once, own_subscription});

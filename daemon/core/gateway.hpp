@@ -205,6 +205,8 @@ class Gateway {
   void announce(const std::string& id, Robot& robot, TimePoint now, bool has_just_come = true);
   bool is_covered(const std::string& filter, const SubscriptionTable::Wanted& wanted) const;
   void cover_commands();
+  bool hears_commands_live() const { return has_asked_for_all_ && !broker_.keeps_session; }
+  void ask_broker(const std::string& filter, const SubscriptionTable::Wanted& wanted);
   void on_own_state(const BrokerMessage& message);
   void publish_retained(std::string topic, std::string payload);
 
@@ -228,9 +230,10 @@ class Gateway {
   PerMesh<LinkState> mesh_links_;
   bool is_store_full_ = false;
   bool is_stopping_ = false;
-  bool is_state_heard_ = false;   ///< the `online` of this connection has come back
-  bool is_all_refused_ = false;   ///< the broker refused the subscription to all commands
-  bool was_all_granted_ = false;  ///< in this process
+  bool is_state_heard_ = false;     ///< the `online` of this connection has come back
+  bool has_asked_for_all_ = false;  ///< commands, for itself
+  bool is_all_refused_ = false;     ///< the broker refused the subscription to all commands
+  bool was_all_granted_ = false;    ///< in this process
   ActionQueue<GatewayAction> actions_;
 };
 

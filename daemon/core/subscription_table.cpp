@@ -144,11 +144,6 @@ std::vector<SubscriptionTable::Waiting> SubscriptionTable::take_all_waiting() {
   return waiting;
 }
 
-std::optional<Qos> SubscriptionTable::qos(const std::string& filter) const {
-  const auto known = wanted_.find(filter);
-  return known == wanted_.end() ? std::nullopt : std::optional(known->second.qos);
-}
-
 bool SubscriptionTable::is_only_of(const std::string& filter, const std::string& topic) const {
   const auto known = wanted_.find(filter);
   if (known == wanted_.end()) return false;

@@ -73,8 +73,6 @@ class SubscriptionTable {
   /// second for each such subscription, and does not bring all to it (docs/fleet.md).
   void on_connection_changed(bool is_session_kept);
   bool is_standing(const std::string& filter) { return standing_.find(filter) != nullptr; }
-  /// Nothing: nobody wants `filter`.
-  std::optional<Qos> qos(const std::string& filter) const;
   /// True when `filter` is wanted, and no other filter that stands brings the topic.
   bool is_only_of(const std::string& filter, const std::string& topic) const;
   /// What was learned of a broker that names no `ids`: whether it sends a message once for each
