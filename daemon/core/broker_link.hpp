@@ -24,5 +24,7 @@ enum class SubscribeAnswer : std::uint8_t {
   refused,            ///< by a reason code
   closes_connection,  ///< the broker closes the connection in place of an answer
 };
+/// Of one that is not granted: what to do about it.
+std::string in_words(const std::string& filter, SubscribeAnswer answer);
 
 }  // namespace slamgw

@@ -19,19 +19,6 @@ using Json = nlohmann::ordered_json;  // keys in the order of docs/topics.md
 /// The payload of our last will.
 constexpr std::string_view last_will_state = R"({"state":"offline"})";
 
-std::string explain(const std::string& filter, SubscribeAnswer answer) {
-  if (answer == SubscribeAnswer::closes_connection)
-    return fmt::format(
-        "the broker closes the connection at the subscription {}: it is set aside for an hour, "
-        "and nothing under it reaches robots. Some brokers do that at characters that they do not "
-        "take, or at many levels",
-        filter);
-  return fmt::format(
-      "the broker refuses the subscription {}: check its access control list for this gateway's "
-      "user",
-      filter);
-}
-
 TrafficEvent event_of(Report report, std::string type, Normalized normalized, const Now& now) {
   return {.direction = Direction::up,
           .mesh = report.mesh,
@@ -511,7 +498,7 @@ void Gateway::on_subscribe_result(const std::string& filter, SubscribeAnswer ans
     if (auto question = rights_.ask_under_server(now)) probe_rights({std::move(*question)});
   }
   if (granted) return leftovers_.on_granted(filter, now.mono);
-  actions_.push(Notice{Severity::warning, explain(filter, answer), {}});
+  actions_.push(Notice{Severity::warning, in_words(filter, answer), {}});
 }
 
 void Gateway::on_store(bool is_full) {
