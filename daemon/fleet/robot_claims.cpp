@@ -23,6 +23,9 @@ constexpr milliseconds longest_release_patience{30'000};
 constexpr milliseconds fresh{3000};
 /// Twice as many as the core keeps, which says what it forgets.
 constexpr std::size_t max_heard = 40'000;
+/// Owners before the present one that are remembered, of so many robots.
+constexpr std::size_t max_predecessors = 4;
+constexpr std::size_t max_with_predecessors = 40'000;
 
 }  // namespace
 
@@ -226,6 +229,7 @@ void RobotClaims::own(const std::string& robot, const Now& now) {
   }
   held_[robot] = now.mono;
   has_won_ = true;
+  withdraw_entries_of_predecessors(robot, now.mono);
   auto former = formers_.extract(robot);
   if (!former.empty() || won.was_released) ++roams_in_;
   if (won.epoch >= spent_epoch) begin_again(robot, now);
@@ -267,6 +271,7 @@ void RobotClaims::merge(const std::string& robot, const Claim& claim, const std:
   const bool was_behind =
       claiming != claiming_.end() && row && claim.epoch > row->epoch && from != membership_.me;
   if (!keep(robot, claim, now)) return;
+  if (row) note_predecessor(robot, *row, claim);
   if (is_void && claim.epoch <= row->epoch && claim.gateway != row->gateway)
     withdraw_unknown_entry(robot, row->gateway, claim.gateway, now.mono);
   if (held_.contains(robot) || claiming != claiming_.end()) {
@@ -345,6 +350,22 @@ void RobotClaims::give_way(const std::string& robot, const Claim& to, TimePoint 
 void RobotClaims::withdraw_entry_of_former(const std::string& robot, TimePoint now) {
   const auto former = formers_.extract(robot);
   if (!former.empty()) withdraw_entry(robot, former.mapped(), now);
+}
+
+void RobotClaims::note_predecessor(const std::string& robot, const Claim& before,
+                                   const Claim& after) {
+  if (before.gateway == after.gateway || before.gateway == membership_.me) return;
+  if (predecessors_.size() >= max_with_predecessors && !predecessors_.contains(robot)) return;
+  std::vector<std::string>& known = predecessors_[robot];
+  if (std::ranges::find(known, before.gateway) != known.end()) return;
+  if (known.size() == max_predecessors) known.erase(known.begin());
+  known.push_back(before.gateway);
+}
+
+void RobotClaims::withdraw_entries_of_predecessors(const std::string& robot, TimePoint now) {
+  const auto known = predecessors_.extract(robot);
+  if (known.empty()) return;
+  for (const std::string& gateway : known.mapped()) withdraw_entry(robot, gateway, now);
 }
 
 /// Of a gateway that lives it is not this one's to withdraw. No effect without a gateway.
@@ -461,6 +482,7 @@ void RobotClaims::begin_life() {
 void RobotClaims::forget_all() {
   begin_life();
   formers_.clear();
+  predecessors_.clear();
   boards_.forget_others();
   heard_.clear();
   membership_.table.clear();
@@ -549,6 +571,7 @@ void RobotClaims::forget_the_dead(TimePoint now) {
   }
   if (membership_.phase == Phase::member)
     std::erase_if(formers_, [&](const auto& each) { return !claiming_.contains(each.first); });
+  predecessors_.clear();
   std::erase_if(objected_,
                 [&](const auto& each) { return now - each.second > objection_interval; });
 }

@@ -115,6 +115,8 @@ class RobotClaims {
                        const std::string& from, const Now& now);
   void give_way(const std::string& robot, const Claim& to, TimePoint now);
   void begin_claim(const std::string& robot, std::uint64_t epoch, const Now& now);
+  void note_predecessor(const std::string& robot, const Claim& before, const Claim& after);
+  void withdraw_entries_of_predecessors(const std::string& robot, TimePoint now);
   void withdraw_entry_of_former(const std::string& robot, TimePoint now);
   void withdraw_entry(const std::string& robot, const std::string& gateway, TimePoint now);
   void withdraw_unknown_entry(const std::string& robot, const std::string& dead,
@@ -148,6 +150,9 @@ class RobotClaims {
   /// Who had a robot when this gateway claimed it, and has not made way: if it is dead, its
   /// presence entry is left behind. Kept when this gateway's life ends before it has won the robot.
   std::unordered_map<std::string, std::string> formers_;
+  /// The owners of a robot before the one that the table names, of the last minutes. One that died
+  /// while the next one claimed the robot, and died, too, has left its presence entry.
+  std::unordered_map<std::string, std::vector<std::string>> predecessors_;
   std::unordered_map<std::string, TimePoint> heard_;
   std::map<std::string, TimePoint> objected_;
   std::vector<ClaimTable::Owner> dead_;  ///< that had claims at the last sweep

@@ -38,6 +38,21 @@ TEST(StalePresence, OfAGatewayThatDiesWhileItsRobotIsPassedOnIsWithdrawn) {
   EXPECT_EQ(world.judge().strange_presence, 0) << world.describe();
 }
 
+/// gw-0 is cut off; the robot comes to gw-1, which is cut off before it has it, and goes on to
+/// gw-2.
+TEST(StalePresence, OfTwoGatewaysThatDieOneAfterTheOtherIsWithdrawn) {
+  FleetWorld world({.gateways = 3, .robots = 1, .lost = 0});
+  world.run(5s);
+  world.cut_link(0);
+  world.roam(0, 1);
+  world.run(100ms);
+  world.cut_link(1);
+  world.roam(0, 2);
+  world.run(1800ms);  // gw-0 believes that the robot is there still
+  EXPECT_EQ(world.actors(0), std::vector<int>{2});
+  EXPECT_EQ(world.judge().strange_presence, 0) << world.describe();
+}
+
 /// gw-1 has had robot "x" with epoch 5, and is dead.
 class WitnessOfADeadOwner : public LoopedBack {
  protected:
