@@ -120,6 +120,7 @@ class Bounds:
         seen, at `begin`."""
         longest = self.subscribed_s + JOIN_S
         returns = [each.begin for gateway in gateways for each in self.connections[gateway][1:]] + self.returns(gateways)
+        returns += [absence.end for absence in self.absences if absence.what.startswith("node")]  # for which gateways waited
         return (seconds - self.away_s(gateways, begin, begin + seconds) <= longest and
                 any(at <= begin and earliest <= at + longest for at in returns))
 

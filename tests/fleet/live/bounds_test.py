@@ -102,6 +102,12 @@ class Announcements(unittest.TestCase):
         self.assertFalse(flaps.may_announce_anew([0, 1], 23.2, 16, earliest=23.2))
         self.assertFalse(bounds(connections=([(0, 18), (23, END)], WHOLE)).may_announce_anew([0, 1], 23.2, 12, earliest=23.2))
 
+    def test_gateways_that_have_waited_for_a_node_return_with_it(self):
+        stopped = bounds(Absence("node stopped", 2, 10, 20))
+        self.assertTrue(stopped.may_announce_anew([0, 1], 20.1, 4, earliest=20.1))
+        self.assertFalse(stopped.may_announce_anew([0, 1], 20.1, 7, earliest=20.1))
+        self.assertFalse(bounds(Absence("gateway killed", 2, 10, 20)).may_announce_anew([0, 1], 20.1, 4, earliest=20.1))
+
     def test_time_in_which_both_were_away_counts_once(self):
         away = bounds(Absence("node stopped", 0, 10, 14), connections=([(0, 12), (15, END)], [(0, 13), (16, END)]))
         self.assertEqual(away.away_s([0, 1], 8, 20), 6)
