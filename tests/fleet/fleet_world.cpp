@@ -480,18 +480,19 @@ void FleetWorld::deliver(int from, int to, const BrokerMessage& message) {
   milliseconds& last = last_delivery_[{from, to}];
   last = std::max(last, now_ + random_delay());
   const Node& node = *nodes_[std::size_t(to)];
-  const auto come = [this, to, life = node.process, link = node.connection](const auto& message) {
+  const auto come = [this, to, life = node.process,
+                     link = node.connection](const BrokerMessage& copy) {
     Node& each = *nodes_[static_cast<std::size_t>(to)];
     if (each.process != life) return;
-    const bool is_lost = message.qos == Qos::at_most_once || !options_.keeps_sessions;
+    const bool is_lost = copy.qos == Qos::at_most_once || !options_.keeps_sessions;
     if (each.connection == link && each.is_link_up) {
-      to_gateway(to, [this, to, message, life, link](Node& awake) {
-        if (awake.process == life && awake.connection == link) arrive(to, message);
+      to_gateway(to, [this, to, copy, life, link](Node& awake) {
+        if (awake.process == life && awake.connection == link) arrive(to, copy);
       });
     } else if (each.is_link_up && !is_lost) {
-      deliver(-1, to, message);  // behind what the broker has kept
+      deliver(-1, to, copy);  // behind what the broker has kept
     } else if (!is_lost) {
-      each.kept_by_broker.push_back(message);
+      each.kept_by_broker.push_back(copy);
     }
   };
   at(last, [come, message] { come(message); });
