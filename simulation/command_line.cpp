@@ -88,7 +88,7 @@ void add_common(CLI::App& app, RobotOptions& options) {
       ->check(CLI::Range(0.0, 86400.0))
       ->capture_default_str();
   app.add_option("--record", options.record,
-                 "Write each update sent and each acknowledged into this file");
+                 "Write each update sent, each acknowledged and each command received");
   app.add_option("--trace", options.trace, "Write all that becomes of updates as JSON lines");
   add_body(app, options.body);
   add_hops(app, options.hop);

@@ -28,6 +28,7 @@ std::string_view name_of(UpdateEvent::Kind kind) {
     case UpdateEvent::Kind::cancelled: return "cancelled";
     case UpdateEvent::Kind::given_up: return "given_up";
     case UpdateEvent::Kind::link_repeated: return "link_repeat";
+    case UpdateEvent::Kind::command: return "received";
   }
   return "";
 }
@@ -53,7 +54,8 @@ void UpdateRecord::write(const std::string& id, const UpdateEvent& event) {
                                  std::chrono::system_clock::now().time_since_epoch())
                                  .count();
   if (record_.is_open()) write_record(id, event, since_1970_us);
-  if (trace_.is_open()) write_trace(id, event, since_1970_us);
+  const bool is_of_update = event.kind != UpdateEvent::Kind::command;
+  if (trace_.is_open() && is_of_update) write_trace(id, event, since_1970_us);
 }
 
 void UpdateRecord::write_record(const std::string& id, const UpdateEvent& event,
@@ -64,6 +66,10 @@ void UpdateRecord::write_record(const std::string& id, const UpdateEvent& event,
   } else if (event.kind == UpdateEvent::Kind::sent) {
     record_ << fmt::format("sent {} {} {:02x} {:.6f}\n", id, event.number,
                            fmt::join(event.payload, ""), seconds);
+  } else if (event.kind == UpdateEvent::Kind::command) {
+    const std::string payload = fmt::format("{:02x}", fmt::join(event.payload, ""));
+    record_ << fmt::format("received {} {} {} {} {:.6f}\n", id, event.number, event.type,
+                           payload.empty() ? "-" : payload, seconds);
   }
   record_.flush();
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What becomes of each update at its robot: the events that robots leave, and the files that
-// `--record` and `--trace` make of them, so that tests and experiments can compare them with what
-// arrives.
+// What becomes of each update at its robot, and the commands that reach it: the events that robots
+// leave, and the files that `--record` and `--trace` make of them, so that tests and experiments
+// can compare them with what arrives.
 #pragma once
 
 #include <cstdint>
@@ -22,10 +22,12 @@ struct UpdateEvent {
     cancelled,      ///< without its STATUS, by the next update
     given_up,       ///< after all repeats
     link_repeated,  ///< a frame of it on one hop, for want of its 802.15.4 acknowledgement
+    command,        ///< no update: the robot received a command, perhaps a repeated one
   };
   Kind kind = Kind::sent;
-  std::uint64_t number = 0;  ///< counts the robot's updates from 1
-  Bytes payload{};           ///< of what was sent or refused; else empty
+  std::uint64_t number = 0;  ///< counts the robot's updates from 1; of a command: its message id
+  Bytes payload{};           ///< of what was sent, refused or received; else empty
+  std::string_view type{};   ///< of a command
 
   bool is_acknowledged() const { return kind == Kind::acknowledged; }
 };
@@ -34,9 +36,10 @@ struct UpdateEvent {
 class UpdateRecord {
  public:
   /// `record`: sent and acknowledged, `sent <id> <number> <payload in hex> <seconds since 1970>`
-  /// and `acknowledged <id> <number> <seconds since 1970>`. `trace`: all, a JSON object a line,
-  /// with the members of `slam-gatewayctl --json watch`. No path, no file. Throws
-  /// std::runtime_error when one can't be written.
+  /// and `acknowledged <id> <number> <seconds since 1970>`; and for each command that reaches a
+  /// robot `received <id> <message id> <type> <payload in hex> <seconds since 1970>`. `trace`: all
+  /// of updates, a JSON object a line, with the members of `slam-gatewayctl --json watch`. No path,
+  /// no file. Throws std::runtime_error when one can't be written.
   UpdateRecord(const std::string& record, const std::string& trace, std::string_view mesh);
 
   void write(const std::string& id, const UpdateEvent& event);

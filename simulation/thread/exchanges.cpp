@@ -141,7 +141,7 @@ void Exchanges::on_pubrec(const Packet& packet, TimePoint now) {
 void Exchanges::on_publish(const Packet& packet) {
   if (packet.qos() != 0) send(puback(packet.topic_id, packet.msg_id, accepted));
   for (const Topic topic : {cmd, run}) {
-    if (topic_ids_[topic] == packet.topic_id) on_command(topic, packet.payload);
+    if (topic_ids_[topic] == packet.topic_id) on_command(topic, packet);
   }
 }
 
@@ -155,8 +155,13 @@ void Exchanges::on_register(const Packet& packet) {
   }
 }
 
-void Exchanges::on_command(Topic topic, ByteView payload) {
+void Exchanges::on_command(Topic topic, const Packet& packet) {
+  const ByteView payload = packet.payload;
   ++tally_.commands_received;
+  if (settings_.is_recorded) {
+    events_.push_back({UpdateEvent::Kind::command, packet.msg_id,
+                       Bytes(payload.begin(), payload.end()), topic == cmd ? "cmd" : "run"});
+  }
   if (!settings_.obeys) return;
   if (topic == cmd && payload.size() == 4) {
     body_.head_for(get_i16_le(payload, 0), get_i16_le(payload, 2));

@@ -95,7 +95,7 @@ class Exchanges {
   void on_pubrec(const Packet& packet, TimePoint now);
   void on_publish(const Packet& packet);
   void on_register(const Packet& packet);
-  void on_command(Topic topic, ByteView payload);
+  void on_command(Topic topic, const Packet& packet);
   void repeat_requests(TimePoint now);
   void give_up(const Request& request);
   void plan_will_update(TimePoint now);

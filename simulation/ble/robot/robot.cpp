@@ -46,6 +46,12 @@ void Robot::record(UpdateEvent::Kind kind, std::uint64_t number, Bytes payload) 
   if (settings_.is_recorded) events_.push_back({kind, number, std::move(payload)});
 }
 
+void Robot::on_command(std::string_view type, ByteView payload) {
+  ++tally_.commands_received;
+  if (!settings_.is_recorded) return;
+  events_.push_back({UpdateEvent::Kind::command, 0, Bytes(payload.begin(), payload.end()), type});
+}
+
 void Robot::on_failed_assertion() {
   is_gone_ = true;
   ++tally_.failed_assertions;
@@ -212,7 +218,7 @@ void Robot::on_vendor(Vendor opcode, const MeshMessage& message, TimePoint now) 
                                             Bytes{static_cast<std::uint8_t>(is_on_)}));
     case Vendor::pos_cmd_set:
     case Vendor::pos_cmd_set_unreliable:
-      ++tally_.commands_received;
+      on_command("cmd", parameters);
       if (settings_.obeys && parameters.size() == 4) {
         body_.head_for(get_i16_le(parameters, 0), get_i16_le(parameters, 2));
       }
@@ -221,7 +227,7 @@ void Robot::on_vendor(Vendor opcode, const MeshMessage& message, TimePoint now) 
     case Vendor::pos_cmd_get: return answer(message, status_message(Vendor::pos_cmd_status));
     case Vendor::min_com_set:
     case Vendor::min_com_set_unreliable:
-      ++tally_.commands_received;
+      on_command("min_com", parameters);
       if (opcode == Vendor::min_com_set_unreliable) return;
       [[fallthrough]];
     case Vendor::min_com_get: return answer(message, status_message(Vendor::min_com_status));
@@ -260,7 +266,7 @@ void Robot::on_on_off(const MeshMessage& message, ByteView parameters, bool is_s
                          now - last_transaction_->at < same_transaction;
   if (!is_repeat) {
     last_transaction_ = current;
-    ++tally_.commands_received;
+    on_command("run", parameters.first(1));
     is_on_ = parameters[0] == 1;
     if (settings_.obeys) body_.set_running(is_on_);
   }

@@ -104,7 +104,7 @@ class BleMesh:
             key = self.names[robot], int(number)
             if what == "sent":
                 sent[key] = (rest[0], float(rest[1]) + to_monotonic)
-            else:
+            elif what == "acknowledged":
                 acknowledged[key] = float(rest[0]) + to_monotonic
         for line in self.trace.read_text().splitlines():
             event = json.loads(line)

@@ -225,6 +225,23 @@ TEST_F(LifeTest, RecordsUpdatesAndTheirAcknowledgements) {
   EXPECT_FALSE(client_->next_event().has_value()) << "the other update was not acknowledged";
 }
 
+TEST_F(LifeTest, RecordsCommandsAndTheirRepeats) {
+  settings_.is_recorded = true;
+  begin(1, 2);
+  connect_client();
+  register_topics();
+  for (int copy = 0; copy < 2; ++copy) receive("0b 0c 20 00 03 00 11 0a 00 ec ff");
+  for (int copy = 0; copy < 2; ++copy) {
+    const auto event = client_->next_event();
+    ASSERT_TRUE(event.has_value());
+    EXPECT_EQ(event->kind, UpdateEvent::Kind::command);
+    EXPECT_EQ(event->number, 0x11U) << "its message id";
+    EXPECT_EQ(event->type, "cmd");
+    EXPECT_EQ(to_hex(event->payload), "0a 00 ec ff");
+  }
+  EXPECT_FALSE(client_->next_event().has_value());
+}
+
 TEST_F(LifeTest, VanishesWithoutAWord) {
   settings_.vanishes = true;
   settle();

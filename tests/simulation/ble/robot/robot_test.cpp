@@ -252,6 +252,24 @@ TEST_F(RobotTest, AnswersPositionCommands) {
   EXPECT_EQ(robot_->tally().commands_received, 3U);
 }
 
+TEST_F(RobotTest, RecordsCommands) {
+  RobotSettings settings;
+  settings.is_recorded = true;
+  begin(settings);
+  for (const char* command : {"cd 59 00 0a 00 ec ff", "c5 59 00 01", "82 02 00 07", "82 02 00 07"})
+    ask(command);
+  const std::pair<const char*, const char*> expected[] = {
+      {"cmd", "0a 00 ec ff"}, {"min_com", "01"}, {"run", "00"}};
+  for (const auto& [type, payload] : expected) {
+    const auto event = robot_->next_event();
+    ASSERT_TRUE(event.has_value());
+    EXPECT_EQ(event->kind, UpdateEvent::Kind::command);
+    EXPECT_EQ(event->type, type);
+    EXPECT_EQ(to_hex(event->payload), payload);
+  }
+  EXPECT_FALSE(robot_->next_event().has_value()) << "a repeat with the same transaction id";
+}
+
 TEST_F(RobotTest, SwitchesOncePerTransaction) {
   begin({});
   EXPECT_EQ(ask("82 02 00 07"), "82 04 00");
