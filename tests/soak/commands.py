@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether each command had its one outcome, also while everything was broken. Pure: lists in, complaints out. Called by run.
+"""Whether each command had its one outcome, also while everything was broken, and whether the robot got what the outcome says.
+Pure: lists in, complaints out. Called by judge.
 
 A command is told apart by its robot and its type: most have a type of their own, and those of the type `cmd`, which robots obey, go
 to one robot so far apart that an outcome belongs to the last one before it.
@@ -8,6 +9,10 @@ None: the broker, or the gateway's session there, died with it (Gap), or the dae
 Twice: the connection to the broker ended, so that the same message was published again; or a kill -9 in between, after which the
     daemon tells again what it was told in its last moment, with other numbers perhaps. Else two outcomes are a broken promise.
 Late: by its own account, or on arrival while nothing was broken.
+
+The robots' record tells each command that reached a robot, repeats on the radio too. `delivered` needs one that the robot had before
+that was told, whatever was broken. No robot gets what nobody sent. A repeat on Thread has the message id of the first; under another
+id, or after the outcome was told, a command reaches its robot only when the connection or the daemon was lost in between.
 """
 import collections
 import dataclasses
@@ -15,12 +20,23 @@ import dataclasses
 PATIENCE_S = 30  # docs/topics.md, promise 6
 SLACK_S = 5  # a busy host; how long it takes to publish the outcome
 MOMENT_S = 1.5  # a command that came so short before a kill need not be on disk
+HURRY_S = 0.1  # the robots' record and the subscriber are two processes
 
 
 @dataclasses.dataclass
 class Sent:
     robot: str
     kind: str
+    at: float
+    payload: str = ""  # hex
+
+
+@dataclasses.dataclass
+class Received:
+    robot: str
+    message_id: int  # MQTT-SN's; 0 on BLE
+    kind: str  # on BLE "min_com" for every type but `cmd` and `run`
+    payload: str  # hex
     at: float
 
 
@@ -84,3 +100,56 @@ def touched(begin, end, gaps):
 def may_be_lost(one, gaps):
     return any(gap.begin - MOMENT_S - (PATIENCE_S if gap.loses_queue else 0) <= one.at <= gap.end + MOMENT_S and
                (gap.loses_queue or gap.is_kill and one.at <= gap.begin + MOMENT_S) for gap in gaps)
+
+
+def read_received(lines):
+    """Of what `slam-gateway-sim --record` writes, the commands."""
+    received = []
+    for line in lines:
+        if not line.endswith("\n"):  # still being written
+            break
+        what, robot, message_id, *rest = line.split()
+        if what == "received":
+            kind, payload, at = rest
+            received.append(Received(robot, int(message_id), kind, "" if payload == "-" else payload, float(at)))
+    return received
+
+
+def judge_obedience(sent, outcomes, received, gaps):
+    reached, complaints = reached_by(sent, received)
+    for one, ends in match(sent, outcomes):
+        copies = reached[id(one)]
+        name = f"{one.robot}: the command {one.kind} sent at {one.at:.3f}"
+        if any(end.result == "delivered" and not any(copy.at <= end.at + HURRY_S for copy in copies) for end in ends):
+            complaints.append(f"{name} is told as delivered but the robot never got it")
+        for copy in copies:
+            if touched(one.at - MOMENT_S, copy.at, gaps):
+                continue
+            if copy.message_id != copies[0].message_id:
+                complaints.append(f"{name} reached the robot again under another message id at {copy.at:.3f}")
+            elif ends and copy.at > ends[0].at + MOMENT_S:
+                complaints.append(f"{name} reached the robot at {copy.at:.3f}, after {ends[0].result} was told at {ends[0].at:.3f}")
+    return complaints
+
+
+def reached_by(sent, received):
+    """({id of a command: what reached its robot}, complaints). A copy belongs to the last command before it that is equal."""
+    reached, complaints = collections.defaultdict(list), []
+    by_name = collections.defaultdict(list)
+    for one in sorted(sent, key=lambda one: one.at):
+        by_name[one.robot, as_carried_out(one)].append(one)
+    for copy in sorted(received, key=lambda copy: copy.at):
+        equal = by_name[copy.robot, as_carried_out(copy)]
+        before = [one for one in equal if one.at - SLACK_S <= copy.at]
+        if before:
+            reached[id(before[-1])].append(copy)
+        else:
+            complaints.append(f"{copy.robot}: got a command that nobody sent: {copy.kind} {copy.payload} at {copy.at:.3f}")
+    return reached, complaints
+
+
+def as_carried_out(command):
+    """The same for a command as it was sent and as either mesh carries it."""
+    if command.kind == "run":
+        return "run", bytes.fromhex(command.payload) in (b"\1", b"1", b"on", b"start", b"unpause")
+    return "cmd" if command.kind == "cmd" else "other", command.payload

@@ -5,30 +5,43 @@ Mosquitto writes a QoS 0 copy to a subscriber's socket before it acknowledges th
 keeps what was written for the reader when the broker dies. This subscriber never writes after its SUBSCRIBE, so that the
 connection ends without a reset, and reads to the end. While it is connected (World sees to it that the daemon connects after
 it) nothing acknowledged by the broker can escape it; and the broker itself never repeats a message to it.
+
+A subscriber with QoS 0 cannot see with which QoS a message was published, so a second one, the Witness, hears all with QoS 2, and
+acknowledges it. What it was sent when the broker died may be lost.
 """
+import contextlib
 import json
 import socket
 import threading
 import time
 
+from forwarding import Heard
+
 CONNECT = b"\x10\x10\x00\x04MQTT\x04\x02\x00\x00\x00\x04soak"  # MQTT 3.1.1, clean session, no keep-alive
-CONNACK, PUBLISH, SUBACK = 2, 3, 9
+# MQTT 5, clean start, no keep-alive, Receive Maximum 65535, Maximum Packet Size left out: no bound
+WITNESS_CONNECT = b"\x10\x17\x00\x04MQTT\x05\x02\x00\x00\x03\x21\xff\xff\x00\x07witness"
+NO_RETAINED_AS_PUBLISHED_QOS_2 = 0x20 | 0x08 | 2  # options of a subscription, MQTT 5 section 3.8.3.1
+CONNACK, PUBLISH, PUBREL, SUBACK = 2, 3, 6, 9
+PUBACK, PUBREC, PUBCOMP = b"\x40\x02", b"\x50\x02", b"\x70\x02"  # with the packet id after it: success
 
 
-class Subscriber:
+class Listener:
+    """Reads what the broker writes to one subscription to everything below the prefix."""
+    connect_packet = CONNECT
+    options = 0
+    properties = b""  # of SUBSCRIBE
+
     def __init__(self, port, prefix):
         self.port, self.prefix = port, prefix
-        self.messages = []  # (time, topic, payload), in the order in which the broker had them
-        self.online_at = 0.0  # when the daemon last said that it is connected
         self.thread = None
 
     def connect(self):
         """Returns when the subscription stands."""
         self.has_subscribed = threading.Event()
-        connection = socket.create_connection(("127.0.0.1", self.port))
+        self.connection = connection = socket.create_connection(("127.0.0.1", self.port))
         topic = f"{self.prefix}/#".encode()
-        body = b"\x00\x01" + len(topic).to_bytes(2, "big") + topic + b"\x00"
-        connection.sendall(CONNECT + bytes([0x82, len(body)]) + body)
+        body = b"\x00\x01" + self.properties + len(topic).to_bytes(2, "big") + topic + bytes([self.options])
+        connection.sendall(self.connect_packet + bytes([0x82, len(body)]) + body)
         self.thread = threading.Thread(target=self.read, args=(connection,), daemon=True)
         self.thread.start()
         return self.has_subscribed.wait(30)
@@ -63,17 +76,59 @@ class Subscriber:
                 break
         if len(buffer) < begin + size:
             return False
-        kind, is_retained, body = buffer[0] >> 4, buffer[0] & 1, bytes(buffer[begin:begin + size])
+        kind, flags, body = buffer[0] >> 4, buffer[0] & 15, bytes(buffer[begin:begin + size])
         del buffer[:begin + size]
-        if kind == PUBLISH and not is_retained:
+        if kind == PUBLISH:
             topic_size = int.from_bytes(body[:2], "big")
-            self.on_message(body[2:2 + topic_size].decode(), body[2 + topic_size:])
+            self.on_publish(flags, body[2:2 + topic_size].decode(), body[2 + topic_size:])
+        elif kind == PUBREL:
+            self.answer(PUBCOMP, body[:2])
         elif kind == SUBACK:
             self.has_subscribed.set()
         return True
 
-    def on_message(self, topic, payload):
+
+class Subscriber(Listener):
+    def __init__(self, port, prefix):
+        super().__init__(port, prefix)
+        self.messages = []  # (time, topic, payload), in the order in which the broker had them
+        self.online_at = 0.0  # when the daemon last said that it is connected
+
+    def on_publish(self, flags, topic, payload):
+        if flags & 1:  # retained from before the subscription
+            return
         self.messages.append((time.time(), topic, payload))
         if topic.startswith(f"{self.prefix}/gateway/") and topic.endswith("/state"):
             if json.loads(payload)["state"] == "online":
                 self.online_at = time.time()
+
+
+class Witness(Listener):
+    connect_packet = WITNESS_CONNECT
+    options = NO_RETAINED_AS_PUBLISHED_QOS_2
+    properties = b"\x00"
+
+    def __init__(self, port, prefix):
+        super().__init__(port, prefix)
+        self.heard = []
+
+    def on_publish(self, flags, topic, rest):
+        qos = flags >> 1 & 3
+        if qos > 0:
+            self.answer(PUBACK if qos == 1 else PUBREC, rest[:2])
+            rest = rest[2:]
+        self.heard.append(Heard(time.time(), topic, payload_of(rest), qos, bool(flags & 1)))
+
+    def answer(self, kind, packet_id):
+        with contextlib.suppress(OSError):  # the broker died; `read` sees it
+            self.connection.sendall(kind + packet_id)
+
+
+def payload_of(rest):
+    """What follows the properties, whose length comes first."""
+    length, at = 0, 0
+    while True:
+        length |= (rest[at] & 0x7F) << 7 * at
+        at += 1
+        if rest[at - 1] < 0x80:
+            return rest[at + length:]

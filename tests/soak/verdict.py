@@ -70,6 +70,8 @@ def read_record(lines):
         if not line.endswith("\n"):  # still being written
             break
         what, robot, number, *rest = line.split()
+        if what == "received":  # a command: commands.py
+            continue
         if what == "sent":
             said[robot, number] = Said(robot, int(number), canonical(rest[0]), float(rest[1]))
         else:

@@ -14,15 +14,17 @@ import subprocess
 import time
 
 from clock import MovedClock
-from commands import Gap, Outcome, Sent
+from commands import Gap, Sent, read_received
 from disk import Disk
+from judge import Evidence, arrivals_in, outcomes_in
 from program import PATIENCE_S, Failure, Program, free_port
 from proxy import Mqtt311Proxy
-from subscriber import Subscriber
-from verdict import Arrival, Trouble, read_record
+from subscriber import Subscriber, Witness
+from verdict import Trouble, read_record
 
 PREFIX = "ntnu-slam"
 FLEETS = {"thread1_": 4, "thread2_": 4, "ble": 3}  # prefix of the robots' ids: how many
+QOS = {"thread1_": 1, "thread2_": 2, "ble": 1}  # of their messages
 FIRST_BLE_ADDRESS = 0x0100
 LARGEST_PACKET = 268435455  # of MQTT
 NOBODY = "nobody"  # a name that no robot has; commands to it have an outcome too
@@ -45,7 +47,8 @@ class World:
         self.broker_port, self.mqttsn_port = free_port(socket.SOCK_STREAM), free_port(socket.SOCK_DGRAM)
         self.mqtt = mqtt
         self.link_port = Mqtt311Proxy(self.broker_port).port if mqtt == 3 else self.broker_port
-        self.subscriber = Subscriber(self.broker_port, PREFIX)
+        self.subscriber, self.witness = Subscriber(self.broker_port, PREFIX), Witness(self.broker_port, PREFIX)
+        self.robots_end = math.inf
         self.is_broker_there = self.is_daemon_wanted = self.are_robots_wanted = False
         self.broker = Program(self.directory, "broker", ["mosquitto", "-c", self.write_broker_configuration()])
         self.clock = MovedClock(self.directory)
@@ -58,7 +61,7 @@ class World:
 
     def fleet_arguments(self):
         thread = ["thread", "--gateway", f"127.0.0.1:{self.mqttsn_port}", *THREAD_OPTIONS]
-        return {"thread1_": [*thread, "--qos", 1], "thread2_": [*thread, "--qos", 2],
+        return {"thread1_": [*thread, "--qos", QOS["thread1_"]], "thread2_": [*thread, "--qos", QOS["thread2_"]],
                 "ble": ["ble", "--tty", self.directory / "board", "--acknowledged", "--numbered", "--rate", 3]}
 
     def write_broker_configuration(self):
@@ -185,8 +188,9 @@ class World:
         self.broker.start()
         self.is_broker_there = True
         self.wait_for("the broker", self.accepts_connections)
-        if not self.subscriber.connect():
-            raise Failure("the subscriber's subscription: not within 30 s")
+        for listener in (self.subscriber, self.witness):
+            if not listener.connect():
+                raise Failure("a subscriber's subscription: not within 30 s")
         if is_paused:
             self.daemon.send(signal.SIGCONT)
 
@@ -194,8 +198,9 @@ class World:
         self.is_broker_there = False
         self.open_gap(loses_queue=True)
         self.broker.end(signal_number)
-        if not self.subscriber.wait_for_end():
-            raise Failure("the subscriber's connection outlives the broker")
+        for listener in (self.subscriber, self.witness):
+            if not listener.wait_for_end():
+                raise Failure("a subscriber's connection outlives the broker")
 
     def pause_broker(self):
         self.is_broker_there = False
@@ -236,6 +241,7 @@ class World:
 
     def end_robots(self):
         self.are_robots_wanted = False
+        self.robots_end = time.time()
         for robots in self.robots.values():
             robots.end(signal.SIGTERM)
 
@@ -255,7 +261,7 @@ class World:
         result = subprocess.run(["mosquitto_pub", "-h", "127.0.0.1", "-p", str(self.broker_port), "-q", "1", "-s",
                                  "-t", f"{PREFIX}/server/{robot}/{kind}"], input=payload, timeout=PATIENCE_S, check=False)
         if result.returncode == 0:
-            self.commands.append(Sent(robot, kind, time.time()))
+            self.commands.append(Sent(robot, kind, time.time(), payload.hex()))
 
     def status(self, *path):
         """A field of `slam-gatewayctl status`; None when the daemon does not answer."""
@@ -269,27 +275,26 @@ class World:
         return field
 
     def said(self):
-        said = []
+        return self.recorded(read_record)
+
+    def recorded(self, read):
+        found = []
         for fleet in FLEETS:
             with contextlib.suppress(FileNotFoundError), open(self.directory / f"{fleet}.record") as record:
-                said += read_record(record)
-        return said
+                found += read(record)
+        return found
 
     def arrivals(self):
-        arrivals = []
-        for at, topic, payload in list(self.subscriber.messages):
-            level = topic.split("/")
-            if level[1] == "robot" and level[3] == "update":
-                arrivals.append(Arrival(level[2], payload.hex(), at))
-        return arrivals
+        return arrivals_in(list(self.subscriber.messages))
 
     def outcomes(self):
-        outcomes = []
-        for at, topic, payload in list(self.subscriber.messages):
-            if topic.startswith(f"{PREFIX}/gateway/soak/commands/"):
-                said = json.loads(payload)
-                outcomes.append(Outcome(topic.rsplit("/", 1)[1], said["type"], said["outcome"], said["after_ms"], at))
-        return outcomes
+        return outcomes_in(list(self.subscriber.messages))
+
+    def evidence(self):
+        return Evidence(said=self.said(), received=self.recorded(read_received), messages=list(self.subscriber.messages),
+                        witnessed=list(self.witness.heard), commands=self.commands, troubles=self.troubles, gaps=self.gaps,
+                        qos_of={robot: QOS[fleet_of(robot)] for robot in self.robot_ids()}, robots_end=self.robots_end,
+                        until=time.time())
 
 
 def fleet_of(robot):
