@@ -201,7 +201,8 @@ void add_ble(CLI::App& app, BleOptions& options, BleTexts& texts) {
                  "With --unprovisioned: the robots demand this OOB value, 32 hex digits");
   app.add_flag("--heartbeats", options.has_heartbeats,
                "Heartbeat events each 10 s; with --firmware 5.0.0");
-  app.add_option("--state", options.state, "Keep the flash of board and robots in this file");
+  app.add_option("--state", options.state,
+                 "Keep the flash of robots, and of a board with storage, in this file");
   app.add_flag("--unicast", options.is_unicast,
                "Robots publish to the board's unicast address instead of groups");
   app.add_flag("--segment-timing", options.has_segment_timing,
@@ -214,6 +215,8 @@ void add_ble(CLI::App& app, BleOptions& options, BleTexts& texts) {
                  "Least time between two packets of one node")
       ->check(CLI::Range(0U, 1000U))
       ->capture_default_str();
+  app.add_flag("--board-storage,!--no-board-storage", options.has_board_storage,
+               "The board keeps its tables and sequence number when it restarts");
   app.add_flag("--configured", options.is_configured,
                "The board starts as an earlier session left it: keys, address 0x0001, groups");
   app.add_option("--net-key", texts.net_key, "With --configured: network key, 32 hex digits")

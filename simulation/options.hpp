@@ -97,6 +97,7 @@ struct BleOptions {
   bool has_segment_timing = false;
   std::optional<ble::OnBusy> on_busy;
   unsigned bearer_interval_ms = 0;  ///< 0: a node can transmit at any time
+  bool has_board_storage = true;    ///< else the board forgets its tables, as the stock one does
   bool is_configured = false;
   Bytes net_key;  ///< 16 octets
   Bytes app_key;  ///< 16 octets

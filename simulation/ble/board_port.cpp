@@ -25,17 +25,20 @@ BoardPort::BoardPort(boost::asio::io_context& io, std::string tty, Network& netw
       plug_(io) {}
 
 void BoardPort::restart_board() {
-  fmt::print(stderr, "the board restarts\n");
-  const bool is_torn = ++restarts_ % 2 == 0 && terminal_ && to_host_.empty();
+  if (!terminal_) return;
+  const unsigned turn = restarts_++ % 3;
+  fmt::print(stderr, "the board restarts{}\n", turn == 0 ? ", and its start event is lost" : "");
+  const bool is_torn = turn == 1 && to_host_.empty();
   if (is_torn && ::write(terminal_->master(), last_packet_.data(), last_packet_.size() / 2) < 0) {
     fmt::print(stderr, "the host reads nothing\n");
   }
   to_host_.clear();
-  network_.reboot_board(std::chrono::steady_clock::now(), Board::reboot_time, board_);
+  network_.reboot_board(std::chrono::steady_clock::now(), Board::reboot_time, board_,
+                        turn == 0 ? StartEvent::lost : StartEvent::said);
   pump_();
 }
 
-void BoardPort::unplug_board() {
+void BoardPort::power_cycle_board() {
   if (!terminal_) return;
   fmt::print(stderr, "the board is unplugged for {} s\n", unplugged_time.count());
   master_.close();

@@ -30,11 +30,11 @@ class BoardPort {
   /// read makes it overflow, as on the real one.
   void flush_to_host();
   void allow_next_host();
-  /// Every other restart cuts an event: the host takes what the board says first for the rest of
-  /// it.
+  /// The port stays open. In turn the board's start event is lost, comes after an event that the
+  /// restart has cut, so that the host takes it for the rest of that one, and comes whole.
   void restart_board();
-  /// For `unplugged_time`.
-  void unplug_board();
+  /// Unplugged for `unplugged_time`: the port and the power are gone.
+  void power_cycle_board();
   /// The host has read everything.
   bool is_quiet() const;
 

@@ -112,7 +112,9 @@ Network::Network(const BleOptions& options)
   constexpr unsigned beyond_all_robots = 0x8000;  // each board has randomness of its own
   for (unsigned i = 0; i < options.ttys.size(); ++i) {
     const unsigned number = i == 0 ? 0 : beyond_all_robots + i;
-    boards_.emplace_back(*options.firmware, Random(options.common.seed, number, Use::provisioning));
+    boards_.emplace_back(*options.firmware,
+                         options.has_board_storage ? BoardStorage::flash : BoardStorage::none,
+                         Random(options.common.seed, number, Use::provisioning));
   }
   if (options.is_configured) boards_[0].configure(to_key(options.net_key), to_key(options.app_key));
   for (unsigned number = 1; number <= options.common.robots; ++number) {
@@ -158,8 +160,9 @@ std::optional<std::pair<unsigned, std::string>> Network::next_failed_assertion()
   return first;
 }
 
-void Network::reboot_board(TimePoint now, Duration downtime, std::size_t board) {
-  boards_[board].reboot(now, downtime);
+void Network::reboot_board(TimePoint now, Duration downtime, std::size_t board,
+                           StartEvent start_event) {
+  boards_[board].reboot(now, downtime, start_event);
 }
 
 TimePoint Network::deadline() const {

@@ -40,7 +40,8 @@ class Network {
   /// A robot whose firmware has failed an assertion, and which: its number (from 1) and the words.
   std::optional<std::pair<unsigned, std::string>> next_failed_assertion();
   /// The board restarts, without power for `downtime`; the robots go on.
-  void reboot_board(TimePoint now, Duration downtime = Board::reboot_time, std::size_t board = 0);
+  void reboot_board(TimePoint now, Duration downtime = Board::reboot_time, std::size_t board = 0,
+                    StartEvent start_event = StartEvent::said);
 
   /// All updates are sent, acknowledged where asked for, and nothing is in the air.
   bool has_sent_everything() const;

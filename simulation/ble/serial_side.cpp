@@ -58,8 +58,8 @@ class SerialSide {
   std::deque<BoardPort> ports_;
   UpdateRecord record_;
   std::string saved_state_;
-  std::size_t restarted_ = 0;  ///< how many times a board was restarted, and unplugged: in turn
-  std::size_t unplugged_ = 0;
+  std::size_t power_cycled_ = 0;  ///< how many times a board was; they take turns
+  std::size_t restarted_ = 0;
   bool is_ending_ = false;
 };
 
@@ -116,8 +116,8 @@ void SerialSide::wait_signal() {
 }
 
 void SerialSide::on_signal(int signal) {
-  if (signal == SIGUSR1) return ports_[restarted_++ % ports_.size()].restart_board();
-  if (signal == SIGUSR2) return ports_[unplugged_++ % ports_.size()].unplug_board();
+  if (signal == SIGUSR1) return ports_[power_cycled_++ % ports_.size()].power_cycle_board();
+  if (signal == SIGUSR2) return ports_[restarted_++ % ports_.size()].restart_board();
   io_.stop();
 }
 

@@ -220,7 +220,8 @@ NodeConfiguration configuration_from(const json& from) {
 }  // namespace
 
 std::string state_of(const Network& network) {
-  json out{{"board", to_json(network.board().flash())}, {"nodes", json::array()}};
+  json out{{"nodes", json::array()}};
+  if (network.board().has_storage()) out["board"] = to_json(network.board().flash());
   for (const Node& node : network.nodes()) out["nodes"].push_back(to_json(node));
   return out.dump(1) + "\n";
 }
@@ -228,7 +229,8 @@ std::string state_of(const Network& network) {
 void restore_state(Network& network, const std::string& text) {
   try {
     const json from = json::parse(text);
-    network.restore_board(flash_from(from.at("board")));
+    const bool has_board = network.board().has_storage() && from.contains("board");
+    if (has_board) network.restore_board(flash_from(from.at("board")));
     for (const json& node : from.at("nodes")) {
       network.restore_node(node.at("number").get<unsigned>(), configuration_from(node),
                            node.at("sequence").get<std::uint32_t>());

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What survives the simulator's process (--state): the flash of the board and of the robots, as one
-// JSON document. It holds keys, so only its owner can read the file.
+// What survives the simulator's process (--state): the flash of the robots, and of a board that has
+// storage, as one JSON document. It holds keys, so only its owner can read the file.
 #pragma once
 
 #include <string>

@@ -132,13 +132,13 @@ class Acts:
 
     def unplug_board(self):
         with self.world.trouble("unplug the board for 2 s", BOARD_LOST):
-            self.world.robots["ble"].send(signal.SIGUSR2)
+            self.world.robots["ble"].send(signal.SIGUSR1)
             self.world.pass_time(2)
             self.wait_for_board()
 
     def restart_board(self):
         with self.world.trouble("restart the board", BOARD_LOST):
-            self.world.robots["ble"].send(signal.SIGUSR1)
+            self.world.robots["ble"].send(signal.SIGUSR2)
             self.world.pass_time(0.5)
             self.wait_for_board()
 

@@ -33,8 +33,9 @@ bool has_no_params(std::uint8_t opcode) {
 
 }  // namespace
 
-Board::Board(const Firmware& firmware, Random random)
+Board::Board(const Firmware& firmware, BoardStorage storage, Random random)
     : firmware_(firmware),
+      storage_(storage),
       device_(firmware, flash_, to_host_),
       keys_(flash_),
       addresses_(flash_),
@@ -54,7 +55,7 @@ void Board::configure(const Key& net_key, const Key& app_key) {
 /// The stock example starts the mesh by itself.
 void Board::on_power_up() {
   is_enabled_ = true;
-  to_host_.push({device_started, 0x02, 0x00, 0xfe});
+  if (start_event_ == StartEvent::said) to_host_.push({device_started, 0x02, 0x00, 0xfe});
 }
 
 void Board::restore(BoardFlash flash) {
@@ -62,8 +63,10 @@ void Board::restore(BoardFlash flash) {
   sender_.reset();
 }
 
-void Board::reboot(TimePoint now, Duration downtime) {
+void Board::reboot(TimePoint now, Duration downtime, StartEvent start_event) {
+  if (!has_storage()) flash_ = BoardFlash();
   is_enabled_ = false;
+  start_event_ = start_event;
   device_.reset();
   provisioner_.reset();
   sender_.reset();

@@ -25,12 +25,20 @@ struct Reception {
   std::optional<std::size_t> board{};  ///< that hears it; nothing: the robots do
 };
 
+/// Whether the board's tables and sequence number outlive a reset. Nordic's serial example is built
+/// without storage in each release.
+enum class BoardStorage : std::uint8_t { none, flash };
+
+/// Whether the host gets the board's Device Started event. It does not when the board restarts
+/// behind a port that loses octets meanwhile.
+enum class StartEvent : std::uint8_t { said, lost };
+
 class Board {
  public:
   static constexpr std::chrono::milliseconds reboot_time{100};
 
   /// `firmware` outlives this.
-  Board(const Firmware& firmware, Random random);
+  Board(const Firmware& firmware, BoardStorage storage, Random random);
   Board(const Board&) = delete;
   Board& operator=(const Board&) = delete;
 
@@ -38,8 +46,9 @@ class Board {
   void configure(const Key& net_key, const Key& app_key);
 
   void on_power_up();
-  /// Its RAM is void; it starts after `downtime`.
-  void reboot(TimePoint now, Duration downtime = reboot_time);
+  /// Its RAM is void, and without storage the tables are, too; it starts after `downtime`.
+  void reboot(TimePoint now, Duration downtime = reboot_time,
+              StartEvent start_event = StartEvent::said);
   void on_host_bytes(ByteView bytes, TimePoint now);
   void on_radio(const Reception& reception);
   void on_beacon(const Beacon& beacon);
@@ -66,6 +75,7 @@ class Board {
   Address local_address() const { return flash_.local_start; }
 
   const BoardFlash& flash() const { return flash_; }
+  bool has_storage() const { return storage_ == BoardStorage::flash; }
   /// Before power-up.
   void restore(BoardFlash flash);
 
@@ -86,9 +96,11 @@ class Board {
   void respond(std::uint8_t opcode, const Reply& reply);
 
   const Firmware& firmware_;
-  BoardFlash flash_;
+  const BoardStorage storage_;
+  BoardFlash flash_;  ///< in RAM, as all below, without storage
   // Void after a reset
   std::optional<TimePoint> boots_at_;
+  StartEvent start_event_ = StartEvent::said;
   bool is_enabled_ = false;
   TransmitBuffer to_host_;
   DeviceCommands device_;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the board keeps over a reset.
+// The board's tables and the sequence numbers that it has reserved. A board that is built with
+// storage keeps them in flash; the stock one, which is not, loses them at each reset.
 #pragma once
 
 #include "simulation/ble/board/address_table.hpp"

@@ -93,7 +93,7 @@ class BleMesh:
 
     def unplug(self):
         """One board after the other, for 2 s."""
-        self.simulator.send(signal.SIGUSR2)
+        self.simulator.send(signal.SIGUSR1)
 
     def read_record(self):
         """By (robot, number): (payload, when), when it was acknowledged, and when it was repeated."""

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The built program behind a real pty: signals that restart and unplug the board, and what
+// The built program behind a real pty: signals that power-cycle and restart the board, and what
 // survives.
 #include <fcntl.h>
 #include <gtest/gtest.h>
@@ -21,13 +21,15 @@ namespace {
 namespace fs = std::filesystem;
 using test::eventually;
 
+const char* const stock_board = "--no-board-storage";
+
 class SerialSideTest : public ::testing::Test {
  protected:
   ~SerialSideTest() override { hang_up(); }
 
-  void begin(const std::string& robots = "3") {
+  void begin(const std::string& storage = "--board-storage", const std::string& robots = "3") {
     program_.emplace(std::vector<std::string>{SLAMGW_SIM, "ble", "--tty", link_, "--robots", robots,
-                                              "--unprovisioned", "--state", state_},
+                                              "--unprovisioned", "--state", state_, storage},
                      directory_ / "out", directory_ / "err");
     ASSERT_TRUE(eventually([&] { return fs::is_symlink(link_); }));
   }
@@ -69,6 +71,24 @@ class SerialSideTest : public ::testing::Test {
     EXPECT_TRUE(is_heard) << to_hex(heard_);
     return is_heard;
   }
+  /// Asks for as long as the board does not answer; what it says besides stays in `heard_`.
+  bool forgets_its_address() {
+    const Bytes octets = hex("01 a0");
+    if (::write(port_, octets.data(), octets.size()) < 0) return false;
+    read_some();
+    return to_hex(heard_).find("07 84 a0 00 00 00 00 00") != std::string::npos;
+  }
+  void power_cycle(const std::string& storage) {
+    begin(storage);
+    open_port();
+    ASSERT_TRUE(answers("05 9f 01 00 01 00", "03 84 9f 00"));
+    program_->send_signal(SIGUSR1);
+    ASSERT_TRUE(eventually([&] { return !fs::is_symlink(link_); }));
+    EXPECT_TRUE(has_hung_up());
+    program_->send_signal(SIGUSR1);  // is unplugged already
+    open_port();
+    ASSERT_TRUE(hears("04 81 02 00 fe"));
+  }
   bool has_hung_up() const {
     pollfd state{port_, POLLIN, 0};
     return ::poll(&state, 1, 0) == 1 && (state.revents & POLLHUP) != 0;
@@ -83,30 +103,43 @@ class SerialSideTest : public ::testing::Test {
   Bytes heard_;
 };
 
-TEST_F(SerialSideTest, RestartsTheBoardAndTearsEveryOtherTime) {
-  begin();
+/// The first time the board says nothing. The second time it cuts what it has said last, whose rest
+/// then seems to be the start event.
+TEST_F(SerialSideTest, RestartsTheBoardBehindAnOpenPort) {
+  begin(stock_board);
   open_port();
-  ASSERT_TRUE(answers("01 09", "05 84 09 00 0a 00"));
-  heard_.clear();
-  program_->send_signal(SIGUSR1);
   ASSERT_TRUE(hears("04 81 02 00 fe"));
-  EXPECT_EQ(to_hex(heard_), "04 81 02 00 fe");
-  heard_.clear();
-  program_->send_signal(SIGUSR1);
-  ASSERT_TRUE(hears("04 81 04 81 02 00 fe"));
-}
-
-TEST_F(SerialSideTest, UnplugsTheBoardAndPlugsItInAgain) {
-  begin();
-  open_port();
   ASSERT_TRUE(answers("05 9f 01 00 01 00", "03 84 9f 00"));
   program_->send_signal(SIGUSR2);
-  ASSERT_TRUE(eventually([&] { return !fs::is_symlink(link_); }));
-  EXPECT_TRUE(has_hung_up());
-  program_->send_signal(SIGUSR2);  // is unplugged already
-  open_port();
+  ASSERT_TRUE(eventually([&] { return forgets_its_address(); }));
+  EXPECT_EQ(to_hex(heard_).find("81 02 00 fe"), std::string::npos);
+  ASSERT_TRUE(answers("01 09", "05 84 09 00 0a 00"));
+  program_->send_signal(SIGUSR2);
+  ASSERT_TRUE(hears("05 84 09 04 81 02 00 fe"));
+  heard_.clear();
+  program_->send_signal(SIGUSR2);
   ASSERT_TRUE(hears("04 81 02 00 fe"));
+  EXPECT_EQ(to_hex(heard_), "04 81 02 00 fe");
+}
+
+TEST_F(SerialSideTest, PowerCyclesAStockBoardWhichForgets) {
+  power_cycle(stock_board);
+  EXPECT_TRUE(answers("01 a0", "07 84 a0 00 00 00 00 00"));
+}
+
+TEST_F(SerialSideTest, PowerCyclesABoardWithStorageWhichDoesNotForget) {
+  power_cycle("--board-storage");
   EXPECT_TRUE(answers("01 a0", "07 84 a0 00 01 00 01 00"));
+}
+
+TEST_F(SerialSideTest, KeepsNoStateOfAStockBoard) {
+  begin(stock_board);
+  open_port();
+  ASSERT_TRUE(answers("05 9f 23 01 01 00", "03 84 9f 00"));
+  program_->send_signal(SIGTERM);
+  EXPECT_EQ(program_->wait(), 0);
+  EXPECT_NE(saved().find("\"nodes\""), std::string::npos);
+  EXPECT_EQ(saved().find("\"board\""), std::string::npos);
 }
 
 TEST_F(SerialSideTest, KeepsItsStateThroughACrash) {
@@ -143,7 +176,7 @@ TEST_F(SerialSideTest, EndsWithThreeAfterARobotFailedAnAssertion) {
     host.ask("80 1b 00 01 0" + std::to_string(group) + "c1 59 00 09 00");
   }
   test::write_file(state_, ble::state_of(host.network()));
-  begin("1");
+  begin("--board-storage", "1");
   open_port();
   ASSERT_TRUE(answers("13 ab 08 00 01 00 00 00 04 00 00 00 80 1d 00 01 59 00 09 00", "84 ab 00"));
   EXPECT_TRUE(eventually([&] {
@@ -158,7 +191,8 @@ TEST_F(SerialSideTest, EndsWithThreeAfterARobotFailedAnAssertion) {
 
 TEST_F(SerialSideTest, RefusesAStateFileOfSomethingElse) {
   test::write_file(state_, "{}");
-  program_.emplace(std::vector<std::string>{SLAMGW_SIM, "ble", "--tty", link_, "--state", state_});
+  program_.emplace(std::vector<std::string>{SLAMGW_SIM, "ble", "--tty", link_, "--state", state_,
+                                            "--board-storage"});
   EXPECT_EQ(program_->wait(), 1);
   EXPECT_EQ(saved(), "{}");
 }

@@ -50,7 +50,7 @@ class UsbBoard:
 
     def plug_in(self):
         """The board starts as it gets power."""
-        self.simulator.send_signal(signal.SIGUSR1)
+        self.simulator.send_signal(signal.SIGUSR2)
         controller = os.listdir("/sys/class/udc")[0]
         (GADGET / "UDC").write_text(controller + "\n", encoding="ascii")
         wait_for("the port", lambda: list(pathlib.Path("/dev").glob("ttyACM*")))

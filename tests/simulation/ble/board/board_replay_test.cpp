@@ -17,7 +17,8 @@ using test::Transcript;
 class ReplayedBoard {
  public:
   explicit ReplayedBoard(const std::string& release)
-      : board_(*find_firmware(release), Random(1, 0, Random::Use::provisioning)) {
+      : board_(*find_firmware(release), BoardStorage::none,
+               Random(1, 0, Random::Use::provisioning)) {
     board_.on_power_up();
   }
 

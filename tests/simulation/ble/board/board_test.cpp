@@ -20,7 +20,7 @@ const char* const cmd_appkey_add =
 
 class BoardTest : public ::testing::Test {
  protected:
-  BoardTest() {
+  explicit BoardTest(BoardStorage storage = BoardStorage::none) : storage_(storage) {
     board_.on_power_up();
     drain();
   }
@@ -62,11 +62,20 @@ class BoardTest : public ::testing::Test {
 
   TimePoint now_{seconds{1000}};
   std::uint32_t sequence_ = 0;
-  Board board_{firmware_3_1_0, Random(1, 0, Random::Use::provisioning)};
+  std::uint32_t sequence_of_next_message();
+
+  const BoardStorage storage_;
+  Board board_{firmware_3_1_0, storage_, Random(1, 0, Random::Use::provisioning)};
+};
+
+/// What a board that is built with storage does otherwise.
+class StoringBoardTest : public BoardTest {
+ protected:
+  StoringBoardTest() : BoardTest(BoardStorage::flash) {}
 };
 
 TEST_F(BoardTest, SaysThatItStarted) {
-  Board fresh{firmware_3_1_0, Random(1, 0, Random::Use::provisioning)};
+  Board fresh{firmware_3_1_0, BoardStorage::none, Random(1, 0, Random::Use::provisioning)};
   fresh.on_power_up();
   EXPECT_EQ(to_hex(*fresh.next_host_packet()), "04 81 02 00 fe");
 }
@@ -215,7 +224,53 @@ TEST_F(BoardTest, DropsSilentlyWhenNobodyReadsAndCountsIt) {
   EXPECT_EQ(exchange("01 14"), "07 84 14 00 00 00 00 00");
 }
 
-TEST_F(BoardTest, ForgetsItsMemoryButNotItsTablesOnReset) {
+/// The sequence number of a short message to the robot 0x0100.
+std::uint32_t BoardTest::sequence_of_next_message() {
+  exchange("0e ab 00 00 01 00 03 00 08 00 00 00 cc 59 00");
+  const auto transmission = board_.next_transmission();
+  return transmission ? transmission->message.sequence : 0xffffffff;
+}
+
+TEST_F(BoardTest, ForgetsEverythingOnReset) {
+  set_up();
+  for (std::uint32_t i = 0; i < 3; ++i) EXPECT_EQ(sequence_of_next_message(), i);
+  EXPECT_EQ(exchange("01 0e"), "");
+  EXPECT_EQ(exchange("03 02 68 69"), "");  // still booting
+  EXPECT_EQ(pass(Board::reboot_time), "04 81 02 00 fe");
+  EXPECT_EQ(exchange("01 95"), "03 84 95 00");
+  EXPECT_EQ(exchange("01 a0"), "07 84 a0 00 00 00 00 00");
+  EXPECT_EQ(exchange("01 a8"), "03 84 a8 00");
+  EXPECT_EQ(exchange("0e ab 00 00 01 00 03 00 08 00 00 00 cc 59 00"), "03 84 ab 8e");
+  EXPECT_FALSE(board_.hears(sensor_update_group));
+  set_up();
+  EXPECT_EQ(sequence_of_next_message(), 0U);
+}
+
+TEST_F(BoardTest, RestartsUnheardWhenItsStartEventIsLost) {
+  set_up();
+  board_.reboot(now_, Board::reboot_time, StartEvent::lost);
+  EXPECT_EQ(pass(Board::reboot_time), "");
+  EXPECT_EQ(exchange("01 a0"), "07 84 a0 00 00 00 00 00");
+  exchange("01 0e");
+  EXPECT_EQ(pass(Board::reboot_time), "04 81 02 00 fe");
+}
+
+TEST_F(BoardTest, SendsFromAndHearsEachAddressOfItsRange) {
+  for (const char* command : {cmd_subnet_add, cmd_appkey_add, "03 a1 02 c0", "03 a1 03 c0",
+                              "03 a1 04 c0", "03 a4 00 01", "05 9f 01 00 40 00"}) {
+    exchange(command);
+  }
+  EXPECT_EQ(exchange("01 a0"), "07 84 a0 00 01 00 40 00");
+  EXPECT_EQ(exchange("0e ab 00 00 40 00 03 00 08 00 00 00 cc 59 00"), "07 84 ab 00 01 00 00 00");
+  EXPECT_EQ(board_.next_transmission()->message.source, 0x0040);
+  EXPECT_EQ(exchange("0e ab 00 00 41 00 03 00 08 00 00 00 cc 59 00"), "03 84 ab 87");
+  receive(0x0100, 0x0040, "82 04 01");
+  EXPECT_EQ(drain(), "17 d0 00 01 40 00 00 00 00 00 08 01 00 01 f9 0b 6e c1 c4 03 00 82 04 01");
+  receive(0x0100, 0x0041, "82 04 01");
+  EXPECT_EQ(drain(), "");
+}
+
+TEST_F(StoringBoardTest, ForgetsItsMemoryButNotItsTablesOnReset) {
   set_up();
   exchange("01 61");
   EXPECT_EQ(exchange("01 0e"), "");
@@ -225,6 +280,14 @@ TEST_F(BoardTest, ForgetsItsMemoryButNotItsTablesOnReset) {
   EXPECT_EQ(exchange("01 a0"), "07 84 a0 00 01 00 01 00");
   EXPECT_EQ(exchange("01 a8"), "0b 84 a8 00 00 00 01 00 02 00 03 00");
   EXPECT_TRUE(board_.hears(sensor_update_group));
+}
+
+TEST_F(StoringBoardTest, GoesOnWithTheNextBlockOfSequenceNumbers) {
+  set_up();
+  for (std::uint32_t i = 0; i < 3; ++i) EXPECT_EQ(sequence_of_next_message(), i);
+  exchange("01 0e");
+  pass(Board::reboot_time);
+  EXPECT_EQ(sequence_of_next_message(), 8192U);
 }
 
 TEST_F(BoardTest, HearsOnlyFortySources) {
