@@ -165,6 +165,11 @@ void Network::reboot_board(TimePoint now, Duration downtime, std::size_t board,
   boards_[board].reboot(now, downtime, start_event);
 }
 
+void Network::reset_robot_by_hand(unsigned number, TimePoint now) {
+  nodes_[number - 1].reset_by_hand(now);
+  robots_[number - 1].set_address(nodes_[number - 1].address());
+}
+
 TimePoint Network::deadline() const {
   std::optional<TimePoint> next = radio_.next_arrival();
   for (const Board& board : boards_) next = first_of(next, board.deadline());
@@ -333,13 +338,25 @@ void Network::carry_of_robot(std::size_t index, TimePoint now) {
     const bool is_on_its_way =
         node.prepare(outgoing->message) && transmit_to_boards(outgoing->message, now);
     if (!is_on_its_way && outgoing->is_unacknowledged_update) robot.on_update_dropped();
+    if (is_on_its_way) acknowledge_segments(index, outgoing->message, now);
   }
   robot.set_address(node.address());
 }
 
 bool Network::can_reach(const MeshMessage& message) const {
   return std::any_of(nodes_.begin(), nodes_.end(),
-                     [&](const Node& node) { return node.reaches(message); });
+                     [&](const Node& node) { return node.acknowledges(message); });
+}
+
+/// Segments to a unicast address are acknowledged from that address. A robot that has heard higher
+/// numbers from it, before the board forgot its own, discards the acknowledgement.
+void Network::acknowledge_segments(std::size_t index, const MeshMessage& message, TimePoint now) {
+  if (segment_count(message.payload.size()) == 1 || !is_unicast(message.destination)) return;
+  for (Board& board : boards_) {
+    const std::optional<std::uint32_t> sequence = board.acknowledge_segments(message.destination);
+    if (sequence && nodes_[index].would_accept(message.destination, *sequence)) return;
+  }
+  robots_[index].on_unacknowledged_segments(message, now);
 }
 
 double Network::loss_of(std::size_t board, TimePoint now) const {
@@ -362,7 +379,7 @@ bool Network::transmit_to_boards(const MeshMessage& message, TimePoint now) {
   const std::vector<bool> reached = radio_.transmit(message, receivers(now), now);
   bool is_for_one = false;
   for (std::size_t i = 0; i < boards_.size(); ++i) {
-    if (message.destination != boards_[i].local_address()) continue;
+    if (!boards_[i].flash().is_local(message.destination)) continue;
     if (reached[i]) return true;
     is_for_one = true;
   }
@@ -391,6 +408,10 @@ void Network::begin_transfer(std::size_t board, const PacketSender::Transmission
     }
     is_acknowledged = repeats.has_value();
     duration = repeats ? duration + *repeats : failed_session(message.ttl);
+    const auto times =
+        repeats ? *repeats / retry_interval(message.ttl) : segmented_transmissions - 1;
+    boards_[board].repeat_segments(segment_count(message.payload.size()) *
+                                   static_cast<std::size_t>(times));
   }
   transfers_.emplace(now + duration, Transfer{board, *transmission.transfer, is_acknowledged});
 }

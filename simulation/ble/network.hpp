@@ -43,6 +43,10 @@ class Network {
   void reboot_board(TimePoint now, Duration downtime = Board::reboot_time, std::size_t board = 0,
                     StartEvent start_event = StartEvent::said);
 
+  /// Robots are counted from 1 here.
+  void power_cycle_robot(unsigned number) { nodes_[number - 1].power_cycle(); }
+  void reset_robot_by_hand(unsigned number, TimePoint now);
+
   /// All updates are sent, acknowledged where asked for, and nothing is in the air.
   bool has_sent_everything() const;
   bool has_begun() const { return has_begun_; }
@@ -76,6 +80,7 @@ class Network {
   void begin_transfer(std::size_t board, const PacketSender::Transmission& transmission,
                       TimePoint now);
   bool can_reach(const MeshMessage& message) const;
+  void acknowledge_segments(std::size_t index, const MeshMessage& message, TimePoint now);
   bool transmit_to_boards(const MeshMessage& message, TimePoint now);
   bool transmit_to_robots(std::size_t board, const MeshMessage& message, TimePoint now);
   std::vector<Receiver> receivers(TimePoint now) const;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Replay protection (Mesh Profile 1.0 section 3.8.8), as Nordic's firmware does it, for a fixed
-// number of sources. The board has one, and each robot.
+// number of sources. The board has one, and each robot. It is in RAM. The IV index is the same for
+// all here, so a source's sequence number alone tells.
 #pragma once
 
 #include <cstdint>
@@ -17,15 +18,13 @@ class ReplayList {
   /// False for a sequence number that is not above the last one of its source, and for a source
   /// for which there is no room.
   bool accept(Address source, std::uint32_t sequence) {
-    const auto known = last_.find(source);
-    if (known == last_.end()) {
-      if (last_.size() >= capacity) return false;
-      last_.emplace(source, sequence);
-      return true;
-    }
-    if (sequence <= known->second) return false;
-    known->second = sequence;
+    if (!would_accept(source, sequence)) return false;
+    last_[source] = sequence;
     return true;
+  }
+  bool would_accept(Address source, std::uint32_t sequence) const {
+    const auto known = last_.find(source);
+    return known == last_.end() ? last_.size() < capacity : sequence > known->second;
   }
 
   void clear() { last_.clear(); }

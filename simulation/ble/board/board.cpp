@@ -203,6 +203,11 @@ void Board::on_transfer_ended(std::uint64_t transfer, bool is_acknowledged) {
   forward_events();
 }
 
+std::optional<std::uint32_t> Board::acknowledge_segments(Address destination) {
+  if (!is_unicast(destination) || !listens_to(destination)) return std::nullopt;
+  return sender_.take_sequence(1);
+}
+
 void Board::on_radio(const Reception& reception) {
   const MeshMessage& message = reception.message;
   if (!listens_to(message.destination)) return;

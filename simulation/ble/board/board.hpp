@@ -57,6 +57,13 @@ class Board {
   void on_link_signal(const LinkSignal& signal, TimePoint now);
   /// A failed transfer shows to the host only by what does not come.
   void on_transfer_ended(std::uint64_t transfer, bool is_acknowledged);
+  /// It repeats segments, whose PDUs have new sequence numbers.
+  void repeat_segments(std::size_t count) {
+    sender_.take_sequence(static_cast<std::uint32_t>(count));
+  }
+  /// It acknowledges the segments of a message to one of its addresses, and from that address: the
+  /// sequence number of the acknowledgement, or nothing.
+  std::optional<std::uint32_t> acknowledge_segments(Address destination);
   void on_deadline(TimePoint now);
   std::optional<TimePoint> deadline() const;
 

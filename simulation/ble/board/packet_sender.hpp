@@ -39,6 +39,9 @@ class PacketSender {
   /// TX Complete: opcode and parameters.
   std::optional<Bytes> next_event();
 
+  /// The first of so many sequence numbers, one for each network PDU.
+  std::uint32_t take_sequence(std::uint32_t count);
+
   /// RAM is void, flash is as it is.
   void reset();
   /// State Clear begins the sequence number anew: nodes that have heard higher ones from this
@@ -56,7 +59,6 @@ class PacketSender {
   Status check(const Request& request, bool is_radio_on) const;
   Status check_queue(Address destination, bool is_segmented) const;
   std::optional<Encryption> encryption_of(Handle handle) const;
-  std::uint32_t take_sequence(std::uint32_t count);
   void complete(std::uint32_t token);
 
   const Firmware& firmware_;

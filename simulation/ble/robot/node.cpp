@@ -149,6 +149,10 @@ bool Node::reaches(const MeshMessage& message) const {
   return message.encryption && configuration_.has_net_key(message.encryption->net_key);
 }
 
+bool Node::acknowledges(const MeshMessage& message) const {
+  return reaches(message) && heard_.would_accept(message.source, message.sequence);
+}
+
 const AppKey* Node::find_app_key(const Key& key) const {
   const auto found =
       std::find_if(configuration_.app_keys.begin(), configuration_.app_keys.end(),
@@ -207,6 +211,18 @@ void Node::reset(TimePoint now) {
   heard_.clear();
   configured_at_.reset();
   next_beacon_ = now + beacon_interval;
+}
+
+void Node::power_cycle() {
+  heard_.clear();
+  end_link();
+  answers_.clear();
+}
+
+void Node::reset_by_hand(TimePoint now) {
+  power_cycle();
+  reset(now);
+  next_sequence_ = 0;
 }
 
 std::optional<MeshMessage> Node::next_answer() {

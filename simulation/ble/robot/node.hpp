@@ -43,9 +43,13 @@ class Node {
   void on_link_signal(const LinkSignal& signal, TimePoint now);
   std::optional<LinkSignal> next_link_signal();
 
-  /// It would acknowledge the segments of this message: the network key and the address are its
-  /// own.
-  bool reaches(const MeshMessage& message) const;
+  /// It acknowledges the segments of this message: the network key and the address are its own, and
+  /// replay protection lets them pass.
+  bool acknowledges(const MeshMessage& message) const;
+  /// Replay protection lets an acknowledgement of its own segments pass.
+  bool would_accept(Address source, std::uint32_t sequence) const {
+    return heard_.would_accept(source, sequence);
+  }
   /// True when the robot's models shall see it; configuration messages are answered here.
   bool on_message(const MeshMessage& message, TimePoint now);
   std::optional<MeshMessage> next_answer();
@@ -64,12 +68,17 @@ class Node {
 
   const NodeConfiguration& configuration() const { return configuration_; }
   std::uint32_t next_sequence() const { return next_sequence_; }
+  /// Switched off and on: what it heard is forgotten, what it was told is not.
+  void power_cycle();
+  /// By hand, as its owner does: an unprovisioned device again, whose sequence number begins anew.
+  void reset_by_hand(TimePoint now);
   /// Before the start, from a state file.
   void restore(NodeConfiguration configuration, std::uint32_t next_sequence);
 
  private:
   bool is_gone() const { return failed_assertion_.has_value(); }
   bool is_for_us(Address destination) const;
+  bool reaches(const MeshMessage& message) const;
   const AppKey* find_app_key(const Key& key) const;
   bool is_taken_by_model(const MeshMessage& message, std::uint16_t app_key_index) const;
   void answer_link(ByteView pdu, TimePoint now);

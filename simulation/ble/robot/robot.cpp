@@ -183,8 +183,7 @@ void Robot::repeat(TimePoint now) {
 }
 
 bool Robot::may_transmit(const MeshMessage& message, TimePoint now) const {
-  return !settings_.has_segment_timing || segment_count(message.payload.size()) == 1 ||
-         segmented_until_ <= now;
+  return segment_count(message.payload.size()) == 1 || segmented_until_ <= now;
 }
 
 void Robot::transmit(const MeshMessage& message, TimePoint now) {
@@ -192,6 +191,10 @@ void Robot::transmit(const MeshMessage& message, TimePoint now) {
     segmented_until_ = now + segmented_session(message.destination, message.ttl);
   }
   outbox_.push_back({message, false});
+}
+
+void Robot::on_unacknowledged_segments(const MeshMessage& message, TimePoint now) {
+  segmented_until_ = now + failed_session(message.ttl);
 }
 
 void Robot::on_message(const MeshMessage& message, TimePoint now) {

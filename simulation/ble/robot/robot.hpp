@@ -61,6 +61,8 @@ class Robot {
   void on_message(const MeshMessage& message, TimePoint now);
   /// An unacknowledged update got lost on the air.
   void on_update_dropped() { ++tally_.lost; }
+  /// The segments of its last message are not acknowledged, so the transport repeats them in vain.
+  void on_unacknowledged_segments(const MeshMessage& message, TimePoint now);
   /// Its firmware has failed an assertion: it does nothing any more.
   void on_failed_assertion();
   TimePoint deadline() const;
@@ -112,7 +114,7 @@ class Robot {
   std::uint64_t produced_ = 0;
   std::uint8_t transaction_ = 0;  ///< of the last numbered SET
   std::optional<Reliable> reliable_;
-  TimePoint segmented_until_{};  ///< --segment-timing: no other segmented message before
+  TimePoint segmented_until_{};  ///< no other segmented message before
   bool is_on_ = true;
   struct Transaction {
     Address source;
