@@ -215,6 +215,11 @@ void add_ble(CLI::App& app, BleOptions& options, BleTexts& texts) {
                  "Least time between two packets of one node")
       ->check(CLI::Range(0U, 1000U))
       ->capture_default_str();
+  app.add_option("--baud", options.baud,
+                 "Speed of the serial line, on which the board drops what it cannot say in time; "
+                 "0: no limit")
+      ->check(CLI::Range(0U, 10000000U))
+      ->capture_default_str();
   app.add_flag("--board-storage,!--no-board-storage", options.has_board_storage,
                "The board keeps its tables and sequence number when it restarts");
   app.add_flag("--configured", options.is_configured,

@@ -97,6 +97,7 @@ struct BleOptions {
   bool has_segment_timing = false;
   std::optional<ble::OnBusy> on_busy;
   unsigned bearer_interval_ms = 0;  ///< 0: a node can transmit at any time
+  unsigned baud = 0;                ///< of the boards' serial lines; 0: octets take no time
   bool has_board_storage = true;    ///< else the board forgets its tables, as the stock one does
   bool is_configured = false;
   Bytes net_key;  ///< 16 octets
@@ -106,6 +107,11 @@ struct BleOptions {
   Bytes static_oob;   ///< 16 octets, or none
   bool has_heartbeats = false;
   std::string state;  ///< a file, or none
+
+  /// With a start and a stop bit.
+  Duration octet_time() const {
+    return baud == 0 ? Duration{} : Duration{std::chrono::seconds{10}} / baud;
+  }
 };
 
 /// What to simulate, or how the program ends at once (`--help`, wrong arguments).

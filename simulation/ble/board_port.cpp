@@ -64,7 +64,8 @@ void BoardPort::plug_in_board() {
 void BoardPort::flush_to_host() {
   while (terminal_ && !is_waiting_writable_) {
     if (to_host_.empty()) {
-      std::optional<Bytes> packet = network_.next_host_packet(board_);
+      std::optional<Bytes> packet =
+          network_.next_host_packet(std::chrono::steady_clock::now(), board_);
       if (!packet) return;
       to_host_ = std::move(*packet);
       last_packet_ = to_host_;

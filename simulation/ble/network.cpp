@@ -112,9 +112,9 @@ Network::Network(const BleOptions& options)
   constexpr unsigned beyond_all_robots = 0x8000;  // each board has randomness of its own
   for (unsigned i = 0; i < options.ttys.size(); ++i) {
     const unsigned number = i == 0 ? 0 : beyond_all_robots + i;
-    boards_.emplace_back(*options.firmware,
-                         options.has_board_storage ? BoardStorage::flash : BoardStorage::none,
-                         Random(options.common.seed, number, Use::provisioning));
+    boards_.emplace_back(
+        *options.firmware, options.has_board_storage ? BoardStorage::flash : BoardStorage::none,
+        Random(options.common.seed, number, Use::provisioning), options.octet_time());
   }
   if (options.is_configured) boards_[0].configure(to_key(options.net_key), to_key(options.app_key));
   for (unsigned number = 1; number <= options.common.robots; ++number) {

@@ -32,8 +32,8 @@ class Network {
   /// One event only: the host gets its chance to read between two of them, as on a real wire.
   void on_deadline(TimePoint now);
   TimePoint deadline() const;
-  std::optional<Bytes> next_host_packet(std::size_t board = 0) {
-    return boards_[board].next_host_packet();
+  std::optional<Bytes> next_host_packet(TimePoint now, std::size_t board = 0) {
+    return boards_[board].next_host_packet(now);
   }
   /// What has happened to updates, robot by robot: its number (from 1) and the event.
   std::optional<std::pair<unsigned, UpdateEvent>> next_event();

@@ -69,7 +69,7 @@ TEST(Network, SurvivesRandomProvisioningCommands) {
         network.on_deadline(now);
       }
       std::size_t octets = 0;
-      while (auto to_host = network.next_host_packet()) {
+      while (auto to_host = network.next_host_packet(now)) {
         octets += to_host->size();
         if ((*to_host)[1] == 0xc0) std::copy_n(to_host->begin() + 2, 16, uuid.begin());
       }
@@ -99,7 +99,7 @@ TEST(Network, SurvivesRandomBytesFromTheHost) {
         network.on_deadline(now);
       }
       std::size_t octets = 0;
-      while (auto to_host = network.next_host_packet()) octets += to_host->size();
+      while (auto to_host = network.next_host_packet(now)) octets += to_host->size();
       ASSERT_LE(octets, ble::TransmitBuffer::capacity);
     }
   }

@@ -33,9 +33,11 @@ bool has_no_params(std::uint8_t opcode) {
 
 }  // namespace
 
-Board::Board(const Firmware& firmware, BoardStorage storage, Random random)
+Board::Board(const Firmware& firmware, BoardStorage storage, Random random, Duration octet_time)
     : firmware_(firmware),
       storage_(storage),
+      octet_time_(octet_time),
+      to_host_(octet_time),
       device_(firmware, flash_, to_host_),
       keys_(flash_),
       addresses_(flash_),
@@ -76,18 +78,39 @@ void Board::reboot(TimePoint now, Duration downtime, StartEvent start_event) {
 }
 
 void Board::on_host_bytes(ByteView bytes, TimePoint now) {
-  for (const std::uint8_t octet : bytes) {
-    if (boots_at_) return;  // nobody listens
-    if (partial_.empty() && octet == 0) {
-      respond(0x00, {Status::invalid_length});
-      continue;
-    }
-    partial_.push_back(octet);
-    if (partial_.size() < 1 + std::size_t{partial_[0]}) continue;
-    const Bytes packet(partial_.begin() + 1, partial_.end());
-    partial_.clear();
-    on_packet(packet, now);
+  if (on_line_.empty()) next_octet_at_ = now + octet_time_;
+  const std::size_t room = max_on_line - on_line_.size();
+  const ByteView taken = bytes.first(std::min(bytes.size(), room));
+  on_line_.insert(on_line_.end(), taken.begin(), taken.end());
+  take_from_line(now);
+}
+
+void Board::take_from_line(TimePoint now) {
+  while (!on_line_.empty() && next_octet_at_ <= now) {
+    const std::uint8_t octet = on_line_.front();
+    on_line_.pop_front();
+    on_octet(octet, next_octet_at_);
+    next_octet_at_ += octet_time_;
   }
+}
+
+/// When the packet that has begun is whole, or all that is on the line has come.
+std::optional<TimePoint> Board::next_command_at() const {
+  if (on_line_.empty()) return std::nullopt;
+  const std::size_t missing =
+      partial_.empty() ? 1 + std::size_t{on_line_.front()} : 1 + partial_[0] - partial_.size();
+  const std::size_t octets = std::min(missing, on_line_.size());
+  return next_octet_at_ + octet_time_ * static_cast<Duration::rep>(octets - 1);
+}
+
+void Board::on_octet(std::uint8_t octet, TimePoint now) {
+  if (boots_at_) return;  // nobody listens
+  if (partial_.empty() && octet == 0) return respond(0x00, {Status::invalid_length});
+  partial_.push_back(octet);
+  if (partial_.size() < 1 + std::size_t{partial_[0]}) return;
+  const Bytes packet(partial_.begin() + 1, partial_.end());
+  partial_.clear();
+  on_packet(packet, now);
 }
 
 void Board::on_packet(ByteView packet, TimePoint now) {
@@ -233,7 +256,8 @@ void Board::on_radio(const Reception& reception) {
 }
 
 std::optional<TimePoint> Board::deadline() const {
-  return first_of(first_of(boots_at_, provisioner_.deadline()), sender_.deadline());
+  const auto radio = first_of(first_of(boots_at_, provisioner_.deadline()), sender_.deadline());
+  return first_of(first_of(radio, next_command_at()), to_host_.deadline());
 }
 
 void Board::on_deadline(TimePoint now) {
@@ -242,6 +266,8 @@ void Board::on_deadline(TimePoint now) {
     partial_.clear();
     on_power_up();
   }
+  take_from_line(now);
+  to_host_.on_deadline(now);
   sender_.on_deadline(now);
   provisioner_.on_deadline(now);
   forward_events();

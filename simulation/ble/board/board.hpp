@@ -6,6 +6,7 @@
 #pragma once
 
 #include <cstdint>
+#include <deque>
 #include <optional>
 
 #include "simulation/ble/board/address_commands.hpp"
@@ -37,8 +38,12 @@ class Board {
  public:
   static constexpr std::chrono::milliseconds reboot_time{100};
 
-  /// `firmware` outlives this.
-  Board(const Firmware& firmware, BoardStorage storage, Random random);
+  /// Octets from the host that are on the line; what comes besides is lost, as without flow
+  /// control.
+  static constexpr std::size_t max_on_line = 65536;
+
+  /// `firmware` outlives this. An octet takes `octet_time` on the serial line, either way.
+  Board(const Firmware& firmware, BoardStorage storage, Random random, Duration octet_time = {});
   Board(const Board&) = delete;
   Board& operator=(const Board&) = delete;
 
@@ -67,8 +72,8 @@ class Board {
   void on_deadline(TimePoint now);
   std::optional<TimePoint> deadline() const;
 
-  /// The next packet for the host.
-  std::optional<Bytes> next_host_packet() { return to_host_.pop(); }
+  /// The next packet for the host, when it has gone over the line.
+  std::optional<Bytes> next_host_packet(TimePoint now) { return to_host_.pop(now); }
   std::optional<PacketSender::Transmission> next_transmission() {
     return sender_.next_transmission();
   }
@@ -92,6 +97,9 @@ class Board {
     Handle subnet;
   };
 
+  void take_from_line(TimePoint now);
+  std::optional<TimePoint> next_command_at() const;
+  void on_octet(std::uint8_t octet, TimePoint now);
   void on_packet(ByteView packet, TimePoint now);
   std::optional<Reply> run_command(std::uint8_t opcode, ByteView params, TimePoint now);
   Reply set_enabled(bool is_enabled);
@@ -104,7 +112,10 @@ class Board {
 
   const Firmware& firmware_;
   const BoardStorage storage_;
-  BoardFlash flash_;  ///< in RAM, as all below, without storage
+  const Duration octet_time_;
+  std::deque<std::uint8_t> on_line_;  ///< on their way from the host
+  TimePoint next_octet_at_{};         ///< when the first of them is at the board
+  BoardFlash flash_;                  ///< in RAM, as all below, without storage
   // Void after a reset
   std::optional<TimePoint> boots_at_;
   StartEvent start_event_ = StartEvent::said;

@@ -168,7 +168,7 @@ class MeshHost {
     fetch();
   }
   void fetch() {
-    while (auto packet = network_.next_host_packet()) packets.push_back(std::move(*packet));
+    while (auto packet = network_.next_host_packet(now_)) packets.push_back(std::move(*packet));
   }
 
   TimePoint now_{std::chrono::seconds{1000}};

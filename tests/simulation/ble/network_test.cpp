@@ -35,7 +35,7 @@ class NetworkTest : public ::testing::Test {
     fetch();
   }
   void fetch() {
-    while (auto packet = network_->next_host_packet()) {
+    while (auto packet = network_->next_host_packet(now_)) {
       const std::uint8_t event = (*packet)[1];
       if (event != 0xd0 && event != 0xd1) continue;
       const Address source = get_u16_le(*packet, 2);
@@ -221,7 +221,7 @@ TEST_F(NetworkTest, TellsHeartbeatsWhenAsked) {
   while (network_->deadline() <= end) {
     now_ = std::max(now_, network_->deadline());
     network_->on_deadline(now_);
-    while (auto packet = network_->next_host_packet()) {
+    while (auto packet = network_->next_host_packet(now_)) {
       if ((*packet)[1] != 0xd8) continue;
       EXPECT_EQ(to_hex(*packet).substr(0, 17), "07 d8 04 03 01 00");
       ++heartbeats;

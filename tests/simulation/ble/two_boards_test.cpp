@@ -46,7 +46,7 @@ class TwoBoards : public ::testing::Test {
   }
   void fetch() {
     for (std::size_t board = 0; board < 2; ++board) {
-      while (auto packet = network_->next_host_packet(board)) {
+      while (auto packet = network_->next_host_packet(now_, board)) {
         if ((*packet)[1] != 0xd1) continue;
         Side& side = sides_[board];
         ++side.heard;

@@ -47,7 +47,7 @@ class ReplayedBoard {
 
  private:
   void fetch(std::vector<Bytes>& answers) {
-    while (auto packet = board_.next_host_packet()) answers.push_back(std::move(*packet));
+    while (auto packet = board_.next_host_packet(now_)) answers.push_back(std::move(*packet));
   }
 
   TimePoint now_{std::chrono::seconds{1000}};

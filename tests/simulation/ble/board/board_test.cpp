@@ -11,6 +11,7 @@
 namespace slamgw::sim::ble {
 namespace {
 
+using std::chrono::microseconds;
 using std::chrono::milliseconds;
 using std::chrono::seconds;
 
@@ -20,7 +21,8 @@ const char* const cmd_appkey_add =
 
 class BoardTest : public ::testing::Test {
  protected:
-  explicit BoardTest(BoardStorage storage = BoardStorage::none) : storage_(storage) {
+  explicit BoardTest(BoardStorage storage = BoardStorage::none, Duration octet_time = {})
+      : board_(firmware_3_1_0, storage, Random(1, 0, Random::Use::provisioning), octet_time) {
     board_.on_power_up();
     drain();
   }
@@ -33,7 +35,7 @@ class BoardTest : public ::testing::Test {
   }
   std::string drain() {
     std::string out;
-    while (auto packet = board_.next_host_packet()) {
+    while (auto packet = board_.next_host_packet(now_)) {
       out += (out.empty() ? "" : " | ") + to_hex(*packet);
     }
     return out;
@@ -64,8 +66,7 @@ class BoardTest : public ::testing::Test {
   std::uint32_t sequence_ = 0;
   std::uint32_t sequence_of_next_message();
 
-  const BoardStorage storage_;
-  Board board_{firmware_3_1_0, storage_, Random(1, 0, Random::Use::provisioning)};
+  Board board_;
 };
 
 /// What a board that is built with storage does otherwise.
@@ -77,7 +78,7 @@ class StoringBoardTest : public BoardTest {
 TEST_F(BoardTest, SaysThatItStarted) {
   Board fresh{firmware_3_1_0, BoardStorage::none, Random(1, 0, Random::Use::provisioning)};
   fresh.on_power_up();
-  EXPECT_EQ(to_hex(*fresh.next_host_packet()), "04 81 02 00 fe");
+  EXPECT_EQ(to_hex(*fresh.next_host_packet(now_)), "04 81 02 00 fe");
 }
 
 TEST_F(BoardTest, FramesAsMeasured) {
@@ -213,7 +214,7 @@ TEST_F(BoardTest, DropsSilentlyWhenNobodyReadsAndCountsIt) {
   for (int i = 0; i < 20; ++i) receive(0x0100, sensor_update_group, "cb 59 00 0a 00 ec ff 00");
   std::size_t octets = 0;
   int events = 0;
-  while (auto packet = board_.next_host_packet()) {
+  while (auto packet = board_.next_host_packet(now_)) {
     octets += packet->size();
     ++events;
   }
@@ -268,6 +269,55 @@ TEST_F(BoardTest, SendsFromAndHearsEachAddressOfItsRange) {
   EXPECT_EQ(drain(), "17 d0 00 01 40 00 00 00 00 00 08 01 00 01 f9 0b 6e c1 c4 03 00 82 04 01");
   receive(0x0100, 0x0041, "82 04 01");
   EXPECT_EQ(drain(), "");
+}
+
+/// A board at the end of a line of 115200 baud, as Nordic's example has it: 86.8 us an octet.
+class SlowLineTest : public BoardTest {
+ protected:
+  SlowLineTest() : BoardTest(BoardStorage::none, Duration{seconds{10}} / 115200) {}
+
+  /// Lets time pass until nothing is under way; what the board has said.
+  std::string settle() {
+    std::string out;
+    while (board_.deadline()) {
+      now_ = std::max(now_, *board_.deadline());
+      const std::string said = pass({});
+      out += (out.empty() || said.empty() ? "" : " | ") + said;
+    }
+    return out;
+  }
+};
+
+TEST_F(SlowLineTest, TakesItsTimeEitherWay) {
+  settle();
+  const TimePoint begin = now_;
+  EXPECT_EQ(exchange("01 09"), "");
+  EXPECT_EQ(settle(), "05 84 09 00 0a 00");
+  EXPECT_EQ(std::chrono::round<microseconds>(now_ - begin), microseconds{694});  // 8 octets
+}
+
+TEST_F(SlowLineTest, DropsWhatItCannotSayInTimeAndCountsIt) {
+  exchange(cmd_subnet_add);
+  exchange(cmd_appkey_add);
+  exchange("05 9f 01 00 01 00 03 a1 03 c0");
+  settle();
+  const auto hear = [&](int events, Duration between) {
+    std::string said;
+    for (int i = 0; i < events; ++i) {
+      receive(0x0100, sensor_update_group, "cb 59 00 0a 00 ec ff 00");
+      said += drain();  // as each host of the model does after each input
+      said += pass(between);
+    }
+    said += settle();
+    int heard = 0;
+    for (auto at = said.find("1c d1"); at != std::string::npos; at = said.find("1c d1", at + 1))
+      ++heard;
+    return heard;
+  };
+  EXPECT_EQ(hear(100, milliseconds{3}), 100) << "29 octets take 2.5 ms";
+  EXPECT_EQ(hear(100, milliseconds{0}), 14) << "36 octets each, with their headers";
+  exchange("01 14");
+  EXPECT_EQ(settle(), "07 84 14 00 56 00 00 00");
 }
 
 TEST_F(StoringBoardTest, ForgetsItsMemoryButNotItsTablesOnReset) {
