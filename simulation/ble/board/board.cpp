@@ -21,6 +21,7 @@ constexpr std::uint8_t enable = 0x90;
 constexpr std::uint8_t disable = 0x91;
 constexpr std::uint8_t packet_send = 0xab;
 constexpr std::uint8_t clear_state = 0xac;
+constexpr std::uint8_t network_state_set = 0xae;
 
 constexpr std::uint16_t relay_feature = 0x0001;
 constexpr std::size_t max_event_data = 235;
@@ -133,6 +134,7 @@ std::optional<Reply> Board::run_command(std::uint8_t opcode, ByteView params, Ti
   if (opcode == disable) return set_enabled(false);
   if (opcode == packet_send) return sender_.send(params, is_enabled_, now);
   if (opcode == clear_state) return state_clear();
+  if (opcode == network_state_set && firmware_.has_network_state) return set_network_state(params);
   if (auto reply = device_.on_command(opcode, params)) return reply;
   if (auto reply = keys_.on_command(opcode, params)) return reply;
   return addresses_.on_command(opcode, params);
@@ -149,6 +151,16 @@ Reply Board::state_clear() {
   sender_.on_state_cleared();
   if (firmware_.clears_replay_list) heard_.clear();
   return {};
+}
+
+/// A board with storage has numbers of its own.
+Reply Board::set_network_state(ByteView params) {
+  constexpr std::size_t size = 11;
+  if (params.size() != size) return {Status::invalid_length};
+  if (has_storage()) return {Status::invalid_state};
+  const Reply reply = sender_.set_network_state(params);
+  forward_events();
+  return reply;
 }
 
 void Board::on_provisioning(std::uint8_t opcode, ByteView params, TimePoint now) {

@@ -104,6 +104,7 @@ class Board {
   std::optional<Reply> run_command(std::uint8_t opcode, ByteView params, TimePoint now);
   Reply set_enabled(bool is_enabled);
   Reply state_clear();
+  Reply set_network_state(ByteView params);
   void on_provisioning(std::uint8_t opcode, ByteView params, TimePoint now);
   void forward_events();
   bool listens_to(Address destination) const;

@@ -48,7 +48,6 @@ std::optional<Reply> DeviceCommands::on_command(std::uint8_t opcode, ByteView pa
   };
   static constexpr Command<Self> config_server_commands[] = {{0xad, 2, 2, &Self::refuse}};
   static constexpr Command<Self> network_state_commands[] = {
-      {0xae, 11, 11, &Self::refuse},
       {0xaf, 0, 0, &Self::network_state},
   };
   std::optional<Reply> reply = run_command(commands, *this, opcode, params);

@@ -10,6 +10,8 @@ constexpr std::uint8_t tx_complete = 0xd2;
 constexpr std::uint8_t max_ttl = 127;
 constexpr std::uint8_t default_checksum = 2;  // 0: 32 bits, 1: 64 bits
 constexpr std::chrono::milliseconds segment_time{10};
+constexpr std::uint8_t iv_entry_set = 0xd9;
+constexpr std::uint8_t sequence_entry_set = 0xda;
 constexpr std::uint32_t sequence_block = 8192;
 constexpr std::size_t fixed_size = 9;  // and the friendship octet
 
@@ -100,11 +102,32 @@ std::optional<Encryption> PacketSender::encryption_of(Handle handle) const {
   return Encryption{subnet->key, slot->key, is_device_key};
 }
 
+Reply PacketSender::set_network_state(ByteView params) {
+  if (is_state_set_) return {Status::invalid_state};
+  is_state_set_ = true;
+  Bytes event{iv_entry_set};
+  put(event, params.first(5));  // IV index and the phase of its update
+  put_u16_le(event, 0);
+  events_.push_back(std::move(event));
+  const std::uint32_t next = get_u16_le(params, 7) | std::uint32_t{get_u16_le(params, 9)} << 16;
+  next_sequence_ = flash_.reserved_sequence = next;
+  reserve_sequence();
+  return {};
+}
+
+void PacketSender::reserve_sequence() {
+  flash_.reserved_sequence += sequence_block;
+  if (!is_state_set_) return;
+  Bytes event{sequence_entry_set};
+  put_u32_le(event, flash_.reserved_sequence);
+  events_.push_back(std::move(event));
+}
+
 /// The firmware reserves them in blocks and continues with the next block after a reset.
 std::uint32_t PacketSender::take_sequence(std::uint32_t count) {
   const std::uint32_t first = next_sequence_;
   next_sequence_ += count;
-  while (flash_.reserved_sequence < next_sequence_) flash_.reserved_sequence += sequence_block;
+  while (flash_.reserved_sequence < next_sequence_) reserve_sequence();
   return first;
 }
 
@@ -154,10 +177,16 @@ std::optional<Bytes> PacketSender::next_event() {
   return event;
 }
 
+void PacketSender::on_state_cleared() {
+  next_sequence_ = 0;
+  is_state_set_ = false;
+}
+
 void PacketSender::reset() {
   unsegmented_.clear();
   segmented_.clear();
   next_sequence_ = flash_.reserved_sequence;
+  is_state_set_ = false;
   last_token_ = 0;
   to_air_.clear();
   events_.clear();

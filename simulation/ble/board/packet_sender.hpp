@@ -39,6 +39,9 @@ class PacketSender {
   /// TX Complete: opcode and parameters.
   std::optional<Bytes> next_event();
 
+  /// Command 0xae, once in a life and only without storage: the sequence number goes on where the
+  /// host has said. From then on 0xda tells each block of numbers that may be used.
+  Reply set_network_state(ByteView params);
   /// The first of so many sequence numbers, one for each network PDU.
   std::uint32_t take_sequence(std::uint32_t count);
 
@@ -46,7 +49,7 @@ class PacketSender {
   void reset();
   /// State Clear begins the sequence number anew: nodes that have heard higher ones from this
   /// address discard the board's messages until it has passed them.
-  void on_state_cleared() { next_sequence_ = 0; }
+  void on_state_cleared();
 
  private:
   struct Segmented {
@@ -59,6 +62,7 @@ class PacketSender {
   Status check(const Request& request, bool is_radio_on) const;
   Status check_queue(Address destination, bool is_segmented) const;
   std::optional<Encryption> encryption_of(Handle handle) const;
+  void reserve_sequence();
   void complete(std::uint32_t token);
 
   const Firmware& firmware_;
@@ -67,6 +71,7 @@ class PacketSender {
   std::map<std::uint32_t, TimePoint> unsegmented_;  ///< when each token's message is out
   std::deque<Segmented> segmented_;
   std::uint32_t next_sequence_ = 0;
+  bool is_state_set_ = false;  ///< by the host, which is told of each new block
   std::uint32_t last_token_ = 0;
   std::deque<Transmission> to_air_;
   std::deque<Bytes> events_;

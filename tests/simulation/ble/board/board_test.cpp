@@ -247,6 +247,29 @@ TEST_F(BoardTest, ForgetsEverythingOnReset) {
   EXPECT_EQ(sequence_of_next_message(), 0U);
 }
 
+/// Firmware 5.0.0 lets its host keep the numbers of a board without storage.
+TEST(HostKeptNumbers, GoOnWhereTheHostHasSaid) {
+  const TimePoint now{seconds{1000}};
+  Board board{firmware_5_0_0, BoardStorage::none, Random(1, 0, Random::Use::provisioning)};
+  board.on_power_up();
+  const auto exchange = [&](std::string_view bytes) {
+    while (board.next_host_packet(now)) {
+    }
+    board.on_host_bytes(hex(bytes), now);
+    std::string out;
+    while (auto packet = board.next_host_packet(now)) out += to_hex(*packet) + "|";
+    return out;
+  };
+  for (const char* command : {cmd_subnet_add, cmd_appkey_add, "05 9f 01 00 01 00", "03 a4 00 01"})
+    exchange(command);
+  EXPECT_EQ(exchange("0c ae 05 00 00 00 00 00 00 00 40 00 00"),
+            "08 d9 05 00 00 00 00 00 00|05 da 00 60 00 00|03 84 ae 00|");
+  EXPECT_EQ(exchange("0c ae 05 00 00 00 00 00 00 00 40 00 00"), "03 84 ae 83|") << "once only";
+  exchange("0e ab 00 00 01 00 00 00 08 00 00 00 cc 59 00");
+  EXPECT_EQ(board.next_transmission()->message.sequence, 0x4000U);
+  EXPECT_EQ(exchange("01 af"), "0e 84 af 00 00 00 00 00 00 00 00 00 60 00 00|");
+}
+
 TEST_F(BoardTest, RestartsUnheardWhenItsStartEventIsLost) {
   set_up();
   board_.reboot(now_, Board::reboot_time, StartEvent::lost);
