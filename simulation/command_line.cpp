@@ -220,7 +220,7 @@ void add_ble(CLI::App& app, BleOptions& options, BleTexts& texts) {
                  "0: no limit")
       ->check(CLI::Range(0U, 10000000U))
       ->capture_default_str();
-  app.add_flag("--board-storage,!--no-board-storage", options.has_board_storage,
+  app.add_flag("--board-storage", options.has_board_storage,
                "The board keeps its tables and sequence number when it restarts");
   app.add_flag("--configured", options.is_configured,
                "The board starts as an earlier session left it: keys, address 0x0001, groups");

@@ -98,7 +98,7 @@ struct BleOptions {
   std::optional<ble::OnBusy> on_busy;
   unsigned bearer_interval_ms = 0;  ///< 0: a node can transmit at any time
   unsigned baud = 0;                ///< of the boards' serial lines; 0: octets take no time
-  bool has_board_storage = true;    ///< else the board forgets its tables, as the stock one does
+  bool has_board_storage = false;   ///< else the board forgets its tables, as the stock one does
   bool is_configured = false;
   Bytes net_key;  ///< 16 octets
   Bytes app_key;  ///< 16 octets

@@ -17,7 +17,6 @@ class ForgetfulBoard : public ::testing::Test {
 
   static BleOptions options() {
     BleOptions out = MeshHost::unprovisioned();
-    out.has_board_storage = false;
     out.has_segment_timing = true;
     out.common.body.payload = BodySettings::Payload::full;  // two segments each
     return out;

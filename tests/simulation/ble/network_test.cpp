@@ -190,6 +190,8 @@ TEST_F(NetworkTest, RobotsGoOnAfterTheBoardsRestart) {
   set_up();
   run(seconds{3});
   network_->reboot_board(now_, seconds{2});
+  run(seconds{3});
+  set_up();  // it has forgotten everything
   run(seconds{60});
   EXPECT_TRUE(network_->has_sent_everything());
   const std::vector<Bytes> said = said_by(0x0100);

@@ -21,16 +21,18 @@ namespace {
 namespace fs = std::filesystem;
 using test::eventually;
 
-const char* const stock_board = "--no-board-storage";
+const std::vector<std::string> board_storage{"--board-storage"};
 
 class SerialSideTest : public ::testing::Test {
  protected:
   ~SerialSideTest() override { hang_up(); }
 
-  void begin(const std::string& storage = "--board-storage", const std::string& robots = "3") {
-    program_.emplace(std::vector<std::string>{SLAMGW_SIM, "ble", "--tty", link_, "--robots", robots,
-                                              "--unprovisioned", "--state", state_, storage},
-                     directory_ / "out", directory_ / "err");
+  void begin(const std::vector<std::string>& more = {}, const std::string& robots = "3") {
+    std::vector<std::string> arguments{SLAMGW_SIM, "ble",  "--tty",           link_,
+                                       "--robots", robots, "--unprovisioned", "--state",
+                                       state_};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    program_.emplace(arguments, directory_ / "out", directory_ / "err");
     ASSERT_TRUE(eventually([&] { return fs::is_symlink(link_); }));
   }
   void open_port() {
@@ -78,8 +80,8 @@ class SerialSideTest : public ::testing::Test {
     read_some();
     return to_hex(heard_).find("07 84 a0 00 00 00 00 00") != std::string::npos;
   }
-  void power_cycle(const std::string& storage) {
-    begin(storage);
+  void power_cycle(const std::vector<std::string>& more = {}) {
+    begin(more);
     open_port();
     ASSERT_TRUE(answers("05 9f 01 00 01 00", "03 84 9f 00"));
     program_->send_signal(SIGUSR1);
@@ -106,7 +108,7 @@ class SerialSideTest : public ::testing::Test {
 /// The first time the board says nothing. The second time it cuts what it has said last, whose rest
 /// then seems to be the start event.
 TEST_F(SerialSideTest, RestartsTheBoardBehindAnOpenPort) {
-  begin(stock_board);
+  begin();
   open_port();
   ASSERT_TRUE(hears("04 81 02 00 fe"));
   ASSERT_TRUE(answers("05 9f 01 00 01 00", "03 84 9f 00"));
@@ -123,17 +125,17 @@ TEST_F(SerialSideTest, RestartsTheBoardBehindAnOpenPort) {
 }
 
 TEST_F(SerialSideTest, PowerCyclesAStockBoardWhichForgets) {
-  power_cycle(stock_board);
+  power_cycle();
   EXPECT_TRUE(answers("01 a0", "07 84 a0 00 00 00 00 00"));
 }
 
 TEST_F(SerialSideTest, PowerCyclesABoardWithStorageWhichDoesNotForget) {
-  power_cycle("--board-storage");
+  power_cycle(board_storage);
   EXPECT_TRUE(answers("01 a0", "07 84 a0 00 01 00 01 00"));
 }
 
 TEST_F(SerialSideTest, KeepsNoStateOfAStockBoard) {
-  begin(stock_board);
+  begin();
   open_port();
   ASSERT_TRUE(answers("05 9f 23 01 01 00", "03 84 9f 00"));
   program_->send_signal(SIGTERM);
@@ -143,14 +145,14 @@ TEST_F(SerialSideTest, KeepsNoStateOfAStockBoard) {
 }
 
 TEST_F(SerialSideTest, KeepsItsStateThroughACrash) {
-  begin();
+  begin(board_storage);
   open_port();
   ASSERT_TRUE(answers("05 9f 23 01 01 00", "03 84 9f 00"));
   ASSERT_TRUE(eventually([&] { return saved().find("\"start\": 291") != std::string::npos; }));
   program_->send_signal(SIGKILL);
   program_->wait();
   fs::remove(link_);
-  begin();
+  begin(board_storage);
   open_port();
   EXPECT_TRUE(answers("01 a0", "07 84 a0 00 23 01 01 00"));
   ASSERT_TRUE(answers("01 ac", "03 84 ac 00"));
@@ -170,13 +172,15 @@ TEST_F(SerialSideTest, ReadsWhileTheHostWrites) {
 
 /// A robot with ten subscriptions does not survive that all are deleted at once.
 TEST_F(SerialSideTest, EndsWithThreeAfterARobotFailedAnAssertion) {
-  ble::MeshHost host(ble::MeshHost::unprovisioned());
+  BleOptions options = ble::MeshHost::unprovisioned();
+  options.has_board_storage = true;
+  ble::MeshHost host(options);
   host.adopt(0x0100);
   for (int group = 0; group < 10; ++group) {
     host.ask("80 1b 00 01 0" + std::to_string(group) + "c1 59 00 09 00");
   }
   test::write_file(state_, ble::state_of(host.network()));
-  begin("--board-storage", "1");
+  begin(board_storage, "1");
   open_port();
   ASSERT_TRUE(answers("13 ab 08 00 01 00 00 00 04 00 00 00 80 1d 00 01 59 00 09 00", "84 ab 00"));
   EXPECT_TRUE(eventually([&] {

@@ -16,8 +16,14 @@ namespace {
 
 using std::chrono::seconds;
 
+BleOptions with_storage(unsigned robots = 1) {
+  BleOptions options = MeshHost::unprovisioned(robots);
+  options.has_board_storage = true;
+  return options;
+}
+
 TEST(StateFile, BringsBoardAndRobotsBack) {
-  BleOptions options = MeshHost::unprovisioned(2);
+  BleOptions options = with_storage(2);
   options.common.messages = 5;
   MeshHost first(options);
   first.adopt(0x0100);
@@ -50,11 +56,11 @@ TEST(StateFile, BringsBoardAndRobotsBack) {
 }
 
 TEST(StateFile, NeverGoesBackInSequenceNumbers) {
-  MeshHost first(MeshHost::unprovisioned());
+  MeshHost first(with_storage());
   first.adopt(0x0100);
   for (int i = 0; i < 20; ++i) first.ask("80 08 00");
   const std::string state = state_of(first.network());
-  MeshHost second(MeshHost::unprovisioned(), state);
+  MeshHost second(with_storage(), state);
   EXPECT_GT(second.network().nodes()[0].next_sequence(),
             first.network().nodes()[0].next_sequence());
   first.send("80 08 00");
@@ -63,7 +69,7 @@ TEST(StateFile, NeverGoesBackInSequenceNumbers) {
 }
 
 TEST(StateFile, RefusesWhatItDidNotWrite) {
-  Network network(MeshHost::unprovisioned());
+  Network network(with_storage());
   for (const char* text : {"{", "[]", "{\"board\":{}}", "{\"board\":7,\"nodes\":[]}"}) {
     EXPECT_THROW(restore_state(network, text), std::runtime_error) << text;
   }

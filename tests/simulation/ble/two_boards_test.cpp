@@ -127,6 +127,8 @@ TEST_F(TwoBoards, OneGoesOnWhileTheOtherIsUnplugged) {
   pass(2s);
   EXPECT_GT(acknowledged(), before + 5);
   EXPECT_EQ(sides_[0].heard, heard);
+  pass(200ms);
+  set_up(0, "05 9f 01 00 01 00");
   pass(5s);
   EXPECT_GT(sides_[0].heard, heard);
 }

@@ -21,6 +21,7 @@ class NodeTest : public ::testing::Test {
  protected:
   static BleOptions options() {
     BleOptions out = MeshHost::unprovisioned();
+    out.has_board_storage = true;  // forgetful_board_test.cpp has the other kind
     out.common.messages = 5;
     return out;
   }
