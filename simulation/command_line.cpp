@@ -12,6 +12,7 @@ namespace {
 
 constexpr int wrong_arguments = 2;
 constexpr int max_boards = 4;
+constexpr unsigned default_baud = 115200;    // of Nordic's serial example
 constexpr std::size_t max_client_id = 23;    // MQTT-SN 1.2 section 5.3.1
 constexpr std::size_t max_uuid_prefix = 12;  // leaves room for the seed and the robot's number
 
@@ -309,6 +310,7 @@ CommandLine parse_command_line(int argc, const char* const* argv) {
   add_thread(*app.add_subcommand("thread", "Robots on Thread, as MQTT-SN clients"), thread,
              gateway);
   BleOptions ble;
+  ble.baud = default_baud;
   BleTexts texts;
   add_ble(*app.add_subcommand("ble", "A Nordic serial board with robots on BLE Mesh behind it"),
           ble, texts);

@@ -155,7 +155,7 @@ void ble_link(Report& report) {
   World world(nlohmann::json{{"ble_mesh", {{"enabled", true}}}});
   test::SimulatorProcess board({"ble", "--tty", world.gateway.tty(), "--robots",
                                 fmt::format("{}", robots), "--rate", fmt::format("{}", rate),
-                                "--seed", "1"});
+                                "--seed", "1", "--baud", "0"});
   expect(test::eventually([&] {
            auto status = world.gateway.ctl({"status"});
            return status.is_object() && status["robots"]["online"] == robots;

@@ -162,7 +162,7 @@ TEST_F(SerialSideTest, KeepsItsStateThroughACrash) {
 }
 
 TEST_F(SerialSideTest, ReadsWhileTheHostWrites) {
-  begin();
+  begin({"--baud", "0"});  // else the board drops answers that the line cannot take
   open_port();
   const Bytes zeros(255, 0);
   ASSERT_EQ(::write(port_, zeros.data(), zeros.size()), 255);
