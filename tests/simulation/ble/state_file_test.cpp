@@ -5,7 +5,9 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <filesystem>
+#include <nlohmann/json.hpp>
 #include <stdexcept>
 #include <system_error>
 
@@ -37,6 +39,11 @@ TEST(StateFile, BringsBoardAndRobotsBack) {
   first.tell("13 93 00 00 a0a1a2a3a4a5a6a7a8a9aaabacadaeaf");
   first.tell("11 a2 404142434445464748494a4b4c4d4e4f");
   const std::string state = state_of(first.network());
+  const auto nodes = nlohmann::json::parse(state)["nodes"];
+  const auto published = nlohmann::json{0x0001, 0, 1, 4, 0, 2};  // retransmitted twice
+  EXPECT_TRUE(std::ranges::any_of(nodes[0]["models"], [&](const auto& model) {
+    return model["publication"] == published;
+  })) << state;
 
   MeshHost second(options, state);
   for (std::size_t i = 0; i < 2; ++i) {
