@@ -65,6 +65,10 @@ constexpr std::chrono::hours min_absence{24};
 constexpr std::chrono::seconds t_wait{310};
 /// Changed sessions that were not written yet.
 constexpr std::size_t max_dirty = 65536;
+/// Sessions that are saved together for the answers that wait, and datagrams that wait: what a
+/// fleet asks in a second. With more of them none waits any longer.
+constexpr std::size_t max_sessions_for_answers = 128;
+constexpr std::size_t max_unsaved_answers = 16384;
 /// Supervision of a client that gave Duration 0 (R38).
 constexpr std::chrono::seconds max_supervision{3600};
 /// Retained messages of a new subscription come right behind the broker's SUBACK.

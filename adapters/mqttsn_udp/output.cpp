@@ -1,25 +1,76 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "adapters/mqttsn_udp/output.hpp"
 
+#include <algorithm>
+#include <type_traits>
 #include <utility>
 
 #include "adapters/mqttsn_udp/limits.hpp"
 
 namespace slamgw::mqttsn {
+namespace {
+
+/// The client relies on it that its session here is as this says, also after a crash.
+bool is_promise(const Packet& packet) {
+  const auto is_one = [](const auto& answer) {
+    using Type = std::decay_t<decltype(answer)>;
+    if constexpr (std::is_same_v<Type, Puback>) return false;
+    if constexpr (requires { answer.code; }) return answer.code == ReturnCode::accepted;
+    return std::is_same_v<Type, Unsuback> || std::is_same_v<Type, Disconnect>;
+  };
+  return std::visit(is_one, packet);
+}
+
+}  // namespace
 
 void Output::send(const ClientSession& session, const Packet& packet) {
-  if (session.peer) send(*session.peer, session.local, packet);
+  const ClientSession* const promised = is_promise(packet) ? &session : nullptr;
+  if (session.peer) send(*session.peer, session.local, packet, 0, promised);
 }
 
 void Output::send(const Peer& to, const LocalAddress& from, const Packet& packet,
-                  std::uint8_t radius) {
+                  std::uint8_t radius, const ClientSession* promised) {
   Bytes bytes = encode(packet);
   if (!to.node_id.empty()) bytes = encode_encapsulation(radius, to.node_id, bytes);
   if (!validation.may_send(to.endpoint.address, bytes.size()))
     return tally_.count(Count::unvalidated);
   validation.on_sent(to.endpoint.address, bytes.size());
   tally_.count(Count::datagrams_out);
-  actions_.push(SendDatagram{from, to.endpoint, std::move(bytes)});
+  SendDatagram datagram{from, to.endpoint, std::move(bytes)};
+  if (promised) changed_.mark(*promised);
+  if (!unsaved_.take(datagram, promised ? &promised->client_id : nullptr))
+    return actions_.push(std::move(datagram));
+  if (unsaved_.is_full()) send_unsaved();
+}
+
+std::vector<std::string> Output::take_changed(std::size_t max) {
+  const std::set<std::string> first = unsaved_.begin_save();
+  for (const std::string& id : first) changed_.unmark(id);
+  std::vector<std::string> ids = changed_.take(max - std::min(max, first.size()));
+  ids.insert(ids.begin(), first.begin(), first.end());
+  return ids;
+}
+
+void Output::on_saved(bool is_saved, TimePoint now) {
+  if (is_saved) {
+    for (SendDatagram& datagram : unsaved_.on_saved()) actions_.push(std::move(datagram));
+    return;
+  }
+  const bool is_news = has_unsaved_answers() && unsaved_lines_.on_event(now);
+  send_unsaved();
+  if (!is_news) return;
+  emit(Notice{
+      Severity::warning,
+      "the disk fails or is too slow: MQTT-SN clients are answered before their sessions are "
+      "saved, and after a crash some have to connect again",
+      {}});
+}
+
+void Output::send_unsaved() {
+  for (SendDatagram& datagram : unsaved_.give_up()) {
+    tally_.count(Count::answered_unsaved);
+    actions_.push(std::move(datagram));
+  }
 }
 
 bool Output::is_validated(const ClientSession& session) const {

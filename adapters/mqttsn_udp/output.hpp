@@ -8,20 +8,16 @@
 #include "adapters/mqttsn_udp/clients/address_validation.hpp"
 #include "adapters/mqttsn_udp/clients/changed_sessions.hpp"
 #include "adapters/mqttsn_udp/clients/client_session.hpp"
+#include "adapters/mqttsn_udp/clients/unsaved_answers.hpp"
 #include "adapters/mqttsn_udp/protocol/endpoint.hpp"
 #include "adapters/mqttsn_udp/protocol/packet.hpp"
 #include "adapters/mqttsn_udp/tally.hpp"
-#include "daemon/core/bytes.hpp"
+#include "daemon/core/log_throttle.hpp"
 #include "daemon/core/messages.hpp"
 #include "daemon/core/protocol_machine.hpp"
 
 namespace slamgw::mqttsn {
 
-struct SendDatagram {
-  LocalAddress from;
-  Endpoint to;
-  Bytes bytes;
-};
 /// To the configured multicast group.
 struct SendMulticast {
   Bytes bytes;
@@ -39,11 +35,12 @@ class Output {
   /// Whether a message of `octets` (with the 1-octet Length) may go to this client now.
   bool may_send(const ClientSession& session, std::size_t octets) const;
   /// To where the client was last heard; nothing when it has no address, or when the address has
-  /// not shown that it receives and was sent as much as came from it.
+  /// not shown that it receives and was sent as much as came from it. What the client relies on
+  /// from now on waits until its session is saved.
   void send(const ClientSession& session, const Packet& packet);
-  /// `radius` only matters behind a forwarder (R140).
-  void send(const Peer& to, const LocalAddress& from, const Packet& packet,
-            std::uint8_t radius = 0);
+  /// `radius` only matters behind a forwarder (R140). `promised`: the session to be saved before.
+  void send(const Peer& to, const LocalAddress& from, const Packet& packet, std::uint8_t radius = 0,
+            const ClientSession* promised = nullptr);
   /// Whether the network carries a message of `octets` (with the 1-octet Length) to this client
   /// (R8).
   bool fits(const ClientSession& session, std::size_t octets) const;
@@ -57,14 +54,24 @@ class Output {
   std::optional<Action> next_action() { return actions_.pop(); }
   Counters counters() const { return tally_.counters(); }
   bool has_changed() const { return changed_.has_any(); }
-  /// Client ids of at most `max` changed sessions; they are not marked any more.
-  std::vector<std::string> take_changed(std::size_t max) { return changed_.take(max); }
+  /// Client ids of about `max` changed sessions, first those whose answers wait; they are not
+  /// marked any more. on_saved() follows when they are saved.
+  std::vector<std::string> take_changed(std::size_t max);
+
+  /// From now on there is a store.
+  void answer_when_saved() { unsaved_.begin(); }
+  bool has_unsaved_answers() const { return !unsaved_.empty(); }
+  void on_saved(bool is_saved, TimePoint now);
+  /// What waits goes out, and nothing waits until the next save.
+  void send_unsaved();
 
  private:
   static std::size_t overhead(const ClientSession& session, std::size_t octets);
 
   Tally tally_;
   ChangedSessions changed_;
+  UnsavedAnswers unsaved_;
+  LogThrottle unsaved_lines_{std::chrono::hours{1}};
   ActionQueue<Action> actions_;
 };
 

@@ -68,7 +68,13 @@ class SnGateway {
   /// The daemon ends: what no session keeps and cannot be delivered any more is refused now.
   void on_stop(TimePoint now);
 
-  /// The clients whose sessions have changed or ended and were not taken yet, at most `max`.
+  /// There is a store: answers on which clients rely wait until their sessions are saved.
+  void answer_when_saved() { output_.answer_when_saved(); }
+  bool has_unsaved_answers() const { return output_.has_unsaved_answers(); }
+  /// What take_dirty() returned last is saved, or the store fails or hangs.
+  void on_saved(bool is_saved, TimePoint now) { output_.on_saved(is_saved, now); }
+  void send_unsaved() { output_.send_unsaved(); }
+  /// The clients whose sessions have changed or ended and were not taken yet, about `max`.
   std::vector<std::string> take_dirty(std::size_t max) { return output_.take_changed(max); }
   bool has_dirty() const { return output_.has_changed(); }
   /// All sessions are to be taken again, for what changes too often to be marked each time (the

@@ -11,7 +11,8 @@ Counters Tally::counters() const {
       "clients_evicted",  "published_up",        "repeats_suppressed",  "unknown_topic_ids",
       "topics_refused",   "receipts_refused",    "unconnected_refused", "delivered_down",
       "retransmitted",    "deliveries_given_up", "queue_dropped",       "too_large_down",
-      "topics_set_aside", "wills_refused",       "unvalidated",         "subscribes_bounded"};
+      "topics_set_aside", "wills_refused",       "unvalidated",         "subscribes_bounded",
+      "answered_unsaved"};
   static_assert(!names.back().empty(), "a name for each counter");
   Counters counters;
   for (std::size_t i = 0; i < size; ++i) counters.push_back({names[i], values_[i]});

@@ -38,7 +38,8 @@ enum class Count : std::uint8_t {
   wills_refused,        ///< not allowed by the topic policy, or no topic
   unvalidated,          ///< not sent, because the address has not shown that it receives
   subscribes_bounded,   ///< SUBSCRIBEs of a client that sends them too fast
-  last_ = subscribes_bounded,
+  answered_unsaved,     ///< datagrams whose session was not saved in time
+  last_ = answered_unsaved,
 };
 
 class Tally {

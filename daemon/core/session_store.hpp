@@ -3,6 +3,7 @@
 // promise 7). What a session is made of is the mesh's concern. All calls on the loop's thread.
 #pragma once
 
+#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
@@ -30,6 +31,9 @@ class SessionStore {
   virtual void save(std::vector<Change> changes) = 0;
   /// True while changes are being written: the caller may wait and collect more of them.
   virtual bool is_busy() const = 0;
+  /// `on_written` is called after each try to write, with false when it failed and is repeated.
+  /// What is written survives any end of the process. It may be empty.
+  virtual void watch(std::function<void(bool is_written)> on_written) = 0;
 };
 
 }  // namespace slamgw

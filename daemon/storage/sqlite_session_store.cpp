@@ -61,13 +61,14 @@ void SqliteSessionStore::on_written(bool is_written, Changes changes) {
   if (is_written) {
     is_writing_ = false;
     if (!changes_.empty()) write_changes();
-    return;
+  } else {
+    changes_.merge(std::move(changes));  // newer ones of the same session stay
+    retry_timer_.expires_after(patience_.reopen);
+    retry_timer_.async_wait([this](boost::system::error_code error) {
+      if (!error) write_changes();
+    });
   }
-  changes_.merge(std::move(changes));  // newer ones of the same session stay
-  retry_timer_.expires_after(patience_.reopen);
-  retry_timer_.async_wait([this](boost::system::error_code error) {
-    if (!error) write_changes();
-  });
+  if (on_written_) on_written_(is_written);
 }
 
 /// A disk that fails for a moment is waited for: sessions are worth a start that takes longer.

@@ -34,6 +34,7 @@ class SqliteSessionStore final : public SessionStore {
   std::vector<Session> load() override;
   void save(std::vector<Change> changes) override;
   bool is_busy() const override;
+  void watch(std::function<void(bool)> on_written) override { on_written_ = std::move(on_written); }
   /// Writes what is still to be written, once, and waits for that.
   void stop();
 
@@ -64,6 +65,7 @@ class SqliteSessionStore final : public SessionStore {
   // The loop's thread only:
   Changes changes_;  // the last of each session that is not written and not being written
   bool is_writing_ = false;
+  std::function<void(bool is_written)> on_written_;  // may be empty
   boost::asio::steady_timer retry_timer_;
 
   // The store's thread only:

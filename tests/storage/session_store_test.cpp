@@ -84,6 +84,25 @@ TEST(SqliteSessionStore, KeepsWhatIsWrittenWhenTheProcessDies) {
   EXPECT_EQ(Process(directory.path()).names(), "r1 ");
 }
 
+TEST(SqliteSessionStore, TellsWhatBecameOfEachWrite) {
+  const TempDir directory;
+  std::vector<bool> told;
+  {
+    Process process(directory.path());
+    process.store.watch([&](bool is_written) { told.push_back(is_written); });
+    process.save("r1", to_bytes("x"));
+    EXPECT_TRUE(told.empty()) << "never from inside the call";
+    EXPECT_TRUE(eventually(process.io, [&] { return !told.empty(); }));
+  }
+  EXPECT_EQ(told, std::vector<bool>{true});
+  Process without("/proc/nowhere");
+  without.store.watch([&](bool is_written) { told.push_back(is_written); });
+  without.save("r1", to_bytes("x"));
+  EXPECT_TRUE(eventually(without.io, [&] { return told.size() > 2; })) << "it is tried again";
+  EXPECT_FALSE(told[1]);
+  EXPECT_FALSE(told[2]);
+}
+
 TEST(SqliteSessionStore, IsReadableForItsOwnerOnly) {
   const TempDir directory;
   Process process(directory.path() + "/made");

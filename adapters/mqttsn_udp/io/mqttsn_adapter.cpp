@@ -40,11 +40,14 @@ MqttsnAdapter::MqttsnAdapter(asio::io_context& io, Settings settings, TopicPolic
           io, gateway_,
           [this](Action& action) { std::visit([this](auto& what) { perform(what); }, action); },
           [this] {  // each input may have changed sessions
+            save_for_answers();
             if (keeper_) keeper_->save_soon();
           }),
       interface_watch_(std::make_shared<InterfaceWatch>(io)),
       watch_timer_(io) {
-  if (sessions) keeper_.emplace(io, gateway_, *sessions);
+  if (sessions)
+    keeper_.emplace(io, gateway_, *sessions,
+                    [this](bool is_saved) { input(&SnGateway::on_saved, is_saved); });
 }
 
 void MqttsnAdapter::start() {
@@ -73,6 +76,7 @@ void MqttsnAdapter::stop_listening() {
 /// No goodbye, and the sockets stay open to the very end: clients are to notice nothing of a
 /// restart.
 void MqttsnAdapter::stop() {
+  input(&SnGateway::send_unsaved);  // the keeper saves all
   driver_.stop();
   for (const auto& socket : sockets_) socket->flush();
   if (keeper_) keeper_->stop();
@@ -201,8 +205,16 @@ void MqttsnAdapter::advertise_on(const NetworkInterface& interface, ByteView byt
 
 /// A client does not wait for what the others make of its CONNECT.
 void MqttsnAdapter::perform(MeshEvent& event) {
+  save_for_answers();
   for (const auto& socket : sockets_) socket->flush_answers();
   listener_.on_mesh_event(std::move(event));
+}
+
+/// Requests that came together share a write.
+void MqttsnAdapter::save_for_answers() {
+  const auto is_amid = [](const auto& socket) { return socket->is_amid_others(); };
+  if (keeper_ && std::none_of(sockets_.begin(), sockets_.end(), is_amid))
+    keeper_->save_for_answers();
 }
 
 void MqttsnAdapter::watch_interfaces() {

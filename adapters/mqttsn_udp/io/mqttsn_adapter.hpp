@@ -52,6 +52,7 @@ class MqttsnAdapter final : public MeshShell<SnGateway> {
   void perform(SendDatagram& action);
   void perform(SendMulticast& action);
   void perform(MeshEvent& event);
+  void save_for_answers();
   void open();
   void close();
   std::string kept_name(const std::string& listen) const;

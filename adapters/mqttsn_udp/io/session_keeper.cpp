@@ -3,14 +3,23 @@
 
 #include <fmt/format.h>
 
+#include <functional>
 #include <utility>
 
 #include "adapters/mqttsn_udp/clients/session_codec.hpp"
 
 namespace slamgw::mqttsn {
 
-SessionKeeper::SessionKeeper(boost::asio::io_context& io, SnGateway& gateway, SessionStore& store)
-    : gateway_(gateway), store_(store), timer_(io) {}
+SessionKeeper::SessionKeeper(boost::asio::io_context& io, SnGateway& gateway, SessionStore& store,
+                             std::function<void(bool)> on_saved)
+    : gateway_(gateway),
+      store_(store),
+      on_saved_(std::move(on_saved)),
+      timer_(io),
+      patience_timer_(io) {
+  gateway_.answer_when_saved();
+  store_.watch(std::bind_front(&SessionKeeper::on_written, this));
+}
 
 SessionKeeper::Restored SessionKeeper::restore(TimePoint now) {
   std::size_t taken = 0;
@@ -37,6 +46,7 @@ SessionKeeper::Restored SessionKeeper::restore(TimePoint now) {
 }
 
 void SessionKeeper::save_soon() {
+  if (gateway_.has_unsaved_answers() && !is_watching_) watch_disk();
   if (is_armed_ || !gateway_.has_dirty()) return;
   is_armed_ = true;
   timer_.expires_after(interval);
@@ -48,6 +58,24 @@ void SessionKeeper::save_soon() {
   });
 }
 
+void SessionKeeper::save_for_answers() {
+  if (gateway_.has_unsaved_answers() && !store_.is_busy()) save_some();
+}
+
+void SessionKeeper::watch_disk() {
+  is_watching_ = true;
+  patience_timer_.expires_after(write_patience);
+  patience_timer_.async_wait([this](boost::system::error_code error) {
+    if (!error && std::exchange(is_watching_, false)) on_saved_(false);
+  });
+}
+
+void SessionKeeper::on_written(bool is_written) {
+  is_watching_ = false;
+  patience_timer_.cancel();
+  on_saved_(is_written);
+}
+
 void SessionKeeper::save_some() {
   const TimePoint now = std::chrono::steady_clock::now();
   std::vector<SessionStore::Change> changes;
@@ -56,11 +84,12 @@ void SessionKeeper::save_some() {
     if (const auto snapshot = gateway_.snapshot(id, now)) content = encode_session(*snapshot);
     changes.push_back({std::move(id), std::move(content)});
   }
-  store_.save(std::move(changes));
+  if (!changes.empty()) store_.save(std::move(changes));
 }
 
 void SessionKeeper::stop() {
   timer_.cancel();
+  patience_timer_.cancel();
   gateway_.set_all_dirty();
   while (gateway_.has_dirty()) save_some();
 }

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Brings sessions from the store at start, and changed ones to it: a few at a time, not faster than
-// the store writes, so that a burst of changes costs the loop little. Owned by MqttsnAdapter.
+// Brings sessions from the store at start, and changed ones to it: at once where an answer waits
+// for that; a few at a time, not faster than the store writes, so that a burst of changes costs the
+// loop little. Owned by MqttsnAdapter.
 #pragma once
 
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/steady_timer.hpp>
+#include <functional>
 #include <string>
 
 #include "adapters/mqttsn_udp/sn_gateway.hpp"
@@ -14,11 +16,18 @@ namespace slamgw::mqttsn {
 
 class SessionKeeper {
  public:
-  /// From a change to its writing: more will have changed by then. Also the rate of writes.
+  /// From a change for which no answer waits to its writing: more will have changed by then.
   static constexpr std::chrono::milliseconds interval{50};
   static constexpr std::size_t sessions_a_write = 256;
+  /// A write that takes longer no longer holds answers back: robots repeat a request after 8 s.
+  static constexpr std::chrono::seconds write_patience{1};
 
-  SessionKeeper(boost::asio::io_context& io, SnGateway& gateway, SessionStore& store);
+  /// `on_saved` passes the result of each write on to SnGateway::on_saved().
+  SessionKeeper(boost::asio::io_context& io, SnGateway& gateway, SessionStore& store,
+                std::function<void(bool is_saved)> on_saved);
+  ~SessionKeeper() { store_.watch({}); }
+  SessionKeeper(const SessionKeeper&) = delete;
+  SessionKeeper& operator=(const SessionKeeper&) = delete;
 
   struct Restored {
     Severity severity = Severity::info;
@@ -28,16 +37,23 @@ class SessionKeeper {
   Restored restore(TimePoint now);
   /// Something may have changed; costs nothing when it has not.
   void save_soon();
+  /// Now, if answers wait and the store is free.
+  void save_for_answers();
   /// Saves all sessions, also what changes too often to be saved each time.
   void stop();
 
  private:
+  void watch_disk();
   void save_some();
+  void on_written(bool is_written);
 
   SnGateway& gateway_;
   SessionStore& store_;
+  const std::function<void(bool is_saved)> on_saved_;
   boost::asio::steady_timer timer_;
+  boost::asio::steady_timer patience_timer_;
   bool is_armed_ = false;
+  bool is_watching_ = false;  // while answers wait
 };
 
 }  // namespace slamgw::mqttsn

@@ -57,6 +57,8 @@ class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
   void flush_answers() {
     if (is_at_last_) flush();
   }
+  /// While more of the datagrams that came together are to be received.
+  bool is_amid_others() const { return is_receiving_ && !is_at_last_; }
   /// Joins `group` there; true also when it had been joined before.
   bool join(const boost::asio::ip::address& group, std::uint32_t interface);
 

@@ -8,6 +8,7 @@
 #include <string>
 
 #include "adapters/mqttsn_udp/protocol/ip_address.hpp"
+#include "daemon/core/bytes.hpp"
 
 namespace slamgw::mqttsn {
 
@@ -32,6 +33,12 @@ struct Peer {
   Endpoint endpoint;
   std::string node_id;  ///< empty: not encapsulated
   auto operator<=>(const Peer&) const = default;
+};
+
+struct SendDatagram {
+  LocalAddress from;
+  Endpoint to;
+  Bytes bytes;
 };
 
 struct PeerHash {

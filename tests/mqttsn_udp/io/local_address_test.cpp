@@ -28,10 +28,13 @@ class MemoryStore final : public SessionStore {
         sessions_.erase(change.id);
       }
     }
+    if (on_written_) on_written_(true);
   }
   bool is_busy() const override { return false; }
+  void watch(std::function<void(bool)> on_written) override { on_written_ = std::move(on_written); }
 
  private:
+  std::function<void(bool)> on_written_;
   std::map<std::string, Bytes> sessions_;
 };
 

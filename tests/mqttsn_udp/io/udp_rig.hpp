@@ -97,6 +97,7 @@ class UdpClient {
   void send(const Packet& packet) { send_octets(encode(packet)); }
   void send_octets(const Bytes& octets) { socket_.send(boost::asio::buffer(octets)); }
   std::string receive() { return mqttsn::receive(rig_.io, socket_); }
+  bool has_answer() { return socket_.available() > 0; }
 
  private:
   UdpRig& rig_;

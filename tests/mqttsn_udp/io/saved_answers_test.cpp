@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: Apache-2.0
+// Answers over real UDP wait for a store that writes when the test says so.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <iterator>
+
+#include "tests/mqttsn_udp/io/udp_rig.hpp"
+
+namespace slamgw::mqttsn {
+namespace {
+
+class ManualStore final : public SessionStore {
+ public:
+  std::vector<Session> load() override { return {}; }
+  void save(std::vector<Change> changes) override {
+    std::move(changes.begin(), changes.end(), std::back_inserter(writing));
+  }
+  bool is_busy() const override { return !writing.empty(); }
+  void watch(std::function<void(bool)> on_written) override { on_written_ = std::move(on_written); }
+
+  void finish(bool is_written) {
+    if (is_written) writing.clear();
+    if (on_written_) on_written_(is_written);
+  }
+  std::vector<Change> writing;
+
+ private:
+  std::function<void(bool)> on_written_;
+};
+
+class SavedAnswers : public testing::Test {
+ protected:
+  bool is_being_written(std::size_t sessions) {
+    return test::eventually(rig.io, [&] { return store.writing.size() == sessions; });
+  }
+  static Settings settings() { return UdpRig::with({}, {"127.0.0.1:0"}); }
+
+  ManualStore store;
+  UdpRig rig = UdpRig::as_is(settings(), &store);
+  UdpClient client{rig, "127.0.0.1"};
+};
+
+TEST_F(SavedAnswers, LeaveWhenTheWriteIsDone) {
+  client.send(Connect{false, true, 1, 60, "r1"});
+  ASSERT_TRUE(is_being_written(1));
+  EXPECT_EQ(store.writing[0].id, "r1");
+  EXPECT_FALSE(client.has_answer());
+  store.finish(true);
+  EXPECT_EQ(client.receive(), "CONNACK code=0");
+}
+
+TEST_F(SavedAnswers, ShareTheNextWriteWhileOneIsUnderWay) {
+  client.send(Connect{false, true, 1, 60, "r1"});
+  ASSERT_TRUE(is_being_written(1));
+  UdpClient second(rig, "127.0.0.1");
+  UdpClient third(rig, "127.0.0.1");
+  second.send(Connect{false, true, 1, 60, "r2"});
+  third.send(Connect{false, true, 1, 60, "r3"});
+  ASSERT_TRUE(test::eventually(rig.io, [&] { return rig.adapter.presence_of("r3").has_value(); }));
+  store.finish(true);
+  ASSERT_TRUE(is_being_written(2));
+  store.finish(true);
+  EXPECT_EQ(second.receive(), "CONNACK code=0");
+  EXPECT_EQ(third.receive(), "CONNACK code=0");
+}
+
+TEST_F(SavedAnswers, LeaveAllTheSameWhenTheDiskHangs) {
+  client.send(Connect{false, true, 1, 60, "r1"});
+  ASSERT_TRUE(is_being_written(1));
+  EXPECT_EQ(client.receive(), "CONNACK code=0");
+  EXPECT_TRUE(store.is_busy());
+}
+
+TEST_F(SavedAnswers, LeaveAtOnceWhenTheStoreFails) {
+  client.send(Connect{false, true, 1, 60, "r1"});
+  ASSERT_TRUE(is_being_written(1));
+  store.finish(false);
+  EXPECT_EQ(client.receive(), "CONNACK code=0");
+  client.send(Register{0, 1, "ntnu-slam/robot/r1/adv"});
+  EXPECT_TRUE(client.receive().starts_with("REGACK"));
+}
+
+}  // namespace
+}  // namespace slamgw::mqttsn
