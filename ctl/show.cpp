@@ -198,6 +198,9 @@ std::string status(const json& status, const Screen& screen) {
   out +=
       fmt::format("Store     {} messages, {} of {}\n", count_at(store, "depth"),
                   show_bytes(count_at(store, "bytes")), show_bytes(count_at(store, "max_bytes")));
+  if (const json& largest = group_at(store, "filled_by"); !text_at(largest, "robot").empty())
+    out += fmt::format("          nearly full: {} has stored {}\n", text_at(largest, "robot"),
+                       show_bytes(count_at(largest, "bytes")));
   if (const std::uint64_t count = count_at(store, "dead_letters"); count > 0)
     out += fmt::format("          {} dead letters: see slam-gatewayctl store list\n", count);
   if (const std::string trouble = text_at(store, "why"); !trouble.empty())

@@ -254,6 +254,9 @@ class Examination {
           "/usr/share/doc/slam-gateway/troubleshooting.md");
     else
       add("store", Health::well, fmt::format("{} messages wait", count_at(store, "depth")));
+    if (const std::string robot = text_at(group_at(store, "filled_by"), "robot"); !robot.empty())
+      add("store: nearly full", Health::warning, robot + " fills it; others still find room",
+          "bring the broker back, and look why the robot sends so much");
     if (const std::uint64_t dead = count_at(store, "dead_letters"); dead > 0)
       add("store: set aside", Health::warning,
           fmt::format("{} messages that the broker would not take", dead),

@@ -70,6 +70,11 @@ json to_json(const Status::Store& store) {
           {"bytes", store.bytes},
           {"max_bytes", store.max_bytes},
           {"full", store.is_full},
+          {"filled_by",
+           store.largest.flow.empty()
+               ? json(nullptr)
+               : json{{"robot", store.largest.flow.substr(store.largest.flow.rfind('/') + 1)},
+                      {"bytes", store.largest.bytes}}},
           {"oldest_age_s", store.oldest_age.count()},
           {"dead_letters", store.dead_letters},
           {"failures", store.failures}};

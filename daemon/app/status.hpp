@@ -14,6 +14,7 @@
 #include "daemon/core/messages.hpp"
 #include "daemon/core/rights_probe.hpp"
 #include "daemon/core/robot_numbers.hpp"
+#include "daemon/delivery/store_shares.hpp"
 
 namespace slamgw {
 
@@ -70,6 +71,7 @@ struct Status {
     std::uint64_t bytes = 0;
     std::uint64_t max_bytes = 0;
     bool is_full = false;
+    StoreShares::Share largest;  ///< of a robot that has nearly filled the store
     std::chrono::seconds oldest_age{0};
     std::uint64_t dead_letters = 0;
     std::uint64_t failures = 0;

@@ -2,6 +2,7 @@
 #include "daemon/app/status_collector.hpp"
 
 #include <fstream>
+#include <utility>
 
 namespace slamgw {
 namespace {
@@ -95,12 +96,15 @@ PerMesh<Status::MeshLink> StatusCollector::mesh_links() const {
 
 Status::Store StatusCollector::store(TimePoint now) const {
   const Backlog& backlog = outbox_.backlog();
+  StoreShares::Share largest = backlog.largest_share();
+  if (!backlog.is_nearly_full() || 2 * largest.bytes < backlog.bytes()) largest = {};
   return {to_string(backlog.state()),
           outbox_.store_trouble(),
           backlog.rows(),
           backlog.bytes(),
           config_.store.max_bytes,
           backlog.is_full(),
+          std::move(largest),
           duration_cast<seconds>(now - backlog.oldest().value_or(now)),
           backlog.dead_letters().count,
           outbox_.store_failures()};

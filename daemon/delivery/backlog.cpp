@@ -19,12 +19,18 @@ bool Backlog::reserve(OutboxEntry& entry) {
   const std::uint64_t cost = cost_of(entry);
   // A full store stays closed until a sixteenth of it is free. Otherwise small messages would
   // enter ahead of a large one that was refused.
-  if (taken() <= max_bytes_ - max_bytes_ / 16) is_full_ = false;
+  note_room();
   if (is_full_ || cost > max_bytes_ || taken() > max_bytes_ - cost) {
     is_full_ = true;
     return false;
   }
+  // Whatever the size of the message: small ones of a robot do not pass its large ones.
+  if (is_nearly_full() && shares_.bytes_of(entry.message.topic) >= free()) {
+    is_share_full_ = true;
+    return false;
+  }
   bytes_ += cost;
+  shares_.add(entry.message.topic, cost);
   if (rows_++ == 0) oldest_ = entry.submitted;
   entry.row = ++last_row_;
   return true;
@@ -34,7 +40,14 @@ void Backlog::release(const OutboxEntry& entry) {
   // Bounded: what damage has taken from the store was not counted by the octet.
   bytes_ -= std::min(bytes_, cost_of(entry));
   rows_ -= rows_ > 0 ? 1 : 0;
-  if (taken() <= max_bytes_ - max_bytes_ / 16) is_full_ = false;
+  shares_.remove(entry.message.topic, cost_of(entry));
+  if (rows_ == 0) shares_ = {};
+  note_room();
+}
+
+void Backlog::note_room() {
+  if (free() >= max_bytes_ / 16) is_full_ = false;
+  if (!is_nearly_full()) is_share_full_ = false;
 }
 
 bool Backlog::keep(OutboxEntry& entry) {
@@ -221,6 +234,7 @@ OutboxEntries Backlog::on_opened(StoreOpened opened, TimePoint now) {
   oldest_ = now - opened.oldest_age;
   last_row_ = opened.last_row;
   topics_ = std::move(opened.topics);
+  shares_ = std::move(opened.shares);
   cursor_ = 0;
   unloaded_ = opened.count;
   ahead_.clear();

@@ -14,6 +14,7 @@
 // (keep_copy). Their rows may lie ahead of what was read; reading passes over them.
 #pragma once
 
+#include <algorithm>
 #include <deque>
 #include <optional>
 #include <set>
@@ -42,6 +43,9 @@ class Backlog {
   static constexpr std::size_t max_unforgotten = 65536;
   /// Part of `store.max_bytes` that dead letters may take, so that they leave room for messages.
   static constexpr std::uint64_t dead_letter_share = 4;
+  /// The last part of the store is for robots that have stored less than is still free, so that one
+  /// that floods leaves room for the others.
+  static constexpr std::uint64_t share_reserve = 8;
   static constexpr std::chrono::seconds first_retry{1};
   static constexpr std::chrono::seconds longest_retry{60};
 
@@ -128,7 +132,11 @@ class Backlog {
   /// Rows that are stored or being stored, and what they count against `store.max_bytes`.
   std::size_t rows() const { return rows_; }
   std::uint64_t bytes() const { return bytes_; }
-  bool is_full() const { return is_full_; }
+  /// A message had to be refused, and there is no more room since.
+  bool is_full() const { return is_full_ || is_share_full_; }
+  /// Only robots that have stored little find room.
+  bool is_nearly_full() const { return free() <= max_bytes_ / share_reserve; }
+  StoreShares::Share largest_share() const { return shares_.largest(); }
   /// Held topics must leave the other half to those that wait for a broker that is away.
   bool is_half_full() const { return taken() > max_bytes_ / 2; }
   const DeadLetterCounts& dead_letters() const { return dead_letters_; }
@@ -160,7 +168,9 @@ class Backlog {
   };
 
   std::uint64_t taken() const { return bytes_ + dead_letters_.bytes; }
+  std::uint64_t free() const { return max_bytes_ - std::min(max_bytes_, taken()); }
   bool reserve(OutboxEntry& entry);
+  void note_room();
   void release(const OutboxEntry& entry);
   std::deque<Saving>::iterator find(std::deque<Saving>& queue, std::uint64_t row);
   bool is_behinds_turn() const;
@@ -178,7 +188,9 @@ class Backlog {
   std::uint64_t max_bytes_;
   std::uint64_t bytes_ = 0;
   std::size_t rows_ = 0;
-  bool is_full_ = false;
+  StoreShares shares_;          // of bytes_, and of what damage has taken since
+  bool is_full_ = false;        // for all
+  bool is_share_full_ = false;  // for a robot that has stored much
   std::uint64_t stored_total_ = 0;
   std::optional<TimePoint> oldest_;
 

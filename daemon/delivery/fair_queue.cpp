@@ -8,7 +8,7 @@
 namespace slamgw {
 
 FairQueue::Key FairQueue::key_of(std::string_view topic) {
-  return std::hash<std::string_view>{}(topic.substr(0, topic.rfind('/')));
+  return std::hash<std::string_view>{}(flow_of(topic));
 }
 
 std::size_t FairQueue::bytes_in_flow(std::string_view topic) const {

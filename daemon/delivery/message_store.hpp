@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "daemon/core/messages.hpp"
+#include "daemon/delivery/store_shares.hpp"
 #include "daemon/delivery/topic_counts.hpp"
 
 namespace slamgw {
@@ -77,6 +78,7 @@ struct StoreOpened {
   std::uint64_t bytes = 0;  ///< sum of stored_cost()
   Duration oldest_age{};
   TopicCounts topics;
+  StoreShares shares = {};
   DeadLetterCounts dead_letters;
 };
 /// There is no store for now; the shell has logged `why`.

@@ -105,8 +105,9 @@ void Outbox::drop(const Entry& entry, const char* why) {
 void Outbox::refuse(const Entry& entry, TimePoint now) {
   queued_bytes_ -= entry.cost();
   if (const auto count = full_throttle_.on_event(now))
-    actions_.push(no_room_notice({*count, backlog_.is_full() ? backlog_.bytes() : 0,
-                                  store_max_bytes_, is_kept_out(entry), queued_bytes_}));
+    actions_.push(
+        no_room_notice({*count, backlog_.is_full() ? backlog_.bytes() : 0, store_max_bytes_,
+                        is_kept_out(entry), queued_bytes_, backlog_.largest_share()}));
   if (!entry.receipt.is_owed()) {
     ++statistics_.dropped;
     return trace(DeliveryStep::Kind::refused, entry, "there is no room for it");
@@ -515,7 +516,7 @@ void Outbox::handle(ResendDeadLetters& resend, TimePoint now) {
     entry.message = std::move(letter.message);
     entry.submitted = now;
     const std::size_t cost = entry.cost();
-    if (!backlog_.can_keep() || !backlog_.keep(entry)) return;  // it stays a dead letter
+    if (!backlog_.can_keep() || !backlog_.keep(entry)) continue;  // it stays a dead letter
     queued_bytes_ += cost;
     resending_.insert(letter.id);
   }
@@ -568,7 +569,7 @@ void Outbox::save_all(TimePoint now) {
   is_stalled_ = is_stopping_ || in_flight_.is_stalled(broker_patience, now);
   for (Entry& entry : in_flight_.entries()) {
     const bool is_unsaved = !entry.is_unacknowledged() && entry.row == 0;
-    if (is_unsaved && !backlog_.keep_copy(entry)) break;  // full
+    if (is_unsaved) backlog_.keep_copy(entry);  // as far as there is room
   }
   place_all_again({}, now, true);
 }

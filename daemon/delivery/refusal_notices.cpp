@@ -24,9 +24,10 @@ Notice no_room_notice(const NoRoom& no_room) {
                           no_room.count, no_room.memory_bytes >> 20);
   if (no_room.store_bytes > 0)
     text = fmt::format(
-        "the store is full ({} bytes, store.max_bytes {}): {} new messages are not acknowledged; "
-        "robots keep them",
-        no_room.store_bytes, no_room.store_max_bytes, no_room.count);
+        "the store is full ({} bytes, store.max_bytes {}; {} bytes of {}): {} new "
+        "messages are not acknowledged; robots keep them",
+        no_room.store_bytes, no_room.store_max_bytes, no_room.largest.bytes, no_room.largest.flow,
+        no_room.count);
   else if (no_room.is_of_held_topic)
     text = fmt::format(
         "{} new messages are not acknowledged: the broker does not take their topics, and those "

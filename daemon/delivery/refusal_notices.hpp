@@ -20,6 +20,7 @@ struct NoRoom {
   std::uint64_t store_max_bytes = 0;
   bool is_of_held_topic = false;
   std::size_t memory_bytes = 0;
+  StoreShares::Share largest{};  ///< of the store
 };
 Notice no_room_notice(const NoRoom& no_room);
 

@@ -178,8 +178,10 @@ StoreOpened MessageFile::summary() {
       database_.prepare("SELECT row, topic, length(payload), stored_at FROM messages ORDER BY row");
   while (rows.step()) {
     const std::string_view topic = rows.text(1);
-    opened.bytes += stored_cost(topic.size(), static_cast<std::size_t>(rows.number(2)));
+    const auto bytes = stored_cost(topic.size(), static_cast<std::size_t>(rows.number(2)));
+    opened.bytes += bytes;
     opened.topics.add(topic);
+    opened.shares.add(topic, bytes);
     if (opened.count++ == 0) opened.oldest_age = age_of(rows.number(3), now);
   }
   opened.last_row = static_cast<std::uint64_t>(contents_.last_row);

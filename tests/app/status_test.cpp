@@ -47,6 +47,13 @@ TEST(StatusJson, SaysOfEachLinkHowItIs) {
                                 "detail": "UDP [::]:47193", "counters": {"received": 7}})"));
 }
 
+TEST(StatusJson, NamesTheRobotThatHasFilledTheStore) {
+  Status status;
+  EXPECT_TRUE(to_json(status)["store"]["filled_by"].is_null());
+  status.store.largest = {"p/robot/r1", 7};
+  EXPECT_EQ(to_json(status)["store"]["filled_by"], (json{{"robot", "r1"}, {"bytes", 7}}));
+}
+
 TEST(StatusJson, SaysThatTheBrokerRefusesOnlyWhileItIsThere) {
   Status status;
   status.broker = {"u",

@@ -24,7 +24,8 @@ TEST_F(ControlProgramIo, ShowsTheStatus) {
                      "counters": {"connects_refused": 3, "unconnected_refused": 17}}},
       "robots": {"online": 5, "asleep": 1, "offline": 2, "known": 8},
       "messages": {"up": 10, "down": 2, "dropped": 3, "stored": 4, "rejected": 5},
-      "store": {"depth": 6, "bytes": 2048, "max_bytes": 1048576},
+      "store": {"depth": 6, "bytes": 2048, "max_bytes": 1048576,
+                "filled_by": {"robot": "r1", "bytes": 1024}},
       "memory_rss_bytes": 3145728})");
   const Ended result = run({"status"});
   EXPECT_EQ(result.status, 0) << result.err;
@@ -37,7 +38,8 @@ TEST_F(ControlProgramIo, ShowsTheStatus) {
             "          refused: 3 connections, 17 messages of QoS -1\n"
             "Robots    5 online, 1 asleep, 2 offline (8 known)\n"
             "Messages  10 in, 2 out, 3 dropped, 4 stored, 5 rejected\n"
-            "Store     6 messages, 2.0 KiB of 1.0 MiB\n");
+            "Store     6 messages, 2.0 KiB of 1.0 MiB\n"
+            "          nearly full: r1 has stored 1.0 KiB\n");
 }
 
 TEST_F(ControlProgramIo, GivesJsonBeforeAndAfterTheCommand) {

@@ -32,7 +32,8 @@ class FakeStore {
     for (const auto& [row, kept] : rows) {
       opened.last_row = row;
       ++opened.count;
-      opened.bytes += stored_cost(kept.message.topic.size(), kept.message.payload.size());
+      opened.bytes += cost_of(kept.message);
+      opened.shares.add(kept.message.topic, cost_of(kept.message));
       opened.oldest_age = std::max(opened.oldest_age, now - kept.stored);
       opened.topics.add(kept.message.topic);
     }

@@ -203,7 +203,7 @@ TEST_F(OutboxStoreTest, AFullStoreRefusesAndSaysSoOnce) {
             1);
   const std::size_t acknowledged = store.rows.size();
   EXPECT_EQ(outbox->statistics().refused, 140 - acknowledged);
-  submit("ble", 0);
+  submit("t", 0);
   EXPECT_EQ(outbox->statistics().dropped, 1u) << "nobody waits for its acknowledgement";
 
   link_up();
@@ -213,6 +213,74 @@ TEST_F(OutboxStoreTest, AFullStoreRefusesAndSaysSoOnce) {
   EXPECT_FALSE(outbox->backlog().is_full());
   EXPECT_EQ(received_of("t").size() + received_of("u").size(), acknowledged);
   EXPECT_TRUE(has_fired(5000, ReceiptOutcome::safe));
+}
+
+/// Robots with small stores: one sends a hundred messages while each other sends one.
+class StoreShare : public OutboxStoreTest {
+ protected:
+  static constexpr std::uint64_t messages = 4000;
+  StoreShare() {
+    max_bytes = messages * cost("r1");
+    start();
+    is_store_quick = true;
+  }
+  static std::string topic(const std::string& robot) { return "p/robot/" + robot + "/update"; }
+  static std::uint64_t cost(const std::string& robot) {
+    return stored_cost(topic(robot).size(), 6);
+  }
+  /// True when it was acknowledged.
+  bool send(const std::string& robot) {
+    const std::uint64_t receipt = ++last_receipt;
+    submit(topic(robot), receipt);
+    if (!has_fired(receipt, ReceiptOutcome::safe)) return false;
+    acknowledged[robot].push_back(std::to_string(receipt));
+    return true;
+  }
+  std::map<std::string, std::vector<std::string>> acknowledged;
+  std::uint64_t last_receipt = 100000;
+};
+
+TEST_F(StoreShare, OfAFloodLeavesRoomForTheOthers) {
+  for (int round = 0; round < 100; ++round) {
+    for (int i = 0; i < 100; ++i) send("r0");
+    for (const std::string robot : {"r1", "r2", "r3", "r4", "r5"})
+      EXPECT_TRUE(send(robot)) << robot << " round " << round;
+  }
+  EXPECT_TRUE(outbox->backlog().is_full()) << "the flood was refused";
+  EXPECT_EQ(outbox->backlog().largest_share().flow, "p/robot/r0");
+  EXPECT_TRUE(is_noticed("bytes of p/robot/r0")) << "it is named";
+  EXPECT_LE(outbox->backlog().bytes(), max_bytes);
+
+  die();
+  start();
+  EXPECT_FALSE(send("r0")) << "the shares are known after a restart";
+  EXPECT_TRUE(send("r1"));
+  settle();
+  for (const auto& [robot, numbers] : acknowledged) EXPECT_EQ(received_of(topic(robot)), numbers);
+  EXPECT_EQ(outbox->backlog().largest_share().bytes, 0u);
+  link_down();
+  EXPECT_TRUE(send("r0"));
+}
+
+TEST_F(StoreShare, OfALoneRobotIsMostOfTheStore) {
+  for (std::uint64_t i = 0; i < messages; ++i) send("r0");
+  EXPECT_GE(acknowledged["r0"].size(), messages * 7 / 8);
+  EXPECT_LE(acknowledged["r0"].size(), messages * 7 / 8 + 1);
+}
+
+TEST_F(StoreShare, IsEqualAmongRobotsThatSendAlike) {
+  for (std::uint64_t i = 0; i < messages; ++i) {
+    for (const std::string robot : {"r1", "r2", "r3"}) send(robot);
+  }
+  EXPECT_LE(acknowledged["r1"].size() - acknowledged["r3"].size(), 1u);
+  EXPECT_GE(3 * acknowledged["r1"].size(), messages * 7 / 8);
+}
+
+TEST_F(StoreShare, OfOneRobotIsTheSameForSmallAndLargeMessages) {
+  while (send("r0")) {
+  }
+  submit_bytes(topic("r0"), {}, 1);
+  EXPECT_TRUE(has_fired(1, ReceiptOutcome::refused)) << "it would pass the one that was refused";
 }
 
 TEST_F(OutboxStoreTest, AFailingStoreIsTriedAgainAndNothingIsAcknowledgedMeanwhile) {

@@ -53,7 +53,7 @@ function problemsOf(gateway, model, add) {
     if (link?.state === 'down') add(`${name}: the link to ${meshNames[mesh] ?? mesh} is down`, link.detail);
   }
   const store = stats.store ?? {};
-  if (store.full) add(`${name}: its store is full`, 'It takes no acknowledged message until the broker has taken some. Is the broker up?');
+  if (store.full) add(`${name}: its store is full`, 'Robots are not acknowledged until the broker has taken some messages. Is the broker up?');
   if (store.state && store.state !== 'working' && store.state !== 'opening') add(`${name}: its store is ${store.state}`, store.why);
   if (store.dead_letters > 0) add(`${name} has set ${store.dead_letters} messages aside`, 'The broker will never take them: slam-gatewayctl store list', true);
 }

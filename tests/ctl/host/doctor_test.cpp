@@ -94,6 +94,9 @@ TEST(Doctor, NamesEachStepThatIsBroken) {
   EXPECT_EQ(problems_of(facts), "disk; store; ");
 
   facts = healthy();
+  facts.status["store"]["filled_by"] = {{"robot", "r1"}, {"bytes", 3}};
+  EXPECT_EQ(problems_of(facts), "store: nearly full; ");
+  facts.status["store"].erase("filled_by");
   facts.status["store"]["dead_letters"] = 3;
   facts.status["robots"]["offline"] = 1;
   facts.is_clock_synchronised = false;
