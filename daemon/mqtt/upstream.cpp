@@ -19,6 +19,8 @@ namespace {
 
 constexpr std::chrono::milliseconds first_wait{500};
 constexpr std::chrono::milliseconds longest_wait{30000};
+/// For the first minutes of an outage: a broker that restarts, or its network, is back soon.
+constexpr Backoff::Eager eager{std::chrono::seconds{3}, std::chrono::minutes{5}};
 /// Pause between two probes of the first broker (`broker.return_to_first`). It grows while that
 /// broker takes connections and still cannot be used.
 constexpr std::chrono::seconds first_probe_pause{5};
@@ -69,7 +71,7 @@ Upstream::Upstream(boost::asio::io_context& io, BrokerSettings settings, LastWil
       trial_timer_(io),
       return_timer_(io),
       return_backoff_(first_probe_pause, longest_probe_pause),
-      backoff_(first_wait, longest_wait),
+      backoff_(first_wait, longest_wait, eager),
       random_(std::random_device{}()) {
   make_places();
 }
@@ -173,7 +175,7 @@ void Upstream::go_on(const std::string& why, Duration least) {
   const double jitter = random_jitter();
   Duration wait = std::chrono::duration_cast<Duration>(least * (0.5 + 0.5 * jitter));
   if (++tried_ >= places_.size()) {
-    wait = std::max<Duration>(wait, backoff_.next_wait(jitter));
+    wait = std::max<Duration>(wait, backoff_.next_wait(jitter, std::chrono::steady_clock::now()));
     tried_ = 0;
   }
   connect_in(wait);
@@ -203,7 +205,8 @@ void Upstream::come_up() {
   stall_watch_.on_link_up(keep_alive_in_use(), std::chrono::steady_clock::now());
   watch_for_stall();
   if (at_ != 0 && settings_.returns_to_first)
-    probe_first_broker_in(return_backoff_.next_wait(random_jitter()));
+    probe_first_broker_in(
+        return_backoff_.next_wait(random_jitter(), std::chrono::steady_clock::now()));
   listener_.on_link_up(is_session_present_, limits_);
 }
 
@@ -250,7 +253,8 @@ void Upstream::probe_first_broker() {
       if (!is_up_ || link.expired() || link.lock() != link_) return;
       if (is_well) return return_to_first();
       return_backoff_.reset();
-      probe_first_broker_in(return_backoff_.next_wait(random_jitter()));
+      probe_first_broker_in(
+          return_backoff_.next_wait(random_jitter(), std::chrono::steady_clock::now()));
     });
   });
 }
