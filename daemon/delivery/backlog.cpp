@@ -25,7 +25,7 @@ bool Backlog::reserve(OutboxEntry& entry) {
     return false;
   }
   // Whatever the size of the message: small ones of a robot do not pass its large ones.
-  if (is_nearly_full() && shares_.bytes_of(entry.message.topic) >= free()) {
+  if (is_nearly_full() && shares_.bytes_of(entry.message.topic) >= 2 * free()) {
     is_share_full_ = true;
     return false;
   }

@@ -43,9 +43,9 @@ class Backlog {
   static constexpr std::size_t max_unforgotten = 65536;
   /// Part of `store.max_bytes` that dead letters may take, so that they leave room for messages.
   static constexpr std::uint64_t dead_letter_share = 4;
-  /// The last part of the store is for robots that have stored less than is still free, so that one
-  /// that floods leaves room for the others.
-  static constexpr std::uint64_t share_reserve = 8;
+  /// The last part of the store is for robots that have stored less than twice what is still free,
+  /// so that one that floods leaves room for the others.
+  static constexpr std::uint64_t share_reserve = 4;
   static constexpr std::chrono::seconds first_retry{1};
   static constexpr std::chrono::seconds longest_retry{60};
 
