@@ -35,8 +35,8 @@ class Output {
   /// Whether a message of `octets` (with the 1-octet Length) may go to this client now.
   bool may_send(const ClientSession& session, std::size_t octets) const;
   /// To where the client was last heard; nothing when it has no address, or when the address has
-  /// not shown that it receives and was sent as much as came from it. What the client relies on
-  /// from now on waits until its session is saved.
+  /// not shown that it receives and its allowance is spent. What the client relies on from now on
+  /// waits until its session is saved.
   void send(const ClientSession& session, const Packet& packet);
   /// `radius` only matters behind a forwarder (R140). `promised`: the session to be saved before.
   void send(const Peer& to, const LocalAddress& from, const Packet& packet, std::uint8_t radius = 0,

@@ -184,6 +184,7 @@ void SnGateway::receive_pingreq(const Arrival& arrival, const Pingreq& pingreq) 
   ClientSession* session = pinging_session(arrival, pingreq);
   if (!session) return on_stranger(arrival, true);
   lifecycle_.on_heard(*session, arrival.now);
+  if (!pingreq.client_id.empty()) Downlink::on_named_ping(*session);
   switch (session->state()) {
     case ClientState::lost:
       if (!lifecycle_.revive(*session, arrival.now)) return on_stranger(arrival, true);

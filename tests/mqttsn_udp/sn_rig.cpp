@@ -18,6 +18,7 @@ SnRig::SnRig(Settings settings, std::vector<RobotName> names,
 Endpoint SnRig::address(unsigned n) {
   Endpoint endpoint;
   endpoint.address = {0xfd, 0x00};
+  if (n >= first_ipv4) endpoint.address = {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0xff, 0xff, 10, 0};
   endpoint.address[14] = static_cast<std::uint8_t>(n >> 8);
   endpoint.address[15] = static_cast<std::uint8_t>(n);
   endpoint.port = 47193;

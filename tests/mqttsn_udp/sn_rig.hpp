@@ -24,6 +24,8 @@ class SnRig {
                  std::vector<std::string> extra_subscribe = {"w/#", "a/#", "ab"},
                  RandomSource random = {});
 
+  /// Clients from this number on have IPv4 addresses.
+  static constexpr unsigned first_ipv4 = 0x1000;
   /// Where client number `n` sends from; the node id of a forwarder after a slash is not part.
   static Endpoint address(unsigned n);
   static LocalAddress local();

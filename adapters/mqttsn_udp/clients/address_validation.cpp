@@ -8,6 +8,15 @@
 #include "adapters/mqttsn_udp/limits.hpp"
 
 namespace slamgw::mqttsn {
+namespace {
+
+/// What a message of `octets` costs the network of its receiver.
+std::size_t with_headers(const IpAddress& address, std::size_t octets) {
+  constexpr std::size_t ipv4_header_octets = 28;
+  return octets + (is_ipv4(address) ? ipv4_header_octets : AddressValidation::max_header_octets);
+}
+
+}  // namespace
 
 std::size_t AddressValidation::Hash::operator()(const IpAddress& address) const {
   std::uint64_t high = 0;
@@ -32,11 +41,11 @@ void AddressValidation::on_received(const IpAddress& address, std::size_t octets
   if (is_validated(address)) return;
   std::uint32_t& allowance = allowances_[place_of(address)];
   const std::size_t room = std::numeric_limits<std::uint32_t>::max() - allowance;
-  allowance += static_cast<std::uint32_t>(std::min(octets, room));
+  allowance += static_cast<std::uint32_t>(std::min(factor * with_headers(address, octets), room));
 }
 
 bool AddressValidation::may_send(const IpAddress& address, std::size_t octets) const {
-  return is_validated(address) || octets <= allowances_[place_of(address)];
+  return is_validated(address) || with_headers(address, octets) < allowances_[place_of(address)];
 }
 
 void AddressValidation::restore_allowance(const IpAddress& address, std::uint32_t octets) {
@@ -47,7 +56,8 @@ void AddressValidation::restore_allowance(const IpAddress& address, std::uint32_
 void AddressValidation::on_sent(const IpAddress& address, std::size_t octets) {
   if (is_validated(address)) return;
   std::uint32_t& allowance = allowances_[place_of(address)];
-  allowance -= static_cast<std::uint32_t>(std::min<std::size_t>(octets, allowance));
+  allowance -=
+      static_cast<std::uint32_t>(std::min<std::size_t>(with_headers(address, octets), allowance));
 }
 
 }  // namespace slamgw::mqttsn

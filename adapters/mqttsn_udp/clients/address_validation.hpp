@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Protects third parties from datagrams that an attacker requests in their name. An address is
 // validated once it has answered something that only its owner can have read: a REGACK, PUBACK or
-// PUBREC with an unforeseeable MsgId. Until then it is sent at most as many octets as came
-// from it (RFC 9000 section 8 does so with a factor of 3). Octets are those of MQTT-SN messages,
-// without UDP and IP headers. Pure.
+// PUBREC with an unforeseeable MsgId. Until then it is sent less than `factor` times the octets
+// that came from it, IP and UDP headers included both ways, as in RFC 9000 section 8. So the
+// smallest message, PINGREQ, pays for its answer and for one short REGISTER. Pure.
 #pragma once
 
 #include <array>
@@ -18,15 +18,21 @@ namespace slamgw::mqttsn {
 
 class AddressValidation {
  public:
+  /// RFC 9000 section 8 allows as much, so that a handshake fits.
+  static constexpr std::uint32_t factor = 3;
+  /// IPv6 and UDP around each message; 28 with IPv4.
+  static constexpr std::size_t max_header_octets = 48;
+
   bool is_validated(const IpAddress& address) const { return validated_.contains(address); }
   /// The address has shown that it receives. At most `limits::max_validated_addresses` are known;
   /// the oldest one has to show it again.
   void validate(const IpAddress& address);
 
+  /// `octets` are those of the message alone, here and below.
   void on_received(const IpAddress& address, std::size_t octets);
-  /// Whether a message of so many octets may go to this address now.
+  /// Whether a message of this size may go to this address now.
   bool may_send(const IpAddress& address, std::size_t octets) const;
-  /// Octets that may still be sent to an address that is not validated.
+  /// Octets, headers included, that may still be sent to an address that is not validated.
   std::uint32_t allowance(const IpAddress& address) const { return allowances_[place_of(address)]; }
   /// From before a restart; no more than what is there already.
   void restore_allowance(const IpAddress& address, std::uint32_t octets);

@@ -68,6 +68,7 @@ struct Attempt {
   TimePoint sent{};   ///< its last transmission
   Duration wait{};    ///< after the last transmission
   unsigned repeats = 0;
+  bool is_withheld = false;              ///< the last repeat did not leave: the allowance was spent
   std::optional<TimePoint> repeat_at{};  ///< nothing: it rests
 
   /// Holds back what comes behind it; once a wait has brought no answer, others go on.
@@ -113,6 +114,7 @@ struct Delivery {
   RetransmissionTimeout timeout;
   std::optional<TimePoint> paused_until;  ///< the client said "congestion" (T_WAIT)
   bool is_stalled = false;                ///< no answer to a PUBLISH: rests until heard (R133)
+  bool is_half_proven = false;            ///< a PINGREQ with the client id came from this address
   bool refuses_dup = false;  ///< it answers 0x03 to a PUBLISH with DUP, as RIOT's emcute does
   bool forgets_ids_asleep = false;      ///< of topics, as simon622's client does
   bool is_set_aside_reported = false;   ///< the operator's notice, once for each client

@@ -16,6 +16,10 @@ bool is_kept(const ClientSession& session) {
   return !session.is_clean || session.state() == ClientState::awake;
 }
 
+std::size_t publish_octets(const Outgoing& outgoing) {
+  return 7 + outgoing.message->payload.size();
+}
+
 /// The message that was published under this MsgId and not acknowledged yet; it leaves `delivery`.
 /// One that was given up and waits for its next try counts: its acknowledgement was late.
 std::optional<Outgoing> take_unacknowledged(Delivery& delivery, std::uint16_t msg_id) {
@@ -95,7 +99,10 @@ void Downlink::enqueue(ClientSession& session, Outgoing outgoing, TimePoint now)
 }
 
 void Downlink::pump(ClientSession& session, TimePoint now) {
-  if (may_send(session)) release_.resume(session, now);
+  if (may_send(session)) {
+    release_.resume(session, now);
+    resume_withheld(session, now);
+  }
   while (may_send(session) && send_next(session, now)) {
   }
   if (is_stopping_) refuse_unkept(session, now);
@@ -140,15 +147,35 @@ bool Downlink::send_next(ClientSession& session, TimePoint now) {
   return false;
 }
 
+/// The datagram that just came may pay for what the allowance had held back, or for a probe.
+void Downlink::resume_withheld(ClientSession& session, TimePoint now) {
+  Delivery& delivery = session.delivery;
+  registration_.resume_withheld(session);
+  if (!delivery.publishing || !delivery.publishing->attempt.is_withheld) return;
+  repeat(session, *delivery.publishing);
+  const bool is_withheld = delivery.publishing->attempt.is_withheld;
+  if (is_withheld && delivery.registering.empty()) registration_.probe(session, now);
+}
+
+void Downlink::repeat(ClientSession& session, Publishing& open) {
+  open.attempt.is_withheld = !output_.may_send(session, publish_octets(open.what));
+  if (open.attempt.is_withheld) return output_.count(Count::unvalidated);
+  output_.count(Count::retransmitted);
+  transmit(session, open.what, open.topic_id, open.attempt.msg_id);
+}
+
 /// What asks for an answer may use up the allowance of an address that has not shown that it
-/// receives; other messages leave enough for a REGISTER, and end when one stays unanswered.
+/// receives. Other messages leave enough for a REGISTER; when one stays unanswered, they end unless
+/// the client pings by its name.
 bool Downlink::is_within_allowance(const ClientSession& session, const Outgoing& outgoing) const {
   if (output_.is_validated(session)) return true;
-  std::size_t octets = 7 + outgoing.message->payload.size();
+  std::size_t octets = publish_octets(outgoing);
   if (outgoing.qos == Qos::at_most_once) {
     const auto is_unanswered = [](const auto& open) { return !open.attempt.is_fresh(); };
-    if (std::ranges::any_of(session.delivery.registering, is_unanswered)) return false;
-    octets += registration_.probe_octets();
+    const bool is_half_proven = session.delivery.is_half_proven;
+    if (!is_half_proven && std::ranges::any_of(session.delivery.registering, is_unanswered))
+      return false;
+    octets += registration_.probe_octets() + AddressValidation::max_header_octets;
   }
   return output_.may_send(session, octets);
 }
@@ -192,6 +219,7 @@ void Downlink::transmit(ClientSession& session, const Outgoing& outgoing, std::u
 }
 
 void Downlink::on_address(ClientSession& session) {
+  session.delivery.is_half_proven = false;
   if (random_ && !output_.is_validated(session)) restart_message_ids(session.delivery, random_());
 }
 
@@ -342,10 +370,7 @@ bool Downlink::on_time(ClientSession& session, TimePoint now) {
   Publishing& open = *delivery.publishing;
   switch (retransmission_.on_time(open.attempt, now)) {
     case Retransmission::Due::nothing: break;
-    case Retransmission::Due::repeat:
-      output_.count(Count::retransmitted);
-      transmit(session, open.what, open.topic_id, open.attempt.msg_id);
-      break;
+    case Retransmission::Due::repeat: repeat(session, open); break;
     case Retransmission::Due::give_up: is_silent |= give_up(session, now); break;
   }
   return is_silent;
@@ -462,7 +487,7 @@ void Downlink::keep_in_bounds(ClientSession& session, TimePoint now) {
 }
 
 bool Downlink::is_too_large(ClientSession& session, const Outgoing& outgoing, TimePoint now) {
-  const bool fits = output_.fits(session, 7 + outgoing.message->payload.size()) &&
+  const bool fits = output_.fits(session, publish_octets(outgoing)) &&
                     output_.fits(session, 6 + outgoing.message->topic.size());
   if (fits) return false;
   output_.count(Count::too_large_down);

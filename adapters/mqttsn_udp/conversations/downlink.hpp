@@ -38,6 +38,9 @@ class Downlink {
   /// The client has another address. Unless that has shown that it receives, its first answer to a
   /// new request will.
   void on_address(ClientSession& session);
+  /// A PINGREQ that names the client: half a proof that its owner is at this address. Whoever knows
+  /// the id can forge it, so it buys no octets; QoS 0 no longer waits for an unanswered REGISTER.
+  static void on_named_ping(ClientSession& session) { session.delivery.is_half_proven = true; }
   /// A sign of life: what rested for want of an answer goes on at the next pump (R133).
   void on_heard(ClientSession& session);
   /// The client begins a new connection within its session: it may have forgotten everything.
@@ -70,7 +73,9 @@ class Downlink {
   void learn_from_answer(ClientSession& session, std::uint16_t msg_id, TimePoint now);
   void on_answer(const ClientSession& session, std::uint16_t msg_id);
   bool send_next(ClientSession& session, TimePoint now);
+  void resume_withheld(ClientSession& session, TimePoint now);
   void publish(ClientSession& session, Outgoing outgoing, TimePoint now);
+  void repeat(ClientSession& session, Publishing& open);
   void transmit(ClientSession& session, const Outgoing& outgoing, std::uint16_t topic_id,
                 std::uint16_t msg_id);
   void finish(ClientSession& session, const Outgoing& outgoing, CommandResult result,

@@ -82,11 +82,18 @@ void TopicRegistration::begin(ClientSession& session, std::uint16_t topic_id, Ti
   transmit(session, delivery.registering.back());
 }
 
-void TopicRegistration::transmit(const ClientSession& session, const Registering& registering) {
+void TopicRegistration::transmit(const ClientSession& session, Registering& registering) {
   const std::string* name = session.topics.name_of(registering.topic_id);
   if (!name) return;
-  output_.send(session, Register{registering.topic_id, registering.attempt.msg_id,
-                                 to_client_name(rules_.policy.scheme(), session, *name)});
+  std::string sent_name = to_client_name(rules_.policy.scheme(), session, *name);
+  registering.attempt.is_withheld = !output_.may_send(session, 6 + sent_name.size());
+  output_.send(session, Register{registering.topic_id, registering.attempt.msg_id, sent_name});
+}
+
+void TopicRegistration::resume_withheld(ClientSession& session) {
+  for (Registering& open : session.delivery.registering) {
+    if (open.attempt.is_withheld) transmit(session, open);
+  }
 }
 
 std::optional<std::uint16_t> TopicRegistration::topic_id(ClientSession& session,

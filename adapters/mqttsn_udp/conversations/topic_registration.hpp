@@ -28,6 +28,8 @@ class TopicRegistration {
   Readiness prepare(ClientSession& session, const Outgoing& outgoing, TimePoint now);
   /// Registers a short topic, only to learn whether the client receives.
   void probe(ClientSession& session, TimePoint now);
+  /// Sends the repeats that the allowance has held back.
+  void resume_withheld(ClientSession& session);
   std::size_t probe_octets() const;
   /// Of an outgoing message that is ready, which uses it now.
   static std::optional<std::uint16_t> topic_id(ClientSession& session, const Outgoing& outgoing);
@@ -53,7 +55,7 @@ class TopicRegistration {
  private:
   std::string probe_topic() const;
   void begin(ClientSession& session, std::uint16_t topic_id, TimePoint now);
-  void transmit(const ClientSession& session, const Registering& registering);
+  void transmit(const ClientSession& session, Registering& registering);
   void notify_set_aside(ClientSession& session, const std::string& topic);
 
   const NameRules& rules_;

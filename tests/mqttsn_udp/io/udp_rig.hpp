@@ -61,7 +61,7 @@ class UdpRig {
  private:
   struct AsIs {};
   UdpRig(Settings settings, AsIs, SessionStore* sessions = nullptr)
-      : adapter(io, std::move(settings), TopicPolicy(TopicScheme("ntnu-slam", "gw"), {}, {}),
+      : adapter(io, std::move(settings), TopicPolicy(TopicScheme("ntnu-slam", "gw"), {}, {"ab"}),
                 RobotNames(), core, sessions) {
     core.adapter = &adapter;
     adapter.start();
