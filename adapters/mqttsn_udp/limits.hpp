@@ -57,6 +57,12 @@ constexpr std::size_t max_inbound_qos2 = 64;
 constexpr std::size_t max_repeats = 1024;
 /// Nordic's client repeats after 8 and 16 s, others after 10 and 20 (R76).
 constexpr std::chrono::seconds repeat_window{25};
+/// Nordic's client repeats 8 s after it has sent; 4 s of them may pass before the PUBACK leaves.
+constexpr std::chrono::seconds shortest_client_retry{4};
+/// N_retry is at most 5 (MQTT-SN 1.2 section 7.2): more copies are messages that equal each other.
+constexpr std::uint8_t max_client_repeats = 5;
+/// Small steps from one MsgId to the next, after which a client is believed to count them.
+constexpr unsigned min_counted_ids = 4;
 /// Will handshakes at one time; the only state that strangers can make (R10).
 constexpr std::size_t max_handshakes = 1024;
 /// A stored session may make room for another client after so long without a word.

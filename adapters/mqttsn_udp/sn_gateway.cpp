@@ -148,6 +148,10 @@ void SnGateway::receive_from_client(const Arrival& arrival, Packet packet) {
   if (std::holds_alternative<WillTopic>(packet))  // of a handshake that is over
     return output_.count(Count::unexpected);
   lifecycle_.on_heard(*session, arrival.now);
+  if (const auto* request = std::get_if<Register>(&packet))
+    session->repeats.on_request(request->msg_id);
+  if (const auto* request = std::get_if<Subscribe>(&packet))
+    session->repeats.on_request(request->msg_id);
   handle(*session, packet, arrival.now);
   supervision_.advance(*session, arrival.now);
 }
@@ -240,8 +244,8 @@ void SnGateway::on_malformed(const Endpoint& from, TimePoint now) {
   }
 }
 
-void SnGateway::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint) {
-  uplink_.on_receipt(receipt_id, outcome);
+void SnGateway::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now) {
+  uplink_.on_receipt(receipt_id, outcome, now);
 }
 
 void SnGateway::on_broker_message(const BrokerMessage& message, CommandId command, TimePoint now) {

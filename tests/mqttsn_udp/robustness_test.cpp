@@ -81,11 +81,12 @@ TEST(SnGateway, R137_TakesEveryRequestTwiceWithTheSameResult) {
   SnRig rig;
   rig.connect(1, "r1");
   rig.register_topic(1, own_topic);
-  Publish qos1{false, WireQos::one, false, TopicIdType::normal, 1, 9, to_bytes("x")};
+  Publish qos1{false, WireQos::one, false, TopicIdType::normal, 1, 5, to_bytes("x")};
   for (const Packet& request :
        {Packet{Register{0, 1, own_topic}},
-        Packet{Subscribe{false, WireQos::one, TopicIdType::normal, 2, "a/z", 0}}, Packet{qos1},
-        Packet{Pubrel{4}}, Packet{WillTopicUpd{WireQos::zero, false, own_topic}},
+        Packet{Subscribe{false, WireQos::one, TopicIdType::normal, 2, "a/z", 0}},
+        Packet{Register{0, 3, own_topic}}, Packet{Register{0, 4, own_topic}}, Packet{qos1},
+        Packet{Pubrel{9}}, Packet{WillTopicUpd{WireQos::zero, false, own_topic}},
         Packet{WillMsgUpd{to_bytes("m")}}, Packet{Unsubscribe{TopicIdType::normal, 5, "a/z", 0}},
         Packet{Pingreq{"r1"}}, Packet{Disconnect{100}}}) {
     rig.send(1, request);

@@ -93,7 +93,7 @@ SessionSnapshot to_snapshot(const ClientSession& session, TimePoint now) {
     if (inbound.receipt_id == 0) out.inbound_qos2.emplace_back(msg_id, inbound.fingerprint);
   }
   for (const RepeatFilter::Entry& entry : session.repeats.entries()) {
-    const auto age = std::chrono::duration_cast<milliseconds>(now - entry.came);
+    const auto age = std::chrono::duration_cast<milliseconds>(now - entry.since);
     if (entry.receipt_id == 0 && age <= limits::repeat_window)
       out.repeats.push_back({entry.msg_id, entry.topic_id, entry.fingerprint, age});
   }

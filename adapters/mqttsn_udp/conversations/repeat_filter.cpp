@@ -33,26 +33,53 @@ std::uint64_t fingerprint(const Publish& publish) {
 
 std::uint64_t fingerprint(ByteView bytes) { return never_0(mix(fnv_offset, bytes)); }
 
-const RepeatFilter::Entry* RepeatFilter::find(std::uint16_t msg_id, std::uint64_t fingerprint,
+/// The last entry stays: it shows whether the next message has its MsgId.
+const RepeatFilter::Entry* RepeatFilter::find(const Publish& publish, std::uint64_t fingerprint,
                                               TimePoint now) {
-  while (size() > 0 && now - entries_[gone_].came > limits::repeat_window &&
+  while (size() > 1 && now - entries_[gone_].since > limits::repeat_window &&
          entries_[gone_].receipt_id == 0) {
     pop_front();
   }
   const auto is_same = [&](const Entry& entry) {
-    const bool is_fresh = entry.receipt_id != 0 || now - entry.came <= limits::repeat_window;
+    const bool is_fresh = entry.receipt_id != 0 || now - entry.since <= limits::repeat_window;
     return entry.fingerprint == fingerprint && is_fresh;
   };
-  const Entry* newest = nullptr;
+  sets_dup_ |= publish.dup;
+  Entry* newest = nullptr;
   auto from = msg_ids_.begin() + static_cast<std::ptrdiff_t>(gone_);
-  while ((from = std::find(from, msg_ids_.end(), msg_id)) != msg_ids_.end()) {
-    const Entry& entry = entries_[static_cast<std::size_t>(from++ - msg_ids_.begin())];
+  while ((from = std::find(from, msg_ids_.end(), publish.msg_id)) != msg_ids_.end()) {
+    Entry& entry = entries_[static_cast<std::size_t>(from++ - msg_ids_.begin())];
     if (is_same(entry)) newest = &entry;
   }
+  if (!newest || !is_repeat(*newest, publish, now)) return nullptr;
+  if (newest->receipt_id == 0 && !publish.dup) ++newest->repeats;
   return newest;
 }
 
+/// Whether a message that equals `known`, and comes within its window, repeats it.
+bool RepeatFilter::is_repeat(const Entry& known, const Publish& publish, TimePoint now) const {
+  if (known.receipt_id != 0 || publish.dup) return true;
+  if (reuses_ids_ || known.repeats >= limits::max_client_repeats) return false;
+  const bool counts = counted_ids_ >= limits::min_counted_ids;
+  const bool may_lack_puback = publish.qos == WireQos::one && !sets_dup_ &&
+                               now - known.since >= limits::shortest_client_retry;
+  return counts || may_lack_puback;
+}
+
+void RepeatFilter::on_request(std::uint16_t msg_id) {
+  constexpr int longest_step = 2;      // one request may be lost
+  constexpr int furthest_behind = 16;  // a late copy says nothing
+  const auto step = static_cast<std::int16_t>(msg_id - last_msg_id_);
+  if (step > 0 && step <= longest_step && counted_ids_ < limits::min_counted_ids) ++counted_ids_;
+  if (step > 0 || step < -furthest_behind) last_msg_id_ = msg_id;
+}
+
 void RepeatFilter::add(const Entry& entry) {
+  const auto begin = msg_ids_.begin() + static_cast<std::ptrdiff_t>(gone_);
+  const bool is_reused = std::find(begin, msg_ids_.end(), entry.msg_id) != msg_ids_.end();
+  if (is_reused && reuses_ids_) counted_ids_ = 0;  // once alone may be a copy made by the network
+  reuses_ids_ = is_reused;
+  on_request(entry.msg_id);
   if (size() >= limits::max_repeats) pop_front();
   entries_.push_back(entry);
   msg_ids_.push_back(entry.msg_id);
@@ -80,10 +107,11 @@ void RepeatFilter::erase(std::size_t begin, std::size_t end) {
   msg_ids_.shrink_to_fit();
 }
 
-std::optional<RepeatFilter::Entry> RepeatFilter::on_safe(std::uint64_t receipt_id) {
+std::optional<RepeatFilter::Entry> RepeatFilter::on_safe(std::uint64_t receipt_id, TimePoint now) {
   const auto found = find_receipt(receipt_id);
   if (found == entries_.rend()) return std::nullopt;
   found->receipt_id = 0;
+  found->since = now;
   return *found;
 }
 

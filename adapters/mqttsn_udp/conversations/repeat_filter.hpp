@@ -1,8 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // Recognises the repetition of a QoS 1 message (and of a QoS 2 message that is complete) by client,
-// MsgId, topic and payload within a window, whether DUP is set or not (R76): common clients repeat
-// without DUP, some count MsgIds badly, and robots send steps that must not count twice. MsgId
-// alone is never enough.
+// MsgId, topic and payload (R76). Common clients repeat without DUP, and robots send steps that
+// must not count twice; but some clients use one MsgId for everything, and say the same thing
+// often.
+//
+// An equal message is a repetition while the first is not acknowledged. In the window after that it
+// is one when it has DUP. Without DUP it is one when the client counts its MsgIds, or when it comes
+// so late after PUBACK that a lost PUBACK explains it, but no more often than clients repeat. Such
+// a loss is not assumed after PUBCOMP, nor of clients that set DUP. A client that has just used a
+// MsgId twice sends new messages. In doubt a message goes up twice.
 #pragma once
 
 #include <cstdint>
@@ -22,17 +28,22 @@ class RepeatFilter {
  public:
   struct Entry {
     std::uint64_t fingerprint = 0;
-    TimePoint came{};
+    TimePoint since{};             ///< it came or, later, was acknowledged
     std::uint64_t receipt_id = 0;  ///< 0: acknowledged
     std::uint16_t topic_id = 0;
     std::uint16_t msg_id = 0;
+    std::uint8_t repeats = 0;  ///< without DUP, since it was acknowledged
   };
 
   /// The message that this one repeats, or nothing; forgets what is older than the window.
-  const Entry* find(std::uint16_t msg_id, std::uint64_t fingerprint, TimePoint now);
+  /// `fingerprint` is that of `publish`.
+  const Entry* find(const Publish& publish, std::uint64_t fingerprint, TimePoint now);
+  /// REGISTER and SUBSCRIBE show too how the client makes its MsgIds.
+  void on_request(std::uint16_t msg_id);
+  /// A new message.
   void add(const Entry& entry);
   /// The entry that waited for this receipt, which it does no longer.
-  std::optional<Entry> on_safe(std::uint64_t receipt_id);
+  std::optional<Entry> on_safe(std::uint64_t receipt_id, TimePoint now);
   /// Forgets it: its repetition is a new message.
   std::optional<Entry> on_refused(std::uint64_t receipt_id);
   void clear();
@@ -40,6 +51,7 @@ class RepeatFilter {
   std::span<const Entry> entries() const { return std::span(entries_).subspan(gone_); }
 
  private:
+  bool is_repeat(const Entry& known, const Publish& publish, TimePoint now) const;
   std::size_t size() const { return entries_.size() - gone_; }
   void pop_front();
   void erase(std::size_t begin, std::size_t end);
@@ -50,6 +62,10 @@ class RepeatFilter {
   std::vector<Entry> entries_;          // oldest first
   std::vector<std::uint16_t> msg_ids_;  // of entries_: what is looked through for each message
   std::size_t gone_ = 0;                // at the front of both, not yet removed
+  std::uint16_t last_msg_id_ = 0;       // of a request or new message
+  std::uint16_t counted_ids_ = 0;       // small steps to the next one, up to min_counted_ids
+  bool reuses_ids_ = false;             // the last new message's MsgId was that of another
+  bool sets_dup_ = false;               // on repetitions
 };
 
 }  // namespace slamgw::mqttsn

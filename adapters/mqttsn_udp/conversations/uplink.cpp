@@ -55,7 +55,8 @@ void Uplink::on_publish(ClientSession& session, Publish publish, TimePoint now) 
 }
 
 /// A PUBREL is always answered: the client must be able to end its exchange (R75). A copy of the
-/// PUBLISH that the network delivers after it is still known for a while (R137).
+/// PUBLISH that the network delivers after it is still known for a while if the client counts its
+/// MsgIds (R137).
 void Uplink::on_pubrel(ClientSession& session, const Pubrel& pubrel, TimePoint now) {
   const auto found = session.inbound_qos2.find(pubrel.msg_id);
   if (found != session.inbound_qos2.end() && found->second.receipt_id == 0) {
@@ -108,7 +109,7 @@ bool Uplink::is_foreign(const std::string& robot) const {
   return !rules_.names.of_client(robot) || (is_elsewhere_ && is_elsewhere_(robot));
 }
 
-void Uplink::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome) {
+void Uplink::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now) {
   const auto found = open_.find(receipt_id);
   if (found == open_.end()) return;
   const Open open = found->second;
@@ -117,7 +118,7 @@ void Uplink::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome) {
   if (!session) return;
   --session->open_receipts;
   switch (outcome) {
-    case ReceiptOutcome::safe: return on_safe(*session, receipt_id, open);
+    case ReceiptOutcome::safe: return on_safe(*session, receipt_id, open, now);
     case ReceiptOutcome::refused: return on_refused(*session, receipt_id, open);
   }
 }
@@ -157,7 +158,7 @@ Result<std::string, ReturnCode> Uplink::topic_of(ClientSession& session, const P
 void Uplink::publish_once(ClientSession& session, Publish publish, std::string topic,
                           TimePoint now) {
   const std::uint64_t mark = fingerprint(publish);
-  if (const auto* known = session.repeats.find(publish.msg_id, mark, now)) {
+  if (const auto* known = session.repeats.find(publish, mark, now)) {
     report_repeat(session, publish, std::move(topic));
     if (known->receipt_id == 0)
       output_.send(session, Puback{publish.topic_id, publish.msg_id, ReturnCode::accepted});
@@ -165,9 +166,7 @@ void Uplink::publish_once(ClientSession& session, Publish publish, std::string t
   }
   if (session.open_receipts >= limits::max_open_receipts)
     return refuse(session, publish, ReturnCode::congestion);
-  RepeatFilter::Entry entry{mark, now, 0, publish.topic_id, publish.msg_id};
-  entry.receipt_id = last_receipt_ + 1;
-  session.repeats.add(entry);
+  session.repeats.add({mark, now, last_receipt_ + 1, publish.topic_id, publish.msg_id});
   report(session, std::move(publish), std::move(topic));
 }
 
@@ -176,7 +175,7 @@ void Uplink::publish_exactly_once(ClientSession& session, Publish publish, std::
   const std::uint64_t mark = fingerprint(publish);
   const auto known = session.inbound_qos2.find(publish.msg_id);
   const bool is_open = known != session.inbound_qos2.end() && known->second.fingerprint == mark;
-  if (is_open || session.repeats.find(publish.msg_id, mark, now)) {
+  if (is_open || session.repeats.find(publish, mark, now)) {
     report_repeat(session, publish, std::move(topic));
     const bool is_safe = !is_open || known->second.receipt_id == 0;
     if (is_safe) output_.send(session, Pubrec{publish.msg_id});
@@ -220,10 +219,11 @@ void Uplink::report_repeat(const ClientSession& session, const Publish& publish,
                         .bytes = publish.payload.size()});
 }
 
-void Uplink::on_safe(ClientSession& session, std::uint64_t receipt_id, const Open& open) {
+void Uplink::on_safe(ClientSession& session, std::uint64_t receipt_id, const Open& open,
+                     TimePoint now) {
   bool is_known = false;
   if (open.qos == Qos::at_least_once) {
-    is_known = session.repeats.on_safe(receipt_id).has_value();
+    is_known = session.repeats.on_safe(receipt_id, now).has_value();
   } else {
     const auto found = session.inbound_qos2.find(open.msg_id);
     is_known = found != session.inbound_qos2.end() && found->second.receipt_id == receipt_id;

@@ -37,7 +37,7 @@ class Uplink {
                               TimePoint now);
   void refuse_names(NameCheck is_elsewhere) { is_elsewhere_ = std::move(is_elsewhere); }
   /// Unknown receipts (of a session that is gone) are ignored.
-  void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome);
+  void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now);
   /// By the topic policy; a refusal is counted, and logged once for each device.
   bool may_publish(ClientSession& session, const std::string& topic, TimePoint now);
   /// A new session: MsgIds start again.
@@ -59,7 +59,7 @@ class Uplink {
                             TimePoint now);
   /// Sends it up under the next receipt id.
   void report(ClientSession& session, Publish publish, std::string topic);
-  void on_safe(ClientSession& session, std::uint64_t receipt_id, const Open& open);
+  void on_safe(ClientSession& session, std::uint64_t receipt_id, const Open& open, TimePoint now);
   void on_refused(ClientSession& session, std::uint64_t receipt_id, const Open& open);
   void refuse(ClientSession& session, const Publish& publish, ReturnCode code);
   void report_repeat(const ClientSession& session, const Publish& publish, std::string topic);

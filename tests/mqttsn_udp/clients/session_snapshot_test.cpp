@@ -373,7 +373,7 @@ TEST(SnGateway, R76_KnowsRepetitionsOverARestart) {
   before.publish(1, id, 1, 7, "step");
   before.publish(1, id, 1, 8, "not safe yet");
   before.receipt(before.reports.at(0).receipt.id);
-  before.pass_s(2);
+  before.pass_s(8);
   before.gateway.set_all_dirty();
   SnRig after;
   restart(before, after);

@@ -8,6 +8,10 @@
 namespace slamgw::mqttsn {
 namespace {
 
+Publish with_id(std::uint16_t msg_id) {
+  return {false, WireQos::one, false, TopicIdType::normal, 1, msg_id, {}};
+}
+
 TEST(RepeatFilter, ARefusalOfWhatWasPushedOutTakesNothingElseAlong) {
   constexpr TimePoint now{std::chrono::hours(1)};
   RepeatFilter filter;
@@ -17,10 +21,10 @@ TEST(RepeatFilter, ARefusalOfWhatWasPushedOutTakesNothingElseAlong) {
   EXPECT_EQ(filter.on_refused(1)->fingerprint, 1U);
   ASSERT_EQ(filter.entries().size(), limits::max_repeats);
   EXPECT_EQ(filter.entries().front().fingerprint, 2U);
-  EXPECT_NE(filter.find(2, 2, now), nullptr);
+  EXPECT_NE(filter.find(with_id(2), 2, now), nullptr);
   EXPECT_EQ(filter.on_refused(3)->fingerprint, 3U);
   EXPECT_EQ(filter.entries().size(), limits::max_repeats - 1);
-  EXPECT_EQ(filter.find(3, 3, now), nullptr);
+  EXPECT_EQ(filter.find(with_id(3), 3, now), nullptr);
 }
 
 }  // namespace

@@ -140,11 +140,13 @@ TEST(SnGateway, R75_ForwardsQos2ExactlyOnce) {
   rig.send(1, Pubrel{5});
   EXPECT_EQ(rig.sent_to(1), Lines(2, "PUBCOMP msg=5"));
   EXPECT_EQ(rig.reports.size(), 1U);
-  rig.publish(1, 1, 2, 5);  // a copy that the network kept back
+  rig.publish_octets("09 0c c0 00 01 00 05 68 69");  // a copy that the network kept back
   EXPECT_EQ(rig.sent_to(1), Lines{"PUBREC msg=5"});
   EXPECT_EQ(rig.reports.size(), 1U);
+  rig.publish(1, 1, 2, 5);
+  EXPECT_EQ(rig.reports.size(), 2U) << "after PUBREL the MsgId is free, also for an equal message";
   rig.publish(1, 1, 2, 5, "other");
-  EXPECT_EQ(rig.reports.size(), 2U) << "after PUBREL the MsgId is free";
+  EXPECT_EQ(rig.reports.size(), 3U);
   rig.send(1, Pubrel{77});
   EXPECT_EQ(rig.last_to(1), "PUBCOMP msg=77");
 }
@@ -171,6 +173,146 @@ TEST(SnGateway, R76_ForwardsARepeatedQos1MessageOnce) {
   rig.pass_s(26);
   rig.publish(1, 1, 1, 5);
   EXPECT_EQ(rig.reports.size(), 4U) << "the window is over";
+}
+
+/// One message of a client that repeats until it is answered: what it sends and is answered.
+struct EqualMessages : UplinkRig {
+  void send_one(WireQos qos, std::uint16_t msg_id, bool dup = false) {
+    send(1, Publish{dup, qos, false, TopicIdType::normal, 1, msg_id, to_bytes("ok")});
+    if (!reports.empty() && reports.back().receipt.id > fired) {
+      fired = reports.back().receipt.id;
+      receipt(fired);
+    }
+  }
+  std::uint64_t fired = 0;
+};
+
+TEST(SnGateway, R76_PublishesEachOfFiftyEqualMessagesUnderOneMsgId) {
+  for (const int milliseconds : {0, 100, 1000, 3000}) {
+    EqualMessages rig;
+    for (int i = 0; i < 50; ++i) {
+      rig.send_one(WireQos::one, 7);
+      EXPECT_EQ(rig.sent_to(1), Lines{"PUBACK id=1 msg=7 code=0"});
+      rig.pass(std::chrono::milliseconds(milliseconds));
+    }
+    EXPECT_EQ(rig.reports.size(), 50U) << milliseconds;
+    EXPECT_EQ(rig.counter("repeats_suppressed"), 0U);
+  }
+}
+
+TEST(SnGateway, R75_PublishesEachOfFiftyEqualHandshakesUnderOneMsgId) {
+  for (const int milliseconds : {0, 100, 1000, 5000}) {
+    EqualMessages rig;
+    for (int i = 0; i < 50; ++i) {
+      rig.send_one(WireQos::two, 7);
+      rig.send(1, Pubrel{7});
+      EXPECT_EQ(rig.sent_to(1), (Lines{"PUBREC msg=7", "PUBCOMP msg=7"}));
+      rig.pass(std::chrono::milliseconds(milliseconds));
+    }
+    EXPECT_EQ(rig.reports.size(), 50U) << milliseconds;
+  }
+}
+
+/// One list after the other in one session, under two MsgIds.
+TEST(SnGateway, R76_PublishesFiftyAndFiftyEqualMessages) {
+  EqualMessages rig;
+  rig.send_one(WireQos::one, 1);
+  for (int i = 0; i < 50; ++i) rig.send_one(WireQos::one, 7);
+  for (int i = 0; i < 50; ++i) {
+    rig.send_one(WireQos::two, 8);
+    rig.send(1, Pubrel{8});
+  }
+  for (int i = 0; i < 50; ++i) rig.send_one(WireQos::one, 9);
+  EXPECT_EQ(rig.reports.size(), 151U);
+}
+
+/// Nordic's client: DUP is never set, the second and third time come 8 and 16 s after the first.
+TEST(SnGateway, R76_KnowsNordicsRepeatsAfterALostPuback) {
+  for (const unsigned earlier_messages : {0U, 1U, 10U}) {
+    EqualMessages rig;
+    for (std::uint16_t id = 1; id <= earlier_messages; ++id) rig.send_one(WireQos::one, id);
+    for (int i = 0; i < 3; ++i) {
+      rig.send_one(WireQos::one, 100);
+      EXPECT_EQ(rig.last_to(1), "PUBACK id=1 msg=100 code=0");
+      rig.pass_s(8);
+    }
+    EXPECT_EQ(rig.reports.size(), earlier_messages + 1);
+    rig.send_one(WireQos::one, 101);
+    EXPECT_EQ(rig.reports.size(), earlier_messages + 2);
+  }
+}
+
+TEST(SnGateway, R76_KnowsARepeatByDupWhateverTheClientDoesWithItsMsgIds) {
+  EqualMessages rig;
+  for (int i = 0; i < 10; ++i) {
+    rig.send_one(WireQos::one, 7);
+    rig.send_one(WireQos::one, 7, true);  // the PUBACK was lost
+    rig.pass_s(5);
+    rig.send_one(WireQos::one, 7, true);
+  }
+  EXPECT_EQ(rig.reports.size(), 10U);
+}
+
+/// Different messages under one MsgId show that a late equal one is new.
+TEST(SnGateway, R76_PublishesLateEqualMessagesOfAClientThatUsesOneMsgId) {
+  EqualMessages rig;
+  rig.publish(1, 1, 1, 7, "booted");
+  rig.receipt(1);
+  for (int i = 0; i < 50; ++i) {
+    rig.send_one(WireQos::one, 7);
+    rig.pass_s(10);
+  }
+  EXPECT_EQ(rig.reports.size(), 51U);
+}
+
+/// Nothing but time tells a first late copy from a repeat; the client is understood in the end.
+TEST(SnGateway, R76_PublishesAllButTheFirstFewOfAHeartbeatUnderOneMsgId) {
+  for (const int period_s : {5, 10, 20}) {
+    EqualMessages rig;
+    for (int i = 0; i < 50; ++i) {
+      rig.send_one(WireQos::one, 7);
+      rig.pass_s(period_s);
+    }
+    EXPECT_GE(rig.reports.size(), 50U - limits::max_client_repeats) << period_s;
+  }
+}
+
+TEST(SnGateway, R76_TakesAnEqualMessageForARepeatWhileTheFirstIsUnacknowledged) {
+  UplinkRig rig;
+  for (const auto& text : {"one", "two"}) {  // this client uses one MsgId for everything
+    rig.publish(1, 1, 1, 7, text);
+    rig.receipt(rig.reports.back().receipt.id);
+  }
+  rig.publish(1, 1, 1, 7, "three");
+  for (int i = 0; i < 10; ++i) rig.publish(1, 1, 1, 7, "three");
+  EXPECT_EQ(rig.reports.size(), 3U);
+}
+
+/// A copy that the network made, or kept back until the client was two messages further.
+TEST(SnGateway, R76_KnowsALateCopyOfAClientThatCounts) {
+  EqualMessages rig;
+  for (std::uint16_t id = 1; id <= 20; ++id) {
+    const WireQos qos = id % 2 == 0 ? WireQos::two : WireQos::one;
+    rig.send_one(qos, id);
+    if (qos == WireQos::two) rig.send(1, Pubrel{id});
+    if (id <= limits::min_counted_ids) continue;
+    rig.send_one(qos, id);
+    if (id % 2 == 1) rig.send_one(WireQos::one, static_cast<std::uint16_t>(id - 2));
+  }
+  EXPECT_EQ(rig.reports.size(), 20U);
+}
+
+/// The gateway has had no room for a while; the client asks again under the same MsgId.
+TEST(SnGateway, R76_DoesNotTakeRefusedMessagesForCountedOnes) {
+  EqualMessages rig;
+  for (int i = 0; i < 10; ++i) {
+    rig.publish(1, 1, 1, 7, "ok");
+    rig.receipt(rig.reports.back().receipt.id, ReceiptOutcome::refused);
+  }
+  rig.reports.clear();
+  rig.fired = 10;
+  for (int i = 0; i < 50; ++i) rig.send_one(WireQos::one, 7);
+  EXPECT_EQ(rig.reports.size(), 50U);
 }
 
 TEST(SnGateway, R76_TakesTheRepetitionOfARefusedMessageForANewOne) {
