@@ -119,9 +119,8 @@ void add_send(CLI::App& app, Arguments& a) {
 
 constexpr const char* reset_board_warning =
     "reset-board makes the serial board forget its keys, addresses and sequence numbers for good. "
-    "The daemon gives it the mesh's keys and address again at once, but robots discard what the "
-    "gateway says until its sequence numbers have passed the old ones, or until each robot was "
-    "restarted. Say --yes if that is what you want";
+    "The daemon gives it the mesh's keys and addresses again at once; it sends from the next of "
+    "the gateway's addresses, so that robots hear it. Say --yes if that is what you want";
 
 void add_ble_changes(CLI::App& ble, Arguments& a) {
   CLI::App* provision = ble.add_subcommand("provision", "Take a new robot into the mesh");

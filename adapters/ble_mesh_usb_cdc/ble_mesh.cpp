@@ -63,6 +63,12 @@ void BleMesh::on_keys_failed(const std::string& why, TimePoint now) {
   settle(now);
 }
 
+bool BleMesh::begin_new_life(TimePoint now) {
+  const bool is_begun = provisioner_.lives().kind() != BoardKind::keeps && link_.restart_board(now);
+  settle(now);
+  return is_begun;
+}
+
 void BleMesh::settle(TimePoint now) {
   while (true) {
     if (auto from_link = link_.next_action()) {
@@ -81,7 +87,8 @@ void BleMesh::on_link_action(LinkAction action, TimePoint now) {
           [&](WriteSerial& write) { actions_.push(std::move(write)); },
           [&](ReopenPort& reopen) { actions_.push(reopen); },
           [&](GenerateKeys& generate) { actions_.push(generate); },
-          [&](LinkIsUp& up) { on_link_up(std::move(up.detail), now); },
+          [&](BoardIsEmpty& board) { provisioner_.on_board_empty(board, now); },
+          [&](LinkIsUp& up) { on_link_up(up, now); },
           [&](LinkIsDown& down) { on_link_down(down.why, now); },
           [&](SendRefused& refused) { on_send_refused(refused, now); },
           [&](MessageReceived& message) { on_message(message, now); },
@@ -102,8 +109,9 @@ void BleMesh::on_link_action(LinkAction action, TimePoint now) {
       action);
 }
 
-void BleMesh::on_link_up(std::string detail, TimePoint now) {
-  emit(LinkChange{Mesh::ble, true, std::move(detail)});
+void BleMesh::on_link_up(const LinkIsUp& up, TimePoint now) {
+  provisioner_.on_board_up(up);
+  emit(LinkChange{Mesh::ble, true, up.detail + ", " + provisioner_.lives().description()});
   robots_.on_link_up(now);
   provisioner_.on_link_up(link_.subnet_handle(), link_.version(), now);
 }
@@ -213,6 +221,8 @@ void BleMesh::on_provisioner_action(ProvisionerAction action, TimePoint now) {
                    if (!link_.clear_board(now))
                      provisioner_.on_board_cleared(false, "the BLE link is down", now);
                  },
+                 [&](UseSource& use) { link_.on_source(use.source, now); },
+                 [&](DelaySource& delay) { link_.on_source_delayed(delay.why); },
                  [&](StoreMesh& store) { actions_.push(std::move(store)); },
                  [&](OrderEnded& ended) { actions_.push(std::move(ended)); },
                  [&](Notice& notice) { emit(std::move(notice)); },
@@ -313,6 +323,9 @@ Counters BleMesh::counters() const {
           {"tx_complete", link.tx_complete},
           {"board_drops", link.board_drops},
           {"board_restarts", link.restarts},
+          {"board_lives", provisioner_.lives().number()},
+          {"source_address", provisioner_.lives().source()},
+          {"source_reused", provisioner_.lives().is_reused() ? 1U : 0U},
           {"resyncs", link.resyncs},
           {"command_timeouts", link.command_timeouts},
           {"malformed_events", link.malformed_events},

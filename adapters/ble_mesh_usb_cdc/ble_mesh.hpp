@@ -30,6 +30,9 @@ class BleMesh {
   void on_bytes(ByteView bytes, TimePoint now);
   void on_keys(const MeshKeys& keys, TimePoint now);
   void on_keys_failed(const std::string& why, TimePoint now);
+  /// The board forgets all and comes up again with an address that no robot has heard from. False
+  /// when it is down, or keeps its address anyway.
+  bool begin_new_life(TimePoint now);
   /// `problem` is empty when the database is on disk.
   void on_stored(const std::string& problem, TimePoint now);
   /// `id` comes back in OrderEnded.
@@ -71,7 +74,7 @@ class BleMesh {
   void settle(TimePoint now);
   void on_link_action(LinkAction action, TimePoint now);
   void on_provisioner_action(ProvisionerAction action, TimePoint now);
-  void on_link_up(std::string detail, TimePoint now);
+  void on_link_up(const LinkIsUp& up, TimePoint now);
   void on_link_down(const std::string& why, TimePoint now);
   void on_send_refused(const SendRefused& refused, TimePoint now);
   void on_message(const MessageReceived& message, TimePoint now);

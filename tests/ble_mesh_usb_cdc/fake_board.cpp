@@ -60,8 +60,10 @@ Bytes FakeBoard::execute(std::uint8_t opcode, ByteView params) {
     case 0x9f:
       if (unicast != 0) return response(opcode, 0x8e);
       unicast = reader.read_u16_le();
+      unicast_count = reader.read_u16_le();
       return response(opcode, 0);
-    case 0xa0: return response(opcode, 0, number(unicast) + number(unicast == 0 ? 0 : 1));
+    case 0xa0:
+      return response(opcode, 0, number(unicast) + number(unicast == 0 ? 0 : unicast_count));
     case 0xa1:
     case 0xa4: return add_address(opcode, reader.read_u16_le());
     case 0xa6: return remove_address(opcode, reader.read_u16_le());
@@ -132,16 +134,19 @@ Bytes FakeBoard::get_address(std::uint16_t handle) const {
 Bytes FakeBoard::send_packet(ByteReader params) {
   SentPacket packet;
   packet.appkey_handle = params.read_u16_le();
-  const std::uint16_t source = params.read_u16_le();
+  packet.source = params.read_u16_le();
   const std::uint16_t handle = params.read_u16_le();
   packet.ttl = params.read_u8();
   params.read(serial_version >= 9 ? 3 : serial_version >= 6 ? 2 : 1);
   const ByteView payload = params.read_rest();
   if (!params.ok()) return response(0xab, 0x84);
-  if (source != unicast) return response(0xab, 0x87);
+  if (handle >= addresses.size() || !addresses[handle]) return response(0xab, 0x8e);
+  const bool is_own =
+      unicast != 0 && packet.source >= unicast && packet.source < unicast + unicast_count;
+  if (!is_own) return response(0xab, 0x87);
   const bool has_key =
       packet.appkey_handle < appkeys.size() || devices.device_keys.contains(packet.appkey_handle);
-  if (!has_key || handle >= addresses.size() || !addresses[handle]) return response(0xab, 0x8e);
+  if (!has_key) return response(0xab, 0x8e);
   if (busy_sends > 0 && busy_sends-- > 0) return response(0xab, 0x83);
   packet.destination = addresses[handle]->address;
   packet.payload.assign(payload.begin(), payload.end());
@@ -166,6 +171,7 @@ Bytes FakeBoard::clear() {
 
 Bytes FakeBoard::restart() {
   partial_.clear();
+  if (forgets) clear();
   devices.on_restart();
   return hex("04 81 02 00 fe");
 }

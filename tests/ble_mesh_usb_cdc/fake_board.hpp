@@ -26,13 +26,18 @@ class FakeBoard {
   };
   struct SentPacket {
     std::uint16_t appkey_handle = 0;
+    std::uint16_t source = 0;
     std::uint16_t destination = 0;
     std::uint8_t ttl = 0;
     Bytes payload;
   };
 
-  // What survives a restart, like the flash of the real one.
+  /// As the stock board, which is built without storage.
+  bool forgets = false;
+
+  // What survives a restart unless it forgets.
   std::uint16_t unicast = 0;  ///< 0: not set
+  std::uint16_t unicast_count = 1;
   std::vector<std::pair<std::uint16_t, Bytes>> subnets;
   std::vector<std::pair<std::uint16_t, Bytes>> appkeys;
   std::vector<std::optional<Address>> addresses;  ///< place = handle
@@ -57,7 +62,7 @@ class FakeBoard {
   /// Packet Send is refused so often, as while an earlier segmented message is under way.
   int busy_sends = 0;
 
-  /// Loses what RAM held.
+  /// Loses what RAM held. As at power-on.
   Bytes restart();
   /// The event for an access message from `source`: to the gateway, or to a group's handle.
   Bytes message(std::uint16_t source, ByteView payload, std::uint16_t group = 0,

@@ -113,6 +113,19 @@ class MeshRig : public EventLog {
       if (packet.destination == destination) found.push_back(to_hex(packet.payload));
     return found;
   }
+  /// The address that the board last sent from; 0 when it did not send.
+  std::uint16_t source() const { return board.sent.empty() ? 0 : board.sent.back().source; }
+  /// A robot asks, so that the board has something to send.
+  std::uint16_t source_of_an_answer() {
+    board.sent.clear();
+    hear(first_robot, "ca 59 00");
+    run_for(std::chrono::milliseconds{200});
+    return source();
+  }
+  void power_cycle_board() {
+    say(board.restart());
+    run_for(std::chrono::seconds{1});
+  }
   std::uint64_t counter(std::string_view name) const {
     for (const Counter& counter : mesh.counters())
       if (counter.name == name) return counter.value;

@@ -112,7 +112,7 @@ TEST_F(SecondBoard, JoinsTheMeshByTheStepsOfTheManual) {
 
   // 3. The second one's settings, before its board is plugged in.
   const json settings = json::parse(as_on_the_page(
-      R"({"ble_mesh": {"enabled": true, "address": "0x0002", "gateway_group": "0xc010"}})"));
+      R"({"ble_mesh": {"enabled": true, "address": "0x0021", "gateway_group": "0xc010"}})"));
   EXPECT_EQ(settings["ble_mesh"]["address"], address) << said;
   second.configure([&](json& changed) { changed.merge_patch(settings); });
   restart(second);
@@ -159,7 +159,7 @@ TEST_F(SecondBoard, JoinsTheMeshByTheStepsOfTheManual) {
       << second.log();
   EXPECT_TRUE(eventually([&] { return second.logs("ble export --address " + address); }))
       << second.log();
-  as_on_the_page("`slam-gatewayctl ble export --address 0x0002 FILE` on the first");
+  as_on_the_page("`slam-gatewayctl ble export --address 0x0021 FILE` on the first");
   const std::string again = directory / "again.export";
   EXPECT_NE(exported_to(again, {"--address", address}).find(address), std::string::npos);
   const Finished imported = type(second, {"ble", "import", again});

@@ -9,10 +9,7 @@
 namespace slamgw::ble {
 
 BoardLink::BoardLink(LinkSettings settings, std::optional<MeshKeys> keys, std::uint64_t seed)
-    : settings_(std::move(settings)),
-      keys_(keys),
-      resync_(seed),
-      traffic_(settings_.board.address, settings_.ttl) {}
+    : settings_(std::move(settings)), keys_(keys), resync_(seed), traffic_(settings_.ttl) {}
 
 void BoardLink::on_port_open(TimePoint now) {
   health_.on_port_open();
@@ -27,6 +24,8 @@ void BoardLink::on_port_closed(const std::string& why, TimePoint) {
 
 void BoardLink::change_keys(const MeshKeys& keys, TimePoint now) {
   keys_ = keys;
+  is_source_requested_ = false;
+  unused_source_.reset();
   if (stage_ == Stage::closed) return;
   go_down("the mesh's keys were imported");
   begin_resync(now);
@@ -73,6 +72,7 @@ void BoardLink::continue_start_up(TimePoint now) {
   switch (start_up_->state()) {
     case StartUp::State::commanding: issue(start_up_->command(), Issuer::start_up, now); break;
     case StartUp::State::needs_keys: on_keys_needed(now); break;
+    case StartUp::State::needs_source: on_source_needed(now); break;
     case StartUp::State::refused: on_refused(now); break;
     case StartUp::State::done: on_started(now); break;
   }
@@ -99,15 +99,18 @@ void BoardLink::refuse(const std::string& why, TimePoint now) {
 void BoardLink::on_started(TimePoint now) {
   stage_ = Stage::running;
   unconfirmed_refusal_.clear();
-  traffic_.on_started(
-      {start_up_->version(), start_up_->appkey_handle(), start_up_->take_addresses()});
+  traffic_.on_started({start_up_->version(), start_up_->source(), start_up_->appkey_handle(),
+                       start_up_->take_addresses()});
   subnet_handle_ = start_up_->subnet_handle();
   version_ = start_up_->version();
   if (start_up_->dropped_events()) on_drop_counter(*start_up_->dropped_events(), now);
   poll_at_ = now + poll_interval;
+  was_cleared_ = false;
+  const bool has_kept = std::exchange(has_restarted_, false) && !start_up_->was_empty();
   if (!std::exchange(is_up_, true)) {
     down_reason_.clear();
-    actions_.push(LinkIsUp{start_up_->description()});
+    actions_.push(
+        LinkIsUp{start_up_->description(), start_up_->uuid(), start_up_->source(), has_kept});
   }
   send_next(now);
 }
@@ -128,6 +131,31 @@ void BoardLink::on_keys(const MeshKeys& keys, TimePoint now) {
   stage_ = Stage::starting;
   start_up_->on_keys(keys);
   continue_start_up(now);
+}
+
+/// A board that was used until now has restarted without saying so, or was cleared.
+void BoardLink::on_source_needed(TimePoint now) {
+  if (is_up_) go_down("the serial board restarted");
+  if (unused_source_) {
+    start_up_->on_source(*std::exchange(unused_source_, std::nullopt));
+    return continue_start_up(now);
+  }
+  stage_ = Stage::awaiting_source;
+  if (!std::exchange(is_source_requested_, true))
+    actions_.push(BoardIsEmpty{start_up_->uuid(), was_cleared_});
+}
+
+void BoardLink::on_source(std::uint16_t source, TimePoint now) {
+  if (!std::exchange(is_source_requested_, false)) return;
+  unused_source_ = source;
+  if (stage_ != Stage::awaiting_source) return;
+  stage_ = Stage::starting;
+  on_source_needed(now);
+}
+
+void BoardLink::on_source_delayed(const std::string& why) {
+  if (stage_ == Stage::awaiting_source)
+    go_down("the board waits for its next address until that is on disk: " + why);
 }
 
 void BoardLink::on_keys_failed(const std::string& why, TimePoint now) {
@@ -182,6 +210,7 @@ void BoardLink::on_frame(const Bytes& frame, TimePoint now) {
 void BoardLink::on_event(DeviceStarted& event, TimePoint now) {
   // Everything the board held in RAM is void, and its answer to what was in flight with it.
   ++counters_.restarts;
+  has_restarted_ = has_restarted_ || is_up_;
   if (is_up_)
     go_down(event.hardware_error == 0 ? "the serial board restarted"
                                       : "the serial board restarted after its processor locked up");
@@ -216,6 +245,7 @@ void BoardLink::on_response(const CommandResponse& response, Issuer issuer, Time
     case Issuer::start_up: break;  // handled while starting
     case Issuer::poll: return on_polled(response, now);
     case Issuer::clear: return on_board_cleared(response.status, now);
+    case Issuer::restart: break;  // the board can't
     case Issuer::traffic:
       traffic_.on_response(response);
       take_traffic_actions();
@@ -226,6 +256,7 @@ void BoardLink::on_response(const CommandResponse& response, Issuer issuer, Time
 void BoardLink::on_board_cleared(Status status, TimePoint now) {
   if (std::exchange(is_clear_wanted_, false)) actions_.push(BoardCleared{status});
   if (status != Status::success) return;
+  was_cleared_ = true;
   go_down("the serial board was cleared");
   begin_start_up(now);
 }
@@ -276,6 +307,13 @@ bool BoardLink::clear_board(TimePoint now) {
   return true;
 }
 
+bool BoardLink::restart_board(TimePoint now) {
+  if (stage_ != Stage::running) return false;
+  is_restart_wanted_ = true;
+  send_next(now);
+  return true;
+}
+
 bool BoardLink::issue_clear(TimePoint now) {
   if (!is_clear_wanted_ || in_flight_) return false;
   issue(encode_command(CommandOpcode::state_clear), Issuer::clear, now);
@@ -290,6 +328,8 @@ void BoardLink::send_next(TimePoint now) {
     return issue(encode_command(CommandOpcode::housekeeping_get), Issuer::poll, now);
   }
   if (issue_clear(now)) return;
+  if (std::exchange(is_restart_wanted_, false))
+    return issue(encode_command(CommandOpcode::radio_reset), Issuer::restart, now);
   if (auto frame = traffic_.next()) issue(std::move(*frame), Issuer::traffic, now);
 }
 
@@ -316,7 +356,8 @@ std::optional<TimePoint> BoardLink::deadline() const {
   switch (stage_) {
     case Stage::closed: return std::nullopt;
     case Stage::resyncing: return resync_.deadline();
-    case Stage::awaiting_keys: return decoder_.deadline();
+    case Stage::awaiting_keys:
+    case Stage::awaiting_source: return decoder_.deadline();
     case Stage::refused:
     case Stage::starting:
     case Stage::running: break;
@@ -385,7 +426,8 @@ void BoardLink::on_silence() {
 
 void BoardLink::go_down(const std::string& why) {
   traffic_.on_link_down();
-  if (stage_ == Stage::closed) is_clear_wanted_ = false;
+  if (stage_ == Stage::closed) is_clear_wanted_ = has_restarted_ = false;
+  is_restart_wanted_ = false;
   const bool was_up = std::exchange(is_up_, false);
   if (was_up) notified_.clear();
   if (std::exchange(down_reason_, why) == why && !was_up) return;

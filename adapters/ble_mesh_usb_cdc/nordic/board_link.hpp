@@ -24,6 +24,9 @@ namespace slamgw::ble {
 
 struct LinkIsUp {
   std::string detail;
+  std::string board;         ///< its UUID in hex; empty when it did not answer
+  std::uint16_t source = 0;  ///< the address that it sends from
+  bool has_kept = false;     ///< it restarted, and still had its address
 };
 /// Also sent while down, when the reason changes.
 struct LinkIsDown {
@@ -34,8 +37,14 @@ struct BoardCleared {
   Status status = Status::success;
 };
 
-using LinkAction = std::variant<WriteSerial, ReopenPort, GenerateKeys, LinkIsUp, LinkIsDown,
-                                SendRefused, MessageReceived, Heartbeat, IvUpdate,
+/// The board has no sequence numbers of this mesh; answered by on_source. Also sent while up.
+struct BoardIsEmpty {
+  std::string board;         ///< its UUID in hex; empty when it did not answer
+  bool was_cleared = false;  ///< by an operator's order
+};
+
+using LinkAction = std::variant<WriteSerial, ReopenPort, GenerateKeys, BoardIsEmpty, LinkIsUp,
+                                LinkIsDown, SendRefused, MessageReceived, Heartbeat, IvUpdate,
                                 ProvisioningEvent, CommandEnded, BoardCleared, Notice>;
 
 struct LinkSettings {
@@ -80,6 +89,10 @@ class BoardLink {
   void on_bytes(ByteView bytes, TimePoint now);
   void on_keys(const MeshKeys& keys, TimePoint now);
   void on_keys_failed(const std::string& why, TimePoint now);
+  /// The address for the board that was reported as empty; the disk has it.
+  void on_source(std::uint16_t source, TimePoint now);
+  /// It is not on disk yet.
+  void on_source_delayed(const std::string& why);
 
   bool is_up() const { return is_up_; }
   /// Drops it when the link is down or the queue full: senders repeat. A message that is already
@@ -97,6 +110,9 @@ class BoardLink {
   /// Only on an operator's word: the one place that sends it. False when there is no board that
   /// could be cleared.
   bool clear_board(TimePoint now);
+  /// Has the board restart as if it was powered off and on, after the command in flight. False when
+  /// the link is down.
+  bool restart_board(TimePoint now);
   /// The mesh has other keys than before; starts the board up with them.
   void change_keys(const MeshKeys& keys, TimePoint now);
   /// Both are of the board that was started up last.
@@ -109,9 +125,17 @@ class BoardLink {
   LinkCounters counters() const;
 
  private:
-  enum class Stage : std::uint8_t { closed, resyncing, starting, awaiting_keys, running, refused };
+  enum class Stage : std::uint8_t {
+    closed,
+    resyncing,
+    starting,
+    awaiting_keys,
+    awaiting_source,
+    running,
+    refused
+  };
   /// Whose command is in flight.
-  enum class Issuer : std::uint8_t { start_up, poll, clear, traffic };
+  enum class Issuer : std::uint8_t { start_up, poll, clear, restart, traffic };
 
   struct InFlight {
     std::uint8_t opcode = 0;
@@ -123,6 +147,7 @@ class BoardLink {
   void begin_start_up(TimePoint now);
   void continue_start_up(TimePoint now);
   void on_keys_needed(TimePoint now);
+  void on_source_needed(TimePoint now);
   void on_started(TimePoint now);
   void on_frame(const Bytes& frame, TimePoint now);
   void on_event(DeviceStarted& event, TimePoint now);
@@ -153,6 +178,8 @@ class BoardLink {
   Stage stage_ = Stage::closed;
   bool is_up_ = false;
   bool are_keys_requested_ = false;
+  bool is_source_requested_ = false;
+  std::optional<std::uint16_t> unused_source_;  ///< came when no board waited for it
   std::string down_reason_;
   std::set<std::string> notified_;  ///< notices since the link last went down
   FrameDecoder decoder_;
@@ -170,6 +197,9 @@ class BoardLink {
   std::uint16_t subnet_handle_ = 0;
   SerialVersion version_ = SerialVersion::sdk_3_1;
   bool is_clear_wanted_ = false;
+  bool is_restart_wanted_ = false;
+  bool was_cleared_ = false;    ///< since the last start-up
+  bool has_restarted_ = false;  ///< the same, while it was running
   std::optional<std::uint32_t> dropped_events_;
   LogThrottle drop_throttle_;
   LogThrottle loss_throttle_{std::chrono::minutes{1}};

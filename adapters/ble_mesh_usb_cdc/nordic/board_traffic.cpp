@@ -92,7 +92,7 @@ Bytes BoardTraffic::next_message() {
   queue.pop_front();
   purpose_ = Purpose::message;
   return encode_packet_send({.appkey_handle = message.appkey_handle.value_or(board_.appkey_handle),
-                             .source = source_,
+                             .source = board_.source,
                              .destination_handle = *handle,
                              .ttl = ttl_,
                              .payload = message.payload},

@@ -49,12 +49,12 @@ class BoardTraffic {
   /// What start-up found out about the board.
   struct Board {
     SerialVersion version = SerialVersion::sdk_3_1;
+    std::uint16_t source = 0;  ///< a local unicast address of the board
     std::uint16_t appkey_handle = 0;
     AddressBook addresses;
   };
 
-  /// `source`: the gateway's unicast address.
-  BoardTraffic(std::uint16_t source, std::uint8_t ttl) : source_(source), ttl_(ttl) {}
+  explicit BoardTraffic(std::uint8_t ttl) : ttl_(ttl) {}
 
   /// Also when the link only got in step again; waiting messages stay.
   void on_started(Board board);
@@ -96,7 +96,6 @@ class BoardTraffic {
   void erase_messages(const auto& is_meant);
   void refuse(std::uint16_t destination, std::string why);
 
-  std::uint16_t source_;
   std::uint8_t ttl_;
   Board board_;
   std::deque<Outgoing> urgent_;

@@ -21,7 +21,7 @@ std::vector<std::uint16_t> read_numbers(ByteReader& data) {
 }  // namespace
 
 StartUp::StartUp(BoardSettings settings, std::optional<MeshKeys> keys)
-    : settings_(std::move(settings)), keys_(keys) {}
+    : settings_(std::move(settings)), keys_(keys), source_(settings_.address) {}
 
 Bytes StartUp::command() const {
   assert(state_ == State::commanding);
@@ -30,7 +30,9 @@ Bytes StartUp::command() const {
     case Step::get_uuid: return encode_command(CommandOpcode::uuid_get);
     case Step::get_dropped_events: return encode_command(CommandOpcode::housekeeping_get);
     case Step::get_address: return encode_command(CommandOpcode::local_unicast_get);
-    case Step::set_address: return encode_local_unicast_set(settings_.address, 1);
+    case Step::set_address:
+      return encode_local_unicast_set(settings_.address,
+                                      static_cast<std::uint16_t>(source_ - settings_.address + 1));
     case Step::get_subnets: return encode_command(CommandOpcode::subnet_get_all);
     case Step::add_subnet: return encode_subnet_add(key_index, keys_->net_key);
     case Step::get_appkeys: return encode_command(CommandOpcode::appkey_get_all, subnet_handle_);
@@ -99,6 +101,10 @@ void StartUp::on_address(const CommandResponse& response) {
         "reset-board --yes",
         address, settings_.address));
   }
+  // Its range was made to end at the address that this life of the board sends from. A longer range
+  // is another tool's.
+  if (has_address_ && count <= max_sources)
+    source_ = static_cast<std::uint16_t>(address + count - 1);
   step_ = Step::get_subnets;
 }
 
@@ -117,18 +123,26 @@ void StartUp::on_subnets(const CommandResponse& response) {
         "the serial board already holds a network key and no mesh.json exists here: the board is "
         "used as it is, and its robots are heard, but none can join or be removed; restore "
         "mesh.json from a backup, or bring the mesh in with slam-gatewayctl ble import");
-  step_ = first_writing_step();
+  begin_writing();
 }
 
 void StartUp::on_keys(const MeshKeys& keys) {
   assert(state_ == State::needs_keys);
   keys_ = keys;
   state_ = State::commanding;
-  step_ = first_writing_step();
+  begin_writing();
 }
 
-StartUp::Step StartUp::first_writing_step() const {
-  return has_address_ ? first_key_step() : Step::set_address;
+/// Without keys there is no file that remembers which addresses were used.
+void StartUp::begin_writing() {
+  step_ = has_address_ ? first_key_step() : Step::set_address;
+  if (!has_address_ && keys_) state_ = State::needs_source;
+}
+
+void StartUp::on_source(std::uint16_t source) {
+  assert(state_ == State::needs_source && source >= settings_.address);
+  source_ = source;
+  state_ = State::commanding;
 }
 
 StartUp::Step StartUp::first_key_step() const {
@@ -145,9 +159,10 @@ void StartUp::on_subnet_added(const CommandResponse& response) {
   }
   if (!take_handle(response, subnet_indexes_, subnet_handle_, "taking the network key")) return;
   if (is_fresh_)
-    notice(Severity::notice,
-           "the serial board was fresh and got this mesh's address and keys; robots that heard an "
-           "earlier board at this address may ignore it until their replay lists are renewed");
+    notice(
+        Severity::notice,
+        fmt::format("the serial board was fresh and got this mesh's keys; it sends from 0x{:04x}",
+                    source_));
   step_ = Step::get_appkeys;
 }
 

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // The questions and commands for a board that is in step, in an order that is safe whatever state
 // it is in: first read, then add what is missing, and stop rather than change another tool's
-// configuration. Never clears the board (0xac would also reset its sequence numbers, and every
-// robot's replay protection would then discard what the gateway sends). No timing: one command, its
-// response, the next. Called by BoardLink.
+// configuration. Never clears the board. A board without an address has forgotten its sequence
+// numbers, and robots would discard what it sends from an address that they have heard before: it
+// waits for another one. No timing: one command, its response, the next. Called by BoardLink.
 #pragma once
 
 #include <cstdint>
@@ -19,14 +19,19 @@
 
 namespace slamgw::ble {
 
+/// So many addresses, from the gateway's own up, are given to the lives of forgetful boards, one
+/// after the other. A robot's replay list has 40 places, others speak to it too, and a full list
+/// hears no new sender at all.
+inline constexpr std::uint16_t max_sources = 32;
+
 struct BoardSettings {
-  std::uint16_t address = 0x0001;
+  std::uint16_t address = 0x0001;  ///< that robots publish to
   std::vector<std::uint16_t> groups;
 };
 
 class StartUp {
  public:
-  enum class State : std::uint8_t { commanding, needs_keys, refused, done };
+  enum class State : std::uint8_t { commanding, needs_keys, needs_source, refused, done };
 
   /// Without `keys` a board that holds keys is used as it is, and a fresh one asks for some.
   StartUp(BoardSettings settings, std::optional<MeshKeys> keys);
@@ -38,6 +43,9 @@ class StartUp {
   void on_response(const CommandResponse& response);
   /// While in `needs_keys`.
   void on_keys(const MeshKeys& keys);
+  /// While in `needs_source`: the address to send from, which no robot has heard before. Not below
+  /// `BoardSettings::address`.
+  void on_source(std::uint16_t source);
 
   /// Why it refused, for the operator.
   const std::string& refusal() const { return refusal_; }
@@ -51,6 +59,12 @@ class StartUp {
   /// Events that the board has dropped since its reset, if it says.
   std::optional<std::uint32_t> dropped_events() const { return dropped_events_; }
   SerialVersion version() const { return version_; }
+  /// The address to send from.
+  std::uint16_t source() const { return source_; }
+  /// The board had no address, and so no sequence number of this mesh.
+  bool was_empty() const { return !has_address_; }
+  /// The board's, in hex; empty when it did not answer.
+  const std::string& uuid() const { return uuid_; }
   /// For `status`: protocol version and UUID.
   std::string description() const;
 
@@ -83,7 +97,7 @@ class StartUp {
   void on_group_added(const CommandResponse& response);
   void on_enabled(const CommandResponse& response);
 
-  Step first_writing_step() const;
+  void begin_writing();
   Step first_key_step() const;
   void read_next_handle();
   void add_next_group();
@@ -105,9 +119,10 @@ class StartUp {
   std::vector<Notice> notices_;
 
   SerialVersion version_ = SerialVersion::sdk_3_1;
-  std::string uuid_;  ///< in hex; empty when it did not answer
+  std::string uuid_;
   std::optional<std::uint32_t> dropped_events_;
   bool has_address_ = true;
+  std::uint16_t source_ = 0;
   bool is_fresh_ = false;                      ///< it had neither address nor keys
   std::vector<std::uint16_t> subnet_indexes_;  ///< as listed by the board
   std::vector<std::uint16_t> appkey_indexes_;

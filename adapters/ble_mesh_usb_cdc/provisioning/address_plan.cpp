@@ -49,6 +49,19 @@ bool is_address_free(const NodeDatabase& database, std::uint16_t address, std::u
   });
 }
 
+std::uint16_t source_room(const NodeDatabase& database, std::uint16_t address,
+                          const std::set<std::uint16_t>& taken) {
+  const std::uint32_t end =
+      address < first_robot_address ? first_robot_address : last_unicast_address + 1U;
+  std::uint16_t room = 0;
+  while (room < max_sources && address + room < end) {
+    const auto next = static_cast<std::uint16_t>(address + room);
+    if (!is_address_free(database, next, 1, taken, {})) break;
+    ++room;
+  }
+  return room;
+}
+
 bool was_used_before(const NodeDatabase& database, std::uint16_t address, std::uint8_t elements) {
   const Range wanted(address, elements);
   return std::ranges::any_of(database.removed, [&](const RemovedNode& node) {

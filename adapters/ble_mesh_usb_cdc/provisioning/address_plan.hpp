@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "adapters/ble_mesh_usb_cdc/nordic/address_book.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/start_up.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
 
 namespace slamgw::ble {
@@ -29,6 +30,10 @@ std::optional<std::uint16_t> choose_address(const NodeDatabase& database, const 
 /// Whether a node could have this address: `own`, or a new one.
 bool is_address_free(const NodeDatabase& database, std::uint16_t address, std::uint8_t elements,
                      const std::set<std::uint16_t>& taken, const std::optional<Uuid>& own);
+/// How many addresses from `address` up a gateway can have for the lives of its board: at most
+/// `max_sources`, and none of a node, of `taken`, or of those that robots get by themselves.
+std::uint16_t source_room(const NodeDatabase& database, std::uint16_t address,
+                          const std::set<std::uint16_t>& taken);
 /// An earlier node had it: the board may ignore a new one there until it has been restarted.
 bool was_used_before(const NodeDatabase& database, std::uint16_t address, std::uint8_t elements);
 

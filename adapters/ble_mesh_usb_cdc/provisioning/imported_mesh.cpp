@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <nlohmann/json.hpp>
+#include <set>
 
 #include "adapters/ble_mesh_usb_cdc/provisioning/address_plan.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/json_fields.hpp"
@@ -56,6 +57,7 @@ Result<NodeDatabase, Refusal> decode_tool_database(const Json& json) {
     return Refusal{"it has no network key 0 (netKeys) or no application key 0 (appKeys)"};
   NodeDatabase database;
   database.keys = {*net_key, *app_key};
+  database.life.number = 1;  // the tool's own board
   database.iv_index = read_count(json, "ivIndex", UINT32_MAX).value_or(0);
   const auto* nodes = read_array(json, "nodes");
   if (nodes == nullptr || nodes->size() > NodeDatabase::max_nodes)
@@ -86,8 +88,10 @@ Result<NodeDatabase, Refusal> decode_imported_mesh(std::string_view text) {
 }
 
 std::string exported_mesh_json(NodeDatabase database, std::uint16_t address,
-                               const std::string& host) {
+                               std::uint16_t addresses, const std::string& host) {
   database.guest_address = address;
+  database.guest_addresses = addresses;
+  database.life = {};
   database.host = host;
   database.gateways.clear();  // known to the one that hands them out
   return nlohmann::ordered_json{{"address", fmt::format("0x{:04x}", address)},
@@ -111,17 +115,20 @@ Result<NodeDatabase, Refusal> merge_imported_mesh(const std::optional<NodeDataba
                     *imported.guest_address)};
   if (imported.guest_address) {
     if (own) imported.iv_index = std::max(own->iv_index, imported.iv_index);
+    if (own) imported.life = own->life;
     return imported;  // all that the other gateway knows
   }
   NodeDatabase merged = own.value_or(imported);
   if (!own) merged.nodes.clear();
   merged.iv_index = std::max(merged.iv_index, imported.iv_index);
+  std::set<std::uint16_t> gateway{gateway_address};
+  for (std::uint16_t used = gateway_address; used < merged.life.source;) gateway.insert(++used);
   for (const Node& node : imported.nodes) {
     if (Node* known = merged.find(node.uuid)) {
       if (known->state != NodeState::reserved) continue;
       std::erase_if(merged.nodes, [&](const Node& other) { return other.uuid == node.uuid; });
     }
-    if (!is_address_free(merged, node.address, node.elements, {gateway_address}, node.uuid))
+    if (!is_address_free(merged, node.address, node.elements, gateway, node.uuid))
       return Refusal{
           fmt::format("the address 0x{:04x} of node {} is another node's or the gateway's own "
                       "(ble_mesh.address)",

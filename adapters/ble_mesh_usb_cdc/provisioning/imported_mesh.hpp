@@ -18,10 +18,10 @@ namespace slamgw::ble {
 /// as configured and are left as they are.
 Result<NodeDatabase, Refusal> decode_imported_mesh(std::string_view text);
 
-/// For ExportOrder: the mesh as `address`, another gateway, needs it. `host`: the `gateway.id` of
-/// this one. Holds keys.
+/// For ExportOrder: the mesh as another gateway needs it, which has `addresses` unicast addresses
+/// from `address` up. `host`: the `gateway.id` of this one. Holds keys.
 std::string exported_mesh_json(NodeDatabase database, std::uint16_t address,
-                               const std::string& host);
+                               std::uint16_t addresses, const std::string& host);
 
 /// The imported mesh, with what is known already: `own` is the mesh that there is, if any. Another
 /// network than that, and addresses that two nodes or a node and the gateway share, are refused,

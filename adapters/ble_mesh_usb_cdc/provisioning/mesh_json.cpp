@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
 
 #include "adapters/ble_mesh_usb_cdc/nordic/address_book.hpp"
@@ -37,6 +38,30 @@ OrderedJson node_json(const Node& node) {
     json["groups"].push_back(address_text(group));
   if (node.applied->is_changing) json["changing"] = true;
   return json;
+}
+
+OrderedJson life_json(const BoardLife& life) {
+  OrderedJson json = {{"number", life.number}};
+  if (life.source != 0) json["source"] = address_text(life.source);
+  if (!life.board.empty()) json["board"] = life.board;
+  json["kind"] = to_string(life.kind);
+  return json;
+}
+
+/// False when it is damaged. A file without it predates it: robots have heard the gateway.
+bool read_life(const Json& json, BoardLife& life) {
+  life.number = 1;
+  const auto found = json.find("life");
+  if (found == json.end()) return true;
+  const auto number = read_count(*found, "number", UINT32_MAX);
+  const auto kind = read_text(*found, "kind");
+  if (!number || !kind) return false;
+  life.number = *number;
+  life.source = read_unicast(*found, "source").value_or(0);
+  life.board = read_text(*found, "board").value_or("");
+  for (const BoardKind each : {BoardKind::forgets, BoardKind::keeps})
+    if (*kind == to_string(each)) life.kind = each;
+  return true;
 }
 
 std::optional<NodeState> read_state(const Json& json) {
@@ -105,6 +130,8 @@ bool read_gateways(const Json& json, NodeDatabase& database) {
   if (json.contains("guest")) {
     database.guest_address = read_unicast(json, "guest");
     if (!database.guest_address) return false;
+    const auto addresses = read_count(json, "guest_addresses", max_sources);
+    database.guest_addresses = static_cast<std::uint16_t>(std::max(addresses.value_or(1), 1U));
     database.host = read_text(json, "host").value_or("");
     if (!is_valid_level(database.host)) database.host.clear();
   }
@@ -137,8 +164,12 @@ std::string encode_node_database(const NodeDatabase& database) {
   }
   for (const std::uint16_t address : database.gateways)
     json["gateways"].push_back(address_text(address));
-  if (database.guest_address) json["guest"] = address_text(*database.guest_address);
+  if (database.guest_address) {
+    json["guest"] = address_text(*database.guest_address);
+    json["guest_addresses"] = database.guest_addresses;
+  }
   if (!database.host.empty()) json["host"] = database.host;
+  json["life"] = life_json(database.life);
   return json.dump(2) + "\n";
 }
 
@@ -152,6 +183,7 @@ Result<NodeDatabase, DecodeError> decode_node_database(std::string_view text) {
     return DecodeError::bad_value;
   NodeDatabase database;
   database.keys = {*net_key, *app_key};
+  if (!read_life(json, database.life)) return DecodeError::bad_value;
   if (*version == keys_only_version) return database;
   const auto iv_index = read_count(json, "iv_index", UINT32_MAX);
   const auto next_address = read_text(json, "next_address");

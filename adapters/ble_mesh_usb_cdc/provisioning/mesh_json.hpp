@@ -9,9 +9,13 @@
 //               "groups": ["0xc002"] with "gateway",
 //               "changing": true or absent}],
 //    "removed": [{"uuid": UUID, "address": "0x0107", "elements": 1}],
-//    "gateways": ["0x0002"] or absent: addresses that other gateways were given,
-//    "guest": "0x0002" or absent: this gateway's, given by the one that provisions the mesh,
-//    "host": "room-a" or absent: that one's gateway.id}
+//    "gateways": ["0x0021"] or absent: addresses that other gateways were given,
+//    "guest": "0x0021" or absent: this gateway's, given by the one that provisions the mesh,
+//    "guest_addresses": 32 with "guest": how many from there are its own, 1 when absent,
+//    "host": "room-a" or absent: that one's gateway.id,
+//    "life": {"number": 3, "source": "0x0003" or absent, "board": TEXT or absent,
+//             "kind": "unknown" | "forgets" | "keeps"} or absent for the first life: the boards'
+//             lives so far, the last address that one sends from, the last board's UUID}
 //
 // KEY and UUID are 32 hex digits. Version 1 held the two keys only and is still read. Called by
 // MeshFile and for imports.

@@ -14,6 +14,15 @@ std::string_view to_string(NodeState state) {
   return "reserved";
 }
 
+std::string_view to_string(BoardKind kind) {
+  switch (kind) {
+    case BoardKind::unknown: break;
+    case BoardKind::forgets: return "forgets";
+    case BoardKind::keeps: return "keeps";
+  }
+  return "unknown";
+}
+
 const Node* NodeDatabase::find(const Uuid& uuid) const {
   const auto found = std::ranges::find(nodes, uuid, &Node::uuid);
   return found == nodes.end() ? nullptr : &*found;

@@ -59,6 +59,20 @@ struct RemovedNode {
   std::uint8_t elements = 1;
 };
 
+/// What a board remembers over a power-off, as far as it was seen.
+enum class BoardKind : std::uint8_t { unknown, forgets, keeps };
+std::string_view to_string(BoardKind kind);
+
+/// One life of a serial board lasts as long as it keeps its sequence numbers.
+struct BoardLife {
+  std::uint32_t number = 0;  ///< counts them from 1; 0: no board was used yet
+  /// Of the lives so far, the last address that was given to one; 0: not known.
+  std::uint16_t source = 0;
+  std::string board = {};  ///< the UUID of the last board, in hex
+  BoardKind kind = BoardKind::unknown;
+  bool operator==(const BoardLife&) const = default;
+};
+
 struct NodeDatabase {
   /// As many as BleMesh has room for; a stock board hears 40 (its replay list).
   static constexpr std::size_t max_nodes = 256;
@@ -74,6 +88,9 @@ struct NodeDatabase {
   std::vector<std::uint16_t> gateways = {};
   /// There when another gateway provisions this mesh: the unicast address that it gave this one.
   std::optional<std::uint16_t> guest_address = {};
+  /// So many addresses from that one are this gateway's.
+  std::uint16_t guest_addresses = 1;
+  BoardLife life = {};
   std::string host = {};  ///< `gateway.id` of the gateway that provisions it; may be empty
 
   Node* find(const Uuid& uuid);

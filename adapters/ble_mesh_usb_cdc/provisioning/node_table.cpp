@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
 
 #include "adapters/ble_mesh_usb_cdc/provisioning/address_plan.hpp"
@@ -68,9 +69,32 @@ const NodeHistory* NodeTable::find_history(const Uuid& uuid) const {
 
 std::set<std::uint16_t> NodeTable::taken_addresses() const {
   std::set<std::uint16_t> taken = strangers_;
-  taken.insert(settings_.address);
-  taken.insert(database()->gateways.begin(), database()->gateways.end());
+  const auto add = [&](std::uint16_t gateway, std::uint32_t end) {
+    taken.insert(gateway);
+    for (std::uint32_t address = gateway; address < end; ++address)
+      if (const auto each = static_cast<std::uint16_t>(address); find(each) == nullptr)
+        taken.insert(each);
+  };
+  add(settings_.address,
+      std::max<std::uint32_t>(settings_.address + source_room(), database()->life.source + 1U));
+  for (const std::uint16_t gateway : database()->gateways)
+    add(gateway, std::min<std::uint32_t>(gateway + max_sources, first_robot_address));
   return taken;
+}
+
+std::uint16_t NodeTable::room_at(std::uint16_t gateway) const {
+  std::set<std::uint16_t> others = strangers_;
+  others.insert(settings_.address);
+  others.insert(database()->gateways.begin(), database()->gateways.end());
+  for (const RobotName& name : names_.configured())
+    if (name.ble_address) others.insert(*name.ble_address);
+  others.erase(gateway);
+  return std::max<std::uint16_t>(ble::source_room(*database(), gateway, others), 1);
+}
+
+std::uint16_t NodeTable::source_room() const {
+  const std::uint16_t room = room_at(settings_.address);
+  return is_guest() ? std::min(room, database()->guest_addresses) : room;
 }
 
 std::optional<std::uint16_t> NodeTable::address_for(const Uuid& uuid, std::uint8_t elements,
@@ -98,12 +122,18 @@ std::optional<std::uint16_t> NodeTable::address_for(const Uuid& uuid, std::uint8
 }
 
 std::optional<std::uint16_t> NodeTable::address_for_gateway() const {
-  const std::set<std::uint16_t> taken = taken_addresses();
-  for (std::uint16_t address = first_gateway_address; address < first_robot_address; ++address)
-    if (configured_name(address) == nullptr && !was_used_before(*database(), address, 1) &&
-        is_address_free(*database(), address, 1, taken, {}))
-      return address;
-  return std::nullopt;
+  std::set<std::uint16_t> taken = taken_addresses();
+  for (const RobotName& name : names_.configured())
+    if (name.ble_address) taken.insert(*name.ble_address);
+  std::optional<std::uint16_t> best;
+  std::uint16_t most = 0;
+  for (std::uint16_t address = first_gateway_address; address < first_robot_address; ++address) {
+    if (was_used_before(*database(), address, 1)) continue;
+    const std::uint16_t room = ble::source_room(*database(), address, taken);
+    if (room > most) best = address;
+    most = std::max(most, room);
+  }
+  return best;
 }
 
 // --- For operators -------------------------------------------------------------------------------

@@ -69,12 +69,17 @@ class NodeTable {
   /// Null when nothing happened to it yet.
   const NodeHistory* find_history(const Uuid& uuid) const;
 
-  /// Unicast addresses of others than nodes: gateways, and robots that another tool has taken in.
+  /// Unicast addresses of others than nodes: those of gateways, used or not yet, and of robots that
+  /// another tool has taken in.
   std::set<std::uint16_t> taken_addresses() const;
+  /// How many addresses the gateway at this one has for the lives of its board, at least one.
+  std::uint16_t room_at(std::uint16_t gateway) const;
+  /// The same of this gateway.
+  std::uint16_t source_room() const;
   /// For a new robot, or one that was reset by hand. `name`: given by an operator; may be empty.
   std::optional<std::uint16_t> address_for(const Uuid& uuid, std::uint8_t elements,
                                            const std::string& name) const;
-  /// For another gateway (`ble export`).
+  /// For another gateway (`ble export`): where most addresses follow.
   std::optional<std::uint16_t> address_for_gateway() const;
 
   /// `slam-gatewayctl ble nodes`.

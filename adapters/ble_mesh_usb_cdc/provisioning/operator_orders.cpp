@@ -184,7 +184,7 @@ void OperatorOrders::take(const ExportOrder& wanted, TimePoint now) {
     if (std::ranges::find(database.gateways, wanted.address) == database.gateways.end())
       return order_.refuse(
           fmt::format("no gateway of this mesh was given the address 0x{:04x}", wanted.address));
-    return order_.answer(exported_mesh_json(database, wanted.address, gateway_));
+    return answer_export(wanted.address);
   }
   const auto address = nodes_.address_for_gateway();
   if (!address) return order_.refuse("no unicast address below 0x0100 is left for another gateway");
@@ -192,6 +192,10 @@ void OperatorOrders::take(const ExportOrder& wanted, TimePoint now) {
   order_->due = now + short_order_time_limit;
   order_->address = *address;
   nodes_.ledger().change().gateways.push_back(*address);
+}
+
+void OperatorOrders::answer_export(std::uint16_t address) {
+  order_.answer(exported_mesh_json(*nodes_.database(), address, nodes_.room_at(address), gateway_));
 }
 
 void OperatorOrders::on_stored(const std::string& problem) {
@@ -203,7 +207,7 @@ void OperatorOrders::on_stored(const std::string& problem) {
   }
   if (!nodes_.ledger().is_saved()) return;
   const NodeDatabase& database = *nodes_.database();
-  if (!is_import) return order_.answer(exported_mesh_json(database, order_->address, gateway_));
+  if (!is_import) return answer_export(order_->address);
   if (!order_->before) actions_.push(UseKeys{database.keys});
   nodes_.announce_change();
   warn_of_unheard_robots();
@@ -229,8 +233,8 @@ void OperatorOrders::take(const ResetBoardOrder&, TimePoint now) {
   order_->kind = Kind::reset_board;
   order_->due = now + short_order_time_limit;
   notify(Severity::warning,
-         "an operator has the serial board cleared: its sequence numbers start anew, and robots "
-         "ignore what the gateway says until they have passed the old ones or were restarted");
+         "an operator has the serial board cleared: its sequence numbers start anew, and it sends "
+         "from the next address");
   actions_.push(ClearBoard{});
 }
 

@@ -47,6 +47,7 @@ class OperatorOrders {
   OrderAnswer permit_join(const PermitJoinOrder& wanted, TimePoint now);
   std::string problem_with_permit(const PermitJoinOrder& wanted) const;
   std::string problem_with_mesh() const;
+  void answer_export(std::uint16_t address);
   void warn_of_unheard_robots();
   std::string problem_with_name(const std::string& robot, const std::optional<Uuid>& uuid) const;
   std::string link_is_down() const { return "the BLE link is down: " + board_.down_reason; }

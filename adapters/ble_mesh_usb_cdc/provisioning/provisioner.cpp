@@ -10,12 +10,18 @@ namespace slamgw::ble {
 Provisioner::Provisioner(const Settings& settings, std::string gateway, RobotNames names,
                          std::optional<NodeDatabase> database, RandomSource random)
     : nodes_(settings, std::move(names), std::move(database), actions_),
+      lives_(settings, nodes_, actions_),
       admission_(settings, board_, nodes_, order_, actions_, std::move(random)),
       conversations_(settings, board_, nodes_, admission_, order_, actions_),
       orders_(settings, board_, nodes_, admission_, conversations_, order_, actions_,
               std::move(gateway)) {}
 
 // --- Inputs --------------------------------------------------------------------------------------
+
+void Provisioner::on_board_empty(const BoardIsEmpty& board, TimePoint now) {
+  lives_.on_board_empty(board.board, board.was_cleared);
+  advance(now);
+}
 
 void Provisioner::on_link_up(std::uint16_t subnet_handle, SerialVersion version, TimePoint now) {
   board_.is_up = true;
@@ -81,6 +87,7 @@ void Provisioner::on_stored(const std::string& problem, TimePoint now) {
     notify(Severity::error, problem + "; no robot joins until they can be stored");
   is_store_problem_known_ = !problem.empty();
   orders_.on_stored(problem);
+  lives_.on_stored(problem);
   advance(now);
 }
 

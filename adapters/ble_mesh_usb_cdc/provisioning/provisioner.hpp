@@ -9,6 +9,7 @@
 #include <optional>
 #include <string>
 
+#include "adapters/ble_mesh_usb_cdc/provisioning/board_lives.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/operator_orders.hpp"
 
 namespace slamgw::ble {
@@ -21,6 +22,12 @@ class Provisioner {
   Provisioner(const Provisioner&) = delete;
   Provisioner& operator=(const Provisioner&) = delete;
 
+  /// The board needs an address that robots have not heard before; answered by UseSource.
+  void on_board_empty(const BoardIsEmpty& board, TimePoint now);
+  /// Before on_link_up.
+  void on_board_up(const LinkIsUp& board) {
+    lives_.on_board_up(board.board, board.source, board.has_kept);
+  }
   void on_link_up(std::uint16_t subnet_handle, SerialVersion version, TimePoint now);
   void on_link_down(const std::string& why, TimePoint now);
   void on_command_ended(const CommandEnded& ended, TimePoint now);
@@ -42,6 +49,7 @@ class Provisioner {
   void on_names(RobotNames names) { nodes_.on_names(std::move(names)); }
 
   const NodeTable& nodes() const { return nodes_; }
+  const BoardLives& lives() const { return lives_; }
   std::optional<ProvisionerAction> next_action() { return actions_.pop(); }
   std::optional<TimePoint> deadline() const;
   void on_deadline(TimePoint now) { advance(now); }
@@ -60,6 +68,7 @@ class Provisioner {
   ProvisionerActions actions_;
   BoardState board_;
   NodeTable nodes_;
+  BoardLives lives_;
   OpenOrder order_{actions_};
   Admission admission_;
   NodeConversations conversations_;

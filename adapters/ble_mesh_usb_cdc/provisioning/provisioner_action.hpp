@@ -27,6 +27,14 @@ struct UseKeys {
 };
 /// Answered by on_board_cleared.
 struct ClearBoard {};
+/// The board that is empty sends from this address; the disk has it.
+struct UseSource {
+  std::uint16_t source = 0;
+};
+/// The disk does not have it yet.
+struct DelaySource {
+  std::string why;
+};
 
 struct BoardState {
   bool is_up = false;
@@ -35,8 +43,9 @@ struct BoardState {
   SerialVersion version = SerialVersion::sdk_3_1;  ///< of its firmware
 };
 
-using ProvisionerAction = std::variant<BoardCommand, SendUnderDeviceKey, NodesChanged, UseKeys,
-                                       ClearBoard, StoreMesh, OrderEnded, Notice>;
+using ProvisionerAction =
+    std::variant<BoardCommand, SendUnderDeviceKey, NodesChanged, UseKeys, ClearBoard, UseSource,
+                 DelaySource, StoreMesh, OrderEnded, Notice>;
 using ProvisionerActions = ActionQueue<ProvisionerAction>;
 
 }  // namespace slamgw::ble

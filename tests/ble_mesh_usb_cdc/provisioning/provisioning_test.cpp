@@ -201,8 +201,9 @@ TEST(Provisioning, GoesOnAfterTheBoardRestartsAtAnyMoment) {
 TEST(Provisioning, StoresAddressesBeforeDevicesGetThemAndKeysBeforeTheirUse) {
   ProvisioningRig rig;
   rig.add(1);
-  rig.answers_stores = false;  // the disk takes its time
   rig.start();
+  rig.stored.clear();
+  rig.answers_stores = false;  // the disk takes its time
   rig.pass(2s);
   ASSERT_EQ(rig.stored.size(), 1u);
   EXPECT_EQ(rig.stored[0].nodes.at(0).address, 0x0100);
@@ -224,8 +225,8 @@ TEST(Provisioning, StoresAddressesBeforeDevicesGetThemAndKeysBeforeTheirUse) {
 TEST(Provisioning, TakesNobodyInWhileTheDiskIsFull) {
   ProvisioningRig rig;
   rig.add(1);
-  rig.store_problem = "mesh.json can't be stored: no space";
   rig.start();
+  rig.store_problem = "mesh.json can't be stored: no space";
   rig.pass(20s);
   EXPECT_EQ(rig.board.count(0x63), 0u);
   EXPECT_EQ(rig.count_notices("no space"), 1);

@@ -39,18 +39,18 @@ struct FirstRig : ProvisioningRig {
 TEST(SecondGateway, JoinsTheMeshUnderAnAddressOfItsOwn) {
   FirstRig first;
   const json exported = first.export_mesh();
-  EXPECT_EQ(exported["address"], "0x0002");
-  EXPECT_EQ(first.on_disk().gateways, std::vector<std::uint16_t>{2});
-  ProvisioningRig second(at(2), std::nullopt);
+  EXPECT_EQ(exported["address"], "0x0021");
+  EXPECT_EQ(first.on_disk().gateways, std::vector<std::uint16_t>{0x21});
+  ProvisioningRig second(at(0x21), std::nullopt);
   second.answers_key_requests = false;
   second.start();
   second.order(ImportOrder{exported["mesh"]});
   second.run_for(2s);
   EXPECT_EQ(second.answer()["nodes"], 1) << error_of(second);
   EXPECT_TRUE(second.is_up());
-  EXPECT_EQ(second.board.unicast, 2);
+  EXPECT_EQ(second.board.unicast, 0x21);
   EXPECT_EQ(second.board.subnets, first.board.subnets);
-  EXPECT_EQ(second.on_disk().guest_address, 2);
+  EXPECT_EQ(second.on_disk().guest_address, 0x21);
   second.hear(0x0100, "cb 59 00 0a 00 ec ff", 0xc003);
   ASSERT_EQ(second.all<Report>().size(), 1u);
   EXPECT_EQ(second.all<Report>()[0].robot, "ble-0100");
@@ -59,7 +59,7 @@ TEST(SecondGateway, JoinsTheMeshUnderAnAddressOfItsOwn) {
 TEST(SecondGateway, NeitherTakesRobotsInNorChangesThem) {
   FirstRig first;
   const json exported = first.export_mesh();
-  Settings settings = at(2);
+  Settings settings = at(0x21);
   settings.groups = {0xc005};
   settings.ttl = 7;
   ProvisioningRig second(settings, std::nullopt);
@@ -86,13 +86,13 @@ TEST(SecondGateway, NoTwoGetTheSameAddress) {
   FirstRig first;
   const json second = first.export_mesh();
   const json third = first.export_mesh();
-  EXPECT_EQ(second["address"], "0x0002");
-  EXPECT_EQ(third["address"], "0x0003");
-  ProvisioningRig wrong(at(2), std::nullopt);
+  EXPECT_EQ(second["address"], "0x0021");
+  EXPECT_EQ(third["address"], "0x0041");
+  ProvisioningRig wrong(at(0x21), std::nullopt);
   wrong.answers_key_requests = false;
   wrong.start();
   wrong.order(ImportOrder{third["mesh"]});
-  EXPECT_NE(error_of(wrong).find("ble_mesh.address is 0x0003"), std::string::npos)
+  EXPECT_NE(error_of(wrong).find("ble_mesh.address is 0x0041"), std::string::npos)
       << error_of(wrong);
   first.order(ImportOrder{second["mesh"]});
   EXPECT_NE(error_of(first).find("provisions this mesh itself"), std::string::npos);
@@ -106,22 +106,22 @@ TEST(SecondGateway, ItsAddressIsOnDiskBeforeItIsHandedOutAndNoRobotGetsIt) {
   EXPECT_TRUE(first.answer().is_null()) << "not yet";
   first.mesh.on_stored({}, first.now);
   first.run_for(1ms);
-  EXPECT_EQ(first.answer()["address"], "0x0002");
+  EXPECT_EQ(first.answer()["address"], "0x0021");
   first.answers_stores = true;
   const Uuid uuid{};
-  EXPECT_FALSE(is_address_free(first.on_disk(), 2, 1, {2}, uuid));
-  ProvisioningRig named({}, first.on_disk(), RobotNames({{"r2", 0x0002, {}}}));
+  EXPECT_FALSE(is_address_free(first.on_disk(), 0x21, 1, {0x21}, uuid));
+  ProvisioningRig named({}, first.on_disk(), RobotNames({{"r2", 0x0022, {}}}));
   named.board = first.board;
   named.start();
   named.add(2);
   named.pass(20s);
-  EXPECT_EQ(named.on_disk().find_address(2), nullptr);
+  EXPECT_EQ(named.on_disk().find_address(0x22), nullptr);
 }
 
 TEST(SecondGateway, KnowsAllRobotsAfterAnotherImport) {
   FirstRig first;
   const json exported = first.export_mesh();
-  ProvisioningRig second(at(2), std::nullopt);
+  ProvisioningRig second(at(0x21), std::nullopt);
   second.answers_key_requests = false;
   second.start();
   second.order(ImportOrder{exported["mesh"]});
@@ -130,26 +130,28 @@ TEST(SecondGateway, KnowsAllRobotsAfterAnotherImport) {
   ASSERT_TRUE(first.all_configured(30s));
   second.hear(0x0101, "cb 59 00 0a 00 ec ff", 0xc003);
   EXPECT_TRUE(second.all<Report>().empty()) << "its name is not known here";
-  first.order(ExportOrder{2});
+  first.order(ExportOrder{0x21});
   second.order(ImportOrder{first.answer()["mesh"]});
   EXPECT_EQ(second.answer()["nodes"], 2) << error_of(second);
-  EXPECT_EQ(second.on_disk().guest_address, 2);
-  EXPECT_EQ(first.on_disk().gateways, std::vector<std::uint16_t>{2});
+  EXPECT_EQ(second.on_disk().guest_address, 0x21);
+  EXPECT_EQ(first.on_disk().gateways, std::vector<std::uint16_t>{0x21});
   second.hear(0x0101, "cb 59 00 0a 00 ec ff", 0xc003);
   EXPECT_EQ(second.all<Report>().size(), 1u);
-  first.order(ExportOrder{3});
-  EXPECT_NE(error_of(first).find("no gateway of this mesh was given the address 0x0003"),
+  first.order(ExportOrder{0x22});
+  EXPECT_NE(error_of(first).find("no gateway of this mesh was given the address 0x0022"),
             std::string::npos);
 }
 
 TEST(SecondGateway, WhatItIsSurvivesARestart) {
   NodeDatabase database = test_database();
-  database.guest_address = 2;
+  database.guest_address = 0x21;
+  database.guest_addresses = 32;
   database.host = "room-a";
   database.gateways = {3, 4};
   const auto read = decode_node_database(encode_node_database(database));
   ASSERT_TRUE(read.has_value());
-  EXPECT_EQ(read->guest_address, 2);
+  EXPECT_EQ(read->guest_address, 0x21);
+  EXPECT_EQ(read->guest_addresses, 32);
   EXPECT_EQ(read->host, "room-a");
   EXPECT_EQ(read->gateways, (std::vector<std::uint16_t>{3, 4}));
   EXPECT_FALSE(

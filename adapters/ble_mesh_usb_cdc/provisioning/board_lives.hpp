@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: Apache-2.0
+// Which unicast address the gateway sends from. A stock board forgets its sequence numbers with its
+// power, and robots drop what comes again from an address with low ones. So each life of such a
+// board sends from the next address, which is on disk first. Part of Provisioner.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+
+#include "adapters/ble_mesh_usb_cdc/provisioning/node_table.hpp"
+
+namespace slamgw::ble {
+
+class BoardLives {
+ public:
+  /// All of them outlive it.
+  BoardLives(const Settings& settings, NodeTable& nodes, ProvisionerActions& actions)
+      : settings_(settings), nodes_(nodes), actions_(actions) {}
+
+  /// The board has no sequence numbers of this mesh: its next life begins. `board`: its UUID.
+  /// Answered by UseSource.
+  void on_board_empty(const std::string& board, bool was_cleared);
+  /// It is used, and sends from `source`. `has_kept`: over a restart.
+  void on_board_up(const std::string& board, std::uint16_t source, bool has_kept);
+  /// The disk has the database, or has not.
+  void on_stored(const std::string& problem);
+
+  BoardKind kind() const;
+  /// For `status`: what the board remembers, and the address that is sent from.
+  std::string description() const;
+  /// The address was used in an earlier life already: robots may not hear it.
+  bool is_reused() const;
+  std::uint32_t number() const { return life() ? life()->number : 0; }
+  std::uint16_t source() const { return source_; }
+
+ private:
+  const BoardLife* life() const {
+    return nodes_.database() == nullptr ? nullptr : &nodes_.database()->life;
+  }
+  void begin_life(BoardLife& life);
+
+  const Settings& settings_;
+  NodeTable& nodes_;
+  ProvisionerActions& actions_;
+  std::uint16_t source_ = 0;                 ///< of the board that came up last
+  std::optional<std::uint32_t> unanswered_;  ///< the life that the board waits for
+};
+
+}  // namespace slamgw::ble

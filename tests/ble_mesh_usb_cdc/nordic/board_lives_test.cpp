@@ -1,0 +1,254 @@
+// SPDX-License-Identifier: Apache-2.0
+// Boards that forget their sequence numbers, seen through BleMesh: robots drop what comes from an
+// address with numbers that they have heard, so each life of the board sends from another one.
+#include <gtest/gtest.h>
+
+#include "adapters/ble_mesh_usb_cdc/provisioning/mesh_json.hpp"
+#include "tests/ble_mesh_usb_cdc/provisioning_rig.hpp"
+
+namespace slamgw::ble {
+namespace {
+
+using namespace std::chrono_literals;
+
+NodeDatabase robot_database(std::uint16_t address = first_robot) {
+  NodeDatabase database = test_database();
+  Node node;
+  node.uuid.fill(5);
+  node.address = address;
+  node.state = NodeState::configured;
+  database.nodes.push_back(node);
+  return database;
+}
+
+struct LivesRig : ProvisioningRig {
+  explicit LivesRig(std::optional<NodeDatabase> database = test_database(), Settings settings = {},
+                    RobotNames names = RobotNames())
+      : ProvisioningRig(std::move(settings), std::move(database), std::move(names)) {
+    board.forgets = true;
+  }
+  std::string detail() const { return all<LinkChange>().back().detail; }
+};
+
+TEST(BoardLives, BeginAtTheGatewaysOwnAddress) {
+  LivesRig rig(std::nullopt);
+  rig.start();
+  EXPECT_EQ(rig.board.unicast, 0x0001);
+  EXPECT_EQ(rig.board.unicast_count, 1);
+  EXPECT_EQ(rig.source_of_an_answer(), 0x0001);
+  EXPECT_EQ(rig.on_disk().life.number, 1u);
+  EXPECT_NE(rig.detail().find("sends from 0x0001 (life 1)"), std::string::npos) << rig.detail();
+}
+
+TEST(BoardLives, SendFromTheNextAddressWhenTheBoardForgot) {
+  LivesRig rig;
+  rig.start();
+  for (std::uint16_t life = 2; life <= 5; ++life) {
+    rig.power_cycle_board();
+    EXPECT_TRUE(rig.is_up());
+    EXPECT_EQ(rig.board.unicast, 0x0001) << "robots go on publishing to it";
+    EXPECT_EQ(rig.board.unicast_count, life);
+    EXPECT_EQ(rig.source_of_an_answer(), life);
+  }
+  EXPECT_NE(rig.detail().find("forgets at power-off, sends from 0x0005 (life 5)"),
+            std::string::npos)
+      << rig.detail();
+  EXPECT_EQ(rig.counter("source_address"), 5u);
+  EXPECT_EQ(rig.counter("board_lives"), 5u);
+}
+
+TEST(BoardLives, AreOnDiskBeforeTheirAddressIsUsed) {
+  LivesRig rig;
+  rig.start();
+  rig.stored.clear();
+  rig.answers_stores = false;
+  rig.board.commands.clear();
+  rig.power_cycle_board();
+  ASSERT_EQ(rig.stored.size(), 1u);
+  EXPECT_EQ(rig.stored[0].life.source, 0x0002);
+  EXPECT_EQ(rig.board.count(0x9f), 0u) << "not before the disk has it";
+  EXPECT_FALSE(rig.is_up());
+  rig.mesh.on_stored("disk full", rig.now);
+  rig.run_for(1ms);
+  EXPECT_NE(rig.detail().find("disk full"), std::string::npos) << rig.detail();
+  rig.answers_stores = true;
+  rig.run_for(10s);
+  EXPECT_TRUE(rig.is_up());
+  EXPECT_EQ(rig.source_of_an_answer(), 0x0002);
+}
+
+TEST(BoardLives, AreNotSpentOnABoardThatRestartsWhileItWaits) {
+  LivesRig rig;
+  rig.start();
+  rig.answers_stores = false;
+  rig.power_cycle_board();
+  rig.power_cycle_board();
+  rig.mesh.on_port_closed("unplugged", rig.now);
+  rig.answers_stores = true;
+  rig.mesh.on_stored({}, rig.now);
+  rig.open();
+  rig.run_for(2s);
+  EXPECT_TRUE(rig.is_up());
+  EXPECT_EQ(rig.source_of_an_answer(), 0x0002);
+}
+
+TEST(BoardLives, GoOnWhenTheDaemonIsStartedAgain) {
+  LivesRig first;
+  first.start();
+  first.power_cycle_board();
+  const auto on_disk = decode_node_database(encode_node_database(first.on_disk()));
+  ASSERT_TRUE(on_disk.has_value());
+  LivesRig second(*on_disk);
+  second.board = first.board;
+  second.start();
+  EXPECT_EQ(second.source_of_an_answer(), 0x0002) << "the board still has it";
+  EXPECT_TRUE(second.stored.empty());
+  EXPECT_NE(second.detail().find("forgets at power-off"), std::string::npos) << second.detail();
+  second.power_cycle_board();
+  EXPECT_EQ(second.source_of_an_answer(), 0x0003);
+}
+
+TEST(BoardLives, CountAFileWithoutThemAsOne) {
+  const auto old = decode_node_database(
+      R"({"version": 2, "net_key": "11111111111111111111111111111111",
+          "app_key": "22222222222222222222222222222222", "iv_index": 0, "next_address": "0x0100",
+          "nodes": [], "removed": []})");
+  ASSERT_TRUE(old.has_value());
+  LivesRig rig(*old);
+  rig.start();
+  EXPECT_EQ(rig.source_of_an_answer(), 0x0002);
+  EXPECT_EQ(rig.on_disk().life.number, 2u);
+}
+
+TEST(BoardLives, ABoardThatKeepsItsNumbersKeepsItsAddress) {
+  LivesRig rig;
+  rig.board.forgets = false;
+  rig.start();
+  rig.power_cycle_board();
+  rig.power_cycle_board();
+  EXPECT_EQ(rig.source_of_an_answer(), 0x0001);
+  EXPECT_NE(rig.detail().find("keeps its address at power-off, sends from 0x0001 (life 1)"),
+            std::string::npos)
+      << rig.detail();
+  EXPECT_FALSE(rig.mesh.begin_new_life(rig.now)) << "a restart does not help";
+}
+
+TEST(BoardLives, AnotherBoardIsAnotherLife) {
+  LivesRig rig;
+  rig.board.forgets = false;
+  rig.start();
+  rig.mesh.on_port_closed("unplugged", rig.now);
+  const FakeBoard kept = std::exchange(rig.board, FakeBoard{});
+  rig.open();
+  rig.run_for(1s);
+  EXPECT_EQ(rig.source_of_an_answer(), 0x0002);
+  rig.mesh.on_port_closed("unplugged", rig.now);
+  rig.board = kept;
+  rig.open();
+  rig.run_for(1s);
+  EXPECT_EQ(rig.source_of_an_answer(), 0x0001) << "where its own numbers belong";
+  EXPECT_EQ(rig.on_disk().life.source, 0x0002);
+}
+
+TEST(BoardLives, BeginAnewWhenAnOperatorClearsTheBoard) {
+  LivesRig rig;
+  rig.board.forgets = false;
+  rig.start();
+  rig.order(ResetBoardOrder{});
+  rig.run_for(2s);
+  EXPECT_EQ(rig.source_of_an_answer(), 0x0002);
+  EXPECT_EQ(rig.detail().find("forgets"), std::string::npos) << rig.detail();
+}
+
+TEST(BoardLives, CanBeBegunWithoutHands) {
+  LivesRig rig;
+  EXPECT_FALSE(rig.mesh.begin_new_life(rig.now)) << "the link is down";
+  rig.start();
+  EXPECT_TRUE(rig.mesh.begin_new_life(rig.now));
+  rig.run_for(2s);
+  EXPECT_EQ(rig.board.count(0x0e), 1u);
+  EXPECT_TRUE(rig.is_up());
+  EXPECT_EQ(rig.source_of_an_answer(), 0x0002);
+}
+
+TEST(BoardLives, UseTheFirstAddressAgainAfterTheLastAndSaySo) {
+  LivesRig rig;
+  rig.start();
+  for (int life = 2; life <= max_sources; ++life) rig.power_cycle_board();
+  EXPECT_EQ(rig.source_of_an_answer(), max_sources);
+  EXPECT_EQ(rig.count_notices("used up"), 0);
+  EXPECT_EQ(rig.counter("source_reused"), 0u);
+  rig.power_cycle_board();
+  EXPECT_EQ(rig.source_of_an_answer(), 0x0001);
+  EXPECT_EQ(rig.count_notices("used up after life 32"), 1);
+  EXPECT_TRUE(rig.has_notice("switch robots that do not obey off and on"));
+  EXPECT_EQ(rig.counter("source_reused"), 1u);
+  rig.power_cycle_board();
+  EXPECT_EQ(rig.source_of_an_answer(), 0x0002);
+}
+
+TEST(BoardLives, EndBeforeTheAddressOfANodeARobotAndAnotherGateway) {
+  LivesRig node(robot_database(0x0004));
+  node.start();
+  for (int life = 2; life <= 4; ++life) node.power_cycle_board();
+  EXPECT_EQ(node.source_of_an_answer(), 0x0001);
+  LivesRig named(test_database(), {}, RobotNames({{"r1", 0x0003, {}}}));
+  named.start();
+  for (int life = 2; life <= 3; ++life) named.power_cycle_board();
+  EXPECT_EQ(named.source_of_an_answer(), 0x0001);
+  NodeDatabase shared = test_database();
+  shared.gateways = {0x0002};
+  LivesRig host(shared);
+  host.start();
+  host.power_cycle_board();
+  EXPECT_EQ(host.source_of_an_answer(), 0x0001);
+  EXPECT_TRUE(host.has_notice("used up"));
+}
+
+TEST(BoardLives, OfTwoGatewaysShareNoAddress) {
+  LivesRig host;
+  host.start();
+  std::set<std::uint16_t> taken;
+  for (int i = 0; i < 7; ++i) {
+    host.order(ExportOrder{});
+    const auto exported = decode_node_database(host.answer()["mesh"].get<std::string>());
+    ASSERT_TRUE(exported.has_value());
+    EXPECT_EQ(exported->life.number, 0u) << "no robot has heard it";
+    for (std::uint32_t k = 0; k < exported->guest_addresses; ++k) {
+      const auto address = static_cast<std::uint16_t>(*exported->guest_address + k);
+      EXPECT_TRUE(taken.insert(address).second) << address;
+      EXPECT_TRUE(address > max_sources && address < 0x0100) << address;
+    }
+  }
+  EXPECT_EQ(taken.size(), 0xffu - max_sources);
+  host.order(ExportOrder{});
+  EXPECT_TRUE(host.answer().is_string()) << "none is left";
+}
+
+TEST(BoardLives, OfAGuestStayInWhatItWasGiven) {
+  NodeDatabase given = robot_database();
+  given.guest_address = 0x0021;
+  given.guest_addresses = 2;
+  Settings settings;
+  settings.address = 0x0021;
+  LivesRig guest(given, settings);
+  guest.start();
+  EXPECT_EQ(guest.source_of_an_answer(), 0x0021);
+  guest.power_cycle_board();
+  EXPECT_EQ(guest.source_of_an_answer(), 0x0022);
+  guest.power_cycle_board();
+  EXPECT_EQ(guest.source_of_an_answer(), 0x0021);
+}
+
+TEST(BoardLives, GiveNoRobotTheirAddresses) {
+  Settings settings;
+  settings.address = 0x0100;
+  LivesRig rig(test_database(), settings);
+  rig.add(1);
+  rig.start();
+  ASSERT_TRUE(rig.all_configured(30s));
+  EXPECT_EQ(rig.on_disk().nodes.at(0).address, 0x0100 + max_sources);
+}
+
+}  // namespace
+}  // namespace slamgw::ble
