@@ -133,9 +133,11 @@ void BoardLink::on_keys(const MeshKeys& keys, TimePoint now) {
   continue_start_up(now);
 }
 
-/// A board that was used until now has restarted without saying so, or was cleared.
 void BoardLink::on_source_needed(TimePoint now) {
-  if (is_up_) go_down("the serial board restarted");
+  if (is_up_) {
+    ++counters_.restarts;
+    go_down("the serial board restarted without saying so");
+  }
   if (unused_source_) {
     start_up_->on_source(*std::exchange(unused_source_, std::nullopt));
     return continue_start_up(now);
@@ -249,6 +251,10 @@ void BoardLink::on_response(const CommandResponse& response, Issuer issuer, Time
     case Issuer::traffic:
       traffic_.on_response(response);
       take_traffic_actions();
+      // "Invalid data": the source is not an address of the board, which got it at start-up.
+      if (response.opcode == static_cast<std::uint8_t>(CommandOpcode::packet_send) &&
+          response.status == Status::invalid_data)
+        on_address_lost(now);
       break;
   }
 }
@@ -264,8 +270,22 @@ void BoardLink::on_board_cleared(Status status, TimePoint now) {
 void BoardLink::on_polled(const CommandResponse& response, TimePoint now) {
   if (now >= health_.stable_at()) reopen_delay_ = first_reopen_delay;
   ByteReader data(response.data);
+  const bool is_good = response.status == Status::success;
+  if (response.opcode == static_cast<std::uint8_t>(CommandOpcode::local_unicast_get)) {
+    data.read_u16_le();
+    if (data.read_u16_le() == 0 && is_good && data.ok()) on_address_lost(now);
+    return;
+  }
   const std::uint32_t total = data.read_u32_le();
-  if (response.status == Status::success && data.ok()) on_drop_counter(total, now);
+  if (is_good && data.ok()) on_drop_counter(total, now);
+}
+
+/// The board may have restarted without its event 81, such as by its reset button. The start-up
+/// finds out; the link goes down only if that is so.
+void BoardLink::on_address_lost(TimePoint now) {
+  if (now < not_suspected_until_) return;
+  not_suspected_until_ = now + refusal_interval;
+  begin_start_up(now);
 }
 
 void BoardLink::on_drop_counter(std::uint32_t total, TimePoint now) {
@@ -325,7 +345,10 @@ void BoardLink::send_next(TimePoint now) {
   if (stage_ != Stage::running || in_flight_) return;
   if (now >= poll_at_) {
     poll_at_ = now + poll_interval;
-    return issue(encode_command(CommandOpcode::housekeeping_get), Issuer::poll, now);
+    is_address_polled_next_ = !is_address_polled_next_;
+    return issue(encode_command(is_address_polled_next_ ? CommandOpcode::housekeeping_get
+                                                        : CommandOpcode::local_unicast_get),
+                 Issuer::poll, now);
   }
   if (issue_clear(now)) return;
   if (std::exchange(is_restart_wanted_, false))

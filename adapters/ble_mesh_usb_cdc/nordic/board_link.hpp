@@ -54,7 +54,7 @@ struct LinkSettings {
 
 struct LinkCounters {
   std::uint64_t resyncs = 0;   ///< attempts to get in step, the first after opening included
-  std::uint64_t restarts = 0;  ///< the board's own, seen by 0x81
+  std::uint64_t restarts = 0;  ///< the board's own
   std::uint64_t command_timeouts = 0;
   std::uint64_t malformed_events = 0;
   std::uint64_t other_events = 0;  ///< known to the protocol or not, not used here
@@ -68,6 +68,7 @@ struct LinkCounters {
 class BoardLink {
  public:
   static constexpr Duration command_time_limit = std::chrono::seconds{2};
+  /// What the board dropped and whether it has an address are asked in turn.
   static constexpr Duration poll_interval = std::chrono::seconds{10};
   static constexpr Duration first_reopen_delay = std::chrono::milliseconds{500};
   static constexpr Duration max_reopen_delay = std::chrono::seconds{5};
@@ -76,7 +77,8 @@ class BoardLink {
   /// A board that is busy during start-up, such as while it writes its flash, is asked again.
   static constexpr Duration busy_pause = std::chrono::milliseconds{200};
   static constexpr int max_busy_answers = 25;
-  /// How often a board that must not be used is checked again.
+  /// How often a board that must not be used is checked again, and how often at most one that seems
+  /// to have lost its address.
   static constexpr Duration refusal_interval = std::chrono::seconds{30};
   /// Different notices while the link is down; others are dropped until it has been up again.
   static constexpr std::size_t max_notified = 16;
@@ -156,6 +158,7 @@ class BoardLink {
   void on_board_cleared(Status status, TimePoint now);
   void on_polled(const CommandResponse& response, TimePoint now);
   void on_drop_counter(std::uint32_t total, TimePoint now);
+  void on_address_lost(TimePoint now);
   void on_command_timeout(TimePoint now);
   void on_refused(TimePoint now);
   void refuse(const std::string& why, TimePoint now);
@@ -193,6 +196,8 @@ class BoardLink {
   Duration reopen_delay_ = first_reopen_delay;
   TimePoint retry_at_{};  ///< while refused
   TimePoint poll_at_{};   ///< while running
+  bool is_address_polled_next_ = false;
+  TimePoint not_suspected_until_ = TimePoint::min();
   BoardTraffic traffic_;
   std::uint16_t subnet_handle_ = 0;
   SerialVersion version_ = SerialVersion::sdk_3_1;

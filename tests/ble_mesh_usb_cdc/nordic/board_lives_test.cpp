@@ -250,5 +250,63 @@ TEST(BoardLives, GiveNoRobotTheirAddresses) {
   EXPECT_EQ(rig.on_disk().nodes.at(0).address, 0x0100 + max_sources);
 }
 
+/// It restarts while its port stays open, and its event 81 does not arrive.
+void reset_unseen(LivesRig& rig) { rig.board.restart(); }
+
+TEST(BoardThatRestartedUnseen, IsStartedAnewWhenItRefusesASend) {
+  LivesRig rig;
+  rig.start();
+  EXPECT_EQ(rig.source_of_an_answer(), 0x0001);
+  reset_unseen(rig);
+  for (int asked = 0; asked < 2; ++asked) {  // the first is refused for its handle
+    rig.hear(first_robot, "ca 59 00");
+    rig.run_for(500ms);
+  }
+  EXPECT_TRUE(rig.is_up());
+  EXPECT_EQ(rig.source_of_an_answer(), 0x0002);
+  EXPECT_EQ(rig.counter("board_restarts"), 1u);
+}
+
+TEST(BoardThatRestartedUnseen, IsStartedAnewWhenThePollShowsIt) {
+  LivesRig rig;
+  rig.start();
+  reset_unseen(rig);
+  rig.run_for(22s);
+  EXPECT_TRUE(rig.is_up());
+  EXPECT_NE(rig.board.unicast, 0);
+  EXPECT_EQ(rig.source_of_an_answer(), 0x0002);
+  const auto changes = rig.all<LinkChange>();
+  EXPECT_TRUE(std::ranges::any_of(changes, [](const LinkChange& change) {
+    return change.detail == "the serial board restarted without saying so";
+  }));
+}
+
+TEST(BoardThatRestartedUnseen, IsNotSuspectedForRefusalsOfALiveBoard) {
+  LivesRig rig;
+  rig.start();
+  const std::size_t starts = rig.board.count(0x09);
+  for (const std::uint8_t status : hex("80 81 83 84 85 86 8e 93")) {
+    rig.board.status_of[0xab] = status;
+    rig.hear(first_robot, "ca 59 00");
+    rig.run_for(500ms);
+  }
+  EXPECT_EQ(rig.board.count(0x09), starts);
+  EXPECT_TRUE(rig.is_up());
+}
+
+TEST(BoardThatRestartedUnseen, IsLookedAtOnceIn30SecondsWhenItRefusesAllTheSame) {
+  LivesRig rig;
+  rig.start();
+  const std::size_t starts = rig.board.count(0x09);
+  rig.board.status_of[0xab] = 0x87;
+  for (int second = 0; second < 60; ++second) {
+    rig.hear(first_robot, "ca 59 00");
+    rig.run_for(1s);
+  }
+  EXPECT_EQ(rig.board.count(0x09), starts + 2);
+  EXPECT_TRUE(rig.is_up()) << "it still has its address";
+  EXPECT_EQ(rig.on_disk().life.number, 1u);
+}
+
 }  // namespace
 }  // namespace slamgw::ble
