@@ -221,6 +221,7 @@ void BleMesh::on_provisioner_action(ProvisionerAction action, TimePoint now) {
                    if (!link_.clear_board(now))
                      provisioner_.on_board_cleared(false, "the BLE link is down", now);
                  },
+                 [&](RestartBoard&) { link_.restart_board(now); },
                  [&](UseSource& use) { link_.on_source(use.source, now); },
                  [&](DelaySource& delay) { link_.on_source_delayed(delay.why); },
                  [&](StoreMesh& store) { actions_.push(std::move(store)); },

@@ -45,7 +45,8 @@ bool is_address_free(const NodeDatabase& database, std::uint16_t address, std::u
   const auto next_taken = taken.lower_bound(address);
   if (next_taken != taken.end() && *next_taken < wanted.end) return false;
   return std::ranges::none_of(database.nodes, [&](const Node& node) {
-    return node.uuid != own && Range(node.address, node.elements).overlaps(wanted);
+    return node.uuid != own && (Range(node.address, node.elements).overlaps(wanted) ||
+                                Range(node.joining_address(), node.elements).overlaps(wanted));
   });
 }
 
@@ -71,7 +72,10 @@ bool was_used_before(const NodeDatabase& database, std::uint16_t address, std::u
 
 std::optional<std::uint16_t> choose_address(const NodeDatabase& database, const AddressWish& wish) {
   Occupancy occupied;
-  for (const Node& node : database.nodes) occupied.add(Range(node.address, node.elements));
+  for (const Node& node : database.nodes) {
+    occupied.add(Range(node.address, node.elements));
+    occupied.add(Range(node.joining_address(), node.elements));
+  }
   for (const std::uint16_t address : wish.taken) occupied.add(Range(address, 1));
   Occupancy remembered = occupied;
   for (const RemovedNode& node : database.removed)

@@ -34,7 +34,7 @@ bool is_address_free(const NodeDatabase& database, std::uint16_t address, std::u
 /// `max_sources`, and none of a node, of `taken`, or of those that robots get by themselves.
 std::uint16_t source_room(const NodeDatabase& database, std::uint16_t address,
                           const std::set<std::uint16_t>& taken);
-/// An earlier node had it: the board may ignore a new one there until it has been restarted.
+/// An earlier node had it: the board's replay list may still know it.
 bool was_used_before(const NodeDatabase& database, std::uint16_t address, std::uint8_t elements);
 
 }  // namespace slamgw::ble

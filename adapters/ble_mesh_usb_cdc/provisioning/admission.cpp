@@ -118,21 +118,18 @@ bool Admission::reserve(const Candidate& candidate, const std::string& name, Tim
 /// The address is the device's from now on; it joins as soon as the disk has that.
 void Admission::keep(const Candidate& candidate, std::uint16_t address, const std::string& name) {
   NodeDatabase& database = nodes_.ledger().change();
-  bool needs_restart = was_used_before(database, address, candidate.elements);
   Node* node = database.find(candidate.uuid);
   if (node == nullptr) {
     node = &database.nodes.emplace_back();
     node->uuid = candidate.uuid;
     node->elements = candidate.elements;
-  } else if (node->state != NodeState::reserved) {
-    if (node->address == address) {
-      needs_restart = true;
-    } else {
-      database.retire(node->address, node->elements, Uuid{});
-      node->state = NodeState::reserved;
-    }
   }
-  node->address = address;
+  if (node->state == NodeState::reserved) {
+    node->address = address;
+  } else {  // until it has joined it is the node that it was: the beacon may be spoofed
+    node->name = nodes_.id_of(node->address);
+    node->new_address = address;
+  }
   if (!name.empty()) {
     for (Node& other : database.nodes)  // one that did not get as far as the mesh
       if (other.state == NodeState::reserved && other.name == name) other.name.clear();
@@ -142,7 +139,7 @@ void Admission::keep(const Candidate& candidate, std::uint16_t address, const st
   const bool is_next_free = name.empty() && nodes_.configured_name(address) == nullptr;
   if (is_next_free && address >= database.next_address)
     database.next_address = static_cast<std::uint16_t>(address + candidate.elements);
-  chosen_ = Chosen{candidate.uuid, needs_restart};
+  chosen_ = Chosen{candidate.uuid};
 }
 
 bool Admission::make_room() {
@@ -169,7 +166,7 @@ void Admission::continue_session(bool is_board_free, TimePoint now) {
     }
   }
   // Not before the last answer for an earlier session is there, which could be taken for its own.
-  const bool is_ready = chosen_ && !chosen_->needs_restart && nodes_.ledger().is_saved();
+  const bool is_ready = chosen_ && nodes_.ledger().is_saved();
   if (!session_ && is_board_free && is_ready) begin_session(now);
 }
 
@@ -186,11 +183,12 @@ void Admission::begin_session(TimePoint now) {
   const NodeDatabase& database = *nodes_.database();
   context_ = context_ == 0 ? 1 : 0;
   is_last_context_ = chosen.is_last_context;
-  session_.emplace(ProvisioningSession::Request{{context_, node->uuid, database.keys.net_key,
-                                                 database.iv_index, node->address, board_.version},
-                                                *pair,
-                                                static_oob_},
-                   now);
+  session_.emplace(
+      ProvisioningSession::Request{{context_, node->uuid, database.keys.net_key, database.iv_index,
+                                    node->joining_address(), board_.version},
+                                   *pair,
+                                   static_oob_},
+      now);
 }
 
 void Admission::keep_addresses(TimePoint now) {
@@ -198,17 +196,17 @@ void Admission::keep_addresses(TimePoint now) {
   const std::uint8_t elements = session_->elements();
   candidates_.on_elements(session_->uuid(), elements);
   if (node == nullptr) return session_->fail("an operator removed it");
-  if (!is_address_free(*nodes_.database(), node->address, elements, nodes_.taken_addresses(),
-                       node->uuid))
+  const std::uint16_t address = node->joining_address();
+  if (!is_address_free(*nodes_.database(), address, elements, nodes_.taken_addresses(), node->uuid))
     return session_->fail(
         fmt::format("its {} elements need as many addresses in a row, which 0x{:04x} does not "
                     "have; it gets others at the next attempt",
-                    elements, node->address));
+                    elements, address));
   if (node->elements != elements) {
     NodeDatabase& database = nodes_.ledger().change();
     database.find(session_->uuid())->elements = elements;
-    const std::uint32_t end = node->address + elements;
-    const bool is_next_free = node->address + 1U == database.next_address;
+    const std::uint32_t end = address + elements;
+    const bool is_next_free = address + 1U == database.next_address;
     if (is_next_free) database.next_address = static_cast<std::uint16_t>(end);
   }
   if (nodes_.ledger().is_saved()) session_->on_addresses(now);
@@ -219,15 +217,19 @@ void Admission::on_joined(TimePoint now) {
   const Key& device_key = *session_->device_key();
   if (known == nullptr) return;
   if (known->state != NodeState::reserved && known->device_key == device_key) return;
-  Node& node = *nodes_.ledger().change().find(session_->uuid());
+  NodeDatabase& database = nodes_.ledger().change();
+  Node& node = *database.find(session_->uuid());
+  if (node.new_address != 0) {
+    database.retire(node.address, node.elements, Uuid{});
+    node.address = std::exchange(node.new_address, std::uint16_t{0});
+  }
   node.device_key = device_key;
   node.state = NodeState::provisioned;
   node.ttl.reset();
   node.applied.reset();
   candidates_.erase(node.uuid);
   NodeHistory& history = nodes_.history(node.uuid);
-  history = NodeHistory{};
-  history.joined_at = now;
+  history = NodeHistory{.joined_at = now, .has_restarted_board = history.has_restarted_board};
   nodes_.announce_change();
   const std::string id = nodes_.id_of(node.address);
   notify(
@@ -256,7 +258,7 @@ void Admission::on_session_failed(TimePoint now) {
   if (session.device_key()) return;  // it has joined; only the link failed
   const Uuid uuid = session.uuid();
   if (session.is_context_busy() && !is_last_context_) {
-    chosen_ = Chosen{uuid, false, true};
+    chosen_ = Chosen{uuid, true};
     return;
   }
   permit_.on_failed(uuid, session.failure());

@@ -45,10 +45,7 @@ class Admission {
   }
 
   bool wants_scan() const;
-  /// The board has to be restarted before the next device joins: its replay list may know the
-  /// address.
-  bool wants_restart() const { return chosen_ && chosen_->needs_restart; }
-  void on_restart() { chosen_->needs_restart = false; }
+  bool is_idle() const { return !session_ && !chosen_; }
   /// This device is joining now.
   bool is_joining(const Uuid& uuid) const { return session_ && session_->uuid() == uuid; }
   /// This device is joining now, or next.
@@ -61,10 +58,9 @@ class Admission {
   Candidates& candidates() { return candidates_; }
 
  private:
-  /// A device that has its address and waits for the disk, or for the board's restart.
+  /// A device that has its address and waits for the disk.
   struct Chosen {
     Uuid uuid{};
-    bool needs_restart = false;
     bool is_last_context = false;  ///< the board's other context is busy
   };
 

@@ -41,9 +41,15 @@ std::optional<Node> read_imported_node(const Json& json) {
   const auto* elements = read_array(json, "elements");
   const std::size_t count = elements == nullptr ? 1 : std::max<std::size_t>(elements->size(), 1);
   if (count > max_elements) return std::nullopt;
-  Node node{
-      *uuid, *address, static_cast<std::uint8_t>(count), NodeState::provisioned, *device_key, {},
-      {},    {}};
+  Node node{*uuid,
+            *address,
+            static_cast<std::uint8_t>(count),
+            NodeState::provisioned,
+            *device_key,
+            {},
+            {},
+            {},
+            0};
   if (is_configured(json)) node.state = NodeState::configured;
   const auto name = read_text(json, "name");
   if (name && is_valid_level(*name)) node.name = *name;

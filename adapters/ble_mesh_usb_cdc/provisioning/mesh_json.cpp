@@ -30,6 +30,7 @@ OrderedJson node_json(const Node& node) {
   if (!node.name.empty()) json["name"] = node.name;
   json["state"] = to_string(node.state);
   if (node.state != NodeState::reserved) json["device_key"] = to_hex(node.device_key);
+  if (node.new_address != 0) json["new_address"] = address_text(node.new_address);
   if (node.ttl) json["ttl"] = *node.ttl;
   if (!node.applied) return json;
   json["gateway"] = address_text(node.applied->destination);
@@ -88,8 +89,11 @@ std::optional<Node> read_node(const Json& json) {
   const auto address = read_unicast(json, "address");
   const auto elements = read_count(json, "elements", max_elements);
   const auto state = read_state(json);
+  const auto new_address = read_unicast(json, "new_address");
   if (!uuid || !address || !elements || *elements == 0 || !state) return std::nullopt;
-  Node node{*uuid, *address, static_cast<std::uint8_t>(*elements), *state, {}, {}, {}, {}};
+  if (json.contains("new_address") && !new_address) return std::nullopt;
+  Node node{*uuid, *address, static_cast<std::uint8_t>(*elements), *state, {}, {}, {}, {}, 0};
+  node.new_address = new_address.value_or(0);
   node.name = read_text(json, "name").value_or("");
   if (!is_valid_level(node.name)) node.name.clear();  // goes by its default name
   const auto device_key = read_octets(json, "device_key");
@@ -105,7 +109,8 @@ bool read_nodes(const Json& json, NodeDatabase& database) {
   for (const auto& member : *nodes) {
     const auto node = read_node(member);
     if (!node || database.find(node->uuid) ||
-        !is_address_free(database, node->address, node->elements, {}, node->uuid))
+        !is_address_free(database, node->address, node->elements, {}, node->uuid) ||
+        !is_address_free(database, node->joining_address(), node->elements, {}, node->uuid))
       return false;
     database.nodes.push_back(*node);
   }

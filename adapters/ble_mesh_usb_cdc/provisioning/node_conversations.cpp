@@ -7,6 +7,8 @@
 #include <algorithm>
 #include <utility>
 
+#include "adapters/ble_mesh_usb_cdc/provisioning/address_plan.hpp"
+
 namespace slamgw::ble {
 
 // --- Inputs --------------------------------------------------------------------------------------
@@ -130,7 +132,7 @@ const Node* NodeConversations::next_node(TimePoint now) {
 std::optional<TimePoint> NodeConversations::next_begin() const {
   if (!board_.is_up || !nodes_.database() || !nodes_.ledger().is_saved()) return std::nullopt;
   if (conversations_.size() >= max_conversations) return std::nullopt;
-  if (admission_.wants_restart()) return std::nullopt;
+  if (wants_restart_) return std::nullopt;
   if (!is_swept_ && !is_idle()) return std::nullopt;
   if (sweep_ && !sweep_->is_done()) return std::nullopt;
   if (node_to_reset() != nullptr) return TimePoint::min();
@@ -213,12 +215,24 @@ std::string NodeConversations::changes_from(const Node& before) const {
   return fmt::format("{}", fmt::join(changes, "; "));
 }
 
+bool NodeConversations::may_be_unheard(const Node& node) const {
+  const NodeDatabase& database = *nodes_.database();
+  std::size_t sources = 0;
+  for (const Node& each : database.nodes) sources += each.elements;
+  for (const RemovedNode& each : database.removed) sources += each.elements;
+  return sources > Admission::replay_list_size ||
+         was_used_before(database, node.address, node.elements);
+}
+
 void NodeConversations::on_not_configured(const Node& node, const std::string& problem,
                                           TimePoint now) {
   NodeHistory& history = nodes_.history(node.uuid);
   const Duration pause = pause_after(++history.failures);
   history.retry_at = now + pause;
   history.problem = problem;
+  if (!history.has_restarted_board && history.joined_at && !history.heard_at &&
+      may_be_unheard(node))
+    history.has_restarted_board = wants_restart_ = true;
   admission_.permit().on_failed(node.uuid, problem);
   const std::string id = nodes_.id_of(node.address);
   const bool has_old = node.state == NodeState::configured;

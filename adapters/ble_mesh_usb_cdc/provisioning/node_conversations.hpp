@@ -45,6 +45,11 @@ class NodeConversations {
   bool is_idle() const { return conversations_.empty(); }
   bool is_talking_with(const Node& node) const { return conversations_.contains(node.address); }
 
+  /// The board's replay list may know the address of a node that has joined, or be full, and only
+  /// a restart of the board empties it. Once for a robot, and no conversation begins before it.
+  bool wants_restart() const { return wants_restart_; }
+  void on_restart() { wants_restart_ = false; }
+
   /// The reset of a node has ended, or none is needed.
   void on_reset(const Node& node, bool is_done, const std::string& problem, TimePoint now);
 
@@ -52,6 +57,7 @@ class NodeConversations {
   bool needs_configuration(const Node& node) const;
   bool is_outdated(const Node& node) const;
   bool begin_changes();
+  bool may_be_unheard(const Node& node) const;
   bool has_swept();
   const Node* node_to_reset() const;
   const Node* next_node(TimePoint now);
@@ -74,6 +80,7 @@ class NodeConversations {
   std::uint16_t commanded_ = 0;  ///< whose command the board has; 0: the sweep's
   std::optional<DeviceKeySweep> sweep_;
   bool is_swept_ = false;
+  bool wants_restart_ = false;
 };
 
 }  // namespace slamgw::ble

@@ -46,6 +46,7 @@ bool NodeDatabase::was_removed(const Uuid& uuid) const {
 void NodeDatabase::remove(Uuid uuid) {
   const Node* node = find(uuid);
   if (node == nullptr) return;
+  if (node->new_address != 0) retire(node->new_address, node->elements, Uuid{});
   retire(node->address, node->elements, uuid);
   std::erase_if(nodes, [&](const Node& other) { return other.uuid == uuid; });
 }

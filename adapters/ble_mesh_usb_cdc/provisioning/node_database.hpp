@@ -40,7 +40,11 @@ struct Node {
   std::optional<std::uint8_t> ttl;  ///< that it was configured to publish with
   /// Nothing: configured by another tool, or by an old version.
   std::optional<AppliedSettings> applied;
+  /// It was reset by hand and joins again at this address; 0: no. It has both until it has joined.
+  std::uint16_t new_address = 0;
 
+  /// That it gets when it joins.
+  std::uint16_t joining_address() const { return new_address != 0 ? new_address : address; }
   /// Nothing when it is not known.
   std::optional<std::uint8_t> sent_ttl() const {
     return applied && applied->is_changing ? std::nullopt : ttl;

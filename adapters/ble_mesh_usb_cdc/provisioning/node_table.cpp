@@ -46,6 +46,13 @@ std::string NodeTable::id_of(std::uint16_t address) const {
   return names_.of_ble(node->address);
 }
 
+bool NodeTable::is_elsewhere(const std::string& id, std::uint16_t address) const {
+  return database() != nullptr && std::ranges::any_of(database()->nodes, [&](const Node& node) {
+           return node.state != NodeState::reserved && !node.has_address(address) &&
+                  id_of(node.address) == id;
+         });
+}
+
 // --- Since the start -----------------------------------------------------------------------------
 
 void NodeTable::on_heard(std::uint16_t address, TimePoint now) {
@@ -100,19 +107,29 @@ std::uint16_t NodeTable::source_room() const {
 std::optional<std::uint16_t> NodeTable::address_for(const Uuid& uuid, std::uint8_t elements,
                                                     const std::string& name) const {
   const Node* node = database()->find(uuid);
+  // The board's replay list would drop its new, low numbers from an address that it had.
+  const bool was_joined = node != nullptr && node->state != NodeState::reserved;
   AddressWish wish{.elements = elements, .preferred = {}, .taken = taken_addresses()};
+  for (const Node& other : database()->nodes)  // a new robot there would have the name of this one
+    if (const auto named = names_.ble_address_of(other.name); named && other.uuid != uuid)
+      wish.taken.insert(*named);
   const auto is_free = [&](std::uint16_t address) {
     return is_address_free(*database(), address, elements, wish.taken, uuid);
   };
-  if (const auto named = name.empty() ? std::nullopt : names_.ble_address_of(name))
-    return is_free(*named) ? named : std::nullopt;
+  if (const auto named = name.empty() ? std::nullopt : names_.ble_address_of(name)) {
+    const bool is_known =
+        (was_joined && node->has_address(*named)) || was_used_before(*database(), *named, elements);
+    if (!is_known) return is_free(*named) ? named : std::nullopt;
+  }
   // The configuration's name for an address would win over the operator's.
-  const bool may_stay =
-      node != nullptr && (name.empty() || configured_name(node->address) == nullptr);
-  if (may_stay && is_free(node->address)) return node->address;
+  const std::uint16_t reserved = node == nullptr ? 0
+                                 : was_joined    ? node->new_address
+                                                 : node->address;
+  const bool may_stay = reserved != 0 && (name.empty() || configured_name(reserved) == nullptr);
+  if (may_stay && is_free(reserved)) return reserved;
   for (const RobotName& configured : names_.configured()) {
     if (!configured.ble_address) continue;
-    if (name.empty()) {
+    if (name.empty() && !was_joined) {
       wish.preferred.push_back(*configured.ble_address);
     } else {
       wish.taken.insert(*configured.ble_address);

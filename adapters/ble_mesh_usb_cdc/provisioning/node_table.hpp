@@ -17,11 +17,12 @@ namespace slamgw::ble {
 
 /// One node, since the daemon started.
 struct NodeHistory {
-  std::optional<TimePoint> heard_at;
-  std::optional<TimePoint> joined_at;
+  std::optional<TimePoint> heard_at = {};
+  std::optional<TimePoint> joined_at = {};
   TimePoint retry_at = TimePoint::min();  ///< of its configuration
   int failures = 0;                       ///< of its configuration, in a row
-  std::string problem;                    ///< why it is not configured; empty when it is
+  bool has_restarted_board = false;       ///< because it was not heard after it had joined
+  std::string problem = {};               ///< why it is not configured; empty when it is
 };
 
 class NodeTable {
@@ -60,6 +61,8 @@ class NodeTable {
   const RobotNames& names() const { return names_; }
   /// What the robot with this unicast address is called.
   std::string id_of(std::uint16_t address) const;
+  /// True when a joined node at another address goes by this name.
+  bool is_elsewhere(const std::string& id, std::uint16_t address) const;
   /// What the configuration calls it; null when it does not name it.
   const std::string* configured_name(std::uint16_t address) const;
 

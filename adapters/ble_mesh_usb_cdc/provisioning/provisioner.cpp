@@ -25,6 +25,7 @@ void Provisioner::on_board_empty(const BoardIsEmpty& board, TimePoint now) {
 
 void Provisioner::on_link_up(std::uint16_t subnet_handle, SerialVersion version, TimePoint now) {
   board_.is_up = true;
+  is_restarting_ = false;
   board_.version = version;
   board_.subnet_handle = subnet_handle;
   advance(now);
@@ -33,12 +34,12 @@ void Provisioner::on_link_up(std::uint16_t subnet_handle, SerialVersion version,
 void Provisioner::on_link_down(const std::string& why, TimePoint now) {
   board_.down_reason = why;
   if (!std::exchange(board_.is_up, false)) return;
-  const bool is_restart = in_flight_ == Purpose::restart;
+  const bool is_restart = std::exchange(is_restarting_, false);
   in_flight_.reset();
   is_scanning_ = false;
   admission_.on_link_down(now);
   conversations_.on_link_down();
-  if (is_restart) return;  // asked for, on the way to a new robot
+  if (is_restart) return;  // on the way to a new robot
   orders_.on_link_down();
   advance(now);
 }
@@ -51,7 +52,6 @@ void Provisioner::on_command_ended(const CommandEnded& ended, TimePoint now) {
         notify(Severity::warning, fmt::format("the serial board does not scan for new robots ({})",
                                               to_string(ended.status)));
       break;
-    case Purpose::restart: break;  // the board can't; the robot joins anyway
     case Purpose::session: admission_.on_command_ended(ended); break;
     case Purpose::conversation: conversations_.on_command_ended(ended, now); break;
   }
@@ -127,9 +127,10 @@ void Provisioner::issue_next_command() {
           Purpose::scan_control);
     return;
   }
-  if (admission_.wants_restart() && nodes_.ledger().is_saved() && conversations_.is_idle()) {
-    admission_.on_restart();
-    issue(encode_command(CommandOpcode::radio_reset), Purpose::restart);
+  if (conversations_.wants_restart() && conversations_.is_idle() && admission_.is_idle()) {
+    conversations_.on_restart();
+    is_restarting_ = true;
+    actions_.push(RestartBoard{});
     return;
   }
   if (issue(admission_.command(), Purpose::session)) return;

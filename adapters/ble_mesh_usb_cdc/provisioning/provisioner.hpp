@@ -56,7 +56,7 @@ class Provisioner {
 
  private:
   /// What the command in flight is for.
-  enum class Purpose : std::uint8_t { scan_control, restart, session, conversation };
+  enum class Purpose : std::uint8_t { scan_control, session, conversation };
 
   void advance(TimePoint now);
   void issue_next_command();
@@ -75,6 +75,7 @@ class Provisioner {
   OperatorOrders orders_;
   std::optional<Purpose> in_flight_;
   bool is_scanning_ = false;
+  bool is_restarting_ = false;           ///< the board, because this has asked for it
   bool is_store_problem_known_ = false;  ///< to the operator
 };
 

@@ -27,6 +27,8 @@ struct UseKeys {
 };
 /// Answered by on_board_cleared.
 struct ClearBoard {};
+/// It comes back without its replay list.
+struct RestartBoard {};
 /// The board that is empty sends from this address; the disk has it.
 struct UseSource {
   std::uint16_t source = 0;
@@ -44,8 +46,8 @@ struct BoardState {
 };
 
 using ProvisionerAction =
-    std::variant<BoardCommand, SendUnderDeviceKey, NodesChanged, UseKeys, ClearBoard, UseSource,
-                 DelaySource, StoreMesh, OrderEnded, Notice>;
+    std::variant<BoardCommand, SendUnderDeviceKey, NodesChanged, UseKeys, ClearBoard, RestartBoard,
+                 UseSource, DelaySource, StoreMesh, OrderEnded, Notice>;
 using ProvisionerActions = ActionQueue<ProvisionerAction>;
 
 }  // namespace slamgw::ble

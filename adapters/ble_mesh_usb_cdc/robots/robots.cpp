@@ -53,7 +53,7 @@ const Robot* Robots::find(std::string_view id) const { return find_id(robots_, i
 
 void Robots::add_configured() {
   for (const RobotName& name : nodes_.names().configured()) {
-    if (!name.ble_address) continue;
+    if (!name.ble_address || nodes_.is_elsewhere(name.id, *name.ble_address)) continue;
     const auto [entry, is_new] =
         robots_.try_emplace(*name.ble_address, *name.ble_address, name.id, settings_.ttl);
     if (is_new) subscribe(entry->second);
@@ -66,8 +66,12 @@ void Robots::on_nodes_changed(TimePoint now) {
     Robot& robot = entry->second;
     const bool is_node = nodes_.find_joined(robot.address) != nullptr;
     const bool is_the_same = is_node && nodes_.id_of(robot.address) == robot.id;
-    if ((!robot.is_node && !is_node) || is_the_same) continue;
-    leave_name(robot, "the robot was removed from the mesh", now);
+    const bool is_elsewhere = nodes_.is_elsewhere(robot.id, robot.address);
+    if ((!robot.is_node && !is_node && !is_elsewhere) || is_the_same) continue;
+    leave_name(
+        robot,
+        is_elsewhere ? "the robot joined the mesh again" : "the robot was removed from the mesh",
+        now);
     robots_.erase(entry);
   }
   if (nodes_.database() == nullptr) return;

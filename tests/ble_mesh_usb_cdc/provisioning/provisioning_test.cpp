@@ -305,7 +305,7 @@ TEST(Provisioning, NamesRobotsAsTheConfigurationDoes) {
   EXPECT_TRUE(rig.has_notice("two is configured"));
 }
 
-TEST(Provisioning, TakesARobotThatWasResetByHandBackUnderItsAddress) {
+TEST(Provisioning, TakesARobotThatWasResetByHandBackUnderItsNameAtANewAddress) {
   ProvisioningRig rig;
   rig.add(1);
   rig.start();
@@ -317,9 +317,86 @@ TEST(Provisioning, TakesARobotThatWasResetByHandBackUnderItsAddress) {
   rig.pass(2s);
   EXPECT_EQ(device.address, 0) << "the robot may still be there, and somebody use its UUID";
   rig.pass(20s);
-  EXPECT_EQ(device.address, 0x0100);
+  EXPECT_EQ(device.address, 0x0101) << "the board's replay list would ignore it at 0x0100";
   EXPECT_FALSE(device.requests.empty());
-  EXPECT_EQ(rig.board.count(0x0e), 1u) << "the board's replay list would ignore it";
+  EXPECT_EQ(rig.board.count(0x0e), 0u) << "the others go on";
+  EXPECT_TRUE(rig.has_notice("ble-0100 is in the mesh, at 0x0101"));
+  rig.hear(0x0101, "cb 59 00 01 00 02 00");
+  EXPECT_EQ(rig.all<Report>().back().robot, "ble-0100");
+  rig.command("ble-0100/cmd", hex("0a 00 ec ff"));
+  rig.run_for(100ms);
+  EXPECT_FALSE(rig.sent_to(0x0101).empty()) << "its commands follow it";
+  EXPECT_EQ(rig.on_disk().removed.at(0).address, 0x0100) << "used again after all others";
+  rig.order(NodesOrder{});
+  EXPECT_EQ(rig.answer().at(0)["robot"], "ble-0100");
+  rig.order(RemoveOrder{"ble-0100", true});
+  rig.pass(30s);
+  EXPECT_TRUE(rig.on_disk().nodes.empty());
+  EXPECT_EQ(rig.on_disk().removed.size(), 2u);
+}
+
+TEST(Provisioning, ANameOfTheConfigurationFollowsARobotThatWasResetByHand) {
+  const RobotNames names({{"lego-1", 0x0100, {}}, {"lego-2", 0x0101, {}}});
+  ProvisioningRig rig({}, test_database(), names);
+  rig.add(1);
+  rig.start();
+  ASSERT_TRUE(rig.all_configured(20s));
+  rig.board.devices.devices[0].address = 0;
+  rig.pass(30s);
+  EXPECT_EQ(rig.board.devices.devices[0].address, 0x0102) << "0x0101 is another robot's name";
+  rig.hear(0x0102, "cb 59 00 01 00 02 00");
+  EXPECT_EQ(rig.all<Report>().back().robot, "lego-1");
+  // Nobody else gets the name, and after a restart of the daemon it is still the same robot.
+  ProvisioningRig second({}, rig.on_disk(), names);
+  second.board = rig.board;
+  second.add(2);
+  second.start();
+  ASSERT_TRUE(second.all_configured(30s));
+  EXPECT_EQ(second.board.devices.devices[1].address, 0x0101);
+  second.hear(0x0102, "cb 59 00 01 00 02 00");
+  EXPECT_EQ(second.all<Report>().back().robot, "lego-1");
+  second.board.sent.clear();
+  second.command("lego-1/cmd", hex("0a 00 ec ff"));
+  second.run_for(100ms);
+  EXPECT_FALSE(second.sent_to(0x0102).empty());
+}
+
+TEST(Provisioning, ABeaconWithTheUuidOfANodeCostsTheNodeNothing) {
+  ProvisioningRig rig;
+  rig.add(1);
+  rig.start();
+  ASSERT_TRUE(rig.all_configured(20s));
+  const Bytes key = rig.board.devices.devices[0].device_key;
+  rig.board.devices.devices[0].address = 0;
+  for (int i = 0; i < 20; ++i) {  // nobody completes the provisioning
+    rig.board.devices.fails_at = {0xc3, 1};
+    rig.pass(1s);
+  }
+  const Node& node = rig.on_disk().nodes.at(0);
+  EXPECT_EQ(node.address, 0x0100);
+  EXPECT_EQ(node.new_address, 0x0101);
+  EXPECT_EQ(node.state, NodeState::configured);
+  EXPECT_EQ(to_hex(node.device_key), to_hex(key));
+}
+
+TEST(Provisioning, RestartsTheBoardOnceForARobotThatIsNotHeardAtAnAddressThatWasUsed) {
+  NodeDatabase database = test_database();
+  for (int i = 0; i < 50; ++i)  // of robots that were reset: a list of 40 is full
+    database.retire(static_cast<std::uint16_t>(0x0100 + i), 1, Uuid{});
+  database.next_address = 0x0132;
+  ProvisioningRig rig({}, database);
+  rig.board.forgets = true;
+  rig.add(1).deaf_to = {"80", "00"};
+  rig.start();
+  rig.pass(120s);
+  EXPECT_EQ(rig.board.count(0x0e), 1u) << "once, however long it stays silent";
+  rig.board.devices.devices[0].deaf_to.clear();
+  EXPECT_TRUE(rig.all_configured(400s));
+  ProvisioningRig roomy;
+  roomy.add(1).deaf_to = {"80", "00"};
+  roomy.start();
+  roomy.pass(120s);
+  EXPECT_EQ(roomy.board.count(0x0e), 0u) << "the board's replay list has room";
 }
 
 TEST(Provisioning, WarnsWhenTheBoardMayNotHearAllOfThem) {

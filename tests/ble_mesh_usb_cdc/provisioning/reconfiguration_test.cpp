@@ -262,8 +262,8 @@ TEST_F(Reconfiguration, TakesInARobotThatWasResetByHandMeanwhile) {
   next.device().address = 0;
   next.start();
   next.pass(40s);
-  EXPECT_EQ(next.device().address, 0x0100);
-  EXPECT_EQ(next.device().subscriptions.at("00010010"), (Groups{0xc002, 0xc005}));
+  EXPECT_EQ(next.device().address, 0x0101);
+  EXPECT_EQ(next.device().subscriptions.at("01010010"), (Groups{0xc002, 0xc005}));
   EXPECT_EQ(next.on_disk().nodes[0].applied->groups, other_groups.groups);
   EXPECT_TRUE(next.has_notice("ble-0100 is configured"));
   EXPECT_FALSE(next.has_notice("configured anew"));
