@@ -87,7 +87,7 @@ void BleMesh::on_link_action(LinkAction action, TimePoint now) {
           [&](WriteSerial& write) { actions_.push(std::move(write)); },
           [&](ReopenPort& reopen) { actions_.push(reopen); },
           [&](GenerateKeys& generate) { actions_.push(generate); },
-          [&](BoardIsEmpty& board) { provisioner_.on_board_empty(board, now); },
+          [&](SourceWanted& wanted) { provisioner_.on_source_wanted(wanted, now); },
           [&](LinkIsUp& up) { on_link_up(up, now); },
           [&](LinkIsDown& down) { on_link_down(down.why, now); },
           [&](SendRefused& refused) { on_send_refused(refused, now); },
@@ -222,7 +222,7 @@ void BleMesh::on_provisioner_action(ProvisionerAction action, TimePoint now) {
                      provisioner_.on_board_cleared(false, "the BLE link is down", now);
                  },
                  [&](RestartBoard&) { link_.restart_board(now); },
-                 [&](UseSource& use) { link_.on_source(use.source, now); },
+                 [&](UseSource& use) { link_.on_source(use.source, use.count, now); },
                  [&](DelaySource& delay) { link_.on_source_delayed(delay.why); },
                  [&](StoreMesh& store) { actions_.push(std::move(store)); },
                  [&](OrderEnded& ended) { actions_.push(std::move(ended)); },

@@ -44,7 +44,7 @@ Bytes FakeBoard::execute(std::uint8_t opcode, ByteView params) {
     case 0x02: return frame(0x82, params);
     case 0x09: return response(opcode, 0, number(serial_version));
     case 0x14: return response(opcode, 0, ByteWriter{}.write_u32_le(dropped).bytes());
-    case 0x54: return response(opcode, 0, Bytes(16, 0xab));
+    case 0x54: return response(opcode, 0, Bytes(16, uuid_octet));
     case 0x90: return response(opcode, std::exchange(is_enabled, true) ? 0x83 : 0x00);
     case 0x92: {
       const std::uint16_t index = reader.read_u16_le();

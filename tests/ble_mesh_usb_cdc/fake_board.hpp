@@ -43,6 +43,7 @@ class FakeBoard {
   std::vector<std::optional<Address>> addresses;  ///< place = handle
   std::size_t max_addresses = 32;
   std::uint16_t serial_version = 10;
+  std::uint8_t uuid_octet = 0xab;  ///< its UUID has 16 of them
 
   // What goes on.
   bool is_enabled = true;  ///< the stock example starts the mesh itself

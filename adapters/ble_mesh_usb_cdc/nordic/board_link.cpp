@@ -24,8 +24,6 @@ void BoardLink::on_port_closed(const std::string& why, TimePoint) {
 
 void BoardLink::change_keys(const MeshKeys& keys, TimePoint now) {
   keys_ = keys;
-  is_source_requested_ = false;
-  unused_source_.reset();
   if (stage_ == Stage::closed) return;
   go_down("the mesh's keys were imported");
   begin_resync(now);
@@ -72,7 +70,7 @@ void BoardLink::continue_start_up(TimePoint now) {
   switch (start_up_->state()) {
     case StartUp::State::commanding: issue(start_up_->command(), Issuer::start_up, now); break;
     case StartUp::State::needs_keys: on_keys_needed(now); break;
-    case StartUp::State::needs_source: on_source_needed(now); break;
+    case StartUp::State::needs_source: on_source_needed(); break;
     case StartUp::State::refused: on_refused(now); break;
     case StartUp::State::done: on_started(now); break;
   }
@@ -106,7 +104,7 @@ void BoardLink::on_started(TimePoint now) {
   if (start_up_->dropped_events()) on_drop_counter(*start_up_->dropped_events(), now);
   poll_at_ = now + poll_interval;
   was_cleared_ = false;
-  const bool has_kept = std::exchange(has_restarted_, false) && !start_up_->was_empty();
+  const bool has_kept = std::exchange(has_restarted_, false) && start_up_->had_addresses() > 0;
   if (!std::exchange(is_up_, true)) {
     down_reason_.clear();
     actions_.push(
@@ -133,26 +131,22 @@ void BoardLink::on_keys(const MeshKeys& keys, TimePoint now) {
   continue_start_up(now);
 }
 
-void BoardLink::on_source_needed(TimePoint now) {
-  if (is_up_) {
+/// A board that was used until now and is empty has restarted without saying so.
+void BoardLink::on_source_needed() {
+  const std::uint16_t addresses = start_up_->had_addresses();
+  if (addresses == 0 && is_up_) {
     ++counters_.restarts;
     go_down("the serial board restarted without saying so");
   }
-  if (unused_source_) {
-    start_up_->on_source(*std::exchange(unused_source_, std::nullopt));
-    return continue_start_up(now);
-  }
   stage_ = Stage::awaiting_source;
-  if (!std::exchange(is_source_requested_, true))
-    actions_.push(BoardIsEmpty{start_up_->uuid(), was_cleared_});
+  actions_.push(SourceWanted{start_up_->uuid(), addresses, was_cleared_});
 }
 
-void BoardLink::on_source(std::uint16_t source, TimePoint now) {
-  if (!std::exchange(is_source_requested_, false)) return;
-  unused_source_ = source;
+void BoardLink::on_source(std::uint16_t source, std::uint16_t count, TimePoint now) {
   if (stage_ != Stage::awaiting_source) return;
   stage_ = Stage::starting;
-  on_source_needed(now);
+  start_up_->on_source(source, count);
+  continue_start_up(now);
 }
 
 void BoardLink::on_source_delayed(const std::string& why) {

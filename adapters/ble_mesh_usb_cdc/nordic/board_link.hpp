@@ -37,13 +37,14 @@ struct BoardCleared {
   Status status = Status::success;
 };
 
-/// The board has no sequence numbers of this mesh; answered by on_source. Also sent while up.
-struct BoardIsEmpty {
-  std::string board;         ///< its UUID in hex; empty when it did not answer
-  bool was_cleared = false;  ///< by an operator's order
+/// Which address should the board send from? Answered by on_source. Also sent while up.
+struct SourceWanted {
+  std::string board;            ///< its UUID in hex; empty when it did not answer
+  std::uint16_t addresses = 0;  ///< that it has; 0: it has no sequence numbers of this mesh
+  bool was_cleared = false;     ///< by an operator's order
 };
 
-using LinkAction = std::variant<WriteSerial, ReopenPort, GenerateKeys, BoardIsEmpty, LinkIsUp,
+using LinkAction = std::variant<WriteSerial, ReopenPort, GenerateKeys, SourceWanted, LinkIsUp,
                                 LinkIsDown, SendRefused, MessageReceived, Heartbeat, IvUpdate,
                                 ProvisioningEvent, CommandEnded, BoardCleared, Notice>;
 
@@ -91,8 +92,8 @@ class BoardLink {
   void on_bytes(ByteView bytes, TimePoint now);
   void on_keys(const MeshKeys& keys, TimePoint now);
   void on_keys_failed(const std::string& why, TimePoint now);
-  /// The address for the board that was reported as empty; the disk has it.
-  void on_source(std::uint16_t source, TimePoint now);
+  /// The disk has it. `count`: the addresses for a board without one.
+  void on_source(std::uint16_t source, std::uint16_t count, TimePoint now);
   /// It is not on disk yet.
   void on_source_delayed(const std::string& why);
 
@@ -149,7 +150,7 @@ class BoardLink {
   void begin_start_up(TimePoint now);
   void continue_start_up(TimePoint now);
   void on_keys_needed(TimePoint now);
-  void on_source_needed(TimePoint now);
+  void on_source_needed();
   void on_started(TimePoint now);
   void on_frame(const Bytes& frame, TimePoint now);
   void on_event(DeviceStarted& event, TimePoint now);
@@ -181,8 +182,6 @@ class BoardLink {
   Stage stage_ = Stage::closed;
   bool is_up_ = false;
   bool are_keys_requested_ = false;
-  bool is_source_requested_ = false;
-  std::optional<std::uint16_t> unused_source_;  ///< came when no board waited for it
   std::string down_reason_;
   std::set<std::string> notified_;  ///< notices since the link last went down
   FrameDecoder decoder_;

@@ -30,9 +30,7 @@ Bytes StartUp::command() const {
     case Step::get_uuid: return encode_command(CommandOpcode::uuid_get);
     case Step::get_dropped_events: return encode_command(CommandOpcode::housekeeping_get);
     case Step::get_address: return encode_command(CommandOpcode::local_unicast_get);
-    case Step::set_address:
-      return encode_local_unicast_set(settings_.address,
-                                      static_cast<std::uint16_t>(source_ - settings_.address + 1));
+    case Step::set_address: return encode_local_unicast_set(settings_.address, count_);
     case Step::get_subnets: return encode_command(CommandOpcode::subnet_get_all);
     case Step::add_subnet: return encode_subnet_add(key_index, keys_->net_key);
     case Step::get_appkeys: return encode_command(CommandOpcode::appkey_get_all, subnet_handle_);
@@ -93,18 +91,14 @@ void StartUp::on_address(const CommandResponse& response) {
   const std::uint16_t address = data.read_u16_le();
   const std::uint16_t count = data.read_u16_le();
   if (!check(response, data.ok(), "telling its unicast address")) return;
-  has_address_ = count != 0;
-  if (has_address_ && address != settings_.address) {
+  had_addresses_ = count;
+  if (count != 0 && address != settings_.address) {
     return refuse(fmt::format(
         "it is configured with unicast address 0x{:04x}, but ble_mesh.address is 0x{:04x}: set "
         "ble_mesh.address to the board's, or give the board the other with slam-gatewayctl ble "
         "reset-board --yes",
         address, settings_.address));
   }
-  // Its range was made to end at the address that this life of the board sends from. A longer range
-  // is another tool's.
-  if (has_address_ && count <= max_sources)
-    source_ = static_cast<std::uint16_t>(address + count - 1);
   step_ = Step::get_subnets;
 }
 
@@ -112,7 +106,7 @@ void StartUp::on_subnets(const CommandResponse& response) {
   ByteReader data(response.data);
   subnet_indexes_ = read_numbers(data);
   if (!check(response, true, "listing its network keys")) return;
-  is_fresh_ = !has_address_ && subnet_indexes_.empty();
+  is_fresh_ = had_addresses_ == 0 && subnet_indexes_.empty();
   if (!keys_ && subnet_indexes_.empty()) {
     state_ = State::needs_keys;
     return;
@@ -135,13 +129,14 @@ void StartUp::on_keys(const MeshKeys& keys) {
 
 /// Without keys there is no file that remembers which addresses were used.
 void StartUp::begin_writing() {
-  step_ = has_address_ ? first_key_step() : Step::set_address;
-  if (!has_address_ && keys_) state_ = State::needs_source;
+  step_ = had_addresses_ > 0 ? first_key_step() : Step::set_address;
+  if (had_addresses_ == 0 && keys_) state_ = State::needs_source;
 }
 
-void StartUp::on_source(std::uint16_t source) {
-  assert(state_ == State::needs_source && source >= settings_.address);
+void StartUp::on_source(std::uint16_t source, std::uint16_t count) {
+  assert(state_ == State::needs_source);
   source_ = source;
+  count_ = count;
   state_ = State::commanding;
 }
 
@@ -201,8 +196,9 @@ void StartUp::on_appkey_added(const CommandResponse& response) {
     return refuse(
         "it holds another application key than this gateway's mesh.json: it belongs to another "
         "mesh, or its key arrived damaged; slam-gatewayctl ble reset-board --yes clears it");
-  if (take_handle(response, appkey_indexes_, appkey_handle_, "taking the application key"))
-    step_ = Step::get_handles;
+  if (!take_handle(response, appkey_indexes_, appkey_handle_, "taking the application key")) return;
+  step_ = Step::get_handles;
+  if (had_addresses_ > 0) state_ = State::needs_source;
 }
 
 void StartUp::on_handles(const CommandResponse& response) {

@@ -2,8 +2,9 @@
 // The questions and commands for a board that is in step, in an order that is safe whatever state
 // it is in: first read, then add what is missing, and stop rather than change another tool's
 // configuration. Never clears the board. A board without an address has forgotten its sequence
-// numbers, and robots would discard what it sends from an address that they have heard before: it
-// waits for another one. No timing: one command, its response, the next. Called by BoardLink.
+// numbers, and robots would discard what it sends from an address that they have heard before: the
+// caller says which address a board sends from. No timing: one command, its response, the next.
+// Called by BoardLink.
 #pragma once
 
 #include <cstdint>
@@ -43,9 +44,9 @@ class StartUp {
   void on_response(const CommandResponse& response);
   /// While in `needs_keys`.
   void on_keys(const MeshKeys& keys);
-  /// While in `needs_source`: the address to send from, which no robot has heard before. Not below
-  /// `BoardSettings::address`.
-  void on_source(std::uint16_t source);
+  /// While in `needs_source`: the address to send from, and how many from
+  /// `BoardSettings::address` up a board without one gets.
+  void on_source(std::uint16_t source, std::uint16_t count);
 
   /// Why it refused, for the operator.
   const std::string& refusal() const { return refusal_; }
@@ -61,8 +62,8 @@ class StartUp {
   SerialVersion version() const { return version_; }
   /// The address to send from.
   std::uint16_t source() const { return source_; }
-  /// The board had no address, and so no sequence number of this mesh.
-  bool was_empty() const { return !has_address_; }
+  /// How many addresses the board had; without one, it has no sequence number of this mesh.
+  std::uint16_t had_addresses() const { return had_addresses_; }
   /// The board's, in hex; empty when it did not answer.
   const std::string& uuid() const { return uuid_; }
   /// For `status`: protocol version and UUID.
@@ -121,7 +122,8 @@ class StartUp {
   SerialVersion version_ = SerialVersion::sdk_3_1;
   std::string uuid_;
   std::optional<std::uint32_t> dropped_events_;
-  bool has_address_ = true;
+  std::uint16_t had_addresses_ = 0;
+  std::uint16_t count_ = 1;
   std::uint16_t source_ = 0;
   bool is_fresh_ = false;                      ///< it had neither address nor keys
   std::vector<std::uint16_t> subnet_indexes_;  ///< as listed by the board

@@ -3,20 +3,39 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <utility>
+
 namespace slamgw::ble {
 
-void BoardLives::on_board_empty(const std::string& board, bool was_cleared) {
-  BoardLife& life = nodes_.ledger().change().life;
-  const bool is_same = !board.empty() && life.board == board;
-  if (!is_same) life.kind = BoardKind::unknown;
-  if (is_same && life.number > 0 && !was_cleared) life.kind = BoardKind::forgets;
-  life.board = board;
-  begin_life(life);
-  unanswered_ = life.number;
+void BoardLives::on_source_wanted(const SourceWanted& wanted) {
+  BoardLife now = *life();
+  const bool is_empty = wanted.addresses == 0;
+  const bool is_other = !now.board.empty() && now.board != wanted.board;
+  if (is_other) now.kind = BoardKind::unknown;
+  if (is_empty && !is_other && !now.board.empty() && !wanted.was_cleared)
+    now.kind = BoardKind::forgets;
+  now.board = wanted.board;
+  const std::uint32_t room = nodes_.source_room();
+  if ((is_empty || is_other) && unused_ != now.number) {
+    begin_life(now, settings_.address +
+                        (is_empty ? room : std::min<std::uint32_t>(room, wanted.addresses)));
+    unused_ = now.number;
+  }
+  if (now != *life()) nodes_.ledger().change().life = now;
+  unanswered_ = wanted.addresses;
+  if (unused_ != now.number || nodes_.ledger().is_saved()) answer();
 }
 
-void BoardLives::begin_life(BoardLife& life) {
-  const std::uint32_t end = settings_.address + nodes_.source_room();
+void BoardLives::answer() {
+  const std::uint16_t addresses = *std::exchange(unanswered_, std::nullopt);
+  const std::uint16_t count = addresses > 0 ? addresses : nodes_.source_room();
+  const int last = settings_.address + count - 1;
+  const int source = std::clamp<int>(life()->source, settings_.address, last);
+  actions_.push(UseSource{static_cast<std::uint16_t>(source), count});
+}
+
+void BoardLives::begin_life(BoardLife& life, std::uint32_t end) {
   const std::uint16_t last = life.source == 0 ? settings_.address : life.source;
   const bool had_address = life.number > 0 && last >= settings_.address;
   life.source =
@@ -39,12 +58,12 @@ void BoardLives::on_stored(const std::string& problem) {
     return;
   }
   if (!nodes_.ledger().is_saved()) return;
-  unanswered_.reset();
-  actions_.push(UseSource{life()->source});
+  answer();
 }
 
 void BoardLives::on_board_up(const std::string& board, std::uint16_t source, bool has_kept) {
   source_ = source;
+  unused_.reset();
   if (life() == nullptr) return;
   BoardLife now = *life();
   if (now.board != board) now.kind = BoardKind::unknown;

@@ -8,6 +8,7 @@
 #include <optional>
 #include <string>
 
+#include "adapters/ble_mesh_usb_cdc/nordic/board_link.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_table.hpp"
 
 namespace slamgw::ble {
@@ -18,9 +19,9 @@ class BoardLives {
   BoardLives(const Settings& settings, NodeTable& nodes, ProvisionerActions& actions)
       : settings_(settings), nodes_(nodes), actions_(actions) {}
 
-  /// The board has no sequence numbers of this mesh: its next life begins. `board`: its UUID.
-  /// Answered by UseSource.
-  void on_board_empty(const std::string& board, bool was_cleared);
+  /// Answered by UseSource. The next life begins when the board has no sequence numbers of this
+  /// mesh, or is another one, whose numbers robots may have passed long ago.
+  void on_source_wanted(const SourceWanted& wanted);
   /// It is used, and sends from `source`. `has_kept`: over a restart.
   void on_board_up(const std::string& board, std::uint16_t source, bool has_kept);
   /// The disk has the database, or has not.
@@ -38,13 +39,15 @@ class BoardLives {
   const BoardLife* life() const {
     return nodes_.database() == nullptr ? nullptr : &nodes_.database()->life;
   }
-  void begin_life(BoardLife& life);
+  void begin_life(BoardLife& life, std::uint32_t end);
+  void answer();
 
   const Settings& settings_;
   NodeTable& nodes_;
   ProvisionerActions& actions_;
   std::uint16_t source_ = 0;                 ///< of the board that came up last
-  std::optional<std::uint32_t> unanswered_;  ///< the life that the board waits for
+  std::optional<std::uint16_t> unanswered_;  ///< how many addresses the board has that waits
+  std::optional<std::uint32_t> unused_;      ///< the life of which nothing was sent yet
 };
 
 }  // namespace slamgw::ble

@@ -81,16 +81,20 @@ ConfigurationStep group_step(std::string_view what, Bytes request, const ModelEl
 
 bool is_group(std::uint16_t address) { return address >= 0xc000; }
 
+void add_publication(std::vector<ConfigurationStep>& steps, const ConfigurationSettings& settings,
+                     std::uint16_t element, const ModelId& model) {
+  if (!is_one_of(vendor_clients, model) && model != health_server) return;
+  const std::uint8_t period = model == health_server ? period_10_s : std::uint8_t{0};
+  const Publication publication{element, settings.destination, settings.ttl, period, model};
+  steps.push_back(model_step("the publication", encode_model_publication_set(publication),
+                             model_publication_status, element, model));
+}
+
 void add_model(std::vector<ConfigurationStep>& steps, const ConfigurationSettings& settings,
                std::uint16_t element, const ModelId& model) {
   steps.push_back(model_step("the key binding", encode_model_app_bind(element, model),
                              model_app_status, element, model));
-  if (is_one_of(vendor_clients, model) || model == health_server) {
-    const std::uint8_t period = model == health_server ? period_10_s : std::uint8_t{0};
-    const Publication publication{element, settings.destination, settings.ttl, period, model};
-    steps.push_back(model_step("the publication", encode_model_publication_set(publication),
-                               model_publication_status, element, model));
-  }
+  add_publication(steps, settings, element, model);
   if (is_one_of(servers, model)) steps.push_back(list_step(settings, element, model));
 }
 
@@ -129,6 +133,19 @@ std::vector<ConfigurationStep> plan_configuration(const ConfigurationSettings& s
   for (const auto& models : composition) {
     for (const ModelId& model : models)
       if (is_bound(model)) add_model(steps, settings, element, model);
+    ++element;
+  }
+  return steps;
+}
+
+std::vector<ConfigurationStep> plan_publications(const ConfigurationSettings& settings,
+                                                 std::uint16_t address,
+                                                 const Composition& composition) {
+  std::vector<ConfigurationStep> steps;
+  std::uint16_t element = address;
+  for (const auto& models : composition) {
+    for (const ModelId& model : models)
+      if (is_bound(model)) add_publication(steps, settings, element, model);
     ++element;
   }
   return steps;

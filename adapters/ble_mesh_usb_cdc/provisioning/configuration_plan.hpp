@@ -46,6 +46,10 @@ ConfigurationStep node_reset_step();
 std::vector<ConfigurationStep> plan_configuration(const ConfigurationSettings& settings,
                                                   std::uint16_t address,
                                                   const Composition& composition);
+/// The same when only its publications change.
+std::vector<ConfigurationStep> plan_publications(const ConfigurationSettings& settings,
+                                                 std::uint16_t address,
+                                                 const Composition& composition);
 /// What follows the list of groups that a model of the node has: it is left with those of the
 /// settings. Groups are taken away one by one, because a robot that runs Nordic's code stops on a
 /// failed assertion when Subscription Delete All or Overwrite meets a model with more subscriptions

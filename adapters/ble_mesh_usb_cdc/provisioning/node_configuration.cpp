@@ -85,7 +85,9 @@ void NodeConfiguration::on_answer(const AccessMessage& message, TimePoint now) {
     const auto composition = decode_composition(message.params);
     if (!composition.has_value())
       return finish(State::failed, "its composition data can't be read");
-    for (auto& next : plan_configuration(settings_, address_, *composition))
+    for (auto& next : purpose_ == Purpose::move
+                          ? plan_publications(settings_, address_, *composition)
+                          : plan_configuration(settings_, address_, *composition))
       steps_.push_back(std::move(next));
   }
   if (step.lists_groups_of && status == 0) {

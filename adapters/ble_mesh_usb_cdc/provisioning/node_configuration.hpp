@@ -16,7 +16,8 @@ namespace slamgw::ble {
 
 class NodeConfiguration {
  public:
-  enum class Purpose : std::uint8_t { configure, reset };
+  /// `move`: only what it publishes to.
+  enum class Purpose : std::uint8_t { configure, move, reset };
   enum class State : std::uint8_t { running, succeeded, failed };
 
   /// One request is given up after this long.

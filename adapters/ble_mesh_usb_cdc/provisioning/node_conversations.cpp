@@ -62,8 +62,20 @@ bool NodeConversations::needs_configuration(const Node& node) const {
 bool NodeConversations::is_outdated(const Node& node) const {
   if (node.state != NodeState::configured || !node.applied) return false;
   return node.applied->is_changing || node.ttl != settings_.ttl ||
-         node.applied->destination != settings_.destination() ||
+         node.applied->destination != destination() ||
          !std::ranges::is_permutation(node.applied->groups, settings_.groups);
+}
+
+/// Only its publications have to move to the address of the board's present life. Until they have,
+/// its messages to the old one are heard, too, but the board acknowledges their segments from
+/// there, which the robot ignores.
+bool NodeConversations::is_only_moved(const Node& node) const {
+  const auto is_own = [&](std::uint32_t address) {
+    return address >= settings_.address && address < settings_.address + std::uint32_t{max_sources};
+  };
+  return node.state == NodeState::configured && node.applied && !node.applied->is_changing &&
+         node.ttl == settings_.ttl && is_own(node.applied->destination) && is_own(destination()) &&
+         std::ranges::is_permutation(node.applied->groups, settings_.groups);
 }
 
 /// Marks the nodes whose configuration will be changed. True when there are some: the disk must
@@ -71,7 +83,7 @@ bool NodeConversations::is_outdated(const Node& node) const {
 /// the settings have been changed back by then.
 bool NodeConversations::begin_changes() {
   const auto is_new = [&](const Node& node) {
-    return is_outdated(node) && !node.applied->is_changing;
+    return is_outdated(node) && !node.applied->is_changing && !is_only_moved(node);
   };
   if (std::ranges::none_of(nodes_.database()->nodes, is_new)) return false;
   for (Node& node : nodes_.ledger().change().nodes)
@@ -93,7 +105,7 @@ bool NodeConversations::has_swept() {
 void NodeConversations::begin_due(TimePoint now) {
   if (!next_begin() || *next_begin() > now) return;
   if (begin_changes() || !has_swept()) return;
-  const ConfigurationSettings settings{nodes_.database()->keys.app_key, settings_.destination(),
+  const ConfigurationSettings settings{nodes_.database()->keys.app_key, destination(),
                                        settings_.ttl, settings_.groups};
   const auto begin = [&](const Node& node, NodeConfiguration::Purpose purpose) {
     conversations_.try_emplace(node.address, node, purpose, settings, board_.subnet_handle);
@@ -102,7 +114,8 @@ void NodeConversations::begin_due(TimePoint now) {
   while (conversations_.size() < max_conversations) {
     const Node* node = next_node(now);
     if (node == nullptr) return;
-    begin(*node, NodeConfiguration::Purpose::configure);
+    begin(*node, is_only_moved(*node) ? NodeConfiguration::Purpose::move
+                                      : NodeConfiguration::Purpose::configure);
   }
 }
 
@@ -177,7 +190,8 @@ void NodeConversations::end(const NodeConfiguration& conversation, TimePoint now
   switch (conversation.purpose()) {
     case NodeConfiguration::Purpose::reset:
       return on_reset(*node, is_done, conversation.problem(), now);
-    case NodeConfiguration::Purpose::configure: break;
+    case NodeConfiguration::Purpose::configure:
+    case NodeConfiguration::Purpose::move: break;
   }
   if (is_done && conversation.problem().empty()) return on_configured(*node);
   on_not_configured(*node, conversation.problem(), now);
@@ -188,7 +202,7 @@ void NodeConversations::on_configured(const Node& known) {
   const Node before = node;
   node.state = NodeState::configured;
   node.ttl = settings_.ttl;
-  node.applied = AppliedSettings{settings_.destination(), settings_.groups};
+  node.applied = AppliedSettings{destination(), settings_.groups};
   NodeHistory& history = nodes_.history(node.uuid);
   history.failures = 0;
   history.problem.clear();
@@ -204,8 +218,8 @@ void NodeConversations::on_configured(const Node& known) {
 
 std::string NodeConversations::changes_from(const Node& before) const {
   std::vector<std::string> changes;
-  if (before.applied->destination != settings_.destination())
-    changes.push_back(fmt::format("it publishes to 0x{:04x}", settings_.destination()));
+  if (before.applied->destination != destination())
+    changes.push_back(fmt::format("it publishes to 0x{:04x}", destination()));
   if (before.ttl != settings_.ttl) changes.push_back(fmt::format("its TTL is {}", settings_.ttl));
   if (!std::ranges::is_permutation(before.applied->groups, settings_.groups))
     changes.push_back(settings_.groups.empty() ? "it has no groups"

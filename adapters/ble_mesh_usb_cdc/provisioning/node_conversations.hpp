@@ -56,6 +56,9 @@ class NodeConversations {
  private:
   bool needs_configuration(const Node& node) const;
   bool is_outdated(const Node& node) const;
+  bool is_only_moved(const Node& node) const;
+  /// What robots publish to.
+  std::uint16_t destination() const { return settings_.gateway_group.value_or(board_.source); }
   bool begin_changes();
   bool may_be_unheard(const Node& node) const;
   bool has_swept();

@@ -18,8 +18,8 @@ Provisioner::Provisioner(const Settings& settings, std::string gateway, RobotNam
 
 // --- Inputs --------------------------------------------------------------------------------------
 
-void Provisioner::on_board_empty(const BoardIsEmpty& board, TimePoint now) {
-  lives_.on_board_empty(board.board, board.was_cleared);
+void Provisioner::on_source_wanted(const SourceWanted& wanted, TimePoint now) {
+  lives_.on_source_wanted(wanted);
   advance(now);
 }
 

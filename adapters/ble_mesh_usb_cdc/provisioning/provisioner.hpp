@@ -22,10 +22,11 @@ class Provisioner {
   Provisioner(const Provisioner&) = delete;
   Provisioner& operator=(const Provisioner&) = delete;
 
-  /// The board needs an address that robots have not heard before; answered by UseSource.
-  void on_board_empty(const BoardIsEmpty& board, TimePoint now);
+  /// Answered by UseSource.
+  void on_source_wanted(const SourceWanted& wanted, TimePoint now);
   /// Before on_link_up.
   void on_board_up(const LinkIsUp& board) {
+    board_.source = board.source;
     lives_.on_board_up(board.board, board.source, board.has_kept);
   }
   void on_link_up(std::uint16_t subnet_handle, SerialVersion version, TimePoint now);

@@ -29,9 +29,10 @@ struct UseKeys {
 struct ClearBoard {};
 /// It comes back without its replay list.
 struct RestartBoard {};
-/// The board that is empty sends from this address; the disk has it.
+/// The board sends from this address; the disk has it.
 struct UseSource {
   std::uint16_t source = 0;
+  std::uint16_t count = 1;  ///< of the addresses for a board without one
 };
 /// The disk does not have it yet.
 struct DelaySource {
@@ -43,6 +44,7 @@ struct BoardState {
   std::string down_reason = "not started";
   std::uint16_t subnet_handle = 0;                 ///< as the board named it when it came up last
   SerialVersion version = SerialVersion::sdk_3_1;  ///< of its firmware
+  std::uint16_t source = 0;                        ///< the address that it sends from
 };
 
 using ProvisionerAction =

@@ -34,7 +34,7 @@ TEST(BoardLives, BeginAtTheGatewaysOwnAddress) {
   LivesRig rig(std::nullopt);
   rig.start();
   EXPECT_EQ(rig.board.unicast, 0x0001);
-  EXPECT_EQ(rig.board.unicast_count, 1);
+  EXPECT_EQ(rig.board.unicast_count, max_sources) << "all that robots may still publish to";
   EXPECT_EQ(rig.source_of_an_answer(), 0x0001);
   EXPECT_EQ(rig.on_disk().life.number, 1u);
   EXPECT_NE(rig.detail().find("sends from 0x0001 (life 1)"), std::string::npos) << rig.detail();
@@ -47,7 +47,7 @@ TEST(BoardLives, SendFromTheNextAddressWhenTheBoardForgot) {
     rig.power_cycle_board();
     EXPECT_TRUE(rig.is_up());
     EXPECT_EQ(rig.board.unicast, 0x0001) << "robots go on publishing to it";
-    EXPECT_EQ(rig.board.unicast_count, life);
+    EXPECT_EQ(rig.board.unicast_count, max_sources);
     EXPECT_EQ(rig.source_of_an_answer(), life);
   }
   EXPECT_NE(rig.detail().find("forgets at power-off, sends from 0x0005 (life 5)"),
@@ -139,6 +139,7 @@ TEST(BoardLives, AnotherBoardIsAnotherLife) {
   rig.start();
   rig.mesh.on_port_closed("unplugged", rig.now);
   const FakeBoard kept = std::exchange(rig.board, FakeBoard{});
+  rig.board.uuid_octet = 0xcd;
   rig.open();
   rig.run_for(1s);
   EXPECT_EQ(rig.source_of_an_answer(), 0x0002);
@@ -146,8 +147,66 @@ TEST(BoardLives, AnotherBoardIsAnotherLife) {
   rig.board = kept;
   rig.open();
   rig.run_for(1s);
-  EXPECT_EQ(rig.source_of_an_answer(), 0x0001) << "where its own numbers belong";
-  EXPECT_EQ(rig.on_disk().life.source, 0x0002);
+  EXPECT_EQ(rig.source_of_an_answer(), 0x0003) << "its numbers may be lower than at 0x0001 before";
+}
+
+TEST(BoardLives, ABoardThatAnEarlierVersionConfiguredGoesOn) {
+  LivesRig rig(robot_database());
+  rig.initial.life.number = 1;
+  rig.board.unicast = 0x0001;
+  rig.board.subnets = {{std::uint16_t{0}, Bytes(16, 0x11)}};
+  rig.board.appkeys = {{std::uint16_t{0}, Bytes(16, 0x22)}};
+  rig.start();
+  EXPECT_EQ(rig.source_of_an_answer(), 0x0001);
+  rig.power_cycle_board();
+  EXPECT_EQ(rig.source_of_an_answer(), 0x0002);
+}
+
+/// The board acknowledges the segments of a message from the address that it was sent to.
+TEST(BoardLives, MoveWhatRobotsPublishTo) {
+  LivesRig rig;
+  for (std::uint8_t number = 1; number <= 10; ++number) rig.add(number);
+  rig.start();
+  ASSERT_TRUE(rig.all_configured(60s));
+  for (FakeDevice& device : rig.board.devices.devices) device.requests.clear();
+  rig.power_cycle_board();
+  rig.run_for(4s);
+  for (const Node& node : rig.on_disk().nodes) EXPECT_EQ(node.applied->destination, 0x0002);
+  for (const FakeDevice& device : rig.board.devices.devices) {
+    EXPECT_EQ(device.requests.size(), 4u) << "the composition data and three publications";
+    for (const std::string& request : device.requests)
+      EXPECT_TRUE(request == "800800" ||
+                  (request.starts_with("03") && request.substr(6, 4) == "0200"))
+          << request;
+  }
+}
+
+TEST(BoardLives, LeaveAGroupThatRobotsPublishTo) {
+  Settings settings;
+  settings.gateway_group = 0xc010;
+  LivesRig rig(test_database(), settings);
+  rig.add(1);
+  rig.start();
+  ASSERT_TRUE(rig.all_configured(30s));
+  rig.board.devices.devices[0].requests.clear();
+  rig.power_cycle_board();
+  rig.run_for(10s);
+  EXPECT_TRUE(rig.board.devices.devices[0].requests.empty());
+}
+
+TEST(BoardLives, MoveARobotThatWasSwitchedOffMeanwhileWhenItIsHeard) {
+  LivesRig rig;
+  rig.add(1);
+  rig.start();
+  ASSERT_TRUE(rig.all_configured(30s));
+  rig.board.devices.devices[0].deaf_to = {"80", "03"};
+  rig.power_cycle_board();
+  rig.run_for(200s);
+  EXPECT_EQ(rig.on_disk().nodes.at(0).applied->destination, 0x0001);
+  rig.board.devices.devices[0].deaf_to.clear();
+  rig.hear(first_robot, "cb 59 00 0a 00 ec ff");
+  rig.run_for(25s);
+  EXPECT_EQ(rig.on_disk().nodes.at(0).applied->destination, 0x0002);
 }
 
 TEST(BoardLives, BeginAnewWhenAnOperatorClearsTheBoard) {

@@ -75,8 +75,8 @@ struct RecordedLink {
       if (const auto* write = std::get_if<WriteSerial>(&*action)) {
         written.push_back(write->bytes);
         if (is_replaying) link.on_bytes(board.on_bytes(write->bytes), now);
-      } else if (std::holds_alternative<BoardIsEmpty>(*action)) {
-        link.on_source(1, now);
+      } else if (std::holds_alternative<SourceWanted>(*action)) {
+        link.on_source(1, 1, now);
       } else if (const auto* down = std::get_if<LinkIsDown>(&*action)) {
         ADD_FAILURE() << down->why;
       } else if (const auto* up = std::get_if<LinkIsUp>(&*action)) {
