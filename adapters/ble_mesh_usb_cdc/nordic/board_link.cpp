@@ -70,7 +70,7 @@ void BoardLink::continue_start_up(TimePoint now) {
   switch (start_up_->state()) {
     case StartUp::State::commanding: issue(start_up_->command(), Issuer::start_up, now); break;
     case StartUp::State::needs_keys: on_keys_needed(now); break;
-    case StartUp::State::needs_source: on_source_needed(); break;
+    case StartUp::State::needs_source: on_source_needed(now); break;
     case StartUp::State::refused: on_refused(now); break;
     case StartUp::State::done: on_started(now); break;
   }
@@ -132,10 +132,11 @@ void BoardLink::on_keys(const MeshKeys& keys, TimePoint now) {
 }
 
 /// A board that was used until now and is empty has restarted without saying so.
-void BoardLink::on_source_needed() {
+void BoardLink::on_source_needed(TimePoint now) {
   const std::uint16_t addresses = start_up_->had_addresses();
   if (addresses == 0 && is_up_) {
     ++counters_.restarts;
+    not_suspected_until_ = now + confirmed_interval;
     go_down("the serial board restarted without saying so");
   }
   stage_ = Stage::awaiting_source;

@@ -81,6 +81,8 @@ class BoardLink {
   /// How often a board that must not be used is checked again, and how often at most one that seems
   /// to have lost its address.
   static constexpr Duration refusal_interval = std::chrono::seconds{30};
+  /// The same after such a board had lost it indeed.
+  static constexpr Duration confirmed_interval = std::chrono::seconds{3};
   /// Different notices while the link is down; others are dropped until it has been up again.
   static constexpr std::size_t max_notified = 16;
 
@@ -150,7 +152,7 @@ class BoardLink {
   void begin_start_up(TimePoint now);
   void continue_start_up(TimePoint now);
   void on_keys_needed(TimePoint now);
-  void on_source_needed();
+  void on_source_needed(TimePoint now);
   void on_started(TimePoint now);
   void on_frame(const Bytes& frame, TimePoint now);
   void on_event(DeviceStarted& event, TimePoint now);

@@ -324,6 +324,13 @@ TEST(BoardThatRestartedUnseen, IsStartedAnewWhenItRefusesASend) {
   EXPECT_TRUE(rig.is_up());
   EXPECT_EQ(rig.source_of_an_answer(), 0x0002);
   EXPECT_EQ(rig.counter("board_restarts"), 1u);
+  rig.run_for(3s);
+  reset_unseen(rig);
+  for (int asked = 0; asked < 2; ++asked) {
+    rig.hear(first_robot, "ca 59 00");
+    rig.run_for(500ms);
+  }
+  EXPECT_EQ(rig.source_of_an_answer(), 0x0003) << "again at once, as it was so before";
 }
 
 TEST(BoardThatRestartedUnseen, IsStartedAnewWhenThePollShowsIt) {
