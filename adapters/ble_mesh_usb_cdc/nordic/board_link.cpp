@@ -196,9 +196,7 @@ void BoardLink::on_frame(const Bytes& frame, TimePoint now) {
                  [&](Heartbeat& heartbeat) {
                    if (is_up_) actions_.push(heartbeat);
                  },
-                 [&](ProvisioningEvent& provisioning) {
-                   if (is_up_) actions_.push(provisioning);
-                 },
+                 [&](ProvisioningEvent& provisioning) { on_event(provisioning, now); },
                  [&](OtherEvent&) { ++counters_.other_events; },
              },
              *event);
@@ -235,6 +233,16 @@ void BoardLink::on_event(CommandResponse& response, TimePoint now) {
     on_response(response, issuer, now);
     send_next(now);
   }
+}
+
+void BoardLink::on_event(ProvisioningEvent& event, TimePoint now) {
+  if (!is_up_) return;
+  const bool is_over = std::holds_alternative<ProvisioningComplete>(event) ||
+                       std::holds_alternative<ProvisioningLinkClosed>(event);
+  if (std::holds_alternative<ProvisioningLinkOpened>(event)) hold_until_ = now + longest_hold;
+  if (is_over) hold_until_.reset();
+  actions_.push(event);
+  if (is_over) send_next(now);
 }
 
 void BoardLink::on_response(const CommandResponse& response, Issuer issuer, TimePoint now) {
@@ -348,7 +356,9 @@ void BoardLink::send_next(TimePoint now) {
   if (issue_clear(now)) return;
   if (std::exchange(is_restart_wanted_, false))
     return issue(encode_command(CommandOpcode::radio_reset), Issuer::restart, now);
-  if (auto frame = traffic_.next()) issue(std::move(*frame), Issuer::traffic, now);
+  if (hold_until_ && now >= *hold_until_) hold_until_.reset();
+  if (auto frame = traffic_.next(hold_until_.has_value()))
+    issue(std::move(*frame), Issuer::traffic, now);
 }
 
 void BoardLink::issue(Bytes command, Issuer issuer, TimePoint now) {
@@ -383,7 +393,7 @@ std::optional<TimePoint> BoardLink::deadline() const {
   std::optional<TimePoint> next = decoder_.deadline();
   if (in_flight_) next = earlier(next, in_flight_->deadline);
   if (stage_ == Stage::starting) next = earlier(next, busy_until_);
-  if (stage_ == Stage::running && !in_flight_) next = earlier(next, poll_at_);
+  if (stage_ == Stage::running && !in_flight_) next = earlier(earlier(next, poll_at_), hold_until_);
   if (stage_ == Stage::refused && !in_flight_) next = earlier(next, retry_at_);
   return next;
 }
@@ -444,6 +454,7 @@ void BoardLink::on_silence() {
 
 void BoardLink::go_down(const std::string& why) {
   traffic_.on_link_down();
+  hold_until_.reset();
   if (stage_ == Stage::closed) is_clear_wanted_ = has_restarted_ = false;
   is_restart_wanted_ = false;
   const bool was_up = std::exchange(is_up_, false);

@@ -78,6 +78,9 @@ class BoardLink {
   /// A board that is busy during start-up, such as while it writes its flash, is asked again.
   static constexpr Duration busy_pause = std::chrono::milliseconds{200};
   static constexpr int max_busy_answers = 25;
+  /// Messages that are not urgent wait while a device joins, but no longer than this: what the
+  /// board answers to them could take the room of the one event with the device key.
+  static constexpr Duration longest_hold = std::chrono::seconds{10};
   /// How often a board that must not be used is checked again, and how often at most one that seems
   /// to have lost its address.
   static constexpr Duration refusal_interval = std::chrono::seconds{30};
@@ -157,6 +160,7 @@ class BoardLink {
   void on_frame(const Bytes& frame, TimePoint now);
   void on_event(DeviceStarted& event, TimePoint now);
   void on_event(CommandResponse& event, TimePoint now);
+  void on_event(ProvisioningEvent& event, TimePoint now);
   void on_response(const CommandResponse& response, Issuer issuer, TimePoint now);
   void on_board_cleared(Status status, TimePoint now);
   void on_polled(const CommandResponse& response, TimePoint now);
@@ -199,6 +203,7 @@ class BoardLink {
   TimePoint poll_at_{};   ///< while running
   bool is_address_polled_next_ = false;
   TimePoint not_suspected_until_ = TimePoint::min();
+  std::optional<TimePoint> hold_until_;  ///< while a device joins
   BoardTraffic traffic_;
   std::uint16_t subnet_handle_ = 0;
   SerialVersion version_ = SerialVersion::sdk_3_1;

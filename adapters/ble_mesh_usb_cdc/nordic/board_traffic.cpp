@@ -30,7 +30,8 @@ void BoardTraffic::on_answer_lost() {
 
 bool BoardTraffic::send(Outgoing message) {
   withdraw(message.destination, message.payload);
-  if (urgent_.size() + normal_.size() >= max_queued) return false;
+  std::deque<Outgoing>& queue = message.is_urgent ? urgent_ : normal_;
+  if (queue.size() >= max_queued) return false;
   const std::size_t limit = send_limit(board_.version);
   if (message.payload.size() > limit) {
     refuse(message.destination,
@@ -39,7 +40,7 @@ bool BoardTraffic::send(Outgoing message) {
                        message.payload.size(), static_cast<unsigned>(board_.version), limit));
     return true;
   }
-  (message.is_urgent ? urgent_ : normal_).push_back(std::move(message));
+  queue.push_back(std::move(message));
   return true;
 }
 
@@ -61,7 +62,7 @@ bool BoardTraffic::command(Bytes frame) {
   return true;
 }
 
-std::optional<Bytes> BoardTraffic::next() {
+std::optional<Bytes> BoardTraffic::next(bool is_holding) {
   if (handle_to_check_) {
     purpose_ = Purpose::check_handle;
     return encode_command(CommandOpcode::address_get,
@@ -72,7 +73,7 @@ std::optional<Bytes> BoardTraffic::next() {
     purpose_ = Purpose::command;
     return command_;
   }
-  if (next_queue().empty()) return std::nullopt;
+  if (next_queue().empty() || (urgent_.empty() && is_holding)) return std::nullopt;
   return next_message();
 }
 

@@ -43,7 +43,7 @@ struct Outgoing {
 
 class BoardTraffic {
  public:
-  /// Messages waiting for the board: 32 take about a second at 115200 baud.
+  /// Messages waiting in each queue: 32 take about a second at 115200 baud.
   static constexpr std::size_t max_queued = 32;
 
   /// What start-up found out about the board.
@@ -68,8 +68,9 @@ class BoardTraffic {
   void withdraw(std::uint16_t destination, const Bytes& payload);
   bool command(Bytes frame);
 
-  /// The frame to write now, if any; then its response or on_answer_lost.
-  std::optional<Bytes> next();
+  /// The frame to write now, if any; then its response or on_answer_lost. `is_holding`: messages
+  /// that are not urgent wait.
+  std::optional<Bytes> next(bool is_holding);
   void on_response(const CommandResponse& response);
 
   std::optional<TrafficAction> next_action() { return actions_.pop(); }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The link to the board, seen through BleMesh: boards in every state, silence, restarts.
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include "tests/ble_mesh_usb_cdc/mesh_rig.hpp"
@@ -275,6 +276,50 @@ TEST(BoardLink, CountsWhatTheBoardDropped) {
   rig.board.dropped = 103;
   rig.run_for(11s);
   EXPECT_TRUE(rig.has_notice("dropped 3 event(s)"));
+}
+
+/// The board has room for few events, and reports a device key once.
+TEST(BoardLink, HoldsMessagesToRobotsBackWhileADeviceJoins) {
+  const auto key = hex("2c c5 00") + Bytes(42, 0);
+  for (const Bytes& end : {key, hex("03 c2 00 02")}) {
+    MeshRig rig;
+    rig.start();
+    rig.say(hex("02 c1 00"));
+    rig.command("nr1/cmd", hex("01 00 02 00"));
+    rig.run_for(5s);
+    EXPECT_TRUE(rig.sent_to(0x0100).empty());
+    rig.hear(0x0100, "ca 59 00");
+    rig.run_for(10ms);
+    EXPECT_EQ(rig.sent_to(0x0100), std::vector<std::string>{"cc590000"})
+        << "a robot that gets no STATUS repeats itself, which fills the board more";
+    rig.say(end);
+    rig.run_for(10ms);
+    EXPECT_EQ(rig.sent_to(0x0100).size(), 2u) << "and the command";
+  }
+}
+
+TEST(BoardLink, HoldsNothingBackForLong) {
+  MeshRig rig;
+  rig.start();
+  rig.say(hex("02 c1 00"));
+  rig.command("nr1/cmd", hex("01 00 02 00"));
+  rig.run_for(BoardLink::longest_hold - 1ms);
+  EXPECT_TRUE(rig.sent_to(0x0100).empty());
+  rig.run_for(10ms);
+  EXPECT_EQ(rig.sent_to(0x0100).size(), 1u);
+}
+
+TEST(BoardLink, HasRoomForAcknowledgementsWhileItHoldsMessagesBack) {
+  MeshRig rig;
+  rig.start();
+  rig.say(hex("02 c1 00"));
+  for (std::uint16_t robot = 0x0200; robot < 0x0200 + 40; ++robot) {
+    rig.hear(robot, "c7 59 00 01");
+    rig.command(fmt::format("ble-{:04x}/hello", robot), to_bytes("hello"));
+  }
+  rig.hear(0x0100, "ca 59 00");
+  rig.run_for(10ms);
+  EXPECT_EQ(rig.sent_to(0x0100).size(), 1u);
 }
 
 TEST(BoardLink, WarnsWhenAGroupCannotBeHeard) {
