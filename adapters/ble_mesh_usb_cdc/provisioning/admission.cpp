@@ -253,6 +253,17 @@ void Admission::warn_of_replay_list(const Node& node) {
          id);
 }
 
+/// The device may have this address until it is reset, so others get it last. A name that an
+/// operator or the configuration gave stays with its device, and so does the address.
+void Admission::release(const Uuid& uuid) {
+  candidates_.erase(uuid);  // until it is heard again
+  const Node* node = nodes_.find(uuid);
+  if (node == nullptr || node->state != NodeState::reserved || !node->name.empty()) return;
+  if (nodes_.configured_name(node->address) != nullptr) return;
+  nodes_.remove(uuid);
+  nodes_.ledger().change().forget_removed(uuid);
+}
+
 void Admission::on_session_failed(TimePoint now) {
   const ProvisioningSession session = *std::exchange(session_, std::nullopt);
   if (session.device_key()) return;  // it has joined; only the link failed
@@ -265,12 +276,16 @@ void Admission::on_session_failed(TimePoint now) {
   candidates_.on_failure(uuid, now);
   const Candidate* candidate = candidates_.find(uuid, now);
   const Duration pause = pause_after(candidate ? candidate->failures : 1);
-  if (session.is_key_lost()) candidates_.erase(uuid);  // until it is heard again
-  const std::string what_next =
-      session.is_key_lost()
-          ? std::string("reset it by hand, then it joins anew")
+  std::string what_next =
+      session.is_key_lost() ? std::string("reset it by hand, then it joins anew")
+      : session.may_have_joined()
+          ? std::string("the next attempt comes when it is heard again")
           : fmt::format("the next attempt is in {} s if it is still there",
                         std::chrono::duration_cast<std::chrono::seconds>(pause).count());
+  if (session.may_have_joined()) release(uuid);
+  if (session.dropped_events())
+    what_next += fmt::format("; the serial board has dropped {} event(s) since its start",
+                             *session.dropped_events());
   notify(Severity::warning, fmt::format("the device {} did not join: {}; {}", to_hex(uuid),
                                         session.failure(), what_next));
   if (order_.is(OpenOrder::Kind::provision, uuid)) order_.refuse(session.failure());

@@ -74,6 +74,7 @@ class Admission {
   void keep_addresses(TimePoint now);
   void on_joined(TimePoint now);
   void on_session_failed(TimePoint now);
+  void release(const Uuid& uuid);
   void warn_of_replay_list(const Node& node);
   void notify(Severity severity, std::string text, std::string robot = {}) {
     actions_.push(Notice{severity, std::move(text), std::move(robot)});

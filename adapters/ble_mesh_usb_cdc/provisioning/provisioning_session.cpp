@@ -15,6 +15,8 @@ constexpr std::uint8_t static_method = 1;
 constexpr std::uint8_t closed_in_success = 0;
 constexpr std::uint8_t closed_by_timeout = 1;
 constexpr std::size_t max_commands = 4;
+constexpr const char* key_was_lost =
+    "it has taken its address, but its device key was lost on the serial line";
 
 /// Mesh Profile 1.0 table 5.38.
 std::string_view error_text(std::uint8_t error) {
@@ -48,6 +50,12 @@ std::optional<Bytes> ProvisioningSession::command() const {
 void ProvisioningSession::on_command_ended(const CommandEnded& ended) {
   if (state_ != State::running || commands_.empty()) return;
   commands_.pop_front();
+  if (ended.opcode == static_cast<std::uint8_t>(CommandOpcode::housekeeping_get)) {
+    ByteReader data(ended.data);
+    const std::uint32_t dropped = data.read_u32_le();
+    if (data.ok()) dropped_events_ = dropped;
+    return fail(key_was_lost);
+  }
   // The first transmission was carried out, and its answer lost.
   const bool was_done = ended.is_repeat && ended.status == Status::invalid_state;
   if (ended.status == Status::success || was_done) return;
@@ -92,12 +100,13 @@ void ProvisioningSession::on_addresses(TimePoint now) {
 }
 
 void ProvisioningSession::on(const AuthenticationRequested& event, TimePoint now) {
-  if (stage_ != Stage::exchanging || event.method == 0) return;
+  if (stage_ != Stage::exchanging && stage_ != Stage::completing) return;
+  if (event.method == 0) return;
   if (event.method != static_method || !uses_static_oob())
     return fail(fmt::format("the serial board asks for OOB method {}", event.method));
   if (commands_.size() >= max_commands) return;
   commands_.push_back(encode_auth_data(request_.command.context, *request_.static_oob));
-  enter(Stage::exchanging, now);
+  enter(stage_, now);
 }
 
 void ProvisioningSession::on(const EcdhRequested& event, TimePoint now) {
@@ -106,23 +115,24 @@ void ProvisioningSession::on(const EcdhRequested& event, TimePoint now) {
   if (!secret) return fail("the device's public key is no point of the curve");
   if (commands_.size() >= max_commands) return;
   commands_.push_back(encode_ecdh_secret(request_.command.context, *secret));
-  enter(Stage::exchanging, now);
+  enter(Stage::completing, now);
 }
 
 void ProvisioningSession::on(const ProvisioningComplete& event, TimePoint now) {
-  if (stage_ != Stage::exchanging) return;
+  if (stage_ != Stage::completing) return;
   device_key_ = event.device_key;
   enter(Stage::closing, now);
 }
 
-void ProvisioningSession::on(const ProvisioningLinkClosed& event, TimePoint) {
+void ProvisioningSession::on(const ProvisioningLinkClosed& event, TimePoint now) {
   if (stage_ == Stage::closing) {
     state_ = State::succeeded;
   } else if (event.reason == closed_by_timeout) {
     fail("the provisioning link ended: time-out");
-  } else if (event.reason == closed_in_success && stage_ == Stage::exchanging) {
-    is_key_lost_ = true;  // the board reports it once
-    fail("it has taken its address, but its device key was lost on the serial line");
+  } else if (event.reason == closed_in_success && stage_ == Stage::completing) {
+    is_key_lost_ = may_have_joined_ = true;  // the board reports it once
+    commands_.push_back(encode_command(CommandOpcode::housekeeping_get));
+    enter(Stage::counting, now);
   } else {
     fail(event.reason == closed_in_success ? "the provisioning link ended early"
                                            : "the provisioning link ended: failed");
@@ -148,7 +158,10 @@ void ProvisioningSession::on_deadline(TimePoint now) {
     case Stage::opening: return fail("the device opens no provisioning link");
     case Stage::awaiting_capabilities: return fail("the device does not answer the invitation");
     case Stage::awaiting_addresses: return fail("its addresses could not be stored");
-    case Stage::exchanging:
+    case Stage::exchanging: return fail("the exchange of keys did not end");
+    case Stage::counting: return fail(key_was_lost);
+    case Stage::completing:
+      may_have_joined_ = true;
       return fail(
           "the exchange of keys did not end; if the device took its address nevertheless, it has "
           "to be reset by hand");
@@ -158,7 +171,8 @@ void ProvisioningSession::on_deadline(TimePoint now) {
 
 void ProvisioningSession::enter(Stage stage, TimePoint now) {
   stage_ = stage;
-  due_ = now + (stage == Stage::closing ? close_limit : wait_limit);
+  const bool is_ending = stage == Stage::closing || stage == Stage::counting;
+  due_ = now + (is_ending ? close_limit : wait_limit);
 }
 
 void ProvisioningSession::fail(std::string why) {

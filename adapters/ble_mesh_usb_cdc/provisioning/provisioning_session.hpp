@@ -43,6 +43,10 @@ class ProvisioningSession {
   bool is_context_busy() const { return is_context_busy_; }
   /// It failed after the device had joined: nothing but a reset by hand brings it back.
   bool is_key_lost() const { return is_key_lost_; }
+  /// It failed, and the device may have joined: then it keeps the address until it is reset.
+  bool may_have_joined() const { return may_have_joined_; }
+  /// When the key was lost: how many events the board has dropped since its start.
+  const std::optional<std::uint32_t>& dropped_events() const { return dropped_events_; }
   const Uuid& uuid() const { return request_.command.uuid; }
   /// Known once the device has sent its capabilities; 0 before.
   std::uint8_t elements() const { return elements_; }
@@ -61,6 +65,8 @@ class ProvisioningSession {
     awaiting_capabilities,
     awaiting_addresses,
     exchanging,
+    completing,  ///< the board has the shared secret: the device may join any moment
+    counting,    ///< the key is lost; the board is asked how many events it has dropped
     closing
   };
 
@@ -82,6 +88,8 @@ class ProvisioningSession {
   std::string failure_;
   bool is_context_busy_ = false;
   bool is_key_lost_ = false;
+  bool may_have_joined_ = false;
+  std::optional<std::uint32_t> dropped_events_;
   std::uint8_t elements_ = 0;
   std::uint8_t static_oob_types_ = 0;
   std::optional<Key> device_key_;

@@ -115,9 +115,9 @@ TEST(Provisioning, SaysThatARobotWhoseKeyWasLostMustBeResetByHand) {
   rig.start();
   rig.pass(30s);
   EXPECT_TRUE(rig.has_notice("reset by hand"));
+  EXPECT_TRUE(rig.on_disk().nodes.empty());
   rig.board.devices.devices[0].address = 0;  // which is done
   EXPECT_TRUE(rig.all_configured(30s));
-  EXPECT_EQ(rig.board.devices.devices[0].address, 0x0100);
 }
 
 TEST(Provisioning, PromisesNoNextAttemptForARobotWhoseKeyWasLost) {
@@ -130,6 +130,51 @@ TEST(Provisioning, PromisesNoNextAttemptForARobotWhoseKeyWasLost) {
   EXPECT_FALSE(rig.has_notice("next attempt"));
   rig.board.devices.devices[0].address = 0;  // which is done
   EXPECT_TRUE(rig.all_configured(30s));
+}
+
+TEST(Provisioning, SaysHowManyEventsTheBoardHasDroppedWhenAKeyWasLost) {
+  ProvisioningRig rig;
+  rig.add(1);
+  rig.board.devices.lost_events = {0xc5};
+  rig.start();
+  rig.board.dropped = 12;
+  rig.pass(5s);
+  EXPECT_TRUE(rig.has_notice("the serial board has dropped 12 event(s) since its start"));
+  ProvisioningRig old;
+  old.add(1);
+  old.board.devices.lost_events = {0xc5};
+  old.board.status_of[0x14] = 0x82;  // the command came with release 2.2.0
+  old.start();
+  old.pass(5s);
+  EXPECT_TRUE(old.has_notice("its device key was lost on the serial line; reset it by hand"));
+  EXPECT_FALSE(old.has_notice("has dropped"));
+}
+
+/// The lost robot has the address until it is reset, and must not share it.
+TEST(Provisioning, GivesTheAddressOfALostKeyToOthersLast) {
+  ProvisioningRig rig;
+  rig.add(1);
+  rig.board.devices.lost_events = {0xc5};
+  rig.start();
+  rig.pass(5s);
+  EXPECT_TRUE(rig.on_disk().nodes.empty()) << "it is not reserved any more";
+  rig.add(2);
+  rig.pass(20s);
+  EXPECT_EQ(rig.board.devices.devices[1].address, 0x0101);
+  rig.board.devices.devices[0].address = 0;  // reset by hand: it is welcome
+  EXPECT_TRUE(rig.all_configured(30s));
+  EXPECT_EQ(rig.board.devices.devices[0].address, 0x0102);
+}
+
+TEST(Provisioning, KeepsTheNameOfARobotWhoseKeyWasLost) {
+  ProvisioningRig rig({}, test_database(), RobotNames({{"one", 0x0200, {}}}));
+  rig.add(1);
+  rig.board.devices.lost_events = {0xc5};
+  rig.start();
+  rig.pass(5s);
+  rig.board.devices.devices[0].address = 0;  // reset by hand
+  EXPECT_TRUE(rig.all_configured(30s));
+  EXPECT_EQ(rig.board.devices.devices[0].address, 0x0200);
 }
 
 TEST(Provisioning, NamesEachFailureAndTakesOthersFirst) {
