@@ -19,7 +19,7 @@ constexpr Opcode vendor_model_subscription_get = 0x802b;
 constexpr Opcode model_app_bind = 0x803d;
 constexpr Opcode node_reset = 0x8049;
 constexpr std::uint16_t app_key_index = 0;
-constexpr std::size_t composition_head_bytes = 10;  // company, product, version, CRPL, features
+constexpr std::size_t composition_head_bytes = 8;  // product, version, CRPL, features
 
 Bytes encode_subscription(Opcode opcode, std::uint16_t element, std::uint16_t group,
                           const ModelId& model) {
@@ -44,8 +44,9 @@ Bytes encode_model_id(const ModelId& model) {
 Result<Composition, DecodeError> decode_composition(ByteView params) {
   ByteReader reader(params);
   if (reader.read_u8() != 0) return DecodeError::bad_value;
-  reader.read(composition_head_bytes);
   Composition composition;
+  composition.company = reader.read_u16_le();
+  reader.read(composition_head_bytes);
   while (reader.ok() && reader.remaining() > 0) {
     reader.read_u16_le();  // location
     const std::uint8_t sig_models = reader.read_u8();
@@ -57,9 +58,9 @@ Result<Composition, DecodeError> decode_composition(ByteView params) {
       const std::uint16_t company = reader.read_u16_le();
       models.push_back({company, reader.read_u16_le()});
     }
-    composition.push_back(std::move(models));
+    composition.elements.push_back(std::move(models));
   }
-  if (!reader.ok() || composition.empty()) return DecodeError::too_short;
+  if (!reader.ok() || composition.elements.empty()) return DecodeError::too_short;
   return composition;
 }
 
@@ -88,7 +89,7 @@ Bytes encode_model_publication_set(const Publication& publication) {
                            .write_u16_le(app_key_index)  // and no friendship credentials
                            .write_u8(std::min(publication.ttl, max_publish_ttl))
                            .write_u8(publication.period)
-                           .write_u8(0)  // no retransmission
+                           .write_u8(publication.retransmit_count)  // and no interval steps
                            .write(encode_model_id(publication.model))
                            .bytes());
 }

@@ -31,8 +31,10 @@ struct ModelId {
 std::string to_string(const ModelId& model);
 Bytes encode_model_id(const ModelId& model);
 
-/// The models of each element, the primary one first.
-using Composition = std::vector<std::vector<ModelId>>;
+struct Composition {
+  std::uint16_t company = 0;                   ///< that made the node
+  std::vector<std::vector<ModelId>> elements;  ///< their models, those of the primary one first
+};
 /// The parameters of Composition Data Status; page 0 only.
 Result<Composition, DecodeError> decode_composition(ByteView params);
 
@@ -51,6 +53,7 @@ struct Publication {
   std::uint8_t ttl = 0;       ///< sent as at most max_publish_ttl
   std::uint8_t period = 0;    ///< steps, and their resolution in the two upper bits; 0: none
   ModelId model;
+  std::uint8_t retransmit_count = 0;  ///< 50 ms apart
 };
 /// Each 10 s (health_interval): ten steps of one second.
 inline constexpr std::uint8_t period_10_s = 0x4a;

@@ -81,20 +81,31 @@ ConfigurationStep group_step(std::string_view what, Bytes request, const ModelEl
 
 bool is_group(std::uint16_t address) { return address >= 0xc000; }
 
+/// Mesh Profile 1.0 section 4.2.2.6: 0 means that nothing is repeated. BlueZ up to 5.66 repeats
+/// each message for ever with 0, and sends it once with 1. Nordic's stack repeats with 1, as a new
+/// message with a sequence number of its own: the gateway would hear, and report, each of them
+/// twice. All of its nodes have a health server, which BlueZ leaves to its applications.
+std::uint8_t publish_retransmit_count(const Composition& composition) {
+  const bool is_nordics =
+      composition.company == nordic && is_one_of(composition.elements.front(), health_server);
+  return is_nordics ? 0 : 1;
+}
+
 void add_publication(std::vector<ConfigurationStep>& steps, const ConfigurationSettings& settings,
-                     std::uint16_t element, const ModelId& model) {
+                     std::uint16_t element, const ModelId& model, std::uint8_t retransmit_count) {
   if (!is_one_of(vendor_clients, model) && model != health_server) return;
   const std::uint8_t period = model == health_server ? period_10_s : std::uint8_t{0};
-  const Publication publication{element, settings.destination, settings.ttl, period, model};
+  const Publication publication{element, settings.destination, settings.ttl, period,
+                                model,   retransmit_count};
   steps.push_back(model_step("the publication", encode_model_publication_set(publication),
                              model_publication_status, element, model));
 }
 
 void add_model(std::vector<ConfigurationStep>& steps, const ConfigurationSettings& settings,
-               std::uint16_t element, const ModelId& model) {
+               std::uint16_t element, const ModelId& model, std::uint8_t retransmit_count) {
   steps.push_back(model_step("the key binding", encode_model_app_bind(element, model),
                              model_app_status, element, model));
-  add_publication(steps, settings, element, model);
+  add_publication(steps, settings, element, model, retransmit_count);
   if (is_one_of(servers, model)) steps.push_back(list_step(settings, element, model));
 }
 
@@ -130,9 +141,10 @@ std::vector<ConfigurationStep> plan_configuration(const ConfigurationSettings& s
                                                   const Composition& composition) {
   std::vector<ConfigurationStep> steps{appkey_step(settings.app_key)};
   std::uint16_t element = address;
-  for (const auto& models : composition) {
+  const std::uint8_t retransmit_count = publish_retransmit_count(composition);
+  for (const auto& models : composition.elements) {
     for (const ModelId& model : models)
-      if (is_bound(model)) add_model(steps, settings, element, model);
+      if (is_bound(model)) add_model(steps, settings, element, model, retransmit_count);
     ++element;
   }
   return steps;
@@ -143,9 +155,10 @@ std::vector<ConfigurationStep> plan_publications(const ConfigurationSettings& se
                                                  const Composition& composition) {
   std::vector<ConfigurationStep> steps;
   std::uint16_t element = address;
-  for (const auto& models : composition) {
+  const std::uint8_t retransmit_count = publish_retransmit_count(composition);
+  for (const auto& models : composition.elements) {
     for (const ModelId& model : models)
-      if (is_bound(model)) add_publication(steps, settings, element, model);
+      if (is_bound(model)) add_publication(steps, settings, element, model, retransmit_count);
     ++element;
   }
   return steps;

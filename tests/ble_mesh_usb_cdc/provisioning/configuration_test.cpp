@@ -60,13 +60,40 @@ TEST(ConfigMessages, ReadCompositionDataAndItsDamages) {
                       hex("00 00 00 01 59 00 09 00");
   const auto composition = decode_composition(whole);
   ASSERT_TRUE(composition.has_value());
-  ASSERT_EQ(composition->size(), 2u);
-  EXPECT_EQ((*composition)[0], (std::vector<ModelId>{{{}, 0x1000}, sensor_update_client}));
-  EXPECT_EQ((*composition)[1], (std::vector<ModelId>{{std::uint16_t{0x0059}, 0x0009}}));
+  EXPECT_EQ(composition->company, 0x0059);
+  ASSERT_EQ(composition->elements.size(), 2u);
+  EXPECT_EQ(composition->elements[0], (std::vector<ModelId>{{{}, 0x1000}, sensor_update_client}));
+  EXPECT_EQ(composition->elements[1], (std::vector<ModelId>{{std::uint16_t{0x0059}, 0x0009}}));
   constexpr std::size_t first_element = 21;  // cut there it is a device with one element
   for (std::size_t size = 0; size < whole.size(); ++size)
     EXPECT_EQ(decode_composition(ByteView(whole).first(size)).has_value(), size == first_element);
   EXPECT_FALSE(decode_composition(hex("01 59 00")).has_value()) << "another page";
+}
+
+/// The last octet but those of the model is the number of repeats. BlueZ 5.66 takes 0 for
+/// "unlimited"; Nordic's stack sends each repeat as a message of its own.
+TEST(Configuration, HasPublicationsRepeatedOnlyWhereNoRepeatsMeansForEver) {
+  const auto requests_of = [](std::string_view composition) {
+    ProvisioningRig rig;
+    rig.add(1).composition = hex(composition);
+    rig.start();
+    EXPECT_TRUE(rig.all_configured(20s));
+    return rig.board.devices.devices[0].requests;
+  };
+  const auto has = [](const std::vector<std::string>& requests, const char* request) {
+    return std::ranges::find(requests, request) != requests.end();
+  };
+  const char* const once = "0300010100000004000059000600";
+  const char* const repeated = "0300010100000004000159000600";
+  EXPECT_TRUE(
+      has(requests_of("00 59 00 01 00 01 00 28 00 00 00 00 00 01 01 02 00 59 00 06 00"), once))
+      << "Nordic's robots have a health server";
+  EXPECT_TRUE(
+      has(requests_of("00 59 00 01 00 01 00 64 00 00 00 00 00 01 01 00 00 59 00 06 00"), repeated))
+      << "a robot on BlueZ has none, whatever its company";
+  EXPECT_TRUE(
+      has(requests_of("00 f1 05 01 00 01 00 64 00 00 00 00 00 01 01 02 00 59 00 06 00"), repeated))
+      << "it is not Nordic's";
 }
 
 TEST(Configuration, TellsARobotAllThatItNeeds) {
