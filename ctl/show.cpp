@@ -21,7 +21,7 @@ std::string Screen::paint(std::string_view state, std::string text) const {
       is("apart"))
     colour = "33";
   if (is("down") || is("offline") || is("timeout") || is("refused") || is("reserved") ||
-      is("refusing") || is("lost") || is("silent") || is("cut off"))
+      is("deaf") || is("refusing") || is("lost") || is("silent") || is("cut off"))
     colour = "31";
   return colour.empty() ? text : fmt::format("\033[{}m{}\033[0m", colour, text);
 }
@@ -58,11 +58,16 @@ std::string number_or_dash(const json& robot, const char* key, double scale) {
   return fmt::format("{:.0f}", found->get<double>() / scale);
 }
 
+std::string shown_state(const json& robot) {
+  const auto deaf = robot.find("deaf");
+  return deaf != robot.end() && *deaf == true ? "deaf" : text_at(robot, "state");
+}
+
 Row robot_row(const json& robot, std::chrono::system_clock::time_point now) {
   return {text_at(robot, "id"),
           text_at(robot, "mesh"),
           text_at(robot, "address"),
-          text_at(robot, "state"),
+          shown_state(robot),
           show_age(text_at(robot, "last_seen"), now),
           fmt::format("{}", count_at(robot, "messages")),
           fmt::format("{}", count_at(robot, "commands")),
@@ -89,7 +94,7 @@ std::array<std::size_t, Column::count> fit(const std::vector<Row>& rows) {
   return widths;
 }
 
-/// Why robots are offline; of the first ten.
+/// Why robots are offline or deaf; of the first ten.
 std::string absent_lines(const json& robots) {
   constexpr int most = 10;
   std::string out;
@@ -99,7 +104,7 @@ std::string absent_lines(const json& robots) {
     if (why.empty() || ++count > most) continue;
     out += fmt::format("{}: {}\n", text_at(robot, "id"), why);
   }
-  if (count > most) out += fmt::format("({} more are offline)\n", count - most);
+  if (count > most) out += fmt::format("({} more are offline or deaf)\n", count - most);
   return out;
 }
 
@@ -118,13 +123,21 @@ std::string refused_line(const json& counters) {
   return text.empty() ? "" : "          refused: " + text + "\n";
 }
 
+std::string deaf_line(const json& counters, const Screen& screen) {
+  if (count_at(counters, "mostly_deaf") == 0) return "";
+  return fmt::format(
+      "          {} most robots do not hear the gateway; see slam-gatewayctl doctor\n",
+      screen.paint("deaf", "deaf:"));
+}
+
 std::string mesh_line(std::string name, const json& mesh, const Screen& screen) {
   if (name == "ble") name = "BLE";
   if (!name.empty() && name[0] >= 'a' && name[0] <= 'z') name[0] -= 'a' - 'A';
   const std::string state = text_at(mesh, "state");
   const std::string detail = text_at(mesh, "detail");
   return pad(name, 10) + screen.paint(state, detail.empty() ? state : pad(state, 9)) + detail +
-         "\n" + refused_line(group_at(mesh, "counters"));
+         "\n" + refused_line(group_at(mesh, "counters")) +
+         deaf_line(group_at(mesh, "counters"), screen);
 }
 
 std::string payload_text(const json& event) {
@@ -186,9 +199,11 @@ std::string status(const json& status, const Screen& screen) {
       out += fmt::format("          {} {}; grant: {}\n", screen.paint("refused", "no right:"),
                          text_at(right, "what"), text_at(right, "grant"));
   for (const auto& [name, mesh] : meshes.items()) out += mesh_line(name, mesh, screen);
-  out += fmt::format("Robots    {} online, {} asleep, {} offline ({} known)\n",
-                     count_at(robots, "online"), count_at(robots, "asleep"),
-                     count_at(robots, "offline"), count_at(robots, "known"));
+  const std::uint64_t deaf = count_at(robots, "deaf");
+  out += fmt::format("Robots    {} online{}, {} asleep, {} offline ({} known)\n",
+                     count_at(robots, "online"), deaf > 0 ? fmt::format(" ({} deaf)", deaf) : "",
+                     count_at(robots, "asleep"), count_at(robots, "offline"),
+                     count_at(robots, "known"));
   out +=
       fmt::format("Messages  {} in, {} out, {} dropped, {} stored, {} rejected\n",
                   count_at(traffic, "up"), count_at(traffic, "down"), count_at(traffic, "dropped"),

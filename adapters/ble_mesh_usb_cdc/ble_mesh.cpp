@@ -112,6 +112,8 @@ void BleMesh::on_link_action(LinkAction action, TimePoint now) {
 void BleMesh::on_link_up(const LinkIsUp& up, TimePoint now) {
   provisioner_.on_board_up(up);
   emit(LinkChange{Mesh::ble, true, up.detail + ", " + provisioner_.lives().description()});
+  are_mostly_deaf_ = false;
+  up_since_ = now;
   robots_.on_link_up(now);
   provisioner_.on_link_up(link_.subnet_handle(), link_.version(), now);
 }
@@ -135,8 +137,43 @@ void BleMesh::on_message(const MessageReceived& message, TimePoint now) {
     return uplink_.reject(message.source, "its source is no unicast address", now);
   Robot* robot = hear(message.source, &message, now);
   if (robot == nullptr) return;
-  if (provisioner_.on_message(message, now)) return settle(now);
+  if (provisioner_.on_message(message, now)) {
+    robots_.on_hearing(*robot, false);
+    return settle(now);
+  }
   uplink_.on_message(*robot, message, now);
+  judge_hearing(now);
+}
+
+/// Robots that hear nothing from a board that has just come up have heard this address before, with
+/// higher sequence numbers.
+void BleMesh::judge_hearing(TimePoint now) {
+  const Robots::Hearing hearing = robots_.hearing();
+  const bool were_mostly_deaf = std::exchange(are_mostly_deaf_, hearing.is_mostly_deaf());
+  if (are_mostly_deaf_ == were_mostly_deaf) return;
+  if (!are_mostly_deaf_) {
+    if (hearing.asking > 0)
+      emit(Notice{Severity::notice, "most robots hear the gateway again", {}});
+    return;
+  }
+  emit(Notice{
+      Severity::warning,
+      fmt::format("{} of {} robots do not hear the gateway: they repeat what it has "
+                  "acknowledged; {}",
+                  hearing.deaf, hearing.asking,
+                  try_new_life(now) ? "the serial board is restarted, to send from another address"
+                                    : "switch them off and on, or wait until the board's sequence "
+                                      "numbers have passed those that they remember"),
+      {}});
+}
+
+/// Once for each life of the board: a life that was begun here is not followed by another one.
+bool BleMesh::try_new_life(TimePoint now) {
+  const std::uint32_t life = provisioner_.lives().number();
+  const bool is_suspected = now - up_since_ <= address_suspected_for && life != tried_life_;
+  if (!is_suspected || !begin_new_life(now)) return false;
+  tried_life_ = life + 1;
+  return true;
 }
 
 Robot* BleMesh::hear(std::uint16_t source, const MessageReceived* message, TimePoint now) {
@@ -277,6 +314,7 @@ void BleMesh::on_deadline(TimePoint now) {
     downlink_.on_deadline(robot, now);
     robots_.on_deadline(robot, now);
   }
+  judge_hearing(now);
   settle(now);
 }
 
@@ -308,6 +346,8 @@ Counters BleMesh::counters() const {
   const LinkCounters& link = link_.counters();
   const UplinkCounters& up = uplink_.counters();
   return {{"robots_online", robots_.online()},
+          {"robots_deaf", robots_.deaf()},
+          {"mostly_deaf", are_mostly_deaf_ ? 1U : 0U},
           {"reports", up.reports},
           {"repeats", up.repeats},
           {"rejected", up.rejected},

@@ -17,6 +17,10 @@ namespace slamgw::ble {
 
 class BleMesh {
  public:
+  /// Robots that are deaf within this time after the board came up may have heard its address
+  /// before. What begins later has another cause.
+  static constexpr Duration address_suspected_for = std::chrono::minutes{10};
+
   /// `database`: this gateway's mesh.json, if there is one. `random` makes the keys for new robots,
   /// `seed` Echo nonces.
   BleMesh(Settings settings, TopicScheme topics, RobotNames names,
@@ -81,6 +85,8 @@ class BleMesh {
   /// The robot that this came from, which is online now; null when there is no room for it, or
   /// when another gateway serves it.
   Robot* hear(std::uint16_t source, const MessageReceived* message, TimePoint now);
+  void judge_hearing(TimePoint now);
+  bool try_new_life(TimePoint now);
   void on_stranger(std::uint16_t source, TimePoint now);
   void emit(MeshEvent event) { actions_.push(std::move(event)); }
 
@@ -94,6 +100,9 @@ class BleMesh {
   Downlink downlink_;
   Robots robots_;
   Uplink uplink_;
+  bool are_mostly_deaf_ = false;
+  TimePoint up_since_{};  ///< the link
+  std::optional<std::uint32_t> tried_life_;
   LogThrottle stranger_throttle_{std::chrono::minutes{10}};
 };
 

@@ -163,6 +163,13 @@ class Examination {
     if (!config_.ble_mesh.enabled)
       return add("ble", Health::well, "not enabled (ble_mesh.enabled)");
     link("ble", "ble: board");
+    const json& facts = group_at(group_at(facts_.status, "meshes"), "ble");
+    if (count_at(group_at(facts, "counters"), "mostly_deaf") > 0)
+      add("ble: robots", Health::problem,
+          fmt::format("{} do not hear the gateway: they repeat what it has acknowledged",
+                      count_at(group_at(facts, "counters"), "robots_deaf")),
+          "switch them off and on, or wait until the board's sequence numbers have passed those "
+          "that they remember");
   }
 
   void link(const char* mesh, const std::string& step) {
@@ -353,9 +360,9 @@ std::vector<Finding> examine_robot(const std::string& robot, const RobotFacts& f
       fmt::format("last at {} on {} from {}{}", text_at(*row, "last_seen"), text_at(*row, "mesh"),
                   text_at(*row, "address"),
                   type.empty() ? "" : "; its last message was of type " + type));
-  add("state", state == "offline" ? Health::problem : Health::well,
+  add("state", why.empty() ? Health::well : Health::problem,
       state + " since " + text_at(*row, "since") + (why.empty() ? "" : ": " + why),
-      state == "offline" ? journal : "");
+      why.empty() ? "" : journal);
   add("traffic", Health::well,
       fmt::format("{} messages up, {} commands down, {} wait for it", count_at(*row, "messages"),
                   count_at(*row, "commands"), count_at(*row, "queue")));

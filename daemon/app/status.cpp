@@ -7,7 +7,7 @@ namespace slamgw {
 
 // Their names in the JSON are those of the members.
 NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(MissingRight, what, grant)
-NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(Status::Robots, online, asleep, offline, known, untracked)
+NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(Status::Robots, online, asleep, offline, known, untracked, deaf)
 NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(Status::Messages, up, down, published, dropped, refused,
                                    set_aside, rejected, stored, inbound_dropped)
 NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(Status::Commands, open, late)
@@ -88,6 +88,7 @@ json to_json(const RobotStatus& robot) {
            {"since", to_iso8601(robot.since)},
            {"last_seen", to_iso8601(robot.last_seen)},
            {"last_type", robot.last_type},
+           {"deaf", robot.is_deaf},
            {"why", robot.why},
            {"messages", robot.messages},
            {"commands", robot.commands},
@@ -129,6 +130,7 @@ json to_json(const Status& status) {
 }
 
 std::string why_absent(const RobotStatus& robot, const Status::MeshLink& link) {
+  if (robot.is_deaf) return "it does not hear the gateway: it repeats what was acknowledged";
   if (robot.state != Presence::offline) return {};
   const std::string mesh(to_string(robot.mesh));
   if (link.is_enabled && !link.is_up)

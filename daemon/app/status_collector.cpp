@@ -30,8 +30,12 @@ std::string_view to_string(Backlog::State state) {
 }
 
 Status::Robots count(const RobotRegistry& registry) {
-  return {registry.count(Presence::online), registry.count(Presence::asleep),
-          registry.count(Presence::offline), registry.robots().size(), registry.untracked()};
+  return {registry.count(Presence::online),
+          registry.count(Presence::asleep),
+          registry.count(Presence::offline),
+          registry.robots().size(),
+          registry.untracked(),
+          registry.deaf()};
 }
 
 Status::Messages count(const Gateway::Traffic& passed, const Outbox& outbox,
@@ -129,6 +133,7 @@ RobotStatus StatusCollector::robot(const std::string& id, const Robot& robot, Ti
   status.address = presence.address;
   status.state = presence.presence;
   status.since = presence.since;
+  status.is_deaf = presence.is_deaf;
   status.last_seen = robot.last_seen;
   status.last_type = robot.last_type;
   status.messages = robot.numbers.up();

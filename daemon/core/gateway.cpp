@@ -106,13 +106,19 @@ void Gateway::reject(TrafficEvent event, bool retain, Robot* robot, const Now& n
 }
 
 void Gateway::handle(PresenceChange change, const Now& now) {
+  const Robot* known = registry_.find(change.robot);
+  const bool was_deaf = known != nullptr && known->on_mesh[change.mesh].is_deaf;
+  const bool hears_again = was_deaf && !change.is_deaf && change.presence == Presence::online;
   Robot* robot = registry_.on_presence(change, now);
   withdraw_evicted();
   to_withdraw_.erase(change.robot);
   if (robot) announce(change.robot, *robot, now);
-  actions_.push(Notice{Severity::info,
-                       fmt::format("{} {} is {} at {}", to_string(change.mesh), change.robot,
-                                   to_string(change.presence), change.address),
+  actions_.push(Notice{change.is_deaf ? Severity::warning : Severity::info,
+                       fmt::format("{} {} is {} at {}{}", to_string(change.mesh), change.robot,
+                                   to_string(change.presence), change.address,
+                                   change.is_deaf ? ", but does not hear the gateway"
+                                   : hears_again  ? ", and hears the gateway again"
+                                                  : ""),
                        change.robot, Occasion::robot_presence});
 }
 

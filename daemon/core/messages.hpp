@@ -111,6 +111,7 @@ struct PresenceChange {
   std::string robot;
   Presence presence = Presence::online;
   std::string address;
+  bool is_deaf = false;  ///< it is online, and does not hear the gateway
 };
 
 /// A robot was heard, by whatever message (an acknowledgement, a ping): at most once a second.

@@ -71,7 +71,9 @@ Robot* RobotRegistry::on_presence(const PresenceChange& change, const Now& now) 
   if (!robot) return nullptr;
   --counts_[static_cast<std::size_t>(robot->presence().presence)];
   MeshPresence& there = robot->on_mesh[change.mesh];
-  there = {true, change.presence, change.address, now.wall};
+  const bool is_same_state = there.presence == change.presence && there.is_deaf != change.is_deaf;
+  there = {true, change.presence, change.address, is_same_state ? there.since : now.wall,
+           change.is_deaf};
   robot->last_mesh = change.mesh;
   ++counts_[static_cast<std::size_t>(robot->presence().presence)];
   if (change.presence != Presence::offline) robot->on_heard(now);
@@ -103,6 +105,11 @@ Robot* RobotRegistry::find(const std::string& robot) {
 const Robot* RobotRegistry::find(const std::string& robot) const {
   const auto known = robots_.find(robot);
   return known != robots_.end() ? &known->second : nullptr;
+}
+
+std::size_t RobotRegistry::deaf() const {
+  return static_cast<std::size_t>(std::ranges::count_if(
+      robots_, [](const auto& entry) { return entry.second.presence().is_deaf; }));
 }
 
 std::string RobotRegistry::address_of(const std::string& robot, Mesh mesh) const {

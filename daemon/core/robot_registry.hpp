@@ -24,6 +24,7 @@ struct MeshPresence {
   Presence presence = Presence::offline;
   std::string address;
   WallTime since{};
+  bool is_deaf = false;  ///< it does not hear the gateway; not a state, and `since` not its time
 };
 
 struct Robot {
@@ -77,6 +78,8 @@ class RobotRegistry {
   std::map<std::string, Robot>& robots() { return robots_; }
   /// How many robots are online, asleep, offline (all meshes considered).
   std::size_t count(Presence presence) const { return counts_[static_cast<std::size_t>(presence)]; }
+  /// How many do not hear the gateway.
+  std::size_t deaf() const;
   std::uint64_t untracked() const { return untracked_; }
 
  private:

@@ -28,7 +28,7 @@ TEST(StatusJson, HasTheNamesThatPeopleScriptAgainst) {
             (std::set<std::string>{"missing_rights", "refused", "since", "state", "uri", "why"}));
   EXPECT_EQ(names(status["meshes"]), (std::set<std::string>{"ble", "thread"}));
   EXPECT_EQ(names(status["robots"]),
-            (std::set<std::string>{"asleep", "known", "offline", "online", "untracked"}));
+            (std::set<std::string>{"asleep", "deaf", "known", "offline", "online", "untracked"}));
   EXPECT_TRUE(status["control"].is_object());
   EXPECT_TRUE(status["fleet"].is_object());
 }
@@ -80,6 +80,7 @@ TEST(RobotsJson, IsAnArrayWithARowForEach) {
   EXPECT_EQ(row["mesh"], "ble");
   EXPECT_EQ(row["state"], "online");
   EXPECT_TRUE(row["rssi_dbm"].is_null());
+  EXPECT_EQ(row["deaf"], false);
   robot.radio = RadioFacts{-61, 2, 3};
   row = to_json(std::vector{robot})[0];
   EXPECT_EQ(row["rssi_dbm"], -61);
@@ -92,6 +93,9 @@ TEST(WhyAbsent, NamesWhatIsKnown) {
   robot.state = Presence::online;
   Status::MeshLink link{true, true, "UDP", {}};
   EXPECT_EQ(why_absent(robot, link), "");
+  robot.is_deaf = true;
+  EXPECT_NE(why_absent(robot, link).find("does not hear the gateway"), std::string::npos);
+  robot.is_deaf = false;
   robot.state = Presence::offline;
   robot.since = WallTime{1'700'000'000s};
   EXPECT_EQ(why_absent(robot, link), "nothing was heard of it since the daemon started");

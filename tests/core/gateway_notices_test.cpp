@@ -53,6 +53,8 @@ INSTANTIATE_TEST_SUITE_P(
         Case{"LinkDown", LinkChange{Mesh::ble, false, "d"}, Severity::warning, Occasion::mesh_link},
         Case{"RobotOnline", PresenceChange{Mesh::ble, "r", Presence::online, "a"}, Severity::info,
              Occasion::robot_presence},
+        Case{"RobotDeaf", PresenceChange{Mesh::ble, "r", Presence::online, "a", true},
+             Severity::warning, Occasion::robot_presence},
         Case{"RobotAsleep", PresenceChange{Mesh::thread, "r", Presence::asleep, "a"},
              Severity::info, Occasion::robot_presence},
         Case{"RobotOffline", PresenceChange{Mesh::ble, "r", Presence::offline, "a"}, Severity::info,

@@ -64,6 +64,23 @@ TEST_F(GatewayTest, PublishesPresenceRetained) {
   EXPECT_EQ(state["since"], "2023-11-14T22:13:20Z");
 }
 
+TEST_F(GatewayTest, SaysInThePresenceThatARobotIsDeafWhileItIs) {
+  broker_comes();
+  const auto presence = [&](bool is_deaf, std::chrono::seconds later) {
+    gateway.on_mesh_event(PresenceChange{Mesh::ble, "a", Presence::online, "0x0100", is_deaf},
+                          Now{now.mono + later, now.wall + later});
+    return json::parse(as_text(drain<Upload>().back().message.payload));
+  };
+  const json before = presence(false, 0s);
+  EXPECT_FALSE(before.contains("deaf"));
+  const json deaf = presence(true, 5s);
+  EXPECT_EQ(deaf["deaf"], true);
+  EXPECT_EQ(deaf["state"], "online");
+  EXPECT_EQ(deaf["since"], before["since"]) << "the state is as old as before";
+  EXPECT_EQ(gateway.registry().deaf(), 1u);
+  EXPECT_FALSE(presence(false, 9s).contains("deaf"));
+}
+
 TEST_F(GatewayTest, AddsWhatTheRadioSaysToPresenceOnce) {
   broker_comes();
   say(PresenceChange{Mesh::ble, "a", Presence::online, "0x0100"});

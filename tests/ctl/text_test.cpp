@@ -157,6 +157,21 @@ TEST(CtlShow, TellsGatewaysAndWhereRobotsAre) {
             "r?[2J  room-bb 30m (that gateway is silent)\n");
 }
 
+TEST(CtlShow, MarksRobotsThatDoNotHearTheGateway) {
+  const json robots = {
+      {{"id", "r1"}, {"mesh", "ble"}, {"state", "online"}, {"deaf", true}, {"why", "it is deaf"}},
+      {{"id", "r2"}, {"mesh", "ble"}, {"state", "online"}, {"deaf", false}, {"why", ""}}};
+  const std::string shown = ctl::show::robots(robots, {false, noon});
+  EXPECT_NE(shown.find("deaf"), std::string::npos) << shown;
+  EXPECT_NE(shown.find("online"), std::string::npos) << shown;
+  EXPECT_TRUE(shown.ends_with("r1: it is deaf\n")) << shown;
+  const json status = {{"robots", {{"online", 3}, {"deaf", 2}}},
+                       {"meshes", {{"ble", {{"counters", {{"mostly_deaf", 1}}}}}}}};
+  const std::string text = ctl::show::status(status, {false, noon});
+  EXPECT_NE(text.find("3 online (2 deaf)"), std::string::npos) << text;
+  EXPECT_NE(text.find("most robots do not hear the gateway"), std::string::npos) << text;
+}
+
 TEST(CtlShow, LetsNothingThroughToTheTerminal) {
   const json robots = {{{"id", "r\033[2J"}, {"address", "\u009b1m"}, {"state", "x\n"}}};
   const std::string shown = ctl::show::robots(robots, {false, noon});

@@ -354,9 +354,9 @@ void BoardLink::send_next(TimePoint now) {
                  Issuer::poll, now);
   }
   if (issue_clear(now)) return;
-  if (std::exchange(is_restart_wanted_, false))
-    return issue(encode_command(CommandOpcode::radio_reset), Issuer::restart, now);
   if (hold_until_ && now >= *hold_until_) hold_until_.reset();
+  if (!hold_until_ && std::exchange(is_restart_wanted_, false))
+    return issue(encode_command(CommandOpcode::radio_reset), Issuer::restart, now);
   if (auto frame = traffic_.next(hold_until_.has_value()))
     issue(std::move(*frame), Issuer::traffic, now);
 }

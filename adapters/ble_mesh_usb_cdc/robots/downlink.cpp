@@ -28,9 +28,12 @@ bool Downlink::may_take_retained(Robot& robot, const BrokerMessage& message) con
   return robot.retained_given.insert(message.topic).second;
 }
 
-void Downlink::on_status(Robot& robot, Opcode status, TimePoint now) {
-  conclude(robot, robot.commands.on_status(status, now));
+bool Downlink::on_status(Robot& robot, Opcode status, TimePoint now) {
+  EndedCommands ended = robot.commands.on_status(status, now);
+  const bool is_answer = !ended.empty();
+  conclude(robot, std::move(ended));
   transmit_due(robot, now);
+  return is_answer;
 }
 
 void Downlink::on_deadline(Robot& robot, TimePoint now) {
@@ -67,6 +70,8 @@ void Downlink::conclude(const Robot& robot, EndedCommands ended) {
   for (EndedCommand& command : ended) {
     ++ended_[static_cast<std::size_t>(command.result)];
     if (!command.access.empty()) link_.withdraw(robot.address, command.access);
+    if (robot.is_deaf && command.result == CommandResult::timeout)
+      command.why += "; it does not hear the gateway";
     emit(CommandOutcome{Mesh::ble, command.id, robot.id, std::move(command.type), command.result,
                         command.after, std::move(command.why)});
   }

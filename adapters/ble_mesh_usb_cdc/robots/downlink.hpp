@@ -35,8 +35,8 @@ class Downlink {
   /// A command of this type for `robot`.
   void on_command(Robot& robot, std::string_view type, const BrokerMessage& message, CommandId id,
                   TimePoint now);
-  /// The robot sent a STATUS.
-  void on_status(Robot& robot, Opcode status, TimePoint now);
+  /// The robot sent a STATUS. True when it is the answer to a command.
+  bool on_status(Robot& robot, Opcode status, TimePoint now);
   void on_deadline(Robot& robot, TimePoint now);
   void refuse_all(Robot& robot, const std::string& why, TimePoint now);
   void on_link_down(const std::string& why) { down_reason_ = why; }

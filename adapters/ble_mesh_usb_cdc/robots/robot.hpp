@@ -52,6 +52,10 @@ struct Robot {
   bool is_online = false;
   bool is_announced = false;  ///< its presence was published at least once
   bool is_awaited = false;    ///< offline as soon as it is silent for long enough
+  bool is_deaf = false;       ///< it does not hear the gateway
+  /// Since the board came up: it sent an acknowledged message; it was seen to hear nothing.
+  bool is_asking = false;
+  bool is_deaf_now = false;
   TimePoint last_heard{};
   TimePoint sign_of_life_at{};                 ///< of the last SignOfLife
   std::optional<std::uint8_t> sent_ttl;        ///< that it was configured to publish with

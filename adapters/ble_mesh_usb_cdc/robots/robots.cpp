@@ -125,8 +125,30 @@ std::uint64_t Robots::online() const {
       std::ranges::count_if(robots_, [](const auto& entry) { return entry.second.is_online; }));
 }
 
+std::uint64_t Robots::deaf() const {
+  return static_cast<std::uint64_t>(std::ranges::count_if(
+      robots_, [](const auto& entry) { return entry.second.is_online && entry.second.is_deaf; }));
+}
+
+Robots::Hearing Robots::hearing() const {
+  Hearing hearing;
+  for (const auto& [address, robot] : robots_) {
+    if (!robot.is_online || !robot.is_asking) continue;
+    ++hearing.asking;
+    hearing.deaf += robot.is_deaf_now ? 1 : 0;
+  }
+  return hearing;
+}
+
+void Robots::on_hearing(Robot& robot, bool is_deaf) {
+  robot.is_deaf_now = is_deaf;
+  if (std::exchange(robot.is_deaf, is_deaf) != is_deaf && robot.is_online)
+    announce(robot, Presence::online);
+}
+
 void Robots::on_link_up(TimePoint now) {
   for (auto& [address, robot] : robots_) {
+    robot.is_asking = robot.is_deaf_now = false;
     if (robot.is_online) subscribe(robot);  // for retained messages that came while it was down
     if (robot.is_node) robot.await(now);
   }
@@ -158,13 +180,15 @@ void Robots::on_deadline(Robot& robot, TimePoint now) {
   if (!robot.is_expected() || now < robot.last_heard + settings_.offline_after) return;
   robot.is_awaited = false;
   const bool was_online = std::exchange(robot.is_online, false);
+  robot.is_deaf = robot.is_deaf_now = false;
   announce(robot, Presence::offline);
   if (settings_.will && was_online) emit(will_report(*settings_.will, robot.id));
 }
 
 void Robots::announce(Robot& robot, Presence presence) {
   robot.is_announced = true;
-  emit(PresenceChange{Mesh::ble, robot.id, presence, fmt::format("0x{:04x}", robot.address)});
+  emit(PresenceChange{Mesh::ble, robot.id, presence, fmt::format("0x{:04x}", robot.address),
+                      presence == Presence::online && robot.is_deaf});
 }
 
 // --- Subscriptions -------------------------------------------------------------------------------

@@ -40,6 +40,17 @@ class Robots {
   Robot* find(std::string_view id);
   const Robot* find(std::string_view id) const;
   std::uint64_t online() const;
+  /// Robots that are online and do not hear the gateway.
+  std::uint64_t deaf() const;
+  /// Of those that are online and have sent acknowledged messages since the board came up, how many
+  /// have not heard the gateway since.
+  struct Hearing {
+    std::size_t deaf = 0;
+    std::size_t asking = 0;
+    /// More than half, and two at least: one can have a fault of its own.
+    bool is_mostly_deaf() const { return deaf >= 2 && 2 * deaf > asking; }
+  };
+  Hearing hearing() const;
 
   /// Adds those that the configuration names.
   void add_configured();
@@ -52,6 +63,8 @@ class Robots {
   /// This gateway serves the robot from now on: says again whether it is there.
   void on_taken_over(Robot& robot, TimePoint now);
   void on_heard(Robot& robot, TimePoint now);
+  /// The robot was seen to hear the gateway, or not to.
+  void on_hearing(Robot& robot, bool is_deaf);
   /// Marks the robot as offline when it was silent for too long.
   void on_deadline(Robot& robot, TimePoint now);
   void on_subscribe_result(const std::string& filter, bool granted);

@@ -19,11 +19,16 @@ constexpr std::uint32_t first_heard_copies = (1U << (max_lost + 1)) - 1;
 SetFilter::Verdict SetFilter::on_set(ByteView payload, Duration interval, Doubt doubt,
                                      TimePoint now) {
   const bool is_equal = state_ != State::idle && !number_ && std::ranges::equal(payload, payload_);
-  const Copies fitting = fitting_copies(interval, now);
+  const Copies fitting = fitting_copies(last_copy_, interval, now);
+  was_heard_ = false;
   if (is_equal && fitting == 0 && has_crossed(now)) {
     pattern_.on_repeat();
     return Verdict::repeat_open;
   }
+  const Copies likely = is_equal ? fitting_copies(likely_copy_, interval, now) : 0;
+  const bool is_likely_copy = likely != 0 || (is_equal && state_ == State::open);
+  on_copy(is_likely_copy, is_equal, now);
+  likely_copy_ = likely != 0 ? likely : is_likely_copy ? any_copy : first_heard_copies;
   const Duration gap = now - last_heard_;
   last_heard_ = now;
   if (is_equal && (state_ == State::open || is_repeat(fitting, interval, doubt, now))) {
@@ -56,6 +61,7 @@ SetFilter::Verdict SetFilter::on_numbered_set(std::uint8_t number, ByteView payl
   const bool is_same = state_ != State::idle && number_ == number &&
                        now - first_heard_ <= longest_exchange &&
                        std::ranges::equal(payload, payload_);
+  on_copy(is_same, is_same, now);
   if (is_same) return on_repeat(now);
   state_ = State::open;
   payload_.assign(payload.begin(), payload.end());
@@ -63,6 +69,18 @@ SetFilter::Verdict SetFilter::on_numbered_set(std::uint8_t number, ByteView payl
   first_heard_ = now;
   missed_ = 0;
   return Verdict::fresh;
+}
+
+/// A robot sends no other message of this model before the last one is acknowledged or given up:
+/// by Nordic's code after half a minute and many copies, by other firmware when the next one is
+/// due.
+void SetFilter::on_copy(bool is_copy, bool is_equal, TimePoint now) {
+  was_heard_ = !is_copy && state_ == State::answered && unheard_copies_ == 0;
+  // Equal messages at the robot's own period can look like a few repeats.
+  if (was_heard_ || (is_equal && !is_copy)) unheard_messages_ = 0;
+  if (!is_copy) unheard_copies_ = 0;
+  const bool is_unheard = is_copy && state_ == State::answered && !has_crossed(now);
+  if (is_unheard && unheard_copies_++ == 0) ++unheard_messages_;
 }
 
 SetFilter::Verdict SetFilter::on_repeat(TimePoint now) const {
@@ -87,12 +105,13 @@ void SetFilter::on_answered(TimePoint now) {
   last_answered_ = now;
 }
 
-SetFilter::Copies SetFilter::fitting_copies(Duration interval, TimePoint now) const {
+SetFilter::Copies SetFilter::fitting_copies(Copies last_copy, Duration interval,
+                                            TimePoint now) const {
   if (now - first_heard_ > longest_exchange) return 0;
   const Duration gap = now - last_heard_;
   Copies fitting = 0;
   for (std::size_t last = 0; last < schedule.size(); ++last) {
-    if ((last_copy_ >> last & 1U) == 0) continue;
+    if ((last_copy >> last & 1U) == 0) continue;
     const std::size_t end = std::min(last + max_lost + 2, schedule.size());
     for (std::size_t next = last + 1; next < end; ++next) {
       const Duration expected = interval * (schedule[next] - schedule[last]);

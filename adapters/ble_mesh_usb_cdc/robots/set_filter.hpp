@@ -45,6 +45,10 @@ class SetFilter {
   /// How long a STATUS and then a repeat can be under way: a few hops, two segments, a busy host.
   /// Below the shortest interval of repeats.
   static constexpr Duration crossing_time = std::chrono::milliseconds{100};
+  /// A robot that sends this many copies of a message, each after a STATUS, does not hear the
+  /// gateway; nor one that sends this many messages in a row, each at least twice. A radio that
+  /// loses three of ten makes one message in 400 look so.
+  static constexpr int unheard_limit = 5;
 
   /// What to do with an answered SET that comes again and can be either, new or a repeat.
   enum class Doubt : std::uint8_t {
@@ -65,6 +69,12 @@ class SetFilter {
   /// After a fresh one: how many equal messages before it were wrongly taken for repeats. They were
   /// acknowledged, and go up now.
   int missed() const { return missed_; }
+  /// The robot repeats the last message, again and again, although its STATUS was sent.
+  bool is_unheard() const {
+    return unheard_copies_ >= unheard_limit || unheard_messages_ >= unheard_limit;
+  }
+  /// After a fresh one: the robot went on to it because it got the STATUS for the one before.
+  bool was_heard() const { return was_heard_; }
   /// A STATUS for the last message is on its way.
   void on_answered(TimePoint now);
   /// The open message was not taken: the next copy goes up again.
@@ -76,7 +86,8 @@ class SetFilter {
   /// A set of copies, the first transmission in bit 0.
   using Copies = std::uint32_t;
 
-  Copies fitting_copies(Duration interval, TimePoint now) const;
+  Copies fitting_copies(Copies last_copy, Duration interval, TimePoint now) const;
+  void on_copy(bool is_copy, bool is_equal, TimePoint now);
   bool is_repeat(Copies fitting, Duration interval, Doubt doubt, TimePoint now) const;
   Verdict on_repeat(TimePoint now) const;
   bool has_crossed(TimePoint now) const;
@@ -89,6 +100,11 @@ class SetFilter {
   TimePoint last_answered_{};
   Copies last_copy_ = 0;  ///< which copies the one heard last can have been
   ArrivalPattern pattern_;
+  /// The same, but in doubt an equal message on the schedule is a repeat: only for what follows.
+  Copies likely_copy_ = 0;
+  int unheard_copies_ = 0;    ///< of the last message: likely repeats after its STATUS
+  int unheard_messages_ = 0;  ///< in a row with such repeats, the last one included
+  bool was_heard_ = false;
   Duration last_gap_{};     ///< between the last two arrivals of the same message
   int answered_again_ = 0;  ///< repeats of the last message after its STATUS
   int missed_ = 0;

@@ -33,7 +33,7 @@ void Uplink::on_message(Robot& robot, const MessageReceived& message, TimePoint 
     robot.appkey_handle = message.appkey_handle;
     on_vendor_message(robot, *kind, message, access->params, now);
   } else if (access->opcode == generic_on_off_status || access->opcode == simple_on_off_status) {
-    downlink_.on_status(robot, access->opcode, now);
+    on_status(robot, access->opcode, now);
   } else if (access->opcode != health_current_status) {  // a sign of life, no more
     ++counters_.unknown_opcodes;
   }
@@ -51,8 +51,12 @@ void Uplink::on_vendor_message(Robot& robot, VendorMessage kind, const MessageRe
     case MessageKind::set_unreliable: return report({robot, kind.model, message, params}, 0);
     case MessageKind::get:
       return send_status(robot, message.source, encode_status(kind.model), now);
-    case MessageKind::status: return downlink_.on_status(robot, opcode_of(kind), now);
+    case MessageKind::status: return on_status(robot, opcode_of(kind), now);
   }
+}
+
+void Uplink::on_status(Robot& robot, Opcode status, TimePoint now) {
+  if (downlink_.on_status(robot, status, now)) robots_.on_hearing(robot, false);
 }
 
 void Uplink::leave_to_owner(Robot& robot, VendorMessage kind, const MessageReceived& message,
@@ -107,7 +111,11 @@ SetFilter::Verdict Uplink::judge(const VendorReport& set, TimePoint now) const {
 
 void Uplink::on_set(const VendorReport& set, TimePoint now) {
   Inbox& inbox = inbox_of(set.robot, set.model);
-  switch (judge(set, now)) {
+  const SetFilter::Verdict verdict = judge(set, now);
+  set.robot.is_asking = true;
+  if (inbox.filter.is_unheard()) robots_.on_hearing(set.robot, true);
+  if (inbox.filter.was_heard()) robots_.on_hearing(set.robot, false);
+  switch (verdict) {
     case SetFilter::Verdict::repeat_open: return report_repeat(set);
     case SetFilter::Verdict::repeat_answered:
       report_repeat(set);

@@ -61,6 +61,7 @@ class Uplink {
   void on_vendor_message(Robot& robot, VendorMessage kind, const MessageReceived& message,
                          ByteView params, TimePoint now);
   void on_set(const VendorReport& set, TimePoint now);
+  void on_status(Robot& robot, Opcode status, TimePoint now);
   void take_up(Robot& robot, const UnservedSet& unserved);
   SetFilter::Verdict judge(const VendorReport& set, TimePoint now) const;
   void leave_to_owner(Robot& robot, VendorMessage kind, const MessageReceived& message,

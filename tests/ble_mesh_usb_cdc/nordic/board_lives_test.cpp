@@ -374,5 +374,72 @@ TEST(BoardThatRestartedUnseen, IsLookedAtOnceIn30SecondsWhenItRefusesAllTheSame)
   EXPECT_EQ(rig.on_disk().life.number, 1u);
 }
 
+/// Robots send a message and repeat it, each copy answered, as they do when they hear nothing.
+void repeat_all(LivesRig& rig, std::string_view set) {
+  Duration gap = 280ms;
+  for (int copy = 0; copy <= 6; ++copy) {
+    for (std::uint16_t robot = 0x0201; robot <= 0x0203; ++robot) {
+      rig.hear(robot, set);
+      rig.receipt(rig.all<Report>().back().receipt.id);
+    }
+    rig.run_for(gap);
+    if (copy > 0) gap *= 2;
+  }
+}
+
+TEST(BoardLives, AnotherOneIsTriedOnceWhenRobotsHearNothing) {
+  LivesRig rig;
+  rig.start();
+  rig.power_cycle_board();
+  EXPECT_EQ(rig.counter("board_lives"), 2u);
+  repeat_all(rig, "c5 59 00 01");
+  EXPECT_EQ(rig.count_notices("to send from another address"), 1);
+  EXPECT_EQ(rig.counter("board_lives"), 3u);
+  EXPECT_TRUE(rig.is_up());
+  EXPECT_EQ(rig.source_of_an_answer(), 0x0003);
+  repeat_all(rig, "c5 59 00 02");
+  EXPECT_EQ(rig.count_notices("switch them off and on"), 1) << "it did not help";
+  EXPECT_EQ(rig.counter("mostly_deaf"), 1u);
+  EXPECT_EQ(rig.counter("board_lives"), 3u);
+  rig.power_cycle_board();
+  repeat_all(rig, "c5 59 00 03");
+  EXPECT_EQ(rig.counter("board_lives"), 5u) << "a new one has its own";
+}
+
+TEST(BoardLives, NoOtherOneIsTriedWhenRobotsGoDeafLater) {
+  LivesRig rig;
+  rig.start();
+  rig.run_for(BleMesh::address_suspected_for);
+  repeat_all(rig, "c5 59 00 01");
+  EXPECT_EQ(rig.counter("board_lives"), 1u);
+  EXPECT_EQ(rig.count_notices("switch them off and on"), 1);
+}
+
+TEST(BoardLives, NoOtherOneIsTriedWithABoardThatKeepsItsAddress) {
+  LivesRig rig;
+  rig.board.forgets = false;
+  rig.start();
+  rig.power_cycle_board();
+  repeat_all(rig, "c5 59 00 01");
+  EXPECT_EQ(rig.board.count(0x0e), 0u);
+  EXPECT_EQ(rig.count_notices("switch them off and on"), 1);
+}
+
+TEST(BoardLives, AnotherOneWaitsUntilADeviceHasJoined) {
+  LivesRig rig;
+  rig.start();
+  repeat_all(rig, "c5 59 00 01");
+  ASSERT_EQ(rig.board.count(0x0e), 1u);
+  LivesRig joining;
+  joining.start();
+  joining.say(hex("02 c1 00"));
+  EXPECT_TRUE(joining.mesh.begin_new_life(joining.now));
+  joining.run_for(1s);
+  EXPECT_EQ(joining.board.count(0x0e), 0u);
+  joining.say(hex("03 c2 00 02"));
+  joining.run_for(1s);
+  EXPECT_EQ(joining.board.count(0x0e), 1u);
+}
+
 }  // namespace
 }  // namespace slamgw::ble

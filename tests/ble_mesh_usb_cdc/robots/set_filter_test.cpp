@@ -155,6 +155,8 @@ class RobotWalk {
 
   int acknowledged = 0;
   int delivered = 0;
+  int unheard = 0;  ///< copies at which the filter believed that the robot hears nothing
+  int heard = 0;    ///< copies at which it knew that the robot had heard a STATUS
 
  private:
   static constexpr Duration receipt_time = 5ms;  // broker
@@ -183,6 +185,8 @@ class RobotWalk {
     const Bytes payload = ByteWriter{}.write_u16_le(content_).take();
     const auto verdict =
         filter_.on_set(payload, repeat_interval, SetFilter::Doubt::take_for_new, now);
+    unheard += filter_.is_unheard() ? 1 : 0;
+    heard += filter_.was_heard() ? 1 : 0;
     if (verdict == SetFilter::Verdict::repeat_open) return;
     if (verdict == SetFilter::Verdict::fresh) delivered += 1 + filter_.missed();
     filter_.on_answered(now + receipt_time);
@@ -306,6 +310,88 @@ TEST(AnyPeriod, AnotherPeriodWhileItStandsLosesNothing) {
     walk.say(still_count, false);
     EXPECT_GE(walk.delivered, walk.acknowledged);
   });
+}
+
+TEST(AnyPeriod, ARobotThatHearsIsNeverTakenForDeaf) {
+  with_each_period(7ms, [](milliseconds period) {
+    SCOPED_TRACE(period.count());
+    RobotWalk walk(period, {});
+    walk.say(20, true);
+    EXPECT_EQ(walk.heard, 19) << "all but the last have a successor";
+    walk.say(still_count, false);
+    EXPECT_EQ(walk.unheard, 0);
+  });
+}
+
+TEST(AnyPeriod, ARobotThatHearsNothingIsNoticedAtItsSixthCopy) {
+  with_each_period(53ms, [](milliseconds period) {
+    SCOPED_TRACE(period.count());
+    for (const bool is_moving : {false, true}) {
+      RobotWalk walk(period, {.loses_status = [] { return true; }});
+      walk.say(1, is_moving);
+      EXPECT_EQ(walk.unheard, 4) << "of nine copies";
+      walk.say(3, is_moving);
+      EXPECT_EQ(walk.unheard, 16);
+      EXPECT_EQ(walk.heard, 0) << "a message that it gave up does not count";
+    }
+  });
+}
+
+TEST(SetFilter, ALossyRadioSeldomMakesARobotLookDeaf) {
+  std::mt19937_64 random(1);
+  const auto lose = [&] { return random() % 10 < 3; };
+  RobotWalk walk(200ms, {3ms, lose, lose});
+  walk.say(10000, true);
+  EXPECT_LE(walk.unheard, 150) << "of 10000 messages";
+  EXPECT_GE(walk.heard, 6500) << "those that needed no repeat";
+}
+
+/// Firmware that replaces an update by the next one: each has time for a single repeat.
+TEST(SetFilter, MessagesThatAreAllRepeatedAreNotHeard) {
+  SetFilter filter;
+  const auto set = [&](int content, milliseconds at) {
+    const Bytes payload{static_cast<std::uint8_t>(content)};
+    filter.on_set(payload, repeat_interval, SetFilter::Doubt::take_for_new, TimePoint{} + at);
+    filter.on_answered(TimePoint{} + at + 10ms);
+  };
+  for (int message = 0; message < 5; ++message) {
+    EXPECT_FALSE(filter.is_unheard()) << message;
+    set(message, message * 1000ms);
+    EXPECT_FALSE(filter.was_heard()) << message;
+    set(message, message * 1000ms + 280ms);
+  }
+  EXPECT_TRUE(filter.is_unheard());
+  set(100, 5000ms);
+  set(101, 6000ms);
+  EXPECT_TRUE(filter.was_heard());
+  EXPECT_FALSE(filter.is_unheard());
+}
+
+TEST(SetFilter, AMessageThatIsNotYetAnsweredSaysNothingOfHearing) {
+  SetFilter filter;
+  const auto set = [&](milliseconds at) {
+    filter.on_set(hex("01"), repeat_interval, SetFilter::Doubt::take_for_new, TimePoint{} + at);
+  };
+  for (const auto at : {0ms, 280ms, 560ms, 1120ms, 2240ms, 4480ms}) set(at);
+  filter.on_answered(TimePoint{} + 5000ms);
+  set(8960ms);
+  EXPECT_FALSE(filter.is_unheard()) << "one STATUS left so far";
+}
+
+TEST(SetFilter, ANumberTellsRepeatsThatWereAnswered) {
+  SetFilter filter;
+  const auto set = [&](std::uint8_t number, milliseconds at) {
+    filter.on_numbered_set(number, hex("0a"), TimePoint{} + at);
+    filter.on_answered(TimePoint{} + at);
+  };
+  for (const auto at : {0ms, 300ms, 600ms, 1200ms, 2400ms}) set(7, at);
+  EXPECT_FALSE(filter.is_unheard());
+  set(7, 4800ms);
+  EXPECT_TRUE(filter.is_unheard());
+  set(8, 9600ms);
+  EXPECT_FALSE(filter.was_heard()) << "it gave the last one up";
+  set(9, 9900ms);
+  EXPECT_TRUE(filter.was_heard());
 }
 
 TEST(SetFilter, ARobotThatMovesIsNotDoubledByLostStatusMessages) {

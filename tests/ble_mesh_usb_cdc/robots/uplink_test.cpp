@@ -208,6 +208,98 @@ TEST_F(Uplink, RejectsWhatTheBoardCutShort) {
   EXPECT_TRUE(rig.has_notice("cut it short"));
 }
 
+/// Whether the robot's presence said last that it is deaf.
+bool is_deaf(const MeshRig& rig, std::string_view robot) {
+  bool is_deaf = false;
+  for (const PresenceChange& change : rig.all<PresenceChange>())
+    if (change.robot == robot) is_deaf = change.is_deaf;
+  return is_deaf;
+}
+
+/// A robot's SET and its repeats, each answered, until the robot gives up.
+void repeat_answered(MeshRig& rig, std::uint16_t robot, std::string_view set) {
+  Duration gap = 280ms;
+  rig.hear(robot, set);
+  for (int copy = 1; copy <= 6; ++copy) {
+    if (const auto reports = rig.all<Report>(); !reports.empty())
+      rig.receipt(reports.back().receipt.id);
+    rig.run_for(gap);
+    if (copy > 1) gap *= 2;
+    rig.hear(robot, set);
+  }
+  if (const auto reports = rig.all<Report>(); !reports.empty())
+    rig.receipt(reports.back().receipt.id);
+  rig.run_for(1s);
+}
+
+TEST_F(Uplink, ARobotThatRepeatsWhatWasAnsweredIsDeaf) {
+  for (const auto set : {"c5 59 00 68 69", "c9 59 00 0a 00 ec ff", "d2 59 00 07 0a 00"}) {
+    MeshRig fresh;
+    fresh.start();
+    repeat_answered(fresh, first_robot, set);
+    EXPECT_TRUE(is_deaf(fresh, "nr1")) << set;
+    EXPECT_EQ(fresh.all<PresenceChange>().back().presence, Presence::online) << "the state stays";
+    EXPECT_EQ(fresh.counter("robots_deaf"), 1u);
+  }
+}
+
+TEST_F(Uplink, ADeafRobotHearsAgainWhenItGoesOnToItsNextMessage) {
+  repeat_answered(rig, first_robot, "c5 59 00 68 69");
+  rig.run_for(12s);
+  rig.hear(first_robot, "c5 59 00 68 70");  // the last one was given up
+  EXPECT_TRUE(is_deaf(rig, "nr1"));
+  rig.receipt(rig.all<Report>().back().receipt.id);
+  rig.run_for(1s);
+  rig.hear(first_robot, "c5 59 00 68 71");
+  EXPECT_FALSE(is_deaf(rig, "nr1"));
+  EXPECT_EQ(rig.all<PresenceChange>().size(), 3u);
+}
+
+TEST_F(Uplink, ADeafRobotHearsAgainWhenItAnswersACommand) {
+  repeat_answered(rig, first_robot, "c5 59 00 68 69");
+  rig.command("nr1/cmd", hex("01 00 02 00"));
+  rig.run_for(50ms);
+  rig.hear(first_robot, "d0 59 00 00");
+  EXPECT_FALSE(is_deaf(rig, "nr1"));
+}
+
+TEST_F(Uplink, ACommandThatADeafRobotDoesNotAnswerSaysSo) {
+  repeat_answered(rig, first_robot, "c5 59 00 68 69");
+  rig.command("nr1/cmd", hex("01 00 02 00"));
+  rig.run_for(20s);
+  rig.hear(first_robot, "c7 59 00 01");  // it is still there
+  rig.run_for(10s);
+  ASSERT_EQ(rig.all<CommandOutcome>().size(), 1u);
+  EXPECT_EQ(rig.all<CommandOutcome>()[0].why,
+            "the robot did not answer; it does not hear the gateway");
+}
+
+TEST_F(Uplink, ADeafRobotThatGoesIsOffline) {
+  repeat_answered(rig, first_robot, "c5 59 00 68 69");
+  rig.run_for(60s);
+  EXPECT_EQ(rig.all<PresenceChange>().back().presence, Presence::offline);
+  EXPECT_FALSE(is_deaf(rig, "nr1"));
+  EXPECT_EQ(rig.counter("robots_deaf"), 0u);
+}
+
+TEST_F(Uplink, SaysOnceWhenMostRobotsHearNothing) {
+  const std::string_view set = "c5 59 00 68 69";
+  rig.run_for(BleMesh::address_suspected_for);  // no other address is tried
+  rig.hear(0x0203, set);                        // it may be about to
+  repeat_answered(rig, 0x0201, set);
+  EXPECT_EQ(rig.counter("mostly_deaf"), 0u) << "one can have a fault of its own";
+  repeat_answered(rig, 0x0202, set);
+  EXPECT_EQ(rig.counter("mostly_deaf"), 1u);
+  EXPECT_EQ(rig.count_notices("2 of 3 robots do not hear the gateway"), 1);
+  for (const auto next : {"c5 59 00 01", "c5 59 00 02"}) {
+    rig.hear(0x0201, next);
+    rig.receipt(rig.all<Report>().back().receipt.id);
+    rig.run_for(1s);
+  }
+  EXPECT_EQ(rig.counter("mostly_deaf"), 0u);
+  EXPECT_TRUE(rig.has_notice("most robots hear the gateway again"));
+}
+
 TEST_F(Uplink, RejectsSourcesThatAreNoUnicastAddress) {
   rig.hear(0xc003, update_set);
   rig.hear(0x0000, update_set);

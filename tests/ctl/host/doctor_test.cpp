@@ -87,6 +87,9 @@ TEST(Doctor, NamesEachStepThatIsBroken) {
   facts.configuration.config.ble_mesh.enabled = true;
   facts.status["meshes"]["ble"] = {{"state", "down"}, {"detail", "there is no board"}};
   EXPECT_EQ(problems_of(facts), "ble: board; ");
+  facts.status["meshes"]["ble"] = {
+      {"state", "up"}, {"detail", "board"}, {"counters", {{"robots_deaf", 7}, {"mostly_deaf", 1}}}};
+  EXPECT_EQ(problems_of(facts), "ble: robots; ");
 
   facts = healthy();
   facts.status["store"]["full"] = true;
