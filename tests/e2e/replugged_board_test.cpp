@@ -1,0 +1,129 @@
+// SPDX-License-Identifier: Apache-2.0
+// Nordic's stock board forgets its keys, addresses and sequence number whenever it restarts. Its
+// robots hear the gateway again all the same.
+#include <gtest/gtest.h>
+#include <signal.h>
+
+#include <chrono>
+#include <iostream>
+#include <map>
+#include <sstream>
+
+#include "tests/e2e/gateway_process.hpp"
+#include "tests/support/eventually.hpp"
+#include "tests/support/mosquitto.hpp"
+
+namespace slamgw::test {
+namespace {
+
+using nlohmann::json;
+using Clock = std::chrono::steady_clock;
+
+constexpr std::size_t robot_count = 10;
+/// What an operator waits for ten robots; they usually need a quarter of it.
+constexpr std::chrono::seconds join_limit{60};
+/// Each robot must be acknowledged so often: one answer may have been under way.
+constexpr unsigned again = 3;
+/// Robots whose segments the board acknowledges in vain get 8 updates through within `patience`.
+constexpr unsigned often = 15;
+
+class RepluggedBoard : public testing::Test {
+ protected:
+  /// `more` says which updates; those of 9 octets and more are segmented, so robots need the
+  /// board's acknowledgements of segments, too.
+  void join(const std::vector<std::string>& more) {
+    std::vector<std::string> arguments{"ble",
+                                       "--tty",
+                                       gateway.tty(),
+                                       "--unprovisioned",
+                                       "--robots",
+                                       std::to_string(robot_count),
+                                       "--acknowledged",
+                                       "--segment-timing",
+                                       "--rate",
+                                       "2",
+                                       "--record",
+                                       record};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    simulator.emplace(arguments);
+    ASSERT_TRUE(eventually([&] { return is_each_acknowledged({}, again); }, join_limit))
+        << gateway.log() << simulator->errors();
+  }
+  /// By robot, how many of its updates were acknowledged.
+  std::map<std::string, unsigned> acknowledged() const {
+    std::map<std::string, unsigned> counts;
+    std::istringstream lines(read_file(record));
+    for (std::string line; std::getline(lines, line);) {
+      std::istringstream words(line);
+      std::string what;
+      std::string robot;
+      if (words >> what >> robot && what == "acknowledged") ++counts[robot];
+    }
+    return counts;
+  }
+  bool is_each_acknowledged(const std::map<std::string, unsigned>& before, unsigned more) const {
+    const auto now = acknowledged();
+    if (now.size() < robot_count) return false;
+    for (const auto& [robot, count] : now) {
+      const auto known = before.find(robot);
+      if (count < (known == before.end() ? 0 : known->second) + more) return false;
+    }
+    return true;
+  }
+  std::size_t told(const std::string& what) const {
+    const std::string all = simulator->errors();
+    std::size_t count = 0;
+    for (auto at = all.find(what); at != std::string::npos; at = all.find(what, at + 1)) ++count;
+    return count;
+  }
+  /// Sends the signal, waits for the simulator to say so, and then for all robots.
+  void expect_all_again(int signal, const std::string& sign, unsigned times = again) {
+    const std::size_t before = told(sign);
+    simulator->process().send_signal(signal);
+    ASSERT_TRUE(eventually([&] { return told(sign) > before; })) << simulator->errors();
+    const auto begin = Clock::now();
+    const auto counts = acknowledged();
+    ASSERT_TRUE(eventually([&] { return is_each_acknowledged(counts, times); }))
+        << gateway.log() << simulator->errors() << gateway.ctl({"status"});
+    const std::chrono::duration<double> took = Clock::now() - begin;
+    std::cout << sign << ": " << took.count() << " s until all " << robot_count
+              << " robots were acknowledged " << times << " times\n";
+  }
+
+  Mosquitto broker;
+  GatewayProcess gateway{
+      json{{"broker", {{"uri", broker.uri()}}},
+           {"ble_mesh", {{"enabled", true}, {"provisioning", {{"enabled", true}}}}}}};
+  const std::string record = gateway / "record";
+  std::optional<SimulatorProcess> simulator;
+};
+
+const std::vector<std::string> short_updates{"--max-obstacles", "0"};
+const std::vector<std::string> segmented_updates{"--payload", "full"};
+
+TEST_F(RepluggedBoard, IsHeardByAllItsRobotsAgainTenTimes) {
+  join(short_updates);
+  for (int round = 0; round < 10 && !HasFatalFailure(); ++round)
+    expect_all_again(SIGUSR1, "the board is back");
+  if (HasFatalFailure()) return;
+  const json robots = gateway.ctl({"robots"});
+  ASSERT_EQ(robots.size(), robot_count) << robots;
+  for (const json& robot : robots)
+    EXPECT_EQ(gateway.ctl({"send", robot["id"], "cmd", "10,-20"})["outcome"], "delivered") << robot;
+}
+
+TEST_F(RepluggedBoard, AcknowledgesSegmentsOfAllItsRobotsAgain) {
+  join(segmented_updates);
+  for (int round = 0; round < 5 && !HasFatalFailure(); ++round)
+    expect_all_again(SIGUSR1, "the board is back", often);
+}
+
+/// Its start event is lost, then comes after half an event, then comes whole, as after Radio Reset.
+TEST_F(RepluggedBoard, IsHeardAgainAfterRestartsBehindAnOpenPort) {
+  join(short_updates);
+  for (int round = 0; round < 10 && !HasFatalFailure(); ++round)
+    expect_all_again(SIGUSR2, "the board restarts");
+}
+
+}  // namespace
+}  // namespace slamgw::test
