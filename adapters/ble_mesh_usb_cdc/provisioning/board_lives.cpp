@@ -77,7 +77,7 @@ void BoardLives::on_board_up(const std::string& board, std::uint16_t source, boo
 
 BoardKind BoardLives::kind() const { return life() ? life()->kind : BoardKind::unknown; }
 
-bool BoardLives::is_reused() const { return number() > nodes_.source_room(); }
+bool BoardLives::is_reused() const { return life() && number() > nodes_.source_room(); }
 
 std::string BoardLives::description() const {
   std::string text = fmt::format("sends from 0x{:04x}", source_);

@@ -441,5 +441,13 @@ TEST(BoardLives, AnotherOneWaitsUntilADeviceHasJoined) {
   EXPECT_EQ(joining.board.count(0x0e), 1u);
 }
 
+TEST(BoardLives, AreCountedBeforeThereIsAMesh) {
+  const BleMesh mesh({}, TopicScheme("ntnu-slam", "pi1"), RobotNames(), std::nullopt, {}, 1);
+  const Counters counters = mesh.counters();
+  const auto reused = std::ranges::find(counters, "source_reused", &Counter::name);
+  ASSERT_NE(reused, counters.end());
+  EXPECT_EQ(reused->value, 0u);
+}
+
 }  // namespace
 }  // namespace slamgw::ble
