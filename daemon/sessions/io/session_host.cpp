@@ -1,0 +1,101 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/sessions/io/session_host.hpp"
+
+#include <fmt/format.h>
+
+#include <utility>
+
+namespace slamgw::sessions {
+
+SessionHost::SessionHost(boost::asio::io_context& io, SessionNames names,
+                         RobotSessions::ServedElsewhere is_served_elsewhere,
+                         std::function<void(Report)> report)
+    : names_(names),
+      report_(std::move(report)),
+      sessions_(std::move(names), std::move(is_served_elsewhere)),
+      driver_(io, sessions_,
+              [this](SessionAction& action) {
+                std::visit([this](auto& what) { perform(what); }, action);
+              }),
+      links_(io, *this) {}
+
+void SessionHost::on_broker_up(const BrokerSettings& broker, MqttVersion version) {
+  const std::string uri = broker.addresses().front().uri();
+  is_other_ = std::exchange(uri_, uri) != uri || version != version_;
+  version_ = version;
+  is_broker_up_ = true;
+  links_.use(broker, version);
+}
+
+/// Sessions whose connections stand go on; none is opened.
+void SessionHost::on_broker_down() {
+  is_broker_up_ = false;
+  driver_.input(&RobotSessions::on_broker_down);
+}
+
+void SessionHost::on_ready() {
+  if (!is_broker_up_) return;
+  driver_.input(&RobotSessions::on_broker_up, version_ == MqttVersion::v5,
+                std::exchange(is_other_, false));
+}
+
+void SessionHost::stop() {
+  driver_.input(&RobotSessions::on_stop);
+  driver_.stop();
+  links_.stop();
+}
+
+void SessionHost::on_attached(const std::string& robot, bool is_present) {
+  driver_.input(&RobotSessions::on_attached, robot, is_present);
+}
+
+void SessionHost::on_attach_failed(const std::string& robot, const std::string& why) {
+  if (const auto count = failure_throttle_.on_event(read_clocks().mono))
+    report_(Notice{Severity::warning,
+                   fmt::format("{}: the broker does not give its session to this gateway: {} ({} "
+                               "such answers)",
+                               robot, why, *count),
+                   robot});
+  driver_.input(&RobotSessions::on_attach_failed, robot);
+}
+
+void SessionHost::on_detached(const std::string& robot) {
+  driver_.input(&RobotSessions::on_detached, robot);
+}
+
+void SessionHost::on_subscribed(const std::string& robot, const std::string& filter,
+                                bool is_granted) {
+  driver_.input(&RobotSessions::on_subscribed, robot, filter, is_granted);
+}
+
+void SessionHost::on_message(const std::string& robot, BrokerMessage message,
+                             std::vector<std::uint32_t> ids) {
+  driver_.input(&RobotSessions::on_message, robot, std::move(message), ids);
+}
+
+void SessionHost::on_fence(const std::string& robot, std::uint64_t number) {
+  driver_.input(&RobotSessions::on_fence, robot, number);
+}
+
+void SessionHost::perform(OpenSession& open) {
+  links_.open(open.robot, names_.client_id(open.robot), open.is_clean);
+}
+
+void SessionHost::perform(CloseSession& close) { links_.close(close.robot, close.is_forgotten); }
+
+void SessionHost::perform(SubscribeSession& subscribe) {
+  links_.subscribe(subscribe.robot, subscribe.filter, subscribe.qos, subscribe.id,
+                   subscribe.wants_retained);
+}
+
+void SessionHost::perform(UnsubscribeSession& unsubscribe) {
+  links_.unsubscribe(unsubscribe.robot, unsubscribe.filter);
+}
+
+void SessionHost::perform(AskFence& fence) { links_.ask_fence(fence.robot, fence.number); }
+
+void SessionHost::perform(SendMarker& marker) {
+  links_.publish(marker.robot, names_.mailbox_topic(marker.robot), marker.text);
+}
+
+}  // namespace slamgw::sessions

@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/sessions/neighbours.hpp"
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+#include <utility>
+
+namespace slamgw::sessions {
+namespace {
+
+using nlohmann::json;
+
+/// Nothing when it is not an object, or too large to be a gateway's.
+std::optional<json> parse(ByteView document) {
+  if (document.empty() || document.size() > Neighbours::max_document_octets) return std::nullopt;
+  json parsed = json::parse(document.begin(), document.end(), nullptr, false);
+  if (!parsed.is_object()) return std::nullopt;
+  return parsed;
+}
+
+std::string text_of(const json& document, const char* key) {
+  const auto found = document.find(key);
+  return found != document.end() && found->is_string() ? found->get<std::string>() : std::string();
+}
+
+}  // namespace
+
+std::vector<Neighbours::Orphan> Neighbours::on_state(const std::string& gateway,
+                                                     ByteView document) {
+  if (gateway == own_id_) return {};
+  const auto parsed = parse(document);
+  const bool was_online = is_online(gateway);
+  if (document.empty()) {
+    gateways_.erase(gateway);
+  } else if (gateways_.contains(gateway) || gateways_.size() < max_gateways) {
+    gateways_[gateway] = {};
+    if (parsed)
+      gateways_[gateway] = {text_of(*parsed, "state") == "online", text_of(*parsed, "version"),
+                            text_of(*parsed, "since")};
+  }
+  if (!was_online || is_online(gateway)) return {};
+  std::vector<Orphan> orphans;
+  const Duration after = orphan_delay + rank() * rank_delay;
+  for (const auto& [robot, shown] : robots_)
+    if (shown.gateway == gateway) orphans.push_back({robot, after});
+  return orphans;
+}
+
+void Neighbours::on_presence(const std::string& gateway, const std::string& robot,
+                             ByteView document) {
+  if (gateway == own_id_) return;
+  const auto parsed = parse(document);
+  const auto known = robots_.find(robot);
+  if (!parsed) {
+    if (known != robots_.end() && known->second.gateway == gateway) robots_.erase(known);
+    return;
+  }
+  if (known == robots_.end() && robots_.size() >= max_robots) return;
+  Shown shown{gateway, text_of(*parsed, "state"), text_of(*parsed, "since")};
+  // `offline` says nothing against a gateway that shows the robot as its own.
+  const bool is_older = known != robots_.end() && known->second.gateway != gateway &&
+                        shown.state == "offline" && known->second.state != "offline";
+  if (!is_older) robots_[robot] = std::move(shown);
+}
+
+bool Neighbours::is_served_elsewhere(const std::string& robot) const {
+  const auto found = robots_.find(robot);
+  return found != robots_.end() && is_online(found->second.gateway);
+}
+
+bool Neighbours::is_online(const std::string& gateway) const {
+  const auto found = gateways_.find(gateway);
+  return found != gateways_.end() && found->second.is_online;
+}
+
+/// How many living gateways come before this one by name.
+unsigned Neighbours::rank() const {
+  return static_cast<unsigned>(std::ranges::count_if(
+      gateways_, [&](const auto& each) { return each.second.is_online && each.first < own_id_; }));
+}
+
+}  // namespace slamgw::sessions

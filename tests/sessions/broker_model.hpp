@@ -1,0 +1,212 @@
+// SPDX-License-Identifier: Apache-2.0
+// An MQTT broker as a pure model, as strict as the specification allows: it gives a session to one
+// holder at a time and says nothing to the old one, acknowledgements take effect when they arrive,
+// and everything takes time on its way. Octets are not modelled.
+#pragma once
+
+#include <deque>
+#include <functional>
+#include <map>
+#include <optional>
+#include <random>
+#include <set>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "daemon/core/messages.hpp"
+#include "daemon/core/topic_scheme.hpp"
+
+namespace slamgw::test {
+
+/// What one connection hears; called in the order in which the broker has sent it.
+struct Hearing {
+  std::function<void(bool is_present)> on_connack = [](bool) {};
+  std::function<void(BrokerMessage, std::vector<std::uint32_t>)> on_message =
+      [](BrokerMessage, std::vector<std::uint32_t>) {};
+  std::function<void(const std::string& filter)> on_suback = [](const std::string&) {};
+  std::function<void(std::uint64_t number)> on_fence = [](std::uint64_t) {};
+  std::function<void()> on_closed = [] {};
+};
+
+class BrokerModel {
+ public:
+  using Connection = std::uint64_t;
+
+  explicit BrokerModel(unsigned seed) : random_(seed) {}
+
+  /// From here on all happens at `time`, in steps of a millisecond.
+  std::int64_t time_ms() const { return time_ms_; }
+  void run_until(std::int64_t time_ms) {
+    while (!events_.empty() && events_.begin()->first <= time_ms) {
+      auto first = events_.extract(events_.begin());
+      time_ms_ = first.key();
+      first.mapped()();
+    }
+    time_ms_ = time_ms;
+  }
+
+  // What a client sends; each takes effect later, in its order.
+  Connection connect(const std::string& client, bool is_clean, Hearing hearing) {
+    const Connection id = ++last_connection_;
+    links_[id] = {client, std::move(hearing), true, time_ms_, time_ms_, true};
+    to_broker(id, [this, id, is_clean] { accept(id, is_clean); });
+    return id;
+  }
+  void subscribe(Connection id, const std::string& filter, std::uint32_t subscription) {
+    to_broker(id, [this, id, filter, subscription] {
+      if (Session* session = held_by(id)) {
+        session->filters[filter] = subscription;
+        to_client(id, [filter](const Hearing& hearing) { hearing.on_suback(filter); });
+      }
+    });
+  }
+  void unsubscribe(Connection id, const std::string& filter) {
+    to_broker(id, [this, id, filter] {
+      if (Session* session = held_by(id)) session->filters.erase(filter);
+    });
+  }
+  void fence(Connection id, std::uint64_t number) {
+    to_broker(id, [this, id, number] {
+      if (held_by(id))
+        to_client(id, [number](const Hearing& hearing) { hearing.on_fence(number); });
+    });
+  }
+  /// On a connection, or by somebody else at once.
+  void publish(BrokerMessage message, Connection id = 0) {
+    if (id == 0) return route(message);
+    to_broker(id, [this, id, message] {
+      if (held_by(id)) route(message);
+    });
+  }
+  /// An orderly DISCONNECT.
+  void disconnect(Connection id) {
+    to_broker(id, [this, id] { release(id); });
+    links_.at(id).is_reading = false;
+  }
+  /// The connection breaks: what is on its way is lost, each side notices later.
+  void cut(Connection id) {
+    const auto found = links_.find(id);
+    if (found == links_.end() || !found->second.is_open) return;
+    found->second.is_open = false;
+    at(time_ms_ + delay(), [this, id] { release(id); });
+    at(time_ms_ + delay(), [this, id] { close(id); });
+  }
+  /// Its client is stopped: nothing is read, and what it wrote has left.
+  void stop_reading(Connection id, bool is_stopped) {
+    Link& link = links_.at(id);
+    link.is_reading = !is_stopped;
+    if (is_stopped) return;
+    for (auto& each : std::exchange(link.unread, {}))
+      if (link.is_reading) each(link.hearing);
+  }
+
+ private:
+  struct Session {
+    std::map<std::string, std::uint32_t> filters;
+    std::deque<BrokerMessage> unacknowledged;  ///< sent or waiting, oldest first
+    Connection holder = 0;
+  };
+  struct Link {
+    std::string client;
+    Hearing hearing;
+    bool is_open = true;
+    std::int64_t broker_has_until_ms = 0;  ///< order on the way to the broker
+    std::int64_t client_has_until_ms = 0;
+    bool is_reading = true;
+    std::vector<std::function<void(const Hearing&)>> unread{};
+    bool is_told_closed = false;
+  };
+
+  std::int64_t delay() { return std::uniform_int_distribution<std::int64_t>(1, 20)(random_); }
+  void at(std::int64_t time_ms, std::function<void()> what) {
+    events_.emplace(time_ms, std::move(what));
+  }
+  void to_broker(Connection id, std::function<void()> what) {
+    Link& link = links_.at(id);
+    link.broker_has_until_ms = std::max(link.broker_has_until_ms, time_ms_ + delay());
+    at(link.broker_has_until_ms, [this, id, what] {
+      if (links_.at(id).is_open) what();
+    });
+  }
+  void to_client(Connection id, std::function<void(const Hearing&)> what) {
+    Link& link = links_.at(id);
+    link.client_has_until_ms = std::max(link.client_has_until_ms, time_ms_ + delay());
+    at(link.client_has_until_ms, [this, id, what] { give(id, what); });
+  }
+  /// What was on its way when the connection broke may have been read before.
+  void give(Connection id, const std::function<void(const Hearing&)>& what) {
+    Link& link = links_.at(id);
+    if (link.is_told_closed) return;
+    if (link.is_reading)
+      what(link.hearing);
+    else
+      link.unread.push_back(what);
+  }
+  void close(Connection id) {
+    give(id, [this, id](const Hearing& hearing) {
+      if (!std::exchange(links_.at(id).is_told_closed, true)) hearing.on_closed();
+    });
+  }
+
+  Session* held_by(Connection id) {
+    const auto found = sessions_.find(links_.at(id).client);
+    return found != sessions_.end() && found->second.holder == id ? &found->second : nullptr;
+  }
+  void accept(Connection id, bool is_clean) {
+    const std::string& client = links_.at(id).client;
+    const bool is_present = sessions_.contains(client) && !is_clean;
+    Session& session = sessions_[client];
+    if (session.holder != 0) {  // without a word, as Mosquitto 2.0 does
+      links_.at(session.holder).is_open = false;
+      close(session.holder);
+    }
+    if (!is_present) session = {};
+    session.holder = id;
+    to_client(id, [is_present](const Hearing& hearing) { hearing.on_connack(is_present); });
+    for (const BrokerMessage& message : session.unacknowledged) send(id, session, message);
+  }
+  void release(Connection id) {
+    if (Session* session = held_by(id)) session->holder = 0;
+    links_.at(id).is_open = false;
+  }
+  void route(const BrokerMessage& message) {
+    for (auto& [client, session] : sessions_) {
+      if (matching(session, message).empty()) continue;
+      if (message.qos != Qos::at_most_once) session.unacknowledged.push_back(message);
+      if (session.holder != 0) send(session.holder, session, message);
+    }
+  }
+  static std::vector<std::uint32_t> matching(const Session& session, const BrokerMessage& message) {
+    std::vector<std::uint32_t> ids;
+    for (const auto& [filter, id] : session.filters)
+      if (filter_matches(filter, message.topic)) ids.push_back(id);
+    return ids;
+  }
+  /// The client's library acknowledges before it hands the message on; the acknowledgement counts
+  /// when it is here and the session is still its.
+  void send(Connection id, const Session& session, const BrokerMessage& message) {
+    const auto ids = matching(session, message);
+    to_client(id, [this, id, message, ids](const Hearing& hearing) {
+      to_broker(id, [this, id, message] {
+        Session* holder = held_by(id);
+        if (!holder) return;
+        const auto same = [&](const BrokerMessage& other) {
+          return other.payload == message.payload;
+        };
+        const auto found = std::ranges::find_if(holder->unacknowledged, same);
+        if (found != holder->unacknowledged.end()) holder->unacknowledged.erase(found);
+      });
+      hearing.on_message(message, ids);
+    });
+  }
+
+  std::minstd_rand random_;
+  std::int64_t time_ms_ = 0;
+  std::multimap<std::int64_t, std::function<void()>> events_;
+  Connection last_connection_ = 0;
+  std::map<Connection, Link> links_;
+  std::map<std::string, Session> sessions_;
+};
+
+}  // namespace slamgw::test

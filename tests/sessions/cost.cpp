@@ -1,0 +1,103 @@
+// SPDX-License-Identifier: Apache-2.0
+// session_cost SESSIONS PORT: what robots' sessions cost at a broker on this host: time to attach
+// all, memory of this process for each, time until a second gateway has taken all over, processor
+// time of an idle minute's tenth. Prints one line of JSON; asserts nothing.
+#include <fmt/format.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <cstdio>
+#include <fstream>
+
+#include "daemon/sessions/io/session_host.hpp"
+#include "tests/support/eventually.hpp"
+
+namespace slamgw::sessions {
+namespace {
+
+using std::chrono::duration;
+using std::chrono::steady_clock;
+
+double resident_kib() {
+  std::ifstream file("/proc/self/statm");
+  long size = 0;
+  long resident = 0;
+  file >> size >> resident;
+  return static_cast<double>(resident * sysconf(_SC_PAGESIZE)) / 1024;
+}
+
+double processor_seconds() {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  const auto seconds = [](const timeval& time) {
+    return static_cast<double>(time.tv_sec) + static_cast<double>(time.tv_usec) / 1e6;
+  };
+  return seconds(usage.ru_utime) + seconds(usage.ru_stime);
+}
+
+void raise_descriptor_limit() {
+  rlimit limit{};
+  getrlimit(RLIMIT_NOFILE, &limit);
+  limit.rlim_cur = limit.rlim_max;
+  setrlimit(RLIMIT_NOFILE, &limit);
+}
+
+/// Seconds until `host` holds all of them.
+double attach_all(boost::asio::io_context& io, SessionHost& host, int sessions) {
+  const auto begin = steady_clock::now();
+  for (int i = 0; i < sessions; ++i) {
+    const std::string robot = fmt::format("robot-{}", i);
+    host.input(&RobotSessions::subscribe, robot, "p/server/" + robot + "/+", Qos::at_least_once,
+               false);
+    host.input(&RobotSessions::on_heard, robot);
+  }
+  const auto all = static_cast<std::size_t>(sessions);
+  if (!test::eventually(
+          io, [&] { return host.sessions().held() == all; }, std::chrono::minutes{2}))
+    std::fprintf(stderr, "only %zu of %d\n", host.sessions().held(), sessions);
+  return duration<double>(steady_clock::now() - begin).count();
+}
+
+void measure(int sessions, std::uint16_t port) {
+  raise_descriptor_limit();
+  boost::asio::io_context io{1};
+  BrokerSettings settings;
+  settings.port = port;
+  const auto make = [&] {
+    return std::make_unique<SessionHost>(
+        io, SessionNames(TopicScheme("p", "g")), [](const std::string&) { return false; },
+        [](SessionHost::Report report) {
+          if (const auto* notice = std::get_if<Notice>(&report))
+            std::fprintf(stderr, "%s\n", notice->text.c_str());
+        });
+  };
+  const auto first = make();
+  const auto second = make();
+  first->on_broker_up(settings, MqttVersion::v5);
+  second->on_broker_up(settings, MqttVersion::v5);
+  const double before = resident_kib();
+  const double attach_s = attach_all(io, *first, sessions);
+  const double each_kib = (resident_kib() - before) / sessions;
+  const double idle_from = processor_seconds();
+  test::eventually(
+      io, [] { return false; }, std::chrono::seconds{6});
+  const double idle_percent = (processor_seconds() - idle_from) / 6 * 100;
+  const double takeover_s = attach_all(io, *second, sessions);
+  std::puts(fmt::format(R"({{"sessions": {}, "attach_s": {:.2f}, "kib_each": {:.2f}, )"
+                        R"("idle_percent": {:.2f}, "takeover_s": {:.2f}, "left": {}}})",
+                        sessions, attach_s, each_kib, idle_percent, takeover_s,
+                        first->sessions().held())
+                .c_str());
+}
+
+}  // namespace
+}  // namespace slamgw::sessions
+
+int main(int count, char** arguments) {
+  if (count != 3) {
+    std::fputs("usage: session_cost SESSIONS PORT\n", stderr);
+    return 2;
+  }
+  slamgw::sessions::measure(std::atoi(arguments[1]),
+                            static_cast<std::uint16_t>(std::atoi(arguments[2])));
+}
