@@ -1,12 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// session_cost SESSIONS PORT: what robots' sessions cost at a broker on this host: time to attach
-// all, memory of this process for each, time until a second gateway has taken all over, processor
-// time of an idle minute's tenth. Prints one line of JSON; asserts nothing.
+// session_cost SESSIONS PORT [5|3]: what robots' sessions cost at a broker on this host with that
+// version of MQTT: time to attach all, memory of this process for each, processor time while idle,
+// time until a second gateway has taken all over, time of a command from PUBLISH to its fence.
+// Prints one line of JSON; asserts nothing.
 #include <fmt/format.h>
 #include <sys/resource.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cstdio>
+#include <cstdlib>
 #include <fstream>
 
 #include "daemon/sessions/io/session_host.hpp"
@@ -58,23 +61,44 @@ double attach_all(boost::asio::io_context& io, SessionHost& host, int sessions) 
   return duration<double>(steady_clock::now() - begin).count();
 }
 
-void measure(int sessions, std::uint16_t port) {
+/// Milliseconds from the command of each robot to the moment that the second gateway may obey it.
+std::vector<double> send_commands(boost::asio::io_context& io, const BrokerSettings& settings,
+                                  int sessions, const std::size_t& taken) {
+  std::vector<double> times;
+  for (int i = 0; i < std::min(sessions, 100); ++i) {
+    const std::size_t before = taken;
+    const auto begin = steady_clock::now();
+    const std::string publish =
+        fmt::format("mosquitto_pub -p {} -q 1 -t p/server/robot-{}/run -m 1", settings.port, i);
+    if (std::system(publish.c_str()) != 0) return times;
+    if (!test::eventually(
+            io, [&] { return taken > before; }, std::chrono::seconds{10}))
+      continue;
+    times.push_back(duration<double, std::milli>(steady_clock::now() - begin).count());
+  }
+  std::ranges::sort(times);
+  return times;
+}
+
+void measure(int sessions, std::uint16_t port, MqttVersion version) {
   raise_descriptor_limit();
   boost::asio::io_context io{1};
   BrokerSettings settings;
   settings.port = port;
+  std::size_t taken = 0;
   const auto make = [&] {
     return std::make_unique<SessionHost>(
         io, SessionNames(TopicScheme("p", "g")), [](const std::string&) { return false; },
-        [](SessionHost::Report report) {
+        [&](SessionHost::Report report) {
+          if (std::holds_alternative<TakeMessage>(report)) ++taken;
           if (const auto* notice = std::get_if<Notice>(&report))
             std::fprintf(stderr, "%s\n", notice->text.c_str());
         });
   };
   const auto first = make();
   const auto second = make();
-  first->on_broker_up(settings, MqttVersion::v5);
-  second->on_broker_up(settings, MqttVersion::v5);
+  first->on_broker_up(settings, version);
+  second->on_broker_up(settings, version);
   const double before = resident_kib();
   const double attach_s = attach_all(io, *first, sessions);
   const double each_kib = (resident_kib() - before) / sessions;
@@ -83,21 +107,25 @@ void measure(int sessions, std::uint16_t port) {
       io, [] { return false; }, std::chrono::seconds{6});
   const double idle_percent = (processor_seconds() - idle_from) / 6 * 100;
   const double takeover_s = attach_all(io, *second, sessions);
-  std::puts(fmt::format(R"({{"sessions": {}, "attach_s": {:.2f}, "kib_each": {:.2f}, )"
-                        R"("idle_percent": {:.2f}, "takeover_s": {:.2f}, "left": {}}})",
-                        sessions, attach_s, each_kib, idle_percent, takeover_s,
-                        first->sessions().held())
-                .c_str());
+  const std::vector<double> commands = send_commands(io, settings, sessions, taken);
+  std::puts(
+      fmt::format(
+          R"({{"sessions": {}, "attach_s": {:.2f}, "kib_each": {:.2f}, )"
+          R"("idle_percent": {:.2f}, "takeover_s": {:.2f}, "left": {}, "commands": {}, "command_p50_ms": {:.1f}}})",
+          sessions, attach_s, each_kib, idle_percent, takeover_s, first->sessions().held(),
+          commands.size(), commands.empty() ? 0.0 : commands[commands.size() / 2])
+          .c_str());
 }
 
 }  // namespace
 }  // namespace slamgw::sessions
 
 int main(int count, char** arguments) {
-  if (count != 3) {
-    std::fputs("usage: session_cost SESSIONS PORT\n", stderr);
+  if (count < 3) {
+    std::fputs("usage: session_cost SESSIONS PORT [5|3]\n", stderr);
     return 2;
   }
-  slamgw::sessions::measure(std::atoi(arguments[1]),
-                            static_cast<std::uint16_t>(std::atoi(arguments[2])));
+  slamgw::sessions::measure(
+      std::atoi(arguments[1]), static_cast<std::uint16_t>(std::atoi(arguments[2])),
+      count > 3 && *arguments[3] == '3' ? slamgw::MqttVersion::v3_1_1 : slamgw::MqttVersion::v5);
 }
