@@ -16,7 +16,8 @@ bool is_promise(const Packet& packet) {
     using Type = std::decay_t<decltype(answer)>;
     if constexpr (std::is_same_v<Type, Puback>) return false;
     if constexpr (requires { answer.code; }) return answer.code == ReturnCode::accepted;
-    return std::is_same_v<Type, Unsuback> || std::is_same_v<Type, Disconnect>;
+    return std::is_same_v<Type, Unsuback> || std::is_same_v<Type, Disconnect> ||
+           std::is_same_v<Type, Register>;
   };
   return std::visit(is_one, packet);
 }
@@ -24,7 +25,9 @@ bool is_promise(const Packet& packet) {
 }  // namespace
 
 void Output::send(const ClientSession& session, const Packet& packet) {
-  const ClientSession* const promised = is_promise(packet) ? &session : nullptr;
+  // A PINGRESP confirms the address at which a sleeper has woken, if that is new.
+  const bool is_news = std::holds_alternative<Pingresp>(packet) && changed_.has(session);
+  const ClientSession* const promised = is_news || is_promise(packet) ? &session : nullptr;
   if (session.peer) send(*session.peer, session.local, packet, 0, promised);
 }
 
@@ -38,8 +41,10 @@ void Output::send(const Peer& to, const LocalAddress& from, const Packet& packet
   tally_.count(Count::datagrams_out);
   SendDatagram datagram{from, to.endpoint, std::move(bytes)};
   if (promised) changed_.mark(*promised);
-  if (!unsaved_.take(datagram, promised ? &promised->client_id : nullptr))
+  if (!unsaved_.take(datagram, promised ? &promised->client_id : nullptr)) {
+    if (promised && has_store_) tally_.count(Count::answered_unsaved);
     return actions_.push(std::move(datagram));
+  }
   if (unsaved_.is_full()) send_unsaved();
 }
 

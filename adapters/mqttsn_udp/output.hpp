@@ -59,7 +59,10 @@ class Output {
   std::vector<std::string> take_changed(std::size_t max);
 
   /// From now on there is a store.
-  void answer_when_saved() { unsaved_.begin(); }
+  void answer_when_saved() {
+    has_store_ = true;
+    unsaved_.begin();
+  }
   bool has_unsaved_answers() const { return !unsaved_.empty(); }
   void on_saved(bool is_saved, TimePoint now);
   /// What waits goes out, and nothing waits until the next save.
@@ -71,6 +74,7 @@ class Output {
   Tally tally_;
   ChangedSessions changed_;
   UnsavedAnswers unsaved_;
+  bool has_store_ = false;
   LogThrottle unsaved_lines_{std::chrono::hours{1}};
   ActionQueue<Action> actions_;
 };

@@ -15,6 +15,7 @@ class ChangedSessions {
   /// Something that must survive a restart has changed.
   void mark(const ClientSession& session);
   void unmark(const std::string& client_id) { client_ids_.erase(client_id); }
+  bool has(const ClientSession& session) const { return client_ids_.contains(session.client_id); }
   bool has_any() const { return !client_ids_.empty(); }
   /// Client ids, at most `max`; they are not marked any more.
   std::vector<std::string> take(std::size_t max);

@@ -135,6 +135,7 @@ TEST_F(UnsavedAnswers, GoOutWhenTheStoreFailsAndWaitAgainWhenItWorks) {
   EXPECT_EQ(rig.notices.size(), 1U);
   rig.send(3, Connect{false, true, protocol_id, 60, "r3"});
   EXPECT_EQ(rig.last_to(3), "CONNACK code=0") << "nothing waits for a store that fails";
+  EXPECT_EQ(rig.counter("answered_unsaved"), 3U);
   EXPECT_EQ(begin_save(), (Lines{"r2", "r3"})) << "they are saved all the same";
   end_save(false);
   end_save();
@@ -145,6 +146,29 @@ TEST_F(UnsavedAnswers, GoOutWhenTheStoreFailsAndWaitAgainWhenItWorks) {
   rig.send(5, Connect{false, true, protocol_id, 60, "r5"});
   end_save(false);
   EXPECT_EQ(rig.notices.size(), 1U) << "once an hour";
+}
+
+TEST_F(UnsavedAnswers, IncludeThePingrespToASleeperAtANewAddress) {
+  connect_and_save(1, "r1");
+  rig.send(1, Disconnect{60});
+  save();
+  rig.sent_to(1);
+  rig.send(2, Pingreq{"r1"});
+  EXPECT_TRUE(rig.is_silent(2));
+  save();
+  EXPECT_EQ(rig.last_to(2), "PINGRESP");
+}
+
+TEST_F(UnsavedAnswers, IncludeTheGatewaysOwnRegister) {
+  connect_and_save(1, "r1");
+  rig.send(1, Subscribe{false, WireQos::one, TopicIdType::normal, 2, "ntnu-slam/robot/+/live", 0});
+  rig.gateway.on_subscribe_result("ntnu-slam/robot/+/live", true, rig.now);
+  save();
+  rig.sent_to(1);
+  rig.broker("ntnu-slam/robot/r2/live", "x", 1);
+  EXPECT_TRUE(rig.is_silent(1));
+  save();
+  EXPECT_TRUE(rig.last_to(1).starts_with("REGISTER"));
 }
 
 TEST_F(UnsavedAnswers, WaitForNothingWithoutAStore) {

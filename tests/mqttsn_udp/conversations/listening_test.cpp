@@ -23,7 +23,7 @@ struct Case {
   std::size_t payload_octets = 0;
 };
 
-const std::string by_name = "ntnu-slam/server/r1/cmd";
+const std::string command_topic = "ntnu-slam/server/r1/cmd";
 constexpr std::uint16_t predefined_id = 7;
 
 /// A gateway that believes no address.
@@ -58,7 +58,7 @@ class Listener {
     request.qos = WireQos::one;
     request.msg_id = 2;
     switch (topic) {
-      case Topic::name: request.topic_name = by_name; break;
+      case Topic::name: request.topic_name = command_topic; break;
       case Topic::predefined:
         request.topic_id_type = TopicIdType::predefined;
         request.topic_id = predefined_id;
@@ -105,7 +105,7 @@ class Listener {
 
 std::string topic_of(Topic topic) {
   switch (topic) {
-    case Topic::name: return by_name;
+    case Topic::name: return command_topic;
     case Topic::predefined: return "ntnu-slam/server/r1/run";
     case Topic::short_name: return "ab";
   }
@@ -176,8 +176,8 @@ TEST(Listening, APingBringsTheRepeatThatTheAllowanceHeldBack) {
   for (const std::size_t octets : {60U, 200U}) {
     Gateway gateway;
     gateway.send(1, Connect{false, true, protocol_id, 60, "r1"});
-    gateway.send(1, Subscribe{false, WireQos::one, TopicIdType::normal, 2, by_name, 0});
-    gateway.broker(by_name, std::string(octets, 'c'), 1);
+    gateway.send(1, Subscribe{false, WireQos::one, TopicIdType::normal, 2, command_topic, 0});
+    gateway.broker(command_topic, std::string(octets, 'c'), 1);
     EXPECT_NE(gateway.last_to(1).find("PUBLISH"), std::string::npos);
     gateway.pass_s(18);  // all of it is lost
     gateway.sent_to(1);
