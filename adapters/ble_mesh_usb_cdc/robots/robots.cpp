@@ -149,6 +149,7 @@ void Robots::on_hearing(Robot& robot, bool is_deaf) {
 void Robots::on_link_up(TimePoint now) {
   for (auto& [address, robot] : robots_) {
     robot.is_asking = robot.is_deaf_now = false;
+    for (Inbox& inbox : robot.inboxes) inbox.filter.forget_unheard();
     if (robot.is_online) subscribe(robot);  // for retained messages that came while it was down
     if (robot.is_node) robot.await(now);
   }

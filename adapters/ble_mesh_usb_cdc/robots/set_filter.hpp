@@ -73,6 +73,8 @@ class SetFilter {
   bool is_unheard() const {
     return unheard_copies_ >= unheard_limit || unheard_messages_ >= unheard_limit;
   }
+  /// The gateway speaks from another address: what the robot did not hear before says nothing.
+  void forget_unheard() { unheard_copies_ = unheard_messages_ = 0; }
   /// After a fresh one: the robot went on to it because it got the STATUS for the one before.
   bool was_heard() const { return was_heard_; }
   /// A STATUS for the last message is on its way.

@@ -406,6 +406,19 @@ TEST(BoardLives, AnotherOneIsTriedOnceWhenRobotsHearNothing) {
   EXPECT_EQ(rig.counter("board_lives"), 5u) << "a new one has its own";
 }
 
+/// Nordic's robots double the time between copies, so one comes long after the new life began.
+TEST(BoardLives, ACopyFromBeforeDoesNotMakeARobotDeaf) {
+  LivesRig rig;
+  rig.start();
+  rig.power_cycle_board();
+  repeat_all(rig, "c5 59 00 01");
+  ASSERT_EQ(rig.counter("board_lives"), 3u);
+  for (std::uint16_t robot = 0x0201; robot <= 0x0203; ++robot) rig.hear(robot, "c5 59 00 01");
+  rig.run_for(1s);
+  EXPECT_EQ(rig.counter("mostly_deaf"), 0u);
+  EXPECT_EQ(rig.count_notices("switch them off and on"), 0);
+}
+
 TEST(BoardLives, NoOtherOneIsTriedWhenRobotsGoDeafLater) {
   LivesRig rig;
   rig.start();
