@@ -19,9 +19,9 @@ namespace {
 using nlohmann::json;
 using Clock = std::chrono::steady_clock;
 
-constexpr std::size_t robot_count = 10;
+constexpr std::size_t robots_in_traffic = 10;
 /// What an operator waits for ten robots; they usually need a quarter of it.
-constexpr std::chrono::seconds join_limit{60};
+constexpr std::chrono::seconds rejoin_limit{60};
 /// Each robot must be acknowledged so often: one answer may have been under way.
 constexpr unsigned again = 3;
 /// Robots whose segments the board acknowledges in vain get 8 updates through within `patience`.
@@ -37,7 +37,7 @@ class RepluggedBoard : public testing::Test {
                                        gateway.tty(),
                                        "--unprovisioned",
                                        "--robots",
-                                       std::to_string(robot_count),
+                                       std::to_string(robots_in_traffic),
                                        "--acknowledged",
                                        "--segment-timing",
                                        "--rate",
@@ -46,7 +46,7 @@ class RepluggedBoard : public testing::Test {
                                        record};
     arguments.insert(arguments.end(), more.begin(), more.end());
     simulator.emplace(arguments);
-    ASSERT_TRUE(eventually([&] { return is_each_acknowledged({}, again); }, join_limit))
+    ASSERT_TRUE(eventually([&] { return is_each_acknowledged({}, again); }, rejoin_limit))
         << gateway.log() << simulator->errors();
   }
   /// By robot, how many of its updates were acknowledged.
@@ -63,7 +63,7 @@ class RepluggedBoard : public testing::Test {
   }
   bool is_each_acknowledged(const std::map<std::string, unsigned>& before, unsigned more) const {
     const auto now = acknowledged();
-    if (now.size() < robot_count) return false;
+    if (now.size() < robots_in_traffic) return false;
     for (const auto& [robot, count] : now) {
       const auto known = before.find(robot);
       if (count < (known == before.end() ? 0 : known->second) + more) return false;
@@ -86,7 +86,7 @@ class RepluggedBoard : public testing::Test {
     ASSERT_TRUE(eventually([&] { return is_each_acknowledged(counts, times); }))
         << gateway.log() << simulator->errors() << gateway.ctl({"status"});
     const std::chrono::duration<double> took = Clock::now() - begin;
-    std::cout << sign << ": " << took.count() << " s until all " << robot_count
+    std::cout << sign << ": " << took.count() << " s until all " << robots_in_traffic
               << " robots were acknowledged " << times << " times\n";
   }
 
@@ -107,7 +107,7 @@ TEST_F(RepluggedBoard, IsHeardByAllItsRobotsAgainTenTimes) {
     expect_all_again(SIGUSR1, "the board is back");
   if (HasFatalFailure()) return;
   const json robots = gateway.ctl({"robots"});
-  ASSERT_EQ(robots.size(), robot_count) << robots;
+  ASSERT_EQ(robots.size(), robots_in_traffic) << robots;
   for (const json& robot : robots)
     EXPECT_EQ(gateway.ctl({"send", robot["id"], "cmd", "10,-20"})["outcome"], "delivered") << robot;
 }

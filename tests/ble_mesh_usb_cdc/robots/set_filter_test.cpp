@@ -18,7 +18,7 @@ namespace {
 using namespace std::chrono_literals;
 using std::chrono::milliseconds;
 
-const Duration repeat_interval = reliable_interval(4, 7);  // 280 ms
+const Duration set_interval = reliable_interval(4, 7);  // 280 ms
 
 /// A robot's equal copies at these times, each answered at once; how many go up.
 int count_delivered(std::initializer_list<milliseconds> times,
@@ -26,7 +26,7 @@ int count_delivered(std::initializer_list<milliseconds> times,
   SetFilter filter;
   int delivered = 0;
   for (const auto time : times) {
-    if (filter.on_set(hex("0a 00"), repeat_interval, doubt, TimePoint{} + time) ==
+    if (filter.on_set(hex("0a 00"), set_interval, doubt, TimePoint{} + time) ==
         SetFilter::Verdict::fresh)
       delivered += 1 + filter.missed();
     filter.on_answered(TimePoint{} + time);
@@ -69,7 +69,7 @@ TEST(SetFilter, ThreeEqualGapsAreTheRobotsOwnPeriod) {
 TEST(SetFilter, WhileOpenEveryEqualSetIsARepeat) {
   SetFilter filter;
   const auto set = [&](std::string_view payload, milliseconds at) {
-    return filter.on_set(hex(payload), repeat_interval, SetFilter::Doubt::take_for_new,
+    return filter.on_set(hex(payload), set_interval, SetFilter::Doubt::take_for_new,
                          TimePoint{} + at);
   };
   EXPECT_EQ(set("01", 0ms), SetFilter::Verdict::fresh);
@@ -81,7 +81,7 @@ TEST(SetFilter, ARepeatThatCrossedItsStatusIsNotAnswered) {
   for (const auto doubt : {SetFilter::Doubt::take_for_repeat, SetFilter::Doubt::take_for_new}) {
     SetFilter filter;
     const auto set = [&](milliseconds at) {
-      return filter.on_set(hex("01"), repeat_interval, doubt, TimePoint{} + at);
+      return filter.on_set(hex("01"), set_interval, doubt, TimePoint{} + at);
     };
     EXPECT_EQ(set(0ms), SetFilter::Verdict::fresh);
     filter.on_answered(TimePoint{} + 260ms);
@@ -98,7 +98,7 @@ TEST(SetFilter, ALateRepeatThatCrossedItsStatusIsNeitherNewNorAnswered) {
   for (const auto doubt : {SetFilter::Doubt::take_for_repeat, SetFilter::Doubt::take_for_new}) {
     SetFilter filter;
     const auto set = [&](milliseconds at) {
-      return filter.on_set(hex("01"), repeat_interval, doubt, TimePoint{} + at);
+      return filter.on_set(hex("01"), set_interval, doubt, TimePoint{} + at);
     };
     EXPECT_EQ(set(0ms), SetFilter::Verdict::fresh);
     filter.on_answered(TimePoint{} + 330ms);
@@ -109,7 +109,7 @@ TEST(SetFilter, ALateRepeatThatCrossedItsStatusIsNeitherNewNorAnswered) {
 
 TEST(SetFilter, TheFirstMessageMayBeEmpty) {
   SetFilter filter;
-  EXPECT_EQ(filter.on_set({}, repeat_interval, SetFilter::Doubt::take_for_repeat, TimePoint{}),
+  EXPECT_EQ(filter.on_set({}, set_interval, SetFilter::Doubt::take_for_repeat, TimePoint{}),
             SetFilter::Verdict::fresh);
 }
 
@@ -165,7 +165,7 @@ class RobotWalk {
   /// Until the robot has its STATUS. The next due message is later than that.
   void exchange(TimePoint first) {
     for (Duration offset{}; offset < SetFilter::longest_exchange;
-         offset = offset == Duration{} ? repeat_interval : 2 * offset) {
+         offset = offset == Duration{} ? set_interval : 2 * offset) {
       const TimePoint sent = first + offset;
       if (acknowledged_at_ && *acknowledged_at_ <= sent) break;
       if (!radio_.loses_set()) arrive(sent + jitter());
@@ -183,8 +183,7 @@ class RobotWalk {
 
   void arrive(TimePoint now) {
     const Bytes payload = ByteWriter{}.write_u16_le(content_).take();
-    const auto verdict =
-        filter_.on_set(payload, repeat_interval, SetFilter::Doubt::take_for_new, now);
+    const auto verdict = filter_.on_set(payload, set_interval, SetFilter::Doubt::take_for_new, now);
     unheard += filter_.is_unheard() ? 1 : 0;
     heard += filter_.was_heard() ? 1 : 0;
     if (verdict == SetFilter::Verdict::repeat_open) return;
@@ -351,7 +350,7 @@ TEST(SetFilter, MessagesThatAreAllRepeatedAreNotHeard) {
   SetFilter filter;
   const auto set = [&](int content, milliseconds at) {
     const Bytes payload{static_cast<std::uint8_t>(content)};
-    filter.on_set(payload, repeat_interval, SetFilter::Doubt::take_for_new, TimePoint{} + at);
+    filter.on_set(payload, set_interval, SetFilter::Doubt::take_for_new, TimePoint{} + at);
     filter.on_answered(TimePoint{} + at + 10ms);
   };
   for (int message = 0; message < 5; ++message) {
@@ -370,7 +369,7 @@ TEST(SetFilter, MessagesThatAreAllRepeatedAreNotHeard) {
 TEST(SetFilter, AMessageThatIsNotYetAnsweredSaysNothingOfHearing) {
   SetFilter filter;
   const auto set = [&](milliseconds at) {
-    filter.on_set(hex("01"), repeat_interval, SetFilter::Doubt::take_for_new, TimePoint{} + at);
+    filter.on_set(hex("01"), set_interval, SetFilter::Doubt::take_for_new, TimePoint{} + at);
   };
   for (const auto at : {0ms, 280ms, 560ms, 1120ms, 2240ms, 4480ms}) set(at);
   filter.on_answered(TimePoint{} + 5000ms);
