@@ -17,7 +17,9 @@ using nlohmann::json;
 
 constexpr const char* state_topic = "ntnu-slam/gateway/test/state";
 
-json configuration_for(const Mosquitto& broker) { return {{"broker", {{"uri", broker.uri()}}}}; }
+json retaining_configuration(const Mosquitto& broker) {
+  return {{"broker", {{"uri", broker.uri()}}}};
+}
 
 std::vector<std::string> robots_of(const GatewayProcess& gateway,
                                    std::initializer_list<std::string> options) {
@@ -39,7 +41,7 @@ TEST(RetainedState, SaysThatTheStoreIsFullUntilItIsNot) {
   Mosquitto broker;
   Mosquitto other;
   Subscriber subscriber(other, state_topic, "%p");
-  json configuration = configuration_for(broker);
+  json configuration = retaining_configuration(broker);
   configuration["store"]["max_bytes"] = 20000;
   GatewayProcess gateway(configuration);
   SimulatorProcess robots(robots_of(gateway, {"--robots", "5", "--rate", "20"}));
@@ -59,7 +61,7 @@ TEST(RetainedState, SaysThatTheStoreIsFullUntilItIsNot) {
 TEST(RetainedState, IsOnlineAgainAfterACrashAndARestart) {
   Mosquitto broker;
   Subscriber subscriber(broker, state_topic, "%p");
-  GatewayProcess gateway(configuration_for(broker));
+  GatewayProcess gateway(retaining_configuration(broker));
   ASSERT_TRUE(eventually([&] { return subscriber.lines().size() == 1; })) << gateway.log();
   gateway.process().send_signal(SIGKILL);
   ASSERT_TRUE(eventually([&] { return !gateway.process().is_running(); }));
@@ -77,7 +79,7 @@ TEST(RetainedState, IsOnlineAgainAfterACrashAndARestart) {
 
 TEST(RetainedState, IsSaidAgainToABrokerThatForgotIt) {
   Mosquitto broker;
-  GatewayProcess gateway(configuration_for(broker));
+  GatewayProcess gateway(retaining_configuration(broker));
   SimulatorProcess robots(robots_of(gateway, {"--robots", "1"}));
   ASSERT_TRUE(eventually([&] { return gateway.logs("robot1 is online"); })) << gateway.log();
   broker.kill();
@@ -88,7 +90,7 @@ TEST(RetainedState, IsSaidAgainToABrokerThatForgotIt) {
 
 TEST(RetainedPresence, OfARobotThatWentWithACrashIsOfflineAfterTheRestart) {
   Mosquitto broker;
-  GatewayProcess gateway(configuration_for(broker));
+  GatewayProcess gateway(retaining_configuration(broker));
   {
     SimulatorProcess robots(robots_of(gateway, {"--robots", "1", "--keep-alive", "1"}));
     ASSERT_TRUE(eventually([&] { return gateway.logs("robot1 is online"); })) << gateway.log();
@@ -110,7 +112,7 @@ TEST(RetainedPresence, OfARobotThatWentWithACrashIsOfflineAfterTheRestart) {
 TEST(Stats, AreTheStatusThatOperatorsSee) {
   Mosquitto broker;
   Subscriber subscriber(broker, "ntnu-slam/gateway/test/stats", "%r %p");
-  GatewayProcess gateway(configuration_for(broker));
+  GatewayProcess gateway(retaining_configuration(broker));
   ASSERT_TRUE(eventually([&] { return !subscriber.lines().empty(); })) << gateway.log();
   const std::string line = subscriber.lines().front();
   EXPECT_TRUE(line.starts_with("0 ")) << "old counters are of no use";
