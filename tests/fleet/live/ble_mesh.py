@@ -58,7 +58,7 @@ class BleMesh:
         if gateway not in self.gateways:
             return {}
         return {"ble_mesh": {"enabled": True, "device": str(self.port(gateway)), "flow_control": "none",
-                             "address": f"0x{gateway + 1:04x}", "gateway_group": "0xc010", "types": {"min_com": TYPE}}}
+                             "address": f"0x{32 * gateway + 1:04x}", "gateway_group": "0xc010", "types": {"min_com": TYPE}}}
 
     def port(self, gateway):
         return self.directory / f"port{gateway}"
