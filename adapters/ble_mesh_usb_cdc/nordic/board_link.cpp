@@ -191,10 +191,7 @@ void BoardLink::on_frame(const Bytes& frame, TimePoint now) {
                  [&](MessageReceived& message) {
                    if (is_up_) actions_.push(std::move(message));
                  },
-                 [&](TxComplete&) {
-                   ++counters_.tx_complete;
-                   on_room(now);
-                 },
+                 [&](TxComplete&) { ++counters_.tx_complete; },
                  [&](IvUpdate& update) { actions_.push(update); },
                  [&](Heartbeat& heartbeat) {
                    if (is_up_) actions_.push(heartbeat);
@@ -256,7 +253,6 @@ void BoardLink::on_response(const CommandResponse& response, Issuer issuer, Time
     case Issuer::restart: break;  // the board can't
     case Issuer::traffic:
       traffic_.on_response(response);
-      if (traffic_.is_full() && !room_at_) room_at_ = now + room_pause;
       take_traffic_actions();
       // "Invalid data": the source is not an address of the board, which got it at start-up.
       if (response.opcode == static_cast<std::uint8_t>(CommandOpcode::packet_send) &&
@@ -365,12 +361,6 @@ void BoardLink::send_next(TimePoint now) {
     issue(std::move(*frame), Issuer::traffic, now);
 }
 
-void BoardLink::on_room(TimePoint now) {
-  room_at_.reset();
-  traffic_.on_room();
-  send_next(now);
-}
-
 void BoardLink::issue(Bytes command, Issuer issuer, TimePoint now) {
   in_flight_ = InFlight{command[1], now + command_time_limit, issuer};
   actions_.push(WriteSerial{std::move(command)});
@@ -404,7 +394,6 @@ std::optional<TimePoint> BoardLink::deadline() const {
   if (in_flight_) next = earlier(next, in_flight_->deadline);
   if (stage_ == Stage::starting) next = earlier(next, busy_until_);
   if (stage_ == Stage::running && !in_flight_) next = earlier(earlier(next, poll_at_), hold_until_);
-  if (stage_ == Stage::running && !in_flight_) next = earlier(next, room_at_);
   if (stage_ == Stage::refused && !in_flight_) next = earlier(next, retry_at_);
   return next;
 }
@@ -424,7 +413,6 @@ void BoardLink::on_deadline(TimePoint now) {
   }
   if (in_flight_ && now >= in_flight_->deadline) return on_command_timeout(now);
   if (stage_ == Stage::refused && !in_flight_ && now >= retry_at_) return begin_resync(now);
-  if (room_at_ && now >= *room_at_) return on_room(now);
   send_next(now);
 }
 
@@ -467,7 +455,6 @@ void BoardLink::on_silence() {
 void BoardLink::go_down(const std::string& why) {
   traffic_.on_link_down();
   hold_until_.reset();
-  room_at_.reset();
   if (stage_ == Stage::closed) is_clear_wanted_ = has_restarted_ = false;
   is_restart_wanted_ = false;
   const bool was_up = std::exchange(is_up_, false);

@@ -81,8 +81,6 @@ class BoardLink {
   /// Messages that are not urgent wait while a device joins, but no longer than this: what the
   /// board answers to them could take the room of the one event with the device key.
   static constexpr Duration longest_hold = std::chrono::seconds{10};
-  /// A board whose queue was full has room after this long, also when it reports no TX Complete.
-  static constexpr Duration room_pause = std::chrono::milliseconds{30};
   /// How often a board that must not be used is checked again, and how often at most one that seems
   /// to have lost its address.
   static constexpr Duration refusal_interval = std::chrono::seconds{30};
@@ -174,7 +172,6 @@ class BoardLink {
   void on_lost_step(TimePoint now);
   void get_in_step_again(TimePoint now);
 
-  void on_room(TimePoint now);
   void issue(Bytes command, Issuer issuer, TimePoint now);
   void send_next(TimePoint now);
   bool issue_clear(TimePoint now);
@@ -207,7 +204,6 @@ class BoardLink {
   bool is_address_polled_next_ = false;
   TimePoint not_suspected_until_ = TimePoint::min();
   std::optional<TimePoint> hold_until_;  ///< while a device joins
-  std::optional<TimePoint> room_at_;     ///< the board's queue was full
   BoardTraffic traffic_;
   std::uint16_t subnet_handle_ = 0;
   SerialVersion version_ = SerialVersion::sdk_3_1;

@@ -11,7 +11,6 @@ namespace slamgw::ble {
 void BoardTraffic::on_started(Board board) {
   board_ = std::move(board);
   purpose_ = Purpose::none;
-  is_full_ = false;
   handle_to_check_.reset();
   handle_to_remove_.reset();
 }
@@ -21,7 +20,6 @@ void BoardTraffic::on_link_down() {
   normal_.clear();
   command_.reset();
   purpose_ = Purpose::none;
-  is_full_ = false;
 }
 
 void BoardTraffic::on_answer_lost() {
@@ -71,11 +69,11 @@ std::optional<Bytes> BoardTraffic::next(bool is_holding) {
                           *std::exchange(handle_to_check_, std::nullopt));
   }
   if (handle_to_remove_) return remove_handle(*std::exchange(handle_to_remove_, std::nullopt));
-  if ((urgent_.empty() || is_full_) && command_) {
+  if (urgent_.empty() && command_) {
     purpose_ = Purpose::command;
     return command_;
   }
-  if (is_full_ || next_queue().empty() || (urgent_.empty() && is_holding)) return std::nullopt;
+  if (next_queue().empty() || (urgent_.empty() && is_holding)) return std::nullopt;
   return next_message();
 }
 
@@ -91,14 +89,14 @@ Bytes BoardTraffic::next_message() {
     purpose_ = Purpose::add_handle;
     return encode_command(CommandOpcode::publication_add, destination_);
   }
-  last_ = std::move(queue.front());
+  const Outgoing message = std::move(queue.front());
   queue.pop_front();
   purpose_ = Purpose::message;
-  return encode_packet_send({.appkey_handle = last_.appkey_handle.value_or(board_.appkey_handle),
+  return encode_packet_send({.appkey_handle = message.appkey_handle.value_or(board_.appkey_handle),
                              .source = board_.source,
                              .destination_handle = *handle,
                              .ttl = ttl_,
-                             .payload = last_.payload},
+                             .payload = message.payload},
                             board_.version);
 }
 
@@ -153,16 +151,10 @@ void BoardTraffic::on_sent(const CommandResponse& response) {
     ++sent_;
     return;
   }
-  // The handle or the key is unknown, or the board's own queue is full. The board counts how often
-  // an address was added, and frees it after as many removals: a handle that it still knows must
-  // not be added again.
-  if (response.status == Status::rejected) {
-    if (last_.tries++ == 0) handle_to_check_ = board_.addresses.publication_handle(destination_);
-    if (last_.is_urgent && last_.tries < max_tries) {
-      is_full_ = true;
-      return urgent_.push_front(std::move(last_));
-    }
-  }
+  // The handle or the key is unknown. The board counts how often an address was added, and frees
+  // it after as many removals: a handle that it still knows must not be added again.
+  if (response.status == Status::rejected)
+    handle_to_check_ = board_.addresses.publication_handle(destination_);
   refuse(destination_,
          response.status == Status::invalid_state
              ? "an earlier segmented message to this robot is still being sent"

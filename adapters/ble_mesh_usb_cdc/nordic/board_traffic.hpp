@@ -39,16 +39,12 @@ struct Outgoing {
   std::optional<std::uint16_t> appkey_handle;  ///< else the mesh's application key
   Bytes payload;
   bool is_urgent = false;
-  unsigned tries = 0;  ///< that the board has rejected
 };
 
 class BoardTraffic {
  public:
   /// Messages waiting in each queue: 32 take about a second at 115200 baud.
   static constexpr std::size_t max_queued = 32;
-  /// The board's own queue holds about five packets and sends one in 20 to 30 ms. An urgent message
-  /// that finds it full is tried again, until its robot will repeat its own.
-  static constexpr unsigned max_tries = 10;
 
   /// What start-up found out about the board.
   struct Board {
@@ -75,10 +71,6 @@ class BoardTraffic {
   /// The frame to write now, if any; then its response or on_answer_lost. `is_holding`: messages
   /// that are not urgent wait.
   std::optional<Bytes> next(bool is_holding);
-  /// The board has rejected an urgent message: no message is sent before on_room().
-  bool is_full() const { return is_full_; }
-  /// The board has sent something since, or could have.
-  void on_room() { is_full_ = false; }
   void on_response(const CommandResponse& response);
 
   std::optional<TrafficAction> next_action() { return actions_.pop(); }
@@ -109,8 +101,6 @@ class BoardTraffic {
   Board board_;
   std::deque<Outgoing> urgent_;
   std::deque<Outgoing> normal_;
-  Outgoing last_;  ///< the last one that the board was to send
-  bool is_full_ = false;
   std::optional<Bytes> command_;  ///< until its answer is there
   bool is_command_repeated_ = false;
   Purpose purpose_ = Purpose::none;
