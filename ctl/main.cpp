@@ -269,7 +269,7 @@ int doctor(const Installation& installation, const HostTask& task) {
 }
 
 slamgw::BrokerSettings broker_for(const Installation& installation, const HostTask& task) {
-  const auto& [config, problems, warnings, places] = installation.parsed();
+  const auto& [config, problems, warnings, notices, places] = installation.parsed();
   if (task.broker.empty()) {
     if (!problems.empty())
       throw Failure(to_string(problems.front()) + " (or name another broker with --broker)");

@@ -17,11 +17,10 @@ std::string Screen::paint(std::string_view state, std::string text) const {
   std::string_view colour;
   if (is("up") || is("online") || is("delivered") || is("sent") || is("configured") || is("member"))
     colour = "32";
-  if (is("asleep") || is("superseded") || is("provisioned") || is("repeat") || is("joining") ||
-      is("apart"))
-    colour = "33";
+  if (is("asleep") || is("superseded") || is("provisioned") || is("repeat")) colour = "33";
   if (is("down") || is("offline") || is("timeout") || is("refused") || is("reserved") ||
-      is("deaf") || is("refusing") || is("lost") || is("silent") || is("cut off"))
+      is("deaf") || is("contested") || is("refusing") || is("lost") || is("silent") ||
+      is("cut off"))
     colour = "31";
   return colour.empty() ? text : fmt::format("\033[{}m{}\033[0m", colour, text);
 }
@@ -59,8 +58,8 @@ std::string number_or_dash(const json& robot, const char* key, double scale) {
 }
 
 std::string shown_state(const json& robot) {
-  const auto deaf = robot.find("deaf");
-  return deaf != robot.end() && *deaf == true ? "deaf" : text_at(robot, "state");
+  if (is_true(robot, "contested")) return "contested";
+  return is_true(robot, "deaf") ? "deaf" : text_at(robot, "state");
 }
 
 Row robot_row(const json& robot, std::chrono::system_clock::time_point now) {
@@ -94,17 +93,18 @@ std::array<std::size_t, Column::count> fit(const std::vector<Row>& rows) {
   return widths;
 }
 
-/// Why robots are offline or deaf; of the first ten.
+/// Why robots are offline, deaf or contested; of the first ten.
 std::string absent_lines(const json& robots) {
   constexpr int most = 10;
   std::string out;
   int count = 0;
   for (const json& robot : robots) {
-    const std::string why = text_at(robot, "why");
+    const std::string why =
+        is_true(robot, "contested") ? std::string(contested_words) : text_at(robot, "why");
     if (why.empty() || ++count > most) continue;
     out += fmt::format("{}: {}\n", text_at(robot, "id"), why);
   }
-  if (count > most) out += fmt::format("({} more are offline or deaf)\n", count - most);
+  if (count > most) out += fmt::format("({} more are offline, deaf or contested)\n", count - most);
   return out;
 }
 
@@ -121,6 +121,15 @@ std::string refused_line(const json& counters) {
       text += fmt::format("{}{} {}", text.empty() ? "" : ", ", count, words);
   }
   return text.empty() ? "" : "          refused: " + text + "\n";
+}
+
+/// " (2 deaf, 1 contested)" of those that are online; nothing when all is well.
+std::string troubled(const json& robots) {
+  std::string words;
+  for (const char* const trouble : {"deaf", "contested"})
+    if (const std::uint64_t count = count_at(robots, trouble); count > 0)
+      words += fmt::format("{}{} {}", words.empty() ? "" : ", ", count, trouble);
+  return words.empty() ? "" : " (" + words + ")";
 }
 
 std::string deaf_line(const json& counters, const Screen& screen) {
@@ -199,11 +208,9 @@ std::string status(const json& status, const Screen& screen) {
       out += fmt::format("          {} {}; grant: {}\n", screen.paint("refused", "no right:"),
                          text_at(right, "what"), text_at(right, "grant"));
   for (const auto& [name, mesh] : meshes.items()) out += mesh_line(name, mesh, screen);
-  const std::uint64_t deaf = count_at(robots, "deaf");
   out += fmt::format("Robots    {} online{}, {} asleep, {} offline ({} known)\n",
-                     count_at(robots, "online"), deaf > 0 ? fmt::format(" ({} deaf)", deaf) : "",
-                     count_at(robots, "asleep"), count_at(robots, "offline"),
-                     count_at(robots, "known"));
+                     count_at(robots, "online"), troubled(robots), count_at(robots, "asleep"),
+                     count_at(robots, "offline"), count_at(robots, "known"));
   out +=
       fmt::format("Messages  {} in, {} out, {} dropped, {} stored, {} rejected\n",
                   count_at(traffic, "up"), count_at(traffic, "down"), count_at(traffic, "dropped"),

@@ -20,6 +20,9 @@ struct Screen {
   std::string paint(std::string_view state, std::string text) const;
 };
 
+/// Of a robot with `contested`.
+inline constexpr std::string_view contested_words = "contested: another client uses its name";
+
 /// Each text ends with a line end.
 namespace show {
 

@@ -48,11 +48,17 @@ std::string fleet(const json& fleet, const Screen& screen) {
   out += fmt::format("\n{} {} SINCE\n", pad("ROBOT", id), pad("GATEWAY", width));
   for (const json& robot : robots) {
     const auto served = robot.find("served");
-    const bool is_lost = served != robot.end() && *served == false;
+    std::string trouble;
+    const bool is_here = text_at(robot, "gateway") == text_at(fleet, "gateway");
+    if (served != robot.end() && *served == false)
+      trouble = fmt::format(" ({})",
+                            screen.paint("down", is_here ? "its session at the broker is not held"
+                                                         : "that gateway is silent"));
+    if (is_true(robot, "contested"))
+      trouble += fmt::format(" ({})", screen.paint("contested", std::string(contested_words)));
     out += fmt::format("{} {} {}{}\n", pad(cut_end(text_at(robot, "robot"), id), id),
                        pad(cut_end(text_at(robot, "gateway"), width), width),
-                       show_age(text_at(robot, "since"), screen.now),
-                       is_lost ? " " + screen.paint("down", "(that gateway is silent)") : "");
+                       show_age(text_at(robot, "since"), screen.now), trouble);
   }
   return out;
 }

@@ -71,6 +71,11 @@ std::uint64_t count_at(const nlohmann::json& object, const char* key) {
   return is_count ? found->get<std::uint64_t>() : 0;
 }
 
+bool is_true(const nlohmann::json& object, const char* key) {
+  const auto found = object.find(key);
+  return found != object.end() && *found == true;
+}
+
 const nlohmann::json& group_at(const nlohmann::json& object, const char* key) {
   static const nlohmann::json empty = nlohmann::json::object();
   const auto found = object.find(key);

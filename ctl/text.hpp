@@ -15,6 +15,7 @@ std::string text_at(const nlohmann::json& object, const char* key);
 /// The member's number, or 0.
 double number_at(const nlohmann::json& object, const char* key);
 std::uint64_t count_at(const nlohmann::json& object, const char* key);
+bool is_true(const nlohmann::json& object, const char* key);
 /// The member, or an empty object.
 const nlohmann::json& group_at(const nlohmann::json& object, const char* key);
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // slam-gatewayd: arguments to configuration to App::run; failures to exit codes.
+#include <sys/resource.h>
 #include <systemd/sd-daemon.h>
 
 #include <CLI/CLI.hpp>
@@ -30,6 +31,7 @@ void print(const slamgw::Problems& problems, std::ostream& out, std::string_view
 }
 
 int check_config(const slamgw::ParseResult& result) {
+  print(result.notices, std::cerr, "notice: ");
   print(result.warnings, std::cerr, "warning: ");
   print(result.problems, std::cout);
   if (!result.problems.empty()) return exit_configuration;
@@ -37,8 +39,20 @@ int check_config(const slamgw::ParseResult& result) {
   return 0;
 }
 
+/// Each robot has a connection of its own to the broker, and systemd starts services with 1024 open
+/// files of the many that they may have.
+void allow_many_files() {
+  rlimit limit{};
+  if (getrlimit(RLIMIT_NOFILE, &limit) != 0) return;
+  limit.rlim_cur = limit.rlim_max;
+  setrlimit(RLIMIT_NOFILE, &limit);
+}
+
 int run(const slamgw::ParseResult& result, const std::string& config_file) {
+  allow_many_files();
   slamgw::configure_log(result.config.log.level);
+  for (const slamgw::Problem& notice : result.notices)
+    log_event(slamgw::Severity::notice, to_string(notice));
   for (const slamgw::Problem& warning : result.warnings)
     log_event(slamgw::Severity::warning, to_string(warning));
   try {

@@ -27,13 +27,10 @@ BleMesh::BleMesh(Settings settings, TopicScheme topics, RobotNames names,
                    std::move(random)),
       gate_(provisioner_.nodes(), settings_.gateway_group.has_value()),
       downlink_(settings_, topics_, link_, gate_, actions_, is_traced_),
-      robots_(settings_, topics_, provisioner_.nodes(), downlink_, actions_),
+      robots_(settings_, topics_, provisioner_.nodes(), gate_, downlink_, actions_),
       uplink_(settings_, topics_, link_, robots_, downlink_, gate_, actions_, is_traced_) {}
 
-void BleMesh::on_start() {
-  robots_.add_configured();
-  robots_.on_nodes_changed(TimePoint{});
-}
+void BleMesh::on_start() { robots_.on_start(); }
 
 // --- The board -----------------------------------------------------------------------------------
 
@@ -204,24 +201,25 @@ void BleMesh::on_stranger(std::uint16_t source, TimePoint now) {
                 {}});
 }
 
-// --- Other gateways in this mesh -----------------------------------------------------------------
+// --- Which gateway serves a robot ----------------------------------------------------------------
 
-void BleMesh::on_taken_over(const std::string& id, TimePoint now) {
+void BleMesh::on_session_held(const std::string& id, TimePoint now) {
   Robot* robot = robots_.find(id);
-  if (robot == nullptr || !is_shared()) return;
-  robots_.on_taken_over(*robot, now);
-  uplink_.on_taken_over(*robot, now);
+  if (robot == nullptr) return;
+  robots_.on_session_held(*robot, now);
+  uplink_.on_session_held(*robot, now);
   settle(now);
 }
 
-/// The robot may have got the command that is under way; its answer comes to this board, and the
-/// other gateway's next command must not be overtaken by a repeat.
-void BleMesh::on_given_up(const std::string& id, TimePoint now) {
+/// In a mesh of its own no other gateway can acknowledge what the robot has said here.
+std::vector<WaitingMessage> BleMesh::give_up(const std::string& id, TimePoint now) {
   Robot* robot = robots_.find(id);
-  if (robot == nullptr || !is_shared()) return;
-  uplink_.on_given_up(*robot);
-  downlink_.refuse_all(*robot, "another gateway serves the robot now", now);
+  if (robot == nullptr) return {};
+  if (is_shared()) uplink_.on_given_up(*robot);
+  std::vector<WaitingMessage> waiting = downlink_.give_up(*robot, now);
+  robots_.on_given_up(*robot);
   settle(now);
+  return waiting;
 }
 
 // --- The nodes -----------------------------------------------------------------------------------
@@ -275,16 +273,18 @@ void BleMesh::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimeP
   settle(now);
 }
 
-void BleMesh::on_broker_message(const BrokerMessage& message, CommandId command, TimePoint now) {
-  const auto target = topics_.parse_command_topic(message.topic);
-  if (!target || command == CommandId::none) return;  // another mesh's
-  if (Robot* robot = robots_.find(target->robot))
-    downlink_.on_command(*robot, target->type, message, command, now);
+/// BLE robots hear their own commands and nothing else.
+void BleMesh::on_broker_message(const RobotMessage& what, TimePoint now) {
+  const auto target = topics_.parse_command_topic(what.message.topic);
+  if (!target || what.command == CommandId::none) return;
+  if (Robot* robot = robots_.find(what.robot))
+    downlink_.on_command(*robot, target->type, what.message, what.command, now);
   settle(now);
 }
 
-void BleMesh::on_subscribe_result(const std::string& filter, bool granted, TimePoint) {
-  robots_.on_subscribe_result(filter, granted);
+void BleMesh::on_subscribe_result(const std::string& robot, const std::string&, bool granted,
+                                  TimePoint) {
+  robots_.on_subscribe_result(robot, granted);
 }
 
 void BleMesh::on_broker_link(bool is_up, TimePoint) {
@@ -301,7 +301,7 @@ void BleMesh::on_stop(TimePoint now) {
 std::optional<TimePoint> BleMesh::deadline() const {
   std::optional<TimePoint> next = earlier(link_.deadline(), provisioner_.deadline());
   for (const auto& [address, robot] : robots_) {
-    next = earlier(next, robot.commands.deadline());
+    next = earlier(next, downlink_.deadline(robot));
     if (robot.is_expected()) next = earlier(next, robot.last_heard + settings_.offline_after);
   }
   return next;
@@ -323,7 +323,7 @@ void BleMesh::on_deadline(TimePoint now) {
 std::optional<Presence> BleMesh::presence_of(std::string_view id) const {
   const Robot* robot = robots_.find(id);
   if (robot == nullptr) return std::nullopt;
-  return robot->is_online && link_.is_up() ? Presence::online : Presence::offline;
+  return robot->is_shown() && link_.is_up() ? Presence::online : Presence::offline;
 }
 
 std::size_t BleMesh::queued_for(std::string_view id) const {

@@ -46,16 +46,17 @@ class BleMesh {
   void on_names(RobotNames names, TimePoint now);
 
   void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now);
-  void on_broker_message(const BrokerMessage& message, CommandId command, TimePoint now);
-  void on_subscribe_result(const std::string& filter, bool granted, TimePoint now);
+  void on_broker_message(const RobotMessage& message, TimePoint now);
+  void on_subscribe_result(const std::string& robot, const std::string& filter, bool granted,
+                           TimePoint now);
   void on_broker_link(bool is_up, TimePoint now);
   /// In a mesh that several gateways share: asked before anything of a robot is dealt with.
   void ask_who_serves(ServiceGate::MayServe may_serve) { gate_.ask(std::move(may_serve)); }
   /// Other gateways have boards in this mesh.
   bool is_shared() const { return gate_.is_shared(); }
-  /// In such a mesh: this gateway, or another one, serves the robot from now on.
-  void on_taken_over(const std::string& robot, TimePoint now);
-  void on_given_up(const std::string& robot, TimePoint now);
+  /// As MeshAdapter.
+  void on_session_held(const std::string& robot, TimePoint now);
+  std::vector<WaitingMessage> give_up(const std::string& robot, TimePoint now);
   /// Whether every MeshStep is reported, or only repeats.
   void on_trace(bool is_on) { is_traced_ = is_on; }
   /// The daemon ends: no command is accepted or waited for any more. Acknowledgements of robots'

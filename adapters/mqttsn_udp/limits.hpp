@@ -21,18 +21,9 @@ constexpr std::size_t max_types_per_robot = 128;
 /// subscriptions and some 15 topics): 10 000 clients stay far below the service's 512 MiB.
 constexpr std::size_t name_octets_together = 128U * 1024 * 1024;
 constexpr std::size_t name_octets_for_each = 4096;
-/// Levels of a filter: a node each in two trees (NameBudget::of_filter).
-constexpr std::size_t max_filter_levels = 64;
-/// SUBSCRIBEs for one filter that the broker has not answered: a whole fleet, twice.
-constexpr std::size_t max_open_per_filter = 20000;
 /// SUBSCRIBEs of one client that reach the broker: all that it may have at once, then one a second.
 constexpr unsigned subscribe_burst = max_subscriptions_per_client;
 constexpr std::chrono::seconds subscribe_interval{1};
-/// Requests to the broker for one filter, each of which brings all its retained messages again.
-constexpr unsigned broker_subscribe_burst = 8;
-constexpr std::chrono::seconds broker_subscribe_interval{2};
-/// Filters whose rate is remembered while no SUBSCRIBE for them is open.
-constexpr std::size_t max_paced_filters = 20000;
 /// SUBACKs that wait for the broker, and answers that wait behind them to keep their order.
 constexpr std::size_t max_pending_answers = 32;
 /// Messages waiting for an active client (a sleeping one: `mqttsn.max_sleeping_messages`).
@@ -77,12 +68,12 @@ constexpr std::size_t max_sessions_for_answers = 128;
 constexpr std::size_t max_unsaved_answers = 16384;
 /// Supervision of a client that gave Duration 0 (R38).
 constexpr std::chrono::seconds max_supervision{3600};
-/// Retained messages of a new subscription come right behind the broker's SUBACK.
-constexpr std::chrono::seconds retained_wait{10};
-constexpr std::size_t max_retained_per_wait = 1024;
 /// Promise 6 of docs/topics.md gives 30 s; a second of them is for the way to the broker.
 constexpr std::chrono::seconds command_patience{29};
 constexpr std::size_t max_tracked_commands = 65536;
+/// Most commands have ended by then. A younger one is not stored: after a crash it would be told,
+/// or carried out, a second time.
+constexpr std::chrono::milliseconds stored_command_age{300};
 /// Clients whose refusals were logged and are not logged again, and how many of such lines are
 /// written at most: a burst, then so many a second.
 constexpr std::size_t max_logged_refusals = 4096;
@@ -90,6 +81,19 @@ constexpr std::size_t max_logged_refusals = 4096;
 constexpr std::size_t max_logged_id_octets = 64;
 constexpr unsigned refusal_lines_burst = 100;
 constexpr unsigned refusal_lines_per_second = 1;
+/// CONNECTs from another address while a client is active: with so many in so much time its id is
+/// contested.
+constexpr unsigned contested_takeovers = 3;
+constexpr std::chrono::seconds contest_window{60};
+/// A CONNECT waits so long for the note of its robot.
+constexpr std::chrono::seconds note_patience{2};
+/// CONNECTs that wait for notes; more do not wait.
+constexpr std::size_t max_waiting_connects = 256;
+/// From a change to the note about it; and notes that are made in one turn of the loop.
+constexpr std::chrono::seconds note_interval{1};
+constexpr std::size_t notes_a_turn = 64;
+/// Brokers limit messages, and a robot's session takes a few hundred octets.
+constexpr std::size_t max_note_octets = 65536;
 /// One sign of life of each client is reported to the core in so much time.
 constexpr std::chrono::seconds sign_of_life_interval{1};
 /// Addresses that have shown that they receive; an IPv6 one takes about 60 octets here.

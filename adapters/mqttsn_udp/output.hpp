@@ -49,7 +49,10 @@ class Output {
   void emit(MeshEvent event) { actions_.push(std::move(event)); }
   void count(Count what) { tally_.count(what); }
   /// Something in the session that must survive a restart has changed.
-  void mark_changed(const ClientSession& session) { changed_.mark(session); }
+  void mark_changed(const ClientSession& session) {
+    changed_.mark(session);
+    if (!session.is_clean || session.note_hash != 0) noteworthy_.mark(session);
+  }
 
   std::optional<Action> next_action() { return actions_.pop(); }
   Counters counters() const { return tally_.counters(); }
@@ -57,6 +60,10 @@ class Output {
   /// Client ids of about `max` changed sessions, first those whose answers wait; they are not
   /// marked any more. on_saved() follows when they are saved.
   std::vector<std::string> take_changed(std::size_t max);
+
+  /// Client ids of at most `max` sessions that have changed and whose notes may have.
+  std::vector<std::string> take_noteworthy(std::size_t max) { return noteworthy_.take(max); }
+  bool has_noteworthy() const { return noteworthy_.has_any(); }
 
   /// From now on there is a store.
   void answer_when_saved() {
@@ -73,6 +80,7 @@ class Output {
 
   Tally tally_;
   ChangedSessions changed_;
+  ChangedSessions noteworthy_;
   UnsavedAnswers unsaved_;
   bool has_store_ = false;
   LogThrottle unsaved_lines_{std::chrono::hours{1}};

@@ -7,6 +7,7 @@
 
 #include <utility>
 
+#include "adapters/mqttsn_udp/clients/session_codec.hpp"
 #include "adapters/mqttsn_udp/limits.hpp"
 
 namespace slamgw::mqttsn {
@@ -42,23 +43,23 @@ SnGateway::SnGateway(Settings settings, TopicPolicy policy, RobotNames names, Ra
       clients_(settings_.max_clients, topic_ids),
       refusals_(output_),
       answers_(settings_, output_),
-      subscriptions_(rules_, broker_up_since_, clients_, output_, answers_, refusals_),
+      subscriptions_(rules_, clients_, output_, answers_, refusals_),
       commands_(rules_, clients_, output_),
       downlink_(settings_, rules_, output_, subscriptions_, commands_, std::move(random)),
-      fan_out_(subscriptions_, commands_),
       uplink_(settings_, rules_, clients_, output_, refusals_),
       registration_(rules_, output_, answers_, uplink_, refusals_),
       wills_(rules_, output_, refusals_),
       lifecycle_(settings_, clients_, output_, subscriptions_, downlink_, uplink_, wills_),
       sleep_(settings_, clients_, output_, downlink_, lifecycle_),
       supervision_(settings_, clients_, commands_, downlink_, lifecycle_, sleep_),
-      roaming_(rules_, clients_, output_, lifecycle_),
+      roaming_(rules_, clients_, output_),
+      notes_(clients_, output_),
       connecting_(settings_, rules_, clients_, output_, lifecycle_, downlink_, wills_, refusals_,
                   guard_),
       renaming_(rules_, clients_, output_, subscriptions_, lifecycle_, connecting_),
       restoring_(rules_, clients_, output_, subscriptions_, commands_, downlink_, lifecycle_,
                  connecting_, supervision_),
-      discovery_(settings_, broker_up_since_, clients_, output_, guard_) {}
+      discovery_(settings_, clients_, output_, guard_) {}
 
 void SnGateway::on_datagram(const Endpoint& from, const LocalAddress& to, ByteView bytes,
                             TimePoint now) {
@@ -174,8 +175,8 @@ void SnGateway::handle(ClientSession& session, Packet& packet, TimePoint now) {
                  [&](const Pubcomp& p) { downlink_.on_pubcomp(session, p, now); },
                  [&](const Subscribe& p) { subscriptions_.on_subscribe(session, p, now); },
                  [&](const Unsubscribe& p) {
-                   subscriptions_.on_unsubscribe(session, p, now);
-                   downlink_.drop_unwanted(session, now);
+                   if (const auto filter = subscriptions_.on_unsubscribe(session, p))
+                     downlink_.drop_unwanted(session, *filter, now);
                  },
                  [&](const WillTopicUpd& p) { wills_.on_willtopicupd(session, p, now); },
                  [&](WillMsgUpd& p) { wills_.on_willmsgupd(session, std::move(p)); },
@@ -248,45 +249,37 @@ void SnGateway::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, Tim
   uplink_.on_receipt(receipt_id, outcome, now);
 }
 
-void SnGateway::on_broker_message(const BrokerMessage& message, CommandId command, TimePoint now) {
+void SnGateway::on_broker_message(const RobotMessage& message, TimePoint now) {
   supervision_.expire_commands(now);
-  for (auto& [session, outgoing] : fan_out_.on_broker_message(message, command, now)) {
-    downlink_.enqueue(*session, std::move(outgoing), now);
-    supervision_.advance(*session, now);
+  ClientSession* session = clients_.find_robot(message.robot);
+  if (session) {
+    downlink_.on_broker_message(*session, message, now);
+    return supervision_.advance(*session, now);
   }
+  if (roaming_.keep(message, now)) return;
+  commands_.refuse(message.message, message.command, "the robot is not connected");
 }
 
-void SnGateway::on_subscribe_result(const std::string& filter, bool granted, TimePoint now) {
-  for (ClientSession* session : subscriptions_.on_subscribe_result(filter, granted, now)) {
-    if (!granted) downlink_.drop_unwanted(*session, now);
-    supervision_.advance(*session, now);
-  }
-}
-
-void SnGateway::on_broker_link(bool is_up, TimePoint now) {
-  if (is_up == broker_up_since_.has_value()) return;
-  if (!is_up) {
-    broker_up_since_.reset();
-    subscriptions_.on_broker_down(now);
-    return discovery_.on_broker_down();
-  }
-  broker_up_since_ = now;
-  subscriptions_.on_broker_up(now);
-  discovery_.on_broker_up(now);
+void SnGateway::on_subscribe_result(const std::string& robot, const std::string& filter,
+                                    bool granted, TimePoint now) {
+  ClientSession* session = clients_.find_robot(robot);
+  if (!session) return;
+  subscriptions_.on_subscribe_result(*session, filter, granted, now);
+  if (!granted) downlink_.drop_unwanted(*session, filter, now);
+  supervision_.advance(*session, now);
 }
 
 void SnGateway::on_deadline(TimePoint now) {
   discovery_.on_deadline(now);
   connecting_.on_deadline(now);
-  while (const auto waited = roaming_.take_overdue(now)) connect(*waited, now);
-  subscriptions_.on_deadline(now);
+  while (auto waited = roaming_.take_overdue(now)) go_on(std::move(*waited), {}, now);
   supervision_.on_deadline(now);
+  notes_.on_deadline(now);
 }
 
 std::optional<TimePoint> SnGateway::deadline() const {
-  return earlier(
-      earlier(earlier(discovery_.deadline(), connecting_.deadline()), subscriptions_.deadline()),
-      earlier(supervision_.deadline(), roaming_.deadline()));
+  return earlier(earlier(discovery_.deadline(), connecting_.deadline()),
+                 earlier(earlier(supervision_.deadline(), roaming_.deadline()), notes_.deadline()));
 }
 
 void SnGateway::reconfigure(TopicPolicy policy, RobotNames names, TimePoint now) {
@@ -295,14 +288,14 @@ void SnGateway::reconfigure(TopicPolicy policy, RobotNames names, TimePoint now)
   refusals_.forget_all();
   renaming_.on_names(now);
   for (const auto& [id, session] : clients_.all()) {
-    subscriptions_.drop_forbidden(*session, now);
+    subscriptions_.drop_forbidden(*session);
     supervision_.advance(*session, now);
   }
 }
 
 std::optional<Presence> SnGateway::presence_of(const std::string& robot) const {
   const ClientSession* session = clients_.find_robot(robot);
-  if (!session) return std::nullopt;
+  if (!session) return roaming_.is_waiting(robot) ? std::optional(Presence::online) : std::nullopt;
   return mqttsn::presence_of(session->state());
 }
 
@@ -317,39 +310,61 @@ void SnGateway::on_stop(TimePoint now) {
   for (const auto& [id, session] : clients_.all()) downlink_.refuse_unkept(*session, now);
 }
 
+void SnGateway::set_dirty(const std::string& client_id) {
+  if (const ClientSession* session = clients_.find(client_id)) output_.mark_changed(*session);
+}
+
 void SnGateway::set_all_dirty() {
   for (const auto& [id, session] : clients_.all()) output_.mark_changed(*session);
 }
 
-void SnGateway::connect(const Roaming::WaitingConnect& waited, TimePoint now) {
+std::vector<WaitingMessage> SnGateway::give_up(const std::string& robot, TimePoint now) {
+  std::vector<WaitingMessage> unsent;
+  if (ClientSession* session = clients_.find_robot(robot))
+    unsent = lifecycle_.give_up(*session, now);
+  while (auto waited = roaming_.take(robot)) {
+    for (RobotMessage& message : waited->take_messages(now))
+      unsent.push_back({std::move(message.message), message.command});
+  }
+  return unsent;
+}
+
+void SnGateway::on_note(const std::string& robot, ByteView note, TimePoint now) {
+  if (auto waited = roaming_.take(robot)) go_on(std::move(*waited), note, now);
+}
+
+/// Without a note the session is empty, and kept like one that goes on.
+void SnGateway::go_on(Roaming::WaitingConnect waited, ByteView note, TimePoint now) {
+  const std::string& client_id = waited.connect.client_id;
+  if (!clients_.find(client_id)) {
+    SessionSnapshot fresh;
+    fresh.client_id = client_id;
+    fresh.robot = waited.robot;
+    fresh.is_clean = false;
+    const auto known = read_note(waited, note);
+    restoring_.restore(known.value_or(std::move(fresh)), now);
+    if (ClientSession* session = clients_.find(client_id))
+      session->note_hash = known ? fingerprint(note) : 0;
+  }
   connecting_.on_connect(waited.peer, waited.local, waited.connect, waited.fingerprint, now);
   if (ClientSession* session = clients_.find(waited.peer)) supervision_.advance(*session, now);
+  for (const RobotMessage& message : waited.take_messages(now)) on_broker_message(message, now);
 }
 
 /// What another gateway says of a session is no more than the client itself could have said here.
-/// Commands do not roam: the gateway that had them has reported their outcomes.
-void SnGateway::keep_what_may_roam(SessionSnapshot& session) const {
-  session.peer.reset();
-  session.state = ClientState::disconnected;
+std::optional<SessionSnapshot> SnGateway::read_note(const Roaming::WaitingConnect& waited,
+                                                    ByteView note) const {
+  if (note.empty() || note.size() > limits::max_note_octets) return std::nullopt;
+  std::optional<SessionSnapshot> session = decode_session(note);
+  if (!session || session->robot != waited.robot || session->client_id != waited.connect.client_id)
+    return std::nullopt;
+  session = to_note(*session);
   const auto is_forbidden = [&](const Will& will) {
     return !is_valid_topic_name(will.topic) ||
-           !rules_.policy.may_publish(session.client_id, session.robot, will.topic);
+           !rules_.policy.may_publish(session->client_id, session->robot, will.topic);
   };
-  if (session.will && is_forbidden(*session.will)) session.will.reset();
-  std::erase_if(session.messages, [](const MessageSnapshot& message) {
-    return message.command_age || !is_valid_topic_name(message.message.topic);
-  });
-}
-
-void SnGateway::take_over(const std::string& robot, std::optional<SessionSnapshot> session,
-                          TimePoint now) {
-  if (session && session->robot == robot && !clients_.find_robot(robot) &&
-      rules_.names.of_client(session->client_id) == robot) {
-    keep_what_may_roam(*session);
-    session->saved_at = now;  // the other gateway's clock says nothing here
-    restoring_.restore(*session, now);
-  }
-  if (const auto waited = roaming_.take(robot)) connect(*waited, now);
+  if (session->will && is_forbidden(*session->will)) session->will.reset();
+  return session;
 }
 
 }  // namespace slamgw::mqttsn

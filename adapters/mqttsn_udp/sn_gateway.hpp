@@ -1,15 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 // The MQTT-SN 1.2 gateway as a pure machine: datagrams, receipts, broker messages and time in,
-// actions out (daemon/core/protocol_machine.hpp). Aggregating: all clients share one broker
-// connection. Routes each message to the class of its concern; MqttsnAdapter is its shell.
+// actions out (daemon/core/protocol_machine.hpp). What clients say goes up over one broker
+// connection; what is said to a robot comes down over a session of its own (daemon/sessions).
+// Routes each message to the class of its concern; MqttsnAdapter is its shell.
 #pragma once
 
 #include <string>
 #include <vector>
 
 #include "adapters/mqttsn_udp/conversations/discovery.hpp"
-#include "adapters/mqttsn_udp/conversations/fan_out.hpp"
 #include "adapters/mqttsn_udp/conversations/inbound_registration.hpp"
+#include "adapters/mqttsn_udp/conversations/notes.hpp"
 #include "adapters/mqttsn_udp/conversations/renaming.hpp"
 #include "adapters/mqttsn_udp/conversations/restoring.hpp"
 #include "adapters/mqttsn_udp/conversations/roaming.hpp"
@@ -26,9 +27,10 @@ class SnGateway {
 
   void on_datagram(const Endpoint& from, const LocalAddress& to, ByteView bytes, TimePoint now);
   void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now);
-  void on_broker_message(const BrokerMessage& message, CommandId command, TimePoint now);
-  void on_subscribe_result(const std::string& filter, bool granted, TimePoint now);
-  void on_broker_link(bool is_up, TimePoint now);
+  void on_broker_message(const RobotMessage& message, TimePoint now);
+  void on_subscribe_result(const std::string& robot, const std::string& filter, bool granted,
+                           TimePoint now);
+  void on_broker_link(bool is_up, TimePoint now) { discovery_.on_broker_link(is_up, now); }
   void on_interface(std::uint32_t index) { discovery_.on_interface(index); }
   void on_deadline(TimePoint now);
   std::optional<TimePoint> deadline() const;
@@ -58,12 +60,12 @@ class SnGateway {
   void on_trace(bool is_on) { output_.is_traced = is_on; }
   /// Asked for each CONNECT that takes up a session which is not here.
   void ask_where_served(Roaming::ServedElsewhere ask) { roaming_.ask(std::move(ask)); }
-  /// Another gateway serves the robot: see Roaming::give_up.
-  std::optional<SessionSnapshot> give_up(const std::string& robot, TimePoint now) {
-    return roaming_.give_up(robot, now);
-  }
-  /// The robot is this gateway's; `session` is what its former gateway knew.
-  void take_over(const std::string& robot, std::optional<SessionSnapshot> session, TimePoint now);
+  /// Another gateway serves the robot: its session ends here without a will and without a word, and
+  /// nothing about it is asked of the broker. Returns what was never on the air; commands that were
+  /// end as `timeout`.
+  std::vector<WaitingMessage> give_up(const std::string& robot, TimePoint now);
+  /// Answers NoteRequest: what the robot's former gateway knew, empty for nothing.
+  void on_note(const std::string& robot, ByteView note, TimePoint now);
 
   /// The daemon ends: what no session keeps and cannot be delivered any more is refused now.
   void on_stop(TimePoint now);
@@ -77,6 +79,7 @@ class SnGateway {
   /// The clients whose sessions have changed or ended and were not taken yet, about `max`.
   std::vector<std::string> take_dirty(std::size_t max) { return output_.take_changed(max); }
   bool has_dirty() const { return output_.has_changed(); }
+  void set_dirty(const std::string& client_id);
   /// All sessions are to be taken again, for what changes too often to be marked each time (the
   /// window of R76).
   void set_all_dirty();
@@ -97,8 +100,9 @@ class SnGateway {
     TimePoint now;
   };
 
-  void connect(const Roaming::WaitingConnect& connect, TimePoint now);
-  void keep_what_may_roam(SessionSnapshot& session) const;
+  void go_on(Roaming::WaitingConnect waited, ByteView note, TimePoint now);
+  std::optional<SessionSnapshot> read_note(const Roaming::WaitingConnect& waited,
+                                           ByteView note) const;
   void receive(const Arrival& arrival, Packet packet);
   void advance_client_at(const Arrival& arrival);
   bool receive_in_handshake(const Arrival& arrival, Packet& packet);
@@ -114,7 +118,6 @@ class SnGateway {
 
   const Settings settings_;
   NameRules rules_;
-  std::optional<TimePoint> broker_up_since_;  ///< nothing while the broker is away
   ClientTable clients_;
   Output output_;
   Refusals refusals_;
@@ -122,7 +125,6 @@ class SnGateway {
   Subscriptions subscriptions_;
   CommandWatch commands_;
   Downlink downlink_;
-  FanOut fan_out_;
   Uplink uplink_;
   InboundRegistration registration_;
   Wills wills_;
@@ -130,6 +132,7 @@ class SnGateway {
   Sleep sleep_;
   Supervision supervision_;
   Roaming roaming_;
+  Notes notes_;
   FloodGuard guard_;
   Connecting connecting_;
   Renaming renaming_;

@@ -26,6 +26,8 @@ std::string_view to_string(Health health) {
   return "unknown";
 }
 
+const std::string broker_page = "/usr/share/doc/slam-gateway/broker.md";
+
 class Examination {
  public:
   explicit Examination(const HostFacts& facts)
@@ -40,9 +42,11 @@ class Examination {
     ble();
     broker();
     rights();
+    engine();
     fleet();
     store();
     robots();
+    sessions();
     return std::move(findings_);
   }
 
@@ -216,15 +220,51 @@ class Examination {
           "in the broker's access control list: " + text_at(right, "grant"));
   }
 
+  bool is_broker_local() const {
+    const std::string& host = config_.broker.host;
+    return host == "localhost" || host.starts_with("127.") || host == facts_.host_name ||
+           std::ranges::any_of(facts_.interfaces, [&host](const InterfaceFacts& interface) {
+             return std::ranges::find(interface.addresses, host) != interface.addresses.end();
+           });
+  }
+
+  /// What the broker cannot do, where it runs on this host and can be recognised.
+  void engine() {
+    if (facts_.status.is_null() || !is_broker_local()) return;
+    if (facts_.brokers.has_ejabberd) {
+      const bool has_others = !config_.broker.others.empty();
+      add("broker: ejabberd", has_others ? Health::problem : Health::well,
+          "a cluster refuses a robot's client id for good once it has moved between nodes; one "
+          "node works",
+          has_others ? "one node, or a cluster of RabbitMQ or NATS: " + broker_page : "");
+    }
+    if (facts_.brokers.mosquitto_files) mosquitto(*facts_.brokers.mosquitto_files);
+  }
+
+  void mosquitto(std::uint64_t files) {
+    constexpr std::uint64_t own_files = 10;  // of Mosquitto 2.0.11 with one listener
+    const std::uint64_t room = files - std::min(files, own_files);
+    const std::uint64_t robots = count_at(group_at(facts_.status, "robots"), "known");
+    const bool is_roomy = robots < room / 2;
+    const Health health = is_roomy        ? Health::well
+                          : robots < room ? Health::warning
+                                          : Health::problem;
+    constexpr std::uint64_t plenty = 65536;
+    add("broker: files", health,
+        fmt::format("Mosquitto may open {} files, room for {} connections; each robot has one, {} "
+                    "are known",
+                    files, room, robots),
+        files < plenty ? fmt::format("for more: sudo systemctl edit mosquitto, with the lines "
+                                     "[Service] and LimitNOFILE={}; then restart it",
+                                     plenty)
+                       : "");
+  }
+
   /// This gateway is the first row (FleetMember::status). Without a broker all gateways are silent.
   void fleet() {
     if (text_at(group_at(facts_.status, "broker"), "state") == "down") return;
     const auto rows = facts_.fleet.is_object() ? facts_.fleet.find("gateways") : facts_.fleet.end();
     if (rows == facts_.fleet.end() || !rows->is_array() || rows->empty()) return;
-    const std::string own = text_at(rows->front(), "state");
-    if (own == "cut off")
-      add("fleet", Health::problem, "this gateway does not hear itself in time: it serves no robot",
-          "is the broker reachable and quick? slam-gatewayctl status");
     std::string members;
     for (const json& row : *rows) {
       const std::string name = text_at(row, "gateway");
@@ -232,18 +272,12 @@ class Examination {
       if (&row == &rows->front()) continue;
       if (state == "member") members += (members.empty() ? "" : ", ") + name;
       if (state == "silent")
-        add("fleet", Health::warning, name + " has fallen silent: its robots are taken over",
-            "on its host: systemctl status slam-gateway");
-      if (state == "apart")
-        add("fleet", Health::warning,
-            name + " is on this broker too, and the two do not agree who serves which robot",
-            "fleet.enabled on both, and the rights of both under fleet/: "
+        add("fleet", Health::warning, name + " has gone: others answer for its robots",
+            "on its host: systemctl status slam-gateway; gone for good: "
             "/usr/share/doc/slam-gateway/fleet.md");
     }
-    if (own == "joining")
-      add("fleet", Health::warning, "this gateway is joining the others", "look again in 10 s");
-    else if (!members.empty())
-      add("fleet", Health::well, "agrees with " + members);
+    if (!members.empty())
+      add("fleet", Health::well, "shares the broker with " + members);
     else if (rows->size() == 1)
       add("fleet", Health::well, "no other gateway is on this broker");
   }
@@ -278,6 +312,34 @@ class Examination {
         fmt::format("{} online, {} asleep, {} offline", count_at(robots, "online"),
                     count_at(robots, "asleep"), offline),
         offline > 0 ? "slam-gatewayctl robots; slam-gatewayctl doctor ROBOT" : "");
+    if (const std::uint64_t contested = count_at(robots, "contested"); contested > 0)
+      add("robots: contested", Health::problem,
+          fmt::format("another client uses the names of {} robots", contested),
+          "slam-gatewayctl robots names them: are there two robots of one name? who may connect "
+          "with their client ids: /usr/share/doc/slam-gateway/security.md");
+  }
+
+  /// Commands reach a robot over the session that the broker keeps for it.
+  void sessions() {
+    const json& counters = group_at(facts_.status, "fleet");
+    const json& robots = group_at(facts_.status, "robots");
+    if (text_at(group_at(facts_.status, "broker"), "state") != "up") return;
+    if (!counters.contains("sessions")) return;
+    const std::uint64_t here = count_at(robots, "online") + count_at(robots, "asleep");
+    const std::uint64_t held = count_at(counters, "sessions");
+    if (held >= here)
+      return add("robots: sessions", Health::well, fmt::format("{} are held at the broker", held));
+    const std::string& prefix = config_.topics.prefix;
+    std::string root = prefix;
+    std::ranges::replace(root, '/', '-');
+    add("robots: sessions", Health::problem,
+        fmt::format("the broker gives this gateway {} for {} robots: commands do not reach the "
+                    "others",
+                    held, here),
+        fmt::format("look again in 10 s; journalctl -u slam-gateway -p warning; at the broker: who "
+                    "may use client ids {}-robot-<id>, topic readwrite {}/fleet/robots/#, its "
+                    "limits of connections and open files",
+                    root, prefix));
   }
 
   const HostFacts& facts_;
@@ -362,7 +424,9 @@ std::vector<Finding> examine_robot(const std::string& robot, const RobotFacts& f
                   type.empty() ? "" : "; its last message was of type " + type));
   add("state", why.empty() ? Health::well : Health::problem,
       state + " since " + text_at(*row, "since") + (why.empty() ? "" : ": " + why),
-      why.empty() ? "" : journal);
+      why.empty()                  ? ""
+      : is_true(*row, "contested") ? journal + "; /usr/share/doc/slam-gateway/security.md"
+                                   : journal);
   add("traffic", Health::well,
       fmt::format("{} messages up, {} commands down, {} wait for it", count_at(*row, "messages"),
                   count_at(*row, "commands"), count_at(*row, "queue")));

@@ -30,6 +30,13 @@ struct InterfaceFacts {
   std::vector<std::string> multicast_groups;  ///< joined by anybody
 };
 
+/// What runs on this host and may be the broker.
+struct LocalBrokers {
+  /// Files that Mosquitto may open; the fewest of several.
+  std::optional<std::uint64_t> mosquitto_files;
+  bool has_ejabberd = false;
+};
+
 struct HostFacts {
   ParseResult configuration;
   nlohmann::json status;       ///< the daemon's; null when it does not answer
@@ -37,6 +44,8 @@ struct HostFacts {
   bool is_running = true;      ///< somebody listens at its socket
   nlohmann::json fleet;        ///< the daemon's answer to `fleet`; null when there is none
   std::string own_version;
+  std::string host_name;
+  LocalBrokers brokers;
   std::vector<InterfaceFacts> interfaces;
   std::optional<bool> is_search_answered;  ///< a SEARCHGW of our own; nothing: not tried
   /// Of mqttsn.listen, by another program; looked at when the daemon does not run.

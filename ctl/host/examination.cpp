@@ -98,6 +98,39 @@ std::vector<InterfaceFacts> read_interfaces() {
   return result;
 }
 
+/// Of `/proc/<process>/limits`: "Max open files   soft   hard   files".
+std::optional<std::uint64_t> open_file_limit(const fs::path& process) {
+  constexpr std::string_view title = "Max open files";
+  std::ifstream file(process / "limits");
+  for (std::string line; std::getline(file, line);) {
+    if (!line.starts_with(title)) continue;
+    std::uint64_t soft = 0;
+    if (std::istringstream(line.substr(title.size())) >> soft) return soft;
+  }
+  return std::nullopt;
+}
+
+LocalBrokers find_brokers() {
+  LocalBrokers brokers;
+  std::error_code error;
+  for (fs::directory_iterator entry("/proc", error), end; entry != end; entry.increment(error)) {
+    std::ifstream file(entry->path() / "comm");
+    std::string name;
+    if (!std::getline(file, name)) continue;
+    if (name == "mosquitto") {
+      const auto files = open_file_limit(entry->path());
+      if (files)
+        brokers.mosquitto_files = std::min(*files, brokers.mosquitto_files.value_or(*files));
+    }
+    if (name != "beam.smp") continue;  // what Erlang programs run in
+    std::ifstream arguments(entry->path() / "cmdline");
+    std::string text;
+    std::getline(arguments, text);
+    if (text.find("ejabberd") != text.npos) brokers.has_ejabberd = true;
+  }
+  return brokers;
+}
+
 /// The port of the first address that every interface of one family listens on; searches are sent
 /// there over loopback.
 std::optional<sockaddr_in6> search_target(const mqttsn::Settings& settings) {
@@ -211,6 +244,9 @@ HostFacts gather_facts(const Installation& installation, const std::string& sock
     facts.status_failure = failure.what();
   }
   facts.interfaces = read_interfaces();
+  std::array<char, 256> name{};  // POSIX's longest host name and a NUL
+  if (gethostname(name.data(), name.size() - 1) == 0) facts.host_name = name.data();
+  facts.brokers = find_brokers();
   const mqttsn::Settings& mqttsn = installation.parsed().config.mqttsn;
   if (facts.is_running) {
     facts.is_search_answered = search(mqttsn);

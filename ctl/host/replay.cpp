@@ -39,7 +39,7 @@ class Replay final : private UpstreamListener {
   }
 
  private:
-  void on_link_up(bool, const BrokerLimits&) override {
+  void on_link_up(const BrokerLimits&) override {
     untried_ = 0;
     begun_ = std::chrono::steady_clock::now();
     proceed();
@@ -58,8 +58,8 @@ class Replay final : private UpstreamListener {
     proceed();
   }
   void on_silence(bool) override {}
-  void on_subscribe_result(const std::string&, SubscribeAnswer) override {}
-  void on_message(BrokerMessage, std::vector<std::uint32_t>) override {}
+  void on_subscribe_result(const std::string&, bool) override {}
+  void on_message(BrokerMessage) override {}
 
   TimePoint due(const RecordedMessage& message) const {
     const std::chrono::duration<double, std::micro> after = message.after;

@@ -86,6 +86,8 @@ std::string read(const fs::path& path) {
 void write_configuration(const fs::path& directory, const Installation& installation) {
   std::string text;
   for (const Problem& problem : installation.parsed().problems) text += to_string(problem) + "\n";
+  for (const Problem& problem : installation.parsed().notices)
+    text += "notice: " + to_string(problem) + "\n";
   for (const Problem& problem : installation.parsed().warnings)
     text += "warning: " + to_string(problem) + "\n";
   write(directory / "check-config.txt", text.empty() ? "OK\n" : text);

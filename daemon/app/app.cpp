@@ -89,7 +89,7 @@ App::App(Config config, std::string config_file)
       session_store_(io_, config_.store.directory, [this](Notice notice) { perform(notice); }),
       upstream_(io_, config_.broker, {scheme_.state_topic(), R"({"state":"offline"})"}, *this),
       meshes_(io_, config_, scheme_, session_store_, descriptors_, *this),
-      fleet_(io_, config_, gateway_, gateway_driver_, meshes_, upstream_,
+      fleet_(io_, config_, scheme_, gateway_, gateway_driver_, meshes_, upstream_,
              [this](BrokerMessage message) { submit(std::move(message), no_receipt); }),
       network_watch_(std::make_shared<InterfaceWatch>(io_)),
       broker_log_(broker_uri(config_.broker)),
@@ -117,6 +117,7 @@ void App::run() {
   start_control();
   report_configured_robots();
   start_meshes();
+  fleet_.start();
   upstream_.read_credentials_with([this] { return load_credentials(config_.broker); });
   upstream_.start();
   network_watch_->start([this] { upstream_.retry_now(); });
@@ -169,6 +170,7 @@ OrderAnswer App::reload() {
     log_event(Severity::error, refusal);
     return {{}, error + refusal};
   }
+  for (const Problem& notice : result.notices) log_event(Severity::notice, to_string(notice));
   const Reload reload = reload_of(config_, std::move(result.config));
   apply(reload);
   log_event(Severity::notice,
@@ -211,7 +213,6 @@ void App::stop() {
   on_watched(false);
   control_.reset();
   meshes_.each(&MeshAdapter::stop_listening);
-  fleet_.on_stop();
   gateway_driver_.input(&Gateway::on_stop);
   outbox_driver_.input(&Outbox::on_stop);
   stop_when_flushed(read_clocks().mono + flush_patience);
@@ -283,29 +284,24 @@ void App::perform(PassUp& action) {
   submit(std::move(upload.message), upload.receipt);
 }
 
-void App::perform(Upload& action) {
-  if (action.outcome_after && fleet_.may_be_shared()) return fleet_.report_outcome(action);
-  submit(std::move(action.message), action.receipt);
-}
+void App::perform(Upload& action) { submit(std::move(action.message), action.receipt); }
 
 void App::submit(BrokerMessage message, const Receipt& receipt) {
   outbox_driver_.input(&Outbox::submit, std::move(message), receipt);
 }
 
-void App::perform(SubscribeAtBroker& action) {
-  upstream_.subscribe(action.filter, action.qos, action.id);
-}
+void App::perform(SubscribeAtBroker& action) { upstream_.subscribe(action.filter); }
 
 void App::perform(UnsubscribeAtBroker& action) { upstream_.unsubscribe(action.filter); }
 
-void App::perform(DeliverToMeshes& action) { meshes_.deliver(action); }
-
-void App::perform(AnswerSubscribe& action) { meshes_.answer(action); }
+void App::perform(DeliverToMesh& action) { meshes_.deliver(action); }
 
 void App::perform(CommandOutcome& outcome) {
   operator_commands_.on_outcome(outcome);
   for (TrafficObserver* observer : traffic_observers_) observer->on_outcome(outcome, read_clocks());
 }
+
+void App::perform(CommandHandedOn& action) { operator_commands_.on_handed_on(action.id); }
 
 void App::perform(TrafficEvent& event) {
   for (TrafficObserver* observer : traffic_observers_) observer->on_traffic(event);
@@ -391,22 +387,22 @@ void App::on_mesh_event(MeshEvent event) {
   gateway_driver_.input(&Gateway::on_mesh_event, std::move(event));
 }
 
-void App::report_broker_link(bool is_session_present) {
+void App::report_broker_link() {
   gateway_driver_.input(&Gateway::on_broker_link);
   meshes_.each(&MeshAdapter::on_broker_link, broker_link_.is_up);
-  fleet_.on_broker_link(broker_link_.is_up, is_session_present);
+  fleet_.on_broker_link(broker_link_.is_up);
 }
 
-void App::on_link_up(bool session_present, const BrokerLimits& limits) {
+void App::on_link_up(const BrokerLimits& limits) {
   const bool is_v5 = upstream_.version() == MqttVersion::v5;
-  broker_link_ = {true, read_clocks().wall, {}, broker_uri(upstream_.broker()), is_v5};
+  broker_link_ = {true, read_clocks().wall, {}, broker_uri(upstream_.broker())};
   broker_log_.rename(broker_link_.uri);
   std::string detail = is_v5 ? "MQTT 5" : "MQTT 3.1.1";
   if (const std::string words = to_words(limits); !words.empty()) detail += "; it takes " + words;
   log_notice(broker_log_.on_up(detail));
   // The outbox first: otherwise the gateway's own messages would take the way over the disk.
   outbox_driver_.input(&Outbox::on_link_up, limits.receive_maximum);
-  report_broker_link(session_present);
+  report_broker_link();
 }
 
 void App::on_link_down(const std::string& why) {
@@ -426,32 +422,30 @@ void App::take_link_down(const std::string& why, const Now& now) {
   if (why != broker_link_.why) broker_link_ = {false, now.wall, why, {}};
   if (!was_up) return;
   outbox_driver_.input(&Outbox::on_link_down);
-  report_broker_link(false);
+  report_broker_link();
 }
 
 void App::on_silence(bool is_silent) {
   broker_link_.is_silent = is_silent;
   outbox_driver_.input(&Outbox::on_silence, is_silent);
-  gateway_driver_.input(&Gateway::on_broker_silence);
+  fleet_.on_silence(is_silent);
 }
 
 void App::on_published(std::uint64_t sequence) {
-  if (FleetMember::is_own(sequence)) return fleet_.on_published(sequence);
   outbox_driver_.input(&Outbox::on_published, sequence);
 }
 
 void App::on_publish_refused(std::uint64_t sequence, const Refusal& refusal) {
-  if (FleetMember::is_own(sequence)) return fleet_.on_publish_refused(sequence);
   outbox_driver_.input(&Outbox::on_publish_refused, sequence, refusal);
 }
 
-void App::on_subscribe_result(const std::string& filter, SubscribeAnswer answer) {
-  gateway_driver_.input(&Gateway::on_subscribe_result, filter, answer);
-  fleet_.on_subscribe_result(filter, answer);
+void App::on_subscribe_result(const std::string& filter, bool is_granted) {
+  gateway_driver_.input(&Gateway::on_subscribe_result, filter, is_granted);
 }
 
-void App::on_message(BrokerMessage message, std::vector<std::uint32_t> subscriptions) {
-  gateway_driver_.input(&Gateway::on_broker_message, std::move(message), subscriptions);
+void App::on_message(BrokerMessage message) {
+  if (!fleet_.takes(message))
+    gateway_driver_.input(&Gateway::on_broker_message, std::move(message));
 }
 
 }  // namespace slamgw

@@ -66,14 +66,13 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   // What the core leaves:
   void perform(PassUp& action);
   void perform(Upload& action);
-  void perform(AwaitTurn& action) { fleet_.perform(action); }
-  void perform(AskAboutRobot& action) { fleet_.perform(action); }
   void perform(RobotForgotten& action) { fleet_.perform(action); }
+  void perform(WantSession& action) { fleet_.perform(action); }
   void perform(SubscribeAtBroker& action);
   void perform(UnsubscribeAtBroker& action);
-  void perform(DeliverToMeshes& action);
-  void perform(AnswerSubscribe& action);
+  void perform(DeliverToMesh& action);
   void perform(CommandOutcome& outcome);
+  void perform(CommandHandedOn& action);
   void perform(TrafficEvent& event);
   void perform(MeshStep& step);
   void perform(Notice& notice);
@@ -86,20 +85,20 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
 
   void on_mesh_event(MeshEvent event) override;
 
-  void on_link_up(bool session_present, const BrokerLimits& limits) override;
+  void on_link_up(const BrokerLimits& limits) override;
   void on_link_down(const std::string& why) override;
   void on_link_left(const std::string& why) override;
   void take_link_down(const std::string& why, const Now& now);
   void on_silence(bool is_silent) override;
-  void report_broker_link(bool is_session_present);
+  void report_broker_link();
   void on_published(std::uint64_t sequence) override;
   void on_publish_refused(std::uint64_t sequence, const Refusal& refusal) override;
-  void on_subscribe_result(const std::string& filter, SubscribeAnswer answer) override;
-  void on_message(BrokerMessage message, std::vector<std::uint32_t> subscriptions) override;
+  void on_subscribe_result(const std::string& filter, bool is_granted) override;
+  void on_message(BrokerMessage message) override;
 
   nlohmann::json status() override;
   nlohmann::json robots(const std::optional<std::string>& robot) override;
-  nlohmann::json fleet() override { return fleet_.status(read_clocks()); }
+  nlohmann::json fleet() override { return fleet_.status(); }
   void on_watched(bool is_watched) override;
   void send(const std::string& robot, const std::string& type, Bytes payload,
             std::function<void(nlohmann::json)> done) override;

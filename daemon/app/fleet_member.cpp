@@ -1,272 +1,434 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/app/fleet_member.hpp"
 
-#include <random>
+#include <fmt/format.h>
+
+#include <algorithm>
 #include <utility>
 
+#include "daemon/core/result.hpp"
 #include "daemon/observability/log.hpp"
+#include "daemon/sessions/mailbox.hpp"
 
 namespace slamgw {
 
-using fleet::Ownership;
+using sessions::RobotSessions;
 using Json = nlohmann::ordered_json;
 
-namespace {
-
-fleet::Settings settings_of(const Config& config, const FleetMemory& memory) {
-  std::random_device random;
-  return {config.fleet, (std::uint64_t{random()} << 32U) | random(), memory.were_others_about()};
-}
-
-}  // namespace
-
-FleetMember::FleetMember(boost::asio::io_context& io, const Config& config, Gateway& gateway,
+FleetMember::FleetMember(boost::asio::io_context& io, const Config& config,
+                         const TopicScheme& scheme, Gateway& gateway,
                          MachineDriver<Gateway>& gateway_driver, Meshes& meshes, Upstream& upstream,
                          Submit submit)
-    : gateway_(gateway),
+    : scheme_(scheme),
+      names_(scheme),
+      gateway_(gateway),
       gateway_driver_(gateway_driver),
       meshes_(meshes),
       upstream_(upstream),
       submit_(std::move(submit)),
       started_(read_clocks().wall),
-      memory_(config.store.directory),
-      ownership_({config.topics.prefix, config.gateway_id}, settings_of(config, memory_),
-                 [this] { return local_robots(); }),
-      driver_(io, ownership_, [this](fleet::OwnershipAction& action) {
-        std::visit([this](auto& what) { perform(what); }, action);
-      }) {
-  // Before there is a broker. So the core asks none for the robots' own subscriptions to commands,
-  // of which a restarted gateway has many, before Ownership asks for all commands.
-  if (config.fleet != fleet::Enabled::no)
-    gateway_.subscribe_own(
-        TopicScheme(config.topics.prefix, config.gateway_id).command_topic("+", "+"));
-  gateway_.share_with(
-      {[this] { return ownership_.is_shared() || ownership_.may_be_shared(); },
-       [this] { return !ownership_.is_alone() && upstream_.version() == MqttVersion::v3_1_1; },
-       [this](const std::string& robot) {
-         return ownership_.speaks_for(robot, read_clocks().mono);
-       },
-       [this](const std::string& robot, Presence presence, bool has_just_come) {
-         return ownership_.may_announce(robot, presence, has_just_come, read_clocks().mono);
-       },
-       [this](const BrokerMessage& message) { return takes(message); }});
+      last_alive_(io, config.store.directory),
+      neighbours_(config.gateway_id),
+      host_(
+          io, names_,
+          [this](const std::string& robot) { return neighbours_.is_served_elsewhere(robot); },
+          last_alive_.before_start(),
+          [this](sessions::SessionHost::Report report) {
+            std::visit([this](auto& what) { perform(what); }, report);
+          }),
+      tick_(io),
+      newcomer_timer_(io) {
+  gateway_.ask_where_robots_are(places());
   meshes_.ask_where_served([this](const std::string& robot) {
-    return !ownership_.speaks_for(robot, read_clocks().mono);
+    return is_held(robot) || neighbours_.robots().contains(robot);
   });
   meshes_.share_ble(
-      [this](const std::string& robot) { return ownership_.may_serve(robot, read_clocks().mono); },
+      [this](const std::string& robot) {
+        if (!has_kept_running()) return false;
+        return is_held(robot) || (!up_since_ && held_before_.contains(robot));
+      },
       [this](const std::string& robot, const std::optional<RadioFacts>& radio) {
-        on_heard_too(robot, radio);
+        on_heard_by_board(robot, radio);
       });
 }
 
-std::vector<fleet::LocalRobot> FleetMember::local_robots() const {
-  std::vector<fleet::LocalRobot> local;
-  for (const auto& [id, robot] : gateway_.registry().robots()) {
-    if (robot.presence().is_known)
-      local.push_back({id, robot.presence().presence != Presence::offline});
+RobotPlaces FleetMember::places() {
+  return {[this](const std::string& robot) { return is_held(robot); },
+          [this](const std::string& robot) { return neighbours_.is_served_elsewhere(robot); },
+          [this](const std::string& robot) {
+            return is_held(robot) || neighbours_.robots().contains(robot);
+          },
+          [this](const std::string& robot) {
+            return host_.is_refused(robot) && !neighbours_.is_served_elsewhere(robot);
+          },
+          [this] { return neighbours_.gateways().empty(); }};
+}
+
+void FleetMember::start() {
+  last_alive_.start();
+  gateway_driver_.input(&Gateway::subscribe_own, scheme_.state_filter());
+  gateway_driver_.input(&Gateway::subscribe_own, scheme_.presence_filter());
+  await_tick();
+}
+
+void FleetMember::stop() {
+  tick_.cancel();
+  newcomer_timer_.cancel();
+  host_.stop();
+  last_alive_.stop();
+}
+
+// --- What the broker says ------------------------------------------------------------------------
+
+void FleetMember::on_broker_link(bool is_up) {
+  if (!is_up) {
+    up_since_.reset();
+    held_before_.clear();
+    return host_.on_broker_down();
   }
-  return local;
+  up_since_ = read_clocks().mono;
+  gateway_driver_.input(&Gateway::hear_all_commands, neighbours_.is_first());
+  for (const auto& [robot, presence] : adopted_)
+    submit_({scheme_.presence_topic(robot), to_bytes(presence), Qos::at_least_once, true});
+  host_.on_broker_up(upstream_.broker(), upstream_.version());
 }
 
-void FleetMember::on_broker_link(bool is_up, bool is_session_kept) {
-  driver_.input([&](auto& ownership, const Now& now) {
-    ownership.on_broker_link(is_up, now, is_session_kept);
-  });
-}
+void FleetMember::on_silence(bool is_silent) { host_.input(&RobotSessions::on_silence, is_silent); }
 
-void FleetMember::on_stop() { driver_.input(&Ownership::on_stop); }
-
-void FleetMember::on_subscribe_result(const std::string& filter, SubscribeAnswer answer) {
-  driver_.input(&Ownership::on_subscribe_result, filter, answer);
+bool FleetMember::is_settled() const {
+  return up_since_ && read_clocks().mono - *up_since_ >= settling;
 }
 
 bool FleetMember::takes(const BrokerMessage& message) {
-  bool is_taken = false;
-  driver_.input([&](auto& ownership, const Now& now) {
-    is_taken = ownership.on_broker_message(message, now);
-  });
-  return is_taken;
+  if (const auto gateway = scheme_.gateway_of_state(message.topic)) {
+    if (*gateway == scheme_.gateway_id()) {
+      // A broker that sends what it retains does so before our new state comes back.
+      sends_retained_ = sends_retained_ || message.retain;
+      if (!message.retain && sends_retained_ && neighbours_.gateways().empty())
+        host_.input(&RobotSessions::attach_kept);
+      return false;
+    }
+    on_state(std::string(*gateway), message.payload);
+    return true;
+  }
+  if (const auto shown = scheme_.parse_presence_topic(message.topic))
+    return on_presence(std::string(shown->gateway), std::string(shown->robot), message);
+  if (const auto gateway = scheme_.gateway_of_hears(message.topic)) {
+    const auto hears = sessions::read_hears(message.payload);
+    if (hears && *gateway != scheme_.gateway_id())
+      board_choice_.on_hears(std::string(*gateway), *hears, read_clocks().mono);
+    return true;
+  }
+  return false;
 }
 
-/// What was heard in a shared mesh comes to on_heard_too().
+/// Brokers that send nothing retained to a subscription with wildcards tell a newcomer nothing of
+/// what stood before: each gateway then says it again, once for all who have come.
+void FleetMember::on_state(const std::string& gateway, ByteView document) {
+  const auto known = neighbours_.gateways().find(gateway);
+  const bool was_online = known != neighbours_.gateways().end() && known->second.is_online;
+  const TimePoint now = read_clocks().mono;
+  for (const auto& orphan : neighbours_.on_state(gateway, document)) {
+    if (is_held(orphan.robot))
+      withdraw_from(gateway, orphan.robot);
+    else
+      keep(orphan.robot, now, orphan.after);
+  }
+  gateway_driver_.input(&Gateway::hear_all_commands, neighbours_.is_first());
+  give_up_lost();
+  const auto after = neighbours_.gateways().find(gateway);
+  if (was_online || after == neighbours_.gateways().end() || !after->second.is_online) return;
+  log_event(Severity::notice, fmt::format("gateway '{}' is on this broker too", gateway));
+  newcomer_timer_.expires_after(newcomer_delay);
+  newcomer_timer_.async_wait([this](boost::system::error_code error) {
+    if (error || !up_since_) return;
+    gateway_driver_.input(&Gateway::publish_state);
+    gateway_driver_.input(&Gateway::announce_all);
+  });
+}
+
+/// False for those of this gateway's own name, which the core looks at. A former process has left
+/// them: its robots are answered for.
+bool FleetMember::on_presence(const std::string& gateway, const std::string& robot,
+                              const BrokerMessage& message) {
+  if (gateway == scheme_.gateway_id()) {
+    const bool is_former = message.retain && !message.payload.empty() &&
+                           !gateway_.registry().find(robot) && !adopted_.contains(robot);
+    if (is_former) keep(robot, last_alive_.before_start(), former_delay);
+    return false;
+  }
+  neighbours_.on_presence(gateway, robot, message.payload);
+  if (lost_.contains(robot) && neighbours_.is_served_elsewhere(robot)) give_up(robot);
+  return true;
+}
+
+/// A gateway's presence may come before its state.
+void FleetMember::give_up_lost() {
+  for (const std::string& robot : std::set<std::string>(lost_))
+    if (neighbours_.is_served_elsewhere(robot)) give_up(robot);
+}
+
+// --- What the meshes say -------------------------------------------------------------------------
+
 void FleetMember::on_mesh_event(const MeshEvent& event) {
-  const auto* link = std::get_if<LinkChange>(&event);
-  if (link && meshes_.is_shared(link->mesh)) driver_.input(&Ownership::on_board, link->is_up);
-  if (ownership_.is_alone() && !ownership_.is_holding_wills()) return;
-  const std::string* heard = nullptr;
-  if (const auto* sign = std::get_if<SignOfLife>(&event); sign && !meshes_.is_shared(sign->mesh))
-    heard = &sign->robot;
-  if (const auto* report = std::get_if<Report>(&event);
-      report && !report->is_will && !meshes_.is_shared(report->mesh))
-    heard = &report->robot;
-  if (heard) driver_.input(&Ownership::on_heard, *heard);
+  std::visit([this](const auto& what) { handle(what); }, event);
 }
 
-/// The mesh may be shared since just now, and the link have come up before.
-void FleetMember::on_heard_too(const std::string& robot, const std::optional<RadioFacts>& radio) {
-  std::optional<fleet::SignalLevel> level;
+void FleetMember::handle(const SubscribeRequest& request) {
+  host_.input(&RobotSessions::subscribe, request.robot, request.filter, request.qos,
+              request.is_standing);
+  if (request.is_standing) return keep(request.robot, last_alive_.before_start(), former_delay);
+  lost_.erase(request.robot);
+}
+
+void FleetMember::handle(const UnsubscribeRequest& request) {
+  host_.input(&RobotSessions::unsubscribe, request.robot, request.filter);
+}
+
+void FleetMember::handle(const SessionCleaned& cleaned) {
+  host_.input(&RobotSessions::begin_clean, cleaned.robot);
+}
+
+void FleetMember::handle(const NoteChanged& change) {
+  if (neighbours_.is_served_elsewhere(change.robot) && !is_held(change.robot)) return;
+  submit_({names_.note_topic(change.robot), change.note, Qos::at_least_once, true});
+}
+
+void FleetMember::handle(const NoteRequest& request) {
+  lost_.erase(request.robot);
+  host_.input(&RobotSessions::read_note, request.robot);
+}
+
+void FleetMember::handle(const Report& report) {
+  if (!report.is_will) on_heard(report.mesh, report.robot);
+}
+
+/// The core shows the robot from now on. While the broker is away, and before it has come at all,
+/// the robot may be at another gateway already.
+void FleetMember::handle(const PresenceChange& change) {
+  if (!adopted_.empty()) adopted_.erase(change.robot);
+  if (!up_since_ && !meshes_.is_shared(change.mesh)) lost_.insert(change.robot);
+}
+
+void FleetMember::handle(const LinkChange& change) {
+  if (change.mesh == Mesh::ble) board_choice_.on_board(change.is_up);
+}
+
+/// What was heard in a shared mesh comes to on_heard_by_board().
+void FleetMember::on_heard(Mesh mesh, const std::string& robot) {
+  if (!meshes_.is_shared(mesh)) attach(robot);
+}
+
+void FleetMember::attach(const std::string& robot) {
+  if (!lost_.empty()) lost_.erase(robot);
+  host_.input(&RobotSessions::on_heard, robot);
+}
+
+void FleetMember::on_heard_by_board(const std::string& robot,
+                                    const std::optional<RadioFacts>& radio) {
+  std::optional<sessions::SignalLevel> level;
   if (radio)
-    level = fleet::SignalLevel{radio->rssi_dbm -
-                               fleet::SignalLevel::relay_cost_db * radio->hops.value_or(0)};
-  driver_.input(&Ownership::on_board, true);
-  driver_.input(&Ownership::on_heard_too, robot, level);
+    level = sessions::SignalLevel{radio->rssi_dbm -
+                                  sessions::SignalLevel::relay_cost_db * radio->hops.value_or(0)};
+  board_choice_.on_heard(robot, level, read_clocks().mono);
+  if (is_held(robot) || should_attach(robot)) attach(robot);
 }
 
-/// Until this gateway is a member, the broker may still have a subscription of the robot itself.
-void FleetMember::perform(AwaitTurn& action) {
-  const bool may_be_copy = upstream_.version() == MqttVersion::v3_1_1 &&
-                           gateway_.registry().find(action.robot) != nullptr;
-  driver_.input([&](auto& ownership, const Now& now) {
-    ownership.on_command(std::move(action.message), std::move(action.robot), std::move(action.type),
-                         now, may_be_copy);
-  });
+/// Whether this gateway's board should serve a robot whose session it does not hold.
+bool FleetMember::should_attach(const std::string& robot) {
+  if (!is_settled()) return false;
+  if (!neighbours_.is_served_elsewhere(robot)) return true;
+  return board_choice_.should_take(robot, neighbours_.robots().at(robot).gateway,
+                                   read_clocks().mono);
 }
 
-void FleetMember::perform(AskAboutRobot& action) {
-  driver_.input(&Ownership::on_will, std::move(action.will));
+/// The robot's session is this gateway's, unless another one hears the robot within `after`.
+void FleetMember::keep(const std::string& robot, std::optional<TimePoint> unheld_since,
+                       Duration after) {
+  if (!is_held(robot)) host_.input(&RobotSessions::keep, robot, unheld_since, after);
+}
+
+/// What has not been on the air goes on to the robot's next gateway.
+void FleetMember::give_up(const std::string& robot) {
+  lost_.erase(robot);
+  adopted_.erase(robot);
+  for (const WaitingMessage& waiting : meshes_.give_up(robot)) {
+    if (waiting.command != CommandId::none)
+      gateway_driver_.input(&Gateway::on_handed_on, waiting.command);
+    submit_({names_.mailbox_topic(robot), sessions::encode_waiting(waiting), Qos::at_least_once});
+  }
+  gateway_driver_.input(&Gateway::on_given_up, robot);
 }
 
 void FleetMember::perform(RobotForgotten& action) {
-  driver_.input(&Ownership::on_forgotten, action.robot);
+  lost_.erase(action.robot);
+  adopted_.erase(action.robot);
+  host_.input(&RobotSessions::forget, action.robot);
 }
 
-void FleetMember::report_outcome(Upload& action) {
-  driver_.input(&Ownership::on_own_outcome, std::move(action.message), *action.outcome_after);
+void FleetMember::await_tick() {
+  tick_.expires_after(tick_interval);
+  tick_.async_wait([this](boost::system::error_code error) {
+    if (error) return;
+    on_tick();
+    await_tick();
+  });
 }
 
-void FleetMember::perform(fleet::PublishNow& action) {
-  upstream_.publish(next_sequence_++, std::move(action.message));
+/// A process that stood still learns only now which sessions it has lost meanwhile, and boards have
+/// kept what they heard for it.
+bool FleetMember::has_kept_running() {
+  const TimePoint now = read_clocks().mono;
+  if (now - std::exchange(last_running_, now) > longest_pause)
+    distrusted_until_ = now + catching_up;
+  return now >= distrusted_until_;
 }
 
-void FleetMember::perform(fleet::AnnounceGateway&) {
-  gateway_driver_.input(&Gateway::publish_state);
+/// A gateway that stands still does not withdraw what it shows.
+void FleetMember::withdraw_from_still_gateways() {
+  const TimePoint now = read_clocks().mono;
+  std::erase_if(taken_, [&](const auto& taken) {
+    const auto& [robot, since] = taken;
+    if (is_held(robot) && now - since < withdrawal_patience) return false;
+    const auto shown = neighbours_.robots().find(robot);
+    if (is_held(robot) && shown != neighbours_.robots().end())
+      withdraw_from(shown->second.gateway, robot);
+    return true;
+  });
 }
 
-void FleetMember::perform(fleet::RememberOthers& action) { memory_.remember(action.are_about); }
-
-void FleetMember::stop() {
-  driver_.stop();
-  memory_.stop();
+void FleetMember::withdraw_from(const std::string& gateway, const std::string& robot) {
+  submit_({scheme_.presence_topic_at(gateway, robot), {}, Qos::at_least_once, true});
 }
 
-/// The core keeps it over reconnects, and knows about copies.
-void FleetMember::perform(fleet::SubscribeFleet& action) {
-  gateway_driver_.input(&Gateway::subscribe_own, action.filter);
+void FleetMember::on_tick() {
+  has_kept_running();
+  withdraw_from_still_gateways();
+  if (!meshes_.is_shared(Mesh::ble) || !up_since_) return;
+  gateway_driver_.input(&Gateway::subscribe_own, scheme_.hears_filter());
+  const TimePoint now = read_clocks().mono;
+  if (const auto hears = board_choice_.next_hears(now))
+    submit_({scheme_.hears_topic(), to_bytes(sessions::to_json_text(*hears)), Qos::at_most_once});
+  for (const std::string& robot : board_choice_.candidates(now))
+    if (!is_held(robot) && should_attach(robot)) attach(robot);
 }
 
-void FleetMember::perform(fleet::UnsubscribeFleet& action) {
-  gateway_driver_.input(&Gateway::unsubscribe_own, action.filter);
+// --- What the sessions say -----------------------------------------------------------------------
+
+void FleetMember::perform(sessions::SessionHeld& held) {
+  lost_.erase(held.robot);
+  held_before_.erase(held.robot);
+  if (neighbours_.is_served_elsewhere(held.robot)) taken_[held.robot] = read_clocks().mono;
+  meshes_.each(&MeshAdapter::on_session_held, held.robot);  // a mesh may show it from now on
+  gateway_driver_.input(&Gateway::on_session_held, held.robot, held.was_present, adopt(held.robot));
 }
 
-void FleetMember::perform(fleet::TakeOverRobot& action) {
-  meshes_.take_over(action.robot, action.session);
-  gateway_driver_.input(&Gateway::on_taken_over, action.robot, action.dead_owner);
+/// The gateway that showed the robot and is gone; may be empty. Its entry goes; if the robot is not
+/// here, this gateway shows it as offline from now on.
+std::string FleetMember::adopt(const std::string& robot) {
+  const auto shown = neighbours_.robots().find(robot);
+  if (shown == neighbours_.robots().end() || neighbours_.is_served_elsewhere(robot)) return {};
+  const std::string dead_owner = shown->second.gateway;
+  const auto is_here = [&](Mesh mesh) {
+    return meshes_.presence_of(mesh, robot).value_or(Presence::offline) != Presence::offline;
+  };
+  if (!gateway_.registry().find(robot) && std::ranges::none_of(all_meshes, is_here)) {
+    auto presence = Json::parse(shown->second.document, nullptr, false);
+    presence["state"] = "offline";
+    presence["since"] = to_iso8601(read_clocks().wall);
+    submit_({scheme_.presence_topic(robot), to_bytes(presence.dump()), Qos::at_least_once, true});
+    adopted_[robot] = presence.dump();
+  }
+  return dead_owner;
 }
 
-void FleetMember::perform(fleet::GiveUpRobot& action) {
-  Bytes session = meshes_.give_up(action.robot);
-  gateway_driver_.input(&Gateway::on_given_up, action.robot);
-  if (action.is_awaited)
-    driver_.input(&Ownership::on_given_up, action.robot, action.to, std::move(session));
+/// The broker may just have closed one connection: the robot's next word takes the session back.
+void FleetMember::perform(sessions::SessionLost& lost) {
+  switch (lost.why) {
+    case sessions::LossReason::taken: break;
+    case sessions::LossReason::broker_gone: held_before_.insert(lost.robot); return;
+    case sessions::LossReason::let_go: return;
+  }
+  lost_.insert(lost.robot);
+  if (neighbours_.is_served_elsewhere(lost.robot)) give_up(lost.robot);
 }
 
-void FleetMember::perform(fleet::CarryOut& action) {
-  gateway_driver_.input(&Gateway::on_turn, std::move(action.command));
+void FleetMember::perform(sessions::FilterAnswered& answer) {
+  meshes_.each(&MeshAdapter::on_subscribe_result, answer.robot, answer.filter, answer.is_granted);
 }
 
-void FleetMember::perform(fleet::EndCommand& action) {
-  const auto after = std::chrono::duration_cast<std::chrono::milliseconds>(action.after);
-  gateway_driver_.input(&Gateway::on_ended_elsewhere,
-                        CommandOutcome{std::nullopt, CommandId::none, action.robot, action.type,
-                                       action.result, after, action.why});
+void FleetMember::perform(sessions::TakeMessage& take) {
+  gateway_driver_.input(
+      &Gateway::on_robot_message,
+      RobotMessage{take.robot, std::move(take.message), CommandId::none, take.is_unasked});
 }
 
-void FleetMember::perform(fleet::PublishOutcomeNow& action) {
-  upstream_.publish(first_outcome + action.id, action.message);
+void FleetMember::perform(sessions::RefuseStale& refuse) {
+  gateway_driver_.input(&Gateway::on_stale_command, refuse.robot, std::move(refuse.message),
+                        refuse.has_begun_anew);
 }
 
-void FleetMember::on_published(std::uint64_t sequence) {
-  if (sequence < first_outcome) return;
-  driver_.input(&Ownership::on_outcome_acknowledged, sequence - first_outcome);
+void FleetMember::perform(sessions::NoteRead& note) {
+  meshes_.each(&MeshAdapter::on_note, note.robot, note.note);
 }
 
-void FleetMember::on_publish_refused(std::uint64_t sequence) {
-  if (sequence < first_outcome) return;
-  driver_.input(&Ownership::on_outcome_refused, sequence - first_outcome);
-}
-
-void FleetMember::perform(fleet::PublishOutcome& action) { submit_(std::move(action.message)); }
-
-void FleetMember::perform(fleet::PublishWill& action) {
-  gateway_driver_.input(&Gateway::on_silence, std::move(action.will));
+void FleetMember::perform(sessions::SessionContested& contested) {
+  gateway_driver_.input(&Gateway::on_contested, contested.robot, contested.is_contested);
 }
 
 void FleetMember::perform(Notice& notice) { log_notice(notice); }
 
 // --- For operators -------------------------------------------------------------------------------
 
-const char* FleetMember::state(TimePoint now) const {
-  using Phase = Ownership::Phase;
-  switch (ownership_.phase()) {
-    case Phase::alone: return "alone";
-    case Phase::joining: return "joining";
-    case Phase::member: return ownership_.is_leased(now) ? "member" : "cut off";
-  }
-  return "";
+const char* FleetMember::state() const {
+  if (!up_since_) return "cut off";
+  for (const auto& [id, other] : neighbours_.gateways())
+    if (other.is_online) return "member";
+  return "alone";
 }
 
-/// This gateway, those whose beats were heard, and those that are on the broker without beats.
-Json FleetMember::gateways(const Now& now) const {
-  const auto& states = ownership_.states();
-  const auto& peers = ownership_.peers();
-  const auto row = [&](const std::string& id, const char* state, std::uint64_t robots) {
-    Json gateway{{"gateway", id}, {"state", state}, {"robots", robots}};
-    if (const auto known = states.find(id); known != states.end()) {
-      gateway["version"] = known->second.version;
-      gateway["since"] = known->second.since;
-    }
-    return gateway;
-  };
-  const auto local = local_robots();
-  Json own =
-      row(ownership_.name(), state(now.mono), is_alone() ? local.size() : ownership_.owned());
-  own["version"] = SLAMGW_VERSION;
-  own["since"] = to_iso8601(started_);
-  Json rows = Json::array({std::move(own)});
-  for (const auto& [id, peer] : peers.all())
-    rows.push_back(row(id, peers.is_alive(id, now.mono) ? "member" : "silent", peer.digest.count));
-  for (const auto& each : states)
-    if (!peers.find(each.first)) rows.push_back(row(each.first, "apart", 0));
+Json FleetMember::gateways() const {
+  std::map<std::string, std::size_t> counts;
+  for (const auto& [robot, shown] : neighbours_.robots()) ++counts[shown.gateway];
+  Json rows = Json::array({{{"gateway", scheme_.gateway_id()},
+                            {"state", state()},
+                            {"robots", gateway_.registry().robots().size() + adopted_.size()},
+                            {"version", SLAMGW_VERSION},
+                            {"since", to_iso8601(started_)}}});
+  for (const auto& [id, other] : neighbours_.gateways())
+    rows.push_back({{"gateway", id},
+                    {"state", other.is_online ? "member" : "silent"},
+                    {"robots", counts[id]},
+                    {"version", other.version},
+                    {"since", other.since}});
   return rows;
 }
 
-/// `since`: when this gateway learned that the robot is there.
-Json FleetMember::robots(const Now& now) const {
+/// `served`: false when the gateway that shows the robot is gone, or does not hold its session.
+Json FleetMember::robots() const {
   Json rows = Json::array();
-  const auto add = [&](const std::string& robot, const std::string& gateway, WallTime since,
-                       bool is_served) {
-    rows.push_back({{"robot", robot},
-                    {"gateway", gateway},
-                    {"since", to_iso8601(since)},
-                    {"served", is_served}});
+  const auto add = [&](const std::string& robot, const std::string& gateway, std::string since,
+                       bool is_served) -> Json& {
+    rows.push_back(
+        {{"robot", robot}, {"gateway", gateway}, {"since", since}, {"served", is_served}});
+    return rows.back();
   };
-  if (is_alone()) {
-    for (const auto& [id, robot] : gateway_.registry().robots())
-      if (robot.presence().is_known) add(id, ownership_.name(), robot.presence().since, true);
+  for (const auto& [id, robot] : gateway_.registry().robots()) {
+    if (!robot.presence().is_known) continue;
+    Json& row = add(id, scheme_.gateway_id(), to_iso8601(robot.presence().since), is_held(id));
+    if (robot.is_contested()) row["contested"] = true;
   }
-  for (const auto& [robot, row] : ownership_.claims().rows()) {
-    const auto place = ownership_.place_of(robot, now.mono);
-    add(robot, place->gateway, place->since, place->is_alive);
-  }
+  for (const auto& [robot, presence] : adopted_)
+    if (!gateway_.registry().find(robot))
+      add(robot, scheme_.gateway_id(), Json::parse(presence).value("since", ""), is_held(robot));
+  for (const auto& [robot, shown] : neighbours_.robots())
+    if (!is_held(robot))
+      add(robot, shown.gateway, shown.since, neighbours_.is_served_elsewhere(robot));
   return rows;
 }
 
-Json FleetMember::status(const Now& now) const {
-  return {{"gateway", ownership_.name()},
-          {"lease_lapses", ownership_.lease_lapses()},
-          {"gateways", gateways(now)},
-          {"robots", robots(now)}};
+Json FleetMember::status() const {
+  return {{"gateway", scheme_.gateway_id()}, {"gateways", gateways()}, {"robots", robots()}};
 }
 
 }  // namespace slamgw

@@ -1,21 +1,26 @@
 // SPDX-License-Identifier: Apache-2.0
-// This gateway among others: the shell around fleet::Ownership. Hands it what meshes and broker
-// say, and does what it decides.
+// This gateway among others on its broker (docs/fleet.md): the sessions of its robots there, what
+// the other gateways show, and which board serves a robot that several hear. The shell around
+// SessionHost, Neighbours and BoardChoice: passes what one says to the others.
 #pragma once
 
 #include <boost/asio/io_context.hpp>
+#include <boost/asio/steady_timer.hpp>
 #include <functional>
+#include <map>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <string>
-#include <vector>
 
-#include "daemon/app/fleet_memory.hpp"
+#include "daemon/app/last_alive.hpp"
 #include "daemon/app/meshes.hpp"
 #include "daemon/config/config.hpp"
 #include "daemon/core/gateway.hpp"
-#include "daemon/fleet/ownership.hpp"
 #include "daemon/mqtt/upstream.hpp"
 #include "daemon/runtime/machine_driver.hpp"
+#include "daemon/sessions/board_choice.hpp"
+#include "daemon/sessions/io/session_host.hpp"
+#include "daemon/sessions/neighbours.hpp"
 
 namespace slamgw {
 
@@ -25,69 +30,104 @@ class FleetMember {
   using Submit = std::function<void(BrokerMessage)>;
 
   /// All of them outlive it.
-  FleetMember(boost::asio::io_context& io, const Config& config, Gateway& gateway,
-              MachineDriver<Gateway>& gateway_driver, Meshes& meshes, Upstream& upstream,
-              Submit submit);
+  FleetMember(boost::asio::io_context& io, const Config& config, const TopicScheme& scheme,
+              Gateway& gateway, MachineDriver<Gateway>& gateway_driver, Meshes& meshes,
+              Upstream& upstream, Submit submit);
 
-  void on_broker_link(bool is_up, bool is_session_kept);
-  void on_subscribe_result(const std::string& filter, SubscribeAnswer answer);
+  void start();
+  void on_broker_link(bool is_up);
+  void on_silence(bool is_silent);
+  /// Sees each before the core does.
   void on_mesh_event(const MeshEvent& event);
-  void perform(AwaitTurn& action);
-  void perform(AskAboutRobot& action);
+  /// From the gateway's own connection. True when the message is about other gateways.
+  bool takes(const BrokerMessage& message);
   void perform(RobotForgotten& action);
-  void report_outcome(Upload& action);
-  bool may_be_shared() const { return ownership_.may_be_shared(); }
-  /// Its messages do not go through the outbox.
-  static bool is_own(std::uint64_t sequence) { return sequence >= first_sequence; }
-  /// The broker has acknowledged one of them, or does not take it.
-  void on_published(std::uint64_t sequence);
-  void on_publish_refused(std::uint64_t sequence);
+  void perform(WantSession& action) { attach(action.robot); }
   /// For `slam-gatewayctl fleet`: this gateway first.
-  nlohmann::ordered_json status(const Now& now) const;
-  std::vector<MissingRight> missing_rights(TimePoint now) const {
-    return ownership_.missing_rights(now);
-  }
-  Counters counters() const { return ownership_.counters(); }
-  /// Before the outbox ends.
-  void on_stop();
+  nlohmann::ordered_json status() const;
+  Counters counters() const { return host_.sessions().counters(); }
+  /// No robot's message comes any more; sessions stay at the broker.
   void stop();
 
  private:
-  static constexpr std::uint64_t first_sequence = std::uint64_t{1} << 63U;
-  /// Of outcomes: theirs is the sum of this and PublishOutcomeNow::id.
-  static constexpr std::uint64_t first_outcome = first_sequence + (first_sequence >> 1U);
+  /// A gateway that starts lets those come first that hear its former robots.
+  static constexpr std::chrono::seconds former_delay{2};
+  /// After the broker has come, until the other gateways' presence has.
+  static constexpr std::chrono::seconds settling{2};
+  static constexpr std::chrono::seconds newcomer_delay{1};
+  static constexpr std::chrono::seconds tick_interval{1};
+  /// A gateway withdraws within milliseconds what another one has taken.
+  static constexpr std::chrono::milliseconds withdrawal_patience{300};
+  /// Two gateways may not both acknowledge a robot that their boards hear.
+  static constexpr std::chrono::seconds longest_pause{2};
+  static constexpr std::chrono::seconds catching_up{1};
 
-  bool is_alone() const { return ownership_.is_alone(); }
-  bool takes(const BrokerMessage& message);
-  std::vector<fleet::LocalRobot> local_robots() const;
-  void on_heard_too(const std::string& robot, const std::optional<RadioFacts>& radio);
-  const char* state(TimePoint now) const;
-  nlohmann::ordered_json gateways(const Now& now) const;
-  nlohmann::ordered_json robots(const Now& now) const;
-  void perform(fleet::PublishNow& action);
-  void perform(fleet::AnnounceGateway& action);
-  void perform(fleet::RememberOthers& action);
-  void perform(fleet::SubscribeFleet& action);
-  void perform(fleet::UnsubscribeFleet& action);
-  void perform(fleet::TakeOverRobot& action);
-  void perform(fleet::GiveUpRobot& action);
-  void perform(fleet::CarryOut& action);
-  void perform(fleet::EndCommand& action);
-  void perform(fleet::PublishOutcomeNow& action);
-  void perform(fleet::PublishOutcome& action);
-  void perform(fleet::PublishWill& action);
+  RobotPlaces places();
+  bool is_held(const std::string& robot) const { return host_.sessions().is_held(robot); }
+  bool is_settled() const;
+  void handle(const SubscribeRequest& request);
+  void handle(const UnsubscribeRequest& request);
+  void handle(const SessionCleaned& cleaned);
+  void handle(const NoteChanged& change);
+  void handle(const NoteRequest& request);
+  void handle(const SignOfLife& sign) { on_heard(sign.mesh, sign.robot); }
+  void handle(const Report& report);
+  void handle(const PresenceChange& change);
+  void handle(const LinkChange& change);
+  template <class Other>
+  void handle(const Other&) {}
+  void on_heard(Mesh mesh, const std::string& robot);
+  void on_heard_by_board(const std::string& robot, const std::optional<RadioFacts>& radio);
+  bool should_attach(const std::string& robot);
+  void attach(const std::string& robot);
+  void keep(const std::string& robot, std::optional<TimePoint> unheld_since, Duration after);
+  void give_up(const std::string& robot);
+  void give_up_lost();
+  void on_state(const std::string& gateway, ByteView document);
+  bool on_presence(const std::string& gateway, const std::string& robot,
+                   const BrokerMessage& message);
+  bool has_kept_running();
+  void withdraw_from_still_gateways();
+  void withdraw_from(const std::string& gateway, const std::string& robot);
+  void await_tick();
+  void on_tick();
+  void perform(sessions::SessionHeld& held);
+  void perform(sessions::SessionLost& lost);
+  void perform(sessions::FilterAnswered& answer);
+  void perform(sessions::TakeMessage& take);
+  void perform(sessions::RefuseStale& refuse);
+  void perform(sessions::NoteRead& note);
+  void perform(sessions::SessionContested& contested);
   void perform(Notice& notice);
+  std::string adopt(const std::string& robot);
+  const char* state() const;
+  nlohmann::ordered_json gateways() const;
+  nlohmann::ordered_json robots() const;
 
+  const TopicScheme scheme_;
+  const sessions::SessionNames names_;
   Gateway& gateway_;
   MachineDriver<Gateway>& gateway_driver_;
   Meshes& meshes_;
   Upstream& upstream_;
-  Submit submit_;
+  const Submit submit_;
   const WallTime started_;
-  FleetMemory memory_;
-  fleet::Ownership ownership_;
-  MachineDriver<fleet::Ownership> driver_;
-  std::uint64_t next_sequence_ = first_sequence;
+  LastAlive last_alive_;
+  sessions::Neighbours neighbours_;
+  sessions::BoardChoice board_choice_;
+  sessions::SessionHost host_;
+  boost::asio::steady_timer tick_;
+  boost::asio::steady_timer newcomer_timer_;
+  std::optional<TimePoint> up_since_;  ///< the broker
+  bool sends_retained_ = false;        ///< it does, to subscriptions with wildcards
+  TimePoint last_running_{};
+  TimePoint distrusted_until_{};
+  std::set<std::string> lost_;              ///< to whom is not known; not heard since
+  std::map<std::string, TimePoint> taken_;  ///< from gateways that may not have noticed yet
+  /// Held when the broker went: their robots are served meanwhile.
+  std::set<std::string> held_before_;
+  /// By robot, the presence that this gateway shows in place of one that has died.
+  std::map<std::string, std::string> adopted_;
 };
 
 }  // namespace slamgw

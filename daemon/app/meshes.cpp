@@ -65,15 +65,10 @@ std::optional<Presence> Meshes::presence_of(Mesh mesh, const std::string& robot)
   return adapters_[mesh] ? adapters_[mesh]->presence_of(robot) : std::nullopt;
 }
 
-void Meshes::deliver(const DeliverToMeshes& action) {
+void Meshes::deliver(const DeliverToMesh& action) {
   for (const Mesh mesh : all_meshes)
-    if (adapters_[mesh])
-      adapters_[mesh]->on_broker_message(action.message, action.command_on(mesh));
-}
-
-void Meshes::answer(const AnswerSubscribe& action) {
-  if (adapters_[action.mesh])
-    adapters_[action.mesh]->on_subscribe_result(action.filter, action.granted);
+    if (adapters_[mesh] && (!action.mesh || action.mesh == mesh))
+      adapters_[mesh]->on_broker_message(action.message);
 }
 
 void Meshes::fire(const Receipt& receipt, ReceiptOutcome outcome) {
@@ -101,14 +96,13 @@ void Meshes::share_ble(std::function<bool(const std::string& robot)> may_serve, 
 
 bool Meshes::is_shared(Mesh mesh) const { return mesh == Mesh::ble && ble_ && ble_->is_shared(); }
 
-Bytes Meshes::give_up(const std::string& robot) {
-  if (ble_) ble_->give_up(robot);
-  return thread_ ? thread_->give_up(robot) : Bytes{};
-}
-
-void Meshes::take_over(const std::string& robot, ByteView session) {
-  if (thread_) thread_->take_over(robot, session);
-  if (ble_) ble_->take_over(robot);
+std::vector<WaitingMessage> Meshes::give_up(const std::string& robot) {
+  std::vector<WaitingMessage> all;
+  for (const auto& adapter : adapters_) {
+    if (!adapter) continue;
+    std::ranges::move(adapter->give_up(robot), std::back_inserter(all));
+  }
+  return all;
 }
 
 void Meshes::manage_ble(BleOrder order, OrderDone done) {

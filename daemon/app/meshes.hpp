@@ -8,6 +8,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "daemon/config/config.hpp"
 #include "daemon/core/adapter.hpp"
@@ -45,12 +46,11 @@ class Meshes {
       if (adapter) std::invoke(call, *adapter, arguments...);
   }
 
-  void deliver(const DeliverToMeshes& action);
-  void answer(const AnswerSubscribe& action);
+  void deliver(const DeliverToMesh& action);
   void fire(const Receipt& receipt, ReceiptOutcome outcome);
   /// `robots` and `topics.extra_*` of the configuration, read again.
   void reconfigure(const Config& config, bool has_other_robots, bool has_other_topics);
-  /// A CONNECT for a session that is not here waits when it may be at another gateway.
+  /// A CONNECT for a session that is not here waits for its note when the robot is known elsewhere.
   void ask_where_served(std::function<bool(const std::string& robot)> served_elsewhere);
   /// In a BLE mesh that several gateways share, `may_serve` is asked before a message of a robot is
   /// handled, and `on_heard` is called for each message of a robot, with how well it was heard.
@@ -59,9 +59,8 @@ class Meshes {
   void share_ble(std::function<bool(const std::string& robot)> may_serve, OnHeard on_heard);
   /// Other gateways have boards in this mesh.
   bool is_shared(Mesh mesh) const;
-  /// Another gateway serves the robot. Its session, as octets; may be empty.
-  Bytes give_up(const std::string& robot);
-  void take_over(const std::string& robot, ByteView session);
+  /// Another gateway serves the robot: MeshAdapter::give_up.
+  std::vector<WaitingMessage> give_up(const std::string& robot);
   void manage_ble(BleOrder order, OrderDone done);
 
  private:

@@ -29,4 +29,10 @@ void OperatorCommands::on_outcome(const CommandOutcome& outcome) {
     waiting.mapped()(outcome_json(outcome.result, outcome.after, outcome.why));
 }
 
+void OperatorCommands::on_handed_on(CommandId command) {
+  if (const auto waiting = waiting_.extract(command))
+    waiting.mapped()(outcome_json(CommandResult::timeout, {},
+                                  "the robot moved to another gateway, which has the command now"));
+}
+
 }  // namespace slamgw

@@ -27,6 +27,8 @@ class OperatorCommands {
             Done done);
   /// Of any command.
   void on_outcome(const CommandOutcome& outcome);
+  /// The robot's next gateway publishes the outcome of this command.
+  void on_handed_on(CommandId command);
 
  private:
   std::map<CommandId, Done> waiting_;

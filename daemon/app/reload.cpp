@@ -21,7 +21,6 @@ std::string keys_for_restart(const Config& now, const Config& wanted) {
   note(now.update_mode == wanted.update_mode, "payload.update");
   note(now.ble_mesh == wanted.ble_mesh, "ble_mesh.* or presence.*");
   note(now.mqttsn == wanted.mqttsn, "mqttsn.*");
-  note(now.fleet == wanted.fleet, "fleet.enabled");
   note(now.store == wanted.store, "store.*");
   note(now.control_socket == wanted.control_socket, "control.socket");
   return keys;

@@ -7,7 +7,8 @@ namespace slamgw {
 
 // Their names in the JSON are those of the members.
 NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(MissingRight, what, grant)
-NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(Status::Robots, online, asleep, offline, known, untracked, deaf)
+NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(Status::Robots, online, asleep, offline, known, untracked, deaf,
+                                   contested)
 NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(Status::Messages, up, down, published, dropped, refused,
                                    set_aside, rejected, stored, inbound_dropped)
 NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(Status::Commands, open, late)
@@ -89,6 +90,7 @@ json to_json(const RobotStatus& robot) {
            {"last_seen", to_iso8601(robot.last_seen)},
            {"last_type", robot.last_type},
            {"deaf", robot.is_deaf},
+           {"contested", robot.is_contested},
            {"why", robot.why},
            {"messages", robot.messages},
            {"commands", robot.commands},
@@ -130,6 +132,7 @@ json to_json(const Status& status) {
 }
 
 std::string why_absent(const RobotStatus& robot, const Status::MeshLink& link) {
+  if (robot.is_contested) return "another client uses its name: are there two robots of that name?";
   if (robot.is_deaf) return "it does not hear the gateway: it repeats what was acknowledged";
   if (robot.state != Presence::offline) return {};
   const std::string mesh(to_string(robot.mesh));

@@ -48,7 +48,8 @@ struct Status {
     std::uint64_t offline = 0;
     std::uint64_t known = 0;
     std::uint64_t untracked = 0;
-    std::uint64_t deaf = 0;  ///< online, and do not hear the gateway
+    std::uint64_t deaf = 0;       ///< online, and do not hear the gateway
+    std::uint64_t contested = 0;  ///< another client uses their ids
   };
   struct Messages {
     std::uint64_t up = 0;
@@ -107,7 +108,8 @@ struct RobotStatus {
   WallTime last_seen{};     ///< any sign of life; the epoch: none since the daemon started
   std::string last_type{};  ///< of its last message
   bool is_deaf = false;
-  std::string why{};  ///< why it is offline or deaf, as far as known; else empty
+  bool is_contested = false;
+  std::string why{};  ///< why it is offline, deaf or contested, as far as known; else empty
   std::uint64_t messages = 0;
   std::uint64_t commands = 0;
   std::uint64_t bytes_up = 0;  ///< of payloads
@@ -123,7 +125,7 @@ struct RobotStatus {
 nlohmann::json to_json(const Status& status);
 nlohmann::json to_json(const std::vector<RobotStatus>& robots);
 
-/// Why a robot is offline, or that it is deaf, in words for operators; else empty.
+/// Why a robot is offline, or what is wrong with it, in words for operators; else empty.
 std::string why_absent(const RobotStatus& robot, const Status::MeshLink& link);
 
 }  // namespace slamgw

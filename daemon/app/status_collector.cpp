@@ -35,7 +35,8 @@ Status::Robots count(const RobotRegistry& registry) {
           registry.count(Presence::offline),
           registry.robots().size(),
           registry.untracked(),
-          registry.deaf()};
+          registry.deaf(),
+          registry.contested()};
 }
 
 Status::Messages count(const Gateway::Traffic& passed, const Outbox& outbox,
@@ -78,8 +79,6 @@ Status::Broker StatusCollector::broker(TimePoint now) const {
   const HeldTopics& held = outbox_.held_topics();
   const std::string uri = broker_.is_up ? broker_.uri : broker_uri(config_.broker);
   Status::Broker broker{uri, broker_, held.refused(), gateway_.missing_rights(), {}};
-  for (MissingRight& right : fleet_.missing_rights(now))
-    broker.missing_rights.push_back(std::move(right));
   for (const HeldTopic& topic : held.list(most_refused_listed)) {
     broker.refused.push_back({topic.topic, topic.refusal, topic.waiting, topic.tries,
                               duration_cast<seconds>(now - topic.since)});
@@ -134,6 +133,7 @@ RobotStatus StatusCollector::robot(const std::string& id, const Robot& robot, Ti
   status.state = presence.presence;
   status.since = presence.since;
   status.is_deaf = presence.is_deaf;
+  status.is_contested = robot.is_contested();
   status.last_seen = robot.last_seen;
   status.last_type = robot.last_type;
   status.messages = robot.numbers.up();

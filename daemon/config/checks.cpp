@@ -84,10 +84,6 @@ void check_ble_mesh(const Located& located) {
     located.problem("ble_mesh.gateway_group",
                     "is in ble_mesh.groups, to which robots are subscribed: they would acknowledge "
                     "each other's messages; any other group is allowed");
-  if (ble.gateway_group && located.config.fleet == fleet::Enabled::no)
-    located.problem("fleet.enabled",
-                    "is false, and ble_mesh.gateway_group is for gateways that agree who serves "
-                    "which robot: take one of the two away");
   const bool is_positions_stream =
       ble.protocol == ble::Protocol::cobs && ble.cobs_content == ble::CobsContent::positions;
   if (is_positions_stream && !located.is_set("ble_mesh.robot_id"))

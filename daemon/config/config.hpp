@@ -10,7 +10,6 @@
 #include "adapters/mqttsn_udp/settings.hpp"
 #include "daemon/core/robot_names.hpp"
 #include "daemon/core/update_payload.hpp"
-#include "daemon/fleet/settings.hpp"
 #include "daemon/mqtt/settings.hpp"
 #include "daemon/observability/log_settings.hpp"
 #include "web/server/settings.hpp"
@@ -32,7 +31,6 @@ struct Config {
   std::vector<RobotName> robots;
   ble::Settings ble_mesh;
   mqttsn::Settings mqttsn;
-  fleet::Enabled fleet = fleet::Enabled::automatic;
   StoreSettings store;
   LogSettings log;
   std::string control_socket = "/run/slam-gateway/control.sock";

@@ -15,6 +15,9 @@
 namespace slamgw {
 namespace {
 
+/// Its keys are allowed, whatever their values.
+constexpr std::string_view meaningless_group = "fleet";
+
 /// Walks the tree along the schema.
 class Reader {
  public:
@@ -34,6 +37,7 @@ class Reader {
 
   void read_key(const JsonNode& node, const std::string& path, const std::string& row) {
     if (node.key.find_first_of(".[") != std::string::npos) return report_unknown(node, path, row);
+    if (row == meaningless_group) return read_meaningless(node, path);
     if (const RetiredKey* key = find_retired(row)) return read_retired(node, path, *key);
     const SchemaKey* key = find_key(row);
     const bool has_members = is_group(row);
@@ -76,6 +80,17 @@ class Reader {
                     : "has no effect any more; remove it, the next version refuses it"});
     if (is_renamed && !result_.is_set(std::string(key.renamed_to)))
       read_key(node, std::string(key.renamed_to), std::string(key.renamed_to));
+  }
+
+  void read_meaningless(const JsonNode& node, const std::string& path) {
+    if (!node.value.is_object() || node.children.empty()) return add_notice(node, path);
+    for (const JsonNode& child : node.children) add_notice(child, path + "." + child.key);
+  }
+
+  void add_notice(const JsonNode& node, const std::string& path) {
+    result_.notices.push_back({node.place.file, node.place.line, path,
+                               "has no meaning any more: gateways on one broker need nothing but "
+                               "a gateway.id of their own"});
   }
 
   void report_unknown(const JsonNode& node, const std::string& path, const std::string& row) {

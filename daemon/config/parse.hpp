@@ -37,6 +37,7 @@ struct ParseResult {
   Config config;      ///< to be used only when there are no problems
   Problems problems;  ///< by file in the order of reading, and by line
   Problems warnings;  ///< what works, but should be looked at by an operator
+  Problems notices;   ///< what does nothing, good or bad
   /// Where each key, group and list element is set that is set: `robots[0].id`.
   std::map<std::string, Place> places;
 

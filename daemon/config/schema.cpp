@@ -61,17 +61,6 @@ void read_broker_uri(Value value, Config& config) {
   config.broker.others.assign(brokers.begin() + 1, brokers.end());
 }
 
-void read_fleet(Value value, Config& config) {
-  const nlohmann::json& json = value.node().value;
-  if (json.is_boolean()) {
-    config.fleet = json.get<bool>() ? fleet::Enabled::yes : fleet::Enabled::no;
-  } else if (json == "auto") {
-    config.fleet = fleet::Enabled::automatic;
-  } else {
-    value.not_allowed("\"auto\", true or false");
-  }
-}
-
 void read_groups(Value value, Config& config) {
   auto& groups = config.ble_mesh.groups;
   if (value.node().value.is_array()) groups.clear();
@@ -176,7 +165,6 @@ constexpr auto common_keys = std::to_array<SchemaKey>({
                                 {"off", TrafficLogMode::off}});
      }},
     {"control.socket", [](Value v, Config& c) { v.file_path(c.control_socket); }},
-    {"fleet.enabled", read_fleet},
     {"web.listen",
      [](Value v, Config& c) {
        v.text(c.web.listen, is_listen_address, "\"IPv4:PORT\" or \"[IPv6]:PORT\"");

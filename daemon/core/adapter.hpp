@@ -7,6 +7,7 @@
 
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "daemon/core/messages.hpp"
 
@@ -35,14 +36,20 @@ class MeshAdapter {
 
   /// The receipt of an earlier Report fires. Called once for each owed receipt.
   virtual void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome) = 0;
-  /// A message from the broker, for the subscribers of this mesh. With a `command` the mesh carries
-  /// it and owes its CommandOutcome within 30 s, less what it has waited; only a retained command
-  /// for which the robot does not wait may end without one. Without a `command` another mesh
-  /// carries it, and this one must not deliver it to the robot that the topic names.
-  virtual void on_broker_message(const BrokerMessage& message, CommandId command) = 0;
-  /// The broker's answer to an earlier SubscribeRequest, or the core's when it already holds that
-  /// subscription.
-  virtual void on_subscribe_result(const std::string& filter, bool granted) = 0;
+  /// A message from the broker for one of this mesh's robots; one that the mesh does not know is
+  /// dropped.
+  virtual void on_broker_message(const RobotMessage& message) = 0;
+  /// The answer to an earlier SubscribeRequest.
+  virtual void on_subscribe_result(const std::string& robot, const std::string& filter,
+                                   bool granted) = 0;
+  /// This gateway holds the robot's session at the broker from now on.
+  virtual void on_session_held(const std::string& /*robot*/) {}
+  /// Another gateway serves the robot now: its service here ends at once, without a will and
+  /// without a PresenceChange. Returns what has not been on the air yet; commands that were end as
+  /// `timeout`.
+  virtual std::vector<WaitingMessage> give_up(const std::string& /*robot*/) { return {}; }
+  /// Answers NoteRequest; empty when there is no note.
+  virtual void on_note(const std::string& /*robot*/, ByteView /*note*/) {}
   /// The link to the broker came or went.
   virtual void on_broker_link(bool is_up) = 0;
 

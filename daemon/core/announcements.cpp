@@ -27,6 +27,7 @@ std::string presence_json(const Robot& robot) {
       to_string(presence.presence), to_string(robot.mesh()), json_string(presence.address),
       to_iso8601(presence.since), to_iso8601(robot.last_seen));
   if (presence.is_deaf) text += R"(,"deaf":true)";
+  if (robot.is_contested()) text += R"(,"contested":true)";
   if (const auto& radio = robot.radio) {
     text += fmt::format(R"(,"rssi_dbm":{},"ttl":{})", radio->rssi_dbm, radio->ttl);
     if (radio->hops) text += fmt::format(R"(,"hops":{})", *radio->hops);

@@ -43,7 +43,7 @@ Gateway::Gateway(TopicScheme scheme, Settings settings, const BrokerLink& broker
     : scheme_(std::move(scheme)),
       settings_(std::move(settings)),
       broker_(broker),
-      leftovers_(scheme_.presence_topic("+")),
+      leftovers_(scheme_.presence_topic({})),
       rights_(scheme_),
       presence_on_(std::move(presence_on)),
       commands_(settings_.max_open_commands) {}
@@ -52,12 +52,22 @@ void Gateway::on_mesh_event(MeshEvent event, const Now& now) {
   std::visit([&](auto& what) { handle(std::move(what), now); }, event);
 }
 
+/// A will is published by the gateway that holds the robot's session. While that is not known, the
+/// robot may be alive at another one.
 void Gateway::handle(Report report, const Now& now) {
-  if (report.is_will && ownership_.is_shared()) {
-    actions_.push(AskAboutRobot{std::move(report)});
-    return;
-  }
-  pass_up(std::move(report), now);
+  const bool is_known_to_be_ours = !report.is_will || places_.is_alone() ||
+                                   places_.is_held(report.robot) ||
+                                   waiting_wills_.size() >= max_waiting_wills;
+  if (is_known_to_be_ours) return pass_up(std::move(report), now);
+  if (!wills_due_ && broker_.is_up) wills_due_ = now.mono + will_patience;
+  const std::string robot = report.robot;
+  waiting_wills_.insert_or_assign(robot, std::move(report));
+}
+
+void Gateway::publish_waiting_wills(const Now& now) {
+  wills_due_.reset();
+  for (auto& [robot, will] : std::exchange(waiting_wills_, {}))
+    if (!places_.is_elsewhere(robot)) pass_up(std::move(will), now);
 }
 
 void Gateway::pass_up(Report report, const Now& now) {
@@ -112,7 +122,8 @@ void Gateway::handle(PresenceChange change, const Now& now) {
   Robot* robot = registry_.on_presence(change, now);
   withdraw_evicted();
   to_withdraw_.erase(change.robot);
-  if (robot) announce(change.robot, *robot, now);
+  if (robot) announce(change.robot, *robot, now.mono);
+  if (change.presence != Presence::offline) waiting_wills_.erase(change.robot);
   actions_.push(Notice{change.is_deaf ? Severity::warning : Severity::info,
                        fmt::format("{} {} is {} at {}{}", to_string(change.mesh), change.robot,
                                    to_string(change.presence), change.address,
@@ -128,6 +139,7 @@ void Gateway::handle(SignOfLife sign, const Now& now) {
 
 /// Publishes the presence again when its `last_seen` is older than `presence_refresh`.
 void Gateway::on_heard(const std::string& id, Robot* robot, TimePoint now) {
+  if (!waiting_wills_.empty()) waiting_wills_.erase(id);
   if (robot && now - robot->announced >= presence_refresh && robot->presence().is_known)
     announce(id, *robot, now);
 }
@@ -140,67 +152,18 @@ void Gateway::on_receipt(const Receipt& receipt, ReceiptOutcome outcome, TimePoi
                          now);
 }
 
-void Gateway::handle(SubscribeRequest request, const Now&) {
-  const auto& wanted =
-      subscriptions_.add(request.mesh, request.filter, request.qos, request.wants_retained);
-  subscriptions_.set_cover(request.filter, is_covered(request.filter, wanted));
-  // While the broker is away it is taken now, and subscribed as soon as the broker is there.
-  const bool is_asked = broker_.is_up && !wanted.is_covered;
-  if (is_asked && !broker_.is_silent)
-    subscriptions_.await(request.mesh, request.filter);
-  else
-    actions_.push(AnswerSubscribe{request.mesh, request.filter, true});
-  if (is_asked) ask_broker(request.filter, wanted);
-}
-
-/// On a broker that keeps no session all commands come with QoS 0, and so do robots' own filters of
-/// commands: a broker may bring copies of different QoS far apart, or where it sends one otherwise.
-void Gateway::ask_broker(const std::string& filter, const SubscriptionTable::Wanted& wanted) {
-  const bool is_live = hears_commands_live() && filter.starts_with(scheme_.command_root());
-  actions_.push(SubscribeAtBroker{filter, is_live ? Qos::at_most_once : wanted.qos, wanted.id});
-}
-
-/// True for a filter of commands whose messages the subscription to all commands brings. One that
-/// wants fresh commands only is covered from its beginning; one that the broker has stays there.
-bool Gateway::is_covered(const std::string& filter, const SubscriptionTable::Wanted& wanted) const {
-  if (filter == all_commands_ || !filter_matches(all_commands_, filter)) return false;
-  if (!is_all_refused_ && ownership_.hears_all_commands()) return true;
-  const auto all = subscriptions_.wanted().find(all_commands_);
-  return wanted.is_covered && !wanted.wants_retained && !is_all_refused_ &&
-         all != subscriptions_.wanted().end() &&
-         wanted.qos <= (hears_commands_live() ? Qos::at_least_once : all->second.qos);
-}
-
-/// When the subscription to all commands starts, robots' own subscriptions to commands end; they
-/// return when it ends. They end at once, because a broker may send two copies in any order while
-/// both stand. Another gateway hears and refuses what comes before the new subscription stands.
-void Gateway::cover_commands() {
-  for (const std::string& filter :
-       subscriptions_.set_cover(std::bind_front(&Gateway::is_covered, this))) {
-    const auto& wanted = subscriptions_.wanted().at(filter);
-    if (wanted.is_covered)
-      actions_.push(UnsubscribeAtBroker{filter});
-    else
-      ask_broker(filter, wanted);
-  }
-}
-
 void Gateway::subscribe_own(const std::string& filter) {
-  const auto& wanted = subscriptions_.add_own(filter);
-  has_asked_for_all_ = has_asked_for_all_ || filter == all_commands_;
-  if (filter == all_commands_ && broker_.is_up) cover_commands();
-  if (broker_.is_up) ask_broker(filter, wanted);
+  if (own_filters_.insert(filter).second && broker_.is_up) actions_.push(SubscribeAtBroker{filter});
 }
 
 void Gateway::unsubscribe_own(const std::string& filter) {
-  const bool was_last = subscriptions_.remove_own(filter);
-  if (filter == all_commands_ && broker_.is_up) cover_commands();
-  if (was_last) actions_.push(UnsubscribeAtBroker{filter});
+  if (own_filters_.erase(filter) > 0 && broker_.is_up) actions_.push(UnsubscribeAtBroker{filter});
 }
 
-void Gateway::handle(UnsubscribeRequest request, const Now&) {
-  const bool was_last = subscriptions_.remove(request.mesh, request.filter);
-  if (was_last) actions_.push(UnsubscribeAtBroker{std::move(request.filter)});
+void Gateway::hear_all_commands(bool does_hear) {
+  if (does_hear) return subscribe_own(all_commands_);
+  unsubscribe_own(all_commands_);
+  strays_.clear();
 }
 
 void Gateway::handle(CommandOutcome outcome, const Now&) {
@@ -262,70 +225,47 @@ void Gateway::handle(MeshStep step, const Now&) {
 
 void Gateway::handle(Notice notice, const Now&) { actions_.push(std::move(notice)); }
 
-void Gateway::on_broker_message(BrokerMessage message,
-                                std::span<const SubscriptionId> subscriptions, const Now& now) {
-  if (leftovers_.take(message, now.mono)) return;
-  if (rights_.take(message)) return on_own_question();
-  // Retained messages come for the subscription that asked for them only.
-  if (!message.retain && !subscriptions_.is_copy_to_take(message, subscriptions)) return;
-  if (ownership_.takes(message)) return;
+void Gateway::on_broker_message(BrokerMessage message, const Now& now) {
+  if (leftovers_.take(message)) return;
+  if (rights_.take(message)) return probe_rights({});
+  if (message.topic == scheme_.state_topic()) return on_own_state(message, now);
   const auto target = scheme_.parse_command_topic(message.topic);
-  if (hears_commands_live() && message.topic.starts_with(scheme_.command_root()))
-    message.qos = std::max(message.qos, Qos::at_least_once);  // as the server may have sent it
-  if (!target && message.topic == scheme_.state_topic()) return on_own_state(message);
-  if (!target || !ownership_.is_shared()) return take_command(std::move(message), now);
+  if (!target || message.retain || target->type == RightsProbe::level) return;
   const std::string robot(target->robot);
-  const std::string type(target->type);
-  actions_.push(AwaitTurn{std::move(message), robot, type});
+  if (places_.is_shown(robot)) return;  // its session brings it
+  if (registry_.find(robot)) actions_.push(WantSession{robot});
+  strays_.add(std::move(message), robot, now.mono);
+  refuse_strays(now);
 }
 
-/// The probe's message also matches the subscription to all commands, so a broker that sends one
-/// copy for each subscription has sent two.
-void Gateway::on_own_question() {
-  if (rights_.copies() && subscriptions_.is_standing(all_commands_))
-    subscriptions_.set_sends_copies(*rights_.copies() > 1);
-  probe_rights({});
+/// Before the other gateways' robots are known, only those that there is no room for.
+void Gateway::refuse_strays(const Now& now) {
+  const bool is_settled = up_since_ && now.mono - *up_since_ >= settling;
+  const TimePoint overdue_at = is_settled ? now.mono : TimePoint{};
+  for (StrayCommands::Stray& stray : strays_.take_overdue(overdue_at)) refuse_stray(stray, now);
 }
 
-/// Takes a command that this gateway carries out, or another message of the broker. Commands for
-/// one robot keep their order.
-void Gateway::take_command(BrokerMessage message, const Now& now) {
-  const auto target = scheme_.parse_command_topic(message.topic);
-  const std::string robot(target ? target->robot : std::string_view{});
-  if (target && is_stray(message, robot)) {
-    if (target->type == RightsProbe::level) return;  // the probe of a gateway
-    strays_.add(std::move(message), robot, now.mono);
-    return deliver_strays(strays_.take_overdue(now.mono), now);
-  }
-  if (target && !strays_.is_empty()) deliver_strays(strays_.take_for(robot), now);
-  deliver(std::move(message), now);
-}
-
-/// True for a command that only the subscription to all commands brought, for a robot that no mesh
-/// knows yet. Retained commands wait at the broker.
-bool Gateway::is_stray(const BrokerMessage& message, const std::string& robot) const {
-  return !message.retain && !is_stopping_ && !ownership_.is_shared() && !carrier_for(robot) &&
-         subscriptions_.is_only_of(all_commands_, message.topic);
-}
-
-/// Other gateways may have appeared meanwhile; then the gateways agree on who answers.
-void Gateway::deliver_strays(std::vector<StrayCommands::Stray> strays, const Now& now) {
-  for (StrayCommands::Stray& stray : strays) {
-    stray.message.waited = std::chrono::duration_cast<Waited>(now.mono - stray.came);
-    if (!ownership_.is_shared()) {
-      deliver(std::move(stray.message), now);
-      continue;
-    }
-    const std::string type(scheme_.parse_command_topic(stray.message.topic)->type);
-    actions_.push(AwaitTurn{std::move(stray.message), std::move(stray.robot), type});
-  }
+/// A robot that has come meanwhile has a session, which brings it the next command.
+void Gateway::refuse_stray(const StrayCommands::Stray& stray, const Now& now) {
+  const bool is_known = places_.is_shown(stray.robot) || registry_.find(stray.robot);
+  if (is_known && !places_.is_refused(stray.robot)) return;
+  const auto waited = std::chrono::duration_cast<std::chrono::milliseconds>(now.mono - stray.came);
+  const std::string type(scheme_.parse_command_topic(stray.message.topic)->type);
+  ++traffic_.down;
+  refuse_unknown(
+      {std::nullopt, commands_.next_id(), stray.robot, type, CommandResult::refused, waited,
+       is_known ? "the broker does not give the robot's session to this gateway"
+                : "no robot of this name is known here"},
+      now);
 }
 
 /// A last will that comes after our `online` belongs to an earlier connection, so `online` is
 /// published again. One that comes before it is overwritten by it.
-void Gateway::on_own_state(const BrokerMessage& message) {
+void Gateway::on_own_state(const BrokerMessage& message, const Now& now) {
+  sends_retained_ = sends_retained_ || message.retain;
   if (as_text(message.payload) != last_will_state) {
-    is_state_heard_ = true;
+    if (!message.retain) is_state_heard_ = true;
+    if (knows_others(now)) announce_unheld(now);
   } else if (is_state_heard_ && !is_stopping_) {
     publish_state();
   }
@@ -333,7 +273,7 @@ void Gateway::on_own_state(const BrokerMessage& message) {
 
 CommandId Gateway::on_operator_command(const std::string& robot, const std::string& type,
                                        Bytes payload, const Now& now) {
-  if (!ownership_.speaks_for(robot)) {
+  if (places_.is_elsewhere(robot) && !places_.is_held(robot)) {
     const CommandId id = commands_.next_id();
     conclude({std::nullopt,
               id,
@@ -345,41 +285,58 @@ CommandId Gateway::on_operator_command(const std::string& robot, const std::stri
     return id;
   }
   return deliver(
-      {scheme_.command_topic(robot, type), std::move(payload), Qos::at_least_once, false}, now);
+      {robot, {scheme_.command_topic(robot, type), std::move(payload), Qos::at_least_once}}, now);
 }
 
-CommandId Gateway::deliver(BrokerMessage message, const Now& now) {
-  ++traffic_.down;
-  const auto target = scheme_.parse_command_topic(message.topic);
-  if (!target) {
-    actions_.push(DeliverToMeshes{std::move(message)});
-    return CommandId::none;
+void Gateway::on_robot_message(RobotMessage message, const Now& now) {
+  const auto target = scheme_.parse_command_topic(message.message.topic);
+  if (target && target->type == RightsProbe::level) return;
+  if (target && target->robot == message.robot) {
+    deliver(std::move(message), now);
+    return;
   }
-  const std::string robot(target->robot);
-  Command command{commands_.next_id(), robot,          std::string(target->type),
-                  carrier_for(robot),  message.retain, message.waited};
-  if (Robot* known = registry_.find(robot)) known->numbers.on_down(message.payload.size());
+  ++traffic_.down;
+  actions_.push(DeliverToMesh{std::nullopt, std::move(message)});
+}
+
+/// The mesh that carries a command owes its outcome. A retained one waits at the broker.
+CommandId Gateway::deliver(RobotMessage message, const Now& now) {
+  ++traffic_.down;
+  const std::string type(scheme_.parse_command_topic(message.message.topic)->type);
+  const BrokerMessage& what = message.message;
+  Command command{commands_.next_id(),        message.robot, type,
+                  carrier_for(message.robot), what.retain,   what.waited};
+  if (Robot* known = registry_.find(message.robot)) known->numbers.on_down(what.payload.size());
   actions_.push(TrafficEvent{.direction = Direction::down,
                              .mesh = command.carrier,
-                             .robot = robot,
-                             .type = command.type,
-                             .topic = message.topic,
-                             .payload = message.payload,
-                             .qos = message.qos,
+                             .robot = message.robot,
+                             .type = type,
+                             .topic = what.topic,
+                             .payload = what.payload,
+                             .qos = what.qos,
                              .update = {},
                              .wall = now.wall,
                              .at = now.mono,
                              .command = command.id});
-  deliver_command(command, std::move(message), now);
+  if (!command.carrier || !commands_.open(command, now.mono)) {
+    if (!command.is_retained) refuse(command, now);
+    return command.id;
+  }
+  message.command = command.id;
+  actions_.push(DeliverToMesh{command.carrier, std::move(message)});
   return command.id;
 }
 
-/// The message goes to the meshes in any case: other robots may listen to it.
-void Gateway::deliver_command(const Command& command, BrokerMessage message, const Now& now) {
-  const bool is_open = command.carrier && commands_.open(command, now);
-  const CommandId id = is_open ? command.id : CommandId::none;
-  actions_.push(DeliverToMeshes{std::move(message), id, command.carrier});
-  if (!is_open && !command.is_retained) refuse(command, now);  // a retained one waits at the broker
+void Gateway::on_stale_command(const std::string& robot, BrokerMessage message, bool has_begun_anew,
+                               const Now&) {
+  const auto target = scheme_.parse_command_topic(message.topic);
+  if (!target || target->robot != robot) return;
+  ++traffic_.down;
+  conclude({std::nullopt, commands_.next_id(), robot, std::string(target->type),
+            CommandResult::refused, message.waited,
+            has_begun_anew
+                ? "it waited at the broker, and the robot has begun a clean session since"
+                : "it waited at the broker for too long while no gateway served the robot"});
 }
 
 void Gateway::refuse(const Command& command, const Now& now) {
@@ -391,8 +348,8 @@ void Gateway::refuse(const Command& command, const Now& now) {
                          command.waited,
                          "too many commands are on their way"};
   if (command.carrier) return conclude(std::move(outcome));
-  outcome.why = registry_.find(command.robot) ? "the robot is not connected"
-                                              : "no robot of this name is known here";
+  const bool is_known = registry_.find(command.robot) || places_.is_shown(command.robot);
+  outcome.why = is_known ? "the robot is not connected" : "no robot of this name is known here";
   refuse_unknown(std::move(outcome), now);
 }
 
@@ -410,54 +367,53 @@ std::optional<Mesh> Gateway::carrier_for(const std::string& robot) const {
 void Gateway::on_broker_link(const Now& now) {
   is_state_heard_ = false;
   rights_.on_broker_link(broker_.is_up && settings_.probes_rights);
-  subscribers_wait_until_.reset();
-  subscriptions_.on_connection_changed(broker_.keeps_session);
-  if (!broker_.is_up) {
-    subscribers_wait_until_ = now.mono + subscribe_patience;
-    return;
-  }
-  subscriptions_.set_cover(std::bind_front(&Gateway::is_covered, this));
-  for (const auto& [filter, wanted] : subscriptions_.wanted())
-    if (!wanted.is_covered) ask_broker(filter, wanted);
+  up_since_.reset();
+  wills_due_.reset();
+  announce_at_.reset();
+  if (!broker_.is_up) return;
+  up_since_ = now.mono;
+  if (!waiting_wills_.empty()) wills_due_ = now.mono + will_patience;
+  for (const std::string& filter : own_filters_) actions_.push(SubscribeAtBroker{filter});
   leftovers_.on_broker_up(now.mono);
-  if (leftovers_.is_collecting())
-    actions_.push(SubscribeAtBroker{leftovers_.filter(), Qos::at_least_once, own_subscription});
   if (settings_.probes_rights)
-    for (const std::string& filter : rights_.filters())
-      actions_.push(SubscribeAtBroker{filter, Qos::at_most_once, own_subscription});
+    for (const std::string& filter : rights_.filters()) actions_.push(SubscribeAtBroker{filter});
   publish_state();
   for (const std::string& robot : std::exchange(to_withdraw_, {})) withdraw(robot);
-  for (auto& [id, robot] : registry_.robots()) announce(id, robot, now, /*has_just_come=*/false);
+  announce_at_ = now.mono + settling;
 }
 
-void Gateway::on_broker_silence(const Now&) {
-  if (broker_.is_silent) answer_waiting_subscribers();
+void Gateway::announce_unheld(const Now& now) {
+  announce_at_.reset();
+  for (auto& [id, robot] : registry_.robots())
+    if (!places_.is_held(id)) announce(id, robot, now.mono);
+}
+
+void Gateway::announce_all(const Now& now) {
+  for (auto& [id, robot] : registry_.robots()) announce(id, robot, now.mono);
 }
 
 std::optional<TimePoint> Gateway::deadline() const {
-  const auto of_broker = earlier(leftovers_.deadline(), rights_.deadline());
-  return earlier(earlier(commands_.deadline(), strays_.deadline()),
-                 broker_.is_up ? of_broker : subscribers_wait_until_);
+  if (!broker_.is_up) return commands_.deadline();
+  auto next = earlier(earlier(leftovers_.deadline(), rights_.deadline()),
+                      earlier(wills_due_, announce_at_));
+  if (const auto strays = strays_.deadline(); strays && up_since_)
+    next = earlier(next, std::max(*strays, *up_since_ + settling));
+  return earlier(next, commands_.deadline());
 }
 
 void Gateway::on_deadline(const Now& now) {
-  for (Command& command : commands_.take_overdue(now)) {
+  for (Command& command : commands_.take_overdue(now.mono)) {
     if (command.is_retained) continue;
     conclude({command.carrier, command.id, std::move(command.robot), std::move(command.type),
               CommandResult::timeout, CommandLedger::patience,
               "the mesh has not reported its outcome"});
   }
-  deliver_strays(strays_.take_overdue(now.mono), now);
-  if (subscribers_wait_until_ && now.mono >= *subscribers_wait_until_) answer_waiting_subscribers();
   if (!broker_.is_up) return;
+  refuse_strays(now);
+  if (wills_due_ && now.mono >= *wills_due_) publish_waiting_wills(now);
+  if (announce_at_ && now.mono >= *announce_at_) announce_unheld(now);
   end_leftovers(now);
   probe_rights(rights_.on_tick(now));
-}
-
-void Gateway::answer_waiting_subscribers() {
-  subscribers_wait_until_.reset();
-  for (auto& [mesh, filter] : subscriptions_.take_all_waiting())
-    actions_.push(AnswerSubscribe{mesh, std::move(filter), true});
 }
 
 void Gateway::probe_rights(std::vector<BrokerMessage> messages) {
@@ -468,12 +424,10 @@ void Gateway::probe_rights(std::vector<BrokerMessage> messages) {
 /// Marks leftovers that were not heard as offline; the time is unknown.
 void Gateway::end_leftovers(const Now& now) {
   const auto leftovers = leftovers_.finish(now.mono);
-  if (leftovers_.end_subscription(now.mono))
-    actions_.push(UnsubscribeAtBroker{leftovers_.filter()});
   if (!leftovers) return;
   for (const auto& [id, text] : *leftovers) {
     if (registry_.find(id)) continue;
-    if (!ownership_.speaks_for(id)) {
+    if (places_.is_elsewhere(id)) {
       publish_retained(scheme_.presence_topic(id), {});
       continue;
     }
@@ -485,26 +439,19 @@ void Gateway::end_leftovers(const Now& now) {
   }
 }
 
-void Gateway::on_subscribe_result(const std::string& filter, SubscribeAnswer answer,
-                                  const Now& now) {
-  const bool granted = answer == SubscribeAnswer::granted;
+void Gateway::on_subscribe_result(const std::string& filter, bool is_granted, const Now& now) {
   if (rights_.is_own(filter)) {
-    if (auto question = rights_.on_subscribe_result(filter, granted, now))
+    if (auto question = rights_.on_subscribe_result(filter, is_granted, now))
       return probe_rights({std::move(*question)});
     return probe_rights({});
   }
-  for (const Mesh mesh : subscriptions_.on_answer(filter, granted))
-    actions_.push(AnswerSubscribe{mesh, filter, granted});
-  if (filter == all_commands_) {
-    is_all_refused_ = !granted;
-    if (broker_.is_up) cover_commands();
-    if (granted && !std::exchange(was_all_granted_, true) && broker_.keeps_session)
-      for (std::string& covered : subscriptions_.covered())  // of an earlier process
-        actions_.push(UnsubscribeAtBroker{std::move(covered)});
-    if (auto question = rights_.ask_under_server(now)) probe_rights({std::move(*question)});
-  }
-  if (granted) return leftovers_.on_granted(filter, now.mono);
-  actions_.push(Notice{Severity::warning, in_words(filter, answer), {}});
+  if (is_granted) return;
+  actions_.push(
+      Notice{Severity::warning,
+             fmt::format("the broker refused the subscription to '{}': its access control list "
+                         "must let this gateway read it",
+                         filter),
+             {}});
 }
 
 void Gateway::on_store(bool is_full) {
@@ -551,7 +498,8 @@ void Gateway::withdraw_evicted() {
 
 void Gateway::on_stop(const Now& now) {
   is_stopping_ = true;
-  deliver_strays(strays_.take_overdue(TimePoint::max()), now);
+  for (const StrayCommands::Stray& stray : strays_.take_overdue(TimePoint::max()))
+    refuse_stray(stray, now);
   if (broker_.is_up) publish_state();  // else its last will has said the same
 }
 
@@ -567,24 +515,49 @@ void Gateway::publish_state() {
   publish_retained(scheme_.state_topic(), state.dump());
 }
 
-void Gateway::announce(const std::string& id, Robot& robot, TimePoint now, bool has_just_come) {
+/// While the broker is away nothing is queued: everything is published again when it comes. A robot
+/// whose session this gateway does not hold is announced when no other gateway shows it, which the
+/// broker has told by then.
+void Gateway::announce(const std::string& id, Robot& robot, TimePoint now) {
   robot.announced = now;
-  // While the broker is away nothing is queued: everything is published again when it comes.
-  if (broker_.is_up && ownership_.may_announce(id, robot.presence().presence, has_just_come))
+  if (!broker_.is_up) return;
+  if (places_.is_held(id) || (knows_others(now) && !places_.is_elsewhere(id)))
     publish_retained(scheme_.presence_topic(id), presence_json(robot));
 }
 
-void Gateway::on_taken_over(const std::string& robot, const std::string& dead_owner,
-                            const Now& now) {
-  if (!broker_.is_up) return;
+/// A broker that sends what it retains does so before our own new state comes back.
+bool Gateway::knows_others(TimePoint now) const {
+  return (sends_retained_ && is_state_heard_ && places_.is_alone()) ||
+         (up_since_ && now - *up_since_ >= settling);
+}
+
+void Gateway::on_session_held(const std::string& robot, bool was_present,
+                              const std::string& dead_owner, const Now& now) {
   if (!dead_owner.empty()) publish_retained(scheme_.presence_topic_at(dead_owner, robot), {});
   Robot* known = registry_.find(robot);
-  if (known && known->presence().is_known) announce(robot, *known, now);
+  if (known && known->presence().is_known) announce(robot, *known, now.mono);
+  if (auto will = waiting_wills_.extract(robot)) pass_up(std::move(will.mapped()), now);
+  if (was_present) return;
+  for (StrayCommands::Stray& stray : strays_.take_for(robot)) {  // the session came behind them
+    stray.message.waited = std::chrono::duration_cast<Waited>(now.mono - stray.came);
+    deliver({robot, std::move(stray.message)}, now);
+  }
 }
 
 void Gateway::on_given_up(const std::string& robot) {
+  waiting_wills_.erase(robot);
   registry_.forget(robot);
   withdraw(robot);
+}
+
+void Gateway::on_handed_on(CommandId command) {
+  if (commands_.end(command)) actions_.push(CommandHandedOn{command});
+}
+
+void Gateway::on_contested(const std::string& robot, bool is_contested, const Now& now) {
+  Robot* known = registry_.find(robot);
+  if (!known || std::exchange(known->is_session_contested, is_contested) == is_contested) return;
+  announce(robot, *known, now.mono);
 }
 
 void Gateway::publish_retained(std::string topic, std::string payload) {

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <functional>
+#include <map>
 #include <optional>
 #include <set>
 #include <string>
@@ -15,12 +16,11 @@
 #include "daemon/core/messages.hpp"
 #include "daemon/core/normalizer.hpp"
 #include "daemon/core/open_receipts.hpp"
-#include "daemon/core/ownership_query.hpp"
 #include "daemon/core/protocol_machine.hpp"
 #include "daemon/core/rights_probe.hpp"
+#include "daemon/core/robot_places.hpp"
 #include "daemon/core/robot_registry.hpp"
 #include "daemon/core/stray_commands.hpp"
-#include "daemon/core/subscription_table.hpp"
 #include "daemon/core/topic_scheme.hpp"
 #include "daemon/core/traffic_event.hpp"
 #include "daemon/core/update_payload.hpp"
@@ -42,54 +42,49 @@ struct PassUp {
   /// With the topic and the payload of `event`.
   Upload upload();
 };
-/// Several gateways have this command; on_turn() follows when this one is to carry it out.
-struct AwaitTurn {
-  BrokerMessage message;
-  std::string robot;
-  std::string type;
-};
-/// The robot has fallen silent here; on_silence() follows when no other gateway hears it.
-struct AskAboutRobot {
-  Report will;
-};
 /// The core keeps nothing of the robot: it had to make room, or an operator wants it so. A session
-/// in its mesh stays, and is not handed over.
+/// in its mesh stays.
 struct RobotForgotten {
   std::string robot;
 };
+/// A command came for a robot that has said nothing yet but its name.
+struct WantSession {
+  std::string robot;
+};
+/// For the gateway itself, at QoS 0.
 struct SubscribeAtBroker {
   std::string filter;
-  Qos qos = Qos::at_most_once;
-  SubscriptionId id = 0;
 };
 struct UnsubscribeAtBroker {
   std::string filter;
 };
-/// To each mesh; as a command only to its carrier.
-struct DeliverToMeshes {
-  BrokerMessage message;
-  CommandId command = CommandId::none;
-  std::optional<Mesh> carrier{};
-  CommandId command_on(Mesh mesh) const { return mesh == carrier ? command : CommandId::none; }
-};
-struct AnswerSubscribe {
-  RequiredMesh mesh;
-  std::string filter;
-  bool granted = false;
+/// `mesh`: the one that carries the command; nothing: to each mesh.
+struct DeliverToMesh {
+  std::optional<Mesh> mesh;
+  RobotMessage message;
 };
 
-using GatewayAction = std::variant<PassUp, Upload, AwaitTurn, AskAboutRobot, RobotForgotten,
-                                   SubscribeAtBroker, UnsubscribeAtBroker, DeliverToMeshes,
-                                   AnswerSubscribe, CommandOutcome, TrafficEvent, MeshStep, Notice>;
+/// The command has no outcome here: tell the operator who has sent it.
+struct CommandHandedOn {
+  CommandId id = CommandId::none;
+};
+
+using GatewayAction = std::variant<PassUp, Upload, RobotForgotten, WantSession, SubscribeAtBroker,
+                                   UnsubscribeAtBroker, DeliverToMesh, CommandOutcome,
+                                   CommandHandedOn, TrafficEvent, MeshStep, Notice>;
 
 /// Asks a mesh: MeshAdapter::presence_of.
 using PresenceQuery = std::function<std::optional<Presence>(Mesh, const std::string& robot)>;
 
 class Gateway {
  public:
-  /// Enough to find out that a broker closes the connection at a filter, and less than the 10 s
-  /// after which devices ask again (MQTT-SN 1.2 section 7.2).
-  static constexpr std::chrono::seconds subscribe_patience{8};
+  /// After the broker has come, other gateways' robots become known: until then no name counts as
+  /// unknown.
+  static constexpr std::chrono::seconds settling{5};
+  /// A will waits so long, with the broker there, to learn who holds the robot's session.
+  static constexpr std::chrono::seconds will_patience{10};
+  /// Wills that wait; beyond it they are published at once.
+  static constexpr std::size_t max_waiting_wills = 10000;
 
   struct Settings {
     std::string version;
@@ -110,26 +105,29 @@ class Gateway {
           PresenceQuery presence_on);
 
   void on_mesh_event(MeshEvent event, const Now& now);
-  /// `subscriptions`: which of ours this copy is for, where the broker says it (MQTT 5).
-  void on_broker_message(BrokerMessage message, std::span<const SubscriptionId> subscriptions,
-                         const Now& now);
+  /// From the gateway's own connection: what it has subscribed to for itself.
+  void on_broker_message(BrokerMessage message, const Now& now);
+  /// From the robot's session: nobody else has this message. Its `command` is given here.
+  void on_robot_message(RobotMessage message, const Now& now);
+  /// A command that waited at the broker for too long while no gateway held the robot's session, or
+  /// whose robot `has_begun_anew`.
+  void on_stale_command(const std::string& robot, BrokerMessage message, bool has_begun_anew,
+                        const Now& now);
   /// A command that an operator sends. The id comes back in a CommandOutcome.
   CommandId on_operator_command(const std::string& robot, const std::string& type, Bytes payload,
                                 const Now& now);
   /// The link to the broker came up or went down. Up: subscribes everything again and publishes
   /// `online` and every robot's presence again, because a broker without persistence has forgotten
-  /// them (OwnershipQuery::may_announce). Down: subscribers that wait for the broker's answer get
-  /// it when the broker is back; after `subscribe_patience` the gateway grants the subscription
-  /// itself.
+  /// them.
   void on_broker_link(const Now& now);
-  /// The broker has fallen silent, or answers again (BrokerLink::is_silent). Subscribers do not
-  /// wait for a silent one: what it has not granted is subscribed at the next connection.
-  void on_broker_silence(const Now& now);
-  void on_subscribe_result(const std::string& filter, SubscribeAnswer answer, const Now& now);
+  void on_subscribe_result(const std::string& filter, bool is_granted, const Now& now);
   /// A subscription of the gateway itself, to hear other gateways; renewed at each connection.
   void subscribe_own(const std::string& filter);
-  /// Also ends a subscription that an earlier process made and the broker has kept.
   void unsubscribe_own(const std::string& filter);
+  /// Commands for all names: this gateway refuses those for names that no robot has.
+  void hear_all_commands(bool does_hear);
+  /// Another gateway has come that may not have seen what this one has retained.
+  void announce_all(const Now& now);
   /// What this gateway says of itself, retained; also published when it changes, and at each
   /// connection.
   void publish_state();
@@ -141,17 +139,17 @@ class Gateway {
   /// Removes a robot from the registry and its retained presence from the broker, also a robot that
   /// only an earlier process knew. Returns why that is not possible; empty when done.
   std::string forget(const std::string& robot);
-  void share_with(OwnershipQuery ownership) { ownership_ = std::move(ownership); }
-  /// A command of AwaitTurn is this gateway's to carry out.
-  void on_turn(BrokerMessage command, const Now& now) { take_command(std::move(command), now); }
-  /// No gateway hears the robot of AskAboutRobot: its will is published.
-  void on_silence(Report will, const Now& now) { pass_up(std::move(will), now); }
-  /// This gateway serves the robot from now on. Removes the presence that `dead_owner` left.
-  void on_taken_over(const std::string& robot, const std::string& dead_owner, const Now& now);
+  void ask_where_robots_are(RobotPlaces places) { places_ = std::move(places); }
+  /// This gateway holds the robot's session from now on. `was_present`: the broker knew it.
+  /// `dead_owner`: the gateway that showed the robot last and is gone; may be empty.
+  void on_session_held(const std::string& robot, bool was_present, const std::string& dead_owner,
+                       const Now& now);
   /// Another gateway serves the robot; the meshes have forgotten it.
   void on_given_up(const std::string& robot);
-  /// A command that no mesh of this gateway carries has ended.
-  void on_ended_elsewhere(CommandOutcome outcome) { conclude(std::move(outcome)); }
+  /// The command goes to the robot's next gateway, which tells its outcome.
+  void on_handed_on(CommandId command);
+  /// Another client takes the robot's session again and again, or does so no longer.
+  void on_contested(const std::string& robot, bool is_contested, const Now& now);
   /// The store has become full, or has room again; published in `state`.
   void on_store(bool is_full);
   bool is_store_full() const { return is_store_full_; }
@@ -177,19 +175,18 @@ class Gateway {
   void handle(Report report, const Now& now);
   void handle(PresenceChange change, const Now& now);
   void handle(SignOfLife sign, const Now& now);
-  void handle(SubscribeRequest request, const Now& now);
-  void handle(UnsubscribeRequest request, const Now& now);
   void handle(CommandOutcome outcome, const Now& now);
   void handle(LinkChange change, const Now& now);
   void handle(MeshStep step, const Now& now);
   void handle(Notice notice, const Now& now);
+  /// The rest is about robots' sessions.
+  template <class Other>
+  void handle(const Other&, const Now&) {}
   void pass_up(Report report, const Now& now);
-  void on_own_question();
-  void take_command(BrokerMessage message, const Now& now);
-  bool is_stray(const BrokerMessage& message, const std::string& robot) const;
-  void deliver_strays(std::vector<StrayCommands::Stray> strays, const Now& now);
-  CommandId deliver(BrokerMessage message, const Now& now);
-  void deliver_command(const Command& command, BrokerMessage message, const Now& now);
+  CommandId deliver(RobotMessage message, const Now& now);
+  void refuse_strays(const Now& now);
+  void refuse_stray(const StrayCommands::Stray& stray, const Now& now);
+  void publish_waiting_wills(const Now& now);
   void refuse(const Command& command, const Now& now);
   std::optional<Mesh> carrier_for(const std::string& robot) const;
   void conclude(CommandOutcome outcome);
@@ -199,15 +196,12 @@ class Gateway {
   void withdraw(const std::string& robot);
   void withdraw_evicted();
   void probe_rights(std::vector<BrokerMessage> messages);
-  void answer_waiting_subscribers();
   void reject(TrafficEvent event, bool retain, Robot* robot, const Now& now);
   void on_heard(const std::string& id, Robot* robot, TimePoint now);
-  void announce(const std::string& id, Robot& robot, TimePoint now, bool has_just_come = true);
-  bool is_covered(const std::string& filter, const SubscriptionTable::Wanted& wanted) const;
-  void cover_commands();
-  bool hears_commands_live() const { return has_asked_for_all_ && !broker_.keeps_session; }
-  void ask_broker(const std::string& filter, const SubscriptionTable::Wanted& wanted);
-  void on_own_state(const BrokerMessage& message);
+  void announce(const std::string& id, Robot& robot, TimePoint now);
+  void on_own_state(const BrokerMessage& message, const Now& now);
+  bool knows_others(TimePoint now) const;
+  void announce_unheld(const Now& now);
   void publish_retained(std::string topic, std::string payload);
 
   TopicScheme scheme_;
@@ -215,12 +209,15 @@ class Gateway {
   Settings settings_;
   const BrokerLink& broker_;
   RobotRegistry registry_;
-  SubscriptionTable subscriptions_;
-  std::optional<TimePoint> subscribers_wait_until_;  ///< while the broker is away
+  std::set<std::string> own_filters_;
+  std::optional<TimePoint> up_since_;            ///< the broker
+  std::map<std::string, Report> waiting_wills_;  ///< by robot
+  std::optional<TimePoint> wills_due_;
+  std::optional<TimePoint> announce_at_;  ///< robots whose sessions are not held
   LeftoverRobots leftovers_;
   RightsProbe rights_;
   std::set<std::string> to_withdraw_;  // retained presence to clear when the broker is back
-  OwnershipQuery ownership_;
+  RobotPlaces places_;
   PresenceQuery presence_on_;
   CommandLedger commands_;
   StrayCommands strays_;
@@ -230,10 +227,8 @@ class Gateway {
   PerMesh<LinkState> mesh_links_;
   bool is_store_full_ = false;
   bool is_stopping_ = false;
-  bool is_state_heard_ = false;     ///< the `online` of this connection has come back
-  bool has_asked_for_all_ = false;  ///< commands, for itself
-  bool is_all_refused_ = false;     ///< the broker refused the subscription to all commands
-  bool was_all_granted_ = false;    ///< in this process
+  bool sends_retained_ = false;  ///< the broker does, to subscriptions with wildcards
+  bool is_state_heard_ = false;  ///< the `online` of this connection has come back
   ActionQueue<GatewayAction> actions_;
 };
 

@@ -17,27 +17,16 @@ class LeftoverRobots {
   /// From the first connection to the broker on. Living BLE robots are heard within it (a health
   /// status every 10 s); sessions of MQTT-SN clients are restored at the start.
   static constexpr std::chrono::seconds grace{40};
-  /// After its SUBACK the broker sends what it has retained: when nothing more of it has come for
-  /// so long, the subscription can end. While it stands, the broker sends back each presence that
-  /// the gateway publishes.
-  static constexpr std::chrono::seconds retained_patience{5};
   static constexpr std::size_t max_robots = 10000;
   /// Ten times the size of a presence that the gateway writes; a larger one is not ours.
   static constexpr std::size_t max_octets = 4096;
 
-  /// `filter` matches the retained presence of all robots of this gateway.
-  explicit LeftoverRobots(std::string filter) : filter_(std::move(filter)) {}
+  /// `root`: what the topics of all presence of this gateway begin with.
+  explicit LeftoverRobots(std::string root) : root_(std::move(root)) {}
 
-  const std::string& filter() const { return filter_; }
-  /// True until finish(). Until then the gateway subscribes to `filter` at each new connection.
-  bool is_collecting() const { return is_collecting_; }
   void on_broker_up(TimePoint now);
-  /// The broker has granted `filter`, perhaps this one.
-  void on_granted(const std::string& filter, TimePoint now);
-  /// True when the message is a presence; the caller drops it.
-  bool take(const BrokerMessage& message, TimePoint now);
-  /// True once for each connection: the filter is to be unsubscribed.
-  bool end_subscription(TimePoint now);
+  /// True when the message is a presence of this gateway; the caller drops it.
+  bool take(const BrokerMessage& message);
 
   struct Leftover {
     std::string robot;
@@ -48,11 +37,9 @@ class LeftoverRobots {
   std::optional<std::vector<Leftover>> finish(TimePoint now);
 
  private:
-  std::string filter_;
-  bool is_collecting_ = true;
+  std::string root_;
+  bool is_collecting_ = true;  ///< until finish()
   std::optional<TimePoint> up_since_;
-  bool is_subscribed_ = false;
-  std::optional<TimePoint> quiet_at_;
   std::map<std::string, std::string> found_;
 };
 

@@ -95,8 +95,6 @@ struct BrokerMessage {
   Qos qos = Qos::at_most_once;
   bool retain = false;
   std::optional<Provenance> provenance{};  ///< of a robot's message on its way up
-  /// The broker says that it may have delivered it before (DUP). libmosquitto does not report it.
-  bool is_dup = false;
   /// For how long a command has waited in the gateway before it is carried out. It counts of the
   /// 30 s in which it has an outcome.
   Waited waited{};
@@ -111,7 +109,8 @@ struct PresenceChange {
   std::string robot;
   Presence presence = Presence::online;
   std::string address;
-  bool is_deaf = false;  ///< it is online, and does not hear the gateway
+  bool is_deaf = false;       ///< it is online, and does not hear the gateway
+  bool is_contested = false;  ///< another client uses its id
 };
 
 /// A robot was heard, by whatever message (an acknowledgement, a ping): at most once a second.
@@ -120,29 +119,63 @@ struct SignOfLife {
   std::string robot;
 };
 
-/// A mesh wants broker messages that match `filter`: one for each new subscriber, also when another
-/// already holds the same filter, because each request makes the broker send its retained messages
-/// for that filter again (they carry `retain`; fresh messages do not, so a machine gives retained
-/// ones only to subscribers that still wait for them). The core keeps one subscription at the
-/// broker for all meshes. Answered by `on_subscribe_result(filter, granted)`: by the broker, or by
-/// the core at once while the broker is away. UnsubscribeRequest when the mesh's last subscriber
-/// has gone.
+/// A robot wants broker messages that match `filter`, on the robot's own session at the broker
+/// (daemon/sessions). Answered once by MeshAdapter::on_subscribe_result(): by the broker, or by the
+/// gateway at once while the broker is away; it asks as soon as the session is there. Retained
+/// messages come for this robot only, and marked.
 struct SubscribeRequest {
   RequiredMesh mesh;
+  std::string robot;
   std::string filter;
   Qos qos = Qos::at_most_once;
-  /// False: fresh messages are enough, so no subscription is made where another one brings them.
-  bool wants_retained = true;
+  /// The robot had it before (its session goes on after a restart, or comes from another gateway):
+  /// not answered; the broker is asked only if it has forgotten it, and then without its retained
+  /// messages.
+  bool is_standing = false;
 };
 struct UnsubscribeRequest {
   RequiredMesh mesh;
+  std::string robot;
   std::string filter;
+};
+/// The robot begins anew (CleanSession): nothing of its former session at the broker counts.
+struct SessionCleaned {
+  RequiredMesh mesh;
+  std::string robot;
+};
+/// What another gateway needs to go on with the robot's session there; kept at the broker,
+/// retained. Empty when there is nothing to go on with.
+struct NoteChanged {
+  RequiredMesh mesh;
+  std::string robot;
+  Bytes note;
+};
+/// The robot has come, perhaps from another gateway. Answered once by MeshAdapter::on_note().
+struct NoteRequest {
+  RequiredMesh mesh;
+  std::string robot;
 };
 
 /// Names one command (a message under `<prefix>/server/<robot>/<type>`) from its entry to its
 /// outcome. Given by the core, unique for the life of the process. `none`: no command, or one from
 /// before a restart.
 enum class CommandId : std::uint64_t { none = 0 };
+
+/// A broker message for one robot, as its session brought it.
+struct RobotMessage {
+  std::string robot;
+  BrokerMessage message;
+  /// With one, the mesh carries it and owes its CommandOutcome within 30 s, less what it has
+  /// waited; only a retained command for which the robot does not wait may end without one.
+  CommandId command = CommandId::none;
+  /// No subscription of the robot brought it, as far as the broker says (MQTT 5).
+  bool is_unasked = false;
+};
+/// What a mesh has for a robot and has not put on the air. `message.waited` says for how long.
+struct WaitingMessage {
+  BrokerMessage message;
+  CommandId command = CommandId::none;
+};
 
 /// `sent`: at QoS 0; nobody acknowledges it.
 enum class CommandResult : std::uint8_t { delivered, sent, timeout, refused, superseded };
@@ -215,7 +248,8 @@ struct Notice {
 
 /// What a mesh's machine reports to the core.
 using MeshEvent = std::variant<Report, PresenceChange, SignOfLife, SubscribeRequest,
-                               UnsubscribeRequest, CommandOutcome, LinkChange, MeshStep, Notice>;
+                               UnsubscribeRequest, SessionCleaned, NoteChanged, NoteRequest,
+                               CommandOutcome, LinkChange, MeshStep, Notice>;
 
 /// A named counter for `stats` and `slam-gatewayctl status`; names are snake_case and stable.
 struct Counter {

@@ -33,7 +33,6 @@ bool RightsProbe::is_own(const std::string& filter) const {
 
 void RightsProbe::on_broker_link(bool is_probing) {
   is_probing_ = is_probing;
-  copies_.reset();
   for (Place& place : places_)
     if (place.state == State::waiting) place.state = State::idle;
 }
@@ -47,12 +46,6 @@ std::optional<BrokerMessage> RightsProbe::on_subscribe_result(const std::string&
   place->state = State::unheard;
   place->sent = now.mono;
   return std::nullopt;
-}
-
-std::optional<BrokerMessage> RightsProbe::ask_under_server(const Now& now) {
-  Place& place = places_.back();
-  if (place.state != State::heard) return std::nullopt;
-  return ask(place, now);
 }
 
 /// The wall clock distinguishes messages of a former process, the number those of this one.
@@ -70,21 +63,10 @@ bool RightsProbe::take(const BrokerMessage& message) {
   const auto place = std::find_if(places_.begin(), places_.end(),
                                   [&](const Place& p) { return p.topic == message.topic; });
   if (place == places_.end()) return false;
-  count_copies(*place, as_text(message.payload));
   if (place->nonce.empty() || as_text(message.payload) != place->nonce) return true;
   place->state = State::heard;
   place->nonce.clear();
   return true;
-}
-
-void RightsProbe::count_copies(const Place& place, std::string_view payload) {
-  if (&place != &places_.back()) return;
-  if (!place.nonce.empty() && payload == place.nonce) {
-    heard_under_server_ = payload;
-    copies_ = 1;
-  } else if (copies_ && payload == heard_under_server_) {
-    ++*copies_;
-  }
 }
 
 std::vector<BrokerMessage> RightsProbe::on_tick(const Now& now) {

@@ -43,12 +43,6 @@ class RightsProbe {
   /// The broker's answer for one of the filters. Returns what to publish now (QoS 0, not retained).
   std::optional<BrokerMessage> on_subscribe_result(const std::string& filter, bool granted,
                                                    const Now& now);
-  /// Asks once more under `server/`: the answer before came too early for copies(). Nothing
-  /// while an answer is still to come.
-  std::optional<BrokerMessage> ask_under_server(const Now& now);
-  /// How many copies of the newest message under `server/` have come back; nothing while none has.
-  /// They come in a row. A broker that sends several has sent one for each subscription.
-  std::optional<unsigned> copies() const { return copies_; }
   /// True when the message is one of the probe's; the caller drops it.
   bool take(const BrokerMessage& message);
   std::optional<TimePoint> deadline() const;
@@ -72,13 +66,10 @@ class RightsProbe {
   };
 
   BrokerMessage ask(Place& place, const Now& now);
-  void count_copies(const Place& place, std::string_view payload);
 
   std::array<Place, 2> places_;  // under gateway/, under server/
   bool is_probing_ = false;      ///< the broker is there, and the configuration wants it
   std::uint64_t asked_ = 0;
-  std::string heard_under_server_;
-  std::optional<unsigned> copies_;
   std::vector<MissingRight> reported_;
 };
 

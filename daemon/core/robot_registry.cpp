@@ -71,9 +71,12 @@ Robot* RobotRegistry::on_presence(const PresenceChange& change, const Now& now) 
   if (!robot) return nullptr;
   --counts_[static_cast<std::size_t>(robot->presence().presence)];
   MeshPresence& there = robot->on_mesh[change.mesh];
-  const bool is_same_state = there.presence == change.presence && there.is_deaf != change.is_deaf;
-  there = {true, change.presence, change.address, is_same_state ? there.since : now.wall,
-           change.is_deaf};
+  const bool is_same_state =
+      there.presence == change.presence &&
+      (there.is_deaf != change.is_deaf || there.is_contested != change.is_contested);
+  there = {true,           change.presence,
+           change.address, is_same_state ? there.since : now.wall,
+           change.is_deaf, change.is_contested};
   robot->last_mesh = change.mesh;
   ++counts_[static_cast<std::size_t>(robot->presence().presence)];
   if (change.presence != Presence::offline) robot->on_heard(now);
@@ -110,6 +113,11 @@ const Robot* RobotRegistry::find(const std::string& robot) const {
 std::size_t RobotRegistry::deaf() const {
   return static_cast<std::size_t>(std::ranges::count_if(
       robots_, [](const auto& entry) { return entry.second.presence().is_deaf; }));
+}
+
+std::size_t RobotRegistry::contested() const {
+  return static_cast<std::size_t>(std::ranges::count_if(
+      robots_, [](const auto& entry) { return entry.second.is_contested(); }));
 }
 
 std::string RobotRegistry::address_of(const std::string& robot, Mesh mesh) const {

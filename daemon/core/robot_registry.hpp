@@ -25,6 +25,7 @@ struct MeshPresence {
   std::string address;
   WallTime since{};
   bool is_deaf = false;  ///< it does not hear the gateway; not a state, and `since` not its time
+  bool is_contested = false;  ///< another client uses its id there
 };
 
 struct Robot {
@@ -34,15 +35,17 @@ struct Robot {
   TimePoint first_heard{};
   TimePoint last_heard{};  ///< any sign of life
   RobotNumbers numbers;
-  std::string last_type;            ///< of its last message; empty: it said nothing yet
-  TimePoint announced{};            ///< its presence was published last
-  std::optional<RadioFacts> radio;  ///< of its last message
+  std::string last_type;              ///< of its last message; empty: it said nothing yet
+  TimePoint announced{};              ///< its presence was published last
+  std::optional<RadioFacts> radio;    ///< of its last message
+  bool is_session_contested = false;  ///< another client takes its session at the broker
   LogThrottle rejected_throttle;
 
   void on_heard(const Now& now);
   /// The mesh that speaks for it: one where it is online, else asleep, else the last one.
   Mesh mesh() const;
   const MeshPresence& presence() const { return on_mesh[mesh()]; }
+  bool is_contested() const { return is_session_contested || presence().is_contested; }
 };
 
 class RobotRegistry {
@@ -80,6 +83,7 @@ class RobotRegistry {
   std::size_t count(Presence presence) const { return counts_[static_cast<std::size_t>(presence)]; }
   /// How many do not hear the gateway.
   std::size_t deaf() const;
+  std::size_t contested() const;
   std::uint64_t untracked() const { return untracked_; }
 
  private:

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Commands for robots that no mesh knows. A robot may be known a moment later, so each waits here
-// for `patience` before it is refused. Pure; part of Gateway, for a gateway that is alone on its
-// broker: among several, fleet::CommandTurns keeps what nobody serves.
+// Commands for names that no robot has. A robot may be known a moment later, so each waits here for
+// `patience` before it is refused. Pure; part of Gateway, for the first gateway of a broker by
+// name.
 #pragma once
 
 #include <deque>
@@ -32,7 +32,10 @@ class StrayCommands {
   std::vector<Stray> take_overdue(TimePoint now);
   /// Those for one robot, oldest first.
   std::vector<Stray> take_for(std::string_view robot);
-  bool is_empty() const { return waiting_.empty(); }
+  void clear() {
+    waiting_.clear();
+    octets_ = 0;
+  }
   std::optional<TimePoint> deadline() const;
 
  private:

@@ -114,7 +114,8 @@ TopicScheme::TopicScheme(std::string prefix, std::string gateway_id)
       robot_root_(prefix_ + "/robot/"),
       command_root_(prefix_ + "/server/"),
       gateways_root_(prefix_ + "/gateway/"),
-      gateway_root_(gateways_root_ + gateway_id_ + "/") {}
+      gateway_root_(gateways_root_ + gateway_id_ + "/"),
+      hears_root_(prefix_ + "/fleet/all/") {}
 
 std::string TopicScheme::robot_topic(std::string_view robot, std::string_view type) const {
   return joined({robot_root_, robot, "/", type});
@@ -136,6 +137,30 @@ std::optional<TopicScheme::RobotAndType> TopicScheme::parse_robot_topic(
 std::optional<TopicScheme::RobotAndType> TopicScheme::parse_command_topic(
     std::string_view topic) const {
   return parse_below(command_root_, topic);
+}
+
+std::optional<TopicScheme::GatewayAndRobot> TopicScheme::parse_presence_topic(
+    std::string_view topic) const {
+  if (!topic.starts_with(gateways_root_)) return std::nullopt;
+  const Split gateway = first_level(topic.substr(gateways_root_.size()));
+  if (!gateway.rest || !is_valid_level(gateway.level)) return std::nullopt;
+  const Split what = first_level(*gateway.rest);
+  if (what.level != "robots" || !what.rest || !is_valid_level(*what.rest)) return std::nullopt;
+  return GatewayAndRobot{gateway.level, *what.rest};
+}
+
+std::optional<std::string_view> TopicScheme::gateway_of_state(std::string_view topic) const {
+  if (!topic.starts_with(gateways_root_)) return std::nullopt;
+  const Split gateway = first_level(topic.substr(gateways_root_.size()));
+  if (gateway.rest != "state" || !is_valid_level(gateway.level)) return std::nullopt;
+  return gateway.level;
+}
+
+std::optional<std::string_view> TopicScheme::gateway_of_hears(std::string_view topic) const {
+  if (!topic.starts_with(hears_root_)) return std::nullopt;
+  const std::string_view gateway = topic.substr(hears_root_.size());
+  if (!is_valid_level(gateway)) return std::nullopt;
+  return gateway;
 }
 
 std::string TopicScheme::presence_topic(std::string_view robot) const {

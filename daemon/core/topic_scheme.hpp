@@ -47,6 +47,20 @@ class TopicScheme {
   std::string presence_topic(std::string_view robot) const;
   /// Where another gateway publishes a robot's presence.
   std::string presence_topic_at(const std::string& gateway, std::string_view robot) const;
+  struct GatewayAndRobot {
+    std::string_view gateway;
+    std::string_view robot;
+  };
+  /// Of any gateway.
+  std::optional<GatewayAndRobot> parse_presence_topic(std::string_view topic) const;
+  std::string presence_filter() const { return gateways_root_ + "+/robots/+"; }
+  /// Whose `state` it is.
+  std::optional<std::string_view> gateway_of_state(std::string_view topic) const;
+  std::string state_filter() const { return gateways_root_ + "+/state"; }
+  /// What gateways whose boards share a BLE mesh tell each other.
+  std::string hears_topic() const { return hears_root_ + gateway_id_; }
+  std::string hears_filter() const { return hears_root_ + "+"; }
+  std::optional<std::string_view> gateway_of_hears(std::string_view topic) const;
   std::string outcome_topic(std::string_view robot) const;
   std::string rejected_topic(std::string_view robot, std::string_view type) const;
 
@@ -62,6 +76,7 @@ class TopicScheme {
   std::string command_root_;
   std::string gateways_root_;
   std::string gateway_root_;
+  std::string hears_root_;
 };
 
 /// Who may do what on MQTT-SN (docs/topics.md). `%c` in an extra filter stands for the client

@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // The border to an MQTT client library: one connection to a broker, from its attempt to its end,
-// never reused. Whatever differs between the libraries is behind it; when to connect, where and
-// with which version is Upstream's business.
+// never reused, and nothing of a former one
+// is taken up again: a client library forgets its packet ids, and a broker that goes by the book
+// takes a new QoS 2 message under an old id for a repeat. Whatever differs between the libraries is
+// behind it; when to connect, where and with which version is Upstream's business.
 #pragma once
 
 #include <chrono>
 #include <cstdint>
 #include <functional>
 #include <string>
-#include <vector>
 
 #include "daemon/core/messages.hpp"
 #include "daemon/mqtt/broker_limits.hpp"
@@ -17,10 +18,6 @@
 
 namespace slamgw {
 
-/// How long an MQTT 5 broker keeps our subscriptions, and commands that come for them, while we are
-/// away (a restart, a crash). Not longer: a robot must not obey yesterday's command. MQTT 3.1.1
-/// knows no such limit, so there nothing is kept.
-inline constexpr std::uint32_t session_expiry_s = 300;
 /// The largest packet that an MQTT 5 broker may send: four times what a gateway says to another,
 /// and far more than a robot can take. Without it one message of 256 MiB would end the daemon for
 /// want of memory; MQTT 3.1.1 knows no such limit.
@@ -45,7 +42,7 @@ struct LinkOptions {
   std::chrono::seconds timeout = connect_timeout;
   unsigned attempt = 0;  ///< a host may have several addresses: each attempt tries the next
   /// Takes the broker's messages, as UpstreamListener says; called like MqttLinkListener.
-  std::function<void(BrokerMessage, std::vector<std::uint32_t>)> on_message;
+  std::function<void(BrokerMessage)> on_message;
 };
 
 /// Why a connection could not be made. `code`: a CONNACK code of the version in use, or 0 when none
@@ -62,7 +59,7 @@ class MqttLinkListener {
  public:
   virtual ~MqttLinkListener() = default;
   /// One of these two comes, once.
-  virtual void on_connected(bool session_present, const BrokerLimits& limits) = 0;
+  virtual void on_connected(const BrokerLimits& limits) = 0;
   virtual void on_connect_failed(ConnectFailure failure) = 0;
   /// After on_connected() only.
   /// `is_taken_over`: the broker says that another client has connected with our id.
@@ -81,8 +78,8 @@ class MqttLink {
   // Between on_connected() and abandon():
   /// `message` is within the broker's limits, and needed no longer than the call lasts.
   virtual void publish(std::uint64_t sequence, const BrokerMessage& message) = 0;
-  /// `id` comes back with each message for this subscription (MQTT 5).
-  virtual void subscribe(std::string filter, Qos qos, std::uint32_t id) = 0;
+  /// At QoS 0.
+  virtual void subscribe(std::string filter) = 0;
   virtual void unsubscribe(std::string filter) = 0;
 
   /// No more events; the connection ends on the lane. When `is_orderly`, what was published is

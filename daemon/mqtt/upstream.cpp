@@ -7,7 +7,6 @@
 #include <boost/asio/post.hpp>
 #include <utility>
 
-#include "daemon/core/subscription_table.hpp"
 #include "daemon/mqtt/connect_failure.hpp"
 #include "daemon/mqtt/connection_probe.hpp"
 #include "daemon/mqtt/mosquitto/mosquitto_link.hpp"
@@ -68,7 +67,6 @@ Upstream::Upstream(boost::asio::io_context& io, BrokerSettings settings, LastWil
       listener_(listener),
       reconnect_timer_(io),
       stall_timer_(io),
-      trial_timer_(io),
       return_timer_(io),
       return_backoff_(first_probe_pause, longest_probe_pause),
       backoff_(first_wait, longest_wait, eager),
@@ -101,7 +99,6 @@ BrokerSettings Upstream::broker() const {
 void Upstream::stop() {
   reconnect_timer_.cancel();
   stall_timer_.cancel();
-  trial_timer_.cancel();
   drop_link(true);
   if (scout_) scout_->stop();  // joined by its destructor: a look at the broker may take long
   lane_.join();
@@ -111,7 +108,6 @@ void Upstream::reconfigure(const BrokerSettings& settings) {
   if (settings == settings_) return;
   settings_ = settings;
   make_places();
-  suspects_ = {};
   backoff_.reset();
   const bool was_up = is_up_;
   drop_link(true);
@@ -155,7 +151,6 @@ void Upstream::connect_in(Duration wait) {
 
 void Upstream::drop_link(bool is_orderly) {
   is_up_ = false;
-  is_trying_suspects_ = false;
   stall_watch_.on_link_down();
   stall_timer_.cancel();
   return_timer_.cancel();
@@ -182,16 +177,15 @@ void Upstream::go_on(const std::string& why, Duration least) {
   listener_.on_link_down(words);
 }
 
-void Upstream::on_connected(bool session_present, const BrokerLimits& limits) {
+void Upstream::on_connected(const BrokerLimits& limits) {
   limits_ = limits;
   if (limits_.max_packet_bytes == 0) limits_.max_packet_bytes.reset();  // a protocol error
-  is_session_present_ = session_present;
   place().attempt = 0;
   up_since_ = std::chrono::steady_clock::now();
   rivals_.on_up(up_since_);
   unanswered_ = 0;
   trial_.reset();
-  begin_trials();
+  come_up();
 }
 
 std::chrono::seconds Upstream::keep_alive_in_use() const {
@@ -207,32 +201,7 @@ void Upstream::come_up() {
   if (at_ != 0 && settings_.returns_to_first)
     probe_first_broker_in(
         return_backoff_.next_wait(random_jitter(), std::chrono::steady_clock::now()));
-  listener_.on_link_up(is_session_present_, limits_);
-}
-
-/// Suspects have the connection for themselves. The question comes first: a broker that does not
-/// answer even that has not closed the connection for a suspect.
-void Upstream::begin_trials() {
-  if (!suspects_.has_suspects()) return come_up();
-  is_trying_suspects_ = true;
-  link_->subscribe(question, Qos::at_most_once, own_subscription);
-  trial_timer_.expires_after(FilterSuspects::trial_timeout);
-  trial_timer_.async_wait([this](boost::system::error_code error) {
-    if (!error && is_trying_suspects_) end_trials();
-  });
-}
-
-void Upstream::try_next_suspect() {
-  const auto suspect = suspects_.next_trial();
-  if (!suspect) return end_trials();
-  link_->subscribe(suspect->filter, suspect->qos, suspect->id);
-}
-
-void Upstream::end_trials() {
-  suspects_.acquit_all();
-  is_trying_suspects_ = false;
-  trial_timer_.cancel();
-  come_up();
+  listener_.on_link_up(limits_);
 }
 
 void Upstream::probe_first_broker_in(Duration wait) {
@@ -308,15 +277,9 @@ void Upstream::on_lost(std::string why, bool is_taken_over) {
   }
   // Debian 12's Mosquitto closes after a refusal. The outbox sees to it that this is seldom.
   if (now - refused_at_ < refusal_to_loss || trial_) backoff_.reset();
-  const bool has_unanswered = unanswered_ > 0 || suspects_.has_unanswered();
-  if (rivals_.on_lost(is_taken_over, has_unanswered, now) && !is_taken_over)
+  if (rivals_.on_lost(is_taken_over, unanswered_ > 0, now) && !is_taken_over)
     why += fmt::format(" soon after it came up, again and again; perhaps {}",
                        explain_rival(broker().client_id));
-  if (is_taken_over) suspects_.acquit_all();  // the rival is the reason
-  if (const auto filter = suspects_.on_lost(now)) {
-    backoff_.reset();  // the cause is found
-    listener_.on_subscribe_result(*filter, SubscribeAnswer::closes_connection);
-  }
   go_on(why, rivals_.pause());
 }
 
@@ -334,17 +297,13 @@ void Upstream::on_publish_refused(std::uint64_t sequence, const Refusal& refusal
 }
 
 void Upstream::on_subscribe_result(const std::string& filter, bool granted) {
-  suspects_.on_answered(filter);
-  if (!granted) suspects_.forget(filter);
-  if (is_trying_suspects_) return try_next_suspect();
   if (filter == question) {
     const bool was_silent = stall_watch_.on_answer(std::chrono::steady_clock::now());
     watch_for_stall();  // perhaps earlier now
     if (was_silent) listener_.on_silence(false);
     return;
   }
-  listener_.on_subscribe_result(filter,
-                                granted ? SubscribeAnswer::granted : SubscribeAnswer::refused);
+  listener_.on_subscribe_result(filter, granted);
 }
 
 void Upstream::publish(std::uint64_t sequence, const BrokerMessage& message, bool is_trial) {
@@ -377,8 +336,7 @@ void Upstream::watch_for_stall() {
 void Upstream::on_stall_deadline(TimePoint now) {
   switch (stall_watch_.on_deadline(now)) {
     case StallWatch::Step::none: return;
-    case StallWatch::Step::ask:
-      return link_->subscribe(question, Qos::at_most_once, own_subscription);
+    case StallWatch::Step::ask: return link_->subscribe(question);
     case StallWatch::Step::silent: return listener_.on_silence(true);
     case StallWatch::Step::stalled:
       return on_lost(
@@ -406,21 +364,11 @@ bool Upstream::fits_packet(std::uint64_t sequence, const BrokerMessage& message)
   return false;
 }
 
-void Upstream::subscribe(const std::string& filter, Qos qos, std::uint32_t id) {
-  if (!is_up_) return;
-  if (suspects_.is_aside(filter, std::chrono::steady_clock::now())) {
-    boost::asio::post(io_, [this, filter, link = std::weak_ptr(link_)] {
-      if (!link.expired() && link.lock() == link_)
-        listener_.on_subscribe_result(filter, SubscribeAnswer::closes_connection);
-    });
-    return;
-  }
-  suspects_.on_sent({filter, qos, id});
-  link_->subscribe(filter, qos, id);
+void Upstream::subscribe(const std::string& filter) {
+  if (is_up_) link_->subscribe(filter);
 }
 
 void Upstream::unsubscribe(const std::string& filter) {
-  suspects_.forget(filter);
   if (is_up_) link_->unsubscribe(filter);
 }
 

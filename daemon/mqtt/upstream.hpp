@@ -16,7 +16,6 @@
 #include <vector>
 
 #include "daemon/mqtt/backoff.hpp"
-#include "daemon/mqtt/filter_suspects.hpp"
 #include "daemon/mqtt/mqtt_link.hpp"
 #include "daemon/mqtt/rival_watch.hpp"
 #include "daemon/mqtt/stall_watch.hpp"
@@ -43,12 +42,12 @@ class Upstream final : private MqttLinkListener {
   /// nothing comes after it.
   void stop();
 
-  // No effect while the link is down, except that what was unsubscribed is no longer remembered:
+  // No effect while the link is down:
   /// `is_trial`: the broker may close the connection for it. Then the back-off starts again from
   /// its first step; the outbox makes sure that such messages are rare.
   void publish(std::uint64_t sequence, const BrokerMessage& message, bool is_trial = false);
-  /// `id` comes back with each message for this subscription (MQTT 5).
-  void subscribe(const std::string& filter, Qos qos, std::uint32_t id);
+  /// At QoS 0.
+  void subscribe(const std::string& filter);
   void unsubscribe(const std::string& filter);
 
   MqttVersion version() const { return place().version.version(); }
@@ -76,9 +75,6 @@ class Upstream final : private MqttLinkListener {
   void drop_link(bool is_orderly);
   std::chrono::seconds keep_alive_in_use() const;
   void come_up();
-  void begin_trials();
-  void try_next_suspect();
-  void end_trials();
   void probe_first_broker_in(Duration wait);
   void probe_first_broker();
   void return_to_first();
@@ -88,7 +84,7 @@ class Upstream final : private MqttLinkListener {
   bool fits_packet(std::uint64_t sequence, const BrokerMessage& message);
   bool adapt_will(int code);
 
-  void on_connected(bool session_present, const BrokerLimits& limits) override;
+  void on_connected(const BrokerLimits& limits) override;
   void on_connect_failed(ConnectFailure failure) override;
   void on_lost(std::string why, bool is_taken_over) override;
   void on_published(std::uint64_t sequence) override;
@@ -102,7 +98,6 @@ class Upstream final : private MqttLinkListener {
   UpstreamListener& listener_;
   boost::asio::steady_timer reconnect_timer_;
   boost::asio::steady_timer stall_timer_;
-  boost::asio::steady_timer trial_timer_;
   boost::asio::steady_timer return_timer_;
   /// For looking whether the first broker is well, which blocks; made when that is asked for.
   std::optional<boost::asio::thread_pool> scout_;
@@ -115,11 +110,8 @@ class Upstream final : private MqttLinkListener {
   std::size_t tried_ = 0;  ///< places in a row, without success or pause
   std::shared_ptr<MqttLink> link_;
   BrokerLimits limits_;  ///< of the connection
-  bool is_session_present_ = false;
   bool is_up_ = false;
-  FilterSuspects suspects_;
-  bool is_trying_suspects_ = false;  ///< connected, and only with them
-  bool is_waiting_ = false;          ///< for reconnect_timer_
+  bool is_waiting_ = false;  ///< for reconnect_timer_
   TimePoint up_since_{};
   std::size_t unanswered_ = 0;          ///< publishes, on the connection that is up
   std::optional<std::uint64_t> trial_;  ///< a publish that is not answered yet

@@ -4,7 +4,6 @@
 
 #include <cstdint>
 #include <string>
-#include <vector>
 
 #include "daemon/core/broker_link.hpp"
 #include "daemon/core/messages.hpp"
@@ -16,9 +15,9 @@ namespace slamgw {
 class UpstreamListener {
  public:
   virtual ~UpstreamListener() = default;
-  /// Connected. `session_present`: the broker still knows our subscriptions. `limits`: what it
-  /// takes; Upstream keeps to all of them but the receive maximum.
-  virtual void on_link_up(bool session_present, const BrokerLimits& limits) = 0;
+  /// Connected; the broker knows nothing of an earlier connection. `limits`: what it takes;
+  /// Upstream keeps to all of them but the receive maximum.
+  virtual void on_link_up(const BrokerLimits& limits) = 0;
   /// Connection lost or refused; `why` names the reason in words. May repeat while attempts fail.
   virtual void on_link_down(const std::string& why) = 0;
   /// Upstream has ended a good connection to make another; `why` in words.
@@ -31,9 +30,8 @@ class UpstreamListener {
   /// The broker has answered `sequence` with a reason code of 0x80 or above, or would: it is larger
   /// than the broker's limit. (What merely failed is reported by on_link_down.)
   virtual void on_publish_refused(std::uint64_t sequence, const Refusal& refusal) = 0;
-  virtual void on_subscribe_result(const std::string& filter, SubscribeAnswer answer) = 0;
-  /// `subscriptions`: the ids of our subscriptions that it came for; empty with MQTT 3.1.1.
-  virtual void on_message(BrokerMessage message, std::vector<std::uint32_t> subscriptions) = 0;
+  virtual void on_subscribe_result(const std::string& filter, bool is_granted) = 0;
+  virtual void on_message(BrokerMessage message) = 0;
 };
 
 }  // namespace slamgw

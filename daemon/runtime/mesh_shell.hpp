@@ -16,11 +16,11 @@ namespace slamgw {
 /// A protocol machine that speaks for the robots of one mesh. Each input is that of MeshAdapter.
 template <class Machine>
 concept MeshProtocolMachine = ProtocolMachine<Machine> &&
-    requires(Machine& machine, const Machine& unchanged, const BrokerMessage& message,
+    requires(Machine& machine, const Machine& unchanged, const RobotMessage& message,
              const std::string& text, const Now& now) {
   machine.on_receipt(std::uint64_t{}, ReceiptOutcome{}, now);
-  machine.on_broker_message(message, CommandId{}, now);
-  machine.on_subscribe_result(text, bool{}, now);
+  machine.on_broker_message(message, now);
+  machine.on_subscribe_result(text, text, bool{}, now);
   machine.on_broker_link(bool{}, now);
   machine.on_trace(bool{});
   machine.on_stop(now);
@@ -35,11 +35,12 @@ class MeshShell : public MeshAdapter {
   void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome) final {
     driver().input(&Machine::on_receipt, receipt_id, outcome);
   }
-  void on_broker_message(const BrokerMessage& message, CommandId command) final {
-    driver().input(&Machine::on_broker_message, message, command);
+  void on_broker_message(const RobotMessage& message) final {
+    driver().input(&Machine::on_broker_message, message);
   }
-  void on_subscribe_result(const std::string& filter, bool granted) final {
-    driver().input(&Machine::on_subscribe_result, filter, granted);
+  void on_subscribe_result(const std::string& robot, const std::string& filter,
+                           bool granted) final {
+    driver().input(&Machine::on_subscribe_result, robot, filter, granted);
   }
   void on_broker_link(bool is_up) final { driver().input(&Machine::on_broker_link, is_up); }
   void trace(bool is_on) final { driver().input(&Machine::on_trace, is_on); }

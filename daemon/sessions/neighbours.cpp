@@ -56,7 +56,8 @@ void Neighbours::on_presence(const std::string& gateway, const std::string& robo
     return;
   }
   if (known == robots_.end() && robots_.size() >= max_robots) return;
-  Shown shown{gateway, text_of(*parsed, "state"), text_of(*parsed, "since")};
+  Shown shown{gateway, text_of(*parsed, "state"), text_of(*parsed, "since"),
+              std::string(as_text(document))};
   // `offline` says nothing against a gateway that shows the robot as its own.
   const bool is_older = known != robots_.end() && known->second.gateway != gateway &&
                         shown.state == "offline" && known->second.state != "offline";

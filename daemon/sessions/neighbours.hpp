@@ -34,6 +34,7 @@ class Neighbours {
     std::string gateway;
     std::string state;  ///< `online`, `asleep`, `offline`
     std::string since;
+    std::string document;  ///< as it was retained
   };
   /// A robot whose gateway has died: this gateway answers for it `after` so much time.
   struct Orphan {

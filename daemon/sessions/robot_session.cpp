@@ -6,70 +6,143 @@
 #include <algorithm>
 #include <utility>
 
+#include "daemon/sessions/mailbox.hpp"
+
 namespace slamgw::sessions {
 
 // --- Who holds it --------------------------------------------------------------------------------
 
-void RobotSession::on_heard(TimePoint now) {
-  if (state_ == State::attached) {
-    if (now - held_since_ >= longest_flap_wait) quick_losses_ = 0;
-    return;
-  }
+void RobotSession::on_heard(bool is_elsewhere, TimePoint now) {
+  if (is_held()) return;
   is_wanted_ = true;
-  was_heard_after_loss_ = was_heard_after_loss_ || quick_losses_ > 0;
+  const unsigned disputed = is_elsewhere ? quick_losses_ : losses_;
+  if (now < quiet_at_ && disputed >= contested_losses) set_contested(true);
 }
 
-void RobotSession::keep(std::optional<TimePoint> unheld_since) {
-  if (state_ == State::attached) return;
-  is_wanted_ = true;
-  unheld_since_ = unheld_since;
+void RobotSession::set_contested(bool is_contested) {
+  if (std::exchange(is_contested_, is_contested) == is_contested) return;
+  actions_.push(SessionContested{robot_, is_contested});
+  actions_.push(Notice{
+      is_contested ? Severity::warning : Severity::notice,
+      is_contested
+          ? fmt::format("{}: its session at the broker (client id {}) is taken again and again: "
+                        "are there two robots, or a foreign client, of that name?",
+                        robot_, names_.client_id(robot_))
+          : fmt::format("{}: no other client takes its session at the broker any more", robot_),
+      robot_});
+}
+
+void RobotSession::keep() {
+  if (state_ != State::attached) is_wanted_ = true;
 }
 
 void RobotSession::open() {
   state_ = State::opening;
-  actions_.push(OpenSession{robot_, is_clean_due_});
+  is_opened_clean_ = is_purge_due_;
+  actions_.push(OpenSession{robot_, is_opened_clean_});
 }
 
 void RobotSession::close(bool is_forgotten) {
   const bool was_held = is_held();
   is_wanted_ = false;
-  if (state_ == State::opening || was_held) actions_.push(CloseSession{robot_, is_forgotten});
-  counts_.fenced_off += unfenced_.size();
-  unfenced_.clear();
-  end_sorting();
+  if (is_connected()) actions_.push(CloseSession{robot_, is_forgotten});
+  drop_unfenced();
+  grant_waiting();
+  end_note({});
   state_ = State::detached;
   if (was_held) actions_.push(SessionLost{robot_, LossReason::let_go});
 }
 
+void RobotSession::drop_unfenced() {
+  counts_.fenced_off += unfenced_.size();
+  unfenced_.clear();
+  asked_.clear();
+  end_sorting();
+}
+
+/// On MQTT 3.1.1 a session that begins clean also ends with its connection.
 void RobotSession::on_attached(bool is_present, bool is_v5, TimePoint now) {
+  is_v5_ = is_v5;
+  if (is_clean_due_ && is_present && !is_opened_clean_) return begin_sorting(now);
+  is_clean_due_ = is_purge_due_ = false;
+  if (is_opened_clean_ && !is_v5) {
+    actions_.push(CloseSession{robot_, false});
+    return open();
+  }
   state_ = State::attached;
   is_wanted_ = false;
-  is_v5_ = is_v5;
   held_since_ = now;
   retry_ = first_retry;
-  if (!is_present || std::exchange(is_clean_due_, false))
-    for (auto& [filter, entry] : filters_) entry.is_standing = false;
+  knows_all_ = !is_present;
+  for (auto& [filter, entry] : filters_) {
+    // Another gateway's own subscription may have replaced the same one of the robot's.
+    const bool may_be_replaced = is_v5 && filter == names_.command_filter(robot_);
+    entry.is_standing = entry.is_standing && is_present && !may_be_replaced;
+  }
   const auto unheld_since = std::exchange(unheld_since_, std::nullopt);
   subscribe_own();
-  if (is_present && unheld_since && now - *unheld_since > stale_after) {
-    marker_ = fmt::format("marker {}", now.time_since_epoch().count());
-    marker_until_ = now + marker_patience;
-    actions_.push(SendMarker{robot_, marker_});
-  }
+  if (is_present && unheld_since && now - *unheld_since > stale_after) send_marker(now);
   actions_.push(SessionHeld{robot_, is_present});
   for (const std::string& filter : std::exchange(given_up_, {}))
     if (is_present) actions_.push(UnsubscribeSession{robot_, filter});
   for (auto& [filter, entry] : filters_)
-    if (!entry.is_standing) ask(filter, entry);
+    if (!entry.is_standing || entry.wants_retained) ask(filter, entry);
+  if (!note_until_) return;
+  if (!is_present) return end_note({});
+  actions_.push(
+      SubscribeSession{robot_, names_.note_topic(robot_), Qos::at_least_once, own_id, true});
+}
+
+void RobotSession::send_marker(TimePoint now) {
+  marker_ = fmt::format("marker {} {}", now.time_since_epoch().count(), markers_back_);
+  marker_until_ = now + marker_patience;
+  actions_.push(SendMarker{robot_, marker_});
+}
+
+/// What waited for the robot at the broker has an outcome before it is forgotten.
+void RobotSession::begin_sorting(TimePoint now) {
+  if (!is_held())
+    actions_.push(
+        SubscribeSession{robot_, names_.mailbox_topic(robot_), Qos::at_least_once, own_id, false});
+  state_ = State::sorting;
+  is_wanted_ = true;
+  for (Unfenced& each : unfenced_) each.is_stale = true;
+  send_marker(now);
+}
+
+void RobotSession::purge_when_sorted() {
+  if (state_ != State::sorting || !marker_.empty() || !unfenced_.empty()) return;
+  actions_.push(CloseSession{robot_, false});
+  is_purge_due_ = true;
+  open();
 }
 
 /// The mailbox first: the marker comes back through it.
 void RobotSession::subscribe_own() {
-  actions_.push(SubscribeSession{robot_, names_.mailbox_topic(robot_), Qos::at_least_once,
-                                 mailbox_id, false});
-  if (hears_commands_ && (is_v5_ || wants_retained_commands_))
+  actions_.push(
+      SubscribeSession{robot_, names_.mailbox_topic(robot_), Qos::at_least_once, own_id, false});
+  subscribe_to_commands();
+}
+
+/// On MQTT 5 what the robot has not subscribed to has an outcome, too.
+void RobotSession::subscribe_to_commands() {
+  if (is_v5_ && !hears_all_commands())
     actions_.push(SubscribeSession{robot_, names_.command_filter(robot_), Qos::at_least_once,
-                                   command_id, wants_retained_commands_});
+                                   command_id, false});
+}
+
+/// By a filter of its own: `.../#` or `.../+`.
+bool RobotSession::hears_all_commands() const {
+  std::string filter = names_.command_filter(robot_);
+  if (has_filter(filter)) return true;
+  filter.back() = '+';
+  return has_filter(filter);
+}
+
+void RobotSession::on_other_broker(TimePoint now) {
+  for (auto& [filter, entry] : filters_) entry.is_standing = false;
+  given_up_.clear();
+  unheld_since_ = now - 2 * stale_after;
 }
 
 void RobotSession::on_attach_failed(TimePoint now) {
@@ -79,52 +152,90 @@ void RobotSession::on_attach_failed(TimePoint now) {
 }
 
 void RobotSession::on_detached(bool is_broker_gone, TimePoint now) {
-  if (state_ != State::attached) return on_attach_failed(now);
-  state_ = State::detached;
-  counts_.fenced_off += unfenced_.size();
-  unfenced_.clear();
-  end_sorting();
-  was_heard_after_loss_ = false;
   if (is_broker_gone) {
-    unheld_since_ = now;
-  } else {
-    count_loss(now);
+    opens_at_ = {};
+    retry_ = first_retry;
   }
+  const bool was_held = state_ == State::attached;
+  if (state_ == State::sorting) drop_unfenced();
+  if (!was_held && !is_broker_gone) return on_attach_failed(now);
+  state_ = State::detached;
+  if (!was_held) return;
+  if (!is_broker_gone) {
+    count_loss(now);
+    blame_unanswered();
+  }
+  // While the marker is out, the broker may still have messages from before this connection.
+  unheld_since_ = marker_.empty() ? now : now - 2 * stale_after;
+  drop_unfenced();
   actions_.push(SessionLost{robot_, is_broker_gone ? LossReason::broker_gone : LossReason::taken});
+}
+
+bool RobotSession::forgive_loss(TimePoint now) {
+  const auto lost_at = std::exchange(lost_at_, std::nullopt);
+  if (is_held() || !lost_at || now - *lost_at > broker_end) return false;
+  losses_ -= std::min(losses_, 1U);
+  quick_losses_ -= std::min(quick_losses_, 1U);
+  return true;
 }
 
 /// Two gateways, or a foreign client, that take the session from each other.
 void RobotSession::count_loss(TimePoint now) {
-  quick_losses_ = now - held_since_ < quick_loss ? quick_losses_ + 1 : 1;
-  if (quick_losses_ <= free_losses) return;
-  const unsigned doublings = std::min(quick_losses_ - free_losses - 1, 5U);
-  const auto wait = std::min(first_flap_wait * (1 << doublings), longest_flap_wait);
-  opens_at_ = now + wait;
-  if (quick_losses_ == free_losses + 1)
-    actions_.push(Notice{
-        Severity::warning,
-        fmt::format("{}: its session at the broker (client id {}) is taken again and again: are "
-                    "there two robots, or a foreign client, of that name?",
-                    robot_, names_.client_id(robot_)),
-        robot_});
+  lost_at_ = now;
+  const bool is_again = now < quiet_at_;
+  losses_ = is_again ? losses_ + 1 : 1;
+  quick_losses_ = is_again && now - held_since_ < quick_loss ? quick_losses_ + 1 : 1;
+  if (quick_losses_ > free_losses) {
+    const unsigned doublings = std::min(quick_losses_ - free_losses - 1, 5U);
+    opens_at_ = now + std::min(first_flap_wait * (1 << doublings), longest_flap_wait);
+  }
+  quiet_at_ = std::max(now, opens_at_) + quiet_minute;
 }
 
 // --- What the robot hears ------------------------------------------------------------------------
 
-void RobotSession::subscribe(const std::string& filter, Qos qos, bool is_standing) {
-  Filter& entry = filters_[filter];
-  if (entry.id == 0) entry.id = next_id_++;
-  entry.qos = qos;
-  entry.is_standing = is_standing && !is_clean_due_;
-  entry.is_answer_due = !is_standing;
+RobotSession::Filter& RobotSession::filter_of(const std::string& filter, Qos qos) {
+  const auto [entry, is_new] = filters_.try_emplace(filter);
+  if (is_new) entry->second.id = make_id(filter);
+  entry->second.qos = qos;
   given_up_.erase(filter);
-  if (is_held() && !entry.is_standing) ask(filter, entry);
+  return entry->second;
+}
+
+/// FNV-1a; the next free one where two filters of a robot have the same.
+std::uint32_t RobotSession::make_id(const std::string& filter) const {
+  std::uint32_t hash = 2166136261U;
+  for (const char c : filter) hash = (hash ^ static_cast<std::uint8_t>(c)) * 16777619U;
+  std::uint32_t id = first_filter_id + hash % (last_filter_id - first_filter_id);
+  const auto is_used = [&](const auto& each) { return each.second.id == id; };
+  while (std::ranges::any_of(filters_, is_used)) ++id;
+  return id;
+}
+
+void RobotSession::subscribe(const std::string& filter, Qos qos, bool may_wait, TimePoint now) {
+  Filter& entry = filter_of(filter, qos);
+  entry.wants_retained = true;
+  is_wanted_ = is_wanted_ || state_ == State::detached;
+  if (may_wait)
+    entry.answer_due = now + subscribe_patience;
+  else
+    actions_.push(FilterAnswered{robot_, filter, true});
+  if (is_held()) ask(filter, entry);
+}
+
+/// The gateway's own subscription may have replaced the same one of the robot's.
+void RobotSession::resume(const std::string& filter, Qos qos) {
+  Filter& entry = filter_of(filter, qos);
+  entry.is_standing = !is_clean_due_ && filter != names_.command_filter(robot_);
+  if (is_held() && (knows_all_ || !entry.is_standing)) ask(filter, entry);
 }
 
 void RobotSession::unsubscribe(const std::string& filter) {
-  if (filters_.erase(filter) == 0) return;
+  filters_.erase(filter);
+  std::erase(asked_, filter);
   if (is_held()) {
     actions_.push(UnsubscribeSession{robot_, filter});
+    subscribe_to_commands();
   } else if (given_up_.size() < max_given_up) {
     given_up_.insert(filter);
   } else {
@@ -132,59 +243,155 @@ void RobotSession::unsubscribe(const std::string& filter) {
   }
 }
 
-void RobotSession::begin_clean() {
-  if (!is_held()) {
-    filters_.clear();
-    given_up_.clear();
-    is_clean_due_ = true;
+/// What another gateway, or an earlier process, has subscribed is not known here: such a session
+/// ends, and another one begins.
+void RobotSession::begin_clean(TimePoint now) {
+  grant_waiting();
+  if (is_held() && knows_all_) {
+    while (!filters_.empty()) unsubscribe(std::string(filters_.begin()->first));
     return;
   }
-  while (!filters_.empty()) unsubscribe(std::string(filters_.begin()->first));
+  filters_.clear();
+  given_up_.clear();
+  is_clean_due_ = true;
+  if (is_held()) begin_sorting(now);
+}
+
+void RobotSession::grant_waiting() {
+  for (auto& [filter, entry] : filters_)
+    if (std::exchange(entry.answer_due, std::nullopt))
+      actions_.push(FilterAnswered{robot_, filter, true});
 }
 
 void RobotSession::ask(const std::string& filter, Filter& entry) {
-  actions_.push(SubscribeSession{robot_, filter, entry.qos, entry.id, true});
+  if (entry.wants_retained) entry.retained_until = TimePoint::max();
+  actions_.push(SubscribeSession{robot_, filter, entry.qos, entry.id, entry.wants_retained});
+  asked_.push_back(filter);
 }
 
-void RobotSession::on_subscribed(const std::string& filter, bool is_granted) {
+void RobotSession::on_subscribed(const std::string& filter, bool is_granted, TimePoint now) {
+  if (filter == names_.note_topic(robot_) && note_until_) {
+    note_until_ = std::min(*note_until_, now + note_patience);
+    return;
+  }
+  if (const auto asked = std::ranges::find(asked_, filter); asked != asked_.end())
+    asked_.erase(asked);
   const auto found = filters_.find(filter);
   if (found == filters_.end()) return;  // the gateway's own, or given up meanwhile
-  found->second.is_standing = is_granted;
-  if (std::exchange(found->second.is_answer_due, false))
-    actions_.push(FilterAnswered{robot_, filter, is_granted});
-  if (!is_granted) filters_.erase(filter);
+  if (!is_granted) return refuse(filter);
+  Filter& entry = found->second;
+  entry.is_standing = true;
+  entry.fatal_losses = 0;
+  if (std::exchange(entry.wants_retained, false)) entry.retained_until = now + retained_patience;
+  if (std::exchange(entry.answer_due, std::nullopt))
+    actions_.push(FilterAnswered{robot_, filter, true});
+}
+
+void RobotSession::refuse(const std::string& filter) {
+  filters_.erase(filter);
+  actions_.push(FilterAnswered{robot_, filter, false});
+}
+
+/// A broker answers in order: it may have ended the connection instead of answering the first. Then
+/// no other client has taken the session.
+void RobotSession::blame_unanswered() {
+  if (asked_.empty()) return;
+  const std::string filter = asked_.front();
+  const auto found = filters_.find(filter);
+  if (found == filters_.end() || ++found->second.fatal_losses < max_fatal_losses) return;
+  losses_ = quick_losses_ = 0;
+  refuse(filter);
+}
+
+// --- The note ------------------------------------------------------------------------------------
+
+void RobotSession::read_note(TimePoint now) {
+  const bool is_asked = note_until_.has_value();
+  note_until_ = now + longest_note_wait;
+  if (is_asked) return;
+  if (!is_held()) {
+    is_wanted_ = true;
+    return;
+  }
+  actions_.push(
+      SubscribeSession{robot_, names_.note_topic(robot_), Qos::at_least_once, own_id, true});
+}
+
+void RobotSession::end_note(Bytes note) {
+  if (!std::exchange(note_until_, std::nullopt)) return;
+  if (note.size() > max_note_octets) note.clear();
+  if (is_held()) actions_.push(UnsubscribeSession{robot_, names_.note_topic(robot_)});
+  actions_.push(NoteRead{robot_, std::move(note)});
 }
 
 // --- Messages ------------------------------------------------------------------------------------
 
 void RobotSession::on_message(BrokerMessage message, std::span<const std::uint32_t> ids,
                               TimePoint now) {
-  if (!is_held()) return;
-  if (is_marker(message)) {
-    for (Unfenced& each : unfenced_) each.is_stale = true;
-    end_sorting();
-    return release(now);
-  }
-  if (is_copy(message, ids)) return;
+  if (!is_held() && state_ != State::sorting) return;
+  if (message.topic == names_.note_topic(robot_)) return end_note(std::move(message.payload));
+  if (is_marker(message)) return on_marker(now);
+  const bool is_fence = message.topic == names_.mailbox_topic(robot_) && message.payload.empty();
+  if (is_fence || is_copy(message, ids) || !wants_retained(message, now)) return;
   if (unfenced_.size() >= max_unfenced) {
     ++counts_.dropped;
     return;
   }
-  const bool is_unasked = ids.size() == 1 && ids.front() == command_id && !wants_retained_commands_;
-  unfenced_.push_back({++last_fence_, std::move(message), is_unasked, false, false, now});
+  const bool is_unasked = ids.size() == 1 && ids.front() == command_id;
+  if (joins_copy(message, is_unasked)) return;
+  unfenced_.push_back({.fence = ++last_fence_,
+                       .message = std::move(message),
+                       .is_unasked = is_unasked,
+                       .is_stale = !marker_.empty() || state_ == State::sorting,
+                       .came = now});
   actions_.push(AskFence{robot_, last_fence_});
+}
+
+/// In a session with filters that are not known here a message may come for one of them and, next
+/// to it, for the gateway's own.
+bool RobotSession::joins_copy(const BrokerMessage& message, bool is_unasked) {
+  if (knows_all_) return false;
+  const auto other = std::ranges::find_if(unfenced_, [&](const Unfenced& each) {
+    return each.is_unasked != is_unasked && !each.is_joined &&
+           each.message.topic == message.topic && each.message.payload == message.payload;
+  });
+  if (other == unfenced_.end()) return false;
+  other->is_unasked = false;
+  other->is_joined = true;
+  other->message.qos = std::max(other->message.qos, message.qos);
+  return true;
+}
+
+/// A copy with QoS 2 comes one round trip later.
+bool RobotSession::is_copy_to_come(const Unfenced& one) const {
+  return one.is_unasked && !knows_all_ && !one.has_waited;
+}
+
+/// A subscription that is made again brings its retained messages again (MQTT 3.1.1). They are for
+/// the robot when it has asked.
+bool RobotSession::wants_retained(const BrokerMessage& message, TimePoint now) const {
+  if (!message.retain) return true;
+  return std::ranges::any_of(filters_, [&](const auto& each) {
+    return now < each.second.retained_until && filter_matches(each.first, message.topic);
+  });
 }
 
 /// Brokers may send a message once for each of our filters that it matches. Taken is the copy for
 /// the robot's own filter with the lowest identifier, else that for the gateway's.
 bool RobotSession::is_copy(const BrokerMessage& message, std::span<const std::uint32_t> ids) const {
-  if (ids.size() != 1) return false;  // one message for all of them, or a broker that names none
+  if (ids.size() != 1 || ids.front() == own_id) return false;  // one for all, or none is named
   for (const auto& [filter, entry] : filters_) {
     const bool is_better = ids.front() < first_filter_id || entry.id < ids.front();
     if (is_better && entry.is_standing && !message.retain && filter_matches(filter, message.topic))
       return true;
   }
   return false;
+}
+
+void RobotSession::on_marker(TimePoint now) {
+  if (++markers_back_ < marker_rounds) return send_marker(now);
+  end_sorting();
+  purge_when_sorted();
 }
 
 bool RobotSession::is_marker(const BrokerMessage& message) const {
@@ -195,32 +402,70 @@ bool RobotSession::is_marker(const BrokerMessage& message) const {
 void RobotSession::end_sorting() {
   marker_.clear();
   marker_until_.reset();
+  markers_back_ = 0;
 }
 
 void RobotSession::on_fence(std::uint64_t number, TimePoint now) {
-  for (Unfenced& each : unfenced_) each.is_answered = each.is_answered || each.fence <= number;
+  for (Unfenced& each : unfenced_) {
+    if (each.is_answered || each.fence > number) continue;
+    each.is_answered = !is_copy_to_come(each);
+    if (each.is_answered) continue;
+    each.fence = ++last_fence_;
+    each.has_waited = true;
+    actions_.push(AskFence{robot_, each.fence});
+  }
   release(now);
 }
 
-/// Nothing leaves before it is known what is stale.
 void RobotSession::release(TimePoint now) {
-  if (!marker_.empty()) return;
   while (!unfenced_.empty() && unfenced_.front().is_answered) {
     Unfenced first = std::move(unfenced_.front());
     unfenced_.pop_front();
     first.message.waited = std::chrono::duration_cast<Waited>(now - first.came);
-    if (first.is_stale && !first.message.retain)
-      actions_.push(RefuseStale{robot_, std::move(first.message)});
+    pass_on(first);
+  }
+  purge_when_sorted();
+}
+
+/// What another gateway hands on tells its own age.
+void RobotSession::pass_on(Unfenced& one) {
+  if (one.message.topic == names_.mailbox_topic(robot_)) {
+    auto handed_on = decode_waiting(one.message.payload);
+    if (!handed_on) {
+      ++counts_.dropped;
+      return;
+    }
+    handed_on->waited += one.message.waited;
+    if (state_ == State::sorting)
+      actions_.push(RefuseStale{robot_, std::move(*handed_on), true});
     else
-      actions_.push(TakeMessage{robot_, std::move(first.message), first.is_unasked});
+      actions_.push(TakeMessage{robot_, std::move(*handed_on), false});
+  } else if (one.is_stale && !one.message.retain) {
+    actions_.push(RefuseStale{robot_, std::move(one.message), state_ == State::sorting});
+  } else {
+    actions_.push(TakeMessage{robot_, std::move(one.message), one.is_unasked});
   }
 }
 
+std::optional<TimePoint> RobotSession::deadline() const {
+  std::optional<TimePoint> next = earlier(marker_until_, note_until_);
+  if (is_contested_) next = earlier(next, quiet_at_);
+  for (const auto& [filter, entry] : filters_) next = earlier(next, entry.answer_due);
+  return next;
+}
+
 void RobotSession::on_deadline(TimePoint now) {
-  if (!marker_until_ || now < *marker_until_) return;
-  for (Unfenced& each : unfenced_) each.is_stale = true;
-  end_sorting();
-  release(now);
+  if (marker_until_ && now >= *marker_until_) {
+    end_sorting();
+    purge_when_sorted();
+  }
+  if (note_until_ && now >= *note_until_) end_note({});
+  if (now >= quiet_at_) set_contested(false);
+  for (auto& [filter, entry] : filters_) {
+    if (!entry.answer_due || now < *entry.answer_due) continue;
+    entry.answer_due.reset();
+    actions_.push(FilterAnswered{robot_, filter, true});
+  }
 }
 
 }  // namespace slamgw::sessions

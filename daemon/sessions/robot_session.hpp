@@ -29,81 +29,126 @@ class RobotSession {
   static constexpr unsigned free_losses = 3;
   static constexpr std::chrono::seconds first_flap_wait{3};
   static constexpr std::chrono::seconds longest_flap_wait{60};
+  /// Losses without a quiet minute between them, while the robot is heard here: all when they are
+  /// quick, else those to a client that is not one of our gateways.
+  static constexpr unsigned contested_losses = 2;
+  static constexpr std::chrono::seconds quiet_minute{60};
+  /// A broker that ends closes its connections one after the other.
+  static constexpr std::chrono::seconds broker_end{3};
   /// After a CONNECT that failed.
   static constexpr std::chrono::seconds first_retry{1};
   static constexpr std::chrono::seconds longest_retry{30};
-  /// What waited at the broker for longer than this while nobody held the session is refused.
+  /// What waited at the broker for longer than this while nobody held the session is refused. A
+  /// gateway that takes it over while another one still sorts does not know what is old.
   static constexpr std::chrono::seconds stale_after{25};
-  /// For the marker to come back; then all that came before it counts as stale.
+  /// A marker goes to the robot's own topic and comes back behind what the broker had. A message
+  /// with QoS 2 comes one round trip later than others, so there are two markers.
+  static constexpr unsigned marker_rounds = 2;
+  /// For a marker to come back; what comes before the last one is stale.
   static constexpr std::chrono::seconds marker_patience{10};
+  /// A subscriber waits so long for the session and the broker's answer; less than the 10 s after
+  /// which devices ask again (MQTT-SN 1.2 section 7.2).
+  static constexpr std::chrono::seconds subscribe_patience{8};
+  /// Retained messages come within this time after the broker has granted their filter.
+  static constexpr std::chrono::seconds retained_patience{10};
+  /// A filter that the broker does not answer, but ends the connection, so many times, is refused.
+  static constexpr unsigned max_fatal_losses = 2;
+  /// For the note after its subscription was granted; and in all.
+  static constexpr std::chrono::milliseconds note_patience{300};
+  static constexpr std::chrono::seconds longest_note_wait{2};
+  static constexpr std::size_t max_note_octets = 65536;
   /// Filters to unsubscribe at the next CONNECT; with more the session begins anew.
   static constexpr std::size_t max_given_up = 64;
 
-  enum class State : std::uint8_t { detached, queued, opening, attached };
+  /// `sorting`: the robot begins anew, and what waited for it is refused before the broker forgets
+  /// it.
+  enum class State : std::uint8_t { detached, queued, opening, sorting, attached };
 
-  /// Subscription identifiers (MQTT 5); the robot's own filters follow.
+  /// Subscription identifiers (MQTT 5). Those of the robot's own filters are made from the filters,
+  /// so that they are the same at each gateway.
   static constexpr std::uint32_t command_id = 1;
-  static constexpr std::uint32_t mailbox_id = 2;
+  static constexpr std::uint32_t own_id = 2;  ///< mailbox and note
   static constexpr std::uint32_t first_filter_id = 3;
+  static constexpr std::uint32_t last_filter_id = 268435455;
 
   struct Counts {
     std::uint64_t fenced_off = 0;  ///< messages that came too late to be this gateway's
-    std::uint64_t dropped = 0;     ///< beyond max_unfenced
+    std::uint64_t dropped = 0;     ///< beyond max_unfenced, or no message in the mailbox
   };
 
+  /// `unheld_since`: nobody is known to have held the session since; nothing: somebody holds it.
   RobotSession(std::string robot, const SessionNames& names, ActionQueue<SessionAction>& actions,
-               Counts& counts)
-      : robot_(std::move(robot)), names_(names), actions_(actions), counts_(counts) {}
+               Counts& counts, std::optional<TimePoint> unheld_since = {})
+      : robot_(std::move(robot)),
+        names_(names),
+        actions_(actions),
+        counts_(counts),
+        unheld_since_(unheld_since) {}
 
   State state() const { return state_; }
   bool is_held() const { return state_ == State::attached; }
+  /// A connection of its own is there, or on its way.
+  bool is_opening() const { return state_ == State::opening || state_ == State::sorting; }
+  bool is_connected() const { return is_held() || is_opening(); }
   /// The session is taken again and again while its robot talks here.
-  bool is_contested() const { return quick_losses_ > 1 && was_heard_after_loss_; }
+  bool is_contested() const { return is_contested_; }
   /// When it may be opened; now, unless it failed or flaps.
   TimePoint opens_at() const { return opens_at_; }
   /// The robot was heard, or is to be answered for, and the session is not there.
   bool is_wanted() const { return is_wanted_ && state_ == State::detached; }
 
-  /// The robot was heard by radio.
-  void on_heard(TimePoint now);
-  /// To be attached without having heard it. `unheld_since`: nobody has held the session since.
-  void keep(std::optional<TimePoint> unheld_since);
+  /// The robot was heard by radio. `is_elsewhere`: another living gateway shows it.
+  void on_heard(bool is_elsewhere, TimePoint now);
+  /// To be attached without having heard it.
+  void keep();
+  /// No gateway has held it since then; nothing: another living gateway holds it.
+  void set_unheld_since(std::optional<TimePoint> when) { unheld_since_ = when; }
   void set_queued() { state_ = State::queued; }
   /// Sends CONNECT.
   void open();
   /// Sends DISCONNECT. `is_forgotten`: the broker forgets the session too.
   void close(bool is_forgotten);
 
-  /// What is said to the robot comes without its asking, too: a BLE robot's only filter, and on
-  /// MQTT 5 how a command that a robot has not subscribed to gets its outcome.
-  void hear_commands(bool wants_retained) {
-    hears_commands_ = true;
-    wants_retained_commands_ = wants_retained;
-  }
-  /// `is_standing`: the broker's session has it already (the robot has come from elsewhere).
-  void subscribe(const std::string& filter, Qos qos, bool is_standing);
+  /// A request, answered once. `may_wait`: false when the broker gives no answers.
+  void subscribe(const std::string& filter, Qos qos, bool may_wait, TimePoint now);
+  /// The robot has subscribed to it before, perhaps at another gateway.
+  void resume(const std::string& filter, Qos qos);
   void unsubscribe(const std::string& filter);
   /// The robot begins anew: nothing of its former session counts.
-  void begin_clean();
+  void begin_clean(TimePoint now);
   bool has_filter(const std::string& filter) const { return filters_.contains(filter); }
+  /// Subscribers wait no longer for the broker.
+  void grant_waiting();
+  /// Answered by NoteRead. Asks for the session too.
+  void read_note(TimePoint now);
+  void end_note(Bytes note);
 
+  /// Another broker, which may have an older session of the robot.
+  void on_other_broker(TimePoint now);
   void on_attached(bool is_present, bool is_v5, TimePoint now);
   void on_attach_failed(TimePoint now);
-  /// `is_broker_gone`: it is not another gateway that has taken it.
+  /// `is_broker_gone`: it is not another gateway that has taken it. All CONNECTs fail then, which
+  /// says nothing against this one.
   void on_detached(bool is_broker_gone, TimePoint now);
-  void on_subscribed(const std::string& filter, bool is_granted);
+  /// The broker has gone, and this session a moment before it: it was not another client. False
+  /// when it was not lost just now.
+  bool forgive_loss(TimePoint now);
+  void on_subscribed(const std::string& filter, bool is_granted, TimePoint now);
   void on_message(BrokerMessage message, std::span<const std::uint32_t> ids, TimePoint now);
   void on_fence(std::uint64_t number, TimePoint now);
 
-  std::optional<TimePoint> deadline() const { return marker_until_; }
+  std::optional<TimePoint> deadline() const;
   void on_deadline(TimePoint now);
 
  private:
   struct Filter {
     Qos qos = Qos::at_most_once;
     std::uint32_t id = 0;
-    bool is_standing = false;  ///< the broker's session has it
-    bool is_answer_due = false;
+    bool is_standing = false;               ///< the broker's session has it
+    bool wants_retained = false;            ///< the next SUBSCRIBE brings retained messages
+    std::optional<TimePoint> answer_due{};  ///< the robot waits for an answer
+    TimePoint retained_until{};             ///< retained messages are for the robot until then
+    unsigned fatal_losses = 0;
   };
   /// A message that came on this connection, until the broker shows that it is ours.
   struct Unfenced {
@@ -112,16 +157,34 @@ class RobotSession {
     bool is_unasked = false;
     bool is_stale = false;
     bool is_answered = false;
+    bool is_joined = false;   ///< with the copy for the gateway's own filter
+    bool has_waited = false;  ///< for such a copy
     TimePoint came{};
   };
 
+  Filter& filter_of(const std::string& filter, Qos qos);
+  std::uint32_t make_id(const std::string& filter) const;
   void subscribe_own();
+  void subscribe_to_commands();
   void ask(const std::string& filter, Filter& entry);
+  void refuse(const std::string& filter);
+  void blame_unanswered();
+  bool wants_retained(const BrokerMessage& message, TimePoint now) const;
   bool is_copy(const BrokerMessage& message, std::span<const std::uint32_t> ids) const;
+  bool is_copy_to_come(const Unfenced& one) const;
+  bool hears_all_commands() const;
+  bool joins_copy(const BrokerMessage& message, bool is_unasked);
   bool is_marker(const BrokerMessage& message) const;
   void end_sorting();
+  void send_marker(TimePoint now);
+  void on_marker(TimePoint now);
+  void begin_sorting(TimePoint now);
+  void purge_when_sorted();
+  void drop_unfenced();
   void release(TimePoint now);
+  void pass_on(Unfenced& one);
   void count_loss(TimePoint now);
+  void set_contested(bool is_contested);
 
   const std::string robot_;
   const SessionNames& names_;
@@ -130,22 +193,28 @@ class RobotSession {
   State state_ = State::detached;
   bool is_wanted_ = false;
   bool is_v5_ = false;
-  bool is_clean_due_ = false;  ///< the next CONNECT asks the broker to forget the session
-  bool hears_commands_ = false;
-  bool wants_retained_commands_ = false;
+  bool is_clean_due_ = false;  ///< the robot has begun anew
+  bool is_purge_due_ = false;  ///< the next CONNECT asks the broker to forget the session
+  bool is_opened_clean_ = false;
+  bool knows_all_ = false;  ///< the broker's session has no filters but those that are here
   std::map<std::string, Filter> filters_;
+  std::deque<std::string> asked_;   ///< SUBSCRIBEs without an answer, in their order
   std::set<std::string> given_up_;  ///< unsubscribed while the session was not here
-  std::uint32_t next_id_ = first_filter_id;
-  std::deque<Unfenced> unfenced_;  ///< in the order in which they came
+  std::deque<Unfenced> unfenced_;   ///< in the order in which they came
   std::uint64_t last_fence_ = 0;
   std::optional<TimePoint> unheld_since_;
   std::string marker_;  ///< not empty: what comes before it is stale
+  unsigned markers_back_ = 0;
   std::optional<TimePoint> marker_until_;
+  std::optional<TimePoint> note_until_;  ///< the note is asked for
   TimePoint held_since_{};
   TimePoint opens_at_{};
   std::chrono::seconds retry_ = first_retry;
-  unsigned quick_losses_ = 0;  ///< in a row
-  bool was_heard_after_loss_ = false;
+  std::optional<TimePoint> lost_at_;
+  unsigned losses_ = 0;        ///< without a quiet minute between them
+  unsigned quick_losses_ = 0;  ///< in a row, of these
+  TimePoint quiet_at_{};       ///< unless it is lost again
+  bool is_contested_ = false;
 };
 
 }  // namespace slamgw::sessions

@@ -9,57 +9,99 @@
 namespace slamgw::sessions {
 
 RobotSessions::RobotSessions(SessionNames names, ServedElsewhere is_served_elsewhere,
-                             std::size_t max_sessions)
+                             std::optional<TimePoint> last_alive, std::size_t max_sessions)
     : names_(std::move(names)),
       is_served_elsewhere_(std::move(is_served_elsewhere)),
+      last_alive_(last_alive),
       max_sessions_(max_sessions) {}
 
 // --- From the meshes -----------------------------------------------------------------------------
 
 void RobotSessions::on_heard(const std::string& robot, const Now& now) {
   RobotSession* session = find_or_make(robot, now);
-  if (!session) return;
-  if (!kept_.empty()) kept_.erase(robot);
-  session->on_heard(now);
-  want(robot, *session, now);
-}
-
-void RobotSessions::hear_commands(const std::string& robot, bool wants_retained) {
-  if (RobotSession* session = find(robot)) session->hear_commands(wants_retained);
+  if (!session || session->is_held()) return;
+  kept_.erase(robot);
+  session->on_heard(is_served_elsewhere_(robot), now);
+  settle(robot, *session, now);
 }
 
 void RobotSessions::subscribe(const std::string& robot, const std::string& filter, Qos qos,
                               bool is_standing, const Now& now) {
-  if (RobotSession* session = find_or_make(robot, now))
-    session->subscribe(filter, qos, is_standing);
+  RobotSession* session = find_or_make(robot, now);
+  if (!session) {
+    if (!is_standing) actions_.push(FilterAnswered{robot, filter, false});
+    return;
+  }
+  if (is_standing)
+    session->resume(filter, qos);
   else
-    actions_.push(FilterAnswered{robot, filter, false});
+    session->subscribe(filter, qos, is_broker_up_ && !is_silent_, now);
+  settle(robot, *session, now);
 }
 
 void RobotSessions::unsubscribe(const std::string& robot, const std::string& filter) {
   if (RobotSession* session = find(robot)) session->unsubscribe(filter);
 }
 
-void RobotSessions::begin_clean(const std::string& robot) {
-  if (RobotSession* session = find(robot)) session->begin_clean();
+void RobotSessions::begin_clean(const std::string& robot, const Now& now) {
+  RobotSession* session = find_or_make(robot, now);
+  if (!session) return;
+  const bool was_held = session->is_held();
+  session->begin_clean(now);
+  if (!was_held || session->is_held()) return;
+  --held_;
+  ++opening_;
+  settle(robot, *session, now);
+}
+
+void RobotSessions::read_note(const std::string& robot, const Now& now) {
+  RobotSession* session = is_broker_up_ ? find_or_make(robot, now) : nullptr;
+  if (!session) {
+    actions_.push(NoteRead{robot, {}});
+    return;
+  }
+  session->read_note(now);
+  settle(robot, *session, now);
+}
+
+void RobotSessions::settle(const std::string& robot, RobotSession& session, TimePoint now) {
+  if (const auto next = session.deadline()) wake_at(robot, *next);
+  const auto kept = is_broker_up_ ? kept_.find(robot) : kept_.end();
+  if (kept != kept_.end()) wake_at(robot, kept->second);
+  want(robot, session, now);
 }
 
 void RobotSessions::keep(const std::string& robot, std::optional<TimePoint> unheld_since,
                          Duration after, const Now& now) {
-  if (!find_or_make(robot, now)) return;
-  kept_[robot] = {unheld_since};
+  RobotSession* session = find_or_make(robot, now);
+  if (!session || session->is_held()) return;
+  if (unheld_since) session->set_unheld_since(unheld_since);
+  kept_[robot] = now.mono + after;
   wake_at(robot, now.mono + after);
 }
 
+void RobotSessions::attach_kept(const Now& now) {
+  for (auto& [robot, due] : kept_) {
+    due = now.mono;
+    wake_at(robot, due);
+  }
+}
+
 void RobotSessions::forget(const std::string& robot) {
-  const auto found = sessions_.find(robot);
-  if (found == sessions_.end()) return;
-  RobotSession& session = *found->second.session;
-  held_ -= session.is_held() ? 1 : 0;
-  opening_ -= session.state() == RobotSession::State::opening ? 1 : 0;
-  session.close(/*is_forgotten=*/true);
   kept_.erase(robot);
-  sessions_.erase(found);
+  const bool was_held = is_held(robot);
+  if (const auto found = sessions_.find(robot); found != sessions_.end()) {
+    RobotSession& session = *found->second.session;
+    held_ -= was_held ? 1 : 0;
+    opening_ -= session.is_opening() ? 1 : 0;
+    session.close(/*is_forgotten=*/true);
+    if (found->second.wake) wakes_.erase({*found->second.wake, robot});
+    sessions_.erase(found);
+  }
+  // On MQTT 5 the DISCONNECT has said it.
+  const bool is_over = was_held ? is_v5_ : is_served_elsewhere_(robot);
+  if (!is_over && forgetting_.size() < max_forgetting && forgetting_.emplace(robot, false).second)
+    queue_.push_back(robot);
   open_next();
 }
 
@@ -75,10 +117,18 @@ void RobotSessions::want(const std::string& robot, RobotSession& session, TimePo
 
 void RobotSessions::open_next() {
   while (is_broker_up_ && opening_ < max_opening && !queue_.empty()) {
-    RobotSession* session = find(queue_.front());
+    const std::string robot = std::move(queue_.front());
     queue_.pop_front();
+    if (const auto found = forgetting_.find(robot); found != forgetting_.end()) {
+      if (std::exchange(found->second, true)) continue;
+      ++opening_;
+      actions_.push(OpenSession{robot, /*is_clean=*/true});
+      continue;
+    }
+    RobotSession* session = find(robot);
     if (!session || session->state() != RobotSession::State::queued) continue;
     ++opening_;
+    if (is_served_elsewhere_(robot)) session->set_unheld_since({});
     session->open();
   }
 }
@@ -88,13 +138,16 @@ void RobotSessions::after_opening() {
   open_next();
 }
 
+/// Whether it has worked or not: the broker ends a session that is not used after a day, too.
+void RobotSessions::end_forgetting(const std::string& robot) {
+  const auto ended = forgetting_.extract(robot);
+  if (!ended.empty() && ended.mapped()) after_opening();
+}
+
 void RobotSessions::wake_at(const std::string& robot, TimePoint when) {
   const auto found = sessions_.find(robot);
   if (found == sessions_.end() || (found->second.wake && *found->second.wake <= when)) return;
-  if (found->second.wake) {
-    const auto [first, last] = wakes_.equal_range(*found->second.wake);
-    wakes_.erase(std::find_if(first, last, [&](const auto& each) { return each.second == robot; }));
-  }
+  if (found->second.wake) wakes_.erase({*found->second.wake, robot});
   found->second.wake = when;
   wakes_.emplace(when, robot);
 }
@@ -102,15 +155,19 @@ void RobotSessions::wake_at(const std::string& robot, TimePoint when) {
 // --- From the shell ------------------------------------------------------------------------------
 
 void RobotSessions::on_broker_up(bool is_v5, bool is_other, const Now& now) {
-  if (is_other) on_broker_down(now);
+  if (is_other) {
+    on_broker_down(now);
+    for (auto& [robot, entry] : sessions_) entry.session->on_other_broker(now.mono);
+  }
   is_broker_up_ = true;
   is_v5_ = is_v5;
   for (auto& [robot, entry] : sessions_) {
-    if (kept_.contains(robot))
-      wake_at(robot, now.mono + unheard_delay);
-    else
-      want(robot, *entry.session, now);
+    if (const auto kept = kept_.find(robot); kept != kept_.end())
+      kept->second = std::max(kept->second, now.mono + unheard_delay);
+    settle(robot, *entry.session, now);
   }
+  for (const auto& [robot, is_under_way] : forgetting_) queue_.push_back(robot);
+  open_next();
 }
 
 /// Sessions that were held are answered for again when the broker is back, unless another gateway
@@ -121,28 +178,42 @@ void RobotSessions::on_broker_down(const Now& now) {
   opening_ = 0;
   for (auto& [robot, entry] : sessions_) {
     RobotSession& session = *entry.session;
-    const bool was_held = session.is_held();
-    if (session.state() == RobotSession::State::detached) continue;
-    if (session.state() != RobotSession::State::queued) actions_.push(CloseSession{robot, false});
+    if (session.is_held() || session.forgive_loss(now.mono)) kept_[robot] = now.mono;
+    if (session.is_connected()) actions_.push(CloseSession{robot, false});
     session.on_detached(/*is_broker_gone=*/true, now);
-    if (was_held) kept_[robot] = {now.mono};
+    session.grant_waiting();
+    session.end_note({});
   }
+  for (auto& [robot, is_under_way] : forgetting_)
+    if (std::exchange(is_under_way, false)) actions_.push(CloseSession{robot, false});
   lost_ += std::exchange(held_, 0);
 }
 
+void RobotSessions::on_silence(bool is_silent) {
+  is_silent_ = is_silent;
+  if (!is_silent) return;
+  for (auto& [robot, entry] : sessions_) entry.session->grant_waiting();
+}
+
 void RobotSessions::on_attached(const std::string& robot, bool is_present, const Now& now) {
+  if (forgetting_.contains(robot)) {
+    actions_.push(CloseSession{robot, true});
+    return end_forgetting(robot);
+  }
   RobotSession* session = find(robot);
   if (!session || session->state() != RobotSession::State::opening) return;
+  session->on_attached(is_present, is_v5_, now);
+  if (!session->is_held()) return settle(robot, *session, now);  // it begins anew
   ++held_;
   ++attached_;
-  session->on_attached(is_present, is_v5_, now);
-  if (const auto until = session->deadline()) wake_at(robot, *until);
+  settle(robot, *session, now);
   after_opening();
 }
 
 void RobotSessions::on_attach_failed(const std::string& robot, const Now& now) {
+  if (forgetting_.contains(robot)) return end_forgetting(robot);
   RobotSession* session = find(robot);
-  if (!session || session->state() != RobotSession::State::opening) return;
+  if (!session || !session->is_opening()) return;
   session->on_attach_failed(now);
   want(robot, *session, now);
   after_opening();
@@ -151,16 +222,20 @@ void RobotSessions::on_attach_failed(const std::string& robot, const Now& now) {
 void RobotSessions::on_detached(const std::string& robot, const Now& now) {
   RobotSession* session = find(robot);
   if (!session) return;
-  if (session->state() == RobotSession::State::opening) return on_attach_failed(robot, now);
+  if (session->is_opening()) return on_attach_failed(robot, now);
   if (!session->is_held()) return;
   --held_;
   ++lost_;
   session->on_detached(/*is_broker_gone=*/false, now);
+  settle(robot, *session, now);
 }
 
 void RobotSessions::on_subscribed(const std::string& robot, const std::string& filter,
-                                  bool is_granted) {
-  if (RobotSession* session = find(robot)) session->on_subscribed(filter, is_granted);
+                                  bool is_granted, const Now& now) {
+  RobotSession* session = find(robot);
+  if (!session) return;
+  session->on_subscribed(filter, is_granted, now);
+  settle(robot, *session, now);
 }
 
 void RobotSessions::on_message(const std::string& robot, BrokerMessage message,
@@ -189,18 +264,17 @@ std::optional<TimePoint> RobotSessions::deadline() const {
 
 void RobotSessions::on_deadline(const Now& now) {
   while (!wakes_.empty() && wakes_.begin()->first <= now.mono) {
-    const std::string robot = std::move(wakes_.begin()->second);
+    const std::string robot = wakes_.begin()->second;
     wakes_.erase(wakes_.begin());
-    const auto found = sessions_.find(robot);
-    if (found == sessions_.end()) continue;
-    found->second.wake.reset();
-    RobotSession* session = found->second.session.get();
-    session->on_deadline(now);
-    if (const auto kept = kept_.find(robot); kept != kept_.end() && is_broker_up_) {
-      if (!is_served_elsewhere_(robot)) session->keep(kept->second.unheld_since);
+    Entry& entry = sessions_.at(robot);
+    entry.wake.reset();
+    entry.session->on_deadline(now);
+    const auto kept = kept_.find(robot);
+    if (kept != kept_.end() && kept->second <= now.mono && is_broker_up_) {
+      if (!is_served_elsewhere_(robot)) entry.session->keep();
       kept_.erase(kept);
     }
-    want(robot, *session, now);
+    settle(robot, *entry.session, now);
   }
 }
 
@@ -227,7 +301,13 @@ RobotSession* RobotSessions::find_or_make(const std::string& robot, TimePoint no
                            robot});
     return nullptr;
   }
-  auto session = std::make_unique<RobotSession>(robot, names_, actions_, counts_);
+  const TimePoint unheld_since = last_alive_.value_or(now - 2 * RobotSession::stale_after);
+  auto session = std::make_unique<RobotSession>(robot, names_, actions_, counts_, unheld_since);
+  if (const auto found = forgetting_.find(robot); found != forgetting_.end()) {
+    if (found->second) actions_.push(CloseSession{robot, false});
+    session->begin_clean(now);
+    end_forgetting(robot);
+  }
   return sessions_.emplace(robot, Entry{std::move(session)}).first->second.session.get();
 }
 

@@ -71,14 +71,27 @@ struct TakeMessage {
   BrokerMessage message;
   bool is_unasked = false;
 };
-/// A command that waited at the broker while no gateway held the session: refused, not obeyed.
+/// A command that waited at the broker while no gateway held the session, or until its robot began
+/// anew: refused, not obeyed.
 struct RefuseStale {
   std::string robot;
   BrokerMessage message;
+  bool has_begun_anew = false;
+};
+
+/// The retained note of the robot; empty when there is none. Answers read_note().
+struct NoteRead {
+  std::string robot;
+  Bytes note;
+};
+/// Another client takes the session again and again while the robot talks here, or no longer.
+struct SessionContested {
+  std::string robot;
+  bool is_contested = false;
 };
 
 using SessionAction = std::variant<OpenSession, CloseSession, SubscribeSession, UnsubscribeSession,
                                    AskFence, SendMarker, SessionHeld, SessionLost, FilterAnswered,
-                                   TakeMessage, RefuseStale, Notice>;
+                                   TakeMessage, RefuseStale, NoteRead, SessionContested, Notice>;
 
 }  // namespace slamgw::sessions

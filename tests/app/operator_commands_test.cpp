@@ -20,7 +20,7 @@ using nlohmann::json;
 class OperatorCommandsTest : public testing::Test {
  protected:
   void server_sends(const std::string& topic) {
-    gateway.on_broker_message({topic, {1, 2, 3, 4}, Qos::at_least_once, false}, {}, now);
+    gateway.on_robot_message({"r", {topic, {1, 2, 3, 4}, Qos::at_least_once, false}}, now);
     drain();
   }
   void operator_sends(const std::string& robot, const std::string& type) {
@@ -37,10 +37,12 @@ class OperatorCommandsTest : public testing::Test {
   }
   void drain() {
     while (auto action = gateway.next_action()) {
-      if (const auto* deliver = std::get_if<DeliverToMeshes>(&*action))
-        delivered.push_back(deliver->command);
+      if (const auto* deliver = std::get_if<DeliverToMesh>(&*action))
+        delivered.push_back(deliver->message.command);
       if (const auto* outcome = std::get_if<CommandOutcome>(&*action))
         commands.on_outcome(*outcome);
+      if (const auto* handed_on = std::get_if<CommandHandedOn>(&*action))
+        commands.on_handed_on(handed_on->id);
     }
   }
 
@@ -101,6 +103,34 @@ TEST_F(OperatorCommandsTest, ThatCannotBeSentEndAtOnce) {
   ASSERT_EQ(told.size(), 3u);
   for (const json& outcome : told) EXPECT_EQ(outcome["outcome"], "refused");
   EXPECT_EQ(told[2]["why"], "no robot of this name is known here");
+}
+
+TEST_F(OperatorCommandsTest, ToARobotOfAnotherGatewayEndAtOnce) {
+  RobotPlaces places;
+  bool is_held = false;
+  places.is_held = [&](const std::string&) { return is_held; };
+  places.is_elsewhere = [](const std::string&) { return true; };
+  gateway.ask_where_robots_are(places);
+  operator_sends("r", "cmd");
+  ASSERT_EQ(told.size(), 1u);
+  EXPECT_EQ(told[0]["outcome"], "refused");
+  EXPECT_EQ(told[0]["why"], "another gateway serves this robot");
+  EXPECT_TRUE(delivered.empty());
+  is_held = true;
+  operator_sends("r", "cmd");
+  EXPECT_EQ(delivered.size(), 1u);
+}
+
+TEST_F(OperatorCommandsTest, ThatGoOnToAnotherGatewayEndForTheirSender) {
+  operator_sends("r", "cmd");
+  gateway.on_handed_on(delivered[0]);
+  drain();
+  ASSERT_EQ(told.size(), 1u);
+  EXPECT_EQ(told[0]["outcome"], "timeout");
+  EXPECT_EQ(told[0]["why"], "the robot moved to another gateway, which has the command now");
+  gateway.on_handed_on(delivered[0]);
+  mesh_ends(delivered[0], CommandResult::delivered);
+  EXPECT_EQ(told.size(), 1u);
 }
 
 TEST_F(OperatorCommandsTest, AreBounded) {

@@ -27,8 +27,8 @@ TEST(StatusJson, HasTheNamesThatPeopleScriptAgainst) {
   EXPECT_EQ(names(status["broker"]),
             (std::set<std::string>{"missing_rights", "refused", "since", "state", "uri", "why"}));
   EXPECT_EQ(names(status["meshes"]), (std::set<std::string>{"ble", "thread"}));
-  EXPECT_EQ(names(status["robots"]),
-            (std::set<std::string>{"asleep", "deaf", "known", "offline", "online", "untracked"}));
+  EXPECT_EQ(names(status["robots"]), (std::set<std::string>{"asleep", "contested", "deaf", "known",
+                                                            "offline", "online", "untracked"}));
   EXPECT_TRUE(status["control"].is_object());
   EXPECT_TRUE(status["fleet"].is_object());
 }
@@ -81,11 +81,14 @@ TEST(RobotsJson, IsAnArrayWithARowForEach) {
   EXPECT_EQ(row["state"], "online");
   EXPECT_TRUE(row["rssi_dbm"].is_null());
   EXPECT_EQ(row["deaf"], false);
+  EXPECT_EQ(row["contested"], false);
   robot.radio = RadioFacts{-61, 2, 3};
   row = to_json(std::vector{robot})[0];
   EXPECT_EQ(row["rssi_dbm"], -61);
   EXPECT_EQ(row["hops"], 2);
   EXPECT_EQ(row["ttl"], 3);
+  robot.is_contested = true;
+  EXPECT_EQ(to_json(std::vector{robot})[0]["contested"], true);
 }
 
 TEST(WhyAbsent, NamesWhatIsKnown) {
@@ -95,7 +98,9 @@ TEST(WhyAbsent, NamesWhatIsKnown) {
   EXPECT_EQ(why_absent(robot, link), "");
   robot.is_deaf = true;
   EXPECT_NE(why_absent(robot, link).find("does not hear the gateway"), std::string::npos);
-  robot.is_deaf = false;
+  robot.is_contested = true;
+  EXPECT_NE(why_absent(robot, link).find("another client uses its name"), std::string::npos);
+  robot.is_contested = robot.is_deaf = false;
   robot.state = Presence::offline;
   robot.since = WallTime{1'700'000'000s};
   EXPECT_EQ(why_absent(robot, link), "nothing was heard of it since the daemon started");

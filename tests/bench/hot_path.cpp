@@ -60,7 +60,7 @@ void HotPath::publish(Qos qos) {
 
 void HotPath::command() {
   const std::uint16_t client = next_client();
-  on_broker_message(scheme.command_topic(id_of(client), "target"), R"({"x":100,"y":300})");
+  on_robot_message(id_of(client), R"({"x":100,"y":300})");
   if (const auto command = std::exchange(command_, std::nullopt))
     on_datagram(client,
                 mqttsn::Puback{command->topic_id, command->msg_id, mqttsn::ReturnCode::accepted});
@@ -80,11 +80,13 @@ void HotPath::on_datagram(std::uint16_t client, const mqttsn::Packet& packet) {
   SpareBuffers<Bytes>::give_back(std::move(datagram));
 }
 
-/// As the MQTT client hands it over.
-void HotPath::on_broker_message(std::string_view topic, std::string_view payload) {
+/// As the robot's session hands it over.
+void HotPath::on_robot_message(const std::string& robot, std::string_view payload) {
   const std::uint64_t before = bench::allocations();
-  core_.on_broker_message({std::string(topic), to_bytes(payload), Qos::at_least_once, false, {}},
-                          {}, now_);
+  core_.on_robot_message(
+      {robot,
+       {scheme.command_topic(robot, "target"), to_bytes(payload), Qos::at_least_once, false}},
+      now_);
   drain();
   allocations_ += bench::allocations() - before;
 }
@@ -113,7 +115,12 @@ void HotPath::handle(mqttsn::SendDatagram& datagram) {
   SpareBuffers<Bytes>::give_back(std::move(datagram.bytes));
 }
 
-void HotPath::handle(MeshEvent& event) { core_.on_mesh_event(std::move(event), now_); }
+/// The broker grants each subscription at once.
+void HotPath::handle(MeshEvent& event) {
+  if (const auto* subscribe = std::get_if<SubscribeRequest>(&event))
+    mesh_.on_subscribe_result(subscribe->robot, subscribe->filter, true, now_.mono);
+  core_.on_mesh_event(std::move(event), now_);
+}
 
 void HotPath::handle(PassUp& up) {
   Upload upload = up.upload();
@@ -124,16 +131,8 @@ void HotPath::handle(Upload& upload) {
   outbox_.submit(std::move(upload.message), upload.receipt, now_.mono);
 }
 
-void HotPath::handle(SubscribeAtBroker& subscribe) {
-  core_.on_subscribe_result(subscribe.filter, SubscribeAnswer::granted, now_);
-}
-
-void HotPath::handle(AnswerSubscribe& answer) {
-  mesh_.on_subscribe_result(answer.filter, answer.granted, now_.mono);
-}
-
-void HotPath::handle(DeliverToMeshes& delivery) {
-  mesh_.on_broker_message(delivery.message, delivery.command_on(Mesh::thread), now_.mono);
+void HotPath::handle(DeliverToMesh& delivery) {
+  mesh_.on_broker_message(delivery.message, now_.mono);
 }
 
 void HotPath::handle(PublishAtBroker& publish) {

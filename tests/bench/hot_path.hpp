@@ -35,7 +35,7 @@ class HotPath {
  private:
   std::uint16_t next_client();
   void on_datagram(std::uint16_t client, const mqttsn::Packet& packet);
-  void on_broker_message(std::string_view topic, std::string_view payload);
+  void on_robot_message(const std::string& robot, std::string_view payload);
   void drain();
   template <class Action>
   void perform(Action& action) {
@@ -47,9 +47,7 @@ class HotPath {
   void handle(MeshEvent& event);
   void handle(PassUp& up);
   void handle(Upload& upload);
-  void handle(SubscribeAtBroker& subscribe);
-  void handle(AnswerSubscribe& answer);
-  void handle(DeliverToMeshes& delivery);
+  void handle(DeliverToMesh& delivery);
   void handle(PublishAtBroker& publish);
   void handle(FireReceipt& fired);
   void handle(WriteToStore&) { ++at_disk_; }

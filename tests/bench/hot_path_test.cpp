@@ -60,7 +60,7 @@ TEST(HotPath, AllocatesNothingForAPing) {
   EXPECT_EQ(path.allocations(), 0u);
 }
 
-/// Its text is in a log line, an outcome and what both meshes get; commands are rare.
+/// Its text is in a log line, an outcome and what the mesh gets; commands are rare.
 TEST(HotPath, AllocatesAtMost21TimesForACommandAndItsOutcome) {
   HotPath path(clients, between);
   for (int i = 0; i < until_warm; ++i) path.command();

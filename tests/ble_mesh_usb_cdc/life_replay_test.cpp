@@ -180,9 +180,11 @@ class LifeReplay : public EventLog {
     const std::size_t at = static_cast<std::size_t>(&exchange - transcript_.exchanges.data());
     if (std::exchange(acted_at_, at) == at) return false;
     const auto command = [&](std::string_view type, Bytes payload) {
-      mesh.on_broker_message({"ntnu-slam/server/ble-0100/" + std::string(type), std::move(payload),
-                              Qos::at_least_once, false},
-                             CommandId{++last_command}, now);
+      mesh.on_broker_message({"ble-0100",
+                              {"ntnu-slam/server/ble-0100/" + std::string(type), std::move(payload),
+                               Qos::at_least_once, false},
+                              CommandId{++last_command}},
+                             now);
     };
     const Bytes message = without_layout(exchange.command);
     if (starts_with(message, "cd 59 00")) {

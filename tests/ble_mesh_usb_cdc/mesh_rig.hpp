@@ -72,13 +72,30 @@ class MeshRig : public EventLog {
     mesh.on_receipt(id, outcome, now);
     drain();
   }
-  void command(std::string topic, Bytes payload, bool retain = false,
+  void command(const std::string& topic, Bytes payload, bool retain = false,
                std::chrono::milliseconds waited = {}) {
-    BrokerMessage message{"ntnu-slam/server/" + std::move(topic), std::move(payload),
-                          Qos::at_least_once, retain};
-    message.waited = waited;
-    mesh.on_broker_message(message, CommandId{++last_command}, now);
+    RobotMessage what{
+        .robot = topic.substr(0, topic.find('/')),
+        .message = {"ntnu-slam/server/" + topic, std::move(payload), Qos::at_least_once, retain},
+        .command = CommandId{++last_command}};
+    what.message.waited = waited;
+    mesh.on_broker_message(what, now);
     drain();
+  }
+  void hold_session(const std::string& robot) {
+    mesh.on_session_held(robot, now);
+    drain();
+  }
+  std::vector<WaitingMessage> give_up(const std::string& robot) {
+    std::vector<WaitingMessage> waiting = mesh.give_up(robot, now);
+    drain();
+    return waiting;
+  }
+  /// The requests that count as a sign that the robot is here.
+  std::vector<SubscribeRequest> asked() const {
+    auto requests = all<SubscribeRequest>();
+    std::erase_if(requests, [](const SubscribeRequest& each) { return each.is_standing; });
+    return requests;
   }
 
   void stop() {

@@ -168,6 +168,25 @@ TEST(ParseConfig, WarnsOfKeysThatTheVersionBeforeKnew) {
   EXPECT_NE(result.warnings[1].text.find("has no effect any more"), std::string::npos);
 }
 
+TEST(ParseConfig, ReadsFleetKeysWhateverTheySayAndNamesEachOnce) {
+  const Parsed parsed("{\"fleet\": {\"enabled\": 7,\n\"lease_s\": {\"x\": [1]}}}");
+  EXPECT_EQ(parsed.lines_of_problems, "");
+  EXPECT_TRUE(parsed.warnings.empty());
+  ASSERT_EQ(parsed.notices.size(), 2U);
+  EXPECT_EQ(to_string(parsed.notices[0]),
+            "/etc/slam-gateway/gateway.json:1: fleet.enabled: has no meaning any more: gateways on "
+            "one broker need nothing but a gateway.id of their own");
+  EXPECT_EQ(parsed.notices[1].key, "fleet.lease_s");
+  EXPECT_EQ(parsed.notices[1].line, 2);
+  for (const char* const text :
+       {R"({"fleet": "auto"})", R"({"fleet": {}})", R"({"fleet": [{}]})"}) {
+    EXPECT_EQ(Parsed(text).lines_of_problems, "") << text;
+    ASSERT_EQ(Parsed(text).notices.size(), 1U) << text;
+    EXPECT_EQ(Parsed(text).notices[0].key, "fleet") << text;
+  }
+  EXPECT_TRUE(Parsed(R"({"gateway": {"id": "a"}})").notices.empty());
+}
+
 TEST(ParseConfig, ReadsCredentialsBesideTheFile) {
   FakeFiles files;
   files.files["/etc/slam-gateway/c.json"] = {R"({"username": "u", "password": ""})", 0640};

@@ -237,8 +237,6 @@ INSTANTIATE_TEST_SUITE_P(
              "g.json:1: ble_mesh.gateway_group: ", R"(from "0xc000" to "0xfeff")"},
         Case{R"({"ble_mesh": {"gateway_group": "0xc003"}})",
              "g.json:1: ble_mesh.gateway_group: ", "any other group"},
-        Case{R"({"fleet": {"enabled": false}, "ble_mesh": {"gateway_group": "0xc010"}})",
-             "g.json:1: fleet.enabled: ", "take one of the two away"},
         Case{R"({"ble_mesh": {"types": {"min_com": "a/b"}}})",
              "g.json:1: ble_mesh.types.min_com: ", "without + # /"},
         Case{R"({"ble_mesh": {"types": {"pos_cmd": "run"}}})",

@@ -33,7 +33,7 @@ class GatewayForget : public testing::Test {
     while (auto action = gateway.next_action()) {
       if (const auto* upload = std::get_if<Upload>(&*action)) receive(upload->message);
       if (const auto* subscribe = std::get_if<SubscribeAtBroker>(&*action))
-        gateway.on_subscribe_result(subscribe->filter, SubscribeAnswer::granted, now);
+        gateway.on_subscribe_result(subscribe->filter, true, now);
       if (const auto* notice = std::get_if<Notice>(&*action)) notices.push_back(notice->text);
       if (const auto* gone = std::get_if<RobotForgotten>(&*action)) forgotten.insert(gone->robot);
     }
@@ -44,7 +44,7 @@ class GatewayForget : public testing::Test {
     if (message.retain && !text.empty()) retained[message.topic] = text;
     const bool is_probe = message.topic.ends_with("/probe");
     if (is_probe && (may_read_commands || !message.topic.starts_with("p/server/")))
-      gateway.on_broker_message(message, {}, now);
+      gateway.on_broker_message(message, now);
   }
   bool is_retained(const std::string& robot) const {
     return retained.contains("p/gateway/g/robots/" + robot);

@@ -78,7 +78,7 @@ TEST(Notice, WarnOfASubscriptionThatTheBrokerRefuses) {
   const BrokerLink broker;
   Gateway gateway(TopicScheme("ntnu-slam", "g"), {"1", UpdateMode::positions, {}}, broker,
                   [](Mesh, const std::string&) { return std::nullopt; });
-  gateway.on_subscribe_result("f", SubscribeAnswer::refused, Now{});
+  gateway.on_subscribe_result("f", false, Now{});
   const auto action = gateway.next_action();
   ASSERT_TRUE(action && std::holds_alternative<Notice>(*action));
   EXPECT_EQ(std::get<Notice>(*action).severity, Severity::warning);

@@ -6,6 +6,7 @@
 
 #include <map>
 #include <optional>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -62,6 +63,43 @@ class GatewayRig : public testing::Test {
                     if (known == reach.end()) return std::nullopt;
                     return known->second;
                   }};
+};
+
+/// One of several gateways; the test plays the others.
+class SharedGatewayRig : public GatewayRig {
+ protected:
+  void SetUp() override {
+    gateway.ask_where_robots_are(
+        {[this](const std::string& robot) { return held.contains(robot); },
+         [this](const std::string& robot) { return elsewhere.contains(robot); },
+         [this](const std::string& robot) {
+           return held.contains(robot) || elsewhere.contains(robot) || left.contains(robot);
+         },
+         [this](const std::string& robot) { return refused.contains(robot); },
+         [this] { return is_alone; }});
+  }
+  void session_comes(const std::string& robot, bool was_present = true,
+                     const std::string& dead_owner = {}) {
+    held.insert(robot);
+    gateway.on_session_held(robot, was_present, dead_owner, now);
+  }
+  void pass(Duration time) {
+    now.mono += time;
+    gateway.on_deadline(now);
+  }
+  /// And what the other gateways retain.
+  void broker_comes() {
+    GatewayRig::broker_comes();
+    pass(Gateway::settling);
+    while (gateway.next_action()) {
+    }
+  }
+
+  std::set<std::string> held;       ///< robots whose sessions this gateway holds
+  std::set<std::string> elsewhere;  ///< robots that another living gateway shows
+  std::set<std::string> left;       ///< robots that a gateway shows that is gone
+  std::set<std::string> refused;    ///< robots whose sessions the broker does not give
+  bool is_alone = false;
 };
 
 }  // namespace slamgw::test

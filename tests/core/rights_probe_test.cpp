@@ -33,20 +33,6 @@ TEST_F(RightsProbeTest, FindsNothingMissingWhereBothMessagesComeBack) {
   EXPECT_FALSE(probe_.next_notice());
 }
 
-/// The first answer may come before the broker's SUBACK for all commands.
-TEST_F(RightsProbeTest, AsksUnderServerOnceMore) {
-  connect();
-  EXPECT_FALSE(probe_.ask_under_server(after(0s))) << "the answer is still to come";
-  for (const BrokerMessage& message : sent_) probe_.take(message);
-  EXPECT_EQ(probe_.copies(), 1U);
-  const auto again = probe_.ask_under_server(after(1s));
-  ASSERT_TRUE(again);
-  EXPECT_EQ(again->topic, "lab/server/gw1/probe");
-  for (int copy = 0; copy < 2; ++copy) EXPECT_TRUE(probe_.take(*again));
-  EXPECT_EQ(probe_.copies(), 2U);
-  EXPECT_TRUE(probe_.missing().empty());
-}
-
 TEST_F(RightsProbeTest, NamesTheLineThatGrantsWhatIsMissing) {
   connect();
   probe_.take(sent_[0]);
@@ -92,23 +78,6 @@ TEST_F(RightsProbeTest, KnowsItsOwnMessagesOnly) {
   probe_.on_tick(after(10s));
   EXPECT_EQ(probe_.missing().size(), 2U);
   EXPECT_FALSE(probe_.take({"lab/server/gw1/cmd", {}, Qos::at_most_once, false}));
-}
-
-TEST_F(RightsProbeTest, CountsCopiesOfItsNewestMessageUnderServer) {
-  connect();
-  EXPECT_FALSE(probe_.copies());
-  probe_.take(sent_[0]);
-  EXPECT_FALSE(probe_.copies()) << "under gateway/";
-  BrokerMessage others = sent_[1];
-  others.payload = to_bytes("somebody's");
-  probe_.take(others);
-  EXPECT_FALSE(probe_.copies());
-  for (const unsigned copy : {1u, 2u}) {
-    probe_.take(sent_[1]);
-    EXPECT_EQ(probe_.copies(), copy);
-  }
-  probe_.on_broker_link(true);
-  EXPECT_FALSE(probe_.copies());
 }
 
 TEST_F(RightsProbeTest, WaitsForNothingWhileTheBrokerIsAway) {

@@ -1,14 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// Commands for robots that nobody knows, at a gateway that is alone and hears all commands.
+// Commands for names that no robot has, at the gateway that hears all commands.
 #include "daemon/core/stray_commands.hpp"
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <nlohmann/json.hpp>
-#include <set>
 
-#include "daemon/core/gateway.hpp"
+#include "tests/core/gateway_rig.hpp"
 
 namespace slamgw {
 namespace {
@@ -16,128 +15,181 @@ namespace {
 using namespace std::chrono_literals;
 using nlohmann::json;
 
-class StrayCommandsTest : public testing::Test {
+class StrayCommandsTest : public test::SharedGatewayRig {
  protected:
   void SetUp() override {
-    OwnershipQuery ownership;
-    ownership.is_shared = [this] { return is_shared; };
-    gateway.share_with(ownership);
-    broker.is_up = true;
-    gateway.on_broker_link(now);
-    subscribe("ntnu-slam/server/+/+");
-  }
-  void subscribe(const std::string& filter) {
-    gateway.on_mesh_event(SubscribeRequest{Mesh::thread, filter, Qos::at_least_once}, now);
-    gateway.on_subscribe_result(filter, SubscribeAnswer::granted, now);
-    drain();
+    SharedGatewayRig::SetUp();
+    gateway.hear_all_commands(true);
+    broker_is(true);
+    wait(Gateway::settling);
   }
   void server_sends(const std::string& robot, const std::string& text = "x",
-                    const std::string& type = "cmd") {
+                    const std::string& type = "cmd", bool retain = false) {
     gateway.on_broker_message(
-        {"ntnu-slam/server/" + robot + "/" + type, to_bytes(text), Qos::at_least_once, false}, {},
-        now);
-    drain();
+        {"ntnu-slam/server/" + robot + "/" + type, to_bytes(text), Qos::at_most_once, retain}, now);
+    take_actions();
   }
-  void pass(Duration time) {
-    now.mono += time;
-    gateway.on_deadline(now);
-    drain();
+  void wait(Duration time) {
+    pass(time);
+    take_actions();
   }
-  void drain() {
+  void take_actions() {
     while (auto action = gateway.next_action()) {
       if (auto* upload = std::get_if<Upload>(&*action); upload && upload->outcome_after)
         outcomes.emplace_back(upload->message.topic, json::parse(upload->message.payload));
-      if (auto* delivery = std::get_if<DeliverToMeshes>(&*action); delivery && delivery->carrier) {
-        delivered.emplace_back(as_text(delivery->message.payload));
-        waited = delivery->message.waited;
+      if (auto* delivery = std::get_if<DeliverToMesh>(&*action)) {
+        delivered.emplace_back(as_text(delivery->message.message.payload));
+        waited = delivery->message.message.waited;
       }
-      if (auto* await = std::get_if<AwaitTurn>(&*action)) {
-        ++awaiting;
-        waited = await->message.waited;
-      }
+      if (auto* subscribe = std::get_if<SubscribeAtBroker>(&*action))
+        filters.push_back(subscribe->filter);
+      if (auto* unsubscribe = std::get_if<UnsubscribeAtBroker>(&*action))
+        filters.push_back("-" + unsubscribe->filter);
       if (auto* notice = std::get_if<Notice>(&*action))
         lines += notice->occasion == Occasion::command_outcome ? 1 : 0;
     }
   }
 
-  Now now{TimePoint{1h}, WallTime{1'700'000'000s}};
-  bool is_shared = false;
-  std::set<std::string> known;
-  BrokerLink broker;
-  Gateway gateway{TopicScheme("ntnu-slam", "pi1"),
-                  {"0.1.0", UpdateMode::positions, now.wall},
-                  broker,
-                  [this](Mesh mesh, const std::string& robot) -> std::optional<Presence> {
-                    if (mesh != Mesh::thread || !known.contains(robot)) return std::nullopt;
-                    return Presence::online;
-                  }};
   std::vector<std::pair<std::string, json>> outcomes;
   std::vector<std::string> delivered;
-  int awaiting = 0;
-  Duration waited{};  ///< the last one of both
+  std::vector<std::string> filters;
+  Duration waited{};  ///< of the last one that was delivered
   int lines = 0;
 };
 
-TEST_F(StrayCommandsTest, AreRefusedWhenNobodyIsKnownAMomentLater) {
+TEST_F(StrayCommandsTest, AreRefusedWhenTheRobotIsNotKnownAMomentLater) {
   server_sends("nobody");
   EXPECT_TRUE(outcomes.empty());
   ASSERT_EQ(gateway.deadline(), now.mono + StrayCommands::patience);
-  pass(StrayCommands::patience);
+  wait(StrayCommands::patience - 1ms);
+  EXPECT_TRUE(outcomes.empty());
+  wait(1ms);
   ASSERT_EQ(outcomes.size(), 1u);
   EXPECT_EQ(outcomes[0].first, "ntnu-slam/gateway/pi1/commands/nobody");
   EXPECT_EQ(outcomes[0].second["outcome"], "refused");
   EXPECT_EQ(outcomes[0].second["type"], "cmd");
   EXPECT_EQ(outcomes[0].second["after_ms"], 500);
   EXPECT_EQ(outcomes[0].second["why"], "no robot of this name is known here");
-  pass(1min);
+  EXPECT_TRUE(delivered.empty());
+  wait(1min);
   EXPECT_EQ(outcomes.size(), 1u);
 }
 
-TEST_F(StrayCommandsTest, ReachARobotThatIsKnownAMomentLaterInTheirOrder) {
-  server_sends("late", "1");
-  server_sends("late", "2");
-  server_sends("other", "3");
-  known.insert("late");
-  server_sends("late", "4");
-  EXPECT_EQ(delivered, (std::vector<std::string>{"1", "2", "4"}));
-  server_sends("early", "5");
-  known.insert("early");
-  pass(StrayCommands::patience);
-  EXPECT_EQ(delivered.back(), "5");
-  EXPECT_EQ(waited, StrayCommands::patience) << "its mesh has that much less time";
+TEST_F(StrayCommandsTest, OfARobotWhoseSessionTheBrokerRefusesHaveAnOutcomeToo) {
+  say(PresenceChange{Mesh::thread, "r1", Presence::online, "a"});
+  refused.insert("r1");
+  server_sends("r1");
+  wait(StrayCommands::patience);
   ASSERT_EQ(outcomes.size(), 1u);
-  EXPECT_EQ(outcomes[0].first, "ntnu-slam/gateway/pi1/commands/other");
+  EXPECT_EQ(outcomes[0].second["why"],
+            "the broker does not give the robot's session to this gateway");
 }
 
-TEST_F(StrayCommandsTest, WhichOtherRobotsListenToGoToThemAtOnce) {
-  subscribe("ntnu-slam/server/all/+");
-  server_sends("all");
+TEST_F(StrayCommandsTest, WaitUntilTheOtherGatewaysRobotsAreKnown) {
+  broker_is(false);
+  broker_is(true);
+  const TimePoint back = now.mono;
+  server_sends("nobody");
+  server_sends("theirs");
+  EXPECT_EQ(gateway.deadline(), back + Gateway::settling);
+  wait(StrayCommands::patience);
+  EXPECT_TRUE(outcomes.empty());
+  elsewhere.insert("theirs");
+  wait(back + Gateway::settling - now.mono - 1ms);
+  EXPECT_TRUE(outcomes.empty());
+  wait(1ms);
   ASSERT_EQ(outcomes.size(), 1u);
-  EXPECT_EQ(outcomes[0].second["outcome"], "refused");
+  EXPECT_EQ(outcomes[0].first, "ntnu-slam/gateway/pi1/commands/nobody");
+  EXPECT_EQ(outcomes[0].second["after_ms"], 5000);
+}
+
+TEST_F(StrayCommandsTest, OutliveAShortLossOfTheBroker) {
+  server_sends("nobody");
+  broker_is(false);
+  EXPECT_EQ(gateway.deadline(), std::nullopt);
+  wait(1s);
+  EXPECT_TRUE(outcomes.empty());
+  broker.is_up = true;  // the core has not been told yet
+  EXPECT_GT(gateway.deadline(), now.mono);
+  gateway.on_deadline(now);
+  EXPECT_TRUE(outcomes.empty());
+  gateway.on_broker_link(now);
+  wait(Gateway::settling);
+  EXPECT_EQ(outcomes.size(), 1u);
+}
+
+TEST_F(StrayCommandsTest, AreNotThoseForRobotsThatSomeGatewayKnows) {
+  say(PresenceChange{Mesh::thread, "here", Presence::offline, "a"});
+  held.insert("held");
+  elsewhere.insert("theirs");
+  left.insert("orphan");
+  for (const char* robot : {"here", "held", "theirs", "orphan"}) server_sends(robot);
+  EXPECT_TRUE(delivered.empty()) << "the robot's session brings it";
+  wait(1min);
+  EXPECT_TRUE(outcomes.empty());
+}
+
+TEST_F(StrayCommandsTest, AreDroppedWhenTheRobotBecomesKnownElsewhere) {
+  for (const char* robot : {"here", "held", "theirs"}) server_sends(robot);
+  say(PresenceChange{Mesh::thread, "here", Presence::online, "a"});
+  session_comes("held", /*was_present=*/true);
+  elsewhere.insert("theirs");
+  wait(1min);
+  EXPECT_TRUE(delivered.empty());
+  EXPECT_TRUE(outcomes.empty()) << "whoever holds the session tells it";
+}
+
+TEST_F(StrayCommandsTest, ReachARobotWhoseNewSessionIsHeldAMomentLaterInTheirOrder) {
+  server_sends("late", "1");
+  server_sends("other", "2");
+  server_sends("late", "3");
+  reach[{Mesh::thread, "late"}] = Presence::online;
+  now.mono += 200ms;
+  session_comes("late", /*was_present=*/false);
+  take_actions();
+  EXPECT_EQ(delivered, (std::vector<std::string>{"1", "3"}));
+  EXPECT_EQ(waited, 200ms) << "its mesh has that much less time";
+  EXPECT_EQ(gateway.open_commands(), 2u);
+  wait(StrayCommands::patience);
+  ASSERT_EQ(outcomes.size(), 1u);
+  EXPECT_EQ(outcomes[0].first, "ntnu-slam/gateway/pi1/commands/other");
+  EXPECT_EQ(delivered.size(), 2u);
 }
 
 TEST_F(StrayCommandsTest, AreNeitherRetainedOnesNorGatewaysThatTryTheirRights) {
-  gateway.on_broker_message(
-      {"ntnu-slam/server/nobody/cmd", to_bytes("x"), Qos::at_least_once, true}, {}, now);
+  server_sends("nobody", "x", "cmd", /*retain=*/true);
   server_sends("room-b", "17-1", "probe");
-  pass(1min);
+  wait(1min);
   EXPECT_TRUE(outcomes.empty());
 }
 
-TEST_F(StrayCommandsTest, EndWithTheGateway) {
+TEST_F(StrayCommandsTest, AreHeardWithASubscriptionThatComesAndGoes) {
+  EXPECT_EQ(filters, std::vector<std::string>{"ntnu-slam/server/+/+"});
+  gateway.hear_all_commands(true);
+  take_actions();
+  EXPECT_EQ(filters.size(), 1u);
+  gateway.hear_all_commands(false);
+  take_actions();
+  EXPECT_EQ(filters.back(), "-ntnu-slam/server/+/+");
+}
+
+TEST_F(StrayCommandsTest, AreLeftToTheGatewayThatHearsAllCommandsNow) {
   server_sends("nobody");
+  gateway.hear_all_commands(false);
+  wait(1min);
   gateway.on_stop(now);
-  drain();
-  EXPECT_EQ(outcomes.size(), 1u);
+  take_actions();
+  EXPECT_TRUE(outcomes.empty());
 }
 
-TEST_F(StrayCommandsTest, AreLeftToTheFleetWhenAnotherGatewayHasCome) {
-  server_sends("roaming");
-  is_shared = true;
-  pass(StrayCommands::patience);
-  EXPECT_EQ(awaiting, 1);
-  EXPECT_EQ(waited, StrayCommands::patience);
-  EXPECT_TRUE(outcomes.empty());
+TEST_F(StrayCommandsTest, HaveTheirOutcomesWhenTheGatewayStops) {
+  server_sends("nobody");
+  server_sends("nobody else");
+  server_sends("theirs");
+  elsewhere.insert("theirs");
+  gateway.on_stop(now);
+  take_actions();
+  EXPECT_EQ(outcomes.size(), 2u);
 }
 
 TEST_F(StrayCommandsTest, OfACrowdOfMadeUpNamesHaveABoundAndFewLines) {
@@ -145,12 +197,21 @@ TEST_F(StrayCommandsTest, OfACrowdOfMadeUpNamesHaveABoundAndFewLines) {
   for (std::size_t i = 0; i < crowd; ++i) server_sends(fmt::format("n{}", i));
   EXPECT_EQ(outcomes.size(), 100u) << "the oldest at once";
   EXPECT_EQ(outcomes[0].first, "ntnu-slam/gateway/pi1/commands/n0");
-  pass(StrayCommands::patience);
+  wait(StrayCommands::patience);
   EXPECT_EQ(outcomes.size(), crowd) << "each has its outcome";
   EXPECT_EQ(lines, 1);
   const std::string large(StrayCommands::max_octets / 2, 'x');
   for (int i = 0; i < 3; ++i) server_sends("large", large);
   EXPECT_EQ(outcomes.size(), crowd + 1);
+}
+
+TEST_F(StrayCommandsTest, AreBoundedWhileTheOtherGatewaysAreNotKnownToo) {
+  broker_is(false);
+  broker_is(true);
+  take_actions();
+  for (std::size_t i = 0; i < StrayCommands::max_waiting + 7; ++i)
+    server_sends(fmt::format("n{}", i));
+  EXPECT_EQ(outcomes.size(), 7u);
 }
 
 }  // namespace

@@ -33,6 +33,48 @@ TEST(TopicScheme, ParsesBothDirectionsAndNothingElse) {
   }
 }
 
+TEST(TopicScheme, BuildsTheTopicsOfOtherGateways) {
+  EXPECT_EQ(scheme.presence_topic_at("pi2", "NRF_5"), "ntnu-slam/gateway/pi2/robots/NRF_5");
+  EXPECT_EQ(scheme.presence_filter(), "ntnu-slam/gateway/+/robots/+");
+  EXPECT_EQ(scheme.state_filter(), "ntnu-slam/gateway/+/state");
+  EXPECT_EQ(scheme.hears_topic(), "ntnu-slam/fleet/all/pi1");
+  EXPECT_EQ(scheme.hears_filter(), "ntnu-slam/fleet/all/+");
+}
+
+TEST(TopicScheme, SaysWhosePresenceItIs) {
+  for (const std::string gateway : {"pi1", "pi2"}) {
+    const std::string topic = scheme.presence_topic_at(gateway, "NRF_5");
+    EXPECT_TRUE(filter_matches(scheme.presence_filter(), topic));
+    const auto shown = scheme.parse_presence_topic(topic);
+    ASSERT_TRUE(shown);
+    EXPECT_EQ(shown->gateway, gateway);
+    EXPECT_EQ(shown->robot, "NRF_5");
+  }
+  for (const char* other :
+       {"ntnu-slam/gateway/pi2/robots", "ntnu-slam/gateway/pi2/robots/",
+        "ntnu-slam/gateway/pi2/robots/a/b", "ntnu-slam/gateway//robots/a",
+        "ntnu-slam/gateway/pi2/commands/a", "ntnu-slam/gateway/+/robots/a",
+        "x/gateway/pi2/robots/a", "ntnu-slam/gateway/", "ntnu-slam/gateway/pi2", ""})
+    EXPECT_FALSE(scheme.parse_presence_topic(other)) << other;
+}
+
+TEST(TopicScheme, SaysWhoseStateItIs) {
+  EXPECT_EQ(scheme.gateway_of_state("ntnu-slam/gateway/pi2/state"), "pi2");
+  EXPECT_EQ(scheme.gateway_of_state(scheme.state_topic()), "pi1");
+  for (const char* other :
+       {"ntnu-slam/gateway/pi2/stats", "ntnu-slam/gateway/pi2/state/x", "ntnu-slam/gateway//state",
+        "ntnu-slam/gateway/state", "ntnu-slam/gateway/pi2", "x/gateway/pi2/state", ""})
+    EXPECT_FALSE(scheme.gateway_of_state(other)) << other;
+}
+
+TEST(TopicScheme, SaysWhoseBoardHears) {
+  EXPECT_EQ(scheme.gateway_of_hears("ntnu-slam/fleet/all/pi2"), "pi2");
+  EXPECT_EQ(scheme.gateway_of_hears(scheme.hears_topic()), "pi1");
+  for (const char* other : {"ntnu-slam/fleet/all/", "ntnu-slam/fleet/all/a/b",
+                            "ntnu-slam/fleet/robots/a", "ntnu-slam/fleet/all/+", ""})
+    EXPECT_FALSE(scheme.gateway_of_hears(other)) << other;
+}
+
 TEST(TopicLevel, IsOneLevelOfAtMost64BytesOfText) {
   EXPECT_TRUE(is_valid_level("NRF_5"));
   EXPECT_TRUE(is_valid_level("r\xc3\xb8ver"));

@@ -142,7 +142,12 @@ TEST(CtlShow, TellsGatewaysAndWhereRobotsAre) {
                        {{{"robot", "lego-1"},
                          {"gateway", "room-a"},
                          {"since", "1970-01-01T11:59:30Z"},
-                         {"served", true}},
+                         {"served", true},
+                         {"contested", true}},
+                        {{"robot", "lego-2"},
+                         {"gateway", "room-a"},
+                         {"since", "1970-01-01T11:59:30Z"},
+                         {"served", false}},
                         {{"robot", "r\033[2J"},
                          {"gateway", "room-bb"},
                          {"since", "1970-01-01T11:30:00Z"},
@@ -153,11 +158,12 @@ TEST(CtlShow, TellsGatewaysAndWhereRobotsAre) {
             "room-bb silent       1\n"
             "\n"
             "ROBOT  GATEWAY SINCE\n"
-            "lego-1 room-a  30s\n"
+            "lego-1 room-a  30s (contested: another client uses its name)\n"
+            "lego-2 room-a  30s (its session at the broker is not held)\n"
             "r?[2J  room-bb 30m (that gateway is silent)\n");
 }
 
-TEST(CtlShow, MarksRobotsThatDoNotHearTheGateway) {
+TEST(CtlShow, MarksRobotsThatAreDeafOrContested) {
   const json robots = {
       {{"id", "r1"}, {"mesh", "ble"}, {"state", "online"}, {"deaf", true}, {"why", "it is deaf"}},
       {{"id", "r2"}, {"mesh", "ble"}, {"state", "online"}, {"deaf", false}, {"why", ""}}};
@@ -165,6 +171,13 @@ TEST(CtlShow, MarksRobotsThatDoNotHearTheGateway) {
   EXPECT_NE(shown.find("deaf"), std::string::npos) << shown;
   EXPECT_NE(shown.find("online"), std::string::npos) << shown;
   EXPECT_TRUE(shown.ends_with("r1: it is deaf\n")) << shown;
+  const json contested = {{{"id", "r3"}, {"state", "online"}, {"contested", true}, {"why", ""}}};
+  EXPECT_TRUE(ctl::show::robots(contested, {false, noon})
+                  .ends_with("r3: contested: another client uses its name\n"));
+  EXPECT_NE(
+      ctl::show::status({{"robots", {{"online", 3}, {"deaf", 2}, {"contested", 1}}}}, {false, noon})
+          .find("3 online (2 deaf, 1 contested)"),
+      std::string::npos);
   const json status = {{"robots", {{"online", 3}, {"deaf", 2}}},
                        {"meshes", {{"ble", {{"counters", {{"mostly_deaf", 1}}}}}}}};
   const std::string text = ctl::show::status(status, {false, noon});

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The rights of docs/fleet.md, taken out of that page as they stand there, at a real Mosquitto and
-// a real NATS: gateways with these rights serve robots, roam them and take over from a dead one,
-// and nobody else can claim a robot, nor a gateway speak for another.
+// a real NATS: with these rights gateways hold robots' sessions, take them from each other and from
+// a dead gateway. Other users reach no robot's mailbox, and no gateway speaks for another.
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <signal.h>
@@ -167,7 +167,6 @@ class FleetRights : public testing::TestWithParam<std::string> {
 INSTANTIATE_TEST_SUITE_P(At, FleetRights, testing::Values("Mosquitto", "Nats"),
                          [](const auto& engine) { return engine.param; });
 
-/// Where the gateway believes the robot to be.
 /// Whether it was refused nothing, as far as it knows.
 void expect_no_refusal(const GatewayProcess& gateway) {
   for (const char* refusal : {"access control list", "refuse", "rights"})
@@ -191,7 +190,7 @@ void FleetRights::serve_robots(const std::string& user_of_a, const std::string& 
     })) << gateway->log();
   SimulatorProcess robots({"thread", "--gateway", a.mqttsn_address(), "--robots", "1"});
 
-  // A claim, and a release with the robot's session.
+  // One session after the other, with the robot's note.
   Device at_a{a.mqttsn_address()};
   at_a.connect_with_will("r1");
   at_a.subscribe("ntnu-slam/server/r1/cmd");
@@ -200,7 +199,7 @@ void FleetRights::serve_robots(const std::string& user_of_a, const std::string& 
   at_b.connect_with_will("r1");
   ASSERT_TRUE(eventually([&] { return a.place_in_fleet("r1") == "room-b"; })) << a.log();
 
-  // A command, for which the gateway that serves the robot says `taken`.
+  // A command, over the robot's own session.
   publish("slam-server", "ntnu-slam/server/r1/cmd", "1,2");
   at_b.obey();
   ASSERT_TRUE(eventually([&] { return hears("slam-server", "gateway/room-b/commands/r1"); }));
@@ -229,24 +228,28 @@ TEST_P(FleetRightsOfTheExample, LetSeveralGatewaysUseOneUser) {
   serve_robots("slam-gateway", "slam-gateway");
 }
 
-TEST_P(FleetRights, LetNobodyElseClaimRobotsNorSpeakForAGateway) {
-  listen("room-b", {"ntnu-slam/fleet/#", "ntnu-slam/gateway/#", "ntnu-slam/server/#"});
+TEST_P(FleetRights, LetNobodyElseIntoMailboxesAndNoGatewaySpeakForAnother) {
+  listen("room-b", {"ntnu-slam/fleet/all/+", "ntnu-slam/fleet/robots/#", "ntnu-slam/gateway/#",
+                    "ntnu-slam/server/#"});
   // `$MQTT/msgs/` is where NATS keeps messages of QoS 1: what is written there is delivered.
-  for (const char* user : {"slam-server", "robot", "room-a"}) {
-    for (const std::string place : {"", "$MQTT/msgs/"})
-      for (const char* topic :
-           {"fleet/all/room-b", "fleet/to/room-b/slam-server", "fleet/to/room-a/room-b",
-            "fleet/all/robot", "gateway/room-b/state", "gateway/room-b/commands/r1"})
+  for (const std::string place : {"", "$MQTT/msgs/"}) {
+    for (const char* user : {"slam-server", "robot", "room-a"})
+      for (const char* topic : {"fleet/all/room-b", "fleet/all/robot", "gateway/room-b/state",
+                                "gateway/room-b/commands/r1"})
+        publish(user, fmt::format("{}ntnu-slam/{}", place, topic), "forged");
+    for (const char* user : {"slam-server", "robot"})
+      for (const char* topic : {"fleet/robots/r1", "fleet/robots/r1/waiting"})
         publish(user, fmt::format("{}ntnu-slam/{}", place, topic), "forged");
   }
   publish("robot", "ntnu-slam/server/r1/cmd", "forged");
   publish("room-a", "ntnu-slam/server/r1/cmd", "forged");
 
   publish("slam-server", "ntnu-slam/server/r1/cmd", "a command");
-  publish("room-a", "ntnu-slam/fleet/all/room-a", "a claim");
-  publish("room-a", "ntnu-slam/fleet/to/room-b/room-a", "a release");
+  publish("room-a", "ntnu-slam/fleet/all/room-a", "what it hears");
+  publish("room-a", "ntnu-slam/fleet/robots/r1", "a note");
+  publish("room-a", "ntnu-slam/fleet/robots/r1/waiting", "a message");
   publish("room-a", "ntnu-slam/gateway/room-a/state", "a state");
-  for (const char* allowed : {"a command", "a claim", "a release", "a state"})
+  for (const char* allowed : {"a command", "what it hears", "a note", "a message", "a state"})
     EXPECT_TRUE(eventually([&] { return hears("room-b", allowed); })) << allowed;
   EXPECT_FALSE(hears("room-b", "forged")) << read_file(directory / "room-b");
 }

@@ -72,6 +72,7 @@ TEST(Commands, HaveAnOutcomeWhenTheDaemonEndsBeforeTheRobotAnswers) {
   GatewayProcess gateway(settings);
   SimulatorProcess simulator(new_robots(gateway, 1));
   ASSERT_TRUE(eventually([&] { return gateway.logs("ble link up"); })) << gateway.log();
+  ASSERT_TRUE(eventually([&] { return gateway.ctl({"status"})["fleet"]["sessions"] == 1; }));
   mosquitto_publish(broker, {"-q", "1", "-t", "ntnu-slam/server/ghost/run", "-m", "stop"});
   ASSERT_TRUE(eventually([&] {
     const json status = gateway.ctl({"status"});

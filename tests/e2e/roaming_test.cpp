@@ -3,14 +3,11 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <filesystem>
 
 #include "tests/e2e/device.hpp"
 #include "tests/e2e/gateway_process.hpp"
-#include "tests/support/broker_of_version.hpp"
 #include "tests/support/eventually.hpp"
 #include "tests/support/mosquitto.hpp"
-#include "tests/support/temp_dir.hpp"
 
 namespace slamgw::test {
 namespace {
@@ -69,37 +66,53 @@ TEST_F(TwoGateways, RobotThatMovesHasOneGatewayOneOutcomeAndNoWill) {
     EXPECT_TRUE(line.starts_with("ntnu-slam/gateway/b/robots/r1 {\"state\":\"online\"")) << line;
 }
 
-/// The broker has lost its retained states, and `b` is not back yet.
-TEST_F(TwoGateways, AGatewayThatStartsAgainRemembersThatItIsNotAlone) {
-  ASSERT_TRUE(eventually([&] { return std::filesystem::exists(a / "store/other-gateways"); }));
+TEST_F(TwoGateways, RobotWhoseGatewayDiesHearsItsCommandsAtTheNextOne) {
+  Device at_a{a.mqttsn_address()};
+  at_a.connect_with_will("r1");
+  at_a.subscribe("ntnu-slam/server/r1/cmd");
+  ASSERT_TRUE(eventually([&] { return b.place_in_fleet("r1") == "a"; })) << b.log();
   a.process().send_signal(SIGKILL);
-  EXPECT_TRUE(a.process().wait());
-  b.process().send_signal(SIGKILL);
-  broker.kill();
-  broker.start();
-  const std::size_t before = a.log().size();
-  a.start();
-  ASSERT_TRUE(eventually([&] { return state_of(a) == "member"; })) << a.log();
-  EXPECT_EQ(a.log().substr(before).find("is on this broker too"), std::string::npos) << a.log();
+  Device at_b{b.mqttsn_address()};
+  at_b.connect_with_will("r1");
+  ASSERT_TRUE(eventually([&] { return b.place_in_fleet("r1") == "b"; })) << b.log();
+  mosquitto_publish(broker, {"-q", "1", "-t", "ntnu-slam/server/r1/cmd", "-m", "1,2"});
+  at_b.obey();
+  EXPECT_TRUE(eventually([&] { return count("ntnu-slam/gateway/b/commands/r1") == 1; }));
 }
 
-/// NATS does not bring everything to subscribers with QoS 1, and takes its time to take them.
-TEST(FleetAtMqtt311, WhatGatewaysSayAndCommandsAreHeardWithQos0) {
-  const TempDir directory;
-  const std::string log = directory / "mosquitto.log";
-  BrokerOfVersion broker(MqttVersion::v3_1_1, "log_dest file " + log + "\nlog_type subscribe\n");
-  const GatewayProcess a({{"gateway", {{"id", "a"}}}, {"broker", {{"uri", broker.link_uri()}}}});
-  const GatewayProcess b({{"gateway", {{"id", "b"}}}, {"broker", {{"uri", broker.link_uri()}}}});
+TEST_F(TwoGateways, OtherGatewayAnswersForTheRobotsOfOneThatDied) {
+  Device at_a{a.mqttsn_address()};
+  at_a.connect_with_will("r1");
+  at_a.subscribe("ntnu-slam/server/r1/cmd");
+  ASSERT_TRUE(eventually([&] { return b.place_in_fleet("r1") == "a"; })) << b.log();
+  a.process().send_signal(SIGKILL);
+  ASSERT_TRUE(eventually([&] { return b.place_in_fleet("r1") == "b"; })) << b.log();
+  mosquitto_publish(broker, {"-q", "1", "-t", "ntnu-slam/server/r1/cmd", "-m", "1,2"});
+  ASSERT_TRUE(eventually([&] { return count("ntnu-slam/gateway/b/commands/r1") == 1; })) << b.log();
+  EXPECT_EQ(count("ntnu-slam/gateway/b/commands/r1 {\"type\":\"cmd\",\"outcome\":\"refused\""), 1U);
+}
+
+TEST_F(TwoGateways, CommandForANameThatNoRobotHasIsRefusedOnce) {
+  mosquitto_publish(broker, {"-q", "1", "-t", "ntnu-slam/server/nobody/cmd", "-m", "1,2"});
+  mosquitto_publish(broker, {"-q", "1", "-t", "ntnu-slam/server/probe/cmd", "-m", "1,2"});
+  ASSERT_TRUE(eventually([&] { return count("ntnu-slam/gateway/a/commands/") == 2; })) << a.log();
+  EXPECT_EQ(count("ntnu-slam/gateway/b/commands/"), 0U);
+}
+
+/// Whoever may connect with a robot's client id takes its session; the gateway takes it back.
+TEST_F(TwoGateways, SessionThatAnotherClientTakesIsTakenBackAtTheRobotsNextWord) {
+  Device robot{a.mqttsn_address()};
+  robot.connect_with_will("r1");
+  robot.subscribe("ntnu-slam/server/r1/cmd");
+  ASSERT_TRUE(eventually([&] { return b.place_in_fleet("r1") == "a"; })) << b.log();
+  const auto contested = [&] { return a.ctl({"robots"})[0].value("contested", false); };
   ASSERT_TRUE(eventually([&] {
-    return a.ctl({"fleet"}).dump().find("member") != std::string::npos;
+    mosquitto_publish(broker, {"-i", "ntnu-slam-robot-r1", "-t", "x", "-m", "y"});
+    robot.insist(sim::sn::pingreq({}), sim::sn::Type::pingresp);
+    return contested();
   })) << a.log();
-  for (const char* subscription :
-       {" 0 ntnu-slam/fleet/all/+", " 0 ntnu-slam/fleet/to/a/+", " 0 ntnu-slam/gateway/+/state",
-        " 0 ntnu-slam/gateway/+/commands/+", " 0 ntnu-slam/server/+/+"})
-    EXPECT_TRUE(eventually([&] { return read_file(log).find(subscription) != std::string::npos; }))
-        << subscription;
-  for (const char* subscription : {" 1 ntnu-slam/fleet/", " 1 ntnu-slam/server/+/+"})
-    EXPECT_EQ(read_file(log).find(subscription), std::string::npos) << subscription;
+  EXPECT_GE(count("ntnu-slam/gateway/a/robots/r1 {\"state\":\"online\""), 1U);
+  EXPECT_TRUE(a.logs("a foreign client")) << a.log();
 }
 
 }  // namespace

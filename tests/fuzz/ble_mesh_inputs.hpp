@@ -15,7 +15,7 @@ class MeshInputs {
   MeshInputs() { mesh_.on_start(); }
 
   void apply(std::uint8_t verb, std::uint8_t argument, ByteView octets) {
-    switch (verb % 13) {
+    switch (verb % 15) {
       case 0: mesh_.on_bytes(octets, now_); break;
       case 1: now_ += std::chrono::milliseconds{10} * argument; break;
       case 2: mesh_.on_port_open(now_); break;
@@ -29,6 +29,8 @@ class MeshInputs {
       case 10: mesh_.on_stored(argument < 128 ? "" : "no space", now_); break;
       case 11: order(argument, octets); break;
       case 12: mesh_.on_deadline(now_ += std::chrono::seconds{argument}); break;
+      case 13: mesh_.on_session_held("nr1", now_); break;
+      case 14: ended_ += mesh_.give_up("nr1", now_).size(); break;
     }
     mesh_.on_deadline(now_);
     drain();
@@ -45,9 +47,11 @@ class MeshInputs {
     const std::string types[] = {"cmd", "run", "x"};
     ++asked_;
     mesh_.on_broker_message(
-        {"p/server/nr1/" + types[argument % 3], Bytes(octets.begin(), octets.end()),
-         Qos::at_least_once, argument >= 128},
-        CommandId{asked_}, now_);
+        {"nr1",
+         {"p/server/nr1/" + types[argument % 3], Bytes(octets.begin(), octets.end()),
+          Qos::at_least_once, argument >= 128},
+         CommandId{asked_}},
+        now_);
   }
 
   /// The board's response to the command in flight.

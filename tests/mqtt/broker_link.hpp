@@ -20,7 +20,7 @@ namespace slamgw {
 
 /// Remembers what the link said.
 struct RecordingListener final : UpstreamListener {
-  void on_link_up(bool, const BrokerLimits& said) override {
+  void on_link_up(const BrokerLimits& said) override {
     ++ups;
     limits = said;
     is_up = true;
@@ -38,14 +38,10 @@ struct RecordingListener final : UpstreamListener {
   void on_publish_refused(std::uint64_t sequence, const Refusal& refusal) override {
     refused[sequence] = refusal;
   }
-  void on_subscribe_result(const std::string& filter, SubscribeAnswer answer) override {
-    subscribed[filter] = answer == SubscribeAnswer::granted;
-    if (answer == SubscribeAnswer::closes_connection) set_aside.insert(filter);
+  void on_subscribe_result(const std::string& filter, bool is_granted) override {
+    subscribed[filter] = is_granted;
   }
-  void on_message(BrokerMessage message, std::vector<std::uint32_t> ids) override {
-    messages.push_back(std::move(message));
-    subscriptions.push_back(std::move(ids));
-  }
+  void on_message(BrokerMessage message) override { messages.push_back(std::move(message)); }
 
   int ups = 0;
   int silences = 0;
@@ -56,9 +52,7 @@ struct RecordingListener final : UpstreamListener {
   std::set<std::uint64_t> published;
   std::map<std::uint64_t, Refusal> refused;
   std::map<std::string, bool> subscribed;
-  std::set<std::string> set_aside;  // filters at which the broker closes
   std::vector<BrokerMessage> messages;
-  std::vector<std::vector<std::uint32_t>> subscriptions;  // of each message
 };
 
 inline BrokerSettings settings_for(std::uint16_t port,

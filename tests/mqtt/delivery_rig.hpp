@@ -58,7 +58,7 @@ class DeliveryRig : private UpstreamListener {
                      {Mesh::thread, qos == Qos::at_most_once ? 0 : receipt}, now);
     });
   }
-  void subscribe(const std::string& filter) { upstream_.subscribe(filter, Qos::at_least_once, 1); }
+  void subscribe(const std::string& filter) { upstream_.subscribe(filter); }
   /// What the broker does not have: the status shows it as the depths of queue and store.
   std::size_t depth() const { return outbox.unsaved() + outbox.backlog().rows(); }
   bool sees(const std::function<bool()>& condition,
@@ -100,7 +100,7 @@ class DeliveryRig : private UpstreamListener {
   void perform(DeliveryStep&) {}
   void perform(Notice& notice) { notices.push_back(notice.text); }
 
-  void on_link_up(bool, const BrokerLimits& limits) override {
+  void on_link_up(const BrokerLimits& limits) override {
     is_up = true;
     ++ups;
     driver_.input(
@@ -123,8 +123,8 @@ class DeliveryRig : private UpstreamListener {
       machine.on_publish_refused(sequence, refusal, now);
     });
   }
-  void on_subscribe_result(const std::string&, SubscribeAnswer) override {}
-  void on_message(BrokerMessage, std::vector<std::uint32_t>) override {}
+  void on_subscribe_result(const std::string&, bool) override {}
+  void on_message(BrokerMessage) override {}
 
   MachineDriver<Outbox> driver_;
   SqliteStore store_;

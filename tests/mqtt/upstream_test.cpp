@@ -7,10 +7,12 @@
 #include <algorithm>
 #include <csignal>
 #include <map>
+#include <mutex>
 #include <set>
 
 #include "tests/mqtt/broker_link.hpp"
 #include "tests/support/certificates.hpp"
+#include "tests/support/fake_broker.hpp"
 #include "tests/support/free_port.hpp"
 #include "tests/support/mosquitto.hpp"
 
@@ -18,6 +20,7 @@ namespace slamgw {
 namespace {
 
 using test::eventually;
+using test::FakeBroker;
 using test::Mosquitto;
 using test::Subscriber;
 
@@ -66,12 +69,12 @@ TEST_P(UpstreamOf, ReceivesWhatItSubscribedTo) {
   test::mosquitto_publish(broker, {"-r", "-t", "down/kept", "-m", "old"});
   Link link(settings_for(broker.link_port()));
   ASSERT_TRUE(link.comes_up());
-  link.upstream->subscribe("down/#", Qos::at_least_once, 1);
+  link.upstream->subscribe("down/#");
   ASSERT_TRUE(link.sees([&] { return link.listener.messages.size() == 1; }));
   EXPECT_TRUE(link.listener.subscribed["down/#"]);
   EXPECT_TRUE(link.listener.messages[0].retain);
 
-  link.upstream->subscribe("down/#", Qos::at_least_once, 1);
+  link.upstream->subscribe("down/#");
   ASSERT_TRUE(link.sees([&] { return link.listener.messages.size() == 2; }))
       << "a repeated subscription brings retained messages again";
 
@@ -81,26 +84,12 @@ TEST_P(UpstreamOf, ReceivesWhatItSubscribedTo) {
   EXPECT_EQ(link.listener.messages[2].topic, "down/new");
 
   link.upstream->unsubscribe("down/#");
-  link.upstream->subscribe("other", Qos::at_least_once, 1);
+  link.upstream->subscribe("other");
   ASSERT_TRUE(link.sees([&] { return link.listener.subscribed.contains("other"); }));
   test::mosquitto_publish(broker, {"-t", "down/new", "-m", "unheard"});
   test::mosquitto_publish(broker, {"-t", "other", "-m", "heard"});
   ASSERT_TRUE(link.sees([&] { return link.listener.messages.size() == 4; }));
   EXPECT_EQ(link.listener.messages[3].topic, "other");
-}
-
-TEST_P(Upstreams, TellsTheCopiesForOverlappingSubscriptionsApart) {
-  Mosquitto broker;
-  Link link(settings_for(broker.port()));
-  ASSERT_TRUE(link.comes_up());
-  link.upstream->subscribe("down/+", Qos::at_least_once, 7);
-  link.upstream->subscribe("down/cmd", Qos::at_least_once, 8);
-  ASSERT_TRUE(link.sees([&] { return link.listener.subscribed.size() == 2; }));
-  test::mosquitto_publish(broker, {"-q", "1", "-t", "down/cmd", "-m", "x"});
-  ASSERT_TRUE(link.sees([&] { return link.listener.messages.size() == 2; }));
-  std::set<std::vector<std::uint32_t>> ids(link.listener.subscriptions.begin(),
-                                           link.listener.subscriptions.end());
-  EXPECT_EQ(ids, (std::set<std::vector<std::uint32_t>>{{7}, {8}}));
 }
 
 TEST_P(UpstreamOf, ComesBackAfterTheBrokerWasKilled) {
@@ -116,6 +105,70 @@ TEST_P(UpstreamOf, ComesBackAfterTheBrokerWasKilled) {
   EXPECT_TRUE(link.sees([&] { return link.listener.published.contains(9); }));
 }
 
+/// A broker that has kept something all the same says so in its CONNACK.
+TEST_P(UpstreamOf, BeginsAnewWithEachConnection) {
+  FakeBroker broker;
+  std::mutex mutex;
+  std::vector<bool> clean;  // of each connection that was taken
+  broker.misbehave([&](FakeBroker::Connection& connection, const FakeBroker::Packet& packet) {
+    if (packet.type() == FakeBroker::publish) {
+      connection.close();
+      return true;
+    }
+    if (packet.type() != FakeBroker::connect) return false;
+    if (version() == MqttVersion::v3_1_1 && connection.is_v5()) {
+      connection.send({0x20, 3, 0, 0x84, 0});
+      connection.close();
+      return true;
+    }
+    constexpr std::size_t flags_at = 7;  // MQTT 5 section 3.1.2
+    constexpr std::uint8_t clean_start = 0x02;
+    const std::scoped_lock lock(mutex);
+    clean.push_back((packet.body.at(flags_at) & clean_start) != 0);
+    connection.send(0x20,
+                    connection.is_v5() ? FakeBroker::Octets{1, 0, 0} : FakeBroker::Octets{1, 0});
+    return true;
+  });
+  Link link(settings_for(broker.port()));
+  ASSERT_TRUE(link.comes_up());
+  link.upstream->publish(1, {"t", to_bytes("x"), Qos::exactly_once, false});
+  ASSERT_TRUE(link.sees([&] { return link.listener.ups == 2; }));
+  EXPECT_FALSE(link.listener.published.contains(1)) << "the outbox sends it again";
+  const std::scoped_lock lock(mutex);
+  EXPECT_EQ(clean, (std::vector<bool>{true, true}));
+}
+
+TEST_P(UpstreamOf, SubscribesAtQos0AndTellsOfARefusal) {
+  FakeBroker broker;
+  std::mutex mutex;
+  std::vector<int> asked;  // QoS, of each SUBSCRIBE for "f"
+  broker.misbehave([&](FakeBroker::Connection& connection, const FakeBroker::Packet& packet) {
+    if (packet.type() == FakeBroker::connect && version() == MqttVersion::v3_1_1 &&
+        connection.is_v5()) {
+      connection.send({0x20, 3, 0, 0x84, 0});
+      connection.close();
+      return true;
+    }
+    if (packet.type() != FakeBroker::subscribe || !packet.contains("refused/f")) return false;
+    constexpr std::uint8_t qos_bits = 0x03;
+    const std::scoped_lock lock(mutex);
+    asked.push_back(packet.body.back() & qos_bits);
+    FakeBroker::Octets suback{packet.body.at(0), packet.body.at(1)};
+    if (connection.is_v5()) suback.push_back(0);
+    suback.push_back(connection.is_v5() ? 0x87 : 0x80);
+    connection.send(0x90, suback);
+    return true;
+  });
+  Link link(settings_for(broker.port()));
+  ASSERT_TRUE(link.comes_up());
+  link.upstream->subscribe("refused/f");
+  ASSERT_TRUE(link.sees([&] { return link.listener.subscribed.contains("refused/f"); }));
+  EXPECT_FALSE(link.listener.subscribed["refused/f"]);
+  EXPECT_TRUE(link.listener.is_up);
+  const std::scoped_lock lock(mutex);
+  EXPECT_EQ(asked, std::vector<int>{0});
+}
+
 TEST_P(UpstreamOf, TakesALostConnectionForNoRefusal) {
   BrokerOfVersion broker(version());
   Link link(settings_for(broker.link_port()));
@@ -124,7 +177,7 @@ TEST_P(UpstreamOf, TakesALostConnectionForNoRefusal) {
   for (std::uint64_t i = 1; i <= 12; ++i) {
     link.upstream->publish(i, {"t", to_bytes("x"), static_cast<Qos>(1 + i % 2), false});
   }
-  link.upstream->subscribe("down/#", Qos::at_least_once, 1);
+  link.upstream->subscribe("down/#");
   broker.kill();
   ASSERT_TRUE(link.sees([&] { return link.listener.reasons.size() >= 2; }));
   EXPECT_TRUE(link.listener.refused.empty()) << link.listener.refused.begin()->second.why;

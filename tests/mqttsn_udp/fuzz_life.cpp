@@ -27,6 +27,7 @@ FuzzLife::FuzzLife()
     : gateway_(small_settings(), TopicPolicy(TopicScheme("p", "gw"), {"a", "a/#", "b"}, {"#"}),
                RobotNames()) {
   gateway_.on_broker_link(true, now_);
+  gateway_.ask_where_served([this](const std::string& robot) { return notes_.contains(robot); });
 }
 
 bool FuzzLife::run(ByteView script) {
@@ -52,10 +53,12 @@ void FuzzLife::one_input(ByteReader& in) {
                           argument % 4 == 0 ? ReceiptOutcome::refused : ReceiptOutcome::safe, now_);
       break;
     case 3:
-      gateway_.on_subscribe_result(asked_.empty() ? "a" : asked_[argument % asked_.size()],
-                                   argument % 8 != 0, now_);
+      if (asked_.empty()) break;
+      gateway_.on_subscribe_result(asked_[argument % asked_.size()].robot,
+                                   asked_[argument % asked_.size()].filter, argument % 8 != 0,
+                                   now_);
       break;
-    case 4: gateway_.on_broker_link(argument % 2 == 0, now_); break;
+    case 4: link_or_roam(argument); break;
     case 5: broker_message(argument, in.read(in.read_u8())); break;
     default: datagram(argument, in.read(in.read_u8()));
   }
@@ -73,9 +76,22 @@ void FuzzLife::datagram(std::uint8_t from, ByteView octets) {
 
 void FuzzLife::broker_message(std::uint8_t argument, ByteView payload) {
   static const char* const topics[] = {"a", "a/b", "b", "p/server/c/cmd", "p/robot/c/adv"};
-  gateway_.on_broker_message({topics[argument % 5], Bytes(payload.begin(), payload.end()),
-                              static_cast<Qos>(argument / 5 % 3), argument % 2 == 0},
-                             CommandId{argument}, now_);
+  gateway_.on_broker_message({argument % 3 == 0 ? "d" : "c",
+                              {topics[argument % 5], Bytes(payload.begin(), payload.end()),
+                               static_cast<Qos>(argument / 5 % 3), argument % 2 == 0},
+                              CommandId{argument},
+                              argument % 7 == 0},
+                             now_);
+}
+
+/// Notes are those that the gateway has made, so that they are read.
+void FuzzLife::link_or_roam(std::uint8_t argument) {
+  const std::string robot = argument % 8 < 4 ? "c" : "d";
+  switch (argument % 4) {
+    case 0: return gateway_.on_broker_link(argument % 8 == 0, now_);
+    case 1: (void)gateway_.give_up(robot, now_); return;
+    default: return gateway_.on_note(robot, notes_[robot], now_);
+  }
 }
 
 bool FuzzLife::drain() {
@@ -88,7 +104,9 @@ bool FuzzLife::drain() {
         if (report->receipt.is_owed() && owed_.size() < 256) owed_.push_back(report->receipt.id);
       }
       const auto* asked = std::get_if<SubscribeRequest>(event);
-      if (asked && asked_.size() < 256) asked_.push_back(asked->filter);
+      if (asked && asked_.size() < 256) asked_.push_back(*asked);
+      if (const auto* changed = std::get_if<NoteChanged>(event); changed && !changed->note.empty())
+        notes_[changed->robot] = changed->note;
       if (const auto* change = std::get_if<PresenceChange>(event)) robots_.insert(change->robot);
     }
   }

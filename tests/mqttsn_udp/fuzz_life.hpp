@@ -23,6 +23,7 @@ class FuzzLife {
   void one_input(ByteReader& in);
   void datagram(std::uint8_t from, ByteView octets);
   void broker_message(std::uint8_t argument, ByteView payload);
+  void link_or_roam(std::uint8_t argument);
   bool drain();
   bool is_sound(const SendDatagram& sent) const;
   bool holds() const;
@@ -30,7 +31,8 @@ class FuzzLife {
   SnGateway gateway_;
   TimePoint now_{std::chrono::hours(1)};
   std::vector<std::uint64_t> owed_;
-  std::vector<std::string> asked_;
+  std::vector<SubscribeRequest> asked_;
+  std::map<std::string, Bytes> notes_;
   std::set<std::string> robots_;  // that came or went, ever
 };
 

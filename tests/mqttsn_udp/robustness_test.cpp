@@ -171,16 +171,15 @@ TEST(SnGateway, R143_TakesForwardersOnlyWhereAllowed) {
   EXPECT_EQ(rig.counter("unexpected"), 2U);
 }
 
-TEST(SnGateway, R144_SharesOneSubscriptionTableForAllClients) {
+TEST(SnGateway, R144_ServesManyRobotsWithOneFilter) {
   SnRig rig;
   for (unsigned n = 0; n < 300; ++n) {
     rig.connect(n, "r" + std::to_string(n));
     rig.subscribe(n, "a/x", 0);
   }
-  rig.pass_s(2);  // later ones share a request to the broker
   rig.datagrams.clear();
   rig.broker("a/x");
-  EXPECT_EQ(rig.datagrams.size(), 300U) << "one message from the broker is enough for all";
+  EXPECT_EQ(rig.datagrams.size(), 300U);
 }
 
 TEST(SnGateway, R145_KeepsClientsWhileTheBrokerIsAway) {
@@ -196,10 +195,8 @@ TEST(SnGateway, R145_KeepsClientsWhileTheBrokerIsAway) {
   rig.connect(2, "r2");
   EXPECT_EQ(rig.gateway.presence_of("r2"), Presence::online) << "robots may come back meanwhile";
   rig.broker_link(true);
-  rig.broker("a/x", "kept", 0, true);  // subscribed again: the broker repeats retained messages
-  EXPECT_EQ(rig.sent_to(1).size(), 1U);
-  rig.broker("a/x", "kept", 0, true);
-  EXPECT_TRUE(rig.is_silent(1));
+  rig.broker("a/x");
+  EXPECT_EQ(rig.sent_to(1).size(), 1U) << "nothing needs to be asked again";
 }
 
 TEST(SnGateway, R146_QueuesForEveryClientBeforeItReturns) {

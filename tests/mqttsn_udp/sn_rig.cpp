@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/mqttsn_udp/sn_rig.hpp"
 
+#include <algorithm>
 #include <utility>
 
 namespace slamgw::mqttsn {
@@ -74,10 +75,26 @@ void SnRig::publish(unsigned n, std::uint16_t id, unsigned qos, std::uint16_t ms
 
 void SnRig::broker(const std::string& topic, const std::string& payload, unsigned qos,
                    bool retain) {
+  drain();  // what restored sessions have asked for
   const auto target = TopicScheme("ntnu-slam", "gw").parse_command_topic(topic);
-  const bool is_ours = target && gateway.presence_of(std::string(target->robot));
-  gateway.on_broker_message({topic, to_bytes(payload), static_cast<Qos>(qos), retain},
-                            is_ours ? CommandId{++last_command_} : CommandId::none, now);
+  std::map<std::string, bool> robots;  // and whether one has asked
+  if (target && !retain) robots[std::string(target->robot)] = false;
+  for (const auto& [robot, all] : filters) {
+    if (std::ranges::any_of(all, [&](const auto& filter) { return filter_matches(filter, topic); }))
+      robots[robot] = true;
+  }
+  for (const auto& [robot, has_asked] : robots) {
+    if (!gateway.presence_of(robot)) continue;
+    const bool is_command = target && target->robot == robot;
+    robot_message({robot,
+                   {topic, to_bytes(payload), static_cast<Qos>(qos), retain},
+                   is_command ? CommandId{++last_command_} : CommandId::none,
+                   !has_asked});
+  }
+}
+
+void SnRig::robot_message(RobotMessage message) {
+  gateway.on_broker_message(message, now);
   drain();
 }
 
@@ -87,8 +104,23 @@ void SnRig::receipt(std::uint64_t id, ReceiptOutcome outcome) {
 }
 
 void SnRig::subscribe_result(const std::string& filter, bool granted) {
-  gateway.on_subscribe_result(filter, granted, now);
+  for (auto& [robot, all] : filters) {
+    if (!all.contains(filter)) continue;
+    if (!granted) all.erase(filter);
+    gateway.on_subscribe_result(robot, filter, granted, now);
+  }
   drain();
+}
+
+void SnRig::note(const std::string& robot, ByteView note) {
+  gateway.on_note(robot, note, now);
+  drain();
+}
+
+std::vector<WaitingMessage> SnRig::give_up(const std::string& robot) {
+  auto unsent = gateway.give_up(robot, now);
+  drain();
+  return unsent;
 }
 
 void SnRig::broker_link(bool is_up) {
@@ -143,9 +175,10 @@ void SnRig::drain() {
     }
   }
   while (!to_answer_.empty()) {
-    const std::string filter = std::move(to_answer_.front());
+    const SubscribeRequest request = std::move(to_answer_.front());
     to_answer_.pop_front();
-    subscribe_result(filter, true);
+    gateway.on_subscribe_result(request.robot, request.filter, true, now);
+    drain();
   }
 }
 
@@ -159,13 +192,20 @@ void SnRig::take(MeshEvent& event) {
                  [&](Report& e) { reports.push_back(std::move(e)); },
                  [&](PresenceChange& e) { presence.push_back(std::move(e)); },
                  [&](SubscribeRequest& e) {
-                   if (answers_subscribes) to_answer_.push_back(e.filter);
-                   if (!e.wants_retained && listening.insert(e.filter).second) return;
+                   filters[e.robot].insert(e.filter);
+                   if (answers_subscribes && !e.is_standing) to_answer_.push_back(e);
                    subscribes.push_back(std::move(e));
                  },
                  [&](UnsubscribeRequest& e) {
-                   if (listening.erase(e.filter) == 0) unsubscribes.push_back(std::move(e));
+                   filters[e.robot].erase(e.filter);
+                   unsubscribes.push_back(std::move(e));
                  },
+                 [&](SessionCleaned& e) {
+                   filters.erase(e.robot);
+                   cleaned.push_back(std::move(e));
+                 },
+                 [&](NoteChanged& e) { notes.push_back(std::move(e)); },
+                 [&](NoteRequest& e) { note_requests.push_back(std::move(e)); },
                  [&](CommandOutcome& e) { outcomes.push_back(std::move(e)); },
                  [&](SignOfLife&) { ++signs_of_life; },
                  [](LinkChange&) {},

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The gateway's machine on a virtual clock with clients that are just addresses: sends octets or
-// packets, collects what comes out as text, and answers subscriptions as the core does.
+// packets, collects what comes out as text, and stands for the robots' sessions at the broker.
 #pragma once
 
 #include <deque>
@@ -41,10 +41,16 @@ class SnRig {
                const std::string& payload = "hi");
 
   // Verbs of the core.
+  /// To each robot that has asked for it. A command that its robot has not asked for comes unasked,
+  /// unless it is retained.
   void broker(const std::string& topic, const std::string& payload = "hi", unsigned qos = 0,
               bool retain = false);
+  void robot_message(RobotMessage message);
   void receipt(std::uint64_t id, ReceiptOutcome outcome = ReceiptOutcome::safe);
+  /// The broker's answer to all robots that wait for it.
   void subscribe_result(const std::string& filter, bool granted);
+  void note(const std::string& robot, ByteView note);
+  std::vector<WaitingMessage> give_up(const std::string& robot);
   void broker_link(bool is_up);
   void stop();
   /// The configuration is read again: `robots` of it now says this, and all else is as it was.
@@ -62,11 +68,13 @@ class SnRig {
   std::vector<SendDatagram> datagrams;  ///< everything, ever
   std::vector<Report> reports;
   std::vector<PresenceChange> presence;
-  std::vector<SubscribeRequest> subscribes;  ///< of clients
-  /// Those that need no retained messages: the gateway's own, for commands, and those of before a
-  /// restart.
-  std::set<std::string> listening;
+  std::vector<SubscribeRequest> subscribes;
   std::vector<UnsubscribeRequest> unsubscribes;
+  std::vector<SessionCleaned> cleaned;
+  std::vector<NoteChanged> notes;
+  std::vector<NoteRequest> note_requests;
+  /// What the robots' sessions at the broker have.
+  std::map<std::string, std::set<std::string>> filters;
   std::vector<CommandOutcome> outcomes;
   std::vector<MeshStep> steps;
   std::vector<Notice> notices;
@@ -88,7 +96,7 @@ class SnRig {
   void take(MeshEvent& event);
 
   std::map<Endpoint, std::vector<std::string>> outbox_;
-  std::deque<std::string> to_answer_;
+  std::deque<SubscribeRequest> to_answer_;
   std::uint16_t msg_id_ = 1000;
   std::uint64_t last_command_ = 0;
 };

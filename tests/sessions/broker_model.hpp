@@ -24,7 +24,8 @@ struct Hearing {
   std::function<void(bool is_present)> on_connack = [](bool) {};
   std::function<void(BrokerMessage, std::vector<std::uint32_t>)> on_message =
       [](BrokerMessage, std::vector<std::uint32_t>) {};
-  std::function<void(const std::string& filter)> on_suback = [](const std::string&) {};
+  std::function<void(const std::string& filter, bool is_granted)> on_suback = [](const std::string&,
+                                                                                 bool) {};
   std::function<void(std::uint64_t number)> on_fence = [](std::uint64_t) {};
   std::function<void()> on_closed = [] {};
 };
@@ -33,7 +34,13 @@ class BrokerModel {
  public:
   using Connection = std::uint64_t;
 
-  explicit BrokerModel(unsigned seed) : random_(seed) {}
+  /// MQTT 5 sends a message once for each filter that it matches, or once with the identifiers of
+  /// all; MQTT 3.1.1 once without any, and retained messages whether they are wanted or not.
+  enum class Kind : std::uint8_t { v5_copies, v5_one, v3_1_1 };
+
+  static constexpr std::size_t receive_maximum = 16;
+
+  BrokerModel(unsigned seed, Kind kind) : kind_(kind), random_(seed) {}
 
   /// From here on all happens at `time`, in steps of a millisecond.
   std::int64_t time_ms() const { return time_ms_; }
@@ -53,12 +60,21 @@ class BrokerModel {
     to_broker(id, [this, id, is_clean] { accept(id, is_clean); });
     return id;
   }
-  void subscribe(Connection id, const std::string& filter, std::uint32_t subscription) {
-    to_broker(id, [this, id, filter, subscription] {
-      if (Session* session = held_by(id)) {
-        session->filters[filter] = subscription;
-        to_client(id, [filter](const Hearing& hearing) { hearing.on_suback(filter); });
-      }
+  /// Filters with `forbidden` in them are refused.
+  void subscribe(Connection id, const std::string& filter, std::uint32_t subscription,
+                 bool wants_retained) {
+    to_broker(id, [=, this] {
+      Session* session = held_by(id);
+      if (!session) return;
+      const bool is_granted = filter.find("forbidden") == std::string::npos;
+      if (is_granted) session->filters[filter] = subscription;
+      to_client(id, [=](const Hearing& hearing) { hearing.on_suback(filter, is_granted); });
+      if (!is_granted || (!wants_retained && kind_ != Kind::v3_1_1)) return;
+      for (const auto& [topic, message] : retained_)
+        if (filter_matches(filter, topic))
+          to_client(id, [message = message, subscription](const Hearing& hearing) {
+            hearing.on_message(message, {subscription});
+          });
     });
   }
   void unsubscribe(Connection id, const std::string& filter) {
@@ -74,14 +90,20 @@ class BrokerModel {
   }
   /// On a connection, or by somebody else at once.
   void publish(BrokerMessage message, Connection id = 0) {
+    if (message.retain) retained_[message.topic] = message;
+    message.retain = false;
     if (id == 0) return route(message);
     to_broker(id, [this, id, message] {
       if (held_by(id)) route(message);
     });
   }
   /// An orderly DISCONNECT.
-  void disconnect(Connection id) {
-    to_broker(id, [this, id] { release(id); });
+  void disconnect(Connection id, bool is_forgotten) {
+    to_broker(id, [this, id, is_forgotten] {
+      const bool is_held = held_by(id) != nullptr;
+      release(id);
+      if (is_held && is_forgotten) sessions_.erase(links_.at(id).client);
+    });
     links_.at(id).is_reading = false;
   }
   /// The connection breaks: what is on its way is lost, each side notices later.
@@ -102,9 +124,17 @@ class BrokerModel {
   }
 
  private:
+  using Ids = std::vector<std::uint32_t>;
+  /// A message for one session, as it matched when it came.
+  struct Kept {
+    std::uint64_t number = 0;
+    BrokerMessage message;
+    Ids ids;
+    bool is_sent = false;
+  };
   struct Session {
     std::map<std::string, std::uint32_t> filters;
-    std::deque<BrokerMessage> unacknowledged;  ///< sent or waiting, oldest first
+    std::deque<Kept> unacknowledged;  ///< sent or waiting, oldest first
     Connection holder = 0;
   };
   struct Link {
@@ -164,7 +194,8 @@ class BrokerModel {
     if (!is_present) session = {};
     session.holder = id;
     to_client(id, [is_present](const Hearing& hearing) { hearing.on_connack(is_present); });
-    for (const BrokerMessage& message : session.unacknowledged) send(id, session, message);
+    for (Kept& kept : session.unacknowledged) kept.is_sent = false;
+    send_next(session);
   }
   void release(Connection id) {
     if (Session* session = held_by(id)) session->holder = 0;
@@ -172,41 +203,60 @@ class BrokerModel {
   }
   void route(const BrokerMessage& message) {
     for (auto& [client, session] : sessions_) {
-      if (matching(session, message).empty()) continue;
-      if (message.qos != Qos::at_most_once) session.unacknowledged.push_back(message);
-      if (session.holder != 0) send(session.holder, session, message);
+      for (Ids& ids : copies_for(session, message)) {
+        Kept kept{++last_number_, message, std::move(ids)};
+        if (message.qos != Qos::at_most_once)
+          session.unacknowledged.push_back(std::move(kept));
+        else if (session.holder != 0)
+          send(session.holder, kept);
+      }
+      send_next(session);
     }
   }
-  static std::vector<std::uint32_t> matching(const Session& session, const BrokerMessage& message) {
-    std::vector<std::uint32_t> ids;
+  /// As many as the client's Receive Maximum allows.
+  void send_next(Session& session) {
+    if (session.holder == 0) return;
+    std::size_t place = 0;
+    for (Kept& kept : session.unacknowledged) {
+      if (++place > receive_maximum) return;
+      if (!std::exchange(kept.is_sent, true)) send(session.holder, kept);
+    }
+  }
+  std::vector<Ids> copies_for(const Session& session, const BrokerMessage& message) const {
+    Ids ids;
     for (const auto& [filter, id] : session.filters)
       if (filter_matches(filter, message.topic)) ids.push_back(id);
-    return ids;
+    if (ids.empty()) return {};
+    if (kind_ == Kind::v3_1_1) return {Ids{}};
+    if (kind_ == Kind::v5_one) return {ids};
+    std::vector<Ids> copies;
+    for (const std::uint32_t id : ids) copies.push_back({id});
+    return copies;
   }
   /// The client's library acknowledges before it hands the message on; the acknowledgement counts
   /// when it is here and the session is still its.
-  void send(Connection id, const Session& session, const BrokerMessage& message) {
-    const auto ids = matching(session, message);
-    to_client(id, [this, id, message, ids](const Hearing& hearing) {
-      to_broker(id, [this, id, message] {
+  void send(Connection id, const Kept& kept) {
+    to_client(id, [this, id, kept](const Hearing& hearing) {
+      to_broker(id, [this, id, number = kept.number] {
         Session* holder = held_by(id);
         if (!holder) return;
-        const auto same = [&](const BrokerMessage& other) {
-          return other.payload == message.payload;
-        };
-        const auto found = std::ranges::find_if(holder->unacknowledged, same);
-        if (found != holder->unacknowledged.end()) holder->unacknowledged.erase(found);
+        std::erase_if(holder->unacknowledged,
+                      [&](const Kept& each) { return each.number == number; });
+        send_next(*holder);
       });
-      hearing.on_message(message, ids);
+      hearing.on_message(kept.message, kept.ids);
     });
   }
 
+  const Kind kind_;
   std::minstd_rand random_;
   std::int64_t time_ms_ = 0;
   std::multimap<std::int64_t, std::function<void()>> events_;
   Connection last_connection_ = 0;
   std::map<Connection, Link> links_;
   std::map<std::string, Session> sessions_;
+  std::uint64_t last_number_ = 0;
+  std::map<std::string, BrokerMessage> retained_;
 };
 
 }  // namespace slamgw::test

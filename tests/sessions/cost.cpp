@@ -89,6 +89,7 @@ void measure(int sessions, std::uint16_t port, MqttVersion version) {
   const auto make = [&] {
     return std::make_unique<SessionHost>(
         io, SessionNames(TopicScheme("p", "g")), [](const std::string&) { return false; },
+        std::nullopt,
         [&](SessionHost::Report report) {
           if (std::holds_alternative<TakeMessage>(report)) ++taken;
           if (const auto* notice = std::get_if<Notice>(&report))

@@ -1,56 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// One gateway's sessions, step by step: the test plays the broker.
-#include <gtest/gtest.h>
-
-#include <vector>
+// Who holds a robot's session, and when it is opened.
+#include <algorithm>
 
 #include "daemon/sessions/robot_sessions.hpp"
+#include "tests/sessions/session_rules.hpp"
 
 namespace slamgw::sessions {
 namespace {
-
-using std::chrono::milliseconds;
-using std::chrono::seconds;
-
-class RobotSessionRules : public testing::Test {
- protected:
-  template <class Action>
-  std::vector<Action> drain() {
-    std::vector<Action> wanted;
-    while (auto action = sessions.next_action())
-      if (auto* it = std::get_if<Action>(&*action)) wanted.push_back(std::move(*it));
-    return wanted;
-  }
-  void forget_actions() {
-    while (sessions.next_action()) {
-    }
-  }
-  void attach(bool is_present = false) {
-    sessions.on_heard("r1", now);
-    sessions.on_attached("r1", is_present, now);
-    forget_actions();
-  }
-  void pass(Duration time) {
-    now.mono += time;
-    sessions.on_deadline(now);
-  }
-  static BrokerMessage command(const std::string& payload, Qos qos = Qos::at_least_once) {
-    return {"ntnu-slam/server/r1/run", to_bytes(payload), qos, false};
-  }
-  void arrives(BrokerMessage message, std::vector<std::uint32_t> ids = {}) {
-    sessions.on_message("r1", std::move(message), ids, now);
-  }
-
-  Now now{TimePoint{std::chrono::hours{1}}, WallTime{}};
-  bool is_served_elsewhere = false;
-  RobotSessions sessions{SessionNames(TopicScheme("ntnu-slam", "pi1")),
-                         [this](const std::string&) { return is_served_elsewhere; }, 50};
-};
-
-class RobotSessionRulesUp : public RobotSessionRules {
- protected:
-  RobotSessionRulesUp() { sessions.on_broker_up(/*is_v5=*/true, /*is_other=*/false, now); }
-};
 
 TEST_F(RobotSessionRules, NamesNeedNoLevelsInTheClientId) {
   const SessionNames names(TopicScheme("lab/slam", "pi1"));
@@ -111,51 +67,6 @@ TEST_F(RobotSessionRulesUp, ARefusedConnectIsTriedAgainEverLater) {
   }
 }
 
-// --- Rule 2: the fence ---------------------------------------------------------------------------
-
-TEST_F(RobotSessionRulesUp, Rule2_ACommandIsTakenWhenTheFenceHasComeBack) {
-  attach();
-  arrives(command("1"));
-  const auto fences = drain<AskFence>();
-  ASSERT_EQ(fences.size(), 1U);
-  now.mono += milliseconds{3};
-  sessions.on_fence("r1", fences[0].number, now);
-  const auto taken = drain<TakeMessage>();
-  ASSERT_EQ(taken.size(), 1U);
-  EXPECT_EQ(as_text(taken[0].message.payload), "1");
-  EXPECT_EQ(taken[0].message.waited, Waited{3}) << "it counts of the 30 s";
-}
-
-TEST_F(RobotSessionRulesUp, Rule2_WithoutAnAnswerTheCommandIsNotOurs) {
-  attach();
-  arrives(command("1"));
-  const auto fence = drain<AskFence>().at(0).number;
-  sessions.on_detached("r1", now);
-  sessions.on_fence("r1", fence, now);
-  EXPECT_TRUE(drain<TakeMessage>().empty());
-  sessions.on_heard("r1", now);
-  sessions.on_attached("r1", true, now);
-  sessions.on_fence("r1", fence, now);
-  EXPECT_TRUE(drain<TakeMessage>().empty()) << "nor on the next connection";
-}
-
-TEST_F(RobotSessionRulesUp, Rule2_CommandsAreTakenInTheirOrder) {
-  attach();
-  arrives(command("1"));
-  arrives(command("2"));
-  const auto fences = drain<AskFence>();
-  sessions.on_fence("r1", fences.at(1).number, now);
-  const auto taken = drain<TakeMessage>();
-  ASSERT_EQ(taken.size(), 2U);
-  EXPECT_EQ(as_text(taken[0].message.payload), "1");
-}
-
-TEST_F(RobotSessionRulesUp, MessagesWithoutAFenceAreBounded) {
-  attach();
-  for (std::size_t i = 0; i < 2 * RobotSession::max_unfenced; ++i) arrives(command("1"));
-  EXPECT_EQ(drain<AskFence>().size(), RobotSession::max_unfenced);
-}
-
 // --- Rule 5: flapping ----------------------------------------------------------------------------
 
 TEST_F(RobotSessionRulesUp, Rule5_TwoThatTakeTheSessionFromEachOtherWaitEverLonger) {
@@ -163,10 +74,9 @@ TEST_F(RobotSessionRulesUp, Rule5_TwoThatTakeTheSessionFromEachOtherWaitEverLong
     attach(true);
     sessions.on_detached("r1", now);
   }
-  EXPECT_EQ(drain<Notice>().size(), 1U);
+  forget_actions();
   sessions.on_heard("r1", now);
   EXPECT_TRUE(drain<OpenSession>().empty());
-  EXPECT_TRUE(sessions.is_contested("r1"));
   pass(RobotSession::first_flap_wait);
   EXPECT_EQ(drain<OpenSession>().size(), 1U);
   sessions.on_attached("r1", true, now);
@@ -179,16 +89,106 @@ TEST_F(RobotSessionRulesUp, Rule5_TwoThatTakeTheSessionFromEachOtherWaitEverLong
   EXPECT_EQ(drain<OpenSession>().size(), 1U);
 }
 
-TEST_F(RobotSessionRulesUp, Rule5_AQuietMinuteEndsIt) {
-  for (int i = 0; i < 3; ++i) {
+class ContestedSession : public RobotSessionRulesUp {
+ protected:
+  /// The session is taken from this gateway, `times` in a row.
+  void lose(unsigned times) {
+    for (unsigned i = 0; i < times; ++i) {
+      attach(true);
+      sessions.on_detached("r1", now);
+    }
+  }
+  struct Said {
+    std::vector<bool> contested;
+    std::vector<std::string> notices;
+  };
+  Said said() {
+    Said said;
+    while (auto action = sessions.next_action()) {
+      if (const auto* it = std::get_if<SessionContested>(&*action))
+        said.contested.push_back(it->is_contested);
+      if (const auto* it = std::get_if<Notice>(&*action)) said.notices.push_back(it->text);
+    }
+    return said;
+  }
+};
+
+TEST_F(ContestedSession, Rule5_IsSaidOnceAndOverAfterAQuietMinute) {
+  lose(2);
+  EXPECT_TRUE(said().contested.empty()) << "the robot may have gone";
+  for (int i = 0; i < 3; ++i) sessions.on_heard("r1", now);
+  Said first = said();
+  EXPECT_EQ(first.contested, std::vector{true});
+  ASSERT_EQ(first.notices.size(), 1U);
+  EXPECT_NE(first.notices[0].find("two robots, or a foreign client, of that name?"),
+            std::string::npos);
+  EXPECT_TRUE(sessions.is_contested("r1"));
+  sessions.on_attached("r1", true, now);
+  pass(RobotSession::quiet_minute - seconds{1});
+  EXPECT_TRUE(sessions.is_contested("r1"));
+  forget_actions();
+  pass(seconds{1});
+  EXPECT_FALSE(sessions.is_contested("r1"));
+  Said last = said();
+  EXPECT_EQ(last.contested, std::vector{false});
+  EXPECT_EQ(last.notices.size(), 1U);
+}
+
+TEST_F(ContestedSession, Rule5_AForeignClientThatComesTwiceAMinuteIsNoticed) {
+  for (int i = 0; i < 2; ++i) {
     attach(true);
+    pass(seconds{25});
     sessions.on_detached("r1", now);
   }
-  attach(true);
-  EXPECT_TRUE(sessions.is_contested("r1"));
-  pass(RobotSession::longest_flap_wait);
+  sessions.on_heard("r1", now);
+  EXPECT_EQ(said().contested, std::vector{true});
+}
+
+TEST_F(ContestedSession, Rule11_ABrokerThatEndsAgainAndAgainIsNoClientThatTakesSessions) {
+  for (int i = 0; i < 3; ++i) {
+    attach(true);
+    sessions.on_detached("r1", now);  // a moment before the gateway's own connection
+    sessions.on_broker_down(now);
+    pass(seconds{2});
+    sessions.on_broker_up(true, false, now);
+  }
+  EXPECT_FALSE(sessions.is_contested("r1"));
+  forget_actions();
+  pass(RobotSessions::unheard_delay);
+  EXPECT_EQ(drain<OpenSession>().size(), 1U) << "the robot is answered for, heard or not";
+}
+
+TEST_F(ContestedSession, Rule5_ARobotThatRoamsIsNotContested) {
+  for (int i = 0; i < 4; ++i) {
+    attach(true);
+    pass(seconds{12});
+    sessions.on_detached("r1", now);
+    is_served_elsewhere = true;
+    pass(seconds{1});
+    sessions.on_heard("r1", now);
+    EXPECT_FALSE(sessions.is_contested("r1")) << "move " << i;
+  }
+}
+
+TEST_F(ContestedSession, AFilterThatBreaksTheConnectionTwiceIsRefusedAndNoClientIsBlamed) {
+  subscribe("ntnu-slam/robot/+/update");
+  for (int i = 0; i < 2; ++i) {
+    sessions.on_heard("r1", now);
+    sessions.on_attached("r1", true, now);
+    sessions.on_detached("r1", now);
+  }
+  const auto answers = drain<FilterAnswered>();
+  ASSERT_EQ(answers.size(), 1U);
+  EXPECT_FALSE(answers[0].is_granted);
   sessions.on_heard("r1", now);
   EXPECT_FALSE(sessions.is_contested("r1"));
+}
+
+TEST_F(ContestedSession, Rule5_LossesLongAgoDoNotCount) {
+  lose(2);
+  pass(RobotSession::quiet_minute);
+  sessions.on_heard("r1", now);
+  EXPECT_TRUE(said().contested.empty());
 }
 
 TEST_F(RobotSessionRulesUp, MessagesWhileASessionMayNotOpenLeaveOneTimerEach) {
@@ -200,57 +200,15 @@ TEST_F(RobotSessionRulesUp, MessagesWhileASessionMayNotOpenLeaveOneTimerEach) {
   forget_actions();
   pass(RobotSession::first_flap_wait);
   EXPECT_EQ(drain<OpenSession>().size(), 1U);
+  EXPECT_GT(sessions.deadline(), now.mono + RobotSession::first_flap_wait) << "it is contested";
+}
+
+TEST_F(RobotSessionRulesUp, AForgottenRobotLeavesNoTimer) {
+  for (int i = 0; i < 3; ++i) {
+    sessions.keep("r1", {}, seconds{5}, now);
+    sessions.forget("r1");
+  }
   EXPECT_EQ(sessions.deadline(), std::nullopt);
-}
-
-// --- Rule 7: what nobody held --------------------------------------------------------------------
-
-TEST_F(RobotSessionRulesUp, Rule7_WhatWaitedWhileNobodyHeldTheSessionIsRefused) {
-  sessions.keep("r1", now.mono - seconds{26}, seconds{5}, now);
-  pass(seconds{5});
-  ASSERT_EQ(drain<OpenSession>().size(), 1U);
-  sessions.on_attached("r1", true, now);
-  const auto markers = drain<SendMarker>();
-  ASSERT_EQ(markers.size(), 1U);
-  arrives(command("old"));
-  sessions.on_fence("r1", 1, now);
-  EXPECT_TRUE(drain<TakeMessage>().empty()) << "it is not known yet whether it is old";
-  arrives(
-      {"ntnu-slam/fleet/robots/r1/waiting", to_bytes(markers[0].text), Qos::at_least_once, false});
-  const auto stale = drain<RefuseStale>();
-  ASSERT_EQ(stale.size(), 1U);
-  EXPECT_EQ(as_text(stale[0].message.payload), "old");
-  arrives(command("new"));
-  sessions.on_fence("r1", 2, now);
-  EXPECT_EQ(drain<TakeMessage>().size(), 1U);
-}
-
-TEST_F(RobotSessionRulesUp, Rule7_WithoutAMarkerAllIsOldAfterItsTime) {
-  sessions.keep("r1", now.mono - seconds{60}, {}, now);
-  pass({});
-  sessions.on_attached("r1", true, now);
-  arrives(command("old"));
-  sessions.on_fence("r1", 1, now);
-  forget_actions();
-  pass(RobotSession::marker_patience);
-  EXPECT_EQ(drain<RefuseStale>().size(), 1U);
-}
-
-TEST_F(RobotSessionRulesUp, Rule7_WhatWaitedForAShortTimeIsObeyed) {
-  sessions.keep("r1", now.mono - seconds{3}, seconds{5}, now);
-  pass(seconds{5});
-  sessions.on_attached("r1", true, now);
-  EXPECT_TRUE(drain<SendMarker>().empty());
-  arrives(command("1"));
-  sessions.on_fence("r1", 1, now);
-  EXPECT_EQ(drain<TakeMessage>().size(), 1U);
-}
-
-TEST_F(RobotSessionRulesUp, Rule7_NobodyAnswersForARobotThatALivingGatewayShows) {
-  sessions.keep("r1", now.mono, seconds{5}, now);
-  is_served_elsewhere = true;
-  pass(seconds{5});
-  EXPECT_TRUE(drain<OpenSession>().empty());
 }
 
 // --- Rule 11: the broker is away -----------------------------------------------------------------
@@ -275,103 +233,47 @@ TEST_F(RobotSessionRulesUp, Rule11_RobotsThatWereHeardComeFirstWhenTheBrokerIsBa
   EXPECT_EQ(opened[0].robot, "r1");
 }
 
-// --- Subscriptions -------------------------------------------------------------------------------
-
-TEST_F(RobotSessionRulesUp, SubscribesWhatTheRobotAskedForWhenTheSessionIsNew) {
-  sessions.subscribe("r1", "ntnu-slam/server/r1/+", Qos::at_least_once, false, now);
-  sessions.on_heard("r1", now);
-  sessions.on_attached("r1", false, now);
-  std::vector<std::string> filters;
-  for (const auto& each : drain<SubscribeSession>()) filters.push_back(each.filter);
-  EXPECT_EQ(filters, (std::vector<std::string>{"ntnu-slam/fleet/robots/r1/waiting",
-                                               "ntnu-slam/server/r1/+"}));
-  sessions.on_subscribed("r1", "ntnu-slam/server/r1/+", true);
-  const auto answers = drain<FilterAnswered>();
-  ASSERT_EQ(answers.size(), 1U);
-  EXPECT_TRUE(answers[0].is_granted);
+TEST_F(RobotSessionRulesUp, Rule11_AConnectThatFailedWithTheBrokerIsSentAtOnceWhenItIsBack) {
+  for (int i = 0; i < 5; ++i) {
+    sessions.on_heard("r1", now);
+    ASSERT_EQ(drain<OpenSession>().size(), 1U);
+    sessions.on_broker_down(now);
+    sessions.on_broker_up(true, false, now);
+    ASSERT_EQ(drain<OpenSession>().size(), 1U);
+    sessions.on_attach_failed("r1", now);
+    sessions.on_broker_down(now);
+    sessions.on_broker_up(true, false, now);
+  }
 }
 
-TEST_F(RobotSessionRulesUp, LeavesToTheBrokerWhatItsSessionHas) {
-  sessions.subscribe("r1", "ntnu-slam/server/r1/+", Qos::at_least_once, true, now);
-  sessions.on_heard("r1", now);
-  sessions.on_attached("r1", true, now);
-  EXPECT_EQ(drain<SubscribeSession>().size(), 1U) << "the mailbox only";
+TEST_F(RobotSessionRulesUp, Rule11_RobotsWhoseConnectWaitsWhileTheBrokerGoesAreAttachedLater) {
+  for (int i = 0; i < 40; ++i) sessions.on_heard("r" + std::to_string(i), now);
+  sessions.on_broker_down(now);
+  forget_actions();
+  sessions.on_broker_up(true, false, now);
+  EXPECT_EQ(drain<OpenSession>().size(), RobotSessions::max_opening);
+  for (int i = 0; i < 40; ++i) sessions.on_attached("r" + std::to_string(i), false, now);
+  for (int i = 0; i < 40; ++i) sessions.on_attached("r" + std::to_string(i), false, now);
+  EXPECT_EQ(sessions.held(), 40U);
 }
 
-TEST_F(RobotSessionRulesUp, SubscribesAgainWhenTheBrokerHasForgotten) {
-  sessions.subscribe("r1", "ntnu-slam/server/r1/+", Qos::at_least_once, true, now);
-  sessions.on_heard("r1", now);
-  sessions.on_attached("r1", false, now);
-  EXPECT_EQ(drain<SubscribeSession>().size(), 2U);
-}
-
-TEST_F(RobotSessionRulesUp, UnsubscribesLaterWhatWasGivenUpWhileTheSessionWasAway) {
-  sessions.subscribe("r1", "ntnu-slam/robot/+/update", Qos::at_least_once, true, now);
-  attach(true);
-  sessions.on_detached("r1", now);
-  sessions.unsubscribe("r1", "ntnu-slam/robot/+/update");
-  sessions.on_heard("r1", now);
-  sessions.on_attached("r1", true, now);
-  EXPECT_EQ(drain<UnsubscribeSession>().size(), 1U);
-}
-
-TEST_F(RobotSessionRulesUp, ACleanRobotBeginsAnew) {
-  sessions.subscribe("r1", "ntnu-slam/robot/+/update", Qos::at_least_once, false, now);
+TEST_F(RobotSessionRulesUp, AnotherBrokerIsToldEverythingAndItsOldCommandsAreRefused) {
+  attach();
+  subscribed_id("ntnu-slam/robot/+/update");
+  sessions.on_broker_up(true, /*is_other=*/true, now);
   sessions.on_heard("r1", now);
   forget_actions();
-  sessions.on_detached("r1", now);
-  sessions.begin_clean("r1");
-  pass(seconds{1});
-  const auto opened = drain<OpenSession>();
-  ASSERT_EQ(opened.size(), 1U);
-  EXPECT_TRUE(opened[0].is_clean);
-  sessions.on_attached("r1", false, now);
-  EXPECT_EQ(drain<SubscribeSession>().size(), 1U) << "the mailbox only";
+  sessions.on_attached("r1", /*is_present=*/true, now);
+  EXPECT_EQ(subscribed().back(), "ntnu-slam/robot/+/update");
+  arrives(command("of last week"));
+  EXPECT_TRUE(fenced().empty());
 }
 
-// --- Rule 13: what the robot has not subscribed to -----------------------------------------------
+// --- Forgetting
+// -----------------------------------------------------------------------------------
 
-class RobotSessionHears : public RobotSessionRulesUp {
- protected:
-  RobotSessionHears() {
-    sessions.on_heard("r1", now);
-    sessions.hear_commands("r1", /*wants_retained=*/false);
-    sessions.subscribe("r1", "ntnu-slam/server/r1/cmd", Qos::at_least_once, false, now);
-    sessions.subscribe("r1", "ntnu-slam/server/r1/+", Qos::at_least_once, false, now);
-    sessions.unsubscribe("r1", "ntnu-slam/server/r1/+");
-    sessions.on_attached("r1", false, now);
-    sessions.on_subscribed("r1", "ntnu-slam/server/r1/cmd", true);
-    forget_actions();
-  }
-  BrokerMessage cmd() { return {"ntnu-slam/server/r1/cmd", {}, Qos::at_least_once, false}; }
-};
-
-TEST_F(RobotSessionHears, Rule13_WhatTheGatewaysFilterAloneBroughtIsUnasked) {
-  arrives(command("1"), {RobotSession::command_id});
-  sessions.on_fence("r1", 1, now);
-  const auto taken = drain<TakeMessage>();
-  ASSERT_EQ(taken.size(), 1U);
-  EXPECT_TRUE(taken[0].is_unasked);
-}
-
-TEST_F(RobotSessionHears, Rule13_OfTwoCopiesTheRobotsOwnIsTaken) {
-  arrives(cmd(), {RobotSession::command_id});
-  arrives(cmd(), {RobotSession::first_filter_id});
-  sessions.on_fence("r1", 2, now);
-  const auto taken = drain<TakeMessage>();
-  ASSERT_EQ(taken.size(), 1U);
-  EXPECT_FALSE(taken[0].is_unasked);
-}
-
-TEST_F(RobotSessionHears, Rule13_OneMessageForBothFiltersIsTaken) {
-  arrives(cmd(), {RobotSession::command_id, RobotSession::first_filter_id});
-  sessions.on_fence("r1", 1, now);
-  const auto taken = drain<TakeMessage>();
-  ASSERT_EQ(taken.size(), 1U);
-  EXPECT_FALSE(taken[0].is_unasked);
-}
-
-TEST_F(RobotSessionHears, AForgottenRobotLeavesNothingAtTheBroker) {
+TEST_F(RobotSessionRulesUp, AForgottenRobotLeavesNothingAtTheBroker) {
+  attach();
   sessions.forget("r1");
   const auto closed = drain<CloseSession>();
   ASSERT_EQ(closed.size(), 1U);
@@ -379,5 +281,98 @@ TEST_F(RobotSessionHears, AForgottenRobotLeavesNothingAtTheBroker) {
   EXPECT_EQ(sessions.held(), 0U);
 }
 
+class ForgottenRobots : public RobotSessionRules {
+ protected:
+  void expect_a_clean_open_and_close() {
+    const auto opened = drain<OpenSession>();
+    ASSERT_EQ(opened.size(), 1U);
+    EXPECT_TRUE(opened[0].is_clean);
+    sessions.on_attached("r1", false, now);
+    EXPECT_EQ(drain<CloseSession>().size(), 1U);
+    EXPECT_EQ(sessions.held(), 0U);
+  }
+};
+
+TEST_F(ForgottenRobots, OnMqtt311ACleanConnectSaysSo) {
+  sessions.on_broker_up(/*is_v5=*/false, false, now);
+  attach();
+  sessions.forget("r1");
+  expect_a_clean_open_and_close();
+}
+
+TEST_F(ForgottenRobots, WhoseSessionIsNotHeldAreForgottenToo) {
+  sessions.on_broker_up(/*is_v5=*/true, false, now);
+  sessions.forget("r1");
+  expect_a_clean_open_and_close();
+  is_served_elsewhere = true;
+  sessions.forget("r1");
+  EXPECT_TRUE(drain<OpenSession>().empty()) << "it is another gateway's";
+}
+
+TEST_F(ForgottenRobots, WaitForTheBroker) {
+  sessions.forget("r1");
+  EXPECT_TRUE(drain<OpenSession>().empty());
+  sessions.on_broker_up(/*is_v5=*/false, false, now);
+  EXPECT_EQ(drain<OpenSession>().size(), 1U);
+  sessions.on_broker_down(now);
+  sessions.on_broker_up(/*is_v5=*/false, false, now);
+  expect_a_clean_open_and_close();
+}
+
+TEST_F(ForgottenRobots, AreBoundedAndPaced) {
+  for (std::size_t i = 0; i < 2 * RobotSessions::max_forgetting; ++i)
+    sessions.forget("r" + std::to_string(i));
+  sessions.on_broker_up(/*is_v5=*/true, false, now);
+  std::size_t opened = 0;
+  for (auto batch = drain<OpenSession>(); !batch.empty(); batch = drain<OpenSession>()) {
+    EXPECT_LE(batch.size(), RobotSessions::max_opening);
+    opened += batch.size();
+    for (std::size_t i = 0; i < batch.size(); ++i)
+      if (i % 2 == 0)
+        sessions.on_attached(batch[i].robot, false, now);
+      else
+        sessions.on_attach_failed(batch[i].robot, now);
+  }
+  EXPECT_EQ(opened, RobotSessions::max_forgetting);
+  sessions.on_heard("r1", now);
+  EXPECT_EQ(drain<OpenSession>().size(), 1U) << "no place is lost";
+}
+
+TEST_F(ForgottenRobots, ThatAreHeardAgainBeginAnew) {
+  sessions.on_broker_up(/*is_v5=*/true, false, now);
+  sessions.forget("r1");
+  forget_actions();
+  sessions.on_heard("r1", now);
+  EXPECT_EQ(drain<OpenSession>().size(), 1U);
+  sessions.on_attached("r1", true, now);
+  EXPECT_EQ(sessions.held(), 0U) << "first it refuses what waits there";
+  pass(RobotSession::marker_patience);
+  const auto opened = drain<OpenSession>();
+  ASSERT_EQ(opened.size(), 1U);
+  EXPECT_TRUE(opened[0].is_clean);
+}
+
+// --- What another gateway leaves behind ----------------------------------------------------------
+
+TEST_F(RobotSessionRulesUp, Rule7_AConnectionThatBreaksWhileItSortsIsFollowedByAnotherMarker) {
+  now.mono += seconds{60};
+  attach(true);
+  sessions.on_detached("r1", now);
+  sessions.on_heard("r1", now);
+  sessions.on_attached("r1", true, now);
+  EXPECT_EQ(drain<SendMarker>().size(), 1U);
+}
+
+TEST_F(RobotSessionRulesUp, Rule13_AFilterForAllCommandsIsTheRobotsAgainWhenTheSessionIs) {
+  const std::string everything = "ntnu-slam/server/r1/#";
+  attach();
+  subscribed_id(everything);
+  sessions.on_detached("r1", now);
+  sessions.on_heard("r1", now);
+  sessions.on_attached("r1", true, now);
+  const auto filters = subscribed();
+  EXPECT_EQ(std::ranges::count(filters, everything), 1)
+      << "another gateway may have put its own in its place";
+}
 }  // namespace
 }  // namespace slamgw::sessions

@@ -1,41 +1,59 @@
 // SPDX-License-Identifier: Apache-2.0
-// Two gateways' sessions at a real Mosquitto.
+// Gateways' sessions at a real Mosquitto.
+#include <dlfcn.h>
+#include <fcntl.h>
 #include <gtest/gtest.h>
+#include <netdb.h>
+#include <sys/resource.h>
+#include <sys/socket.h>
 
-#include <deque>
+#include <algorithm>
+#include <atomic>
+#include <boost/asio/post.hpp>
+#include <filesystem>
 
 #include "daemon/sessions/io/session_host.hpp"
+#include "daemon/sessions/mailbox.hpp"
 #include "tests/support/eventually.hpp"
 #include "tests/support/mosquitto.hpp"
+#include "tests/support/temp_dir.hpp"
 
 namespace slamgw::sessions {
 namespace {
 
 using test::eventually;
 
+constexpr const char* silent_host = "silent.example";
+std::atomic<int> asking = 0;  ///< threads that ask for its address
+std::atomic<bool> is_answering = false;
+
 class Host {
  public:
   explicit Host(boost::asio::io_context& io)
       : host(
             io, SessionNames(TopicScheme("p", "g")), [](const std::string&) { return false; },
+            read_clocks().mono,
             [this](SessionHost::Report report) {
               std::visit([this](auto& what) { take(what); }, report);
             }) {}
 
-  void up(const test::Mosquitto& broker, MqttVersion version) {
+  void up(std::uint16_t port, MqttVersion version) {
     BrokerSettings settings;
-    settings.port = broker.port();
+    settings.port = port;
+    settings.keep_alive = std::chrono::seconds{5};
     host.on_broker_up(settings, version);
   }
   void hear(const std::string& robot) { host.input(&RobotSessions::on_heard, robot); }
-  void subscribe(const std::string& robot, const std::string& filter) {
-    host.input(&RobotSessions::subscribe, robot, filter, Qos::at_least_once, false);
+  void subscribe(const std::string& robot, const std::string& filter, bool is_standing = false) {
+    host.input(&RobotSessions::subscribe, robot, filter, Qos::at_least_once, is_standing);
   }
 
   std::vector<SessionHeld> held;
   std::vector<SessionLost> lost;
   std::vector<FilterAnswered> answered;
   std::vector<TakeMessage> taken;
+  std::vector<NoteRead> notes;
+  std::vector<std::string> notices;
   SessionHost host;
 
  private:
@@ -43,15 +61,43 @@ class Host {
   void take(SessionLost& what) { lost.push_back(what); }
   void take(FilterAnswered& what) { answered.push_back(what); }
   void take(TakeMessage& what) { taken.push_back(what); }
+  void take(NoteRead& what) { notes.push_back(what); }
   void take(RefuseStale&) {}
-  void take(Notice& notice) { ADD_FAILURE() << notice.text; }
+  void take(SessionContested&) {}
+  void take(Notice& notice) { notices.push_back(notice.text); }
 };
 
 class SessionHosts : public testing::TestWithParam<MqttVersion> {
  protected:
-  void publish(const std::string& topic, const std::string& payload) {
-    test::mosquitto_publish(broker, {"-t", topic, "-m", payload, "-q", "1"});
+  /// Tests that expect a notice take it.
+  void TearDown() override {
+    EXPECT_EQ(a.notices, std::vector<std::string>{});
+    EXPECT_EQ(b.notices, std::vector<std::string>{});
   }
+  void publish(const std::string& topic, const std::string& payload, bool is_retained = false) {
+    std::vector<std::string> arguments{"-t", topic, "-m", payload, "-q", "1"};
+    if (is_retained) arguments.emplace_back("-r");
+    test::mosquitto_publish(broker, arguments);
+  }
+  void publish_octets(const std::string& topic, const Bytes& payload) {
+    const test::TempDir directory;
+    test::write_file(directory / "payload", as_text(payload));
+    test::mosquitto_publish(broker, {"-t", topic, "-f", directory / "payload", "-q", "1"});
+  }
+  /// The gateway knows the broker, and holds this robot.
+  void hold(Host& gateway, const std::string& robot) {
+    gateway.up(broker.port(), GetParam());
+    gateway.hear(robot);
+    ASSERT_TRUE(eventually(io, [&] { return gateway.host.sessions().is_held(robot); }));
+  }
+  /// The gateway holds r1 with this filter.
+  void serve(Host& gateway, const std::string& filter) {
+    hold(gateway, "r1");
+    gateway.subscribe("r1", filter);
+    ASSERT_TRUE(eventually(io, [&] { return gateway.answered.size() == 1; }));
+    EXPECT_TRUE(gateway.answered[0].is_granted);
+  }
+  bool is_v5() const { return GetParam() == MqttVersion::v5; }
 
   boost::asio::io_context io{1};
   test::Mosquitto broker;
@@ -60,16 +106,13 @@ class SessionHosts : public testing::TestWithParam<MqttVersion> {
 };
 
 TEST_P(SessionHosts, ACommandComesToWhoeverHoldsTheRobotsSession) {
-  a.up(broker, GetParam());
-  b.up(broker, GetParam());
-  a.hear("r1");
-  a.subscribe("r1", "p/server/r1/+");
-  ASSERT_TRUE(eventually(io, [&] { return a.answered.size() == 1; }));
-  EXPECT_TRUE(a.answered[0].is_granted);
+  serve(a, "p/server/r1/+");
   publish("p/server/r1/run", "1");
   ASSERT_TRUE(eventually(io, [&] { return a.taken.size() == 1; }));
   EXPECT_EQ(as_text(a.taken[0].message.payload), "1");
+  EXPECT_FALSE(a.taken[0].is_unasked);
 
+  b.up(broker.port(), GetParam());
   b.hear("r1");
   ASSERT_TRUE(eventually(io, [&] { return b.held.size() == 1 && a.lost.size() == 1; }));
   EXPECT_TRUE(b.held[0].was_present);
@@ -81,20 +124,17 @@ TEST_P(SessionHosts, ACommandComesToWhoeverHoldsTheRobotsSession) {
 }
 
 TEST_P(SessionHosts, WhatCameWhileNobodyHeldTheSessionWaitsAtTheBroker) {
-  a.up(broker, GetParam());
-  a.hear("r1");
-  a.subscribe("r1", "p/server/r1/+");
-  ASSERT_TRUE(eventually(io, [&] { return a.answered.size() == 1; }));
+  serve(a, "p/server/r1/+");
   a.host.stop();
   publish("p/server/r1/run", "1");
-  b.up(broker, GetParam());
+  b.up(broker.port(), GetParam());
   b.hear("r1");
   ASSERT_TRUE(eventually(io, [&] { return b.taken.size() == 1; }));
   EXPECT_EQ(as_text(b.taken[0].message.payload), "1");
 }
 
 TEST_P(SessionHosts, SessionsComeBackWithTheBroker) {
-  a.up(broker, GetParam());
+  a.up(broker.port(), GetParam());
   for (int i = 0; i < 20; ++i) a.hear("r" + std::to_string(i));
   ASSERT_TRUE(eventually(io, [&] { return a.held.size() == 20; }));
   broker.kill();
@@ -102,8 +142,122 @@ TEST_P(SessionHosts, SessionsComeBackWithTheBroker) {
   EXPECT_EQ(a.lost.size(), 20U);
   for (int i = 0; i < 20; ++i) a.hear("r" + std::to_string(i));
   broker.start();
-  a.up(broker, GetParam());
+  a.up(broker.port(), GetParam());
   ASSERT_TRUE(eventually(io, [&] { return a.held.size() == 40; }));
+}
+
+TEST_P(SessionHosts, ACommandThatOverlapsComesOnceAndOneThatNobodyAskedForIsMarked) {
+  serve(a, "p/server/r1/run");
+  a.subscribe("r1", "p/server/+/run");
+  ASSERT_TRUE(eventually(io, [&] { return a.answered.size() == 2; }));
+  publish("p/server/r1/run", "1");
+  publish("p/server/r1/other", "2");
+  publish("p/server/r1/run", "3");
+  const std::size_t expected = is_v5() ? 3 : 2;
+  ASSERT_TRUE(eventually(io, [&] { return a.taken.size() >= expected; }));
+  std::vector<std::pair<std::string, bool>> taken;
+  for (const auto& each : a.taken)
+    taken.emplace_back(as_text(each.message.payload), each.is_unasked);
+  if (is_v5())
+    EXPECT_EQ(taken,
+              (std::vector<std::pair<std::string, bool>>{{"1", false}, {"2", true}, {"3", false}}));
+  else
+    EXPECT_EQ(taken, (std::vector<std::pair<std::string, bool>>{{"1", false}, {"3", false}}));
+}
+
+TEST_P(SessionHosts, RetainedMessagesComeWheneverTheRobotAsks) {
+  publish("p/server/r1/mode", "auto", /*is_retained=*/true);
+  serve(a, "p/server/r1/+");
+  ASSERT_TRUE(eventually(io, [&] { return a.taken.size() == 1; }));
+  EXPECT_TRUE(a.taken[0].message.retain);
+  a.subscribe("r1", "p/server/r1/+");
+  ASSERT_TRUE(eventually(io, [&] { return a.taken.size() == 2; }));
+  b.up(broker.port(), GetParam());
+  b.subscribe("r1", "p/server/r1/+", /*is_standing=*/true);
+  b.hear("r1");
+  ASSERT_TRUE(eventually(io, [&] { return b.held.size() == 1; }));
+  publish("p/server/r1/run", "1");
+  ASSERT_TRUE(eventually(io, [&] { return !b.taken.empty(); }));
+  EXPECT_FALSE(b.taken[0].message.retain) << "the robot has not asked there";
+}
+
+TEST_P(SessionHosts, Rule9_TheNoteComesWithTheSession) {
+  publish("p/fleet/robots/r1", "a note", /*is_retained=*/true);
+  serve(a, "p/server/r1/+");
+  hold(b, "another");
+  b.host.input(&RobotSessions::read_note, std::string("r1"));
+  ASSERT_TRUE(eventually(io, [&] { return b.notes.size() == 1; }));
+  EXPECT_EQ(as_text(b.notes[0].note), "a note");
+  EXPECT_TRUE(b.host.sessions().is_held("r1"));
+  test::mosquitto_publish(broker, {"-t", "p/fleet/robots/r1", "-n", "-r", "-q", "1"});
+  b.host.input(&RobotSessions::read_note, std::string("r1"));
+  ASSERT_TRUE(eventually(io, [&] { return b.notes.size() == 2; }));
+  EXPECT_TRUE(b.notes[1].note.empty());
+}
+
+TEST_P(SessionHosts, Rule4_AMessageInTheMailboxComesToTheHolder) {
+  serve(a, "p/server/r1/+");
+  WaitingMessage waiting{{"p/server/r1/run", to_bytes("1"), Qos::at_least_once, false}};
+  waiting.message.waited = Waited{3000};
+  publish_octets("p/fleet/robots/r1/waiting", encode_waiting(waiting));
+  ASSERT_TRUE(eventually(io, [&] { return a.taken.size() == 1; }));
+  EXPECT_EQ(a.taken[0].message.topic, "p/server/r1/run");
+  EXPECT_GE(a.taken[0].message.waited, Waited{3000});
+}
+
+TEST_P(SessionHosts, AForgottenRobotsSessionEndsWhetherItIsHeldOrNot) {
+  serve(a, "p/server/r1/+");
+  a.host.input(&RobotSessions::forget, std::string("r1"));
+  // The broker may hear of it after another gateway's CONNECT, which then takes the place back.
+  const auto finds_none = [&](Host& gateway) {
+    return eventually(io, [&] {
+      gateway.hear("r1");
+      return std::ranges::any_of(gateway.held, [](const SessionHeld& each) {
+        return each.robot == "r1" && !each.was_present;
+      });
+    });
+  };
+  b.up(broker.port(), GetParam());
+  ASSERT_TRUE(finds_none(b));
+  b.host.stop();
+  // On MQTT 5 one that connects between the clean start and its end finds the new, empty session.
+  if (is_v5()) return;
+  a.host.input(&RobotSessions::forget, std::string("r1"));
+  Host c{io};
+  c.up(broker.port(), GetParam());
+  EXPECT_TRUE(finds_none(c));
+}
+
+TEST_P(SessionHosts, SurviveOnAQuietLinkByPings) {
+  const test::TempDir directory;
+  test::Mosquitto talkative("log_type all\nlog_dest file " + directory / "log" + "\n");
+  a.up(talkative.port(), GetParam());
+  a.hear("r1");
+  const auto pings = [&] {
+    const std::string log = test::read_file(directory / "log");
+    std::size_t count = 0;
+    for (auto at = log.find("Received PINGREQ from p-robot-r1"); at != std::string::npos;
+         at = log.find("Received PINGREQ from p-robot-r1", at + 1))
+      ++count;
+    return count;
+  };
+  ASSERT_TRUE(eventually(io, [&] { return pings() >= 2; }));
+  EXPECT_EQ(a.host.sessions().held(), 1U);
+  EXPECT_TRUE(a.lost.empty());
+}
+
+TEST_P(SessionHosts, ABrokerThatStandsStillDoesNotHoldTheLoop) {
+  serve(a, "p/server/r1/+");
+  broker.pause();
+  for (int i = 0; i < 50; ++i) a.subscribe("n" + std::to_string(i), "p/server/x/+");
+  a.subscribe("r1", "p/robot/+/update");
+  bool has_passed = false;
+  boost::asio::post(io, [&] { has_passed = true; });
+  ASSERT_TRUE(eventually(io, [&] { return has_passed; }));
+  a.host.input(&RobotSessions::on_silence, true);
+  EXPECT_EQ(a.answered.size(), 52U) << "the gateway answers in its place";
+  broker.resume();
+  ASSERT_TRUE(eventually(io, [&] { return a.host.sessions().held() == 51; }));
 }
 
 INSTANTIATE_TEST_SUITE_P(Over, SessionHosts, testing::Values(MqttVersion::v5, MqttVersion::v3_1_1),
@@ -111,5 +265,103 @@ INSTANTIATE_TEST_SUITE_P(Over, SessionHosts, testing::Values(MqttVersion::v5, Mq
                            return version.param == MqttVersion::v5 ? "Mqtt5" : "Mqtt311";
                          });
 
+// --- What an operator reads, and what it costs ---------------------------------------------------
+
+class OneSessionHost : public testing::Test {
+ protected:
+  boost::asio::io_context io{1};
+  Host a{io};
+};
+
+TEST_F(OneSessionHost, NamesTheClientIdsThatTheBrokerRefuses) {
+  test::Mosquitto broker({}, "somebody", "secret");
+  a.up(broker.port(), MqttVersion::v5);
+  for (int i = 0; i < 20; ++i) a.hear("r" + std::to_string(i));
+  ASSERT_TRUE(eventually(io, [&] { return !a.notices.empty(); }));
+  EXPECT_NE(a.notices[0].find("client ids p-robot-*"), std::string::npos) << a.notices[0];
+  EXPECT_EQ(a.notices.size(), 1U);
+}
+
+TEST_F(OneSessionHost, NamesTheLimitOfOpenFiles) {
+  test::Mosquitto broker;
+  a.up(broker.port(), MqttVersion::v5);
+  a.hear("r1");
+  ASSERT_TRUE(eventually(io, [&] { return a.held.size() == 1; }));
+  rlimit before{};
+  getrlimit(RLIMIT_NOFILE, &before);
+  const auto open = std::distance(std::filesystem::directory_iterator("/proc/self/fd"), {});
+  const rlimit few{static_cast<rlim_t>(open), before.rlim_max};
+  setrlimit(RLIMIT_NOFILE, &few);
+  a.hear("r2");
+  const bool is_noticed = eventually(io, [&] { return !a.notices.empty(); });
+  setrlimit(RLIMIT_NOFILE, &before);
+  ASSERT_TRUE(is_noticed);
+  EXPECT_NE(a.notices[0].find("RLIMIT_NOFILE"), std::string::npos) << a.notices[0];
+  EXPECT_TRUE(eventually(io, [&] { return a.held.size() == 2; }));
+}
+
+TEST_F(OneSessionHost, LeavesNoDescriptorOpenAcrossExecAndNoLargeBuffer) {
+  const auto descriptors = [] {
+    std::vector<int> all;
+    for (const auto& each : std::filesystem::directory_iterator("/proc/self/fd"))
+      all.push_back(std::stoi(each.path().filename()));
+    std::erase_if(all, [](int each) { return fcntl(each, F_GETFD) < 0; });  // of the listing
+    std::ranges::sort(all);
+    return all;
+  };
+  test::Mosquitto broker;
+  a.up(broker.port(), MqttVersion::v5);
+  bool is_ready = false;
+  ASSERT_TRUE(eventually(io, [&] {
+    if (!is_ready) a.hear("r0");
+    is_ready = a.host.sessions().held() == 1;
+    return is_ready;
+  }));
+  const std::vector<int> before = descriptors();
+  for (int i = 1; i <= 10; ++i) a.hear("r" + std::to_string(i));
+  ASSERT_TRUE(eventually(io, [&] { return a.host.sessions().held() == 11; }));
+  std::vector<int> added;
+  std::ranges::set_difference(descriptors(), before, std::back_inserter(added));
+  int pairs = 0;
+  for (const int each : added) {
+    EXPECT_NE(fcntl(each, F_GETFD) & FD_CLOEXEC, 0) << each;
+    int domain = 0;
+    int room = 0;
+    socklen_t size = sizeof domain;
+    getsockopt(each, SOL_SOCKET, SO_DOMAIN, &domain, &size);
+    getsockopt(each, SOL_SOCKET, SO_SNDBUF, &room, &size);
+    if (domain != AF_UNIX) continue;
+    ++pairs;
+    EXPECT_LT(room, 10'000) << "each octet in it costs the kernel 768";
+  }
+  EXPECT_EQ(pairs, 20);
+}
+
+TEST_F(OneSessionHost, EndsWhileANameServerDoesNotAnswer) {
+  BrokerSettings settings;
+  settings.host = silent_host;
+  a.host.on_broker_up(settings, MqttVersion::v5);
+  ASSERT_TRUE(eventually([] { return asking == 1; }));
+  a.host.stop();
+  EXPECT_EQ(asking, 1);
+  is_answering = true;
+  is_answering.notify_all();
+  ASSERT_TRUE(eventually([] { return asking == 0; }));
+  io.poll();
+}
+
 }  // namespace
 }  // namespace slamgw::sessions
+
+/// In place of the C library's, which it calls.
+extern "C" int getaddrinfo(const char* node, const char* service, const addrinfo* hints,
+                           addrinfo** result) {
+  using namespace slamgw::sessions;
+  static const auto real =
+      reinterpret_cast<decltype(&getaddrinfo)>(dlsym(RTLD_NEXT, "getaddrinfo"));
+  if (std::string_view(node ? node : "") != silent_host) return real(node, service, hints, result);
+  ++asking;
+  is_answering.wait(false);
+  --asking;
+  return EAI_AGAIN;
+}

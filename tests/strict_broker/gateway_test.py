@@ -133,20 +133,16 @@ class AtAStrictBroker(unittest.TestCase):
             cls.runs = dict(zip((4, 5), threads.map(run, (CLIENT, CLIENT), (4, 5))))
 
     def test_nothing_acknowledged_is_lost_over_cuts_and_kills_with_mqtt_3_1_1(self):
-        tally, complaints, swallowed = self.runs[4]
+        self.expect_all(*self.runs[4])
+
+    def test_nothing_acknowledged_is_lost_over_cuts_and_kills_with_mqtt_5(self):
+        """Each connection of the gateway starts clean. A session that is taken up again by a client library without its packet ids loses new
+        QoS 2 messages (MQTT-4.3.3)."""
+        self.expect_all(*self.runs[5])
+
+    def expect_all(self, tally, complaints, swallowed):
         print(tally)
         self.assertEqual((complaints, swallowed), ([], []))
-        self.assertGreater(tally.acknowledged, 300)
-
-    def test_with_mqtt_5_nothing_is_lost_but_for_the_known_fault(self):
-        """The daemon resumes its session at the broker with a client library that has forgotten its packet ids. A new message with QoS 2
-        under an id whose handshake is open is a repeat for the broker (MQTT-4.3.3): it is lost, or late when the connection ends before
-        PUBCOMP. Whatever else is lost or late is a new fault. Once the gateway's own connection starts clean, none may be swallowed: this test has to demand it then."""
-        tally, complaints, swallowed = self.runs[5]
-        print(tally, f"swallowed: {len(swallowed)}")
-        known = tuple(f"{one.robot}: {what}: number {one.number}{end}" for one in swallowed
-                      for what, end in (("acknowledged and missing", ","), ("out of order", " ")))
-        self.assertEqual([one for one in complaints if not one.startswith(known)], [])
         self.assertGreater(tally.acknowledged, 300)
 
 

@@ -41,7 +41,7 @@ class ZigbeeMachine {
       robots_[robot] = CommandId::none;
       actions_.push(PresenceChange{Mesh::zigbee, robot, Presence::online, "0x1a2b"});
       actions_.push(
-          SubscribeRequest{Mesh::zigbee, topics_.command_filter(robot), Qos::at_least_once});
+          SubscribeRequest{Mesh::zigbee, robot, topics_.command_filter(robot), Qos::at_least_once});
     }
     waits_for_receipt_[++last_receipt_] = robot;
     actions_.push(Report{.mesh = Mesh::zigbee,
@@ -60,13 +60,14 @@ class ZigbeeMachine {
   void on_receipt(std::uint64_t id, ReceiptOutcome outcome, const Now&) {
     actions_.push(Transmit{waits_for_receipt_[id], outcome == ReceiptOutcome::safe ? "ack" : ""});
   }
-  void on_broker_message(const BrokerMessage& message, CommandId command, const Now&) {
-    const auto target = topics_.parse_command_topic(message.topic);
-    if (!target || command == CommandId::none) return;
-    robots_[std::string(target->robot)] = command;
-    actions_.push(Transmit{std::string(target->robot), std::string(as_text(message.payload))});
+  void on_broker_message(const RobotMessage& what, const Now&) {
+    if (what.command == CommandId::none) return;
+    robots_[what.robot] = what.command;
+    actions_.push(Transmit{what.robot, std::string(as_text(what.message.payload))});
   }
-  void on_subscribe_result(const std::string&, bool granted, const Now&) { granted_ += granted; }
+  void on_subscribe_result(const std::string& robot, const std::string&, bool granted, const Now&) {
+    granted_ += granted && robots_.contains(robot);
+  }
   void on_broker_link(bool, const Now&) {}
   void on_trace(bool) {}
   void on_stop(const Now&) {}
@@ -119,6 +120,8 @@ class ThirdMesh : public testing::Test, private MeshListener {
     driver.input([](Gateway& it, const Now& now) { it.on_broker_link(now); });
   }
   void on_mesh_event(MeshEvent event) override {
+    if (const auto* request = std::get_if<SubscribeRequest>(&event))
+      mesh.on_subscribe_result(request->robot, request->filter, true);
     driver.input([&](Gateway& it, const Now& now) { it.on_mesh_event(std::move(event), now); });
   }
   void perform(GatewayAction& action) {
@@ -127,22 +130,12 @@ class ThirdMesh : public testing::Test, private MeshListener {
                             give_to_broker(it.upload());
                           },
                           [&](Upload& it) { give_to_broker(std::move(it)); },
-                          [&](SubscribeAtBroker& it) {
-                            driver.input([&](Gateway& g, const Now& now) {
-                              g.on_subscribe_result(it.filter, SubscribeAnswer::granted, now);
-                            });
-                          },
-                          [&](DeliverToMeshes& it) {
-                            mesh.on_broker_message(it.message, it.command_on(Mesh::zigbee));
-                          },
-                          [&](AnswerSubscribe& it) {
-                            if (it.mesh == Mesh::zigbee)
-                              mesh.on_subscribe_result(it.filter, it.granted);
+                          [&](DeliverToMesh& it) {
+                            EXPECT_EQ(it.mesh, Mesh::zigbee);
+                            mesh.on_broker_message(it.message);
                           },
                           [&](TrafficEvent& it) { traffic.push_back(traffic_text(it, {})); },
-                          [](UnsubscribeAtBroker&) {}, [](CommandOutcome&) {}, [](MeshStep&) {},
-                          [](AwaitTurn&) {}, [](AskAboutRobot&) {}, [](RobotForgotten&) {},
-                          [](Notice&) {}},
+                          [](auto&) {}},
                action);
   }
   void give_to_broker(Upload upload) {
@@ -188,16 +181,17 @@ TEST_F(ThirdMesh, CarriesReportsUpAndTheirReceiptsBack) {
 TEST_F(ThirdMesh, CarriesCommandsDownAndTheirOutcomesBack) {
   robot_says("z1", {0x0a, 0x00, 0xec, 0xff});
   EXPECT_EQ(mesh.counters().at(0).value, 1u) << "its subscription is granted";
-  const auto server_sends = [&](const std::string& topic) {
+  const auto server_sends = [&](const std::string& robot) {
     driver.input([&](Gateway& it, const Now& now) {
-      it.on_broker_message({topic, to_bytes("go"), Qos::at_least_once, false}, {}, now);
+      it.on_robot_message(
+          {robot, {"p/server/" + robot + "/cmd", to_bytes("go"), Qos::at_least_once}}, now);
     });
   };
-  server_sends("p/server/z1/cmd");
+  server_sends("z1");
   EXPECT_EQ(mesh.sent.back(), "z1 go");
   mesh.input([](ZigbeeMachine& it, const Now& now) { it.on_acknowledgement("z1", now); });
   EXPECT_EQ(last_at("p/gateway/g/commands/z1")["outcome"], "delivered");
-  server_sends("p/server/nobody/cmd");
+  server_sends("nobody");
   EXPECT_EQ(mesh.sent.back(), "z1 go");
   EXPECT_EQ(last_at("p/gateway/g/commands/nobody")["outcome"], "refused");
 }
@@ -225,14 +219,6 @@ TEST(ThirdMeshParts, HaveAPlaceForIt) {
   MessageRow row;
   row.mesh = std::ssize(all_meshes) + 1;  // written by a later version
   EXPECT_FALSE(message_of(row).provenance);
-
-  SubscriptionTable table;
-  for (const Mesh mesh : all_meshes) table.add(mesh, "f", Qos::at_least_once);
-  table.await(Mesh::zigbee, "f");
-  EXPECT_FALSE(table.remove(Mesh::ble, "f"));
-  EXPECT_FALSE(table.remove(Mesh::thread, "f"));
-  EXPECT_EQ(table.on_answer("f", true), std::vector{Mesh::zigbee});
-  EXPECT_TRUE(table.remove(Mesh::zigbee, "f"));
 
   RobotRegistry registry;
   registry.on_presence({Mesh::zigbee, "z1", Presence::online, "0x1a2b"}, {});

@@ -32,7 +32,7 @@ TEST_F(WebMetrics, TellTheGatewaysStats) {
   hear("g/state", R"({"state":"online"})");
   hear("g/stats",
        R"({"uptime_s":12,"messages":{"up":7,"down":2},"store":{"depth":3,"bytes":99},
-           "broker":{"state":"up"},"robots":{"online":4},
+           "broker":{"state":"up"},"robots":{"online":4,"contested":2},
            "meshes":{"ble":{"state":"down"},"thread":{"state":"up"},"x":{"state":"disabled"}}})");
   EXPECT_TRUE(has(R"(slamgw_gateway_up{gateway="g"} 1)")) << text();
   EXPECT_TRUE(has(R"(slamgw_gateway_uptime_seconds{gateway="g"} 12)"));
@@ -41,6 +41,7 @@ TEST_F(WebMetrics, TellTheGatewaysStats) {
   EXPECT_TRUE(has(R"(slamgw_gateway_store_messages{gateway="g"} 3)"));
   EXPECT_TRUE(has(R"(slamgw_gateway_mesh_up{gateway="g",mesh="ble"} 0)"));
   EXPECT_TRUE(has(R"(slamgw_gateway_mesh_up{gateway="g",mesh="thread"} 1)"));
+  EXPECT_TRUE(has(R"(slamgw_gateway_robots_contested{gateway="g"} 2)"));
   EXPECT_EQ(text().find("mesh=\"x\""), std::string::npos);
 }
 

@@ -18,6 +18,7 @@ export function age(ms) {
 }
 const bytes = (value) => (!Number.isFinite(value) ? '–' : value < 1e6 ? `${(value / 1024).toFixed(0)} KiB` : `${(value / 1048576).toFixed(1)} MiB`);
 
+const trouble = (robot) => ['contested', 'deaf'].find((word) => robot.best?.[word] === true) ?? robot.state;
 const rssi = (robot) => robot.numbers?.rssi_dbm ?? robot.best?.rssi_dbm;
 
 // {title, remedy, isWarning}: worst first.
@@ -32,6 +33,7 @@ export function problems(model) {
     add('No gateway has been heard on this broker', `Is slam-gateway running, and is its topics.prefix "${model.prefix}"? slam-gatewayctl status. May slam-gateway-web's user read ${model.prefix}/# at the broker?`);
   for (const gateway of model.gateways.values()) problemsOf(gateway, model, add);
   for (const robot of model.robots.values()) {
+    if (robot.best?.contested === true) add(`${robot.id} is contested: another client uses its name`, 'Two robots, or a foreign client, of that name: /usr/share/doc/slam-gateway/security.md', true);
     if (robot.state === 'offline' && gatewayIsThere(model, robot)) add(`${robot.id} is offline`, `Silent for ${age(model.now() - robot.lastHeard(model.now()))}. Is it switched on and in range? slam-gatewayctl doctor ${robot.id}`, true);
   }
   if (model.leftOut.size) add(model.leftOutWords, 'The map, the table and the trace’s filter have the others. All are in /metrics and slam-gatewayctl robots.', true);
@@ -61,7 +63,7 @@ function problemsOf(gateway, model, add) {
 // ---- the table
 const COLUMNS = [
   ['Robot', (r) => r.id, (r) => r.id],
-  ['State', (r) => r.state, (r) => order.indexOf(r.state)],
+  ['State', trouble, (r) => order.indexOf(r.state)],
   ['Mesh', (r) => meshNames[r.best?.mesh] ?? r.best?.mesh ?? '–'],
   ['Gateway', (r) => r.best?.gateway ?? r.numbers?.gateway ?? '–'],
   ['Last minute', null, (r, now) => -r.pulse.rate(now)],
@@ -194,7 +196,7 @@ function fillRow(row, robot, now) {
     const cell = row.cells[i];
     if (name === 'State') {
       cell.firstChild.firstChild.className = `dot ${order.includes(robot.state) ? robot.state : 'unknown'}`;
-      setText(cell.firstChild.lastChild, robot.state);
+      setText(cell.firstChild.lastChild, show(robot));
     } else if (show) setText(cell, show(robot, now));
   });
 }

@@ -27,16 +27,16 @@ CobsMesh::CobsMesh(Settings settings, TopicScheme topics, RobotNames names)
 }
 
 void CobsMesh::on_start() {
-  for (const auto& [address, peer] : peers_) subscribe(peer);
-  add_configured();
+  for (const auto& [address, peer] : peers_) subscribe(peer, /*is_here=*/false);
+  add_configured(/*is_start=*/true);
 }
 
-void CobsMesh::add_configured() {
+void CobsMesh::add_configured(bool is_start) {
   if (settings_.cobs_content != CobsContent::lien) return;
   for (const RobotName& name : names_.configured()) {
     if (!name.ble_address || *name.ble_address > 0xff) continue;
     const auto address = static_cast<std::uint8_t>(*name.ble_address);
-    if (!peers_.contains(address)) subscribe(lien_peer(address));
+    if (!peers_.contains(address)) subscribe(lien_peer(address), !is_start);
   }
 }
 
@@ -61,16 +61,16 @@ void CobsMesh::on_names(RobotNames names, TimePoint) {
     const std::string id = names_.of_ble(address);
     if (id == peer.id) continue;
     if (peer.is_online) emit(PresenceChange{Mesh::ble, peer.id, Presence::offline, peer.address});
-    emit(UnsubscribeRequest{Mesh::ble, topics_.command_filter(peer.id)});
+    emit(UnsubscribeRequest{Mesh::ble, peer.id, topics_.command_filter(peer.id)});
     peer.id = id;
     peer.is_subscribed = true;
     renamed.push_back(&peer);
   }
   for (const Peer* peer : renamed) {  // after all have gone: names may have been exchanged
-    subscribe(*peer);
+    subscribe(*peer, /*is_here=*/true);
     if (peer->is_online) emit(PresenceChange{Mesh::ble, peer->id, Presence::online, peer->address});
   }
-  add_configured();
+  add_configured(/*is_start=*/false);
 }
 
 // --- Up ------------------------------------------------------------------------------------------
@@ -183,29 +183,40 @@ void CobsMesh::on_heard(Peer& peer, TimePoint now) {
   peer.last_heard = now;
   if (std::exchange(peer.is_online, true)) return;
   emit(PresenceChange{Mesh::ble, peer.id, Presence::online, peer.address});
-  subscribe(peer);
+  subscribe(peer, /*is_here=*/true);
 }
 
-void CobsMesh::subscribe(const Peer& peer) {
-  emit(SubscribeRequest{Mesh::ble, topics_.command_filter(peer.id), Qos::at_least_once});
+void CobsMesh::subscribe(const Peer& peer, bool is_here) {
+  emit(SubscribeRequest{Mesh::ble, peer.id, topics_.command_filter(peer.id), Qos::at_least_once,
+                        /*is_standing=*/!is_here});
 }
 
-void CobsMesh::on_subscribe_result(const std::string& filter, bool granted, TimePoint) {
+void CobsMesh::on_subscribe_result(const std::string& robot, const std::string&, bool granted,
+                                   TimePoint) {
   for (auto& [address, peer] : peers_)
-    if (topics_.command_filter(peer.id) == filter) peer.is_subscribed = granted;
+    if (peer.id == robot) peer.is_subscribed = granted;
+}
+
+std::vector<WaitingMessage> CobsMesh::give_up(const std::string& robot, TimePoint) {
+  for (auto& [address, peer] : peers_) {
+    if (peer.id != robot) continue;
+    peer.is_online = false;
+    peer.is_subscribed = true;
+  }
+  return {};
 }
 
 void CobsMesh::on_broker_link(bool is_up, TimePoint) {
   if (!is_up) return;
   for (auto& [address, peer] : peers_)
-    if (!std::exchange(peer.is_subscribed, true)) subscribe(peer);
+    if (!std::exchange(peer.is_subscribed, true)) subscribe(peer, /*is_here=*/true);
 }
 
-void CobsMesh::on_broker_message(const BrokerMessage& message, CommandId command, TimePoint) {
-  const auto target = topics_.parse_command_topic(message.topic);
-  if (!target || command == CommandId::none || !presence_of(target->robot)) return;
-  emit(CommandOutcome{Mesh::ble, command, std::string(target->robot), std::string(target->type),
-                      CommandResult::refused, message.waited,
+void CobsMesh::on_broker_message(const RobotMessage& what, TimePoint) {
+  const auto target = topics_.parse_command_topic(what.message.topic);
+  if (!target || what.command == CommandId::none || !presence_of(what.robot)) return;
+  emit(CommandOutcome{Mesh::ble, what.command, what.robot, std::string(target->type),
+                      CommandResult::refused, what.message.waited,
                       "not supported by this link (ble_mesh.protocol is \"cobs\")"});
 }
 

@@ -8,6 +8,7 @@
 #include <map>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "adapters/ble_mesh_usb_cdc/cobs/cobs.hpp"
 #include "adapters/ble_mesh_usb_cdc/cobs/lien_connection.hpp"
@@ -36,8 +37,11 @@ class CobsMesh {
 
   void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now);
   /// Answered with the outcome "refused" when the robot is on this link.
-  void on_broker_message(const BrokerMessage& message, CommandId command, TimePoint now);
-  void on_subscribe_result(const std::string& filter, bool granted, TimePoint now);
+  void on_broker_message(const RobotMessage& message, TimePoint now);
+  void on_subscribe_result(const std::string& robot, const std::string& filter, bool granted,
+                           TimePoint now);
+  /// As MeshAdapter; no command waits.
+  std::vector<WaitingMessage> give_up(const std::string& robot, TimePoint now);
   void on_broker_link(bool is_up, TimePoint now);
   void on_trace(bool) {}      // no command is sent, and acknowledgements are not traced here
   void on_stop(TimePoint) {}  // no command waits
@@ -64,13 +68,14 @@ class CobsMesh {
   void on_frame(const Bytes& encoded, TimePoint now);
   void on_lien_frame(const LienFrame& frame, TimePoint now);
   void on_lien_message(Peer& peer, ByteView message, std::uint64_t receipt_id);
-  void add_configured();
+  void add_configured(bool is_start);
   Peer& lien_peer(std::uint8_t address);
   void on_heard(Peer& peer, TimePoint now);
   void reply(std::uint8_t address, const Bytes& data);
   void report(const Peer& peer, std::string_view type, ByteView payload, std::uint64_t receipt_id);
   void reject(std::string_view why, TimePoint now);
-  void subscribe(const Peer& peer);
+  /// `is_here`: counts as a sign that the robot is here, and not at another gateway.
+  void subscribe(const Peer& peer, bool is_here);
   void emit(MeshEvent event) { actions_.push(std::move(event)); }
 
   Settings settings_;

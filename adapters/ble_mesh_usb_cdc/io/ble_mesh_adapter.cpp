@@ -90,9 +90,9 @@ void BleMeshAdapter::share_with(ServiceGate::MayServe may_serve, OnHeard on_hear
   input(&BleMesh::ask_who_serves, std::move(may_serve));
 }
 
-void BleMeshAdapter::take_over(const std::string& robot) { input(&BleMesh::on_taken_over, robot); }
-
-void BleMeshAdapter::give_up(const std::string& robot) { input(&BleMesh::on_given_up, robot); }
+void BleMeshAdapter::on_session_held(const std::string& robot) {
+  input(&BleMesh::on_session_held, robot);
+}
 
 void BleMeshAdapter::end_order(OrderEnded& ended) {
   const auto waiting = orders_.find(ended.id);

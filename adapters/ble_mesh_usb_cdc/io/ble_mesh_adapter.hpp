@@ -36,8 +36,7 @@ class BleMeshAdapter final : public SerialShell<BleMesh> {
   using OnHeard = std::function<void(const HeardRobot& heard)>;
   void share_with(ServiceGate::MayServe may_serve, OnHeard on_heard);
   bool is_shared() const { return machine().is_shared(); }
-  void take_over(const std::string& robot);
-  void give_up(const std::string& robot);
+  void on_session_held(const std::string& robot) override;
 
  private:
   static Made make(const Settings& settings, TopicScheme topics, RobotNames names,

@@ -10,6 +10,7 @@
 #include <memory>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "adapters/ble_mesh_usb_cdc/io/serial_line.hpp"
 #include "adapters/ble_mesh_usb_cdc/mesh_action.hpp"
@@ -41,6 +42,11 @@ class SerialShell : public MeshShell<Machine> {
     driver_.stop();
     timer_.cancel();
     line_.stop();
+  }
+  std::vector<WaitingMessage> give_up(const std::string& robot) override {
+    std::vector<WaitingMessage> waiting;
+    driver_.input([&](Machine& it, const Now& now) { waiting = it.give_up(robot, now); });
+    return waiting;
   }
   /// `robots` of the configuration, read again. Robots stay in the mesh.
   void reconfigure(RobotNames names) {

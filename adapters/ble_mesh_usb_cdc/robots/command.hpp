@@ -16,10 +16,10 @@ namespace slamgw::ble {
 struct Command {
   CommandId id = CommandId::none;
   std::string type;
-  Bytes access;                        ///< the acknowledged message to send, opcode first
-  Opcode awaited_status = 0;           ///< what the robot answers when it has it
-  bool is_replaceable = false;         ///< a newer one makes it pointless: positions
-  std::chrono::milliseconds waited{};  ///< BrokerMessage::waited
+  Bytes access;                 ///< the acknowledged message to send, opcode first
+  Opcode awaited_status = 0;    ///< what the robot answers when it has it
+  bool is_replaceable = false;  ///< a newer one makes it pointless: positions
+  BrokerMessage message{};      ///< that it was made from
 };
 
 /// `settings.pos_cmd_type` becomes pos_cmd SET and takes 4 octets, x and y as little-endian int16

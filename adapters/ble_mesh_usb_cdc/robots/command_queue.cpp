@@ -21,7 +21,7 @@ EndedCommand end(const Command& command, TimePoint arrived, TimePoint now, Comma
 
 EndedCommands CommandQueue::add(Command command, TimePoint now) {
   EndedCommands ended;
-  const TimePoint arrived = now - command.waited;
+  const TimePoint arrived = now - command.message.waited;
   const auto older = std::ranges::find_if(waiting_, [&](const Entry& entry) {
     return command.is_replaceable && entry.command.type == command.type;
   });
@@ -86,15 +86,26 @@ EndedCommands CommandQueue::on_deadline(TimePoint now) {
 }
 
 EndedCommands CommandQueue::refuse_all(const std::string& why, TimePoint now) {
-  EndedCommands ended;
-  if (outstanding_) {
-    expect_late_answers(now);
-    ended.push_back(end_outstanding(CommandResult::refused, why, now));
-  }
+  EndedCommands ended = end_sent(CommandResult::refused, why, now);
   for (const Entry& entry : waiting_)
     ended.push_back(end(entry.command, entry.arrived, now, CommandResult::refused, why));
   waiting_.clear();
   return ended;
+}
+
+EndedCommands CommandQueue::end_sent(CommandResult result, const std::string& why, TimePoint now) {
+  if (!outstanding_) return {};
+  expect_late_answers(now);
+  return {end_outstanding(result, why, now)};
+}
+
+std::vector<WaitingMessage> CommandQueue::take_waiting(TimePoint now) {
+  std::vector<WaitingMessage> taken;
+  for (Entry& entry : std::exchange(waiting_, {})) {
+    entry.command.message.waited = std::chrono::duration_cast<Waited>(now - entry.arrived);
+    taken.push_back({std::move(entry.command.message), entry.command.id});
+  }
+  return taken;
 }
 
 std::optional<Bytes> CommandQueue::next_transmission(TimePoint now) {
@@ -131,12 +142,12 @@ void CommandQueue::list(const std::string& robot, std::vector<OpenCommand>& open
     open.push_back({robot, entry.command.type, entry.arrived, false});
 }
 
-std::optional<TimePoint> CommandQueue::deadline() const {
+std::optional<TimePoint> CommandQueue::deadline(bool may_send) const {
   std::optional<TimePoint> next;
   if (outstanding_) {
-    next = std::min(outstanding_->entry.arrived + time_limit,
-                    outstanding_->first_sent + outstanding_->next_offset);
-  } else if (!waiting_.empty()) {
+    next = outstanding_->entry.arrived + time_limit;
+    if (may_send) next = earlier(next, outstanding_->first_sent + outstanding_->next_offset);
+  } else if (may_send && !waiting_.empty()) {
     next = earliest_start();
   }
   for (const Entry& entry : waiting_) next = earlier(next, entry.arrived + time_limit);

@@ -52,6 +52,10 @@ class CommandQueue {
   /// Ends overdue commands.
   EndedCommands on_deadline(TimePoint now);
   EndedCommands refuse_all(const std::string& why, TimePoint now);
+  /// Ends the command that was sent, if there is one.
+  EndedCommands end_sent(CommandResult result, const std::string& why, TimePoint now);
+  /// Removes and returns the commands that were not sent, the oldest first.
+  std::vector<WaitingMessage> take_waiting(TimePoint now);
 
   /// What to send now, if anything.
   std::optional<Bytes> next_transmission(TimePoint now);
@@ -61,7 +65,8 @@ class CommandQueue {
     int copies;
   };
   UnderWay under_way() const { return {outstanding_->entry.command, outstanding_->copies}; }
-  std::optional<TimePoint> deadline() const;
+  /// `may_send`: next_transmission() is called when it is due.
+  std::optional<TimePoint> deadline(bool may_send = true) const;
   /// Appends those that have not ended.
   void list(const std::string& robot, std::vector<OpenCommand>& open) const;
   std::size_t size() const { return waiting_.size() + (outstanding_ ? 1 : 0); }

@@ -15,7 +15,7 @@ void Downlink::on_command(Robot& robot, std::string_view type, const BrokerMessa
   auto command = make_command(settings_, type, message.payload, ++last_tid_);
   if (!command.has_value()) return refuse(command.error().why);
   command->id = id;
-  command->waited = message.waited;
+  command->message = message;
   conclude(robot, robot.commands.add(std::move(*command), now));
   actions_.push(CommandsChanged{});
   transmit_due(robot, now);
@@ -45,11 +45,25 @@ void Downlink::refuse_all(Robot& robot, const std::string& why, TimePoint now) {
   conclude(robot, robot.commands.refuse_all(why, now));
 }
 
+std::vector<WaitingMessage> Downlink::give_up(Robot& robot, TimePoint now) {
+  conclude(robot, robot.commands.end_sent(CommandResult::timeout,
+                                          "the robot moved to another gateway", now));
+  std::vector<WaitingMessage> waiting = robot.commands.take_waiting(now);
+  if (!waiting.empty()) actions_.push(CommandsChanged{});
+  return waiting;
+}
+
+/// Nothing is sent while the gate is closed: another gateway may command the robot, and no repeat
+/// may overtake that.
+std::optional<TimePoint> Downlink::deadline(const Robot& robot) const {
+  if (robot.commands.size() == 0) return std::nullopt;
+  return robot.commands.deadline(gate_.is_open_for(robot));
+}
+
 void Downlink::transmit_due(Robot& robot, TimePoint now) {
+  if (robot.commands.size() == 0 || !gate_.is_open_for(robot)) return;
   auto access = robot.commands.next_transmission(now);
   if (!access) return;
-  if (!gate_.is_open_for(robot))
-    return refuse_all(robot, "another gateway may serve the robot now", now);
   actions_.push(CommandsChanged{});
   if (is_traced_) {
     const CommandQueue::UnderWay sent = robot.commands.under_way();

@@ -6,6 +6,7 @@
 #include <array>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "adapters/ble_mesh_usb_cdc/mesh_action.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/board_link.hpp"
@@ -38,7 +39,11 @@ class Downlink {
   /// The robot sent a STATUS. True when it is the answer to a command.
   bool on_status(Robot& robot, Opcode status, TimePoint now);
   void on_deadline(Robot& robot, TimePoint now);
+  std::optional<TimePoint> deadline(const Robot& robot) const;
   void refuse_all(Robot& robot, const std::string& why, TimePoint now);
+  /// Another gateway serves the robot. Returns the commands that were not sent; the one that was
+  /// sent ends as `timeout`, because the robot may have carried it out.
+  std::vector<WaitingMessage> give_up(Robot& robot, TimePoint now);
   void on_link_down(const std::string& why) { down_reason_ = why; }
   /// The daemon ends: no command is taken any more.
   void on_stop() { is_stopping_ = true; }

@@ -48,11 +48,12 @@ struct Robot {
 
   std::uint16_t address;  ///< unicast
   std::string id;
-  bool is_node = false;  ///< in the database of nodes
-  bool is_online = false;
-  bool is_announced = false;  ///< its presence was published at least once
-  bool is_awaited = false;    ///< offline as soon as it is silent for long enough
-  bool is_deaf = false;       ///< it does not hear the gateway
+  bool is_node = false;     ///< in the database of nodes
+  bool is_online = false;   ///< heard lately, whichever gateway serves it
+  bool is_awaited = false;  ///< offline as soon as it is silent for long enough
+  bool is_deaf = false;     ///< it does not hear the gateway
+  /// What was reported last; nothing before the first report and after the robot was given up.
+  std::optional<Presence> announced{};
   /// Since the board came up: it sent an acknowledged message; it was seen to hear nothing.
   bool is_asking = false;
   bool is_deaf_now = false;
@@ -76,9 +77,11 @@ struct Robot {
     return facts;
   }
   bool is_expected() const { return is_online || is_awaited; }
+  /// This gateway reports it as online.
+  bool is_shown() const { return announced == Presence::online; }
   /// Announces it as offline unless it is heard: what the broker keeps may predate a restart.
   void await(TimePoint now) {
-    if (is_announced) return;
+    if (announced) return;
     is_awaited = true;
     last_heard = now;
   }

@@ -12,7 +12,7 @@ namespace slamgw::ble {
 namespace {
 
 constexpr std::chrono::seconds sign_of_life_interval{1};
-/// The gateways that hear a new robot agree within this time which of them serves it.
+/// A robot that several gateways hear is served by one of them within this time after it came.
 constexpr std::chrono::seconds newly_online{10};
 
 template <class Map>
@@ -51,12 +51,18 @@ Robot* Robots::find(std::string_view id) { return find_id(robots_, id); }
 
 const Robot* Robots::find(std::string_view id) const { return find_id(robots_, id); }
 
+void Robots::on_start() {
+  add_configured();
+  on_nodes_changed(TimePoint{});
+  is_started_ = true;
+}
+
 void Robots::add_configured() {
   for (const RobotName& name : nodes_.names().configured()) {
     if (!name.ble_address || nodes_.is_elsewhere(name.id, *name.ble_address)) continue;
     const auto [entry, is_new] =
         robots_.try_emplace(*name.ble_address, *name.ble_address, name.id, settings_.ttl);
-    if (is_new) subscribe(entry->second);
+    if (is_new) subscribe_known(entry->second);
   }
 }
 
@@ -83,7 +89,7 @@ void Robots::on_nodes_changed(TimePoint now) {
     Robot& robot = entry->second;
     robot.is_node = true;
     robot.sent_ttl = node.sent_ttl();
-    if (is_new) subscribe(robot);
+    if (is_new) subscribe_known(robot);
   }
 }
 
@@ -94,28 +100,31 @@ void Robots::on_names(TimePoint now) {
   // All leave their old names before one takes a new name: two may have swapped theirs.
   for (Robot* robot : renamed) leave_name(*robot, "the robot was renamed", now);
   for (Robot* robot : renamed) {
-    const bool was_only_configured = !robot->is_node && !robot->is_announced;
+    const bool was_only_configured = !robot->is_node && !robot->announced;
     if (was_only_configured) {
       robots_.erase(std::uint16_t{robot->address});
     } else {
-      take_name(*robot, nodes_.id_of(robot->address));
+      take_name(*robot, nodes_.id_of(robot->address), now);
     }
   }
   add_configured();
 }
 
 void Robots::leave_name(Robot& robot, const std::string& why, TimePoint now) {
-  if (robot.is_online) announce(robot, Presence::offline);
+  if (robot.is_shown()) announce(robot, Presence::offline);
   downlink_.refuse_all(robot, why, now);
-  emit(UnsubscribeRequest{Mesh::ble, topics_.command_filter(robot.id)});
+  emit(UnsubscribeRequest{Mesh::ble, robot.id, topics_.command_filter(robot.id)});
 }
 
-void Robots::take_name(Robot& robot, std::string id) {
+/// With another name it is a robot that has just come.
+void Robots::take_name(Robot& robot, std::string id, TimePoint now) {
   robot.id = std::move(id);
+  robot.announced.reset();
+  robot.online_since = now;
   robot.retained_given.clear();
   robot.is_subscribed = true;
-  subscribe(robot);
-  if (robot.is_online) announce(robot, Presence::online);
+  subscribe_known(robot);
+  if (robot.is_online && gate_.is_open_for(robot)) announce(robot, Presence::online);
 }
 
 // --- Who is there --------------------------------------------------------------------------------
@@ -142,7 +151,7 @@ Robots::Hearing Robots::hearing() const {
 
 void Robots::on_hearing(Robot& robot, bool is_deaf) {
   robot.is_deaf_now = is_deaf;
-  if (std::exchange(robot.is_deaf, is_deaf) != is_deaf && robot.is_online)
+  if (std::exchange(robot.is_deaf, is_deaf) != is_deaf && robot.is_shown())
     announce(robot, Presence::online);
 }
 
@@ -150,27 +159,42 @@ void Robots::on_link_up(TimePoint now) {
   for (auto& [address, robot] : robots_) {
     robot.is_asking = robot.is_deaf_now = false;
     for (Inbox& inbox : robot.inboxes) inbox.filter.forget_unheard();
-    if (robot.is_online) subscribe(robot);  // for retained messages that came while it was down
+    // For retained messages that came while it was down.
+    if (robot.is_shown()) subscribe(robot, /*is_here=*/true);
     if (robot.is_node) robot.await(now);
   }
 }
 
-void Robots::on_taken_over(Robot& robot, TimePoint now) {
-  if (!robot.is_online) return;
-  announce(robot, Presence::online);
+void Robots::on_session_held(Robot& robot, TimePoint now) {
+  if (robot.is_shown()) return;
+  if (robot.is_online) {
+    announce(robot, Presence::online);
+  } else if (robot.is_node) {
+    robot.await(now);
+  }
   // A robot that came earlier got its retained messages from the gateway that served it then.
-  if (now - robot.online_since < newly_online) subscribe(robot);
+  subscribe(robot, robot.is_online && now - robot.online_since < newly_online);
+}
+
+/// In a shared mesh the board goes on hearing it, and it keeps what it was given.
+void Robots::on_given_up(Robot& robot) {
+  robot.announced.reset();
+  robot.is_online = robot.is_online && gate_.is_shared();
+  robot.is_awaited = robot.is_deaf = robot.is_deaf_now = robot.is_asking = false;
+  robot.is_subscribed = true;
 }
 
 void Robots::on_heard(Robot& robot, TimePoint now) {
   robot.last_heard = now;
   robot.is_awaited = false;
-  if (!robot.is_online) {
-    robot.is_online = true;
+  if (!std::exchange(robot.is_online, true)) {
     robot.online_since = now;
     robot.retained_given.clear();
+  }
+  if (!gate_.is_open_for(robot)) return;
+  if (!robot.is_shown()) {
     announce(robot, Presence::online);
-    return subscribe(robot);  // makes the broker send what is retained for it again
+    return subscribe(robot, /*is_here=*/true);
   }
   if (now - robot.sign_of_life_at < sign_of_life_interval) return;
   robot.sign_of_life_at = now;
@@ -179,33 +203,39 @@ void Robots::on_heard(Robot& robot, TimePoint now) {
 
 void Robots::on_deadline(Robot& robot, TimePoint now) {
   if (!robot.is_expected() || now < robot.last_heard + settings_.offline_after) return;
-  robot.is_awaited = false;
-  const bool was_online = std::exchange(robot.is_online, false);
-  robot.is_deaf = robot.is_deaf_now = false;
-  announce(robot, Presence::offline);
-  if (settings_.will && was_online) emit(will_report(*settings_.will, robot.id));
+  robot.is_online = robot.is_deaf = robot.is_deaf_now = false;
+  const bool was_awaited = std::exchange(robot.is_awaited, false);
+  const bool was_shown = robot.is_shown();
+  if (was_shown || (was_awaited && gate_.is_open_for(robot))) announce(robot, Presence::offline);
+  if (settings_.will && was_shown) emit(will_report(*settings_.will, robot.id));
 }
 
 void Robots::announce(Robot& robot, Presence presence) {
-  robot.is_announced = true;
+  robot.announced = presence;
   emit(PresenceChange{Mesh::ble, robot.id, presence, fmt::format("0x{:04x}", robot.address),
                       presence == Presence::online && robot.is_deaf});
 }
 
 // --- Subscriptions -------------------------------------------------------------------------------
 
-void Robots::subscribe(const Robot& robot) {
-  emit(SubscribeRequest{Mesh::ble, topics_.command_filter(robot.id), Qos::at_least_once});
+/// At the start another gateway may serve the robot, and in a shared mesh at any time: then the
+/// request must not count as a sign that it is here.
+void Robots::subscribe_known(const Robot& robot) {
+  subscribe(robot, is_started_ && gate_.is_open_for(robot));
 }
 
-void Robots::on_subscribe_result(const std::string& filter, bool granted) {
-  for (auto& [address, robot] : robots_)
-    if (topics_.command_filter(robot.id) == filter) robot.is_subscribed = granted;
+void Robots::subscribe(const Robot& robot, bool is_here) {
+  emit(SubscribeRequest{Mesh::ble, robot.id, topics_.command_filter(robot.id), Qos::at_least_once,
+                        /*is_standing=*/!is_here});
+}
+
+void Robots::on_subscribe_result(const std::string& id, bool granted) {
+  if (Robot* robot = find(id)) robot->is_subscribed = granted;
 }
 
 void Robots::on_broker_up() {
   for (auto& [address, robot] : robots_)
-    if (!std::exchange(robot.is_subscribed, true)) subscribe(robot);
+    if (!std::exchange(robot.is_subscribed, true)) subscribe(robot, /*is_here=*/true);
 }
 
 }  // namespace slamgw::ble

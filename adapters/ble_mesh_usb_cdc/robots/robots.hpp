@@ -9,6 +9,7 @@
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_table.hpp"
 #include "adapters/ble_mesh_usb_cdc/robots/downlink.hpp"
 #include "adapters/ble_mesh_usb_cdc/robots/robot.hpp"
+#include "adapters/ble_mesh_usb_cdc/robots/service_gate.hpp"
 #include "daemon/core/log_throttle.hpp"
 
 namespace slamgw::ble {
@@ -20,10 +21,11 @@ class Robots {
 
   /// All of them outlive it.
   Robots(const Settings& settings, const TopicScheme& topics, const NodeTable& nodes,
-         Downlink& downlink, ActionQueue<MeshAction>& actions)
+         const ServiceGate& gate, Downlink& downlink, ActionQueue<MeshAction>& actions)
       : settings_(settings),
         topics_(topics),
         nodes_(nodes),
+        gate_(gate),
         downlink_(downlink),
         actions_(actions) {}
 
@@ -52,38 +54,45 @@ class Robots {
   };
   Hearing hearing() const;
 
-  /// Adds those that the configuration names.
-  void add_configured();
+  /// Adds the robots that the configuration and the database of nodes name.
+  void on_start();
   /// The nodes have changed: adds and removes robots.
   void on_nodes_changed(TimePoint now);
   /// Names of nodes have changed. Open receipts of a renamed robot stay open.
   void on_names(TimePoint now);
 
   void on_link_up(TimePoint now);
-  /// This gateway serves the robot from now on: says again whether it is there.
-  void on_taken_over(Robot& robot, TimePoint now);
+  /// This gateway serves the robot from now on: reports whether it is there.
+  void on_session_held(Robot& robot, TimePoint now);
+  /// Another gateway serves the robot: it is announced again when it comes back.
+  void on_given_up(Robot& robot);
   void on_heard(Robot& robot, TimePoint now);
   /// The robot was seen to hear the gateway, or not to.
   void on_hearing(Robot& robot, bool is_deaf);
   /// Marks the robot as offline when it was silent for too long.
   void on_deadline(Robot& robot, TimePoint now);
-  void on_subscribe_result(const std::string& filter, bool granted);
+  void on_subscribe_result(const std::string& id, bool granted);
   /// Asks again for the topics that the broker did not grant.
   void on_broker_up();
 
  private:
+  void add_configured();
   void leave_name(Robot& robot, const std::string& why, TimePoint now);
-  void take_name(Robot& robot, std::string id);
+  void take_name(Robot& robot, std::string id, TimePoint now);
   void announce(Robot& robot, Presence presence);
-  void subscribe(const Robot& robot);
+  void subscribe_known(const Robot& robot);
+  /// `is_here`: asks for retained messages too, and counts as a sign that the robot is here.
+  void subscribe(const Robot& robot, bool is_here);
   void emit(MeshEvent event) { actions_.push(std::move(event)); }
 
   const Settings& settings_;
   const TopicScheme& topics_;
   const NodeTable& nodes_;
+  const ServiceGate& gate_;
   Downlink& downlink_;
   ActionQueue<MeshAction>& actions_;
   std::map<std::uint16_t, Robot> robots_;
+  bool is_started_ = false;
   LogThrottle full_throttle_;
 };
 

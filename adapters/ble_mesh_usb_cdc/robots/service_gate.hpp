@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Whether this gateway deals with what a robot says. In a mesh that only this gateway's board
-// hears, always. In one that several gateways share, all boards hear a robot, and one gateway
-// alone, its owner, reports and acknowledges what it says; the others are silent. Part of BleMesh.
+// hears, always. In one that several gateways share, all boards hear a robot. The gateway that
+// holds the robot's session at the broker reports and acknowledges what it says; the others are
+// silent. Part of BleMesh.
 #pragma once
 
 #include <functional>
@@ -15,7 +16,7 @@ namespace slamgw::ble {
 
 class ServiceGate {
  public:
-  /// Whether this gateway owns the robot just now.
+  /// Whether this gateway holds the robot's session.
   using MayServe = std::function<bool(const std::string& robot)>;
 
   /// `nodes` outlives it. `has_group`: robots publish to a group of the gateways. Without one, a

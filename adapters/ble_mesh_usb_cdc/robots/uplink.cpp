@@ -42,7 +42,7 @@ void Uplink::on_message(Robot& robot, const MessageReceived& message, TimePoint 
 void Uplink::on_vendor_message(Robot& robot, VendorMessage kind, const MessageReceived& message,
                                ByteView params, TimePoint now) {
   const bool is_answer = kind.kind == MessageKind::status;
-  if (!is_answer && !gate_.is_open_for(robot)) return leave_to_owner(robot, kind, message, now);
+  if (!is_answer && !gate_.is_open_for(robot)) return leave_to_others(robot, kind, message, now);
   switch (kind.kind) {
     case MessageKind::set: return on_set({robot, kind.model, message, params}, now);
     case MessageKind::set_numbered:
@@ -59,8 +59,8 @@ void Uplink::on_status(Robot& robot, Opcode status, TimePoint now) {
   if (downlink_.on_status(robot, status, now)) robots_.on_hearing(robot, false);
 }
 
-void Uplink::leave_to_owner(Robot& robot, VendorMessage kind, const MessageReceived& message,
-                            TimePoint now) {
+void Uplink::leave_to_others(Robot& robot, VendorMessage kind, const MessageReceived& message,
+                             TimePoint now) {
   ++counters_.left_to_others;
   Inbox& inbox = inbox_of(robot, kind.model);
   auto unserved = std::move(inbox.unserved);
@@ -83,10 +83,11 @@ void Uplink::on_given_up(Robot& robot) {
   for (Inbox& inbox : robot.inboxes) forget(inbox);
 }
 
-void Uplink::on_taken_over(Robot& robot, TimePoint now) {
+/// Inboxes without such a message stay as they are: what this gateway has acknowledged before a
+/// short loss of the session is still known when it is repeated.
+void Uplink::on_session_held(Robot& robot, TimePoint now) {
   for (Inbox& inbox : robot.inboxes) {
-    const auto unserved = std::move(inbox.unserved);
-    forget(inbox);
+    const auto unserved = std::exchange(inbox.unserved, std::nullopt);
     if (unserved && unserved->is_open(now)) take_up(robot, *unserved);
   }
 }

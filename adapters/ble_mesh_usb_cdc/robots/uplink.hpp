@@ -40,9 +40,9 @@ class Uplink {
   void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now);
   /// Another gateway serves the robot: what is not yet acknowledged is not acknowledged any more.
   void on_given_up(Robot& robot);
-  /// This gateway serves the robot from now on: its next message is new, and one that it repeats
-  /// because nobody has answered it goes up now.
-  void on_taken_over(Robot& robot, TimePoint now);
+  /// This gateway serves the robot from now on: a message that it repeats because no gateway has
+  /// answered it goes up now.
+  void on_session_held(Robot& robot, TimePoint now);
   /// Counts a message that cannot be used, and names the reason once in a while.
   void reject(std::uint16_t source, std::string_view why, TimePoint now);
 
@@ -64,8 +64,8 @@ class Uplink {
   void on_status(Robot& robot, Opcode status, TimePoint now);
   void take_up(Robot& robot, const UnservedSet& unserved);
   SetFilter::Verdict judge(const VendorReport& set, TimePoint now) const;
-  void leave_to_owner(Robot& robot, VendorMessage kind, const MessageReceived& message,
-                      TimePoint now);
+  void leave_to_others(Robot& robot, VendorMessage kind, const MessageReceived& message,
+                       TimePoint now);
   void forget(Inbox& inbox);
   void report(const VendorReport& what, std::uint64_t receipt_id);
   void report_repeat(const VendorReport& set);

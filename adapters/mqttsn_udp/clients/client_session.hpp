@@ -6,7 +6,6 @@
 #include <map>
 #include <memory>
 #include <optional>
-#include <set>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -40,20 +39,12 @@ struct Will {
   bool retain = false;
 };
 
-/// A new subscriber gets the retained messages that the broker sends because of it, each topic once
-/// (R102).
-struct RetainedWait {
-  std::optional<TimePoint> until{};  ///< nothing: the broker has not answered yet, or is away
-  std::set<std::string, std::less<>> seen;
-};
-
 struct Subscription {
   Qos qos = Qos::at_most_once;
   TopicIdType topic_id_type = TopicIdType::normal;
   std::uint16_t topic_id = 0;  ///< 0 for wildcards and short names
   std::uint16_t msg_id = 0;    ///< of the SUBSCRIBE that made it, to know its repetition
   std::optional<TimePoint> granted_at;
-  std::optional<RetainedWait> retained_wait;
 };
 
 /// A QoS 2 message from a client, between PUBLISH and PUBREL (R75).
@@ -64,16 +55,15 @@ struct InboundQos2 {
 
 /// An answer that keeps its place while the broker thinks about a SUBSCRIBE before it (R64).
 struct PendingAnswer {
-  std::uint64_t ticket = 0;
+  Packet packet;
   std::uint16_t msg_id = 0;
-  std::optional<Packet> packet;
+  std::string filter;  ///< not empty: a SUBACK that waits for the broker's answer about it
 };
 
 class ClientSession {
  public:
   std::string client_id;
   std::string robot;
-  std::uint64_t serial = 0;  ///< in the order of their first CONNECT
 
   std::optional<Peer> peer;
   LocalAddress local;
@@ -87,6 +77,12 @@ class ClientSession {
   TimePoint connected_at{};
   std::optional<Presence> reported_presence;  ///< the last one
   std::size_t reported_peer = 0;  ///< and where: PeerHash of `peer`, which has 64 octets
+  bool reported_contested = false;
+  /// CONNECTs from other addresses while it was active, since the first one of these.
+  unsigned takeovers = 0;
+  TimePoint first_takeover{};
+  TimePoint contested_until{};
+  std::uint64_t note_hash = 0;  ///< of the last NoteChanged; 0: there is none
 
   std::unique_ptr<Will> will;  ///< may be null
   TopicTable topics;

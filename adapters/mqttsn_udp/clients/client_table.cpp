@@ -28,7 +28,6 @@ ClientSession& ClientTable::create(const std::string& client_id, const std::stri
   session->topics.charge(names_);
   session->client_id = client_id;
   session->robot = robot;
-  session->serial = ++last_serial_;
   by_robot_[robot] = session.get();
   return *(by_id_[client_id] = std::move(session));
 }

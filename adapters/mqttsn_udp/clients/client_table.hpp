@@ -59,7 +59,6 @@ class ClientTable {
   std::size_t max_clients_;
   TopicIdOf topic_ids_;
   NameBudget names_;  // outlives the sessions
-  std::uint64_t last_serial_ = 0;
   std::unordered_map<std::string, std::shared_ptr<ClientSession>> by_id_;
   std::unordered_map<Peer, ClientSession*, PeerHash> by_peer_;
   std::unordered_map<std::string, ClientSession*> by_robot_;

@@ -5,7 +5,6 @@
 
 namespace slamgw::mqttsn {
 
-/// Other clients share the message under its former topic.
 void Outgoing::rename(const NewName& new_name) {
   auto topic = new_name(message->topic);
   if (!topic) return;

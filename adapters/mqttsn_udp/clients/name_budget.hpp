@@ -3,9 +3,7 @@
 // part for itself, so that others can't leave it none; beyond that they share.
 #pragma once
 
-#include <algorithm>
 #include <cstddef>
-#include <string_view>
 
 #include "adapters/mqttsn_udp/limits.hpp"
 
@@ -15,12 +13,9 @@ class NameBudget {
  public:
   /// Octets that a topic of this length takes with its place in the table.
   static constexpr std::size_t of_topic(std::size_t length) { return length + 128; }
-  /// The same for a subscription, which stands in two tables. Each level of its own is a node in
-  /// the trees of the clients and of the core; it has at least the first two in common with others.
-  static constexpr std::size_t of_filter(std::string_view filter) {
-    const auto slashes = static_cast<std::size_t>(std::count(filter.begin(), filter.end(), '/'));
-    return 2 * filter.size() + 768 + 420 * (std::max<std::size_t>(slashes, 2) - 2);
-  }
+  /// The same for a subscription, which stands here and in the robot's session at the broker
+  /// (daemon/sessions).
+  static constexpr std::size_t of_filter(std::size_t length) { return 2 * length + 512; }
 
   /// Whether a client that holds `held` octets may take `octets` more.
   bool may_take(std::size_t held, std::size_t octets) const {

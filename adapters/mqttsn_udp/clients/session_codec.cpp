@@ -124,8 +124,7 @@ Will to_will(const Json& json) {
 
 SubscriptionSnapshot to_subscription(const Json& json) {
   return {json.at(0), checked(json.at(1), Qos::exactly_once),
-          checked(json.at(2), TopicIdType::short_name), json.at(3),
-          json.size() > 4 && json.at(4).get<bool>()};
+          checked(json.at(2), TopicIdType::short_name), json.at(3)};
 }
 
 MessageSnapshot to_message(const Json& json) {
@@ -141,11 +140,8 @@ MessageSnapshot to_message(const Json& json) {
   return m;
 }
 
-/// Sessions of former versions do not say whose a topic is: then it keeps its id. Nor do they say
-/// ids: theirs are in order, from 1.
-TopicTable::Topic to_topic(const Json& json, std::uint16_t place) {
-  return {json.at(0), json.size() < 4 ? place : json.at(3).get<std::uint16_t>(), json.at(1),
-          json.size() < 3 || json.at(2).get<bool>()};
+TopicTable::Topic to_topic(const Json& json) {
+  return {json.at(0), json.at(3), json.at(1), json.at(2)};
 }
 
 SessionSnapshot to_session(const Json& json) {
@@ -159,18 +155,10 @@ SessionSnapshot to_session(const Json& json) {
   out.keep_alive = std::chrono::seconds(json.at("keep_alive_s").get<std::uint32_t>());
   out.sleep_duration = std::chrono::seconds(json.at("sleep_s").get<std::uint32_t>());
   if (json.contains("will")) out.will = to_will(json.at("will"));
-  for (const Json& topic : json.at("topics"))
-    out.topics.push_back(to_topic(topic, static_cast<std::uint16_t>(out.topics.size() + 1)));
+  for (const Json& topic : json.at("topics")) out.topics.push_back(to_topic(topic));
   for (const Json& s : json.at("subscriptions")) out.subscriptions.push_back(to_subscription(s));
-  for (const Json& message : json.at("messages")) {
-    // Sessions of 0.1 keep a message until PUBCOMP.
-    if (message.at("released").get<bool>()) {
-      out.released.push_back(message.at("msg_id"));
-    } else {
-      out.messages.push_back(to_message(message));
-    }
-  }
-  if (json.contains("released")) out.released = json.at("released").get<decltype(out.released)>();
+  for (const Json& message : json.at("messages")) out.messages.push_back(to_message(message));
+  out.released = json.at("released").get<decltype(out.released)>();
   for (const Json& inbound : json.at("inbound_qos2"))
     out.inbound_qos2.emplace_back(inbound.at(0), inbound.at(1));
   for (const Json& repeat : json.at("repeats")) {
@@ -180,7 +168,7 @@ SessionSnapshot to_session(const Json& json) {
   out.last_msg_id = json.at("last_msg_id");
   out.is_validated = !json.contains("allowance");
   out.allowance = json.value("allowance", 0U);
-  out.uses_client_id = json.value("uses_client_id", false);
+  out.uses_client_id = json.at("uses_client_id");
   if (json.contains("saved_ms")) out.saved_at = clock_time(json.at("saved_ms"));
   return out;
 }
@@ -219,7 +207,6 @@ void write(CborWriter& out, const SubscriptionSnapshot& subscription) {
   out.write(number_of(subscription.qos));
   out.write(number_of(subscription.topic_id_type));
   out.write(subscription.topic_id);
-  if (subscription.awaits_retained) out.write(true);
   out.end();
 }
 
@@ -233,7 +220,6 @@ void write(CborWriter& out, const MessageSnapshot& message) {
   out.write("type", number_of(message.topic_id_type));
   out.write("predefined", message.predefined_id);
   out.write("msg_id", message.msg_id);
-  out.write("released", false);  // for versions that keep the message until PUBCOMP
   if (message.command_age) out.write("command_ms", count_of(*message.command_age));
   out.end();
 }

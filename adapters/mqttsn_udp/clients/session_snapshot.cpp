@@ -13,8 +13,8 @@ using std::chrono::milliseconds;
 
 /// The age that a command of a damaged record may claim.
 constexpr std::chrono::hours longest_command_age{1};
-/// Assumed absence after a reboot of the host, whose length is unknown. After this time the other
-/// gateways of a fleet have reported its commands (fleet::CommandTurns::outcome_patience).
+/// Assumed absence after a reboot of the host, whose length is unknown: longer than a command may
+/// take.
 constexpr std::chrono::seconds unknown_absence{31};
 
 MessageSnapshot to_snapshot(const Outgoing& waiting, TimePoint now) {
@@ -70,6 +70,12 @@ std::shared_ptr<Command> command_of(const MessageSnapshot& message, const Sessio
       Command{CommandId::none, snapshot.client_id, snapshot.robot, type, now - age, false});
 }
 
+bool leave_out_young_commands(SessionSnapshot& snapshot) {
+  return std::erase_if(snapshot.messages, [](const MessageSnapshot& message) {
+           return message.command_age && *message.command_age < limits::stored_command_age;
+         }) > 0;
+}
+
 SessionSnapshot to_snapshot(const ClientSession& session, TimePoint now) {
   SessionSnapshot out;
   out.client_id = session.client_id;
@@ -84,8 +90,7 @@ SessionSnapshot to_snapshot(const ClientSession& session, TimePoint now) {
   if (session.will) out.will = *session.will;
   out.topics = session.topics.topics();
   for (const auto& [filter, s] : session.subscriptions)
-    out.subscriptions.push_back(
-        {filter, s.qos, s.topic_id_type, s.topic_id, s.retained_wait && !s.retained_wait->until});
+    out.subscriptions.push_back({filter, s.qos, s.topic_id_type, s.topic_id});
   add_messages(session.delivery, out.messages, now);
   for (const Releasing& open : session.delivery.releasing)
     out.released.push_back(open.attempt.msg_id);
@@ -100,6 +105,21 @@ SessionSnapshot to_snapshot(const ClientSession& session, TimePoint now) {
   out.last_msg_id = session.delivery.last_msg_id;
   out.saved_at = now;
   return out;
+}
+
+SessionSnapshot to_note(const SessionSnapshot& snapshot) {
+  SessionSnapshot note;
+  note.client_id = snapshot.client_id;
+  note.robot = snapshot.robot;
+  note.is_clean = false;
+  note.uses_client_id = snapshot.uses_client_id;
+  note.keep_alive = snapshot.keep_alive;
+  note.will = snapshot.will;
+  note.subscriptions = snapshot.subscriptions;
+  for (const TopicTable::Topic& topic : snapshot.topics) {
+    if (topic.is_own) note.topics.push_back({topic.name, topic.id, false, true});
+  }
+  return note;
 }
 
 void apply(const SessionSnapshot& snapshot, ClientSession& session, TimePoint now) {
@@ -119,10 +139,6 @@ void apply(const SessionSnapshot& snapshot, ClientSession& session, TimePoint no
     subscription.qos = s.qos;
     subscription.topic_id_type = s.topic_id_type;
     subscription.topic_id = s.topic_id;
-    if (s.awaits_retained) {
-      subscription.granted_at = now;
-      subscription.retained_wait.emplace();
-    }
     session.subscriptions.emplace(s.filter, std::move(subscription));
   }
   for (const RepeatSnapshot& repeat : snapshot.repeats)

@@ -20,7 +20,6 @@ struct SubscriptionSnapshot {
   Qos qos = Qos::at_most_once;
   TopicIdType topic_id_type = TopicIdType::normal;
   std::uint16_t topic_id = 0;
-  bool awaits_retained = false;  ///< the broker was away since it was granted
 };
 
 /// An undelivered QoS 1 or 2 message, the one that awaits its acknowledgement first.
@@ -71,6 +70,11 @@ std::shared_ptr<Command> command_of(const MessageSnapshot& message, const Sessio
                                     TimePoint now);
 
 SessionSnapshot to_snapshot(const ClientSession& session, TimePoint now);
+/// Removes commands that are younger than `limits::stored_command_age`. False: there are none.
+bool leave_out_young_commands(SessionSnapshot& snapshot);
+/// What another gateway needs of it: names of topics, never messages. The client's address, ids and
+/// messages of this gateway are left out.
+SessionSnapshot to_note(const SessionSnapshot& snapshot);
 /// Fills a fresh session; its state, binding, timers and broker subscriptions are the caller's.
 void apply(const SessionSnapshot& snapshot, ClientSession& session, TimePoint now);
 

@@ -17,8 +17,4 @@ bool TokenBucket::take(unsigned burst, unsigned per_second, TimePoint now) {
   return take(burst, std::chrono::nanoseconds(std::chrono::seconds{1}) / per_second, now);
 }
 
-TimePoint TokenBucket::ready_at(unsigned burst, Duration interval) const {
-  return taken_until_ + interval - interval * burst;
-}
-
 }  // namespace slamgw::mqttsn

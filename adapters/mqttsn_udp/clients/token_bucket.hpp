@@ -11,11 +11,6 @@ class TokenBucket {
   /// `burst` at once, then one each `interval`. False, and nothing is taken, when there is none.
   bool take(unsigned burst, Duration interval, TimePoint now);
   bool take(unsigned burst, unsigned per_second, TimePoint now);
-  /// When `take()` with the same rate will succeed; may be past.
-  TimePoint ready_at(unsigned burst, Duration interval) const;
-  /// Full again: as if nothing had ever been taken.
-  bool is_full(TimePoint now) const { return taken_until_ <= now; }
-  TimePoint full_at() const { return taken_until_; }
 
  private:
   // What has been taken and not yet grown back, in time; full buckets are at or before `now`.

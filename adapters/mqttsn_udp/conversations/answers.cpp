@@ -14,31 +14,32 @@ bool Answers::has_room(const ClientSession& session) const {
 
 void Answers::answer(ClientSession& session, Packet packet) {
   if (session.answers.empty()) return output_.send(session, packet);
-  session.answers.push_back({0, 0, std::move(packet)});
+  session.answers.push_back({std::move(packet), 0, {}});
 }
 
 void Answers::refuse_for_room(ClientSession& session, Packet congestion) {
   if (!settings_.is_full_silent()) answer(session, std::move(congestion));
 }
 
-std::uint64_t Answers::hold(ClientSession& session, std::uint16_t msg_id) {
-  session.answers.push_back({++last_ticket_, msg_id, std::nullopt});
-  return last_ticket_;
+void Answers::hold(ClientSession& session, const std::string& filter, const Suback& suback) {
+  session.answers.push_back({suback, suback.msg_id, filter});
 }
 
 bool Answers::is_held(const ClientSession& session, std::uint16_t msg_id) const {
-  return std::any_of(
-      session.answers.begin(), session.answers.end(),
-      [&](const PendingAnswer& held) { return held.ticket != 0 && held.msg_id == msg_id; });
+  return std::ranges::any_of(session.answers, [&](const PendingAnswer& answer) {
+    return !answer.filter.empty() && answer.msg_id == msg_id;
+  });
 }
 
-void Answers::release(ClientSession& session, std::uint64_t ticket, Packet packet) {
-  const auto held =
-      std::find_if(session.answers.begin(), session.answers.end(),
-                   [&](const PendingAnswer& answer) { return answer.ticket == ticket; });
-  if (held != session.answers.end()) held->packet = std::move(packet);
-  while (!session.answers.empty() && session.answers.front().packet) {
-    output_.send(session, *session.answers.front().packet);
+void Answers::release(ClientSession& session, const std::string& filter, bool granted) {
+  for (PendingAnswer& answer : session.answers) {
+    if (answer.filter != filter) continue;
+    answer.filter.clear();
+    if (!granted)
+      answer.packet = Suback{WireQos::zero, 0, answer.msg_id, ReturnCode::not_supported};
+  }
+  while (!session.answers.empty() && session.answers.front().filter.empty()) {
+    output_.send(session, session.answers.front().packet);
     session.answers.erase(session.answers.begin());
   }
   if (session.answers.empty()) session.answers = {};  // its memory too

@@ -3,6 +3,8 @@
 // SUBACK that waits for the broker, later answers wait too.
 #pragma once
 
+#include <string>
+
 #include "adapters/mqttsn_udp/output.hpp"
 #include "adapters/mqttsn_udp/settings.hpp"
 
@@ -17,16 +19,15 @@ class Answers {
   void answer(ClientSession& session, Packet packet);
   /// The request finds no room: `congestion` says so, unless `when_full` is silent.
   void refuse_for_room(ClientSession& session, Packet congestion);
-  /// Keeps a place for the answer to the SUBSCRIBE `msg_id`; a number that names the place.
-  std::uint64_t hold(ClientSession& session, std::uint16_t msg_id);
+  /// `suback` waits for the broker's answer about `filter`.
+  void hold(ClientSession& session, const std::string& filter, const Suback& suback);
   bool is_held(const ClientSession& session, std::uint16_t msg_id) const;
-  /// Nothing happens when the place is gone (the session was cleaned since).
-  void release(ClientSession& session, std::uint64_t ticket, Packet packet);
+  /// The broker's answer: for all that wait for it.
+  void release(ClientSession& session, const std::string& filter, bool granted);
 
  private:
   const Settings& settings_;
   Output& output_;
-  std::uint64_t last_ticket_ = 0;
 };
 
 }  // namespace slamgw::mqttsn

@@ -8,24 +8,19 @@
 
 namespace slamgw::mqttsn {
 
-bool CommandWatch::is_command_for(const ClientSession& session, const std::string& topic) const {
-  const auto parsed = rules_.policy.scheme().parse_command_topic(topic);
-  return parsed && parsed->robot == session.robot;
-}
-
-void CommandWatch::refuse_unsubscribed(const BrokerMessage& message, CommandId id) {
+void CommandWatch::refuse(const BrokerMessage& message, CommandId id, std::string why) {
   const auto parsed = rules_.policy.scheme().parse_command_topic(message.topic);
-  if (!parsed) return;
+  if (!parsed || id == CommandId::none) return;
   output_.emit(CommandOutcome{Mesh::thread, id, std::string(parsed->robot),
                               std::string(parsed->type), CommandResult::refused, message.waited,
-                              "the robot has not subscribed to " + message.topic});
+                              std::move(why)});
 }
 
 std::shared_ptr<Command> CommandWatch::begin(const ClientSession& session,
                                              const BrokerMessage& message, CommandId id,
                                              TimePoint now) {
   const auto parsed = rules_.policy.scheme().parse_command_topic(message.topic);
-  if (!parsed || parsed->robot != session.robot) return nullptr;
+  if (id == CommandId::none || !parsed || parsed->robot != session.robot) return nullptr;
   auto command =
       std::make_shared<Command>(Command{id, session.client_id, std::string(parsed->robot),
                                         std::string(parsed->type), now - message.waited, false});

@@ -17,10 +17,8 @@ class CommandWatch {
   CommandWatch(const NameRules& rules, ClientTable& clients, Output& output)
       : rules_(rules), clients_(clients), output_(output) {}
 
-  /// Whether `topic` is one for commands to this client's robot.
-  bool is_command_for(const ClientSession& session, const std::string& topic) const;
-  /// The robot has not asked for commands of this type.
-  void refuse_unsubscribed(const BrokerMessage& message, CommandId id);
+  /// A command that no client can carry out. Nothing happens when `id` is none.
+  void refuse(const BrokerMessage& message, CommandId id, std::string why);
   /// Null when `message` is no command for this client's robot, or when it is refused at once
   /// because too many are open.
   std::shared_ptr<Command> begin(const ClientSession& session, const BrokerMessage& message,

@@ -26,7 +26,7 @@ void Connecting::on_connect(const Peer& peer, const LocalAddress& local, const C
   if (!robot || connect.protocol != protocol_id) return refuse_name(peer, local, connect, now);
   if (is_repetition(peer, connect, fingerprint, now)) {
     ClientSession& session = *clients_.find(peer);
-    lifecycle_.on_heard(session, now);
+    lifecycle_.on_connect_again(session, now);
     session.connect_fingerprint = fingerprint;
     return output_.send(session, Connack{ReturnCode::accepted});
   }
@@ -176,11 +176,15 @@ void Connecting::complete(const Peer& peer, const Attempt& attempt, std::optiona
   ClientSession* former = clients_.find(peer);
   if (former && former->client_id != connect.client_id) lifecycle_.displace(*former, now);  // R37
   ClientSession* session = clients_.find(connect.client_id);
+  const bool begins_anew = connect.clean_session || (session && !can_resume(*session));
   if (!session) {
     if (!lifecycle_.make_room(now)) return refuse_for_room(peer, attempt.local, now);
-    session = &lifecycle_.begin(connect.client_id, *robot, now);
+    session = &clients_.create(connect.client_id, *robot);
   }
-  if (connect.clean_session || !can_resume(*session)) {
+  if (session->state() == ClientState::active && session->peer && *session->peer != peer)
+    on_takeover(*session, peer, now);
+  if (begins_anew) {
+    output_.emit(SessionCleaned{Mesh::thread, session->robot});
     lifecycle_.clean(*session, "the robot has begun a new session", now);
   } else {
     session->topics.forget_known();  // R48
@@ -198,8 +202,26 @@ void Connecting::complete(const Peer& peer, const Attempt& attempt, std::optiona
   output_.count(Count::connects);
   output_.send(*session, Connack{ReturnCode::accepted});
   lifecycle_.enter(*session, ClientState::active, now);
-  output_.emit(SignOfLife{Mesh::thread, session->robot});
   output_.mark_changed(*session);
+}
+
+/// A robot that moves or starts again has a new address, too, but not again and again.
+void Connecting::on_takeover(ClientSession& session, const Peer& peer, TimePoint now) {
+  if (now - session.first_takeover > limits::contest_window) {
+    session.first_takeover = now;
+    session.takeovers = 0;
+  }
+  const bool was_contested = now < session.contested_until;
+  if (++session.takeovers < limits::contested_takeovers && !was_contested) return;
+  session.contested_until = now + limits::contest_window;
+  const bool may_log =
+      contest_lines_.take(limits::refusal_lines_burst, limits::refusal_lines_per_second, now);
+  if (was_contested || !may_log) return;
+  output_.emit(Notice{Severity::warning,
+                      fmt::format("{} and {} connect in turns with the MQTT-SN client id '{}': are "
+                                  "there two robots, or a foreign client, of that name?",
+                                  to_string(*session.peer), to_string(peer), session.client_id),
+                      session.robot});
 }
 
 void Connecting::refuse_name(const Peer& peer, const LocalAddress& local, const Connect& connect,

@@ -65,6 +65,7 @@ class Connecting {
   Attempt take(const Peer& peer);
   bool make_room();
   void complete(const Peer& peer, const Attempt& attempt, std::optional<Will> will, TimePoint now);
+  void on_takeover(ClientSession& session, const Peer& peer, TimePoint now);
   void refuse_name(const Peer& peer, const LocalAddress& local, const Connect& connect,
                    TimePoint now);
   void answer_refused(const Peer& peer, const LocalAddress& local, ReturnCode code, TimePoint now);
@@ -84,6 +85,7 @@ class Connecting {
   std::map<std::uint64_t, Peer> strangers_;  // of these, whose client has no session; oldest first
   std::uint64_t last_stranger_ = 0;
   TimerQueue<Peer> timers_;
+  TokenBucket contest_lines_;
 };
 
 }  // namespace slamgw::mqttsn

@@ -1,23 +1,27 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "adapters/mqttsn_udp/conversations/discovery.hpp"
 
+#include <utility>
+
 namespace slamgw::mqttsn {
 
 /// Unicast to the source: a multicast GWINFO misses clients on other ports, behind routers, and
 /// sleepy ones (R15).
 void Discovery::on_searchgw(const Peer& peer, const LocalAddress& local, const SearchGw& search,
                             TimePoint now) {
-  if (!broker_up_since_ || !clients_.has_room(now)) return;  // R20
+  if (!is_broker_up_ || !clients_.has_room(now)) return;  // R20
   if (!guard_.may_answer(peer, now)) return output_.count(Count::unanswered);
   output_.send(peer, local, GwInfo{settings_.gateway_id, {}}, search.radius);
 }
 
-void Discovery::on_broker_up(TimePoint now) {
-  if (settings_.multicast_group) advertise(now);
+void Discovery::on_broker_link(bool is_up, TimePoint now) {
+  if (std::exchange(is_broker_up_, is_up) == is_up) return;
+  next_advertise_.reset();
+  if (is_up && settings_.multicast_group) advertise(now);
 }
 
 void Discovery::on_interface(std::uint32_t index) {
-  if (broker_up_since_ && settings_.multicast_group) output_.send_multicast(advertisement(), index);
+  if (is_broker_up_ && settings_.multicast_group) output_.send_multicast(advertisement(), index);
 }
 
 void Discovery::on_deadline(TimePoint now) {

@@ -12,20 +12,13 @@ namespace slamgw::mqttsn {
 
 class Discovery {
  public:
-  /// `broker_up_since`: nothing while the broker is away.
-  Discovery(const Settings& settings, const std::optional<TimePoint>& broker_up_since,
-            ClientTable& clients, Output& output, FloodGuard& guard)
-      : settings_(settings),
-        broker_up_since_(broker_up_since),
-        clients_(clients),
-        output_(output),
-        guard_(guard) {}
+  Discovery(const Settings& settings, ClientTable& clients, Output& output, FloodGuard& guard)
+      : settings_(settings), clients_(clients), output_(output), guard_(guard) {}
 
   void on_searchgw(const Peer& peer, const LocalAddress& local, const SearchGw& search,
                    TimePoint now);
-  /// An ADVERTISE at once (R11, R12).
-  void on_broker_up(TimePoint now);
-  void on_broker_down() { next_advertise_.reset(); }
+  /// The broker is back: an ADVERTISE at once (R11, R12).
+  void on_broker_link(bool is_up, TimePoint now);
   /// A network interface, or its lasting address, has appeared: an ADVERTISE there, if clients
   /// could be served (R11).
   void on_interface(std::uint32_t index);
@@ -37,10 +30,10 @@ class Discovery {
   Advertise advertisement() const;
 
   const Settings& settings_;
-  const std::optional<TimePoint>& broker_up_since_;
   ClientTable& clients_;
   Output& output_;
   FloodGuard& guard_;
+  bool is_broker_up_ = false;
   std::optional<TimePoint> next_advertise_;
 };
 

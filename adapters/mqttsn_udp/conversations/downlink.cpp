@@ -74,6 +74,7 @@ std::string why_unsent(const ClientSession& session, const Outgoing& waiting, bo
 Downlink::Downlink(const Settings& settings, const NameRules& rules, Output& output,
                    Subscriptions& subscriptions, CommandWatch& commands, RandomSource random)
     : settings_(settings),
+      rules_(rules),
       output_(output),
       subscriptions_(subscriptions),
       commands_(commands),
@@ -81,6 +82,30 @@ Downlink::Downlink(const Settings& settings, const NameRules& rules, Output& out
       registration_(rules, output, retransmission_),
       release_(output, retransmission_),
       random_(std::move(random)) {}
+
+/// The broker may know better than the session here what the robot has subscribed to: it came from
+/// another gateway, and the note about that is lost.
+void Downlink::on_broker_message(ClientSession& session, const RobotMessage& incoming,
+                                 TimePoint now) {
+  const BrokerMessage& message = incoming.message;
+  const Subscription* wanted = Subscriptions::best_match(session, message.topic);
+  const bool is_asked_elsewhere =
+      !session.is_clean &&
+      rules_.policy.may_subscribe(session.client_id, session.robot, message.topic);
+  if (incoming.is_unasked || (!wanted && !is_asked_elsewhere))
+    return commands_.refuse(message, incoming.command,
+                            "the robot has not subscribed to " + message.topic);
+  Outgoing outgoing;
+  outgoing.message = std::make_shared<const BrokerMessage>(message);
+  outgoing.qos = message.qos;
+  if (wanted) {
+    outgoing.qos = std::min(message.qos, wanted->qos);
+    outgoing.topic_id_type = wanted->topic_id_type;
+    outgoing.predefined_id = wanted->topic_id;
+  }
+  outgoing.command = commands_.begin(session, message, incoming.command, now);
+  enqueue(session, std::move(outgoing), now);
+}
 
 void Downlink::enqueue(ClientSession& session, Outgoing outgoing, TimePoint now) {
   if (is_too_large(session, outgoing, now)) return;
@@ -253,7 +278,7 @@ void Downlink::on_regack(ClientSession& session, const Regack& regack, TimePoint
   drop_if(session, "the robot refused the topic", now, [&](const Outgoing& waiting) {
     return waiting.topic_id_type == TopicIdType::normal && waiting.message->topic == *topic;
   });
-  subscriptions_.drop(session, *topic, now);  // only an exact one has this name (R67)
+  subscriptions_.drop(session, *topic);  // only an exact one has this name (R67)
 }
 
 void Downlink::on_puback(ClientSession& session, const Puback& puback, TimePoint now) {
@@ -427,10 +452,32 @@ void Downlink::refuse_unkept(ClientSession& session, TimePoint now) {
           [](const Outgoing& waiting) { return waiting.qos == Qos::at_most_once; });
 }
 
-void Downlink::drop_unwanted(ClientSession& session, TimePoint now) {
+void Downlink::drop_unwanted(ClientSession& session, const std::string& filter, TimePoint now) {
   drop_if(session, "the robot has unsubscribed", now, [&](const Outgoing& waiting) {
-    return !subscriptions_.is_wanted(session, waiting.message->topic);
+    const std::string& topic = waiting.message->topic;
+    return filter_matches(filter, topic) && !Subscriptions::best_match(session, topic);
   });
+}
+
+std::vector<WaitingMessage> Downlink::take_unsent(ClientSession& session, TimePoint now) {
+  std::vector<WaitingMessage> unsent;
+  rest(session);
+  DeliveryQueue& queue = session.delivery.queue;
+  while (queue.size() > 0) {
+    const Outgoing next = queue.take(0);
+    const bool is_from_before = next.command && next.command->id == CommandId::none;
+    if (next.msg_id != 0 || is_from_before) {  // an earlier process may have sent it
+      commands_.end(next.command, CommandResult::timeout, "the robot moved to another gateway",
+                    now);
+      continue;
+    }
+    WaitingMessage& waiting = unsent.emplace_back(WaitingMessage{*next.message});
+    if (!next.command) continue;
+    waiting.command = next.command->id;
+    waiting.message.waited = std::chrono::duration_cast<Waited>(now - next.command->came);
+    next.command->is_reported = true;  // by the other gateway
+  }
+  return unsent;
 }
 
 template <class Predicate>

@@ -26,7 +26,7 @@ class Downlink {
            Subscriptions& subscriptions, CommandWatch& commands, RandomSource random);
 
   /// Takes the message, or says why not. `pump()` sends it.
-  void enqueue(ClientSession& session, Outgoing outgoing, TimePoint now);
+  void on_broker_message(ClientSession& session, const RobotMessage& incoming, TimePoint now);
   /// Sends what may be sent now.
   void pump(ClientSession& session, TimePoint now);
 
@@ -53,8 +53,11 @@ class Downlink {
   void drop_all(ClientSession& session, const std::string& why, TimePoint now);
   /// QoS 0 does not outlive the connection.
   void drop_volatile(ClientSession& session, const std::string& why, TimePoint now);
-  /// What no subscription asks for any more (R104).
-  void drop_unwanted(ClientSession& session, TimePoint now);
+  /// The client has no longer this filter: what only it asked for goes (R104).
+  void drop_unwanted(ClientSession& session, const std::string& filter, TimePoint now);
+  /// Another gateway serves the robot now. Returns what was never on the air; other commands end as
+  /// `timeout`, and nothing is left.
+  std::vector<WaitingMessage> take_unsent(ClientSession& session, TimePoint now);
   /// The command's time is over: it is not sent (again). Why it has not arrived.
   std::string withdraw(ClientSession& session, const Command& command);
 
@@ -68,6 +71,7 @@ class Downlink {
   bool on_time(ClientSession& session, TimePoint now);
 
  private:
+  void enqueue(ClientSession& session, Outgoing outgoing, TimePoint now);
   bool may_send(const ClientSession& session) const;
   bool is_within_allowance(const ClientSession& session, const Outgoing& outgoing) const;
   void learn_from_answer(ClientSession& session, std::uint16_t msg_id, TimePoint now);
@@ -91,6 +95,7 @@ class Downlink {
   void drop_if(ClientSession& session, const std::string& why, TimePoint now, Predicate is_dropped);
 
   const Settings& settings_;
+  const NameRules& rules_;
   Output& output_;
   Subscriptions& subscriptions_;
   CommandWatch& commands_;

@@ -6,19 +6,18 @@
 namespace slamgw::mqttsn {
 
 void Lifecycle::on_heard(ClientSession& session, TimePoint now) {
-  session.last_heard = now;
-  session.connect_fingerprint = 0;
-  downlink_.on_heard(session);
+  on_connect_again(session, now);
   if (now - session.sign_of_life_reported < limits::sign_of_life_interval) return;
   session.sign_of_life_reported = now;
   output_.emit(SignOfLife{Mesh::thread, session.robot});
+  if (session.reported_contested && session.reported_presence)
+    report_presence(session, *session.reported_presence, now);
 }
 
-ClientSession& Lifecycle::begin(const std::string& client_id, const std::string& robot,
-                                TimePoint now) {
-  ClientSession& session = clients_.create(client_id, robot);
-  subscriptions_.listen_for_commands(session, now);
-  return session;
+void Lifecycle::on_connect_again(ClientSession& session, TimePoint now) {
+  session.last_heard = now;
+  session.connect_fingerprint = 0;
+  downlink_.on_heard(session);
 }
 
 void Lifecycle::enter(ClientSession& session, ClientState state, TimePoint now) {
@@ -27,15 +26,15 @@ void Lifecycle::enter(ClientSession& session, ClientState state, TimePoint now) 
     case ClientState::active:
       session.last_heard = now;
       clients_.set_needed(session);
-      return report_presence(session, Presence::online);
+      return report_presence(session, Presence::online, now);
     case ClientState::asleep: session.last_heard = now; [[fallthrough]];
-    case ClientState::awake: return report_presence(session, Presence::asleep);
+    case ClientState::awake: return report_presence(session, Presence::asleep, now);
     case ClientState::disconnected:
     case ClientState::lost: break;
   }
   const Duration kept = session.is_clean ? Duration::zero() : Duration(limits::min_absence);
   clients_.set_evictable(session, now + kept);
-  if (session.reported_presence) report_presence(session, Presence::offline);
+  if (session.reported_presence) report_presence(session, Presence::offline, now);
 }
 
 bool Lifecycle::revive(ClientSession& session, TimePoint now) {
@@ -66,7 +65,7 @@ void Lifecycle::displace(ClientSession& session, TimePoint now) {
 
 void Lifecycle::clean(ClientSession& session, const std::string& why, TimePoint now) {
   session.answers.clear();
-  subscriptions_.drop_all(session, now);
+  subscriptions_.forget_all(session);
   session.will.reset();
   session.topics.clear();
   uplink_.forget(session);
@@ -84,24 +83,41 @@ bool Lifecycle::make_room(TimePoint now) {
 }
 
 /// Reports each change of state or address once.
-void Lifecycle::report_presence(ClientSession& session, Presence presence) {
+void Lifecycle::report_presence(ClientSession& session, Presence presence, TimePoint now) {
   const std::size_t place = session.peer ? PeerHash()(*session.peer) : 0;
   const bool is_same_place = presence == Presence::offline || session.reported_peer == place;
-  if (session.reported_presence == presence && is_same_place) return;
+  const bool is_contested = now < session.contested_until;
+  if (session.reported_presence == presence && is_same_place &&
+      session.reported_contested == is_contested)
+    return;
   session.reported_presence = presence;
   session.reported_peer = place;
+  session.reported_contested = is_contested;
   output_.emit(PresenceChange{Mesh::thread, session.robot, presence,
-                              session.peer ? to_string(*session.peer) : std::string()});
+                              session.peer ? to_string(*session.peer) : std::string(),
+                              /*is_deaf=*/false, is_contested});
 }
 
 void Lifecycle::expel(ClientSession& session, const std::string& why, TimePoint now) {
-  report_presence(session, Presence::offline);
+  report_presence(session, Presence::offline, now);
   forget(session, why, now);
 }
 
 void Lifecycle::forget(ClientSession& session, const std::string& why, TimePoint now) {
+  subscriptions_.drop_all(session);
   clean(session, why, now);
-  subscriptions_.stop_listening(session, now);
+  if (session.note_hash != 0) output_.emit(NoteChanged{Mesh::thread, session.robot, {}});
+  erase(session);
+}
+
+std::vector<WaitingMessage> Lifecycle::give_up(ClientSession& session, TimePoint now) {
+  std::vector<WaitingMessage> unsent = downlink_.take_unsent(session, now);
+  clean(session, "", now);
+  erase(session);
+  return unsent;
+}
+
+void Lifecycle::erase(ClientSession& session) {
   output_.mark_changed(session);
   clients_.erase(session);
 }

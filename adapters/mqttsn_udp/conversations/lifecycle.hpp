@@ -27,8 +27,8 @@ class Lifecycle {
 
   /// Any valid message from the client (R109).
   void on_heard(ClientSession& session, TimePoint now);
-  /// A session for a client that has none; there must be room.
-  ClientSession& begin(const std::string& client_id, const std::string& robot, TimePoint now);
+  /// A repeated CONNECT, which is no evidence that the robot is here.
+  void on_connect_again(ClientSession& session, TimePoint now);
   /// The one writer of the state; presence follows it.
   void enter(ClientSession& session, ClientState state, TimePoint now);
   /// A lost client is heard again (R113). False when it is not lost, or may not come back.
@@ -41,15 +41,19 @@ class Lifecycle {
   /// Ends the session: commands that wait are refused with `why`.
   void expel(ClientSession& session, const std::string& why, TimePoint now);
   /// As if it had never been connected: subscriptions, will, ids, messages (R42, R43). Its commands
-  /// are refused with `why`.
+  /// are refused with `why`. The robot's session at the broker stays as it is.
   void clean(ClientSession& session, const std::string& why, TimePoint now);
+  /// Another gateway serves the robot: its session ends without a will and without a word. Returns
+  /// what was never on the air.
+  std::vector<WaitingMessage> give_up(ClientSession& session, TimePoint now);
   /// A place for a new client, by forgetting the longest gone; false when there is none.
   bool make_room(TimePoint now);
 
-  void report_presence(ClientSession& session, Presence presence);
+  void report_presence(ClientSession& session, Presence presence, TimePoint now);
 
  private:
   void forget(ClientSession& session, const std::string& why, TimePoint now);
+  void erase(ClientSession& session);
   void leave(ClientSession& session, ClientState state, TimePoint now);
 
   const Settings& settings_;

@@ -24,26 +24,24 @@ void Renaming::on_names(TimePoint now) {
     if (session->is_connected()) output_.send(*session, Disconnect{});
     lifecycle_.expel(*session, "another robot has this name now", now);
   }
-  for (const Renamed& one : renamed) leave_name(one, now);
+  for (const Renamed& one : renamed) leave_name(*one.session, now);
   for (const Renamed& one : renamed) enter_name(one, now);
 }
 
-void Renaming::leave_name(const Renamed& renamed, TimePoint now) {
-  ClientSession& session = *renamed.session;
-  if (session.reported_presence) lifecycle_.report_presence(session, Presence::offline);
-  subscriptions_.suspend(session, session.robot, now);
-  subscriptions_.suspend(session, renamed.robot, now);
-  subscriptions_.stop_listening(session, now);
+void Renaming::leave_name(ClientSession& session, TimePoint now) {
+  if (session.reported_presence) lifecycle_.report_presence(session, Presence::offline, now);
+  subscriptions_.suspend(session);
+  if (std::exchange(session.note_hash, 0) != 0)
+    output_.emit(NoteChanged{Mesh::thread, session.robot, {}});
 }
 
 void Renaming::enter_name(const Renamed& renamed, TimePoint now) {
   ClientSession& session = *renamed.session;
   rename_topics(rules_.policy.scheme(), session, session.robot, renamed.robot);
   clients_.rename(session, renamed.robot);
-  subscriptions_.listen_for_commands(session, now);
   subscriptions_.resume(session, now);
   if (std::exchange(session.reported_presence, std::nullopt))
-    lifecycle_.report_presence(session, presence_of(session.state()));
+    lifecycle_.report_presence(session, presence_of(session.state()), now);
   output_.mark_changed(session);
 }
 

@@ -28,7 +28,7 @@ class Renaming {
     std::string robot;
   };
 
-  void leave_name(const Renamed& renamed, TimePoint now);
+  void leave_name(ClientSession& session, TimePoint now);
   void enter_name(const Renamed& renamed, TimePoint now);
 
   const NameRules& rules_;

@@ -36,7 +36,7 @@ bool Restoring::restore(const SessionSnapshot& snapshot, TimePoint now) {
     refuse_commands(snapshot, now);
     return false;
   }
-  ClientSession& session = lifecycle_.begin(snapshot.client_id, *robot, now);
+  ClientSession& session = clients_.create(snapshot.client_id, *robot);
   apply(snapshot, session, now);
   if (*robot != snapshot.robot)
     rename_topics(rules_.policy.scheme(), session, snapshot.robot, *robot);
@@ -48,7 +48,8 @@ bool Restoring::restore(const SessionSnapshot& snapshot, TimePoint now) {
     clients_.bind(session, *snapshot.peer, session.local);
     downlink_.on_address(session);
   }
-  subscriptions_.restore(session, now);
+  if (!snapshot.is_clean) session.note_hash = unknown_note_hash;
+  subscriptions_.restore(session, *robot == snapshot.robot, now);
   lifecycle_.enter(session, snapshot.state, now);
   supervision_.expire_commands(now);
   supervision_.advance(session, now);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A session leaves the machine as a snapshot and goes on from one: over a restart of the daemon, or
-// at another gateway (R47; docs/topics.md, promise 7).
+// from another gateway's note (R47; docs/topics.md, promise 7).
 #pragma once
 
 #include "adapters/mqttsn_udp/clients/session_snapshot.hpp"
@@ -29,6 +29,10 @@ class Restoring {
   /// The client goes on as if nothing had happened. False when it can't be taken (known already, no
   /// room, or its client id is now another robot's name); its commands are refused then.
   bool restore(const SessionSnapshot& snapshot, TimePoint now);
+
+  /// Of a note from before a restart: it may have been changed by another gateway since, so only a
+  /// change here is a reason for a new one.
+  static constexpr std::uint64_t unknown_note_hash = 1;
 
  private:
   void adopt_commands(const Delivery& delivery);

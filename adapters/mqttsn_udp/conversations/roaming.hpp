@@ -1,16 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-// Robots that come from another gateway or go to one (docs/fleet.md). A CONNECT that takes up a
-// session waits until the other gateway has handed it over; then it goes the way of any CONNECT.
+// Robots that come from another gateway (docs/fleet.md). A CONNECT that takes up a session which is
+// not here waits for the note about it; then it goes the way of any CONNECT. What comes for the
+// robot meanwhile waits with it.
 #pragma once
 
 #include <deque>
 #include <functional>
 #include <optional>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "adapters/mqttsn_udp/clients/client_table.hpp"
-#include "adapters/mqttsn_udp/clients/session_snapshot.hpp"
-#include "adapters/mqttsn_udp/conversations/lifecycle.hpp"
 #include "adapters/mqttsn_udp/name_rules.hpp"
 #include "adapters/mqttsn_udp/output.hpp"
 
@@ -18,12 +19,6 @@ namespace slamgw::mqttsn {
 
 class Roaming {
  public:
-  /// For another gateway to hand a session over. Then the client gets a fresh one, as it would if
-  /// that gateway were dead.
-  static constexpr std::chrono::milliseconds patience{1500};
-  /// CONNECTs beyond it do not wait.
-  static constexpr std::size_t max_waiting = 256;
-
   struct WaitingConnect {
     Peer peer;
     LocalAddress local;
@@ -31,33 +26,35 @@ class Roaming {
     std::uint64_t fingerprint = 0;
     std::string robot;
     TimePoint until{};
+    std::vector<std::pair<TimePoint, RobotMessage>> messages{};  ///< and when each came
+    /// The messages, each with the time that it has waited.
+    std::vector<RobotMessage> take_messages(TimePoint now);
   };
+  /// Whether another gateway serves the robot, or has served it.
   using ServedElsewhere = std::function<bool(const std::string& robot)>;
 
-  Roaming(const NameRules& rules, ClientTable& clients, Output& output, Lifecycle& lifecycle)
-      : rules_(rules), clients_(clients), output_(output), lifecycle_(lifecycle) {}
+  Roaming(const NameRules& rules, const ClientTable& clients, Output& output)
+      : rules_(rules), clients_(clients), output_(output) {}
 
   void ask(ServedElsewhere served_elsewhere) { served_elsewhere_ = std::move(served_elsewhere); }
-  /// True when the CONNECT waits: a repetition of one that does, or a client whose session may be
-  /// at another gateway.
+  /// True when the CONNECT waits: the client's session may be at another gateway, or an earlier
+  /// CONNECT from this address waits, whose place it takes.
   bool takes(const Peer& peer, const LocalAddress& local, const Connect& connect,
              std::uint64_t fingerprint, TimePoint now);
-  /// The robot is this gateway's: its CONNECT, if one waits.
+  /// True when the message waits with its robot's CONNECT.
+  bool keep(const RobotMessage& message, TimePoint now);
+  bool is_waiting(const std::string& robot) const;
+  /// The robot's CONNECT, if one waits.
   std::optional<WaitingConnect> take(const std::string& robot);
   std::optional<WaitingConnect> take_overdue(TimePoint now);
   std::optional<TimePoint> deadline() const;
 
-  /// The robot is with another gateway: its session ends here without will and without a word.
-  /// Commands that wait are refused. What the other gateway needs, if the session was to be kept.
-  std::optional<SessionSnapshot> give_up(const std::string& robot, TimePoint now);
-
  private:
   const NameRules& rules_;
-  ClientTable& clients_;
+  const ClientTable& clients_;
   Output& output_;
-  Lifecycle& lifecycle_;
   ServedElsewhere served_elsewhere_ = [](const std::string&) { return false; };
-  std::deque<WaitingConnect> waiting_;  // in the order they came
+  std::deque<WaitingConnect> waiting_;  // in the order they came; at most max_waiting_connects
 };
 
 }  // namespace slamgw::mqttsn

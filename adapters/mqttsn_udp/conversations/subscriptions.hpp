@@ -1,76 +1,49 @@
 // SPDX-License-Identifier: Apache-2.0
-// SUBSCRIBE and UNSUBSCRIBE (MQTT-SN 1.2 section 6.9): who has which filter, what the broker is
-// asked for, and who still waits for retained messages. Delivery is Downlink's.
+// SUBSCRIBE and UNSUBSCRIBE (MQTT-SN 1.2 section 6.9): which filters a client has, and what its
+// robot's session at the broker is asked for. Delivery is Downlink's.
 #pragma once
 
 #include <string>
 #include <string_view>
-#include <unordered_set>
 #include <vector>
 
 #include "adapters/mqttsn_udp/clients/client_table.hpp"
 #include "adapters/mqttsn_udp/conversations/answers.hpp"
 #include "adapters/mqttsn_udp/conversations/refusals.hpp"
-#include "adapters/mqttsn_udp/conversations/subscribe_requests.hpp"
 #include "adapters/mqttsn_udp/name_rules.hpp"
 #include "adapters/mqttsn_udp/output.hpp"
-#include "daemon/core/topic_tree.hpp"
 
 namespace slamgw::mqttsn {
 
 class Subscriptions {
  public:
-  /// One subscription that matches; `subscription` lives in `session`.
-  struct Match {
-    ClientSession* session = nullptr;
-    Subscription* subscription = nullptr;
-  };
-
-  /// `broker_up_since`: nothing while the broker is away.
-  Subscriptions(const NameRules& rules, const std::optional<TimePoint>& broker_up_since,
-                ClientTable& clients, Output& output, Answers& answers, Refusals& refusals)
-      : rules_(rules),
-        broker_up_since_(broker_up_since),
-        clients_(clients),
-        output_(output),
-        answers_(answers),
-        refusals_(refusals),
-        requests_(broker_up_since, output) {}
+  Subscriptions(const NameRules& rules, ClientTable& clients, Output& output, Answers& answers,
+                Refusals& refusals)
+      : rules_(rules), clients_(clients), output_(output), answers_(answers), refusals_(refusals) {}
 
   void on_subscribe(ClientSession& session, const Subscribe& request, TimePoint now);
-  void on_unsubscribe(ClientSession& session, const Unsubscribe& request, TimePoint now);
-  /// The broker's answer to the open request for `filter`; the sessions that it was for.
-  std::vector<ClientSession*> on_subscribe_result(const std::string& filter, bool granted,
-                                                  TimePoint now);
+  /// The filter that the client no longer has, if it had it.
+  std::optional<std::string> on_unsubscribe(ClientSession& session, const Unsubscribe& request);
+  /// The broker's answer about one of the session's filters.
+  void on_subscribe_result(ClientSession& session, const std::string& filter, bool granted,
+                           TimePoint now);
 
-  void on_broker_up(TimePoint now);
-  void on_broker_down(TimePoint now);
-  std::optional<TimePoint> deadline() const { return requests_.deadline(); }
-  void on_deadline(TimePoint now) { requests_.on_deadline(now); }
-  /// Whether this retained message is one that the subscription still waits for; true once for each
-  /// topic (R102).
-  bool takes_retained(Subscription& subscription, const std::string& topic, TimePoint now) const;
-
-  /// All subscriptions that match; a session with several such filters comes several times.
-  std::vector<Match> match(const std::string& topic) const;
-  bool is_wanted(const ClientSession& session, const std::string& topic) const;
-  void drop(ClientSession& session, const std::string& filter, TimePoint now);
-  void drop_all(ClientSession& session, TimePoint now);
+  /// Of the subscriptions that match, the one with the highest QoS (R87, R103); null without any.
+  static const Subscription* best_match(const ClientSession& session, const std::string& topic);
+  void drop(ClientSession& session, const std::string& filter);
+  void drop_all(ClientSession& session);
   /// Those that the topic policy does not allow (any more).
-  void drop_forbidden(ClientSession& session, TimePoint now);
-  /// Asks the broker for the subscriptions of a session that comes back from the store.
-  void restore(ClientSession& session, TimePoint now);
+  void drop_forbidden(ClientSession& session);
+  /// As drop_all(), but the broker keeps them.
+  void forget_all(ClientSession& session);
+  /// The session comes back, from the store or from another gateway. `are_standing`: the robot's
+  /// session at the broker has its subscriptions.
+  void restore(ClientSession& session, bool are_standing, TimePoint now);
 
-  /// The broker is not asked any more for what concerns `robot`: it is a name that the client's
-  /// robot gives up or takes over.
-  void suspend(ClientSession& session, const std::string& robot, TimePoint now);
-  /// It is asked again, after a rename: the subscriptions are new ones of the robot's new name.
+  /// A rename: the robot's former name gives up all filters before ...
+  void suspend(ClientSession& session);
+  /// ... and its new name asks for them afterwards.
   void resume(ClientSession& session, TimePoint now);
-
-  /// The gateway itself hears all commands for the client's robot, so that one of a type that the
-  /// client has not subscribed to has its outcome too. From the session's begin to its end.
-  void listen_for_commands(const ClientSession& session, TimePoint now);
-  void stop_listening(const ClientSession& session, TimePoint now);
 
  private:
   struct Wish {
@@ -84,33 +57,18 @@ class Subscriptions {
   void refuse(ClientSession& session, const Subscribe& request, ReturnCode code);
   bool is_repetition(const ClientSession& session, const Subscribe& request,
                      const std::string& filter, TimePoint now) const;
-  void ask_broker(ClientSession& session, const std::string& filter, Qos qos, Suback answer,
-                  TimePoint now);
-  void drop_everywhere(const std::string& filter, TimePoint now);
-  bool begin_wait(Subscription& subscription) const;
-  void add_subscriber(const std::string& filter, ClientSession& session,
-                      Subscription& subscription);
-  void remove_subscriber(const std::string& filter, ClientSession& session);
-  /// The broker's answer, as far as it concerns `listen_for_commands`.
-  void note_listening(const std::string& filter, bool granted);
-  std::vector<std::string> filters_of(const ClientSession& session, const std::string& robot) const;
-  /// Unsubscribes at the broker when no client has the filter any more.
-  void unsubscribe_unwanted(const std::string& filter, TimePoint now);
+  void charge(ClientSession& session, const std::string& filter);
+  void discharge(ClientSession& session, const std::string& filter);
+  void ask(const ClientSession& session, const std::string& filter, Qos qos, bool is_standing);
   void notice_given_up(const ClientSession& session, std::vector<std::string> filters,
                        std::string_view why, TimePoint now);
   void notice_refusal(const ClientSession& session, const std::string& filter, TimePoint now);
 
   const NameRules& rules_;
-  const std::optional<TimePoint>& broker_up_since_;
   ClientTable& clients_;
   Output& output_;
   Answers& answers_;
   Refusals& refusals_;
-  TopicTree<std::vector<Match>> subscribers_;
-  SubscribeRequests requests_;
-  std::unordered_set<std::string> listening_;  // filters of `listen_for_commands`
-  /// Those of them that the broker refused: it is asked again when it comes back.
-  std::unordered_set<std::string> refused_listening_;
 };
 
 }  // namespace slamgw::mqttsn

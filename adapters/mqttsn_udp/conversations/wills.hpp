@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The will of each client (MQTT-SN 1.2 sections 6.3, 6.4). It lives here, not at the broker: one
-// shared broker connection can't carry it (R56).
+// The will of each client (MQTT-SN 1.2 sections 6.3, 6.4). It lives here, not at the broker,
+// where each takeover of the robot's session would publish or cancel it (R56).
 #pragma once
 
 #include <string>

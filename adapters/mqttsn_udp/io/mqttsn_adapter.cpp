@@ -8,8 +8,6 @@
 #include <stdexcept>
 #include <utility>
 
-#include "adapters/mqttsn_udp/clients/session_codec.hpp"
-
 namespace slamgw::mqttsn {
 namespace {
 
@@ -125,14 +123,14 @@ std::string MqttsnAdapter::kept_name(const std::string& listen) const {
   return name;
 }
 
-Bytes MqttsnAdapter::give_up(const std::string& robot) {
-  std::optional<SessionSnapshot> kept;
-  input([&](SnGateway& gateway, const Now& now) { kept = gateway.give_up(robot, now); });
-  return kept ? encode_session(*kept) : Bytes{};
+std::vector<WaitingMessage> MqttsnAdapter::give_up(const std::string& robot) {
+  std::vector<WaitingMessage> unsent;
+  input([&](SnGateway& gateway, const Now& now) { unsent = gateway.give_up(robot, now); });
+  return unsent;
 }
 
-void MqttsnAdapter::take_over(const std::string& robot, ByteView session) {
-  input(&SnGateway::take_over, robot, session.empty() ? std::nullopt : decode_session(session));
+void MqttsnAdapter::on_note(const std::string& robot, ByteView note) {
+  input(&SnGateway::on_note, robot, note);
 }
 
 void MqttsnAdapter::reconfigure(TopicPolicy policy, RobotNames names) {

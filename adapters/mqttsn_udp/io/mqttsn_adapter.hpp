@@ -33,14 +33,14 @@ class MqttsnAdapter final : public MeshShell<SnGateway> {
   void start() override;
   void stop_listening() override;
   void stop() override;
+  std::vector<WaitingMessage> give_up(const std::string& robot) override;
+  void on_note(const std::string& robot, ByteView note) override;
   Counters counters() const override;
 
   /// Before start(): clients may not go by the names of other meshes' robots.
   void refuse_names(const NameCheck& is_elsewhere) { gateway_.refuse_names(is_elsewhere); }
-  /// As those of SnGateway; sessions as octets.
+  /// As that of SnGateway.
   void ask_where_served(Roaming::ServedElsewhere ask) { gateway_.ask_where_served(std::move(ask)); }
-  Bytes give_up(const std::string& robot);
-  void take_over(const std::string& robot, ByteView session);
 
   /// `topics.*` and `robots` of the configuration, read again.
   void reconfigure(TopicPolicy policy, RobotNames names);

@@ -111,7 +111,7 @@ void MosquittoLink::open(const HostAddresses& addresses) {
 /// 0 when a connection is under way, else libmosquitto's error.
 int MosquittoLink::start_client(const std::string& address) {
   const bool is_v5 = options_.version == MqttVersion::v5;
-  client_.reset(mosquitto_new(settings_.client_id.c_str(), !is_v5, this));
+  client_.reset(mosquitto_new(settings_.client_id.c_str(), /*clean_session=*/true, this));
   mosquitto* client = client_.get();
   if (!client) return MOSQ_ERR_INVAL;
   mosquitto_int_option(client, MOSQ_OPT_PROTOCOL_VERSION,
@@ -139,7 +139,6 @@ int MosquittoLink::start_client(const std::string& address) {
     // libmosquitto 2.0 has no asynchronous connect with properties. This one keeps them for any
     // later connect, and then refuses the port.
     mosquitto_property* properties = nullptr;
-    mosquitto_property_add_int32(&properties, MQTT_PROP_SESSION_EXPIRY_INTERVAL, session_expiry_s);
     mosquitto_property_add_int32(&properties, MQTT_PROP_MAXIMUM_PACKET_SIZE,
                                  max_inbound_packet_octets);
     mosquitto_connect_bind_v5(client, address.c_str(), no_port, keep_alive, nullptr, properties);
@@ -152,10 +151,9 @@ int MosquittoLink::start_client(const std::string& address) {
 void MosquittoLink::set_callbacks() {
   mosquitto* client = client_.get();
   mosquitto_connect_v5_callback_set(
-      client, [](mosquitto*, void* object, int code, int flags, const mosquitto_property* said) {
-        constexpr int session_present = 1;
+      client, [](mosquitto*, void* object, int code, int, const mosquitto_property* said) {
         const BrokerLimits limits = code == 0 ? limits_of(said) : BrokerLimits{};
-        link_of(object).events_.push_back(Answered{code, (flags & session_present) != 0, limits});
+        link_of(object).events_.push_back(Answered{code, limits});
       });
   mosquitto_disconnect_v5_callback_set(
       client, [](mosquitto*, void* object, int reason, const mosquitto_property*) {
@@ -171,13 +169,12 @@ void MosquittoLink::set_callbacks() {
         link_of(object).events_.push_back(Subscribed{id, count > 0 && granted[0] < first_reason});
       });
   mosquitto_message_v5_callback_set(
-      client, [](mosquitto*, void* object, const mosquitto_message* message,
-                 const mosquitto_property* properties) {
+      client,
+      [](mosquitto*, void* object, const mosquitto_message* message, const mosquitto_property*) {
         const auto* payload = static_cast<const std::uint8_t*>(message->payload);
         link_of(object).events_.push_back(
             Arrived{{message->topic, Bytes(payload, payload + message->payloadlen),
-                     static_cast<Qos>(message->qos), message->retain, std::nullopt, false},
-                    subscriptions_of(properties)});
+                     static_cast<Qos>(message->qos), message->retain}});
       });
   // Until the connection is up: the library makes a text of each packet for it.
   mosquitto_log_callback_set(client, [](mosquitto*, void* object, int level, const char* text) {
@@ -307,15 +304,10 @@ void MosquittoLink::publish(std::uint64_t sequence, const BrokerMessage& message
   write_soon();
 }
 
-void MosquittoLink::subscribe(std::string filter, Qos qos, std::uint32_t id) {
+void MosquittoLink::subscribe(std::string filter) {
   if (is_over_) return;
-  mosquitto_property* properties = nullptr;
-  if (options_.version == MqttVersion::v5)
-    mosquitto_property_add_varint(&properties, MQTT_PROP_SUBSCRIPTION_IDENTIFIER, id);
   int packet_id = 0;
-  const int result = mosquitto_subscribe_v5(client_.get(), &packet_id, filter.c_str(),
-                                            static_cast<int>(qos), 0, properties);
-  mosquitto_property_free_all(&properties);
+  const int result = mosquitto_subscribe(client_.get(), &packet_id, filter.c_str(), 0);
   if (result == MOSQ_ERR_SUCCESS) {
     subscribing_.emplace_back(packet_id, std::move(filter));
     ++unwritten_;
@@ -416,7 +408,7 @@ void MosquittoLink::handle(const Answered& answer) {
     is_open_ = true;
     timeout_.cancel();
     mosquitto_log_callback_set(client_.get(), nullptr);
-    return listener_.on_connected(answer.session_present, answer.limits);
+    return listener_.on_connected(answer.limits);
   }
   fail({answer.code, explain_connect_failure(answer.code),
         is_version_refusal(answer.code) ? ConnectAnswer::version_refused : ConnectAnswer::other,
@@ -450,9 +442,7 @@ void MosquittoLink::handle(const Subscribed& subscribed) {
   listener_.on_subscribe_result(filter, subscribed.granted);
 }
 
-void MosquittoLink::handle(Arrived& arrived) {
-  options_.on_message(std::move(arrived.message), std::move(arrived.subscriptions));
-}
+void MosquittoLink::handle(Arrived& arrived) { options_.on_message(std::move(arrived.message)); }
 
 void MosquittoLink::handle(const NotSendable& not_sendable) {
   listener_.on_publish_refused(

@@ -37,7 +37,7 @@ class MosquittoLink final : public MqttLink, public std::enable_shared_from_this
 
   void connect() override;
   void publish(std::uint64_t sequence, const BrokerMessage& message) override;
-  void subscribe(std::string filter, Qos qos, std::uint32_t id) override;
+  void subscribe(std::string filter) override;
   void unsubscribe(std::string filter) override;
   void abandon(bool is_orderly) override;
   std::uint64_t inbound_dropped() const override { return 0; }
@@ -51,7 +51,6 @@ class MosquittoLink final : public MqttLink, public std::enable_shared_from_this
   // What the callbacks leave:
   struct Answered {  ///< CONNACK
     int code;
-    bool session_present;
     BrokerLimits limits;
   };
   struct Ended {
@@ -68,7 +67,6 @@ class MosquittoLink final : public MqttLink, public std::enable_shared_from_this
   };
   struct Arrived {
     BrokerMessage message;
-    std::vector<std::uint32_t> subscriptions;
   };
   struct NotSendable {
     std::uint64_t sequence;

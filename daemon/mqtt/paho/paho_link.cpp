@@ -50,11 +50,10 @@ class PahoLink::ConnectListener final : public mqtt::iaction_listener {
 
   void on_success(const mqtt::token& token) override {
     const BrokerLimits limits = limits_of(token, session_.options_.version);
-    const bool session_present = token.get_connect_response().is_session_present();
     session_.post_to_lane([](PahoLink& link) { link.socket_.adopt(link.settings_.port); });
     session_.post_to_loop([=, &session = session_](MqttLinkListener& listener) {
       if (std::exchange(session.has_answered_, true)) return;
-      listener.on_connected(session_present, limits);
+      listener.on_connected(limits);
     });
   }
 
@@ -183,10 +182,9 @@ void PahoLink::set_connect_options() {
   mqtt::connect_options& options = connect_options_;
   options.set_mqtt_version(static_cast<int>(options_.version));
   if (options_.version == MqttVersion::v5) {
-    options.set_clean_start(false);
+    options.set_clean_start(true);
     options.set_properties(mqtt::properties(
-        {{mqtt::property::SESSION_EXPIRY_INTERVAL, std::int32_t{session_expiry_s}},
-         {mqtt::property::MAXIMUM_PACKET_SIZE, std::int32_t{max_inbound_packet_octets}},
+        {{mqtt::property::MAXIMUM_PACKET_SIZE, std::int32_t{max_inbound_packet_octets}},
          {mqtt::property::RECEIVE_MAXIMUM, largest_receive_maximum}}));
   } else {
     options.set_clean_session(true);
@@ -285,16 +283,10 @@ void PahoLink::on_written(std::uint64_t sequence) {
   });
 }
 
-void PahoLink::subscribe(std::string filter, Qos qos, std::uint32_t id) {
-  post_to_lane([filter = std::move(filter), qos, id](PahoLink& session) {
+void PahoLink::subscribe(std::string filter) {
+  post_to_lane([filter = std::move(filter)](PahoLink& session) {
     try {
-      mqtt::properties properties;
-      if (session.options_.version == MqttVersion::v5) {
-        properties.add({mqtt::property::SUBSCRIPTION_IDENTIFIER, static_cast<std::int32_t>(id)});
-      }
-      session.client_->subscribe(filter, static_cast<int>(qos), nullptr,
-                                 *session.subscribe_listener_, mqtt::subscribe_options(),
-                                 properties);
+      session.client_->subscribe(filter, 0, nullptr, *session.subscribe_listener_);
     } catch (const mqtt::exception& error) {
       session.report_lost(fmt::format("a subscribe failed (Paho {})", error.get_return_code()));
     }
@@ -379,11 +371,10 @@ void PahoLink::message_arrived(mqtt::const_message_ptr message) {
   }
   ++inbound_waiting_;
   inbound_octets_ += octets;
-  post_to_loop([this, octets, arrived = from_paho(*message),
-                ids = subscriptions_of(*message)](MqttLinkListener&) {
+  post_to_loop([this, octets, arrived = from_paho(*message)](MqttLinkListener&) {
     --inbound_waiting_;
     inbound_octets_ -= octets;
-    options_.on_message(arrived, ids);
+    options_.on_message(arrived);
   });
 }
 

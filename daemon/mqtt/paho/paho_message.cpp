@@ -72,22 +72,8 @@ void PublishForm::write_time(mqtt::message& form, WallTime time) {
 }
 
 BrokerMessage from_paho(const mqtt::message& message) {
-  return {message.get_topic(),
-          to_bytes(message.get_payload()),
-          static_cast<Qos>(message.get_qos()),
-          message.is_retained(),
-          std::nullopt,
-          message.is_duplicate()};
-}
-
-std::vector<std::uint32_t> subscriptions_of(const mqtt::message& message) {
-  std::vector<std::uint32_t> ids;
-  const mqtt::properties& properties = message.get_properties();
-  const std::size_t count = properties.count(mqtt::property::SUBSCRIPTION_IDENTIFIER);
-  for (std::size_t i = 0; i < count; ++i) {
-    ids.push_back(mqtt::get<std::uint32_t>(properties, mqtt::property::SUBSCRIPTION_IDENTIFIER, i));
-  }
-  return ids;
+  return {message.get_topic(), to_bytes(message.get_payload()), static_cast<Qos>(message.get_qos()),
+          message.is_retained()};
 }
 
 BrokerLimits limits_of(const mqtt::token& token, MqttVersion version) {

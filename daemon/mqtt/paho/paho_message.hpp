@@ -39,8 +39,6 @@ class PublishForm {
 };
 
 BrokerMessage from_paho(const mqtt::message& message);
-/// MQTT 5 section 3.3.2.3.8; empty with MQTT 3.1.1.
-std::vector<std::uint32_t> subscriptions_of(const mqtt::message& message);
 /// Of a CONNACK.
 BrokerLimits limits_of(const mqtt::token& token, MqttVersion version);
 

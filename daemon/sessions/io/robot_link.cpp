@@ -7,7 +7,9 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <boost/asio/post.hpp>
+#include <cerrno>
 
 #include "daemon/mqtt/connect_failure.hpp"
 #include "daemon/mqtt/mosquitto/publish_properties.hpp"
@@ -36,6 +38,39 @@ bool is_connected(int socket) {
   return error == 0 && getpeername(socket, reinterpret_cast<sockaddr*>(&peer), &peer_size) == 0;
 }
 
+/// libmosquitto 2.0 writes an octet for each packet to a socket pair of its own, which a loop like
+/// ours never reads: 215 KiB of the kernel's memory for each client, unless its buffer is small.
+/// It also leaves the pair open across exec().
+class SocketPair {
+ public:
+  /// The numbers that the next pair gets; another thread may take them first.
+  SocketPair() {
+    for (int& each : expected_) each = fcntl(0, F_DUPFD_CLOEXEC, 0);
+    for (const int each : expected_)
+      if (each >= 0) ::close(each);
+  }
+  /// Only what is what the library makes.
+  void tame() const {
+    for (const int each : expected_) {
+      int domain = 0;
+      socklen_t size = sizeof domain;
+      const bool is_local =
+          getsockopt(each, SOL_SOCKET, SO_DOMAIN, &domain, &size) == 0 && domain == AF_UNIX;
+      if (!is_local || fcntl(each, F_GETFD) != 0) continue;
+      const int smallest = 1;
+      setsockopt(each, SOL_SOCKET, SO_SNDBUF, &smallest, sizeof smallest);
+      fcntl(each, F_SETFD, FD_CLOEXEC);
+    }
+  }
+
+ private:
+  std::array<int, 2> expected_{};
+};
+
+bool is_id_refusal(int code) {  // MQTT 3.1.1 section 3.2.2.3, MQTT 5 section 3.2.2.2
+  return code == 2 || code == 5 || code == 0x85 || code == 0x87;
+}
+
 }  // namespace
 
 RobotLink::RobotLink(RobotLinks& links, std::shared_ptr<const RobotLinks::Broker> broker,
@@ -54,9 +89,11 @@ void RobotLink::open(const std::string& client_id, bool is_clean, const std::str
                      TimePoint give_up_at) {
   give_up_at_ = give_up_at;
   const bool is_v5 = broker_->version == MqttVersion::v5;
+  const SocketPair pair;
   client_.reset(mosquitto_new(client_id.c_str(), is_clean, this));
   mosquitto* client = client_.get();
-  if (!client) return fail_to_open();
+  if (!client) return fail_to_open(errno);
+  pair.tame();
   mosquitto_int_option(client, MOSQ_OPT_PROTOCOL_VERSION,
                        is_v5 ? MQTT_PROTOCOL_V5 : MQTT_PROTOCOL_V311);
   mosquitto_int_option(client, MOSQ_OPT_TCP_NODELAY, 1);
@@ -84,16 +121,18 @@ void RobotLink::open(const std::string& client_id, bool is_clean, const std::str
     mosquitto_connect_bind_v5(client, address.c_str(), no_port, keep_alive, nullptr, properties);
     mosquitto_property_free_all(&properties);
   }
+  errno = 0;
   const int result = mosquitto_connect_async(client, address.c_str(), settings.port, keep_alive);
-  if (result > 0) return fail_to_open();
+  if (result > 0) return fail_to_open(errno);
   const int descriptor = mosquitto_socket(client);
   fcntl(descriptor, F_SETFD, FD_CLOEXEC);
-  if (!duplicate(descriptor, socket_)) return fail_to_open();
+  if (!duplicate(descriptor, socket_)) return fail_to_open(errno);
   await_connection();
 }
 
 /// Reported after the call to RobotLinks::open().
-void RobotLink::fail_to_open() {
+void RobotLink::fail_to_open(int error) {
+  error_ = error;
   is_over_ = true;
   write_soon();
 }
@@ -120,7 +159,10 @@ void RobotLink::set_callbacks() {
         of(object).events_.push_back(Subscribed{id, count > 0 && granted[0] < first_reason});
       });
   mosquitto_unsubscribe_callback_set(client, [](mosquitto*, void* object, int id) {
-    of(object).events_.push_back(Unsubscribed{id});
+    of(object).events_.push_back(Confirmed{id});
+  });
+  mosquitto_publish_callback_set(client, [](mosquitto*, void* object, int id) {
+    of(object).events_.push_back(Confirmed{id});
   });
   mosquitto_message_v5_callback_set(
       client, [](mosquitto*, void* object, const mosquitto_message* message,
@@ -128,13 +170,13 @@ void RobotLink::set_callbacks() {
         const auto* payload = static_cast<const std::uint8_t*>(message->payload);
         of(object).events_.push_back(
             Arrived{{message->topic, Bytes(payload, payload + message->payloadlen),
-                     static_cast<Qos>(message->qos), message->retain, std::nullopt, false},
+                     static_cast<Qos>(message->qos), message->retain},
                     subscriptions_of(properties)});
       });
 }
 
 void RobotLink::await_connection() {
-  if (!duplicate(socket_.native_handle(), writable_)) return fail_to_open();
+  if (!duplicate(socket_.native_handle(), writable_)) return fail_to_open(errno);
   writable_.async_wait(boost::asio::posix::descriptor_base::wait_write,
                        [self = shared_from_this()](error_code error) {
                          if (error || self->is_ended_) return;
@@ -160,7 +202,15 @@ void RobotLink::await_readable() {
 
 void RobotLink::on_readable() {
   after_call(mosquitto_loop_read(client_.get(), packets_at_once));
+  if (!is_open_) watch_handshake();
   if (!is_over_ && mosquitto_want_write(client_.get())) write();
+}
+
+/// As in MosquittoLink: the library goes on for ever with a TLS handshake that has broken off.
+void RobotLink::watch_handshake() {
+  char first = 0;
+  const auto got = recv(socket_.native_handle(), &first, 1, MSG_PEEK | MSG_DONTWAIT);
+  if (got == 0 && events_.empty()) is_over_ = true;
 }
 
 /// After the present handler, so that what it sends goes out together.
@@ -224,10 +274,16 @@ void RobotLink::unsubscribe(const std::string& filter) {
   write_soon();
 }
 
-void RobotLink::ask_fence(std::uint64_t number) {
+/// A broker of MQTT 5 answers in order. In a cluster of MQTT 3.1.1 (RabbitMQ) another node may keep
+/// the session, and what is published to it goes the way of our acknowledgements.
+void RobotLink::ask_fence(std::uint64_t number, const std::string& own_topic) {
   if (is_over_) return;
   int packet_id = 0;
-  after_call(mosquitto_unsubscribe(client_.get(), &packet_id, fence_filter));
+  if (broker_->version == MqttVersion::v5)
+    after_call(mosquitto_unsubscribe(client_.get(), &packet_id, fence_filter));
+  else
+    after_call(mosquitto_publish(client_.get(), &packet_id, own_topic.c_str(), 0, nullptr, 1,
+                                 /*retain=*/false));
   fences_.emplace_back(packet_id, number);
   write_soon();
 }
@@ -258,7 +314,8 @@ void RobotLink::deliver() {
   if (was_open)
     listener.on_detached(robot_);
   else
-    listener.on_attach_failed(robot_, "the broker does not answer, or has closed the connection");
+    listener.on_attach_failed(robot_, {"the broker does not answer, or has closed the connection",
+                                       false, error_ == EMFILE || error_ == ENFILE});
 }
 
 void RobotLink::handle(const Answered& answer) {
@@ -268,7 +325,8 @@ void RobotLink::handle(const Answered& answer) {
   }
   RobotLinksListener& listener = links_.listener_;
   links_.remove(robot_);
-  listener.on_attach_failed(robot_, explain_connect_failure(answer.code));
+  listener.on_attach_failed(
+      robot_, {explain_connect_failure(answer.code), is_id_refusal(answer.code), false});
 }
 
 void RobotLink::handle(const Subscribed& subscribed) {
@@ -280,8 +338,8 @@ void RobotLink::handle(const Subscribed& subscribed) {
   links_.listener_.on_subscribed(robot_, filter, subscribed.is_granted);
 }
 
-void RobotLink::handle(const Unsubscribed& unsubscribed) {
-  if (fences_.empty() || fences_.front().first != unsubscribed.packet_id) return;
+void RobotLink::handle(const Confirmed& confirmed) {
+  if (fences_.empty() || fences_.front().first != confirmed.packet_id) return;
   const std::uint64_t number = fences_.front().second;
   fences_.pop_front();
   links_.listener_.on_fence(robot_, number);

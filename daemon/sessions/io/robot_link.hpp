@@ -27,7 +27,7 @@ class RobotLink : public std::enable_shared_from_this<RobotLink> {
             TimePoint give_up_at);
   void subscribe(const std::string& filter, Qos qos, std::uint32_t id, bool wants_retained);
   void unsubscribe(const std::string& filter);
-  void ask_fence(std::uint64_t number);
+  void ask_fence(std::uint64_t number, const std::string& own_topic);
   void publish(const std::string& topic, const std::string& text);
   void on_tick(TimePoint now);
   /// DISCONNECT; `forget` also ends the session at the broker (MQTT 5).
@@ -48,29 +48,31 @@ class RobotLink : public std::enable_shared_from_this<RobotLink> {
     int packet_id;
     bool is_granted;
   };
-  struct Unsubscribed {
+  /// An UNSUBACK or a PUBACK.
+  struct Confirmed {
     int packet_id;
   };
   struct Arrived {
     BrokerMessage message;
     std::vector<std::uint32_t> ids;
   };
-  using Event = std::variant<Answered, Subscribed, Unsubscribed, Arrived>;
+  using Event = std::variant<Answered, Subscribed, Confirmed, Arrived>;
 
   static RobotLink& of(void* object) { return *static_cast<RobotLink*>(object); }
   void set_callbacks();
   bool duplicate(int descriptor, boost::asio::posix::stream_descriptor& to) const;
-  void fail_to_open();
+  void fail_to_open(int error);
   void await_connection();
   void await_readable();
   void on_readable();
+  void watch_handshake();
   void write_soon();
   void write();
   void after_call(int result);
   void deliver();
   void handle(const Answered& answer);
   void handle(const Subscribed& subscribed);
-  void handle(const Unsubscribed& unsubscribed);
+  void handle(const Confirmed& confirmed);
   void handle(Arrived& arrived);
 
   RobotLinks& links_;
@@ -86,6 +88,7 @@ class RobotLink : public std::enable_shared_from_this<RobotLink> {
   bool is_over_ = false;   ///< the library has no connection any more
   bool is_ended_ = false;  ///< nothing is reported any more
   bool is_write_due_ = false;
+  int error_ = 0;  ///< why it was not opened, if the system says
   std::vector<Event> events_;
   std::vector<std::pair<int, std::string>> subscribing_;  ///< packet ids and filters
   std::deque<std::pair<int, std::uint64_t>> fences_;      ///< packet ids and numbers

@@ -3,6 +3,8 @@
 
 #include <boost/asio/post.hpp>
 #include <chrono>
+#include <mutex>
+#include <thread>
 
 #include "daemon/sessions/io/robot_link.hpp"
 
@@ -16,8 +18,14 @@ TimePoint now() { return std::chrono::steady_clock::now(); }
 
 }  // namespace
 
+struct RobotLinks::Asker {
+  std::mutex mutex;
+  RobotLinks* links = nullptr;  ///< until stop()
+};
+
 RobotLinks::RobotLinks(boost::asio::io_context& io, RobotLinksListener& listener)
-    : io_(io), listener_(listener), tick_(io) {
+    : io_(io), listener_(listener), tick_(io), asker_(std::make_shared<Asker>()) {
+  asker_->links = this;
   [[maybe_unused]] static const int once = mosquitto_lib_init();
   await_tick();
 }
@@ -33,13 +41,15 @@ void RobotLinks::use(const BrokerSettings& broker, MqttVersion version) {
   auto shared = std::make_shared<Broker>();
   shared->settings = broker;
   shared->version = version;
-  boost::asio::post(lane_, [this, shared, number = ++resolving_] {
+  std::thread([asker = asker_, shared, number = ++resolving_] {
     shared->addresses = resolve_host(shared->settings);
     if (shared->settings.tls) shared->tls = std::make_unique<TlsClient>(shared->settings);
-    boost::asio::post(io_, [this, shared, number] {
-      if (number == resolving_ && !is_stopped_) on_resolved(shared);
+    const std::lock_guard lock(asker->mutex);
+    if (!asker->links) return;
+    boost::asio::post(asker->links->io_, [links = asker->links, shared, number] {
+      if (number == links->resolving_ && !links->is_stopped_) links->on_resolved(shared);
     });
-  });
+  }).detach();
 }
 
 void RobotLinks::on_resolved(std::shared_ptr<Broker> broker) {
@@ -86,8 +96,9 @@ void RobotLinks::unsubscribe(const std::string& robot, const std::string& filter
   if (RobotLink* link = find(robot)) link->unsubscribe(filter);
 }
 
-void RobotLinks::ask_fence(const std::string& robot, std::uint64_t number) {
-  if (RobotLink* link = find(robot)) link->ask_fence(number);
+void RobotLinks::ask_fence(const std::string& robot, std::uint64_t number,
+                           const std::string& own_topic) {
+  if (RobotLink* link = find(robot)) link->ask_fence(number, own_topic);
 }
 
 void RobotLinks::publish(const std::string& robot, const std::string& topic,
@@ -110,7 +121,8 @@ void RobotLinks::stop() {
   if (std::exchange(is_stopped_, true)) return;
   tick_.cancel();
   while (!links_.empty()) close(std::string(links_.begin()->first), false);
-  lane_.join();
+  const std::lock_guard lock(asker_->mutex);
+  asker_->links = nullptr;
 }
 
 }  // namespace slamgw::sessions

@@ -6,7 +6,6 @@
 
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/steady_timer.hpp>
-#include <boost/asio/thread_pool.hpp>
 #include <cstdint>
 #include <memory>
 #include <string>
@@ -21,6 +20,12 @@
 
 namespace slamgw::sessions {
 
+struct AttachFailure {
+  std::string why;
+  bool is_id_refused = false;     ///< the broker does not let this gateway use the client id
+  bool is_without_files = false;  ///< the process may not open more
+};
+
 /// On the loop's thread, never from inside a call to RobotLinks, and for a robot none after
 /// close().
 class RobotLinksListener {
@@ -29,7 +34,7 @@ class RobotLinksListener {
   /// The gateway's own broker is known by name and address: sessions may be opened.
   virtual void on_ready() = 0;
   virtual void on_attached(const std::string& robot, bool is_present) = 0;
-  virtual void on_attach_failed(const std::string& robot, const std::string& why) = 0;
+  virtual void on_attach_failed(const std::string& robot, const AttachFailure& failure) = 0;
   virtual void on_detached(const std::string& robot) = 0;
   virtual void on_subscribed(const std::string& robot, const std::string& filter,
                              bool is_granted) = 0;
@@ -63,9 +68,9 @@ class RobotLinks {
   void subscribe(const std::string& robot, const std::string& filter, Qos qos, std::uint32_t id,
                  bool wants_retained);
   void unsubscribe(const std::string& robot, const std::string& filter);
-  void ask_fence(const std::string& robot, std::uint64_t number);
+  void ask_fence(const std::string& robot, std::uint64_t number, const std::string& own_topic);
   void publish(const std::string& robot, const std::string& topic, const std::string& text);
-  /// Closes all.
+  /// Closes all; waits for nothing.
   void stop();
 
  private:
@@ -79,6 +84,10 @@ class RobotLinks {
     std::unique_ptr<TlsClient> tls;
   };
 
+  /// What the thread that resolves knows of this object, which does not wait for it:
+  /// getaddrinfo() may hang.
+  struct Asker;
+
   void on_resolved(std::shared_ptr<Broker> broker);
   RobotLink* find(const std::string& robot);
   void remove(const std::string& robot);
@@ -86,8 +95,8 @@ class RobotLinks {
 
   boost::asio::io_context& io_;
   RobotLinksListener& listener_;
-  boost::asio::thread_pool lane_{1};
   boost::asio::steady_timer tick_;
+  const std::shared_ptr<Asker> asker_;
   std::shared_ptr<const Broker> broker_;
   std::uint64_t resolving_ = 0;  ///< the last use()
   std::uint64_t attempts_ = 0;   ///< a host may have several addresses: each attempt tries the next

@@ -9,10 +9,10 @@ namespace slamgw::sessions {
 
 SessionHost::SessionHost(boost::asio::io_context& io, SessionNames names,
                          RobotSessions::ServedElsewhere is_served_elsewhere,
-                         std::function<void(Report)> report)
+                         std::optional<TimePoint> last_alive, std::function<void(Report)> report)
     : names_(names),
       report_(std::move(report)),
-      sessions_(std::move(names), std::move(is_served_elsewhere)),
+      sessions_(std::move(names), std::move(is_served_elsewhere), last_alive),
       driver_(io, sessions_,
               [this](SessionAction& action) {
                 std::visit([this](auto& what) { perform(what); }, action);
@@ -21,15 +21,16 @@ SessionHost::SessionHost(boost::asio::io_context& io, SessionNames names,
 
 void SessionHost::on_broker_up(const BrokerSettings& broker, MqttVersion version) {
   const std::string uri = broker.addresses().front().uri();
-  is_other_ = std::exchange(uri_, uri) != uri || version != version_;
+  is_other_ = is_other_ || (!uri_.empty() && (uri != uri_ || version != version_));
+  uri_ = uri;
   version_ = version;
   is_broker_up_ = true;
   links_.use(broker, version);
 }
 
-/// Sessions whose connections stand go on; none is opened.
 void SessionHost::on_broker_down() {
   is_broker_up_ = false;
+  refused_.clear();
   driver_.input(&RobotSessions::on_broker_down);
 }
 
@@ -46,17 +47,29 @@ void SessionHost::stop() {
 }
 
 void SessionHost::on_attached(const std::string& robot, bool is_present) {
+  refused_.erase(robot);
   driver_.input(&RobotSessions::on_attached, robot, is_present);
 }
 
-void SessionHost::on_attach_failed(const std::string& robot, const std::string& why) {
+void SessionHost::on_attach_failed(const std::string& robot, const AttachFailure& failure) {
   if (const auto count = failure_throttle_.on_event(read_clocks().mono))
     report_(Notice{Severity::warning,
-                   fmt::format("{}: the broker does not give its session to this gateway: {} ({} "
-                               "such answers)",
-                               robot, why, *count),
-                   robot});
+                   fmt::format("{} ({} like it)", explain(robot, failure), *count), robot});
+  refused_.insert(robot);
   driver_.input(&RobotSessions::on_attach_failed, robot);
+}
+
+std::string SessionHost::explain(const std::string& robot, const AttachFailure& failure) const {
+  if (failure.is_without_files)
+    return fmt::format(
+        "{}: its session at the broker cannot be opened: too many open files; raise RLIMIT_NOFILE "
+        "(LimitNOFILE= of the service; each robot needs 4)",
+        robot);
+  return fmt::format(
+      "{}: the broker does not give its session to this gateway: {}{}", robot, failure.why,
+      failure.is_id_refused
+          ? fmt::format("; it does not let this gateway use client ids {}", names_.client_id("*"))
+          : "");
 }
 
 void SessionHost::on_detached(const std::string& robot) {
@@ -92,7 +105,9 @@ void SessionHost::perform(UnsubscribeSession& unsubscribe) {
   links_.unsubscribe(unsubscribe.robot, unsubscribe.filter);
 }
 
-void SessionHost::perform(AskFence& fence) { links_.ask_fence(fence.robot, fence.number); }
+void SessionHost::perform(AskFence& fence) {
+  links_.ask_fence(fence.robot, fence.number, names_.mailbox_topic(fence.robot));
+}
 
 void SessionHost::perform(SendMarker& marker) {
   links_.publish(marker.robot, names_.mailbox_topic(marker.robot), marker.text);

@@ -179,15 +179,33 @@ TEST_F(CobsMeshTest, DropsTheTornFrameAfterEachOpening) {
 
 TEST_F(CobsMeshTest, CommandsAreRefusedNotSwallowed) {
   make(CobsContent::positions);
-  mesh->on_broker_message({"ntnu-slam/server/nr1/cmd", hex("0a 00 ec ff"), Qos::at_least_once, {}},
-                          CommandId{1}, now);
-  mesh->on_broker_message({"ntnu-slam/server/other/cmd", hex("0a"), Qos::at_least_once, {}},
-                          CommandId{2}, now);
+  mesh->on_broker_message(
+      {"nr1", {"ntnu-slam/server/nr1/cmd", hex("0a 00 ec ff"), Qos::at_least_once}, CommandId{1}},
+      now);
+  mesh->on_broker_message(
+      {"other", {"ntnu-slam/server/other/cmd", hex("0a"), Qos::at_least_once}, CommandId{2}}, now);
   drain();
   ASSERT_EQ(all<CommandOutcome>().size(), 1u);
   EXPECT_EQ(all<CommandOutcome>()[0].id, CommandId{1});
   EXPECT_EQ(all<CommandOutcome>()[0].result, CommandResult::refused);
   EXPECT_NE(all<CommandOutcome>()[0].why.find("not supported by this link"), std::string::npos);
+}
+
+/// It is at another gateway: no presence is due here and no will, until it comes back.
+TEST_F(CobsMeshTest, ARobotThatWasGivenUpIsAnnouncedAgainWhenItComesBack) {
+  make(CobsContent::positions);
+  EXPECT_TRUE(all<SubscribeRequest>().at(0).is_standing) << "it may be elsewhere";
+  hear("02 0a 04 ec ff 00 03 ec ff 01 00");
+  EXPECT_FALSE(all<SubscribeRequest>().at(1).is_standing) << "it is here";
+  events.clear();
+  EXPECT_TRUE(mesh->give_up("nr1", now).empty());
+  mesh->on_deadline(now + 1h);
+  drain();
+  EXPECT_TRUE(events.empty());
+  hear("03 ec ff 01 00");
+  ASSERT_EQ(all<PresenceChange>().size(), 1u);
+  EXPECT_EQ(all<PresenceChange>()[0].presence, Presence::online);
+  EXPECT_FALSE(all<SubscribeRequest>().at(0).is_standing);
 }
 
 TEST_F(CobsMeshTest, BadFramesAreCountedAndSaidOnce) {

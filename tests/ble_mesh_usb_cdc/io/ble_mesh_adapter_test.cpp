@@ -139,8 +139,9 @@ TEST_F(BleMeshAdapterTest, BringsAFreshBoardUpAndCarriesAMessageBothWays) {
   EXPECT_EQ(to_hex(board.sent[0].payload), "cc590000");
 
   adapter->on_broker_message(
-      {"ntnu-slam/server/ble-0100/cmd", hex("0a 00 ec ff"), Qos::at_least_once, false},
-      CommandId{5});
+      {"ble-0100",
+       {"ntnu-slam/server/ble-0100/cmd", hex("0a 00 ec ff"), Qos::at_least_once, false},
+       CommandId{5}});
   ASSERT_TRUE(eventually([&] { return board.sent.size() == 2; }));
   plugged->say(board.message(0x0100, hex("d0 59 00 00")));
   ASSERT_TRUE(eventually([&] { return !listener.all<CommandOutcome>().empty(); }));
@@ -329,8 +330,8 @@ TEST_F(BleMeshAdapterTest, KeepsWhatIsUnderWayOnDiskUntilItEnds) {
     return CommandFile(directory).load(read_clocks()).value_or(std::vector<OpenCommand>{});
   };
   for (std::uint64_t id = 1; id <= 2; ++id)
-    adapter->on_broker_message({"ntnu-slam/server/nr1/x", {1, 2}, Qos::at_least_once, false},
-                               CommandId{id});
+    adapter->on_broker_message(
+        {"nr1", {"ntnu-slam/server/nr1/x", {1, 2}, Qos::at_least_once, false}, CommandId{id}});
   ASSERT_TRUE(eventually([&] { return kept().size() == 2; }));
   EXPECT_TRUE(kept()[0].is_sent);
   EXPECT_FALSE(kept()[1].is_sent);
@@ -342,6 +343,24 @@ TEST_F(BleMeshAdapterTest, KeepsWhatIsUnderWayOnDiskUntilItEnds) {
   EXPECT_EQ(listener.all<CommandOutcome>().size(), 2u);
 }
 
+TEST_F(BleMeshAdapterTest, HandsBackWhatARobotThatIsGivenUpHasNotBeenSent) {
+  names = RobotNames({{"nr1", 0x0100, {}}});
+  make_adapter();
+  plug();
+  adapter->start();
+  ASSERT_TRUE(eventually([&] { return listener.is_up(); }));
+  for (std::uint64_t id = 1; id <= 2; ++id)
+    adapter->on_broker_message(
+        {"nr1", {"ntnu-slam/server/nr1/x", {1, 2}, Qos::at_least_once, false}, CommandId{id}});
+  const auto waiting = adapter->give_up("nr1");
+  ASSERT_EQ(waiting.size(), 1u);
+  EXPECT_EQ(waiting[0].command, CommandId{2});
+  ASSERT_EQ(listener.all<CommandOutcome>().size(), 1u);
+  EXPECT_EQ(listener.all<CommandOutcome>()[0].id, CommandId{1});
+  EXPECT_TRUE(adapter->give_up("nr1").empty());
+  EXPECT_TRUE(adapter->give_up("nobody").empty());
+}
+
 TEST_F(BleMeshAdapterTest, TheFileOfCommandsHoldsNoContentAndIsForNobodyElse) {
   const mode_t mask = ::umask(0);
   names = RobotNames({{"nr1", 0x0100, {}}});
@@ -350,8 +369,8 @@ TEST_F(BleMeshAdapterTest, TheFileOfCommandsHoldsNoContentAndIsForNobodyElse) {
   adapter->start();
   ASSERT_TRUE(eventually([&] { return listener.is_up(); }));
   const Bytes content(8, 'K');
-  adapter->on_broker_message({"ntnu-slam/server/nr1/x", content, Qos::at_least_once, false},
-                             CommandId{1});
+  adapter->on_broker_message(
+      {"nr1", {"ntnu-slam/server/nr1/x", content, Qos::at_least_once, false}, CommandId{1}});
   const std::string path = directory / "ble-commands.json";
   std::string text;
   EXPECT_TRUE(eventually([&] {

@@ -155,6 +155,7 @@ TEST_F(Downlink, RefusesWhileTheLinkIsDownAndWhenItGoesDown) {
 TEST_F(Downlink, IgnoresRobotsOfTheOtherMesh) {
   rig.command("nrf_5/cmd", hex("0a 00 ec ff"));
   rig.command("ble-0300/cmd", hex("0a 00 ec ff"));  // never heard
+  rig.mesh.on_broker_message({"nr1", {"ntnu-slam/server/nr2/x", to_bytes("1")}}, rig.now);
   EXPECT_TRUE(outcomes().empty());
 }
 
@@ -241,6 +242,65 @@ TEST_F(Downlink, AnswersToRobotsOvertakeCommands) {
   ASSERT_EQ(rig.board.sent.size(), 4u);
   EXPECT_EQ(to_hex(rig.board.sent[2].payload), "cc590000");
   EXPECT_EQ(rig.board.sent[3].destination, 0x0200);
+}
+
+TEST_F(Downlink, ARobotThatIsGivenUpTakesItsWaitingCommandsAlong) {
+  rig.hear(first_robot, "cb 59 00 0a 00 ec ff");
+  rig.command("nr1/run", to_bytes("stop"));
+  rig.command("nr1/cmd", hex("01 00 02 00"), false, 2s);
+  rig.command("nr1/x", to_bytes("hi"));
+  rig.run_for(100ms);
+  ASSERT_EQ(rig.sent_to(first_robot).size(), 1u);
+  const auto waiting = rig.give_up("nr1");
+  ASSERT_EQ(waiting.size(), 2u);
+  EXPECT_EQ(waiting[0].command, CommandId{2});
+  EXPECT_EQ(waiting[0].message.topic, "ntnu-slam/server/nr1/cmd");
+  EXPECT_EQ(waiting[0].message.payload, hex("01 00 02 00"));
+  EXPECT_EQ(waiting[0].message.qos, Qos::at_least_once);
+  EXPECT_EQ(waiting[0].message.waited, 2100ms);
+  EXPECT_EQ(waiting[1].command, CommandId{3});
+  EXPECT_EQ(waiting[1].message.waited, 100ms);
+  ASSERT_EQ(outcomes().size(), 1u) << "the robot may have carried it out";
+  EXPECT_EQ(outcomes()[0].id, CommandId{1});
+  EXPECT_EQ(outcomes()[0].result, CommandResult::timeout);
+  EXPECT_EQ(outcomes()[0].why, "the robot moved to another gateway");
+  EXPECT_TRUE(rig.kept.empty()) << "a restart knows nothing of them";
+  rig.run_for(40s);
+  EXPECT_EQ(rig.sent_to(first_robot).size(), 1u);
+  EXPECT_EQ(outcomes().size(), 1u);
+}
+
+/// It speaks here as it did before: other gateways do not hear this mesh.
+TEST_F(Downlink, ARobotThatIsGivenUpGoesWithoutAWordAndIsAnnouncedWhenItComesBack) {
+  rig.hear(first_robot, "c9 59 00 0a 00 ec ff");
+  EXPECT_EQ(rig.mesh.presence_of("nr1"), Presence::online);
+  const std::uint64_t receipt = rig.all<Report>().at(0).receipt.id;
+  rig.events.clear();
+  EXPECT_TRUE(rig.give_up("nr1").empty());
+  EXPECT_EQ(rig.mesh.presence_of("nr1"), Presence::offline);
+  rig.receipt(receipt);
+  EXPECT_EQ(sent().size(), 1u) << "no other gateway could acknowledge it";
+  rig.run_for(40s);
+  EXPECT_TRUE(rig.events.empty()) << "no presence, no will";
+  rig.hear(first_robot, "04 00 59 00");
+  ASSERT_EQ(rig.all<PresenceChange>().size(), 1u);
+  EXPECT_EQ(rig.all<PresenceChange>()[0].presence, Presence::online);
+  EXPECT_EQ(rig.asked().size(), 1u) << "the gateway wants its session";
+  rig.command("nr1/x", to_bytes("1"), true);
+  EXPECT_EQ(sent().size(), 2u) << "a retained command, once each time it comes";
+}
+
+TEST_F(Downlink, ARobotThatIsAnsweredForIsReportedAsAbsentAndMayStillHaveASubscription) {
+  rig.hear(first_robot, "04 00 59 00");
+  rig.give_up("nr1");
+  rig.events.clear();
+  rig.hold_session("nr1");  // its other gateway has died
+  ASSERT_EQ(rig.all<SubscribeRequest>().size(), 1u);
+  EXPECT_TRUE(rig.all<SubscribeRequest>()[0].is_standing);
+  rig.hear(first_robot, "04 00 59 00");
+  rig.events.clear();
+  rig.hold_session("nr1");  // the broker was away
+  EXPECT_TRUE(rig.events.empty());
 }
 
 TEST_F(Downlink, RefusesWhatWaitsAndWhatComesWhenTheGatewayEnds) {

@@ -36,9 +36,12 @@ TEST(Names, ARobotThatTalksGoesUnderItsOldAndComesUnderItsNewName) {
   rename(rig, {{"nr2", 0x0100, {}}});
   EXPECT_EQ(presence_of(rig), (std::vector<std::string>{"nr1 offline", "nr2 online"}));
   ASSERT_EQ(rig.all<UnsubscribeRequest>().size(), 1u);
+  EXPECT_EQ(rig.all<UnsubscribeRequest>()[0].robot, "nr1");
   EXPECT_EQ(rig.all<UnsubscribeRequest>()[0].filter, "ntnu-slam/server/nr1/+");
   ASSERT_EQ(rig.all<SubscribeRequest>().size(), 1u);
+  EXPECT_EQ(rig.all<SubscribeRequest>()[0].robot, "nr2");
   EXPECT_EQ(rig.all<SubscribeRequest>()[0].filter, "ntnu-slam/server/nr2/+");
+  EXPECT_EQ(rig.asked().size(), 1u) << "and is here";
   rig.hear(0x0100, "cb 59 00 01 00 02 00");
   EXPECT_EQ(rig.all<Report>().back().topic, "ntnu-slam/robot/nr2/update");
   rig.command("nr2/cmd", hex("01 00 02 00"));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A mesh that several gateways share: what a gateway does with robots that another one serves.
+// A mesh that several gateways share: what a gateway does with robots whose sessions others hold.
 #include <gtest/gtest.h>
 
 #include "tests/ble_mesh_usb_cdc/mesh_rig.hpp"
@@ -33,7 +33,7 @@ class SharedMesh : public ::testing::Test {
  protected:
   explicit SharedMesh(NodeDatabase database = shared_database())
       : rig(shared_settings(), std::move(database)) {
-    rig.mesh.ask_who_serves([this](const std::string&) { return is_owner; });
+    rig.mesh.ask_who_serves([this](const std::string&) { return is_holder; });
     rig.start();
   }
 
@@ -43,17 +43,15 @@ class SharedMesh : public ::testing::Test {
     return rig.sent_to(first_robot).size();
   }
   void take_over() {
-    is_owner = true;
-    rig.mesh.on_taken_over("nr1", rig.now);
-    rig.run_for(0ms);
+    is_holder = true;
+    rig.hold_session("nr1");
   }
-  void give_up() {
-    is_owner = false;
-    rig.mesh.on_given_up("nr1", rig.now);
-    rig.run_for(0ms);
+  std::vector<WaitingMessage> give_up() {
+    is_holder = false;
+    return rig.give_up("nr1");
   }
 
-  bool is_owner = false;
+  bool is_holder = false;
   MeshRig rig;
 };
 
@@ -68,6 +66,9 @@ TEST_F(SharedMesh, ARobotOfAnotherGatewayIsHeardAndNothingElse) {
   }
   EXPECT_TRUE(reports().empty());
   EXPECT_EQ(statuses(), 0u);
+  EXPECT_TRUE(rig.all<PresenceChange>().empty());
+  EXPECT_TRUE(rig.all<SignOfLife>().empty()) << "it would be a reason to take the session";
+  EXPECT_TRUE(rig.asked().empty()) << "and this, too";
   EXPECT_EQ(rig.counter("left_to_others"), 4u);
   ASSERT_EQ(rig.heard.size(), 4u);
   EXPECT_EQ(rig.heard[0].robot, "nr1");
@@ -75,7 +76,7 @@ TEST_F(SharedMesh, ARobotOfAnotherGatewayIsHeardAndNothingElse) {
   EXPECT_LT(rig.heard[0].radio->rssi_dbm, 0);
 }
 
-TEST_F(SharedMesh, ItsOwnerReportsAndAnswers) {
+TEST_F(SharedMesh, TheHolderOfTheSessionReportsAndAnswers) {
   take_over();
   rig.hear(first_robot, update_set, group);
   ASSERT_EQ(reports().size(), 1u);
@@ -93,14 +94,14 @@ TEST_F(SharedMesh, WhatIsNotAcknowledgedWhenItGoesIsNotAcknowledgedLater) {
   EXPECT_EQ(statuses(), 0u);
 }
 
-/// Without being told: the lease has ended.
-TEST_F(SharedMesh, NothingIsAcknowledgedWithoutTheLease) {
+/// Before anything was heard of who has it.
+TEST_F(SharedMesh, NothingIsAcknowledgedWithoutTheSession) {
   take_over();
   rig.hear(first_robot, update_set, group);
-  is_owner = false;
+  is_holder = false;
   rig.receipt(reports().at(0).receipt.id);
   EXPECT_EQ(statuses(), 0u);
-  is_owner = true;
+  is_holder = true;
   rig.run_for(280ms);
   rig.hear(first_robot, update_set, group);
   EXPECT_EQ(reports().size(), 2u) << "goes up once more";
@@ -108,8 +109,8 @@ TEST_F(SharedMesh, NothingIsAcknowledgedWithoutTheLease) {
   EXPECT_EQ(statuses(), 1u);
 }
 
-/// Another gateway calls this one dead and commands the robot: no repeat may overtake that.
-TEST_F(SharedMesh, ACommandIsNotSentWithoutTheLease) {
+/// Another gateway may command the robot: no repeat may overtake that.
+TEST_F(SharedMesh, ACommandIsNotSentWithoutTheSession) {
   take_over();
   rig.hear(first_robot, "cb 59 00 0a 00 ec ff", group);
   rig.run_for(1s);
@@ -119,29 +120,39 @@ TEST_F(SharedMesh, ACommandIsNotSentWithoutTheLease) {
   const std::size_t sent = rig.sent_to(first_robot).size();
   EXPECT_EQ(sent, before + 1);
   rig.command("nr1/cmd", {10, 0, 20, 0});
-  is_owner = false;
-  rig.run_for(40s);
+  is_holder = false;
+  rig.run_for(20s);
   EXPECT_EQ(rig.sent_to(first_robot).size(), sent);
+  rig.run_for(20s);
   const auto outcomes = rig.all<CommandOutcome>();
   ASSERT_EQ(outcomes.size(), 2u);
-  for (const CommandOutcome& outcome : outcomes) EXPECT_EQ(outcome.result, CommandResult::refused);
+  for (const CommandOutcome& outcome : outcomes) EXPECT_EQ(outcome.result, CommandResult::timeout);
 }
 
-TEST_F(SharedMesh, ARetainedCommandComesFromTheOwnerOnly) {
+TEST_F(SharedMesh, ACommandGoesOnWhenTheSessionIsBack) {
+  take_over();
+  rig.hear(first_robot, "cb 59 00 0a 00 ec ff", group);
+  is_holder = false;
+  rig.command("nr1/run", {1});
+  EXPECT_EQ(statuses(), 0u);
+  take_over();
+  EXPECT_EQ(statuses(), 1u);
+}
+
+TEST_F(SharedMesh, ARetainedCommandComesFromTheHolderOnly) {
   rig.hear(first_robot, update_set, group);
   rig.command("nr1/run", {1}, true);
   rig.run_for(1s);
   EXPECT_TRUE(rig.sent_to(first_robot).empty());
-  const std::size_t subscribed = rig.all<SubscribeRequest>().size();
   take_over();
-  EXPECT_GT(rig.all<SubscribeRequest>().size(), subscribed) << "the broker sends it again";
+  EXPECT_EQ(rig.asked().size(), 1u) << "the broker sends it again";
   rig.command("nr1/run", {1}, true);
   EXPECT_EQ(statuses(), 1u);
   give_up();
   rig.run_for(20s);
-  const std::size_t asked = rig.all<SubscribeRequest>().size();
   take_over();
-  EXPECT_EQ(rig.all<SubscribeRequest>().size(), asked) << "it has had it";
+  EXPECT_EQ(rig.asked().size(), 1u) << "it has had it";
+  EXPECT_TRUE(rig.all<SubscribeRequest>().back().is_standing);
 }
 
 /// The robot stands still: the same update again is a new message, of which another gateway may
@@ -157,10 +168,10 @@ TEST_F(SharedMesh, WhatWasAnsweredBeforeIsNotTakenForARepeat) {
     take_over();
     rig.hear(first_robot, text, group);
     EXPECT_EQ(reports().size(), before + 2);
-    is_owner = false;
+    is_holder = false;
     rig.run_for(10s);
-    rig.hear(first_robot, text, group);  // another gateway's, while the lease had ended
-    is_owner = true;
+    rig.hear(first_robot, text, group);  // another gateway's
+    is_holder = true;
     rig.run_for(280ms);
     rig.hear(first_robot, text, group);
     EXPECT_EQ(reports().size(), before + 3);
@@ -168,7 +179,7 @@ TEST_F(SharedMesh, WhatWasAnsweredBeforeIsNotTakenForARepeat) {
   }
 }
 
-/// Its owner has died: the robot need not repeat it once more.
+/// The session's holder has died: the robot need not repeat it once more.
 TEST_F(SharedMesh, WhatNobodyAnswersGoesUpWhenTheRobotIsTakenOver) {
   for (const int copies : {1, 2}) {
     for (int i = 0; i < copies; ++i) {
@@ -209,28 +220,61 @@ TEST_F(SharedMesh, WhatWentUpWhenTheRobotWasTakenOverIsKnownWhenItComesAgain) {
   EXPECT_EQ(statuses(), 2u);
 }
 
-TEST_F(SharedMesh, CommandsEndWhenTheRobotGoes) {
+/// The broker was away for a moment, and no other gateway has served the robot.
+TEST_F(SharedMesh, WhatWentUpBeforeTheSessionWasLostIsAcknowledgedWhenItIsBack) {
+  take_over();
+  rig.hear(first_robot, "c5 59 00 01", group);
+  rig.hold_session("nr1");
+  rig.receipt(reports().at(0).receipt.id);
+  EXPECT_EQ(statuses(), 1u);
+  rig.run_for(260ms);
+  rig.hear(first_robot, "c5 59 00 01", group);
+  EXPECT_EQ(reports().size(), 1u);
+}
+
+TEST_F(SharedMesh, CommandsEndOrGoAlongWhenTheRobotGoes) {
   take_over();
   rig.hear(first_robot, "cb 59 00 0a 00 ec ff", group);
   rig.command("nr1/cmd", hex("01 00 02 00"));
+  rig.command("nr1/x", to_bytes("1"));
   rig.run_for(10ms);
   EXPECT_EQ(rig.sent_to(first_robot).size(), 1u);
-  give_up();
+  EXPECT_EQ(give_up().size(), 1u);
   const auto outcomes = rig.all<CommandOutcome>();
   ASSERT_EQ(outcomes.size(), 1u);
-  EXPECT_EQ(outcomes[0].result, CommandResult::refused);
+  EXPECT_EQ(outcomes[0].result, CommandResult::timeout);
   rig.run_for(10s);
   EXPECT_EQ(rig.sent_to(first_robot).size(), 1u)
       << "no repeat overtakes the other gateway's commands";
 }
 
 TEST_F(SharedMesh, WhoTakesARobotOverSaysThatItIsThere) {
-  rig.hear(first_robot, update_set, group);
-  const std::size_t before = rig.all<PresenceChange>().size();
+  for (std::size_t round = 1; round <= 2; ++round) {
+    rig.hear(first_robot, update_set, group);
+    take_over();
+    const auto changes = rig.all<PresenceChange>();
+    ASSERT_EQ(changes.size(), round);
+    EXPECT_EQ(changes.back().presence, Presence::online);
+    EXPECT_EQ(rig.mesh.presence_of("nr1"), Presence::online);
+    give_up();
+    EXPECT_EQ(rig.mesh.presence_of("nr1"), Presence::offline);
+    rig.run_for(40s);
+    EXPECT_EQ(rig.all<PresenceChange>().size(), round)
+        << "its silence is the other gateway's to tell";
+  }
+}
+
+/// Nobody has heard it for a while: its last gateway has died.
+TEST_F(SharedMesh, WhoAnswersForASilentRobotSaysThatItIsAbsent) {
+  rig.run_for(40s);
+  EXPECT_TRUE(rig.all<PresenceChange>().empty()) << "another gateway may show it";
   take_over();
-  const auto changes = rig.all<PresenceChange>();
-  ASSERT_EQ(changes.size(), before + 1);
-  EXPECT_EQ(changes.back().presence, Presence::online);
+  rig.run_for(40s);
+  ASSERT_EQ(rig.all<PresenceChange>().size(), 1u);
+  EXPECT_EQ(rig.all<PresenceChange>()[0].presence, Presence::offline);
+  rig.hear(first_robot, update_set, group);
+  EXPECT_EQ(rig.all<PresenceChange>().size(), 2u);
+  EXPECT_EQ(rig.asked().size(), 1u);
 }
 
 struct Alone : SharedMesh {
@@ -241,7 +285,6 @@ TEST_F(Alone, NobodyIsAskedInAMeshOfOneGateway) {
   rig.hear(first_robot, update_set, group);
   EXPECT_EQ(reports().size(), 1u);
   EXPECT_TRUE(rig.heard.empty());
-  give_up();
   rig.receipt(reports()[0].receipt.id);
   EXPECT_EQ(statuses(), 1u);
 }

@@ -341,19 +341,22 @@ TEST_F(Uplink, AHeartbeatCountsAsLife) {
 TEST_F(Uplink, SubscribesForConfiguredRobotsAtStartAndForAllWhenTheyComeOnline) {
   const auto filters = [&] {
     std::vector<std::string> found;
-    for (const auto& request : rig.all<SubscribeRequest>()) found.push_back(request.filter);
+    for (const auto& request : rig.all<SubscribeRequest>()) {
+      EXPECT_EQ(request.filter, "ntnu-slam/server/" + request.robot + "/+");
+      found.push_back(request.robot + (request.is_standing ? " may be elsewhere" : " is here"));
+    }
     return found;
   };
-  EXPECT_EQ(filters(), std::vector<std::string>{"ntnu-slam/server/nr1/+"});
+  EXPECT_EQ(filters(), std::vector<std::string>{"nr1 may be elsewhere"});
   rig.hear(first_robot, update_set);
   rig.hear(0x0205, update_set);
   rig.hear(0x0205, update_set);
-  EXPECT_EQ(filters(), (std::vector<std::string>{"ntnu-slam/server/nr1/+", "ntnu-slam/server/nr1/+",
-                                                 "ntnu-slam/server/ble-0205/+"}));
+  EXPECT_EQ(filters(),
+            (std::vector<std::string>{"nr1 may be elsewhere", "nr1 is here", "ble-0205 is here"}));
 }
 
 TEST_F(Uplink, AsksAgainForASubscriptionThatWasNotGranted) {
-  rig.mesh.on_subscribe_result("ntnu-slam/server/nr1/+", false, rig.now);
+  rig.mesh.on_subscribe_result("nr1", "ntnu-slam/server/nr1/+", false, rig.now);
   const std::size_t before = rig.all<SubscribeRequest>().size();
   rig.mesh.on_broker_link(true, rig.now);
   rig.run_for(1ms);

@@ -119,24 +119,85 @@ TEST(Doctor, LooksAtTheOtherGateways) {
   EXPECT_NE(to_text(examine(facts)).find("fleet: no other gateway"), std::string::npos);
   facts.fleet = fleet_of({{"room-a", "member"}, {"room-b", "member"}, {"room-c", "member"}});
   EXPECT_EQ(problems_of(facts), "");
-  EXPECT_NE(to_text(examine(facts)).find("fleet: agrees with room-b, room-c"), std::string::npos);
+  EXPECT_NE(to_text(examine(facts)).find("fleet: shares the broker with room-b, room-c"),
+            std::string::npos);
   facts.fleet = fleet_of({{"room-a", "member"}, {"room-b", "silent"}});
   EXPECT_EQ(problems_of(facts), "fleet; ");
-  facts.fleet = fleet_of({{"room-a", "alone"}, {"room-b", "apart"}});
-  EXPECT_EQ(problems_of(facts), "fleet; ");
   EXPECT_FALSE(has_problem(examine(facts)));
-  facts.fleet = fleet_of({{"room-a", "joining"}});
-  EXPECT_EQ(problems_of(facts), "fleet; ");
   facts.fleet = fleet_of({{"room-a", "cut off"}, {"room-b", "silent"}});
-  EXPECT_TRUE(has_problem(examine(facts)));
   facts.status["broker"]["state"] = "down";
   EXPECT_EQ(problems_of(facts), "broker; ") << "the rest follows from it";
+}
+
+TEST(Doctor, SaysWhenTheBrokerKeepsRobotsSessionsBack) {
+  HostFacts facts = healthy();
+  facts.configuration.config.topics.prefix = "lab/slam";
+  facts.status["fleet"] = {{"sessions", 1}};
+  EXPECT_EQ(problems_of(facts), "robots: sessions; ");
+  const std::string text = to_text(examine(facts));
+  EXPECT_NE(text.find("1 for 2 robots"), text.npos) << text;
+  EXPECT_NE(text.find("lab-slam-robot-<id>"), text.npos) << text;
+  EXPECT_NE(text.find("topic readwrite lab/slam/fleet/robots/#"), text.npos) << text;
+  facts.status["broker"]["state"] = "down";
+  EXPECT_EQ(problems_of(facts), "broker; ") << "without a broker nobody has a session";
+  facts = healthy();
+  facts.status["fleet"] = {{"sessions", 3}};  // absent robots keep theirs
+  EXPECT_EQ(problems_of(facts), "");
+}
+
+TEST(Doctor, NamesTheDropInThatRaisesMosquittosLimitOfFiles) {
+  HostFacts facts = healthy();
+  facts.configuration.config.broker.host = "127.0.0.1";
+  facts.brokers.mosquitto_files = 1024;
+  facts.status["robots"]["known"] = 3;
+  EXPECT_EQ(problems_of(facts), "");
+  const std::string text = to_text(examine(facts));
+  EXPECT_NE(text.find("room for 1014 connections; each robot has one, 3 are known"), text.npos)
+      << text;
+  EXPECT_NE(text.find("LimitNOFILE=65536"), text.npos) << text;
+  facts.status["robots"]["known"] = 600;
+  EXPECT_EQ(problems_of(facts), "broker: files; ");
+  EXPECT_FALSE(has_problem(examine(facts)));
+  facts.status["robots"]["known"] = 1014;
+  EXPECT_TRUE(has_problem(examine(facts)));
+  facts.brokers.mosquitto_files = 65536;
+  EXPECT_EQ(problems_of(facts), "");
+  EXPECT_EQ(to_text(examine(facts)).find("LimitNOFILE"), std::string::npos);
+  facts.brokers.mosquitto_files = 1024;
+  facts.configuration.config.broker.host = "broker.example";
+  EXPECT_EQ(problems_of(facts), "") << "the broker is elsewhere";
+  facts.host_name = "broker.example";
+  EXPECT_TRUE(has_problem(examine(facts)));
+}
+
+TEST(Doctor, SaysThatClustersOfEjabberdAreNotSupported) {
+  HostFacts facts = healthy();
+  facts.interfaces[0].addresses.emplace_back("192.0.2.1");
+  facts.configuration.config.broker.host = "192.0.2.1";
+  facts.brokers.has_ejabberd = true;
+  EXPECT_EQ(problems_of(facts), "");
+  EXPECT_NE(to_text(examine(facts)).find("one node works"), std::string::npos);
+  facts.configuration.config.broker.others.push_back({"192.0.2.2", 1883, false});
+  EXPECT_EQ(problems_of(facts), "broker: ejabberd; ");
+}
+
+TEST(Doctor, TellsOfRobotsWhoseNameAnotherClientUses) {
+  HostFacts facts = healthy();
+  facts.status["robots"]["contested"] = 2;
+  EXPECT_EQ(problems_of(facts), "robots: contested; ");
+  RobotFacts of_one;
+  of_one.robots = {{{"id", "r1"},
+                    {"state", "online"},
+                    {"contested", true},
+                    {"why", "another client uses its name"}}};
+  EXPECT_NE(to_text(examine_robot("r1", of_one, {})).find("another client uses its name"),
+            std::string::npos);
 }
 
 /// The fleet's rights come with the others (StatusCollector::broker).
 TEST(Doctor, NamesTheLineThatGrantsWhatIsMissing) {
   HostFacts facts = healthy();
-  const std::string grant = "topic read p/fleet/#";
+  const std::string grant = "topic readwrite p/fleet/#";
   facts.status["broker"]["missing_rights"] = {{{"what", "not heard"}, {"grant", grant}}};
   EXPECT_EQ(problems_of(facts), "broker: rights; ");
   EXPECT_NE(to_text(examine(facts)).find(grant), std::string::npos);

@@ -15,27 +15,12 @@ from program import Program
 HOST = 0  # the gateway that provisions
 FADE_S = 20  # in which a third board fades out and in once
 TYPE = "ping"
-# Another gateway serves a robot within so long, and what the robot has repeated meanwhile goes up at that moment (docs/fleet.md). What is
-# lost on the air goes up with the next repeat, and robots repeat ever more slowly.
+# Another gateway serves a robot within so long, and what the robot has repeated meanwhile goes up at that moment. What is lost on the air
+# goes up with the next repeat, and robots repeat ever more slowly.
 SILENCE_S = 5
 REPEAT_S = 1  # from a repeat until it is acknowledged
-CLAIM_S = 0.5  # between what goes up for the one gateway and the claim of the next
+CHANGE_S = 0.5  # between what goes up for the one gateway and the presence at the next
 REPEAT_MS = 100  # a command that is not acknowledged for so long goes on the air again
-
-
-def claims_in(messages):
-    """By robot: when a life of a gateway was first seen to claim it with each epoch, at once or in a table after it has joined anew."""
-    claims, seen = defaultdict(list), set()
-    for at, topic, payload, _ in messages:
-        if topic.split("/")[1] != "fleet" or not (b'"claim"' in payload or b'"table"' in payload):
-            continue
-        message = json.loads(payload)
-        rows = message["rows"] if message["k"] == "table" else [[message["robot"], message["epoch"]]]
-        for robot, epoch in rows:
-            if (message["b"], robot, epoch) not in seen:
-                seen.add((message["b"], robot, epoch))
-                claims[robot].append(at)
-    return claims
 
 
 class BleMesh:
@@ -118,12 +103,13 @@ class BleMesh:
         sent, acknowledged, _ = self.read_record()
         return {(f"{prefix}/robot/{robot}/{TYPE}", bytes.fromhex(sent[robot, number][0])) for robot, number in acknowledged}
 
-    def judge(self, messages, told, bounds, findings):
+    def judge(self, fleet, messages, told, bounds, findings):
         """`messages`: those of the broker. `told`: the outcomes."""
         sent, acknowledged, repeats = self.read_record()
         robots = set(self.names.values())
-        came, claims = defaultdict(list), claims_in(messages)
-        late = set()
+        changes = {robot: bounds.changes_of_ble([at for at, _ in shown[1:]], self.gateways)
+                   for robot, shown in fleet.places_of_ble().items()}
+        came, late = defaultdict(list), set()
         for at, topic, payload, is_late in messages:
             levels = topic.split("/")
             if levels[1] == "robot" and levels[3] == TYPE:
@@ -136,25 +122,26 @@ class BleMesh:
                 findings.add("ble_lost", at, f"{key}, sent at {sent[key][1]:.3f}")
             self.judge_silence(key, sent[key][1], at, repeats[key], bounds, findings)
         self.judge_given_up(sent, acknowledged, repeats, bounds, findings)
-        claimed = sum(len(claims[robot]) for robot in robots)
-        commands = self.judge_commands(told, claims, bounds, findings)
-        self.judge_copies(sent, came, claims, bounds, findings)
+        count = sum(len(each) for each in changes.values())
+        commands = self.judge_commands(told, changes, bounds, findings)
+        self.judge_copies(sent, came, changes, bounds, findings)
         self.judge_order(sent, came, late, bounds, findings)
         silence = sorted(at - sent[key][1] for key, at in acknowledged.items())
         return {
-            "ble_messages": len(acknowledged), "ble_claims": claimed, "ble_order_unknown": len(late),
-            **commands,
-            "ble_repeated": sum(1 for each in repeats.values() if each), "ble_silence_p99_s": round(silence[len(silence) * 99 // 100], 3) if silence else None,
+            "ble_messages": len(acknowledged), "ble_changes": count, "ble_order_unknown": len(late), **commands,
+            "ble_repeated": sum(1 for each in repeats.values() if each),
+            "ble_silence_p99_s": round(silence[len(silence) * 99 // 100], 3) if silence else None,
             "ble_silence_max_s": round(silence[-1], 3) if silence else None,
         }
 
     def judge_silence(self, key, since, until, repeats, bounds, findings):
+        """From when a gateway with a board has a way to the broker: nobody serves without one."""
         late = since + SILENCE_S
         later = [at for at in repeats if at >= late] if self.is_lossy else []
         if until <= (min(later) + REPEAT_S if later else late):
             return
-        is_bound = all(bounds.was_disturbed(gateway, since, until) for gateway in self.gateways)
-        findings.add("ble_waited_for_the_broker" if is_bound else "ble_silence_too_long", until,
+        had_a_way = any(not bounds.was_disturbed(gateway, since, until) for gateway in self.gateways)
+        findings.add("ble_silence_too_long" if had_a_way else "ble_waited_for_the_broker", until,
                      f"{key}: {until - since:.3f} s, since {since:.3f}")
 
     def judge_given_up(self, sent, acknowledged, repeats, bounds, findings):
@@ -165,33 +152,26 @@ class BleMesh:
             self.judge_silence((robot, number), sent[robot, number][1], min(later, default=end), repeats[robot, number],
                                bounds, findings)
 
-    def judge_copies(self, sent, came, claims, bounds, findings):
-        """Each time that a gateway stops serving a robot, at most one message of each of its models goes up twice; and so does what was on its
-        way to a broker when that connection broke. It ends in a claim, or the gateway goes on when it has its lease back."""
-        lost = {robot: [each for each in bounds.lapses if each.gateway in self.gateways] for robot in self.names.values()}
-        for robot in self.names.values():
-            claims[robot] += bounds.returns(self.gateways)
+    def judge_copies(self, sent, came, changes, bounds, findings):
+        """Bounds 8 and 3."""
         for (robot, number), (payload, at) in sent.items():
             copies = came[robot, payload]
             broken = sum(bounds.breaks(gateway, at, copies[0], copies[-1]) for gateway in self.gateways) if copies else 0
             for one, next_one in zip(copies, copies[1:]):
-                since = self.went_up(at, one, bounds) - CLAIM_S
-                claim = next((each for each in claims[robot] if since <= each <= next_one), None)
+                since = self.went_up(at, one, bounds) - CHANGE_S
+                change = next((each for each in changes[robot] if since <= each <= next_one + CHANGE_S), None)
                 kind = "ble_doubled_beyond"
-                if claim is not None:
-                    claims[robot].remove(claim)
+                if change is not None:
+                    changes[robot].remove(change)
                     kind = "ble_doubled"
-                elif (lapse := next((each for each in lost[robot] if one - CLAIM_S <= each.end and each.begin <= next_one), None)):
-                    lost[robot].remove(lapse)
-                    kind = "ble_doubled_when_lease_lapsed"
                 elif broken > 0:
                     broken -= 1
                     kind = "ble_doubled_when_broker_broke"
                 findings.add(kind, next_one, f"{robot} {number} sent at {at:.3f} came at {[round(each, 3) for each in copies]}")
 
     def went_up(self, sent, came, bounds):
-        """The earliest time at which a gateway may have published a message. While a node stands still a claim may overtake a message that was
-        published before it."""
+        """The earliest time at which a gateway may have published a message. While a node stands still, presence may overtake a message that
+        was published before it."""
         return sent if any(bounds.was_disturbed(gateway, sent, came) for gateway in self.gateways) else came
 
     def judge_order(self, sent, came, late, bounds, findings):
@@ -205,13 +185,12 @@ class BleMesh:
                              f"{robot} {number} sent at {at:.3f} behind {newest[robot]}")
             newest[robot] = max(number, newest.get(robot, 0))
 
-    def judge_commands(self, told, claims, bounds, findings):
-        """What is lost on the air is repeated, and what the robot acknowledges late on a busy machine; the robot counts repeats too. One that was on the air when its robot changed its gateway, or
-        when its gateway had lost its lease, may have been obeyed though it is refused."""
+    def judge_commands(self, told, changes, bounds, findings):
+        """What is lost on the air is repeated, and what the robot acknowledges late on a busy machine; the robot counts repeats too. A
+        `timeout` of when its robot changed its gateway may have been obeyed (bound 7)."""
         received = json.loads(self.simulator.log.read_text().splitlines()[-1])["robots"]
         obeyed = {self.names[name]: robot["commands_received"] for name, robot in received.items()}
-        results = {key: {json.loads(each.payload)["outcome"] for each in said} for key, said in told.items()
-                   if key[0] in obeyed}
+        results = {key: {each.what() for each in said} for key, said in told.items() if key[0] in obeyed}
         delivered = Counter(robot for (robot, _), outcomes in results.items() if "delivered" in outcomes)
         told_of = Counter(robot for robot, _ in results)
         repeated = {robot for (robot, _), said in told.items() if any(json.loads(each.payload)["after_ms"] >= REPEAT_MS for each in said)}
@@ -220,17 +199,16 @@ class BleMesh:
                 findings.add("ble_commands_wrong", time.monotonic(),
                              f"{robot} got {count}; {delivered[robot]} delivered of {told_of[robot]}")
             excess = max(0, min(count, told_of[robot]) - delivered[robot])
-            unclear = sum(1 for key, said in told.items() if key[0] == robot and "delivered" not in results[key] and
-                          self.may_be_obeyed(claims[robot], said, bounds))
-            if excess > unclear and not self.is_lossy:
+            unclear = sum(1 for key, said in told.items() if key[0] == robot and results[key] == {"timeout"} and
+                          self.may_be_obeyed(changes[robot], said, bounds))
+            if excess > unclear and not self.is_lossy and robot not in repeated:
                 findings.add("ble_obeyed_though_refused", time.monotonic(),
                              f"{robot} got {count}, {delivered[robot]} delivered, {unclear} in doubt")
         return {"ble_commands": len(results), "ble_obeyed_all_the_same":
                 sum(max(0, count - delivered[robot]) for robot, count in obeyed.items())}
 
-    def may_be_obeyed(self, claims, said, bounds):
+    def may_be_obeyed(self, changes, said, bounds):
         until = said[-1].at
         since = until - json.loads(said[-1].payload)["after_ms"] / 1000
-        return (any(since - CLAIM_S <= claim <= until + CLAIM_S for claim in claims) or
-                any(bounds.was_disturbed(gateway, since, until) or bounds.has_lost_its_lease(gateway, since, until)
-                    for gateway in self.gateways))
+        return (any(since - CHANGE_S <= change <= until + CHANGE_S for change in changes) or
+                any(bounds.was_disturbed(gateway, since, until) for gateway in self.gateways))

@@ -5,15 +5,15 @@ import sys
 import unittest
 
 sys.path.insert(0, str(pathlib.Path(__file__).parent))
-from bounds import SETTLE_S, Absence, Bounds, Lapse  # noqa: E402
-from presence import contradictions  # noqa: E402
+from bounds import SETTLE_S, Absence, Bounds  # noqa: E402
+from presence import contradictions, showings  # noqa: E402
 
 END = float("inf")
 WHOLE = [(0.0, END)]
 
 
-def bounds(*absences, connections=(WHOLE, WHOLE), lapses=(), settle_s=SETTLE_S):
-    return Bounds(list(absences), list(connections), subscribed_s=1, lapses=lapses, settle_s=settle_s)
+def bounds(*absences, connections=(WHOLE, WHOLE), settle_s=SETTLE_S, **more):
+    return Bounds(list(absences), list(connections), subscribed_s=1, settle_s=settle_s, **more)
 
 
 class Copies(unittest.TestCase):
@@ -78,7 +78,7 @@ class Wills(unittest.TestCase):
 
 
 class Announcements(unittest.TestCase):
-    def test_a_gateway_that_is_back_names_its_robots_of_before_until_it_takes_part(self):
+    def test_a_gateway_that_is_back_names_its_robots_of_before_until_it_has_read_where_they_are(self):
         back = bounds(connections=([(0, 18), (23, END)], WHOLE))
         self.assertTrue(back.may_announce_anew([0, 1], 23.2, 2.5, earliest=23.2))
         self.assertFalse(back.may_announce_anew([0, 1], 23.2, 6, earliest=23.2))
@@ -114,43 +114,43 @@ class Announcements(unittest.TestCase):
 
 
 class Commands(unittest.TestCase):
-    def test_one_gateway_that_hears_is_enough(self):
-        self.assertFalse(bounds().may_be_unheard(10))
-        self.assertFalse(bounds(connections=([(0, 5), (15, END)], WHOLE)).may_be_unheard(10))
+    """The robot went from gateway 0 to gateway 1 after 20 s."""
 
-    def test_nobody_hears_before_subscriptions_stand_or_behind_a_stopped_node(self):
-        self.assertTrue(bounds(connections=([(0, 5), (9.5, END)], [])).may_be_unheard(10))
-        stopped = Absence("node stopped", 2, 9, 14)
-        self.assertTrue(bounds(stopped, connections=([(0, 19), (20, END)], [(0, 16), (17, END)])).may_be_unheard(10))
-        self.assertFalse(bounds(stopped, connections=([(0, 19), (20, END)], WHOLE)).may_be_unheard(10), "that one stood it")
+    moved = [(0.0, 0), (20.0, 1)]
+    killed = Absence("gateway killed", 0, 18, 24)
 
-    def test_all_who_heard_it_must_have_died(self):
-        first, second = Absence("gateway killed", 0, 12, 13), Absence("gateway killed", 1, 30, 31)
-        self.assertTrue(bounds(first, second).may_be_orphaned(10))
-        self.assertFalse(bounds(first).may_be_orphaned(10))
-        self.assertFalse(bounds(first, Absence("gateway killed", 1, 50, 51)).may_be_orphaned(10))
+    def test_one_that_comes_as_its_robot_goes_may_have_no_outcome(self):
+        self.assertTrue(bounds().may_have_no_outcome(19.9, self.moved))
+        self.assertTrue(bounds().may_have_no_outcome(20.5, self.moved), "the other gateway has just taken the session")
+
+    def test_not_one_that_had_a_round_trip(self):
+        self.assertFalse(bounds().may_have_no_outcome(19, self.moved))
+        self.assertFalse(bounds().may_have_no_outcome(25, self.moved))
+        self.assertFalse(bounds().may_have_no_outcome(19.9, [(0.0, 0)]))
+
+    def test_so_may_one_that_comes_as_its_gateway_dies(self):
+        self.assertTrue(bounds(self.killed).may_have_no_outcome(17.9, self.moved))
+        self.assertFalse(bounds(self.killed).may_have_no_outcome(17, self.moved))
+        self.assertFalse(bounds(self.killed).may_have_no_outcome(17.9, [(0.0, 1)]), "another one died")
+
+    def test_one_that_waited_for_a_gateway_comes_when_that_is_there(self):
+        self.assertFalse(bounds(self.killed).may_have_no_outcome(18.5, self.moved))
+        self.assertTrue(bounds(self.killed).may_have_no_outcome(18.5, [*self.moved, (20.8, 0)]), "it has moved on at once")
+
+    def test_a_broker_without_a_disk_forgets_everything_when_it_dies(self):
+        dies = Absence("node killed", 0, 10, 12)
+        self.assertTrue(bounds(dies, loses_all=True).may_be_forgotten(11))
+        self.assertFalse(bounds(dies, loses_all=True).may_be_forgotten(50))
+        self.assertFalse(bounds(dies).may_be_forgotten(11), "a cluster does not")
 
     def test_one_that_was_on_the_air_when_the_robot_went_may_be_obeyed(self):
         self.assertTrue(bounds().may_be_obeyed_all_the_same(0, 10, 11, moves=[10.5]))
         self.assertFalse(bounds().may_be_obeyed_all_the_same(0, 10, 11, moves=[9, 12]))
 
-    def test_or_when_its_gateway_had_lost_its_lease(self):
+    def test_or_when_its_gateway_was_away(self):
         stopped = bounds(Absence("gateway stopped", 0, 10.2, 14))
         self.assertTrue(stopped.may_be_obeyed_all_the_same(0, 10, 15, moves=[]))
         self.assertFalse(stopped.may_be_obeyed_all_the_same(1, 10, 15, moves=[]))
-        lapsed = bounds(lapses=[Lapse(0, 10.5, 11.5)])
-        self.assertTrue(lapsed.may_be_obeyed_all_the_same(0, 10, 11, moves=[]), "a broker that is late")
-        self.assertFalse(lapsed.may_be_obeyed_all_the_same(0, 12, 15, moves=[]))
-        self.assertFalse(lapsed.may_be_obeyed_all_the_same(1, 10, 11, moves=[]))
-
-    def test_whose_gateway_died_when_no_other_one_heard_the_outcome_is_told_twice(self):
-        dies = Absence("gateway killed", 0, 20, 22)
-        away = bounds(dies, connections=([(0, 20), (23, END)], [(0, 15), (21, END)]))
-        self.assertTrue(away.may_be_told_twice(0, 10, 19))
-        self.assertFalse(away.may_be_told_twice(0, 10, 13), "the other one heard it")
-        self.assertFalse(away.may_be_told_twice(1, 10, 19), "that one did not die")
-        back = bounds(connections=([(0, 20), (23, END)], [(0, 15), (21, END)]))
-        self.assertFalse(back.may_be_told_twice(0, 10, 19), "it was away for 3 s only")
 
     def test_an_outcome_comes_again_only_if_that_gateways_connection_broke(self):
         broken = bounds(connections=([(0, 20), (21, END)], WHOLE))
@@ -167,6 +167,9 @@ class Commands(unittest.TestCase):
     def test_once_more_for_each_connection_that_broke(self):
         twice = bounds(connections=([(0, 20), (21, 21.4), (22, END)], WHOLE))
         self.assertEqual(twice.may_come_again(0, 19.9, 21.5, 24), 2)
+
+    def test_time_in_which_something_was_taken_away(self):
+        self.assertEqual(bounds(self.killed, Absence("node stopped", 1, 30, 31)).taken_away_s(20, 40), 5)
 
 
 class Presence(unittest.TestCase):
@@ -190,6 +193,12 @@ class Presence(unittest.TestCase):
     def test_what_was_retained_may_have_begun_while_the_observer_was_cut_off(self):
         views = [(2, None, None, False), self.view(6, "a", "online", True), self.view(6, "b", "online", True), self.view(7, "a", "")]
         self.assertEqual(list(contradictions(views, "r1")), [(6, 1, ["a", "b"], 2)])
+
+    def test_a_gateway_shows_a_robot_when_it_names_it_anew(self):
+        views = [self.view(1, "gw-0", "online"), self.view(3, "gw-0", "online"), self.view(5, "gw-1", "online"), self.view(5.1, "gw-0", ""),
+                 (6, None, None, False), self.view(7, "gw-1", "online", True), self.view(9, "gw-0", "online")]
+        seen_by_another = [(at + 0.1, *rest) for at, *rest in views]
+        self.assertEqual(showings([views, seen_by_another], ["r1"]), {"r1": [(1, 0), (5, 1), (9, 0)]})
 
 
 if __name__ == "__main__":

@@ -1,34 +1,43 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The brokers that the gateways of a run use: one Mosquitto or RabbitMQ, or a cluster of three nodes of NATS or ejabberd, from
-Debian's packages. Used by run."""
+"""The brokers that the gateways of a run use, from Debian's packages: one Mosquitto or ejabberd, or a cluster of three nodes of
+RabbitMQ or NATS. Used by run."""
 import os
 import shutil
+import signal
 import socket
 import sys
 import time
 import urllib.request
 
-from bounds import SETTLE_S
 from program import Program, free_port
 
 NODES = 3
+START_S = 180  # for one node of Erlang, on a busy machine
 
 
 class Engine:
-    """One node: `ports[0]`. Where a node is reached is `host`, the same for all."""
+    """Node i is reached at `ports[i]` of `host`."""
 
+    package = program_of_package = None
+    count = 1
+    takes_qos2 = True
+    rate, most_equal = 100, 10  # messages a second of all robots, and robots that get equal commands, that it bears on a busy machine
     user = None  # (name of a client -> user name); None: clients need none
     subscribed_s = 1  # what it needs for the subscriptions of a gateway that connects
-    settle_s = SETTLE_S  # after a node has come back, connections that it has harmed have ended
-    keeps_retained_for_itself = False  # each node: what another one took is retained there only
+    change_s = 1.0  # from a robot's CONNECT until its session is at its new gateway, with its subscriptions
+    settle_s = 12  # after a node has come back, connections that it has harmed have ended: two keep-alives of 6 s
+    again_s = 0  # after so long it delivers what a former holder of a session has not acknowledged
+    move_pause_s = 0.3  # between two takeovers of one session
     may_nodes_differ = False  # in what they retain, for good, once a node was away
-    sends_retained_to_wildcards = True
+    sends_retained_to_wildcards = True  # and each node what another one took
     repeats_in_a_connection = False  # what a client has not acknowledged for a while; others repeat it to one that is back
 
-    def __init__(self, directory, host, prefix=(), count=1):
+    def __init__(self, directory, host, prefix=()):
+        if not shutil.which(self.program_of_package):
+            sys.exit(f"this engine needs Debian's package: apt-get install --no-install-recommends {self.package}")
         self.directory, self.host, self.prefix = directory, host, list(prefix)
-        self.ports = [free_port(socket.SOCK_STREAM) for _ in range(count)]
-        self.nodes = [self.make_node(i) for i in range(count)]
+        self.ports = [free_port(socket.SOCK_STREAM) for _ in range(self.count)]
+        self.nodes = [self.make_node(i) for i in range(self.count)]
 
     def program(self, name, arguments):
         return Program(self.directory, name, self.prefix + list(arguments))
@@ -44,8 +53,23 @@ class Engine:
         """Whether the node serves clients, and the cluster can do without another one."""
         return self.nodes[i].is_running()
 
+    def accepts(self, i):
+        try:
+            with socket.create_connection((self.host, self.ports[i]), timeout=0.3):
+                return True
+        except OSError:
+            return False
+
+    def stop(self):
+        """Nothing of it is needed any more, and an orderly end of a cluster takes long."""
+        for each in self.programs():
+            if each.is_running():
+                each.end(signal.SIGKILL)
+
 
 class Mosquitto(Engine):
+    package = program_of_package = "mosquitto"
+
     def make_node(self, i):
         path = self.directory / "mosquitto.conf"
         path.write_text(f"listener {self.ports[i]} {self.host}\nallow_anonymous true\nset_tcp_nodelay true\n"
@@ -54,15 +78,24 @@ class Mosquitto(Engine):
 
 
 class Nats(Engine):
+    """MQTT 3.1.1."""
+
+    package = program_of_package = "nats-server"
+    count = NODES
+    takes_qos2 = False  # it closes the connection
+    rate, most_equal = 30, 2  # some 100 messages a second with QoS 1 in all
     subscribed_s = 10  # 6 s were seen
-    settle_s = SETTLE_S + 4  # so long it waits for a stream before it closes the connection of who published
+    change_s = 3.0
+    settle_s = Engine.settle_s + 4  # so long it waits for a stream before it closes the connection of who published
+    again_s = 30
+    move_pause_s = 2  # it closes a client id that comes back within about a second
     may_nodes_differ = True
     repeats_in_a_connection = True  # after 30 s
 
     def __init__(self, directory, host, prefix=()):
         self.routes = [free_port(socket.SOCK_STREAM) for _ in range(NODES)]
         self.watched = [free_port(socket.SOCK_STREAM) for _ in range(NODES)]
-        super().__init__(directory, host, prefix, NODES)
+        super().__init__(directory, host, prefix)
 
     def make_node(self, i):
         path = self.directory / f"nats{i}.conf"
@@ -84,13 +117,13 @@ class Nats(Engine):
 
 
 class Erlang(Engine):
-    """Its nodes find each other by a port mapper of their own, so that none is left behind. They start slowly: on a busy machine in more
-    than a minute."""
+    """Its nodes find each other by a port mapper of their own, so that none is left behind. They start one after another: of nodes that
+    begin at once, RabbitMQ has formed a group of its MQTT plug-in that never worked."""
 
-    def __init__(self, directory, host, prefix=(), count=1):
+    def __init__(self, directory, host, prefix=()):
         self.environment = {"ERL_EPMD_PORT": free_port(socket.SOCK_STREAM), "ERL_EPMD_ADDRESS": "127.0.0.1", "HOME": directory,
                             "ERL_LIBS": f"/usr/lib/{os.uname().machine}-linux-gnu"}
-        super().__init__(directory, host, prefix, count)
+        super().__init__(directory, host, prefix)
         self.mapper = self.program("epmd", self.with_environment(["epmd", "-port", self.environment["ERL_EPMD_PORT"],
                                                                   "-address", "127.0.0.1"]))
 
@@ -99,84 +132,71 @@ class Erlang(Engine):
 
     def start(self):
         self.mapper.start()
-        super().start()
-        while not all(self.has_started(i) for i in range(len(self.nodes))):
-            for node in self.programs():
-                if not node.is_running():
+        for i, node in enumerate(self.nodes):
+            node.start()
+            deadline = time.monotonic() + START_S
+            while not (self.has_started(i) and self.accepts(i)):
+                if not node.is_running() or time.monotonic() > deadline:
                     raise OSError(f"{node.name} does not start: {node.tail()}")
-            time.sleep(0.2)
+                time.sleep(0.2)
+
+    def is_well(self, i):
+        return self.accepts(i)
 
     def programs(self):
         return self.nodes + [self.mapper]
 
 
 class RabbitMq(Erlang):
-    """MQTT 3.1.1; one node, because a queue of QoS 1 is lost with its node."""
+    """MQTT 3.1.1. Its MQTT plug-in keeps client ids in a Raft group; robots' queues are quorum queues, so that they outlive a node."""
 
+    package, program_of_package = "rabbitmq-server", "rabbitmq-server"
+    count = NODES
+    rate, most_equal = 60, 6
+    change_s = 2.0
     sends_retained_to_wildcards = False
 
-    def __init__(self, directory, host, prefix=()):
-        if not shutil.which("rabbitmq-server"):
-            sys.exit("--engine rabbitmq needs Debian's package: apt-get install --no-install-recommends rabbitmq-server")
-        super().__init__(directory, host, prefix)
-
     def make_node(self, i):
-        path = self.directory / "rabbitmq.conf"
+        names = [f"r{node}@localhost" for node in range(NODES)]
+        path = self.directory / f"rabbitmq{i}.conf"
         path.write_text(f"mqtt.listeners.tcp.1 = {self.host}:{self.ports[i]}\nmqtt.allow_anonymous = true\nloopback_users = none\n"
-                        "listeners.tcp = none\n")
+                        "listeners.tcp = none\nmqtt.durable_queue_type = quorum\nmqtt.prefetch = 1\nmqtt.subscription_ttl = 86400000\n"
+                        "cluster_partition_handling = pause_minority\ncluster_formation.peer_discovery_backend = classic_config\n" +
+                        "".join(f"cluster_formation.classic_config.nodes.{n} = {name}\n" for n, name in enumerate(names, 1)))
         plugins = self.directory / "rabbitmq.plugins"
         plugins.write_text("[rabbitmq_mqtt].\n")
-        return self.program("rabbitmq", self.with_environment(
-            ["/usr/lib/rabbitmq/bin/rabbitmq-server"], RABBITMQ_NODENAME="r@localhost", RABBITMQ_CONFIG_FILE=path.with_suffix(""),
-            RABBITMQ_ENABLED_PLUGINS_FILE=plugins, RABBITMQ_MNESIA_BASE=self.directory / "rabbitmq",
-            RABBITMQ_LOG_BASE=self.directory, RABBITMQ_PID_FILE=self.directory / "rabbitmq.pid",
-            RABBITMQ_DIST_PORT=free_port(socket.SOCK_STREAM), RABBITMQ_SERVER_ADDITIONAL_ERL_ARGS="-start_epmd false"))
+        # As under systemd: the node itself takes the place of the script, so that it can be killed and stopped.
+        return self.program(f"rabbitmq{i}", self.with_environment(
+            ["/usr/lib/rabbitmq/bin/rabbitmq-server"], RUNNING_UNDER_SYSTEMD="true", RABBITMQ_NODENAME=names[i],
+            RABBITMQ_CONFIG_FILE=path.with_suffix(""), RABBITMQ_ENABLED_PLUGINS_FILE=plugins,
+            RABBITMQ_MNESIA_BASE=self.directory / f"rabbitmq{i}", RABBITMQ_LOG_BASE=self.directory,
+            RABBITMQ_PID_FILE=self.directory / f"rabbitmq{i}.pid", RABBITMQ_DIST_PORT=free_port(socket.SOCK_STREAM),
+            RABBITMQ_SERVER_ADDITIONAL_ERL_ARGS="-start_epmd false -setcookie slamgw"))
 
     def has_started(self, i):
         return "Starting broker... completed" in self.nodes[i].log.read_text()
 
 
 class Ejabberd(Erlang):
-    """MQTT 5. Clients need a user name that is an address of the host, and any password."""
+    """MQTT 5, one node: in a cluster it refuses a client id for good after that has moved between nodes. Clients need a user name that is
+    an address of the host, and any password. Client ids are those of a user, so all gateways have one user."""
 
+    package, program_of_package = "ejabberd", "ejabberdctl"
     user = staticmethod("{}@localhost".format)
-    keeps_retained_for_itself = True
-
-    def __init__(self, directory, host, prefix=()):
-        if not shutil.which("ejabberdctl"):
-            sys.exit("--engine ejabberd needs Debian's package: apt-get install --no-install-recommends ejabberd")
-        super().__init__(directory, host, prefix, NODES)
 
     def make_node(self, i):
-        path = self.directory / f"ejabberd{i}.yml"
+        path = self.directory / "ejabberd.yml"
         path.write_text("hosts: [localhost]\nloglevel: warning\nauth_method: [anonymous]\nanonymous_protocol: both\n"
                         "allow_multiple_connections: true\nmodules:\n  mod_mqtt: {}\nlisten:\n"
                         f"  - {{port: {self.ports[i]}, ip: \"{self.host}\", module: mod_mqtt}}\n")
-        return self.program(f"ejabberd{i}", self.arguments(i))
-
-    def arguments(self, i):
-        directory = self.directory / f"ejabberd{i}"
-        return self.with_environment(
-            ["erl", "-sname", f"e{i}@localhost", "-setcookie", "slamgw", "-start_epmd", "false", "-noinput", "+K", "true",
-             "-mnesia", "dir", f'"{directory}"', "-s", "ejabberd", "-eval", self.join(i)],
-            EJABBERD_CONFIG_PATH=self.directory / f"ejabberd{i}.yml", EJABBERD_LOG_PATH=self.directory / f"ejabberd{i}.events.log")
-
-    def join(self, i):
-        """Once in its life a node joins the first one, after the node before it; a file says that it has."""
-        joined, before = self.directory / f"ejabberd{i}.joined", self.directory / f"ejabberd{i - 1}.joined"
-        join = (f'W = fun F() -> filelib:is_file("{before}") orelse begin timer:sleep(200), F() end end, W(), '
-                "ok = ejabberd_cluster:join('e0@localhost')" if i > 0 else "ok")
-        return f'filelib:is_file("{joined}") orelse begin {join}, ok = file:write_file("{joined}", "") end.'
+        database = self.directory / "ejabberd"
+        return self.program("ejabberd", self.with_environment(
+            ["erl", "-sname", "e@localhost", "-setcookie", "slamgw", "-start_epmd", "false", "-noinput", "+K", "true",
+             "-mnesia", "dir", f'"{database}"', "-s", "ejabberd"],
+            EJABBERD_CONFIG_PATH=path, EJABBERD_LOG_PATH=self.directory / "ejabberd.events.log"))
 
     def has_started(self, i):
-        return (self.directory / f"ejabberd{i}.joined").exists()
-
-    def is_well(self, i):
-        try:
-            with socket.create_connection((self.host, self.ports[i]), timeout=0.3):
-                return True
-        except OSError:
-            return False
+        return True
 
 
 ENGINES = {"mosquitto": Mosquitto, "rabbitmq": RabbitMq, "nats": Nats, "ejabberd": Ejabberd}

@@ -7,23 +7,20 @@ copies and its order are judged, with the time of its arrival as the latest poss
 (`wills_of_unknown_time`), whether an outcome came in time, how long the message took, the order of messages of BLE robots
 (`ble_order_unknown`). Presence is what live observers saw."""
 import datetime
-import json
 import time
 from collections import Counter, defaultdict
-from typing import NamedTuple
 
 from bounds import HURRY_S, Bounds
+from commands import outcomes_of
 from presence import longest_contradiction
 from robot import KEEP_ALIVE_S
 
 SERVICE_S = 5  # the promise for p99 of the time without service, each time that it was interrupted
 CONTRADICTION_S = 2  # the promise for two `online` at a time
-# Promise 6 of docs/topics.md, 30 s; 31 s after the last word that it was taken, of whom a gateway died, and turns after that.
-OUTCOME_S = 45
-BROKEN = ("lost", "doubled", "out_of_order", "false_wills", "delivered_twice", "delivered_nowhere", "obeyed_though_refused",
-          "outcomes_missing", "outcomes_late", "outcomes_doubled", "strange_presence", "contradicting_presence", "silence_too_long", "ended",
-          "ble_lost", "ble_doubled_beyond", "ble_out_of_order", "ble_unknown", "ble_commands_wrong", "ble_obeyed_though_refused",
-          "ble_silence_too_long")
+BROKEN = ("lost", "doubled", "out_of_order", "false_wills", "obeyed_twice", "obeyed_unasked", "delivered_nowhere", "obeyed_though_refused",
+          "outcomes_missing", "outcomes_late", "outcomes_doubled", "too_many_cut_short", "sent_at_qos_0", "deaf", "act_failed", "strange_presence",
+          "contradicting_presence", "silence_too_long", "ended", "ble_lost", "ble_doubled_beyond", "ble_out_of_order", "ble_unknown",
+          "ble_commands_wrong", "ble_obeyed_though_refused", "ble_silence_too_long")
 
 
 def percentile(values, part):
@@ -58,13 +55,6 @@ class Findings:
 
     def tell(self, kind, at, what):
         self.told.append((at, f"{kind}: {what}", b""))
-
-
-class Outcome(NamedTuple):
-    at: float
-    gateway: int
-    payload: bytes
-    is_late: bool = False  # it came late (streams), and `at` is reckoned
 
 
 def judge_messages(fleet, bounds, messages, findings):
@@ -146,97 +136,13 @@ def judge_silence(fleet, findings):
             "silence_too_long": int(fleet.options.seconds >= 30 and (percentile(interruptions, 99) or 0) > SERVICE_S)}
 
 
-def outcomes_of(messages, commands):
-    """By (robot, type): the Outcomes, in the order of their times. `commands`: when each was published. That of an outcome which came late
-    is reckoned: it says how long the command took."""
-    told = defaultdict(list)
-    for at, topic, payload, is_late in messages:
-        levels = topic.split("/")
-        if levels[1] == "gateway" and levels[3] == "commands":
-            key = levels[4], json.loads(payload)["type"]
-            when = min(at, said_at(commands.get(key, at), payload)) if is_late else at
-            told[key].append(Outcome(when, int(levels[2].removeprefix("gw-")), payload, is_late))
-    return {key: sorted(said) for key, said in told.items()}
-
-
-def said_at(commanded, payload):
-    """When an outcome was published, at the earliest: the gateway may have got the command late."""
-    return commanded + json.loads(payload)["after_ms"] / 1000
-
-
-def taken_in(messages):
-    """By (robot, type): when gateways said that they take the command."""
-    taken = defaultdict(list)
-    for at, topic, payload, _ in messages:
-        if topic.split("/")[1] == "fleet" and b'"taken"' in payload:
-            message = json.loads(payload)
-            taken[message["robot"], message["type"]].append(at)
-    return taken
-
-
-def judge_commands(fleet, bounds, told, taken, findings):
-    """One that no broker has confirmed may be lost; it is not carried out twice either, and has no two outcomes."""
-    confirmed = fleet.observers.confirmed()
-    carried_out, robots = Counter((robot.name, kind) for robot in fleet.robots for _, _, kind in robot.commands), {
-        robot.name: robot for robot in fleet.robots}
-    outcomes = Counter()
-    for key, at in fleet.commands.items():
-        name = f"{key[0]} {key[1]}"
-        if carried_out[key] > 1:
-            findings.add("delivered_twice", at, name)
-        said = without_repetitions(bounds, at, told.get(key, []), findings)
-        results = [json.loads(each.payload)["outcome"] for each in said]
-        outcomes.update(results)
-        if len(said) > 1:
-            findings.add(twice_told(bounds, at, said), said[-1].at, f"{name} of {at:.3f}: {described(said)}")
-        if not said and key in confirmed:
-            findings.add(missing(bounds, at), at, name)
-        if said and not said[0].is_late and said[0].at > max([at, *(each for each in taken[key] if each < said[0].at)]) + OUTCOME_S:
-            findings.add("outcomes_late", said[0].at, f"{name} of {at:.3f}: {described(said)}")
-        if key[0] in fleet.thread_names() and "delivered" in results and not carried_out[key]:
-            findings.add("delivered_nowhere", at, name)
-        if carried_out[key] and results and "delivered" not in results:
-            is_bound = may_be_obeyed(bounds, robots[key[0]], key[1], said[-1].at)
-            findings.add("obeyed_all_the_same" if is_bound else "obeyed_though_refused", at, f"{name}: {described(said)}")
-    return {"commands": len(fleet.commands), "unconfirmed": sum(1 for key in fleet.commands if key not in confirmed),
-            "outcomes": dict(outcomes)}
-
-
-def described(said):
-    return "; ".join(f"{each.at:.3f} gw{each.gateway} {each.payload.decode()}" + (" (late)" if each.is_late else "") for each in said)
-
-
-def may_be_obeyed(bounds, robot, kind, told):
-    moves = [since for since, _ in robot.places]
-    return all(bounds.may_be_obeyed_all_the_same(gateway, obeyed, told, moves)
-               for obeyed, gateway, other in robot.commands if other == kind)
-
-
-def twice_told(bounds, at, said):
-    """One `timeout` by another gateway, and the outcome of the gateway that took the command, whichever came first."""
-    own, other = sorted(said[:2], key=lambda each: json.loads(each.payload)["outcome"] == "timeout")
-    is_bound = (len(said) == 2 and own.gateway != other.gateway and json.loads(own.payload)["outcome"] != "timeout" and
-                json.loads(other.payload)["outcome"] == "timeout" and bounds.may_be_told_twice(own.gateway, at, own.at))
-    return "outcomes_doubled_when_all_were_cut_off" if is_bound else "outcomes_doubled"
-
-
-def missing(bounds, at):
-    if bounds.may_be_unheard(at):
-        return "unheard"
-    return "orphaned" if bounds.may_be_orphaned(at) else "outcomes_missing"
-
-
-def without_repetitions(bounds, commanded, said, findings):
-    """Without copies, word for word, of what the same gateway said: as many as connections broke under it."""
-    kept, copies = [], Counter()
-    for each in said:
-        before = next((other for other in kept if (other.gateway, other.payload) == (each.gateway, each.payload)), None)
-        if before and copies[before] < bounds.may_come_again(each.gateway, said_at(commanded, each.payload), before.at, each.at):
-            copies[before] += 1
-            findings.add("outcomes_repeated_when_broker_broke", each.at, described([before, each]))
-        else:
-            kept.append(each)
-    return kept
+def judge_obedience(fleet, findings):
+    """What a robot has obeyed that nobody has sent."""
+    sent = {command.kind for command in fleet.commands.distinct.values()} | {"1"}
+    for robot in fleet.robots:
+        for at, gateway, payload in robot.commands:
+            if payload not in sent:
+                findings.add("obeyed_unasked", at, f"{robot.name} by gw{gateway}: {payload}")
 
 
 def judge_presence(fleet, bounds, findings):
@@ -263,18 +169,23 @@ def judge_presence(fleet, bounds, findings):
 def judge(fleet):
     findings = Findings()
     messages = fleet.observers.messages()
-    bounds = Bounds(fleet.trouble.absences, [connections(daemon.log) for daemon in fleet.daemons], fleet.engine.subscribed_s,
-                    fleet.lapses.found, fleet.engine.settle_s)
-    told = outcomes_of(messages, fleet.commands)
+    engine = fleet.engine
+    bounds = Bounds(fleet.trouble.absences, [connections(daemon.log) for daemon in fleet.daemons], engine.subscribed_s, engine.settle_s,
+                    engine.change_s, loses_all=len(engine.nodes) == 1)
+    told = outcomes_of(messages, fleet.commands.times())
+    judge_obedience(fleet, findings)
+    for at, what in fleet.acts.failures:
+        findings.add("act_failed", at, what)
+    robots = {robot.name: robot for robot in fleet.robots}
     verdict = {"seed": fleet.options.seed, "engine": fleet.options.engine, **fleet.trouble.acts, **fleet.observers.verdict(),
                **judge_messages(fleet, bounds, messages, findings), **judge_silence(fleet, findings),
-               **judge_commands(fleet, bounds, told, taken_in(messages), findings), **judge_presence(fleet, bounds, findings),
-               **(fleet.ble.judge(messages, told, bounds, findings) if fleet.ble else {})}
+               **fleet.commands.judge(robots, fleet.places_of_ble(), told, bounds, findings, engine.again_s),
+               **judge_presence(fleet, bounds, findings),
+               **(fleet.ble.judge(fleet, messages, told, bounds, findings) if fleet.ble else {}), "acts": fleet.acts.verdict()}
     for what in fleet.ended:
         findings.add("ended", time.monotonic(), what)
     verdict.update(sorted(findings.counts.items()))
     verdict["fleet_messages"] = sum(1 for _, topic, *_ in messages if topic.split("/")[1] == "fleet")
-    verdict["lease_lapses"] = len(fleet.lapses.found)
     verdict.update(fleet.machine.verdict())
     verdict["broken"] = [key for key in BROKEN if verdict.get(key)]
     return verdict, findings

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the judge of a live run takes for one outcome, for one message of a BLE robot, and for a false will. Run as a test (ctest -R Fleet.Judge)."""
+"""What the judge of a live run takes for one outcome, for an obedient robot, for one message of a BLE robot, and for a false will. Run as
+a test (ctest -R Fleet.Judge)."""
 import json
 import pathlib
 import sys
@@ -9,7 +10,8 @@ from types import SimpleNamespace
 sys.path[:0] = [str(pathlib.Path(__file__).parent), str(pathlib.Path(__file__).parents[2] / "soak")]
 from ble_mesh import BleMesh  # noqa: E402
 from bounds import Absence, Bounds  # noqa: E402
-from judge import Findings, judge_order, judge_will, outcomes_of, without_repetitions  # noqa: E402
+from commands import Command, Commands, outcomes_of  # noqa: E402
+from judge import Findings, judge_order, judge_will  # noqa: E402
 from robot import Robot  # noqa: E402
 from streams import Message  # noqa: E402
 
@@ -18,16 +20,16 @@ WHOLE = [(0.0, END)]
 BROKE_AT_20 = [(0.0, 20.0), (21.0, END)]
 
 
-def outcome(at, gateway, what="delivered", after_ms=100, is_late=False):
-    payload = json.dumps({"type": "c1", "outcome": what, "after_ms": after_ms, "why": ""}).encode()
+def outcome(at, gateway, what="delivered", after_ms=100, is_late=False, kind="c1", why=""):
+    payload = json.dumps({"type": kind, "outcome": what, "after_ms": after_ms, "why": why}).encode()
     return Message(at, f"p/gateway/gw-{gateway}/commands/r1", payload, is_late)
 
 
 def told(commanded, *messages, connections=(BROKE_AT_20, WHOLE)):
     """(outcomes that are left, those that were forgiven) of one command."""
-    findings = Findings()
-    said = outcomes_of(messages, {("r1", "c1"): commanded})["r1", "c1"]
-    kept = without_repetitions(Bounds([], list(connections), subscribed_s=1), commanded, said, findings)
+    commands, findings = Commands("p", None, None), Findings()
+    commands.bounds, commands.findings = Bounds([], list(connections), subscribed_s=1), findings
+    kept = commands.without_repetitions(commanded, outcomes_of(messages, {("r1", "c1"): commanded})["r1", "c1"])
     return len(kept), findings.counts["outcomes_repeated_when_broker_broke"]
 
 
@@ -54,6 +56,90 @@ class Repetitions(unittest.TestCase):
 
     def test_the_same_words_of_another_gateway_are_another_outcome(self):
         self.assertEqual(told(19.5, outcome(19.6, 0), outcome(21.5, 1)), (2, 0))
+
+
+class Obedience(unittest.TestCase):
+    """Of a robot that was at gateway 0 all the time, when nothing was taken away."""
+
+    def kinds(self, sent, messages, obeyed, places=((0.0, 0),), is_clean=False):
+        """`sent`: (type, when) of commands that the broker has confirmed. `obeyed`: (when, payload)."""
+        commands, findings = Commands("p", SimpleNamespace(confirmed=lambda: set(range(100))), None), Findings()
+        for number, (kind, at) in enumerate(sent):
+            command = Command("r1", kind, at, number)
+            if kind == "run":
+                commands.equal["r1"].append(command)
+            else:
+                commands.distinct["r1", kind] = command
+        commands.count = 100
+        robot = SimpleNamespace(name="r1", places=list(places), is_clean=is_clean, commands=[(at, 0, payload) for at, payload in obeyed],
+                                obeyed=lambda payload: sum(1 for _, each in obeyed if each == payload))
+        bounds = Bounds([], [WHOLE, WHOLE], subscribed_s=1)
+        self.verdict = commands.judge({"r1": robot}, {}, outcomes_of(messages, commands.times()), bounds, findings, again_s=0)
+        return dict(findings.counts)
+
+    def test_obeyed_once_and_told_once(self):
+        self.assertEqual(self.kinds([("c1", 10)], [outcome(10.1, 0)], [(10.05, "c1")]), {})
+        self.assertEqual(self.verdict["outcomes"], {"delivered": 1})
+
+    def test_obeyed_twice(self):
+        self.assertEqual(self.kinds([("c1", 10)], [outcome(10.1, 0)], [(10.05, "c1"), (10.5, "c1")]), {"obeyed_twice": 1})
+
+    def test_told_twice(self):
+        self.assertEqual(self.kinds([("c1", 10)], [outcome(10.1, 0), outcome(40, 1, "timeout")], [(10.05, "c1")]), {"outcomes_doubled": 1})
+
+    def test_told_by_nobody(self):
+        self.assertEqual(self.kinds([("c1", 10)], [], []), {"outcomes_missing": 1})
+        self.assertEqual(self.verdict["without_outcome"], 1)
+
+    def test_or_when_its_robot_went_just_then(self):
+        self.assertEqual(self.kinds([("c1", 10)], [], [], places=[(0.0, 0), (10.1, 1)]), {"cut_short": 1})
+        self.assertEqual(self.verdict["without_outcome"], 1)
+
+    def test_told_too_late(self):
+        self.assertEqual(self.kinds([("c1", 10)], [outcome(42, 0)], [(10, "c1")]), {})
+        self.assertEqual(self.kinds([("c1", 10)], [outcome(44, 0)], [(10, "c1")]), {"outcomes_late": 1})
+
+    def test_delivered_to_nobody(self):
+        self.assertEqual(self.kinds([("c1", 10)], [outcome(10.1, 0)], []), {"delivered_nowhere": 1})
+
+    def test_robots_acknowledge_each_command(self):
+        self.assertEqual(self.kinds([("c1", 10)], [outcome(10.1, 0, "sent")], [(10.05, "c1")]), {"sent_at_qos_0": 1})
+
+    def test_refused_and_obeyed(self):
+        moved = [(0.0, 0), (10.07, 1)]
+        self.assertEqual(self.kinds([("c1", 10)], [outcome(10.1, 0, "refused")], [(10.05, "c1")], moved), {"obeyed_though_refused": 1})
+        self.assertEqual(self.kinds([("c1", 10)], [outcome(10.1, 0, "timeout")], [(10.05, "c1")], moved), {"obeyed_all_the_same": 1})
+        self.assertEqual(self.kinds([("c1", 10)], [outcome(10.1, 0, "timeout")], [(10.05, "c1")]), {"obeyed_though_refused": 1})
+
+    def test_equal_ones_are_counted(self):
+        sent, told = [("run", 10), ("run", 10.5)], [outcome(10.1, 0, kind="run"), outcome(10.6, 0, kind="run")]
+        self.assertEqual(self.kinds(sent, told, [(10.05, "1"), (10.55, "1")]), {})
+        self.assertEqual(self.kinds(sent, told, [(10.05, "1"), (10.55, "1"), (10.6, "1")]), {"obeyed_twice": 1, "obeyed_though_refused": 1})
+        self.assertEqual(self.kinds(sent, [*told, outcome(11, 1, kind="run")], [(10.05, "1"), (10.55, "1")]),
+                         {"outcomes_doubled": 1, "delivered_nowhere": 1})
+        self.assertEqual(self.kinds(sent, told[:1], [(10.05, "1")]), {"outcomes_missing": 1})
+        self.assertEqual(self.kinds(sent, told, [(10.05, "1")]), {"delivered_nowhere": 1})
+
+    def test_of_equal_ones_the_one_that_nobody_told_of_is_found(self):
+        moved, sent = [(0.0, 0), (20.2, 1)], [("run", 10), ("run", 15), ("run", 20)]
+        told = [outcome(10.1, 0, kind="run"), outcome(15.1, 0, kind="run")]
+        self.assertEqual(self.kinds(sent, told, [(10, "1"), (15, "1")], moved), {"cut_short": 1})
+        told = [outcome(10.1, 0, kind="run"), outcome(20.4, 1, kind="run")]
+        self.assertEqual(self.kinds(sent, told, [(10, "1"), (20.3, "1")], moved), {"outcomes_missing": 1})
+
+    def test_an_equal_one_that_was_refused_is_not_obeyed(self):
+        sent, told = [("run", 10), ("run", 10.5)], [outcome(10.1, 0, kind="run"), outcome(10.6, 0, "refused", kind="run")]
+        self.assertEqual(self.kinds(sent, told, [(10.05, "1")]), {})
+        self.assertEqual(self.kinds(sent, told, [(10.05, "1"), (10.55, "1")]), {"obeyed_though_refused": 1})
+
+    def test_who_keeps_its_session_is_not_deaf(self):
+        deaf = [outcome(10.1, 0, "refused", why="the robot has not subscribed to p/server/r1/c1")]
+        self.assertEqual(self.kinds([("c1", 10)], deaf, []), {"deaf": 1})
+        self.assertEqual(self.kinds([("c1", 10)], deaf, [], is_clean=True), {})
+
+    def test_what_is_cut_short_is_little(self):
+        sent = [(f"c{number}", 10) for number in range(3)]
+        self.assertEqual(self.kinds(sent, [], [], places=[(0.0, 0), (10.1, 1)]), {"cut_short": 3, "too_many_cut_short": 1})
 
 
 class LateOutcomes(unittest.TestCase):
@@ -110,21 +196,24 @@ class CopiesOfBleRobots(unittest.TestCase):
     stands_still = Absence("node stopped", 1, 10, 13)
 
     @staticmethod
-    def kinds(claims, came, *absences):
+    def kinds(changes, came, *absences):
         mesh, findings = BleMesh.__new__(BleMesh), Findings()
         mesh.gateways, mesh.names = range(2), {"robot0": "ble-0100"}
         bounds = Bounds(list(absences), [WHOLE, WHOLE], subscribed_s=1)
-        mesh.judge_copies({("ble-0100", 1): ("aa", 10.1)}, {("ble-0100", "aa"): came}, {"ble-0100": claims}, bounds, findings)
+        mesh.judge_copies({("ble-0100", 1): ("aa", 10.1)}, {("ble-0100", "aa"): came}, {"ble-0100": changes}, bounds, findings)
         return dict(findings.counts)
 
-    def test_one_goes_up_twice_when_another_gateway_claims_its_robot(self):
+    def test_one_goes_up_twice_when_another_gateway_serves_its_robot(self):
         self.assertEqual(self.kinds([11.0], [10.2, 11.5]), {"ble_doubled": 1})
         self.assertEqual(self.kinds([], [10.2, 11.5]), {"ble_doubled_beyond": 1})
 
-    def test_the_claim_may_overtake_both_while_a_node_stands_still(self):
+    def test_each_change_doubles_one(self):
+        self.assertEqual(self.kinds([11.0], [10.2, 11.5, 11.6]), {"ble_doubled": 1, "ble_doubled_beyond": 1})
+
+    def test_presence_may_overtake_both_while_a_node_stands_still(self):
         self.assertEqual(self.kinds([11.3], [12.7, 13.2], self.stands_still), {"ble_doubled": 1})
         self.assertEqual(self.kinds([11.3], [12.7, 13.2]), {"ble_doubled_beyond": 1})
-        self.assertEqual(self.kinds([9.0], [12.7, 13.2], self.stands_still), {"ble_doubled_beyond": 1}, "it was claimed before")
+        self.assertEqual(self.kinds([9.0], [12.7, 13.2], self.stands_still), {"ble_doubled_beyond": 1}, "it had come there before")
 
 
 if __name__ == "__main__":

@@ -1,8 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Observers on all nodes of a cluster, as one: a live one on each, and kept ones on some (streams says what each kind is for). Two kept
 ones are enough, for one node is away at a time. Used by run."""
+import functools
+import operator
+
 from observer import Observer
 from streams import Stream, late_notes, messages_of, unobserved_s
+
+MOST_UNCONFIRMED = 8
 
 
 class Observers:
@@ -11,7 +16,7 @@ class Observers:
         retry_s = 0.5 if len(addresses) > 1 else 0.01  # the only one must be there before the gateways are
 
         def make(address, client, stream):
-            return Observer(address, prefix, client, user(client) if user else None, make_socket, retry_s, stream)
+            return Observer(address, prefix, client, user, make_socket, retry_s, stream)
 
         self.live = [make(address, f"{name}{i}", Stream(is_kept=False)) for i, address in enumerate(addresses)]
         self.all = self.live + [make(address, f"{name}-kept{i}", Stream(True, repeats_in_a_connection))
@@ -27,12 +32,16 @@ class Observers:
     def are_subscribed(self):
         return all(each.is_subscribed for each in self.all)
 
-    def publish(self, topic, payload, key, random):
+    def publish(self, topic, payload, qos, key, random):
         """False when no node takes anything just now."""
-        able = [each for each in self.live if each.is_subscribed and not each.unconfirmed]
+        able = [each for each in self.live if each.is_subscribed and len(each.unconfirmed) < MOST_UNCONFIRMED]
         if able:
-            random.choice(able).publish(topic, payload, key)
+            random.choice(able).publish(topic, payload, qos, key=key)
         return bool(able)
+
+    def outcomes(self):
+        """By (robot, type): how many were told, about."""
+        return functools.reduce(operator.or_, (each.outcomes for each in self.all))
 
     def confirmed(self):
         return set().union(*(each.confirmed for each in self.live))
@@ -40,6 +49,10 @@ class Observers:
     def retained(self, topic):
         """What the nodes say it is."""
         return [each.retained.get(topic, b"") for each in self.live]
+
+    def last(self, topic):
+        """Of presence: what was published last."""
+        return max(each.last.get(topic, (0.0, b"")) for each in self.live)[1]
 
     def presence(self):
         return [each.presence for each in self.live]

@@ -32,3 +32,25 @@ def longest_contradiction(views_of_observers, name, is_bound):
     longest = [max((each for each in contradictions(views, name) if not is_bound(*each)), key=lambda each: each[1],
                    default=(0.0, 0.0, [], 0.0)) for views in views_of_observers]
     return min(longest, key=lambda each: each[1])
+
+
+def showings(views_of_observers, names):
+    """By robot: (time, gateway) of each time that a gateway began to show it, as the first observer saw it that saw it."""
+    found = {name: {} for name in names}
+    for views in views_of_observers:
+        online = set()
+        for at, topic, payload, is_retained in views:
+            if topic is None:
+                online.clear()
+                continue
+            gateway, name = topic.split("/")[2], topic.split("/")[-1]
+            if name not in found or b'"online"' not in payload:
+                online.discard((gateway, name))
+                continue
+            if (gateway, name) not in online and not is_retained:
+                times = found[name].setdefault(gateway, [])
+                if all(abs(at - each) > 1 for each in times):  # another observer has seen the same
+                    times.append(at)
+            online.add((gateway, name))
+    return {name: sorted((at, int(gateway.removeprefix("gw-"))) for gateway, times in each.items() for at in times)
+            for name, each in found.items()}

@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """One robot on the Thread mesh that walks between gateways: an MQTT-SN 1.2 client of its own, which shares no code with the
-gateway. One request at a time, repeated until it is answered. Used by run."""
+gateway. One request at a time, repeated until it is answered. It counts what it has obeyed. Used by run and acts."""
 import random
 import socket
 import time
 
 CONNECT, CONNACK, WILLTOPICREQ, WILLTOPIC, WILLMSGREQ, WILLMSG = 0x04, 0x05, 0x06, 0x07, 0x08, 0x09
-REGISTER, REGACK, PUBLISH, PUBACK, SUBSCRIBE, SUBACK, DISCONNECT = 0x0A, 0x0B, 0x0C, 0x0D, 0x12, 0x13, 0x18
-DUP, QOS1, RETAIN, WILL, CLEAN = 0x80, 0x20, 0x10, 0x08, 0x04
+REGISTER, REGACK, PUBLISH, PUBACK, PUBCOMP, PUBREC, PUBREL = 0x0A, 0x0B, 0x0C, 0x0D, 0x0E, 0x0F, 0x10
+SUBSCRIBE, SUBACK, PINGREQ, PINGRESP, DISCONNECT = 0x12, 0x13, 0x16, 0x17, 0x18
+DUP, QOS2, QOS1, WILL, CLEAN = 0x80, 0x40, 0x20, 0x08, 0x04
 REPEAT_S, TRIES, KEEP_ALIVE_S = 0.7, 4, 4
+PING_S = 1  # of a robot that only listens
+SAME_S = 30  # so long a gateway may repeat a command
 
 
 def packet(kind, body):
@@ -16,18 +19,20 @@ def packet(kind, body):
 
 
 class Robot:
-    def __init__(self, name, prefix, gateways, make_socket, is_clean, period_s, seed):
+    def __init__(self, name, prefix, gateways, make_socket, is_clean, period_s, seed, qos=1, place=None):
+        """`period_s`: None for a robot that only listens, and asks with pings whether its gateway is there."""
         self.name, self.prefix, self.gateways, self.is_clean, self.period_s = name, prefix, gateways, is_clean, period_s
-        self.make_socket = make_socket
+        self.make_socket, self.qos, self.flags = make_socket, qos, QOS2 if qos == 2 else QOS1
         self.random = random.Random(seed)
-        self.place = self.random.randrange(len(gateways))
+        self.place = self.random.randrange(len(gateways)) if place is None else place
         self.places = []  # (since when, gateway)
+        self.others = None  # where it goes when nobody answers; None: anywhere
         self.socket = None
         self.sent, self.acknowledged = {}, {}  # by number: when
         self.tries = {}  # by number: (when, gateway, moves before) of each time that it was said
         self.acknowledged_by = {}  # by number: which gateway
-        self.commands = []  # (time, gateway, type) of each that is not the repetition of one
-        self.heard = {}  # by (gateway, message id): the last command's type
+        self.commands = []  # (time, gateway, payload) of each that it has obeyed
+        self.heard = {}  # by (gateway, message id): payload and time of the last command
         # (seconds, [(time, gateway, what it asked)]) of each move and of each message that was not acknowledged at the first try
         self.interruptions, self.asked = [], []
         self.waits_since, self.is_interrupted = None, False
@@ -51,6 +56,12 @@ class Robot:
         """Each gateway that it was at."""
         return {self.place_at(begin if self.places[0][0] <= begin else end), self.place_at(end),
                 *(place for since, place in self.places if begin <= since <= end)}
+
+    def obeyed(self, payload):
+        return sum(1 for _, _, each in self.commands if each == payload)
+
+    def is_served(self):
+        return self.has_session and self.step in ("idle", "publish", "release", "ping")
 
     def wait(self):
         if self.waits_since is None:
@@ -76,10 +87,14 @@ class Robot:
     def connect(self):
         self.wait()
         self.is_interrupted = True
-        flags = WILL | (CLEAN if self.is_clean else 0)
         if self.is_clean:
             self.has_session = False
+        flags = WILL | (CLEAN if self.is_clean else 0)
         self.ask("connect", packet(CONNECT, bytes([flags, 1]) + KEEP_ALIVE_S.to_bytes(2, "big") + self.name.encode()))
+
+    def sleep(self, seconds):
+        """Its gateway keeps what comes, until it connects again."""
+        self.ask("sleep", packet(DISCONNECT, seconds.to_bytes(2, "big")))
 
     def ask(self, step, request):
         self.step, self.request, self.attempt, self.repeat_at = step, request, 0, 0.0
@@ -95,32 +110,34 @@ class Robot:
         """After CONNACK: what the session lacks, then messages."""
         root = f"{self.prefix}/server/{self.name}/+".encode()
         if not self.has_session and self.step == "connect":
-            return self.ask("subscribe", packet(SUBSCRIBE, bytes([QOS1]) + self.next_id() + root))
+            return self.ask("subscribe", packet(SUBSCRIBE, bytes([self.flags]) + self.next_id() + root))
         if not self.has_session and self.step == "subscribe":
             topic = f"{self.prefix}/robot/{self.name}/note".encode()
             return self.ask("register", packet(REGISTER, b"\0\0" + self.next_id() + topic))
         self.has_session = True
         self.step, self.request = "idle", None
-        self.next_at = time.monotonic() + self.random.uniform(0.5, 1.5) * self.period_s
+        self.next_at = time.monotonic() + (self.random.uniform(0.5, 1.5) * self.period_s if self.period_s else PING_S)
         if self.number in self.sent and self.number not in self.acknowledged:
             return self.say()  # what was not acknowledged is said again
-        self.end_wait()
+        return self.end_wait()
 
     def say(self):
         self.wait()
         body = self.topic_id.to_bytes(2, "big") + self.next_id() + str(self.number).encode()
-        self.ask("publish", packet(PUBLISH, bytes([QOS1]) + body))
+        self.ask("publish", packet(PUBLISH, bytes([self.flags]) + body))
 
     def on_time(self, now):
-        if self.step == "idle":
-            if now >= self.next_at:
-                self.number += 1
-                self.say()
+        if self.step == "asleep" or self.step == "idle" and now < self.next_at:
             return
+        if self.step == "idle" and not self.period_s:
+            return self.ask("ping", packet(PINGREQ, b""))
+        if self.step == "idle":
+            self.number += 1
+            return self.say()
         if now < self.repeat_at:
             return
         if self.attempt == TRIES:  # nobody answers: another gateway
-            others = [place for place in range(len(self.gateways)) if place != self.place]
+            others = self.others or [place for place in range(len(self.gateways)) if place != self.place] or [self.place]
             return self.move_to(self.random.choice(others))
         if self.step == "publish" and self.attempt > 0:
             self.is_interrupted = True
@@ -162,23 +179,38 @@ class Robot:
             self.send(packet(REGACK, body[:4] + b"\0"))
         elif kind == PUBLISH:
             self.on_command(body, now)
-            self.send(packet(PUBACK, body[1:5] + b"\0"))
+        elif kind == PUBREL:
+            self.heard.pop((self.place, body), None)
+            self.send(packet(PUBCOMP, body))
         elif kind == PUBACK and self.step == "publish" and body[2:4] == self.request[5:7]:
             if body[4] == 0:
-                self.acknowledged[self.number], self.acknowledged_by[self.number] = now, self.place
+                self.on_acknowledged(now)
                 self.next_step()
             elif body[4] == 2:  # it does not know the topic id: begin anew
                 self.refused_topics += 1
                 self.has_session = False
                 self.connect()
+        elif kind == PUBREC and self.step == "publish" and body == self.request[5:7]:
+            self.on_acknowledged(now)
+            self.ask("release", packet(PUBREL, body))
+        elif kind == PUBCOMP and self.step == "release" and body == self.request[2:] or kind == PINGRESP and self.step == "ping":
+            self.next_step()
+        elif kind == DISCONNECT and self.step == "sleep":
+            self.step = "asleep"
         elif kind == DISCONNECT:
             self.connect()
 
+    def on_acknowledged(self, now):
+        """With QoS 2 when the gateway has it: what follows is about the id only."""
+        self.acknowledged[self.number], self.acknowledged_by[self.number] = now, self.place
+
     def on_command(self, body, now):
-        key, kind = (self.place, body[3:5]), body[5:].decode()
-        if not (body[0] & DUP and self.heard.get(key) == kind):
-            self.commands.append((now, self.place, kind))
-        self.heard[key] = kind
+        """A gateway repeats with DUP; one that was started anew uses its message ids anew."""
+        key, payload = (self.place, body[3:5]), body[5:].decode()
+        if not (body[0] & DUP and key in self.heard and self.heard[key][0] == payload and now - self.heard[key][1] < SAME_S):
+            self.commands.append((now, self.place, payload))
+        self.heard[key] = payload, now
+        self.send(packet(PUBREC, body[3:5]) if body[0] & QOS2 else packet(PUBACK, body[1:5] + b"\0"))
 
     def end(self):
         """Whoever still waits has waited for so long at least. It says nothing more."""

@@ -7,7 +7,7 @@ from collections import Counter
 
 from bounds import Absence
 
-PAUSE_S = 65  # longer than any other memory of the fleet but that for outcomes
+PAUSE_S = 65  # longer than a keep-alive: the broker has told the gateway's will, and others answer for its robots
 
 
 class Trouble:
@@ -23,6 +23,8 @@ class Trouble:
         self.kinds = [] if self.options.calm else self.kinds_of(fleet)
 
     def kinds_of(self, fleet):
+        if self.options.stops:
+            return [(self.stop_gateway, 1)]
         kinds = [(self.take_gateway, 6)]
         if fleet.ble:
             kinds.append((self.unplug_board, 2))
@@ -56,6 +58,11 @@ class Trouble:
     def take_gateway(self, now):
         victim = self.random.randrange(self.options.gateways)
         self.take_program(self.fleet.daemons[victim], "gateway", victim, now)
+
+    def stop_gateway(self, now):
+        victim = self.random.randrange(self.options.gateways)
+        self.stop(self.fleet.daemons[victim], "gateway", victim, now, self.random.uniform(4, 10))
+        self.acts["stops"] += 1
 
     def take_node(self, now):
         victim = self.random.randrange(len(self.fleet.engine.nodes))

@@ -30,13 +30,6 @@ BrokerMessage message_of(Mesh mesh, WallTime received_at) {
           Provenance{mesh, received_at}};
 }
 
-TEST(FromPaho, SaysWhetherTheBrokerMayHaveDeliveredItBefore) {
-  MQTTAsync_message message = MQTTAsync_message_initializer;
-  EXPECT_FALSE(from_paho(mqtt::message("t", message)).is_dup);
-  message.dup = 1;
-  EXPECT_TRUE(from_paho(mqtt::message("t", message)).is_dup);
-}
-
 /// Paho frees what it has allocated only while there is a client.
 class PublishFormTest : public testing::Test {
  private:

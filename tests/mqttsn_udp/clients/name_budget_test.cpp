@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a subscription is charged is what it takes: in the table of the clients and in the core's.
+// What a subscription is charged is what it takes: here and in the robot's session at the broker.
 #include "adapters/mqttsn_udp/clients/name_budget.hpp"
 
 #include <gtest/gtest.h>
 #include <malloc.h>
 
 #include <functional>
+#include <utility>
 
-#include "daemon/core/subscription_table.hpp"
+#include "daemon/sessions/robot_sessions.hpp"
 #include "tests/mqttsn_udp/sn_rig.hpp"
 
 namespace slamgw::mqttsn {
@@ -19,18 +20,21 @@ constexpr unsigned filters_each = 64;
 /// Octets that are taken for each octet that is charged.
 double taken_of_charged(const std::function<std::string(unsigned)>& filter_of) {
   SnRig rig;
-  SubscriptionTable core;
+  sessions::RobotSessions at_broker(sessions::SessionNames(TopicScheme("ntnu-slam", "gw")),
+                                    [](const auto&) { return false; });
   for (unsigned n = 1; n <= clients; ++n) rig.connect(n, "r" + std::to_string(n));
   std::size_t charged = 0;
   const std::size_t before = mallinfo2().uordblks;
   for (unsigned i = 0; i < clients * filters_each; ++i) {
     const std::string filter = filter_of(i);
     rig.subscribe(1 + i % clients, filter);
-    core.add(Mesh::thread, filter, Qos::at_least_once);
-    core.await(Mesh::thread, filter);
-    core.on_answer(filter, true);
-    charged += NameBudget::of_filter(filter);
+    at_broker.subscribe("r" + std::to_string(1 + i % clients), filter, Qos::at_least_once, false,
+                        {rig.now, {}});
+    charged += NameBudget::of_filter(filter.size());
   }
+  rig.filters.clear();  // what the rig has of them does not count
+  std::exchange(rig.subscribes, {}).clear();
+  std::exchange(rig.datagrams, {}).clear();
   const std::size_t after = mallinfo2().uordblks;
   return after < before ? 0 : static_cast<double>(after - before) / static_cast<double>(charged);
 }

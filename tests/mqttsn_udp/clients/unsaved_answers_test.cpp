@@ -162,7 +162,7 @@ TEST_F(UnsavedAnswers, IncludeThePingrespToASleeperAtANewAddress) {
 TEST_F(UnsavedAnswers, IncludeTheGatewaysOwnRegister) {
   connect_and_save(1, "r1");
   rig.send(1, Subscribe{false, WireQos::one, TopicIdType::normal, 2, "ntnu-slam/robot/+/live", 0});
-  rig.gateway.on_subscribe_result("ntnu-slam/robot/+/live", true, rig.now);
+  rig.gateway.on_subscribe_result("r1", "ntnu-slam/robot/+/live", true, rig.now);
   save();
   rig.sent_to(1);
   rig.broker("ntnu-slam/robot/r2/live", "x", 1);

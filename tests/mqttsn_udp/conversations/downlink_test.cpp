@@ -217,10 +217,10 @@ TEST(SnGateway, CommandThatHasWaitedInTheGatewayHasThatMuchLessTime) {
   rig.subscribe(1, command, 1);
   rig.broker(command, "fresh", 1);
   const auto comes_after = [&](const std::string& topic, std::chrono::seconds waited) {
-    rig.gateway.on_broker_message(
-        {topic, to_bytes("go"), Qos::at_least_once, false, {}, false, waited}, CommandId{7},
-        rig.now);
-    rig.broker_link(true);  // drains
+    rig.robot_message({"r1",
+                       {topic, to_bytes("go"), Qos::at_least_once, false, {}, waited},
+                       CommandId{7},
+                       topic != command});
   };
   comes_after(command, std::chrono::seconds(5));
   rig.pass(std::chrono::milliseconds(23'900));
@@ -263,74 +263,33 @@ TEST(SnGateway, RefusesCommandsThatTheRobotHasNotSubscribedTo) {
   EXPECT_EQ(rig.outcomes[0].id, CommandId{1});
   EXPECT_EQ(rig.outcomes[0].result, CommandResult::refused);
   EXPECT_EQ(rig.outcomes[0].why, "the robot has not subscribed to ntnu-slam/server/r1/cmd");
-  rig.broker("ntnu-slam/server/r1/cmd", "kept", 1, true);
-  EXPECT_EQ(rig.outcomes.size(), 1U) << "the broker keeps it until the robot subscribes";
+  rig.connect(2, "r2", false);
+  rig.broker("ntnu-slam/server/r2/cmd", "go", 1);
+  ASSERT_EQ(rig.outcomes.size(), 2U) << "also when its session is kept";
+  EXPECT_EQ(rig.outcomes[1].result, CommandResult::refused);
 }
 
-TEST(SnGateway, LeavesCommandsThatAnotherMeshCarriesToIt) {
-  SnRig rig({}, {}, {}, {"ntnu-slam/server/#"});
+/// Another copy may come by the robot's own subscription.
+TEST(SnGateway, RefusesACommandThatComesUnaskedAlsoWhereASubscriptionMatches) {
+  SnRig rig;
   rig.connect(1, "r1");
-  rig.subscribe(1, "ntnu-slam/server/r1/cmd", 1);
-  rig.connect(2, "watcher");
-  rig.subscribe(2, "ntnu-slam/server/#", 0);
-  rig.gateway.on_broker_message({"ntnu-slam/server/r1/cmd", {}, Qos::at_least_once, false},
-                                CommandId::none, rig.now);
-  rig.broker_link(true);  // drains
+  rig.subscribe(1, "ntnu-slam/server/r1/cmd", 0);
+  rig.robot_message({"r1",
+                     {"ntnu-slam/server/r1/cmd", to_bytes("go"), Qos::at_most_once},
+                     CommandId{7},
+                     /*is_unasked=*/true});
   EXPECT_TRUE(rig.is_silent(1));
-  EXPECT_FALSE(rig.is_silent(2)) << "others may listen";
-  EXPECT_TRUE(rig.outcomes.empty());
+  ASSERT_EQ(rig.outcomes.size(), 1U);
+  EXPECT_EQ(rig.outcomes[0].result, CommandResult::refused);
 }
 
-TEST(SnGateway, HearsAllCommandsForItsRobotsAsLongAsTheirSessionsLast) {
-  const std::string filter = "ntnu-slam/server/r1/+";
+TEST(SnGateway, RefusesACommandForARobotThatHasGone) {
   SnRig rig;
-  rig.connect(1, "r1", false);
-  EXPECT_EQ(rig.listening, std::set<std::string>{filter});
-  EXPECT_TRUE(rig.subscribes.empty()) << "fresh commands are enough";
-  rig.subscribe(1, filter, 1);
-  ASSERT_EQ(rig.subscribes.size(), 1u) << "the client is to get the retained ones too";
-  rig.send(1, Unsubscribe{TopicIdType::normal, 5, filter, 0});
-  EXPECT_EQ(rig.listening, std::set<std::string>{filter}) << "not only for the client";
-  rig.send(1, Disconnect{});
-  EXPECT_EQ(rig.listening, std::set<std::string>{filter}) << "its session is kept";
-  rig.connect(1, "r1", true);
-  EXPECT_EQ(rig.listening, std::set<std::string>{filter});
-  SnRig after;
-  ASSERT_TRUE(after.gateway.restore(*rig.gateway.snapshot("r1", rig.now), rig.now));
-  after.broker_link(true);  // drains
-  EXPECT_EQ(after.listening, std::set<std::string>{filter});
-  rig.send(1, Disconnect{});
-  EXPECT_TRUE(rig.listening.empty());
-}
-
-TEST(SnGateway, WakesOnceToForgetThatItHasAskedForTheCommandsOfManyRobots) {
-  SnRig rig;
-  for (unsigned n = 1; n <= 5; ++n) {
-    rig.connect(n, "r" + std::to_string(n));
-    rig.pass(std::chrono::milliseconds(100));
-  }
-  const TimePoint first = *rig.gateway.deadline();
-  EXPECT_LE(first, rig.now + std::chrono::seconds(12));
-  rig.pass(first - rig.now);
-  EXPECT_GE(*rig.gateway.deadline(), rig.now + std::chrono::seconds(10)) << "the keep-alive";
-}
-
-TEST(SnGateway, AsksForARobotsCommandsAgainWhenTheBrokerThatRefusedThemIsBack) {
-  SnRig rig;
-  for (unsigned n = 1; n <= 3; ++n) {
-    rig.connect(n, "r" + std::to_string(n));
-    if (n < 3) rig.subscribe_result("ntnu-slam/server/r" + std::to_string(n) + "/+", false);
-  }
-  rig.send(2, Disconnect{});
-  for (int i = 0; i < 2; ++i) {
-    rig.broker_link(false);
-    rig.broker_link(true);
-    rig.broker_link(true);  // told again
-  }
-  ASSERT_EQ(rig.subscribes.size(), 1U) << "the broker grants it now";
-  EXPECT_EQ(rig.subscribes[0].filter, "ntnu-slam/server/r1/+");
-  EXPECT_EQ(rig.subscribes[0].qos, Qos::at_least_once);
-  EXPECT_FALSE(rig.subscribes[0].wants_retained);
+  rig.robot_message(
+      {"r1", {"ntnu-slam/server/r1/cmd", to_bytes("go"), Qos::at_most_once}, CommandId{7}});
+  ASSERT_EQ(rig.outcomes.size(), 1U);
+  EXPECT_EQ(rig.outcomes[0].id, CommandId{7});
+  EXPECT_EQ(rig.outcomes[0].result, CommandResult::refused);
 }
 
 TEST(SnGateway, TellsNoOutcomeOfCommandsThatOthersOverhear) {

@@ -145,13 +145,11 @@ TEST(SnGateway, GoesOnWithASessionWhoseRobotIsRenamed) {
 TEST(SnGateway, GivesARobotThatIsRenamedItsCommandsUnderItsNewName) {
   UnnamedRig rig;
   rig.name_it("tank");
-  EXPECT_EQ(rig.listening, std::set<std::string>{"ntnu-slam/server/tank/+"});
-  std::set<std::string> filters;
-  for (const SubscribeRequest& request : rig.subscribes) filters.insert(request.filter);
-  EXPECT_EQ(filters,
+  EXPECT_TRUE(rig.filters["nrf-7"].empty());
+  EXPECT_EQ(rig.filters["tank"],
             (std::set<std::string>{"ntnu-slam/server/tank/+", "ntnu-slam/server/tank/cmd"}));
-  ASSERT_EQ(rig.unsubscribes.size(), 1U);
-  EXPECT_EQ(rig.unsubscribes[0].filter, "ntnu-slam/server/nrf-7/cmd");
+  for (const SubscribeRequest& request : rig.subscribes)
+    EXPECT_FALSE(request.is_standing) << "they are new ones of the new name";
 
   rig.broker("ntnu-slam/server/tank/cmd", "x", 1);
   EXPECT_EQ(rig.last_to(1), "PUBLISH dup=0 qos=1 retain=0 normal id=2 msg=1 data=78");
@@ -221,7 +219,8 @@ TEST(SnGateway, SwapsTheNamesOfTwoRobots) {
   const Lines told = presence_lines(rig);
   ASSERT_EQ(told.size(), 4U);
   EXPECT_TRUE(told[2].ends_with("online") && told[3].ends_with("online")) << "at the end";
-  EXPECT_EQ(rig.listening, (std::set<std::string>{"ntnu-slam/server/a/+", "ntnu-slam/server/b/+"}));
+  EXPECT_EQ(rig.filters["a"], std::set<std::string>{"ntnu-slam/server/a/cmd"});
+  EXPECT_EQ(rig.filters["b"], std::set<std::string>{"ntnu-slam/server/b/cmd"});
   rig.publish(1, ids[1], 0, 0);
   rig.publish(2, ids[2], 0, 0);
   ASSERT_EQ(rig.reports.size(), 2U);
@@ -253,7 +252,6 @@ TEST(SnGateway, DisconnectsAClientWhoseIdIsAnotherRobotsNameNow) {
   EXPECT_EQ(rig.last_to(2), "DISCONNECT plain");
   EXPECT_TRUE(rig.is_silent(1));
   EXPECT_EQ(rig.gateway.presence_of("tank"), Presence::online);
-  EXPECT_EQ(rig.listening, std::set<std::string>{"ntnu-slam/server/tank/+"});
   EXPECT_EQ(presence_lines(rig).back(), "tank online");
 }
 
@@ -293,8 +291,10 @@ TEST(SnGateway, RenamesARobotOverARestart) {
   SnRig after({}, {{"tank", {}, "nrf-7"}});
   ASSERT_TRUE(after.gateway.restore(*decode_session(stored), after.now));
   after.broker_link(true);
-  EXPECT_EQ(after.listening,
+  EXPECT_EQ(after.filters["tank"],
             (std::set<std::string>{"ntnu-slam/server/tank/+", "ntnu-slam/server/tank/cmd"}));
+  for (const SubscribeRequest& request : after.subscribes)
+    EXPECT_FALSE(request.is_standing) << "the broker's session of the new name has none of them";
   EXPECT_EQ(after.gateway.presence_of("tank"), Presence::asleep);
   after.send(1, Pingreq{"nrf-7"});
   EXPECT_EQ(after.last_to(1), "PUBLISH dup=0 qos=1 retain=0 normal id=2 msg=1 data=31");

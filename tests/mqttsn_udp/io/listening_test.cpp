@@ -93,8 +93,9 @@ bool gets_its_command(UdpRig& rig, const Case& one) {
   const std::string payload = "for " + id;
   const bool is_command = one.topic != Topic::short_name;
   const auto publish = [&] {
-    rig.adapter.on_broker_message({topic_of(one), to_bytes(payload), Qos::at_least_once, false},
-                                  is_command ? CommandId{one.number} : CommandId::none);
+    rig.adapter.on_broker_message({id,
+                                   {topic_of(one), to_bytes(payload), Qos::at_least_once, false},
+                                   is_command ? CommandId{one.number} : CommandId::none});
   };
   Listener robot(rig, 2 * one.number);
   robot.send(Connect{false, one.way != Way::kept_session, protocol_id, 60, id});

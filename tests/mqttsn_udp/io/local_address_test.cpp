@@ -73,7 +73,7 @@ class LocalAddressOf : public ThreadNetwork, public testing::WithParamInterface<
   }
 
   void command(UdpRig& rig) {
-    rig.adapter.on_broker_message({cmd_topic, to_bytes("y"), {}, {}}, CommandId{1});
+    rig.adapter.on_broker_message({"r1", {cmd_topic, to_bytes("y"), {}, {}}, CommandId{1}});
   }
 
   const std::string id = std::to_string(topic_id_of(cmd_topic));

@@ -55,9 +55,25 @@ TEST(MqttsnAdapter, CarriesARobotsMessageUpAndACommandDown) {
   robot.send(Publish{false, WireQos::one, false, TopicIdType::normal, adv, 3, to_bytes("x")});
   EXPECT_EQ(robot.receive(), "PUBACK id=" + std::to_string(adv) + " msg=3 code=0");
   ASSERT_EQ(rig.core.reports.size(), 1U);
-  rig.adapter.on_broker_message({"ntnu-slam/server/r1/cmd", to_bytes("y"), Qos{}, false},
-                                CommandId{1});
+  rig.adapter.on_broker_message(
+      {"r1", {"ntnu-slam/server/r1/cmd", to_bytes("y"), Qos{}, false}, CommandId{1}});
   EXPECT_EQ(robot.receive(), "PUBLISH dup=0 qos=0 retain=0 normal id=" + cmd + " msg=0 data=79");
+}
+
+TEST(MqttsnAdapter, TakesARobotFromAnotherGatewayAndGivesItUpAgain) {
+  const std::string cmd = "ntnu-slam/server/r1/cmd";
+  UdpRig rig({"127.0.0.1:0"});
+  rig.adapter.ask_where_served([](const std::string& robot) { return robot == "r1"; });
+  UdpClient robot(rig, "127.0.0.1");
+  robot.send(Connect{false, false, 1, 60, "r1"});
+  EXPECT_EQ(robot.receive(), "CONNACK code=0");
+  robot.send(Disconnect{60});
+  EXPECT_EQ(robot.receive(), "DISCONNECT plain");
+  rig.adapter.on_broker_message({"r1", {cmd, to_bytes("y"), Qos::at_least_once}, CommandId{1}});
+  const auto unsent = rig.adapter.give_up("r1");
+  ASSERT_EQ(unsent.size(), 1U);
+  EXPECT_EQ(unsent[0].command, CommandId{1});
+  EXPECT_EQ(rig.adapter.presence_of("r1"), std::nullopt);
 }
 
 /// What a CONNECT causes in the core, as its presence at the broker, comes behind the CONNACK.

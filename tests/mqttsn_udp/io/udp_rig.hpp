@@ -17,7 +17,8 @@ class FakeCore final : public MeshListener {
  public:
   void on_mesh_event(MeshEvent event) override {
     if (auto* request = std::get_if<SubscribeRequest>(&event))
-      adapter->on_subscribe_result(request->filter, true);
+      adapter->on_subscribe_result(request->robot, request->filter, true);
+    if (auto* request = std::get_if<NoteRequest>(&event)) adapter->on_note(request->robot, {});
     if (auto* report = std::get_if<Report>(&event)) {
       reports.push_back(*report);
       if (report->receipt.is_owed()) adapter->on_receipt(report->receipt.id, ReceiptOutcome::safe);

@@ -248,7 +248,7 @@ def old_name_is_taken_from_the_broker():
 
 
 def gateways_agree():
-    """several gateways: the two name each other, and doctor sees that they agree"""
+    """several gateways: the two name each other, and doctor sees both"""
     with tempfile.TemporaryDirectory() as directory:
         other = pathlib.Path(directory) / "gateway.json"
         other.write_text(json.dumps({
@@ -257,7 +257,7 @@ def gateways_agree():
             "control": {"socket": directory + "/control.sock"}}), encoding="utf-8")
         process = subprocess.Popen(["slam-gatewayd", "--config", str(other)], stdout=subprocess.DEVNULL,
                                    stderr=subprocess.DEVNULL)
-        wait_for("the other gateway", lambda: (finding(doctor(), "fleet") or {}).get("detail") == "agrees with room-b")
+        wait_for("the other gateway", lambda: (finding(doctor(), "fleet") or {}).get("detail") == "shares the broker with room-b")
         fleet = run("slam-gatewayctl", "--socket", directory + "/control.sock", "fleet")
         demand(GATEWAY in fleet and "room-b" in fleet, fleet)
         process.terminate()

@@ -1,0 +1,223 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the core shows of robots that several gateways could serve, and which commands it takes.
+#include "daemon/core/robot_places.hpp"
+
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+
+#include "tests/core/gateway_rig.hpp"
+
+namespace slamgw {
+namespace {
+
+using namespace std::chrono_literals;
+using nlohmann::json;
+
+class RobotPlacesTest : public test::SharedGatewayRig {
+ protected:
+  void comes(const std::string& robot) {
+    say(PresenceChange{Mesh::thread, robot, Presence::online, "a"});
+  }
+  /// Retained presence, by gateway and robot ("pi1/a"); withdrawn ones are "-pi1/a".
+  std::vector<std::string> announced() {
+    std::vector<std::string> all;
+    for (const Upload& upload : drain<Upload>()) {
+      const auto shown = scheme.parse_presence_topic(upload.message.topic);
+      if (!shown) continue;
+      EXPECT_TRUE(upload.message.retain);
+      all.push_back((upload.message.payload.empty() ? "-" : "") + std::string(shown->gateway) +
+                    "/" + std::string(shown->robot));
+    }
+    return all;
+  }
+  using Shown = std::vector<std::string>;
+  const TopicScheme scheme{"ntnu-slam", "pi1"};
+};
+
+TEST_F(RobotPlacesTest, ARobotIsShownWhileNoOtherGatewayShowsIt) {
+  broker_comes();
+  comes("a");
+  EXPECT_EQ(announced(), Shown{"pi1/a"});
+  elsewhere.insert("b");
+  comes("b");
+  EXPECT_EQ(announced(), Shown{}) << "another gateway's";
+  held.insert("b");
+  comes("b");
+  EXPECT_EQ(announced(), Shown{"pi1/b"}) << "whoever holds the session is right";
+  left.insert("c");
+  comes("c");
+  EXPECT_EQ(announced(), Shown{"pi1/c"}) << "the other gateway is gone";
+}
+
+TEST_F(RobotPlacesTest, OnlyRobotsOfThisGatewayAreShownAgainAtANewConnection) {
+  for (const char* robot : {"held", "lost", "new"}) comes(robot);
+  elsewhere = {"held", "lost"};
+  held = {"held"};
+  broker_is(true);
+  EXPECT_EQ(announced(), Shown{}) << "the others are not known yet";
+  pass(Gateway::settling);
+  EXPECT_EQ(announced(), Shown{"pi1/new"}) << "the other one at on_session_held()";
+  gateway.announce_all(now);
+  EXPECT_EQ(announced(), (Shown{"pi1/held", "pi1/new"}));
+}
+
+TEST_F(RobotPlacesTest, ARobotIsShownAsSoonAsItsSessionIsHeld) {
+  broker_comes();
+  elsewhere.insert("a");
+  comes("a");
+  EXPECT_EQ(announced(), Shown{});
+  session_comes("a");
+  EXPECT_EQ(announced(), Shown{"pi1/a"});
+  session_comes("unknown here");
+  EXPECT_EQ(announced(), Shown{});
+}
+
+TEST_F(RobotPlacesTest, TheEntryOfAGatewayThatIsGoneIsWithdrawn) {
+  broker_comes();
+  left = {"a", "b"};
+  comes("a");
+  EXPECT_EQ(announced(), Shown{"pi1/a"});
+  session_comes("a", true, "pi9");
+  EXPECT_EQ(announced(), (Shown{"-pi9/a", "pi1/a"}));
+  session_comes("b", true, "pi9");
+  EXPECT_EQ(announced(), Shown{"-pi9/b"}) << "also of a robot that is not here";
+}
+
+TEST_F(RobotPlacesTest, ARobotThatIsGivenUpIsWithdrawnAndForgotten) {
+  broker_comes();
+  comes("a");
+  announced();
+  gateway.on_given_up("a");
+  EXPECT_EQ(announced(), Shown{"-pi1/a"});
+  EXPECT_FALSE(gateway.registry().find("a"));
+}
+
+TEST_F(RobotPlacesTest, ARobotThatIsGivenUpWhileTheBrokerIsAwayIsWithdrawnLater) {
+  comes("a");
+  gateway.on_given_up("a");
+  EXPECT_EQ(announced(), Shown{});
+  broker_is(true);
+  EXPECT_EQ(announced(), Shown{"-pi1/a"});
+}
+
+TEST_F(RobotPlacesTest, ALeftoverThatAnotherGatewayShowsIsWithdrawn) {
+  broker_comes();
+  for (const char* robot : {"gone", "moved"})
+    gateway.on_broker_message(
+        {scheme.presence_topic(robot), to_bytes(R"({"state":"online"})"), Qos::at_least_once, true},
+        now);
+  elsewhere.insert("moved");
+  pass(LeftoverRobots::grace);
+  EXPECT_EQ(announced(), (Shown{"pi1/gone", "-pi1/moved"}));
+}
+
+/// Whether the presence that is published now says so.
+class ContestedTest : public RobotPlacesTest {
+ protected:
+  std::vector<bool> said() {
+    std::vector<bool> all;
+    for (const Upload& upload : drain<Upload>())
+      all.push_back(json::parse(as_text(upload.message.payload)).value("contested", false));
+    return all;
+  }
+  using Said = std::vector<bool>;
+};
+
+TEST_F(ContestedTest, IsSaidWhileAnotherClientTakesTheRobotsSession) {
+  broker_comes();
+  held.insert("a");
+  comes("a");
+  EXPECT_EQ(said(), Said{false});
+  EXPECT_EQ(gateway.registry().contested(), 0u);
+  gateway.on_contested("a", true, now);
+  EXPECT_EQ(said(), Said{true});
+  EXPECT_EQ(gateway.registry().contested(), 1u);
+  gateway.on_contested("a", true, now);
+  EXPECT_EQ(said(), Said{}) << "no news";
+  gateway.on_contested("a", false, now);
+  EXPECT_EQ(said(), Said{false});
+  EXPECT_EQ(gateway.registry().contested(), 0u);
+  gateway.on_contested("nobody", true, now);
+  EXPECT_EQ(said(), Said{});
+}
+
+TEST_F(ContestedTest, IsSaidWhileTheMeshSaysSo) {
+  broker_comes();
+  PresenceChange change{Mesh::thread, "a", Presence::online, "x"};
+  say(change);
+  change.is_contested = true;
+  say(change);
+  EXPECT_EQ(said(), (Said{false, true}));
+  EXPECT_EQ(gateway.registry().contested(), 1u);
+  change.is_contested = false;
+  say(change);
+  EXPECT_EQ(said(), Said{false});
+}
+
+TEST_F(ContestedTest, KeepsTheTimeSinceWhenTheRobotIsInItsState) {
+  broker_comes();
+  comes("a");
+  const auto since = [&](bool is_contested) {
+    now.wall += 5s;
+    PresenceChange change{Mesh::thread, "a", Presence::online, "x"};
+    change.is_contested = is_contested;
+    say(change);
+    return json::parse(as_text(drain<Upload>().back().message.payload))["since"];
+  };
+  const json before = json::parse(as_text(drain<Upload>().back().message.payload))["since"];
+  EXPECT_EQ(since(true), before);
+  EXPECT_EQ(since(false), before);
+}
+
+class OperatorCommandTest : public RobotPlacesTest {
+ protected:
+  std::string refusal_of(const std::string& robot) {
+    const CommandId id = gateway.on_operator_command(robot, "run", {1}, now);
+    std::string why;
+    while (auto action = gateway.next_action()) {
+      if (const auto* outcome = std::get_if<CommandOutcome>(&*action)) {
+        EXPECT_EQ(outcome->id, id);
+        EXPECT_EQ(outcome->result, CommandResult::refused);
+        why = outcome->why;
+      }
+      if (const auto* delivery = std::get_if<DeliverToMesh>(&*action)) {
+        EXPECT_EQ(delivery->message.command, id);
+        EXPECT_EQ(delivery->message.message.topic, "ntnu-slam/server/" + robot + "/run");
+        EXPECT_EQ(delivery->message.robot, robot);
+      }
+    }
+    return why;
+  }
+};
+
+TEST_F(OperatorCommandTest, IsRefusedWhenAnotherGatewayServesTheRobot) {
+  reach[{Mesh::thread, "a"}] = Presence::online;
+  EXPECT_EQ(refusal_of("a"), "");
+  elsewhere.insert("a");
+  EXPECT_EQ(refusal_of("a"), "another gateway serves this robot");
+  held.insert("a");
+  EXPECT_EQ(refusal_of("a"), "") << "whoever holds the session is right";
+}
+
+TEST_F(OperatorCommandTest, ToARobotThatNoMeshKnowsSaysWhetherItIsKnownAtAll) {
+  EXPECT_EQ(refusal_of("nobody"), "no robot of this name is known here");
+  held.insert("adopted");
+  EXPECT_EQ(refusal_of("adopted"), "the robot is not connected");
+  left.insert("orphan");
+  EXPECT_EQ(refusal_of("orphan"), "the robot is not connected");
+}
+
+TEST_F(RobotPlacesTest, ACommandForARobotThatIsShownOrHeldButAbsentIsRefusedAsNotConnected) {
+  for (auto* place : {&held, &left}) {
+    held.clear();
+    place->insert("a");
+    gateway.on_robot_message({"a", {"ntnu-slam/server/a/cmd", {}, Qos::at_least_once}}, now);
+    const auto outcomes = drain<CommandOutcome>();
+    ASSERT_EQ(outcomes.size(), 1u);
+    EXPECT_EQ(outcomes[0].why, "the robot is not connected");
+  }
+}
+
+}  // namespace
+}  // namespace slamgw

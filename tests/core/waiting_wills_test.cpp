@@ -1,0 +1,141 @@
+// SPDX-License-Identifier: Apache-2.0
+// Whose last will is published: a robot whose session another gateway holds may be well.
+#include <gtest/gtest.h>
+
+#include "tests/core/gateway_rig.hpp"
+
+namespace slamgw {
+namespace {
+
+using namespace std::chrono_literals;
+
+class WaitingWills : public test::SharedGatewayRig {
+ protected:
+  void will_of(const std::string& robot, const std::string& text = "gone") {
+    say(Report{.mesh = Mesh::thread,
+               .robot = robot,
+               .topic = "ntnu-slam/robot/" + robot + "/will",
+               .payload = to_bytes(text),
+               .qos = Qos::at_least_once,
+               .receipt = no_receipt,
+               .is_will = true});
+  }
+  std::vector<std::string> published() {
+    std::vector<std::string> texts;
+    for (const PassUp& up : drain<PassUp>()) texts.emplace_back(as_text(up.event.payload));
+    return texts;
+  }
+  const std::vector<std::string> none;
+};
+
+TEST_F(WaitingWills, ArePublishedAtOnceWhenTheSessionIsHeld) {
+  broker_comes();
+  held.insert("a");
+  will_of("a");
+  EXPECT_EQ(published(), std::vector<std::string>{"gone"});
+}
+
+TEST_F(WaitingWills, ArePublishedAtOnceByAGatewayThatIsAlone) {
+  is_alone = true;
+  will_of("a");
+  EXPECT_EQ(published(), std::vector<std::string>{"gone"}) << "the outbox keeps it";
+}
+
+TEST_F(WaitingWills, WaitWhileItIsNotKnownWhoHoldsTheSession) {
+  broker_comes();
+  will_of("a");
+  EXPECT_EQ(published(), none);
+  EXPECT_EQ(gateway.deadline(), now.mono + Gateway::will_patience);
+  pass(Gateway::will_patience - 1ms);
+  EXPECT_EQ(published(), none);
+  pass(1ms);
+  EXPECT_EQ(published(), std::vector<std::string>{"gone"});
+  pass(1h);
+  EXPECT_EQ(published(), none) << "once";
+}
+
+TEST_F(WaitingWills, HoldUpNothingElseThatTheRobotSays) {
+  broker_comes();
+  will_of("a");
+  say(update_from("a", {1, 0, 2, 0}));
+  EXPECT_EQ(published().size(), 1u);
+}
+
+TEST_F(WaitingWills, AreDroppedWhenAnotherGatewayShowsTheRobot) {
+  broker_comes();
+  will_of("a");
+  will_of("b", "b is gone");
+  elsewhere.insert("a");
+  pass(Gateway::will_patience);
+  EXPECT_EQ(published(), std::vector<std::string>{"b is gone"});
+  elsewhere.clear();
+  pass(1h);
+  EXPECT_EQ(published(), none);
+}
+
+TEST_F(WaitingWills, AreDroppedWhenTheRobotIsGivenUp) {
+  broker_comes();
+  will_of("a");
+  gateway.on_given_up("a");
+  pass(1h);
+  session_comes("a");
+  EXPECT_EQ(published(), none);
+}
+
+TEST_F(WaitingWills, ArePublishedWhenTheSessionIsHeld) {
+  broker_comes();
+  will_of("a", "old");
+  will_of("a", "new");
+  will_of("b");
+  session_comes("a");
+  EXPECT_EQ(published(), std::vector<std::string>{"new"}) << "the last one of the robot, alone";
+  pass(1h);
+  EXPECT_EQ(published(), std::vector<std::string>{"gone"});
+}
+
+TEST_F(WaitingWills, WaitForTheBrokerAndThenForTheOtherGateways) {
+  will_of("a");
+  will_of("b", "b is gone");
+  EXPECT_EQ(gateway.deadline(), std::nullopt);
+  pass(1h);
+  EXPECT_EQ(published(), none);
+  broker_comes();
+  pass(Gateway::will_patience - Gateway::settling - 1s);
+  broker_is(false);
+  pass(1h);
+  EXPECT_EQ(published(), none);
+  broker_comes();
+  elsewhere.insert("a");
+  pass(Gateway::will_patience - Gateway::settling - 1ms);
+  EXPECT_EQ(published(), none) << "counted from the new connection";
+  pass(1ms);
+  EXPECT_EQ(published(), std::vector<std::string>{"b is gone"});
+}
+
+TEST_F(WaitingWills, AreDroppedWhenTheRobotIsHeardAgain) {
+  broker_comes();
+  for (const char* robot : {"a", "b"}) will_of(robot);
+  say(update_from("a", {1, 0, 2, 0}));
+  say(PresenceChange{Mesh::thread, "b", Presence::online, "x"});
+  published();
+  session_comes("a");
+  session_comes("b");
+  EXPECT_EQ(published(), none);
+}
+
+TEST_F(WaitingWills, AreBounded) {
+  broker_comes();
+  for (std::size_t i = 0; i < Gateway::max_waiting_wills; ++i) will_of("r" + std::to_string(i));
+  EXPECT_EQ(published(), none);
+  will_of("one more");
+  EXPECT_EQ(published(), std::vector<std::string>{"gone"});
+  session_comes("r7");
+  EXPECT_EQ(published().size(), 1u);
+  will_of("another");
+  EXPECT_EQ(published(), none) << "there is room again";
+  pass(Gateway::will_patience);
+  EXPECT_EQ(published().size(), Gateway::max_waiting_wills);
+}
+
+}  // namespace
+}  // namespace slamgw

@@ -1,0 +1,282 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What once went wrong, each as a short scene on the running fleet, with robots of its own; the judge watches them like all others. An act
+is a generator: it yields while it waits, and says what is not as it should be. Used by run."""
+import json
+import random
+import socket
+import threading
+import time
+
+from client import Client
+from commands import OUTCOME_S
+from program import free_port
+from robot import Robot
+
+SOON_S = 10  # for what happens at once on an idle machine
+LISTENER_S = None
+FLOOD_S = 4
+CUTS = 6
+ROUND_TRIP_S = 0.1  # a command that came so long before a cut has been taken
+
+
+def until(condition, most_s=SOON_S):
+    """Waits; whether it came true."""
+    deadline = time.monotonic() + most_s
+    while not (found := condition()) and time.monotonic() < deadline:
+        yield
+    return found
+
+
+def pause(seconds):
+    yield from until(lambda: False, seconds)
+
+
+class Acts:
+    def __init__(self, fleet):
+        self.fleet = fleet
+        self.running, self.results, self.failures = {}, {}, []
+        self.clients, self.programs, self.cutter = [], [], None
+
+    def start(self, wanted):
+        plan = {"moves": [self.sleeper, self.hostile, self.dies], "contested": [self.contested]}
+        if not self.fleet.options.netns:
+            plan["lone"] = [self.lone]
+        self.running = {name: self.play(scenes) for name, scenes in plan.items()} if wanted else {}
+
+    def play(self, scenes):
+        for scene in scenes:
+            name = scene.__name__
+            self.results[name] = "not ended"
+            failure = yield from scene()
+            self.results[name] = failure or "kept"
+            if failure:
+                self.failures.append((time.monotonic(), f"{name}: {failure}"))
+
+    def step(self):
+        for client in self.clients:
+            if client.socket:
+                client.receive()
+        for name, act in list(self.running.items()):
+            if next(act, self) is self:
+                del self.running[name]
+
+    def are_done(self):
+        """With what would be disturbed by others."""
+        return not self.running.keys() - {"lone"}
+
+    def sockets(self):
+        return [client for client in self.clients if client.socket]
+
+    def end(self):
+        for name in self.running:
+            self.failures.append((time.monotonic(), f"{name}: has not ended"))
+        for client in self.clients:
+            client.end()
+
+    def verdict(self):
+        return self.results
+
+    # --- What acts are made of ---
+
+    def robot(self, name, place, is_clean=False, period_s=0.5):
+        made = Robot(name, self.fleet.prefix, self.fleet.places, self.fleet.make_robot_socket, is_clean, period_s, 1, place=place)
+        self.fleet.robots.append(made)
+        return made
+
+    def client(self, name, is_clean=True, user=None):
+        made = Client(self.fleet.observers.live[0].address, name, self.fleet.engine.user, self.fleet.make_broker_socket, is_clean, user)
+        self.clients.append(made)
+        return made
+
+    def command(self, robot, most_s=SOON_S):
+        """Sends one; whether the robot obeys it within so long."""
+        command = yield from self.send(robot)
+        return (yield from until(lambda: robot.obeyed(command.kind), most_s))
+
+    def send(self, robot):
+        return (yield from until(lambda: self.fleet.commands.send(time.monotonic(), robot.name)))
+
+    # --- The acts ---
+
+    def sleeper(self):
+        """A command that waits for a sleeping robot follows it to the gateway at which it wakes up."""
+        robot = self.robot("sleep0", 0)
+        if not (yield from until(robot.is_served)):
+            return "no session"
+        yield from until(lambda: robot.step == "idle")
+        robot.sleep(60)
+        if not (yield from until(lambda: robot.step == "asleep")):
+            return "it was not let to sleep"
+        yield from pause(0.5)
+        command = yield from self.send(robot)
+        yield from pause(1)
+        if robot.obeyed(command.kind):
+            return "it got a command while it slept"
+        robot.move_to(1)
+        if not (yield from until(lambda: robot.obeyed(command.kind))):
+            return "the command has not followed it"
+        return None if (yield from self.command(robot)) else "it is deaf where it woke up"
+
+    def dies(self):
+        """A robot that keeps its session and only listens gets its commands elsewhere when its gateway dies, and there again when that is
+        back."""
+        robot = self.robot("dying0", 0, period_s=LISTENER_S)
+        robot.others = [1]
+        if not (yield from until(robot.is_served)):
+            return "no session"
+        if not (yield from self.command(robot)):
+            return "it gets no command"
+        self.fleet.trouble.kill(self.fleet.daemons[0], "gateway", 0, time.monotonic())
+        yield from until(lambda: robot.place == 1 and robot.is_served())
+        was_heard = yield from self.command(robot)
+        self.fleet.trouble.bring_back()
+        yield from pause(3)
+        if not was_heard:
+            return "deaf at the other gateway"
+        if not (yield from self.command(robot)):
+            return "deaf at the other gateway since its own is back"
+        robot.move_to(0)
+        yield from until(robot.is_served)
+        return None if (yield from self.command(robot)) else "deaf where it was before"
+
+    def contested(self):
+        """A client that connects with a robot's client id takes its session; the gateway takes it back when the robot speaks, and says so."""
+        robot = self.robot("taken0", 2)
+        if not (yield from until(robot.is_served)):
+            return "no session"
+        thief = self.client(f"{self.fleet.prefix.replace('/', '-')}-robot-taken0", is_clean=False, user="gateways")
+        said = f"{self.fleet.prefix}/gateway/gw-2/robots/taken0"
+        for _ in range(3):
+            thief.connect()
+            if not (yield from until(lambda: thief.is_connected)):
+                return "the broker does not let the other client in"
+            if not (yield from until(lambda: not thief.socket)):
+                return "the gateway has not taken its session back"
+            yield from pause(self.fleet.engine.move_pause_s)
+        if not (yield from until(lambda: any(b'"contested":true' in each for each in self.fleet.observers.retained(said)))):
+            return "nobody says that it is contested"
+        return None if (yield from self.command(robot, OUTCOME_S)) else "it gets no command afterwards"
+
+    def hostile(self):
+        """Who may write below fleet/ neither stops robots nor commands them by what it leaves there."""
+        fleet, stranger = f"{self.fleet.prefix}/fleet", self.client("stranger")
+        stranger.connect()
+        if not (yield from until(lambda: stranger.is_connected)):
+            return "the broker does not let the other client in"
+        planted = self.plant(stranger, fleet)
+        yield from until(lambda: not stranger.unconfirmed)
+        victims = [self.robot("plant0", 1), self.robot("plant1", 1), self.robot("plant2", 2, is_clean=True)]
+        if not (yield from until(lambda: all(victim.is_served() for victim in victims))):
+            return "who comes where something was planted gets no session"
+        numbers = [len(victim.acknowledged) for victim in victims]
+        life = {"v": 1, "b": "00000000000000aa"}
+        beat = {**life, "k": "beat", "sent": 1, "period": 500, "count": 0, "digest": "0" * 16}
+        end, failure = time.monotonic() + FLOOD_S, None
+        while time.monotonic() < end and not failure:
+            stranger.publish(f"{fleet}/all/x", json.dumps({**beat, "sent": int(time.monotonic() * 1000)}).encode(), qos=0)
+            for epoch, robot in enumerate(self.fleet.robots[:8] + victims, int(time.monotonic())):
+                claim = {**life, "k": "claim", "robot": robot.name, "epoch": epoch, "from": ""}
+                stranger.publish(f"{fleet}/all/x", json.dumps(claim).encode(), qos=0)
+            stranger.publish(f"{fleet}/all/x", b"[" * 100000, qos=0)
+            stranger.publish(f"{fleet}/all/gw-0", b'{"hears":{"plant0":[1,-1]}}', qos=0)
+            yield from pause(0.2)
+            for victim in victims:
+                if not (yield from self.command(victim)):
+                    failure = f"{victim.name} got no command"
+        if not failure and any(len(victim.acknowledged) <= before for victim, before in zip(victims, numbers)):
+            failure = "a robot was not heard"
+        for topic in planted:
+            stranger.publish(topic, b"", retain=True)
+        yield from until(lambda: not stranger.unconfirmed)
+        stranger.end()
+        return failure
+
+    def plant(self, stranger, fleet):
+        """Nonsense, and what gateways have said of another robot, with the victims' names. The names are equally long."""
+        note, waiting = [next(iter(filter(None, self.fleet.observers.retained(f"{fleet}/robots/sleep0{tail}"))), b"")
+                         for tail in ("", "/waiting")]
+        seen = [waiting] if waiting else [b'{"topic":"%s/server/plant1/c","payload":"YQ==","qos":1}' % self.fleet.prefix.encode()]
+        planted = {f"{fleet}/robots/plant0": random.randbytes(300), f"{fleet}/robots/plant0/waiting": b"[" * 1000,
+                   f"{fleet}/robots/plant1": note.replace(b"sleep0", b"plant1") or b"{}",
+                   f"{fleet}/robots/plant1/waiting": seen[0].replace(b"sleep0", b"plant1"),
+                   f"{fleet}/robots/plant2": b"{" * 100000}
+        for topic, payload in planted.items():
+            stranger.publish(topic, payload, retain=True)
+        return planted
+
+    def lone(self):
+        """One gateway alone, whose connections break just after it has connected and a command has come: each has its outcome in time."""
+        broker = self.fleet.observers.live[0].address
+        self.cutter, port = Cutter(broker), free_port(socket.SOCK_DGRAM)
+        daemon = self.fleet.make_lone_daemon(self.cutter.port, port)
+        self.programs.append(daemon)
+        daemon.start()
+        listener = self.client("lone-observer")
+        listener.connect()
+        yield from until(lambda: listener.is_connected)
+        listener.subscribe("lone/gateway/#", 0)
+        robot = Robot("solo", "lone", [("127.0.0.1", port)], lambda kind: socket.socket(socket.AF_INET, kind), False, 0.3, 1)
+        self.fleet.lone_robots.append(robot)
+        if not (yield from until(lambda: b'"online"' in dict(listener.heard).get("lone/gateway/lone/state", b"") and robot.is_served(), 60)):
+            return "no session"
+        chance, said = random.Random(self.fleet.options.seed), {}
+        for number in range(CUTS):
+            self.cutter.cut()
+            connections = self.cutter.accepted
+            yield from until(lambda before=connections: self.cutter.accepted > before)
+            yield from pause(chance.uniform(0, 0.3))
+            said[f"c{number}"] = time.monotonic()
+            listener.publish(f"lone/server/solo/c{number}", f"c{number}".encode())
+            yield from pause(chance.uniform(ROUND_TRIP_S, 0.3))
+        self.cutter.cut()
+        missing = set(said)
+        deadline = time.monotonic() + OUTCOME_S
+        while missing and time.monotonic() < deadline:
+            missing = set(said) - {json.loads(payload)["type"] for topic, payload in listener.heard if topic.endswith("/commands/solo")}
+            yield
+        told = [json.loads(payload)["type"] for topic, payload in listener.heard if topic.endswith("/commands/solo")]
+        doubled = {kind for kind in told if told.count(kind) > 1 or robot.obeyed(kind) > 1}
+        robot.end()
+        daemon.end(15)
+        return (f"no outcome: {sorted(missing)}; " if missing else "") + (f"doubled: {sorted(doubled)}" if doubled else "") or None
+
+
+class Cutter:
+    """Before a broker; breaks all connections at once."""
+
+    def __init__(self, broker):
+        self.broker, self.accepted, self.open = broker, 0, []
+        self.listener = socket.create_server(("127.0.0.1", 0))
+        self.port = self.listener.getsockname()[1]
+        threading.Thread(target=self.accept, daemon=True).start()
+
+    def accept(self):
+        while True:
+            client, _ = self.listener.accept()
+            broker = socket.create_connection(self.broker)
+            self.open += [client, broker]
+            self.accepted += 1
+            for source, sink in ((client, broker), (broker, client)):
+                source.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                threading.Thread(target=self.pump, args=(source, sink), daemon=True).start()
+
+    def pump(self, source, sink):
+        try:
+            while octets := source.recv(1 << 16):
+                sink.sendall(octets)
+        except OSError:
+            pass
+        for each in (source, sink):
+            self.end(each)
+
+    def cut(self):
+        for each in self.open:
+            self.end(each)
+        self.open = []
+
+    @staticmethod
+    def end(one):
+        try:
+            one.shutdown(socket.SHUT_RDWR)
+        except OSError:
+            pass

@@ -1,0 +1,180 @@
+// SPDX-License-Identifier: Apache-2.0
+// What is reported for the robots' sessions at the broker: notes for other gateways, clean starts,
+// and what is evidence that a robot is here.
+#include <gtest/gtest.h>
+
+#include "adapters/mqttsn_udp/clients/session_codec.hpp"
+#include "adapters/mqttsn_udp/limits.hpp"
+#include "tests/mqttsn_udp/sn_rig.hpp"
+
+namespace slamgw::mqttsn {
+namespace {
+
+TEST(Notes, TellOnceWhatARobotThatKeepsItsSessionHasSetUp) {
+  SnRig rig;
+  rig.connect(1, "r1", false);
+  rig.register_topic(1, own_topic);
+  rig.subscribe(1, "a/x", 1);
+  EXPECT_TRUE(rig.notes.empty()) << "all of it together";
+  rig.pass_s(2);
+  ASSERT_EQ(rig.notes.size(), 1U);
+  EXPECT_EQ(rig.notes[0].robot, "r1");
+  const auto note = decode_session(rig.notes[0].note);
+  ASSERT_TRUE(note);
+  EXPECT_EQ(note->client_id, "r1");
+  EXPECT_EQ(note->keep_alive, std::chrono::seconds(60));
+  EXPECT_EQ(note->topics.size(), 2U);
+  EXPECT_EQ(note->subscriptions.size(), 1U);
+  EXPECT_FALSE(note->peer);
+}
+
+TEST(Notes, ChangeOnlyWithWhatAnotherGatewayNeeds) {
+  SnRig rig;
+  rig.connect(1, "r1", false);
+  const auto id = rig.register_topic(1, own_topic);
+  rig.subscribe(1, "a/#", 2);
+  rig.pass_s(2);
+  rig.notes.clear();
+
+  rig.broker("a/x", "hi", 1);
+  rig.publish(1, id, 2, 7);
+  rig.sleep(1);
+  rig.pass_s(5);
+  rig.send(1, Pingreq{"r1"});
+  rig.send(2, Connect{false, false, protocol_id, 60, "r1"});
+  rig.pass_s(5);
+  EXPECT_TRUE(rig.notes.empty()) << "messages, states and addresses are this gateway's";
+
+  rig.send(2, Unsubscribe{TopicIdType::normal, 9, "a/#", 0});
+  rig.pass_s(2);
+  ASSERT_EQ(rig.notes.size(), 1U);
+  EXPECT_TRUE(decode_session(rig.notes[0].note)->subscriptions.empty());
+}
+
+TEST(Notes, AreOnlyAboutRobotsThatKeepTheirSessions) {
+  SnRig rig;
+  rig.connect(1, "r1", true);
+  rig.subscribe(1, "a/x", 1);
+  rig.pass_s(5);
+  EXPECT_TRUE(rig.notes.empty());
+  rig.connect(1, "r1", false);
+  rig.pass_s(2);
+  ASSERT_EQ(rig.notes.size(), 1U);
+  EXPECT_FALSE(rig.notes[0].note.empty());
+  rig.connect(1, "r1", true);
+  rig.pass_s(2);
+  ASSERT_EQ(rig.notes.size(), 2U);
+  EXPECT_TRUE(rig.notes[1].note.empty());
+  rig.send(1, Disconnect{});
+  rig.pass_s(5);
+  EXPECT_EQ(rig.notes.size(), 2U);
+}
+
+TEST(Notes, EndWithTheSession) {
+  Settings settings;
+  settings.max_clients = 1;
+  SnRig rig(settings);
+  rig.connect(1, "r1", false);
+  rig.pass_s(2);
+  rig.send(1, Disconnect{});
+  rig.pass(std::chrono::hours(25));
+  rig.notes.clear();
+  rig.connect(2, "r2");
+  ASSERT_EQ(rig.notes.size(), 1U);
+  EXPECT_EQ(rig.notes[0].robot, "r1");
+  EXPECT_TRUE(rig.notes[0].note.empty());
+}
+
+TEST(Notes, FollowARobotThatIsRenamed) {
+  SnRig rig;
+  rig.connect(1, "r1", false);
+  rig.pass_s(2);
+  rig.notes.clear();
+  rig.rename({{"tank", {}, "r1"}});
+  rig.pass_s(2);
+  ASSERT_EQ(rig.notes.size(), 2U);
+  EXPECT_EQ(rig.notes[0].robot, "r1");
+  EXPECT_TRUE(rig.notes[0].note.empty());
+  EXPECT_EQ(rig.notes[1].robot, "tank");
+  EXPECT_FALSE(rig.notes[1].note.empty());
+}
+
+/// Another gateway may have written a newer one while this one was away.
+TEST(Notes, AreNotWrittenAgainAfterARestart) {
+  SnRig before;
+  before.connect(1, "r1", false);
+  before.subscribe(1, "a/x", 1);
+  SnRig after;
+  ASSERT_TRUE(after.gateway.restore(*before.gateway.snapshot("r1", before.now), after.now));
+  after.pass_s(5);
+  EXPECT_TRUE(after.notes.empty());
+  after.subscribe(1, "a/y", 1);
+  after.pass_s(2);
+  EXPECT_EQ(after.notes.size(), 1U);
+}
+
+TEST(Notes, AreNotWrittenAgainByTheGatewayThatHasReadThem) {
+  SnRig before;
+  before.connect(1, "r1", false);
+  before.subscribe(1, "a/x", 1);
+  before.pass_s(2);
+  SnRig next;
+  next.gateway.ask_where_served([](const std::string&) { return true; });
+  next.connect(1, "r1", false);
+  next.note("r1", before.notes.at(0).note);
+  next.pass_s(5);
+  EXPECT_TRUE(next.notes.empty());
+}
+
+TEST(Notes, AreBounded) {
+  SnRig rig;
+  rig.connect(1, "r1", false, 6000);
+  std::string topic = "a/" + std::string(1000, 'x');
+  for (std::size_t i = 0; i < limits::max_note_octets / 1000 + 1; ++i)
+    rig.register_topic(1, topic + std::to_string(i));
+  rig.pass_s(5);
+  EXPECT_TRUE(rig.notes.empty());
+}
+
+TEST(Notes, OfManyRobotsAreWrittenInTurns) {
+  SnRig rig;
+  for (unsigned n = 0; n < 200; ++n) rig.connect(n, "r" + std::to_string(n), false);
+  rig.pass_s(2);
+  EXPECT_EQ(rig.notes.size(), 200U);
+}
+
+TEST(SnGateway, ReportsACleanStartBeforeAllElseOfTheNewSession) {
+  SnRig rig;
+  rig.connect(1, "r1", false);
+  rig.subscribe(1, "a/x");
+  EXPECT_TRUE(rig.cleaned.empty());
+  rig.connect(1, "r1", true);
+  ASSERT_EQ(rig.cleaned.size(), 1U);
+  EXPECT_EQ(rig.cleaned[0].robot, "r1");
+  EXPECT_TRUE(rig.filters["r1"].empty());
+  rig.subscribe(1, "a/y");
+  EXPECT_EQ(rig.filters["r1"], std::set<std::string>{"a/y"});
+  rig.connect(2, "r2", true);
+  EXPECT_EQ(rig.cleaned.size(), 2U) << "the broker may know it from another gateway";
+  rig.send(3, Connect{true, true, protocol_id, 60, "r3"});
+  EXPECT_EQ(rig.cleaned.size(), 2U) << "not accepted yet";
+}
+
+TEST(SnGateway, TakesAConnectForNoEvidenceThatTheRobotIsHere) {
+  for (const bool is_clean : {true, false}) {
+    SnRig rig;
+    for (int i = 0; i < 3; ++i) {
+      rig.connect(1, "r1", is_clean);
+      rig.pass_s(2);
+    }
+    rig.pass_s(60);
+    rig.connect(1, "r1", is_clean);
+    EXPECT_EQ(rig.signs_of_life, 0U);
+    EXPECT_EQ(rig.gateway.presence_of("r1"), Presence::online);
+    rig.send(1, Pingreq{});
+    EXPECT_EQ(rig.signs_of_life, 1U);
+  }
+}
+
+}  // namespace
+}  // namespace slamgw::mqttsn

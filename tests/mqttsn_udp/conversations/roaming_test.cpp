@@ -1,0 +1,261 @@
+// SPDX-License-Identifier: Apache-2.0
+// Robots that come from another gateway and robots that go to one.
+#include <gtest/gtest.h>
+
+#include "adapters/mqttsn_udp/clients/session_codec.hpp"
+#include "adapters/mqttsn_udp/limits.hpp"
+#include "tests/mqttsn_udp/sn_rig.hpp"
+
+namespace slamgw::mqttsn {
+namespace {
+
+using std::chrono::milliseconds;
+using std::chrono::seconds;
+
+const std::string cmd = "ntnu-slam/server/r1/cmd";
+
+/// A gateway that knows that another one serves r1.
+struct Next : SnRig {
+  Next() {
+    gateway.ask_where_served([](const std::string& robot) { return robot == "r1"; });
+  }
+  void robot_comes() { send(1, Connect{false, false, protocol_id, 60, "r1"}); }
+};
+
+/// The note about a robot with a will, a topic and a subscription by a predefined id.
+Bytes note_of_r1() {
+  Settings settings;
+  settings.predefined_topics = {{7, cmd, "r1"}};
+  SnRig rig(settings);
+  rig.send(1, Connect{true, false, 1, 60, "r1"});
+  rig.send(1, WillTopic{WireQos::one, true, "ntnu-slam/robot/r1/gone"});
+  rig.send(1, WillMsg{to_bytes("bye")});
+  rig.register_topic(1, own_topic);
+  rig.send(1, Subscribe{false, WireQos::one, TopicIdType::predefined, 9, "", 7});
+  rig.pass_s(2);
+  return rig.notes.back().note;
+}
+
+SessionSnapshot read(const Bytes& note) { return decode_session(note).value(); }
+
+TEST(Roaming, ARobotGoesOnByTheNoteOfItsFormerGateway) {
+  Next rig;
+  rig.robot_comes();
+  EXPECT_TRUE(rig.is_silent(1));
+  EXPECT_EQ(rig.signs_of_life, 0U);
+  ASSERT_EQ(rig.note_requests.size(), 1U);
+  EXPECT_EQ(rig.note_requests[0].robot, "r1");
+  rig.robot_comes();
+  EXPECT_EQ(rig.note_requests.size(), 1U) << "a repetition";
+
+  rig.note("r1", note_of_r1());
+  EXPECT_EQ(rig.sent_to(1), Lines{"CONNACK code=0"});
+  EXPECT_TRUE(rig.cleaned.empty());
+  ASSERT_EQ(rig.subscribes.size(), 1U);
+  EXPECT_EQ(rig.subscribes[0].filter, cmd);
+  EXPECT_TRUE(rig.subscribes[0].is_standing);
+  rig.broker(cmd, "go", 1);
+  EXPECT_EQ(rig.last_to(1), "PUBLISH dup=0 qos=1 retain=0 predefined id=7 msg=1 data=676f");
+  rig.publish(1, 1, 0, 0);
+  ASSERT_EQ(rig.reports.size(), 1U);
+  EXPECT_EQ(rig.reports[0].topic, own_topic) << "its topic ids keep their meaning";
+  rig.pass_s(100);
+  EXPECT_TRUE(rig.reports.back().is_will);
+}
+
+TEST(Roaming, ARobotWithoutANoteIsTakenAfterTwoSeconds) {
+  for (const bool is_answered : {true, false}) {
+    Next rig;
+    rig.robot_comes();
+    rig.pass(milliseconds(1999));
+    EXPECT_TRUE(rig.is_silent(1));
+    if (is_answered) rig.note("r1", {});
+    rig.pass(milliseconds(1));
+    EXPECT_EQ(rig.sent_to(1), Lines{"CONNACK code=0"});
+    EXPECT_TRUE(rig.cleaned.empty()) << "the broker has its subscriptions";
+    rig.note("r1", note_of_r1());
+    EXPECT_TRUE(rig.subscribes.empty()) << "too late";
+  }
+}
+
+TEST(Roaming, OnlyAConnectThatTakesUpASessionOfAnotherGatewayWaits) {
+  Next rig;
+  rig.connect(1, "r1", true);
+  rig.connect(1, "r1", false);
+  rig.connect(2, "r2", false);
+  EXPECT_EQ(rig.gateway.presence_of("r2"), Presence::online);
+  EXPECT_TRUE(rig.note_requests.empty());
+}
+
+TEST(Roaming, ARobotThatWantsACleanSessionAfterAllGetsOne) {
+  Next rig;
+  rig.robot_comes();
+  rig.send(1, Connect{false, true, protocol_id, 60, "r1"});
+  rig.note("r1", note_of_r1());
+  EXPECT_EQ(rig.sent_to(1), Lines{"CONNACK code=0"});
+  EXPECT_EQ(rig.cleaned.size(), 1U);
+  EXPECT_TRUE(rig.filters["r1"].empty());
+  rig.pass_s(100);
+  EXPECT_TRUE(rig.reports.empty()) << "no will of its former session";
+}
+
+/// The broker sends what has waited as soon as the session is here, before the note is read.
+TEST(Roaming, WhatComesBeforeTheNoteIsDeliveredBehindTheConnack) {
+  Next rig;
+  rig.robot_comes();
+  EXPECT_EQ(rig.gateway.presence_of("r1"), Presence::online);
+  rig.robot_message({"r1", {cmd, to_bytes("go"), Qos::at_least_once}, CommandId{5}});
+  EXPECT_TRUE(rig.is_silent(1));
+  EXPECT_TRUE(rig.outcomes.empty());
+  rig.pass_s(1);
+  rig.note("r1", note_of_r1());
+  EXPECT_EQ(
+      rig.sent_to(1),
+      (Lines{"CONNACK code=0", "PUBLISH dup=0 qos=1 retain=0 predefined id=7 msg=1 data=676f"}));
+  rig.send(1, Puback{7, 1, ReturnCode::accepted});
+  ASSERT_EQ(rig.outcomes.size(), 1U);
+  EXPECT_EQ(rig.outcomes[0].id, CommandId{5});
+  EXPECT_EQ(rig.outcomes[0].after, seconds(1));
+}
+
+TEST(Roaming, WhatComesWithoutANoteWaitsForTheWillHandshake) {
+  Next rig;
+  rig.send(1, Connect{true, false, protocol_id, 60, "r1"});
+  rig.robot_message({"r1", {cmd, to_bytes("go"), Qos::at_least_once}, CommandId{5}});
+  rig.note("r1", {});
+  EXPECT_EQ(rig.sent_to(1), Lines{"WILLTOPICREQ"});
+  rig.send(1, WillTopic{WireQos::one, true, "ntnu-slam/robot/r1/gone"});
+  rig.send(1, WillMsg{to_bytes("bye")});
+  EXPECT_EQ(rig.last_to(1), "REGISTER id=1 msg=1 topic=" + cmd);
+  EXPECT_TRUE(rig.outcomes.empty());
+}
+
+/// A client that may write at the broker can forge a note.
+TEST(Roaming, ANoteNamesTopicsAndNeverBringsMessages) {
+  SessionSnapshot forged = read(note_of_r1());
+  MessageSnapshot run;
+  run.message = {cmd, to_bytes("run"), Qos::at_least_once};
+  forged.messages = {run};
+  forged.released = {4};
+  forged.repeats = {{1, 1, 1, milliseconds(1)}};
+  forged.inbound_qos2 = {{1, 1}};
+  forged.state = ClientState::active;
+  Next rig;
+  rig.robot_comes();
+  rig.note("r1", encode_session(forged));
+  EXPECT_EQ(rig.sent_to(1), Lines{"CONNACK code=0"});
+  EXPECT_EQ(rig.gateway.queued_for("r1"), 0U);
+}
+
+TEST(Roaming, ANoteAllowsNothingThatTheRobotItselfMayNot) {
+  const SessionSnapshot note = read(note_of_r1());
+  for (const std::string topic : {"ntnu-slam/robot/r2/gone", "elsewhere", "a/#", ""}) {
+    SessionSnapshot forged = note;
+    forged.will->topic = topic;
+    forged.subscriptions = {{"ntnu-slam/server/r2/cmd"}, {"a+"}};
+    Next rig;
+    rig.robot_comes();
+    rig.note("r1", encode_session(forged));
+    EXPECT_EQ(rig.last_to(1), "CONNACK code=0");
+    EXPECT_TRUE(rig.subscribes.empty());
+    rig.pass_s(100);
+    EXPECT_TRUE(rig.reports.empty()) << "no will on " << topic;
+  }
+}
+
+TEST(Roaming, ANoteAboutAnotherClientOrOfNoUseIsIgnored) {
+  const Bytes note = note_of_r1();
+  SessionSnapshot other_robot = read(note);
+  other_robot.robot = "r2";
+  SessionSnapshot other_client = read(note);
+  other_client.client_id = "r2";
+  for (const Bytes& bad : {encode_session(other_robot), encode_session(other_client),
+                           to_bytes("junk"), Bytes(limits::max_note_octets + 1, 0)}) {
+    Next rig;
+    rig.robot_comes();
+    rig.note("r1", bad);
+    EXPECT_EQ(rig.last_to(1), "CONNACK code=0");
+    EXPECT_TRUE(rig.subscribes.empty());
+    EXPECT_FALSE(rig.gateway.snapshot("r2", rig.now));
+  }
+}
+
+TEST(Roaming, ANoteBringsNoMoreSubscriptionsThanAClientMayHave) {
+  SessionSnapshot forged = read(note_of_r1());
+  for (int i = 0; i < 1000; ++i) forged.subscriptions.push_back({"a/" + std::to_string(i)});
+  Next rig;
+  rig.robot_comes();
+  rig.note("r1", encode_session(forged));
+  EXPECT_EQ(rig.filters["r1"].size(), limits::max_subscriptions_per_client);
+}
+
+TEST(Roaming, ARobotThatIsGivenUpHandsOnWhatWasNotOnTheAir) {
+  SnRig rig;
+  rig.send(1, Connect{true, false, 1, 60, "r1"});
+  rig.send(1, WillTopic{WireQos::one, true, "ntnu-slam/robot/r1/gone"});
+  rig.send(1, WillMsg{to_bytes("bye")});
+  rig.subscribe(1, cmd, 1);
+  rig.subscribe(1, "a/x", 0);
+  rig.pass_s(2);
+  rig.broker(cmd, "on the air", 1);
+  rig.broker(cmd, "waits", 1);
+  rig.broker("a/x", "waits at QoS 0", 0);
+  rig.pass_s(1);
+  rig.presence.clear();
+  rig.notes.clear();
+  (void)rig.gateway.take_dirty(1000);
+
+  const auto unsent = rig.give_up("r1");
+  ASSERT_EQ(unsent.size(), 2U);
+  EXPECT_EQ(as_text(unsent[0].message.payload), "waits");
+  EXPECT_EQ(unsent[0].command, CommandId{2});
+  EXPECT_EQ(unsent[0].message.waited, seconds(1));
+  EXPECT_EQ(as_text(unsent[1].message.payload), "waits at QoS 0");
+  EXPECT_EQ(unsent[1].command, CommandId::none);
+  ASSERT_EQ(rig.outcomes.size(), 1U);
+  EXPECT_EQ(rig.outcomes[0].id, CommandId{1});
+  EXPECT_EQ(rig.outcomes[0].result, CommandResult::timeout);
+  EXPECT_EQ(rig.outcomes[0].why, "the robot moved to another gateway");
+
+  rig.pass_s(200);
+  EXPECT_EQ(rig.outcomes.size(), 1U) << "the other gateway reports the rest";
+  EXPECT_TRUE(rig.reports.empty()) << "no will";
+  EXPECT_TRUE(rig.presence.empty());
+  EXPECT_TRUE(rig.unsubscribes.empty()) << "the broker's session is the other gateway's";
+  EXPECT_TRUE(rig.cleaned.empty());
+  EXPECT_TRUE(rig.notes.empty());
+  EXPECT_EQ(rig.gateway.presence_of("r1"), std::nullopt);
+  EXPECT_EQ(rig.gateway.take_dirty(1000), Lines{"r1"}) << "the store forgets it";
+  EXPECT_FALSE(rig.gateway.snapshot("r1", rig.now));
+}
+
+TEST(Roaming, ARobotThatIsGivenUpWhileItsConnectWaitsHandsOnAllThatCame) {
+  Next rig;
+  rig.robot_comes();
+  rig.robot_message({"r1", {cmd, to_bytes("go"), Qos::at_most_once}, CommandId{5}});
+  rig.pass_s(1);
+  const auto unsent = rig.give_up("r1");
+  ASSERT_EQ(unsent.size(), 1U);
+  EXPECT_EQ(unsent[0].command, CommandId{5});
+  EXPECT_EQ(unsent[0].message.waited, seconds(1));
+  rig.pass_s(5);
+  EXPECT_TRUE(rig.is_silent(1));
+  EXPECT_TRUE(rig.give_up("r1").empty());
+}
+
+/// What a sleeper's gateway has for it follows it.
+TEST(Roaming, ACommandForASleeperFollowsIt) {
+  SnRig rig;
+  rig.connect(1, "r1", false);
+  rig.subscribe(1, cmd, 1);
+  rig.sleep(1);
+  rig.broker(cmd, "go", 1);
+  rig.pass_s(10);
+  const auto unsent = rig.give_up("r1");
+  ASSERT_EQ(unsent.size(), 1U);
+  EXPECT_EQ(unsent[0].message.waited, seconds(10));
+  EXPECT_TRUE(rig.outcomes.empty());
+}
+
+}  // namespace
+}  // namespace slamgw::mqttsn

@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a robot's session subscribes to, who is answered when, and the robot's note.
+#include "tests/sessions/session_rules.hpp"
+
+namespace slamgw::sessions {
+namespace {
+
+// --- Subscriptions -------------------------------------------------------------------------------
+
+TEST_F(RobotSessionRulesUp, SubscribesWhatTheRobotAskedForWhenTheSessionIsNew) {
+  sessions.subscribe("r1", "ntnu-slam/server/r1/+", Qos::at_least_once, false, now);
+  sessions.on_heard("r1", now);
+  sessions.on_attached("r1", false, now);
+  std::vector<std::string> filters;
+  for (const auto& each : drain<SubscribeSession>()) filters.push_back(each.filter);
+  EXPECT_EQ(filters, (std::vector<std::string>{"ntnu-slam/fleet/robots/r1/waiting",
+                                               "ntnu-slam/server/r1/+"}));
+  sessions.on_subscribed("r1", "ntnu-slam/server/r1/+", true, now);
+  const auto answers = drain<FilterAnswered>();
+  ASSERT_EQ(answers.size(), 1U);
+  EXPECT_TRUE(answers[0].is_granted);
+}
+
+TEST_F(RobotSessionRulesUp, LeavesToTheBrokerWhatItsSessionHas) {
+  sessions.subscribe("r1", "ntnu-slam/server/r1/+", Qos::at_least_once, true, now);
+  sessions.on_heard("r1", now);
+  sessions.on_attached("r1", true, now);
+  EXPECT_EQ(subscribed(), std::vector{mailbox});
+}
+
+TEST_F(RobotSessionRulesUp, SubscribesAgainWhenTheBrokerHasForgotten) {
+  sessions.subscribe("r1", "ntnu-slam/server/r1/+", Qos::at_least_once, true, now);
+  sessions.on_heard("r1", now);
+  sessions.on_attached("r1", false, now);
+  EXPECT_EQ(drain<SubscribeSession>().back().filter, "ntnu-slam/server/r1/+");
+}
+
+TEST_F(RobotSessionRulesUp, UnsubscribesLaterWhatWasGivenUpWhileTheSessionWasAway) {
+  sessions.subscribe("r1", "ntnu-slam/robot/+/update", Qos::at_least_once, true, now);
+  attach(true);
+  sessions.on_detached("r1", now);
+  sessions.unsubscribe("r1", "ntnu-slam/robot/+/update");
+  sessions.on_heard("r1", now);
+  sessions.on_attached("r1", true, now);
+  EXPECT_EQ(drain<UnsubscribeSession>().size(), 1U);
+}
+
+TEST_F(RobotSessionRulesUp, ACleanRobotBeginsAnew) {
+  sessions.subscribe("r1", "ntnu-slam/robot/+/update", Qos::at_least_once, false, now);
+  sessions.on_heard("r1", now);
+  forget_actions();
+  sessions.on_detached("r1", now);
+  sessions.begin_clean("r1", now);
+  pass(seconds{1});
+  sessions.on_attached("r1", true, now);
+  for (unsigned round = 0; round < RobotSession::marker_rounds; ++round) {
+    const auto markers = drain<SendMarker>();
+    ASSERT_EQ(markers.size(), 1U);
+    arrives(command("1"));
+    fenced();
+    arrives({mailbox, to_bytes(markers[0].text), Qos::at_least_once, false});
+  }
+  const auto opened = drain<OpenSession>();
+  ASSERT_EQ(opened.size(), 1U);
+  EXPECT_TRUE(opened[0].is_clean);
+  sessions.on_attached("r1", false, now);
+  EXPECT_EQ(subscribed(), (std::vector<std::string>{mailbox, "ntnu-slam/server/r1/#"}));
+}
+
+}  // namespace
+}  // namespace slamgw::sessions

@@ -1,0 +1,215 @@
+// SPDX-License-Identifier: Apache-2.0
+// Which messages of a robot's session this gateway takes, and which it refuses.
+#include "tests/sessions/session_rules.hpp"
+
+namespace slamgw::sessions {
+namespace {
+
+// --- Rule 2: the fence ---------------------------------------------------------------------------
+
+TEST_F(RobotSessionRulesUp, Rule2_ACommandIsTakenWhenTheFenceHasComeBack) {
+  attach();
+  arrives(command("1"));
+  const auto fences = drain<AskFence>();
+  ASSERT_EQ(fences.size(), 1U);
+  now.mono += milliseconds{3};
+  sessions.on_fence("r1", fences[0].number, now);
+  const auto taken = drain<TakeMessage>();
+  ASSERT_EQ(taken.size(), 1U);
+  EXPECT_EQ(as_text(taken[0].message.payload), "1");
+  EXPECT_EQ(taken[0].message.waited, Waited{3}) << "it counts of the 30 s";
+}
+
+TEST_F(RobotSessionRulesUp, Rule2_WithoutAnAnswerTheCommandIsNotOurs) {
+  attach();
+  arrives(command("1"));
+  const auto fence = drain<AskFence>().at(0).number;
+  sessions.on_detached("r1", now);
+  sessions.on_fence("r1", fence, now);
+  EXPECT_TRUE(drain<TakeMessage>().empty());
+  sessions.on_heard("r1", now);
+  sessions.on_attached("r1", true, now);
+  sessions.on_fence("r1", fence, now);
+  EXPECT_TRUE(drain<TakeMessage>().empty()) << "nor on the next connection";
+}
+
+TEST_F(RobotSessionRulesUp, Rule2_CommandsAreTakenInTheirOrder) {
+  attach();
+  arrives(command("1"));
+  arrives(command("2"));
+  const auto fences = drain<AskFence>();
+  sessions.on_fence("r1", fences.at(1).number, now);
+  const auto taken = drain<TakeMessage>();
+  ASSERT_EQ(taken.size(), 2U);
+  EXPECT_EQ(as_text(taken[0].message.payload), "1");
+}
+
+TEST_F(RobotSessionRulesUp, MessagesWithoutAFenceAreBounded) {
+  attach();
+  for (std::size_t i = 0; i < 2 * RobotSession::max_unfenced; ++i) arrives(command("1"));
+  EXPECT_EQ(drain<AskFence>().size(), RobotSession::max_unfenced);
+}
+
+// --- Rule 7: what nobody held --------------------------------------------------------------------
+
+TEST_F(RobotSessionRulesUp, Rule7_WhatWaitedWhileNobodyHeldTheSessionIsRefused) {
+  sessions.keep("r1", now.mono - seconds{26}, seconds{5}, now);
+  pass(seconds{5});
+  ASSERT_EQ(drain<OpenSession>().size(), 1U);
+  sessions.on_attached("r1", true, now);
+  const auto markers = drain<SendMarker>();
+  ASSERT_EQ(markers.size(), 1U);
+  arrives(command("old"));
+  sessions.on_fence("r1", 1, now);
+  const auto stale = drain<RefuseStale>();
+  ASSERT_EQ(stale.size(), 1U);
+  EXPECT_EQ(as_text(stale[0].message.payload), "old");
+  arrives({mailbox, to_bytes(markers[0].text), Qos::at_least_once, false});
+  const auto last = drain<SendMarker>();
+  ASSERT_EQ(last.size(), 1U);
+  arrives(command("old, with QoS 2"));
+  sessions.on_fence("r1", 2, now);
+  EXPECT_EQ(drain<RefuseStale>().size(), 1U);
+  arrives({mailbox, to_bytes(last[0].text), Qos::at_least_once, false});
+  arrives(command("new"));
+  sessions.on_fence("r1", 3, now);
+  EXPECT_EQ(drain<TakeMessage>().size(), 1U);
+}
+
+TEST_F(RobotSessionRulesUp, Rule7_AllThatWaitedIsAnsweredHoweverMuchItIs) {
+  sessions.keep("r1", now.mono - seconds{60}, {}, now);
+  pass({});
+  sessions.on_attached("r1", true, now);
+  forget_actions();
+  std::size_t refused = 0;
+  for (std::uint64_t i = 1; i <= 3 * RobotSession::max_unfenced; ++i) {
+    arrives(command("old"));
+    sessions.on_fence("r1", i, now);
+    refused += drain<RefuseStale>().size();
+  }
+  EXPECT_EQ(refused, 3 * RobotSession::max_unfenced);
+}
+
+TEST_F(RobotSessionRulesUp, Rule7_AMarkerThatDoesNotComeBackIsGivenUp) {
+  sessions.keep("r1", now.mono - seconds{60}, {}, now);
+  pass({});
+  sessions.on_attached("r1", true, now);
+  forget_actions();
+  pass(RobotSession::marker_patience);
+  arrives(command("new"));
+  EXPECT_EQ(fenced().size(), 1U);
+}
+
+TEST_F(RobotSessionRulesUp, Rule7_ARetainedMessageIsNotStale) {
+  subscribe("ntnu-slam/server/r1/run");
+  sessions.keep("r1", now.mono - seconds{60}, {}, now);
+  pass({});
+  sessions.on_attached("r1", true, now);
+  forget_actions();
+  BrokerMessage retained = command("1");
+  retained.retain = true;
+  arrives(retained);
+  EXPECT_EQ(fenced().size(), 1U);
+}
+
+TEST_F(RobotSessionRulesUp, Rule7_WhatWaitedForAShortTimeIsObeyed) {
+  sessions.keep("r1", now.mono - seconds{3}, seconds{5}, now);
+  pass(seconds{5});
+  sessions.on_attached("r1", true, now);
+  EXPECT_TRUE(drain<SendMarker>().empty());
+  arrives(command("1"));
+  sessions.on_fence("r1", 1, now);
+  EXPECT_EQ(drain<TakeMessage>().size(), 1U);
+}
+
+TEST_F(RobotSessionRulesUp, Rule7_ARobotHeardBeforeItIsAnsweredForObeysWhatJustCame) {
+  now.mono += std::chrono::hours{5};
+  sessions.keep("r1", now.mono, seconds{5}, now);
+  now.mono += seconds{2};
+  attach(true);
+  arrives(command("1"));
+  EXPECT_EQ(fenced().size(), 1U) << "its gateway died two seconds ago";
+}
+
+TEST_F(RobotSessionRulesUp, Rule7_OfARobotThatThisProcessNeverHadAllThatWaitedSinceItsStartIsOld) {
+  now.mono += seconds{26};
+  attach(true);
+  arrives(command("1"));
+  EXPECT_TRUE(fenced().empty());
+}
+
+TEST_F(RobotSessionRules, Rule7_WithoutAFormerProcessAllThatWaitedIsOld) {
+  RobotSessions fresh{SessionNames(TopicScheme("ntnu-slam", "pi1")),
+                      [](const std::string&) { return false; }};
+  fresh.on_broker_up(true, false, now);
+  fresh.on_heard("r1", now);
+  fresh.on_attached("r1", true, now);
+  bool has_marker = false;
+  while (auto action = fresh.next_action())
+    has_marker = has_marker || std::holds_alternative<SendMarker>(*action);
+  EXPECT_TRUE(has_marker);
+}
+
+TEST_F(RobotSessionRulesUp, Rule7_WhatALivingGatewayHeldIsNotOld) {
+  now.mono += std::chrono::hours{5};
+  is_served_elsewhere = true;
+  attach(true);
+  arrives(command("1"));
+  EXPECT_EQ(fenced().size(), 1U);
+}
+
+TEST_F(RobotSessionRulesUp, Rule7_WhatCameAfterThisGatewayLostTheSessionIsOldAfterItsTime) {
+  now.mono += std::chrono::hours{5};
+  for (const seconds away : {seconds{20}, seconds{30}}) {
+    attach(true);
+    pass(RobotSession::marker_patience);
+    sessions.on_detached("r1", now);
+    now.mono += away;
+    attach(true);
+    arrives(command("1"));
+    EXPECT_EQ(fenced().size(), away < RobotSession::stale_after ? 1U : 0U);
+    sessions.on_detached("r1", now);
+  }
+}
+
+TEST_F(RobotSessionRulesUp, Rule7_NobodyAnswersForARobotThatALivingGatewayShows) {
+  sessions.keep("r1", now.mono, seconds{5}, now);
+  is_served_elsewhere = true;
+  pass(seconds{5});
+  EXPECT_TRUE(drain<OpenSession>().empty());
+}
+
+// --- Rule 13: what the robot has not subscribed to -----------------------------------------------
+
+TEST_F(RobotSessionRulesUp, Rule13_WhatTheGatewaysFilterAloneBroughtIsUnasked) {
+  attach();
+  subscribed_id("ntnu-slam/server/r1/cmd");
+  arrives(command("1"), {RobotSession::command_id});
+  const auto taken = fenced();
+  ASSERT_EQ(taken.size(), 1U);
+  EXPECT_TRUE(taken[0].is_unasked);
+}
+
+TEST_F(RobotSessionRulesUp, Rule13_OfTwoCopiesTheRobotsOwnIsTaken) {
+  attach();
+  const auto id = subscribed_id("ntnu-slam/server/r1/+/#");
+  for (const bool is_own_first : {false, true}) {
+    arrives(command("1"), {is_own_first ? id : RobotSession::command_id});
+    arrives(command("1"), {is_own_first ? RobotSession::command_id : id});
+    const auto taken = fenced();
+    ASSERT_EQ(taken.size(), 1U);
+    EXPECT_FALSE(taken[0].is_unasked);
+  }
+}
+
+TEST_F(RobotSessionRulesUp, Rule13_OneMessageForBothFiltersIsTaken) {
+  attach();
+  const auto id = subscribed_id("ntnu-slam/server/r1/run");
+  arrives(command("1"), {RobotSession::command_id, id});
+  const auto taken = fenced();
+  ASSERT_EQ(taken.size(), 1U);
+  EXPECT_FALSE(taken[0].is_unasked);
+}
+
+}  // namespace
+}  // namespace slamgw::sessions
