@@ -377,15 +377,19 @@ bool RobotSession::wants_retained(const BrokerMessage& message, TimePoint now) c
 }
 
 /// Brokers may send a message once for each of our filters that it matches. Taken is the copy for
-/// the robot's own filter with the lowest identifier, else that for the gateway's.
+/// the robot's own filter with the highest QoS, and of those with the lowest identifier; else that
+/// for the gateway's.
 bool RobotSession::is_copy(const BrokerMessage& message, std::span<const std::uint32_t> ids) const {
-  if (ids.size() != 1 || ids.front() == own_id) return false;  // one for all, or none is named
-  for (const auto& [filter, entry] : filters_) {
-    const bool is_better = ids.front() < first_filter_id || entry.id < ids.front();
-    if (is_better && entry.is_standing && !message.retain && filter_matches(filter, message.topic))
-      return true;
-  }
-  return false;
+  if (ids.size() != 1 || ids.front() == own_id || message.retain) return false;
+  const auto own = std::ranges::find_if(
+      filters_, [&](const auto& each) { return each.second.id == ids.front(); });
+  const bool is_known = own != filters_.end();
+  return std::ranges::any_of(filters_, [&](const auto& each) {
+    const Filter& other = each.second;
+    const bool is_better = !is_known || other.qos > own->second.qos ||
+                           (other.qos == own->second.qos && other.id < own->second.id);
+    return is_better && other.is_standing && filter_matches(each.first, message.topic);
+  });
 }
 
 void RobotSession::on_marker(TimePoint now) {

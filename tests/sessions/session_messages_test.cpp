@@ -202,6 +202,25 @@ TEST_F(RobotSessionRulesUp, Rule13_OfTwoCopiesTheRobotsOwnIsTaken) {
   }
 }
 
+TEST_F(RobotSessionRulesUp, Rule13_OfTwoCopiesTheOneWithTheHighestQosIsTaken) {
+  attach();
+  subscribe("ntnu-slam/server/r1/#", Qos::at_most_once);
+  std::uint32_t low = 0;
+  for (const auto& each : drain<SubscribeSession>())
+    if (each.filter == "ntnu-slam/server/r1/#") low = each.id;
+  grants("ntnu-slam/server/r1/#");
+  const std::uint32_t high = subscribed_id("ntnu-slam/server/r1/run");
+  for (const bool is_low_first : {true, false}) {
+    arrives(command("1", is_low_first ? Qos::at_most_once : Qos::at_least_once),
+            {is_low_first ? low : high});
+    arrives(command("1", is_low_first ? Qos::at_least_once : Qos::at_most_once),
+            {is_low_first ? high : low});
+    const auto taken = fenced();
+    ASSERT_EQ(taken.size(), 1U);
+    EXPECT_EQ(taken[0].message.qos, Qos::at_least_once);
+  }
+}
+
 TEST_F(RobotSessionRulesUp, Rule13_OneMessageForBothFiltersIsTaken) {
   attach();
   const auto id = subscribed_id("ntnu-slam/server/r1/run");

@@ -78,6 +78,15 @@ void SessionHost::on_detached(const std::string& robot) {
 
 void SessionHost::on_subscribed(const std::string& robot, const std::string& filter,
                                 bool is_granted) {
+  if (!is_granted && filter == names_.mailbox_topic(robot)) {
+    if (const auto count = mailbox_throttle_.on_event(read_clocks().mono))
+      report_(Notice{Severity::warning,
+                     fmt::format("{}: the broker does not let this gateway read {}, by which "
+                                 "robots' commands follow them between gateways; its access list "
+                                 "needs `topic readwrite <prefix>/fleet/robots/#` ({} like it)",
+                                 robot, filter, *count),
+                     robot});
+  }
   driver_.input(&RobotSessions::on_subscribed, robot, filter, is_granted);
 }
 

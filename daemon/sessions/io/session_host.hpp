@@ -72,6 +72,7 @@ class SessionHost final : private RobotLinksListener {
   bool is_broker_up_ = false;
   std::set<std::string> refused_;  ///< at most as many as there are sessions
   LogThrottle failure_throttle_{std::chrono::minutes{1}};
+  LogThrottle mailbox_throttle_{std::chrono::hours{1}};
 };
 
 }  // namespace slamgw::sessions
