@@ -53,7 +53,7 @@ FleetMember::FleetMember(boost::asio::io_context& io, const Config& config,
 }
 
 RobotPlaces FleetMember::places() {
-  return {[this](const std::string& robot) { return is_held(robot); },
+  return {[this](const std::string& robot) { return has_kept_running() && is_held(robot); },
           [this](const std::string& robot) { return neighbours_.is_served_elsewhere(robot); },
           [this](const std::string& robot) {
             return is_held(robot) || neighbours_.robots().contains(robot);
@@ -286,6 +286,7 @@ bool FleetMember::has_kept_running() {
 
 /// A gateway that stands still does not withdraw what it shows.
 void FleetMember::withdraw_from_still_gateways() {
+  if (!has_kept_running()) return taken_.clear();
   const TimePoint now = read_clocks().mono;
   std::erase_if(taken_, [&](const auto& taken) {
     const auto& [robot, since] = taken;

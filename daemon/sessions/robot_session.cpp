@@ -337,26 +337,35 @@ void RobotSession::on_message(BrokerMessage message, std::span<const std::uint32
     ++counts_.dropped;
     return;
   }
-  const bool is_unasked = ids.size() == 1 && ids.front() == command_id;
-  if (joins_copy(message, is_unasked)) return;
+  const std::uint32_t id = ids.size() == 1 ? ids.front() : 0;
+  const bool is_unasked = id == command_id || is_given_up(id);
+  if (joins_copy(message, id, is_unasked)) return;
   unfenced_.push_back({.fence = ++last_fence_,
                        .message = std::move(message),
+                       .id = id,
                        .is_unasked = is_unasked,
                        .is_stale = !marker_.empty() || state_ == State::sorting,
                        .came = now});
   actions_.push(AskFence{robot_, last_fence_});
 }
 
-/// In a session with filters that are not known here a message may come for one of them and, next
-/// to it, for the gateway's own.
-bool RobotSession::joins_copy(const BrokerMessage& message, bool is_unasked) {
-  if (knows_all_) return false;
+/// The broker sent it before it knew that the robot has this filter no longer.
+bool RobotSession::is_given_up(std::uint32_t id) const {
+  const auto is_of = [&](const auto& each) { return each.second.id == id; };
+  return knows_all_ && id >= first_filter_id && std::ranges::none_of(filters_, is_of);
+}
+
+/// A message may come for a filter that is not known here, or was given up, and, next to it, for
+/// the gateway's own.
+bool RobotSession::joins_copy(const BrokerMessage& message, std::uint32_t id, bool is_unasked) {
+  if (id == 0 || (knows_all_ && !is_unasked)) return false;
   const auto other = std::ranges::find_if(unfenced_, [&](const Unfenced& each) {
-    return each.is_unasked != is_unasked && !each.is_joined &&
-           each.message.topic == message.topic && each.message.payload == message.payload;
+    const bool is_pair = each.id != id && (id == command_id || each.id == command_id);
+    return is_pair && !each.is_joined && each.message.topic == message.topic &&
+           each.message.payload == message.payload;
   });
   if (other == unfenced_.end()) return false;
-  other->is_unasked = false;
+  other->is_unasked = other->is_unasked && is_unasked;
   other->is_joined = true;
   other->message.qos = std::max(other->message.qos, message.qos);
   return true;
@@ -364,7 +373,7 @@ bool RobotSession::joins_copy(const BrokerMessage& message, bool is_unasked) {
 
 /// A copy with QoS 2 comes one round trip later.
 bool RobotSession::is_copy_to_come(const Unfenced& one) const {
-  return one.is_unasked && !knows_all_ && !one.has_waited;
+  return one.is_unasked && !one.has_waited;
 }
 
 /// A subscription that is made again brings its retained messages again (MQTT 3.1.1). They are for

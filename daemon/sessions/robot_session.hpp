@@ -154,6 +154,7 @@ class RobotSession {
   struct Unfenced {
     std::uint64_t fence = 0;
     BrokerMessage message;
+    std::uint32_t id = 0;  ///< of the one filter that brought it; 0: of several, or not told
     bool is_unasked = false;
     bool is_stale = false;
     bool is_answered = false;
@@ -173,7 +174,8 @@ class RobotSession {
   bool is_copy(const BrokerMessage& message, std::span<const std::uint32_t> ids) const;
   bool is_copy_to_come(const Unfenced& one) const;
   bool hears_all_commands() const;
-  bool joins_copy(const BrokerMessage& message, bool is_unasked);
+  bool is_given_up(std::uint32_t id) const;
+  bool joins_copy(const BrokerMessage& message, std::uint32_t id, bool is_unasked);
   bool is_marker(const BrokerMessage& message) const;
   void end_sorting();
   void send_marker(TimePoint now);

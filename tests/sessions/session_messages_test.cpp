@@ -221,6 +221,20 @@ TEST_F(RobotSessionRulesUp, Rule13_OfTwoCopiesTheOneWithTheHighestQosIsTaken) {
   }
 }
 
+TEST_F(RobotSessionRulesUp, Rule13_WhatWasOnItsWayWhenTheRobotBeganAnewIsRefusedOnce) {
+  attach();
+  const auto id = subscribed_id("ntnu-slam/server/r1/run");
+  sessions.begin_clean("r1", now);
+  forget_actions();
+  for (const bool is_own_first : {false, true}) {
+    arrives(command("1"), {is_own_first ? id : RobotSession::command_id});
+    arrives(command("1"), {is_own_first ? RobotSession::command_id : id});
+    const auto taken = fenced();
+    ASSERT_EQ(taken.size(), 1U);
+    EXPECT_TRUE(taken[0].is_unasked);
+  }
+}
+
 TEST_F(RobotSessionRulesUp, Rule13_OneMessageForBothFiltersIsTaken) {
   attach();
   const auto id = subscribed_id("ntnu-slam/server/r1/run");

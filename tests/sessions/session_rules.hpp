@@ -70,10 +70,16 @@ class RobotSessionRules : public testing::Test {
   }
   /// The broker answers all fences so far: what may be taken.
   std::vector<TakeMessage> fenced() {
-    std::uint64_t last = 0;
-    for (const auto& fence : drain<AskFence>()) last = fence.number;
-    sessions.on_fence("r1", last, now);
-    return drain<TakeMessage>();
+    std::vector<TakeMessage> taken;
+    for (std::uint64_t last = 1; last > 0;) {
+      last = 0;
+      while (auto action = sessions.next_action()) {
+        if (const auto* fence = std::get_if<AskFence>(&*action)) last = fence->number;
+        if (auto* take = std::get_if<TakeMessage>(&*action)) taken.push_back(std::move(*take));
+      }
+      if (last > 0) sessions.on_fence("r1", last, now);
+    }
+    return taken;
   }
   std::vector<std::string> subscribed() {
     std::vector<std::string> filters;
