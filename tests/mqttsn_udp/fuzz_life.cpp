@@ -121,11 +121,13 @@ bool FuzzLife::is_sound(const SendDatagram& sent) const {
   return outer && decode(outer->inner).has_value();
 }
 
+/// A robot whose CONNECT waits for its note is here, too, and has no session yet.
 bool FuzzLife::holds() const {
   const auto is_here = [this](const std::string& robot) {
     return gateway_.presence_of(robot).has_value();
   };
-  return std::ranges::count_if(robots_, is_here) <= max_clients &&
+  const auto may_wait = static_cast<std::ptrdiff_t>(notes_.size());
+  return std::ranges::count_if(robots_, is_here) <= max_clients + may_wait &&
          gateway_.queued_for("c") <= limits::max_queued_messages + 1;
 }
 
