@@ -16,6 +16,7 @@ from presence import longest_contradiction
 from robot import KEEP_ALIVE_S
 
 SERVICE_S = 5  # the promise for p99 of the time without service, each time that it was interrupted
+JUDGED_S = 30  # a shorter run says nothing about p99
 CONTRADICTION_S = 2  # the promise for two `online` at a time
 BROKEN = ("lost", "doubled", "out_of_order", "false_wills", "obeyed_twice", "obeyed_unasked", "delivered_nowhere", "obeyed_though_refused",
           "outcomes_missing", "outcomes_late", "outcomes_doubled", "too_many_cut_short", "sent_at_qos_0", "deaf", "act_failed", "strange_presence",
@@ -133,7 +134,7 @@ def judge_silence(fleet, findings):
             findings.tell("silence_too_long", asked[0][0], f"{name} for {seconds:.1f} s: {asked}")
     return {"interruptions": len(interruptions), "silence_p50_s": percentile(interruptions, 50),
             "silence_p99_s": percentile(interruptions, 99), "silence_max_s": percentile(interruptions, 100),
-            "silence_too_long": int(fleet.options.seconds >= 30 and (percentile(interruptions, 99) or 0) > SERVICE_S)}
+            "silence_too_long": int(fleet.options.seconds >= JUDGED_S and (percentile(interruptions, 99) or 0) > SERVICE_S)}
 
 
 def judge_obedience(fleet, findings):
@@ -166,22 +167,35 @@ def judge_presence(fleet, bounds, findings):
     return {"two_online_max_s": round(longest, 3), "two_online_at_a_return_max_s": round(longest_at_return, 3)}
 
 
-def judge(fleet):
-    findings = Findings()
-    messages = fleet.observers.messages()
+def bounds_of(fleet):
     engine = fleet.engine
-    bounds = Bounds(fleet.trouble.absences, [connections(daemon.log) for daemon in fleet.daemons], engine.subscribed_s, engine.settle_s,
-                    engine.change_s, loses_all=len(engine.nodes) == 1)
+    return Bounds(fleet.trouble.absences, [connections(daemon.log) for daemon in fleet.daemons], engine.subscribed_s, engine.settle_s,
+                  engine.change_s, loses_all=len(engine.nodes) == 1)
+
+
+def judge_commands(fleet, messages, bounds, findings):
     told = outcomes_of(messages, fleet.commands.times())
+    robots = {robot.name: robot for robot in fleet.robots}
+    return told, fleet.commands.judge(robots, fleet.places_of_ble(), told, bounds, findings, fleet.engine.again_s)
+
+
+def are_outcomes_missing(fleet):
+    """As far as the run has come."""
+    findings = Findings()
+    judge_commands(fleet, fleet.observers.messages(), bounds_of(fleet), findings)
+    return findings.counts["outcomes_missing"] > 0
+
+
+def judge(fleet):
+    findings, messages, bounds = Findings(), fleet.observers.messages(), bounds_of(fleet)
     judge_obedience(fleet, findings)
     for at, what in fleet.acts.failures:
         findings.add("act_failed", at, what)
-    robots = {robot.name: robot for robot in fleet.robots}
     verdict = {"seed": fleet.options.seed, "engine": fleet.options.engine, **fleet.trouble.acts, **fleet.observers.verdict(),
-               **judge_messages(fleet, bounds, messages, findings), **judge_silence(fleet, findings),
-               **fleet.commands.judge(robots, fleet.places_of_ble(), told, bounds, findings, engine.again_s),
-               **judge_presence(fleet, bounds, findings),
-               **(fleet.ble.judge(fleet, messages, told, bounds, findings) if fleet.ble else {}), "acts": fleet.acts.verdict()}
+               **judge_messages(fleet, bounds, messages, findings), **judge_silence(fleet, findings)}
+    told, commands = judge_commands(fleet, messages, bounds, findings)
+    verdict.update({**commands, **judge_presence(fleet, bounds, findings),
+                    **(fleet.ble.judge(fleet, messages, told, bounds, findings) if fleet.ble else {}), "acts": fleet.acts.verdict()})
     for what in fleet.ended:
         findings.add("ended", time.monotonic(), what)
     verdict.update(sorted(findings.counts.items()))
