@@ -103,7 +103,7 @@ class Nats(Engine):
         path.write_text(f'server_name: n{i}\nlisten: "127.0.0.1:{free_port(socket.SOCK_STREAM)}"\n'
                         f'http: "{self.host}:{self.watched[i]}"\n'
                         f'jetstream {{store_dir: "{self.directory}/nats{i}"}}\n'
-                        f'mqtt {{host: "{self.host}", port: {self.ports[i]}, consumer_replicas: 1}}\n'
+                        f'mqtt {{host: "{self.host}", port: {self.ports[i]}}}\n'
                         f'cluster {{name: c1, listen: "127.0.0.1:{self.routes[i]}", routes: [{urls}]}}\n')
         return self.program(f"nats{i}", ["nats-server", "-c", path])
 
