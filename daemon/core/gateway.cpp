@@ -140,8 +140,9 @@ void Gateway::handle(SignOfLife sign, const Now& now) {
 /// Publishes the presence again when its `last_seen` is older than `presence_refresh`.
 void Gateway::on_heard(const std::string& id, Robot* robot, TimePoint now) {
   if (!waiting_wills_.empty()) waiting_wills_.erase(id);
-  if (robot && now - robot->announced >= presence_refresh && robot->presence().is_known)
-    announce(id, *robot, now);
+  const bool is_due =
+      robot && (robot->is_announcement_due || now - robot->announced >= presence_refresh);
+  if (is_due && robot->presence().is_known) announce(id, *robot, now);
 }
 
 void Gateway::on_receipt(const Receipt& receipt, ReceiptOutcome outcome, TimePoint now) {
@@ -521,7 +522,9 @@ void Gateway::publish_state() {
 void Gateway::announce(const std::string& id, Robot& robot, TimePoint now) {
   robot.announced = now;
   if (!broker_.is_up) return;
-  if (places_.is_held(id) || (knows_others(now) && !places_.is_elsewhere(id)))
+  robot.is_announcement_due =
+      !places_.is_held(id) && (!knows_others(now) || places_.is_elsewhere(id));
+  if (!robot.is_announcement_due)
     publish_retained(scheme_.presence_topic(id), presence_json(robot));
 }
 

@@ -37,6 +37,7 @@ struct Robot {
   RobotNumbers numbers;
   std::string last_type;              ///< of its last message; empty: it said nothing yet
   TimePoint announced{};              ///< its presence was published last
+  bool is_announcement_due = false;   ///< it was not published, because the robot may be elsewhere
   std::optional<RadioFacts> radio;    ///< of its last message
   bool is_session_contested = false;  ///< another client takes its session at the broker
   LogThrottle rejected_throttle;

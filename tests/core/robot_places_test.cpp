@@ -73,6 +73,19 @@ TEST_F(RobotPlacesTest, ARobotIsShownAsSoonAsItsSessionIsHeld) {
   EXPECT_EQ(announced(), Shown{});
 }
 
+TEST_F(RobotPlacesTest, ARobotThatWasNotShownIsShownAtItsNextWordOnceItIsHere) {
+  broker_comes();
+  elsewhere.insert("a");
+  comes("a");
+  say(update_from("a", {1, 0, 2, 0}));
+  EXPECT_EQ(announced(), Shown{});
+  held.insert("a");
+  say(update_from("a", {1, 0, 2, 0}));
+  EXPECT_EQ(announced(), Shown{"pi1/a"});
+  say(update_from("a", {1, 0, 2, 0}));
+  EXPECT_EQ(announced(), Shown{}) << "once";
+}
+
 TEST_F(RobotPlacesTest, TheEntryOfAGatewayThatIsGoneIsWithdrawn) {
   broker_comes();
   left = {"a", "b"};
