@@ -120,7 +120,7 @@ class FleetMember {
   boost::asio::steady_timer newcomer_timer_;
   std::optional<TimePoint> up_since_;  ///< the broker
   bool sends_retained_ = false;        ///< it does, to subscriptions with wildcards
-  TimePoint last_running_{};
+  TimePoint last_running_ = read_clocks().mono;
   TimePoint distrusted_until_{};
   std::set<std::string> lost_;              ///< to whom is not known; not heard since
   std::map<std::string, TimePoint> taken_;  ///< from gateways that may not have noticed yet

@@ -386,7 +386,7 @@ void Gateway::on_broker_link(const Now& now) {
 void Gateway::announce_unheld(const Now& now) {
   announce_at_.reset();
   for (auto& [id, robot] : registry_.robots())
-    if (!places_.is_held(id)) announce(id, robot, now.mono);
+    if (robot.is_announcement_due || !places_.is_held(id)) announce(id, robot, now.mono);
 }
 
 void Gateway::announce_all(const Now& now) {
