@@ -80,7 +80,7 @@ class Gateway {
  public:
   /// After the broker has come, other gateways' robots become known: until then no name counts as
   /// unknown.
-  static constexpr std::chrono::seconds settling{5};
+  static constexpr std::chrono::seconds settling{6};
   /// A will waits so long, with the broker there, to learn who holds the robot's session.
   static constexpr std::chrono::seconds will_patience{10};
   /// Wills that wait; beyond it they are published at once.

@@ -100,7 +100,7 @@ TEST_F(StrayCommandsTest, WaitUntilTheOtherGatewaysRobotsAreKnown) {
   wait(1ms);
   ASSERT_EQ(outcomes.size(), 1u);
   EXPECT_EQ(outcomes[0].first, "ntnu-slam/gateway/pi1/commands/nobody");
-  EXPECT_EQ(outcomes[0].second["after_ms"], 5000);
+  EXPECT_EQ(outcomes[0].second["after_ms"], 6000);
 }
 
 TEST_F(StrayCommandsTest, OutliveAShortLossOfTheBroker) {
