@@ -84,7 +84,7 @@ App::App(Config config, std::string config_file)
           [this] { on_outbox_drained(); }),
       store_(io_, config_.store,
              [this](StoreEvent event) {
-               outbox_driver_.input(&Outbox::on_store_event, std::move(event));
+               outbox_driver_->on_store_event(std::move(event), read_clocks());
              }),
       session_store_(io_, config_.store.directory, [this](Notice notice) { perform(notice); }),
       upstream_(io_, config_.broker, {scheme_.state_topic(), R"({"state":"offline"})"}, *this),
@@ -181,7 +181,7 @@ OrderAnswer App::reload() {
 }
 
 void App::report_configured_robots() {
-  gateway_driver_.input(&Gateway::on_configured, ids_of(config_.robots));
+  gateway_driver_->on_configured(ids_of(config_.robots), read_clocks());
 }
 
 /// Publishes `offline` at a broker that is left for another one, because a clean disconnect cancels
@@ -199,8 +199,7 @@ void App::apply(const Reload& reload) {
   traffic_log_.reconfigure(config_.log.traffic);
   meshes_.reconfigure(config_, reload.has_other_robots, reload.has_other_topics);
   report_configured_robots();
-  for (const std::string& name : reload.replaced_names)
-    gateway_driver_.input(&Gateway::forget, name);
+  for (const std::string& name : reload.replaced_names) gateway_driver_->forget(name);
   publish_offline_at(left);
   upstream_.reconfigure(config_.broker);
   broker_log_.rename(broker_uri(config_.broker));
@@ -213,8 +212,8 @@ void App::stop() {
   on_watched(false);
   control_.reset();
   meshes_.each(&MeshAdapter::stop_listening);
-  gateway_driver_.input(&Gateway::on_stop);
-  outbox_driver_.input(&Outbox::on_stop);
+  gateway_driver_->on_stop(read_clocks());
+  outbox_driver_->on_stop(read_clocks());
   stop_when_flushed(read_clocks().mono + flush_patience);
 }
 
@@ -287,7 +286,7 @@ void App::perform(PassUp& action) {
 void App::perform(Upload& action) { submit(std::move(action.message), action.receipt); }
 
 void App::submit(BrokerMessage message, const Receipt& receipt) {
-  outbox_driver_.input(&Outbox::submit, std::move(message), receipt);
+  outbox_driver_->submit(std::move(message), receipt, read_clocks());
 }
 
 void App::perform(SubscribeAtBroker& action) { upstream_.subscribe(action.filter); }
@@ -318,7 +317,7 @@ void App::perform(Notice& notice) {
 void App::perform(FireReceipt& action) {
   for (TrafficObserver* observer : traffic_observers_)
     observer->on_receipt(action.receipt, action.outcome, read_clocks().mono);
-  gateway_driver_.input(&Gateway::on_receipt, action.receipt, action.outcome);
+  gateway_driver_->on_receipt(action.receipt, action.outcome, read_clocks());
   meshes_.fire(action.receipt, action.outcome);
 }
 
@@ -330,7 +329,7 @@ void App::perform(DeliveryStep& step) {
 void App::on_outbox_drained() {
   const bool is_full = outbox_.backlog().is_full();
   if (gateway_.is_store_full() == is_full) return;
-  gateway_driver_.input(&Gateway::on_store, is_full);
+  gateway_driver_->on_store(is_full);
 }
 
 // --- Operators -----------------------------------------------------------------------------------
@@ -346,27 +345,22 @@ nlohmann::json App::robots(const std::optional<std::string>& robot) {
 void App::on_watched(bool is_watched) {
   trace_.turn(is_watched);
   meshes_.each(&MeshAdapter::trace, is_watched);
-  outbox_driver_.input(&Outbox::on_trace, is_watched);
+  outbox_driver_->on_trace(is_watched);
 }
 
 void App::send(const std::string& robot, const std::string& type, Bytes payload,
                std::function<void(nlohmann::json)> done) {
-  // The outcome is performed when the input returns; by then `done` is registered.
-  gateway_driver_.input([&](Gateway& gateway, const Now& now) {
-    const auto submit = [&](const std::string& to, const std::string& what, Bytes bytes) {
-      return gateway.on_operator_command(to, what, std::move(bytes), now);
-    };
-    operator_commands_.send(robot, type, std::move(payload), submit, std::move(done));
-  });
+  // The outcome is performed when `gateway` ends; by then `done` is registered.
+  MachineDriver<Gateway>::Input gateway(gateway_driver_);
+  const auto submit = [&](const std::string& to, const std::string& what, Bytes bytes) {
+    return gateway->on_operator_command(to, what, std::move(bytes), read_clocks());
+  };
+  operator_commands_.send(robot, type, std::move(payload), submit, std::move(done));
 }
 
 OrderAnswer App::forget(const std::string& robot) {
-  std::string problem;
-  bool was_known = false;
-  gateway_driver_.input([&](Gateway& gateway, TimePoint) {
-    was_known = gateway.registry().find(robot) != nullptr;
-    problem = gateway.forget(robot);
-  });
+  const bool was_known = gateway_.registry().find(robot) != nullptr;
+  const std::string problem = gateway_driver_->forget(robot);
   if (!problem.empty()) return {{}, problem};
   log_event(Severity::notice, fmt::format("{} is forgotten, as an operator asked", robot));
   return {nlohmann::json{{"forgotten", robot}, {"was_known", was_known}}.dump(), {}};
@@ -384,11 +378,11 @@ void App::manage_ble(BleOrder order, OrderDone done) {
 
 void App::on_mesh_event(MeshEvent event) {
   fleet_.on_mesh_event(event);
-  gateway_driver_.input(&Gateway::on_mesh_event, std::move(event));
+  gateway_driver_->on_mesh_event(std::move(event), read_clocks());
 }
 
 void App::report_broker_link() {
-  gateway_driver_.input(&Gateway::on_broker_link);
+  gateway_driver_->on_broker_link(read_clocks());
   meshes_.each(&MeshAdapter::on_broker_link, broker_link_.is_up);
   fleet_.on_broker_link(broker_link_.is_up);
 }
@@ -401,7 +395,7 @@ void App::on_link_up(const BrokerLimits& limits) {
   if (const std::string words = to_words(limits); !words.empty()) detail += "; it takes " + words;
   log_notice(broker_log_.on_up(detail));
   // The outbox first: otherwise the gateway's own messages would take the way over the disk.
-  outbox_driver_.input(&Outbox::on_link_up, limits.receive_maximum);
+  outbox_driver_->on_link_up(limits.receive_maximum, read_clocks());
   report_broker_link();
 }
 
@@ -421,31 +415,30 @@ void App::take_link_down(const std::string& why, const Now& now) {
   broker_link_.is_silent = false;
   if (why != broker_link_.why) broker_link_ = {false, now.wall, why, {}};
   if (!was_up) return;
-  outbox_driver_.input(&Outbox::on_link_down);
+  outbox_driver_->on_link_down(read_clocks());
   report_broker_link();
 }
 
 void App::on_silence(bool is_silent) {
   broker_link_.is_silent = is_silent;
-  outbox_driver_.input(&Outbox::on_silence, is_silent);
+  outbox_driver_->on_silence(is_silent, read_clocks());
   fleet_.on_silence(is_silent);
 }
 
 void App::on_published(std::uint64_t sequence) {
-  outbox_driver_.input(&Outbox::on_published, sequence);
+  outbox_driver_->on_published(sequence, read_clocks());
 }
 
 void App::on_publish_refused(std::uint64_t sequence, const Refusal& refusal) {
-  outbox_driver_.input(&Outbox::on_publish_refused, sequence, refusal);
+  outbox_driver_->on_publish_refused(sequence, refusal, read_clocks());
 }
 
 void App::on_subscribe_result(const std::string& filter, bool is_granted) {
-  gateway_driver_.input(&Gateway::on_subscribe_result, filter, is_granted);
+  gateway_driver_->on_subscribe_result(filter, is_granted, read_clocks());
 }
 
 void App::on_message(BrokerMessage message) {
-  if (!fleet_.takes(message))
-    gateway_driver_.input(&Gateway::on_broker_message, std::move(message));
+  if (!fleet_.takes(message)) gateway_driver_->on_broker_message(std::move(message), read_clocks());
 }
 
 }  // namespace slamgw

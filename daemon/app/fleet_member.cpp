@@ -66,8 +66,8 @@ RobotPlaces FleetMember::places() {
 
 void FleetMember::start() {
   last_alive_.start();
-  gateway_driver_.input(&Gateway::subscribe_own, scheme_.state_filter());
-  gateway_driver_.input(&Gateway::subscribe_own, scheme_.presence_filter());
+  gateway_driver_->subscribe_own(scheme_.state_filter());
+  gateway_driver_->subscribe_own(scheme_.presence_filter());
   await_tick();
 }
 
@@ -87,13 +87,13 @@ void FleetMember::on_broker_link(bool is_up) {
     return host_.on_broker_down();
   }
   up_since_ = read_clocks().mono;
-  gateway_driver_.input(&Gateway::hear_all_commands, neighbours_.is_first());
+  gateway_driver_->hear_all_commands(neighbours_.is_first());
   for (const auto& [robot, presence] : adopted_)
     submit_({scheme_.presence_topic(robot), to_bytes(presence), Qos::at_least_once, true});
   host_.on_broker_up(upstream_.broker(), upstream_.version());
 }
 
-void FleetMember::on_silence(bool is_silent) { host_.input(&RobotSessions::on_silence, is_silent); }
+void FleetMember::on_silence(bool is_silent) { host_->on_silence(is_silent); }
 
 bool FleetMember::is_settled() const {
   return up_since_ && read_clocks().mono - *up_since_ >= settling;
@@ -105,7 +105,7 @@ bool FleetMember::takes(const BrokerMessage& message) {
       // A broker that sends what it retains does so before our new state comes back.
       sends_retained_ = sends_retained_ || message.retain;
       if (!message.retain && sends_retained_ && neighbours_.gateways().empty())
-        host_.input(&RobotSessions::attach_kept);
+        host_->attach_kept(read_clocks());
       return false;
     }
     on_state(std::string(*gateway), message.payload);
@@ -134,7 +134,7 @@ void FleetMember::on_state(const std::string& gateway, ByteView document) {
     else
       keep(orphan.robot, now, orphan.after);
   }
-  gateway_driver_.input(&Gateway::hear_all_commands, neighbours_.is_first());
+  gateway_driver_->hear_all_commands(neighbours_.is_first());
   give_up_lost();
   const auto after = neighbours_.gateways().find(gateway);
   if (was_online || after == neighbours_.gateways().end() || !after->second.is_online) return;
@@ -142,8 +142,8 @@ void FleetMember::on_state(const std::string& gateway, ByteView document) {
   newcomer_timer_.expires_after(newcomer_delay);
   newcomer_timer_.async_wait([this](boost::system::error_code error) {
     if (error || !up_since_) return;
-    gateway_driver_.input(&Gateway::publish_state);
-    gateway_driver_.input(&Gateway::announce_all);
+    gateway_driver_->publish_state();
+    gateway_driver_->announce_all(read_clocks());
   });
 }
 
@@ -175,18 +175,17 @@ void FleetMember::on_mesh_event(const MeshEvent& event) {
 }
 
 void FleetMember::handle(const SubscribeRequest& request) {
-  host_.input(&RobotSessions::subscribe, request.robot, request.filter, request.qos,
-              request.is_standing);
+  host_->subscribe(request.robot, request.filter, request.qos, request.is_standing, read_clocks());
   if (request.is_standing) return keep(request.robot, last_alive_.before_start(), former_delay);
   lost_.erase(request.robot);
 }
 
 void FleetMember::handle(const UnsubscribeRequest& request) {
-  host_.input(&RobotSessions::unsubscribe, request.robot, request.filter);
+  host_->unsubscribe(request.robot, request.filter);
 }
 
 void FleetMember::handle(const SessionCleaned& cleaned) {
-  host_.input(&RobotSessions::begin_clean, cleaned.robot);
+  host_->begin_clean(cleaned.robot, read_clocks());
 }
 
 void FleetMember::handle(const NoteChanged& change) {
@@ -196,7 +195,7 @@ void FleetMember::handle(const NoteChanged& change) {
 
 void FleetMember::handle(const NoteRequest& request) {
   lost_.erase(request.robot);
-  host_.input(&RobotSessions::read_note, request.robot);
+  host_->read_note(request.robot, read_clocks());
 }
 
 void FleetMember::handle(const Report& report) {
@@ -221,7 +220,7 @@ void FleetMember::on_heard(Mesh mesh, const std::string& robot) {
 
 void FleetMember::attach(const std::string& robot) {
   if (!lost_.empty()) lost_.erase(robot);
-  host_.input(&RobotSessions::on_heard, robot);
+  host_->on_heard(robot, read_clocks());
 }
 
 void FleetMember::on_heard_by_board(const std::string& robot,
@@ -245,7 +244,7 @@ bool FleetMember::should_attach(const std::string& robot) {
 /// The robot's session is this gateway's, unless another one hears the robot within `after`.
 void FleetMember::keep(const std::string& robot, std::optional<TimePoint> unheld_since,
                        Duration after) {
-  if (!is_held(robot)) host_.input(&RobotSessions::keep, robot, unheld_since, after);
+  if (!is_held(robot)) host_->keep(robot, unheld_since, after, read_clocks());
 }
 
 /// What has not been on the air goes on to the robot's next gateway.
@@ -253,17 +252,16 @@ void FleetMember::give_up(const std::string& robot) {
   lost_.erase(robot);
   adopted_.erase(robot);
   for (const WaitingMessage& waiting : meshes_.give_up(robot)) {
-    if (waiting.command != CommandId::none)
-      gateway_driver_.input(&Gateway::on_handed_on, waiting.command);
+    if (waiting.command != CommandId::none) gateway_driver_->on_handed_on(waiting.command);
     submit_({names_.mailbox_topic(robot), sessions::encode_waiting(waiting), Qos::at_least_once});
   }
-  gateway_driver_.input(&Gateway::on_given_up, robot);
+  gateway_driver_->on_given_up(robot);
 }
 
 void FleetMember::perform(RobotForgotten& action) {
   lost_.erase(action.robot);
   adopted_.erase(action.robot);
-  host_.input(&RobotSessions::forget, action.robot);
+  host_->forget(action.robot);
 }
 
 void FleetMember::await_tick() {
@@ -306,7 +304,7 @@ void FleetMember::on_tick() {
   has_kept_running();
   withdraw_from_still_gateways();
   if (!meshes_.is_shared(Mesh::ble) || !up_since_) return;
-  gateway_driver_.input(&Gateway::subscribe_own, scheme_.hears_filter());
+  gateway_driver_->subscribe_own(scheme_.hears_filter());
   const TimePoint now = read_clocks().mono;
   if (const auto hears = board_choice_.next_hears(now))
     submit_({scheme_.hears_topic(), to_bytes(sessions::to_json_text(*hears)), Qos::at_most_once});
@@ -321,7 +319,7 @@ void FleetMember::perform(sessions::SessionHeld& held) {
   held_before_.erase(held.robot);
   if (neighbours_.is_served_elsewhere(held.robot)) taken_[held.robot] = read_clocks().mono;
   meshes_.each(&MeshAdapter::on_session_held, held.robot);  // a mesh may show it from now on
-  gateway_driver_.input(&Gateway::on_session_held, held.robot, held.was_present, adopt(held.robot));
+  gateway_driver_->on_session_held(held.robot, held.was_present, adopt(held.robot), read_clocks());
 }
 
 /// The gateway that showed the robot and is gone; may be empty. Its entry goes; if the robot is not
@@ -359,14 +357,14 @@ void FleetMember::perform(sessions::FilterAnswered& answer) {
 }
 
 void FleetMember::perform(sessions::TakeMessage& take) {
-  gateway_driver_.input(
-      &Gateway::on_robot_message,
-      RobotMessage{take.robot, std::move(take.message), CommandId::none, take.is_unasked});
+  gateway_driver_->on_robot_message(
+      RobotMessage{take.robot, std::move(take.message), CommandId::none, take.is_unasked},
+      read_clocks());
 }
 
 void FleetMember::perform(sessions::RefuseStale& refuse) {
-  gateway_driver_.input(&Gateway::on_stale_command, refuse.robot, std::move(refuse.message),
-                        refuse.has_begun_anew);
+  gateway_driver_->on_stale_command(refuse.robot, std::move(refuse.message), refuse.has_begun_anew,
+                                    read_clocks());
 }
 
 void FleetMember::perform(sessions::NoteRead& note) {
@@ -374,7 +372,7 @@ void FleetMember::perform(sessions::NoteRead& note) {
 }
 
 void FleetMember::perform(sessions::SessionContested& contested) {
-  gateway_driver_.input(&Gateway::on_contested, contested.robot, contested.is_contested);
+  gateway_driver_->on_contested(contested.robot, contested.is_contested, read_clocks());
 }
 
 void FleetMember::perform(Notice& notice) { log_notice(notice); }

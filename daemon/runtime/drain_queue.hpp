@@ -28,12 +28,11 @@ class DrainQueue final : public boost::asio::execution_context::service {
 
   explicit DrainQueue(boost::asio::execution_context& io) : service(io) {}
 
-  /// Calls `change()`, then drains `member` and what that causes. Inside another call, in a change
-  /// or in a drain, it leaves the draining to that one.
-  template <class Change>
-  void add(Member& member, Change&& change) {
-    const bool is_outermost = !std::exchange(is_busy_, true);
-    change();
+  /// Begins a change of a machine. Returns true for the outermost one: changes nest when a change
+  /// or a drain calls another machine.
+  bool begin() { return !std::exchange(is_busy_, true); }
+  /// Ends the change of `member`. The outermost one drains every machine that was changed.
+  void end(Member& member, bool is_outermost) {
     if (std::ranges::find(waiting_, &member) == waiting_.end()) waiting_.push_back(&member);
     if (!is_outermost) return;
     while (!waiting_.empty()) {

@@ -25,8 +25,23 @@ class MachineDriver final : private DrainQueue::Member {
  public:
   using Action = ActionOf<Machine>;
 
-  /// `perform` does one action; it may lead back to `input()` of this machine or of another: the
-  /// outermost call drains them all. `on_drained` is called when no action is left.
+  /// One input of the machine: lives until the end of the full expression that made it, and then
+  /// has the machine's actions performed.
+  class Input {
+   public:
+    explicit Input(MachineDriver& driver) : driver_(driver), is_outermost_(driver.queue_.begin()) {}
+    ~Input() noexcept(false) { driver_.queue_.end(driver_, is_outermost_); }
+    Input(const Input&) = delete;
+    Input& operator=(const Input&) = delete;
+    Machine* operator->() { return &driver_.machine_; }
+
+   private:
+    MachineDriver& driver_;
+    const bool is_outermost_;
+  };
+
+  /// `perform` does one action; it may lead back to an input of this machine or of another: the
+  /// outermost one drains them all. `on_drained` is called when no action is left.
   MachineDriver(boost::asio::io_context& io, Machine& machine, std::function<void(Action&)> perform,
                 std::function<void()> on_drained = {})
       : machine_(machine),
@@ -40,20 +55,11 @@ class MachineDriver final : private DrainQueue::Member {
 
   const Machine& machine() const { return machine_; }
 
-  /// Calls an input of the machine, `input(&Outbox::on_published, sequence)`, or a function with
-  /// the machine before the arguments, then performs what came of it. Either gets `now` behind the
-  /// arguments where it takes it. Inside an input of another machine, which asks this one, that is
-  /// performed when the other input is over.
-  template <class Input, class... Arguments>
-  void input(Input&& input, Arguments&&... arguments) {
-    queue_.add(*this, [&] {
-      if constexpr (std::is_invocable_v<Input, Machine&, Arguments..., const Now&>) {
-        std::invoke(input, machine_, std::forward<Arguments>(arguments)..., read_clocks());
-      } else {
-        std::invoke(input, machine_, std::forward<Arguments>(arguments)...);
-      }
-    });
-  }
+  /// Calls an input, `driver->on_published(sequence, read_clocks())`, then performs the actions
+  /// that it leaves. Inside an input of another machine they wait until that one is over.
+  Input operator->() { return Input(*this); }
+  /// Performs the actions that were left outside an input.
+  void perform_actions() { Input(*this); }
 
   /// No deadline fires any more.
   void stop() {
@@ -85,7 +91,7 @@ class MachineDriver final : private DrainQueue::Member {
     armed_.reset();
     const std::optional<TimePoint> due = machine_.deadline();
     if (!due || *due > read_clocks().mono) return arm();
-    input([](Machine& machine, const Now& now) { machine.on_deadline(now); });
+    Input(*this)->on_deadline(read_clocks());
   }
 
   Machine& machine_;

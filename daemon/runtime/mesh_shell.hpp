@@ -33,18 +33,18 @@ template <MeshProtocolMachine Machine>
 class MeshShell : public MeshAdapter {
  public:
   void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome) final {
-    driver().input(&Machine::on_receipt, receipt_id, outcome);
+    driver()->on_receipt(receipt_id, outcome, read_clocks());
   }
   void on_broker_message(const RobotMessage& message) final {
-    driver().input(&Machine::on_broker_message, message);
+    driver()->on_broker_message(message, read_clocks());
   }
   void on_subscribe_result(const std::string& robot, const std::string& filter,
                            bool granted) final {
-    driver().input(&Machine::on_subscribe_result, robot, filter, granted);
+    driver()->on_subscribe_result(robot, filter, granted, read_clocks());
   }
-  void on_broker_link(bool is_up) final { driver().input(&Machine::on_broker_link, is_up); }
-  void trace(bool is_on) final { driver().input(&Machine::on_trace, is_on); }
-  void stop_listening() override { driver().input(&Machine::on_stop); }
+  void on_broker_link(bool is_up) final { driver()->on_broker_link(is_up, read_clocks()); }
+  void trace(bool is_on) final { driver()->on_trace(is_on); }
+  void stop_listening() override { driver()->on_stop(read_clocks()); }
   std::optional<Presence> presence_of(const std::string& robot) const final {
     return driver().machine().presence_of(robot);
   }
@@ -56,11 +56,6 @@ class MeshShell : public MeshAdapter {
  protected:
   virtual MachineDriver<Machine>& driver() = 0;
   virtual const MachineDriver<Machine>& driver() const = 0;
-
-  template <class... Input>
-  void input(Input&&... input) {
-    driver().input(std::forward<Input>(input)...);
-  }
 };
 
 }  // namespace slamgw

@@ -31,12 +31,9 @@ class DeliveryRig : private UpstreamListener {
                 [this](OutboxAction& action) {
                   std::visit([this](auto& what) { perform(what); }, action);
                 }),
-        store_(io, store_settings(),
-               [this](StoreEvent event) {
-                 driver_.input([&](Outbox& machine, TimePoint now) {
-                   machine.on_store_event(std::move(event), now);
-                 });
-               }),
+        store_(
+            io, store_settings(),
+            [this](StoreEvent event) { driver_->on_store_event(std::move(event), read_clocks()); }),
         upstream_(io, std::move(settings), LastWill{"gw/state", "offline"}, *this) {
     store_.start();
     upstream_.start();
@@ -53,10 +50,8 @@ class DeliveryRig : private UpstreamListener {
   }
   void submit_bytes(const std::string& topic, Bytes payload, std::uint64_t receipt,
                     Qos qos = Qos::at_least_once) {
-    driver_.input([&](Outbox& machine, TimePoint now) {
-      machine.submit({topic, std::move(payload), qos, false},
-                     {Mesh::thread, qos == Qos::at_most_once ? 0 : receipt}, now);
-    });
+    driver_->submit({topic, std::move(payload), qos, false},
+                    {Mesh::thread, qos == Qos::at_most_once ? 0 : receipt}, read_clocks());
   }
   void subscribe(const std::string& filter) { upstream_.subscribe(filter); }
   /// What the broker does not have: the status shows it as the depths of queue and store.
@@ -103,25 +98,22 @@ class DeliveryRig : private UpstreamListener {
   void on_link_up(const BrokerLimits& limits) override {
     is_up = true;
     ++ups;
-    driver_.input(
-        [&](Outbox& machine, TimePoint now) { machine.on_link_up(limits.receive_maximum, now); });
+    driver_->on_link_up(limits.receive_maximum, read_clocks());
   }
   void on_link_down(const std::string& why) override {
     is_up = false;
     reasons.push_back(why);
-    driver_.input([](Outbox& machine, TimePoint now) { machine.on_link_down(now); });
+    driver_->on_link_down(read_clocks());
   }
   void on_silence(bool is_silent) override {
     silences += is_silent ? 1 : 0;
-    driver_.input([&](Outbox& machine, TimePoint now) { machine.on_silence(is_silent, now); });
+    driver_->on_silence(is_silent, read_clocks());
   }
   void on_published(std::uint64_t sequence) override {
-    driver_.input([&](Outbox& machine, TimePoint now) { machine.on_published(sequence, now); });
+    driver_->on_published(sequence, read_clocks());
   }
   void on_publish_refused(std::uint64_t sequence, const Refusal& refusal) override {
-    driver_.input([&](Outbox& machine, TimePoint now) {
-      machine.on_publish_refused(sequence, refusal, now);
-    });
+    driver_->on_publish_refused(sequence, refusal, read_clocks());
   }
   void on_subscribe_result(const std::string&, bool) override {}
   void on_message(BrokerMessage) override {}

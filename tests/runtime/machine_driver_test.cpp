@@ -37,9 +37,7 @@ class Echo {
 
 class MachineDriverTest : public testing::Test {
  protected:
-  void tell(MachineDriver<Echo>& whom, int number) {
-    whom.input([number](Echo& echo, TimePoint) { echo.on_number(number); });
-  }
+  void tell(MachineDriver<Echo>& whom, int number) { whom->on_number(number); }
   void note(const std::string& text) { lines.push_back(text); }
 
   boost::asio::io_context io;
@@ -68,10 +66,11 @@ TEST_F(MachineDriverTest, DrainsMachinesOneAfterTheOtherNotInsideEachOther) {
     --depth;
   });
   to_second = &b;
-  a.input([](Echo& echo, TimePoint) {
-    echo.on_number(1);
-    echo.on_number(9);
-  });
+  {
+    MachineDriver<Echo>::Input echo(a);
+    echo->on_number(1);
+    echo->on_number(9);
+  }
   EXPECT_EQ(lines, (std::vector<std::string>{"a1", "a9", "a is empty", "b1", "b9", "a2",
                                              "a is empty", "b2"}));
 }
@@ -87,20 +86,19 @@ TEST_F(MachineDriverTest, DrainsAMachineThatIsAskedInsideAChangeAfterThatChange)
   MachineDriver<Echo> a(
       io, first, [&](auto& action) { note("a" + std::to_string(std::get<Say>(action).number)); });
   to_first = &a;
-  a.input([&](Echo& echo, TimePoint) {
+  {
+    MachineDriver<Echo>::Input echo(a);
     tell(b, 1);
     note("changes");
-    echo.on_number(2);
-  });
+    echo->on_number(2);
+  }
   EXPECT_EQ(lines, (std::vector<std::string>{"changes", "b1", "a2", "a3"}));
 }
 
 TEST_F(MachineDriverTest, FiresDeadlinesUntilItIsStopped) {
   Echo echo;
   MachineDriver<Echo> driver(io, echo, [&](auto&) { note("fired"); });
-  const auto arm = [&](Duration in) {
-    driver.input([&](Echo& it, TimePoint now) { it.at = now + in; });
-  };
+  const auto arm = [&](Duration in) { driver->at = read_clocks().mono + in; };
   arm(1ms);
   EXPECT_TRUE(test::eventually(io, [&] { return lines.size() == 1; }));
   arm(1h);

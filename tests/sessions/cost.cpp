@@ -50,9 +50,8 @@ double attach_all(boost::asio::io_context& io, SessionHost& host, int sessions) 
   const auto begin = steady_clock::now();
   for (int i = 0; i < sessions; ++i) {
     const std::string robot = fmt::format("robot-{}", i);
-    host.input(&RobotSessions::subscribe, robot, "p/server/" + robot + "/+", Qos::at_least_once,
-               false);
-    host.input(&RobotSessions::on_heard, robot);
+    host->subscribe(robot, "p/server/" + robot + "/+", Qos::at_least_once, false, read_clocks());
+    host->on_heard(robot, read_clocks());
   }
   const auto all = static_cast<std::size_t>(sessions);
   if (!test::eventually(

@@ -43,9 +43,9 @@ class Host {
     settings.keep_alive = std::chrono::seconds{5};
     host.on_broker_up(settings, version);
   }
-  void hear(const std::string& robot) { host.input(&RobotSessions::on_heard, robot); }
+  void hear(const std::string& robot) { host->on_heard(robot, read_clocks()); }
   void subscribe(const std::string& robot, const std::string& filter, bool is_standing = false) {
-    host.input(&RobotSessions::subscribe, robot, filter, Qos::at_least_once, is_standing);
+    host->subscribe(robot, filter, Qos::at_least_once, is_standing, read_clocks());
   }
 
   std::vector<SessionHeld> held;
@@ -185,12 +185,12 @@ TEST_P(SessionHosts, Rule9_TheNoteComesWithTheSession) {
   publish("p/fleet/robots/r1", "a note", /*is_retained=*/true);
   serve(a, "p/server/r1/+");
   hold(b, "another");
-  b.host.input(&RobotSessions::read_note, std::string("r1"));
+  b.host->read_note(std::string("r1"), read_clocks());
   ASSERT_TRUE(eventually(io, [&] { return b.notes.size() == 1; }));
   EXPECT_EQ(as_text(b.notes[0].note), "a note");
   EXPECT_TRUE(b.host.sessions().is_held("r1"));
   test::mosquitto_publish(broker, {"-t", "p/fleet/robots/r1", "-n", "-r", "-q", "1"});
-  b.host.input(&RobotSessions::read_note, std::string("r1"));
+  b.host->read_note(std::string("r1"), read_clocks());
   ASSERT_TRUE(eventually(io, [&] { return b.notes.size() == 2; }));
   EXPECT_TRUE(b.notes[1].note.empty());
 }
@@ -207,7 +207,7 @@ TEST_P(SessionHosts, Rule4_AMessageInTheMailboxComesToTheHolder) {
 
 TEST_P(SessionHosts, AForgottenRobotsSessionEndsWhetherItIsHeldOrNot) {
   serve(a, "p/server/r1/+");
-  a.host.input(&RobotSessions::forget, std::string("r1"));
+  a.host->forget(std::string("r1"));
   // The broker may hear of it after another gateway's CONNECT, which then takes the place back.
   const auto finds_none = [&](Host& gateway) {
     return eventually(io, [&] {
@@ -222,7 +222,7 @@ TEST_P(SessionHosts, AForgottenRobotsSessionEndsWhetherItIsHeldOrNot) {
   b.host.stop();
   // On MQTT 5 one that connects between the clean start and its end finds the new, empty session.
   if (is_v5()) return;
-  a.host.input(&RobotSessions::forget, std::string("r1"));
+  a.host->forget(std::string("r1"));
   Host c{io};
   c.up(broker.port(), GetParam());
   EXPECT_TRUE(finds_none(c));
@@ -254,7 +254,7 @@ TEST_P(SessionHosts, ABrokerThatStandsStillDoesNotHoldTheLoop) {
   bool has_passed = false;
   boost::asio::post(io, [&] { has_passed = true; });
   ASSERT_TRUE(eventually(io, [&] { return has_passed; }));
-  a.host.input(&RobotSessions::on_silence, true);
+  a.host->on_silence(true);
   EXPECT_EQ(a.answered.size(), 52U) << "the gateway answers in its place";
   broker.resume();
   ASSERT_TRUE(eventually(io, [&] { return a.host.sessions().held() == 51; }));

@@ -101,13 +101,11 @@ class ZigbeeShell final : public MeshShell<ZigbeeMachine> {
 
   void start() override {}
   void stop() override { driver_.stop(); }
-  using MeshShell::input;
+  MachineDriver<ZigbeeMachine>& driver() override { return driver_; }
+  const MachineDriver<ZigbeeMachine>& driver() const override { return driver_; }
   std::vector<std::string> sent;
 
  private:
-  MachineDriver<ZigbeeMachine>& driver() override { return driver_; }
-  const MachineDriver<ZigbeeMachine>& driver() const override { return driver_; }
-
   ZigbeeMachine machine_;
   MachineDriver<ZigbeeMachine> driver_;
 };
@@ -117,12 +115,12 @@ class ThirdMesh : public testing::Test, private MeshListener {
  protected:
   void SetUp() override {
     broker.is_up = true;
-    driver.input([](Gateway& it, const Now& now) { it.on_broker_link(now); });
+    driver->on_broker_link(read_clocks());
   }
   void on_mesh_event(MeshEvent event) override {
     if (const auto* request = std::get_if<SubscribeRequest>(&event))
       mesh.on_subscribe_result(request->robot, request->filter, true);
-    driver.input([&](Gateway& it, const Now& now) { it.on_mesh_event(std::move(event), now); });
+    driver->on_mesh_event(std::move(event), read_clocks());
   }
   void perform(GatewayAction& action) {
     std::visit(overloaded{[&](PassUp& it) {
@@ -143,7 +141,7 @@ class ThirdMesh : public testing::Test, private MeshListener {
     at_broker.push_back(std::move(upload.message));
   }
   void robot_says(const std::string& robot, Bytes payload) {
-    mesh.input([&](ZigbeeMachine& it, const Now&) { it.on_frame(robot, std::move(payload)); });
+    mesh.driver()->on_frame(robot, std::move(payload));
   }
   json last_at(const std::string& topic) const {
     for (auto message = at_broker.rbegin(); message != at_broker.rend(); ++message)
@@ -182,14 +180,12 @@ TEST_F(ThirdMesh, CarriesCommandsDownAndTheirOutcomesBack) {
   robot_says("z1", {0x0a, 0x00, 0xec, 0xff});
   EXPECT_EQ(mesh.counters().at(0).value, 1u) << "its subscription is granted";
   const auto server_sends = [&](const std::string& robot) {
-    driver.input([&](Gateway& it, const Now& now) {
-      it.on_robot_message(
-          {robot, {"p/server/" + robot + "/cmd", to_bytes("go"), Qos::at_least_once}}, now);
-    });
+    driver->on_robot_message(
+        {robot, {"p/server/" + robot + "/cmd", to_bytes("go"), Qos::at_least_once}}, read_clocks());
   };
   server_sends("z1");
   EXPECT_EQ(mesh.sent.back(), "z1 go");
-  mesh.input([](ZigbeeMachine& it, const Now& now) { it.on_acknowledgement("z1", now); });
+  mesh.driver()->on_acknowledgement("z1", read_clocks());
   EXPECT_EQ(last_at("p/gateway/g/commands/z1")["outcome"], "delivered");
   server_sends("nobody");
   EXPECT_EQ(mesh.sent.back(), "z1 go");

@@ -82,16 +82,16 @@ void BleMeshAdapter::manage(BleOrder order, OrderDone done) {
   if (!problem().empty()) return done({{}, problem()});
   const std::uint64_t id = ++last_order_;
   orders_.emplace(id, std::move(done));
-  input(&BleMesh::on_order, id, std::move(order));
+  driver()->on_order(id, std::move(order), read_clocks());
 }
 
 void BleMeshAdapter::share_with(ServiceGate::MayServe may_serve, OnHeard on_heard) {
   on_heard_ = std::move(on_heard);
-  input(&BleMesh::ask_who_serves, std::move(may_serve));
+  driver()->ask_who_serves(std::move(may_serve));
 }
 
 void BleMeshAdapter::on_session_held(const std::string& robot) {
-  input(&BleMesh::on_session_held, robot);
+  driver()->on_session_held(robot, read_clocks());
 }
 
 void BleMeshAdapter::end_order(OrderEnded& ended) {
@@ -129,12 +129,13 @@ void BleMeshAdapter::on_keys_stored(const std::optional<MeshKeys>& keys,
     notify(Severity::notice,
            "a new BLE mesh begins: " + file_.path() +
                " holds its keys; keep a backup, without them every robot must join anew");
-  problem.empty() ? input(&BleMesh::on_keys, *keys) : input(&BleMesh::on_keys_failed, problem);
+  problem.empty() ? driver()->on_keys(*keys, read_clocks())
+                  : driver()->on_keys_failed(problem, read_clocks());
 }
 
 void BleMeshAdapter::store(NodeDatabase database) {
   write_file([this, database = std::move(database)] { return file_.replace(database); },
-             [this](const std::string& problem) { input(&BleMesh::on_stored, problem); });
+             [this](const std::string& problem) { driver()->on_stored(problem, read_clocks()); });
 }
 
 void BleMeshAdapter::end_interrupted_commands() {

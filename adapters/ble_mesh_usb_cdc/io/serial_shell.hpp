@@ -34,7 +34,7 @@ class SerialShell : public MeshShell<Machine> {
       listener_.on_mesh_event(LinkChange{Mesh::ble, false, problem_});
       return;
     }
-    driver_.input(&Machine::on_start);
+    driver_->on_start();
     open_after(Duration::zero());
   }
   void stop() override {
@@ -44,14 +44,12 @@ class SerialShell : public MeshShell<Machine> {
     line_.stop();
   }
   std::vector<WaitingMessage> give_up(const std::string& robot) override {
-    std::vector<WaitingMessage> waiting;
-    driver_.input([&](Machine& it, const Now& now) { waiting = it.give_up(robot, now); });
-    return waiting;
+    return driver_->give_up(robot, read_clocks());
   }
   /// `robots` of the configuration, read again. Robots stay in the mesh.
   void reconfigure(RobotNames names) {
     if (is_stopped_ || !problem_.empty()) return;
-    driver_.input(&Machine::on_names, std::move(names));
+    driver_->on_names(std::move(names), read_clocks());
   }
 
  protected:
@@ -76,7 +74,7 @@ class SerialShell : public MeshShell<Machine> {
         line_(io,
               open_port ? std::move(open_port) : [settings] { return open_serial_port(settings); },
               {.on_open = [this] { on_port_open(); },
-               .on_bytes = [this](ByteView bytes) { driver_.input(&Machine::on_bytes, bytes); },
+               .on_bytes = [this](ByteView bytes) { driver_->on_bytes(bytes, read_clocks()); },
                .on_failed = [this](const std::string& why) { on_port_failed(why); },
                .on_open_stuck = [this](const std::string& why) { on_port_closed(why); },
                .on_close_stuck = [this](const std::string& why) { on_close_stuck(why); }}),
@@ -98,11 +96,10 @@ class SerialShell : public MeshShell<Machine> {
   }
   const Machine& machine() const { return *machine_; }
   boost::asio::any_io_executor loop() { return timer_.get_executor(); }
-
- private:
   MachineDriver<Machine>& driver() override { return driver_; }
   const MachineDriver<Machine>& driver() const override { return driver_; }
 
+ private:
   void open_after(Duration delay) {
     timer_.expires_after(delay);
     timer_.async_wait([this, life = std::weak_ptr(life_)](boost::system::error_code error) {
@@ -111,14 +108,14 @@ class SerialShell : public MeshShell<Machine> {
   }
   void on_port_open() {
     open_delay_ = first_open_delay;
-    driver_.input(&Machine::on_port_open);
+    driver_->on_port_open(read_clocks());
   }
   void on_port_failed(const std::string& why) {
     open_after(open_delay_);
     open_delay_ = std::min(open_delay_ * 2, max_open_delay);
     on_port_closed(why);
   }
-  void on_port_closed(const std::string& why) { driver_.input(&Machine::on_port_closed, why); }
+  void on_port_closed(const std::string& why) { driver_->on_port_closed(why, read_clocks()); }
   void on_close_stuck(const std::string& why) {
     if (stuck_throttle_.on_event(std::chrono::steady_clock::now())) notify(Severity::warning, why);
   }

@@ -45,7 +45,7 @@ MqttsnAdapter::MqttsnAdapter(asio::io_context& io, Settings settings, TopicPolic
       watch_timer_(io) {
   if (sessions)
     keeper_.emplace(io, gateway_, *sessions,
-                    [this](bool is_saved) { input(&SnGateway::on_saved, is_saved); });
+                    [this](bool is_saved) { driver_->on_saved(is_saved, read_clocks()); });
 }
 
 void MqttsnAdapter::start() {
@@ -63,7 +63,7 @@ void MqttsnAdapter::start() {
   }
   interface_watch_->start([this] { check_interfaces_in(change_settles); });
   watch_interfaces();
-  input([](SnGateway&, TimePoint) {});  // what restored sessions have to say
+  driver_.perform_actions();  // of restored sessions
 }
 
 void MqttsnAdapter::stop_listening() {
@@ -74,7 +74,7 @@ void MqttsnAdapter::stop_listening() {
 /// No goodbye, and the sockets stay open to the very end: clients are to notice nothing of a
 /// restart.
 void MqttsnAdapter::stop() {
-  input(&SnGateway::send_unsaved);  // the keeper saves all
+  driver_->send_unsaved();  // the keeper saves all
   driver_.stop();
   for (const auto& socket : sockets_) socket->flush();
   if (keeper_) keeper_->stop();
@@ -124,17 +124,15 @@ std::string MqttsnAdapter::kept_name(const std::string& listen) const {
 }
 
 std::vector<WaitingMessage> MqttsnAdapter::give_up(const std::string& robot) {
-  std::vector<WaitingMessage> unsent;
-  input([&](SnGateway& gateway, const Now& now) { unsent = gateway.give_up(robot, now); });
-  return unsent;
+  return driver_->give_up(robot, read_clocks());
 }
 
 void MqttsnAdapter::on_note(const std::string& robot, ByteView note) {
-  input(&SnGateway::on_note, robot, note);
+  driver_->on_note(robot, note, read_clocks());
 }
 
 void MqttsnAdapter::reconfigure(TopicPolicy policy, RobotNames names) {
-  driver_.input(&SnGateway::reconfigure, std::move(policy), std::move(names));
+  driver_->reconfigure(std::move(policy), std::move(names), read_clocks());
 }
 
 Counters MqttsnAdapter::counters() const {
@@ -162,7 +160,7 @@ void MqttsnAdapter::on_datagram(std::uint8_t socket, const UdpSocket::Datagram& 
     if (!source) return;  // no address yet; a searching client asks again
     to.address = *source;
   }
-  driver_.input(&SnGateway::on_datagram, datagram.from, to, datagram.bytes);
+  driver_->on_datagram(datagram.from, to, datagram.bytes, read_clocks());
 }
 
 void MqttsnAdapter::perform(SendDatagram& action) {
@@ -260,8 +258,7 @@ void MqttsnAdapter::serve_multicast() {
     const auto source = lasting_address(interface);
     const auto past = advertised_from_.find(interface.index);
     const bool is_news = past == advertised_from_.end() || past->second != source;
-    if (is_news && source && interface.has_carrier)
-      driver_.input(&SnGateway::on_interface, interface.index);
+    if (is_news && source && interface.has_carrier) driver_->on_interface(interface.index);
   }
 }
 

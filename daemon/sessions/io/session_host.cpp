@@ -31,24 +31,24 @@ void SessionHost::on_broker_up(const BrokerSettings& broker, MqttVersion version
 void SessionHost::on_broker_down() {
   is_broker_up_ = false;
   refused_.clear();
-  driver_.input(&RobotSessions::on_broker_down);
+  driver_->on_broker_down(read_clocks());
 }
 
 void SessionHost::on_ready() {
   if (!is_broker_up_) return;
-  driver_.input(&RobotSessions::on_broker_up, version_ == MqttVersion::v5,
-                std::exchange(is_other_, false));
+  driver_->on_broker_up(version_ == MqttVersion::v5, std::exchange(is_other_, false),
+                        read_clocks());
 }
 
 void SessionHost::stop() {
-  driver_.input(&RobotSessions::on_stop);
+  driver_->on_stop();
   driver_.stop();
   links_.stop();
 }
 
 void SessionHost::on_attached(const std::string& robot, bool is_present) {
   refused_.erase(robot);
-  driver_.input(&RobotSessions::on_attached, robot, is_present);
+  driver_->on_attached(robot, is_present, read_clocks());
 }
 
 void SessionHost::on_attach_failed(const std::string& robot, const AttachFailure& failure) {
@@ -56,7 +56,7 @@ void SessionHost::on_attach_failed(const std::string& robot, const AttachFailure
     report_(Notice{Severity::warning,
                    fmt::format("{} ({} like it)", explain(robot, failure), *count), robot});
   refused_.insert(robot);
-  driver_.input(&RobotSessions::on_attach_failed, robot);
+  driver_->on_attach_failed(robot, read_clocks());
 }
 
 std::string SessionHost::explain(const std::string& robot, const AttachFailure& failure) const {
@@ -73,7 +73,7 @@ std::string SessionHost::explain(const std::string& robot, const AttachFailure& 
 }
 
 void SessionHost::on_detached(const std::string& robot) {
-  driver_.input(&RobotSessions::on_detached, robot);
+  driver_->on_detached(robot, read_clocks());
 }
 
 void SessionHost::on_subscribed(const std::string& robot, const std::string& filter,
@@ -87,16 +87,16 @@ void SessionHost::on_subscribed(const std::string& robot, const std::string& fil
                                  robot, filter, *count),
                      robot});
   }
-  driver_.input(&RobotSessions::on_subscribed, robot, filter, is_granted);
+  driver_->on_subscribed(robot, filter, is_granted, read_clocks());
 }
 
 void SessionHost::on_message(const std::string& robot, BrokerMessage message,
                              std::vector<std::uint32_t> ids) {
-  driver_.input(&RobotSessions::on_message, robot, std::move(message), ids);
+  driver_->on_message(robot, std::move(message), ids, read_clocks());
 }
 
 void SessionHost::on_fence(const std::string& robot, std::uint64_t number) {
-  driver_.input(&RobotSessions::on_fence, robot, number);
+  driver_->on_fence(robot, number, read_clocks());
 }
 
 void SessionHost::perform(OpenSession& open) {

@@ -25,11 +25,8 @@ class SessionHost final : private RobotLinksListener {
               RobotSessions::ServedElsewhere is_served_elsewhere,
               std::optional<TimePoint> last_alive, std::function<void(Report)> report);
 
-  /// Calls an input of the machine: `input(&RobotSessions::on_heard, robot)`.
-  template <class Input, class... Arguments>
-  void input(Input&& input, Arguments&&... arguments) {
-    driver_.input(std::forward<Input>(input), std::forward<Arguments>(arguments)...);
-  }
+  /// Calls an input of the machine: `host->on_heard(robot, read_clocks())`.
+  MachineDriver<RobotSessions>::Input operator->() { return driver_.operator->(); }
   const RobotSessions& sessions() const { return sessions_; }
   /// The last try to open the robot's session failed.
   bool is_refused(const std::string& robot) const { return refused_.contains(robot); }
