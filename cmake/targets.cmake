@@ -5,8 +5,10 @@ add_library(slamgw_flags INTERFACE)
 target_compile_features(slamgw_flags INTERFACE cxx_std_20)
 target_compile_options(slamgw_flags INTERFACE -Wall -Wextra -Wconversion -Wnon-virtual-dtor -Wold-style-cast
                                               -Woverloaded-virtual)
-if(NOT SLAMGW_UNITY) # where a name in another file's anonymous namespace would be one that is hidden
+if(NOT SLAMGW_UNITY)
   target_compile_options(slamgw_flags INTERFACE -Wshadow)
+elseif(CMAKE_CXX_COMPILER_ID STREQUAL "GNU") # -Wshadow would also warn of names in other files' anonymous namespaces
+  target_compile_options(slamgw_flags INTERFACE -Wshadow=local)
 endif()
 if(SLAMGW_WERROR)
   target_compile_options(slamgw_flags INTERFACE -Werror)
