@@ -1,22 +1,67 @@
 // SPDX-License-Identifier: Apache-2.0
-// All that leaves the machine: datagrams, as many octets as an address may be sent, events, counts,
-// and which sessions are to be saved. Decides nothing about the protocol.
+// The machine's counters: one enumerator and one stable name each.
 #pragma once
 
+#include <array>
+#include <cstdint>
 #include <variant>
 
 #include "adapters/mqttsn_udp/clients/address_validation.hpp"
-#include "adapters/mqttsn_udp/clients/changed_sessions.hpp"
 #include "adapters/mqttsn_udp/clients/client_session.hpp"
 #include "adapters/mqttsn_udp/clients/unsaved_answers.hpp"
 #include "adapters/mqttsn_udp/protocol/endpoint.hpp"
 #include "adapters/mqttsn_udp/protocol/packet.hpp"
-#include "adapters/mqttsn_udp/tally.hpp"
 #include "daemon/core/log_throttle.hpp"
 #include "daemon/core/messages.hpp"
 #include "daemon/core/protocol_machine.hpp"
 
 namespace slamgw::mqttsn {
+
+enum class Count : std::uint8_t {
+  datagrams_in,
+  datagrams_out,
+  malformed,   ///< dropped by the decoder, of whatever kind
+  oversized,   ///< of these: larger than the network carries (R9)
+  unexpected,  ///< well-formed, but not from a client or not now (R6)
+  strangers,   ///< messages that need a session and had none (R39)
+  unanswered,  ///< answers to strangers that the rate limit kept back (R21)
+  connects,
+  connects_refused,
+  handshakes_given_up,
+  clients_lost,
+  clients_revived,
+  clients_evicted,
+  published_up,
+  repeats_suppressed,  ///< R75, R76
+  unknown_topic_ids,
+  topics_refused,       ///< not allowed by the topic policy
+  receipts_refused,     ///< no room upstream: not acknowledged
+  unconnected_refused,  ///< QoS -1 that is not allowed (R81)
+  delivered_down,
+  retransmitted,
+  deliveries_given_up,  ///< no acknowledgement after N_retry
+  queue_dropped,        ///< a client's queue was full
+  too_large_down,       ///< R8
+  topics_set_aside,     ///< of one client, each time that it leaves messages on it unanswered
+  wills_refused,        ///< not allowed by the topic policy, or no topic
+  unvalidated,          ///< not sent, because the address has not shown that it receives
+  subscribes_bounded,   ///< SUBSCRIBEs of a client that sends them too fast
+  answered_unsaved,     ///< datagrams whose session was not saved in time
+  last_ = answered_unsaved,
+};
+
+class Tally {
+ public:
+  void count(Count what) { ++values_[static_cast<std::size_t>(what)]; }
+  Counters counters() const;
+
+ private:
+  static constexpr std::size_t size = static_cast<std::size_t>(Count::last_) + 1;
+  std::array<std::uint64_t, size> values_{};
+};
+
+// All that leaves the machine: datagrams, as many octets as an address may be sent, events, counts,
+// and which sessions are to be saved. Decides nothing about the protocol.
 
 /// To the configured multicast group.
 struct SendMulticast {

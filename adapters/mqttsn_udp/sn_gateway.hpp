@@ -9,11 +9,8 @@
 #include <vector>
 
 #include "adapters/mqttsn_udp/conversations/discovery.hpp"
-#include "adapters/mqttsn_udp/conversations/inbound_registration.hpp"
-#include "adapters/mqttsn_udp/conversations/notes.hpp"
-#include "adapters/mqttsn_udp/conversations/renaming.hpp"
-#include "adapters/mqttsn_udp/conversations/restoring.hpp"
 #include "adapters/mqttsn_udp/conversations/roaming.hpp"
+#include "adapters/mqttsn_udp/conversations/uplink.hpp"
 
 namespace slamgw::mqttsn {
 

@@ -8,6 +8,7 @@
 #include "adapters/mqttsn_udp/limits.hpp"
 
 namespace slamgw::mqttsn {
+
 namespace {
 
 /// What a message of `octets` costs the network of its receiver.

@@ -1,19 +1,58 @@
 // SPDX-License-Identifier: Apache-2.0
-// The sessions, found by client id, by transport address and by robot. Ids are compared whole.
-// Makes room by forgetting who has been gone longest; changes nothing else in a session than its
-// binding.
+// Deadlines of many owners, ordered, so that neither a tick nor a message visits all clients. An
+// owner has at most one entry and keeps its time (`armed`), so nothing stale stays behind.
 #pragma once
 
 #include <cstdint>
 #include <memory>
+#include <optional>
+#include <set>
 #include <string>
 #include <string_view>
 #include <unordered_map>
+#include <utility>
 
 #include "adapters/mqttsn_udp/clients/client_session.hpp"
-#include "adapters/mqttsn_udp/clients/timer_queue.hpp"
+#include "daemon/core/time.hpp"
 
 namespace slamgw::mqttsn {
+
+template <class Key>
+class TimerQueue {
+ public:
+  /// Fires at `at` or before: an entry that is already earlier stays, its owner checks again then.
+  void arm_by(std::optional<TimePoint>& armed, const Key& key, TimePoint at) {
+    if (armed && *armed <= at) return;
+    disarm(armed, key);
+    entries_.emplace(at, key);
+    armed = at;
+  }
+
+  void disarm(std::optional<TimePoint>& armed, const Key& key) {
+    if (armed) entries_.erase({*armed, key});
+    armed.reset();
+  }
+
+  std::optional<TimePoint> earliest() const {
+    if (entries_.empty()) return std::nullopt;
+    return entries_.begin()->first;
+  }
+
+  /// The first key that is due, taken out; its owner resets `armed`.
+  std::optional<Key> pop_due(TimePoint now) {
+    if (entries_.empty() || entries_.begin()->first > now) return std::nullopt;
+    Key key = entries_.begin()->second;
+    entries_.erase(entries_.begin());
+    return key;
+  }
+
+ private:
+  std::set<std::pair<TimePoint, Key>> entries_;
+};
+
+// The sessions, found by client id, by transport address and by robot. Ids are compared whole.
+// Makes room by forgetting who has been gone longest; changes nothing else in a session than its
+// binding.
 
 class ClientTable {
  public:

@@ -1,9 +1,29 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "adapters/mqttsn_udp/clients/delivery.hpp"
 
+#include <algorithm>
 #include <utility>
 
 namespace slamgw::mqttsn {
+
+Duration RetransmissionTimeout::first(Duration longest) const {
+  return std::min(timeout_, longest);
+}
+
+Duration RetransmissionTimeout::next(Duration last, unsigned repeats, Duration longest) {
+  constexpr unsigned even = 4;
+  return std::min(repeats <= even ? last : last * 3 / 2, longest);
+}
+
+void RetransmissionTimeout::on_answer(Duration round_trip) {
+  round_trip_.on_answer(round_trip);
+  timeout_ = std::max(round_trip_.timeout(), shortest);
+}
+
+void RetransmissionTimeout::on_ambiguous_answer(Duration since_first, Duration since_last) {
+  const bool answers_last_copy = round_trip_.is_known() && since_last <= round_trip_.timeout();
+  if (!answers_last_copy) timeout_ = std::clamp(since_first * 3 / 2, timeout_, 2 * timeout_);
+}
 
 void Outgoing::rename(const NewName& new_name) {
   auto topic = new_name(message->topic);
@@ -45,6 +65,39 @@ Outgoing DeliveryQueue::take(std::size_t index) {
   if (waiting_.empty()) waiting_ = {};  // its memory too
   octets_ -= taken.octets();
   return taken;
+}
+
+namespace {
+
+bool is_in_use(const Delivery& delivery, std::uint16_t id) {
+  const auto has_id = [id](const auto& request) { return request.attempt.msg_id == id; };
+  return (delivery.publishing && has_id(*delivery.publishing)) ||
+         std::ranges::any_of(delivery.registering, has_id) ||
+         std::ranges::any_of(delivery.releasing, has_id) ||
+         std::ranges::count(delivery.abandoned, id) > 0 ||
+         std::ranges::any_of(delivery.queue,
+                             [id](const Outgoing& waiting) { return waiting.msg_id == id; });
+}
+
+}  // namespace
+
+void restart_message_ids(Delivery& delivery, std::uint16_t random) {
+  delivery.last_msg_id = random;
+  delivery.base_msg_id = random;
+}
+
+bool is_since_restart(const Delivery& delivery, std::uint16_t msg_id) {
+  const auto distance = [&](std::uint16_t id) {
+    return static_cast<std::uint16_t>(id - delivery.base_msg_id);
+  };
+  return distance(msg_id) != 0 && distance(msg_id) <= distance(delivery.last_msg_id);
+}
+
+std::uint16_t next_message_id(Delivery& delivery) {
+  do {
+    ++delivery.last_msg_id;
+  } while (delivery.last_msg_id == 0 || is_in_use(delivery, delivery.last_msg_id));
+  return delivery.last_msg_id;
 }
 
 }  // namespace slamgw::mqttsn

@@ -1,21 +1,54 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is on its way to one client: the queue, and the requests that await the client's answer.
-// Values only; Downlink and the classes beside it change them.
+// How long one client's answers take, and so how long to wait before a request is repeated: the
+// smoothed round trip and its variation (RFC 6298). Answers to repeated requests are ambiguous and
+// teach no round trip (Karn's rule).
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
-#include "adapters/mqttsn_udp/clients/retransmission_timeout.hpp"
 #include "adapters/mqttsn_udp/clients/topic_table.hpp"
 #include "adapters/mqttsn_udp/protocol/packet.hpp"
 #include "daemon/core/messages.hpp"
+#include "daemon/core/round_trip.hpp"
 #include "daemon/core/time.hpp"
 
 namespace slamgw::mqttsn {
+
+class RetransmissionTimeout {
+ public:
+  /// Before the first answer: what RFC 7252 waits in networks of this kind (ACK_TIMEOUT).
+  static constexpr Duration initial = std::chrono::seconds{2};
+  /// A Thread end device that sleeps between its polls hears a message up to a second late (the
+  /// poll period of Nordic's sleepy MQTT-SN examples); RFC 6298 has the same lower bound.
+  static constexpr Duration shortest = std::chrono::seconds{1};
+  /// Differences between round trips that are no news (G of RFC 6298).
+  static constexpr Duration granularity = std::chrono::milliseconds{100};
+
+  /// The wait after the first transmission of a request, at most `longest`.
+  Duration first(Duration longest) const;
+  /// The wait after repetition number `repeats` (from 1), `last` having brought no answer. A lost
+  /// datagram is the common reason of the first ones, so they come at an even pace; then it slows.
+  static Duration next(Duration last, unsigned repeats, Duration longest);
+
+  /// The client has answered a request that was sent once.
+  void on_answer(Duration round_trip);
+  /// It has answered a request that was repeated, so long after the first and the last copy. Where
+  /// that is not how fast it answers a last copy, the next waits grow until they are long enough
+  /// for an answer to the first one, which is not ambiguous.
+  void on_ambiguous_answer(Duration since_first, Duration since_last);
+
+ private:
+  RoundTrip round_trip_{granularity};
+  Duration timeout_ = initial;
+};
+
+// What is on its way to one client: the queue, and the requests that await the client's answer.
+// Values only; Downlink and the classes beside it change them.
 
 /// A message under `<prefix>/server/<robot>/<type>`, whose outcome is reported exactly once.
 struct Command {
@@ -125,5 +158,18 @@ struct Delivery {
   /// All of the above goes on under other topics.
   void rename(const NewName& new_name);
 };
+
+// The MsgIds of the gateway's own requests to one client (R90): a space of its own for each.
+
+/// Unforeseeable numbers.
+using RandomSource = std::function<std::uint16_t()>;
+
+/// The next MsgIds follow an unforeseeable one: an answer to them shows that the client receives.
+void restart_message_ids(Delivery& delivery, std::uint16_t random);
+/// Whether this MsgId was drawn since restart_message_ids().
+bool is_since_restart(const Delivery& delivery, std::uint16_t msg_id);
+
+/// Never 0, never one that still awaits its answer.
+std::uint16_t next_message_id(Delivery& delivery);
 
 }  // namespace slamgw::mqttsn

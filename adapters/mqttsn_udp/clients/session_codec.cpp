@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "adapters/mqttsn_udp/clients/session_codec.hpp"
 
-#include <algorithm>
 #include <nlohmann/json.hpp>
 
-#include "adapters/mqttsn_udp/clients/cbor_writer.hpp"
+#include <algorithm>
 
 namespace slamgw::mqttsn {
+
 namespace {
 
 using Json = nlohmann::json;

@@ -1,12 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The normal topic ids of one client (MQTT-SN 1.2 section 6.5): its own numbers (R59), the same for
-// REGISTER and SUBSCRIBE (R61). Ids are made from the names, so that a robot which goes on at a
-// gateway that knows an older session of it, or none, means the same topic there, or an unknown
-// one: CONNACK cannot say that a session is not there. An id that the client has asked for or
-// publishes with is never given anew while the session lives; of those that the gateway has made
-// for its deliveries, the longest unused one is, when the table is full.
+// The memory that topic names and filters of all clients may take together. Each client has a small
+// part for itself, so that others can't leave it none; beyond that they share.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <optional>
@@ -15,9 +12,42 @@
 #include <string_view>
 #include <vector>
 
-#include "adapters/mqttsn_udp/clients/name_budget.hpp"
+#include "adapters/mqttsn_udp/limits.hpp"
 
 namespace slamgw::mqttsn {
+
+class NameBudget {
+ public:
+  /// Octets that a topic of this length takes with its place in the table.
+  static constexpr std::size_t of_topic(std::size_t length) { return length + 128; }
+  /// The same for a subscription, which stands here and in the robot's session at the broker
+  /// (daemon/sessions).
+  static constexpr std::size_t of_filter(std::size_t length) { return 2 * length + 512; }
+
+  /// Whether a client that holds `held` octets may take `octets` more.
+  bool may_take(std::size_t held, std::size_t octets) const {
+    return held + octets <= limits::name_octets_for_each ||
+           taken_ + octets <= limits::name_octets_together;
+  }
+  /// The same for what was taken before a restart, by so many `clients` that are back: they come in
+  /// another order than then, and each had a small part of topics and one of filters for itself.
+  bool may_restore(std::size_t clients, std::size_t octets) const {
+    return taken_ + octets <=
+           limits::name_octets_together + 2 * clients * limits::name_octets_for_each;
+  }
+  void take(std::size_t octets) { taken_ += octets; }
+  void give_back(std::size_t octets) { taken_ -= octets; }
+
+ private:
+  std::size_t taken_ = 0;
+};
+
+// The normal topic ids of one client (MQTT-SN 1.2 section 6.5): its own numbers (R59), the same for
+// REGISTER and SUBSCRIBE (R61). Ids are made from the names, so that a robot which goes on at a
+// gateway that knows an older session of it, or none, means the same topic there, or an unknown
+// one: CONNACK cannot say that a session is not there. An id that the client has asked for or
+// publishes with is never given anew while the session lives; of those that the gateway has made
+// for its deliveries, the longest unused one is, when the table is full.
 
 /// What a topic is called from now on; nothing when it keeps its name.
 using NewName = std::function<std::optional<std::string>(const std::string& topic)>;

@@ -8,6 +8,17 @@
 
 namespace slamgw::mqttsn {
 
+void ChangedSessions::mark(const ClientSession& session) {
+  if (client_ids_.size() < limits::max_dirty) client_ids_.insert(session.client_id);
+}
+
+std::vector<std::string> ChangedSessions::take(std::size_t max) {
+  std::vector<std::string> ids;
+  while (!client_ids_.empty() && ids.size() < max)
+    ids.push_back(std::move(client_ids_.extract(client_ids_.begin()).value()));
+  return ids;
+}
+
 bool UnsavedAnswers::take(SendDatagram& datagram, const std::string* client_id) {
   if (client_id && is_waiting_) {
     const bool is_open = batches_.size() > (is_saving_ ? 1 : 0) &&

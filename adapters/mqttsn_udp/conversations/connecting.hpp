@@ -6,7 +6,7 @@
 #include <map>
 #include <unordered_map>
 
-#include "adapters/mqttsn_udp/conversations/flood_guard.hpp"
+#include "adapters/mqttsn_udp/conversations/discovery.hpp"
 #include "adapters/mqttsn_udp/conversations/lifecycle.hpp"
 
 namespace slamgw::mqttsn {

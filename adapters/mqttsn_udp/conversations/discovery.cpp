@@ -3,7 +3,15 @@
 
 #include <utility>
 
+#include "adapters/mqttsn_udp/limits.hpp"
+
 namespace slamgw::mqttsn {
+
+bool FloodGuard::may_answer(const Peer& peer, TimePoint now) {
+  TokenBucket& source = sources_[PeerHash{}(peer) % places];
+  return source.take(limits::stranger_burst, limits::stranger_per_second, now) &&
+         all_.take(limits::strangers_burst, limits::strangers_per_second, now);
+}
 
 /// Unicast to the source: a multicast GWINFO misses clients on other ports, behind routers, and
 /// sleepy ones (R15).

@@ -7,9 +7,8 @@
 
 #include <string>
 
-#include "adapters/mqttsn_udp/clients/message_ids.hpp"
+#include "adapters/mqttsn_udp/clients/delivery.hpp"
 #include "adapters/mqttsn_udp/conversations/command_watch.hpp"
-#include "adapters/mqttsn_udp/conversations/release.hpp"
 #include "adapters/mqttsn_udp/conversations/retransmission.hpp"
 #include "adapters/mqttsn_udp/conversations/subscriptions.hpp"
 #include "adapters/mqttsn_udp/conversations/topic_registration.hpp"

@@ -65,4 +65,80 @@ class Lifecycle {
   Wills& wills_;
 };
 
+// Sleeping clients (MQTT-SN 1.2 section 6.14): a client falls asleep, wakes by its PINGREQ, gets
+// its messages, and sleeps again by PINGRESP.
+//
+//   active --DISCONNECT(duration)--> asleep --PINGREQ--> awake --nothing left: PINGRESP--> asleep
+
+class Sleep {
+ public:
+  Sleep(const Settings& settings, ClientTable& clients, Output& output, Downlink& downlink,
+        Lifecycle& lifecycle)
+      : settings_(settings),
+        clients_(clients),
+        output_(output),
+        downlink_(downlink),
+        lifecycle_(lifecycle) {}
+
+  /// DISCONNECT with a duration: nothing is sent from now on, messages wait (R114, R116, R126).
+  void fall_asleep(ClientSession& session, std::chrono::seconds duration, TimePoint now);
+  /// PINGREQ: what waits is sent, and some of what comes meanwhile (R118, R122). A repeated PINGREQ
+  /// changes nothing (R123).
+  void wake(ClientSession& session, TimePoint now);
+  static bool is_asleep(const ClientSession& session) {
+    return presence_of(session.state()) == Presence::asleep;
+  }
+  /// Its PINGREQ came from this address, perhaps a new one (R118).
+  void follow(ClientSession& session, const Peer& peer, const LocalAddress& local, TimePoint now);
+  /// After each step of the delivery: with nothing left to send or to await, PINGRESP lets the
+  /// client sleep again for the same duration (R119, R120).
+  void settle(ClientSession& session, TimePoint now);
+  /// The awake client has left something unanswered; messages wait for its next PINGREQ (R124).
+  void on_unanswered(ClientSession& session, TimePoint now);
+
+ private:
+  void sleep_again(ClientSession& session, TimePoint now);
+
+  const Settings& settings_;
+  ClientTable& clients_;
+  Output& output_;
+  Downlink& downlink_;
+  Lifecycle& lifecycle_;
+};
+
+// What time brings to clients: keep-alive and sleep run out (MQTT-SN 1.2 sections 6.11, 6.14),
+// requests are repeated, commands are too late. Also the step that follows each event of a client:
+// it is sent what may be sent.
+
+class Supervision {
+ public:
+  Supervision(const Settings& settings, ClientTable& clients, CommandWatch& commands,
+              Downlink& downlink, Lifecycle& lifecycle, Sleep& sleep)
+      : settings_(settings),
+        clients_(clients),
+        commands_(commands),
+        downlink_(downlink),
+        lifecycle_(lifecycle),
+        sleep_(sleep) {}
+
+  /// Sends what may be sent, ends a wake-up that has nothing left, and sets the session's timer.
+  void advance(ClientSession& session, TimePoint now);
+  /// Withdraws and reports commands whose time is over.
+  void expire_commands(TimePoint now);
+
+  std::optional<TimePoint> deadline() const;
+  void on_deadline(TimePoint now);
+
+ private:
+  void on_time(ClientSession& session, TimePoint now);
+  std::optional<TimePoint> lost_at(const ClientSession& session) const;
+
+  const Settings& settings_;
+  ClientTable& clients_;
+  CommandWatch& commands_;
+  Downlink& downlink_;
+  Lifecycle& lifecycle_;
+  Sleep& sleep_;
+};
+
 }  // namespace slamgw::mqttsn

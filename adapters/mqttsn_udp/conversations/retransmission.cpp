@@ -3,6 +3,8 @@
 
 #include <algorithm>
 
+#include "adapters/mqttsn_udp/limits.hpp"
+
 namespace slamgw::mqttsn {
 
 Attempt Retransmission::begin(const Delivery& delivery, std::uint16_t msg_id, TimePoint now) const {
@@ -33,6 +35,90 @@ void Retransmission::on_answer(Delivery& delivery, const Attempt& attempt, TimeP
 
 TimePoint Retransmission::end_of(const Attempt& attempt) const {
   return attempt.begun + settings_.retry_interval * (settings_.retry_count + 1);
+}
+
+namespace {
+
+auto find(Delivery& delivery, std::uint16_t msg_id) {
+  return std::ranges::find(delivery.releasing, msg_id,
+                           [](const Releasing& open) { return open.attempt.msg_id; });
+}
+
+}  // namespace
+
+void Release::begin(ClientSession& session, std::uint16_t msg_id, TimePoint now) {
+  Delivery& delivery = session.delivery;
+  if (delivery.releasing.size() >= limits::max_open_releases)
+    delivery.releasing.erase(delivery.releasing.begin());
+  delivery.releasing.push_back({retransmission_.begin(delivery, msg_id, now)});
+  output_.mark_changed(session);
+  output_.send(session, Pubrel{msg_id});
+}
+
+bool Release::on_pubrec(ClientSession& session, std::uint16_t msg_id) {
+  const auto open = find(session.delivery, msg_id);
+  if (open == session.delivery.releasing.end()) return false;
+  open->attempt.repeats = std::max(open->attempt.repeats, 1U);
+  output_.send(session, Pubrel{msg_id});
+  return true;
+}
+
+bool Release::on_pubcomp(Delivery& delivery, std::uint16_t msg_id, TimePoint now) {
+  const auto open = find(delivery, msg_id);
+  if (open == delivery.releasing.end()) return false;
+  Retransmission::on_answer(delivery, open->attempt, now);
+  delivery.releasing.erase(open);
+  return true;
+}
+
+bool Release::is_fresh(const Delivery& delivery) {
+  return std::ranges::any_of(delivery.releasing, [](const Releasing& open) {
+    return open.attempt.repeat_at && open.attempt.is_fresh();
+  });
+}
+
+void Release::rest(Delivery& delivery) {
+  for (Releasing& open : delivery.releasing) {
+    open.attempt.repeat_at.reset();
+    open.attempt.begun = TimePoint::min();
+  }
+}
+
+void Release::resume(ClientSession& session, TimePoint now) {
+  Delivery& delivery = session.delivery;
+  for (Releasing& open : delivery.releasing) {
+    if (open.attempt.repeat_at || session.last_heard <= open.attempt.begun) continue;
+    open.attempt = retransmission_.begin(delivery, open.attempt.msg_id, now);
+    output_.send(session, Pubrel{open.attempt.msg_id});
+  }
+}
+
+/// One that is given up rests when the client said nothing at all; else it is forgotten, and only a
+/// PUBREC has it sent again (R92).
+bool Release::on_time(ClientSession& session, TimePoint now) {
+  bool is_silent = false;
+  const auto is_over = [&](Releasing& open) {
+    switch (retransmission_.on_time(open.attempt, now)) {
+      case Retransmission::Due::nothing: return false;
+      case Retransmission::Due::repeat:
+        output_.count(Count::retransmitted);
+        output_.send(session, Pubrel{open.attempt.msg_id});
+        return false;
+      case Retransmission::Due::give_up: break;
+    }
+    open.attempt.repeat_at.reset();
+    const bool was_heard = session.last_heard > open.attempt.begun;
+    is_silent |= !was_heard;
+    return was_heard;
+  };
+  if (std::erase_if(session.delivery.releasing, is_over) > 0) output_.mark_changed(session);
+  return is_silent;
+}
+
+std::optional<TimePoint> Release::next_time(const Delivery& delivery) {
+  std::optional<TimePoint> next;
+  for (const Releasing& open : delivery.releasing) next = earlier(next, open.attempt.repeat_at);
+  return next;
 }
 
 }  // namespace slamgw::mqttsn

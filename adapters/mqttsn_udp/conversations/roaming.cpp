@@ -3,7 +3,10 @@
 
 #include <algorithm>
 #include <utility>
+#include <vector>
 
+#include "adapters/mqttsn_udp/clients/session_codec.hpp"
+#include "adapters/mqttsn_udp/conversations/own_names.hpp"
 #include "adapters/mqttsn_udp/limits.hpp"
 
 namespace slamgw::mqttsn {
@@ -64,6 +67,122 @@ std::optional<Roaming::WaitingConnect> Roaming::take_overdue(TimePoint now) {
 std::optional<TimePoint> Roaming::deadline() const {
   if (waiting_.empty()) return std::nullopt;
   return waiting_.front().until;
+}
+
+/// At once after a change, for on_deadline() to see when it came.
+std::optional<TimePoint> Notes::deadline() const {
+  if (!output_.has_noteworthy()) return std::nullopt;
+  return due_.value_or(TimePoint{});
+}
+
+void Notes::on_deadline(TimePoint now) {
+  if (!output_.has_noteworthy()) return;
+  if (!due_) due_ = now + limits::note_interval;
+  if (now < *due_) return;
+  for (const std::string& id : output_.take_noteworthy(limits::notes_a_turn)) {
+    if (ClientSession* session = clients_.find(id)) update(*session, now);
+  }
+  if (!output_.has_noteworthy()) due_.reset();
+}
+
+void Notes::update(ClientSession& session, TimePoint now) {
+  Bytes note;
+  std::uint64_t hash = 0;
+  if (!session.is_clean) {
+    note = encode_session(to_note(to_snapshot(session, now)));
+    if (note.size() > limits::max_note_octets) return;
+    hash = fingerprint(note);
+  }
+  if (std::exchange(session.note_hash, hash) == hash) return;
+  output_.emit(NoteChanged{Mesh::thread, session.robot, std::move(note)});
+}
+
+std::optional<SessionSnapshot> Restoring::snapshot(const std::string& client_id,
+                                                   TimePoint now) const {
+  const ClientSession* session = clients_.find(client_id);
+  if (!session) return std::nullopt;
+  SessionSnapshot out = to_snapshot(*session, now);
+  out.is_validated = output_.is_validated(*session);
+  if (!out.is_validated)
+    out.allowance = output_.validation.allowance(session->peer->endpoint.address);
+  return out;
+}
+
+void Restoring::adopt_commands(const Delivery& delivery) {
+  for (const Outgoing& waiting : delivery.queue) {
+    if (waiting.command) commands_.adopt(waiting.command);
+  }
+}
+
+void Restoring::refuse_commands(const SessionSnapshot& snapshot, TimePoint now) {
+  for (const MessageSnapshot& message : snapshot.messages) {
+    commands_.end(command_of(message, snapshot, now), CommandResult::refused,
+                  "the robot's session can't go on", now);
+  }
+}
+
+bool Restoring::restore(const SessionSnapshot& snapshot, TimePoint now) {
+  const auto robot = connecting_.robot_of(snapshot.client_id);
+  if (!robot || !is_valid_level(snapshot.robot) || clients_.is_full() ||
+      clients_.find(snapshot.client_id)) {
+    refuse_commands(snapshot, now);
+    return false;
+  }
+  ClientSession& session = clients_.create(snapshot.client_id, *robot);
+  apply(snapshot, session, now);
+  if (*robot != snapshot.robot)
+    rename_topics(rules_.policy.scheme(), session, snapshot.robot, *robot);
+  adopt_commands(session.delivery);
+  if (snapshot.peer) {
+    const IpAddress& address = snapshot.peer->endpoint.address;
+    if (snapshot.is_validated) output_.validation.validate(address);
+    output_.validation.restore_allowance(address, snapshot.allowance);
+    clients_.bind(session, *snapshot.peer, session.local);
+    downlink_.on_address(session);
+  }
+  if (!snapshot.is_clean) session.note_hash = unknown_note_hash;
+  subscriptions_.restore(session, *robot == snapshot.robot, now);
+  lifecycle_.enter(session, snapshot.state, now);
+  supervision_.expire_commands(now);
+  supervision_.advance(session, now);
+  return true;
+}
+
+/// All former names are left before new ones are taken: robots may swap theirs.
+void Renaming::on_names(TimePoint now) {
+  std::vector<ClientSession*> gone;
+  std::vector<Renamed> renamed;
+  for (const auto& [id, session] : clients_.all()) {
+    if (rules_.names.of_client(id) == session->robot) continue;
+    if (auto robot = connecting_.robot_of(id)) {
+      renamed.push_back({session.get(), std::move(*robot)});
+    } else {
+      gone.push_back(session.get());
+    }
+  }
+  for (ClientSession* session : gone) {
+    if (session->is_connected()) output_.send(*session, Disconnect{});
+    lifecycle_.expel(*session, "another robot has this name now", now);
+  }
+  for (const Renamed& one : renamed) leave_name(*one.session, now);
+  for (const Renamed& one : renamed) enter_name(one, now);
+}
+
+void Renaming::leave_name(ClientSession& session, TimePoint now) {
+  if (session.reported_presence) lifecycle_.report_presence(session, Presence::offline, now);
+  subscriptions_.suspend(session);
+  if (std::exchange(session.note_hash, 0) != 0)
+    output_.emit(NoteChanged{Mesh::thread, session.robot, {}});
+}
+
+void Renaming::enter_name(const Renamed& renamed, TimePoint now) {
+  ClientSession& session = *renamed.session;
+  rename_topics(rules_.policy.scheme(), session, session.robot, renamed.robot);
+  clients_.rename(session, renamed.robot);
+  subscriptions_.resume(session, now);
+  if (std::exchange(session.reported_presence, std::nullopt))
+    lifecycle_.report_presence(session, presence_of(session.state()), now);
+  output_.mark_changed(session);
 }
 
 }  // namespace slamgw::mqttsn

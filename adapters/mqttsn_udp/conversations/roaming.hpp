@@ -12,6 +12,9 @@
 #include <vector>
 
 #include "adapters/mqttsn_udp/clients/client_table.hpp"
+#include "adapters/mqttsn_udp/clients/session_snapshot.hpp"
+#include "adapters/mqttsn_udp/conversations/connecting.hpp"
+#include "adapters/mqttsn_udp/conversations/lifecycle.hpp"
 #include "adapters/mqttsn_udp/name_rules.hpp"
 #include "adapters/mqttsn_udp/output.hpp"
 
@@ -55,6 +58,102 @@ class Roaming {
   Output& output_;
   ServedElsewhere served_elsewhere_ = [](const std::string&) { return false; };
   std::deque<WaitingConnect> waiting_;  // in the order they came; at most max_waiting_connects
+};
+
+// What another gateway needs to go on with the session of a client that keeps it (CleanSession 0):
+// reported whenever it changes, a little later, so that what a client sets up together is one note.
+
+class Notes {
+ public:
+  Notes(const ClientTable& clients, Output& output) : clients_(clients), output_(output) {}
+
+  std::optional<TimePoint> deadline() const;
+  void on_deadline(TimePoint now);
+
+ private:
+  void update(ClientSession& session, TimePoint now);
+
+  const ClientTable& clients_;
+  Output& output_;
+  std::optional<TimePoint> due_;  // nothing: no change was seen since the last notes
+};
+
+// A session leaves the machine as a snapshot and goes on from one: over a restart of the daemon, or
+// from another gateway's note (R47; docs/topics.md, promise 7).
+
+class Restoring {
+ public:
+  Restoring(const NameRules& rules, ClientTable& clients, Output& output,
+            Subscriptions& subscriptions, CommandWatch& commands, Downlink& downlink,
+            Lifecycle& lifecycle, const Connecting& connecting, Supervision& supervision)
+      : rules_(rules),
+        clients_(clients),
+        output_(output),
+        subscriptions_(subscriptions),
+        commands_(commands),
+        downlink_(downlink),
+        lifecycle_(lifecycle),
+        connecting_(connecting),
+        supervision_(supervision) {}
+
+  /// Nothing: there is no such session (any more).
+  std::optional<SessionSnapshot> snapshot(const std::string& client_id, TimePoint now) const;
+  /// The client goes on as if nothing had happened. False when it can't be taken (known already, no
+  /// room, or its client id is now another robot's name); its commands are refused then.
+  bool restore(const SessionSnapshot& snapshot, TimePoint now);
+
+  /// Of a note from before a restart: it may have been changed by another gateway since, so only a
+  /// change here is a reason for a new one.
+  static constexpr std::uint64_t unknown_note_hash = 1;
+
+ private:
+  void adopt_commands(const Delivery& delivery);
+  void refuse_commands(const SessionSnapshot& snapshot, TimePoint now);
+
+  const NameRules& rules_;
+  ClientTable& clients_;
+  Output& output_;
+  Subscriptions& subscriptions_;
+  CommandWatch& commands_;
+  Downlink& downlink_;
+  Lifecycle& lifecycle_;
+  const Connecting& connecting_;
+  Supervision& supervision_;
+};
+
+// The configuration gives robots other names while their clients are connected: each session goes
+// on under the new name, unnoticed by its client.
+
+class Renaming {
+ public:
+  Renaming(const NameRules& rules, ClientTable& clients, Output& output,
+           Subscriptions& subscriptions, Lifecycle& lifecycle, const Connecting& connecting)
+      : rules_(rules),
+        clients_(clients),
+        output_(output),
+        subscriptions_(subscriptions),
+        lifecycle_(lifecycle),
+        connecting_(connecting) {}
+
+  /// NameRules has new names. Disconnects a client whose id is now another robot's name.
+  void on_names(TimePoint now);
+
+ private:
+  /// A session, and what its robot is called from now on.
+  struct Renamed {
+    ClientSession* session = nullptr;
+    std::string robot;
+  };
+
+  void leave_name(ClientSession& session, TimePoint now);
+  void enter_name(const Renamed& renamed, TimePoint now);
+
+  const NameRules& rules_;
+  ClientTable& clients_;
+  Output& output_;
+  Subscriptions& subscriptions_;
+  Lifecycle& lifecycle_;
+  const Connecting& connecting_;
 };
 
 }  // namespace slamgw::mqttsn

@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <utility>
 
-#include "adapters/mqttsn_udp/clients/message_ids.hpp"
+#include "adapters/mqttsn_udp/clients/delivery.hpp"
 #include "adapters/mqttsn_udp/conversations/own_names.hpp"
 #include "adapters/mqttsn_udp/limits.hpp"
 

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "adapters/mqttsn_udp/clients/client_table.hpp"
+#include "adapters/mqttsn_udp/conversations/answers.hpp"
 #include "adapters/mqttsn_udp/conversations/refusals.hpp"
 #include "adapters/mqttsn_udp/name_rules.hpp"
 #include "adapters/mqttsn_udp/output.hpp"
@@ -74,6 +75,28 @@ class Uplink {
   std::unordered_map<std::uint64_t, Open, std::hash<std::uint64_t>, std::equal_to<>,
                      RecyclingAllocator<std::pair<const std::uint64_t, Open>>>
       open_;  // bounded by max_open_receipts for each client
+};
+
+// REGISTER from clients (MQTT-SN 1.2 section 6.5). TopicRegistration is the other way round.
+
+class InboundRegistration {
+ public:
+  InboundRegistration(const NameRules& rules, Output& output, Answers& answers, Uplink& uplink,
+                      Refusals& refusals)
+      : rules_(rules), output_(output), answers_(answers), uplink_(uplink), refusals_(refusals) {}
+
+  void on_register(ClientSession& session, const Register& request, TimePoint now);
+
+ private:
+  bool may_listen_to(const ClientSession& session, const std::string& topic) const;
+  std::string own_root(const ClientSession& session) const;
+  bool makes_too_many_types(ClientSession& session, const std::string& topic, TimePoint now);
+
+  const NameRules& rules_;
+  Output& output_;
+  Answers& answers_;
+  Uplink& uplink_;
+  Refusals& refusals_;
 };
 
 }  // namespace slamgw::mqttsn

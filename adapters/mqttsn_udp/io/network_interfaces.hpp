@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "adapters/mqttsn_udp/protocol/ip_address.hpp"
+#include "adapters/mqttsn_udp/protocol/endpoint.hpp"
 
 namespace slamgw::mqttsn {
 

@@ -4,12 +4,75 @@
 #include <arpa/inet.h>
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <functional>
 #include <string_view>
 
 #include "daemon/core/bytes.hpp"
 
 namespace slamgw::mqttsn {
+
+namespace {
+
+constexpr std::ptrdiff_t prefix_octets = 8;  // of Thread's mesh-local prefix
+
+bool has_link_local_scope(const IpAddress& to) {
+  constexpr std::uint8_t link_local_scope = 2;  // RFC 4291 section 2.7
+  return to[0] == 0xff ? (to[1] & 0x0f) == link_local_scope : is_link_local(to);
+}
+
+/// Of the prefix that the locators have too: an endpoint identifier.
+bool is_mesh_local(const IpAddress& address, const std::vector<IpAddress>& candidates) {
+  return std::any_of(candidates.begin(), candidates.end(), [&](const IpAddress& other) {
+    return is_thread_locator(other) && !is_link_local(other) &&
+           std::equal(other.begin(), other.begin() + prefix_octets, address.begin());
+  });
+}
+
+/// Leading octets in common: enough to prefer the client's own prefix.
+std::ptrdiff_t common_octets(const IpAddress& a, const IpAddress& b) {
+  return std::mismatch(a.begin(), a.end(), b.begin()).first - a.begin();
+}
+
+}  // namespace
+
+bool is_ipv4(const IpAddress& address) {
+  constexpr std::array<std::uint8_t, 12> prefix = {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0xff, 0xff};
+  return std::equal(prefix.begin(), prefix.end(), address.begin());
+}
+
+bool is_multicast(const IpAddress& address) {
+  return address[0] == 0xff || (is_ipv4(address) && (address[12] & 0xf0) == 0xe0) ||
+         (is_ipv4(address) && address[12] == 0xff);  // 255.255.255.255
+}
+
+bool is_link_local(const IpAddress& address) {
+  return address[0] == 0xfe && (address[1] & 0xc0) == 0x80;
+}
+
+bool is_thread_locator(const IpAddress& address) {
+  constexpr std::array<std::uint8_t, 6> locator = {0, 0, 0, 0xff, 0xfe, 0};
+  return std::equal(locator.begin(), locator.end(), address.begin() + 8);
+}
+
+std::optional<IpAddress> choose_source(const std::vector<IpAddress>& candidates,
+                                       const IpAddress& to) {
+  const auto rank = [&](const IpAddress& candidate) {
+    const bool is_preferred = is_multicast(to) && is_mesh_local(candidate, candidates);
+    return is_preferred ? std::ptrdiff_t{17} : common_octets(candidate, to);
+  };
+  std::optional<IpAddress> best;
+  bool has_locator = false;
+  for (const IpAddress& candidate : candidates) {
+    has_locator |= is_thread_locator(candidate) && !is_link_local(candidate);
+    const bool fits = is_ipv4(candidate) == is_ipv4(to) && !is_thread_locator(candidate) &&
+                      is_link_local(candidate) == has_link_local_scope(to);
+    if (fits && (!best || rank(candidate) > rank(*best))) best = candidate;
+  }
+  if (!best && (!has_locator || is_ipv4(to) || has_link_local_scope(to))) return IpAddress{};
+  return best;
+}
+
 namespace {
 
 std::string address_text(const Endpoint& endpoint) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What a subscription is charged is what it takes: here and in the robot's session at the broker.
-#include "adapters/mqttsn_udp/clients/name_budget.hpp"
+#include "adapters/mqttsn_udp/clients/topic_table.hpp"
 
 #include <gtest/gtest.h>
 #include <malloc.h>

@@ -4,8 +4,8 @@
 
 #include <algorithm>
 
-#include "adapters/mqttsn_udp/clients/name_budget.hpp"
 #include "adapters/mqttsn_udp/clients/session_codec.hpp"
+#include "adapters/mqttsn_udp/clients/topic_table.hpp"
 #include "adapters/mqttsn_udp/limits.hpp"
 #include "tests/mqttsn_udp/sn_rig.hpp"
 

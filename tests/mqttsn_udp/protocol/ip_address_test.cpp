@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "adapters/mqttsn_udp/protocol/ip_address.hpp"
+#include "adapters/mqttsn_udp/protocol/endpoint.hpp"
 
 #include <gtest/gtest.h>
 
