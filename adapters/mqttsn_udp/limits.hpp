@@ -58,6 +58,11 @@ constexpr unsigned min_counted_ids = 4;
 constexpr std::size_t max_handshakes = 1024;
 /// A stored session may make room for another client after so long without a word.
 constexpr std::chrono::hours min_absence{24};
+/// A client that says nothing after its CONNECT for so long may have to give way. Real ones
+/// register, subscribe or publish at once.
+constexpr std::chrono::seconds crowd_patience{10};
+/// Clients that give way together, so that all are looked through only now and then.
+constexpr std::size_t crowd_step = 64;
 /// T_WAIT, "more than 5 minutes": how long a client that said "congestion" is left alone.
 constexpr std::chrono::seconds t_wait{310};
 /// Changed sessions that were not written yet.

@@ -45,7 +45,7 @@ SnGateway::SnGateway(Settings settings, TopicPolicy policy, RobotNames names, Ra
       answers_(settings_, output_),
       subscriptions_(rules_, clients_, output_, answers_, refusals_),
       commands_(rules_, clients_, output_),
-      downlink_(settings_, rules_, output_, subscriptions_, commands_, std::move(random)),
+      downlink_(settings_, rules_, clients_, output_, subscriptions_, commands_, std::move(random)),
       uplink_(settings_, rules_, clients_, output_, refusals_),
       registration_(rules_, output_, answers_, uplink_, refusals_),
       wills_(rules_, output_, refusals_),
@@ -327,6 +327,11 @@ std::vector<WaitingMessage> SnGateway::give_up(const std::string& robot, TimePoi
       unsent.push_back({std::move(message.message), message.command});
   }
   return unsent;
+}
+
+void SnGateway::forget(const std::string& robot, TimePoint now) {
+  if (ClientSession* session = clients_.find_robot(robot))
+    lifecycle_.expel(*session, "an operator had the robot forgotten", now);
 }
 
 void SnGateway::on_note(const std::string& robot, ByteView note, TimePoint now) {

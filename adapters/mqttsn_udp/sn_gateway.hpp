@@ -61,6 +61,8 @@ class SnGateway {
   /// nothing about it is asked of the broker. Returns what was never on the air; commands that were
   /// end as `timeout`.
   std::vector<WaitingMessage> give_up(const std::string& robot, TimePoint now);
+  /// Ends the session of a robot that an operator does not want to see any more.
+  void forget(const std::string& robot, TimePoint now);
   /// Answers NoteRequest: what the robot's former gateway knew, empty for nothing.
   void on_note(const std::string& robot, ByteView note, TimePoint now);
 

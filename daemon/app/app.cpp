@@ -362,6 +362,7 @@ OrderAnswer App::forget(const std::string& robot) {
   const bool was_known = gateway_.registry().find(robot) != nullptr;
   const std::string problem = gateway_driver_->forget(robot);
   if (!problem.empty()) return {{}, problem};
+  meshes_.each(&MeshAdapter::forget, robot);
   log_event(Severity::notice, fmt::format("{} is forgotten, as an operator asked", robot));
   return {nlohmann::json{{"forgotten", robot}, {"was_known", was_known}}.dump(), {}};
 }

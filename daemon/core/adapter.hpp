@@ -48,6 +48,8 @@ class MeshAdapter {
   /// without a PresenceChange. Returns what has not been on the air yet; commands that were end as
   /// `timeout`.
   virtual std::vector<WaitingMessage> give_up(const std::string& /*robot*/) { return {}; }
+  /// What is kept of a robot that is offline goes, as an operator asked.
+  virtual void forget(const std::string& /*robot*/) {}
   /// Answers NoteRequest; empty when there is no note.
   virtual void on_note(const std::string& /*robot*/, ByteView /*note*/) {}
   /// The link to the broker came or went.

@@ -175,6 +175,7 @@ class Gateway {
   void handle(Report report, const Now& now);
   void handle(PresenceChange change, const Now& now);
   void handle(SignOfLife sign, const Now& now);
+  void handle(SessionEvicted evicted, const Now&) { forget(evicted.robot); }
   void handle(CommandOutcome outcome, const Now& now);
   void handle(LinkChange change, const Now& now);
   void handle(MeshStep step, const Now& now);

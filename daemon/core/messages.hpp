@@ -143,6 +143,11 @@ struct SessionCleaned {
   RequiredMesh mesh;
   std::string robot;
 };
+/// The mesh ended the session of a robot that is offline, to make room: nothing is kept of it.
+struct SessionEvicted {
+  RequiredMesh mesh;
+  std::string robot;
+};
 /// What another gateway needs to go on with the robot's session there; kept at the broker,
 /// retained. Empty when there is nothing to go on with.
 struct NoteChanged {
@@ -248,8 +253,8 @@ struct Notice {
 
 /// What a mesh's machine reports to the core.
 using MeshEvent = std::variant<Report, PresenceChange, SignOfLife, SubscribeRequest,
-                               UnsubscribeRequest, SessionCleaned, NoteChanged, NoteRequest,
-                               CommandOutcome, LinkChange, MeshStep, Notice>;
+                               UnsubscribeRequest, SessionCleaned, SessionEvicted, NoteChanged,
+                               NoteRequest, CommandOutcome, LinkChange, MeshStep, Notice>;
 
 /// A named counter for `stats` and `slam-gatewayctl status`; names are snake_case and stable.
 struct Counter {

@@ -204,6 +204,7 @@ void SnRig::take(MeshEvent& event) {
                    filters.erase(e.robot);
                    cleaned.push_back(std::move(e));
                  },
+                 [&](SessionEvicted& e) { evicted.push_back(std::move(e)); },
                  [&](NoteChanged& e) { notes.push_back(std::move(e)); },
                  [&](NoteRequest& e) { note_requests.push_back(std::move(e)); },
                  [&](CommandOutcome& e) { outcomes.push_back(std::move(e)); },

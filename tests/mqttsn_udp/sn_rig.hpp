@@ -71,6 +71,7 @@ class SnRig {
   std::vector<SubscribeRequest> subscribes;
   std::vector<UnsubscribeRequest> unsubscribes;
   std::vector<SessionCleaned> cleaned;
+  std::vector<SessionEvicted> evicted;
   std::vector<NoteChanged> notes;
   std::vector<NoteRequest> note_requests;
   /// What the robots' sessions at the broker have.

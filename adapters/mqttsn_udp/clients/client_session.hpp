@@ -68,6 +68,8 @@ class ClientSession {
   std::optional<Peer> peer;
   LocalAddress local;
   bool is_clean = true;
+  /// To something that only the owner of its address can have read; without it gives way first.
+  bool has_answered = false;
   bool uses_client_id = false;  ///< renamed, and calls its own topics by its client id
   std::chrono::seconds keep_alive{0};
   std::chrono::seconds sleep_duration{0};

@@ -11,6 +11,7 @@
 #include <string_view>
 #include <unordered_map>
 #include <utility>
+#include <vector>
 
 #include "adapters/mqttsn_udp/clients/client_session.hpp"
 #include "daemon/core/time.hpp"
@@ -89,6 +90,11 @@ class ClientTable {
   void set_needed(ClientSession& session);
   ClientSession* evictable(TimePoint now);
   bool has_room(TimePoint now) const;
+  void set_answered(ClientSession& session);
+  /// Who gives way to `peer` when nobody has left: clients that have not answered yet. First those
+  /// that said nothing after their CONNECT; then those of the address, or the /64, that has at
+  /// least two more of them than the one of `peer`. The longest silent come first; some at a time.
+  std::vector<ClientSession*> crowd(const Peer& peer, TimePoint now) const;
 
   const std::unordered_map<std::string, std::shared_ptr<ClientSession>>& all() const {
     return by_id_;
@@ -96,6 +102,7 @@ class ClientTable {
 
  private:
   std::size_t max_clients_;
+  std::size_t answered_ = 0;  // sessions that have answered
   TopicIdOf topic_ids_;
   NameBudget names_;  // outlives the sessions
   std::unordered_map<std::string, std::shared_ptr<ClientSession>> by_id_;

@@ -166,6 +166,7 @@ SessionSnapshot to_session(const Json& json) {
                            std::chrono::milliseconds(repeat.at(3).get<std::uint32_t>())});
   }
   out.last_msg_id = json.at("last_msg_id");
+  out.has_answered = json.at("answered");
   out.is_validated = !json.contains("allowance");
   out.allowance = json.value("allowance", 0U);
   out.uses_client_id = json.at("uses_client_id");
@@ -282,6 +283,7 @@ Bytes encode_session(const SessionSnapshot& snapshot) {
   write_all(out, "inbound_qos2", snapshot.inbound_qos2);
   write_all(out, "repeats", snapshot.repeats);
   out.write("last_msg_id", snapshot.last_msg_id);
+  out.write("answered", snapshot.has_answered);
   if (!snapshot.is_validated) out.write("allowance", snapshot.allowance);
   if (snapshot.saved_at)
     out.write(

@@ -84,6 +84,7 @@ SessionSnapshot to_snapshot(const ClientSession& session, TimePoint now) {
   out.peer = session.peer;
   out.local = session.local;
   out.is_clean = session.is_clean;
+  out.has_answered = session.has_answered;
   out.uses_client_id = session.uses_client_id;
   out.keep_alive = session.keep_alive;
   out.sleep_duration = session.sleep_duration;

@@ -50,6 +50,7 @@ struct SessionSnapshot {
   bool is_validated = true;     ///< its address has shown that it receives
   std::uint32_t allowance = 0;  ///< else: octets that may be sent there
   bool is_clean = true;
+  bool has_answered = false;
   bool uses_client_id = false;
   std::chrono::seconds keep_alive{0};
   std::chrono::seconds sleep_duration{0};

@@ -31,7 +31,7 @@ void Connecting::on_connect(const Peer& peer, const LocalAddress& local, const C
     return output_.send(session, Connack{ReturnCode::accepted});
   }
   const bool is_known = clients_.find(connect.client_id) != nullptr;
-  if (!is_known && !clients_.has_room(now)) return refuse_for_room(peer, local, now);
+  if (!is_known && !lifecycle_.make_room(peer, now)) return refuse_for_room(peer, local, now);
   Attempt attempt{local, connect, std::move(*robot), fingerprint, Stage::topic, {}, 0, {}};
   if (connect.will) return begin(peer, std::move(attempt), now);
   if (is_open(peer)) take(peer);
@@ -178,7 +178,7 @@ void Connecting::complete(const Peer& peer, const Attempt& attempt, std::optiona
   ClientSession* session = clients_.find(connect.client_id);
   const bool begins_anew = connect.clean_session || (session && !can_resume(*session));
   if (!session) {
-    if (!lifecycle_.make_room(now)) return refuse_for_room(peer, attempt.local, now);
+    if (!lifecycle_.make_room(peer, now)) return refuse_for_room(peer, attempt.local, now);
     session = &clients_.create(connect.client_id, *robot);
   }
   if (session->state() == ClientState::active && session->peer && *session->peer != peer)

@@ -71,10 +71,12 @@ std::string why_unsent(const ClientSession& session, const Outgoing& waiting, bo
 
 }  // namespace
 
-Downlink::Downlink(const Settings& settings, const NameRules& rules, Output& output,
-                   Subscriptions& subscriptions, CommandWatch& commands, RandomSource random)
+Downlink::Downlink(const Settings& settings, const NameRules& rules, ClientTable& clients,
+                   Output& output, Subscriptions& subscriptions, CommandWatch& commands,
+                   RandomSource random)
     : settings_(settings),
       rules_(rules),
+      clients_(clients),
       output_(output),
       subscriptions_(subscriptions),
       commands_(commands),
@@ -249,9 +251,10 @@ void Downlink::on_address(ClientSession& session) {
 }
 
 /// The client has read a MsgId that was sent to this address and to no other.
-void Downlink::on_answer(const ClientSession& session, std::uint16_t msg_id) {
-  if (session.peer && is_since_restart(session.delivery, msg_id))
-    output_.validation.validate(session.peer->endpoint.address);
+void Downlink::on_answer(ClientSession& session, std::uint16_t msg_id) {
+  if (!session.peer || !is_since_restart(session.delivery, msg_id)) return;
+  output_.validation.validate(session.peer->endpoint.address);
+  clients_.set_answered(session);
 }
 
 void Downlink::learn_from_answer(ClientSession& session, std::uint16_t msg_id, TimePoint now) {

@@ -21,7 +21,7 @@ namespace slamgw::mqttsn {
 
 class Downlink {
  public:
-  Downlink(const Settings& settings, const NameRules& rules, Output& output,
+  Downlink(const Settings& settings, const NameRules& rules, ClientTable& clients, Output& output,
            Subscriptions& subscriptions, CommandWatch& commands, RandomSource random);
 
   /// Takes the message, or says why not. `pump()` sends it.
@@ -74,7 +74,7 @@ class Downlink {
   bool may_send(const ClientSession& session) const;
   bool is_within_allowance(const ClientSession& session, const Outgoing& outgoing) const;
   void learn_from_answer(ClientSession& session, std::uint16_t msg_id, TimePoint now);
-  void on_answer(const ClientSession& session, std::uint16_t msg_id);
+  void on_answer(ClientSession& session, std::uint16_t msg_id);
   bool send_next(ClientSession& session, TimePoint now);
   void resume_withheld(ClientSession& session, TimePoint now);
   void publish(ClientSession& session, Outgoing outgoing, TimePoint now);
@@ -95,6 +95,7 @@ class Downlink {
 
   const Settings& settings_;
   const NameRules& rules_;
+  ClientTable& clients_;
   Output& output_;
   Subscriptions& subscriptions_;
   CommandWatch& commands_;

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "adapters/mqttsn_udp/conversations/lifecycle.hpp"
 
+#include <fmt/format.h>
+
 #include <utility>
 #include <vector>
 
@@ -35,7 +37,8 @@ void Lifecycle::enter(ClientSession& session, ClientState state, TimePoint now) 
     case ClientState::disconnected:
     case ClientState::lost: break;
   }
-  const Duration kept = session.is_clean ? Duration::zero() : Duration(limits::min_absence);
+  const bool gives_way = session.is_clean || !session.has_answered;
+  const Duration kept = gives_way ? Duration::zero() : Duration(limits::min_absence);
   clients_.set_evictable(session, now + kept);
   if (session.reported_presence) report_presence(session, Presence::offline, now);
 }
@@ -75,12 +78,33 @@ void Lifecycle::clean(ClientSession& session, const std::string& why, TimePoint 
   downlink_.drop_all(session, why, now);
 }
 
-bool Lifecycle::make_room(TimePoint now) {
+bool Lifecycle::make_room(const Peer& peer, TimePoint now) {
   while (clients_.is_full()) {
     ClientSession* gone = clients_.evictable(now);
-    if (!gone) return false;
+    if (!gone) break;
     output_.count(Count::clients_evicted);
+    const bool has_answered = gone->has_answered;
+    const std::string robot = gone->robot;
     forget(*gone, "the robot's session made room for another", now);
+    if (!has_answered) output_.emit(SessionEvicted{Mesh::thread, robot});
+  }
+  if (!clients_.is_full()) return true;
+  const std::vector<ClientSession*> crowd = clients_.crowd(peer, now);
+  if (crowd.empty()) return false;
+  if (crowd_lines_.on_event(now))
+    output_.emit(Notice{
+        Severity::warning,
+        fmt::format("mqttsn.max_clients ({}) is reached; clients that have not shown that they "
+                    "receive give way, first '{}' at {}",
+                    settings_.max_clients, crowd.front()->client_id,
+                    to_string(*crowd.front()->peer)),
+        {}});
+  for (ClientSession* session : crowd) {
+    output_.count(Count::clients_evicted);
+    output_.send(*session, Disconnect{});
+    const std::string robot = session->robot;
+    expel(*session, "the robot's session made room for another", now);
+    output_.emit(SessionEvicted{Mesh::thread, robot});
   }
   return true;
 }

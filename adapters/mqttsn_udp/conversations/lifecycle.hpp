@@ -46,8 +46,9 @@ class Lifecycle {
   /// Another gateway serves the robot: its session ends without a will and without a word. Returns
   /// what was never on the air.
   std::vector<WaitingMessage> give_up(ClientSession& session, TimePoint now);
-  /// A place for a new client, by forgetting the longest gone; false when there is none.
-  bool make_room(TimePoint now);
+  /// A place for a new client at `peer`, by forgetting the longest gone, then who has not shown
+  /// that it receives (ClientTable::crowd); false when there is none.
+  bool make_room(const Peer& peer, TimePoint now);
 
   void report_presence(ClientSession& session, Presence presence, TimePoint now);
 
@@ -63,6 +64,7 @@ class Lifecycle {
   Downlink& downlink_;
   Uplink& uplink_;
   Wills& wills_;
+  LogThrottle crowd_lines_;
 };
 
 // Sleeping clients (MQTT-SN 1.2 section 6.14): a client falls asleep, wakes by its PINGREQ, gets

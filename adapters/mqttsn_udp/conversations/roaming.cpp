@@ -129,6 +129,7 @@ bool Restoring::restore(const SessionSnapshot& snapshot, TimePoint now) {
     return false;
   }
   ClientSession& session = clients_.create(snapshot.client_id, *robot);
+  if (snapshot.has_answered) clients_.set_answered(session);
   apply(snapshot, session, now);
   if (*robot != snapshot.robot)
     rename_topics(rules_.policy.scheme(), session, snapshot.robot, *robot);

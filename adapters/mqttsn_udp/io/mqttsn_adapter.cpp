@@ -127,6 +127,8 @@ std::vector<WaitingMessage> MqttsnAdapter::give_up(const std::string& robot) {
   return driver_->give_up(robot, read_clocks());
 }
 
+void MqttsnAdapter::forget(const std::string& robot) { driver_->forget(robot, read_clocks()); }
+
 void MqttsnAdapter::on_note(const std::string& robot, ByteView note) {
   driver_->on_note(robot, note, read_clocks());
 }

@@ -34,6 +34,7 @@ class MqttsnAdapter final : public MeshShell<SnGateway> {
   void stop_listening() override;
   void stop() override;
   std::vector<WaitingMessage> give_up(const std::string& robot) override;
+  void forget(const std::string& robot) override;
   void on_note(const std::string& robot, ByteView note) override;
   Counters counters() const override;
 

@@ -11,20 +11,20 @@ namespace {
 
 using std::chrono::seconds;
 
-const std::string cmd = "ntnu-slam/server/r1/cmd";
+const std::string r1_command = "ntnu-slam/server/r1/cmd";
 const std::string others = "ntnu-slam/robot/+/update";
 
 /// Subscribed to its commands by name and to everybody's updates; it never answers a REGISTER.
 struct DeafRig : SnRig {
   explicit DeafRig(bool clean = true) {
     connect(1, "r1", clean, 6000);
-    subscribe(1, cmd, 1);
+    subscribe(1, r1_command, 1);
     subscribe(1, others, 1);
   }
   /// One more command; whether it is published at once.
   bool command_arrives() {
     sent_to(1);
-    broker(cmd, "go", 1);
+    broker(r1_command, "go", 1);
     for (const std::string& line : sent_to(1)) {
       if (!line.starts_with("PUBLISH")) continue;
       const auto publish = std::get<Publish>(*decode(datagrams.back().bytes));
@@ -130,10 +130,10 @@ TEST(SnGateway, ForgetsPausesWhenTheClientConnectsAgain) {
 TEST(SnGateway, KeepsTheOrderOfCommandsBehindAPromptRegister) {
   SnRig rig;
   rig.connect(1, "r1", true, 600);
-  rig.subscribe(1, cmd, 1);
+  rig.subscribe(1, r1_command, 1);
   rig.subscribe(1, "ntnu-slam/server/r1/+", 1);
   rig.broker("ntnu-slam/server/r1/run", "stop", 1);
-  rig.broker(cmd, "1,1", 1);
+  rig.broker(r1_command, "1,1", 1);
   EXPECT_EQ(rig.sent_to(1), Lines{"REGISTER id=2 msg=1 topic=ntnu-slam/server/r1/run"});
   rig.send(1, Regack{2, 1, ReturnCode::accepted});
   rig.send(1, Puback{2, 2, ReturnCode::accepted});
@@ -154,9 +154,9 @@ TEST(SnGateway, SaysNoAcknowledgementOnlyOfWhatWasTransmitted) {
 
   SnRig second;
   second.connect(1, "r1", true, 6000);
-  second.subscribe(1, cmd, 1);
-  second.broker(cmd, "1", 1);
-  second.broker(cmd, "2", 1);
+  second.subscribe(1, r1_command, 1);
+  second.broker(r1_command, "1", 1);
+  second.broker(r1_command, "2", 1);
   second.pass_s(30);
   ASSERT_EQ(second.outcomes.size(), 2U);
   EXPECT_EQ(second.outcomes[0].why, "no acknowledgement");
@@ -168,9 +168,9 @@ TEST(SnGateway, NeverSendsACommandAfterItsTimeout) {
     for (const bool clean : {true, false}) {
       SnRig rig;
       rig.connect(1, "r1", clean, 6000);
-      rig.subscribe(1, cmd, qos);
-      rig.broker(cmd, "1", qos);
-      rig.broker(cmd, "2", qos);
+      rig.subscribe(1, r1_command, qos);
+      rig.broker(r1_command, "1", qos);
+      rig.broker(r1_command, "2", qos);
       rig.pass_s(30);
       EXPECT_EQ(rig.outcomes.size(), 2U);
       EXPECT_EQ(rig.gateway.queued_for("r1"), 0U);
@@ -189,13 +189,13 @@ TEST(SnGateway, NeverSendsACommandAfterItsTimeout) {
 TEST(SnGateway, SendsTheRestWhileAPubrelStaysUnanswered) {
   SnRig rig;
   rig.connect(1, "r1", true, 6000);
-  rig.subscribe(1, cmd, 2);
-  rig.broker(cmd, "1", 2);
+  rig.subscribe(1, r1_command, 2);
+  rig.broker(r1_command, "1", 2);
   rig.send(1, Pubrec{1});
   ASSERT_EQ(rig.outcomes.size(), 1U) << "with PUBREC the robot has it";
   EXPECT_EQ(rig.outcomes[0].result, CommandResult::delivered);
   rig.sent_to(1);
-  rig.broker(cmd, "2", 2);
+  rig.broker(r1_command, "2", 2);
   EXPECT_TRUE(rig.is_silent(1)) << "the PUBCOMP can come any moment";
   rig.pass(RetransmissionTimeout::shortest);
   EXPECT_EQ(rig.sent_to(1),
@@ -205,9 +205,9 @@ TEST(SnGateway, SendsTheRestWhileAPubrelStaysUnanswered) {
 TEST(SnGateway, IsNotHeldByAClientThatAnswersPubrelWithPubrec) {
   SnRig rig;
   rig.connect(1, "r1", true, 6000);
-  rig.subscribe(1, cmd, 2);
-  rig.broker(cmd, "1", 2);
-  rig.broker(cmd, "2", 2);
+  rig.subscribe(1, r1_command, 2);
+  rig.broker(r1_command, "1", 2);
+  rig.broker(r1_command, "2", 2);
   rig.sent_to(1);
   rig.send(1, Pubrec{1});
   rig.send(1, Pubrec{1});
@@ -237,14 +237,14 @@ TEST(SnGateway, TakesALateAcknowledgementOfWhatItHasPutBack) {
 TEST(SnGateway, SparesAKeptSessionAMessageThatItNeverAcknowledges) {
   SnRig rig;
   rig.connect(1, "r1", false, 6000);
-  rig.subscribe(1, cmd, 1);
+  rig.subscribe(1, r1_command, 1);
   rig.subscribe(1, "a/x", 1);
   rig.broker("a/x", "poison", 1);
   unsigned delivered = 0;
   for (int i = 0; i < 600; ++i) {
     rig.pass_s(1);
     rig.send(1, Pingreq{});
-    if (i % 60 == 0) rig.broker(cmd, "go", 1);
+    if (i % 60 == 0) rig.broker(r1_command, "go", 1);
     while (!rig.datagrams.empty()) {
       const Packet packet = *decode(rig.datagrams.back().bytes);
       rig.datagrams.pop_back();

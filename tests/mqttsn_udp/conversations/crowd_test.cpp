@@ -1,0 +1,118 @@
+// SPDX-License-Identifier: Apache-2.0
+// Clients that have not shown that they receive give way to others when all places are taken.
+#include <gtest/gtest.h>
+
+#include <cstdio>
+
+#include "tests/mqttsn_udp/sn_rig.hpp"
+
+namespace slamgw::mqttsn {
+namespace {
+
+using std::to_string;
+
+Settings small() {
+  Settings settings;
+  settings.max_clients = 100;
+  return settings;
+}
+
+Connect connect(const std::string& id, std::uint16_t duration_s, bool is_clean = false) {
+  return {false, is_clean, 1, duration_s, id};
+}
+
+/// Takes all places from one address, as a client that never says anything else.
+void fill(SnRig& rig, unsigned from, std::uint16_t duration_s) {
+  for (unsigned i = 0; i < 120; ++i) rig.send(from, connect("x" + to_string(i), duration_s));
+  // Each of them was the client at that address until the next one came.
+  rig.sent_to(from);
+}
+
+/// As `fill`, behind a forwarder: each client has an address of its own.
+void fill_nodes(SnRig& rig, unsigned from, std::uint16_t duration_s) {
+  for (unsigned i = 0; i < 120; ++i) {
+    const std::string id = "x" + to_string(i);
+    rig.send_octets(from, encode_encapsulation(0, id, encode(connect(id, duration_s))));
+  }
+  rig.sent_to(from);
+}
+
+std::string answer_to_new(SnRig& rig, unsigned from) {
+  rig.sent_to(from);
+  rig.send(from, connect("honest", 60));
+  const Lines lines = rig.sent_to(from);
+  return lines.empty() ? "nothing" : lines.back();
+}
+
+TEST(Crowd, OfOneAddressGivesWayAtOnce) {
+  for (const std::uint16_t duration_s : {std::uint16_t{1}, std::uint16_t{60000}}) {
+    SnRig rig(small());
+    fill(rig, 9, duration_s);
+    EXPECT_EQ(answer_to_new(rig, 1), "CONNACK code=0") << duration_s;
+    SnRig nodes(small());
+    fill_nodes(nodes, 9, duration_s);
+    EXPECT_EQ(answer_to_new(nodes, 1), "CONNACK code=0") << duration_s;
+    EXPECT_GT(nodes.counter("clients_evicted"), 0U);
+    ASSERT_FALSE(nodes.evicted.empty());
+    EXPECT_EQ(nodes.gateway.presence_of(nodes.evicted.back().robot), std::nullopt);
+  }
+}
+
+TEST(Crowd, OfOneNetworkGivesWayToAnother) {
+  SnRig rig(small());
+  for (unsigned i = 0; i < 120; ++i) rig.send(10 + i, connect("x" + to_string(i), 60000));
+  EXPECT_EQ(answer_to_new(rig, 1), "nothing") << "of the same /64, whose clients are all alike";
+  EXPECT_EQ(answer_to_new(rig, SnRig::first_ipv4 + 1), "CONNACK code=0");
+}
+
+TEST(Crowd, ThatOnlyConnectsGivesWaySoon) {
+  SnRig rig(small());
+  for (unsigned i = 0; i < 120; ++i) rig.send(10 + i, connect("x" + to_string(i), 60000));
+  rig.pass_s(10);
+  EXPECT_EQ(answer_to_new(rig, 1), "CONNACK code=0");
+}
+
+TEST(Crowd, LeavesWhoHasAnswered) {
+  SnRig rig(small());
+  for (unsigned i = 0; i < 100; ++i) {
+    const std::string id = "r" + to_string(i);
+    rig.connect(10 + i, id, false, 60000);
+    rig.subscribe(10 + i, "a/" + id, 1);
+    rig.broker("a/" + id, "hi", 1);
+    const Lines lines = rig.sent_to(10 + i);
+    unsigned msg_id = 0;
+    unsigned topic = 0;
+    ASSERT_FALSE(lines.empty());
+    const std::size_t at = lines.back().find(" id=");
+    ASSERT_NE(at, std::string::npos) << lines.back();
+    ASSERT_EQ(std::sscanf(lines.back().c_str() + at, " id=%u msg=%u", &topic, &msg_id), 2);
+    rig.send(10 + i, Puback{static_cast<std::uint16_t>(topic), static_cast<std::uint16_t>(msg_id),
+                            ReturnCode::accepted});
+  }
+  rig.pass_s(60);
+  EXPECT_EQ(answer_to_new(rig, SnRig::first_ipv4 + 1), "nothing");
+  EXPECT_EQ(rig.counter("clients_evicted"), 0U);
+}
+
+TEST(Crowd, GivesWayAfterARestartToo) {
+  SnRig before(small());
+  fill_nodes(before, 9, 60000);
+  SnRig after(small());
+  for (unsigned i = 0; i < 120; ++i) {
+    if (const auto kept = before.gateway.snapshot("x" + to_string(i), before.now))
+      after.gateway.restore(*kept, after.now);
+  }
+  EXPECT_EQ(answer_to_new(after, 1), "CONNACK code=0");
+}
+
+TEST(Crowd, OfAForgottenRobotLeavesNothing) {
+  SnRig rig(small());
+  rig.connect(1, "r1", false);
+  rig.send(1, Disconnect{});
+  ASSERT_TRUE(rig.gateway.snapshot("r1", rig.now));
+  rig.gateway.forget("r1", rig.now);
+  EXPECT_FALSE(rig.gateway.snapshot("r1", rig.now));
+}
+
+}  // namespace
+}  // namespace slamgw::mqttsn
