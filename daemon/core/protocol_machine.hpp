@@ -38,7 +38,11 @@ using ActionOf = typename decltype(std::declval<Machine&>().next_action())::valu
 template <class Action>
 class ActionQueue {
  public:
-  void push(Action action) { actions_.push_back(std::move(action)); }
+  /// Made in place: g++ 12 warns of every variant that is made and then moved.
+  template <class Verb>
+  void push(Verb&& verb) {
+    actions_.emplace_back(std::forward<Verb>(verb));
+  }
 
   std::optional<Action> pop() {
     if (first_ == actions_.size()) return std::nullopt;
