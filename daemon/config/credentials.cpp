@@ -67,10 +67,16 @@ void report(const Located& located, const std::string& path, const std::string& 
 }
 
 bool is_guarded(const Located& located, const std::string& path, const FileText& file) {
-  if ((file.mode & others) == 0) return true;
-  report(located, path,
-         fmt::format("can be read or changed by others (mode {:04o}); type: sudo chmod o= {}",
-                     file.mode, path));
+  if ((file.mode & others) != 0)
+    report(located, path,
+           fmt::format("can be read or changed by others (mode {:04o}); type: sudo chmod o= {}",
+                       file.mode, path));
+  else if (!file.strange_owner.empty())
+    report(located, path,
+           fmt::format("belongs to {}, who can read and change it; type: sudo chown root {}",
+                       file.strange_owner, path));
+  else
+    return true;
   return false;
 }
 

@@ -11,7 +11,8 @@ namespace slamgw {
 
 struct FileText {
   std::string text;
-  unsigned mode = 0;  ///< permission bits, 0777
+  unsigned mode = 0;            ///< permission bits, 0777
+  std::string strange_owner{};  ///< neither root, nor the service's user, nor this process's
 };
 
 struct FileError {

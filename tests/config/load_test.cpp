@@ -2,6 +2,7 @@
 // Configuration from this host's disk, with real modes and real certificates.
 #include "daemon/config/io/load.hpp"
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <openssl/bio.h>
 #include <openssl/evp.h>
@@ -119,6 +120,38 @@ TEST_F(LoadConfig, RefusesCredentialsThatOthersCanRead) {
       "0604); type: sudo chmod o= c.json\n");
   write("c.json", R"({"username": "u", "password": "p"})", 0640);
   EXPECT_EQ(problems_of(text), "");
+}
+
+TEST_F(LoadConfig, RefusesCredentialsOfAStranger) {
+  if (geteuid() != 0) GTEST_SKIP() << "only root can give files away";
+  const std::string file = write("c.json", R"({"username": "u", "password": "p"})");
+  ASSERT_EQ(chown(file.c_str(), 65534, 0), 0);
+  EXPECT_EQ(problems_of(R"({"broker": {"credentials_file": "c.json"}})"),
+            "gateway.json:1: broker.credentials_file: c.json belongs to nobody, who can read and "
+            "change it; type: sudo chown root c.json\n");
+  ASSERT_EQ(chown(file.c_str(), 0, 65534), 0);
+  EXPECT_EQ(problems_of(R"({"broker": {"credentials_file": "c.json"}})"), "");
+}
+
+TEST_F(LoadConfig, RefusesAConfigurationThatOthersCanChange) {
+  for (const mode_t mode : {0646, 0602, 0666}) {
+    const Problems problems = load_config(write("g.json", "{}", mode)).problems;
+    ASSERT_EQ(problems.size(), 1U) << mode;
+    EXPECT_EQ(
+        to_string(problems[0]),
+        fmt::format("{}:1: file: can be changed by others (mode {:04o}); type: sudo chmod o-w "
+                    "{}",
+                    (directory_ / "g.json").string(), mode, (directory_ / "g.json").string()));
+  }
+  const std::string path = write("g.json", "{}", 0644);
+  const std::string site = directory_ / "g.d";
+  std::filesystem::create_directory(site);
+  EXPECT_TRUE(load_config(path).problems.empty());
+  write("g.d/a.json", "{}", 0646);
+  EXPECT_EQ(load_config(path).problems.at(0).file, site + "/a.json");
+  write("g.d/a.json", "{}", 0644);
+  chmod(site.c_str(), 0777);
+  EXPECT_EQ(load_config(path).problems.at(0).file, site) << "others can add a file to it";
 }
 
 TEST_F(LoadConfig, WarnsOfASecretThatOthersCanReadAndGoesOn) {

@@ -4,6 +4,9 @@
 #include "web/server/io/startup.hpp"
 
 #include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <unistd.h>
 
 #include <cstdlib>
 #include <filesystem>
@@ -57,6 +60,33 @@ TEST_F(WebStartup, RefusesATokenThatOthersCanRead) {
   }
   write("token", token, 0640);
   EXPECT_EQ(problem(), "");
+}
+
+TEST_F(WebStartup, RefusesATokenOfAStranger) {
+  if (geteuid() != 0) GTEST_SKIP() << "only root can give files away";
+  write("gateway.json", R"({"web": {"token_file": "token"}})");
+  write("token", token);
+  ASSERT_EQ(chown(path("token").c_str(), 65534, 0), 0);
+  EXPECT_NE(problem().find("belongs to nobody, who can read and change it; type: chown root"),
+            std::string::npos)
+      << problem();
+  EXPECT_EQ(load().token, "");
+}
+
+TEST_F(WebStartup, IsOpenToOtherHostsWithATokenOnly) {
+  for (const std::string listen : {"0.0.0.0:8321", "[::]:8321", "192.168.1.20:8321"}) {
+    write("gateway.json", R"({"web": {"listen": ")" + listen + "\"}}");
+    EXPECT_EQ(problem(), path("gateway.json") + ":1: web.listen: " + listen +
+                             " can be reached from other hosts, and no token protects the robots; "
+                             "set web.token_file, or use 127.0.0.1");
+    write("token", token);
+    write("gateway.json", R"({"web": {"token_file": "token", "listen": ")" + listen + "\"}}");
+    EXPECT_EQ(problem(), "");
+  }
+  for (const std::string listen : {"127.0.0.1:1", "127.3.0.1:1", "[::1]:1"}) {
+    write("gateway.json", R"({"web": {"listen": ")" + listen + "\"}}");
+    EXPECT_EQ(problem(), "");
+  }
 }
 
 TEST_F(WebStartup, RefusesWhatIsNoTokenAndNeverShowsIt) {

@@ -81,6 +81,23 @@ void warn_of_readable_secret(ParseResult& result, const SystemFiles& files) {
                    file->mode, path, path)});
 }
 
+/// Who may change the configuration commands robots and chooses the broker.
+std::string fault_of_rights(const std::string& path, unsigned mode) {
+  constexpr unsigned others_may_write = 0002;
+  if ((mode & others_may_write) == 0) return {};
+  return fmt::format("can be changed by others (mode {:04o}); type: sudo chmod o-w {}", mode, path);
+}
+
+/// In a directory that others may write, they can add a file.
+void refuse_open_directory(ParseResult& result, const std::string& configuration) {
+  const fs::path directory = site_directory(configuration);
+  std::error_code error;
+  const unsigned mode = static_cast<unsigned>(fs::status(directory, error).permissions());
+  if (const std::string fault = fault_of_rights(directory.string(), mode & 0777);
+      !error && !fault.empty())
+    result.problems.push_back({directory.string(), 1, "file", fault});
+}
+
 /// Root may read every file; the service, whose configuration this is, may not.
 void check_service_rights(ParseResult& result) {
   const auto check = [&result](const std::string& file, const Place& at, const std::string& key) {
@@ -108,11 +125,13 @@ void check_service_rights(ParseResult& result) {
 ParseResult load_parts(const std::string& path, const Surroundings& surroundings,
                        const SystemFiles& files) {
   std::vector<ConfigFile> parts;
-  ParseResult unread;
+  ParseResult first;  // problems of whole files
   for (const std::string& name : configuration_files(path)) {
     const auto file = files.read(name);
     if (file) {
       parts.push_back({name, file->text});
+      if (const std::string fault = fault_of_rights(name, file->mode); !fault.empty())
+        first.problems.push_back({name, 1, "file", fault});
       continue;
     }
     const bool has_gateway = surroundings.is_daemon || path != service_configuration;
@@ -124,12 +143,13 @@ ParseResult load_parts(const std::string& path, const Surroundings& surroundings
     if (name == path && file.error().is_missing)
       text += ", create it with: slam-gatewayd --print-config > " + path;
     const bool may_miss = name != path && file.error().is_denied && !surroundings.is_daemon;
-    (may_miss ? unread.warnings : unread.problems).push_back({name, 1, "file", std::move(text)});
+    (may_miss ? first.warnings : first.problems).push_back({name, 1, "file", std::move(text)});
   }
+  refuse_open_directory(first, path);
   ParseResult result;
   if (!parts.empty()) result = parse_config(parts, surroundings, files);
-  result.problems.insert(result.problems.begin(), unread.problems.begin(), unread.problems.end());
-  result.warnings.insert(result.warnings.begin(), unread.warnings.begin(), unread.warnings.end());
+  result.problems.insert(result.problems.begin(), first.problems.begin(), first.problems.end());
+  result.warnings.insert(result.warnings.begin(), first.warnings.begin(), first.warnings.end());
   return result;
 }
 
@@ -145,7 +165,7 @@ std::vector<std::string> configuration_files(const std::string& path) {
 }
 
 ParseResult load_config(const std::string& path) {
-  const SystemFiles files;
+  const SystemFiles files(service_user);
   ParseResult result = load_parts(path, read_surroundings(path), files);
   warn_of_readable_secret(result, files);
   warn_of_ignored_files(result, path);
@@ -156,7 +176,7 @@ ParseResult load_config(const std::string& path) {
 ParseResult load_shared_config(const std::string& path) {
   Surroundings surroundings = read_surroundings(path);
   surroundings.is_daemon = false;
-  return load_parts(path, surroundings, SystemFiles());
+  return load_parts(path, surroundings, SystemFiles(service_user));
 }
 
 std::optional<Credentials> load_credentials(const BrokerSettings& broker) {
@@ -165,7 +185,7 @@ std::optional<Credentials> load_credentials(const BrokerSettings& broker) {
   result.config.broker.credentials.reset();
   ConfigContext context;
   read_credentials(Located{result.config, result.places, context}, result,
-                   read_surroundings(service_configuration), SystemFiles());
+                   read_surroundings(service_configuration), SystemFiles(service_user));
   return context.problems.empty() ? result.config.broker.credentials : broker.credentials;
 }
 

@@ -6,6 +6,7 @@
 #include <openssl/err.h>
 #include <openssl/pem.h>
 #include <openssl/x509.h>
+#include <pwd.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -68,7 +69,7 @@ Result<FileText, FileError> SystemFiles::read(const std::string& path) const {
   struct stat status {};
   if (fstat(file.descriptor, &status) != 0) return error_now();
   if (!S_ISREG(status.st_mode)) return FileError{false, false, "it is not a regular file"};
-  FileText result{{}, status.st_mode & 0777u};
+  FileText result{{}, status.st_mode & 0777u, strange_owner(status.st_uid)};
   std::array<char, 4096> chunk{};
   while (true) {
     const ssize_t count = ::read(file.descriptor, chunk.data(), chunk.size());
@@ -78,6 +79,14 @@ Result<FileText, FileError> SystemFiles::read(const std::string& path) const {
     if (result.text.size() > max_file_bytes)
       return FileError{false, false, "it is larger than 1 MiB"};
   }
+}
+
+std::string SystemFiles::strange_owner(unsigned user) const {
+  if (user == 0 || user == geteuid()) return {};
+  const passwd* const service = getpwnam(service_user_);
+  if (service != nullptr && service->pw_uid == user) return {};
+  const passwd* const owner = getpwuid(user);
+  return owner != nullptr ? owner->pw_name : std::to_string(user);
 }
 
 std::string SystemFiles::certificate_fault(const std::string& pem) const {

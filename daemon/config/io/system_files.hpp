@@ -8,10 +8,17 @@ namespace slamgw {
 
 class SystemFiles : public Files {
  public:
+  /// `service_user`: the other user besides root and this process's that may own a secret.
+  explicit SystemFiles(const char* service_user) : service_user_(service_user) {}
   Result<FileText, FileError> read(const std::string& path) const override;
   std::string certificate_fault(const std::string& pem) const override;
   std::string key_fault(const std::string& pem) const override;
   bool key_matches(const std::string& certificate_pem, const std::string& key_pem) const override;
+
+ private:
+  std::string strange_owner(unsigned user) const;
+
+  const char* service_user_;
 };
 
 }  // namespace slamgw

@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <boost/asio/ip/address.hpp>
 #include <cstdlib>
 #include <filesystem>
 
@@ -34,7 +35,7 @@ void read_own_credentials(ParseResult& result, const std::string& config_file) {
     named = own.string();
   }
   read_credentials(Located{result.config, result.places, context}, result, surroundings,
-                   SystemFiles());
+                   SystemFiles(own_user));
   result.problems.insert(result.problems.end(), context.problems.begin(), context.problems.end());
 }
 
@@ -43,15 +44,19 @@ bool is_token(const std::string& text) {
          std::all_of(text.begin(), text.end(), [](char c) { return c > ' ' && c < '\x7f'; });
 }
 
+void refuse_at(ParseResult& result, const char* key, const std::string& file, std::string text) {
+  const auto place = result.places.find(key);
+  const Place at = place == result.places.end() ? Place{file} : place->second;
+  result.problems.push_back({at.file, at.line, key, std::move(text)});
+}
+
 /// Empty with a problem when the file is no good.
 std::string read_token(ParseResult& result, const std::string& path) {
   const auto refuse = [&](std::string text) {
-    const auto place = result.places.find(token_key);
-    const Place at = place == result.places.end() ? Place{path} : place->second;
-    result.problems.push_back({at.file, at.line, token_key, std::move(text)});
+    refuse_at(result, token_key, path, std::move(text));
     return std::string();
   };
-  const auto file = SystemFiles().read(path);
+  const auto file = SystemFiles(own_user).read(path);
   if (!file) {
     std::string remedy = "a file with one line of 16 to 256 printable characters is needed";
     if (file.error().is_denied)
@@ -62,6 +67,9 @@ std::string read_token(ParseResult& result, const std::string& path) {
     return refuse(
         fmt::format("{} can be read or changed by others (mode {:04o}); type: chmod o= {}", path,
                     file->mode, path));
+  if (!file->strange_owner.empty())
+    return refuse(fmt::format("{} belongs to {}, who can read and change it; type: chown root {}",
+                              path, file->strange_owner, path));
   const std::string token = file->text.substr(0, file->text.find_last_not_of("\r\n") + 1);
   if (!is_token(token))
     return refuse(path +
@@ -70,12 +78,21 @@ std::string read_token(ParseResult& result, const std::string& path) {
   return token;
 }
 
+bool is_loopback(const std::string& listen) {
+  const auto ends_at = listen.rfind(':');
+  boost::system::error_code error;
+  auto host = listen.substr(0, ends_at);
+  if (host.starts_with('[')) host = host.substr(1, host.size() - 2);
+  const auto address = boost::asio::ip::make_address(host, error);
+  return !error && address.is_loopback();
+}
+
 /// The gateway's client certificate is used where this program may read its key. Root, who may, is
 /// reported when the service's user may not.
 void drop_unreadable_certificate(ParseResult& result) {
   BrokerSettings& broker = result.config.broker;
   if (!broker.key_file) return;
-  const bool is_readable = SystemFiles().read(*broker.key_file).has_value();
+  const bool is_readable = SystemFiles(own_user).read(*broker.key_file).has_value();
   if (is_readable && may_user_read(own_user, *broker.key_file)) return;
   result.warnings.push_back({*broker.key_file, 1, "broker.tls.key_file",
                              "cannot be read by slam-gateway-web, which connects without a client "
@@ -94,6 +111,12 @@ Startup load_startup(const std::string& config_file) {
   drop_unreadable_certificate(startup.parsed);
   const auto& token_file = startup.parsed.config.web.token_file;
   if (token_file) startup.token = read_token(startup.parsed, *token_file);
+  if (const std::string& listen = startup.parsed.config.web.listen;
+      !token_file && !is_loopback(listen))
+    refuse_at(startup.parsed, "web.listen", config_file,
+              listen +
+                  " can be reached from other hosts, and no token protects the robots; set "
+                  "web.token_file, or use 127.0.0.1");
   return startup;
 }
 
