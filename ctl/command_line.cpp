@@ -222,11 +222,14 @@ void add_host_tasks(CLI::App& app, Arguments& a) {
   add("doctor", HostTask::Kind::doctor, "The way from radio to broker: what is well, what to do")
       ->add_option("ROBOT", a.task.robot, "What is known of this robot, and why it is silent");
   const auto add_with_file = [&](const char* verb, HostTask::Kind kind, const char* what) {
-    add(verb, kind, what)->add_option("FILE", a.task.file, "The archive")->required();
+    CLI::App* task = add(verb, kind, what);
+    task->add_option("FILE", a.task.file, "The archive")->required();
+    return task;
   };
   add_with_file("backup", HostTask::Kind::backup,
                 "Configuration, credentials, mesh keys and kept messages into one file");
-  add_with_file("restore", HostTask::Kind::restore, "Restore a backup, on this host or a new one");
+  add_with_file("restore", HostTask::Kind::restore, "Restore a backup, on this host or a new one")
+      ->add_flag("--yes", a.task.is_confirmed, "Replace files without asking");
   CLI::App* replay = add("replay", HostTask::Kind::replay,
                          "Publish recorded messages of robots with the recorded timing");
   replay->add_option("FILE", a.task.file, "Made by record")->required();

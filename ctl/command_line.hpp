@@ -48,10 +48,11 @@ struct HostTask {
   std::string socket = Order{}.socket;
   bool json = false;
   std::string configuration = "/etc/slam-gateway/gateway.json";
-  std::string file;    ///< the archive or the recording; none for doctor
-  std::string robot;   ///< of doctor; empty: the whole way
-  std::string broker;  ///< of replay; empty: the one of the configuration
-  double speed = 1;    ///< of replay
+  std::string file;           ///< the archive or the recording; none for doctor
+  std::string robot;          ///< of doctor; empty: the whole way
+  std::string broker;         ///< of replay; empty: the one of the configuration
+  double speed = 1;           ///< of replay
+  bool is_confirmed = false;  ///< of restore: do not ask
 };
 
 struct Exit {

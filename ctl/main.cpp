@@ -306,6 +306,15 @@ int replay(const Installation& installation, const HostTask& task) {
   return done.refused == 0 ? 0 : exit_failed;
 }
 
+/// On standard error: standard output may be read by a program.
+bool may_replace(const std::string& files) {
+  std::cerr << "restore replaces these files, and keeps them under another name:\n"
+            << files << "Go on? [y/N] " << std::flush;
+  std::string answer;
+  std::getline(std::cin, answer);
+  return answer == "y" || answer == "Y" || answer == "yes";
+}
+
 int run(const HostTask& task) {
   const Installation installation(task.configuration);
   std::string text;
@@ -313,7 +322,11 @@ int run(const HostTask& task) {
     case HostTask::Kind::doctor: return doctor(installation, task);
     case HostTask::Kind::replay: return replay(installation, task);
     case HostTask::Kind::backup: text = backup(installation, task.file); break;
-    case HostTask::Kind::restore: text = restore(installation, task.file); break;
+    case HostTask::Kind::restore:
+      text = restore(installation, task.file, [&](const std::string& files) {
+        return task.is_confirmed || may_replace(files);
+      });
+      break;
     case HostTask::Kind::report: text = report(installation, task.socket, task.file); break;
   }
   std::cout << (task.json ? slamgw::control::to_line({{"file", task.file}, {"text", text}}) : text);

@@ -3,7 +3,9 @@
 
 #include <fmt/chrono.h>
 #include <fmt/format.h>
+#include <grp.h>
 #include <pwd.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -12,13 +14,10 @@
 #include <cstring>
 #include <fstream>
 #include <nlohmann/json.hpp>
-#include <optional>
-#include <sstream>
+#include <set>
 
 #include "ctl/connection.hpp"
-#include "ctl/host/archive_file.hpp"
-#include "ctl/host/program.hpp"
-#include "ctl/host/work_directory.hpp"
+#include "ctl/text.hpp"
 #include "daemon/config/io/service_rights.hpp"
 
 namespace slamgw::ctl {
@@ -28,91 +27,144 @@ namespace fs = std::filesystem;
 
 /// The first member of each archive: what it is, and where its two trees lie.
 constexpr const char* manifest_name = "slam-gateway-backup.json";
-constexpr int archive_format = 1;
+constexpr std::uint64_t archive_format = 1;
 
 struct Manifest {
   std::string configuration;
   fs::path state;
-  std::vector<fs::path> elsewhere;
   std::string gateway;  ///< its id, by default the host's name; empty in older archives
 };
 
-std::string without_root(const fs::path& path) { return path.relative_path().string(); }
-
 void write_manifest(const fs::path& directory, const Manifest& manifest) {
-  nlohmann::ordered_json json{{"format", archive_format},
-                              {"version", SLAMGW_VERSION},
-                              {"configuration", manifest.configuration},
-                              {"state", manifest.state.string()},
-                              {"gateway", manifest.gateway},
-                              {"elsewhere", nlohmann::json::array()}};
-  for (const fs::path& path : manifest.elsewhere) json["elsewhere"].push_back(path.string());
+  const nlohmann::ordered_json json{{"format", archive_format},
+                                    {"version", SLAMGW_VERSION},
+                                    {"configuration", manifest.configuration},
+                                    {"state", manifest.state.string()},
+                                    {"gateway", manifest.gateway}};
   std::ofstream(directory / manifest_name) << json.dump(2) << '\n';
 }
 
 Manifest read_manifest(const std::string& archive) {
   const ProgramResult read = run_program({"tar", "-xzOf", archive, manifest_name});
   const auto json = nlohmann::json::parse(read.output, nullptr, false);
-  if (read.status != 0 || !json.is_object() || !json.contains("format"))
-    throw Failure(archive + " is no backup of slam-gateway");
-  if (json.value("format", 0) > archive_format)
+  const std::uint64_t format = count_at(json, "format");
+  if (read.status != 0 || format == 0) throw Failure(archive + " is not a backup of slam-gateway");
+  if (format > archive_format)
     throw Failure(fmt::format("{} was written by slam-gateway {}; install that version first",
-                              archive, json.value("version", "?")));
-  Manifest manifest{
-      json.value("configuration", ""), json.value("state", ""), {}, json.value("gateway", "")};
-  for (const auto& path : json.value("elsewhere", nlohmann::json::array()))
-    manifest.elsewhere.emplace_back(path.get<std::string>());
-  return manifest;
+                              archive, text_at(json, "version")));
+  return {text_at(json, "configuration"), text_at(json, "state"), text_at(json, "gateway")};
 }
 
-bool is_below(const fs::path& path, const fs::path& directory) {
-  const fs::path relative = path.lexically_normal().lexically_relative(directory);
-  return !relative.empty() && *relative.begin() != "..";
+/// Only what this installation keeps: an archive from elsewhere must not choose what root writes.
+void check_manifest(const std::string& archive, const Manifest& manifest,
+                    const Installation& installation) {
+  if (manifest.configuration != installation.configuration())
+    throw Failure(fmt::format("{} is a backup of {}, not of {}; say --config {}", archive,
+                              manifest.configuration, installation.configuration(),
+                              manifest.configuration));
+  if (manifest.state != installation.state())
+    throw Failure(fmt::format(
+        "{} keeps the state of {}, but the configuration here names {}; nothing was restored. If "
+        "the backup is yours, set store.directory in {} first",
+        archive, manifest.state.string(), installation.state().string(),
+        installation.configuration()));
 }
 
-/// Nothing but what the manifest speaks of: an archive from elsewhere must not write anywhere else.
-void check_members(const std::string& archive, const Manifest& manifest) {
-  std::istringstream members(run_or_fail({"tar", "-tzf", archive}));
-  const fs::path etc = fs::path(manifest.configuration).parent_path();
-  for (std::string member; std::getline(members, member);) {
-    const fs::path path = fs::path("/" + member).lexically_normal();
-    const bool is_named = std::find(manifest.elsewhere.begin(), manifest.elsewhere.end(), path) !=
-                          manifest.elsewhere.end();
-    if (member == manifest_name || is_named || is_below(path, etc) ||
-        is_below(path, manifest.state))
-      continue;
-    throw Failure(archive + " holds " + member + ", which is no part of a backup");
+/// Where the unpacked files belong. Throws Failure when one of them is not this installation's.
+std::vector<fs::path> targets_of(const std::string& archive, const fs::path& unpacked,
+                                 const Installation& installation) {
+  std::vector<fs::path> targets;
+  for (const auto& entry : fs::recursive_directory_iterator(unpacked)) {
+    const fs::path target = "/" / entry.path().lexically_relative(unpacked);
+    const fs::file_status status = entry.symlink_status();
+    if (fs::is_directory(status) || target == fs::path("/") / manifest_name) continue;
+    if (!fs::is_regular_file(status) || entry.hard_link_count() > 1)
+      throw Failure(fmt::format(
+          "{} holds {}, a link or a device; a backup has files only, so nothing was restored",
+          archive, target.string()));
+    if (!installation.owns(target))
+      throw Failure(fmt::format(
+          "{} holds {}, which is not a file of the gateway here; nothing was restored. If the "
+          "backup is yours, name the file in {} first, as it was (broker.tls.key_file ...)",
+          archive, target.string(), installation.configuration()));
+    targets.push_back(target);
   }
+  return targets;
+}
+
+bool has_same_text(const fs::path& one, const fs::path& other) {
+  return run_program({"cmp", "-s", one.string(), other.string()}).status == 0;
+}
+
+/// What the operator is asked about; empty when nothing here is lost.
+std::string replaced_files(const std::vector<fs::path>& present, const fs::path& unpacked) {
+  constexpr std::size_t most = 20;
+  std::string text;
+  std::size_t count = 0;
+  for (const fs::path& file : present)
+    if (!has_same_text(file, unpacked / file.relative_path()) && ++count <= most)
+      text += "  " + file.string() + "\n";
+  if (count > most) text += fmt::format("  and {} more\n", count - most);
+  return text;
 }
 
 std::string time_suffix() {
   return fmt::format(
-      "{:%Y%m%dT%H%M%SZ}",
+      ".before-restore-{:%Y%m%dT%H%M%SZ}",
       fmt::gmtime(std::chrono::system_clock::to_time_t(std::chrono::system_clock::now())));
 }
 
-/// Leaves the directory itself: systemd and the package own it.
-std::optional<fs::path> move_content_aside(const fs::path& directory, const std::string& suffix) {
-  std::error_code error;
-  if (!fs::is_directory(directory, error) || fs::is_empty(directory, error)) return std::nullopt;
-  const fs::path aside = directory.string() + ".before-restore-" + suffix;
-  fs::create_directory(aside);
-  fs::permissions(aside, fs::perms::owner_all);
-  for (const auto& entry : fs::directory_iterator(directory))
-    fs::rename(entry.path(), aside / entry.path().filename());
-  return aside;
+void make_directories(const fs::path& directory, fs::perms mode) {
+  if (directory.empty() || fs::exists(directory)) return;
+  make_directories(directory.parent_path(), mode);
+  fs::create_directory(directory);
+  fs::permissions(directory, mode);
 }
 
-/// Only the tree or file itself: the directories above it keep their owners and modes.
-void put_in_place(const fs::path& unpacked, const fs::path& path) {
-  const fs::path source = unpacked / path.relative_path();
-  if (!fs::exists(source)) return;
-  fs::create_directories(path.parent_path());
-  run_or_fail({"cp", "-aT", source.string(), path.string()});
+/// Leaves the directories: systemd and the package own them. Says where the files are now.
+std::string move_aside(const std::vector<fs::path>& present, const Installation& installation) {
+  const std::string suffix = time_suffix();
+  std::set<std::string> places;
+  for (const fs::path& file : present) {
+    const fs::path root = installation.is_state(file) ? installation.state() : installation.etc();
+    const fs::path place = file.lexically_relative(root);
+    const bool is_elsewhere = place.empty() || *place.begin() == "..";
+    const fs::path top = (is_elsewhere ? file : root).string() + suffix;
+    const fs::path aside = is_elsewhere ? top : top / place;
+    make_directories(aside.parent_path(), fs::perms::owner_all);
+    fs::rename(file, aside);
+    places.insert(fmt::format("What was in {} is in {} now.\n",
+                              (is_elsewhere ? file : root).string(), top.string()));
+  }
+  return fmt::format("{}", fmt::join(places, ""));
 }
 
-void give_to_service(const fs::path& state) {
-  run_or_fail({"chown", "-R", fmt::format("{}:{}", service_user, service_user), state.string()});
+/// Of the service's groups an archive may name one for a file of the configuration.
+std::string group_of(const fs::path& unpacked_file) {
+  struct stat status {};
+  if (stat(unpacked_file.c_str(), &status) != 0) return "root";
+  for (const char* const name : {service_user, "slam-gateway-web"})
+    if (const group* const known = getgrnam(name); known && known->gr_gid == status.st_gid)
+      return name;
+  return "root";
+}
+
+/// With this program's owner and mode, whatever the archive says: never more than 0644.
+void put_in_place(const fs::path& source, const fs::path& target,
+                  const Installation& installation) {
+  const bool is_state = installation.is_state(target);
+  make_directories(target.parent_path(),
+                   is_state ? fs::perms::owner_all : static_cast<fs::perms>(0755));
+  const unsigned archived = static_cast<unsigned>(fs::status(source).permissions());
+  std::vector<std::string> words{
+      "install", "-T", fmt::format("--mode={:04o}", is_state ? 0600U : (archived & 0644U) | 0600U)};
+  if (installation.is_service()) {
+    words.push_back(fmt::format("--owner={}", is_state ? service_user : "root"));
+    words.push_back("--group=" + (is_state ? service_user : group_of(source)));
+  }
+  words.push_back(source.string());
+  words.push_back(target.string());
+  run_or_fail(words);
 }
 
 /// On a host of another name the gateway would begin anew at the broker, and what is retained under
@@ -144,26 +196,19 @@ std::string backup(const Installation& installation, const std::string& file) {
   if (access(installation.configuration().c_str(), R_OK) != 0)
     throw Failure(fmt::format("{}: {}; nothing was written", installation.configuration(),
                               std::strerror(errno)));
-  const Manifest manifest{installation.configuration(), installation.state(),
-                          installation.files_elsewhere(), installation.parsed().config.gateway_id};
   const WorkDirectory work;
-  write_manifest(work.path(), manifest);
+  write_manifest(work.path(), {installation.configuration(), installation.state(),
+                               installation.parsed().config.gateway_id});
   ArchiveFile archive(file);
-  std::vector<std::string> words{"tar",
-                                 "-czf",
-                                 archive.path(),
-                                 "-C",
-                                 work.path().string(),
-                                 manifest_name,
-                                 "-C",
-                                 "/",
-                                 without_root(installation.etc())};
-  std::error_code error;
-  if (fs::is_directory(manifest.state, error)) words.push_back(without_root(manifest.state));
-  for (const fs::path& path : manifest.elsewhere) words.push_back(without_root(path));
   {
     const ServicePause pause(installation);
-    run_or_fail(words);
+    std::ofstream names(work.path() / "files", std::ios::binary);
+    for (const fs::path& path : installation.files())
+      names << path.relative_path().string() << '\0';
+    names.close();
+    run_or_fail({"tar", "-czf", archive.path(), "--dereference", "--hard-dereference", "-C",
+                 work.path().string(), manifest_name, "-C", "/", "--no-recursion", "--null",
+                 "--verbatim-files-from", "-T", work.path() / "files"});
   }
   archive.finish();
   return fmt::format(
@@ -173,33 +218,31 @@ std::string backup(const Installation& installation, const std::string& file) {
       file, fs::file_size(file), file);
 }
 
-std::string restore(const Installation& installation, const std::string& file) {
+std::string restore(const Installation& installation, const std::string& file,
+                    const std::function<bool(const std::string& replaced)>& may_replace) {
   need_rights(installation, "restore");
   if (installation.is_service() && getpwnam(service_user) == nullptr)
     throw Failure("there is no user slam-gateway: install the package first, then restore");
   if (access(file.c_str(), R_OK) != 0) throw Failure(file + ": " + std::strerror(errno));
   const Manifest manifest = read_manifest(file);
-  if (manifest.configuration != installation.configuration())
-    throw Failure(fmt::format("{} is a backup of {}, not of {}; say --config {}", file,
-                              manifest.configuration, installation.configuration(),
-                              manifest.configuration));
-  check_members(file, manifest);
+  check_manifest(file, manifest, installation);
   const WorkDirectory unpacked;  // whole before anything here is touched
-  run_or_fail({"tar", "-xzpf", file, "-C", unpacked.path().string(), "--exclude", manifest_name});
-  const std::string suffix = time_suffix();
+  run_or_fail({"tar", "-xzpf", file, "-C", unpacked.path().string()});
+  const std::vector<fs::path> targets = targets_of(file, unpacked.path(), installation);
+  const std::string replaced = replaced_files(installation.files(), unpacked.path());
+  if (!replaced.empty() && !may_replace(replaced))
+    throw Failure("nothing was restored; with --yes, restore does not ask");
   std::string report;
   {
     const ServicePause pause(installation);
-    fs::create_directories(manifest.state);
-    for (const fs::path& directory : {installation.etc(), manifest.state})
-      if (const auto aside = move_content_aside(directory, suffix))
-        report +=
-            fmt::format("What was in {} is in {} now.\n", directory.string(), aside->string());
-    put_in_place(unpacked.path(), installation.etc());
-    put_in_place(unpacked.path(), manifest.state);
-    for (const fs::path& path : manifest.elsewhere) put_in_place(unpacked.path(), path);
-    fs::permissions(manifest.state, fs::perms::owner_all);
-    if (installation.is_service()) give_to_service(manifest.state);
+    report = move_aside(installation.files(), installation);
+    make_directories(installation.state(), fs::perms::owner_all);
+    for (const fs::path& target : targets)
+      put_in_place(unpacked.path() / target.relative_path(), target, installation);
+    fs::permissions(installation.state(), fs::perms::owner_all);
+    if (installation.is_service())  // -h: of a link, not of the file that it names
+      run_or_fail({"chown", "-hR", fmt::format("{}:{}", service_user, service_user),
+                   installation.state().string()});
   }
   if (installation.is_service()) run_program({"systemctl", "start", "--no-block", service_unit});
   return report + words_on_new_name(manifest) +

@@ -3,6 +3,7 @@
 // messages and sessions that are kept, in one archive (tar, gzip). The archive holds secrets.
 #pragma once
 
+#include <functional>
 #include <string>
 
 #include "ctl/host/installation.hpp"
@@ -14,9 +15,11 @@ namespace slamgw::ctl {
 /// whatever goes wrong. Gives what was done, for people.
 std::string backup(const Installation& installation, const std::string& file);
 
-/// Puts an archive's files where they came from, with the owners that the service needs; what was
-/// there is kept beside it under a name with the time. `installation` says which configuration is
-/// to be replaced.
-std::string restore(const Installation& installation, const std::string& file);
+/// Puts an archive's files where the configuration here says, with owners and modes of our own;
+/// what was there is kept beside it under a name with the time. An archive with any other file, a
+/// link or a device is a Failure, and changes nothing. `may_replace` is asked about the files here
+/// that differ.
+std::string restore(const Installation& installation, const std::string& file,
+                    const std::function<bool(const std::string& replaced)>& may_replace);
 
 }  // namespace slamgw::ctl

@@ -20,7 +20,6 @@
 #include <span>
 #include <sstream>
 
-#include "ctl/host/program.hpp"
 #include "ctl/text.hpp"
 #include "daemon/core/time.hpp"
 

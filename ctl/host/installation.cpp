@@ -1,30 +1,129 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "ctl/host/installation.hpp"
 
+#include <fcntl.h>
+#include <spawn.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <charconv>
+#include <cstdlib>
+#include <cstring>
 #include <optional>
+#include <string_view>
 #include <utility>
 
-#include "ctl/host/program.hpp"
+#include "ctl/connection.hpp"
 #include "daemon/config/io/load.hpp"
+
+extern char** environ;
 
 namespace slamgw::ctl {
 
 namespace fs = std::filesystem;
 
+namespace {
+
+constexpr std::size_t max_output_bytes = std::size_t{4} << 20;
+constexpr int exit_not_started = 127;  // as a shell says it
+constexpr int exit_signal = 128;
+
+/// What does not fit is read all the same: else the program would wait for ever.
+std::string read_all(int pipe) {
+  std::string output;
+  std::array<char, 4096> chunk{};
+  while (true) {
+    const ssize_t count = read(pipe, chunk.data(), chunk.size());
+    if (count < 0 && errno == EINTR) continue;
+    if (count <= 0) return output;
+    const std::size_t room = max_output_bytes - output.size();
+    output.append(chunk.data(), std::min(room, static_cast<std::size_t>(count)));
+  }
+}
+
+int wait_for(pid_t child) {
+  int status = 0;
+  while (waitpid(child, &status, 0) < 0)
+    if (errno != EINTR) return exit_not_started;
+  return WIFEXITED(status) ? WEXITSTATUS(status) : exit_signal + WTERMSIG(status);
+}
+
+std::optional<unsigned> number_in(const char* variable) {
+  const char* const value = std::getenv(variable);
+  if (value == nullptr) return std::nullopt;
+  const std::string_view text = value;
+  unsigned number = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
+  if (error != std::errc{} || end != text.data() + text.size()) return std::nullopt;
+  return number;
+}
+
+/// sudo(8) sets SUDO_UID and SUDO_GID.
+void give_to_caller(int file) {
+  const auto user = number_in("SUDO_UID");
+  const auto group = number_in("SUDO_GID");
+  if (geteuid() != 0 || !user || !group) return;
+  if (fchown(file, *user, *group) != 0) return;  // then it stays root's
+}
+
+/// Where `file` lies in `directory`; empty when it lies elsewhere, is hidden, or is hidden's.
+fs::path place_in(const fs::path& directory, const fs::path& file) {
+  const fs::path place = file.lexically_relative(directory);
+  const auto is_hidden = [](const fs::path& part) { return part.string().starts_with('.'); };
+  return std::ranges::any_of(place, is_hidden) ? fs::path() : place;
+}
+
+void add_files(std::vector<fs::path>& files, const fs::path& directory) {
+  std::error_code error;
+  for (const auto& entry : fs::recursive_directory_iterator(directory, error))
+    files.push_back(entry.path());
+}
+
+}  // namespace
+
 Installation::Installation(std::string configuration)
     : configuration_(fs::absolute(std::move(configuration)).lexically_normal().string()),
-      parsed_(load_config(configuration_)) {}
-
-std::vector<fs::path> Installation::files_elsewhere() const {
-  const BrokerSettings& broker = parsed_.config.broker;
-  std::vector<fs::path> files;
+      parsed_(load_config(configuration_)) {
+  for (const char* const name : {"credentials.json", "web-credentials.json"})
+    named_.push_back(etc() / name);
+  const Config& config = parsed_.config;
+  const BrokerSettings& broker = config.broker;
   for (const std::optional<std::string>* const file :
-       {&broker.credentials_file, &broker.ca_file, &broker.certificate_file, &broker.key_file}) {
-    std::error_code error;
-    if (!*file || !fs::is_regular_file(**file, error)) continue;
-    const fs::path path = fs::absolute(**file).lexically_normal();
-    if (*path.lexically_relative(etc()).begin() == "..") files.push_back(path);
-  }
+       {&broker.credentials_file, &broker.ca_file, &broker.certificate_file, &broker.key_file,
+        &config.web.token_file})
+    if (*file) named_.push_back(fs::absolute(**file).lexically_normal());
+}
+
+fs::path Installation::state() const {
+  return fs::absolute(parsed_.config.store.directory).lexically_normal();
+}
+
+bool Installation::is_state(const fs::path& file) const { return !place_in(state(), file).empty(); }
+
+bool Installation::is_settings(const fs::path& file) const {
+  const fs::path site = fs::path(configuration_).replace_extension(".d");
+  return file == configuration_ || (file.parent_path() == site && file.extension() == ".json") ||
+         std::ranges::find(named_, file) != named_.end() ||
+         (is_service() && !place_in(etc(), file).empty());
+}
+
+std::vector<fs::path> Installation::files() const {
+  std::vector<fs::path> files = named_;
+  files.emplace_back(configuration_);
+  add_files(files, fs::path(configuration_).replace_extension(".d"));
+  if (is_service()) add_files(files, etc());
+  add_files(files, state());
+  std::ranges::sort(files);
+  const auto same = std::ranges::unique(files);
+  files.erase(same.begin(), same.end());
+  std::erase_if(files, [this](const fs::path& file) {
+    std::error_code error;  // a link among the state is the service's, which must not name a file
+    const auto status = is_state(file) ? fs::symlink_status(file, error) : fs::status(file, error);
+    return !fs::is_regular_file(status) || !owns(file);
+  });
   return files;
 }
 
@@ -36,6 +135,73 @@ ServicePause::ServicePause(const Installation& installation) {
 
 ServicePause::~ServicePause() {
   if (was_active_) run_program({"systemctl", "start", "--no-block", service_unit});
+}
+
+ProgramResult run_program(const std::vector<std::string>& words) {
+  std::array<int, 2> pipe{};
+  if (pipe2(pipe.data(), O_CLOEXEC) != 0) return {exit_not_started, std::strerror(errno)};
+  setenv("LC_ALL", "C.UTF-8", 1);
+  std::vector<char*> arguments;
+  for (const std::string& word : words) arguments.push_back(const_cast<char*>(word.c_str()));
+  arguments.push_back(nullptr);
+  posix_spawn_file_actions_t actions;
+  posix_spawn_file_actions_init(&actions);
+  posix_spawn_file_actions_addopen(&actions, STDIN_FILENO, "/dev/null", O_RDONLY, 0);
+  posix_spawn_file_actions_adddup2(&actions, pipe[1], STDOUT_FILENO);
+  posix_spawn_file_actions_adddup2(&actions, pipe[1], STDERR_FILENO);
+  pid_t child = 0;
+  const int error =
+      posix_spawnp(&child, arguments[0], &actions, nullptr, arguments.data(), environ);
+  posix_spawn_file_actions_destroy(&actions);
+  close(pipe[1]);
+  ProgramResult result{exit_not_started, std::strerror(error)};
+  if (error == 0) {
+    result.output = read_all(pipe[0]);
+    result.status = wait_for(child);
+  }
+  close(pipe[0]);
+  return result;
+}
+
+std::string run_or_fail(const std::vector<std::string>& words) {
+  ProgramResult result = run_program(words);
+  if (result.status == 0) return std::move(result.output);
+  throw Failure(words[0] + " failed (status " + std::to_string(result.status) +
+                "): " + result.output);
+}
+
+WorkDirectory::WorkDirectory() {
+  std::string name = (fs::temp_directory_path() / "slam-gatewayctl-XXXXXX").string();
+  if (mkdtemp(name.data()) == nullptr) throw Failure(name + ": " + std::strerror(errno));
+  path_ = name;
+}
+
+WorkDirectory::~WorkDirectory() {
+  std::error_code ignored;
+  fs::remove_all(path_, ignored);
+}
+
+ArchiveFile::ArchiveFile(std::string file)
+    : file_(std::move(file)), unfinished_(file_ + ".unfinished") {
+  std::error_code error;
+  if (std::filesystem::is_directory(file_, error))
+    throw Failure(file_ + " is a directory; name a file in it");
+  unlink(unfinished_.c_str());
+  made_ = open(unfinished_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
+  if (made_ < 0) throw Failure(file_ + ": " + std::strerror(errno));
+}
+
+ArchiveFile::~ArchiveFile() {
+  close(made_);
+  unlink(unfinished_.c_str());
+}
+
+/// Not before: in /tmp the kernel does not let root write to another user's file
+/// (fs.protected_regular in proc_sys_fs(5)).
+void ArchiveFile::finish() {
+  give_to_caller(made_);
+  if (rename(unfinished_.c_str(), file_.c_str()) != 0)
+    throw Failure(file_ + ": " + std::strerror(errno));
 }
 
 }  // namespace slamgw::ctl

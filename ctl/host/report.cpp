@@ -11,9 +11,6 @@
 #include <vector>
 
 #include "ctl/connection.hpp"
-#include "ctl/host/archive_file.hpp"
-#include "ctl/host/program.hpp"
-#include "ctl/host/work_directory.hpp"
 #include "daemon/config/io/load.hpp"
 
 namespace slamgw::ctl {

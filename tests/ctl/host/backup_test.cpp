@@ -9,9 +9,9 @@
 #include <cstdlib>
 #include <fstream>
 #include <iterator>
+#include <nlohmann/json.hpp>
 
 #include "ctl/connection.hpp"
-#include "ctl/host/program.hpp"
 #include "ctl/host/report.hpp"
 #include "tests/support/temp_dir.hpp"
 
@@ -48,7 +48,35 @@ class Backup : public testing::Test {
   unsigned mode(const std::string& name) const {
     struct stat status {};
     stat((root() / name).c_str(), &status);
-    return status.st_mode & 0777U;
+    return status.st_mode & 07777U;
+  }
+  static bool yes(const std::string&) { return true; }
+  std::string restored() const { return restore(installation(), archive(), yes); }
+  /// Adds a file, as `tar` would, to a good backup.
+  void add_to_archive(const fs::path& file) const {
+    run_or_fail({"gunzip", archive()});
+    run_or_fail({"tar", "-rf", root() / "backup.tar", "-C", root() / "evil", file.string()});
+    run_or_fail({"gzip", root() / "backup.tar"});
+  }
+  /// A good backup whose manifest says something else.
+  void rewrite_manifest(const std::string& key, const std::string& value) {
+    run_or_fail({"gunzip", archive()});
+    const std::string tar = root() / "backup.tar";
+    const char* const name = "slam-gateway-backup.json";
+    auto manifest = nlohmann::json::parse(run_or_fail({"tar", "-xOf", tar, name}));
+    manifest[key] = value;
+    write(name, manifest.dump());
+    run_or_fail({"tar", "--delete", "-f", tar, name});
+    run_or_fail({"tar", "-rf", tar, "-C", root(), name});
+    run_or_fail({"gzip", tar});
+  }
+  std::string refusal() const {
+    try {
+      restored();
+      return "";
+    } catch (const Failure& failure) {
+      return failure.what();
+    }
   }
 
   test::TempDir directory_;
@@ -59,12 +87,13 @@ TEST_F(Backup, BringsEverythingBack) {
   EXPECT_NE(told.find(archive()), told.npos);
   EXPECT_EQ(mode("backup.tar.gz"), 0600U);
   fs::remove_all(root() / "state");
-  fs::remove_all(root() / "etc");
+  fs::remove_all(root() / "etc/gateway.d");
+  fs::remove(root() / "etc/credentials.json");
   struct stat before {};
   struct stat after {};
   stat("/", &before);
   const auto mode_before = fs::status(root()).permissions();
-  const std::string back = restore(installation(), archive());
+  const std::string back = restored();
   EXPECT_EQ(back.find("is called"), back.npos) << "on a host of the same name";
   stat("/", &after);
   EXPECT_EQ(after.st_mode, before.st_mode) << "of the directories above nothing changes";
@@ -81,7 +110,7 @@ TEST_F(Backup, KeepsWhatARestoreReplaces) {
   backup(installation(), archive());
   write("state/messages.db", "newer messages");
   write("state/messages.db-wal", "newer log");
-  const std::string told = restore(installation(), archive());
+  const std::string told = restored();
   EXPECT_EQ(read("state/messages.db"), "messages");
   EXPECT_FALSE(fs::exists(root() / "state/messages.db-wal"));
   const auto at = told.find((root() / "state").string() + ".before-restore-");
@@ -115,25 +144,16 @@ TEST_F(Backup, BelongsToWhoTypedSudo) {
 
 TEST_F(Backup, SaysThatTheGatewayGetsAnotherName) {
   backup(installation(), archive());
-  run_or_fail({"gunzip", archive()});
-  const std::string tar = root() / "backup.tar";
-  const std::string manifest = run_or_fail({"tar", "-xOf", tar, "slam-gateway-backup.json"});
-  const std::size_t at = manifest.find("\"gateway\": \"") + 12;
-  ASSERT_LT(at, manifest.size());
-  write("slam-gateway-backup.json",
-        manifest.substr(0, at) + "old-pi" + manifest.substr(manifest.find('"', at)));
-  run_or_fail({"tar", "--delete", "-f", tar, "slam-gateway-backup.json"});
-  run_or_fail({"tar", "-rf", tar, "-C", root(), "slam-gateway-backup.json"});
-  run_or_fail({"gzip", tar});
-  const std::string told = restore(installation(), archive());
+  rewrite_manifest("gateway", "old-pi");
+  const std::string told = restored();
   EXPECT_NE(told.find("in the backup it was 'old-pi'"), told.npos) << told;
   EXPECT_NE(told.find(R"({"gateway": {"id": "old-pi"}})"), told.npos) << told;
 }
 
 TEST_F(Backup, RefusesWhatIsNone) {
   write("other", "no archive");
-  EXPECT_THROW(restore(installation(), root() / "other"), Failure);
-  EXPECT_THROW(restore(installation(), root() / "missing"), Failure);
+  EXPECT_THROW(restore(installation(), root() / "other", yes), Failure);
+  EXPECT_THROW(restore(installation(), root() / "missing", yes), Failure);
   EXPECT_THROW(backup(installation(), root() / "no/such/directory"), Failure);
   try {
     report(installation(), "no.sock", "/no/such/report");
@@ -162,16 +182,99 @@ TEST_F(Backup, NeedsTheConfigurationThatItIsToKeep) {
   EXPECT_FALSE(fs::exists(archive()));
 }
 
-TEST_F(Backup, RefusesAnArchiveThatWritesElsewhere) {
+TEST_F(Backup, AsksBeforeItReplaces) {
   backup(installation(), archive());
+  const auto never = [](const std::string& files) -> bool {
+    ADD_FAILURE() << files;
+    return false;
+  };
+  restore(installation(), archive(), never);  // the same files
+  write("state/mesh.json", "newer keys");
+  write("state/stays", "of nobody");
+  std::string asked;
+  const auto no = [&](const std::string& files) {
+    asked = files;
+    return false;
+  };
+  EXPECT_THROW(restore(installation(), archive(), no), Failure);
+  const std::string state = "  " + (root() / "state").string();
+  EXPECT_EQ(asked, state + "/mesh.json\n" + state + "/stays\n");
+  EXPECT_EQ(read("state/mesh.json"), "newer keys");
+}
+
+TEST_F(Backup, RefusesAnArchiveThatWritesElsewhere) {
   fs::create_directories(root() / "evil/tmp");
   write("evil/tmp/slam-gateway-evil", "x");
-  run_or_fail({"gunzip", archive()});
-  run_or_fail(
-      {"tar", "-rf", root() / "backup.tar", "-C", root() / "evil", "tmp/slam-gateway-evil"});
-  run_or_fail({"gzip", root() / "backup.tar"});
-  EXPECT_THROW(restore(installation(), archive()), Failure);
+  backup(installation(), archive());
+  add_to_archive("tmp/slam-gateway-evil");
+  EXPECT_NE(refusal().find("/tmp/slam-gateway-evil, which is not a file of the gateway here"),
+            std::string::npos)
+      << refusal();
   EXPECT_FALSE(fs::exists("/tmp/slam-gateway-evil"));
+  EXPECT_EQ(read("state/mesh.json"), "the mesh's keys");
+}
+
+TEST_F(Backup, RefusesAForeignStateDirectory) {
+  backup(installation(), archive());
+  fs::create_directories(root() / "home/.ssh");
+  write("home/.ssh/authorized_keys", "the owner's");
+  rewrite_manifest("state", (root() / "home/.ssh").string());
+  EXPECT_NE(refusal().find("set store.directory in"), std::string::npos) << refusal();
+  EXPECT_EQ(read("home/.ssh/authorized_keys"), "the owner's");
+}
+
+TEST_F(Backup, WritesNothingThatTheManifestAloneNames) {
+  fs::create_directories(root() / "cron.d");
+  fs::create_directories(fs::path(root().string() + "/evil" + root().string() + "/cron.d"));
+  const std::string cron = root().string().substr(1) + "/cron.d/evil";
+  write("evil/" + cron, "* * * * * root id");
+  backup(installation(), archive());
+  rewrite_manifest("elsewhere", "/" + cron);
+  add_to_archive(cron);
+  EXPECT_NE(refusal().find("not a file of the gateway here"), std::string::npos) << refusal();
+  EXPECT_FALSE(fs::exists(root() / "cron.d/evil"));
+}
+
+TEST_F(Backup, RefusesLinksAndHiddenFiles) {
+  const std::string state = (root() / "state").string().substr(1);
+  fs::create_directories(root() / "evil" / state / ".ssh");
+  write("evil/" + state + "/.ssh/authorized_keys", "key");
+  fs::create_symlink("/etc", root() / "evil" / state / "link");
+  ASSERT_EQ(mkfifo((root() / "evil" / state / "fifo").c_str(), 0600), 0);
+  const std::pair<const char*, const char*> attacks[] = {
+      {"/.ssh/authorized_keys", "not a file of the gateway here"},
+      {"/link", "a link or a device"},
+      {"/fifo", "a link or a device"}};
+  for (const auto& [file, words] : attacks) {
+    backup(installation(), archive());
+    add_to_archive(state + file);
+    EXPECT_NE(refusal().find(words), std::string::npos) << file << ": " << refusal();
+  }
+}
+
+TEST_F(Backup, GivesFilesModesOfItsOwn) {
+  backup(installation(), archive());
+  fs::create_directories(root() / "evil" / (root() / "state").relative_path());
+  const fs::path evil = fs::path((root() / "state").string().substr(1)) / "mesh.json";
+  write("evil" / evil, "setuid");
+  chmod((root() / "evil" / evil).c_str(), 06777);
+  add_to_archive(evil);
+  EXPECT_EQ(refusal(), "");
+  EXPECT_EQ(read("state/mesh.json"), "setuid");
+  EXPECT_EQ(mode("state/mesh.json"), 0600U);
+}
+
+TEST_F(Backup, BringsFilesBackThatTheConfigurationNames) {
+  fs::create_directories(root() / "keys");
+  write("keys/ca.pem", "a certificate");
+  write("etc/gateway.d/tls.json",
+        R"({"broker": {"tls": {"ca_file": ")" + (root() / "keys/ca.pem").string() + "\"}}}");
+  backup(installation(), archive());
+  write("keys/ca.pem", "another one");
+  EXPECT_EQ(refusal(), "");
+  EXPECT_EQ(read("keys/ca.pem"), "a certificate");
+  fs::remove(root() / "etc/gateway.d/tls.json");
+  EXPECT_NE(refusal().find("name the file in"), std::string::npos) << "a new host";
 }
 
 TEST_F(Backup, ReportHasNoSecret) {
