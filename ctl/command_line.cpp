@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "ctl/command_line.hpp"
 
+#include <fmt/format.h>
+
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdlib>
@@ -284,8 +286,9 @@ std::optional<std::string> complaint_about_verb(const CLI::App& app,
     const auto known = group->get_subcommands(
         [&word = words[i]](const CLI::App* verb) { return verb->get_name() == word; });
     if (known.empty())
-      return "there is no command '" + before + text_at({{"word", words[i]}}, "word") + "'; " +
-             suggestion(*group, words[i]) + " (slam-gatewayctl " + before + "--help)";
+      return fmt::format("there is no command '{}{}'; {} (slam-gatewayctl {}--help)", before,
+                         text_at({{"word", words[i]}}, "word"), suggestion(*group, words[i]),
+                         before);
     if (known.front()->get_require_subcommand_min() == 0) return std::nullopt;
     group = known.front();
     before += words[i] + " ";

@@ -117,8 +117,7 @@ std::vector<fs::path> Installation::files() const {
   if (is_service()) add_files(files, etc());
   add_files(files, state());
   std::ranges::sort(files);
-  const auto same = std::ranges::unique(files);
-  files.erase(same.begin(), same.end());
+  files.erase(std::unique(files.begin(), files.end()), files.end());
   std::erase_if(files, [this](const fs::path& file) {
     std::error_code error;  // a link among the state is the service's, which must not name a file
     const auto status = is_state(file) ? fs::symlink_status(file, error) : fs::status(file, error);

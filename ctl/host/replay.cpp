@@ -70,7 +70,7 @@ class Replay final : private UpstreamListener {
     const std::uint64_t done = replayed_.published + replayed_.refused;
     while (next_ < messages_.size() && next_ - done < max_under_way) {
       if (due(messages_[next_]) > std::chrono::steady_clock::now()) return wait();
-      upstream_.publish(next_ + 1, std::move(messages_[next_].message));
+      upstream_.publish(next_ + 1, messages_[next_].message);
       ++next_;
     }
     if (done == messages_.size()) io_.stop();
