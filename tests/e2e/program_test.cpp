@@ -16,7 +16,7 @@ TEST(Programs, PrintTheirVersionAndHelp) {
   for (const char* program : {SLAMGW_DAEMON, SLAMGW_CTL, SLAMGW_SIM}) {
     const Finished version = run_program({program, "--version"});
     EXPECT_EQ(version.status, 0) << program;
-    EXPECT_NE(version.out.find("0.1.0"), std::string::npos) << version.out;
+    EXPECT_NE(version.out.find(" " SLAMGW_VERSION "\n"), std::string::npos) << version.out;
     const Finished help = run_program({program, "--help"});
     EXPECT_EQ(help.status, 0) << program;
     EXPECT_FALSE(help.out.empty());
