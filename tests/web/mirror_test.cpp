@@ -44,6 +44,41 @@ TEST(WebMirror, GatewaysDocumentsAreJsonValues) {
   EXPECT_EQ(mirrored("ntnu-slam/gateway/g/state", "{broken")["encoding"], "text");
 }
 
+TEST(WebMirror, LeavesOutWhatIsOfAnotherType) {
+  struct Case {
+    const char* topic;
+    const char* said;
+    const char* kept;
+  };
+  const Case cases[] = {
+      {"stats", R"({"broker":{"state":{"toString":1}}})", R"({"broker":{}})"},
+      {"stats", R"({"broker":7,"version":[],"uptime_s":3})", R"({"uptime_s":3})"},
+      {"stats", R"({"meshes":{"ble":{"state":1,"detail":null}}})",
+       R"({"meshes":{"ble":{"detail":null}}})"},
+      {"stats", R"({"broker":{"missing_rights":{"slice":1}}})", R"({"broker":{}})"},
+      {"stats", R"({"broker":{"missing_rights":[{"what":[]}]}})",
+       R"({"broker":{"missing_rights":[{}]}})"},
+      {"stats", R"({"store":{"dead_letters":{"valueOf":1}}})", R"({"store":{"dead_letters":{}}})"},
+      {"robots/r", R"({"state":["online"],"mesh":{},"last_seen":1})", "{}"},
+      {"numbers", R"({"robots":{"r":{"up":{"toString":1},"last_heard":{}}}})",
+       R"({"robots":{"r":{"up":{}}}})"},
+      {"state", R"({"state":"online","more":{"a":[1]}})", R"({"state":"online","more":{"a":[1]}})"},
+  };
+  for (const Case& each : cases) {
+    const json message = mirrored(std::string("ntnu-slam/gateway/g/") + each.topic, each.said);
+    EXPECT_EQ(message["payload"], json::parse(each.kept)) << each.said;
+  }
+}
+
+TEST(WebLastKnown, KeepsItsOwnGatewayBesideAFlood) {
+  const auto text = std::make_shared<const std::string>("{}");
+  LastKnown known("p/gateway/own/");
+  for (std::size_t i = 0; i < LastKnown::max_topics; ++i)
+    ASSERT_TRUE(known.keep("p/gateway/x" + std::to_string(i) + "/state", text));
+  EXPECT_FALSE(known.keep("p/gateway/other/state", text));
+  EXPECT_TRUE(known.keep("p/gateway/own/state", text));
+}
+
 /// Our parser stops at a NUL and skips a byte order mark; a browser's does neither, and closes the
 /// connection for what is no UTF-8.
 TEST(WebMirror, WhatOnlyBeginsLikeJsonDoesNotBreakTheMessage) {

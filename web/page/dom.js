@@ -23,6 +23,17 @@ export function keep(parent, count, make) {
   while (parent.children.length > count) parent.lastElementChild.remove();
 }
 
+// A part that fails leaves the others alone.
+export function attempt(...parts) {
+  for (const part of parts) {
+    try {
+      part();
+    } catch (error) {
+      console.error(error);
+    }
+  }
+}
+
 export function save(name, blob) {
   const url = URL.createObjectURL(blob);
   element('a', { href: url, download: name }).click();

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Wires link, model and views; keys, theme, dialogs.
 import { encodeCmd } from './decode.js';
-import { $, csv, element, keep, save, setText, stamp, toast } from './dom.js';
+import { $, attempt, csv, element, keep, save, setText, stamp, toast } from './dom.js';
 import { Link } from './link.js';
 import { WorldMap, words } from './map.js';
 import { Model } from './model.js';
@@ -185,12 +185,10 @@ function show(name) {
   drawTables();
 }
 function drawTables() {
-  model.expire();
-  drawTrouble();
-  if (view === 'map') drawList();
-  if (view === 'map') drawPilot();
+  attempt(() => model.expire(), drawTrouble);
+  if (view === 'map') attempt(drawList, drawPilot);
   if (view === 'robots') robotsView.draw();
-  if (view === 'trace' && !traceView.isPaused) traceView.draw();
+  if (view === 'trace' && !traceView.isPaused) attempt(() => traceView.draw());
 }
 function setTheme(theme) {
   document.documentElement.dataset.theme = theme;

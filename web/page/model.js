@@ -178,6 +178,8 @@ export class Model {
     this.quiet = []; // those that may make room, the quietest last
     this.lookedAt = -Infinity;
     this.gateways = new Map();
+    this.own = ''; // the gateway whose configuration this page's program reads
+    this.gatewaysLeftOut = false;
     this.messages = []; // newest last
     this.lost = 0; // events that a slow page did not get
     this.skew = 0; // the program's clock minus this one's, ms
@@ -236,11 +238,17 @@ export class Model {
   }
   gateway(id) {
     let gateway = this.gateways.get(id);
-    if (!gateway && this.gateways.size < MAX_GATEWAYS) {
+    if (!gateway && id !== this.own && this.gateways.size >= MAX_GATEWAYS) this.gatewaysLeftOut = true;
+    else if (!gateway) {
       gateway = { id, state: null, stats: null, statsAt: 0 };
       this.gateways.set(id, gateway);
     }
     return gateway;
+  }
+
+  // The one of this page's configuration comes first.
+  orderedGateways() {
+    return [...this.gateways.values()].sort((a, b) => (b.id === this.own) - (a.id === this.own));
   }
 
   take(message) {
@@ -262,6 +270,8 @@ export class Model {
       this.version = said.version;
       // All states come anew after it; what was taken back meanwhile does not.
       this.gateways.clear();
+      this.gatewaysLeftOut = false;
+      this.own = said.gateway;
       for (const robot of this.robots.values()) {
         robot.presence.clear();
         robot.numbers = null;

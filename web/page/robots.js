@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Robots and gateways: what is wrong first, with its remedy; which robot is on which gateway; a table with sparklines.
-import { $, colour, element, keep, setText, surface, svg } from './dom.js';
+import { $, attempt, colour, element, keep, setText, surface, svg } from './dom.js';
 
 const STALE_STATS_MS = 35000; // three of a gateway's stats are missing
 const NAMED_IN_PICTURE = 40;
@@ -31,7 +31,8 @@ export function problems(model) {
     add(`The broker does not let this page read ${filter}`, `${why}. In its access control list, for slam-gateway-web's user: topic read ${filter}`);
   if (model.broker.state === 'up' && model.gateways.size === 0 && !Object.keys(model.broker.unreadable ?? {}).length)
     add('No gateway has been heard on this broker', `Is slam-gateway running, and is its topics.prefix "${model.prefix}"? slam-gatewayctl status. May slam-gateway-web's user read ${model.prefix}/# at the broker?`);
-  for (const gateway of model.gateways.values()) problemsOf(gateway, model, add);
+  for (const gateway of model.orderedGateways()) problemsOf(gateway, model, add);
+  if (model.gatewaysLeftOut) add(`More gateways are not shown: a page keeps ${model.gateways.size}`, 'Does somebody invent some? At the broker: topic write <prefix>/gateway/<gateway>/# for each gateway alone', true);
   for (const robot of model.robots.values()) {
     if (robot.best?.contested === true) add(`${robot.id} is contested: another client uses its name`, 'Two robots, or a foreign client, of that name: /usr/share/doc/slam-gateway/security.md', true);
     if (robot.state === 'offline' && gatewayIsThere(model, robot)) add(`${robot.id} is offline`, `Silent for ${age(model.now() - robot.lastHeard(model.now()))}. Is it switched on and in range? slam-gatewayctl doctor ${robot.id}`, true);
@@ -117,10 +118,7 @@ export class RobotsView {
 
   draw() {
     const now = this.model.now();
-    this.drawProblems();
-    this.drawPicture();
-    this.drawTable(now);
-    this.drawGateways();
+    attempt(() => this.drawProblems(), () => this.drawPicture(), () => this.drawTable(now), () => this.drawGateways());
   }
   drawProblems() {
     const list = problems(this.model).slice(0, 30);
@@ -158,7 +156,7 @@ export class RobotsView {
   }
   drawGateways() {
     const body = $('gateways').tBodies[0];
-    const gateways = [...this.model.gateways.values()];
+    const gateways = this.model.orderedGateways();
     keep(body, gateways.length, () => element('tr', {}, ...GATEWAY_COLUMNS.map(([name, , isNumber]) => element('td', { 'data-name': name, class: isNumber ? 'number' : null }))));
     gateways.forEach((gateway, row) => GATEWAY_COLUMNS.forEach(([, show], i) => setText(body.rows[row].cells[i], show(gateway))));
   }
@@ -166,7 +164,7 @@ export class RobotsView {
   // ---- the picture: broker, gateways, meshes, robots, from left to right
   drawPicture() {
     const branches = [];
-    for (const gateway of this.model.gateways.values()) {
+    for (const gateway of this.model.orderedGateways()) {
       const meshes = new Map();
       for (const [mesh, link] of Object.entries(gateway.stats?.meshes ?? {})) if (link?.state !== 'disabled') meshes.set(mesh, { link, robots: [] });
       for (const robot of this.model.robots.values()) {

@@ -6,6 +6,7 @@
 #include <map>
 #include <string>
 #include <string_view>
+#include <utility>
 
 #include "web/server/page_queue.hpp"
 
@@ -18,6 +19,9 @@ class LastKnown {
   static constexpr std::size_t max_topics = 20'000;
   static constexpr std::size_t max_bytes = 16 << 20;
 
+  /// Topics that begin so are kept also when others have taken all room: what one gateway says.
+  explicit LastKnown(std::string own = "/") : own_(std::move(own)) {}
+
   /// False when there is no room. An empty payload, which takes a retained message back, is a text
   /// of its own that is not kept.
   bool keep(std::string_view topic, SharedText text);
@@ -29,6 +33,7 @@ class LastKnown {
  private:
   std::map<std::string, SharedText, std::less<>> topics_;
   std::size_t bytes_ = 0;
+  const std::string own_;
 };
 
 }  // namespace slamgw::web

@@ -2,6 +2,7 @@
 #include "web/server/mirror.hpp"
 
 #include <algorithm>
+#include <array>
 #include <nlohmann/json.hpp>
 
 #include "daemon/core/bytes.hpp"
@@ -35,12 +36,43 @@ bool is_deep(std::string_view text) {
   return false;
 }
 
-/// JSON that may stand inside another document. The parser stops at a NUL and skips a byte order
-/// mark; neither may reach a page, whose browser would close the connection or refuse the message.
-bool is_embeddable_json(std::string_view text) {
+/// Text that, if it is JSON, may stand inside another document. The parser stops at a NUL and skips
+/// a byte order mark; neither may reach a page, whose browser would close the connection or refuse
+/// the message.
+bool is_embeddable(std::string_view text) {
   constexpr std::string_view byte_order_mark = "\xef\xbb\xbf";
   return is_utf8(text) && text.find('\0') == text.npos && !text.starts_with(byte_order_mark) &&
-         !is_deep(text) && json::accept(text);
+         !is_deep(text);
+}
+
+constexpr std::array<std::string_view, 13> texts{
+    "state",     "mesh",       "why",  "detail",  "version", "gateway", "address",
+    "last_seen", "last_heard", "type", "outcome", "what",    "grant"};
+constexpr std::array<std::string_view, 6> groups{"broker",   "meshes", "store",
+                                                 "messages", "queue",  "counters"};
+
+/// Whether a page and the metrics can use this member of a gateway's document as they do. Objects
+/// with functions' names cannot even be made text.
+bool is_usable(const std::string& key, const json& value) {
+  if (key == "toString" || key == "valueOf" || key == "toJSON") return false;
+  if (value.is_null()) return true;
+  if (std::ranges::count(texts, key) > 0) return value.is_string();
+  if (std::ranges::count(groups, key) > 0) return value.is_object();
+  return key != "missing_rights" || value.is_array();
+}
+
+/// Takes out what is not of the type that docs/topics.md says. Whether there was anything.
+bool drop_unusable(json& document) {
+  bool has_dropped = false;
+  if (document.is_array())
+    for (json& each : document) has_dropped |= drop_unusable(each);
+  if (!document.is_object()) return has_dropped;
+  for (auto member = document.begin(); member != document.end();) {
+    const bool is_fine = is_usable(member.key(), member.value());
+    has_dropped |= is_fine ? drop_unusable(member.value()) : true;
+    member = is_fine ? std::next(member) : document.erase(member);
+  }
+  return has_dropped;
 }
 
 /// Only `numbers` grow with the robots; a page keeps thousands of the others.
@@ -59,9 +91,15 @@ bool is_octets(std::string_view topic, std::string_view payload) {
 void append_payload(std::string& out, const BrokerMessage& message, TopicKind kind) {
   const bool is_gateways = kind == TopicKind::state || kind == TopicKind::event;
   const std::string_view payload = message.payload;
-  if (is_gateways && is_embeddable_json(payload)) {
+  json document = is_gateways && is_embeddable(payload) ? json::parse(payload, nullptr, false)
+                                                        : json(json::value_t::discarded);
+  if (!document.is_discarded()) {
     const auto begin = static_cast<std::ptrdiff_t>(out.size());
-    out.append(payload);
+    if (drop_unusable(document)) {
+      out.append(document.dump());
+    } else {
+      out.append(payload);
+    }
     // A message is one line; a line feed in JSON is only ever a space between tokens.
     std::replace(out.begin() + begin, out.end(), '\n', ' ');
     out.append(R"(,"encoding":"json")");

@@ -70,6 +70,23 @@ async function manyPoints(page) {
 
 // ---- the map
 
+pageTest('* documents of wrong types and invented gateways hide nothing', {}, async (page) => {
+  await until(page, () => document.querySelectorAll('#list li').length >= 6);
+  const bad = ['{"broker":{"state":{"toString":1}}}', '{"state":{"toString":1}}', '{"state":"online","mesh":{"toString":1}}', '{"meshes":{"ble":{"state":{}}}}', '7', '[]', '{"store":{"dead_letters":{"valueOf":1}}}'];
+  const made = [];
+  for (const [i, document] of bad.entries()) for (const what of ['state', 'stats', 'numbers', `robots/bad${i}`]) made.push([`ntnu-slam/gateway/bad${i}/${what}`, document]);
+  for (let i = 0; i < 120; i++) made.push([`ntnu-slam/gateway/invented${i}/state`, '{"state":"online"}']);
+  await world.publishMany(made);
+  await page.click('#tab-robots');
+  await until(page, () => window.slamgw.model.gatewaysLeftOut);
+  await until(page, () => document.querySelector('#gateways tbody tr').cells[0].textContent === window.slamgw.model.own);
+  assert.equal(await page.$eval('#gateways tbody tr', (row) => row.cells[1].textContent), 'online');
+  assert.match(await page.textContent('#problems'), /More gateways are not shown/);
+  await page.reload();
+  await until(page, () => window.slamgw.model.gateways.has(window.slamgw.model.own));
+  await world.publishMany(made.map(([topic]) => [topic, ""]));
+});
+
 pageTest('* the page is live without an error and shows the robots of both meshes', {}, async (page) => {
   await until(page, () => document.querySelector('#link').textContent === 'Live');
   await until(page, () => document.querySelectorAll('#list li').length >= 6);

@@ -27,8 +27,10 @@ std::string site_json(const Config& config, const std::string& version) {
                            {"y_cm", robot.origin->y_cm},
                            {"heading_deg", robot.origin->heading_deg}};
   }
-  return nlohmann::json{
-      {"version", version}, {"prefix", config.topics.prefix}, {"origins", std::move(origins)}}
+  return nlohmann::json{{"version", version},
+                        {"prefix", config.topics.prefix},
+                        {"gateway", config.gateway_id},
+                        {"origins", std::move(origins)}}
       .dump();
 }
 
@@ -70,6 +72,7 @@ PageHub::PageHub(boost::asio::io_context& io, const Config& config, std::string 
       token_(std::move(token)),
       site_(site_json(config, version)),
       broker_(broker_uri(config.broker)),
+      known_(fmt::format("{}/gateway/{}/", config.topics.prefix, config.gateway_id)),
       own_{.version = std::move(version)},
       io_(io),
       link_(io, config.broker, filters(config.topics.prefix),
