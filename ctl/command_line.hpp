@@ -8,6 +8,8 @@
 #include <variant>
 
 #include "ctl/connection.hpp"
+#include "daemon/core/bytes.hpp"
+#include "daemon/core/result.hpp"
 
 namespace slamgw::ctl {
 
@@ -61,5 +63,10 @@ struct Exit {
 
 /// Prints help, the version, or what is wrong with the arguments (status 2) itself.
 std::variant<Order, HostTask, Exit> parse_command_line(int argc, const char* const* argv);
+
+/// The PAYLOAD of `send`. With `is_hex` pairs of hex digits; for `cmd` else `X,Y` as two
+/// little-endian int16, centimetres (docs/topics.md); else the text itself. The error says what is
+/// allowed.
+Result<Bytes, std::string> parse_payload(std::string_view type, std::string_view text, bool is_hex);
 
 }  // namespace slamgw::ctl

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // slam-gatewayctl: arguments to a request, the daemon's answer to text or JSON. Exit status: 0
 // done, 1 failed, 2 wrong arguments.
-#include <fcntl.h>
 #include <fmt/format.h>
 #include <unistd.h>
 
@@ -18,12 +17,10 @@
 
 #include "ctl/command_line.hpp"
 #include "ctl/connection.hpp"
-#include "ctl/host/backup.hpp"
-#include "ctl/host/examination.hpp"
-#include "ctl/host/replay.hpp"
-#include "ctl/host/report.hpp"
+#include "ctl/host/archives.hpp"
+#include "ctl/host/doctor.hpp"
+#include "ctl/host/recording.hpp"
 #include "ctl/show.hpp"
-#include "ctl/text.hpp"
 #include "daemon/config/rules.hpp"
 #include "daemon/control/wire.hpp"
 
@@ -87,38 +84,17 @@ std::string read_mesh(const std::string& path) {
   return json.dump();
 }
 
-/// A new file that only its owner can read: it holds the mesh's keys.
-class SecretFile {
- public:
-  explicit SecretFile(const std::string& path)
-      : path_(path), file_(::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600)) {
-    if (file_ < 0) throw Failure(path + " can't be made: " + std::strerror(errno));
-  }
-  ~SecretFile() {
-    ::close(file_);
-    if (!is_complete_) ::unlink(path_.c_str());
-  }
-  SecretFile(const SecretFile&) = delete;
-  SecretFile& operator=(const SecretFile&) = delete;
-
-  void write(const std::string& text) {
-    is_complete_ = ::write(file_, text.data(), text.size()) == static_cast<ssize_t>(text.size()) &&
-                   ::fsync(file_) == 0;
-    if (!is_complete_) throw Failure(path_ + " can't be written: " + std::strerror(errno));
-  }
-
- private:
-  std::string path_;
-  int file_;
-  bool is_complete_ = false;
-};
-
 /// The file comes first: an address is handed out only when there is a place for it.
 int export_mesh(const Order& order) {
-  SecretFile file(order.file);
+  if (std::filesystem::exists(order.file))
+    throw Failure(order.file + " can't be made: File exists");
+  ArchiveFile file(order.file);
   Connection connection(order.socket);
   const auto exported = connection.ask(order.request, order.patience);
-  file.write(exported.at("mesh").get<std::string>());
+  std::ofstream out(file.path(), std::ios::binary);
+  out << exported.at("mesh").get<std::string>() << std::flush;
+  if (!out.good()) throw Failure(order.file + " can't be written: is the disk full?");
+  file.finish();
   std::cout << text_of(order, {{"file", order.file}, {"address", exported.at("address")}});
   return 0;
 }

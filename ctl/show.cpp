@@ -2,14 +2,139 @@
 #include "ctl/show.hpp"
 
 #include <fmt/format.h>
+#include <locale.h>
+#include <wchar.h>
 
 #include <algorithm>
 #include <array>
+#include <ctime>
 #include <vector>
 
-#include "ctl/text.hpp"
+#include "daemon/core/utf8.hpp"
 
 namespace slamgw::ctl {
+namespace {
+
+struct Character {
+  std::size_t width = 1;  ///< the columns that a terminal gives it
+  std::size_t end = 0;    ///< where the next one begins
+};
+
+/// `text` is UTF-8 (text_at sees to it); of other text each octet counts.
+Character character_at(std::string_view text, std::size_t at) {
+  static const locale_t utf8 = newlocale(LC_CTYPE_MASK, "C.UTF-8", nullptr);
+  const locale_t before = uselocale(utf8);
+  wchar_t code = 0;
+  std::mbstate_t state{};
+  const std::size_t size = std::mbrtowc(&code, text.data() + at, text.size() - at, &state);
+  const int width = size <= text.size() ? wcwidth(code) : 1;
+  uselocale(before);
+  if (size == static_cast<std::size_t>(-2)) return {1, text.size()};  // cut short
+  return {static_cast<std::size_t>(std::max(width, 0)),
+          at + (size <= text.size() ? std::max<std::size_t>(size, 1) : 1)};
+}
+
+}  // namespace
+
+std::string text_at(const nlohmann::json& object, const char* key) {
+  const auto found = object.find(key);
+  if (found == object.end() || !found->is_string()) return "";
+  std::string text = found->get<std::string>();
+  if (is_printable(text)) return text;
+  for (char& c : text)
+    if (!is_printable(std::string_view(&c, 1))) c = '?';
+  return text;
+}
+
+double number_at(const nlohmann::json& object, const char* key) {
+  const auto found = object.find(key);
+  return found == object.end() || !found->is_number() ? 0.0 : found->get<double>();
+}
+
+std::uint64_t count_at(const nlohmann::json& object, const char* key) {
+  const auto found = object.find(key);
+  const bool is_count = found != object.end() && found->is_number_integer() && *found >= 0;
+  return is_count ? found->get<std::uint64_t>() : 0;
+}
+
+bool is_true(const nlohmann::json& object, const char* key) {
+  const auto found = object.find(key);
+  return found != object.end() && *found == true;
+}
+
+const nlohmann::json& group_at(const nlohmann::json& object, const char* key) {
+  static const nlohmann::json empty = nlohmann::json::object();
+  const auto found = object.find(key);
+  return found == object.end() || !found->is_object() ? empty : *found;
+}
+
+std::size_t columns(std::string_view text) {
+  std::size_t count = 0;
+  for (std::size_t at = 0; at < text.size();) {
+    const Character character = character_at(text, at);
+    count += character.width;
+    at = character.end;
+  }
+  return count;
+}
+
+std::string cut_end(const std::string& text, std::size_t width) {
+  if (columns(text) <= width) return text;
+  std::size_t end = 0;
+  for (std::size_t used = 0; end < text.size();) {
+    const Character character = character_at(text, end);
+    if (used += character.width; used > width - 1) break;
+    end = character.end;
+  }
+  return text.substr(0, end) + "~";
+}
+
+std::string cut_start(const std::string& text, std::size_t width) {
+  std::size_t left = columns(text);
+  if (left <= width) return text;
+  std::size_t begin = 0;
+  while (left > width - 1) {
+    const Character character = character_at(text, begin);
+    left -= character.width;
+    begin = character.end;
+  }
+  return "~" + text.substr(begin);
+}
+
+std::string pad(const std::string& text, std::size_t width) {
+  return text + std::string(width - std::min(width, columns(text)), ' ');
+}
+
+std::string pad_left(const std::string& text, std::size_t width) {
+  return std::string(width - std::min(width, columns(text)), ' ') + text;
+}
+
+std::string show_bytes(std::uint64_t bytes) {
+  constexpr std::uint64_t unit = 1024;
+  if (bytes < unit) return fmt::format("{} B", bytes);
+  if (bytes < unit * unit) return fmt::format("{:.1f} KiB", static_cast<double>(bytes) / unit);
+  return fmt::format("{:.1f} MiB", static_cast<double>(bytes) / (unit * unit));
+}
+
+std::string show_seconds(std::uint64_t seconds) {
+  const std::uint64_t minutes = seconds / 60;
+  const std::uint64_t hours = minutes / 60;
+  if (minutes == 0) return fmt::format("{} s", seconds);
+  if (hours == 0) return fmt::format("{} min {} s", minutes, seconds % 60);
+  if (hours < 24) return fmt::format("{} h {} min", hours, minutes % 60);
+  return fmt::format("{} d {} h", hours / 24, hours % 24);
+}
+
+std::string show_age(const std::string& time, std::chrono::system_clock::time_point now) {
+  std::tm fields{};
+  if (strptime(time.c_str(), "%Y-%m-%dT%H:%M:%S", &fields) == nullptr) return "";
+  const auto then = std::chrono::system_clock::from_time_t(timegm(&fields));
+  const auto age = std::chrono::duration_cast<std::chrono::seconds>(now - then).count();
+  if (age < 60) return fmt::format("{}s", std::max<std::int64_t>(age, 0));
+  if (age < 3600) return fmt::format("{}m", age / 60);
+  if (age < 86400) return fmt::format("{}h", age / 3600);
+  return fmt::format("{}d", age / 86400);
+}
 
 std::string Screen::paint(std::string_view state, std::string text) const {
   if (!with_colour) return text;
@@ -186,6 +311,21 @@ std::string event_details(const json& event) {
   return fmt::format("{}{}{}", fmt::join(parts, " "), why.empty() ? "" : ": ", why);
 }
 
+// ---- the table of gateways
+
+/// The member, or an empty array.
+json list_at(const json& object, const char* key) {
+  const auto found = object.find(key);
+  return found == object.end() || !found->is_array() ? json::array() : *found;
+}
+
+std::size_t widest(const json& rows, const char* key, std::size_t head) {
+  constexpr std::size_t most = 24;
+  std::size_t width = head;
+  for (const json& row : rows) width = std::max(width, columns(text_at(row, key)));
+  return std::min(width, most);
+}
+
 }  // namespace
 
 std::string status(const json& status, const Screen& screen) {
@@ -271,6 +411,159 @@ std::string outcome(const json& outcome, const Screen& screen) {
   const std::string why = text_at(outcome, "why");
   return fmt::format("{} after {} ms{}{}\n", screen.paint(result, result),
                      count_at(outcome, "after_ms"), why.empty() ? "" : ": ", why);
+}
+
+std::string fleet(const json& fleet, const Screen& screen) {
+  const json gateways = list_at(fleet, "gateways");
+  const json robots = list_at(fleet, "robots");
+  const std::size_t width = std::max(widest(gateways, "gateway", 7), widest(robots, "gateway", 7));
+  std::string out = pad("GATEWAY", width) + " STATE   ROBOTS UP   VERSION\n";
+  for (const json& gateway : gateways) {
+    const std::string state = text_at(gateway, "state");
+    const std::string age = show_age(text_at(gateway, "since"), screen.now);
+    std::string line =
+        fmt::format("{} {} {:>6} {} {}", pad(cut_end(text_at(gateway, "gateway"), width), width),
+                    screen.paint(state, pad(state, 7)), count_at(gateway, "robots"), pad(age, 4),
+                    text_at(gateway, "version"));
+    line.erase(line.find_last_not_of(' ') + 1);
+    out += line + "\n";
+  }
+  if (robots.empty()) return out;
+  const std::size_t id = widest(robots, "robot", 5);
+  out += fmt::format("\n{} {} SINCE\n", pad("ROBOT", id), pad("GATEWAY", width));
+  for (const json& robot : robots) {
+    const auto served = robot.find("served");
+    std::string trouble;
+    const bool is_here = text_at(robot, "gateway") == text_at(fleet, "gateway");
+    if (served != robot.end() && *served == false)
+      trouble = fmt::format(" ({})",
+                            screen.paint("down", is_here ? "its session at the broker is not held"
+                                                         : "that gateway is silent"));
+    if (is_true(robot, "contested"))
+      trouble += fmt::format(" ({})", screen.paint("contested", std::string(contested_words)));
+    out += fmt::format("{} {} {}{}\n", pad(cut_end(text_at(robot, "robot"), id), id),
+                       pad(cut_end(text_at(robot, "gateway"), width), width),
+                       show_age(text_at(robot, "since"), screen.now), trouble);
+  }
+  return out;
+}
+
+std::string devices(const json& devices) {
+  if (devices.empty()) return "no new robot is in reach\n";
+  std::string out = pad("UUID", 33) + "RSSI SEEN " + pad("STATE", 8) + "ROBOT\n";
+  for (const json& device : devices) {
+    const std::string robot = text_at(device, "robot");
+    out += fmt::format("{} {:>4} {:>3}s {} {}\n", pad(text_at(device, "uuid"), 32),
+                       number_at(device, "rssi_dbm"), count_at(device, "heard_s_ago"),
+                       pad(text_at(device, "state"), 7), robot.empty() ? "-" : cut_end(robot, 29));
+  }
+  return out;
+}
+
+std::string nodes(const json& nodes, const Screen& screen) {
+  if (nodes.empty()) return "no robot is in the mesh yet\n";
+  std::string out =
+      pad("ROBOT", 17) + pad("ADDRESS", 8) + pad("UUID", 33) + pad("STATE", 12) + "\n";
+  for (const json& node : nodes) {
+    const std::string state = text_at(node, "state");
+    const std::string problem = text_at(node, "problem");
+    out += fmt::format("{} {} {} {}\n", pad(cut_end(text_at(node, "robot"), 16), 16),
+                       pad(text_at(node, "address"), 7), pad(text_at(node, "uuid"), 32),
+                       screen.paint(state, state));
+    if (!problem.empty()) out += "  " + problem + "\n";
+  }
+  return out;
+}
+
+std::string removed(const json& node) {
+  return fmt::format(
+      "{} ({}) is out of the mesh; only this takes it in again: slam-gatewayctl ble provision {} "
+      "--id {}\n",
+      text_at(node, "robot"), text_at(node, "address"), text_at(node, "uuid"),
+      text_at(node, "robot"));
+}
+
+std::string exported_mesh(const json& exported) {
+  const std::string file = text_at(exported, "file");
+  return fmt::format(
+      "{} holds the mesh's keys, for one other gateway. There: set ble_mesh.address to {}, "
+      "restart\nslam-gateway (if it has that address already, leave it), and: slam-gatewayctl ble "
+      "import {}\n",
+      file, text_at(exported, "address"), file);
+}
+
+std::string joining_head(const json& news) {
+  const std::uint64_t seconds = count_at(news, "seconds_left");
+  if (seconds == 0) return {};
+  return fmt::format(
+      "new robots may join for {}; Ctrl-C ends this display only, --minutes 0 ends joining\n",
+      show_seconds(seconds));
+}
+
+std::string joining(const json& event, const Screen& screen) {
+  const std::string what = text_at(event, "event");
+  const std::string robot = text_at(event, "robot");
+  const std::string why = text_at(event, "why");
+  return fmt::format("{} {}{}{}\n", pad(text_at(event, "uuid"), 32),
+                     screen.paint(what, pad(what, 10)), robot.empty() ? "" : " " + robot,
+                     why.empty() ? "" : ": " + why);
+}
+
+std::string done(const json& done) {
+  if (done.contains("nodes"))
+    return fmt::format("imported: the mesh has {} robots\n", count_at(done, "nodes"));
+  if (done.contains("cleared"))
+    return "the serial board was cleared and is set up anew; robots may ignore the gateway until "
+           "they were restarted\n";
+  if (done.contains("forgotten")) {
+    const auto was_known = done.find("was_known");
+    return text_at(done, "forgotten") + " is forgotten" +
+           (was_known != done.end() && *was_known == true
+                ? "\n"
+                : "; it was not known here; its retained presence is cleared once the broker "
+                  "is connected\n");
+  }
+  if (done.contains("in_force")) {
+    const std::string restart = text_at(done, "needs_restart");
+    return "in force: " + text_at(done, "in_force") + "\n" +
+           (restart.empty() ? "" : "only a restart changes: " + restart + "\n");
+  }
+  return "done\n";
+}
+
+std::string dead_letters_head(const json& first_page) {
+  const std::uint64_t count = count_at(first_page, "count");
+  if (count == 0) return "no dead letters\n";
+  if (first_page.at("letters").empty())
+    return fmt::format("no dead letters of this topic; of others: {}\n", count);
+  return fmt::format("{} dead letters, {}\n{:>8} {:>4} {:>6} {:>5} TOPIC: REASON\n", count,
+                     show_bytes(count_at(first_page, "bytes")), "ID", "AGE", "BYTES", "TRIES");
+}
+
+std::string dead_letters(const json& letters, const Screen& screen) {
+  std::string out;
+  for (const json& letter : letters) {
+    out +=
+        fmt::format("{:>8} {:>4} {:>6} {:>5} {}: {}\n", count_at(letter, "id"),
+                    show_age(text_at(letter, "stored_at"), screen.now), count_at(letter, "bytes"),
+                    count_at(letter, "tries"), text_at(letter, "topic"), text_at(letter, "reason"));
+  }
+  return out;
+}
+
+std::string resent(const json& done) {
+  const std::uint64_t left = count_at(done, "left");
+  std::string out = fmt::format("{} dead letters are sent again\n", count_at(done, "resent"));
+  if (left > 0) {
+    out += fmt::format(
+        "{} stay: the store is full or fails (slam-gatewayctl status), or they are damaged\n",
+        left);
+  }
+  return out;
+}
+
+std::string discarded(const json& done) {
+  return fmt::format("{} dead letters were discarded\n", count_at(done, "discarded"));
 }
 
 }  // namespace show

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // `slam-gatewayctl doctor`: the way of a message from radio to broker, step by step: what is well,
-// and what to do about the rest. Pure; the facts are gathered by examination.hpp.
+// and what to do about the rest. The facts are gathered first, and judged without asking further.
 #pragma once
 
 #include <cstdint>
@@ -9,6 +9,8 @@
 #include <string>
 #include <vector>
 
+#include "ctl/connection.hpp"
+#include "ctl/host/installation.hpp"
 #include "daemon/config/parse.hpp"
 
 namespace slamgw::ctl {
@@ -73,5 +75,10 @@ nlohmann::json to_json(const std::vector<Finding>& findings);
 std::string to_text(const std::vector<Finding>& findings);
 /// Whether any of them is a problem.
 bool has_problem(const std::vector<Finding>& findings);
+
+/// Takes up to some seconds; nothing that it does changes anything.
+HostFacts gather_facts(const Installation& installation, const std::string& socket);
+/// Asks the daemon, and the journal of the last day.
+RobotFacts gather_robot_facts(const std::string& robot, Connection& daemon);
 
 }  // namespace slamgw::ctl

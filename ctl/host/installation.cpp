@@ -51,22 +51,17 @@ int wait_for(pid_t child) {
   return WIFEXITED(status) ? WEXITSTATUS(status) : exit_signal + WTERMSIG(status);
 }
 
-std::optional<unsigned> number_in(const char* variable) {
-  const char* const value = std::getenv(variable);
-  if (value == nullptr) return std::nullopt;
-  const std::string_view text = value;
-  unsigned number = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
-  if (error != std::errc{} || end != text.data() + text.size()) return std::nullopt;
-  return number;
-}
-
 /// sudo(8) sets SUDO_UID and SUDO_GID.
 void give_to_caller(int file) {
-  const auto user = number_in("SUDO_UID");
-  const auto group = number_in("SUDO_GID");
-  if (geteuid() != 0 || !user || !group) return;
-  if (fchown(file, *user, *group) != 0) return;  // then it stays root's
+  const auto number_in = [](const char* variable) {
+    unsigned number = 0;
+    const std::string_view text = std::getenv(variable) ? std::getenv(variable) : "";
+    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
+    return error == std::errc{} && end == text.data() + text.size() ? number : 0;
+  };
+  const unsigned user = number_in("SUDO_UID");
+  if (geteuid() != 0 || user == 0) return;
+  if (fchown(file, user, number_in("SUDO_GID")) != 0) return;  // then it stays root's
 }
 
 /// Where `file` lies in `directory`; empty when it lies elsewhere, is hidden, or is hidden's.
@@ -199,6 +194,7 @@ ArchiveFile::~ArchiveFile() {
 /// (fs.protected_regular in proc_sys_fs(5)).
 void ArchiveFile::finish() {
   give_to_caller(made_);
+  fsync(made_);
   if (rename(unfinished_.c_str(), file_.c_str()) != 0)
     throw Failure(file_ + ": " + std::strerror(errno));
 }

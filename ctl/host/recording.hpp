@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A recording of robots' messages: the lines of `slam-gatewayctl --json watch`, one JSON document
-// each. Pure.
+// A recording of robots' messages, the lines of `slam-gatewayctl --json watch`; and its replay to a
+// broker with the recorded timing, for those who develop servers without robots.
 #pragma once
 
 #include <chrono>
@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "daemon/core/messages.hpp"
+#include "daemon/mqtt/settings.hpp"
 
 namespace slamgw::ctl {
 
@@ -26,5 +27,15 @@ bool is_recorded(const nlohmann::json& event);
 /// The messages of robots (`arrived`) that went up as they came, in the order of time. Throws
 /// Failure that names the line for what is no recording.
 std::vector<RecordedMessage> read_recording(std::istream& in, const std::string& name);
+
+struct Replayed {
+  std::uint64_t published = 0;
+  std::uint64_t refused = 0;
+  std::string why;  ///< of the last one that was refused
+};
+
+/// Returns when the broker has taken the last message. `speed`: 2 is twice as fast. Throws Failure
+/// when the broker is not reached, or goes away.
+Replayed replay(std::vector<RecordedMessage> messages, BrokerSettings broker, double speed);
 
 }  // namespace slamgw::ctl

@@ -5,9 +5,8 @@
 #include <algorithm>
 #include <sstream>
 
-#include "ctl/payload.hpp"
+#include "ctl/command_line.hpp"
 #include "ctl/show.hpp"
-#include "ctl/text.hpp"
 #include "daemon/control/wire.hpp"
 #include "daemon/core/utf8.hpp"
 

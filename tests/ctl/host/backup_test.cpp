@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A backup brings everything back; an archive from elsewhere writes nothing.
-#include "ctl/host/backup.hpp"
+#include "ctl/host/archives.hpp"
 
 #include <gtest/gtest.h>
 #include <sys/stat.h>
@@ -12,7 +12,6 @@
 #include <nlohmann/json.hpp>
 
 #include "ctl/connection.hpp"
-#include "ctl/host/report.hpp"
 #include "tests/support/temp_dir.hpp"
 
 namespace slamgw::ctl {

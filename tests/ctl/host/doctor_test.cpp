@@ -6,7 +6,7 @@
 
 #include <algorithm>
 
-#include "ctl/host/report.hpp"
+#include "ctl/host/archives.hpp"
 
 namespace slamgw::ctl {
 namespace {

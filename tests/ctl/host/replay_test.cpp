@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A recording at a real Mosquitto.
-#include "ctl/host/replay.hpp"
+#include "ctl/host/recording.hpp"
 
 #include <gtest/gtest.h>
 

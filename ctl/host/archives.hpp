@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // `slam-gatewayctl backup` and `restore`: configuration, credentials, the BLE mesh's keys, and the
-// messages and sessions that are kept, in one archive (tar, gzip). The archive holds secrets.
+// messages and sessions that are kept, in one archive (tar, gzip), which holds secrets; and
+// `report`, what support needs to see, without secrets.
 #pragma once
 
 #include <functional>
 #include <string>
+#include <string_view>
 
 #include "ctl/host/installation.hpp"
 
@@ -21,5 +23,14 @@ std::string backup(const Installation& installation, const std::string& file);
 /// that differ.
 std::string restore(const Installation& installation, const std::string& file,
                     const std::function<bool(const std::string& replaced)>& may_replace);
+
+/// The text of a configuration file with the value of each key that may be secret replaced; keys
+/// whose names speak of secrets too, known or not. Nothing of a text that is no JSON.
+std::string without_secrets(std::string_view text);
+
+/// Writes `file` (tar, gzip, mode 0600). A failure stands in the place of what cannot be had; only
+/// a file that cannot be written is a Failure. Gives what was done, for people.
+std::string report(const Installation& installation, const std::string& socket,
+                   const std::string& file);
 
 }  // namespace slamgw::ctl
