@@ -10,9 +10,11 @@ namespace slamgw::web {
 namespace {
 
 /// The first reason that the broker is away.
-std::string refusal_of(const test::Mosquitto& broker, std::optional<Credentials> credentials) {
+std::string refusal_of(const test::Mosquitto& broker, std::optional<Credentials> credentials,
+                       bool tls = false) {
   BrokerSettings settings;
   settings.port = broker.port();
+  settings.tls = tls;
   settings.credentials = std::move(credentials);
   boost::asio::io_context io;
   std::string refusal;
@@ -34,6 +36,12 @@ TEST(WebBrokerLink, NamesTheUserThatTheBrokerRefusesAndTheFile) {
   EXPECT_EQ(wrong.find("wrong"), wrong.npos) << "no password in a log";
   const std::string none = refusal_of(broker, std::nullopt);
   EXPECT_NE(none.find("(no user name was sent)"), none.npos) << none;
+}
+
+TEST(WebBrokerLink, NamesWhatIsWrongWithTls) {
+  const test::Mosquitto broker;
+  const std::string why = refusal_of(broker, std::nullopt, true);
+  EXPECT_EQ(why.find("TLS with 127.0.0.1 fails: "), 0U) << why;
 }
 
 }  // namespace

@@ -97,6 +97,9 @@ void BrokerLink::set_up_client() {
   if (const auto& login = settings_.credentials)
     mosquitto_username_pw_set(client_, login->username.c_str(), login->password.c_str());
   if (places_[at_].tls) set_up_tls();
+  mosquitto_log_callback_set(client_, [](mosquitto*, void* self, int level, const char* text) {
+    if (level == MOSQ_LOG_ERR) of(self).library_error_ = text;
+  });
   mosquitto_connect_v5_callback_set(
       client_, [](mosquitto*, void* self, int reason, int, const mosquitto_property*) {
         of(self).on_connected(reason);
@@ -171,6 +174,7 @@ void BrokerLink::go_to_next_broker() {
 /// Until the connection ends; why it did.
 int BrokerLink::stay_connected() {
   connack_ = 0;
+  library_error_.clear();
   mosquitto_int_option(client_, MOSQ_OPT_PROTOCOL_VERSION,
                        is_version_5_ ? MQTT_PROTOCOL_V5 : MQTT_PROTOCOL_V311);
   int failure = start_connection();
@@ -210,6 +214,10 @@ void BrokerLink::report_failure(int failure) {
         "gateway.json, and restart slam-gateway-web",
         settings_.credentials ? "'" + settings_.credentials->username + "'"
                               : "no user name was sent");
+  else if (places_[at_].tls && !library_error_.empty())  // "OpenSSL Error[0]: error:...: words"
+    why =
+        fmt::format("TLS with {} fails: {}; look at broker.tls and at the broker's certificate",
+                    places_[at_].host, library_error_.substr(library_error_.find_last_of(':') + 1));
   else if (connack_ != 0)
     why = is_version_5_ ? mosquitto_reason_string(connack_) : mosquitto_connack_string(connack_);
   if (why == last_failure_) return;

@@ -97,6 +97,7 @@ class BrokerLink {
   bool is_version_5_ = true;
   int connack_ = 0;                   ///< the last reason code; on the link's thread
   std::string last_failure_;          ///< that the listener has
+  std::string library_error_;         ///< of this connection, as libmosquitto logs it
   std::map<int, std::string> asked_;  ///< filters by message id; on the link's thread
   std::atomic<bool> is_up_ = false;
   std::atomic<std::uint64_t> overruns_ = 0;
