@@ -2,14 +2,14 @@
 #include "ctl/host/doctor.hpp"
 
 #include <fmt/format.h>
-#include <netdb.h>
-#include <netinet/in.h>
 #include <sys/socket.h>
 #include <sys/time.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <array>
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/udp.hpp>
 #include <cerrno>
 #include <charconv>
 #include <chrono>
@@ -26,6 +26,7 @@ namespace slamgw::ctl {
 namespace {
 
 namespace fs = std::filesystem;
+using boost::asio::ip::udp;
 using nlohmann::json;
 
 /// Below it SQLite soon finds no room for a message.
@@ -456,69 +457,49 @@ LocalBrokers find_brokers() {
   return brokers;
 }
 
-/// The port of the first address that every interface of one family listens on; searches are sent
-/// there over loopback.
-std::optional<sockaddr_in6> search_target(const mqttsn::Settings& settings) {
-  if (!settings.enabled || !settings.interface.empty()) return std::nullopt;
-  for (const std::string& listen : settings.listen) {
-    if (!listen.starts_with("[::]:")) continue;
-    std::uint16_t port = 0;
-    std::from_chars(listen.data() + 5, listen.data() + listen.size(), port);
-    sockaddr_in6 target{};
-    target.sin6_family = AF_INET6;
-    target.sin6_addr = in6addr_loopback;
-    target.sin6_port = htons(port);
-    return target;
-  }
-  return std::nullopt;
+/// An entry of `mqttsn.listen`: ADDRESS:PORT or [ADDRESS]:PORT.
+udp::endpoint endpoint_of(const std::string& listen) {
+  const std::size_t colon = listen.rfind(':');
+  std::string host = listen.substr(0, colon);
+  if (host.starts_with('[')) host = host.substr(1, host.size() - 2);
+  std::uint16_t port = 0;
+  std::from_chars(&listen[colon + 1], listen.data() + listen.size(), port);
+  boost::system::error_code error;
+  return {boost::asio::ip::make_address(host, error), port};
 }
 
+/// Searches over loopback, at the first address that every interface listens on.
 std::optional<bool> search(const mqttsn::Settings& settings) {
-  const auto target = search_target(settings);
-  if (!target) return std::nullopt;
-  const int udp = socket(AF_INET6, SOCK_DGRAM | SOCK_CLOEXEC, 0);
-  if (udp < 0) return std::nullopt;
-  timeval second{1, 0};
-  setsockopt(udp, SOL_SOCKET, SO_RCVTIMEO, &second, sizeof second);
-  bool is_answered = false;
-  for (int i = 0; i < search_attempts && !is_answered; ++i) {
-    sendto(udp, searchgw.data(), searchgw.size(), 0, reinterpret_cast<const sockaddr*>(&*target),
-           sizeof *target);
+  const auto listen = std::ranges::find_if(
+      settings.listen, [](const std::string& each) { return each.starts_with("[::]:"); });
+  if (!settings.enabled || !settings.interface.empty() || listen == settings.listen.end())
+    return std::nullopt;
+  boost::asio::io_context io;
+  boost::system::error_code error;
+  udp::socket socket(io);
+  if (socket.open(udp::v6(), error)) return std::nullopt;
+  const timeval second{1, 0};
+  setsockopt(socket.native_handle(), SOL_SOCKET, SO_RCVTIMEO, &second, sizeof second);
+  for (int i = 0; i < search_attempts; ++i) {
+    const udp::endpoint target(boost::asio::ip::address_v6::loopback(),
+                               endpoint_of(*listen).port());
+    socket.send_to(boost::asio::buffer(searchgw), target, 0, error);
     std::array<std::uint8_t, 64> answer{};
-    const ssize_t size = recv(udp, answer.data(), answer.size(), 0);
-    is_answered = size >= 3 && answer[1] == gwinfo_type;
+    const ssize_t size = recv(socket.native_handle(), answer.data(), answer.size(), 0);
+    if (size >= 3 && answer[1] == gwinfo_type) return true;
   }
-  close(udp);
-  return is_answered;
-}
-
-/// An entry of `mqttsn.listen`, ADDRESS:PORT or [ADDRESS]:PORT, can't be bound because something
-/// else is bound there.
-bool is_taken(std::string address, const std::string& port) {
-  if (address.starts_with('[') && address.ends_with(']'))
-    address = address.substr(1, address.size() - 2);
-  addrinfo hints{};
-  hints.ai_flags = AI_NUMERICHOST | AI_NUMERICSERV;
-  hints.ai_socktype = SOCK_DGRAM;
-  addrinfo* found = nullptr;
-  if (getaddrinfo(address.c_str(), port.c_str(), &hints, &found) != 0) return false;
-  const int udp = socket(found->ai_family, SOCK_DGRAM | SOCK_CLOEXEC, 0);
-  const bool is_taken =
-      udp >= 0 && bind(udp, found->ai_addr, found->ai_addrlen) != 0 && errno == EADDRINUSE;
-  if (udp >= 0) close(udp);
-  freeaddrinfo(found);
-  return is_taken;
+  return false;
 }
 
 /// The first port of these entries of `mqttsn.listen` that another program has.
 std::optional<std::uint16_t> taken_port(std::span<const std::string> entries) {
+  boost::asio::io_context io;
   for (const std::string& listen : entries) {
-    const std::size_t colon = listen.rfind(':');
-    const std::string port = listen.substr(colon + 1);
-    if (!is_taken(listen.substr(0, colon), port)) continue;
-    std::uint16_t number = 0;
-    std::from_chars(port.data(), port.data() + port.size(), number);
-    return number;
+    const udp::endpoint endpoint = endpoint_of(listen);
+    boost::system::error_code error;
+    udp::socket socket(io);
+    if (socket.open(endpoint.protocol(), error) || !socket.bind(endpoint, error)) continue;
+    if (error == boost::asio::error::address_in_use) return endpoint.port();
   }
   return std::nullopt;
 }
