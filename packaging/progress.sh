@@ -8,6 +8,7 @@ show_progress() {
   local line shown=-30 is_open=''
   while IFS= read -r line; do
     if [[ $line =~ ^\[([0-9]+)/([0-9]+)\]\  ]]; then
+      [ "${BASH_REMATCH[1]}" != 0 ] || continue # it looks whether files were added
       if [ -t 2 ]; then
         printf '\r\033[Kstep %s of %s' "${BASH_REMATCH[1]}" "${BASH_REMATCH[2]}" >&2
         is_open=yes
