@@ -327,6 +327,7 @@ std::string restore(const Installation& installation, const std::string& file,
     const ServicePause pause(installation);
     report = move_aside(installation.files(), installation);
     make_directories(installation.state(), fs::perms::owner_all);
+    make_directories(installation.site(), static_cast<fs::perms>(0755));
     for (const fs::path& target : targets)
       put_in_place(unpacked.path() / target.relative_path(), target, installation);
     fs::permissions(installation.state(), fs::perms::owner_all);

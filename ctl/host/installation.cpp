@@ -99,8 +99,7 @@ fs::path Installation::state() const {
 bool Installation::is_state(const fs::path& file) const { return !place_in(state(), file).empty(); }
 
 bool Installation::is_settings(const fs::path& file) const {
-  const fs::path site = fs::path(configuration_).replace_extension(".d");
-  return file == configuration_ || (file.parent_path() == site && file.extension() == ".json") ||
+  return file == configuration_ || (file.parent_path() == site() && file.extension() == ".json") ||
          std::ranges::find(named_, file) != named_.end() ||
          (is_service() && !place_in(etc(), file).empty());
 }
@@ -108,7 +107,7 @@ bool Installation::is_settings(const fs::path& file) const {
 std::vector<fs::path> Installation::files() const {
   std::vector<fs::path> files = named_;
   files.emplace_back(configuration_);
-  add_files(files, fs::path(configuration_).replace_extension(".d"));
+  add_files(files, site());
   if (is_service()) add_files(files, etc());
   add_files(files, state());
   std::ranges::sort(files);

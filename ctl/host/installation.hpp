@@ -24,6 +24,10 @@ class Installation {
   const ParseResult& parsed() const { return parsed_; }
   std::filesystem::path etc() const { return std::filesystem::path(configuration_).parent_path(); }
   std::filesystem::path state() const;
+  /// `gateway.d` beside `gateway.json`.
+  std::filesystem::path site() const {
+    return std::filesystem::path(configuration_).replace_extension(".d");
+  }
   /// The configuration is the one that the packaged service reads.
   bool is_service() const { return configuration_ == service_configuration; }
 

@@ -105,6 +105,14 @@ TEST_F(Backup, BringsEverythingBack) {
   EXPECT_EQ(installation().state(), root() / "state");
 }
 
+TEST_F(Backup, MakesTheSitesDirectoryAgain) {
+  fs::remove(root() / "etc/gateway.d/site.json");
+  backup(installation(), archive());
+  fs::remove(root() / "etc/gateway.d");
+  restored();
+  EXPECT_EQ(mode("etc/gateway.d"), 0755U);
+}
+
 TEST_F(Backup, KeepsWhatARestoreReplaces) {
   backup(installation(), archive());
   write("state/messages.db", "newer messages");
