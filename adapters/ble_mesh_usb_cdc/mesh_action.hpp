@@ -7,8 +7,8 @@
 #include <variant>
 
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
-#include "daemon/core/ble_order.hpp"
 #include "daemon/core/messages.hpp"
+#include "daemon/core/operator_order.hpp"
 #include "daemon/core/protocol_machine.hpp"
 
 namespace slamgw::ble {

@@ -24,7 +24,7 @@ constexpr std::chrono::milliseconds flush_poll{20};
 
 /// Packages make this directory; elsewhere (a demo, a developer) the daemon makes it, for itself
 /// alone.
-void make_store_directory(const std::string& path) {
+void prepare_store_directory(const std::string& path) {
   namespace fs = std::filesystem;
   std::error_code error;
   if (fs::is_directory(path, error)) return;
@@ -111,7 +111,7 @@ App::~App() = default;
 void App::run() {
   log_event(Severity::notice, fmt::format("slam-gatewayd {} starts as gateway '{}'", SLAMGW_VERSION,
                                           config_.gateway_id));
-  make_store_directory(config_.store.directory);
+  prepare_store_directory(config_.store.directory);
   store_.start();
   wait_for_signal();
   start_control();

@@ -12,8 +12,8 @@
 
 #include "daemon/config/config.hpp"
 #include "daemon/core/adapter.hpp"
-#include "daemon/core/ble_order.hpp"
 #include "daemon/core/gateway.hpp"
+#include "daemon/core/operator_order.hpp"
 #include "daemon/core/session_store.hpp"
 #include "daemon/runtime/descriptor_store.hpp"
 

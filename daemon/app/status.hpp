@@ -14,7 +14,7 @@
 #include "daemon/core/messages.hpp"
 #include "daemon/core/rights_probe.hpp"
 #include "daemon/core/robot_numbers.hpp"
-#include "daemon/delivery/store_shares.hpp"
+#include "daemon/delivery/message_store.hpp"
 
 namespace slamgw {
 

@@ -8,8 +8,8 @@
 
 #include "adapters/ble_mesh_usb_cdc/settings.hpp"
 #include "adapters/mqttsn_udp/settings.hpp"
+#include "daemon/core/normalizer.hpp"
 #include "daemon/core/robot_names.hpp"
-#include "daemon/core/update_payload.hpp"
 #include "daemon/mqtt/settings.hpp"
 #include "daemon/observability/log_settings.hpp"
 #include "web/server/settings.hpp"

@@ -9,9 +9,8 @@
 #include <optional>
 #include <string>
 
-#include "daemon/core/ble_order.hpp"
 #include "daemon/core/bytes.hpp"
-#include "daemon/core/store_order.hpp"
+#include "daemon/core/operator_order.hpp"
 
 namespace slamgw {
 

@@ -5,7 +5,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include "daemon/core/trace_event.hpp"
+#include "daemon/core/trace.hpp"
 
 namespace slamgw::control {
 

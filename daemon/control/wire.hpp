@@ -28,11 +28,10 @@
 #include <string_view>
 #include <variant>
 
-#include "daemon/core/ble_order.hpp"
 #include "daemon/core/bytes.hpp"
+#include "daemon/core/operator_order.hpp"
 #include "daemon/core/result.hpp"
-#include "daemon/core/store_order.hpp"
-#include "daemon/core/trace_event.hpp"
+#include "daemon/core/trace.hpp"
 
 namespace slamgw::control {
 

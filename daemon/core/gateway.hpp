@@ -18,12 +18,9 @@
 #include "daemon/core/open_receipts.hpp"
 #include "daemon/core/protocol_machine.hpp"
 #include "daemon/core/rights_probe.hpp"
-#include "daemon/core/robot_places.hpp"
 #include "daemon/core/robot_registry.hpp"
-#include "daemon/core/stray_commands.hpp"
 #include "daemon/core/topic_scheme.hpp"
 #include "daemon/core/traffic_event.hpp"
-#include "daemon/core/update_payload.hpp"
 
 namespace slamgw {
 

@@ -1,14 +1,47 @@
 // SPDX-License-Identifier: Apache-2.0
-// Brings the payloads of type `update` into one form; every other type passes unchanged.
+// The thesis's `update` payload (docs/topics.md; thesis 6.3): little-endian int16 pairs in
+// centimetres, `x y` of the robot, then up to four obstacles. Robots append one stray byte (their
+// struct is cut short; it is no count), which is dropped.
 #pragma once
 
+#include <cstdint>
 #include <optional>
+#include <string>
 #include <string_view>
+#include <vector>
 
 #include "daemon/core/bytes.hpp"
-#include "daemon/core/update_payload.hpp"
+#include "daemon/core/recycling_allocator.hpp"
+#include "daemon/core/result.hpp"
 
 namespace slamgw {
+
+struct Position {
+  std::int16_t x_cm = 0;
+  std::int16_t y_cm = 0;
+  bool operator==(const Position&) const = default;
+};
+
+struct Update {
+  Position robot;
+  std::vector<Position, RecyclingAllocator<Position>> obstacles;  ///< 0..4
+  bool operator==(const Update&) const = default;
+};
+
+enum class UpdateError : std::uint8_t {
+  bad_size,  ///< not 4 + 4n or 4 + 4n + 1 octets with n = 0..4
+};
+
+Result<Update, UpdateError> parse_update(ByteView payload);
+/// Of what parse_update() can read, the canonical bytes: exactly 4 + 4n octets.
+Bytes drop_stray_byte(Bytes payload);
+/// `{"x":10,"y":-20,"obstacles":[{"x":100,"y":300}]}`
+std::string encode_json(const Update& update);
+
+/// How `update` goes up (`payload.update`).
+enum class UpdateMode : std::uint8_t { positions, json, raw };
+
+// Brings the payloads of type `update` into one form; every other type passes unchanged.
 
 struct Normalized {
   Bytes payload;

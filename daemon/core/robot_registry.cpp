@@ -5,6 +5,7 @@
 #include <functional>
 
 namespace slamgw {
+
 Mesh Robot::mesh() const {
   for (const Presence wanted : {Presence::online, Presence::asleep}) {
     const auto is_there = [&](Mesh mesh) {

@@ -2,6 +2,7 @@
 #include "daemon/core/trace.hpp"
 
 namespace slamgw {
+
 namespace {
 
 using std::chrono::duration_cast;

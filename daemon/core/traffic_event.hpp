@@ -7,7 +7,7 @@
 #include <string>
 
 #include "daemon/core/messages.hpp"
-#include "daemon/core/update_payload.hpp"
+#include "daemon/core/normalizer.hpp"
 
 namespace slamgw {
 

@@ -23,7 +23,7 @@
 #include "daemon/core/protocol_machine.hpp"
 #include "daemon/delivery/held_topics.hpp"
 #include "daemon/delivery/message_store.hpp"
-#include "daemon/delivery/outbox_entry.hpp"
+#include "daemon/delivery/publish_window.hpp"
 
 namespace slamgw {
 

@@ -13,7 +13,7 @@
 #include <utility>
 
 #include "daemon/core/recycling_allocator.hpp"
-#include "daemon/delivery/outbox_entry.hpp"
+#include "daemon/delivery/publish_window.hpp"
 
 namespace slamgw {
 

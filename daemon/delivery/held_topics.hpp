@@ -1,4 +1,108 @@
 // SPDX-License-Identifier: Apache-2.0
+// Which topics a broker may have closed the connection for. Brokers close it in place of refusing:
+// Mosquitto for a packet that is too large, NATS for a `.` in a topic. Only what the broker had not
+// answered can be the cause, and who was unanswered at two losses in a row is a suspect; HeldTopics
+// tries suspects alone. Pure; part of the outbox.
+#pragma once
+
+#include <bitset>
+#include <cstddef>
+#include <cstdint>
+#include <deque>
+#include <optional>
+#include <set>
+#include <string>
+#include <string_view>
+#include <unordered_map>
+#include <utility>
+#include <vector>
+
+#include "daemon/core/messages.hpp"
+#include "daemon/core/protocol_machine.hpp"
+#include "daemon/core/time.hpp"
+#include "daemon/delivery/message_store.hpp"
+#include "daemon/delivery/publish_window.hpp"
+
+namespace slamgw {
+
+class ConnectionSuspects {
+ public:
+  /// QoS 0 that was written, which has no answer: more than a broker is sent in the time that
+  /// its closing takes to arrive, as a rule.
+  static constexpr std::size_t most_written = 64;
+  /// Two losses that lie further apart have nothing to do with each other.
+  static constexpr std::chrono::hours longest_between{1};
+  /// Debian 12's Mosquitto closes the connection after each PUBACK that refuses.
+  static constexpr std::chrono::seconds refusal_to_loss{1};
+
+  /// QoS 0 went to the network. `sequence` as in PublishAtBroker.
+  void on_written(std::uint64_t sequence, std::string topic);
+  /// The broker has answered it, and so has read all that was sent before it.
+  void on_answered(std::uint64_t sequence);
+  struct Refused {
+    std::string topic;
+    Refusal refusal;
+    TimePoint at{};
+  };
+  void on_refused(Refused refused) { refused_ = std::move(refused); }
+  /// The refusal for which the broker has closed the connection; null: there was none.
+  const Refused* explanation(TimePoint now) const {
+    return refused_ && now - refused_->at < refusal_to_loss ? &*refused_ : nullptr;
+  }
+  /// The connection is lost, and nothing explains it. Returns the topics that were unanswered at
+  /// the loss before too.
+  std::vector<std::string> on_loss(const OutboxEntries& unanswered, TimePoint now);
+  /// A new connection: what was written to the old one is the past.
+  void on_link_up();
+
+ private:
+  struct Written {
+    std::uint64_t sequence = 0;
+    std::string topic;
+  };
+
+  void drop_oldest();
+
+  std::deque<Written, RecyclingAllocator<Written>>
+      written_;  // by rising sequence, after the last answer
+  std::set<std::string> last_unanswered_;
+  TimePoint last_loss_{};
+  std::optional<Refused> refused_;  ///< the last one of this connection
+};
+
+// Robots of which the broker has refused a topic and then closed the connection, as Debian 12's
+// Mosquitto does after each refusal. Every refusal costs all robots the connection; so a robot's
+// other topics, but for those that the broker took last time, are held as if refused and tried one
+// by one. Else a robot with a hundred forbidden topics would cost a hundred connections. A flow is
+// as in FairQueue: what a topic has in front of its last level. Pure; part of the outbox.
+
+class DoubtedFlows {
+ public:
+  void on_accepted(std::string_view topic) { accepted_.set(TopicCounts::slot(topic)); }
+  /// The broker has refused a message on `topic` and closed the connection.
+  void add(std::string_view topic, const Refusal& refusal) {
+    accepted_.reset(TopicCounts::slot(topic));
+    flows_[flow_of(topic)] = {refusal.code, "another topic of this robot is: " + refusal.why};
+  }
+  /// Why the broker is taken to refuse `topic`; null: there is no reason to.
+  const Refusal* reason(std::string_view topic) const {
+    if (flows_.empty() || accepted_.test(TopicCounts::slot(topic))) return nullptr;
+    const auto doubted = flows_.find(flow_of(topic));
+    return doubted == flows_.end() ? nullptr : &doubted->second;
+  }
+  /// No topic is refused any more.
+  void clear() { flows_.clear(); }
+
+ private:
+  /// Two flows may share a number; so there are no more than TopicCounts::slots.
+  static std::size_t flow_of(std::string_view topic) {
+    return TopicCounts::slot(topic.substr(0, topic.rfind('/')));
+  }
+
+  std::unordered_map<std::size_t, Refusal> flows_;
+  std::bitset<TopicCounts::slots> accepted_;  // the broker's last answer for these topics
+};
+
 // Topics whose messages the broker does not take for now. Other topics do not wait for them. The
 // oldest message of each is tried again after growing pauses, one at a time, which keeps the order.
 // Messages on disk stay there: only their rows are known here. Pure; part of the outbox.
@@ -12,22 +116,6 @@
 // A suspect (ConnectionSuspects) is held until a message of it was answered. Its messages are tried
 // alone, so that a connection that is lost meanwhile accuses this message and no other. Without
 // messages it is idle, and the next one that comes is tried.
-#pragma once
-
-#include <deque>
-#include <optional>
-#include <set>
-#include <string>
-#include <unordered_map>
-#include <utility>
-#include <vector>
-
-#include "daemon/core/protocol_machine.hpp"
-#include "daemon/delivery/message_store.hpp"
-#include "daemon/delivery/outbox_entry.hpp"
-#include "daemon/delivery/topic_counts.hpp"
-
-namespace slamgw {
 
 /// A held topic, for `status`.
 struct HeldTopic {

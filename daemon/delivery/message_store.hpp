@@ -1,22 +1,101 @@
 // SPDX-License-Identifier: Apache-2.0
+// How many messages of each topic are in a place, in bounded memory: counters by the topic's hash,
+// only those that are not zero, for as a rule there are none. Two topics may share a counter;
+// "none" is always true, "some" may mean the other topic, and costs that one a detour through the
+// store. Used by the backlog.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <string_view>
+#include <unordered_map>
+#include <variant>
+#include <vector>
+
+#include "daemon/core/messages.hpp"
+
+namespace slamgw {
+
+class TopicCounts {
+ public:
+  /// A thousand robots with three topics each rarely share a slot.
+  static constexpr std::size_t slots = 65536;
+
+  static std::size_t slot(std::string_view topic) {
+    return std::hash<std::string_view>{}(topic) % slots;
+  }
+
+  void add(std::string_view topic) { ++counts_[slot(topic)]; }
+  /// Only what was added before.
+  void remove(std::string_view topic) {
+    const auto count = counts_.find(slot(topic));
+    if (count != counts_.end() && --count->second == 0) counts_.erase(count);
+  }
+  bool has(std::string_view topic) const {
+    return !counts_.empty() && counts_.contains(slot(topic));
+  }
+
+ private:
+  std::unordered_map<std::size_t, std::uint32_t> counts_;  // by slot
+};
+
+// What each flow has in the store, so that none takes all of it. A flow is what a topic has in
+// front of its last level: all types of one robot are one flow. In bounded memory, as TopicCounts:
+// flows whose names share a slot share what they may have. Used by the backlog.
+
+inline std::string_view flow_of(std::string_view topic) {
+  return topic.substr(0, topic.rfind('/'));
+}
+
+class StoreShares {
+ public:
+  struct Share {
+    std::string flow;
+    std::uint64_t bytes = 0;
+  };
+  /// As many robots as a gateway knows rarely share one.
+  static constexpr std::size_t slots = 65536;
+
+  void add(std::string_view topic, std::uint64_t bytes) {
+    Share& share = shares_[slot(topic)];
+    if (share.bytes == 0) share.flow = flow_of(topic);
+    share.bytes += bytes;
+  }
+  /// What was added before, or less.
+  void remove(std::string_view topic, std::uint64_t bytes) {
+    const auto share = shares_.find(slot(topic));
+    if (share == shares_.end()) return;
+    share->second.bytes -= std::min(share->second.bytes, bytes);
+    if (share->second.bytes == 0) shares_.erase(share);
+  }
+  std::uint64_t bytes_of(std::string_view topic) const {
+    const auto share = shares_.find(slot(topic));
+    return share == shares_.end() ? 0 : share->second.bytes;
+  }
+  /// Looks at all of them.
+  Share largest() const {
+    Share largest;
+    for (const auto& [slot, share] : shares_)
+      if (share.bytes > largest.bytes) largest = share;
+    return largest;
+  }
+
+ private:
+  static std::size_t slot(std::string_view topic) {
+    return std::hash<std::string_view>{}(flow_of(topic)) % slots;
+  }
+
+  std::unordered_map<std::size_t, Share> shares_;  // by slot; none is empty
+};
+
 // The border between the outbox and the store of undelivered messages on disk: two requests, and
 // the events that answer them. SqliteStore is behind it in the daemon, a fake with state in tests.
 // Events come in the order of the requests, on the loop's thread, never from inside a request.
 //
 // `generation`: how many StoreOpened and StoreAbsent the outbox had seen when it asked. A store
 // passes over requests from before its last one without an answer: they meant another file.
-#pragma once
-
-#include <cstdint>
-#include <string>
-#include <variant>
-#include <vector>
-
-#include "daemon/core/messages.hpp"
-#include "daemon/delivery/store_shares.hpp"
-#include "daemon/delivery/topic_counts.hpp"
-
-namespace slamgw {
 
 /// `row` is the outbox's number for a stored message: rows rise in the order of storing, and
 /// messages of one topic are delivered in the order of their rows.

@@ -46,4 +46,45 @@ class Backoff {
   std::optional<TimePoint> since_;  // the first wait since reset()
 };
 
+// Two clients with one client id take the connection from each other without end (MQTT 5 section
+// 3.1.4). This sees it, and makes the pauses grow, so that the broker is not kept busy with it.
+// Pure.
+
+class RivalWatch {
+ public:
+  /// A connection that lasts this long rules out a rival. After a pause of ours the limit is
+  /// longer, because the rival pauses too.
+  static constexpr std::chrono::seconds stable_after{10};
+  static constexpr std::chrono::seconds first_pause{2};
+  static constexpr std::chrono::seconds longest_pause{300};
+  /// Not every broker says why it ends a connection: so many that end soon, in a row, tell as well.
+  static constexpr unsigned suspicious_lives = 2;
+
+  void on_up(TimePoint now) { up_since_ = now; }
+  /// `is_taken_over`: the broker has said so. `has_unanswered`: messages were under way, and the
+  /// broker may have closed the connection for one of them; that is no sign of a rival. True when a
+  /// rival is likely.
+  bool on_lost(bool is_taken_over, bool has_unanswered, TimePoint now) {
+    const Duration lived = now - up_since_;
+    const bool is_short =
+        lived < std::max<Duration>(stable_after, 3 * pause_) && (is_taken_over || !has_unanswered);
+    short_lives_ = is_short ? short_lives_ + 1 : 0;
+    is_suspected_ = is_taken_over || short_lives_ >= suspicious_lives;
+    const bool is_again = is_short && pause_ > Duration::zero();
+    pause_ = !is_suspected_ ? Duration::zero()
+             : is_again     ? std::min<Duration>(2 * pause_, longest_pause)
+                            : Duration{first_pause};
+    return is_suspected_;
+  }
+
+  /// Before the next attempt; 0 without a suspicion.
+  Duration pause() const { return pause_; }
+
+ private:
+  TimePoint up_since_{};
+  unsigned short_lives_ = 0;
+  bool is_suspected_ = false;
+  Duration pause_{0};
+};
+
 }  // namespace slamgw

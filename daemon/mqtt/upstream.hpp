@@ -17,7 +17,6 @@
 
 #include "daemon/mqtt/backoff.hpp"
 #include "daemon/mqtt/mqtt_link.hpp"
-#include "daemon/mqtt/rival_watch.hpp"
 #include "daemon/mqtt/stall_watch.hpp"
 #include "daemon/mqtt/upstream_listener.hpp"
 

@@ -1,19 +1,62 @@
 // SPDX-License-Identifier: Apache-2.0
-// spdlog sink that writes structured entries to the systemd journal. spdlog has no fields of its
-// own: they come beside the message, through a context that log_event fills.
+// An event as systemd-journald takes it: one datagram of FIELD=value (systemd's "native journal
+// protocol"). Pure.
 #pragma once
 
 #include <spdlog/details/null_mutex.h>
 #include <spdlog/sinks/base_sink.h>
 
 #include <chrono>
+#include <cstdint>
+#include <deque>
 #include <optional>
 #include <string>
+#include <string_view>
 
-#include "daemon/observability/journal_socket.hpp"
 #include "daemon/observability/log.hpp"
 
 namespace slamgw {
+
+/// syslog(3)'s, as in `journalctl -p`: 3 error, 4 warning, 5 notice, 6 info, 7 debug.
+int journal_priority(Severity severity);
+
+/// Values may hold any octets. `program` is the name that `journalctl` shows in its lines.
+std::string journal_entry(std::string_view program, Severity severity, std::string_view text,
+                          const LogFields& fields);
+
+// Datagrams to systemd-journald that never wait for it: libsystemd's sd_journal_send() blocks when
+// the journal is stuck, and the loop with it. What matters is kept until the journal takes it, the
+// rest is counted. Loop's thread only.
+
+class JournalSocket {
+ public:
+  /// Entries kept while the journal takes nothing; all further ones are lost.
+  static constexpr std::size_t max_kept = 256;
+
+  explicit JournalSocket(std::string path);
+  ~JournalSocket();
+  JournalSocket(const JournalSocket&) = delete;
+  JournalSocket& operator=(const JournalSocket&) = delete;
+
+  /// Keeps the order: no entry overtakes a kept one.
+  void send(std::string entry, bool matters);
+  /// Tries again what is kept. True when nothing is left.
+  bool flush();
+  /// How many entries were lost since the last call.
+  std::uint64_t take_lost();
+
+ private:
+  enum class Result { taken, not_now, never };
+  Result try_send(const std::string& entry) const;
+
+  std::string path_;
+  int socket_ = -1;
+  std::deque<std::string> kept_;
+  std::uint64_t lost_ = 0;
+};
+
+// spdlog sink that writes structured entries to the systemd journal. spdlog has no fields of its
+// own: they come beside the message, through a context that log_event fills.
 
 /// What spdlog cannot carry about the message being written.
 struct LogContext {

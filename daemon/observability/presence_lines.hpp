@@ -9,7 +9,7 @@
 #include <utility>
 
 #include "daemon/core/messages.hpp"
-#include "daemon/observability/line_budget.hpp"
+#include "daemon/observability/traffic_sampler.hpp"
 
 namespace slamgw {
 

@@ -1,19 +1,44 @@
 // SPDX-License-Identifier: Apache-2.0
-// Decides which robot messages are worth a line (`log.traffic`): a journal entry costs a Pi's card
-// more than the message itself. Pure.
+// Bounds how many lines of one kind are logged: journald drops whatever comes too fast, so a flood
+// of lines would push out those that matter. Pure.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <optional>
 #include <string>
 #include <unordered_map>
 
 #include "daemon/core/log_throttle.hpp"
+#include "daemon/core/time.hpp"
 #include "daemon/core/traffic_event.hpp"
-#include "daemon/observability/line_budget.hpp"
 #include "daemon/observability/log_settings.hpp"
 
 namespace slamgw {
+
+/// A burst of `at_once` lines, then `per_second` lines a second.
+class LineBudget {
+ public:
+  LineBudget(std::int64_t at_once, std::int64_t per_second)
+      : at_once_(at_once), interval_(Duration(std::chrono::seconds{1}) / per_second) {}
+
+  /// False when there are too many.
+  bool take(TimePoint now) {
+    const TimePoint earliest = now - at_once_ * interval_;
+    const TimePoint spent_until = std::max(spent_until_.value_or(earliest), earliest);
+    if (spent_until + interval_ > now) return false;
+    spent_until_ = spent_until + interval_;
+    return true;
+  }
+
+ private:
+  std::int64_t at_once_;
+  Duration interval_;
+  std::optional<TimePoint> spent_until_;
+};
+
+// Decides which robot messages are worth a line (`log.traffic`): a journal entry costs a Pi's card
+// more than the message itself. Pure.
 
 /// How many messages a line stands for.
 struct TrafficLine {

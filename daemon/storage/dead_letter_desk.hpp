@@ -10,7 +10,7 @@
 #include <set>
 #include <vector>
 
-#include "daemon/core/store_order.hpp"
+#include "daemon/core/operator_order.hpp"
 #include "daemon/delivery/message_store.hpp"
 #include "daemon/storage/message_file.hpp"
 

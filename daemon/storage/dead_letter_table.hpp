@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "daemon/core/store_order.hpp"
+#include "daemon/core/operator_order.hpp"
 #include "daemon/delivery/message_store.hpp"
 #include "daemon/storage/message_row.hpp"
 #include "daemon/storage/sqlite.hpp"

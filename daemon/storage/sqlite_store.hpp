@@ -16,14 +16,14 @@
 #include <string>
 #include <vector>
 
-#include "daemon/core/store_order.hpp"
+#include "daemon/core/operator_order.hpp"
 #include "daemon/delivery/message_store.hpp"
 #include "daemon/mqtt/settings.hpp"
-#include "daemon/storage/damage_verdict.hpp"
 #include "daemon/storage/dead_letter_desk.hpp"
 #include "daemon/storage/file_replacement.hpp"
 #include "daemon/storage/message_file.hpp"
 #include "daemon/storage/message_recovery.hpp"
+#include "daemon/storage/store_file.hpp"
 #include "daemon/storage/store_tally.hpp"
 #include "daemon/storage/store_thread.hpp"
 

@@ -4,10 +4,10 @@
 #include <fcntl.h>
 #include <fmt/chrono.h>
 #include <fmt/format.h>
-#include <sqlite3.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <sqlite3.h>
 #include <algorithm>
 #include <cerrno>
 #include <chrono>
@@ -17,6 +17,7 @@
 #include <vector>
 
 namespace slamgw {
+
 namespace {
 
 namespace fs = std::filesystem;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the core shows of robots that several gateways could serve, and which commands it takes.
-#include "daemon/core/robot_places.hpp"
+#include "daemon/core/robot_registry.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Commands for names that no robot has, at the gateway that hears all commands.
-#include "daemon/core/stray_commands.hpp"
+#include "daemon/core/command_ledger.hpp"
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "daemon/core/update_payload.hpp"
+#include "daemon/core/normalizer.hpp"
 
 #include <gtest/gtest.h>
 

@@ -3,7 +3,6 @@
 #include <cstdlib>
 
 #include "adapters/ble_mesh_usb_cdc/access/robot_models.hpp"
-#include "adapters/ble_mesh_usb_cdc/provisioning/imported_mesh.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/mesh_json.hpp"
 
 using namespace slamgw::ble;

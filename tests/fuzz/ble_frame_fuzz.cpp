@@ -2,8 +2,7 @@
 // Any bytes from the serial port: framing, events, COBS and the older robots' frames.
 #include <cstdlib>
 
-#include "adapters/ble_mesh_usb_cdc/cobs/cobs.hpp"
-#include "adapters/ble_mesh_usb_cdc/cobs/lien_frame.hpp"
+#include "adapters/ble_mesh_usb_cdc/cobs/lien_connection.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/events.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/frame.hpp"
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "daemon/mqtt/rival_watch.hpp"
+#include "daemon/mqtt/backoff.hpp"
 
 #include <gtest/gtest.h>
 

@@ -10,11 +10,9 @@
 #include <stdexcept>
 #include <vector>
 
-#include "daemon/observability/awaited_lines.hpp"
-#include "daemon/observability/journal_entry.hpp"
 #include "daemon/observability/journal_sink.hpp"
-#include "daemon/observability/line_budget.hpp"
 #include "daemon/observability/presence_lines.hpp"
+#include "daemon/observability/traffic_log.hpp"
 #include "daemon/observability/traffic_sampler.hpp"
 #include "daemon/observability/traffic_text.hpp"
 #include "tests/support/temp_dir.hpp"

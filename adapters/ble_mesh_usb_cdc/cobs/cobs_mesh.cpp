@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <utility>
 
-#include "adapters/ble_mesh_usb_cdc/robots/will.hpp"
+#include "adapters/ble_mesh_usb_cdc/robots/robots.hpp"
 
 namespace slamgw::ble {
 namespace {

@@ -10,9 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "adapters/ble_mesh_usb_cdc/cobs/cobs.hpp"
 #include "adapters/ble_mesh_usb_cdc/cobs/lien_connection.hpp"
-#include "adapters/ble_mesh_usb_cdc/cobs/lien_frame.hpp"
 #include "adapters/ble_mesh_usb_cdc/mesh_action.hpp"
 #include "adapters/ble_mesh_usb_cdc/settings.hpp"
 #include "daemon/core/log_throttle.hpp"

@@ -1,9 +1,134 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "adapters/ble_mesh_usb_cdc/cobs/lien_connection.hpp"
 
+#include <algorithm>
+#include <array>
 #include <utility>
 
 namespace slamgw::ble {
+
+namespace {
+
+constexpr std::uint8_t full_block = 0xff;  // 254 octets and no zero after them
+
+}  // namespace
+
+// encoded = block ...; block = code data: `code - 1` octets without zero. A zero follows in the
+// data after each block but the last and full ones.
+Bytes encode_cobs(ByteView data) {
+  Bytes encoded{1};
+  std::size_t code_at = 0;
+  for (std::size_t i = 0; i < data.size(); ++i) {
+    if (data[i] != 0) {
+      encoded.push_back(data[i]);
+      ++encoded[code_at];
+    }
+    const bool is_last = i + 1 == data.size();
+    if (data[i] == 0 || (encoded[code_at] == full_block && !is_last)) {
+      code_at = encoded.size();
+      encoded.push_back(1);
+    }
+  }
+  return encoded;
+}
+
+Result<Bytes, DecodeError> decode_cobs(ByteView encoded) {
+  Bytes data;
+  if (encoded.empty()) return DecodeError::too_short;
+  while (!encoded.empty()) {
+    const std::uint8_t code = encoded.front();
+    if (code == 0) return DecodeError::bad_value;
+    if (encoded.size() < code) return DecodeError::too_short;
+    const ByteView block = encoded.subspan(1, code - std::size_t{1});
+    if (std::ranges::find(block, 0) != block.end()) return DecodeError::bad_value;
+    data.insert(data.end(), block.begin(), block.end());
+    encoded = encoded.subspan(code);
+    if (code != full_block && !encoded.empty()) data.push_back(0);
+  }
+  return data;
+}
+
+std::vector<Bytes> CobsSplitter::on_bytes(ByteView bytes) {
+  std::vector<Bytes> frames;
+  for (const std::uint8_t byte : bytes) {
+    if (byte != 0) {
+      if (is_skipping_) continue;
+      partial_.push_back(byte);
+      if (partial_.size() <= max_frame) continue;
+      ++oversize_;
+      is_skipping_ = true;
+      partial_.clear();
+      continue;
+    }
+    if (!partial_.empty()) frames.push_back(std::exchange(partial_, {}));
+    is_skipping_ = false;
+  }
+  return frames;
+}
+
+void CobsSplitter::reset() {
+  partial_.clear();
+  is_skipping_ = true;
+}
+
+namespace {
+
+constexpr std::uint8_t reflected_polynomial = 0x8c;
+constexpr std::size_t shortest_frame = 4;  // no data
+
+}  // namespace
+
+std::uint8_t crc8_maxim(ByteView bytes) {
+  unsigned crc = 0;
+  for (const std::uint8_t byte : bytes) {
+    crc ^= byte;
+    for (int bit = 0; bit < 8; ++bit)
+      crc = (crc & 1U) != 0 ? (crc >> 1) ^ reflected_polynomial : crc >> 1;
+  }
+  return static_cast<std::uint8_t>(crc);
+}
+
+Bytes encode_lien_frame(const LienFrame& frame) {
+  ByteWriter raw;
+  raw.write_u8(frame.destination)
+      .write_u8(frame.source)
+      .write_u8(static_cast<std::uint8_t>(frame.protocol))
+      .write(frame.data);
+  raw.write_u8(crc8_maxim(raw.bytes()));
+  Bytes wire = encode_cobs(raw.bytes());
+  wire.push_back(0);
+  return wire;
+}
+
+Result<LienFrame, DecodeError> decode_lien_frame(ByteView raw) {
+  if (raw.size() < shortest_frame) return DecodeError::too_short;
+  const ByteView covered = raw.first(raw.size() - 1);
+  if (crc8_maxim(covered) != raw.back() || covered[2] > 1) return DecodeError::bad_value;
+  return LienFrame{covered[0], covered[1], LienProtocol{covered[2]},
+                   Bytes(covered.begin() + 3, covered.end())};
+}
+
+std::optional<std::string_view> lien_type_name(std::uint8_t message_type) {
+  constexpr std::array<std::string_view, 16> names{"handshake",
+                                                   "lien_update",
+                                                   "",
+                                                   "idle",
+                                                   "",
+                                                   "",
+                                                   "",
+                                                   "",
+                                                   "",
+                                                   "ping_response",
+                                                   "line",
+                                                   "debug",
+                                                   "drone_update",
+                                                   "battery",
+                                                   "line_update",
+                                                   "repo_update"};
+  if (message_type >= names.size() || names[message_type].empty()) return std::nullopt;
+  return names[message_type];
+}
+
 namespace {
 
 constexpr std::uint8_t number_mask = 0x7f;

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "adapters/ble_mesh_usb_cdc/robots/open_commands.hpp"
+#include "adapters/ble_mesh_usb_cdc/robots/command_queue.hpp"
 
 namespace slamgw::ble {
 

@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// The link to one serial board: gets in step with it, starts it up, keeps one command in flight and
-// starts again from the beginning whenever something is lost. Not the mesh: robots' messages pass
-// through unread, and what they are sent is BoardTraffic's. Called by BleMesh, which drains its
-// actions.
+// Decides whether a serial line is usable: counts what goes wrong on it and names the likely cause.
+// Nothing protects the octets on that line, so octets that are lost or added show only as torn
+// frames, refusals of commands that were never sent, and answers that do not come. Called by
+// BoardLink.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <optional>
+#include <random>
 #include <set>
 #include <string>
 #include <variant>
@@ -14,13 +16,103 @@
 #include "adapters/ble_mesh_usb_cdc/mesh_action.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/board_traffic.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/frame.hpp"
-#include "adapters/ble_mesh_usb_cdc/nordic/line_health.hpp"
-#include "adapters/ble_mesh_usb_cdc/nordic/resync.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/start_up.hpp"
+#include "daemon/core/bytes.hpp"
 #include "daemon/core/log_throttle.hpp"
 #include "daemon/core/protocol_machine.hpp"
+#include "daemon/core/time.hpp"
 
 namespace slamgw::ble {
+
+class LineHealth {
+ public:
+  /// After so many losses in a row the line counts as unusable.
+  static constexpr int max_losses = 8;
+  /// From so many in a row on, the operator gets a warning.
+  static constexpr int noticeable_losses = 3;
+  /// A loss that comes later than this after the one before begins a new row.
+  static constexpr Duration stable_time = std::chrono::seconds{10};
+  /// So many unanswered commands of one kind in a row are no accident.
+  static constexpr int max_timeouts = 3;
+
+  void on_port_open();
+  /// Octets were lost or added: a torn frame, or one that the board did not understand.
+  void on_lost_step(TimePoint now);
+  void on_timeout(std::uint8_t opcode, TimePoint now);
+  /// A command was answered.
+  void on_answer(std::uint8_t opcode);
+
+  int losses() const { return losses_; }
+  /// Why the port should be closed; nothing while the line is usable.
+  std::optional<std::string> verdict() const;
+  /// When the last loss is so long ago that the line counts as good.
+  TimePoint stable_at() const { return last_loss_ + stable_time; }
+
+ private:
+  void count(TimePoint now);
+
+  int losses_ = 0;
+  bool has_lost_step_ = false;  ///< since the port was opened
+  TimePoint last_loss_{};
+  std::uint8_t silent_opcode_ = 0;  ///< the command that was not answered last
+  int timeouts_ = 0;                ///< of that one, in a row
+};
+
+// Finds the frame borders again, whatever the board was in the middle of: 255 zero octets complete
+// any torn command, then an Echo with a fresh nonce proves that a board with Nordic's serial
+// firmware is there and marks the border in its answers. Also how every connection starts. Called
+// by BoardLink, which throws away what else arrives meanwhile.
+
+class Resync {
+ public:
+  static constexpr Duration quiet_time = std::chrono::milliseconds{300};
+  /// On a busy mesh the board is never quiet; the nonce alone then has to find the border.
+  static constexpr Duration max_wait_for_quiet = std::chrono::seconds{1};
+  /// Of each attempt. A board that was just reset may be silent for seconds, or answer late.
+  static constexpr std::array<Duration, 5> echo_time_limits{
+      std::chrono::milliseconds{500}, std::chrono::seconds{2}, std::chrono::seconds{2},
+      std::chrono::seconds{2}, std::chrono::seconds{2}};
+
+  enum class State : std::uint8_t { idle, waiting, in_step, failed };
+
+  explicit Resync(std::uint64_t seed) : random_(seed) {}
+
+  /// Forgets an earlier attempt. Returns what to write.
+  Bytes start(TimePoint now);
+  /// Returns what follows the border once it was found; empty until then.
+  ByteView on_bytes(ByteView bytes, TimePoint now);
+  std::optional<TimePoint> deadline() const;
+  /// Returns what to write, if anything.
+  std::optional<Bytes> on_deadline(TimePoint now);
+
+  State state() const { return state_; }
+  /// Octets that came since `start`: none means that no board answers.
+  std::size_t octets_seen() const { return octets_seen_; }
+  /// A zero was refused as only Nordic's firmware does, so that it is there even without an Echo.
+  bool has_seen_refusal() const { return has_seen_refusal_; }
+
+ private:
+  enum class Phase : std::uint8_t { waiting_for_quiet, waiting_for_echo };
+
+  Bytes flush(TimePoint now);
+
+  std::mt19937_64 random_;
+  State state_ = State::idle;
+  Phase phase_ = Phase::waiting_for_quiet;
+  std::size_t attempts_ = 0;
+  std::size_t octets_seen_ = 0;
+  std::uint32_t last_octets_ = 0;  ///< the last four received
+  bool has_seen_refusal_ = false;
+  TimePoint due_{};
+  TimePoint quiet_limit_{};
+  Bytes awaited_;  ///< the Echo's answer as it comes over the wire
+  Bytes tail_;     ///< the last octets received, fewer than `awaited_`
+};
+
+// The link to one serial board: gets in step with it, starts it up, keeps one command in flight and
+// starts again from the beginning whenever something is lost. Not the mesh: robots' messages pass
+// through unread, and what they are sent is BoardTraffic's. Called by BleMesh, which drains its
+// actions.
 
 struct LinkIsUp {
   std::string detail;

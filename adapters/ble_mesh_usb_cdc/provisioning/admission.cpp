@@ -2,13 +2,143 @@
 #include "adapters/ble_mesh_usb_cdc/provisioning/admission.hpp"
 
 #include <fmt/format.h>
+#include <nlohmann/json.hpp>
 
 #include <algorithm>
+#include <tuple>
 #include <utility>
 
 #include "adapters/ble_mesh_usb_cdc/provisioning/address_plan.hpp"
+#include "daemon/core/bytes.hpp"
 
 namespace slamgw::ble {
+
+namespace {
+
+bool is_there(const Candidate& candidate, TimePoint now) {
+  return now - candidate.last_heard <= Candidates::max_silence;
+}
+
+}  // namespace
+
+Duration pause_after(int failures) {
+  Duration pause = Candidates::first_pause;
+  for (int i = 1; i < failures && pause < Candidates::max_pause; ++i) pause *= 2;
+  return std::min(pause, Candidates::max_pause);
+}
+
+void Candidates::on_beacon(const UnprovisionedBeacon& beacon, TimePoint now) {
+  auto known = candidates_.find(beacon.uuid);
+  if (known == candidates_.end()) {
+    if (candidates_.size() >= max_candidates)
+      candidates_.erase(std::ranges::min_element(
+          candidates_, {}, [](const auto& entry) { return entry.second.last_heard; }));
+    known = candidates_.try_emplace(beacon.uuid).first;
+    known->second.uuid = beacon.uuid;
+    known->second.first_heard = now;
+  }
+  known->second.rssi_dbm = beacon.rssi_dbm;
+  known->second.last_heard = now;
+}
+
+void Candidates::on_failure(const Uuid& uuid, TimePoint now) {
+  const auto known = candidates_.find(uuid);
+  if (known == candidates_.end()) return;
+  known->second.not_before = now + pause_after(++known->second.failures);
+}
+
+void Candidates::on_elements(const Uuid& uuid, std::uint8_t elements) {
+  const auto known = candidates_.find(uuid);
+  if (known != candidates_.end()) known->second.elements = elements;
+}
+
+const Candidate* Candidates::find(const Uuid& uuid, TimePoint now) const {
+  const auto known = candidates_.find(uuid);
+  if (known == candidates_.end() || !is_there(known->second, now)) return nullptr;
+  return &known->second;
+}
+
+const Candidate* Candidates::next(const Filter& is_wanted, TimePoint now) const {
+  const Candidate* best = nullptr;
+  const auto rank = [](const Candidate& candidate) {
+    return std::tuple(candidate.failures, candidate.first_heard);
+  };
+  for (const auto& [uuid, candidate] : candidates_) {
+    if (now < candidate.not_before || !is_there(candidate, now) || !is_wanted(candidate)) continue;
+    if (best == nullptr || rank(candidate) < rank(*best)) best = &candidate;
+  }
+  return best;
+}
+
+std::vector<Candidate> Candidates::all(TimePoint now) const {
+  std::vector<Candidate> all;
+  for (const auto& [uuid, candidate] : candidates_)
+    if (is_there(candidate, now)) all.push_back(candidate);
+  return all;
+}
+
+void JoinPermit::open(std::chrono::minutes time, std::string robot, TimePoint now) {
+  until_ = now + std::min(time, longest);
+  robot_ = std::move(robot);
+  named_.reset();
+  under_way_.clear();
+}
+
+bool JoinPermit::on_time(TimePoint now) {
+  if (!until_ || now < *until_) return false;
+  close();
+  return true;
+}
+
+bool JoinPermit::admits(const Uuid& uuid) const {
+  return is_open() && (robot_.empty() || named_.value_or(uuid) == uuid);
+}
+
+void JoinPermit::on_chosen(const Uuid& uuid) {
+  if (!is_open()) return;
+  if (!robot_.empty()) named_ = uuid;
+  if (under_way_.insert(uuid).second) note("joining", uuid, robot_, {});
+}
+
+void JoinPermit::on_joined(const Uuid& uuid, const std::string& robot) {
+  if (!under_way_.contains(uuid)) return;
+  note("joined", uuid, robot, {});
+  if (named_ == uuid) close();  // the name is given
+}
+
+void JoinPermit::on_configured(const Uuid& uuid, const std::string& robot) {
+  if (under_way_.erase(uuid) > 0) note("configured", uuid, robot, {});
+}
+
+void JoinPermit::on_failed(const Uuid& uuid, const std::string& why) {
+  if (under_way_.erase(uuid) == 0) return;
+  note("failed", uuid, {}, why);
+  if (named_ == uuid) named_.reset();
+}
+
+void JoinPermit::note(std::string_view what, const Uuid& uuid, std::string robot, std::string why) {
+  if (events_.size() >= max_events) events_.pop_front();
+  events_.push_back({++last_number_, what, uuid, std::move(robot), std::move(why)});
+}
+
+std::string JoinPermit::json(std::uint64_t after, TimePoint now) const {
+  const Duration left = until_ ? std::max(*until_ - now, Duration::zero()) : Duration::zero();
+  nlohmann::ordered_json out{
+      {"seconds_left", std::chrono::ceil<std::chrono::seconds>(left).count()},
+      {"under_way", under_way_.size()},
+      {"last", last_number_},
+      {"events", nlohmann::ordered_json::array()}};
+  for (const Event& event : events_) {
+    if (event.number <= after) continue;
+    out["events"].push_back({{"number", event.number},
+                             {"event", event.what},
+                             {"uuid", to_hex(event.uuid)},
+                             {"robot", event.robot},
+                             {"why", event.why}});
+  }
+  return out.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+}
+
 namespace {
 
 bool has_prefix(const Uuid& uuid, std::string_view prefix) {

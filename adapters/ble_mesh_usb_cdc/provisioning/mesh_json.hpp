@@ -1,4 +1,39 @@
 // SPDX-License-Identifier: Apache-2.0
+// Members of the JSON files that hold a mesh: nothing where one is missing or not what it should
+// be. Called by mesh_json and imported_mesh.
+#pragma once
+
+#include <nlohmann/json_fwd.hpp>
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "adapters/ble_mesh_usb_cdc/errors.hpp"
+#include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
+#include "daemon/core/result.hpp"
+
+namespace slamgw::ble {
+
+/// 32 hex digits, any case; UUIDs also with hyphens.
+std::optional<std::array<std::uint8_t, 16>> read_octets(const nlohmann::json& json,
+                                                        const char* name);
+/// A number, or text of up to 4 hex digits with or without 0x; 0x0001-0x7fff.
+std::optional<std::uint16_t> read_unicast(const nlohmann::json& json, const char* name);
+/// Such a text or number, or the text of a group address.
+std::optional<std::uint16_t> read_destination(const nlohmann::json& json, const char* name);
+/// A list of such texts; each 0xc000-0xfeff.
+std::optional<std::vector<std::uint16_t>> read_groups(const nlohmann::json& json, const char* name);
+std::optional<std::string> read_text(const nlohmann::json& json, const char* name);
+/// A whole number from 0 to `max`.
+std::optional<std::uint32_t> read_count(const nlohmann::json& json, const char* name,
+                                        std::uint32_t max);
+/// An empty array where it is missing; nothing where it is anything else than an array.
+const nlohmann::json* read_array(const nlohmann::json& json, const char* name);
+
 // `mesh.json`, version 2:
 //
 //   {"version": 2, "net_key": KEY, "app_key": KEY, "iv_index": NUMBER, "next_address": "0x0101",
@@ -20,20 +55,30 @@
 //
 // KEY and UUID are 32 hex digits. Version 1 held the two keys only and is still read. Called by
 // MeshFile and for imports.
-#pragma once
-
-#include <string>
-#include <string_view>
-
-#include "adapters/ble_mesh_usb_cdc/errors.hpp"
-#include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
-#include "daemon/core/result.hpp"
-
-namespace slamgw::ble {
 
 std::string encode_node_database(const NodeDatabase& database);
 /// Members that this version does not know are ignored; another `version`, addresses or UUIDs that
 /// are there twice, and a member that is not what it should be are errors.
 Result<NodeDatabase, DecodeError> decode_node_database(std::string_view text);
+
+// An existing network brought in by an operator: the database of Nordic's Python tool
+// (interactive_pyaci), of mesh apps that write the same members (Mesh CDB), or another gateway's
+// mesh.json. Refusals hold no secrets. Called for `slam-gatewayctl ble import`.
+
+/// Network key 0 and application key 0 become the mesh's. Nodes that have an application key count
+/// as configured and are left as they are.
+Result<NodeDatabase, Refusal> decode_imported_mesh(std::string_view text);
+
+/// For ExportOrder: the mesh as another gateway needs it, which has `addresses` unicast addresses
+/// from `address` up. `host`: the `gateway.id` of this one. Holds keys.
+std::string exported_mesh_json(NodeDatabase database, std::uint16_t address,
+                               std::uint16_t addresses, const std::string& host);
+
+/// The imported mesh, with what is known already: `own` is the mesh that there is, if any. Another
+/// network than that, and addresses that two nodes or a node and the gateway share, are refused,
+/// and so is what was exported for a gateway with another address.
+Result<NodeDatabase, Refusal> merge_imported_mesh(const std::optional<NodeDatabase>& own,
+                                                  NodeDatabase imported,
+                                                  std::uint16_t gateway_address);
 
 }  // namespace slamgw::ble

@@ -4,12 +4,187 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <iterator>
+#include <set>
 #include <utility>
 
 #include "adapters/ble_mesh_usb_cdc/nordic/commands.hpp"
 
 namespace slamgw::ble {
+
+namespace {
+
+constexpr std::uint16_t nordic = 0x0059;
+constexpr ModelId health_server{{}, 0x0002};
+constexpr ModelId generic_on_off_server{{}, 0x1000};
+constexpr ModelId generic_on_off_client{{}, 0x1001};
+
+/// The thesis's models (5.2.1) and Nordic's Simple OnOff.
+constexpr std::array vendor_clients{ModelId{nordic, 0x0004}, ModelId{nordic, 0x0006},
+                                    ModelId{nordic, 0x0008}, ModelId{nordic, 0x0001}};
+constexpr std::array servers{ModelId{nordic, 0x0005}, ModelId{nordic, 0x0007},
+                             ModelId{nordic, 0x0009}, ModelId{nordic, 0x0000},
+                             generic_on_off_server};
+
+bool is_bound(const ModelId& model) {
+  return model.company == nordic || model == health_server || model == generic_on_off_server ||
+         model == generic_on_off_client;
+}
+
+bool is_one_of(const auto& list, const auto& value) {
+  return std::ranges::find(list, value) != list.end();
+}
+
+bool starts_with(ByteView bytes, const Bytes& head) {
+  return bytes.size() >= head.size() && std::ranges::equal(bytes.first(head.size()), head);
+}
+
+bool ends_with(ByteView bytes, const Bytes& tail) {
+  return bytes.size() >= tail.size() && std::ranges::equal(bytes.last(tail.size()), tail);
+}
+
+ConfigurationStep appkey_step(const Key& app_key) {
+  return {.what = "the application key",
+          .request = encode_appkey_add_message(app_key),
+          .answer = appkey_status,
+          .echoed_head = Bytes(3, 0)};
+}
+
+/// A request about one model; its answer repeats element and model, whatever its status.
+ConfigurationStep model_step(std::string what, Bytes request, Opcode answer, std::uint16_t element,
+                             const ModelId& model) {
+  return {.what = fmt::format("{} of model {}", what, to_string(model)),
+          .request = std::move(request),
+          .answer = answer,
+          .echoed_head = ByteWriter{}.write_u16_le(element).take(),
+          .echoed_tail = encode_model_id(model),
+          .is_required = false};
+}
+
+/// Asks which groups the model has. One that knows no groups is right when none are wanted.
+ConfigurationStep list_step(const ConfigurationSettings& settings, std::uint16_t element,
+                            const ModelId& model) {
+  auto step = model_step(
+      "the list of subscriptions", encode_model_subscription_get(element, model),
+      model.company ? vendor_model_subscription_list : sig_model_subscription_list, element, model);
+  step.echoed_head =
+      ByteWriter{}.write_u16_le(element).write(std::exchange(step.echoed_tail, {})).take();
+  if (settings.groups.empty()) step.also_done = not_a_subscribe_model;
+  step.lists_groups_of = ModelElement{element, model};
+  return step;
+}
+
+ConfigurationStep group_step(std::string_view what, Bytes request, const ModelElement& of,
+                             std::uint16_t group) {
+  auto step = model_step(fmt::format("{} 0x{:04x}", what, group), std::move(request),
+                         model_subscription_status, of.element, of.model);
+  step.echoed_tail = ByteWriter{}.write_u16_le(group).write(encode_model_id(of.model)).take();
+  return step;
+}
+
+bool is_group(std::uint16_t address) { return address >= 0xc000; }
+
+/// Mesh Profile 1.0 section 4.2.2.6: 0 means that nothing is repeated. BlueZ up to 5.66 repeats
+/// each message for ever with 0, and sends it once with 1. Nordic's stack repeats with 1, as a new
+/// message with a sequence number of its own: the gateway would hear, and report, each of them
+/// twice. All of its nodes have a health server, which BlueZ leaves to its applications.
+std::uint8_t publish_retransmit_count(const Composition& composition) {
+  const bool is_nordics =
+      composition.company == nordic && is_one_of(composition.elements.front(), health_server);
+  return is_nordics ? 0 : 1;
+}
+
+void add_publication(std::vector<ConfigurationStep>& steps, const ConfigurationSettings& settings,
+                     std::uint16_t element, const ModelId& model, std::uint8_t retransmit_count) {
+  if (!is_one_of(vendor_clients, model) && model != health_server) return;
+  const std::uint8_t period = model == health_server ? period_10_s : std::uint8_t{0};
+  const Publication publication{element, settings.destination, settings.ttl, period,
+                                model,   retransmit_count};
+  steps.push_back(model_step("the publication", encode_model_publication_set(publication),
+                             model_publication_status, element, model));
+}
+
+void add_model(std::vector<ConfigurationStep>& steps, const ConfigurationSettings& settings,
+               std::uint16_t element, const ModelId& model, std::uint8_t retransmit_count) {
+  steps.push_back(model_step("the key binding", encode_model_app_bind(element, model),
+                             model_app_status, element, model));
+  add_publication(steps, settings, element, model, retransmit_count);
+  if (is_one_of(servers, model)) steps.push_back(list_step(settings, element, model));
+}
+
+}  // namespace
+
+bool ConfigurationStep::is_answered_by(const AccessMessage& message) const {
+  if (message.opcode != answer) return false;
+  ByteView params = message.params;
+  if (has_status) {
+    if (params.empty()) return false;
+    params = params.subspan(1);
+  }
+  return starts_with(params, echoed_head) && ends_with(params, echoed_tail);
+}
+
+ConfigurationStep composition_step() {
+  return {.what = "the composition data",
+          .request = encode_composition_data_get(),
+          .answer = composition_data_status,
+          .has_status = false,
+          .echoed_head = Bytes(1, 0)};
+}
+
+ConfigurationStep node_reset_step() {
+  return {.what = "the node reset",
+          .request = encode_node_reset(),
+          .answer = node_reset_status,
+          .has_status = false};
+}
+
+std::vector<ConfigurationStep> plan_configuration(const ConfigurationSettings& settings,
+                                                  std::uint16_t address,
+                                                  const Composition& composition) {
+  std::vector<ConfigurationStep> steps{appkey_step(settings.app_key)};
+  std::uint16_t element = address;
+  const std::uint8_t retransmit_count = publish_retransmit_count(composition);
+  for (const auto& models : composition.elements) {
+    for (const ModelId& model : models)
+      if (is_bound(model)) add_model(steps, settings, element, model, retransmit_count);
+    ++element;
+  }
+  return steps;
+}
+
+std::vector<ConfigurationStep> plan_publications(const ConfigurationSettings& settings,
+                                                 std::uint16_t address,
+                                                 const Composition& composition) {
+  std::vector<ConfigurationStep> steps;
+  std::uint16_t element = address;
+  const std::uint8_t retransmit_count = publish_retransmit_count(composition);
+  for (const auto& models : composition.elements) {
+    for (const ModelId& model : models)
+      if (is_bound(model)) add_publication(steps, settings, element, model, retransmit_count);
+    ++element;
+  }
+  return steps;
+}
+
+std::vector<ConfigurationStep> plan_groups(const ConfigurationSettings& settings,
+                                           const ModelElement& of,
+                                           const std::vector<std::uint16_t>& subscribed) {
+  const std::set<std::uint16_t> has(subscribed.begin(), subscribed.end());
+  std::vector<ConfigurationStep> steps;
+  for (const std::uint16_t group : has)  // first, to make room
+    if (is_group(group) && !is_one_of(settings.groups, group))
+      steps.push_back(group_step("the end of the subscription to",
+                                 encode_model_subscription_delete(of.element, group, of.model), of,
+                                 group));
+  for (const std::uint16_t group : settings.groups)
+    if (!has.contains(group))
+      steps.push_back(group_step("the subscription to",
+                                 encode_model_subscription_add(of.element, group, of.model), of,
+                                 group));
+  return steps;
+}
 
 NodeConfiguration::NodeConfiguration(const Node& node, Purpose purpose,
                                      ConfigurationSettings settings, std::uint16_t subnet_handle)

@@ -8,7 +8,6 @@
 #include <string>
 
 #include "adapters/ble_mesh_usb_cdc/provisioning/admission.hpp"
-#include "adapters/ble_mesh_usb_cdc/provisioning/device_key_sweep.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_configuration.hpp"
 
 namespace slamgw::ble {

@@ -2,13 +2,14 @@
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_table.hpp"
 
 #include <fmt/format.h>
+#include <nlohmann/json.hpp>
 
 #include <algorithm>
-#include <nlohmann/json.hpp>
 
 #include "adapters/ble_mesh_usb_cdc/provisioning/address_plan.hpp"
 
 namespace slamgw::ble {
+
 namespace {
 
 constexpr std::uint16_t first_gateway_address = 0x0001;

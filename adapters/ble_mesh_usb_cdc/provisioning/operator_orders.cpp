@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
-#include "adapters/ble_mesh_usb_cdc/provisioning/imported_mesh.hpp"
+#include "adapters/ble_mesh_usb_cdc/provisioning/mesh_json.hpp"
 #include "daemon/core/topic_scheme.hpp"
 
 namespace slamgw::ble {

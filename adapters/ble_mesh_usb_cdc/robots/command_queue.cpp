@@ -1,13 +1,122 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "adapters/ble_mesh_usb_cdc/robots/command_queue.hpp"
 
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
 #include <algorithm>
+#include <array>
+#include <optional>
 #include <utility>
 
 #include "adapters/ble_mesh_usb_cdc/access/robot_models.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/commands.hpp"
 #include "daemon/core/protocol_machine.hpp"
 
 namespace slamgw::ble {
+
+namespace {
+
+constexpr std::string_view run_type = "run";
+constexpr std::size_t position_bytes = 4;
+constexpr std::size_t vendor_opcode_bytes = 3;
+constexpr std::size_t max_payload_bytes = max_send_bytes - vendor_opcode_bytes;
+
+std::optional<bool> parse_run(ByteView payload) {
+  constexpr std::array<std::string_view, 4> on{"1", "on", "start", "unpause"};
+  constexpr std::array<std::string_view, 4> off{"0", "off", "stop", "pause"};
+  if (payload.size() == 1 && payload.front() <= 1) return payload.front() == 1;
+  if (std::ranges::find(on, as_text(payload)) != on.end()) return true;
+  if (std::ranges::find(off, as_text(payload)) != off.end()) return false;
+  return std::nullopt;
+}
+
+Command vendor_command(std::string_view type, VendorModel model, ByteView payload) {
+  return {.type = std::string(type),
+          .access = encode_access(opcode_of({model, MessageKind::set}), payload),
+          .awaited_status = opcode_of({model, MessageKind::status}),
+          .is_replaceable = model == VendorModel::pos_cmd};
+}
+
+}  // namespace
+
+Result<Command, Refusal> make_command(const Settings& settings, std::string_view type,
+                                      ByteView payload, std::uint8_t tid) {
+  if (type == settings.pos_cmd_type) {
+    if (payload.size() == position_bytes)
+      return vendor_command(type, VendorModel::pos_cmd, payload);
+    return Refusal{fmt::format("{} takes 4 bytes (x and y, int16 little-endian, in cm), not {}",
+                               type, payload.size())};
+  }
+  if (type == run_type) {
+    const auto is_on = parse_run(payload);
+    if (!is_on) return Refusal{"run takes 0, 1, off, on, stop, start, pause or unpause"};
+    return Command{.type = std::string(type),
+                   .access = encode_on_off_set(settings.on_off_model, *is_on, tid),
+                   .awaited_status = on_off_status(settings.on_off_model),
+                   .is_replaceable = false};
+  }
+  if (payload.size() > max_payload_bytes)
+    return Refusal{fmt::format("{} bytes are too many: the serial board sends at most {}",
+                               payload.size(), max_payload_bytes)};
+  return vendor_command(type, VendorModel::min_com, payload);
+}
+
+namespace {
+
+using std::chrono::duration_cast;
+using std::chrono::milliseconds;
+
+std::int64_t epoch_ms(WallTime time) {
+  return duration_cast<milliseconds>(time.time_since_epoch()).count();
+}
+
+}  // namespace
+
+std::string encode_open_commands(const std::vector<OpenCommand>& commands, const Now& now) {
+  auto list = nlohmann::ordered_json::array();
+  for (const OpenCommand& command : commands) {
+    const auto age = duration_cast<milliseconds>(now.mono - command.arrived);
+    list.push_back({{"robot", command.robot},
+                    {"type", command.type},
+                    {"arrived_ms", epoch_ms(now.wall) - age.count()},
+                    {"sent", command.is_sent}});
+  }
+  return list.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) + "\n";
+}
+
+std::optional<std::vector<OpenCommand>> decode_open_commands(std::string_view text,
+                                                             const Now& now) {
+  const auto end = text.find('\n');
+  if (end == std::string_view::npos) return std::nullopt;
+  const auto list = nlohmann::json::parse(text.substr(0, end), nullptr, false);
+  if (!list.is_array()) return std::nullopt;
+  std::vector<OpenCommand> commands;
+  for (const auto& entry : list) {
+    const bool is_whole = entry.is_object() && entry.contains("robot") &&
+                          entry["robot"].is_string() && entry.contains("type") &&
+                          entry["type"].is_string() && entry.contains("arrived_ms") &&
+                          entry["arrived_ms"].is_number_integer() && entry.contains("sent") &&
+                          entry["sent"].is_boolean();
+    if (!is_whole) return std::nullopt;
+    const std::int64_t arrived_ms = entry["arrived_ms"];
+    const milliseconds age{std::max<std::int64_t>(0, epoch_ms(now.wall) - arrived_ms)};
+    commands.push_back({entry["robot"], entry["type"], now.mono - age, entry["sent"]});
+  }
+  return commands;
+}
+
+CommandOutcome outcome_after_restart(const OpenCommand& command, TimePoint now) {
+  return {Mesh::ble,
+          CommandId::none,
+          command.robot,
+          command.type,
+          command.is_sent ? CommandResult::timeout : CommandResult::refused,
+          duration_cast<milliseconds>(now - command.arrived),
+          command.is_sent ? "slam-gatewayd was restarted before the robot answered"
+                          : "slam-gatewayd was restarted before it was sent"};
+}
+
 namespace {
 
 EndedCommand end(const Command& command, TimePoint arrived, TimePoint now, CommandResult result,

@@ -1,4 +1,90 @@
 // SPDX-License-Identifier: Apache-2.0
+// How long one robot takes to answer a command, and so when to repeat one: the smoothed round trip
+// and its variation (RFC 6298). Called by CommandQueue.
+#pragma once
+
+#include <algorithm>
+#include <deque>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "adapters/ble_mesh_usb_cdc/access/opcode.hpp"
+#include "adapters/ble_mesh_usb_cdc/errors.hpp"
+#include "adapters/ble_mesh_usb_cdc/settings.hpp"
+#include "daemon/core/messages.hpp"
+#include "daemon/core/round_trip.hpp"
+
+namespace slamgw::ble {
+
+class AnswerTime {
+ public:
+  /// However fast a robot answers: a command and its STATUS each wait for the advertisers of a few
+  /// relays (20 ms and a random delay for each).
+  static constexpr Duration shortest_timeout = std::chrono::milliseconds{100};
+  /// Differences between round trips that are no news (G of RFC 6298).
+  static constexpr Duration granularity = std::chrono::milliseconds{10};
+  /// Doubling ends here; callers' own bounds are far below.
+  static constexpr Duration longest_timeout = std::chrono::seconds{30};
+
+  /// The wait before the first repeat: at most `longest`, which it also is before the first answer.
+  Duration timeout(Duration longest) const {
+    return timeout_ == Duration::zero() ? longest : std::min(timeout_, longest);
+  }
+  /// The robot answered a command that was sent once, this long after it was sent.
+  void on_answer(Duration round_trip) {
+    round_trip_.on_answer(round_trip);
+    timeout_ = std::max(shortest_timeout, round_trip_.timeout());
+  }
+  /// It answered one that was sent several times, or did not answer. To which copy it answered
+  /// is unknown (Karn's rule): it teaches no round trip, but the timeout doubles until one is
+  /// measured again.
+  void on_repeated() { timeout_ = std::min(2 * timeout_, longest_timeout); }
+
+ private:
+  RoundTrip round_trip_{granularity};
+  Duration timeout_{};  ///< zero: unknown
+};
+
+// One command to a robot, as it goes over the mesh: made from a broker message under
+// `<prefix>/server/<id>/<type>`, or refused with a reason for the operator. Called by Downlink.
+
+struct Command {
+  CommandId id = CommandId::none;
+  std::string type;
+  Bytes access;                 ///< the acknowledged message to send, opcode first
+  Opcode awaited_status = 0;    ///< what the robot answers when it has it
+  bool is_replaceable = false;  ///< a newer one makes it pointless: positions
+  BrokerMessage message{};      ///< that it was made from
+};
+
+/// `settings.pos_cmd_type` becomes pos_cmd SET and takes 4 octets, x and y as little-endian int16
+/// in centimetres; `run` becomes an on/off Set; any other type is carried unread in min_com SET.
+/// The error says why not. `tid`: see encode_on_off_set.
+Result<Command, Refusal> make_command(const Settings& settings, std::string_view type,
+                                      ByteView payload, std::uint8_t tid);
+
+// The commands to robots that have no outcome yet, as `ble-commands.json` keeps them: one line of
+// JSON. A daemon that was killed finds them there when it starts again, and reports their outcome.
+// They are not sent again: the robot may have carried them out. Pure; CommandFile has the disk.
+
+struct OpenCommand {
+  std::string robot;
+  std::string type;
+  TimePoint arrived{};
+  bool is_sent = false;  ///< at least once over the mesh
+  bool operator==(const OpenCommand&) const = default;
+};
+
+/// Ends with a newline. Times are kept by the wall clock, which goes on over a restart of the host.
+std::string encode_open_commands(const std::vector<OpenCommand>& commands, const Now& now);
+/// Reads the first line of `text`; what follows is of an earlier, longer one. Nothing when it is
+/// damaged. A time ahead of `now` counts as `now`.
+std::optional<std::vector<OpenCommand>> decode_open_commands(std::string_view text, const Now& now);
+/// The outcome of a command that an earlier daemon had under way.
+CommandOutcome outcome_after_restart(const OpenCommand& command, TimePoint now);
+
 // The commands on their way to one robot: one is sent and repeated until its STATUS comes, the
 // others wait. Every command that goes in comes out once, with its outcome. Called by Downlink.
 //
@@ -9,19 +95,6 @@
 // A STATUS does not name the command that it answers. When a command was repeated, its other copies
 // may be answered after it has ended, and such an answer must not end the next command of the same
 // kind, which the robot may not have: so that one waits for a while.
-#pragma once
-
-#include <deque>
-#include <optional>
-#include <string>
-#include <vector>
-
-#include "adapters/ble_mesh_usb_cdc/robots/answer_time.hpp"
-#include "adapters/ble_mesh_usb_cdc/robots/command.hpp"
-#include "adapters/ble_mesh_usb_cdc/robots/open_commands.hpp"
-#include "daemon/core/messages.hpp"
-
-namespace slamgw::ble {
 
 /// How one command ended.
 struct EndedCommand {

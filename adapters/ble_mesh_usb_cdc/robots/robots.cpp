@@ -2,13 +2,35 @@
 #include "adapters/ble_mesh_usb_cdc/robots/robots.hpp"
 
 #include <fmt/format.h>
-#include <vector>
 
 #include <algorithm>
-
-#include "adapters/ble_mesh_usb_cdc/robots/will.hpp"
+#include <vector>
 
 namespace slamgw::ble {
+
+namespace {
+
+std::string with_id(std::string text, std::string_view id) {
+  constexpr std::string_view mark = "{id}";
+  for (std::size_t at = text.find(mark); at != std::string::npos;
+       at = text.find(mark, at + id.size()))
+    text.replace(at, mark.size(), id);
+  return text;
+}
+
+}  // namespace
+
+Report will_report(const WillSettings& will, std::string_view robot) {
+  return {.mesh = Mesh::ble,
+          .robot = std::string(robot),
+          .topic = with_id(will.topic, robot),
+          .payload = to_bytes(will.message),
+          .qos = Qos::at_least_once,
+          .retain = false,
+          .receipt = {Mesh::ble, 0},
+          .is_will = true};
+}
+
 namespace {
 
 constexpr std::chrono::seconds sign_of_life_interval{1};

@@ -1,18 +1,26 @@
 // SPDX-License-Identifier: Apache-2.0
-// The robots on the mesh: who they are, who is there, and which topics the broker is asked for on
-// their behalf. Part of BleMesh.
+// `ble_mesh.will`: what the gateway publishes for a robot that went silent. Called by the meshes.
 #pragma once
 
 #include <map>
 #include <string>
+#include <string_view>
 
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_table.hpp"
 #include "adapters/ble_mesh_usb_cdc/robots/downlink.hpp"
 #include "adapters/ble_mesh_usb_cdc/robots/robot.hpp"
 #include "adapters/ble_mesh_usb_cdc/robots/service_gate.hpp"
+#include "adapters/ble_mesh_usb_cdc/settings.hpp"
 #include "daemon/core/log_throttle.hpp"
+#include "daemon/core/messages.hpp"
 
 namespace slamgw::ble {
+
+/// `{id}` in the topic stands for `robot`; the message is taken as it is.
+Report will_report(const WillSettings& will, std::string_view robot);
+
+// The robots on the mesh: who they are, who is there, and which topics the broker is asked for on
+// their behalf. Part of BleMesh.
 
 class Robots {
  public:

@@ -1,30 +1,141 @@
 // SPDX-License-Identifier: Apache-2.0
+// From one thread to another, in order: what is given before the taker gets to look costs it one
+// wake-up together. Bounding what waits is the giver's. Any threads.
+#pragma once
+
+#include <mqtt/async_client.h>
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <boost/asio/thread_pool.hpp>
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "daemon/core/time.hpp"
+#include "daemon/mqtt/mqtt_link.hpp"
+#include "daemon/mqtt/paho/paho_message.hpp"
+
+namespace slamgw {
+
+template <class Item>
+class Handover {
+ public:
+  /// How many wait now: at 1 the taker has to be woken, who must take() then.
+  std::size_t give(Item item) {
+    const std::lock_guard lock(mutex_);
+    items_.push_back(std::move(item));
+    return items_.size();
+  }
+
+  std::vector<Item> take() {
+    const std::lock_guard lock(mutex_);
+    return std::exchange(items_, {});
+  }
+
+ private:
+  std::mutex mutex_;
+  std::vector<Item> items_;
+};
+
+// Paho's send thread can miss its signal and then sleeps for up to a second on a message
+// (eclipse-paho/paho.mqtt.c 1.3.x). Another request wakes it. This says when one is due: nothing
+// was acknowledged or published for a while although something is in flight. Pure.
+
+class SendNudge {
+ public:
+  /// So many times what an acknowledgement takes as a rule, within these limits: a broker on this
+  /// host answers within a millisecond, one that is far away must not be asked for nothing.
+  static constexpr int patience = 4;
+  static constexpr std::chrono::milliseconds shortest_wait{3};
+  static constexpr std::chrono::milliseconds first_wait{25};
+  /// A broker that is only slow must not be flooded: each wait is twice the last one.
+  static constexpr std::chrono::milliseconds longest_wait{1600};
+
+  void on_publish(TimePoint now) {
+    ++in_flight_;
+    if (sample_left_ == 0) {
+      sample_left_ = in_flight_;
+      sample_begin_ = now;
+    }
+    on_progress(now);
+  }
+  void on_acknowledged(TimePoint now) {
+    in_flight_ -= in_flight_ > 0 ? 1 : 0;
+    if (sample_left_ > 0 && --sample_left_ == 0) usual_ += (now - sample_begin_ - usual_) / 8;
+    on_progress(now);
+  }
+  void clear() { *this = {}; }
+
+  /// Nothing: nothing is in flight.
+  std::optional<TimePoint> deadline() const {
+    if (in_flight_ == 0) return std::nullopt;
+    return last_progress_ + wait_;
+  }
+  /// True when a nudge is due, which is then given.
+  bool take(TimePoint now) {
+    if (in_flight_ == 0 || now < last_progress_ + wait_) return false;
+    last_progress_ = now;
+    wait_ = std::min<Duration>(2 * wait_, longest_wait);
+    return true;
+  }
+
+ private:
+  void on_progress(TimePoint now) {
+    last_progress_ = now;
+    wait_ = std::clamp<Duration>(patience * usual_, shortest_wait, first_wait);
+  }
+
+  std::size_t in_flight_ = 0;
+  TimePoint last_progress_{};
+  Duration wait_ = first_wait;
+  // One message at a time is watched from its publish to its acknowledgement, by counting.
+  std::size_t sample_left_ = 0;  ///< acknowledgements until its own; 0: none is watched
+  TimePoint sample_begin_{};
+  Duration usual_ = Duration{first_wait} / patience;  ///< smoothed
+};
+
+// What has to be said to the socket of the broker's connection, which Paho keeps to itself.
+
+class BrokerSocket {
+ public:
+  BrokerSocket() = default;
+  ~BrokerSocket() { forget(); }
+  BrokerSocket(const BrokerSocket&) = delete;
+  BrokerSocket& operator=(const BrokerSocket&) = delete;
+
+  /// Takes this process's connection to that port and sets TCP_NODELAY, which Paho does not: with
+  /// Nagle's algorithm a message waits until the broker has acknowledged the TCP segment before, at
+  /// QoS 0 for up to 40 ms. Any thread, once.
+  void adopt(std::uint16_t broker_port);
+  /// What is written from now on goes out together, when it is released (the kernel waits 200 ms at
+  /// most). Nothing happens before adopt(). Any thread.
+  void gather() { cork(1); }
+  void release() { cork(0); }
+  /// What the kernel has not sent yet is thrown away when the connection is closed.
+  void discard_on_close();
+  /// Not while gather() or release() may run.
+  void forget();
+
+ private:
+  void cork(int on);
+
+  /// A duplicate: Paho closes its own when it likes, and the number may then be another file's.
+  std::atomic<int> descriptor_{-1};
+};
+
 // The broker link through Eclipse Paho. A client for each connection (a fresh one sheds Paho's
 // tokens, retry state and lost wake-ups; its own automatic reconnect is mute). Every Paho call is
 // made on the lane, a thread of its own, because connect resolves names under Paho's global lock.
 // Paho's callbacks come on Paho's threads and do exactly one thing: post to the loop.
-#pragma once
-
-#include <mqtt/async_client.h>
-
-#include <atomic>
-#include <boost/asio/io_context.hpp>
-#include <boost/asio/steady_timer.hpp>
-#include <boost/asio/thread_pool.hpp>
-#include <chrono>
-#include <functional>
-#include <memory>
-#include <optional>
-#include <string>
-#include <vector>
-
-#include "daemon/mqtt/mqtt_link.hpp"
-#include "daemon/mqtt/paho/broker_socket.hpp"
-#include "daemon/mqtt/paho/handover.hpp"
-#include "daemon/mqtt/paho/paho_message.hpp"
-#include "daemon/mqtt/paho/send_nudge.hpp"
-
-namespace slamgw {
 
 class PahoLink final : public MqttLink,
                        public std::enable_shared_from_this<PahoLink>,

@@ -1,10 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Networks brought in from other tools.
-#include "adapters/ble_mesh_usb_cdc/provisioning/imported_mesh.hpp"
+#include "adapters/ble_mesh_usb_cdc/provisioning/mesh_json.hpp"
 
 #include <gtest/gtest.h>
-
-#include "adapters/ble_mesh_usb_cdc/provisioning/mesh_json.hpp"
 
 namespace slamgw::ble {
 namespace {

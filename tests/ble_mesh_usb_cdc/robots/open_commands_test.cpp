@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "adapters/ble_mesh_usb_cdc/robots/open_commands.hpp"
+#include "adapters/ble_mesh_usb_cdc/robots/command_queue.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "daemon/mqtt/paho/broker_socket.hpp"
+#include "daemon/mqtt/paho/paho_link.hpp"
 
 #include <gtest/gtest.h>
 #include <netinet/in.h>

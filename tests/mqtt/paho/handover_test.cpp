@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "daemon/mqtt/paho/handover.hpp"
+#include "daemon/mqtt/paho/paho_link.hpp"
 
 #include <gtest/gtest.h>
 
