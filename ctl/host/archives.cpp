@@ -63,9 +63,10 @@ Manifest read_manifest(const std::string& archive) {
 void check_manifest(const std::string& archive, const Manifest& manifest,
                     const Installation& installation) {
   if (manifest.configuration != installation.configuration())
-    throw Failure(fmt::format("{} is a backup of {}, not of {}; say --config {}", archive,
-                              manifest.configuration, installation.configuration(),
-                              manifest.configuration));
+    throw Failure(
+        fmt::format("{} is a backup of {}, not of {}; nothing was restored. --config names another "
+                    "configuration of yours",
+                    archive, manifest.configuration, installation.configuration()));
   if (manifest.state != installation.state())
     throw Failure(fmt::format(
         "{} keeps the state of {}, but the configuration here names {}; nothing was restored. If "
