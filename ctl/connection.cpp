@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "ctl/connection.hpp"
 
+#include <nlohmann/json.hpp>
+
 #include <sys/socket.h>
 #include <sys/stat.h>
 #include <sys/time.h>

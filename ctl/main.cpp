@@ -3,6 +3,7 @@
 // done, 1 failed, 2 wrong arguments.
 #include <fmt/format.h>
 #include <unistd.h>
+#include <nlohmann/json.hpp>
 
 #include <cerrno>
 #include <cstdlib>

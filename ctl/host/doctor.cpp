@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "ctl/host/doctor.hpp"
 
+#include <nlohmann/json.hpp>
+
 #include <fmt/format.h>
 #include <sys/socket.h>
 #include <sys/time.h>

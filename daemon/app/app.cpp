@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/app/app.hpp"
 
+#include <nlohmann/json.hpp>
+
 #include <fmt/format.h>
 
 #include <csignal>
@@ -341,6 +343,8 @@ nlohmann::json App::status() {
 nlohmann::json App::robots(const std::optional<std::string>& robot) {
   return to_json(status_.robots(robot, read_clocks().mono));
 }
+
+nlohmann::json App::fleet() { return fleet_.status(); }
 
 void App::on_watched(bool is_watched) {
   trace_.turn(is_watched);

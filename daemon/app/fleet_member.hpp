@@ -8,7 +8,7 @@
 #include <boost/asio/steady_timer.hpp>
 #include <functional>
 #include <map>
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <set>
 #include <string>
 

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/app/operator_commands.hpp"
 
+#include <nlohmann/json.hpp>
+
 #include <utility>
 
 #include "daemon/core/topic_scheme.hpp"

@@ -3,7 +3,7 @@
 // effect at once, and words for those that do not. Pure.
 #pragma once
 
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <string>
 #include <vector>
 

@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/config/parse.hpp"
 
+#include "daemon/config/located_json.hpp"
+
+#include <nlohmann/json.hpp>
+
 #include <fmt/format.h>
 #include <string_view>
 

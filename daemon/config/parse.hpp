@@ -9,7 +9,7 @@
 
 #include "daemon/config/config.hpp"
 #include "daemon/config/files.hpp"
-#include "daemon/config/located_json.hpp"
+#include "daemon/config/problem.hpp"
 #include "daemon/config/schema.hpp"
 
 namespace slamgw {

@@ -3,7 +3,7 @@
 // names. Pure.
 #pragma once
 
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 
 #include "daemon/core/trace.hpp"
 

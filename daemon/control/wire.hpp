@@ -22,7 +22,7 @@
 //             connection ends; an event "lost" counts those for which the client was too slow
 #pragma once
 
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <string>
 #include <string_view>

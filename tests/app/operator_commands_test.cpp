@@ -3,6 +3,8 @@
 // robot.
 #include "daemon/app/operator_commands.hpp"
 
+#include <nlohmann/json.hpp>
+
 #include <gtest/gtest.h>
 
 #include <algorithm>

@@ -2,6 +2,8 @@
 // What of a configuration that was read again is in force at once.
 #include "daemon/app/reload.hpp"
 
+#include <nlohmann/json.hpp>
+
 #include <gtest/gtest.h>
 
 namespace slamgw {

@@ -2,6 +2,8 @@
 // The JSON of `slam-gatewayctl --json status` and `robots`: people script against its names.
 #include "daemon/app/status.hpp"
 
+#include <nlohmann/json.hpp>
+
 #include <gtest/gtest.h>
 
 #include <set>

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // `slam-gatewayctl ble ...`: what it orders, what it shows, and how long it waits.
 #include <filesystem>
+#include <nlohmann/json.hpp>
 
 #include "tests/control/control_program_fixture.hpp"
 

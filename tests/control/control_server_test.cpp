@@ -2,6 +2,7 @@
 // The control socket from a client's side: well-behaved, slow, silent, greedy and gone.
 #include <sys/stat.h>
 #include <unistd.h>
+#include <nlohmann/json.hpp>
 
 #include <boost/asio/connect.hpp>
 #include <boost/asio/write.hpp>

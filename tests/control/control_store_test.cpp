@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // `slam-gatewayctl store ...`: what it orders and what it shows.
+#include <nlohmann/json.hpp>
 #include <sstream>
 
 #include "tests/control/control_program_fixture.hpp"

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The pure halves of the control socket: its language and slam-gatewayctl's texts.
 #include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
 
 #include <algorithm>
 #include <sstream>

@@ -2,6 +2,8 @@
 // What `slam-gatewayctl doctor` makes of what it is told.
 #include "ctl/host/doctor.hpp"
 
+#include <nlohmann/json.hpp>
+
 #include <gtest/gtest.h>
 
 #include <algorithm>
