@@ -27,10 +27,11 @@ show_progress() {
 
 # build_quietly LOG COMMAND...: all output goes into LOG; a failure shows it from the first error, or its last 60 lines.
 build_quietly() {
-  local log=$1 first
+  local log=$1 first count
   shift
   if "$@" 2>&1 | tee "$log" | show_progress >/dev/null; then
-    [ "$(grep -c ' warning: ' "$log")" = 0 ] || printf '%s compiler warnings: %s\n' "$(grep -c ' warning: ' "$log")" "$log" >&2
+    count=$(grep -cE ':[0-9]+: warning: ' "$log") || return 0
+    printf '%s compiler warnings: %s\n' "$count" "$log" >&2
     return
   fi
   first=$(grep -nm1 -E '^FAILED: |error: |\*\*\* ' "$log" | cut -d: -f1)
