@@ -34,7 +34,7 @@ build_quietly() {
     printf '%s compiler warnings: %s\n' "$count" "$log" >&2
     return
   fi
-  first=$(grep -nm1 -E '^FAILED: |error: |\*\*\* ' "$log" | cut -d: -f1)
+  first=$(grep -nm1 -E '^FAILED: |error: |\*\*\* ' "$log" | cut -d: -f1) || true
   if [ -n "$first" ]; then tail -n "+$first" "$log" >&2; else tail -n 60 "$log" >&2; fi
   return 1
 }
