@@ -318,6 +318,13 @@ void SnGateway::set_all_dirty() {
   for (const auto& [id, session] : clients_.all()) output_.mark_changed(*session);
 }
 
+Counters SnGateway::counters() const {
+  Counters counters = output_.counters();
+  counters.push_back({"clients", clients_.size()});
+  counters.push_back({"clients_unanswered", clients_.unanswered()});
+  return counters;
+}
+
 std::vector<WaitingMessage> SnGateway::give_up(const std::string& robot, TimePoint now) {
   std::vector<WaitingMessage> unsent;
   if (ClientSession* session = clients_.find_robot(robot))

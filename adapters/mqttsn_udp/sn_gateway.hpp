@@ -47,7 +47,7 @@ class SnGateway {
   /// subscriptions that are not allowed any more end.
   void reconfigure(TopicPolicy policy, RobotNames names, TimePoint now);
 
-  Counters counters() const { return output_.counters(); }
+  Counters counters() const;
   /// Nothing when no client has this name.
   std::optional<Presence> presence_of(const std::string& robot) const;
   /// Messages waiting for this robot, the one in flight included.

@@ -131,7 +131,21 @@ class Examination {
     if (!facts_.is_running) return link("thread", "thread");
     if (config_.mqttsn.multicast_group && (wanted.empty() || interface)) multicast(wanted);
     link("thread", "thread");
+    places();
     if (facts_.is_search_answered) search();
+  }
+
+  void places() {
+    const json& counters =
+        group_at(group_at(group_at(facts_.status, "meshes"), "thread"), "counters");
+    const std::uint64_t clients = count_at(counters, "clients");
+    if (10 * clients < 9 * config_.mqttsn.max_clients) return;
+    add("thread: clients", Health::warning,
+        fmt::format("{} of {} places are taken (mqttsn.max_clients), {} by clients that have not "
+                    "answered anything: these give way to others",
+                    clients, config_.mqttsn.max_clients, count_at(counters, "clients_unanswered")),
+        "does somebody invent clients? journalctl -u slam-gateway -g 'is online' has their "
+        "addresses; robots that are gone: slam-gatewayctl forget ROBOT");
   }
 
   const InterfaceFacts* find_interface(const std::string& name) const {

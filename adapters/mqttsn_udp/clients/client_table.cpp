@@ -120,8 +120,7 @@ ClientSession* ClientTable::evictable(TimePoint now) {
 }
 
 bool ClientTable::has_room(TimePoint now) const {
-  return !is_full() || (evictable_.earliest() && *evictable_.earliest() <= now) ||
-         size() - answered_ > 1;
+  return !is_full() || (evictable_.earliest() && *evictable_.earliest() <= now) || unanswered() > 1;
 }
 
 void ClientTable::set_answered(ClientSession& session) {

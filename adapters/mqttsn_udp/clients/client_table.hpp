@@ -91,6 +91,7 @@ class ClientTable {
   ClientSession* evictable(TimePoint now);
   bool has_room(TimePoint now) const;
   void set_answered(ClientSession& session);
+  std::size_t unanswered() const { return size() - answered_; }
   /// Who gives way to `peer` when nobody has left: clients that have not answered yet. First those
   /// that said nothing after their CONNECT; then those of the address, or the /64, that has at
   /// least two more of them than the one of `peer`. The longest silent come first; some at a time.

@@ -94,6 +94,12 @@ TEST(Doctor, NamesEachStepThatIsBroken) {
   EXPECT_EQ(problems_of(facts), "ble: robots; ");
 
   facts = healthy();
+  facts.status["meshes"]["thread"]["counters"] = {{"clients", 9000}, {"clients_unanswered", 8000}};
+  EXPECT_EQ(problems_of(facts), "thread: clients; ");
+  facts.status["meshes"]["thread"]["counters"]["clients"] = 8999;
+  EXPECT_EQ(problems_of(facts), "");
+
+  facts = healthy();
   facts.status["store"]["full"] = true;
   facts.state_free_bytes = 1000;
   EXPECT_EQ(problems_of(facts), "disk; store; ");
