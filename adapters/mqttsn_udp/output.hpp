@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The machine's counters: one enumerator and one stable name each.
+// All that leaves the machine: datagrams, as many octets as an address may be sent, events, counts,
+// and which sessions are to be saved. Decides nothing about the protocol.
 #pragma once
 
 #include <array>
@@ -16,6 +17,8 @@
 #include "daemon/core/protocol_machine.hpp"
 
 namespace slamgw::mqttsn {
+
+// The machine's counters: one enumerator and one stable name each.
 
 enum class Count : std::uint8_t {
   datagrams_in,
@@ -59,9 +62,6 @@ class Tally {
   static constexpr std::size_t size = static_cast<std::size_t>(Count::last_) + 1;
   std::array<std::uint64_t, size> values_{};
 };
-
-// All that leaves the machine: datagrams, as many octets as an address may be sent, events, counts,
-// and which sessions are to be saved. Decides nothing about the protocol.
 
 /// To the configured multicast group.
 struct SendMulticast {

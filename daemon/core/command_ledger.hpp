@@ -67,10 +67,9 @@ class CommandLedger {
   OpenCommands open_;
 };
 
-// Commands for names that no robot has. A robot may be known a moment later, so each waits here for
-// `patience` before it is refused. Pure; part of Gateway, for the first gateway of a broker by
-// name.
-
+/// Commands for names that no robot has. A robot may be known a moment later, so each waits here
+/// for `patience` before it is refused. Pure; part of Gateway, for the first gateway of a broker by
+/// name.
 class StrayCommands {
  public:
   /// With the 29 s that a mesh may take afterwards, a command still ends within 30 s.

@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The thesis's `update` payload (docs/topics.md; thesis 6.3): little-endian int16 pairs in
-// centimetres, `x y` of the robot, then up to four obstacles. Robots append one stray byte (their
-// struct is cut short; it is no count), which is dropped.
+// Brings the payloads of type `update` into one form; every other type passes unchanged.
 #pragma once
 
 #include <cstdint>
@@ -16,6 +14,9 @@
 
 namespace slamgw {
 
+/// The thesis's `update` payload (docs/topics.md; thesis 6.3): little-endian int16 pairs in
+/// centimetres, `x y` of the robot, then up to four obstacles. Robots append one stray byte (their
+/// struct is cut short; it is no count), which is dropped.
 struct Position {
   std::int16_t x_cm = 0;
   std::int16_t y_cm = 0;
@@ -40,8 +41,6 @@ std::string encode_json(const Update& update);
 
 /// How `update` goes up (`payload.update`).
 enum class UpdateMode : std::uint8_t { positions, json, raw };
-
-// Brings the payloads of type `update` into one form; every other type passes unchanged.
 
 struct Normalized {
   Bytes payload;

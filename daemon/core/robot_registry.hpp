@@ -101,9 +101,8 @@ class RobotRegistry {
   std::uint64_t untracked_ = 0;
 };
 
-// What the core asks about robots that several gateways could serve (docs/fleet.md). Answered by
-// the application; without an answer, this gateway serves every robot.
-
+/// What the core asks about robots that several gateways could serve (docs/fleet.md). Answered by
+/// the application; without an answer, this gateway serves every robot.
 struct RobotPlaces {
   using Question = std::function<bool(const std::string& robot)>;
   /// This gateway holds the robot's session at the broker.

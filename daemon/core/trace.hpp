@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// One thing that happened to one message: what `slam-gatewayctl watch` shows. Values only; the JSON
-// of it is written by daemon/control/trace_json.
+// Follows each message from its arrival to its acknowledgement and each command to its outcome:
+// joins what the core, the meshes and delivery report into one stream of TraceEvents. Pure. While
+// it is off, each call costs one test of a flag.
 #pragma once
 
 #include <chrono>
@@ -18,6 +19,8 @@
 
 namespace slamgw {
 
+/// One thing that happened to one message: what `slam-gatewayctl watch` shows. Values only; the
+/// JSON of it is written by daemon/control/trace_json.
 struct TraceEvent {
   enum class Kind : std::uint8_t {
     arrived,       ///< a robot's message came
@@ -67,10 +70,6 @@ constexpr std::string_view to_string(TraceEvent::Kind kind) {
   }
   return {};
 }
-
-// Follows each message from its arrival to its acknowledgement and each command to its outcome:
-// joins what the core, the meshes and delivery report into one stream of TraceEvents. Pure. While
-// it is off, each call costs one test of a flag.
 
 class Trace final : public TrafficObserver {
  public:

@@ -1,8 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which topics a broker may have closed the connection for. Brokers close it in place of refusing:
-// Mosquitto for a packet that is too large, NATS for a `.` in a topic. Only what the broker had not
-// answered can be the cause, and who was unanswered at two losses in a row is a suspect; HeldTopics
-// tries suspects alone. Pure; part of the outbox.
+// Topics whose messages the broker does not take for now. Other topics do not wait for them. The
+// oldest message of each is tried again after growing pauses, one at a time, which keeps the order.
+// Messages on disk stay there: only their rows are known here. Pure; part of the outbox.
+//
+//   paused -> wanting (a row is to be loaded) -> loading -> runnable -> waiting (for the answer)
+//
+// Refused, the topic pauses again. Accepted, it goes on at wanting or runnable until nothing of it
+// is left here; then it is held no longer. Two topics may share a slot of TopicCounts, and then are
+// held together.
+//
+// A suspect (ConnectionSuspects) is held until a message of it was answered. Its messages are tried
+// alone, so that a connection that is lost meanwhile accuses this message and no other. Without
+// messages it is idle, and the next one that comes is tried.
 #pragma once
 
 #include <bitset>
@@ -25,6 +34,10 @@
 
 namespace slamgw {
 
+/// Which topics a broker may have closed the connection for. Brokers close it in place of refusing:
+/// Mosquitto for a packet that is too large, NATS for a `.` in a topic. Only what the broker had
+/// not answered can be the cause, and who was unanswered at two losses in a row is a suspect;
+/// HeldTopics tries suspects alone. Pure; part of the outbox.
 class ConnectionSuspects {
  public:
   /// QoS 0 that was written, which has no answer: more than a broker is sent in the time that
@@ -70,12 +83,11 @@ class ConnectionSuspects {
   std::optional<Refused> refused_;  ///< the last one of this connection
 };
 
-// Robots of which the broker has refused a topic and then closed the connection, as Debian 12's
-// Mosquitto does after each refusal. Every refusal costs all robots the connection; so a robot's
-// other topics, but for those that the broker took last time, are held as if refused and tried one
-// by one. Else a robot with a hundred forbidden topics would cost a hundred connections. A flow is
-// as in FairQueue: what a topic has in front of its last level. Pure; part of the outbox.
-
+/// Robots of which the broker has refused a topic and then closed the connection, as Debian 12's
+/// Mosquitto does after each refusal. Every refusal costs all robots the connection; so a robot's
+/// other topics, but for those that the broker took last time, are held as if refused and tried one
+/// by one. Else a robot with a hundred forbidden topics would cost a hundred connections. A flow is
+/// as in FairQueue: what a topic has in front of its last level. Pure; part of the outbox.
 class DoubtedFlows {
  public:
   void on_accepted(std::string_view topic) { accepted_.set(TopicCounts::slot(topic)); }
@@ -102,20 +114,6 @@ class DoubtedFlows {
   std::unordered_map<std::size_t, Refusal> flows_;
   std::bitset<TopicCounts::slots> accepted_;  // the broker's last answer for these topics
 };
-
-// Topics whose messages the broker does not take for now. Other topics do not wait for them. The
-// oldest message of each is tried again after growing pauses, one at a time, which keeps the order.
-// Messages on disk stay there: only their rows are known here. Pure; part of the outbox.
-//
-//   paused -> wanting (a row is to be loaded) -> loading -> runnable -> waiting (for the answer)
-//
-// Refused, the topic pauses again. Accepted, it goes on at wanting or runnable until nothing of it
-// is left here; then it is held no longer. Two topics may share a slot of TopicCounts, and then are
-// held together.
-//
-// A suspect (ConnectionSuspects) is held until a message of it was answered. Its messages are tried
-// alone, so that a connection that is lost meanwhile accuses this message and no other. Without
-// messages it is idle, and the next one that comes is tried.
 
 /// A held topic, for `status`.
 struct HeldTopic {

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// How many messages of each topic are in a place, in bounded memory: counters by the topic's hash,
-// only those that are not zero, for as a rule there are none. Two topics may share a counter;
-// "none" is always true, "some" may mean the other topic, and costs that one a detour through the
-// store. Used by the backlog.
+// The border between the outbox and the store of undelivered messages on disk: two requests, and
+// the events that answer them. SqliteStore is behind it in the daemon, a fake with state in tests.
+// Events come in the order of the requests, on the loop's thread, never from inside a request.
+//
+// `generation`: how many StoreOpened and StoreAbsent the outbox had seen when it asked. A store
+// passes over requests from before its last one without an answer: they meant another file.
 #pragma once
 
 #include <algorithm>
@@ -18,6 +20,10 @@
 
 namespace slamgw {
 
+/// How many messages of each topic are in a place, in bounded memory: counters by the topic's hash,
+/// only those that are not zero, for as a rule there are none. Two topics may share a counter;
+/// "none" is always true, "some" may mean the other topic, and costs that one a detour through the
+/// store. Used by the backlog.
 class TopicCounts {
  public:
   /// A thousand robots with three topics each rarely share a slot.
@@ -89,13 +95,6 @@ class StoreShares {
 
   std::unordered_map<std::size_t, Share> shares_;  // by slot; none is empty
 };
-
-// The border between the outbox and the store of undelivered messages on disk: two requests, and
-// the events that answer them. SqliteStore is behind it in the daemon, a fake with state in tests.
-// Events come in the order of the requests, on the loop's thread, never from inside a request.
-//
-// `generation`: how many StoreOpened and StoreAbsent the outbox had seen when it asked. A store
-// passes over requests from before its last one without an answer: they meant another file.
 
 /// `row` is the outbox's number for a stored message: rows rise in the order of storing, and
 /// messages of one topic are delivered in the order of their rows.

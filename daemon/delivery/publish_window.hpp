@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// One message on its way to the broker, as the outbox and the backlog hand it to each other.
+// The messages that were handed to the broker and are not answered yet. Decides how many may be at
+// once, and whether the backlog or a fresh message is next. Pure; part of the outbox.
 #pragma once
 
 #include <cstdint>
@@ -15,6 +16,7 @@
 
 namespace slamgw {
 
+/// One message on its way to the broker, as the outbox and the backlog hand it to each other.
 struct OutboxEntry {
   /// What one message in memory costs besides topic and payload.
   static constexpr std::size_t overhead_bytes = 160;
@@ -56,9 +58,6 @@ inline OutboxEntry entry_from_store(StoredMessage stored, TimePoint now) {
   entry.is_stored = entry.is_from_backlog = true;
   return entry;
 }
-
-// The messages that were handed to the broker and are not answered yet. Decides how many may be at
-// once, and whether the backlog or a fresh message is next. Pure; part of the outbox.
 
 class PublishWindow {
  public:

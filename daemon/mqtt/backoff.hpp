@@ -46,10 +46,9 @@ class Backoff {
   std::optional<TimePoint> since_;  // the first wait since reset()
 };
 
-// Two clients with one client id take the connection from each other without end (MQTT 5 section
-// 3.1.4). This sees it, and makes the pauses grow, so that the broker is not kept busy with it.
-// Pure.
-
+/// Two clients with one client id take the connection from each other without end (MQTT 5 section
+/// 3.1.4). This sees it, and makes the pauses grow, so that the broker is not kept busy with it.
+/// Pure.
 class RivalWatch {
  public:
   /// A connection that lasts this long rules out a rival. After a pause of ours the limit is

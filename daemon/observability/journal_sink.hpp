@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// An event as systemd-journald takes it: one datagram of FIELD=value (systemd's "native journal
-// protocol"). Pure.
+// spdlog sink that writes structured entries to the systemd journal. spdlog has no fields of its
+// own: they come beside the message, through a context that log_event fills.
 #pragma once
 
 #include <spdlog/details/null_mutex.h>
@@ -17,6 +17,9 @@
 
 namespace slamgw {
 
+// An event as systemd-journald takes it: one datagram of FIELD=value (systemd's "native journal
+// protocol"). Pure.
+
 /// syslog(3)'s, as in `journalctl -p`: 3 error, 4 warning, 5 notice, 6 info, 7 debug.
 int journal_priority(Severity severity);
 
@@ -24,10 +27,9 @@ int journal_priority(Severity severity);
 std::string journal_entry(std::string_view program, Severity severity, std::string_view text,
                           const LogFields& fields);
 
-// Datagrams to systemd-journald that never wait for it: libsystemd's sd_journal_send() blocks when
-// the journal is stuck, and the loop with it. What matters is kept until the journal takes it, the
-// rest is counted. Loop's thread only.
-
+/// Datagrams to systemd-journald that never wait for it: libsystemd's sd_journal_send() blocks when
+/// the journal is stuck, and the loop with it. What matters is kept until the journal takes it, the
+/// rest is counted. Loop's thread only.
 class JournalSocket {
  public:
   /// Entries kept while the journal takes nothing; all further ones are lost.
@@ -54,9 +56,6 @@ class JournalSocket {
   std::deque<std::string> kept_;
   std::uint64_t lost_ = 0;
 };
-
-// spdlog sink that writes structured entries to the systemd journal. spdlog has no fields of its
-// own: they come beside the message, through a context that log_event fills.
 
 /// What spdlog cannot carry about the message being written.
 struct LogContext {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Lines of the log about messages whose acknowledgement is owed: they are written when it is known
-// how long that took (LATENCY_US), or without it when it takes too long. Pure.
+// Writes robot messages to the log: watches the traffic and writes what TrafficSampler picks, each
+// line when its receipt has fired.
 #pragma once
 
 #include <map>
@@ -14,6 +14,9 @@
 #include "daemon/observability/traffic_sampler.hpp"
 
 namespace slamgw {
+
+// Lines of the log about messages whose acknowledgement is owed: they are written when it is known
+// how long that took (LATENCY_US), or without it when it takes too long. Pure.
 
 /// One line of the log.
 struct TrafficEntry {
@@ -45,9 +48,6 @@ class AwaitedLines {
 
   std::map<Key, Line> lines_;
 };
-
-// Writes robot messages to the log: watches the traffic and writes what TrafficSampler picks, each
-// line when its receipt has fired.
 
 class TrafficLog final : public TrafficObserver {
  public:

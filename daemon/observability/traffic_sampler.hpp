@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Bounds how many lines of one kind are logged: journald drops whatever comes too fast, so a flood
-// of lines would push out those that matter. Pure.
+// Decides which robot messages are worth a line (`log.traffic`): a journal entry costs a Pi's card
+// more than the message itself. Pure.
 #pragma once
 
 #include <algorithm>
@@ -15,6 +15,9 @@
 #include "daemon/observability/log_settings.hpp"
 
 namespace slamgw {
+
+// Bounds how many lines of one kind are logged: journald drops whatever comes too fast, so a flood
+// of lines would push out those that matter. Pure.
 
 /// A burst of `at_once` lines, then `per_second` lines a second.
 class LineBudget {
@@ -36,9 +39,6 @@ class LineBudget {
   Duration interval_;
   std::optional<TimePoint> spent_until_;
 };
-
-// Decides which robot messages are worth a line (`log.traffic`): a journal entry costs a Pi's card
-// more than the message itself. Pure.
 
 /// How many messages a line stands for.
 struct TrafficLine {

@@ -1,11 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// `sessions.db`: the sessions of MQTT-SN clients, one row each. Blocks; used by SqliteSessionStore.
-//
-//   sessions(id TEXT PRIMARY KEY, content BLOB, checksum)    content: CBOR (adapters/mqttsn_udp)
-//
-// Write-ahead log without a synchronisation for each commit: what is written survives the end of
-// the process at once, and a power cut from the next sync() on. `user_version` is 2 (1 had no
-// checksums).
+// The shell of SessionFile: `sessions.db` in `store.directory`, written on a thread of its own. Of
+// a damaged file everything that can be read is saved, and the file is put aside; without a usable
+// one the daemon goes on, and this tries again.
 #pragma once
 
 #include <boost/asio/io_context.hpp>
@@ -26,6 +22,14 @@
 
 namespace slamgw {
 
+/// `sessions.db`: the sessions of MQTT-SN clients, one row each. Blocks; used by
+/// SqliteSessionStore.
+///
+///   sessions(id TEXT PRIMARY KEY, content BLOB, checksum)    content: CBOR (adapters/mqttsn_udp)
+///
+/// Write-ahead log without a synchronisation for each commit: what is written survives the end of
+/// the process at once, and a power cut from the next sync() on. `user_version` is 2 (1 had no
+/// checksums).
 class SessionFile {
  public:
   static constexpr int version = 2;
@@ -62,10 +66,6 @@ struct SavedSessions {
   std::vector<SessionStore::Change> sessions;
   std::size_t unreadable = 0;  ///< parts that the disk could not read
 };
-
-// The shell of SessionFile: `sessions.db` in `store.directory`, written on a thread of its own. Of
-// a damaged file everything that can be read is saved, and the file is put aside; without a usable
-// one the daemon goes on, and this tries again.
 
 class SqliteSessionStore final : public SessionStore {
  public:

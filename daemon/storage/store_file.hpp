@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Decides whether a file that cannot be used is damaged, or its disk only fails for a moment
-// (SQLite calls both "malformed"). Pure; asked by the stores after each check of the file. Also how
-// long they wait for a disk.
+// How this daemon treats its SQLite files in `store.directory`: readable by the service only,
+// recognised by their `user_version`, never touched when they are another program's or newer, put
+// aside and never overwritten when they are damaged. Blocks; used on the stores' threads.
 #pragma once
 
 #include <cstdint>
@@ -14,6 +14,10 @@
 #include "daemon/storage/sqlite.hpp"
 
 namespace slamgw {
+
+// Decides whether a file that cannot be used is damaged, or its disk only fails for a moment
+// (SQLite calls both "malformed"). Pure; asked by the stores after each check of the file. Also how
+// long they wait for a disk.
 
 /// How long the stores wait for a disk.
 struct StorePatience {
@@ -66,10 +70,6 @@ class DamageVerdict {
   int failed_checks_ = 0;
   std::optional<TimePoint> failing_since_;
 };
-
-// How this daemon treats its SQLite files in `store.directory`: readable by the service only,
-// recognised by their `user_version`, never touched when they are another program's or newer, put
-// aside and never overwritten when they are damaged. Blocks; used on the stores' threads.
 
 /// The file is not ours to change; what() says why.
 class ForeignFile : public std::runtime_error {

@@ -155,5 +155,20 @@ TEST_F(GatewayForget, SaysWhichRightIsMissingAndWhenItIsThere) {
   EXPECT_EQ(notices.size(), 2u);
 }
 
+TEST_F(GatewayForget, KeepsNothingOfARobotThatItsMeshEvicted) {
+  broker_is(true);
+  const auto evict = [&] {
+    gateway.on_mesh_event(SessionEvicted{Mesh::thread, "r"}, now);
+    drain();
+  };
+  presence("r", Presence::online);
+  evict();
+  EXPECT_TRUE(is_retained("r")) << "it is there, over another mesh";
+  presence("r", Presence::offline);
+  evict();
+  EXPECT_FALSE(is_retained("r"));
+  EXPECT_TRUE(forgotten.contains("r"));
+}
+
 }  // namespace
 }  // namespace slamgw

@@ -62,6 +62,8 @@ TEST(WebMirror, LeavesOutWhatIsOfAnotherType) {
       {"robots/r", R"({"state":["online"],"mesh":{},"last_seen":1})", "{}"},
       {"numbers", R"({"robots":{"r":{"up":{"toString":1},"last_heard":{}}}})",
        R"({"robots":{"r":{"up":{}}}})"},
+      {"numbers", R"({"robots":{"state":{"up":1},"toString":{"up":2,"mesh":3}}})",
+       R"({"robots":{"state":{"up":1},"toString":{"up":2}}})"},
       {"state", R"({"state":"online","more":{"a":[1]}})", R"({"state":"online","more":{"a":[1]}})"},
   };
   for (const Case& each : cases) {

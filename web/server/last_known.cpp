@@ -6,8 +6,9 @@ namespace slamgw::web {
 bool LastKnown::keep(std::string_view topic, SharedText text) {
   forget(topic);
   const std::size_t cost = topic.size() + text->size();
-  const std::size_t times = topic.starts_with(own_) ? 2 : 1;
-  if (topics_.size() >= times * max_topics || bytes_ + cost > times * max_bytes) return false;
+  const std::size_t quarters = topic.starts_with(own_) ? 5 : 4;
+  if (topics_.size() >= max_topics / 4 * quarters || bytes_ + cost > max_bytes / 4 * quarters)
+    return false;
   bytes_ += cost;
   topics_.emplace(topic, std::move(text));
   return true;

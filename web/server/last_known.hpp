@@ -19,7 +19,7 @@ class LastKnown {
   static constexpr std::size_t max_topics = 20'000;
   static constexpr std::size_t max_bytes = 16 << 20;
 
-  /// Topics that begin so are kept also when others have taken all room: what one gateway says.
+  /// Topics that begin so, which are one gateway's, have a quarter more room than there is for all.
   explicit LastKnown(std::string own = "/") : own_(std::move(own)) {}
 
   /// False when there is no room. An empty payload, which takes a retained message back, is a text

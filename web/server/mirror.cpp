@@ -62,14 +62,16 @@ bool is_usable(const std::string& key, const json& value) {
 }
 
 /// Takes out what is not of the type that docs/topics.md says. Whether there was anything.
-bool drop_unusable(json& document) {
+/// `has_names`: the keys are robots' names, which may be `state` or `toString`, too.
+bool drop_unusable(json& document, bool has_names = false) {
   bool has_dropped = false;
   if (document.is_array())
     for (json& each : document) has_dropped |= drop_unusable(each);
   if (!document.is_object()) return has_dropped;
   for (auto member = document.begin(); member != document.end();) {
-    const bool is_fine = is_usable(member.key(), member.value());
-    has_dropped |= is_fine ? drop_unusable(member.value()) : true;
+    const std::string& key = member.key();
+    const bool is_fine = has_names || is_usable(key, member.value());
+    has_dropped |= is_fine ? drop_unusable(member.value(), key == "robots") : true;
     member = is_fine ? std::next(member) : document.erase(member);
   }
   return has_dropped;

@@ -1,6 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Consistent Overhead Byte Stuffing: frames without zero octets, so that a zero ends each of them.
-// Unlike Nordic's framing it finds its own borders again. Called by CobsMesh.
+// Messages from one older robot, put together from its frames. Two ways: "simple" (parts, sent
+// once) and ARQ (a connection, numbered segments, each acknowledged with the next number expected).
+// A message that came by ARQ is acknowledged only when it is safe: the segment that completes it
+// stays unanswered until then, and the robot sends it again each 200 ms. Called by CobsMesh.
+//
+// ARQ:    robot SYN -> SYNACK -> ACK 0, then DATA n -> ACK n+1 (7-bit numbers).
+// Simple: `part last_part message..`, parts from 0.
 #pragma once
 
 #include <cstdint>
@@ -13,6 +18,9 @@
 #include "daemon/core/result.hpp"
 
 namespace slamgw::ble {
+
+// Consistent Overhead Byte Stuffing: frames without zero octets, so that a zero ends each of them.
+// Unlike Nordic's framing it finds its own borders again. Called by CobsMesh.
 
 /// Without the zero that ends it on the wire.
 Bytes encode_cobs(ByteView data);
@@ -27,7 +35,7 @@ class CobsSplitter {
   /// The encoded frames that `bytes` completes, never empty. What comes before the first zero is
   /// the end of a frame whose start was missed, and is dropped.
   std::vector<Bytes> on_bytes(ByteView bytes);
-  /// The stream starts anew.
+  /// The port was opened again: what was read of an unfinished frame is dropped.
   void reset();
   /// Frames dropped for their length since the splitter was made.
   std::uint64_t oversize() const { return oversize_; }
@@ -68,14 +76,6 @@ Result<LienFrame, DecodeError> decode_lien_frame(ByteView raw);
 /// server sends and for unused numbers.
 std::optional<std::string_view> lien_type_name(std::uint8_t message_type);
 inline constexpr std::uint8_t lien_update_message = 1;
-
-// Messages from one older robot, put together from its frames. Two ways: "simple" (parts, sent
-// once) and ARQ (a connection, numbered segments, each acknowledged with the next number expected).
-// A message that came by ARQ is acknowledged only when it is safe: the segment that completes it
-// stays unanswered until then, and the robot sends it again each 200 ms. Called by CobsMesh.
-//
-// ARQ:    robot SYN -> SYNACK -> ACK 0, then DATA n -> ACK n+1 (7-bit numbers).
-// Simple: `part last_part message..`, parts from 0.
 
 class LienConnection {
  public:

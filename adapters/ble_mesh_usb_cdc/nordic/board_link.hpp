@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Decides whether a serial line is usable: counts what goes wrong on it and names the likely cause.
-// Nothing protects the octets on that line, so octets that are lost or added show only as torn
-// frames, refusals of commands that were never sent, and answers that do not come. Called by
-// BoardLink.
+// The link to one serial board: gets in step with it, starts it up, keeps one command in flight and
+// starts again from the beginning whenever something is lost. Not the mesh: robots' messages pass
+// through unread, and what they are sent is BoardTraffic's. Called by BleMesh, which drains its
+// actions.
 #pragma once
 
 #include <array>
@@ -24,15 +24,19 @@
 
 namespace slamgw::ble {
 
+/// Decides whether a serial line is usable: counts what goes wrong on it and names the likely
+/// cause. Nothing protects the octets on that line, so octets that are lost or added show only as
+/// torn frames, refusals of commands that were never sent, and answers that do not come. Called by
+/// BoardLink.
 class LineHealth {
  public:
-  /// After so many losses in a row the line counts as unusable.
+  /// Losses in a row after which the link gives the line up.
   static constexpr int max_losses = 8;
-  /// From so many in a row on, the operator gets a warning.
+  /// Losses in a row from which on the journal warns.
   static constexpr int noticeable_losses = 3;
   /// A loss that comes later than this after the one before begins a new row.
   static constexpr Duration stable_time = std::chrono::seconds{10};
-  /// So many unanswered commands of one kind in a row are no accident.
+  /// Unanswered commands of one kind in a row after which the line is a lost one.
   static constexpr int max_timeouts = 3;
 
   void on_port_open();
@@ -45,7 +49,7 @@ class LineHealth {
   int losses() const { return losses_; }
   /// Why the port should be closed; nothing while the line is usable.
   std::optional<std::string> verdict() const;
-  /// When the last loss is so long ago that the line counts as good.
+  /// From then on the line is good again, if nothing more is lost.
   TimePoint stable_at() const { return last_loss_ + stable_time; }
 
  private:
@@ -58,11 +62,10 @@ class LineHealth {
   int timeouts_ = 0;                ///< of that one, in a row
 };
 
-// Finds the frame borders again, whatever the board was in the middle of: 255 zero octets complete
-// any torn command, then an Echo with a fresh nonce proves that a board with Nordic's serial
-// firmware is there and marks the border in its answers. Also how every connection starts. Called
-// by BoardLink, which throws away what else arrives meanwhile.
-
+/// Finds the frame borders again, whatever the board was in the middle of: 255 zero octets complete
+/// any torn command, then an Echo with a fresh nonce proves that a board with Nordic's serial
+/// firmware is there and marks the border in its answers. Also how every connection starts. Called
+/// by BoardLink, which throws away what else arrives meanwhile.
 class Resync {
  public:
   static constexpr Duration quiet_time = std::chrono::milliseconds{300};
@@ -108,11 +111,6 @@ class Resync {
   Bytes awaited_;  ///< the Echo's answer as it comes over the wire
   Bytes tail_;     ///< the last octets received, fewer than `awaited_`
 };
-
-// The link to one serial board: gets in step with it, starts it up, keeps one command in flight and
-// starts again from the beginning whenever something is lost. Not the mesh: robots' messages pass
-// through unread, and what they are sent is BoardTraffic's. Called by BleMesh, which drains its
-// actions.
 
 struct LinkIsUp {
   std::string detail;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Devices that say they are in no mesh: when each was heard, and which is next. After a failure a
-// device waits longer each time, so that it does not hold up the others. Called by Admission.
+// Devices become nodes, one at a time: who joins next, which address it gets, and what came of it.
+// Part of Provisioner.
 #pragma once
 
 #include <algorithm>
@@ -25,6 +25,8 @@
 
 namespace slamgw::ble {
 
+/// Devices that say they are in no mesh: when each was heard, and which is next. After a failure a
+/// device waits longer each time, so that it does not hold up the others. Called by Admission.
 struct Candidate {
   Uuid uuid{};
   std::int8_t rssi_dbm = 0;
@@ -65,14 +67,13 @@ class Candidates {
 /// 5 s, 10 s, 20 s ... after the first, second, third failure; at most five minutes.
 Duration pause_after(int failures);
 
-// For how long an operator lets new robots in although `ble_mesh.provisioning.enabled` is false,
-// and what has come of it (`slam-gatewayctl ble permit-join`). Forgotten when the daemon ends.
-// Pure; part of Admission.
-
+/// For how long an operator lets new robots in although `ble_mesh.provisioning.enabled` is false,
+/// and what has come of it (`slam-gatewayctl ble permit-join`). Forgotten when the daemon ends.
+/// Pure; part of Admission.
 class JoinPermit {
  public:
   static constexpr std::chrono::minutes longest{24 * 60};
-  /// What happened, for those who watch; the oldest go first.
+  /// Events of the permit that are kept. A new one replaces the oldest.
   static constexpr std::size_t max_events = 256;
 
   /// `robot`: the name of the one robot that may join; empty: all may. A permit that is open is
@@ -121,10 +122,9 @@ class JoinPermit {
   std::uint64_t last_number_ = 0;
 };
 
-// Empties the board's table of device keys before the first conversation with a node: keys that an
-// earlier run left there have handles that no command reads, and a second Devkey Add for the same
-// node is refused. Called by NodeConversations while none is under way.
-
+/// Empties the board's table of device keys before the first conversation with a node: keys that an
+/// earlier run left there have handles that no command reads, and a second Devkey Add for the same
+/// node is refused. Called by NodeConversations while none is under way.
 class DeviceKeySweep {
  public:
   /// The command that the board should get now; nothing when all is done.
@@ -159,9 +159,8 @@ class DeviceKeySweep {
   std::uint16_t next_ = 0;
 };
 
-// The one order of an operator that is under way, and its answer. Part of Provisioner;
-// OperatorOrders opens it, the part that fulfils it answers it.
-
+/// The one order of an operator that is under way, and its answer. Part of Provisioner;
+/// OperatorOrders opens it, the part that fulfils it answers it.
 class OpenOrder {
  public:
   enum class Kind : std::uint8_t { scan, provision, remove, import_mesh, export_mesh, reset_board };
@@ -202,9 +201,6 @@ class OpenOrder {
   ProvisionerActions& actions_;
   std::optional<Order> order_;
 };
-
-// Devices become nodes, one at a time: who joins next, which address it gets, and what came of it.
-// Part of Provisioner.
 
 class Admission {
  public:

@@ -113,6 +113,18 @@ void add_model(std::vector<ConfigurationStep>& steps, const ConfigurationSetting
   if (is_one_of(servers, model)) steps.push_back(list_step(settings, element, model));
 }
 
+/// Of each model that has the application key, in the order of the elements.
+void add_each(std::vector<ConfigurationStep>& steps, const ConfigurationSettings& settings,
+              std::uint16_t address, const Composition& composition, decltype(&add_model) add) {
+  std::uint16_t element = address;
+  const std::uint8_t retransmit_count = publish_retransmit_count(composition);
+  for (const auto& models : composition.elements) {
+    for (const ModelId& model : models)
+      if (is_bound(model)) add(steps, settings, element, model, retransmit_count);
+    ++element;
+  }
+}
+
 }  // namespace
 
 bool ConfigurationStep::is_answered_by(const AccessMessage& message) const {
@@ -144,13 +156,7 @@ std::vector<ConfigurationStep> plan_configuration(const ConfigurationSettings& s
                                                   std::uint16_t address,
                                                   const Composition& composition) {
   std::vector<ConfigurationStep> steps{appkey_step(settings.app_key)};
-  std::uint16_t element = address;
-  const std::uint8_t retransmit_count = publish_retransmit_count(composition);
-  for (const auto& models : composition.elements) {
-    for (const ModelId& model : models)
-      if (is_bound(model)) add_model(steps, settings, element, model, retransmit_count);
-    ++element;
-  }
+  add_each(steps, settings, address, composition, add_model);
   return steps;
 }
 
@@ -158,13 +164,7 @@ std::vector<ConfigurationStep> plan_publications(const ConfigurationSettings& se
                                                  std::uint16_t address,
                                                  const Composition& composition) {
   std::vector<ConfigurationStep> steps;
-  std::uint16_t element = address;
-  const std::uint8_t retransmit_count = publish_retransmit_count(composition);
-  for (const auto& models : composition.elements) {
-    for (const ModelId& model : models)
-      if (is_bound(model)) add_publication(steps, settings, element, model, retransmit_count);
-    ++element;
-  }
+  add_each(steps, settings, address, composition, add_publication);
   return steps;
 }
 

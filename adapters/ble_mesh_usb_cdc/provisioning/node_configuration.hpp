@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The requests that configure a robot, by its composition data: the application key for its models,
-// publication to the gateway for those that speak, groups for those that listen. Only models that
-// it has; at least the thesis's (thesis 5.2.1), on/off and health. Called by NodeConfiguration.
+// The conversation with one node under its device key: its configuration, or its reset. The board
+// holds few device keys, so the key is loaded before and deleted after it. Requests go out one
+// after the other, each repeated until its answer comes. Called by NodeConversations.
 #pragma once
 
 #include <deque>
@@ -15,6 +15,10 @@
 
 namespace slamgw::ble {
 
+/// The requests that configure a robot, by its composition data: the application key for its
+/// models, publication to the gateway for those that speak, groups for those that listen. Only
+/// models that it has; at least the thesis's (thesis 5.2.1), on/off and health. Called by
+/// NodeConfiguration.
 struct ModelElement {
   std::uint16_t element = 0;  ///< unicast address
   ModelId model;
@@ -45,7 +49,7 @@ struct ConfigurationSettings {
 
 ConfigurationStep composition_step();
 ConfigurationStep node_reset_step();
-/// What follows the composition data. `address` is the node's.
+/// The steps that configure a node, once its composition is known. `address` is the node's.
 std::vector<ConfigurationStep> plan_configuration(const ConfigurationSettings& settings,
                                                   std::uint16_t address,
                                                   const Composition& composition);
@@ -53,18 +57,14 @@ std::vector<ConfigurationStep> plan_configuration(const ConfigurationSettings& s
 std::vector<ConfigurationStep> plan_publications(const ConfigurationSettings& settings,
                                                  std::uint16_t address,
                                                  const Composition& composition);
-/// What follows the list of groups that a model of the node has: it is left with those of the
-/// settings. Groups are taken away one by one, because a robot that runs Nordic's code stops on a
-/// failed assertion when Subscription Delete All or Overwrite meets a model with more subscriptions
-/// than the robot has subscription lists (all releases). Virtual addresses stay: a list names their
+/// The steps that leave a model with the groups of the settings, once its present ones are known.
+/// Groups are taken away one by one, because a robot that runs Nordic's code stops on a failed
+/// assertion when Subscription Delete All or Overwrite meets a model with more subscriptions than
+/// the robot has subscription lists (all releases). Virtual addresses stay: a list names their
 /// hashes only, and they are deleted by their label.
 std::vector<ConfigurationStep> plan_groups(const ConfigurationSettings& settings,
                                            const ModelElement& of,
                                            const std::vector<std::uint16_t>& subscribed);
-
-// The conversation with one node under its device key: its configuration, or its reset. The board
-// holds few device keys, so the key is loaded before and deleted after it. Requests go out one
-// after the other, each repeated until its answer comes. Called by NodeConversations.
 
 class NodeConfiguration {
  public:

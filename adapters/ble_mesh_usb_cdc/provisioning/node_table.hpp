@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The mesh's database and whether the disk has it: nothing is used on the air before it is there
-// (an address before a device gets it, a device key before it is spoken with). Part of
-// NodeTable; BleMeshAdapter writes.
+// The nodes of the mesh: what the disk has of them (MeshLedger), what they are called, and what was
+// seen of them since the daemon started. Part of Provisioner.
 #pragma once
 
 #include <map>
@@ -17,6 +16,9 @@
 
 namespace slamgw::ble {
 
+/// The mesh's database and whether the disk has it: nothing is used on the air before it is there
+/// (an address before a device gets it, a device key before it is spoken with). Part of
+/// NodeTable; BleMeshAdapter writes.
 class MeshLedger {
  public:
   static constexpr Duration retry_interval = std::chrono::seconds{5};
@@ -64,9 +66,6 @@ class MeshLedger {
   bool is_writing_ = false;
   std::optional<TimePoint> retry_at_;
 };
-
-// The nodes of the mesh: what the disk has of them (MeshLedger), what they are called, and what was
-// seen of them since the daemon started. Part of Provisioner.
 
 /// One node, since the daemon started.
 struct NodeHistory {

@@ -1,6 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// How long one robot takes to answer a command, and so when to repeat one: the smoothed round trip
-// and its variation (RFC 6298). Called by CommandQueue.
+// The commands on their way to one robot: one is sent and repeated until its STATUS comes, the
+// others wait. Every command that goes in comes out once, with its outcome. Called by Downlink.
+//
+// The first repeat comes when the robot should have answered (AnswerTime), but no later than after
+// iv, reliable publish's interval; each wait is twice the one before. A segmented message is
+// repeated after iv at the earliest, because the board repeats its segments by itself.
+//
+// A STATUS does not name the command that it answers. When a command was repeated, its other copies
+// may be answered after it has ended, and such an answer must not end the next command of the same
+// kind, which the robot may not have: so that one waits for a while.
 #pragma once
 
 #include <algorithm>
@@ -18,6 +26,8 @@
 
 namespace slamgw::ble {
 
+/// How long one robot takes to answer a command, and so when to repeat one: the smoothed round trip
+/// and its variation (RFC 6298). Called by CommandQueue.
 class AnswerTime {
  public:
   /// However fast a robot answers: a command and its STATUS each wait for the advertisers of a few
@@ -47,9 +57,8 @@ class AnswerTime {
   Duration timeout_{};  ///< zero: unknown
 };
 
-// One command to a robot, as it goes over the mesh: made from a broker message under
-// `<prefix>/server/<id>/<type>`, or refused with a reason for the operator. Called by Downlink.
-
+/// One command to a robot, as it goes over the mesh: made from a broker message under
+/// `<prefix>/server/<id>/<type>`, or refused with a reason for the operator. Called by Downlink.
 struct Command {
   CommandId id = CommandId::none;
   std::string type;
@@ -65,10 +74,9 @@ struct Command {
 Result<Command, Refusal> make_command(const Settings& settings, std::string_view type,
                                       ByteView payload, std::uint8_t tid);
 
-// The commands to robots that have no outcome yet, as `ble-commands.json` keeps them: one line of
-// JSON. A daemon that was killed finds them there when it starts again, and reports their outcome.
-// They are not sent again: the robot may have carried them out. Pure; CommandFile has the disk.
-
+/// The commands to robots that have no outcome yet, as `ble-commands.json` keeps them: one line of
+/// JSON. A daemon that was killed finds them there when it starts again, and reports their outcome.
+/// They are not sent again: the robot may have carried them out. Pure; CommandFile has the disk.
 struct OpenCommand {
   std::string robot;
   std::string type;
@@ -84,17 +92,6 @@ std::string encode_open_commands(const std::vector<OpenCommand>& commands, const
 std::optional<std::vector<OpenCommand>> decode_open_commands(std::string_view text, const Now& now);
 /// The outcome of a command that an earlier daemon had under way.
 CommandOutcome outcome_after_restart(const OpenCommand& command, TimePoint now);
-
-// The commands on their way to one robot: one is sent and repeated until its STATUS comes, the
-// others wait. Every command that goes in comes out once, with its outcome. Called by Downlink.
-//
-// The first repeat comes when the robot should have answered (AnswerTime), but no later than after
-// iv, reliable publish's interval; each wait is twice the one before. A segmented message is
-// repeated after iv at the earliest, because the board repeats its segments by itself.
-//
-// A STATUS does not name the command that it answers. When a command was repeated, its other copies
-// may be answered after it has ended, and such an answer must not end the next command of the same
-// kind, which the robot may not have: so that one waits for a while.
 
 /// How one command ended.
 struct EndedCommand {

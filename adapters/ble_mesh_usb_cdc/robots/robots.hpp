@@ -19,9 +19,8 @@ namespace slamgw::ble {
 /// `{id}` in the topic stands for `robot`; the message is taken as it is.
 Report will_report(const WillSettings& will, std::string_view robot);
 
-// The robots on the mesh: who they are, who is there, and which topics the broker is asked for on
-// their behalf. Part of BleMesh.
-
+/// The robots on the mesh: who they are, who is there, and which topics the broker is asked for on
+/// their behalf. Part of BleMesh.
 class Robots {
  public:
   /// Six times what the stock board's replay list holds; more is not a mesh this board can hear.

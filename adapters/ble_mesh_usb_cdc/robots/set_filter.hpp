@@ -1,6 +1,30 @@
 // SPDX-License-Identifier: Apache-2.0
-// The period at which one robot sends new messages of one model, learned from when they arrive.
-// Tells SetFilter whether a message that arrives now can be a new one.
+// Tells a robot's new acknowledged SET from its repeats of the last one. One filter for each robot
+// and model. Called by Uplink.
+//
+// The models have no transaction number, every repeat is a fresh mesh message, and the serial board
+// reports no sequence number of the network layer: content and time are all that is left. (Firmware
+// can do better: see SetFilter::on_numbered_set.)
+//
+// While a SET is open (not answered), the robot refuses to send another: an equal one is a repeat.
+// After the STATUS was sent, an equal SET is either a repeat, because the STATUS was lost, or a new
+// message of a robot that stands still. Copies keep to reliable publish's schedule, 0, iv, 2iv,
+// 4iv, 8iv ... after the first; new messages come at the robot's own period. So an equal SET whose
+// distance from the last copy does not fit the schedule, with up to three copies lost before and
+// between, is new. One that fits is
+//   - a repeat when the robot's period is known and no new message can arrive now;
+//   - in doubt when the two agree, or when the period is not known: `Doubt` says what then.
+// Gaps between copies double. Three equal messages at equal distances are therefore the robot's own
+// period: those of them that were taken for repeats are made up for.
+//
+// Known errors: a relay that delays by more than `tolerance` makes a repeat look new, and a robot
+// that changes its period to one of the schedule's gaps while it stands still, and then sends no
+// third equal message, loses one or two.
+//
+// A STATUS does not say which SET it is for. A repeat that was on its way when the STATUS left is
+// therefore not answered: a second STATUS could meet the robot's next SET and acknowledge that.
+// When such a repeat also comes off the schedule (a relay or a busy host has delayed it), it counts
+// as not heard at all; a robot whose new message it was sends that again.
 #pragma once
 
 #include <cstddef>
@@ -13,6 +37,8 @@
 
 namespace slamgw::ble {
 
+/// The period at which one robot sends new messages of one model, learned from when they arrive.
+/// Tells SetFilter whether a message that arrives now can be a new one.
 class ArrivalPattern {
  public:
   /// Gaps between messages that are looked at.
@@ -49,33 +75,6 @@ class ArrivalPattern {
   std::optional<TimePoint> last_new_;
   bool is_last_certain_ = false;
 };
-
-// Tells a robot's new acknowledged SET from its repeats of the last one. One filter for each robot
-// and model. Called by Uplink.
-//
-// The models have no transaction number, every repeat is a fresh mesh message, and the serial board
-// reports no sequence number of the network layer: content and time are all that is left. (Firmware
-// can do better: see SetFilter::on_numbered_set.)
-//
-// While a SET is open (not answered), the robot refuses to send another: an equal one is a repeat.
-// After the STATUS was sent, an equal SET is either a repeat, because the STATUS was lost, or a new
-// message of a robot that stands still. Copies keep to reliable publish's schedule, 0, iv, 2iv,
-// 4iv, 8iv ... after the first; new messages come at the robot's own period. So an equal SET whose
-// distance from the last copy does not fit the schedule, with up to three copies lost before and
-// between, is new. One that fits is
-//   - a repeat when the robot's period is known and no new message can arrive now;
-//   - in doubt when the two agree, or when the period is not known: `Doubt` says what then.
-// Gaps between copies double. Three equal messages at equal distances are therefore the robot's own
-// period: those of them that were taken for repeats are made up for.
-//
-// Known errors: a relay that delays by more than `tolerance` makes a repeat look new, and a robot
-// that changes its period to one of the schedule's gaps while it stands still, and then sends no
-// third equal message, loses one or two.
-//
-// A STATUS does not say which SET it is for. A repeat that was on its way when the STATUS left is
-// therefore not answered: a second STATUS could meet the robot's next SET and acknowledge that.
-// When such a repeat also comes off the schedule (a relay or a busy host has delayed it), it counts
-// as not heard at all; a robot whose new message it was sends that again.
 
 class SetFilter {
  public:

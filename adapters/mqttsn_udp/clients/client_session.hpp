@@ -99,6 +99,7 @@ class ClientSession {
 
   std::optional<TimePoint> timer_armed;
   std::optional<TimePoint> evictable_armed;
+  std::optional<TimePoint> word_armed;
 
   ClientState state() const { return state_; }
   bool is_connected() const {

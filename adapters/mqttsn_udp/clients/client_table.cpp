@@ -13,26 +13,37 @@ IpAddress network_of(IpAddress address) {
   return address;
 }
 
-void keep_longest_silent(std::vector<ClientSession*>& sessions, std::size_t count) {
-  if (sessions.size() <= count) return;
-  std::ranges::nth_element(sessions, sessions.begin() + static_cast<std::ptrdiff_t>(count), {},
-                           &ClientSession::last_heard);
-  sessions.resize(count);
-}
-
-/// Of the fullest group, when it has at least two more than the group of `own`.
-std::vector<ClientSession*> fullest(std::map<IpAddress, std::vector<ClientSession*>>& groups,
-                                    const IpAddress& own) {
-  const auto size = [](const auto& group) { return group.second.size(); };
-  const auto most = std::ranges::max_element(groups, {}, size);
-  const auto ours = groups.find(own);
-  const std::size_t few = ours == groups.end() ? 0 : ours->second.size();
-  if (most == groups.end() || most->second.size() < few + 2) return {};
-  keep_longest_silent(most->second, std::min(limits::crowd_step, (most->second.size() - few) / 2));
-  return std::move(most->second);
-}
-
 }  // namespace
+
+void Unanswered::add(const IpAddress& group, ClientSession& session) {
+  std::set<ClientSession*>& members = groups_[group];
+  by_size_.erase({members.size(), group});
+  members.insert(&session);
+  by_size_.emplace(members.size(), group);
+}
+
+void Unanswered::remove(const IpAddress& group, ClientSession& session) {
+  const auto found = groups_.find(group);
+  if (found == groups_.end() || !found->second.contains(&session)) return;
+  by_size_.erase({found->second.size(), group});
+  found->second.erase(&session);
+  if (found->second.empty()) {
+    groups_.erase(found);
+  } else {
+    by_size_.emplace(found->second.size(), group);
+  }
+}
+
+std::vector<ClientSession*> Unanswered::fullest(const IpAddress& own) const {
+  const auto ours = groups_.find(own);
+  const std::size_t few = ours == groups_.end() ? 0 : ours->second.size();
+  if (by_size_.empty() || by_size_.rbegin()->first < few + 2) return {};
+  const std::set<ClientSession*>& most = groups_.at(by_size_.rbegin()->second);
+  std::vector<ClientSession*> chosen(std::min(limits::crowd_step, (most.size() - few) / 2));
+  std::ranges::partial_sort_copy(most, chosen, {}, &ClientSession::last_heard,
+                                 &ClientSession::last_heard);
+  return chosen;
+}
 
 ClientSession* ClientTable::find(const std::string& client_id) const {
   const auto found = by_id_.find(client_id);
@@ -72,6 +83,7 @@ void ClientTable::rename(ClientSession& session, const std::string& robot) {
 void ClientTable::erase(ClientSession& session) {
   unbind(session);
   timers_.disarm(session.timer_armed, &session);
+  words_.disarm(session.word_armed, &session);
   set_needed(session);
   if (session.has_answered) --answered_;
   by_robot_.erase(session.robot);
@@ -85,10 +97,12 @@ void ClientTable::bind(ClientSession& session, const Peer& peer, const LocalAddr
   if (ClientSession* former = find(peer)) unbind(*former);
   by_peer_[peer] = &session;
   session.peer = peer;
+  set_in_crowd(session, true);
 }
 
 void ClientTable::unbind(ClientSession& session) {
   if (session.peer) by_peer_.erase(*session.peer);
+  set_in_crowd(session, false);
   session.peer.reset();
 }
 
@@ -124,27 +138,44 @@ bool ClientTable::has_room(TimePoint now) const {
 }
 
 void ClientTable::set_answered(ClientSession& session) {
-  if (!std::exchange(session.has_answered, true)) ++answered_;
+  if (session.has_answered) return;
+  set_in_crowd(session, false);
+  session.has_answered = true;
+  ++answered_;
 }
 
-std::vector<ClientSession*> ClientTable::crowd(const Peer& peer, TimePoint now) const {
+void ClientTable::on_connected(ClientSession& session, TimePoint now) {
+  words_.disarm(session.word_armed, &session);
+  if (!session.has_answered)
+    words_.arm_by(session.word_armed, &session, now + limits::crowd_patience);
+}
+
+std::vector<ClientSession*> ClientTable::crowd(const Peer& peer, TimePoint now) {
   std::vector<ClientSession*> silent;
-  std::map<IpAddress, std::vector<ClientSession*>> addresses;
-  std::map<IpAddress, std::vector<ClientSession*>> networks;
-  for (const auto& [id, session] : by_id_) {
-    if (session->has_answered || !session->peer) continue;
-    const bool has_only_connected = session->connect_fingerprint != 0;
-    if (has_only_connected && now - session->connected_at >= limits::crowd_patience)
-      silent.push_back(session.get());
-    const IpAddress& address = session->peer->endpoint.address;
-    addresses[address].push_back(session.get());
-    networks[network_of(address)].push_back(session.get());
+  while (silent.size() < limits::crowd_step) {
+    const auto due = words_.pop_due(now);
+    if (!due) break;
+    ClientSession& session = **due;
+    session.word_armed.reset();
+    const bool has_only_connected = session.connect_fingerprint != 0;
+    if (has_only_connected && !session.has_answered && session.peer) silent.push_back(&session);
   }
-  keep_longest_silent(silent, limits::crowd_step);
   if (!silent.empty()) return silent;
   const IpAddress& own = peer.endpoint.address;
-  std::vector<ClientSession*> of_address = fullest(addresses, own);
-  return of_address.empty() ? fullest(networks, network_of(own)) : of_address;
+  std::vector<ClientSession*> of_address = by_address_.fullest(own);
+  return of_address.empty() ? by_network_.fullest(network_of(own)) : of_address;
+}
+
+void ClientTable::set_in_crowd(ClientSession& session, bool is_in) {
+  if (session.has_answered || !session.peer) return;
+  const IpAddress& address = session.peer->endpoint.address;
+  if (is_in) {
+    by_address_.add(address, session);
+    by_network_.add(network_of(address), session);
+  } else {
+    by_address_.remove(address, session);
+    by_network_.remove(network_of(address), session);
+  }
 }
 
 }  // namespace slamgw::mqttsn

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Deadlines of many owners, ordered, so that neither a tick nor a message visits all clients. An
-// owner has at most one entry and keeps its time (`armed`), so nothing stale stays behind.
+// The sessions, found by client id, by transport address and by robot. Ids are compared whole.
+// Makes room by forgetting who has been gone longest; changes nothing else in a session than its
+// binding.
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <memory>
 #include <optional>
 #include <set>
@@ -17,6 +19,9 @@
 #include "daemon/core/time.hpp"
 
 namespace slamgw::mqttsn {
+
+// Deadlines of many owners, ordered, so that neither a tick nor a message visits all clients. An
+// owner has at most one entry and keeps its time (`armed`), so nothing stale stays behind.
 
 template <class Key>
 class TimerQueue {
@@ -51,9 +56,19 @@ class TimerQueue {
   std::set<std::pair<TimePoint, Key>> entries_;
 };
 
-// The sessions, found by client id, by transport address and by robot. Ids are compared whole.
-// Makes room by forgetting who has been gone longest; changes nothing else in a session than its
-// binding.
+/// Clients that have an address and have not answered yet, in groups by address or network.
+class Unanswered {
+ public:
+  void add(const IpAddress& group, ClientSession& session);
+  void remove(const IpAddress& group, ClientSession& session);
+  /// Some of the fullest group, the longest silent first, when it has at least two more members
+  /// than `own`.
+  std::vector<ClientSession*> fullest(const IpAddress& own) const;
+
+ private:
+  std::map<IpAddress, std::set<ClientSession*>> groups_;
+  std::set<std::pair<std::size_t, IpAddress>> by_size_;
+};
 
 class ClientTable {
  public:
@@ -91,17 +106,22 @@ class ClientTable {
   ClientSession* evictable(TimePoint now);
   bool has_room(TimePoint now) const;
   void set_answered(ClientSession& session);
+  /// Its CONNECT was accepted: from now on it is expected to say something more.
+  void on_connected(ClientSession& session, TimePoint now);
   std::size_t unanswered() const { return size() - answered_; }
   /// Who gives way to `peer` when nobody has left: clients that have not answered yet. First those
   /// that said nothing after their CONNECT; then those of the address, or the /64, that has at
   /// least two more of them than the one of `peer`. The longest silent come first; some at a time.
-  std::vector<ClientSession*> crowd(const Peer& peer, TimePoint now) const;
+  /// Costs little when there is nobody: an attacker may ask for it again and again.
+  std::vector<ClientSession*> crowd(const Peer& peer, TimePoint now);
 
   const std::unordered_map<std::string, std::shared_ptr<ClientSession>>& all() const {
     return by_id_;
   }
 
  private:
+  void set_in_crowd(ClientSession& session, bool is_in);
+
   std::size_t max_clients_;
   std::size_t answered_ = 0;  // sessions that have answered
   TopicIdOf topic_ids_;
@@ -111,6 +131,9 @@ class ClientTable {
   std::unordered_map<std::string, ClientSession*> by_robot_;
   TimerQueue<ClientSession*> timers_;
   TimerQueue<ClientSession*> evictable_;
+  TimerQueue<ClientSession*> words_;  // when those that only connected may have to give way
+  Unanswered by_address_;
+  Unanswered by_network_;
 };
 
 }  // namespace slamgw::mqttsn

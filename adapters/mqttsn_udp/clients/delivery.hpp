@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// How long one client's answers take, and so how long to wait before a request is repeated: the
-// smoothed round trip and its variation (RFC 6298). Answers to repeated requests are ambiguous and
-// teach no round trip (Karn's rule).
+// What is on its way to one client: the queue, and the requests that await the client's answer.
+// Values only; Downlink and the classes beside it change them.
 #pragma once
 
 #include <cstdint>
@@ -19,6 +18,9 @@
 
 namespace slamgw::mqttsn {
 
+/// How long one client's answers take, and so how long to wait before a request is repeated: the
+/// smoothed round trip and its variation (RFC 6298). Answers to repeated requests are ambiguous and
+/// teach no round trip (Karn's rule).
 class RetransmissionTimeout {
  public:
   /// Before the first answer: what RFC 7252 waits in networks of this kind (ACK_TIMEOUT).
@@ -46,9 +48,6 @@ class RetransmissionTimeout {
   RoundTrip round_trip_{granularity};
   Duration timeout_ = initial;
 };
-
-// What is on its way to one client: the queue, and the requests that await the client's answer.
-// Values only; Downlink and the classes beside it change them.
 
 /// A message under `<prefix>/server/<robot>/<type>`, whose outcome is reported exactly once.
 struct Command {

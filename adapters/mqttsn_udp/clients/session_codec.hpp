@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// CBOR (RFC 8949) as it is written, without a tree of values before: each connection saves a
-// session. Maps and arrays have no length in front (section 3.2.2); end() closes the innermost.
+// A session's snapshot as octets for the store, and back. CBOR (RFC 8949) of a map with a
+// `version`; members that this version does not know are ignored. Pure; called by SessionKeeper.
 #pragma once
 
 #include <concepts>
@@ -14,6 +14,8 @@
 
 namespace slamgw::mqttsn {
 
+/// CBOR (RFC 8949) as it is written, without a tree of values before: each connection saves a
+/// session. Maps and arrays have no length in front (section 3.2.2); end() closes the innermost.
 class CborWriter {
  public:
   CborWriter() { out_.reserve(short_text); }
@@ -71,9 +73,6 @@ class CborWriter {
 
   Bytes out_;
 };
-
-// A session's snapshot as octets for the store, and back. CBOR (RFC 8949) of a map with a
-// `version`; members that this version does not know are ignored. Pure; called by SessionKeeper.
 
 Bytes encode_session(const SessionSnapshot& snapshot);
 /// Nothing when the octets are damaged or of a newer version.

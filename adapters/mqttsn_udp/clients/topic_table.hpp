@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// The memory that topic names and filters of all clients may take together. Each client has a small
-// part for itself, so that others can't leave it none; beyond that they share.
+// The normal topic ids of one client (MQTT-SN 1.2 section 6.5): its own numbers (R59), the same for
+// REGISTER and SUBSCRIBE (R61). Ids are made from the names, so that a robot which goes on at a
+// gateway that knows an older session of it, or none, means the same topic there, or an unknown
+// one: CONNACK cannot say that a session is not there. An id that the client has asked for or
+// publishes with is never given anew while the session lives; of those that the gateway has made
+// for its deliveries, the longest unused one is, when the table is full.
 #pragma once
 
 #include <cstddef>
@@ -16,6 +20,8 @@
 
 namespace slamgw::mqttsn {
 
+/// The memory that topic names and filters of all clients may take together. Each client has a
+/// small part for itself, so that others can't leave it none; beyond that they share.
 class NameBudget {
  public:
   /// Octets that a topic of this length takes with its place in the table.
@@ -41,13 +47,6 @@ class NameBudget {
  private:
   std::size_t taken_ = 0;
 };
-
-// The normal topic ids of one client (MQTT-SN 1.2 section 6.5): its own numbers (R59), the same for
-// REGISTER and SUBSCRIBE (R61). Ids are made from the names, so that a robot which goes on at a
-// gateway that knows an older session of it, or none, means the same topic there, or an unknown
-// one: CONNACK cannot say that a session is not there. An id that the client has asked for or
-// publishes with is never given anew while the session lives; of those that the gateway has made
-// for its deliveries, the longest unused one is, when the table is full.
 
 /// What a topic is called from now on; nothing when it keeps its name.
 using NewName = std::function<std::optional<std::string>(const std::string& topic)>;

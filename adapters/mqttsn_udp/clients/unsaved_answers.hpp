@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The clients whose sessions have changed or ended since they were last written to disk.
+// Answers on which a client relies, as CONNACK and REGACK: each waits until the client's session is
+// saved, so that the client is known after a crash. What is sent to the same address later waits
+// behind them. Answers that come together share a save, and one save is under way at a time.
 #pragma once
 
 #include <cstdint>
@@ -14,6 +16,7 @@
 
 namespace slamgw::mqttsn {
 
+/// The clients whose sessions have changed or ended since they were last written to disk.
 class ChangedSessions {
  public:
   /// Something that must survive a restart has changed.
@@ -27,10 +30,6 @@ class ChangedSessions {
  private:
   std::set<std::string> client_ids_;  // at most max_dirty
 };
-
-// Answers on which a client relies, as CONNACK and REGACK: each waits until the client's session is
-// saved, so that the client is known after a crash. What is sent to the same address later waits
-// behind them. Answers that come together share a save, and one save is under way at a time.
 
 class UnsavedAnswers {
  public:

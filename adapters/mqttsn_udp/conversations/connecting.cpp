@@ -198,6 +198,7 @@ void Connecting::complete(const Peer& peer, const Attempt& attempt, std::optiona
   session->connected_at = now;
   const bool is_new_address = session->peer != peer;
   clients_.bind(*session, peer, attempt.local);
+  clients_.on_connected(*session, now);
   if (is_new_address) downlink_.on_address(*session);
   output_.count(Count::connects);
   output_.send(*session, Connack{ReturnCode::accepted});

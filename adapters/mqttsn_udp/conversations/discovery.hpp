@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// How many answers strangers get: a small burst each, then a few a second, and a bound on all of
-// them together (R21, R39). Sources share a fixed number of places by hash, so a flood of addresses
-// costs no memory.
+// ADVERTISE and the answer to SEARCHGW (MQTT-SN 1.2 section 6.1), both only while a client could be
+// served.
 #pragma once
 
 #include <array>
@@ -16,6 +15,9 @@
 
 namespace slamgw::mqttsn {
 
+/// How many answers strangers get: a small burst each, then a few a second, and a bound on all of
+/// them together (R21, R39). Sources share a fixed number of places by hash, so a flood of
+/// addresses costs no memory.
 class FloodGuard {
  public:
   bool may_answer(const Peer& peer, TimePoint now);
@@ -25,9 +27,6 @@ class FloodGuard {
   std::array<TokenBucket, places> sources_;
   TokenBucket all_;
 };
-
-// ADVERTISE and the answer to SEARCHGW (MQTT-SN 1.2 section 6.1), both only while a client could be
-// served.
 
 class Discovery {
  public:

@@ -82,11 +82,7 @@ bool Lifecycle::make_room(const Peer& peer, TimePoint now) {
   while (clients_.is_full()) {
     ClientSession* gone = clients_.evictable(now);
     if (!gone) break;
-    output_.count(Count::clients_evicted);
-    const bool has_answered = gone->has_answered;
-    const std::string robot = gone->robot;
-    forget(*gone, "the robot's session made room for another", now);
-    if (!has_answered) output_.emit(SessionEvicted{Mesh::thread, robot});
+    evict(*gone, now);
   }
   if (!clients_.is_full()) return true;
   const std::vector<ClientSession*> crowd = clients_.crowd(peer, now);
@@ -100,13 +96,21 @@ bool Lifecycle::make_room(const Peer& peer, TimePoint now) {
                     to_string(*crowd.front()->peer)),
         {}});
   for (ClientSession* session : crowd) {
-    output_.count(Count::clients_evicted);
     output_.send(*session, Disconnect{});
-    const std::string robot = session->robot;
-    expel(*session, "the robot's session made room for another", now);
-    output_.emit(SessionEvicted{Mesh::thread, robot});
+    evict(*session, now);
   }
   return true;
+}
+
+/// Of a client that has not answered nothing is kept, its presence and its session at the broker
+/// included.
+void Lifecycle::evict(ClientSession& session, TimePoint now) {
+  output_.count(Count::clients_evicted);
+  const SessionEvicted evicted{Mesh::thread, session.robot};
+  const bool has_answered = session.has_answered;
+  if (session.reported_presence) report_presence(session, Presence::offline, now);
+  forget(session, "the robot's session made room for another", now);
+  if (!has_answered) output_.emit(evicted);
 }
 
 /// Reports each change of state or address once.

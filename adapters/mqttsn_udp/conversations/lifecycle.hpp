@@ -54,6 +54,7 @@ class Lifecycle {
 
  private:
   void forget(ClientSession& session, const std::string& why, TimePoint now);
+  void evict(ClientSession& session, TimePoint now);
   void erase(ClientSession& session);
   void leave(ClientSession& session, ClientState state, TimePoint now);
 
@@ -67,11 +68,10 @@ class Lifecycle {
   LogThrottle crowd_lines_;
 };
 
-// Sleeping clients (MQTT-SN 1.2 section 6.14): a client falls asleep, wakes by its PINGREQ, gets
-// its messages, and sleeps again by PINGRESP.
-//
-//   active --DISCONNECT(duration)--> asleep --PINGREQ--> awake --nothing left: PINGRESP--> asleep
-
+/// Sleeping clients (MQTT-SN 1.2 section 6.14): a client falls asleep, wakes by its PINGREQ, gets
+/// its messages, and sleeps again by PINGRESP.
+///
+///   active --DISCONNECT(duration)--> asleep --PINGREQ--> awake --nothing left: PINGRESP--> asleep
 class Sleep {
  public:
   Sleep(const Settings& settings, ClientTable& clients, Output& output, Downlink& downlink,
@@ -108,10 +108,9 @@ class Sleep {
   Lifecycle& lifecycle_;
 };
 
-// What time brings to clients: keep-alive and sleep run out (MQTT-SN 1.2 sections 6.11, 6.14),
-// requests are repeated, commands are too late. Also the step that follows each event of a client:
-// it is sent what may be sent.
-
+/// What time brings to clients: keep-alive and sleep run out (MQTT-SN 1.2 sections 6.11, 6.14),
+/// requests are repeated, commands are too late. Also the step that follows each event of a client:
+/// it is sent what may be sent.
 class Supervision {
  public:
   Supervision(const Settings& settings, ClientTable& clients, CommandWatch& commands,

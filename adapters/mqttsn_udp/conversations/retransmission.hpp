@@ -35,9 +35,8 @@ class Retransmission {
   const Settings& settings_;
 };
 
-// The second half of a QoS 2 delivery: PUBREL until PUBCOMP (MQTT-SN 1.2 section 6.6). The client
-// has the message by then, so a PUBREL that stays unanswered holds nothing back.
-
+/// The second half of a QoS 2 delivery: PUBREL until PUBCOMP (MQTT-SN 1.2 section 6.6). The client
+/// has the message by then, so a PUBREL that stays unanswered holds nothing back.
 class Release {
  public:
   Release(Output& output, const Retransmission& retransmission)

@@ -60,9 +60,9 @@ class Roaming {
   std::deque<WaitingConnect> waiting_;  // in the order they came; at most max_waiting_connects
 };
 
-// What another gateway needs to go on with the session of a client that keeps it (CleanSession 0):
-// reported whenever it changes, a little later, so that what a client sets up together is one note.
-
+/// What another gateway needs to go on with the session of a client that keeps it (CleanSession 0):
+/// reported whenever it changes, a little later, so that what a client sets up together is one
+/// note.
 class Notes {
  public:
   Notes(const ClientTable& clients, Output& output) : clients_(clients), output_(output) {}
@@ -78,9 +78,8 @@ class Notes {
   std::optional<TimePoint> due_;  // nothing: no change was seen since the last notes
 };
 
-// A session leaves the machine as a snapshot and goes on from one: over a restart of the daemon, or
-// from another gateway's note (R47; docs/topics.md, promise 7).
-
+/// A session leaves the machine as a snapshot and goes on from one: over a restart of the daemon,
+/// or from another gateway's note (R47; docs/topics.md, promise 7).
 class Restoring {
  public:
   Restoring(const NameRules& rules, ClientTable& clients, Output& output,
@@ -121,9 +120,8 @@ class Restoring {
   Supervision& supervision_;
 };
 
-// The configuration gives robots other names while their clients are connected: each session goes
-// on under the new name, unnoticed by its client.
-
+/// The configuration gives robots other names while their clients are connected: each session goes
+/// on under the new name, unnoticed by its client.
 class Renaming {
  public:
   Renaming(const NameRules& rules, ClientTable& clients, Output& output,

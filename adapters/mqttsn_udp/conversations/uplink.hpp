@@ -77,8 +77,7 @@ class Uplink {
       open_;  // bounded by max_open_receipts for each client
 };
 
-// REGISTER from clients (MQTT-SN 1.2 section 6.5). TopicRegistration is the other way round.
-
+/// REGISTER from clients (MQTT-SN 1.2 section 6.5). TopicRegistration is the other way round.
 class InboundRegistration {
  public:
   InboundRegistration(const NameRules& rules, Output& output, Answers& answers, Uplink& uplink,

@@ -49,9 +49,8 @@ class OutgoingDatagram {
   msghdr header_{};
 };
 
-// One UDP socket of `mqttsn.listen`: reports the local address that each datagram came to, and
-// sends from a given local address (R17). I/O shell; knows nothing of MQTT-SN. Loop's thread only.
-
+/// One UDP socket of `mqttsn.listen`: reports the local address that each datagram came to, and
+/// sends from a given local address (R17). I/O shell; knows nothing of MQTT-SN. Loop's thread only.
 class OutgoingDatagram;
 
 /// Owned by shared_ptr: a wait that is under way keeps it alive.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// IP addresses as plain values, what kinds there are, and which of ours a message should leave from
-// (R16). IPv4 addresses are IPv4-mapped (::ffff:a.b.c.d). Pure functions.
+// Where a datagram came from and where it arrived: plain values that the machine keeps and
+// compares, and the shell turns into socket addresses.
 #pragma once
 
 #include <array>
@@ -13,6 +13,9 @@
 #include "daemon/core/bytes.hpp"
 
 namespace slamgw::mqttsn {
+
+// IP addresses as plain values, what kinds there are, and which of ours a message should leave from
+// (R16). IPv4 addresses are IPv4-mapped (::ffff:a.b.c.d). Pure functions.
 
 /// In network byte order. All zero stands for no particular address.
 using IpAddress = std::array<std::uint8_t, 16>;
@@ -31,9 +34,6 @@ bool is_thread_locator(const IpAddress& address);
 /// All zero: the kernel may choose. Nothing: it would have to choose a locator.
 std::optional<IpAddress> choose_source(const std::vector<IpAddress>& candidates,
                                        const IpAddress& to);
-
-// Where a datagram came from and where it arrived: plain values that the machine keeps and
-// compares, and the shell turns into socket addresses.
 
 /// The other side.
 struct Endpoint {

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// From one thread to another, in order: what is given before the taker gets to look costs it one
-// wake-up together. Bounding what waits is the giver's. Any threads.
+// The broker link through Eclipse Paho. A client for each connection (a fresh one sheds Paho's
+// tokens, retry state and lost wake-ups; its own automatic reconnect is mute). Every Paho call is
+// made on the lane, a thread of its own, because connect resolves names under Paho's global lock.
+// Paho's callbacks come on Paho's threads and do exactly one thing: post to the loop.
 #pragma once
 
 #include <mqtt/async_client.h>
@@ -26,6 +28,9 @@
 
 namespace slamgw {
 
+// From one thread to another, in order: what is given before the taker gets to look costs it one
+// wake-up together. Bounding what waits is the giver's. Any threads.
+
 template <class Item>
 class Handover {
  public:
@@ -46,10 +51,9 @@ class Handover {
   std::vector<Item> items_;
 };
 
-// Paho's send thread can miss its signal and then sleeps for up to a second on a message
-// (eclipse-paho/paho.mqtt.c 1.3.x). Another request wakes it. This says when one is due: nothing
-// was acknowledged or published for a while although something is in flight. Pure.
-
+/// Paho's send thread can miss its signal and then sleeps for up to a second on a message
+/// (eclipse-paho/paho.mqtt.c 1.3.x). Another request wakes it. This says when one is due: nothing
+/// was acknowledged or published for a while although something is in flight. Pure.
 class SendNudge {
  public:
   /// So many times what an acknowledgement takes as a rule, within these limits: a broker on this
@@ -103,8 +107,7 @@ class SendNudge {
   Duration usual_ = Duration{first_wait} / patience;  ///< smoothed
 };
 
-// What has to be said to the socket of the broker's connection, which Paho keeps to itself.
-
+/// What has to be said to the socket of the broker's connection, which Paho keeps to itself.
 class BrokerSocket {
  public:
   BrokerSocket() = default;
@@ -131,11 +134,6 @@ class BrokerSocket {
   /// A duplicate: Paho closes its own when it likes, and the number may then be another file's.
   std::atomic<int> descriptor_{-1};
 };
-
-// The broker link through Eclipse Paho. A client for each connection (a fresh one sheds Paho's
-// tokens, retry state and lost wake-ups; its own automatic reconnect is mute). Every Paho call is
-// made on the lane, a thread of its own, because connect resolves names under Paho's global lock.
-// Paho's callbacks come on Paho's threads and do exactly one thing: post to the loop.
 
 class PahoLink final : public MqttLink,
                        public std::enable_shared_from_this<PahoLink>,
