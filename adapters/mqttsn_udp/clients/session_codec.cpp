@@ -165,6 +165,7 @@ SessionSnapshot to_session(const Json& json) {
     out.repeats.push_back({repeat.at(0), repeat.at(1), repeat.at(2),
                            std::chrono::milliseconds(repeat.at(3).get<std::uint32_t>())});
   }
+  out.counts_ids = json.at("counts_ids");
   out.last_msg_id = json.at("last_msg_id");
   out.has_answered = json.at("answered");
   out.is_validated = !json.contains("allowance");
@@ -282,6 +283,7 @@ Bytes encode_session(const SessionSnapshot& snapshot) {
   write_all(out, "released", snapshot.released);
   write_all(out, "inbound_qos2", snapshot.inbound_qos2);
   write_all(out, "repeats", snapshot.repeats);
+  out.write("counts_ids", snapshot.counts_ids);
   out.write("last_msg_id", snapshot.last_msg_id);
   out.write("answered", snapshot.has_answered);
   if (!snapshot.is_validated) out.write("allowance", snapshot.allowance);

@@ -103,6 +103,7 @@ SessionSnapshot to_snapshot(const ClientSession& session, TimePoint now) {
     if (entry.receipt_id == 0 && age <= limits::repeat_window)
       out.repeats.push_back({entry.msg_id, entry.topic_id, entry.fingerprint, age});
   }
+  out.counts_ids = session.repeats.counts_ids();
   out.last_msg_id = session.delivery.last_msg_id;
   out.saved_at = now;
   return out;
@@ -144,6 +145,7 @@ void apply(const SessionSnapshot& snapshot, ClientSession& session, TimePoint no
   }
   for (const RepeatSnapshot& repeat : snapshot.repeats)
     session.repeats.add({repeat.fingerprint, now - repeat.age, 0, repeat.topic_id, repeat.msg_id});
+  if (snapshot.counts_ids) session.repeats.set_counts_ids();
   for (const auto& [msg_id, mark] : snapshot.inbound_qos2) session.inbound_qos2[msg_id] = {mark, 0};
   restore_messages(snapshot, session, now);
 }

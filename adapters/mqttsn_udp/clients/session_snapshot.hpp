@@ -61,6 +61,7 @@ struct SessionSnapshot {
   std::vector<std::uint16_t> released;  ///< MsgIds of QoS 2: PUBREC came, PUBREL is due
   std::vector<std::pair<std::uint16_t, std::uint64_t>> inbound_qos2;  ///< MsgId, fingerprint
   std::vector<RepeatSnapshot> repeats;                                ///< oldest first
+  bool counts_ids = false;                                            ///< see RepeatFilter
   std::uint16_t last_msg_id = 0;
   /// When the snapshot was taken. The clock goes on over a restart of the daemon, not of the host.
   std::optional<TimePoint> saved_at{};

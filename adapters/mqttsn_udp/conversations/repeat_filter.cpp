@@ -60,11 +60,14 @@ const RepeatFilter::Entry* RepeatFilter::find(const Publish& publish, std::uint6
 bool RepeatFilter::is_repeat(const Entry& known, const Publish& publish, TimePoint now) const {
   if (known.receipt_id != 0 || publish.dup) return true;
   if (reuses_ids_ || known.repeats >= limits::max_client_repeats) return false;
-  const bool counts = counted_ids_ >= limits::min_counted_ids;
   const bool may_lack_puback = publish.qos == WireQos::one && !sets_dup_ &&
                                now - known.since >= limits::shortest_client_retry;
-  return counts || may_lack_puback;
+  return counts_ids() || may_lack_puback;
 }
+
+bool RepeatFilter::counts_ids() const { return counted_ids_ >= limits::min_counted_ids; }
+
+void RepeatFilter::set_counts_ids() { counted_ids_ = limits::min_counted_ids; }
 
 void RepeatFilter::on_request(std::uint16_t msg_id) {
   constexpr int longest_step = 2;      // one request may be lost

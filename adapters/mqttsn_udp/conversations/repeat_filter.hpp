@@ -47,6 +47,10 @@ class RepeatFilter {
   /// Forgets it: its repetition is a new message.
   std::optional<Entry> on_refused(std::uint64_t receipt_id);
   void clear();
+  /// The client gives each message a MsgId of its own, one behind the other. Worth keeping over a
+  /// restart: else the first messages that it repeats without DUP would go up twice.
+  bool counts_ids() const;
+  void set_counts_ids();
   /// Oldest first; some may be older than the window.
   std::span<const Entry> entries() const { return std::span(entries_).subspan(gone_); }
 

@@ -167,7 +167,9 @@ void Uplink::publish_once(ClientSession& session, Publish publish, std::string t
   }
   if (session.open_receipts >= limits::max_open_receipts)
     return refuse(session, publish, ReturnCode::congestion);
+  const bool did_count = session.repeats.counts_ids();
   session.repeats.add({mark, now, last_receipt_ + 1, publish.topic_id, publish.msg_id});
+  if (session.repeats.counts_ids() != did_count) output_.mark_changed(session);
   report(session, std::move(publish), std::move(topic));
 }
 

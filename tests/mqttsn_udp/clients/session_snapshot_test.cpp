@@ -373,6 +373,25 @@ TEST(SnGateway, R76_KnowsRepetitionsOverARestart) {
   EXPECT_EQ(after.reports.size(), 1U);
 }
 
+/// Its PUBACK was lost right after the restart, and the client repeats without DUP a second later.
+TEST(SnGateway, R76_StillKnowsAfterARestartThatAClientCountsItsMsgIds) {
+  SnRig before;
+  before.connect(1, "r1");
+  const auto id = before.register_topic(1, own_topic);
+  before.gateway.take_dirty(1000);
+  for (std::uint16_t msg_id = 7; msg_id < 8 + limits::min_counted_ids; ++msg_id)
+    before.publish(1, id, 1, msg_id, "step");
+  EXPECT_EQ(before.gateway.take_dirty(1000), Lines{"r1"}) << "that is worth writing down";
+  before.gateway.set_all_dirty();
+  SnRig after;
+  restart(before, after);
+  after.publish(1, id, 1, 20, "the first after the restart");
+  after.receipt(after.reports.at(0).receipt.id);
+  after.pass_s(1);
+  after.publish(1, id, 1, 20, "the first after the restart");
+  EXPECT_EQ(after.reports.size(), 1U);
+}
+
 TEST(SnGateway, R47_RestoresSleepersAndTheDisconnected) {
   SnRig before;
   before.connect(1, "r1");
