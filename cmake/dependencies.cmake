@@ -50,7 +50,6 @@ endmacro()
 
 slamgw_need_module(MOSQUITTO libmosquitto libmosquitto-dev)
 slamgw_need_module(SERIALPORT libserialport libserialport-dev)
-slamgw_need_module(SQLITE3 sqlite3 libsqlite3-dev)
 slamgw_need_module(SYSTEMD libsystemd libsystemd-dev)
 if(BUILD_TESTING)
   slamgw_need_package(GTest libgtest-dev)

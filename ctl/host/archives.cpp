@@ -158,8 +158,11 @@ std::string group_of(const fs::path& unpacked_file) {
 void put_in_place(const fs::path& source, const fs::path& target,
                   const Installation& installation) {
   const bool is_state = installation.is_state(target);
-  make_directories(target.parent_path(),
-                   is_state ? fs::perms::owner_all : static_cast<fs::perms>(0755));
+  const fs::path directory = target.parent_path();
+  if (is_state && installation.is_service() && !fs::exists(directory))
+    run_or_fail({"install", "-d", "--mode=0700", fmt::format("--owner={}", service_user),
+                 fmt::format("--group={}", service_user), directory.string()});
+  make_directories(directory, is_state ? fs::perms::owner_all : static_cast<fs::perms>(0755));
   const unsigned archived = static_cast<unsigned>(fs::status(source).permissions());
   std::vector<std::string> words{
       "install", "-T", fmt::format("--mode={:04o}", is_state ? 0600U : (archived & 0644U) | 0600U)};
@@ -208,7 +211,7 @@ const std::vector<Source>& sources() {
       {"system.txt", {"sh", "-c", "uname -a; cat /etc/os-release; uptime; free -m; timedatectl"}},
       {"packages.txt",
        {"dpkg-query", "-W", "slam-gateway*", "mosquitto*", "libpaho-mqtt*", "libserialport0",
-        "libmosquitto1", "libsqlite3-0", "systemd"}},
+        "libmosquitto1", "systemd"}},
       {"service.txt", {"systemctl", "status", "--no-pager", "--full", "-n", "0", service_unit}},
       {"journal.txt",
        {"journalctl", "-u", service_unit, "--since", "-1h", "-o", "short-iso-precise",

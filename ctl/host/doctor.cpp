@@ -31,7 +31,7 @@ namespace fs = std::filesystem;
 using boost::asio::ip::udp;
 using nlohmann::json;
 
-/// Below it SQLite soon finds no room for a message.
+/// Below it the store soon finds no room for a message.
 constexpr std::uint64_t least_free_bytes = std::uint64_t{64} << 20;
 
 std::string_view to_string(Health health) {

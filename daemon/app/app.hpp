@@ -31,8 +31,8 @@
 #include "daemon/runtime/descriptor_store.hpp"
 #include "daemon/runtime/interface_watch.hpp"
 #include "daemon/runtime/machine_driver.hpp"
-#include "daemon/storage/sqlite_session_store.hpp"
-#include "daemon/storage/sqlite_store.hpp"
+#include "daemon/storage/disk_session_store.hpp"
+#include "daemon/storage/disk_store.hpp"
 
 namespace slamgw {
 
@@ -121,8 +121,8 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   MachineDriver<Gateway> gateway_driver_;
   Outbox outbox_;
   MachineDriver<Outbox> outbox_driver_;
-  SqliteStore store_;
-  SqliteSessionStore session_store_;
+  DiskStore store_;
+  DiskSessionStore session_store_;
   Upstream upstream_;
   Meshes meshes_;
   FleetMember fleet_;

@@ -63,6 +63,11 @@ std::uint32_t ByteReader::read_u32_le() {
   return ok_ ? high << 16 | low : 0;
 }
 
+std::uint64_t ByteReader::read_u64_le() {
+  const std::uint64_t low = read_u32_le();
+  return std::uint64_t{read_u32_le()} << 32 | low;
+}
+
 ByteWriter& ByteWriter::write_u8(std::uint8_t value) {
   bytes_.push_back(value);
   return *this;
@@ -87,6 +92,11 @@ ByteWriter& ByteWriter::write_i16_le(std::int16_t value) {
 ByteWriter& ByteWriter::write_u32_le(std::uint32_t value) {
   write_u16_le(static_cast<std::uint16_t>(value));
   return write_u16_le(static_cast<std::uint16_t>(value >> 16));
+}
+
+ByteWriter& ByteWriter::write_u64_le(std::uint64_t value) {
+  write_u32_le(static_cast<std::uint32_t>(value));
+  return write_u32_le(static_cast<std::uint32_t>(value >> 32));
 }
 
 ByteWriter& ByteWriter::write(ByteView bytes) {

@@ -32,6 +32,7 @@ class ByteReader {
   std::uint16_t read_u16_le();
   std::int16_t read_i16_le();
   std::uint32_t read_u32_le();
+  std::uint64_t read_u64_le();
   /// The next `count` octets, as a view into the input.
   ByteView read(std::size_t count);
   /// Everything that is left; never fails.
@@ -61,6 +62,7 @@ class ByteWriter {
   ByteWriter& write_u16_le(std::uint16_t value);
   ByteWriter& write_i16_le(std::int16_t value);
   ByteWriter& write_u32_le(std::uint32_t value);
+  ByteWriter& write_u64_le(std::uint64_t value);
   ByteWriter& write(ByteView bytes);
   ByteWriter& write(std::string_view text);
 

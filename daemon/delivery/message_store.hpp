@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The border between the outbox and the store of undelivered messages on disk: two requests, and
-// the events that answer them. SqliteStore is behind it in the daemon, a fake with state in tests.
+// the events that answer them. DiskStore is behind it in the daemon, a fake with state in tests.
 // Events come in the order of the requests, on the loop's thread, never from inside a request.
 //
 // `generation`: how many StoreOpened and StoreAbsent the outbox had seen when it asked. A store
@@ -190,17 +190,10 @@ using StoreEvent =
     std::variant<StoreOpened, StoreAbsent, StoreWritten, StoreWriteFailed, StoreLoaded,
                  StoreLoadFailed, DeadLettersChanged, ResendDeadLetters, Notice>;
 
-inline constexpr std::size_t store_page_bytes = 4096;
-
-/// What a message takes on disk, as counted against `store.max_bytes`: an upper bound for the pages
-/// of a table in the order of its keys. Small rows share pages that are at least three quarters
-/// full; larger ones are counted in whole pages.
+/// What a message takes on disk at most, as counted against `store.max_bytes`.
 inline std::uint64_t stored_cost(std::size_t topic_bytes, std::size_t payload_bytes) {
-  constexpr std::size_t row_overhead = 48;
-  constexpr std::size_t small_row = store_page_bytes / 4;
-  const std::size_t row = topic_bytes + payload_bytes + row_overhead;
-  if (row <= small_row) return row + row / 3;
-  return (row / (store_page_bytes - 4) + 1) * store_page_bytes;  // 4: an overflow page's link
+  constexpr std::size_t overhead = 64;  // a record's header and fields, and its erasure
+  return topic_bytes + payload_bytes + overhead;
 }
 
 }  // namespace slamgw

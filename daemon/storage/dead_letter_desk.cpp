@@ -23,7 +23,6 @@ json to_json(const ListedDeadLetter& listed, bool with_payload) {
            {"reason", listed.reason},
            {"code", listed.code},
            {"tries", listed.tries},
-           {"damaged", listed.is_damaged},
            {"stored_at", to_iso8601_ms(listed.stored_at)},
            {"set_aside_at", to_iso8601_ms(listed.set_aside_at)},
            {"mesh", nullptr},
@@ -38,35 +37,33 @@ json to_json(const ListedDeadLetter& listed, bool with_payload) {
 
 }  // namespace
 
-OrderAnswer DeadLetterDesk::perform(const ListDeadLetters& order, MessageFile& file) const {
+OrderAnswer DeadLetterDesk::perform(const ListDeadLetters& order, MessageLog& log) const {
   json letters = json::array();
-  const auto page =
-      file.dead_letter_table().list(order.topic, order.after, page_letters, page_bytes);
+  const auto page = log.list(order.topic, order.after, page_letters, page_bytes);
   for (const ListedDeadLetter& listed : page) {
     letters.push_back(to_json(listed, order.with_payloads));
   }
-  const DeadLetterCounts counts = file.dead_letters();
+  const DeadLetterCounts counts = log.dead_letters();
   return answer({{"count", counts.count},
                  {"bytes", counts.bytes},
                  {"letters", std::move(letters)},
                  {"more", !page.empty()}});
 }
 
-OrderAnswer DeadLetterDesk::perform(const DiscardOrder& order, MessageFile& file) const {
-  return answer({{"discarded", file.discard(order.choice)}});
+OrderAnswer DeadLetterDesk::perform(const DiscardOrder& order, MessageLog& log) const {
+  return answer({{"discarded", log.discard(order.choice)}});
 }
 
-void DeadLetterDesk::perform(const ResendOrder& order, MessageFile& file, OrderDone done) {
+void DeadLetterDesk::perform(const ResendOrder& order, MessageLog& log, OrderDone done) {
   if (resending_) return done({{}, "dead letters are being sent again already"});
   Resending resending;
-  resending.ids = file.dead_letter_table().ids(order.choice);
-  resending.is_damaged_allowed = !order.choice.ids.empty();
+  resending.ids = log.ids(order.choice);
   resending.done = std::move(done);
   resending_ = std::move(resending);
-  give_page(file);
+  give_page(log);
 }
 
-void DeadLetterDesk::on_written(const WriteToStore& write, MessageFile& file) {
+void DeadLetterDesk::on_written(const WriteToStore& write, MessageLog& log) {
   if (!resending_) return;
   std::size_t kept = 0;
   for (const StoredMessage& stored : write.keep)
@@ -75,20 +72,20 @@ void DeadLetterDesk::on_written(const WriteToStore& write, MessageFile& file) {
   resending_->resent += kept;
   if (!resending_->given.empty()) return wait();
   try {
-    give_page(file);
-  } catch (const SqliteError&) {
+    give_page(log);
+  } catch (const LogError&) {
     finish();
   }
 }
 
-void DeadLetterDesk::give_page(MessageFile& file) {
+void DeadLetterDesk::give_page(MessageLog& log) {
   ResendDeadLetters page;
   std::size_t bytes = 0;
   std::size_t& next = resending_->next;
   while (next < resending_->ids.size() && page.letters.size() < page_letters &&
          bytes < page_bytes) {
-    auto listed = file.dead_letter_table().find(resending_->ids[next++]);
-    if (!listed || (listed->is_damaged && !resending_->is_damaged_allowed)) continue;
+    auto listed = log.find(resending_->ids[next++]);
+    if (!listed) continue;
     bytes += listed->letter.message.topic.size() + listed->letter.message.payload.size();
     resending_->given.insert(listed->letter.id);
     page.letters.push_back(std::move(listed->letter));

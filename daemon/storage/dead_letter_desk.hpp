@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Serves operators' orders about dead letters: lists and discards them in the file, and gives them
-// to the outbox page by page to be sent again. Part of SqliteStore; on its thread only.
+// Serves operators' orders about dead letters: lists and discards them in the log, and gives them
+// to the outbox page by page to be sent again. Part of DiskStore; on its thread only.
 #pragma once
 
 #include <boost/asio/io_context.hpp>
@@ -12,7 +12,7 @@
 
 #include "daemon/core/operator_order.hpp"
 #include "daemon/delivery/message_store.hpp"
-#include "daemon/storage/message_file.hpp"
+#include "daemon/storage/message_log.hpp"
 
 namespace slamgw {
 
@@ -28,13 +28,13 @@ class DeadLetterDesk {
                  std::function<void(ResendDeadLetters)> resend)
       : patience_(patience), resend_(std::move(resend)), timer_(thread) {}
 
-  /// These answer at once, or throw SqliteError.
-  OrderAnswer perform(const ListDeadLetters& order, MessageFile& file) const;
-  OrderAnswer perform(const DiscardOrder& order, MessageFile& file) const;
+  /// These answer at once, or throw LogError.
+  OrderAnswer perform(const ListDeadLetters& order, MessageLog& log) const;
+  OrderAnswer perform(const DiscardOrder& order, MessageLog& log) const;
   /// Answers when the outbox has kept all, or takes no more.
-  void perform(const ResendOrder& order, MessageFile& file, OrderDone done);
+  void perform(const ResendOrder& order, MessageLog& log, OrderDone done);
   /// After each write: what the outbox has kept is sent again.
-  void on_written(const WriteToStore& write, MessageFile& file);
+  void on_written(const WriteToStore& write, MessageLog& log);
 
  private:
   struct Resending {
@@ -42,10 +42,9 @@ class DeadLetterDesk {
     std::size_t next = 0;            ///< index of the first that was not given to the outbox
     std::set<std::uint64_t> given;   ///< to the outbox, which has not kept them yet
     std::size_t resent = 0;
-    bool is_damaged_allowed = false;
     OrderDone done;
   };
-  void give_page(MessageFile& file);
+  void give_page(MessageLog& log);
   void wait();
   void finish();
 

@@ -8,11 +8,26 @@
 #include <boost/asio/executor_work_guard.hpp>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/post.hpp>
+#include <chrono>
 #include <memory>
 #include <thread>
 #include <utility>
 
 namespace slamgw {
+
+/// How long the stores wait for a disk.
+struct StorePatience {
+  /// Between attempts to open a log that could not be opened.
+  std::chrono::milliseconds reopen{10000};
+  /// Between attempts to read a disk that fails.
+  std::chrono::milliseconds check{1000};
+  /// How long they may hold up the start before the daemon continues without the store.
+  std::chrono::milliseconds opening{10000};
+  /// What the disk could not read for this long is lost.
+  std::chrono::milliseconds unreadable{60000};
+  /// How long the outbox may take to keep a page of dead letters that are sent again.
+  std::chrono::milliseconds resend{10000};
+};
 
 class StoreThread {
  public:

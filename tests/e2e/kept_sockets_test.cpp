@@ -109,7 +109,7 @@ class KeptSockets : public testing::TestWithParam<int> {
     device.send(sim::sn::register_topic(1, "ntnu-slam/robot/r1/adv"));
     topic_id = device.expect(Type::regack).topic_id;
     ASSERT_TRUE(eventually([&] {
-      return read_file(gateway / "store/sessions.db-wal").find("r1/adv") != std::string::npos;
+      return read_files(gateway / "store/sessions").find("r1/adv") != std::string::npos;
     }));
     ASSERT_EQ(manager.kept().size(), 1U);
   }

@@ -36,9 +36,8 @@ class Restart : public testing::TestWithParam<std::tuple<int, MqttVersion>> {
     EXPECT_EQ(device.expect(Type::suback).return_code, 0);
   }
   bool is_on_disk(const std::string& text) {
-    return eventually([&] {
-      return read_file(gateway / "store/sessions.db-wal").find(text) != std::string::npos;
-    });
+    return eventually(
+        [&] { return read_files(gateway / "store/sessions").find(text) != std::string::npos; });
   }
   /// The daemon ends as the parameter says, and another one takes its place.
   void restart() {

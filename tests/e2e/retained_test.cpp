@@ -96,7 +96,7 @@ TEST(RetainedPresence, OfARobotThatWentWithACrashIsOfflineAfterTheRestart) {
     ASSERT_TRUE(eventually([&] { return gateway.logs("robot1 is online"); })) << gateway.log();
     EXPECT_EQ(retained_state(broker, "ntnu-slam/gateway/test/robots/robot1"), "online");
     ASSERT_TRUE(eventually([&] {
-      return read_file(gateway / "store/sessions.db-wal").find("robot1") != std::string::npos;
+      return read_files(gateway / "store/sessions").find("robot1") != std::string::npos;
     }));
     gateway.process().send_signal(SIGKILL);
     robots.process().send_signal(SIGKILL);

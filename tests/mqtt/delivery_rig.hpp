@@ -12,7 +12,7 @@
 #include "daemon/delivery/outbox.hpp"
 #include "daemon/mqtt/upstream.hpp"
 #include "daemon/runtime/machine_driver.hpp"
-#include "daemon/storage/sqlite_store.hpp"
+#include "daemon/storage/disk_store.hpp"
 #include "tests/mqtt/broker_link.hpp"
 #include "tests/support/eventually.hpp"
 #include "tests/support/temp_dir.hpp"
@@ -119,7 +119,7 @@ class DeliveryRig : private UpstreamListener {
   void on_message(BrokerMessage) override {}
 
   MachineDriver<Outbox> driver_;
-  SqliteStore store_;
+  DiskStore store_;
   Upstream upstream_;
 };
 

@@ -8,7 +8,7 @@ How many messages an act may make arrive twice:
 - kill -9 of the daemon: also rows that were delivered but not yet deleted, at most a batch of them, and for each robot the
   message whose acknowledgement died with the daemon.
 - The board restarted or was unplugged: for each of its robots a message whose STATUS got lost.
-- The store was damaged: rows that were delivered and whose page is older than that, at most what a log holds.
+- The store was damaged: rows whose entry in the list of erased records is lost, at most a segment of them.
 """
 import contextlib
 import signal
@@ -166,6 +166,7 @@ class Acts:
 
     def fail_disk(self):
         down, failing, world = self.outage(), self.outage() / 2, self.world
+        log_position = len(world.daemon.log.read_text())
         with world.trouble(f"stop the broker for {down + failing:.1f} s; I/O errors for {failing:.1f} s of them", LINK_LOST):
             world.end_broker(signal.SIGTERM)
             world.pass_time(down / 2)
@@ -173,6 +174,8 @@ class Acts:
                 world.pass_time(failing)
             world.pass_time(down / 2)
             self.start_broker_after(0)
+        if world.told_as_lost(log_position):
+            raise Failure("messages are told as lost because the disk failed for a moment")
 
     def start_daemon_on_a_failing_disk(self):
         before, failing, world = self.outage() / 2, self.chance.uniform(1, 5), self.world
@@ -188,13 +191,9 @@ class Acts:
 
     @contextlib.contextmanager
     def failing_disk(self):
-        """A disk that fails for a moment is no damage."""
-        before = self.world.disk.damaged_files()
         self.world.disk.fail()
         yield
         self.world.disk.mend()
-        if self.world.disk.damaged_files() != before:
-            raise Failure("a file was put aside because the disk failed for a moment")
 
     def damage_store(self):
         down, world = self.outage(), self.world
@@ -210,7 +209,6 @@ class Acts:
             world.wait_for("the backlog", lambda: world.status("store", "depth") == 0)
             trouble.may_lose = world.told_as_lost(log_position)
             world.say(f"  {trouble.may_lose} messages are told as lost")
-            world.disk.remove_damaged_files()
 
     def refuse_a_robot(self):
         """Debian 12's Mosquitto closes the connection after each refusal: the first, and the tries after 2, 4, 8 ... s."""

@@ -78,15 +78,14 @@ class Disk:
         os.close(device)
 
     def forget_what_was_read(self):
-        for path in filter(pathlib.Path.is_file, self.directory.iterdir()):
+        for path in filter(pathlib.Path.is_file, self.directory.rglob("*")):
             with open(path, "rb") as file:
                 os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
 
     def damage(self, chance):
         """Hits the message store at one place, in one of the ways in which cards lose data. Nobody uses it. Says what it did."""
         self.repair()
-        path = chance.choice([path for path in (self.directory / "messages.db", self.directory / "messages.db-wal")
-                              if path.exists() and path.stat().st_size > 0])
+        path = chance.choice(sorted(path for path in (self.directory / "messages").iterdir() if path.stat().st_size > 0))
         octets = bytearray(path.read_bytes())
         way = chance.choice(["a zeroed page", "a zeroed sector", "a flipped bit", "a lost end"])
         at = chance.randrange(len(octets))
@@ -100,15 +99,6 @@ class Disk:
             octets[at:at + length] = bytes(len(octets[at:at + length]))
         path.write_bytes(octets)
         return f"{way} at {at} of {path.name}"
-
-    def damaged_files(self):
-        """What the daemon has put aside."""
-        return [path.name for path in self.directory.iterdir() if ".corrupt-" in path.name]
-
-    def remove_damaged_files(self):
-        """On so small a disk they would soon leave no room to save anything."""
-        for name in self.damaged_files():
-            os.unlink(self.directory / name)
 
 
 def succeeds(*command):

@@ -2,7 +2,6 @@
 // Messages that were set aside: on disk until an operator has them sent again or discards them.
 #include <gtest/gtest.h>
 
-#include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "tests/storage/store_user.hpp"
@@ -67,7 +66,6 @@ TEST_F(DeadLetters, AreNoMessagesAnyMoreAndSurvive) {
   EXPECT_EQ(letter["reason"], "the broker refuses it: not authorised");
   EXPECT_EQ(letter["code"], 0x87);
   EXPECT_EQ(letter["tries"], 5);
-  EXPECT_EQ(letter["damaged"], false);
   EXPECT_FALSE(letter["stored_at"].get<std::string>().empty());
 }
 
@@ -142,26 +140,6 @@ TEST_F(DeadLetters, ThoseThatTheOutboxHasNoRoomForStay) {
   EXPECT_EQ(document(user->perform(ListDeadLetters{}))["count"], 2);
   user->takes_resends = true;
   EXPECT_EQ(document(user->perform(ResendOrder{{{}, "", true}}))["resent"], 2) << "later";
-}
-
-TEST_F(DeadLetters, DamagedOnesAreSentAgainOnlyWhenTheyAreNamed) {
-  set_aside({});
-  user.reset();
-  const std::string path = directory / "messages.db";
-  std::string octets = read_file(path);
-  const Bytes payload = StoreUser::message(4, 20).payload;
-  const std::size_t at = octets.find(std::string(as_text(payload)));
-  ASSERT_NE(at, std::string::npos);
-  octets[at + 3] = '!';
-  write_file(path, octets, 0600);
-  start_again();
-  EXPECT_EQ(messages().size(), 9u);
-  const json listed = document(user->perform(ListDeadLetters{}));
-  EXPECT_EQ(ids_in(listed), Ids{4});
-  EXPECT_EQ(listed["letters"][0]["damaged"], true);
-  EXPECT_EQ(document(user->perform(ResendOrder{{{}, "", true}})),
-            json({{"resent", 0}, {"left", 1}}));
-  EXPECT_EQ(document(user->perform(ResendOrder{{{4}, "", false}}))["resent"], 1);
 }
 
 TEST_F(DeadLetters, KeepTheTimeOfTheMessageWhenTheyAreSetAsideAgain) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A layer under SQLite that fails on command, for every file that this process opens while it
-// exists. Its settings may be changed from any thread.
+// System calls that fail on command, for every file of this process while it exists. Its settings
+// may be changed from any thread.
 #pragma once
 
 #include <atomic>
@@ -16,13 +16,13 @@ class FaultyDisk {
   FaultyDisk(const FaultyDisk&) = delete;
   FaultyDisk& operator=(const FaultyDisk&) = delete;
 
-  /// Every read fails with an I/O error.
+  /// Every pread() fails with EIO.
   static std::atomic<bool> fails_reads;
   /// Reads that touch these octets of the file fail, also when it was renamed.
   static void make_unreadable(const std::string& path, std::uint64_t from, std::uint64_t to);
-  /// Every write fails with an I/O error.
+  /// Every pwrite() fails with EIO.
   static std::atomic<bool> fails_writes;
-  /// Synchronisations fail with an I/O error; what was written before is there all the same.
+  /// fdatasync() and fsync() fail with EIO; what was written before is there all the same.
   static std::atomic<bool> fails_syncs;
   static std::atomic<std::uint64_t> failed_reads;  ///< how many did
 };

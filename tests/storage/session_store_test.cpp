@@ -7,7 +7,7 @@
 #include <fstream>
 #include <thread>
 
-#include "daemon/storage/sqlite_session_store.hpp"
+#include "daemon/storage/disk_session_store.hpp"
 #include "tests/storage/faulty_disk.hpp"
 #include "tests/storage/store_user.hpp"
 #include "tests/support/temp_dir.hpp"
@@ -40,18 +40,11 @@ struct Process {
 
   boost::asio::io_context io;
   std::string notices;
-  SqliteSessionStore store;
+  DiskSessionStore store;
   std::vector<SessionStore::Session> loaded;
 };
 
-std::size_t count_aside(const std::string& directory) {
-  std::size_t count = 0;
-  for (const auto& entry : std::filesystem::directory_iterator(directory))
-    count += entry.path().string().find("sessions.db.corrupt-") != std::string::npos ? 1 : 0;
-  return count;
-}
-
-TEST(SqliteSessionStore, BringsBackTheLastOfEachSession) {
+TEST(DiskSessionStore, BringsBackTheLastOfEachSession) {
   const TempDir directory;
   {
     Process first(directory.path());
@@ -70,7 +63,7 @@ TEST(SqliteSessionStore, BringsBackTheLastOfEachSession) {
   EXPECT_TRUE(second.notices.empty()) << second.notices;
 }
 
-TEST(SqliteSessionStore, KeepsWhatIsWrittenWhenTheProcessDies) {
+TEST(DiskSessionStore, KeepsWhatIsWrittenWhenTheProcessDies) {
   const TempDir directory;
   const pid_t child = fork();
   if (child == 0) {
@@ -84,7 +77,7 @@ TEST(SqliteSessionStore, KeepsWhatIsWrittenWhenTheProcessDies) {
   EXPECT_EQ(Process(directory.path()).names(), "r1 ");
 }
 
-TEST(SqliteSessionStore, TellsWhatBecameOfEachWrite) {
+TEST(DiskSessionStore, TellsWhatBecameOfEachWrite) {
   const TempDir directory;
   std::vector<bool> told;
   {
@@ -103,28 +96,15 @@ TEST(SqliteSessionStore, TellsWhatBecameOfEachWrite) {
   EXPECT_FALSE(told[2]);
 }
 
-TEST(SqliteSessionStore, IsReadableForItsOwnerOnly) {
+TEST(DiskSessionStore, IsReadableForItsOwnerOnly) {
   const TempDir directory;
   Process process(directory.path() + "/made");
   struct stat status {};
-  ASSERT_EQ(stat((directory.path() + "/made/sessions.db").c_str(), &status), 0);
+  ASSERT_EQ(stat((directory.path() + "/made/sessions/tally").c_str(), &status), 0);
   EXPECT_EQ(status.st_mode & 0777, 0600U);
 }
 
-TEST(SqliteSessionStore, MovesADamagedFileAsideAndGoesOn) {
-  const TempDir directory;
-  write_file(directory.path() + "/sessions.db", std::string(5000, 'x'));
-  {
-    Process process(directory.path());
-    EXPECT_TRUE(process.loaded.empty());
-    EXPECT_TRUE(process.says("damaged"));
-    process.save("r1", to_bytes("x"));
-  }
-  EXPECT_EQ(Process(directory.path()).names(), "r1 ");
-  EXPECT_EQ(count_aside(directory.path()), 1U);
-}
-
-TEST(SqliteSessionStore, WaitsForADiskThatFailsForAMoment) {
+TEST(DiskSessionStore, WaitsForADiskThatFailsForAMoment) {
   const FaultyDisk disk;
   const TempDir directory;
   {
@@ -139,80 +119,73 @@ TEST(SqliteSessionStore, WaitsForADiskThatFailsForAMoment) {
   Process process(directory.path());
   repair.join();
   EXPECT_EQ(process.names(), "r1 ");
-  EXPECT_EQ(count_aside(directory.path()), 0U);
+  EXPECT_EQ(process.notices, "");
 }
 
-TEST(SqliteSessionStore, SavesWhatIsLeftOfADamagedFile) {
+TEST(DiskSessionStore, SavesWhatIsLeftOfADamagedFile) {
   const TempDir directory;
   {
     Process process(directory.path());
     for (int i = 100; i < 300; ++i)
       process.save("robot-" + std::to_string(i), Bytes(100, static_cast<std::uint8_t>(i)));
   }
+  const std::string path = StoreUser::newest_segment(directory.path(), "sessions");
   for (const std::size_t page : {0, 1, 4}) {
-    std::fstream file(directory / "sessions.db", std::ios::in | std::ios::out | std::ios::binary);
+    std::fstream file(path, std::ios::in | std::ios::out | std::ios::binary);
     file.seekp(static_cast<std::streamoff>(page * 4096));
     file << std::string(512, '\0');
   }
   Process process(directory.path());
-  EXPECT_GE(process.loaded.size(), 120U);
+  EXPECT_GE(process.loaded.size(), 180U);
   EXPECT_LT(process.loaded.size(), 200U);
   for (const auto& session : process.loaded)
     EXPECT_EQ(session.content,
               Bytes(100, static_cast<std::uint8_t>(std::stoi(session.id.substr(6)))));
-  EXPECT_TRUE(process.says(std::to_string(process.loaded.size()) + " were saved"));
+  EXPECT_TRUE(process.says(std::to_string(200 - process.loaded.size()) + " sessions in"));
 }
 
-TEST(SqliteSessionStore, DropsASessionWhoseOctetsHaveChanged) {
+TEST(DiskSessionStore, DropsASessionWhoseOctetsHaveChanged) {
   const TempDir directory;
   {
     Process process(directory.path());
     process.save("r1", to_bytes("its content"));
     process.save("r2", to_bytes("another"));
   }
-  std::string octets = read_file(directory / "sessions.db");
+  const std::string path = StoreUser::newest_segment(directory.path(), "sessions");
+  std::string octets = read_file(path);
   octets[octets.find("its content") + 5] = 'X';
-  write_file(directory / "sessions.db", octets, 0600);
+  write_file(path, octets, 0600);
   Process process(directory.path());
   EXPECT_EQ(process.names(), "r2 ");
   EXPECT_TRUE(process.says("1 sessions in"));
-  EXPECT_EQ(Process(directory.path()).notices, "") << "told once";
+  Process next(directory.path());
+  next.save("r3", to_bytes("x"));
+  EXPECT_TRUE(next.is_written());
+  EXPECT_EQ(next.notices, "") << "told once";
 }
 
-TEST(SqliteSessionStore, TakesOverTheFileOfThePreviousVersion) {
+/// Sessions change all the time, and one that never changes does not keep the others' records.
+TEST(DiskSessionStore, DoesNotGrow) {
   const TempDir directory;
-  write_file(directory / "sessions.db", "", 0600);
   {
-    SqliteDatabase file(directory / "sessions.db", 0);
-    file.execute(
-        "CREATE TABLE sessions(id TEXT PRIMARY KEY, content BLOB NOT NULL) WITHOUT ROWID; INSERT "
-        "INTO sessions VALUES('r1', x'0102'); PRAGMA user_version = 1");
-  }
-  for (int process = 0; process < 2; ++process) {
-    Process next(directory.path());
-    ASSERT_EQ(next.names(), "r1 ");
-    EXPECT_EQ(next.loaded[0].content, (Bytes{1, 2}));
-  }
-}
-
-TEST(SqliteSessionStore, LeavesTheFileOfANewerVersionAlone) {
-  const TempDir directory;
-  const std::string path = directory.path() + "/sessions.db";
-  { Process process(directory.path()); }
-  {
-    SqliteDatabase database(path, 0);
-    database.execute("PRAGMA user_version = 99");
+    Process process(directory.path());
+    process.save("rests", to_bytes("since long ago"));
+    for (int i = 0; i < 400; ++i) {
+      process.save("r" + std::to_string(i % 10), Bytes(20000, static_cast<std::uint8_t>(i)));
+      ASSERT_TRUE(process.is_written());
+    }
+    std::uintmax_t bytes = 0;
+    for (const auto& file : std::filesystem::directory_iterator(directory / "sessions"))
+      bytes += file.file_size();
+    EXPECT_LT(bytes, 3u << 20) << "8 MB were written";
   }
   Process process(directory.path());
-  EXPECT_TRUE(process.says("newer version"));
-  process.save("r1", to_bytes("x"));
-  process.store.stop();
-  SqliteDatabase database(path, 0);
-  EXPECT_EQ(database.query_number("PRAGMA user_version"), 99);
-  EXPECT_EQ(database.query_number("SELECT count(*) FROM sessions"), 0);
+  EXPECT_EQ(process.loaded.size(), 11U);
+  EXPECT_EQ(process.loaded.back().content, to_bytes("since long ago"));
+  EXPECT_EQ(process.loaded.front().content, Bytes(20000, static_cast<std::uint8_t>(390)));
 }
 
-TEST(SqliteSessionStore, WorksWithoutADirectoryAndSaysSo) {
+TEST(DiskSessionStore, WorksWithoutADirectoryAndSaysSo) {
   const TempDir directory;
   write_file(directory.path() + "/file", "");
   Process process(directory.path() + "/file/below");

@@ -2,14 +2,16 @@
 // One process's message store on a real file: asks, and keeps what it answered.
 #pragma once
 
+#include <algorithm>
 #include <deque>
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
-#include "daemon/storage/sqlite_store.hpp"
+#include "daemon/storage/disk_store.hpp"
 #include "tests/support/eventually.hpp"
 
 namespace slamgw::test {
@@ -137,7 +139,15 @@ class StoreUser {
   }
   const std::string& notices() const { return notices_; }
   bool was_absent() const { return was_absent_; }
-  SqliteStore& store() { return store_; }
+  /// The newest segment of the messages in `directory`; empty when there is none.
+  static std::string newest_segment(const std::string& directory,
+                                    const std::string& log = "messages") {
+    std::string newest;
+    for (const auto& file : std::filesystem::directory_iterator(directory + "/" + log))
+      if (file.path().extension() == ".log") newest = std::max(newest, file.path().string());
+    return newest;
+  }
+  DiskStore& store() { return store_; }
 
  private:
   void note(const StoreEvent& event) {
@@ -150,7 +160,7 @@ class StoreUser {
   std::string notices_;
   bool was_absent_ = false;
   std::vector<std::uint64_t> resent_;
-  SqliteStore store_;
+  DiskStore store_;
 };
 
 }  // namespace slamgw::test

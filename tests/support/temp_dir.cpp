@@ -33,4 +33,12 @@ std::string read_file(const std::string& path) {
   return text.str();
 }
 
+std::string read_files(const std::string& directory) {
+  std::string all;
+  std::error_code none;
+  for (const auto& file : std::filesystem::directory_iterator(directory, none))
+    all += read_file(file.path());
+  return all;
+}
+
 }  // namespace slamgw::test

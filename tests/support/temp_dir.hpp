@@ -24,5 +24,7 @@ class TempDir {
 void write_file(const std::string& path, std::string_view text, unsigned mode = 0644);
 /// What is there so far; empty when there is no such file.
 std::string read_file(const std::string& path);
+/// What all files of a directory hold.
+std::string read_files(const std::string& directory);
 
 }  // namespace slamgw::test

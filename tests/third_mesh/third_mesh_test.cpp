@@ -14,7 +14,7 @@
 #include "daemon/observability/service_notifier.hpp"
 #include "daemon/observability/traffic_text.hpp"
 #include "daemon/runtime/mesh_shell.hpp"
-#include "daemon/storage/message_row.hpp"
+#include "daemon/storage/message_log.hpp"
 
 namespace slamgw {
 namespace {
@@ -208,13 +208,14 @@ TEST(ThirdMeshParts, HaveAPlaceForIt) {
 
   for (const Mesh mesh : all_meshes) {
     const BrokerMessage before{"t", {}, Qos::at_least_once, false, Provenance{mesh, WallTime{7s}}};
-    const BrokerMessage after = message_of(row_of(1, before, 0));
+    const BrokerMessage after = decode_message(encode_message({1, 0, 0, before})).value().message;
     ASSERT_TRUE(after.provenance);
     EXPECT_EQ(after.provenance->mesh, mesh) << "after a stay on the disk";
   }
-  MessageRow row;
-  row.mesh = std::ssize(all_meshes) + 1;  // written by a later version
-  EXPECT_FALSE(message_of(row).provenance);
+  Bytes record =
+      encode_message({1, 0, 0, {"t", {}, Qos::at_least_once, false, Provenance{Mesh::ble, {}}}});
+  record[32] = static_cast<std::uint8_t>(all_meshes.size() + 1);  // written by a later version
+  EXPECT_FALSE(decode_message(record).value().message.provenance);
 
   RobotRegistry registry;
   registry.on_presence({Mesh::zigbee, "z1", Presence::online, "0x1a2b"}, {});

@@ -23,7 +23,7 @@ class Backup : public testing::Test {
  protected:
   Backup() {
     fs::create_directories(root() / "etc/gateway.d");
-    fs::create_directories(root() / "state");
+    fs::create_directories(root() / "state/messages");
     write("etc/gateway.json",
           R"({"store": {"directory": ")" + (root() / "state").string() + "\"}}");
     write("etc/gateway.d/site.json", R"({"broker": {"credentials_file": "credentials.json"}})");
@@ -31,7 +31,7 @@ class Backup : public testing::Test {
     fs::permissions(root() / "etc/credentials.json",
                     fs::perms::owner_read | fs::perms::owner_write);
     write("state/mesh.json", "the mesh's keys");
-    write("state/messages.db", "messages");
+    write("state/messages/1.log", "messages");
   }
 
   fs::path root() const { return directory_.path(); }
@@ -98,7 +98,7 @@ TEST_F(Backup, BringsEverythingBack) {
   EXPECT_EQ(after.st_mode, before.st_mode) << "of the directories above nothing changes";
   EXPECT_EQ(fs::status(root()).permissions(), mode_before);
   EXPECT_EQ(read("state/mesh.json"), "the mesh's keys");
-  EXPECT_EQ(read("state/messages.db"), "messages");
+  EXPECT_EQ(read("state/messages/1.log"), "messages");
   EXPECT_NE(read("etc/credentials.json").find("hush"), std::string::npos);
   EXPECT_EQ(mode("etc/credentials.json"), 0600U);
   EXPECT_EQ(mode("state"), 0700U);
@@ -115,15 +115,15 @@ TEST_F(Backup, MakesTheSitesDirectoryAgain) {
 
 TEST_F(Backup, KeepsWhatARestoreReplaces) {
   backup(installation(), archive());
-  write("state/messages.db", "newer messages");
-  write("state/messages.db-wal", "newer log");
+  write("state/messages/1.log", "newer messages");
+  write("state/messages/2.log", "newer messages, too");
   const std::string told = restored();
-  EXPECT_EQ(read("state/messages.db"), "messages");
-  EXPECT_FALSE(fs::exists(root() / "state/messages.db-wal"));
+  EXPECT_EQ(read("state/messages/1.log"), "messages");
+  EXPECT_FALSE(fs::exists(root() / "state/messages/2.log"));
   const auto at = told.find((root() / "state").string() + ".before-restore-");
   ASSERT_NE(at, told.npos);
   const std::string aside = told.substr(at, told.find(" now", at) - at);
-  EXPECT_EQ(test::read_file(aside + "/messages.db-wal"), "newer log");
+  EXPECT_EQ(test::read_file(aside + "/messages/2.log"), "newer messages, too");
 }
 
 TEST_F(Backup, BelongsToWhoTypedSudo) {

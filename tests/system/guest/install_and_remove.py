@@ -96,7 +96,7 @@ def upgrade_keeps_what_is_undelivered():
     demand(service("MainPID") not in ("0", process), "the new version does not run")
     stored = status()["store"]["depth"]
     demand(stored > 20, f"{stored} messages are stored after the upgrade")
-    demand({"messages.db", "sessions.db", "mesh.json"} <= {file.name for file in STATE.iterdir()}, "files are gone")
+    demand({"messages", "sessions", "mesh.json"} <= {file.name for file in STATE.iterdir()}, "files are gone")
     demand(mesh_keys() >= keys, "the mesh has other keys")
     demand(CONFIG.read_text(encoding="utf-8") == config, "the operator's configuration was replaced")
     run("systemctl", "start", "mosquitto")
@@ -118,7 +118,7 @@ def remove_keeps_the_state():
     run("apt-get", "-y", "-q", "remove", "slam-gateway")
     demand(service("ActiveState") == "inactive", "the service still runs")
     demand("47193" not in run("ss", "-lun"), "the port is still taken")
-    for path in (STATE / "mesh.json", STATE / "sessions.db", CONFIG, CREDENTIALS):
+    for path in (STATE / "mesh.json", STATE / "sessions", CONFIG, CREDENTIALS):
         demand(path.exists(), f"{path} is gone")
 
 

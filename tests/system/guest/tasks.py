@@ -296,7 +296,7 @@ def backup_comes_back_on_a_new_card():
 
 
 def owners_and_modes():
-    return run("stat", "-c", "%n %U %G %a", STATE, STATE / "mesh.json", STATE / "messages.db", CREDENTIALS, CONFIG)
+    return run("stat", "-c", "%n %U %G %a", STATE, STATE / "mesh.json", STATE / "messages", CREDENTIALS, CONFIG)
 
 
 def log_level_is_changed():

@@ -4,12 +4,13 @@
 #include <sys/resource.h>
 #include <sys/stat.h>
 
+#include <boost/crc.hpp>
 #include <csignal>
+#include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <memory>
 
-#include "daemon/storage/sqlite.hpp"
 #include "tests/storage/store_user.hpp"
 #include "tests/support/temp_dir.hpp"
 
@@ -23,68 +24,12 @@ mode_t mode_of(const std::string& path) {
 
 std::uintmax_t bytes_in(const std::string& directory) {
   std::uintmax_t sum = 0;
-  for (const auto& file : std::filesystem::directory_iterator(directory)) sum += file.file_size();
+  for (const auto& file : std::filesystem::recursive_directory_iterator(directory))
+    if (file.is_regular_file()) sum += file.file_size();
   return sum;
 }
 
-std::vector<std::string> names_in(const std::string& directory) {
-  std::vector<std::string> names;
-  for (const auto& file : std::filesystem::directory_iterator(directory)) {
-    names.push_back(file.path().filename());
-  }
-  return names;
-}
-
-TEST(SqliteStore, TakesOverTheFileOfThePreviousVersion) {
-  const TempDir directory;
-  {
-    SqliteDatabase file(
-        (write_file(directory / "messages.db", "", 0600), directory / "messages.db"), 0);
-    file.execute(
-        "CREATE TABLE messages(row INTEGER PRIMARY KEY, topic TEXT NOT NULL, payload BLOB NOT "
-        "NULL, qos INTEGER NOT NULL, retain INTEGER NOT NULL, stored_at INTEGER NOT NULL); "
-        "INSERT INTO messages VALUES(7, 'ntnu-slam/robot/r1/adv', x'6869', 1, 0, 1000); "
-        "PRAGMA user_version = 1");
-  }
-  StoreUser user(directory.path());
-  const auto opened = user.await<StoreOpened>();
-  ASSERT_TRUE(opened);
-  EXPECT_EQ(opened->count, 1U);
-  const auto loaded = user.load(0);
-  ASSERT_TRUE(loaded);
-  ASSERT_EQ(loaded->messages.size(), 1U);
-  EXPECT_EQ(loaded->messages[0].message.payload, to_bytes("hi"));
-  EXPECT_FALSE(loaded->messages[0].message.provenance);
-  EXPECT_TRUE(user.keep(8, 1));
-}
-
-TEST(SqliteStore, TakesOverTheFileOfVersion2WithItsLog) {
-  const TempDir directory;
-  write_file(directory / "messages.db", "", 0600);
-  {
-    SqliteDatabase file(directory / "messages.db", 0);
-    file.execute(
-        "PRAGMA journal_mode = WAL; CREATE TABLE messages(row INTEGER PRIMARY KEY, topic TEXT NOT "
-        "NULL, payload BLOB NOT NULL, qos INTEGER NOT NULL, retain INTEGER NOT NULL, stored_at "
-        "INTEGER NOT NULL, mesh INTEGER NOT NULL DEFAULT 0, received_at INTEGER NOT NULL DEFAULT "
-        "0); INSERT INTO messages VALUES(7, 't', x'6869', 2, 1, 1000, 2, 5000); "
-        "PRAGMA user_version = 2");
-    file.keep_log_on_close(true);
-  }
-  for (int process = 0; process < 2; ++process) {
-    StoreUser user(directory.path());
-    const auto opened = user.await<StoreOpened>();
-    ASSERT_TRUE(opened);
-    EXPECT_EQ(opened->count, 1u + static_cast<std::size_t>(process));
-    const auto loaded = user.load(0);
-    EXPECT_EQ(loaded->messages[0].message.payload, to_bytes("hi"));
-    EXPECT_EQ(loaded->messages[0].message.provenance->mesh, Mesh::thread);
-    EXPECT_TRUE(loaded->damaged.empty());
-    EXPECT_TRUE(user.keep(opened->last_row + 1, 1));
-  }
-}
-
-TEST(SqliteStore, NeverGivesANumberTwice) {
+TEST(DiskStore, NeverGivesANumberTwice) {
   const TempDir directory;
   {
     StoreUser user(directory.path());
@@ -94,7 +39,7 @@ TEST(SqliteStore, NeverGivesANumberTwice) {
   EXPECT_EQ(StoreUser(directory.path()).await<StoreOpened>()->last_row, 10u);
 }
 
-TEST(SqliteStore, RemembersWhereAMessageCameFrom) {
+TEST(DiskStore, RemembersWhereAMessageCameFrom) {
   const TempDir directory;
   const WallTime received{std::chrono::milliseconds{1700000000123}};
   {
@@ -114,7 +59,7 @@ TEST(SqliteStore, RemembersWhereAMessageCameFrom) {
   EXPECT_EQ(loaded->messages[0].message.provenance->received_at, received);
 }
 
-TEST(SqliteStore, GivesBackAfterAReopenWhatItKept) {
+TEST(DiskStore, GivesBackAfterAReopenWhatItKept) {
   const TempDir directory;
   {
     StoreUser user(directory.path());
@@ -144,7 +89,7 @@ TEST(SqliteStore, GivesBackAfterAReopenWhatItKept) {
   }
 }
 
-TEST(SqliteStore, KeepsEmptyPayloadsAndLoadsByPages) {
+TEST(DiskStore, KeepsEmptyPayloadsAndLoadsByPages) {
   const TempDir directory;
   StoreUser user(directory.path());
   ASSERT_TRUE(user.keep(1, 1, 0));
@@ -157,17 +102,23 @@ TEST(SqliteStore, KeepsEmptyPayloadsAndLoadsByPages) {
   EXPECT_TRUE(user.load(10)->messages.empty());
 }
 
-TEST(SqliteStore, MakesItsDirectoryAndFileForNobodyElse) {
+TEST(DiskStore, MakesItsDirectoryAndFileForNobodyElse) {
   const TempDir directory;
   const std::string inner = directory / "a/b";
   StoreUser user(inner);
   ASSERT_TRUE(user.keep(1, 1));
   EXPECT_EQ(mode_of(inner), 0700u);
-  EXPECT_EQ(mode_of(inner + "/messages.db"), 0600u);
-  EXPECT_EQ(mode_of(inner + "/messages.db-wal"), 0600u);
+  EXPECT_EQ(mode_of(inner + "/messages"), 0700u);
+  ASSERT_TRUE(user.forget(1, 1));
+  std::size_t files = 0;
+  for (const auto& file : std::filesystem::directory_iterator(inner + "/messages")) {
+    EXPECT_EQ(mode_of(file.path()), 0600u) << file.path();
+    ++files;
+  }
+  EXPECT_EQ(files, 3u) << "segment, list of erased records, tally";
 }
 
-TEST(SqliteStore, StaysWithinItsBoundAndGivesTheSpaceBack) {
+TEST(DiskStore, StaysWithinItsBoundAndGivesTheSpaceBack) {
   const TempDir directory;
   const std::uint64_t max_bytes = 4u << 20;
   StoreUser user(directory.path(), max_bytes);
@@ -179,71 +130,58 @@ TEST(SqliteStore, StaysWithinItsBoundAndGivesTheSpaceBack) {
     rows += 20;
     cost += 20 * stored_cost(25, sizes[i % 7]);
   }
-  const auto database = std::filesystem::file_size(directory / "messages.db");
-  EXPECT_LE(database, max_bytes + 65536) << "stored_cost is an upper bound";
-  EXPECT_LE(bytes_in(directory.path()), max_bytes + (4u << 20)) << "with the log";
+  EXPECT_LE(bytes_in(directory.path()), max_bytes) << "stored_cost is an upper bound";
   ASSERT_TRUE(user.forget(1, rows));
   EXPECT_LT(bytes_in(directory.path()), 1u << 20);
 }
 
-TEST(SqliteStore, ASecondProcessGoesWithoutAndSaysWhy) {
+TEST(DiskStore, ASecondProcessGoesWithoutAndSaysWhy) {
   const TempDir directory;
   StoreUser first(directory.path());
   ASSERT_TRUE(first.await<StoreOpened>());
   StoreUser second(directory.path());
   ASSERT_TRUE(second.await<StoreAbsent>());
-  EXPECT_NE(second.notices().find("messages.db: another process has it open, perhaps a second "
+  EXPECT_NE(second.notices().find("another process has it open, perhaps a second "
                                   "slam-gatewayd: end one of the two. Robots get "),
             std::string::npos)
       << second.notices();
   EXPECT_TRUE(first.keep(1, 1)) << "and the first is not disturbed";
 }
 
-TEST(SqliteStore, PutsAFileThatIsNoDatabaseAsideAndBeginsAnew) {
+TEST(DiskStore, LeavesTheLogOfANewerVersionAlone) {
   const TempDir directory;
-  write_file(directory / "messages.db", std::string(20000, 'x'));
-  StoreUser user(directory.path());
-  const auto opened = user.await<StoreOpened>();
-  ASSERT_TRUE(opened);
-  EXPECT_EQ(opened->count, 0u);
-  EXPECT_NE(user.notices().find("damaged"), std::string::npos) << user.notices();
-  EXPECT_TRUE(user.keep(1, 1));
-  std::size_t aside = 0;
-  for (const std::string& name : names_in(directory.path())) {
-    if (name.starts_with("messages.db.corrupt-")) ++aside;
-  }
-  EXPECT_EQ(aside, 1u);
-}
-
-TEST(SqliteStore, LeavesTheFileOfANewerVersionAlone) {
-  const TempDir directory;
-  const std::string path = directory / "messages.db";
-  write_file(path, "", 0640);
-  {
-    SqliteDatabase newer(path, 0);
-    newer.execute("CREATE TABLE something(x); PRAGMA user_version = 99");
-  }
-  const std::string before = read_file(path);
   {
     StoreUser user(directory.path());
-    ASSERT_TRUE(user.await<StoreAbsent>());
-    EXPECT_NE(user.notices().find("newer version (format 99, this one knows 3)"),
-              std::string::npos);
+    ASSERT_TRUE(user.keep(1, 1));
   }
-  EXPECT_EQ(read_file(path), before);
-  EXPECT_FALSE(std::filesystem::exists(path + "-wal"));
-}
-
-TEST(SqliteStore, LeavesAnotherProgramsDatabaseAlone) {
-  const TempDir directory;
-  write_file(directory / "messages.db", "");
-  SqliteDatabase(directory / "messages.db", 0).execute("CREATE TABLE something(x)");
+  const std::string path = StoreUser::newest_segment(directory.path());
+  std::string octets = read_file(path);
+  octets[7] = '2';
+  boost::crc_32_type crc;
+  const std::string id = path.substr(path.size() - 20, 16);
+  const std::uint64_t number = std::stoull(id, nullptr, 16);
+  crc.process_bytes(&number, 8);
+  crc.process_bytes(octets.data(), 28);
+  const std::uint32_t sum = crc.checksum();
+  std::memcpy(octets.data() + 28, &sum, 4);
+  write_file(path, octets, 0600);
   StoreUser user(directory.path());
   ASSERT_TRUE(user.await<StoreAbsent>());
-  EXPECT_NE(user.notices().find("some other program's"), std::string::npos);
+  EXPECT_NE(user.notices().find("newer version (format 2, this one knows 1)"), std::string::npos)
+      << user.notices();
+  EXPECT_EQ(read_file(path), octets);
 }
 
-TEST(SqliteStore, GoesWithoutAUsableDirectory) {
+TEST(DiskStore, LeavesFilesOfOthersAlone) {
+  const TempDir directory;
+  std::filesystem::create_directory(directory / "messages");
+  write_file(directory / "messages/notes.log", "somebody's");
+  StoreUser user(directory.path());
+  ASSERT_TRUE(user.keep(1, 1));
+  EXPECT_EQ(read_file(directory / "messages/notes.log"), "somebody's");
+}
+
+TEST(DiskStore, GoesWithoutAUsableDirectory) {
   const TempDir directory;
   write_file(directory / "file", "");
   StoreUser user(directory / "file/store");
@@ -252,7 +190,7 @@ TEST(SqliteStore, GoesWithoutAUsableDirectory) {
   EXPECT_NE(user.notices().find("Not a directory"), std::string::npos) << user.notices();
 }
 
-TEST(SqliteStore, ReportsADiskThatTakesNoMoreAndWorksWhenItDoesAgain) {
+TEST(DiskStore, ReportsADiskThatTakesNoMoreAndWorksWhenItDoesAgain) {
   const TempDir directory;
   StoreUser user(directory.path());
   ASSERT_TRUE(user.keep(1, 1));
@@ -277,7 +215,7 @@ TEST(SqliteStore, ReportsADiskThatTakesNoMoreAndWorksWhenItDoesAgain) {
   EXPECT_EQ(user.load(0)->messages.size(), 199u);
 }
 
-TEST(SqliteStore, PassesOverRequestsThatMeantAnotherFile) {
+TEST(DiskStore, PassesOverRequestsThatMeantAnotherFile) {
   const TempDir directory;
   StoreUser user(directory.path());
   ASSERT_TRUE(user.await<StoreOpened>());
@@ -287,7 +225,7 @@ TEST(SqliteStore, PassesOverRequestsThatMeantAnotherFile) {
   EXPECT_TRUE(loaded->messages.empty());
 }
 
-TEST(SqliteStore, DoesWhatWasAskedBeforeItStops) {
+TEST(DiskStore, DoesWhatWasAskedBeforeItStops) {
   const TempDir directory;
   {
     StoreUser user(directory.path());

@@ -1,0 +1,185 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/storage/disk_session_store.hpp"
+
+#include <fmt/format.h>
+
+#include <future>
+#include <thread>
+#include <utility>
+
+namespace slamgw {
+namespace {
+
+constexpr std::uint32_t segment_bytes = 256u << 10;
+
+std::optional<std::string> id_of(ByteView record) {
+  ByteReader in(record);
+  const std::string id(as_text(in.read(in.read_u16_le())));
+  return in.ok() ? std::optional(id) : std::nullopt;
+}
+
+Bytes encode(const std::string& id, ByteView content) {
+  ByteWriter out;
+  out.write_u16_le(static_cast<std::uint16_t>(id.size())).write(id).write(content);
+  return out.take();
+}
+
+}  // namespace
+
+DiskSessionStore::DiskSessionStore(boost::asio::io_context& io, const std::string& directory,
+                                   std::function<void(Notice)> on_notice, StorePatience patience)
+    : directory_(directory + "/sessions"),
+      patience_(patience),
+      on_notice_(std::move(on_notice)),
+      retry_timer_(io),
+      thread_(io),
+      sync_timer_(thread_.context()) {}
+
+DiskSessionStore::~DiskSessionStore() { stop(); }
+
+std::vector<SessionStore::Session> DiskSessionStore::load() {
+  std::promise<std::vector<Session>> loaded;
+  thread_.run([&] { loaded.set_value(open_and_load()); });
+  return loaded.get_future().get();
+}
+
+void DiskSessionStore::save(std::vector<Change> changes) {
+  for (Change& change : changes) changes_[std::move(change.id)] = std::move(change.content);
+  if (!is_writing_) write_changes();
+}
+
+bool DiskSessionStore::is_busy() const { return is_writing_ || !changes_.empty(); }
+
+void DiskSessionStore::stop() {
+  retry_timer_.cancel();
+  if (!changes_.empty()) write_changes();
+  thread_.run([this] {
+    if (is_sync_due_) sync();
+    log_.reset();
+  });
+  thread_.stop();
+}
+
+/// All that have come together go in one commit, and as many as come meanwhile in the next.
+void DiskSessionStore::write_changes() {
+  is_writing_ = true;
+  thread_.run([this, changes = std::exchange(changes_, {})]() mutable {
+    const bool is_written = write(changes);
+    thread_.report([this, is_written, changes = std::move(changes)]() mutable {
+      on_written(is_written, std::move(changes));
+    });
+  });
+}
+
+void DiskSessionStore::on_written(bool is_written, Changes changes) {
+  if (is_written) {
+    is_writing_ = false;
+    if (!changes_.empty()) write_changes();
+  } else {
+    changes_.merge(std::move(changes));  // newer ones of the same session stay
+    retry_timer_.expires_after(patience_.reopen);
+    retry_timer_.async_wait([this](boost::system::error_code error) {
+      if (!error) write_changes();
+    });
+  }
+  if (on_written_) on_written_(is_written);
+}
+
+/// A disk that fails for a moment is waited for: sessions are worth a start that takes longer.
+std::vector<SessionStore::Session> DiskSessionStore::open_and_load() {
+  const auto give_up_at = std::chrono::steady_clock::now() + patience_.opening;
+  while (!open(false) && is_disk_failing_ && std::chrono::steady_clock::now() < give_up_at)
+    std::this_thread::sleep_for(patience_.check);
+  // What the disk still cannot read is lost; these clients connect again.
+  if (!log_ && is_disk_failing_) open(true);
+  if (!log_) report_failure();
+  std::vector<Session> loaded;
+  if (!log_) return loaded;
+  for (const auto& [id, place] : log_->places()) {
+    try {
+      const auto record = log_->read(id);
+      if (!record) continue;
+      const auto content = record->begin() + static_cast<std::ptrdiff_t>(2 + id.size());
+      loaded.push_back({id, Bytes(content, record->end())});
+    } catch (const LogError&) {
+      continue;
+    }
+  }
+  return loaded;
+}
+
+bool DiskSessionStore::open(bool skips_unreadable) {
+  is_disk_failing_ = false;
+  try {
+    log_.emplace(directory_, segment_bytes, id_of);
+    const RecordLog::Summary summary = log_->replay(skips_unreadable);
+    if (summary.lost_at_most > 0)
+      notice(Severity::error, fmt::format("{} sessions in {} are damaged: those MQTT-SN clients "
+                                          "have to connect again",
+                                          summary.lost_at_most, summary.where));
+    return true;
+  } catch (const LogError& error) {
+    log_.reset();
+    is_disk_failing_ = error.is_io_error();
+    why_closed_ = error.what();
+    return false;
+  }
+}
+
+void DiskSessionStore::report_failure() {
+  if (std::exchange(why_reported_, why_closed_) == why_closed_) return;
+  notice(Severity::warning,
+         fmt::format("sessions of MQTT-SN clients are not kept: {}. After a restart they have to "
+                     "connect again",
+                     why_closed_));
+}
+
+void DiskSessionStore::notice(Severity severity, std::string text) {
+  thread_.report([this, severity, what = std::move(text)] { on_notice_({severity, what, {}}); });
+}
+
+bool DiskSessionStore::write(const Changes& changes) {
+  if (!log_ && !open(false)) {
+    report_failure();
+    return false;
+  }
+  try {
+    if (!log_->log().is_in_place()) log_->log().put_back_in_place();
+    for (const auto& [id, content] : changes) {
+      if (content)
+        log_->put(id, encode(id, *content));
+      else
+        log_->erase(id);
+    }
+    log_->commit(false);
+  } catch (const LogError& error) {
+    log_->drop_pending();
+    why_closed_ = error.what();
+    report_failure();
+    return false;
+  }
+  if (!std::exchange(why_reported_, {}).empty())
+    notice(Severity::notice, "sessions of MQTT-SN clients are kept again");
+  sync_later();
+  return true;
+}
+
+/// One synchronisation for everything that is written in this time.
+void DiskSessionStore::sync_later() {
+  if (std::exchange(is_sync_due_, true)) return;
+  sync_timer_.expires_after(sync_interval);
+  sync_timer_.async_wait([this](boost::system::error_code error) {
+    if (!error && is_sync_due_) sync();
+  });
+}
+
+void DiskSessionStore::sync() {
+  is_sync_due_ = false;
+  try {
+    if (log_) log_->log().synchronise();
+  } catch (const LogError&) {
+    // The next write shows whether the disk works.
+  }
+}
+
+}  // namespace slamgw

@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: Apache-2.0
+// Sessions of MQTT-SN clients in a log of `store.directory`, written on the disk's thread. Without
+// a usable log the daemon goes on, and this tries again.
+//
+//   sessions/    length of the id (2, little-endian), id, content: CBOR (adapters/mqttsn_udp)
+//
+// What is written survives the end of the process at once, and a power cut from the next
+// synchronisation on.
+#pragma once
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <functional>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "daemon/core/messages.hpp"
+#include "daemon/core/session_store.hpp"
+#include "daemon/storage/keyed_log.hpp"
+#include "daemon/storage/store_thread.hpp"
+
+namespace slamgw {
+
+class DiskSessionStore final : public SessionStore {
+ public:
+  /// What a power cut may take back at most.
+  static constexpr std::chrono::seconds sync_interval{5};
+
+  /// `on_notice` is called on the loop's thread, not after stop().
+  DiskSessionStore(boost::asio::io_context& io, const std::string& directory,
+                   std::function<void(Notice)> on_notice, StorePatience patience = {});
+  ~DiskSessionStore() override;
+
+  std::vector<Session> load() override;
+  void save(std::vector<Change> changes) override;
+  bool is_busy() const override;
+  void watch(std::function<void(bool)> on_written) override { on_written_ = std::move(on_written); }
+  /// Writes what is still to be written, once, and waits for that.
+  void stop();
+
+ private:
+  using Changes = std::map<std::string, std::optional<Bytes>>;
+  using Log = KeyedLog<std::string>;
+
+  void write_changes();
+  void on_written(bool is_written, Changes changes);
+
+  // On the disk's thread:
+  std::vector<Session> open_and_load();
+  bool open(bool skips_unreadable);
+  bool write(const Changes& changes);
+  void sync_later();
+  void sync();
+  void report_failure();
+  void notice(Severity severity, std::string text);
+
+  const std::string directory_;
+  const StorePatience patience_;
+  const std::function<void(Notice)> on_notice_;  // the loop's thread only
+
+  // The loop's thread only:
+  Changes changes_;  // the last of each session that is not written and not being written
+  bool is_writing_ = false;
+  std::function<void(bool is_written)> on_written_;  // may be empty
+  boost::asio::steady_timer retry_timer_;
+
+  // The disk's thread only:
+  std::optional<Log> log_;
+  bool is_disk_failing_ = false;  // perhaps for a moment only
+  std::string why_closed_;
+  std::string why_reported_;  // as last logged
+  bool is_sync_due_ = false;  // something is written since the last sync()
+
+  StoreThread thread_;
+  boost::asio::steady_timer sync_timer_;
+};
+
+}  // namespace slamgw

@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: Apache-2.0
+// The message store's shell: keeps a MessageLog in `store.directory` and serves the outbox's
+// requests on the disk's thread, where a commit may take as long as the disk takes; events come
+// back through the loop. Damage costs only what it hit; a disk that fails for a moment costs
+// nothing. While there is no usable log the daemon goes on without a store, and the shell tries
+// again.
+//
+// Once the outbox has got a store (StoreOpened), that store never ends for it: while the disk
+// fails, requests fail, and when it works again they succeed.
+#pragma once
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <functional>
+#include <optional>
+#include <string>
+
+#include "daemon/core/operator_order.hpp"
+#include "daemon/delivery/message_store.hpp"
+#include "daemon/mqtt/settings.hpp"
+#include "daemon/storage/dead_letter_desk.hpp"
+#include "daemon/storage/message_log.hpp"
+#include "daemon/storage/store_thread.hpp"
+
+namespace slamgw {
+
+class DiskStore {
+ public:
+  /// `on_event` is called on the loop's thread, never from inside a call, and not after stop().
+  DiskStore(boost::asio::io_context& io, StoreSettings settings,
+            std::function<void(StoreEvent)> on_event, StorePatience patience = {});
+  ~DiskStore();
+  DiskStore(const DiskStore&) = delete;
+  DiskStore& operator=(const DiskStore&) = delete;
+
+  void start();
+  /// Finishes the earlier requests, closes the log, and waits for both as long as the disk takes.
+  void stop();
+
+  /// The outbox has one write and one load under way; as many more may be from before an opening.
+  void ask(WriteToStore write);
+  void ask(LoadFromStore load);
+  /// `done` is called on the loop's thread, once, or not at all when stop() comes first.
+  void perform(StoreOrder order, OrderDone done);
+
+ private:
+  // On the disk's thread:
+  template <class Request>
+  void serve(const Request& request);
+  void perform(const WriteToStore& write);
+  void perform(const LoadFromStore& load);
+  void serve(const StoreOrder& order, const OrderDone& done);
+  void open();
+  void on_opened();
+  void report_losses();
+  void report_damaged(std::size_t messages);
+  void report_closed();
+  void check_place();
+  void try_again_after(std::chrono::milliseconds time);
+  bool is_given_up() const;
+  void post(StoreEvent event);
+  void notify(Severity severity, std::string text);
+
+  const StoreSettings settings_;
+  const StorePatience patience_;
+  const std::function<void(StoreEvent)> on_event_;  // the loop's thread only
+
+  // The disk's thread only:
+  std::optional<MessageLog> log_;
+  std::uint64_t generation_ = 0;            // openings and absences so far (message_store.hpp)
+  std::optional<TimePoint> closed_since_;   // since the first attempt to open
+  std::optional<TimePoint> failing_since_;  // the disk fails to read
+  std::string why_closed_;
+  std::string why_reported_;  // as last logged
+
+  StoreThread thread_;
+  boost::asio::steady_timer timer_;  // the next attempt to open, or the next check_place()
+  DeadLetterDesk dead_letter_desk_;
+};
+
+}  // namespace slamgw

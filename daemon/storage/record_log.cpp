@@ -1,0 +1,582 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/storage/record_log.hpp"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <unistd.h>
+#include <algorithm>
+#include <boost/crc.hpp>
+#include <cerrno>
+#include <chrono>
+#include <cstring>
+#include <filesystem>
+#include <random>
+#include <set>
+#include <thread>
+#include <tuple>
+
+namespace slamgw {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// A segment's first octets: the last one is the version of the format.
+constexpr std::string_view magic = "slamgwL1";
+constexpr std::size_t header_bytes = 32;  // magic, number, records before, mark (8), 0, checksum
+constexpr std::size_t record_header_bytes = 12;  // checksum, size, index in the segment
+constexpr std::size_t erased_bytes = 8;          // offset, checksum
+constexpr std::size_t tally_bytes = 32;          // segment, records, live (8), id (8), 0, checksum
+constexpr std::uint32_t unknown_records = 0xffffffff;
+/// No offset: stands in a list of erased records for one that is lost and was reported.
+constexpr std::uint32_t reported_loss = 0x80000000;
+/// What the disk reads or fails to read as one.
+constexpr std::size_t block_bytes = 4096;
+/// What may be erased records before sparse_segment() names one: half as much as there are others,
+/// and this many segments.
+constexpr std::uint64_t spare_segments = 4;
+constexpr std::chrono::milliseconds lock_patience{3000};
+constexpr std::chrono::milliseconds lock_poll{50};
+
+std::uint32_t u32_at(ByteView octets, std::size_t offset) {
+  return ByteReader(octets.subspan(offset)).read_u32_le();
+}
+std::uint64_t u64_at(ByteView octets, std::size_t offset) {
+  return ByteReader(octets.subspan(offset)).read_u64_le();
+}
+
+/// False, with errno, when not all of it was written.
+bool write_at(int file, ByteView octets, std::size_t offset) {
+  while (!octets.empty()) {
+    const ssize_t written =
+        ::pwrite(file, octets.data(), octets.size(), static_cast<off_t>(offset));
+    if (written < 0 && errno == EINTR) continue;
+    if (written <= 0) return false;
+    octets = octets.subspan(static_cast<std::size_t>(written));
+    offset += static_cast<std::size_t>(written);
+  }
+  return true;
+}
+
+/// How much of `into` was read: less than all of it at the end of the file. -1, with errno.
+ssize_t read_at(int file, std::span<std::uint8_t> into, std::size_t offset) {
+  std::size_t done = 0;
+  while (done < into.size()) {
+    const ssize_t count =
+        ::pread(file, into.data() + done, into.size() - done, static_cast<off_t>(offset + done));
+    if (count < 0 && errno == EINTR) continue;
+    if (count < 0) return -1;
+    if (count == 0) break;
+    done += static_cast<std::size_t>(count);
+  }
+  return static_cast<ssize_t>(done);
+}
+
+/// The whole file; what the disk does not read is zero in it. Nothing, with errno, when that is not
+/// allowed or nothing could be read.
+std::optional<Bytes> read_file(int file, bool skips_unreadable) {
+  struct stat status {};
+  if (fstat(file, &status) != 0) return std::nullopt;
+  Bytes octets(static_cast<std::size_t>(status.st_size));
+  if (read_at(file, octets, 0) >= 0) return octets;
+  if (!skips_unreadable || errno != EIO) return std::nullopt;
+  bool is_readable = false;
+  for (std::size_t at = 0; at < octets.size(); at += block_bytes) {
+    const std::size_t size = std::min(block_bytes, octets.size() - at);
+    if (read_at(file, std::span(octets).subspan(at, size), at) >= 0)
+      is_readable = true;
+    else
+      std::fill_n(octets.begin() + static_cast<std::ptrdiff_t>(at), size, 0);
+  }
+  errno = EIO;
+  return is_readable ? std::optional(std::move(octets)) : std::nullopt;
+}
+
+bool is_same_file(const std::string& path, int file) {
+  struct stat named {
+  }, open{};
+  return stat(path.c_str(), &named) == 0 && fstat(file, &open) == 0 &&
+         named.st_ino == open.st_ino && named.st_dev == open.st_dev;
+}
+
+/// `<number>-<id>.log`.
+std::optional<std::pair<std::uint32_t, std::uint64_t>> parse_name(const std::string& name) {
+  unsigned number = 0;
+  unsigned long long id = 0;
+  int end = 0;
+  if (std::sscanf(name.c_str(), "%8u-%16llx.log%n", &number, &id, &end) != 2) return std::nullopt;
+  if (end == 0 || static_cast<std::size_t>(end) != name.size()) return std::nullopt;
+  return std::pair{number, id};
+}
+
+}  // namespace
+
+LogError::LogError(const std::string& what, int error)
+    : std::runtime_error(error == 0        ? what
+                         : error == ENOSPC ? what + ": the disk is full: free space there"
+                                           : fmt::format("{}: {}", what, std::strerror(error))),
+      is_io_error_(error == EIO) {}
+
+OwnedFile::~OwnedFile() {
+  if (descriptor_ >= 0) ::close(descriptor_);
+}
+
+void synchronise_directory(const std::string& directory) {
+  const OwnedFile entry(::open(directory.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  if (entry.get() >= 0) fsync(entry.get());
+}
+
+/// What a segment's file holds.
+struct RecordLog::Scan {
+  struct Record {
+    std::uint32_t offset = 0;
+    std::uint32_t size = 0;
+    std::uint32_t index = 0;
+  };
+  Bytes octets;
+  std::uint32_t records_before = unknown_records;
+  std::uint64_t mark = 0;
+  std::vector<Record> intact;
+  std::uint32_t records = 0;  ///< written, as far as this file tells
+  std::set<std::uint32_t> erased;
+  std::size_t unread_erased = 0;  ///< at most this many entries of that list are damaged
+};
+
+RecordLog::RecordLog(std::string directory, std::uint32_t segment_bytes)
+    : directory_(std::move(directory)), segment_bytes_(segment_bytes) {
+  make_directory();
+  lock();
+}
+
+void RecordLog::fail(const std::string& path) const { throw LogError(path, errno); }
+
+/// And the one above it.
+void RecordLog::make_directory() const {
+  const fs::path above = fs::path(directory_).parent_path();
+  std::error_code error;
+  fs::create_directories(above.parent_path(), error);
+  for (const std::string& path : {above.string(), directory_})
+    if (mkdir(path.c_str(), 0700) != 0 && errno != EEXIST) fail(path);
+}
+
+void RecordLog::lock() {
+  const std::string path = directory_ + "/tally";
+  OwnedFile file(::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0600));
+  if (file.get() < 0) fail(path);
+  const auto give_up_at = std::chrono::steady_clock::now() + lock_patience;
+  while (flock(file.get(), LOCK_EX | LOCK_NB) != 0) {
+    if (errno != EWOULDBLOCK) fail(path);
+    if (std::chrono::steady_clock::now() > give_up_at)
+      throw LogError(directory_ +
+                         ": another process has it open, perhaps a second slam-gatewayd: end one "
+                         "of the two",
+                     0);
+    std::this_thread::sleep_for(lock_poll);
+  }
+  tally_file_ = std::move(file);
+}
+
+std::string RecordLog::path_of(std::uint32_t number) const {
+  return fmt::format("{}/{:08}-{:016x}.log", directory_, number, id_);
+}
+
+std::uint32_t RecordLog::checksum(std::initializer_list<std::uint32_t> numbers,
+                                  ByteView octets) const {
+  boost::crc_32_type crc;
+  ByteWriter writer;
+  writer.write_u64_le(id_);
+  for (const std::uint32_t number : numbers) writer.write_u32_le(number);
+  crc.process_bytes(writer.bytes().data(), writer.bytes().size());
+  crc.process_bytes(octets.data(), octets.size());
+  return crc.checksum();
+}
+
+/// Also finds out the log's id: the one that most files have.
+std::map<std::uint32_t, std::string> RecordLog::find_segments() {
+  std::map<std::uint64_t, std::map<std::uint32_t, std::string>> by_id;
+  std::error_code error;
+  for (fs::directory_iterator entry(directory_, error), end; entry != end && !error;
+       entry.increment(error)) {
+    if (const auto name = parse_name(entry->path().filename().string()))
+      by_id[name->second][name->first] = entry->path().string();
+  }
+  if (error) throw LogError(directory_, error.value());
+  const auto largest =
+      std::ranges::max_element(by_id, {}, [](const auto& of_id) { return of_id.second.size(); });
+  if (largest != by_id.end()) {
+    id_ = largest->first;
+    tally_ = read_tally();
+    return largest->second;
+  }
+  std::array<std::uint8_t, tally_bytes> octets{};
+  if (read_at(tally_file_.get(), octets, 0) == static_cast<ssize_t>(octets.size())) {
+    id_ = u64_at(octets, 16);
+    tally_ = read_tally();
+  }
+  std::random_device random;
+  while (!tally_ && (id_ = std::uint64_t{random()} << 32 | random()) == 0) {
+  }
+  return {};
+}
+
+RecordLog::Summary RecordLog::replay(bool skips_unreadable,
+                                     const std::function<void(const Found&)>& on_record) {
+  Summary summary;
+  segments_.clear();
+  std::vector<std::pair<std::uint32_t, Scan>> scans;  // the last two only
+  const auto take = [&](std::uint32_t number, const Scan& scan) {
+    Segment& segment = segments_.at(number);
+    note_missing(number, scan, segment, summary);
+    for (const Scan::Record& record : scan.intact) {
+      if (record.index >= segment.records) break;  // its commit failed
+      const ByteView octets =
+          ByteView(scan.octets).subspan(record.offset + record_header_bytes, record.size);
+      const bool is_erased = scan.erased.contains(record.offset);
+      segment.live += is_erased ? 0 : 1;
+      on_record({{number, record.offset}, octets, is_erased});
+    }
+  };
+  for (const auto& [number, path] : find_segments()) {
+    Segment segment;
+    segment.file = OwnedFile(::open(path.c_str(), O_RDWR | O_CLOEXEC));
+    if (segment.file.get() < 0) fail(path);
+    segments_.emplace(number, std::move(segment));
+    Scan scanned = scan(number, skips_unreadable);
+    segments_.at(number).bytes = static_cast<std::uint32_t>(scanned.octets.size());
+    summary.mark = std::max(summary.mark, scanned.mark);
+    if (!scans.empty()) {
+      auto& [before, former] = scans.back();
+      const bool is_known = scanned.records_before != unknown_records && before + 1 == number;
+      segments_.at(before).records = is_known ? scanned.records_before : former.records;
+      take(before, former);
+      scans.clear();
+    }
+    scans.emplace_back(number, std::move(scanned));
+  }
+  if (!scans.empty()) {
+    const std::uint32_t number = scans.back().first;
+    newest().records = scans.back().second.records;
+    if (tally_ && tally_->segment == number)
+      newest().records = std::max(newest().records, tally_->records);
+    take(number, scans.back().second);
+    next_segment_ = number + 1;
+  }
+  if (tally_) next_segment_ = std::max(next_segment_, tally_->segment + 1);
+  note_missing_segments(summary);
+  mark_ = summary.mark;
+  for (auto& [number, segment] : segments_)
+    if (!segment.unsaved.empty()) save_erased(number, segment, false);
+  remove_dead_segments();
+  if (!write_tally()) fail(directory_);
+  return summary;
+}
+
+RecordLog::Scan RecordLog::scan(std::uint32_t number, bool skips_unreadable) {
+  const std::string path = path_of(number);
+  Scan scan;
+  auto octets = read_file(segments_.at(number).file.get(), skips_unreadable);
+  if (!octets) fail(path);
+  scan.octets = std::move(*octets);
+  const ByteView all(scan.octets);
+  if (all.size() >= header_bytes &&
+      checksum({}, all.first(header_bytes - 4)) == u32_at(all, header_bytes - 4)) {
+    const std::string_view found = as_text(all.first(magic.size()));
+    if (found != magic)
+      throw LogError(fmt::format("{} is left as it is: it was written by a newer version (format "
+                                 "{}, this one knows {})",
+                                 path, found.back(), magic.back()),
+                     0);
+    scan.records_before = u32_at(all, 12);
+    scan.mark = u64_at(all, 16);
+  }
+  // From record to record, and from octet to octet where there is none.
+  std::size_t end = header_bytes;
+  for (std::size_t at = header_bytes; at + record_header_bytes < all.size();) {
+    const std::uint32_t size = u32_at(all, at + 4);
+    const std::uint32_t index = u32_at(all, at + 8);
+    const bool is_possible = size > 0 && size <= all.size() - at - record_header_bytes &&
+                             index >= scan.records &&
+                             index - scan.records <= (at - end) / (record_header_bytes + 1);
+    if (!is_possible || u32_at(all, at) != checksum({number, size, index},
+                                                    all.subspan(at + record_header_bytes, size))) {
+      ++at;
+      continue;
+    }
+    scan.intact.push_back({static_cast<std::uint32_t>(at), size, index});
+    scan.records = index + 1;
+    end = at += record_header_bytes + size;
+  }
+  const OwnedFile erased(::open((path + ".erased").c_str(), O_RDONLY | O_CLOEXEC));
+  if (erased.get() < 0) {
+    if (errno == ENOENT) return scan;
+    fail(path + ".erased");
+  }
+  auto list = read_file(erased.get(), skips_unreadable);
+  if (!list && !skips_unreadable) fail(path + ".erased");
+  std::size_t damaged = 0;
+  for (std::size_t at = 0; list && at < list->size();) {
+    const bool is_entry = at + erased_bytes <= list->size() &&
+                          u32_at(*list, at + 4) == checksum({number, u32_at(*list, at)});
+    if (is_entry) scan.erased.insert(u32_at(*list, at));
+    damaged += is_entry ? 0 : 1;
+    at += is_entry ? erased_bytes : 1;
+  }
+  scan.unread_erased = (damaged + erased_bytes - 1) / erased_bytes;
+  return scan;
+}
+
+void RecordLog::note_missing(std::uint32_t number, const Scan& scan, Segment& segment,
+                             Summary& summary) const {
+  const std::uint32_t written = segment.records;
+  std::set<std::uint32_t> known = scan.erased;
+  for (const Scan::Record& record : scan.intact)
+    if (record.index < written) known.insert(record.offset);
+  const std::size_t missing = written - std::min<std::size_t>(written, known.size());
+  if (missing == 0) return;
+  summary.lost_at_most += missing;
+  summary.lost_at_least += missing - std::min(missing, scan.unread_erased);
+  if (summary.where.empty()) summary.where = path_of(number);
+  for (std::uint32_t mark = reported_loss; segment.unsaved.size() < missing; ++mark)
+    if (!scan.erased.contains(mark)) segment.unsaved.push_back(mark);
+}
+
+/// Where whole segments are gone, only the tally tells.
+void RecordLog::note_missing_segments(Summary& summary) const {
+  if (!tally_) return;
+  const std::uint32_t last = segments_.empty() ? 0 : segments_.rbegin()->first;
+  const bool is_current =
+      last < tally_->segment ||
+      (last == tally_->segment && segments_.rbegin()->second.records <= tally_->records);
+  const std::uint64_t found = live();
+  if (!is_current || tally_->live <= found) return;
+  const std::size_t missing = tally_->live - found;
+  if (missing <= summary.lost_at_least) return;
+  if (summary.where.empty()) summary.where = directory_;
+  summary.lost_at_least = missing;
+  summary.lost_at_most = std::max(summary.lost_at_most, missing);
+}
+
+std::uint64_t RecordLog::live() const {
+  std::uint64_t sum = 0;
+  for (const auto& [number, segment] : segments_) sum += segment.live;
+  return sum;
+}
+
+std::uint64_t RecordLog::bytes() const {
+  std::uint64_t sum = 0;
+  for (const auto& [number, segment] : segments_) sum += segment.bytes;
+  return sum;
+}
+
+RecordLog::Place RecordLog::append(ByteView record) {
+  if (pending_.empty()) {
+    const bool begins = needs_segment_ || newest().bytes >= segment_bytes_;
+    pending_segment_ = begins ? next_segment_ : segments_.rbegin()->first;
+  }
+  const bool is_new = !segments_.contains(pending_segment_);
+  const std::size_t start = is_new ? header_bytes : newest().bytes;
+  const auto size = static_cast<std::uint32_t>(record.size());
+  const std::uint32_t index = (is_new ? 0 : newest().records) + pending_records_++;
+  const Place place{pending_segment_, static_cast<std::uint32_t>(start + pending_.size())};
+  ByteWriter writer;
+  writer.write_u32_le(checksum({pending_segment_, size, index}, record));
+  writer.write_u32_le(size).write_u32_le(index);
+  pending_.insert(pending_.end(), writer.bytes().begin(), writer.bytes().end());
+  pending_.insert(pending_.end(), record.begin(), record.end());
+  return place;
+}
+
+void RecordLog::create_segment(std::uint32_t number) {
+  const std::string path = path_of(number);
+  ByteWriter header;
+  header.write(magic).write_u32_le(number);
+  header.write_u32_le(segments_.contains(number - 1) ? newest().records : unknown_records);
+  header.write_u64_le(mark_).write_u32_le(0);
+  header.write_u32_le(checksum({}, header.bytes()));
+  OwnedFile file(::open(path.c_str(), O_RDWR | O_CREAT | O_TRUNC | O_CLOEXEC, 0600));
+  if (file.get() < 0) fail(path);
+  if (!write_at(file.get(), header.bytes(), 0)) {
+    const int error = errno;
+    ::unlink(path.c_str());
+    throw LogError(path, error);
+  }
+  Segment segment;
+  segment.file = std::move(file);
+  segment.bytes = header_bytes;
+  segments_.emplace(number, std::move(segment));
+  next_segment_ = number + 1;
+  needs_segment_ = false;
+}
+
+void RecordLog::drop_pending() {
+  pending_.clear();
+  pending_records_ = 0;
+}
+
+void RecordLog::commit(bool is_durable) {
+  if (pending_.empty()) return;
+  const Bytes octets = std::exchange(pending_, {});
+  const std::uint32_t records = std::exchange(pending_records_, 0);
+  const bool is_new = !segments_.contains(pending_segment_);
+  if (is_new) create_segment(pending_segment_);
+  Segment& segment = newest();
+  if (!write_at(segment.file.get(), octets, segment.bytes) ||
+      (is_durable && fdatasync(segment.file.get()) != 0)) {
+    // What the disk has of it now is not known: nothing more goes to this segment.
+    const int error = errno;
+    needs_segment_ = true;
+    if (ftruncate(segment.file.get(), segment.bytes) != 0) errno = error;
+    throw LogError(path_of(pending_segment_), error);
+  }
+  if (is_new && is_durable) synchronise_directory(directory_);
+  if (!is_durable) unsynchronised_.insert(pending_segment_);
+  segment.bytes += static_cast<std::uint32_t>(octets.size());
+  segment.records += records;
+  segment.live += records;
+  write_tally();
+  if (is_new) remove_dead_segments();
+}
+
+void RecordLog::erase(std::span<const Place> places, bool is_durable) {
+  std::set<std::uint32_t> touched;
+  for (const Place& place : places) {
+    const auto segment = segments_.find(place.segment);
+    if (segment == segments_.end()) continue;
+    segment->second.live -= segment->second.live > 0 ? 1 : 0;
+    segment->second.unsaved.push_back(place.offset);
+    touched.insert(place.segment);
+  }
+  for (const std::uint32_t number : touched) {
+    Segment& segment = segments_.at(number);
+    const bool is_dead = segment.live == 0 && &segment != &newest();
+    if (!is_dead) save_erased(number, segment, is_durable);
+  }
+  if (!touched.empty()) write_tally();
+  remove_dead_segments();
+}
+
+void RecordLog::save_erased(std::uint32_t number, Segment& segment, bool is_durable) {
+  const OwnedFile list(::open((path_of(number) + ".erased").c_str(),
+                              O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0600));
+  ByteWriter entries;
+  for (const std::uint32_t offset : segment.unsaved)
+    entries.write_u32_le(offset).write_u32_le(checksum({number, offset}));
+  const auto size = static_cast<ssize_t>(entries.bytes().size());
+  if (list.get() < 0 || ::write(list.get(), entries.bytes().data(), entries.bytes().size()) != size)
+    return;
+  if (!is_durable) unsynchronised_.insert(number);
+  if (!is_durable || fdatasync(list.get()) == 0) segment.unsaved.clear();
+}
+
+/// The newest stays: its header has the mark.
+void RecordLog::remove_dead_segments() {
+  if (segments_.empty()) return;
+  for (auto one = segments_.begin(); std::next(one) != segments_.end();) {
+    if (one->second.live > 0) {
+      ++one;
+      continue;
+    }
+    ::unlink(path_of(one->first).c_str());
+    ::unlink((path_of(one->first) + ".erased").c_str());
+    one = segments_.erase(one);
+  }
+}
+
+std::optional<Bytes> RecordLog::read(Place place) const {
+  const auto found = segments_.find(place.segment);
+  if (found == segments_.end()) return std::nullopt;
+  const int file = found->second.file.get();
+  std::array<std::uint8_t, record_header_bytes> header{};
+  const ssize_t count = read_at(file, header, place.offset);
+  if (count < 0) fail(path_of(place.segment));
+  const std::uint32_t size = u32_at(header, 4);
+  if (count != static_cast<ssize_t>(header.size()) || size > found->second.bytes)
+    return std::nullopt;
+  Bytes record(size);
+  const ssize_t length = read_at(file, record, place.offset + record_header_bytes);
+  if (length < 0) fail(path_of(place.segment));
+  if (u32_at(header, 0) != checksum({place.segment, size, u32_at(header, 8)}, record))
+    return std::nullopt;
+  return record;
+}
+
+std::optional<std::uint32_t> RecordLog::sparse_segment() const {
+  std::uint64_t used = 0;
+  std::uint64_t most_erased = 0;
+  std::optional<std::uint32_t> sparsest;
+  for (const auto& [number, segment] : segments_) {
+    const std::uint64_t live = std::uint64_t{segment.bytes} * segment.live;
+    const std::uint64_t erased = segment.bytes - live / std::max(1U, segment.records);
+    used += segment.bytes - erased;
+    if (erased <= most_erased || number == segments_.rbegin()->first) continue;
+    most_erased = erased;
+    sparsest = number;
+  }
+  const bool is_sparse = bytes() > used + used / 2 + spare_segments * segment_bytes_;
+  return is_sparse ? sparsest : std::nullopt;
+}
+
+/// In one write, so that a process that is killed leaves the old one or the new one. After a
+/// failure it is older than the log, which only means that a lost end goes unnoticed.
+bool RecordLog::write_tally() {
+  ByteWriter tally;
+  tally.write_u32_le(segments_.empty() ? next_segment_ - 1 : segments_.rbegin()->first);
+  tally.write_u32_le(segments_.empty() ? 0 : newest().records);
+  tally.write_u64_le(live()).write_u64_le(id_).write_u32_le(0);
+  tally.write_u32_le(checksum({}, tally.bytes()));
+  return write_at(tally_file_.get(), tally.bytes(), 0);
+}
+
+std::optional<RecordLog::Tally> RecordLog::read_tally() {
+  std::array<std::uint8_t, tally_bytes> octets{};
+  if (read_at(tally_file_.get(), octets, 0) != static_cast<ssize_t>(octets.size()))
+    return std::nullopt;
+  const ByteView all(octets);
+  if (checksum({}, all.first(tally_bytes - 4)) != u32_at(all, tally_bytes - 4)) return std::nullopt;
+  return Tally{u32_at(all, 0), u32_at(all, 4), u64_at(all, 8)};
+}
+
+void RecordLog::synchronise() {
+  for (const std::uint32_t number : std::exchange(unsynchronised_, {})) {
+    const auto segment = segments_.find(number);
+    if (segment == segments_.end()) continue;
+    if (fdatasync(segment->second.file.get()) != 0) fail(path_of(number));
+    const OwnedFile list(::open((path_of(number) + ".erased").c_str(), O_WRONLY | O_CLOEXEC));
+    if (list.get() >= 0 && fdatasync(list.get()) != 0) fail(path_of(number) + ".erased");
+  }
+  synchronise_directory(directory_);
+}
+
+bool RecordLog::is_in_place() const {
+  return is_same_file(directory_ + "/tally", tally_file_.get()) &&
+         (segments_.empty() ||
+          is_same_file(path_of(segments_.rbegin()->first), segments_.rbegin()->second.file.get()));
+}
+
+std::vector<std::string> RecordLog::put_back_in_place() {
+  std::vector<std::string> written;
+  make_directory();
+  for (auto& [number, segment] : segments_) {
+    const std::string path = path_of(number);
+    if (is_same_file(path, segment.file.get())) continue;
+    const auto octets = read_file(segment.file.get(), false);
+    if (!octets) fail(path);
+    const std::string copy = path + ".new";
+    OwnedFile file(::open(copy.c_str(), O_RDWR | O_CREAT | O_TRUNC | O_CLOEXEC, 0600));
+    if (file.get() < 0 || !write_at(file.get(), *octets, 0) || fdatasync(file.get()) != 0)
+      fail(copy);
+    std::ignore = ::rename(path.c_str(), (path + ".replaced").c_str());
+    if (::rename(copy.c_str(), path.c_str()) != 0) fail(path);
+    segment.file = std::move(file);
+    written.push_back(path);
+  }
+  if (!is_same_file(directory_ + "/tally", tally_file_.get())) {
+    lock();
+    write_tally();
+  }
+  synchronise_directory(directory_);
+  return written;
+}
+
+}  // namespace slamgw

@@ -1,0 +1,172 @@
+// SPDX-License-Identifier: Apache-2.0
+// An append log of records on disk: numbered segments in a directory, and beside each a list of the
+// records that were erased. Each record has a checksum, so damage costs only what it hit, and a
+// segment whose records are all erased is removed. Blocks; used on the disk's thread.
+//
+//   <number>-<log id>.log          header, then records, one behind the other
+//   <number>-<log id>.log.erased   offset and checksum of each erased record
+//   tally                          the newest segment, its records, and how many live in all;
+//   locked
+//
+// All numbers are little-endian, checksums CRC-32 (ISO-HDLC). A checksum also covers the log's
+// random id, so that no content of a record can pass for a record. Each segment's header has the
+// number of records in the segment before, and the tally that of the newest: so a lost end is
+// noticed.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <optional>
+#include <set>
+#include <span>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "daemon/core/bytes.hpp"
+
+namespace slamgw {
+
+/// The disk did not do what was asked; what() names the file and the reason.
+class LogError : public std::runtime_error {
+ public:
+  /// `error`: an errno.
+  LogError(const std::string& what, int error);
+  /// The disk failed, perhaps for a moment only.
+  bool is_io_error() const { return is_io_error_; }
+
+ private:
+  bool is_io_error_;
+};
+
+/// Makes renames and new files in `directory` durable.
+void synchronise_directory(const std::string& directory);
+
+/// Owns a file descriptor.
+class OwnedFile {
+ public:
+  explicit OwnedFile(int descriptor = -1) : descriptor_(descriptor) {}
+  ~OwnedFile();
+  OwnedFile(OwnedFile&& other) noexcept : descriptor_(std::exchange(other.descriptor_, -1)) {}
+  OwnedFile& operator=(OwnedFile&& other) noexcept {
+    std::swap(descriptor_, other.descriptor_);
+    return *this;
+  }
+  int get() const { return descriptor_; }
+
+ private:
+  int descriptor_;
+};
+
+class RecordLog {
+ public:
+  /// Where a record is, as long as it is not erased.
+  struct Place {
+    std::uint32_t segment = 0;
+    std::uint32_t offset = 0;
+    bool operator==(const Place&) const = default;
+  };
+  struct Found {
+    Place place;
+    ByteView record;  ///< valid during the call
+    bool is_erased = false;
+  };
+  /// What replay() has found. Where a list of erased records is damaged as well, it is not certain
+  /// how many of the missing records were still needed.
+  struct Summary {
+    std::size_t lost_at_least = 0;
+    std::size_t lost_at_most = 0;
+    std::string where;       ///< the first damaged file
+    std::uint64_t mark = 0;  ///< see set_mark()
+  };
+
+  /// Makes the directory (0700), and locks the log; waits up to 3 s for an earlier process. Throws
+  /// LogError.
+  RecordLog(std::string directory, std::uint32_t segment_bytes);
+
+  /// Reads everything, in the order of writing. Call once, before the other members.
+  /// `skips_unreadable`: what the disk cannot read is lost; else LogError is thrown for it. Throws
+  /// LogError also for a log of a newer version.
+  Summary replay(bool skips_unreadable, const std::function<void(const Found&)>& on_record);
+
+  /// Adds a record, which is not empty, to the next commit.
+  Place append(ByteView record);
+  /// Writes what was appended: all of it, or nothing, when it throws LogError. `is_durable`: it
+  /// survives a power cut, else the end of the process only.
+  void commit(bool is_durable);
+  /// Takes back what was appended since the last commit.
+  void drop_pending();
+  /// Erases records. What the disk does not take is written with a later call; until then a new
+  /// process finds the record again.
+  void erase(std::span<const Place> places, bool is_durable);
+  /// Nothing when the record is damaged. Throws LogError when the disk fails.
+  std::optional<Bytes> read(Place place) const;
+
+  /// Remembers `value` at least from the next segment on, even when no record is left.
+  void set_mark(std::uint64_t value) { mark_ = value; }
+  /// The segment with the most erased records, when there are too many of them on disk: its other
+  /// records are to be appended again and erased here.
+  std::optional<std::uint32_t> sparse_segment() const;
+  /// Writes segments that somebody moved, removed or replaced while they were open to their places
+  /// again. Returns the names of those files. Throws LogError.
+  std::vector<std::string> put_back_in_place();
+  bool is_in_place() const;
+
+  const std::string& directory() const { return directory_; }
+  std::uint64_t bytes() const;
+  /// Makes durable what was written without that. Throws LogError.
+  void synchronise();
+
+ private:
+  struct Segment {
+    OwnedFile file;
+    std::uint32_t bytes = 0;
+    std::uint32_t records = 0;  ///< ever written
+    std::uint32_t live = 0;
+    std::vector<std::uint32_t> unsaved;  ///< entries of the list of erased records
+  };
+  struct Tally {
+    std::uint32_t segment = 0;
+    std::uint32_t records = 0;
+    std::uint64_t live = 0;
+  };
+  struct Scan;
+  using Segments = std::map<std::uint32_t, Segment>;  // by number
+
+  void make_directory() const;
+  void lock();
+  std::map<std::uint32_t, std::string> find_segments();
+  Scan scan(std::uint32_t number, bool skips_unreadable);
+  void note_missing(std::uint32_t number, const Scan& scan, Segment& segment,
+                    Summary& summary) const;
+  void note_missing_segments(Summary& summary) const;
+  std::uint32_t begin_record(std::size_t size) const;
+  Segment& newest() { return segments_.rbegin()->second; }
+  void create_segment(std::uint32_t number);
+  void save_erased(std::uint32_t number, Segment& segment, bool is_durable);
+  void remove_dead_segments();
+  bool write_tally();
+  std::optional<Tally> read_tally();
+  std::uint64_t live() const;
+  std::string path_of(std::uint32_t number) const;
+  std::uint32_t checksum(std::initializer_list<std::uint32_t> numbers, ByteView octets = {}) const;
+  [[noreturn]] void fail(const std::string& path) const;
+
+  const std::string directory_;
+  const std::uint32_t segment_bytes_;
+  std::uint64_t id_ = 0;
+  OwnedFile tally_file_;
+  std::optional<Tally> tally_;
+  Segments segments_;
+  std::uint64_t mark_ = 0;
+  std::set<std::uint32_t> unsynchronised_;  // segments that are written, not yet durable
+  bool needs_segment_ = true;               // the next record begins one
+  std::uint32_t next_segment_ = 1;          // its number
+  std::uint32_t pending_segment_ = 0;       // where `pending_` goes
+  Bytes pending_;
+  std::uint32_t pending_records_ = 0;
+};
+
+}  // namespace slamgw
