@@ -12,7 +12,7 @@ NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(MissingRight, what, grant)
 NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(Status::Robots, online, asleep, offline, known, untracked, deaf,
                                    contested)
 NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(Status::Messages, up, down, published, dropped, refused,
-                                   set_aside, rejected, stored, inbound_dropped)
+                                   set_aside, rejected, not_retained, stored, inbound_dropped)
 NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(Status::Commands, open, late)
 NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(Status::Queue, depth, bytes, max_bytes)
 

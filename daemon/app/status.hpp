@@ -59,6 +59,7 @@ struct Status {
     std::uint64_t refused = 0;
     std::uint64_t set_aside = 0;
     std::uint64_t rejected = 0;
+    std::uint64_t not_retained = 0;  ///< the robot has too many retained topics
     std::uint64_t stored = 0;
     std::uint64_t inbound_dropped = 0;  ///< the broker's, lost for want of room in the Handover
   };

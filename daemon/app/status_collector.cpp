@@ -49,6 +49,7 @@ Status::Messages count(const Gateway::Traffic& passed, const Outbox& outbox,
           sent.refused,
           sent.set_aside,
           passed.rejected,
+          passed.not_retained,
           outbox.backlog().stored_total(),
           upstream.inbound_dropped()};
 }

@@ -73,7 +73,7 @@ void Gateway::publish_waiting_wills(const Now& now) {
 void Gateway::pass_up(Report report, const Now& now) {
   const Robot* known = registry_.find(report.robot);
   const bool is_first_by_radio = report.radio && known && !known->radio;
-  const bool retain = report.retain;
+  const bool retain = report.retain && may_retain(report, now);
   Robot* robot = registry_.on_report(report, now);
   withdraw_evicted();
   if (robot && is_first_by_radio) announce(report.robot, *robot, now);  // its presence came before
@@ -89,6 +89,22 @@ void Gateway::pass_up(Report report, const Now& now) {
   if (event.is_rejected) return reject(std::move(event), retain, robot, now);
   ++traffic_.up;
   actions_.push(PassUp{std::move(event), retain});
+}
+
+bool Gateway::may_retain(const Report& report, const Now& now) {
+  if (retained_.admit(report.robot, report.topic, report.payload.empty())) return true;
+  ++traffic_.not_retained;
+  if (const auto count = retained_throttle_.on_event(now.mono))
+    actions_.push(Notice{
+        Severity::warning,
+        fmt::format("{} {}: '{}' is published without its retain flag: a robot may retain {} "
+                    "topics, all together {}{}",
+                    to_string(report.mesh), report.robot, report.topic,
+                    RetainedTopics::max_per_robot, RetainedTopics::max_in_all,
+                    *count > 1 ? fmt::format("; {} like it since the last line", *count) : ""),
+        report.robot,
+        {}});
+  return false;
 }
 
 Upload PassUp::upload() {
@@ -470,6 +486,12 @@ void Gateway::on_configured(std::set<std::string> robots, const Now&) {
 }
 
 std::string Gateway::forget(const std::string& robot) {
+  std::string refusal = drop(robot);
+  if (refusal.empty()) retained_.forget(robot);
+  return refusal;
+}
+
+std::string Gateway::drop(const std::string& robot) {
   if (!is_valid_level(robot)) return "a robot's id is one topic level";
   const Robot* known = registry_.find(robot);
   if (known && known->presence().presence != Presence::offline)

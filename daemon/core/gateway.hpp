@@ -17,6 +17,7 @@
 #include "daemon/core/normalizer.hpp"
 #include "daemon/core/open_receipts.hpp"
 #include "daemon/core/protocol_machine.hpp"
+#include "daemon/core/retained_topics.hpp"
 #include "daemon/core/rights_probe.hpp"
 #include "daemon/core/robot_registry.hpp"
 #include "daemon/core/topic_scheme.hpp"
@@ -95,6 +96,7 @@ class Gateway {
     std::uint64_t down = 0;           ///< broker messages that were given to a mesh
     std::uint64_t rejected = 0;       ///< payloads that `payload.update` could not read
     std::uint64_t late_outcomes = 0;  ///< of commands that had ended already
+    std::uint64_t not_retained = 0;   ///< published without the retain flag that they had
   };
 
   /// `broker` outlives it.
@@ -172,7 +174,8 @@ class Gateway {
   void handle(Report report, const Now& now);
   void handle(PresenceChange change, const Now& now);
   void handle(SignOfLife sign, const Now& now);
-  void handle(SessionEvicted evicted, const Now&) { forget(evicted.robot); }
+  /// What it has retained still counts: else names that come and go could retain without end.
+  void handle(SessionEvicted evicted, const Now&) { drop(evicted.robot); }
   void handle(CommandOutcome outcome, const Now& now);
   void handle(LinkChange change, const Now& now);
   void handle(MeshStep step, const Now& now);
@@ -180,6 +183,8 @@ class Gateway {
   /// The rest is about robots' sessions.
   template <class Other>
   void handle(const Other&, const Now&) {}
+  std::string drop(const std::string& robot);
+  bool may_retain(const Report& report, const Now& now);
   void pass_up(Report report, const Now& now);
   CommandId deliver(RobotMessage message, const Now& now);
   void refuse_strays(const Now& now);
@@ -220,6 +225,8 @@ class Gateway {
   CommandLedger commands_;
   StrayCommands strays_;
   LogThrottle unknown_throttle_;
+  RetainedTopics retained_;
+  LogThrottle retained_throttle_;
   OpenReceipts open_receipts_;
   Traffic traffic_;
   PerMesh<LinkState> mesh_links_;

@@ -50,6 +50,54 @@ TEST_F(GatewayTest, PutsUnreadableUpdatesUnderRejectedAndSaysSoOncePerBurst) {
   EXPECT_EQ(gateway.traffic().rejected, 5u);
 }
 
+TEST_F(GatewayTest, RetainsSoManyTopicsOfARobotAndSoManyInAll) {
+  const auto is_retained = [&](int robot, int type, const char* text) {
+    const std::string name = "r" + std::to_string(robot);
+    say(Report{.mesh = Mesh::thread,
+               .robot = name,
+               .topic = "ntnu-slam/robot/" + name + "/t" + std::to_string(type),
+               .payload = to_bytes(text),
+               .retain = true,
+               .receipt = no_receipt});
+    const auto up = drain<PassUp>();
+    EXPECT_EQ(up.size(), 1u) << "it is published in any case";
+    return !up.empty() && up[0].retain;
+  };
+  constexpr int most = RetainedTopics::max_per_robot;
+  for (int type = 0; type < most; ++type) EXPECT_TRUE(is_retained(0, type, "x"));
+  EXPECT_FALSE(is_retained(0, most, "x"));
+  EXPECT_TRUE(is_retained(0, 3, "y")) << "a new value of one that it has";
+  EXPECT_TRUE(is_retained(0, 3, "")) << "cleared";
+  EXPECT_TRUE(is_retained(0, most, "x")) << "in its place";
+  EXPECT_TRUE(is_retained(0, most + 1, "")) << "clearing costs nothing";
+  int retained = 0;
+  for (int robot = 1; robot < 500; ++robot)
+    for (int type = 0; type < most; ++type) retained += is_retained(robot, type, "x") ? 1 : 0;
+  EXPECT_EQ(retained, static_cast<int>(RetainedTopics::max_in_all) - most);
+  EXPECT_GT(gateway.traffic().not_retained, 3000u);
+}
+
+TEST_F(GatewayTest, SaysOnceInABurstThatARobotRetainsTooMuch) {
+  std::size_t notices = 0;
+  for (int type = 0; type < 200; ++type) {
+    gateway.on_mesh_event(Report{.mesh = Mesh::thread,
+                                 .robot = "r",
+                                 .topic = "ntnu-slam/robot/r/t" + std::to_string(type),
+                                 .payload = to_bytes("x"),
+                                 .retain = true,
+                                 .receipt = no_receipt},
+                          now);
+    while (auto action = gateway.next_action())
+      if (const auto* notice = std::get_if<Notice>(&*action)) {
+        ++notices;
+        EXPECT_NE(notice->text.find("'ntnu-slam/robot/r/t16' is published without"),
+                  std::string::npos)
+            << notice->text;
+      }
+  }
+  EXPECT_EQ(notices, 1u);
+}
+
 TEST_F(GatewayTest, PublishesPresenceRetained) {
   broker_comes();
   say(PresenceChange{Mesh::ble, "ble-0100", Presence::online, "0x0100"});
