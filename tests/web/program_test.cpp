@@ -1,11 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
-// The built slam-gateway-web: how it ends when it cannot serve.
+// The built slam-gateway-web: how it ends when it cannot serve, and that it serves on beside
+// clients that take what they can. All of them come from loopback, where one address may take
+// everything.
 #include <gtest/gtest.h>
 
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/read.hpp>
+#include <boost/asio/write.hpp>
+#include <list>
+#include <optional>
+#include <string>
 
 #include "tests/support/child_process.hpp"
+#include "tests/support/eventually.hpp"
+#include "tests/support/free_port.hpp"
 #include "tests/support/temp_dir.hpp"
 
 namespace slamgw::web::test {
@@ -26,6 +35,50 @@ TEST(WebProgram, SaysInOneSentenceThatItsAddressIsInUse) {
   const std::string told = slamgw::test::read_file(directory / "err");
   EXPECT_NE(told.find("web.listen: can't use " + address + ": Address already in use\n"), told.npos)
       << told;
+}
+
+class WebProgramUnderLoad : public testing::Test {
+ protected:
+  void SetUp() override {
+    slamgw::test::write_file(directory_ / "token", "0123456789abcdef\n", 0600);
+    slamgw::test::write_file(directory_ / "gateway.json",
+                             R"({"web": {"token_file": "token", "listen": "127.0.0.1:)" +
+                                 std::to_string(address_.port()) + "\"}}");
+    web_.emplace(std::vector<std::string>{SLAMGW_WEB, "--config", directory_ / "gateway.json"},
+                 directory_ / "out", directory_ / "err");
+    ASSERT_TRUE(slamgw::test::eventually([&] {
+      boost::system::error_code error;
+      tcp::socket(io_).connect(address_, error);
+      return !error;
+    })) << slamgw::test::read_file(directory_ / "err");
+  }
+
+  tcp::socket ask(const std::string& request) {
+    tcp::socket socket(io_);
+    socket.connect(address_);
+    boost::asio::write(socket, boost::asio::buffer(request));
+    return socket;
+  }
+  std::string status_of_the_page() {
+    tcp::socket socket = ask("GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n");
+    std::string status(12, ' ');
+    boost::system::error_code error;
+    boost::asio::read(socket, boost::asio::buffer(status), error);
+    return error ? error.message() : status;
+  }
+
+  const slamgw::test::TempDir directory_;
+  const tcp::endpoint address_{boost::asio::ip::address_v4::loopback(),
+                               slamgw::test::free_tcp_port()};
+  boost::asio::io_context io_;
+  std::optional<slamgw::test::ChildProcess> web_;
+};
+
+TEST_F(WebProgramUnderLoad, AnswersBesideMoreHalfRequestsThanItHasPlacesFor) {
+  std::list<tcp::socket> half;
+  for (int i = 0; i < 300; ++i) half.push_back(ask("GET / HTTP/1.1\r\nHo"));
+  EXPECT_EQ(status_of_the_page(), "HTTP/1.1 200");
+  EXPECT_EQ(status_of_the_page(), "HTTP/1.1 200");
 }
 
 }  // namespace

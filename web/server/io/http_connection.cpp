@@ -23,19 +23,21 @@ Request request_of(const http::request<http::empty_body>& message) {
 
 }  // namespace
 
-HttpConnection::HttpConnection(boost::asio::ip::tcp::socket socket, WebServer& server)
-    : stream_(std::move(socket)), server_(server) {
-  ++server_.connections();
+HttpConnection::HttpConnection(boost::asio::ip::tcp::socket socket, WebServer& server,
+                               const Client& client)
+    : stream_(std::move(socket)),
+      server_(server),
+      client_(client),
+      place_(server.places().take(client)) {
   beast::error_code ignored;
   stream_.socket().set_option(boost::asio::ip::tcp::no_delay(true), ignored);
 }
-
-HttpConnection::~HttpConnection() { --server_.connections(); }
 
 void HttpConnection::read() {
   parser_.emplace();
   parser_->header_limit(max_header_bytes);
   stream_.expires_after(idle_limit);
+  server_.places().set_waiting(place_, [this] { stream_.close(); });
   http::async_read(stream_, input_, *parser_,
                    [self = shared_from_this()](beast::error_code error, std::size_t) {
                      if (!error) self->on_request();
@@ -43,12 +45,9 @@ void HttpConnection::read() {
 }
 
 void HttpConnection::on_request() {
+  server_.places().set_waiting(place_, nullptr);
   Answer answer = server_.answers().to(request_of(parser_->get()));
-  if (answer.is_web_socket && server_.hub().has_room()) {
-    std::make_shared<PageConnection>(std::move(stream_), server_.hub())->accept(parser_->get());
-    return;
-  }
-  if (answer.is_web_socket) answer = refuse(503, "Too many pages are open.");
+  if (answer.is_web_socket && becomes_page(answer)) return;
   if (answer.is_metrics) {
     scrape_ = server_.hub().begin_scrape();
     if (scrape_) return send_metrics(std::move(answer));
@@ -56,6 +55,22 @@ void HttpConnection::on_request() {
   }
   if (answer.status >= 400) server_.hub().count_refused_request();
   send(std::move(answer));
+}
+
+bool HttpConnection::becomes_page(Answer& answer) {
+  PageHub& hub = server_.hub();
+  const Places::Room room = hub.places().room_for(client_);
+  if (room == Places::Room::free) {
+    std::make_shared<PageConnection>(std::move(stream_), hub, client_, place_)
+        ->accept(parser_->get());
+    return true;
+  }
+  answer = refuse(503, "Too many pages are open.");
+  if (room == Places::Room::share_is_taken) {
+    answer = refuse(503, "Too many pages are open from this address.");
+    hub.report_taken_share(client_);
+  }
+  return false;
 }
 
 void HttpConnection::send_metrics(Answer answer) {

@@ -19,8 +19,8 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   static constexpr std::chrono::seconds idle_limit{20};
   static constexpr unsigned max_header_bytes = 8192;
 
-  HttpConnection(boost::asio::ip::tcp::socket socket, WebServer& server);
-  ~HttpConnection();
+  /// Takes a place, which the caller has found free.
+  HttpConnection(boost::asio::ip::tcp::socket socket, WebServer& server, const Client& client);
   void read();
 
  private:
@@ -28,12 +28,15 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   using Response = boost::beast::http::response<boost::beast::http::string_body>;
 
   void on_request();
+  bool becomes_page(Answer& answer);
   void send_metrics(Answer answer);
   void send(Answer answer);
   void on_sent();
 
   boost::beast::tcp_stream stream_;
   WebServer& server_;
+  const Client client_;
+  const HeldPlace place_;
   boost::beast::flat_buffer input_;
   std::optional<Parser> parser_;
   Response response_;

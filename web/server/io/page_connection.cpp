@@ -17,9 +17,13 @@ constexpr std::chrono::seconds handshake_limit{10};
 
 }  // namespace
 
-PageConnection::PageConnection(beast::tcp_stream stream, PageHub& hub)
-    : socket_(std::move(stream)), hub_(hub), session_(hub.new_session()) {
-  hub_.count_connection();
+PageConnection::PageConnection(beast::tcp_stream stream, PageHub& hub, const Client& client,
+                               HeldPlace place)
+    : socket_(std::move(stream)),
+      hub_(hub),
+      place_(std::move(place)),
+      page_place_(hub.places().take(client)),
+      session_(hub.new_session()) {
   beast::get_lowest_layer(socket_).expires_never();  // the WebSocket has limits of its own
   socket_.set_option(websocket::stream_base::timeout{handshake_limit, silence_limit, true});
   socket_.set_option(websocket::stream_base::decorator([](websocket::response_type& response) {
@@ -30,10 +34,7 @@ PageConnection::PageConnection(beast::tcp_stream stream, PageHub& hub)
   socket_.auto_fragment(false);  // else a system call for each 4 KiB
 }
 
-PageConnection::~PageConnection() {
-  hub_.leave(*this);
-  hub_.count_end();
-}
+PageConnection::~PageConnection() { hub_.leave(*this); }
 
 void PageConnection::accept(const beast::http::request<beast::http::empty_body>& request) {
   socket_.async_accept(request, [self = shared_from_this()](beast::error_code error) {

@@ -20,7 +20,9 @@ class PageConnection : public std::enable_shared_from_this<PageConnection> {
   /// A page that takes nothing for so long is gone.
   static constexpr std::chrono::seconds silence_limit{30};
 
-  PageConnection(boost::beast::tcp_stream stream, PageHub& hub);
+  /// `place`: of the connection. It takes a page's place too, which the caller has found free.
+  PageConnection(boost::beast::tcp_stream stream, PageHub& hub, const Client& client,
+                 HeldPlace place);
   ~PageConnection();
 
   void accept(const boost::beast::http::request<boost::beast::http::empty_body>& request);
@@ -40,6 +42,8 @@ class PageConnection : public std::enable_shared_from_this<PageConnection> {
 
   boost::beast::websocket::stream<boost::beast::tcp_stream> socket_;
   PageHub& hub_;
+  const HeldPlace place_;
+  const HeldPlace page_place_;
   PageSession session_;
   PageQueue queue_;
   std::string writing_;

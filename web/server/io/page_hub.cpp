@@ -94,6 +94,12 @@ void PageHub::leave(PageConnection& page) {
   if (pages_.erase(&page) > 0) dropped_by_gone_ += page.dropped();
 }
 
+void PageHub::report_taken_share(const Client& client) {
+  if (taken_shares_.add(client, std::chrono::steady_clock::now()) > 1) return;
+  log_event(Severity::warning,
+            client.name + " has as many connections as one address may have: more are refused");
+}
+
 std::string PageHub::publish(const CommandRequest& command) {
   const auto id = link_.publish(command.topic, command.payload);
   if (!id) return refusal(command.topic, "the broker is away: " + why_);

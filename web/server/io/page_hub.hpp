@@ -14,10 +14,12 @@
 #include <string>
 
 #include "daemon/config/config.hpp"
+#include "web/server/client_counts.hpp"
 #include "web/server/io/broker_link.hpp"
 #include "web/server/last_known.hpp"
 #include "web/server/metrics.hpp"
 #include "web/server/page_session.hpp"
+#include "web/server/places.hpp"
 #include "web/server/topics.hpp"
 
 namespace slamgw::web {
@@ -32,10 +34,8 @@ class PageHub {
   PageHub(boost::asio::io_context& io, const Config& config, std::string token,
           std::string version);
 
-  /// Counted from its request on, so that many at once do not pass together.
-  bool has_room() const { return connections_ < max_pages; }
-  void count_connection() { ++connections_; }
-  void count_end() { --connections_; }
+  /// Taken from a page's request on, so that many at once do not pass together.
+  Places& places() { return places_; }
   /// The page gets what is known; then everything as it comes, until leave().
   void join(PageConnection& page);
   void leave(PageConnection& page);
@@ -44,6 +44,8 @@ class PageHub {
   std::string publish(const CommandRequest& command);
 
   void count_refused_request() { ++own_.requests_refused; }
+  /// One line of the log until a minute has passed without another of this client.
+  void report_taken_share(const Client& client);
 
   /// Metrics that are made, or wait until somebody has read them. Prometheus asks with one
   /// connection; of many robots the text has megabytes.
@@ -78,7 +80,8 @@ class PageHub {
   OutcomeCounts outcomes_;
   OwnNumbers own_;
   std::uint64_t dropped_by_gone_ = 0;
-  std::size_t connections_ = 0;
+  Places places_{max_pages};
+  ClientCounts taken_shares_;  ///< what was refused because its client has its share
   std::set<PageConnection*> pages_;
   std::deque<std::pair<int, std::string>> sent_;  ///< topics of the newest commands
   std::shared_ptr<unsigned> scrapes_ = std::make_shared<unsigned>(0);

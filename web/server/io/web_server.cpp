@@ -24,6 +24,11 @@ tcp::endpoint endpoint_of(const std::string& listen) {
           static_cast<std::uint16_t>(std::stoul(listen.substr(colon + 1)))};
 }
 
+Client client_at(const asio::ip::address& address) {
+  if (address.is_v4()) return client_of(address.to_v4().to_bytes());
+  return client_of(address.to_v6().to_bytes());
+}
+
 }  // namespace
 
 WebServer::WebServer(asio::io_context& io, const Settings& settings, PageHub& hub)
@@ -37,16 +42,27 @@ WebServer::WebServer(asio::io_context& io, const Settings& settings, PageHub& hu
 void WebServer::accept() {
   acceptor_.async_accept([this](boost::system::error_code error, tcp::socket socket) {
     if (error == asio::error::operation_aborted) return;
-    if (!error && connections_ < max_connections)
-      std::make_shared<HttpConnection>(std::move(socket), *this)->read();
-    else if (!error)
-      hub_.count_refused_request();
-    if (!error) return accept();
+    if (!error) {
+      admit(std::move(socket));
+      return accept();
+    }
     pause_.expires_after(pause_after_failure);
     pause_.async_wait([this](boost::system::error_code end) {
       if (!end) accept();
     });
   });
+}
+
+void WebServer::admit(tcp::socket socket) {
+  boost::system::error_code error;
+  const asio::ip::address address = socket.remote_endpoint(error).address();
+  if (error) return;  // it has gone already
+  const Client client = client_at(address);
+  const Places::Room room = places_.room_for(client);
+  if (room == Places::Room::share_is_taken) hub_.report_taken_share(client);
+  if (room != Places::Room::free) hub_.count_refused_request();  // this one, or what gives way
+  if (!places_.make_room_for(client)) return;
+  std::make_shared<HttpConnection>(std::move(socket), *this, client)->read();
 }
 
 }  // namespace slamgw::web

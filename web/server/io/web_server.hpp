@@ -22,16 +22,17 @@ class WebServer {
 
   const Answers& answers() const { return answers_; }
   PageHub& hub() { return hub_; }
-  std::size_t& connections() { return connections_; }
+  Places& places() { return places_; }
 
  private:
   void accept();
+  void admit(boost::asio::ip::tcp::socket socket);
 
   PageHub& hub_;
   Answers answers_;
   boost::asio::ip::tcp::acceptor acceptor_;
   boost::asio::steady_timer pause_;  ///< after a failure, of which too many open files is one
-  std::size_t connections_ = 0;
+  Places places_{max_connections};
 };
 
 }  // namespace slamgw::web

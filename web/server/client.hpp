@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: Apache-2.0
+// Who a connection comes from, as bounds and the log see it: an IPv4 address, or the /64 of an
+// IPv6 address, for a host gets a whole /64 and can use each address of it. Pure.
+#pragma once
+
+#include <span>
+#include <string>
+
+namespace slamgw::web {
+
+struct Client {
+  std::string name;  ///< `192.0.2.7`, `2001:db8:0:1::/64`
+  /// Behind a reverse proxy all clients come from loopback, so no bound for one address holds
+  /// there.
+  bool is_loopback = false;
+};
+
+/// `address`: 4 or 16 octets. IPv4 addresses in IPv6's form (RFC 4291 section 2.5.5.2) are IPv4.
+Client client_of(std::span<const unsigned char> address);
+
+}  // namespace slamgw::web

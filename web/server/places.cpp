@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "web/server/places.hpp"
+
+#include <algorithm>
+#include <utility>
+
+namespace slamgw::web {
+
+Places::Room Places::room_for(const Client& client) const {
+  const auto own = std::count_if(connections_.begin(), connections_.end(), [&](const auto& entry) {
+    return entry.second.client.name == client.name;
+  });
+  if (!client.is_loopback && static_cast<std::size_t>(own) >= share_) return Room::share_is_taken;
+  return connections_.size() < max_ ? Room::free : Room::all_are_taken;
+}
+
+HeldPlace Places::take(const Client& client) {
+  const std::uint64_t number = ++last_;
+  connections_[number].client = client;
+  return {new std::uint64_t(number), [this](const std::uint64_t* place) {
+            connections_.erase(*place);
+            delete place;
+          }};
+}
+
+void Places::set_waiting(const HeldPlace& place, std::function<void()> give_way) {
+  const auto found = connections_.find(*place);
+  if (found == connections_.end()) return;  // it has given way already
+  found->second.waits_since = ++last_;
+  found->second.give_way = std::move(give_way);
+}
+
+bool Places::make_room_for(const Client& client) {
+  const Room room = room_for(client);
+  if (room == Room::free) return true;
+  auto oldest = connections_.end();
+  for (auto each = connections_.begin(); each != connections_.end(); ++each) {
+    const Connection& connection = each->second;
+    if (!connection.give_way) continue;
+    if (room == Room::share_is_taken && connection.client.name != client.name) continue;
+    if (oldest == connections_.end() || connection.waits_since < oldest->second.waits_since)
+      oldest = each;
+  }
+  if (oldest == connections_.end()) return false;
+  const auto give_way = std::move(oldest->second.give_way);
+  connections_.erase(oldest);
+  give_way();
+  return true;
+}
+
+}  // namespace slamgw::web
