@@ -21,7 +21,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const std::string input(reinterpret_cast<const char*>(data), size);
   static const Topics topics("p");
   static const std::string token = "0123456789abcdef";
-  PageSession session(topics, token);
+  ClientCounts guesses;
+  PageSession session(topics, token, guesses, {"192.0.2.1"});
   session.on_text(R"({"topic":"$web/token","payload":"0123456789abcdef"})", {});
   const PageSession::Reaction reaction = session.on_text(input, {});
   if (!reaction.reply.empty()) require(nlohmann::json::accept(reaction.reply));

@@ -12,11 +12,14 @@ class WebSession : public testing::Test {
  protected:
   Topics topics{"ntnu-slam"};
   std::string token = "0123456789abcdef";
-  PageSession session{topics, token};
+  ClientCounts guesses;
+  PageSession session = of("192.0.2.1");
   PageSession::TimePoint now{};
 
+  PageSession of(std::string client) { return {topics, token, guesses, {std::move(client)}}; }
   PageSession::Reaction say(std::string_view text) { return session.on_text(text, now); }
   static constexpr const char* right = R"({"topic":"$web/token","payload":"0123456789abcdef"})";
+  static constexpr const char* wrong = R"({"topic":"$web/token","payload":"guess"})";
   static constexpr const char* stop = R"({"topic":"ntnu-slam/server/r/run","payload":"stop"})";
 };
 
@@ -63,7 +66,6 @@ TEST_F(WebSession, BadMessagesAreRefusedAndHarmNothing) {
 }
 
 TEST_F(WebSession, EndsAfterThreeWrongTokens) {
-  constexpr const char* wrong = R"({"topic":"$web/token","payload":"guess"})";
   EXPECT_FALSE(say(wrong).ends);
   EXPECT_FALSE(say(wrong).ends);
   EXPECT_TRUE(say(wrong).ends);
@@ -78,9 +80,80 @@ TEST_F(WebSession, AWrongTokenTakesTheRightBack) {
 
 TEST_F(WebSession, NobodyKnowsATokenThatIsNotSet) {
   const std::string none;
-  PageSession watching(topics, none);
+  PageSession watching(topics, none, guesses, {"192.0.2.1"});
   watching.on_text(R"({"topic":"$web/token","payload":""})", now);
+  EXPECT_EQ(guesses.total(), 0u) << "there is nothing to guess";
   EXPECT_FALSE(watching.on_text(stop, now).publish);
+}
+
+/// Each guess comes on a connection of its own, as guesses do that want to be quick.
+class WebTokenGuesses : public WebSession {
+ protected:
+  PageSession::Reaction guess(std::string client = "192.0.2.1") {
+    return of(std::move(client)).on_text(wrong, now);
+  }
+  void guess_times(int times) {
+    for (int i = 0; i < times; ++i) guess();
+  }
+};
+
+TEST_F(WebTokenGuesses, GetLaterAnswersAfterFiveWrongOnesFromOneAddress) {
+  for (int i = 0; i < 5; ++i) EXPECT_EQ(guess().delay, 0s);
+  for (const auto delay : {1s, 2s, 4s, 8s, 16s, 30s, 30s}) EXPECT_EQ(guess().delay, delay);
+  guess_times(100);
+  EXPECT_EQ(guess().delay, 30s);
+  EXPECT_EQ(guess("192.0.2.2").delay, 0s) << "another address";
+}
+
+TEST_F(WebTokenGuesses, AreForgottenAfterAMinuteWithoutOne) {
+  guess_times(20);
+  now += ClientCounts::quiet_time;
+  EXPECT_EQ(guess().delay, 30s);
+  now += ClientCounts::quiet_time + 1s;
+  EXPECT_EQ(guess().delay, 0s);
+}
+
+TEST_F(WebTokenGuesses, AreReportedOnceWithAddressAndNumber) {
+  std::string reports;
+  for (int i = 0; i < 1000; ++i) reports += guess().report;
+  EXPECT_EQ(reports, "6 wrong tokens from 192.0.2.1: answers to more of them are delayed");
+  EXPECT_EQ(guesses.total(), 1000u);
+  now += ClientCounts::quiet_time + 1s;
+  guess_times(5);
+  EXPECT_FALSE(guess().report.empty()) << "a new burst";
+}
+
+TEST_F(WebTokenGuesses, DoNotDelayARightTokenWhichEndsTheDelays) {
+  guess_times(20);
+  const auto late = say(wrong);
+  EXPECT_EQ(late.delay, 30s);
+  const auto reaction = say(right);
+  EXPECT_EQ(reaction.delay, 0s);
+  EXPECT_TRUE(reaction.drops_delayed_reply) << "else the page would hear that it was wrong";
+  EXPECT_FALSE(reaction.ends);
+  EXPECT_TRUE(say(stop).publish);
+  EXPECT_EQ(guess().delay, 0s);
+}
+
+TEST_F(WebTokenGuesses, EndTheConnectionThatDoesNotWaitForTheAnswer) {
+  guess_times(5);
+  EXPECT_FALSE(say(wrong).ends);
+  const auto reaction = say(wrong);
+  EXPECT_TRUE(reaction.ends);
+  EXPECT_EQ(reaction.delay, 0s);
+  EXPECT_EQ(guesses.total(), 7u) << "it counts too";
+}
+
+TEST(WebClientCounts, ForgetTheClientThatWasQuietLongest) {
+  ClientCounts counts;
+  ClientCounts::TimePoint now{};
+  for (std::size_t i = 0; i < 3 * ClientCounts::max_clients; ++i) {
+    counts.add({"busy"}, now);
+    counts.add({std::to_string(i)}, now += 1ms);
+  }
+  EXPECT_EQ(counts.clients(), ClientCounts::max_clients);
+  EXPECT_GT(counts.add({"busy"}, now), 2 * ClientCounts::max_clients);
+  EXPECT_EQ(counts.add({"0"}, now), 1u);
 }
 
 TEST_F(WebSession, SendsSoManyCommandsASecond) {

@@ -8,6 +8,9 @@
 #include <boost/asio/ip/tcp.hpp>
 #include <boost/asio/read.hpp>
 #include <boost/asio/write.hpp>
+#include <boost/beast/core.hpp>
+#include <boost/beast/websocket.hpp>
+#include <csignal>
 #include <list>
 #include <optional>
 #include <string>
@@ -39,6 +42,11 @@ TEST(WebProgram, SaysInOneSentenceThatItsAddressIsInUse) {
 
 class WebProgramUnderLoad : public testing::Test {
  protected:
+  using Page = boost::beast::websocket::stream<tcp::socket>;
+  static constexpr const char* wrong = R"({"topic":"$web/token","payload":"a-wrong-token"})";
+  static constexpr const char* right = R"({"topic":"$web/token","payload":"0123456789abcdef"})";
+  static constexpr const char* command = R"({"topic":"ntnu-slam/server/r/run","payload":"stop"})";
+
   void SetUp() override {
     slamgw::test::write_file(directory_ / "token", "0123456789abcdef\n", 0600);
     slamgw::test::write_file(directory_ / "gateway.json",
@@ -66,6 +74,23 @@ class WebProgramUnderLoad : public testing::Test {
     boost::asio::read(socket, boost::asio::buffer(status), error);
     return error ? error.message() : status;
   }
+  Page open_page() {
+    Page page(io_);
+    page.next_layer().connect(address_);
+    page.handshake("127.0.0.1", "/api");
+    return page;
+  }
+  static void say(Page& page, const std::string& text) { page.write(boost::asio::buffer(text)); }
+  /// Everything up to the message with this text.
+  static std::string hear(Page& page, const std::string& text) {
+    std::string heard;
+    while (heard.find(text) == heard.npos) {
+      boost::beast::flat_buffer message;
+      page.read(message);
+      heard += boost::beast::buffers_to_string(message.data());
+    }
+    return heard;
+  }
 
   const slamgw::test::TempDir directory_;
   const tcp::endpoint address_{boost::asio::ip::address_v4::loopback(),
@@ -79,6 +104,25 @@ TEST_F(WebProgramUnderLoad, AnswersBesideMoreHalfRequestsThanItHasPlacesFor) {
   for (int i = 0; i < 300; ++i) half.push_back(ask("GET / HTTP/1.1\r\nHo"));
   EXPECT_EQ(status_of_the_page(), "HTTP/1.1 200");
   EXPECT_EQ(status_of_the_page(), "HTTP/1.1 200");
+}
+
+TEST_F(WebProgramUnderLoad, AnswersAllButWrongTokensAtOnceBesideThem) {
+  std::list<Page> guessing;
+  for (int i = 0; i < 11; ++i) {
+    Page& page = guessing.emplace_back(open_page());
+    say(page, wrong);
+    say(page, command);
+    const std::string heard = hear(page, "$web/refused");
+    EXPECT_EQ(heard.find(R"("accepted":false)") == heard.npos, i >= 5) << i;
+  }
+  // The last guess would be answered in half a minute. A right token is answered in its place.
+  say(guessing.back(), right);
+  EXPECT_EQ(hear(guessing.back(), R"("accepted":)").find(R"("accepted":false)"), std::string::npos);
+  const std::string told = slamgw::test::read_file(directory_ / "err");
+  EXPECT_NE(told.find("6 wrong tokens from 127.0.0.1"), told.npos) << told;
+  // The others still wait for their answers when the program ends.
+  web_->send_signal(SIGTERM);
+  EXPECT_EQ(web_->wait(), 0);
 }
 
 }  // namespace

@@ -66,6 +66,8 @@ void add_own(Exposition& out, const OwnNumbers& own) {
   out.add("slamgw_web_refused_requests_total",
           "Requests refused: wrong Host or Origin, no such page, or no room.", {},
           count(own.requests_refused));
+  out.add("slamgw_web_wrong_tokens_total", "Wrong tokens that pages sent.", {},
+          count(own.wrong_tokens));
   out.add("slamgw_web_cpu_seconds_total", "CPU time of slam-gateway-web.", {}, own.cpu_seconds);
   out.add("slamgw_web_resident_memory_bytes", "Memory of slam-gateway-web.", {},
           count(own.resident_bytes));

@@ -24,6 +24,7 @@ struct OwnNumbers {
   std::uint64_t messages_dropped = 0;  ///< that slow pages did not get
   std::uint64_t commands = 0;          ///< that pages sent
   std::uint64_t requests_refused = 0;  ///< wrong Host or Origin, no room
+  std::uint64_t wrong_tokens = 0;
   double cpu_seconds = 0;
   std::uint64_t resident_bytes = 0;
 };

@@ -9,20 +9,46 @@ namespace slamgw::web {
 
 PageSession::Reaction PageSession::on_text(std::string_view text, TimePoint now) {
   auto message = parse_page_message(text);
-  if (const auto* offer = std::get_if<TokenOffer>(&message)) return on_token(*offer);
+  if (const auto* offer = std::get_if<TokenOffer>(&message)) return on_token(*offer, now);
   if (auto* command = std::get_if<CommandRequest>(&message))
     return on_command(std::move(*command), now);
   return {refusal("", std::get<BadRequest>(message).why)};
 }
 
-PageSession::Reaction PageSession::on_token(const TokenOffer& offer) {
+PageSession::Reaction PageSession::on_token(const TokenOffer& offer, TimePoint now) {
   may_send_ = is_same_token(token_, offer.token);
-  if (may_send_) return {own_message("token", R"({"accepted":true})")};
-  ++wrong_tokens_;
-  const char* why = token_.empty()
-                        ? R"({"accepted":false,"why":"no token is set: this page only watches"})"
-                        : R"({"accepted":false,"why":"this is not the token"})";
-  return {own_message("token", why), std::nullopt, wrong_tokens_ >= max_wrong_tokens};
+  if (!may_send_) return on_wrong_token(now);
+  guesses_.forget(client_);
+  answer_due_ = now;
+  Reaction reaction{own_message("token", R"({"accepted":true})")};
+  reaction.drops_delayed_reply = true;
+  return reaction;
+}
+
+PageSession::Reaction PageSession::on_wrong_token(TimePoint now) {
+  Reaction reaction;
+  reaction.ends = ++wrong_tokens_ >= max_wrong_tokens;
+  if (token_.empty()) {  // there is nothing to guess
+    constexpr const char* why =
+        R"({"accepted":false,"why":"no token is set: this page only watches"})";
+    reaction.reply = own_message("token", why);
+    return reaction;
+  }
+  reaction.reply = own_message("token", R"({"accepted":false,"why":"this is not the token"})");
+  const unsigned guesses = guesses_.add(client_, now);
+  if (guesses == prompt_answers + 1)
+    reaction.report = std::to_string(guesses) + " wrong tokens from " + client_.name +
+                      ": answers to more of them are delayed";
+  if (now < answer_due_) {  // it does not wait for answers, so it needs none
+    reaction.ends = true;
+    return reaction;
+  }
+  if (guesses > prompt_answers) {
+    const unsigned doublings = std::min(guesses - prompt_answers - 1, 5U);  // 32 s is enough
+    reaction.delay = std::min(first_delay * (1U << doublings), longest_delay);
+  }
+  answer_due_ = now + reaction.delay;
+  return reaction;
 }
 
 PageSession::Reaction PageSession::on_command(CommandRequest command, TimePoint now) {

@@ -5,6 +5,7 @@
 #include <boost/asio/post.hpp>
 #include <utility>
 
+#include "daemon/observability/log.hpp"
 #include "web/server/answers.hpp"
 
 namespace slamgw::web {
@@ -23,7 +24,8 @@ PageConnection::PageConnection(beast::tcp_stream stream, PageHub& hub, const Cli
       hub_(hub),
       place_(std::move(place)),
       page_place_(hub.places().take(client)),
-      session_(hub.new_session()) {
+      session_(hub.new_session(client)),
+      delay_(socket_.get_executor()) {
   beast::get_lowest_layer(socket_).expires_never();  // the WebSocket has limits of its own
   socket_.set_option(websocket::stream_base::timeout{handshake_limit, silence_limit, true});
   socket_.set_option(websocket::stream_base::decorator([](websocket::response_type& response) {
@@ -58,8 +60,28 @@ void PageConnection::read() {
 
 void PageConnection::on_text(const std::string& text) {
   PageSession::Reaction reaction = session_.on_text(text, std::chrono::steady_clock::now());
+  if (!reaction.report.empty()) log_event(Severity::warning, reaction.report);
+  if (reaction.drops_delayed_reply) {
+    late_.reset();
+    delay_.cancel();
+  }
   if (reaction.publish) reaction.reply = hub_.publish(*reaction.publish);
-  ends_ = reaction.ends;
+  if (reaction.delay > std::chrono::seconds{0}) return answer_later(std::move(reaction));
+  answer(std::move(reaction));
+}
+
+/// Reads on: the page's WebSocket stays alive, and a right token gets its answer first. The timer
+/// keeps this object, and so its places, also when the connection breaks.
+void PageConnection::answer_later(PageSession::Reaction reaction) {
+  delay_.expires_after(reaction.delay);
+  late_ = std::move(reaction);
+  delay_.async_wait([self = shared_from_this()](beast::error_code error) {
+    if (!error && self->late_) self->answer(*std::exchange(self->late_, std::nullopt));
+  });
+}
+
+void PageConnection::answer(PageSession::Reaction reaction) {
+  ends_ = ends_ || reaction.ends;
   if (!reaction.reply.empty())
     send_event(std::make_shared<const std::string>(std::move(reaction.reply)));
 }

@@ -9,6 +9,7 @@
 #include <boost/beast/http.hpp>
 #include <boost/beast/websocket.hpp>
 #include <memory>
+#include <optional>
 
 #include "web/server/io/page_hub.hpp"
 #include "web/server/page_queue.hpp"
@@ -35,6 +36,8 @@ class PageConnection : public std::enable_shared_from_this<PageConnection> {
  private:
   void read();
   void on_text(const std::string& text);
+  void answer_later(PageSession::Reaction reaction);
+  void answer(PageSession::Reaction reaction);
   void write_soon();
   void write();
   void give_up();
@@ -45,6 +48,8 @@ class PageConnection : public std::enable_shared_from_this<PageConnection> {
   const HeldPlace place_;
   const HeldPlace page_place_;
   PageSession session_;
+  boost::asio::steady_timer delay_;  ///< until the answer to a wrong token
+  std::optional<PageSession::Reaction> late_;
   PageQueue queue_;
   std::string writing_;
   boost::beast::flat_buffer input_;

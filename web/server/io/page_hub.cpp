@@ -213,6 +213,7 @@ std::shared_ptr<void> PageHub::begin_scrape() {
 
 void PageHub::make_metrics(std::function<void(std::string)> done) {
   own_.pages = pages_.size();
+  own_.wrong_tokens = guesses_.total();
   own_.messages_dropped = dropped_by_gone_ + link_.overruns();
   for (const PageConnection* page : pages_) own_.messages_dropped += page->dropped();
   own_.cpu_seconds = cpu_seconds();

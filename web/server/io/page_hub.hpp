@@ -14,7 +14,6 @@
 #include <string>
 
 #include "daemon/config/config.hpp"
-#include "web/server/client_counts.hpp"
 #include "web/server/io/broker_link.hpp"
 #include "web/server/last_known.hpp"
 #include "web/server/metrics.hpp"
@@ -39,7 +38,7 @@ class PageHub {
   /// The page gets what is known; then everything as it comes, until leave().
   void join(PageConnection& page);
   void leave(PageConnection& page);
-  PageSession new_session() const { return {topics_, token_}; }
+  PageSession new_session(Client client) { return {topics_, token_, guesses_, std::move(client)}; }
   /// What could not be sent to the broker, for the page that wanted it; empty when it was.
   std::string publish(const CommandRequest& command);
 
@@ -81,6 +80,7 @@ class PageHub {
   OwnNumbers own_;
   std::uint64_t dropped_by_gone_ = 0;
   Places places_{max_pages};
+  ClientCounts guesses_;       ///< wrong tokens
   ClientCounts taken_shares_;  ///< what was refused because its client has its share
   std::set<PageConnection*> pages_;
   std::deque<std::pair<int, std::string>> sent_;  ///< topics of the newest commands
