@@ -344,10 +344,9 @@ void RecordLog::note_missing(std::uint32_t number, const Scan& scan, Segment& se
 /// Where whole segments are gone, only the tally tells.
 void RecordLog::note_missing_segments(Summary& summary) const {
   if (!tally_) return;
-  const std::uint32_t last = segments_.empty() ? 0 : segments_.rbegin()->first;
-  const bool is_current =
-      last < tally_->segment ||
-      (last == tally_->segment && segments_.rbegin()->second.records <= tally_->records);
+  const bool is_current = segments_.empty() || segments_.rbegin()->first < tally_->segment ||
+                          (segments_.rbegin()->first == tally_->segment &&
+                           segments_.rbegin()->second.records <= tally_->records);
   const std::uint64_t found = live();
   if (!is_current || tally_->live <= found) return;
   const std::size_t missing = tally_->live - found;

@@ -29,6 +29,19 @@ std::uintmax_t bytes_in(const std::string& directory) {
   return sum;
 }
 
+TEST(DiskStore, OpensAnEmptyStoreAgainAndAgain) {
+  const TempDir directory;
+  for (int process = 0; process < 3; ++process) {
+    StoreUser user(directory.path());
+    const auto opened = user.await<StoreOpened>();
+    ASSERT_TRUE(opened);
+    EXPECT_EQ(opened->count, 0u);
+    EXPECT_EQ(user.notices(), "");
+  }
+  StoreUser user(directory.path());
+  ASSERT_TRUE(user.keep(1, 1));
+}
+
 TEST(DiskStore, NeverGivesANumberTwice) {
   const TempDir directory;
   {

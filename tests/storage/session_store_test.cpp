@@ -158,6 +158,7 @@ TEST(DiskSessionStore, DropsASessionWhoseOctetsHaveChanged) {
   Process process(directory.path());
   EXPECT_EQ(process.names(), "r2 ");
   EXPECT_TRUE(process.says("1 sessions in"));
+  process.store.stop();
   Process next(directory.path());
   next.save("r3", to_bytes("x"));
   EXPECT_TRUE(next.is_written());
