@@ -16,6 +16,7 @@
 #include "ctl/show.hpp"
 #include "daemon/config/rules.hpp"
 #include "daemon/control/wire.hpp"
+#include "daemon/core/bans.hpp"
 #include "daemon/core/edit_distance.hpp"
 
 namespace slamgw::ctl {
@@ -249,6 +250,15 @@ void add_host_tasks(CLI::App& app, Arguments& a) {
   replay->add_option("--broker", a.task.broker, "mqtt://host:port; else the configuration's")
       ->check(complaint_about_broker);
   replay->add_option("--speed", a.task.speed, "2: twice as fast")->check(complaint_about_speed);
+  add("ban", HostTask::Kind::ban, "Refuse a robot or an address, until unban")
+      ->add_option("WHO", a.task.who, "A robot's id, an address, or a network: fd00::/64")
+      ->required()
+      ->check([](const std::string& who) {
+        return Bans::is_valid(who) ? "" : who + " is neither a robot's id nor an address";
+      });
+  add("unban", HostTask::Kind::unban, "Take back a ban")
+      ->add_option("WHO", a.task.who, "As it was given to ban")
+      ->required();
   add_with_file("report", HostTask::Kind::report, "What support needs to see, without secrets");
 }
 

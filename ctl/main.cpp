@@ -245,6 +245,17 @@ int doctor(const Installation& installation, const HostTask& task) {
   return has_problem(findings) ? exit_failed : 0;
 }
 
+/// The file says it to a daemon that starts later; one that runs reads it now.
+std::string change_bans_and_reload(const Installation& installation, const HostTask& task) {
+  std::string text = change_bans(installation, task.who, task.kind == HostTask::Kind::ban);
+  try {
+    Connection(task.socket).ask({{"command", "reload"}}, slamgw::ctl::answer_patience);
+  } catch (const NotRunning&) {
+    text += "The gateway does not run; it will know when it starts.\n";
+  }
+  return text;
+}
+
 slamgw::BrokerSettings broker_for(const Installation& installation, const HostTask& task) {
   const auto& [config, problems, warnings, notices, places] = installation.parsed();
   if (task.broker.empty()) {
@@ -304,6 +315,8 @@ int run(const HostTask& task) {
         return task.is_confirmed || may_replace(files);
       });
       break;
+    case HostTask::Kind::ban:
+    case HostTask::Kind::unban: text = change_bans_and_reload(installation, task); break;
     case HostTask::Kind::report: text = report(installation, task.socket, task.file); break;
   }
   std::cout << (task.json ? slamgw::control::to_line({{"file", task.file}, {"text", text}}) : text);

@@ -132,6 +132,11 @@ void BleMesh::on_send_refused(const SendRefused& refused, TimePoint now) {
 void BleMesh::on_message(const MessageReceived& message, TimePoint now) {
   if (message.source == 0 || message.source > last_unicast_address)
     return uplink_.reject(message.source, "its source is no unicast address", now);
+  const NodeTable& nodes = provisioner_.nodes();
+  if (nodes.names().bans().has(nodes.id_of(message.source))) {
+    provisioner_.on_message(message, now);  // an operator may still remove it
+    return settle(now);
+  }
   Robot* robot = hear(message.source, &message, now);
   if (robot == nullptr) return;
   if (provisioner_.on_message(message, now)) {

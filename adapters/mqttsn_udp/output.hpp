@@ -50,7 +50,8 @@ enum class Count : std::uint8_t {
   unvalidated,          ///< not sent, because the address has not shown that it receives
   subscribes_bounded,   ///< SUBSCRIBEs of a client that sends them too fast
   answered_unsaved,     ///< datagrams whose session was not saved in time
-  last_ = answered_unsaved,
+  banned,               ///< datagrams from banned addresses
+  last_ = banned,
 };
 
 class Tally {

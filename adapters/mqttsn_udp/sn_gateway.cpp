@@ -65,6 +65,7 @@ void SnGateway::on_datagram(const Endpoint& from, const LocalAddress& to, ByteVi
                             TimePoint now) {
   supervision_.expire_commands(now);
   output_.count(Count::datagrams_in);
+  if (rules_.names.bans().covers(from.address)) return output_.count(Count::banned);
   output_.validation.on_received(from.address, bytes.size());
   if (bytes.size() > limits::max_datagram_octets) {
     output_.count(Count::oversized);

@@ -4,6 +4,8 @@
 #include <nlohmann/json.hpp>
 
 #include <fcntl.h>
+#include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <spawn.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -14,6 +16,7 @@
 #include <charconv>
 #include <cstdlib>
 #include <cstring>
+#include <fstream>
 #include <optional>
 #include <string_view>
 #include <utility>
@@ -120,6 +123,29 @@ std::vector<fs::path> Installation::files() const {
     return !fs::is_regular_file(status) || !owns(file);
   });
   return files;
+}
+
+std::string change_bans(const Installation& installation, const std::string& who, bool is_banned) {
+  std::vector<std::string> bans = installation.parsed().config.bans;
+  const bool was_banned = std::erase(bans, who) > 0;
+  if (!is_banned && !was_banned)
+    throw Failure(fmt::format("{} is not banned; banned are: {}", who,
+                              bans.empty() ? "none" : fmt::format("{}", fmt::join(bans, ", "))));
+  if (is_banned) bans.push_back(who);
+  const fs::path file = installation.site() / "bans.json";
+  std::error_code error;
+  fs::create_directory(installation.site(), error);
+  const fs::path unfinished = file.string() + ".dpkg-new";  // a name that is not read
+  std::ofstream out(unfinished);
+  out << nlohmann::json{{"bans", bans}}.dump(2) << '\n';
+  out.close();
+  fs::permissions(unfinished, static_cast<fs::perms>(0644), error);
+  if (out) fs::rename(unfinished, file, error);
+  if (!out || error)
+    throw Failure(fmt::format("{} can't be written; type: sudo slam-gatewayctl {} {}",
+                              file.string(), is_banned ? "ban" : "unban", who));
+  return fmt::format("{} is {} ({})\n", who, is_banned ? "banned" : "no longer banned",
+                     file.string());
 }
 
 ServicePause::ServicePause(const Installation& installation) {

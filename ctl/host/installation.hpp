@@ -83,6 +83,10 @@ class WorkDirectory {
   std::filesystem::path path_;
 };
 
+/// Adds `who` to `bans`, or takes it out of them, in `gateway.d/bans.json`. Returns what was done,
+/// for people. Throws Failure when `who` is not banned, or the file can't be written.
+std::string change_bans(const Installation& installation, const std::string& who, bool is_banned);
+
 /// A file with mode 0600 that gets its name only when it is whole. Made by root through sudo, it
 /// belongs to the user who typed sudo: otherwise that user could neither copy nor send it.
 class ArchiveFile {

@@ -20,7 +20,7 @@ TopicPolicy policy_of(const Config& config, const TopicScheme& scheme) {
 Meshes::Meshes(boost::asio::io_context& io, const Config& config, const TopicScheme& scheme,
                SessionStore& sessions, DescriptorStore& descriptors, MeshListener& listener)
     : scheme_(scheme) {
-  const RobotNames names(config.robots);
+  const RobotNames names(config.robots, Bans(config.bans));
   if (config.ble_mesh.enabled) make_ble(io, config, listener);
   if (config.mqttsn.enabled) {
     auto adapter = std::make_unique<mqttsn::MqttsnAdapter>(
@@ -36,7 +36,7 @@ Meshes::Meshes(boost::asio::io_context& io, const Config& config, const TopicSch
 }
 
 void Meshes::make_ble(boost::asio::io_context& io, const Config& config, MeshListener& listener) {
-  const RobotNames names(config.robots);
+  const RobotNames names(config.robots, Bans(config.bans));
   switch (config.ble_mesh.protocol) {
     case ble::Protocol::nordic_serial: {
       auto adapter = std::make_unique<ble::BleMeshAdapter>(io, config.ble_mesh, scheme_, names,
@@ -76,7 +76,7 @@ void Meshes::fire(const Receipt& receipt, ReceiptOutcome outcome) {
 }
 
 void Meshes::reconfigure(const Config& config, bool has_other_robots, bool has_other_topics) {
-  const RobotNames names(config.robots);
+  const RobotNames names(config.robots, Bans(config.bans));
   if (thread_ && (has_other_robots || has_other_topics))
     thread_->reconfigure(policy_of(config, scheme_), names);
   if (ble_ && has_other_robots) ble_->reconfigure(names);

@@ -29,6 +29,7 @@ struct Config {
   TopicSettings topics;
   UpdateMode update_mode = UpdateMode::positions;  ///< `payload.update`
   std::vector<RobotName> robots;
+  std::vector<std::string> bans;  ///< see Bans
   ble::Settings ble_mesh;
   mqttsn::Settings mqttsn;
   StoreSettings store;

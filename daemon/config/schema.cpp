@@ -116,6 +116,11 @@ constexpr auto common_keys = std::to_array<SchemaKey>({
      [](Value v, Config& c) { v.texts(c.topics.extra_publish, is_valid_filter, filter_words); }},
     {"topics.extra_subscribe",
      [](Value v, Config& c) { v.texts(c.topics.extra_subscribe, is_valid_filter, filter_words); }},
+    {"bans",
+     [](Value v, Config& c) {
+       v.texts(c.bans, Bans::is_valid,
+               "a robot's id, an address or a network such as fd00::/64, without spaces");
+     }},
     {"payload.update",
      [](Value v, Config& c) {
        v.one_of(c.update_mode, {{"positions", UpdateMode::positions},

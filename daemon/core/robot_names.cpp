@@ -25,7 +25,8 @@ std::optional<std::uint16_t> parse_default_ble_id(std::string_view id) {
 
 }  // namespace
 
-RobotNames::RobotNames(std::vector<RobotName> names) : names_(std::move(names)) {
+RobotNames::RobotNames(std::vector<RobotName> names, Bans bans)
+    : names_(std::move(names)), bans_(std::move(bans)) {
   // An entry with an origin only names no address.
   std::erase_if(names_,
                 [](const RobotName& name) { return !name.ble_address && !name.mqttsn_client_id; });
@@ -42,8 +43,9 @@ std::string RobotNames::of_ble(std::uint16_t address) const {
 }
 
 std::optional<std::string> RobotNames::of_client(std::string_view client_id) const {
+  if (bans_.has(client_id)) return std::nullopt;
   if (const auto known = by_client_.find(client_id); known != by_client_.end())
-    return known->second;
+    return bans_.has(known->second) ? std::nullopt : std::optional(known->second);
   // A name of the BLE mesh, or of another client: a device speaks only for itself.
   const bool is_taken = parse_default_ble_id(client_id) ||
                         std::any_of(names_.begin(), names_.end(),

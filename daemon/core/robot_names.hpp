@@ -10,6 +10,8 @@
 #include <string_view>
 #include <vector>
 
+#include "daemon/core/bans.hpp"
+
 namespace slamgw {
 
 /// Where a robot's coordinate frame lies in the room: the position of its (0, 0), and how far its x
@@ -33,19 +35,21 @@ struct RobotName {
 
 class RobotNames {
  public:
-  explicit RobotNames(std::vector<RobotName> names = {});
+  explicit RobotNames(std::vector<RobotName> names = {}, Bans bans = Bans());
 
   /// `robots`' id for this unicast address, else `ble-<4 hex digits>`.
   std::string of_ble(std::uint16_t address) const;
   /// `robots`' id for this client id, else the client id itself. Nothing when `robots` gives that
-  /// name to another client id: a device speaks only for itself.
+  /// name to another client id: a device speaks only for itself; and when either name is banned.
   std::optional<std::string> of_client(std::string_view client_id) const;
   /// The unicast address that goes by this id, also for `ble-<4 hex digits>`.
   std::optional<std::uint16_t> ble_address_of(std::string_view id) const;
   const std::vector<RobotName>& configured() const { return names_; }
+  const Bans& bans() const { return bans_; }
 
  private:
   std::vector<RobotName> names_;
+  Bans bans_;
   std::map<std::uint16_t, std::string> by_ble_;
   std::map<std::string, std::string, std::less<>> by_client_;
 };

@@ -17,6 +17,7 @@ namespace slamgw::test {
 namespace {
 
 using nlohmann::json;
+using sim::sn::Type;
 
 json configuration_for(const Mosquitto& broker) { return {{"broker", {{"uri", broker.uri()}}}}; }
 
@@ -61,6 +62,49 @@ TEST(Reload, GivesRobotsOnBothMeshesTheirNewNamesWithoutANewStart) {
     EXPECT_EQ(since.find(disturbance), std::string::npos) << since;
   EXPECT_EQ(gateway.ctl({"send", "lego", "cmd", "10,-20"})["outcome"], "delivered");
   EXPECT_EQ(gateway.ctl({"send", "robot1", "cmd", "10,-20"})["outcome"], "delivered");
+}
+
+TEST(Reload, ABanEndsASessionAndHoldsUntilItIsTakenBack) {
+  Mosquitto broker;
+  json configuration = configuration_for(broker);
+  configuration["ble_mesh"]["enabled"] = true;
+  GatewayProcess gateway(configuration);
+  SimulatorProcess board({"ble", "--tty", gateway.tty(), "--robots", "2"});
+  const auto ban = [&](const std::string& verb, const std::string& who) {
+    return gateway.ctl({verb, "--config", gateway / "gateway.json", who});
+  };
+  Device evil(gateway.mqttsn_address());
+  const auto connect = sim::sn::connect("evil", 60, sim::sn::flag_clean_session);
+  EXPECT_EQ(evil.insist(connect, Type::connack).return_code, sim::sn::accepted);
+
+  EXPECT_TRUE(ban("ban", "evil").is_object()) << gateway.log();
+  evil.expect(Type::disconnect);
+  evil.send(connect);
+  EXPECT_EQ(evil.expect(Type::connack).return_code, 3);
+  EXPECT_TRUE(gateway.logs("may not connect as 'evil' (CONNACK 0x03): it is banned"))
+      << gateway.log();
+  gateway.process().send_signal(SIGTERM);
+  EXPECT_EQ(gateway.process().wait(), 0);
+  gateway.start();
+  EXPECT_EQ(evil.insist(connect, Type::connack).return_code, 3) << "also after a restart";
+
+  EXPECT_TRUE(ban("unban", "evil").is_object());
+  EXPECT_TRUE(ban("unban", "evil").is_null()) << "it is not banned";
+  EXPECT_EQ(evil.insist(connect, Type::connack).return_code, sim::sn::accepted);
+  EXPECT_TRUE(ban("ban", "127.0.0.0/8").is_object());
+  evil.expect(Type::disconnect);
+  const auto counts = [&] {
+    return gateway.ctl({"status"})["meshes"]["thread"]["counters"]["banned"];
+  };
+  evil.send(connect);
+  EXPECT_TRUE(eventually([&] { return counts() == 1; })) << gateway.ctl({"status"});
+
+  ASSERT_TRUE(eventually([&] { return gateway.logs("ble-0100 is online"); })) << gateway.log();
+  ban("ban", "ble-0100");
+  Subscriber updates(broker, "ntnu-slam/robot/+/update", "%t");
+  EXPECT_TRUE(eventually([&] { return updates.lines().size() > 3; }));
+  for (const std::string& topic : updates.lines())
+    EXPECT_EQ(topic, "ntnu-slam/robot/ble-0101/update");
 }
 
 /// Topics of the retained presence that a new subscriber is given, in which there is some.

@@ -228,6 +228,7 @@ void Connecting::on_takeover(ClientSession& session, const Peer& peer, TimePoint
 void Connecting::refuse_name(const Peer& peer, const LocalAddress& local, const Connect& connect,
                              TimePoint now) {
   const char* why = "another robot has this name, in the configuration or on another mesh";
+  if (rules_.names.bans().has(connect.client_id)) why = "it is banned (slam-gatewayctl unban)";
   if (!is_valid_level(connect.client_id))
     why =
         "a client id must be one topic level of 1 to 64 octets, without + # / and control "

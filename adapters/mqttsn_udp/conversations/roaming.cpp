@@ -154,6 +154,12 @@ void Renaming::on_names(TimePoint now) {
   std::vector<ClientSession*> gone;
   std::vector<Renamed> renamed;
   for (const auto& [id, session] : clients_.all()) {
+    const bool is_banned =
+        session->peer && rules_.names.bans().covers(session->peer->endpoint.address);
+    if (is_banned) {
+      gone.push_back(session.get());
+      continue;
+    }
     if (rules_.names.of_client(id) == session->robot) continue;
     if (auto robot = connecting_.robot_of(id)) {
       renamed.push_back({session.get(), std::move(*robot)});
@@ -163,7 +169,7 @@ void Renaming::on_names(TimePoint now) {
   }
   for (ClientSession* session : gone) {
     if (session->is_connected()) output_.send(*session, Disconnect{});
-    lifecycle_.expel(*session, "another robot has this name now", now);
+    lifecycle_.expel(*session, "it is banned, or another robot has this name now", now);
   }
   for (const Renamed& one : renamed) leave_name(*one.session, now);
   for (const Renamed& one : renamed) enter_name(one, now);

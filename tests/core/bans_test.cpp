@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/core/bans.hpp"
+
+#include <arpa/inet.h>
+#include <gtest/gtest.h>
+
+#include "daemon/core/robot_names.hpp"
+
+namespace slamgw {
+namespace {
+
+Bans::Address address(const char* text) {
+  Bans::Address out{};
+  inet_pton(AF_INET6, text, out.data());
+  return out;
+}
+
+TEST(Bans, CoverAddressesAndNetworks) {
+  const Bans bans({"fd00::1", "fd01::/64", "10.1.2.3", "192.168.8.0/21"});
+  for (const char* const inside : {"fd00::1", "fd01::", "fd01::ffff:1", "::ffff:10.1.2.3",
+                                   "::ffff:192.168.8.0", "::ffff:192.168.15.255"})
+    EXPECT_TRUE(bans.covers(address(inside))) << inside;
+  for (const char* const outside : {"fd00::2", "fd01:0:0:1::", "::ffff:10.1.2.4", "::10.1.2.3",
+                                    "::ffff:192.168.16.0", "::ffff:192.168.7.255"})
+    EXPECT_FALSE(bans.covers(address(outside))) << outside;
+  EXPECT_FALSE(bans.has("fd00::1")) << "that is no robot's name";
+  EXPECT_FALSE(Bans().covers(address("::")));
+  EXPECT_TRUE(Bans({"::/0"}).covers(address("fd00::1")));
+}
+
+TEST(Bans, AreRobotsAddressesAndNetworks) {
+  for (const char* const good : {"r1", "robot one", "fd00::1", "fd00::/64", "10.0.0.0/8", "::/0"})
+    EXPECT_TRUE(Bans::is_valid(good)) << good;
+  for (const char* const bad :
+       {"", "a/b", "fd00::/129", "10.0.0.0/33", "10.0.0.0/", "fd00::/x", "r#"})
+    EXPECT_FALSE(Bans::is_valid(bad)) << bad;
+}
+
+TEST(Bans, ARobotIsRefusedUnderEachOfItsNames) {
+  const std::vector<RobotName> names{{"lego", std::nullopt, "thread-1"}};
+  EXPECT_EQ(RobotNames(names).of_client("thread-1"), "lego");
+  EXPECT_EQ(RobotNames(names, Bans({"lego"})).of_client("thread-1"), std::nullopt);
+  EXPECT_EQ(RobotNames(names, Bans({"thread-1"})).of_client("thread-1"), std::nullopt);
+  EXPECT_EQ(RobotNames(names, Bans({"other"})).of_client("thread-1"), "lego");
+  EXPECT_EQ(RobotNames(names, Bans({"other"})).of_client("other"), std::nullopt);
+}
+
+}  // namespace
+}  // namespace slamgw
