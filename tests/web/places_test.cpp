@@ -71,11 +71,11 @@ TEST_F(WebPlaces, AShareIsNeverLessThanTwo) {
   EXPECT_EQ(Places(256).share(), 64u);
 }
 
-TEST_F(WebPlaces, LoopbackTakesAllForAllComeFromThereBehindAProxy) {
-  take(loopback, 16);
-  EXPECT_EQ(places.room_for(loopback), Room::all_are_taken);
-  EXPECT_EQ(places.room_for(one), Room::all_are_taken);
-  EXPECT_FALSE(places.make_room_for(one)) << "none of them waits for a request";
+TEST_F(WebPlaces, LoopbackTakesThreeQuartersForAllComeFromThereBehindAProxy) {
+  take(loopback, 12);
+  EXPECT_EQ(places.room_for(loopback), Room::share_is_taken);
+  EXPECT_EQ(places.room_for(one), Room::free);
+  EXPECT_FALSE(places.make_room_for(loopback)) << "none of them waits for a request";
 }
 
 TEST_F(WebPlaces, TheLongestWaitingGivesWayWhenAllAreTaken) {

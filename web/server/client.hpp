@@ -10,8 +10,7 @@ namespace slamgw::web {
 
 struct Client {
   std::string name;  ///< `192.0.2.7`, `2001:db8:0:1::/64`
-  /// Behind a reverse proxy all clients come from loopback, so no bound for one address holds
-  /// there.
+  /// Behind a reverse proxy all clients come from loopback.
   bool is_loopback = false;
 };
 

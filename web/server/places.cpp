@@ -10,7 +10,7 @@ Places::Room Places::room_for(const Client& client) const {
   const auto own = std::count_if(connections_.begin(), connections_.end(), [&](const auto& entry) {
     return entry.second.client.name == client.name;
   });
-  if (!client.is_loopback && static_cast<std::size_t>(own) >= share_) return Room::share_is_taken;
+  if (static_cast<std::size_t>(own) >= share_of(client)) return Room::share_is_taken;
   return connections_.size() < max_ ? Room::free : Room::all_are_taken;
 }
 
