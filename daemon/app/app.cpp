@@ -176,7 +176,7 @@ OrderAnswer App::reload() {
   const Reload reload = reload_of(config_, std::move(result.config));
   apply(reload);
   log_event(Severity::notice,
-            "configuration read again: log, broker, topics and robots are in force");
+            "configuration read again: log, broker, topics, robots and bans are in force");
   if (!reload.needs_restart.empty())
     log_event(Severity::warning, "only a restart changes: " + reload.needs_restart);
   return {answer_json(reload).dump(), {}};

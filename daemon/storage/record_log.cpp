@@ -36,6 +36,8 @@ constexpr std::size_t block_bytes = 4096;
 /// What may be erased records before sparse_segment() names one: half as much as there are others,
 /// and this many segments.
 constexpr std::uint64_t spare_segments = 4;
+/// More than any file of ours has; of a larger one only so much is read.
+constexpr std::size_t max_file_bytes = 64u << 20;
 constexpr std::chrono::milliseconds lock_patience{3000};
 constexpr std::chrono::milliseconds lock_poll{50};
 
@@ -78,7 +80,7 @@ ssize_t read_at(int file, std::span<std::uint8_t> into, std::size_t offset) {
 std::optional<Bytes> read_file(int file, bool skips_unreadable) {
   struct stat status {};
   if (fstat(file, &status) != 0) return std::nullopt;
-  Bytes octets(static_cast<std::size_t>(status.st_size));
+  Bytes octets(std::min(static_cast<std::size_t>(status.st_size), max_file_bytes));
   if (read_at(file, octets, 0) >= 0) return octets;
   if (!skips_unreadable || errno != EIO) return std::nullopt;
   bool is_readable = false;
@@ -198,7 +200,9 @@ std::map<std::uint32_t, std::string> RecordLog::find_segments() {
   std::error_code error;
   for (fs::directory_iterator entry(directory_, error), end; entry != end && !error;
        entry.increment(error)) {
-    if (const auto name = parse_name(entry->path().filename().string()))
+    const auto name = parse_name(entry->path().filename().string());
+    std::error_code none;
+    if (name && entry->is_regular_file(none))
       by_id[name->second][name->first] = entry->path().string();
   }
   if (error) throw LogError(directory_, error.value());

@@ -44,9 +44,9 @@ TEST(Reload, NamesWhatNeedsARestartAndLeavesItAsItIs) {
             "ble_mesh.* or presence.*, mqttsn.*, store.*, control.socket");
   const auto answer = answer_json(reload);
   EXPECT_EQ(answer["needs_restart"], reload.needs_restart);
-  EXPECT_EQ(
-      answer["in_force"],
-      "log, robots, topics.extra_publish, topics.extra_subscribe, broker (except max_inflight)")
+  EXPECT_EQ(answer["in_force"],
+            "log, robots, bans, topics.extra_publish, topics.extra_subscribe, broker (except "
+            "max_inflight)")
       << "nothing that needs a restart is called in force";
   EXPECT_EQ(reload.config.broker.max_inflight, 16);
   EXPECT_EQ(reload.config.broker.gateway_id, now.broker.gateway_id);

@@ -104,15 +104,15 @@ std::string describe_broker(const BrokerSettings& settings) {
 }  // namespace
 
 std::string describe(const Config& config) {
-  const auto& [gateway_id, broker, topics, update_mode, robots, ble_mesh, mqttsn, store, log,
+  const auto& [gateway_id, broker, topics, update_mode, robots, bans, ble_mesh, mqttsn, store, log,
                control_socket, web] = config;
   const auto& [prefix, extra_publish, extra_subscribe] = topics;
   const auto& [directory, max_bytes] = store;
   const auto& [level, traffic] = log;
   const auto& [listen, token_file, hosts] = web;
   return describe_broker(broker) + describe_ble_mesh(ble_mesh) + describe_mqttsn(mqttsn) +
-         all(gateway_id, prefix, extra_publish, extra_subscribe, update_mode, robots, directory,
-             max_bytes, level, traffic, control_socket, listen, token_file, hosts);
+         all(gateway_id, prefix, extra_publish, extra_subscribe, update_mode, robots, bans,
+             directory, max_bytes, level, traffic, control_socket, listen, token_file, hosts);
 }
 
 }  // namespace slamgw::test

@@ -189,6 +189,8 @@ TEST(DiskStore, LeavesFilesOfOthersAlone) {
   const TempDir directory;
   std::filesystem::create_directory(directory / "messages");
   write_file(directory / "messages/notes.log", "somebody's");
+  std::filesystem::create_directory(directory / "messages/00000001-0123456789abcdef.log");
+  mkfifo((directory / "messages/00000002-0123456789abcdef.log").c_str(), 0600);
   StoreUser user(directory.path());
   ASSERT_TRUE(user.keep(1, 1));
   EXPECT_EQ(read_file(directory / "messages/notes.log"), "somebody's");
