@@ -137,6 +137,11 @@ void DiskStore::on_opened() {
 void DiskStore::report_losses() {
   const RecordLog::Summary& messages = log_->lost_messages();
   const RecordLog::Summary& letters = log_->lost_dead_letters();
+  if (messages.strays + letters.strays > 0)
+    notify(Severity::warning,
+           fmt::format("{} files in {} belong to another store: they are left alone, and their "
+                       "messages are not delivered",
+                       messages.strays + letters.strays, settings_.directory));
   if (messages.lost_at_most + letters.lost_at_most == 0) return;
   std::string text =
       fmt::format("the store is damaged ({}): {} messages are lost",

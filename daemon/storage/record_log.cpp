@@ -25,9 +25,10 @@ namespace fs = std::filesystem;
 /// A segment's first octets: the last one is the version of the format.
 constexpr std::string_view magic = "slamgwL1";
 constexpr std::size_t header_bytes = 32;  // magic, number, records before, mark (8), 0, checksum
-constexpr std::size_t record_header_bytes = 12;  // checksum, size, index in the segment
-constexpr std::size_t erased_bytes = 8;          // offset, checksum
-constexpr std::size_t tally_bytes = 32;          // segment, records, live (8), id (8), 0, checksum
+/// Checksum of the next three, size, index in the segment, checksum of the record.
+constexpr std::size_t record_header_bytes = 16;
+constexpr std::size_t erased_bytes = 8;  // offset, checksum
+constexpr std::size_t tally_bytes = 32;  // segment, records, live (8), id (8), 0, checksum
 constexpr std::uint32_t unknown_records = 0xffffffff;
 /// No offset: stands in a list of erased records for one that is lost and was reported.
 constexpr std::uint32_t reported_loss = 0x80000000;
@@ -95,6 +96,16 @@ std::optional<Bytes> read_file(int file, bool skips_unreadable) {
   return is_readable ? std::optional(std::move(octets)) : std::nullopt;
 }
 
+/// Like open(2), but regular files only: no link to a file of others, no FIFO that nobody reads.
+OwnedFile open_file(const std::string& path, int flags) {
+  OwnedFile file(::open(path.c_str(), flags | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC, 0600));
+  struct stat status {};
+  if (file.get() < 0 || fstat(file.get(), &status) != 0 || S_ISREG(status.st_mode)) return file;
+  file = OwnedFile();
+  errno = EINVAL;
+  return file;
+}
+
 bool is_same_file(const std::string& path, int file) {
   struct stat named {
   }, open{};
@@ -117,6 +128,7 @@ std::optional<std::pair<std::uint32_t, std::uint64_t>> parse_name(const std::str
 LogError::LogError(const std::string& what, int error)
     : std::runtime_error(error == 0        ? what
                          : error == ENOSPC ? what + ": the disk is full: free space there"
+                         : error == EINVAL ? what + ": it is not a regular file: remove it"
                                            : fmt::format("{}: {}", what, std::strerror(error))),
       is_io_error_(error == EIO) {}
 
@@ -164,7 +176,7 @@ void RecordLog::make_directory() const {
 
 void RecordLog::lock() {
   const std::string path = directory_ + "/tally";
-  OwnedFile file(::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0600));
+  OwnedFile file = open_file(path, O_RDWR | O_CREAT);
   if (file.get() < 0) fail(path);
   const auto give_up_at = std::chrono::steady_clock::now() + lock_patience;
   while (flock(file.get(), LOCK_EX | LOCK_NB) != 0) {
@@ -186,15 +198,18 @@ std::string RecordLog::path_of(std::uint32_t number) const {
 std::uint32_t RecordLog::checksum(std::initializer_list<std::uint32_t> numbers,
                                   ByteView octets) const {
   boost::crc_32_type crc;
-  ByteWriter writer;
-  writer.write_u64_le(id_);
-  for (const std::uint32_t number : numbers) writer.write_u32_le(number);
-  crc.process_bytes(writer.bytes().data(), writer.bytes().size());
+  const auto add = [&crc](std::uint32_t number) {
+    for (unsigned shift = 0; shift < 32; shift += 8)
+      crc.process_byte(static_cast<std::uint8_t>(number >> shift));
+  };
+  add(static_cast<std::uint32_t>(id_));
+  add(static_cast<std::uint32_t>(id_ >> 32));
+  for (const std::uint32_t number : numbers) add(number);
   crc.process_bytes(octets.data(), octets.size());
   return crc.checksum();
 }
 
-/// Also finds out the log's id: the one that most files have.
+/// Also finds out the log's id: the tally's, else the one that most files have.
 std::map<std::uint32_t, std::string> RecordLog::find_segments() {
   std::map<std::uint64_t, std::map<std::uint32_t, std::string>> by_id;
   std::error_code error;
@@ -206,22 +221,39 @@ std::map<std::uint32_t, std::string> RecordLog::find_segments() {
       by_id[name->second][name->first] = entry->path().string();
   }
   if (error) throw LogError(directory_, error.value());
-  const auto largest =
-      std::ranges::max_element(by_id, {}, [](const auto& of_id) { return of_id.second.size(); });
-  if (largest != by_id.end()) {
-    id_ = largest->first;
-    tally_ = read_tally();
-    return largest->second;
-  }
   std::array<std::uint8_t, tally_bytes> octets{};
   if (read_at(tally_file_.get(), octets, 0) == static_cast<ssize_t>(octets.size())) {
     id_ = u64_at(octets, 16);
     tally_ = read_tally();
   }
+  const auto largest =
+      std::ranges::max_element(by_id, {}, [](const auto& of_id) { return of_id.second.size(); });
+  if (!tally_ && largest != by_id.end()) id_ = largest->first;
   std::random_device random;
-  while (!tally_ && (id_ = std::uint64_t{random()} << 32 | random()) == 0) {
+  while (!tally_ && by_id.empty() && (id_ = std::uint64_t{random()} << 32 | random()) == 0) {
   }
-  return {};
+  for (const auto& [id, files] : by_id) strays_ += id == id_ ? 0 : files.size();
+  return put_under_their_numbers(by_id[id_]);
+}
+
+/// A segment that was renamed says in its header which one it is.
+std::map<std::uint32_t, std::string> RecordLog::put_under_their_numbers(
+    const std::map<std::uint32_t, std::string>& named) const {
+  std::map<std::uint32_t, std::string> segments;
+  for (const auto& [number, path] : named) {
+    std::array<std::uint8_t, header_bytes> header{};
+    const OwnedFile file = open_file(path, O_RDONLY);
+    const bool is_whole =
+        file.get() >= 0 && read_at(file.get(), header, 0) == static_cast<ssize_t>(header.size()) &&
+        checksum({}, ByteView(header).first(header_bytes - 4)) == u32_at(header, header_bytes - 4);
+    const std::uint32_t own = is_whole ? u32_at(header, 8) : number;
+    const bool is_misplaced = own != number && !named.contains(own) && !segments.contains(own) &&
+                              ::rename(path.c_str(), path_of(own).c_str()) == 0;
+    if (is_misplaced)
+      std::ignore = ::rename((path + ".erased").c_str(), (path_of(own) + ".erased").c_str());
+    segments[is_misplaced ? own : number] = is_misplaced ? path_of(own) : path;
+  }
+  return segments;
 }
 
 RecordLog::Summary RecordLog::replay(bool skips_unreadable,
@@ -243,7 +275,7 @@ RecordLog::Summary RecordLog::replay(bool skips_unreadable,
   };
   for (const auto& [number, path] : find_segments()) {
     Segment segment;
-    segment.file = OwnedFile(::open(path.c_str(), O_RDWR | O_CLOEXEC));
+    segment.file = open_file(path, O_RDWR);
     if (segment.file.get() < 0) fail(path);
     segments_.emplace(number, std::move(segment));
     Scan scanned = scan(number, skips_unreadable);
@@ -269,6 +301,7 @@ RecordLog::Summary RecordLog::replay(bool skips_unreadable,
   if (tally_) next_segment_ = std::max(next_segment_, tally_->segment + 1);
   note_missing_segments(summary);
   mark_ = summary.mark;
+  summary.strays = strays_;
   for (auto& [number, segment] : segments_)
     if (!segment.unsaved.empty()) save_erased(number, segment, false);
   remove_dead_segments();
@@ -302,8 +335,12 @@ RecordLog::Scan RecordLog::scan(std::uint32_t number, bool skips_unreadable) {
     const bool is_possible = size > 0 && size <= all.size() - at - record_header_bytes &&
                              index >= scan.records &&
                              index - scan.records <= (at - end) / (record_header_bytes + 1);
-    if (!is_possible || u32_at(all, at) != checksum({number, size, index},
-                                                    all.subspan(at + record_header_bytes, size))) {
+    const auto is_whole = [&] {
+      const std::uint32_t sum = u32_at(all, at + 12);
+      return u32_at(all, at) == checksum({number, size, index, sum}) &&
+             sum == checksum({}, all.subspan(at + record_header_bytes, size));
+    };
+    if (!is_possible || !is_whole()) {
       ++at;
       continue;
     }
@@ -311,7 +348,7 @@ RecordLog::Scan RecordLog::scan(std::uint32_t number, bool skips_unreadable) {
     scan.records = index + 1;
     end = at += record_header_bytes + size;
   }
-  const OwnedFile erased(::open((path + ".erased").c_str(), O_RDONLY | O_CLOEXEC));
+  const OwnedFile erased = open_file(path + ".erased", O_RDONLY);
   if (erased.get() < 0) {
     if (errno == ENOENT) return scan;
     fail(path + ".erased");
@@ -383,8 +420,9 @@ RecordLog::Place RecordLog::append(ByteView record) {
   const std::uint32_t index = (is_new ? 0 : newest().records) + pending_records_++;
   const Place place{pending_segment_, static_cast<std::uint32_t>(start + pending_.size())};
   ByteWriter writer;
-  writer.write_u32_le(checksum({pending_segment_, size, index}, record));
-  writer.write_u32_le(size).write_u32_le(index);
+  const std::uint32_t sum = checksum({}, record);
+  writer.write_u32_le(checksum({pending_segment_, size, index, sum}));
+  writer.write_u32_le(size).write_u32_le(index).write_u32_le(sum);
   pending_.insert(pending_.end(), writer.bytes().begin(), writer.bytes().end());
   pending_.insert(pending_.end(), record.begin(), record.end());
   return place;
@@ -397,7 +435,7 @@ void RecordLog::create_segment(std::uint32_t number) {
   header.write_u32_le(segments_.contains(number - 1) ? newest().records : unknown_records);
   header.write_u64_le(mark_).write_u32_le(0);
   header.write_u32_le(checksum({}, header.bytes()));
-  OwnedFile file(::open(path.c_str(), O_RDWR | O_CREAT | O_TRUNC | O_CLOEXEC, 0600));
+  OwnedFile file = open_file(path, O_RDWR | O_CREAT | O_TRUNC);
   if (file.get() < 0) fail(path);
   if (!write_at(file.get(), header.bytes(), 0)) {
     const int error = errno;
@@ -450,18 +488,19 @@ void RecordLog::erase(std::span<const Place> places, bool is_durable) {
     segment->second.unsaved.push_back(place.offset);
     touched.insert(place.segment);
   }
+  if (touched.empty()) return;
+  // First: a tally that still counts what is erased already would tell of a loss.
+  if (write_tally() && is_durable) fdatasync(tally_file_.get());
   for (const std::uint32_t number : touched) {
     Segment& segment = segments_.at(number);
     const bool is_dead = segment.live == 0 && &segment != &newest();
     if (!is_dead) save_erased(number, segment, is_durable);
   }
-  if (!touched.empty()) write_tally();
   remove_dead_segments();
 }
 
 void RecordLog::save_erased(std::uint32_t number, Segment& segment, bool is_durable) {
-  const OwnedFile list(::open((path_of(number) + ".erased").c_str(),
-                              O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0600));
+  const OwnedFile list = open_file(path_of(number) + ".erased", O_WRONLY | O_CREAT | O_APPEND);
   ByteWriter entries;
   for (const std::uint32_t offset : segment.unsaved)
     entries.write_u32_le(offset).write_u32_le(checksum({number, offset}));
@@ -499,8 +538,11 @@ std::optional<Bytes> RecordLog::read(Place place) const {
   Bytes record(size);
   const ssize_t length = read_at(file, record, place.offset + record_header_bytes);
   if (length < 0) fail(path_of(place.segment));
-  if (u32_at(header, 0) != checksum({place.segment, size, u32_at(header, 8)}, record))
-    return std::nullopt;
+  const std::uint32_t sum = u32_at(header, 12);
+  const bool is_whole =
+      u32_at(header, 0) == checksum({place.segment, size, u32_at(header, 8), sum}) &&
+      sum == checksum({}, record);
+  if (!is_whole) return std::nullopt;
   return record;
 }
 
@@ -545,7 +587,7 @@ void RecordLog::synchronise() {
     const auto segment = segments_.find(number);
     if (segment == segments_.end()) continue;
     if (fdatasync(segment->second.file.get()) != 0) fail(path_of(number));
-    const OwnedFile list(::open((path_of(number) + ".erased").c_str(), O_WRONLY | O_CLOEXEC));
+    const OwnedFile list = open_file(path_of(number) + ".erased", O_WRONLY);
     if (list.get() >= 0 && fdatasync(list.get()) != 0) fail(path_of(number) + ".erased");
   }
   synchronise_directory(directory_);
@@ -566,7 +608,7 @@ std::vector<std::string> RecordLog::put_back_in_place() {
     const auto octets = read_file(segment.file.get(), false);
     if (!octets) fail(path);
     const std::string copy = path + ".new";
-    OwnedFile file(::open(copy.c_str(), O_RDWR | O_CREAT | O_TRUNC | O_CLOEXEC, 0600));
+    OwnedFile file = open_file(copy, O_RDWR | O_CREAT | O_TRUNC);
     if (file.get() < 0 || !write_at(file.get(), *octets, 0) || fdatasync(file.get()) != 0)
       fail(copy);
     std::ignore = ::rename(path.c_str(), (path + ".replaced").c_str());

@@ -79,6 +79,7 @@ class RecordLog {
     std::size_t lost_at_least = 0;
     std::size_t lost_at_most = 0;
     std::string where;       ///< the first damaged file
+    std::size_t strays = 0;  ///< segments of other logs, which are left alone
     std::uint64_t mark = 0;  ///< see set_mark()
   };
 
@@ -138,6 +139,8 @@ class RecordLog {
   void make_directory() const;
   void lock();
   std::map<std::uint32_t, std::string> find_segments();
+  std::map<std::uint32_t, std::string> put_under_their_numbers(
+      const std::map<std::uint32_t, std::string>& named) const;
   Scan scan(std::uint32_t number, bool skips_unreadable);
   void note_missing(std::uint32_t number, const Scan& scan, Segment& segment,
                     Summary& summary) const;
@@ -157,6 +160,7 @@ class RecordLog {
   const std::string directory_;
   const std::uint32_t segment_bytes_;
   std::uint64_t id_ = 0;
+  std::size_t strays_ = 0;
   OwnedFile tally_file_;
   std::optional<Tally> tally_;
   Segments segments_;

@@ -2,7 +2,9 @@
 // What a failing disk and a damaged file do to the store: a disk that fails for a moment costs
 // nothing; of a damaged file everything that can be read is delivered, and the rest is told.
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 
+#include <algorithm>
 #include <chrono>
 
 #include <filesystem>
@@ -225,7 +227,7 @@ TEST_F(StoreDamage, LossesAreARangeWhereBothFilesAreDamaged) {
     ASSERT_TRUE(user.forget(1, 50));
   }
   overwrite(segment() + ".erased", 80, std::string(8, '\xee'));
-  overwrite(segment(), 2 * page_bytes, std::string(512, '\0'));
+  overwrite(segment(), 3 * page_bytes, std::string(512, '\0'));
   StoreUser user(directory.path());
   const std::size_t count = user.await<StoreOpened>()->count;
   EXPECT_NE(user.notices().find(std::to_string(50 - count) + " to " + std::to_string(51 - count) +
@@ -369,6 +371,70 @@ TEST_F(StoreDamage, AnOldCopyOfASegmentIsNoticed) {
   StoreUser next(directory.path());
   EXPECT_EQ(next.await<StoreOpened>()->count, 50u);
   EXPECT_NE(next.notices().find(told(7)), std::string::npos) << next.notices();
+}
+
+TEST_F(StoreDamage, ARenamedSegmentIsFoundAgain) {
+  fill(100);
+  const std::string path = segment();
+  const std::string other = (std::filesystem::path(path).parent_path() / "00000900").string() +
+                            path.substr(path.rfind('/') + 9);
+  std::filesystem::rename(path, other);
+  StoreUser user(directory.path());
+  EXPECT_EQ(user.await<StoreOpened>()->count, 100u);
+  EXPECT_EQ(user.notices(), "");
+  expect_intact(*user.load(0), 100);
+}
+
+TEST_F(StoreDamage, SegmentsOfAnotherStoreAreLeftAloneAndReported) {
+  const TempDir others;
+  {
+    StoreUser other(others.path(), 1u << 20);
+    for (std::uint64_t row = 1; row < 1000; row += 100) ASSERT_TRUE(other.keep(row, 100, 1000));
+  }
+  fill(10);
+  for (const auto& file : std::filesystem::directory_iterator(others / "messages"))
+    if (file.path().extension() == ".log")
+      std::filesystem::copy(file.path(), directory / "messages");
+  StoreUser user(directory.path());
+  EXPECT_EQ(user.await<StoreOpened>()->count, 10u);
+  EXPECT_NE(user.notices().find("belong to another store"), std::string::npos) << user.notices();
+}
+
+/// All records fail their checksums, and none is taken for the beginning of a long one.
+TEST_F(StoreDamage, SwappedSegmentsAreReadInAMoment) {
+  for (std::uint64_t first = 1; first < 40000; first += 20000) {
+    StoreUser user(directory.path());
+    ASSERT_TRUE(user.keep(first, 20000, 20));
+  }
+  std::vector<std::string> paths;
+  for (const auto& file : std::filesystem::directory_iterator(directory / "messages"))
+    if (file.path().extension() == ".log") paths.push_back(file.path());
+  ASSERT_EQ(paths.size(), 2u);
+  std::string one = read_file(paths[0]);
+  std::string other = read_file(paths[1]);
+  std::swap_ranges(one.begin() + 32, one.begin() + 1500000, other.begin() + 32);
+  write_file(paths[0], one, 0600);
+  write_file(paths[1], other, 0600);
+  StoreUser user(directory.path());
+  const auto opened = user.await<StoreOpened>();
+  ASSERT_TRUE(opened) << "within the time that a test waits";
+  EXPECT_NE(user.notices().find(told(40000 - opened->count)), std::string::npos) << user.notices();
+}
+
+TEST_F(StoreDamage, LinksAndFifosAreNotFollowed) {
+  fill(10);
+  write_file(directory / "victim", "somebody's", 0600);
+  std::filesystem::remove(directory / "messages/tally");
+  std::filesystem::create_symlink(directory / "victim", directory / "messages/tally");
+  {
+    StoreUser user(directory.path());
+    ASSERT_TRUE(user.await<StoreAbsent>());
+  }
+  std::filesystem::remove(directory / "messages/tally");
+  mkfifo((segment() + ".erased").c_str(), 0600);
+  StoreUser user(directory.path());
+  ASSERT_TRUE(user.await<StoreAbsent>()) << "and it does not hang";
+  EXPECT_EQ(read_file(directory / "victim"), "somebody's");
 }
 
 TEST_F(StoreDamage, SegmentsGoWhenTheyAreDelivered) {
