@@ -133,7 +133,8 @@ void BleMesh::on_message(const MessageReceived& message, TimePoint now) {
   if (message.source == 0 || message.source > last_unicast_address)
     return uplink_.reject(message.source, "its source is no unicast address", now);
   const NodeTable& nodes = provisioner_.nodes();
-  if (nodes.names().bans().has(nodes.id_of(message.source))) {
+  const Bans& bans = nodes.names().bans();
+  if (!bans.ids().empty() && bans.has(nodes.id_of(message.source))) {
     provisioner_.on_message(message, now);  // an operator may still remove it
     return settle(now);
   }

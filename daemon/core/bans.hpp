@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Who is refused (`bans`): robots by their id or MQTT-SN client id, hosts by address or network.
-// Immutable. Pure.
+// The list of refused robots and hosts (`bans` of the configuration): robots by id or MQTT-SN
+// client id, hosts by address or network. Immutable. Pure.
 #pragma once
 
 #include <array>

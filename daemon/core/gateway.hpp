@@ -174,7 +174,7 @@ class Gateway {
   void handle(Report report, const Now& now);
   void handle(PresenceChange change, const Now& now);
   void handle(SignOfLife sign, const Now& now);
-  /// What it has retained still counts: else names that come and go could retain without end.
+  /// Its retained topics still count. Otherwise, new names could retain without end.
   void handle(SessionEvicted evicted, const Now&) { drop(evicted.robot); }
   void handle(CommandOutcome outcome, const Now& now);
   void handle(LinkChange change, const Now& now);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Bounds what robots may leave at the broker for good: each retained message stays there until
-// somebody clears it. Pure; part of Gateway.
+// Bounds how many retained messages robots may leave at the broker, where each one stays until it
+// is cleared. Pure; part of Gateway.
 #pragma once
 
 #include <algorithm>

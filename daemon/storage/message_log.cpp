@@ -97,8 +97,7 @@ std::optional<MessageRecord> decode_message(ByteView octets) {
 }
 
 MessageLog::MessageLog(const std::string& directory, std::uint64_t max_bytes, bool skips_unreadable)
-    : max_bytes_(max_bytes),
-      messages_(directory + "/messages", part_of(max_bytes, 64, 4u << 20)),
+    : messages_(directory + "/messages", part_of(max_bytes, 64, 4u << 20)),
       letters_(directory + "/dead-letters", part_of(max_bytes, 256, 1u << 20), letter_id) {
   lost_dead_letters_ = letters_.replay(skips_unreadable);
   for (const auto& [id, place] : letters_.places()) {

@@ -109,7 +109,6 @@ class MessageLog {
   void put_letter(std::uint64_t id, ByteView message, const SetAside& aside, std::int64_t now);
   void count_letters();
 
-  std::uint64_t max_bytes_;
   RecordLog messages_;
   KeyedLog<std::uint64_t> letters_;  // by id: the row that it had
   Rows rows_;

@@ -113,6 +113,12 @@ bool is_same_file(const std::string& path, int file) {
          named.st_ino == open.st_ino && named.st_dev == open.st_dev;
 }
 
+/// Makes renames and new files in `directory` durable.
+void synchronise_directory(const std::string& directory) {
+  const OwnedFile entry(::open(directory.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  if (entry.get() >= 0) fsync(entry.get());
+}
+
 /// `<number>-<id>.log`.
 std::optional<std::pair<std::uint32_t, std::uint64_t>> parse_name(const std::string& name) {
   unsigned number = 0;
@@ -134,11 +140,6 @@ LogError::LogError(const std::string& what, int error)
 
 OwnedFile::~OwnedFile() {
   if (descriptor_ >= 0) ::close(descriptor_);
-}
-
-void synchronise_directory(const std::string& directory) {
-  const OwnedFile entry(::open(directory.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
-  if (entry.get() >= 0) fsync(entry.get());
 }
 
 /// What a segment's file holds.
@@ -260,7 +261,7 @@ RecordLog::Summary RecordLog::replay(bool skips_unreadable,
                                      const std::function<void(const Found&)>& on_record) {
   Summary summary;
   segments_.clear();
-  std::vector<std::pair<std::uint32_t, Scan>> scans;  // the last two only
+  std::optional<std::pair<std::uint32_t, Scan>> last;  // it takes the next header to judge it
   const auto take = [&](std::uint32_t number, const Scan& scan) {
     Segment& segment = segments_.at(number);
     note_missing(number, scan, segment, summary);
@@ -281,21 +282,20 @@ RecordLog::Summary RecordLog::replay(bool skips_unreadable,
     Scan scanned = scan(number, skips_unreadable);
     segments_.at(number).bytes = static_cast<std::uint32_t>(scanned.octets.size());
     summary.mark = std::max(summary.mark, scanned.mark);
-    if (!scans.empty()) {
-      auto& [before, former] = scans.back();
+    if (last) {
+      const auto& [before, former] = *last;
       const bool is_known = scanned.records_before != unknown_records && before + 1 == number;
       segments_.at(before).records = is_known ? scanned.records_before : former.records;
       take(before, former);
-      scans.clear();
     }
-    scans.emplace_back(number, std::move(scanned));
+    last.emplace(number, std::move(scanned));
   }
-  if (!scans.empty()) {
-    const std::uint32_t number = scans.back().first;
-    newest().records = scans.back().second.records;
+  if (last) {
+    const auto& [number, scanned] = *last;
+    newest().records = scanned.records;
     if (tally_ && tally_->segment == number)
       newest().records = std::max(newest().records, tally_->records);
-    take(number, scans.back().second);
+    take(number, scanned);
     next_segment_ = number + 1;
   }
   if (tally_) next_segment_ = std::max(next_segment_, tally_->segment + 1);

@@ -5,8 +5,7 @@
 //
 //   <number>-<log id>.log          header, then records, one behind the other
 //   <number>-<log id>.log.erased   offset and checksum of each erased record
-//   tally                          the newest segment, its records, and how many live in all;
-//   locked
+//   tally                          newest segment, its records, records not erased in all; locked
 //
 // All numbers are little-endian, checksums CRC-32 (ISO-HDLC). A checksum also covers the log's
 // random id, so that no content of a record can pass for a record. Each segment's header has the
@@ -41,9 +40,6 @@ class LogError : public std::runtime_error {
   bool is_io_error_;
 };
 
-/// Makes renames and new files in `directory` durable.
-void synchronise_directory(const std::string& directory);
-
 /// Owns a file descriptor.
 class OwnedFile {
  public:
@@ -66,7 +62,6 @@ class RecordLog {
   struct Place {
     std::uint32_t segment = 0;
     std::uint32_t offset = 0;
-    bool operator==(const Place&) const = default;
   };
   struct Found {
     Place place;
@@ -115,8 +110,6 @@ class RecordLog {
   std::vector<std::string> put_back_in_place();
   bool is_in_place() const;
 
-  const std::string& directory() const { return directory_; }
-  std::uint64_t bytes() const;
   /// Makes durable what was written without that. Throws LogError.
   void synchronise();
 
@@ -124,8 +117,8 @@ class RecordLog {
   struct Segment {
     OwnedFile file;
     std::uint32_t bytes = 0;
-    std::uint32_t records = 0;  ///< ever written
-    std::uint32_t live = 0;
+    std::uint32_t records = 0;           ///< ever written
+    std::uint32_t live = 0;              ///< not erased
     std::vector<std::uint32_t> unsaved;  ///< entries of the list of erased records
   };
   struct Tally {
@@ -145,7 +138,6 @@ class RecordLog {
   void note_missing(std::uint32_t number, const Scan& scan, Segment& segment,
                     Summary& summary) const;
   void note_missing_segments(Summary& summary) const;
-  std::uint32_t begin_record(std::size_t size) const;
   Segment& newest() { return segments_.rbegin()->second; }
   void create_segment(std::uint32_t number);
   void save_erased(std::uint32_t number, Segment& segment, bool is_durable);
@@ -153,6 +145,7 @@ class RecordLog {
   bool write_tally();
   std::optional<Tally> read_tally();
   std::uint64_t live() const;
+  std::uint64_t bytes() const;
   std::string path_of(std::uint32_t number) const;
   std::uint32_t checksum(std::initializer_list<std::uint32_t> numbers, ByteView octets = {}) const;
   [[noreturn]] void fail(const std::string& path) const;

@@ -101,6 +101,8 @@ TEST(Reload, ABanEndsASessionAndHoldsUntilItIsTakenBack) {
 
   ASSERT_TRUE(eventually([&] { return gateway.logs("ble-0100 is online"); })) << gateway.log();
   ban("ban", "ble-0100");
+  Subscriber other(broker, "ntnu-slam/robot/ble-0101/update", "%t");
+  EXPECT_TRUE(eventually([&] { return !other.lines().empty(); })) << "what was under way has gone";
   Subscriber updates(broker, "ntnu-slam/robot/+/update", "%t");
   EXPECT_TRUE(eventually([&] { return updates.lines().size() > 3; }));
   for (const std::string& topic : updates.lines())

@@ -66,9 +66,9 @@ TEST_F(WebPlaces, AddressesOfASlash64ShareAQuarter) {
 }
 
 TEST_F(WebPlaces, AShareIsNeverLessThanTwo) {
-  EXPECT_EQ(Places(3).share(), 2u);
-  EXPECT_EQ(Places(32).share(), 8u);
-  EXPECT_EQ(Places(256).share(), 64u);
+  EXPECT_EQ(Places(3).share_of(one), 2u);
+  EXPECT_EQ(Places(32).share_of(one), 8u);
+  EXPECT_EQ(Places(256).share_of(one), 64u);
 }
 
 TEST_F(WebPlaces, LoopbackTakesThreeQuartersForAllComeFromThereBehindAProxy) {

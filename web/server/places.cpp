@@ -6,6 +6,10 @@
 
 namespace slamgw::web {
 
+std::size_t Places::share_of(const Client& client) const {
+  return client.is_loopback ? max_ - max_ / 4 : std::max<std::size_t>(2, max_ / 4);
+}
+
 Places::Room Places::room_for(const Client& client) const {
   const auto own = std::count_if(connections_.begin(), connections_.end(), [&](const auto& entry) {
     return entry.second.client.name == client.name;

@@ -7,7 +7,6 @@
 #include <functional>
 #include <map>
 #include <memory>
-#include <optional>
 
 #include "web/server/client.hpp"
 
@@ -20,16 +19,13 @@ class Places {
  public:
   enum class Room { free, share_is_taken, all_are_taken };
 
-  /// The share of one client is a quarter, but at least 2: a browser needs more than one.
-  explicit Places(std::size_t max) : max_(max), share_(max < 8 ? 2 : max / 4) {}
+  explicit Places(std::size_t max) : max_(max) {}
   Places(const Places&) = delete;
   Places& operator=(const Places&) = delete;
 
-  std::size_t share() const { return share_; }
-  /// Behind a reverse proxy all clients come from an address of loopback: it gets three quarters.
-  std::size_t share_of(const Client& client) const {
-    return client.is_loopback ? max_ - max_ / 4 : share_;
-  }
+  /// A quarter, but at least 2, because a browser needs more than one. Behind a reverse proxy all
+  /// clients come from one address of loopback, which gets three quarters.
+  std::size_t share_of(const Client& client) const;
   Room room_for(const Client& client) const;
   /// The caller has asked for room.
   HeldPlace take(const Client& client);
@@ -47,7 +43,6 @@ class Places {
   };
 
   const std::size_t max_;
-  const std::size_t share_;
   std::uint64_t last_ = 0;  ///< number that was given to a place, or to a time
   std::map<std::uint64_t, Connection> connections_;
 };

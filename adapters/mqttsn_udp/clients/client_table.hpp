@@ -112,7 +112,7 @@ class ClientTable {
   /// Who gives way to `peer` when nobody has left: clients that have not answered yet. First those
   /// that said nothing after their CONNECT; then those of the address, or the /64, that has at
   /// least two more of them than the one of `peer`. The longest silent come first; some at a time.
-  /// Costs little when there is nobody: an attacker may ask for it again and again.
+  /// Cheap when the result is empty, because an attacker can cause many calls.
   std::vector<ClientSession*> crowd(const Peer& peer, TimePoint now);
 
   const std::unordered_map<std::string, std::shared_ptr<ClientSession>>& all() const {

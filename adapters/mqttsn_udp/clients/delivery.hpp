@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is on its way to one client: the queue, and the requests that await the client's answer.
+// The messages to one client: the queue, and the requests that await the client's answer.
 // Values only; Downlink and the classes beside it change them.
 #pragma once
 

@@ -3,8 +3,8 @@
 // REGISTER and SUBSCRIBE (R61). Ids are made from the names, so that a robot which goes on at a
 // gateway that knows an older session of it, or none, means the same topic there, or an unknown
 // one: CONNACK cannot say that a session is not there. An id that the client has asked for or
-// publishes with is never given anew while the session lives; of those that the gateway has made
-// for its deliveries, the longest unused one is, when the table is full.
+// publishes with keeps its name while the session lives. When the table is full, the gateway reuses
+// the id of its own deliveries that was unused for longest.
 #pragma once
 
 #include <cstddef>

@@ -108,8 +108,8 @@ class Sleep {
   Lifecycle& lifecycle_;
 };
 
-/// What time brings to clients: keep-alive and sleep run out (MQTT-SN 1.2 sections 6.11, 6.14),
-/// requests are repeated, commands are too late. Also the step that follows each event of a client:
+/// Handles the timers of clients: keep-alive and sleep run out (MQTT-SN 1.2 sections 6.11, 6.14),
+/// requests are repeated, commands expire. Also the step that follows each event of a client:
 /// it is sent what may be sent.
 class Supervision {
  public:

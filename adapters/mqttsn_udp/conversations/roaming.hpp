@@ -60,9 +60,8 @@ class Roaming {
   std::deque<WaitingConnect> waiting_;  // in the order they came; at most max_waiting_connects
 };
 
-/// What another gateway needs to go on with the session of a client that keeps it (CleanSession 0):
-/// reported whenever it changes, a little later, so that what a client sets up together is one
-/// note.
+/// Reports the note with which another gateway can continue a kept session (CleanSession 0). A
+/// changed note waits a little, so that what a client sets up together is one note.
 class Notes {
  public:
   Notes(const ClientTable& clients, Output& output) : clients_(clients), output_(output) {}

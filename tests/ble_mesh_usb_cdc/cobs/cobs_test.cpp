@@ -233,6 +233,16 @@ TEST_F(CobsMeshTest, LienRobotsTakeNewNamesWhileTheyTalk) {
   EXPECT_TRUE(all<Report>().empty()) << "it is not dead: no will";
 }
 
+TEST_F(CobsMeshTest, WhatABannedLienRobotSaysIsDropped) {
+  make(CobsContent::lien);
+  mesh->on_names(RobotNames({{"old2", 0x0002, {}}}, Bans({"old2"})), now);
+  drain();
+  events.clear();
+  hear("01 02 02 01 01 03 01 0a 04 ec ff 5a 02 2d 06 14 28 50 5a 26 00");
+  EXPECT_TRUE(all<Report>().empty());
+  EXPECT_TRUE(all<PresenceChange>().empty());
+}
+
 TEST_F(CobsMeshTest, SimpleLienMessagesGoUpByName) {
   make(CobsContent::lien);
   hear("01 02 02 01 01 03 01 0a 04 ec ff 5a 02 2d 06 14 28 50 5a 26 00");
