@@ -24,6 +24,7 @@
 #include "ctl/show.hpp"
 #include "daemon/config/rules.hpp"
 #include "daemon/control/wire.hpp"
+#include "daemon/core/utf8.hpp"
 
 namespace {
 
@@ -118,7 +119,8 @@ void print_dead_letters(Connection& connection, Order order) {
     const auto& letters = page.at("letters");
     if (is_table) std::cout << show::dead_letters(letters, this_screen());
     for (const auto& letter : letters) {
-      if (is_document) std::cout << std::exchange(separator, ",\n") << letter.dump();
+      if (is_document)
+        std::cout << std::exchange(separator, ",\n") << slamgw::escape_unprintable(letter.dump());
       if (order.answer == Answer::exported) std::cout << slamgw::control::to_line(letter);
     }
     order.request["after"] = letters.back().at("id");

@@ -38,14 +38,13 @@ Character character_at(std::string_view text, std::size_t at) {
 
 }  // namespace
 
-std::string text_at(const nlohmann::json& object, const char* key) {
+std::string string_at(const nlohmann::json& object, const char* key) {
   const auto found = object.find(key);
-  if (found == object.end() || !found->is_string()) return "";
-  std::string text = found->get<std::string>();
-  if (is_printable(text)) return text;
-  for (char& c : text)
-    if (!is_printable(std::string_view(&c, 1))) c = '?';
-  return text;
+  return found == object.end() || !found->is_string() ? "" : found->get<std::string>();
+}
+
+std::string text_at(const nlohmann::json& object, const char* key) {
+  return escape_unprintable(string_at(object, key));
 }
 
 double number_at(const nlohmann::json& object, const char* key) {
@@ -235,6 +234,20 @@ std::string absent_lines(const json& robots) {
   return out;
 }
 
+/// Names that the table shows with escapes, which their robots may have been given to deceive.
+std::string deceptive_line(const json& robots) {
+  constexpr std::size_t most = 5;
+  std::vector<std::string> names;
+  for (const json& robot : robots)
+    if (text_at(robot, "id") != string_at(robot, "id")) names.push_back(text_at(robot, "id"));
+  if (names.empty()) return "";
+  const std::size_t count = names.size();
+  names.resize(std::min(count, most));
+  return fmt::format("{} {} made to look like another (\\u: escaped characters): {}{}\n", count,
+                     count == 1 ? "name is" : "names are", fmt::join(names, ", "),
+                     count > most ? ", ..." : "");
+}
+
 /// What robots were refused, if anything; the log names the robots and the reasons.
 std::string refused_line(const json& counters) {
   constexpr std::pair<const char*, const char*> kinds[] = {
@@ -390,7 +403,7 @@ std::string robots(const json& robots, const Screen& screen) {
       line += " " + pad_left(row[column], widths[column]);
     out += line + "\n";
   }
-  return out + absent_lines(robots);
+  return out + absent_lines(robots) + deceptive_line(robots);
 }
 
 std::string event(const json& event, const Screen& screen) {

@@ -11,7 +11,9 @@
 
 namespace slamgw::ctl {
 
-/// The member's text, or "" when it is missing or no text; control characters become `?`.
+/// The member's text as it is, for comparing; "" when it is missing or no text.
+std::string string_at(const nlohmann::json& object, const char* key);
+/// The same for showing: what hides or deceives is escaped (escape_unprintable).
 std::string text_at(const nlohmann::json& object, const char* key);
 /// The member's number, or 0.
 double number_at(const nlohmann::json& object, const char* key);

@@ -56,7 +56,7 @@ Manifest read_manifest(const std::string& archive) {
   if (format > archive_format)
     throw Failure(fmt::format("{} was written by slam-gateway {}; install that version first",
                               archive, text_at(json, "version")));
-  return {text_at(json, "configuration"), text_at(json, "state"), text_at(json, "gateway")};
+  return {string_at(json, "configuration"), string_at(json, "state"), string_at(json, "gateway")};
 }
 
 /// Only what this installation keeps: an archive from elsewhere must not choose what root writes.

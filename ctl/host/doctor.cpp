@@ -391,7 +391,7 @@ std::string addresses_of(const RobotName& robot) {
 /// The row whose `key` is that robot; null when there is none.
 const json* row_of(const json& rows, const char* key, const std::string& robot) {
   const auto row = std::find_if(rows.begin(), rows.end(),
-                                [&](const json& other) { return text_at(other, key) == robot; });
+                                [&](const json& other) { return string_at(other, key) == robot; });
   return row == rows.end() ? nullptr : &*row;
 }
 

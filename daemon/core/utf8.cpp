@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <optional>
+#include <span>
 
 namespace slamgw {
 namespace {
@@ -60,6 +61,8 @@ bool is_control(std::uint32_t code_point) {
   return code_point <= 0x1f || (code_point >= 0x7f && code_point <= 0x9f);
 }
 
+bool is_ascii_letter(char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z'); }
+
 bool is_non_character(std::uint32_t code_point) {
   return (code_point >= 0xfdd0 && code_point <= 0xfdef) || (code_point & 0xfffe) == 0xfffe;
 }
@@ -69,12 +72,75 @@ struct Range {
   std::uint32_t last;
 };
 
-bool is_hidden(std::uint32_t code_point) {
-  constexpr Range hidden[] = {
-      {0x61c, 0x61c}, {0x200e, 0x200f}, {0x2028, 0x2029}, {0x202a, 0x202e}, {0x2066, 0x2069}};
-  return std::ranges::any_of(hidden, [code_point](const Range& range) {
+bool is_in(std::span<const Range> ranges, std::uint32_t code_point) {
+  return std::ranges::any_of(ranges, [code_point](const Range& range) {
     return code_point >= range.first && code_point <= range.last;
   });
+}
+
+// web/page/shown.js has the same three tables; tests/vectors/shown.json checks both.
+
+/// Without a width, or turns the direction of what follows.
+constexpr Range hidden[] = {{0xad, 0xad},     {0x34f, 0x34f},   {0x61c, 0x61c},    {0x115f, 0x1160},
+                            {0x17b4, 0x17b5}, {0x180b, 0x180f}, {0x200b, 0x200f},  {0x2028, 0x202e},
+                            {0x2060, 0x206f}, {0x3164, 0x3164}, {0xfe00, 0xfe0f},  {0xfeff, 0xfeff},
+                            {0xffa0, 0xffa0}, {0xfff9, 0xfffb}, {0xe0000, 0xe0fff}};
+
+/// Out of place among Latin letters: Greek, Cyrillic and other alphabets with look-alikes, marks,
+/// spaces and dashes, wide and mathematical letters.
+constexpr Range foreign[] = {
+    {0xa0, 0xa0},     {0x250, 0x36f},   {0x370, 0x58f},   {0x13a0, 0x13ff},   {0x1c80, 0x1c8f},
+    {0x1f00, 0x1fff}, {0x2000, 0x200a}, {0x2010, 0x2015}, {0x202f, 0x202f},   {0x205f, 0x205f},
+    {0x2160, 0x217f}, {0x2212, 0x2212}, {0x2c80, 0x2cff}, {0x2de0, 0x2dff},   {0x3000, 0x3000},
+    {0xa640, 0xa69f}, {0xab70, 0xabbf}, {0xff00, 0xff5e}, {0x1d400, 0x1d7ff},
+};
+
+/// Looks like a Latin letter: a word of nothing else looks like a Latin one.
+constexpr Range look_alike[] = {
+    {0x391, 0x392},   {0x395, 0x397},     {0x399, 0x39a}, {0x39c, 0x39d}, {0x39f, 0x39f},
+    {0x3a1, 0x3a1},   {0x3a4, 0x3a5},     {0x3a7, 0x3a7}, {0x3b1, 0x3b1}, {0x3b9, 0x3ba},
+    {0x3bd, 0x3bd},   {0x3bf, 0x3bf},     {0x3c1, 0x3c1}, {0x3c4, 0x3c5}, {0x3c7, 0x3c7},
+    {0x3f2, 0x3f3},   {0x3f9, 0x3f9},     {0x405, 0x406}, {0x408, 0x408}, {0x410, 0x410},
+    {0x412, 0x412},   {0x415, 0x415},     {0x41a, 0x41a}, {0x41c, 0x41e}, {0x420, 0x423},
+    {0x425, 0x425},   {0x430, 0x430},     {0x435, 0x435}, {0x43e, 0x43e}, {0x440, 0x441},
+    {0x443, 0x443},   {0x445, 0x445},     {0x455, 0x456}, {0x458, 0x458}, {0x4ae, 0x4af},
+    {0x4ba, 0x4bb},   {0x4c0, 0x4c0},     {0x4cf, 0x4cf}, {0x501, 0x501}, {0x51a, 0x51d},
+    {0xff21, 0xff5a}, {0x1d400, 0x1d7ff},
+};
+
+bool is_hidden(std::uint32_t code_point) { return is_in(hidden, code_point); }
+
+bool is_in_word(char c) {
+  const auto octet = static_cast<std::uint8_t>(c);
+  return octet >= 0x80 || is_ascii_letter(c) || (c >= '0' && c <= '9');
+}
+
+/// Whether the foreign characters of `word` make it look like another word.
+bool deceives(std::string_view word) {
+  bool has_look_alike = false;
+  bool has_other = false;
+  while (!word.empty()) {
+    if (is_ascii_letter(word[0])) return true;
+    const auto code_point = take_code_point(word);
+    if (!code_point) return true;
+    if (*code_point < 0x80 || is_hidden(*code_point)) continue;
+    (is_in(look_alike, *code_point) ? has_look_alike : has_other) = true;
+  }
+  return has_look_alike && !has_other;
+}
+
+/// The word around the character at `at`.
+std::string_view word_at(std::string_view text, std::size_t at) {
+  std::size_t begin = at;
+  while (begin > 0 && is_in_word(text[begin - 1])) --begin;
+  while (at < text.size() && is_in_word(text[at])) ++at;
+  return text.substr(begin, at - begin);
+}
+
+std::string escaped(std::uint32_t code_point) {
+  if (code_point <= 0xffff) return fmt::format("\\u{:04x}", code_point);
+  const std::uint32_t rest = code_point - 0x10000;
+  return fmt::format("\\u{:04x}\\u{:04x}", 0xd800 | rest >> 10, 0xdc00 | (rest & 0x3ff));
 }
 
 }  // namespace
@@ -88,9 +154,17 @@ bool is_printable(std::string_view text) {
 }
 
 std::string escape_unprintable(std::string_view text) {
+  const std::string_view whole = text;
+  const char* word_end = whole.data();
+  bool is_deceptive = false;  // the word up to there
   std::string out;
   out.reserve(text.size());
   while (out += take_plain(text), !text.empty()) {
+    if (text.data() >= word_end) {
+      const std::string_view word = word_at(whole, whole.size() - text.size());
+      word_end = word.data() + word.size();
+      is_deceptive = deceives(word);
+    }
     std::string_view rest = text;
     const auto code_point = take_code_point(rest);
     if (!code_point || *code_point < 0x20) {
@@ -98,11 +172,9 @@ std::string escape_unprintable(std::string_view text) {
       text.remove_prefix(1);
       continue;
     }
-    if (is_control(*code_point) || is_hidden(*code_point)) {
-      out += fmt::format("\\u{:04x}", *code_point);
-    } else {
-      out += text.substr(0, text.size() - rest.size());
-    }
+    const bool is_escaped = is_control(*code_point) || is_hidden(*code_point) ||
+                            (is_deceptive && is_in(foreign, *code_point));
+    out += is_escaped ? escaped(*code_point) : std::string(text.data(), rest.data());
     text = rest;
   }
   return out;

@@ -10,13 +10,14 @@ namespace slamgw {
 bool is_utf8(std::string_view text);
 
 /// UTF-8 that shows as it is written: no control characters (U+0000-001F, U+007F-009F, which some
-/// terminals obey like escape sequences), no line separators (U+2028, U+2029), and nothing that
-/// turns the direction of what follows (U+061C, U+200E-200F, U+202A-202E, U+2066-2069), by which
-/// one text can look like another.
+/// terminals obey like escape sequences), no line separators (U+2028, U+2029), nothing without a
+/// width (U+200B and its like), and nothing that turns the direction of what follows.
 bool is_printable(std::string_view text);
 
 /// With escapes in place of what is_printable() forbids: `\uXXXX`, as in JSON, and `\xNN` for
 /// characters below U+0020 and for octets that are no UTF-8, of which a JSON document has none.
+/// So are characters by which a word looks like another one: Greek or Cyrillic letters, marks,
+/// spaces and dashes in a word with Latin letters, and words of nothing but look-alikes of these.
 std::string escape_unprintable(std::string_view text);
 
 /// Text that every broker takes as a string of MQTT: at most 65 535 octets of well-formed UTF-8

@@ -7,6 +7,7 @@ All three are read leniently: a member that is missing or of another type is lef
 import csv
 import dataclasses
 import datetime
+import re
 import string
 
 GATEWAY, ROBOTS, BROKER = "gateway", "robots", "broker"
@@ -131,13 +132,40 @@ def from_members(source, members):
     return event
 
 
+# Characters without a width, which turn what follows, or which look like Latin letters, spaces or dashes.
+_HIDDEN = "\x00-\x1f\x7f-\x9f\xad\u034f\u061c\u115f\u1160\u200b-\u200f\u2028-\u202e\u2060-\u206f\u3164\ufe00-\ufe0f\ufeff"
+_FOREIGN = "\xa0\u0250-\u058f\u1f00-\u200a\u2010-\u2015\u2212\uff01-\uff5e"
+_ESCAPED = re.compile(f"[{_HIDDEN}]|[{_FOREIGN}]")
+_FORMULA = re.compile(r"'*[=+\-@\t\r]")
+
+
+def to_cell(value):
+    """A cell that no spreadsheet takes for a formula, without characters by which a name looks like another."""
+    if value is None:
+        return ""
+    if not isinstance(value, str):
+        return value
+    text = "'" + value if _FORMULA.match(value) else value
+    escaped = _ESCAPED if re.search("[A-Za-z]", text) else re.compile(f"[{_HIDDEN}]")
+    return escaped.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+
+
+def from_cell(text):
+    """What to_cell() was given."""
+    def original(found):
+        character = chr(int(found[1], 16))
+        return character if _ESCAPED.match(character) else found[0]
+    text = re.sub(r"\\u([0-9a-f]{4})", original, text)
+    return text[1:] if _FORMULA.match(text[1:]) and text[0] == "'" else text
+
+
 def write_header(file):
     csv.writer(file, lineterminator="\n").writerow(COLUMNS)
 
 
 def write_row(file, event):
     row = [getattr(event, name) for name in COLUMNS]
-    csv.writer(file, lineterminator="\n").writerow(["" if value is None else value for value in row])
+    csv.writer(file, lineterminator="\n").writerow([to_cell(value) for value in row])
 
 
 def read_csv(path):
@@ -151,7 +179,7 @@ def read_csv(path):
         for row in rows:
             if len(row) != len(COLUMNS):
                 continue
-            values = {name: _as(kind, text) for (name, (kind, _)), text in zip(COLUMNS.items(), row)}
+            values = {name: _as(kind, from_cell(text)) for (name, (kind, _)), text in zip(COLUMNS.items(), row)}
             values["payload"] = _hex(values["payload"])
             if values["t_us"] is not None:
                 events.append(Event(**values))

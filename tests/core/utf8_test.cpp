@@ -6,6 +6,11 @@
 
 #include <nlohmann/json.hpp>
 
+#include <fstream>
+#include <string>
+#include <utility>
+#include <vector>
+
 namespace slamgw {
 namespace {
 
@@ -23,6 +28,17 @@ TEST(EscapeUnprintable, ShowsWhatWouldBeObeyed) {
   EXPECT_EQ(escape_unprintable("a\u202eb\u2069\u200f\u061c\u2028"),
             "a\\u202eb\\u2069\\u200f\\u061c\\u2028");
   EXPECT_EQ(escape_unprintable("\xff\xc3"), "\\xff\\xc3");
+}
+
+TEST(EscapeUnprintable, ShowsCharactersByWhichANameLooksLikeAnother) {
+  std::ifstream file(SLAMGW_SOURCE_DIR "/tests/vectors/shown.json");
+  for (const auto& [text, shown] :
+       nlohmann::json::parse(file).get<std::vector<std::pair<std::string, std::string>>>()) {
+    EXPECT_EQ(escape_unprintable(text), shown);
+    EXPECT_EQ(escape_unprintable(shown), shown);
+    const nlohmann::json document{{"id", text}};
+    EXPECT_EQ(nlohmann::json::parse(escape_unprintable(document.dump())), document);
+  }
 }
 
 TEST(EscapeUnprintable, KeepsAJsonDocumentTheSame) {

@@ -118,6 +118,15 @@ class Csv(unittest.TestCase):
         recorder.close()
         self.assertEqual(folder.read_events(self.directory.name), [second, first])
 
+    def test_a_cell_is_no_formula_and_no_deceptive_name(self):
+        for text, cell in (("=1+1", "'=1+1"), ("-5", "'-5"), ("'@a", "''@a"), ("\t=1", "'\\u0009=1"), ("\r=1", "'\\u000d=1"),
+                           ("r\u043ebot", "r\\u043ebot"), ("a\u202eb\u200b", "a\\u202eb\\u200b"), ("b\u20111", "b\\u20111"),
+                           ("\u0440\u043e\u0431\u043e\u0442", "\u0440\u043e\u0431\u043e\u0442"), ("it's", "it's"),
+                           ("\\u0041", "\\u0041"), ("", "")):
+            self.assertEqual(events.to_cell(text), cell)
+            self.assertEqual(events.from_cell(cell), text)
+        self.assertEqual(events.to_cell(-5), -5)
+
     def test_a_last_line_that_was_cut_is_left_out(self):
         recorder = folder.Recorder(self.directory.name)
         for t_us in (1, 2):

@@ -1,21 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
-// Small steps of making and changing elements. Text goes in as text only.
+// Small steps of making and changing elements. Text goes in as text only, and without characters that deceive.
+import { shown } from './shown.js';
+
 export const $ = (id) => document.getElementById(id);
 
 export function element(name, attributes = {}, ...children) {
   const made = document.createElement(name);
   for (const [key, value] of Object.entries(attributes)) if (value !== null) made.setAttribute(key, value);
-  made.append(...children);
+  made.append(...children.map(shown));
   return made;
 }
 export function svg(name, attributes = {}, ...children) {
   const made = document.createElementNS('http://www.w3.org/2000/svg', name);
   for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
-  made.append(...children);
+  made.append(...children.map(shown));
   return made;
 }
 export function setText(node, text) {
-  if (node.textContent !== text) node.textContent = text;
+  const safe = shown(text);
+  if (node.textContent !== safe) node.textContent = safe;
 }
 // As many children as there are items, old ones used again.
 export function keep(parent, count, make) {
@@ -42,7 +45,7 @@ export function save(name, blob) {
 // A field of CSV; what a spreadsheet would take for a formula is made text.
 export function csv(value) {
   const text = String(value);
-  const safe = typeof value === 'string' && /^[=+\-@\t]/.test(text) ? `'${text}` : text;
+  const safe = shown(typeof value === 'string' && /^'*[=+\-@\t\r]/.test(text) ? `'${text}` : text);
   return /[",\n\r]/.test(safe) ? `"${safe.replaceAll('"', '""')}"` : safe;
 }
 export const stamp = () => new Date().toISOString().slice(0, 19).replace(/[:T]/g, '-');

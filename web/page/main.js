@@ -6,6 +6,7 @@ import { Link } from './link.js';
 import { WorldMap, words } from './map.js';
 import { Model } from './model.js';
 import { RobotsView, problems } from './robots.js';
+import { shown } from './shown.js';
 import { TraceView } from './trace.js';
 
 const VIEWS = ['map', 'robots', 'trace'];
@@ -112,7 +113,8 @@ function drawList() {
     line.className = robot.state === 'offline' ? 'gone' : '';
     box.checked = robot.isShown;
     box.style.accentColor = `rgb(${robot.colour})`;
-    if (box.ariaLabel !== `Show ${robot.id}`) box.ariaLabel = `Show ${robot.id}`;
+    const label = `Show ${shown(robot.id)}`;
+    if (box.ariaLabel !== label) box.ariaLabel = label;
     button.ariaPressed = robot === map.chosen;
     setText(button.firstChild, robot.id);
     setText(button.lastChild, robot.state === 'online' || robot.state === 'unknown' ? `${robot.pulse.rate(now).toFixed(1)}/s` : robot.state);

@@ -4,6 +4,7 @@
 import { Grid } from './grid.js';
 import { MAX_POINTS } from './model.js';
 import { Points } from './points.js';
+import { shown } from './shown.js';
 
 const FIT_MARGIN_PX = 70;
 const MIN_SCALE = 0.01;
@@ -336,7 +337,8 @@ export class WorldMap {
     const taken = [];
     for (const robot of robots.toReversed()) { // the chosen one first
       if (!robot.pose) continue;
-      const name = robot.id.length > 24 ? robot.id.slice(0, 23) + '…' : robot.id;
+      const id = shown(robot.id);
+      const name = id.length > 24 ? id.slice(0, 23) + '…' : id;
       const place = withEdge ? freePlace(view.px(robot.pose.x), view.py(robot.pose.y), context.measureText(name).width, taken) : null;
       if (withEdge && !place) continue; // two names in one place can't be read
       const [x, y] = place ?? [view.px(robot.pose.x) + 12, view.py(robot.pose.y) - 12];

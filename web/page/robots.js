@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Robots and gateways: what is wrong first, with its remedy; which robot is on which gateway; a table with sparklines.
 import { $, attempt, colour, element, keep, setText, surface, svg } from './dom.js';
+import { shown } from './shown.js';
 
 const STALE_STATS_MS = 35000; // three of a gateway's stats are missing
 const NAMED_IN_PICTURE = 40;
@@ -19,6 +20,8 @@ export function age(ms) {
 const bytes = (value) => (!Number.isFinite(value) ? '–' : value < 1e6 ? `${(value / 1024).toFixed(0)} KiB` : `${(value / 1048576).toFixed(1)} MiB`);
 
 const trouble = (robot) => ['contested', 'deaf'].find((word) => robot.best?.[word] === true) ?? robot.state;
+const deceives = (name) => shown(name) !== name;
+const cut = (name, length) => (shown(name).length > length ? shown(name).slice(0, length - 1) + '…' : name);
 const rssi = (robot) => robot.numbers?.rssi_dbm ?? robot.best?.rssi_dbm;
 
 // {title, remedy, isWarning}: worst first.
@@ -37,6 +40,8 @@ export function problems(model) {
     if (robot.best?.contested === true) add(`${robot.id} is contested: another client uses its name`, 'Two robots, or a foreign client, of that name: /usr/share/doc/slam-gateway/security.md', true);
     if (robot.state === 'offline' && gatewayIsThere(model, robot)) add(`${robot.id} is offline`, `Silent for ${age(model.now() - robot.lastHeard(model.now()))}. Is it switched on and in range? slam-gatewayctl doctor ${robot.id}`, true);
   }
+  const deceptive = [...model.robots.keys(), ...model.gateways.keys()].filter(deceives);
+  if (deceptive.length) add(`${deceptive.length} name${deceptive.length === 1 ? ' is' : 's are'} made to look like another: ${deceptive.slice(0, 5).join(', ')}`, 'Characters that hide, or look like others, are shown as \\u and digits. slam-gatewayctl robots shows the addresses; slam-gatewayctl ban refuses one.', true);
   if (model.leftOut.size) add(model.leftOutWords, 'The map, the table and the trace’s filter have the others. All are in /metrics and slam-gatewayctl robots.', true);
   if (model.lost > 0) add(`This page was too slow for ${model.lost} messages`, 'They are missing in the map and the trace; the numbers are right.', true);
   return found.sort((a, b) => a.isWarning - b.isWarning);
@@ -192,6 +197,7 @@ function fillRow(row, robot, now) {
   row.robot = robot.id;
   COLUMNS.forEach(([name, show], i) => {
     const cell = row.cells[i];
+    if (name === 'Robot') cell.className = deceives(robot.id) ? 'deceptive' : '';
     if (name === 'State') {
       cell.firstChild.firstChild.className = `dot ${order.includes(robot.state) ? robot.state : 'unknown'}`;
       setText(cell.firstChild.lastChild, show(robot));
@@ -218,7 +224,7 @@ function picture(branches, model) {
   const box = (x, y, text, state) => {
     nodes.append(svg('rect', { x, y: y - 14, width: 136, height: 28, rx: 8 }));
     if (state) nodes.append(svg('circle', { cx: x + 14, cy: y, r: 4.5, class: state }));
-    const label = svg('text', { x: x + (state ? 26 : 14), y: y + 4 }, text.length > 15 ? text.slice(0, 14) + '…' : text);
+    const label = svg('text', { x: x + (state ? 26 : 14), y: y + 4 }, cut(text, 15));
     label.append(svg('title', {}, text));
     nodes.append(label);
   };
@@ -248,7 +254,7 @@ function picture(branches, model) {
         dot.append(svg('title', {}, `${robot.id}: ${robot.state}`));
         nodes.append(dot);
         if (n === 0) join(506, at, x - 8, down, false);
-        if (!isMany) nodes.append(svg('text', { x: x + 10, y: down + 4 }, robot.id.length > 9 ? robot.id.slice(0, 8) + '…' : robot.id));
+        if (!isMany) nodes.append(svg('text', { x: x + 10, y: down + 4 }, cut(robot.id, 9)));
       });
       y += height + 12;
     }

@@ -3,6 +3,7 @@
 import { Histogram } from './charts.js';
 import { describe } from './decode.js';
 import { $, csv, element, keep, save, setText, stamp } from './dom.js';
+import { shown } from './shown.js';
 
 const ROWS = 150;
 const MAX_TYPES = 50;
@@ -46,7 +47,7 @@ export class TraceView {
   take(row) {
     if (row.type && !this.types.has(row.type) && this.types.size < MAX_TYPES) {
       this.types.add(row.type);
-      $('trace-type').append(element('option', {}, row.type));
+      $('trace-type').append(element('option', { value: row.type }, row.type));
     }
     this.isCounting ??= this.filter();
     if (this.isCounting(row)) this.count(row);
@@ -106,7 +107,7 @@ export class TraceView {
     const select = $('trace-robot');
     const names = [...this.model.robots.keys()].sort(new Intl.Collator(undefined, { numeric: true }).compare);
     const chosen = select.value;
-    select.replaceChildren(element('option', { value: '' }, 'all'), ...names.map((name) => element('option', {}, name)));
+    select.replaceChildren(element('option', { value: '' }, 'all'), ...names.map((name) => element('option', { value: name }, name)));
     select.value = chosen;
   }
   fill(line, row) {
@@ -115,7 +116,8 @@ export class TraceView {
     const mesh = row.message.mesh ? ` (${row.message.mesh})` : '';
     const said = this.text(row);
     [clock(row.message.at), row.from + mesh, row.robot, row.type, said].forEach((text, i) => setText(line.cells[i], text));
-    if (line.title !== row.message.topic) line.title = row.message.topic;
+    const topic = shown(row.message.topic);
+    if (line.title !== topic) line.title = topic;
   }
   drawCharts() {
     const gaps = this.gaps.summary();

@@ -515,7 +515,8 @@ test('* promtool finds nothing to say about the metrics', async () => {
 // ---- hostile robots, nonsense, bounds
 
 pageTest('* a robot with a hostile name is text in every view', {}, async (page) => {
-  const names = [hostile, '__proto__', 'constructor', '"onload="alert(2)', '\u202eevil'];
+  const names = [hostile, '__proto__', 'constructor', '"onload="alert(2)', '\u202eevil', 'r\u043ebot1'];
+  const shown = names.map((name) => name.replace('\u202e', '\\u202e').replace('\u043e', '\\u043e'));
   for (const name of names) {
     await world.update(name, 1, 2, 30, 40);
     await world.publish(`ntnu-slam/robot/${name}/adv`, '<script>alert(3)</script>');
@@ -526,13 +527,17 @@ pageTest('* a robot with a hostile name is text in every view', {}, async (page)
   await world.publish('ntnu-slam/gateway/other/stats', JSON.stringify({ version: hostile, broker: { state: 'down', why: hostile, missing_rights: [{ what: hostile, grant: 'topic read x/#' }] }, meshes: { [hostile]: { state: 'down', detail: hostile } }, store: [], robots: null }));
   await until(page, (all) => all.every((name) => window.slamgw.model.robots.get(name)?.state === 'online'), names);
   const listed = () => page.$$eval('#list .name', (all) => all.map((one) => one.textContent));
-  await eventually('all names are listed', async () => names.every((name) => undefined !== name) && (await listed()).filter((name) => names.includes(name)).length === names.length);
+  await eventually('all names are listed', async () => (await listed()).filter((name) => shown.includes(name)).length === names.length);
   for (const view of ['robots', 'trace', 'map']) {
     await page.click(`#tab-${view}`);
     await page.waitForTimeout(700); // two rounds of the tables
     assert.equal(await page.$$eval('img:not(h1 img), #table script, #messages script, b, [onerror], [onload]', (all) => all.length), 0, view);
     assert.ok((await page.textContent('body')).includes(hostile), view);
-    if (view === 'robots') assert.ok((await page.textContent('#problems')).includes('In the access control list: topic read x/#'));
+    if (view !== 'robots') continue;
+    assert.ok((await page.textContent('#problems')).includes('In the access control list: topic read x/#'));
+    assert.match(await page.textContent('#problems'), /2 names are made to look like another: .*\\u043ebot1/);
+    assert.deepEqual(await page.$$eval('#table .deceptive', (all) => all.map((one) => one.textContent).sort()), ['\\u202eevil', 'r\\u043ebot1']);
+    await shot(page, 'deceptive.png');
   }
   for (const name of names) await world.publish(`ntnu-slam/gateway/other/robots/${name}`, '', '-r');
   await world.publish('ntnu-slam/gateway/other/state', '', '-r');
