@@ -41,7 +41,7 @@ SnGateway::SnGateway(Settings settings, TopicPolicy policy, RobotNames names, Ra
     : settings_(std::move(settings)),
       rules_{std::move(policy), std::move(names), PredefinedTopics(settings_.predefined_topics)},
       clients_(settings_.max_clients, topic_ids),
-      refusals_(output_),
+      refusals_(clients_, output_),
       answers_(settings_, output_),
       subscriptions_(rules_, clients_, output_, answers_, refusals_),
       commands_(rules_, clients_, output_),

@@ -95,7 +95,7 @@ App::App(Config config, std::string config_file)
              [this](BrokerMessage message) { submit(std::move(message), no_receipt); }),
       network_watch_(std::make_shared<InterfaceWatch>(io_)),
       broker_log_(broker_uri(config_.broker)),
-      traffic_log_(config_.log.traffic),
+      traffic_log_(config_.log.traffic, unproven_lines_),
       trace_(
           scheme_,
           [this](const std::string& robot, Mesh mesh) {
@@ -252,7 +252,8 @@ void App::publish_stats_regularly() {
     warn_of_lost_messages();
     publish_stats();
     traffic_log_.write_overdue(read_clocks().mono);
-    if (const auto summary = presence_lines_.summary()) log_notice(*summary);
+    for (const auto& summary : {presence_lines_.summary(), unproven_lines_.summary()})
+      if (summary) log_notice(*summary);
     flush_log();
     publish_stats_regularly();
   });

@@ -129,8 +129,9 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   std::shared_ptr<InterfaceWatch> network_watch_;
 
   LinkLog broker_log_;
+  UnprovenLines unproven_lines_;
   TrafficLog traffic_log_;
-  PresenceLines presence_lines_;
+  PresenceLines presence_lines_{unproven_lines_};
   Trace trace_;
   std::unique_ptr<ControlServer> control_;
   std::vector<TrafficObserver*> traffic_observers_;

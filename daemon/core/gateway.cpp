@@ -33,7 +33,8 @@ TrafficEvent event_of(Report report, std::string type, Normalized normalized, co
           .receipt = report.receipt,
           .wire = report.wire,
           .radio = report.radio,
-          .is_rejected = normalized.is_rejected};
+          .is_rejected = normalized.is_rejected,
+          .is_proven = report.is_proven};
 }
 
 }  // namespace
@@ -94,7 +95,7 @@ void Gateway::pass_up(Report report, const Now& now) {
 bool Gateway::may_retain(const Report& report, const Now& now) {
   if (retained_.admit(report.robot, report.topic, report.payload.empty())) return true;
   ++traffic_.not_retained;
-  if (const auto count = retained_throttle_.on_event(now.mono))
+  if (const auto count = retained_throttles_[report.is_proven].on_event(now.mono))
     actions_.push(Notice{
         Severity::warning,
         fmt::format("{} {}: '{}' is published without its retain flag: a robot may retain {} "
@@ -103,7 +104,9 @@ bool Gateway::may_retain(const Report& report, const Now& now) {
                     RetainedTopics::max_per_robot, RetainedTopics::max_in_all,
                     *count > 1 ? fmt::format("; {} like it since the last line", *count) : ""),
         report.robot,
-        {}});
+        {},
+        {},
+        report.is_proven});
   return false;
 }
 
@@ -124,7 +127,10 @@ void Gateway::reject(TrafficEvent event, bool retain, Robot* robot, const Now& n
                     "under rejected/ as they came{}",
                     to_string(*event.mesh), event.robot, event.payload.size(),
                     *due > 1 ? fmt::format("; {} like it since the last line", *due) : ""),
-        event.robot, Occasion::rejected_payload});
+        event.robot,
+        Occasion::rejected_payload,
+        {},
+        event.is_proven});
   }
   PassUp up{std::move(event), retain};
   up.event.topic = scheme_.rejected_topic(up.event.robot, up.event.type);
@@ -146,7 +152,10 @@ void Gateway::handle(PresenceChange change, const Now& now) {
                                    change.is_deaf ? ", but does not hear the gateway"
                                    : hears_again  ? ", and hears the gateway again"
                                                   : ""),
-                       change.robot, Occasion::robot_presence});
+                       change.robot,
+                       Occasion::robot_presence,
+                       {},
+                       change.is_proven});
 }
 
 void Gateway::handle(SignOfLife sign, const Now& now) {

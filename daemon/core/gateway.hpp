@@ -226,7 +226,7 @@ class Gateway {
   StrayCommands strays_;
   LogThrottle unknown_throttle_;
   RetainedTopics retained_;
-  LogThrottle retained_throttle_;
+  LogThrottle retained_throttles_[2];  // by whether the client is proven
   OpenReceipts open_receipts_;
   Traffic traffic_;
   PerMesh<LinkState> mesh_links_;

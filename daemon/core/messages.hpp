@@ -77,6 +77,9 @@ struct Report {
   bool is_will = false;  ///< a last will: no sign of life
   std::optional<RadioFacts> radio = {};
   WireFacts wire = {};
+  /// Its client has shown that it receives, or its mesh knows the robot by a key. Strangers without
+  /// number cannot do that, so lines of the log about them have a budget of their own.
+  bool is_proven = true;
 };
 
 /// Where a robot's message came from; published as MQTT 5 user properties.
@@ -111,6 +114,7 @@ struct PresenceChange {
   std::string address;
   bool is_deaf = false;       ///< it is online, and does not hear the gateway
   bool is_contested = false;  ///< another client uses its id
+  bool is_proven = true;      ///< see Report
 };
 
 /// A robot was heard, by whatever message (an acknowledgement, a ping): at most once a second.
@@ -249,6 +253,7 @@ struct Notice {
   std::string robot;  ///< may be empty
   Occasion occasion = Occasion::other;
   std::optional<std::chrono::microseconds> latency{};  ///< of a command, where known
+  bool is_proven = true;                               ///< see Report
 };
 
 /// What a mesh's machine reports to the core.

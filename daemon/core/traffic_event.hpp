@@ -29,6 +29,7 @@ struct TrafficEvent {
   std::optional<RadioFacts> radio{};
   CommandId command = CommandId::none;  ///< on its way down, when it is one
   bool is_rejected = false;             ///< `payload.update` could not read it
+  bool is_proven = true;                ///< see Report
 };
 
 /// What delivery did with one message of a robot. Reported only while an operator watches.

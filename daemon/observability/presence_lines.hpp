@@ -19,8 +19,12 @@ class PresenceLines {
   static constexpr std::int64_t lines_at_once = 1500;
   static constexpr std::int64_t lines_per_second = 20;
 
-  /// False when there were too many such lines; notices of other kinds always pass.
+  /// `unproven` outlives it.
+  explicit PresenceLines(UnprovenLines& unproven) : unproven_(unproven) {}
+
+  /// False when there were too many such lines; other notices about proven clients always pass.
   bool may_write(const Notice& notice, TimePoint now) {
+    if (!notice.is_proven) return unproven_.may_write(notice.robot, now);
     if (notice.occasion != Occasion::robot_presence || budget_.take(now)) return true;
     ++left_out_;
     return false;
@@ -37,6 +41,7 @@ class PresenceLines {
   }
 
  private:
+  UnprovenLines& unproven_;
   LineBudget budget_{lines_at_once, lines_per_second};
   std::uint64_t left_out_ = 0;
 };

@@ -51,16 +51,19 @@ class AwaitedLines {
 
 class TrafficLog final : public TrafficObserver {
  public:
-  explicit TrafficLog(TrafficLogMode mode) : sampler_(mode) {}
+  /// `unproven` outlives it.
+  TrafficLog(TrafficLogMode mode, UnprovenLines& unproven)
+      : unproven_(unproven), sampler_(mode, unproven) {}
 
   void on_traffic(const TrafficEvent& event) override;
   void on_receipt(const Receipt& receipt, ReceiptOutcome outcome, TimePoint now) override;
   /// Writes lines that have waited for too long. Every few seconds.
   void write_overdue(TimePoint now);
   /// `log.traffic` was read again.
-  void reconfigure(TrafficLogMode mode) { sampler_ = TrafficSampler(mode); }
+  void reconfigure(TrafficLogMode mode) { sampler_ = TrafficSampler(mode, unproven_); }
 
  private:
+  UnprovenLines& unproven_;
   TrafficSampler sampler_;
   AwaitedLines awaited_;
 };

@@ -1,20 +1,40 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/observability/traffic_sampler.hpp"
 
+#include <fmt/format.h>
+
 #include <chrono>
 #include <functional>
 #include <utility>
 
 namespace slamgw {
 
+std::optional<Notice> UnprovenLines::summary() {
+  const std::uint64_t count = std::exchange(left_out_, 0);
+  if (count == 0) return std::nullopt;
+  return Notice{
+      Severity::warning,
+      fmt::format("{} lines about clients that have not shown that they receive were left "
+                  "out: too many at once, the last one about '{}'; slam-gatewayctl "
+                  "status names the address that has most of these clients",
+                  count, last_),
+      {},
+      Occasion::robot_presence};
+}
+
 std::optional<TrafficLine> TrafficSampler::on_traffic(const TrafficEvent& event, TimePoint now) {
   const auto of_stream = sample(event, now);
   if (!of_stream) return std::nullopt;
-  if (!budget_.take(now)) {
-    without_line_ += *of_stream;
+  if (!event.is_proven && mode_ == TrafficLogMode::sampled) {
+    if (!unproven_->may_write(event.robot, now)) return std::nullopt;
+    return TrafficLine{*of_stream, 0};
+  }
+  Streams& of_class = streams_[event.is_proven];
+  if (!of_class.budget.take(now)) {
+    of_class.without_line += *of_stream;
     return std::nullopt;
   }
-  return TrafficLine{*of_stream, std::exchange(without_line_, 0)};
+  return TrafficLine{*of_stream, std::exchange(of_class.without_line, 0)};
 }
 
 std::optional<std::uint64_t> TrafficSampler::sample(const TrafficEvent& event, TimePoint now) {
@@ -27,8 +47,18 @@ std::optional<std::uint64_t> TrafficSampler::sample(const TrafficEvent& event, T
   if (event.direction == Direction::down) stream_ += '/';
   constexpr std::size_t all_others = 0;
   std::size_t hash = std::hash<std::string>{}(stream_);
-  if (streams_.size() >= max_streams && !streams_.contains(hash)) hash = all_others;
-  return streams_.try_emplace(hash, std::chrono::seconds{1}).first->second.on_event(now);
+  auto& [budget, without_line, streams, types] = streams_[event.is_proven];
+  if (const auto known = streams.find(hash); known != streams.end())
+    return known->second.on_event(now);
+  const std::size_t robot = std::hash<std::string>{}(event.robot);
+  if (streams.size() >= max_streams) {
+    hash = all_others;
+  } else if (std::size_t& count = types[robot]; count >= max_types) {
+    hash = robot;
+  } else {
+    ++count;
+  }
+  return streams.try_emplace(hash, std::chrono::seconds{1}).first->second.on_event(now);
 }
 
 }  // namespace slamgw

@@ -10,6 +10,7 @@
 #include <unordered_map>
 
 #include "daemon/core/log_throttle.hpp"
+#include "daemon/core/messages.hpp"
 #include "daemon/core/time.hpp"
 #include "daemon/core/traffic_event.hpp"
 #include "daemon/observability/log_settings.hpp"
@@ -40,6 +41,53 @@ class LineBudget {
   std::optional<TimePoint> spent_until_;
 };
 
+/// Lets lines pass up to a rate; what comes faster is a flood, which gets no line until it is over:
+/// until fewer lines were asked for in a `window` than would have passed, or none since.
+class FloodGate {
+ public:
+  static constexpr std::chrono::seconds window{10};
+
+  FloodGate(std::int64_t at_once, std::int64_t per_second)
+      : most_in_window_(per_second * window.count()), budget_(at_once, per_second) {}
+
+  bool take(TimePoint now) {
+    const bool is_shut = now < shut_until_;
+    const bool goes_on = held_back_ > most_in_window_ && now < shut_until_ + window;
+    if (!is_shut) held_back_ = 0;
+    if (!is_shut && !goes_on && budget_.take(now)) return true;
+    if (!is_shut) shut_until_ = now + window;
+    ++held_back_;
+    return false;
+  }
+
+ private:
+  std::int64_t most_in_window_;
+  LineBudget budget_;
+  TimePoint shut_until_{};
+  std::int64_t held_back_ = 0;  // in this window
+};
+
+/// All lines about clients that are not proven (Report::is_proven): traffic, presence, refusals.
+class UnprovenLines {
+ public:
+  static constexpr std::int64_t lines_at_once = 100;
+  static constexpr std::int64_t lines_per_second = 40;
+
+  bool may_write(const std::string& robot, TimePoint now) {
+    if (gate_.take(now)) return true;
+    ++left_out_;
+    last_ = robot;
+    return false;
+  }
+  /// One line for all that were left out since the last call; to be called every few seconds.
+  std::optional<Notice> summary();
+
+ private:
+  FloodGate gate_{lines_at_once, lines_per_second};
+  std::uint64_t left_out_ = 0;
+  std::string last_;
+};
+
 /// How many messages a line stands for.
 struct TrafficLine {
   std::uint64_t of_stream = 1;  ///< this robot's, in this direction, of this type
@@ -50,26 +98,37 @@ struct TrafficLine {
 /// how many it stands for.
 class TrafficSampler {
  public:
-  /// Streams that are sampled one by one; all further ones share one budget.
+  /// Streams of proven clients that are sampled one by one, and of all others; all further ones
+  /// share one budget. So do all types of a robot but the first ones.
   static constexpr std::size_t max_streams = 65536;
+  static constexpr std::size_t max_types = 16;
   /// Never more than 9 000 lines in 30 s, where journald takes 10 000 of a service unless its unit
   /// says otherwise (RateLimitBurst= in journald.conf(5)). The rest is left for what matters.
   static constexpr std::int64_t lines_at_once = 3000;
   static constexpr std::int64_t lines_per_second = 200;
 
-  explicit TrafficSampler(TrafficLogMode mode) : mode_(mode) {}
+  /// `unproven` outlives it.
+  TrafficSampler(TrafficLogMode mode, UnprovenLines& unproven)
+      : mode_(mode), unproven_(&unproven) {}
 
   /// What the line for this message stands for; nothing when it gets no line.
   std::optional<TrafficLine> on_traffic(const TrafficEvent& event, TimePoint now);
 
  private:
+  /// Of clients that are proven, or not.
+  struct Streams {
+    LineBudget budget{lines_at_once, lines_per_second};
+    std::uint64_t without_line = 0;
+    /// By the hash of robot, type and direction; two streams that share one share their lines.
+    std::unordered_map<std::size_t, LogThrottle> streams;
+    std::unordered_map<std::size_t, std::size_t> types;  // by the hash of the robot
+  };
+
   std::optional<std::uint64_t> sample(const TrafficEvent& event, TimePoint now);
 
   TrafficLogMode mode_;
-  LineBudget budget_{lines_at_once, lines_per_second};
-  std::uint64_t without_line_ = 0;
-  /// By the hash of robot, type and direction; two streams that share one share their lines.
-  std::unordered_map<std::size_t, LogThrottle> streams_;
+  UnprovenLines* unproven_;
+  Streams streams_[2];  // by whether the client is proven
   std::string stream_;  // of the current message; kept, so that its memory is reused
 };
 

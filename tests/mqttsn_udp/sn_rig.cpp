@@ -2,6 +2,7 @@
 #include "tests/mqttsn_udp/sn_rig.hpp"
 
 #include <algorithm>
+#include <cstdio>
 #include <utility>
 
 namespace slamgw::mqttsn {
@@ -60,6 +61,19 @@ void SnRig::subscribe(unsigned n, const std::string& filter, unsigned qos) {
   request.topic_name = filter;
   send(n, request);
   sent_to(n);
+}
+
+void SnRig::prove(unsigned n, const std::string& id, std::uint16_t duration_s) {
+  connect(n, id, false, duration_s);
+  subscribe(n, "a/" + id, 1);
+  broker("a/" + id, "hi", 1);
+  const std::string published = last_to(n);
+  unsigned topic = 0;
+  unsigned msg_id = 0;
+  const std::size_t at = std::min(published.find(" id="), published.size());
+  std::sscanf(published.c_str() + at, " id=%u msg=%u", &topic, &msg_id);
+  send(n, Puback{static_cast<std::uint16_t>(topic), static_cast<std::uint16_t>(msg_id),
+                 ReturnCode::accepted});
 }
 
 void SnRig::sleep(unsigned n, std::uint16_t duration_s) {

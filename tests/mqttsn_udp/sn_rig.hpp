@@ -36,6 +36,8 @@ class SnRig {
   void connect(unsigned n, const std::string& id, bool clean = true, std::uint16_t duration_s = 60);
   std::uint16_t register_topic(unsigned n, const std::string& topic);
   void subscribe(unsigned n, const std::string& filter, unsigned qos = 1);
+  /// Client `n` connects as `id` and acknowledges a message, so it has shown that it receives.
+  void prove(unsigned n, const std::string& id, std::uint16_t duration_s = 60);
   void sleep(unsigned n, std::uint16_t duration_s = 100);
   void publish(unsigned n, std::uint16_t id, unsigned qos, std::uint16_t msg_id,
                const std::string& payload = "hi");

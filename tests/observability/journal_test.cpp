@@ -39,7 +39,8 @@ struct Written {
 
 /// A thousand messages a second for so long, from so many robots in turn.
 Written written_of_a_flood(TrafficLogMode mode, int robots, std::chrono::seconds time) {
-  TrafficSampler sampler(mode);
+  UnprovenLines unproven;
+  TrafficSampler sampler(mode, unproven);
   Written written;
   TimePoint now{1h};
   for (std::int64_t i = 0; i < 1000 * time.count(); ++i, now += 1ms) {
@@ -98,7 +99,8 @@ std::string latency_of(const TrafficEntry& entry) {
 }
 
 TEST(PresenceLines, AreNoFloodFromACrowdAndNothingElseIsLeftOut) {
-  PresenceLines lines;
+  UnprovenLines unproven;
+  PresenceLines lines(unproven);
   const TimePoint now{1h};
   const Notice presence{Severity::info, "r1 is online", "r1", Occasion::robot_presence};
   std::int64_t written = 0;
@@ -110,6 +112,76 @@ TEST(PresenceLines, AreNoFloodFromACrowdAndNothingElseIsLeftOut) {
   EXPECT_EQ(summary->text.find("18500 robots"), 0u) << summary->text;
   EXPECT_FALSE(lines.summary());
   EXPECT_TRUE(lines.may_write(presence, now + 1s));
+}
+
+/// Each makes a message a second, for 30 s. Returns the lines.
+std::int64_t lines_of_unproven(int robots, UnprovenLines& unproven) {
+  TrafficSampler sampler(TrafficLogMode::sampled, unproven);
+  std::int64_t written = 0;
+  TimePoint now{1h};
+  for (int i = 0; i < 30 * robots; ++i, now += std::chrono::microseconds(1'000'000 / robots)) {
+    TrafficEvent event = message_of("r" + std::to_string(i % robots));
+    event.is_proven = false;
+    written += sampler.on_traffic(event, now) ? 1 : 0;
+  }
+  return written;
+}
+
+TEST(UnprovenLines, AreOneLineForAFloodAndAllForALaboratory) {
+  UnprovenLines few;
+  EXPECT_GE(lines_of_unproven(20, few), 29 * 20);
+  EXPECT_FALSE(few.summary());
+  UnprovenLines many;
+  EXPECT_LE(lines_of_unproven(400, many), UnprovenLines::lines_at_once + 20);
+  const auto summary = many.summary();
+  ASSERT_TRUE(summary);
+  EXPECT_NE(summary->text.find("were left out"), std::string::npos) << summary->text;
+  EXPECT_FALSE(many.summary());
+}
+
+TEST(UnprovenLines, PassAgainWhenTheFloodIsOver) {
+  UnprovenLines lines;
+  TimePoint now{1h};
+  for (int i = 0; i < 10000; ++i, now += 1ms) lines.may_write("r", now);
+  UnprovenLines later = lines;
+  EXPECT_FALSE(lines.may_write("r", now)) << "the flood goes on";
+  EXPECT_FALSE(lines.may_write("r", now + FloodGate::window)) << "nobody knows yet that it is over";
+  EXPECT_TRUE(lines.may_write("r", now + 2 * FloodGate::window));
+  EXPECT_TRUE(later.may_write("r", now + 2 * FloodGate::window)) << "nothing came since";
+}
+
+TEST(UnprovenLines, TakeNoneOfTheProvenOnes) {
+  UnprovenLines unproven;
+  PresenceLines presence(unproven);
+  TrafficSampler sampler(TrafficLogMode::sampled, unproven);
+  const TimePoint now{1h};
+  Notice stranger{Severity::info, "r1 is online", "r1", Occasion::robot_presence, {}, false};
+  TrafficEvent event = message_of("");
+  event.is_proven = false;
+  for (std::size_t i = 0; i <= TrafficSampler::max_streams; ++i) {
+    presence.may_write(stranger, now);
+    event.robot = "r" + std::to_string(i);
+    sampler.on_traffic(event, now);
+  }
+  stranger.is_proven = true;
+  EXPECT_TRUE(presence.may_write(stranger, now));
+  for (const std::string robot : {"a", "b"}) {
+    const auto line = sampler.on_traffic(message_of(robot), now);
+    ASSERT_TRUE(line) << "it has a stream of its own";
+    EXPECT_EQ(line->of_stream + line->of_others, 1u);
+  }
+}
+
+TEST(TrafficSampler, GivesARobotThatInventsTypesFewLines) {
+  UnprovenLines unproven;
+  TrafficSampler sampler(TrafficLogMode::sampled, unproven);
+  std::size_t written = 0;
+  TrafficEvent event = message_of("r");
+  for (int type = 0; type < 128; ++type) {
+    event.type = std::to_string(type);
+    written += sampler.on_traffic(event, TimePoint{1h}) ? 1 : 0;
+  }
+  EXPECT_EQ(written, TrafficSampler::max_types + 1);
 }
 
 class AwaitedLinesTest : public testing::Test {

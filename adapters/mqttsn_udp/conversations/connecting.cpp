@@ -215,14 +215,17 @@ void Connecting::on_takeover(ClientSession& session, const Peer& peer, TimePoint
   const bool was_contested = now < session.contested_until;
   if (++session.takeovers < limits::contested_takeovers && !was_contested) return;
   session.contested_until = now + limits::contest_window;
-  const bool may_log =
-      contest_lines_.take(limits::refusal_lines_burst, limits::refusal_lines_per_second, now);
+  const bool may_log = contest_lines_[session.has_answered].take(
+      limits::refusal_lines_burst, limits::refusal_lines_per_second, now);
   if (was_contested || !may_log) return;
   output_.emit(Notice{Severity::warning,
                       fmt::format("{} and {} connect in turns with the MQTT-SN client id '{}': are "
                                   "there two robots, or a foreign client, of that name?",
                                   to_string(*session.peer), to_string(peer), session.client_id),
-                      session.robot});
+                      session.robot,
+                      {},
+                      {},
+                      session.has_answered});
 }
 
 void Connecting::refuse_name(const Peer& peer, const LocalAddress& local, const Connect& connect,

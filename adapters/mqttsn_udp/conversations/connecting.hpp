@@ -85,7 +85,7 @@ class Connecting {
   std::map<std::uint64_t, Peer> strangers_;  // of these, whose client has no session; oldest first
   std::uint64_t last_stranger_ = 0;
   TimerQueue<Peer> timers_;
-  TokenBucket contest_lines_;
+  TokenBucket contest_lines_[2];  // by whether the client is proven
 };
 
 }  // namespace slamgw::mqttsn

@@ -126,7 +126,7 @@ void Lifecycle::report_presence(ClientSession& session, Presence presence, TimeP
   session.reported_contested = is_contested;
   output_.emit(PresenceChange{Mesh::thread, session.robot, presence,
                               session.peer ? to_string(*session.peer) : std::string(),
-                              /*is_deaf=*/false, is_contested});
+                              /*is_deaf=*/false, is_contested, session.has_answered});
 }
 
 void Lifecycle::expel(ClientSession& session, const std::string& why, TimePoint now) {

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "adapters/mqttsn_udp/conversations/refusals.hpp"
 
+#include <fmt/format.h>
+
 #include <functional>
 #include <utility>
 
@@ -14,14 +16,22 @@ void Refusals::on_refusal(Count what, std::string_view who, std::string text,
   const std::uint64_t key =
       std::hash<std::string_view>{}(who)*31 + static_cast<std::uint64_t>(what);
   if (logged_.contains(key)) return;
-  if (!lines_.take(limits::refusal_lines_burst, limits::refusal_lines_per_second, now)) return;
+  const ClientSession* session = clients_.find_robot(robot);
+  const bool is_proven = session && session->has_answered;
+  auto& [budget, left_out] = lines_[is_proven];
+  if (!budget.take(limits::refusal_lines_burst, limits::refusal_lines_per_second, now)) {
+    ++left_out;
+    return;
+  }
   if (logged_.size() >= limits::max_logged_refusals) {
     logged_.erase(oldest_first_.front());
     oldest_first_.pop_front();
   }
   logged_.insert(key);
   oldest_first_.push_back(key);
-  output_.emit(Notice{Severity::notice, std::move(text), robot});
+  if (left_out > 0)
+    text += fmt::format(" ({} refusals since the last line)", std::exchange(left_out, 0));
+  output_.emit(Notice{Severity::notice, std::move(text), robot, {}, {}, is_proven});
 }
 
 void Refusals::forget_all() {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tells an operator what clients are refused: once for each client and kind of refusal, however
-// often it tries, and within a budget for all together. Each refusal is counted.
+// often it tries, and within a budget for proven clients and one for all others. Each refusal is
+// counted.
 #pragma once
 
 #include <cstdint>
@@ -9,6 +10,7 @@
 #include <string_view>
 #include <unordered_set>
 
+#include "adapters/mqttsn_udp/clients/client_table.hpp"
 #include "adapters/mqttsn_udp/clients/token_bucket.hpp"
 #include "adapters/mqttsn_udp/output.hpp"
 
@@ -16,7 +18,7 @@ namespace slamgw::mqttsn {
 
 class Refusals {
  public:
-  explicit Refusals(Output& output) : output_(output) {}
+  Refusals(const ClientTable& clients, Output& output) : clients_(clients), output_(output) {}
 
   /// `who` is a client id, or an address where that is not known; `robot` may be empty. `what` is
   /// counted in any case; `text` says what was refused and what would allow it.
@@ -26,8 +28,14 @@ class Refusals {
   void forget_all();
 
  private:
+  struct Lines {
+    TokenBucket budget;
+    std::uint64_t left_out = 0;
+  };
+
+  const ClientTable& clients_;
   Output& output_;
-  TokenBucket lines_;
+  Lines lines_[2];  // by whether the client is proven
   // Hashes of kind and client; at most max_logged_refusals.
   std::unordered_set<std::uint64_t> logged_;
   std::deque<std::uint64_t> oldest_first_;

@@ -200,7 +200,10 @@ void TopicRegistration::notify_set_aside(ClientSession& session, const std::stri
                       fmt::format("{} does not answer messages on '{}': they pause, at first for "
                                   "{} s, then longer; other topics go on",
                                   session.robot, topic, limits::first_set_aside.count()),
-                      session.robot});
+                      session.robot,
+                      {},
+                      {},
+                      session.has_answered});
 }
 
 }  // namespace slamgw::mqttsn

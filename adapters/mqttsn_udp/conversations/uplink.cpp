@@ -48,7 +48,8 @@ void Uplink::on_publish(ClientSession& session, Publish publish, TimePoint now) 
                                  .qos = Qos::at_most_once,
                                  .retain = publish.retain,
                                  .receipt = no_receipt,
-                                 .wire = wire_facts(publish)});
+                                 .wire = wire_facts(publish),
+                                 .is_proven = session.has_answered});
     case WireQos::one: return publish_once(session, std::move(publish), std::move(*topic), now);
     case WireQos::two:
       return publish_exactly_once(session, std::move(publish), std::move(*topic), now);
@@ -97,8 +98,17 @@ void Uplink::on_unconnected_publish(const Peer& peer, const ClientSession* sessi
         fmt::format("a message of QoS -1 from {} is refused: {}", who, remedy), {}, now);
   }
   output_.count(Count::published_up);
-  output_.emit(Report{Mesh::thread, std::move(robot), std::move(topic), std::move(publish.payload),
-                      Qos::at_most_once, publish.retain, no_receipt});
+  output_.emit(Report{Mesh::thread,
+                      std::move(robot),
+                      std::move(topic),
+                      std::move(publish.payload),
+                      Qos::at_most_once,
+                      publish.retain,
+                      no_receipt,
+                      false,
+                      {},
+                      {},
+                      session && session->has_answered});
 }
 
 /// Whether the configuration, the form of the name or another mesh gives it to a robot elsewhere.
@@ -207,7 +217,8 @@ void Uplink::report(ClientSession& session, Publish publish, std::string topic) 
                       .qos = qos,
                       .retain = publish.retain,
                       .receipt = {Mesh::thread, id},
-                      .wire = wire_facts(publish)});
+                      .wire = wire_facts(publish),
+                      .is_proven = session.has_answered});
 }
 
 void Uplink::report_repeat(const ClientSession& session, const Publish& publish,

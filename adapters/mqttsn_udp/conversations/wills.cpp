@@ -54,8 +54,17 @@ void Wills::on_willmsgupd(ClientSession& session, WillMsgUpd update) {
 void Wills::publish(const ClientSession& session) {
   if (!session.will) return;
   const Will& will = *session.will;
-  output_.emit(Report{Mesh::thread, session.robot, will.topic, will.message, will.qos, will.retain,
-                      no_receipt, true});
+  output_.emit(Report{Mesh::thread,
+                      session.robot,
+                      will.topic,
+                      will.message,
+                      will.qos,
+                      will.retain,
+                      no_receipt,
+                      true,
+                      {},
+                      {},
+                      session.has_answered});
 }
 
 }  // namespace slamgw::mqttsn

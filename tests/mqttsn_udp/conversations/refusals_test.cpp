@@ -30,6 +30,23 @@ TEST(SnGateway, TellsARefusedWillOnceForEachClient) {
   EXPECT_EQ(rig.notices.size(), 3U) << "that is no topic name";
 }
 
+TEST(SnGateway, RefusalsOfStrangersTakeNoLinesOfRobotsThatHaveAnswered) {
+  SnRig rig;
+  rig.prove(1, "r1");
+  for (unsigned i = 0; i < 3 * limits::refusal_lines_burst; ++i)
+    rig.send(2, Connect{false, true, 2, 60, "stranger-" + std::to_string(i)});
+  const std::size_t before = rig.notices.size();
+  EXPECT_EQ(before, limits::refusal_lines_burst);
+  EXPECT_FALSE(rig.notices.back().is_proven);
+  rig.subscribe(1, "elsewhere/#");
+  ASSERT_EQ(rig.notices.size(), before + 1);
+  EXPECT_TRUE(rig.notices.back().is_proven);
+  rig.pass_s(1);
+  rig.send(2, Connect{false, true, 2, 60, "another"});
+  EXPECT_NE(rig.notices.back().text.find("(200 refusals since the last line)"), std::string::npos)
+      << rig.notices.back().text;
+}
+
 TEST(SnGateway, TellsARefusedClientIdOnce) {
   SnRig rig({}, {{"tank", {}, "tank-client"}});
   for (int i = 0; i < 3; ++i) {
