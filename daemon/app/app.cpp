@@ -183,6 +183,7 @@ OrderAnswer App::reload() {
 }
 
 void App::report_configured_robots() {
+  gateway_.set_names(RobotNames(config_.robots, Bans(config_.bans)));
   gateway_driver_->on_configured(ids_of(config_.robots), read_clocks());
 }
 

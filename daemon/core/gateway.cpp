@@ -259,6 +259,10 @@ void Gateway::on_broker_message(BrokerMessage message, const Now& now) {
   if (!target || message.retain || target->type == RightsProbe::level) return;
   const std::string robot(target->robot);
   if (places_.is_shown(robot)) return;  // its session brings it
+  if (names_.is_banned(robot)) {
+    deliver({robot, std::move(message)}, now);
+    return;
+  }
   if (registry_.find(robot)) actions_.push(WantSession{robot});
   strays_.add(std::move(message), robot, now.mono);
   refuse_strays(now);
@@ -344,7 +348,8 @@ CommandId Gateway::deliver(RobotMessage message, const Now& now) {
                              .wall = now.wall,
                              .at = now.mono,
                              .command = command.id});
-  if (!command.carrier || !commands_.open(command, now.mono)) {
+  const bool is_banned = names_.is_banned(message.robot);
+  if (is_banned || !command.carrier || !commands_.open(command, now.mono)) {
     if (!command.is_retained) refuse(command, now);
     return command.id;
   }
@@ -373,6 +378,10 @@ void Gateway::refuse(const Command& command, const Now& now) {
                          CommandResult::refused,
                          command.waited,
                          "too many commands are on their way"};
+  if (names_.is_banned(command.robot)) {
+    outcome.why = "the robot is banned (slam-gatewayctl unban)";
+    return refuse_unknown(std::move(outcome), now);
+  }
   if (command.carrier) return conclude(std::move(outcome));
   const bool is_known = registry_.find(command.robot) || places_.is_shown(command.robot);
   outcome.why = is_known ? "the robot is not connected" : "no robot of this name is known here";

@@ -8,6 +8,7 @@
 #include <optional>
 #include <set>
 #include <string>
+#include <utility>
 #include <variant>
 
 #include "daemon/core/broker_link.hpp"
@@ -19,6 +20,7 @@
 #include "daemon/core/protocol_machine.hpp"
 #include "daemon/core/retained_topics.hpp"
 #include "daemon/core/rights_probe.hpp"
+#include "daemon/core/robot_names.hpp"
 #include "daemon/core/robot_registry.hpp"
 #include "daemon/core/topic_scheme.hpp"
 #include "daemon/core/traffic_event.hpp"
@@ -135,6 +137,8 @@ class Gateway {
   /// The ids in `robots` of the configuration: these robots are never evicted. A robot that has
   /// left the configuration and is offline is forgotten.
   void on_configured(std::set<std::string> robots, const Now& now);
+  /// Commands to banned robots are refused from now on.
+  void set_names(RobotNames names) { names_ = std::move(names); }
   /// Removes a robot from the registry and its retained presence from the broker, also a robot that
   /// only an earlier process knew. Returns why that is not possible; empty when done.
   std::string forget(const std::string& robot);
@@ -212,6 +216,7 @@ class Gateway {
   Settings settings_;
   const BrokerLink& broker_;
   RobotRegistry registry_;
+  RobotNames names_;
   std::set<std::string> own_filters_;
   std::optional<TimePoint> up_since_;            ///< the broker
   std::map<std::string, Report> waiting_wills_;  ///< by robot

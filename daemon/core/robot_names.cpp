@@ -62,4 +62,11 @@ std::optional<std::uint16_t> RobotNames::ble_address_of(std::string_view id) con
   return address && !by_ble_.contains(*address) ? address : std::nullopt;
 }
 
+bool RobotNames::is_banned(std::string_view id) const {
+  return bans_.has(id) || std::ranges::any_of(names_, [&](const RobotName& name) {
+           return name.id == id && !name.ble_address && name.mqttsn_client_id &&
+                  bans_.has(*name.mqttsn_client_id);
+         });
+}
+
 }  // namespace slamgw

@@ -44,6 +44,8 @@ class RobotNames {
   std::optional<std::string> of_client(std::string_view client_id) const;
   /// The unicast address that goes by this id, also for `ble-<4 hex digits>`.
   std::optional<std::uint16_t> ble_address_of(std::string_view id) const;
+  /// Whether a ban of its name, or of the only name that it has on a mesh, keeps this robot out.
+  bool is_banned(std::string_view id) const;
   const std::vector<RobotName>& configured() const { return names_; }
   const Bans& bans() const { return bans_; }
 

@@ -43,6 +43,11 @@ TEST(Bans, ARobotIsRefusedUnderEachOfItsNames) {
   EXPECT_EQ(RobotNames(names, Bans({"thread-1"})).of_client("thread-1"), std::nullopt);
   EXPECT_EQ(RobotNames(names, Bans({"other"})).of_client("thread-1"), "lego");
   EXPECT_EQ(RobotNames(names, Bans({"other"})).of_client("other"), std::nullopt);
+  EXPECT_TRUE(RobotNames(names, Bans({"lego"})).is_banned("lego"));
+  EXPECT_TRUE(RobotNames(names, Bans({"thread-1"})).is_banned("lego"));
+  EXPECT_FALSE(RobotNames(names, Bans({"other"})).is_banned("lego"));
+  EXPECT_FALSE(RobotNames({{"lego", 0x0100, "thread-1"}}, Bans({"thread-1"})).is_banned("lego"))
+      << "it still has its name on the other mesh";
 }
 
 }  // namespace

@@ -342,6 +342,32 @@ TEST_F(CommandsTest, ToARobotThatNoMeshKnowsAreRefusedAtOnce) {
   EXPECT_EQ(outcomes.size(), 2u);
 }
 
+TEST_F(CommandsTest, ToABannedRobotAreRefusedAtOnceOnEitherMesh) {
+  broker_comes();
+  reach[{Mesh::ble, "ble-0100"}] = Presence::online;
+  reach[{Mesh::thread, "r1"}] = Presence::online;
+  gateway.set_names(RobotNames({}, Bans({"ble-0100", "r1"})));
+  for (const std::string robot : {"ble-0100", "r1"}) {
+    gateway.on_robot_message(
+        {robot, {"ntnu-slam/server/" + robot + "/cmd", {}, Qos::at_least_once}}, now);
+    gateway.on_operator_command(robot, "run", {}, now);
+    gateway.on_broker_message({"ntnu-slam/server/" + robot + "/cmd", {}, Qos::at_least_once}, now);
+    std::size_t refused = 0;
+    while (const auto action = gateway.next_action()) {
+      EXPECT_FALSE(std::holds_alternative<DeliverToMesh>(*action));
+      const auto* outcome = std::get_if<CommandOutcome>(&*action);
+      if (!outcome) continue;
+      ++refused;
+      EXPECT_EQ(outcome->result, CommandResult::refused);
+      EXPECT_EQ(outcome->why, "the robot is banned (slam-gatewayctl unban)");
+    }
+    EXPECT_EQ(refused, 3U);
+  }
+  gateway.set_names(RobotNames());
+  gateway.on_operator_command("r1", "run", {}, now);
+  EXPECT_EQ(drain<DeliverToMesh>().size(), 1U);
+}
+
 TEST_F(CommandsTest, ThatWaitedAtTheBrokerForTooLongAreRefused) {
   reach[{Mesh::ble, "a"}] = Presence::online;
   const auto grows_stale = [&](const char* of) {

@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // SIGHUP: what takes effect at once, what needs a restart and is named, what is refused as a whole.
 #include <gtest/gtest.h>
+
 #include <signal.h>
 #include <sys/stat.h>
 #include <unistd.h>
+#include <algorithm>
 
+#include <algorithm>
 #include <set>
 #include <thread>
 
@@ -101,6 +104,17 @@ TEST(Reload, ABanEndsASessionAndHoldsUntilItIsTakenBack) {
 
   ASSERT_TRUE(eventually([&] { return gateway.logs("ble-0100 is online"); })) << gateway.log();
   ban("ban", "ble-0100");
+  ban("ban", "evil");
+  Subscriber outcomes(broker, "ntnu-slam/gateway/+/commands/+", "%t %p");
+  for (const std::string robot : {"ble-0100", "evil"}) {
+    mosquitto_publish(broker, {"-q", "1", "-t", "ntnu-slam/server/" + robot + "/cmd", "-m", "1"});
+    EXPECT_TRUE(eventually([&] {
+      return std::ranges::any_of(outcomes.lines(), [&](const std::string& line) {
+        return line.find("/commands/" + robot) != std::string::npos &&
+               line.find("the robot is banned (slam-gatewayctl unban)") != std::string::npos;
+      });
+    })) << robot;
+  }
   Subscriber other(broker, "ntnu-slam/robot/ble-0101/update", "%t");
   EXPECT_TRUE(eventually([&] { return !other.lines().empty(); })) << "what was under way has gone";
   Subscriber updates(broker, "ntnu-slam/robot/+/update", "%t");
