@@ -279,13 +279,25 @@ std::string deaf_line(const json& counters, const Screen& screen) {
       screen.paint("deaf", "deaf:"));
 }
 
+/// Who takes the places for clients, when any are taken.
+std::string places_line(const json& places) {
+  if (count_at(places, "taken") == 0) return "";
+  std::string text = fmt::format("          {} of {} places taken", count_at(places, "taken"),
+                                 count_at(places, "max"));
+  if (const std::uint64_t unproven = count_at(places, "unproven"); unproven > 0)
+    text += fmt::format(", {} by clients that have not answered yet", unproven);
+  if (const json& most = group_at(places, "most_unproven"); !most.empty())
+    text += fmt::format(" ({} of them at {})", count_at(most, "clients"), text_at(most, "address"));
+  return text + "\n";
+}
+
 std::string mesh_line(std::string name, const json& mesh, const Screen& screen) {
   if (name == "ble") name = "BLE";
   if (!name.empty() && name[0] >= 'a' && name[0] <= 'z') name[0] -= 'a' - 'A';
   const std::string state = text_at(mesh, "state");
   const std::string detail = text_at(mesh, "detail");
   return pad(name, 10) + screen.paint(state, detail.empty() ? state : pad(state, 9)) + detail +
-         "\n" + refused_line(group_at(mesh, "counters")) +
+         "\n" + places_line(group_at(mesh, "places")) + refused_line(group_at(mesh, "counters")) +
          deaf_line(group_at(mesh, "counters"), screen);
 }
 
@@ -378,10 +390,17 @@ std::string status(const json& status, const Screen& screen) {
   if (const json& largest = group_at(store, "filled_by"); !text_at(largest, "robot").empty())
     out += fmt::format("          nearly full: {} has stored {}\n", text_at(largest, "robot"),
                        show_bytes(count_at(largest, "bytes")));
+  else if (const json& most = group_at(store, "largest"); !most.empty())
+    out += fmt::format("          most by {}: {}\n", text_at(most, "robot"),
+                       show_bytes(count_at(most, "bytes")));
   if (const std::uint64_t count = count_at(store, "dead_letters"); count > 0)
     out += fmt::format("          {} dead letters: see slam-gatewayctl store list\n", count);
   if (const std::string trouble = text_at(store, "why"); !trouble.empty())
     out += fmt::format("          {} {}\n", screen.paint("down", text_at(store, "state")), trouble);
+  const json& retained = group_at(status, "retained");
+  if (const json& most = group_at(retained, "most"); !most.empty())
+    out += fmt::format("Retained  {} of {} topics, most by {}: {}\n", count_at(retained, "topics"),
+                       count_at(retained, "max"), text_at(most, "robot"), count_at(most, "topics"));
   return out;
 }
 

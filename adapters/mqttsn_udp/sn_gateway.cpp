@@ -326,6 +326,11 @@ Counters SnGateway::counters() const {
   return counters;
 }
 
+MeshPlaces SnGateway::places() const {
+  auto [count, where] = clients_.most_unanswered();
+  return {settings_.max_clients, clients_.size(), clients_.unanswered(), std::move(where), count};
+}
+
 std::vector<WaitingMessage> SnGateway::give_up(const std::string& robot, TimePoint now) {
   std::vector<WaitingMessage> unsent;
   if (ClientSession* session = clients_.find_robot(robot))

@@ -48,6 +48,7 @@ class SnGateway {
   void reconfigure(TopicPolicy policy, RobotNames names, TimePoint now);
 
   Counters counters() const;
+  MeshPlaces places() const;
   /// Nothing when no client has this name.
   std::optional<Presence> presence_of(const std::string& robot) const;
   /// Messages waiting for this robot, the one in flight included.

@@ -33,6 +33,8 @@ using nlohmann::json;
 
 /// Below it the store soon finds no room for a message.
 constexpr std::uint64_t least_free_bytes = std::uint64_t{64} << 20;
+/// A robot has one client; behind a forwarder there are some dozens, which soon answer.
+constexpr std::uint64_t crowd_of_one_address = 100;
 
 std::string_view to_string(Health health) {
   switch (health) {
@@ -63,6 +65,7 @@ class Examination {
     engine();
     fleet();
     store();
+    retained();
     robots();
     sessions();
     return std::move(findings_);
@@ -136,16 +139,37 @@ class Examination {
   }
 
   void places() {
-    const json& counters =
-        group_at(group_at(group_at(facts_.status, "meshes"), "thread"), "counters");
+    const json& thread = group_at(group_at(facts_.status, "meshes"), "thread");
+    const json& counters = group_at(thread, "counters");
+    const json& most = group_at(group_at(thread, "places"), "most_unproven");
     const std::uint64_t clients = count_at(counters, "clients");
-    if (10 * clients < 9 * config_.mqttsn.max_clients) return;
+    const std::uint64_t there = count_at(most, "clients");
+    const std::string address = text_at(most, "address");
+    const bool is_crowd = there >= crowd_of_one_address && address.find('/') == std::string::npos;
+    if (10 * clients < 9 * config_.mqttsn.max_clients && !is_crowd) return;
+    const std::string where =
+        most.empty() ? "" : fmt::format(" ({} of them at {})", there, address);
     add("thread: clients", Health::warning,
         fmt::format("{} of {} places are taken (mqttsn.max_clients), {} by clients that have not "
-                    "answered anything: these give way to others",
-                    clients, config_.mqttsn.max_clients, count_at(counters, "clients_unanswered")),
-        "does somebody invent clients? journalctl -u slam-gateway -g 'is online' has their "
-        "addresses; robots that are gone: slam-gatewayctl forget ROBOT");
+                    "answered anything{}: these give way to others",
+                    clients, config_.mqttsn.max_clients, count_at(counters, "clients_unanswered"),
+                    where),
+        most.empty() ? "slam-gatewayctl forget ROBOT, for robots that are gone"
+                     : "does somebody invent clients? sudo slam-gatewayctl ban " + address +
+                           "; robots that are gone: slam-gatewayctl forget ROBOT");
+  }
+
+  void retained() {
+    const json& retained = group_at(facts_.status, "retained");
+    const json& most = group_at(retained, "most");
+    if (10 * count_at(retained, "topics") < 9 * count_at(retained, "max") || most.empty()) return;
+    add("retained", Health::warning,
+        fmt::format("robots have {} of {} retained topics, most of them {}: {}; further messages "
+                    "are not retained",
+                    count_at(retained, "topics"), count_at(retained, "max"), text_at(most, "robot"),
+                    count_at(most, "topics")),
+        "why does it retain so much? sudo slam-gatewayctl ban ROBOT; clear its topics at the "
+        "broker");
   }
 
   const InterfaceFacts* find_interface(const std::string& name) const {
@@ -319,8 +343,11 @@ class Examination {
     const json& store = group_at(facts_.status, "store");
     const std::string state = text_at(store, "state");
     const auto full = store.find("full");
+    const json& most = group_at(store, "largest");
     if (full != store.end() && *full == true)
-      add("store", Health::problem, "is full: robots are not acknowledged",
+      add("store", Health::problem,
+          "is full: robots are not acknowledged" +
+              (most.empty() ? "" : "; most of it by " + text_at(most, "robot")),
           "bring the broker back, or raise store.max_bytes");
     else if (state == "failing" || state == "absent")
       add("store", Health::problem, fmt::format("{}: {}", state, text_at(store, "why")),

@@ -5,6 +5,8 @@
 
 #include <fmt/format.h>
 
+#include "daemon/core/retained_topics.hpp"
+
 namespace slamgw {
 
 // Their names in the JSON are those of the members.
@@ -52,12 +54,24 @@ json to_json(const Status::Broker& broker) {
           {"refused", {{"topics", broker.refused_topics}, {"list", std::move(refused)}}}};
 }
 
+json to_json(const MeshPlaces& places) {
+  json most;
+  if (places.unproven_there > 0)
+    most = {{"address", places.most_unproven_at}, {"clients", places.unproven_there}};
+  return {{"max", places.max},
+          {"taken", places.taken},
+          {"unproven", places.unproven},
+          {"most_unproven", std::move(most)}};
+}
+
 json to_json(const Status::MeshLink& mesh) {
   const char* state = mesh.is_up ? "up" : "down";
-  return {{"enabled", mesh.is_enabled},
-          {"state", mesh.is_enabled ? state : "disabled"},
-          {"detail", mesh.detail},
-          {"counters", to_json(mesh.counters)}};
+  json out{{"enabled", mesh.is_enabled},
+           {"state", mesh.is_enabled ? state : "disabled"},
+           {"detail", mesh.detail},
+           {"counters", to_json(mesh.counters)}};
+  if (mesh.places) out["places"] = to_json(*mesh.places);
+  return out;
 }
 
 json to_json(const PerMesh<Status::MeshLink>& meshes) {
@@ -66,18 +80,26 @@ json to_json(const PerMesh<Status::MeshLink>& meshes) {
   return out;
 }
 
+json to_json(const Status::Retained& retained) {
+  json most;
+  if (retained.most > 0) most = {{"robot", retained.most_by}, {"topics", retained.most}};
+  return {
+      {"topics", retained.topics}, {"max", RetainedTopics::max_in_all}, {"most", std::move(most)}};
+}
+
 json to_json(const Status::Store& store) {
+  json largest;
+  if (!store.largest.flow.empty())
+    largest = {{"robot", store.largest.flow.substr(store.largest.flow.rfind('/') + 1)},
+               {"bytes", store.largest.bytes}};
   return {{"state", store.state},
           {"why", store.why},
           {"depth", store.depth},
           {"bytes", store.bytes},
           {"max_bytes", store.max_bytes},
           {"full", store.is_full},
-          {"filled_by",
-           store.largest.flow.empty()
-               ? json(nullptr)
-               : json{{"robot", store.largest.flow.substr(store.largest.flow.rfind('/') + 1)},
-                      {"bytes", store.largest.bytes}}},
+          {"largest", largest},
+          {"filled_by", store.is_nearly_full ? largest : json(nullptr)},
           {"oldest_age_s", store.oldest_age.count()},
           {"dead_letters", store.dead_letters},
           {"failures", store.failures}};
@@ -127,6 +149,7 @@ json to_json(const Status& status) {
           {"messages", status.messages},
           {"commands", status.commands},
           {"store", to_json(status.store)},
+          {"retained", to_json(status.retained)},
           {"queue", status.queue},
           {"control", to_json(status.control)},
           {"fleet", to_json(status.fleet)},

@@ -41,6 +41,7 @@ struct Status {
     bool is_up = false;
     std::string detail;
     Counters counters;
+    std::optional<MeshPlaces> places{};
   };
   struct Robots {
     std::uint64_t online = 0;
@@ -74,10 +75,17 @@ struct Status {
     std::uint64_t bytes = 0;
     std::uint64_t max_bytes = 0;
     bool is_full = false;
-    StoreShares::Share largest;  ///< of a robot that has nearly filled the store
+    StoreShares::Share largest;   ///< of the robot that has stored most
+    bool is_nearly_full = false;  ///< and that robot has filled half of it
     std::chrono::seconds oldest_age{0};
     std::uint64_t dead_letters = 0;
     std::uint64_t failures = 0;
+  };
+  /// Retained topics that robots have left at the broker.
+  struct Retained {
+    std::uint64_t topics = 0;
+    std::string most_by;
+    std::uint64_t most = 0;
   };
   struct Queue {
     std::uint64_t depth = 0;
@@ -94,6 +102,7 @@ struct Status {
   Messages messages;
   Commands commands;
   Store store;
+  Retained retained;
   Queue queue;
   Counters control;
   Counters fleet;

@@ -69,6 +69,8 @@ Status StatusCollector::status(Counters control, TimePoint now) const {
   status.messages = count(gateway_.traffic(), outbox_, upstream_);
   status.commands = {gateway_.open_commands(), gateway_.traffic().late_outcomes};
   status.store = store(now);
+  auto [most, robot] = gateway_.retained().largest();
+  status.retained = {gateway_.retained().count(), std::move(robot), most};
   status.queue = {outbox_.unsaved(), outbox_.queued_bytes(), Outbox::max_queued_bytes};
   status.control = std::move(control);
   status.fleet = fleet_.counters();
@@ -93,7 +95,8 @@ PerMesh<Status::MeshLink> StatusCollector::mesh_links() const {
     const MeshAdapter* adapter = meshes_.find(mesh);
     const Gateway::LinkState& link = gateway_.mesh_link(mesh);
     links[mesh] = {adapter != nullptr, link.is_up, link.detail,
-                   adapter ? adapter->counters() : Counters{}};
+                   adapter ? adapter->counters() : Counters{},
+                   adapter ? adapter->places() : std::nullopt};
   }
   return links;
 }
@@ -101,7 +104,7 @@ PerMesh<Status::MeshLink> StatusCollector::mesh_links() const {
 Status::Store StatusCollector::store(TimePoint now) const {
   const Backlog& backlog = outbox_.backlog();
   StoreShares::Share largest = backlog.largest_share();
-  if (!backlog.is_nearly_full() || 2 * largest.bytes < backlog.bytes()) largest = {};
+  const bool has_filled = backlog.is_nearly_full() && 2 * largest.bytes >= backlog.bytes();
   return {to_string(backlog.state()),
           outbox_.store_trouble(),
           backlog.rows(),
@@ -109,6 +112,7 @@ Status::Store StatusCollector::store(TimePoint now) const {
           config_.store.max_bytes,
           backlog.is_full(),
           std::move(largest),
+          has_filled,
           duration_cast<seconds>(now - backlog.oldest().value_or(now)),
           backlog.dead_letters().count,
           outbox_.store_failures()};

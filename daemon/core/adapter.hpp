@@ -59,6 +59,8 @@ class MeshAdapter {
   virtual void trace(bool is_on) = 0;
 
   virtual Counters counters() const = 0;
+  /// Nothing where robots need no place.
+  virtual std::optional<MeshPlaces> places() const { return std::nullopt; }
   /// Whether a command can reach this robot here; nothing when it is not one of this mesh's. A
   /// robot behind a link that is down is offline.
   virtual std::optional<Presence> presence_of(const std::string& robot) const = 0;

@@ -166,6 +166,7 @@ class Gateway {
   const RobotRegistry& registry() const { return registry_; }
   /// Rights that the broker's access list does not give this gateway, as far as known.
   std::vector<MissingRight> missing_rights() const { return rights_.missing(); }
+  const RetainedTopics& retained() const { return retained_; }
   std::size_t open_commands() const { return commands_.size(); }
   const Traffic& traffic() const { return traffic_; }
   struct LinkState {

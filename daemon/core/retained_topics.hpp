@@ -9,6 +9,7 @@
 #include <string>
 #include <string_view>
 #include <unordered_map>
+#include <utility>
 #include <vector>
 
 namespace slamgw {
@@ -45,6 +46,15 @@ class RetainedTopics {
     if (topics == topics_.end()) return;
     count_ -= topics->second.size();
     topics_.erase(topics);
+  }
+
+  std::size_t count() const { return count_; }
+  /// The robot that has most of them, and how many; 0 when none has any. Looks at all of them.
+  std::pair<std::size_t, std::string> largest() const {
+    std::pair<std::size_t, std::string> largest;
+    for (const auto& [robot, topics] : topics_)
+      if (topics.size() > largest.first) largest = {topics.size(), robot};
+    return largest;
   }
 
  private:

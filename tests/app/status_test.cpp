@@ -24,8 +24,8 @@ TEST(StatusJson, HasTheNamesThatPeopleScriptAgainst) {
   const json status = to_json(Status{});
   EXPECT_EQ(names(status),
             (std::set<std::string>{"broker", "commands", "control", "fleet", "gateway",
-                                   "memory_rss_bytes", "meshes", "messages", "queue", "robots",
-                                   "store", "uptime_s", "version"}));
+                                   "memory_rss_bytes", "meshes", "messages", "queue", "retained",
+                                   "robots", "store", "uptime_s", "version"}));
   EXPECT_EQ(names(status["broker"]),
             (std::set<std::string>{"missing_rights", "refused", "since", "state", "uri", "why"}));
   EXPECT_EQ(names(status["meshes"]), (std::set<std::string>{"ble", "thread"}));
@@ -51,9 +51,27 @@ TEST(StatusJson, SaysOfEachLinkHowItIs) {
 
 TEST(StatusJson, NamesTheRobotThatHasFilledTheStore) {
   Status status;
-  EXPECT_TRUE(to_json(status)["store"]["filled_by"].is_null());
+  EXPECT_TRUE(to_json(status)["store"]["largest"].is_null());
   status.store.largest = {"p/robot/r1", 7};
+  EXPECT_EQ(to_json(status)["store"]["largest"], (json{{"robot", "r1"}, {"bytes", 7}}));
+  EXPECT_TRUE(to_json(status)["store"]["filled_by"].is_null());
+  status.store.is_nearly_full = true;
   EXPECT_EQ(to_json(status)["store"]["filled_by"], (json{{"robot", "r1"}, {"bytes", 7}}));
+}
+
+TEST(StatusJson, NamesWhoFillsThePlacesAndTheRetainedTopics) {
+  Status status;
+  status.meshes[Mesh::thread].places = {100, 90, 0, {}, 0};
+  EXPECT_EQ(to_json(status)["meshes"]["thread"]["places"], json::parse(R"({"max": 100, "taken": 90,
+                                     "unproven": 0, "most_unproven": null})"));
+  status.meshes[Mesh::thread].places = {100, 90, 80, "fd00::/64", 70};
+  EXPECT_EQ(to_json(status)["meshes"]["thread"]["places"]["most_unproven"],
+            (json{{"address", "fd00::/64"}, {"clients", 70}}));
+  EXPECT_FALSE(to_json(status)["meshes"]["ble"].contains("places"));
+  EXPECT_TRUE(to_json(status)["retained"]["most"].is_null());
+  status.retained = {20, "r1", 16};
+  EXPECT_EQ(to_json(status)["retained"], json::parse(R"({"topics": 20, "max": 4096,
+                                         "most": {"robot": "r1", "topics": 16}})"));
 }
 
 TEST(StatusJson, SaysThatTheBrokerRefusesOnlyWhileItIsThere) {

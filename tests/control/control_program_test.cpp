@@ -21,25 +21,32 @@ TEST_F(ControlProgramIo, ShowsTheStatus) {
   handler.status_answer = json::parse(R"({"version": "1.2.3", "gateway": "g1", "uptime_s": 90000,
       "broker": {"state": "down", "uri": "mqtt://h:1", "since": "T", "why": "refused"},
       "meshes": {"ble": {"state": "disabled"}, "thread": {"state": "up", "detail": "[::]:47193",
-                     "counters": {"connects_refused": 3, "unconnected_refused": 17}}},
+                     "counters": {"connects_refused": 3, "unconnected_refused": 17},
+                     "places": {"max": 100, "taken": 90, "unproven": 80,
+                                "most_unproven": {"address": "fd00::9", "clients": 70}}}},
       "robots": {"online": 5, "asleep": 1, "offline": 2, "known": 8},
       "messages": {"up": 10, "down": 2, "dropped": 3, "stored": 4, "rejected": 5},
       "store": {"depth": 6, "bytes": 2048, "max_bytes": 1048576,
                 "filled_by": {"robot": "r1", "bytes": 1024}},
+      "retained": {"topics": 20, "max": 4096, "most": {"robot": "r2", "topics": 16}},
       "memory_rss_bytes": 3145728})");
   const Ended result = run({"status"});
   EXPECT_EQ(result.status, 0) << result.err;
-  EXPECT_EQ(result.out,
-            "slam-gatewayd 1.2.3, gateway g1, up 1 d 1 h, 3.0 MiB memory\n"
-            "Broker    down     mqtt://h:1 since T\n"
-            "                   refused\n"
-            "BLE       disabled\n"
-            "Thread    up       [::]:47193\n"
-            "          refused: 3 connections, 17 messages of QoS -1\n"
-            "Robots    5 online, 1 asleep, 2 offline (8 known)\n"
-            "Messages  10 in, 2 out, 3 dropped, 4 stored, 5 rejected\n"
-            "Store     6 messages, 2.0 KiB of 1.0 MiB\n"
-            "          nearly full: r1 has stored 1.0 KiB\n");
+  EXPECT_EQ(
+      result.out,
+      "slam-gatewayd 1.2.3, gateway g1, up 1 d 1 h, 3.0 MiB memory\n"
+      "Broker    down     mqtt://h:1 since T\n"
+      "                   refused\n"
+      "BLE       disabled\n"
+      "Thread    up       [::]:47193\n"
+      "          90 of 100 places taken, 80 by clients that have not answered yet (70 of them "
+      "at fd00::9)\n"
+      "          refused: 3 connections, 17 messages of QoS -1\n"
+      "Robots    5 online, 1 asleep, 2 offline (8 known)\n"
+      "Messages  10 in, 2 out, 3 dropped, 4 stored, 5 rejected\n"
+      "Store     6 messages, 2.0 KiB of 1.0 MiB\n"
+      "          nearly full: r1 has stored 1.0 KiB\n"
+      "Retained  20 of 4096 topics, most by r2: 16\n");
 }
 
 TEST_F(ControlProgramIo, GivesJsonBeforeAndAfterTheCommand) {

@@ -166,6 +166,14 @@ std::vector<ClientSession*> ClientTable::crowd(const Peer& peer, TimePoint now) 
   return of_address.empty() ? by_network_.fullest(network_of(own)) : of_address;
 }
 
+/// A network is named when no address in it has half of its clients.
+std::pair<std::size_t, std::string> ClientTable::most_unanswered() const {
+  const auto [at_address, address] = by_address_.largest();
+  const auto [in_network, network] = by_network_.largest();
+  if (2 * at_address < in_network) return {in_network, to_string(network) + "/64"};
+  return {at_address, at_address == 0 ? std::string() : to_string(address)};
+}
+
 void ClientTable::set_in_crowd(ClientSession& session, bool is_in) {
   if (session.has_answered || !session.peer) return;
   const IpAddress& address = session.peer->endpoint.address;

@@ -37,6 +37,7 @@ class MqttsnAdapter final : public MeshShell<SnGateway> {
   void forget(const std::string& robot) override;
   void on_note(const std::string& robot, ByteView note) override;
   Counters counters() const override;
+  std::optional<MeshPlaces> places() const override { return driver().machine().places(); }
 
   /// Before start(): clients may not go by the names of other meshes' robots.
   void refuse_names(const NameCheck& is_elsewhere) { gateway_.refuse_names(is_elsewhere); }

@@ -76,13 +76,10 @@ std::optional<IpAddress> choose_source(const std::vector<IpAddress>& candidates,
 namespace {
 
 std::string address_text(const Endpoint& endpoint) {
-  const IpAddress& a = endpoint.address;
-  if (is_ipv4(a)) return fmt::format("{}.{}.{}.{}", a[12], a[13], a[14], a[15]);
-  char text[INET6_ADDRSTRLEN] = {};
-  inet_ntop(AF_INET6, a.data(), text, sizeof text);
+  if (is_ipv4(endpoint.address)) return to_string(endpoint.address);
   const std::string scope =
       endpoint.scope_id == 0 ? std::string() : fmt::format("%{}", endpoint.scope_id);
-  return fmt::format("[{}{}]", text, scope);
+  return fmt::format("[{}{}]", to_string(endpoint.address), scope);
 }
 
 }  // namespace
@@ -93,6 +90,13 @@ std::size_t PeerHash::operator()(const Peer& peer) const {
   const std::size_t ports = (std::size_t{e.scope_id} << 16) ^ e.port;
   return hash(as_text(e.address)) ^ (ports * static_cast<std::size_t>(0x9e3779b97f4a7c15U)) ^
          (hash(peer.node_id) << 1);
+}
+
+std::string to_string(const IpAddress& a) {
+  if (is_ipv4(a)) return fmt::format("{}.{}.{}.{}", a[12], a[13], a[14], a[15]);
+  char text[INET6_ADDRSTRLEN] = {};
+  inet_ntop(AF_INET6, a.data(), text, sizeof text);
+  return text;
 }
 
 std::string to_string(const Peer& peer) {

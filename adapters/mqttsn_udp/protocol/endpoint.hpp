@@ -35,6 +35,9 @@ bool is_thread_locator(const IpAddress& address);
 std::optional<IpAddress> choose_source(const std::vector<IpAddress>& candidates,
                                        const IpAddress& to);
 
+/// `fd00::1`, `192.0.2.7`.
+std::string to_string(const IpAddress& address);
+
 /// The other side.
 struct Endpoint {
   IpAddress address{};

@@ -98,6 +98,16 @@ TEST(Doctor, NamesEachStepThatIsBroken) {
   EXPECT_EQ(problems_of(facts), "thread: clients; ");
   facts.status["meshes"]["thread"]["counters"]["clients"] = 8999;
   EXPECT_EQ(problems_of(facts), "");
+  json& most = facts.status["meshes"]["thread"]["places"]["most_unproven"];
+  most = {{"address", "fd00::/64"}, {"clients", 4000}};
+  EXPECT_EQ(problems_of(facts), "") << "a fleet that has not been sent anything yet";
+  most["address"] = "fd00::9";
+  EXPECT_EQ(problems_of(facts), "thread: clients; ");
+
+  facts = healthy();
+  facts.status["retained"] = {
+      {"topics", 4000}, {"max", 4096}, {"most", {{"robot", "r1"}, {"topics", 16}}}};
+  EXPECT_EQ(problems_of(facts), "retained; ");
 
   facts = healthy();
   facts.status["store"]["full"] = true;
