@@ -240,6 +240,13 @@ class StoreShare : public OutboxStoreTest {
   std::uint64_t last_receipt = 100000;
 };
 
+TEST_F(StoreShare, OfManyMadeUpNamesIsAllOfIt) {
+  int names = 0;
+  while (send("made-up-" + std::to_string(names))) ASSERT_LT(++names, 100000);
+  EXPECT_TRUE(outbox->backlog().is_full());
+  EXPECT_FALSE(send("r1")) << "docs/security.md says so";
+}
+
 TEST_F(StoreShare, OfAFloodLeavesRoomForTheOthers) {
   for (int round = 0; round < 100; ++round) {
     for (int i = 0; i < 100; ++i) send("r0");

@@ -2,6 +2,7 @@
 // Clients that have not shown that they receive give way to others when all places are taken.
 #include <gtest/gtest.h>
 
+#include "adapters/mqttsn_udp/limits.hpp"
 #include "tests/mqttsn_udp/sn_rig.hpp"
 
 namespace slamgw::mqttsn {
@@ -76,6 +77,18 @@ TEST(Crowd, LeavesWhoHasAnswered) {
   rig.pass_s(60);
   EXPECT_EQ(answer_to_new(rig, SnRig::first_ipv4 + 1), "nothing");
   EXPECT_EQ(rig.counter("clients_evicted"), 0U);
+}
+
+TEST(Crowd, LeavesWhoHasAnsweredForADayAfterItHasGone) {
+  SnRig rig(small());
+  for (unsigned i = 0; i < small().max_clients; ++i) {
+    rig.prove(10 + i, "r" + to_string(i), 60000);
+    rig.send(10 + i, Disconnect{});
+  }
+  rig.pass(limits::min_absence - std::chrono::minutes(1));
+  EXPECT_EQ(answer_to_new(rig, 1), "nothing");
+  rig.pass(std::chrono::minutes(2));
+  EXPECT_EQ(answer_to_new(rig, 1), "CONNACK code=0");
 }
 
 TEST(Crowd, IsNamedByTheAddressOrTheNetworkThatHasMost) {
