@@ -16,11 +16,11 @@
 
 #include "adapters/ble_mesh_usb_cdc/nordic/board_link.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/commands.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/ecdh.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/events.hpp"
-#include "adapters/ble_mesh_usb_cdc/provisioning/ecdh.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/provisioning_session.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_table.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/provisioner_action.hpp"
-#include "adapters/ble_mesh_usb_cdc/provisioning/provisioning_session.hpp"
 #include "daemon/core/time.hpp"
 
 namespace slamgw::ble {

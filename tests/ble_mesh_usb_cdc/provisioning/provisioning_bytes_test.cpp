@@ -7,8 +7,8 @@
 #include <numeric>
 
 #include "adapters/ble_mesh_usb_cdc/nordic/commands.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/ecdh.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/events.hpp"
-#include "adapters/ble_mesh_usb_cdc/provisioning/ecdh.hpp"
 #include "tests/ble_mesh_usb_cdc/hex.hpp"
 
 namespace slamgw::ble {

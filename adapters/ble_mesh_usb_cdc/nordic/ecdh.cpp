@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "adapters/ble_mesh_usb_cdc/provisioning/ecdh.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/ecdh.hpp"
 
 #include <openssl/bn.h>
 #include <openssl/ec.h>

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "adapters/ble_mesh_usb_cdc/provisioning/provisioning_session.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/provisioning_session.hpp"
 
 #include <fmt/format.h>
 
 #include <array>
 #include <utility>
 
-#include "adapters/ble_mesh_usb_cdc/provisioning/ecdh.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/ecdh.hpp"
 
 namespace slamgw::ble {
 namespace {
