@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "adapters/ble_mesh_usb_cdc/access/opcode.hpp"
-#include "adapters/ble_mesh_usb_cdc/nordic/commands.hpp"
+#include "adapters/ble_mesh_usb_cdc/radio.hpp"
 
 namespace slamgw::ble {
 

@@ -12,8 +12,6 @@
 
 namespace slamgw::ble {
 
-inline constexpr std::uint16_t last_unicast_address = 0x7fff;  // Mesh Profile section 3.4.2.2
-
 class AddressBook {
  public:
   /// The stock firmware's table of group and unicast addresses.

@@ -112,26 +112,9 @@ class Resync {
   Bytes tail_;     ///< the last octets received, fewer than `awaited_`
 };
 
-struct LinkIsUp {
-  std::string detail;
-  std::string board;         ///< its UUID in hex; empty when it did not answer
-  std::uint16_t source = 0;  ///< the address that it sends from
-  bool has_kept = false;     ///< it restarted, and still had its address
-};
-/// Also sent while down, when the reason changes.
-struct LinkIsDown {
-  std::string why;
-};
 /// How `BoardLink::clear_board` ended.
 struct BoardCleared {
   Status status = Status::success;
-};
-
-/// Which address should the board send from? Answered by on_source. Also sent while up.
-struct SourceWanted {
-  std::string board;            ///< its UUID in hex; empty when it did not answer
-  std::uint16_t addresses = 0;  ///< that it has; 0: it has no sequence numbers of this mesh
-  bool was_cleared = false;     ///< by an operator's order
 };
 
 using LinkAction = std::variant<WriteSerial, ReopenPort, GenerateKeys, SourceWanted, LinkIsUp,
@@ -156,7 +139,7 @@ struct LinkCounters {
   std::uint64_t tx_complete = 0;
 };
 
-class BoardLink {
+class BoardLink final : public Radio {
  public:
   static constexpr Duration command_time_limit = std::chrono::seconds{2};
   /// What the board dropped and whether it has an address are asked in turn.
@@ -192,12 +175,9 @@ class BoardLink {
   /// It is not on disk yet.
   void on_source_delayed(const std::string& why);
 
-  bool is_up() const { return is_up_; }
-  /// Drops it when the link is down or the queue full: senders repeat. A message that is already
-  /// waiting is not queued twice. A message longer than the firmware sends ends in SendRefused.
-  void send(Outgoing message, TimePoint now);
-  /// Takes a message back if it still waits.
-  void withdraw(std::uint16_t destination, const Bytes& payload) {
+  bool is_up() const override { return is_up_; }
+  void send(Outgoing message, TimePoint now) override;
+  void withdraw(std::uint16_t destination, const Bytes& payload) override {
     traffic_.withdraw(destination, payload);
   }
   /// One complete command, ended by CommandEnded; nothing comes when the link goes down. False when

@@ -92,7 +92,7 @@ Bytes BoardTraffic::next_message() {
   const Outgoing message = std::move(queue.front());
   queue.pop_front();
   purpose_ = Purpose::message;
-  return encode_packet_send({.appkey_handle = message.appkey_handle.value_or(board_.appkey_handle),
+  return encode_packet_send({.appkey_handle = message.key.value_or(board_.appkey_handle),
                              .source = board_.source,
                              .destination_handle = *handle,
                              .ttl = ttl_,

@@ -17,12 +17,6 @@
 
 namespace slamgw::ble {
 
-/// The board did not send to `destination`; the mesh above repeats by its own rules.
-struct SendRefused {
-  std::uint16_t destination = 0;
-  std::string why;
-};
-
 /// How the command that was given to `BoardLink::command` ended.
 struct CommandEnded {
   std::uint8_t opcode = 0;
@@ -32,14 +26,6 @@ struct CommandEnded {
 };
 
 using TrafficAction = std::variant<SendRefused, CommandEnded>;
-
-/// One access message to send. Urgent ones (acknowledgements) overtake the others.
-struct Outgoing {
-  std::uint16_t destination = 0;               ///< unicast
-  std::optional<std::uint16_t> appkey_handle;  ///< else the mesh's application key
-  Bytes payload;
-  bool is_urgent = false;
-};
 
 class BoardTraffic {
  public:

@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "adapters/ble_mesh_usb_cdc/nordic/commands.hpp"
 
-#include <charconv>
-#include <string>
-
 #include "adapters/ble_mesh_usb_cdc/nordic/frame.hpp"
 
 namespace slamgw::ble {
@@ -111,19 +108,6 @@ Bytes encode_ecdh_secret(std::uint8_t context, const SharedSecret& secret) {
 Bytes encode_devkey_add(std::uint16_t owner, std::uint16_t subnet_handle, const Key& key) {
   return encode(CommandOpcode::devkey_add,
                 ByteWriter{}.write_u16_le(owner).write_u16_le(subnet_handle).write(key));
-}
-
-std::optional<Uuid> parse_uuid(std::string_view text) {
-  std::string digits(text);
-  std::erase(digits, '-');
-  Uuid uuid{};
-  if (digits.size() != uuid.size() * 2) return std::nullopt;
-  for (std::size_t i = 0; i < uuid.size(); ++i) {
-    const char* const first = digits.data() + 2 * i;
-    const auto [end, error] = std::from_chars(first, first + 2, uuid[i], 16);
-    if (error != std::errc{} || end != first + 2) return std::nullopt;
-  }
-  return uuid;
 }
 
 }  // namespace slamgw::ble

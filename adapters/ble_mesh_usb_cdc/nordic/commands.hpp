@@ -1,16 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // The commands of Nordic's serial protocol (versions 5 to 10) that the daemon sends, as complete
 // frames. Multi-byte numbers are little-endian on the wire, keys most significant octet first. What
-// the board answers: events.hpp. Called by Resync, StartUp, BoardLink, and what provisions and
-// configures robots.
+// the board answers: events.hpp. Called by Resync, StartUp, BoardLink and ProvisioningSession.
 #pragma once
 
-#include <array>
-#include <cstdint>
-#include <optional>
 #include <string_view>
 
-#include "daemon/core/bytes.hpp"
+#include "adapters/ble_mesh_usb_cdc/radio.hpp"
 
 namespace slamgw::ble {
 
@@ -48,25 +44,12 @@ enum class CommandOpcode : std::uint8_t {
   state_clear = 0xac,  ///< also resets the sequence numbers: on an operator's word only
 };
 
-using Key = std::array<std::uint8_t, 16>;
-/// Of a device, most significant octet first.
-using Uuid = std::array<std::uint8_t, 16>;
-/// 32 hex digits, hyphens allowed.
-std::optional<Uuid> parse_uuid(std::string_view text);
-
 /// The two coordinates of a point on P-256, X before Y, each most significant octet first.
 using PublicKey = std::array<std::uint8_t, 64>;
 using SharedSecret = std::array<std::uint8_t, 32>;
 struct KeyPair {
   std::array<std::uint8_t, 32> private_key{};
   PublicKey public_key{};
-};
-
-/// The secrets of one mesh. Never printed, never in a Notice.
-struct MeshKeys {
-  Key net_key{};
-  Key app_key{};
-  bool operator==(const MeshKeys&) const = default;
 };
 
 /// One access message to send (0xab).
@@ -77,8 +60,6 @@ struct PacketSend {
   std::uint8_t ttl = 0;
   ByteView payload;  ///< access message, opcode first; at most `send_limit`
 };
-/// Longest access message with current firmware.
-inline constexpr std::size_t max_send_bytes = 244;
 
 /// What the firmware answers to 0x09. Of what the daemon sends, Packet Send and Provision differ
 /// between the versions: a Packet Send that is too long puts its last octets before each message

@@ -45,7 +45,7 @@ EventResult decode_received(ByteReader params) {
   MessageReceived event;
   event.source = params.read_u16_le();
   params.read(2);  // destination: 0xd0 a unicast address, 0xd1 an address handle
-  event.appkey_handle = params.read_u16_le();
+  event.key = params.read_u16_le();
   params.read(2);  // subnet handle
   event.ttl = params.read_u8();
   params.read(7);  // advertising address type and address of the last relay

@@ -48,28 +48,8 @@ struct CommandResponse {
   Bytes data;
 };
 
-/// 0xd0 and 0xd1: an access message for a local unicast or a subscribed address.
-struct MessageReceived {
-  std::uint16_t source = 0;
-  std::uint16_t appkey_handle = 0;
-  std::uint8_t ttl = 0;  ///< on arrival
-  std::int8_t rssi_dbm = 0;
-  std::uint16_t actual_length = 0;  ///< more than `payload` holds: the board cut it short
-  Bytes payload;                    ///< opcode first, at most 235 octets
-};
-
 /// 0xd2
 struct TxComplete {};
-
-/// 0xd3
-struct IvUpdate {
-  std::uint32_t iv_index = 0;
-};
-
-/// 0xd8, firmware 4.0 and newer.
-struct Heartbeat {
-  std::uint16_t source = 0;
-};
 
 /// Any other opcode; its parameters are not kept.
 struct OtherEvent {
@@ -79,11 +59,6 @@ struct OtherEvent {
 // What the board reports while it scans for new devices and provisions one. A context is one of its
 // two provisioning links.
 
-/// 0xc0: a device that is in no mesh says so.
-struct UnprovisionedBeacon {
-  Uuid uuid{};
-  std::int8_t rssi_dbm = 0;
-};
 /// 0xc1
 struct ProvisioningLinkOpened {
   std::uint8_t context = 0;
@@ -126,6 +101,8 @@ using ProvisioningEvent =
                  CapabilitiesReceived, ProvisioningComplete, AuthenticationRequested, EcdhRequested,
                  ProvisioningFailed>;
 
+/// The words of the mesh among them: beacon 0xc0, MessageReceived 0xd0 and 0xd1 (at most 235 octets
+/// of payload), IvUpdate 0xd3, Heartbeat 0xd8 (firmware 4.0 and newer).
 using Event = std::variant<DeviceStarted, EchoResponse, CommandResponse, MessageReceived,
                            TxComplete, IvUpdate, Heartbeat, ProvisioningEvent, OtherEvent>;
 

@@ -20,11 +20,6 @@
 
 namespace slamgw::ble {
 
-/// So many addresses, from the gateway's own up, are given to the lives of forgetful boards, one
-/// after the other. A robot's replay list has 40 places, others speak to it too, and a full list
-/// hears no new sender at all.
-inline constexpr std::uint16_t max_sources = 32;
-
 struct BoardSettings {
   std::uint16_t address = 0x0001;  ///< that robots publish to
   std::vector<std::uint16_t> groups;

@@ -10,8 +10,6 @@
 #include <set>
 #include <vector>
 
-#include "adapters/ble_mesh_usb_cdc/nordic/address_book.hpp"
-#include "adapters/ble_mesh_usb_cdc/nordic/start_up.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
 
 namespace slamgw::ble {

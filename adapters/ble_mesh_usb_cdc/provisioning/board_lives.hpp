@@ -8,7 +8,6 @@
 #include <optional>
 #include <string>
 
-#include "adapters/ble_mesh_usb_cdc/nordic/board_link.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_table.hpp"
 
 namespace slamgw::ble {

@@ -8,8 +8,6 @@
 #include <charconv>
 #include <set>
 
-#include "adapters/ble_mesh_usb_cdc/nordic/address_book.hpp"
-#include "adapters/ble_mesh_usb_cdc/nordic/commands.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/address_plan.hpp"
 #include "daemon/core/topic_scheme.hpp"
 

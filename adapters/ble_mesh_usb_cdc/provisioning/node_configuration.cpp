@@ -237,8 +237,7 @@ std::optional<Bytes> NodeConfiguration::take_message(TimePoint now) {
 }
 
 bool NodeConfiguration::on_message(const MessageReceived& message, TimePoint now) {
-  if (stage_ != Stage::talking || message.source != address_ ||
-      message.appkey_handle != devkey_handle_)
+  if (stage_ != Stage::talking || message.source != address_ || message.key != devkey_handle_)
     return false;
   const auto access = decode_access(message.payload);
   if (!access.has_value()) return false;

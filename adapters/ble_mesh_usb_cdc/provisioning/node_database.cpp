@@ -2,8 +2,23 @@
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
 
 #include <algorithm>
+#include <charconv>
+#include <system_error>
 
 namespace slamgw::ble {
+
+std::optional<Uuid> parse_uuid(std::string_view text) {
+  std::string digits(text);
+  std::erase(digits, '-');
+  Uuid uuid{};
+  if (digits.size() != uuid.size() * 2) return std::nullopt;
+  for (std::size_t i = 0; i < uuid.size(); ++i) {
+    const char* const first = digits.data() + 2 * i;
+    const auto [end, error] = std::from_chars(first, first + 2, uuid[i], 16);
+    if (error != std::errc{} || end != first + 2) return std::nullopt;
+  }
+  return uuid;
+}
 
 std::string_view to_string(NodeState state) {
   switch (state) {

@@ -7,13 +7,22 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
-#include "adapters/ble_mesh_usb_cdc/nordic/commands.hpp"
+#include "adapters/ble_mesh_usb_cdc/radio.hpp"
 
 namespace slamgw::ble {
 
 inline constexpr std::uint32_t max_elements = 255;  ///< of one node
+
+/// So many addresses, from the gateway's own up, are given to the lives of forgetful boards, one
+/// after the other. A robot's replay list has 40 places, others speak to it too, and a full list
+/// hears no new sender at all.
+inline constexpr std::uint16_t max_sources = 32;
+
+/// 32 hex digits, hyphens allowed.
+std::optional<Uuid> parse_uuid(std::string_view text);
 
 /// How far a robot has come on its way into the mesh.
 enum class NodeState : std::uint8_t {

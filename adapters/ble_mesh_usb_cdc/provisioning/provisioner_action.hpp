@@ -6,6 +6,7 @@
 #include <variant>
 
 #include "adapters/ble_mesh_usb_cdc/mesh_action.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/commands.hpp"
 #include "daemon/core/protocol_machine.hpp"
 
 namespace slamgw::ble {

@@ -10,7 +10,6 @@
 #include <utility>
 
 #include "adapters/ble_mesh_usb_cdc/access/robot_models.hpp"
-#include "adapters/ble_mesh_usb_cdc/nordic/commands.hpp"
 #include "daemon/core/protocol_machine.hpp"
 
 namespace slamgw::ble {

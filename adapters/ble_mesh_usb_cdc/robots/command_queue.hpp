@@ -20,6 +20,7 @@
 
 #include "adapters/ble_mesh_usb_cdc/access/opcode.hpp"
 #include "adapters/ble_mesh_usb_cdc/errors.hpp"
+#include "adapters/ble_mesh_usb_cdc/radio.hpp"
 #include "adapters/ble_mesh_usb_cdc/settings.hpp"
 #include "daemon/core/messages.hpp"
 #include "daemon/core/round_trip.hpp"

@@ -11,7 +11,7 @@ void Downlink::on_command(Robot& robot, std::string_view type, const BrokerMessa
              {{id, std::string(type), CommandResult::refused, message.waited, std::move(why), {}}});
   };
   if (is_stopping_) return refuse(gateway_ends);
-  if (!link_.is_up()) return refuse("the BLE link is down: " + down_reason_);
+  if (!radio_.is_up()) return refuse("the BLE link is down: " + down_reason_);
   auto command = make_command(settings_, type, message.payload, ++last_tid_);
   if (!command.has_value()) return refuse(command.error().why);
   command->id = id;
@@ -22,7 +22,7 @@ void Downlink::on_command(Robot& robot, std::string_view type, const BrokerMessa
 }
 
 bool Downlink::may_take_retained(Robot& robot, const BrokerMessage& message) const {
-  if (!robot.is_online || !link_.is_up() || robot.retained_given.size() >= max_retained)
+  if (!robot.is_online || !radio_.is_up() || robot.retained_given.size() >= max_retained)
     return false;
   if (!gate_.is_open_for(robot)) return false;
   return robot.retained_given.insert(message.topic).second;
@@ -76,14 +76,14 @@ void Downlink::transmit_due(Robot& robot, TimePoint now) {
                   .command = sent.command.id});
   }
   // What the link does not take is repeated by the queue.
-  link_.send({robot.address, robot.appkey_handle, std::move(*access), false}, now);
+  radio_.send({robot.address, robot.key, std::move(*access), false}, now);
 }
 
 void Downlink::conclude(const Robot& robot, EndedCommands ended) {
   if (!ended.empty()) actions_.push(CommandsChanged{});
   for (EndedCommand& command : ended) {
     ++ended_[static_cast<std::size_t>(command.result)];
-    if (!command.access.empty()) link_.withdraw(robot.address, command.access);
+    if (!command.access.empty()) radio_.withdraw(robot.address, command.access);
     if (robot.is_deaf && command.result == CommandResult::timeout)
       command.why += "; it does not hear the gateway";
     emit(CommandOutcome{Mesh::ble, command.id, robot.id, std::move(command.type), command.result,

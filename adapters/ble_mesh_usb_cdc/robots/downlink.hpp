@@ -9,7 +9,6 @@
 #include <vector>
 
 #include "adapters/ble_mesh_usb_cdc/mesh_action.hpp"
-#include "adapters/ble_mesh_usb_cdc/nordic/board_link.hpp"
 #include "adapters/ble_mesh_usb_cdc/robots/robot.hpp"
 #include "adapters/ble_mesh_usb_cdc/robots/service_gate.hpp"
 #include "adapters/ble_mesh_usb_cdc/settings.hpp"
@@ -24,11 +23,11 @@ class Downlink {
   static constexpr const char* gateway_ends = "the gateway ends";
 
   /// All of them outlive it. `is_traced`: each transmission is a MeshStep.
-  Downlink(const Settings& settings, const TopicScheme& topics, BoardLink& link,
+  Downlink(const Settings& settings, const TopicScheme& topics, Radio& radio,
            const ServiceGate& gate, ActionQueue<MeshAction>& actions, const bool& is_traced)
       : settings_(settings),
         topics_(topics),
-        link_(link),
+        radio_(radio),
         gate_(gate),
         actions_(actions),
         is_traced_(is_traced) {}
@@ -60,7 +59,7 @@ class Downlink {
 
   const Settings& settings_;
   const TopicScheme& topics_;
-  BoardLink& link_;
+  Radio& radio_;
   const ServiceGate& gate_;
   ActionQueue<MeshAction>& actions_;
   const bool& is_traced_;

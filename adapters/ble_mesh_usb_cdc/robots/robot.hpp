@@ -9,7 +9,7 @@
 #include <string>
 
 #include "adapters/ble_mesh_usb_cdc/access/robot_models.hpp"
-#include "adapters/ble_mesh_usb_cdc/nordic/events.hpp"
+#include "adapters/ble_mesh_usb_cdc/radio.hpp"
 #include "adapters/ble_mesh_usb_cdc/robots/command_queue.hpp"
 #include "adapters/ble_mesh_usb_cdc/robots/set_filter.hpp"
 
@@ -58,10 +58,10 @@ struct Robot {
   bool is_asking = false;
   bool is_deaf_now = false;
   TimePoint last_heard{};
-  TimePoint sign_of_life_at{};                 ///< of the last SignOfLife
-  std::optional<std::uint8_t> sent_ttl;        ///< that it was configured to publish with
-  std::uint8_t highest_ttl = 0;                ///< on arrival; the robot sends with at least this
-  std::optional<std::uint16_t> appkey_handle;  ///< of its last vendor message
+  TimePoint sign_of_life_at{};           ///< of the last SignOfLife
+  std::optional<std::uint8_t> sent_ttl;  ///< that it was configured to publish with
+  std::uint8_t highest_ttl = 0;          ///< on arrival; the robot sends with at least this
+  std::optional<std::uint16_t> key;      ///< of its last vendor message
   std::array<Inbox, vendor_model_count> inboxes;
   CommandQueue commands;
   TimePoint online_since{};

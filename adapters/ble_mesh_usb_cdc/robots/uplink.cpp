@@ -30,7 +30,7 @@ void Uplink::on_message(Robot& robot, const MessageReceived& message, TimePoint 
   robot.highest_ttl = std::max(robot.highest_ttl, message.ttl);
   if (const auto kind = vendor_message_of(access->opcode)) {
     // Other messages may come under a device key, with which no STATUS is sent.
-    robot.appkey_handle = message.appkey_handle;
+    robot.key = message.key;
     on_vendor_message(robot, *kind, message, access->params, now);
   } else if (access->opcode == generic_on_off_status || access->opcode == simple_on_off_status) {
     on_status(robot, access->opcode, now);
@@ -75,7 +75,7 @@ void Uplink::leave_to_others(Robot& robot, VendorMessage kind, const MessageRece
 }
 
 void Uplink::forget(Inbox& inbox) {
-  link_.withdraw(inbox.element, inbox.status);
+  radio_.withdraw(inbox.element, inbox.status);
   inbox = {};
 }
 
@@ -126,7 +126,7 @@ void Uplink::on_set(const VendorReport& set, TimePoint now) {
   }
   // A receipt still open here is of a SET that the robot has given up. Answering that one late
   // would acknowledge this one, so it is forgotten, and so is a STATUS that still waits.
-  link_.withdraw(inbox.element, inbox.status);
+  radio_.withdraw(inbox.element, inbox.status);
   inbox.open_receipt = ++last_receipt_;
   inbox.element = set.message.source;
   inbox.status = encode_status(set.model, set.number);
@@ -196,7 +196,7 @@ void Uplink::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePo
 void Uplink::send_status(const Robot& robot, std::uint16_t element, Bytes status, TimePoint now) {
   ++counters_.statuses_sent;
   // The robot asks again for what the link does not take.
-  link_.send({element, robot.appkey_handle, std::move(status), true}, now);
+  radio_.send({element, robot.key, std::move(status), true}, now);
 }
 
 void Uplink::reject(std::uint16_t source, std::string_view why, TimePoint now) {

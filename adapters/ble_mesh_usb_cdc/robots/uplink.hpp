@@ -23,12 +23,12 @@ struct UplinkCounters {
 class Uplink {
  public:
   /// All of them outlive it. `is_traced`: each acknowledgement is a MeshStep.
-  Uplink(const Settings& settings, const TopicScheme& topics, BoardLink& link, Robots& robots,
+  Uplink(const Settings& settings, const TopicScheme& topics, Radio& radio, Robots& robots,
          Downlink& downlink, const ServiceGate& gate, ActionQueue<MeshAction>& actions,
          const bool& is_traced)
       : settings_(settings),
         topics_(topics),
-        link_(link),
+        radio_(radio),
         robots_(robots),
         downlink_(downlink),
         gate_(gate),
@@ -75,7 +75,7 @@ class Uplink {
 
   const Settings& settings_;
   const TopicScheme& topics_;
-  BoardLink& link_;
+  Radio& radio_;
   Robots& robots_;
   Downlink& downlink_;
   const ServiceGate& gate_;

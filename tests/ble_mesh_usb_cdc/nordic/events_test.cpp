@@ -46,7 +46,7 @@ TEST(Events, ReadCommandResponses) {
 TEST(Events, ReadMessagesToASubscription) {
   const auto message = decode_as<MessageReceived>(event_vectors[8].wire);
   EXPECT_EQ(message.source, 0x0100);
-  EXPECT_EQ(message.appkey_handle, 0);
+  EXPECT_EQ(message.key, 0);
   EXPECT_EQ(message.ttl, 8);
   EXPECT_EQ(message.rssi_dbm, -60);
   EXPECT_EQ(message.actual_length, 12);

@@ -1,0 +1,104 @@
+// SPDX-License-Identifier: Apache-2.0
+// The seam between the mesh and its radio, in the words of the Mesh Profile: what provisioning,
+// configuration and robots ask of a radio, and what it reports. Only nordic/ knows how Nordic's
+// serial board is spoken to, so another radio can take its place.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string>
+
+#include "daemon/core/bytes.hpp"
+#include "daemon/core/time.hpp"
+
+namespace slamgw::ble {
+
+inline constexpr std::uint16_t last_unicast_address = 0x7fff;  // Mesh Profile section 3.4.2.2
+/// Longest access message that a radio sends; old firmware sends less.
+inline constexpr std::size_t max_send_bytes = 244;
+
+using Key = std::array<std::uint8_t, 16>;
+/// Of a device, most significant octet first.
+using Uuid = std::array<std::uint8_t, 16>;
+
+/// The secrets of one mesh. Never printed, never in a Notice.
+struct MeshKeys {
+  Key net_key{};
+  Key app_key{};
+  bool operator==(const MeshKeys&) const = default;
+};
+
+/// One access message to send. Urgent ones (acknowledgements) overtake the others.
+struct Outgoing {
+  std::uint16_t destination = 0;     ///< unicast
+  std::optional<std::uint16_t> key;  ///< of `MessageReceived`; else the mesh's application key
+  Bytes payload;
+  bool is_urgent = false;
+};
+
+/// Sends access messages to robots. Called by Uplink and Downlink.
+class Radio {
+ public:
+  virtual bool is_up() const = 0;
+  /// Drops it when the link is down or the queue full: senders repeat. A message that is already
+  /// waiting is not queued twice. A message longer than the firmware sends ends in SendRefused.
+  virtual void send(Outgoing message, TimePoint now) = 0;
+  /// Takes a message back if it still waits.
+  virtual void withdraw(std::uint16_t destination, const Bytes& payload) = 0;
+
+ protected:
+  ~Radio() = default;
+};
+
+// What it reports.
+
+/// The radio did not send to `destination`; the mesh above repeats by its own rules.
+struct SendRefused {
+  std::uint16_t destination = 0;
+  std::string why;
+};
+
+/// An access message for a unicast address of the gateway, or for a group that it hears.
+struct MessageReceived {
+  std::uint16_t source = 0;
+  std::uint16_t key = 0;  ///< a name that the radio gives it; an answer goes under the same key
+  std::uint8_t ttl = 0;   ///< on arrival
+  std::int8_t rssi_dbm = 0;
+  std::uint16_t actual_length = 0;  ///< more than `payload` holds: the radio cut it short
+  Bytes payload;                    ///< opcode first
+};
+
+struct IvUpdate {
+  std::uint32_t iv_index = 0;
+};
+
+struct Heartbeat {
+  std::uint16_t source = 0;
+};
+
+/// A device that is in no mesh says so.
+struct UnprovisionedBeacon {
+  Uuid uuid{};
+  std::int8_t rssi_dbm = 0;
+};
+
+struct LinkIsUp {
+  std::string detail;
+  std::string board;         ///< its UUID in hex; empty when it did not answer
+  std::uint16_t source = 0;  ///< the address that it sends from
+  bool has_kept = false;     ///< it restarted, and still had its address
+};
+/// Also sent while down, when the reason changes.
+struct LinkIsDown {
+  std::string why;
+};
+
+/// Which address should the board send from? Answered by on_source. Also sent while up.
+struct SourceWanted {
+  std::string board;            ///< its UUID in hex; empty when it did not answer
+  std::uint16_t addresses = 0;  ///< that it has; 0: it has no sequence numbers of this mesh
+  bool was_cleared = false;     ///< by an operator's order
+};
+
+}  // namespace slamgw::ble
