@@ -22,71 +22,74 @@ BleMesh::BleMesh(Settings settings, TopicScheme topics, RobotNames names,
                  std::optional<NodeDatabase> database, RandomSource random, std::uint64_t seed)
     : settings_(std::move(settings)),
       topics_(std::move(topics)),
-      link_({{settings_.address, heard_groups(settings_)}, settings_.ttl}, keys_of(database), seed),
-      provisioner_(settings_, topics_.gateway_id(), std::move(names), std::move(database),
-                   std::move(random)),
+      radio_({{settings_.address, heard_groups(settings_)}, settings_.ttl}, keys_of(database),
+             std::move(random), seed),
+      provisioner_(settings_, topics_.gateway_id(), std::move(names), std::move(database)),
       gate_(provisioner_.nodes(), settings_.gateway_group.has_value()),
-      downlink_(settings_, topics_, link_, gate_, actions_, is_traced_),
+      downlink_(settings_, topics_, radio_.link(), gate_, actions_, is_traced_),
       robots_(settings_, topics_, provisioner_.nodes(), gate_, downlink_, actions_),
-      uplink_(settings_, topics_, link_, robots_, downlink_, gate_, actions_, is_traced_) {}
+      uplink_(settings_, topics_, radio_.link(), robots_, downlink_, gate_, actions_, is_traced_) {}
 
 void BleMesh::on_start() { robots_.on_start(); }
 
 // --- The board -----------------------------------------------------------------------------------
 
 void BleMesh::on_port_open(TimePoint now) {
-  link_.on_port_open(now);
+  radio_.link().on_port_open(now);
   settle(now);
 }
 
 void BleMesh::on_port_closed(const std::string& why, TimePoint now) {
-  link_.on_port_closed(why, now);
+  radio_.link().on_port_closed(why, now);
   settle(now);
 }
 
 void BleMesh::on_bytes(ByteView bytes, TimePoint now) {
-  link_.on_bytes(bytes, now);
+  radio_.link().on_bytes(bytes, now);
   settle(now);
 }
 
 void BleMesh::on_keys(const MeshKeys& keys, TimePoint now) {
   provisioner_.on_new_mesh(keys);
-  link_.on_keys(keys, now);
+  radio_.link().on_keys(keys, now);
   settle(now);
 }
 
 void BleMesh::on_keys_failed(const std::string& why, TimePoint now) {
-  link_.on_keys_failed(why, now);
+  radio_.link().on_keys_failed(why, now);
   settle(now);
 }
 
 bool BleMesh::begin_new_life(TimePoint now) {
-  const bool is_begun = provisioner_.lives().kind() != BoardKind::keeps && link_.restart_board(now);
+  const bool is_begun =
+      provisioner_.lives().kind() != BoardKind::keeps && radio_.link().restart_board(now);
   settle(now);
   return is_begun;
 }
 
 void BleMesh::settle(TimePoint now) {
   while (true) {
-    if (auto from_link = link_.next_action()) {
-      on_link_action(std::move(*from_link), now);
+    if (auto from_radio = radio_.next_action(now)) {
+      std::visit(overloaded{
+                     [&](RadioEvent& event) { on_radio_event(event, now); },
+                     [&](auto& for_port) { actions_.push(std::move(for_port)); },
+                 },
+                 *from_radio);
     } else if (auto from_provisioner = provisioner_.next_action()) {
       on_provisioner_action(std::move(*from_provisioner), now);
-    } else {
+    } else if (!radio_.begin_next(now)) {
       return;
     }
   }
 }
 
-void BleMesh::on_link_action(LinkAction action, TimePoint now) {
+void BleMesh::on_radio_event(RadioEvent& event, TimePoint now) {
   std::visit(
       overloaded{
-          [&](WriteSerial& write) { actions_.push(std::move(write)); },
-          [&](ReopenPort& reopen) { actions_.push(reopen); },
           [&](GenerateKeys& generate) { actions_.push(generate); },
           [&](SourceWanted& wanted) { provisioner_.on_source_wanted(wanted, now); },
           [&](LinkIsUp& up) { on_link_up(up, now); },
-          [&](LinkIsDown& down) { on_link_down(down.why, now); },
+          [&](LinkIsDown& down) { on_link_down(down, now); },
           [&](SendRefused& refused) { on_send_refused(refused, now); },
           [&](MessageReceived& message) { on_message(message, now); },
           [&](Heartbeat& heartbeat) { hear(heartbeat.source, nullptr, now); },
@@ -95,15 +98,11 @@ void BleMesh::on_link_action(LinkAction action, TimePoint now) {
                 Severity::info, fmt::format("the mesh's IV index is {}", update.iv_index), {}});
             provisioner_.on_iv_index(update.iv_index, now);
           },
-          [&](ProvisioningEvent& event) { provisioner_.on_event(event, now); },
-          [&](CommandEnded& ended) { provisioner_.on_command_ended(ended, now); },
-          [&](BoardCleared& cleared) {
-            provisioner_.on_board_cleared(cleared.status == Status::success,
-                                          std::string(to_string(cleared.status)), now);
-          },
+          [&](NodeEvent& of_node) { provisioner_.on_event(of_node, now); },
+          [&](BoardCleared& cleared) { provisioner_.on_board_cleared(cleared.problem, now); },
           [&](Notice& notice) { emit(std::move(notice)); },
       },
-      action);
+      event);
 }
 
 void BleMesh::on_link_up(const LinkIsUp& up, TimePoint now) {
@@ -112,15 +111,15 @@ void BleMesh::on_link_up(const LinkIsUp& up, TimePoint now) {
   are_mostly_deaf_ = false;
   up_since_ = now;
   robots_.on_link_up(now);
-  provisioner_.on_link_up(link_.subnet_handle(), link_.version(), now);
+  provisioner_.on_link_up(now);
 }
 
-void BleMesh::on_link_down(const std::string& why, TimePoint now) {
-  emit(LinkChange{Mesh::ble, false, why});
-  downlink_.on_link_down(why);
+void BleMesh::on_link_down(const LinkIsDown& down, TimePoint now) {
+  emit(LinkChange{Mesh::ble, false, down.why});
+  downlink_.on_link_down(down.why);
   for (auto& [address, robot] : robots_)
-    downlink_.refuse_all(robot, "the BLE link went down: " + why, now);
-  provisioner_.on_link_down(why, now);
+    downlink_.refuse_all(robot, "the BLE link went down: " + down.why, now);
+  provisioner_.on_link_down(down, now);
 }
 
 void BleMesh::on_send_refused(const SendRefused& refused, TimePoint now) {
@@ -248,23 +247,8 @@ void BleMesh::on_names(RobotNames names, TimePoint now) {
 
 void BleMesh::on_provisioner_action(ProvisionerAction action, TimePoint now) {
   std::visit(overloaded{
-                 // Not taken means that the link has gone down; Provisioner hears of it next.
-                 [&](BoardCommand& command) { link_.command(std::move(command.frame), now); },
-                 // Not taken: Provisioner repeats it.
-                 [&](SendUnderDeviceKey& message) {
-                   link_.send(
-                       {message.address, message.devkey_handle, std::move(message.access), false},
-                       now);
-                 },
+                 [&](RadioCommand& command) { radio_.perform(std::move(command), now); },
                  [&](NodesChanged&) { robots_.on_nodes_changed(now); },
-                 [&](UseKeys& use) { link_.change_keys(use.keys, now); },
-                 [&](ClearBoard&) {
-                   if (!link_.clear_board(now))
-                     provisioner_.on_board_cleared(false, "the BLE link is down", now);
-                 },
-                 [&](RestartBoard&) { link_.restart_board(now); },
-                 [&](UseSource& use) { link_.on_source(use.source, use.count, now); },
-                 [&](DelaySource& delay) { link_.on_source_delayed(delay.why); },
                  [&](StoreMesh& store) { actions_.push(std::move(store)); },
                  [&](OrderEnded& ended) { actions_.push(std::move(ended)); },
                  [&](Notice& notice) { emit(std::move(notice)); },
@@ -305,7 +289,7 @@ void BleMesh::on_stop(TimePoint now) {
 // --- Time ----------------------------------------------------------------------------------------
 
 std::optional<TimePoint> BleMesh::deadline() const {
-  std::optional<TimePoint> next = earlier(link_.deadline(), provisioner_.deadline());
+  std::optional<TimePoint> next = earlier(radio_.deadline(), provisioner_.deadline());
   for (const auto& [address, robot] : robots_) {
     next = earlier(next, downlink_.deadline(robot));
     if (robot.is_expected()) next = earlier(next, robot.last_heard + settings_.offline_after);
@@ -314,7 +298,7 @@ std::optional<TimePoint> BleMesh::deadline() const {
 }
 
 void BleMesh::on_deadline(TimePoint now) {
-  link_.on_deadline(now);
+  radio_.on_deadline(now);
   provisioner_.on_deadline(now);
   for (auto& [address, robot] : robots_) {
     downlink_.on_deadline(robot, now);
@@ -329,7 +313,7 @@ void BleMesh::on_deadline(TimePoint now) {
 std::optional<Presence> BleMesh::presence_of(std::string_view id) const {
   const Robot* robot = robots_.find(id);
   if (robot == nullptr) return std::nullopt;
-  return robot->is_shown() && link_.is_up() ? Presence::online : Presence::offline;
+  return robot->is_shown() && radio_.link().is_up() ? Presence::online : Presence::offline;
 }
 
 std::size_t BleMesh::queued_for(std::string_view id) const {
@@ -349,7 +333,7 @@ const NodeDatabase* BleMesh::unsaved() const {
 }
 
 Counters BleMesh::counters() const {
-  const LinkCounters& link = link_.counters();
+  const LinkCounters& link = radio_.link().counters();
   const UplinkCounters& up = uplink_.counters();
   return {{"robots_online", robots_.online()},
           {"robots_deaf", robots_.deaf()},

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The BLE mesh behind a serial board. Its parts do the work: BoardLink (the board), Provisioner
+// The BLE mesh behind a serial board. Its parts do the work: BoardRadio (the board), Provisioner
 // (who joins and is configured), Robots (who is there), Uplink (robots' messages) and Downlink
 // (commands to them). This class carries between them; no I/O, no clock. Called by BleMeshAdapter,
 // which drains its actions after each input.
@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "adapters/ble_mesh_usb_cdc/nordic/board_link.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/board_radio.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/provisioner.hpp"
 #include "adapters/ble_mesh_usb_cdc/robots/uplink.hpp"
 
@@ -77,10 +77,10 @@ class BleMesh {
 
  private:
   void settle(TimePoint now);
-  void on_link_action(LinkAction action, TimePoint now);
+  void on_radio_event(RadioEvent& event, TimePoint now);
   void on_provisioner_action(ProvisionerAction action, TimePoint now);
   void on_link_up(const LinkIsUp& up, TimePoint now);
-  void on_link_down(const std::string& why, TimePoint now);
+  void on_link_down(const LinkIsDown& down, TimePoint now);
   void on_send_refused(const SendRefused& refused, TimePoint now);
   void on_message(const MessageReceived& message, TimePoint now);
   /// The robot that this came from, which is online now; null when there is no room for it, or
@@ -95,7 +95,7 @@ class BleMesh {
   TopicScheme topics_;
   ActionQueue<MeshAction> actions_;
   bool is_traced_ = false;
-  BoardLink link_;
+  BoardRadio radio_;
   Provisioner provisioner_;
   ServiceGate gate_;
   Downlink downlink_;

@@ -21,8 +21,6 @@ struct WriteSerial {
 struct ReopenPort {
   Duration after{};
 };
-/// Make keys for a new mesh and store them; answered by on_keys or on_keys_failed.
-struct GenerateKeys {};
 
 /// Put the mesh's database on disk; answered by on_stored. Holds secrets.
 struct StoreMesh {

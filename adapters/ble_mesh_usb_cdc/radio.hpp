@@ -8,8 +8,10 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <variant>
 
 #include "daemon/core/bytes.hpp"
+#include "daemon/core/messages.hpp"
 #include "daemon/core/time.hpp"
 
 namespace slamgw::ble {
@@ -51,7 +53,64 @@ class Radio {
   ~Radio() = default;
 };
 
+// What the mesh asks of it.
+
+/// Report devices that are in no mesh, or stop.
+struct Scan {
+  bool is_on = false;
+};
+/// Take this device in, one at a time. DeviceAnswered and DeviceJoined may come, then JoinEnded.
+struct ProvisionDevice {
+  Uuid uuid{};
+  Key net_key{};
+  std::uint32_t iv_index = 0;
+  std::uint16_t address = 0;  ///< of the device's first element
+  std::optional<Key> static_oob;
+};
+/// The answer to DeviceAnswered; `refusal` is empty when each element has an address on disk.
+struct AnswerDevice {
+  std::string refusal;
+};
+/// Get ready to speak with the node under its device key. Answered by DeviceKeyAdded.
+struct AddDeviceKey {
+  std::uint16_t address = 0;
+  Key key{};
+};
+/// Answered by DeviceKeyRemoved.
+struct RemoveDeviceKey {
+  std::uint16_t address = 0;
+};
+struct SendUnderDeviceKey {
+  std::uint16_t address = 0;
+  Bytes access;
+};
+/// The mesh has other keys than the radio was started up with.
+struct UseKeys {
+  MeshKeys keys;
+};
+/// Answered by BoardCleared.
+struct ClearBoard {};
+/// It comes back without its replay list.
+struct RestartBoard {};
+/// The board sends from this address; the disk has it.
+struct UseSource {
+  std::uint16_t source = 0;
+  std::uint16_t count = 1;  ///< of the addresses for a board without one
+};
+/// The disk does not have it yet.
+struct DelaySource {
+  std::string why;
+};
+
+/// A radio that goes down forgets what it was asked for.
+using RadioCommand =
+    std::variant<Scan, ProvisionDevice, AnswerDevice, AddDeviceKey, RemoveDeviceKey,
+                 SendUnderDeviceKey, UseKeys, ClearBoard, RestartBoard, UseSource, DelaySource>;
+
 // What it reports.
+
+/// Make keys for a new mesh and store them; answered by on_keys or on_keys_failed.
+struct GenerateKeys {};
 
 /// The radio did not send to `destination`; the mesh above repeats by its own rules.
 struct SendRefused {
@@ -63,7 +122,8 @@ struct SendRefused {
 struct MessageReceived {
   std::uint16_t source = 0;
   std::uint16_t key = 0;  ///< a name that the radio gives it; an answer goes under the same key
-  std::uint8_t ttl = 0;   ///< on arrival
+  bool is_under_device_key = false;  ///< the source's, which was added
+  std::uint8_t ttl = 0;              ///< on arrival
   std::int8_t rssi_dbm = 0;
   std::uint16_t actual_length = 0;  ///< more than `payload` holds: the radio cut it short
   Bytes payload;                    ///< opcode first
@@ -83,6 +143,30 @@ struct UnprovisionedBeacon {
   std::int8_t rssi_dbm = 0;
 };
 
+/// The device that joins has answered, and waits for AnswerDevice.
+struct DeviceAnswered {
+  std::uint8_t elements = 0;
+};
+/// It has become a node. Never printed.
+struct DeviceJoined {
+  Key device_key{};
+};
+struct JoinEnded {
+  std::string failure = {};      ///< empty when the device has joined
+  bool may_have_joined = false;  ///< it failed, and the device may keep the address until its reset
+  bool is_key_lost = false;      ///< the device has joined; nothing but a reset brings it back
+  std::string remark = {};       ///< for the operator, after all else
+};
+struct DeviceKeyAdded {
+  std::uint16_t address = 0;
+  std::string problem;  ///< why it was not; empty when it was
+};
+struct DeviceKeyRemoved {
+  std::uint16_t address = 0;
+};
+using NodeEvent = std::variant<UnprovisionedBeacon, DeviceAnswered, DeviceJoined, JoinEnded,
+                               DeviceKeyAdded, DeviceKeyRemoved>;
+
 struct LinkIsUp {
   std::string detail;
   std::string board;         ///< its UUID in hex; empty when it did not answer
@@ -92,6 +176,11 @@ struct LinkIsUp {
 /// Also sent while down, when the reason changes.
 struct LinkIsDown {
   std::string why;
+  std::optional<JoinEnded> join = {};  ///< of the device that was joining
+};
+/// How ClearBoard ended.
+struct BoardCleared {
+  std::string problem;  ///< empty when it is cleared
 };
 
 /// Which address should the board send from? Answered by on_source. Also sent while up.
@@ -100,5 +189,9 @@ struct SourceWanted {
   std::uint16_t addresses = 0;  ///< that it has; 0: it has no sequence numbers of this mesh
   bool was_cleared = false;     ///< by an operator's order
 };
+
+using RadioEvent =
+    std::variant<LinkIsUp, LinkIsDown, GenerateKeys, SourceWanted, BoardCleared, SendRefused,
+                 MessageReceived, Heartbeat, IvUpdate, NodeEvent, Notice>;
 
 }  // namespace slamgw::ble

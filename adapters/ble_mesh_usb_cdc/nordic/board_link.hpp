@@ -112,11 +112,6 @@ class Resync {
   Bytes tail_;     ///< the last octets received, fewer than `awaited_`
 };
 
-/// How `BoardLink::clear_board` ended.
-struct BoardCleared {
-  Status status = Status::success;
-};
-
 using LinkAction = std::variant<WriteSerial, ReopenPort, GenerateKeys, SourceWanted, LinkIsUp,
                                 LinkIsDown, SendRefused, MessageReceived, Heartbeat, IvUpdate,
                                 ProvisioningEvent, CommandEnded, BoardCleared, Notice>;

@@ -151,37 +151,19 @@ bool has_prefix(const Uuid& uuid, std::string_view prefix) {
 
 }  // namespace
 
-Admission::Admission(const Settings& settings, const BoardState& board, NodeTable& nodes,
-                     OpenOrder& order, ProvisionerActions& actions, RandomSource random)
-    : settings_(settings),
-      board_(board),
-      nodes_(nodes),
-      order_(order),
-      actions_(actions),
-      random_(std::move(random)) {
+Admission::Admission(const Settings& settings, NodeTable& nodes, OpenOrder& order,
+                     ProvisionerActions& actions)
+    : settings_(settings), nodes_(nodes), order_(order), actions_(actions) {
   if (settings.provisioning.static_oob) static_oob_ = parse_uuid(*settings.provisioning.static_oob);
 }
 
-void Admission::on_event(const ProvisioningEvent& event, TimePoint now) {
-  if (const auto* beacon = std::get_if<UnprovisionedBeacon>(&event)) {
-    candidates_.on_beacon(*beacon, now);
-  } else if (session_) {
-    session_->on_event(event, now);
-  }
-}
-
-void Admission::on_command_ended(const CommandEnded& ended) {
-  if (session_) session_->on_command_ended(ended);
-}
-
-void Admission::on_link_down(TimePoint now) {
-  if (!session_) return;
-  session_->fail("the BLE link went down: " + board_.down_reason);
-  on_session_failed(now);
+void Admission::on_link_down(const LinkIsDown& down, TimePoint now) {
+  if (down.join) return on_join_ended(*down.join, now);
+  if (joining_) chosen_ = std::exchange(joining_, std::nullopt);  // the radio had not begun
 }
 
 bool Admission::wants_scan() const {
-  if (session_ || chosen_) return false;
+  if (!is_idle()) return false;
   if (order_.is(OpenOrder::Kind::scan) || order_.is(OpenOrder::Kind::provision)) return true;
   return is_open() && nodes_.database() != nullptr && !nodes_.is_guest();
 }
@@ -190,7 +172,7 @@ bool Admission::wants_scan() const {
 
 void Admission::choose_next(const IsBusy& is_busy, TimePoint now) {
   // Beacons come again and again: a device that is not due now is considered with its next one.
-  if (session_ || chosen_ || order_.is(OpenOrder::Kind::scan)) return;
+  if (!is_idle() || order_.is(OpenOrder::Kind::scan)) return;
   if (order_.is(OpenOrder::Kind::provision)) {
     const Candidate* ordered = candidates_.find(order_->uuid, now);
     if (ordered != nullptr && reserve(*ordered, order_->robot, now))
@@ -269,7 +251,7 @@ void Admission::keep(const Candidate& candidate, std::uint16_t address, const st
   const bool is_next_free = name.empty() && nodes_.configured_name(address) == nullptr;
   if (is_next_free && address >= database.next_address)
     database.next_address = static_cast<std::uint16_t>(address + candidate.elements);
-  chosen_ = Chosen{candidate.uuid};
+  chosen_ = candidate.uuid;
 }
 
 bool Admission::make_room() {
@@ -282,73 +264,57 @@ bool Admission::make_room() {
   return true;
 }
 
-// --- The session ---------------------------------------------------------------------------------
+// --- The device that joins -----------------------------------------------------------------------
 
-void Admission::continue_session(bool is_board_free, TimePoint now) {
-  if (session_) {
-    session_->on_deadline(now);
-    if (session_->wants_addresses()) keep_addresses(now);
-    if (session_->device_key()) on_joined(now);
-    if (session_->state() == ProvisioningSession::State::succeeded) {
-      session_.reset();
-    } else if (session_->state() == ProvisioningSession::State::failed) {
-      on_session_failed(now);
-    }
-  }
-  // Not before the last answer for an earlier session is there, which could be taken for its own.
-  const bool is_ready = chosen_ && nodes_.ledger().is_saved();
-  if (!session_ && is_board_free && is_ready) begin_session(now);
+void Admission::advance(TimePoint now) {
+  if (joining_ && elements_ != 0) keep_addresses();
+  if (chosen_ && !joining_ && nodes_.ledger().is_saved()) begin_joining(now);
 }
 
-void Admission::begin_session(TimePoint now) {
-  const Chosen chosen = *std::exchange(chosen_, std::nullopt);
-  const Node* node = nodes_.find(chosen.uuid);
-  const auto pair = make_key_pair(random_);
-  if (node == nullptr || !pair) {
-    if (!pair) notify(Severity::error, "no randomness for the keys of a new robot");
-    candidates_.on_failure(chosen.uuid, now);
-    if (order_.is(OpenOrder::Kind::provision, chosen.uuid)) order_.refuse("it can't join now");
+void Admission::begin_joining(TimePoint now) {
+  const Uuid uuid = *std::exchange(chosen_, std::nullopt);
+  const Node* node = nodes_.find(uuid);
+  if (node == nullptr) {
+    candidates_.on_failure(uuid, now);
+    if (order_.is(OpenOrder::Kind::provision, uuid)) order_.refuse("it can't join now");
     return;
   }
   const NodeDatabase& database = *nodes_.database();
-  context_ = context_ == 0 ? 1 : 0;
-  is_last_context_ = chosen.is_last_context;
-  session_.emplace(
-      ProvisioningSession::Request{{context_, node->uuid, database.keys.net_key, database.iv_index,
-                                    node->joining_address(), board_.version},
-                                   *pair,
-                                   static_oob_},
-      now);
+  joining_ = uuid;
+  elements_ = 0;
+  actions_.push(ProvisionDevice{uuid, database.keys.net_key, database.iv_index,
+                                node->joining_address(), static_oob_});
 }
 
-void Admission::keep_addresses(TimePoint now) {
-  const Node* node = nodes_.find(session_->uuid());
-  const std::uint8_t elements = session_->elements();
-  candidates_.on_elements(session_->uuid(), elements);
-  if (node == nullptr) return session_->fail("an operator removed it");
+void Admission::keep_addresses() {
+  const std::uint8_t elements = elements_;
+  const auto answer = [&](std::string refusal) {
+    elements_ = 0;
+    actions_.push(AnswerDevice{std::move(refusal)});
+  };
+  const Node* node = nodes_.find(*joining_);
+  candidates_.on_elements(*joining_, elements);
+  if (node == nullptr) return answer("an operator removed it");
   const std::uint16_t address = node->joining_address();
   if (!is_address_free(*nodes_.database(), address, elements, nodes_.taken_addresses(), node->uuid))
-    return session_->fail(
+    return answer(
         fmt::format("its {} elements need as many addresses in a row, which 0x{:04x} does not "
                     "have; it gets others at the next attempt",
                     elements, address));
   if (node->elements != elements) {
     NodeDatabase& database = nodes_.ledger().change();
-    database.find(session_->uuid())->elements = elements;
+    database.find(*joining_)->elements = elements;
     const std::uint32_t end = address + elements;
     const bool is_next_free = address + 1U == database.next_address;
     if (is_next_free) database.next_address = static_cast<std::uint16_t>(end);
   }
-  if (nodes_.ledger().is_saved()) session_->on_addresses(now);
+  if (nodes_.ledger().is_saved()) answer({});
 }
 
-void Admission::on_joined(TimePoint now) {
-  const Node* known = nodes_.find(session_->uuid());
-  const Key& device_key = *session_->device_key();
-  if (known == nullptr) return;
-  if (known->state != NodeState::reserved && known->device_key == device_key) return;
+void Admission::on_joined(const Key& device_key, TimePoint now) {
+  if (!joining_ || nodes_.find(*joining_) == nullptr) return;
   NodeDatabase& database = nodes_.ledger().change();
-  Node& node = *database.find(session_->uuid());
+  Node& node = *database.find(*joining_);
   if (node.new_address != 0) {
     database.retire(node.address, node.elements, Uuid{});
     node.address = std::exchange(node.new_address, std::uint16_t{0});
@@ -394,31 +360,24 @@ void Admission::release(const Uuid& uuid) {
   nodes_.ledger().change().forget_removed(uuid);
 }
 
-void Admission::on_session_failed(TimePoint now) {
-  const ProvisioningSession session = *std::exchange(session_, std::nullopt);
-  if (session.device_key()) return;  // it has joined; only the link failed
-  const Uuid uuid = session.uuid();
-  if (session.is_context_busy() && !is_last_context_) {
-    chosen_ = Chosen{uuid, true};
-    return;
-  }
-  permit_.on_failed(uuid, session.failure());
+void Admission::on_join_ended(const JoinEnded& ended, TimePoint now) {
+  if (!joining_) return;
+  const Uuid uuid = *std::exchange(joining_, std::nullopt);
+  if (ended.failure.empty()) return;
+  permit_.on_failed(uuid, ended.failure);
   candidates_.on_failure(uuid, now);
   const Candidate* candidate = candidates_.find(uuid, now);
   const Duration pause = pause_after(candidate ? candidate->failures : 1);
-  std::string what_next =
-      session.is_key_lost() ? std::string("reset it by hand, then it joins anew")
-      : session.may_have_joined()
+  const std::string what_next =
+      ended.is_key_lost ? std::string("reset it by hand, then it joins anew")
+      : ended.may_have_joined
           ? std::string("the next attempt comes when it is heard again")
           : fmt::format("the next attempt is in {} s if it is still there",
                         std::chrono::duration_cast<std::chrono::seconds>(pause).count());
-  if (session.may_have_joined()) release(uuid);
-  if (session.dropped_events())
-    what_next += fmt::format("; the serial board has dropped {} event(s) since its start",
-                             *session.dropped_events());
-  notify(Severity::warning, fmt::format("the device {} did not join: {}; {}", to_hex(uuid),
-                                        session.failure(), what_next));
-  if (order_.is(OpenOrder::Kind::provision, uuid)) order_.refuse(session.failure());
+  if (ended.may_have_joined) release(uuid);
+  notify(Severity::warning, fmt::format("the device {} did not join: {}; {}{}", to_hex(uuid),
+                                        ended.failure, what_next, ended.remark));
+  if (order_.is(OpenOrder::Kind::provision, uuid)) order_.refuse(ended.failure);
 }
 
 }  // namespace slamgw::ble

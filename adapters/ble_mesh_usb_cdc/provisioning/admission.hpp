@@ -14,11 +14,6 @@
 #include <string>
 #include <vector>
 
-#include "adapters/ble_mesh_usb_cdc/nordic/board_link.hpp"
-#include "adapters/ble_mesh_usb_cdc/nordic/commands.hpp"
-#include "adapters/ble_mesh_usb_cdc/nordic/ecdh.hpp"
-#include "adapters/ble_mesh_usb_cdc/nordic/events.hpp"
-#include "adapters/ble_mesh_usb_cdc/nordic/provisioning_session.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_table.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/provisioner_action.hpp"
 #include "daemon/core/time.hpp"
@@ -122,43 +117,6 @@ class JoinPermit {
   std::uint64_t last_number_ = 0;
 };
 
-/// Empties the board's table of device keys before the first conversation with a node: keys that an
-/// earlier run left there have handles that no command reads, and a second Devkey Add for the same
-/// node is refused. Called by NodeConversations while none is under way.
-class DeviceKeySweep {
- public:
-  /// The command that the board should get now; nothing when all is done.
-  std::optional<Bytes> command() const {
-    if (!first_) return encode_command(CommandOpcode::appkey_count_max_get);
-    if (!end_) return encode_command(CommandOpcode::devkey_count_max_get);
-    if (next_ >= *end_) return std::nullopt;
-    return encode_command(CommandOpcode::devkey_delete, next_);
-  }
-  /// Most deletions are refused, because nothing is there.
-  void on_command_ended(const CommandEnded& ended) {
-    ByteReader data(ended.data);
-    const std::uint16_t count = std::min(data.read_u16_le(), max_keys);
-    if (!first_) {  // handles of device keys follow those of application keys
-      first_ = data.ok() ? count : stock_appkeys;
-      next_ = *first_;
-    } else if (!end_) {
-      end_ = static_cast<std::uint16_t>(*first_ + (data.ok() ? count : stock_devkeys));
-    } else {
-      ++next_;
-    }
-  }
-  bool is_done() const { return end_ && next_ >= *end_; }
-
- private:
-  static constexpr std::uint16_t stock_appkeys = 8;
-  static constexpr std::uint16_t stock_devkeys = 10;
-  static constexpr std::uint16_t max_keys = 64;
-
-  std::optional<std::uint16_t> first_;
-  std::optional<std::uint16_t> end_;
-  std::uint16_t next_ = 0;
-};
-
 /// The one order of an operator that is under way, and its answer. Part of Provisioner;
 /// OperatorOrders opens it, the part that fulfils it answers it.
 class OpenOrder {
@@ -213,53 +171,39 @@ class Admission {
   /// Whether a conversation with the node is under way, so that it must not be provisioned anew.
   using IsBusy = std::function<bool(const Node&)>;
 
-  /// All but `random` outlive it.
-  Admission(const Settings& settings, const BoardState& board, NodeTable& nodes, OpenOrder& order,
-            ProvisionerActions& actions, RandomSource random);
+  /// All of them outlive it.
+  Admission(const Settings& settings, NodeTable& nodes, OpenOrder& order,
+            ProvisionerActions& actions);
 
-  void on_event(const ProvisioningEvent& event, TimePoint now);
-  void on_link_down(TimePoint now);
-  void on_command_ended(const CommandEnded& ended);
+  void on_answered(const DeviceAnswered& answered) { elements_ = answered.elements; }
+  void on_joined(const Key& device_key, TimePoint now);
+  void on_join_ended(const JoinEnded& ended, TimePoint now);
+  void on_link_down(const LinkIsDown& down, TimePoint now);
 
-  /// Carries the session under way on. `is_board_free`: no command is in flight.
-  void continue_session(bool is_board_free, TimePoint now);
+  /// Does what has waited for the disk.
+  void advance(TimePoint now);
   void choose_next(const IsBusy& is_busy, TimePoint now);
-  /// The command that the session under way has for the board.
-  std::optional<Bytes> command() const { return session_ ? session_->command() : std::nullopt; }
-  std::optional<TimePoint> deadline() const {
-    return session_ ? session_->deadline() : std::nullopt;
-  }
 
   bool wants_scan() const;
-  bool is_idle() const { return !session_ && !chosen_; }
+  bool is_idle() const { return !joining_ && !chosen_; }
   /// This device is joining now.
-  bool is_joining(const Uuid& uuid) const { return session_ && session_->uuid() == uuid; }
+  bool is_joining(const Uuid& uuid) const { return joining_ == uuid; }
   /// This device is joining now, or next.
-  bool is_chosen(const Uuid& uuid) const {
-    return is_joining(uuid) || (chosen_ && chosen_->uuid == uuid);
-  }
+  bool is_chosen(const Uuid& uuid) const { return is_joining(uuid) || chosen_ == uuid; }
 
   JoinPermit& permit() { return permit_; }
   const JoinPermit& permit() const { return permit_; }
   Candidates& candidates() { return candidates_; }
 
  private:
-  /// A device that has its address and waits for the disk.
-  struct Chosen {
-    Uuid uuid{};
-    bool is_last_context = false;  ///< the board's other context is busy
-  };
-
   bool is_open() const { return settings_.provisioning.enabled || permit_.is_open(); }
   bool is_wanted(const Candidate& candidate, const IsBusy& is_busy, TimePoint now) const;
   bool was_silent(const Node& node, TimePoint now) const;
   bool reserve(const Candidate& candidate, const std::string& name, TimePoint now);
   void keep(const Candidate& candidate, std::uint16_t address, const std::string& name);
   bool make_room();
-  void begin_session(TimePoint now);
-  void keep_addresses(TimePoint now);
-  void on_joined(TimePoint now);
-  void on_session_failed(TimePoint now);
+  void begin_joining(TimePoint now);
+  void keep_addresses();
   void release(const Uuid& uuid);
   void warn_of_replay_list(const Node& node);
   void notify(Severity severity, std::string text, std::string robot = {}) {
@@ -267,18 +211,15 @@ class Admission {
   }
 
   const Settings& settings_;
-  const BoardState& board_;
   NodeTable& nodes_;
   OpenOrder& order_;
   ProvisionerActions& actions_;
-  RandomSource random_;
   std::optional<Key> static_oob_;
   Candidates candidates_;
   JoinPermit permit_;
-  std::optional<Chosen> chosen_;
-  std::optional<ProvisioningSession> session_;
-  std::uint8_t context_ = 0;      ///< of the session; the other one next time, as this may hang
-  bool is_last_context_ = false;  ///< of the session
+  std::optional<Uuid> chosen_;  ///< has its address and waits for the disk
+  std::optional<Uuid> joining_;
+  std::uint8_t elements_ = 0;  ///< of the one that joins, while it waits for their addresses
 };
 
 }  // namespace slamgw::ble

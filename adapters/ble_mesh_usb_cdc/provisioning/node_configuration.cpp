@@ -9,8 +9,6 @@
 #include <set>
 #include <utility>
 
-#include "adapters/ble_mesh_usb_cdc/nordic/commands.hpp"
-
 namespace slamgw::ble {
 
 namespace {
@@ -187,39 +185,25 @@ std::vector<ConfigurationStep> plan_groups(const ConfigurationSettings& settings
 }
 
 NodeConfiguration::NodeConfiguration(const Node& node, Purpose purpose,
-                                     ConfigurationSettings settings, std::uint16_t subnet_handle)
-    : purpose_(purpose),
-      settings_(std::move(settings)),
-      address_(node.address),
-      device_key_(node.device_key),
-      subnet_handle_(subnet_handle) {
+                                     ConfigurationSettings settings, ProvisionerActions& actions)
+    : purpose_(purpose), settings_(std::move(settings)), address_(node.address), actions_(actions) {
   steps_.push_back(purpose == Purpose::reset ? node_reset_step() : composition_step());
+  actions_.push(AddDeviceKey{address_, node.device_key});
 }
 
-std::optional<Bytes> NodeConfiguration::command() const {
-  if (stage_ == Stage::adding_key) return encode_devkey_add(address_, subnet_handle_, device_key_);
-  if (stage_ == Stage::deleting_key)
-    return encode_command(CommandOpcode::devkey_delete, devkey_handle_);
-  return std::nullopt;
-}
-
-void NodeConfiguration::on_command_ended(const CommandEnded& ended, TimePoint now) {
-  if (stage_ == Stage::deleting_key) {
-    stage_ = Stage::ended;
-    is_key_table_unclear_ = ended.status != Status::success && !ended.is_repeat;
-    return;
-  }
+void NodeConfiguration::on_key_added(const std::string& problem, TimePoint now) {
   if (stage_ != Stage::adding_key) return;
-  ByteReader data(ended.data);
-  devkey_handle_ = data.read_u16_le();
-  if (ended.status == Status::success && data.ok()) {
+  if (problem.empty()) {
     stage_ = Stage::talking;
     return begin_step(now);
   }
-  is_key_table_unclear_ = true;
-  finish(State::failed, fmt::format("the serial board does not take its device key ({})",
-                                    to_string(ended.status)));
+  result_ = State::failed;
+  problem_ = problem;
   stage_ = Stage::ended;
+}
+
+void NodeConfiguration::on_key_removed() {
+  if (stage_ == Stage::removing_key) stage_ = Stage::ended;
 }
 
 void NodeConfiguration::begin_step(TimePoint now) {
@@ -229,15 +213,15 @@ void NodeConfiguration::begin_step(TimePoint now) {
   last_refusal_.clear();
 }
 
-std::optional<Bytes> NodeConfiguration::take_message(TimePoint now) {
-  if (stage_ != Stage::talking || now < send_at_) return std::nullopt;
+void NodeConfiguration::send_due(TimePoint now) {
+  if (stage_ != Stage::talking || now < send_at_) return;
   send_at_ = now + pause_;
   pause_ *= 2;
-  return steps_.front().request;
+  actions_.push(SendUnderDeviceKey{address_, steps_.front().request});
 }
 
 bool NodeConfiguration::on_message(const MessageReceived& message, TimePoint now) {
-  if (stage_ != Stage::talking || message.source != address_ || message.key != devkey_handle_)
+  if (stage_ != Stage::talking || message.source != address_ || !message.is_under_device_key)
     return false;
   const auto access = decode_access(message.payload);
   if (!access.has_value()) return false;
@@ -299,7 +283,8 @@ void NodeConfiguration::on_deadline(TimePoint now) {
 void NodeConfiguration::finish(State result, std::string problem) {
   result_ = result;
   problem_ = std::move(problem);
-  stage_ = Stage::deleting_key;
+  stage_ = Stage::removing_key;
+  actions_.push(RemoveDeviceKey{address_});
 }
 
 }  // namespace slamgw::ble

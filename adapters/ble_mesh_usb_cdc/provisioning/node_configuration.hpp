@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The conversation with one node under its device key: its configuration, or its reset. The board
-// holds few device keys, so the key is loaded before and deleted after it. Requests go out one
+// The conversation with one node under its device key: its configuration, or its reset. A radio
+// holds few device keys, so the key is added before and removed after it. Requests go out one
 // after the other, each repeated until its answer comes. Called by NodeConversations.
 #pragma once
 
@@ -10,8 +10,7 @@
 #include <vector>
 
 #include "adapters/ble_mesh_usb_cdc/access/config_messages.hpp"
-#include "adapters/ble_mesh_usb_cdc/nordic/board_link.hpp"
-#include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
+#include "adapters/ble_mesh_usb_cdc/provisioning/provisioner_action.hpp"
 
 namespace slamgw::ble {
 
@@ -80,32 +79,30 @@ class NodeConfiguration {
   /// The board was still sending an earlier segmented message to this node.
   static constexpr Duration refused_pause = std::chrono::milliseconds{150};
 
+  /// `actions` outlives it.
   NodeConfiguration(const Node& node, Purpose purpose, ConfigurationSettings settings,
-                    std::uint16_t subnet_handle);
+                    ProvisionerActions& actions);
 
-  /// The command that the board should get now, until on_command_ended.
-  std::optional<Bytes> command() const;
-  void on_command_ended(const CommandEnded& ended, TimePoint now);
-  /// The message to send to the node now, under `devkey_handle()`.
-  std::optional<Bytes> take_message(TimePoint now);
+  /// `problem` is empty when the radio has the device key.
+  void on_key_added(const std::string& problem, TimePoint now);
+  void on_key_removed();
+  /// Sends the request under way when it is due, for the first time or again.
+  void send_due(TimePoint now);
   /// True when it is an answer under this node's device key.
   bool on_message(const MessageReceived& message, TimePoint now);
   void on_send_refused(const std::string& why, TimePoint now);
   std::optional<TimePoint> deadline() const;
   void on_deadline(TimePoint now);
 
-  /// Ended only when the device key is off the board again.
+  /// Ended only when the radio has removed the device key.
   State state() const { return stage_ == Stage::ended ? result_ : State::running; }
   Purpose purpose() const { return purpose_; }
   std::uint16_t address() const { return address_; }
-  std::uint16_t devkey_handle() const { return devkey_handle_; }
   /// Why it failed, or which requests the node refused; empty when all went well.
   const std::string& problem() const { return problem_; }
-  /// The board did not take the device key: its key table has unknown entries.
-  bool is_key_table_unclear() const { return is_key_table_unclear_; }
 
  private:
-  enum class Stage : std::uint8_t { adding_key, talking, deleting_key, ended };
+  enum class Stage : std::uint8_t { adding_key, talking, removing_key, ended };
 
   void begin_step(TimePoint now);
   void on_answer(const AccessMessage& message, TimePoint now);
@@ -114,13 +111,10 @@ class NodeConfiguration {
   Purpose purpose_;
   ConfigurationSettings settings_;
   std::uint16_t address_;
-  Key device_key_;
-  std::uint16_t subnet_handle_;
+  ProvisionerActions& actions_;
   Stage stage_ = Stage::adding_key;
   State result_ = State::succeeded;
   std::string problem_;
-  bool is_key_table_unclear_ = false;
-  std::uint16_t devkey_handle_ = 0;
   std::deque<ConfigurationStep> steps_;  ///< front: the one under way
   TimePoint step_since_{};
   TimePoint send_at_{};

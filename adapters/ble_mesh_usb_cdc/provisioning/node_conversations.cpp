@@ -24,30 +24,14 @@ void NodeConversations::on_send_refused(std::uint16_t address, const std::string
   if (found != conversations_.end()) found->second.on_send_refused(why, now);
 }
 
-void NodeConversations::on_link_down() {
-  conversations_.clear();
-  sweep_.reset();
-  is_swept_ = false;
+void NodeConversations::on_key_added(const DeviceKeyAdded& added, TimePoint now) {
+  const auto found = conversations_.find(added.address);
+  if (found != conversations_.end()) found->second.on_key_added(added.problem, now);
 }
 
-void NodeConversations::on_command_ended(const CommandEnded& ended, TimePoint now) {
-  if (commanded_ == 0) {
-    if (sweep_) sweep_->on_command_ended(ended);
-    return;
-  }
-  const auto found = conversations_.find(commanded_);
-  if (found != conversations_.end()) found->second.on_command_ended(ended, now);
-}
-
-std::optional<Bytes> NodeConversations::next_command() {
-  commanded_ = 0;
-  if (sweep_)
-    if (auto command = sweep_->command()) return command;
-  for (const auto& [address, conversation] : conversations_) {
-    commanded_ = address;
-    if (auto command = conversation.command()) return command;
-  }
-  return std::nullopt;
+void NodeConversations::on_key_removed(const DeviceKeyRemoved& removed) {
+  const auto found = conversations_.find(removed.address);
+  if (found != conversations_.end()) found->second.on_key_removed();
 }
 
 // --- Who is next ---------------------------------------------------------------------------------
@@ -92,23 +76,13 @@ bool NodeConversations::begin_changes() {
   return true;
 }
 
-/// The board's table of device keys has to be empty before the first conversation.
-bool NodeConversations::has_swept() {
-  if (is_swept_) return true;
-  if (!sweep_) sweep_.emplace();
-  if (!sweep_->is_done()) return false;
-  is_swept_ = true;
-  sweep_.reset();
-  return true;
-}
-
 void NodeConversations::begin_due(TimePoint now) {
   if (!next_begin() || *next_begin() > now) return;
-  if (begin_changes() || !has_swept()) return;
+  if (begin_changes()) return;
   const ConfigurationSettings settings{nodes_.database()->keys.app_key, destination(),
                                        settings_.ttl, settings_.groups};
   const auto begin = [&](const Node& node, NodeConfiguration::Purpose purpose) {
-    conversations_.try_emplace(node.address, node, purpose, settings, board_.subnet_handle);
+    conversations_.try_emplace(node.address, node, purpose, settings, actions_);
   };
   if (const Node* node = node_to_reset()) begin(*node, NodeConfiguration::Purpose::reset);
   while (conversations_.size() < max_conversations) {
@@ -146,8 +120,6 @@ std::optional<TimePoint> NodeConversations::next_begin() const {
   if (!board_.is_up || !nodes_.database() || !nodes_.ledger().is_saved()) return std::nullopt;
   if (conversations_.size() >= max_conversations) return std::nullopt;
   if (wants_restart_) return std::nullopt;
-  if (!is_swept_ && !is_idle()) return std::nullopt;
-  if (sweep_ && !sweep_->is_done()) return std::nullopt;
   if (node_to_reset() != nullptr) return TimePoint::min();
   std::optional<TimePoint> next;
   for (const Node& node : nodes_.database()->nodes) {
@@ -172,9 +144,7 @@ void NodeConversations::continue_all(TimePoint now) {
     const auto found = next++;
     NodeConfiguration& conversation = found->second;
     conversation.on_deadline(now);
-    if (auto access = conversation.take_message(now))
-      actions_.push(SendUnderDeviceKey{conversation.address(), conversation.devkey_handle(),
-                                       std::move(*access)});
+    conversation.send_due(now);
     if (conversation.state() == NodeConfiguration::State::running) continue;
     const NodeConfiguration ended = std::move(conversation);
     conversations_.erase(found);
@@ -183,7 +153,6 @@ void NodeConversations::continue_all(TimePoint now) {
 }
 
 void NodeConversations::end(const NodeConfiguration& conversation, TimePoint now) {
-  if (conversation.is_key_table_unclear()) is_swept_ = false;
   const Node* node = nodes_.find(conversation.address());
   if (node == nullptr) return;
   const bool is_done = conversation.state() == NodeConfiguration::State::succeeded;

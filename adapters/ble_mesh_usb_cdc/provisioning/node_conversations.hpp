@@ -30,15 +30,13 @@ class NodeConversations {
   /// True when the message was an answer to a conversation, and not from a robot's own models.
   bool on_message(const MessageReceived& message, TimePoint now);
   void on_send_refused(std::uint16_t address, const std::string& why, TimePoint now);
-  void on_link_down();
-  /// The command that next_command gave last has ended.
-  void on_command_ended(const CommandEnded& ended, TimePoint now);
+  void on_link_down() { conversations_.clear(); }
+  void on_key_added(const DeviceKeyAdded& added, TimePoint now);
+  void on_key_removed(const DeviceKeyRemoved& removed);
 
   /// Carries those that are under way on.
   void continue_all(TimePoint now);
   void begin_due(TimePoint now);
-  /// What the board should do next, until on_command_ended.
-  std::optional<Bytes> next_command();
   std::optional<TimePoint> deadline() const;
 
   bool is_idle() const { return conversations_.empty(); }
@@ -60,7 +58,6 @@ class NodeConversations {
   std::uint16_t destination() const { return settings_.gateway_group.value_or(board_.source); }
   bool begin_changes();
   bool may_be_unheard(const Node& node) const;
-  bool has_swept();
   const Node* node_to_reset() const;
   const Node* next_node(TimePoint now);
   std::optional<TimePoint> next_begin() const;
@@ -79,9 +76,6 @@ class NodeConversations {
   OpenOrder& order_;
   ProvisionerActions& actions_;
   std::map<std::uint16_t, NodeConfiguration> conversations_;  ///< by address
-  std::uint16_t commanded_ = 0;  ///< whose command the board has; 0: the sweep's
-  std::optional<DeviceKeySweep> sweep_;
-  bool is_swept_ = false;
   bool wants_restart_ = false;
 };
 

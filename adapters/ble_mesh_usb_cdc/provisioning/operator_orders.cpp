@@ -238,10 +238,10 @@ void OperatorOrders::take(const ResetBoardOrder&, TimePoint now) {
   actions_.push(ClearBoard{});
 }
 
-void OperatorOrders::on_board_cleared(bool is_done, const std::string& why) {
+void OperatorOrders::on_board_cleared(const std::string& problem) {
   if (!order_.is(Kind::reset_board)) return;
-  if (is_done) return order_.answer(R"({"cleared":true})");
-  order_.refuse("the serial board was not cleared: " + why);
+  if (problem.empty()) return order_.answer(R"({"cleared":true})");
+  order_.refuse("the serial board was not cleared: " + problem);
 }
 
 // --- Orders that end by themselves ---------------------------------------------------------------

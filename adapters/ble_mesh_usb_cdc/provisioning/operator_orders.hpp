@@ -32,7 +32,7 @@ class OperatorOrders {
 
   void on_order(std::uint64_t id, const BleOrder& order, TimePoint now);
   void on_link_down();
-  void on_board_cleared(bool is_done, const std::string& why);
+  void on_board_cleared(const std::string& problem);
   /// Called after the ledger; `problem` is empty when the database is on disk.
   void on_stored(const std::string& problem);
   void on_deadline(TimePoint now);

@@ -8,10 +8,10 @@
 namespace slamgw::ble {
 
 Provisioner::Provisioner(const Settings& settings, std::string gateway, RobotNames names,
-                         std::optional<NodeDatabase> database, RandomSource random)
+                         std::optional<NodeDatabase> database)
     : nodes_(settings, std::move(names), std::move(database), actions_),
       lives_(settings, nodes_, actions_),
-      admission_(settings, board_, nodes_, order_, actions_, std::move(random)),
+      admission_(settings, nodes_, order_, actions_),
       conversations_(settings, board_, nodes_, admission_, order_, actions_),
       orders_(settings, board_, nodes_, admission_, conversations_, order_, actions_,
               std::move(gateway)) {}
@@ -23,43 +23,36 @@ void Provisioner::on_source_wanted(const SourceWanted& wanted, TimePoint now) {
   advance(now);
 }
 
-void Provisioner::on_link_up(std::uint16_t subnet_handle, SerialVersion version, TimePoint now) {
+void Provisioner::on_link_up(TimePoint now) {
   board_.is_up = true;
   is_restarting_ = false;
-  board_.version = version;
-  board_.subnet_handle = subnet_handle;
   advance(now);
 }
 
-void Provisioner::on_link_down(const std::string& why, TimePoint now) {
-  board_.down_reason = why;
+void Provisioner::on_link_down(const LinkIsDown& down, TimePoint now) {
+  board_.down_reason = down.why;
   if (!std::exchange(board_.is_up, false)) return;
   const bool is_restart = std::exchange(is_restarting_, false);
-  in_flight_.reset();
   is_scanning_ = false;
-  admission_.on_link_down(now);
+  admission_.on_link_down(down, now);
   conversations_.on_link_down();
   if (is_restart) return;  // on the way to a new robot
   orders_.on_link_down();
   advance(now);
 }
 
-void Provisioner::on_command_ended(const CommandEnded& ended, TimePoint now) {
-  if (!in_flight_) return;
-  switch (*std::exchange(in_flight_, std::nullopt)) {
-    case Purpose::scan_control:
-      if (ended.status != Status::success && ended.status != Status::invalid_state)
-        notify(Severity::warning, fmt::format("the serial board does not scan for new robots ({})",
-                                              to_string(ended.status)));
-      break;
-    case Purpose::session: admission_.on_command_ended(ended); break;
-    case Purpose::conversation: conversations_.on_command_ended(ended, now); break;
-  }
-  advance(now);
-}
-
-void Provisioner::on_event(const ProvisioningEvent& event, TimePoint now) {
-  admission_.on_event(event, now);
+void Provisioner::on_event(const NodeEvent& event, TimePoint now) {
+  std::visit(overloaded{
+                 [&](const UnprovisionedBeacon& beacon) {
+                   admission_.candidates().on_beacon(beacon, now);
+                 },
+                 [&](const DeviceAnswered& answered) { admission_.on_answered(answered); },
+                 [&](const DeviceJoined& joined) { admission_.on_joined(joined.device_key, now); },
+                 [&](const JoinEnded& ended) { admission_.on_join_ended(ended, now); },
+                 [&](const DeviceKeyAdded& added) { conversations_.on_key_added(added, now); },
+                 [&](const DeviceKeyRemoved& removed) { conversations_.on_key_removed(removed); },
+             },
+             event);
   advance(now);
 }
 
@@ -91,8 +84,8 @@ void Provisioner::on_stored(const std::string& problem, TimePoint now) {
   advance(now);
 }
 
-void Provisioner::on_board_cleared(bool is_done, const std::string& why, TimePoint now) {
-  orders_.on_board_cleared(is_done, why);
+void Provisioner::on_board_cleared(const std::string& problem, TimePoint now) {
+  orders_.on_board_cleared(problem);
   advance(now);
 }
 
@@ -108,7 +101,7 @@ void Provisioner::advance(TimePoint now) {
   if (admission_.permit().on_time(now))
     notify(Severity::notice, "new robots may not join any more");
   if (board_.is_up && nodes_.database()) {
-    admission_.continue_session(!in_flight_, now);
+    admission_.advance(now);
     conversations_.continue_all(now);
     admission_.choose_next(
         [this](const Node& node) { return conversations_.is_talking_with(node); }, now);
@@ -116,39 +109,25 @@ void Provisioner::advance(TimePoint now) {
   }
   if (const NodeDatabase* changed = nodes_.ledger().take_write(now))
     actions_.push(StoreMesh{*changed});
-  if (board_.is_up) issue_next_command();
+  if (board_.is_up) scan_or_restart();
 }
 
-void Provisioner::issue_next_command() {
-  if (in_flight_) return;
+void Provisioner::scan_or_restart() {
   if (admission_.wants_scan() != is_scanning_) {
     is_scanning_ = !is_scanning_;
-    issue(encode_command(is_scanning_ ? CommandOpcode::scan_start : CommandOpcode::scan_stop),
-          Purpose::scan_control);
-    return;
+    actions_.push(Scan{is_scanning_});
   }
-  if (conversations_.wants_restart() && conversations_.is_idle() && admission_.is_idle()) {
-    conversations_.on_restart();
-    is_restarting_ = true;
-    actions_.push(RestartBoard{});
-    return;
-  }
-  if (issue(admission_.command(), Purpose::session)) return;
-  issue(conversations_.next_command(), Purpose::conversation);
-}
-
-bool Provisioner::issue(std::optional<Bytes> frame, Purpose purpose) {
-  if (!frame) return false;
-  in_flight_ = purpose;
-  actions_.push(BoardCommand{std::move(*frame)});
-  return true;
+  if (!conversations_.wants_restart() || !conversations_.is_idle() || !admission_.is_idle()) return;
+  conversations_.on_restart();
+  is_restarting_ = true;
+  actions_.push(RestartBoard{});
 }
 
 std::optional<TimePoint> Provisioner::deadline() const {
   const std::optional<TimePoint> next = earlier(
       earlier(nodes_.ledger().deadline(), order_.deadline()), admission_.permit().deadline());
   if (!board_.is_up || !nodes_.database()) return next;
-  return earlier(earlier(next, admission_.deadline()), conversations_.deadline());
+  return earlier(next, conversations_.deadline());
 }
 
 }  // namespace slamgw::ble

@@ -2,8 +2,7 @@
 // Takes robots into the mesh, configures them, and does what operators order. Its parts do the
 // work: NodeTable (what is known), Admission (who joins next), NodeConversations (who is configured
 // or reset), OperatorOrders. This class gives them their turns, writes the database and gives the
-// board one command at a time. Knows the board only through commands and events. Called by BleMesh,
-// which drains its actions.
+// radio its commands. Called by BleMesh, which drains its actions.
 #pragma once
 
 #include <optional>
@@ -18,7 +17,7 @@ class Provisioner {
  public:
   /// `settings` outlive it. `gateway`: `gateway.id`, for gateways that join this mesh.
   Provisioner(const Settings& settings, std::string gateway, RobotNames names,
-              std::optional<NodeDatabase> database, RandomSource random);
+              std::optional<NodeDatabase> database);
   Provisioner(const Provisioner&) = delete;
   Provisioner& operator=(const Provisioner&) = delete;
 
@@ -29,10 +28,9 @@ class Provisioner {
     board_.source = board.source;
     lives_.on_board_up(board.board, board.source, board.has_kept);
   }
-  void on_link_up(std::uint16_t subnet_handle, SerialVersion version, TimePoint now);
-  void on_link_down(const std::string& why, TimePoint now);
-  void on_command_ended(const CommandEnded& ended, TimePoint now);
-  void on_event(const ProvisioningEvent& event, TimePoint now);
+  void on_link_up(TimePoint now);
+  void on_link_down(const LinkIsDown& down, TimePoint now);
+  void on_event(const NodeEvent& event, TimePoint now);
   /// True when the message was for this and not from a robot's own models.
   bool on_message(const MessageReceived& message, TimePoint now);
   void on_send_refused(std::uint16_t address, const std::string& why, TimePoint now) {
@@ -44,7 +42,7 @@ class Provisioner {
   /// A new mesh was made, and its keys are on disk.
   void on_new_mesh(const MeshKeys& keys);
   void on_stored(const std::string& problem, TimePoint now);
-  void on_board_cleared(bool is_done, const std::string& why, TimePoint now);
+  void on_board_cleared(const std::string& problem, TimePoint now);
   void on_order(std::uint64_t id, const BleOrder& order, TimePoint now);
   /// `robots` of the configuration was read again.
   void on_names(RobotNames names) { nodes_.on_names(std::move(names)); }
@@ -56,12 +54,8 @@ class Provisioner {
   void on_deadline(TimePoint now) { advance(now); }
 
  private:
-  /// What the command in flight is for.
-  enum class Purpose : std::uint8_t { scan_control, session, conversation };
-
   void advance(TimePoint now);
-  void issue_next_command();
-  bool issue(std::optional<Bytes> frame, Purpose purpose);
+  void scan_or_restart();
   void notify(Severity severity, std::string text) {
     actions_.push(Notice{severity, std::move(text), {}});
   }
@@ -74,7 +68,6 @@ class Provisioner {
   Admission admission_;
   NodeConversations conversations_;
   OperatorOrders orders_;
-  std::optional<Purpose> in_flight_;
   bool is_scanning_ = false;
   bool is_restarting_ = false;           ///< the board, because this has asked for it
   bool is_store_problem_known_ = false;  ///< to the operator

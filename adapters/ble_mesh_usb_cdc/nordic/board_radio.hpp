@@ -1,0 +1,120 @@
+// SPDX-License-Identifier: Apache-2.0
+// Nordic's serial board as the mesh's radio: turns what the mesh asks for into serial commands, one
+// at a time, and what the board reports into words of the mesh. Keeps the board's table of device
+// keys and the session with a device that joins. The line itself is BoardLink's. Called by BleMesh,
+// which drains its actions.
+#pragma once
+
+#include <algorithm>
+#include <map>
+#include <optional>
+#include <string>
+#include <variant>
+
+#include "adapters/ble_mesh_usb_cdc/nordic/board_link.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/ecdh.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/provisioning_session.hpp"
+
+namespace slamgw::ble {
+
+/// Empties the board's table of device keys before the first one is added: keys that an earlier run
+/// left there have handles that no command reads, and a second Devkey Add for the same node is
+/// refused. Called by BoardRadio while none of its own keys is in the table.
+class DeviceKeySweep {
+ public:
+  /// The command that the board should get now; nothing when all is done.
+  std::optional<Bytes> command() const {
+    if (!first_) return encode_command(CommandOpcode::appkey_count_max_get);
+    if (!end_) return encode_command(CommandOpcode::devkey_count_max_get);
+    if (next_ >= *end_) return std::nullopt;
+    return encode_command(CommandOpcode::devkey_delete, next_);
+  }
+  /// Most deletions are refused, because nothing is there.
+  void on_command_ended(const CommandEnded& ended) {
+    ByteReader data(ended.data);
+    const std::uint16_t count = std::min(data.read_u16_le(), max_keys);
+    if (!first_) {  // handles of device keys follow those of application keys
+      first_ = data.ok() ? count : stock_appkeys;
+      next_ = *first_;
+    } else if (!end_) {
+      end_ = static_cast<std::uint16_t>(*first_ + (data.ok() ? count : stock_devkeys));
+    } else {
+      ++next_;
+    }
+  }
+  bool is_done() const { return end_ && next_ >= *end_; }
+
+ private:
+  static constexpr std::uint16_t stock_appkeys = 8;
+  static constexpr std::uint16_t stock_devkeys = 10;
+  static constexpr std::uint16_t max_keys = 64;
+
+  std::optional<std::uint16_t> first_;
+  std::optional<std::uint16_t> end_;
+  std::uint16_t next_ = 0;
+};
+
+using RadioAction = std::variant<WriteSerial, ReopenPort, RadioEvent>;
+
+class BoardRadio {
+ public:
+  /// `random` makes the key pairs of provisioning, `seed` Echo nonces.
+  BoardRadio(LinkSettings settings, std::optional<MeshKeys> keys, RandomSource random,
+             std::uint64_t seed)
+      : link_(std::move(settings), keys, seed), random_(std::move(random)) {}
+
+  /// Takes the inputs from the port and for start-up. Its actions come out of next_action().
+  BoardLink& link() { return link_; }
+  const BoardLink& link() const { return link_; }
+
+  void perform(RadioCommand command, TimePoint now);
+  std::optional<RadioAction> next_action(TimePoint now);
+  /// Gives the board its next command. Call when no action is left, here and where commands come
+  /// from. True when there may be actions again.
+  bool begin_next(TimePoint now);
+  std::optional<TimePoint> deadline() const {
+    return earlier(link_.deadline(), session_ ? session_->deadline() : std::nullopt);
+  }
+  void on_deadline(TimePoint now);
+
+ private:
+  /// What the command in flight is for.
+  enum class Purpose : std::uint8_t { scan_control, session, sweep, device_key };
+
+  struct DeviceKey {
+    Key key{};
+    bool is_waiting = false;                   ///< for the sweep
+    std::optional<std::uint16_t> handle = {};  ///< there when the board has it
+    bool is_unwanted = false;
+  };
+
+  void on_command_ended(const CommandEnded& ended);
+  void on_device_key(const CommandEnded& ended);
+  void on_event(const ProvisioningEvent& event, TimePoint now);
+  void on_message(MessageReceived& message);
+  void on_link_down(LinkIsDown& down);
+  bool begin_session(TimePoint now);
+  void end_session();
+  bool choose(TimePoint now);
+  bool issue(std::optional<Bytes> frame, Purpose purpose);
+  bool issue_key_command();
+  void forget();
+
+  BoardLink link_;
+  RandomSource random_;
+  ActionQueue<RadioAction> actions_;
+  std::optional<Purpose> in_flight_;
+  std::optional<Bytes> chosen_;  ///< the command in flight, until the link gets it
+  bool is_scan_wanted_ = false;
+  bool is_scanning_ = false;
+  bool is_restart_wanted_ = false;
+  std::optional<ProvisionDevice> device_;  ///< that joins, or waits for the board
+  std::optional<ProvisioningSession> session_;
+  std::uint8_t context_ = 0;      ///< of the session; the other one next time, as this may hang
+  bool is_last_context_ = false;  ///< the board's other context is busy
+  DeviceKeySweep sweep_;
+  std::map<std::uint16_t, DeviceKey> device_keys_;  ///< by their nodes' addresses
+  std::uint16_t commanded_ = 0;                     ///< whose key the command in flight is about
+};
+
+}  // namespace slamgw::ble
