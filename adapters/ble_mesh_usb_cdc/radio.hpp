@@ -71,14 +71,11 @@ struct ProvisionDevice {
 struct AnswerDevice {
   std::string refusal;
 };
-/// Get ready to speak with the node under its device key. Answered by DeviceKeyAdded.
-struct AddDeviceKey {
+/// Get ready to speak with the node under this device key; none: it is not needed any more.
+/// Answered by DeviceKeyUsed.
+struct UseDeviceKey {
   std::uint16_t address = 0;
-  Key key{};
-};
-/// Answered by DeviceKeyRemoved.
-struct RemoveDeviceKey {
-  std::uint16_t address = 0;
+  std::optional<Key> key = {};
 };
 struct SendUnderDeviceKey {
   std::uint16_t address = 0;
@@ -104,8 +101,8 @@ struct DelaySource {
 
 /// A radio that goes down forgets what it was asked for.
 using RadioCommand =
-    std::variant<Scan, ProvisionDevice, AnswerDevice, AddDeviceKey, RemoveDeviceKey,
-                 SendUnderDeviceKey, UseKeys, ClearBoard, RestartBoard, UseSource, DelaySource>;
+    std::variant<Scan, ProvisionDevice, AnswerDevice, UseDeviceKey, SendUnderDeviceKey, UseKeys,
+                 ClearBoard, RestartBoard, UseSource, DelaySource>;
 
 // What it reports.
 
@@ -157,15 +154,12 @@ struct JoinEnded {
   bool is_key_lost = false;      ///< the device has joined; nothing but a reset brings it back
   std::string remark = {};       ///< for the operator, after all else
 };
-struct DeviceKeyAdded {
+struct DeviceKeyUsed {
   std::uint16_t address = 0;
-  std::string problem;  ///< why it was not; empty when it was
+  std::string problem;  ///< why the key was not added; else empty
 };
-struct DeviceKeyRemoved {
-  std::uint16_t address = 0;
-};
-using NodeEvent = std::variant<UnprovisionedBeacon, DeviceAnswered, DeviceJoined, JoinEnded,
-                               DeviceKeyAdded, DeviceKeyRemoved>;
+using NodeEvent =
+    std::variant<UnprovisionedBeacon, DeviceAnswered, DeviceJoined, JoinEnded, DeviceKeyUsed>;
 
 struct LinkIsUp {
   std::string detail;

@@ -6,20 +6,6 @@
 #include <utility>
 
 namespace slamgw::ble {
-namespace {
-
-JoinEnded end_of(const ProvisioningSession& session) {
-  // Once the device has joined only the link can fail.
-  if (session.state() == ProvisioningSession::State::succeeded || session.device_key()) return {};
-  JoinEnded end{session.failure(), session.may_have_joined(), session.is_key_lost(), {}};
-  if (session.dropped_events())
-    end.remark = fmt::format("; the serial board has dropped {} event(s) since its start",
-                             *session.dropped_events());
-  return end;
-}
-
-}  // namespace
-
 void BoardRadio::perform(RadioCommand command, TimePoint now) {
   std::visit(
       overloaded{
@@ -34,12 +20,12 @@ void BoardRadio::perform(RadioCommand command, TimePoint now) {
             session_->fail(std::move(answer.refusal));
             end_session();
           },
-          [&](AddDeviceKey& add) {
-            device_keys_[add.address] = {add.key, !sweep_.is_done()};
-          },
-          [&](RemoveDeviceKey& remove) {
-            const auto key = device_keys_.find(remove.address);
-            if (key != device_keys_.end()) key->second.is_unwanted = true;
+          [&](UseDeviceKey& use) {
+            DeviceKey& key = device_keys_[use.address];
+            if (use.key)
+              key = {*use.key, !sweep_.is_done()};
+            else
+              key.is_unwanted = true;
           },
           // Not taken: the mesh repeats it.
           [&](SendUnderDeviceKey& message) {
@@ -51,7 +37,7 @@ void BoardRadio::perform(RadioCommand command, TimePoint now) {
           [&](ClearBoard&) {
             if (!link_.clear_board(now)) actions_.push(BoardCleared{"the BLE link is down"});
           },
-          [&](RestartBoard&) { is_restart_wanted_ = true; },
+          [&](RestartBoard&) { link_.restart_board(now); },
           [&](UseSource& use) { link_.on_source(use.source, use.count, now); },
           [&](DelaySource& delay) { link_.on_source_delayed(delay.why); },
       },
@@ -111,24 +97,25 @@ void BoardRadio::on_command_ended(const CommandEnded& ended) {
   }
 }
 
-/// A key that the board does not take, or does not let go, means that its table has unknown
-/// entries: it is swept before a further key is added.
+/// A key that the board does not take or let go means that its table has unknown entries: it is
+/// swept before a further key is added.
 void BoardRadio::on_device_key(const CommandEnded& ended) {
   DeviceKey& key = device_keys_.at(commanded_);
-  const bool is_done = ended.status == Status::success;
+  DeviceKeyUsed used{commanded_, {}};
+  bool is_clear = ended.status == Status::success;
   if (key.is_unwanted) {
-    if (!is_done && !ended.is_repeat) sweep_ = {};
-    device_keys_.erase(commanded_);
-    return actions_.push(DeviceKeyRemoved{commanded_});
+    is_clear = is_clear || ended.is_repeat;
+  } else {
+    ByteReader data(ended.data);
+    key.handle = data.read_u16_le();
+    is_clear = is_clear && data.ok();
+    if (!is_clear)
+      used.problem = fmt::format("the serial board does not take its device key ({})",
+                                 to_string(ended.status));
   }
-  ByteReader data(ended.data);
-  key.handle = data.read_u16_le();
-  if (is_done && data.ok()) return actions_.push(DeviceKeyAdded{commanded_, {}});
-  sweep_ = {};
-  device_keys_.erase(commanded_);
-  actions_.push(DeviceKeyAdded{
-      commanded_,
-      fmt::format("the serial board does not take its device key ({})", to_string(ended.status))});
+  if (!is_clear) sweep_ = {};
+  if (key.is_unwanted || !is_clear) device_keys_.erase(commanded_);
+  actions_.push(std::move(used));
 }
 
 void BoardRadio::on_event(const ProvisioningEvent& event, TimePoint now) {
@@ -152,7 +139,7 @@ void BoardRadio::on_message(MessageReceived& message) {
 void BoardRadio::on_link_down(LinkIsDown& down) {
   if (session_) {
     session_->fail("the BLE link went down: " + down.why);
-    down.join = end_of(*session_);
+    down.join = session_->end();
   }
   forget();
   actions_.push(std::move(down));
@@ -162,7 +149,7 @@ void BoardRadio::on_link_down(LinkIsDown& down) {
 void BoardRadio::forget() {
   in_flight_.reset();
   chosen_.reset();
-  is_scan_wanted_ = is_scanning_ = is_restart_wanted_ = false;
+  is_scan_wanted_ = is_scanning_ = false;
   device_.reset();
   session_.reset();
   sweep_ = {};
@@ -173,12 +160,8 @@ void BoardRadio::forget() {
 
 bool BoardRadio::begin_next(TimePoint now) {
   const bool is_chosen = chosen_ || choose(now);
-  if (const auto frame = std::exchange(chosen_, std::nullopt)) {
-    // Not taken means that the link has gone down, which it reports next.
-    link_.command(*frame, now);
-  } else if (!in_flight_ && std::exchange(is_restart_wanted_, false)) {
-    return link_.restart_board(now);
-  }
+  // Not taken means that the link has gone down, which it reports next.
+  if (const auto frame = std::exchange(chosen_, std::nullopt)) link_.command(*frame, now);
   return is_chosen;
 }
 
@@ -193,7 +176,6 @@ bool BoardRadio::choose(TimePoint now) {
         encode_command(is_scanning_ ? CommandOpcode::scan_start : CommandOpcode::scan_stop),
         Purpose::scan_control);
   }
-  if (is_restart_wanted_) return false;
   return (session_ && issue(session_->command(), Purpose::session)) || issue_key_command();
 }
 
@@ -239,7 +221,7 @@ bool BoardRadio::begin_session(TimePoint now) {
 
 void BoardRadio::end_session() {
   if (!session_ || session_->state() == ProvisioningSession::State::running) return;
-  JoinEnded end = end_of(*session_);
+  JoinEnded end = session_->end();
   const bool is_tried_again =
       !end.failure.empty() && session_->is_context_busy() && !std::exchange(is_last_context_, true);
   session_.reset();

@@ -107,7 +107,6 @@ class BoardRadio {
   std::optional<Bytes> chosen_;  ///< the command in flight, until the link gets it
   bool is_scan_wanted_ = false;
   bool is_scanning_ = false;
-  bool is_restart_wanted_ = false;
   std::optional<ProvisionDevice> device_;  ///< that joins, or waits for the board
   std::optional<ProvisioningSession> session_;
   std::uint8_t context_ = 0;      ///< of the session; the other one next time, as this may hang

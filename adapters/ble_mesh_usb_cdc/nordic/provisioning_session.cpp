@@ -53,7 +53,9 @@ void ProvisioningSession::on_command_ended(const CommandEnded& ended) {
   if (ended.opcode == static_cast<std::uint8_t>(CommandOpcode::housekeeping_get)) {
     ByteReader data(ended.data);
     const std::uint32_t dropped = data.read_u32_le();
-    if (data.ok()) dropped_events_ = dropped;
+    if (data.ok())
+      end_.remark =
+          fmt::format("; the serial board has dropped {} event(s) since its start", dropped);
     return fail(key_was_lost);
   }
   // The first transmission was carried out, and its answer lost.
@@ -130,7 +132,7 @@ void ProvisioningSession::on(const ProvisioningLinkClosed& event, TimePoint now)
   } else if (event.reason == closed_by_timeout) {
     fail("the provisioning link ended: time-out");
   } else if (event.reason == closed_in_success && stage_ == Stage::completing) {
-    is_key_lost_ = may_have_joined_ = true;  // the board reports it once
+    end_.is_key_lost = end_.may_have_joined = true;  // the board reports it once
     commands_.push_back(encode_command(CommandOpcode::housekeeping_get));
     enter(Stage::counting, now);
   } else {
@@ -161,7 +163,7 @@ void ProvisioningSession::on_deadline(TimePoint now) {
     case Stage::exchanging: return fail("the exchange of keys did not end");
     case Stage::counting: return fail(key_was_lost);
     case Stage::completing:
-      may_have_joined_ = true;
+      end_.may_have_joined = true;
       return fail(
           "the exchange of keys did not end; if the device took its address nevertheless, it has "
           "to be reset by hand");
@@ -177,7 +179,7 @@ void ProvisioningSession::enter(Stage stage, TimePoint now) {
 
 void ProvisioningSession::fail(std::string why) {
   state_ = State::failed;
-  failure_ = std::move(why);
+  if (!device_key_) end_.failure = std::move(why);  // else it has joined; only the link failed
 }
 
 }  // namespace slamgw::ble

@@ -37,17 +37,10 @@ class ProvisioningSession {
   void on_deadline(TimePoint now);
 
   State state() const { return state_; }
-  /// Why it failed, for the operator.
-  const std::string& failure() const { return failure_; }
+  /// What came of it, once it is not running any more.
+  const JoinEnded& end() const { return end_; }
   /// The board did not even begin: its context still waits for the end of an earlier link.
   bool is_context_busy() const { return is_context_busy_; }
-  /// It failed after the device had joined: nothing but a reset by hand brings it back.
-  bool is_key_lost() const { return is_key_lost_; }
-  /// It failed, and the device may have joined: then it keeps the address until it is reset.
-  bool may_have_joined() const { return may_have_joined_; }
-  /// When the key was lost: how many events the board has dropped since its start.
-  const std::optional<std::uint32_t>& dropped_events() const { return dropped_events_; }
-  const Uuid& uuid() const { return request_.command.uuid; }
   /// Known once the device has sent its capabilities; 0 before.
   std::uint8_t elements() const { return elements_; }
   /// It waits until an address is kept for each element.
@@ -85,11 +78,8 @@ class ProvisioningSession {
   State state_ = State::running;
   Stage stage_ = Stage::opening;
   TimePoint due_;
-  std::string failure_;
+  JoinEnded end_;
   bool is_context_busy_ = false;
-  bool is_key_lost_ = false;
-  bool may_have_joined_ = false;
-  std::optional<std::uint32_t> dropped_events_;
   std::uint8_t elements_ = 0;
   std::uint8_t static_oob_types_ = 0;
   std::optional<Key> device_key_;

@@ -188,22 +188,19 @@ NodeConfiguration::NodeConfiguration(const Node& node, Purpose purpose,
                                      ConfigurationSettings settings, ProvisionerActions& actions)
     : purpose_(purpose), settings_(std::move(settings)), address_(node.address), actions_(actions) {
   steps_.push_back(purpose == Purpose::reset ? node_reset_step() : composition_step());
-  actions_.push(AddDeviceKey{address_, node.device_key});
+  actions_.push(UseDeviceKey{address_, node.device_key});
 }
 
-void NodeConfiguration::on_key_added(const std::string& problem, TimePoint now) {
-  if (stage_ != Stage::adding_key) return;
-  if (problem.empty()) {
+void NodeConfiguration::on_key_used(const std::string& problem, TimePoint now) {
+  if (stage_ == Stage::adding_key && problem.empty()) {
     stage_ = Stage::talking;
     return begin_step(now);
   }
-  result_ = State::failed;
-  problem_ = problem;
+  if (stage_ == Stage::adding_key) {
+    result_ = State::failed;
+    problem_ = problem;
+  }
   stage_ = Stage::ended;
-}
-
-void NodeConfiguration::on_key_removed() {
-  if (stage_ == Stage::removing_key) stage_ = Stage::ended;
 }
 
 void NodeConfiguration::begin_step(TimePoint now) {
@@ -284,7 +281,7 @@ void NodeConfiguration::finish(State result, std::string problem) {
   result_ = result;
   problem_ = std::move(problem);
   stage_ = Stage::removing_key;
-  actions_.push(RemoveDeviceKey{address_});
+  actions_.push(UseDeviceKey{address_});
 }
 
 }  // namespace slamgw::ble

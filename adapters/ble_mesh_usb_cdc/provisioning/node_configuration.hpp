@@ -83,9 +83,8 @@ class NodeConfiguration {
   NodeConfiguration(const Node& node, Purpose purpose, ConfigurationSettings settings,
                     ProvisionerActions& actions);
 
-  /// `problem` is empty when the radio has the device key.
-  void on_key_added(const std::string& problem, TimePoint now);
-  void on_key_removed();
+  /// The radio has the device key, or has removed it, or does not take it.
+  void on_key_used(const std::string& problem, TimePoint now);
   /// Sends the request under way when it is due, for the first time or again.
   void send_due(TimePoint now);
   /// True when it is an answer under this node's device key.

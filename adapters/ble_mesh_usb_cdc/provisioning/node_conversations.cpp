@@ -24,14 +24,9 @@ void NodeConversations::on_send_refused(std::uint16_t address, const std::string
   if (found != conversations_.end()) found->second.on_send_refused(why, now);
 }
 
-void NodeConversations::on_key_added(const DeviceKeyAdded& added, TimePoint now) {
-  const auto found = conversations_.find(added.address);
-  if (found != conversations_.end()) found->second.on_key_added(added.problem, now);
-}
-
-void NodeConversations::on_key_removed(const DeviceKeyRemoved& removed) {
-  const auto found = conversations_.find(removed.address);
-  if (found != conversations_.end()) found->second.on_key_removed();
+void NodeConversations::on_key_used(const DeviceKeyUsed& used, TimePoint now) {
+  const auto found = conversations_.find(used.address);
+  if (found != conversations_.end()) found->second.on_key_used(used.problem, now);
 }
 
 // --- Who is next ---------------------------------------------------------------------------------

@@ -31,8 +31,7 @@ class NodeConversations {
   bool on_message(const MessageReceived& message, TimePoint now);
   void on_send_refused(std::uint16_t address, const std::string& why, TimePoint now);
   void on_link_down() { conversations_.clear(); }
-  void on_key_added(const DeviceKeyAdded& added, TimePoint now);
-  void on_key_removed(const DeviceKeyRemoved& removed);
+  void on_key_used(const DeviceKeyUsed& used, TimePoint now);
 
   /// Carries those that are under way on.
   void continue_all(TimePoint now);

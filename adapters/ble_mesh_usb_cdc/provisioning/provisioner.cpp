@@ -49,8 +49,7 @@ void Provisioner::on_event(const NodeEvent& event, TimePoint now) {
                  [&](const DeviceAnswered& answered) { admission_.on_answered(answered); },
                  [&](const DeviceJoined& joined) { admission_.on_joined(joined.device_key, now); },
                  [&](const JoinEnded& ended) { admission_.on_join_ended(ended, now); },
-                 [&](const DeviceKeyAdded& added) { conversations_.on_key_added(added, now); },
-                 [&](const DeviceKeyRemoved& removed) { conversations_.on_key_removed(removed); },
+                 [&](const DeviceKeyUsed& used) { conversations_.on_key_used(used, now); },
              },
              event);
   advance(now);
