@@ -15,6 +15,9 @@ namespace slamgw::ble {
 
 namespace {
 
+using Json = nlohmann::json;
+using OrderedJson = nlohmann::ordered_json;
+
 constexpr int hexadecimal = 16;
 constexpr std::uint16_t first_group = 0xc000;
 constexpr std::uint16_t last_group = 0xfeff;
@@ -31,15 +34,42 @@ bool is_group_address(std::uint16_t address) {
   return address >= first_group && address <= last_group;
 }
 
-}  // namespace
+// Members of the JSON files that hold a mesh: nothing where one is missing or not what it should
+// be.
 
-std::optional<std::array<std::uint8_t, 16>> read_octets(const nlohmann::json& json,
-                                                        const char* name) {
+std::optional<std::string> read_text(const Json& json, const char* name) {
+  if (!json.is_object()) return std::nullopt;
+  const auto member = json.find(name);
+  if (member == json.end() || !member->is_string()) return std::nullopt;
+  return member->get<std::string>();
+}
+
+/// A whole number from 0 to `max`.
+std::optional<std::uint32_t> read_count(const Json& json, const char* name, std::uint32_t max) {
+  if (!json.is_object()) return std::nullopt;
+  const auto member = json.find(name);
+  if (member == json.end() || !member->is_number_unsigned()) return std::nullopt;
+  const auto value = member->get<std::uint64_t>();
+  if (value > max) return std::nullopt;
+  return static_cast<std::uint32_t>(value);
+}
+
+/// An empty array where it is missing; nothing where it is anything else than an array.
+const Json* read_array(const Json& json, const char* name) {
+  static const Json empty = Json::array();
+  const auto member = json.find(name);
+  if (member == json.end()) return &empty;
+  return member->is_array() ? &*member : nullptr;
+}
+
+/// 32 hex digits, any case; UUIDs also with hyphens.
+std::optional<std::array<std::uint8_t, 16>> read_octets(const Json& json, const char* name) {
   const auto digits = read_text(json, name);
   return digits ? parse_uuid(*digits) : std::nullopt;
 }
 
-std::optional<std::uint16_t> read_unicast(const nlohmann::json& json, const char* name) {
+/// A number, or text of up to 4 hex digits with or without 0x; 0x0001-0x7fff.
+std::optional<std::uint16_t> read_unicast(const Json& json, const char* name) {
   std::uint16_t address = 0;
   if (const auto text = read_text(json, name)) {
     if (!parse_address(*text, address)) return std::nullopt;
@@ -50,7 +80,8 @@ std::optional<std::uint16_t> read_unicast(const nlohmann::json& json, const char
   return address;
 }
 
-std::optional<std::uint16_t> read_destination(const nlohmann::json& json, const char* name) {
+/// Such a text or number, or the text of a group address.
+std::optional<std::uint16_t> read_destination(const Json& json, const char* name) {
   if (const auto unicast = read_unicast(json, name)) return unicast;
   std::uint16_t group = 0;
   const auto text = read_text(json, name);
@@ -58,8 +89,8 @@ std::optional<std::uint16_t> read_destination(const nlohmann::json& json, const 
   return group;
 }
 
-std::optional<std::vector<std::uint16_t>> read_groups(const nlohmann::json& json,
-                                                      const char* name) {
+/// A list of such texts; each 0xc000-0xfeff.
+std::optional<std::vector<std::uint16_t>> read_groups(const Json& json, const char* name) {
   const auto* list = read_array(json, name);
   if (list == nullptr || list->size() > max_groups) return std::nullopt;
   std::vector<std::uint16_t> groups;
@@ -70,35 +101,6 @@ std::optional<std::vector<std::uint16_t>> read_groups(const nlohmann::json& json
   }
   return groups;
 }
-
-std::optional<std::string> read_text(const nlohmann::json& json, const char* name) {
-  if (!json.is_object()) return std::nullopt;
-  const auto member = json.find(name);
-  if (member == json.end() || !member->is_string()) return std::nullopt;
-  return member->get<std::string>();
-}
-
-std::optional<std::uint32_t> read_count(const nlohmann::json& json, const char* name,
-                                        std::uint32_t max) {
-  if (!json.is_object()) return std::nullopt;
-  const auto member = json.find(name);
-  if (member == json.end() || !member->is_number_unsigned()) return std::nullopt;
-  const auto value = member->get<std::uint64_t>();
-  if (value > max) return std::nullopt;
-  return static_cast<std::uint32_t>(value);
-}
-
-const nlohmann::json* read_array(const nlohmann::json& json, const char* name) {
-  static const nlohmann::json empty = nlohmann::json::array();
-  const auto member = json.find(name);
-  if (member == json.end()) return &empty;
-  return member->is_array() ? &*member : nullptr;
-}
-
-namespace {
-
-using Json = nlohmann::json;
-using OrderedJson = nlohmann::ordered_json;
 
 constexpr std::uint32_t keys_only_version = 1;
 constexpr std::uint32_t format_version = 2;
@@ -291,8 +293,6 @@ Result<NodeDatabase, DecodeError> decode_node_database(std::string_view text) {
 }
 
 namespace {
-
-using Json = nlohmann::json;
 
 /// The key with index 0 in a list of `{"index", "key"}`.
 std::optional<Key> read_key_0(const Json& json, const char* list) {
