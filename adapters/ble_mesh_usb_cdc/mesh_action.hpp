@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What BleMesh, and the parts that it is made of, ask of BleMeshAdapter.
+// What BleMesh, and the parts that it is made of, ask of BleMeshAdapter; and what Provisioner asks
+// of BleMesh, and knows of the radio.
 #pragma once
 
 #include <optional>
@@ -41,5 +42,17 @@ struct OrderEnded {
 
 using MeshAction = std::variant<WriteSerial, ReopenPort, GenerateKeys, StoreMesh, CommandsChanged,
                                 HeardRobot, OrderEnded, MeshEvent>;
+
+/// Nodes, or their names, are different from before.
+struct NodesChanged {};
+/// The radio, as the parts of Provisioner know it.
+struct BoardState {
+  bool is_up = false;
+  std::string down_reason = "not started";
+  std::uint16_t source = 0;  ///< the address that it sends from
+};
+
+using ProvisionerAction = std::variant<RadioCommand, NodesChanged, StoreMesh, OrderEnded, Notice>;
+using ProvisionerActions = ActionQueue<ProvisionerAction>;
 
 }  // namespace slamgw::ble

@@ -15,7 +15,6 @@
 #include <vector>
 
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_table.hpp"
-#include "adapters/ble_mesh_usb_cdc/provisioning/provisioner_action.hpp"
 #include "daemon/core/time.hpp"
 
 namespace slamgw::ble {

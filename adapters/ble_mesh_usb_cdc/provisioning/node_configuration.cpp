@@ -123,18 +123,6 @@ void add_each(std::vector<ConfigurationStep>& steps, const ConfigurationSettings
   }
 }
 
-}  // namespace
-
-bool ConfigurationStep::is_answered_by(const AccessMessage& message) const {
-  if (message.opcode != answer) return false;
-  ByteView params = message.params;
-  if (has_status) {
-    if (params.empty()) return false;
-    params = params.subspan(1);
-  }
-  return starts_with(params, echoed_head) && ends_with(params, echoed_tail);
-}
-
 ConfigurationStep composition_step() {
   return {.what = "the composition data",
           .request = encode_composition_data_get(),
@@ -150,6 +138,7 @@ ConfigurationStep node_reset_step() {
           .has_status = false};
 }
 
+/// The steps that configure a node, once its composition is known. `address` is the node's.
 std::vector<ConfigurationStep> plan_configuration(const ConfigurationSettings& settings,
                                                   std::uint16_t address,
                                                   const Composition& composition) {
@@ -158,6 +147,7 @@ std::vector<ConfigurationStep> plan_configuration(const ConfigurationSettings& s
   return steps;
 }
 
+/// The same when only its publications change.
 std::vector<ConfigurationStep> plan_publications(const ConfigurationSettings& settings,
                                                  std::uint16_t address,
                                                  const Composition& composition) {
@@ -166,6 +156,11 @@ std::vector<ConfigurationStep> plan_publications(const ConfigurationSettings& se
   return steps;
 }
 
+/// The steps that leave a model with the groups of the settings, once its present ones are known.
+/// Groups are taken away one by one, because a robot that runs Nordic's code stops on a failed
+/// assertion when Subscription Delete All or Overwrite meets a model with more subscriptions than
+/// the robot has subscription lists (all releases). Virtual addresses stay: a list names their
+/// hashes only, and they are deleted by their label.
 std::vector<ConfigurationStep> plan_groups(const ConfigurationSettings& settings,
                                            const ModelElement& of,
                                            const std::vector<std::uint16_t>& subscribed) {
@@ -182,6 +177,18 @@ std::vector<ConfigurationStep> plan_groups(const ConfigurationSettings& settings
                                  encode_model_subscription_add(of.element, group, of.model), of,
                                  group));
   return steps;
+}
+
+}  // namespace
+
+bool ConfigurationStep::is_answered_by(const AccessMessage& message) const {
+  if (message.opcode != answer) return false;
+  ByteView params = message.params;
+  if (has_status) {
+    if (params.empty()) return false;
+    params = params.subspan(1);
+  }
+  return starts_with(params, echoed_head) && ends_with(params, echoed_tail);
 }
 
 NodeConfiguration::NodeConfiguration(const Node& node, Purpose purpose,

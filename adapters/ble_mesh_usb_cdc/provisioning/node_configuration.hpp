@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "adapters/ble_mesh_usb_cdc/access/config_messages.hpp"
-#include "adapters/ble_mesh_usb_cdc/provisioning/provisioner_action.hpp"
+#include "adapters/ble_mesh_usb_cdc/mesh_action.hpp"
 
 namespace slamgw::ble {
 
@@ -45,25 +45,6 @@ struct ConfigurationSettings {
   std::uint8_t ttl = 4;
   std::vector<std::uint16_t> groups;
 };
-
-ConfigurationStep composition_step();
-ConfigurationStep node_reset_step();
-/// The steps that configure a node, once its composition is known. `address` is the node's.
-std::vector<ConfigurationStep> plan_configuration(const ConfigurationSettings& settings,
-                                                  std::uint16_t address,
-                                                  const Composition& composition);
-/// The same when only its publications change.
-std::vector<ConfigurationStep> plan_publications(const ConfigurationSettings& settings,
-                                                 std::uint16_t address,
-                                                 const Composition& composition);
-/// The steps that leave a model with the groups of the settings, once its present ones are known.
-/// Groups are taken away one by one, because a robot that runs Nordic's code stops on a failed
-/// assertion when Subscription Delete All or Overwrite meets a model with more subscriptions than
-/// the robot has subscription lists (all releases). Virtual addresses stay: a list names their
-/// hashes only, and they are deleted by their label.
-std::vector<ConfigurationStep> plan_groups(const ConfigurationSettings& settings,
-                                           const ModelElement& of,
-                                           const std::vector<std::uint16_t>& subscribed);
 
 class NodeConfiguration {
  public:

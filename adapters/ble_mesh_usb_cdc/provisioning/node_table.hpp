@@ -8,8 +8,8 @@
 #include <set>
 #include <string>
 
+#include "adapters/ble_mesh_usb_cdc/mesh_action.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
-#include "adapters/ble_mesh_usb_cdc/provisioning/provisioner_action.hpp"
 #include "adapters/ble_mesh_usb_cdc/settings.hpp"
 #include "daemon/core/robot_names.hpp"
 #include "daemon/core/time.hpp"
