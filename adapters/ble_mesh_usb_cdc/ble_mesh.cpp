@@ -87,7 +87,6 @@ void BleMesh::on_radio_event(RadioEvent& event, TimePoint now) {
   std::visit(
       overloaded{
           [&](GenerateKeys& generate) { actions_.push(generate); },
-          [&](SourceWanted& wanted) { provisioner_.on_source_wanted(wanted, now); },
           [&](LinkIsUp& up) { on_link_up(up, now); },
           [&](LinkIsDown& down) { on_link_down(down, now); },
           [&](SendRefused& refused) { on_send_refused(refused, now); },
@@ -98,20 +97,18 @@ void BleMesh::on_radio_event(RadioEvent& event, TimePoint now) {
                 Severity::info, fmt::format("the mesh's IV index is {}", update.iv_index), {}});
             provisioner_.on_iv_index(update.iv_index, now);
           },
-          [&](NodeEvent& of_node) { provisioner_.on_event(of_node, now); },
-          [&](BoardCleared& cleared) { provisioner_.on_board_cleared(cleared.problem, now); },
+          [&](ProvisionerEvent& which) { provisioner_.on_event(which, now); },
           [&](Notice& notice) { emit(std::move(notice)); },
       },
       event);
 }
 
 void BleMesh::on_link_up(const LinkIsUp& up, TimePoint now) {
-  provisioner_.on_board_up(up);
+  provisioner_.on_link_up(up, now);
   emit(LinkChange{Mesh::ble, true, up.detail + ", " + provisioner_.lives().description()});
   are_mostly_deaf_ = false;
   up_since_ = now;
   robots_.on_link_up(now);
-  provisioner_.on_link_up(now);
 }
 
 void BleMesh::on_link_down(const LinkIsDown& down, TimePoint now) {

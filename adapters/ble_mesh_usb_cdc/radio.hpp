@@ -158,9 +158,6 @@ struct DeviceKeyUsed {
   std::uint16_t address = 0;
   std::string problem;  ///< why the key was not added; else empty
 };
-using NodeEvent =
-    std::variant<UnprovisionedBeacon, DeviceAnswered, DeviceJoined, JoinEnded, DeviceKeyUsed>;
-
 struct LinkIsUp {
   std::string detail;
   std::string board;         ///< its UUID in hex; empty when it did not answer
@@ -177,15 +174,17 @@ struct BoardCleared {
   std::string problem;  ///< empty when it is cleared
 };
 
-/// Which address should the board send from? Answered by on_source. Also sent while up.
+/// Which address should the board send from? Answered by UseSource or DelaySource.
 struct SourceWanted {
   std::string board;            ///< its UUID in hex; empty when it did not answer
   std::uint16_t addresses = 0;  ///< that it has; 0: it has no sequence numbers of this mesh
   bool was_cleared = false;     ///< by an operator's order
 };
 
-using RadioEvent =
-    std::variant<LinkIsUp, LinkIsDown, GenerateKeys, SourceWanted, BoardCleared, SendRefused,
-                 MessageReceived, Heartbeat, IvUpdate, NodeEvent, Notice>;
+/// What concerns taking in and configuring nodes.
+using ProvisionerEvent = std::variant<SourceWanted, UnprovisionedBeacon, DeviceAnswered,
+                                      DeviceJoined, JoinEnded, DeviceKeyUsed, BoardCleared>;
+using RadioEvent = std::variant<LinkIsUp, LinkIsDown, GenerateKeys, SendRefused, MessageReceived,
+                                Heartbeat, IvUpdate, ProvisionerEvent, Notice>;
 
 }  // namespace slamgw::ble

@@ -61,17 +61,17 @@ void BoardLives::on_stored(const std::string& problem) {
   answer();
 }
 
-void BoardLives::on_board_up(const std::string& board, std::uint16_t source, bool has_kept) {
-  source_ = source;
+void BoardLives::on_board_up(const LinkIsUp& up) {
+  source_ = up.source;
   unused_.reset();
   if (life() == nullptr) return;
   BoardLife now = *life();
-  if (now.board != board) now.kind = BoardKind::unknown;
-  if (has_kept) now.kind = BoardKind::keeps;
-  now.board = board;
+  if (now.board != up.board) now.kind = BoardKind::unknown;
+  if (up.has_kept) now.kind = BoardKind::keeps;
+  now.board = up.board;
   now.number = std::max(now.number, std::uint32_t{1});
   // A board that kept its address from a life which this file does not know.
-  now.source = std::max(now.source, source);
+  now.source = std::max(now.source, up.source);
   if (now != *life()) nodes_.ledger().change().life = now;
 }
 

@@ -21,8 +21,7 @@ class BoardLives {
   /// Answered by UseSource. The next life begins when the board has no sequence numbers of this
   /// mesh, or is another one, whose numbers robots may have passed long ago.
   void on_source_wanted(const SourceWanted& wanted);
-  /// It is used, and sends from `source`. `has_kept`: over a restart.
-  void on_board_up(const std::string& board, std::uint16_t source, bool has_kept);
+  void on_board_up(const LinkIsUp& up);
   /// The disk has the database, or has not.
   void on_stored(const std::string& problem);
 

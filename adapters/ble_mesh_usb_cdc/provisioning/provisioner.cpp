@@ -18,14 +18,11 @@ Provisioner::Provisioner(const Settings& settings, std::string gateway, RobotNam
 
 // --- Inputs --------------------------------------------------------------------------------------
 
-void Provisioner::on_source_wanted(const SourceWanted& wanted, TimePoint now) {
-  lives_.on_source_wanted(wanted);
-  advance(now);
-}
-
-void Provisioner::on_link_up(TimePoint now) {
+void Provisioner::on_link_up(const LinkIsUp& up, TimePoint now) {
   board_.is_up = true;
+  board_.source = up.source;
   is_restarting_ = false;
+  lives_.on_board_up(up);
   advance(now);
 }
 
@@ -41,8 +38,9 @@ void Provisioner::on_link_down(const LinkIsDown& down, TimePoint now) {
   advance(now);
 }
 
-void Provisioner::on_event(const NodeEvent& event, TimePoint now) {
+void Provisioner::on_event(const ProvisionerEvent& event, TimePoint now) {
   std::visit(overloaded{
+                 [&](const SourceWanted& wanted) { lives_.on_source_wanted(wanted); },
                  [&](const UnprovisionedBeacon& beacon) {
                    admission_.candidates().on_beacon(beacon, now);
                  },
@@ -50,6 +48,7 @@ void Provisioner::on_event(const NodeEvent& event, TimePoint now) {
                  [&](const DeviceJoined& joined) { admission_.on_joined(joined.device_key, now); },
                  [&](const JoinEnded& ended) { admission_.on_join_ended(ended, now); },
                  [&](const DeviceKeyUsed& used) { conversations_.on_key_used(used, now); },
+                 [&](const BoardCleared& cleared) { orders_.on_board_cleared(cleared.problem); },
              },
              event);
   advance(now);
@@ -80,11 +79,6 @@ void Provisioner::on_stored(const std::string& problem, TimePoint now) {
   is_store_problem_known_ = !problem.empty();
   orders_.on_stored(problem);
   lives_.on_stored(problem);
-  advance(now);
-}
-
-void Provisioner::on_board_cleared(const std::string& problem, TimePoint now) {
-  orders_.on_board_cleared(problem);
   advance(now);
 }
 

@@ -21,16 +21,9 @@ class Provisioner {
   Provisioner(const Provisioner&) = delete;
   Provisioner& operator=(const Provisioner&) = delete;
 
-  /// Answered by UseSource.
-  void on_source_wanted(const SourceWanted& wanted, TimePoint now);
-  /// Before on_link_up.
-  void on_board_up(const LinkIsUp& board) {
-    board_.source = board.source;
-    lives_.on_board_up(board.board, board.source, board.has_kept);
-  }
-  void on_link_up(TimePoint now);
+  void on_link_up(const LinkIsUp& up, TimePoint now);
   void on_link_down(const LinkIsDown& down, TimePoint now);
-  void on_event(const NodeEvent& event, TimePoint now);
+  void on_event(const ProvisionerEvent& event, TimePoint now);
   /// True when the message was for this and not from a robot's own models.
   bool on_message(const MessageReceived& message, TimePoint now);
   void on_send_refused(std::uint16_t address, const std::string& why, TimePoint now) {
@@ -42,7 +35,6 @@ class Provisioner {
   /// A new mesh was made, and its keys are on disk.
   void on_new_mesh(const MeshKeys& keys);
   void on_stored(const std::string& problem, TimePoint now);
-  void on_board_cleared(const std::string& problem, TimePoint now);
   void on_order(std::uint64_t id, const BleOrder& order, TimePoint now);
   /// `robots` of the configuration was read again.
   void on_names(RobotNames names) { nodes_.on_names(std::move(names)); }
