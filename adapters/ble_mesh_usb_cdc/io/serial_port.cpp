@@ -148,6 +148,18 @@ class PseudoTerminal final : public SerialPort {
   int descriptor_;
 };
 
+/// The serial ports that are on USB.
+std::vector<UsbPort> list_usb_ports() {
+  std::vector<UsbPort> usb;
+  sp_port** ports = nullptr;
+  if (sp_list_ports(&ports) != SP_OK) return usb;
+  for (sp_port** port = ports; *port != nullptr; ++port) {
+    if (sp_get_port_transport(*port) == SP_TRANSPORT_USB) usb.push_back(describe(*port));
+  }
+  sp_free_port_list(ports);
+  return usb;
+}
+
 struct DeviceNode {
   std::string path;
 };
@@ -170,17 +182,6 @@ Result<DeviceNode, Refusal> resolve(const Settings& settings) {
 }
 
 }  // namespace
-
-std::vector<UsbPort> list_usb_ports() {
-  std::vector<UsbPort> usb;
-  sp_port** ports = nullptr;
-  if (sp_list_ports(&ports) != SP_OK) return usb;
-  for (sp_port** port = ports; *port != nullptr; ++port) {
-    if (sp_get_port_transport(*port) == SP_TRANSPORT_USB) usb.push_back(describe(*port));
-  }
-  sp_free_port_list(ports);
-  return usb;
-}
 
 Result<std::unique_ptr<SerialPort>, OpenRefusal> open_serial_port(const Settings& settings) {
   const auto node = resolve(settings);

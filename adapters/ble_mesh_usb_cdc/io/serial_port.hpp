@@ -41,9 +41,6 @@ struct OpenRefusal {
 
 using OpenPort = std::function<Result<std::unique_ptr<SerialPort>, OpenRefusal>()>;
 
-/// The serial ports that are on USB.
-std::vector<UsbPort> list_usb_ports();
-
 /// Resolves links and `auto`, opens, sets speed, 8N1 and flow control; DTR is left on.
 Result<std::unique_ptr<SerialPort>, OpenRefusal> open_serial_port(const Settings& settings);
 

@@ -123,7 +123,7 @@ std::optional<Bytes> Resync::on_deadline(TimePoint now) {
 }
 
 BoardLink::BoardLink(LinkSettings settings, std::optional<MeshKeys> keys, std::uint64_t seed)
-    : settings_(std::move(settings)), keys_(keys), resync_(seed), traffic_(settings_.ttl) {}
+    : settings_(std::move(settings)), keys_(keys), resync_(seed) {}
 
 void BoardLink::on_port_open(TimePoint now) {
   health_.on_port_open();
@@ -367,7 +367,6 @@ void BoardLink::on_response(const CommandResponse& response, Issuer issuer, Time
     case Issuer::restart: break;  // the board can't
     case Issuer::traffic:
       traffic_.on_response(response);
-      take_traffic_actions();
       // "Invalid data": the source is not an address of the board, which got it at start-up.
       if (response.opcode == static_cast<std::uint8_t>(CommandOpcode::packet_send) &&
           response.status == Status::invalid_data)
@@ -425,7 +424,6 @@ void BoardLink::send(Outgoing message, TimePoint now) {
     ++counters_.sends_dropped;
     return;
   }
-  take_traffic_actions();
   send_next(now);
 }
 
@@ -480,11 +478,6 @@ void BoardLink::send_next(TimePoint now) {
 void BoardLink::issue(Bytes command, Issuer issuer, TimePoint now) {
   in_flight_ = InFlight{command[1], now + command_time_limit, issuer};
   actions_.push(WriteSerial{std::move(command)});
-}
-
-void BoardLink::take_traffic_actions() {
-  while (auto action = traffic_.next_action())
-    std::visit([this](auto& which) { actions_.push(std::move(which)); }, *action);
 }
 
 LinkCounters BoardLink::counters() const {

@@ -112,10 +112,6 @@ class Resync {
   Bytes tail_;     ///< the last octets received, fewer than `awaited_`
 };
 
-using LinkAction = std::variant<WriteSerial, ReopenPort, GenerateKeys, SourceWanted, LinkIsUp,
-                                LinkIsDown, SendRefused, MessageReceived, Heartbeat, IvUpdate,
-                                ProvisioningEvent, CommandEnded, BoardCleared, Notice>;
-
 struct LinkSettings {
   BoardSettings board;
   std::uint8_t ttl = 4;
@@ -240,7 +236,6 @@ class BoardLink final : public Radio {
   void issue(Bytes command, Issuer issuer, TimePoint now);
   void send_next(TimePoint now);
   bool issue_clear(TimePoint now);
-  void take_traffic_actions();
   void on_silence();
   void give_up(const std::string& why, Duration max_delay);
   void go_down(const std::string& why);
@@ -269,7 +264,7 @@ class BoardLink final : public Radio {
   bool is_address_polled_next_ = false;
   TimePoint not_suspected_until_ = TimePoint::min();
   std::optional<TimePoint> hold_until_;  ///< while a device joins
-  BoardTraffic traffic_;
+  BoardTraffic traffic_{settings_.ttl, actions_};
   std::uint16_t subnet_handle_ = 0;
   SerialVersion version_ = SerialVersion::sdk_3_1;
   bool is_clear_wanted_ = false;

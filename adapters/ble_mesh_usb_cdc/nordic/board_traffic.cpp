@@ -113,8 +113,7 @@ void BoardTraffic::on_response(const CommandResponse& response) {
     case Purpose::remove_handle: break;
     case Purpose::command:
       command_.reset();
-      actions_.push(
-          CommandEnded{response.opcode, response.status, response.data, is_command_repeated_});
+      actions_.push(CommandEnded{response, is_command_repeated_});
       break;
     case Purpose::message: on_sent(response); break;
     case Purpose::add_handle: on_handle_added(response); break;

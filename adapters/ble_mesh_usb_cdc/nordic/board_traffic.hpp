@@ -10,6 +10,7 @@
 #include <string>
 #include <variant>
 
+#include "adapters/ble_mesh_usb_cdc/mesh_action.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/address_book.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/commands.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/events.hpp"
@@ -18,14 +19,13 @@
 namespace slamgw::ble {
 
 /// How the command that was given to `BoardLink::command` ended.
-struct CommandEnded {
-  std::uint8_t opcode = 0;
-  Status status = Status::success;
-  Bytes data;              ///< empty unless `status` is success
+struct CommandEnded : CommandResponse {
   bool is_repeat = false;  ///< its first answer was lost: the board may have done it then
 };
 
-using TrafficAction = std::variant<SendRefused, CommandEnded>;
+using LinkAction = std::variant<WriteSerial, ReopenPort, GenerateKeys, SourceWanted, LinkIsUp,
+                                LinkIsDown, SendRefused, MessageReceived, Heartbeat, IvUpdate,
+                                ProvisioningEvent, CommandEnded, BoardCleared, Notice>;
 
 class BoardTraffic {
  public:
@@ -40,7 +40,8 @@ class BoardTraffic {
     AddressBook addresses;
   };
 
-  explicit BoardTraffic(std::uint8_t ttl) : ttl_(ttl) {}
+  /// `actions` are BoardLink's and outlive it.
+  BoardTraffic(std::uint8_t ttl, ActionQueue<LinkAction>& actions) : ttl_(ttl), actions_(actions) {}
 
   /// Also when the link only got in step again; waiting messages stay.
   void on_started(Board board);
@@ -59,7 +60,6 @@ class BoardTraffic {
   std::optional<Bytes> next(bool is_holding);
   void on_response(const CommandResponse& response);
 
-  std::optional<TrafficAction> next_action() { return actions_.pop(); }
   std::uint64_t sent() const { return sent_; }
   std::uint64_t refused() const { return refused_; }
 
@@ -84,6 +84,7 @@ class BoardTraffic {
   void refuse(std::uint16_t destination, std::string why);
 
   std::uint8_t ttl_;
+  ActionQueue<LinkAction>& actions_;
   Board board_;
   std::deque<Outgoing> urgent_;
   std::deque<Outgoing> normal_;
@@ -93,7 +94,6 @@ class BoardTraffic {
   std::uint16_t destination_ = 0;                 ///< of the message that the last command was for
   std::optional<std::uint16_t> handle_to_check_;  ///< of `destination_`
   std::optional<std::uint16_t> handle_to_remove_;
-  ActionQueue<TrafficAction> actions_;
   std::uint64_t sent_ = 0;
   std::uint64_t refused_ = 0;
 };

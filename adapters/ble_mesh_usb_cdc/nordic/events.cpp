@@ -56,22 +56,6 @@ EventResult decode_received(ByteReader params) {
   return finish(params, std::move(event));
 }
 
-EventResult decode_tx_complete(ByteReader params) {
-  params.read_u32_le();  // the token of Packet Send's answer
-  return finish(params, TxComplete{});
-}
-
-EventResult decode_iv_update(ByteReader params) {
-  const IvUpdate event{params.read_u32_le()};
-  return finish(params, event);
-}
-
-EventResult decode_heartbeat(ByteReader params) {
-  params.read(4);  // initial TTL, hops, features
-  const Heartbeat event{params.read_u16_le()};
-  return finish(params, event);
-}
-
 EventResult decode_beacon(ByteReader params) {
   UnprovisionedBeacon event;
   read_into(params, event.uuid);
@@ -146,9 +130,13 @@ EventResult decode_event(ByteView frame) {
     case 0xc9: return decode_link<ProvisioningFailed>(params);
     case 0xd0:
     case 0xd1: return decode_received(params);
-    case 0xd2: return decode_tx_complete(params);
-    case 0xd3: return decode_iv_update(params);
-    case 0xd8: return decode_heartbeat(params);
+    case 0xd2:
+      params.read(4);  // the token of Packet Send's answer
+      return finish(params, TxComplete{});
+    case 0xd3: return finish(params, IvUpdate{params.read_u32_le()});
+    case 0xd8:
+      params.read(4);  // initial TTL, hops, features
+      return finish(params, Heartbeat{params.read_u16_le()});
   }
   return Event{OtherEvent{opcode}};
 }
