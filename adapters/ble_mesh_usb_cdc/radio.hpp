@@ -71,8 +71,8 @@ struct ProvisionDevice {
 struct AnswerDevice {
   std::string refusal;
 };
-/// Get ready to speak with the node under this device key; none: it is not needed any more.
-/// Answered by DeviceKeyUsed.
+/// Get ready to speak with the node under this device key. Without one: the node's key is not
+/// needed any more. Answered by DeviceKeyUsed.
 struct UseDeviceKey {
   std::uint16_t address = 0;
   std::optional<Key> key = {};
@@ -118,7 +118,7 @@ struct SendRefused {
 /// An access message for a unicast address of the gateway, or for a group that it hears.
 struct MessageReceived {
   std::uint16_t source = 0;
-  std::uint16_t key = 0;  ///< a name that the radio gives it; an answer goes under the same key
+  std::uint16_t key = 0;  ///< the radio's number for it; an answer goes under the same key
   bool is_under_device_key = false;  ///< the source's, which was added
   std::uint8_t ttl = 0;              ///< on arrival
   std::int8_t rssi_dbm = 0;
@@ -148,16 +148,19 @@ struct DeviceAnswered {
 struct DeviceJoined {
   Key device_key{};
 };
+/// ProvisionDevice is over; the radio can take in the next device.
 struct JoinEnded {
   std::string failure = {};      ///< empty when the device has joined
-  bool may_have_joined = false;  ///< it failed, and the device may keep the address until its reset
-  bool is_key_lost = false;      ///< the device has joined; nothing but a reset brings it back
+  bool may_have_joined = false;  ///< despite the failure: it keeps the address until it is reset
+  bool is_key_lost = false;      ///< it has joined, and only a reset by hand brings it back
   std::string remark = {};       ///< for the operator, after all else
 };
+/// The answer to UseDeviceKey.
 struct DeviceKeyUsed {
   std::uint16_t address = 0;
   std::string problem;  ///< why the key was not added; else empty
 };
+
 struct LinkIsUp {
   std::string detail;
   std::string board;         ///< its UUID in hex; empty when it did not answer
@@ -167,7 +170,7 @@ struct LinkIsUp {
 /// Also sent while down, when the reason changes.
 struct LinkIsDown {
   std::string why;
-  std::optional<JoinEnded> join = {};  ///< of the device that was joining
+  std::optional<JoinEnded> join = {};  ///< there when a device was joining
 };
 /// How ClearBoard ended.
 struct BoardCleared {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The configuration messages (Mesh Profile 1.0 section 4.3.2) that a node gets, as access messages
 // with their opcode. Key index 0 of both keys. Numbers are little-endian; a vendor model's
-// company goes before its model number. Called by configuration_plan and NodeConfiguration.
+// company goes before its model number. Called by NodeConfiguration.
 #pragma once
 
 #include <optional>

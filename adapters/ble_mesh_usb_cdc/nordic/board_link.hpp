@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The link to one serial board: gets in step with it, starts it up, keeps one command in flight and
 // starts again from the beginning whenever something is lost. Not the mesh: robots' messages pass
-// through unread, and what they are sent is BoardTraffic's. Called by BleMesh, which drains its
-// actions.
+// through unread, and what they are sent is BoardTraffic's. Called by BoardRadio, which drains
+// its actions.
 #pragma once
 
 #include <array>

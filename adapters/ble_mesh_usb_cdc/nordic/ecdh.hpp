@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // P-256 for provisioning (Mesh Profile 1.0 section 5.4.2.3): the serial board leaves this to its
-// host. Arithmetic only: randomness comes from the caller. Called by Admission and
+// host. Arithmetic only: randomness comes from the caller. Called by BoardRadio and
 // ProvisioningSession; nothing of it is ever printed.
 #pragma once
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // One device on its way into the mesh, from the key pair to the end of the provisioning link
 // (Mesh Profile 1.0 section 5.4.1): the board speaks with the device, this answers the board.
-// Nothing here is ever printed. Called by Admission.
+// Nothing here is ever printed. Called by BoardRadio.
 #pragma once
 
 #include <deque>

@@ -138,7 +138,9 @@ ConfigurationStep node_reset_step() {
           .has_status = false};
 }
 
-/// The steps that configure a node, once its composition is known. `address` is the node's.
+/// The steps that configure a node, by its composition: the application key for its models,
+/// publication to the gateway for those that speak, groups for those that listen. Only models that
+/// it has; at least the thesis's (thesis 5.2.1), on/off and health. `address` is the node's.
 std::vector<ConfigurationStep> plan_configuration(const ConfigurationSettings& settings,
                                                   std::uint16_t address,
                                                   const Composition& composition) {

@@ -14,10 +14,6 @@
 
 namespace slamgw::ble {
 
-/// The requests that configure a robot, by its composition data: the application key for its
-/// models, publication to the gateway for those that speak, groups for those that listen. Only
-/// models that it has; at least the thesis's (thesis 5.2.1), on/off and health. Called by
-/// NodeConfiguration.
 struct ModelElement {
   std::uint16_t element = 0;  ///< unicast address
   ModelId model;
