@@ -6,6 +6,7 @@
 #include <utility>
 
 namespace slamgw::ble {
+
 void BoardRadio::perform(RadioCommand command, TimePoint now) {
   std::visit(
       overloaded{
@@ -21,11 +22,9 @@ void BoardRadio::perform(RadioCommand command, TimePoint now) {
             end_session();
           },
           [&](UseDeviceKey& use) {
-            DeviceKey& key = device_keys_[use.address];
-            if (use.key)
-              key = {*use.key, !sweep_.is_done()};
-            else
-              key.is_unwanted = true;
+            if (use.key) device_keys_[use.address] = {*use.key, !sweep_.is_done()};
+            const auto key = device_keys_.find(use.address);
+            if (key != device_keys_.end()) key->second.is_unwanted = !use.key;
           },
           // Not taken: the mesh repeats it.
           [&](SendUnderDeviceKey& message) {

@@ -67,7 +67,7 @@ class BoardRadio {
   BoardLink& link() { return link_; }
   const BoardLink& link() const { return link_; }
 
-  /// What the board has to do for it is done by and by, when begin_next() finds it free.
+  /// The board gets the commands for it from begin_next().
   void perform(RadioCommand command, TimePoint now);
   std::optional<RadioAction> next_action(TimePoint now);
   /// Gives the board its next command. Call when no action is left, here and where commands come
