@@ -211,18 +211,15 @@ void BoardLink::refuse(const std::string& why, TimePoint now) {
 void BoardLink::on_started(TimePoint now) {
   stage_ = Stage::running;
   unconfirmed_refusal_.clear();
-  traffic_.on_started({start_up_->version(), start_up_->source(), start_up_->appkey_handle(),
-                       start_up_->take_addresses()});
-  subnet_handle_ = start_up_->subnet_handle();
-  version_ = start_up_->version();
-  if (start_up_->dropped_events()) on_drop_counter(*start_up_->dropped_events(), now);
+  const StartedBoard& board = start_up_->board();
+  traffic_.on_started(board);
+  if (board.dropped_events) on_drop_counter(*board.dropped_events, now);
   poll_at_ = now + poll_interval;
   was_cleared_ = false;
   const bool has_kept = std::exchange(has_restarted_, false) && start_up_->had_addresses() > 0;
   if (!std::exchange(is_up_, true)) {
     down_reason_.clear();
-    actions_.push(
-        LinkIsUp{start_up_->description(), start_up_->uuid(), start_up_->source(), has_kept});
+    actions_.push(LinkIsUp{start_up_->description(), board.uuid, board.source, has_kept});
   }
   send_next(now);
 }
@@ -254,7 +251,7 @@ void BoardLink::on_source_needed(TimePoint now) {
     go_down("the serial board restarted without saying so");
   }
   stage_ = Stage::awaiting_source;
-  actions_.push(SourceWanted{start_up_->uuid(), addresses, was_cleared_});
+  actions_.push(SourceWanted{start_up_->board().uuid, addresses, was_cleared_});
 }
 
 void BoardLink::on_source(std::uint16_t source, std::uint16_t count, TimePoint now) {
@@ -478,13 +475,6 @@ void BoardLink::send_next(TimePoint now) {
 void BoardLink::issue(Bytes command, Issuer issuer, TimePoint now) {
   in_flight_ = InFlight{command[1], now + command_time_limit, issuer};
   actions_.push(WriteSerial{std::move(command)});
-}
-
-LinkCounters BoardLink::counters() const {
-  LinkCounters counters = counters_;
-  counters.sent = traffic_.sent();
-  counters.send_refused = traffic_.refused();
-  return counters;
 }
 
 // --- Time ----------------------------------------------------------------------------------------

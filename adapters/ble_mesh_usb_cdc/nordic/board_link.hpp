@@ -117,19 +117,6 @@ struct LinkSettings {
   std::uint8_t ttl = 4;
 };
 
-struct LinkCounters {
-  std::uint64_t resyncs = 0;   ///< attempts to get in step, the first after opening included
-  std::uint64_t restarts = 0;  ///< the board's own
-  std::uint64_t command_timeouts = 0;
-  std::uint64_t malformed_events = 0;
-  std::uint64_t other_events = 0;  ///< known to the protocol or not, not used here
-  std::uint64_t board_drops = 0;   ///< events lost inside the board (command 0x14)
-  std::uint64_t sent = 0;
-  std::uint64_t send_refused = 0;
-  std::uint64_t sends_dropped = 0;  ///< not taken: the link was down or the queue full
-  std::uint64_t tx_complete = 0;
-};
-
 class BoardLink final : public Radio {
  public:
   static constexpr Duration command_time_limit = std::chrono::seconds{2};
@@ -184,14 +171,13 @@ class BoardLink final : public Radio {
   bool restart_board(TimePoint now);
   /// The mesh has other keys than before; starts the board up with them.
   void change_keys(const MeshKeys& keys, TimePoint now);
-  /// Both are of the board that was started up last.
-  std::uint16_t subnet_handle() const { return subnet_handle_; }
-  SerialVersion version() const { return version_; }
+  /// That was started up last.
+  const StartedBoard& board() const { return traffic_.board(); }
 
   std::optional<TimePoint> deadline() const;
   void on_deadline(TimePoint now);
   std::optional<LinkAction> next_action() { return actions_.pop(); }
-  LinkCounters counters() const;
+  const LinkCounters& counters() const { return counters_; }
 
  private:
   enum class Stage : std::uint8_t {
@@ -264,9 +250,7 @@ class BoardLink final : public Radio {
   bool is_address_polled_next_ = false;
   TimePoint not_suspected_until_ = TimePoint::min();
   std::optional<TimePoint> hold_until_;  ///< while a device joins
-  BoardTraffic traffic_{settings_.ttl, actions_};
-  std::uint16_t subnet_handle_ = 0;
-  SerialVersion version_ = SerialVersion::sdk_3_1;
+  BoardTraffic traffic_{settings_.ttl, actions_, counters_};
   bool is_clear_wanted_ = false;
   bool is_restart_wanted_ = false;
   bool was_cleared_ = false;    ///< since the last start-up

@@ -189,7 +189,8 @@ bool BoardRadio::issue_key_command() {
     if (key.is_unwanted)
       return issue(encode_command(CommandOpcode::devkey_delete, *key.handle), Purpose::device_key);
     if (!key.handle)
-      return issue(encode_devkey_add(address, link_.subnet_handle(), key.key), Purpose::device_key);
+      return issue(encode_devkey_add(address, link_.board().subnet_handle, key.key),
+                   Purpose::device_key);
   }
   return is_sweep_due && issue(sweep_.command(), Purpose::sweep);
 }
@@ -211,7 +212,7 @@ bool BoardRadio::begin_session(TimePoint now) {
   context_ = context_ == 0 ? 1 : 0;
   session_.emplace(
       ProvisioningSession::Request{{context_, device_->uuid, device_->net_key, device_->iv_index,
-                                    device_->address, link_.version()},
+                                    device_->address, link_.board().version},
                                    *pair,
                                    device_->static_oob},
       now);

@@ -8,8 +8,8 @@
 
 namespace slamgw::ble {
 
-void BoardTraffic::on_started(Board board) {
-  board_ = std::move(board);
+void BoardTraffic::on_started(const StartedBoard& board) {
+  board_ = board;
   purpose_ = Purpose::none;
   handle_to_check_.reset();
   handle_to_remove_.reset();
@@ -147,7 +147,7 @@ void BoardTraffic::on_handle_checked(const CommandResponse& response) {
 
 void BoardTraffic::on_sent(const CommandResponse& response) {
   if (response.status == Status::success) {
-    ++sent_;
+    ++counters_.sent;
     return;
   }
   // The handle or the key is unknown. The board counts how often an address was added, and frees
@@ -161,7 +161,7 @@ void BoardTraffic::on_sent(const CommandResponse& response) {
 }
 
 void BoardTraffic::refuse(std::uint16_t destination, std::string why) {
-  ++refused_;
+  ++counters_.send_refused;
   actions_.push(SendRefused{destination, std::move(why)});
 }
 

@@ -11,9 +11,9 @@
 #include <variant>
 
 #include "adapters/ble_mesh_usb_cdc/mesh_action.hpp"
-#include "adapters/ble_mesh_usb_cdc/nordic/address_book.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/commands.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/events.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/start_up.hpp"
 #include "daemon/core/protocol_machine.hpp"
 
 namespace slamgw::ble {
@@ -27,24 +27,30 @@ using LinkAction = std::variant<WriteSerial, ReopenPort, GenerateKeys, SourceWan
                                 LinkIsDown, SendRefused, MessageReceived, Heartbeat, IvUpdate,
                                 ProvisioningEvent, CommandEnded, BoardCleared, Notice>;
 
+struct LinkCounters {
+  std::uint64_t resyncs = 0;   ///< attempts to get in step, the first after opening included
+  std::uint64_t restarts = 0;  ///< the board's own
+  std::uint64_t command_timeouts = 0;
+  std::uint64_t malformed_events = 0;
+  std::uint64_t other_events = 0;  ///< known to the protocol or not, not used here
+  std::uint64_t board_drops = 0;   ///< events lost inside the board (command 0x14)
+  std::uint64_t sent = 0;
+  std::uint64_t send_refused = 0;
+  std::uint64_t sends_dropped = 0;  ///< not taken: the link was down or the queue full
+  std::uint64_t tx_complete = 0;
+};
+
 class BoardTraffic {
  public:
   /// Messages waiting in each queue: 32 take about a second at 115200 baud.
   static constexpr std::size_t max_queued = 32;
 
-  /// What start-up found out about the board.
-  struct Board {
-    SerialVersion version = SerialVersion::sdk_3_1;
-    std::uint16_t source = 0;  ///< a local unicast address of the board
-    std::uint16_t appkey_handle = 0;
-    AddressBook addresses;
-  };
-
-  /// `actions` are BoardLink's and outlive it.
-  BoardTraffic(std::uint8_t ttl, ActionQueue<LinkAction>& actions) : ttl_(ttl), actions_(actions) {}
+  /// `actions` and `counters` are BoardLink's and outlive it.
+  BoardTraffic(std::uint8_t ttl, ActionQueue<LinkAction>& actions, LinkCounters& counters)
+      : ttl_(ttl), actions_(actions), counters_(counters) {}
 
   /// Also when the link only got in step again; waiting messages stay.
-  void on_started(Board board);
+  void on_started(const StartedBoard& board);
   /// Forgets what waits.
   void on_link_down();
   /// The link lost step: the answer to the last command will not come.
@@ -60,8 +66,7 @@ class BoardTraffic {
   std::optional<Bytes> next(bool is_holding);
   void on_response(const CommandResponse& response);
 
-  std::uint64_t sent() const { return sent_; }
-  std::uint64_t refused() const { return refused_; }
+  const StartedBoard& board() const { return board_; }
 
  private:
   /// What the response is for.
@@ -85,7 +90,8 @@ class BoardTraffic {
 
   std::uint8_t ttl_;
   ActionQueue<LinkAction>& actions_;
-  Board board_;
+  LinkCounters& counters_;
+  StartedBoard board_;
   std::deque<Outgoing> urgent_;
   std::deque<Outgoing> normal_;
   std::optional<Bytes> command_;  ///< until its answer is there
@@ -94,8 +100,6 @@ class BoardTraffic {
   std::uint16_t destination_ = 0;                 ///< of the message that the last command was for
   std::optional<std::uint16_t> handle_to_check_;  ///< of `destination_`
   std::optional<std::uint16_t> handle_to_remove_;
-  std::uint64_t sent_ = 0;
-  std::uint64_t refused_ = 0;
 };
 
 }  // namespace slamgw::ble

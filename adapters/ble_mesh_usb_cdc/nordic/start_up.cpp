@@ -21,7 +21,9 @@ std::vector<std::uint16_t> read_numbers(ByteReader& data) {
 }  // namespace
 
 StartUp::StartUp(BoardSettings settings, std::optional<MeshKeys> keys)
-    : settings_(std::move(settings)), keys_(keys), source_(settings_.address) {}
+    : settings_(std::move(settings)), keys_(keys) {
+  board_.source = settings_.address;
+}
 
 Bytes StartUp::command() const {
   assert(state_ == State::commanding);
@@ -33,8 +35,10 @@ Bytes StartUp::command() const {
     case Step::set_address: return encode_local_unicast_set(settings_.address, count_);
     case Step::get_subnets: return encode_command(CommandOpcode::subnet_get_all);
     case Step::add_subnet: return encode_subnet_add(key_index, keys_->net_key);
-    case Step::get_appkeys: return encode_command(CommandOpcode::appkey_get_all, subnet_handle_);
-    case Step::add_appkey: return encode_appkey_add(key_index, subnet_handle_, keys_->app_key);
+    case Step::get_appkeys:
+      return encode_command(CommandOpcode::appkey_get_all, board_.subnet_handle);
+    case Step::add_appkey:
+      return encode_appkey_add(key_index, board_.subnet_handle, keys_->app_key);
     case Step::get_handles: return encode_command(CommandOpcode::address_get_all);
     case Step::read_handle:
       return encode_command(CommandOpcode::address_get, unread_handles_.front());
@@ -50,12 +54,12 @@ void StartUp::on_response(const CommandResponse& response) {
   switch (step_) {
     case Step::get_version: return on_version(response);
     case Step::get_uuid:
-      if (response.status == Status::success) uuid_ = to_hex(response.data);
+      if (response.status == Status::success) board_.uuid = to_hex(response.data);
       step_ = Step::get_dropped_events;
       return;
     case Step::get_dropped_events:
       if (response.status == Status::success && data.remaining() >= 4)
-        dropped_events_ = data.read_u32_le();
+        board_.dropped_events = data.read_u32_le();
       step_ = Step::get_address;
       return;
     case Step::get_address: return on_address(response);
@@ -78,7 +82,7 @@ void StartUp::on_version(const CommandResponse& response) {
   const SerialVersion version{data.read_u16_le()};
   step_ = Step::get_uuid;
   if (response.status != Status::success || !data.ok()) return;  // taken for the latest
-  version_ = version;
+  board_.version = version;
   if (version < SerialVersion::sdk_1_0)
     refuse(
         fmt::format("its firmware speaks version {} of Nordic's serial protocol, older than that "
@@ -135,7 +139,7 @@ void StartUp::begin_writing() {
 
 void StartUp::on_source(std::uint16_t source, std::uint16_t count) {
   assert(state_ == State::needs_source);
-  source_ = source;
+  board_.source = source;
   count_ = count;
   state_ = State::commanding;
 }
@@ -152,12 +156,13 @@ void StartUp::on_subnet_added(const CommandResponse& response) {
         "slam-gatewayctl ble reset-board --yes, or move mesh.json away to use the board with its "
         "own keys");
   }
-  if (!take_handle(response, subnet_indexes_, subnet_handle_, "taking the network key")) return;
+  if (!take_handle(response, subnet_indexes_, board_.subnet_handle, "taking the network key"))
+    return;
   if (is_fresh_)
     notice(
         Severity::notice,
         fmt::format("the serial board was fresh and got this mesh's keys; it sends from 0x{:04x}",
-                    source_));
+                    board_.source));
   step_ = Step::get_appkeys;
 }
 
@@ -196,7 +201,8 @@ void StartUp::on_appkey_added(const CommandResponse& response) {
     return refuse(
         "it holds another application key than this gateway's mesh.json: it belongs to another "
         "mesh, or its key arrived damaged; slam-gatewayctl ble reset-board --yes clears it");
-  if (!take_handle(response, appkey_indexes_, appkey_handle_, "taking the application key")) return;
+  if (!take_handle(response, appkey_indexes_, board_.appkey_handle, "taking the application key"))
+    return;
   step_ = Step::get_handles;
   if (had_addresses_ > 0) state_ = State::needs_source;
 }
@@ -215,7 +221,7 @@ void StartUp::read_next_handle() {
     return;
   }
   for (const std::uint16_t group : settings_.groups) {
-    if (!addresses_.is_subscribed(group)) missing_groups_.push_back(group);
+    if (!board_.addresses.is_subscribed(group)) missing_groups_.push_back(group);
   }
   add_next_group();
 }
@@ -230,9 +236,9 @@ void StartUp::on_handle_read(const CommandResponse& response) {
   // A handle that vanished since it was listed is no reason to stop.
   if (response.status == Status::success && data.ok()) {
     if (is_subscribed) {
-      addresses_.add_subscription(entry.address);
+      board_.addresses.add_subscription(entry.address);
     } else if (entry.address <= last_unicast_address) {
-      addresses_.add_publication(entry);
+      board_.addresses.add_publication(entry);
     }
   }
   unread_handles_.pop_front();
@@ -244,7 +250,7 @@ void StartUp::add_next_group() { step_ = missing_groups_.empty() ? Step::enable 
 void StartUp::on_group_added(const CommandResponse& response) {
   const std::uint16_t group = missing_groups_.front();
   if (response.status == Status::success) {
-    addresses_.add_subscription(group);
+    board_.addresses.add_subscription(group);
   } else {
     notice(Severity::warning,
            fmt::format("the serial board does not subscribe to group 0x{:04x} ({}): what robots "
@@ -285,10 +291,11 @@ void StartUp::notice(Severity severity, std::string text) {
 }
 
 std::string StartUp::description() const {
-  const std::string_view releases = sdk_releases(version_);
-  return fmt::format("serial protocol version {}{}, board UUID {}", static_cast<unsigned>(version_),
+  const std::string_view releases = sdk_releases(board_.version);
+  return fmt::format("serial protocol version {}{}, board UUID {}",
+                     static_cast<unsigned>(board_.version),
                      releases.empty() ? "" : fmt::format(" (nRF5 SDK for Mesh {})", releases),
-                     uuid_.empty() ? "unknown" : uuid_);
+                     board_.uuid.empty() ? "unknown" : board_.uuid);
 }
 
 }  // namespace slamgw::ble

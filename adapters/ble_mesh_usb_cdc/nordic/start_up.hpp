@@ -25,6 +25,17 @@ struct BoardSettings {
   std::vector<std::uint16_t> groups;
 };
 
+/// What start-up finds out about a board, and leaves it with.
+struct StartedBoard {
+  SerialVersion version = SerialVersion::sdk_3_1;
+  std::string uuid = {};                             ///< in hex; empty when it did not answer
+  std::uint16_t source = 0;                          ///< the address to send from
+  std::optional<std::uint32_t> dropped_events = {};  ///< since its reset, if it says
+  std::uint16_t subnet_handle = 0;
+  std::uint16_t appkey_handle = 0;
+  AddressBook addresses = {};
+};
+
 class StartUp {
  public:
   enum class State : std::uint8_t { commanding, needs_keys, needs_source, refused, done };
@@ -48,19 +59,10 @@ class StartUp {
   /// What the operator should read; empties the list.
   std::vector<Notice> take_notices() { return std::exchange(notices_, {}); }
 
-  /// When done:
-  AddressBook take_addresses() { return std::move(addresses_); }
-  std::uint16_t subnet_handle() const { return subnet_handle_; }
-  std::uint16_t appkey_handle() const { return appkey_handle_; }
-  /// Events that the board has dropped since its reset, if it says.
-  std::optional<std::uint32_t> dropped_events() const { return dropped_events_; }
-  SerialVersion version() const { return version_; }
-  /// The address to send from.
-  std::uint16_t source() const { return source_; }
+  /// Complete when done.
+  const StartedBoard& board() const { return board_; }
   /// How many addresses the board had; without one, it has no sequence number of this mesh.
   std::uint16_t had_addresses() const { return had_addresses_; }
-  /// The board's, in hex; empty when it did not answer.
-  const std::string& uuid() const { return uuid_; }
   /// For `status`: protocol version and UUID.
   std::string description() const;
 
@@ -114,20 +116,14 @@ class StartUp {
   std::string refusal_;
   std::vector<Notice> notices_;
 
-  SerialVersion version_ = SerialVersion::sdk_3_1;
-  std::string uuid_;
-  std::optional<std::uint32_t> dropped_events_;
+  StartedBoard board_;
   std::uint16_t had_addresses_ = 0;
   std::uint16_t count_ = 1;
-  std::uint16_t source_ = 0;
   bool is_fresh_ = false;                      ///< it had neither address nor keys
   std::vector<std::uint16_t> subnet_indexes_;  ///< as listed by the board
   std::vector<std::uint16_t> appkey_indexes_;
-  std::uint16_t subnet_handle_ = 0;
-  std::uint16_t appkey_handle_ = 0;
   std::deque<std::uint16_t> unread_handles_;  ///< front: the one being read
   std::deque<std::uint16_t> missing_groups_;  ///< front: the one being added
-  AddressBook addresses_;
 };
 
 }  // namespace slamgw::ble
