@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What BleMesh, and the parts that it is made of, ask of BleMeshAdapter; and what Provisioner asks
-// of BleMesh, and knows of the radio.
+// The actions of BleMesh and its parts, which BleMeshAdapter performs, and those of Provisioner,
+// which BleMesh performs.
 #pragma once
 
 #include <optional>

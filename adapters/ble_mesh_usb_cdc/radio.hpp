@@ -53,7 +53,7 @@ class Radio {
   ~Radio() = default;
 };
 
-// What the mesh asks of it.
+// Commands of the mesh to the radio.
 
 /// Report devices that are in no mesh, or stop.
 struct Scan {
@@ -104,7 +104,7 @@ using RadioCommand =
     std::variant<Scan, ProvisionDevice, AnswerDevice, UseDeviceKey, SendUnderDeviceKey, UseKeys,
                  ClearBoard, RestartBoard, UseSource, DelaySource>;
 
-// What it reports.
+// Events that the radio reports.
 
 /// Make keys for a new mesh and store them; answered by on_keys or on_keys_failed.
 struct GenerateKeys {};

@@ -97,16 +97,15 @@ bool Gateway::may_retain(const Report& report, const Now& now) {
   ++traffic_.not_retained;
   if (const auto count = retained_throttles_[report.is_proven].on_event(now.mono))
     actions_.push(Notice{
-        Severity::warning,
-        fmt::format("{} {}: '{}' is published without its retain flag: a robot may retain {} "
-                    "topics, all together {}{}",
-                    to_string(report.mesh), report.robot, report.topic,
-                    RetainedTopics::max_per_robot, RetainedTopics::max_in_all,
-                    *count > 1 ? fmt::format("; {} like it since the last line", *count) : ""),
-        report.robot,
-        {},
-        {},
-        report.is_proven});
+        .severity = Severity::warning,
+        .text =
+            fmt::format("{} {}: '{}' is published without its retain flag: a robot may retain {} "
+                        "topics, all together {}{}",
+                        to_string(report.mesh), report.robot, report.topic,
+                        RetainedTopics::max_per_robot, RetainedTopics::max_in_all,
+                        *count > 1 ? fmt::format("; {} like it since the last line", *count) : ""),
+        .robot = report.robot,
+        .is_proven = report.is_proven});
   return false;
 }
 
@@ -121,16 +120,16 @@ void Gateway::reject(TrafficEvent event, bool retain, Robot* robot, const Now& n
   actions_.push(event);
   const auto due = robot ? robot->rejected_throttle.on_event(now.mono) : std::nullopt;
   if (due) {
-    actions_.push(Notice{
-        Severity::warning,
-        fmt::format("{} {}: {} bytes are no `update` (4 + 4n or 4 + 4n + 1, n = 0..4), published "
-                    "under rejected/ as they came{}",
-                    to_string(*event.mesh), event.robot, event.payload.size(),
-                    *due > 1 ? fmt::format("; {} like it since the last line", *due) : ""),
-        event.robot,
-        Occasion::rejected_payload,
-        {},
-        event.is_proven});
+    actions_.push(
+        Notice{.severity = Severity::warning,
+               .text = fmt::format(
+                   "{} {}: {} bytes are no `update` (4 + 4n or 4 + 4n + 1, n = 0..4), published "
+                   "under rejected/ as they came{}",
+                   to_string(*event.mesh), event.robot, event.payload.size(),
+                   *due > 1 ? fmt::format("; {} like it since the last line", *due) : ""),
+               .robot = event.robot,
+               .occasion = Occasion::rejected_payload,
+               .is_proven = event.is_proven});
   }
   PassUp up{std::move(event), retain};
   up.event.topic = scheme_.rejected_topic(up.event.robot, up.event.type);
@@ -146,16 +145,15 @@ void Gateway::handle(PresenceChange change, const Now& now) {
   to_withdraw_.erase(change.robot);
   if (robot) announce(change.robot, *robot, now.mono);
   if (change.presence != Presence::offline) waiting_wills_.erase(change.robot);
-  actions_.push(Notice{change.is_deaf ? Severity::warning : Severity::info,
-                       fmt::format("{} {} is {} at {}{}", to_string(change.mesh), change.robot,
-                                   to_string(change.presence), change.address,
-                                   change.is_deaf ? ", but does not hear the gateway"
-                                   : hears_again  ? ", and hears the gateway again"
-                                                  : ""),
-                       change.robot,
-                       Occasion::robot_presence,
-                       {},
-                       change.is_proven});
+  actions_.push(Notice{.severity = change.is_deaf ? Severity::warning : Severity::info,
+                       .text = fmt::format("{} {} is {} at {}{}", to_string(change.mesh),
+                                           change.robot, to_string(change.presence), change.address,
+                                           change.is_deaf ? ", but does not hear the gateway"
+                                           : hears_again  ? ", and hears the gateway again"
+                                                          : ""),
+                       .robot = change.robot,
+                       .occasion = Occasion::robot_presence,
+                       .is_proven = change.is_proven});
 }
 
 void Gateway::handle(SignOfLife sign, const Now& now) {

@@ -41,8 +41,8 @@ class LineBudget {
   std::optional<TimePoint> spent_until_;
 };
 
-/// Lets lines pass up to a rate; what comes faster is a flood, which gets no line until it is over:
-/// until fewer lines were asked for in a `window` than would have passed, or none since.
+/// Lets lines pass up to a rate. Faster lines are a flood, and none passes until it is over: until
+/// fewer lines came in a `window` than the rate allows.
 class FloodGate {
  public:
   static constexpr std::chrono::seconds window{10};

@@ -4,8 +4,7 @@
 //
 //   messages/      row, time of storing, the dead letter it was, time of receipt (8 octets each),
 //                  mesh, QoS and retain flag (1 each), length of the topic (2), topic, payload
-//   dead-letters/  time of setting aside (8), reason code, tries (4 each), length of the reason
-//   (2),
+//   dead-letters/  time of setting aside (8), reason code, tries (4 each), reason's length (2),
 //                  reason, and then a record as in messages/
 //
 // Numbers are little-endian, times milliseconds since 1970; the mesh is 0 for none, else 1 + Mesh.

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/mqttsn_udp/sn_rig.hpp"
 
+#include <gtest/gtest.h>
+
 #include <algorithm>
 #include <cstdio>
 #include <utility>
@@ -71,7 +73,7 @@ void SnRig::prove(unsigned n, const std::string& id, std::uint16_t duration_s) {
   unsigned topic = 0;
   unsigned msg_id = 0;
   const std::size_t at = std::min(published.find(" id="), published.size());
-  std::sscanf(published.c_str() + at, " id=%u msg=%u", &topic, &msg_id);
+  EXPECT_EQ(std::sscanf(published.c_str() + at, " id=%u msg=%u", &topic, &msg_id), 2) << published;
   send(n, Puback{static_cast<std::uint16_t>(topic), static_cast<std::uint16_t>(msg_id),
                  ReturnCode::accepted});
 }

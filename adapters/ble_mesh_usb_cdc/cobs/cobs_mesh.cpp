@@ -102,7 +102,8 @@ void CobsMesh::on_frame(const Bytes& encoded, TimePoint now) {
 
 void CobsMesh::on_lien_frame(const LienFrame& frame, TimePoint now) {
   if (frame.destination != lien_server_address || frame.source == lien_server_address) return;
-  if (names_.bans().has(names_.of_ble(frame.source))) return;
+  const Bans& bans = names_.bans();
+  if (!bans.ids().empty() && bans.has(names_.of_ble(frame.source))) return;
   Peer& peer = lien_peer(frame.source);
   on_heard(peer, now);
   if (frame.protocol == LienProtocol::simple) {

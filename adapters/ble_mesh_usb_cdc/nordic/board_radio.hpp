@@ -79,7 +79,7 @@ class BoardRadio {
   void on_deadline(TimePoint now);
 
  private:
-  /// What the command in flight is for.
+  /// The purpose of the command in flight.
   enum class Purpose : std::uint8_t { scan_control, session, sweep, device_key };
 
   struct DeviceKey {

@@ -37,7 +37,7 @@ class ProvisioningSession {
   void on_deadline(TimePoint now);
 
   State state() const { return state_; }
-  /// What came of it, once it is not running any more.
+  /// The result; complete when the state is not `running`.
   const JoinEnded& end() const { return end_; }
   /// The board did not even begin: its context still waits for the end of an earlier link.
   bool is_context_busy() const { return is_context_busy_; }

@@ -25,7 +25,7 @@ struct BoardSettings {
   std::vector<std::uint16_t> groups;
 };
 
-/// What start-up finds out about a board, and leaves it with.
+/// A board after start-up: its own values, and the handles and addresses that it was given.
 struct StartedBoard {
   SerialVersion version = SerialVersion::sdk_3_1;
   std::string uuid = {};                             ///< in hex; empty when it did not answer

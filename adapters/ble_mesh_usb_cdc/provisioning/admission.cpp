@@ -369,7 +369,7 @@ void Admission::on_join_ended(const JoinEnded& ended, TimePoint now) {
   const Candidate* candidate = candidates_.find(uuid, now);
   const Duration pause = pause_after(candidate ? candidate->failures : 1);
   const std::string what_next =
-      ended.is_key_lost ? std::string("reset it by hand, then it joins anew")
+      ended.is_key_lost ? std::string("reset it by hand, then it can join again")
       : ended.may_have_joined
           ? std::string("the next attempt comes when it is heard again")
           : fmt::format("the next attempt is in {} s if it is still there",

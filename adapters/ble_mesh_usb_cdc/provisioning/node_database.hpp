@@ -16,9 +16,9 @@ namespace slamgw::ble {
 
 inline constexpr std::uint32_t max_elements = 255;  ///< of one node
 
-/// So many addresses, from the gateway's own up, are given to the lives of forgetful boards, one
-/// after the other. A robot's replay list has 40 places, others speak to it too, and a full list
-/// hears no new sender at all.
+/// Addresses for the lives of forgetful boards: each life gets the next one, from the gateway's own
+/// up. A robot's replay list has 40 places, which other senders need too, and a robot with a full
+/// list hears no new sender.
 inline constexpr std::uint16_t max_sources = 32;
 
 /// 32 hex digits, hyphens allowed.

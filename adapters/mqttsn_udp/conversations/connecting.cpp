@@ -218,14 +218,13 @@ void Connecting::on_takeover(ClientSession& session, const Peer& peer, TimePoint
   const bool may_log = contest_lines_[session.has_answered].take(
       limits::refusal_lines_burst, limits::refusal_lines_per_second, now);
   if (was_contested || !may_log) return;
-  output_.emit(Notice{Severity::warning,
-                      fmt::format("{} and {} connect in turns with the MQTT-SN client id '{}': are "
-                                  "there two robots, or a foreign client, of that name?",
-                                  to_string(*session.peer), to_string(peer), session.client_id),
-                      session.robot,
-                      {},
-                      {},
-                      session.has_answered});
+  output_.emit(
+      Notice{.severity = Severity::warning,
+             .text = fmt::format("{} and {} connect in turns with the MQTT-SN client id '{}': are "
+                                 "there two robots, or a foreign client, of that name?",
+                                 to_string(*session.peer), to_string(peer), session.client_id),
+             .robot = session.robot,
+             .is_proven = session.has_answered});
 }
 
 void Connecting::refuse_name(const Peer& peer, const LocalAddress& local, const Connect& connect,

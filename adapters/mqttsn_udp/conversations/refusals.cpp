@@ -31,7 +31,10 @@ void Refusals::on_refusal(Count what, std::string_view who, std::string text,
   oldest_first_.push_back(key);
   if (left_out > 0)
     text += fmt::format(" ({} refusals since the last line)", std::exchange(left_out, 0));
-  output_.emit(Notice{Severity::notice, std::move(text), robot, {}, {}, is_proven});
+  output_.emit(Notice{.severity = Severity::notice,
+                      .text = std::move(text),
+                      .robot = robot,
+                      .is_proven = is_proven});
 }
 
 void Refusals::forget_all() {

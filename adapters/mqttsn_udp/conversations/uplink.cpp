@@ -98,17 +98,14 @@ void Uplink::on_unconnected_publish(const Peer& peer, const ClientSession* sessi
         fmt::format("a message of QoS -1 from {} is refused: {}", who, remedy), {}, now);
   }
   output_.count(Count::published_up);
-  output_.emit(Report{Mesh::thread,
-                      std::move(robot),
-                      std::move(topic),
-                      std::move(publish.payload),
-                      Qos::at_most_once,
-                      publish.retain,
-                      no_receipt,
-                      false,
-                      {},
-                      {},
-                      session && session->has_answered});
+  output_.emit(Report{.mesh = Mesh::thread,
+                      .robot = std::move(robot),
+                      .topic = std::move(topic),
+                      .payload = std::move(publish.payload),
+                      .qos = Qos::at_most_once,
+                      .retain = publish.retain,
+                      .receipt = no_receipt,
+                      .is_proven = session && session->has_answered});
 }
 
 /// Whether the configuration, the form of the name or another mesh gives it to a robot elsewhere.

@@ -54,17 +54,15 @@ void Wills::on_willmsgupd(ClientSession& session, WillMsgUpd update) {
 void Wills::publish(const ClientSession& session) {
   if (!session.will) return;
   const Will& will = *session.will;
-  output_.emit(Report{Mesh::thread,
-                      session.robot,
-                      will.topic,
-                      will.message,
-                      will.qos,
-                      will.retain,
-                      no_receipt,
-                      true,
-                      {},
-                      {},
-                      session.has_answered});
+  output_.emit(Report{.mesh = Mesh::thread,
+                      .robot = session.robot,
+                      .topic = will.topic,
+                      .payload = will.message,
+                      .qos = will.qos,
+                      .retain = will.retain,
+                      .receipt = no_receipt,
+                      .is_will = true,
+                      .is_proven = session.has_answered});
 }
 
 }  // namespace slamgw::mqttsn
