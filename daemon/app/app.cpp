@@ -79,6 +79,7 @@ App::App(Config config, std::string config_file)
                            },
                            [this](WriteToStore& write) { store_.ask(std::move(write)); },
                            [this](LoadFromStore& load) { store_.ask(load); },
+                           [this](RetryDeadLetters& retry) { store_.ask(std::move(retry)); },
                            [this](auto& what) { perform(what); },
                        },
                        action);

@@ -47,7 +47,7 @@ Status::Messages count(const Gateway::Traffic& passed, const Outbox& outbox,
           sent.published,
           sent.dropped,
           sent.refused,
-          sent.set_aside,
+          sent.dead_letters,
           passed.rejected,
           passed.not_retained,
           outbox.backlog().stored_total(),
@@ -79,10 +79,10 @@ Status StatusCollector::status(Counters control, TimePoint now) const {
 }
 
 Status::Broker StatusCollector::broker(TimePoint now) const {
-  const HeldTopics& held = outbox_.held_topics();
+  const RefusedTopics& refused = outbox_.refused_topics();
   const std::string uri = broker_.is_up ? broker_.uri : broker_uri(config_.broker);
-  Status::Broker broker{uri, broker_, held.refused(), gateway_.missing_rights(), {}};
-  for (const HeldTopic& topic : held.list(most_refused_listed)) {
+  Status::Broker broker{uri, broker_, refused.count(), gateway_.missing_rights(), {}};
+  for (const RefusedTopic& topic : refused.list(most_refused_listed)) {
     broker.refused.push_back({topic.topic, topic.refusal, topic.waiting, topic.tries,
                               duration_cast<seconds>(now - topic.since)});
   }

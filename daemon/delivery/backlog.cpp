@@ -17,22 +17,28 @@ std::uint64_t cost_of(const OutboxEntry& entry) {
 
 bool Backlog::reserve(OutboxEntry& entry) {
   const std::uint64_t cost = cost_of(entry);
+  note_room();
+  // A dead letter that is sent again has its room already.
+  if (entry.dead_letter == 0 && !has_room_for(entry.message.topic, cost)) return false;
+  bytes_ += cost;
+  shares_.add(entry.message.topic, cost);
+  if (rows_++ == 0) oldest_ = entry.submitted;
+  entry.row = ++last_row_;
+  return true;
+}
+
+bool Backlog::has_room_for(std::string_view topic, std::uint64_t cost) {
   // A full store stays closed until a sixteenth of it is free. Otherwise small messages would
   // enter ahead of a large one that was refused.
-  note_room();
   if (is_full_ || cost > max_bytes_ || taken() > max_bytes_ - cost) {
     is_full_ = true;
     return false;
   }
   // Whatever the size of the message: small ones of a robot do not pass its large ones.
-  if (is_nearly_full() && shares_.bytes_of(entry.message.topic) >= 2 * free()) {
+  if (is_nearly_full() && shares_.bytes_of(topic) >= 2 * free()) {
     is_share_full_ = true;
     return false;
   }
-  bytes_ += cost;
-  shares_.add(entry.message.topic, cost);
-  if (rows_++ == 0) oldest_ = entry.submitted;
-  entry.row = ++last_row_;
   return true;
 }
 
@@ -95,7 +101,6 @@ void Backlog::insert_ready(OutboxEntry entry) {
 
 void Backlog::give_back(OutboxEntry stored) {
   topics_.add(stored.message.topic);
-  if (held_.has(stored.message.topic)) return held_.add_row(stored.message.topic, stored.row);
   stored.is_from_backlog = true;
   insert_ready(std::move(stored));
 }
@@ -117,55 +122,33 @@ void Backlog::forget(const OutboxEntry& entry, TimePoint now) {
   if (!forget_due_) forget_due_ = now + forget_delay;
 }
 
-bool Backlog::set_aside(OutboxEntry& entry, const Refusal& refusal, std::uint32_t tries) {
+bool Backlog::make_dead_letter(OutboxEntry& entry, const Refusal& refusal, std::uint32_t tries) {
   const std::uint64_t cost = cost_of(entry);
-  const bool has_room = dead_letters_.bytes + cost <= max_bytes_ / dead_letter_share;
-  if (!can_keep() || !has_room) return false;
-  if (entry.row == 0 && !reserve(entry)) return false;
-  asides_.push_back({entry.row, refusal.why, refusal.code, tries});
+  if (entry.row == 0) {
+    const bool has_room = dead_letters_.bytes + cost <= max_bytes_ / dead_letter_share;
+    if (!can_keep() || !has_room || !reserve(entry)) return false;
+  }
+  new_dead_letters_.push_back({entry.row, refusal.why, refusal.code, tries});
   dead_letters_.bytes += cost;  // the store counts exactly, but later
   ++dead_letters_.count;
   if (entry.is_stored) {
     release(entry);
   } else if (Saving* const copy = find_saving(entry.row)) {
-    *copy = {std::move(entry), Purpose::set_aside};
+    *copy = {std::move(entry), Purpose::dead_letter};
   } else {
-    saving_.push_back({std::move(entry), Purpose::set_aside});
+    saving_.push_back({std::move(entry), Purpose::dead_letter});
   }
   return true;
 }
 
-OutboxEntries Backlog::hold_back(const std::string& topic) {
-  const std::size_t slot = TopicCounts::slot(topic);
-  std::erase_if(ready_, [&](const OutboxEntry& entry) {
-    if (TopicCounts::slot(entry.message.topic) != slot) return false;
-    held_.add_row(topic, entry.row);
-    return true;
-  });
-  OutboxEntries waited;
-  std::erase_if(behind_, [&](Behind& behind) {
-    if (TopicCounts::slot(behind.entry.message.topic) != slot) return false;
-    topics_.remove(behind.entry.message.topic);
-    waited.push_back(std::move(behind.entry));
-    return true;
-  });
-  return waited;
-}
-
 void Backlog::queue_behind(OutboxEntry entry) {
-  if (held_.has(entry.message.topic)) return held_.add(std::move(entry));
   topics_.add(entry.message.topic);
   behind_.push_back({std::move(entry), last_row_});
 }
 
 OutboxEntries Backlog::take_behind() {
-  OutboxEntries taken = held_.take_unstored();
-  OutboxEntries behind =
-      take_behind_from(std::find_if(behind_.begin(), behind_.end(), [](const Behind& waiting) {
-        return !waiting.entry.is_unacknowledged();
-      }));
-  std::move(behind.begin(), behind.end(), std::back_inserter(taken));
-  return taken;
+  return take_behind_from(std::ranges::find_if(
+      behind_, [](const Behind& waiting) { return !waiting.entry.is_unacknowledged(); }));
 }
 
 OutboxEntries Backlog::take_behind_from(std::deque<Behind>::iterator first) {
@@ -208,17 +191,8 @@ OutboxEntry Backlog::take_next() {
   return next;
 }
 
-OutboxEntry Backlog::take_next_held() {
-  OutboxEntry next = held_.take_next();
-  if (next.is_stored) topics_.remove(next.message.topic);
-  next.is_from_backlog = next.is_retry = true;
-  return next;
-}
-
 OutboxEntries Backlog::on_opened(StoreOpened opened, TimePoint now) {
   OutboxEntries in_memory = std::exchange(ready_, {});
-  OutboxEntries held = held_.on_store_opened(now);
-  std::move(held.begin(), held.end(), std::back_inserter(in_memory));
   for (std::deque<Saving>* queue : {&writing_, &saving_}) {
     for (Saving& saving : *queue) {
       if (!saving.is_copy()) in_memory.push_back(std::move(saving.entry));
@@ -240,11 +214,11 @@ OutboxEntries Backlog::on_opened(StoreOpened opened, TimePoint now) {
   ahead_.clear();
   forgets_.clear();
   forgetting_.clear();
-  asides_.clear();
-  setting_aside_.clear();
+  new_dead_letters_.clear();
+  writing_dead_letters_.clear();
   dead_letters_ = opened.dead_letters;
   forget_due_.reset();
-  is_writing_ = is_loading_ = is_loading_held_ = is_probe_due_ = is_topic_count_wrong_ = false;
+  is_writing_ = is_loading_ = is_probe_due_ = is_topic_count_wrong_ = false;
   write_retry_.reset();
   load_retry_.reset();
   retry_wait_ = first_retry;
@@ -262,7 +236,8 @@ std::optional<WriteToStore> Backlog::next_write(TimePoint now) {
   const bool is_forget_due = forgets_.size() >= forget_batch ||
                              (!forgets_.empty() && is_stopping_) ||
                              (forget_due_ && now >= *forget_due_);
-  if (saving_.empty() && asides_.empty() && !is_forget_due && !is_probe_due_) return std::nullopt;
+  if (saving_.empty() && new_dead_letters_.empty() && !is_forget_due && !is_probe_due_)
+    return std::nullopt;
   is_probe_due_ = false;
   WriteToStore write;
   write.generation = generation_;
@@ -274,7 +249,7 @@ std::optional<WriteToStore> Backlog::next_write(TimePoint now) {
     writing_.push_back(std::move(saving_.front()));
     saving_.pop_front();
   }
-  take_asides(write);
+  take_dead_letters(write);
   forgetting_ = std::exchange(forgets_, {});
   write.forget = forgetting_;
   forget_due_.reset();
@@ -283,14 +258,15 @@ std::optional<WriteToStore> Backlog::next_write(TimePoint now) {
 }
 
 /// Those whose message is on disk with this write at the latest.
-void Backlog::take_asides(WriteToStore& write) {
-  const auto is_due = [this](const SetAside& aside) {
-    return saving_.empty() || aside.row < saving_.front().entry.row;
+void Backlog::take_dead_letters(WriteToStore& write) {
+  const auto is_due = [this](const NewDeadLetter& letter) {
+    return saving_.empty() || letter.row < saving_.front().entry.row;
   };
-  const auto later = std::stable_partition(asides_.begin(), asides_.end(), is_due);
-  setting_aside_.assign(asides_.begin(), later);
-  asides_.erase(asides_.begin(), later);
-  write.set_aside = setting_aside_;
+  const auto later =
+      std::stable_partition(new_dead_letters_.begin(), new_dead_letters_.end(), is_due);
+  writing_dead_letters_.assign(new_dead_letters_.begin(), later);
+  new_dead_letters_.erase(new_dead_letters_.begin(), later);
+  write.dead_letters = writing_dead_letters_;
 }
 
 Backlog::Written Backlog::on_written() {
@@ -308,7 +284,7 @@ Backlog::Written Backlog::on_written() {
   }
   writing_.clear();
   forgetting_.clear();
-  setting_aside_.clear();
+  writing_dead_letters_.clear();
   is_writing_ = false;
   retry_wait_ = first_retry;
   return written;
@@ -334,9 +310,11 @@ OutboxEntries Backlog::on_write_failed(TimePoint now) {
   }
   forgets_.insert(forgets_.begin(), forgetting_.begin(), forgetting_.end());
   forgetting_.clear();
-  asides_.insert(asides_.begin(), setting_aside_.begin(), setting_aside_.end());
-  setting_aside_.clear();
-  std::erase_if(asides_, [&](const SetAside& aside) { return aside.row >= first_row; });
+  new_dead_letters_.insert(new_dead_letters_.begin(), writing_dead_letters_.begin(),
+                           writing_dead_letters_.end());
+  writing_dead_letters_.clear();
+  std::erase_if(new_dead_letters_,
+                [&](const NewDeadLetter& letter) { return letter.row >= first_row; });
   if (!forgets_.empty()) forget_due_ = now;
   is_writing_ = false;
   state_ = State::failing;
@@ -348,17 +326,14 @@ OutboxEntries Backlog::on_write_failed(TimePoint now) {
 std::optional<LoadFromStore> Backlog::next_load() {
   const bool is_open = state_ == State::working || state_ == State::failing;
   if (!is_open || is_loading_ || load_retry_ || is_stopping_) return std::nullopt;
-  if (std::vector<std::uint64_t> rows = held_.rows_to_load(page_messages); !rows.empty()) {
-    is_loading_ = is_loading_held_ = true;
-    return LoadFromStore{generation_, 0, page_messages, page_bytes, std::move(rows)};
-  }
   if (unloaded_ == 0) {
     skip_what_is_in_memory();
     return std::nullopt;
   }
-  if (ready_.size() > page_messages / 2 || forgets_.size() >= max_unforgotten) return std::nullopt;
+  const std::size_t unforgotten = forgets_.size() + new_dead_letters_.size();
+  if (ready_.size() > page_messages / 2 || unforgotten >= max_unforgotten) return std::nullopt;
   is_loading_ = true;
-  return LoadFromStore{generation_, cursor_, page_messages, page_bytes, {}};
+  return LoadFromStore{generation_, cursor_, page_messages, page_bytes};
 }
 
 /// Nothing above the cursor is to be read, so it need not be passed over one by one later.
@@ -368,18 +343,8 @@ void Backlog::skip_what_is_in_memory() {
   ahead_.clear();
 }
 
-std::size_t Backlog::on_held_loaded(StoreLoaded loaded, TimePoint now) {
-  const std::size_t damaged = loaded.damaged.size();
-  bytes_ -= std::min(bytes_, loaded.damaged_bytes);
-  const std::vector<std::string> gone = held_.on_loaded(std::move(loaded), now);
-  for (const std::string& topic : gone) topics_.remove(topic);
-  rows_ -= std::min(rows_, gone.size());
-  return gone.size() - std::min(gone.size(), damaged);  // the store reports those
-}
-
 std::size_t Backlog::on_loaded(StoreLoaded loaded, TimePoint now) {
   is_loading_ = false;
-  if (std::exchange(is_loading_held_, false)) return on_held_loaded(std::move(loaded), now);
   if (loaded.messages.empty() && loaded.damaged.empty()) {
     const std::size_t missing = std::exchange(unloaded_, 0);
     rows_ -= std::min(rows_, missing);
@@ -392,19 +357,15 @@ std::size_t Backlog::on_loaded(StoreLoaded loaded, TimePoint now) {
     cursor_ = stored.row;
     if (ahead_.erase(stored.row) > 0) continue;
     if (unloaded_ > 0) --unloaded_;
-    if (held_.has(stored.message.topic)) {
-      held_.add_row(stored.message.topic, stored.row);
-    } else {
-      insert_ready(entry_from_store(std::move(stored), now));
-    }
+    insert_ready(entry_from_store(std::move(stored), now));
   }
   pass_over_damaged(loaded);
   ahead_.erase(ahead_.begin(), ahead_.upper_bound(cursor_));
   return 0;
 }
 
-/// They are dead letters now. Their topics are unknown, so the topics are counted
-/// again as soon as everything else is in memory.
+/// Their topics are unknown, so the topics are counted again as soon as everything else is in
+/// memory.
 void Backlog::pass_over_damaged(const StoreLoaded& loaded) {
   for (const std::uint64_t row : loaded.damaged) {
     cursor_ = std::max(cursor_, row);
@@ -419,7 +380,6 @@ void Backlog::pass_over_damaged(const StoreLoaded& loaded) {
 
 void Backlog::count_topics_again() {
   topics_ = TopicCounts{};
-  held_.count_stored(topics_);
   for (const OutboxEntry& entry : ready_) topics_.add(entry.message.topic);
   for (const Behind& behind : behind_) topics_.add(behind.entry.message.topic);
   for (const std::deque<Saving>* queue : {&writing_, &saving_}) {
@@ -430,18 +390,16 @@ void Backlog::count_topics_again() {
 }
 
 void Backlog::on_load_failed(TimePoint now) {
-  is_loading_ = is_loading_held_ = false;
-  held_.on_load_failed();
+  is_loading_ = false;
   load_retry_ = now + first_retry;
 }
 
 std::optional<TimePoint> Backlog::deadline() const {
   const auto forget = can_keep() && !is_writing_ ? forget_due_ : std::nullopt;
-  return earlier(earlier(write_retry_, load_retry_), earlier(forget, held_.deadline()));
+  return earlier(earlier(write_retry_, load_retry_), forget);
 }
 
 bool Backlog::on_deadline(TimePoint now) {
-  held_.on_deadline(now);
   if (load_retry_ && now >= *load_retry_) load_retry_.reset();
   if (!write_retry_ || now < *write_retry_) return false;
   write_retry_.reset();

@@ -6,9 +6,6 @@
 //   keep() -> saving -> (WriteToStore) -> writing -> (StoreWritten) -> on disk
 //   on disk -> (LoadFromStore, StoreLoaded) -> ready -> take_next() -> in flight -> forget()
 //
-// Rows of held topics are passed over when they are read, and loaded for HeldTopics when it asks.
-// A message that is set aside becomes a dead letter of the store.
-//
 // What may not go to the store (QoS 0) or cannot (it fails) waits behind it in memory and has its
 // turn when every row before it was taken. In flight messages may be copied to the store as well
 // (keep_copy). Their rows may lie ahead of what was read; reading passes over them.
@@ -21,7 +18,6 @@
 #include <vector>
 
 #include "daemon/core/protocol_machine.hpp"
-#include "daemon/delivery/held_topics.hpp"
 #include "daemon/delivery/message_store.hpp"
 #include "daemon/delivery/publish_window.hpp"
 
@@ -39,7 +35,7 @@ class Backlog {
   /// not deleted at a crash is published twice.
   static constexpr std::size_t forget_batch = 256;
   static constexpr std::chrono::milliseconds forget_delay{500};
-  /// Delivered rows that a failing store could not delete; beyond it no more are delivered.
+  /// Delivered and refused rows that a failing store could not delete; beyond it no more are read.
   static constexpr std::size_t max_unforgotten = 65536;
   /// Part of `store.max_bytes` that dead letters may take, so that they leave room for messages.
   static constexpr std::uint64_t dead_letter_share = 4;
@@ -56,17 +52,16 @@ class Backlog {
     std::uint64_t up_to_row = 0;  ///< copies up to this row are safe too
   };
 
-  explicit Backlog(std::uint64_t max_bytes) : max_bytes_(max_bytes), held_(topics_) {}
+  explicit Backlog(std::uint64_t max_bytes) : max_bytes_(max_bytes) {}
   Backlog(const Backlog&) = delete;
   Backlog& operator=(const Backlog&) = delete;
-
-  HeldTopics& held() { return held_; }
-  const HeldTopics& held() const { return held_; }
 
   State state() const { return state_; }
   bool can_keep() const { return state_ == State::working; }
   /// Something of `topic` must reach the broker first.
-  bool is_ahead_of(std::string_view topic) const { return topics_.has(topic) || held_.has(topic); }
+  bool is_ahead_of(std::string_view topic) const { return topics_.has(topic); }
+  /// Of requests (message_store.hpp).
+  std::uint64_t generation() const { return generation_; }
 
   /// Takes `entry` over to be stored. False, and nothing changed, when the store is full.
   bool keep(OutboxEntry& entry);
@@ -81,17 +76,15 @@ class Backlog {
   /// The broker has it.
   void forget(const OutboxEntry& entry, TimePoint now);
   /// Makes a dead letter of it, which is stored first where it is not yet. False, and nothing
-  /// changed, when there is no store or no room for one more.
-  bool set_aside(OutboxEntry& entry, const Refusal& refusal, std::uint32_t tries);
-
-  /// `topic` is held from now on: what of it was read already waits there. Returns what of it
-  /// waited in memory, to find its place anew.
-  OutboxEntries hold_back(const std::string& topic);
+  /// changed, when it is not stored and there is no store or no room for one more.
+  bool make_dead_letter(OutboxEntry& entry, const Refusal& refusal, std::uint32_t tries);
+  /// All of them were given to the store.
+  bool has_written_dead_letters() const { return new_dead_letters_.empty(); }
 
   /// Waits in memory for its turn after all rows there are now.
   void queue_behind(OutboxEntry entry);
-  /// Returns the first entry behind the store that can be stored now and all after it, and the
-  /// entries of held topics that are only in memory. Earlier entries keep their turn.
+  /// Returns the first entry behind the store that can be stored now and all after it. Earlier
+  /// entries keep their turn.
   OutboxEntries take_behind();
   /// Drops those of them for which `is_dropped(entry)`.
   template <class Predicate>
@@ -106,9 +99,6 @@ class Backlog {
   /// What is to be published next; null while nothing is in memory whose turn it is.
   const OutboxEntry* next() const;
   OutboxEntry take_next();
-  /// The same of the held topics.
-  const OutboxEntry* next_held(TimePoint now) { return held_.next(now); }
-  OutboxEntry take_next_held();
 
   /// Returns messages of a former store that are in memory; they have to be stored again.
   OutboxEntries on_opened(StoreOpened opened, TimePoint now);
@@ -137,24 +127,22 @@ class Backlog {
   /// Only robots that have stored little find room.
   bool is_nearly_full() const { return free() <= max_bytes_ / share_reserve; }
   StoreShares::Share largest_share() const { return shares_.largest(); }
-  /// Held topics must leave the other half to those that wait for a broker that is away.
-  bool is_half_full() const { return taken() > max_bytes_ / 2; }
   const DeadLetterCounts& dead_letters() const { return dead_letters_; }
   std::uint64_t stored_total() const { return stored_total_; }
   /// When the oldest of them was stored (to within the page that was read last).
   std::optional<TimePoint> oldest() const { return rows_ ? oldest_ : std::nullopt; }
-  std::size_t behind() const { return behind_.size() + held_.unstored(); }
+  std::size_t behind() const { return behind_.size(); }
   /// Messages on their way to the disk.
   std::size_t unsaved() const;
   bool is_settled() const {
-    return unsaved() == 0 && !is_writing_ && forgets_.empty() && asides_.empty();
+    return unsaved() == 0 && !is_writing_ && forgets_.empty() && new_dead_letters_.empty();
   }
 
  private:
   enum class Purpose : std::uint8_t {
-    keep,       ///< it waits on disk
-    copy,       ///< it is in flight; this one is for the case that it does not arrive
-    set_aside,  ///< it is a dead letter as soon as it is on disk
+    keep,         ///< it waits on disk
+    copy,         ///< it is in flight; this one is for the case that it does not arrive
+    dead_letter,  ///< it is one as soon as it is on disk
   };
   struct Saving {
     OutboxEntry entry;
@@ -170,14 +158,14 @@ class Backlog {
   std::uint64_t taken() const { return bytes_ + dead_letters_.bytes; }
   std::uint64_t free() const { return max_bytes_ - std::min(max_bytes_, taken()); }
   bool reserve(OutboxEntry& entry);
+  bool has_room_for(std::string_view topic, std::uint64_t cost);
   void note_room();
   void release(const OutboxEntry& entry);
   std::deque<Saving>::iterator find(std::deque<Saving>& queue, std::uint64_t row);
   bool is_behinds_turn() const;
   OutboxEntries take_behind_from(std::deque<Behind>::iterator first);
-  void take_asides(WriteToStore& write);
+  void take_dead_letters(WriteToStore& write);
   Saving* find_saving(std::uint64_t row);
-  std::size_t on_held_loaded(StoreLoaded loaded, TimePoint now);
   void insert_ready(OutboxEntry entry);
   void pass_over_damaged(const StoreLoaded& loaded);
   void count_topics_again();
@@ -206,16 +194,14 @@ class Backlog {
   std::set<std::uint64_t> ahead_;  // rows above it whose message is in memory or delivered
   std::vector<std::uint64_t> forgets_;
   std::vector<std::uint64_t> forgetting_;  // in the write that is under way
-  std::vector<SetAside> asides_;
-  std::vector<SetAside> setting_aside_;  // in the write that is under way
+  std::vector<NewDeadLetter> new_dead_letters_;
+  std::vector<NewDeadLetter> writing_dead_letters_;  // in the write that is under way
   DeadLetterCounts dead_letters_;
-  HeldTopics held_;
   std::optional<TimePoint> forget_due_;
 
   bool is_topic_count_wrong_ = false;  // too high for topics of rows that were damaged
   bool is_writing_ = false;
   bool is_loading_ = false;
-  bool is_loading_held_ = false;  // what was asked for is for held_
   bool is_stopping_ = false;
   bool is_probe_due_ = false;  // an empty write shows whether a failing store works again
   std::optional<TimePoint> write_retry_;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The border between the outbox and the store of undelivered messages on disk: two requests, and
+// The border between the outbox and the store of undelivered messages on disk: three requests, and
 // the events that answer them. DiskStore is behind it in the daemon, a fake with state in tests.
 // Events come in the order of the requests, on the loop's thread, never from inside a request.
 //
@@ -107,15 +107,24 @@ struct StoredMessage {
 };
 
 /// A stored message becomes a dead letter: it is no longer among the messages and stays on disk,
-/// with its age, until an operator has it sent again or discards it.
-struct SetAside {
+/// with its age, until the broker takes it after all or an operator discards it.
+struct NewDeadLetter {
   std::uint64_t row = 0;    ///< stored, or among `keep` of the same request
   std::string reason;       ///< for people: "topic name invalid"
-  int code = 0;             ///< MQTT 5 reason code of the refusal; 0: there is none
+  int code = 0;             ///< MQTT 5 reason code of the refusal; 0: the connection was lost
   std::uint32_t tries = 0;  ///< how often it was published without success
 };
 
-/// A message that was set aside.
+/// How many losses of the connection with a message alone under way are that message's fault.
+inline constexpr std::uint32_t losses_that_convict = 2;
+
+/// Whether a dead letter goes up by itself once the broker takes its topic again. All others wait
+/// for an operator, for the message itself is at fault.
+inline bool is_retried(int code, std::uint32_t tries) {
+  return code == 0 ? tries < losses_that_convict : !Refusal{code, {}}.is_permanent();
+}
+
+/// A message that the broker has not taken.
 struct DeadLetter {
   std::uint64_t id = 0;  ///< the store's number, never 0
   BrokerMessage message;
@@ -128,13 +137,13 @@ struct DeadLetterCounts {
 };
 
 /// One transaction: all of it is durable when StoreWritten comes, nothing of it when
-/// StoreWriteFailed comes. `keep` comes before the others; unknown rows in `forget` and `set_aside`
-/// are no error.
+/// StoreWriteFailed comes. `keep` comes before the others; unknown rows in `forget` and
+/// `dead_letters` are no error.
 struct WriteToStore {
   std::uint64_t generation = 0;
   std::vector<StoredMessage> keep;
   std::vector<std::uint64_t> forget;
-  std::vector<SetAside> set_aside = {};
+  std::vector<NewDeadLetter> dead_letters = {};
 };
 /// The first messages with rows above `after`, at most `max_messages` and about `max_bytes`, but
 /// one if there is one.
@@ -143,9 +152,21 @@ struct LoadFromStore {
   std::uint64_t after = 0;
   std::size_t max_messages = 0;
   std::size_t max_bytes = 0;
-  /// Not empty: the messages with these rows, which rise, and no others; `after` has no meaning.
-  /// Rows that are not there are no error; the bounds hold.
-  std::vector<std::uint64_t> rows = {};
+};
+/// Those dead letters of `topic` that are retried (is_retried), as ResendDeadLetters: one, or all
+/// of them in pages. The one is the oldest, but first one that has lost a connection (code 0 and
+/// one try), so that nobody hides behind others.
+struct RetryDeadLetters {
+  std::uint64_t generation = 0;
+  std::string topic;
+  bool is_all = false;
+};
+
+/// A topic of which there are dead letters that are retried.
+struct DeadTopic {
+  std::string topic;
+  Refusal refusal;
+  std::size_t count = 0;
 };
 
 /// There is a store and this is what it holds. Comes again when a store had to begin anew (then it
@@ -158,6 +179,10 @@ struct StoreOpened {
   TopicCounts topics;
   StoreShares shares = {};
   DeadLetterCounts dead_letters;
+  /// At most `max_dead_topics`.
+  std::vector<DeadTopic> dead_topics = {};
+
+  static constexpr std::size_t max_dead_topics = 1024;
 };
 /// There is no store for now; the shell has logged `why`.
 struct StoreAbsent {
@@ -170,21 +195,23 @@ struct StoreWriteFailed {
 /// By rising row; both empty when there is none above `after`.
 struct StoreLoaded {
   std::vector<StoredMessage> messages;
-  /// Rows that are not what was stored: they were set aside, and are no longer among the messages.
+  /// Rows that are not what was stored: they are lost, and no longer among the messages.
   std::vector<std::uint64_t> damaged = {};
   std::uint64_t damaged_bytes = 0;  ///< sum of their stored_cost()
 };
 struct StoreLoadFailed {
   std::string why;
 };
-/// Comes after each change of them: a message was set aside, sent again or discarded.
+/// Comes after each change of them: there is another one, or one was sent again or discarded.
 struct DeadLettersChanged {
   DeadLetterCounts dead_letters;
 };
-/// An operator wants these sent again, oldest first, a page at most. They stay dead letters until
-/// the outbox keeps them (StoredMessage::dead_letter); those that it has no room for stay so.
+/// These are to be sent again, oldest first, a page at most. They stay dead letters until the
+/// outbox keeps them (StoredMessage::dead_letter); those that it has no room for stay so.
 struct ResendDeadLetters {
   std::vector<DeadLetter> letters;
+  /// Of a RetryDeadLetters for one letter: its topic; then `letters` is empty when there is none.
+  std::string retried_topic = {};
 };
 using StoreEvent =
     std::variant<StoreOpened, StoreAbsent, StoreWritten, StoreWriteFailed, StoreLoaded,

@@ -16,20 +16,13 @@ void Outbox::submit(BrokerMessage message, Receipt receipt, TimePoint now) {
   entry.receipt = receipt;
   entry.submitted = now;
   queued_bytes_ += entry.cost();
-  if (!has_memory_for(entry) || is_kept_out(entry)) {
-    refuse(entry, now);
-    return;
+  if (!has_memory_for(entry)) return refuse(entry, now);
+  if (turn_of(entry, now) == RefusedTopics::Turn::rest) {
+    turn_away(std::move(entry), now);
+  } else {
+    place(std::move(entry), now);
   }
-  place(std::move(entry), now);
   proceed(now);
-}
-
-/// Messages on held topics leave room for the others.
-bool Outbox::is_kept_out(const Entry& entry) const {
-  const HeldTopics& held = held_topics();
-  if (entry.is_unacknowledged() || !held.has(entry.message.topic)) return false;
-  return backlog_.can_keep() ? backlog_.is_half_full()
-                             : held.unstored_bytes() > max_queued_bytes / held_share;
 }
 
 /// `queued_bytes_` includes `entry`. Below half of the bound every flow fits, so the flow is not
@@ -43,14 +36,9 @@ bool Outbox::has_memory_for(const Entry& entry) const {
 /// Decides where a message that is only in memory waits. `is_overdue`: the broker is too slow for
 /// it.
 void Outbox::place(Entry entry, TimePoint now, bool is_overdue) {
-  entry.is_from_backlog = entry.is_retry = false;
+  entry.is_from_backlog = false;
   const bool is_behind = backlog_.is_ahead_of(entry.message.topic);
   if (entry.is_unacknowledged()) {
-    if (held_topics().has(entry.message.topic)) {
-      entry.is_probe = is_up_ && held_topics().wants_probe(entry.message.topic);
-      return entry.is_probe ? backlog_.queue_behind(std::move(entry))
-                            : drop(entry, "the broker refuses its topic");
-    }
     if (!expiry_check_) expiry_check_ = entry.submitted + max_unacknowledged_age;
   } else if (backlog_.can_keep() && (!is_up_ || is_stalled_ || is_behind || is_overdue)) {
     save_in_flight(entry.message.topic);
@@ -107,7 +95,8 @@ void Outbox::refuse(const Entry& entry, TimePoint now) {
   if (const auto count = full_throttle_.on_event(now))
     actions_.push(
         no_room_notice({*count, backlog_.is_full() ? backlog_.bytes() : 0, store_max_bytes_,
-                        is_kept_out(entry), queued_bytes_, backlog_.largest_share()}));
+                        turn_of(entry, now) == RefusedTopics::Turn::rest, queued_bytes_,
+                        backlog_.largest_share()}));
   if (!entry.receipt.is_owed()) {
     ++statistics_.dropped;
     return trace(DeliveryStep::Kind::refused, entry, "there is no room for it");
@@ -119,8 +108,7 @@ void Outbox::refuse(const Entry& entry, TimePoint now) {
 void Outbox::on_link_up(std::uint16_t receive_maximum, TimePoint now) {
   is_up_ = true;
   in_flight_.on_link_up(receive_maximum, now);
-  suspects_.on_link_up();
-  backlog_.held().on_link_up(now);
+  loss_causes_.on_link_up();
   overdue_check_ = now + broker_patience;
   expire_unacknowledged(now);
   proceed(now);
@@ -144,107 +132,174 @@ void Outbox::on_link_down(TimePoint now) {
       returned.push_back(std::move(entry));
     }
   }
-  backlog_.held().on_link_down();
+  // QoS 0 behind the store would be sent before what waits in memory again.
+  Slots unsaved;
+  for (const Entry& entry : returned) unsaved.insert(TopicCounts::slot(entry.message.topic));
+  backlog_.drop_behind([&](const Entry& entry) {
+    const bool is_lost =
+        entry.is_unacknowledged() && unsaved.contains(TopicCounts::slot(entry.message.topic));
+    if (is_lost) drop(entry, "the connection to the broker was lost");
+    return is_lost;
+  });
+  refused_.on_link_down(now);
   place_all_again(std::move(returned), now, false, std::move(moved));
   expire_unacknowledged(now);
   proceed(now);
 }
 
 void Outbox::proceed(TimePoint now) {
+  if (is_up_) place_set_by(now);
   while (publish_next(now)) {
   }
   if (auto write = backlog_.next_write(now)) actions_.push(std::move(*write));
-  if (is_up_) {
-    if (auto load = backlog_.next_load()) actions_.push(*load);
-  }
+  if (!is_up_) return;
+  if (auto load = backlog_.next_load()) actions_.push(*load);
+  if (!is_stopping_) ask_for_dead_letters(now);
 }
 
 bool Outbox::publish_next(TimePoint now) {
-  if (!is_up_ || backlog_.state() == Backlog::State::opening) return false;
-  if (trial_) return false;
-  const Entry* const retry = is_stopping_ ? nullptr : backlog_.next_held(now);
-  if (retry && held_topics().is_next_suspect()) return publish_suspect(now);
-  if (retry && in_flight_.has_room_for_retry(*retry, held_topics().is_cautious())) {
-    publish(backlog_.take_next_held(), now);
-    return true;
-  }
+  if (!is_up_ || backlog_.state() == Backlog::State::opening || trial_) return false;
+  if (in_flight_.empty()) trial_waits_until_.reset();
+  if (trial_waits_until_ && now < *trial_waits_until_) return false;
   const Entry* const stored = is_stopping_ ? nullptr : backlog_.next();
   const bool is_stored_ready = stored && in_flight_.has_room_for(*stored);
   const bool is_fresh_ready = !waiting_.empty() && in_flight_.has_room_for(waiting_.front());
   if (!is_stored_ready && !is_fresh_ready) return false;
   const bool takes_stored = is_stored_ready && (!is_fresh_ready || in_flight_.is_backlogs_turn());
-  if (hold_doubted(takes_stored ? *stored : waiting_.front(), now)) return true;
-  publish(takes_stored ? backlog_.take_next() : waiting_.pop(), now);
-  return true;
-}
-
-/// Treats a doubted topic as refused, because asking the broker would cost all robots the
-/// connection.
-bool Outbox::hold_doubted(const Entry& next, TimePoint now) {
-  const Refusal* const reason = doubted_.reason(next.message.topic);
-  if (!reason || next.is_unacknowledged() || held_topics().has(next.message.topic)) return false;
-  const std::string topic = next.message.topic;
-  hold(topic, *reason, now);
-  return true;
-}
-
-/// Publishes a suspect's message alone: first everything under way must be answered, then the
-/// others wait for this answer. Both waits are bounded.
-bool Outbox::publish_suspect(TimePoint now) {
-  if (!in_flight_.empty()) {
-    if (!trial_waits_until_) trial_waits_until_ = now + HeldTopics::trial_patience;
-    if (now < *trial_waits_until_) return false;
-    trial_waits_until_.reset();
-    backlog_.held().put_off_next(now);
+  const Entry& next = takes_stored ? *stored : waiting_.front();
+  refuse_with_its_flow(next, now);
+  const Turn turn = turn_of(next, now);
+  if (turn == Turn::alone && !in_flight_.empty()) return wait_to_be_alone(next, now);
+  Entry entry = takes_stored ? backlog_.take_next() : waiting_.pop();
+  if (turn == Turn::rest) {
+    turn_away(std::move(entry), now);
     return true;
   }
-  trial_waits_until_.reset();
-  Entry entry = backlog_.take_next_held();
-  if (entry.is_probe && now - entry.submitted >= max_unacknowledged_age) {
-    drop(entry, "it has waited for the broker for 10 s");
-    backlog_.held().on_answered(entry.message.topic, HeldTopics::Answer::neither);
-    return true;
+  if (turn == Turn::alone) trial_ = {next_sequence_, now + trial_patience};
+  if (turn != Turn::open && entry.is_unacknowledged()) {
+    entry.is_probe = true;
+    entry.message.qos = Qos::at_least_once;
   }
-  trial_ = {next_sequence_, now + HeldTopics::trial_patience};
   publish(std::move(entry), now);
   return true;
+}
+
+/// Counts its topic as refused where asking the broker would cost all robots the connection.
+void Outbox::refuse_with_its_flow(const Entry& next, TimePoint now) {
+  const Refusal* const reason = refused_flows_.reason(next.message.topic);
+  if (!reason || next.is_unacknowledged() || turn_of(next, now) != Turn::open) return;
+  if (refused_.on_refused(next.message.topic, *reason, now))
+    notify(refusal_notices_.on_refused_topic(next.message.topic, *reason, now));
+}
+
+/// Everything under way must be answered first. The wait is bounded; then its topic goes without,
+/// or rests. True when that has changed its turn.
+bool Outbox::wait_to_be_alone(const Entry& next, TimePoint now) {
+  if (!trial_waits_until_) trial_waits_until_ = now + trial_patience;
+  if (now < *trial_waits_until_) return false;
+  trial_waits_until_.reset();
+  refused_.on_not_tried(std::string(next.message.topic), RefusedTopics::longest_pause, now);
+  return true;
+}
+
+RefusedTopics::Turn Outbox::turn_of(const Entry& entry, TimePoint now) const {
+  if (refused_.empty()) return Turn::open;
+  return refused_.turn_of(entry.message.topic, entry.row, backlog_.can_keep(), now);
+}
+
+/// The broker does not take its topic for now.
+void Outbox::turn_away(Entry entry, TimePoint now) {
+  const Refusal refusal = refused_.reason(entry.message.topic);
+  make_dead_letter(std::move(entry), refusal, 0, now);
+}
+
+/// The gateway's own retained messages become none: the next one of the topic makes it void.
+void Outbox::make_dead_letter(Entry entry, const Refusal& refusal, std::uint32_t tries,
+                              TimePoint now) {
+  if (entry.is_unacknowledged()) return drop(entry, "the broker refuses its topic");
+  const bool will_be_tried = is_retried(refusal.code, tries);
+  const bool is_own = !entry.message.provenance;
+  if (is_own && entry.message.retain && will_be_tried) return set_by(std::move(entry), now);
+  const std::string topic = entry.message.topic;
+  const std::size_t bytes = entry.message.payload.size();
+  if (backlog_.make_dead_letter(entry, refusal, tries)) {
+    ++statistics_.dead_letters;
+    if (will_be_tried) return refused_.on_dead_letter(topic);
+    return notify(refusal_notices_.on_dead_letter(topic, bytes, refusal, now));
+  }
+  if (!is_own && !entry.receipt.is_owed()) {  // it was acknowledged
+    if (!will_be_tried) refused_.on_refused(topic, refusal, now);
+    return set_by(std::move(entry), now);
+  }
+  if (!will_be_tried) notify(refusal_notices_.on_dropped(topic, bytes, refusal, now));
+  refuse(entry, now);
+}
+
+void Outbox::set_by(Entry entry, TimePoint now) {
+  if (entry.is_stored) queued_bytes_ += entry.cost();
+  if (entry.row != 0) backlog_.forget(entry, now);
+  entry.row = 0;
+  entry.is_stored = false;
+  std::erase_if(set_by_, [&](const Entry& other) {
+    const bool is_void = !entry.message.provenance && other.message.topic == entry.message.topic;
+    if (is_void) queued_bytes_ -= other.cost();
+    return is_void;
+  });
+  set_by_.push_back(std::move(entry));
+}
+
+/// Those that may be published now.
+void Outbox::place_set_by(TimePoint now) {
+  if (set_by_.empty() || !refused_.is_wake_due(now)) return;
+  for (Entry& entry : std::exchange(set_by_, {})) {
+    if (turn_of(entry, now) == Turn::rest) {
+      set_by_.push_back(std::move(entry));
+    } else {
+      place(std::move(entry), now);
+    }
+  }
+}
+
+/// The store answers requests in their order, so it knows all dead letters of which this asks.
+void Outbox::ask_for_dead_letters(TimePoint now) {
+  const bool can_ask = backlog_.can_keep() && backlog_.has_written_dead_letters();
+  while (const auto topic = refused_.next_to_ask(can_ask, now))
+    actions_.push(RetryDeadLetters{backlog_.generation(), *topic, false});
+  if (!can_ask) return;
+  for (std::string& topic : std::exchange(accepted_, {}))
+    actions_.push(RetryDeadLetters{backlog_.generation(), std::move(topic), true});
 }
 
 /// The link is lost: what may the broker have closed the connection for?
 void Outbox::find_cause_of_loss(TimePoint now) {
   const std::optional<Trial> trial = std::exchange(trial_, std::nullopt);
   trial_waits_until_.reset();
-  if (const auto* refused = suspects_.explanation(now)) {
-    if (!refused->refusal.is_permanent()) doubted_.add(refused->topic, refused->refusal);
-    return backlog_.held().on_loss_after_refusal(now);
+  if (const auto* refused = loss_causes_.explanation(now)) {
+    if (!refused->refusal.is_permanent()) refused_flows_.add(refused->topic, refused->refusal);
+    return refused_.on_loss_after_refusal(now);
   }
   if (trial) return on_lost_alone(*in_flight_.take(trial->sequence, now), now);
-  for (const std::string& topic : suspects_.on_loss(in_flight_.entries(), now)) {
-    if (backlog_.held().suspect(topic, now)) hold_back(topic, now);
-  }
+  for (const std::string& topic : loss_causes_.on_loss(in_flight_.entries(), now))
+    refused_.accuse(topic, now);
 }
 
 void Outbox::on_lost_alone(Entry entry, TimePoint now) {
-  const std::string topic = entry.message.topic;
-  const bool is_convicted = backlog_.held().on_lost_alone(topic, answers_, now);
-  const std::uint32_t tries = held_topics().tries(topic);
+  const std::string& topic = entry.message.topic;
+  const bool is_convicted = refused_.on_lost_alone(topic, answers_, now);
+  const Refusal refusal{0, is_convicted ? "the connection was lost each time when it was sent alone"
+                                        : "the connection is lost when they are sent"};
   if (entry.is_unacknowledged()) {
-    notify(refusal_notices_.on_unacknowledged(entry.message,
-                                              {0, "the connection is lost when one is sent"}, now));
+    notify(refusal_notices_.on_unacknowledged(entry.message, refusal, now));
     return drop(entry, "the connection is lost when it is sent");
   }
-  if (tries == 1)
-    notify(refusal_notices_.on_held(topic, {0, "the connection is lost when they are sent"}, now));
-  if (!is_convicted) return give_back(std::move(entry), now);
-  set_aside(std::move(entry), {0, "the connection was lost each time when it was sent alone"},
-            tries, now);
+  if (refused_.tries(topic) == 1) notify(refusal_notices_.on_refused_topic(topic, refusal, now));
+  make_dead_letter(std::move(entry), refusal, is_convicted ? losses_that_convict : 1, now);
 }
 
 void Outbox::publish(Entry entry, TimePoint now) {
   entry.sequence = next_sequence_++;
-  if (entry.is_probe) entry.message.qos = Qos::at_least_once;
   actions_.push(PublishAtBroker{entry.sequence, trial_.has_value()});
-  backlog_.held().on_published(entry.message.topic);
+  refused_.on_published(entry.message.topic);
   in_flight_.add(std::move(entry), now);
 }
 
@@ -259,51 +314,50 @@ void Outbox::on_published(std::uint64_t sequence, TimePoint now) {
   trace(DeliveryStep::Kind::published, *entry);
   if (entry->receipt.is_owed()) actions_.push(FireReceipt{entry->receipt, ReceiptOutcome::safe});
   if (entry->row != 0) backlog_.forget(*entry, now);
-  const auto answer = is_answer ? HeldTopics::Answer::accepted : HeldTopics::Answer::neither;
-  if (is_answer) doubted_.on_accepted(entry->message.topic);
-  if (backlog_.held().on_answered(entry->message.topic, answer))
-    notify(refusal_notices_.on_accepted(entry->message.topic, now));
-  if (held_topics().empty()) doubted_.clear();
-  if (!is_answer) suspects_.on_written(sequence, std::move(entry->message.topic));
+  if (is_answer) {
+    on_accepted(entry->message.topic, now);
+  } else {
+    loss_causes_.on_written(sequence, std::move(entry->message.topic));
+  }
   entry->give_back_buffers();
-  place_released(now);
   proceed(now);
+}
+
+void Outbox::on_accepted(const std::string& topic, TimePoint now) {
+  refused_flows_.on_accepted(topic);
+  if (refused_.empty()) return;
+  if (refused_.on_accepted(topic, now)) {
+    notify(refusal_notices_.on_accepted(topic, now));
+    accepted_.push_back(topic);
+  }
+  if (refused_.empty()) refused_flows_.clear();
 }
 
 void Outbox::note_answer(std::uint64_t sequence) {
   ++answers_;
-  suspects_.on_answered(sequence);
+  loss_causes_.on_answered(sequence);
   if (trial_ && trial_->sequence == sequence) trial_.reset();
 }
 
 void Outbox::on_publish_refused(std::uint64_t sequence, const Refusal& refusal, TimePoint now) {
-  const Entry* const refused = in_flight_.find(sequence);
-  if (!refused) return;  // from before a reconnect
-  const std::string topic = refused->message.topic;
-  const bool is_topics_fault = !refusal.is_permanent();
-  if (is_topics_fault) save_in_flight(topic);
-  Entry entry = std::move(*in_flight_.take(sequence, now));
+  std::optional<Entry> entry = in_flight_.take(sequence, now);
+  if (!entry) return;  // from before a reconnect
+  const std::string topic = entry->message.topic;
   note_answer(sequence);
-  suspects_.on_refused({topic, refusal, now});
-  if (entry.is_unacknowledged()) {
-    notify(refusal_notices_.on_unacknowledged(entry.message, refusal, now));
-    backlog_.held().on_answered(topic, HeldTopics::Answer::neither);
-    drop(entry, "the broker refuses it");
-    return proceed(now);
-  }
-  is_stalled_ = false;
-  trace(DeliveryStep::Kind::refused, entry, "the broker: " + refusal.why);
-  backlog_.held().on_answered(
-      topic, is_topics_fault ? HeldTopics::Answer::refused : HeldTopics::Answer::neither);
-  if (is_topics_fault) hold(topic, refusal, now);
+  loss_causes_.on_refused({topic, refusal, now});
+  const bool is_topics_fault = !refusal.is_permanent();
   if (!is_topics_fault) {
-    set_aside(std::move(entry), refusal, 1, now);
-  } else if (is_hopeless(entry, now)) {
-    set_aside(std::move(entry), refusal, held_topics().tries(topic), now);
-  } else {
-    give_back(std::move(entry), now);
+    refused_.on_not_tried(topic, {}, now);
+  } else if (refused_.on_refused(topic, refusal, now) && !entry->is_unacknowledged()) {
+    notify(refusal_notices_.on_refused_topic(topic, refusal, now));
   }
-  place_released(now);
+  if (entry->is_unacknowledged()) {
+    notify(refusal_notices_.on_unacknowledged(entry->message, refusal, now));
+  } else {
+    is_stalled_ = false;
+    trace(DeliveryStep::Kind::refused, *entry, "the broker: " + refusal.why);
+  }
+  make_dead_letter(std::move(*entry), refusal, is_topics_fault ? refused_.tries(topic) : 1, now);
   proceed(now);
 }
 
@@ -315,58 +369,6 @@ void Outbox::save_in_flight(std::string_view topic) {
     const bool is_unsaved = !entry.is_unacknowledged() && entry.row == 0;
     if (is_unsaved && entry.message.topic == topic && !backlog_.keep_copy(entry)) return;
   }
-}
-
-void Outbox::hold(const std::string& topic, const Refusal& refusal, TimePoint now) {
-  HeldTopics& held = backlog_.held();
-  const bool is_new = !held.has(topic);
-  if (held.hold(topic, refusal, in_flight_.count(topic), now))
-    notify(refusal_notices_.on_held(topic, refusal, now));
-  if (is_new) hold_back(topic, now);
-}
-
-/// Moves the waiting messages of a newly held topic to HeldTopics.
-void Outbox::hold_back(const std::string& topic, TimePoint now) {
-  for (Entry& entry : backlog_.hold_back(topic)) place(std::move(entry), now);
-  for (Entry& entry : waiting_.take(topic)) place(std::move(entry), now);
-}
-
-bool Outbox::is_hopeless(const Entry& entry, TimePoint now) const {
-  return now - entry.submitted >= hopeless_age &&
-         held_topics().tries(entry.message.topic) >= hopeless_tries;
-}
-
-/// It was not delivered and waits again.
-void Outbox::give_back(Entry entry, TimePoint now) {
-  if (entry.is_stored) {
-    backlog_.give_back(std::move(entry));
-  } else if (entry.is_being_copied()) {
-    backlog_.adopt(std::move(entry));
-  } else {
-    place(std::move(entry), now);
-  }
-}
-
-/// Where it cannot become a dead letter, it is not acknowledged; one that was is kept.
-void Outbox::set_aside(Entry entry, const Refusal& refusal, std::uint32_t tries, TimePoint now) {
-  const BrokerMessage message = entry.message;
-  const Receipt receipt = entry.receipt;
-  if (backlog_.set_aside(entry, refusal, tries)) {
-    ++statistics_.set_aside;
-    notify(refusal_notices_.on_set_aside(message, refusal, now));
-  } else if (entry.row == 0 && receipt.is_owed()) {
-    queued_bytes_ -= entry.cost();
-    ++statistics_.refused;
-    actions_.push(FireReceipt{receipt, ReceiptOutcome::refused});
-    notify(refusal_notices_.on_dropped(message, refusal, now));
-  } else {
-    if (refusal.code != 0) hold(message.topic, refusal, now);
-    give_back(std::move(entry), now);
-  }
-}
-
-void Outbox::place_released(TimePoint now) {
-  while (auto entry = backlog_.held().take_released()) place(std::move(*entry), now);
 }
 
 void Outbox::notify(std::optional<Notice> notice) {
@@ -381,16 +383,19 @@ void Outbox::on_deadline(TimePoint now) {
   }
   if (overdue_check_ && now >= *overdue_check_) check_overdue(now);
   if (trial_ && now >= trial_->until) trial_.reset();
+  const bool has_waited_to_be_alone = trial_waits_until_ && now >= *trial_waits_until_;
   if (stop_check_ && now >= *stop_check_) {
     stop_check_.reset();
     save_all(now);
   }
   proceed(now);
+  if (has_waited_to_be_alone) trial_waits_until_.reset();
 }
 
 std::optional<TimePoint> Outbox::deadline() const {
   const auto trial = trial_ ? std::optional(trial_->until) : trial_waits_until_;
-  return earlier(earlier(expiry_check_, overdue_check_),
+  const auto retry = is_up_ && !is_stopping_ ? refused_.deadline() : std::nullopt;
+  return earlier(earlier(earlier(expiry_check_, overdue_check_), retry),
                  earlier(earlier(stop_check_, trial), backlog_.deadline()));
 }
 
@@ -430,11 +435,13 @@ void Outbox::handle(StoreOpened& opened, TimePoint now) {
                          {}});
   }
   store_trouble_.reset();
+  refused_.on_store_changed(std::exchange(opened.dead_topics, {}), now);
   start_over(backlog_.on_opened(std::move(opened), now), now);
 }
 
 void Outbox::handle(StoreAbsent& absent, TimePoint now) {
   store_trouble_.reset(std::move(absent.why));
+  refused_.on_store_changed({}, now);
   start_over(backlog_.on_absent(now), now);
 }
 
@@ -446,7 +453,9 @@ void Outbox::start_over(Entries in_memory, TimePoint now) {
     entry.row = 0;
   }
   in_flight_.forget_backlog();
-  drop_dead_letters(in_memory);
+  drop_dead_letters(in_memory, now);
+  accepted_.clear();
+  std::ranges::move(std::exchange(set_by_, {}), std::back_inserter(in_memory));
   for (Entry& entry : in_memory) {
     if (entry.is_stored) {
       queued_bytes_ += entry.cost();
@@ -485,15 +494,17 @@ void Outbox::handle(StoreWriteFailed& failed, TimePoint now) {
   Entries unsaved = backlog_.on_write_failed(now);
   for (Entry& entry : in_flight_.entries())
     if (entry.is_being_copied()) backlog_.abandon_copy(entry);
-  drop_dead_letters(unsaved);
+  drop_dead_letters(unsaved, now);
   notify(store_trouble_.on_write_failed(failed.why, now));
   place_all_again(std::move(unsaved), now);
 }
 
 void Outbox::handle(StoreLoaded& loaded, TimePoint now) {
   notify(store_trouble_.on_loaded());
+  if (!loaded.damaged.empty()) refused_.on_rows_lost(now);
   const std::size_t missing = backlog_.on_loaded(std::move(loaded), now);
   if (missing == 0) return;
+  refused_.on_rows_lost(now);
   actions_.push(Notice{Severity::error,
                        fmt::format("{} messages that were stored are no longer in the store: "
                                    "its file was damaged, or another program has changed it",
@@ -508,6 +519,7 @@ void Outbox::handle(StoreLoadFailed& failed, TimePoint now) {
 }
 
 void Outbox::handle(ResendDeadLetters& resend, TimePoint now) {
+  std::uint64_t row = 0;
   for (DeadLetter& letter : resend.letters) {
     if (resending_.contains(letter.id)) continue;  // ordered twice
     Entry entry;
@@ -517,17 +529,26 @@ void Outbox::handle(ResendDeadLetters& resend, TimePoint now) {
     entry.submitted = now;
     const std::size_t cost = entry.cost();
     if (!backlog_.can_keep() || !backlog_.keep(entry)) continue;  // it stays a dead letter
+    row = entry.row;
     queued_bytes_ += cost;
     resending_.insert(letter.id);
+  }
+  if (resend.retried_topic.empty()) return;
+  if (row != 0 || resend.letters.empty()) {
+    refused_.on_letter(resend.retried_topic, row, now);
+  } else {
+    refused_.on_not_tried(resend.retried_topic, RefusedTopics::first_pause, now);
   }
 }
 
 /// Dead letters that were to be sent again and that the store did not keep are dead letters still.
-void Outbox::drop_dead_letters(Entries& unsaved) {
-  std::erase_if(unsaved, [this](const Entry& entry) {
+void Outbox::drop_dead_letters(Entries& unsaved, TimePoint now) {
+  std::erase_if(unsaved, [&](const Entry& entry) {
     if (entry.dead_letter == 0 || entry.is_stored) return false;
     queued_bytes_ -= entry.cost();
     resending_.erase(entry.dead_letter);
+    refused_.on_not_tried(entry.message.topic, RefusedTopics::first_pause, now);
+    refused_.on_dead_letter(entry.message.topic);
     return true;
   });
 }
@@ -588,7 +609,7 @@ bool Outbox::is_settled() const {
 }
 
 std::size_t Outbox::unsaved() const {
-  std::size_t count = waiting_.size() + backlog_.behind() + backlog_.unsaved();
+  std::size_t count = waiting_.size() + set_by_.size() + backlog_.behind() + backlog_.unsaved();
   for (const Entry& entry : in_flight_.entries()) count += entry.is_stored ? 0 : 1;
   return count;
 }

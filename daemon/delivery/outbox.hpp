@@ -22,10 +22,10 @@
 #include "daemon/core/traffic_event.hpp"
 #include "daemon/delivery/backlog.hpp"
 #include "daemon/delivery/fair_queue.hpp"
-#include "daemon/delivery/held_topics.hpp"
 #include "daemon/delivery/message_store.hpp"
 #include "daemon/delivery/publish_window.hpp"
 #include "daemon/delivery/refusal_notices.hpp"
+#include "daemon/delivery/refused_topics.hpp"
 #include "daemon/delivery/store_trouble.hpp"
 
 namespace slamgw {
@@ -40,8 +40,8 @@ struct FireReceipt {
   ReceiptOutcome outcome = ReceiptOutcome::safe;
 };
 
-using OutboxAction =
-    std::variant<PublishAtBroker, FireReceipt, WriteToStore, LoadFromStore, DeliveryStep, Notice>;
+using OutboxAction = std::variant<PublishAtBroker, FireReceipt, WriteToStore, LoadFromStore,
+                                  RetryDeadLetters, DeliveryStep, Notice>;
 
 class Outbox {
  public:
@@ -49,24 +49,22 @@ class Outbox {
   /// dropped. 64 MiB hold minutes of a thousand robots and are little on a Pi. One flow (FairQueue)
   /// may hold as much as is still free: half of the bound when it is alone, else less.
   static constexpr std::size_t max_queued_bytes = 64u << 20;
-  /// Part of it that messages on held topics may take while they cannot be stored.
-  static constexpr std::size_t held_share = 4;
-  /// A message of this age whose topic was refused so often in a row is set aside.
-  static constexpr std::chrono::hours hopeless_age{24};
-  static constexpr std::uint32_t hopeless_tries = 10;
   /// docs/topics.md, promise 5: QoS 0 is never queued behind an outage for longer.
   static constexpr std::chrono::seconds max_unacknowledged_age{10};
   /// A broker that has not acknowledged a message for so long is slow: what is only in memory goes
   /// to the store, and robots need not wait for the broker.
   static constexpr std::chrono::seconds broker_patience{2};
+  /// How long the whole link waits for what is under way before a message goes alone, and then for
+  /// its answer.
+  static constexpr std::chrono::seconds trial_patience{5};
   /// Time given to the broker at shutdown; the remaining messages then go to the store.
   static constexpr std::chrono::seconds stop_patience{1};
 
   struct Statistics {
-    std::uint64_t published = 0;  ///< the broker has them
-    std::uint64_t dropped = 0;    ///< QoS 0 too old, held, without room, or lost with the link
-    std::uint64_t refused = 0;    ///< not acknowledged: no room, or never to be taken
-    std::uint64_t set_aside = 0;  ///< dead letters now
+    std::uint64_t published = 0;     ///< the broker has them
+    std::uint64_t dropped = 0;       ///< QoS 0: too old, refused, without room, lost with the link
+    std::uint64_t refused = 0;       ///< not acknowledged: no room, or the broker refuses them
+    std::uint64_t dead_letters = 0;  ///< how often a message became one
   };
 
   /// `window`: QoS 1 and 2 messages under way at once (`broker.max_inflight`); `store_max_bytes`:
@@ -78,8 +76,8 @@ class Outbox {
   /// `receive_maximum` as the broker says it; one slot is left free for MQTT 5 flow control.
   void on_link_up(std::uint16_t receive_maximum, TimePoint now);
   /// What was under way is published again, in order, when the link is back (QoS 0: counted as
-  /// dropped). A message that was under way alone, twice in a row, is set aside: the broker closes
-  /// the connection for it.
+  /// dropped). A message that was under way alone becomes a dead letter: the broker closes the
+  /// connection for it. After the second time it is not tried again.
   void on_link_down(TimePoint now);
   /// The broker does not answer for a while, or does again: QoS 0 waits meanwhile.
   void on_silence(bool is_silent, TimePoint now) {
@@ -87,8 +85,9 @@ class Outbox {
     proceed(now);
   }
   void on_published(std::uint64_t sequence, TimePoint now);
-  /// The broker has answered with a reason code of 0x80 or above. A message that it can never take
-  /// is set aside; for any other reason its topic is held, and the message tried again.
+  /// The broker has answered with a reason code of 0x80 or above: the message becomes a dead
+  /// letter. Where another message of its topic might be refused as well, the topic rests for a
+  /// while.
   void on_publish_refused(std::uint64_t sequence, const Refusal& refusal, TimePoint now);
   void on_store_event(StoreEvent event, TimePoint now);
   /// The daemon ends: the backlog stays where it is, what is only in memory goes to the broker or
@@ -116,7 +115,7 @@ class Outbox {
   const Statistics& statistics() const { return statistics_; }
   const Backlog& backlog() const { return backlog_; }
   /// Topics that the broker does not take for now.
-  const HeldTopics& held_topics() const { return backlog_.held(); }
+  const RefusedTopics& refused_topics() const { return refused_; }
   /// Why nothing can be stored, or read back; empty while it can.
   const std::string& store_trouble() const { return store_trouble_.why(); }
   /// Writes and reads that failed.
@@ -126,6 +125,7 @@ class Outbox {
   using Entry = OutboxEntry;
   using Entries = OutboxEntries;
   using Slots = std::unordered_set<std::size_t>;  // TopicCounts::slot
+  using Turn = RefusedTopics::Turn;
 
   void handle(StoreOpened& opened, TimePoint now);
   void handle(StoreAbsent& absent, TimePoint now);
@@ -141,7 +141,7 @@ class Outbox {
   void start_over(Entries in_memory, TimePoint now);
   void trace(DeliveryStep::Kind kind, const Entry& entry, std::string why = {});
   void make_safe(Entry& entry);
-  void drop_dead_letters(Entries& unsaved);
+  void drop_dead_letters(Entries& unsaved, TimePoint now);
 
   void place(Entry entry, TimePoint now, bool is_overdue = false);
   void place_all_again(Entries returned, TimePoint now, bool is_overdue = false, Slots moved = {});
@@ -153,21 +153,21 @@ class Outbox {
 
   void proceed(TimePoint now);
   bool publish_next(TimePoint now);
+  void refuse_with_its_flow(const Entry& next, TimePoint now);
+  bool wait_to_be_alone(const Entry& next, TimePoint now);
   bool has_memory_for(const Entry& entry) const;
-  bool is_kept_out(const Entry& entry) const;
   void publish(Entry entry, TimePoint now);
   void save_in_flight(std::string_view topic);
   void note_answer(std::uint64_t sequence);
-  bool publish_suspect(TimePoint now);
-  bool hold_doubted(const Entry& next, TimePoint now);
   void find_cause_of_loss(TimePoint now);
   void on_lost_alone(Entry entry, TimePoint now);
-  void hold(const std::string& topic, const Refusal& refusal, TimePoint now);
-  void hold_back(const std::string& topic, TimePoint now);
-  bool is_hopeless(const Entry& entry, TimePoint now) const;
-  void give_back(Entry entry, TimePoint now);
-  void set_aside(Entry entry, const Refusal& refusal, std::uint32_t tries, TimePoint now);
-  void place_released(TimePoint now);
+  Turn turn_of(const Entry& entry, TimePoint now) const;
+  void turn_away(Entry entry, TimePoint now);
+  void make_dead_letter(Entry entry, const Refusal& refusal, std::uint32_t tries, TimePoint now);
+  void set_by(Entry entry, TimePoint now);
+  void place_set_by(TimePoint now);
+  void ask_for_dead_letters(TimePoint now);
+  void on_accepted(const std::string& topic, TimePoint now);
   void notify(std::optional<Notice> notice);
   void expire_unacknowledged(TimePoint now);
 
@@ -184,17 +184,22 @@ class Outbox {
   PublishWindow in_flight_;
   std::size_t queued_bytes_ = 0;
 
-  ConnectionSuspects suspects_;
-  DoubtedFlows doubted_;
+  RefusedTopics refused_;
+  RefusedFlows refused_flows_;
+  LossCauses loss_causes_;
   std::uint64_t answers_ = 0;  // of the broker
-  /// A suspect's message that is under way alone, and until when the others wait for its answer.
+  /// A message that is under way alone, and until when the others wait for its answer.
   struct Trial {
     std::uint64_t sequence = 0;
     TimePoint until{};
   };
   std::optional<Trial> trial_;
   std::optional<TimePoint> trial_waits_until_;  // for what is under way before it
+  /// Of refused topics, what can neither be a dead letter nor be given up: the gateway's own last
+  /// retained message of each, and what was acknowledged while there was another store.
+  Entries set_by_;
 
+  std::vector<std::string> accepted_;            // topics whose dead letters are to be sent again
   std::unordered_set<std::uint64_t> resending_;  // dead letters on their way to the store
 
   std::optional<TimePoint> expiry_check_;   // while QoS 0 waits

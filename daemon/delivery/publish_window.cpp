@@ -18,12 +18,6 @@ bool PublishWindow::has_room_for(const OutboxEntry& entry) const {
   return acknowledged_ < effective_size_;
 }
 
-bool PublishWindow::has_room_for_retry(const OutboxEntry& entry, bool is_cautious) const {
-  constexpr std::size_t share = 4;
-  const std::size_t most = is_cautious ? 1 : std::max<std::size_t>(1, effective_size_ / share);
-  return retries_ < most && has_room_for(entry);
-}
-
 bool PublishWindow::is_backlogs_turn() const {
   const std::size_t fresh = acknowledged_ - from_backlog_;
   return from_backlog_ != fresh ? from_backlog_ < fresh : !was_backlog_last_;
@@ -37,7 +31,6 @@ void PublishWindow::add(OutboxEntry entry, TimePoint now) {
     progress_ = now;
   }
   if (entry.is_from_backlog && !entry.is_unacknowledged()) ++from_backlog_;
-  if (entry.is_retry) ++retries_;
   entries_.push_back(std::move(entry));
 }
 
@@ -53,19 +46,11 @@ const OutboxEntry* PublishWindow::find(std::uint64_t sequence) {
   return found == entries_.end() ? nullptr : &*found;
 }
 
-std::size_t PublishWindow::count(std::string_view topic) const {
-  const std::size_t slot = TopicCounts::slot(topic);
-  return static_cast<std::size_t>(std::count_if(
-      entries_.begin(), entries_.end(),
-      [&](const OutboxEntry& entry) { return TopicCounts::slot(entry.message.topic) == slot; }));
-}
-
 std::optional<OutboxEntry> PublishWindow::take(std::uint64_t sequence, TimePoint now) {
   const auto found = position_of(sequence);
   if (found == entries_.end()) return std::nullopt;
   OutboxEntry entry = std::move(*found);
   entries_.erase(found);
-  if (entry.is_retry) --retries_;
   if (entry.is_unacknowledged()) {
     if (--unacknowledged_ <= max_unacknowledged / 2) is_unacknowledged_paused_ = false;
     return entry;
@@ -77,7 +62,7 @@ std::optional<OutboxEntry> PublishWindow::take(std::uint64_t sequence, TimePoint
 }
 
 OutboxEntries PublishWindow::take_all() {
-  acknowledged_ = from_backlog_ = retries_ = unacknowledged_ = 0;
+  acknowledged_ = from_backlog_ = unacknowledged_ = 0;
   is_unacknowledged_paused_ = false;
   return std::exchange(entries_, {});
 }

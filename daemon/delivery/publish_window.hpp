@@ -29,8 +29,7 @@ struct OutboxEntry {
   std::uint64_t row = 0;          ///< in the store; 0: not handed to it
   std::uint64_t dead_letter = 0;  ///< its number there until it is stored; 0: it is none
   bool is_stored = false;         ///< `row` is durable
-  bool is_retry = false;          ///< of a held topic
-  /// QoS 0 of a suspect (HeldTopics), which is published at QoS 1: else there would be no answer.
+  /// QoS 0 of a topic that is tried, which is published at QoS 1: else there would be no answer.
   bool is_probe = false;
   bool is_from_backlog = false;  ///< it takes the turns of the backlog
 
@@ -77,17 +76,12 @@ class PublishWindow {
   void on_silence(bool is_silent) { is_silent_ = is_silent; }
 
   bool has_room_for(const OutboxEntry& entry) const;
-  /// Those that were refused before have a quarter of the window at most, or one place when the
-  /// outbox is cautious.
-  bool has_room_for_retry(const OutboxEntry& entry, bool is_cautious) const;
   /// While both could go, each has half of the window.
   bool is_backlogs_turn() const;
   /// `entry.sequence` rises from call to call.
   void add(OutboxEntry entry, TimePoint now);
   /// Null, or nothing: it was handed over before a reconnect.
   const OutboxEntry* find(std::uint64_t sequence);
-  /// How many of `topic`, QoS 0 too.
-  std::size_t count(std::string_view topic) const;
   std::optional<OutboxEntry> take(std::uint64_t sequence, TimePoint now);
   OutboxEntries take_all();
   /// By rising sequence. A caller that changes is_from_backlog calls forget_backlog().
@@ -110,7 +104,6 @@ class PublishWindow {
   OutboxEntries entries_;
   std::size_t acknowledged_ = 0;  // QoS 1 and 2
   std::size_t from_backlog_ = 0;
-  std::size_t retries_ = 0;
   std::size_t unacknowledged_ = 0;         // QoS 0
   bool is_unacknowledged_paused_ = false;  // until half of it is written
   bool is_silent_ = false;

@@ -28,10 +28,10 @@ Notice no_room_notice(const NoRoom& no_room) {
         "messages are not acknowledged; robots keep them",
         no_room.store_bytes, no_room.store_max_bytes, no_room.largest.bytes, no_room.largest.flow,
         no_room.count);
-  else if (no_room.is_of_held_topic)
+  else if (no_room.is_of_refused_topic)
     text = fmt::format(
-        "{} new messages are not acknowledged: the broker does not take their topics, and those "
-        "that wait for it leave no more room",
+        "{} new messages are not acknowledged: the broker does not take their topics, and there is "
+        "no more room for dead letters",
         no_room.count);
   return {Severity::warning, std::move(text), {}};
 }
@@ -52,8 +52,8 @@ std::optional<Notice> RefusalNotices::within_budget(Severity severity, std::stri
   return Notice{severity, std::move(text), {}};
 }
 
-std::optional<Notice> RefusalNotices::on_held(const std::string& topic, const Refusal& refusal,
-                                              TimePoint now) {
+std::optional<Notice> RefusalNotices::on_refused_topic(const std::string& topic,
+                                                       const Refusal& refusal, TimePoint now) {
   return within_budget(
       Severity::warning,
       fmt::format("the broker does not take messages on {}: {}; they are kept and tried again{}",
@@ -66,13 +66,13 @@ std::optional<Notice> RefusalNotices::on_accepted(const std::string& topic, Time
                        fmt::format("the broker takes messages on {} again", topic), now);
 }
 
-std::optional<Notice> RefusalNotices::on_set_aside(const BrokerMessage& message,
-                                                   const Refusal& refusal, TimePoint now) {
+std::optional<Notice> RefusalNotices::on_dead_letter(const std::string& topic, std::size_t bytes,
+                                                     const Refusal& refusal, TimePoint now) {
   return within_budget(
       Severity::error,
       fmt::format("a message of {} octets on {} was set aside: {}; `slam-gatewayctl store list` "
                   "shows it, `store resend` sends it again",
-                  message.payload.size(), message.topic, words_of(refusal)),
+                  bytes, topic, words_of(refusal)),
       now);
 }
 
@@ -85,12 +85,12 @@ std::optional<Notice> RefusalNotices::on_unacknowledged(const BrokerMessage& mes
       now);
 }
 
-std::optional<Notice> RefusalNotices::on_dropped(const BrokerMessage& message,
+std::optional<Notice> RefusalNotices::on_dropped(const std::string& topic, std::size_t bytes,
                                                  const Refusal& refusal, TimePoint now) {
   return within_budget(
       Severity::error,
       fmt::format("a message of {} octets on {} was not delivered: {}; it was not acknowledged",
-                  message.payload.size(), message.topic, words_of(refusal)),
+                  bytes, topic, words_of(refusal)),
       now);
 }
 

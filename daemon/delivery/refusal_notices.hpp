@@ -9,7 +9,7 @@
 #include <unordered_set>
 
 #include "daemon/core/messages.hpp"
-#include "daemon/delivery/held_topics.hpp"
+#include "daemon/delivery/message_store.hpp"
 
 namespace slamgw {
 
@@ -18,7 +18,7 @@ struct NoRoom {
   std::uint64_t count = 0;        ///< messages that the line stands for
   std::uint64_t store_bytes = 0;  ///< while the store is full; else 0
   std::uint64_t store_max_bytes = 0;
-  bool is_of_held_topic = false;
+  bool is_of_refused_topic = false;
   std::size_t memory_bytes = 0;
   StoreShares::Share largest{};  ///< of the store
 };
@@ -30,16 +30,18 @@ class RefusalNotices {
   static constexpr std::size_t most_lines = 20;
   static constexpr std::chrono::seconds interval{10};
 
-  std::optional<Notice> on_held(const std::string& topic, const Refusal& refusal, TimePoint now);
+  std::optional<Notice> on_refused_topic(const std::string& topic, const Refusal& refusal,
+                                         TimePoint now);
   std::optional<Notice> on_accepted(const std::string& topic, TimePoint now);
-  std::optional<Notice> on_set_aside(const BrokerMessage& message, const Refusal& refusal,
-                                     TimePoint now);
+  /// A message of `bytes` octets has become one that is not tried again.
+  std::optional<Notice> on_dead_letter(const std::string& topic, std::size_t bytes,
+                                       const Refusal& refusal, TimePoint now);
   /// QoS 0, of each topic once.
   std::optional<Notice> on_unacknowledged(const BrokerMessage& message, const Refusal& refusal,
                                           TimePoint now);
-  /// It was neither acknowledged to a robot nor can it be set aside.
-  std::optional<Notice> on_dropped(const BrokerMessage& message, const Refusal& refusal,
-                                   TimePoint now);
+  /// It was neither acknowledged to a robot nor can it be a dead letter.
+  std::optional<Notice> on_dropped(const std::string& topic, std::size_t bytes,
+                                   const Refusal& refusal, TimePoint now);
 
  private:
   std::optional<Notice> within_budget(Severity severity, std::string text, TimePoint now);

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/storage/dead_letter_desk.hpp"
 
+#include <fmt/format.h>
+
 #include <nlohmann/json.hpp>
 #include <utility>
 
@@ -55,11 +57,35 @@ OrderAnswer DeadLetterDesk::perform(const DiscardOrder& order, MessageLog& log) 
 }
 
 void DeadLetterDesk::perform(const ResendOrder& order, MessageLog& log, OrderDone done) {
-  if (resending_) return done({{}, "dead letters are being sent again already"});
-  Resending resending;
-  resending.ids = log.ids(order.choice);
-  resending.done = std::move(done);
-  resending_ = std::move(resending);
+  orders_.push_back({order.choice, {}, std::move(done)});
+  begin_next(log);
+}
+
+void DeadLetterDesk::perform(const RetryDeadLetters& retry, MessageLog& log) {
+  if (retry.is_all) {
+    orders_.push_back({{}, retry.topic});
+    return begin_next(log);
+  }
+  ResendDeadLetters one{{}, retry.topic};
+  if (auto listed = log.first_retried(retry.topic))
+    one.letters.push_back(std::move(listed->letter));
+  resend_(std::move(one));
+}
+
+void DeadLetterDesk::begin_next(MessageLog& log) {
+  if (resending_ || orders_.empty()) return;
+  resending_.emplace().order = std::move(orders_.front());
+  orders_.pop_front();
+  const Order& order = resending_->order;
+  try {
+    resending_->ids =
+        order.retried_topic.empty() ? log.ids(order.choice) : log.retried(order.retried_topic);
+  } catch (const LogError& error) {
+    if (order.done) order.done({{}, fmt::format("the store fails: {}", error.what())});
+    if (!order.done) orders_.push_back(order);
+    resending_.reset();
+    return wait(log);
+  }
   give_page(log);
 }
 
@@ -70,43 +96,50 @@ void DeadLetterDesk::on_written(const WriteToStore& write, MessageLog& log) {
     kept += resending_->given.erase(stored.dead_letter);
   if (kept == 0) return;
   resending_->resent += kept;
-  if (!resending_->given.empty()) return wait();
-  try {
-    give_page(log);
-  } catch (const LogError&) {
-    finish();
-  }
+  resending_->given.empty() ? give_page(log) : wait(log);
 }
 
 void DeadLetterDesk::give_page(MessageLog& log) {
   ResendDeadLetters page;
   std::size_t bytes = 0;
   std::size_t& next = resending_->next;
-  while (next < resending_->ids.size() && page.letters.size() < page_letters &&
-         bytes < page_bytes) {
-    auto listed = log.find(resending_->ids[next++]);
-    if (!listed) continue;
-    bytes += listed->letter.message.topic.size() + listed->letter.message.payload.size();
-    resending_->given.insert(listed->letter.id);
-    page.letters.push_back(std::move(listed->letter));
+  try {
+    while (next < resending_->ids.size() && page.letters.size() < page_letters &&
+           bytes < page_bytes) {
+      auto listed = log.find(resending_->ids[next]);
+      ++next;
+      if (!listed) continue;
+      bytes += listed->letter.message.topic.size() + listed->letter.message.payload.size();
+      resending_->given.insert(listed->letter.id);
+      page.letters.push_back(std::move(listed->letter));
+    }
+  } catch (const LogError&) {
+    // The page ends here; without one, so does the order.
   }
-  if (page.letters.empty()) return finish();
+  if (page.letters.empty()) return finish(log);
   resend_(std::move(page));
-  wait();
+  wait(log);
 }
 
-void DeadLetterDesk::wait() {
+/// For the outbox, or for a disk that fails.
+void DeadLetterDesk::wait(MessageLog& log) {
   timer_.expires_after(patience_);
-  timer_.async_wait([this](boost::system::error_code error) {
-    if (!error && resending_) finish();
+  timer_.async_wait([this, &log](boost::system::error_code error) {
+    if (error) return;
+    resending_ ? finish(log) : begin_next(log);
   });
 }
 
-void DeadLetterDesk::finish() {
+void DeadLetterDesk::finish(MessageLog& log) {
   timer_.cancel();
-  const Resending ended = std::move(*resending_);
+  Resending ended = std::move(*resending_);
   resending_.reset();
-  ended.done(answer({{"resent", ended.resent}, {"left", ended.ids.size() - ended.resent}}));
+  const std::size_t left = ended.ids.size() - ended.resent;
+  if (ended.order.done) ended.order.done(answer({{"resent", ended.resent}, {"left", left}}));
+  const bool is_left = ended.next < ended.ids.size() || !ended.given.empty();
+  if (ended.order.done || !is_left) return begin_next(log);
+  orders_.push_back(std::move(ended.order));
+  wait(log);
 }
 
 }  // namespace slamgw

@@ -48,6 +48,10 @@ void DiskStore::ask(LoadFromStore load) {
   thread_.run([this, request = std::move(load)] { serve(request); });
 }
 
+void DiskStore::ask(RetryDeadLetters retry) {
+  thread_.run([this, request = std::move(retry)] { serve(request); });
+}
+
 void DiskStore::perform(StoreOrder order, OrderDone done) {
   const OrderDone report = [this, done = std::move(done)](OrderAnswer answer) {
     thread_.report([done, what = std::move(answer)] { done(what); });
@@ -101,6 +105,14 @@ void DiskStore::perform(const LoadFromStore& load) {
   const std::size_t damaged = loaded.damaged.size();
   post(std::move(loaded));
   report_damaged(damaged);
+}
+
+void DiskStore::perform(const RetryDeadLetters& retry) {
+  try {
+    dead_letter_desk_.perform(retry, *log_);
+  } catch (const LogError&) {
+    post(ResendDeadLetters{{}, retry.topic});  // none can be read
+  }
 }
 
 /// The disk has failed to read for so long that what it does not read is lost.

@@ -40,6 +40,7 @@ class DiskStore {
   /// The outbox has one write and one load under way; as many more may be from before an opening.
   void ask(WriteToStore write);
   void ask(LoadFromStore load);
+  void ask(RetryDeadLetters retry);
   /// `done` is called on the loop's thread, once, or not at all when stop() comes first.
   void perform(StoreOrder order, OrderDone done);
 
@@ -49,6 +50,7 @@ class DiskStore {
   void serve(const Request& request);
   void perform(const WriteToStore& write);
   void perform(const LoadFromStore& load);
+  void perform(const RetryDeadLetters& retry);
   void serve(const StoreOrder& order, const OrderDone& done);
   void open();
   void on_opened();

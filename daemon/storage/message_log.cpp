@@ -55,6 +55,13 @@ std::optional<std::uint64_t> letter_id(ByteView octets) {
   return listed ? std::optional(listed->letter.id) : std::nullopt;
 }
 
+std::vector<std::uint64_t> by_time(std::vector<std::pair<WallTime, std::uint64_t>> chosen) {
+  std::ranges::sort(chosen);
+  std::vector<std::uint64_t> ids;
+  for (const auto& [stored_at, id] : chosen) ids.push_back(id);
+  return ids;
+}
+
 }  // namespace
 
 Bytes encode_message(const MessageRecord& record) {
@@ -99,14 +106,16 @@ std::optional<MessageRecord> decode_message(ByteView octets) {
 MessageLog::MessageLog(const std::string& directory, std::uint64_t max_bytes, bool skips_unreadable)
     : messages_(directory + "/messages", part_of(max_bytes, 64, 4u << 20)),
       letters_(directory + "/dead-letters", part_of(max_bytes, 256, 1u << 20), letter_id) {
+  replay_letters(skips_unreadable);
+  replay(skips_unreadable);
+}
+
+void MessageLog::replay_letters(bool skips_unreadable) {
   lost_dead_letters_ = letters_.replay(skips_unreadable);
   for (const auto& [id, place] : letters_.places()) {
-    const auto record = letters_.read(id);
-    const std::size_t bytes = record ? record->size() : 0;
-    letters_total_ += letter_bytes_[id] = cost_of_record(bytes);
+    if (const auto record = letters_.read(id)) add_letter(*record);
     last_row_ = std::max(last_row_, id);
   }
-  replay(skips_unreadable);
 }
 
 void MessageLog::replay(bool skips_unreadable) {
@@ -119,8 +128,11 @@ void MessageLog::replay(bool skips_unreadable) {
     if (record) last_row_ = std::max(last_row_, record->row);
     if (found.is_erased) return;
     // A process that was killed may have set it aside and not yet erased it here.
-    if (!record || letter_bytes_.contains(record->row)) return outdated.push_back(found.place);
-    if (record->dead_letter != 0) letters_.erase(record->dead_letter);
+    if (!record || letters_here_.contains(record->row)) return outdated.push_back(found.place);
+    if (record->dead_letter != 0) {
+      letters_.erase(record->dead_letter);
+      drop_letter(record->dead_letter);
+    }
     const std::uint64_t cost = cost_of_record(found.record.size());
     opened_.bytes += cost;
     opened_.topics.add(record->message.topic);
@@ -131,13 +143,17 @@ void MessageLog::replay(bool skips_unreadable) {
   });
   messages_.erase(outdated, false);
   letters_.commit(false);
-  count_letters();
   forget_copies(kept);
   for (const Kept& one : kept) add_row(one);
   opened_.count = kept.size();
   last_row_ = std::max(last_row_, lost_messages_.mark);
   opened_.last_row = last_row_;
   opened_.dead_letters = dead_letters();
+  for (const auto& [topic, ids] : retried_) {
+    if (opened_.dead_topics.size() == StoreOpened::max_dead_topics) break;
+    if (const auto first = first_retried(topic))
+      opened_.dead_topics.push_back({topic, {first->code, first->reason}, ids.size()});
+  }
 }
 
 /// Sorts them. A process that was killed while it moved rows leaves some of them twice.
@@ -218,33 +234,53 @@ void MessageLog::erase_rows(const std::vector<std::uint64_t>& rows) {
   messages_.erase(places, true);
 }
 
-void MessageLog::put_letter(std::uint64_t id, ByteView message, const SetAside& aside,
-                            std::int64_t now) {
-  const std::string_view reason = std::string_view(aside.reason).substr(0, max_reason_bytes);
+Bytes MessageLog::put_letter(std::uint64_t id, ByteView message, const NewDeadLetter& letter,
+                             std::int64_t now) {
+  const std::string_view reason = std::string_view(letter.reason).substr(0, max_reason_bytes);
   ByteWriter out;
   out.write_u64_le(static_cast<std::uint64_t>(now));
-  out.write_u32_le(static_cast<std::uint32_t>(aside.code)).write_u32_le(aside.tries);
+  out.write_u32_le(static_cast<std::uint32_t>(letter.code)).write_u32_le(letter.tries);
   out.write_u16_le(static_cast<std::uint16_t>(reason.size())).write(reason).write(message);
   letters_.put(id, out.bytes());
-  letter_bytes_[id] = cost_of_record(out.bytes().size());
+  return out.take();
 }
 
-/// Where letters_ has changed.
-void MessageLog::count_letters() {
-  std::erase_if(letter_bytes_,
-                [&](const auto& of_id) { return !letters_.places().contains(of_id.first); });
-  letters_total_ = 0;
-  for (const auto& [id, bytes] : letter_bytes_) letters_total_ += bytes;
+/// `record` is in letters_.
+void MessageLog::add_letter(ByteView record) {
+  const auto listed = decode_letter(record);
+  if (!listed) return;
+  Letter letter{cost_of_record(record.size()), retried_.end(),
+                listed->code == 0 && listed->tries > 0};
+  if (is_retried(listed->code, listed->tries)) {
+    letter.retried = retried_.try_emplace(listed->letter.message.topic).first;
+    letter.retried->second.emplace(!letter.has_lost_connection, listed->letter.id);
+  }
+  drop_letter(listed->letter.id);
+  letter_bytes_ += letter.bytes;
+  letters_here_.emplace(listed->letter.id, letter);
+}
+
+/// It is no longer in letters_.
+void MessageLog::drop_letter(std::uint64_t id) {
+  const auto known = letters_here_.find(id);
+  if (known == letters_here_.end()) return;
+  const Letter& letter = known->second;
+  letter_bytes_ -= letter.bytes;
+  if (letter.retried != retried_.end()) {
+    letter.retried->second.erase({!letter.has_lost_connection, id});
+    if (letter.retried->second.empty()) retried_.erase(letter.retried);
+  }
+  letters_here_.erase(known);
 }
 
 std::size_t MessageLog::write(const WriteToStore& write) {
   const std::int64_t now = wall_ms();
-  std::map<std::uint64_t, const SetAside*> asides;
-  for (const SetAside& aside : write.set_aside) asides[aside.row] = &aside;
+  std::map<std::uint64_t, const NewDeadLetter*> new_letters;
+  for (const NewDeadLetter& letter : write.dead_letters) new_letters[letter.row] = &letter;
   std::vector<Kept> kept;
+  std::vector<Bytes> letters;
+  std::vector<std::uint64_t> resent;
   std::size_t damaged = 0;
-  const bool changes_letters =
-      !asides.empty() || std::ranges::any_of(write.keep, &StoredMessage::dead_letter);
   bool is_committed = false;
   try {
     for (const StoredMessage& stored : write.keep) {
@@ -253,41 +289,44 @@ std::size_t MessageLog::write(const WriteToStore& write) {
       if (const auto was = stored.dead_letter == 0 ? std::nullopt : find(stored.dead_letter))
         record.stored_at =
             std::chrono::duration_cast<milliseconds>(was->stored_at.time_since_epoch()).count();
-      if (stored.dead_letter != 0) letters_.erase(stored.dead_letter);
+      if (stored.dead_letter != 0) {
+        letters_.erase(stored.dead_letter);
+        resent.push_back(stored.dead_letter);
+      }
       last_row_ = std::max(last_row_, stored.row);
       const Bytes octets = encode_message(record);
-      if (const auto aside = asides.extract(stored.row)) {
-        put_letter(stored.row, octets, *aside.mapped(), now);
+      if (const auto letter = new_letters.extract(stored.row)) {
+        letters.push_back(put_letter(stored.row, octets, *letter.mapped(), now));
       } else {
         kept.push_back({stored.row, messages_.append(octets), octets.size()});
       }
     }
-    for (const auto& [row, aside] : asides) {
+    for (const auto& [row, letter] : new_letters) {
       std::uint32_t segment = 0;
       const Row* const found = find_row(row, segment);
       if (!found) continue;
       const auto octets = messages_.read({segment, found->offset});
-      if (octets) put_letter(row, *octets, *aside, now);
+      if (octets) letters.push_back(put_letter(row, *octets, *letter, now));
       damaged += octets ? 0 : 1;
     }
     messages_.set_mark(last_row_);
     messages_.commit(true);
     is_committed = true;
-    if (changes_letters) letters_.commit(true);
+    if (!letters.empty() || !resent.empty()) letters_.commit(true);
   } catch (const LogError&) {
     messages_.drop_pending();
     letters_.drop_pending();
-    count_letters();
     std::vector<RecordLog::Place> places;
     for (const Kept& one : kept) places.push_back(one.place);
     if (is_committed) messages_.erase(places, true);
     throw;
   }
   for (const Kept& one : kept) add_row(one);
+  for (const Bytes& letter : letters) add_letter(letter);
+  for (const std::uint64_t id : resent) drop_letter(id);
   std::vector<std::uint64_t> gone = write.forget;
-  for (const SetAside& aside : write.set_aside) gone.push_back(aside.row);
+  for (const NewDeadLetter& letter : write.dead_letters) gone.push_back(letter.row);
   erase_rows(gone);
-  if (changes_letters) count_letters();
   if (const auto segment = messages_.sparse_segment()) move_rows_of(*segment);
   return damaged;
 }
@@ -315,27 +354,20 @@ StoreLoaded MessageLog::load(const LoadFromStore& request, bool skips_unreadable
       loaded.damaged_bytes += cost_of_record(of_row.bytes);
     }
   };
-  if (request.rows.empty()) {
-    auto from = rows_.upper_bound(request.after);
-    if (from != rows_.begin()) --from;
-    for (; from != rows_.end() && !is_full(); ++from)
-      for (const Row& row : from->second.rows) {
-        const std::uint64_t number = from->first + row.distance;
-        if (number <= request.after || row.offset == 0) continue;
-        if (is_full()) break;
-        take(number, from->second.segment, row);
-      }
-  }
-  for (std::size_t i = 0; i < request.rows.size() && !is_full(); ++i) {
-    std::uint32_t segment = 0;
-    if (const Row* const row = find_row(request.rows[i], segment))
-      take(request.rows[i], segment, *row);
-  }
+  auto from = rows_.upper_bound(request.after);
+  if (from != rows_.begin()) --from;
+  for (; from != rows_.end() && !is_full(); ++from)
+    for (const Row& row : from->second.rows) {
+      const std::uint64_t number = from->first + row.distance;
+      if (number <= request.after || row.offset == 0) continue;
+      if (is_full()) break;
+      take(number, from->second.segment, row);
+    }
   erase_rows(loaded.damaged);
   return loaded;
 }
 
-DeadLetterCounts MessageLog::dead_letters() const { return {letter_bytes_.size(), letters_total_}; }
+DeadLetterCounts MessageLog::dead_letters() const { return {letters_here_.size(), letter_bytes_}; }
 
 std::optional<ListedDeadLetter> MessageLog::find(std::uint64_t id) const {
   const auto octets = letters_.read(id);
@@ -366,17 +398,31 @@ std::vector<std::uint64_t> MessageLog::ids(const DeadLetterChoice& choice) const
                            (listed && listed->letter.message.topic == choice.topic);
     if (is_chosen) chosen.emplace_back(listed ? listed->stored_at : WallTime{}, id);
   }
-  std::ranges::sort(chosen);
-  std::vector<std::uint64_t> ids;
-  for (const auto& [stored_at, id] : chosen) ids.push_back(id);
-  return ids;
+  return by_time(std::move(chosen));
+}
+
+std::vector<std::uint64_t> MessageLog::retried(const std::string& topic) const {
+  std::vector<std::pair<WallTime, std::uint64_t>> chosen;
+  const auto ids = retried_.find(topic);
+  if (ids == retried_.end()) return {};
+  for (const auto& [is_later, id] : ids->second)
+    if (const auto listed = find(id)) chosen.emplace_back(listed->stored_at, id);
+  return by_time(std::move(chosen));
+}
+
+std::optional<ListedDeadLetter> MessageLog::first_retried(const std::string& topic) const {
+  const auto ids = retried_.find(topic);
+  if (ids == retried_.end()) return std::nullopt;
+  for (const auto& [is_later, id] : ids->second)
+    if (auto listed = find(id)) return listed;
+  return std::nullopt;
 }
 
 std::size_t MessageLog::discard(const DeadLetterChoice& choice) {
   const std::vector<std::uint64_t> chosen = ids(choice);
   for (const std::uint64_t id : chosen) letters_.erase(id);
   letters_.commit(true);
-  count_letters();
+  for (const std::uint64_t id : chosen) drop_letter(id);
   return chosen.size();
 }
 

@@ -13,7 +13,10 @@
 #include <cstdint>
 #include <map>
 #include <optional>
+#include <set>
 #include <string>
+#include <unordered_map>
+#include <utility>
 #include <vector>
 
 #include "daemon/core/operator_order.hpp"
@@ -72,6 +75,10 @@ class MessageLog {
   std::optional<ListedDeadLetter> find(std::uint64_t id) const;
   /// Those that are there, by the time when they were stored first.
   std::vector<std::uint64_t> ids(const DeadLetterChoice& choice) const;
+  /// Those of `topic` that are retried, likewise.
+  std::vector<std::uint64_t> retried(const std::string& topic) const;
+  /// The one of them that RetryDeadLetters means.
+  std::optional<ListedDeadLetter> first_retried(const std::string& topic) const;
   /// How many there were.
   std::size_t discard(const DeadLetterChoice& choice);
 
@@ -98,22 +105,35 @@ class MessageLog {
     std::size_t bytes;
   };
 
+  /// Of one topic: whether it has not lost a connection, and its id.
+  using Retried = std::set<std::pair<bool, std::uint64_t>>;
+  using RetriedOfTopic = std::map<std::string, Retried, std::less<>>;
+  struct Letter {
+    std::uint64_t bytes = 0;  ///< as counted against max_bytes
+    RetriedOfTopic::iterator retried;
+    bool has_lost_connection = false;
+  };
+
   void replay(bool skips_unreadable);
+  void replay_letters(bool skips_unreadable);
   void add_row(const Kept& kept);
   void forget_copies(std::vector<Kept>& found);
   void move_rows_of(std::uint32_t segment);
   Row* find_row(std::uint64_t row, std::uint32_t& segment);
   std::optional<Bytes> read_row(std::uint64_t row);
   void erase_rows(const std::vector<std::uint64_t>& rows);
-  void put_letter(std::uint64_t id, ByteView message, const SetAside& aside, std::int64_t now);
-  void count_letters();
+  Bytes put_letter(std::uint64_t id, ByteView message, const NewDeadLetter& letter,
+                   std::int64_t now);
+  void add_letter(ByteView record);
+  void drop_letter(std::uint64_t id);
 
   RecordLog messages_;
   KeyedLog<std::uint64_t> letters_;  // by id: the row that it had
   Rows rows_;
   std::uint64_t last_row_ = 0;
-  std::map<std::uint64_t, std::uint64_t> letter_bytes_;  // by id; as counted against max_bytes
-  std::uint64_t letters_total_ = 0;
+  std::unordered_map<std::uint64_t, Letter> letters_here_;  // by id
+  RetriedOfTopic retried_;                                  // none is empty
+  std::uint64_t letter_bytes_ = 0;
   StoreOpened opened_;
   RecordLog::Summary lost_messages_;
   RecordLog::Summary lost_dead_letters_;

@@ -51,6 +51,7 @@ class HotPath {
   void handle(PublishAtBroker& publish);
   void handle(FireReceipt& fired);
   void handle(WriteToStore&) { ++at_disk_; }
+  void handle(RetryDeadLetters&) {}
 
   const std::uint16_t clients_;
   const Duration between_;

@@ -3,6 +3,7 @@
 // durably has when the outbox of one "process" is replaced by the next one's.
 #pragma once
 
+#include <algorithm>
 #include <deque>
 #include <map>
 #include <optional>
@@ -22,6 +23,7 @@ class FakeStore {
 
   void ask(WriteToStore write) { requests_.push_back(std::move(write)); }
   void ask(LoadFromStore load) { requests_.push_back(load); }
+  void ask(RetryDeadLetters retry) { requests_.push_back(std::move(retry)); }
   bool is_asked() const { return !requests_.empty(); }
   /// Requests that were not served die with their process.
   void on_process_died() { requests_.clear(); }
@@ -38,6 +40,16 @@ class FakeStore {
       opened.topics.add(kept.message.topic);
     }
     opened.dead_letters = count_dead_letters();
+    for (const auto& [id, letter] : dead_letters) {
+      const std::string& topic = letter.message.topic;
+      if (!is_retried(letter.why.code, letter.why.tries)) continue;
+      const auto known = std::ranges::find(opened.dead_topics, topic, &DeadTopic::topic);
+      if (known != opened.dead_topics.end()) {
+        ++known->count;
+      } else {
+        opened.dead_topics.push_back({topic, {letter.why.code, letter.why.reason}, 1});
+      }
+    }
     return opened;
   }
   StoreAbsent vanish() {
@@ -56,7 +68,7 @@ class FakeStore {
 
   struct Letter {
     BrokerMessage message;
-    SetAside why;
+    NewDeadLetter why;
   };
 
   static std::uint64_t cost_of(const BrokerMessage& message) {
@@ -92,11 +104,11 @@ class FakeStore {
       dead_letters.erase(stored.dead_letter);
       rows[stored.row] = {std::move(stored.message), now};
     }
-    for (SetAside& aside : write.set_aside) {
-      const auto row = rows.find(aside.row);
+    for (NewDeadLetter& letter : write.dead_letters) {
+      const auto row = rows.find(letter.row);
       if (row == rows.end()) continue;
       const std::uint64_t id = ++last_letter_;
-      dead_letters[id] = {std::move(row->second.message), std::move(aside)};
+      dead_letters[id] = {std::move(row->second.message), std::move(letter)};
       rows.erase(row);
     }
     for (const std::uint64_t row : write.forget) rows.erase(row);
@@ -105,17 +117,13 @@ class FakeStore {
   std::optional<StoreEvent> serve(const LoadFromStore& load, TimePoint now) {
     if (load.generation != generation_) return std::nullopt;
     StoreLoaded loaded;
-    for (const std::uint64_t wanted : load.rows) {
-      if (const auto row = rows.find(wanted); row != rows.end())
-        loaded.messages.push_back({wanted, row->second.message, now - row->second.stored});
-    }
-    if (!load.rows.empty()) return loaded;
     for (auto row = rows.upper_bound(load.after);
          row != rows.end() && loaded.messages.size() < load.max_messages;) {
       if (damaged.contains(row->first)) {
         loaded.damaged.push_back(row->first);
         loaded.damaged_bytes += cost_of(row->second.message);
-        dead_letters[++last_letter_] = {std::move(row->second.message), {row->first, "damaged"}};
+        dead_letters[++last_letter_] = {std::move(row->second.message),
+                                        {row->first, "damaged", 0, losses_that_convict}};
         row = rows.erase(row);
         continue;
       }
@@ -126,7 +134,25 @@ class FakeStore {
     return loaded;
   }
 
-  std::deque<std::variant<WriteToStore, LoadFromStore>> requests_;
+  std::optional<StoreEvent> serve(const RetryDeadLetters& retry, TimePoint) {
+    if (retry.generation != generation_) return std::nullopt;
+    ResendDeadLetters resend;
+    if (!retry.is_all) resend.retried_topic = retry.topic;
+    const auto take = [&](bool has_lost_connection) {
+      for (const auto& [id, letter] : dead_letters) {
+        const bool is_wanted =
+            letter.message.topic == retry.topic && is_retried(letter.why.code, letter.why.tries) &&
+            (letter.why.code == 0 && letter.why.tries > 0) == has_lost_connection;
+        if (is_wanted && (retry.is_all || resend.letters.empty()))
+          resend.letters.push_back({id, letter.message});
+      }
+    };
+    take(true);
+    take(false);
+    return resend;
+  }
+
+  std::deque<std::variant<WriteToStore, LoadFromStore, RetryDeadLetters>> requests_;
   std::uint64_t generation_ = 0;
   std::uint64_t last_letter_ = 0;
 };

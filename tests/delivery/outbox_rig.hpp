@@ -50,7 +50,8 @@ class OutboxRig {
   }
   void submit_bytes(const std::string& topic, Bytes payload, std::uint64_t receipt,
                     Qos qos = Qos::at_least_once) {
-    outbox->submit({topic, std::move(payload), qos, false}, {Mesh::thread, receipt}, now);
+    outbox->submit({topic, std::move(payload), qos, false, Provenance{Mesh::thread, {}}},
+                   {Mesh::thread, receipt}, now);
     drain();
   }
   bool has_fired(std::uint64_t receipt, ReceiptOutcome outcome) {
@@ -86,13 +87,8 @@ class OutboxRig {
   }
   void refuse_first(int code = 0x87) {
     const std::uint64_t sequence = under_way.front().sequence;
-    const BrokerMessage refused = std::move(under_way.front().message);
+    refused_topics.insert(under_way.front().message.topic);
     under_way.pop_front();
-    if (code == topic_name_invalid) set_aside.insert({refused.topic, number_in(refused)});
-    std::set<std::string>& passing = may_overtake[{refused.topic, number_in(refused)}];
-    for (const Published& other : under_way) {
-      if (other.message.topic == refused.topic) passing.insert(number_in(other.message));
-    }
     outbox->on_publish_refused(sequence, {code, "said so"}, now);
     drain();
   }
@@ -140,6 +136,8 @@ class OutboxRig {
   void drain() {
     while (auto action = outbox->next_action())
       std::visit([this](auto& a) { perform(a); }, *action);
+    for (const RefusedTopic& refused : outbox->refused_topics().list(1000))
+      refused_topics.insert(refused.topic);
     if (!is_store_quick) return;
     is_store_quick = false;
     while (serve_store()) {
@@ -161,11 +159,8 @@ class OutboxRig {
   std::vector<std::string> published_topics;
   std::map<std::string, std::vector<std::string>> received;  ///< by topic, payloads as text
   std::map<std::uint64_t, std::vector<ReceiptOutcome>> fired;
-  /// Topic and number of what the broker has called undeliverable: the others go on without it.
-  std::set<std::pair<std::string, std::string>> set_aside;
-  /// By topic and number of a refused message: those of its topic that were under way then. A
-  /// broker that takes them has changed the order itself.
-  std::map<std::pair<std::string, std::string>, std::set<std::string>> may_overtake;
+  /// At any time, also with their flow. Their messages may overtake each other.
+  std::set<std::string> refused_topics;
   std::vector<DeliveryStep> steps;
   std::vector<std::string> notices;
 
@@ -186,6 +181,7 @@ class OutboxRig {
   void perform(FireReceipt& fire) { fired[fire.receipt.id].push_back(fire.outcome); }
   void perform(WriteToStore& write) { store.ask(std::move(write)); }
   void perform(LoadFromStore& load) { store.ask(load); }
+  void perform(RetryDeadLetters& retry) { store.ask(std::move(retry)); }
   void perform(DeliveryStep& step) { steps.push_back(std::move(step)); }
   void perform(Notice& notice) { notices.push_back(notice.text); }
 };

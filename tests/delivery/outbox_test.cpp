@@ -37,7 +37,8 @@ TEST_F(OutboxTest, TellsWhatBecomesOfRobotsMessagesWhileItIsTraced) {
   acknowledge_all();
   EXPECT_TRUE(steps.empty()) << "nobody listens";
   outbox->on_trace(true);
-  submit("own", 2);  // the gateway's own
+  outbox->submit({"own", {2}, Qos::at_least_once, false}, no_receipt, now);  // the gateway's own
+  drain();
   submit_from_robot(3, Qos::at_least_once);
   acknowledge_all();
   ASSERT_EQ(steps.size(), 1u);

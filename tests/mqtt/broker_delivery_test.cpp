@@ -97,10 +97,10 @@ TEST_P(BrokerRefusal, MessagesWaitUntilTheAccessControlListIsCorrected) {
   ASSERT_TRUE(gateway.sees([&] { return gateway.fired.size() == 400; })) << "safe on disk";
   for (const auto& [receipt, outcome] : gateway.fired) EXPECT_EQ(outcome, ReceiptOutcome::safe);
   ASSERT_TRUE(gateway.sees([&] { return without_repeats(subscriber.lines()).size() == 200; }));
-  ASSERT_TRUE(gateway.sees([&] { return gateway.outbox.held_topics().refused() == 1; }));
+  ASSERT_TRUE(gateway.sees([&] { return gateway.outbox.refused_topics().count() == 1; }));
   ASSERT_TRUE(gateway.sees([&] {
-    const auto held = gateway.outbox.held_topics().list(1);
-    return held.size() == 1 && held[0].tries >= 2;
+    const auto refused = gateway.outbox.refused_topics().list(1);
+    return refused.size() == 1 && refused[0].tries >= 2;
   }));
   EXPECT_TRUE(gateway.logs("does not take messages on r/2/update: not authorised (0x87)"));
 
@@ -112,7 +112,7 @@ TEST_P(BrokerRefusal, MessagesWaitUntilTheAccessControlListIsCorrected) {
   for (std::string& line : expected) line = "r/2/update " + line;
   std::vector<std::string> refused = without_repeats(subscriber.lines());
   std::erase_if(refused, [](const std::string& line) { return line.starts_with("r/1/"); });
-  EXPECT_EQ(refused, expected);
+  EXPECT_TRUE(std::ranges::is_permutation(refused, expected)) << "each once, in any order";
   EXPECT_TRUE(gateway.logs("takes messages on r/2/update again"));
 }
 

@@ -92,6 +92,7 @@ class DeliveryRig : private UpstreamListener {
   void perform(FireReceipt& fire) { fired[fire.receipt.id] = fire.outcome; }
   void perform(WriteToStore& write) { store_.ask(std::move(write)); }
   void perform(LoadFromStore& load) { store_.ask(std::move(load)); }
+  void perform(RetryDeadLetters& retry) { store_.ask(std::move(retry)); }
   void perform(DeliveryStep&) {}
   void perform(Notice& notice) { notices.push_back(notice.text); }
 

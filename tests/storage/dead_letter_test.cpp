@@ -2,7 +2,9 @@
 // Messages that were set aside: on disk until an operator has them sent again or discards them.
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <nlohmann/json.hpp>
+#include <thread>
 
 #include "tests/storage/store_user.hpp"
 #include "tests/support/temp_dir.hpp"
@@ -150,6 +152,54 @@ TEST_F(DeadLetters, KeepTheTimeOfTheMessageWhenTheyAreSetAsideAgain) {
   const json after = document(user->perform(ListDeadLetters{}));
   EXPECT_EQ(ids_in(after), Ids{1000});
   EXPECT_EQ(after["letters"][0]["stored_at"], before["letters"][0]["stored_at"]);
+}
+
+/// Rows 2, 5 and 8 have one topic.
+TEST_F(DeadLetters, OfATopicAreTriedAgainOneOrAll) {
+  ASSERT_TRUE(user->keep(1, 10, 20));
+  WriteToStore write{1, {}, {}, {}};
+  write.dead_letters = {{1, "not authorised", 0x87, 1},
+                        {2, "the connection was lost each time", 0, losses_that_convict},
+                        {5, "not authorised", 0x87, 0},
+                        {8, "the connection is lost", 0, 1}};
+  user->store().ask(std::move(write));
+  ASSERT_TRUE(user->await<StoreWritten>());
+  start_again();
+  const auto opened = user->await<StoreOpened>();
+  ASSERT_EQ(opened->dead_topics.size(), 2u);
+  EXPECT_EQ(opened->dead_topics[0].topic, "ntnu-slam/robot/r1/update");
+  EXPECT_EQ(opened->dead_topics[0].refusal.code, 0x87);
+  EXPECT_EQ(opened->dead_topics[1].topic, "ntnu-slam/robot/r2/update");
+  EXPECT_EQ(opened->dead_topics[1].refusal.code, 0) << "that of the first to be tried";
+  EXPECT_EQ(opened->dead_topics[1].count, 2u) << "the other waits for an operator";
+
+  const std::string topic = opened->dead_topics[1].topic;
+  user->store().ask(RetryDeadLetters{1, topic, false});
+  const auto one = user->await<ResendDeadLetters>();
+  ASSERT_EQ(one->letters.size(), 1u);
+  EXPECT_EQ(one->letters[0].id, 8u) << "it may cost the connection, so it is known first";
+  EXPECT_EQ(one->retried_topic, topic);
+  user->store().ask(RetryDeadLetters{1, "unknown", false});
+  EXPECT_TRUE(user->await<ResendDeadLetters>()->letters.empty());
+
+  user->store().ask(RetryDeadLetters{1, topic, true});
+  const auto all = user->await<ResendDeadLetters>();
+  ASSERT_EQ(all->letters.size(), 2u);
+  EXPECT_EQ(all->letters[0].id, 5u);
+  EXPECT_EQ(all->letters[1].id, 8u);
+  EXPECT_EQ(all->retried_topic, "");
+}
+
+TEST_F(DeadLetters, OfATopicAreOfferedUntilTheOutboxTakesThem) {
+  set_aside({2, 5});
+  user->takes_resends = false;
+  user->store().ask(RetryDeadLetters{1, "ntnu-slam/robot/r2/update", true});
+  EXPECT_TRUE(user->await<ResendDeadLetters>());
+  EXPECT_TRUE(user->await<ResendDeadLetters>()) << "again, and not only once";
+  user->takes_resends = true;
+  for (int i = 0; i < 500 && document(user->perform(ListDeadLetters{}))["count"] != 0; ++i)
+    std::this_thread::sleep_for(std::chrono::milliseconds{10});
+  EXPECT_EQ(document(user->perform(ListDeadLetters{}))["count"], 0);
 }
 
 TEST_F(DeadLetters, WithoutAStoreOrdersFailInWords) {

@@ -85,7 +85,7 @@ TEST_F(StoreDamage, ADiskThatFailsWhileTheStoreIsOpenCostsNothingEither) {
   FaultyDisk::fails_reads = FaultyDisk::fails_writes = true;
   user.store().ask(WriteToStore{1, {{301, StoreUser::message(301, 100), {}}}, {}, {}});
   ASSERT_TRUE(user.await<StoreWriteFailed>());
-  user.store().ask(LoadFromStore{1, 0, 1000, 1u << 20, {}});
+  user.store().ask(LoadFromStore{1, 0, 1000, 1u << 20});
   ASSERT_TRUE(user.await<StoreLoadFailed>());
   FaultyDisk::fails_reads = FaultyDisk::fails_writes = false;
   ASSERT_TRUE(user.keep(301, 1, 100));
@@ -295,11 +295,11 @@ TEST_F(StoreDamage, ADiskThatDoesNotReadAMessageWhileTheStoreIsOpenIsWaitedFor) 
   StoreUser user(directory.path());
   ASSERT_TRUE(user.await<StoreOpened>());
   FaultyDisk::make_unreadable(segment(), page_bytes, page_bytes + 512);
-  user.store().ask(LoadFromStore{1, 0, 1000, 1u << 20, {}});
+  user.store().ask(LoadFromStore{1, 0, 1000, 1u << 20});
   ASSERT_TRUE(user.await<StoreLoadFailed>());
   std::unique_ptr<StoreLoaded> loaded;
   ASSERT_TRUE(eventually([&] {
-    user.store().ask(LoadFromStore{1, 0, 1000, 1u << 20, {}});
+    user.store().ask(LoadFromStore{1, 0, 1000, 1u << 20});
     auto answer = user.await_either<StoreLoaded, StoreLoadFailed>();
     if (auto* const good = std::get_if<StoreLoaded>(&answer))
       loaded = std::make_unique<StoreLoaded>(std::move(*good));

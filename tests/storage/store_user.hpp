@@ -84,7 +84,7 @@ class StoreUser {
   }
   bool set_aside(const std::vector<std::uint64_t>& rows, const std::string& reason) {
     WriteToStore write{1, {}, {}, {}};
-    for (const std::uint64_t row : rows) write.set_aside.push_back({row, reason, 0x87, 5});
+    for (const std::uint64_t row : rows) write.dead_letters.push_back({row, reason, 0x87, 5});
     store_.ask(std::move(write));
     return await<StoreWritten>() != nullptr;
   }

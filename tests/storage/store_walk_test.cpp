@@ -51,7 +51,7 @@ class Walk {
       for (std::uint64_t i = below(6); i > 0 && !kept_.empty(); --i) {
         const auto one = std::next(kept_.begin(), static_cast<std::ptrdiff_t>(below(kept_.size())));
         if (below(4) == 0) {
-          write.set_aside.push_back({one->first, "refused", 0x87, 3});
+          write.dead_letters.push_back({one->first, "refused", 0x87, 3});
           dead_[one->first] = one->second;
         } else {
           write.forget.push_back(one->first);

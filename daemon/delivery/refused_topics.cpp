@@ -1,0 +1,262 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/delivery/refused_topics.hpp"
+
+#include <algorithm>
+#include <iterator>
+
+#include "daemon/core/protocol_machine.hpp"
+#include "daemon/core/spare_buffers.hpp"
+
+namespace slamgw {
+
+void LossCauses::on_written(std::uint64_t sequence, std::string topic) {
+  written_.push_back({sequence, std::move(topic)});
+  if (written_.size() > most_written) drop_oldest();
+}
+
+void LossCauses::on_answered(std::uint64_t sequence) {
+  while (!written_.empty() && written_.front().sequence < sequence) drop_oldest();
+}
+
+void LossCauses::drop_oldest() {
+  SpareBuffers<std::string>::give_back(std::move(written_.front().topic));
+  written_.pop_front();
+}
+
+std::vector<std::string> LossCauses::on_loss(const OutboxEntries& unanswered, TimePoint now) {
+  std::set<std::string> topics;
+  for (const OutboxEntry& entry : unanswered) topics.insert(entry.message.topic);
+  for (Written& written : written_) topics.insert(std::move(written.topic));
+  written_.clear();
+  std::vector<std::string> accused;
+  if (now - last_loss_ <= longest_between)
+    std::set_intersection(topics.begin(), topics.end(), last_unanswered_.begin(),
+                          last_unanswered_.end(), std::back_inserter(accused));
+  last_unanswered_ = std::move(topics);
+  last_loss_ = now;
+  return accused;
+}
+
+void LossCauses::on_link_up() {
+  written_.clear();
+  refused_.reset();
+}
+
+RefusedTopics::Topic* RefusedTopics::find(std::string_view topic) {
+  if (topics_.empty()) return nullptr;
+  const auto known = topics_.find(topic);
+  return known == topics_.end() ? nullptr : &known->second;
+}
+
+const RefusedTopics::Topic* RefusedTopics::find(std::string_view topic) const {
+  return const_cast<RefusedTopics*>(this)->find(topic);
+}
+
+RefusedTopics::Topic* RefusedTopics::find_or_add(const std::string& topic, TimePoint now) {
+  if (Topic* const known = find(topic)) return known;
+  if (topics_.size() >= max_topics) return nullptr;
+  Topic& added = topics_[topic];
+  added.since = now;
+  return &added;
+}
+
+bool RefusedTopics::may_try(TimePoint now) const {
+  if (tries_put_off_ && now < *tries_put_off_) return false;
+  return busy_ < (caution_ > Duration::zero() ? 1 : most_tries);
+}
+
+RefusedTopics::Turn RefusedTopics::turn_of(std::string_view topic, std::uint64_t row, bool can_ask,
+                                           TimePoint now) const {
+  const Topic* const known = find(topic);
+  if (!known) return Turn::open;
+  if (known->is_accused()) return Turn::alone;
+  const bool is_letter = known->phase == Phase::asked && row != 0 && row == known->row;
+  const bool is_due = known->phase == Phase::resting && now >= known->due && may_try(now) &&
+                      !(can_ask && known->waiting > 0);
+  if (!is_letter && !is_due) return Turn::rest;
+  return known->refusal.code == 0 ? Turn::alone : Turn::next;
+}
+
+bool RefusedTopics::is_over(const Topic& topic, TimePoint now) {
+  return topic.phase == Phase::resting && topic.waiting == 0 && now >= topic.due + forgotten_after;
+}
+
+/// Nothing of it is asked for or under way.
+void RefusedTopics::rest(Topic& topic, TimePoint due) {
+  if (std::exchange(topic.phase, Phase::resting) != Phase::resting) --busy_;
+  topic.row = 0;
+  topic.due = due;
+  wake_ = earlier(wake_, due);
+}
+
+void RefusedTopics::rest_all(TimePoint now) {
+  for (auto& [name, topic] : topics_)
+    if (topic.phase != Phase::resting) rest(topic, now);
+}
+
+void RefusedTopics::grow_pause(Topic& topic, Duration longest, TimePoint now) {
+  ++topic.tries;
+  topic.pause = std::clamp<Duration>(2 * topic.pause, first_pause, longest);
+  rest(topic, now + topic.pause);
+  wake_ = now;  // another topic may have its try
+}
+
+void RefusedTopics::on_link_down(TimePoint now) {
+  for (auto& [name, topic] : topics_) {
+    if (topic.phase != Phase::trying) continue;
+    if (topic.row != 0) {
+      topic.phase =
+          Phase::asked;  // it is back in the queue, and tried first on the next connection
+    } else {
+      rest(topic, now);
+    }
+  }
+}
+
+bool RefusedTopics::on_refused(const std::string& topic, const Refusal& refusal, TimePoint now) {
+  Topic* const known = find_or_add(topic, now);
+  if (!known) return false;
+  const bool is_news = known->is_accused() || known->refusal.code != refusal.code;
+  const bool is_new = known->is_accused();
+  if (is_new) known->since = now;
+  known->refusal = refusal;
+  known->losses = 0;
+  const bool is_try = known->phase == Phase::trying;
+  if (is_new || is_try) grow_pause(*known, longest_pause, now);  // else it has begun already
+  // Will the broker close the connection now?
+  if (is_try && caution_ > Duration::zero()) tries_put_off_ = now + LossCauses::refusal_to_loss;
+  return is_news;
+}
+
+void RefusedTopics::accuse(const std::string& topic, TimePoint now) {
+  Topic* const known = find_or_add(topic, now);
+  if (!known || !known->is_accused()) return;
+  rest(*known, now);
+}
+
+bool RefusedTopics::on_lost_alone(const std::string& topic, std::uint64_t answers, TimePoint now) {
+  put_off_tries(now);
+  Topic* const known = find_or_add(topic, now);
+  if (!known) return false;
+  known->refusal = {0, "the connection is lost when they are sent"};
+  if (++known->losses == 1) known->answers_at_loss = answers;
+  grow_pause(*known, longest_closing_pause, now);
+  const bool is_convicted =
+      known->losses >= losses_that_convict && answers > known->answers_at_loss;
+  if (is_convicted) known->losses = 0;
+  return is_convicted;
+}
+
+void RefusedTopics::put_off_tries(TimePoint now) {
+  caution_ = std::clamp<Duration>(2 * caution_, 2 * first_pause, longest_pause);
+  tries_put_off_ = now + caution_;
+}
+
+void RefusedTopics::on_published(std::string_view topic) {
+  Topic* const known = find(topic);
+  if (!known || known->is_accused()) return;
+  if (std::exchange(known->phase, Phase::trying) == Phase::resting) ++busy_;
+}
+
+bool RefusedTopics::on_accepted(std::string_view topic, TimePoint now) {
+  Topic* const known = find(topic);
+  if (!known) return false;
+  const bool was_refused = !known->is_accused();
+  rest(*known, now);
+  topics_.erase(topics_.find(topic));
+  wake_ = now;
+  if (!was_refused) return false;
+  caution_ = Duration::zero();
+  tries_put_off_.reset();
+  return true;
+}
+
+void RefusedTopics::on_not_tried(std::string_view topic, Duration pause, TimePoint now) {
+  Topic* const known = find(topic);
+  if (!known) return;
+  if (known->is_accused()) {
+    topics_.erase(topics_.find(topic));
+  } else if (known->phase != Phase::resting) {
+    rest(*known, now + pause);
+    wake_ = now;
+  } else {
+    known->due = std::max(known->due, now + pause);
+  }
+}
+
+void RefusedTopics::on_dead_letter(std::string_view topic) {
+  Topic* const known = find(topic);
+  if (!known) return;
+  if (known->waiting++ == 0) wake_ = earlier(wake_, known->due);
+}
+
+std::optional<std::string> RefusedTopics::next_to_ask(bool can_ask, TimePoint now) {
+  if (!is_wake_due(now)) return std::nullopt;
+  if (tries_put_off_ && now >= *tries_put_off_) tries_put_off_.reset();
+  wake_ = tries_put_off_;
+  std::pair<const std::string, Topic>* next = nullptr;
+  std::erase_if(topics_, [&](const auto& known) { return is_over(known.second, now); });
+  for (auto& known : topics_) {
+    const Topic& topic = known.second;
+    if (topic.phase != Phase::resting) continue;
+    if (topic.due > now) {
+      wake_ = earlier(wake_, topic.due);
+    } else if (topic.waiting == 0) {
+      wake_ = earlier(wake_, topic.due + forgotten_after);
+    } else if (!next || topic.due < next->second.due) {
+      next = &known;
+    }
+  }
+  if (next && !can_ask) wake_ = earlier(wake_, now + first_pause);
+  if (!next || !can_ask || !may_try(now)) return std::nullopt;
+  next->second.phase = Phase::asked;
+  ++busy_;
+  wake_ = now;
+  return next->first;
+}
+
+void RefusedTopics::on_letter(std::string_view topic, std::uint64_t row, TimePoint now) {
+  Topic* const known = find(topic);
+  if (!known || known->phase != Phase::asked) return;
+  if (row != 0) {
+    if (known->waiting > 0) --known->waiting;
+    known->row = row;
+    return;
+  }
+  known->waiting = 0;
+  rest(*known, now);
+  wake_ = now;
+}
+
+void RefusedTopics::on_store_changed(std::vector<DeadTopic> dead_topics, TimePoint now) {
+  rest_all(now);
+  for (auto& [name, topic] : topics_) topic.waiting = 0;
+  for (DeadTopic& dead : dead_topics) {
+    Topic* const known = find_or_add(dead.topic, now);
+    if (!known) break;
+    known->waiting = dead.count;
+    if (known->is_accused()) {
+      known->tries = 1;
+      known->refusal = std::move(dead.refusal);
+      rest(*known, now);
+    }
+  }
+  wake_ = now;
+}
+
+std::size_t RefusedTopics::count() const {
+  return static_cast<std::size_t>(
+      std::ranges::count_if(topics_, [](const auto& known) { return !known.second.is_accused(); }));
+}
+
+std::vector<RefusedTopic> RefusedTopics::list(std::size_t most) const {
+  std::vector<RefusedTopic> listed;
+  for (const auto& [name, topic] : topics_) {
+    if (listed.size() == most) break;
+    if (topic.is_accused()) continue;
+    listed.push_back({name, topic.refusal, topic.waiting, topic.tries, topic.since});
+  }
+  return listed;
+}
+
+}  // namespace slamgw
