@@ -78,7 +78,8 @@ bool is_in(std::span<const Range> ranges, std::uint32_t code_point) {
   });
 }
 
-// web/page/shown.js has the same three tables; tests/vectors/shown.json checks both.
+// web/page/shown.js and experiment/slamgw_experiment/events.py have the same three tables;
+// tests/vectors/shown.json checks all three.
 
 /// Without a width, or turns the direction of what follows.
 constexpr Range hidden[] = {{0xad, 0xad},     {0x34f, 0x34f},   {0x61c, 0x61c},    {0x115f, 0x1160},

@@ -132,11 +132,30 @@ def from_members(source, members):
     return event
 
 
-# Characters without a width, which turn what follows, or which look like Latin letters, spaces or dashes.
-_HIDDEN = "\x00-\x1f\x7f-\x9f\xad\u034f\u061c\u115f\u1160\u200b-\u200f\u2028-\u202e\u2060-\u206f\u3164\ufe00-\ufe0f\ufeff"
-_FOREIGN = "\xa0\u0250-\u058f\u1f00-\u200a\u2010-\u2015\u2212\uff01-\uff5e"
-_ESCAPED = re.compile(f"[{_HIDDEN}]|[{_FOREIGN}]")
+# As web/page/shown.js and daemon/core/utf8.cpp have them: tests/vectors/shown.json checks all three.
+_HIDDEN = ("\xad\u034f\u061c\u115f\u1160\u17b4\u17b5\u180b-\u180f\u200b-\u200f\u2028-\u202e\u2060-\u206f\u3164"
+           "\ufe00-\ufe0f\ufeff\uffa0\ufff9-\ufffb\U000e0000-\U000e0fff")
+_FOREIGN = ("\xa0\u0250-\u058f\u13a0-\u13ff\u1c80-\u1c8f\u1f00-\u1fff\u2000-\u200a\u2010-\u2015\u202f\u205f"
+            "\u2160-\u217f\u2212\u2c80-\u2cff\u2de0-\u2dff\u3000\ua640-\ua69f\uab70-\uabbf\uff00-\uff5e\U0001d400-\U0001d7ff")
+_LOOK_ALIKE = ("\u0391\u0392\u0395-\u0397\u0399\u039a\u039c\u039d\u039f\u03a1\u03a4\u03a5\u03a7\u03b1\u03b9\u03ba\u03bd"
+               "\u03bf\u03c1\u03c4\u03c5\u03c7\u03f2\u03f3\u03f9\u0405\u0406\u0408\u0410\u0412\u0415\u041a\u041c-\u041e\u0420-\u0423"
+               "\u0425\u0430\u0435\u043e\u0440\u0441\u0443\u0445\u0455\u0456\u0458\u04ae\u04af\u04ba\u04bb\u04c0\u04cf\u0501"
+               "\u051a-\u051d\uff21-\uff5a\U0001d400-\U0001d7ff")
+_CONTROL = "\x00-\x1f\x7f-\x9f"
+_WORD = re.compile("[0-9A-Za-z\x80-\U0010ffff]+")
+_DECEIVES = re.compile(f"[0-9{_HIDDEN}]*[{_LOOK_ALIKE}][0-9{_HIDDEN}{_LOOK_ALIKE}]*")
 _FORMULA = re.compile(r"'*[=+\-@\t\r]")
+
+
+def _escape(found):
+    units = found[0].encode("utf-16-be", "surrogatepass").hex()
+    return "".join("\\u" + units[at:at + 4] for at in range(0, len(units), 4))
+
+
+def _escape_foreign(found):
+    word = found[0]
+    deceives = re.search("[A-Za-z]", word) or _DECEIVES.fullmatch(word)
+    return re.sub(f"[{_FOREIGN}]", _escape, word) if deceives else word
 
 
 def to_cell(value):
@@ -146,16 +165,15 @@ def to_cell(value):
     if not isinstance(value, str):
         return value
     text = "'" + value if _FORMULA.match(value) else value
-    escaped = _ESCAPED if re.search("[A-Za-z]", text) else re.compile(f"[{_HIDDEN}]")
-    return escaped.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+    return re.sub(f"[{_HIDDEN}{_CONTROL}]", _escape, _WORD.sub(_escape_foreign, text))
 
 
 def from_cell(text):
     """What to_cell() was given."""
     def original(found):
-        character = chr(int(found[1], 16))
-        return character if _ESCAPED.match(character) else found[0]
-    text = re.sub(r"\\u([0-9a-f]{4})", original, text)
+        characters = bytes.fromhex(found[0].replace("\\u", "")).decode("utf-16-be", "surrogatepass")
+        return re.sub(f"[^{_HIDDEN}{_FOREIGN}{_CONTROL}]", _escape, characters)
+    text = re.sub(r"(\\u[0-9a-f]{4})+", original, text)
     return text[1:] if _FORMULA.match(text[1:]) and text[0] == "'" else text
 
 

@@ -127,6 +127,13 @@ class Csv(unittest.TestCase):
             self.assertEqual(events.from_cell(cell), text)
         self.assertEqual(events.to_cell(-5), -5)
 
+    def test_a_cell_shows_names_as_the_page_and_the_daemon_do(self):
+        vectors = os.path.join(os.path.dirname(__file__), "..", "vectors", "shown.json")
+        with open(vectors, encoding="utf-8") as file:
+            for text, shown in json.load(file):
+                self.assertEqual(events.to_cell(text), shown)
+                self.assertEqual(events.from_cell(shown), text)
+
     def test_a_last_line_that_was_cut_is_left_out(self):
         recorder = folder.Recorder(self.directory.name)
         for t_us in (1, 2):
