@@ -39,6 +39,7 @@ void prepare_store_directory(const std::string& path) {
 
 Gateway::Settings gateway_settings(const Config& config, const Now& started) {
   Gateway::Settings settings{SLAMGW_VERSION, config.update_mode, started.wall};
+  settings.retain = config.topics.retain;
   settings.probes_rights = true;
   return settings;
 }

@@ -19,6 +19,7 @@ std::string keys_for_restart(const Config& now, const Config& wanted) {
   note(now.broker.max_inflight == wanted.broker.max_inflight, "broker.max_inflight");
   note(now.topics.prefix == wanted.topics.prefix, "topics.prefix");
   note(now.update_mode == wanted.update_mode, "payload.update");
+  note(now.topics.retain == wanted.topics.retain, "topics.retain");
   note(now.ble_mesh == wanted.ble_mesh, "ble_mesh.* or presence.*");
   note(now.mqttsn == wanted.mqttsn, "mqttsn.*");
   note(now.store == wanted.store, "store.*");

@@ -20,6 +20,7 @@ struct TopicSettings {
   std::string prefix = "ntnu-slam";
   std::vector<std::string> extra_publish;
   std::vector<std::string> extra_subscribe;
+  std::vector<std::string> retain = {"*"};  ///< types that devices may retain; "*": any
   bool operator==(const TopicSettings&) const = default;
 };
 

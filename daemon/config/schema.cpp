@@ -116,6 +116,12 @@ constexpr auto common_keys = std::to_array<SchemaKey>({
      [](Value v, Config& c) { v.texts(c.topics.extra_publish, is_valid_filter, filter_words); }},
     {"topics.extra_subscribe",
      [](Value v, Config& c) { v.texts(c.topics.extra_subscribe, is_valid_filter, filter_words); }},
+    {"topics.retain",
+     [](Value v, Config& c) {
+       v.texts(
+           c.topics.retain, [](std::string_view type) { return type == "*" || is_valid_level(type); },
+           "the last level of a topic, such as \"map\", or \"*\" for any");
+     }},
     {"bans",
      [](Value v, Config& c) {
        v.texts(c.bans, Bans::is_valid,

@@ -74,14 +74,14 @@ void Gateway::publish_waiting_wills(const Now& now) {
 void Gateway::pass_up(Report report, const Now& now) {
   const Robot* known = registry_.find(report.robot);
   const bool is_first_by_radio = report.radio && known && !known->radio;
-  const bool retain = report.retain && may_retain(report, now);
+  const auto own = scheme_.parse_robot_topic(report.topic);
+  std::string type(own ? own->type : std::string_view{report.topic});
+  const bool retain = report.retain && may_retain(report, type, now);
   Robot* robot = registry_.on_report(report, now);
   withdraw_evicted();
   if (robot && is_first_by_radio) announce(report.robot, *robot, now);  // its presence came before
   if (!report.is_will) on_heard(report.robot, robot, now);
   open_receipts_.add(report.receipt, report.robot, now);
-  const auto own = scheme_.parse_robot_topic(report.topic);
-  std::string type(own ? own->type : std::string_view{report.topic});
 
   Normalized normalized = normalize(own ? own->type : std::string_view{}, std::move(report.payload),
                                     settings_.update_mode);
@@ -92,17 +92,24 @@ void Gateway::pass_up(Report report, const Now& now) {
   actions_.push(PassUp{std::move(event), retain});
 }
 
-bool Gateway::may_retain(const Report& report, const Now& now) {
-  if (retained_.admit(report.robot, report.topic, report.payload.empty())) return true;
+/// An empty message, which clears the topic, always may.
+bool Gateway::may_retain(const Report& report, std::string_view type, const Now& now) {
+  const bool is_named = report.payload.empty() ||
+                        std::ranges::any_of(settings_.retain, [&](const std::string& named) {
+                          return named == "*" || named == type;
+                        });
+  if (is_named && retained_.admit(report.robot, report.topic, report.payload.empty())) return true;
   ++traffic_.not_retained;
+  const std::string why =
+      is_named ? fmt::format("a robot may retain {} topics, all together {}",
+                             RetainedTopics::max_per_robot, RetainedTopics::max_in_all)
+               : "topics.retain does not name its type";
   if (const auto count = retained_throttles_[report.is_proven].on_event(now.mono))
     actions_.push(Notice{
         .severity = Severity::warning,
         .text =
-            fmt::format("{} {}: '{}' is published without its retain flag: a robot may retain {} "
-                        "topics, all together {}{}",
-                        to_string(report.mesh), report.robot, report.topic,
-                        RetainedTopics::max_per_robot, RetainedTopics::max_in_all,
+            fmt::format("{} {}: '{}' is published without its retain flag: {}{}",
+                        to_string(report.mesh), report.robot, report.topic, why,
                         *count > 1 ? fmt::format("; {} like it since the last line", *count) : ""),
         .robot = report.robot,
         .is_proven = report.is_proven});

@@ -91,7 +91,8 @@ class Gateway {
     UpdateMode update_mode = UpdateMode::positions;
     WallTime started{};  ///< "since" in `state`
     std::size_t max_open_commands = CommandLedger::default_max_open;
-    bool probes_rights = false;  ///< checks the broker's access list (RightsProbe)
+    bool probes_rights = false;               ///< checks the broker's access list (RightsProbe)
+    std::vector<std::string> retain = {"*"};  ///< `topics.retain`
   };
   struct Traffic {
     std::uint64_t up = 0;             ///< robots' messages that went to the outbox
@@ -189,7 +190,7 @@ class Gateway {
   template <class Other>
   void handle(const Other&, const Now&) {}
   std::string drop(const std::string& robot);
-  bool may_retain(const Report& report, const Now& now);
+  bool may_retain(const Report& report, std::string_view type, const Now& now);
   void pass_up(Report report, const Now& now);
   CommandId deliver(RobotMessage message, const Now& now);
   void refuse_strays(const Now& now);

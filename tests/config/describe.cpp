@@ -106,12 +106,12 @@ std::string describe_broker(const BrokerSettings& settings) {
 std::string describe(const Config& config) {
   const auto& [gateway_id, broker, topics, update_mode, robots, bans, ble_mesh, mqttsn, store, log,
                control_socket, web] = config;
-  const auto& [prefix, extra_publish, extra_subscribe] = topics;
+  const auto& [prefix, extra_publish, extra_subscribe, retain] = topics;
   const auto& [directory, max_bytes] = store;
   const auto& [level, traffic] = log;
   const auto& [listen, token_file, hosts] = web;
   return describe_broker(broker) + describe_ble_mesh(ble_mesh) + describe_mqttsn(mqttsn) +
-         all(gateway_id, prefix, extra_publish, extra_subscribe, update_mode, robots, bans,
+         all(gateway_id, prefix, extra_publish, extra_subscribe, retain, update_mode, robots, bans,
              directory, max_bytes, level, traffic, control_socket, listen, token_file, hosts);
 }
 

@@ -66,11 +66,12 @@ TEST(ParseConfig, ReadsWhatHasNoDefault) {
         "predefined_topics": [{"id": 7, "name": "a/b"}, {"id": 7, "name": "c", "client_id": "x"}]},
       "ble_mesh": {"will": {"topic": "lost/{id}", "message": "m"}, "robot_id": "r",
         "protocol": "cobs", "provisioning": {"static_oob": "00112233445566778899aabbccddeeff"}},
-      "topics": {"extra_publish": ["lab/%c/#"], "prefix": "a/b"}})");
+      "topics": {"extra_publish": ["lab/%c/#"], "prefix": "a/b", "retain": ["map"]}})");
   EXPECT_EQ(parsed.lines_of_problems, "");
   EXPECT_EQ(parsed.config.mqttsn.multicast_group, std::nullopt);
   EXPECT_EQ(parsed.config.mqttsn.interface, "wpan0");
   EXPECT_EQ(parsed.config.mqttsn.listen.size(), 2U);
+  EXPECT_EQ(parsed.config.topics.retain, std::vector<std::string>{"map"});
   EXPECT_EQ(parsed.config.mqttsn.predefined_topics.at(1).client_id, "x");
   EXPECT_EQ(parsed.config.ble_mesh.will->topic, "lost/{id}");
   EXPECT_EQ(parsed.config.ble_mesh.provisioning.static_oob, "00112233445566778899aabbccddeeff");

@@ -183,6 +183,8 @@ INSTANTIATE_TEST_SUITE_P(
              "g.json:2: topics.extra_publish[1]: ", "an MQTT filter"},
         Case{R"({"topics": {"extra_subscribe": ["a", "a"]}})",
              "g.json:1: topics.extra_subscribe[1]: ", "in this list already"},
+        Case{R"({"topics": {"retain": ["map", "a/b"]}})",
+             "g.json:1: topics.retain[1]: ", "the last level of a topic"},
         Case{R"({"payload": {"update": "xml"}})",
              "g.json:1: payload.update: ", R"(allowed: "positions", "json", "raw")"},
         Case{R"({"presence": {"offline_after_s": 0}})",

@@ -77,6 +77,30 @@ TEST_F(GatewayTest, RetainsSoManyTopicsOfARobotAndSoManyInAll) {
   EXPECT_GT(gateway.traffic().not_retained, 3000u);
 }
 
+TEST_F(GatewayTest, RetainsOnlyTypesThatTheConfigurationNames) {
+  Gateway strict(TopicScheme("ntnu-slam", "pi1"),
+                 {.version = "0.1.0", .started = now.wall, .retain = {"map", "will"}}, broker,
+                 [](Mesh, const std::string&) { return std::optional<Presence>{}; });
+  const auto is_retained = [&](const std::string& type, const char* text) {
+    strict.on_mesh_event(Report{.mesh = Mesh::thread,
+                                .robot = "r",
+                                .topic = "ntnu-slam/robot/r/" + type,
+                                .payload = to_bytes(text),
+                                .retain = true,
+                                .receipt = no_receipt},
+                         now);
+    std::optional<bool> retain;
+    while (auto action = strict.next_action())
+      if (const auto* up = std::get_if<PassUp>(&*action)) retain = up->retain;
+    EXPECT_TRUE(retain) << "it is published in any case";
+    return retain.value_or(false);
+  };
+  EXPECT_TRUE(is_retained("map", "x"));
+  EXPECT_FALSE(is_retained("maps", "x"));
+  EXPECT_TRUE(is_retained("maps", "")) << "clearing";
+  EXPECT_EQ(strict.traffic().not_retained, 1u);
+}
+
 TEST_F(GatewayTest, SaysOnceInABurstThatARobotRetainsTooMuch) {
   std::size_t notices = 0;
   for (int type = 0; type < 200; ++type) {
