@@ -282,12 +282,17 @@ std::string deaf_line(const json& counters, const Screen& screen) {
 /// Who takes the places for clients, when any are taken.
 std::string places_line(const json& places) {
   if (count_at(places, "taken") == 0) return "";
-  std::string text = fmt::format("          {} of {} places taken", count_at(places, "taken"),
-                                 count_at(places, "max"));
+  const auto crowd = [&](const char* key) {
+    const json& most = group_at(places, key);
+    return most.empty() ? ""
+                        : fmt::format(" ({} of them at {})", count_at(most, "clients"),
+                                      text_at(most, "address"));
+  };
+  std::string text = fmt::format("          {} of {} places taken{}", count_at(places, "taken"),
+                                 count_at(places, "max"), crowd("most"));
   if (const std::uint64_t unproven = count_at(places, "unproven"); unproven > 0)
-    text += fmt::format(", {} by clients that have not answered yet", unproven);
-  if (const json& most = group_at(places, "most_unproven"); !most.empty())
-    text += fmt::format(" ({} of them at {})", count_at(most, "clients"), text_at(most, "address"));
+    text += fmt::format(", {} by clients that have not answered yet{}", unproven,
+                        crowd("most_unproven"));
   return text + "\n";
 }
 

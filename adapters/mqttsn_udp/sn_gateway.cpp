@@ -327,8 +327,8 @@ Counters SnGateway::counters() const {
 }
 
 MeshPlaces SnGateway::places() const {
-  auto [count, where] = clients_.most_unanswered();
-  return {settings_.max_clients, clients_.size(), clients_.unanswered(), std::move(where), count};
+  return {settings_.max_clients, clients_.size(), clients_.largest_crowd(false),
+          clients_.unanswered(), clients_.largest_crowd(true)};
 }
 
 std::vector<WaitingMessage> SnGateway::give_up(const std::string& robot, TimePoint now) {

@@ -141,22 +141,29 @@ class Examination {
   void places() {
     const json& thread = group_at(group_at(facts_.status, "meshes"), "thread");
     const json& counters = group_at(thread, "counters");
-    const json& most = group_at(group_at(thread, "places"), "most_unproven");
+    const json& places = group_at(thread, "places");
+    const json& unproven = group_at(places, "most_unproven");
     const std::uint64_t clients = count_at(counters, "clients");
-    const std::uint64_t there = count_at(most, "clients");
-    const std::string address = text_at(most, "address");
-    const bool is_crowd = there >= crowd_of_one_address && address.find('/') == std::string::npos;
+    const bool is_crowd = count_at(unproven, "clients") >= crowd_of_one_address &&
+                          text_at(unproven, "address").find('/') == std::string::npos;
     if (10 * clients < 9 * config_.mqttsn.max_clients && !is_crowd) return;
-    const std::string where =
-        most.empty() ? "" : fmt::format(" ({} of them at {})", there, address);
+    const auto where = [](const json& most) {
+      return most.empty() ? ""
+                          : fmt::format(" ({} of them at {})", count_at(most, "clients"),
+                                        text_at(most, "address"));
+    };
+    const json& all = group_at(places, "most");
+    const json& most =
+        2 * count_at(unproven, "clients") >= count_at(all, "clients") ? unproven : all;
     add("thread: clients", Health::warning,
-        fmt::format("{} of {} places are taken (mqttsn.max_clients), {} by clients that have not "
+        fmt::format("{} of {} places are taken (mqttsn.max_clients){}, {} by clients that have not "
                     "answered anything{}: these give way to others",
-                    clients, config_.mqttsn.max_clients, count_at(counters, "clients_unanswered"),
-                    where),
-        most.empty() ? "slam-gatewayctl forget ROBOT, for robots that are gone"
-                     : "does somebody invent clients? sudo slam-gatewayctl ban " + address +
-                           "; robots that are gone: slam-gatewayctl forget ROBOT");
+                    clients, config_.mqttsn.max_clients, where(all),
+                    count_at(counters, "clients_unanswered"), where(unproven)),
+        most.empty()
+            ? "slam-gatewayctl forget ROBOT, for robots that are gone"
+            : "does somebody invent clients? sudo slam-gatewayctl ban " + text_at(most, "address") +
+                  "; robots that are gone: slam-gatewayctl forget ROBOT");
   }
 
   void retained() {

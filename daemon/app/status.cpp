@@ -54,14 +54,17 @@ json to_json(const Status::Broker& broker) {
           {"refused", {{"topics", broker.refused_topics}, {"list", std::move(refused)}}}};
 }
 
+json to_json(const MeshPlaces::Crowd& crowd) {
+  if (crowd.clients == 0) return nullptr;
+  return {{"address", crowd.address}, {"clients", crowd.clients}};
+}
+
 json to_json(const MeshPlaces& places) {
-  json most;
-  if (places.unproven_there > 0)
-    most = {{"address", places.most_unproven_at}, {"clients", places.unproven_there}};
   return {{"max", places.max},
           {"taken", places.taken},
+          {"most", to_json(places.most)},
           {"unproven", places.unproven},
-          {"most_unproven", std::move(most)}};
+          {"most_unproven", to_json(places.most_unproven)}};
 }
 
 json to_json(const Status::MeshLink& mesh) {

@@ -270,11 +270,16 @@ using Counters = std::vector<Counter>;
 
 /// The places that a mesh has for clients, and who takes them; for operators.
 struct MeshPlaces {
+  /// An address or a network, and how many clients it has; empty when there are none.
+  struct Crowd {
+    std::string address;
+    std::uint64_t clients = 0;
+  };
   std::uint64_t max = 0;
   std::uint64_t taken = 0;
-  std::uint64_t unproven = 0;    ///< of these, by clients that are not proven (Report::is_proven)
-  std::string most_unproven_at;  ///< the address, or the network, that has most of these
-  std::uint64_t unproven_there = 0;
+  Crowd most;                  ///< of all
+  std::uint64_t unproven = 0;  ///< of these, by clients that are not proven (Report::is_proven)
+  Crowd most_unproven;         ///< of those
 };
 
 }  // namespace slamgw

@@ -61,10 +61,11 @@ TEST(StatusJson, NamesTheRobotThatHasFilledTheStore) {
 
 TEST(StatusJson, NamesWhoFillsThePlacesAndTheRetainedTopics) {
   Status status;
-  status.meshes[Mesh::thread].places = {100, 90, 0, {}, 0};
+  status.meshes[Mesh::thread].places = {100, 90, {"fd00::1", 50}, 0, {}};
   EXPECT_EQ(to_json(status)["meshes"]["thread"]["places"], json::parse(R"({"max": 100, "taken": 90,
+                                     "most": {"address": "fd00::1", "clients": 50},
                                      "unproven": 0, "most_unproven": null})"));
-  status.meshes[Mesh::thread].places = {100, 90, 80, "fd00::/64", 70};
+  status.meshes[Mesh::thread].places = {100, 90, {"fd00::/64", 90}, 80, {"fd00::/64", 70}};
   EXPECT_EQ(to_json(status)["meshes"]["thread"]["places"]["most_unproven"],
             (json{{"address", "fd00::/64"}, {"clients", 70}}));
   EXPECT_FALSE(to_json(status)["meshes"]["ble"].contains("places"));

@@ -23,6 +23,7 @@ TEST_F(ControlProgramIo, ShowsTheStatus) {
       "meshes": {"ble": {"state": "disabled"}, "thread": {"state": "up", "detail": "[::]:47193",
                      "counters": {"connects_refused": 3, "unconnected_refused": 17},
                      "places": {"max": 100, "taken": 90, "unproven": 80,
+                                "most": {"address": "fd00::/64", "clients": 90},
                                 "most_unproven": {"address": "fd00::9", "clients": 70}}}},
       "robots": {"online": 5, "asleep": 1, "offline": 2, "known": 8},
       "messages": {"up": 10, "down": 2, "dropped": 3, "stored": 4, "rejected": 5},
@@ -39,8 +40,8 @@ TEST_F(ControlProgramIo, ShowsTheStatus) {
       "                   refused\n"
       "BLE       disabled\n"
       "Thread    up       [::]:47193\n"
-      "          90 of 100 places taken, 80 by clients that have not answered yet (70 of them "
-      "at fd00::9)\n"
+      "          90 of 100 places taken (90 of them at fd00::/64), 80 by clients that have not "
+      "answered yet (70 of them at fd00::9)\n"
       "          refused: 3 connections, 17 messages of QoS -1\n"
       "Robots    5 online, 1 asleep, 2 offline (8 known)\n"
       "Messages  10 in, 2 out, 3 dropped, 4 stored, 5 rejected\n"

@@ -167,11 +167,21 @@ std::vector<ClientSession*> ClientTable::crowd(const Peer& peer, TimePoint now) 
 }
 
 /// A network is named when no address in it has half of its clients.
-std::pair<std::size_t, std::string> ClientTable::most_unanswered() const {
-  const auto [at_address, address] = by_address_.largest();
-  const auto [in_network, network] = by_network_.largest();
-  if (2 * at_address < in_network) return {in_network, to_string(network) + "/64"};
-  return {at_address, at_address == 0 ? std::string() : to_string(address)};
+MeshPlaces::Crowd ClientTable::largest_crowd(bool is_of_unanswered) const {
+  std::map<IpAddress, std::size_t> at_address;
+  std::map<IpAddress, std::size_t> in_network;
+  for (const auto& [id, session] : by_id_) {
+    if (!session->peer || (is_of_unanswered && session->has_answered)) continue;
+    const IpAddress& address = session->peer->endpoint.address;
+    ++at_address[address];
+    ++in_network[network_of(address)];
+  }
+  if (at_address.empty()) return {};
+  using Group = std::pair<const IpAddress, std::size_t>;
+  const auto& [address, alone] = *std::ranges::max_element(at_address, {}, &Group::second);
+  const auto& [network, together] = *std::ranges::max_element(in_network, {}, &Group::second);
+  if (2 * alone < together) return {to_string(network) + "/64", together};
+  return {to_string(address), alone};
 }
 
 void ClientTable::set_in_crowd(ClientSession& session, bool is_in) {

@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "adapters/mqttsn_udp/clients/client_session.hpp"
+#include "daemon/core/messages.hpp"
 #include "daemon/core/time.hpp"
 
 namespace slamgw::mqttsn {
@@ -64,10 +65,6 @@ class Unanswered {
   /// Some of the fullest group, the longest silent first, when it has at least two more members
   /// than `own`.
   std::vector<ClientSession*> fullest(const IpAddress& own) const;
-  /// The fullest group and its size; 0 when there is none.
-  std::pair<std::size_t, IpAddress> largest() const {
-    return by_size_.empty() ? std::pair<std::size_t, IpAddress>() : *by_size_.rbegin();
-  }
 
  private:
   std::map<IpAddress, std::set<ClientSession*>> groups_;
@@ -113,8 +110,9 @@ class ClientTable {
   /// Its CONNECT was accepted: from now on it is expected to say something more.
   void on_connected(ClientSession& session, TimePoint now);
   std::size_t unanswered() const { return size() - answered_; }
-  /// The address, or else the network (`fd00::/64`), that has most of these, and how many it has.
-  std::pair<std::size_t, std::string> most_unanswered() const;
+  /// The address, or else the network (`fd00::/64`), that has most clients, or most of those that
+  /// have not answered. Looks at all of them.
+  MeshPlaces::Crowd largest_crowd(bool is_of_unanswered) const;
   /// Who gives way to `peer` when nobody has left: clients that have not answered yet. First those
   /// that said nothing after their CONNECT; then those of the address, or the /64, that has at
   /// least two more of them than the one of `peer`. The longest silent come first; some at a time.

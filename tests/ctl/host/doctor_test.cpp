@@ -96,6 +96,14 @@ TEST(Doctor, NamesEachStepThatIsBroken) {
   facts = healthy();
   facts.status["meshes"]["thread"]["counters"] = {{"clients", 9000}, {"clients_unanswered", 8000}};
   EXPECT_EQ(problems_of(facts), "thread: clients; ");
+  facts.status["meshes"]["thread"]["places"] = {
+      {"most", {{"address", "fd00::7"}, {"clients", 8500}}},
+      {"most_unproven", {{"address", "fd00::9"}, {"clients", 100}}}};
+  for (const Finding& finding : examine(facts)) {
+    if (finding.health == Health::well) continue;
+    EXPECT_NE(finding.remedy.find("ban fd00::7"), std::string::npos) << "they have answered";
+  }
+  facts.status["meshes"]["thread"]["places"] = nullptr;
   facts.status["meshes"]["thread"]["counters"]["clients"] = 8999;
   EXPECT_EQ(problems_of(facts), "");
   json& most = facts.status["meshes"]["thread"]["places"]["most_unproven"];

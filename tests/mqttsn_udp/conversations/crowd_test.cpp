@@ -93,15 +93,17 @@ TEST(Crowd, LeavesWhoHasAnsweredForADayAfterItHasGone) {
 
 TEST(Crowd, IsNamedByTheAddressOrTheNetworkThatHasMost) {
   SnRig rig(small());
-  EXPECT_EQ(rig.gateway.places().unproven_there, 0U);
+  EXPECT_EQ(rig.gateway.places().most_unproven.clients, 0U);
   rig.prove(1, "r1", 60000);
   for (unsigned i = 0; i < 20; ++i) rig.send(10 + i, connect("x" + to_string(i), 60000));
   MeshPlaces places = rig.gateway.places();
   EXPECT_EQ(places.max, small().max_clients);
   EXPECT_EQ(places.taken, 21U);
   EXPECT_EQ(places.unproven, 20U);
-  EXPECT_EQ(places.most_unproven_at, "fd00::/64");
-  EXPECT_EQ(places.unproven_there, 20U);
+  EXPECT_EQ(places.most_unproven.address, "fd00::/64");
+  EXPECT_EQ(places.most_unproven.clients, 20U);
+  EXPECT_EQ(places.most.address, "fd00::/64");
+  EXPECT_EQ(places.most.clients, 21U) << "one has answered";
   rig.prove(10, "x0", 60000);
   EXPECT_EQ(rig.gateway.places().unproven, 19U);
 }
