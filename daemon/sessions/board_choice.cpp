@@ -64,7 +64,7 @@ void BoardChoice::on_heard(const std::string& robot, std::optional<SignalLevel> 
                            TimePoint now) {
   if (robots_.size() >= max_robots && !robots_.contains(robot)) return;
   Here& here = robots_[robot];
-  std::ranges::rotate(here.latest, here.latest.begin() + 1);
+  std::rotate(here.latest.begin(), here.latest.begin() + 1, here.latest.end());
   here.latest.back() = now;
   if (level) {
     const double before = here.level_db.value_or(level->db);

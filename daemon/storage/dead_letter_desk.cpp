@@ -74,7 +74,8 @@ void DeadLetterDesk::perform(const RetryDeadLetters& retry, MessageLog& log) {
 
 void DeadLetterDesk::begin_next(MessageLog& log) {
   if (resending_ || orders_.empty()) return;
-  resending_.emplace().order = std::move(orders_.front());
+  resending_ = Resending();
+  resending_->order = std::move(orders_.front());
   orders_.pop_front();
   const Order& order = resending_->order;
   try {

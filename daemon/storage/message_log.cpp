@@ -159,18 +159,19 @@ void MessageLog::replay(bool skips_unreadable) {
 /// Sorts them. A process that was killed while it moved rows leaves some of them twice.
 void MessageLog::forget_copies(std::vector<Kept>& found) {
   std::ranges::stable_sort(found, {}, &Kept::row);
-  const auto copies = std::ranges::unique(found, {}, &Kept::row);
+  const auto copies = std::unique(found.begin(), found.end(),
+                                  [](const Kept& a, const Kept& b) { return a.row == b.row; });
   std::vector<RecordLog::Place> places;
-  for (const Kept& copy : copies) {
-    const auto octets = messages_.read(copy.place);
+  for (auto copy = copies; copy != found.end(); ++copy) {
+    const auto octets = messages_.read(copy->place);
     const auto record = octets ? decode_message(*octets) : std::nullopt;
-    const std::uint64_t cost = cost_of_record(copy.bytes);
+    const std::uint64_t cost = cost_of_record(copy->bytes);
     opened_.bytes -= cost;
     if (record) opened_.topics.remove(record->message.topic);
     if (record) opened_.shares.remove(record->message.topic, cost);
-    places.push_back(copy.place);
+    places.push_back(copy->place);
   }
-  found.erase(copies.begin(), copies.end());
+  found.erase(copies, found.end());
   messages_.erase(places, false);
 }
 

@@ -25,7 +25,7 @@ class WaitingWills : public test::SharedGatewayRig {
     for (const PassUp& up : drain<PassUp>()) texts.emplace_back(as_text(up.event.payload));
     return texts;
   }
-  const std::vector<std::string> none;
+  const std::vector<std::string> none{};
 };
 
 TEST_F(WaitingWills, ArePublishedAtOnceWhenTheSessionIsHeld) {

@@ -196,10 +196,10 @@ TEST(LineTrouble, OneDamagedAnswerDoesNotRefuseABoard) {
     SCOPED_TRACE(damaged);
     MeshRig rig;
     bool was_spoiled = false;
-    rig.spoil = [&](Bytes& transfer) {
-      if (!was_spoiled && transfer == hex(answer)) {
+    rig.spoil = [&, wanted = hex(answer), spoiled = hex(damaged)](Bytes& transfer) {
+      if (!was_spoiled && transfer == wanted) {
         was_spoiled = true;
-        transfer = hex(damaged);
+        transfer = spoiled;
       }
     };
     rig.open();
