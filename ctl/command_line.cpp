@@ -196,7 +196,8 @@ void add_dead_letter_choice(CLI::App& command, Arguments& a, Answer answer) {
 }
 
 void add_store(CLI::App& app, Arguments& a) {
-  CLI::App* store = app.add_subcommand("store", "Dead letters: messages that were set aside");
+  CLI::App* store =
+      app.add_subcommand("store", "Dead letters: messages that the broker did not take");
   store->require_subcommand(1);
   const auto add_listing = [&](const char* name, const char* what, Answer answer) {
     CLI::App* listing = store->add_subcommand(name, what);

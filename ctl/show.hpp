@@ -68,7 +68,7 @@ std::string exported_mesh(const nlohmann::json& exported);
 std::string joining_head(const nlohmann::json& news);
 std::string joining(const nlohmann::json& event, const Screen& screen);
 
-/// Messages that were set aside: the head of the table, and a page of it.
+/// Dead letters: the head of the table, and a page of it.
 std::string dead_letters_head(const nlohmann::json& first_page);
 std::string dead_letters(const nlohmann::json& letters, const Screen& screen);
 std::string resent(const nlohmann::json& done);

@@ -365,9 +365,11 @@ class Examination {
       add("store: nearly full", Health::warning, robot + " fills it; others still find room",
           "bring the broker back, and look why the robot sends so much");
     if (const std::uint64_t dead = count_at(store, "dead_letters"); dead > 0)
-      add("store: set aside", Health::warning,
+      add("store: dead letters", Health::warning,
           fmt::format("{} messages that the broker would not take", dead),
-          "slam-gatewayctl store list; then resend or discard");
+          "slam-gatewayctl store list; those of a topic go up by themselves once the broker takes "
+          "it, "
+          "others with store resend, or not at all with store discard");
   }
 
   void robots() {

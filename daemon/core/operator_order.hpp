@@ -57,8 +57,8 @@ struct OrderAnswer {
 using OrderDone = std::function<void(OrderAnswer)>;
 
 // What an operator wants done with dead letters (`slam-gatewayctl store ...`): messages that were
-// set aside because they could not be delivered. Plain values between the control socket and the
-// message store; answered as orders about a mesh are (OrderDone).
+// dead letters because the broker did not take them. Plain values between the control socket and
+// the message store; answered as orders about a mesh are (OrderDone).
 
 /// Which dead letters are meant: those with these ids, or of this topic, or all.
 struct DeadLetterChoice {

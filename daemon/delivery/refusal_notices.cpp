@@ -70,9 +70,10 @@ std::optional<Notice> RefusalNotices::on_dead_letter(const std::string& topic, s
                                                      const Refusal& refusal, TimePoint now) {
   return within_budget(
       Severity::error,
-      fmt::format("a message of {} octets on {} was set aside: {}; `slam-gatewayctl store list` "
-                  "shows it, `store resend` sends it again",
-                  bytes, topic, words_of(refusal)),
+      fmt::format(
+          "a message of {} octets on {} is a dead letter now: {}; `slam-gatewayctl store list` "
+          "shows it, `store resend` sends it again",
+          bytes, topic, words_of(refusal)),
       now);
 }
 

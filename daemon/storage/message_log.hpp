@@ -4,7 +4,7 @@
 //
 //   messages/      row, time of storing, the dead letter it was, time of receipt (8 octets each),
 //                  mesh, QoS and retain flag (1 each), length of the topic (2), topic, payload
-//   dead-letters/  time of setting aside (8), reason code, tries (4 each), reason's length (2),
+//   dead-letters/  when it became one (8), reason code, tries (4 each), reason's length (2),
 //                  reason, and then a record as in messages/
 //
 // Numbers are little-endian, times milliseconds since 1970; the mesh is 0 for none, else 1 + Mesh.
@@ -62,7 +62,7 @@ class MessageLog {
   const RecordLog::Summary& lost_dead_letters() const { return lost_dead_letters_; }
 
   /// All of it is durable when this returns, and nothing of it when it throws LogError. Returns how
-  /// many messages that were to be set aside turned out to be damaged: they are lost.
+  /// many messages that were to be dead letters turned out to be damaged: they are lost.
   std::size_t write(const WriteToStore& write);
   /// Damaged messages are lost. Throws LogError.
   StoreLoaded load(const LoadFromStore& request, bool skips_unreadable);

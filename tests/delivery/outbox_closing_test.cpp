@@ -80,7 +80,7 @@ class OutboxClosingTest : public testing::Test, public test::OutboxRig {
   }
 };
 
-TEST_F(OutboxClosingTest, TheMessageIsSetAsideAloneAndAllOthersArrive) {
+TEST_F(OutboxClosingTest, TheMessageIsADeadLetterAloneAndAllOthersArrive) {
   is_poison = [](const BrokerMessage& message) { return number_in(message) == "20"; };
   link_up();
   for (int i = 0; i < 40; ++i) say("r/" + std::to_string(i % 8) + "/t");
@@ -95,7 +95,7 @@ TEST_F(OutboxClosingTest, TheMessageIsSetAsideAloneAndAllOthersArrive) {
   EXPECT_EQ(number_in(letter.message), "20");
   EXPECT_EQ(letter.why.reason, "the connection was lost each time when it was sent alone");
   EXPECT_EQ(letter.why.tries, 2u);
-  EXPECT_EQ(said("set aside"), 1);
+  EXPECT_EQ(said("dead letter now"), 1);
   test::expect_promises_kept(*this, topic_of, closings);
   EXPECT_EQ(depth(), 0u);
   EXPECT_TRUE(outbox->refused_topics().empty());

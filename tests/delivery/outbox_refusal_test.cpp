@@ -194,7 +194,7 @@ TEST_F(OutboxRefusalTest, WhatTheBrokerCanNeverTakeBecomesADeadLetterAlone) {
   EXPECT_EQ(letter.why.code, topic_name_invalid);
   EXPECT_EQ(letter.why.reason, "said so");
   EXPECT_EQ(outbox->statistics().dead_letters, 1u);
-  EXPECT_EQ(said("a message of 1 octets on t was set aside: said so (0x90)"), 1);
+  EXPECT_EQ(said("a message of 1 octets on t is a dead letter now: said so (0x90)"), 1);
   EXPECT_TRUE(outbox->refused_topics().empty()) << "its topic goes on";
   EXPECT_EQ(depth(), 0u);
   EXPECT_EQ(outbox->queued_bytes(), 0u);

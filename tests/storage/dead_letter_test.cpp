@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Messages that were set aside: on disk until an operator has them sent again or discards them.
+// Messages that the broker did not take: on disk until they are sent again or discarded.
 #include <gtest/gtest.h>
 
 #include <chrono>
@@ -28,10 +28,10 @@ Ids ids_in(const json& page) {
 
 class DeadLetters : public testing::Test {
  public:
-  /// Messages 1 to 10, some of which are set aside.
-  void set_aside(const Ids& rows) {
+  /// Messages 1 to 10, some of which are dead letters.
+  void make_dead_letters(const Ids& rows) {
     ASSERT_TRUE(user->keep(1, 10, 20));
-    ASSERT_TRUE(user->set_aside(rows, "the broker refuses it: not authorised"));
+    ASSERT_TRUE(user->make_dead_letters(rows, "the broker refuses it: not authorised"));
   }
   void start_again() {
     user.reset();
@@ -49,7 +49,7 @@ class DeadLetters : public testing::Test {
 };
 
 TEST_F(DeadLetters, AreNoMessagesAnyMoreAndSurvive) {
-  set_aside({2, 5});
+  make_dead_letters({2, 5});
   EXPECT_EQ(user->await<DeadLettersChanged>()->dead_letters.count, 2u);
   EXPECT_EQ(messages(), (Ids{1, 3, 4, 6, 7, 8, 9, 10}));
   start_again();
@@ -71,7 +71,7 @@ TEST_F(DeadLetters, AreNoMessagesAnyMoreAndSurvive) {
   EXPECT_FALSE(letter["stored_at"].get<std::string>().empty());
 }
 
-TEST_F(DeadLetters, CanBeSetAsideInTheWriteThatKeepsThem) {
+TEST_F(DeadLetters, CanBecomeSoInTheWriteThatKeepsThem) {
   WriteToStore write{1, {{1, StoreUser::message(1, 10), {}}}, {}, {{1, "too large", 0x95, 1}}};
   user->store().ask(std::move(write));
   ASSERT_TRUE(user->await<StoreWritten>());
@@ -80,7 +80,7 @@ TEST_F(DeadLetters, CanBeSetAsideInTheWriteThatKeepsThem) {
 }
 
 TEST_F(DeadLetters, UnknownRowsAreNoError) {
-  ASSERT_TRUE(user->set_aside({77}, "gone"));
+  ASSERT_TRUE(user->make_dead_letters({77}, "gone"));
   EXPECT_EQ(document(user->perform(ListDeadLetters{}))["count"], 0);
 }
 
@@ -88,7 +88,7 @@ TEST_F(DeadLetters, AreListedByTopicAndByPages) {
   ASSERT_TRUE(user->keep(1, 600, 20));
   Ids rows;
   for (std::uint64_t row = 1; row <= 600; ++row) rows.push_back(row);
-  ASSERT_TRUE(user->set_aside(rows, "x"));
+  ASSERT_TRUE(user->make_dead_letters(rows, "x"));
   Ids all;
   for (std::uint64_t after = 0;;) {
     const json page = document(user->perform(ListDeadLetters{after, "", false}));
@@ -104,7 +104,7 @@ TEST_F(DeadLetters, AreListedByTopicAndByPages) {
 }
 
 TEST_F(DeadLetters, AreSentAgainOldestFirstBehindTheOthers) {
-  set_aside({5, 2, 9});
+  make_dead_letters({5, 2, 9});
   EXPECT_EQ(document(user->perform(ResendOrder{{{}, "", true}})),
             json({{"resent", 3}, {"left", 0}}));
   EXPECT_EQ(user->resent(), (Ids{2, 5, 9}));
@@ -113,7 +113,7 @@ TEST_F(DeadLetters, AreSentAgainOldestFirstBehindTheOthers) {
 }
 
 TEST_F(DeadLetters, ThoseThatAreNamedAreSentAgainOrDiscarded) {
-  set_aside({2, 4, 5, 6, 7});
+  make_dead_letters({2, 4, 5, 6, 7});
   EXPECT_EQ(document(user->perform(ResendOrder{{{4, 77}, "", false}}))["resent"], 1);
   EXPECT_EQ(document(user->perform(DiscardOrder{{{2, 77}, "", false}}))["discarded"], 1);
   EXPECT_EQ(
@@ -129,13 +129,13 @@ TEST_F(DeadLetters, ManyAreSentAgainPageByPage) {
   ASSERT_TRUE(user->keep(1, 600, 20));
   Ids rows;
   for (std::uint64_t row = 1; row <= 600; ++row) rows.push_back(row);
-  ASSERT_TRUE(user->set_aside(rows, "x"));
+  ASSERT_TRUE(user->make_dead_letters(rows, "x"));
   EXPECT_EQ(document(user->perform(ResendOrder{{{}, "", true}}))["resent"], 600);
   EXPECT_EQ(user->resent(), rows);
 }
 
 TEST_F(DeadLetters, ThoseThatTheOutboxHasNoRoomForStay) {
-  set_aside({2, 5});
+  make_dead_letters({2, 5});
   user->takes_resends = false;
   EXPECT_EQ(document(user->perform(ResendOrder{{{}, "", true}})),
             json({{"resent", 0}, {"left", 2}}));
@@ -144,11 +144,11 @@ TEST_F(DeadLetters, ThoseThatTheOutboxHasNoRoomForStay) {
   EXPECT_EQ(document(user->perform(ResendOrder{{{}, "", true}}))["resent"], 2) << "later";
 }
 
-TEST_F(DeadLetters, KeepTheTimeOfTheMessageWhenTheyAreSetAsideAgain) {
-  set_aside({2});
+TEST_F(DeadLetters, KeepTheTimeOfTheMessageWhenTheyBecomeSoAgain) {
+  make_dead_letters({2});
   const json before = document(user->perform(ListDeadLetters{}));
   EXPECT_EQ(document(user->perform(ResendOrder{{{2}, "", false}}))["resent"], 1);
-  ASSERT_TRUE(user->set_aside({1000}, "again"));
+  ASSERT_TRUE(user->make_dead_letters({1000}, "again"));
   const json after = document(user->perform(ListDeadLetters{}));
   EXPECT_EQ(ids_in(after), Ids{1000});
   EXPECT_EQ(after["letters"][0]["stored_at"], before["letters"][0]["stored_at"]);
@@ -191,7 +191,7 @@ TEST_F(DeadLetters, OfATopicAreTriedAgainOneOrAll) {
 }
 
 TEST_F(DeadLetters, OfATopicAreOfferedUntilTheOutboxTakesThem) {
-  set_aside({2, 5});
+  make_dead_letters({2, 5});
   user->takes_resends = false;
   user->store().ask(RetryDeadLetters{1, "ntnu-slam/robot/r2/update", true});
   EXPECT_TRUE(user->await<ResendDeadLetters>());

@@ -82,7 +82,7 @@ class StoreUser {
     store_.ask(LoadFromStore{1, after, max_messages, max_bytes});
     return await<StoreLoaded>();
   }
-  bool set_aside(const std::vector<std::uint64_t>& rows, const std::string& reason) {
+  bool make_dead_letters(const std::vector<std::uint64_t>& rows, const std::string& reason) {
     WriteToStore write{1, {}, {}, {}};
     for (const std::uint64_t row : rows) write.dead_letters.push_back({row, reason, 0x87, 5});
     store_.ask(std::move(write));

@@ -129,7 +129,7 @@ TEST(Doctor, NamesEachStepThatIsBroken) {
   facts.status["store"]["dead_letters"] = 3;
   facts.status["robots"]["offline"] = 1;
   facts.is_clock_synchronised = false;
-  EXPECT_EQ(problems_of(facts), "clock; store: set aside; robots; ");
+  EXPECT_EQ(problems_of(facts), "clock; store: dead letters; robots; ");
 }
 
 json fleet_of(std::initializer_list<std::pair<const char*, const char*>> gateways) {
