@@ -42,25 +42,6 @@ OutboxEntry FairQueue::pop() {
   return entry;
 }
 
-OutboxEntries FairQueue::take(std::string_view topic) {
-  OutboxEntries taken;
-  const auto position = flows_.find(key_of(topic));
-  if (position == flows_.end()) return taken;
-  Flow& flow = position->second;
-  for (auto entry = flow.entries.begin(); entry != flow.entries.end();) {
-    const auto next = std::next(entry);
-    if (entry->message.topic == topic) {
-      flow.bytes -= entry->cost();
-      --size_;
-      taken.push_back(std::move(*entry));
-      flow.entries.erase(entry);
-    }
-    entry = next;
-  }
-  if (flow.entries.empty()) forget_empty_flows();
-  return taken;
-}
-
 OutboxEntries FairQueue::take_all() {
   std::vector<OutboxEntry*> all;  // entries are large: each is moved once
   all.reserve(size_);

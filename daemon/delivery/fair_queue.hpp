@@ -28,8 +28,6 @@ class FairQueue {
   /// Whose turn it is. Only while not empty().
   const OutboxEntry& front() const { return flows_.find(turns_.front())->second.entries.front(); }
   OutboxEntry pop();
-  /// What waits of `topic`, in the order of submission.
-  OutboxEntries take(std::string_view topic);
   /// Everything, in the order of submission.
   OutboxEntries take_all();
 

@@ -21,12 +21,11 @@
 #include "daemon/core/protocol_machine.hpp"
 #include "daemon/core/traffic_event.hpp"
 #include "daemon/delivery/backlog.hpp"
+#include "daemon/delivery/delivery_notices.hpp"
 #include "daemon/delivery/fair_queue.hpp"
 #include "daemon/delivery/message_store.hpp"
 #include "daemon/delivery/publish_window.hpp"
-#include "daemon/delivery/refusal_notices.hpp"
 #include "daemon/delivery/refused_topics.hpp"
-#include "daemon/delivery/store_trouble.hpp"
 
 namespace slamgw {
 

@@ -120,7 +120,6 @@ class MessageLog {
   void forget_copies(std::vector<Kept>& found);
   void move_rows_of(std::uint32_t segment);
   Row* find_row(std::uint64_t row, std::uint32_t& segment);
-  std::optional<Bytes> read_row(std::uint64_t row);
   void erase_rows(const std::vector<std::uint64_t>& rows);
   Bytes put_letter(std::uint64_t id, ByteView message, const NewDeadLetter& letter,
                    std::int64_t now);

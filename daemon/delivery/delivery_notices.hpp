@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the log says about messages that the broker does not take: each topic and reason once, and
-// only so many lines in a row. Pure; part of the outbox.
+// What the log says about messages that the broker does not take, and about a store that fails.
+// Pure; part of the outbox.
 #pragma once
 
 #include <cstdint>
@@ -8,6 +8,7 @@
 #include <string>
 #include <unordered_set>
 
+#include "daemon/core/log_throttle.hpp"
 #include "daemon/core/messages.hpp"
 #include "daemon/delivery/message_store.hpp"
 
@@ -24,6 +25,7 @@ struct NoRoom {
 };
 Notice no_room_notice(const NoRoom& no_room);
 
+/// Each topic and reason once, and only so many lines in a row.
 class RefusalNotices {
  public:
   /// So many lines in each interval; the next interval begins with how many more there were.
@@ -50,6 +52,32 @@ class RefusalNotices {
   TimePoint begin_{};
   std::size_t lines_ = 0;
   std::size_t left_out_ = 0;
+};
+
+/// Why the store cannot be written or read: a failure once a minute, its end once.
+class StoreTrouble {
+ public:
+  /// Empty while the store can be written and read.
+  const std::string& why() const { return write_.empty() ? read_ : write_; }
+  std::uint64_t failures() const { return failures_; }
+
+  std::optional<Notice> on_write_failed(const std::string& why, TimePoint now);
+  std::optional<Notice> on_load_failed(const std::string& why, TimePoint now);
+  std::optional<Notice> on_written() { return end(write_); }
+  std::optional<Notice> on_loaded() { return end(read_); }
+  /// Another store, or none for the reason `why`.
+  void reset(std::string why = {});
+
+ private:
+  static constexpr std::chrono::minutes interval{1};
+
+  std::optional<Notice> fail(std::string& trouble, const std::string& why, TimePoint now);
+  std::optional<Notice> end(std::string& trouble);
+
+  std::string write_;
+  std::string read_;
+  std::uint64_t failures_ = 0;
+  LogThrottle throttle_{interval};
 };
 
 }  // namespace slamgw
