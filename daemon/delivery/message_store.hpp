@@ -153,13 +153,13 @@ struct LoadFromStore {
   std::size_t max_messages = 0;
   std::size_t max_bytes = 0;
 };
-/// Those dead letters of `topic` that are retried (is_retried), as ResendDeadLetters: one, or all
-/// of them in pages. The one is the oldest, but first one that has lost a connection (code 0 and
-/// one try), so that nobody hides behind others.
+/// The first dead letters of `topic` that are retried (is_retried), as ResendDeadLetters. First
+/// come those that have lost a connection (code 0 and one try), so that none hides behind others;
+/// then the oldest.
 struct RetryDeadLetters {
   std::uint64_t generation = 0;
   std::string topic;
-  bool is_all = false;
+  std::size_t max_letters = 0;
 };
 
 /// A topic of which there are dead letters that are retried.
@@ -210,7 +210,7 @@ struct DeadLettersChanged {
 /// outbox keeps them (StoredMessage::dead_letter); those that it has no room for stay so.
 struct ResendDeadLetters {
   std::vector<DeadLetter> letters;
-  /// Of a RetryDeadLetters for one letter: its topic; then `letters` is empty when there is none.
+  /// Of RetryDeadLetters: its topic; then `letters` is empty when there is none.
   std::string retried_topic = {};
 };
 using StoreEvent =

@@ -264,10 +264,14 @@ void Outbox::place_set_by(TimePoint now) {
 void Outbox::ask_for_dead_letters(TimePoint now) {
   const bool can_ask = backlog_.can_keep() && backlog_.has_written_dead_letters();
   while (const auto topic = refused_.next_to_ask(can_ask, now))
-    actions_.push(RetryDeadLetters{backlog_.generation(), *topic, false});
+    actions_.push(RetryDeadLetters{backlog_.generation(), *topic, 1});
   if (!can_ask) return;
-  for (std::string& topic : std::exchange(accepted_, {}))
-    actions_.push(RetryDeadLetters{backlog_.generation(), std::move(topic), true});
+  std::erase_if(accepted_, [&](const Accepted& one) { return refused_.has(one.topic); });
+  for (Accepted& one : accepted_) {
+    if (one.is_asked || backlog_.is_ahead_of(one.topic)) continue;  // the last page is not sent yet
+    one.is_asked = true;
+    actions_.push(RetryDeadLetters{backlog_.generation(), one.topic, resend_page});
+  }
 }
 
 /// The link is lost: what may the broker have closed the connection for?
@@ -328,7 +332,8 @@ void Outbox::on_accepted(const std::string& topic, TimePoint now) {
   if (refused_.empty()) return;
   if (refused_.on_accepted(topic, now)) {
     notify(refusal_notices_.on_accepted(topic, now));
-    accepted_.push_back(topic);
+    if (std::ranges::find(accepted_, topic, &Accepted::topic) == accepted_.end())
+      accepted_.push_back({topic});
   }
   if (refused_.empty()) refused_flows_.clear();
 }
@@ -533,12 +538,15 @@ void Outbox::handle(ResendDeadLetters& resend, TimePoint now) {
     queued_bytes_ += cost;
     resending_.insert(letter.id);
   }
-  if (resend.retried_topic.empty()) return;
-  if (row != 0 || resend.letters.empty()) {
-    refused_.on_letter(resend.retried_topic, row, now);
-  } else {
-    refused_.on_not_tried(resend.retried_topic, RefusedTopics::first_pause, now);
-  }
+  const std::string& topic = resend.retried_topic;
+  if (topic.empty()) return;
+  const bool is_kept = row != 0 || resend.letters.empty();
+  is_kept ? refused_.on_letter(topic, row, now)
+          : refused_.on_not_tried(topic, RefusedTopics::first_pause, now);
+  const auto accepted = std::ranges::find(accepted_, topic, &Accepted::topic);
+  if (accepted == accepted_.end()) return;
+  accepted->is_asked = false;
+  if (resend.letters.empty()) accepted_.erase(accepted);
 }
 
 /// Dead letters that were to be sent again and that the store did not keep are dead letters still.

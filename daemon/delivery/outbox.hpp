@@ -56,6 +56,8 @@ class Outbox {
   /// How long the whole link waits for what is under way before a message goes alone, and then for
   /// its answer.
   static constexpr std::chrono::seconds trial_patience{5};
+  /// Of the dead letters of a topic that the broker takes again, so many are sent together.
+  static constexpr std::size_t resend_page = 64;
   /// Time given to the broker at shutdown; the remaining messages then go to the store.
   static constexpr std::chrono::seconds stop_patience{1};
 
@@ -198,7 +200,13 @@ class Outbox {
   /// retained message of each, and what was acknowledged while there was another store.
   Entries set_by_;
 
-  std::vector<std::string> accepted_;            // topics whose dead letters are to be sent again
+  /// A topic that the broker takes again: its dead letters follow, page by page, as long as it
+  /// does.
+  struct Accepted {
+    std::string topic;
+    bool is_asked = false;
+  };
+  std::vector<Accepted> accepted_;
   std::unordered_set<std::uint64_t> resending_;  // dead letters on their way to the store
 
   std::optional<TimePoint> expiry_check_;   // while QoS 0 waits

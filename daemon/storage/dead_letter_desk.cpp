@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/storage/dead_letter_desk.hpp"
 
-#include <fmt/format.h>
-
 #include <nlohmann/json.hpp>
 #include <utility>
 
@@ -56,37 +54,19 @@ OrderAnswer DeadLetterDesk::perform(const DiscardOrder& order, MessageLog& log) 
   return answer({{"discarded", log.discard(order.choice)}});
 }
 
+void DeadLetterDesk::perform(const RetryDeadLetters& retry, MessageLog& log) const {
+  ResendDeadLetters page{{}, retry.topic};
+  for (ListedDeadLetter& listed : log.retried(retry.topic, retry.max_letters))
+    page.letters.push_back(std::move(listed.letter));
+  resend_(std::move(page));
+}
+
 void DeadLetterDesk::perform(const ResendOrder& order, MessageLog& log, OrderDone done) {
-  orders_.push_back({order.choice, {}, std::move(done)});
-  begin_next(log);
-}
-
-void DeadLetterDesk::perform(const RetryDeadLetters& retry, MessageLog& log) {
-  if (retry.is_all) {
-    orders_.push_back({{}, retry.topic});
-    return begin_next(log);
-  }
-  ResendDeadLetters one{{}, retry.topic};
-  if (auto listed = log.first_retried(retry.topic))
-    one.letters.push_back(std::move(listed->letter));
-  resend_(std::move(one));
-}
-
-void DeadLetterDesk::begin_next(MessageLog& log) {
-  if (resending_ || orders_.empty()) return;
-  resending_ = Resending();
-  resending_->order = std::move(orders_.front());
-  orders_.pop_front();
-  const Order& order = resending_->order;
-  try {
-    resending_->ids =
-        order.retried_topic.empty() ? log.ids(order.choice) : log.retried(order.retried_topic);
-  } catch (const LogError& error) {
-    if (order.done) order.done({{}, fmt::format("the store fails: {}", error.what())});
-    if (!order.done) orders_.push_back(order);
-    resending_.reset();
-    return wait(log);
-  }
+  if (resending_) return done({{}, "dead letters are being sent again already"});
+  Resending resending;
+  resending.ids = log.ids(order.choice);
+  resending.done = std::move(done);
+  resending_ = std::move(resending);
   give_page(log);
 }
 
@@ -97,50 +77,43 @@ void DeadLetterDesk::on_written(const WriteToStore& write, MessageLog& log) {
     kept += resending_->given.erase(stored.dead_letter);
   if (kept == 0) return;
   resending_->resent += kept;
-  resending_->given.empty() ? give_page(log) : wait(log);
+  if (!resending_->given.empty()) return wait();
+  try {
+    give_page(log);
+  } catch (const LogError&) {
+    finish();
+  }
 }
 
 void DeadLetterDesk::give_page(MessageLog& log) {
   ResendDeadLetters page;
   std::size_t bytes = 0;
   std::size_t& next = resending_->next;
-  try {
-    while (next < resending_->ids.size() && page.letters.size() < page_letters &&
-           bytes < page_bytes) {
-      auto listed = log.find(resending_->ids[next]);
-      ++next;
-      if (!listed) continue;
-      bytes += listed->letter.message.topic.size() + listed->letter.message.payload.size();
-      resending_->given.insert(listed->letter.id);
-      page.letters.push_back(std::move(listed->letter));
-    }
-  } catch (const LogError&) {
-    // The page ends here; without one, so does the order.
+  while (next < resending_->ids.size() && page.letters.size() < page_letters &&
+         bytes < page_bytes) {
+    auto listed = log.find(resending_->ids[next++]);
+    if (!listed) continue;
+    bytes += listed->letter.message.topic.size() + listed->letter.message.payload.size();
+    resending_->given.insert(listed->letter.id);
+    page.letters.push_back(std::move(listed->letter));
   }
-  if (page.letters.empty()) return finish(log);
+  if (page.letters.empty()) return finish();
   resend_(std::move(page));
-  wait(log);
+  wait();
 }
 
-/// For the outbox, or for a disk that fails.
-void DeadLetterDesk::wait(MessageLog& log) {
+void DeadLetterDesk::wait() {
   timer_.expires_after(patience_);
-  timer_.async_wait([this, &log](boost::system::error_code error) {
-    if (error) return;
-    resending_ ? finish(log) : begin_next(log);
+  timer_.async_wait([this](boost::system::error_code error) {
+    if (!error && resending_) finish();
   });
 }
 
-void DeadLetterDesk::finish(MessageLog& log) {
+void DeadLetterDesk::finish() {
   timer_.cancel();
-  Resending ended = std::move(*resending_);
+  const Resending ended = std::move(*resending_);
   resending_.reset();
-  const std::size_t left = ended.ids.size() - ended.resent;
-  if (ended.order.done) ended.order.done(answer({{"resent", ended.resent}, {"left", left}}));
-  const bool is_left = ended.next < ended.ids.size() || !ended.given.empty();
-  if (ended.order.done || !is_left) return begin_next(log);
-  orders_.push_back(std::move(ended.order));
-  wait(log);
+  ended.done(answer({{"resent", ended.resent}, {"left", ended.ids.size() - ended.resent}}));
 }
 
 }  // namespace slamgw

@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // Lists and discards dead letters in the log for operators, and gives them to the outbox page by
-// page to be sent again: for operators, and when the broker takes a topic again. Part of DiskStore;
-// on its thread only.
+// page to be sent again, as operators order or the outbox asks. Part of DiskStore; on its thread
+// only.
 #pragma once
 
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/steady_timer.hpp>
-#include <deque>
 #include <functional>
 #include <optional>
 #include <set>
@@ -33,35 +32,28 @@ class DeadLetterDesk {
   /// These answer at once, or throw LogError.
   OrderAnswer perform(const ListDeadLetters& order, MessageLog& log) const;
   OrderAnswer perform(const DiscardOrder& order, MessageLog& log) const;
-  /// Answers when the outbox has kept all, or takes no more. One order after the other.
+  /// Answers when the outbox has kept all, or takes no more.
   void perform(const ResendOrder& order, MessageLog& log, OrderDone done);
-  /// The letters of a topic that the outbox has no room for are tried again until it has.
-  void perform(const RetryDeadLetters& retry, MessageLog& log);
+  /// Answers at once. Throws LogError.
+  void perform(const RetryDeadLetters& retry, MessageLog& log) const;
   /// After each write: what the outbox has kept is sent again.
   void on_written(const WriteToStore& write, MessageLog& log);
 
  private:
-  struct Order {
-    DeadLetterChoice choice;
-    std::string retried_topic = {};  ///< not empty: its letters that are retried
-    OrderDone done = {};             ///< of operators
-  };
   struct Resending {
-    Order order;
     std::vector<std::uint64_t> ids;  ///< in the order of sending
     std::size_t next = 0;            ///< index of the first that was not given to the outbox
     std::set<std::uint64_t> given;   ///< to the outbox, which has not kept them yet
     std::size_t resent = 0;
+    OrderDone done;
   };
-  void begin_next(MessageLog& log);
   void give_page(MessageLog& log);
-  void wait(MessageLog& log);
-  void finish(MessageLog& log);
+  void wait();
+  void finish();
 
   const std::chrono::milliseconds patience_;
   const std::function<void(ResendDeadLetters)> resend_;
   boost::asio::steady_timer timer_;
-  std::deque<Order> orders_;  // that wait for their turn
   std::optional<Resending> resending_;
 };
 

@@ -55,13 +55,6 @@ std::optional<std::uint64_t> letter_id(ByteView octets) {
   return listed ? std::optional(listed->letter.id) : std::nullopt;
 }
 
-std::vector<std::uint64_t> by_time(std::vector<std::pair<WallTime, std::uint64_t>> chosen) {
-  std::ranges::sort(chosen);
-  std::vector<std::uint64_t> ids;
-  for (const auto& [stored_at, id] : chosen) ids.push_back(id);
-  return ids;
-}
-
 }  // namespace
 
 Bytes encode_message(const MessageRecord& record) {
@@ -151,8 +144,8 @@ void MessageLog::replay(bool skips_unreadable) {
   opened_.dead_letters = dead_letters();
   for (const auto& [topic, ids] : retried_) {
     if (opened_.dead_topics.size() == StoreOpened::max_dead_topics) break;
-    if (const auto first = first_retried(topic))
-      opened_.dead_topics.push_back({topic, {first->code, first->reason}, ids.size()});
+    for (const ListedDeadLetter& first : retried(topic, 1))
+      opened_.dead_topics.push_back({topic, {first.code, first.reason}, ids.size()});
   }
 }
 
@@ -399,24 +392,22 @@ std::vector<std::uint64_t> MessageLog::ids(const DeadLetterChoice& choice) const
                            (listed && listed->letter.message.topic == choice.topic);
     if (is_chosen) chosen.emplace_back(listed ? listed->stored_at : WallTime{}, id);
   }
-  return by_time(std::move(chosen));
+  std::ranges::sort(chosen);
+  std::vector<std::uint64_t> ids;
+  for (const auto& [stored_at, id] : chosen) ids.push_back(id);
+  return ids;
 }
 
-std::vector<std::uint64_t> MessageLog::retried(const std::string& topic) const {
-  std::vector<std::pair<WallTime, std::uint64_t>> chosen;
+std::vector<ListedDeadLetter> MessageLog::retried(const std::string& topic,
+                                                  std::size_t most) const {
+  std::vector<ListedDeadLetter> page;
   const auto ids = retried_.find(topic);
-  if (ids == retried_.end()) return {};
-  for (const auto& [is_later, id] : ids->second)
-    if (const auto listed = find(id)) chosen.emplace_back(listed->stored_at, id);
-  return by_time(std::move(chosen));
-}
-
-std::optional<ListedDeadLetter> MessageLog::first_retried(const std::string& topic) const {
-  const auto ids = retried_.find(topic);
-  if (ids == retried_.end()) return std::nullopt;
-  for (const auto& [is_later, id] : ids->second)
-    if (auto listed = find(id)) return listed;
-  return std::nullopt;
+  if (ids == retried_.end()) return page;
+  for (const auto& [is_later, id] : ids->second) {
+    if (page.size() == most) break;
+    if (auto listed = find(id)) page.push_back(std::move(*listed));
+  }
+  return page;
 }
 
 std::size_t MessageLog::discard(const DeadLetterChoice& choice) {

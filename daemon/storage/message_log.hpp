@@ -75,10 +75,8 @@ class MessageLog {
   std::optional<ListedDeadLetter> find(std::uint64_t id) const;
   /// Those that are there, by the time when they were stored first.
   std::vector<std::uint64_t> ids(const DeadLetterChoice& choice) const;
-  /// Those of `topic` that are retried, likewise.
-  std::vector<std::uint64_t> retried(const std::string& topic) const;
-  /// The one of them that RetryDeadLetters means.
-  std::optional<ListedDeadLetter> first_retried(const std::string& topic) const;
+  /// Those that RetryDeadLetters means.
+  std::vector<ListedDeadLetter> retried(const std::string& topic, std::size_t most) const;
   /// How many there were.
   std::size_t discard(const DeadLetterChoice& choice);
 

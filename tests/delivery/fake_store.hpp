@@ -137,13 +137,13 @@ class FakeStore {
   std::optional<StoreEvent> serve(const RetryDeadLetters& retry, TimePoint) {
     if (retry.generation != generation_) return std::nullopt;
     ResendDeadLetters resend;
-    if (!retry.is_all) resend.retried_topic = retry.topic;
+    resend.retried_topic = retry.topic;
     const auto take = [&](bool has_lost_connection) {
       for (const auto& [id, letter] : dead_letters) {
         const bool is_wanted =
             letter.message.topic == retry.topic && is_retried(letter.why.code, letter.why.tries) &&
             (letter.why.code == 0 && letter.why.tries > 0) == has_lost_connection;
-        if (is_wanted && (retry.is_all || resend.letters.empty()))
+        if (is_wanted && resend.letters.size() < retry.max_letters)
           resend.letters.push_back({id, letter.message});
       }
     };

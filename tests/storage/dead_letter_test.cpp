@@ -2,9 +2,7 @@
 // Messages that the broker did not take: on disk until they are sent again or discarded.
 #include <gtest/gtest.h>
 
-#include <chrono>
 #include <nlohmann/json.hpp>
-#include <thread>
 
 #include "tests/storage/store_user.hpp"
 #include "tests/support/temp_dir.hpp"
@@ -155,7 +153,7 @@ TEST_F(DeadLetters, KeepTheTimeOfTheMessageWhenTheyBecomeSoAgain) {
 }
 
 /// Rows 2, 5 and 8 have one topic.
-TEST_F(DeadLetters, OfATopicAreTriedAgainOneOrAll) {
+TEST_F(DeadLetters, OfATopicAreTriedAgain) {
   ASSERT_TRUE(user->keep(1, 10, 20));
   WriteToStore write{1, {}, {}, {}};
   write.dead_letters = {{1, "not authorised", 0x87, 1},
@@ -174,32 +172,17 @@ TEST_F(DeadLetters, OfATopicAreTriedAgainOneOrAll) {
   EXPECT_EQ(opened->dead_topics[1].count, 2u) << "the other waits for an operator";
 
   const std::string topic = opened->dead_topics[1].topic;
-  user->store().ask(RetryDeadLetters{1, topic, false});
+  user->store().ask(RetryDeadLetters{1, topic, 1});
   const auto one = user->await<ResendDeadLetters>();
   ASSERT_EQ(one->letters.size(), 1u);
   EXPECT_EQ(one->letters[0].id, 8u) << "it may cost the connection, so it is known first";
   EXPECT_EQ(one->retried_topic, topic);
-  user->store().ask(RetryDeadLetters{1, "unknown", false});
-  EXPECT_TRUE(user->await<ResendDeadLetters>()->letters.empty());
-
-  user->store().ask(RetryDeadLetters{1, topic, true});
+  user->store().ask(RetryDeadLetters{1, topic, 10});
   const auto all = user->await<ResendDeadLetters>();
   ASSERT_EQ(all->letters.size(), 2u);
-  EXPECT_EQ(all->letters[0].id, 5u);
-  EXPECT_EQ(all->letters[1].id, 8u);
-  EXPECT_EQ(all->retried_topic, "");
-}
-
-TEST_F(DeadLetters, OfATopicAreOfferedUntilTheOutboxTakesThem) {
-  make_dead_letters({2, 5});
-  user->takes_resends = false;
-  user->store().ask(RetryDeadLetters{1, "ntnu-slam/robot/r2/update", true});
-  EXPECT_TRUE(user->await<ResendDeadLetters>());
-  EXPECT_TRUE(user->await<ResendDeadLetters>()) << "again, and not only once";
-  user->takes_resends = true;
-  for (int i = 0; i < 500 && document(user->perform(ListDeadLetters{}))["count"] != 0; ++i)
-    std::this_thread::sleep_for(std::chrono::milliseconds{10});
-  EXPECT_EQ(document(user->perform(ListDeadLetters{}))["count"], 0);
+  EXPECT_EQ(all->letters[1].id, 5u);
+  user->store().ask(RetryDeadLetters{1, "unknown", 10});
+  EXPECT_TRUE(user->await<ResendDeadLetters>()->letters.empty());
 }
 
 TEST_F(DeadLetters, WithoutAStoreOrdersFailInWords) {
