@@ -213,7 +213,8 @@ class Acts:
     def refuse_a_robot(self):
         """Debian 12's Mosquitto closes the connection after each refusal: the first, and the tries after 2, 4, 8 ... s."""
         refusing, robot, world = self.outage(), self.chance.choice(self.world.robot_ids()), self.world
-        with world.trouble(f"the broker refuses {robot} for {refusing:.1f} s", MOST_CLOSINGS * LINK_LOST):
+        with world.trouble(f"the broker refuses {robot} for {refusing:.1f} s", MOST_CLOSINGS * LINK_LOST) as trouble:
+            trouble.refused = robot
             world.refuse(robot)
             world.open_gap()  # it closes the connection
             world.pass_time(refusing)

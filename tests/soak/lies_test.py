@@ -103,14 +103,14 @@ class Run:
     def change(self, change, only=lambda one: True):
         self.messages = [change(one) if only(one) else one for one in self.messages]
 
-    def judge(self, unseen_by_witness=None):
+    def judge(self, unseen_by_witness=None, refused=()):
         lines = [line for _, line in sorted(self.record, key=lambda one: one[0])]
         messages = sorted(self.messages, key=lambda one: one.at)
         witnessed = [one for one in messages if unseen_by_witness is None or one.topic != update_topic(unseen_by_witness)]
         _, complaints = judge_run(Evidence(
             said=read_record(lines), received=read_received(lines),
             messages=[(one.at, one.topic, one.payload) for one in messages], witnessed=witnessed, commands=self.commands,
-            troubles=[Trouble(KILL, BACK, 3)], qos_of=QOS, robots_end=END, until=END + 60,
+            troubles=[Trouble(KILL, BACK, 3), *refused], qos_of=QOS, robots_end=END, until=END + 60,
             gaps=[Gap(BEGIN, CONNECTED, True), Gap(KILL, BACK, False, True)]))
         return complaints
 
@@ -199,6 +199,13 @@ class Lies(unittest.TestCase):
         run.reach("thread1", 41, "act5", "0101", BACK + 0.3)
         run.tell("thread1", "act5", "delivered", BACK + 0.4)
         self.assertEqual(run.judge(), [])
+
+    def test_messages_of_a_robot_that_the_broker_refused_may_overtake_each_other(self):
+        run = Run()
+        swap(run, run.find("ble1", 30), run.find("ble1", 31))
+        self.assertEqual(run.judge(refused=[Trouble(BEGIN, END, 0, refused="ble1")]), [])
+        self.assertEqual(len(run.judge(refused=[Trouble(BEGIN, END, 0, refused="thread1")])), 1)
+        self.assertEqual(len(run.judge(refused=[Trouble(BEGIN, BEGIN + 0.1, 0, refused="ble1")])), 1)
 
     def test_robots_that_were_ended_may_be_declared_gone(self):
         run = Run()

@@ -7,7 +7,8 @@ only once. So an arrival stands for the number that its robot said it under. The
 
 Missing: acknowledged to the robot, but it arrived less often than it was acknowledged. Allowed only where the store was damaged
     after that, for as many as the daemon has told as lost (Trouble.may_lose).
-Out of order: it arrived first after something that its robot said later. Never allowed.
+Out of order: it arrived first after something that its robot said later. Allowed only for what was said before the end of a time
+    in which the broker refused this robot (Trouble.refused).
 Duplicate: it arrived more often than it was said. Each needs a reason, a trouble that did not end before it was said and began
     before the copy arrived; and a trouble is a reason for a bounded number of them (Trouble.may_repeat).
 """
@@ -37,6 +38,7 @@ class Trouble:
     end: float
     may_repeat: int  # messages that can arrive once more because of it
     may_lose: int = 0  # messages that it has destroyed, as the daemon has told
+    refused: str = ""  # the robot whose messages the broker refused
 
 
 @dataclasses.dataclass
@@ -88,7 +90,7 @@ def judge(said, arrivals, troubles):
         arrived_by[one.robot].append(one)
     tallies, duplicates, missing, complaints = {}, [], [], []
     for robot in sorted(said_by.keys() | arrived_by.keys()):
-        tallies[robot] = judge_robot(robot, said_by[robot], arrived_by[robot], duplicates, missing, complaints)
+        tallies[robot] = judge_robot(robot, said_by[robot], arrived_by[robot], troubles, duplicates, missing, complaints)
     for one in not_told(missing, troubles):
         complaints.append(f"{one.robot}: acknowledged and missing: number {one.number}, acknowledged at "
                           f"{one.acknowledged_at:.3f}: {one.payload}")
@@ -126,7 +128,7 @@ def without_arrival(acknowledged, times):
     return missing[:max(0, len(acknowledged) - len(times))]
 
 
-def judge_robot(robot, said, arrivals, duplicates, missing, complaints):
+def judge_robot(robot, said, arrivals, troubles, duplicates, missing, complaints):
     tally = Tally(said=len(said))
     said_as, arrived_as = collections.defaultdict(list), collections.defaultdict(list)
     for one in said:
@@ -146,18 +148,20 @@ def judge_robot(robot, said, arrivals, duplicates, missing, complaints):
         copies = [Duplicate(ones[0], at) for at in times[len(ones):]]
         tally.duplicates += len(copies)
         duplicates += copies
-    tally.out_of_order = count_out_of_order(robot, said_as, arrivals, complaints)
+    refusals = [trouble for trouble in troubles if trouble.refused == robot]
+    tally.out_of_order = count_out_of_order(robot, said_as, arrivals, refusals, complaints)
     return tally
 
 
-def count_out_of_order(robot, said_as, arrivals, complaints):
+def count_out_of_order(robot, said_as, arrivals, refusals, complaints):
     newest, late, seen = 0, 0, set()
     for arrival in arrivals:
         ones = said_as.get(arrival.payload, [])
         if len(ones) != 1 or arrival.payload in seen:
             continue
         seen.add(arrival.payload)
-        if ones[0].number < newest:
+        is_allowed = any(ones[0].at < refusal.end and refusal.begin < arrival.at for refusal in refusals)
+        if ones[0].number < newest and not is_allowed:
             late += 1
             complaints.append(f"{robot}: out of order: number {ones[0].number} after {newest}, at {arrival.at:.3f}")
         newest = max(newest, ones[0].number)
