@@ -9,8 +9,8 @@
 namespace slamgw {
 namespace {
 
-Bans::Address address(const char* text) {
-  Bans::Address out{};
+IpNetwork::Address address(const char* text) {
+  IpNetwork::Address out{};
   inet_pton(AF_INET6, text, out.data());
   return out;
 }
@@ -31,8 +31,8 @@ TEST(Bans, CoverAddressesAndNetworks) {
 TEST(Bans, AreRobotsAddressesAndNetworks) {
   for (const char* const good : {"r1", "robot one", "fd00::1", "fd00::/64", "10.0.0.0/8", "::/0"})
     EXPECT_TRUE(Bans::is_valid(good)) << good;
-  for (const char* const bad :
-       {"", "a/b", "fd00::/129", "10.0.0.0/33", "10.0.0.0/", "fd00::/x", "r#"})
+  for (const char* const bad : {"", "a/b", "fd00::/129", "10.0.0.0/33", "10.0.0.0/4294967200",
+                                "10.0.0.0/", "fd00::/x", "r#"})
     EXPECT_FALSE(Bans::is_valid(bad)) << bad;
 }
 
