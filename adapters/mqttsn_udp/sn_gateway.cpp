@@ -203,13 +203,15 @@ void SnGateway::receive_pingreq(const Arrival& arrival, const Pingreq& pingreq) 
   supervision_.advance(*session, arrival.now);
 }
 
-/// Who asks, and whether from where it may: a sleeping client from anywhere (R118), others from
-/// their address only (R113, R128).
+/// Who asks, and whether from where it may: a sleeping client from anywhere that
+/// `robots[].address` allows (R118), others from their address only (R113, R128).
 ClientSession* SnGateway::pinging_session(const Arrival& arrival, const Pingreq& pingreq) {
   ClientSession* here = clients_.find(arrival.peer);
   if (pingreq.client_id.empty() || (here && here->client_id == pingreq.client_id)) return here;
   ClientSession* session = clients_.find(pingreq.client_id);
   if (!session || !Sleep::is_asleep(*session)) return nullptr;
+  if (!rules_.names.may_come_from(session->client_id, arrival.peer.endpoint.address))
+    return nullptr;
   sleep_.follow(*session, arrival.peer, arrival.local, arrival.now);
   return session;
 }

@@ -51,8 +51,12 @@ void check_robots(const Located& located) {
                                   *implied));
     if (robot.ble_address) addresses.add(*robot.ble_address, path + ".ble_address");
     if (robot.mqttsn_client_id) client_ids.add(*robot.mqttsn_client_id, path + ".mqttsn_client_id");
+    if (robot.address && robot.ble_address && !robot.mqttsn_client_id)
+      located.problem(path + ".address",
+                      "is an address on Thread, where this robot has no name; "
+                      "\"mqttsn_client_id\" is needed too");
     if (!located.is_set(path + ".ble_address") && !located.is_set(path + ".mqttsn_client_id") &&
-        !located.is_set(path + ".origin"))
+        !located.is_set(path + ".origin") && !located.is_set(path + ".address"))
       located.problem(path,
                       "has no address; \"ble_address\", \"mqttsn_client_id\" or both are "
                       "needed");

@@ -149,6 +149,13 @@ constexpr auto common_keys = std::to_array<SchemaKey>({
      [](Value v, Config& c) {
        v.text(c.robots.back().mqttsn_client_id, is_client_id, client_id_words);
      }},
+    {"robots[].address",
+     [](Value v, Config& c) {
+       v.text(
+           c.robots.back().address,
+           [](std::string_view text) { return IpNetwork::parse(text).has_value(); },
+           "an IP address, or a network such as fd00::/64");
+     }},
     {"robots[].origin",
      [](Value v, Config& c) {
        if (!v.is_null()) c.robots.back().origin.emplace();

@@ -27,7 +27,13 @@ std::optional<std::uint16_t> parse_default_ble_id(std::string_view id) {
 
 RobotNames::RobotNames(std::vector<RobotName> names, Bans bans)
     : names_(std::move(names)), bans_(std::move(bans)) {
-  // An entry with an origin only names no address.
+  for (const RobotName& name : names_) {
+    const auto network = name.address ? IpNetwork::parse(*name.address) : std::nullopt;
+    if (!network) continue;
+    networks_.emplace(name.id, *network);
+    if (name.mqttsn_client_id) networks_.emplace(*name.mqttsn_client_id, *network);
+  }
+  // An entry with only an origin or an IP address gives no name.
   std::erase_if(names_,
                 [](const RobotName& name) { return !name.ble_address && !name.mqttsn_client_id; });
   for (const RobotName& name : names_) {
@@ -52,6 +58,11 @@ std::optional<std::string> RobotNames::of_client(std::string_view client_id) con
                                     [&](const RobotName& name) { return name.id == client_id; });
   if (is_taken) return std::nullopt;
   return std::string(client_id);
+}
+
+bool RobotNames::may_come_from(std::string_view id, const IpNetwork::Address& from) const {
+  const auto network = networks_.find(id);
+  return network == networks_.end() || network->second.covers(from);
 }
 
 std::optional<std::uint16_t> RobotNames::ble_address_of(std::string_view id) const {

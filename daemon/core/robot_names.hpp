@@ -30,6 +30,8 @@ struct RobotName {
   std::optional<std::uint16_t> ble_address;     ///< unicast address, 0x0001-0x7fff
   std::optional<std::string> mqttsn_client_id;  ///< compared whole
   std::optional<RobotOrigin> origin{};
+  /// IpNetwork's text: over MQTT-SN the robot comes from there alone.
+  std::optional<std::string> address{};
   bool operator==(const RobotName&) const = default;
 };
 
@@ -42,6 +44,9 @@ class RobotNames {
   /// `robots`' id for this client id, else the client id itself. Nothing when `robots` gives that
   /// name to another client id: a device speaks only for itself; and when either name is banned.
   std::optional<std::string> of_client(std::string_view client_id) const;
+  /// False when `robots` gives this id, or MQTT-SN client id, an address that does not cover
+  /// `from`.
+  bool may_come_from(std::string_view id, const IpNetwork::Address& from) const;
   /// The unicast address that goes by this id, also for `ble-<4 hex digits>`.
   std::optional<std::uint16_t> ble_address_of(std::string_view id) const;
   /// Whether a ban of its name, or of the only name that it has on a mesh, keeps this robot out.
@@ -54,6 +59,7 @@ class RobotNames {
   Bans bans_;
   std::map<std::uint16_t, std::string> by_ble_;
   std::map<std::string, std::string, std::less<>> by_client_;
+  std::map<std::string, IpNetwork, std::less<>> networks_;  ///< by id and by client id
 };
 
 }  // namespace slamgw

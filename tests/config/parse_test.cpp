@@ -81,8 +81,11 @@ TEST(ParseConfig, ReadsWhatHasNoDefault) {
 TEST(ParseConfig, TakesNullForWhatIsNotSet) {
   const Parsed parsed(R"({"broker": {"credentials_file": null, "tls": {"ca_file": null}},
       "ble_mesh": {"will": null, "robot_id": null}, "mqttsn": {"interface": null},
-      "robots": [{"id": "a", "ble_address": null, "mqttsn_client_id": "c"}]})");
+      "robots": [{"id": "a", "ble_address": null, "mqttsn_client_id": "c", "address": null},
+                 {"id": "b", "address": "192.0.2.7"}]})");
   EXPECT_EQ(parsed.lines_of_problems, "");
+  EXPECT_FALSE(parsed.config.robots.at(0).address);
+  EXPECT_EQ(parsed.config.robots.at(1).address, "192.0.2.7");
   EXPECT_FALSE(parsed.config.ble_mesh.will);
   EXPECT_FALSE(parsed.config.robots.at(0).ble_address);
 }

@@ -50,5 +50,20 @@ TEST(Bans, ARobotIsRefusedUnderEachOfItsNames) {
       << "it still has its name on the other mesh";
 }
 
+TEST(RobotNames, ANameWithAnAddressComesFromNowhereElse) {
+  const RobotNames names({{"lego", 0x0100, "thread-1", {}, "fd00::/64"},
+                          {"tank", {}, {}, {}, "192.0.2.7"},
+                          {"free", {}, "thread-3"}});
+  for (const char* const name : {"lego", "thread-1"}) {
+    EXPECT_TRUE(names.may_come_from(name, address("fd00::5"))) << name;
+    EXPECT_FALSE(names.may_come_from(name, address("fd01::5"))) << name;
+  }
+  EXPECT_EQ(names.of_client("tank"), "tank") << "its client id is its id";
+  EXPECT_TRUE(names.may_come_from("tank", address("::ffff:192.0.2.7")));
+  EXPECT_FALSE(names.may_come_from("tank", address("::ffff:192.0.2.8")));
+  for (const char* const name : {"free", "thread-3", "stranger"})
+    EXPECT_TRUE(names.may_come_from(name, address("fd01::5"))) << name;
+}
+
 }  // namespace
 }  // namespace slamgw

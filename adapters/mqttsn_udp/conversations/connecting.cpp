@@ -22,7 +22,7 @@ bool can_resume(const ClientSession& session) {
 
 void Connecting::on_connect(const Peer& peer, const LocalAddress& local, const Connect& connect,
                             std::uint64_t fingerprint, TimePoint now) {
-  auto robot = robot_of(connect.client_id);
+  auto robot = robot_at(peer, connect.client_id);
   if (!robot || connect.protocol != protocol_id) return refuse_name(peer, local, connect, now);
   if (is_repetition(peer, connect, fingerprint, now)) {
     ClientSession& session = *clients_.find(peer);
@@ -53,6 +53,12 @@ std::optional<std::string> Connecting::robot_of(const std::string& client_id) co
       configured, [&](const RobotName& name) { return name.mqttsn_client_id == client_id; });
   if (!is_configured && is_elsewhere_ && is_elsewhere_(*robot)) return std::nullopt;
   return robot;
+}
+
+std::optional<std::string> Connecting::robot_at(const Peer& peer,
+                                                const std::string& client_id) const {
+  if (!rules_.names.may_come_from(client_id, peer.endpoint.address)) return std::nullopt;
+  return robot_of(client_id);
 }
 
 /// The CONNACK was lost: it is sent again, and nothing that was registered since is wiped (R35).
@@ -167,7 +173,7 @@ Connecting::Attempt Connecting::take(const Peer& peer) {
 void Connecting::complete(const Peer& peer, const Attempt& attempt, std::optional<Will> will,
                           TimePoint now) {
   const Connect& connect = attempt.connect;
-  const auto robot = robot_of(connect.client_id);  // names may change during the handshake
+  const auto robot = robot_at(peer, connect.client_id);  // names may change during the handshake
   if (!robot) return refuse_name(peer, attempt.local, connect, now);
   if (will && *robot != attempt.robot) {
     auto own = replace_robot(rules_.policy.scheme(), will->topic, attempt.robot, *robot);
@@ -230,6 +236,8 @@ void Connecting::on_takeover(ClientSession& session, const Peer& peer, TimePoint
 void Connecting::refuse_name(const Peer& peer, const LocalAddress& local, const Connect& connect,
                              TimePoint now) {
   const char* why = "another robot has this name, in the configuration or on another mesh";
+  if (!rules_.names.may_come_from(connect.client_id, peer.endpoint.address))
+    why = "the configuration has another address for it (robots[].address)";
   if (rules_.names.bans().has(connect.client_id)) why = "it is banned (slam-gatewayctl unban)";
   if (!is_valid_level(connect.client_id))
     why =

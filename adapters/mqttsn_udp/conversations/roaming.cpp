@@ -23,6 +23,7 @@ bool Roaming::takes(const Peer& peer, const LocalAddress& local, const Connect& 
   if (connect.clean_session || waiting_.size() >= limits::max_waiting_connects ||
       clients_.find(connect.client_id))
     return false;
+  if (!rules_.names.may_come_from(connect.client_id, peer.endpoint.address)) return false;
   const auto robot = rules_.names.of_client(connect.client_id);
   if (!robot || !is_valid_level(*robot) || !served_elsewhere_(*robot)) return false;
   waiting_.push_back({peer, local, connect, fingerprint, *robot, now + limits::note_patience});
@@ -123,7 +124,10 @@ void Restoring::refuse_commands(const SessionSnapshot& snapshot, TimePoint now) 
 
 bool Restoring::restore(const SessionSnapshot& snapshot, TimePoint now) {
   const auto robot = connecting_.robot_of(snapshot.client_id);
-  if (!robot || !is_valid_level(snapshot.robot) || clients_.is_full() ||
+  const bool is_elsewhere =
+      snapshot.peer &&
+      !rules_.names.may_come_from(snapshot.client_id, snapshot.peer->endpoint.address);
+  if (!robot || is_elsewhere || !is_valid_level(snapshot.robot) || clients_.is_full() ||
       clients_.find(snapshot.client_id)) {
     refuse_commands(snapshot, now);
     return false;
@@ -154,9 +158,10 @@ void Renaming::on_names(TimePoint now) {
   std::vector<ClientSession*> gone;
   std::vector<Renamed> renamed;
   for (const auto& [id, session] : clients_.all()) {
-    const bool is_banned =
-        session->peer && rules_.names.bans().covers(session->peer->endpoint.address);
-    if (is_banned) {
+    const bool is_shut_out =
+        session->peer && (rules_.names.bans().covers(session->peer->endpoint.address) ||
+                          !rules_.names.may_come_from(id, session->peer->endpoint.address));
+    if (is_shut_out) {
       gone.push_back(session.get());
       continue;
     }
@@ -169,7 +174,8 @@ void Renaming::on_names(TimePoint now) {
   }
   for (ClientSession* session : gone) {
     if (session->is_connected()) output_.send(*session, Disconnect{});
-    lifecycle_.expel(*session, "it is banned, or another robot has this name now", now);
+    lifecycle_.expel(*session, "it is banned, or this name is another robot's or address's now",
+                     now);
   }
   for (const Renamed& one : renamed) leave_name(*one.session, now);
   for (const Renamed& one : renamed) enter_name(one, now);

@@ -215,5 +215,37 @@ TEST(SnGateway, RegistersAgainOnceOnly) {
   EXPECT_EQ(rig.gateway.queued_for("r1"), 0U);
 }
 
+TEST(SnGateway, ServesANameWithAnAddressFromThereAlone) {
+  const RobotName tank{"tank", {}, "tank-client", {}, "fd00::1"};
+  Settings settings;
+  settings.allow_unconnected_publish = true;
+  settings.predefined_topics = {{1, "ntnu-slam/robot/tank/adv", {}}};
+  SnRig rig(settings, {tank});
+  for (int i = 0; i < 3; ++i) rig.send(2, Connect{false, true, 1, 60, "tank-client"});
+  EXPECT_EQ(rig.sent_to(2), Lines(3, "CONNACK code=3"));
+  EXPECT_EQ(rig.counter("connects_refused"), 3U);
+  ASSERT_EQ(rig.notices.size(), 1U);
+  EXPECT_NE(rig.notices[0].text.find("another address for it (robots[].address)"),
+            std::string::npos);
+  rig.connect(1, "tank-client", false);
+  connect_with_will(rig, 2, "tank-client", "ntnu-slam/robot/tank/lost");
+  EXPECT_EQ(rig.sent_to(2).front(), "CONNACK code=3");
+  for (const unsigned n : {1U, 2U})
+    rig.send(n, Publish{false, WireQos::minus_one, false, TopicIdType::predefined, 1, 0, {}});
+  EXPECT_EQ(rig.reports.size(), 1U) << "QoS -1 of the robot itself";
+
+  rig.sleep(1);
+  rig.sent_to(2);
+  rig.send(2, Pingreq{"tank-client"});
+  EXPECT_EQ(rig.last_to(2), "DISCONNECT plain");
+  const auto kept = rig.gateway.snapshot("tank-client", rig.now);
+  SnRig moved({}, {{"tank", {}, "tank-client", {}, "fd00::2"}});
+  EXPECT_FALSE(moved.gateway.restore(*kept, moved.now));
+  rig.rename({{"tank", {}, "tank-client", {}, "fd00::/64"}});
+  EXPECT_TRUE(rig.gateway.snapshot("tank-client", rig.now)) << "it is still where it may be";
+  rig.rename({{"tank", {}, "tank-client", {}, "fd00::2"}});
+  EXPECT_FALSE(rig.gateway.snapshot("tank-client", rig.now)->peer);
+}
+
 }  // namespace
 }  // namespace slamgw::mqttsn
