@@ -402,10 +402,19 @@ std::optional<TimePoint> Backlog::deadline() const {
 bool Backlog::on_deadline(TimePoint now) {
   if (load_retry_ && now >= *load_retry_) load_retry_.reset();
   if (!write_retry_ || now < *write_retry_) return false;
+  try_again();
+  return true;
+}
+
+void Backlog::on_stop() {
+  is_stopping_ = true;
+  if (state_ == State::failing) try_again();
+}
+
+void Backlog::try_again() {
   write_retry_.reset();
   state_ = State::working;
   is_probe_due_ = true;
-  return true;
 }
 
 std::size_t Backlog::unsaved() const {

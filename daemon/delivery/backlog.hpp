@@ -110,8 +110,9 @@ class Backlog {
   std::size_t on_loaded(StoreLoaded loaded, TimePoint now);
   void on_load_failed(TimePoint now);
   void on_dead_letters(DeadLetterCounts dead_letters) { dead_letters_ = dead_letters; }
-  /// Delete at once what is delivered, load no more.
-  void on_stop() { is_stopping_ = true; }
+  /// Delete at once what is delivered, load no more. A failing store is tried once more: what it
+  /// does not delete comes again.
+  void on_stop();
 
   std::optional<WriteToStore> next_write(TimePoint now);
   std::optional<LoadFromStore> next_load();
@@ -160,6 +161,7 @@ class Backlog {
   bool reserve(OutboxEntry& entry);
   bool has_room_for(std::string_view topic, std::uint64_t cost);
   void note_room();
+  void try_again();
   void release(const OutboxEntry& entry);
   std::deque<Saving>::iterator find(std::deque<Saving>& queue, std::uint64_t row);
   bool is_behinds_turn() const;

@@ -467,6 +467,29 @@ TEST_F(OutboxStoreTest, DamagedRowsAreLeftOutAndBlockNothing) {
   EXPECT_EQ(store.commits, commits) << "no detour through the store for its topic";
 }
 
+/// The disk was full for so long that its next try is far away.
+TEST_F(OutboxStoreTest, AnOrderlyStopTriesAFailingStoreOnceMore) {
+  store_backlog("t", 1, 20);
+  link_up();
+  for (int i = 0; i < 4; ++i) serve_store();
+  store.is_failing = true;
+  for (int i = 0; i < 60; ++i) {
+    acknowledge_all();
+    pass(1s);
+    while (serve_store()) {
+    }
+  }
+  ASSERT_EQ(received_of("t"), numbers(1, 20));
+  ASSERT_EQ(store.rows.size(), 20u);
+  store.is_failing = false;
+  outbox->on_stop(now);
+  drain();
+  while (serve_store()) {
+  }
+  EXPECT_TRUE(outbox->is_settled());
+  EXPECT_TRUE(store.rows.empty()) << "else all of them come again";
+}
+
 TEST_F(OutboxStoreTest, AStoreThatCannotBeReadIsAskedAgain) {
   store_backlog("t", 1, 5);
   link_up();
