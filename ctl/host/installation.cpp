@@ -32,6 +32,14 @@ namespace fs = std::filesystem;
 
 namespace {
 
+/// Waits until the file, or what the directory lists, is on disk.
+bool sync(const fs::path& path) {
+  const int opened = open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  const bool is_synced = opened >= 0 && fsync(opened) == 0;
+  if (opened >= 0) close(opened);
+  return is_synced;
+}
+
 constexpr std::size_t max_output_bytes = std::size_t{4} << 20;
 constexpr int exit_not_started = 127;  // as a shell says it
 constexpr int exit_signal = 128;
@@ -140,8 +148,9 @@ std::string change_bans(const Installation& installation, const std::string& who
   out << nlohmann::json{{"bans", bans}}.dump(2) << '\n';
   out.close();
   fs::permissions(unfinished, static_cast<fs::perms>(0644), error);
-  if (out) fs::rename(unfinished, file, error);
-  if (!out || error)
+  const bool is_written = out && sync(unfinished);
+  if (is_written) fs::rename(unfinished, file, error);
+  if (!is_written || error || !sync(installation.site()))
     throw Failure(fmt::format("{} can't be written; type: sudo slam-gatewayctl {} {}",
                               file.string(), is_banned ? "ban" : "unban", who));
   return fmt::format("{} is {} ({})\n", who, is_banned ? "banned" : "no longer banned",
