@@ -203,8 +203,9 @@ void SnGateway::receive_pingreq(const Arrival& arrival, const Pingreq& pingreq) 
   supervision_.advance(*session, arrival.now);
 }
 
-/// Who asks, and whether from where it may: a sleeping client from anywhere that
-/// `robots[].address` allows (R118), others from their address only (R113, R128).
+/// Returns the session of the client that pings; null when it may not ping from this address. A
+/// sleeping client may use any address that `robots[].address` allows (R118), others only their own
+/// (R113, R128).
 ClientSession* SnGateway::pinging_session(const Arrival& arrival, const Pingreq& pingreq) {
   ClientSession* here = clients_.find(arrival.peer);
   if (pingreq.client_id.empty() || (here && here->client_id == pingreq.client_id)) return here;
@@ -329,8 +330,8 @@ Counters SnGateway::counters() const {
 }
 
 MeshPlaces SnGateway::places() const {
-  return {settings_.max_clients, clients_.size(), clients_.largest_crowd(false),
-          clients_.unanswered(), clients_.largest_crowd(true)};
+  return {settings_.max_clients, clients_.size(), clients_.largest_crowd(), clients_.unanswered(),
+          clients_.largest_unanswered_crowd()};
 }
 
 std::vector<WaitingMessage> SnGateway::give_up(const std::string& robot, TimePoint now) {

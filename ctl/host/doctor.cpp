@@ -160,10 +160,10 @@ class Examination {
                     "answered anything{}: these give way to others",
                     clients, config_.mqttsn.max_clients, where(all),
                     count_at(counters, "clients_unanswered"), where(unproven)),
-        most.empty()
-            ? "slam-gatewayctl forget ROBOT, for robots that are gone"
-            : "does somebody invent clients? sudo slam-gatewayctl ban " + text_at(most, "address") +
-                  "; robots that are gone: slam-gatewayctl forget ROBOT");
+        most.empty() ? "slam-gatewayctl forget ROBOT, for robots that are gone"
+                     : "if these clients are not robots: sudo slam-gatewayctl ban " +
+                           text_at(most, "address") +
+                           "; for robots that are gone: slam-gatewayctl forget ROBOT");
   }
 
   void retained() {

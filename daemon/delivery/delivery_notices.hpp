@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the log says about messages that the broker does not take, and about a store that fails.
-// Pure; part of the outbox.
+// Log lines about messages that the broker refuses and about a failing store. Pure; part of the
+// outbox.
 #pragma once
 
 #include <cstdint>
@@ -25,10 +25,10 @@ struct NoRoom {
 };
 Notice no_room_notice(const NoRoom& no_room);
 
-/// Each topic and reason once, and only so many lines in a row.
+/// Reports each topic and reason once, and at most `most_lines` lines in each interval.
 class RefusalNotices {
  public:
-  /// So many lines in each interval; the next interval begins with how many more there were.
+  /// The first line of the next interval reports how many lines were left out.
   static constexpr std::size_t most_lines = 20;
   static constexpr std::chrono::seconds interval{10};
 
@@ -54,7 +54,7 @@ class RefusalNotices {
   std::size_t left_out_ = 0;
 };
 
-/// Why the store cannot be written or read: a failure once a minute, its end once.
+/// Reports why the store cannot be written or read: a failure once a minute, its end once.
 class StoreTrouble {
  public:
   /// Empty while the store can be written and read.

@@ -17,6 +17,7 @@ void Outbox::submit(BrokerMessage message, Receipt receipt, TimePoint now) {
   entry.submitted = now;
   queued_bytes_ += entry.cost();
   if (!has_memory_for(entry)) return refuse(entry, now);
+  drop_older_withheld(entry);
   if (turn_of(entry, now) == RefusedTopics::Turn::rest) {
     turn_away(std::move(entry), now);
   } else {
@@ -148,7 +149,7 @@ void Outbox::on_link_down(TimePoint now) {
 }
 
 void Outbox::proceed(TimePoint now) {
-  if (is_up_) place_set_by(now);
+  if (is_up_) requeue_withheld(now);
   while (publish_next(now)) {
   }
   if (auto write = backlog_.next_write(now)) actions_.push(std::move(*write));
@@ -192,13 +193,13 @@ void Outbox::refuse_with_its_flow(const Entry& next, TimePoint now) {
     notify(refusal_notices_.on_refused_topic(next.message.topic, *reason, now));
 }
 
-/// Everything under way must be answered first. The wait is bounded; then its topic goes without,
-/// or rests. True when that has changed its turn.
+/// Waits for the answers to everything under way, for a bounded time. After that an accused topic
+/// is no longer accused, and a refused one rests. Returns true when the turn of `next` has changed.
 bool Outbox::wait_to_be_alone(const Entry& next, TimePoint now) {
   if (!trial_waits_until_) trial_waits_until_ = now + trial_patience;
   if (now < *trial_waits_until_) return false;
   trial_waits_until_.reset();
-  refused_.on_not_tried(std::string(next.message.topic), RefusedTopics::longest_pause, now);
+  refused_.on_not_tried(next.message.topic, RefusedTopics::longest_pause, now);
   return true;
 }
 
@@ -207,19 +208,19 @@ RefusedTopics::Turn Outbox::turn_of(const Entry& entry, TimePoint now) const {
   return refused_.turn_of(entry.message.topic, entry.row, backlog_.can_keep(), now);
 }
 
-/// The broker does not take its topic for now.
+/// Makes a dead letter of a message whose topic rests.
 void Outbox::turn_away(Entry entry, TimePoint now) {
   const Refusal refusal = refused_.reason(entry.message.topic);
   make_dead_letter(std::move(entry), refusal, 0, now);
 }
 
-/// The gateway's own retained messages become none: the next one of the topic makes it void.
+/// Withholds the gateway's own retained messages instead: a later one of the topic replaces them.
 void Outbox::make_dead_letter(Entry entry, const Refusal& refusal, std::uint32_t tries,
                               TimePoint now) {
   if (entry.is_unacknowledged()) return drop(entry, "the broker refuses its topic");
   const bool will_be_tried = is_retried(refusal.code, tries);
   const bool is_own = !entry.message.provenance;
-  if (is_own && entry.message.retain && will_be_tried) return set_by(std::move(entry), now);
+  if (is_own && entry.message.retain && will_be_tried) return withhold(std::move(entry), now);
   const std::string topic = entry.message.topic;
   const std::size_t bytes = entry.message.payload.size();
   if (backlog_.make_dead_letter(entry, refusal, tries)) {
@@ -229,38 +230,52 @@ void Outbox::make_dead_letter(Entry entry, const Refusal& refusal, std::uint32_t
   }
   if (!is_own && !entry.receipt.is_owed()) {  // it was acknowledged
     if (!will_be_tried) refused_.on_refused(topic, refusal, now);
-    return set_by(std::move(entry), now);
+    return withhold(std::move(entry), now);
   }
   if (!will_be_tried) notify(refusal_notices_.on_dropped(topic, bytes, refusal, now));
   refuse(entry, now);
 }
 
-void Outbox::set_by(Entry entry, TimePoint now) {
+void Outbox::withhold(Entry entry, TimePoint now) {
   if (entry.is_stored) queued_bytes_ += entry.cost();
   if (entry.row != 0) backlog_.forget(entry, now);
   entry.row = 0;
   entry.is_stored = false;
-  std::erase_if(set_by_, [&](const Entry& other) {
-    const bool is_void = !entry.message.provenance && other.message.topic == entry.message.topic;
+  const auto makes_void = [&entry](const Entry& other) {
+    return !entry.message.provenance && other.message.topic == entry.message.topic &&
+           other.order > entry.order;
+  };
+  if (std::ranges::any_of(withheld_, makes_void)) {
+    queued_bytes_ -= entry.cost();
+    return;
+  }
+  drop_older_withheld(entry);
+  withheld_.push_back(std::move(entry));
+}
+
+/// A retained message of the gateway itself makes the earlier ones of its topic void.
+void Outbox::drop_older_withheld(const Entry& entry) {
+  if (withheld_.empty() || entry.message.provenance || !entry.message.retain) return;
+  std::erase_if(withheld_, [&](const Entry& other) {
+    const bool is_void = other.message.topic == entry.message.topic && !other.message.provenance;
     if (is_void) queued_bytes_ -= other.cost();
     return is_void;
   });
-  set_by_.push_back(std::move(entry));
 }
 
-/// Those that may be published now.
-void Outbox::place_set_by(TimePoint now) {
-  if (set_by_.empty() || !refused_.is_wake_due(now)) return;
-  for (Entry& entry : std::exchange(set_by_, {})) {
+/// Requeues the withheld messages whose topics may be tried now.
+void Outbox::requeue_withheld(TimePoint now) {
+  if (withheld_.empty() || !refused_.is_wake_due(now)) return;
+  for (Entry& entry : std::exchange(withheld_, {})) {
     if (turn_of(entry, now) == Turn::rest) {
-      set_by_.push_back(std::move(entry));
+      withheld_.push_back(std::move(entry));
     } else {
       place(std::move(entry), now);
     }
   }
 }
 
-/// The store answers requests in their order, so it knows all dead letters of which this asks.
+/// Asks only when all dead letters were given to the store, which answers requests in order.
 void Outbox::ask_for_dead_letters(TimePoint now) {
   const bool can_ask = backlog_.can_keep() && backlog_.has_written_dead_letters();
   while (const auto topic = refused_.next_to_ask(can_ask, now))
@@ -460,7 +475,7 @@ void Outbox::start_over(Entries in_memory, TimePoint now) {
   in_flight_.forget_backlog();
   drop_dead_letters(in_memory, now);
   accepted_.clear();
-  std::ranges::move(std::exchange(set_by_, {}), std::back_inserter(in_memory));
+  std::ranges::move(std::exchange(withheld_, {}), std::back_inserter(in_memory));
   for (Entry& entry : in_memory) {
     if (entry.is_stored) {
       queued_bytes_ += entry.cost();
@@ -617,7 +632,7 @@ bool Outbox::is_settled() const {
 }
 
 std::size_t Outbox::unsaved() const {
-  std::size_t count = waiting_.size() + set_by_.size() + backlog_.behind() + backlog_.unsaved();
+  std::size_t count = waiting_.size() + withheld_.size() + backlog_.behind() + backlog_.unsaved();
   for (const Entry& entry : in_flight_.entries()) count += entry.is_stored ? 0 : 1;
   return count;
 }

@@ -53,10 +53,10 @@ class Outbox {
   /// A broker that has not acknowledged a message for so long is slow: what is only in memory goes
   /// to the store, and robots need not wait for the broker.
   static constexpr std::chrono::seconds broker_patience{2};
-  /// How long the whole link waits for what is under way before a message goes alone, and then for
-  /// its answer.
+  /// How long all other messages wait, first for the answers to those under way before one message
+  /// goes alone, and then for its answer.
   static constexpr std::chrono::seconds trial_patience{5};
-  /// Of the dead letters of a topic that the broker takes again, so many are sent together.
+  /// Number of dead letters in one request, once the broker accepts their topic again.
   static constexpr std::size_t resend_page = 64;
   /// Time given to the broker at shutdown; the remaining messages then go to the store.
   static constexpr std::chrono::seconds stop_patience{1};
@@ -165,8 +165,9 @@ class Outbox {
   Turn turn_of(const Entry& entry, TimePoint now) const;
   void turn_away(Entry entry, TimePoint now);
   void make_dead_letter(Entry entry, const Refusal& refusal, std::uint32_t tries, TimePoint now);
-  void set_by(Entry entry, TimePoint now);
-  void place_set_by(TimePoint now);
+  void withhold(Entry entry, TimePoint now);
+  void drop_older_withheld(const Entry& entry);
+  void requeue_withheld(TimePoint now);
   void ask_for_dead_letters(TimePoint now);
   void on_accepted(const std::string& topic, TimePoint now);
   void notify(std::optional<Notice> notice);
@@ -196,9 +197,9 @@ class Outbox {
   };
   std::optional<Trial> trial_;
   std::optional<TimePoint> trial_waits_until_;  // for what is under way before it
-  /// Of refused topics, what can neither be a dead letter nor be given up: the gateway's own last
-  /// retained message of each, and what was acknowledged while there was another store.
-  Entries set_by_;
+  /// Messages of refused topics that can neither be dead letters nor be dropped: the newest of the
+  /// gateway's own retained messages of each topic, and messages acknowledged by a former store.
+  Entries withheld_;
 
   /// A topic that the broker takes again: its dead letters follow, page by page, as long as it
   /// does.

@@ -105,8 +105,7 @@ void RefusedTopics::on_link_down(TimePoint now) {
   for (auto& [name, topic] : topics_) {
     if (topic.phase != Phase::trying) continue;
     if (topic.row != 0) {
-      topic.phase =
-          Phase::asked;  // it is back in the queue, and tried first on the next connection
+      topic.phase = Phase::asked;  // its letter is queued again, for the next connection
     } else {
       rest(topic, now);
     }
@@ -116,8 +115,8 @@ void RefusedTopics::on_link_down(TimePoint now) {
 bool RefusedTopics::on_refused(const std::string& topic, const Refusal& refusal, TimePoint now) {
   Topic* const known = find_or_add(topic, now);
   if (!known) return false;
-  const bool is_news = known->is_accused() || known->refusal.code != refusal.code;
   const bool is_new = known->is_accused();
+  const bool is_news = is_new || known->refusal.code != refusal.code;
   if (is_new) known->since = now;
   known->refusal = refusal;
   known->losses = 0;

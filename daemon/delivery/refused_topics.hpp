@@ -62,7 +62,7 @@ class LossCauses {
   /// The connection is lost, and nothing explains it. Returns the topics that were unanswered at
   /// the loss before too.
   std::vector<std::string> on_loss(const OutboxEntries& unanswered, TimePoint now);
-  /// A new connection: what was written to the old one is the past.
+  /// Forgets what was written to the old connection.
   void on_link_up();
 
  private:
@@ -115,7 +115,7 @@ struct RefusedTopic {
   std::string topic;
   Refusal refusal;
   std::size_t waiting = 0;  ///< dead letters of it that will be retried
-  std::uint32_t tries = 0;  ///< in vain, in a row
+  std::uint32_t tries = 0;  ///< consecutive failed tries
   TimePoint since{};
 };
 
@@ -125,7 +125,7 @@ class RefusedTopics {
   static constexpr std::chrono::seconds longest_pause{60};
   /// Of a topic for which the broker closes the connection of all: each try is one more closing.
   static constexpr std::chrono::hours longest_closing_pause{1};
-  /// A topic on which nothing is said, and of which nothing waits, is forgotten.
+  /// A topic without new messages and without dead letters is forgotten after this time.
   static constexpr std::chrono::hours forgotten_after{2};
   /// Tries at once; one while the broker closes the connection for them.
   static constexpr std::size_t most_tries = 4;
@@ -155,18 +155,19 @@ class RefusedTopics {
   bool on_refused(const std::string& topic, const Refusal& refusal, TimePoint now);
   /// The connection was lost twice with a message of it unanswered.
   void accuse(const std::string& topic, TimePoint now);
-  /// It was lost while one was under way alone. True when that convicts the message: it is the
-  /// second time, and the broker has answered others in between (`answers`: how many so far).
+  /// The connection was lost while a message of `topic` was under way alone. Returns true when the
+  /// message is at fault: it is the second loss, and the broker has answered other messages in
+  /// between. `answers`: the number of its answers so far.
   bool on_lost_alone(const std::string& topic, std::uint64_t answers, TimePoint now);
   /// The broker closes the connection after a refusal, so refusals have to be rare: nothing is
   /// tried for a while, which grows until a message is accepted.
   void on_loss_after_refusal(TimePoint now) { put_off_tries(now); }
   void on_published(std::string_view topic);
-  /// The broker has taken a message of it. True when it was refused.
+  /// The broker has accepted a message. Returns true when the topic was refused until now.
   bool on_accepted(std::string_view topic, TimePoint now);
   /// The try says nothing about the topic, or could not be made; the next one is in `pause`.
   void on_not_tried(std::string_view topic, Duration pause, TimePoint now);
-  /// A message of it has become one.
+  /// Records that a message of `topic` became a dead letter.
   void on_dead_letter(std::string_view topic);
 
   /// The topic of which a dead letter is to be asked for now. Answered by on_letter().
@@ -174,20 +175,20 @@ class RefusedTopics {
   /// `row`: where the letter is stored again; 0: there is none.
   void on_letter(std::string_view topic, std::uint64_t row, TimePoint now);
 
-  /// What was tried is not answered.
+  /// Tries under way will not be answered.
   void on_link_down(TimePoint now);
-  /// Another store, with these.
+  /// Takes over the dead topics of a newly opened store.
   void on_store_changed(std::vector<DeadTopic> dead_topics, TimePoint now);
-  /// A letter that was asked for may be among them.
+  /// The store has lost messages, perhaps a requested dead letter.
   void on_rows_lost(TimePoint now) { rest_all(now); }
 
   /// When next_to_ask() or turn_of() may have something new.
   std::optional<TimePoint> deadline() const { return wake_; }
   bool is_wake_due(TimePoint now) const { return wake_ && now >= *wake_; }
 
-  /// At most `most` of them; those that are only accused are left out.
+  /// Returns at most `most` refused topics, without those that are only accused.
   std::vector<RefusedTopic> list(std::size_t most) const;
-  /// How many there are of those.
+  /// Returns the number of refused topics.
   std::size_t count() const;
 
  private:

@@ -292,6 +292,33 @@ TEST_F(OutboxRefusalTest, WhatWasAcknowledgedIsKeptAlsoWhenTheStoreIsGone) {
 }
 
 /// Presence and state: only the last one of a topic is worth anything.
+TEST_F(OutboxRefusalTest, AnOlderRetainedMessageOfTheGatewayDoesNotComeAfterANewerOne) {
+  is_store_quick = true;
+  link_up();
+  const auto state = [&](const char* text) {
+    outbox->submit({"gateway/g/state", to_bytes(text), Qos::at_least_once, true}, no_receipt, now);
+    drain();
+  };
+  state("1");
+  refuse_all();
+  now += 1s;  // the next message is the try, before the deadline is served
+  state("2");
+  acknowledge_all();
+  settle();
+  EXPECT_EQ(received_of("gateway/g/state"), std::vector<std::string>{"2"});
+
+  received.clear();
+  state("3");
+  refuse_all();
+  pass(1s);
+  ASSERT_EQ(under_way.size(), 1u);
+  state("4");  // while an older one is tried
+  refuse_first();
+  settle();
+  EXPECT_EQ(received_of("gateway/g/state"), std::vector<std::string>{"4"});
+  EXPECT_EQ(outbox->queued_bytes(), 0u);
+}
+
 TEST_F(OutboxRefusalTest, OfTheGatewaysOwnRetainedMessagesTheLastIsTriedAgain) {
   is_store_quick = true;
   link_up();

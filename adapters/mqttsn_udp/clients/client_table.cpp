@@ -13,6 +13,15 @@ IpAddress network_of(IpAddress address) {
   return address;
 }
 
+/// Names the network when no address in it has half of its clients.
+MeshPlaces::Crowd name_crowd(const std::pair<IpAddress, std::size_t>& at_address,
+                             const std::pair<IpAddress, std::size_t>& in_network) {
+  if (at_address.second == 0) return {};
+  if (2 * at_address.second < in_network.second)
+    return {to_string(in_network.first) + "/64", in_network.second};
+  return {to_string(at_address.first), at_address.second};
+}
+
 }  // namespace
 
 void Unanswered::add(const IpAddress& group, ClientSession& session) {
@@ -166,22 +175,22 @@ std::vector<ClientSession*> ClientTable::crowd(const Peer& peer, TimePoint now) 
   return of_address.empty() ? by_network_.fullest(network_of(own)) : of_address;
 }
 
-/// A network is named when no address in it has half of its clients.
-MeshPlaces::Crowd ClientTable::largest_crowd(bool is_of_unanswered) const {
-  std::map<IpAddress, std::size_t> at_address;
-  std::map<IpAddress, std::size_t> in_network;
+MeshPlaces::Crowd ClientTable::largest_crowd() const {
+  std::map<IpAddress, std::size_t> addresses;
+  std::map<IpAddress, std::size_t> networks;
   for (const auto& [id, session] : by_id_) {
-    if (!session->peer || (is_of_unanswered && session->has_answered)) continue;
-    const IpAddress& address = session->peer->endpoint.address;
-    ++at_address[address];
-    ++in_network[network_of(address)];
+    if (!session->peer) continue;
+    ++addresses[session->peer->endpoint.address];
+    ++networks[network_of(session->peer->endpoint.address)];
   }
-  if (at_address.empty()) return {};
-  using Group = std::pair<const IpAddress, std::size_t>;
-  const auto& [address, alone] = *std::ranges::max_element(at_address, {}, &Group::second);
-  const auto& [network, together] = *std::ranges::max_element(in_network, {}, &Group::second);
-  if (2 * alone < together) return {to_string(network) + "/64", together};
-  return {to_string(address), alone};
+  if (addresses.empty()) return {};
+  const auto size = [](const auto& group) { return group.second; };
+  return name_crowd(*std::ranges::max_element(addresses, {}, size),
+                    *std::ranges::max_element(networks, {}, size));
+}
+
+MeshPlaces::Crowd ClientTable::largest_unanswered_crowd() const {
+  return name_crowd(by_address_.largest(), by_network_.largest());
 }
 
 void ClientTable::set_in_crowd(ClientSession& session, bool is_in) {

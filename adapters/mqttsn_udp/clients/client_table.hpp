@@ -65,6 +65,11 @@ class Unanswered {
   /// Some of the fullest group, the longest silent first, when it has at least two more members
   /// than `own`.
   std::vector<ClientSession*> fullest(const IpAddress& own) const;
+  /// The fullest group and its size; 0 when there is none.
+  std::pair<IpAddress, std::size_t> largest() const {
+    if (by_size_.empty()) return {};
+    return {by_size_.rbegin()->second, by_size_.rbegin()->first};
+  }
 
  private:
   std::map<IpAddress, std::set<ClientSession*>> groups_;
@@ -110,9 +115,11 @@ class ClientTable {
   /// Its CONNECT was accepted: from now on it is expected to say something more.
   void on_connected(ClientSession& session, TimePoint now);
   std::size_t unanswered() const { return size() - answered_; }
-  /// The address, or else the network (`fd00::/64`), that has most clients, or most of those that
-  /// have not answered. Looks at all of them.
-  MeshPlaces::Crowd largest_crowd(bool is_of_unanswered) const;
+  /// Returns the address, or else the network (`fd00::/64`), that has most clients. Looks at all
+  /// clients.
+  MeshPlaces::Crowd largest_crowd() const;
+  /// The same of the clients that have not answered; cheap.
+  MeshPlaces::Crowd largest_unanswered_crowd() const;
   /// Who gives way to `peer` when nobody has left: clients that have not answered yet. First those
   /// that said nothing after their CONNECT; then those of the address, or the /64, that has at
   /// least two more of them than the one of `peer`. The longest silent come first; some at a time.

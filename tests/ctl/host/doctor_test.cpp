@@ -99,6 +99,7 @@ TEST(Doctor, NamesEachStepThatIsBroken) {
   facts.status["meshes"]["thread"]["places"] = {
       {"most", {{"address", "fd00::7"}, {"clients", 8500}}},
       {"most_unproven", {{"address", "fd00::9"}, {"clients", 100}}}};
+  EXPECT_EQ(problems_of(facts), "thread: clients; ");
   for (const Finding& finding : examine(facts)) {
     if (finding.health == Health::well) continue;
     EXPECT_NE(finding.remedy.find("ban fd00::7"), std::string::npos) << "they have answered";
