@@ -244,7 +244,7 @@ TEST(SnGateway, ServesANameWithAnAddressFromThereAlone) {
   rig.rename({{"tank", {}, "tank-client", {}, "fd00::/64"}});
   EXPECT_TRUE(rig.gateway.snapshot("tank-client", rig.now)) << "it is still where it may be";
   rig.rename({{"tank", {}, "tank-client", {}, "fd00::2"}});
-  EXPECT_FALSE(rig.gateway.snapshot("tank-client", rig.now)->peer);
+  EXPECT_FALSE(rig.gateway.snapshot("tank-client", rig.now));
 }
 
 }  // namespace
