@@ -334,8 +334,8 @@ void App::perform(DeliveryStep& step) {
 
 void App::on_outbox_drained() {
   const bool is_full = outbox_.backlog().is_full();
-  if (gateway_.is_store_full() == is_full) return;
-  gateway_driver_->on_store(is_full);
+  if (gateway_.presence().is_store_full() == is_full) return;
+  gateway_driver_->presence().on_store(is_full);
 }
 
 // --- Operators -----------------------------------------------------------------------------------
@@ -361,7 +361,7 @@ void App::send(const std::string& robot, const std::string& type, Bytes payload,
   // The outcome is performed when `gateway` ends; by then `done` is registered.
   MachineDriver<Gateway>::Input gateway(gateway_driver_);
   const auto submit = [&](const std::string& to, const std::string& what, Bytes bytes) {
-    return gateway->on_operator_command(to, what, std::move(bytes), read_clocks());
+    return gateway->commands().on_operator_command(to, what, std::move(bytes), read_clocks());
   };
   operator_commands_.send(robot, type, std::move(payload), submit, std::move(done));
 }

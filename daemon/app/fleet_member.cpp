@@ -142,8 +142,8 @@ void FleetMember::on_state(const std::string& gateway, ByteView document) {
   newcomer_timer_.expires_after(newcomer_delay);
   newcomer_timer_.async_wait([this](boost::system::error_code error) {
     if (error || !up_since_) return;
-    gateway_driver_->publish_state();
-    gateway_driver_->announce_all(read_clocks());
+    gateway_driver_->presence().publish_state();
+    gateway_driver_->presence().announce_all(read_clocks());
   });
 }
 
@@ -252,10 +252,11 @@ void FleetMember::give_up(const std::string& robot) {
   lost_.erase(robot);
   adopted_.erase(robot);
   for (const WaitingMessage& waiting : meshes_.give_up(robot)) {
-    if (waiting.command != CommandId::none) gateway_driver_->on_handed_on(waiting.command);
+    if (waiting.command != CommandId::none)
+      gateway_driver_->commands().on_handed_on(waiting.command);
     submit_({names_.mailbox_topic(robot), sessions::encode_waiting(waiting), Qos::at_least_once});
   }
-  gateway_driver_->on_given_up(robot);
+  gateway_driver_->presence().on_given_up(robot);
 }
 
 void FleetMember::perform(RobotForgotten& action) {
@@ -357,14 +358,14 @@ void FleetMember::perform(sessions::FilterAnswered& answer) {
 }
 
 void FleetMember::perform(sessions::TakeMessage& take) {
-  gateway_driver_->on_robot_message(
+  gateway_driver_->commands().on_robot_message(
       RobotMessage{take.robot, std::move(take.message), CommandId::none, take.is_unasked},
       read_clocks());
 }
 
 void FleetMember::perform(sessions::RefuseStale& refuse) {
-  gateway_driver_->on_stale_command(refuse.robot, std::move(refuse.message), refuse.has_begun_anew,
-                                    read_clocks());
+  gateway_driver_->commands().on_stale_command(refuse.robot, std::move(refuse.message),
+                                               refuse.has_begun_anew);
 }
 
 void FleetMember::perform(sessions::NoteRead& note) {
@@ -372,7 +373,7 @@ void FleetMember::perform(sessions::NoteRead& note) {
 }
 
 void FleetMember::perform(sessions::SessionContested& contested) {
-  gateway_driver_->on_contested(contested.robot, contested.is_contested, read_clocks());
+  gateway_driver_->presence().on_contested(contested.robot, contested.is_contested, read_clocks());
 }
 
 void FleetMember::perform(Notice& notice) { log_notice(notice); }

@@ -39,11 +39,11 @@ Status::Robots count(const RobotRegistry& registry) {
           registry.contested()};
 }
 
-Status::Messages count(const Gateway::Traffic& passed, const Outbox& outbox,
-                       const Upstream& upstream) {
+Status::Messages count(const Gateway& gateway, const Outbox& outbox, const Upstream& upstream) {
+  const Gateway::Traffic& passed = gateway.traffic();
   const Outbox::Statistics& sent = outbox.statistics();
   return {passed.up,
-          passed.down,
+          gateway.commands().counts().down,
           sent.published,
           sent.dropped,
           sent.refused,
@@ -66,8 +66,8 @@ Status StatusCollector::status(Counters control, TimePoint now) const {
   status.broker = broker(now);
   status.meshes = mesh_links();
   status.robots = count(gateway_.registry());
-  status.messages = count(gateway_.traffic(), outbox_, upstream_);
-  status.commands = {gateway_.open_commands(), gateway_.traffic().late_outcomes};
+  status.messages = count(gateway_, outbox_, upstream_);
+  status.commands = {gateway_.commands().open(), gateway_.commands().counts().late_outcomes};
   status.store = store(now);
   auto [most, robot] = gateway_.retained().largest();
   status.retained = {gateway_.retained().count(), std::move(robot), most};
@@ -160,7 +160,7 @@ ServiceState StatusCollector::service_state() const {
   ServiceState state{broker_.is_up,
                      {},
                      gateway_.registry().count(Presence::online),
-                     gateway_.traffic().up + gateway_.traffic().down};
+                     gateway_.traffic().up + gateway_.commands().counts().down};
   for (const Mesh mesh : all_meshes)
     if (meshes_.find(mesh)) state.mesh_is_up[mesh] = gateway_.mesh_link(mesh).is_up;
   return state;

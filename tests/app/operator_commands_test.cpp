@@ -22,12 +22,13 @@ using nlohmann::json;
 class OperatorCommandsTest : public testing::Test {
  protected:
   void server_sends(const std::string& topic) {
-    gateway.on_robot_message({"r", {topic, {1, 2, 3, 4}, Qos::at_least_once, false}}, now);
+    gateway.commands().on_robot_message({"r", {topic, {1, 2, 3, 4}, Qos::at_least_once, false}},
+                                        now);
     drain();
   }
   void operator_sends(const std::string& robot, const std::string& type) {
     const auto submit = [&](const std::string& to, const std::string& what, Bytes payload) {
-      return gateway.on_operator_command(to, what, std::move(payload), now);
+      return gateway.commands().on_operator_command(to, what, std::move(payload), now);
     };
     commands.send(robot, type, {5, 6, 7, 8}, submit,
                   [this](const json& outcome) { told.push_back(outcome); });
@@ -125,12 +126,12 @@ TEST_F(OperatorCommandsTest, ToARobotOfAnotherGatewayEndAtOnce) {
 
 TEST_F(OperatorCommandsTest, ThatGoOnToAnotherGatewayEndForTheirSender) {
   operator_sends("r", "cmd");
-  gateway.on_handed_on(delivered[0]);
+  gateway.commands().on_handed_on(delivered[0]);
   drain();
   ASSERT_EQ(told.size(), 1u);
   EXPECT_EQ(told[0]["outcome"], "timeout");
   EXPECT_EQ(told[0]["why"], "the robot moved to another gateway, which has the command now");
-  gateway.on_handed_on(delivered[0]);
+  gateway.commands().on_handed_on(delivered[0]);
   mesh_ends(delivered[0], CommandResult::delivered);
   EXPECT_EQ(told.size(), 1u);
 }

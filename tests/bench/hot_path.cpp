@@ -83,7 +83,7 @@ void HotPath::on_datagram(std::uint16_t client, const mqttsn::Packet& packet) {
 /// As the robot's session hands it over.
 void HotPath::on_robot_message(const std::string& robot, std::string_view payload) {
   const std::uint64_t before = bench::allocations();
-  core_.on_robot_message(
+  core_.commands().on_robot_message(
       {robot,
        {scheme.command_topic(robot, "target"), to_bytes(payload), Qos::at_least_once, false}},
       now_);

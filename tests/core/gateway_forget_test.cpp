@@ -128,7 +128,7 @@ TEST_F(GatewayForget, TellsTheFleetWhoHadToMakeRoom) {
 /// The other gateway has it by then.
 TEST_F(GatewayForget, TellsTheFleetNothingOfARobotThatItHasGivenUp) {
   presence("r", Presence::online);
-  gateway.on_given_up("r");
+  gateway.presence().on_given_up("r");
   drain();
   EXPECT_TRUE(forgotten.empty());
 }

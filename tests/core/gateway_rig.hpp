@@ -90,7 +90,7 @@ class SharedGatewayRig : public GatewayRig {
   /// And what the other gateways retain.
   void broker_comes() {
     GatewayRig::broker_comes();
-    pass(Gateway::settling);
+    pass(PresencePublisher::settling);
     while (gateway.next_action()) {
     }
   }

@@ -265,7 +265,7 @@ class CommandsTest : public GatewayTest {
   /// As the robot's session brings it.
   std::optional<DeliverToMesh> server_sends(bool retain = false,
                                             std::chrono::milliseconds waited = 0ms) {
-    gateway.on_robot_message(
+    gateway.commands().on_robot_message(
         {"a", {topic, {1, 2, 3, 4}, Qos::at_least_once, retain, {}, Waited{waited}}}, now);
     std::optional<DeliverToMesh> delivery;
     while (auto action = gateway.next_action()) {
@@ -321,7 +321,7 @@ TEST_F(CommandsTest, GoToTheirCarrierAloneWhileOtherMessagesGoToEachMesh) {
   EXPECT_EQ(command->message.robot, "a");
   EXPECT_EQ(command->message.message.topic, topic);
   for (const char* other : {"ntnu-slam/robot/b/update", "ntnu-slam/server/b/cmd", "lab/x"}) {
-    gateway.on_robot_message(
+    gateway.commands().on_robot_message(
         {"a", {other, {7}, Qos::exactly_once, true}, CommandId::none, /*is_unasked=*/true}, now);
     const auto delivered = drain<DeliverToMesh>();
     ASSERT_EQ(delivered.size(), 1u) << other;
@@ -332,13 +332,13 @@ TEST_F(CommandsTest, GoToTheirCarrierAloneWhileOtherMessagesGoToEachMesh) {
     EXPECT_TRUE(delivered[0].message.message.retain);
     EXPECT_TRUE(delivered[0].message.is_unasked);
   }
-  EXPECT_EQ(gateway.open_commands(), 1u);
-  EXPECT_EQ(gateway.traffic().down, 4u);
+  EXPECT_EQ(gateway.commands().open(), 1u);
+  EXPECT_EQ(gateway.commands().counts().down, 4u);
 }
 
 TEST_F(CommandsTest, SayToTheMeshThatTheRobotHasNotAskedForThem) {
   reach[{Mesh::thread, "a"}] = Presence::online;
-  gateway.on_robot_message(
+  gateway.commands().on_robot_message(
       {"a", {topic, {}, Qos::at_least_once}, CommandId::none, /*is_unasked=*/true}, now);
   const auto delivered = drain<DeliverToMesh>();
   ASSERT_EQ(delivered.size(), 1u);
@@ -348,7 +348,8 @@ TEST_F(CommandsTest, SayToTheMeshThatTheRobotHasNotAskedForThem) {
 
 TEST_F(CommandsTest, AreNotWhatGatewaysTryTheirRightsWith) {
   reach[{Mesh::thread, "a"}] = Presence::online;
-  gateway.on_robot_message({"a", {"ntnu-slam/server/a/probe", {}, Qos::at_most_once}}, now);
+  gateway.commands().on_robot_message({"a", {"ntnu-slam/server/a/probe", {}, Qos::at_most_once}},
+                                      now);
   EXPECT_FALSE(gateway.next_action());
 }
 
@@ -372,9 +373,9 @@ TEST_F(CommandsTest, ToABannedRobotAreRefusedAtOnceOnEitherMesh) {
   reach[{Mesh::thread, "r1"}] = Presence::online;
   gateway.set_names(RobotNames({}, Bans({"ble-0100", "r1"})));
   for (const std::string robot : {"ble-0100", "r1"}) {
-    gateway.on_robot_message(
+    gateway.commands().on_robot_message(
         {robot, {"ntnu-slam/server/" + robot + "/cmd", {}, Qos::at_least_once}}, now);
-    gateway.on_operator_command(robot, "run", {}, now);
+    gateway.commands().on_operator_command(robot, "run", {}, now);
     gateway.on_broker_message({"ntnu-slam/server/" + robot + "/cmd", {}, Qos::at_least_once}, now);
     std::size_t refused = 0;
     while (const auto action = gateway.next_action()) {
@@ -388,15 +389,15 @@ TEST_F(CommandsTest, ToABannedRobotAreRefusedAtOnceOnEitherMesh) {
     EXPECT_EQ(refused, 3U);
   }
   gateway.set_names(RobotNames());
-  gateway.on_operator_command("r1", "run", {}, now);
+  gateway.commands().on_operator_command("r1", "run", {}, now);
   EXPECT_EQ(drain<DeliverToMesh>().size(), 1U);
 }
 
 TEST_F(CommandsTest, ThatWaitedAtTheBrokerForTooLongAreRefused) {
   reach[{Mesh::ble, "a"}] = Presence::online;
   const auto grows_stale = [&](const char* of) {
-    gateway.on_stale_command("a", {of, {}, Qos::at_least_once, false, {}, Waited{40s}},
-                             /*has_begun_anew=*/false, now);
+    gateway.commands().on_stale_command("a", {of, {}, Qos::at_least_once, false, {}, Waited{40s}},
+                                        /*has_begun_anew=*/false);
   };
   grows_stale(topic);
   std::vector<CommandOutcome> told;
@@ -421,10 +422,10 @@ TEST_F(CommandsTest, ThatWaitedAtTheBrokerForTooLongAreRefused) {
 TEST_F(CommandsTest, ThatGoOnToAnotherGatewayEndHereWithoutAnOutcome) {
   reach[{Mesh::ble, "a"}] = Presence::online;
   const CommandId handed_on = command_sent();
-  gateway.on_handed_on(handed_on);
-  gateway.on_handed_on(handed_on);
+  gateway.commands().on_handed_on(handed_on);
+  gateway.commands().on_handed_on(handed_on);
   EXPECT_EQ(drain<CommandHandedOn>().size(), 1u);
-  EXPECT_EQ(gateway.open_commands(), 0u);
+  EXPECT_EQ(gateway.commands().open(), 0u);
   pass(1min);
   mesh_ends(handed_on);
   EXPECT_TRUE(outcomes.empty());
@@ -438,7 +439,7 @@ TEST_F(CommandsTest, HaveExactlyOneOutcomeEachWhateverTheMeshSays) {
   mesh_ends(ended_twice);
   mesh_ends(ended_twice);
   EXPECT_EQ(outcomes.size(), 1u);
-  EXPECT_EQ(gateway.traffic().late_outcomes, 1u);
+  EXPECT_EQ(gateway.commands().counts().late_outcomes, 1u);
   ASSERT_TRUE(gateway.deadline());
   EXPECT_LT(*gateway.deadline(), now.mono + 30s);
   pass(30s);
@@ -460,7 +461,7 @@ TEST_F(CommandsTest, EndInTimeAlsoWhenTheyHaveWaitedInAnotherGateway) {
   ASSERT_EQ(outcomes.size(), 1u);
   EXPECT_EQ(outcomes[0].id, delivered->message.command);
   mesh_ends(delivered->message.command);
-  EXPECT_EQ(gateway.traffic().late_outcomes, 1u);
+  EXPECT_EQ(gateway.commands().counts().late_outcomes, 1u);
   pass(5s);
   ASSERT_EQ(outcomes.size(), 2u);
   EXPECT_EQ(outcomes[1].id, fresh);
@@ -544,15 +545,15 @@ TEST_F(GatewayTest, SaysInItsStateThatTheStoreIsFullAsLongAsItIs) {
     }
     return said;
   };
-  gateway.on_store(true);
+  gateway.presence().on_store(true);
   EXPECT_TRUE(states().empty()) << "nobody to tell yet";
   const std::string online =
       R"({"state":"online","version":"0.1.0","since":"2023-11-14T22:13:20Z")";
   broker_is(true);
   EXPECT_EQ(states(), std::vector{online + R"(,"store":"full"})"});
-  gateway.on_store(true);
+  gateway.presence().on_store(true);
   EXPECT_TRUE(states().empty()) << "no news";
-  gateway.on_store(false);
+  gateway.presence().on_store(false);
   EXPECT_EQ(states(), std::vector{online + "}"});
 }
 
@@ -581,7 +582,7 @@ TEST_F(GatewayTest, NeverSaysOnlineAgainAfterItHasStopped) {
   gateway.on_stop(now);
   EXPECT_TRUE(drain<Upload>().empty()) << "its last will has said it";
   broker_is(true);  // while it waits for messages to be taken
-  gateway.on_store(true);
+  gateway.presence().on_store(true);
   const auto uploads = drain<Upload>();
   ASSERT_EQ(uploads.size(), 2u);
   for (const Upload& upload : uploads)

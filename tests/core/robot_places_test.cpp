@@ -56,9 +56,9 @@ TEST_F(RobotPlacesTest, OnlyRobotsOfThisGatewayAreShownAgainAtANewConnection) {
   held = {"held"};
   broker_is(true);
   EXPECT_EQ(announced(), Shown{}) << "the others are not known yet";
-  pass(Gateway::settling);
+  pass(PresencePublisher::settling);
   EXPECT_EQ(announced(), Shown{"pi1/new"}) << "the other one at on_session_held()";
-  gateway.announce_all(now);
+  gateway.presence().announce_all(now);
   EXPECT_EQ(announced(), (Shown{"pi1/held", "pi1/new"}));
 }
 
@@ -101,14 +101,14 @@ TEST_F(RobotPlacesTest, ARobotThatIsGivenUpIsWithdrawnAndForgotten) {
   broker_comes();
   comes("a");
   announced();
-  gateway.on_given_up("a");
+  gateway.presence().on_given_up("a");
   EXPECT_EQ(announced(), Shown{"-pi1/a"});
   EXPECT_FALSE(gateway.registry().find("a"));
 }
 
 TEST_F(RobotPlacesTest, ARobotThatIsGivenUpWhileTheBrokerIsAwayIsWithdrawnLater) {
   comes("a");
-  gateway.on_given_up("a");
+  gateway.presence().on_given_up("a");
   EXPECT_EQ(announced(), Shown{});
   broker_is(true);
   EXPECT_EQ(announced(), Shown{"-pi1/a"});
@@ -143,15 +143,15 @@ TEST_F(ContestedTest, IsSaidWhileAnotherClientTakesTheRobotsSession) {
   comes("a");
   EXPECT_EQ(said(), Said{false});
   EXPECT_EQ(gateway.registry().contested(), 0u);
-  gateway.on_contested("a", true, now);
+  gateway.presence().on_contested("a", true, now);
   EXPECT_EQ(said(), Said{true});
   EXPECT_EQ(gateway.registry().contested(), 1u);
-  gateway.on_contested("a", true, now);
+  gateway.presence().on_contested("a", true, now);
   EXPECT_EQ(said(), Said{}) << "no news";
-  gateway.on_contested("a", false, now);
+  gateway.presence().on_contested("a", false, now);
   EXPECT_EQ(said(), Said{false});
   EXPECT_EQ(gateway.registry().contested(), 0u);
-  gateway.on_contested("nobody", true, now);
+  gateway.presence().on_contested("nobody", true, now);
   EXPECT_EQ(said(), Said{});
 }
 
@@ -186,7 +186,7 @@ TEST_F(ContestedTest, KeepsTheTimeSinceWhenTheRobotIsInItsState) {
 class OperatorCommandTest : public RobotPlacesTest {
  protected:
   std::string refusal_of(const std::string& robot) {
-    const CommandId id = gateway.on_operator_command(robot, "run", {1}, now);
+    const CommandId id = gateway.commands().on_operator_command(robot, "run", {1}, now);
     std::string why;
     while (auto action = gateway.next_action()) {
       if (const auto* outcome = std::get_if<CommandOutcome>(&*action)) {
@@ -225,7 +225,8 @@ TEST_F(RobotPlacesTest, ACommandForARobotThatIsShownOrHeldButAbsentIsRefusedAsNo
   for (auto* place : {&held, &left}) {
     held.clear();
     place->insert("a");
-    gateway.on_robot_message({"a", {"ntnu-slam/server/a/cmd", {}, Qos::at_least_once}}, now);
+    gateway.commands().on_robot_message({"a", {"ntnu-slam/server/a/cmd", {}, Qos::at_least_once}},
+                                        now);
     const auto outcomes = drain<CommandOutcome>();
     ASSERT_EQ(outcomes.size(), 1u);
     EXPECT_EQ(outcomes[0].why, "the robot is not connected");

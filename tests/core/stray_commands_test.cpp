@@ -21,7 +21,7 @@ class StrayCommandsTest : public test::SharedGatewayRig {
     SharedGatewayRig::SetUp();
     gateway.hear_all_commands(true);
     broker_is(true);
-    wait(Gateway::settling);
+    wait(PresencePublisher::settling);
   }
   void server_sends(const std::string& robot, const std::string& text = "x",
                     const std::string& type = "cmd", bool retain = false) {
@@ -91,11 +91,11 @@ TEST_F(StrayCommandsTest, WaitUntilTheOtherGatewaysRobotsAreKnown) {
   const TimePoint back = now.mono;
   server_sends("nobody");
   server_sends("theirs");
-  EXPECT_EQ(gateway.deadline(), back + Gateway::settling);
+  EXPECT_EQ(gateway.deadline(), back + PresencePublisher::settling);
   wait(StrayCommands::patience);
   EXPECT_TRUE(outcomes.empty());
   elsewhere.insert("theirs");
-  wait(back + Gateway::settling - now.mono - 1ms);
+  wait(back + PresencePublisher::settling - now.mono - 1ms);
   EXPECT_TRUE(outcomes.empty());
   wait(1ms);
   ASSERT_EQ(outcomes.size(), 1u);
@@ -114,7 +114,7 @@ TEST_F(StrayCommandsTest, OutliveAShortLossOfTheBroker) {
   gateway.on_deadline(now);
   EXPECT_TRUE(outcomes.empty());
   gateway.on_broker_link(now);
-  wait(Gateway::settling);
+  wait(PresencePublisher::settling);
   EXPECT_EQ(outcomes.size(), 1u);
 }
 
@@ -149,7 +149,7 @@ TEST_F(StrayCommandsTest, ReachARobotWhoseNewSessionIsHeldAMomentLaterInTheirOrd
   take_actions();
   EXPECT_EQ(delivered, (std::vector<std::string>{"1", "3"}));
   EXPECT_EQ(waited, 200ms) << "its mesh has that much less time";
-  EXPECT_EQ(gateway.open_commands(), 2u);
+  EXPECT_EQ(gateway.commands().open(), 2u);
   wait(StrayCommands::patience);
   ASSERT_EQ(outcomes.size(), 1u);
   EXPECT_EQ(outcomes[0].first, "ntnu-slam/gateway/pi1/commands/other");

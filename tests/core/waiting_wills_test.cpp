@@ -45,8 +45,8 @@ TEST_F(WaitingWills, WaitWhileItIsNotKnownWhoHoldsTheSession) {
   broker_comes();
   will_of("a");
   EXPECT_EQ(published(), none);
-  EXPECT_EQ(gateway.deadline(), now.mono + Gateway::will_patience);
-  pass(Gateway::will_patience - 1ms);
+  EXPECT_EQ(gateway.deadline(), now.mono + PresencePublisher::will_patience);
+  pass(PresencePublisher::will_patience - 1ms);
   EXPECT_EQ(published(), none);
   pass(1ms);
   EXPECT_EQ(published(), std::vector<std::string>{"gone"});
@@ -66,7 +66,7 @@ TEST_F(WaitingWills, AreDroppedWhenAnotherGatewayShowsTheRobot) {
   will_of("a");
   will_of("b", "b is gone");
   elsewhere.insert("a");
-  pass(Gateway::will_patience);
+  pass(PresencePublisher::will_patience);
   EXPECT_EQ(published(), std::vector<std::string>{"b is gone"});
   elsewhere.clear();
   pass(1h);
@@ -76,7 +76,7 @@ TEST_F(WaitingWills, AreDroppedWhenAnotherGatewayShowsTheRobot) {
 TEST_F(WaitingWills, AreDroppedWhenTheRobotIsGivenUp) {
   broker_comes();
   will_of("a");
-  gateway.on_given_up("a");
+  gateway.presence().on_given_up("a");
   pass(1h);
   session_comes("a");
   EXPECT_EQ(published(), none);
@@ -100,13 +100,13 @@ TEST_F(WaitingWills, WaitForTheBrokerAndThenForTheOtherGateways) {
   pass(1h);
   EXPECT_EQ(published(), none);
   broker_comes();
-  pass(Gateway::will_patience - Gateway::settling - 1s);
+  pass(PresencePublisher::will_patience - PresencePublisher::settling - 1s);
   broker_is(false);
   pass(1h);
   EXPECT_EQ(published(), none);
   broker_comes();
   elsewhere.insert("a");
-  pass(Gateway::will_patience - Gateway::settling - 1ms);
+  pass(PresencePublisher::will_patience - PresencePublisher::settling - 1ms);
   EXPECT_EQ(published(), none) << "counted from the new connection";
   pass(1ms);
   EXPECT_EQ(published(), std::vector<std::string>{"b is gone"});
@@ -125,7 +125,8 @@ TEST_F(WaitingWills, AreDroppedWhenTheRobotIsHeardAgain) {
 
 TEST_F(WaitingWills, AreBounded) {
   broker_comes();
-  for (std::size_t i = 0; i < Gateway::max_waiting_wills; ++i) will_of("r" + std::to_string(i));
+  for (std::size_t i = 0; i < PresencePublisher::max_waiting_wills; ++i)
+    will_of("r" + std::to_string(i));
   EXPECT_EQ(published(), none);
   will_of("one more");
   EXPECT_EQ(published(), std::vector<std::string>{"gone"});
@@ -133,8 +134,8 @@ TEST_F(WaitingWills, AreBounded) {
   EXPECT_EQ(published().size(), 1u);
   will_of("another");
   EXPECT_EQ(published(), none) << "there is room again";
-  pass(Gateway::will_patience);
-  EXPECT_EQ(published().size(), Gateway::max_waiting_wills);
+  pass(PresencePublisher::will_patience);
+  EXPECT_EQ(published().size(), PresencePublisher::max_waiting_wills);
 }
 
 }  // namespace

@@ -180,7 +180,7 @@ TEST_F(ThirdMesh, CarriesCommandsDownAndTheirOutcomesBack) {
   robot_says("z1", {0x0a, 0x00, 0xec, 0xff});
   EXPECT_EQ(mesh.counters().at(0).value, 1u) << "its subscription is granted";
   const auto server_sends = [&](const std::string& robot) {
-    driver->on_robot_message(
+    driver->commands().on_robot_message(
         {robot, {"p/server/" + robot + "/cmd", to_bytes("go"), Qos::at_least_once}}, read_clocks());
   };
   server_sends("z1");

@@ -1,0 +1,211 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/core/commands.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <utility>
+
+#include "daemon/core/announcements.hpp"
+#include "daemon/core/rights_probe.hpp"
+
+namespace slamgw {
+
+Commands::Commands(const TopicScheme& scheme, RobotDirectory& directory, GatewayActions& actions,
+                   std::size_t max_open)
+    : scheme_(scheme), directory_(directory), actions_(actions), ledger_(max_open) {}
+
+void Commands::on_robot_message(RobotMessage message, const Now& now) {
+  const auto target = scheme_.parse_command_topic(message.message.topic);
+  if (target && target->type == RightsProbe::level) return;
+  if (target && target->robot == message.robot) {
+    deliver(std::move(message), now);
+    return;
+  }
+  ++counts_.down;
+  actions_.push(DeliverToMesh{std::nullopt, std::move(message)});
+}
+
+CommandId Commands::on_operator_command(const std::string& robot, const std::string& type,
+                                        Bytes payload, const Now& now) {
+  if (directory_.places.is_elsewhere(robot) && !directory_.places.is_held(robot)) {
+    const CommandId id = ledger_.next_id();
+    conclude({std::nullopt,
+              id,
+              robot,
+              type,
+              CommandResult::refused,
+              {},
+              "another gateway serves this robot"});
+    return id;
+  }
+  return deliver(
+      {robot, {scheme_.command_topic(robot, type), std::move(payload), Qos::at_least_once}}, now);
+}
+
+void Commands::on_stale_command(const std::string& robot, BrokerMessage message,
+                                bool has_begun_anew) {
+  const auto target = scheme_.parse_command_topic(message.topic);
+  if (!target || target->robot != robot) return;
+  ++counts_.down;
+  conclude({std::nullopt, ledger_.next_id(), robot, std::string(target->type),
+            CommandResult::refused, message.waited,
+            has_begun_anew
+                ? "it waited at the broker, and the robot has begun a clean session since"
+                : "it waited at the broker for too long while no gateway served the robot"});
+}
+
+/// A banned robot has no session.
+void Commands::on_stray_command(BrokerMessage message, const Now& now) {
+  const std::string robot(scheme_.parse_command_topic(message.topic)->robot);
+  if (directory_.places.is_shown(robot)) return;  // its session brings it
+  if (directory_.names.is_banned(robot)) {
+    deliver({robot, std::move(message)}, now);
+    return;
+  }
+  if (directory_.registry.find(robot)) actions_.push(WantSession{robot});
+  strays_.add(std::move(message), robot, now.mono);
+  refuse_strays(now);
+}
+
+void Commands::on_outcome(CommandOutcome outcome) {
+  // A command without an id came before a restart.
+  if (outcome.id != CommandId::none && !ledger_.end(outcome.id)) {
+    ++counts_.late_outcomes;
+    return;
+  }
+  conclude(std::move(outcome));
+}
+
+void Commands::on_handed_on(CommandId command) {
+  if (ledger_.end(command)) actions_.push(CommandHandedOn{command});
+}
+
+void Commands::on_session_begun(const std::string& robot, const Now& now) {
+  for (StrayCommands::Stray& stray : strays_.take_for(robot)) {
+    stray.message.waited = std::chrono::duration_cast<Waited>(now.mono - stray.came);
+    deliver({robot, std::move(stray.message)}, now);
+  }
+}
+
+void Commands::on_stop(const Now& now) {
+  for (const StrayCommands::Stray& stray : strays_.take_overdue(TimePoint::max()))
+    refuse_stray(stray, now);
+}
+
+std::optional<TimePoint> Commands::deadline() const {
+  auto strays = strays_.deadline();
+  if (strays && settled_at_) strays = std::max(*strays, *settled_at_);
+  return earlier(ledger_.deadline(), settled_at_ ? strays : std::nullopt);
+}
+
+void Commands::on_deadline(const Now& now) {
+  for (Command& command : ledger_.take_overdue(now.mono)) {
+    if (command.is_retained) continue;
+    conclude({command.carrier, command.id, std::move(command.robot), std::move(command.type),
+              CommandResult::timeout, CommandLedger::patience,
+              "the mesh has not reported its outcome"});
+  }
+  if (settled_at_) refuse_strays(now);
+}
+
+/// The mesh that carries a command owes its outcome. A retained one waits at the broker.
+CommandId Commands::deliver(RobotMessage message, const Now& now) {
+  ++counts_.down;
+  const std::string type(scheme_.parse_command_topic(message.message.topic)->type);
+  const BrokerMessage& what = message.message;
+  Command command{ledger_.next_id(), message.robot, type, directory_.carrier_for(message.robot),
+                  what.retain,       what.waited};
+  if (Robot* known = directory_.registry.find(message.robot))
+    known->numbers.on_down(what.payload.size());
+  actions_.push(TrafficEvent{.direction = Direction::down,
+                             .mesh = command.carrier,
+                             .robot = message.robot,
+                             .type = type,
+                             .topic = what.topic,
+                             .payload = what.payload,
+                             .qos = what.qos,
+                             .update = {},
+                             .wall = now.wall,
+                             .at = now.mono,
+                             .command = command.id});
+  const bool is_banned = directory_.names.is_banned(message.robot);
+  if (is_banned || !command.carrier || !ledger_.open(command, now.mono)) {
+    if (!command.is_retained) refuse(command, now);
+    return command.id;
+  }
+  message.command = command.id;
+  actions_.push(DeliverToMesh{command.carrier, std::move(message)});
+  return command.id;
+}
+
+void Commands::refuse(const Command& command, const Now& now) {
+  CommandOutcome outcome{command.carrier,
+                         command.id,
+                         command.robot,
+                         command.type,
+                         CommandResult::refused,
+                         command.waited,
+                         "too many commands are on their way"};
+  if (directory_.names.is_banned(command.robot)) {
+    outcome.why = "the robot is banned (slam-gatewayctl unban)";
+    return refuse_unknown(std::move(outcome), now);
+  }
+  if (command.carrier) return conclude(std::move(outcome));
+  const bool is_known = directory_.is_known(command.robot);
+  outcome.why = is_known ? "the robot is not connected" : "no robot of this name is known here";
+  refuse_unknown(std::move(outcome), now);
+}
+
+/// Before the other gateways' robots are known, only those that there is no room for.
+void Commands::refuse_strays(const Now& now) {
+  const bool is_settled = settled_at_ && now.mono >= *settled_at_;
+  const TimePoint overdue_at = is_settled ? now.mono : TimePoint{};
+  for (StrayCommands::Stray& stray : strays_.take_overdue(overdue_at)) refuse_stray(stray, now);
+}
+
+/// A robot that has come meanwhile has a session, which brings it the next command.
+void Commands::refuse_stray(const StrayCommands::Stray& stray, const Now& now) {
+  const bool is_known = directory_.is_known(stray.robot);
+  if (is_known && !directory_.places.is_refused(stray.robot)) return;
+  const auto waited = std::chrono::duration_cast<std::chrono::milliseconds>(now.mono - stray.came);
+  const std::string type(scheme_.parse_command_topic(stray.message.topic)->type);
+  ++counts_.down;
+  refuse_unknown(
+      {std::nullopt, ledger_.next_id(), stray.robot, type, CommandResult::refused, waited,
+       is_known ? "the broker does not give the robot's session to this gateway"
+                : "no robot of this name is known here"},
+      now);
+}
+
+void Commands::conclude(CommandOutcome outcome) {
+  actions_.push(Notice{
+      severity_of(outcome.result),
+      fmt::format("{} {} {} {} after {} ms{}{}", outcome.mesh ? to_string(*outcome.mesh) : "-",
+                  outcome.robot, outcome.type, to_string(outcome.result), outcome.after.count(),
+                  outcome.why.empty() ? "" : ": ", outcome.why),
+      outcome.robot, Occasion::command_outcome, outcome.after});
+  publish(std::move(outcome));
+}
+
+/// One log line for a burst: a server can invent names without end.
+void Commands::refuse_unknown(CommandOutcome outcome, const Now& now) {
+  if (const auto count = unknown_throttle_.on_event(now.mono)) {
+    actions_.push(Notice{
+        Severity::warning,
+        fmt::format("- {} {} refused: {}{}", outcome.robot, outcome.type, outcome.why,
+                    *count > 1 ? fmt::format(" ({} like it since the last line)", *count) : ""),
+        outcome.robot, Occasion::command_outcome});
+  }
+  publish(std::move(outcome));
+}
+
+void Commands::publish(CommandOutcome outcome) {
+  actions_.push(Upload{{scheme_.outcome_topic(outcome.robot), to_bytes(outcome_json(outcome)),
+                        Qos::at_least_once, false},
+                       no_receipt,
+                       outcome.after});
+  actions_.push(std::move(outcome));
+}
+
+}  // namespace slamgw

@@ -1,0 +1,256 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/core/presence_publisher.hpp"
+
+#include <fmt/format.h>
+
+#include <nlohmann/json.hpp>
+#include <utility>
+
+#include "daemon/core/announcements.hpp"
+
+namespace slamgw {
+namespace {
+
+/// How old `last_seen` of a retained presence may be while its robot is heard.
+constexpr std::chrono::minutes presence_refresh{5};
+
+using Json = nlohmann::ordered_json;  // keys in the order of docs/topics.md
+
+/// The payload of our last will.
+constexpr std::string_view last_will_state = R"({"state":"offline"})";
+
+}  // namespace
+
+PresencePublisher::PresencePublisher(const TopicScheme& scheme, About about,
+                                     const BrokerLink& broker, RobotDirectory& directory,
+                                     GatewayActions& actions)
+    : scheme_(scheme),
+      about_(std::move(about)),
+      broker_(broker),
+      directory_(directory),
+      actions_(actions),
+      leftovers_(scheme_.presence_topic({})) {}
+
+void PresencePublisher::on_broker_link(const Now& now) {
+  is_state_heard_ = false;
+  up_since_.reset();
+  wills_due_.reset();
+  announce_at_.reset();
+  if (!broker_.is_up) return;
+  up_since_ = now.mono;
+  if (!waiting_wills_.empty()) wills_due_ = now.mono + will_patience;
+  leftovers_.on_broker_up(now.mono);
+  publish_state();
+  for (const std::string& robot : std::exchange(to_withdraw_, {})) withdraw(robot);
+  announce_at_ = now.mono + settling;
+}
+
+bool PresencePublisher::take(const BrokerMessage& message, const Now& now) {
+  if (leftovers_.take(message)) return true;
+  if (message.topic != scheme_.state_topic()) return false;
+  on_own_state(message, now);
+  return true;
+}
+
+void PresencePublisher::on_presence(const PresenceChange& change, const Now& now) {
+  const Robot* known = directory_.registry.find(change.robot);
+  const bool was_deaf = known != nullptr && known->on_mesh[change.mesh].is_deaf;
+  const bool hears_again = was_deaf && !change.is_deaf && change.presence == Presence::online;
+  Robot* robot = directory_.registry.on_presence(change, now);
+  withdraw_evicted();
+  to_withdraw_.erase(change.robot);
+  if (robot) announce(change.robot, *robot, now.mono);
+  if (change.presence != Presence::offline) waiting_wills_.erase(change.robot);
+  actions_.push(Notice{.severity = change.is_deaf ? Severity::warning : Severity::info,
+                       .text = fmt::format("{} {} is {} at {}{}", to_string(change.mesh),
+                                           change.robot, to_string(change.presence), change.address,
+                                           change.is_deaf ? ", but does not hear the gateway"
+                                           : hears_again  ? ", and hears the gateway again"
+                                                          : ""),
+                       .robot = change.robot,
+                       .occasion = Occasion::robot_presence,
+                       .is_proven = change.is_proven});
+}
+
+/// Publishes the presence again when its `last_seen` is older than `presence_refresh`.
+void PresencePublisher::on_heard(const std::string& id, Robot* robot, TimePoint now) {
+  if (!waiting_wills_.empty()) waiting_wills_.erase(id);
+  const bool is_due =
+      robot && (robot->is_announcement_due || now - robot->announced >= presence_refresh);
+  if (is_due && robot->presence().is_known) announce(id, *robot, now);
+}
+
+/// While the broker is away nothing is queued: everything is published again when it comes. A robot
+/// whose session this gateway does not hold is announced when no other gateway shows it, which the
+/// broker has told by then.
+void PresencePublisher::announce(const std::string& id, Robot& robot, TimePoint now) {
+  robot.announced = now;
+  if (!broker_.is_up) return;
+  robot.is_announcement_due =
+      !directory_.places.is_held(id) && (!knows_others(now) || directory_.places.is_elsewhere(id));
+  if (!robot.is_announcement_due)
+    publish_retained(scheme_.presence_topic(id), presence_json(robot));
+}
+
+void PresencePublisher::announce_all(const Now& now) {
+  for (auto& [id, robot] : directory_.registry.robots()) announce(id, robot, now.mono);
+}
+
+void PresencePublisher::announce_unheld(const Now& now) {
+  announce_at_.reset();
+  for (auto& [id, robot] : directory_.registry.robots())
+    if (robot.is_announcement_due || !directory_.places.is_held(id)) announce(id, robot, now.mono);
+}
+
+/// A broker that sends what it retains does so before our own new state comes back.
+bool PresencePublisher::knows_others(TimePoint now) const {
+  return (sends_retained_ && is_state_heard_ && directory_.places.is_alone()) ||
+         (up_since_ && now - *up_since_ >= settling);
+}
+
+/// A last will that comes after our `online` belongs to an earlier connection, so `online` is
+/// published again. One that comes before it is overwritten by it.
+void PresencePublisher::on_own_state(const BrokerMessage& message, const Now& now) {
+  sends_retained_ = sends_retained_ || message.retain;
+  if (as_text(message.payload) != last_will_state) {
+    if (!message.retain) is_state_heard_ = true;
+    if (knows_others(now)) announce_unheld(now);
+  } else if (is_state_heard_ && !is_stopping_) {
+    publish_state();
+  }
+}
+
+/// Publishes `offline` even if the broker comes only now: after a clean shutdown there is no last
+/// will.
+void PresencePublisher::publish_state() {
+  if (is_stopping_)
+    return publish_retained(scheme_.state_topic(), Json{{"state", "offline"}}.dump());
+  Json state{
+      {"state", "online"}, {"version", about_.version}, {"since", to_iso8601(about_.started)}};
+  if (is_store_full_) state["store"] = "full";
+  publish_retained(scheme_.state_topic(), state.dump());
+}
+
+void PresencePublisher::on_store(bool is_full) {
+  if (std::exchange(is_store_full_, is_full) != is_full && broker_.is_up) publish_state();
+}
+
+void PresencePublisher::on_stop() {
+  is_stopping_ = true;
+  if (broker_.is_up) publish_state();  // else its last will has said the same
+}
+
+/// A will is published by the gateway that holds the robot's session. While that is not known, the
+/// robot may be alive at another one.
+bool PresencePublisher::keep_will(Report& will, const Now& now) {
+  if (directory_.places.is_alone() || directory_.places.is_held(will.robot) ||
+      waiting_wills_.size() >= max_waiting_wills)
+    return false;
+  if (!wills_due_ && broker_.is_up) wills_due_ = now.mono + will_patience;
+  const std::string robot = will.robot;
+  waiting_wills_.insert_or_assign(robot, std::move(will));
+  return true;
+}
+
+std::optional<Report> PresencePublisher::take_will(const std::string& robot) {
+  auto will = waiting_wills_.extract(robot);
+  if (!will) return std::nullopt;
+  return std::move(will.mapped());
+}
+
+std::vector<Report> PresencePublisher::take_due_wills(const Now& now) {
+  std::vector<Report> due;
+  if (!broker_.is_up || !wills_due_ || now.mono < *wills_due_) return due;
+  wills_due_.reset();
+  for (auto& [robot, will] : std::exchange(waiting_wills_, {}))
+    if (!directory_.places.is_elsewhere(robot)) due.push_back(std::move(will));
+  return due;
+}
+
+void PresencePublisher::on_session_held(const std::string& robot, const std::string& dead_owner,
+                                        const Now& now) {
+  if (!dead_owner.empty()) publish_retained(scheme_.presence_topic_at(dead_owner, robot), {});
+  Robot* known = directory_.registry.find(robot);
+  if (known && known->presence().is_known) announce(robot, *known, now.mono);
+}
+
+void PresencePublisher::on_given_up(const std::string& robot) {
+  waiting_wills_.erase(robot);
+  directory_.registry.forget(robot);
+  withdraw(robot);
+}
+
+void PresencePublisher::on_contested(const std::string& robot, bool is_contested, const Now& now) {
+  Robot* known = directory_.registry.find(robot);
+  if (!known || std::exchange(known->is_session_contested, is_contested) == is_contested) return;
+  announce(robot, *known, now.mono);
+}
+
+std::string PresencePublisher::drop(const std::string& robot) {
+  if (!is_valid_level(robot)) return "a robot's id is one topic level";
+  const Robot* known = directory_.registry.find(robot);
+  if (known && known->presence().presence != Presence::offline)
+    return fmt::format("{} is {}: switch it off first, or it would be back at once", robot,
+                       to_string(known->presence().presence));
+  directory_.registry.forget(robot);
+  withdraw(robot);
+  actions_.push(RobotForgotten{robot});
+  return {};
+}
+
+/// An empty retained message deletes the retained one at the broker.
+void PresencePublisher::withdraw(const std::string& robot) {
+  if (broker_.is_up) {
+    publish_retained(scheme_.presence_topic(robot), "");
+  } else if (to_withdraw_.size() < RobotRegistry::max_robots) {
+    to_withdraw_.insert(robot);
+  }
+}
+
+void PresencePublisher::withdraw_evicted() {
+  for (const std::string& robot : directory_.registry.take_evicted()) {
+    withdraw(robot);
+    actions_.push(RobotForgotten{robot});
+  }
+}
+
+std::optional<TimePoint> PresencePublisher::settled_at() const {
+  if (!up_since_) return std::nullopt;
+  return *up_since_ + settling;
+}
+
+std::optional<TimePoint> PresencePublisher::deadline() const {
+  if (!broker_.is_up) return std::nullopt;
+  return earlier(leftovers_.deadline(), earlier(wills_due_, announce_at_));
+}
+
+void PresencePublisher::on_deadline(const Now& now) {
+  if (!broker_.is_up) return;
+  if (announce_at_ && now.mono >= *announce_at_) announce_unheld(now);
+  end_leftovers(now);
+}
+
+/// Marks leftovers that were not heard as offline; the time is unknown.
+void PresencePublisher::end_leftovers(const Now& now) {
+  const auto leftovers = leftovers_.finish(now.mono);
+  if (!leftovers) return;
+  for (const auto& [id, text] : *leftovers) {
+    if (directory_.registry.find(id)) continue;
+    if (directory_.places.is_elsewhere(id)) {
+      publish_retained(scheme_.presence_topic(id), {});
+      continue;
+    }
+    Json presence = Json::parse(text, nullptr, false);
+    if (!presence.is_object() || presence.value("state", Json{}) == "offline") continue;
+    presence["state"] = "offline";
+    presence["since"] = to_iso8601(now.wall);
+    publish_retained(scheme_.presence_topic(id), presence.dump());
+  }
+}
+
+void PresencePublisher::publish_retained(std::string topic, std::string_view payload) {
+  actions_.push(
+      Upload{{std::move(topic), to_bytes(payload), Qos::at_least_once, true}, no_receipt});
+}
+
+}  // namespace slamgw

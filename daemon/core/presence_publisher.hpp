@@ -1,0 +1,104 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the broker retains of this gateway: its `state`, and the presence of each robot that it
+// serves, also after a restart, beside other gateways, and when the broker has forgotten them.
+// Pure; part of Gateway.
+#pragma once
+
+#include <map>
+#include <optional>
+#include <set>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "daemon/core/broker_link.hpp"
+#include "daemon/core/gateway_actions.hpp"
+#include "daemon/core/leftover_robots.hpp"
+#include "daemon/core/robot_directory.hpp"
+#include "daemon/core/topic_scheme.hpp"
+
+namespace slamgw {
+
+class PresencePublisher {
+ public:
+  /// After the broker has come, other gateways' robots become known: until then no name counts as
+  /// unknown.
+  static constexpr std::chrono::seconds settling{6};
+  /// A will waits so long, with the broker there, to learn who holds the robot's session.
+  static constexpr std::chrono::seconds will_patience{10};
+  /// Wills that wait; beyond it they are published at once.
+  static constexpr std::size_t max_waiting_wills = 10000;
+
+  struct About {
+    std::string version;
+    WallTime started{};  ///< "since" in `state`
+  };
+
+  /// All but `about` outlive it.
+  PresencePublisher(const TopicScheme& scheme, About about, const BrokerLink& broker,
+                    RobotDirectory& directory, GatewayActions& actions);
+
+  void on_broker_link(const Now& now);
+  /// True when the message is the gateway's own state or presence; the caller drops it.
+  bool take(const BrokerMessage& message, const Now& now);
+  void on_presence(const PresenceChange& change, const Now& now);
+  /// A message or another sign of life of a robot; null when there is no room for it.
+  void on_heard(const std::string& id, Robot* robot, TimePoint now);
+  /// Publishes the robot's presence, if it is this gateway that has to.
+  void announce(const std::string& id, Robot& robot, TimePoint now);
+  void announce_all(const Now& now);
+  /// What this gateway says of itself; also published at each connection.
+  void publish_state();
+  void on_store(bool is_full);
+  bool is_store_full() const { return is_store_full_; }
+  void on_stop();
+
+  /// True when the will has to wait, because the robot may be alive at another gateway; it is kept.
+  bool keep_will(Report& will, const Now& now);
+  std::optional<Report> take_will(const std::string& robot);
+  /// Wills that nobody has claimed in time.
+  std::vector<Report> take_due_wills(const Now& now);
+
+  /// `dead_owner`: the gateway that showed the robot last and is gone; may be empty.
+  void on_session_held(const std::string& robot, const std::string& dead_owner, const Now& now);
+  /// Another gateway serves the robot; the meshes have forgotten it.
+  void on_given_up(const std::string& robot);
+  /// Another client takes the robot's session again and again, or does so no longer.
+  void on_contested(const std::string& robot, bool is_contested, const Now& now);
+  /// Removes a robot from the registry and its retained presence from the broker. Returns why that
+  /// is not possible; empty when done.
+  std::string drop(const std::string& robot);
+  /// Robots that had to make room in the registry.
+  void withdraw_evicted();
+
+  /// When other gateways' robots are known; nothing while the broker is away.
+  std::optional<TimePoint> settled_at() const;
+  std::optional<TimePoint> deadline() const;
+  void on_deadline(const Now& now);
+
+ private:
+  void on_own_state(const BrokerMessage& message, const Now& now);
+  bool knows_others(TimePoint now) const;
+  void announce_unheld(const Now& now);
+  void end_leftovers(const Now& now);
+  void withdraw(const std::string& robot);
+  void publish_retained(std::string topic, std::string_view payload);
+
+  const TopicScheme& scheme_;
+  About about_;
+  const BrokerLink& broker_;
+  RobotDirectory& directory_;
+  GatewayActions& actions_;
+  LeftoverRobots leftovers_;
+  std::optional<TimePoint> up_since_;            ///< the broker
+  std::optional<TimePoint> announce_at_;         ///< robots whose sessions are not held
+  std::map<std::string, Report> waiting_wills_;  ///< by robot
+  std::optional<TimePoint> wills_due_;
+  std::set<std::string> to_withdraw_;  ///< retained presence to clear when the broker is back
+  bool is_store_full_ = false;
+  bool is_stopping_ = false;
+  bool sends_retained_ = false;  ///< the broker does, to subscriptions with wildcards
+  bool is_state_heard_ = false;  ///< the `online` of this connection has come back
+};
+
+}  // namespace slamgw

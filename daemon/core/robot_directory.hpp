@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+// Which robots there are and where: heard by this gateway's meshes, named or banned by the
+// configuration, or shown by another gateway. Pure; Gateway, Commands and PresencePublisher share
+// one.
+#pragma once
+
+#include <functional>
+#include <optional>
+#include <string>
+
+#include "daemon/core/robot_names.hpp"
+#include "daemon/core/robot_registry.hpp"
+
+namespace slamgw {
+
+/// What the core asks about robots that several gateways could serve (docs/fleet.md). Answered by
+/// the application; without an answer, this gateway serves every robot.
+struct RobotPlaces {
+  using Question = std::function<bool(const std::string& robot)>;
+  /// This gateway holds the robot's session at the broker.
+  Question is_held = [](const std::string&) { return true; };
+  /// Another living gateway shows the robot as its own.
+  Question is_elsewhere = [](const std::string&) { return false; };
+  /// Some gateway, living or not, shows the robot.
+  Question is_shown = [](const std::string&) { return false; };
+  /// The broker does not give this gateway the robot's session.
+  Question is_refused = [](const std::string&) { return false; };
+  /// No other gateway is about.
+  std::function<bool()> is_alone = [] { return true; };
+};
+
+/// Asks a mesh: MeshAdapter::presence_of.
+using PresenceQuery = std::function<std::optional<Presence>(Mesh, const std::string& robot)>;
+
+struct RobotDirectory {
+  RobotRegistry registry;
+  RobotNames names;
+  RobotPlaces places;
+  PresenceQuery presence_on;
+
+  /// Here or at another gateway.
+  bool is_known(const std::string& robot) const {
+    return registry.find(robot) != nullptr || places.is_shown(robot);
+  }
+  /// A robot with addresses on several meshes gets a command once: where it can be reached. Nothing
+  /// when no mesh knows the robot.
+  std::optional<Mesh> carrier_for(const std::string& robot) const {
+    std::optional<Mesh> carrier;
+    for (const Mesh mesh : all_meshes) {
+      const auto presence = presence_on(mesh, robot);
+      if (presence && *presence != Presence::offline) return mesh;
+      if (presence && !carrier) carrier = mesh;
+    }
+    return carrier;
+  }
+};
+
+}  // namespace slamgw
