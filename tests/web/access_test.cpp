@@ -33,14 +33,6 @@ TEST(WebAccess, OriginIsThisHostAndNoOther) {
     EXPECT_FALSE(AccessRules::is_own_origin(origin, "127.0.0.1:8321")) << origin;
 }
 
-TEST(WebAccess, TokenIsComparedWhole) {
-  EXPECT_TRUE(is_same_token("0123456789abcdef", "0123456789abcdef"));
-  for (const char* offered : {"", "0123456789abcde", "0123456789abcdeF", "0123456789abcdef0",
-                              "0123456789abcdef0123456789abcdef"})
-    EXPECT_FALSE(is_same_token("0123456789abcdef", offered)) << offered;
-  EXPECT_FALSE(is_same_token("", "")) << "no token is set: nobody knows it";
-}
-
 class WebAnswers : public testing::Test {
  protected:
   Answers answers{AccessRules({})};

@@ -11,12 +11,12 @@ using namespace std::chrono_literals;
 class WebSession : public testing::Test {
  protected:
   Topics topics{"ntnu-slam"};
-  std::string token = "0123456789abcdef";
-  ClientCounts guesses;
+  Tokens tokens = std::get<Tokens>(Tokens::parse("0123456789abcdef\n"));
+  TokenGuesses guesses;
   PageSession session = of("192.0.2.1");
   PageSession::TimePoint now{};
 
-  PageSession of(std::string client) { return {topics, token, guesses, {std::move(client)}}; }
+  PageSession of(std::string client) { return {topics, tokens, guesses, {std::move(client)}}; }
   PageSession::Reaction say(std::string_view text) { return session.on_text(text, now); }
   static constexpr const char* right = R"({"topic":"$web/token","payload":"0123456789abcdef"})";
   static constexpr const char* wrong = R"({"topic":"$web/token","payload":"guess"})";
@@ -79,11 +79,51 @@ TEST_F(WebSession, AWrongTokenTakesTheRightBack) {
 }
 
 TEST_F(WebSession, NobodyKnowsATokenThatIsNotSet) {
-  const std::string none;
+  const Tokens none;
   PageSession watching(topics, none, guesses, {"192.0.2.1"});
   watching.on_text(R"({"topic":"$web/token","payload":""})", now);
   EXPECT_EQ(guesses.total(), 0u) << "there is nothing to guess";
   EXPECT_FALSE(watching.on_text(stop, now).publish);
+}
+
+class WebRoles : public WebSession {
+ protected:
+  void SetUp() override {
+    tokens = std::get<Tokens>(
+        Tokens::parse("ada operator 0123456789abcdef\nbob viewer fedcba9876543210\n"));
+  }
+  static constexpr const char* of_bob = R"({"topic":"$web/token","payload":"fedcba9876543210"})";
+};
+
+TEST_F(WebRoles, AViewerWatchesAndSendsNothing) {
+  EXPECT_NE(say(of_bob).reply.find(R"("name":"bob","role":"viewer")"), std::string::npos);
+  EXPECT_TRUE(session.may_watch());
+  const auto reaction = say(stop);
+  EXPECT_FALSE(reaction.publish);
+  EXPECT_NE(reaction.reply.find("bob may watch, and send no commands"), std::string::npos);
+}
+
+TEST_F(WebRoles, AnOperatorsCommandTellsWhoSentIt) {
+  say(right);
+  const auto reaction = say(stop);
+  ASSERT_TRUE(reaction.publish);
+  EXPECT_EQ(reaction.publish->sender, "ada at 192.0.2.1");
+}
+
+TEST_F(WebRoles, NobodyWatchesWithoutATokenOnceThereIsAViewer) {
+  EXPECT_FALSE(session.may_watch());
+  say(wrong);
+  EXPECT_FALSE(session.may_watch());
+  say(right);
+  EXPECT_TRUE(session.may_watch());
+  say(wrong);
+  EXPECT_FALSE(session.may_watch());
+}
+
+TEST_F(WebSession, EverybodyWatchesWhereNoViewerIsNamed) {
+  EXPECT_TRUE(session.may_watch());
+  say(wrong);
+  EXPECT_TRUE(session.may_watch());
 }
 
 /// Each guess comes on a connection of its own, as guesses do that want to be quick.

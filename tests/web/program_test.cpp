@@ -47,8 +47,9 @@ class WebProgramUnderLoad : public testing::Test {
   static constexpr const char* right = R"({"topic":"$web/token","payload":"0123456789abcdef"})";
   static constexpr const char* command = R"({"topic":"ntnu-slam/server/r/run","payload":"stop"})";
 
-  void SetUp() override {
-    slamgw::test::write_file(directory_ / "token", "0123456789abcdef\n", 0600);
+  void SetUp() override { start("0123456789abcdef\n"); }
+  void start(const std::string& tokens) {
+    slamgw::test::write_file(directory_ / "token", tokens, 0600);
     slamgw::test::write_file(directory_ / "gateway.json",
                              R"({"web": {"token_file": "token", "listen": "127.0.0.1:)" +
                                  std::to_string(address_.port()) + "\"}}");
@@ -67,8 +68,10 @@ class WebProgramUnderLoad : public testing::Test {
     boost::asio::write(socket, boost::asio::buffer(request));
     return socket;
   }
-  std::string status_of_the_page() {
-    tcp::socket socket = ask("GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n");
+  std::string status_of_the_page() { return status_of("/"); }
+  std::string status_of(const std::string& path, const std::string& header = "") {
+    tcp::socket socket = ask(
+        "GET " + path + " HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n" + header + "\r\n");
     std::string status(12, ' ');
     boost::system::error_code error;
     boost::asio::read(socket, boost::asio::buffer(status), error);
@@ -123,6 +126,32 @@ TEST_F(WebProgramUnderLoad, AnswersAllButWrongTokensAtOnceBesideThem) {
   // The others still wait for their answers when the program ends.
   web_->send_signal(SIGTERM);
   EXPECT_EQ(web_->wait(), 0);
+}
+
+class WebProgramWithAViewer : public WebProgramUnderLoad {
+ protected:
+  void SetUp() override { start("ada operator 0123456789abcdef\nbob viewer fedcba9876543210\n"); }
+  static constexpr const char* of_bob = R"({"topic":"$web/token","payload":"fedcba9876543210"})";
+};
+
+TEST_F(WebProgramWithAViewer, TellsNothingWithoutAToken) {
+  Page page = open_page();
+  say(page, wrong);
+  const std::string heard = hear(page, R"("accepted":false)");
+  EXPECT_NE(heard.find(R"("needs_token":true)"), heard.npos) << heard;
+  EXPECT_EQ(heard.find("$web/broker"), heard.npos) << heard;
+  EXPECT_EQ(heard.find("prefix"), heard.npos) << heard;
+  say(page, of_bob);
+  hear(page, "$web/broker");
+  say(page, command);
+  hear(page, "bob may watch, and send no commands");
+}
+
+TEST_F(WebProgramWithAViewer, GivesTheMetricsToWhoHoldsAToken) {
+  EXPECT_EQ(status_of("/metrics"), "HTTP/1.1 401");
+  EXPECT_EQ(status_of("/metrics", "Authorization: Bearer guess\r\n"), "HTTP/1.1 401");
+  EXPECT_EQ(status_of("/metrics", "Authorization: Bearer fedcba9876543210\r\n"), "HTTP/1.1 200");
+  EXPECT_EQ(status_of_the_page(), "HTTP/1.1 200") << "the page's files are public";
 }
 
 }  // namespace

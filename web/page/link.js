@@ -47,6 +47,9 @@ export class Link {
       console.error(error);
     }
   }
+  hasToken() {
+    return sessionStorage.getItem(TOKEN) !== null;
+  }
   unlock(token) {
     sessionStorage.setItem(TOKEN, token);
     return this.say('$web/token', token);

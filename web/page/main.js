@@ -40,7 +40,7 @@ model.onOutcome = (robot, command) => {
 
 const link = new Link({
   onOpen: () => { model.isOpen = true; drawLink(); },
-  onClose: () => { model.isOpen = false; model.maySend = false; drawLink(); },
+  onClose: () => { model.isOpen = false; model.maySend = false; model.holder = ''; drawLink(); },
   onMessage: (message) => {
     model.take(message);
     if (message.topic.startsWith('$web/')) takeOwn(message);
@@ -50,7 +50,9 @@ const link = new Link({
 
 function takeOwn({ topic, payload }) {
   drawLink();
+  if (topic === '$web/hello' && model.isLocked && !link.hasToken()) askToken();
   if (topic !== '$web/token') return;
+  if (!payload.accepted && model.isLocked && !$('token-dialog').open) askToken();
   setText($('token-words'), payload.accepted ? '' : payload.why);
   if (payload.accepted) $('token-dialog').close();
   map.choose(map.chosen);
@@ -60,7 +62,8 @@ function takeOwn({ topic, payload }) {
 // ---- commands
 function send(robot, type, place) {
   if (!model.maySend) {
-    if (model.takesToken) askToken();
+    if (model.holder) toast(`The token of ${model.holder} may watch, and send no commands.`);
+    else if (model.takesToken) askToken();
     else toast('This page only watches: web.token_file is not set.');
     return null;
   }
@@ -135,7 +138,7 @@ function drawPilot() {
   if (!robot) return;
   setText($('pilot-name'), robot.id);
   setText($('pilot-pose'), robot.pose ? `${robot.pose.x.toFixed(0)}, ${robot.pose.y.toFixed(0)} cm` : '');
-  setText($('pilot-hint'), !robot.best ? 'No gateway serves it: commands will not arrive.' : model.maySend ? 'Click on the map to send it there.' : model.takesToken ? 'To send commands, unlock this page.' : 'This page only watches.');
+  setText($('pilot-hint'), !robot.best ? 'No gateway serves it: commands will not arrive.' : model.maySend ? 'Click on the map to send it there.' : model.holder ? 'Your token may watch, and send no commands.' : model.takesToken ? 'To send commands, unlock this page.' : 'This page only watches.');
   keep($('outcomes'), robot.outcomes.length, () => element('li'));
   robot.outcomes.forEach((command, i) => {
     const line = $('outcomes').children[i];
@@ -147,11 +150,11 @@ function drawPilot() {
 // ---- the head
 function drawLink() {
   const lacksRights = Object.keys(model.broker.unreadable ?? {}).length > 0;
-  const state = !model.isOpen ? 'No connection' : model.broker.state !== 'up' ? 'Broker away' : lacksRights ? 'Rights missing' : 'Live';
+  const state = !model.isOpen ? 'No connection' : model.isLocked ? 'Locked' : model.broker.state !== 'up' ? 'Broker away' : lacksRights ? 'Rights missing' : 'Live';
   $('link').className = `chip ${state === 'Live' ? 'good' : 'bad'}`;
   setText($('link'), state);
-  $('link').title = model.isOpen ? `${model.broker.uri ?? ''} ${model.broker.why ?? ''}` : 'slam-gateway-web does not answer; the page tries again';
-  setText($('unlock'), model.maySend ? 'Commands on' : model.takesToken ? 'Unlock' : 'Only watching');
+  $('link').title = model.isLocked ? 'This page shows nothing before it has a token' : model.isOpen ? `${model.broker.uri ?? ''} ${model.broker.why ?? ''}` : 'slam-gateway-web does not answer; the page tries again';
+  setText($('unlock'), model.maySend ? 'Commands on' : model.holder ? `Watching as ${model.holder}` : model.takesToken ? 'Unlock' : 'Only watching');
   $('unlock').disabled = !model.takesToken;
   $('world').classList.toggle('aim', map.chosen !== null && model.maySend);
 }
@@ -166,7 +169,7 @@ function askToken() {
   $('token').value = '';
   $('token-dialog').showModal();
 }
-$('unlock').addEventListener('click', () => (model.maySend ? link.lock() : askToken()));
+$('unlock').addEventListener('click', () => (model.holder ? link.lock() : askToken()));
 $('token-cancel').addEventListener('click', () => $('token-dialog').close());
 $('token-form').addEventListener('submit', (event) => {
   event.preventDefault();

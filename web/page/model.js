@@ -169,6 +169,8 @@ export class Model {
     this.prefix = '';
     this.origins = {};
     this.takesToken = false;
+    this.isLocked = false; // it must send a token before it gets anything
+    this.holder = ''; // whose token it has sent
     this.maySend = false;
     this.isOpen = false;
     this.broker = { state: 'down', why: 'connecting' };
@@ -264,6 +266,11 @@ export class Model {
 
   takeOwn(name, said) {
     if (name === 'hello') {
+      this.isLocked = Boolean(said.needs_token);
+      if (this.isLocked) {
+        this.takesToken = true;
+        return;
+      }
       this.prefix = said.prefix;
       this.origins = said.origins;
       this.takesToken = said.takes_token;
@@ -279,7 +286,10 @@ export class Model {
       this.leftOut.clear();
       for (const robot of this.robots.values()) robot.setOrigin(Object.hasOwn(said.origins, robot.id) ? said.origins[robot.id] : null);
     } else if (name === 'broker') this.broker = said;
-    else if (name === 'token') this.maySend = said.accepted;
+    else if (name === 'token') {
+      this.holder = said.accepted ? said.name : '';
+      this.maySend = said.accepted && said.role === 'operator';
+    }
     else if (name === 'dropped') this.lost += said.messages;
     else if (name === 'refused') this.refuse(said);
   }

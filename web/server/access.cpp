@@ -62,13 +62,4 @@ bool AccessRules::is_own_origin(std::string_view origin, std::string_view host) 
   return from == "http://" + asked || from == "https://" + asked;
 }
 
-bool is_same_token(std::string_view expected, std::string_view offered) {
-  if (expected.empty()) return false;
-  unsigned difference = expected.size() == offered.size() ? 0 : 1;
-  for (std::size_t i = 0; i < offered.size(); ++i)
-    difference |= static_cast<unsigned char>(offered[i]) ^
-                  static_cast<unsigned char>(expected[i % expected.size()]);
-  return difference == 0;
-}
-
 }  // namespace slamgw::web

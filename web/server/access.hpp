@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Who may talk to the page's program: pure checks of the Host and Origin headers and of the token.
+// Who may talk to the page's program: pure checks of the Host and Origin headers.
 // A browser sends them truthfully also when a foreign page makes it call, which is what they are
 // for: DNS rebinding shows in Host, a foreign page's WebSocket in Origin.
 #pragma once
@@ -25,8 +25,5 @@ class AccessRules {
  private:
   std::vector<std::string> hosts_;  ///< lower case
 };
-
-/// Takes equally long wherever the first difference is. An empty `expected` equals nothing.
-bool is_same_token(std::string_view expected, std::string_view offered);
 
 }  // namespace slamgw::web

@@ -56,6 +56,7 @@ struct TokenOffer {
 struct CommandRequest {
   std::string topic;
   std::string payload;
+  std::string sender{};  ///< the token's name, and the client
 };
 struct BadRequest {
   std::string why;

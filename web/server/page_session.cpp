@@ -2,8 +2,7 @@
 #include "web/server/page_session.hpp"
 
 #include <algorithm>
-
-#include "web/server/access.hpp"
+#include <nlohmann/json.hpp>
 
 namespace slamgw::web {
 
@@ -16,11 +15,13 @@ PageSession::Reaction PageSession::on_text(std::string_view text, TimePoint now)
 }
 
 PageSession::Reaction PageSession::on_token(const TokenOffer& offer, TimePoint now) {
-  may_send_ = is_same_token(token_, offer.token);
-  if (!may_send_) return on_wrong_token(now);
+  holder_ = tokens_.find(offer.token);
+  if (!holder_) return on_wrong_token(now);
   guesses_.forget(client_);
   answer_due_ = now;
-  Reaction reaction{own_message("token", R"({"accepted":true})")};
+  const nlohmann::json payload{
+      {"accepted", true}, {"name", holder_->name}, {"role", to_string(holder_->role)}};
+  Reaction reaction{own_message("token", payload.dump())};
   reaction.drops_delayed_reply = true;
   return reaction;
 }
@@ -28,34 +29,32 @@ PageSession::Reaction PageSession::on_token(const TokenOffer& offer, TimePoint n
 PageSession::Reaction PageSession::on_wrong_token(TimePoint now) {
   Reaction reaction;
   reaction.ends = ++wrong_tokens_ >= max_wrong_tokens;
-  if (token_.empty()) {  // there is nothing to guess
+  if (tokens_.empty()) {  // there is nothing to guess
     constexpr const char* why =
         R"({"accepted":false,"why":"no token is set: this page only watches"})";
     reaction.reply = own_message("token", why);
     return reaction;
   }
-  reaction.reply = own_message("token", R"({"accepted":false,"why":"this is not the token"})");
-  const unsigned guesses = guesses_.add(client_, now);
-  if (guesses == prompt_answers + 1)
-    reaction.report = std::to_string(guesses) + " wrong tokens from " + client_.name +
-                      ": answers to more of them are delayed";
+  reaction.reply = own_message("token", R"({"accepted":false,"why":"nobody has this token"})");
+  const TokenGuesses::Cost cost = guesses_.on_wrong(client_, now);
+  reaction.report = cost.report;
   if (now < answer_due_) {  // it does not wait for answers, so it needs none
     reaction.ends = true;
     return reaction;
   }
-  if (guesses > prompt_answers) {
-    const unsigned doublings = std::min(guesses - prompt_answers - 1, 5U);  // 32 s is enough
-    reaction.delay = std::min(first_delay * (1U << doublings), longest_delay);
-  }
+  reaction.delay = cost.delay;
   answer_due_ = now + reaction.delay;
   return reaction;
 }
 
 PageSession::Reaction PageSession::on_command(CommandRequest command, TimePoint now) {
-  if (!may_send_) return {refusal(command.topic, "this page only watches: it has sent no token")};
+  if (!holder_) return {refusal(command.topic, "this page only watches: it has sent no token")};
+  if (holder_->role != Role::operator_)
+    return {refusal(command.topic, holder_->name + " may watch, and send no commands")};
   if (!topics_.is_command_topic(command.topic))
     return {refusal(command.topic, "no command: only <prefix>/server/<id>/<type> is allowed")};
   if (!take_turn(now)) return {refusal(command.topic, "too many commands at once")};
+  command.sender = holder_->name + " at " + client_.name;
   return {"", std::move(command)};
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What one page may do: it watches until it has sent the token, then it may send commands, so many
-// a second. Pure: texts and `now` in, a reaction out.
+// What one page may do: what its token allows. Without one it watches, or waits for a token where
+// watching needs one, too. Pure: texts and `now` in, a reaction out.
 #pragma once
 
 #include <chrono>
@@ -9,8 +9,8 @@
 #include <string_view>
 #include <utility>
 
-#include "web/server/client_counts.hpp"
 #include "web/server/mirror.hpp"
+#include "web/server/tokens.hpp"
 #include "web/server/topics.hpp"
 
 namespace slamgw::web {
@@ -21,20 +21,13 @@ class PageSession {
 
   /// Guessing must not be quick: the connection ends after so many wrong tokens.
   static constexpr unsigned max_wrong_tokens = 3;
-  /// Each connection counts its own, so answers to more wrong tokens of one client come late. A
-  /// person who mistypes a token does not notice.
-  static constexpr unsigned prompt_answers = 5;
-  static constexpr std::chrono::seconds first_delay{1};  ///< doubles with each wrong token
-  /// An address has eight pages, each of which tries two tokens in this time.
-  static constexpr std::chrono::seconds longest_delay{30};
   /// Fast enough for a person and a script; a page gone wild must not flood a mesh.
   static constexpr double commands_per_second = 20;
   static constexpr double command_burst = 40;
 
-  /// `token`: empty when nobody may send. `guesses`: wrong tokens of all clients. The references
-  /// must outlive the session.
-  PageSession(const Topics& topics, const std::string& token, ClientCounts& guesses, Client client)
-      : topics_(topics), token_(token), guesses_(guesses), client_(std::move(client)) {}
+  /// `guesses`: of all clients. The references must outlive the session.
+  PageSession(const Topics& topics, const Tokens& tokens, TokenGuesses& guesses, Client client)
+      : topics_(topics), tokens_(tokens), guesses_(guesses), client_(std::move(client)) {}
 
   struct Reaction {
     std::string reply;  ///< for the page; empty: none
@@ -47,6 +40,7 @@ class PageSession {
     std::string report{};              ///< for the log
   };
   Reaction on_text(std::string_view text, TimePoint now);
+  bool may_watch() const { return holder_ || !tokens_.guard_watching(); }
 
  private:
   Reaction on_token(const TokenOffer& offer, TimePoint now);
@@ -55,11 +49,11 @@ class PageSession {
   bool take_turn(TimePoint now);
 
   const Topics& topics_;
-  const std::string& token_;
-  ClientCounts& guesses_;
+  const Tokens& tokens_;
+  TokenGuesses& guesses_;
   const Client client_;
-  TimePoint answer_due_{};  ///< of a delayed answer
-  bool may_send_ = false;
+  TimePoint answer_due_{};               ///< of a delayed answer
+  const TokenHolder* holder_ = nullptr;  ///< of the token that the page has sent
   unsigned wrong_tokens_ = 0;
   double turns_ = command_burst;
   std::optional<TimePoint> turns_at_{};

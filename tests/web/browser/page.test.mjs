@@ -293,7 +293,7 @@ pageTest('a wrong token is told, and three end the connection', {}, async (page)
   await page.click('#unlock');
   await page.fill('#token', 'a-wrong-token-of-somebody');
   await page.click('#token-form .main');
-  await until(page, () => document.querySelector('#token-words').textContent === 'this is not the token');
+  await until(page, () => document.querySelector('#token-words').textContent === 'nobody has this token');
   assert.equal(await page.evaluate(() => window.slamgw.model.maySend), false);
   const code = await page.evaluate(() => new Promise((resolve) => {
     const socket = new WebSocket(`ws://${location.host}/api`);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "web/server/io/http_connection.hpp"
 
+#include "daemon/observability/log.hpp"
 #include "web/server/io/page_connection.hpp"
 
 namespace slamgw::web {
@@ -28,6 +29,7 @@ HttpConnection::HttpConnection(boost::asio::ip::tcp::socket socket, WebServer& s
     : stream_(std::move(socket)),
       server_(server),
       client_(client),
+      delay_(stream_.get_executor()),
       place_(server.places().take(client)) {
   beast::error_code ignored;
   stream_.socket().set_option(boost::asio::ip::tcp::no_delay(true), ignored);
@@ -48,6 +50,7 @@ void HttpConnection::on_request() {
   server_.places().set_waiting(place_, nullptr);
   Answer answer = server_.answers().to(request_of(parser_->get()));
   if (answer.is_web_socket && becomes_page(answer)) return;
+  if (answer.is_metrics && !may_read_metrics()) return refuse_metrics();
   if (answer.is_metrics) {
     scrape_ = server_.hub().begin_scrape();
     if (scrape_) return send_metrics(std::move(answer));
@@ -55,6 +58,27 @@ void HttpConnection::on_request() {
   }
   if (answer.status >= 400) server_.hub().count_refused_request();
   send(std::move(answer));
+}
+
+bool HttpConnection::may_read_metrics() {
+  if (!server_.hub().tokens().guard_watching()) return true;
+  const std::string_view token = bearer_token(view(parser_->get()[http::field::authorization]));
+  if (!server_.hub().tokens().find(token)) return false;
+  server_.hub().guesses().forget(client_);
+  return true;
+}
+
+void HttpConnection::refuse_metrics() {
+  server_.hub().count_refused_request();
+  const bool is_guess = parser_->get().count(http::field::authorization) > 0;
+  const TokenGuesses::Cost cost =
+      is_guess ? server_.hub().guesses().on_wrong(client_, std::chrono::steady_clock::now())
+               : TokenGuesses::Cost{};
+  if (!cost.report.empty()) log_event(Severity::warning, cost.report);
+  delay_.expires_after(cost.delay);
+  delay_.async_wait([self = shared_from_this()](beast::error_code error) {
+    if (!error) self->send(refuse(401, "The metrics need a token: Authorization: Bearer TOKEN"));
+  });
 }
 
 bool HttpConnection::becomes_page(Answer& answer) {
@@ -90,6 +114,7 @@ void HttpConnection::send(Answer answer) {
     if (!value.empty()) response_.set(field, {value.data(), value.size()});
   };
   set(http::field::content_type, answer.content_type);
+  set(http::field::www_authenticate, answer.status == 401 ? "Bearer" : "");
   set(http::field::cache_control, answer.etag.empty() ? "no-store" : "no-cache");
   set(http::field::etag, answer.etag);
   set(http::field::vary, answer.etag.empty() ? "" : "Accept-Encoding");

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/steady_timer.hpp>
 #include <boost/beast/core.hpp>
 #include <boost/beast/http.hpp>
 #include <memory>
@@ -29,6 +30,9 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
 
   void on_request();
   bool becomes_page(Answer& answer);
+  /// Where watching needs a token, so do the metrics.
+  bool may_read_metrics();
+  void refuse_metrics();
   void send_metrics(Answer answer);
   void send(Answer answer);
   void on_sent();
@@ -36,6 +40,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   boost::beast::tcp_stream stream_;
   WebServer& server_;
   const Client client_;
+  boost::asio::steady_timer delay_;  ///< until the answer to a wrong token
   const HeldPlace place_;
   boost::beast::flat_buffer input_;
   std::optional<Parser> parser_;

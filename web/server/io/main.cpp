@@ -32,11 +32,11 @@ void serve(const slamgw::web::Startup& startup) {
   Loop io;
   boost::asio::signal_set signals(io, SIGTERM, SIGINT);
   signals.async_wait([&io](boost::system::error_code, int) { io.stop(); });
-  slamgw::web::PageHub hub(io, config, startup.token, SLAMGW_VERSION);
+  slamgw::web::PageHub hub(io, config, startup.tokens, SLAMGW_VERSION);
   slamgw::web::WebServer server(io, config.web, hub);
   slamgw::log_event(slamgw::Severity::notice,
                     "the page is at http://" + config.web.listen +
-                        (startup.token.empty() ? "/ and only watches" : "/"));
+                        (startup.tokens.empty() ? "/ and only watches" : "/"));
   sd_notify(0, "READY=1");
   io.run();
   sd_notify(0, "STOPPING=1");

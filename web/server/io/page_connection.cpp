@@ -43,7 +43,10 @@ void PageConnection::accept(const beast::http::request<beast::http::empty_body>&
     if (error) return;
     self->is_open_ = true;
     self->socket_.text(true);
-    self->hub_.join(*self);
+    if (!self->session_.may_watch())
+      self->send_state("$web/hello",
+                       std::make_shared<const std::string>(PageHub::locked_greeting()));
+    self->follow_token();
     self->read();
   });
 }
@@ -66,8 +69,18 @@ void PageConnection::on_text(const std::string& text) {
     delay_.cancel();
   }
   if (reaction.publish) reaction.reply = hub_.publish(*reaction.publish);
-  if (reaction.delay > std::chrono::seconds{0}) return answer_later(std::move(reaction));
-  answer(std::move(reaction));
+  if (reaction.delay > std::chrono::seconds{0})
+    answer_later(std::move(reaction));
+  else
+    answer(std::move(reaction));
+  follow_token();
+}
+
+void PageConnection::follow_token() {
+  if (session_.may_watch())
+    hub_.join(*this);
+  else
+    hub_.leave(*this);
 }
 
 /// Reads on: the page's WebSocket stays alive, and a right token gets its answer first. The timer

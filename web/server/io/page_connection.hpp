@@ -36,6 +36,7 @@ class PageConnection : public std::enable_shared_from_this<PageConnection> {
  private:
   void read();
   void on_text(const std::string& text);
+  void follow_token();
   void answer_later(PageSession::Reaction reaction);
   void answer(PageSession::Reaction reaction);
   void write_soon();

@@ -66,10 +66,10 @@ std::vector<std::string> filters(const std::string& prefix) {
 
 }  // namespace
 
-PageHub::PageHub(boost::asio::io_context& io, const Config& config, std::string token,
+PageHub::PageHub(boost::asio::io_context& io, const Config& config, Tokens tokens,
                  std::string version)
     : topics_(config.topics.prefix),
-      token_(std::move(token)),
+      tokens_(std::move(tokens)),
       site_(site_json(config, version)),
       broker_(broker_uri(config.broker)),
       known_(fmt::format("{}/gateway/{}/", config.topics.prefix, config.gateway_id)),
@@ -83,11 +83,15 @@ PageHub::PageHub(boost::asio::io_context& io, const Config& config, std::string 
                on_unreadable(filter, why);
              }}) {}
 
+std::string PageHub::locked_greeting() {
+  return own_message("hello", R"({"takes_token":true,"needs_token":true})");
+}
+
 void PageHub::join(PageConnection& page) {
+  if (!pages_.insert(&page).second) return;
   page.send_state("$web/hello", share(greeting()));
   page.send_state("$web/broker", share(broker_state()));
   for (const auto& [topic, text] : known_.topics()) page.send_state(topic, text);
-  pages_.insert(&page);
 }
 
 void PageHub::leave(PageConnection& page) {
@@ -106,7 +110,8 @@ std::string PageHub::publish(const CommandRequest& command) {
   ++own_.commands;
   sent_.emplace_back(*id, command.topic);
   if (sent_.size() > max_sent) sent_.pop_front();
-  log_event(Severity::info, "a page sent a command on " + command.topic);
+  log_event(Severity::info,
+            fmt::format("{} sent a command on {} over the page", command.sender, command.topic));
   return {};
 }
 
@@ -186,7 +191,7 @@ void PageHub::on_refused(int message_id, const std::string& why) {
 std::string PageHub::greeting() const {
   std::string payload = site_;
   payload.pop_back();
-  payload += token_.empty() ? R"(,"takes_token":false})" : R"(,"takes_token":true})";
+  payload += tokens_.empty() ? R"(,"takes_token":false})" : R"(,"takes_token":true})";
   return own_message("hello", payload);
 }
 

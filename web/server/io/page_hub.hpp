@@ -30,15 +30,18 @@ class PageHub {
   /// Each page costs a copy of all traffic on the wire. A lab has a handful.
   static constexpr std::size_t max_pages = 32;
 
-  PageHub(boost::asio::io_context& io, const Config& config, std::string token,
-          std::string version);
+  PageHub(boost::asio::io_context& io, const Config& config, Tokens tokens, std::string version);
 
   /// Taken from a page's request on, so that many at once do not pass together.
   Places& places() { return places_; }
+  /// For a page that has to send a token first.
+  static std::string locked_greeting();
   /// The page gets what is known; then everything as it comes, until leave().
   void join(PageConnection& page);
   void leave(PageConnection& page);
-  PageSession new_session(Client client) { return {topics_, token_, guesses_, std::move(client)}; }
+  PageSession new_session(Client client) { return {topics_, tokens_, guesses_, std::move(client)}; }
+  const Tokens& tokens() const { return tokens_; }
+  TokenGuesses& guesses() { return guesses_; }
   /// What could not be sent to the broker, for the page that wanted it; empty when it was.
   std::string publish(const CommandRequest& command);
 
@@ -69,7 +72,7 @@ class PageHub {
   std::string broker_state() const;
 
   const Topics topics_;
-  const std::string token_;
+  const Tokens tokens_;
   std::string site_;    ///< JSON members of the greeting: gateway's prefix, origins, version
   std::string broker_;  ///< its URI
   std::string why_ = "connecting";
@@ -80,7 +83,7 @@ class PageHub {
   OwnNumbers own_;
   std::uint64_t dropped_by_gone_ = 0;
   Places places_{max_pages};
-  ClientCounts guesses_;       ///< wrong tokens
+  TokenGuesses guesses_;
   ClientCounts taken_shares_;  ///< what was refused because its client has its share
   std::set<PageConnection*> pages_;
   std::deque<std::pair<int, std::string>> sent_;  ///< topics of the newest commands

@@ -3,7 +3,6 @@
 
 #include <fmt/format.h>
 
-#include <algorithm>
 #include <boost/asio/ip/address.hpp>
 #include <cstdlib>
 #include <filesystem>
@@ -39,11 +38,6 @@ void read_own_credentials(ParseResult& result, const std::string& config_file) {
   result.problems.insert(result.problems.end(), context.problems.begin(), context.problems.end());
 }
 
-bool is_token(const std::string& text) {
-  return text.size() >= 16 && text.size() <= 256 &&
-         std::all_of(text.begin(), text.end(), [](char c) { return c > ' ' && c < '\x7f'; });
-}
-
 void refuse_at(ParseResult& result, const char* key, const std::string& file, std::string text) {
   const auto place = result.places.find(key);
   const Place at = place == result.places.end() ? Place{file} : place->second;
@@ -51,14 +45,14 @@ void refuse_at(ParseResult& result, const char* key, const std::string& file, st
 }
 
 /// Empty with a problem when the file is no good.
-std::string read_token(ParseResult& result, const std::string& path) {
+Tokens read_tokens(ParseResult& result, const std::string& path) {
   const auto refuse = [&](std::string text) {
     refuse_at(result, token_key, path, std::move(text));
-    return std::string();
+    return Tokens();
   };
   const auto file = SystemFiles(own_user).read(path);
   if (!file) {
-    std::string remedy = "a file with one line of 16 to 256 printable characters is needed";
+    std::string remedy = "a file of lines NAME ROLE TOKEN is needed";
     if (file.error().is_denied)
       remedy = fmt::format("type: chgrp slam-gateway-web {} && chmod 640 {}", path, path);
     return refuse(fmt::format("{} cannot be read: {}; {}", path, file.error().text, remedy));
@@ -70,12 +64,13 @@ std::string read_token(ParseResult& result, const std::string& path) {
   if (!file->strange_owner.empty())
     return refuse(fmt::format("{} belongs to {}, who can read and change it; type: chown root {}",
                               path, file->strange_owner, path));
-  const std::string token = file->text.substr(0, file->text.find_last_not_of("\r\n") + 1);
-  if (!is_token(token))
-    return refuse(path +
-                  " holds no token (not shown: it is secret); allowed: one line of 16 to 256 "
-                  "printable characters without spaces");
-  return token;
+  auto tokens = Tokens::parse(file->text);
+  if (auto* problem = std::get_if<Tokens::Problem>(&tokens))
+    return refuse(fmt::format(
+        "{}:{}: {} (not shown: it is secret); each line is NAME ROLE TOKEN, the role viewer or "
+        "operator, the token 16 to 256 printable characters; or the file is one token",
+        path, problem->line, problem->text));
+  return std::get<Tokens>(std::move(tokens));
 }
 
 bool is_loopback(const std::string& listen) {
@@ -110,7 +105,7 @@ Startup load_startup(const std::string& config_file) {
   read_own_credentials(startup.parsed, config_file);
   drop_unreadable_certificate(startup.parsed);
   const auto& token_file = startup.parsed.config.web.token_file;
-  if (token_file) startup.token = read_token(startup.parsed, *token_file);
+  if (token_file) startup.tokens = read_tokens(startup.parsed, *token_file);
   if (const std::string& listen = startup.parsed.config.web.listen;
       !token_file && !is_loopback(listen))
     refuse_at(startup.parsed, "web.listen", config_file,

@@ -1,17 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 // Everything that slam-gateway-web reads before it starts: the gateway's configuration, its own
-// credentials, the token.
+// credentials, the tokens.
 #pragma once
 
 #include <string>
 
 #include "daemon/config/parse.hpp"
+#include "web/server/tokens.hpp"
 
 namespace slamgw::web {
 
 struct Startup {
   ParseResult parsed;  ///< `config.broker.credentials` are this program's own
-  std::string token;   ///< secret; empty: pages only watch
+  Tokens tokens;       ///< secret; empty: pages only watch
 };
 
 /// The credentials come from the systemd credential `broker`, else from `web-credentials.json`
