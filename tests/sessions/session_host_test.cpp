@@ -282,6 +282,24 @@ TEST_F(OneSessionHost, NamesTheClientIdsThatTheBrokerRefuses) {
   EXPECT_EQ(a.notices.size(), 1U);
 }
 
+TEST_F(OneSessionHost, LeavesDescriptorsToTheRestOfTheDaemon) {
+  test::Mosquitto broker;
+  a.up(broker.port(), MqttVersion::v5);
+  rlimit before{};
+  getrlimit(RLIMIT_NOFILE, &before);
+  const auto open = std::distance(std::filesystem::directory_iterator("/proc/self/fd"), {});
+  const rlimit few{static_cast<rlim_t>(open) + 340, before.rlim_max};
+  setrlimit(RLIMIT_NOFILE, &few);
+  for (int robot = 0; robot < 100; ++robot) a.hear("r" + std::to_string(robot));
+  const bool is_noticed = eventually(io, [&] { return !a.notices.empty(); });
+  std::vector<int> left;
+  for (int one = dup(0); one >= 0; one = dup(0)) left.push_back(one);
+  for (const int one : left) close(one);
+  setrlimit(RLIMIT_NOFILE, &before);
+  ASSERT_TRUE(is_noticed);
+  EXPECT_GE(left.size(), 30U) << "less what connections need for a moment";
+}
+
 TEST_F(OneSessionHost, NamesTheLimitOfOpenFiles) {
   test::Mosquitto broker;
   a.up(broker.port(), MqttVersion::v5);

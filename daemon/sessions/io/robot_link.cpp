@@ -3,6 +3,7 @@
 
 #include <fcntl.h>
 #include <mqtt_protocol.h>
+#include <sys/resource.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
@@ -28,6 +29,15 @@ constexpr int shortest_keep_alive_s = 5;
 constexpr int retain_handling_never = 0x20;
 /// A filter that no session has: to unsubscribe it changes nothing and is answered in its order.
 constexpr const char* fence_filter = "slam-gateway/fence";
+
+/// Descriptors that robots' sessions leave to the rest of the daemon: the store, the control
+/// socket, its own connection. The kernel gives the lowest free number.
+bool reaches_reserve(int descriptor) {
+  constexpr rlim_t reserve = 256;
+  rlimit limit{};
+  getrlimit(RLIMIT_NOFILE, &limit);
+  return static_cast<rlim_t>(descriptor) >= limit.rlim_cur - std::min(reserve, limit.rlim_cur / 4);
+}
 
 bool is_connected(int socket) {
   int error = 0;
@@ -127,6 +137,7 @@ void RobotLink::open(const std::string& client_id, bool is_clean, const std::str
   const int descriptor = mosquitto_socket(client);
   fcntl(descriptor, F_SETFD, FD_CLOEXEC);
   if (!duplicate(descriptor, socket_)) return fail_to_open(errno);
+  if (reaches_reserve(socket_.native_handle())) return fail_to_open(EMFILE);
   await_connection();
 }
 
