@@ -95,6 +95,12 @@ void add_commands(CLI::App& app, Arguments& a) {
   app.add_subcommand("robots", "A row for each robot")->callback(ask(a, "robots", Answer::robots));
   app.add_subcommand("fleet", "The gateways of this broker, and which robot is where")
       ->callback(ask(a, "fleet", Answer::fleet));
+  CLI::App* mqttsn = app.add_subcommand("mqttsn", "The sessions of robots on Thread");
+  mqttsn->require_subcommand(1);
+  CLI::App* clients = mqttsn->add_subcommand(
+      "clients", "State, address, topics, subscriptions, queue and timers of each session");
+  clients->add_option("ROBOT", a.robot, "Only this robot, with all of its topics");
+  clients->callback(ask(a, "mqttsn clients", Answer::clients));
   app.add_subcommand("reload", "Read the configuration again; names what needs a restart")
       ->callback(ask(a, "reload", Answer::done, order_patience));
   CLI::App* forget =

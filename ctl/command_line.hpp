@@ -18,6 +18,7 @@ enum class Answer : std::uint8_t {
   status,
   robots,
   fleet,
+  clients,  ///< of MQTT-SN
   watch,
   record,  ///< watch events into `file`
   outcome,

@@ -50,6 +50,7 @@ std::string text_of(const Order& order, const nlohmann::json& result) {
     case Answer::status: return show::status(result, this_screen());
     case Answer::robots: return show::robots(result, this_screen());
     case Answer::fleet: return show::fleet(result, this_screen());
+    case Answer::clients: return show::clients(result, this_screen());
     case Answer::watch: return show::event(result, this_screen());
     case Answer::record: break;  // record()
     case Answer::outcome: return show::outcome(result, this_screen());

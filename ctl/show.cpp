@@ -487,6 +487,65 @@ std::string fleet(const json& fleet, const Screen& screen) {
   return out;
 }
 
+std::string or_dash(std::string text) { return text.empty() ? "-" : text; }
+
+std::string one_client(const json& client, const Screen& screen) {
+  const auto line = [](std::string_view name, const std::string& value) {
+    return fmt::format("{:<18} {}\n", name, value);
+  };
+  const auto time_of = [&](const char* member) {
+    return fmt::format("{:.1f} s", static_cast<double>(count_at(client, member)) / 1000.0);
+  };
+  const std::string session_state = text_at(client, "state");
+  std::string out = line("robot", text_at(client, "robot"));
+  out += line("client id", text_at(client, "client_id"));
+  out += line("state", screen.paint(session_state, session_state));
+  out += line("address", or_dash(text_at(client, "address")));
+  out += line("heard", time_of("heard_ms_ago") + " ago");
+  out += line("keep-alive", fmt::format("{} s", count_at(client, "keep_alive_s")));
+  if (client.contains("sleep_s"))
+    out += line("sleeps", fmt::format("{} s", count_at(client, "sleep_s")));
+  out += line("clean session", is_true(client, "clean_session") ? "yes" : "no");
+  out += line("will", or_dash(text_at(client, "will")));
+  out += line("in flight", fmt::format("{}, repeated {} times; next copy after {}",
+                                       count_at(client, "in_flight"), count_at(client, "repeats"),
+                                       time_of("repeat_after_ms")));
+  out += line("not acknowledged", fmt::format("{} of its messages, before the broker has them",
+                                              count_at(client, "unacknowledged_up")));
+  for (const json& subscription : list_at(client, "subscriptions"))
+    out += line("subscription",
+                fmt::format("{} (QoS {}, {})", text_at(subscription, "filter"),
+                            count_at(subscription, "qos"), text_at(subscription, "topic_id_type")));
+  for (const json& topic : list_at(client, "topics"))
+    out += line("topic id", fmt::format("{} {}{}", count_at(topic, "id"), text_at(topic, "name"),
+                                        is_true(topic, "told") ? "" : " (not told yet)"));
+  for (const json& topic : list_at(client, "waiting"))
+    out += line("waits", topic.is_string() ? topic.get<std::string>() : "-");
+  return out;
+}
+
+std::string clients(const json& clients, const Screen& screen) {
+  if (!clients.is_array() || clients.empty()) return "no MQTT-SN client is known\n";
+  if (clients[0].is_object() && clients[0].value("topics", json()).is_array())
+    return one_client(clients[0], screen);
+  const std::size_t id = widest(clients, "robot", 5);
+  const std::size_t where = widest(clients, "address", 7);
+  std::string out = fmt::format("{} {} {} HEARD KEEP TOPICS SUBS WAIT\n", pad("ROBOT", id),
+                                pad("STATE", 12), pad("ADDRESS", where));
+  for (const json& client : clients) {
+    const std::string session_state = text_at(client, "state");
+    const std::string heard = fmt::format("{}s", count_at(client, "heard_ms_ago") / 1000);
+    const std::string keep = fmt::format("{}s", count_at(client, "keep_alive_s"));
+    out += fmt::format("{} {} {} {:>5} {:>4} {:>6} {:>4} {:>4}\n",
+                       pad(cut_end(text_at(client, "robot"), id), id),
+                       screen.paint(session_state, pad(session_state, 12)),
+                       pad(cut_start(text_at(client, "address"), where), where), heard, keep,
+                       count_at(client, "topics"), count_at(client, "subscriptions"),
+                       count_at(client, "waiting") + count_at(client, "in_flight"));
+  }
+  return out;
+}
+
 std::string devices(const json& devices) {
   if (devices.empty()) return "no new robot is in reach\n";
   std::string out = pad("UUID", 33) + "RSSI SEEN " + pad("STATE", 8) + "ROBOT\n";

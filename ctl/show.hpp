@@ -56,6 +56,8 @@ std::string event(const nlohmann::json& event, const Screen& screen);
 std::string outcome(const nlohmann::json& outcome, const Screen& screen);
 
 std::string fleet(const nlohmann::json& fleet, const Screen& screen);
+/// A table of MQTT-SN sessions, or all of the one session that was asked for.
+std::string clients(const nlohmann::json& clients, const Screen& screen);
 
 /// Devices that no mesh has.
 std::string devices(const nlohmann::json& devices);

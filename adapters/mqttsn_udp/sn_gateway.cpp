@@ -5,8 +5,10 @@
 
 #include <fmt/format.h>
 
+#include <nlohmann/json.hpp>
 #include <utility>
 
+#include "adapters/mqttsn_udp/clients/client_report.hpp"
 #include "adapters/mqttsn_udp/clients/session_codec.hpp"
 #include "adapters/mqttsn_udp/limits.hpp"
 
@@ -295,6 +297,10 @@ void SnGateway::reconfigure(TopicPolicy policy, RobotNames names, TimePoint now)
     subscriptions_.drop_forbidden(*session);
     supervision_.advance(*session, now);
   }
+}
+
+nlohmann::json SnGateway::report(const std::optional<std::string>& robot, TimePoint now) const {
+  return client_report(clients_, robot, settings_.retry_interval, now);
 }
 
 std::optional<Presence> SnGateway::presence_of(const std::string& robot) const {

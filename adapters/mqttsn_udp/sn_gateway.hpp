@@ -5,6 +5,7 @@
 // Routes each message to the class of its concern; MqttsnAdapter is its shell.
 #pragma once
 
+#include <nlohmann/json_fwd.hpp>
 #include <string>
 #include <vector>
 
@@ -83,6 +84,8 @@ class SnGateway {
   /// All sessions are to be taken again, for what changes too often to be marked each time (the
   /// window of R76).
   void set_all_dirty();
+  /// See client_report().
+  nlohmann::json report(const std::optional<std::string>& robot, TimePoint now) const;
   /// See Restoring. Sessions are restored before the first datagram.
   std::optional<SessionSnapshot> snapshot(const std::string& client_id, TimePoint now) const {
     return restoring_.snapshot(client_id, now);

@@ -350,6 +350,10 @@ nlohmann::json App::robots(const std::optional<std::string>& robot) {
 
 nlohmann::json App::fleet() { return fleet_.status(); }
 
+OrderAnswer App::mqttsn_clients(const std::optional<std::string>& robot) {
+  return meshes_.mqttsn_clients(robot);
+}
+
 void App::on_watched(bool is_watched) {
   trace_.turn(is_watched);
   meshes_.each(&MeshAdapter::trace, is_watched);

@@ -99,6 +99,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   nlohmann::json status() override;
   nlohmann::json robots(const std::optional<std::string>& robot) override;
   nlohmann::json fleet() override;
+  OrderAnswer mqttsn_clients(const std::optional<std::string>& robot) override;
   void on_watched(bool is_watched) override;
   void send(const std::string& robot, const std::string& type, Bytes payload,
             std::function<void(nlohmann::json)> done) override;

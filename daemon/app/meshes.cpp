@@ -2,6 +2,7 @@
 #include "daemon/app/meshes.hpp"
 
 #include <algorithm>
+#include <nlohmann/json.hpp>
 #include <utility>
 
 #include "adapters/ble_mesh_usb_cdc/io/ble_mesh_adapter.hpp"
@@ -103,6 +104,13 @@ std::vector<WaitingMessage> Meshes::give_up(const std::string& robot) {
     std::ranges::move(adapter->give_up(robot), std::back_inserter(all));
   }
   return all;
+}
+
+OrderAnswer Meshes::mqttsn_clients(const std::optional<std::string>& robot) const {
+  if (!thread_) return {{}, "MQTT-SN is not enabled: set mqttsn.enabled to true"};
+  const nlohmann::json rows = thread_->report(robot);
+  if (robot && rows.empty()) return {{}, *robot + " has no MQTT-SN session here"};
+  return {rows.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace), {}};
 }
 
 void Meshes::manage_ble(BleOrder order, OrderDone done) {

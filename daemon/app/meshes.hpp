@@ -62,6 +62,8 @@ class Meshes {
   /// Another gateway serves the robot: MeshAdapter::give_up.
   std::vector<WaitingMessage> give_up(const std::string& robot);
   void manage_ble(BleOrder order, OrderDone done);
+  /// The sessions of MQTT-SN: mqttsn::client_report().
+  OrderAnswer mqttsn_clients(const std::optional<std::string>& robot) const;
 
  private:
   void make_ble(boost::asio::io_context& io, const Config& config, MeshListener& listener);

@@ -22,6 +22,8 @@ class ControlHandler {
   virtual nlohmann::json robots(const std::optional<std::string>& robot) = 0;
   /// The gateways of this broker and what they serve: FleetMember::status.
   virtual nlohmann::json fleet() = 0;
+  /// The sessions of MQTT-SN, or the one of this robot: mqttsn::client_report().
+  virtual OrderAnswer mqttsn_clients(const std::optional<std::string>& robot) = 0;
   /// The first watcher has come, or the last one has gone.
   virtual void on_watched(bool is_watched) = 0;
   /// A command downlink. `done` is called once, now or later, with `{"outcome", "after_ms",

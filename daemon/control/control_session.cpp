@@ -117,6 +117,10 @@ void ControlSession::perform(const control::FleetRequest&) {
   answer(control::result_line(handler_.fleet()));
 }
 
+void ControlSession::perform(const control::MqttsnClientsRequest& request) {
+  answer(control::order_line(handler_.mqttsn_clients(request.robot)));
+}
+
 void ControlSession::perform(const control::ForgetRequest& request) {
   answer(control::order_line(handler_.forget(request.robot)));
 }

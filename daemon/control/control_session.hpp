@@ -63,6 +63,7 @@ class ControlSession : public std::enable_shared_from_this<ControlSession> {
   void perform(const control::RobotsRequest& request);
   void perform(const control::ReloadRequest& request);
   void perform(const control::FleetRequest& request);
+  void perform(const control::MqttsnClientsRequest& request);
   void perform(const control::ForgetRequest& request);
   void perform(const control::WatchRequest& request);
   void perform(control::SendRequest& request);

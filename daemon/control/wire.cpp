@@ -134,6 +134,7 @@ Result<Request, std::string> parse_request(std::string_view line) {
   if (*command == "robots") return Request(RobotsRequest{text_of(request, "robot")});
   if (*command == "reload") return Request(ReloadRequest{});
   if (*command == "fleet") return Request(FleetRequest{});
+  if (*command == "mqttsn clients") return Request(MqttsnClientsRequest{text_of(request, "robot")});
   if (*command == "send") return parse_send(request);
   if (*command == "forget") {
     const auto robot = text_of(request, "robot");

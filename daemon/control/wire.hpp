@@ -3,7 +3,7 @@
 // slam-gatewayctl.
 //
 //   request   {"command": "status" | "reload" | "fleet"}
-//             {"command": "robots", "robot": optional}
+//             {"command": "robots" | "mqttsn clients", "robot": optional}
 //             {"command": "watch", "robot": optional, "type": optional}
 //             {"command": "forget", "robot": "..."}
 //             {"command": "send", "robot": "...", "type": "...", "payload_hex": "..."}
@@ -42,6 +42,10 @@ struct RobotsRequest {
 };
 struct ReloadRequest {};
 struct FleetRequest {};
+/// Nothing: every client.
+struct MqttsnClientsRequest {
+  std::optional<std::string> robot;
+};
 struct ForgetRequest {
   std::string robot;
 };
@@ -55,8 +59,9 @@ struct SendRequest {
   std::string type;
   Bytes payload;
 };
-using Request = std::variant<StatusRequest, RobotsRequest, ReloadRequest, FleetRequest,
-                             ForgetRequest, WatchRequest, SendRequest, BleOrder, StoreOrder>;
+using Request =
+    std::variant<StatusRequest, RobotsRequest, ReloadRequest, FleetRequest, MqttsnClientsRequest,
+                 ForgetRequest, WatchRequest, SendRequest, BleOrder, StoreOrder>;
 
 /// A request, or what is wrong with it in words.
 Result<Request, std::string> parse_request(std::string_view line);

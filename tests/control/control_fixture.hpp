@@ -56,6 +56,10 @@ class FakeHandler : public ControlHandler {
     return found;
   }
   nlohmann::json fleet() override { return fleet_answer; }
+  OrderAnswer mqttsn_clients(const std::optional<std::string>& robot) override {
+    if (robot == "nobody") return {{}, "nobody has no MQTT-SN session here"};
+    return {nlohmann::json::array({{{"robot", robot.value_or("all")}}}).dump(), {}};
+  }
   void on_watched(bool is_watched) override { watched.push_back(is_watched); }
   void send(const std::string& robot, const std::string& type, Bytes payload,
             std::function<void(nlohmann::json)> done) override {

@@ -252,6 +252,15 @@ TEST_F(ControlProgramIo, NamesTheGatewayThatServesTheRobot) {
   EXPECT_EQ(send({"r4", "run", "1"}, refused).err, "") << "that gateway is silent";
 }
 
+TEST_F(ControlProgramIo, AsksForMqttsnSessions) {
+  start();
+  EXPECT_EQ(json::parse(run({"mqttsn", "clients", "--json"}).out)[0]["robot"], "all");
+  EXPECT_EQ(json::parse(run({"mqttsn", "clients", "r1", "--json"}).out)[0]["robot"], "r1");
+  const Ended unknown = run({"mqttsn", "clients", "nobody"});
+  EXPECT_EQ(unknown.status, 1);
+  EXPECT_NE(unknown.err.find("nobody has no MQTT-SN session here"), std::string::npos);
+}
+
 TEST_F(ControlProgramIo, EndsWithTwoForWrongArguments) {
   const std::vector<std::vector<std::string>> wrong = {
       {},

@@ -204,6 +204,42 @@ TEST(CtlShow, LetsNothingThroughToTheTerminal) {
   EXPECT_EQ(std::count(shown.begin(), shown.end(), '\n'), 3) << "the third line marks it";
 }
 
+TEST(CtlShow, Clients) {
+  const json row = {{"robot", "tank"},
+                    {"client_id", "tank-1"},
+                    {"state", "asleep"},
+                    {"address", "[fd00::2]:47000"},
+                    {"heard_ms_ago", 2500},
+                    {"keep_alive_s", 60},
+                    {"sleep_s", 300},
+                    {"clean_session", false},
+                    {"topics", 2},
+                    {"subscriptions", 1},
+                    {"waiting", 3},
+                    {"in_flight", 1},
+                    {"repeats", 2},
+                    {"repeat_after_ms", 1500},
+                    {"unacknowledged_up", 4},
+                    {"will", nullptr}};
+  EXPECT_EQ(ctl::show::clients(json::array({row}), {false, noon}),
+            "ROBOT STATE        ADDRESS         HEARD KEEP TOPICS SUBS WAIT\n"
+            "tank  asleep       [fd00::2]:47000    2s  60s      2    1    4\n");
+  json one = row;
+  one["topics"] = json::array({{{"id", 7}, {"name", "p/robot/tank/adv"}, {"told", false}}});
+  one["subscriptions"] =
+      json::array({{{"filter", "p/server/tank/+"}, {"qos", 1}, {"topic_id_type", "normal"}}});
+  one["waiting"] = json::array({"p/server/tank/cmd"});
+  const std::string shown = ctl::show::clients(json::array({one}), {false, noon});
+  for (const char* line : {"client id          tank-1\n", "heard              2.5 s ago\n",
+                           "sleeps             300 s\n", "will               -\n",
+                           "subscription       p/server/tank/+ (QoS 1, normal)\n",
+                           "topic id           7 p/robot/tank/adv (not told yet)\n",
+                           "waits              p/server/tank/cmd\n",
+                           "in flight          1, repeated 2 times; next copy after 1.5 s\n"})
+    EXPECT_NE(shown.find(line), std::string::npos) << line << shown;
+  EXPECT_EQ(ctl::show::clients(json::array(), {false, noon}), "no MQTT-SN client is known\n");
+}
+
 TEST(CtlShow, SurvivesAnswersOfAnyShape) {
   for (const std::string_view text :
        {"null", "5", "[]", "[1]", "{}", R"({"broker": 5})",
@@ -213,6 +249,7 @@ TEST(CtlShow, SurvivesAnswersOfAnyShape) {
     EXPECT_TRUE(ctl::show::status(answer, screen).ends_with('\n'));
     EXPECT_TRUE(ctl::show::robots(answer, screen).ends_with('\n'));
     EXPECT_TRUE(ctl::show::fleet(answer, screen).ends_with('\n'));
+    EXPECT_TRUE(ctl::show::clients(answer, screen).ends_with('\n'));
     EXPECT_TRUE(ctl::show::event(answer, screen).ends_with('\n'));
     EXPECT_TRUE(ctl::show::outcome(answer, screen).ends_with('\n'));
     EXPECT_TRUE(ctl::show::devices(answer).ends_with('\n'));

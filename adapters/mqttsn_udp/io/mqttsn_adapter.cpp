@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <nlohmann/json.hpp>
 #include <random>
 #include <stdexcept>
 #include <utility>
@@ -135,6 +136,10 @@ void MqttsnAdapter::on_note(const std::string& robot, ByteView note) {
 
 void MqttsnAdapter::reconfigure(TopicPolicy policy, RobotNames names) {
   driver_->reconfigure(std::move(policy), std::move(names), read_clocks());
+}
+
+nlohmann::json MqttsnAdapter::report(const std::optional<std::string>& robot) const {
+  return gateway_.report(robot, read_clocks().mono);
 }
 
 Counters MqttsnAdapter::counters() const {

@@ -7,6 +7,7 @@
 #include <boost/asio/steady_timer.hpp>
 #include <map>
 #include <memory>
+#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <string>
 #include <vector>
@@ -43,6 +44,9 @@ class MqttsnAdapter final : public MeshShell<SnGateway> {
   void refuse_names(const NameCheck& is_elsewhere) { gateway_.refuse_names(is_elsewhere); }
   /// As that of SnGateway.
   void ask_where_served(Roaming::ServedElsewhere ask) { gateway_.ask_where_served(std::move(ask)); }
+
+  /// As that of SnGateway.
+  nlohmann::json report(const std::optional<std::string>& robot) const;
 
   /// `topics.*` and `robots` of the configuration, read again.
   void reconfigure(TopicPolicy policy, RobotNames names);
