@@ -19,7 +19,7 @@ TYPE = "ping"
 # goes up with the next repeat, and robots repeat ever more slowly.
 SILENCE_S = 5
 REPEAT_S = 1  # from a repeat until it is acknowledged
-CHANGE_S = 0.5  # between what goes up for the one gateway and the presence at the next
+CHANGE_S = 1.0  # from a change of service until the broker has its presence, on a machine that is busy with other things
 REPEAT_MS = 100  # a command that is not acknowledged for so long goes on the air again
 
 
