@@ -138,7 +138,13 @@ void FleetMember::on_state(const std::string& gateway, ByteView document) {
   give_up_lost();
   const auto after = neighbours_.gateways().find(gateway);
   if (was_online || after == neighbours_.gateways().end() || !after->second.is_online) return;
-  log_event(Severity::notice, fmt::format("gateway '{}' is on this broker too", gateway));
+  const bool is_one_of_many = neighbours_.gateways().size() > most_told;
+  const auto count =
+      is_one_of_many ? newcomer_lines_.on_event(now) : std::optional<std::uint64_t>(1);
+  if (count)
+    log_event(Severity::notice,
+              fmt::format("gateway '{}' is on this broker too{}", gateway,
+                          *count > 1 ? fmt::format(" ({} like it)", *count) : ""));
   newcomer_timer_.expires_after(newcomer_delay);
   newcomer_timer_.async_wait([this](boost::system::error_code error) {
     if (error || !up_since_) return;

@@ -55,6 +55,8 @@ class FleetMember {
   /// After the broker has come, until the other gateways' presence has.
   static constexpr std::chrono::seconds settling{2};
   static constexpr std::chrono::seconds newcomer_delay{1};
+  /// Each of so many gateways has a line of the log when it comes; of more, a burst has one.
+  static constexpr std::size_t most_told = 16;
   static constexpr std::chrono::seconds tick_interval{1};
   /// A gateway withdraws within milliseconds what another one has taken.
   static constexpr std::chrono::milliseconds withdrawal_patience{300};
@@ -118,6 +120,7 @@ class FleetMember {
   sessions::SessionHost host_;
   boost::asio::steady_timer tick_;
   boost::asio::steady_timer newcomer_timer_;
+  LogThrottle newcomer_lines_;
   std::optional<TimePoint> up_since_;  ///< the broker
   bool sends_retained_ = false;        ///< it does, to subscriptions with wildcards
   TimePoint last_running_ = read_clocks().mono;
