@@ -289,7 +289,8 @@ class LifeReplay : public EventLog {
     if (frame_opcode_of(recorded) == echo) return frame_opcode_of(written) == echo;
     // The recorded gateway had a single address.
     if (frame_opcode_of(recorded) == local_unicast_set)
-      return std::ranges::equal(ByteView(recorded).first(4), ByteView(written).first(4));
+      return written.size() >= 4 &&
+             std::ranges::equal(ByteView(recorded).first(4), ByteView(written).first(4));
     return recorded == written;
   }
   static Bytes echoed(Bytes frame) {
