@@ -2,10 +2,12 @@
 // What the configuration says about MQTT-SN (`mqttsn.*`); defaults as in config/gateway.json.
 #pragma once
 
+#include <algorithm>
 #include <chrono>
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace slamgw::mqttsn {
@@ -17,12 +19,15 @@ struct PredefinedTopic {
   bool operator==(const PredefinedTopic&) const = default;
 };
 
+/// As otbr-agent and wpantund name what they make.
+inline bool is_thread_interface(std::string_view name) { return name.starts_with("wpan"); }
+
 enum class WhenFull : std::uint8_t { silent, reject };
 
 struct Settings {
   bool enabled = true;
   std::vector<std::string> listen = {"[::]:47193"};
-  std::string interface;                                   ///< empty: any
+  std::string interface = "auto";                          ///< or "*", or an interface's name
   std::optional<std::string> multicast_group = "ff03::1";  ///< nothing: no multicast
   std::uint8_t gateway_id = 1;                             ///< 1-255
   std::chrono::seconds advertise_interval{900};            ///< T_ADV, at most 65535 s
@@ -38,6 +43,17 @@ struct Settings {
   bool forwarders = true;
   bool disconnect_unknown = true;
   bool is_full_silent() const { return when_full == WhenFull::silent; }
+  bool is_auto() const { return interface == "auto"; }
+  /// `mqttsn.interface` names the one interface that the sockets are bound to.
+  bool names_interface() const { return !is_auto() && interface != "*"; }
+  /// At each address that this host has.
+  bool listens_widely() const {
+    return std::any_of(listen.begin(), listen.end(), [](const std::string& address) {
+      return address.starts_with("[::]:") || address.starts_with("0.0.0.0:");
+    });
+  }
+  /// Every network of this host is to reach the gateway, because the operator says so.
+  bool is_open_to_all() const { return interface == "*" && listens_widely(); }
   bool operator==(const Settings&) const = default;
 };
 

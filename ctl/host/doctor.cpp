@@ -122,9 +122,7 @@ class Examination {
 
   void thread() {
     if (!config_.mqttsn.enabled) return add("thread", Health::well, "not enabled (mqttsn.enabled)");
-    const std::string& wanted = config_.mqttsn.interface;
-    const InterfaceFacts* const interface = find_interface(wanted);
-    if (!wanted.empty()) thread_interface(wanted, interface);
+    interfaces();
     if (facts_.taken_port)
       add("thread: port", Health::problem,
           fmt::format("another program has UDP port {}", *facts_.taken_port),
@@ -132,7 +130,9 @@ class Examination {
                       "restart slam-gateway",
                       *facts_.taken_port));
     if (!facts_.is_running) return link("thread", "thread");
-    if (config_.mqttsn.multicast_group && (wanted.empty() || interface)) multicast(wanted);
+    const bool is_there =
+        !config_.mqttsn.names_interface() || find_interface(config_.mqttsn.interface) != nullptr;
+    if (config_.mqttsn.multicast_group && is_there) multicast();
     link("thread", "thread");
     places();
     if (facts_.is_search_answered) search();
@@ -185,6 +185,37 @@ class Examination {
     return found == facts_.interfaces.end() ? nullptr : &*found;
   }
 
+  void interfaces() {
+    const mqttsn::Settings& settings = config_.mqttsn;
+    if (settings.names_interface())
+      return thread_interface(settings.interface, find_interface(settings.interface));
+    if (settings.is_open_to_all())
+      return add("thread: interface", Health::warning,
+                 "every network of this host can reach MQTT-SN (mqttsn.interface is \"*\"), and "
+                 "whoever reaches it can act as any robot",
+                 "\"auto\" serves Thread and loopback only, \"wpan0\" that interface only");
+    if (!settings.is_auto() || !settings.listens_widely()) return;
+    for (const InterfaceFacts& each : facts_.interfaces) {
+      if (mqttsn::is_thread_interface(each.name)) thread_interface(each.name, &each);
+    }
+    if (!has_thread())
+      add("thread: interface", Health::well,
+          "there is no Thread interface (wpan*), so all networks are served until there is one");
+  }
+
+  bool has_thread() const {
+    return std::ranges::any_of(facts_.interfaces, [](const InterfaceFacts& each) {
+      return mqttsn::is_thread_interface(each.name);
+    });
+  }
+
+  /// Robots are expected there; with `auto`, nobody searches over loopback.
+  bool is_for_robots(const std::string& interface) const {
+    const mqttsn::Settings& settings = config_.mqttsn;
+    if (settings.names_interface()) return interface == settings.interface;
+    return !settings.is_auto() || !has_thread() || mqttsn::is_thread_interface(interface);
+  }
+
   void thread_interface(const std::string& name, const InterfaceFacts* interface) {
     const char* const remedy =
         "systemctl status otbr-agent; sudo ot-ctl state (leader, router or child when it is "
@@ -202,11 +233,11 @@ class Examination {
     add("thread: interface", Health::well, name + " is up, " + *address);
   }
 
-  void multicast(const std::string& wanted) {
+  void multicast() {
     const std::string& group = *config_.mqttsn.multicast_group;
     for (const InterfaceFacts& interface : facts_.interfaces) {
       const auto& groups = interface.multicast_groups;
-      if ((wanted.empty() || interface.name == wanted) &&
+      if (is_for_robots(interface.name) &&
           std::find(groups.begin(), groups.end(), group) != groups.end())
         return add("thread: multicast", Health::well,
                    fmt::format("{} is joined on {}", group, interface.name));
@@ -524,7 +555,7 @@ udp::endpoint endpoint_of(const std::string& listen) {
 std::optional<bool> search(const mqttsn::Settings& settings) {
   const auto listen = std::ranges::find_if(
       settings.listen, [](const std::string& each) { return each.starts_with("[::]:"); });
-  if (!settings.enabled || !settings.interface.empty() || listen == settings.listen.end())
+  if (!settings.enabled || settings.names_interface() || listen == settings.listen.end())
     return std::nullopt;
   boost::asio::io_context io;
   boost::system::error_code error;

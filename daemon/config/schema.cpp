@@ -266,8 +266,8 @@ constexpr auto mqttsn_keys = std::to_array<SchemaKey>({
     {"mqttsn.interface",
      [](Value v, Config& c) {
        std::optional<std::string> name;
-       v.text(name, is_interface_name, "the name of a network interface");
-       c.mqttsn.interface = name.value_or("");
+       v.text(name, is_interface_name, "\"auto\", \"*\", or the name of a network interface");
+       c.mqttsn.interface = name.value_or("auto");
      }},
     {"mqttsn.multicast_group",
      [](Value v, Config& c) {

@@ -84,6 +84,7 @@ TEST(ParseConfig, TakesNullForWhatIsNotSet) {
       "robots": [{"id": "a", "ble_address": null, "mqttsn_client_id": "c", "address": null},
                  {"id": "b", "address": "192.0.2.7"}]})");
   EXPECT_EQ(parsed.lines_of_problems, "");
+  EXPECT_EQ(parsed.config.mqttsn.interface, "auto");
   EXPECT_FALSE(parsed.config.robots.at(0).address);
   EXPECT_EQ(parsed.config.robots.at(1).address, "192.0.2.7");
   EXPECT_FALSE(parsed.config.ble_mesh.will);

@@ -270,7 +270,7 @@ INSTANTIATE_TEST_SUITE_P(
         Case{R"({"mqttsn": {"listen": ["1.2.3.4:65536"]}})",
              "g.json:1: mqttsn.listen[0]: ", "IPv4:PORT"},
         Case{R"({"mqttsn": {"interface": "a/b"}})",
-             "g.json:1: mqttsn.interface: ", "a network interface"},
+             "g.json:1: mqttsn.interface: ", "\"auto\", \"*\", or the name of a network interface"},
         Case{R"({"mqttsn": {"multicast_group": "fd00::1"}})",
              "g.json:1: mqttsn.multicast_group: ", "multicast address"},
         Case{R"({"mqttsn": {"multicast_group": "223.1.1.1"}})",

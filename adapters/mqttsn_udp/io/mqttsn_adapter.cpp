@@ -2,6 +2,7 @@
 #include "adapters/mqttsn_udp/io/mqttsn_adapter.hpp"
 
 #include <fmt/format.h>
+#include <net/if.h>
 
 #include <algorithm>
 #include <nlohmann/json.hpp>
@@ -21,6 +22,9 @@ constexpr std::chrono::seconds watch_interval{10};
 constexpr const char* interface_advice =
     ": the Thread border router makes it, see systemctl status otbr-agent (older ones: wpantund); "
     "another name goes into mqttsn.interface";
+constexpr const char* open_to_all =
+    "MQTT-SN serves every network of this host, because mqttsn.interface is \"*\": whoever reaches "
+    "its port can act as any robot; \"auto\" serves Thread and loopback only";
 
 }  // namespace
 
@@ -57,7 +61,10 @@ void MqttsnAdapter::start() {
   }
   interfaces_ = read_network_interfaces();
   interface_index_ = index_of_interface();
-  if (settings_.interface.empty() || interface_index_ != 0) {
+  only_thread_ = thread_interfaces();
+  if (settings_.is_open_to_all())
+    listener_.on_mesh_event(Notice{Severity::warning, open_to_all, {}});
+  if (!settings_.names_interface() || interface_index_ != 0) {
     open();
   } else {
     report_link(false, "there is no interface " + settings_.interface + " yet" + interface_advice);
@@ -90,19 +97,29 @@ void MqttsnAdapter::open() {
                    [this](const auto& listen) { return descriptors_->take(kept_name(listen)); });
     descriptors_->drop_rest();  // they may hold the ports that are bound next
   }
-  std::string where;
+  where_.clear();
   for (std::size_t i = 0; i < settings_.listen.size(); ++i) {
     const std::string& listen = settings_.listen[i];
     sockets_.push_back(
-        std::make_shared<UdpSocket>(io_, listen, settings_.interface, std::exchange(kept[i], -1)));
+        std::make_shared<UdpSocket>(io_, listen, bound_to(), std::exchange(kept[i], -1)));
     if (descriptors_ && !sockets_.back()->is_taken_over())
       descriptors_->keep(kept_name(listen), sockets_.back()->descriptor());
     const auto index = static_cast<std::uint8_t>(i);
     sockets_.back()->start(std::bind_front(&MqttsnAdapter::on_datagram, this, index));
-    where += fmt::format("{}{}:{}", where.empty() ? "" : ", ", listen.substr(0, listen.rfind(':')),
-                         sockets_.back()->port());
+    where_ += fmt::format("{}{}:{}", where_.empty() ? "UDP " : ", ",
+                          listen.substr(0, listen.rfind(':')), sockets_.back()->port());
   }
-  report_link(true, "UDP " + where);
+  report_open();
+}
+
+void MqttsnAdapter::report_open() {
+  std::string detail = where_;
+  if (!only_thread_.empty()) {
+    detail += fmt::format(", only from {} and loopback", only_thread_);
+  } else if (settings_.is_auto() && settings_.listens_widely()) {
+    detail += ", from all networks";
+  }
+  report_link(true, std::move(detail));
 }
 
 void MqttsnAdapter::close() {
@@ -118,8 +135,8 @@ void MqttsnAdapter::close() {
 
 /// Says all that a kept socket must fit and cannot be asked for. systemd allows no colons.
 std::string MqttsnAdapter::kept_name(const std::string& listen) const {
-  std::string name = fmt::format("mqttsn,{},{},{}", listen, settings_.interface,
-                                 settings_.multicast_group.value_or(""));
+  std::string name =
+      fmt::format("mqttsn,{},{},{}", listen, bound_to(), settings_.multicast_group.value_or(""));
   std::replace(name.begin(), name.end(), ':', '.');
   return name;
 }
@@ -152,14 +169,16 @@ Counters MqttsnAdapter::counters() const {
   }
   counters.push_back({"kernel_drops", dropped});
   counters.push_back({"truncated", truncated_});
+  counters.push_back({"from_unserved_networks", unserved_});
   counters.push_back({"sends_failed", sends_failed});
   return counters;
 }
 
 void MqttsnAdapter::on_datagram(std::uint8_t socket, const UdpSocket::Datagram& datagram) {
+  if (!is_served(datagram.interface)) return drop_unserved(datagram);
   if (datagram.is_truncated) ++truncated_;  // too long for the machine too, which counts it
   // A socket that is bound to an interface needs no index to find it, also when it is made again.
-  const std::uint32_t interface = settings_.interface.empty() ? datagram.interface : 0;
+  const std::uint32_t interface = settings_.names_interface() ? 0 : datagram.interface;
   LocalAddress to{datagram.to, interface, socket};
   if (is_multicast(datagram.to)) {
     const NetworkInterface* from = find_interface(datagram.interface);
@@ -168,6 +187,20 @@ void MqttsnAdapter::on_datagram(std::uint8_t socket, const UdpSocket::Datagram& 
     to.address = *source;
   }
   driver_->on_datagram(datagram.from, to, datagram.bytes, read_clocks());
+}
+
+void MqttsnAdapter::drop_unserved(const UdpSocket::Datagram& datagram) {
+  ++unserved_;
+  const auto count = unserved_lines_.on_event(read_clocks().mono);
+  if (!count) return;
+  const NetworkInterface* from = find_interface(datagram.interface);
+  listener_.on_mesh_event(Notice{
+      Severity::notice,
+      fmt::format("{} datagrams from networks that are not served were dropped, the last one from "
+                  "{} over {}; mqttsn.interface says what is served",
+                  *count, to_string(Peer{datagram.from, {}}),
+                  from ? from->name : fmt::format("interface {}", datagram.interface)),
+      {}});
 }
 
 void MqttsnAdapter::perform(SendDatagram& action) {
@@ -189,7 +222,7 @@ void MqttsnAdapter::perform(SendDatagram& action) {
 void MqttsnAdapter::perform(SendMulticast& action) {
   for (const NetworkInterface& interface : interfaces_) {
     const bool is_asked = action.interface == 0 || action.interface == interface.index;
-    if (is_asked && is_served(interface)) advertise_on(interface, action.bytes);
+    if (is_asked && takes_multicast(interface)) advertise_on(interface, action.bytes);
   }
 }
 
@@ -222,7 +255,11 @@ void MqttsnAdapter::save_for_answers() {
 
 void MqttsnAdapter::watch_interfaces() {
   interfaces_ = read_network_interfaces();
-  if (!settings_.interface.empty()) follow_interface();
+  if (settings_.names_interface()) follow_interface();
+  if (std::string thread = thread_interfaces(); thread != only_thread_) {
+    only_thread_ = std::move(thread);
+    report_open();
+  }
   if (settings_.multicast_group) serve_multicast();
   check_interfaces_in(watch_interval);
 }
@@ -260,7 +297,10 @@ void MqttsnAdapter::serve_multicast() {
     return !interface || !interface->has_carrier;
   });
   for (const NetworkInterface& interface : interfaces_) {
-    if (!is_served(interface)) continue;
+    if (!takes_multicast(interface)) {
+      for (const auto& socket : sockets_) socket->leave(group, interface.index);
+      continue;
+    }
     for (const auto& socket : sockets_) socket->join(group, interface.index);
     const auto source = lasting_address(interface);
     const auto past = advertised_from_.find(interface.index);
@@ -281,9 +321,31 @@ const NetworkInterface* MqttsnAdapter::find_interface(std::uint32_t index) const
   return found == interfaces_.end() ? nullptr : &*found;
 }
 
-bool MqttsnAdapter::is_served(const NetworkInterface& interface) const {
-  return interface.takes_multicast &&
-         (settings_.interface.empty() || settings_.interface == interface.name);
+bool MqttsnAdapter::is_served(std::uint32_t interface) const {
+  if (only_thread_.empty()) return true;  // or the socket is bound to the one that is
+  if (const NetworkInterface* const known = find_interface(interface))
+    return known->is_loopback || is_thread_interface(known->name);
+  char name[IF_NAMESIZE] = {};  // it was made since the last check
+  return if_indextoname(interface, name) && is_thread_interface(name);
+}
+
+bool MqttsnAdapter::takes_multicast(const NetworkInterface& interface) const {
+  return interface.takes_multicast && is_served(interface.index) &&
+         (!settings_.names_interface() || settings_.interface == interface.name);
+}
+
+std::string MqttsnAdapter::bound_to() const {
+  return settings_.names_interface() ? settings_.interface : "";
+}
+
+/// With `auto`, the names of those that are there, and nothing else but loopback is served.
+std::string MqttsnAdapter::thread_interfaces() const {
+  std::string names;
+  for (const NetworkInterface& interface : interfaces_) {
+    if (settings_.is_auto() && is_thread_interface(interface.name))
+      names += (names.empty() ? "" : ", ") + interface.name;
+  }
+  return names;
 }
 
 /// Of `mqttsn.interface`; 0 when there is none (now).

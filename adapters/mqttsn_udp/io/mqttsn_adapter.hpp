@@ -17,6 +17,7 @@
 #include "adapters/mqttsn_udp/io/udp_socket.hpp"
 #include "adapters/mqttsn_udp/sn_gateway.hpp"
 #include "daemon/core/adapter.hpp"
+#include "daemon/core/log_throttle.hpp"
 #include "daemon/runtime/descriptor_store.hpp"
 #include "daemon/runtime/interface_watch.hpp"
 #include "daemon/runtime/mesh_shell.hpp"
@@ -55,6 +56,7 @@ class MqttsnAdapter final : public MeshShell<SnGateway> {
   MachineDriver<SnGateway>& driver() override { return driver_; }
   const MachineDriver<SnGateway>& driver() const override { return driver_; }
   void on_datagram(std::uint8_t socket, const UdpSocket::Datagram& datagram);
+  void drop_unserved(const UdpSocket::Datagram& datagram);
   void perform(SendDatagram& action);
   void perform(SendMulticast& action);
   void perform(MeshEvent& event);
@@ -70,8 +72,12 @@ class MqttsnAdapter final : public MeshShell<SnGateway> {
   void advertise_on(const NetworkInterface& interface, ByteView bytes);
   std::optional<IpAddress> lasting_address(const NetworkInterface& interface) const;
   const NetworkInterface* find_interface(std::uint32_t index) const;
-  bool is_served(const NetworkInterface& interface) const;
+  bool is_served(std::uint32_t interface) const;
+  bool takes_multicast(const NetworkInterface& interface) const;
+  std::string bound_to() const;
+  std::string thread_interfaces() const;
   std::uint32_t index_of_interface() const;
+  void report_open();
   void report_link(bool is_up, std::string detail);
 
   const Settings settings_;
@@ -81,14 +87,18 @@ class MqttsnAdapter final : public MeshShell<SnGateway> {
   SnGateway gateway_;
   MachineDriver<SnGateway> driver_;
   std::optional<SessionKeeper> keeper_;
-  std::vector<std::shared_ptr<UdpSocket>> sockets_;     // none while the interface is away
-  std::uint32_t interface_index_ = 0;                   // of `mqttsn.interface`; 0: it is away
+  std::vector<std::shared_ptr<UdpSocket>> sockets_;  // none while the interface is away
+  std::string where_;                                // what the sockets listen on
+  std::uint32_t interface_index_ = 0;                // of `mqttsn.interface`; 0: it is away
+  std::string only_thread_;  // names of the interfaces served beside loopback; empty: all are
   std::vector<NetworkInterface> interfaces_;            // as of the last check
   std::map<std::uint32_t, IpAddress> advertised_from_;  // by interface; the last successful ones
   std::shared_ptr<InterfaceWatch> interface_watch_;
   boost::asio::steady_timer watch_timer_;
   std::uint64_t sends_failed_ = 0;  ///< for want of a socket, and on sockets that were closed
   std::uint64_t truncated_ = 0;
+  std::uint64_t unserved_ = 0;
+  LogThrottle unserved_lines_{std::chrono::minutes{1}};
 };
 
 }  // namespace slamgw::mqttsn

@@ -42,6 +42,7 @@ NetworkInterface& entry(std::vector<NetworkInterface>& interfaces, const ifaddrs
   NetworkInterface added;
   added.index = if_nametoindex(of.ifa_name);
   added.name = of.ifa_name;
+  added.is_loopback = (of.ifa_flags & IFF_LOOPBACK) != 0;
   added.takes_multicast =
       (of.ifa_flags & IFF_UP) != 0 && (of.ifa_flags & (IFF_MULTICAST | IFF_LOOPBACK)) != 0;
   added.has_carrier = (of.ifa_flags & IFF_RUNNING) != 0;

@@ -13,6 +13,7 @@ namespace slamgw::mqttsn {
 struct NetworkInterface {
   std::uint32_t index = 0;  ///< another one each time that the interface is made
   std::string name;
+  bool is_loopback = false;
   bool takes_multicast = false;  ///< it is up, and knows multicast or is loopback
   bool has_carrier = false;      ///< what is sent there is not lost at once
   std::vector<IpAddress> addresses;

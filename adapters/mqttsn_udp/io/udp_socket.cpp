@@ -435,6 +435,15 @@ bool UdpSocket::transmit(const OutgoingDatagram& datagram) {
 }
 
 bool UdpSocket::join(const asio::ip::address& group, std::uint32_t interface) {
+  return change_membership(true, group, interface) || errno == EADDRINUSE;
+}
+
+void UdpSocket::leave(const asio::ip::address& group, std::uint32_t interface) {
+  change_membership(false, group, interface);
+}
+
+bool UdpSocket::change_membership(bool is_member, const asio::ip::address& group,
+                                  std::uint32_t interface) {
   if (!can_reach(from_asio({group, 0}).address)) return false;
   int result = 0;
   if (group.is_v6()) {
@@ -442,17 +451,18 @@ bool UdpSocket::join(const asio::ip::address& group, std::uint32_t interface) {
     const auto octets = group.to_v6().to_bytes();
     std::memcpy(&request.ipv6mr_multiaddr, octets.data(), octets.size());
     request.ipv6mr_interface = interface;
-    result = setsockopt(socket_.native_handle(), IPPROTO_IPV6, IPV6_JOIN_GROUP, &request,
-                        sizeof request);
+    result = setsockopt(socket_.native_handle(), IPPROTO_IPV6,
+                        is_member ? IPV6_JOIN_GROUP : IPV6_LEAVE_GROUP, &request, sizeof request);
   } else {
     ip_mreqn request{};
     const auto octets = group.to_v4().to_bytes();
     std::memcpy(&request.imr_multiaddr, octets.data(), octets.size());
     request.imr_ifindex = static_cast<int>(interface);
-    result = setsockopt(socket_.native_handle(), IPPROTO_IP, IP_ADD_MEMBERSHIP, &request,
-                        sizeof request);
+    result =
+        setsockopt(socket_.native_handle(), IPPROTO_IP,
+                   is_member ? IP_ADD_MEMBERSHIP : IP_DROP_MEMBERSHIP, &request, sizeof request);
   }
-  return result == 0 || errno == EADDRINUSE;
+  return result == 0;
 }
 
 Endpoint from_asio(const udp::endpoint& endpoint) {

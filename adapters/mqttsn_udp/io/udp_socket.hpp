@@ -97,6 +97,7 @@ class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
   bool is_amid_others() const { return is_receiving_ && !is_at_last_; }
   /// Joins `group` there; true also when it had been joined before.
   bool join(const boost::asio::ip::address& group, std::uint32_t interface);
+  void leave(const boost::asio::ip::address& group, std::uint32_t interface);
 
   std::uint16_t port() const { return port_; }
   int descriptor() { return socket_.native_handle(); }
@@ -122,6 +123,8 @@ class UdpSocket : public std::enable_shared_from_this<UdpSocket> {
   bool receive_batch();
   void send_again(OutgoingDatagram& datagram);
   bool transmit(const OutgoingDatagram& datagram);
+  bool change_membership(bool is_member, const boost::asio::ip::address& group,
+                         std::uint32_t interface);
 
   boost::asio::ip::udp::socket socket_;
   bool is_ipv6_ = false;

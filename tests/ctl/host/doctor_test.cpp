@@ -49,6 +49,26 @@ TEST(Doctor, FindsNothingWhereAllIsWell) {
   EXPECT_FALSE(has_problem(examine(healthy())));
 }
 
+TEST(Doctor, RemindsThatAllNetworksAreServedOnPurpose) {
+  HostFacts facts = healthy();
+  facts.configuration.config.mqttsn.interface = "*";
+  EXPECT_EQ(problems_of(facts), "thread: interface; ");
+  EXPECT_FALSE(has_problem(examine(facts)));
+  facts.configuration.config.mqttsn.listen = {"127.0.0.1:47193"};
+  EXPECT_EQ(problems_of(facts), "") << "no network reaches it";
+}
+
+TEST(Doctor, FollowsTheThreadInterfacesThatThereAre) {
+  HostFacts facts = healthy();
+  facts.interfaces.push_back({"eth0", true, {"192.0.2.7"}, {"ff02::1", "ff03::1"}});
+  facts.interfaces[0].multicast_groups.clear();
+  EXPECT_EQ(problems_of(facts), "thread: multicast; ") << "eth0 is not served";
+  facts.interfaces[0].is_up = false;
+  EXPECT_EQ(problems_of(facts), "thread: interface; thread: multicast; ");
+  facts.interfaces.erase(facts.interfaces.begin());
+  EXPECT_EQ(problems_of(facts), "") << "then all networks are served";
+}
+
 TEST(Doctor, NamesEachStepThatIsBroken) {
   HostFacts facts = healthy();
   facts.status = nullptr;

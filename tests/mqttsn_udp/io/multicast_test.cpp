@@ -94,6 +94,101 @@ TEST_F(Multicast, ServesItsOwnInterfaceOnly) {
   EXPECT_EQ(receive(rig.io, on_thread), "CONNACK code=0");
 }
 
+/// `mqttsn.interface` as it is by default.
+class ServedByItself : public Multicast {
+ protected:
+  /// What a CONNECT from there is answered, to the address that clients there know.
+  std::string answer(UdpRig& rig, const std::string& from) {
+    const bool is_near = from == "lo";
+    udp::socket client = is_near           ? udp::socket(rig.io, {make_address("127.0.0.1"), 0})
+                         : from == "wpan0" ? robot(rig.io, from, "fd00:db8::2")
+                                           : robot(rig.io, from, "198.51.100.2");
+    client.non_blocking(true);
+    const std::string to = is_near ? "127.0.0.1" : from == "wpan0" ? eid : "198.51.100.1";
+    client.send_to(boost::asio::buffer(encode(Connect{false, true, 1, 60, from + "-robot"})),
+                   {make_address(to), port});
+    return receive(rig.io, client, nullptr, std::chrono::milliseconds(300));
+  }
+  /// Soon after the interfaces have changed.
+  bool comes_to(UdpRig& rig, const std::string& detail) {
+    return test::eventually(rig.io, [&] { return rig.core.links.back().detail == detail; });
+  }
+  static std::uint64_t dropped(UdpRig& rig) {
+    for (const Counter& counter : rig.adapter.counters()) {
+      if (counter.name == "from_unserved_networks") return counter.value;
+    }
+    return 0;
+  }
+
+  const std::string thread_only = "UDP [::]:47193, only from wpan0 and loopback";
+  const std::string all_networks = "UDP [::]:47193, from all networks";
+  const std::string accepted = "CONNACK code=0";
+};
+
+TEST_F(ServedByItself, AreThreadAndLoopback) {
+  UdpRig rig = UdpRig::as_is(settings(Settings{}.interface));
+  EXPECT_EQ(rig.core.links.back().detail, thread_only);
+  EXPECT_EQ(answer(rig, "lo"), accepted);
+  EXPECT_EQ(answer(rig, "wpan0"), accepted);
+  EXPECT_EQ(dropped(rig), 0U);
+  EXPECT_EQ(answer(rig, "eth0"), "nothing");
+  EXPECT_EQ(answer(rig, "eth0"), "nothing");
+  EXPECT_EQ(dropped(rig), 2U);
+  ASSERT_EQ(rig.core.notices.size(), 1U) << "one line for a burst";
+  EXPECT_EQ(rig.core.notices[0].find("1 datagrams from networks that are not served"), 0U);
+  EXPECT_NE(rig.core.notices[0].find("over eth0;"), std::string::npos) << rig.core.notices[0];
+}
+
+TEST_F(ServedByItself, AreNotTheThreadAddressesOverAnotherWire) {
+  UdpRig rig = UdpRig::as_is(settings("auto"));
+  udp::socket client = robot(rig.io, "eth0", "198.51.100.2");
+  client.send_to(boost::asio::buffer(encode(Connect{false, true, 1, 60, "intruder"})),
+                 {make_address("192.0.2.1"), port});
+  EXPECT_EQ(receive(rig.io, client, nullptr, std::chrono::milliseconds(100)), "nothing");
+}
+
+TEST_F(ServedByItself, AreAllNetworksUntilAThreadInterfaceComes) {
+  unplug("wpan0");
+  UdpRig rig = UdpRig::as_is(settings("auto"));
+  EXPECT_EQ(rig.core.links.back().detail, all_networks);
+  EXPECT_EQ(answer(rig, "eth0"), accepted);
+  EXPECT_EQ(answer(rig, "lo"), accepted);
+
+  plug("wpan0");
+  ASSERT_TRUE(comes_to(rig, thread_only));
+  udp::socket on_thread = robot(rig.io, "wpan0", "fd00:db8::2");
+  search(on_thread);
+  EXPECT_EQ(receive(rig.io, on_thread), "GWINFO gw=1 address=");
+  EXPECT_EQ(answer(rig, "wpan0"), accepted);
+  EXPECT_EQ(answer(rig, "lo"), accepted);
+  EXPECT_EQ(answer(rig, "eth0"), "nothing");
+  udp::socket on_lan = robot(rig.io, "eth0", "::");
+  const std::uint64_t before = dropped(rig);
+  search(on_lan);
+  EXPECT_EQ(receive(rig.io, on_lan, nullptr, std::chrono::milliseconds(50)), "nothing");
+  EXPECT_EQ(dropped(rig), before) << "the group was left there";
+
+  unplug("wpan0");
+  ASSERT_TRUE(comes_to(rig, all_networks));
+  EXPECT_EQ(answer(rig, "lo"), accepted);
+  EXPECT_EQ(answer(rig, "eth0"), accepted);
+  search(on_lan);
+  EXPECT_EQ(receive(rig.io, on_lan), "GWINFO gw=1 address=");
+  EXPECT_TRUE(rig.core.links.back().is_up);
+}
+
+TEST_F(ServedByItself, AreAllNetworksOnlyWithAReminder) {
+  UdpRig rig = UdpRig::as_is(settings("*"));
+  EXPECT_EQ(answer(rig, "eth0"), accepted);
+  ASSERT_EQ(rig.core.notices.size(), 1U);
+  EXPECT_EQ(rig.core.notices[0].find("MQTT-SN serves every network of this host"), 0U);
+
+  Settings near = settings("*");
+  near.listen = {"127.0.0.1:0"};
+  UdpRig quiet = UdpRig::as_is(near);
+  EXPECT_TRUE(quiet.core.notices.empty()) << "no network reaches it";
+}
+
 TEST_F(Multicast, R19_HearsIpv4GroupsOnASocketForBoth) {
   Settings both = settings();
   both.multicast_group = "239.9.9.9";
@@ -161,15 +256,15 @@ TEST_F(Multicast, R16_KeepsSilentWhileItOnlyHasLocators) {
 }
 
 TEST_F(Multicast, R11_AdvertisesWhereAnInterfaceComesBack) {
-  for (const std::string bound_to : {"", "wpan0"}) {
+  for (const std::string served : {"*", "auto", "wpan0"}) {
     boost::asio::io_context io;
     udp::socket on_thread = robot(io, "wpan0", "::", port);
     udp::socket on_lan = robot(io, "eth0", "::", port);
     join(on_thread, "wpan0");
     join(on_lan, "eth0");
-    UdpRig rig = UdpRig::as_is(settings(bound_to));
+    UdpRig rig = UdpRig::as_is(settings(served));
     ASSERT_EQ(receive(rig.io, on_thread), "ADVERTISE gw=1 duration=900");
-    if (bound_to.empty()) {
+    if (served == "*") {
       ASSERT_EQ(receive(rig.io, on_lan), "ADVERTISE gw=1 duration=900");
     }
     remake("wpan0");

@@ -51,7 +51,7 @@ class ThreadNetwork : public testing::Test {
       ASSERT_TRUE(test::eventually([&] { return has_carrier(*host, name); }));
   }
 
-  static Settings settings(const std::string& interface = "") {
+  static Settings settings(const std::string& interface = "*") {
     Settings settings;
     settings.listen = {"[::]:47193"};
     settings.interface = interface;

@@ -24,6 +24,7 @@ class FakeCore final : public MeshListener {
       if (report->receipt.is_owed()) adapter->on_receipt(report->receipt.id, ReceiptOutcome::safe);
     }
     if (auto* link = std::get_if<LinkChange>(&event)) links.push_back(*link);
+    if (auto* notice = std::get_if<Notice>(&event)) notices.push_back(notice->text);
   }
   /// Of the socket number `index`, as the link's detail says it: "UDP 127.0.0.1:47193,
   /// [::1]:47193".
@@ -36,6 +37,7 @@ class FakeCore final : public MeshListener {
   MeshAdapter* adapter = nullptr;
   std::vector<Report> reports;
   std::vector<LinkChange> links;
+  std::vector<std::string> notices;
 };
 
 class UdpRig {
