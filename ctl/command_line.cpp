@@ -266,6 +266,8 @@ void add_host_tasks(CLI::App& app, Arguments& a) {
   add("unban", HostTask::Kind::unban, "Take back a ban")
       ->add_option("WHO", a.task.who, "As it was given to ban")
       ->required();
+  add("audit", HostTask::Kind::audit, "Who asked the gateway for what, from the journal")
+      ->add_option("--robot", a.task.robot, "Only what is about this robot");
   add_with_file("report", HostTask::Kind::report, "What support needs to see, without secrets");
 }
 

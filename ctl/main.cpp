@@ -19,6 +19,7 @@
 #include "ctl/command_line.hpp"
 #include "ctl/connection.hpp"
 #include "ctl/host/archives.hpp"
+#include "ctl/host/audit.hpp"
 #include "ctl/host/doctor.hpp"
 #include "ctl/host/recording.hpp"
 #include "ctl/show.hpp"
@@ -306,20 +307,32 @@ bool may_replace(const std::string& files) {
   return answer == "y" || answer == "Y" || answer == "yes";
 }
 
+int audit(const HostTask& task) {
+  const auto entries = read_audit(task.robot);
+  std::cout << (task.json ? slamgw::control::to_line(entries) : audit_text(entries));
+  return 0;
+}
+
 int run(const HostTask& task) {
   const Installation installation(task.configuration);
   std::string text;
   switch (task.kind) {
     case HostTask::Kind::doctor: return doctor(installation, task);
     case HostTask::Kind::replay: return replay(installation, task);
+    case HostTask::Kind::audit: return audit(task);
     case HostTask::Kind::backup: text = backup(installation, task.file); break;
     case HostTask::Kind::restore:
-      text = restore(installation, task.file, [&](const std::string& files) {
-        return task.is_confirmed || may_replace(files);
+      text = recorded({"restore", {}}, [&] {
+        return restore(installation, task.file, [&](const std::string& files) {
+          return task.is_confirmed || may_replace(files);
+        });
       });
       break;
     case HostTask::Kind::ban:
-    case HostTask::Kind::unban: text = change_bans_and_reload(installation, task); break;
+    case HostTask::Kind::unban:
+      text = recorded({task.kind == HostTask::Kind::ban ? "ban" : "unban", task.who},
+                      [&] { return change_bans_and_reload(installation, task); });
+      break;
     case HostTask::Kind::report: text = report(installation, task.socket, task.file); break;
   }
   std::cout << (task.json ? slamgw::control::to_line({{"file", task.file}, {"text", text}}) : text);

@@ -14,6 +14,7 @@
 #include "daemon/config/io/load.hpp"
 #include "daemon/core/result.hpp"
 #include "daemon/core/utf8.hpp"
+#include "daemon/observability/audit_notice.hpp"
 #include "daemon/observability/log.hpp"
 
 namespace slamgw {
@@ -42,6 +43,15 @@ Gateway::Settings gateway_settings(const Config& config, const Now& started) {
   settings.retain = config.topics.retain;
   settings.probes_rights = true;
   return settings;
+}
+
+/// Writes to the audit trail before it answers, also when the client has gone.
+OrderDone record(const std::string& who, const std::optional<AuditedOrder>& order, OrderDone done) {
+  if (!order) return done;
+  return [who, order = *order, done = std::move(done)](OrderAnswer answer) {
+    log_notice(audit_notice(who, order, answer.error));
+    done(std::move(answer));
+  };
 }
 
 std::set<std::string> ids_of(const std::vector<RobotName>& robots) {
@@ -156,13 +166,19 @@ void App::wait_for_signal() {
     if (error) return;
     if (signal != SIGHUP) return stop();
     notifier_.reloading();
-    reload();
+    reload("SIGHUP");
     notifier_.ready();
     wait_for_signal();
   });
 }
 
-OrderAnswer App::reload() {
+OrderAnswer App::reload(const std::string& who) {
+  OrderAnswer answer = read_configuration();
+  log_notice(audit_notice(who, {"reload", {}}, answer.error));
+  return answer;
+}
+
+OrderAnswer App::read_configuration() {
   ParseResult result = load_config(config_file_);
   if (!result.problems.empty()) {
     const std::string refusal = "the configuration was not changed: fix the file, then reload";
@@ -255,7 +271,8 @@ void App::publish_stats_regularly() {
     warn_of_lost_messages();
     publish_stats();
     traffic_log_.write_overdue(read_clocks().mono);
-    for (const auto& summary : {presence_lines_.summary(), unproven_lines_.summary()})
+    for (const auto& summary :
+         {presence_lines_.summary(), unproven_lines_.summary(), command_lines_.summary()})
       if (summary) log_notice(*summary);
     flush_log();
     publish_stats_regularly();
@@ -317,7 +334,9 @@ void App::perform(MeshStep& step) {
 }
 
 void App::perform(Notice& notice) {
-  if (presence_lines_.may_write(notice, read_clocks().mono)) log_notice(notice);
+  const TimePoint now = read_clocks().mono;
+  if (presence_lines_.may_write(notice, now) && command_lines_.may_write(notice, now))
+    log_notice(notice);
 }
 
 void App::perform(FireReceipt& action) {
@@ -360,31 +379,35 @@ void App::on_watched(bool is_watched) {
   outbox_driver_->on_trace(is_watched);
 }
 
-void App::send(const std::string& robot, const std::string& type, Bytes payload,
-               std::function<void(nlohmann::json)> done) {
+void App::send(const std::string& who, const std::string& robot, const std::string& type,
+               Bytes payload, std::function<void(nlohmann::json)> done) {
   // The outcome is performed when `gateway` ends; by then `done` is registered.
   MachineDriver<Gateway>::Input gateway(gateway_driver_);
   const auto submit = [&](const std::string& to, const std::string& what, Bytes bytes) {
-    return gateway->commands().on_operator_command(to, what, std::move(bytes), read_clocks());
+    return gateway->commands().on_operator_command(who, to, what, std::move(bytes), read_clocks());
   };
-  operator_commands_.send(robot, type, std::move(payload), submit, std::move(done));
+  const std::string refusal =
+      operator_commands_.send(robot, type, std::move(payload), submit, std::move(done));
+  if (!refusal.empty()) log_notice(audit_notice(who, {"command " + type, robot}, refusal));
 }
 
-OrderAnswer App::forget(const std::string& robot) {
+OrderAnswer App::forget(const std::string& who, const std::string& robot) {
   const bool was_known = gateway_.registry().find(robot) != nullptr;
   const std::string problem = gateway_driver_->forget(robot);
+  log_notice(audit_notice(who, {"forget", robot}, problem));
   if (!problem.empty()) return {{}, problem};
   meshes_.each(&MeshAdapter::forget, robot);
-  log_event(Severity::notice, fmt::format("{} is forgotten, as an operator asked", robot));
   return {nlohmann::json{{"forgotten", robot}, {"was_known", was_known}}.dump(), {}};
 }
 
-void App::manage_store(StoreOrder order, OrderDone done) {
-  store_.perform(std::move(order), std::move(done));
+void App::manage_store(const std::string& who, StoreOrder order, OrderDone done) {
+  OrderDone recorded = record(who, audited(order), std::move(done));
+  store_.perform(std::move(order), std::move(recorded));
 }
 
-void App::manage_ble(BleOrder order, OrderDone done) {
-  meshes_.manage_ble(std::move(order), std::move(done));
+void App::manage_ble(const std::string& who, BleOrder order, OrderDone done) {
+  OrderDone recorded = record(who, audited(order), std::move(done));
+  meshes_.manage_ble(std::move(order), std::move(recorded));
 }
 
 // --- The meshes and the broker -------------------------------------------------------------------

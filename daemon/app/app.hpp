@@ -50,8 +50,9 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   void start_meshes();
   void start_control();
   void wait_for_signal();
-  OrderAnswer reload() override;
-  OrderAnswer forget(const std::string& robot) override;
+  OrderAnswer reload(const std::string& who) override;
+  OrderAnswer read_configuration();
+  OrderAnswer forget(const std::string& who, const std::string& robot) override;
   void report_configured_robots();
   void publish_offline_at(const BrokerSettings& left);
   /// Puts in force what can change while the daemon runs.
@@ -101,10 +102,10 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   nlohmann::json fleet() override;
   OrderAnswer mqttsn_clients(const std::optional<std::string>& robot) override;
   void on_watched(bool is_watched) override;
-  void send(const std::string& robot, const std::string& type, Bytes payload,
-            std::function<void(nlohmann::json)> done) override;
-  void manage_ble(BleOrder order, OrderDone done) override;
-  void manage_store(StoreOrder order, OrderDone done) override;
+  void send(const std::string& who, const std::string& robot, const std::string& type,
+            Bytes payload, std::function<void(nlohmann::json)> done) override;
+  void manage_ble(const std::string& who, BleOrder order, OrderDone done) override;
+  void manage_store(const std::string& who, StoreOrder order, OrderDone done) override;
 
   Config config_;
   const std::string config_file_;
@@ -133,6 +134,7 @@ class App final : public MeshListener, public UpstreamListener, public ControlHa
   UnprovenLines unproven_lines_;
   TrafficLog traffic_log_;
   PresenceLines presence_lines_{unproven_lines_};
+  CommandLines command_lines_;
   Trace trace_;
   std::unique_ptr<ControlServer> control_;
   std::vector<TrafficObserver*> traffic_observers_;

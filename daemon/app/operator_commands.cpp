@@ -17,13 +17,17 @@ nlohmann::json outcome_json(CommandResult result, std::chrono::milliseconds afte
 
 }  // namespace
 
-void OperatorCommands::send(const std::string& robot, const std::string& type, Bytes payload,
-                            const Submit& submit, Done done) {
-  const auto refuse = [&](const char* why) { done(outcome_json(CommandResult::refused, {}, why)); };
+std::string OperatorCommands::send(const std::string& robot, const std::string& type, Bytes payload,
+                                   const Submit& submit, Done done) {
+  const auto refuse = [&](const char* why) {
+    done(outcome_json(CommandResult::refused, {}, why));
+    return std::string(why);
+  };
   if (!is_valid_level(robot) || !is_valid_level(type))
     return refuse("robot and type are one topic level each");
   if (waiting_.size() >= max_waiting) return refuse("too many commands wait for their outcome");
   waiting_.emplace(submit(robot, type, std::move(payload)), std::move(done));
+  return {};
 }
 
 void OperatorCommands::on_outcome(const CommandOutcome& outcome) {

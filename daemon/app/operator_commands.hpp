@@ -22,9 +22,9 @@ class OperatorCommands {
   static constexpr std::size_t max_waiting = 64;
 
   /// `done` is called at once when the command can't be sent, else when it has ended, which the
-  /// core guarantees within 30 s.
-  void send(const std::string& robot, const std::string& type, Bytes payload, const Submit& submit,
-            Done done);
+  /// core guarantees within 30 s. Returns why it can't be sent; empty when it can.
+  std::string send(const std::string& robot, const std::string& type, Bytes payload,
+                   const Submit& submit, Done done);
   /// Of any command.
   void on_outcome(const CommandOutcome& outcome);
   /// The robot's next gateway publishes the outcome of this command.

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the control socket asks of the daemon. Implemented by App, and by a fake in tests. Events
-// for `watch` go the other way, as TraceEvent (daemon/core/trace_event.hpp), through
-// ControlServer::publish.
+// What the control socket asks of the daemon; `who` asks is for the audit trail. Implemented by
+// App, and by a fake in tests. Events for `watch` go the other way, as TraceEvent
+// (daemon/core/trace_event.hpp), through ControlServer::publish.
 #pragma once
 
 #include <functional>
@@ -28,17 +28,17 @@ class ControlHandler {
   virtual void on_watched(bool is_watched) = 0;
   /// A command downlink. `done` is called once, now or later, with `{"outcome", "after_ms",
   /// "why"}`.
-  virtual void send(const std::string& robot, const std::string& type, Bytes payload,
-                    std::function<void(nlohmann::json)> done) = 0;
+  virtual void send(const std::string& who, const std::string& robot, const std::string& type,
+                    Bytes payload, std::function<void(nlohmann::json)> done) = 0;
   /// What an operator orders about the BLE mesh. `done` is called once, now or minutes later.
-  virtual void manage_ble(BleOrder order, OrderDone done) = 0;
+  virtual void manage_ble(const std::string& who, BleOrder order, OrderDone done) = 0;
   /// What an operator orders about dead letters. The same.
-  virtual void manage_store(StoreOrder order, OrderDone done) = 0;
+  virtual void manage_store(const std::string& who, StoreOrder order, OrderDone done) = 0;
   /// Removes a robot that is offline from the registry and its presence from the broker.
-  virtual OrderAnswer forget(const std::string& robot) = 0;
+  virtual OrderAnswer forget(const std::string& who, const std::string& robot) = 0;
   /// Reads the configuration again. Answers what took effect and what needs a restart, or the
   /// problems, one a line; then nothing has changed.
-  virtual OrderAnswer reload() = 0;
+  virtual OrderAnswer reload(const std::string& who) = 0;
 };
 
 }  // namespace slamgw

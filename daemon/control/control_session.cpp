@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/control/control_session.hpp"
 
+#include <sys/socket.h>
 #include <nlohmann/json.hpp>
 
 #include <boost/asio/buffer.hpp>
@@ -9,16 +10,31 @@
 #include <boost/asio/write.hpp>
 #include <utility>
 
+#include "daemon/observability/audit_notice.hpp"
+
 namespace slamgw {
 
 namespace asio = boost::asio;
 using boost::system::error_code;
+
+namespace {
+
+/// As the kernel says.
+std::string peer_of(int socket) {
+  ucred peer{};
+  socklen_t size = sizeof peer;
+  if (getsockopt(socket, SOL_SOCKET, SO_PEERCRED, &peer, &size) != 0) return "uid unknown";
+  return user_words(peer.uid);
+}
+
+}  // namespace
 
 ControlSession::ControlSession(Socket socket, const ControlLimits& limits,
                                ControlCounters& counters, ControlHandler& handler,
                                std::function<void()> on_watch,
                                std::function<void(ControlSession&)> on_end)
     : socket_(std::move(socket)),
+      who_(peer_of(socket_.native_handle())),
       idle_timer_(socket_.get_executor()),
       limits_(limits),
       counters_(counters),
@@ -110,7 +126,7 @@ void ControlSession::perform(const control::RobotsRequest& request) {
 }
 
 void ControlSession::perform(const control::ReloadRequest&) {
-  answer(control::order_line(handler_.reload()));
+  answer(control::order_line(handler_.reload(who_)));
 }
 
 void ControlSession::perform(const control::FleetRequest&) {
@@ -122,7 +138,7 @@ void ControlSession::perform(const control::MqttsnClientsRequest& request) {
 }
 
 void ControlSession::perform(const control::ForgetRequest& request) {
-  answer(control::order_line(handler_.forget(request.robot)));
+  answer(control::order_line(handler_.forget(who_, request.robot)));
 }
 
 void ControlSession::perform(const control::WatchRequest& request) {
@@ -132,11 +148,11 @@ void ControlSession::perform(const control::WatchRequest& request) {
 }
 
 void ControlSession::perform(BleOrder& order) {
-  handler_.manage_ble(std::move(order), answer_order());
+  handler_.manage_ble(who_, std::move(order), answer_order());
 }
 
 void ControlSession::perform(StoreOrder& order) {
-  handler_.manage_store(std::move(order), answer_order());
+  handler_.manage_store(who_, std::move(order), answer_order());
 }
 
 /// The client may wait as long as the order takes.
@@ -149,7 +165,7 @@ OrderDone ControlSession::answer_order() {
 }
 
 void ControlSession::perform(control::SendRequest& request) {
-  handler_.send(request.robot, request.type, std::move(request.payload),
+  handler_.send(who_, request.robot, request.type, std::move(request.payload),
                 [self = weak_from_this()](const nlohmann::json& outcome) {
                   const auto session = self.lock();
                   if (session && !session->is_closed_)

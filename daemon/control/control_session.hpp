@@ -81,6 +81,7 @@ class ControlSession : public std::enable_shared_from_this<ControlSession> {
   void end();
 
   Socket socket_;
+  const std::string who_;
   boost::asio::steady_timer idle_timer_;
   const ControlLimits& limits_;
   ControlCounters& counters_;

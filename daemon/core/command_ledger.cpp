@@ -14,7 +14,13 @@ bool CommandLedger::open(Command command, TimePoint now) {
   return open_.insert({id, came, std::move(command)}).second;
 }
 
-bool CommandLedger::end(CommandId id) { return open_.erase(id) > 0; }
+std::optional<Command> CommandLedger::end(CommandId id) {
+  const auto found = open_.find(id);
+  if (found == open_.end()) return std::nullopt;
+  Command ended = found->command;
+  open_.erase(found);
+  return ended;
+}
 
 std::optional<TimePoint> CommandLedger::deadline() const {
   if (open_.empty()) return std::nullopt;

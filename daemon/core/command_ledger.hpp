@@ -27,6 +27,7 @@ struct Command {
   std::optional<Mesh> carrier;         ///< nothing when no mesh knows the robot
   bool is_retained = false;            ///< its mesh may ignore it; then it has no outcome
   std::chrono::milliseconds waited{};  ///< BrokerMessage::waited
+  Sender sender{};
 };
 
 class CommandLedger {
@@ -41,8 +42,8 @@ class CommandLedger {
   CommandId next_id() { return CommandId{++last_id_}; }
   /// False when there are too many.
   bool open(Command command, TimePoint now);
-  /// False when it has ended before.
-  bool end(CommandId id);
+  /// Nothing when it has ended before.
+  std::optional<Command> end(CommandId id);
   std::size_t size() const { return open_.size(); }
 
   std::optional<TimePoint> deadline() const;

@@ -26,8 +26,9 @@ void Commands::on_robot_message(RobotMessage message, const Now& now) {
   actions_.push(DeliverToMesh{std::nullopt, std::move(message)});
 }
 
-CommandId Commands::on_operator_command(const std::string& robot, const std::string& type,
-                                        Bytes payload, const Now& now) {
+CommandId Commands::on_operator_command(const std::string& who, const std::string& robot,
+                                        const std::string& type, Bytes payload, const Now& now) {
+  auto sender = std::make_shared<const std::string>(who);
   if (directory_.places.is_elsewhere(robot) && !directory_.places.is_held(robot)) {
     const CommandId id = ledger_.next_id();
     conclude({std::nullopt,
@@ -36,11 +37,13 @@ CommandId Commands::on_operator_command(const std::string& robot, const std::str
               type,
               CommandResult::refused,
               {},
-              "another gateway serves this robot"});
+              "another gateway serves this robot"},
+             sender);
     return id;
   }
-  return deliver(
-      {robot, {scheme_.command_topic(robot, type), std::move(payload), Qos::at_least_once}}, now);
+  BrokerMessage message{scheme_.command_topic(robot, type), std::move(payload), Qos::at_least_once};
+  message.sender = std::move(sender);
+  return deliver({robot, std::move(message)}, now);
 }
 
 void Commands::on_stale_command(const std::string& robot, BrokerMessage message,
@@ -48,11 +51,12 @@ void Commands::on_stale_command(const std::string& robot, BrokerMessage message,
   const auto target = scheme_.parse_command_topic(message.topic);
   if (!target || target->robot != robot) return;
   ++counts_.down;
-  conclude({std::nullopt, ledger_.next_id(), robot, std::string(target->type),
-            CommandResult::refused, message.waited,
-            has_begun_anew
-                ? "it waited at the broker, and the robot has begun a clean session since"
-                : "it waited at the broker for too long while no gateway served the robot"});
+  conclude(
+      {std::nullopt, ledger_.next_id(), robot, std::string(target->type), CommandResult::refused,
+       message.waited,
+       has_begun_anew ? "it waited at the broker, and the robot has begun a clean session since"
+                      : "it waited at the broker for too long while no gateway served the robot"},
+      message.sender);
 }
 
 /// A banned robot has no session.
@@ -70,15 +74,23 @@ void Commands::on_stray_command(BrokerMessage message, const Now& now) {
 
 void Commands::on_outcome(CommandOutcome outcome) {
   // A command without an id came before a restart.
-  if (outcome.id != CommandId::none && !ledger_.end(outcome.id)) {
+  const auto command = ledger_.end(outcome.id);
+  if (!command && outcome.id != CommandId::none) {
     ++counts_.late_outcomes;
     return;
   }
-  conclude(std::move(outcome));
+  conclude(std::move(outcome), command ? command->sender : nullptr);
 }
 
 void Commands::on_handed_on(CommandId command) {
-  if (ledger_.end(command)) actions_.push(CommandHandedOn{command});
+  const auto ended = ledger_.end(command);
+  if (!ended) return;
+  if (is_operator(who_of(ended->sender)))  // the next gateway does not know who asked
+    report({Severity::notice,
+            fmt::format("- {} {} goes on to the robot's next gateway", ended->robot, ended->type),
+            ended->robot, Occasion::command_outcome},
+           ended->type, "handed on", ended->sender);
+  actions_.push(CommandHandedOn{command});
 }
 
 void Commands::on_session_begun(const std::string& robot, const Now& now) {
@@ -102,9 +114,10 @@ std::optional<TimePoint> Commands::deadline() const {
 void Commands::on_deadline(const Now& now) {
   for (Command& command : ledger_.take_overdue(now.mono)) {
     if (command.is_retained) continue;
-    conclude({command.carrier, command.id, std::move(command.robot), std::move(command.type),
-              CommandResult::timeout, CommandLedger::patience,
-              "the mesh has not reported its outcome"});
+    conclude(
+        {command.carrier, command.id, std::move(command.robot), std::move(command.type),
+         CommandResult::timeout, CommandLedger::patience, "the mesh has not reported its outcome"},
+        command.sender);
   }
   if (settled_at_) refuse_strays(now);
 }
@@ -114,8 +127,9 @@ CommandId Commands::deliver(RobotMessage message, const Now& now) {
   ++counts_.down;
   const std::string type(scheme_.parse_command_topic(message.message.topic)->type);
   const BrokerMessage& what = message.message;
-  Command command{ledger_.next_id(), message.robot, type, directory_.carrier_for(message.robot),
-                  what.retain,       what.waited};
+  Command command{
+      ledger_.next_id(), message.robot, type,       directory_.carrier_for(message.robot),
+      what.retain,       what.waited,   what.sender};
   if (Robot* known = directory_.registry.find(message.robot))
     known->numbers.on_down(what.payload.size());
   actions_.push(TrafficEvent{.direction = Direction::down,
@@ -149,12 +163,12 @@ void Commands::refuse(const Command& command, const Now& now) {
                          "too many commands are on their way"};
   if (directory_.names.is_banned(command.robot)) {
     outcome.why = "the robot is banned (slam-gatewayctl unban)";
-    return refuse_unknown(std::move(outcome), now);
+    return refuse_unknown(std::move(outcome), now, command.sender);
   }
-  if (command.carrier) return conclude(std::move(outcome));
+  if (command.carrier) return conclude(std::move(outcome), command.sender);
   const bool is_known = directory_.is_known(command.robot);
   outcome.why = is_known ? "the robot is not connected" : "no robot of this name is known here";
-  refuse_unknown(std::move(outcome), now);
+  refuse_unknown(std::move(outcome), now, command.sender);
 }
 
 /// Before the other gateways' robots are known, only those that there is no room for.
@@ -175,27 +189,40 @@ void Commands::refuse_stray(const StrayCommands::Stray& stray, const Now& now) {
       {std::nullopt, ledger_.next_id(), stray.robot, type, CommandResult::refused, waited,
        is_known ? "the broker does not give the robot's session to this gateway"
                 : "no robot of this name is known here"},
-      now);
+      now, stray.message.sender);
 }
 
-void Commands::conclude(CommandOutcome outcome) {
-  actions_.push(Notice{
+void Commands::conclude(CommandOutcome outcome, const Sender& sender) {
+  Notice notice{
       severity_of(outcome.result),
       fmt::format("{} {} {} {} after {} ms{}{}", outcome.mesh ? to_string(*outcome.mesh) : "-",
                   outcome.robot, outcome.type, to_string(outcome.result), outcome.after.count(),
                   outcome.why.empty() ? "" : ": ", outcome.why),
-      outcome.robot, Occasion::command_outcome, outcome.after});
+      outcome.robot, Occasion::command_outcome, outcome.after};
+  report(std::move(notice), outcome.type, to_string(outcome.result), sender);
   publish(std::move(outcome));
 }
 
+/// A line of the audit trail about a command; what operators send is never less than a notice.
+void Commands::report(Notice notice, const std::string& type, std::string_view outcome,
+                      const Sender& sender) {
+  notice.audit = AuditFacts{who_of(sender), "command " + type, std::string(outcome)};
+  if (sender) notice.text += "; asked by " + *sender;
+  if (is_operator(notice.audit->who)) notice.severity = std::max(notice.severity, Severity::notice);
+  actions_.push(std::move(notice));
+}
+
 /// One log line for a burst: a server can invent names without end.
-void Commands::refuse_unknown(CommandOutcome outcome, const Now& now) {
-  if (const auto count = unknown_throttle_.on_event(now.mono)) {
-    actions_.push(Notice{
+void Commands::refuse_unknown(CommandOutcome outcome, const Now& now, const Sender& sender) {
+  const bool is_order = is_operator(who_of(sender));  // it has a line of its own
+  const auto count = is_order ? 1 : unknown_throttle_.on_event(now.mono);
+  if (count) {
+    Notice notice{
         Severity::warning,
         fmt::format("- {} {} refused: {}{}", outcome.robot, outcome.type, outcome.why,
                     *count > 1 ? fmt::format(" ({} like it since the last line)", *count) : ""),
-        outcome.robot, Occasion::command_outcome});
+        outcome.robot, Occasion::command_outcome};
+    report(std::move(notice), outcome.type, to_string(outcome.result), sender);
   }
   publish(std::move(outcome));
 }

@@ -28,9 +28,10 @@ class Commands {
 
   /// From the robot's session: nobody else has this message. Its `command` is given here.
   void on_robot_message(RobotMessage message, const Now& now);
-  /// A command that an operator sends. The id comes back in a CommandOutcome.
-  CommandId on_operator_command(const std::string& robot, const std::string& type, Bytes payload,
-                                const Now& now);
+  /// A command that an operator (`who`, see AuditFacts) sends. The id comes back in a
+  /// CommandOutcome.
+  CommandId on_operator_command(const std::string& who, const std::string& robot,
+                                const std::string& type, Bytes payload, const Now& now);
   /// A command that waited at the broker for too long while no gateway held the robot's session, or
   /// whose robot `has_begun_anew`.
   void on_stale_command(const std::string& robot, BrokerMessage message, bool has_begun_anew);
@@ -61,8 +62,10 @@ class Commands {
   void refuse(const Command& command, const Now& now);
   void refuse_strays(const Now& now);
   void refuse_stray(const StrayCommands::Stray& stray, const Now& now);
-  void refuse_unknown(CommandOutcome outcome, const Now& now);
-  void conclude(CommandOutcome outcome);
+  void refuse_unknown(CommandOutcome outcome, const Now& now, const Sender& sender);
+  void conclude(CommandOutcome outcome, const Sender& sender);
+  void report(Notice notice, const std::string& type, std::string_view outcome,
+              const Sender& sender);
   void publish(CommandOutcome outcome);
 
   const TopicScheme& scheme_;

@@ -11,6 +11,7 @@
 #include <variant>
 #include <vector>
 
+#include "daemon/core/audit.hpp"
 #include "daemon/core/bytes.hpp"
 #include "daemon/core/mesh.hpp"
 #include "daemon/core/time.hpp"
@@ -101,6 +102,7 @@ struct BrokerMessage {
   /// For how long a command has waited in the gateway before it is carried out. It counts of the
   /// 30 s in which it has an outcome.
   Waited waited{};
+  Sender sender{};  ///< of a command
 };
 
 enum class Presence : std::uint8_t { online, asleep, offline };
@@ -254,6 +256,7 @@ struct Notice {
   Occasion occasion = Occasion::other;
   std::optional<std::chrono::microseconds> latency{};  ///< of a command, where known
   bool is_proven = true;                               ///< see Report
+  std::optional<AuditFacts> audit{};                   ///< the line is one of the audit trail
 };
 
 /// What a mesh's machine reports to the core.

@@ -14,6 +14,8 @@ namespace slamgw {
 inline constexpr std::string_view mesh_property = "mesh";
 inline constexpr std::string_view gateway_property = "gateway";
 inline constexpr std::string_view received_at_property = "received_at";
+/// Of a command: what its sender calls itself, for the audit trail.
+inline constexpr std::string_view sender_property = "sender";
 /// Places of the value of `received_at`: ISO 8601 with milliseconds.
 inline constexpr std::size_t received_at_bytes = 24;
 

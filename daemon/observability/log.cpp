@@ -31,6 +31,12 @@ spdlog::level::level_enum to_spdlog(Severity severity) {
   return spdlog::level::err;
 }
 
+void write_event(Severity severity, std::string_view text, const LogFields& fields) {
+  context = {severity, &fields};
+  spdlog::log(to_spdlog(severity), "{}", escape_unprintable(text));
+  context.fields = nullptr;
+}
+
 /// `%*` in the pattern: our own severity word.
 class SeverityFlag final : public spdlog::custom_flag_formatter {
  public:
@@ -88,16 +94,15 @@ void configure_log(Severity level) {
 bool is_logged(Severity severity) { return severity >= least_severity; }
 
 void log_event(Severity severity, std::string_view text, const LogFields& fields) {
-  if (!is_logged(severity)) return;
-  context = {severity, &fields};
-  spdlog::log(to_spdlog(severity), "{}", escape_unprintable(text));
-  context.fields = nullptr;
+  if (is_logged(severity)) write_event(severity, text, fields);
 }
 
 void flush_log() { spdlog::default_logger_raw()->flush(); }
 
 void log_notice(const Notice& notice) {
-  log_event(notice.severity, notice.text, notice_fields(notice));
+  const bool is_order = notice.audit && is_operator(notice.audit->who);
+  if (is_order || is_logged(notice.severity))
+    write_event(notice.severity, notice.text, notice_fields(notice));
 }
 
 }  // namespace slamgw

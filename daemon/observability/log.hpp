@@ -27,6 +27,7 @@ bool stderr_is_journal();
 bool is_logged(Severity severity);
 /// One event, one line: control characters in `text` are escaped, whatever their source.
 void log_event(Severity severity, std::string_view text, const LogFields& fields = {});
+/// What an operator has ordered is written whatever the level.
 void log_notice(const Notice& notice);
 /// To be called every few seconds: tries again what a stuck journal did not take.
 void flush_log();

@@ -21,6 +21,12 @@ LogFields notice_fields(const Notice& notice) {
   if (const std::string_view id = message_id_of(notice.occasion); !id.empty())
     fields.push_back({"MESSAGE_ID", std::string(id)});
   if (!notice.robot.empty()) fields.push_back({"ROBOT_ID", notice.robot});
+  if (const auto& audit = notice.audit) {
+    fields.push_back({"SLAM_AUDIT", "1"});
+    fields.push_back({"SLAM_AUDIT_WHO", audit->who});
+    fields.push_back({"SLAM_AUDIT_WHAT", audit->what});
+    fields.push_back({"SLAM_AUDIT_OUTCOME", audit->outcome});
+  }
   if (notice.latency) fields.push_back({"LATENCY_US", std::to_string(notice.latency->count())});
   return fields;
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Lines of the log about robots that come and go: as many as a fleet needs, and no flood from a
-// crowd of strangers. Pure.
+// Lines of the log about robots that come and go, and about commands: as many as a fleet needs, and
+// no flood from a crowd of strangers or a server gone wild. Pure.
 #pragma once
 
 #include <fmt/format.h>
@@ -42,6 +42,38 @@ class PresenceLines {
 
  private:
   UnprovenLines& unproven_;
+  LineBudget budget_{lines_at_once, lines_per_second};
+  std::uint64_t left_out_ = 0;
+};
+
+/// Lines about how commands ended. Those about an operator's always pass.
+class CommandLines {
+ public:
+  static constexpr std::int64_t lines_at_once = 1000;
+  static constexpr std::int64_t lines_per_second = 50;
+
+  /// False when there were too many such lines.
+  bool may_write(const Notice& notice, TimePoint now) {
+    const bool is_bounded = notice.occasion == Occasion::command_outcome && notice.audit &&
+                            !is_operator(notice.audit->who);
+    if (!is_bounded || budget_.take(now)) return true;
+    ++left_out_;
+    return false;
+  }
+  /// As that of PresenceLines.
+  std::optional<Notice> summary() {
+    const std::uint64_t count = std::exchange(left_out_, 0);
+    if (count == 0) return std::nullopt;
+    Notice notice{
+        Severity::warning,
+        fmt::format("{} commands ended without a line of their own: too many at once", count),
+        {},
+        Occasion::command_outcome};
+    notice.audit = AuditFacts{std::string(broker_sender), "commands", "not listed"};
+    return notice;
+  }
+
+ private:
   LineBudget budget_{lines_at_once, lines_per_second};
   std::uint64_t left_out_ = 0;
 };

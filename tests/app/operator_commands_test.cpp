@@ -28,7 +28,7 @@ class OperatorCommandsTest : public testing::Test {
   }
   void operator_sends(const std::string& robot, const std::string& type) {
     const auto submit = [&](const std::string& to, const std::string& what, Bytes payload) {
-      return gateway.commands().on_operator_command(to, what, std::move(payload), now);
+      return gateway.commands().on_operator_command("uid 0", to, what, std::move(payload), now);
     };
     commands.send(robot, type, {5, 6, 7, 8}, submit,
                   [this](const json& outcome) { told.push_back(outcome); });

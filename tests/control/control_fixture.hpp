@@ -37,6 +37,7 @@ class FakeHandler : public ControlHandler {
   OrderAnswer reload_answer{R"({"in_force": "log"})", {}};
   std::vector<Sent> sent;
   std::vector<bool> watched;
+  std::vector<std::string> who;  ///< asked for each order
   std::vector<std::string> forgotten;
   std::vector<Ordered> orders;
   struct StoreOrdered {
@@ -61,21 +62,28 @@ class FakeHandler : public ControlHandler {
     return {nlohmann::json::array({{{"robot", robot.value_or("all")}}}).dump(), {}};
   }
   void on_watched(bool is_watched) override { watched.push_back(is_watched); }
-  void send(const std::string& robot, const std::string& type, Bytes payload,
+  void send(const std::string& by, const std::string& robot, const std::string& type, Bytes payload,
             std::function<void(nlohmann::json)> done) override {
+    who.push_back(by);
     sent.push_back({robot, type, std::move(payload), std::move(done)});
   }
-  void manage_ble(BleOrder order, OrderDone done) override {
+  void manage_ble(const std::string& by, BleOrder order, OrderDone done) override {
+    who.push_back(by);
     orders.push_back({std::move(order), done});
     if (order_answer) done(*order_answer);
   }
-  OrderAnswer reload() override { return reload_answer; }
-  OrderAnswer forget(const std::string& robot) override {
+  OrderAnswer reload(const std::string& by) override {
+    who.push_back(by);
+    return reload_answer;
+  }
+  OrderAnswer forget(const std::string& by, const std::string& robot) override {
+    who.push_back(by);
     forgotten.push_back(robot);
     if (robot == "online") return {{}, "online is online: switch it off first"};
     return {nlohmann::json{{"forgotten", robot}, {"was_known", robot == "old"}}.dump(), {}};
   }
-  void manage_store(StoreOrder order, OrderDone done) override {
+  void manage_store(const std::string& by, StoreOrder order, OrderDone done) override {
+    who.push_back(by);
     store_orders.push_back({std::move(order), done});
     if (store_answers.empty()) return;
     done(store_answers.front());

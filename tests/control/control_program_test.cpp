@@ -7,8 +7,11 @@
 
 #include <algorithm>
 #include <boost/asio/ip/udp.hpp>
+#include <cstdlib>
+#include <fstream>
 #include <sstream>
 
+#include "daemon/observability/audit_notice.hpp"
 #include "tests/control/control_program_fixture.hpp"
 
 namespace slamgw::test {
@@ -48,6 +51,70 @@ TEST_F(ControlProgramIo, ShowsTheStatus) {
       "Store     6 messages, 2.0 KiB of 1.0 MiB\n"
       "          nearly full: r1 has stored 1.0 KiB\n"
       "Retained  20 of 4096 topics, most by r2: 16\n");
+}
+
+TEST_F(ControlProgramIo, IsKnownToTheDaemonByItsUser) {
+  start();
+  run({"reload"});
+  run({"forget", "r1"});
+  EXPECT_EQ(handler.who, std::vector<std::string>(2, user_words(getuid())));
+}
+
+/// `journalctl` is a script here: what it was asked for shows in its answer.
+class AuditTrail : public ControlProgramIo {
+ protected:
+  void SetUp() override { setenv("PATH", (directory.path() + ":" + path_before).c_str(), 1); }
+  void TearDown() override { setenv("PATH", path_before.c_str(), 1); }
+  void make_journal(const std::string& script) {
+    const std::string file = directory / "journalctl";
+    std::ofstream(file) << "#!/bin/sh\n" << script;
+    chmod(file.c_str(), 0755);
+  }
+
+  const std::string path_before = getenv("PATH");
+};
+
+TEST_F(AuditTrail, IsReadBackFromTheJournal) {
+  make_journal(R"sh(cat <<END
+-- a line that is no entry
+{"__REALTIME_TIMESTAMP":"1764277200123456","MESSAGE":"$*","ROBOT_ID":"r1","SLAM_AUDIT_WHO":"uid 0 (root)","SLAM_AUDIT_WHAT":"forget","SLAM_AUDIT_OUTCOME":"done"}
+{"__REALTIME_TIMESTAMP":"1764277201000000","MESSAGE":"m","SLAM_AUDIT_WHO":"SIGHUP","SLAM_AUDIT_WHAT":"reload","SLAM_AUDIT_OUTCOME":"failed"}
+END
+)sh");
+  const Ended text = run({"audit"});
+  EXPECT_EQ(text.status, 0) << text.err;
+  EXPECT_EQ(text.out,
+            "2025-11-27T21:00:00.123Z  uid 0 (root): forget r1: done\n"
+            "2025-11-27T21:00:01.000Z  SIGHUP: reload: failed\n");
+  const json entries = json::parse(run({"--json", "audit", "--robot", "r1"}).out);
+  ASSERT_EQ(entries.size(), 2U);
+  EXPECT_EQ(entries[0]["robot"], "r1");
+  EXPECT_EQ(entries[0]["who"], "uid 0 (root)");
+  EXPECT_FALSE(entries[1].contains("robot"));
+  const std::string asked = entries[0]["text"];
+  EXPECT_NE(asked.find("SLAM_AUDIT=1 _SYSTEMD_UNIT=slam-gateway.service ROBOT_ID=r1 + SLAM_AUDIT=1 "
+                       "_UID=0 ROBOT_ID=r1"),
+            std::string::npos)
+      << asked;
+}
+
+TEST_F(AuditTrail, SaysWhatToDoWithoutAJournal) {
+  make_journal("exit 0\n");
+  const Ended empty = run({"audit"});
+  EXPECT_EQ(empty.status, 1);
+  EXPECT_NE(empty.err.find("sudo slam-gatewayctl audit"), std::string::npos) << empty.err;
+  EXPECT_NE(empty.err.find("standard error"), std::string::npos) << empty.err;
+  make_journal("echo no right >&2; exit 1\n");
+  const Ended closed = run({"audit"});
+  EXPECT_EQ(closed.status, 1);
+  EXPECT_NE(closed.err.find("cannot be read: no right"), std::string::npos) << closed.err;
+  setenv("PATH", (directory / "nowhere").c_str(), 1);
+  const Ended none = run({"audit"});
+  EXPECT_EQ(none.status, 1);
+  EXPECT_NE(none.err.find("this host has no journal"), std::string::npos) << none.err;
+  setenv("PATH", (directory.path() + ":" + path_before).c_str(), 1);
+  make_journal("case \"$*\" in *cat*) echo started;; esac\n");
+  EXPECT_EQ(run({"audit"}).out, "nothing was asked of the gateway\n");
 }
 
 TEST_F(ControlProgramIo, GivesJsonBeforeAndAfterTheCommand) {

@@ -375,7 +375,7 @@ TEST_F(CommandsTest, ToABannedRobotAreRefusedAtOnceOnEitherMesh) {
   for (const std::string robot : {"ble-0100", "r1"}) {
     gateway.commands().on_robot_message(
         {robot, {"ntnu-slam/server/" + robot + "/cmd", {}, Qos::at_least_once}}, now);
-    gateway.commands().on_operator_command(robot, "run", {}, now);
+    gateway.commands().on_operator_command("uid 0", robot, "run", {}, now);
     gateway.on_broker_message({"ntnu-slam/server/" + robot + "/cmd", {}, Qos::at_least_once}, now);
     std::size_t refused = 0;
     while (const auto action = gateway.next_action()) {
@@ -389,8 +389,67 @@ TEST_F(CommandsTest, ToABannedRobotAreRefusedAtOnceOnEitherMesh) {
     EXPECT_EQ(refused, 3U);
   }
   gateway.set_names(RobotNames());
-  gateway.commands().on_operator_command("r1", "run", {}, now);
+  gateway.commands().on_operator_command("uid 0", "r1", "run", {}, now);
   EXPECT_EQ(drain<DeliverToMesh>().size(), 1U);
+}
+
+TEST_F(CommandsTest, AreInTheAuditTrailWithTheirSender) {
+  broker_comes();
+  reach[{Mesh::thread, "r1"}] = Presence::online;
+  BrokerMessage planned{"ntnu-slam/server/r1/cmd", {}, Qos::at_least_once};
+  planned.sender = sender_at_broker("planner");
+  gateway.on_robot_message({"r1", planned}, now);
+  gateway.on_robot_message({"r1", {"ntnu-slam/server/r1/cmd", {}, Qos::at_least_once}}, now);
+  gateway.on_operator_command("uid 7 (ann)", "r1", "run", {}, now);
+  for (const auto& delivery : drain<DeliverToMesh>())
+    gateway.on_mesh_event(
+        CommandOutcome{
+            Mesh::thread, delivery.message.command, "r1", "cmd", CommandResult::delivered, {}, ""},
+        now);
+  const auto notices = drain<Notice>();
+  ASSERT_EQ(notices.size(), 3U);
+  const char* const who[] = {"broker: planner", "broker", "uid 7 (ann)"};
+  for (std::size_t i = 0; i < notices.size(); ++i) {
+    ASSERT_TRUE(notices[i].audit);
+    EXPECT_EQ(notices[i].audit->who, who[i]);
+    EXPECT_EQ(notices[i].audit->outcome, "delivered");
+    EXPECT_EQ(notices[i].robot, "r1");
+  }
+  EXPECT_EQ(notices[0].audit->what, "command cmd");
+  EXPECT_EQ(notices[0].text, "thread r1 cmd delivered after 0 ms; asked by broker: planner");
+  EXPECT_EQ(notices[1].text, "thread r1 cmd delivered after 0 ms");
+  EXPECT_EQ(notices[0].severity, Severity::info);
+  EXPECT_EQ(notices[2].severity, Severity::notice);
+}
+
+TEST_F(CommandsTest, OfAnOperatorAreInTheAuditTrailBesideAFlood) {
+  broker_comes();
+  pass(1min);
+  drain<Notice>();
+  for (int i = 0; i < 100; ++i) {
+    gateway.on_broker_message({"ntnu-slam/server/nobody/cmd", {}, Qos::at_least_once}, now);
+    now.mono += 1s;
+    gateway.on_deadline(now);
+    gateway.on_operator_command("uid 0 (root)", "nobody", "cmd", {}, now);
+  }
+  std::size_t orders = 0;
+  std::size_t others = 0;
+  for (const Notice& notice : drain<Notice>()) {
+    if (!notice.audit) continue;
+    ++(is_operator(notice.audit->who) ? orders : others);
+    EXPECT_EQ(notice.audit->outcome, "refused");
+  }
+  EXPECT_EQ(orders, 100U);
+  EXPECT_LE(others, 11U);
+  EXPECT_GE(others, 1U);
+}
+
+TEST(SenderAtBroker, IsMarkedAsItsOwnWordAndBounded) {
+  EXPECT_EQ(who_of(sender_at_broker("planner")), "broker: planner");
+  EXPECT_EQ(who_of(sender_at_broker("")), "broker");
+  EXPECT_EQ(who_of(sender_at_broker(std::string(65, 'x'))), "broker");
+  EXPECT_FALSE(is_operator(who_of(sender_at_broker("uid 0 (root)"))));
+  EXPECT_TRUE(is_operator("uid 0 (root)"));
 }
 
 TEST_F(CommandsTest, ThatWaitedAtTheBrokerForTooLongAreRefused) {

@@ -85,6 +85,23 @@ TEST_P(CommandFates, OfRobotsThatNobodyKnowsAreToldAndThoseOfTheOthersOnce) {
   EXPECT_TRUE(device.is_silent()) << "a copy of the broker is no command";
 }
 
+TEST_P(CommandFates, AreLoggedWithTheirSender) {
+  mosquitto_publish(broker, {"-V", "5", "-D", "publish", "user-property", "sender", "planner", "-q",
+                             "1", "-t", "ntnu-slam/server/r1/cmd", "-m", "go"});
+  answer(accepted);
+  const std::string outcome = "thread r1 cmd delivered after ";
+  ASSERT_TRUE(eventually([&] { return gateway.logs(outcome); })) << gateway.log();
+  EXPECT_EQ(gateway.logs("; asked by broker: planner"), GetParam() == MqttVersion::v5)
+      << gateway.log();
+  gateway.ctl({"forget", "r7"});
+  EXPECT_TRUE(gateway.logs("forget r7: done; asked by uid ")) << gateway.log();
+  gateway.reload([](json& configuration) { configuration["log"] = {{"level", "error"}}; });
+  ASSERT_TRUE(eventually([&] { return gateway.logs("reload: done; asked by SIGHUP"); }))
+      << gateway.log();
+  gateway.ctl({"forget", "r8"});
+  EXPECT_TRUE(gateway.logs("forget r8: done")) << "an operator's order is written at any level";
+}
+
 /// RabbitMQ and HiveMQ do so too.
 TEST(CommandsOfABrokerWithoutCopies, AreAllCarriedOut) {
   BrokerOfVersion broker(MqttVersion::v3_1_1, "allow_duplicate_messages false");

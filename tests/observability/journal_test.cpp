@@ -114,6 +114,28 @@ TEST(PresenceLines, AreNoFloodFromACrowdAndNothingElseIsLeftOut) {
   EXPECT_TRUE(lines.may_write(presence, now + 1s));
 }
 
+TEST(CommandLines, AreNoFloodFromABrokerAndAllOfAnOperator) {
+  CommandLines lines;
+  const TimePoint now{1h};
+  Notice command{Severity::info, "r1 cmd delivered", "r1", Occasion::command_outcome};
+  command.audit = AuditFacts{"broker: planner", "command cmd", "delivered"};
+  Notice order = command;
+  order.audit->who = "uid 0 (root)";
+  std::int64_t written = 0;
+  for (int i = 0; i < 20000; ++i) {
+    written += lines.may_write(command, now) ? 1 : 0;
+    EXPECT_TRUE(lines.may_write(order, now));
+  }
+  EXPECT_EQ(written, CommandLines::lines_at_once);
+  EXPECT_TRUE(lines.may_write(Notice{Severity::warning, "text", {}}, now));
+  const auto summary = lines.summary();
+  ASSERT_TRUE(summary);
+  EXPECT_EQ(summary->text.find("19000 commands"), 0u) << summary->text;
+  EXPECT_TRUE(summary->audit) << "the trail shows its gap";
+  EXPECT_FALSE(lines.summary());
+  EXPECT_TRUE(lines.may_write(command, now + 1s));
+}
+
 /// Each makes a message a second, for 30 s. Returns the lines.
 std::int64_t lines_of_unproven(int robots, UnprovenLines& unproven) {
   TrafficSampler sampler(TrafficLogMode::sampled, unproven);

@@ -5,6 +5,8 @@
 
 #include <set>
 
+#include "daemon/observability/audit_notice.hpp"
+
 namespace slamgw {
 namespace {
 
@@ -16,6 +18,46 @@ TEST(NoticeFields, NameTheKindTheRobotAndTheTime) {
   EXPECT_EQ(fields[1].value, "NRF_5");
   EXPECT_EQ(fields[2].value, "12000");
   EXPECT_TRUE(notice_fields({Severity::info, "text", {}}).empty());
+}
+
+std::string value_of(const LogFields& fields, std::string_view name) {
+  for (const LogField& field : fields)
+    if (field.name == name) return field.value;
+  return "none";
+}
+
+TEST(NoticeFields, SayWhoAskedForWhatAndWhatCameOfIt) {
+  const Notice notice = audit_notice("uid 7 (ann)", {"forget", "r1"}, "it is online\nand more");
+  EXPECT_EQ(notice.text, "forget r1: failed: it is online; asked by uid 7 (ann)");
+  const LogFields fields = notice_fields(notice);
+  EXPECT_EQ(value_of(fields, "SLAM_AUDIT"), "1");
+  EXPECT_EQ(value_of(fields, "SLAM_AUDIT_WHO"), "uid 7 (ann)");
+  EXPECT_EQ(value_of(fields, "SLAM_AUDIT_WHAT"), "forget");
+  EXPECT_EQ(value_of(fields, "SLAM_AUDIT_OUTCOME"), "failed");
+  EXPECT_EQ(value_of(fields, "ROBOT_ID"), "r1");
+  const Notice done = audit_notice("SIGHUP", {"reload", {}}, {});
+  EXPECT_EQ(done.text, "reload: done; asked by SIGHUP");
+  EXPECT_EQ(value_of(notice_fields(done), "SLAM_AUDIT_OUTCOME"), "done");
+  EXPECT_EQ(value_of(notice_fields({Severity::info, "text", {}}), "SLAM_AUDIT"), "none");
+}
+
+TEST(AuditNotice, IsAboutWhatChangesThingsAndHoldsNoKey) {
+  EXPECT_FALSE(audited(BleOrder{ScanOrder{}}));
+  EXPECT_FALSE(audited(BleOrder{NodesOrder{}}));
+  EXPECT_FALSE(audited(BleOrder{JoinEventsOrder{}}));
+  EXPECT_FALSE(audited(StoreOrder{ListDeadLetters{}}));
+  const auto joins = audited(BleOrder{PermitJoinOrder{std::chrono::minutes{5}, "r1"}});
+  ASSERT_TRUE(joins);
+  EXPECT_EQ(joins->what, "ble permit-join 5 min");
+  EXPECT_EQ(joins->robot, "r1");
+  const auto imported = audited(BleOrder{ImportOrder{"00112233445566778899aabbccddeeff"}});
+  ASSERT_TRUE(imported);
+  EXPECT_EQ(audit_notice("uid 0", *imported, {}).text, "ble import: done; asked by uid 0");
+}
+
+TEST(UserWords, NameTheUsersOfThisHost) {
+  EXPECT_EQ(user_words(0), "uid 0 (root)");
+  EXPECT_EQ(user_words(4'000'000'000U), "uid 4000000000");
 }
 
 TEST(NoticeFields, HaveAnIdOfTheirOwnForEachOccasion) {

@@ -31,6 +31,7 @@ TEST_F(WebSession, OnlyWatchesUntilItHasToldTheToken) {
   ASSERT_TRUE(reaction.publish);
   EXPECT_EQ(reaction.publish->topic, "ntnu-slam/server/r/run");
   EXPECT_EQ(reaction.publish->payload, "stop");
+  EXPECT_EQ(reaction.publish->sender.find("page at "), 0U) << reaction.publish->sender;
 }
 
 TEST_F(WebSession, PayloadsInHexAreOctets) {
@@ -107,7 +108,7 @@ TEST_F(WebRoles, AnOperatorsCommandTellsWhoSentIt) {
   say(right);
   const auto reaction = say(stop);
   ASSERT_TRUE(reaction.publish);
-  EXPECT_EQ(reaction.publish->sender, "ada at 192.0.2.1");
+  EXPECT_EQ(reaction.publish->sender, "ada, page at 192.0.2.1");
 }
 
 TEST_F(WebRoles, NobodyWatchesWithoutATokenOnceThereIsAViewer) {

@@ -54,7 +54,7 @@ PageSession::Reaction PageSession::on_command(CommandRequest command, TimePoint 
   if (!topics_.is_command_topic(command.topic))
     return {refusal(command.topic, "no command: only <prefix>/server/<id>/<type> is allowed")};
   if (!take_turn(now)) return {refusal(command.topic, "too many commands at once")};
-  command.sender = holder_->name + " at " + client_.name;
+  command.sender = holder_->name + ", page at " + client_.name;
   return {"", std::move(command)};
 }
 

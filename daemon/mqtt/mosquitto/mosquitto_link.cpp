@@ -169,12 +169,13 @@ void MosquittoLink::set_callbacks() {
         link_of(object).events_.push_back(Subscribed{id, count > 0 && granted[0] < first_reason});
       });
   mosquitto_message_v5_callback_set(
-      client,
-      [](mosquitto*, void* object, const mosquitto_message* message, const mosquitto_property*) {
+      client, [](mosquitto*, void* object, const mosquitto_message* message,
+                 const mosquitto_property* properties) {
         const auto* payload = static_cast<const std::uint8_t*>(message->payload);
         link_of(object).events_.push_back(
             Arrived{{message->topic, Bytes(payload, payload + message->payloadlen),
-                     static_cast<Qos>(message->qos), message->retain}});
+                     static_cast<Qos>(message->qos), message->retain, std::nullopt, Waited{},
+                     sender_of(properties)}});
       });
   // Until the connection is up: the library makes a text of each packet for it.
   mosquitto_log_callback_set(client, [](mosquitto*, void* object, int level, const char* text) {

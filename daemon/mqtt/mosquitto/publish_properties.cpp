@@ -3,6 +3,8 @@
 
 #include <mqtt_protocol.h>
 
+#include <cstdlib>
+
 #include "daemon/mqtt/user_properties.hpp"
 
 namespace slamgw {
@@ -49,6 +51,22 @@ std::vector<std::uint32_t> subscriptions_of(const mosquitto_property* publish) {
                                               !ids.empty())) != nullptr)
     ids.push_back(id);
   return ids;
+}
+
+Sender sender_of(const mosquitto_property* publish) {
+  Sender sender;
+  char* name = nullptr;
+  char* value = nullptr;
+  const mosquitto_property* at = publish;
+  bool is_next = false;
+  while (!sender && (at = mosquitto_property_read_string_pair(at, MQTT_PROP_USER_PROPERTY, &name,
+                                                              &value, is_next)) != nullptr) {
+    is_next = true;
+    if (name == sender_property) sender = sender_at_broker(value);
+    std::free(name);
+    std::free(value);
+  }
+  return sender;
 }
 
 }  // namespace slamgw

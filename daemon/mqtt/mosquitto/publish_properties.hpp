@@ -40,5 +40,7 @@ class PublishProperties {
 BrokerLimits limits_of(const mosquitto_property* connack);
 /// MQTT 5 section 3.3.2.3.8; empty with MQTT 3.1.1.
 std::vector<std::uint32_t> subscriptions_of(const mosquitto_property* publish);
+/// What the user property `sender` says.
+Sender sender_of(const mosquitto_property* publish);
 
 }  // namespace slamgw

@@ -72,8 +72,20 @@ void PublishForm::write_time(mqtt::message& form, WallTime time) {
 }
 
 BrokerMessage from_paho(const mqtt::message& message) {
-  return {message.get_topic(), to_bytes(message.get_payload()), static_cast<Qos>(message.get_qos()),
-          message.is_retained()};
+  const mqtt::properties& said = message.get_properties();
+  constexpr auto user = mqtt::property::USER_PROPERTY;
+  Sender sender;
+  for (std::size_t i = 0; !sender && i < said.count(user); ++i) {
+    const auto [name, value] = mqtt::get<mqtt::string_pair>(said, user, i);
+    if (name == sender_property) sender = sender_at_broker(value);
+  }
+  return {message.get_topic(),
+          to_bytes(message.get_payload()),
+          static_cast<Qos>(message.get_qos()),
+          message.is_retained(),
+          std::nullopt,
+          Waited{},
+          std::move(sender)};
 }
 
 BrokerLimits limits_of(const mqtt::token& token, MqttVersion version) {

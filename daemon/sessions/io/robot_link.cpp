@@ -181,7 +181,8 @@ void RobotLink::set_callbacks() {
         const auto* payload = static_cast<const std::uint8_t*>(message->payload);
         of(object).events_.push_back(
             Arrived{{message->topic, Bytes(payload, payload + message->payloadlen),
-                     static_cast<Qos>(message->qos), message->retain},
+                     static_cast<Qos>(message->qos), message->retain, std::nullopt, Waited{},
+                     sender_of(properties)},
                     subscriptions_of(properties)});
       });
 }

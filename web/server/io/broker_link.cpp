@@ -13,6 +13,8 @@
 #include <stdexcept>
 #include <utility>
 
+#include "daemon/mqtt/user_properties.hpp"
+
 namespace slamgw::web {
 namespace {
 
@@ -133,12 +135,19 @@ void BrokerLink::set_up_tls() {
     throw std::runtime_error(fmt::format("broker.tls: {}", mosquitto_strerror(failure)));
 }
 
-std::optional<int> BrokerLink::publish(const std::string& topic, const std::string& payload) {
+std::optional<int> BrokerLink::publish(const CommandRequest& command) {
   int id = 0;
   const std::lock_guard lock(client_mutex_);
-  if (!is_up_ || mosquitto_publish(client_, &id, topic.c_str(), static_cast<int>(payload.size()),
-                                   payload.data(), 1, false) != MOSQ_ERR_SUCCESS)
-    return std::nullopt;
+  mosquitto_property* sender = nullptr;
+  if (is_version_5_)
+    mosquitto_property_add_string_pair(&sender, MQTT_PROP_USER_PROPERTY, sender_property.data(),
+                                       command.sender.c_str());
+  const int failure = is_up_ ? mosquitto_publish_v5(client_, &id, command.topic.c_str(),
+                                                    static_cast<int>(command.payload.size()),
+                                                    command.payload.data(), 1, false, sender)
+                             : MOSQ_ERR_NO_CONN;
+  mosquitto_property_free_all(&sender);
+  if (failure != MOSQ_ERR_SUCCESS) return std::nullopt;
   return id;
 }
 

@@ -48,7 +48,7 @@ class BrokerLink {
   BrokerLink& operator=(const BrokerLink&) = delete;
 
   /// At QoS 1. The message id, or nothing when the broker is away.
-  std::optional<int> publish(const std::string& topic, const std::string& payload);
+  std::optional<int> publish(const CommandRequest& command);
   std::uint64_t overruns() const { return overruns_; }  ///< messages that the loop did not get
 
  private:

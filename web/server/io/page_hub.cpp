@@ -105,7 +105,7 @@ void PageHub::report_taken_share(const Client& client) {
 }
 
 std::string PageHub::publish(const CommandRequest& command) {
-  const auto id = link_.publish(command.topic, command.payload);
+  const auto id = link_.publish(command);
   if (!id) return refusal(command.topic, "the broker is away: " + why_);
   ++own_.commands;
   sent_.emplace_back(*id, command.topic);

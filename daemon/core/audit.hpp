@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+// Who asked for what, and what came of it: the facts of the audit trail in the journal. They never
+// hold a key or an OOB value. Pure.
+#pragma once
+
+#include <memory>
+#include <string>
+#include <string_view>
+
+namespace slamgw {
+
+struct AuditFacts {
+  std::string who;      ///< `uid 1000 (alice)`, `broker`, `broker: planner`, `SIGHUP`
+  std::string what;     ///< `command cmd`, `forget`, `ble permit-join`
+  std::string outcome;  ///< `delivered`, `refused`, `done`, `failed` ...
+};
+
+/// AuditFacts::who of a command; null: `broker`. Shared, because messages are copied into many
+/// queues.
+using Sender = std::shared_ptr<const std::string>;
+
+inline constexpr std::string_view broker_sender = "broker";
+/// Longer names are left out.
+inline constexpr std::size_t max_sender_name = 64;
+
+/// `name`: what a client of the broker calls itself, which nobody has checked.
+inline Sender sender_at_broker(std::string_view name) {
+  if (name.empty() || name.size() > max_sender_name) return nullptr;
+  return std::make_shared<const std::string>("broker: " + std::string(name));
+}
+
+inline std::string who_of(const Sender& sender) {
+  return sender ? *sender : std::string(broker_sender);
+}
+
+/// On this host, as against clients of the broker.
+inline bool is_operator(std::string_view who) { return !who.starts_with(broker_sender); }
+
+}  // namespace slamgw

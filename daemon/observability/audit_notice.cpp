@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/observability/audit_notice.hpp"
+
+#include <fmt/format.h>
+#include <pwd.h>
+
+#include <array>
+#include <cstdio>
+#include <memory>
+
+#include "daemon/core/result.hpp"
+
+namespace slamgw {
+
+std::optional<AuditedOrder> audited(const BleOrder& order) {
+  using Audited = std::optional<AuditedOrder>;
+  const auto simple = [](const char* what) { return Audited({what, {}}); };
+  return std::visit(
+      overloaded{
+          [](const ScanOrder&) { return Audited(); },
+          [](const JoinEventsOrder&) { return Audited(); },
+          [](const NodesOrder&) { return Audited(); },
+          [](const ProvisionOrder& known) {
+            return Audited({"ble provision", known.robot});
+          },
+          [](const PermitJoinOrder& known) {
+            return Audited(
+                {fmt::format("ble permit-join {} min", known.time.count()), known.robot});
+          },
+          [](const RemoveOrder& known) {
+            return Audited({known.is_forced ? "ble remove --force" : "ble remove", known.robot});
+          },
+          [&](const ImportOrder&) { return simple("ble import"); },
+          [&](const ExportOrder&) { return simple("ble export"); },
+          [&](const ResetBoardOrder&) { return simple("ble reset-board"); },
+      },
+      order);
+}
+
+std::optional<AuditedOrder> audited(const StoreOrder& order) {
+  if (std::holds_alternative<ResendOrder>(order)) return AuditedOrder{"store resend", {}};
+  if (std::holds_alternative<DiscardOrder>(order)) return AuditedOrder{"store discard", {}};
+  return std::nullopt;
+}
+
+Notice audit_notice(const std::string& who, const AuditedOrder& order, const std::string& error) {
+  const bool is_done = error.empty();
+  Notice notice{Severity::notice,
+                fmt::format("{}{}{}: {}{}; asked by {}", order.what, order.robot.empty() ? "" : " ",
+                            order.robot,
+                            is_done ? "done" : "failed: ", error.substr(0, error.find('\n')), who),
+                order.robot};
+  notice.audit = AuditFacts{who, order.what, is_done ? "done" : "failed"};
+  return notice;
+}
+
+std::string user_words(uid_t uid) {
+  const std::unique_ptr<FILE, int (*)(FILE*)> users(fopen("/etc/passwd", "re"), &fclose);
+  std::array<char, 4096> strings{};
+  passwd user{};
+  passwd* found = nullptr;
+  while (users && fgetpwent_r(users.get(), &user, strings.data(), strings.size(), &found) == 0) {
+    if (found->pw_uid == uid) return fmt::format("uid {} ({})", uid, found->pw_name);
+  }
+  return fmt::format("uid {}", uid);
+}
+
+}  // namespace slamgw
