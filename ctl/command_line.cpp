@@ -230,8 +230,9 @@ std::string complaint_about_speed(const std::string& factor) {
 }
 
 void add_host_tasks(CLI::App& app, Arguments& a) {
-  const auto add = [&app, &a](const char* verb, HostTask::Kind kind, const char* what) {
-    CLI::App* task = app.add_subcommand(verb, what);
+  const auto add_to = [&a](CLI::App& group, const char* verb, HostTask::Kind kind,
+                           const char* what) {
+    CLI::App* task = group.add_subcommand(verb, what);
     task->add_option("--config", a.task.configuration, "The daemon's configuration")
         ->capture_default_str();
     task->callback([&a, kind] {
@@ -239,6 +240,9 @@ void add_host_tasks(CLI::App& app, Arguments& a) {
       a.task.kind = kind;
     });
     return task;
+  };
+  const auto add = [&](const char* verb, HostTask::Kind kind, const char* what) {
+    return add_to(app, verb, kind, what);
   };
   add("doctor", HostTask::Kind::doctor, "The way from radio to broker: what is well, what to do")
       ->add_option("ROBOT", a.task.robot, "What is known of this robot, and why it is silent");
@@ -268,6 +272,15 @@ void add_host_tasks(CLI::App& app, Arguments& a) {
       ->required();
   add("audit", HostTask::Kind::audit, "Who asked the gateway for what, from the journal")
       ->add_option("--robot", a.task.robot, "Only what is about this robot");
+  CLI::App* key = app.add_subcommand("key", "Robots' keys for DTLS");
+  key->require_subcommand(1);
+  add_to(*key, "list", HostTask::Kind::key_list, "Which robots have a key");
+  add_to(*key, "add", HostTask::Kind::key_add, "Make a key for a robot and show it, once")
+      ->add_option("ROBOT", a.task.who, "Its id or MQTT-SN client id")
+      ->required();
+  add_to(*key, "remove", HostTask::Kind::key_remove, "End the robot's key and connection")
+      ->add_option("ROBOT", a.task.who, "As key add had it, or as key list shows it")
+      ->required();
   add_with_file("report", HostTask::Kind::report, "What support needs to see, without secrets");
 }
 
@@ -302,7 +315,8 @@ std::string suggestion(const CLI::App& app, const std::string& word) {
 }
 
 /// CLI11 says of a verb that is missing or misspelt only that one is required. The first word that
-/// is neither an option nor an option's value is the verb, and for `ble` and `store` the second.
+/// is neither an option nor an option's value is the verb, and for `ble`, `store` and `key` the
+/// second.
 std::optional<std::string> complaint_about_verb(const CLI::App& app,
                                                 const std::vector<std::string>& words) {
   const CLI::App* group = &app;

@@ -46,14 +46,26 @@ struct Order {
 
 /// What slam-gatewayctl does by itself, on the host that the gateway runs on.
 struct HostTask {
-  enum class Kind : std::uint8_t { backup, restore, report, doctor, replay, ban, unban, audit };
+  enum class Kind : std::uint8_t {
+    backup,
+    restore,
+    report,
+    doctor,
+    replay,
+    ban,
+    unban,
+    audit,
+    key_add,
+    key_list,
+    key_remove,
+  };
   Kind kind = Kind::doctor;
   std::string socket = Order{}.socket;
   bool json = false;
   std::string configuration = "/etc/slam-gateway/gateway.json";
   std::string file;           ///< the archive or the recording; none for doctor
   std::string robot;          ///< of doctor and audit; empty: the whole way, all
-  std::string who;            ///< of ban and unban: an entry of `bans`
+  std::string who;            ///< of ban and unban: an entry of `bans`; of key: a robot
   std::string broker;         ///< of replay; empty: the one of the configuration
   double speed = 1;           ///< of replay
   bool is_confirmed = false;  ///< of restore: do not ask

@@ -22,6 +22,7 @@
 #include "ctl/host/audit.hpp"
 #include "ctl/host/doctor.hpp"
 #include "ctl/host/recording.hpp"
+#include "ctl/host/robot_keys.hpp"
 #include "ctl/show.hpp"
 #include "daemon/config/rules.hpp"
 #include "daemon/control/wire.hpp"
@@ -249,15 +250,30 @@ int doctor(const Installation& installation, const HostTask& task) {
   return has_problem(findings) ? exit_failed : 0;
 }
 
-/// The file says it to a daemon that starts later; one that runs reads it now.
-std::string change_bans_and_reload(const Installation& installation, const HostTask& task) {
-  std::string text = change_bans(installation, task.who, task.kind == HostTask::Kind::ban);
+/// The file says it to a daemon that starts later; one that runs reads it now. Returns words about
+/// that.
+std::string reload(const HostTask& task) {
   try {
-    Connection(task.socket).ask({{"command", "reload"}}, slamgw::ctl::answer_patience);
+    const auto answer =
+        Connection(task.socket).ask({{"command", "reload"}}, slamgw::ctl::answer_patience);
+    const std::string left = text_at(answer, "needs_restart");
+    return left.empty() ? "" : "Only a restart of the gateway changes: " + left + "\n";
   } catch (const NotRunning&) {
-    text += "The gateway does not run; it will know when it starts.\n";
+    return "The gateway does not run; it will know when it starts.\n";
   }
-  return text;
+}
+
+std::string change_bans_and_reload(const Installation& installation, const HostTask& task) {
+  const std::string text = change_bans(installation, task.who, task.kind == HostTask::Kind::ban);
+  return text + reload(task);
+}
+
+/// A new key is shown whatever the daemon says.
+int manage_keys(const Installation& installation, const HostTask& task) {
+  const auto answer = slamgw::ctl::change_keys(installation, task);
+  std::cout << (task.json ? slamgw::control::to_line(answer) : slamgw::ctl::text_of_keys(answer));
+  if (task.kind != HostTask::Kind::key_list) std::cerr << reload(task);
+  return 0;
 }
 
 slamgw::BrokerSettings broker_for(const Installation& installation, const HostTask& task) {
@@ -333,6 +349,9 @@ int run(const HostTask& task) {
       text = recorded({task.kind == HostTask::Kind::ban ? "ban" : "unban", task.who},
                       [&] { return change_bans_and_reload(installation, task); });
       break;
+    case HostTask::Kind::key_add:
+    case HostTask::Kind::key_list:
+    case HostTask::Kind::key_remove: return manage_keys(installation, task);
     case HostTask::Kind::report: text = report(installation, task.socket, task.file); break;
   }
   std::cout << (task.json ? slamgw::control::to_line({{"file", task.file}, {"text", text}}) : text);

@@ -24,6 +24,16 @@ inline bool is_thread_interface(std::string_view name) { return name.starts_with
 
 enum class WhenFull : std::uint8_t { silent, reject };
 
+/// Which clients must show by DTLS who they are.
+enum class RequireIdentity : std::uint8_t { none, with_key, all };
+
+/// DTLS is on while there is a file of keys.
+struct DtlsSettings {
+  std::vector<std::string> listen = {"[::]:47194"};
+  std::optional<std::string> keys_file;
+  bool operator==(const DtlsSettings&) const = default;
+};
+
 struct Settings {
   bool enabled = true;
   std::vector<std::string> listen = {"[::]:47193"};
@@ -42,6 +52,8 @@ struct Settings {
   bool revive_lost = true;  ///< R113
   bool forwarders = true;
   bool disconnect_unknown = true;
+  DtlsSettings dtls;
+  RequireIdentity require_identity = RequireIdentity::none;
   bool is_full_silent() const { return when_full == WhenFull::silent; }
   bool is_auto() const { return interface == "auto"; }
   /// `mqttsn.interface` names the one interface that the sockets are bound to.

@@ -167,8 +167,9 @@ void put_in_place(const fs::path& source, const fs::path& target,
   std::vector<std::string> words{
       "install", "-T", fmt::format("--mode={:04o}", is_state ? 0600U : (archived & 0644U) | 0600U)};
   if (installation.is_service()) {
-    words.push_back(fmt::format("--owner={}", is_state ? service_user : "root"));
-    words.push_back("--group=" + (is_state ? service_user : group_of(source)));
+    const bool is_services = is_state || installation.is_key_file(target);
+    words.push_back(fmt::format("--owner={}", is_services ? service_user : "root"));
+    words.push_back("--group=" + (is_services ? service_user : group_of(source)));
   }
   words.push_back(source.string());
   words.push_back(target.string());

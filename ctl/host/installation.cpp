@@ -101,7 +101,7 @@ Installation::Installation(std::string configuration)
   const BrokerSettings& broker = config.broker;
   for (const std::optional<std::string>* const file :
        {&broker.credentials_file, &broker.ca_file, &broker.certificate_file, &broker.key_file,
-        &config.web.token_file})
+        &config.web.token_file, &config.mqttsn.dtls.keys_file})
     if (*file) named_.push_back(fs::absolute(**file).lexically_normal());
 }
 
@@ -115,6 +115,11 @@ bool Installation::is_settings(const fs::path& file) const {
   return file == configuration_ || (file.parent_path() == site() && file.extension() == ".json") ||
          std::ranges::find(named_, file) != named_.end() ||
          (is_service() && !place_in(etc(), file).empty());
+}
+
+bool Installation::is_key_file(const fs::path& file) const {
+  const auto& keys = parsed_.config.mqttsn.dtls.keys_file;
+  return keys && fs::absolute(*keys).lexically_normal() == file;
 }
 
 std::vector<fs::path> Installation::files() const {

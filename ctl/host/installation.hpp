@@ -35,6 +35,8 @@ class Installation {
   /// credentials, the files that it names, and everything in the service's /etc/slam-gateway.
   bool owns(const std::filesystem::path& file) const { return is_state(file) || is_settings(file); }
   bool is_state(const std::filesystem::path& file) const;
+  /// Robots' keys: the service's user alone reads them.
+  bool is_key_file(const std::filesystem::path& file) const;
   /// The regular files of this host that `owns()` is true of.
   std::vector<std::filesystem::path> files() const;
 

@@ -50,14 +50,18 @@ std::vector<std::string> replaced_names(const std::vector<RobotName>& now,
 }  // namespace
 
 Reload reload_of(const Config& now, Config wanted) {
-  Reload reload{now, now.robots != wanted.robots || now.bans != wanted.bans,
+  Reload reload{now,
+                now.robots != wanted.robots || now.bans != wanted.bans,
                 now.topics.extra_publish != wanted.topics.extra_publish ||
                     now.topics.extra_subscribe != wanted.topics.extra_subscribe,
-                keys_for_restart(now, wanted), replaced_names(now.robots, wanted.robots)};
+                keys_for_restart(now, wanted),
+                replaced_names(now.robots, wanted.robots),
+                now.robot_keys != wanted.robot_keys};
   Config& config = reload.config;
   config.log = wanted.log;
   config.robots = std::move(wanted.robots);
   config.bans = std::move(wanted.bans);
+  config.robot_keys = std::move(wanted.robot_keys);
   config.topics.extra_publish = std::move(wanted.topics.extra_publish);
   config.topics.extra_subscribe = std::move(wanted.topics.extra_subscribe);
   config.broker = std::move(wanted.broker);
@@ -67,9 +71,10 @@ Reload reload_of(const Config& now, Config wanted) {
 }
 
 nlohmann::ordered_json answer_json(const Reload& reload) {
-  nlohmann::ordered_json answer{{"in_force",
-                                 "log, robots, bans, topics.extra_publish, topics.extra_subscribe, "
-                                 "broker (except max_inflight)"}};
+  nlohmann::ordered_json answer{
+      {"in_force",
+       "log, robots, bans, robots' keys, topics.extra_publish, topics.extra_subscribe, "
+       "broker (except max_inflight)"}};
   if (!reload.needs_restart.empty()) answer["needs_restart"] = reload.needs_restart;
   return answer;
 }

@@ -19,6 +19,7 @@ struct Reload {
   std::string needs_restart;
   /// Default names (a client id, `ble-0100`) of robots that have another name now.
   std::vector<std::string> replaced_names{};
+  bool has_other_keys = false;  ///< of robots
 };
 
 Reload reload_of(const Config& now, Config wanted);

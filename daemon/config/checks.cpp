@@ -102,6 +102,9 @@ void check_mqttsn(const Located& located) {
   if (mqttsn.enabled && mqttsn.listen.empty())
     located.problem("mqttsn.listen",
                     "is empty; at least one address, or \"enabled\": false, is needed");
+  if (mqttsn.dtls.keys_file && mqttsn.dtls.listen.empty())
+    located.problem("mqttsn.dtls.listen",
+                    "is empty; at least one address is needed beside keys_file");
 }
 
 void check_tls_keys(const Located& located) {

@@ -9,6 +9,7 @@
 #include "adapters/ble_mesh_usb_cdc/settings.hpp"
 #include "adapters/mqttsn_udp/settings.hpp"
 #include "daemon/core/normalizer.hpp"
+#include "daemon/core/robot_keys.hpp"
 #include "daemon/core/robot_names.hpp"
 #include "daemon/mqtt/settings.hpp"
 #include "daemon/observability/log_settings.hpp"
@@ -33,6 +34,7 @@ struct Config {
   std::vector<std::string> bans;  ///< see Bans
   ble::Settings ble_mesh;
   mqttsn::Settings mqttsn;
+  RobotKeys robot_keys;  ///< secret: what `mqttsn.dtls.keys_file` holds
   StoreSettings store;
   LogSettings log;
   std::string control_socket = "/run/slam-gateway/control.sock";

@@ -13,6 +13,7 @@
 
 #include "daemon/config/checks.hpp"
 #include "daemon/config/credentials.hpp"
+#include "daemon/config/key_file.hpp"
 #include "daemon/config/rules.hpp"
 #include "daemon/config/value.hpp"
 
@@ -186,6 +187,7 @@ ParseResult parse_config(const std::vector<ConfigFile>& parts, const Surrounding
     if (surroundings.is_daemon) {
       warn_of_relations(located, result.warnings);
       read_credentials(located, result, surroundings, files);
+      read_robot_keys(located, result, files);
       check_tls_files(located, files);
     }
   }

@@ -21,8 +21,8 @@ struct Surroundings {
   /// The file that the service's systemd credential `broker` is copied from: the one that an
   /// operator edits. Empty when there is none, or when another configuration is read.
   std::string credential_source{};
-  /// Whether the daemon itself reads. Other programs leave the broker's secrets alone, which are
-  /// the daemon's: the credentials, and the files of `broker.tls`.
+  /// Whether the daemon itself reads. Other programs leave its secrets alone: the credentials, the
+  /// files of `broker.tls`, and robots' keys.
   bool is_daemon = true;
 };
 

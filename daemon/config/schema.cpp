@@ -16,6 +16,7 @@ constexpr double max_cm = 1e6;  // ten kilometres
 constexpr std::uint64_t tebibyte = 1ULL << 40;
 constexpr std::string_view level_words =
     "a text of 1-64 bytes without + # / and control characters";
+constexpr std::string_view listen_words = "\"[IPv6]:PORT\" or \"IPv4:PORT\"";
 constexpr std::string_view client_id_words = "a text of 1-255 bytes without control characters";
 constexpr std::string_view filter_words =
     "an MQTT filter, + only as a whole level, # only as the last, at most 200 levels, no control "
@@ -261,7 +262,7 @@ constexpr auto mqttsn_keys = std::to_array<SchemaKey>({
     {"mqttsn.enabled", [](Value v, Config& c) { v.boolean(c.mqttsn.enabled); }},
     {"mqttsn.listen",
      [](Value v, Config& c) {
-       v.texts(c.mqttsn.listen, is_listen_address, "\"[IPv6]:PORT\" or \"IPv4:PORT\"");
+       v.texts(c.mqttsn.listen, is_listen_address, listen_words);
      }},
     {"mqttsn.interface",
      [](Value v, Config& c) {
@@ -308,6 +309,22 @@ constexpr auto mqttsn_keys = std::to_array<SchemaKey>({
     {"mqttsn.forwarders", [](Value v, Config& c) { v.boolean(c.mqttsn.forwarders); }},
     {"mqttsn.disconnect_unknown",
      [](Value v, Config& c) { v.boolean(c.mqttsn.disconnect_unknown); }},
+    {"mqttsn.dtls.listen",
+     [](Value v, Config& c) { v.texts(c.mqttsn.dtls.listen, is_listen_address, listen_words); }},
+    {"mqttsn.dtls.keys_file", [](Value v, Config& c) { v.file_path(c.mqttsn.dtls.keys_file); }},
+    {"mqttsn.require_identity",
+     [](Value v, Config& c) {
+       using mqttsn::RequireIdentity;
+       RequireIdentity& required = c.mqttsn.require_identity;
+       const nlohmann::json& value = v.node().value;
+       if (value == "all") {
+         required = RequireIdentity::all;
+       } else if (value.is_boolean()) {
+         required = value.get<bool>() ? RequireIdentity::with_key : RequireIdentity::none;
+       } else {
+         v.not_allowed("false, true, \"all\"");
+       }
+     }},
 });
 
 template <std::size_t... sizes>

@@ -45,7 +45,8 @@ TEST(Reload, NamesWhatNeedsARestartAndLeavesItAsItIs) {
   const auto answer = answer_json(reload);
   EXPECT_EQ(answer["needs_restart"], reload.needs_restart);
   EXPECT_EQ(answer["in_force"],
-            "log, robots, bans, topics.extra_publish, topics.extra_subscribe, broker (except "
+            "log, robots, bans, robots' keys, topics.extra_publish, topics.extra_subscribe, broker "
+            "(except "
             "max_inflight)")
       << "nothing that needs a restart is called in force";
   EXPECT_EQ(reload.config.broker.max_inflight, 16);
@@ -53,6 +54,16 @@ TEST(Reload, NamesWhatNeedsARestartAndLeavesItAsItIs) {
   EXPECT_EQ(reload.config.topics.prefix, now.topics.prefix);
   EXPECT_FALSE(reload.has_other_robots);
   EXPECT_FALSE(reload.has_other_topics);
+}
+
+TEST(Reload, TakesRobotsKeysAtOnce) {
+  Config wanted;
+  wanted.robot_keys["r1"] = Bytes(16, 1);
+  const Reload reload = reload_of(Config(), wanted);
+  EXPECT_TRUE(reload.has_other_keys);
+  EXPECT_EQ(reload.config.robot_keys, wanted.robot_keys);
+  EXPECT_EQ(reload.needs_restart, "");
+  EXPECT_FALSE(reload_of(wanted, wanted).has_other_keys);
 }
 
 TEST(Reload, NamesTheDefaultNamesThatNoRobotHasAnyMore) {

@@ -71,6 +71,7 @@ TEST(DefaultConfig, NamesEveryKeyAndItsExamplesAreGood) {
   FakeFiles files;
   files.files["credentials.json"] = {R"({"username": "u", "password": "p"})", 0600};
   files.files["ca.pem"] = files.files["client.pem"] = {"certificate 1", 0644};
+  files.files["robot-keys.json"] = {"{}", 0600};
   files.files["client.key"] = {"key 1", 0600};
   std::string text = with_examples();
   text.replace(text.find("\"mqtt://"), 8, "\"mqtts://");  // the examples for TLS need it

@@ -85,11 +85,12 @@ std::string describe_mqttsn(const mqttsn::Settings& settings) {
   const auto& [enabled, listen, interface, multicast_group, gateway_id, advertise_interval,
                predefined_topics, allow_unconnected_publish, max_clients, max_sleeping_messages,
                keep_alive_tolerance, retry_interval, retry_count, when_full, revive_lost,
-               forwarders, disconnect_unknown] = settings;
+               forwarders, disconnect_unknown, dtls, require_identity] = settings;
+  const auto& [dtls_listen, keys_file] = dtls;
   return all(enabled, listen, interface, multicast_group, gateway_id, advertise_interval,
              predefined_topics, allow_unconnected_publish, max_clients, max_sleeping_messages,
              keep_alive_tolerance, retry_interval, retry_count, when_full, revive_lost, forwarders,
-             disconnect_unknown);
+             disconnect_unknown, dtls_listen, keys_file, require_identity);
 }
 
 std::string describe_broker(const BrokerSettings& settings) {
@@ -104,15 +105,17 @@ std::string describe_broker(const BrokerSettings& settings) {
 }  // namespace
 
 std::string describe(const Config& config) {
-  const auto& [gateway_id, broker, topics, update_mode, robots, bans, ble_mesh, mqttsn, store, log,
-               control_socket, web] = config;
+  const auto& [gateway_id, broker, topics, update_mode, robots, bans, ble_mesh, mqttsn, robot_keys,
+               store, log, control_socket, web] = config;
   const auto& [prefix, extra_publish, extra_subscribe, retain] = topics;
   const auto& [directory, max_bytes] = store;
   const auto& [level, traffic] = log;
   const auto& [listen, token_file, hosts] = web;
+  std::vector<std::string> keys;
+  for (const auto& [identity, key] : robot_keys) keys.push_back(identity + "=" + to_hex(key));
   return describe_broker(broker) + describe_ble_mesh(ble_mesh) + describe_mqttsn(mqttsn) +
          all(gateway_id, prefix, extra_publish, extra_subscribe, retain, update_mode, robots, bans,
-             directory, max_bytes, level, traffic, control_socket, listen, token_file, hosts);
+             keys, directory, max_bytes, level, traffic, control_socket, listen, token_file, hosts);
 }
 
 }  // namespace slamgw::test

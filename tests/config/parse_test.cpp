@@ -50,6 +50,26 @@ TEST(ParseConfig, ReadsAListOfBrokers) {
     EXPECT_NE(Parsed(std::string(R"({"broker": {"uri": )") + bad + "}}").lines_of_problems, "");
 }
 
+TEST(ParseConfig, ReadsRobotsKeysAndWhoMustHaveOne) {
+  FakeFiles files;
+  files.files["/etc/slam-gateway/keys"] = {
+      R"({"r1": "00112233445566778899aabbccddeeff", "r2": "A0A1A2A3A4A5A6A7A8A9AAABACADAEAF"})",
+      0600};
+  const auto parsed = [&](const std::string& required) {
+    return Parsed(
+        R"({"mqttsn": {"require_identity": )" + required + R"(, "dtls": {"keys_file": "keys"}}})",
+        {"pi", ""}, files);
+  };
+  EXPECT_EQ(parsed("true").lines_of_problems, "");
+  const RobotKeys keys = parsed("true").config.robot_keys;
+  EXPECT_EQ(identities_of(keys), (Identities{"r1", "r2"}));
+  EXPECT_EQ(to_hex(keys.at("r2")), "a0a1a2a3a4a5a6a7a8a9aaabacadaeaf");
+  using mqttsn::RequireIdentity;
+  EXPECT_EQ(parsed("false").config.mqttsn.require_identity, RequireIdentity::none);
+  EXPECT_EQ(parsed("true").config.mqttsn.require_identity, RequireIdentity::with_key);
+  EXPECT_EQ(parsed("\"all\"").config.mqttsn.require_identity, RequireIdentity::all);
+}
+
 TEST(ParseConfig, ReadsAddressesAsTextOrNumbers) {
   const Parsed parsed(R"({"ble_mesh": {"address": "0x7FFF", "groups": [49152, "0xfeff"]},
       "robots": [{"id": "a", "ble_address": 256}, {"id": "b", "ble_address": "0x101"}]})");

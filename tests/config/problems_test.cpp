@@ -18,6 +18,10 @@ Problems problems_of(std::string_view text) {
   files.files["odd"] = {"{\"username\": \"\",\n\"pasword\": \"hush\"}", 0600};
   files.files["list"] = {"[]", 0600};
   files.files["cert"] = {"certificate 1", 0644};
+  files.files["keys"] = {R"({"r1": "00112233445566778899aabbccddeeff"})", 0600};
+  files.files["group-keys"] = {R"({"r1": "00112233445566778899aabbccddeeff"})", 0640};
+  files.files["short-keys"] = {"{\n\"r1\": \"0011hush\"}", 0600};
+  files.files["level-keys"] = {R"({"a/b": "00112233445566778899aabbccddeeff"})", 0600};
   files.files["key"] = {"key 2", 0600};
   files.errors["secret"] = {false, true, "Permission denied"};
   return parse_config({{"g.json", std::string(text)}}, {"pi", ""}, files).problems;
@@ -153,6 +157,29 @@ INSTANTIATE_TEST_SUITE_P(
         Case{R"({"broker": {"uri": "mqtts://h", "tls": {"certificate_file": "cert",
                "key_file": "key"}}})",
              "g.json:2: broker.tls.key_file: ", "does not belong to certificate_file"}));
+
+INSTANTIATE_TEST_SUITE_P(
+    Dtls, ConfigProblem,
+    testing::Values(
+        Case{R"({"mqttsn": {"dtls": {"keys_file": "gone"}}})",
+             "g.json:1: mqttsn.dtls.keys_file: ", "sudo slam-gatewayctl key add ROBOT"},
+        Case{R"({"mqttsn": {"dtls": {"keys_file": "group-keys"}}})",
+             "g.json:1: mqttsn.dtls.keys_file: ", "(mode 0640); type: sudo chmod 600 group-keys"},
+        Case{R"({"mqttsn": {"dtls": {"keys_file": "short-keys"}}})",
+             "short-keys:2: r1: ", "(not shown: it is secret); allowed: 32 to 128 hex digits"},
+        Case{R"({"mqttsn": {"dtls": {"keys_file": "level-keys"}}})",
+             "level-keys:1: a/b: ", "allowed: one topic level"},
+        Case{R"({"mqttsn": {"dtls": {"keys_file": "list"}}})", "list:1: syntax: ", "HEX DIGITS"},
+        Case{R"({"mqttsn": {"dtls": {"keys_file": "keys", "listen": []}}})",
+             "g.json:1: mqttsn.dtls.listen: ", "at least one address"},
+        Case{R"({"mqttsn": {"dtls": {"listen": ["47194"]}}})",
+             "g.json:1: mqttsn.dtls.listen[0]: ", "[IPv6]:PORT"},
+        Case{R"({"mqttsn": {"require_identity": "yes", "dtls": {"keys_file": "keys"}}})",
+             "g.json:1: mqttsn.require_identity: ", R"(allowed: false, true, "all")"},
+        Case{R"({"mqttsn": {"require_identity": true}})",
+             "g.json:1: mqttsn.require_identity: ", "mqttsn.dtls.keys_file is needed"},
+        Case{R"({"mqttsn": {"require_identity": "all"}})",
+             "g.json:1: mqttsn.require_identity: ", "mqttsn.dtls.keys_file is needed"}));
 
 INSTANTIATE_TEST_SUITE_P(
     Topics, ConfigProblem,

@@ -31,7 +31,7 @@ TEST_F(WebSession, OnlyWatchesUntilItHasToldTheToken) {
   ASSERT_TRUE(reaction.publish);
   EXPECT_EQ(reaction.publish->topic, "ntnu-slam/server/r/run");
   EXPECT_EQ(reaction.publish->payload, "stop");
-  EXPECT_EQ(reaction.publish->sender.find("page at "), 0U) << reaction.publish->sender;
+  EXPECT_EQ(reaction.publish->sender, "operator, page at 192.0.2.1");
 }
 
 TEST_F(WebSession, PayloadsInHexAreOctets) {

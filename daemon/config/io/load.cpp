@@ -120,6 +120,14 @@ void check_service_rights(ParseResult& result) {
     const auto place = result.places.find(key);
     if (file && place != result.places.end()) check(*file, place->second, key);
   }
+  constexpr const char* keys_file = "mqttsn.dtls.keys_file";
+  const std::optional<std::string>& keys = result.config.mqttsn.dtls.keys_file;
+  const auto place = result.places.find(keys_file);
+  if (!keys || place == result.places.end() || may_user_read(service_user, *keys)) return;
+  result.problems.push_back(
+      {place->second.file, place->second.line, keys_file,
+       fmt::format("{} cannot be read by the service's user {}; type: sudo chown {} {}", *keys,
+                   service_user, service_user, *keys)});
 }
 
 ParseResult load_parts(const std::string& path, const Surroundings& surroundings,

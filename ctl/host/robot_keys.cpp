@@ -1,0 +1,155 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "ctl/host/robot_keys.hpp"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <pwd.h>
+#include <sys/file.h>
+#include <sys/random.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <nlohmann/json.hpp>
+
+#include "ctl/connection.hpp"
+#include "daemon/config/io/service_rights.hpp"
+#include "daemon/config/io/system_files.hpp"
+#include "daemon/config/key_file.hpp"
+#include "daemon/core/topic_scheme.hpp"
+
+namespace slamgw::ctl {
+namespace {
+
+namespace fs = std::filesystem;
+
+class Descriptor {
+ public:
+  explicit Descriptor(int number) : number_(number) {}
+  ~Descriptor() {
+    if (number_ >= 0) close(number_);
+  }
+  Descriptor(const Descriptor&) = delete;
+  Descriptor& operator=(const Descriptor&) = delete;
+  operator int() const { return number_; }
+
+ private:
+  int number_;
+};
+
+[[noreturn]] void fail(const fs::path& file, const char* what) {
+  throw Failure(fmt::format("{} can't be {}: {}", file.string(), what, std::strerror(errno)));
+}
+
+fs::path keys_file(const Installation& installation) {
+  const auto& file = installation.parsed().config.mqttsn.dtls.keys_file;
+  if (file) return fs::absolute(*file).lexically_normal();
+  throw Failure(
+      fmt::format("robots have no keys yet: write {{\"mqttsn\": {{\"dtls\": {{\"keys_file\": "
+                  "\"robot-keys.json\"}}}}}} into {}, then type this again",
+                  (installation.site() / "dtls.json").string()));
+}
+
+RobotKeys read_keys(const fs::path& path) {
+  const auto file = SystemFiles(service_user).read(path.string());
+  if (!file && file.error().is_missing) return {};
+  if (!file) throw Failure(fmt::format("{} can't be read: {}", path.string(), file.error().text));
+  if (const std::string fault = fault_of_key_file(path.string(), *file); !fault.empty())
+    throw Failure(fault);
+  Problems problems;
+  RobotKeys keys = parse_key_file(file->text, path.string(), problems);
+  if (!problems.empty()) throw Failure(to_string(problems.front()));
+  return keys;
+}
+
+/// The service must be able to read what root writes.
+void give_to_owner(int file, const fs::path& replaced) {
+  if (geteuid() != 0) return;
+  struct stat status {};
+  const passwd* const service = getpwnam(service_user);
+  uid_t owner = service ? service->pw_uid : 0;
+  gid_t group = service ? service->pw_gid : 0;
+  if (stat(replaced.c_str(), &status) == 0) {
+    owner = status.st_uid;
+    group = status.st_gid;
+  }
+  if (fchown(file, owner, group) != 0) fail(replaced, "given to its owner");
+}
+
+void write_keys(const fs::path& path, const RobotKeys& keys, int directory) {
+  const std::string text = write_key_file(keys);
+  const std::string unfinished = path.string() + ".unfinished";
+  unlink(unfinished.c_str());
+  const Descriptor file(open(unfinished.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600));
+  if (file < 0) fail(path, "written");
+  give_to_owner(file, path);
+  const bool is_written =
+      write(file, text.data(), text.size()) == static_cast<ssize_t>(text.size()) &&
+      fsync(file) == 0 && rename(unfinished.c_str(), path.c_str()) == 0 && fsync(directory) == 0;
+  if (!is_written) fail(path, "written");
+}
+
+Bytes random_key() {
+  Bytes key(min_key_octets);
+  if (getrandom(key.data(), key.size(), 0) != static_cast<ssize_t>(key.size()))
+    throw Failure(fmt::format("no random number: {}", std::strerror(errno)));
+  return key;
+}
+
+/// A robot of `robots` is known on the mesh by its client id.
+std::string identity_of(const Installation& installation, const std::string& robot) {
+  for (const RobotName& name : installation.parsed().config.robots)
+    if (name.id == robot && name.mqttsn_client_id) return *name.mqttsn_client_id;
+  return robot;
+}
+
+}  // namespace
+
+nlohmann::ordered_json change_keys(const Installation& installation, const HostTask& task) {
+  const fs::path path = keys_file(installation);
+  const Descriptor directory(open(path.parent_path().c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  if (directory < 0) fail(path.parent_path(), "opened");
+  if (flock(directory, LOCK_EX) != 0) fail(path.parent_path(), "locked");
+  RobotKeys keys = read_keys(path);
+  nlohmann::ordered_json answer{{"file", path.string()}};
+  if (task.kind == HostTask::Kind::key_list) {
+    answer["robots"] = nlohmann::json::array();
+    for (const auto& [identity, key] : keys) answer["robots"].push_back(identity);
+    return answer;
+  }
+  const std::string identity = identity_of(installation, task.who);
+  answer["robot"] = task.who;
+  answer["identity"] = identity;
+  if (task.kind == HostTask::Kind::key_add) {
+    if (!is_valid_level(identity))
+      throw Failure("a client id must be one topic level of 1 to 64 octets, without + # /");
+    const auto [added, is_new] = keys.emplace(identity, random_key());
+    if (!is_new)
+      throw Failure(
+          fmt::format("{} has a key already; for another one, first type: "
+                      "slam-gatewayctl key remove {}",
+                      task.who, task.who));
+    answer["key"] = to_hex(added->second);
+  } else if (keys.erase(identity) == 0) {
+    throw Failure(fmt::format("{} has no key in {}", task.who, path.string()));
+  }
+  write_keys(path, keys, directory);
+  return answer;
+}
+
+std::string text_of_keys(const nlohmann::ordered_json& answer) {
+  if (answer.contains("robots")) {
+    std::string text;
+    for (const std::string name : answer["robots"]) text += name + "\n";
+    return text.empty() ? "no robot has a key\n" : text;
+  }
+  const std::string identity = answer["identity"];
+  if (!answer.contains("key")) return fmt::format("{} has no key any more\n", identity);
+  return fmt::format(
+      "PSK identity: {}\nPSK (hex):    {}\nWrite both into the robot; the key is not shown "
+      "again.\n",
+      identity, answer["key"].get<std::string>());
+}
+
+}  // namespace slamgw::ctl

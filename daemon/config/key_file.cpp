@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon/config/key_file.hpp"
+
+#include <fmt/format.h>
+
+#include <charconv>
+#include <nlohmann/json.hpp>
+#include <optional>
+
+#include "daemon/config/located_json.hpp"
+#include "daemon/core/topic_scheme.hpp"
+
+namespace slamgw {
+namespace {
+
+constexpr std::string_view keys_file_key = "mqttsn.dtls.keys_file";
+
+std::optional<Bytes> parse_key(std::string_view hex) {
+  if (hex.size() % 2 != 0 || hex.size() < 2 * min_key_octets || hex.size() > 2 * max_key_octets)
+    return std::nullopt;
+  Bytes key(hex.size() / 2);
+  for (std::size_t i = 0; i < key.size(); ++i) {
+    const char* const digits = hex.data() + 2 * i;
+    if (std::from_chars(digits, digits + 2, key[i], 16).ptr != digits + 2) return std::nullopt;
+  }
+  return key;
+}
+
+}  // namespace
+
+RobotKeys parse_key_file(const std::string& text, const std::string& file, Problems& problems) {
+  LocatedJson document = read_located_json(text, file);
+  for (Problem& problem : document.problems) problems.push_back(std::move(problem));
+  RobotKeys keys;
+  if (!document.is_complete) return keys;
+  const auto add = [&](int line, const std::string& key, std::string wrong) {
+    problems.push_back({file, line, key, std::move(wrong)});
+  };
+  if (!document.root.value.is_object()) {
+    add(document.root.place.line, "syntax",
+        R"(is not a group; allowed: {"CLIENT ID": "HEX DIGITS", ...})");
+    return keys;
+  }
+  for (const JsonNode& member : document.root.children) {
+    const auto* hex = member.value.get_ptr<const std::string*>();
+    const auto key = hex ? parse_key(*hex) : std::nullopt;
+    if (!is_valid_level(member.key)) {
+      add(member.place.line, member.key, "is not an MQTT-SN client id; allowed: one topic level");
+    } else if (!key) {
+      add(member.place.line, member.key,
+          fmt::format("is not a key (not shown: it is secret); allowed: {} to {} hex digits",
+                      2 * min_key_octets, 2 * max_key_octets));
+    } else {
+      keys[member.key] = *key;
+    }
+  }
+  return keys;
+}
+
+std::string write_key_file(const RobotKeys& keys) {
+  nlohmann::json json = nlohmann::json::object();
+  for (const auto& [identity, key] : keys) json[identity] = to_hex(key);
+  return json.dump(2) + "\n";
+}
+
+std::string fault_of_key_file(const std::string& path, const FileText& file) {
+  constexpr unsigned all_but_owner = 0077;
+  if ((file.mode & all_but_owner) != 0)
+    return fmt::format("{} can be read or changed by others (mode {:04o}); type: sudo chmod 600 {}",
+                       path, file.mode, path);
+  if (!file.strange_owner.empty())
+    return fmt::format("{} belongs to {}, who can read and change it; type: sudo chown root {}",
+                       path, file.strange_owner, path);
+  return {};
+}
+
+void read_robot_keys(const Located& located, ParseResult& result, const Files& files) {
+  const mqttsn::Settings& mqttsn = result.config.mqttsn;
+  const std::optional<std::string>& path = mqttsn.dtls.keys_file;
+  if (!path) {
+    if (mqttsn.require_identity != mqttsn::RequireIdentity::none)
+      located.problem("mqttsn.require_identity",
+                      fmt::format("needs robots' keys; {} is needed", keys_file_key));
+    return;
+  }
+  const std::string key(keys_file_key);
+  const auto file = files.read(*path);
+  if (!file) {
+    const char* remedy = file.error().is_missing
+                             ? "create it with: sudo slam-gatewayctl key add ROBOT"
+                             : "a readable file of keys is needed";
+    return located.problem(
+        key, fmt::format("{} cannot be read: {}; {}", *path, file.error().text, remedy));
+  }
+  if (std::string fault = fault_of_key_file(*path, *file); !fault.empty())
+    return located.problem(key, std::move(fault));
+  result.config.robot_keys = parse_key_file(file->text, *path, located.context.problems);
+}
+
+}  // namespace slamgw

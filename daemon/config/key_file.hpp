@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: Apache-2.0
+// The file of `mqttsn.dtls.keys_file`: {"robot-1": "<hex digits>", ...}, robots' keys by their
+// MQTT-SN client ids. No key ever shows in a problem.
+#pragma once
+
+#include <string>
+
+#include "daemon/config/checks.hpp"
+#include "daemon/config/files.hpp"
+#include "daemon/config/parse.hpp"
+#include "daemon/core/robot_keys.hpp"
+
+namespace slamgw {
+
+/// 128 bits; and what RFC 4279 section 5.4 asks of every implementation.
+inline constexpr std::size_t min_key_octets = 16;
+inline constexpr std::size_t max_key_octets = 64;
+
+/// Reports what is wrong in `text`.
+RobotKeys parse_key_file(const std::string& text, const std::string& file, Problems& problems);
+std::string write_key_file(const RobotKeys& keys);
+/// Why the file may not be used; empty when only its owner, who is not a stranger, can read it.
+std::string fault_of_key_file(const std::string& path, const FileText& file);
+
+/// Sets `result.config.robot_keys`.
+void read_robot_keys(const Located& located, ParseResult& result, const Files& files);
+
+}  // namespace slamgw

@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: Apache-2.0
+// The file of robots' keys is made, changed and read; no change is lost and no key shows twice.
+#include "ctl/host/robot_keys.hpp"
+
+#include <gtest/gtest.h>
+#include <sys/stat.h>
+
+#include <nlohmann/json.hpp>
+#include <set>
+#include <thread>
+#include <vector>
+
+#include "ctl/connection.hpp"
+#include "tests/support/temp_dir.hpp"
+
+namespace slamgw::ctl {
+namespace {
+
+using Kind = HostTask::Kind;
+using test::read_file;
+using test::write_file;
+
+class RobotKeysFile : public testing::Test {
+ protected:
+  RobotKeysFile() {
+    write_file(directory_ / "gateway.json",
+               R"({"mqttsn": {"dtls": {"keys_file": "keys.json"}},
+                   "robots": [{"id": "tank", "mqttsn_client_id": "tank-client"}]})");
+  }
+  nlohmann::ordered_json change(Kind kind, const std::string& robot = {}) const {
+    HostTask task;
+    task.kind = kind;
+    task.who = robot;
+    return change_keys(Installation(directory_ / "gateway.json"), task);
+  }
+  std::string file() const { return directory_ / "keys.json"; }
+  unsigned mode() const {
+    struct stat status {};
+    stat(file().c_str(), &status);
+    return status.st_mode & 07777U;
+  }
+
+  test::TempDir directory_;
+};
+
+TEST_F(RobotKeysFile, GetsAFreshKeyForEachRobot) {
+  std::set<std::string> keys;
+  for (const char* robot : {"r1", "r2", "tank"}) {
+    const auto answer = change(Kind::key_add, robot);
+    const std::string key = answer["key"];
+    EXPECT_EQ(key.size(), 32U);
+    EXPECT_EQ(key.find_first_not_of("0123456789abcdef"), std::string::npos);
+    EXPECT_NE(text_of_keys(answer).find(key), std::string::npos);
+    EXPECT_NE(read_file(file()).find(key), std::string::npos);
+    keys.insert(key);
+  }
+  EXPECT_EQ(keys.size(), 3U);
+  EXPECT_EQ(mode(), 0600U);
+  const auto listed = change(Kind::key_list);
+  EXPECT_EQ(text_of_keys(listed), "r1\nr2\ntank-client\n") << "a robot speaks as its client id";
+  for (const std::string& key : keys)
+    EXPECT_EQ(listed.dump().find(key), std::string::npos) << "names only";
+  const Installation installation(directory_ / "gateway.json");
+  EXPECT_EQ(installation.parsed().config.robot_keys.size(), 3U);
+  EXPECT_TRUE(installation.parsed().problems.empty());
+}
+
+TEST_F(RobotKeysFile, KeepsAKeyUntilItIsRemoved) {
+  change(Kind::key_add, "r1");
+  const std::string before = read_file(file());
+  EXPECT_THROW(change(Kind::key_add, "r1"), Failure);
+  EXPECT_EQ(read_file(file()), before);
+  EXPECT_THROW(change(Kind::key_remove, "r2"), Failure);
+  change(Kind::key_remove, "r1");
+  EXPECT_EQ(text_of_keys(change(Kind::key_list)), "no robot has a key\n");
+  EXPECT_THROW(change(Kind::key_add, "no/level"), Failure);
+}
+
+TEST_F(RobotKeysFile, LosesNoKeyThatIsAddedAtTheSameTime) {
+  std::vector<std::thread> writers;
+  for (int i = 0; i < 8; ++i)
+    writers.emplace_back([&, i] { change(Kind::key_add, "r" + std::to_string(i)); });
+  for (std::thread& writer : writers) writer.join();
+  EXPECT_EQ(change(Kind::key_list)["robots"].size(), 8U);
+}
+
+TEST_F(RobotKeysFile, IsNotUsedWhenOthersCanReadItOrItIsBroken) {
+  write_file(file(), "{}", 0640);
+  EXPECT_THROW(change(Kind::key_add, "r1"), Failure);
+  EXPECT_EQ(read_file(file()), "{}");
+  write_file(file(), R"({"r1": "secret)", 0600);
+  chmod(file().c_str(), 0600);
+  try {
+    change(Kind::key_add, "r2");
+    ADD_FAILURE() << "written over";
+  } catch (const Failure& failure) {
+    EXPECT_EQ(std::string(failure.what()).find("secret"), std::string::npos) << failure.what();
+  }
+}
+
+TEST_F(RobotKeysFile, SaysHowKeysBegin) {
+  write_file(directory_ / "gateway.json", "{}");
+  try {
+    change(Kind::key_add, "r1");
+    ADD_FAILURE() << "there is no file of keys";
+  } catch (const Failure& failure) {
+    EXPECT_NE(std::string(failure.what()).find("gateway.d/dtls.json"), std::string::npos);
+  }
+}
+
+}  // namespace
+}  // namespace slamgw::ctl
