@@ -11,6 +11,16 @@ namespace slamgw::mqttsn::limits {
 
 /// Thread carries IPv6 packets of 1280 octets, less 48 of IPv6 and UDP headers (R8, R9).
 constexpr std::size_t max_datagram_octets = 1232;
+/// A DTLS record that we send, and what it adds to a message at most: with AES-CBC its header, the
+/// initialization vector, the padding and the code of SHA-256.
+constexpr std::size_t max_dtls_record_octets = 1200;
+constexpr std::size_t max_dtls_overhead_octets = 80;
+/// DTLS handshakes that are under way, each up to 300 KiB: in all, in one /64, which may be that of
+/// all robots, and at one address; and how long one may take.
+constexpr std::size_t max_dtls_handshakes = 256;
+constexpr std::size_t max_dtls_handshakes_of_network = 128;
+constexpr std::size_t max_dtls_handshakes_of_address = 8;
+constexpr std::chrono::seconds dtls_handshake_patience{30};
 /// Topic ids of one client. A server that listens to a few hundred robots fits.
 constexpr std::size_t max_topics_per_client = 1024;
 constexpr std::size_t max_subscriptions_per_client = 128;

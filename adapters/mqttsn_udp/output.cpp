@@ -20,7 +20,8 @@ Counters Tally::counters() const {
       "unconnected_refused", "delivered_down",   "retransmitted",
       "deliveries_given_up", "queue_dropped",    "too_large_down",
       "topics_set_aside",    "wills_refused",    "unvalidated",
-      "subscribes_bounded",  "answered_unsaved", "banned"};
+      "subscribes_bounded",  "answered_unsaved", "banned",
+      "identity_missing"};
   static_assert(!names.back().empty(), "a name for each counter");
   Counters counters;
   for (std::size_t i = 0; i < size; ++i) counters.push_back({names[i], values_[i]});
@@ -58,7 +59,7 @@ void Output::send(const Peer& to, const LocalAddress& from, const Packet& packet
     return tally_.count(Count::unvalidated);
   validation.on_sent(to.endpoint.address, bytes.size());
   tally_.count(Count::datagrams_out);
-  SendDatagram datagram{from, to.endpoint, std::move(bytes)};
+  SendDatagram datagram{from, to.endpoint, std::move(bytes), to.identity};
   if (promised) changed_.mark(*promised);
   if (!unsaved_.take(datagram, promised ? &promised->client_id : nullptr)) {
     if (promised && has_store_) tally_.count(Count::answered_unsaved);
@@ -110,12 +111,15 @@ bool Output::fits(const ClientSession& session, std::size_t octets) const {
   return octets + overhead(session, octets) <= limits::max_datagram_octets;
 }
 
-/// Of a forwarder's header and of the 3-octet Length.
+/// Of a forwarder's header, of the 3-octet Length, and what a DTLS record takes and leaves free.
 std::size_t Output::overhead(const ClientSession& session, std::size_t octets) {
   const bool is_forwarded = session.peer && !session.peer->node_id.empty();
   const std::size_t header = is_forwarded ? 3 + session.peer->node_id.size() : 0;
   const std::size_t long_length = octets > 255 ? 2 : 0;
-  return header + long_length;
+  constexpr std::size_t of_record = limits::max_datagram_octets - limits::max_dtls_record_octets +
+                                    limits::max_dtls_overhead_octets;
+  const bool is_in_record = session.peer && !session.peer->identity.empty();
+  return header + long_length + (is_in_record ? of_record : 0);
 }
 
 void Output::send_multicast(const Packet& packet, std::uint32_t interface) {

@@ -51,7 +51,8 @@ enum class Count : std::uint8_t {
   subscribes_bounded,   ///< SUBSCRIBEs of a client that sends them too fast
   answered_unsaved,     ///< datagrams whose session was not saved in time
   banned,               ///< datagrams from banned addresses
-  last_ = banned,
+  identity_missing,     ///< of clients that must come over DTLS (`mqttsn.require_identity`)
+  last_ = identity_missing,
 };
 
 class Tally {

@@ -58,12 +58,11 @@ struct Settings {
   bool is_auto() const { return interface == "auto"; }
   /// `mqttsn.interface` names the one interface that the sockets are bound to.
   bool names_interface() const { return !is_auto() && interface != "*"; }
-  /// At each address that this host has.
-  bool listens_widely() const {
-    return std::any_of(listen.begin(), listen.end(), [](const std::string& address) {
-      return address.starts_with("[::]:") || address.starts_with("0.0.0.0:");
-    });
+  /// It stands for each address that this host has.
+  static bool is_wildcard(std::string_view address) {
+    return address.starts_with("[::]:") || address.starts_with("0.0.0.0:");
   }
+  bool listens_widely() const { return std::any_of(listen.begin(), listen.end(), is_wildcard); }
   /// Every network of this host is to reach the gateway, because the operator says so.
   bool is_open_to_all() const { return interface == "*" && listens_widely(); }
   bool operator==(const Settings&) const = default;

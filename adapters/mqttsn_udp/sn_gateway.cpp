@@ -41,7 +41,8 @@ bool is_late_answer(const Packet& packet) {
 SnGateway::SnGateway(Settings settings, TopicPolicy policy, RobotNames names, RandomSource random,
                      TopicIdOf topic_ids)
     : settings_(std::move(settings)),
-      rules_{std::move(policy), std::move(names), PredefinedTopics(settings_.predefined_topics)},
+      rules_{std::move(policy), std::move(names), PredefinedTopics(settings_.predefined_topics),
+             settings_.require_identity},
       clients_(settings_.max_clients, topic_ids),
       refusals_(clients_, output_),
       answers_(settings_, output_),
@@ -64,16 +65,17 @@ SnGateway::SnGateway(Settings settings, TopicPolicy policy, RobotNames names, Ra
       discovery_(settings_, clients_, output_, guard_) {}
 
 void SnGateway::on_datagram(const Endpoint& from, const LocalAddress& to, ByteView bytes,
-                            TimePoint now) {
+                            TimePoint now, const std::string& identity) {
   supervision_.expire_commands(now);
   output_.count(Count::datagrams_in);
   if (rules_.names.bans().covers(from.address)) return output_.count(Count::banned);
+  if (!identity.empty()) output_.validation.validate(from.address);
   output_.validation.on_received(from.address, bytes.size());
   if (bytes.size() > limits::max_datagram_octets) {
     output_.count(Count::oversized);
     return on_malformed(from, now);
   }
-  Peer peer{from, {}};
+  Peer peer{from, {}, identity};
   std::uint8_t radius = 0;
   if (is_encapsulated(bytes)) {
     if (!settings_.forwarders) return output_.count(Count::unexpected);
@@ -85,6 +87,7 @@ void SnGateway::on_datagram(const Endpoint& from, const LocalAddress& to, ByteVi
   }
   Result<Packet, DecodeError> packet = decode(bytes);
   if (!packet) return on_malformed(from, now);
+  if (lacks_identity(peer, *packet, now)) return;
   if (auto* search = std::get_if<SearchGw>(&*packet)) {
     if (peer.node_id.empty()) radius = search->radius;
     return discovery_.on_searchgw(peer, to, SearchGw{radius}, now);
@@ -92,9 +95,29 @@ void SnGateway::on_datagram(const Endpoint& from, const LocalAddress& to, ByteVi
   receive({std::move(peer), to, fingerprint(bytes), now}, std::move(*packet));
 }
 
+/// Whether a plain client, as far as it says who it is, must come over DTLS: it gets no answer.
+bool SnGateway::lacks_identity(const Peer& peer, const Packet& packet, TimePoint now) {
+  if (!peer.identity.empty() || rules_.required == RequireIdentity::none) return false;
+  std::string client_id;
+  if (const auto* connect = std::get_if<Connect>(&packet)) client_id = connect->client_id;
+  if (const auto* pingreq = std::get_if<Pingreq>(&packet)) client_id = pingreq->client_id;
+  if (!rules_.needs_identity(client_id)) return false;
+  const std::string from = to_string(peer);
+  const std::string who =
+      client_id.empty()
+          ? from
+          : fmt::format("{} as '{}'", from, client_id.substr(0, limits::max_logged_id_octets));
+  refusals_.on_refusal(
+      Count::identity_missing, client_id.empty() ? from : client_id,
+      fmt::format("{} gets no answer: it must come over DTLS (mqttsn.require_identity)", who),
+      is_valid_level(client_id) ? client_id : std::string{}, now);
+  return true;
+}
+
 void SnGateway::receive(const Arrival& arrival, Packet packet) {
   if (is_for_clients(packet)) return output_.count(Count::unexpected);
   renew_local(arrival);
+  follow_identity(arrival, packet);
   if (const auto* connect = std::get_if<Connect>(&packet)) {
     if (roaming_.takes(arrival.peer, arrival.local, *connect, arrival.fingerprint, arrival.now))
       return;
@@ -122,6 +145,17 @@ void SnGateway::renew_local(const Arrival& arrival) {
   if (!session || session->local == arrival.local) return;
   session->local = arrival.local;
   output_.mark_changed(*session);
+}
+
+/// A robot that has made a new DTLS connection goes on with its session, as if it had not moved.
+void SnGateway::follow_identity(const Arrival& arrival, const Packet& packet) {
+  const Peer& peer = arrival.peer;
+  if (peer.identity.empty() || std::holds_alternative<Connect>(packet) || clients_.find(peer) ||
+      connecting_.is_open(peer) || !rules_.may_speak(peer.identity, peer))
+    return;
+  ClientSession* session = clients_.find(peer.identity);
+  if (session && session->state() != ClientState::disconnected)
+    sleep_.follow(*session, peer, arrival.local, arrival.now);
 }
 
 /// A handshake may have made it active.
@@ -206,15 +240,14 @@ void SnGateway::receive_pingreq(const Arrival& arrival, const Pingreq& pingreq) 
 }
 
 /// Returns the session of the client that pings; null when it may not ping from this address. A
-/// sleeping client may use any address that `robots[].address` allows (R118), others only their own
+/// sleeping client may use any address that NameRules allow (R118), others only their own
 /// (R113, R128).
 ClientSession* SnGateway::pinging_session(const Arrival& arrival, const Pingreq& pingreq) {
   ClientSession* here = clients_.find(arrival.peer);
   if (pingreq.client_id.empty() || (here && here->client_id == pingreq.client_id)) return here;
   ClientSession* session = clients_.find(pingreq.client_id);
   if (!session || !Sleep::is_asleep(*session)) return nullptr;
-  if (!rules_.names.may_come_from(session->client_id, arrival.peer.endpoint.address))
-    return nullptr;
+  if (!rules_.may_speak(session->client_id, arrival.peer)) return nullptr;
   sleep_.follow(*session, arrival.peer, arrival.local, arrival.now);
   return session;
 }
@@ -288,9 +321,11 @@ std::optional<TimePoint> SnGateway::deadline() const {
                  earlier(earlier(supervision_.deadline(), roaming_.deadline()), notes_.deadline()));
 }
 
-void SnGateway::reconfigure(TopicPolicy policy, RobotNames names, TimePoint now) {
+void SnGateway::reconfigure(TopicPolicy policy, RobotNames names, Identities identities,
+                            TimePoint now) {
   rules_.policy = std::move(policy);
   rules_.names = std::move(names);
+  rules_.identities = std::move(identities);
   refusals_.forget_all();
   renaming_.on_names(now);
   for (const auto& [id, session] : clients_.all()) {

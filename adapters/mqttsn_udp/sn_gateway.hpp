@@ -23,7 +23,9 @@ class SnGateway {
   SnGateway(const SnGateway&) = delete;
   SnGateway& operator=(const SnGateway&) = delete;
 
-  void on_datagram(const Endpoint& from, const LocalAddress& to, ByteView bytes, TimePoint now);
+  /// `identity`: the client id that a key has proven over DTLS; empty: it came over plain UDP.
+  void on_datagram(const Endpoint& from, const LocalAddress& to, ByteView bytes, TimePoint now,
+                   const std::string& identity = {});
   void on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now);
   void on_broker_message(const RobotMessage& message, TimePoint now);
   void on_subscribe_result(const std::string& robot, const std::string& filter, bool granted,
@@ -44,9 +46,12 @@ class SnGateway {
     connecting_.refuse_names(is_elsewhere);
   }
 
+  /// The client ids that have a key. Before the first input; else reconfigure().
+  void use_identities(Identities identities) { rules_.identities = std::move(identities); }
   /// The configuration was read again. Sessions go on, under other names where robots have others;
-  /// subscriptions that are not allowed any more end.
-  void reconfigure(TopicPolicy policy, RobotNames names, TimePoint now);
+  /// subscriptions that are not allowed any more end. A client that has to show its identity now
+  /// has to come again.
+  void reconfigure(TopicPolicy policy, RobotNames names, Identities identities, TimePoint now);
 
   Counters counters() const;
   MeshPlaces places() const;
@@ -112,6 +117,8 @@ class SnGateway {
   void receive_from_client(const Arrival& arrival, Packet packet);
   void receive_pingreq(const Arrival& arrival, const Pingreq& pingreq);
   void receive_disconnect(const Arrival& arrival, const Disconnect& disconnect);
+  bool lacks_identity(const Peer& peer, const Packet& packet, TimePoint now);
+  void follow_identity(const Arrival& arrival, const Packet& packet);
   void renew_local(const Arrival& arrival);
   ClientSession* session_of(const Arrival& arrival);
   ClientSession* pinging_session(const Arrival& arrival, const Pingreq& pingreq);

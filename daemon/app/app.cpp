@@ -218,7 +218,8 @@ void App::apply(const Reload& reload) {
   const BrokerSettings left = std::exchange(config_, reload.config).broker;
   configure_log(config_.log.level);
   traffic_log_.reconfigure(config_.log.traffic);
-  meshes_.reconfigure(config_, reload.has_other_robots, reload.has_other_topics);
+  meshes_.reconfigure(config_, reload.has_other_robots, reload.has_other_topics,
+                      reload.has_other_keys);
   report_configured_robots();
   for (const std::string& name : reload.replaced_names) gateway_driver_->forget(name);
   publish_offline_at(left);

@@ -25,7 +25,8 @@ Meshes::Meshes(boost::asio::io_context& io, const Config& config, const TopicSch
   if (config.ble_mesh.enabled) make_ble(io, config, listener);
   if (config.mqttsn.enabled) {
     auto adapter = std::make_unique<mqttsn::MqttsnAdapter>(
-        io, config.mqttsn, policy_of(config, scheme), names, listener, &sessions, &descriptors);
+        io, config.mqttsn, policy_of(config, scheme), names, listener, &sessions, &descriptors,
+        config.robot_keys);
     thread_ = adapter.get();
     adapters_[Mesh::thread] = std::move(adapter);
     thread_->refuse_names([this](const std::string& robot) {
@@ -76,10 +77,11 @@ void Meshes::fire(const Receipt& receipt, ReceiptOutcome outcome) {
   if (adapters_[receipt.mesh]) adapters_[receipt.mesh]->on_receipt(receipt.id, outcome);
 }
 
-void Meshes::reconfigure(const Config& config, bool has_other_robots, bool has_other_topics) {
+void Meshes::reconfigure(const Config& config, bool has_other_robots, bool has_other_topics,
+                         bool has_other_keys) {
   const RobotNames names(config.robots, Bans(config.bans));
-  if (thread_ && (has_other_robots || has_other_topics))
-    thread_->reconfigure(policy_of(config, scheme_), names);
+  if (thread_ && (has_other_robots || has_other_topics || has_other_keys))
+    thread_->reconfigure(policy_of(config, scheme_), names, config.robot_keys);
   if (ble_ && has_other_robots) ble_->reconfigure(names);
   if (cobs_ && has_other_robots) cobs_->reconfigure(names);
 }

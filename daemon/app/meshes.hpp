@@ -49,7 +49,8 @@ class Meshes {
   void deliver(const DeliverToMesh& action);
   void fire(const Receipt& receipt, ReceiptOutcome outcome);
   /// `robots` and `topics.extra_*` of the configuration, read again.
-  void reconfigure(const Config& config, bool has_other_robots, bool has_other_topics);
+  void reconfigure(const Config& config, bool has_other_robots, bool has_other_topics,
+                   bool has_other_keys);
   /// A CONNECT for a session that is not here waits for its note when the robot is known elsewhere.
   void ask_where_served(std::function<bool(const std::string& robot)> served_elsewhere);
   /// In a BLE mesh that several gateways share, `may_serve` is asked before a message of a robot is

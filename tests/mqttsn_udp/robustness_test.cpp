@@ -232,7 +232,7 @@ TEST(SnGateway, TakesNewNamesAndRulesWithoutDroppingSessions) {
   const auto id = rig.register_topic(1, "ntnu-slam/robot/r1/adv");
   rig.subscribe(1, "a/x", 0);
   rig.gateway.reconfigure(TopicPolicy(TopicScheme("ntnu-slam", "gw"), {}, {"b"}),
-                          RobotNames({{"tank", {}, "r2"}}), rig.now);
+                          RobotNames({{"tank", {}, "r2"}}), {}, rig.now);
   rig.broker_link(true);  // drains
   EXPECT_TRUE(rig.is_silent(1));
   EXPECT_TRUE(rig.is_silent(2));

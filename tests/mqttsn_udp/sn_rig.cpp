@@ -39,7 +39,9 @@ void SnRig::send(unsigned n, const Packet& packet) { send_octets(n, encode(packe
 
 void SnRig::send_octets(unsigned n, ByteView octets) {
   if (are_addresses_validated) gateway.validate(address(n).address);
-  gateway.on_datagram(address(n), local(), octets, now);
+  const auto identity = proven.find(n);
+  gateway.on_datagram(address(n), local(), octets, now,
+                      identity == proven.end() ? std::string() : identity->second);
   drain();
 }
 
@@ -150,8 +152,13 @@ void SnRig::stop() {
 }
 
 void SnRig::rename(std::vector<RobotName> names) {
-  gateway.reconfigure(policy, RobotNames(std::move(names)), now);
+  gateway.reconfigure(policy, RobotNames(std::move(names)), identities_, now);
   drain();
+}
+
+void SnRig::use_keys(Identities of) {
+  identities_ = std::move(of);
+  rename({});
 }
 
 void SnRig::pass(Duration time) {

@@ -57,6 +57,8 @@ class SnRig {
   void stop();
   /// The configuration is read again: `robots` of it now says this, and all else is as it was.
   void rename(std::vector<RobotName> names);
+  /// The same of robots' keys.
+  void use_keys(Identities of);
 
   /// Lets time pass, firing each deadline on its way.
   void pass(Duration time);
@@ -92,6 +94,8 @@ class SnRig {
   bool answers_subscribes = true;
   /// Off: clients have to show that they receive, by what they answer.
   bool are_addresses_validated = true;
+  /// By client: the identity that its key proves over DTLS; the others are on plain UDP.
+  std::map<unsigned, std::string> proven;
 
  private:
   void drain();
@@ -100,6 +104,7 @@ class SnRig {
 
   std::map<Endpoint, std::vector<std::string>> outbox_;
   std::deque<SubscribeRequest> to_answer_;
+  Identities identities_;
   std::uint16_t msg_id_ = 1000;
   std::uint64_t last_command_ = 0;
 };

@@ -8,11 +8,6 @@
 namespace slamgw::mqttsn {
 namespace {
 
-IpAddress network_of(IpAddress address) {
-  if (!is_ipv4(address)) std::fill(address.begin() + 8, address.end(), std::uint8_t{0});
-  return address;
-}
-
 /// Names the network when no address in it has half of its clients.
 MeshPlaces::Crowd name_crowd(const std::pair<IpAddress, std::size_t>& at_address,
                              const std::pair<IpAddress, std::size_t>& in_network) {
@@ -107,6 +102,7 @@ void ClientTable::bind(ClientSession& session, const Peer& peer, const LocalAddr
   by_peer_[peer] = &session;
   session.peer = peer;
   set_in_crowd(session, true);
+  if (!peer.identity.empty()) set_answered(session);
 }
 
 void ClientTable::unbind(ClientSession& session) {

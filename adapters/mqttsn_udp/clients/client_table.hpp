@@ -98,6 +98,7 @@ class ClientTable {
   void erase(ClientSession& session);
 
   /// From now on datagrams of `peer` are this client's; its former address is a stranger's (R36).
+  /// A DTLS handshake counts as an answer.
   void bind(ClientSession& session, const Peer& peer, const LocalAddress& local);
   void unbind(ClientSession& session);
 

@@ -114,7 +114,8 @@ IpAddress address(const Json& json) {
 Peer to_peer(const Json& json) {
   const Bytes node = octets(json.at("node"));
   return {{address(json.at("address")), json.at("port"), json.at("scope")},
-          std::string(node.begin(), node.end())};
+          std::string(node.begin(), node.end()),
+          json.value("identity", std::string())};
 }
 
 Will to_will(const Json& json) {
@@ -191,6 +192,7 @@ void write(CborWriter& out, const Peer& peer) {
   out.write("port", peer.endpoint.port);
   out.write("scope", peer.endpoint.scope_id);
   out.write("node", as_bytes(peer.node_id));
+  if (!peer.identity.empty()) out.write("identity", std::string_view(peer.identity));
   out.end();
 }
 

@@ -57,7 +57,7 @@ std::optional<std::string> Connecting::robot_of(const std::string& client_id) co
 
 std::optional<std::string> Connecting::robot_at(const Peer& peer,
                                                 const std::string& client_id) const {
-  if (!rules_.names.may_come_from(client_id, peer.endpoint.address)) return std::nullopt;
+  if (!rules_.may_speak(client_id, peer)) return std::nullopt;
   return robot_of(client_id);
 }
 
@@ -238,6 +238,8 @@ void Connecting::refuse_name(const Peer& peer, const LocalAddress& local, const 
   const char* why = "another robot has this name, in the configuration or on another mesh";
   if (!rules_.names.may_come_from(connect.client_id, peer.endpoint.address))
     why = "the configuration has another address for it (robots[].address)";
+  if (!peer.identity.empty() && peer.identity != connect.client_id)
+    why = "its key is another robot's; over DTLS each may speak as itself alone";
   if (rules_.names.bans().has(connect.client_id)) why = "it is banned (slam-gatewayctl unban)";
   if (!is_valid_level(connect.client_id))
     why =

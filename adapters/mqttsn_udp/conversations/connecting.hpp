@@ -30,7 +30,8 @@ class Connecting {
                   std::uint64_t fingerprint, TimePoint now);
   /// The name that this client's robot goes by; nothing when it may not connect.
   std::optional<std::string> robot_of(const std::string& client_id) const;
-  /// The same, unless the configuration has another address for this client.
+  /// The same, unless the configuration has another address for this client, or its key says that
+  /// it is another one.
   std::optional<std::string> robot_at(const Peer& peer, const std::string& client_id) const;
   void refuse_names(NameCheck is_elsewhere) { is_elsewhere_ = std::move(is_elsewhere); }
   bool is_open(const Peer& peer) const { return attempts_.contains(peer); }

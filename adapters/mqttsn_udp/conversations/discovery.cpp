@@ -25,11 +25,16 @@ void Discovery::on_searchgw(const Peer& peer, const LocalAddress& local, const S
 void Discovery::on_broker_link(bool is_up, TimePoint now) {
   if (std::exchange(is_broker_up_, is_up) == is_up) return;
   next_advertise_.reset();
-  if (is_up && settings_.multicast_group) advertise(now);
+  if (is_up && is_advertised()) advertise(now);
 }
 
 void Discovery::on_interface(std::uint32_t index) {
-  if (is_broker_up_ && settings_.multicast_group) output_.send_multicast(advertisement(), index);
+  if (is_broker_up_ && is_advertised()) output_.send_multicast(advertisement(), index);
+}
+
+/// A search finds the port for plain UDP.
+bool Discovery::is_advertised() const {
+  return settings_.multicast_group && settings_.require_identity != RequireIdentity::all;
 }
 
 void Discovery::on_deadline(TimePoint now) {

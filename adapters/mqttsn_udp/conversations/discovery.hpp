@@ -44,6 +44,7 @@ class Discovery {
   void on_deadline(TimePoint now);
 
  private:
+  bool is_advertised() const;
   void advertise(TimePoint now);
   Advertise advertisement() const;
 

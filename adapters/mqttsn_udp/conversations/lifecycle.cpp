@@ -187,7 +187,7 @@ void Sleep::follow(ClientSession& session, const Peer& peer, const LocalAddress&
   clients_.bind(session, peer, local);
   if (is_new_address) downlink_.on_address(session);
   output_.mark_changed(session);
-  lifecycle_.report_presence(session, Presence::asleep, now);
+  lifecycle_.report_presence(session, presence_of(session.state()), now);
 }
 
 void Sleep::settle(ClientSession& session, TimePoint now) {

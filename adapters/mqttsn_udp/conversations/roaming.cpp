@@ -23,7 +23,7 @@ bool Roaming::takes(const Peer& peer, const LocalAddress& local, const Connect& 
   if (connect.clean_session || waiting_.size() >= limits::max_waiting_connects ||
       clients_.find(connect.client_id))
     return false;
-  if (!rules_.names.may_come_from(connect.client_id, peer.endpoint.address)) return false;
+  if (!rules_.may_speak(connect.client_id, peer)) return false;
   const auto robot = rules_.names.of_client(connect.client_id);
   if (!robot || !is_valid_level(*robot) || !served_elsewhere_(*robot)) return false;
   waiting_.push_back({peer, local, connect, fingerprint, *robot, now + limits::note_patience});
@@ -148,6 +148,10 @@ bool Restoring::restore(const SessionSnapshot& snapshot, TimePoint now) {
   if (!snapshot.is_clean) session.note_hash = unknown_note_hash;
   subscriptions_.restore(session, *robot == snapshot.robot, now);
   lifecycle_.enter(session, snapshot.state, now);
+  if (snapshot.peer && !rules_.may_speak(snapshot.client_id, *snapshot.peer)) {
+    lifecycle_.displace(session, now);
+    return true;
+  }
   supervision_.expire_commands(now);
   supervision_.advance(session, now);
   return true;
@@ -156,6 +160,7 @@ bool Restoring::restore(const SessionSnapshot& snapshot, TimePoint now) {
 /// All former names are left before new ones are taken: robots may swap theirs.
 void Renaming::on_names(TimePoint now) {
   std::vector<ClientSession*> gone;
+  std::vector<ClientSession*> unproven;  // their keys have come or gone
   std::vector<Renamed> renamed;
   for (const auto& [id, session] : clients_.all()) {
     const bool is_shut_out =
@@ -165,12 +170,15 @@ void Renaming::on_names(TimePoint now) {
       gone.push_back(session.get());
       continue;
     }
-    if (rules_.names.of_client(id) == session->robot) continue;
-    if (auto robot = connecting_.robot_of(id)) {
+    if (rules_.names.of_client(id) != session->robot) {
+      auto robot = connecting_.robot_of(id);
+      if (!robot) {
+        gone.push_back(session.get());
+        continue;
+      }
       renamed.push_back({session.get(), std::move(*robot)});
-    } else {
-      gone.push_back(session.get());
     }
+    if (session->peer && !rules_.may_speak(id, *session->peer)) unproven.push_back(session.get());
   }
   for (ClientSession* session : gone) {
     if (session->is_connected()) output_.send(*session, Disconnect{});
@@ -179,6 +187,7 @@ void Renaming::on_names(TimePoint now) {
   }
   for (const Renamed& one : renamed) leave_name(*one.session, now);
   for (const Renamed& one : renamed) enter_name(one, now);
+  for (ClientSession* session : unproven) lifecycle_.displace(*session, now);
 }
 
 void Renaming::leave_name(ClientSession& session, TimePoint now) {

@@ -84,10 +84,10 @@ void Uplink::on_unconnected_publish(const Peer& peer, const ClientSession* sessi
     topic = replace_robot(scheme, topic, client_id, session->robot).value_or(std::move(topic));
   const auto parsed = scheme.parse_robot_topic(topic);
   std::string robot = session ? session->robot : std::string(parsed ? parsed->robot : "");
-  const bool is_allowed = settings_.allow_unconnected_publish && is_valid_topic_name(topic) &&
-                          (session || (!is_foreign(robot) &&
-                                       rules_.names.may_come_from(robot, peer.endpoint.address))) &&
-                          rules_.policy.may_publish(client_id, robot, topic);
+  const bool is_allowed =
+      settings_.allow_unconnected_publish && is_valid_topic_name(topic) &&
+      (session || robot.empty() || (!is_foreign(robot) && rules_.may_speak_for(robot, peer))) &&
+      rules_.policy.may_publish(client_id, robot, topic);
   if (!is_allowed) {
     const std::string who = session ? robot : to_string(peer);
     const char* remedy = settings_.allow_unconnected_publish

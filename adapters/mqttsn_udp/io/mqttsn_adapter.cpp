@@ -19,6 +19,11 @@ namespace asio = boost::asio;
 constexpr std::chrono::milliseconds change_settles{100};
 /// Where the kernel does not say; and it may drop what it says.
 constexpr std::chrono::seconds watch_interval{10};
+/// `, [::]:47193`, with the port that the kernel has chosen.
+std::string place_of(const char* before, const std::string& listen, const UdpSocket& socket) {
+  return fmt::format("{}{}:{}", before, listen.substr(0, listen.rfind(':')), socket.port());
+}
+
 constexpr const char* interface_advice =
     ": the Thread border router makes it, see systemctl status otbr-agent (older ones: wpantund); "
     "another name goes into mqttsn.interface";
@@ -30,7 +35,7 @@ constexpr const char* open_to_all =
 
 MqttsnAdapter::MqttsnAdapter(asio::io_context& io, Settings settings, TopicPolicy policy,
                              RobotNames names, MeshListener& listener, SessionStore* sessions,
-                             DescriptorStore* descriptors)
+                             DescriptorStore* descriptors, RobotKeys keys)
     : settings_(std::move(settings)),
       listener_(listener),
       descriptors_(descriptors),
@@ -48,6 +53,11 @@ MqttsnAdapter::MqttsnAdapter(asio::io_context& io, Settings settings, TopicPolic
           }),
       interface_watch_(std::make_shared<InterfaceWatch>(io)),
       watch_timer_(io) {
+  gateway_.use_identities(identities_of(keys));
+  if (settings_.dtls.keys_file)
+    dtls_ = std::make_unique<DtlsPort>(
+        io, std::move(keys), std::bind_front(&MqttsnAdapter::on_decrypted, this),
+        [this](Notice notice) { listener_.on_mesh_event(std::move(notice)); });
   if (sessions)
     keeper_.emplace(io, gateway_, *sessions,
                     [this](bool is_saved) { driver_->on_saved(is_saved, read_clocks()); });
@@ -75,39 +85,38 @@ void MqttsnAdapter::start() {
 }
 
 void MqttsnAdapter::stop_listening() {
-  for (const auto& socket : sockets_) socket->stop_receiving();
+  for (const auto& socket : all_sockets()) socket->stop_receiving();
   MeshShell::stop_listening();
 }
 
-/// No goodbye, and the sockets stay open to the very end: clients are to notice nothing of a
-/// restart.
+/// No goodbye to plain clients, and the sockets stay open to the very end: they are to notice
+/// nothing of a restart. A DTLS connection cannot outlive the daemon.
 void MqttsnAdapter::stop() {
   driver_->send_unsaved();  // the keeper saves all
   driver_.stop();
-  for (const auto& socket : sockets_) socket->flush();
+  if (dtls_) dtls_->end_connections();
+  for (const auto& socket : all_sockets()) socket->flush();
   if (keeper_) keeper_->stop();
   interface_watch_->stop();
   watch_timer_.cancel();
 }
 
 void MqttsnAdapter::open() {
-  std::vector<int> kept(settings_.listen.size(), -1);
-  if (descriptors_) {
-    std::transform(settings_.listen.begin(), settings_.listen.end(), kept.begin(),
-                   [this](const auto& listen) { return descriptors_->take(kept_name(listen)); });
-    descriptors_->drop_rest();  // they may hold the ports that are bound next
-  }
+  std::vector<int> kept = take_kept(settings_.listen);
+  std::vector<int> kept_dtls = dtls_ ? take_kept(settings_.dtls.listen) : std::vector<int>();
+  if (descriptors_) descriptors_->drop_rest();  // they may hold the ports that are bound next
   where_.clear();
   for (std::size_t i = 0; i < settings_.listen.size(); ++i) {
     const std::string& listen = settings_.listen[i];
-    sockets_.push_back(
-        std::make_shared<UdpSocket>(io_, listen, bound_to(), std::exchange(kept[i], -1)));
-    if (descriptors_ && !sockets_.back()->is_taken_over())
-      descriptors_->keep(kept_name(listen), sockets_.back()->descriptor());
+    sockets_.push_back(open_socket(listen, std::exchange(kept[i], -1)));
     const auto index = static_cast<std::uint8_t>(i);
     sockets_.back()->start(std::bind_front(&MqttsnAdapter::on_datagram, this, index));
-    where_ += fmt::format("{}{}:{}", where_.empty() ? "UDP " : ", ",
-                          listen.substr(0, listen.rfind(':')), sockets_.back()->port());
+    where_ += place_of(where_.empty() ? "UDP " : ", ", listen, *sockets_.back());
+  }
+  for (std::size_t i = 0; i < kept_dtls.size(); ++i) {
+    const std::string& listen = settings_.dtls.listen[i];
+    dtls_->add(open_dtls_socket(listen, std::exchange(kept_dtls[i], -1)));
+    where_ += place_of(i == 0 ? ", DTLS " : ", ", listen, *dtls_->sockets().back());
   }
   report_open();
 }
@@ -122,15 +131,48 @@ void MqttsnAdapter::report_open() {
   report_link(true, std::move(detail));
 }
 
+std::vector<int> MqttsnAdapter::take_kept(const std::vector<std::string>& listen) {
+  std::vector<int> kept(listen.size(), -1);
+  for (std::size_t i = 0; descriptors_ && i < listen.size(); ++i)
+    kept[i] = descriptors_->take(kept_name(listen[i]));
+  return kept;
+}
+
+std::shared_ptr<UdpSocket> MqttsnAdapter::open_socket(const std::string& listen, int kept) {
+  auto socket = std::make_shared<UdpSocket>(io_, listen, bound_to(), kept);
+  if (descriptors_ && !socket->is_taken_over())
+    descriptors_->keep(kept_name(listen), socket->descriptor());
+  return socket;
+}
+
+std::shared_ptr<UdpSocket> MqttsnAdapter::open_dtls_socket(const std::string& listen, int kept) {
+  try {
+    return open_socket(listen, kept);
+  } catch (const std::runtime_error& error) {
+    std::string text = error.what();
+    constexpr std::string_view plain = "mqttsn.listen";
+    if (text.starts_with(plain)) text.replace(0, plain.size(), "mqttsn.dtls.listen");
+    throw std::runtime_error(text);
+  }
+}
+
 void MqttsnAdapter::close() {
-  for (const auto& socket : sockets_) {
+  for (const auto& socket : all_sockets()) {
     socket->close();
     sends_failed_ += socket->sends_failed();
   }
   sockets_.clear();
-  for (const std::string& listen : settings_.listen) {
-    if (descriptors_) descriptors_->drop(kept_name(listen));
-  }
+  if (dtls_) dtls_->forget_sockets();
+  for (const std::vector<std::string>& addresses : {settings_.listen, settings_.dtls.listen})
+    for (const std::string& listen : addresses)
+      if (descriptors_) descriptors_->drop(kept_name(listen));
+}
+
+/// Those for DTLS come last.
+std::vector<std::shared_ptr<UdpSocket>> MqttsnAdapter::all_sockets() const {
+  std::vector<std::shared_ptr<UdpSocket>> all = sockets_;
+  if (dtls_) all.insert(all.end(), dtls_->sockets().begin(), dtls_->sockets().end());
+  return all;
 }
 
 /// Says all that a kept socket must fit and cannot be asked for. systemd allows no colons.
@@ -151,8 +193,9 @@ void MqttsnAdapter::on_note(const std::string& robot, ByteView note) {
   driver_->on_note(robot, note, read_clocks());
 }
 
-void MqttsnAdapter::reconfigure(TopicPolicy policy, RobotNames names) {
-  driver_->reconfigure(std::move(policy), std::move(names), read_clocks());
+void MqttsnAdapter::reconfigure(TopicPolicy policy, RobotNames names, RobotKeys keys) {
+  driver_->reconfigure(std::move(policy), std::move(names), identities_of(keys), read_clocks());
+  if (dtls_) dtls_->use_keys(std::move(keys));
 }
 
 nlohmann::json MqttsnAdapter::report(const std::optional<std::string>& robot) const {
@@ -163,7 +206,7 @@ Counters MqttsnAdapter::counters() const {
   Counters counters = gateway_.counters();
   std::uint64_t dropped = 0;
   std::uint64_t sends_failed = sends_failed_;
-  for (const auto& socket : sockets_) {
+  for (const auto& socket : all_sockets()) {
     dropped += socket->kernel_drops();
     sends_failed += socket->sends_failed();
   }
@@ -171,11 +214,14 @@ Counters MqttsnAdapter::counters() const {
   counters.push_back({"truncated", truncated_});
   counters.push_back({"from_unserved_networks", unserved_});
   counters.push_back({"sends_failed", sends_failed});
+  if (dtls_)
+    for (const auto& counter : dtls_->counters()) counters.push_back(counter);
   return counters;
 }
 
 void MqttsnAdapter::on_datagram(std::uint8_t socket, const UdpSocket::Datagram& datagram) {
-  if (!is_served(datagram.interface)) return drop_unserved(datagram);
+  const bool is_asked_for = !Settings::is_wildcard(settings_.listen[socket]);
+  if (!is_asked_for && !is_served(datagram.interface)) return drop_unserved(datagram);
   if (datagram.is_truncated) ++truncated_;  // too long for the machine too, which counts it
   // A socket that is bound to an interface needs no index to find it, also when it is made again.
   const std::uint32_t interface = settings_.names_interface() ? 0 : datagram.interface;
@@ -203,7 +249,17 @@ void MqttsnAdapter::drop_unserved(const UdpSocket::Datagram& datagram) {
       {}});
 }
 
+void MqttsnAdapter::on_decrypted(std::uint8_t socket, const UdpSocket::Datagram& datagram,
+                                 const std::string& identity) {
+  driver_->on_datagram(datagram.from, {datagram.to, datagram.interface, socket}, datagram.bytes,
+                       read_clocks(), identity);
+}
+
 void MqttsnAdapter::perform(SendDatagram& action) {
+  if (!action.identity.empty()) {
+    if (!dtls_ || !dtls_->send(action.to, action.identity, action.bytes)) ++sends_failed_;
+    return;
+  }
   const LocalAddress& from = action.from;
   const auto can_reach = [&](const auto& socket) { return socket->can_reach(action.to.address); };
   auto socket = sockets_.end();
@@ -243,6 +299,8 @@ void MqttsnAdapter::advertise_on(const NetworkInterface& interface, ByteView byt
 void MqttsnAdapter::perform(MeshEvent& event) {
   save_for_answers();
   for (const auto& socket : sockets_) socket->flush_answers();
+  if (dtls_)
+    for (const auto& socket : dtls_->sockets()) socket->flush_answers();
   listener_.on_mesh_event(std::move(event));
 }
 

@@ -12,6 +12,7 @@
 #include <string>
 #include <vector>
 
+#include "adapters/mqttsn_udp/io/dtls_port.hpp"
 #include "adapters/mqttsn_udp/io/network_interfaces.hpp"
 #include "adapters/mqttsn_udp/io/session_keeper.hpp"
 #include "adapters/mqttsn_udp/io/udp_socket.hpp"
@@ -30,7 +31,7 @@ class MqttsnAdapter final : public MeshShell<SnGateway> {
   /// They and `listener` outlive the adapter.
   MqttsnAdapter(boost::asio::io_context& io, Settings settings, TopicPolicy policy,
                 RobotNames names, MeshListener& listener, SessionStore* sessions = nullptr,
-                DescriptorStore* descriptors = nullptr);
+                DescriptorStore* descriptors = nullptr, RobotKeys keys = {});
 
   void start() override;
   void stop_listening() override;
@@ -49,20 +50,26 @@ class MqttsnAdapter final : public MeshShell<SnGateway> {
   /// As that of SnGateway.
   nlohmann::json report(const std::optional<std::string>& robot) const;
 
-  /// `topics.*` and `robots` of the configuration, read again.
-  void reconfigure(TopicPolicy policy, RobotNames names);
+  /// `topics.*`, `robots` and their keys, read again.
+  void reconfigure(TopicPolicy policy, RobotNames names, RobotKeys keys);
 
  private:
   MachineDriver<SnGateway>& driver() override { return driver_; }
   const MachineDriver<SnGateway>& driver() const override { return driver_; }
   void on_datagram(std::uint8_t socket, const UdpSocket::Datagram& datagram);
   void drop_unserved(const UdpSocket::Datagram& datagram);
+  void on_decrypted(std::uint8_t socket, const UdpSocket::Datagram& datagram,
+                    const std::string& identity);
   void perform(SendDatagram& action);
   void perform(SendMulticast& action);
   void perform(MeshEvent& event);
   void save_for_answers();
   void open();
   void close();
+  std::vector<int> take_kept(const std::vector<std::string>& listen);
+  std::shared_ptr<UdpSocket> open_socket(const std::string& listen, int kept);
+  std::shared_ptr<UdpSocket> open_dtls_socket(const std::string& listen, int kept);
+  std::vector<std::shared_ptr<UdpSocket>> all_sockets() const;
   std::string kept_name(const std::string& listen) const;
   /// Interfaces come and go, also that of `mqttsn.interface`; what is joined stays joined (R19).
   void watch_interfaces();
@@ -88,6 +95,7 @@ class MqttsnAdapter final : public MeshShell<SnGateway> {
   MachineDriver<SnGateway> driver_;
   std::optional<SessionKeeper> keeper_;
   std::vector<std::shared_ptr<UdpSocket>> sockets_;  // none while the interface is away
+  std::unique_ptr<DtlsPort> dtls_;                   // null without keys_file
   std::string where_;                                // what the sockets listen on
   std::uint32_t interface_index_ = 0;                // of `mqttsn.interface`; 0: it is away
   std::string only_thread_;  // names of the interfaces served beside loopback; empty: all are

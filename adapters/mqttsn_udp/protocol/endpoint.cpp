@@ -50,6 +50,11 @@ bool is_link_local(const IpAddress& address) {
   return address[0] == 0xfe && (address[1] & 0xc0) == 0x80;
 }
 
+IpAddress network_of(IpAddress address) {
+  if (!is_ipv4(address)) std::fill(address.begin() + 8, address.end(), std::uint8_t{0});
+  return address;
+}
+
 bool is_thread_locator(const IpAddress& address) {
   constexpr std::array<std::uint8_t, 6> locator = {0, 0, 0, 0xff, 0xfe, 0};
   return std::equal(locator.begin(), locator.end(), address.begin() + 8);
@@ -89,7 +94,7 @@ std::size_t PeerHash::operator()(const Peer& peer) const {
   const Endpoint& e = peer.endpoint;
   const std::size_t ports = (std::size_t{e.scope_id} << 16) ^ e.port;
   return hash(as_text(e.address)) ^ (ports * static_cast<std::size_t>(0x9e3779b97f4a7c15U)) ^
-         (hash(peer.node_id) << 1);
+         (hash(peer.node_id) << 1) ^ (hash(peer.identity) << 2);
 }
 
 std::string to_string(const IpAddress& a) {
@@ -102,6 +107,7 @@ std::string to_string(const IpAddress& a) {
 std::string to_string(const Peer& peer) {
   std::string text = fmt::format("{}:{}", address_text(peer.endpoint), peer.endpoint.port);
   if (!peer.node_id.empty()) text += " via node " + to_hex(as_bytes(peer.node_id));
+  if (!peer.identity.empty()) text += " over DTLS";
   return text;
 }
 

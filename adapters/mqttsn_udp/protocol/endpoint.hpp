@@ -24,6 +24,8 @@ bool is_ipv4(const IpAddress& address);
 /// IPv4's broadcast to everybody included.
 bool is_multicast(const IpAddress& address);
 bool is_link_local(const IpAddress& address);
+/// The /64 that the address is in; of IPv4 the address itself.
+IpAddress network_of(IpAddress address);
 /// An RLOC or ALOC (interface identifier 0000:00ff:fe00:xxxx): routing changes it, and OpenThread
 /// hands nothing that is sent to it to the host.
 bool is_thread_locator(const IpAddress& address);
@@ -54,10 +56,13 @@ struct LocalAddress {
   auto operator<=>(const LocalAddress&) const = default;
 };
 
-/// A client's transport address: behind a forwarder it includes the wireless node id (R139).
+/// A client's transport address: behind a forwarder it includes the wireless node id (R139), over
+/// DTLS the identity.
 struct Peer {
   Endpoint endpoint;
   std::string node_id;  ///< empty: not encapsulated
+  /// The MQTT-SN client id that a key has proven over DTLS; empty: over plain UDP.
+  std::string identity{};
   auto operator<=>(const Peer&) const = default;
 };
 
@@ -65,13 +70,15 @@ struct SendDatagram {
   LocalAddress from;
   Endpoint to;
   Bytes bytes;
+  std::string identity{};  ///< as that of Peer
 };
 
 struct PeerHash {
   std::size_t operator()(const Peer& peer) const;
 };
 
-/// `[fd00::1]:47193`, `192.0.2.7:47193`, with `via <node id in hex>` behind a forwarder.
+/// `[fd00::1]:47193`, `192.0.2.7:47193`, with `via <node id in hex>` behind a forwarder,
+/// and `over DTLS`.
 std::string to_string(const Peer& peer);
 
 }  // namespace slamgw::mqttsn

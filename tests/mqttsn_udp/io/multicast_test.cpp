@@ -135,8 +135,9 @@ TEST_F(ServedByItself, AreThreadAndLoopback) {
   EXPECT_EQ(answer(rig, "eth0"), "nothing");
   EXPECT_EQ(dropped(rig), 2U);
   ASSERT_EQ(rig.core.notices.size(), 1U) << "one line for a burst";
-  EXPECT_EQ(rig.core.notices[0].find("1 datagrams from networks that are not served"), 0U);
-  EXPECT_NE(rig.core.notices[0].find("over eth0;"), std::string::npos) << rig.core.notices[0];
+  EXPECT_EQ(rig.core.notices[0].text.find("1 datagrams from networks that are not served"), 0U);
+  EXPECT_NE(rig.core.notices[0].text.find("over eth0;"), std::string::npos)
+      << rig.core.notices[0].text;
 }
 
 TEST_F(ServedByItself, AreNotTheThreadAddressesOverAnotherWire) {
@@ -181,7 +182,7 @@ TEST_F(ServedByItself, AreAllNetworksOnlyWithAReminder) {
   UdpRig rig = UdpRig::as_is(settings("*"));
   EXPECT_EQ(answer(rig, "eth0"), accepted);
   ASSERT_EQ(rig.core.notices.size(), 1U);
-  EXPECT_EQ(rig.core.notices[0].find("MQTT-SN serves every network of this host"), 0U);
+  EXPECT_EQ(rig.core.notices[0].text.find("MQTT-SN serves every network of this host"), 0U);
 
   Settings near = settings("*");
   near.listen = {"127.0.0.1:0"};

@@ -24,7 +24,7 @@ class FakeCore final : public MeshListener {
       if (report->receipt.is_owed()) adapter->on_receipt(report->receipt.id, ReceiptOutcome::safe);
     }
     if (auto* link = std::get_if<LinkChange>(&event)) links.push_back(*link);
-    if (auto* notice = std::get_if<Notice>(&event)) notices.push_back(notice->text);
+    if (auto* notice = std::get_if<Notice>(&event)) notices.push_back(*notice);
   }
   /// Of the socket number `index`, as the link's detail says it: "UDP 127.0.0.1:47193,
   /// [::1]:47193".
@@ -37,7 +37,7 @@ class FakeCore final : public MeshListener {
   MeshAdapter* adapter = nullptr;
   std::vector<Report> reports;
   std::vector<LinkChange> links;
-  std::vector<std::string> notices;
+  std::vector<Notice> notices;
 };
 
 class UdpRig {
@@ -61,11 +61,11 @@ class UdpRig {
   FakeCore core;
   MqttsnAdapter adapter;
 
- private:
+ protected:
   struct AsIs {};
-  UdpRig(Settings settings, AsIs, SessionStore* sessions = nullptr)
+  UdpRig(Settings settings, AsIs, SessionStore* sessions = nullptr, RobotKeys keys = {})
       : adapter(io, std::move(settings), TopicPolicy(TopicScheme("ntnu-slam", "gw"), {}, {"ab"}),
-                RobotNames(), core, sessions) {
+                RobotNames(), core, sessions, nullptr, std::move(keys)) {
     core.adapter = &adapter;
     adapter.start();
     adapter.on_broker_link(true);
