@@ -22,6 +22,7 @@ using nlohmann::json;
 
 constexpr const char* user = "gateway-user";
 constexpr const char* password = "pa55-w0rd-0f-the-broker";
+constexpr const char* robot_key = "d71500d71501d71502d71503d71504d7";
 constexpr const char* static_oob = "5ec2e7005ec2e7015ec2e7025ec2e703";
 
 std::string lower(std::string text) {
@@ -82,6 +83,8 @@ class Secrets : public testing::Test {
   Secrets() {
     write_file(directory / "credentials.json",
                json{{"username", user}, {"password", password}}.dump(), 0600);
+    write_file(directory / "keys.json", json{{"robot1", robot_key}}.dump(), 0600);
+    search.add_octets(robot_key);
     chmod(certificates.key().c_str(), 0600);
     search.add_text(password);
     search.add_octets(static_oob);
@@ -99,6 +102,8 @@ class Secrets : public testing::Test {
             {"key_file", certificates.key()}}}}},
         {"ble_mesh",
          {{"enabled", true}, {"provisioning", {{"enabled", true}, {"static_oob", static_oob}}}}},
+        {"mqttsn",
+         {{"dtls", {{"keys_file", directory / "keys.json"}, {"listen", {"127.0.0.1:0"}}}}}},
         {"log", {{"level", "debug"}, {"traffic", "all"}}}};
   }
   void expect_none_in_output_of(const std::vector<std::string>& arguments) {
@@ -199,6 +204,13 @@ TEST_F(Secrets, AreNotInComplaintsAboutTheFilesThatHoldThem) {
         R"({"username":"u","password":[")" + std::string(password) + "\"]}",
         std::string(password)}) {
     write_file(directory / "credentials.json", text, 0600);
+    check(configuration());
+  }
+  for (const std::string& text :
+       {R"({"robot1":")" + std::string(robot_key) + "0\"}",
+        R"({"robot1":")" + std::string(robot_key), R"({"robot1":)" + std::string(robot_key) + "}",
+        R"({"robot1":[")" + std::string(robot_key) + "\"]}", std::string(robot_key)}) {
+    write_file(directory / "keys.json", text, 0600);
     check(configuration());
   }
 }
