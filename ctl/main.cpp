@@ -349,9 +349,14 @@ int run(const HostTask& task) {
       text = recorded({task.kind == HostTask::Kind::ban ? "ban" : "unban", task.who},
                       [&] { return change_bans_and_reload(installation, task); });
       break;
+    case HostTask::Kind::key_list: return manage_keys(installation, task);
     case HostTask::Kind::key_add:
-    case HostTask::Kind::key_list:
-    case HostTask::Kind::key_remove: return manage_keys(installation, task);
+    case HostTask::Kind::key_remove:
+      recorded({task.kind == HostTask::Kind::key_add ? "key add" : "key remove", task.who}, [&] {
+        manage_keys(installation, task);
+        return std::string();
+      });
+      return 0;
     case HostTask::Kind::report: text = report(installation, task.socket, task.file); break;
   }
   std::cout << (task.json ? slamgw::control::to_line({{"file", task.file}, {"text", text}}) : text);
