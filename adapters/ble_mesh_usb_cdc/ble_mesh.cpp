@@ -3,81 +3,56 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <iterator>
+
 namespace slamgw::ble {
-namespace {
-
-std::optional<MeshKeys> keys_of(const std::optional<NodeDatabase>& database) {
-  return database ? std::optional(database->keys) : std::nullopt;
-}
-
-std::vector<std::uint16_t> heard_groups(const Settings& settings) {
-  std::vector<std::uint16_t> groups = settings.groups;
-  if (settings.gateway_group) groups.push_back(*settings.gateway_group);
-  return groups;
-}
-
-}  // namespace
 
 BleMesh::BleMesh(Settings settings, TopicScheme topics, RobotNames names,
-                 std::optional<NodeDatabase> database, RandomSource random, std::uint64_t seed)
+                 std::optional<NodeDatabase> database, std::unique_ptr<Radio> radio)
     : settings_(std::move(settings)),
       topics_(std::move(topics)),
-      radio_({{settings_.address, heard_groups(settings_)}, settings_.ttl}, keys_of(database),
-             std::move(random), seed),
-      provisioner_(settings_, topics_.gateway_id(), std::move(names), std::move(database)),
+      radio_(std::move(radio)),
+      provisioner_(settings_, *radio_, link_, topics_.gateway_id(), std::move(names),
+                   std::move(database)),
       gate_(provisioner_.nodes(), settings_.gateway_group.has_value()),
-      downlink_(settings_, topics_, radio_.link(), gate_, actions_, is_traced_),
-      robots_(settings_, topics_, provisioner_.nodes(), gate_, downlink_, actions_),
-      uplink_(settings_, topics_, radio_.link(), robots_, downlink_, gate_, actions_, is_traced_) {}
+      shared_(settings_, topics_, *radio_, link_, gate_, actions_, is_traced_),
+      downlink_(shared_),
+      robots_(shared_, provisioner_.nodes(), downlink_),
+      uplink_(shared_, robots_, downlink_) {}
 
 void BleMesh::on_start() { robots_.on_start(); }
 
-// --- The board -----------------------------------------------------------------------------------
-
-void BleMesh::on_port_open(TimePoint now) {
-  radio_.link().on_port_open(now);
-  settle(now);
-}
-
-void BleMesh::on_port_closed(const std::string& why, TimePoint now) {
-  radio_.link().on_port_closed(why, now);
-  settle(now);
-}
-
-void BleMesh::on_bytes(ByteView bytes, TimePoint now) {
-  radio_.link().on_bytes(bytes, now);
-  settle(now);
-}
+// --- The radio -----------------------------------------------------------------------------------
 
 void BleMesh::on_keys(const MeshKeys& keys, TimePoint now) {
   provisioner_.on_new_mesh(keys);
-  radio_.link().on_keys(keys, now);
+  radio_->on_keys(keys, now);
   settle(now);
 }
 
 void BleMesh::on_keys_failed(const std::string& why, TimePoint now) {
-  radio_.link().on_keys_failed(why, now);
+  radio_->on_keys_failed(why, now);
   settle(now);
 }
 
 bool BleMesh::begin_new_life(TimePoint now) {
-  const bool is_begun =
-      provisioner_.lives().kind() != BoardKind::keeps && radio_.link().restart_board(now);
+  const bool is_begun = provisioner_.lives().kind() != RadioKind::keeps && radio_->restart(now);
   settle(now);
   return is_begun;
 }
 
 void BleMesh::settle(TimePoint now) {
   while (true) {
-    if (auto from_radio = radio_.next_action(now)) {
+    if (auto from_provisioner = provisioner_.next_action()) {
+      on_provisioner_action(std::move(*from_provisioner), now);
+    } else if (auto from_radio = radio_->next_action(now)) {
       std::visit(overloaded{
                      [&](RadioEvent& event) { on_radio_event(event, now); },
-                     [&](auto& for_port) { actions_.push(std::move(for_port)); },
+                     [&](auto& for_shell) { actions_.push(std::move(for_shell)); },
                  },
                  *from_radio);
-    } else if (auto from_provisioner = provisioner_.next_action()) {
-      on_provisioner_action(std::move(*from_provisioner), now);
-    } else if (!radio_.begin_next(now)) {
+    } else {
       return;
     }
   }
@@ -104,6 +79,7 @@ void BleMesh::on_radio_event(RadioEvent& event, TimePoint now) {
 }
 
 void BleMesh::on_link_up(const LinkIsUp& up, TimePoint now) {
+  link_ = {.is_up = true, .source = up.source};
   provisioner_.on_link_up(up, now);
   emit(LinkChange{Mesh::ble, true, up.detail + ", " + provisioner_.lives().description()});
   are_mostly_deaf_ = false;
@@ -113,10 +89,11 @@ void BleMesh::on_link_up(const LinkIsUp& up, TimePoint now) {
 
 void BleMesh::on_link_down(const LinkIsDown& down, TimePoint now) {
   emit(LinkChange{Mesh::ble, false, down.why});
-  downlink_.on_link_down(down.why);
+  link_.down_reason = down.why;
+  const bool was_up = std::exchange(link_.is_up, false);
   for (auto& [address, robot] : robots_)
     downlink_.refuse_all(robot, "the BLE link went down: " + down.why, now);
-  provisioner_.on_link_down(down, now);
+  if (was_up) provisioner_.on_link_down(down, now);
 }
 
 void BleMesh::on_send_refused(const SendRefused& refused, TimePoint now) {
@@ -144,7 +121,7 @@ void BleMesh::on_message(const MessageReceived& message, TimePoint now) {
   judge_hearing(now);
 }
 
-/// Robots that hear nothing from a board that has just come up have heard this address before, with
+/// Robots that hear nothing from a radio that has just come up have heard this address before, with
 /// higher sequence numbers.
 void BleMesh::judge_hearing(TimePoint now) {
   const Robots::Hearing hearing = robots_.hearing();
@@ -166,7 +143,7 @@ void BleMesh::judge_hearing(TimePoint now) {
       {}});
 }
 
-/// Once for each life of the board: a life that was begun here is not followed by another one.
+/// Once for each life of the radio: a life that was begun here is not followed by another one.
 bool BleMesh::try_new_life(TimePoint now) {
   const std::uint32_t life = provisioner_.lives().number();
   const bool is_suspected = now - up_since_ <= address_suspected_for && life != tried_life_;
@@ -244,7 +221,6 @@ void BleMesh::on_names(RobotNames names, TimePoint now) {
 
 void BleMesh::on_provisioner_action(ProvisionerAction action, TimePoint now) {
   std::visit(overloaded{
-                 [&](RadioCommand& command) { radio_.perform(std::move(command), now); },
                  [&](NodesChanged&) { robots_.on_nodes_changed(now); },
                  [&](StoreMesh& store) { actions_.push(std::move(store)); },
                  [&](OrderEnded& ended) { actions_.push(std::move(ended)); },
@@ -286,7 +262,7 @@ void BleMesh::on_stop(TimePoint now) {
 // --- Time ----------------------------------------------------------------------------------------
 
 std::optional<TimePoint> BleMesh::deadline() const {
-  std::optional<TimePoint> next = earlier(radio_.deadline(), provisioner_.deadline());
+  std::optional<TimePoint> next = earlier(radio_->deadline(), provisioner_.deadline());
   for (const auto& [address, robot] : robots_) {
     next = earlier(next, downlink_.deadline(robot));
     if (robot.is_expected()) next = earlier(next, robot.last_heard + settings_.offline_after);
@@ -295,7 +271,7 @@ std::optional<TimePoint> BleMesh::deadline() const {
 }
 
 void BleMesh::on_deadline(TimePoint now) {
-  radio_.on_deadline(now);
+  radio_->on_deadline(now);
   provisioner_.on_deadline(now);
   for (auto& [address, robot] : robots_) {
     downlink_.on_deadline(robot, now);
@@ -310,7 +286,7 @@ void BleMesh::on_deadline(TimePoint now) {
 std::optional<Presence> BleMesh::presence_of(std::string_view id) const {
   const Robot* robot = robots_.find(id);
   if (robot == nullptr) return std::nullopt;
-  return robot->is_shown() && radio_.link().is_up() ? Presence::online : Presence::offline;
+  return robot->is_shown() && link_.is_up ? Presence::online : Presence::offline;
 }
 
 std::size_t BleMesh::queued_for(std::string_view id) const {
@@ -330,34 +306,25 @@ const NodeDatabase* BleMesh::unsaved() const {
 }
 
 Counters BleMesh::counters() const {
-  const LinkCounters& link = radio_.link().counters();
   const UplinkCounters& up = uplink_.counters();
-  return {{"robots_online", robots_.online()},
-          {"robots_deaf", robots_.deaf()},
-          {"mostly_deaf", are_mostly_deaf_ ? 1U : 0U},
-          {"reports", up.reports},
-          {"repeats", up.repeats},
-          {"rejected", up.rejected},
-          {"unknown_opcodes", up.unknown_opcodes},
-          {"left_to_others", up.left_to_others},
-          {"statuses_sent", up.statuses_sent},
-          {"commands_delivered", downlink_.ended(CommandResult::delivered)},
-          {"commands_timeout", downlink_.ended(CommandResult::timeout)},
-          {"commands_refused", downlink_.ended(CommandResult::refused)},
-          {"commands_superseded", downlink_.ended(CommandResult::superseded)},
-          {"sends_dropped", link.sends_dropped},
-          {"sent", link.sent},
-          {"send_refused", link.send_refused},
-          {"tx_complete", link.tx_complete},
-          {"board_drops", link.board_drops},
-          {"board_restarts", link.restarts},
-          {"board_lives", provisioner_.lives().number()},
-          {"source_address", provisioner_.lives().source()},
-          {"source_reused", provisioner_.lives().is_reused() ? 1U : 0U},
-          {"resyncs", link.resyncs},
-          {"command_timeouts", link.command_timeouts},
-          {"malformed_events", link.malformed_events},
-          {"other_events", link.other_events}};
+  Counters counters{{"robots_online", robots_.online()},
+                    {"robots_deaf", robots_.deaf()},
+                    {"mostly_deaf", are_mostly_deaf_ ? 1U : 0U},
+                    {"reports", up.reports},
+                    {"repeats", up.repeats},
+                    {"rejected", up.rejected},
+                    {"unknown_opcodes", up.unknown_opcodes},
+                    {"left_to_others", up.left_to_others},
+                    {"statuses_sent", up.statuses_sent},
+                    {"commands_delivered", downlink_.ended(CommandResult::delivered)},
+                    {"commands_timeout", downlink_.ended(CommandResult::timeout)},
+                    {"commands_refused", downlink_.ended(CommandResult::refused)},
+                    {"commands_superseded", downlink_.ended(CommandResult::superseded)},
+                    {"board_lives", provisioner_.lives().number()},
+                    {"source_address", link_.source},
+                    {"source_reused", provisioner_.lives().is_reused() ? 1U : 0U}};
+  std::ranges::move(radio_->counters(), std::back_inserter(counters));
+  return counters;
 }
 
 }  // namespace slamgw::ble

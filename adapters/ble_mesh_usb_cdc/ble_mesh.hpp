@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// The BLE mesh behind a serial board. Its parts do the work: BoardRadio (the board), Provisioner
-// (who joins and is configured), Robots (who is there), Uplink (robots' messages) and Downlink
-// (commands to them). This class carries between them; no I/O, no clock. Called by BleMeshAdapter,
-// which drains its actions after each input.
+// The BLE mesh on a radio. Its parts do the work: Radio (the air), Provisioner (who joins and is
+// configured), Robots (who is there), Uplink (robots' messages) and Downlink (commands to them).
+// This class carries between them; no I/O, no clock, no kind of radio. Called by the radio's shell,
+// BleMeshAdapter, which drains its actions after each input.
 #pragma once
 
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
-#include "adapters/ble_mesh_usb_cdc/nordic/board_radio.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/provisioner.hpp"
 #include "adapters/ble_mesh_usb_cdc/robots/uplink.hpp"
 
@@ -17,24 +17,19 @@ namespace slamgw::ble {
 
 class BleMesh {
  public:
-  /// Robots that are deaf within this time after the board came up may have heard its address
+  /// Robots that are deaf within this time after the radio came up may have heard its address
   /// before. What begins later has another cause.
   static constexpr Duration address_suspected_for = std::chrono::minutes{10};
 
-  /// `database`: this gateway's mesh.json, if there is one. `random` makes the keys for new robots,
-  /// `seed` Echo nonces.
+  /// `database`: this gateway's mesh.json, if there is one.
   BleMesh(Settings settings, TopicScheme topics, RobotNames names,
-          std::optional<NodeDatabase> database, RandomSource random, std::uint64_t seed);
+          std::optional<NodeDatabase> database, std::unique_ptr<Radio> radio);
 
   /// Before anything else; subscribes for the robots that the configuration names.
   void on_start();
-  void on_port_open(TimePoint now);
-  /// Also when an attempt to open it failed.
-  void on_port_closed(const std::string& why, TimePoint now);
-  void on_bytes(ByteView bytes, TimePoint now);
   void on_keys(const MeshKeys& keys, TimePoint now);
   void on_keys_failed(const std::string& why, TimePoint now);
-  /// The board forgets all and comes up again with an address that no robot has heard from. False
+  /// The radio forgets all and comes up again with an address that no robot has heard from. False
   /// when it is down, or keeps its address anyway.
   bool begin_new_life(TimePoint now);
   /// `problem` is empty when the database is on disk.
@@ -52,7 +47,7 @@ class BleMesh {
   void on_broker_link(bool is_up, TimePoint now);
   /// In a mesh that several gateways share: asked before anything of a robot is dealt with.
   void ask_who_serves(ServiceGate::MayServe may_serve) { gate_.ask(std::move(may_serve)); }
-  /// Other gateways have boards in this mesh.
+  /// Other gateways have radios in this mesh.
   bool is_shared() const { return gate_.is_shared(); }
   /// As MeshAdapter.
   void on_session_held(const std::string& robot, TimePoint now);
@@ -75,8 +70,12 @@ class BleMesh {
   /// How many of them are for this robot.
   std::size_t queued_for(std::string_view robot) const;
 
- private:
+ protected:
+  Radio& radio() { return *radio_; }
+  /// Call after each input of the radio: carries on what it has left.
   void settle(TimePoint now);
+
+ private:
   void on_radio_event(RadioEvent& event, TimePoint now);
   void on_provisioner_action(ProvisionerAction action, TimePoint now);
   void on_link_up(const LinkIsUp& up, TimePoint now);
@@ -95,9 +94,11 @@ class BleMesh {
   TopicScheme topics_;
   ActionQueue<MeshAction> actions_;
   bool is_traced_ = false;
-  BoardRadio radio_;
+  std::unique_ptr<Radio> radio_;
+  LinkState link_;
   Provisioner provisioner_;
   ServiceGate gate_;
+  MeshPart shared_;
   Downlink downlink_;
   Robots robots_;
   Uplink uplink_;

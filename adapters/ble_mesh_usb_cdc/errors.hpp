@@ -7,7 +7,7 @@
 
 namespace slamgw::ble {
 
-/// Why bytes from the board, the mesh or a file could not be read. The caller counts it.
+/// Why bytes from the radio, the mesh or a file could not be read. The caller counts it.
 enum class DecodeError : std::uint8_t {
   too_short,     ///< ends inside a field
   wrong_length,  ///< longer than its kind allows

@@ -14,22 +14,13 @@
 
 namespace slamgw::ble {
 
-/// To the port, in order.
-struct WriteSerial {
-  Bytes bytes;
-};
-/// Close the port, wait, open it again; answered by on_port_open or on_port_closed.
-struct ReopenPort {
-  Duration after{};
-};
-
 /// Put the mesh's database on disk; answered by on_stored. Holds secrets.
 struct StoreMesh {
   NodeDatabase database;
 };
 /// BleMesh::open_commands() may have changed; write them down, they must survive a crash.
 struct CommandsChanged {};
-/// The board has heard a robot of a mesh that other gateways' boards hear, too.
+/// The radio has heard a robot of a mesh that other gateways' radios hear, too.
 struct HeardRobot {
   std::string robot;
   std::optional<RadioFacts> radio;  ///< nothing for a heartbeat
@@ -45,14 +36,7 @@ using MeshAction = std::variant<WriteSerial, ReopenPort, GenerateKeys, StoreMesh
 
 /// Nodes, or their names, are different from before.
 struct NodesChanged {};
-/// The radio, as the parts of Provisioner know it.
-struct BoardState {
-  bool is_up = false;
-  std::string down_reason = "not started";
-  std::uint16_t source = 0;  ///< the address that it sends from
-};
-
-using ProvisionerAction = std::variant<RadioCommand, NodesChanged, StoreMesh, OrderEnded, Notice>;
+using ProvisionerAction = std::variant<NodesChanged, StoreMesh, OrderEnded, Notice>;
 using ProvisionerActions = ActionQueue<ProvisionerAction>;
 
 }  // namespace slamgw::ble

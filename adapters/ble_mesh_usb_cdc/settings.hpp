@@ -41,7 +41,7 @@ struct Settings {
   std::uint16_t address = 0x0001;  ///< the gateway's unicast address
   std::uint8_t ttl = 4;            ///< 0, 2-127
   std::vector<std::uint16_t> groups = {0xc002, 0xc003, 0xc004};
-  /// That robots publish to, so that the boards of several gateways hear them; nothing: they
+  /// That robots publish to, so that the radios of several gateways hear them; nothing: they
   /// publish to `address`.
   std::optional<std::uint16_t> gateway_group;
   std::string min_com_type = "adv";

@@ -232,8 +232,8 @@ void FleetMember::attach(const std::string& robot) {
 void FleetMember::on_heard_by_board(const std::string& robot,
                                     const std::optional<RadioFacts>& radio) {
   std::optional<sessions::SignalLevel> level;
-  if (radio)
-    level = sessions::SignalLevel{radio->rssi_dbm -
+  if (radio && radio->rssi_dbm)
+    level = sessions::SignalLevel{*radio->rssi_dbm -
                                   sessions::SignalLevel::relay_cost_db * radio->hops.value_or(0)};
   board_choice_.on_heard(robot, level, read_clocks().mono);
   if (is_held(robot) || should_attach(robot)) attach(robot);

@@ -134,9 +134,10 @@ json to_json(const RobotStatus& robot) {
            {"queue", robot.queue}};
   if (robot.latency) row["latency_p50_us"] = robot.latency->p50.count();
   if (robot.latency) row["latency_p99_us"] = robot.latency->p99.count();
-  if (robot.radio) row["rssi_dbm"] = robot.radio->rssi_dbm;
-  if (robot.radio) row["ttl"] = robot.radio->ttl;
-  if (robot.radio && robot.radio->hops) row["hops"] = *robot.radio->hops;
+  const RadioFacts radio = robot.radio.value_or(RadioFacts{});
+  if (radio.rssi_dbm) row["rssi_dbm"] = *radio.rssi_dbm;
+  if (radio.ttl) row["ttl"] = *radio.ttl;
+  if (radio.hops) row["hops"] = *radio.hops;
   return row;
 }
 

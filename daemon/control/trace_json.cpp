@@ -19,8 +19,8 @@ void add(Json& out, const char* name, const std::optional<T>& value) {
 
 void add_radio(Json& out, const std::optional<RadioFacts>& radio) {
   if (!radio) return;
-  out["rssi_dbm"] = radio->rssi_dbm;
-  out["ttl"] = radio->ttl;
+  add(out, "rssi_dbm", radio->rssi_dbm);
+  add(out, "ttl", radio->ttl);
   add(out, "hops", radio->hops);
 }
 

@@ -29,7 +29,8 @@ std::string presence_json(const Robot& robot) {
   if (presence.is_deaf) text += R"(,"deaf":true)";
   if (robot.is_contested()) text += R"(,"contested":true)";
   if (const auto& radio = robot.radio) {
-    text += fmt::format(R"(,"rssi_dbm":{},"ttl":{})", radio->rssi_dbm, radio->ttl);
+    if (radio->rssi_dbm) text += fmt::format(R"(,"rssi_dbm":{})", *radio->rssi_dbm);
+    if (radio->ttl) text += fmt::format(R"(,"ttl":{})", *radio->ttl);
     if (radio->hops) text += fmt::format(R"(,"hops":{})", *radio->hops);
   }
   return text + "}";

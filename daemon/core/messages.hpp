@@ -50,11 +50,11 @@ struct Refusal {
   }
 };
 
-/// What a mesh knows about the path of a message.
+/// What a mesh knows about the path of a message; nothing where its radio does not tell it.
 struct RadioFacts {
-  int rssi_dbm = 0;                  ///< of the last hop
-  std::optional<std::uint8_t> hops;  ///< relays on the way; nothing where it is unknown
-  std::uint8_t ttl = 0;              ///< on arrival
+  std::optional<int> rssi_dbm;       ///< of the last hop
+  std::optional<std::uint8_t> hops;  ///< relays on the way
+  std::optional<std::uint8_t> ttl;   ///< on arrival
 };
 
 /// What a mesh's protocol says about one message besides its content; nothing where it has no such

@@ -67,6 +67,8 @@ class FakeDevices {
   std::optional<Bytes> execute(std::uint8_t opcode, ByteView params);
   /// An access message under the device key with this handle; what comes back.
   Bytes on_access(std::uint16_t devkey_handle, std::uint16_t destination, ByteView payload);
+  /// What a device answers to a configuration message, as hex.
+  Bytes answer(FakeDevice& device, const std::string& request);
   /// What the devices say while the board scans.
   Bytes beacons() const;
   /// The board has lost what was in RAM.
@@ -79,7 +81,6 @@ class FakeDevices {
   Bytes ecdh_request();
   Bytes complete(ByteView secret);
   Bytes add_device_key(ByteView params);
-  Bytes answer(FakeDevice& device, const std::string& request);
   static Bytes answer_publication(FakeDevice& device, std::uint8_t status, Bytes params);
   static Bytes answer_subscription(FakeDevice& device, std::uint8_t status, ByteView request);
   static Bytes answer_list(const FakeDevice& device, std::uint8_t status, ByteView request);

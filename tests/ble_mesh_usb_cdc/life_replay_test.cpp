@@ -9,7 +9,7 @@
 #include <deque>
 #include <numeric>
 
-#include "adapters/ble_mesh_usb_cdc/ble_mesh.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/board_mesh.hpp"
 #include "tests/ble_mesh_usb_cdc/event_log.hpp"
 #include "tests/ble_mesh_usb_cdc/hex.hpp"
 #include "tests/support/transcript.hpp"
@@ -139,9 +139,9 @@ RandomSource recorded_private_key(const Transcript& transcript) {
   };
 }
 
-/// BleMesh in front of a recording: each command that it writes must be the recorded one, and gets
-/// the recorded answers. Inside one situation the order is free, because the answers do not depend
-/// on it. What the recorded operator and server did is done when it is its turn.
+/// BoardMesh in front of a recording: each command that it writes must be the recorded one, and
+/// gets the recorded answers. Inside one situation the order is free, because the answers do not
+/// depend on it. What the recorded operator and server did is done when it is its turn.
 class LifeReplay : public EventLog {
  public:
   LifeReplay(Transcript transcript, Settings settings)
@@ -307,7 +307,7 @@ class LifeReplay : public EventLog {
 
  public:
   TimePoint now{};
-  BleMesh mesh;
+  BoardMesh mesh;
   NodeDatabase stored;
   std::vector<OrderAnswer> answers;
   std::vector<Bytes> written_after_end;
@@ -356,7 +356,7 @@ TEST(LifeReplay, GoesAsRecordedWithStaticOobAndEachRelease) {
     EXPECT_EQ(replay.all<Report>().size(), 3u);
     ASSERT_EQ(replay.stored.nodes.size(), 1u);
     EXPECT_EQ(replay.stored.nodes[0].state, NodeState::configured);
-    EXPECT_EQ(to_hex(replay.stored.nodes[0].device_key),
+    EXPECT_EQ(to_hex(*replay.stored.nodes[0].device_key),
               to_hex(octets_of<16>(recorded, devkey_add, 6)));
     ASSERT_EQ(replay.written_after_end.size(), 1u) << "the STATUS for the last update";
     EXPECT_EQ(frame_opcode_of(replay.written_after_end[0]), packet_send);

@@ -44,7 +44,7 @@ struct ProvisioningRig : MeshRig {
     for (FakeDevice& device : board.devices.devices) {
       const Node* node = on_disk().find_address(device.address);
       const bool is_lost = node == nullptr || node->state == NodeState::reserved ||
-                           to_hex(node->device_key) != to_hex(device.device_key);
+                           to_hex(*node->device_key) != to_hex(device.device_key);
       if (is_lost) device.address = 0;
     }
   }

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Turns a fuzzer's octets into inputs of BleMesh; also checks the outcomes of its commands.
+// Turns a fuzzer's octets into inputs of BoardMesh; also checks the outcomes of its commands.
 #pragma once
 
 #include <algorithm>
 #include <string>
 
-#include "adapters/ble_mesh_usb_cdc/ble_mesh.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/board_mesh.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/frame.hpp"
 
 namespace slamgw::ble {
@@ -106,15 +106,15 @@ class MeshInputs {
     drain();
   }
 
-  BleMesh mesh_{Settings{},
-                TopicScheme("p", "g"),
-                RobotNames({{"nr1", 0x0010, {}}}),
-                NodeDatabase{},
-                [](std::span<std::uint8_t> octets) {
-                  std::ranges::fill(octets, std::uint8_t{1});
-                  return true;
-                },
-                1};
+  BoardMesh mesh_{Settings{},
+                  TopicScheme("p", "g"),
+                  RobotNames({{"nr1", 0x0010, {}}}),
+                  NodeDatabase{},
+                  [](std::span<std::uint8_t> octets) {
+                    std::ranges::fill(octets, std::uint8_t{1});
+                    return true;
+                  },
+                  1};
   TimePoint now_{};
   std::uint8_t last_command_ = 0;
   std::uint64_t asked_ = 0;

@@ -48,8 +48,8 @@ BleMeshAdapter::Made BleMeshAdapter::make(const Settings& settings, TopicScheme 
     database = *loaded;
   }
   if (database) check_address(*database, settings.address, problem);
-  return {std::make_unique<BleMesh>(settings, std::move(topics), std::move(names),
-                                    std::move(database), fill_random, random_seed()),
+  return {std::make_unique<BoardMesh>(settings, std::move(topics), std::move(names), database,
+                                      fill_random, random_seed()),
           std::move(problem)};
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The I/O shell of the BLE mesh: the serial port with BleMesh behind it, the files with its nodes
+// The I/O shell of the BLE mesh: the serial port with BoardMesh behind it, the files with its nodes
 // and its commands, and what operators order. Loop's thread only.
 #pragma once
 
@@ -11,14 +11,14 @@
 #include <optional>
 #include <string>
 
-#include "adapters/ble_mesh_usb_cdc/ble_mesh.hpp"
 #include "adapters/ble_mesh_usb_cdc/io/command_file.hpp"
 #include "adapters/ble_mesh_usb_cdc/io/mesh_file.hpp"
 #include "adapters/ble_mesh_usb_cdc/io/serial_shell.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/board_mesh.hpp"
 
 namespace slamgw::ble {
 
-class BleMeshAdapter final : public SerialShell<BleMesh> {
+class BleMeshAdapter final : public SerialShell<BoardMesh> {
  public:
   /// `listener` outlives the adapter. Reads `mesh.json` and, at start, `ble-commands.json` in
   /// `store_directory`. `open_port` as for SerialShell.

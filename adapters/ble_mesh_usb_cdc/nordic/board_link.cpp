@@ -375,7 +375,7 @@ void BoardLink::on_response(const CommandResponse& response, Issuer issuer, Time
 void BoardLink::on_board_cleared(Status status, TimePoint now) {
   if (std::exchange(is_clear_wanted_, false))
     actions_.push(
-        BoardCleared{status == Status::success ? std::string() : std::string(to_string(status))});
+        RadioCleared{status == Status::success ? std::string() : std::string(to_string(status))});
   if (status != Status::success) return;
   was_cleared_ = true;
   go_down("the serial board was cleared");

@@ -13,7 +13,6 @@
 #include <string>
 #include <variant>
 
-#include "adapters/ble_mesh_usb_cdc/mesh_action.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/board_traffic.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/frame.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/start_up.hpp"
@@ -117,7 +116,7 @@ struct LinkSettings {
   std::uint8_t ttl = 4;
 };
 
-class BoardLink final : public Radio {
+class BoardLink {
  public:
   static constexpr Duration command_time_limit = std::chrono::seconds{2};
   /// What the board dropped and whether it has an address are asked in turn.
@@ -153,9 +152,9 @@ class BoardLink final : public Radio {
   /// It is not on disk yet.
   void on_source_delayed(const std::string& why);
 
-  bool is_up() const override { return is_up_; }
-  void send(Outgoing message, TimePoint now) override;
-  void withdraw(std::uint16_t destination, const Bytes& payload) override {
+  bool is_up() const { return is_up_; }
+  void send(Outgoing message, TimePoint now);
+  void withdraw(std::uint16_t destination, const Bytes& payload) {
     traffic_.withdraw(destination, payload);
   }
   /// One complete command, ended by CommandEnded; nothing comes when the link goes down. False when

@@ -7,63 +7,75 @@
 
 namespace slamgw::ble {
 
-void BoardRadio::perform(RadioCommand command, TimePoint now) {
-  std::visit(
-      overloaded{
-          [&](Scan& scan) { is_scan_wanted_ = scan.is_on; },
-          [&](ProvisionDevice& device) {
-            device_ = device;
-            is_last_context_ = false;
-          },
-          [&](AnswerDevice& answer) {
-            if (!session_) return;
-            if (answer.refusal.empty()) return session_->on_addresses(now);
-            session_->fail(std::move(answer.refusal));
-            end_session();
-          },
-          [&](UseDeviceKey& use) {
-            if (use.key) device_keys_[use.address] = {*use.key, !sweep_.is_done()};
-            const auto key = device_keys_.find(use.address);
-            if (key != device_keys_.end()) key->second.is_unwanted = !use.key;
-          },
-          // Not taken: the mesh repeats it.
-          [&](SendUnderDeviceKey& message) {
-            const auto key = device_keys_.find(message.address);
-            if (key != device_keys_.end())
-              link_.send({message.address, key->second.handle, std::move(message.access)}, now);
-          },
-          [&](UseKeys& use) { link_.change_keys(use.keys, now); },
-          [&](ClearBoard&) {
-            if (!link_.clear_board(now)) actions_.push(BoardCleared{"the BLE link is down"});
-          },
-          [&](RestartBoard&) { link_.restart_board(now); },
-          [&](UseSource& use) { link_.on_source(use.source, use.count, now); },
-          [&](DelaySource& delay) { link_.on_source_delayed(delay.why); },
-      },
-      command);
+// --- What the mesh asks for ----------------------------------------------------------------------
+
+void BoardRadio::send(Outgoing message, TimePoint now) {
+  if (message.is_under_device_key) {
+    const auto key = device_keys_.find(message.destination);
+    if (key == device_keys_.end() || !key->second.handle) return;
+    message.key = key->second.handle;
+  }
+  link_.send(std::move(message), now);
 }
 
-std::optional<RadioAction> BoardRadio::next_action(TimePoint now) {
-  while (true) {
-    if (auto action = actions_.pop()) return action;
-    auto from_link = link_.next_action();
-    if (!from_link) return std::nullopt;
-    std::visit(overloaded{
-                   [&](CommandEnded& ended) {
-                     on_command_ended(ended);
-                     choose(now);
-                   },
-                   [&](ProvisioningEvent& event) { on_event(event, now); },
-                   [&](MessageReceived& message) { on_message(message); },
-                   [&](LinkIsUp& up) {
-                     forget();
-                     actions_.push(std::move(up));
-                   },
-                   [&](LinkIsDown& down) { on_link_down(down); },
-                   [&](auto& as_it_is) { actions_.push(std::move(as_it_is)); },
-               },
-               *from_link);
+void BoardRadio::provision(const ProvisionDevice& device) {
+  device_ = device;
+  is_last_context_ = false;
+}
+
+void BoardRadio::answer_device(const std::string& refusal, TimePoint now) {
+  if (!session_) return;
+  if (refusal.empty()) return session_->on_addresses(now);
+  session_->fail(refusal);
+  end_session();
+}
+
+void BoardRadio::use_device_key(std::uint16_t address, const std::optional<Key>& key) {
+  if (!key) {
+    actions_.push(DeviceKeyUsed{address, "this gateway does not have its device key"});
+    return;
   }
+  const auto [entry, is_new] = device_keys_.try_emplace(address);
+  DeviceKey& known = entry->second;
+  known.wanted = key;
+  if (is_new) known.is_waiting = !sweep_.is_done();
+  if (known.is_there() && !is_commanded(address)) actions_.push(DeviceKeyUsed{address, {}});
+}
+
+void BoardRadio::forget_device_key(std::uint16_t address) {
+  const auto known = device_keys_.find(address);
+  if (known == device_keys_.end()) return;
+  known->second.wanted.reset();
+  if (known->second.handle || is_commanded(address)) return;
+  device_keys_.erase(known);
+  actions_.push(DeviceKeyUsed{address, {}});
+}
+
+void BoardRadio::clear(TimePoint now) {
+  if (!link_.clear_board(now)) actions_.push(RadioCleared{"the BLE link is down"});
+}
+
+/// The board gets its next command when the mesh has dealt with all that was reported before.
+std::optional<RadioAction> BoardRadio::next_action(TimePoint now) {
+  do {
+    if (auto action = actions_.pop()) return action;
+    while (auto from_link = link_.next_action()) {
+      std::visit(overloaded{
+                     [&](CommandEnded& ended) { on_command_ended(ended); },
+                     [&](ProvisioningEvent& event) { on_event(event, now); },
+                     [&](MessageReceived& message) { on_message(message); },
+                     [&](LinkIsUp& up) {
+                       forget();
+                       actions_.push(std::move(up));
+                     },
+                     [&](LinkIsDown& down) { on_link_down(down); },
+                     [&](auto& as_it_is) { actions_.push(std::move(as_it_is)); },
+                 },
+                 *from_link);
+      if (auto action = actions_.pop()) return action;
+    }
+  } while (begin_next(now));
+  return std::nullopt;
 }
 
 void BoardRadio::on_deadline(TimePoint now) {
@@ -101,19 +113,23 @@ void BoardRadio::on_command_ended(const CommandEnded& ended) {
 void BoardRadio::on_device_key(const CommandEnded& ended) {
   DeviceKey& key = device_keys_.at(commanded_);
   DeviceKeyUsed used{commanded_, {}};
-  bool is_clear = ended.status == Status::success;
-  if (key.is_unwanted) {
-    is_clear = is_clear || ended.is_repeat;
+  const bool is_success = ended.status == Status::success;
+  if (key.handle) {  // it was to be deleted
+    if (!is_success && !ended.is_repeat) sweep_ = {};
+    key = {key.wanted, !sweep_.is_done()};
+    if (key.wanted) return;  // another one
   } else {
     ByteReader data(ended.data);
     key.handle = data.read_u16_le();
-    is_clear = is_clear && data.ok();
-    if (!is_clear)
+    if (is_success && data.ok() && !key.is_there()) return;  // it is not wanted any more
+    if (!is_success || !data.ok()) {
+      sweep_ = {};
+      key.wanted.reset();
       used.problem = fmt::format("the serial board does not take its device key ({})",
                                  to_string(ended.status));
+    }
   }
-  if (!is_clear) sweep_ = {};
-  if (key.is_unwanted || !is_clear) device_keys_.erase(commanded_);
+  if (!key.wanted) device_keys_.erase(commanded_);
   actions_.push(std::move(used));
 }
 
@@ -147,7 +163,6 @@ void BoardRadio::on_link_down(LinkIsDown& down) {
 /// The board that comes up next knows nothing of what was asked of this one.
 void BoardRadio::forget() {
   in_flight_.reset();
-  chosen_.reset();
   is_scan_wanted_ = is_scanning_ = false;
   device_.reset();
   session_.reset();
@@ -157,49 +172,48 @@ void BoardRadio::forget() {
 
 // --- What is to be done --------------------------------------------------------------------------
 
+/// Gives the board its next command. True when there may be actions again.
 bool BoardRadio::begin_next(TimePoint now) {
-  const bool is_chosen = chosen_ || choose(now);
-  // Not taken means that the link has gone down, which it reports next.
-  if (const auto frame = std::exchange(chosen_, std::nullopt)) link_.command(*frame, now);
-  return is_chosen;
-}
-
-/// Chooses what the board does next, once it has nothing to do.
-bool BoardRadio::choose(TimePoint now) {
   if (!link_.is_up() || in_flight_) return false;
   // Not before the last answer for an earlier session is there, which could be taken for its own.
   if (device_ && !session_ && !begin_session(now)) return true;
+  auto frame = choose();
+  // Not taken means that the link has gone down, which it reports next.
+  if (frame) link_.command(std::move(*frame), now);
+  return frame.has_value();
+}
+
+/// What the board does next, once it has nothing to do.
+std::optional<Bytes> BoardRadio::choose() {
   if (is_scan_wanted_ != is_scanning_) {
     is_scanning_ = is_scan_wanted_;
-    return issue(
-        encode_command(is_scanning_ ? CommandOpcode::scan_start : CommandOpcode::scan_stop),
-        Purpose::scan_control);
+    in_flight_ = Purpose::scan_control;
+    return encode_command(is_scanning_ ? CommandOpcode::scan_start : CommandOpcode::scan_stop);
   }
-  return (session_ && issue(session_->command(), Purpose::session)) || issue_key_command();
+  if (auto command = session_ ? session_->command() : std::nullopt) {
+    in_flight_ = Purpose::session;
+    return command;
+  }
+  return key_command();
 }
 
 /// The device keys that were asked for since the table became unclear wait until the others have
 /// gone and the table is empty.
-bool BoardRadio::issue_key_command() {
+std::optional<Bytes> BoardRadio::key_command() {
   bool is_sweep_due = !device_keys_.empty();
-  for (const auto& [address, key] : device_keys_) {
+  for (auto& [address, key] : device_keys_) {
     if (key.is_waiting) continue;
     is_sweep_due = false;
+    if (key.is_there()) continue;
     commanded_ = address;
-    if (key.is_unwanted)
-      return issue(encode_command(CommandOpcode::devkey_delete, *key.handle), Purpose::device_key);
-    if (!key.handle)
-      return issue(encode_devkey_add(address, link_.board().subnet_handle, key.key),
-                   Purpose::device_key);
+    in_flight_ = Purpose::device_key;
+    if (key.handle) return encode_command(CommandOpcode::devkey_delete, *key.handle);
+    key.on_board = key.wanted;
+    return encode_devkey_add(address, link_.board().subnet_handle, *key.wanted);
   }
-  return is_sweep_due && issue(sweep_.command(), Purpose::sweep);
-}
-
-bool BoardRadio::issue(std::optional<Bytes> frame, Purpose purpose) {
-  if (!frame) return false;
-  in_flight_ = purpose;
-  chosen_ = std::move(frame);
-  return true;
+  const auto sweep = is_sweep_due ? sweep_.command() : std::nullopt;
+  if (sweep) in_flight_ = Purpose::sweep;
+  return sweep;
 }
 
 bool BoardRadio::begin_session(TimePoint now) {
@@ -228,6 +242,20 @@ void BoardRadio::end_session() {
   if (is_tried_again) return;  // in the board's other context
   device_.reset();
   actions_.push(std::move(end));
+}
+
+Counters BoardRadio::counters() const {
+  const LinkCounters& link = link_.counters();
+  return {{"sends_dropped", link.sends_dropped},
+          {"sent", link.sent},
+          {"send_refused", link.send_refused},
+          {"tx_complete", link.tx_complete},
+          {"board_drops", link.board_drops},
+          {"board_restarts", link.restarts},
+          {"resyncs", link.resyncs},
+          {"command_timeouts", link.command_timeouts},
+          {"malformed_events", link.malformed_events},
+          {"other_events", link.other_events}};
 }
 
 }  // namespace slamgw::ble

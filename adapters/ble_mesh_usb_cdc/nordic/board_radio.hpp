@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Nordic's serial board as the mesh's radio: turns what the mesh asks for into serial commands, one
 // at a time, and what the board reports into words of the mesh. Keeps the board's table of device
-// keys and the session with a device that joins. The line itself is BoardLink's. Called by BleMesh,
-// which drains its actions.
+// keys and the session with a device that joins. The line itself is BoardLink's. Called by BleMesh;
+// BoardMesh brings it the octets of the port.
 #pragma once
 
 #include <algorithm>
@@ -54,41 +54,63 @@ class DeviceKeySweep {
   std::uint16_t next_ = 0;
 };
 
-using RadioAction = std::variant<WriteSerial, ReopenPort, RadioEvent>;
-
-class BoardRadio {
+class BoardRadio final : public Radio {
  public:
   /// `random` makes the key pairs of provisioning, `seed` Echo nonces.
   BoardRadio(LinkSettings settings, std::optional<MeshKeys> keys, RandomSource random,
              std::uint64_t seed)
       : link_(std::move(settings), keys, seed), random_(std::move(random)) {}
 
-  /// Takes the inputs from the port and for start-up. Its actions come out of next_action().
-  BoardLink& link() { return link_; }
-  const BoardLink& link() const { return link_; }
+  void on_port_open(TimePoint now) { link_.on_port_open(now); }
+  void on_port_closed(const std::string& why, TimePoint now) { link_.on_port_closed(why, now); }
+  void on_bytes(ByteView bytes, TimePoint now) { link_.on_bytes(bytes, now); }
 
-  /// The board gets the commands for it from begin_next().
-  void perform(RadioCommand command, TimePoint now);
-  std::optional<RadioAction> next_action(TimePoint now);
-  /// Gives the board its next command. Call when no action is left, here and where commands come
-  /// from. True when there may be actions again.
-  bool begin_next(TimePoint now);
-  std::optional<TimePoint> deadline() const {
+  std::size_t max_send_bytes() const override { return send_limit(link_.board().version); }
+  Counters counters() const override;
+  void send(Outgoing message, TimePoint now) override;
+  void withdraw(std::uint16_t destination, const Bytes& payload) override {
+    link_.withdraw(destination, payload);
+  }
+  void scan(bool is_on) override { is_scan_wanted_ = is_on; }
+  void provision(const ProvisionDevice& device) override;
+  void answer_device(const std::string& refusal, TimePoint now) override;
+  void use_device_key(std::uint16_t address, const std::optional<Key>& key) override;
+  void forget_device_key(std::uint16_t address) override;
+  void on_keys(const MeshKeys& keys, TimePoint now) override { link_.on_keys(keys, now); }
+  void on_keys_failed(const std::string& why, TimePoint now) override {
+    link_.on_keys_failed(why, now);
+  }
+  void change_keys(const MeshKeys& keys, TimePoint now) override { link_.change_keys(keys, now); }
+  void use_source(std::uint16_t source, std::uint16_t count, TimePoint now) override {
+    link_.on_source(source, count, now);
+  }
+  void delay_source(const std::string& why) override { link_.on_source_delayed(why); }
+  void clear(TimePoint now) override;
+  bool restart(TimePoint now) override { return link_.restart_board(now); }
+
+  std::optional<RadioAction> next_action(TimePoint now) override;
+  std::optional<TimePoint> deadline() const override {
     return earlier(link_.deadline(), session_ ? session_->deadline() : std::nullopt);
   }
-  void on_deadline(TimePoint now);
+  void on_deadline(TimePoint now) override;
 
  private:
   /// The purpose of the command in flight.
   enum class Purpose : std::uint8_t { scan_control, session, sweep, device_key };
 
+  /// The device key of one node: as it is wanted, and as the board has it.
   struct DeviceKey {
-    Key key{};
+    std::optional<Key> wanted;                 ///< nothing: the board is to delete it
     bool is_waiting = false;                   ///< for the sweep
+    std::optional<Key> on_board = {};          ///< also while the command that adds it is in flight
     std::optional<std::uint16_t> handle = {};  ///< there when the board has it
-    bool is_unwanted = false;
+
+    bool is_there() const { return handle && wanted == on_board; }
   };
 
+  bool is_commanded(std::uint16_t address) const {
+    return in_flight_ == Purpose::device_key && commanded_ == address;
+  }
   void on_command_ended(const CommandEnded& ended);
   void on_device_key(const CommandEnded& ended);
   void on_event(const ProvisioningEvent& event, TimePoint now);
@@ -96,16 +118,15 @@ class BoardRadio {
   void on_link_down(LinkIsDown& down);
   bool begin_session(TimePoint now);
   void end_session();
-  bool choose(TimePoint now);
-  bool issue(std::optional<Bytes> frame, Purpose purpose);
-  bool issue_key_command();
+  bool begin_next(TimePoint now);
+  std::optional<Bytes> choose();
+  std::optional<Bytes> key_command();
   void forget();
 
   BoardLink link_;
   RandomSource random_;
   ActionQueue<RadioAction> actions_;
   std::optional<Purpose> in_flight_;
-  std::optional<Bytes> chosen_;  ///< the command in flight, until the link gets it
   bool is_scan_wanted_ = false;
   bool is_scanning_ = false;
   std::optional<ProvisionDevice> device_;  ///< that joins, or waits for the board

@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cassert>
 #include <utility>
 
 namespace slamgw::ble {
@@ -32,14 +33,7 @@ bool BoardTraffic::send(Outgoing message) {
   withdraw(message.destination, message.payload);
   std::deque<Outgoing>& queue = message.is_urgent ? urgent_ : normal_;
   if (queue.size() >= max_queued) return false;
-  const std::size_t limit = send_limit(board_.version);
-  if (message.payload.size() > limit) {
-    refuse(message.destination,
-           fmt::format("{} octets are too many: the board's firmware (serial protocol version {}) "
-                       "sends at most {}",
-                       message.payload.size(), static_cast<unsigned>(board_.version), limit));
-    return true;
-  }
+  assert(message.payload.size() <= send_limit(board_.version));
   queue.push_back(std::move(message));
   return true;
 }

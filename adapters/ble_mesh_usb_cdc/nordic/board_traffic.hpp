@@ -10,7 +10,6 @@
 #include <string>
 #include <variant>
 
-#include "adapters/ble_mesh_usb_cdc/mesh_action.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/commands.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/events.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/start_up.hpp"
@@ -25,7 +24,7 @@ struct CommandEnded : CommandResponse {
 
 using LinkAction = std::variant<WriteSerial, ReopenPort, GenerateKeys, SourceWanted, LinkIsUp,
                                 LinkIsDown, SendRefused, MessageReceived, Heartbeat, IvUpdate,
-                                ProvisioningEvent, CommandEnded, BoardCleared, Notice>;
+                                ProvisioningEvent, CommandEnded, RadioCleared, Notice>;
 
 struct LinkCounters {
   std::uint64_t resyncs = 0;   ///< attempts to get in step, the first after opening included

@@ -51,7 +51,7 @@ std::string_view sdk_releases(SerialVersion version) {
 
 std::size_t send_limit(SerialVersion version) {
   // The packets of 1.0 and 2.0 are short; 2.1 has the same number as 2.0.
-  return version <= SerialVersion::sdk_2_0 ? 88 : max_send_bytes;
+  return version <= SerialVersion::sdk_2_0 ? 88 : 244;
 }
 
 Bytes encode_packet_send(const PacketSend& packet, SerialVersion version) {

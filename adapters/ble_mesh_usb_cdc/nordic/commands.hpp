@@ -73,7 +73,7 @@ enum class SerialVersion : std::uint16_t {
 };
 /// The releases of that version in words, such as "2.2"; empty for numbers that none has.
 std::string_view sdk_releases(SerialVersion version);
-/// Longest access message that every firmware of this version sends.
+/// Longest access message that every firmware of this version sends: 244 octets, old ones less.
 std::size_t send_limit(SerialVersion version);
 
 /// A command that has no parameters.

@@ -28,11 +28,11 @@ std::optional<std::uint16_t> choose_address(const NodeDatabase& database, const 
 /// Whether a node could have this address: `own`, or a new one.
 bool is_address_free(const NodeDatabase& database, std::uint16_t address, std::uint8_t elements,
                      const std::set<std::uint16_t>& taken, const std::optional<Uuid>& own);
-/// How many addresses from `address` up a gateway can have for the lives of its board: at most
+/// How many addresses from `address` up a gateway can have for the lives of its radio: at most
 /// `max_sources`, and none of a node, of `taken`, or of those that robots get by themselves.
 std::uint16_t source_room(const NodeDatabase& database, std::uint16_t address,
                           const std::set<std::uint16_t>& taken);
-/// An earlier node had it: the board's replay list may still know it.
+/// An earlier node had it: the radio's replay list may still know it.
 bool was_used_before(const NodeDatabase& database, std::uint16_t address, std::uint8_t elements);
 
 }  // namespace slamgw::ble

@@ -151,10 +151,8 @@ bool has_prefix(const Uuid& uuid, std::string_view prefix) {
 
 }  // namespace
 
-Admission::Admission(const Settings& settings, NodeTable& nodes, OpenOrder& order,
-                     ProvisionerActions& actions)
-    : settings_(settings), nodes_(nodes), order_(order), actions_(actions) {
-  if (settings.provisioning.static_oob) static_oob_ = parse_uuid(*settings.provisioning.static_oob);
+Admission::Admission(const ProvisionerPart& shared) : ProvisionerPart(shared) {
+  if (const auto& digits = settings_.provisioning.static_oob) static_oob_ = parse_uuid(*digits);
 }
 
 void Admission::on_link_down(const LinkIsDown& down, TimePoint now) {
@@ -267,7 +265,7 @@ bool Admission::make_room() {
 // --- The device that joins -----------------------------------------------------------------------
 
 void Admission::advance(TimePoint now) {
-  if (joining_ && elements_ != 0) keep_addresses();
+  if (joining_ && elements_ != 0) keep_addresses(now);
   if (chosen_ && !joining_ && nodes_.ledger().is_saved()) begin_joining(now);
 }
 
@@ -282,15 +280,15 @@ void Admission::begin_joining(TimePoint now) {
   const NodeDatabase& database = *nodes_.database();
   joining_ = uuid;
   elements_ = 0;
-  actions_.push(ProvisionDevice{uuid, database.keys.net_key, database.iv_index,
-                                node->joining_address(), static_oob_});
+  radio_.provision(
+      {uuid, database.keys.net_key, database.iv_index, node->joining_address(), static_oob_});
 }
 
-void Admission::keep_addresses() {
+void Admission::keep_addresses(TimePoint now) {
   const std::uint8_t elements = elements_;
-  const auto answer = [&](std::string refusal) {
+  const auto answer = [&](const std::string& refusal) {
     elements_ = 0;
-    actions_.push(AnswerDevice{std::move(refusal)});
+    radio_.answer_device(refusal, now);
   };
   const Node* node = nodes_.find(*joining_);
   candidates_.on_elements(*joining_, elements);
@@ -311,7 +309,7 @@ void Admission::keep_addresses() {
   if (nodes_.ledger().is_saved()) answer({});
 }
 
-void Admission::on_joined(const Key& device_key, TimePoint now) {
+void Admission::on_joined(const std::optional<Key>& device_key, TimePoint now) {
   if (!joining_ || nodes_.find(*joining_) == nullptr) return;
   NodeDatabase& database = nodes_.ledger().change();
   Node& node = *database.find(*joining_);
@@ -325,7 +323,7 @@ void Admission::on_joined(const Key& device_key, TimePoint now) {
   node.applied.reset();
   candidates_.erase(node.uuid);
   NodeHistory& history = nodes_.history(node.uuid);
-  history = NodeHistory{.joined_at = now, .has_restarted_board = history.has_restarted_board};
+  history = NodeHistory{.joined_at = now, .has_restarted_radio = history.has_restarted_radio};
   nodes_.announce_change();
   const std::string id = nodes_.id_of(node.address);
   notify(

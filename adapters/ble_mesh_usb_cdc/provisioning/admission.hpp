@@ -14,8 +14,7 @@
 #include <string>
 #include <vector>
 
-#include "adapters/ble_mesh_usb_cdc/provisioning/node_table.hpp"
-#include "daemon/core/time.hpp"
+#include "adapters/ble_mesh_usb_cdc/provisioning/provisioner_part.hpp"
 
 namespace slamgw::ble {
 
@@ -116,52 +115,10 @@ class JoinPermit {
   std::uint64_t last_number_ = 0;
 };
 
-/// The one order of an operator that is under way, and its answer. Part of Provisioner;
-/// OperatorOrders opens it, the part that fulfils it answers it.
-class OpenOrder {
+class Admission : private ProvisionerPart {
  public:
-  enum class Kind : std::uint8_t { scan, provision, remove, import_mesh, export_mesh, reset_board };
-  struct Order {
-    std::uint64_t id = 0;
-    Kind kind = Kind::scan;
-    TimePoint due{};
-    Uuid uuid{};                              ///< provision, remove
-    std::string robot = {};                   ///< provision
-    bool is_forced = false;                   ///< remove
-    std::optional<NodeDatabase> before = {};  ///< import
-    std::uint16_t address = 0;                ///< export: of the other gateway
-  };
-
-  explicit OpenOrder(ProvisionerActions& actions) : actions_(actions) {}
-
-  explicit operator bool() const { return order_.has_value(); }
-  Order& operator*() { return *order_; }
-  Order* operator->() { return &*order_; }
-  bool is(Kind kind) const { return order_ && order_->kind == kind; }
-  bool is(Kind kind, const Uuid& uuid) const { return is(kind) && order_->uuid == uuid; }
-  std::optional<TimePoint> deadline() const {
-    return order_ ? std::optional(order_->due) : std::nullopt;
-  }
-
-  void open(Order order) { order_ = std::move(order); }
-  /// Ends it with a JSON document.
-  void answer(std::string json) { end({std::move(json), {}}); }
-  /// Ends it with a sentence for the operator.
-  void refuse(std::string why) { end({{}, std::move(why)}); }
-
- private:
-  void end(OrderAnswer answer) {
-    actions_.push(OrderEnded{order_->id, std::move(answer)});
-    order_.reset();
-  }
-
-  ProvisionerActions& actions_;
-  std::optional<Order> order_;
-};
-
-class Admission {
- public:
-  /// The stock board remembers the sequence numbers of so many sources, and does not hear others.
+  /// A stock serial board remembers the sequence numbers of this many sources, and does not hear
+  /// others.
   static constexpr std::size_t replay_list_size = 40;
   /// A node is taken for reset only when it says so and was not heard for this long.
   static constexpr Duration reset_silence = std::chrono::seconds{5};
@@ -170,12 +127,10 @@ class Admission {
   /// Whether a conversation with the node is under way, so that it must not be provisioned anew.
   using IsBusy = std::function<bool(const Node&)>;
 
-  /// All of them outlive it.
-  Admission(const Settings& settings, NodeTable& nodes, OpenOrder& order,
-            ProvisionerActions& actions);
+  explicit Admission(const ProvisionerPart& shared);
 
   void on_answered(const DeviceAnswered& answered) { elements_ = answered.elements; }
-  void on_joined(const Key& device_key, TimePoint now);
+  void on_joined(const std::optional<Key>& device_key, TimePoint now);
   void on_join_ended(const JoinEnded& ended, TimePoint now);
   void on_link_down(const LinkIsDown& down, TimePoint now);
 
@@ -202,17 +157,10 @@ class Admission {
   void keep(const Candidate& candidate, std::uint16_t address, const std::string& name);
   bool make_room();
   void begin_joining(TimePoint now);
-  void keep_addresses();
+  void keep_addresses(TimePoint now);
   void release(const Uuid& uuid);
   void warn_of_replay_list(const Node& node);
-  void notify(Severity severity, std::string text, std::string robot = {}) {
-    actions_.push(Notice{severity, std::move(text), std::move(robot)});
-  }
 
-  const Settings& settings_;
-  NodeTable& nodes_;
-  OpenOrder& order_;
-  ProvisionerActions& actions_;
   std::optional<Key> static_oob_;
   Candidates candidates_;
   JoinPermit permit_;

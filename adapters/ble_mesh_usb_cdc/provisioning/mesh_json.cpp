@@ -114,7 +114,8 @@ OrderedJson node_json(const Node& node) {
                       {"elements", node.elements}};
   if (!node.name.empty()) json["name"] = node.name;
   json["state"] = to_string(node.state);
-  if (node.state != NodeState::reserved) json["device_key"] = to_hex(node.device_key);
+  if (node.state != NodeState::reserved)
+    json["device_key"] = node.device_key ? OrderedJson(to_hex(*node.device_key)) : nullptr;
   if (node.new_address != 0) json["new_address"] = address_text(node.new_address);
   if (node.ttl) json["ttl"] = *node.ttl;
   if (!node.applied) return json;
@@ -126,16 +127,16 @@ OrderedJson node_json(const Node& node) {
   return json;
 }
 
-OrderedJson life_json(const BoardLife& life) {
+OrderedJson life_json(const RadioLife& life) {
   OrderedJson json = {{"number", life.number}};
   if (life.source != 0) json["source"] = address_text(life.source);
-  if (!life.board.empty()) json["board"] = life.board;
+  if (!life.radio.empty()) json["board"] = life.radio;
   json["kind"] = to_string(life.kind);
   return json;
 }
 
 /// False when it is damaged. A file without it predates it: robots have heard the gateway.
-bool read_life(const Json& json, BoardLife& life) {
+bool read_life(const Json& json, RadioLife& life) {
   life.number = 1;
   const auto found = json.find("life");
   if (found == json.end()) return true;
@@ -144,8 +145,8 @@ bool read_life(const Json& json, BoardLife& life) {
   if (!number || !kind) return false;
   life.number = *number;
   life.source = read_unicast(*found, "source").value_or(0);
-  life.board = read_text(*found, "board").value_or("");
-  for (const BoardKind each : {BoardKind::forgets, BoardKind::keeps})
+  life.radio = read_text(*found, "board").value_or("");
+  for (const RadioKind each : {RadioKind::forgets, RadioKind::keeps})
     if (*kind == to_string(each)) life.kind = each;
   return true;
 }
@@ -181,9 +182,9 @@ std::optional<Node> read_node(const Json& json) {
   node.new_address = new_address.value_or(0);
   node.name = read_text(json, "name").value_or("");
   if (!is_valid_level(node.name)) node.name.clear();  // goes by its default name
-  const auto device_key = read_octets(json, "device_key");
-  if (!device_key && node.state != NodeState::reserved) return std::nullopt;
-  node.device_key = device_key.value_or(Key{});
+  node.device_key = read_octets(json, "device_key");
+  const bool has_radio_key = json.contains("device_key") && json["device_key"].is_null();
+  if (!node.device_key && !has_radio_key && node.state != NodeState::reserved) return std::nullopt;
   if (!read_applied(json, node)) return std::nullopt;
   return node;
 }
@@ -340,7 +341,7 @@ Result<NodeDatabase, Refusal> decode_tool_database(const Json& json) {
     return Refusal{"it has no network key 0 (netKeys) or no application key 0 (appKeys)"};
   NodeDatabase database;
   database.keys = {*net_key, *app_key};
-  database.life.number = 1;  // the tool's own board
+  database.life.number = 1;  // the tool's own radio
   database.iv_index = read_count(json, "ivIndex", UINT32_MAX).value_or(0);
   const auto* nodes = read_array(json, "nodes");
   if (nodes == nullptr || nodes->size() > NodeDatabase::max_nodes)

@@ -4,7 +4,8 @@
 //   {"version": 2, "net_key": KEY, "app_key": KEY, "iv_index": NUMBER, "next_address": "0x0101",
 //    "nodes": [{"uuid": UUID, "address": "0x0100", "elements": 1, "name": TEXT or absent,
 //               "state": "reserved" | "provisioned" | "configured",
-//               "device_key": KEY unless reserved, "ttl": NUMBER or absent,
+//               "device_key": KEY unless reserved, or null: the radio keeps it,
+//               "ttl": NUMBER or absent,
 //               "gateway": "0x0001" or absent: what it publishes to, a gateway or their group,
 //               "groups": ["0xc002"] with "gateway",
 //               "changing": true or absent,
@@ -15,8 +16,8 @@
 //    "guest_addresses": 32 with "guest": how many from there are its own, 1 when absent,
 //    "host": "room-a" or absent: that one's gateway.id,
 //    "life": {"number": 3, "source": "0x0003" or absent, "board": TEXT or absent,
-//             "kind": "unknown" | "forgets" | "keeps"} or absent for the first life: the boards'
-//             lives so far, the last address that one sends from, the last board's UUID}
+//             "kind": "unknown" | "forgets" | "keeps"} or absent for the first life: the radio's
+//             lives so far, the last address that it sends from, what tells it from others}
 //
 // KEY and UUID are 32 hex digits. Version 1 held the two keys only and is still read. Called by
 // MeshFile and for imports.

@@ -194,10 +194,10 @@ bool ConfigurationStep::is_answered_by(const AccessMessage& message) const {
 }
 
 NodeConfiguration::NodeConfiguration(const Node& node, Purpose purpose,
-                                     ConfigurationSettings settings, ProvisionerActions& actions)
-    : purpose_(purpose), settings_(std::move(settings)), address_(node.address), actions_(actions) {
+                                     ConfigurationSettings settings, Radio& radio)
+    : purpose_(purpose), settings_(std::move(settings)), address_(node.address), radio_(radio) {
   steps_.push_back(purpose == Purpose::reset ? node_reset_step() : composition_step());
-  actions_.push(UseDeviceKey{address_, node.device_key});
+  radio_.use_device_key(address_, node.device_key);
 }
 
 void NodeConfiguration::on_key_used(const std::string& problem, TimePoint now) {
@@ -223,7 +223,9 @@ void NodeConfiguration::send_due(TimePoint now) {
   if (stage_ != Stage::talking || now < send_at_) return;
   send_at_ = now + pause_;
   pause_ *= 2;
-  actions_.push(SendUnderDeviceKey{address_, steps_.front().request});
+  radio_.send(
+      {.destination = address_, .payload = steps_.front().request, .is_under_device_key = true},
+      now);
 }
 
 bool NodeConfiguration::on_message(const MessageReceived& message, TimePoint now) {
@@ -290,7 +292,7 @@ void NodeConfiguration::finish(State result, std::string problem) {
   result_ = result;
   problem_ = std::move(problem);
   stage_ = Stage::removing_key;
-  actions_.push(UseDeviceKey{address_});
+  radio_.forget_device_key(address_);
 }
 
 }  // namespace slamgw::ble

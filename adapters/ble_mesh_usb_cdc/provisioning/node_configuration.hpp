@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "adapters/ble_mesh_usb_cdc/access/config_messages.hpp"
-#include "adapters/ble_mesh_usb_cdc/mesh_action.hpp"
+#include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
 
 namespace slamgw::ble {
 
@@ -51,14 +51,14 @@ class NodeConfiguration {
   /// One request is given up after this long.
   static constexpr Duration step_time_limit = std::chrono::seconds{20};
   /// The pause before it is sent again, doubled each time: after 0.5 s, 1.5 s, 3.5 s ...; twice
-  /// that when it is segmented, because the board repeats the segments by itself.
+  /// that when it is segmented, because the radio repeats the segments by itself.
   static constexpr Duration first_pause = std::chrono::milliseconds{500};
-  /// The board was still sending an earlier segmented message to this node.
+  /// The radio was still sending an earlier segmented message to this node.
   static constexpr Duration refused_pause = std::chrono::milliseconds{150};
 
-  /// `actions` outlives it.
+  /// `radio` outlives it.
   NodeConfiguration(const Node& node, Purpose purpose, ConfigurationSettings settings,
-                    ProvisionerActions& actions);
+                    Radio& radio);
 
   /// The radio has the device key, or has removed it, or does not take it.
   void on_key_used(const std::string& problem, TimePoint now);
@@ -87,7 +87,7 @@ class NodeConfiguration {
   Purpose purpose_;
   ConfigurationSettings settings_;
   std::uint16_t address_;
-  ProvisionerActions& actions_;
+  Radio& radio_;
   Stage stage_ = Stage::adding_key;
   State result_ = State::succeeded;
   std::string problem_;

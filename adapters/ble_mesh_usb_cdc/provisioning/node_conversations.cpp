@@ -45,8 +45,8 @@ bool NodeConversations::is_outdated(const Node& node) const {
          !std::ranges::is_permutation(node.applied->groups, settings_.groups);
 }
 
-/// Only its publications have to move to the address of the board's present life. Until they have,
-/// its messages to the old one are heard, too, but the board acknowledges their segments from
+/// Only its publications have to move to the address of the radio's present life. Until they have,
+/// its messages to the old one are heard, too, but the radio acknowledges their segments from
 /// there, which the robot ignores.
 bool NodeConversations::is_only_moved(const Node& node) const {
   const auto is_own = [&](std::uint32_t address) {
@@ -77,7 +77,7 @@ void NodeConversations::begin_due(TimePoint now) {
   const ConfigurationSettings settings{nodes_.database()->keys.app_key, destination(),
                                        settings_.ttl, settings_.groups};
   const auto begin = [&](const Node& node, NodeConfiguration::Purpose purpose) {
-    conversations_.try_emplace(node.address, node, purpose, settings, actions_);
+    conversations_.try_emplace(node.address, node, purpose, settings, radio_);
   };
   if (const Node* node = node_to_reset()) begin(*node, NodeConfiguration::Purpose::reset);
   while (conversations_.size() < max_conversations) {
@@ -112,7 +112,7 @@ const Node* NodeConversations::next_node(TimePoint now) {
 }
 
 std::optional<TimePoint> NodeConversations::next_begin() const {
-  if (!board_.is_up || !nodes_.database() || !nodes_.ledger().is_saved()) return std::nullopt;
+  if (!link_.is_up || !nodes_.database() || !nodes_.ledger().is_saved()) return std::nullopt;
   if (conversations_.size() >= max_conversations) return std::nullopt;
   if (wants_restart_) return std::nullopt;
   if (node_to_reset() != nullptr) return TimePoint::min();
@@ -208,9 +208,9 @@ void NodeConversations::on_not_configured(const Node& node, const std::string& p
   const Duration pause = pause_after(++history.failures);
   history.retry_at = now + pause;
   history.problem = problem;
-  if (!history.has_restarted_board && history.joined_at && !history.heard_at &&
+  if (!history.has_restarted_radio && history.joined_at && !history.heard_at &&
       may_be_unheard(node))
-    history.has_restarted_board = wants_restart_ = true;
+    history.has_restarted_radio = wants_restart_ = true;
   admission_.permit().on_failed(node.uuid, problem);
   const std::string id = nodes_.id_of(node.address);
   const bool has_old = node.state == NodeState::configured;

@@ -12,20 +12,15 @@
 
 namespace slamgw::ble {
 
-class NodeConversations {
+class NodeConversations : private ProvisionerPart {
  public:
-  /// The stock board sends four segmented messages at a time; one is left for commands to robots.
+  /// A stock serial board sends four segmented messages at a time; one is left for commands to
+  /// robots.
   static constexpr std::size_t max_conversations = 3;
 
-  /// All of them outlive it.
-  NodeConversations(const Settings& settings, const BoardState& board, NodeTable& nodes,
-                    Admission& admission, OpenOrder& order, ProvisionerActions& actions)
-      : settings_(settings),
-        board_(board),
-        nodes_(nodes),
-        admission_(admission),
-        order_(order),
-        actions_(actions) {}
+  /// `admission` outlives it.
+  NodeConversations(const ProvisionerPart& shared, Admission& admission)
+      : ProvisionerPart(shared), admission_(admission) {}
 
   /// True when the message was an answer to a conversation, and not from a robot's own models.
   bool on_message(const MessageReceived& message, TimePoint now);
@@ -41,8 +36,8 @@ class NodeConversations {
   bool is_idle() const { return conversations_.empty(); }
   bool is_talking_with(const Node& node) const { return conversations_.contains(node.address); }
 
-  /// The board's replay list may know the address of a node that has joined, or be full, and only
-  /// a restart of the board empties it. Once for a robot, and no conversation begins before it.
+  /// The radio's replay list may know the address of a node that has joined, or be full, and only
+  /// a restart of the radio empties it. Once for a robot, and no conversation begins before it.
   bool wants_restart() const { return wants_restart_; }
   void on_restart() { wants_restart_ = false; }
 
@@ -54,7 +49,7 @@ class NodeConversations {
   bool is_outdated(const Node& node) const;
   bool is_only_moved(const Node& node) const;
   /// What robots publish to.
-  std::uint16_t destination() const { return settings_.gateway_group.value_or(board_.source); }
+  std::uint16_t destination() const { return settings_.gateway_group.value_or(link_.source); }
   bool begin_changes();
   bool may_be_unheard(const Node& node) const;
   const Node* node_to_reset() const;
@@ -64,16 +59,8 @@ class NodeConversations {
   void on_configured(const Node& known);
   void on_not_configured(const Node& node, const std::string& problem, TimePoint now);
   std::string changes_from(const Node& before) const;
-  void notify(Severity severity, std::string text, const std::string& robot) {
-    actions_.push(Notice{severity, std::move(text), robot});
-  }
 
-  const Settings& settings_;
-  const BoardState& board_;
-  NodeTable& nodes_;
   Admission& admission_;
-  OpenOrder& order_;
-  ProvisionerActions& actions_;
   std::map<std::uint16_t, NodeConfiguration> conversations_;  ///< by address
   bool wants_restart_ = false;
 };

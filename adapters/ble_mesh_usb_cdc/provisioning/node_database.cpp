@@ -29,11 +29,11 @@ std::string_view to_string(NodeState state) {
   return "reserved";
 }
 
-std::string_view to_string(BoardKind kind) {
+std::string_view to_string(RadioKind kind) {
   switch (kind) {
-    case BoardKind::unknown: break;
-    case BoardKind::forgets: return "forgets";
-    case BoardKind::keeps: return "keeps";
+    case RadioKind::unknown: break;
+    case RadioKind::forgets: return "forgets";
+    case RadioKind::keeps: return "keeps";
   }
   return "unknown";
 }

@@ -16,7 +16,7 @@ namespace slamgw::ble {
 
 inline constexpr std::uint32_t max_elements = 255;  ///< of one node
 
-/// Addresses for the lives of forgetful boards: each life gets the next one, from the gateway's own
+/// Addresses for the lives of forgetful radios: each life gets the next one, from the gateway's own
 /// up. A robot's replay list has 40 places, which other senders need too, and a robot with a full
 /// list hears no new sender.
 inline constexpr std::uint16_t max_sources = 32;
@@ -44,7 +44,7 @@ struct Node {
   std::uint16_t address = 0;  ///< unicast, of the first element
   std::uint8_t elements = 1;  ///< their addresses follow each other
   NodeState state = NodeState::reserved;
-  Key device_key{};                 ///< means nothing while `reserved`
+  std::optional<Key> device_key;    ///< nothing while `reserved`, or when the radio keeps it
   std::string name;                 ///< given by an operator; may be empty
   std::optional<std::uint8_t> ttl;  ///< that it was configured to publish with
   /// Nothing: configured by another tool, or by an old version.
@@ -72,22 +72,22 @@ struct RemovedNode {
   std::uint8_t elements = 1;
 };
 
-/// What a board remembers over a power-off, as far as it was seen.
-enum class BoardKind : std::uint8_t { unknown, forgets, keeps };
-std::string_view to_string(BoardKind kind);
+/// What a radio remembers over a power-off, as far as it was seen.
+enum class RadioKind : std::uint8_t { unknown, forgets, keeps };
+std::string_view to_string(RadioKind kind);
 
-/// One life of a serial board lasts as long as it keeps its sequence numbers.
-struct BoardLife {
-  std::uint32_t number = 0;  ///< counts them from 1; 0: no board was used yet
+/// One life of a radio lasts as long as it keeps its sequence numbers.
+struct RadioLife {
+  std::uint32_t number = 0;  ///< counts them from 1; 0: no radio was used yet
   /// Of the lives so far, the last address that was given to one; 0: not known.
   std::uint16_t source = 0;
-  std::string board = {};  ///< the UUID of the last board, in hex
-  BoardKind kind = BoardKind::unknown;
-  bool operator==(const BoardLife&) const = default;
+  std::string radio = {};  ///< the last one, as in LinkIsUp
+  RadioKind kind = RadioKind::unknown;
+  bool operator==(const RadioLife&) const = default;
 };
 
 struct NodeDatabase {
-  /// As many as BleMesh has room for; a stock board hears 40 (its replay list).
+  /// As many as BleMesh has room for; a stock serial board hears 40 (its replay list).
   static constexpr std::size_t max_nodes = 256;
   /// The oldest are forgotten beyond it; `next_address` then still keeps their addresses back.
   static constexpr std::size_t max_removed = 256;
@@ -103,7 +103,7 @@ struct NodeDatabase {
   std::optional<std::uint16_t> guest_address = {};
   /// So many addresses from that one are this gateway's.
   std::uint16_t guest_addresses = 1;
-  BoardLife life = {};
+  RadioLife life = {};
   std::string host = {};  ///< `gateway.id` of the gateway that provisions it; may be empty
 
   Node* find(const Uuid& uuid);

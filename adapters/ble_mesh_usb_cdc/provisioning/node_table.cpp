@@ -108,7 +108,7 @@ std::uint16_t NodeTable::source_room() const {
 std::optional<std::uint16_t> NodeTable::address_for(const Uuid& uuid, std::uint8_t elements,
                                                     const std::string& name) const {
   const Node* node = database()->find(uuid);
-  // The board's replay list would drop its new, low numbers from an address that it had.
+  // The radio's replay list would drop its new, low numbers from an address that it had.
   const bool was_joined = node != nullptr && node->state != NodeState::reserved;
   AddressWish wish{.elements = elements, .preferred = {}, .taken = taken_addresses()};
   for (const Node& other : database()->nodes)  // a new robot there would have the name of this one

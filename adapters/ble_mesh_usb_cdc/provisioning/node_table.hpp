@@ -73,7 +73,7 @@ struct NodeHistory {
   std::optional<TimePoint> joined_at = {};
   TimePoint retry_at = TimePoint::min();  ///< of its configuration
   int failures = 0;                       ///< of its configuration, in a row
-  bool has_restarted_board = false;       ///< because it was not heard after it had joined
+  bool has_restarted_radio = false;       ///< because it was not heard after it had joined
   std::string problem = {};               ///< why it is not configured; empty when it is
 };
 
@@ -92,7 +92,7 @@ class NodeTable {
   const MeshLedger& ledger() const { return ledger_; }
   /// Another gateway takes robots in and configures them.
   bool is_guest() const { return database() != nullptr && database()->guest_address; }
-  /// Other gateways have boards in this mesh.
+  /// Other gateways have radios in this mesh.
   bool is_shared() const { return is_guest() || (database() && !database()->gateways.empty()); }
   const Node* find(const Uuid& uuid) const { return database() ? database()->find(uuid) : nullptr; }
   /// The node that has this address on any of its elements; null when there is none.
@@ -127,7 +127,7 @@ class NodeTable {
   /// Unicast addresses of others than nodes: those of gateways, used or not yet, and of robots that
   /// another tool has taken in.
   std::set<std::uint16_t> taken_addresses() const;
-  /// How many addresses the gateway at this one has for the lives of its board, at least one.
+  /// How many addresses the gateway at this one has for the lives of its radio, at least one.
   std::uint16_t room_at(std::uint16_t gateway) const;
   /// The same of this gateway.
   std::uint16_t source_room() const;

@@ -72,14 +72,14 @@ std::string OperatorOrders::problem_with_name(const std::string& robot,
 void OperatorOrders::take(const ScanOrder&, TimePoint now) {
   order_->kind = Kind::scan;
   order_->due = now + scan_time;
-  if (!board_.is_up) order_.refuse(link_is_down());
+  if (!link_.is_up) order_.refuse(link_is_down());
 }
 
 void OperatorOrders::take(const ProvisionOrder& wanted, TimePoint now) {
   const auto uuid = parse_uuid(wanted.uuid);
   if (!uuid) return order_.refuse("the UUID is not 32 hex digits; `ble scan` shows the devices");
   if (std::string problem = problem_with_mesh(); !problem.empty()) return order_.refuse(problem);
-  if (!board_.is_up) return order_.refuse(link_is_down());
+  if (!link_.is_up) return order_.refuse(link_is_down());
   if (std::string problem = problem_with_name(wanted.robot, uuid); !problem.empty())
     return order_.refuse(problem);
   const Node* known = nodes_.find(*uuid);
@@ -98,7 +98,7 @@ std::string OperatorOrders::problem_with_permit(const PermitJoinOrder& wanted) c
   std::string problem = problem_with_mesh();
   if (!problem.empty() || is_closing) return problem;
   if (!wanted.robot.empty()) problem = problem_with_name(wanted.robot, std::nullopt);
-  if (problem.empty() && !board_.is_up) problem = link_is_down();
+  if (problem.empty() && !link_.is_up) problem = link_is_down();
   return problem;
 }
 
@@ -152,9 +152,9 @@ void OperatorOrders::take(const RemoveOrder& wanted, TimePoint now) {
   order_->uuid = node->uuid;
   order_->is_forced = wanted.is_forced;
   if (admission_.is_chosen(node->uuid)) return order_.refuse("it is joining right now");
-  if (node->state == NodeState::reserved || (!board_.is_up && wanted.is_forced))
+  if (node->state == NodeState::reserved || (!link_.is_up && wanted.is_forced))
     return conversations_.on_reset(*node, true, {}, now);
-  if (!board_.is_up) order_.refuse(link_is_down() + "; --force forgets the robot anyway");
+  if (!link_.is_up) order_.refuse(link_is_down() + "; --force forgets the robot anyway");
 }
 
 // --- The mesh ------------------------------------------------------------------------------------
@@ -198,7 +198,7 @@ void OperatorOrders::answer_export(std::uint16_t address) {
   order_.answer(exported_mesh_json(*nodes_.database(), address, nodes_.room_at(address), gateway_));
 }
 
-void OperatorOrders::on_stored(const std::string& problem) {
+void OperatorOrders::on_stored(const std::string& problem, TimePoint now) {
   const bool is_import = order_.is(Kind::import_mesh);
   if (!is_import && !order_.is(Kind::export_mesh)) return;
   if (!problem.empty()) {
@@ -208,13 +208,13 @@ void OperatorOrders::on_stored(const std::string& problem) {
   if (!nodes_.ledger().is_saved()) return;
   const NodeDatabase& database = *nodes_.database();
   if (!is_import) return answer_export(order_->address);
-  if (!order_->before) actions_.push(UseKeys{database.keys});
+  if (!order_->before) radio_.change_keys(database.keys, now);
   nodes_.announce_change();
   warn_of_unheard_robots();
   order_.answer(fmt::format(R"({{"nodes":{}}})", database.nodes.size()));
 }
 
-/// Of a mesh that another gateway provisions: this board must hear what robots publish to.
+/// Of a mesh that another gateway provisions: this radio must hear what robots publish to.
 void OperatorOrders::warn_of_unheard_robots() {
   if (!nodes_.is_guest()) return;
   const auto is_unheard = [&](const Node& node) {
@@ -235,10 +235,10 @@ void OperatorOrders::take(const ResetBoardOrder&, TimePoint now) {
   notify(Severity::warning,
          "an operator has the serial board cleared: its sequence numbers start anew, and it sends "
          "from the next address");
-  actions_.push(ClearBoard{});
+  radio_.clear(now);
 }
 
-void OperatorOrders::on_board_cleared(const std::string& problem) {
+void OperatorOrders::on_radio_cleared(const std::string& problem) {
   if (!order_.is(Kind::reset_board)) return;
   if (problem.empty()) return order_.answer(R"({"cleared":true})");
   order_.refuse("the serial board was not cleared: " + problem);
@@ -248,7 +248,7 @@ void OperatorOrders::on_board_cleared(const std::string& problem) {
 
 void OperatorOrders::on_link_down() {
   if (order_.is(Kind::scan) || order_.is(Kind::provision) || order_.is(Kind::remove))
-    order_.refuse("the BLE link went down: " + board_.down_reason);
+    order_.refuse("the BLE link went down: " + link_.down_reason);
 }
 
 void OperatorOrders::on_deadline(TimePoint now) {

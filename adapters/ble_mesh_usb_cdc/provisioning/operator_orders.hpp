@@ -11,30 +11,25 @@
 
 namespace slamgw::ble {
 
-class OperatorOrders {
+class OperatorOrders : private ProvisionerPart {
  public:
   static constexpr Duration scan_time = std::chrono::seconds{10};
   /// For a device that an operator named to be heard.
   static constexpr Duration search_time_limit = std::chrono::seconds{30};
 
-  /// All of them outlive it.
-  OperatorOrders(const Settings& settings, const BoardState& board, NodeTable& nodes,
-                 Admission& admission, NodeConversations& conversations, OpenOrder& order,
-                 ProvisionerActions& actions, std::string gateway)
-      : settings_(settings),
-        board_(board),
-        nodes_(nodes),
+  /// All of them outlive it. `gateway`: `gateway.id`.
+  OperatorOrders(const ProvisionerPart& shared, Admission& admission,
+                 NodeConversations& conversations, std::string gateway)
+      : ProvisionerPart(shared),
         admission_(admission),
         conversations_(conversations),
-        order_(order),
-        actions_(actions),
         gateway_(std::move(gateway)) {}
 
   void on_order(std::uint64_t id, const BleOrder& order, TimePoint now);
   void on_link_down();
-  void on_board_cleared(const std::string& problem);
+  void on_radio_cleared(const std::string& problem);
   /// Called after the ledger; `problem` is empty when the database is on disk.
-  void on_stored(const std::string& problem);
+  void on_stored(const std::string& problem, TimePoint now);
   void on_deadline(TimePoint now);
 
  private:
@@ -50,20 +45,12 @@ class OperatorOrders {
   void answer_export(std::uint16_t address);
   void warn_of_unheard_robots();
   std::string problem_with_name(const std::string& robot, const std::optional<Uuid>& uuid) const;
-  std::string link_is_down() const { return "the BLE link is down: " + board_.down_reason; }
+  std::string link_is_down() const { return "the BLE link is down: " + link_.down_reason; }
   std::string scan_json(TimePoint now) const;
-  void notify(Severity severity, std::string text) {
-    actions_.push(Notice{severity, std::move(text), {}});
-  }
 
-  const Settings& settings_;
-  const BoardState& board_;
-  NodeTable& nodes_;
   Admission& admission_;
   NodeConversations& conversations_;
-  OpenOrder& order_;
-  ProvisionerActions& actions_;
-  const std::string gateway_;  ///< `gateway.id`
+  const std::string gateway_;
 };
 
 }  // namespace slamgw::ble

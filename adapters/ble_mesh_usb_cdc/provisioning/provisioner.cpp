@@ -7,28 +7,27 @@
 
 namespace slamgw::ble {
 
-Provisioner::Provisioner(const Settings& settings, std::string gateway, RobotNames names,
+Provisioner::Provisioner(const Settings& settings, Radio& radio, const LinkState& link,
+                         std::string gateway, RobotNames names,
                          std::optional<NodeDatabase> database)
-    : nodes_(settings, std::move(names), std::move(database), actions_),
-      lives_(settings, nodes_, actions_),
-      admission_(settings, nodes_, order_, actions_),
-      conversations_(settings, board_, nodes_, admission_, order_, actions_),
-      orders_(settings, board_, nodes_, admission_, conversations_, order_, actions_,
-              std::move(gateway)) {}
+    : radio_(radio),
+      link_(link),
+      nodes_(settings, std::move(names), std::move(database), actions_),
+      shared_(settings, radio, link, nodes_, order_, actions_),
+      lives_(shared_),
+      admission_(shared_),
+      conversations_(shared_, admission_),
+      orders_(shared_, admission_, conversations_, std::move(gateway)) {}
 
 // --- Inputs --------------------------------------------------------------------------------------
 
 void Provisioner::on_link_up(const LinkIsUp& up, TimePoint now) {
-  board_.is_up = true;
-  board_.source = up.source;
   is_restarting_ = false;
-  lives_.on_board_up(up);
+  lives_.on_link_up(up);
   advance(now);
 }
 
 void Provisioner::on_link_down(const LinkIsDown& down, TimePoint now) {
-  board_.down_reason = down.why;
-  if (!std::exchange(board_.is_up, false)) return;
   const bool is_restart = std::exchange(is_restarting_, false);
   is_scanning_ = false;
   admission_.on_link_down(down, now);
@@ -40,7 +39,7 @@ void Provisioner::on_link_down(const LinkIsDown& down, TimePoint now) {
 
 void Provisioner::on_event(const ProvisionerEvent& event, TimePoint now) {
   std::visit(overloaded{
-                 [&](const SourceWanted& wanted) { lives_.on_source_wanted(wanted); },
+                 [&](const SourceWanted& wanted) { lives_.on_source_wanted(wanted, now); },
                  [&](const UnprovisionedBeacon& beacon) {
                    admission_.candidates().on_beacon(beacon, now);
                  },
@@ -48,7 +47,7 @@ void Provisioner::on_event(const ProvisionerEvent& event, TimePoint now) {
                  [&](const DeviceJoined& joined) { admission_.on_joined(joined.device_key, now); },
                  [&](const JoinEnded& ended) { admission_.on_join_ended(ended, now); },
                  [&](const DeviceKeyUsed& used) { conversations_.on_key_used(used, now); },
-                 [&](const BoardCleared& cleared) { orders_.on_board_cleared(cleared.problem); },
+                 [&](const RadioCleared& cleared) { orders_.on_radio_cleared(cleared.problem); },
              },
              event);
   advance(now);
@@ -75,10 +74,10 @@ void Provisioner::on_new_mesh(const MeshKeys& keys) {
 void Provisioner::on_stored(const std::string& problem, TimePoint now) {
   nodes_.ledger().on_stored(problem.empty(), now);
   if (!problem.empty() && !is_store_problem_known_)
-    notify(Severity::error, problem + "; no robot joins until they can be stored");
+    shared_.notify(Severity::error, problem + "; no robot joins until they can be stored");
   is_store_problem_known_ = !problem.empty();
-  orders_.on_stored(problem);
-  lives_.on_stored(problem);
+  orders_.on_stored(problem, now);
+  lives_.on_stored(problem, now);
   advance(now);
 }
 
@@ -92,8 +91,8 @@ void Provisioner::on_order(std::uint64_t id, const BleOrder& order, TimePoint no
 void Provisioner::advance(TimePoint now) {
   orders_.on_deadline(now);
   if (admission_.permit().on_time(now))
-    notify(Severity::notice, "new robots may not join any more");
-  if (board_.is_up && nodes_.database()) {
+    shared_.notify(Severity::notice, "new robots may not join any more");
+  if (link_.is_up && nodes_.database()) {
     admission_.advance(now);
     conversations_.continue_all(now);
     admission_.choose_next(
@@ -102,24 +101,24 @@ void Provisioner::advance(TimePoint now) {
   }
   if (const NodeDatabase* changed = nodes_.ledger().take_write(now))
     actions_.push(StoreMesh{*changed});
-  if (board_.is_up) scan_or_restart();
+  if (link_.is_up) scan_or_restart(now);
 }
 
-void Provisioner::scan_or_restart() {
+void Provisioner::scan_or_restart(TimePoint now) {
   if (admission_.wants_scan() != is_scanning_) {
     is_scanning_ = !is_scanning_;
-    actions_.push(Scan{is_scanning_});
+    radio_.scan(is_scanning_);
   }
   if (!conversations_.wants_restart() || !conversations_.is_idle() || !admission_.is_idle()) return;
   conversations_.on_restart();
   is_restarting_ = true;
-  actions_.push(RestartBoard{});
+  radio_.restart(now);
 }
 
 std::optional<TimePoint> Provisioner::deadline() const {
   const std::optional<TimePoint> next = earlier(
       earlier(nodes_.ledger().deadline(), order_.deadline()), admission_.permit().deadline());
-  if (!board_.is_up || !nodes_.database()) return next;
+  if (!link_.is_up || !nodes_.database()) return next;
   return earlier(next, conversations_.deadline());
 }
 

@@ -1,23 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
 // Takes robots into the mesh, configures them, and does what operators order. Its parts do the
 // work: NodeTable (what is known), Admission (who joins next), NodeConversations (who is configured
-// or reset), OperatorOrders. This class gives them their turns, writes the database and gives the
-// radio its commands. Called by BleMesh, which drains its actions.
+// or reset), OperatorOrders. This class gives them their turns and writes the database. Called by
+// BleMesh, which drains its actions.
 #pragma once
 
 #include <optional>
 #include <string>
 
-#include "adapters/ble_mesh_usb_cdc/provisioning/board_lives.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/operator_orders.hpp"
+#include "adapters/ble_mesh_usb_cdc/provisioning/source_lives.hpp"
 
 namespace slamgw::ble {
 
 class Provisioner {
  public:
-  /// `settings` outlive it. `gateway`: `gateway.id`, for gateways that join this mesh.
-  Provisioner(const Settings& settings, std::string gateway, RobotNames names,
-              std::optional<NodeDatabase> database);
+  /// `settings`, `radio` and `link` outlive it. `gateway`: `gateway.id`, for gateways that join
+  /// this mesh.
+  Provisioner(const Settings& settings, Radio& radio, const LinkState& link, std::string gateway,
+              RobotNames names, std::optional<NodeDatabase> database);
   Provisioner(const Provisioner&) = delete;
   Provisioner& operator=(const Provisioner&) = delete;
 
@@ -40,28 +41,27 @@ class Provisioner {
   void on_names(RobotNames names) { nodes_.on_names(std::move(names)); }
 
   const NodeTable& nodes() const { return nodes_; }
-  const BoardLives& lives() const { return lives_; }
+  const SourceLives& lives() const { return lives_; }
   std::optional<ProvisionerAction> next_action() { return actions_.pop(); }
   std::optional<TimePoint> deadline() const;
   void on_deadline(TimePoint now) { advance(now); }
 
  private:
   void advance(TimePoint now);
-  void scan_or_restart();
-  void notify(Severity severity, std::string text) {
-    actions_.push(Notice{severity, std::move(text), {}});
-  }
+  void scan_or_restart(TimePoint now);
 
+  Radio& radio_;
+  const LinkState& link_;
   ProvisionerActions actions_;
-  BoardState board_;
   NodeTable nodes_;
-  BoardLives lives_;
   OpenOrder order_{actions_};
+  ProvisionerPart shared_;
+  SourceLives lives_;
   Admission admission_;
   NodeConversations conversations_;
   OperatorOrders orders_;
   bool is_scanning_ = false;
-  bool is_restarting_ = false;           ///< the board, because this has asked for it
+  bool is_restarting_ = false;           ///< the radio, because this has asked for it
   bool is_store_problem_known_ = false;  ///< to the operator
 };
 

@@ -19,7 +19,6 @@ namespace {
 constexpr std::string_view run_type = "run";
 constexpr std::size_t position_bytes = 4;
 constexpr std::size_t vendor_opcode_bytes = 3;
-constexpr std::size_t max_payload_bytes = max_send_bytes - vendor_opcode_bytes;
 
 std::optional<bool> parse_run(ByteView payload) {
   constexpr std::array<std::string_view, 4> on{"1", "on", "start", "unpause"};
@@ -40,7 +39,8 @@ Command vendor_command(std::string_view type, VendorModel model, ByteView payloa
 }  // namespace
 
 Result<Command, Refusal> make_command(const Settings& settings, std::string_view type,
-                                      ByteView payload, std::uint8_t tid) {
+                                      ByteView payload, std::uint8_t tid,
+                                      std::size_t max_send_bytes) {
   if (type == settings.pos_cmd_type) {
     if (payload.size() == position_bytes)
       return vendor_command(type, VendorModel::pos_cmd, payload);
@@ -55,9 +55,9 @@ Result<Command, Refusal> make_command(const Settings& settings, std::string_view
                    .awaited_status = on_off_status(settings.on_off_model),
                    .is_replaceable = false};
   }
-  if (payload.size() > max_payload_bytes)
-    return Refusal{fmt::format("{} bytes are too many: the serial board sends at most {}",
-                               payload.size(), max_payload_bytes)};
+  if (payload.size() + vendor_opcode_bytes > max_send_bytes)
+    return Refusal{fmt::format("{} bytes are too many: the radio sends at most {}", payload.size(),
+                               max_send_bytes - vendor_opcode_bytes)};
   return vendor_command(type, VendorModel::min_com, payload);
 }
 

@@ -4,7 +4,7 @@
 //
 // The first repeat comes when the robot should have answered (AnswerTime), but no later than after
 // iv, reliable publish's interval; each wait is twice the one before. A segmented message is
-// repeated after iv at the earliest, because the board repeats its segments by itself.
+// repeated after iv at the earliest, because the radio repeats its segments by itself.
 //
 // A STATUS does not name the command that it answers. When a command was repeated, its other copies
 // may be answered after it has ended, and such an answer must not end the next command of the same
@@ -71,9 +71,10 @@ struct Command {
 
 /// `settings.pos_cmd_type` becomes pos_cmd SET and takes 4 octets, x and y as little-endian int16
 /// in centimetres; `run` becomes an on/off Set; any other type is carried unread in min_com SET.
-/// The error says why not. `tid`: see encode_on_off_set.
+/// The error says why not. `tid`: see encode_on_off_set. `max_send_bytes`: Radio's.
 Result<Command, Refusal> make_command(const Settings& settings, std::string_view type,
-                                      ByteView payload, std::uint8_t tid);
+                                      ByteView payload, std::uint8_t tid,
+                                      std::size_t max_send_bytes);
 
 /// The commands to robots that have no outcome yet, as `ble-commands.json` keeps them: one line of
 /// JSON. A daemon that was killed finds them there when it starts again, and reports their outcome.
@@ -118,7 +119,7 @@ class CommandQueue {
   EndedCommands add(Command command, TimePoint now);
   /// The robot sent a STATUS.
   EndedCommands on_status(Opcode status, TimePoint now);
-  /// The board did not take the last transmission; the outcome names it if no answer comes.
+  /// The radio did not take the last transmission; the outcome names it if no answer comes.
   void on_send_refused(const std::string& why);
   /// Ends overdue commands.
   EndedCommands on_deadline(TimePoint now);
@@ -152,7 +153,7 @@ class CommandQueue {
     TimePoint first_sent{};
     Duration next_offset{};  ///< of the next repeat, after the first transmission
     int copies = 1;          ///< sent so far
-    std::string refusal;     ///< why the board did not send one of them; empty when it did
+    std::string refusal;     ///< why the radio did not send one of them; empty when it did
   };
 
   Duration first_repeat(const Command& command) const;

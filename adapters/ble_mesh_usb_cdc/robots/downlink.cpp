@@ -11,8 +11,9 @@ void Downlink::on_command(Robot& robot, std::string_view type, const BrokerMessa
              {{id, std::string(type), CommandResult::refused, message.waited, std::move(why), {}}});
   };
   if (is_stopping_) return refuse(gateway_ends);
-  if (!radio_.is_up()) return refuse("the BLE link is down: " + down_reason_);
-  auto command = make_command(settings_, type, message.payload, ++last_tid_);
+  if (!link_.is_up) return refuse("the BLE link is down: " + link_.down_reason);
+  auto command =
+      make_command(settings_, type, message.payload, ++last_tid_, radio_.max_send_bytes());
   if (!command.has_value()) return refuse(command.error().why);
   command->id = id;
   command->message = message;
@@ -22,8 +23,7 @@ void Downlink::on_command(Robot& robot, std::string_view type, const BrokerMessa
 }
 
 bool Downlink::may_take_retained(Robot& robot, const BrokerMessage& message) const {
-  if (!robot.is_online || !radio_.is_up() || robot.retained_given.size() >= max_retained)
-    return false;
+  if (!robot.is_online || !link_.is_up || robot.retained_given.size() >= max_retained) return false;
   if (!gate_.is_open_for(robot)) return false;
   return robot.retained_given.insert(message.topic).second;
 }
@@ -75,8 +75,8 @@ void Downlink::transmit_due(Robot& robot, TimePoint now) {
                   .bytes = sent.command.access.size(),
                   .command = sent.command.id});
   }
-  // What the link does not take is repeated by the queue.
-  radio_.send({robot.address, robot.key, std::move(*access), false}, now);
+  // What the radio does not take is repeated by the queue.
+  radio_.send({robot.address, robot.key, std::move(*access)}, now);
 }
 
 void Downlink::conclude(const Robot& robot, EndedCommands ended) {

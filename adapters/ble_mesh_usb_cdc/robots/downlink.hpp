@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The way down: a command from the broker goes into its robot's queue, is sent and repeated through
-// the board, and ends in one outcome. Part of BleMesh.
+// the radio, and ends in one outcome. Part of BleMesh.
 #pragma once
 
 #include <array>
@@ -8,29 +8,17 @@
 #include <string_view>
 #include <vector>
 
-#include "adapters/ble_mesh_usb_cdc/mesh_action.hpp"
-#include "adapters/ble_mesh_usb_cdc/robots/robot.hpp"
-#include "adapters/ble_mesh_usb_cdc/robots/service_gate.hpp"
-#include "adapters/ble_mesh_usb_cdc/settings.hpp"
-#include "daemon/core/topic_scheme.hpp"
+#include "adapters/ble_mesh_usb_cdc/robots/mesh_part.hpp"
 
 namespace slamgw::ble {
 
-class Downlink {
+class Downlink : private MeshPart {
  public:
   /// Retained topics for one robot.
   static constexpr std::size_t max_retained = 32;
   static constexpr const char* gateway_ends = "the gateway ends";
 
-  /// All of them outlive it. `is_traced`: each transmission is a MeshStep.
-  Downlink(const Settings& settings, const TopicScheme& topics, Radio& radio,
-           const ServiceGate& gate, ActionQueue<MeshAction>& actions, const bool& is_traced)
-      : settings_(settings),
-        topics_(topics),
-        radio_(radio),
-        gate_(gate),
-        actions_(actions),
-        is_traced_(is_traced) {}
+  explicit Downlink(const MeshPart& shared) : MeshPart(shared) {}
 
   /// A command of this type for `robot`.
   void on_command(Robot& robot, std::string_view type, const BrokerMessage& message, CommandId id,
@@ -43,7 +31,6 @@ class Downlink {
   /// Another gateway serves the robot. Returns the commands that were not sent; the one that was
   /// sent ends as `timeout`, because the robot may have carried it out.
   std::vector<WaitingMessage> give_up(Robot& robot, TimePoint now);
-  void on_link_down(const std::string& why) { down_reason_ = why; }
   /// The daemon ends: no command is taken any more.
   void on_stop() { is_stopping_ = true; }
 
@@ -55,15 +42,7 @@ class Downlink {
   bool may_take_retained(Robot& robot, const BrokerMessage& message) const;
   void transmit_due(Robot& robot, TimePoint now);
   void conclude(const Robot& robot, EndedCommands ended);
-  void emit(MeshEvent event) { actions_.push(std::move(event)); }
 
-  const Settings& settings_;
-  const TopicScheme& topics_;
-  Radio& radio_;
-  const ServiceGate& gate_;
-  ActionQueue<MeshAction>& actions_;
-  const bool& is_traced_;
-  std::string down_reason_ = "not started";
   std::uint8_t last_tid_ = 0;
   bool is_stopping_ = false;
   std::array<std::uint64_t, command_result_count> ended_{};  ///< by CommandResult

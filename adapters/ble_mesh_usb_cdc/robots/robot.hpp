@@ -54,7 +54,7 @@ struct Robot {
   bool is_deaf = false;     ///< it does not hear the gateway
   /// What was reported last; nothing before the first report and after the robot was given up.
   std::optional<Presence> announced{};
-  /// Since the board came up: it sent an acknowledged message; it was seen to hear nothing.
+  /// Since the radio came up: it sent an acknowledged message; it was seen to hear nothing.
   bool is_asking = false;
   bool is_deaf_now = false;
   TimePoint last_heard{};
@@ -72,8 +72,8 @@ struct Robot {
   /// How its message came. The number of relays is known when the TTL is that it was sent with.
   RadioFacts radio_facts(const MessageReceived& message) const {
     RadioFacts facts{message.rssi_dbm, std::nullopt, message.ttl};
-    if (sent_ttl && *sent_ttl >= message.ttl)
-      facts.hops = static_cast<std::uint8_t>(*sent_ttl - message.ttl);
+    if (sent_ttl && message.ttl && *sent_ttl >= *message.ttl)
+      facts.hops = static_cast<std::uint8_t>(*sent_ttl - *message.ttl);
     return facts;
   }
   bool is_expected() const { return is_online || is_awaited; }

@@ -198,7 +198,7 @@ void Robots::on_session_held(Robot& robot, TimePoint now) {
   subscribe(robot, robot.is_online && now - robot.online_since < newly_online);
 }
 
-/// In a shared mesh the board goes on hearing it, and it keeps what it was given.
+/// In a shared mesh the radio goes on hearing it, and it keeps what it was given.
 void Robots::on_given_up(Robot& robot) {
   robot.announced.reset();
   robot.is_online = robot.is_online && gate_.is_shared();

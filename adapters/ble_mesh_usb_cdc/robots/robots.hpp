@@ -6,13 +6,8 @@
 #include <string>
 #include <string_view>
 
-#include "adapters/ble_mesh_usb_cdc/provisioning/node_table.hpp"
 #include "adapters/ble_mesh_usb_cdc/robots/downlink.hpp"
-#include "adapters/ble_mesh_usb_cdc/robots/robot.hpp"
-#include "adapters/ble_mesh_usb_cdc/robots/service_gate.hpp"
-#include "adapters/ble_mesh_usb_cdc/settings.hpp"
 #include "daemon/core/log_throttle.hpp"
-#include "daemon/core/messages.hpp"
 
 namespace slamgw::ble {
 
@@ -21,20 +16,14 @@ Report will_report(const WillSettings& will, std::string_view robot);
 
 /// The robots on the mesh: who they are, who is there, and which topics the broker is asked for on
 /// their behalf. Part of BleMesh.
-class Robots {
+class Robots : private MeshPart {
  public:
-  /// Six times what the stock board's replay list holds; more is not a mesh this board can hear.
+  /// Six times what a stock serial board's replay list holds; more is not a mesh that it can hear.
   static constexpr std::size_t max_robots = 256;
 
   /// All of them outlive it.
-  Robots(const Settings& settings, const TopicScheme& topics, const NodeTable& nodes,
-         const ServiceGate& gate, Downlink& downlink, ActionQueue<MeshAction>& actions)
-      : settings_(settings),
-        topics_(topics),
-        nodes_(nodes),
-        gate_(gate),
-        downlink_(downlink),
-        actions_(actions) {}
+  Robots(const MeshPart& shared, const NodeTable& nodes, Downlink& downlink)
+      : MeshPart(shared), nodes_(nodes), downlink_(downlink) {}
 
   auto begin() { return robots_.begin(); }
   auto end() { return robots_.end(); }
@@ -51,7 +40,7 @@ class Robots {
   std::uint64_t online() const;
   /// Robots that are online and do not hear the gateway.
   std::uint64_t deaf() const;
-  /// Of those that are online and have sent acknowledged messages since the board came up, how many
+  /// Of those that are online and have sent acknowledged messages since the radio came up, how many
   /// have not heard the gateway since.
   struct Hearing {
     std::size_t deaf = 0;
@@ -90,14 +79,9 @@ class Robots {
   void subscribe_known(const Robot& robot);
   /// `is_here`: asks for retained messages too, and counts as a sign that the robot is here.
   void subscribe(const Robot& robot, bool is_here);
-  void emit(MeshEvent event) { actions_.push(std::move(event)); }
 
-  const Settings& settings_;
-  const TopicScheme& topics_;
   const NodeTable& nodes_;
-  const ServiceGate& gate_;
   Downlink& downlink_;
-  ActionQueue<MeshAction>& actions_;
   std::map<std::uint16_t, Robot> robots_;
   bool is_started_ = false;
   LogThrottle full_throttle_;

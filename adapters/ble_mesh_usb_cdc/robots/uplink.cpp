@@ -23,11 +23,11 @@ Inbox& inbox_of(Robot& robot, VendorModel model) {
 
 void Uplink::on_message(Robot& robot, const MessageReceived& message, TimePoint now) {
   if (message.actual_length > message.payload.size())
-    return reject(message.source, "the serial board cut it short", now);
+    return reject(message.source, "the radio cut it short", now);
   const auto access = decode_access(message.payload);
   if (!access.has_value()) return reject(message.source, "it has no valid opcode", now);
 
-  robot.highest_ttl = std::max(robot.highest_ttl, message.ttl);
+  robot.highest_ttl = std::max(robot.highest_ttl, message.ttl.value_or(0));
   if (const auto kind = vendor_message_of(access->opcode)) {
     // Other messages may come under a device key, with which no STATUS is sent.
     robot.key = message.key;
@@ -195,8 +195,8 @@ void Uplink::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePo
 
 void Uplink::send_status(const Robot& robot, std::uint16_t element, Bytes status, TimePoint now) {
   ++counters_.statuses_sent;
-  // The robot asks again for what the link does not take.
-  radio_.send({element, robot.key, std::move(status), true}, now);
+  // The robot asks again for what the radio does not take.
+  radio_.send({element, robot.key, std::move(status), /*is_urgent=*/true}, now);
 }
 
 void Uplink::reject(std::uint16_t source, std::string_view why, TimePoint now) {

@@ -7,7 +7,6 @@
 #include <string_view>
 
 #include "adapters/ble_mesh_usb_cdc/robots/robots.hpp"
-#include "adapters/ble_mesh_usb_cdc/robots/service_gate.hpp"
 
 namespace slamgw::ble {
 
@@ -20,20 +19,11 @@ struct UplinkCounters {
   std::uint64_t statuses_sent = 0;
 };
 
-class Uplink {
+class Uplink : private MeshPart {
  public:
-  /// All of them outlive it. `is_traced`: each acknowledgement is a MeshStep.
-  Uplink(const Settings& settings, const TopicScheme& topics, Radio& radio, Robots& robots,
-         Downlink& downlink, const ServiceGate& gate, ActionQueue<MeshAction>& actions,
-         const bool& is_traced)
-      : settings_(settings),
-        topics_(topics),
-        radio_(radio),
-        robots_(robots),
-        downlink_(downlink),
-        gate_(gate),
-        actions_(actions),
-        is_traced_(is_traced) {}
+  /// All of them outlive it.
+  Uplink(const MeshPart& shared, Robots& robots, Downlink& downlink)
+      : MeshPart(shared), robots_(robots), downlink_(downlink) {}
 
   /// A message from `robot` that is no answer to a configuration request.
   void on_message(Robot& robot, const MessageReceived& message, TimePoint now);
@@ -71,16 +61,9 @@ class Uplink {
   void report_repeat(const VendorReport& set);
   void send_status(const Robot& robot, std::uint16_t element, Bytes status, TimePoint now);
   const std::string& type_of(VendorModel model) const;
-  void emit(MeshEvent event) { actions_.push(std::move(event)); }
 
-  const Settings& settings_;
-  const TopicScheme& topics_;
-  Radio& radio_;
   Robots& robots_;
   Downlink& downlink_;
-  const ServiceGate& gate_;
-  ActionQueue<MeshAction>& actions_;
-  const bool& is_traced_;
   std::uint64_t last_receipt_ = 0;
   LogThrottle reject_throttle_;
   UplinkCounters counters_;

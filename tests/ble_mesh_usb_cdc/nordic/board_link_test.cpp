@@ -402,12 +402,15 @@ TEST(BoardLink, SaysWhatOldFirmwareCannotSend) {
   rig.board.serial_version = 6;
   rig.start();
   rig.hear(0x0100, "c9 59 00 0a 00 ec ff");
-  rig.command("nr1/hello", Bytes(100, 'x'));
-  rig.run_for(40s);
+  rig.command("nr1/hello", Bytes(86, 'x'));
   const auto outcomes = rig.all<CommandOutcome>();
   ASSERT_EQ(outcomes.size(), 1u);
-  EXPECT_NE(outcomes[0].why.find("sends at most 88"), std::string::npos) << outcomes[0].why;
+  EXPECT_EQ(outcomes[0].result, CommandResult::refused);
+  EXPECT_NE(outcomes[0].why.find("sends at most 85"), std::string::npos) << outcomes[0].why;
   EXPECT_TRUE(rig.sent_to(0x0100).empty());
+  rig.command("nr1/hello", Bytes(85, 'x'));
+  rig.run_for(100ms);
+  EXPECT_EQ(rig.sent_to(0x0100).size(), 1u);
 }
 
 TEST(BoardLink, SaysOnceWhyThePortIsNotThere) {

@@ -61,7 +61,7 @@ TEST(Commands, PacketSendCarriesTheAccessMessage) {
             hex("12 ab 00 00 01 00 02 00 08 00 00 00 cd 59 00 0a 00 ec ff"));
   EXPECT_EQ(send("cc 59 00"), hex("0e ab 00 00 01 00 02 00 08 00 00 00 cc 59 00"));
   EXPECT_EQ(send("82 02 01 07"), hex("0f ab 00 00 01 00 02 00 08 00 00 00 82 02 01 07"));
-  const Bytes longest(max_send_bytes, 1);
+  const Bytes longest(send_limit(SerialVersion::sdk_3_1), 1);
   EXPECT_EQ(encode_packet_send({.payload = longest}, SerialVersion::sdk_3_1).size(), 256u);
 }
 

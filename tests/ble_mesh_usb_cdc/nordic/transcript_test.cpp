@@ -19,8 +19,8 @@ using test::Exchange;
 using test::RecordedPacket;
 using test::Transcript;
 
-constexpr std::uint8_t echo = 0x02;
-constexpr std::uint8_t packet_send = 0xab;
+constexpr std::uint8_t echo_command = 0x02;
+constexpr std::uint8_t send_command = 0xab;
 
 MeshKeys recorded_keys() {
   MeshKeys keys;
@@ -42,7 +42,7 @@ class RecordedBoard {
     }
     const Exchange& exchange = transcript_.exchanges[next_++];
     SCOPED_TRACE(exchange.situation);
-    if (written.size() > 1 && written[1] == echo) {  // with another nonce
+    if (written.size() > 1 && written[1] == echo_command) {  // with another nonce
       EXPECT_EQ(written.size(), exchange.command.size());
       Bytes reply = written;
       reply[1] = 0x82;
@@ -146,7 +146,7 @@ TEST(Transcript, AMessageReachesTheRadioOfEachReleaseUnchanged) {
 std::vector<Exchange> recorded_sends(const std::string& release, std::size_t options) {
   std::vector<Exchange> sends;
   for (const Exchange& exchange : test::read_transcript("board.txt", "board", release).exchanges) {
-    if (exchange.command.size() < 2 || exchange.command[1] != packet_send || !exchange.on_air)
+    if (exchange.command.size() < 2 || exchange.command[1] != send_command || !exchange.on_air)
       continue;
     const auto first = exchange.command.begin() + 9;
     if (std::all_of(first, first + static_cast<std::ptrdiff_t>(options),

@@ -43,7 +43,7 @@ TEST(ImportedMesh, ReadsTheDatabaseOfNordicsTool) {
   EXPECT_EQ(database.nodes[0].name, "robot-a");
   EXPECT_EQ(database.nodes[1].address, 0x0012);
   EXPECT_EQ(database.nodes[1].state, NodeState::provisioned) << "it has no application key";
-  EXPECT_EQ(database.nodes[1].device_key[0], 0xd2);
+  EXPECT_EQ(database.nodes[1].device_key->at(0), 0xd2);
   EXPECT_EQ(database.nodes[1].name, "") << "two robots can't have one name";
 }
 

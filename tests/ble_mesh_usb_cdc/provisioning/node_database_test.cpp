@@ -23,7 +23,7 @@ Node node_at(std::uint16_t address, std::uint8_t elements = 1,
   node.address = address;
   node.elements = elements;
   node.state = state;
-  node.device_key.fill(0xdd);
+  node.device_key.emplace().fill(0xdd);
   return node;
 }
 

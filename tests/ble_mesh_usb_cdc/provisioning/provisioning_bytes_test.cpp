@@ -23,7 +23,7 @@ std::array<std::uint8_t, size> array_of(std::string_view text) {
   return out;
 }
 
-Key key_from(std::uint8_t first) {
+Key key_beginning_with(std::uint8_t first) {
   Key key;
   std::iota(key.begin(), key.end(), first);
   return key;
@@ -78,7 +78,7 @@ TEST(ProvisioningCommands, AreWhatNordicsHostScriptWrites) {
   EXPECT_EQ(encode_command(CommandOpcode::state_clear), hex("01 ac"));
   EXPECT_EQ(encode_command(CommandOpcode::radio_reset), hex("01 0e"));
   EXPECT_EQ(encode_capabilities_set(), hex("0a 6a 01 00 00 00 00 00 00 00 00"));
-  EXPECT_EQ(encode_provision({0, key_from(0), key_from(0xa0), 0, 0x0100}),
+  EXPECT_EQ(encode_provision({0, key_beginning_with(0), key_beginning_with(0xa0), 0, 0x0100}),
             hex("2d 63 00 00 01 02 03 04 05 06 07 08 09 0a 0b 0c 0d 0e 0f a0 a1 a2 a3 a4 a5 a6 a7 "
                 "a8 a9 aa ab ac ad ae af 00 00 00 00 00 00 00 01 00 00 00"));
   EXPECT_EQ(encode_oob_use(0, OobMethod::none), hex("05 66 00 00 00 00"));
@@ -87,21 +87,21 @@ TEST(ProvisioningCommands, AreWhatNordicsHostScriptWrites) {
   EXPECT_EQ(encode_ecdh_secret(0, secret),
             hex("22 68 00 00 01 02 03 04 05 06 07 08 09 0a 0b 0c 0d 0e 0f 10 11 12 13 14 15 16 17 "
                 "18 19 1a 1b 1c 1d 1e 1f"));
-  EXPECT_EQ(encode_devkey_add(0x0100, 0, key_from(0)),
+  EXPECT_EQ(encode_devkey_add(0x0100, 0, key_beginning_with(0)),
             hex("15 9c 00 01 00 00 00 01 02 03 04 05 06 07 08 09 0a 0b 0c 0d 0e 0f"));
 }
 
 TEST(ProvisioningCommands, HaveTheLengthsOfTheirTables) {
   EXPECT_EQ(encode_keypair_set(*key_pair_of(array_of<32>(device_private))),
             hex("61 69") + hex(device_private) + hex(device_public));
-  EXPECT_EQ(encode_auth_data(1, key_from(0)),
+  EXPECT_EQ(encode_auth_data(1, key_beginning_with(0)),
             hex("12 67 01 00 01 02 03 04 05 06 07 08 09 0a 0b 0c 0d 0e 0f"));
   EXPECT_EQ(encode_oob_use(1, OobMethod::static_data), hex("05 66 01 01 00 10"));
   EXPECT_EQ(encode_provision({1, {}, {}, 0x01020304, 0x7fff}).size(), 46u);
 }
 
 template <class T>
-T decode_as(const Bytes& wire) {
+T read_as(const Bytes& wire) {
   const auto event = decode_event(ByteView(wire).subspan(1));
   if (event.has_value()) {
     const auto* provisioning = std::get_if<ProvisioningEvent>(&*event);
@@ -113,26 +113,25 @@ T decode_as(const Bytes& wire) {
 }
 
 TEST(ProvisioningEvents, AreRead) {
-  const auto beacon = decode_as<UnprovisionedBeacon>(
+  const auto beacon = read_as<UnprovisionedBeacon>(
       hex("1a c0 00 01 02 03 04 05 06 07 08 09 0a 0b 0c 0d 0e 0f c8 00 01 c4 3b f9 0b 6e 01"));
-  EXPECT_EQ(beacon.uuid, key_from(0));
+  EXPECT_EQ(beacon.uuid, key_beginning_with(0));
   EXPECT_EQ(beacon.rssi_dbm, -56);
-  EXPECT_EQ(decode_as<ProvisioningLinkOpened>(hex("02 c1 01")).context, 1);
-  EXPECT_EQ(decode_as<ProvisioningLinkClosed>(hex("03 c2 01 02")).reason, 2);
-  EXPECT_EQ(decode_as<CapabilitiesReceived>(hex("0b c3 00 01 00 00 00 00 00 00 00 00")).elements,
-            1);
+  EXPECT_EQ(read_as<ProvisioningLinkOpened>(hex("02 c1 01")).context, 1);
+  EXPECT_EQ(read_as<ProvisioningLinkClosed>(hex("03 c2 01 02")).reason, 2);
+  EXPECT_EQ(read_as<CapabilitiesReceived>(hex("0b c3 00 01 00 00 00 00 00 00 00 00")).elements, 1);
   EXPECT_EQ(
-      decode_as<CapabilitiesReceived>(hex("0b c3 00 03 00 01 00 00 00 00 00 00")).static_oob_types,
+      read_as<CapabilitiesReceived>(hex("0b c3 00 03 00 01 00 00 00 00 00 00")).static_oob_types,
       1);
-  EXPECT_EQ(decode_as<AuthenticationRequested>(hex("05 c6 00 01 00 00")).method, 1);
-  EXPECT_EQ(decode_as<ProvisioningFailed>(hex("03 c9 00 04")).error, 4);
+  EXPECT_EQ(read_as<AuthenticationRequested>(hex("05 c6 00 01 00 00")).method, 1);
+  EXPECT_EQ(read_as<ProvisioningFailed>(hex("03 c9 00 04")).error, 4);
   const Bytes ecdh = hex("62 c7 01") + hex(device_public) + hex(provisioner_private);
-  EXPECT_EQ(to_hex(decode_as<EcdhRequested>(ecdh).peer), device_public);
-  const auto complete = decode_as<ProvisioningComplete>(
+  EXPECT_EQ(to_hex(read_as<EcdhRequested>(ecdh).peer), device_public);
+  const auto complete = read_as<ProvisioningComplete>(
       hex("2c c5 01 00 00 00 00 00 00 02 01 00 00 00 01 02 03 04 05 06 07 08 09 0a 0b 0c 0d 0e 0f "
           "a0 a1 a2 a3 a4 a5 a6 a7 a8 a9 aa ab ac ad ae af"));
   EXPECT_EQ(complete.context, 1);
-  EXPECT_EQ(complete.device_key, key_from(0));
+  EXPECT_EQ(complete.device_key, key_beginning_with(0));
 }
 
 TEST(ProvisioningEvents, OfTheWrongLengthAreRefused) {

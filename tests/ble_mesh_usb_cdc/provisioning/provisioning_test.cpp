@@ -259,7 +259,7 @@ TEST(Provisioning, StoresAddressesBeforeDevicesGetThemAndKeysBeforeTheirUse) {
   ASSERT_EQ(rig.stored.size(), 2u);
   EXPECT_NE(rig.mesh.unsaved(), nullptr) << "an orderly end writes it";
   EXPECT_EQ(rig.stored[1].nodes.at(0).state, NodeState::provisioned);
-  EXPECT_EQ(to_hex(rig.stored[1].nodes[0].device_key),
+  EXPECT_EQ(to_hex(*rig.stored[1].nodes[0].device_key),
             to_hex(rig.board.devices.devices[0].device_key));
   EXPECT_EQ(rig.board.count(0x9c), 0u);
   rig.mesh.on_stored("", rig.now);
@@ -421,7 +421,7 @@ TEST(Provisioning, ABeaconWithTheUuidOfANodeCostsTheNodeNothing) {
   EXPECT_EQ(node.address, 0x0100);
   EXPECT_EQ(node.new_address, 0x0101);
   EXPECT_EQ(node.state, NodeState::configured);
-  EXPECT_EQ(to_hex(node.device_key), to_hex(key));
+  EXPECT_EQ(to_hex(*node.device_key), to_hex(key));
 }
 
 TEST(Provisioning, RestartsTheBoardOnceForARobotThatIsNotHeardAtAnAddressThatWasUsed) {

@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: Apache-2.0
+// The BLE mesh behind Nordic's serial board: BleMesh on a BoardRadio, with the inputs of the port.
+// Called by BleMeshAdapter.
+#pragma once
+
+#include "adapters/ble_mesh_usb_cdc/ble_mesh.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/board_radio.hpp"
+
+namespace slamgw::ble {
+
+class BoardMesh final : public BleMesh {
+ public:
+  /// As BleMesh. `random` makes the keys for new robots, `seed` Echo nonces.
+  BoardMesh(const Settings& settings, TopicScheme topics, RobotNames names,
+            const std::optional<NodeDatabase>& database, RandomSource random, std::uint64_t seed)
+      : BleMesh(
+            settings, std::move(topics), std::move(names), database,
+            std::make_unique<BoardRadio>(link_settings(settings),
+                                         database ? std::optional(database->keys) : std::nullopt,
+                                         std::move(random), seed)) {}
+
+  void on_port_open(TimePoint now) {
+    board().on_port_open(now);
+    settle(now);
+  }
+  /// Also when an attempt to open it failed.
+  void on_port_closed(const std::string& why, TimePoint now) {
+    board().on_port_closed(why, now);
+    settle(now);
+  }
+  void on_bytes(ByteView bytes, TimePoint now) {
+    board().on_bytes(bytes, now);
+    settle(now);
+  }
+
+ private:
+  BoardRadio& board() { return static_cast<BoardRadio&>(radio()); }
+
+  static LinkSettings link_settings(const Settings& settings) {
+    LinkSettings link{{settings.address, settings.groups}, settings.ttl};
+    if (settings.gateway_group) link.board.groups.push_back(*settings.gateway_group);
+    return link;
+  }
+};
+
+}  // namespace slamgw::ble

@@ -1,0 +1,88 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the parts of Provisioner share: the radio, what is known of the nodes, and the operator's
+// order that is under way.
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "adapters/ble_mesh_usb_cdc/provisioning/node_table.hpp"
+
+namespace slamgw::ble {
+
+/// The link to the radio, as its events have told it. BleMesh keeps it.
+struct LinkState {
+  bool is_up = false;
+  std::string down_reason = "not started";
+  std::uint16_t source = 0;  ///< the address that it sends from
+};
+
+/// The one order of an operator that is under way, and its answer. OperatorOrders opens
+/// it, the part that fulfils it answers it.
+class OpenOrder {
+ public:
+  enum class Kind : std::uint8_t { scan, provision, remove, import_mesh, export_mesh, reset_board };
+  struct Order {
+    std::uint64_t id = 0;
+    Kind kind = Kind::scan;
+    TimePoint due{};
+    Uuid uuid{};                              ///< provision, remove
+    std::string robot = {};                   ///< provision
+    bool is_forced = false;                   ///< remove
+    std::optional<NodeDatabase> before = {};  ///< import
+    std::uint16_t address = 0;                ///< export: of the other gateway
+  };
+
+  explicit OpenOrder(ProvisionerActions& actions) : actions_(actions) {}
+
+  explicit operator bool() const { return order_.has_value(); }
+  Order& operator*() { return *order_; }
+  Order* operator->() { return &*order_; }
+  bool is(Kind kind) const { return order_ && order_->kind == kind; }
+  bool is(Kind kind, const Uuid& uuid) const { return is(kind) && order_->uuid == uuid; }
+  std::optional<TimePoint> deadline() const {
+    return order_ ? std::optional(order_->due) : std::nullopt;
+  }
+
+  void open(Order order) { order_ = std::move(order); }
+  /// Ends it with a JSON document.
+  void answer(std::string json) { end({std::move(json), {}}); }
+  /// Ends it with a sentence for the operator.
+  void refuse(std::string why) { end({{}, std::move(why)}); }
+
+ private:
+  void end(OrderAnswer answer) {
+    actions_.push(OrderEnded{order_->id, std::move(answer)});
+    order_.reset();
+  }
+
+  ProvisionerActions& actions_;
+  std::optional<Order> order_;
+};
+
+class ProvisionerPart {
+ public:
+  /// All of them outlive it.
+  ProvisionerPart(const Settings& settings, Radio& radio, const LinkState& link, NodeTable& nodes,
+                  OpenOrder& order, ProvisionerActions& actions)
+      : settings_(settings),
+        radio_(radio),
+        link_(link),
+        nodes_(nodes),
+        order_(order),
+        actions_(actions) {}
+
+  void notify(Severity severity, std::string text, std::string robot = {}) {
+    actions_.push(Notice{severity, std::move(text), std::move(robot)});
+  }
+
+ protected:
+  const Settings& settings_;
+  Radio& radio_;
+  const LinkState& link_;
+  NodeTable& nodes_;
+  OpenOrder& order_;
+  ProvisionerActions& actions_;
+};
+
+}  // namespace slamgw::ble
