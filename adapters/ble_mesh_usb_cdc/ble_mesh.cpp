@@ -13,7 +13,7 @@ BleMesh::BleMesh(Settings settings, TopicScheme topics, RobotNames names,
     : settings_(std::move(settings)),
       topics_(std::move(topics)),
       radio_(std::move(radio)),
-      provisioner_(settings_, *radio_, link_, topics_.gateway_id(), std::move(names),
+      provisioner_(settings_, *radio_, link_, actions_, topics_.gateway_id(), std::move(names),
                    std::move(database)),
       gate_(provisioner_.nodes(), settings_.gateway_group.has_value()),
       shared_(settings_, topics_, *radio_, link_, gate_, actions_, is_traced_),
@@ -44,17 +44,14 @@ bool BleMesh::begin_new_life(TimePoint now) {
 
 void BleMesh::settle(TimePoint now) {
   while (true) {
-    if (auto from_provisioner = provisioner_.next_action()) {
-      on_provisioner_action(std::move(*from_provisioner), now);
-    } else if (auto from_radio = radio_->next_action(now)) {
-      std::visit(overloaded{
-                     [&](RadioEvent& event) { on_radio_event(event, now); },
-                     [&](auto& for_shell) { actions_.push(std::move(for_shell)); },
-                 },
-                 *from_radio);
-    } else {
-      return;
-    }
+    if (provisioner_.take_change()) robots_.on_nodes_changed(now);
+    auto from_radio = radio_->next_action(now);
+    if (!from_radio) return;
+    std::visit(overloaded{
+                   [&](RadioEvent& event) { on_radio_event(event, now); },
+                   [&](auto& for_shell) { actions_.push(std::move(for_shell)); },
+               },
+               *from_radio);
   }
 }
 
@@ -219,16 +216,6 @@ void BleMesh::on_names(RobotNames names, TimePoint now) {
   settle(now);
 }
 
-void BleMesh::on_provisioner_action(ProvisionerAction action, TimePoint now) {
-  std::visit(overloaded{
-                 [&](NodesChanged&) { robots_.on_nodes_changed(now); },
-                 [&](StoreMesh& store) { actions_.push(std::move(store)); },
-                 [&](OrderEnded& ended) { actions_.push(std::move(ended)); },
-                 [&](Notice& notice) { emit(std::move(notice)); },
-             },
-             action);
-}
-
 // --- The broker ----------------------------------------------------------------------------------
 
 void BleMesh::on_receipt(std::uint64_t receipt_id, ReceiptOutcome outcome, TimePoint now) {
@@ -302,7 +289,7 @@ std::vector<OpenCommand> BleMesh::open_commands() const {
 
 const NodeDatabase* BleMesh::unsaved() const {
   const NodeTable& nodes = provisioner_.nodes();
-  return nodes.ledger().is_saved() ? nullptr : nodes.database();
+  return nodes.is_saved() ? nullptr : nodes.database();
 }
 
 Counters BleMesh::counters() const {

@@ -77,7 +77,6 @@ class BleMesh {
 
  private:
   void on_radio_event(RadioEvent& event, TimePoint now);
-  void on_provisioner_action(ProvisionerAction action, TimePoint now);
   void on_link_up(const LinkIsUp& up, TimePoint now);
   void on_link_down(const LinkIsDown& down, TimePoint now);
   void on_send_refused(const SendRefused& refused, TimePoint now);
@@ -92,7 +91,7 @@ class BleMesh {
 
   Settings settings_;
   TopicScheme topics_;
-  ActionQueue<MeshAction> actions_;
+  MeshActions actions_;
   bool is_traced_ = false;
   std::unique_ptr<Radio> radio_;
   LinkState link_;

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The actions of BleMesh and its parts, which BleMeshAdapter performs, and those of Provisioner,
-// which BleMesh performs.
+// The actions of BleMesh and its parts, which BleMeshAdapter performs.
 #pragma once
 
 #include <optional>
@@ -33,10 +32,13 @@ struct OrderEnded {
 
 using MeshAction = std::variant<WriteSerial, ReopenPort, GenerateKeys, StoreMesh, CommandsChanged,
                                 HeardRobot, OrderEnded, MeshEvent>;
+using MeshActions = ActionQueue<MeshAction>;
 
-/// Nodes, or their names, are different from before.
-struct NodesChanged {};
-using ProvisionerAction = std::variant<NodesChanged, StoreMesh, OrderEnded, Notice>;
-using ProvisionerActions = ActionQueue<ProvisionerAction>;
+/// The link to the radio, as its events have told it. BleMesh keeps it.
+struct LinkState {
+  bool is_up = false;
+  std::string down_reason = "not started";
+  std::uint16_t source = 0;  ///< the address that it sends from
+};
 
 }  // namespace slamgw::ble

@@ -5,7 +5,7 @@
 #include <benchmark/benchmark.h>
 #include <fmt/format.h>
 
-#include "adapters/ble_mesh_usb_cdc/nordic/events.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/serial_protocol.hpp"
 #include "adapters/mqttsn_udp/protocol/packet.hpp"
 #include "adapters/mqttsn_udp/sn_gateway.hpp"
 #include "daemon/core/gateway.hpp"

@@ -3,7 +3,7 @@
 
 #include <algorithm>
 
-#include "adapters/ble_mesh_usb_cdc/nordic/ecdh.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/provisioning_session.hpp"
 #include "tests/ble_mesh_usb_cdc/hex.hpp"
 #include "tests/ble_mesh_usb_cdc/serial_frame.hpp"
 

@@ -2,9 +2,8 @@
 // Any bytes from the serial port: framing, events, COBS and the older robots' frames.
 #include <cstdlib>
 
-#include "adapters/ble_mesh_usb_cdc/cobs/lien_connection.hpp"
-#include "adapters/ble_mesh_usb_cdc/nordic/events.hpp"
-#include "adapters/ble_mesh_usb_cdc/nordic/frame.hpp"
+#include "adapters/ble_mesh_usb_cdc/cobs/cobs_mesh.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/serial_protocol.hpp"
 
 using namespace slamgw::ble;
 

@@ -6,7 +6,7 @@
 #include <string>
 
 #include "adapters/ble_mesh_usb_cdc/nordic/board_mesh.hpp"
-#include "adapters/ble_mesh_usb_cdc/nordic/frame.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/serial_protocol.hpp"
 
 namespace slamgw::ble {
 

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "adapters/ble_mesh_usb_cdc/access/opcode.hpp"
+#include "adapters/ble_mesh_usb_cdc/access/robot_models.hpp"
 #include "adapters/ble_mesh_usb_cdc/radio.hpp"
 
 namespace slamgw::ble {

@@ -11,10 +11,22 @@ class CobsAdapter final : public SerialShell<CobsMesh> {
  public:
   /// As BleMeshAdapter, without files.
   CobsAdapter(boost::asio::io_context& io, const Settings& settings, TopicScheme topics,
-              RobotNames names, MeshListener& listener, OpenPort open_port = {});
+              RobotNames names, MeshListener& listener, OpenPort open_port = {})
+      : SerialShell(io, settings,
+                    {std::make_unique<CobsMesh>(settings, std::move(topics), std::move(names)),
+                     settings.cobs_content == CobsContent::positions && !settings.robot_id
+                         ? "ble_mesh.robot_id is not set: positions do not say whose they are"
+                         : ""},
+                    listener, std::move(open_port)) {}
 
  private:
-  void perform(CobsAction& action) override;
+  void perform(CobsAction& action) override {
+    std::visit(overloaded{
+                   [this](WriteSerial& serial) { write(serial); },
+                   [this](MeshEvent& event) { listener().on_mesh_event(std::move(event)); },
+               },
+               action);
+  }
 };
 
 }  // namespace slamgw::ble

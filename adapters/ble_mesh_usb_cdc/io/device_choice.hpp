@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// `ble_mesh.device: auto`: which of the attached serial ports is the mesh board. Pure; serial_port
-// lists the ports.
+// `ble_mesh.device: auto`: which of the attached serial ports is the mesh board; and why a tty
+// can't be opened, in words. Pure; serial_port lists the ports and asks the system.
 #pragma once
 
 #include <cstdint>
@@ -25,5 +25,15 @@ struct UsbPort {
 /// waits in its boot loader, or several, among which guessing is dangerous. Thread co-processors
 /// (1915:cafe) are never candidates.
 Result<UsbPort, Refusal> choose_device(const std::vector<UsbPort>& ports);
+
+/// Who may use a device node, and who tries to.
+struct NodeAccess {
+  std::string group;    ///< name, or number when it has none
+  unsigned mode = 0;    ///< permission bits, 0777
+  std::string process;  ///< name of this process's user
+};
+
+/// A sentence without a full stop. `error`: errno of the attempt.
+std::string explain_open_failure(const std::string& path, int error, const NodeAccess& access);
 
 }  // namespace slamgw::ble

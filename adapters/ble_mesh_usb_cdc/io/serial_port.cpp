@@ -17,7 +17,7 @@
 #include <filesystem>
 
 #include "adapters/ble_mesh_usb_cdc/errors.hpp"
-#include "adapters/ble_mesh_usb_cdc/io/open_failure.hpp"
+#include "adapters/ble_mesh_usb_cdc/io/device_choice.hpp"
 
 namespace slamgw::ble {
 namespace {
@@ -119,33 +119,28 @@ class Tty final : public SerialPort {
   Tty(sp_port* port, bool is_jlink) : port_(port), is_jlink_(is_jlink) {
     sp_get_port_handle(port_, &descriptor_);
   }
+  /// A pseudo-terminal.
+  explicit Tty(int descriptor) : descriptor_(descriptor) {}
   ~Tty() override {
+    if (port_ == nullptr) {
+      ::close(descriptor_);
+      return;
+    }
     sp_close(port_);
     sp_free_port(port_);
   }
   int descriptor() const override { return descriptor_; }
   /// J-Link bridges lose octets of longer writes (MBTLE-3878).
   std::size_t max_write_bytes() const override { return is_jlink_ ? 63 : 4096; }
-  void set_dtr(bool is_on) override { sp_set_dtr(port_, is_on ? SP_DTR_ON : SP_DTR_OFF); }
+  void set_dtr(bool is_on) override {
+    if (port_ != nullptr) sp_set_dtr(port_, is_on ? SP_DTR_ON : SP_DTR_OFF);
+  }
   void flush_input() override { ::tcflush(descriptor_, TCIFLUSH); }
 
  private:
-  sp_port* port_;
+  sp_port* port_ = nullptr;
   int descriptor_ = -1;
-  bool is_jlink_;
-};
-
-class PseudoTerminal final : public SerialPort {
- public:
-  explicit PseudoTerminal(int descriptor) : descriptor_(descriptor) {}
-  ~PseudoTerminal() override { ::close(descriptor_); }
-  int descriptor() const override { return descriptor_; }
-  std::size_t max_write_bytes() const override { return 4096; }
-  void set_dtr(bool) override {}
-  void flush_input() override { ::tcflush(descriptor_, TCIFLUSH); }
-
- private:
-  int descriptor_;
+  bool is_jlink_ = false;
 };
 
 /// The serial ports that are on USB.
@@ -191,7 +186,7 @@ Result<std::unique_ptr<SerialPort>, OpenRefusal> open_serial_port(const Settings
   if (sp_get_port_by_name(path.c_str(), &port) != SP_OK) {
     const int descriptor = open_plain(path);
     if (descriptor < 0) return refuse_open(path, errno);
-    return std::unique_ptr<SerialPort>(std::make_unique<PseudoTerminal>(descriptor));
+    return std::unique_ptr<SerialPort>(std::make_unique<Tty>(descriptor));
   }
   const bool is_jlink = describe(port).vendor == jlink_vendor;
   if (sp_open(port, SP_MODE_READ_WRITE) != SP_OK) {

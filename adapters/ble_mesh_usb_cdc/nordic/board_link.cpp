@@ -6,8 +6,7 @@
 #include <algorithm>
 #include <utility>
 
-#include "adapters/ble_mesh_usb_cdc/nordic/commands.hpp"
-#include "adapters/ble_mesh_usb_cdc/nordic/frame.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/serial_protocol.hpp"
 
 namespace slamgw::ble {
 
@@ -115,14 +114,14 @@ std::optional<Bytes> Resync::on_deadline(TimePoint now) {
                             .write_u32_le(static_cast<std::uint32_t>(random_()))
                             .take();
     awaited_ = encode_frame(echo_response, nonce);
-    return encode_echo(nonce);
+    return encode_command(CommandOpcode::echo, nonce);
   }
   if (attempts_ < echo_time_limits.size()) return flush(now);
   state_ = State::failed;
   return std::nullopt;
 }
 
-BoardLink::BoardLink(LinkSettings settings, std::optional<MeshKeys> keys, std::uint64_t seed)
+BoardLink::BoardLink(BoardSettings settings, std::optional<MeshKeys> keys, std::uint64_t seed)
     : settings_(std::move(settings)), keys_(keys), resync_(seed) {}
 
 void BoardLink::on_port_open(TimePoint now) {
@@ -175,7 +174,7 @@ void BoardLink::begin_start_up(TimePoint now) {
   in_flight_.reset();
   busy_until_.reset();
   busy_answers_ = 0;
-  start_up_.emplace(settings_.board, keys_);
+  start_up_.emplace(settings_, keys_);
   continue_start_up(now);
 }
 

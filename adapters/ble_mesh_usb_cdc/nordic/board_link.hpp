@@ -14,7 +14,7 @@
 #include <variant>
 
 #include "adapters/ble_mesh_usb_cdc/nordic/board_traffic.hpp"
-#include "adapters/ble_mesh_usb_cdc/nordic/frame.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/serial_protocol.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/start_up.hpp"
 #include "daemon/core/bytes.hpp"
 #include "daemon/core/log_throttle.hpp"
@@ -111,11 +111,6 @@ class Resync {
   Bytes tail_;     ///< the last octets received, fewer than `awaited_`
 };
 
-struct LinkSettings {
-  BoardSettings board;
-  std::uint8_t ttl = 4;
-};
-
 class BoardLink {
  public:
   static constexpr Duration command_time_limit = std::chrono::seconds{2};
@@ -140,7 +135,7 @@ class BoardLink {
   static constexpr std::size_t max_notified = 16;
 
   /// `seed` makes the Echo nonces.
-  BoardLink(LinkSettings settings, std::optional<MeshKeys> keys, std::uint64_t seed);
+  BoardLink(BoardSettings settings, std::optional<MeshKeys> keys, std::uint64_t seed);
 
   void on_port_open(TimePoint now);
   void on_port_closed(const std::string& why, TimePoint now);
@@ -227,7 +222,7 @@ class BoardLink {
   void notify_once(Severity severity, const std::string& text);
   void warn(std::string text) { actions_.push(Notice{Severity::warning, std::move(text), {}}); }
 
-  LinkSettings settings_;
+  BoardSettings settings_;
   std::optional<MeshKeys> keys_;
   ActionQueue<LinkAction> actions_;
   Stage stage_ = Stage::closed;

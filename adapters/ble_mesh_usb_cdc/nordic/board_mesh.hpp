@@ -15,7 +15,7 @@ class BoardMesh final : public BleMesh {
             const std::optional<NodeDatabase>& database, RandomSource random, std::uint64_t seed)
       : BleMesh(
             settings, std::move(topics), std::move(names), database,
-            std::make_unique<BoardRadio>(link_settings(settings),
+            std::make_unique<BoardRadio>(board_settings(settings),
                                          database ? std::optional(database->keys) : std::nullopt,
                                          std::move(random), seed)) {}
 
@@ -36,10 +36,10 @@ class BoardMesh final : public BleMesh {
  private:
   BoardRadio& board() { return static_cast<BoardRadio&>(radio()); }
 
-  static LinkSettings link_settings(const Settings& settings) {
-    LinkSettings link{{settings.address, settings.groups}, settings.ttl};
-    if (settings.gateway_group) link.board.groups.push_back(*settings.gateway_group);
-    return link;
+  static BoardSettings board_settings(const Settings& settings) {
+    BoardSettings board{settings.address, settings.groups, settings.ttl};
+    if (settings.gateway_group) board.groups.push_back(*settings.gateway_group);
+    return board;
   }
 };
 

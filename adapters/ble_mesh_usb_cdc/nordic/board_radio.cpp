@@ -209,7 +209,8 @@ std::optional<Bytes> BoardRadio::key_command() {
     in_flight_ = Purpose::device_key;
     if (key.handle) return encode_command(CommandOpcode::devkey_delete, *key.handle);
     key.on_board = key.wanted;
-    return encode_devkey_add(address, link_.board().subnet_handle, *key.wanted);
+    return encode_command(CommandOpcode::devkey_add, address, link_.board().subnet_handle,
+                          *key.wanted);
   }
   const auto sweep = is_sweep_due ? sweep_.command() : std::nullopt;
   if (sweep) in_flight_ = Purpose::sweep;

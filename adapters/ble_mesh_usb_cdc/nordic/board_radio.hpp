@@ -12,7 +12,6 @@
 #include <variant>
 
 #include "adapters/ble_mesh_usb_cdc/nordic/board_link.hpp"
-#include "adapters/ble_mesh_usb_cdc/nordic/ecdh.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/provisioning_session.hpp"
 
 namespace slamgw::ble {
@@ -57,7 +56,7 @@ class DeviceKeySweep {
 class BoardRadio final : public Radio {
  public:
   /// `random` makes the key pairs of provisioning, `seed` Echo nonces.
-  BoardRadio(LinkSettings settings, std::optional<MeshKeys> keys, RandomSource random,
+  BoardRadio(BoardSettings settings, std::optional<MeshKeys> keys, RandomSource random,
              std::uint64_t seed)
       : link_(std::move(settings), keys, seed), random_(std::move(random)) {}
 

@@ -10,8 +10,7 @@
 #include <string>
 #include <variant>
 
-#include "adapters/ble_mesh_usb_cdc/nordic/commands.hpp"
-#include "adapters/ble_mesh_usb_cdc/nordic/events.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/serial_protocol.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/start_up.hpp"
 #include "daemon/core/protocol_machine.hpp"
 

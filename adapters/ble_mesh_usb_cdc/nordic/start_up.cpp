@@ -32,13 +32,16 @@ Bytes StartUp::command() const {
     case Step::get_uuid: return encode_command(CommandOpcode::uuid_get);
     case Step::get_dropped_events: return encode_command(CommandOpcode::housekeeping_get);
     case Step::get_address: return encode_command(CommandOpcode::local_unicast_get);
-    case Step::set_address: return encode_local_unicast_set(settings_.address, count_);
+    case Step::set_address:
+      return encode_command(CommandOpcode::local_unicast_set, settings_.address, count_);
     case Step::get_subnets: return encode_command(CommandOpcode::subnet_get_all);
-    case Step::add_subnet: return encode_subnet_add(key_index, keys_->net_key);
+    case Step::add_subnet:
+      return encode_command(CommandOpcode::subnet_add, key_index, keys_->net_key);
     case Step::get_appkeys:
       return encode_command(CommandOpcode::appkey_get_all, board_.subnet_handle);
     case Step::add_appkey:
-      return encode_appkey_add(key_index, board_.subnet_handle, keys_->app_key);
+      return encode_command(CommandOpcode::appkey_add, key_index, board_.subnet_handle,
+                            keys_->app_key);
     case Step::get_handles: return encode_command(CommandOpcode::address_get_all);
     case Step::read_handle:
       return encode_command(CommandOpcode::address_get, unread_handles_.front());

@@ -7,22 +7,66 @@
 // Called by BoardLink.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <deque>
+#include <list>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
-#include "adapters/ble_mesh_usb_cdc/nordic/address_book.hpp"
-#include "adapters/ble_mesh_usb_cdc/nordic/commands.hpp"
-#include "adapters/ble_mesh_usb_cdc/nordic/events.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/serial_protocol.hpp"
 #include "daemon/core/messages.hpp"
 
 namespace slamgw::ble {
 
+class AddressBook {
+ public:
+  /// The stock firmware's table of group and unicast addresses.
+  static constexpr std::size_t max_addresses = 32;
+
+  struct Publication {
+    std::uint16_t address = 0;
+    std::uint16_t handle = 0;
+  };
+
+  void add_subscription(std::uint16_t address) { subscriptions_.insert(address); }
+  bool is_subscribed(std::uint16_t address) const { return subscriptions_.contains(address); }
+
+  void add_publication(Publication publication) {
+    forget_publication(publication.address);
+    publications_.push_front(publication);
+  }
+  /// The handle to send to `address` with; marks it as just used.
+  std::optional<std::uint16_t> publication_handle(std::uint16_t address) {
+    const auto found = std::ranges::find(publications_, address, &Publication::address);
+    if (found == publications_.end()) return std::nullopt;
+    publications_.splice(publications_.begin(), publications_, found);
+    return found->handle;
+  }
+  /// The board no longer knows this handle.
+  void forget_publication(std::uint16_t address) {
+    publications_.remove_if([&](const Publication& p) { return p.address == address; });
+  }
+  bool is_full() const { return subscriptions_.size() + publications_.size() >= max_addresses; }
+  /// Takes out the publication that was not used for longest.
+  std::optional<Publication> take_least_recent() {
+    if (publications_.empty()) return std::nullopt;
+    const Publication last = publications_.back();
+    publications_.pop_back();
+    return last;
+  }
+
+ private:
+  std::set<std::uint16_t> subscriptions_;
+  std::list<Publication> publications_;  ///< most recently used first
+};
+
 struct BoardSettings {
   std::uint16_t address = 0x0001;  ///< that robots publish to
   std::vector<std::uint16_t> groups;
+  std::uint8_t ttl = 4;  ///< of what is sent
 };
 
 /// A board after start-up: its own values, and the handles and addresses that it was given.

@@ -8,7 +8,7 @@
 #include <tuple>
 #include <utility>
 
-#include "adapters/ble_mesh_usb_cdc/provisioning/address_plan.hpp"
+#include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
 #include "daemon/core/bytes.hpp"
 
 namespace slamgw::ble {
@@ -227,7 +227,7 @@ bool Admission::reserve(const Candidate& candidate, const std::string& name, Tim
 
 /// The address is the device's from now on; it joins as soon as the disk has that.
 void Admission::keep(const Candidate& candidate, std::uint16_t address, const std::string& name) {
-  NodeDatabase& database = nodes_.ledger().change();
+  NodeDatabase& database = nodes_.change();
   Node* node = database.find(candidate.uuid);
   if (node == nullptr) {
     node = &database.nodes.emplace_back();
@@ -266,7 +266,7 @@ bool Admission::make_room() {
 
 void Admission::advance(TimePoint now) {
   if (joining_ && elements_ != 0) keep_addresses(now);
-  if (chosen_ && !joining_ && nodes_.ledger().is_saved()) begin_joining(now);
+  if (chosen_ && !joining_ && nodes_.is_saved()) begin_joining(now);
 }
 
 void Admission::begin_joining(TimePoint now) {
@@ -300,18 +300,18 @@ void Admission::keep_addresses(TimePoint now) {
                     "have; it gets others at the next attempt",
                     elements, address));
   if (node->elements != elements) {
-    NodeDatabase& database = nodes_.ledger().change();
+    NodeDatabase& database = nodes_.change();
     database.find(*joining_)->elements = elements;
     const std::uint32_t end = address + elements;
     const bool is_next_free = address + 1U == database.next_address;
     if (is_next_free) database.next_address = static_cast<std::uint16_t>(end);
   }
-  if (nodes_.ledger().is_saved()) answer({});
+  if (nodes_.is_saved()) answer({});
 }
 
 void Admission::on_joined(const std::optional<Key>& device_key, TimePoint now) {
   if (!joining_ || nodes_.find(*joining_) == nullptr) return;
-  NodeDatabase& database = nodes_.ledger().change();
+  NodeDatabase& database = nodes_.change();
   Node& node = *database.find(*joining_);
   if (node.new_address != 0) {
     database.retire(node.address, node.elements, Uuid{});
@@ -355,7 +355,7 @@ void Admission::release(const Uuid& uuid) {
   if (node == nullptr || node->state != NodeState::reserved || !node->name.empty()) return;
   if (nodes_.configured_name(node->address) != nullptr) return;
   nodes_.remove(uuid);
-  nodes_.ledger().change().forget_removed(uuid);
+  nodes_.change().forget_removed(uuid);
 }
 
 void Admission::on_join_ended(const JoinEnded& ended, TimePoint now) {

@@ -8,7 +8,7 @@
 #include <charconv>
 #include <set>
 
-#include "adapters/ble_mesh_usb_cdc/provisioning/address_plan.hpp"
+#include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
 #include "daemon/core/topic_scheme.hpp"
 
 namespace slamgw::ble {

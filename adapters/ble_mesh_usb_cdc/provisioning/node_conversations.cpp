@@ -7,7 +7,7 @@
 #include <algorithm>
 #include <utility>
 
-#include "adapters/ble_mesh_usb_cdc/provisioning/address_plan.hpp"
+#include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
 
 namespace slamgw::ble {
 
@@ -65,7 +65,7 @@ bool NodeConversations::begin_changes() {
     return is_outdated(node) && !node.applied->is_changing && !is_only_moved(node);
   };
   if (std::ranges::none_of(nodes_.database()->nodes, is_new)) return false;
-  for (Node& node : nodes_.ledger().change().nodes)
+  for (Node& node : nodes_.change().nodes)
     if (is_new(node)) node.applied->is_changing = true;
   nodes_.announce_change();
   return true;
@@ -112,7 +112,7 @@ const Node* NodeConversations::next_node(TimePoint now) {
 }
 
 std::optional<TimePoint> NodeConversations::next_begin() const {
-  if (!link_.is_up || !nodes_.database() || !nodes_.ledger().is_saved()) return std::nullopt;
+  if (!link_.is_up || !nodes_.database() || !nodes_.is_saved()) return std::nullopt;
   if (conversations_.size() >= max_conversations) return std::nullopt;
   if (wants_restart_) return std::nullopt;
   if (node_to_reset() != nullptr) return TimePoint::min();
@@ -162,7 +162,7 @@ void NodeConversations::end(const NodeConfiguration& conversation, TimePoint now
 }
 
 void NodeConversations::on_configured(const Node& known) {
-  Node& node = *nodes_.ledger().change().find(known.uuid);
+  Node& node = *nodes_.change().find(known.uuid);
   const Node before = node;
   node.state = NodeState::configured;
   node.ttl = settings_.ttl;

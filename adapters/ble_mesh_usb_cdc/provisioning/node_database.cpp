@@ -77,4 +77,65 @@ void NodeDatabase::forget_removed(const Uuid& uuid) {
     if (node.uuid == uuid) node.uuid = Uuid{};
 }
 
+namespace {
+
+struct Range {
+  std::uint32_t first = 0;
+  std::uint32_t end = 0;
+
+  Range(std::uint16_t address, std::uint8_t elements) : first(address), end(address + elements) {}
+  bool overlaps(const Range& other) const { return first < other.end && other.first < end; }
+};
+
+}  // namespace
+
+bool is_address_free(const NodeDatabase& database, std::uint16_t address, std::uint8_t elements,
+                     const std::set<std::uint16_t>& taken, const std::optional<Uuid>& own) {
+  const Range wanted(address, elements);
+  if (address == 0 || wanted.end > last_unicast_address + 1U) return false;
+  const auto next_taken = taken.lower_bound(address);
+  if (next_taken != taken.end() && *next_taken < wanted.end) return false;
+  return std::ranges::none_of(database.nodes, [&](const Node& node) {
+    return node.uuid != own && (Range(node.address, node.elements).overlaps(wanted) ||
+                                Range(node.joining_address(), node.elements).overlaps(wanted));
+  });
+}
+
+std::uint16_t source_room(const NodeDatabase& database, std::uint16_t address,
+                          const std::set<std::uint16_t>& taken) {
+  const std::uint32_t end =
+      address < first_robot_address ? first_robot_address : last_unicast_address + 1U;
+  std::uint16_t room = 0;
+  while (room < max_sources && address + room < end) {
+    const auto next = static_cast<std::uint16_t>(address + room);
+    if (!is_address_free(database, next, 1, taken, {})) break;
+    ++room;
+  }
+  return room;
+}
+
+bool was_used_before(const NodeDatabase& database, std::uint16_t address, std::uint8_t elements) {
+  const Range wanted(address, elements);
+  return std::ranges::any_of(database.removed, [&](const RemovedNode& node) {
+    return Range(node.address, node.elements).overlaps(wanted);
+  });
+}
+
+std::optional<std::uint16_t> choose_address(const NodeDatabase& database, const AddressWish& wish) {
+  const auto is_free = [&](std::uint16_t address) {
+    return is_address_free(database, address, wish.elements, wish.taken, {});
+  };
+  const auto is_fresh = [&](std::uint16_t address) {
+    return is_free(address) && !was_used_before(database, address, wish.elements);
+  };
+  for (const std::uint16_t address : wish.preferred)
+    if (is_fresh(address)) return address;
+  for (const std::uint16_t from : {database.next_address, first_robot_address})
+    for (std::uint16_t address = from; address <= last_unicast_address; ++address)
+      if (is_fresh(address)) return address;
+  for (const RemovedNode& node : database.removed)
+    if (node.address >= first_robot_address && is_free(node.address)) return node.address;
+  return std::nullopt;
+}
+
 }  // namespace slamgw::ble

@@ -6,7 +6,7 @@
 
 #include <algorithm>
 
-#include "adapters/ble_mesh_usb_cdc/provisioning/address_plan.hpp"
+#include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
 
 namespace slamgw::ble {
 
@@ -17,14 +17,36 @@ constexpr std::uint16_t first_gateway_address = 0x0001;
 }  // namespace
 
 void NodeTable::remove(Uuid uuid) {
-  ledger_.change().remove(uuid);
+  change().remove(uuid);
   histories_.erase(uuid);
   announce_change();
 }
 
 void NodeTable::replace(NodeDatabase database) {
   strangers_.clear();
-  ledger_.begin(std::move(database), false);
+  database_ = std::move(database);
+  is_changed_ = true;
+}
+
+void NodeTable::begin(std::optional<NodeDatabase> database) {
+  database_ = std::move(database);
+  is_changed_ = false;
+  store_retry_at_.reset();
+}
+
+const NodeDatabase* NodeTable::take_write(TimePoint now) {
+  if (!is_changed_ || is_writing_ || (store_retry_at_ && now < *store_retry_at_)) return nullptr;
+  is_changed_ = false;
+  is_writing_ = true;
+  store_retry_at_.reset();
+  return database();
+}
+
+void NodeTable::on_stored(bool is_done, TimePoint now) {
+  is_writing_ = false;
+  if (is_done) return;
+  is_changed_ = true;
+  store_retry_at_ = now + store_retry_interval;
 }
 
 const Node* NodeTable::find_joined(std::uint16_t address) const {

@@ -1,71 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
-// The nodes of the mesh: what the disk has of them (MeshLedger), what they are called, and what was
-// seen of them since the daemon started. Part of Provisioner.
+// The nodes of the mesh: their database and whether the disk has it, what they are called, and what
+// was seen of them since the daemon started. Nothing is used on the air before it is on disk: an
+// address before a device gets it, a device key before it is spoken with. BleMeshAdapter writes.
+// Part of Provisioner.
 #pragma once
 
 #include <map>
 #include <optional>
 #include <set>
 #include <string>
+#include <utility>
 
-#include "adapters/ble_mesh_usb_cdc/mesh_action.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
 #include "adapters/ble_mesh_usb_cdc/settings.hpp"
 #include "daemon/core/robot_names.hpp"
 #include "daemon/core/time.hpp"
 
 namespace slamgw::ble {
-
-/// The mesh's database and whether the disk has it: nothing is used on the air before it is there
-/// (an address before a device gets it, a device key before it is spoken with). Part of
-/// NodeTable; BleMeshAdapter writes.
-class MeshLedger {
- public:
-  static constexpr Duration retry_interval = std::chrono::seconds{5};
-
-  explicit MeshLedger(std::optional<NodeDatabase> database) : database_(std::move(database)) {}
-
-  const NodeDatabase* database() const { return database_ ? &*database_ : nullptr; }
-  /// To change it; there must be one.
-  NodeDatabase& change() {
-    is_changed_ = true;
-    return *database_;
-  }
-  /// A mesh begins. `is_stored`: the disk has it already.
-  void begin(NodeDatabase database, bool is_stored) {
-    database_ = std::move(database);
-    is_changed_ = !is_stored;
-  }
-  /// Takes back what the disk did not take.
-  void revert(std::optional<NodeDatabase> before) {
-    database_ = std::move(before);
-    is_changed_ = false;
-    retry_at_.reset();
-  }
-
-  bool is_saved() const { return !is_changed_ && !is_writing_; }
-  /// What to write now, if anything; answered by on_stored.
-  const NodeDatabase* take_write(TimePoint now) {
-    if (!is_changed_ || is_writing_ || (retry_at_ && now < *retry_at_)) return nullptr;
-    is_changed_ = false;
-    is_writing_ = true;
-    retry_at_.reset();
-    return &*database_;
-  }
-  void on_stored(bool is_done, TimePoint now) {
-    is_writing_ = false;
-    if (is_done) return;
-    is_changed_ = true;
-    retry_at_ = now + retry_interval;
-  }
-  std::optional<TimePoint> deadline() const { return is_writing_ ? std::nullopt : retry_at_; }
-
- private:
-  std::optional<NodeDatabase> database_;
-  bool is_changed_ = false;
-  bool is_writing_ = false;
-  std::optional<TimePoint> retry_at_;
-};
 
 /// One node, since the daemon started.
 struct NodeHistory {
@@ -79,17 +30,30 @@ struct NodeHistory {
 
 class NodeTable {
  public:
-  NodeTable(const Settings& settings, RobotNames names, std::optional<NodeDatabase> database,
-            ProvisionerActions& actions)
-      : settings_(settings),
-        names_(std::move(names)),
-        ledger_(std::move(database)),
-        actions_(actions) {}
+  /// Of a write that failed.
+  static constexpr Duration store_retry_interval = std::chrono::seconds{5};
+
+  NodeTable(const Settings& settings, RobotNames names, std::optional<NodeDatabase> database)
+      : settings_(settings), names_(std::move(names)), database_(std::move(database)) {}
 
   /// Nothing while the gateway has no keys of the mesh.
-  const NodeDatabase* database() const { return ledger_.database(); }
-  MeshLedger& ledger() { return ledger_; }
-  const MeshLedger& ledger() const { return ledger_; }
+  const NodeDatabase* database() const { return database_ ? &*database_ : nullptr; }
+  /// To change it; there must be one.
+  NodeDatabase& change() {
+    is_changed_ = true;
+    return *database_;
+  }
+  /// A mesh begins, which the disk has already; or the disk did not take another in its place.
+  void begin(std::optional<NodeDatabase> database);
+  /// Another mesh takes the place of this one.
+  void replace(NodeDatabase database);
+
+  bool is_saved() const { return !is_changed_ && !is_writing_; }
+  /// What to write now, if anything; answered by on_stored.
+  const NodeDatabase* take_write(TimePoint now);
+  void on_stored(bool is_done, TimePoint now);
+  std::optional<TimePoint> deadline() const { return is_writing_ ? std::nullopt : store_retry_at_; }
+
   /// Another gateway takes robots in and configures them.
   bool is_guest() const { return database() != nullptr && database()->guest_address; }
   /// Other gateways have radios in this mesh.
@@ -103,11 +67,11 @@ class NodeTable {
   const Node* find_joined(std::uint16_t address) const;
 
   /// A node, or its name, is different from before.
-  void announce_change() { actions_.push(NodesChanged{}); }
+  void announce_change() { is_change_announced_ = true; }
+  /// Once after each such change.
+  bool take_change() { return std::exchange(is_change_announced_, false); }
   /// It is no node any more, and is taken in again only by hand.
   void remove(Uuid uuid);
-  /// Another mesh takes the place of this one.
-  void replace(NodeDatabase database);
 
   void on_names(RobotNames names) { names_ = std::move(names); }
   const RobotNames& names() const { return names_; }
@@ -144,8 +108,11 @@ class NodeTable {
  private:
   const Settings& settings_;
   RobotNames names_;
-  MeshLedger ledger_;
-  ProvisionerActions& actions_;
+  std::optional<NodeDatabase> database_;
+  bool is_changed_ = false;
+  bool is_writing_ = false;
+  std::optional<TimePoint> store_retry_at_;
+  bool is_change_announced_ = false;
   std::map<Uuid, NodeHistory> histories_;
   /// Heard, but no node: robots that another tool has taken in. At most NodeDatabase::max_nodes.
   std::set<std::uint16_t> strangers_;

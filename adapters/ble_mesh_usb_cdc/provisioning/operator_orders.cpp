@@ -168,8 +168,7 @@ void OperatorOrders::take(const ImportOrder& wanted, TimePoint now) {
   auto merged = merge_imported_mesh(own, std::move(*imported), settings_.address);
   if (!merged.has_value())
     return order_.refuse("the file can't be imported: " + merged.error().why);
-  if (!nodes_.ledger().is_saved())
-    return order_.refuse("the mesh is being changed right now; try again");
+  if (!nodes_.is_saved()) return order_.refuse("the mesh is being changed right now; try again");
   order_->kind = Kind::import_mesh;
   order_->due = now + Admission::order_time_limit;
   order_->before = std::move(own);
@@ -191,7 +190,7 @@ void OperatorOrders::take(const ExportOrder& wanted, TimePoint now) {
   order_->kind = Kind::export_mesh;
   order_->due = now + short_order_time_limit;
   order_->address = *address;
-  nodes_.ledger().change().gateways.push_back(*address);
+  nodes_.change().gateways.push_back(*address);
 }
 
 void OperatorOrders::answer_export(std::uint16_t address) {
@@ -202,10 +201,10 @@ void OperatorOrders::on_stored(const std::string& problem, TimePoint now) {
   const bool is_import = order_.is(Kind::import_mesh);
   if (!is_import && !order_.is(Kind::export_mesh)) return;
   if (!problem.empty()) {
-    if (is_import) nodes_.ledger().revert(std::move(order_->before));
+    if (is_import) nodes_.begin(std::move(order_->before));
     return order_.refuse(problem);
   }
-  if (!nodes_.ledger().is_saved()) return;
+  if (!nodes_.is_saved()) return;
   const NodeDatabase& database = *nodes_.database();
   if (!is_import) return answer_export(order_->address);
   if (!order_->before) radio_.change_keys(database.keys, now);

@@ -8,11 +8,13 @@
 namespace slamgw::ble {
 
 Provisioner::Provisioner(const Settings& settings, Radio& radio, const LinkState& link,
-                         std::string gateway, RobotNames names,
+                         MeshActions& actions, std::string gateway, RobotNames names,
                          std::optional<NodeDatabase> database)
     : radio_(radio),
       link_(link),
-      nodes_(settings, std::move(names), std::move(database), actions_),
+      actions_(actions),
+      nodes_(settings, std::move(names), std::move(database)),
+      order_(actions),
       shared_(settings, radio, link, nodes_, order_, actions_),
       lives_(shared_),
       admission_(shared_),
@@ -61,18 +63,18 @@ bool Provisioner::on_message(const MessageReceived& message, TimePoint now) {
 
 void Provisioner::on_iv_index(std::uint32_t iv_index, TimePoint now) {
   if (!nodes_.database() || nodes_.database()->iv_index == iv_index) return;
-  nodes_.ledger().change().iv_index = iv_index;
+  nodes_.change().iv_index = iv_index;
   advance(now);
 }
 
 void Provisioner::on_new_mesh(const MeshKeys& keys) {
   NodeDatabase fresh;
   fresh.keys = keys;
-  nodes_.ledger().begin(std::move(fresh), true);
+  nodes_.begin(std::move(fresh));
 }
 
 void Provisioner::on_stored(const std::string& problem, TimePoint now) {
-  nodes_.ledger().on_stored(problem.empty(), now);
+  nodes_.on_stored(problem.empty(), now);
   if (!problem.empty() && !is_store_problem_known_)
     shared_.notify(Severity::error, problem + "; no robot joins until they can be stored");
   is_store_problem_known_ = !problem.empty();
@@ -99,8 +101,7 @@ void Provisioner::advance(TimePoint now) {
         [this](const Node& node) { return conversations_.is_talking_with(node); }, now);
     conversations_.begin_due(now);
   }
-  if (const NodeDatabase* changed = nodes_.ledger().take_write(now))
-    actions_.push(StoreMesh{*changed});
+  if (const NodeDatabase* changed = nodes_.take_write(now)) actions_.push(StoreMesh{*changed});
   if (link_.is_up) scan_or_restart(now);
 }
 
@@ -116,8 +117,8 @@ void Provisioner::scan_or_restart(TimePoint now) {
 }
 
 std::optional<TimePoint> Provisioner::deadline() const {
-  const std::optional<TimePoint> next = earlier(
-      earlier(nodes_.ledger().deadline(), order_.deadline()), admission_.permit().deadline());
+  const std::optional<TimePoint> next =
+      earlier(earlier(nodes_.deadline(), order_.deadline()), admission_.permit().deadline());
   if (!link_.is_up || !nodes_.database()) return next;
   return earlier(next, conversations_.deadline());
 }

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Takes robots into the mesh, configures them, and does what operators order. Its parts do the
 // work: NodeTable (what is known), Admission (who joins next), NodeConversations (who is configured
-// or reset), OperatorOrders. This class gives them their turns and writes the database. Called by
-// BleMesh, which drains its actions.
+// or reset), OperatorOrders. This class gives them their turns and has the database written. Called
+// by BleMesh.
 #pragma once
 
 #include <optional>
@@ -15,10 +15,10 @@ namespace slamgw::ble {
 
 class Provisioner {
  public:
-  /// `settings`, `radio` and `link` outlive it. `gateway`: `gateway.id`, for gateways that join
-  /// this mesh.
-  Provisioner(const Settings& settings, Radio& radio, const LinkState& link, std::string gateway,
-              RobotNames names, std::optional<NodeDatabase> database);
+  /// `settings`, `radio`, `link` and `actions` outlive it. `gateway`: `gateway.id`, for gateways
+  /// that join this mesh.
+  Provisioner(const Settings& settings, Radio& radio, const LinkState& link, MeshActions& actions,
+              std::string gateway, RobotNames names, std::optional<NodeDatabase> database);
   Provisioner(const Provisioner&) = delete;
   Provisioner& operator=(const Provisioner&) = delete;
 
@@ -42,7 +42,8 @@ class Provisioner {
 
   const NodeTable& nodes() const { return nodes_; }
   const SourceLives& lives() const { return lives_; }
-  std::optional<ProvisionerAction> next_action() { return actions_.pop(); }
+  /// True once after nodes, or their names, have changed.
+  bool take_change() { return nodes_.take_change(); }
   std::optional<TimePoint> deadline() const;
   void on_deadline(TimePoint now) { advance(now); }
 
@@ -52,9 +53,9 @@ class Provisioner {
 
   Radio& radio_;
   const LinkState& link_;
-  ProvisionerActions actions_;
+  MeshActions& actions_;
   NodeTable nodes_;
-  OpenOrder order_{actions_};
+  OpenOrder order_;
   ProvisionerPart shared_;
   SourceLives lives_;
   Admission admission_;

@@ -6,16 +6,10 @@
 #include <optional>
 #include <string>
 
+#include "adapters/ble_mesh_usb_cdc/mesh_action.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/node_table.hpp"
 
 namespace slamgw::ble {
-
-/// The link to the radio, as its events have told it. BleMesh keeps it.
-struct LinkState {
-  bool is_up = false;
-  std::string down_reason = "not started";
-  std::uint16_t source = 0;  ///< the address that it sends from
-};
 
 /// The one order of an operator that is under way, and its answer. OperatorOrders opens
 /// it, the part that fulfils it answers it.
@@ -33,7 +27,7 @@ class OpenOrder {
     std::uint16_t address = 0;                ///< export: of the other gateway
   };
 
-  explicit OpenOrder(ProvisionerActions& actions) : actions_(actions) {}
+  explicit OpenOrder(MeshActions& actions) : actions_(actions) {}
 
   explicit operator bool() const { return order_.has_value(); }
   Order& operator*() { return *order_; }
@@ -56,7 +50,7 @@ class OpenOrder {
     order_.reset();
   }
 
-  ProvisionerActions& actions_;
+  MeshActions& actions_;
   std::optional<Order> order_;
 };
 
@@ -64,7 +58,7 @@ class ProvisionerPart {
  public:
   /// All of them outlive it.
   ProvisionerPart(const Settings& settings, Radio& radio, const LinkState& link, NodeTable& nodes,
-                  OpenOrder& order, ProvisionerActions& actions)
+                  OpenOrder& order, MeshActions& actions)
       : settings_(settings),
         radio_(radio),
         link_(link),
@@ -73,7 +67,7 @@ class ProvisionerPart {
         actions_(actions) {}
 
   void notify(Severity severity, std::string text, std::string robot = {}) {
-    actions_.push(Notice{severity, std::move(text), std::move(robot)});
+    actions_.push(MeshEvent(Notice{severity, std::move(text), std::move(robot)}));
   }
 
  protected:
@@ -82,7 +76,7 @@ class ProvisionerPart {
   const LinkState& link_;
   NodeTable& nodes_;
   OpenOrder& order_;
-  ProvisionerActions& actions_;
+  MeshActions& actions_;
 };
 
 }  // namespace slamgw::ble

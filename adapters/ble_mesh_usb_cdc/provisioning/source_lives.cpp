@@ -22,9 +22,9 @@ void SourceLives::on_source_wanted(const SourceWanted& wanted, TimePoint now) {
                          (is_empty ? room : std::min<std::uint32_t>(room, wanted.addresses)));
     unused_ = next.number;
   }
-  if (next != *life()) nodes_.ledger().change().life = next;
+  if (next != *life()) nodes_.change().life = next;
   unanswered_ = wanted.addresses;
-  if (unused_ != next.number || nodes_.ledger().is_saved()) answer(now);
+  if (unused_ != next.number || nodes_.is_saved()) answer(now);
 }
 
 void SourceLives::answer(TimePoint now) {
@@ -52,7 +52,7 @@ void SourceLives::begin_life(RadioLife& life, std::uint32_t end) {
 void SourceLives::on_stored(const std::string& problem, TimePoint now) {
   if (!unanswered_) return;
   if (!problem.empty()) return radio_.delay_source(problem);
-  if (!nodes_.ledger().is_saved()) return;
+  if (!nodes_.is_saved()) return;
   answer(now);
 }
 
@@ -66,7 +66,7 @@ void SourceLives::on_link_up(const LinkIsUp& up) {
   next.number = std::max(next.number, std::uint32_t{1});
   // A radio that kept its address from a life which this file does not know.
   next.source = std::max(next.source, up.source);
-  if (next != *life()) nodes_.ledger().change().life = next;
+  if (next != *life()) nodes_.change().life = next;
 }
 
 RadioKind SourceLives::kind() const { return life() ? life()->kind : RadioKind::unknown; }

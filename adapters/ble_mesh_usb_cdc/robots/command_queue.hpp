@@ -18,7 +18,7 @@
 #include <string_view>
 #include <vector>
 
-#include "adapters/ble_mesh_usb_cdc/access/opcode.hpp"
+#include "adapters/ble_mesh_usb_cdc/access/robot_models.hpp"
 #include "adapters/ble_mesh_usb_cdc/errors.hpp"
 #include "adapters/ble_mesh_usb_cdc/radio.hpp"
 #include "adapters/ble_mesh_usb_cdc/settings.hpp"

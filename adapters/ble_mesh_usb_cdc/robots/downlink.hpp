@@ -8,7 +8,7 @@
 #include <string_view>
 #include <vector>
 
-#include "adapters/ble_mesh_usb_cdc/robots/mesh_part.hpp"
+#include "adapters/ble_mesh_usb_cdc/robots/robot.hpp"
 
 namespace slamgw::ble {
 

@@ -1,13 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // COBS, the older robots' frames and ARQ, and the mesh that streams them. Vectors were made with
 // the robots' own C code.
-#include "adapters/ble_mesh_usb_cdc/cobs/lien_connection.hpp"
+#include "adapters/ble_mesh_usb_cdc/cobs/cobs_mesh.hpp"
 
 #include <gtest/gtest.h>
 
 #include <algorithm>
 
-#include "adapters/ble_mesh_usb_cdc/cobs/cobs_mesh.hpp"
 #include "tests/ble_mesh_usb_cdc/event_log.hpp"
 #include "tests/ble_mesh_usb_cdc/hex.hpp"
 

@@ -1,12 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // What an operator reads when the serial board's tty can't be opened: what is wrong and what to do.
-#include "adapters/ble_mesh_usb_cdc/io/open_failure.hpp"
+#include "adapters/ble_mesh_usb_cdc/io/device_choice.hpp"
 
 #include <gtest/gtest.h>
 
 #include <cerrno>
-
-#include "adapters/ble_mesh_usb_cdc/io/device_choice.hpp"
 
 namespace slamgw::ble {
 namespace {

@@ -1,17 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 // Every command against the bytes that Nordic's host script writes.
-#include "adapters/ble_mesh_usb_cdc/nordic/commands.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/serial_protocol.hpp"
 
 #include <gtest/gtest.h>
 
 #include <numeric>
 
-#include "adapters/ble_mesh_usb_cdc/nordic/frame.hpp"
 #include "tests/ble_mesh_usb_cdc/hex.hpp"
 #include "tests/ble_mesh_usb_cdc/nordic/vectors.hpp"
 
 namespace slamgw::ble {
 namespace {
+
+using u16 = std::uint16_t;
 
 Key key_from(std::uint8_t first) {
   Key key;
@@ -37,24 +38,27 @@ TEST(Commands, WithoutParametersAreOneOctet) {
 }
 
 TEST(Commands, CarryHandlesAndAddressesLittleEndian) {
-  EXPECT_EQ(encode_command(CommandOpcode::subscription_add, 0xc002), hex("03 a1 02 c0"));
-  EXPECT_EQ(encode_command(CommandOpcode::subscription_add, 0xc003), hex("03 a1 03 c0"));
-  EXPECT_EQ(encode_command(CommandOpcode::subscription_add, 0xc004), hex("03 a1 04 c0"));
-  EXPECT_EQ(encode_command(CommandOpcode::publication_add, 0x0100), hex("03 a4 00 01"));
-  EXPECT_EQ(encode_command(CommandOpcode::publication_remove, 2), hex("03 a6 02 00"));
-  EXPECT_EQ(encode_command(CommandOpcode::address_get, 2), hex("03 a7 02 00"));
-  EXPECT_EQ(encode_command(CommandOpcode::appkey_get_all, 0), hex("03 9a 00 00"));
-  EXPECT_EQ(encode_local_unicast_set(0x0001, 1), hex("05 9f 01 00 01 00"));
+  EXPECT_EQ(encode_command(CommandOpcode::subscription_add, u16{0xc002}), hex("03 a1 02 c0"));
+  EXPECT_EQ(encode_command(CommandOpcode::subscription_add, u16{0xc003}), hex("03 a1 03 c0"));
+  EXPECT_EQ(encode_command(CommandOpcode::subscription_add, u16{0xc004}), hex("03 a1 04 c0"));
+  EXPECT_EQ(encode_command(CommandOpcode::publication_add, u16{0x0100}), hex("03 a4 00 01"));
+  EXPECT_EQ(encode_command(CommandOpcode::publication_remove, u16{2}), hex("03 a6 02 00"));
+  EXPECT_EQ(encode_command(CommandOpcode::address_get, u16{2}), hex("03 a7 02 00"));
+  EXPECT_EQ(encode_command(CommandOpcode::appkey_get_all, u16{0}), hex("03 9a 00 00"));
+  EXPECT_EQ(encode_command(CommandOpcode::local_unicast_set, u16{0x0001}, u16{1}),
+            hex("05 9f 01 00 01 00"));
 }
 
 TEST(Commands, CarryKeysMostSignificantOctetFirst) {
-  EXPECT_EQ(encode_subnet_add(0, key_from(0)),
+  EXPECT_EQ(encode_command(CommandOpcode::subnet_add, u16{0}, key_from(0)),
             hex("13 92 00 00 00 01 02 03 04 05 06 07 08 09 0a 0b 0c 0d 0e 0f"));
-  EXPECT_EQ(encode_appkey_add(0, 0, key_from(0x10)),
+  EXPECT_EQ(encode_command(CommandOpcode::appkey_add, u16{0}, u16{0}, key_from(0x10)),
             hex("15 97 00 00 00 00 10 11 12 13 14 15 16 17 18 19 1a 1b 1c 1d 1e 1f"));
 }
 
-TEST(Commands, EchoCarriesItsNonce) { EXPECT_EQ(encode_echo(as_bytes("hi")), hex("03 02 68 69")); }
+TEST(Commands, EchoCarriesItsNonce) {
+  EXPECT_EQ(encode_command(CommandOpcode::echo, as_bytes("hi")), hex("03 02 68 69"));
+}
 
 TEST(Commands, PacketSendCarriesTheAccessMessage) {
   EXPECT_EQ(send("cd 59 00 0a 00 ec ff"),

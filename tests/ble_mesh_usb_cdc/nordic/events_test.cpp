@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Every event against the bytes that Nordic's host script reads.
-#include "adapters/ble_mesh_usb_cdc/nordic/events.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/serial_protocol.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // FrameDecoder with every event vector whole, split at every octet and next to others.
-#include "adapters/ble_mesh_usb_cdc/nordic/frame.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/serial_protocol.hpp"
 
 #include <gtest/gtest.h>
 

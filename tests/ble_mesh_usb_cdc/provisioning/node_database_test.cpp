@@ -4,7 +4,6 @@
 
 #include <gtest/gtest.h>
 
-#include "adapters/ble_mesh_usb_cdc/provisioning/address_plan.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/mesh_json.hpp"
 
 namespace slamgw::ble {

@@ -6,9 +6,8 @@
 #include <algorithm>
 #include <numeric>
 
-#include "adapters/ble_mesh_usb_cdc/nordic/commands.hpp"
-#include "adapters/ble_mesh_usb_cdc/nordic/ecdh.hpp"
-#include "adapters/ble_mesh_usb_cdc/nordic/events.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/provisioning_session.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/serial_protocol.hpp"
 #include "tests/ble_mesh_usb_cdc/hex.hpp"
 
 namespace slamgw::ble {
@@ -84,17 +83,19 @@ TEST(ProvisioningCommands, AreWhatNordicsHostScriptWrites) {
   EXPECT_EQ(encode_oob_use(0, OobMethod::none), hex("05 66 00 00 00 00"));
   SharedSecret secret;
   std::iota(secret.begin(), secret.end(), std::uint8_t{0});
-  EXPECT_EQ(encode_ecdh_secret(0, secret),
+  EXPECT_EQ(encode_command(CommandOpcode::ecdh_secret, std::uint8_t{0}, secret),
             hex("22 68 00 00 01 02 03 04 05 06 07 08 09 0a 0b 0c 0d 0e 0f 10 11 12 13 14 15 16 17 "
                 "18 19 1a 1b 1c 1d 1e 1f"));
-  EXPECT_EQ(encode_devkey_add(0x0100, 0, key_beginning_with(0)),
+  EXPECT_EQ(encode_command(CommandOpcode::devkey_add, std::uint16_t{0x0100}, std::uint16_t{0},
+                           key_beginning_with(0)),
             hex("15 9c 00 01 00 00 00 01 02 03 04 05 06 07 08 09 0a 0b 0c 0d 0e 0f"));
 }
 
 TEST(ProvisioningCommands, HaveTheLengthsOfTheirTables) {
-  EXPECT_EQ(encode_keypair_set(*key_pair_of(array_of<32>(device_private))),
+  const KeyPair pair = *key_pair_of(array_of<32>(device_private));
+  EXPECT_EQ(encode_command(CommandOpcode::keypair_set, pair.private_key, pair.public_key),
             hex("61 69") + hex(device_private) + hex(device_public));
-  EXPECT_EQ(encode_auth_data(1, key_beginning_with(0)),
+  EXPECT_EQ(encode_command(CommandOpcode::auth_data, std::uint8_t{1}, key_beginning_with(0)),
             hex("12 67 01 00 01 02 03 04 05 06 07 08 09 0a 0b 0c 0d 0e 0f"));
   EXPECT_EQ(encode_oob_use(1, OobMethod::static_data), hex("05 66 01 01 00 10"));
   EXPECT_EQ(encode_provision({1, {}, {}, 0x01020304, 0x7fff}).size(), 46u);

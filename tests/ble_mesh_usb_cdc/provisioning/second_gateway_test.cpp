@@ -2,8 +2,8 @@
 // Two gateways, each with its own board, in one mesh: the first exports, the second imports.
 #include <gtest/gtest.h>
 
-#include "adapters/ble_mesh_usb_cdc/provisioning/address_plan.hpp"
 #include "adapters/ble_mesh_usb_cdc/provisioning/mesh_json.hpp"
+#include "adapters/ble_mesh_usb_cdc/provisioning/node_database.hpp"
 #include "tests/ble_mesh_usb_cdc/provisioning_rig.hpp"
 
 namespace slamgw::ble {

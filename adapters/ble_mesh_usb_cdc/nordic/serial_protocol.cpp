@@ -1,10 +1,104 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "adapters/ble_mesh_usb_cdc/nordic/events.hpp"
+#include "adapters/ble_mesh_usb_cdc/nordic/serial_protocol.hpp"
 
 #include <algorithm>
 #include <array>
+#include <cassert>
 
 namespace slamgw::ble {
+
+Bytes encode_frame(std::uint8_t opcode, ByteView params) {
+  assert(params.size() <= max_frame_params);
+  ByteWriter frame;
+  frame.write_u8(static_cast<std::uint8_t>(params.size() + 1)).write_u8(opcode).write(params);
+  return frame.take();
+}
+
+std::vector<Bytes> FrameDecoder::on_bytes(ByteView bytes, TimePoint now) {
+  std::vector<Bytes> frames;
+  for (const std::uint8_t byte : bytes) {
+    if (has_lost_step_) break;
+    if (partial_.empty()) {
+      has_lost_step_ = byte == 0;  // the board never sends length 0
+      partial_since_ = now;
+    }
+    partial_.push_back(byte);
+    if (partial_.size() == std::size_t{partial_.front()} + 1) {
+      if (!has_lost_step_) frames.emplace_back(partial_.begin() + 1, partial_.end());
+      partial_.clear();
+    }
+  }
+  return frames;
+}
+
+void FrameDecoder::reset() {
+  partial_.clear();
+  has_lost_step_ = false;
+}
+
+std::optional<TimePoint> FrameDecoder::deadline() const {
+  if (partial_.empty() || has_lost_step_) return std::nullopt;
+  return partial_since_ + max_partial_age;
+}
+
+void FrameDecoder::on_deadline(TimePoint now) {
+  const auto due = deadline();
+  if (due && now >= *due) has_lost_step_ = true;
+}
+
+std::string_view sdk_releases(SerialVersion version) {
+  switch (version) {
+    case SerialVersion::sdk_1_0: return "1.0";
+    case SerialVersion::sdk_2_0: return "2.0 or 2.1";
+    case SerialVersion::sdk_2_2: return "2.2";
+    case SerialVersion::sdk_3_0: return "3.0";
+    case SerialVersion::sdk_3_1: return "3.1 to 5.0";
+  }
+  return {};
+}
+
+std::size_t send_limit(SerialVersion version) {
+  // The packets of 1.0 and 2.0 are short; 2.1 has the same number as 2.0.
+  return version <= SerialVersion::sdk_2_0 ? 88 : 244;
+}
+
+Bytes encode_packet_send(const PacketSend& packet, SerialVersion version) {
+  ByteWriter params;
+  params.write_u16_le(packet.appkey_handle)
+      .write_u16_le(packet.source)
+      .write_u16_le(packet.destination_handle)
+      .write_u8(packet.ttl)
+      .write_u8(0);  // segmented only when the size asks for it; in 1.0: "reliable", no
+  if (version >= SerialVersion::sdk_2_0) params.write_u8(0);  // 32-bit TransMIC
+  if (version >= SerialVersion::sdk_3_0) params.write_u8(0);  // master credentials, not friendship
+  return encode_command(CommandOpcode::packet_send, params.write(packet.payload).bytes());
+}
+
+Bytes encode_provision(const ProvisionCommand& command) {
+  ByteWriter params;
+  params.write_u8(command.context)
+      .write(command.uuid)
+      .write(command.net_key)
+      .write_u16_le(0)  // network key index
+      .write_u32_le(command.iv_index)
+      .write_u16_le(command.address)
+      .write_u8(0)                                                    // no IV update in progress
+      .write_u8(0);                                                   // no key refresh in progress
+  if (command.version >= SerialVersion::sdk_3_0) params.write_u8(0);  // no attention signal
+  return encode_command(CommandOpcode::provision, params.bytes());
+}
+
+Bytes encode_capabilities_set() {
+  return encode_command(CommandOpcode::capabilities_set, std::uint8_t{1}, Bytes(8, 0));
+}
+
+Bytes encode_oob_use(std::uint8_t context, OobMethod method) {
+  // Static data is as long as a key; only that size is taken.
+  const std::uint8_t size = method == OobMethod::static_data ? sizeof(Key) : 0;
+  return encode_command(CommandOpcode::oob_use, context, static_cast<std::uint8_t>(method),
+                        std::uint8_t{0}, size);
+}
+
 namespace {
 
 using EventResult = Result<Event, DecodeError>;

@@ -1,0 +1,252 @@
+// SPDX-License-Identifier: Apache-2.0
+// The words of Nordic's serial protocol (versions 5 to 10): its frames, the commands that the
+// daemon sends, and the events that the board reports. Multi-byte numbers are little-endian on the
+// wire, keys most significant octet first. Called by everything in nordic/.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string_view>
+#include <type_traits>
+#include <variant>
+#include <vector>
+
+#include "adapters/ble_mesh_usb_cdc/errors.hpp"
+#include "adapters/ble_mesh_usb_cdc/radio.hpp"
+#include "daemon/core/bytes.hpp"
+#include "daemon/core/result.hpp"
+#include "daemon/core/time.hpp"
+
+namespace slamgw::ble {
+
+// Nordic's serial framing: `len opcode params`, where len counts opcode and params (1..255). There
+// is no checksum and no delimiter, so this only finds the borders and notices when they are lost;
+// Resync finds them again.
+
+inline constexpr std::size_t max_frame_params = 254;
+
+/// The frame as it goes over the wire; `params` is at most `max_frame_params` octets.
+Bytes encode_frame(std::uint8_t opcode, ByteView params);
+
+class FrameDecoder {
+ public:
+  /// 255 octets take 22 ms at 115200 baud; a frame that takes longer than this is torn.
+  static constexpr Duration max_partial_age = std::chrono::milliseconds{250};
+
+  /// The frames that `bytes` completes, without their length octet (opcode first, never empty).
+  std::vector<Bytes> on_bytes(ByteView bytes, TimePoint now);
+  /// A zero length or a torn frame was seen: everything is ignored until `reset()`.
+  bool has_lost_step() const { return has_lost_step_; }
+  void reset();
+
+  std::optional<TimePoint> deadline() const;
+  void on_deadline(TimePoint now);
+
+ private:
+  Bytes partial_;  ///< length octet first; at most 256 octets
+  TimePoint partial_since_{};
+  bool has_lost_step_ = false;
+};
+
+enum class CommandOpcode : std::uint8_t {
+  echo = 0x02,
+  serial_version_get = 0x09,
+  radio_reset = 0x0e,  ///< no response: the board restarts and says so (0x81)
+  housekeeping_get = 0x14,
+  uuid_get = 0x54,
+  scan_start = 0x61,
+  scan_stop = 0x62,
+  provision = 0x63,
+  oob_use = 0x66,
+  auth_data = 0x67,
+  ecdh_secret = 0x68,
+  keypair_set = 0x69,
+  capabilities_set = 0x6a,
+  enable = 0x90,
+  subnet_add = 0x92,
+  subnet_get_all = 0x95,
+  appkey_add = 0x97,
+  appkey_get_all = 0x9a,
+  appkey_count_max_get = 0x9b,
+  devkey_add = 0x9c,
+  devkey_delete = 0x9d,
+  devkey_count_max_get = 0x9e,
+  local_unicast_set = 0x9f,
+  local_unicast_get = 0xa0,
+  subscription_add = 0xa1,
+  publication_add = 0xa4,
+  publication_remove = 0xa6,
+  address_get = 0xa7,
+  address_get_all = 0xa8,
+  packet_send = 0xab,
+  state_clear = 0xac,  ///< also resets the sequence numbers: on an operator's word only
+};
+
+/// The two coordinates of a point on P-256, X before Y, each most significant octet first.
+using PublicKey = std::array<std::uint8_t, 64>;
+using SharedSecret = std::array<std::uint8_t, 32>;
+struct KeyPair {
+  std::array<std::uint8_t, 32> private_key{};
+  PublicKey public_key{};
+};
+
+/// One access message to send (0xab).
+struct PacketSend {
+  std::uint16_t appkey_handle = 0;
+  std::uint16_t source = 0;              ///< a local unicast address
+  std::uint16_t destination_handle = 0;  ///< from 0xa4
+  std::uint8_t ttl = 0;
+  ByteView payload;  ///< access message, opcode first; at most `send_limit`
+};
+
+/// What the firmware answers to 0x09. Of what the daemon sends, Packet Send and Provision differ
+/// between the versions: a Packet Send that is too long puts its last octets before each message
+/// on air.
+enum class SerialVersion : std::uint16_t {
+  sdk_1_0 = 5,   ///< nRF5 SDK for Mesh 1.0.x
+  sdk_2_0 = 6,   ///< 2.0.x, 2.1.x
+  sdk_2_2 = 8,   ///< 2.2.0
+  sdk_3_0 = 9,   ///< 3.0.0
+  sdk_3_1 = 10,  ///< 3.1.0 to 5.0.0
+};
+/// The releases of that version in words, such as "2.2"; empty for numbers that none has.
+std::string_view sdk_releases(SerialVersion version);
+/// Longest access message that every firmware of this version sends: 244 octets, old ones less.
+std::size_t send_limit(SerialVersion version);
+
+/// A command with these parameters one after the other: numbers with their type's size, and octets.
+template <class... Params>
+Bytes encode_command(CommandOpcode opcode, const Params&... params) {
+  ByteWriter octets;
+  [[maybe_unused]] const auto write = [&octets](const auto& param) {
+    using Param = std::decay_t<decltype(param)>;
+    if constexpr (std::is_same_v<Param, std::uint8_t>) {
+      octets.write_u8(param);
+    } else if constexpr (std::is_same_v<Param, std::uint16_t>) {
+      octets.write_u16_le(param);
+    } else {
+      octets.write(ByteView(param));
+    }
+  };
+  (write(params), ...);
+  return encode_frame(static_cast<std::uint8_t>(opcode), octets.bytes());
+}
+
+Bytes encode_packet_send(const PacketSend& packet, SerialVersion version);
+
+/// 0x63. Key index 0, no IV update and no key refresh in progress, no attention signal.
+struct ProvisionCommand {
+  std::uint8_t context = 0;  ///< one of the board's two provisioning links
+  Uuid uuid{};
+  Key net_key{};
+  std::uint32_t iv_index = 0;
+  std::uint16_t address = 0;  ///< of the device's first element
+  SerialVersion version = SerialVersion::sdk_3_1;
+};
+
+enum class OobMethod : std::uint8_t { none = 0, static_data = 1 };
+
+Bytes encode_provision(const ProvisionCommand& command);
+/// What the board itself can do: one element, no OOB.
+Bytes encode_capabilities_set();
+Bytes encode_oob_use(std::uint8_t context, OobMethod method);
+
+// What Nordic's serial board reports to its host: one event per frame. Opcodes that the daemon does
+// not use come out as OtherEvent, never as errors; firmware newer than this file must not look
+// broken. Octets that the daemon has no use for are left out. Called by BoardLink with what
+// FrameDecoder found.
+
+/// 0x81, the first event after every reset of the board.
+struct DeviceStarted {
+  std::uint8_t hardware_error = 0;
+};
+
+/// 0x82
+struct EchoResponse {};
+
+/// The status octet of 0x84; codes outside this list stay as they came.
+enum class Status : std::uint8_t {
+  success = 0x00,
+  unknown_error = 0x80,
+  internal = 0x81,  ///< Subnet and Appkey Add: the index already holds this very key
+  command_unknown = 0x82,
+  invalid_state = 0x83,  ///< Packet Send: a segmented message to there is still in progress
+  invalid_length = 0x84,
+  invalid_parameter = 0x85,
+  busy = 0x86,
+  invalid_data = 0x87,
+  rejected = 0x8e,  ///< table full, unknown handle, or the index holds another key
+  timeout = 0x93,
+  invalid_key_data = 0x98,
+};
+std::string_view to_string(Status status);
+
+/// 0x84. `data` is empty unless `status` is success.
+struct CommandResponse {
+  std::uint8_t opcode = 0;
+  Status status = Status::success;
+  Bytes data;
+};
+
+/// 0xd2
+struct TxComplete {};
+
+/// Any other opcode; its parameters are not kept.
+struct OtherEvent {
+  std::uint8_t opcode = 0;
+};
+
+// What the board reports while it scans for new devices and provisions one. A context is one of its
+// two provisioning links.
+
+/// 0xc1
+struct ProvisioningLinkOpened {
+  std::uint8_t context = 0;
+};
+/// 0xc2; the context is free again.
+struct ProvisioningLinkClosed {
+  std::uint8_t context = 0;
+  /// 0 success, 1 time-out, 2 failed (Mesh Profile 1.0 section 5.3.1.4.3)
+  std::uint8_t reason = 0;
+};
+/// 0xc3
+struct CapabilitiesReceived {
+  std::uint8_t context = 0;
+  std::uint8_t elements = 0;
+  std::uint8_t static_oob_types = 0;  ///< bit 0: the device has static OOB data
+};
+/// 0xc5. Carries a device key: never printed.
+struct ProvisioningComplete {
+  std::uint8_t context = 0;
+  Key device_key{};
+};
+/// 0xc6
+struct AuthenticationRequested {
+  std::uint8_t context = 0;
+  std::uint8_t method = 0;  ///< 1: static OOB
+};
+/// 0xc7: the board leaves the Diffie-Hellman exchange to its host.
+struct EcdhRequested {
+  std::uint8_t context = 0;
+  PublicKey peer{};
+};
+/// 0xc9
+struct ProvisioningFailed {
+  std::uint8_t context = 0;
+  std::uint8_t error = 0;  ///< Mesh Profile 1.0 section 5.4.1.10
+};
+
+using ProvisioningEvent =
+    std::variant<UnprovisionedBeacon, ProvisioningLinkOpened, ProvisioningLinkClosed,
+                 CapabilitiesReceived, ProvisioningComplete, AuthenticationRequested, EcdhRequested,
+                 ProvisioningFailed>;
+
+/// The words of the mesh among them: beacon 0xc0, MessageReceived 0xd0 and 0xd1 (at most 235 octets
+/// of payload), IvUpdate 0xd3, Heartbeat 0xd8 (firmware 4.0 and newer).
+using Event = std::variant<DeviceStarted, EchoResponse, CommandResponse, MessageReceived,
+                           TxComplete, IvUpdate, Heartbeat, ProvisioningEvent, OtherEvent>;
+
+/// `frame` is opcode and parameters, as FrameDecoder leaves them.
+Result<Event, DecodeError> decode_event(ByteView frame);
+
+}  // namespace slamgw::ble
