@@ -129,15 +129,15 @@ void BleMesh::judge_hearing(TimePoint now) {
       emit(Notice{Severity::notice, "most robots hear the gateway again", {}});
     return;
   }
-  emit(Notice{
-      Severity::warning,
-      fmt::format("{} of {} robots do not hear the gateway: they repeat what it has "
-                  "acknowledged; {}",
-                  hearing.deaf, hearing.asking,
-                  try_new_life(now) ? "the serial board is restarted, to send from another address"
-                                    : "switch them off and on, or wait until the board's sequence "
-                                      "numbers have passed those that they remember"),
-      {}});
+  emit(Notice{Severity::warning,
+              fmt::format("{} of {} robots do not hear the gateway: they repeat what it has "
+                          "acknowledged; {}",
+                          hearing.deaf, hearing.asking,
+                          try_new_life(now)
+                              ? "the serial board is restarted, to send from another address"
+                              : "switch them off and on, or wait until the gateway's sequence "
+                                "numbers have passed those that they remember"),
+              {}});
 }
 
 /// Once for each life of the radio: a life that was begun here is not followed by another one.

@@ -370,7 +370,8 @@ class ProvisioningReplay {
   ProvisioningReplay(const std::string& name, const std::string& release,
                      std::optional<Key> static_oob)
       : transcript_(test::read_transcript("provisioning.txt", name, release)),
-        session(request(release, static_oob), now_) {}
+        session(device(static_oob), key_pair(), 0,
+                release == "2.2.0" ? SerialVersion::sdk_2_2 : SerialVersion::sdk_3_1, now_) {}
 
   void run() {
     while (const auto command = session.command()) {
@@ -382,15 +383,18 @@ class ProvisioningReplay {
   }
 
  private:
-  ProvisioningSession::Request request(const std::string& release, std::optional<Key> static_oob) {
+  static KeyPair key_pair() {
     std::array<std::uint8_t, 32> private_key{};
     std::iota(private_key.begin(), private_key.end(), std::uint8_t{1});
-    ProvisionCommand command;
-    std::ranges::copy(std::string_view("slamrobot-000001"), command.uuid.begin());
-    std::iota(command.net_key.begin(), command.net_key.end(), std::uint8_t{0x10});
-    command.address = 0x0100;
-    command.version = release == "2.2.0" ? SerialVersion::sdk_2_2 : SerialVersion::sdk_3_1;
-    return {command, *key_pair_of(private_key), static_oob};
+    return *key_pair_of(private_key);
+  }
+  static ProvisionDevice device(const std::optional<Key>& static_oob) {
+    ProvisionDevice device;
+    std::ranges::copy(std::string_view("slamrobot-000001"), device.uuid.begin());
+    std::iota(device.net_key.begin(), device.net_key.end(), std::uint8_t{0x10});
+    device.address = 0x0100;
+    device.static_oob = static_oob;
+    return device;
   }
   const Exchange* find(const Bytes& command) {
     for (; next_ < transcript_.exchanges.size(); ++next_) {

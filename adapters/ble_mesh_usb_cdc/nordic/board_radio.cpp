@@ -225,12 +225,7 @@ bool BoardRadio::begin_session(TimePoint now) {
     return false;
   }
   context_ = context_ == 0 ? 1 : 0;
-  session_.emplace(
-      ProvisioningSession::Request{{context_, device_->uuid, device_->net_key, device_->iv_index,
-                                    device_->address, link_.board().version},
-                                   *pair,
-                                   device_->static_oob},
-      now);
+  session_.emplace(*device_, *pair, context_, link_.board().version, now);
   return true;
 }
 

@@ -117,12 +117,16 @@ std::string_view error_text(std::uint8_t error) {
 
 }  // namespace
 
-ProvisioningSession::ProvisioningSession(const Request& request, TimePoint now)
-    : request_(request), due_(now + wait_limit) {
-  commands_.push_back(encode_command(CommandOpcode::keypair_set, request_.key_pair.private_key,
-                                     request_.key_pair.public_key));
+ProvisioningSession::ProvisioningSession(const ProvisionDevice& device, const KeyPair& key_pair,
+                                         std::uint8_t context, SerialVersion version, TimePoint now)
+    : key_pair_(key_pair),
+      context_(context),
+      static_oob_(device.static_oob),
+      due_(now + wait_limit) {
+  commands_.push_back(
+      encode_command(CommandOpcode::keypair_set, key_pair.private_key, key_pair.public_key));
   commands_.push_back(encode_capabilities_set());
-  commands_.push_back(encode_provision(request_.command));
+  commands_.push_back(encode_provision(context, device, version));
 }
 
 std::optional<Bytes> ProvisioningSession::command() const {
@@ -160,7 +164,7 @@ void ProvisioningSession::on_event(const ProvisioningEvent& event, TimePoint now
   std::visit(
       [&](const auto& what) {
         if constexpr (requires { what.context; })
-          if (what.context == request_.command.context) on(what, now);
+          if (what.context == context_) on(what, now);
       },
       event);
 }
@@ -179,8 +183,8 @@ void ProvisioningSession::on(const CapabilitiesReceived& event, TimePoint now) {
 
 void ProvisioningSession::on_addresses(TimePoint now) {
   if (!wants_addresses()) return;
-  commands_.push_back(encode_oob_use(request_.command.context,
-                                     uses_static_oob() ? OobMethod::static_data : OobMethod::none));
+  commands_.push_back(
+      encode_oob_use(context_, uses_static_oob() ? OobMethod::static_data : OobMethod::none));
   enter(Stage::exchanging, now);
 }
 
@@ -190,18 +194,16 @@ void ProvisioningSession::on(const AuthenticationRequested& event, TimePoint now
   if (event.method != static_method || !uses_static_oob())
     return fail(fmt::format("the serial board asks for OOB method {}", event.method));
   if (commands_.size() >= max_commands) return;
-  commands_.push_back(
-      encode_command(CommandOpcode::auth_data, request_.command.context, *request_.static_oob));
+  commands_.push_back(encode_command(CommandOpcode::auth_data, context_, *static_oob_));
   enter(stage_, now);
 }
 
 void ProvisioningSession::on(const EcdhRequested& event, TimePoint now) {
   if (stage_ != Stage::exchanging) return;
-  const auto secret = shared_secret(request_.key_pair, event.peer);
+  const auto secret = shared_secret(key_pair_, event.peer);
   if (!secret) return fail("the device's public key is no point of the curve");
   if (commands_.size() >= max_commands) return;
-  commands_.push_back(
-      encode_command(CommandOpcode::ecdh_secret, request_.command.context, *secret));
+  commands_.push_back(encode_command(CommandOpcode::ecdh_secret, context_, *secret));
   enter(Stage::completing, now);
 }
 
@@ -228,7 +230,7 @@ void ProvisioningSession::on(const ProvisioningLinkClosed& event, TimePoint now)
 
 void ProvisioningSession::on(const ProvisioningFailed& event, TimePoint) {
   if (stage_ == Stage::closing) return;
-  const bool may_need_oob = (static_oob_types_ & 1) != 0 && !request_.static_oob;
+  const bool may_need_oob = (static_oob_types_ & 1) != 0 && !static_oob_;
   fail(fmt::format("{} (0x{:02x}){}", error_text(event.error), event.error,
                    may_need_oob ? "; the device has static OOB data, and "
                                   "ble_mesh.provisioning.static_oob is not set"

@@ -38,13 +38,9 @@ class ProvisioningSession {
   /// For the end of the link once all is done.
   static constexpr Duration close_limit = std::chrono::seconds{3};
 
-  struct Request {
-    ProvisionCommand command;
-    KeyPair key_pair;
-    std::optional<Key> static_oob;
-  };
-
-  ProvisioningSession(const Request& request, TimePoint now);
+  /// `context`: the board's provisioning link that it uses. `version`: of the board.
+  ProvisioningSession(const ProvisionDevice& device, const KeyPair& key_pair, std::uint8_t context,
+                      SerialVersion version, TimePoint now);
 
   /// The command that the board should get now, until on_command_ended.
   std::optional<Bytes> command() const;
@@ -89,9 +85,11 @@ class ProvisioningSession {
   void on(const ProvisioningComplete& event, TimePoint now);
   void on(const ProvisioningFailed& event, TimePoint now);
   void enter(Stage stage, TimePoint now);
-  bool uses_static_oob() const { return request_.static_oob && (static_oob_types_ & 1) != 0; }
+  bool uses_static_oob() const { return static_oob_ && (static_oob_types_ & 1) != 0; }
 
-  Request request_;
+  KeyPair key_pair_;
+  std::uint8_t context_;
+  std::optional<Key> static_oob_;
   State state_ = State::running;
   Stage stage_ = Stage::opening;
   TimePoint due_;

@@ -74,17 +74,17 @@ Bytes encode_packet_send(const PacketSend& packet, SerialVersion version) {
   return encode_command(CommandOpcode::packet_send, params.write(packet.payload).bytes());
 }
 
-Bytes encode_provision(const ProvisionCommand& command) {
+Bytes encode_provision(std::uint8_t context, const ProvisionDevice& device, SerialVersion version) {
   ByteWriter params;
-  params.write_u8(command.context)
-      .write(command.uuid)
-      .write(command.net_key)
+  params.write_u8(context)
+      .write(device.uuid)
+      .write(device.net_key)
       .write_u16_le(0)  // network key index
-      .write_u32_le(command.iv_index)
-      .write_u16_le(command.address)
-      .write_u8(0)                                                    // no IV update in progress
-      .write_u8(0);                                                   // no key refresh in progress
-  if (command.version >= SerialVersion::sdk_3_0) params.write_u8(0);  // no attention signal
+      .write_u32_le(device.iv_index)
+      .write_u16_le(device.address)
+      .write_u8(0)                                            // no IV update in progress
+      .write_u8(0);                                           // no key refresh in progress
+  if (version >= SerialVersion::sdk_3_0) params.write_u8(0);  // no attention signal
   return encode_command(CommandOpcode::provision, params.bytes());
 }
 

@@ -134,19 +134,11 @@ Bytes encode_command(CommandOpcode opcode, const Params&... params) {
 
 Bytes encode_packet_send(const PacketSend& packet, SerialVersion version);
 
-/// 0x63. Key index 0, no IV update and no key refresh in progress, no attention signal.
-struct ProvisionCommand {
-  std::uint8_t context = 0;  ///< one of the board's two provisioning links
-  Uuid uuid{};
-  Key net_key{};
-  std::uint32_t iv_index = 0;
-  std::uint16_t address = 0;  ///< of the device's first element
-  SerialVersion version = SerialVersion::sdk_3_1;
-};
-
 enum class OobMethod : std::uint8_t { none = 0, static_data = 1 };
 
-Bytes encode_provision(const ProvisionCommand& command);
+/// Key index 0, no IV update and no key refresh in progress, no attention signal. `context`: one of
+/// the board's two provisioning links.
+Bytes encode_provision(std::uint8_t context, const ProvisionDevice& device, SerialVersion version);
 /// What the board itself can do: one element, no OOB.
 Bytes encode_capabilities_set();
 Bytes encode_oob_use(std::uint8_t context, OobMethod method);

@@ -77,7 +77,8 @@ TEST(ProvisioningCommands, AreWhatNordicsHostScriptWrites) {
   EXPECT_EQ(encode_command(CommandOpcode::state_clear), hex("01 ac"));
   EXPECT_EQ(encode_command(CommandOpcode::radio_reset), hex("01 0e"));
   EXPECT_EQ(encode_capabilities_set(), hex("0a 6a 01 00 00 00 00 00 00 00 00"));
-  EXPECT_EQ(encode_provision({0, key_beginning_with(0), key_beginning_with(0xa0), 0, 0x0100}),
+  EXPECT_EQ(encode_provision(0, {key_beginning_with(0), key_beginning_with(0xa0), 0, 0x0100, {}},
+                             SerialVersion::sdk_3_1),
             hex("2d 63 00 00 01 02 03 04 05 06 07 08 09 0a 0b 0c 0d 0e 0f a0 a1 a2 a3 a4 a5 a6 a7 "
                 "a8 a9 aa ab ac ad ae af 00 00 00 00 00 00 00 01 00 00 00"));
   EXPECT_EQ(encode_oob_use(0, OobMethod::none), hex("05 66 00 00 00 00"));
@@ -98,7 +99,8 @@ TEST(ProvisioningCommands, HaveTheLengthsOfTheirTables) {
   EXPECT_EQ(encode_command(CommandOpcode::auth_data, std::uint8_t{1}, key_beginning_with(0)),
             hex("12 67 01 00 01 02 03 04 05 06 07 08 09 0a 0b 0c 0d 0e 0f"));
   EXPECT_EQ(encode_oob_use(1, OobMethod::static_data), hex("05 66 01 01 00 10"));
-  EXPECT_EQ(encode_provision({1, {}, {}, 0x01020304, 0x7fff}).size(), 46u);
+  EXPECT_EQ(encode_provision(1, {{}, {}, 0x01020304, 0x7fff, {}}, SerialVersion::sdk_3_1).size(),
+            46u);
 }
 
 template <class T>
