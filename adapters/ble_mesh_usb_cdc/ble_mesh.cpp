@@ -281,8 +281,8 @@ std::size_t BleMesh::queued_for(std::string_view id) const {
   return robot ? robot->commands.size() : 0;
 }
 
-std::vector<OpenCommand> BleMesh::open_commands() const {
-  std::vector<OpenCommand> open;
+OpenCommands BleMesh::open_commands() const {
+  OpenCommands open;
   for (const auto& [address, robot] : robots_) robot.commands.list(robot.id, open);
   return open;
 }

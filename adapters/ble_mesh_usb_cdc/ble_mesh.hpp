@@ -66,7 +66,7 @@ class BleMesh {
   /// The database when the disk may not have it yet: to be written before the daemon ends.
   const NodeDatabase* unsaved() const;
   /// Commands that have no outcome yet.
-  std::vector<OpenCommand> open_commands() const;
+  OpenCommands open_commands() const;
   /// How many of them are for this robot.
   std::size_t queued_for(std::string_view robot) const;
 

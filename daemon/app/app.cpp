@@ -100,7 +100,8 @@ App::App(Config config, std::string config_file)
              [this](StoreEvent event) {
                outbox_driver_->on_store_event(std::move(event), read_clocks());
              }),
-      session_store_(io_, config_.store.directory, [this](Notice notice) { perform(notice); }),
+      session_store_(io_, config_.store.directory, DiskSessionStore::mqttsn_sessions(),
+                     [this](Notice notice) { perform(notice); }),
       upstream_(io_, config_.broker, {scheme_.state_topic(), R"({"state":"offline"})"}, *this),
       meshes_(io_, config_, scheme_, session_store_, descriptors_, *this),
       fleet_(io_, config_, scheme_, gateway_, gateway_driver_, meshes_, upstream_,

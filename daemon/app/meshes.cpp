@@ -41,8 +41,10 @@ void Meshes::make_ble(boost::asio::io_context& io, const Config& config, MeshLis
   const RobotNames names(config.robots, Bans(config.bans));
   switch (config.ble_mesh.protocol) {
     case ble::Protocol::nordic_serial: {
-      auto adapter = std::make_unique<ble::BleMeshAdapter>(io, config.ble_mesh, scheme_, names,
-                                                           config.store.directory, listener);
+      ble_sessions_.emplace(io, config.store.directory, DiskSessionStore::ble_commands(),
+                            [&listener](Notice notice) { listener.on_mesh_event(notice); });
+      auto adapter = std::make_unique<ble::BleMeshAdapter>(
+          io, config.ble_mesh, scheme_, names, config.store.directory, *ble_sessions_, listener);
       ble_ = adapter.get();
       adapters_[Mesh::ble] = std::move(adapter);
       break;

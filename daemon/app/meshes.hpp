@@ -16,6 +16,7 @@
 #include "daemon/core/operator_order.hpp"
 #include "daemon/core/session_store.hpp"
 #include "daemon/runtime/descriptor_store.hpp"
+#include "daemon/storage/disk_session_store.hpp"
 
 namespace slamgw {
 
@@ -70,6 +71,7 @@ class Meshes {
   void make_ble(boost::asio::io_context& io, const Config& config, MeshListener& listener);
 
   const TopicScheme scheme_;
+  std::optional<DiskSessionStore> ble_sessions_;
   PerMesh<std::unique_ptr<MeshAdapter>> adapters_;
   ble::BleMeshAdapter* ble_ = nullptr;       // of `adapters_`, with protocol nordic-serial
   ble::CobsAdapter* cobs_ = nullptr;         // of `adapters_`, with protocol cobs

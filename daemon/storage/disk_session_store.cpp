@@ -27,8 +27,10 @@ Bytes encode(const std::string& id, ByteView content) {
 }  // namespace
 
 DiskSessionStore::DiskSessionStore(boost::asio::io_context& io, const std::string& directory,
-                                   std::function<void(Notice)> on_notice, StorePatience patience)
-    : directory_(directory + "/sessions"),
+                                   Content content, std::function<void(Notice)> on_notice,
+                                   StorePatience patience)
+    : directory_(directory + "/" + content.folder),
+      content_(std::move(content)),
       patience_(patience),
       on_notice_(std::move(on_notice)),
       retry_timer_(io),
@@ -114,9 +116,8 @@ bool DiskSessionStore::open(bool skips_unreadable) {
     log_.emplace(directory_, segment_bytes, id_of);
     const RecordLog::Summary summary = log_->replay(skips_unreadable);
     if (summary.lost_at_most > 0)
-      notice(Severity::error, fmt::format("{} sessions in {} are damaged: those MQTT-SN clients "
-                                          "have to connect again",
-                                          summary.lost_at_most, summary.where));
+      notice(Severity::error, fmt::format("{} {} in {} are damaged: {}", summary.lost_at_most,
+                                          content_.name, summary.where, content_.loss));
     return true;
   } catch (const LogError& error) {
     log_.reset();
@@ -128,10 +129,8 @@ bool DiskSessionStore::open(bool skips_unreadable) {
 
 void DiskSessionStore::report_failure() {
   if (std::exchange(why_reported_, why_closed_) == why_closed_) return;
-  notice(Severity::warning,
-         fmt::format("sessions of MQTT-SN clients are not kept: {}. After a restart they have to "
-                     "connect again",
-                     why_closed_));
+  notice(Severity::warning, fmt::format("{} are not kept: {}. After a restart {}", content_.name,
+                                        why_closed_, content_.loss));
 }
 
 void DiskSessionStore::notice(Severity severity, std::string text) {
@@ -159,7 +158,7 @@ bool DiskSessionStore::write(const Changes& changes) {
     return false;
   }
   if (!std::exchange(why_reported_, {}).empty())
-    notice(Severity::notice, "sessions of MQTT-SN clients are kept again");
+    notice(Severity::notice, content_.name + " are kept again");
   sync_later();
   return true;
 }

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Sessions of MQTT-SN clients in a log of `store.directory`, written on the disk's thread. Without
-// a usable log the daemon goes on, and this tries again.
+// The sessions of one mesh's robots in a log of `store.directory`, written on the disk's thread.
+// Without a usable log the daemon goes on, and this tries again.
 //
-//   sessions/    length of the id (2, little-endian), id, content: CBOR (adapters/mqttsn_udp)
+//   sessions/        of MQTT-SN clients: length of the id (2, little-endian), id, content: CBOR
+//   ble-commands/    of BLE robots, the same; content: encode_open_commands()
 //
 // What is written survives the end of the process at once, and a power cut from the next
 // synchronisation on.
@@ -28,8 +29,21 @@ class DiskSessionStore final : public SessionStore {
   /// What a power cut may take back at most.
   static constexpr std::chrono::seconds sync_interval{5};
 
+  /// What is kept, for operators.
+  struct Content {
+    std::string folder;  ///< in `store.directory`
+    std::string name;
+    std::string loss;  ///< the effect of losing it
+  };
+  static Content mqttsn_sessions() {
+    return {"sessions", "sessions of MQTT-SN clients", "those clients have to connect again"};
+  }
+  static Content ble_commands() {
+    return {"ble-commands", "commands under way over BLE", "they have no outcome"};
+  }
+
   /// `on_notice` is called on the loop's thread, not after stop().
-  DiskSessionStore(boost::asio::io_context& io, const std::string& directory,
+  DiskSessionStore(boost::asio::io_context& io, const std::string& directory, Content content,
                    std::function<void(Notice)> on_notice, StorePatience patience = {});
   ~DiskSessionStore() override;
 
@@ -57,6 +71,7 @@ class DiskSessionStore final : public SessionStore {
   void notice(Severity severity, std::string text);
 
   const std::string directory_;
+  const Content content_;
   const StorePatience patience_;
   const std::function<void(Notice)> on_notice_;  // the loop's thread only
 

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 #include <signal.h>
 
+#include <filesystem>
 #include <map>
 #include <tuple>
 
@@ -108,7 +109,9 @@ TEST_P(CommandsOverBle, HaveTheirOutcomeOverAKill) {
     mosquitto_publish(broker,
                       {"-q", "1", "-t", std::string("ntnu-slam/server/r1/") + type, "-m", "go"});
   const auto is_kept = [&] {
-    const std::string kept = read_file(gateway / "store/ble-commands.json");
+    std::string kept;
+    for (const auto& file : std::filesystem::directory_iterator(gateway / "store/ble-commands"))
+      kept += read_file(file.path());
     return kept.find("first") != std::string::npos && kept.find("second") != std::string::npos;
   };
   ASSERT_TRUE(eventually(is_kept)) << gateway.log();

@@ -19,8 +19,8 @@ namespace {
 struct Process {
   explicit Process(const std::string& directory)
       : store(
-            io, directory, [this](const Notice& notice) { notices += notice.text + "\n"; },
-            short_patience),
+            io, directory, DiskSessionStore::mqttsn_sessions(),
+            [this](const Notice& notice) { notices += notice.text + "\n"; }, short_patience),
         loaded(store.load()) {}
 
   void save(const std::string& id, std::optional<Bytes> content) {
@@ -141,7 +141,8 @@ TEST(DiskSessionStore, SavesWhatIsLeftOfADamagedFile) {
   for (const auto& session : process.loaded)
     EXPECT_EQ(session.content,
               Bytes(100, static_cast<std::uint8_t>(std::stoi(session.id.substr(6)))));
-  EXPECT_TRUE(process.says(std::to_string(200 - process.loaded.size()) + " sessions in"));
+  EXPECT_TRUE(process.says(std::to_string(200 - process.loaded.size()) +
+                           " sessions of MQTT-SN clients in"));
 }
 
 TEST(DiskSessionStore, DropsASessionWhoseOctetsHaveChanged) {
@@ -157,7 +158,7 @@ TEST(DiskSessionStore, DropsASessionWhoseOctetsHaveChanged) {
   write_file(path, octets, 0600);
   Process process(directory.path());
   EXPECT_EQ(process.names(), "r2 ");
-  EXPECT_TRUE(process.says("1 sessions in"));
+  EXPECT_TRUE(process.says("1 sessions of MQTT-SN clients in"));
   process.store.stop();
   Process next(directory.path());
   next.save("r3", to_bytes("x"));

@@ -55,12 +55,12 @@ BleMeshAdapter::Made BleMeshAdapter::make(const Settings& settings, TopicScheme 
 
 BleMeshAdapter::BleMeshAdapter(asio::io_context& io, const Settings& settings, TopicScheme topics,
                                RobotNames names, const std::string& store_directory,
-                               MeshListener& listener, OpenPort open_port)
+                               SessionStore& sessions, MeshListener& listener, OpenPort open_port)
     : SerialShell(io, settings,
                   make(settings, std::move(topics), std::move(names), MeshFile(store_directory)),
                   listener, std::move(open_port)),
       file_(store_directory),
-      command_file_(store_directory) {}
+      sessions_(sessions) {}
 
 void BleMeshAdapter::start() {
   end_interrupted_commands();
@@ -73,8 +73,7 @@ void BleMeshAdapter::stop() {
   disk_.join();
   // What changed while the last write was under way, such as the key of a robot that just joined.
   if (const NodeDatabase* unsaved = machine().unsaved()) file_.replace(*unsaved);
-  if (are_commands_changed_)
-    command_file_.write(encode_open_commands(machine().open_commands(), read_clocks()));
+  keep_commands();
 }
 
 void BleMeshAdapter::manage(BleOrder order, OrderDone done) {
@@ -140,37 +139,26 @@ void BleMeshAdapter::store(NodeDatabase database) {
 
 void BleMeshAdapter::end_interrupted_commands() {
   const Now now = read_clocks();
-  const auto interrupted = command_file_.load(now);
-  if (!interrupted)
-    notify(Severity::warning,
-           command_file_.path() +
-               " is damaged: commands that were under way over BLE before the restart have no "
-               "outcome");
-  if (interrupted && interrupted->empty()) return;
-  for (const OpenCommand& command : interrupted.value_or(std::vector<OpenCommand>{}))
-    listener().on_mesh_event(outcome_after_restart(command, now));
-  kept_commands_ = "unknown";
+  for (const auto& [robot, content] : sessions_.load()) {
+    kept_commands_[robot] = decode_open_commands(robot, content, now);
+    for (const OpenCommand& command : kept_commands_[robot])
+      listener().on_mesh_event(outcome_after_restart(command, now.mono));
+  }
   keep_commands();
 }
 
-/// One write at a time; what changes meanwhile is in the next one.
 void BleMeshAdapter::keep_commands() {
-  are_commands_changed_ = true;
-  if (is_keeping_commands_) return;
-  are_commands_changed_ = false;
-  std::string text = encode_open_commands(machine().open_commands(), read_clocks());
-  if (text == kept_commands_) return;
-  kept_commands_ = text;
-  is_keeping_commands_ = true;
-  write_file([this, text = std::move(text)] { return command_file_.write(text); },
-             [this](const std::string& problem) {
-               is_keeping_commands_ = false;
-               const bool is_news = !problem.empty() && !is_command_problem_known_;
-               is_command_problem_known_ = !problem.empty();
-               if (is_news) notify(Severity::warning, problem);
-               if (!problem.empty()) kept_commands_ = "unknown";
-               if (are_commands_changed_) keep_commands();
-             });
+  std::map<std::string, OpenCommands> open;
+  for (const OpenCommand& command : machine().open_commands())
+    open[command.robot].push_back(command);
+  std::vector<SessionStore::Change> changes;
+  for (const auto& [robot, commands] : open)
+    if (kept_commands_[robot] != commands)
+      changes.push_back({robot, encode_open_commands(commands, read_clocks())});
+  for (const auto& [robot, commands] : kept_commands_)
+    if (!open.contains(robot)) changes.push_back({robot, std::nullopt});
+  kept_commands_ = std::move(open);
+  if (!changes.empty()) sessions_.save(std::move(changes));
 }
 
 void BleMeshAdapter::write_file(std::function<std::string()> write,

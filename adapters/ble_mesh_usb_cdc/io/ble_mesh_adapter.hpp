@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The I/O shell of the BLE mesh: the serial port with BoardMesh behind it, the files with its nodes
-// and its commands, and what operators order. Loop's thread only.
+// The I/O shell of the BLE mesh: the serial port with BoardMesh behind it, the file with its nodes,
+// the open commands of its robots, and what operators order. Loop's thread only.
 #pragma once
 
 #include <boost/asio/io_context.hpp>
@@ -11,20 +11,20 @@
 #include <optional>
 #include <string>
 
-#include "adapters/ble_mesh_usb_cdc/io/command_file.hpp"
 #include "adapters/ble_mesh_usb_cdc/io/mesh_file.hpp"
 #include "adapters/ble_mesh_usb_cdc/io/serial_shell.hpp"
 #include "adapters/ble_mesh_usb_cdc/nordic/board_mesh.hpp"
+#include "daemon/core/session_store.hpp"
 
 namespace slamgw::ble {
 
 class BleMeshAdapter final : public SerialShell<BoardMesh> {
  public:
-  /// `listener` outlives the adapter. Reads `mesh.json` and, at start, `ble-commands.json` in
-  /// `store_directory`. `open_port` as for SerialShell.
+  /// `sessions` and `listener` outlive the adapter. Reads `mesh.json` in `store_directory` and, at
+  /// start, the open commands of robots in `sessions`. `open_port` as for SerialShell.
   BleMeshAdapter(boost::asio::io_context& io, const Settings& settings, TopicScheme topics,
-                 RobotNames names, const std::string& store_directory, MeshListener& listener,
-                 OpenPort open_port = {});
+                 RobotNames names, const std::string& store_directory, SessionStore& sessions,
+                 MeshListener& listener, OpenPort open_port = {});
 
   void start() override;
   void stop() override;
@@ -49,17 +49,14 @@ class BleMeshAdapter final : public SerialShell<BoardMesh> {
   void write_file(std::function<std::string()> write,
                   std::function<void(const std::string& problem)> done);
   void end_order(OrderEnded& ended);
-  /// Tells the outcome of commands that an earlier daemon had under way.
+  /// Reports the outcome of commands that an earlier daemon had under way.
   void end_interrupted_commands();
   void keep_commands();
 
   OnHeard on_heard_ = [](const HeardRobot&) {};
   MeshFile file_;
-  CommandFile command_file_;
-  std::string kept_commands_;              ///< what the file was last given
-  bool is_keeping_commands_ = false;       ///< the file is being written
-  bool are_commands_changed_ = false;      ///< since then
-  bool is_command_problem_known_ = false;  ///< to the operator
+  SessionStore& sessions_;
+  std::map<std::string, OpenCommands> kept_commands_;  ///< by robot, as given to `sessions_`
   std::map<std::uint64_t, OrderDone> orders_;
   std::uint64_t last_order_ = 0;
   /// Expires with the adapter, so that a completion that comes later does not touch it.

@@ -2,7 +2,6 @@
 #include "adapters/ble_mesh_usb_cdc/robots/command_queue.hpp"
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 
 #include <algorithm>
 #include <array>
@@ -72,35 +71,28 @@ std::int64_t epoch_ms(WallTime time) {
 
 }  // namespace
 
-std::string encode_open_commands(const std::vector<OpenCommand>& commands, const Now& now) {
-  auto list = nlohmann::ordered_json::array();
+Bytes encode_open_commands(const OpenCommands& commands, const Now& now) {
+  ByteWriter out;
   for (const OpenCommand& command : commands) {
     const auto age = duration_cast<milliseconds>(now.mono - command.arrived);
-    list.push_back({{"robot", command.robot},
-                    {"type", command.type},
-                    {"arrived_ms", epoch_ms(now.wall) - age.count()},
-                    {"sent", command.is_sent}});
+    out.write_u64_le(static_cast<std::uint64_t>(epoch_ms(now.wall) - age.count()));
+    out.write_u8(command.is_sent ? 1 : 0);
+    out.write_u16_le(static_cast<std::uint16_t>(command.type.size())).write(command.type);
   }
-  return list.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) + "\n";
+  return out.take();
 }
 
-std::optional<std::vector<OpenCommand>> decode_open_commands(std::string_view text,
-                                                             const Now& now) {
-  const auto end = text.find('\n');
-  if (end == std::string_view::npos) return std::nullopt;
-  const auto list = nlohmann::json::parse(text.substr(0, end), nullptr, false);
-  if (!list.is_array()) return std::nullopt;
-  std::vector<OpenCommand> commands;
-  for (const auto& entry : list) {
-    const bool is_whole = entry.is_object() && entry.contains("robot") &&
-                          entry["robot"].is_string() && entry.contains("type") &&
-                          entry["type"].is_string() && entry.contains("arrived_ms") &&
-                          entry["arrived_ms"].is_number_integer() && entry.contains("sent") &&
-                          entry["sent"].is_boolean();
-    if (!is_whole) return std::nullopt;
-    const std::int64_t arrived_ms = entry["arrived_ms"];
-    const milliseconds age{std::max<std::int64_t>(0, epoch_ms(now.wall) - arrived_ms)};
-    commands.push_back({entry["robot"], entry["type"], now.mono - age, entry["sent"]});
+OpenCommands decode_open_commands(std::string_view robot, ByteView octets, const Now& now) {
+  OpenCommands commands;
+  ByteReader in(octets);
+  while (in.remaining() > 0) {
+    const auto arrived_ms = static_cast<std::int64_t>(in.read_u64_le());
+    const bool is_sent = in.read_u8() != 0;
+    const std::string type(as_text(in.read(in.read_u16_le())));
+    if (!in.ok()) break;
+    const std::int64_t now_ms = epoch_ms(now.wall);
+    const milliseconds age{now_ms - std::clamp<std::int64_t>(arrived_ms, 0, now_ms)};
+    commands.push_back({std::string(robot), type, now.mono - age, is_sent});
   }
   return commands;
 }
@@ -243,7 +235,7 @@ TimePoint CommandQueue::earliest_start() const {
   return may_be_confused ? late_answers_until_ : TimePoint::min();
 }
 
-void CommandQueue::list(const std::string& robot, std::vector<OpenCommand>& open) const {
+void CommandQueue::list(const std::string& robot, OpenCommands& open) const {
   if (outstanding_)
     open.push_back({robot, outstanding_->entry.command.type, outstanding_->entry.arrived, true});
   for (const Entry& entry : waiting_)

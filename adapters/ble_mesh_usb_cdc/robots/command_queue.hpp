@@ -76,9 +76,9 @@ Result<Command, Refusal> make_command(const Settings& settings, std::string_view
                                       ByteView payload, std::uint8_t tid,
                                       std::size_t max_send_bytes);
 
-/// The commands to robots that have no outcome yet, as `ble-commands.json` keeps them: one line of
-/// JSON. A daemon that was killed finds them there when it starts again, and reports their outcome.
-/// They are not sent again: the robot may have carried them out. Pure; CommandFile has the disk.
+/// A command to a robot that has no outcome yet, as the robot's session on disk keeps it. A daemon
+/// that was killed finds it there when it starts again, and reports its outcome. It is not sent
+/// again: the robot may have carried it out.
 struct OpenCommand {
   std::string robot;
   std::string type;
@@ -87,11 +87,13 @@ struct OpenCommand {
   bool operator==(const OpenCommand&) const = default;
 };
 
-/// Ends with a newline. Times are kept by the wall clock, which goes on over a restart of the host.
-std::string encode_open_commands(const std::vector<OpenCommand>& commands, const Now& now);
-/// Reads the first line of `text`; what follows is of an earlier, longer one. Nothing when it is
-/// damaged. A time ahead of `now` counts as `now`.
-std::optional<std::vector<OpenCommand>> decode_open_commands(std::string_view text, const Now& now);
+using OpenCommands = std::vector<OpenCommand>;
+
+/// The open commands of one robot. Times are kept by the wall clock, which goes on over a restart
+/// of the host.
+Bytes encode_open_commands(const OpenCommands& commands, const Now& now);
+/// Ends where `octets` are damaged. A time ahead of `now` counts as `now`.
+OpenCommands decode_open_commands(std::string_view robot, ByteView octets, const Now& now);
 /// The outcome of a command that an earlier daemon had under way.
 CommandOutcome outcome_after_restart(const OpenCommand& command, TimePoint now);
 
@@ -140,7 +142,7 @@ class CommandQueue {
   /// `may_send`: next_transmission() is called when it is due.
   std::optional<TimePoint> deadline(bool may_send = true) const;
   /// Appends those that have not ended.
-  void list(const std::string& robot, std::vector<OpenCommand>& open) const;
+  void list(const std::string& robot, OpenCommands& open) const;
   std::size_t size() const { return waiting_.size() + (outstanding_ ? 1 : 0); }
 
  private:

@@ -21,6 +21,7 @@
 #include "tests/ble_mesh_usb_cdc/fake_board.hpp"
 #include "tests/ble_mesh_usb_cdc/hex.hpp"
 #include "tests/ble_mesh_usb_cdc/io/slow_port.hpp"
+#include "tests/support/memory_session_store.hpp"
 
 namespace slamgw::ble {
 namespace {
@@ -95,7 +96,7 @@ class BleMeshAdapterTest : public ::testing::Test {
 
   void make_adapter() {
     adapter = std::make_unique<BleMeshAdapter>(io, settings, TopicScheme("ntnu-slam", "gw"), names,
-                                               directory.string(), listener);
+                                               directory.string(), sessions, listener);
   }
   void plug() { plugged.emplace(io, directory / "tty", board); }
   /// Runs the loop until `condition` holds; false after a limit that only a failure reaches.
@@ -113,6 +114,7 @@ class BleMeshAdapterTest : public ::testing::Test {
   }
 
   asio::io_context io;
+  test::MemorySessionStore sessions;
   fs::path directory;
   Settings settings;
   RobotNames names;
@@ -254,7 +256,7 @@ TEST_F(BleMeshAdapterTest, SaysWhenKeysCannotBeStoredAndLeavesTheBoardAlone) {
   settings.device = directory / "tty";
   adapter =
       std::make_unique<BleMeshAdapter>(io, settings, TopicScheme("ntnu-slam", "gw"), RobotNames(),
-                                       (directory / "missing").string(), listener);
+                                       (directory / "missing").string(), sessions, listener);
   plug();
   adapter->start();
   ASSERT_TRUE(eventually([&] { return listener.has_notice("can't be stored"); }));
@@ -285,9 +287,9 @@ TEST_F(BleMeshAdapterTest, StaysOffWhenNobodySaysWhosePositionsTheyAre) {
 
 TEST_F(BleMeshAdapterTest, StopDoesNotWaitForABoardThatTakesNoData) {
   const auto gates = std::make_shared<Gates>();
-  adapter =
-      std::make_unique<BleMeshAdapter>(io, settings, TopicScheme("ntnu-slam", "gw"), RobotNames(),
-                                       directory.string(), listener, open_slowly(settings, gates));
+  adapter = std::make_unique<BleMeshAdapter>(io, settings, TopicScheme("ntnu-slam", "gw"),
+                                             RobotNames(), directory.string(), sessions, listener,
+                                             open_slowly(settings, gates));
   plug();
   adapter->start();
   ASSERT_TRUE(eventually([&] { return listener.is_up(); }));
@@ -301,9 +303,8 @@ TEST_F(BleMeshAdapterTest, StopDoesNotWaitForABoardThatTakesNoData) {
 
 TEST_F(BleMeshAdapterTest, TellsTheOutcomeOfCommandsThatACrashInterrupted) {
   const Now now = read_clocks();
-  ASSERT_EQ(CommandFile(directory).write(encode_open_commands(
-                {{"nr1", "cmd", now.mono - 2s, true}, {"nr2", "x", now.mono - 1s, false}}, now)),
-            "");
+  sessions.sessions["nr1"] = encode_open_commands({{"nr1", "cmd", now.mono - 2s, true}}, now);
+  sessions.sessions["nr2"] = encode_open_commands({{"nr2", "x", now.mono - 1s, false}}, now);
   adapter->start();
   const auto outcomes = listener.all<CommandOutcome>();
   ASSERT_EQ(outcomes.size(), 2u);
@@ -313,7 +314,7 @@ TEST_F(BleMeshAdapterTest, TellsTheOutcomeOfCommandsThatACrashInterrupted) {
   EXPECT_GE(outcomes[0].after, 2s - 2ms);
   EXPECT_EQ(outcomes[1].result, CommandResult::refused);
   EXPECT_NE(outcomes[1].why.find("before it was sent"), std::string::npos);
-  ASSERT_TRUE(eventually([&] { return CommandFile(directory).load(now)->empty(); }));
+  EXPECT_TRUE(sessions.sessions.empty());
   adapter->stop();
   make_adapter();
   adapter->start();
@@ -327,7 +328,7 @@ TEST_F(BleMeshAdapterTest, KeepsWhatIsUnderWayOnDiskUntilItEnds) {
   adapter->start();
   ASSERT_TRUE(eventually([&] { return listener.is_up(); }));
   const auto kept = [&] {
-    return CommandFile(directory).load(read_clocks()).value_or(std::vector<OpenCommand>{});
+    return decode_open_commands("nr1", sessions.sessions["nr1"], read_clocks());
   };
   for (std::uint64_t id = 1; id <= 2; ++id)
     adapter->on_broker_message(
@@ -361,36 +362,16 @@ TEST_F(BleMeshAdapterTest, HandsBackWhatARobotThatIsGivenUpHasNotBeenSent) {
   EXPECT_TRUE(adapter->give_up("nobody").empty());
 }
 
-TEST_F(BleMeshAdapterTest, TheFileOfCommandsHoldsNoContentAndIsForNobodyElse) {
-  const mode_t mask = ::umask(0);
+TEST_F(BleMeshAdapterTest, KeepsNoContentOfCommands) {
   names = RobotNames({{"nr1", 0x0100, {}}});
   make_adapter();
   plug();
   adapter->start();
   ASSERT_TRUE(eventually([&] { return listener.is_up(); }));
-  const Bytes content(8, 'K');
   adapter->on_broker_message(
-      {"nr1", {"ntnu-slam/server/nr1/x", content, Qos::at_least_once, false}, CommandId{1}});
-  const std::string path = directory / "ble-commands.json";
-  std::string text;
-  EXPECT_TRUE(eventually([&] {
-    std::ifstream file(path);
-    text.assign(std::istreambuf_iterator<char>(file), {});
-    return text.find("nr1") != std::string::npos;
-  }));
-  ::umask(mask);
-  EXPECT_EQ(text.find("KK"), text.npos) << text;
-  EXPECT_EQ(text.find("4b4b"), text.npos) << text;
-  struct stat facts {};
-  ASSERT_EQ(::stat(path.c_str(), &facts), 0);
-  EXPECT_EQ(facts.st_mode & 0777U, 0600U);
-}
-
-TEST_F(BleMeshAdapterTest, SaysWhenTheFileOfCommandsIsDamaged) {
-  std::ofstream(directory / "ble-commands.json") << "[{\"robot\":";
-  adapter->start();
-  EXPECT_TRUE(listener.has_notice("ble-commands.json is damaged"));
-  EXPECT_TRUE(eventually([&] { return CommandFile(directory).load(read_clocks()).has_value(); }));
+      {"nr1", {"ntnu-slam/server/nr1/x", Bytes(8, 'K'), Qos::at_least_once, false}, CommandId{1}});
+  ASSERT_TRUE(eventually([&] { return sessions.sessions.contains("nr1"); }));
+  EXPECT_EQ(as_text(sessions.sessions["nr1"]).find("KK"), std::string_view::npos);
 }
 
 TEST_F(BleMeshAdapterTest, SaysNothingAfterStop) {

@@ -5,38 +5,13 @@
 #include <gtest/gtest.h>
 
 #include "tests/mqttsn_udp/io/thread_network.hpp"
+#include "tests/support/memory_session_store.hpp"
 
 namespace slamgw::mqttsn {
 namespace {
 
 using boost::asio::ip::make_address;
 using boost::asio::ip::udp;
-
-/// Keeps sessions over the life of an adapter.
-class MemoryStore final : public SessionStore {
- public:
-  std::vector<Session> load() override {
-    std::vector<Session> all;
-    for (const auto& [id, content] : sessions_) all.push_back({id, content});
-    return all;
-  }
-  void save(std::vector<Change> changes) override {
-    for (Change& change : changes) {
-      if (change.content) {
-        sessions_[change.id] = std::move(*change.content);
-      } else {
-        sessions_.erase(change.id);
-      }
-    }
-    if (on_written_) on_written_(true);
-  }
-  bool is_busy() const override { return false; }
-  void watch(std::function<void(bool)> on_written) override { on_written_ = std::move(on_written); }
-
- private:
-  std::function<void(bool)> on_written_;
-  std::map<std::string, Bytes> sessions_;
-};
 
 const std::string cmd_topic = "ntnu-slam/server/r1/cmd";
 
@@ -79,7 +54,7 @@ class LocalAddressOf : public ThreadNetwork, public testing::WithParamInterface<
   const std::string id = std::to_string(topic_id_of(cmd_topic));
   const std::string delivered = "PUBLISH dup=0 qos=0 retain=0 normal id=" + id + " msg=0 data=79";
   boost::asio::io_context io;  // of the clients
-  MemoryStore store;
+  test::MemorySessionStore store;
 };
 
 TEST_P(LocalAddressOf, R17_AClientStaysWhenTheInterfaceIsMadeAgain) {
