@@ -398,9 +398,10 @@ TEST_F(CommandsTest, AreInTheAuditTrailWithTheirSender) {
   reach[{Mesh::thread, "r1"}] = Presence::online;
   BrokerMessage planned{"ntnu-slam/server/r1/cmd", {}, Qos::at_least_once};
   planned.sender = sender_at_broker("planner");
-  gateway.on_robot_message({"r1", planned}, now);
-  gateway.on_robot_message({"r1", {"ntnu-slam/server/r1/cmd", {}, Qos::at_least_once}}, now);
-  gateway.on_operator_command("uid 7 (ann)", "r1", "run", {}, now);
+  gateway.commands().on_robot_message({"r1", planned}, now);
+  gateway.commands().on_robot_message({"r1", {"ntnu-slam/server/r1/cmd", {}, Qos::at_least_once}},
+                                      now);
+  gateway.commands().on_operator_command("uid 7 (ann)", "r1", "run", {}, now);
   for (const auto& delivery : drain<DeliverToMesh>())
     gateway.on_mesh_event(
         CommandOutcome{
@@ -430,7 +431,7 @@ TEST_F(CommandsTest, OfAnOperatorAreInTheAuditTrailBesideAFlood) {
     gateway.on_broker_message({"ntnu-slam/server/nobody/cmd", {}, Qos::at_least_once}, now);
     now.mono += 1s;
     gateway.on_deadline(now);
-    gateway.on_operator_command("uid 0 (root)", "nobody", "cmd", {}, now);
+    gateway.commands().on_operator_command("uid 0 (root)", "nobody", "cmd", {}, now);
   }
   std::size_t orders = 0;
   std::size_t others = 0;
