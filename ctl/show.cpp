@@ -652,8 +652,7 @@ std::string dead_letters(const json& letters, const Screen& screen) {
 std::string resent(const json& done) {
   const std::uint64_t left = count_at(done, "left");
   std::string out = fmt::format("{} dead letters are sent again\n", count_at(done, "resent"));
-  if (left > 0)
-    out += fmt::format("{} stay: the store is full or fails (slam-gatewayctl status)\n", left);
+  if (left > 0) out += fmt::format("{} stay: the store fails (slam-gatewayctl status)\n", left);
   return out;
 }
 

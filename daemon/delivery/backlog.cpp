@@ -18,8 +18,7 @@ std::uint64_t cost_of(const OutboxEntry& entry) {
 bool Backlog::reserve(OutboxEntry& entry) {
   const std::uint64_t cost = cost_of(entry);
   note_room();
-  // A dead letter that is sent again has its room already.
-  if (entry.dead_letter == 0 && !has_room_for(entry.message.topic, cost)) return false;
+  if (!has_room_for(entry.message.topic, cost)) return false;
   bytes_ += cost;
   shares_.add(entry.message.topic, cost);
   if (rows_++ == 0) oldest_ = entry.submitted;
@@ -218,7 +217,7 @@ OutboxEntries Backlog::on_opened(StoreOpened opened, TimePoint now) {
   writing_dead_letters_.clear();
   dead_letters_ = opened.dead_letters;
   forget_due_.reset();
-  is_writing_ = is_loading_ = is_probe_due_ = is_topic_count_wrong_ = false;
+  is_writing_ = is_loading_ = is_load_void_ = is_probe_due_ = is_topic_count_wrong_ = false;
   write_retry_.reset();
   load_retry_.reset();
   retry_wait_ = first_retry;
@@ -245,7 +244,7 @@ std::optional<WriteToStore> Backlog::next_write(TimePoint now) {
   while (!saving_.empty() && write.keep.size() < write_messages && bytes < write_bytes) {
     const OutboxEntry& entry = saving_.front().entry;
     bytes += entry.cost();
-    write.keep.push_back({entry.row, entry.message, {}, entry.dead_letter});
+    write.keep.push_back({entry.row, entry.message, {}});
     writing_.push_back(std::move(saving_.front()));
     saving_.pop_front();
   }
@@ -345,6 +344,12 @@ void Backlog::skip_what_is_in_memory() {
 
 std::size_t Backlog::on_loaded(StoreLoaded loaded, TimePoint now) {
   is_loading_ = false;
+  if (std::exchange(is_load_void_, false)) {
+    const std::uint64_t cursor = cursor_;
+    pass_over_damaged(loaded);
+    cursor_ = cursor;
+    return 0;
+  }
   if (loaded.messages.empty() && loaded.damaged.empty()) {
     const std::size_t missing = std::exchange(unloaded_, 0);
     rows_ -= std::min(rows_, missing);
@@ -389,8 +394,37 @@ void Backlog::count_topics_again() {
   }
 }
 
+void Backlog::on_revived(const DeadLettersRevived& revived, const OutboxEntries& in_flight) {
+  std::uint64_t first = UINT64_MAX;
+  for (const RevivedMessage& message : revived.messages) {
+    first = std::min(first, message.row);
+    ++rows_;
+    ++unloaded_;
+    bytes_ += message.bytes;
+    topics_.add(message.topic);
+    shares_.add(message.topic, message.bytes);
+    dead_letters_.count -= std::min<std::size_t>(dead_letters_.count, 1);
+    dead_letters_.bytes -= std::min(dead_letters_.bytes, message.bytes);
+  }
+  if (first <= cursor_) {
+    if (!ready_.empty()) first = std::min(first, ready_.front().row);
+    for (const OutboxEntry& entry : in_flight)
+      if (entry.row != 0) ahead_.insert(entry.row);
+    for (const auto* rows : {&forgets_, &forgetting_}) ahead_.insert(rows->begin(), rows->end());
+    for (const auto* letters : {&new_dead_letters_, &writing_dead_letters_})
+      for (const NewDeadLetter& letter : *letters) ahead_.insert(letter.row);
+    for (const OutboxEntry& entry : std::exchange(ready_, {})) {
+      ahead_.erase(entry.row);
+      ++unloaded_;
+    }
+    cursor_ = first - 1;
+    is_load_void_ = is_loading_;
+  }
+  for (const RevivedMessage& message : revived.messages) ahead_.erase(message.row);
+}
+
 void Backlog::on_load_failed(TimePoint now) {
-  is_loading_ = false;
+  is_loading_ = is_load_void_ = false;
   load_retry_ = now + first_retry;
 }
 

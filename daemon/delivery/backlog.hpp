@@ -110,6 +110,8 @@ class Backlog {
   std::size_t on_loaded(StoreLoaded loaded, TimePoint now);
   void on_load_failed(TimePoint now);
   void on_dead_letters(DeadLetterCounts dead_letters) { dead_letters_ = dead_letters; }
+  /// They have their old rows, so reading begins there again and passes over what is in memory.
+  void on_revived(const DeadLettersRevived& revived, const OutboxEntries& in_flight);
   /// Delete at once what is delivered, load no more. A failing store is tried once more: what it
   /// does not delete comes again.
   void on_stop();
@@ -204,6 +206,7 @@ class Backlog {
   bool is_topic_count_wrong_ = false;  // too high for topics of rows that were damaged
   bool is_writing_ = false;
   bool is_loading_ = false;
+  bool is_load_void_ = false;  // the page under way does not begin at the cursor any more
   bool is_stopping_ = false;
   bool is_probe_due_ = false;  // an empty write shows whether a failing store works again
   std::optional<TimePoint> write_retry_;

@@ -102,12 +102,10 @@ struct StoredMessage {
   std::uint64_t row = 0;
   BrokerMessage message;
   Duration age{};  ///< since it was stored; only in StoreLoaded
-  /// Kept: the dead letter that it was, which the same transaction removes. 0: it was none.
-  std::uint64_t dead_letter = 0;
 };
 
 /// A stored message becomes a dead letter: it is no longer among the messages and stays on disk,
-/// with its age, until the broker takes it after all or an operator discards it.
+/// with its row and age, until it is a message again or an operator discards it.
 struct NewDeadLetter {
   std::uint64_t row = 0;    ///< stored, or among `keep` of the same request
   std::string reason;       ///< for people: "topic name invalid"
@@ -124,11 +122,6 @@ inline bool is_retried(int code, std::uint32_t tries) {
   return code == 0 ? tries < losses_that_convict : !Refusal{code, {}}.is_permanent();
 }
 
-/// A message that the broker has not taken.
-struct DeadLetter {
-  std::uint64_t id = 0;  ///< the store's number, never 0
-  BrokerMessage message;
-};
 /// What the dead letters take on disk; it counts against `store.max_bytes`.
 struct DeadLetterCounts {
   std::size_t count = 0;
@@ -153,9 +146,9 @@ struct LoadFromStore {
   std::size_t max_messages = 0;
   std::size_t max_bytes = 0;
 };
-/// The first dead letters of `topic` that are retried (is_retried), as ResendDeadLetters. First
-/// come those that have lost a connection (code 0 and one try), so that none hides behind others;
-/// then the oldest.
+/// The first dead letters of `topic` that are retried (is_retried) become messages again, which
+/// DeadLettersRevived answers. First come those that have lost a connection (code 0 and one try),
+/// so that none hides behind others; then the oldest.
 struct RetryDeadLetters {
   std::uint64_t generation = 0;
   std::string topic;
@@ -202,20 +195,26 @@ struct StoreLoaded {
 struct StoreLoadFailed {
   std::string why;
 };
-/// Comes after each change of them: there is another one, or one was sent again or discarded.
+/// Comes after each change of them: there is another one, or one was discarded.
 struct DeadLettersChanged {
   DeadLetterCounts dead_letters;
 };
-/// These are to be sent again, oldest first, a page at most. They stay dead letters until the
-/// outbox keeps them (StoredMessage::dead_letter); those that it has no room for stay so.
-struct ResendDeadLetters {
-  std::vector<DeadLetter> letters;
-  /// Of RetryDeadLetters: its topic; then `letters` is empty when there is none.
+/// A dead letter that is a message again, under its old row.
+struct RevivedMessage {
+  std::uint64_t row = 0;
+  std::string topic;
+  std::uint64_t bytes = 0;  ///< its stored_cost()
+};
+/// As the outbox or an operator has asked.
+struct DeadLettersRevived {
+  std::vector<RevivedMessage> messages;
+  /// Of RetryDeadLetters: its topic; then `messages` is empty when there is none.
   std::string retried_topic = {};
+  bool has_failed = false;  ///< the disk does not take it; they are dead letters still
 };
 using StoreEvent =
     std::variant<StoreOpened, StoreAbsent, StoreWritten, StoreWriteFailed, StoreLoaded,
-                 StoreLoadFailed, DeadLettersChanged, ResendDeadLetters, Notice>;
+                 StoreLoadFailed, DeadLettersChanged, DeadLettersRevived, Notice>;
 
 /// What a message takes on disk at most, as counted against `store.max_bytes`.
 inline std::uint64_t stored_cost(std::size_t topic_bytes, std::size_t payload_bytes) {

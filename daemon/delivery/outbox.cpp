@@ -473,7 +473,6 @@ void Outbox::start_over(Entries in_memory, TimePoint now) {
     entry.row = 0;
   }
   in_flight_.forget_backlog();
-  drop_dead_letters(in_memory, now);
   accepted_.clear();
   std::ranges::move(std::exchange(withheld_, {}), std::back_inserter(in_memory));
   for (Entry& entry : in_memory) {
@@ -499,13 +498,14 @@ void Outbox::handle(StoreWritten&, TimePoint) {
     entry.is_stored = true;
     make_safe(entry);
   }
+  for (Accepted& one : accepted_)
+    if (std::exchange(one.has_failed, false)) one.is_asked = false;
   notify(store_trouble_.on_written());
 }
 
 void Outbox::make_safe(Entry& entry) {
   trace(DeliveryStep::Kind::stored, entry);
   queued_bytes_ -= entry.cost();
-  if (entry.dead_letter != 0) resending_.erase(entry.dead_letter);
   const Receipt owed = std::exchange(entry.receipt, no_receipt);
   if (owed.is_owed()) actions_.push(FireReceipt{owed, ReceiptOutcome::safe});
 }
@@ -514,7 +514,6 @@ void Outbox::handle(StoreWriteFailed& failed, TimePoint now) {
   Entries unsaved = backlog_.on_write_failed(now);
   for (Entry& entry : in_flight_.entries())
     if (entry.is_being_copied()) backlog_.abandon_copy(entry);
-  drop_dead_letters(unsaved, now);
   notify(store_trouble_.on_write_failed(failed.why, now));
   place_all_again(std::move(unsaved), now);
 }
@@ -538,42 +537,21 @@ void Outbox::handle(StoreLoadFailed& failed, TimePoint now) {
   notify(store_trouble_.on_load_failed(failed.why, now));
 }
 
-void Outbox::handle(ResendDeadLetters& resend, TimePoint now) {
-  std::uint64_t row = 0;
-  for (DeadLetter& letter : resend.letters) {
-    if (resending_.contains(letter.id)) continue;  // ordered twice
-    Entry entry;
-    entry.order = next_order_++;
-    entry.dead_letter = letter.id;
-    entry.message = std::move(letter.message);
-    entry.submitted = now;
-    const std::size_t cost = entry.cost();
-    if (!backlog_.can_keep() || !backlog_.keep(entry)) continue;  // it stays a dead letter
-    row = entry.row;
-    queued_bytes_ += cost;
-    resending_.insert(letter.id);
-  }
-  const std::string& topic = resend.retried_topic;
+void Outbox::handle(DeadLettersRevived& revived, TimePoint now) {
+  backlog_.on_revived(revived, in_flight_.entries());
+  const std::string& topic = revived.retried_topic;
   if (topic.empty()) return;
-  const bool is_kept = row != 0 || resend.letters.empty();
-  is_kept ? refused_.on_letter(topic, row, now)
-          : refused_.on_not_tried(topic, RefusedTopics::first_pause, now);
   const auto accepted = std::ranges::find(accepted_, topic, &Accepted::topic);
+  if (revived.has_failed) {
+    refused_.on_not_tried(topic, RefusedTopics::first_pause, now);
+    if (accepted != accepted_.end()) accepted->has_failed = true;
+    return;
+  }
+  const bool is_none = revived.messages.empty();
+  refused_.on_letter(topic, is_none ? 0 : revived.messages.front().row, now);
   if (accepted == accepted_.end()) return;
   accepted->is_asked = false;
-  if (resend.letters.empty()) accepted_.erase(accepted);
-}
-
-/// Dead letters that were to be sent again and that the store did not keep are dead letters still.
-void Outbox::drop_dead_letters(Entries& unsaved, TimePoint now) {
-  std::erase_if(unsaved, [&](const Entry& entry) {
-    if (entry.dead_letter == 0 || entry.is_stored) return false;
-    queued_bytes_ -= entry.cost();
-    resending_.erase(entry.dead_letter);
-    refused_.on_not_tried(entry.message.topic, RefusedTopics::first_pause, now);
-    refused_.on_dead_letter(entry.message.topic);
-    return true;
-  });
+  if (is_none) accepted_.erase(accepted);
 }
 
 void Outbox::trace(DeliveryStep::Kind kind, const Entry& entry, std::string why) {

@@ -137,12 +137,11 @@ class Outbox {
   void handle(DeadLettersChanged& changed, TimePoint) {
     backlog_.on_dead_letters(changed.dead_letters);
   }
-  void handle(ResendDeadLetters& resend, TimePoint now);
+  void handle(DeadLettersRevived& revived, TimePoint now);
   void handle(Notice& notice, TimePoint) { actions_.push(std::move(notice)); }
   void start_over(Entries in_memory, TimePoint now);
   void trace(DeliveryStep::Kind kind, const Entry& entry, std::string why = {});
   void make_safe(Entry& entry);
-  void drop_dead_letters(Entries& unsaved, TimePoint now);
 
   void place(Entry entry, TimePoint now, bool is_overdue = false);
   void place_all_again(Entries returned, TimePoint now, bool is_overdue = false, Slots moved = {});
@@ -206,9 +205,9 @@ class Outbox {
   struct Accepted {
     std::string topic;
     bool is_asked = false;
+    bool has_failed = false;  // asked for in vain; again when the store works
   };
   std::vector<Accepted> accepted_;
-  std::unordered_set<std::uint64_t> resending_;  // dead letters on their way to the store
 
   std::optional<TimePoint> expiry_check_;   // while QoS 0 waits
   std::optional<TimePoint> overdue_check_;  // while something unsaved waits or is in flight

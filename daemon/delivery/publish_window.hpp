@@ -26,9 +26,8 @@ struct OutboxEntry {
   BrokerMessage message;
   Receipt receipt = no_receipt;
   TimePoint submitted{};
-  std::uint64_t row = 0;          ///< in the store; 0: not handed to it
-  std::uint64_t dead_letter = 0;  ///< its number there until it is stored; 0: it is none
-  bool is_stored = false;         ///< `row` is durable
+  std::uint64_t row = 0;   ///< in the store; 0: not handed to it
+  bool is_stored = false;  ///< `row` is durable
   /// QoS 0 of a topic that is tried, which is published at QoS 1: else there would be no answer.
   bool is_probe = false;
   bool is_from_backlog = false;  ///< it takes the turns of the backlog

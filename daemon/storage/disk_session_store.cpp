@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <future>
 #include <thread>
 #include <utility>
@@ -11,12 +12,6 @@ namespace slamgw {
 namespace {
 
 constexpr std::uint32_t segment_bytes = 256u << 10;
-
-std::optional<std::string> id_of(ByteView record) {
-  ByteReader in(record);
-  const std::string id(as_text(in.read(in.read_u16_le())));
-  return in.ok() ? std::optional(id) : std::nullopt;
-}
 
 Bytes encode(const std::string& id, ByteView content) {
   ByteWriter out;
@@ -90,31 +85,42 @@ void DiskSessionStore::on_written(bool is_written, Changes changes) {
 /// A disk that fails for a moment is waited for: sessions are worth a start that takes longer.
 std::vector<SessionStore::Session> DiskSessionStore::open_and_load() {
   const auto give_up_at = std::chrono::steady_clock::now() + patience_.opening;
-  while (!open(false) && is_disk_failing_ && std::chrono::steady_clock::now() < give_up_at)
+  std::vector<Session> loaded;
+  while (!open(false, loaded) && is_disk_failing_ && std::chrono::steady_clock::now() < give_up_at)
     std::this_thread::sleep_for(patience_.check);
   // What the disk still cannot read is lost; these clients connect again.
-  if (!log_ && is_disk_failing_) open(true);
+  if (!log_ && is_disk_failing_) open(true, loaded);
   if (!log_) report_failure();
-  std::vector<Session> loaded;
-  if (!log_) return loaded;
-  for (const auto& [id, place] : log_->places()) {
-    try {
-      const auto record = log_->read(id);
-      if (!record) continue;
-      const auto content = record->begin() + static_cast<std::ptrdiff_t>(2 + id.size());
-      loaded.push_back({id, Bytes(content, record->end())});
-    } catch (const LogError&) {
-      continue;
-    }
-  }
   return loaded;
 }
 
-bool DiskSessionStore::open(bool skips_unreadable) {
+void DiskSessionStore::read_all(bool skips_unreadable, std::vector<Session>& loaded) {
+  keys_.clear();
+  loaded.clear();
+  last_key_ = log_->last_key();
+  for (auto key = log_->next(0); key; key = log_->next(*key)) {
+    std::optional<Bytes> record;
+    try {
+      record = log_->read(*key);
+    } catch (const LogError&) {
+      if (!skips_unreadable) throw;
+    }
+    ByteReader in(record ? ByteView(*record) : ByteView());
+    const std::string id(as_text(in.read(in.read_u16_le())));
+    const ByteView content = in.read_rest();
+    if (!in.ok()) continue;
+    keys_[id] = *key;
+    loaded.push_back({id, Bytes(content.begin(), content.end())});
+  }
+  std::ranges::sort(loaded, {}, &Session::id);
+}
+
+bool DiskSessionStore::open(bool skips_unreadable, std::vector<Session>& loaded) {
   is_disk_failing_ = false;
   try {
-    log_.emplace(directory_, segment_bytes, id_of);
-    const RecordLog::Summary summary = log_->replay(skips_unreadable);
+    log_.emplace(directory_, segment_bytes);
+    const RecordLog::Summary summary = log_->open(skips_unreadable);
+    read_all(skips_unreadable, loaded);
     if (summary.lost_at_most > 0)
       notice(Severity::error, fmt::format("{} {} in {} are damaged: {}", summary.lost_at_most,
                                           content_.name, summary.where, content_.loss));
@@ -138,21 +144,25 @@ void DiskSessionStore::notice(Severity severity, std::string text) {
 }
 
 bool DiskSessionStore::write(const Changes& changes) {
-  if (!log_ && !open(false)) {
+  std::vector<Session> unused;
+  if (!log_ && !open(false, unused)) {
     report_failure();
     return false;
   }
   try {
-    if (!log_->log().is_in_place()) log_->log().put_back_in_place();
+    if (!log_->is_in_place()) log_->put_back_in_place();
     for (const auto& [id, content] : changes) {
-      if (content)
-        log_->put(id, encode(id, *content));
-      else
-        log_->erase(id);
+      const auto known = keys_.find(id);
+      if (content) {
+        log_->put(known != keys_.end() ? known->second : keys_[id] = ++last_key_,
+                  encode(id, *content));
+      } else if (known != keys_.end()) {
+        log_->erase(known->second);
+        keys_.erase(known);
+      }
     }
     log_->commit(false);
   } catch (const LogError& error) {
-    log_->drop_pending();
     why_closed_ = error.what();
     report_failure();
     return false;
@@ -175,7 +185,7 @@ void DiskSessionStore::sync_later() {
 void DiskSessionStore::sync() {
   is_sync_due_ = false;
   try {
-    if (log_) log_->log().synchronise();
+    if (log_) log_->synchronise();
   } catch (const LogError&) {
     // The next write shows whether the disk works.
   }

@@ -19,7 +19,7 @@
 
 #include "daemon/core/messages.hpp"
 #include "daemon/core/session_store.hpp"
-#include "daemon/storage/keyed_log.hpp"
+#include "daemon/storage/record_log.hpp"
 #include "daemon/storage/store_thread.hpp"
 
 namespace slamgw {
@@ -56,14 +56,14 @@ class DiskSessionStore final : public SessionStore {
 
  private:
   using Changes = std::map<std::string, std::optional<Bytes>>;
-  using Log = KeyedLog<std::string>;
 
   void write_changes();
   void on_written(bool is_written, Changes changes);
 
   // On the disk's thread:
   std::vector<Session> open_and_load();
-  bool open(bool skips_unreadable);
+  bool open(bool skips_unreadable, std::vector<Session>& loaded);
+  void read_all(bool skips_unreadable, std::vector<Session>& loaded);
   bool write(const Changes& changes);
   void sync_later();
   void sync();
@@ -82,7 +82,9 @@ class DiskSessionStore final : public SessionStore {
   boost::asio::steady_timer retry_timer_;
 
   // The disk's thread only:
-  std::optional<Log> log_;
+  std::optional<RecordLog> log_;
+  std::map<std::string, std::uint64_t> keys_;  // in it, by id
+  std::uint64_t last_key_ = 0;
   bool is_disk_failing_ = false;  // perhaps for a moment only
   std::string why_closed_;
   std::string why_reported_;  // as last logged

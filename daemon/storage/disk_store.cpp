@@ -4,12 +4,42 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <nlohmann/json.hpp>
+
 #include <utility>
 
 namespace slamgw {
 namespace {
 
 TimePoint now() { return std::chrono::steady_clock::now(); }
+
+using nlohmann::json;
+
+OrderAnswer in_json(const json& document) {
+  return {document.dump(-1, ' ', false, json::error_handler_t::replace), {}};
+}
+
+json to_json(const ListedDeadLetter& letter, bool with_payload) {
+  const BrokerMessage& message = letter.message;
+  json out{{"id", letter.id},
+           {"topic", message.topic},
+           {"bytes", message.payload.size()},
+           {"qos", static_cast<int>(message.qos)},
+           {"retain", message.retain},
+           {"reason", letter.facts.reason},
+           {"code", letter.facts.code},
+           {"tries", letter.facts.tries},
+           {"stored_at", to_iso8601_ms(letter.stored_at)},
+           {"set_aside_at", to_iso8601_ms(letter.facts.set_aside_at)},
+           {"mesh", nullptr},
+           {"received_at", nullptr}};
+  if (message.provenance) {
+    out["mesh"] = to_string(message.provenance->mesh);
+    out["received_at"] = to_iso8601_ms(message.provenance->received_at);
+  }
+  if (with_payload) out["payload_hex"] = to_hex(message.payload);
+  return out;
+}
 
 std::string range_of(const RecordLog::Summary& lost) {
   return lost.lost_at_least == lost.lost_at_most
@@ -25,9 +55,7 @@ DiskStore::DiskStore(boost::asio::io_context& io, StoreSettings settings,
       patience_(patience),
       on_event_(std::move(on_event)),
       thread_(io),
-      timer_(thread_.context()),
-      dead_letter_desk_(thread_.context(), patience.resend,
-                        [this](ResendDeadLetters page) { post(std::move(page)); }) {}
+      timer_(thread_.context()) {}
 
 DiskStore::~DiskStore() { stop(); }
 
@@ -63,13 +91,7 @@ void DiskStore::serve(const StoreOrder& order, const OrderDone& done) {
   if (!log_) return done({{}, "there is no store: " + why_closed_});
   const DeadLetterCounts before = log_->dead_letters();
   try {
-    if (const auto* resend = std::get_if<ResendOrder>(&order)) {
-      dead_letter_desk_.perform(*resend, *log_, done);
-    } else if (const auto* discard = std::get_if<DiscardOrder>(&order)) {
-      done(dead_letter_desk_.perform(*discard, *log_));
-    } else {
-      done(dead_letter_desk_.perform(std::get<ListDeadLetters>(order), *log_));
-    }
+    done(std::visit([this](const auto& what) { return answer(what); }, order));
   } catch (const LogError& error) {
     done({{}, fmt::format("the store fails: {}", error.what())});
   }
@@ -90,12 +112,11 @@ void DiskStore::serve(const Request& request) {
 }
 
 void DiskStore::perform(const WriteToStore& write) {
-  if (!log_->is_in_place()) check_place();
+  if (!log_->log().is_in_place()) check_place();
   const DeadLetterCounts before = log_->dead_letters();
   const std::size_t damaged = log_->write(write);
   post(StoreWritten{});
   report_damaged(damaged);
-  dead_letter_desk_.on_written(write, *log_);
   if (before != log_->dead_letters()) post(DeadLettersChanged{log_->dead_letters()});
 }
 
@@ -109,10 +130,52 @@ void DiskStore::perform(const LoadFromStore& load) {
 
 void DiskStore::perform(const RetryDeadLetters& retry) {
   try {
-    dead_letter_desk_.perform(retry, *log_);
+    revive(log_->retried(retry.topic, retry.max_letters), retry.topic);
   } catch (const LogError&) {
-    post(ResendDeadLetters{{}, retry.topic});  // none can be read
+    post(DeadLettersRevived{{}, retry.topic, true});
   }
+}
+
+std::size_t DiskStore::revive(std::span<const std::uint64_t> ids, const std::string& topic) {
+  auto revived = log_->revive(ids);
+  const std::size_t count = revived.size();
+  post(DeadLettersRevived{std::move(revived), topic});
+  post(DeadLettersChanged{log_->dead_letters()});
+  return count;
+}
+
+OrderAnswer DiskStore::answer(const ListDeadLetters& order) const {
+  json letters = json::array();
+  for (const auto& listed : log_->list(order.topic, order.after, page_letters, page_bytes))
+    letters.push_back(to_json(listed, order.with_payloads));
+  const DeadLetterCounts counts = log_->dead_letters();
+  const bool is_more = !letters.empty();
+  return in_json({{"count", counts.count},
+                  {"bytes", counts.bytes},
+                  {"letters", std::move(letters)},
+                  {"more", is_more}});
+}
+
+OrderAnswer DiskStore::answer(const DiscardOrder& order) {
+  const auto ids = log_->ids(order.choice);
+  log_->discard(ids);
+  return in_json({{"discarded", ids.size()}});
+}
+
+OrderAnswer DiskStore::answer(const ResendOrder& order) {
+  const auto ids = log_->ids(order.choice);
+  std::span<const std::uint64_t> left(ids);
+  std::size_t resent = 0;
+  try {
+    while (!left.empty()) {
+      const auto page = left.first(std::min(left.size(), revived_at_once));
+      resent += revive(page, {});
+      left = left.subspan(page.size());
+    }
+  } catch (const LogError&) {
+    // The disk does not take it: the others stay.
+  }
+  return in_json({{"resent", resent}, {"left", ids.size() - resent}});
 }
 
 /// The disk has failed to read for so long that what it does not read is lost.
@@ -147,19 +210,15 @@ void DiskStore::on_opened() {
 }
 
 void DiskStore::report_losses() {
-  const RecordLog::Summary& messages = log_->lost_messages();
-  const RecordLog::Summary& letters = log_->lost_dead_letters();
-  if (messages.strays + letters.strays > 0)
+  const RecordLog::Summary& lost = log_->lost();
+  if (lost.strays > 0)
     notify(Severity::warning,
            fmt::format("{} files in {} belong to another store: they are left alone, and their "
                        "messages are not delivered",
-                       messages.strays + letters.strays, settings_.directory));
-  if (messages.lost_at_most + letters.lost_at_most == 0) return;
-  std::string text =
-      fmt::format("the store is damaged ({}): {} messages are lost",
-                  messages.where.empty() ? letters.where : messages.where, range_of(messages));
-  if (letters.lost_at_most > 0) text += fmt::format(" and {} dead letters", range_of(letters));
-  notify(Severity::error, text);
+                       lost.strays, settings_.directory));
+  if (lost.lost_at_most == 0) return;
+  notify(Severity::error, fmt::format("the store is damaged ({}): {} messages are lost", lost.where,
+                                      range_of(lost)));
 }
 
 void DiskStore::report_damaged(std::size_t messages) {
@@ -198,7 +257,7 @@ void DiskStore::try_again_after(std::chrono::milliseconds time) {
 
 /// Throws LogError.
 void DiskStore::check_place() {
-  const auto written = log_->put_back_in_place();
+  const auto written = log_->log().put_back_in_place();
   if (written.empty()) return;
   notify(Severity::error,
          fmt::format("{} was moved, removed or replaced while it was in use: what it held is there "

@@ -13,12 +13,12 @@
 #include <boost/asio/steady_timer.hpp>
 #include <functional>
 #include <optional>
+#include <span>
 #include <string>
 
 #include "daemon/core/operator_order.hpp"
 #include "daemon/delivery/message_store.hpp"
 #include "daemon/mqtt/settings.hpp"
-#include "daemon/storage/dead_letter_desk.hpp"
 #include "daemon/storage/message_log.hpp"
 #include "daemon/storage/store_thread.hpp"
 
@@ -26,6 +26,12 @@ namespace slamgw {
 
 class DiskStore {
  public:
+  /// One page of a list of dead letters.
+  static constexpr std::size_t page_letters = 256;
+  static constexpr std::size_t page_bytes = 256u << 10;
+  /// Dead letters that become messages again in one commit.
+  static constexpr std::size_t revived_at_once = 64;
+
   /// `on_event` is called on the loop's thread, never from inside a call, and not after stop().
   DiskStore(boost::asio::io_context& io, StoreSettings settings,
             std::function<void(StoreEvent)> on_event, StorePatience patience = {});
@@ -52,6 +58,10 @@ class DiskStore {
   void perform(const LoadFromStore& load);
   void perform(const RetryDeadLetters& retry);
   void serve(const StoreOrder& order, const OrderDone& done);
+  OrderAnswer answer(const ListDeadLetters& order) const;
+  OrderAnswer answer(const DiscardOrder& order);
+  OrderAnswer answer(const ResendOrder& order);
+  std::size_t revive(std::span<const std::uint64_t> ids, const std::string& topic);
   void open();
   void on_opened();
   void report_losses();
@@ -77,7 +87,6 @@ class DiskStore {
 
   StoreThread thread_;
   boost::asio::steady_timer timer_;  // the next attempt to open, or the next check_place()
-  DeadLetterDesk dead_letter_desk_;
 };
 
 }  // namespace slamgw

@@ -1,37 +1,43 @@
 // SPDX-License-Identifier: Apache-2.0
-// The message store on disk: undelivered messages in one record log, in the order of their rows,
-// and dead letters in another. Blocks; used on the disk's thread by DiskStore.
+// The message store on disk: undelivered messages and dead letters in one record log, by row.
+// Blocks; used on the disk's thread by DiskStore.
 //
-//   messages/      row, time of storing, the dead letter it was, time of receipt (8 octets each),
-//                  mesh, QoS and retain flag (1 each), length of the topic (2), topic, payload
-//   dead-letters/  when it became one (8), reason code, tries (4 each), reason's length (2),
-//                  reason, and then a record as in messages/
+//   messages/      time of storing, time of receipt (8 octets each), mesh, flags (1 each), length
+//   of
+//                  the topic (2), topic, of a dead letter: when it became one (8), reason code,
+//                  tries (4 each), reason's length (2), reason; payload
 //
-// Numbers are little-endian, times milliseconds since 1970; the mesh is 0 for none, else 1 + Mesh.
+// Flags: retain 1, QoS 2 and 4, dead letter 8. Numbers are little-endian, times milliseconds since
+// 1970; the mesh is 0 for none, else 1 + Mesh.
 #pragma once
 
 #include <cstdint>
 #include <map>
 #include <optional>
 #include <set>
+#include <span>
 #include <string>
-#include <unordered_map>
 #include <utility>
 #include <vector>
 
 #include "daemon/core/operator_order.hpp"
 #include "daemon/delivery/message_store.hpp"
-#include "daemon/storage/keyed_log.hpp"
 #include "daemon/storage/record_log.hpp"
 
 namespace slamgw {
 
+/// Why and since when a message is a dead letter.
+struct DeadLetterFacts {
+  WallTime set_aside_at{};
+  int code = 0;  ///< MQTT 5 reason code; 0: there is none
+  std::uint32_t tries = 0;
+  std::string reason;
+};
 /// A record of messages/.
 struct MessageRecord {
-  std::uint64_t row = 0;
-  std::int64_t stored_at = 0;
-  std::uint64_t dead_letter = 0;  ///< that it was; 0: none
+  WallTime stored_at{};
   BrokerMessage message;
+  std::optional<DeadLetterFacts> dead = {};
 };
 Bytes encode_message(const MessageRecord& record);
 /// Nothing when it is not such a record.
@@ -39,12 +45,10 @@ std::optional<MessageRecord> decode_message(ByteView octets);
 
 /// A dead letter as operators see it.
 struct ListedDeadLetter {
-  DeadLetter letter;
-  std::string reason;
-  int code = 0;  ///< MQTT 5 reason code; 0: there is none
-  std::uint32_t tries = 0;
+  std::uint64_t id = 0;  ///< its row
   WallTime stored_at{};
-  WallTime set_aside_at{};
+  BrokerMessage message;
+  DeadLetterFacts facts;
 };
 
 class MessageLog {
@@ -58,51 +62,31 @@ class MessageLog {
 
   /// What was there at the start.
   StoreOpened take_opened() { return std::move(opened_); }
-  const RecordLog::Summary& lost_messages() const { return lost_messages_; }
-  const RecordLog::Summary& lost_dead_letters() const { return lost_dead_letters_; }
+  const RecordLog::Summary& lost() const { return lost_; }
 
-  /// All of it is durable when this returns, and nothing of it when it throws LogError. Returns how
-  /// many messages that were to be dead letters turned out to be damaged: they are lost.
+  /// All of it is durable when this returns, and none of what is to be kept when it throws
+  /// LogError. Returns how many messages that were to be dead letters turned out to be damaged:
+  /// they are lost.
   std::size_t write(const WriteToStore& write);
   /// Damaged messages are lost. Throws LogError.
   StoreLoaded load(const LoadFromStore& request, bool skips_unreadable);
 
-  DeadLetterCounts dead_letters() const;
+  DeadLetterCounts dead_letters() const { return {letters_.size(), letter_bytes_}; }
   /// The first of `topic` (empty: of any) with ids above `after`: at most `max_count`, about
   /// `max_bytes`, but one if there is one. Throws LogError, as the next ones.
   std::vector<ListedDeadLetter> list(const std::string& topic, std::uint64_t after,
                                      std::size_t max_count, std::size_t max_bytes) const;
-  std::optional<ListedDeadLetter> find(std::uint64_t id) const;
-  /// Those that are there, by the time when they were stored first.
+  /// Those that are there, by rising id.
   std::vector<std::uint64_t> ids(const DeadLetterChoice& choice) const;
   /// Those that RetryDeadLetters means.
-  std::vector<ListedDeadLetter> retried(const std::string& topic, std::size_t most) const;
-  /// How many there were.
-  std::size_t discard(const DeadLetterChoice& choice);
+  std::vector<std::uint64_t> retried(const std::string& topic, std::size_t most) const;
+  /// Makes messages of them again, in their rows. Damaged ones stay.
+  std::vector<RevivedMessage> revive(std::span<const std::uint64_t> ids);
+  void discard(const std::vector<std::uint64_t>& ids);
 
-  bool is_in_place() const { return messages_.is_in_place() && letters_.log().is_in_place(); }
-  /// As RecordLog::put_back_in_place().
-  std::vector<std::string> put_back_in_place();
+  RecordLog& log() { return log_; }
 
  private:
-  struct Row {
-    std::uint32_t distance = 0;  ///< from the segment's first row
-    std::uint32_t offset = 0;    ///< 0: erased
-    std::uint32_t bytes = 0;
-  };
-  /// Rows that are in one segment and follow each other.
-  struct SegmentRows {
-    std::uint32_t segment = 0;
-    std::vector<Row> rows;  ///< distances rise
-    std::size_t live = 0;
-  };
-  using Rows = std::map<std::uint64_t, SegmentRows>;  // by the first row
-  struct Kept {
-    std::uint64_t row;
-    RecordLog::Place place;
-    std::size_t bytes;
-  };
-
   /// Of one topic: whether it has not lost a connection, and its id.
   using Retried = std::set<std::pair<bool, std::uint64_t>>;
   using RetriedOfTopic = std::map<std::string, Retried, std::less<>>;
@@ -112,28 +96,21 @@ class MessageLog {
     bool has_lost_connection = false;
   };
 
-  void replay(bool skips_unreadable);
-  void replay_letters(bool skips_unreadable);
-  void add_row(const Kept& kept);
-  void forget_copies(std::vector<Kept>& found);
-  void move_rows_of(std::uint32_t segment);
-  Row* find_row(std::uint64_t row, std::uint32_t& segment);
-  void erase_rows(const std::vector<std::uint64_t>& rows);
-  Bytes put_letter(std::uint64_t id, ByteView message, const NewDeadLetter& letter,
-                   std::int64_t now);
-  void add_letter(ByteView record);
+  void read_all(bool skips_unreadable);
+  std::optional<MessageRecord> find(std::uint64_t row, bool skips_unreadable = false) const;
+  std::optional<ListedDeadLetter> find_letter(std::uint64_t id) const;
+  void put(std::uint64_t row, const MessageRecord& record) {
+    log_.put(row, encode_message(record));
+  }
+  void add_letter(std::uint64_t id, const MessageRecord& record);
   void drop_letter(std::uint64_t id);
 
-  RecordLog messages_;
-  KeyedLog<std::uint64_t> letters_;  // by id: the row that it had
-  Rows rows_;
-  std::uint64_t last_row_ = 0;
-  std::unordered_map<std::uint64_t, Letter> letters_here_;  // by id
-  RetriedOfTopic retried_;                                  // none is empty
+  RecordLog log_;                            // by row
+  std::map<std::uint64_t, Letter> letters_;  // by row
+  RetriedOfTopic retried_;                   // none is empty
   std::uint64_t letter_bytes_ = 0;
   StoreOpened opened_;
-  RecordLog::Summary lost_messages_;
-  RecordLog::Summary lost_dead_letters_;
+  RecordLog::Summary lost_;
 };
 
 }  // namespace slamgw

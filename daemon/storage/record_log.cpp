@@ -24,9 +24,9 @@ namespace fs = std::filesystem;
 
 /// A segment's first octets: the last one is the version of the format.
 constexpr std::string_view magic = "slamgwL1";
-constexpr std::size_t header_bytes = 32;  // magic, number, records before, mark (8), 0, checksum
-/// Checksum of the next three, size, index in the segment, checksum of the record.
-constexpr std::size_t record_header_bytes = 16;
+constexpr std::size_t header_bytes = 32;  // magic, number, records before, highest key (8), 0, sum
+/// Checksum of the rest, size, index in the segment, checksum of the content, key (8).
+constexpr std::size_t record_header_bytes = 24;
 constexpr std::size_t erased_bytes = 8;  // offset, checksum
 constexpr std::size_t tally_bytes = 32;  // segment, records, live (8), id (8), 0, checksum
 constexpr std::uint32_t unknown_records = 0xffffffff;
@@ -34,7 +34,7 @@ constexpr std::uint32_t unknown_records = 0xffffffff;
 constexpr std::uint32_t reported_loss = 0x80000000;
 /// What the disk reads or fails to read as one.
 constexpr std::size_t block_bytes = 4096;
-/// What may be erased records before sparse_segment() names one: half as much as there are others,
+/// What may be erased records before a segment is written again: half as much as there are others,
 /// and this many segments.
 constexpr std::uint64_t spare_segments = 4;
 /// More than any file of ours has; of a larger one only so much is read.
@@ -142,16 +142,34 @@ OwnedFile::~OwnedFile() {
   if (descriptor_ >= 0) ::close(descriptor_);
 }
 
-/// What a segment's file holds.
+/// In front of each record.
+struct RecordLog::Header {
+  std::uint32_t sum = 0;
+  std::uint32_t size = 0;
+  std::uint32_t index = 0;
+  std::uint32_t content_sum = 0;
+  std::uint64_t key = 0;
+
+  static Header read(ByteView octets) {
+    ByteReader in(octets);
+    Header header;
+    header.sum = in.read_u32_le();
+    header.size = in.read_u32_le();
+    header.index = in.read_u32_le();
+    header.content_sum = in.read_u32_le();
+    header.key = in.read_u64_le();
+    return header;
+  }
+};
+
+/// What a segment's files hold.
 struct RecordLog::Scan {
   struct Record {
-    std::uint32_t offset = 0;
-    std::uint32_t size = 0;
+    Entry entry;
     std::uint32_t index = 0;
   };
-  Bytes octets;
+  std::uint32_t bytes = 0;
   std::uint32_t records_before = unknown_records;
-  std::uint64_t mark = 0;
   std::vector<Record> intact;
   std::uint32_t records = 0;  ///< written, as far as this file tells
   std::set<std::uint32_t> erased;
@@ -194,6 +212,12 @@ void RecordLog::lock() {
 
 std::string RecordLog::path_of(std::uint32_t number) const {
   return fmt::format("{}/{:08}-{:016x}.log", directory_, number, id_);
+}
+
+std::uint32_t RecordLog::checksum_of(std::uint32_t segment, const Header& header) const {
+  return checksum({segment, header.size, header.index, header.content_sum,
+                   static_cast<std::uint32_t>(header.key),
+                   static_cast<std::uint32_t>(header.key >> 32)});
 }
 
 std::uint32_t RecordLog::checksum(std::initializer_list<std::uint32_t> numbers,
@@ -257,21 +281,17 @@ std::map<std::uint32_t, std::string> RecordLog::put_under_their_numbers(
   return segments;
 }
 
-RecordLog::Summary RecordLog::replay(bool skips_unreadable,
-                                     const std::function<void(const Found&)>& on_record) {
+RecordLog::Summary RecordLog::open(bool skips_unreadable) {
   Summary summary;
-  segments_.clear();
+  std::vector<Entry> found;
   std::optional<std::pair<std::uint32_t, Scan>> last;  // it takes the next header to judge it
   const auto take = [&](std::uint32_t number, const Scan& scan) {
     Segment& segment = segments_.at(number);
     note_missing(number, scan, segment, summary);
     for (const Scan::Record& record : scan.intact) {
       if (record.index >= segment.records) break;  // its commit failed
-      const ByteView octets =
-          ByteView(scan.octets).subspan(record.offset + record_header_bytes, record.size);
-      const bool is_erased = scan.erased.contains(record.offset);
-      segment.live += is_erased ? 0 : 1;
-      on_record({{number, record.offset}, octets, is_erased});
+      last_key_ = std::max(last_key_, record.entry.key);
+      if (!scan.erased.contains(record.entry.offset)) found.push_back(record.entry);
     }
   };
   for (const auto& [number, path] : find_segments()) {
@@ -280,8 +300,7 @@ RecordLog::Summary RecordLog::replay(bool skips_unreadable,
     if (segment.file.get() < 0) fail(path);
     segments_.emplace(number, std::move(segment));
     Scan scanned = scan(number, skips_unreadable);
-    segments_.at(number).bytes = static_cast<std::uint32_t>(scanned.octets.size());
-    summary.mark = std::max(summary.mark, scanned.mark);
+    segments_.at(number).bytes = scanned.bytes;
     if (last) {
       const auto& [before, former] = *last;
       const bool is_known = scanned.records_before != unknown_records && before + 1 == number;
@@ -299,23 +318,27 @@ RecordLog::Summary RecordLog::replay(bool skips_unreadable,
     next_segment_ = number + 1;
   }
   if (tally_) next_segment_ = std::max(next_segment_, tally_->segment + 1);
-  note_missing_segments(summary);
-  mark_ = summary.mark;
-  summary.strays = strays_;
+  note_missing_segments(found.size(), summary);
+  std::ranges::stable_sort(found, {}, &Entry::key);
+  for (const Entry& entry : found) {
+    ++segments_.at(entry.segment).live;
+    set(entry);
+  }
   for (auto& [number, segment] : segments_)
     if (!segment.unsaved.empty()) save_erased(number, segment, false);
   remove_dead_segments();
   if (!write_tally()) fail(directory_);
+  summary.strays = strays_;
   return summary;
 }
 
 RecordLog::Scan RecordLog::scan(std::uint32_t number, bool skips_unreadable) {
   const std::string path = path_of(number);
   Scan scan;
-  auto octets = read_file(segments_.at(number).file.get(), skips_unreadable);
+  const auto octets = read_file(segments_.at(number).file.get(), skips_unreadable);
   if (!octets) fail(path);
-  scan.octets = std::move(*octets);
-  const ByteView all(scan.octets);
+  const ByteView all(*octets);
+  scan.bytes = static_cast<std::uint32_t>(all.size());
   if (all.size() >= header_bytes &&
       checksum({}, all.first(header_bytes - 4)) == u32_at(all, header_bytes - 4)) {
     const std::string_view found = as_text(all.first(magic.size()));
@@ -325,28 +348,27 @@ RecordLog::Scan RecordLog::scan(std::uint32_t number, bool skips_unreadable) {
                                  path, found.back(), magic.back()),
                      0);
     scan.records_before = u32_at(all, 12);
-    scan.mark = u64_at(all, 16);
+    last_key_ = std::max(last_key_, u64_at(all, 16));
   }
   // From record to record, and from octet to octet where there is none.
   std::size_t end = header_bytes;
   for (std::size_t at = header_bytes; at + record_header_bytes < all.size();) {
-    const std::uint32_t size = u32_at(all, at + 4);
-    const std::uint32_t index = u32_at(all, at + 8);
-    const bool is_possible = size > 0 && size <= all.size() - at - record_header_bytes &&
-                             index >= scan.records &&
-                             index - scan.records <= (at - end) / (record_header_bytes + 1);
-    const auto is_whole = [&] {
-      const std::uint32_t sum = u32_at(all, at + 12);
-      return u32_at(all, at) == checksum({number, size, index, sum}) &&
-             sum == checksum({}, all.subspan(at + record_header_bytes, size));
-    };
-    if (!is_possible || !is_whole()) {
+    const Header header = Header::read(all.subspan(at));
+    const bool is_possible = header.size > 0 &&
+                             header.size <= all.size() - at - record_header_bytes &&
+                             header.index >= scan.records &&
+                             header.index - scan.records <= (at - end) / (record_header_bytes + 1);
+    const bool is_whole =
+        is_possible && header.sum == checksum_of(number, header) &&
+        header.content_sum == checksum({}, all.subspan(at + record_header_bytes, header.size));
+    if (!is_whole) {
       ++at;
       continue;
     }
-    scan.intact.push_back({static_cast<std::uint32_t>(at), size, index});
-    scan.records = index + 1;
-    end = at += record_header_bytes + size;
+    const auto offset = static_cast<std::uint32_t>(at);
+    scan.intact.push_back({{header.key, number, offset, header.size}, header.index});
+    scan.records = header.index + 1;
+    end = at += record_header_bytes + header.size;
   }
   const OwnedFile erased = open_file(path + ".erased", O_RDONLY);
   if (erased.get() < 0) {
@@ -372,7 +394,7 @@ void RecordLog::note_missing(std::uint32_t number, const Scan& scan, Segment& se
   const std::uint32_t written = segment.records;
   std::set<std::uint32_t> known = scan.erased;
   for (const Scan::Record& record : scan.intact)
-    if (record.index < written) known.insert(record.offset);
+    if (record.index < written) known.insert(record.entry.offset);
   const std::size_t missing = written - std::min<std::size_t>(written, known.size());
   if (missing == 0) return;
   summary.lost_at_most += missing;
@@ -383,12 +405,11 @@ void RecordLog::note_missing(std::uint32_t number, const Scan& scan, Segment& se
 }
 
 /// Where whole segments are gone, only the tally tells.
-void RecordLog::note_missing_segments(Summary& summary) const {
+void RecordLog::note_missing_segments(std::uint64_t found, Summary& summary) const {
   if (!tally_) return;
   const bool is_current = segments_.empty() || segments_.rbegin()->first < tally_->segment ||
                           (segments_.rbegin()->first == tally_->segment &&
                            segments_.rbegin()->second.records <= tally_->records);
-  const std::uint64_t found = live();
   if (!is_current || tally_->live <= found) return;
   const std::size_t missing = tally_->live - found;
   if (missing <= summary.lost_at_least) return;
@@ -397,10 +418,44 @@ void RecordLog::note_missing_segments(Summary& summary) const {
   summary.lost_at_most = std::max(summary.lost_at_most, missing);
 }
 
-std::uint64_t RecordLog::live() const {
-  std::uint64_t sum = 0;
-  for (const auto& [number, segment] : segments_) sum += segment.live;
-  return sum;
+const RecordLog::Entry* RecordLog::find(std::uint64_t key) const {
+  const auto found = std::ranges::lower_bound(entries_, key, {}, &Entry::key);
+  return found != entries_.end() && found->key == key && found->offset != 0 ? &*found : nullptr;
+}
+
+std::optional<std::uint64_t> RecordLog::next(std::uint64_t after) const {
+  auto found = std::ranges::upper_bound(entries_, after, {}, &Entry::key);
+  while (found != entries_.end() && found->offset == 0) ++found;
+  return found == entries_.end() ? std::nullopt : std::optional(found->key);
+}
+
+std::uint32_t RecordLog::bytes_of(std::uint64_t key) const {
+  const Entry* const entry = find(key);
+  return entry ? entry->bytes : 0;
+}
+
+/// The former record of its key, if there is one, is to be erased.
+void RecordLog::set(const Entry& entry) {
+  last_key_ = std::max(last_key_, entry.key);
+  const auto place = std::ranges::lower_bound(entries_, entry.key, {}, &Entry::key);
+  if (place == entries_.end() || place->key != entry.key) {
+    entries_.insert(place, entry);
+    return;
+  }
+  if (place->offset == 0) {
+    --erased_;
+  } else {
+    mark_erased(*place);
+  }
+  *place = entry;
+}
+
+/// In the list of its segment, which is written later.
+void RecordLog::mark_erased(const Entry& entry) {
+  const auto segment = segments_.find(entry.segment);
+  if (segment == segments_.end()) return;  // it was found damaged when it was to move
+  --segment->second.live;
+  segment->second.unsaved.push_back(entry.offset);
 }
 
 std::uint64_t RecordLog::bytes() const {
@@ -409,23 +464,58 @@ std::uint64_t RecordLog::bytes() const {
   return sum;
 }
 
-RecordLog::Place RecordLog::append(ByteView record) {
-  if (pending_.empty()) {
-    const bool begins = needs_segment_ || newest().bytes >= segment_bytes_;
-    pending_segment_ = begins ? next_segment_ : segments_.rbegin()->first;
+void RecordLog::commit(bool is_durable) {
+  const Changes puts = std::exchange(puts_, {});
+  const auto erased = std::exchange(erasures_, {});
+  append(puts, is_durable);
+  for (const std::uint64_t key : erased) {
+    Entry* const entry = find(key);
+    if (!entry) continue;
+    mark_erased(*entry);
+    entry->offset = 0;
+    ++erased_;
   }
-  const bool is_new = !segments_.contains(pending_segment_);
-  const std::size_t start = is_new ? header_bytes : newest().bytes;
-  const auto size = static_cast<std::uint32_t>(record.size());
-  const std::uint32_t index = (is_new ? 0 : newest().records) + pending_records_++;
-  const Place place{pending_segment_, static_cast<std::uint32_t>(start + pending_.size())};
-  ByteWriter writer;
-  const std::uint32_t sum = checksum({}, record);
-  writer.write_u32_le(checksum({pending_segment_, size, index, sum}));
-  writer.write_u32_le(size).write_u32_le(index).write_u32_le(sum);
-  pending_.insert(pending_.end(), writer.bytes().begin(), writer.bytes().end());
-  pending_.insert(pending_.end(), record.begin(), record.end());
-  return place;
+  const auto is_erased = [](const Entry& entry) { return entry.offset == 0; };
+  for (; !entries_.empty() && is_erased(entries_.front()); --erased_) entries_.pop_front();
+  if (2 * erased_ > entries_.size()) erased_ -= std::erase_if(entries_, is_erased);
+  save_all_erased(is_durable);
+  if (const auto segment = sparse_segment()) move_records_of(*segment, is_durable);
+}
+
+void RecordLog::append(const Changes& puts, bool is_durable) {
+  if (puts.empty()) return;
+  const bool is_new = needs_segment_ || newest().bytes >= segment_bytes_;
+  if (is_new) create_segment(next_segment_);
+  auto& [number, segment] = *segments_.rbegin();
+  std::vector<Entry> placed;
+  ByteWriter out;
+  for (const auto& [key, content] : puts) {
+    const auto at = segment.bytes + static_cast<std::uint32_t>(out.bytes().size());
+    Header header;
+    header.size = static_cast<std::uint32_t>(content.size());
+    header.index = segment.records + static_cast<std::uint32_t>(placed.size());
+    header.content_sum = checksum({}, content);
+    header.key = key;
+    out.write_u32_le(checksum_of(number, header)).write_u32_le(header.size);
+    out.write_u32_le(header.index).write_u32_le(header.content_sum).write_u64_le(key);
+    out.write(content);
+    placed.push_back({key, number, at, header.size});
+  }
+  if (!write_at(segment.file.get(), out.bytes(), segment.bytes) ||
+      (is_durable && fdatasync(segment.file.get()) != 0)) {
+    // What the disk has of it now is not known: nothing more goes to this segment.
+    const int error = errno;
+    needs_segment_ = true;
+    if (ftruncate(segment.file.get(), segment.bytes) != 0) errno = error;
+    throw LogError(path_of(number), error);
+  }
+  if (is_new && is_durable) synchronise_directory(directory_);
+  if (!is_durable) unsynchronised_.insert(number);
+  segment.bytes += static_cast<std::uint32_t>(out.bytes().size());
+  segment.records += static_cast<std::uint32_t>(placed.size());
+  segment.live += static_cast<std::uint32_t>(placed.size());
+  for (const Entry& entry : placed) set(entry);
+  write_tally();
 }
 
 void RecordLog::create_segment(std::uint32_t number) {
@@ -433,7 +523,7 @@ void RecordLog::create_segment(std::uint32_t number) {
   ByteWriter header;
   header.write(magic).write_u32_le(number);
   header.write_u32_le(segments_.contains(number - 1) ? newest().records : unknown_records);
-  header.write_u64_le(mark_).write_u32_le(0);
+  header.write_u64_le(last_key_).write_u32_le(0);
   header.write_u32_le(checksum({}, header.bytes()));
   OwnedFile file = open_file(path, O_RDWR | O_CREAT | O_TRUNC);
   if (file.get() < 0) fail(path);
@@ -450,51 +540,14 @@ void RecordLog::create_segment(std::uint32_t number) {
   needs_segment_ = false;
 }
 
-void RecordLog::drop_pending() {
-  pending_.clear();
-  pending_records_ = 0;
-}
-
-void RecordLog::commit(bool is_durable) {
-  if (pending_.empty()) return;
-  const Bytes octets = std::exchange(pending_, {});
-  const std::uint32_t records = std::exchange(pending_records_, 0);
-  const bool is_new = !segments_.contains(pending_segment_);
-  if (is_new) create_segment(pending_segment_);
-  Segment& segment = newest();
-  if (!write_at(segment.file.get(), octets, segment.bytes) ||
-      (is_durable && fdatasync(segment.file.get()) != 0)) {
-    // What the disk has of it now is not known: nothing more goes to this segment.
-    const int error = errno;
-    needs_segment_ = true;
-    if (ftruncate(segment.file.get(), segment.bytes) != 0) errno = error;
-    throw LogError(path_of(pending_segment_), error);
-  }
-  if (is_new && is_durable) synchronise_directory(directory_);
-  if (!is_durable) unsynchronised_.insert(pending_segment_);
-  segment.bytes += static_cast<std::uint32_t>(octets.size());
-  segment.records += records;
-  segment.live += records;
-  write_tally();
-  if (is_new) remove_dead_segments();
-}
-
-void RecordLog::erase(std::span<const Place> places, bool is_durable) {
-  std::set<std::uint32_t> touched;
-  for (const Place& place : places) {
-    const auto segment = segments_.find(place.segment);
-    if (segment == segments_.end()) continue;
-    segment->second.live -= segment->second.live > 0 ? 1 : 0;
-    segment->second.unsaved.push_back(place.offset);
-    touched.insert(place.segment);
-  }
-  if (touched.empty()) return;
+void RecordLog::save_all_erased(bool is_durable) {
   // First: a tally that still counts what is erased already would tell of a loss.
-  if (write_tally() && is_durable) fdatasync(tally_file_.get());
-  for (const std::uint32_t number : touched) {
-    Segment& segment = segments_.at(number);
+  const bool is_needed =
+      std::ranges::any_of(segments_, [](const auto& one) { return !one.second.unsaved.empty(); });
+  if (is_needed && write_tally() && is_durable) fdatasync(tally_file_.get());
+  for (auto& [number, segment] : segments_) {
     const bool is_dead = segment.live == 0 && &segment != &newest();
-    if (!is_dead) save_erased(number, segment, is_durable);
+    if (!segment.unsaved.empty() && !is_dead) save_erased(number, segment, is_durable);
   }
   remove_dead_segments();
 }
@@ -511,7 +564,7 @@ void RecordLog::save_erased(std::uint32_t number, Segment& segment, bool is_dura
   if (!is_durable || fdatasync(list.get()) == 0) segment.unsaved.clear();
 }
 
-/// The newest stays: its header has the mark.
+/// The newest stays: its header has the highest key.
 void RecordLog::remove_dead_segments() {
   if (segments_.empty()) return;
   for (auto one = segments_.begin(); std::next(one) != segments_.end();) {
@@ -525,25 +578,49 @@ void RecordLog::remove_dead_segments() {
   }
 }
 
-std::optional<Bytes> RecordLog::read(Place place) const {
-  const auto found = segments_.find(place.segment);
+std::optional<Bytes> RecordLog::read(std::uint64_t key) const {
+  const Entry* const entry = find(key);
+  return entry ? read(*entry) : std::nullopt;
+}
+
+std::optional<Bytes> RecordLog::read(const Entry& entry) const {
+  const auto found = segments_.find(entry.segment);
   if (found == segments_.end()) return std::nullopt;
-  const int file = found->second.file.get();
-  std::array<std::uint8_t, record_header_bytes> header{};
-  const ssize_t count = read_at(file, header, place.offset);
-  if (count < 0) fail(path_of(place.segment));
-  const std::uint32_t size = u32_at(header, 4);
-  if (count != static_cast<ssize_t>(header.size()) || size > found->second.bytes)
-    return std::nullopt;
-  Bytes record(size);
-  const ssize_t length = read_at(file, record, place.offset + record_header_bytes);
-  if (length < 0) fail(path_of(place.segment));
-  const std::uint32_t sum = u32_at(header, 12);
-  const bool is_whole =
-      u32_at(header, 0) == checksum({place.segment, size, u32_at(header, 8), sum}) &&
-      sum == checksum({}, record);
+  Bytes record(record_header_bytes + entry.bytes);
+  const ssize_t count = read_at(found->second.file.get(), record, entry.offset);
+  if (count < 0) fail(path_of(entry.segment));
+  const Header header = Header::read(record);
+  const ByteView content = ByteView(record).subspan(record_header_bytes);
+  const bool is_whole = count == static_cast<ssize_t>(record.size()) && header.key == entry.key &&
+                        header.size == entry.bytes &&
+                        header.sum == checksum_of(entry.segment, header) &&
+                        header.content_sum == checksum({}, content);
   if (!is_whole) return std::nullopt;
-  return record;
+  return Bytes(content.begin(), content.end());
+}
+
+/// Records that wait for long do not keep the segments of those around them.
+void RecordLog::move_records_of(std::uint32_t segment, bool is_durable) {
+  Changes moved;
+  std::vector<Entry*> damaged;
+  try {
+    for (Entry& entry : entries_) {
+      if (entry.segment != segment || entry.offset == 0) continue;
+      if (auto content = read(entry)) {
+        moved.emplace_back(entry.key, std::move(*content));
+      } else {
+        damaged.push_back(&entry);
+      }
+    }
+    append(moved, is_durable);
+  } catch (const LogError&) {
+    return;  // the disk fails: they stay where they are
+  }
+  for (Entry* const entry : damaged) {
+    mark_erased(*entry);
+    entry->segment = 0;  // whoever reads it finds it damaged
+  }
+  save_all_erased(is_durable);
 }
 
 std::optional<std::uint32_t> RecordLog::sparse_segment() const {
@@ -568,7 +645,7 @@ bool RecordLog::write_tally() {
   ByteWriter tally;
   tally.write_u32_le(segments_.empty() ? next_segment_ - 1 : segments_.rbegin()->first);
   tally.write_u32_le(segments_.empty() ? 0 : newest().records);
-  tally.write_u64_le(live()).write_u64_le(id_).write_u32_le(0);
+  tally.write_u64_le(size()).write_u64_le(id_).write_u32_le(0);
   tally.write_u32_le(checksum({}, tally.bytes()));
   return write_at(tally_file_.get(), tally.bytes(), 0);
 }

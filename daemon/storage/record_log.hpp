@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// An append log of records on disk: numbered segments in a directory, and beside each a list of the
-// records that were erased. Each record has a checksum, so damage costs only what it hit, and a
-// segment whose records are all erased is removed. Blocks; used on the disk's thread.
+// An append log of records with keys on disk: the last record of a key counts. There are numbered
+// segments in a directory, and beside each a list of the records that were erased. Each record has
+// a checksum, so damage costs only what it hit, and a segment whose records are all erased is
+// removed. Blocks; used on the disk's thread.
 //
 //   <number>-<log id>.log          header, then records, one behind the other
 //   <number>-<log id>.log.erased   offset and checksum of each erased record
@@ -14,11 +15,10 @@
 #pragma once
 
 #include <cstdint>
-#include <functional>
+#include <deque>
 #include <map>
 #include <optional>
 #include <set>
-#include <span>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -58,53 +58,43 @@ class OwnedFile {
 
 class RecordLog {
  public:
-  /// Where a record is, as long as it is not erased.
-  struct Place {
-    std::uint32_t segment = 0;
-    std::uint32_t offset = 0;
-  };
-  struct Found {
-    Place place;
-    ByteView record;  ///< valid during the call
-    bool is_erased = false;
-  };
-  /// What replay() has found. Where a list of erased records is damaged as well, it is not certain
-  /// how many of the missing records were still needed.
+  /// What open() has found missing. Where a list of erased records is damaged as well, it is not
+  /// certain how many of the missing records were still needed.
   struct Summary {
     std::size_t lost_at_least = 0;
     std::size_t lost_at_most = 0;
     std::string where;       ///< the first damaged file
     std::size_t strays = 0;  ///< segments of other logs, which are left alone
-    std::uint64_t mark = 0;  ///< see set_mark()
   };
 
   /// Makes the directory (0700), and locks the log; waits up to 3 s for an earlier process. Throws
   /// LogError.
   RecordLog(std::string directory, std::uint32_t segment_bytes);
 
-  /// Reads everything, in the order of writing. Call once, before the other members.
-  /// `skips_unreadable`: what the disk cannot read is lost; else LogError is thrown for it. Throws
-  /// LogError also for a log of a newer version.
-  Summary replay(bool skips_unreadable, const std::function<void(const Found&)>& on_record);
+  /// Reads everything. Call once, before the other members. `skips_unreadable`: what the disk
+  /// cannot read is lost; else LogError is thrown for it. Throws LogError also for a log of a newer
+  /// version.
+  Summary open(bool skips_unreadable);
 
-  /// Adds a record, which is not empty, to the next commit.
-  Place append(ByteView record);
-  /// Writes what was appended: all of it, or nothing, when it throws LogError. `is_durable`: it
-  /// survives a power cut, else the end of the process only.
+  /// For the next commit. `content` is not empty.
+  void put(std::uint64_t key, Bytes content) { puts_.emplace_back(key, std::move(content)); }
+  void erase(std::uint64_t key) { erasures_.push_back(key); }
+  /// Writes what was put, and then erases: all of it, or nothing, when it throws LogError.
+  /// `is_durable`: it survives a power cut, else the end of the process only. An erasure that the
+  /// disk does not take is written with a later one; until then a new process finds the record
+  /// again.
   void commit(bool is_durable);
-  /// Takes back what was appended since the last commit.
-  void drop_pending();
-  /// Erases records. What the disk does not take is written with a later call; until then a new
-  /// process finds the record again.
-  void erase(std::span<const Place> places, bool is_durable);
-  /// Nothing when the record is damaged. Throws LogError when the disk fails.
-  std::optional<Bytes> read(Place place) const;
 
-  /// Remembers `value` at least from the next segment on, even when no record is left.
-  void set_mark(std::uint64_t value) { mark_ = value; }
-  /// The segment with the most erased records, when there are too many of them on disk: its other
-  /// records are to be appended again and erased here.
-  std::optional<std::uint32_t> sparse_segment() const;
+  /// Nothing when there is none, or it is damaged. Throws LogError when the disk fails.
+  std::optional<Bytes> read(std::uint64_t key) const;
+  bool has(std::uint64_t key) const { return find(key) != nullptr; }
+  /// The size of its content; 0: there is none.
+  std::uint32_t bytes_of(std::uint64_t key) const;
+  /// The first key above `after`.
+  std::optional<std::uint64_t> next(std::uint64_t after) const;
+  /// At least the highest there has been.
+  std::uint64_t last_key() const { return last_key_; }
+
   /// Writes segments that somebody moved, removed or replaced while they were open to their places
   /// again. Returns the names of those files. Throws LogError.
   std::vector<std::string> put_back_in_place();
@@ -118,14 +108,23 @@ class RecordLog {
     OwnedFile file;
     std::uint32_t bytes = 0;
     std::uint32_t records = 0;           ///< ever written
-    std::uint32_t live = 0;              ///< not erased
+    std::uint32_t live = 0;              ///< not erased: entries of the index
     std::vector<std::uint32_t> unsaved;  ///< entries of the list of erased records
   };
+  /// Where the record of a key is.
+  struct Entry {
+    std::uint64_t key = 0;
+    std::uint32_t segment = 0;
+    std::uint32_t offset = 0;  ///< 0: it is erased
+    std::uint32_t bytes = 0;   ///< of the content
+  };
+  using Changes = std::vector<std::pair<std::uint64_t, Bytes>>;
   struct Tally {
     std::uint32_t segment = 0;
     std::uint32_t records = 0;
     std::uint64_t live = 0;
   };
+  struct Header;
   struct Scan;
   using Segments = std::map<std::uint32_t, Segment>;  // by number
 
@@ -137,16 +136,27 @@ class RecordLog {
   Scan scan(std::uint32_t number, bool skips_unreadable);
   void note_missing(std::uint32_t number, const Scan& scan, Segment& segment,
                     Summary& summary) const;
-  void note_missing_segments(Summary& summary) const;
+  void note_missing_segments(std::uint64_t found, Summary& summary) const;
+  std::uint64_t size() const { return entries_.size() - erased_; }
+  const Entry* find(std::uint64_t key) const;
+  Entry* find(std::uint64_t key) { return const_cast<Entry*>(std::as_const(*this).find(key)); }
+  void set(const Entry& entry);
+  void mark_erased(const Entry& entry);
+  std::optional<Bytes> read(const Entry& entry) const;
   Segment& newest() { return segments_.rbegin()->second; }
   void create_segment(std::uint32_t number);
+  void append(const Changes& puts, bool is_durable);
+  /// The segment with the most erased records, when there are too many of them on disk.
+  std::optional<std::uint32_t> sparse_segment() const;
+  void move_records_of(std::uint32_t segment, bool is_durable);
+  void save_all_erased(bool is_durable);
   void save_erased(std::uint32_t number, Segment& segment, bool is_durable);
   void remove_dead_segments();
   bool write_tally();
   std::optional<Tally> read_tally();
-  std::uint64_t live() const;
   std::uint64_t bytes() const;
   std::string path_of(std::uint32_t number) const;
+  std::uint32_t checksum_of(std::uint32_t segment, const Header& header) const;
   std::uint32_t checksum(std::initializer_list<std::uint32_t> numbers, ByteView octets = {}) const;
   [[noreturn]] void fail(const std::string& path) const;
 
@@ -157,13 +167,14 @@ class RecordLog {
   OwnedFile tally_file_;
   std::optional<Tally> tally_;
   Segments segments_;
-  std::uint64_t mark_ = 0;
+  std::deque<Entry> entries_;  // keys rise
+  std::size_t erased_ = 0;     // of entries_
+  std::uint64_t last_key_ = 0;
+  Changes puts_;
+  std::vector<std::uint64_t> erasures_;
   std::set<std::uint32_t> unsynchronised_;  // segments that are written, not yet durable
   bool needs_segment_ = true;               // the next record begins one
   std::uint32_t next_segment_ = 1;          // its number
-  std::uint32_t pending_segment_ = 0;       // where `pending_` goes
-  Bytes pending_;
-  std::uint32_t pending_records_ = 0;
 };
 
 }  // namespace slamgw

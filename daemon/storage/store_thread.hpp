@@ -25,8 +25,6 @@ struct StorePatience {
   std::chrono::milliseconds opening{10000};
   /// What the disk could not read for this long is lost.
   std::chrono::milliseconds unreadable{60000};
-  /// How long the outbox may take to keep a page of dead letters that are sent again.
-  std::chrono::milliseconds resend{10000};
 };
 
 class StoreThread {

@@ -39,6 +39,8 @@ class FakeStore {
       opened.oldest_age = std::max(opened.oldest_age, now - kept.stored);
       opened.topics.add(kept.message.topic);
     }
+    if (!dead_letters.empty())
+      opened.last_row = std::max(opened.last_row, dead_letters.rbegin()->first);
     opened.dead_letters = count_dead_letters();
     for (const auto& [id, letter] : dead_letters) {
       const std::string& topic = letter.message.topic;
@@ -80,10 +82,11 @@ class FakeStore {
       counts.bytes += stored_cost(letter.message.topic.size(), letter.message.payload.size());
     return counts;
   }
-  ResendDeadLetters resend_all() const {
-    ResendDeadLetters resend;
-    for (const auto& [id, letter] : dead_letters) resend.letters.push_back({id, letter.message});
-    return resend;
+  /// As an operator orders.
+  DeadLettersRevived revive_all(TimePoint now) {
+    std::vector<std::uint64_t> ids;
+    for (const auto& [id, letter] : dead_letters) ids.push_back(id);
+    return revive(ids, {}, now);
   }
 
   std::map<std::uint64_t, Row> rows;
@@ -100,15 +103,11 @@ class FakeStore {
     const bool is_counted_out = fail_countdown > 0 && --fail_countdown == 0;
     if (is_failing || is_counted_out) return StoreWriteFailed{"no space left on device"};
     ++commits;
-    for (StoredMessage& stored : write.keep) {
-      dead_letters.erase(stored.dead_letter);
-      rows[stored.row] = {std::move(stored.message), now};
-    }
+    for (StoredMessage& stored : write.keep) rows[stored.row] = {std::move(stored.message), now};
     for (NewDeadLetter& letter : write.dead_letters) {
       const auto row = rows.find(letter.row);
       if (row == rows.end()) continue;
-      const std::uint64_t id = ++last_letter_;
-      dead_letters[id] = {std::move(row->second.message), std::move(letter)};
+      dead_letters[letter.row] = {std::move(row->second.message), std::move(letter)};
       rows.erase(row);
     }
     for (const std::uint64_t row : write.forget) rows.erase(row);
@@ -122,8 +121,8 @@ class FakeStore {
       if (damaged.contains(row->first)) {
         loaded.damaged.push_back(row->first);
         loaded.damaged_bytes += cost_of(row->second.message);
-        dead_letters[++last_letter_] = {std::move(row->second.message),
-                                        {row->first, "damaged", 0, losses_that_convict}};
+        dead_letters[row->first] = {std::move(row->second.message),
+                                    {row->first, "damaged", 0, losses_that_convict}};
         row = rows.erase(row);
         continue;
       }
@@ -134,27 +133,36 @@ class FakeStore {
     return loaded;
   }
 
-  std::optional<StoreEvent> serve(const RetryDeadLetters& retry, TimePoint) {
+  std::optional<StoreEvent> serve(const RetryDeadLetters& retry, TimePoint now) {
     if (retry.generation != generation_) return std::nullopt;
-    ResendDeadLetters resend;
-    resend.retried_topic = retry.topic;
+    if (is_failing) return DeadLettersRevived{{}, retry.topic, true};
+    std::vector<std::uint64_t> ids;
     const auto take = [&](bool has_lost_connection) {
       for (const auto& [id, letter] : dead_letters) {
         const bool is_wanted =
             letter.message.topic == retry.topic && is_retried(letter.why.code, letter.why.tries) &&
             (letter.why.code == 0 && letter.why.tries > 0) == has_lost_connection;
-        if (is_wanted && resend.letters.size() < retry.max_letters)
-          resend.letters.push_back({id, letter.message});
+        if (is_wanted && ids.size() < retry.max_letters) ids.push_back(id);
       }
     };
     take(true);
     take(false);
-    return resend;
+    return revive(ids, retry.topic, now);
+  }
+  DeadLettersRevived revive(const std::vector<std::uint64_t>& ids, const std::string& topic,
+                            TimePoint now) {
+    DeadLettersRevived revived;
+    revived.retried_topic = topic;
+    for (const std::uint64_t id : ids) {
+      BrokerMessage message = std::move(dead_letters.extract(id).mapped().message);
+      revived.messages.push_back({id, message.topic, cost_of(message)});
+      rows[id] = {std::move(message), now};
+    }
+    return revived;
   }
 
   std::deque<std::variant<WriteToStore, LoadFromStore, RetryDeadLetters>> requests_;
   std::uint64_t generation_ = 0;
-  std::uint64_t last_letter_ = 0;
 };
 
 }  // namespace slamgw::test

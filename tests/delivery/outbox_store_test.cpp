@@ -419,26 +419,32 @@ TEST_F(OutboxStoreTest, AStoreThatBeginsAnewGetsAgainWhatIsInMemory) {
   EXPECT_EQ(received_of("t"), numbers(1, 6));
 }
 
-TEST_F(OutboxStoreTest, DeadLettersThatAreSentAgainAreDeliveredAndNoDeadLettersAnyMore) {
-  for (std::uint64_t id = 1; id <= 3; ++id)
-    store.dead_letters[id] = {{"t", to_bytes(std::to_string(id)), Qos::at_least_once, false}, {}};
-  store.is_failing = true;
-  outbox->on_store_event(store.resend_all(), now);
-  drain();
-  serve_all();
-  EXPECT_EQ(store.dead_letters.size(), 3u);
-  EXPECT_EQ(depth(), 0u) << "an operator who orders it again does not send them twice";
-  EXPECT_EQ(outbox->queued_bytes(), 0u);
-  store.is_failing = false;
-  pass(60s);
+TEST_F(OutboxStoreTest, DeadLettersThatAreSentAgainAreDeliveredInTheirOldPlaces) {
+  store_backlog("t", 1, 4);
+  store_backlog("u", 1000, 600);
+  for (const std::uint64_t row : {1u, 2u, 4u}) {
+    store.dead_letters[row] = {std::move(store.rows.at(row).message),
+                               {row, "", topic_name_invalid, 1}};
+    store.rows.erase(row);
+  }
+  die();
+  start();
+  link_up();
+  serve_store();
+  for (int i = 0; i < 200; ++i) acknowledge_first();
+  ASSERT_TRUE(store.is_asked()) << "the next page is under way";
   for (int times = 0; times < 2; ++times) {
-    outbox->on_store_event(store.resend_all(), now);
+    outbox->on_store_event(store.revive_all(now), now);
     drain();
   }
+  EXPECT_EQ(depth(), 604u - 200u);
   settle();
-  EXPECT_EQ(received_of("t"), numbers(1, 3));
+  EXPECT_EQ(received_of("t"), (std::vector<std::string>{"3", "1", "2", "4"}));
+  EXPECT_EQ(received_of("u"), numbers(1000, 600)) << "each once";
   EXPECT_TRUE(store.dead_letters.empty());
+  EXPECT_TRUE(store.rows.empty());
   EXPECT_EQ(outbox->queued_bytes(), 0u);
+  EXPECT_EQ(outbox->backlog().bytes(), 0u);
 }
 
 TEST_F(OutboxStoreTest, RowsThatVanishFromTheStoreDoNotBlockTheirTopic) {

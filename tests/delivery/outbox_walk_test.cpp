@@ -31,7 +31,7 @@ class Walk : public test::OutboxRig {
     if (choice < 80) return serve(below(4));
     if (choice < 92) return pass(std::chrono::milliseconds{below(900)});
     if (choice < 93 && closing_topic_ >= 0) return close_for_poison();
-    if (choice < 95) return toggle_link();
+    if (choice < 95) return below(8) == 0 ? resend() : toggle_link();
     if (choice < 97) return say(100 + below(400));
     if (choice < 98) return pass(3s);
     if (choice < 99) {
@@ -105,6 +105,13 @@ class Walk : public test::OutboxRig {
     if (!is_up) return link_up(static_cast<std::uint16_t>(1 + below(40)));
     ++interruptions_;
     link_down(static_cast<std::size_t>(below(20)));
+  }
+  /// As an operator orders; the store has answered all that it was asked before.
+  void resend() {
+    while (store.is_asked() && below(3) > 0) serve_store();
+    if (store.is_failing) return;
+    outbox->on_store_event(store.revive_all(now), now);
+    drain();
   }
   void restart() {
     ++interruptions_;

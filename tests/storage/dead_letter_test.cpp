@@ -91,7 +91,7 @@ TEST_F(DeadLetters, AreListedByTopicAndByPages) {
   for (std::uint64_t after = 0;;) {
     const json page = document(user->perform(ListDeadLetters{after, "", false}));
     if (!page["more"].get<bool>()) break;
-    EXPECT_LE(page["letters"].size(), DeadLetterDesk::page_letters);
+    EXPECT_LE(page["letters"].size(), DiskStore::page_letters);
     EXPECT_FALSE(page["letters"][0].contains("payload_hex"));
     for (const std::uint64_t id : ids_in(page)) all.push_back(id);
     after = all.back();
@@ -101,12 +101,12 @@ TEST_F(DeadLetters, AreListedByTopicAndByPages) {
   EXPECT_EQ(page["letters"].size(), 200u);
 }
 
-TEST_F(DeadLetters, AreSentAgainOldestFirstBehindTheOthers) {
+TEST_F(DeadLetters, AreSentAgainInTheirOldPlaces) {
   make_dead_letters({5, 2, 9});
   EXPECT_EQ(document(user->perform(ResendOrder{{{}, "", true}})),
             json({{"resent", 3}, {"left", 0}}));
   EXPECT_EQ(user->resent(), (Ids{2, 5, 9}));
-  EXPECT_EQ(messages(), (Ids{1, 3, 4, 6, 7, 8, 10, 1000, 1001, 1002}));
+  EXPECT_EQ(messages(), (Ids{1, 2, 3, 4, 5, 6, 7, 8, 9, 10}));
   EXPECT_EQ(document(user->perform(ListDeadLetters{}))["count"], 0);
 }
 
@@ -132,23 +132,14 @@ TEST_F(DeadLetters, ManyAreSentAgainPageByPage) {
   EXPECT_EQ(user->resent(), rows);
 }
 
-TEST_F(DeadLetters, ThoseThatTheOutboxHasNoRoomForStay) {
-  make_dead_letters({2, 5});
-  user->takes_resends = false;
-  EXPECT_EQ(document(user->perform(ResendOrder{{{}, "", true}})),
-            json({{"resent", 0}, {"left", 2}}));
-  EXPECT_EQ(document(user->perform(ListDeadLetters{}))["count"], 2);
-  user->takes_resends = true;
-  EXPECT_EQ(document(user->perform(ResendOrder{{{}, "", true}}))["resent"], 2) << "later";
-}
-
 TEST_F(DeadLetters, KeepTheTimeOfTheMessageWhenTheyBecomeSoAgain) {
   make_dead_letters({2});
   const json before = document(user->perform(ListDeadLetters{}));
   EXPECT_EQ(document(user->perform(ResendOrder{{{2}, "", false}}))["resent"], 1);
-  ASSERT_TRUE(user->make_dead_letters({1000}, "again"));
+  ASSERT_TRUE(user->make_dead_letters({2}, "again"));
   const json after = document(user->perform(ListDeadLetters{}));
-  EXPECT_EQ(ids_in(after), Ids{1000});
+  EXPECT_EQ(ids_in(after), Ids{2});
+  EXPECT_EQ(after["letters"][0]["reason"], "again");
   EXPECT_EQ(after["letters"][0]["stored_at"], before["letters"][0]["stored_at"]);
 }
 
@@ -173,16 +164,20 @@ TEST_F(DeadLetters, OfATopicAreTriedAgain) {
 
   const std::string topic = opened->dead_topics[1].topic;
   user->store().ask(RetryDeadLetters{1, topic, 1});
-  const auto one = user->await<ResendDeadLetters>();
-  ASSERT_EQ(one->letters.size(), 1u);
-  EXPECT_EQ(one->letters[0].id, 8u) << "it may cost the connection, so it is known first";
+  const auto one = user->await<DeadLettersRevived>();
+  ASSERT_EQ(one->messages.size(), 1u);
+  EXPECT_EQ(one->messages[0].row, 8u) << "it may cost the connection, so it is known first";
+  EXPECT_EQ(one->messages[0].topic, topic);
   EXPECT_EQ(one->retried_topic, topic);
   user->store().ask(RetryDeadLetters{1, topic, 10});
-  const auto all = user->await<ResendDeadLetters>();
-  ASSERT_EQ(all->letters.size(), 2u);
-  EXPECT_EQ(all->letters[1].id, 5u);
+  const auto all = user->await<DeadLettersRevived>();
+  ASSERT_EQ(all->messages.size(), 1u);
+  EXPECT_EQ(all->messages[0].row, 5u);
+  EXPECT_EQ(messages(), (Ids{3, 4, 5, 6, 7, 8, 9, 10}));
   user->store().ask(RetryDeadLetters{1, "unknown", 10});
-  EXPECT_TRUE(user->await<ResendDeadLetters>()->letters.empty());
+  const auto none = user->await<DeadLettersRevived>();
+  EXPECT_TRUE(none->messages.empty());
+  EXPECT_FALSE(none->has_failed);
 }
 
 TEST_F(DeadLetters, WithoutAStoreOrdersFailInWords) {

@@ -328,6 +328,36 @@ TEST_F(StoreDamage, AWriteThatWasNotConfirmedIsNotDeliveredTwice) {
   EXPECT_EQ(user.notices(), "");
 }
 
+TEST_F(StoreDamage, DeadLettersThatTheDiskDoesNotTakeAsMessagesStay) {
+  StoreUser user(directory.path());
+  ASSERT_TRUE(user.keep(1, 3, 100));
+  ASSERT_TRUE(user.make_dead_letters({1, 2}, "refused"));
+  FaultyDisk::fails_writes = true;
+  EXPECT_EQ(user.perform(ResendOrder{{{}, "", true}}).json, R"({"left":2,"resent":0})");
+  user.store().ask(RetryDeadLetters{1, "ntnu-slam/robot/r1/update", 1});
+  EXPECT_TRUE(user.await<DeadLettersRevived>()->has_failed);
+  FaultyDisk::fails_writes = false;
+  EXPECT_EQ(rows_of(*user.load(0)), std::vector<std::uint64_t>{3});
+  EXPECT_EQ(user.perform(ResendOrder{{{}, "", true}}).json, R"({"left":0,"resent":2})");
+  EXPECT_EQ(user.load(0)->messages.size(), 3u);
+}
+
+TEST_F(StoreDamage, ADeadLetterIsOneMessageHoweverOftenItIsSentAgain) {
+  {
+    StoreUser user(directory.path());
+    ASSERT_TRUE(user.keep(1, 10, 100));
+    for (int times = 0; times < 3; ++times) {
+      ASSERT_TRUE(user.make_dead_letters({4}, "refused"));
+      user.perform(ResendOrder{{{}, "", true}});
+    }
+  }
+  overwrite(segment(), std::filesystem::file_size(segment()) - 20, "!");
+  StoreUser user(directory.path());
+  EXPECT_EQ(user.await<StoreOpened>()->count, 9u);
+  EXPECT_EQ(user.notices().find(" 1 messages are lost") == std::string::npos, false);
+  expect_intact(*user.load(0), 100);
+}
+
 TEST_F(StoreDamage, AStoreThatIsRemovedWhileItIsOpenIsWrittenAgain) {
   StoreUser user(directory.path());
   ASSERT_TRUE(user.keep(1, 50, 100));

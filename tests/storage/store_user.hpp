@@ -17,17 +17,23 @@
 namespace slamgw::test {
 
 inline constexpr std::uint64_t plenty = 1u << 28;
-/// As in the daemon, but shorter: reopen, look, opening, unreadable, resend.
+/// As in the daemon, but shorter: reopen, look, opening, unreadable.
 inline constexpr StorePatience short_patience{
     std::chrono::milliseconds{200}, std::chrono::milliseconds{20}, std::chrono::milliseconds{2000},
-    std::chrono::milliseconds{600}, std::chrono::milliseconds{300}};
+    std::chrono::milliseconds{600}};
 
 class StoreUser {
  public:
   explicit StoreUser(const std::string& directory, std::uint64_t max_bytes = plenty)
       : store_(
             io_, {directory, max_bytes},
-            [this](StoreEvent event) { events_.push_back(std::move(event)); }, short_patience) {
+            [this](StoreEvent event) {
+              if (const auto* revived = std::get_if<DeadLettersRevived>(&event))
+                for (const RevivedMessage& message : revived->messages)
+                  resent_.push_back(message.row);
+              events_.push_back(std::move(event));
+            },
+            short_patience) {
     store_.start();
   }
 
@@ -92,31 +98,10 @@ class StoreUser {
   OrderAnswer perform(StoreOrder order) {
     std::optional<OrderAnswer> answer;
     store_.perform(std::move(order), [&](OrderAnswer given) { answer = std::move(given); });
-    eventually(io_, [&] {
-      serve_resends();
-      return answer.has_value();
-    });
+    eventually(io_, [&] { return answer.has_value(); });
     return answer.value_or(OrderAnswer{{}, "no answer"});
   }
-  /// What an outbox does with dead letters; does nothing when it takes none.
-  void serve_resends() {
-    for (StoreEvent& event : events_) {
-      auto* const resend = std::get_if<ResendDeadLetters>(&event);
-      if (!resend) continue;
-      WriteToStore write{1, {}, {}, {}};
-      for (DeadLetter& letter : resend->letters) {
-        resent_.push_back(letter.id);
-        if (takes_resends) write.keep.push_back({next_row++, letter.message, {}, letter.id});
-      }
-      resend->letters.clear();
-      if (!write.keep.empty()) store_.ask(std::move(write));
-    }
-    std::erase_if(events_, [](const StoreEvent& event) {
-      return std::holds_alternative<ResendDeadLetters>(event);
-    });
-  }
-  bool takes_resends = true;
-  std::uint64_t next_row = 1000;
+  /// Dead letters that became messages again.
   const std::vector<std::uint64_t>& resent() const { return resent_; }
 
   /// Never the same for two rows.

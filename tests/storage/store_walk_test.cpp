@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <fstream>
 #include <map>
+#include <nlohmann/json.hpp>
 #include <random>
 #include <regex>
 
@@ -110,9 +111,16 @@ class Walk {
       }
       if (loaded->messages.empty()) break;
     }
+    std::set<std::uint64_t> letters;
+    for (std::uint64_t after = 0;;) {
+      const auto page = nlohmann::json::parse(user.perform(ListDeadLetters{after, "", false}).json);
+      if (!page["more"].get<bool>()) break;
+      for (const auto& letter : page["letters"]) letters.insert(after = letter["id"]);
+    }
     std::size_t missing = 0;
     for (const auto& [row, size] : kept_) missing += delivered.contains(row) ? 0 : 1;
     const std::size_t again = delivered.size() - (kept_.size() - missing);
+    for (const auto& [row, size] : dead_) missing += letters.contains(row) ? 0 : 1;
     const std::size_t at_most = told(user.notices(), "([0-9]+) messages are lost");
     const std::size_t at_least = told(user.notices(), "([0-9]+)( to [0-9]+)? messages are lost");
     EXPECT_LE(missing, at_most) << user.notices();
@@ -120,7 +128,7 @@ class Walk {
     EXPECT_TRUE(user.keep(1000000, 1));
     totals().missing += missing;
     totals().again += again;
-    totals().messages += kept_.size();
+    totals().messages += kept_.size() + dead_.size();
   }
 
   void check(const StoredMessage& stored) {

@@ -208,13 +208,13 @@ TEST(ThirdMeshParts, HaveAPlaceForIt) {
 
   for (const Mesh mesh : all_meshes) {
     const BrokerMessage before{"t", {}, Qos::at_least_once, false, Provenance{mesh, WallTime{7s}}};
-    const BrokerMessage after = decode_message(encode_message({1, 0, 0, before})).value().message;
+    const BrokerMessage after = decode_message(encode_message({{}, before})).value().message;
     ASSERT_TRUE(after.provenance);
     EXPECT_EQ(after.provenance->mesh, mesh) << "after a stay on the disk";
   }
   Bytes record =
-      encode_message({1, 0, 0, {"t", {}, Qos::at_least_once, false, Provenance{Mesh::ble, {}}}});
-  record[32] = static_cast<std::uint8_t>(all_meshes.size() + 1);  // written by a later version
+      encode_message({{}, {"t", {}, Qos::at_least_once, false, Provenance{Mesh::ble, {}}}});
+  record[16] = static_cast<std::uint8_t>(all_meshes.size() + 1);  // written by a later version
   EXPECT_FALSE(decode_message(record).value().message.provenance);
 
   RobotRegistry registry;
