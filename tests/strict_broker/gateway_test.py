@@ -7,6 +7,7 @@ import contextlib
 import json
 import pathlib
 import random
+import re
 import signal
 import socket
 import sys
@@ -77,7 +78,13 @@ class Gateway:
         with contextlib.suppress(AssertionError):  # the judge tells what is missing
             wait_for(lambda: sum(tally.missing for tally in self.judge()[0].values()) <= len(self.swallowed()))
         tallies, complaints = self.judge()
-        return sum(tallies.values(), Tally()), complaints
+        blamed = self.blamed()
+        return sum(tallies.values(), Tally()), [one for one in complaints if not (" out of order:" in one and one.split(":")[0] in blamed)], blamed
+
+    def blamed(self):
+        """Robots of whose message the daemon says that the connection is lost when it is sent. Cuts that hit the same message twice look like
+        that; later messages may then overtake it (docs/topics.md, promise 3)."""
+        return set(re.findall(r"does not take messages on \S+/robot/([^/]+)/", self.daemon.log.read_text(encoding="utf-8")))
 
     def judge(self):
         return judge(self.said(), [self.arrival(one) for one in self.broker.journal("accepted", client=CLIENT_ID) if is_update(one["topic"])],
@@ -112,7 +119,7 @@ def is_update(topic):
 
 
 def run(client, version):
-    """(a Tally, complaints, messages that were swallowed) after all cuts and kills."""
+    """(a Tally, complaints, robots whose order is not judged, messages that were swallowed) after all cuts and kills."""
     chance = random.Random(version)
     with tempfile.TemporaryDirectory() as directory:
         gateway = Gateway(directory, PROGRAMS, client, version)
@@ -140,8 +147,9 @@ class AtAStrictBroker(unittest.TestCase):
         QoS 2 messages (MQTT-4.3.3)."""
         self.expect_all(*self.runs[5])
 
-    def expect_all(self, tally, complaints, swallowed):
-        print(tally)
+    def expect_all(self, tally, complaints, blamed, swallowed):
+        print(tally, f"blamed: {sorted(blamed)}")
+        self.assertLess(len(blamed), 4, "of six: the order of the others is judged")
         self.assertEqual((complaints, swallowed), ([], []))
         self.assertGreater(tally.acknowledged, 300)
 
