@@ -51,17 +51,32 @@ void Neighbours::on_presence(const std::string& gateway, const std::string& robo
   if (gateway == own_id_) return;
   const auto parsed = parse(document);
   const auto known = robots_.find(robot);
-  if (!parsed) {
-    if (known != robots_.end() && known->second.gateway == gateway) robots_.erase(known);
-    return;
-  }
+  if (!parsed) return on_withdrawn(gateway, robot);
   if (known == robots_.end() && robots_.size() >= max_robots) return;
   Shown shown{gateway, text_of(*parsed, "state"), text_of(*parsed, "since"),
               std::string(as_text(document))};
   // `offline` says nothing against a gateway that shows the robot as its own.
   const bool is_older = known != robots_.end() && known->second.gateway != gateway &&
                         shown.state == "offline" && known->second.state != "offline";
-  if (!is_older) robots_[robot] = std::move(shown);
+  if (is_older) return;
+  if (known != robots_.end() && known->second.gateway != gateway)
+    former_[robot] = std::move(known->second);
+  robots_[robot] = std::move(shown);
+}
+
+/// A gateway that loses a robot may show it once more before it withdraws it.
+void Neighbours::on_withdrawn(const std::string& gateway, const std::string& robot) {
+  const auto known = robots_.find(robot);
+  if (known == robots_.end()) return;
+  auto former = former_.extract(robot);
+  const bool is_shown = former && former.mapped().gateway != gateway;
+  if (known->second.gateway != gateway) {
+    if (is_shown) former_.insert(std::move(former));
+  } else if (is_shown && is_online(former.mapped().gateway)) {
+    known->second = std::move(former.mapped());
+  } else {
+    robots_.erase(known);
+  }
 }
 
 bool Neighbours::is_served_elsewhere(const std::string& robot) const {

@@ -61,12 +61,14 @@ class Neighbours {
   const std::map<std::string, Shown>& robots() const { return robots_; }
 
  private:
+  void on_withdrawn(const std::string& gateway, const std::string& robot);
   unsigned rank() const;
   bool is_online(const std::string& gateway) const;
 
   const std::string own_id_;
   std::map<std::string, State> gateways_;  ///< others
   std::map<std::string, Shown> robots_;    ///< of others
+  std::map<std::string, Shown> former_;    ///< of `robots_`: what another gateway showed before
 };
 
 }  // namespace slamgw::sessions

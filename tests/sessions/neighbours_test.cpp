@@ -52,6 +52,31 @@ TEST_F(NeighboursOfRoomB, Rule7_TheRobotsOfADeadGatewayAreOrphansOnce) {
   EXPECT_TRUE(state("room-c", offline).empty());
 }
 
+TEST_F(NeighboursOfRoomB, OneThatShowsARobotOnceMoreBeforeItWithdrawsItHidesNobody) {
+  state("room-a", online);
+  state("room-c", online);
+  shows("room-a", "r1");
+  shows("room-c", "r1");
+  shows("room-a", "r1");
+  neighbours.on_presence("room-a", "r1", {});
+  ASSERT_TRUE(neighbours.robots().contains("r1"));
+  EXPECT_EQ(neighbours.robots().at("r1").gateway, "room-c");
+  neighbours.on_presence("room-c", "r1", {});
+  EXPECT_FALSE(neighbours.robots().contains("r1"));
+
+  shows("room-a", "r1");
+  shows("room-c", "r1");
+  neighbours.on_presence("room-a", "r1", {});
+  neighbours.on_presence("room-c", "r1", {});
+  EXPECT_FALSE(neighbours.robots().contains("r1")) << "room-a has withdrawn it, too";
+
+  shows("room-a", "r1");
+  shows("room-c", "r1");
+  state("room-a", offline);
+  neighbours.on_presence("room-c", "r1", {});
+  EXPECT_FALSE(neighbours.robots().contains("r1")) << "room-a is gone";
+}
+
 TEST_F(NeighboursOfRoomB, OneThatHeardTheRobotLastShowsIt) {
   state("room-a", online);
   state("room-c", online);
