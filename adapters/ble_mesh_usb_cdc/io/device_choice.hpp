@@ -26,7 +26,7 @@ struct UsbPort {
 /// (1915:cafe) are never candidates.
 Result<UsbPort, Refusal> choose_device(const std::vector<UsbPort>& ports);
 
-/// Who may use a device node, and who tries to.
+/// The owner and mode of a device node, and the user who opens it.
 struct NodeAccess {
   std::string group;    ///< name, or number when it has none
   unsigned mode = 0;    ///< permission bits, 0777

@@ -25,7 +25,7 @@
 
 namespace slamgw::ble {
 
-/// What happened since the last report.
+/// Octets and changes of state since the last report.
 struct SerialReport {
   bool is_open = false;
   Bytes bytes;
@@ -293,7 +293,7 @@ void SerialConnection::carry(SerialPort& port) {
     if ((watched[1].revents & ~POLLOUT) != 0) is_usable = read_some(port);
     if (is_usable) is_usable = write_some(port);
   }
-  if (is_usable) write_some(port);  // what the loop wrote before it closed the line
+  if (is_usable) write_some(port);  // octets that the loop queued before it closed the line
 }
 
 bool SerialConnection::read_some(SerialPort& port) {

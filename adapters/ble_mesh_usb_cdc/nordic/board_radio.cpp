@@ -183,7 +183,7 @@ bool BoardRadio::begin_next(TimePoint now) {
   return frame.has_value();
 }
 
-/// What the board does next, once it has nothing to do.
+/// Returns the next command for an idle board.
 std::optional<Bytes> BoardRadio::choose() {
   if (is_scan_wanted_ != is_scanning_) {
     is_scanning_ = is_scan_wanted_;

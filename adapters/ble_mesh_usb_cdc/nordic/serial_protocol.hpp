@@ -99,8 +99,8 @@ struct PacketSend {
   ByteView payload;  ///< access message, opcode first; at most `send_limit`
 };
 
-/// What the firmware answers to 0x09. Of what the daemon sends, Packet Send and Provision differ
-/// between the versions: a Packet Send that is too long puts its last octets before each message
+/// The firmware's answer to command 0x09. The commands Packet Send and Provision differ between the
+/// versions: a Packet Send that is too long puts its last octets before each message
 /// on air.
 enum class SerialVersion : std::uint16_t {
   sdk_1_0 = 5,   ///< nRF5 SDK for Mesh 1.0.x
@@ -139,7 +139,7 @@ enum class OobMethod : std::uint8_t { none = 0, static_data = 1 };
 /// Key index 0, no IV update and no key refresh in progress, no attention signal. `context`: one of
 /// the board's two provisioning links.
 Bytes encode_provision(std::uint8_t context, const ProvisionDevice& device, SerialVersion version);
-/// What the board itself can do: one element, no OOB.
+/// The capabilities of the board as a device: one element, no OOB.
 Bytes encode_capabilities_set();
 Bytes encode_oob_use(std::uint8_t context, OobMethod method);
 
