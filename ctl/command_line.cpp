@@ -346,7 +346,7 @@ std::optional<std::string> complaint_about_verb(const CLI::App& app,
 Result<Bytes, std::string> parse_payload(std::string_view type, std::string_view text,
                                          bool is_hex) {
   if (is_hex) {
-    auto bytes = control::parse_hex(text);
+    auto bytes = from_hex(text);
     if (!bytes) return std::string("with --hex it is pairs of hex digits, like 0a00ecff");
     return std::move(*bytes);
   }

@@ -39,7 +39,7 @@ std::optional<microseconds> parse_time(const std::string& text) {
 }
 
 std::optional<BrokerMessage> message_of(const json& event) {
-  const auto payload = control::parse_hex(text_at(event, "payload"));
+  const auto payload = from_hex(text_at(event, "payload"));
   const std::string topic = string_at(event, "topic");
   const std::uint64_t qos = count_at(event, "qos");
   if (!event.contains("payload") || !payload || !is_valid_topic_name(topic) || qos > 2)

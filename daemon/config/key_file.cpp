@@ -3,7 +3,6 @@
 
 #include <fmt/format.h>
 
-#include <charconv>
 #include <nlohmann/json.hpp>
 #include <optional>
 
@@ -16,13 +15,8 @@ namespace {
 constexpr std::string_view keys_file_key = "mqttsn.dtls.keys_file";
 
 std::optional<Bytes> parse_key(std::string_view hex) {
-  if (hex.size() % 2 != 0 || hex.size() < 2 * min_key_octets || hex.size() > 2 * max_key_octets)
-    return std::nullopt;
-  Bytes key(hex.size() / 2);
-  for (std::size_t i = 0; i < key.size(); ++i) {
-    const char* const digits = hex.data() + 2 * i;
-    if (std::from_chars(digits, digits + 2, key[i], 16).ptr != digits + 2) return std::nullopt;
-  }
+  auto key = from_hex(hex);
+  if (!key || key->size() < min_key_octets || key->size() > max_key_octets) return std::nullopt;
   return key;
 }
 

@@ -6,7 +6,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <boost/algorithm/hex.hpp>
 #include <iterator>
 
 #include "daemon/control/trace_json.hpp"
@@ -38,7 +37,7 @@ Result<Request, std::string> parse_send(const json& request) {
   const auto robot = text_of(request, "robot");
   const auto type = text_of(request, "type");
   const auto payload_hex = text_of(request, "payload_hex");
-  const auto payload = payload_hex ? parse_hex(*payload_hex) : std::nullopt;
+  const auto payload = payload_hex ? from_hex(*payload_hex) : std::nullopt;
   if (!robot || !type || !payload) {
     return std::string("send needs the texts robot, type and payload_hex (pairs of hex digits)");
   }
@@ -163,16 +162,6 @@ std::string lost_line(std::uint64_t count, WallTime at) {
 
 std::string to_line(const json& json) {
   return escape_unprintable(json.dump(-1, ' ', false, json::error_handler_t::replace)) + "\n";
-}
-
-std::optional<Bytes> parse_hex(std::string_view text) {
-  try {
-    Bytes bytes;
-    boost::algorithm::unhex(text.begin(), text.end(), std::back_inserter(bytes));
-    return bytes;
-  } catch (const boost::algorithm::hex_decode_error&) {
-    return std::nullopt;
-  }
 }
 
 }  // namespace slamgw::control

@@ -76,7 +76,4 @@ std::string event_line(const TraceEvent& event);
 std::string lost_line(std::uint64_t count, WallTime at);
 std::string to_line(const nlohmann::json& json);
 
-/// Hex digits in pairs, any case; nothing when it is anything else.
-std::optional<Bytes> parse_hex(std::string_view text);
-
 }  // namespace slamgw::control

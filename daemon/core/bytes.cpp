@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "daemon/core/bytes.hpp"
 
+#include <boost/algorithm/hex.hpp>
+#include <iterator>
+
 namespace slamgw {
 
 std::string_view as_text(ByteView bytes) {
@@ -25,6 +28,16 @@ std::string to_hex(ByteView bytes) {
     text += digits[byte & 0x0f];
   }
   return text;
+}
+
+std::optional<Bytes> from_hex(std::string_view text) {
+  try {
+    Bytes bytes;
+    boost::algorithm::unhex(text.begin(), text.end(), std::back_inserter(bytes));
+    return bytes;
+  } catch (const boost::algorithm::hex_decode_error&) {
+    return std::nullopt;
+  }
 }
 
 ByteView ByteReader::read(std::size_t count) {

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -21,6 +22,8 @@ std::string_view as_text(ByteView bytes);
 ByteView as_bytes(std::string_view text);
 Bytes to_bytes(std::string_view text);
 std::string to_hex(ByteView bytes);
+/// Reads pairs of hex digits, any case; returns nothing for anything else.
+std::optional<Bytes> from_hex(std::string_view text);
 
 /// Sticky-failure reader. After a failed read every value is 0 or empty and `ok()` is false.
 class ByteReader {

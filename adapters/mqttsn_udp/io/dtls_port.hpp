@@ -19,6 +19,7 @@
 #include "adapters/mqttsn_udp/io/udp_socket.hpp"
 #include "daemon/core/log_throttle.hpp"
 #include "daemon/core/messages.hpp"
+#include "daemon/core/release.hpp"
 #include "daemon/core/robot_keys.hpp"
 
 namespace slamgw::mqttsn {
@@ -50,13 +51,6 @@ class DtlsPort {
   Counters counters() const;
 
  private:
-  template <auto release>
-  struct Release {
-    template <class T>
-    void operator()(T* object) const {
-      release(object);
-    }
-  };
   using Ssl = std::unique_ptr<SSL, Release<SSL_free>>;
   using ClientRandom = std::array<std::uint8_t, 32>;
 

@@ -15,6 +15,8 @@
 #include <cstring>
 #include <memory>
 
+#include "daemon/core/release.hpp"
+
 namespace slamgw {
 namespace {
 
@@ -27,13 +29,6 @@ struct CloseFile {
   }
 };
 
-template <auto release>
-struct Release {
-  template <class T>
-  void operator()(T* object) const {
-    release(object);
-  }
-};
 using Bio = std::unique_ptr<BIO, Release<BIO_free>>;
 using Certificate = std::unique_ptr<X509, Release<X509_free>>;
 using Key = std::unique_ptr<EVP_PKEY, Release<EVP_PKEY_free>>;

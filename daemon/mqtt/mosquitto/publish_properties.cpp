@@ -3,8 +3,7 @@
 
 #include <mqtt_protocol.h>
 
-#include <cstdlib>
-
+#include "daemon/mqtt/mosquitto/read_user_properties.hpp"
 #include "daemon/mqtt/user_properties.hpp"
 
 namespace slamgw {
@@ -55,17 +54,9 @@ std::vector<std::uint32_t> subscriptions_of(const mosquitto_property* publish) {
 
 Sender sender_of(const mosquitto_property* publish) {
   Sender sender;
-  char* name = nullptr;
-  char* value = nullptr;
-  const mosquitto_property* at = publish;
-  bool is_next = false;
-  while (!sender && (at = mosquitto_property_read_string_pair(at, MQTT_PROP_USER_PROPERTY, &name,
-                                                              &value, is_next)) != nullptr) {
-    is_next = true;
-    if (name == sender_property) sender = sender_at_broker(value);
-    std::free(name);
-    std::free(value);
-  }
+  read_user_properties(publish, [&](std::string_view name, std::string_view value) {
+    if (!sender && name == sender_property) sender = sender_at_broker(value);
+  });
   return sender;
 }
 

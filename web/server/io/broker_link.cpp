@@ -8,11 +8,11 @@
 #include <algorithm>
 #include <boost/asio/post.hpp>
 #include <chrono>
-#include <cstdlib>
 #include <random>
 #include <stdexcept>
 #include <utility>
 
+#include "daemon/mqtt/mosquitto/read_user_properties.hpp"
 #include "daemon/mqtt/user_properties.hpp"
 
 namespace slamgw::web {
@@ -44,22 +44,11 @@ std::int64_t unix_ms() {
 
 /// Takes the three user properties of the gateway's messages.
 void read_properties(const mqtt5__property* properties, BrokerMessage& message) {
-  const mosquitto_property* next = properties;
-  bool is_next = false;
-  while (true) {
-    char* name = nullptr;
-    char* value = nullptr;
-    next =
-        mosquitto_property_read_string_pair(next, MQTT_PROP_USER_PROPERTY, &name, &value, is_next);
-    if (next == nullptr) return;
-    is_next = true;
-    const std::string_view key = name;
-    if (key == "mesh") message.mesh = value;
-    if (key == "gateway") message.gateway = value;
-    if (key == "received_at") message.received_at = value;
-    std::free(name);
-    std::free(value);
-  }
+  read_user_properties(properties, [&](std::string_view name, std::string_view value) {
+    if (name == "mesh") message.mesh = value;
+    if (name == "gateway") message.gateway = value;
+    if (name == "received_at") message.received_at = value;
+  });
 }
 
 }  // namespace
