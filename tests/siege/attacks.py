@@ -186,7 +186,7 @@ class Siege:
         """Gateways and pages of their own meet a hostile broker; they go on, and end when they are told to."""
         ends = [self.meet(client, attack) for client in ("paho", "mosquitto") for attack in HOSTILE_BROKERS
                 if client == "paho" or attack not in ENDS_LIBMOSQUITTO]
-        return f"{len(ends)} hostile brokers"
+        return f"{len(ends)} hostile brokers, of which libmosquitto does not meet: {', '.join(ENDS_LIBMOSQUITTO)}"
 
     def meet(self, client, attack):
         with HostileBroker(attack, self.chance) as hostile:
