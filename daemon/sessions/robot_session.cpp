@@ -74,19 +74,16 @@ void RobotSession::on_attached(bool is_present, bool is_v5, TimePoint now) {
   held_since_ = now;
   retry_ = first_retry;
   knows_all_ = !is_present;
-  for (auto& [filter, entry] : filters_) {
-    // Another gateway's own subscription may have replaced the same one of the robot's.
-    const bool may_be_replaced = is_v5 && filter == names_.command_filter(robot_);
-    entry.is_standing = entry.is_standing && is_present && !may_be_replaced;
-  }
+  // A broker that was killed, or a gateway before it had subscribed all, leaves a session without
+  // some of them.
+  for (auto& [filter, entry] : filters_) entry.is_standing = false;
   const auto unheld_since = std::exchange(unheld_since_, std::nullopt);
   subscribe_own();
   if (is_present && unheld_since && now - *unheld_since > stale_after) send_marker(now);
   actions_.push(SessionHeld{robot_, is_present});
   for (const std::string& filter : std::exchange(given_up_, {}))
     if (is_present) actions_.push(UnsubscribeSession{robot_, filter});
-  for (auto& [filter, entry] : filters_)
-    if (!entry.is_standing || entry.wants_retained) ask(filter, entry);
+  for (auto& [filter, entry] : filters_) ask(filter, entry);
   if (!note_until_) return;
   if (!is_present) return end_note({});
   actions_.push(
@@ -223,11 +220,10 @@ void RobotSession::subscribe(const std::string& filter, Qos qos, bool may_wait, 
   if (is_held()) ask(filter, entry);
 }
 
-/// The gateway's own subscription may have replaced the same one of the robot's.
 void RobotSession::resume(const std::string& filter, Qos qos) {
   Filter& entry = filter_of(filter, qos);
-  entry.is_standing = !is_clean_due_ && filter != names_.command_filter(robot_);
-  if (is_held() && (knows_all_ || !entry.is_standing)) ask(filter, entry);
+  entry.was_granted = true;
+  if (is_held()) ask(filter, entry);
 }
 
 void RobotSession::unsubscribe(const std::string& filter) {
@@ -280,7 +276,7 @@ void RobotSession::on_subscribed(const std::string& filter, bool is_granted, Tim
   if (found == filters_.end()) return;  // the gateway's own, or given up meanwhile
   if (!is_granted) return refuse(filter);
   Filter& entry = found->second;
-  entry.is_standing = true;
+  entry.is_standing = entry.was_granted = true;
   entry.fatal_losses = 0;
   if (std::exchange(entry.wants_retained, false)) entry.retained_until = now + retained_patience;
   if (std::exchange(entry.answer_due, std::nullopt))
@@ -298,7 +294,9 @@ void RobotSession::blame_unanswered() {
   if (asked_.empty()) return;
   const std::string filter = asked_.front();
   const auto found = filters_.find(filter);
-  if (found == filters_.end() || ++found->second.fatal_losses < max_fatal_losses) return;
+  if (found == filters_.end()) return;
+  const unsigned most = found->second.was_granted ? max_fatal_losses_of_granted : max_fatal_losses;
+  if (++found->second.fatal_losses < most) return;
   losses_ = quick_losses_ = 0;
   refuse(filter);
 }

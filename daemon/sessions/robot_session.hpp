@@ -53,6 +53,9 @@ class RobotSession {
   static constexpr std::chrono::seconds retained_patience{10};
   /// A filter that the broker does not answer, but ends the connection, so many times, is refused.
   static constexpr unsigned max_fatal_losses = 2;
+  /// One that a broker has granted before is subscribed at each connection; a broker that restarts
+  /// ends some of these.
+  static constexpr unsigned max_fatal_losses_of_granted = 10;
   /// For the note after its subscription was granted; and in all.
   static constexpr std::chrono::milliseconds note_patience{300};
   static constexpr std::chrono::seconds longest_note_wait{2};
@@ -144,7 +147,8 @@ class RobotSession {
   struct Filter {
     Qos qos = Qos::at_most_once;
     std::uint32_t id = 0;
-    bool is_standing = false;               ///< the broker's session has it
+    bool is_standing = false;               ///< the broker has granted it on this connection
+    bool was_granted = false;               ///< or on an earlier one, perhaps at another gateway
     bool wants_retained = false;            ///< the next SUBSCRIBE brings retained messages
     std::optional<TimePoint> answer_due{};  ///< the robot waits for an answer
     TimePoint retained_until{};             ///< retained messages are for the robot until then

@@ -21,11 +21,30 @@ TEST_F(RobotSessionRulesUp, SubscribesWhatTheRobotAskedForWhenTheSessionIsNew) {
   EXPECT_TRUE(answers[0].is_granted);
 }
 
-TEST_F(RobotSessionRulesUp, LeavesToTheBrokerWhatItsSessionHas) {
+/// A broker that was killed may have an older session, and a gateway that was killed may have made
+/// one without all of the robot's filters.
+TEST_F(RobotSessionRulesUp, SubscribesAgainWhatItsSessionShouldHave) {
   sessions.subscribe("r1", "ntnu-slam/server/r1/+", Qos::at_least_once, true, now);
   sessions.on_heard("r1", now);
   sessions.on_attached("r1", true, now);
-  EXPECT_EQ(subscribed(), std::vector{mailbox});
+  EXPECT_EQ(subscribed(), (std::vector{mailbox, std::string("ntnu-slam/server/r1/+")}));
+  sessions.on_subscribed("r1", "ntnu-slam/server/r1/+", true, now);
+  sessions.on_detached("r1", now);
+  sessions.on_heard("r1", now);
+  forget_actions();
+  sessions.on_attached("r1", true, now);
+  EXPECT_EQ(subscribed(), (std::vector{mailbox, std::string("ntnu-slam/server/r1/+")}));
+}
+
+TEST_F(RobotSessionRulesUp, DropsNoCommandForAFilterThatItsSessionDoesNotHave) {
+  sessions.subscribe("r1", "ntnu-slam/server/r1/run", Qos::at_least_once, true, now);
+  sessions.on_heard("r1", now);
+  sessions.on_attached("r1", true, now);
+  forget_actions();
+  const std::uint32_t by_gateway[] = {RobotSession::command_id};
+  sessions.on_message("r1", {"ntnu-slam/server/r1/run", to_bytes("start"), Qos::at_least_once},
+                      by_gateway, now);
+  EXPECT_EQ(fenced().size(), 1U);
 }
 
 TEST_F(RobotSessionRulesUp, SubscribesAgainWhenTheBrokerHasForgotten) {
