@@ -121,6 +121,7 @@ struct slam_sn_client {
   uint16_t next_id;       // the message id of the next request, never 0
   uint16_t delivered_id;  // of the last message from the gateway, so that its repeat is known
   uint32_t answered_at;   // when the gateway last answered a request
+  uint32_t heard_at;      // when it last said anything
 
   uint8_t asking;  // type of the request about the connection that waits for its answer; 0: none
   uint8_t asked_topic;
@@ -306,9 +307,11 @@ static inline void slam_sn_learn_(struct slam_sn_client* client, uint16_t id, co
   }
   for (i = 0; i < SLAM_SN_MAX_HEARD; ++i) {
     struct slam_sn_heard_topic* heard = &client->heard[i];
-    if (heard->id == id) heard->id = 0;
-    if (heard->id != 0 && heard->size == size && slam_sn_equal_(heard->name, name, size))
+    if (heard->size == size && slam_sn_equal_(heard->name, name, size)) {
       place = heard;
+    } else if (heard->id == id) {
+      heard->id = 0;
+    }
   }
   if (is_in_table) return;
   if (place == NULL) {
@@ -511,12 +514,10 @@ static inline void slam_sn_end_disconnecting_(struct slam_sn_client* client, uin
   client->wake_at = now + client->sleep_s * UINT32_C(1000);
 }
 
-// True: the request has been repeated often enough, and the gateway has not answered anything
-// since.
+// True: the request has been repeated often enough, and nothing has come from the gateway since.
 static inline bool slam_sn_is_silent_(const struct slam_sn_client* client, unsigned tries,
                                       uint32_t now) {
-  return tries > slam_sn_retries_(client) &&
-         now - client->answered_at >= slam_sn_patience_ms_(client);
+  return tries > slam_sn_retries_(client) && now - client->heard_at >= slam_sn_patience_ms_(client);
 }
 
 static inline void slam_sn_send_request_(struct slam_sn_client* client, uint32_t now) {
@@ -918,8 +919,10 @@ static inline void slam_sn_receive(struct slam_sn_client* client, uint32_t now,
   if (size > at && (at == 3 ? slam_sn_read_(datagram + 1) : datagram[0]) == size) {
     const unsigned type = datagram[at++];
     if (slam_sn_has_valid_size_(type, size - at) && slam_sn_is_expected_(client, type) &&
-        slam_sn_on_message_(client, type, datagram + at, size - at, now, event))
+        slam_sn_on_message_(client, type, datagram + at, size - at, now, event)) {
+      client->heard_at = now;
       return;
+    }
   }
   ++client->invalid;
 }
