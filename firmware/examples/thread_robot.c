@@ -63,15 +63,24 @@ static const struct slam_position circle[] = {{40, 0},  {28, 28},   {0, 40},  {-
 static size_t place = 0;
 static bool is_running = true;
 
+// `run` is one octet 0 or 1, or a word: docs/topics.md.
+static bool is_start(const struct slam_sn_event* event) {
+  static const char* const words[] = {"1", "on", "start", "unpause"};
+  size_t i = 0;
+  for (i = 0; i < sizeof words / sizeof *words; ++i)
+    if (event->size == strlen(words[i]) && memcmp(event->data, words[i], event->size) == 0)
+      return true;
+  return event->size == 1 && event->data[0] == 1;
+}
+
 static void obey(const struct slam_sn_event* event) {
   struct slam_position target;
   if (slam_sn_is_of_type(event, "cmd") &&
       slam_decode_positions(event->data, event->size, &target, 1) == 1) {
     printf("cmd %d %d\n", target.x_cm, target.y_cm);  // drive there
   }
-  if (slam_sn_is_of_type(event, "run") && event->size > 0) {
-    is_running = event->data[0] == 1 || event->data[0] == '1' ||
-                 (event->size == 5 && memcmp(event->data, "start", 5) == 0);
+  if (slam_sn_is_of_type(event, "run")) {
+    is_running = is_start(event);
     printf("run %d\n", is_running);
   }
 }

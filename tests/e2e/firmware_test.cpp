@@ -73,12 +73,14 @@ TEST_F(FirmwareEndToEnd, PublishesObeysAndLeavesItsWill) {
   write_file(gateway / "payload", std::string("\x0a\x00\xec\xff", 4));
   mosquitto_publish(broker,
                     {"-q", "1", "-t", "ntnu-slam/server/fw-1/cmd", "-f", gateway / "payload"});
-  mosquitto_publish(broker, {"-q", "1", "-t", "ntnu-slam/server/fw-1/run", "-m", "stop"});
-  ASSERT_TRUE(eventually([&] { return outcomes.lines().size() >= 2; })) << gateway.log();
+  for (const auto* word : {"stop", "unpause"})
+    mosquitto_publish(broker, {"-q", "1", "-t", "ntnu-slam/server/fw-1/run", "-m", word});
+  ASSERT_TRUE(eventually([&] { return outcomes.lines().size() >= 3; })) << gateway.log();
   for (const std::string& line : outcomes.lines())
     EXPECT_EQ(json::parse(line.substr(line.find('{')))["outcome"], "delivered") << line;
-  EXPECT_TRUE(eventually([&] { return robot.says("cmd 10 -20") && robot.says("run 0"); }))
-      << robot.output();
+  EXPECT_TRUE(eventually([&] {
+    return robot.says("cmd 10 -20") && robot.says("run 0") && robot.says("run 1");
+  })) << robot.output();
 
   robot.kill();
   EXPECT_TRUE(eventually([&] { return has_line(robots, "ntnu-slam/robot/fw-1/will 6c6f7374"); }))
